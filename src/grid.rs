@@ -1,0 +1,242 @@
+//! The shapes that results have: an [`Axis`], a [`Grid`] of voxels, a complex [`Volume`], a [`DepthMap`].
+//!
+//! Everything is x fastest: volumes are `[z, y, x]`, maps `[y, x]`. An image's column is x (right) and its
+//! row is y (down), so no writer ever flips anything.
+
+use crate::error::{Error, Result};
+use glam::DVec3;
+use num_complex::Complex32;
+use serde::{Deserialize, Serialize};
+
+/// Evenly spaced voxel centres along one axis, in m.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Axis {
+    /// Centre of the first voxel, m.
+    pub first: f64,
+    /// Distance between neighbours, m; positive.
+    pub pitch: f64,
+    /// Number of voxels, at least 1.
+    pub count: usize,
+}
+
+impl Axis {
+    /// The axis from `first` to the last centre that does not pass `last`: `⌊(last − first)/pitch + 10⁻⁶⌋ + 1`
+    /// voxels.
+    ///
+    /// # Errors
+    /// Numbers that are not finite, a pitch that is not positive, `last < first`, or more than 2³² voxels.
+    /// `place` names the key for the message.
+    pub fn spanning(place: &str, first: f64, last: f64, pitch: f64) -> Result<Self> {
+        if !(first.is_finite() && last.is_finite()) {
+            return Err(Error::input(place, "the ends of an axis must be finite numbers of metres"));
+        }
+        if !(pitch.is_finite() && pitch > 0.0) {
+            return Err(Error::input(place, format!("the pitch must be a positive length, not {pitch} m")));
+        }
+        if last < first {
+            return Err(Error::input(
+                place,
+                format!("the last voxel ({last} m) lies before the first ({first} m); give [first, last]"),
+            ));
+        }
+        let intervals = ((last - first) / pitch + 1e-6).floor();
+        if intervals >= f64::from(u32::MAX) {
+            return Err(Error::input(
+                place,
+                format!("{intervals:.3e} voxels along one axis are too many; use a larger pitch"),
+            ));
+        }
+        Ok(Self { first, pitch, count: intervals as usize + 1 })
+    }
+
+    /// Centre of voxel `index`, m.
+    pub fn position(&self, index: usize) -> f64 {
+        self.first + self.pitch * index as f64
+    }
+
+    /// Centre of the last voxel, m.
+    pub fn last(&self) -> f64 {
+        self.position(self.count - 1)
+    }
+
+    /// Every centre in order, m.
+    pub fn positions(&self) -> impl Iterator<Item = f64> + use<> {
+        let axis = *self;
+        (0..axis.count).map(move |i| axis.position(i))
+    }
+
+    /// The voxel whose cell holds `position`, if one does.
+    pub fn index_of(&self, position: f64) -> Option<usize> {
+        let index = ((position - self.first) / self.pitch).round();
+        (index >= 0.0 && index < self.count as f64).then_some(index as usize)
+    }
+}
+
+/// A box of voxels.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Grid {
+    /// Columns, to the right.
+    pub x: Axis,
+    /// Rows, downwards.
+    pub y: Axis,
+    /// Depths, away from the array.
+    pub z: Axis,
+}
+
+impl Grid {
+    /// `[n_z, n_y, n_x]`.
+    pub fn shape(&self) -> [usize; 3] {
+        [self.z.count, self.y.count, self.x.count]
+    }
+
+    /// Number of voxels; saturates rather than overflow.
+    pub fn voxel_count(&self) -> u64 {
+        self.shape().iter().fold(1, |product: u64, &n| product.saturating_mul(n as u64))
+    }
+
+    /// Pixels of one depth.
+    ///
+    /// # Panics
+    /// When the product overflows `usize`; a planned job never gets there.
+    pub fn plane_len(&self) -> usize {
+        self.x.count.checked_mul(self.y.count).expect("the plan bounds the grid's size")
+    }
+
+    /// Centre of voxel (`ix`, `iy`, `iz`), m.
+    pub fn position(&self, ix: usize, iy: usize, iz: usize) -> DVec3 {
+        DVec3::new(self.x.position(ix), self.y.position(iy), self.z.position(iz))
+    }
+
+    /// The eight corners of the box of voxel centres, m.
+    pub fn corners(&self) -> [DVec3; 8] {
+        std::array::from_fn(|i| {
+            let pick = |axis: &Axis, bit: usize| if i & bit == 0 { axis.first } else { axis.last() };
+            DVec3::new(pick(&self.x, 1), pick(&self.y, 2), pick(&self.z, 4))
+        })
+    }
+}
+
+/// The reconstructed complex amplitude `Â(p)` on a grid.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Volume {
+    /// Where the voxels are.
+    pub grid: Grid,
+    /// `[z, y, x]`; one unit reflector on a voxel peaks at 1.
+    pub samples: Vec<Complex32>,
+}
+
+impl Volume {
+    /// A volume of given samples.
+    ///
+    /// # Panics
+    /// When there are not exactly as many samples as voxels.
+    pub fn new(grid: Grid, samples: Vec<Complex32>) -> Self {
+        assert_eq!(samples.len() as u64, grid.voxel_count(), "one sample per voxel");
+        Self { grid, samples }
+    }
+
+    /// The samples of depth `iz`, `[y, x]`.
+    pub fn plane(&self, iz: usize) -> &[Complex32] {
+        let n = self.grid.plane_len();
+        &self.samples[iz * n..(iz + 1) * n]
+    }
+
+    /// Greatest `|Â|`.
+    pub fn peak(&self) -> f32 {
+        self.samples.iter().map(|a| a.norm_sqr()).fold(0.0, f32::max).sqrt()
+    }
+}
+
+/// One surface per pixel, `[y, x]`; a pixel without one holds NaN in `depth` and 0 in `strength`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Surface {
+    /// Planar depth along +z, m.
+    pub depth: Vec<f32>,
+    /// Amplitude, linear, in the units of the volume.
+    pub strength: Vec<f32>,
+    /// `|n_z|` of the surface's unit normal where it is known (ground truth), so that an error along z can be
+    /// turned into a distance from the surface.
+    pub facing: Option<Vec<f32>>,
+}
+
+impl Surface {
+    /// A surface with nothing in it, for `pixels` pixels.
+    pub fn empty(pixels: usize) -> Self {
+        Self { depth: vec![f32::NAN; pixels], strength: vec![0.0; pixels], facing: None }
+    }
+}
+
+/// Depth and amplitude per pixel: what a reconstruction found, or what is truly there.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DepthMap {
+    /// Columns.
+    pub x: Axis,
+    /// Rows.
+    pub y: Axis,
+    /// The one return picked for each pixel.
+    pub picked: Surface,
+    /// Confidence of the picked return, dB (PHYSICS Q6); NaN where nothing was accepted. Empty for truth.
+    pub confidence: Vec<f32>,
+    /// All accepted returns, front to back; entry k holds each pixel's k-th. May be empty.
+    pub returns: Vec<Surface>,
+}
+
+impl DepthMap {
+    /// `[n_y, n_x]`.
+    pub fn shape(&self) -> [usize; 2] {
+        [self.y.count, self.x.count]
+    }
+
+    /// Number of pixels.
+    pub fn len(&self) -> usize {
+        self.picked.depth.len()
+    }
+
+    /// Whether the map has no pixels at all.
+    pub fn is_empty(&self) -> bool {
+        self.picked.depth.is_empty()
+    }
+
+    /// Number of pixels with an accepted return.
+    pub fn accepted(&self) -> usize {
+        self.picked.depth.iter().filter(|z| !z.is_nan()).count()
+    }
+
+    /// Range `|p|` of the picked return at pixel `index` from the array's origin, m; NaN where there is none.
+    pub fn range(&self, index: usize) -> f64 {
+        let (x, y) = (self.x.position(index % self.x.count), self.y.position(index / self.x.count));
+        DVec3::new(x, y, f64::from(self.picked.depth[index])).length()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_axis_ends_at_the_largest_centre_that_fits() {
+        let axis = Axis::spanning("x", -0.5, 0.5, 0.008).expect("valid");
+        assert_eq!(axis.count, 126);
+        assert!(axis.last() <= 0.5 + 1e-9);
+        assert_eq!(Axis::spanning("x", 0.0, 0.3, 0.1).expect("valid").count, 4, "rounding does not lose one");
+        assert_eq!(Axis::spanning("x", 1.0, 1.0, 0.1).expect("valid").count, 1);
+    }
+
+    #[test]
+    fn absurd_axes_are_refused() {
+        for (first, last, pitch) in
+            [(0.0, 1.0, 0.0), (1.0, 0.0, 0.1), (f64::NAN, 1.0, 0.1), (0.0, 1e30, 1e-9)]
+        {
+            assert!(Axis::spanning("x", first, last, pitch).is_err(), "{first} {last} {pitch}");
+        }
+    }
+
+    #[test]
+    fn a_position_falls_into_its_own_cell() {
+        let axis = Axis { first: -1.0, pitch: 0.25, count: 9 };
+        for i in 0..9 {
+            assert_eq!(axis.index_of(axis.position(i) + 0.1), Some(i));
+        }
+        assert_eq!(axis.index_of(1.2), None);
+    }
+}

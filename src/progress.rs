@@ -1,0 +1,66 @@
+//! How stages report: one [`Observer`], passed to every stage and drawn by the binary alone.
+
+use crate::error::{Error, Result};
+
+/// Something a stage has to say.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
+pub enum Event<'a> {
+    /// A stage begins; `total` is its amount of work in units of its own (0: not known).
+    Started {
+        /// What the stage does, as a short present participle: "simulating".
+        stage: &'a str,
+        /// Units of work in all.
+        total: u64,
+    },
+    /// `amount` more units of the running stage are done. May come from any thread.
+    Advanced {
+        /// Units of work done since the last report.
+        amount: u64,
+    },
+    /// The running stage has ended.
+    Finished,
+}
+
+/// Hears what the stages report. Every method has a silent default.
+pub trait Observer: Sync {
+    /// Progress of a stage.
+    fn event(&self, _event: Event<'_>) {}
+    /// Something the user should know although the work goes on; one sentence or two.
+    fn warn(&self, _message: &str) {}
+    /// Whether the user has asked to stop; stages look at it once per block of work.
+    fn should_stop(&self) -> bool {
+        false
+    }
+}
+
+/// An observer that hears nothing.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Silent;
+
+impl Observer for Silent {}
+
+/// Runs `work` as one reported stage of `total` units.
+///
+/// # Errors
+/// What `work` returns; [`Error::Interrupted`] when a stop was asked for meanwhile.
+pub fn stage<T>(
+    observer: &dyn Observer,
+    name: &str,
+    total: u64,
+    work: impl FnOnce() -> Result<T>,
+) -> Result<T> {
+    observer.event(Event::Started { stage: name, total });
+    let result = work();
+    observer.event(Event::Finished);
+    if observer.should_stop() { Err(Error::Interrupted) } else { result }
+}
+
+/// Reports one unit of work, or says that the user wants to stop.
+///
+/// # Errors
+/// [`Error::Interrupted`] when a stop was asked for.
+pub fn advance(observer: &dyn Observer, amount: u64) -> Result<()> {
+    observer.event(Event::Advanced { amount });
+    if observer.should_stop() { Err(Error::Interrupted) } else { Ok(()) }
+}

@@ -1,0 +1,125 @@
+//! The only physics kernel: sound speed, path lengths, wrapped phase, and sums of phasors.
+//!
+//! Takes points in m and frequencies in Hz; gives path lengths in m and phasors `e^{±i2πf·path/c}`. Geometry
+//! is f64. A phase is counted in cycles, wrapped to ±½ in f64, and only then becomes f32: plain f32 phase errs
+//! by 7·10⁻⁴ rad at 12 m and 20 kHz, wrapped by 6·10⁻⁷.
+
+pub mod simd;
+
+use glam::DVec3;
+use num_complex::Complex32;
+
+/// Speed of sound in air at room temperature, m/s, as the paper takes it.
+pub const DEFAULT_SOUND_SPEED: f64 = 343.0;
+
+/// Which way the sound travels.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Geometry {
+    /// A loudspeaker that stays at `source`; path length `|p − s| + |p − r|` (Eq. 5).
+    FixedSource {
+        /// The loudspeaker's position s, m.
+        source: DVec3,
+    },
+    /// Speaker and microphone move together; path length `2|p − r|`.
+    Monostatic,
+}
+
+impl Geometry {
+    /// The loudspeaker at the origin, as in the paper.
+    pub const ORIGIN: Self = Self::FixedSource { source: DVec3::ZERO };
+
+    /// Length of the path speaker → `p` → microphone at `r`, m.
+    #[inline]
+    pub fn path_length(&self, p: DVec3, r: DVec3) -> f64 {
+        match self {
+            Self::FixedSource { source } => p.distance(*source) + p.distance(r),
+            Self::Monostatic => 2.0 * p.distance(r),
+        }
+    }
+
+    /// The far-field path of Eq. 6–7, `2|p − s| − p̂·(r − s)` with `p̂` the unit vector from the speaker to `p`
+    /// (0 at the speaker). The print has `p·r̂`; only `p̂·r` follows from Eq. 6. For the monostatic scan, where
+    /// each leg has the same error, `2(|p| − p̂·r)` about the origin.
+    #[inline]
+    pub fn linear_path_length(&self, p: DVec3, r: DVec3) -> f64 {
+        match self {
+            Self::FixedSource { source } => {
+                let (d, r) = (p - *source, r - *source);
+                2.0 * d.length() - d.normalize_or_zero().dot(r)
+            }
+            Self::Monostatic => 2.0 * (p.length() - p.normalize_or_zero().dot(r)),
+        }
+    }
+
+    /// The part of the path that does not depend on the microphone, `|p − s|`; 0 for a monostatic scan.
+    #[inline]
+    pub fn outward_length(&self, p: DVec3) -> f64 {
+        match self {
+            Self::FixedSource { source } => p.distance(*source),
+            Self::Monostatic => 0.0,
+        }
+    }
+
+    /// How many times the leg `|p − r|` is travelled.
+    pub fn return_legs(&self) -> f64 {
+        match self {
+            Self::FixedSource { .. } => 1.0,
+            Self::Monostatic => 2.0,
+        }
+    }
+
+    /// The speaker's position that a reflector is seen from: the source, or the array's centre when scanning.
+    pub fn viewpoint(&self, array_centre: DVec3) -> DVec3 {
+        match self {
+            Self::FixedSource { source } => *source,
+            Self::Monostatic => array_centre,
+        }
+    }
+}
+
+/// Wraps a phase counted in cycles to [−½, ½].
+#[inline]
+pub fn wrap(cycles: f64) -> f32 {
+    (cycles - cycles.round()) as f32
+}
+
+/// `e^{i2π·cycles}`: the literal form of what [`simd`] computes in blocks.
+#[inline]
+pub fn phasor(cycles: f64) -> Complex32 {
+    let (sin, cos) = (f64::from(wrap(cycles)) * std::f64::consts::TAU).sin_cos();
+    Complex32::new(cos as f32, sin as f32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn swapping_speaker_and_microphone_leaves_the_path() {
+        let (s, r, p) = (DVec3::new(0.1, -0.2, 0.0), DVec3::new(0.5, 0.4, 0.0), DVec3::new(0.3, 0.2, 1.7));
+        let there = Geometry::FixedSource { source: s }.path_length(p, r);
+        let back = Geometry::FixedSource { source: r }.path_length(p, s);
+        assert!((there - back).abs() < 1e-15);
+        assert_eq!(Geometry::Monostatic.path_length(p, r), 2.0 * p.distance(r));
+    }
+
+    #[test]
+    fn the_linear_path_is_the_far_field_limit() {
+        let r = DVec3::new(0.3, -0.2, 0.0);
+        for geometry in [Geometry::ORIGIN, Geometry::Monostatic] {
+            let error = |scale: f64| {
+                let p = DVec3::new(0.2, 0.4, 1.0) * scale;
+                (geometry.path_length(p, r) - geometry.linear_path_length(p, r)).abs()
+            };
+            assert!(error(1000.0) < 1e-3 && error(1000.0) < error(10.0) / 50.0);
+        }
+    }
+
+    #[test]
+    fn a_wrapped_phase_keeps_its_accuracy_far_away() {
+        let cycles = 12.0 * 20_000.0 / 343.0;
+        let exact = (cycles * std::f64::consts::TAU).sin_cos();
+        let got = phasor(cycles);
+        assert!((f64::from(got.re) - exact.1).abs() < 6e-7 && (f64::from(got.im) - exact.0).abs() < 6e-7);
+    }
+}
