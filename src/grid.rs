@@ -143,7 +143,7 @@ impl Volume {
 
     /// Greatest `|Â|`.
     pub fn peak(&self) -> f32 {
-        self.samples.iter().map(|a| a.norm_sqr()).fold(0.0, f32::max).sqrt()
+        self.samples.iter().map(Complex32::norm_sqr).fold(0.0, f32::max).sqrt()
     }
 }
 

@@ -3,7 +3,10 @@
 //! Each kernel is one plain loop, compiled three times (AVX-512, AVX2, baseline) and chosen at run time. The
 //! loops use no fused multiply-add and sum into a fixed number of lanes, so all three give the same bytes.
 //! It stands beside `wave` rather than in `reconstruct` because simulation, which comes first, runs on it too.
+//! `inline(always)` is what lets a body be compiled for the features of the function it is called from.
 //! The only `unsafe` of the crate is here: calling a function compiled for a feature after checking for it.
+
+#![allow(clippy::inline_always)]
 
 /// Terms per block: the two stages pass through a buffer of this size, which stays in the first-level cache.
 pub const BLOCK: usize = 256;
@@ -47,9 +50,10 @@ macro_rules! dispatched {
 #[inline(always)]
 fn sin_cos_turns(t: f32) -> (f32, f32) {
     // Taylor coefficients of sin πt and cos πt; on |t| ≤ ½ the next terms are below 6e-8.
-    const S: [f32; 6] = [3.141_592_7, -5.167_712_7, 2.550_164, -0.599_264_5, 0.082_145_89, -0.007_370_431];
+    const S: [f32; 6] =
+        [std::f32::consts::PI, -5.167_712_7, 2.550_164, -0.599_264_5, 0.082_145_89, -0.007_370_431];
     const C: [f32; 7] =
-        [1.0, -4.934_802_2, 4.058_712, -1.335_262_8, 0.235_330_63, -0.025_806_89, 0.001_929_574_4];
+        [1.0, -4.934_802, 4.058_712, -1.335_262_8, 0.235_330_63, -0.025_806_89, 0.001_929_574_4];
     let u = t * t;
     let s = t * (S[0] + u * (S[1] + u * (S[2] + u * (S[3] + u * (S[4] + u * S[5])))));
     let c = C[0] + u * (C[1] + u * (C[2] + u * (C[3] + u * (C[4] + u * (C[5] + u * C[6])))));
