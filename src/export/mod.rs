@@ -1,0 +1,1 @@
+//! Every file a result is written to.

@@ -1,0 +1,146 @@
+//! How bytes reach the disk: complete or not at all.
+//!
+//! Takes a path and whoever writes the bytes; gives a file that readers only ever see whole. Every file this
+//! crate writes goes through [`write_atomically`], and the `.npz` files go through [`npz`].
+
+pub mod npz;
+
+use crate::error::{Error, Result};
+use std::fs::{self, File};
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+/// Writes a file so that nobody ever sees half of it.
+///
+/// The bytes go to a temporary file in the target's own folder, which is flushed, synchronised and only then
+/// renamed to `path`. A missing folder is created; a symbolic link is followed. The new file gets the
+/// permissions that any newly created file gets.
+///
+/// `write` may seek within the file, which starts empty; through the `BufWriter` it can reach the file itself,
+/// open for reading too.
+///
+/// # Errors
+/// [`Error::Environment`] when a step fails, `write` included: then the temporary file is gone and an older
+/// file at `path` is as it was. [`Error::Input`] when `path` is a folder or a device.
+///
+/// # Examples
+/// ```
+/// use std::io::Write;
+/// # let folder = tempfile::tempdir().unwrap();
+/// # let path = folder.path().join("note.txt");
+/// holosonar::files::write_atomically(&path, |out| out.write_all(b"all of it"))?;
+/// assert_eq!(std::fs::read(&path).unwrap(), b"all of it");
+/// # Ok::<(), holosonar::error::Error>(())
+/// ```
+pub fn write_atomically(
+    path: &Path,
+    write: impl FnOnce(&mut BufWriter<&File>) -> io::Result<()>,
+) -> Result<()> {
+    let target = resolve(path)?;
+    let failed = |error: io::Error| Error::writing(path, &error);
+    let folder = match target.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    };
+    fs::create_dir_all(folder).map_err(failed)?;
+    // The file is opened here rather than by tempfile, which would make it readable to its owner alone.
+    let file = tempfile::Builder::new()
+        .prefix(".")
+        .suffix(".part")
+        .make_in(folder, |candidate| File::options().read(true).write(true).create_new(true).open(candidate))
+        .map_err(failed)?;
+    let mut buffer = BufWriter::with_capacity(1 << 16, file.as_file());
+    write(&mut buffer).and_then(|()| buffer.flush()).map_err(failed)?;
+    drop(buffer);
+    file.as_file().sync_all().map_err(failed)?;
+    file.persist(&target).map_err(|error| failed(error.error))?;
+    Ok(())
+}
+
+/// The file that `path` stands for, or why it cannot be replaced.
+fn resolve(path: &Path) -> Result<PathBuf> {
+    if path.file_name().is_none() {
+        return Err(Error::input(path.display(), "names no file to write; give a file name"));
+    }
+    match fs::metadata(path) {
+        Ok(found) if found.is_dir() => {
+            Err(Error::input(path.display(), "is a folder; give the name of a file to write"))
+        }
+        // Renaming onto a device would remove the device.
+        Ok(found) if !found.is_file() => {
+            Err(Error::input(path.display(), "is a device or a pipe; give the name of an ordinary file"))
+        }
+        Ok(_) => fs::canonicalize(path).map_err(|error| Error::writing(path, &error)),
+        Err(_) => Ok(path.to_path_buf()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn names(folder: &Path) -> Vec<String> {
+        let mut names: Vec<_> = fs::read_dir(folder)
+            .unwrap()
+            .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+            .collect();
+        names.sort();
+        names
+    }
+
+    #[test]
+    fn a_failure_leaves_the_old_file_and_nothing_else() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("depth.exr");
+        write_atomically(&path, |out| out.write_all(b"old")).unwrap();
+        let error = write_atomically(&path, |out| {
+            out.write_all(b"half of the n")?;
+            Err(io::Error::other("disk full"))
+        })
+        .unwrap_err();
+        assert!(error.to_string().contains("depth.exr: cannot be written: disk full"), "{error}");
+        assert_eq!(error.exit_status(), 1);
+        assert_eq!(fs::read(&path).unwrap(), b"old");
+        assert_eq!(names(folder.path()), ["depth.exr"]);
+    }
+
+    #[test]
+    fn a_missing_folder_is_made_and_an_old_file_replaced() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a/b/report.json");
+        write_atomically(&path, |out| out.write_all(b"one")).unwrap();
+        write_atomically(&path, |out| out.write_all(b"two")).unwrap();
+        assert_eq!(fs::read(&path).unwrap(), b"two");
+        assert_eq!(names(&folder.path().join("a/b")), ["report.json"]);
+    }
+
+    #[test]
+    fn the_file_is_as_readable_as_any_other() {
+        let folder = tempfile::tempdir().unwrap();
+        let (ours, ordinary) = (folder.path().join("ours"), folder.path().join("ordinary"));
+        write_atomically(&ours, |out| out.write_all(b"x")).unwrap();
+        fs::write(&ordinary, b"x").unwrap();
+        assert_eq!(fs::metadata(ours).unwrap().permissions(), fs::metadata(ordinary).unwrap().permissions());
+    }
+
+    #[test]
+    fn a_folder_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let error = write_atomically(folder.path(), |_| Ok(())).unwrap_err();
+        assert_eq!(error.exit_status(), 2, "{error}");
+        assert!(write_atomically(Path::new(""), |_| Ok(())).is_err());
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_link_is_followed_and_a_device_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let (target, link) = (folder.path().join("target"), folder.path().join("link"));
+        fs::write(&target, b"old").unwrap();
+        std::os::unix::fs::symlink(&target, &link).unwrap();
+        write_atomically(&link, |out| out.write_all(b"new")).unwrap();
+        assert_eq!(fs::read(&target).unwrap(), b"new");
+        assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
+        assert_eq!(write_atomically(Path::new("/dev/null"), |_| Ok(())).unwrap_err().exit_status(), 2);
+    }
+}

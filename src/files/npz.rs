@@ -1,0 +1,382 @@
+//! NumPy's `.npz`: numeric arrays and text, as `numpy.load` and `numpy.savez` know them.
+//!
+//! [`NpzReader`] takes a file nobody vouches for: every declared size is checked against the file, against the
+//! shape and against a limit in bytes before anything is inflated or allocated. [`write_npz`] stores plain
+//! little-endian arrays in C order, so that the same input gives the same bytes.
+
+mod header;
+mod writer;
+
+pub use writer::{NpzWriter, write_npz};
+
+use crate::error::{Error, Result};
+use header::{Dtype, Header, Kind};
+use num_complex::Complex32;
+use std::fs::File;
+use std::io::{BufReader, Read};
+use std::path::{Path, PathBuf};
+use zip::{CompressionMethod, ZipArchive};
+
+/// The greatest factor by which deflate can shrink anything.
+const DEFLATE_AT_MOST: u64 = 1032;
+
+/// An array in C order: the last axis is the fastest.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Array<T> {
+    /// Sizes of the axes, slowest first; empty for a scalar.
+    pub shape: Vec<usize>,
+    /// The elements, as many as the sizes multiply to.
+    pub data: Vec<T>,
+}
+
+/// One array of the file: its name, and its header or what is wrong with it.
+#[derive(Debug)]
+struct Entry {
+    name: String,
+    index: usize,
+    header: std::result::Result<Header, String>,
+}
+
+/// An open `.npz` file; the headers are read, the arrays not yet.
+#[derive(Debug)]
+pub struct NpzReader {
+    path: PathBuf,
+    limit_bytes: u64,
+    archive: ZipArchive<BufReader<File>>,
+    entries: Vec<Entry>,
+}
+
+impl NpzReader {
+    /// Opens a file and reads the headers of its arrays. No array larger than `limit_bytes` in memory will be
+    /// read from it.
+    ///
+    /// # Errors
+    /// A file that is missing, no zip archive, truncated, or that holds two arrays of one name. A fault of one
+    /// array shows only when that array is asked for.
+    pub fn open(path: &Path, limit_bytes: u64) -> Result<Self> {
+        let file = File::open(path).map_err(|error| Error::reading(path, &error))?;
+        let on_disk = file.metadata().map_err(|error| Error::reading(path, &error))?;
+        if on_disk.is_dir() {
+            return Err(Error::input(path.display(), "is a folder, an .npz file was expected"));
+        }
+        let mut archive = ZipArchive::new(BufReader::new(file)).map_err(|error| {
+            Error::input(
+                path.display(),
+                format!(
+                    "is no complete .npz file ({error}); a zip archive as numpy.savez writes it was expected"
+                ),
+            )
+        })?;
+        if archive.has_duplicate_names() {
+            return Err(Error::input(
+                path.display(),
+                "holds two arrays of the same name; each name may appear once",
+            ));
+        }
+        let entries = (0..archive.len())
+            .filter_map(|index| {
+                let name = archive.name_for_index(index)?.ok()?.strip_suffix(".npy")?.to_owned();
+                let header = read_header(&mut archive, index, on_disk.len());
+                Some(Entry { name, index, header })
+            })
+            .collect();
+        Ok(Self { path: path.to_path_buf(), limit_bytes, archive, entries })
+    }
+
+    /// The arrays' names, in the file's order.
+    pub fn names(&self) -> impl Iterator<Item = &str> {
+        self.entries.iter().map(|entry| entry.name.as_str())
+    }
+
+    /// Whether there is an array of this name.
+    pub fn contains(&self, name: &str) -> bool {
+        self.names().any(|other| other == name)
+    }
+
+    /// Sizes of an array's axes, slowest first.
+    ///
+    /// # Errors
+    /// A missing array, or one whose header is not understood or disagrees with the bytes present.
+    pub fn shape(&self, name: &str) -> Result<Vec<usize>> {
+        Ok(self.header(name)?.1.shape.clone())
+    }
+
+    /// Whether an array's elements are complex numbers.
+    ///
+    /// # Errors
+    /// As [`NpzReader::shape`].
+    pub fn dtype_is_complex(&self, name: &str) -> Result<bool> {
+        Ok(self.header(name)?.1.dtype.kind == Kind::Complex)
+    }
+
+    /// An array of complex numbers; real numbers get the imaginary part 0.
+    ///
+    /// # Errors
+    /// A missing array, text in place of numbers, sizes that disagree or exceed the limit, damaged bytes.
+    pub fn complex(&mut self, name: &str) -> Result<Array<Complex32>> {
+        self.numbers(name, true, |re, im| Complex32::new(re as f32, im as f32))
+    }
+
+    /// An array of real numbers in single precision.
+    ///
+    /// # Errors
+    /// As [`NpzReader::complex`], and complex numbers.
+    pub fn f32(&mut self, name: &str) -> Result<Array<f32>> {
+        self.numbers(name, false, |re, _| re as f32)
+    }
+
+    /// An array of real numbers in double precision.
+    ///
+    /// # Errors
+    /// As [`NpzReader::complex`], and complex numbers.
+    pub fn f64(&mut self, name: &str) -> Result<Array<f64>> {
+        self.numbers(name, false, |re, _| re)
+    }
+
+    /// A text: the bytes of its UTF-8 as `uint8`, or one NumPy string.
+    ///
+    /// # Errors
+    /// A missing array, anything but one text, sizes that disagree or exceed the limit, damaged bytes.
+    pub fn text(&mut self, name: &str) -> Result<String> {
+        let (index, header) = self.header(name)?;
+        let (index, header) = (index, header.clone());
+        let one_string = header.shape.is_empty() || header.shape == [1];
+        let expected = match (header.dtype.kind, header.dtype.size) {
+            (Kind::Unsigned, 1) => header.shape.len() <= 1,
+            (Kind::Bytes | Kind::Characters, _) => one_string,
+            _ => false,
+        };
+        if !expected {
+            return Err(self.fault(
+                name,
+                "is no text; the bytes of a UTF-8 text as uint8, or one NumPy string, were expected",
+            ));
+        }
+        let mut bytes = Vec::new();
+        self.read(name, index, &header, 1, |block| bytes.extend_from_slice(block))?;
+        let text = if header.dtype.kind == Kind::Characters {
+            characters(&bytes, header.dtype.big_endian)
+        } else {
+            String::from_utf8(bytes).ok()
+        };
+        match text {
+            // NumPy pads its strings with zeros.
+            Some(text) => Ok(text.trim_end_matches('\0').to_owned()),
+            None => Err(self.fault(name, "is no valid Unicode text; UTF-8 was expected")),
+        }
+    }
+
+    fn numbers<T: Copy>(
+        &mut self,
+        name: &str,
+        complex_allowed: bool,
+        make: impl Fn(f64, f64) -> T,
+    ) -> Result<Array<T>> {
+        let (index, header) = self.header(name)?;
+        let (index, header) = (index, header.clone());
+        let is_complex = header.dtype.kind == Kind::Complex;
+        if is_complex && !complex_allowed {
+            return Err(self.fault(name, "holds complex numbers; real numbers were expected"));
+        }
+        let Some(scalar) = scalar_reader(header.dtype) else {
+            return Err(self.fault(name, "holds text; numbers were expected"));
+        };
+        let size = header.dtype.size as usize;
+        let part = if is_complex { size / 2 } else { size };
+        let mut data: Vec<T> = Vec::new();
+        self.read(name, index, &header, size_of::<T>() as u64, |block| {
+            data.extend(block.chunks_exact(size).map(|element| {
+                let im = if is_complex { scalar(&element[part..]) } else { 0.0 };
+                make(scalar(&element[..part]), im)
+            }));
+        })?;
+        if header.fortran && header.shape.len() > 1 {
+            data = c_order(&data, &header.shape);
+        }
+        Ok(Array { shape: header.shape, data })
+    }
+
+    /// Passes the array's bytes on in blocks of whole elements, once its sizes are known to fit.
+    fn read(
+        &mut self,
+        name: &str,
+        index: usize,
+        header: &Header,
+        bytes_in_memory: u64,
+        mut take: impl FnMut(&[u8]),
+    ) -> Result<()> {
+        let elements = header.elements().unwrap_or(u64::MAX);
+        // Reordering holds the array twice for a moment.
+        let copies = if header.fortran && header.shape.len() > 1 { 2 } else { 1 };
+        let in_memory = elements.saturating_mul(bytes_in_memory.max(header.dtype.size));
+        let in_memory = in_memory.saturating_mul(copies);
+        if in_memory > self.limit_bytes {
+            return Err(self.fault(
+                name,
+                format!(
+                    "with its shape {:?} would take {in_memory} bytes, more than the limit of {}; raise the \
+                     limit or use a smaller array",
+                    header.shape, self.limit_bytes
+                ),
+            ));
+        }
+        let size = header.dtype.size;
+        let mut left = elements * size;
+        if left == 0 {
+            return Ok(());
+        }
+        let place = place_of(&self.path, name);
+        let broken = |error: &dyn std::fmt::Display| {
+            Error::input(&place, format!("is damaged or truncated ({error}); write or copy the file anew"))
+        };
+        let mut entry = self.archive.by_index(index).map_err(|error| broken(&error))?;
+        let mut skipped = vec![0; header.length as usize];
+        entry.read_exact(&mut skipped).map_err(|error| broken(&error))?;
+        let block_len = ((1 << 16) / size).max(1) * size;
+        let mut block = vec![0; block_len.min(left) as usize];
+        while left > 0 {
+            let now = block_len.min(left) as usize;
+            entry.read_exact(&mut block[..now]).map_err(|error| broken(&error))?;
+            take(&block[..now]);
+            left -= now as u64;
+        }
+        // The checksum is compared when the end is met.
+        match entry.read(&mut [0; 1]) {
+            Ok(0) => Ok(()),
+            Ok(_) => Err(broken(&"there are more bytes than the shape says")),
+            Err(error) => Err(broken(&error)),
+        }
+    }
+
+    fn header(&self, name: &str) -> Result<(usize, &Header)> {
+        let Some(entry) = self.entries.iter().find(|entry| entry.name == name) else {
+            let present: Vec<_> = self.names().collect();
+            let present = if present.is_empty() {
+                "no arrays".to_owned()
+            } else {
+                format!("`{}`", present.join("`, `"))
+            };
+            return Err(self.fault(name, format!("is missing; the file holds {present}")));
+        };
+        match &entry.header {
+            Ok(header) => Ok((entry.index, header)),
+            Err(problem) => Err(self.fault(name, problem.as_str())),
+        }
+    }
+
+    fn fault(&self, name: &str, problem: impl Into<String>) -> Error {
+        Error::input(place_of(&self.path, name), problem)
+    }
+}
+
+fn place_of(path: &Path, name: &str) -> String {
+    format!("{}, array `{name}`", path.display())
+}
+
+/// Reads one array's header and holds its declared size against the shape and against the file's.
+fn read_header(
+    archive: &mut ZipArchive<BufReader<File>>,
+    index: usize,
+    bytes_on_disk: u64,
+) -> std::result::Result<Header, String> {
+    let mut entry = archive.by_index(index).map_err(|error| format!("cannot be read ({error})"))?;
+    let (packed, unpacked) = (entry.compressed_size(), entry.size());
+    let possible = match entry.compression() {
+        CompressionMethod::Stored => packed,
+        CompressionMethod::Deflated => packed.saturating_mul(DEFLATE_AT_MOST),
+        method => return Err(format!("is compressed by {method}; stored or deflated arrays are read")),
+    };
+    if packed > bytes_on_disk || unpacked > possible {
+        return Err(format!(
+            "declares {unpacked} bytes, which its {packed} bytes in a file of {bytes_on_disk} cannot hold"
+        ));
+    }
+    let header = Header::read(&mut entry)?;
+    let needed = header
+        .elements()
+        .and_then(|n| n.checked_mul(header.dtype.size))
+        .and_then(|bytes| bytes.checked_add(header.length));
+    if needed == Some(unpacked) {
+        Ok(header)
+    } else {
+        Err(format!(
+            "has the shape {:?} of {}-byte elements, which is not what its {unpacked} bytes hold",
+            header.shape, header.dtype.size
+        ))
+    }
+}
+
+/// How to read one real number of an array of this type; nothing for text.
+fn scalar_reader(dtype: Dtype) -> Option<fn(&[u8]) -> f64> {
+    macro_rules! reader {
+        ($number:ty, $size:literal) => {{
+            fn little(bytes: &[u8]) -> f64 {
+                let mut number = [0; $size];
+                number.copy_from_slice(bytes);
+                <$number>::from_le_bytes(number) as f64
+            }
+            fn big(bytes: &[u8]) -> f64 {
+                let mut number = [0; $size];
+                number.copy_from_slice(bytes);
+                <$number>::from_be_bytes(number) as f64
+            }
+            Some(if dtype.big_endian { big } else { little })
+        }};
+    }
+    // Both parts of a complex number are read by the same function as a real one.
+    #[allow(clippy::cast_lossless, clippy::unnecessary_cast)]
+    match (dtype.kind, dtype.size) {
+        (Kind::Float, 4) | (Kind::Complex, 8) => reader!(f32, 4),
+        (Kind::Float, 8) | (Kind::Complex, 16) => reader!(f64, 8),
+        (Kind::Signed, 1) => reader!(i8, 1),
+        (Kind::Signed, 2) => reader!(i16, 2),
+        (Kind::Signed, 4) => reader!(i32, 4),
+        (Kind::Signed, 8) => reader!(i64, 8),
+        (Kind::Unsigned, 1) => reader!(u8, 1),
+        (Kind::Unsigned, 2) => reader!(u16, 2),
+        (Kind::Unsigned, 4) => reader!(u32, 4),
+        (Kind::Unsigned, 8) => reader!(u64, 8),
+        _ => None,
+    }
+}
+
+/// Elements stored with the first axis fastest, brought into the order with the last axis fastest.
+fn c_order<T: Copy>(fortran: &[T], shape: &[usize]) -> Vec<T> {
+    let mut strides = Vec::with_capacity(shape.len());
+    let mut stride = 1;
+    for &n in shape {
+        strides.push(stride);
+        stride *= n;
+    }
+    let mut index = vec![0; shape.len()];
+    let mut position = 0;
+    (0..fortran.len())
+        .map(|_| {
+            let element = fortran[position];
+            for axis in (0..shape.len()).rev() {
+                index[axis] += 1;
+                position += strides[axis];
+                if index[axis] < shape[axis] {
+                    break;
+                }
+                position -= strides[axis] * shape[axis];
+                index[axis] = 0;
+            }
+            element
+        })
+        .collect()
+}
+
+/// The text that NumPy's four-byte characters spell.
+fn characters(bytes: &[u8], big_endian: bool) -> Option<String> {
+    bytes
+        .chunks_exact(4)
+        .map(|c| {
+            let code = [c[0], c[1], c[2], c[3]];
+            char::from_u32(if big_endian { u32::from_be_bytes(code) } else { u32::from_le_bytes(code) })
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,132 @@
+//! Writing `.npz`: plain little-endian arrays in C order, stored, without a clock.
+
+use crate::error::Result;
+use crate::files::write_atomically;
+use num_complex::Complex32;
+use std::borrow::Cow;
+use std::fs::File;
+use std::io::{self, BufWriter, Write};
+use std::path::Path;
+use zip::write::SimpleFileOptions;
+use zip::{CompressionMethod, DateTime, System, ZipWriter};
+
+/// The arrays of a file that is being written.
+#[derive(Debug)]
+pub struct NpzWriter<'a> {
+    archive: ZipWriter<BufWriter<&'a File>>,
+}
+
+/// Writes an `.npz` file; `write` adds the arrays one after the other. Same arrays, same bytes.
+///
+/// # Errors
+/// As [`write_atomically`]; a name that is given twice.
+///
+/// # Examples
+/// ```
+/// use holosonar::files::npz::{NpzReader, write_npz};
+/// # let folder = tempfile::tempdir().unwrap();
+/// # let path = folder.path().join("cube.npz");
+/// write_npz(&path, |npz| {
+///     npz.f64("frequencies", &[2], &[10e3, 10.02e3])?;
+///     npz.text("meta", "{}")
+/// })?;
+/// assert_eq!(NpzReader::open(&path, 1 << 20)?.f64("frequencies")?.data, [10e3, 10.02e3]);
+/// # Ok::<(), holosonar::error::Error>(())
+/// ```
+pub fn write_npz(path: &Path, write: impl FnOnce(&mut NpzWriter<'_>) -> io::Result<()>) -> Result<()> {
+    write_atomically(path, |out| {
+        let file: &File = out.get_ref();
+        let mut npz = NpzWriter { archive: ZipWriter::new(BufWriter::with_capacity(1 << 16, file)) };
+        write(&mut npz)?;
+        npz.archive.finish()?.flush()
+    })
+}
+
+impl NpzWriter<'_> {
+    /// Adds an array of complex64.
+    ///
+    /// # Errors
+    /// What writing returns.
+    ///
+    /// # Panics
+    /// When `data` does not hold exactly as many elements as `shape` says; so do the other methods.
+    pub fn complex(&mut self, name: &str, shape: &[usize], data: &[Complex32]) -> io::Result<()> {
+        let parts: &[f32] = bytemuck::cast_slice(data);
+        self.array(name, "<c8", shape, data.len(), &little_endian(parts, f32::to_le_bytes))
+    }
+
+    /// Adds an array of float32.
+    ///
+    /// # Errors
+    /// What writing returns.
+    pub fn f32(&mut self, name: &str, shape: &[usize], data: &[f32]) -> io::Result<()> {
+        self.array(name, "<f4", shape, data.len(), &little_endian(data, f32::to_le_bytes))
+    }
+
+    /// Adds an array of float64.
+    ///
+    /// # Errors
+    /// What writing returns.
+    pub fn f64(&mut self, name: &str, shape: &[usize], data: &[f64]) -> io::Result<()> {
+        self.array(name, "<f8", shape, data.len(), &little_endian(data, f64::to_le_bytes))
+    }
+
+    /// Adds a text as the uint8 array of its UTF-8.
+    ///
+    /// # Errors
+    /// What writing returns.
+    pub fn text(&mut self, name: &str, text: &str) -> io::Result<()> {
+        self.array(name, "|u1", &[text.len()], text.len(), text.as_bytes())
+    }
+
+    fn array(
+        &mut self,
+        name: &str,
+        descr: &str,
+        shape: &[usize],
+        elements: usize,
+        bytes: &[u8],
+    ) -> io::Result<()> {
+        assert_eq!(shape.iter().product::<usize>(), elements, "array `{name}`: the data must fill the shape");
+        let header = header(descr, shape);
+        // Beyond 32 bits an entry needs its sizes in ZIP64 form, which must be known beforehand.
+        let large = header.len() as u64 + bytes.len() as u64 >= u64::from(u32::MAX);
+        let options = SimpleFileOptions::default()
+            .compression_method(CompressionMethod::Stored)
+            .last_modified_time(DateTime::default())
+            .system(System::Unix)
+            .unix_permissions(0o644)
+            .large_file(large);
+        self.archive.start_file(format!("{name}.npy"), options)?;
+        self.archive.write_all(&header)?;
+        self.archive.write_all(bytes)
+    }
+}
+
+/// An NPY header of version 1, padded as NumPy pads it so that the data start at a multiple of 64 bytes.
+fn header(descr: &str, shape: &[usize]) -> Vec<u8> {
+    let sizes: String = shape.iter().map(|n| format!("{n}, ")).collect();
+    let sizes = if shape.len() == 1 { sizes.trim_end() } else { sizes.trim_end_matches(", ") };
+    let mut text = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': ({sizes}), }}");
+    while (10 + text.len() + 1) % 64 != 0 {
+        text.push(' ');
+    }
+    text.push('\n');
+    let length = u16::try_from(text.len()).expect("a few axes take a few dozen characters");
+    let mut header = b"\x93NUMPY\x01\x00".to_vec();
+    header.extend_from_slice(&length.to_le_bytes());
+    header.extend_from_slice(text.as_bytes());
+    header
+}
+
+/// The numbers' bytes, little end first; no copy where the machine holds them so already.
+fn little_endian<const N: usize, T: bytemuck::NoUninit>(
+    numbers: &[T],
+    bytes_of: fn(T) -> [u8; N],
+) -> Cow<'_, [u8]> {
+    if cfg!(target_endian = "little") {
+        Cow::Borrowed(bytemuck::cast_slice(numbers))
+    } else {
+        Cow::Owned(numbers.iter().flat_map(|&number| bytes_of(number)).collect())
+    }
+}
