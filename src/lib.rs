@@ -1,9 +1,14 @@
 //! holosonar images 3-D scenes with sound.
 
 pub mod error;
-pub mod files;
 pub mod progress;
+pub mod files;
 pub mod wave;
-// `grid` stands below `wave` and above every stage.
-pub mod export;
 pub mod grid;
+pub mod scene;
+pub mod reflectors;
+pub mod acquisition;
+pub mod reconstruct;
+pub mod depth;
+pub mod truth;
+pub mod metrics;

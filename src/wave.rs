@@ -68,6 +68,14 @@ impl Geometry {
         }
     }
 
+    /// The name that files give it.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::FixedSource { .. } => "fixed-source",
+            Self::Monostatic => "monostatic",
+        }
+    }
+
     /// The speaker's position that a reflector is seen from: the source, or the array's centre when scanning.
     pub fn viewpoint(&self, array_centre: DVec3) -> DVec3 {
         match self {

@@ -1,0 +1,203 @@
+//! The microphones: a rectangular lattice, or any scattered positions.
+
+use crate::error::{Error, Result};
+use crate::grid::Axis;
+use glam::DVec3;
+
+/// A rectangular lattice of microphones in a plane of constant z.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Lattice {
+    /// Columns.
+    pub x: Axis,
+    /// Rows.
+    pub y: Axis,
+    /// Height of the plane, m.
+    pub z: f64,
+}
+
+/// Microphone positions r, in m.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MicArray {
+    positions: Vec<DVec3>,
+    lattice: Option<Lattice>,
+}
+
+/// Most microphones along a side or in a list.
+const MOST_MICROPHONES: usize = 1 << 24;
+
+impl MicArray {
+    /// `count` = [columns, rows] microphones at the given pitch about `centre`, parallel to z = 0.
+    ///
+    /// # Errors
+    /// A count of 0 or over 2²⁴ microphones, a pitch that is not positive, a centre that is not finite.
+    pub fn rectangular(place: &str, count: [usize; 2], pitch: [f64; 2], centre: DVec3) -> Result<Self> {
+        if count.iter().any(|n| *n == 0) || count[0].saturating_mul(count[1]) > MOST_MICROPHONES {
+            return Err(Error::input(
+                place,
+                format!("{} x {} microphones: from 1 up to {MOST_MICROPHONES} in all", count[0], count[1]),
+            ));
+        }
+        if !(centre.is_finite() && pitch.iter().all(|p| p.is_finite() && *p > 0.0)) {
+            return Err(Error::input(place, "the pitch must be positive and the centre finite, in metres"));
+        }
+        let axis = |n: usize, pitch: f64, centre: f64| Axis {
+            first: centre - 0.5 * (n - 1) as f64 * pitch,
+            pitch,
+            count: n,
+        };
+        let lattice = Lattice {
+            x: axis(count[0], pitch[0], centre.x),
+            y: axis(count[1], pitch[1], centre.y),
+            z: centre.z,
+        };
+        let positions = (0..count[1])
+            .flat_map(|iy| {
+                (0..count[0])
+                    .map(move |ix| DVec3::new(lattice.x.position(ix), lattice.y.position(iy), lattice.z))
+            })
+            .collect();
+        Ok(Self { positions, lattice: Some(lattice) })
+    }
+
+    /// Positions from a file: `shape` is `[n_y, n_x]` or `[n_mic]`. A regular rectangular lattice is recognised.
+    ///
+    /// # Errors
+    /// No positions, positions that are not finite, or a shape that does not fit. `place` names the array.
+    pub fn from_positions(place: &str, shape: &[usize], positions: Vec<DVec3>) -> Result<Self> {
+        if positions.is_empty() || positions.len() > MOST_MICROPHONES {
+            return Err(Error::input(
+                place,
+                format!("from 1 to {MOST_MICROPHONES} microphones are possible"),
+            ));
+        }
+        if shape.iter().product::<usize>() != positions.len() {
+            return Err(Error::input(
+                place,
+                format!("{} positions do not fill the shape {shape:?}", positions.len()),
+            ));
+        }
+        if let Some(bad) = positions.iter().position(|r| !r.is_finite()) {
+            return Err(Error::input(place, format!("position {bad} is not finite: {:?}", positions[bad])));
+        }
+        let lattice = if let [n_y, n_x] = *shape { recognise(n_x, n_y, &positions) } else { None };
+        Ok(Self { positions, lattice })
+    }
+
+    /// All positions, rows of the lattice one after another, m.
+    pub fn positions(&self) -> &[DVec3] {
+        &self.positions
+    }
+
+    /// Number of microphones.
+    pub fn len(&self) -> usize {
+        self.positions.len()
+    }
+
+    /// Never: an array has at least one microphone.
+    pub fn is_empty(&self) -> bool {
+        self.positions.is_empty()
+    }
+
+    /// The lattice the microphones stand on, if they do.
+    pub fn lattice(&self) -> Option<&Lattice> {
+        self.lattice.as_ref()
+    }
+
+    /// `[n_y, n_x]` for a lattice, `[n_mic]` otherwise: the shape of one frequency's samples.
+    pub fn shape(&self) -> Vec<usize> {
+        self.lattice.map_or_else(|| vec![self.len()], |lattice| vec![lattice.y.count, lattice.x.count])
+    }
+
+    /// Least and greatest coordinates, m.
+    pub fn bounds(&self) -> (DVec3, DVec3) {
+        self.positions
+            .iter()
+            .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), r| (low.min(*r), high.max(*r)))
+    }
+
+    /// First to last microphone along x, y, z, m.
+    pub fn extent(&self) -> DVec3 {
+        let (low, high) = self.bounds();
+        high - low
+    }
+
+    /// Middle of the bounding box, m.
+    pub fn centre(&self) -> DVec3 {
+        let (low, high) = self.bounds();
+        low.midpoint(high)
+    }
+
+    /// 3 × 3 points spread evenly over the array, where its sight of a reflector is tested (PHYSICS Q7).
+    pub fn sight_points(&self) -> [DVec3; 9] {
+        let (low, high) = self.bounds();
+        std::array::from_fn(|i| {
+            // The middles of thirds stand for equal shares of the aperture.
+            let t = |k: usize| (2 * k + 1) as f64 / 6.0;
+            DVec3::new(
+                low.x + t(i % 3) * (high.x - low.x),
+                low.y + t(i / 3) * (high.y - low.y),
+                f64::midpoint(low.z, high.z),
+            )
+        })
+    }
+}
+
+/// The lattice that `positions` stand on to within 10⁻⁶ of its pitch, if there is one.
+fn recognise(n_x: usize, n_y: usize, positions: &[DVec3]) -> Option<Lattice> {
+    let first = positions[0];
+    let axis = |n: usize, first: f64, last: f64| -> Option<Axis> {
+        // One microphone across has no pitch of its own; any positive number serves.
+        let pitch = if n == 1 { 1.0 } else { (last - first) / (n - 1) as f64 };
+        (pitch > 0.0).then_some(Axis { first, pitch, count: n })
+    };
+    let lattice = Lattice {
+        x: axis(n_x, first.x, positions[n_x - 1].x)?,
+        y: axis(n_y, first.y, positions[positions.len() - n_x].y)?,
+        z: first.z,
+    };
+    let near = |a: f64, b: f64, pitch: f64| (a - b).abs() <= 1e-6 * pitch.min(0.1);
+    let regular = positions.iter().enumerate().all(|(i, r)| {
+        near(r.x, lattice.x.position(i % n_x), lattice.x.pitch)
+            && near(r.y, lattice.y.position(i / n_x), lattice.y.pitch)
+            && near(r.z, lattice.z, lattice.x.pitch)
+    });
+    regular.then_some(lattice)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_rectangular_array_is_recognised_from_its_positions() {
+        let made =
+            MicArray::rectangular("array", [13, 11], [0.008, 0.01], DVec3::new(0.1, -0.2, 0.0)).expect("ok");
+        let read = MicArray::from_positions("mics", &[11, 13], made.positions().to_vec()).expect("ok");
+        let (a, b) = (made.lattice().expect("lattice"), read.lattice().expect("lattice"));
+        assert_eq!((a.x.count, a.y.count), (b.x.count, b.y.count));
+        assert!((a.x.pitch - b.x.pitch).abs() < 1e-12 && (a.y.first - b.y.first).abs() < 1e-12);
+        assert!((made.centre() - DVec3::new(0.1, -0.2, 0.0)).length() < 1e-12);
+        assert!((made.extent() - DVec3::new(0.096, 0.1, 0.0)).length() < 1e-12);
+    }
+
+    #[test]
+    fn a_jittered_array_is_no_lattice() {
+        let mut positions = MicArray::rectangular("array", [5, 4], [0.01, 0.01], DVec3::ZERO)
+            .expect("ok")
+            .positions()
+            .to_vec();
+        positions[7].x += 1e-5;
+        let array = MicArray::from_positions("mics", &[4, 5], positions).expect("ok");
+        assert!(array.lattice().is_none());
+        assert_eq!(array.shape(), [20]);
+    }
+
+    #[test]
+    fn absurd_arrays_are_refused() {
+        assert!(MicArray::rectangular("array", [0, 4], [0.01, 0.01], DVec3::ZERO).is_err());
+        assert!(MicArray::rectangular("array", [usize::MAX, 4], [0.01, 0.01], DVec3::ZERO).is_err());
+        assert!(MicArray::rectangular("array", [4, 4], [0.0, 0.01], DVec3::ZERO).is_err());
+        assert!(MicArray::from_positions("mics", &[2], vec![DVec3::ZERO, DVec3::NAN]).is_err());
+        assert!(MicArray::from_positions("mics", &[3], vec![DVec3::ZERO]).is_err());
+    }
+}

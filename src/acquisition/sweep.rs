@@ -1,0 +1,148 @@
+//! The tones: a stepped sweep, or any ascending list of frequencies.
+
+use crate::error::{Error, Result};
+
+/// The frequencies of a measurement, ascending, in Hz.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sweep {
+    frequencies: Vec<f64>,
+    /// The common step where there is one, Hz.
+    step: Option<f64>,
+}
+
+/// More tones than any instrument steps through; a bound that keeps absurd requests from allocating.
+const MOST_TONES: f64 = 10_000_000.0;
+
+impl Sweep {
+    /// `f_n = start + n·step`, n = 0 … round((stop − start)/step), both ends included.
+    ///
+    /// # Errors
+    /// Frequencies that are not positive and finite, a band that is no multiple of the step, or over 10⁷ tones.
+    pub fn stepped(place: &str, start: f64, stop: f64, step: f64) -> Result<Self> {
+        if !(start > 0.0 && stop >= start && stop.is_finite() && step > 0.0) {
+            return Err(Error::input(
+                place,
+                format!(
+                    "a sweep needs 0 < start <= stop and step > 0, not {start} .. {stop} Hz by {step} Hz"
+                ),
+            ));
+        }
+        let intervals = (stop - start) / step;
+        if (intervals - intervals.round()).abs() > 1e-6 * intervals.max(1.0) {
+            return Err(Error::input(
+                place,
+                format!(
+                    "the band of {} Hz is no multiple of the step of {step} Hz; use a step of {} Hz or move stop",
+                    stop - start,
+                    (stop - start) / intervals.round().max(1.0)
+                ),
+            ));
+        }
+        if intervals >= MOST_TONES {
+            return Err(Error::input(
+                place,
+                format!("{intervals:.3e} tones are too many; use a larger step"),
+            ));
+        }
+        let count = intervals.round() as usize + 1;
+        let frequencies = (0..count).map(|n| start + n as f64 * step).collect();
+        Ok(Self { frequencies, step: Some(step) })
+    }
+
+    /// Any ascending list; an even spacing is recognised.
+    ///
+    /// # Errors
+    /// An empty list, or frequencies that are not positive, finite and ascending. `place` names the array.
+    pub fn from_frequencies(place: &str, frequencies: Vec<f64>) -> Result<Self> {
+        let (Some(&first), Some(&last)) = (frequencies.first(), frequencies.last()) else {
+            return Err(Error::input(place, "holds no frequencies; at least one is needed"));
+        };
+        if !frequencies.iter().all(|f| f.is_finite() && *f > 0.0) {
+            return Err(Error::input(place, "frequencies must be positive numbers of Hz"));
+        }
+        if !frequencies.is_sorted_by(|a, b| a < b) {
+            return Err(Error::input(place, "frequencies must ascend; sort them, and the samples with them"));
+        }
+        let intervals = frequencies.len() - 1;
+        let step = if intervals == 0 { 1.0 } else { (last - first) / intervals as f64 };
+        // 10⁻⁶ of a step, over a step's worth of path, is far below the f32 of the samples.
+        let even =
+            frequencies.iter().enumerate().all(|(n, f)| (f - (first + n as f64 * step)).abs() <= 1e-6 * step);
+        Ok(Self { frequencies, step: even.then_some(step) })
+    }
+
+    /// All frequencies, Hz.
+    pub fn frequencies(&self) -> &[f64] {
+        &self.frequencies
+    }
+
+    /// Number of tones.
+    pub fn len(&self) -> usize {
+        self.frequencies.len()
+    }
+
+    /// Never: a sweep has at least one tone.
+    pub fn is_empty(&self) -> bool {
+        self.frequencies.is_empty()
+    }
+
+    /// The step, Hz, if the tones are evenly spaced.
+    pub fn step(&self) -> Option<f64> {
+        self.step
+    }
+
+    /// Lowest frequency f₀, Hz.
+    pub fn start(&self) -> f64 {
+        self.frequencies[0]
+    }
+
+    /// Highest frequency f₀ + B, Hz.
+    pub fn stop(&self) -> f64 {
+        self.frequencies[self.frequencies.len() - 1]
+    }
+
+    /// Bandwidth B, Hz; 0 for a single tone.
+    pub fn bandwidth(&self) -> f64 {
+        self.stop() - self.start()
+    }
+
+    /// Middle of the band, Hz.
+    pub fn centre(&self) -> f64 {
+        f64::midpoint(self.start(), self.stop())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn both_ends_are_included() {
+        let sweep = Sweep::stepped("sweep", 18_000.0, 20_000.0, 2.0).expect("the paper's sweep");
+        assert_eq!(sweep.len(), 1001);
+        assert_eq!((sweep.start(), sweep.stop(), sweep.centre()), (18_000.0, 20_000.0, 19_000.0));
+    }
+
+    #[test]
+    fn a_band_that_is_no_multiple_of_the_step_is_refused() {
+        let error =
+            Sweep::stepped("run.toml, key `sweep.step`", 10_000.0, 20_000.0, 30.0).expect_err("333.3");
+        assert!(error.to_string().contains("multiple of the step"), "{error}");
+        for (a, b, s) in
+            [(0.0, 1.0, 1.0), (2.0, 1.0, 1.0), (1.0, 2.0, 0.0), (1.0, f64::NAN, 1.0), (1.0, 1e9, 1e-3)]
+        {
+            assert!(Sweep::stepped("sweep", a, b, s).is_err(), "{a} {b} {s}");
+        }
+    }
+
+    #[test]
+    fn even_spacing_is_recognised_and_uneven_kept() {
+        let even = Sweep::from_frequencies("f", vec![100.0, 150.0, 200.0]).expect("ascending");
+        assert_eq!(even.step(), Some(50.0));
+        let uneven = Sweep::from_frequencies("f", vec![100.0, 151.0, 200.0]).expect("ascending");
+        assert_eq!(uneven.step(), None);
+        for bad in [vec![], vec![2.0, 1.0], vec![1.0, 1.0], vec![f64::NAN], vec![-1.0, 2.0]] {
+            assert!(Sweep::from_frequencies("f", bad).is_err());
+        }
+    }
+}

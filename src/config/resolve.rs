@@ -1,0 +1,184 @@
+//! From what was typed to the parameters of the stages; the only place where one becomes the other.
+
+use super::{Geometry as GeometryWord, Layout, MaterialRule, RunFile, Shading, Surface};
+use crate::acquisition::{MicArray, Noise, SimulateOptions, Sweep};
+use crate::depth::DepthOptions;
+use crate::error::{Error, Result};
+use crate::grid::{Axis, Grid};
+use crate::plan::Setup;
+use crate::reconstruct::ReconstructOptions;
+use crate::reflectors::csv::read_columns;
+use crate::reflectors::{Occlusion, OcclusionKind, SurfaceModel, SurfaceOptions};
+use crate::scene::{self, LoadOptions};
+use crate::truth::TruthOptions;
+use crate::wave::Geometry;
+use glam::DVec3;
+
+/// A bare scene is put this many diagonals of its box away.
+const FIT_BY_DIAGONAL: f64 = 2.0;
+
+/// Margin of a grid that follows from the scene, as a share of the scene's size to each side.
+const MARGIN: f64 = 0.05;
+
+impl RunFile {
+    /// `[sweep]`.
+    ///
+    /// # Errors
+    /// A band that is no multiple of the step, and other sweeps that are none.
+    pub fn sweep(&self) -> Result<Sweep> {
+        Sweep::stepped("[sweep]", self.sweep.start, self.sweep.stop, self.sweep.step)
+    }
+
+    /// `[array]`: the microphones.
+    ///
+    /// # Errors
+    /// Counts or pitches that make no array; a missing or malformed file of positions.
+    pub fn microphones(&self) -> Result<MicArray> {
+        let array = &self.array;
+        let centre = DVec3::from_array(array.centre);
+        if let (Layout::File, Some(file)) = (array.layout, &array.file) {
+            let rows = read_columns(&file.path, &["x", "y", "z"])?;
+            let positions: Vec<DVec3> = rows.iter().map(|r| DVec3::from_slice(r) + centre).collect();
+            return MicArray::from_positions(&file.path.display().to_string(), &[positions.len()], positions);
+        }
+        let count = array.count.map(|n| n as usize);
+        let pitch = |axis: usize| match (array.pitch, array.extent) {
+            (_, Some(extent)) => extent[axis] / count[axis].saturating_sub(1).max(1) as f64,
+            (pitch, None) => pitch.map_or(f64::NAN, |p| p[axis]),
+        };
+        MicArray::rectangular("[array]", count, [pitch(0), pitch(1)], centre)
+    }
+
+    /// `[array] geometry` and `source`.
+    pub fn geometry(&self) -> Geometry {
+        match self.array.geometry {
+            GeometryWord::FixedSource => {
+                Geometry::FixedSource { source: DVec3::from_array(self.array.source) }
+            }
+            GeometryWord::Monostatic => Geometry::Monostatic,
+        }
+    }
+
+    /// `[scene]` and `[[materials]]`. With neither `fit` nor `translate` the mesh stays where it is, unless `bare`:
+    /// then its centre goes to z = 2 diagonals of its box.
+    ///
+    /// # Errors
+    /// A sensor that is neither `camera:NAME` nor `node:NAME`.
+    pub fn load_options(&self, bare: bool) -> Result<LoadOptions> {
+        let typed = &self.scene;
+        let mut options = LoadOptions::default();
+        (options.unit, options.up, options.scale) = (typed.unit, typed.up, typed.scale);
+        options.rotate = DVec3::from_array(typed.rotate);
+        options.translate = typed.translate.map_or(DVec3::ZERO, DVec3::from_array);
+        options.fit = typed.fit.map(DVec3::from_array);
+        let placed = typed.fit.is_some() || typed.translate.is_some() || typed.sensor.is_some();
+        options.fit_by_diagonal = (bare && !placed).then_some(FIT_BY_DIAGONAL);
+        options.sensor = typed.sensor.as_deref().map(str::parse).transpose()?;
+        let rule = |rule: &MaterialRule| scene::MaterialRule {
+            name: rule.name.clone(),
+            reflectance: rule.reflectance,
+            transmittance: rule.transmittance,
+        };
+        options.materials = self.materials.iter().map(rule).collect();
+        Ok(options)
+    }
+
+    /// `[reflectors]` and `[scene] occlusion`, for a scene whose nearest surface lies at `nearest_z` m.
+    pub fn surface_options(&self, setup: &Setup, nearest_z: f64) -> SurfaceOptions {
+        let typed = &self.reflectors;
+        let mirror = typed.surface == Surface::Smooth;
+        let spacing = typed.spacing.unwrap_or_else(|| setup.advised_spacing(nearest_z.max(0.0), mirror));
+        let mut options = SurfaceOptions::new(spacing, setup.wavelength());
+        options.surface = match typed.surface {
+            Surface::Diffuse => SurfaceModel::Diffuse,
+            Surface::Rough => SurfaceModel::Rough(typed.roughness * setup.wavelength()),
+            Surface::Smooth => SurfaceModel::Smooth,
+        };
+        options.lambert = typed.shading == Shading::Lambert;
+        options.occlusion = match self.scene.occlusion {
+            OcclusionKind::None => Occlusion::None,
+            OcclusionKind::Speaker => Occlusion::Speaker,
+            OcclusionKind::Aperture => Occlusion::Aperture(setup.array.sight_points().to_vec()),
+        };
+        options.speaker = setup.geometry.viewpoint(setup.array.centre());
+        options.seed = typed.seed.into();
+        options
+    }
+
+    /// What the truth is traced with: as the reflectors were heard.
+    pub fn truth_options(&self, setup: &Setup) -> TruthOptions {
+        let mut options = TruthOptions::heard_from(setup.geometry.viewpoint(setup.array.centre()));
+        options.lambert = self.reflectors.shading == Shading::Lambert;
+        if self.scene.occlusion == OcclusionKind::None {
+            options.speaker = None;
+        }
+        options
+    }
+
+    /// `[detection]`, `[medium]` and `[array]` for the simulation.
+    pub fn simulate_options(&self) -> SimulateOptions {
+        let mut options = SimulateOptions::default();
+        options.sound_speed = self.medium.sound_speed;
+        options.geometry = self.geometry();
+        (options.detection, options.model) = (self.detection.kind, self.detection.model);
+        // The noise has a stream of its own, so that it does not follow the surfaces' phases.
+        let seed = u64::from(self.reflectors.seed) ^ 0x006e_6f69_7365_0000;
+        options.noise = self.detection.snr_db.map(|snr_db| Noise { snr_db, seed });
+        options
+    }
+
+    /// `[grid]`; what is left out follows from the scene's box and the plan's advice.
+    ///
+    /// # Errors
+    /// Axes that are none, or a grid that is left out although there is no scene to take it from.
+    pub fn voxels(&self, setup: &Setup, scene: Option<(DVec3, DVec3)>) -> Result<Grid> {
+        let typed = &self.grid;
+        let margin = |low: f64, high: f64| {
+            let margin = ((high - low) * MARGIN).max(2.0 * setup.wavelength());
+            [low - margin, high + margin]
+        };
+        let from_scene = |axis: usize| {
+            let (low, high) = scene.ok_or_else(|| {
+                Error::input(
+                    "[grid]",
+                    "is missing, and without a scene there is nothing to take it from; give x, y and z as \
+                     [first, last] in metres",
+                )
+            })?;
+            Ok(margin(low[axis], high[axis]))
+        };
+        let x = typed.x.map_or_else(|| from_scene(0), Ok)?;
+        let y = typed.y.map_or_else(|| from_scene(1), Ok)?;
+        let z = match typed.z {
+            Some(z) => z,
+            // Nothing behind the array can be imaged.
+            None => from_scene(2).map(|[first, last]| [first.max(setup.wavelength()), last])?,
+        };
+        let advised = setup.advised_pitch(z[0].max(setup.wavelength()));
+        let pitch = typed.pitch.unwrap_or(advised);
+        let axis = |name: &str, ends: [f64; 2], pitch: f64| -> Result<Axis> {
+            Axis::spanning(&format!("[grid] {name}"), ends[0], ends[1], pitch)
+        };
+        Ok(Grid { x: axis("x", x, pitch[0])?, y: axis("y", y, pitch[1])?, z: axis("z", z, pitch[2])? })
+    }
+
+    /// `[reconstruct]`. Every method here is exact, so any `tolerance` is kept.
+    pub fn reconstruct_options(&self) -> ReconstructOptions {
+        ReconstructOptions::new(self.reconstruct.method, self.reconstruct.window)
+    }
+
+    /// `[depth]`, for a range resolution in m.
+    pub fn depth_options(&self, range_resolution: f64) -> DepthOptions {
+        let typed = &self.depth;
+        let mut options = DepthOptions::new(range_resolution);
+        (options.pick, options.refine) = (typed.pick, typed.refine);
+        options.threshold_db = typed.threshold_db;
+        options.returns = typed.returns as usize;
+        options.return_threshold_db = typed.return_threshold_db;
+        options.return_gate_db = typed.return_gate_db;
+        options.separation = typed.separation;
+        options.smoothing = typed.smoothing;
+        options.median = typed.median as usize;
+        options
+    }
+}

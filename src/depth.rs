@@ -1,0 +1,326 @@
+//! Volume to depth map: where along each column the sound came from.
+//!
+//! The picked return is the strongest (or first) peak of `|Â|` above a threshold, refined by the power centroid and
+//! cleaned by a median filter; further returns are found in smoothed power ([`returns`]). This module cannot see
+//! the scene, so it cannot know the answer.
+
+mod returns;
+
+use crate::error::{Error, Result};
+use crate::grid::{DepthMap, Surface, Volume};
+use crate::progress::{Observer, stage};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+/// Which peak of a column is its depth.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Pick {
+    /// The greatest amplitude.
+    #[default]
+    Strongest,
+    /// The first peak above the threshold, front to back.
+    First,
+}
+
+/// How a peak is placed between voxels.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Refine {
+    /// Power centroid within ±2 range cells: best on slopes (PHYSICS Q6).
+    #[default]
+    Centroid,
+    /// The vertex of a parabola through the peak and its neighbours.
+    Parabola,
+    /// The voxel's own depth.
+    None,
+}
+
+/// Parameters of [`locate_depth`].
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub struct DepthOptions {
+    /// Range resolution Δd = c/2B, m.
+    pub range_resolution: f64,
+    /// Which peak.
+    pub pick: Pick,
+    /// Sub-voxel refinement.
+    pub refine: Refine,
+    /// Least amplitude, dB against the 99th percentile of the columns' maxima.
+    pub threshold_db: f64,
+    /// Surfaces per pixel that are looked for; below 2 none but the picked one.
+    pub returns: usize,
+    /// Least smoothed power of a return, dB against the 99th percentile of the columns' maxima.
+    pub return_threshold_db: f64,
+    /// Least smoothed power of a further return, dB against its own column's maximum.
+    pub return_gate_db: f64,
+    /// Least distance between returns, in Δd.
+    pub separation: f64,
+    /// Gaussian σ of the power smoothing along x, y, z, m.
+    pub smoothing: [f64; 3],
+    /// Side of the median filter, pixels, odd; 1 for none.
+    pub median: usize,
+}
+
+impl DepthOptions {
+    /// The defaults of PHYSICS Q6 for a range resolution in m.
+    pub fn new(range_resolution: f64) -> Self {
+        Self {
+            range_resolution,
+            pick: Pick::Strongest,
+            refine: Refine::Centroid,
+            threshold_db: -14.0,
+            returns: 2,
+            return_threshold_db: -20.0,
+            return_gate_db: -12.0,
+            separation: 1.5,
+            smoothing: [0.02, 0.02, 0.008],
+            median: 3,
+        }
+    }
+}
+
+/// One column's picked return, before filtering.
+#[derive(Debug, Clone, Copy)]
+struct Found {
+    depth: f64,
+    peak: f32,
+    confidence: f64,
+}
+
+/// Finds a depth, an amplitude and a confidence for every pixel, and its further returns.
+///
+/// Confidence is the peak against the reference (the 99th percentile of the columns' maxima) plus the peak against
+/// its column's median, both in dB (PHYSICS Q6).
+///
+/// - Shapes: the volume is `[z, y, x]`, the map `[y, x]`.
+/// - Cost: a few passes over the volume; one more volume of f32 for the returns.
+///
+/// # Errors
+/// A range resolution that is not positive, an even median; [`Error::Interrupted`].
+pub fn locate_depth(volume: &Volume, options: &DepthOptions, observer: &dyn Observer) -> Result<DepthMap> {
+    if !(options.range_resolution > 0.0 && options.range_resolution.is_finite()) {
+        return Err(Error::input(
+            "sweep",
+            "depth needs a bandwidth: the range resolution c/2B must be a positive length",
+        ));
+    }
+    if options.median.is_multiple_of(2) {
+        return Err(Error::input("depth.median", format!("must be odd, not {}", options.median)));
+    }
+    let grid = volume.grid;
+    stage(observer, "locating depth", 0, || {
+        let amplitude: Vec<f32> = volume.samples.par_iter().map(|a| a.norm()).collect();
+        let maxima = column_maxima(&amplitude, grid.plane_len());
+        let reference = percentile_99(&maxima);
+        let threshold = f64::from(reference) * 10f64.powf(options.threshold_db / 20.0);
+        let found: Vec<Option<Found>> = (0..grid.plane_len())
+            .into_par_iter()
+            .map_init(Vec::new, |column, pixel| {
+                column.clear();
+                column.extend(amplitude.iter().skip(pixel).step_by(grid.plane_len()));
+                pick(column, &grid.z, threshold, reference, options)
+            })
+            .collect();
+        let mut picked = Surface::empty(grid.plane_len());
+        let mut confidence = vec![f32::NAN; grid.plane_len()];
+        let raw: Vec<f64> = found.iter().map(|f| f.map_or(f64::NAN, |f| f.depth)).collect();
+        let depth = median_filter(&raw, grid.x.count, options.median);
+        for (pixel, found) in found.iter().enumerate() {
+            if let (Some(found), false) = (found, depth[pixel].is_nan()) {
+                picked.depth[pixel] = depth[pixel] as f32;
+                picked.strength[pixel] = found.peak;
+                confidence[pixel] = found.confidence as f32;
+            }
+        }
+        let returns =
+            if options.returns >= 2 { returns::find(&amplitude, &grid, options) } else { Vec::new() };
+        Ok(DepthMap { x: grid.x, y: grid.y, picked, confidence, returns })
+    })
+}
+
+/// The greatest value of every column of a `[z, pixel]` array.
+fn column_maxima(values: &[f32], plane: usize) -> Vec<f32> {
+    let mut maxima = vec![0.0f32; plane];
+    for slice in values.chunks_exact(plane) {
+        for (maximum, value) in maxima.iter_mut().zip(slice) {
+            *maximum = maximum.max(*value);
+        }
+    }
+    maxima
+}
+
+/// The 99th percentile, interpolated linearly; the maximum itself is driven by speckle.
+fn percentile_99(values: &[f32]) -> f32 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f32::total_cmp);
+    let Some(last) = sorted.len().checked_sub(1) else { return 0.0 };
+    let place = 0.99 * last as f64;
+    let (below, above) = (sorted[place.floor() as usize], sorted[place.ceil() as usize]);
+    below + (above - below) * place.fract() as f32
+}
+
+fn pick(
+    column: &[f32],
+    z: &crate::grid::Axis,
+    threshold: f64,
+    reference: f32,
+    options: &DepthOptions,
+) -> Option<Found> {
+    let strong = |i: &usize| column[*i] > 0.0 && f64::from(column[*i]) >= threshold;
+    let index = match options.pick {
+        Pick::Strongest => {
+            (0..column.len()).filter(strong).reduce(|best, i| if column[i] > column[best] { i } else { best })
+        }
+        Pick::First => (0..column.len()).filter(strong).find(|&i| is_peak(column, i)),
+    }?;
+    let offset = match options.refine {
+        Refine::Centroid => {
+            let reach = (2.0 * options.range_resolution / z.pitch + 1e-9).floor() as usize;
+            let range = index.saturating_sub(reach)..(index + reach + 1).min(column.len());
+            let (moment, power) = range.fold((0.0, 0.0), |(moment, power), i| {
+                let p = f64::from(column[i]).powi(2);
+                (moment + p * (i as f64 - index as f64), power + p)
+            });
+            moment / power
+        }
+        Refine::Parabola => parabola(column, index),
+        Refine::None => 0.0,
+    };
+    let mut sorted = column.to_vec();
+    let middle = sorted.len() / 2;
+    let median = *sorted.select_nth_unstable_by(middle, f32::total_cmp).1;
+    let peak = column[index];
+    let decibels = |ratio: f32| 20.0 * f64::from(ratio.max(1e-10)).log10();
+    Some(Found {
+        depth: z.first + z.pitch * (index as f64 + offset),
+        peak,
+        confidence: decibels(peak / reference) + decibels(peak / median.max(peak * 1e-10)),
+    })
+}
+
+/// Whether `column[i]` is a local maximum; of equal neighbours the first counts.
+fn is_peak(column: &[f32], i: usize) -> bool {
+    (i == 0 || column[i] > column[i - 1]) && (i + 1 == column.len() || column[i] >= column[i + 1])
+}
+
+/// Offset of the vertex of the parabola through a peak and its neighbours, in voxels, within ±½.
+fn parabola(column: &[f32], i: usize) -> f64 {
+    if i == 0 || i + 1 >= column.len() {
+        return 0.0;
+    }
+    let [a, b, c] = [column[i - 1], column[i], column[i + 1]].map(f64::from);
+    let curvature = a - 2.0 * b + c;
+    if curvature < 0.0 { (0.5 * (a - c) / curvature).clamp(-0.5, 0.5) } else { 0.0 }
+}
+
+/// The median of the returns within a square; a pixel keeps its return where at least 4 of 9 have one.
+fn median_filter(depth: &[f64], n_x: usize, side: usize) -> Vec<f64> {
+    if side == 1 {
+        return depth.to_vec();
+    }
+    let (n_y, reach) = (depth.len() / n_x, side / 2);
+    let enough = (4 * side * side).div_ceil(9);
+    (0..depth.len())
+        .into_par_iter()
+        .map_init(Vec::new, |neighbours, pixel| {
+            if depth[pixel].is_nan() {
+                return f64::NAN;
+            }
+            let (x, y) = (pixel % n_x, pixel / n_x);
+            neighbours.clear();
+            for row in y.saturating_sub(reach)..(y + reach + 1).min(n_y) {
+                for column in x.saturating_sub(reach)..(x + reach + 1).min(n_x) {
+                    let z = depth[row * n_x + column];
+                    if !z.is_nan() {
+                        neighbours.push(z);
+                    }
+                }
+            }
+            if neighbours.len() < enough {
+                return f64::NAN;
+            }
+            neighbours.sort_by(f64::total_cmp);
+            let n = neighbours.len();
+            f64::midpoint(neighbours[(n - 1) / 2], neighbours[n / 2])
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::grid::{Axis, Grid};
+    use crate::progress::Silent;
+    use num_complex::Complex32;
+
+    /// A volume of 5 × 4 columns, each with Gaussian echoes (depth m, amplitude) of width 12 mm.
+    fn volume(echoes: impl Fn(usize) -> Vec<(f64, f64)>) -> Volume {
+        let axis = |first, pitch, count| Axis { first, pitch, count };
+        let grid = Grid { x: axis(-0.02, 0.01, 5), y: axis(0.0, 0.01, 4), z: axis(1.0, 0.008, 60) };
+        let mut samples = vec![Complex32::ZERO; 5 * 4 * 60];
+        for pixel in 0..20 {
+            for (iz, z) in grid.z.positions().enumerate() {
+                let a: f64 = echoes(pixel)
+                    .iter()
+                    .map(|(depth, amplitude)| amplitude * (-((z - depth) / 0.012f64).powi(2)).exp())
+                    .sum();
+                samples[iz * 20 + pixel] = Complex32::from_polar(a as f32, z as f32 * 40.0);
+            }
+        }
+        Volume::new(grid, samples)
+    }
+
+    #[test]
+    fn a_peak_is_found_between_voxels() {
+        let v = volume(|_| vec![(1.2031, 1.0)]);
+        for (refine, tolerance) in [(Refine::Centroid, 1e-4), (Refine::Parabola, 5e-4), (Refine::None, 4e-3)]
+        {
+            let options = DepthOptions { refine, ..DepthOptions::new(0.017) };
+            let map = locate_depth(&v, &options, &Silent).expect("valid");
+            assert_eq!(map.accepted(), 20);
+            for z in &map.picked.depth {
+                assert!((f64::from(*z) - 1.2031).abs() <= tolerance, "{refine:?}: {z}");
+            }
+        }
+    }
+
+    #[test]
+    fn weak_columns_are_left_out_and_lone_pixels_filtered() {
+        let v = volume(|pixel| if pixel % 5 < 3 { vec![(1.2, 1.0)] } else { vec![(1.2, 0.1)] });
+        let map = locate_depth(&v, &DepthOptions::new(0.017), &Silent).expect("valid");
+        for pixel in 0..20 {
+            assert_eq!(map.picked.depth[pixel].is_nan(), pixel % 5 >= 3, "{pixel}");
+            assert_eq!(map.confidence[pixel].is_nan(), pixel % 5 >= 3);
+        }
+        let lone = volume(|pixel| if pixel == 7 { vec![(1.2, 1.0)] } else { vec![] });
+        assert_eq!(locate_depth(&lone, &DepthOptions::new(0.017), &Silent).expect("valid").accepted(), 0);
+        let options = DepthOptions { median: 1, ..DepthOptions::new(0.017) };
+        assert_eq!(locate_depth(&lone, &options, &Silent).expect("valid").accepted(), 1);
+    }
+
+    #[test]
+    fn strongest_and_first_differ_where_the_front_is_weaker() {
+        let v = volume(|_| vec![(1.1, 0.5), (1.35, 1.0)]);
+        let depth = |pick| {
+            let options = DepthOptions { pick, ..DepthOptions::new(0.017) };
+            locate_depth(&v, &options, &Silent).expect("valid").picked.depth[6]
+        };
+        assert!((depth(Pick::Strongest) - 1.35).abs() < 1e-3 && (depth(Pick::First) - 1.1).abs() < 1e-3);
+    }
+
+    #[test]
+    fn an_empty_volume_gives_an_empty_map() {
+        let map = locate_depth(&volume(|_| vec![]), &DepthOptions::new(0.017), &Silent).expect("valid");
+        assert_eq!((map.accepted(), map.len()), (0, 20));
+    }
+
+    #[test]
+    fn the_median_takes_the_middle_of_what_is_there() {
+        let n = f64::NAN;
+        let depth = [1.0, 2.0, n, 9.0, 3.0, n, n, n, n];
+        let filtered = median_filter(&depth, 3, 3);
+        assert_eq!(filtered[4], 2.5);
+        assert!(filtered[8].is_nan(), "nothing is made up where nothing was");
+    }
+}

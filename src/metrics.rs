@@ -1,0 +1,330 @@
+//! A depth map against the truth: how much was found, how much is false, how far off the rest is.
+//!
+//! Definitions are those of PHYSICS ("Scoring"): Δd = c/2B; a pixel's error is taken against the true surface nearest
+//! to the reported depth; a detection on an empty pixel is not scored within a guard ring round silhouettes.
+
+use crate::error::{Error, Result};
+use crate::grid::{Axis, DepthMap, Surface};
+use serde::{Deserialize, Serialize};
+
+/// The guard ring round silhouettes, m.
+pub const GUARD_RING: f64 = 0.04;
+
+/// Every metric; `None` where there was nothing to measure it on.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[non_exhaustive]
+pub struct Metrics {
+    /// Share of pixels with a true surface whose depth is within Δd of one.
+    pub completeness: Option<f64>,
+    /// Share of scored detections that lie on an empty pixel or are off by more than 2 Δd.
+    pub false_returns: Option<f64>,
+    /// Median |error| of detections on pixels with a true surface, m along z.
+    pub median_error: Option<f64>,
+    /// Median of |error| · |n_z|: the distance from the surface along its normal, m.
+    pub median_normal_error: Option<f64>,
+    /// Root mean square error, m.
+    pub rmse: Option<f64>,
+    /// 95th percentile of |error|, m.
+    pub p95_error: Option<f64>,
+    /// Share of pixels with two true surfaces where both were found within Δd.
+    pub two_returns: Option<f64>,
+    /// Share of pixels with one true surface that show a second return.
+    pub spurious_returns: Option<f64>,
+    /// Median |error| of the front one of two true surfaces, m.
+    pub return1_median_error: Option<f64>,
+    /// Median |error| of the back one of two true surfaces, m.
+    pub return2_median_error: Option<f64>,
+}
+
+/// The names of all metrics, as run files, options and reports spell them.
+pub const METRIC_NAMES: [&str; 10] = [
+    "completeness",
+    "false_returns",
+    "median_error",
+    "median_normal_error",
+    "rmse",
+    "p95_error",
+    "two_returns",
+    "spurious_returns",
+    "return1_median_error",
+    "return2_median_error",
+];
+
+impl Metrics {
+    /// Names and values in the order of [`METRIC_NAMES`].
+    pub fn iter(&self) -> impl Iterator<Item = (&'static str, Option<f64>)> + use<> {
+        let values = [
+            self.completeness,
+            self.false_returns,
+            self.median_error,
+            self.median_normal_error,
+            self.rmse,
+            self.p95_error,
+            self.two_returns,
+            self.spurious_returns,
+            self.return1_median_error,
+            self.return2_median_error,
+        ];
+        METRIC_NAMES.into_iter().zip(values)
+    }
+
+    /// The metric of that name; the outer `None` means there is no such name.
+    pub fn get(&self, name: &str) -> Option<Option<f64>> {
+        self.iter().find(|(n, _)| *n == name).map(|(_, value)| value)
+    }
+
+    /// Whether the metric of that name is a length in m, rather than a share.
+    pub fn is_length(name: &str) -> bool {
+        name.ends_with("error") || name == "rmse"
+    }
+}
+
+/// Scores `result` against `truth`, with Δd = `resolution` in m.
+///
+/// # Errors
+/// Maps whose pixels do not coincide, or a resolution that is not positive.
+pub fn evaluate(result: &DepthMap, truth: &DepthMap, resolution: f64) -> Result<Metrics> {
+    check_pixels(result, truth)?;
+    if !(resolution.is_finite() && resolution > 0.0) {
+        return Err(Error::input(
+            "range resolution",
+            format!("must be a positive length, not {resolution} m"),
+        ));
+    }
+    let whole = std::slice::from_ref(&truth.picked);
+    let surfaces = if truth.returns.is_empty() { whole } else { &truth.returns };
+    let true_depths = |pixel: usize| depths(surfaces, pixel);
+    let near_silhouette = guard_ring(truth, surfaces);
+
+    let (mut true_pixels, mut hits) = (0usize, 0usize);
+    let (mut scored, mut false_ones) = (0usize, 0usize);
+    let (mut errors, mut normal_errors) = (Vec::new(), Vec::new());
+    for pixel in 0..truth.len() {
+        let z = f64::from(result.picked.depth[pixel]);
+        let nearest = true_depths(pixel).min_by(|a, b| (a.1 - z).abs().total_cmp(&(b.1 - z).abs()));
+        true_pixels += usize::from(nearest.is_some());
+        if z.is_nan() {
+            continue;
+        }
+        if let Some((k, depth)) = nearest {
+            let error = (z - depth).abs();
+            hits += usize::from(error < resolution);
+            false_ones += usize::from(error > 2.0 * resolution);
+            scored += 1;
+            errors.push(error);
+            if let Some(facing) = &surfaces[k].facing {
+                normal_errors.push(error * f64::from(facing[pixel]));
+            }
+        } else if !near_silhouette[pixel] {
+            scored += 1;
+            false_ones += 1;
+        }
+    }
+    let share = |part: usize, whole: usize| (whole > 0).then(|| part as f64 / whole as f64);
+    let returns = score_returns(result, surfaces, resolution);
+    let square: f64 = errors.iter().map(|e| e * e).sum();
+    Ok(Metrics {
+        completeness: share(hits, true_pixels),
+        false_returns: share(false_ones, scored),
+        rmse: (!errors.is_empty()).then(|| (square / errors.len() as f64).sqrt()),
+        p95_error: percentile(&mut errors, 0.95),
+        median_error: percentile(&mut errors, 0.5),
+        median_normal_error: percentile(&mut normal_errors, 0.5),
+        ..returns
+    })
+}
+
+/// The metrics of pixels with one and two true surfaces; the rest is left empty.
+fn score_returns(result: &DepthMap, surfaces: &[Surface], resolution: f64) -> Metrics {
+    let (mut doubles, mut both, mut singles, mut spurious) = (0usize, 0usize, 0usize, 0usize);
+    let mut errors = [Vec::new(), Vec::new()];
+    for pixel in 0..result.len() {
+        let truth: Vec<f64> = depths(surfaces, pixel).map(|(_, z)| z).collect();
+        let found: Vec<f64> = depths(&result.returns, pixel).map(|(_, z)| z).collect();
+        match truth.len() {
+            1 => {
+                singles += 1;
+                spurious += usize::from(found.len() >= 2);
+            }
+            2 => {
+                doubles += 1;
+                let matched = match_one_to_one(&truth, &found);
+                both += usize::from(matched.iter().all(|e| e.is_some_and(|e| e < resolution)));
+                for (errors, error) in errors.iter_mut().zip(matched) {
+                    errors.extend(error);
+                }
+            }
+            _ => {}
+        }
+    }
+    let asked = result.returns.len() >= 2;
+    let share = |part: usize, whole: usize| (asked && whole > 0).then(|| part as f64 / whole as f64);
+    let [mut first, mut second] = errors;
+    Metrics {
+        two_returns: share(both, doubles),
+        spurious_returns: share(spurious, singles),
+        return1_median_error: percentile(&mut first, 0.5),
+        return2_median_error: percentile(&mut second, 0.5),
+        ..Metrics::default()
+    }
+}
+
+/// Pairs true and found depths, nearest pair first; gives each true one's |error|, `None` where nothing was left.
+fn match_one_to_one(truth: &[f64], found: &[f64]) -> Vec<Option<f64>> {
+    let mut pairs: Vec<(f64, usize, usize)> = truth
+        .iter()
+        .enumerate()
+        .flat_map(|(t, a)| found.iter().enumerate().map(move |(f, b)| ((a - b).abs(), t, f)))
+        .collect();
+    pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut errors = vec![None; truth.len()];
+    let mut taken = vec![false; found.len()];
+    for (error, t, f) in pairs {
+        if errors[t].is_none() && !taken[f] {
+            errors[t] = Some(error);
+            taken[f] = true;
+        }
+    }
+    errors
+}
+
+/// The depths at a pixel, with the surface each comes from, front to back.
+fn depths(surfaces: &[Surface], pixel: usize) -> impl Iterator<Item = (usize, f64)> + '_ {
+    surfaces.iter().map(move |s| f64::from(s.depth[pixel])).enumerate().filter(|(_, z)| !z.is_nan())
+}
+
+/// Empty pixels whose centre lies within the guard ring of a pixel with a true surface.
+fn guard_ring(truth: &DepthMap, surfaces: &[Surface]) -> Vec<bool> {
+    let (n_x, n_y) = (truth.x.count, truth.y.count);
+    let reach = |axis: &Axis| (GUARD_RING / axis.pitch + 1e-6).floor() as isize;
+    let (reach_x, reach_y) = (reach(&truth.x).min(n_x as isize), reach(&truth.y).min(n_y as isize));
+    let occupied: Vec<bool> =
+        (0..truth.len()).map(|pixel| depths(surfaces, pixel).next().is_some()).collect();
+    (0..truth.len())
+        .map(|pixel| {
+            let (x, y) = ((pixel % n_x) as isize, (pixel / n_x) as isize);
+            !occupied[pixel]
+                && (-reach_y..=reach_y).any(|dy| {
+                    (-reach_x..=reach_x).any(|dx| {
+                        let (i, j) = (x + dx, y + dy);
+                        let inside = i >= 0 && j >= 0 && i < n_x as isize && j < n_y as isize;
+                        let distance = (dx as f64 * truth.x.pitch).hypot(dy as f64 * truth.y.pitch);
+                        inside && distance <= GUARD_RING && occupied[j as usize * n_x + i as usize]
+                    })
+                })
+        })
+        .collect()
+}
+
+/// A percentile, interpolated linearly; sorts its argument.
+fn percentile(values: &mut [f64], q: f64) -> Option<f64> {
+    values.sort_by(f64::total_cmp);
+    let last = values.len().checked_sub(1)?;
+    let place = q * last as f64;
+    let (below, above) = (values[place.floor() as usize], values[place.ceil() as usize]);
+    Some(below + (above - below) * place.fract())
+}
+
+/// Both maps must show the same pixels.
+fn check_pixels(result: &DepthMap, truth: &DepthMap) -> Result<()> {
+    if result.shape() != truth.shape() {
+        return Err(Error::input(
+            "compare",
+            format!(
+                "the result has {:?} pixels (rows, columns), the truth {:?}",
+                result.shape(),
+                truth.shape()
+            ),
+        ));
+    }
+    let same = |a: &Axis, b: &Axis| {
+        let near = |p: f64, q: f64| (p - q).abs() <= 1e-3 * a.pitch;
+        near(a.first, b.first) && near(a.last(), b.last())
+    };
+    if same(&result.x, &truth.x) && same(&result.y, &truth.y) {
+        return Ok(());
+    }
+    Err(Error::input(
+        "compare",
+        format!(
+            "the pixels do not coincide: the result spans x {} .. {}, y {} .. {} m, the truth x {} .. {}, y {} .. {} m",
+            result.x.first,
+            result.x.last(),
+            result.y.first,
+            result.y.last(),
+            truth.x.first,
+            truth.x.last(),
+            truth.y.first,
+            truth.y.last()
+        ),
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const N: f32 = f32::NAN;
+
+    fn surface(depth: &[f32]) -> Surface {
+        let strength = depth.iter().map(|z| if z.is_nan() { 0.0 } else { 1.0 }).collect();
+        Surface { depth: depth.to_vec(), strength, facing: None }
+    }
+
+    /// One row of pixels 3 cm apart.
+    fn map(picked: &[f32], returns: &[&[f32]]) -> DepthMap {
+        let axis = |count| Axis { first: 0.0, pitch: 0.03, count };
+        DepthMap {
+            x: axis(picked.len()),
+            y: axis(1),
+            picked: surface(picked),
+            confidence: Vec::new(),
+            returns: returns.iter().map(|r| surface(r)).collect(),
+        }
+    }
+
+    #[test]
+    fn shares_and_errors_follow_their_definitions() {
+        let mut truth = map(&[1.0, 1.0, 1.0, 1.0, N, N, N], &[]);
+        truth.picked.facing = Some(vec![0.5; 7]);
+        //                 hit   off    2Δd+  none  guard  false  -
+        let result = map(&[1.01, 1.025, 1.10, N, 1.0, 1.0, N], &[]);
+        let m = evaluate(&result, &truth, 0.017).expect("same pixels");
+        assert_eq!(m.completeness, Some(0.25));
+        assert_eq!(m.false_returns, Some(2.0 / 4.0));
+        let near = |a: Option<f64>, b: f64| assert!((a.expect("measured") - b).abs() < 1e-6, "{a:?} {b}");
+        near(m.median_error, 0.025);
+        near(m.median_normal_error, 0.0125);
+        near(m.rmse, ((0.01f64.powi(2) + 0.025f64.powi(2) + 0.1f64.powi(2)) / 3.0).sqrt());
+        near(m.p95_error, 0.025 + 0.9 * 0.075);
+        assert_eq!((m.two_returns, m.spurious_returns), (None, None));
+    }
+
+    #[test]
+    fn an_error_is_against_the_nearest_surface_and_returns_match_one_to_one() {
+        let truth = map(&[1.0, 1.0, 1.0, 1.5], &[&[1.0, 1.0, 1.0, 1.5], &[1.5, 1.5, 1.5, N]]);
+        let result = map(&[1.5, 1.0, 1.0, 1.5], &[&[1.001, 1.0, 1.5, 1.2], &[1.502, 1.005, N, 1.5]]);
+        let m = evaluate(&result, &truth, 0.017).expect("same pixels");
+        assert_eq!(m.completeness, Some(1.0));
+        // Pixel 1's second return is another echo of the first surface; pixel 2 has one only.
+        assert_eq!(m.two_returns, Some(1.0 / 3.0));
+        assert_eq!(m.spurious_returns, Some(1.0));
+    }
+
+    #[test]
+    fn nothing_to_measure_is_none_not_nan() {
+        let m = evaluate(&map(&[N, N], &[]), &map(&[N, N], &[]), 0.01).expect("same pixels");
+        assert!(m.iter().all(|(_, value)| value.is_none()));
+        assert_eq!(m.get("rmse"), Some(None));
+        assert_eq!(m.get("rsme"), None);
+    }
+
+    #[test]
+    fn other_pixels_are_refused() {
+        assert!(evaluate(&map(&[1.0], &[]), &map(&[1.0, 1.0], &[]), 0.01).is_err());
+        let mut shifted = map(&[1.0, 1.0], &[]);
+        shifted.x.first = 0.01;
+        assert!(evaluate(&shifted, &map(&[1.0, 1.0], &[]), 0.01).is_err());
+        assert!(evaluate(&map(&[1.0], &[]), &map(&[1.0], &[]), 0.0).is_err());
+    }
+}

@@ -1,0 +1,363 @@
+//! What a job will resolve, alias and need, before anything runs.
+//!
+//! Takes the array, the sweep and the grid; gives resolutions, ambiguity, aliasing verdicts and bytes, all from
+//! closed formulas (PHYSICS Q2 and Q3). A broken design rule is a warning, not an error, because the paper studies
+//! aliasing on purpose; only what cannot fit in memory is refused.
+
+use crate::acquisition::{Detection, MicArray, Sweep};
+use crate::error::{Error, Result};
+use crate::grid::{Axis, Grid};
+use crate::wave::Geometry;
+use glam::DVec3;
+use serde::Serialize;
+
+/// What the formulas need to know of a measurement.
+#[derive(Debug, Clone, Copy)]
+pub struct Setup<'a> {
+    /// The tones.
+    pub sweep: &'a Sweep,
+    /// The microphones.
+    pub array: &'a MicArray,
+    /// Fixed speaker or monostatic scan.
+    pub geometry: Geometry,
+    /// Quadrature or in-phase.
+    pub detection: Detection,
+    /// c, m/s.
+    pub sound_speed: f64,
+}
+
+impl Setup<'_> {
+    /// Wavelength at the centre of the band λ_c, m.
+    pub fn wavelength(&self) -> f64 {
+        self.sound_speed / self.sweep.centre()
+    }
+
+    /// Shortest wavelength λ_min, m.
+    pub fn shortest_wavelength(&self) -> f64 {
+        self.sound_speed / self.sweep.stop()
+    }
+
+    /// Range resolution Δd = c/2B, m (Eq. 10); `None` for a single tone.
+    pub fn range_resolution(&self) -> Option<f64> {
+        let bandwidth = self.sweep.bandwidth();
+        (bandwidth > 0.0).then(|| self.sound_speed / (2.0 * bandwidth))
+    }
+
+    /// Lateral resolution λ_c z/D along x and y at depth `z`, m; `None` along an axis without extent.
+    ///
+    /// Not Eq. 12, whose right side is dimensionless (an angle) and knows no wavelength (PHYSICS Q2). A monostatic
+    /// scan resolves twice as finely, since both legs change.
+    pub fn lateral_resolution(&self, z: f64) -> [Option<f64>; 2] {
+        let extent = self.array.extent();
+        [extent.x, extent.y]
+            .map(|d| (d > 0.0).then(|| self.wavelength() * z / (d * self.geometry.return_legs())))
+    }
+
+    /// Greatest path length that is not ambiguous, m: c/δf in quadrature (as a span), c/2δf in phase.
+    ///
+    /// Eq. 11 gives c/2δf for real data as a *path*; a one-way range is half of either.
+    pub fn unambiguous_path(&self) -> Option<f64> {
+        let halves = if self.detection == Detection::InPhase { 2.0 } else { 1.0 };
+        self.sweep.step().filter(|_| self.sweep.len() > 1).map(|step| self.sound_speed / (halves * step))
+    }
+
+    /// Least and greatest path length between a box of voxels and the array, m.
+    ///
+    /// The greatest is at corners, where the convex sum of distances has its maximum; the least is bounded from
+    /// below by the two separate minima.
+    pub fn path_bounds(&self, grid: &Grid) -> [f64; 2] {
+        let (low, high) = self.array.bounds();
+        let mics = [low, high, DVec3::new(low.x, high.y, low.z), DVec3::new(high.x, low.y, high.z)];
+        let longest = grid
+            .corners()
+            .iter()
+            .flat_map(|p| mics.iter().map(|r| self.geometry.path_length(*p, *r)))
+            .fold(0.0, f64::max);
+        let (near, far) = (grid.corners()[0], grid.corners()[7]);
+        let gap = |a_low: DVec3, a_high: DVec3| (near - a_high).max(a_low - far).max(DVec3::ZERO).length();
+        let back = gap(low, high);
+        let out = match self.geometry {
+            Geometry::FixedSource { source } => gap(source, source),
+            Geometry::Monostatic => back,
+        };
+        [out + back, longest]
+    }
+
+    /// Voxel pitch along x, y, z, m: at most half a resolution cell laterally and half of Δd in depth (PHYSICS Q9),
+    /// and on the array's lattice where it has one.
+    pub fn advised_pitch(&self, nearest_z: f64) -> [f64; 3] {
+        let half_cell = self.lateral_resolution(nearest_z);
+        let lateral = |axis: Option<&Axis>, cell: Option<f64>| {
+            let most = cell.map_or(self.wavelength(), |cell| 0.5 * cell).max(1e-4);
+            match axis {
+                Some(axis) if axis.count > 1 => axis.pitch / (axis.pitch / most).ceil().max(1.0),
+                _ => most,
+            }
+        };
+        let lattice = self.array.lattice();
+        [
+            lateral(lattice.map(|l| &l.x), half_cell[0]),
+            lateral(lattice.map(|l| &l.y), half_cell[1]),
+            self.range_resolution().map_or(self.wavelength(), |cell| 0.5 * cell),
+        ]
+    }
+
+    /// Spacing of reflectors, m: half a centre wavelength or half the lateral resolution, whichever is less; for a
+    /// mirror a quarter of the shortest wavelength (PHYSICS Q1).
+    pub fn advised_spacing(&self, nearest_z: f64, mirror: bool) -> f64 {
+        if mirror {
+            return self.shortest_wavelength() / 4.0;
+        }
+        self.lateral_resolution(nearest_z)
+            .into_iter()
+            .flatten()
+            .map(|cell| cell / 2.0)
+            .fold(self.wavelength() / 2.0, f64::min)
+    }
+}
+
+/// The verdicts of the plan; lengths in m, memory in bytes.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[non_exhaustive]
+pub struct Plan {
+    /// Number of tones, microphones and voxels.
+    pub frequencies: usize,
+    /// Number of microphones.
+    pub microphones: usize,
+    /// `[n_z, n_y, n_x]`.
+    pub grid_shape: [usize; 3],
+    /// λ_c, m.
+    pub wavelength: f64,
+    /// Δd = c/2B, m.
+    pub range_resolution: Option<f64>,
+    /// λ_c z/D along x and y at the nearest depth, m.
+    pub lateral_resolution_near: [Option<f64>; 2],
+    /// The same at the farthest depth, m.
+    pub lateral_resolution_far: [Option<f64>; 2],
+    /// Greatest unambiguous path length, m.
+    pub unambiguous_path: Option<f64>,
+    /// Least and greatest path length of the grid, m.
+    pub path_bounds: [f64; 2],
+    /// Largest microphone pitch without ghosts inside this grid, m.
+    pub alias_free_pitch: f64,
+    /// Bytes of the cube, of the volume, and of everything at the peak.
+    pub cube_bytes: u64,
+    /// Bytes of the volume.
+    pub volume_bytes: u64,
+    /// Bytes at the peak, all stages considered.
+    pub peak_bytes: u64,
+    /// Design rules that this job breaks, one sentence or two each.
+    pub warnings: Vec<String>,
+}
+
+/// Works out a plan. Costs nothing.
+pub fn plan(setup: &Setup, grid: &Grid) -> Plan {
+    let complex = |n: u64| n.saturating_mul(8);
+    let cube_bytes = complex((setup.sweep.len() as u64).saturating_mul(setup.array.len() as u64));
+    let voxels = grid.voxel_count();
+    // The cube stands beside its weighted spectra or planes; depth needs |Â|, its power and a smoothed copy.
+    let spectra = 512 << 20;
+    let peak_bytes = (cube_bytes.saturating_mul(2))
+        .max(complex(voxels).saturating_add(voxels.saturating_mul(16)))
+        .max(cube_bytes.saturating_add(complex(voxels)).saturating_add(spectra.min(cube_bytes.saturating_mul(8))))
+        .saturating_add(64 << 20);
+    let width = (grid.x.last() - grid.x.first).max(grid.y.last() - grid.y.first);
+    let near = grid.z.first.max(1e-3);
+    let [shortest_path, longest_path] = setup.path_bounds(grid);
+    let alias_free_pitch = alias_free_pitch(setup, near, width);
+    let mut warnings = Vec::new();
+    warnings.extend(aliasing_warning(setup, near, width, alias_free_pitch));
+    warnings.extend(ambiguity_warning(setup, shortest_path, longest_path));
+    Plan {
+        frequencies: setup.sweep.len(),
+        microphones: setup.array.len(),
+        grid_shape: grid.shape(),
+        wavelength: setup.wavelength(),
+        range_resolution: setup.range_resolution(),
+        lateral_resolution_near: setup.lateral_resolution(grid.z.first),
+        lateral_resolution_far: setup.lateral_resolution(grid.z.last()),
+        unambiguous_path: setup.unambiguous_path(),
+        path_bounds: [shortest_path, longest_path],
+        alias_free_pitch,
+        cube_bytes,
+        volume_bytes: complex(voxels),
+        peak_bytes,
+        warnings,
+    }
+}
+
+/// `d ≤ λ_min/2` is free of ghosts everywhere; `d ≤ λ_min z/X` within a scene of width X from depth z on.
+fn alias_free_pitch(setup: &Setup, near: f64, width: f64) -> f64 {
+    let shortest = setup.shortest_wavelength() / setup.geometry.return_legs();
+    if width > 0.0 { (shortest * near / width).max(shortest / 2.0) } else { f64::MAX }
+}
+
+fn aliasing_warning(setup: &Setup, near: f64, width: f64, alias_free: f64) -> Option<String> {
+    let lattice = setup.array.lattice()?;
+    let axis = [lattice.x, lattice.y]
+        .into_iter()
+        .filter(|axis| axis.count > 1)
+        .max_by(|a, b| a.pitch.total_cmp(&b.pitch))?;
+    if axis.pitch <= alias_free * (1.0 + 1e-9) {
+        return None;
+    }
+    let offset = setup.shortest_wavelength() / setup.geometry.return_legs() * near / axis.pitch;
+    let smear = (axis.count - 1) as f64 * setup.sweep.bandwidth() / setup.sweep.centre();
+    let level = -20.0 * smear.max(1.0).log10();
+    Some(format!(
+        "microphones {:.1} mm apart alias within this {width:.2} m wide grid: bright points have ghosts {offset:.2} m \
+         beside them, about {level:.0} dB; a pitch of {:.1} mm or less has none",
+        axis.pitch * 1e3,
+        alias_free * 1e3
+    ))
+}
+
+fn ambiguity_warning(setup: &Setup, shortest: f64, longest: f64) -> Option<String> {
+    let unambiguous = setup.unambiguous_path()?;
+    let (length, what) = match setup.detection {
+        Detection::Quadrature => (longest - shortest, "paths in this grid differ by up to"),
+        Detection::InPhase => (longest, "paths in this grid reach"),
+    };
+    (length > unambiguous).then(|| {
+        let step = setup.sweep.step().unwrap_or(0.0) * unambiguous / length;
+        format!(
+            "{what} {length:.2} m, but the frequency step leaves only {unambiguous:.2} m unambiguous: echoes fold \
+             back into the image; use a step of {step:.1} Hz or less, or a smaller grid"
+        )
+    })
+}
+
+/// Warnings about a scene whose size does not go with the sound: the usual sign of a wrong unit.
+pub fn scale_warnings(setup: &Setup, low: DVec3, high: DVec3) -> Vec<String> {
+    let size = (high - low).max_element();
+    let mut warnings = Vec::new();
+    if size < setup.wavelength() {
+        warnings.push(format!(
+            "the whole scene measures {:.2} mm, less than one wavelength ({:.1} mm); check [scene] unit and scale",
+            size * 1e3,
+            setup.wavelength() * 1e3
+        ));
+    }
+    let range = setup.unambiguous_path().map(|path| path / 2.0);
+    if let Some(range) = range.filter(|range| high.length() > *range) {
+        warnings.push(format!(
+            "the scene reaches {:.2} m away, beyond the unambiguous range of {range:.2} m; check [scene] unit and \
+             scale, or use a smaller [sweep] step",
+            high.length()
+        ));
+    }
+    warnings
+}
+
+/// Refuses a job that cannot fit.
+///
+/// # Errors
+/// [`Error::Input`] when the peak exceeds 80 % of the memory that is free, with what would mend it.
+pub fn check_memory(plan: &Plan, available: Option<u64>) -> Result<()> {
+    let Some(limit) = available.map(|bytes| bytes / 10 * 8) else { return Ok(()) };
+    if plan.peak_bytes <= limit {
+        return Ok(());
+    }
+    let gib = |bytes: u64| bytes as f64 / f64::from(1 << 30);
+    let [n_z, n_y, n_x] = plan.grid_shape;
+    Err(Error::input(
+        "memory",
+        format!(
+            "this job needs about {:.1} GiB ({} frequencies x {} microphones: {:.1} GiB; {n_x} x {n_y} x {n_z} voxels: \
+             {:.1} GiB), and {:.1} GiB may be used here; make the grid smaller or its pitch larger, or take fewer \
+             frequencies or microphones",
+            gib(plan.peak_bytes),
+            plan.frequencies,
+            plan.microphones,
+            gib(plan.cube_bytes),
+            gib(plan.volume_bytes),
+            gib(limit)
+        ),
+    ))
+}
+
+/// Memory that is free, bytes, where the system says so.
+pub fn available_memory() -> Option<u64> {
+    // Linux alone keeps this file; elsewhere allocation itself is the judge.
+    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
+    let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
+    line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()?.checked_mul(1024)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn with_setup<T>(count: usize, extent: f64, step: f64, detection: Detection, f: impl Fn(&Setup) -> T) -> T {
+        let sweep = Sweep::stepped("sweep", 10_000.0, 20_000.0, step).expect("ok");
+        let pitch = extent / (count - 1) as f64;
+        let array = MicArray::rectangular("array", [count; 2], [pitch; 2], DVec3::ZERO).expect("ok");
+        let (geometry, sound_speed) = (Geometry::ORIGIN, 343.0);
+        f(&Setup { sweep: &sweep, array: &array, geometry, detection, sound_speed })
+    }
+
+    fn grid(half: f64, z: [f64; 2]) -> Grid {
+        let axis = Axis::spanning("x", -half, half, 0.02).expect("ok");
+        Grid { x: axis, y: axis, z: Axis::spanning("z", z[0], z[1], 0.01).expect("ok") }
+    }
+
+    #[test]
+    fn resolutions_follow_their_formulas() {
+        with_setup(31, 1.0, 40.0, Detection::Quadrature, |setup| {
+            let near = |a: f64, b: f64| assert!((a / b - 1.0).abs() < 1e-9, "{a} {b}");
+            near(setup.range_resolution().expect("band"), 0.01715);
+            near(setup.lateral_resolution(1.8)[0].expect("extent"), 343.0 / 15_000.0 * 1.8);
+            near(setup.unambiguous_path().expect("steps"), 343.0 / 40.0);
+            let pitch = setup.advised_pitch(1.8);
+            let half_cell = 0.5 * 343.0 / 15_000.0 * 1.8;
+            assert!(pitch[0] <= half_cell && (30.0f64.recip() / pitch[0]).fract() < 1e-9, "{pitch:?}");
+        });
+    }
+
+    #[test]
+    fn an_aliased_pitch_and_a_coarse_step_are_warned_about() {
+        let warnings = |count, step, detection, half| {
+            with_setup(count, 1.0, step, detection, |s| plan(s, &grid(half, [1.2, 2.3])).warnings)
+        };
+        assert!(warnings(31, 40.0, Detection::Quadrature, 0.66)[0].contains("ghosts 0.62 m"));
+        assert!(warnings(121, 40.0, Detection::Quadrature, 0.66).is_empty());
+        assert!(warnings(121, 40.0, Detection::InPhase, 0.66)[0].contains("unambiguous"));
+        assert!(warnings(121, 200.0, Detection::Quadrature, 0.66)[0].contains("use a step of"));
+    }
+
+    #[test]
+    fn path_bounds_hold_every_path() {
+        with_setup(7, 0.8, 40.0, Detection::Quadrature, |setup| {
+            let grid = grid(0.5, [0.4, 1.0]);
+            let [least, most] = setup.path_bounds(&grid);
+            for iz in [0, 30, 60] {
+                for ix in 0..grid.x.count {
+                    for r in setup.array.positions() {
+                        let path = setup.geometry.path_length(grid.position(ix, 50 - ix, iz), *r);
+                        assert!((least..=most + 1e-12).contains(&path));
+                    }
+                }
+            }
+        });
+    }
+
+    #[test]
+    fn sizes_beyond_reason_are_refused_without_overflow() {
+        with_setup(31, 1.0, 40.0, Detection::Quadrature, |setup| {
+            let mut huge = grid(0.66, [1.2, 2.3]);
+            (huge.x.count, huge.y.count, huge.z.count) = (usize::MAX >> 1, 1 << 30, 1 << 30);
+            let plan = plan(setup, &huge);
+            assert!(check_memory(&plan, Some(1 << 40)).is_err());
+            assert_eq!(plan.volume_bytes, u64::MAX);
+        });
+    }
+
+    #[test]
+    fn a_scene_in_the_wrong_unit_is_noticed() {
+        with_setup(31, 1.0, 40.0, Detection::Quadrature, |setup| {
+            assert!(scale_warnings(setup, DVec3::ZERO, DVec3::splat(0.002))[0].contains("wavelength"));
+            assert!(scale_warnings(setup, DVec3::ZERO, DVec3::splat(200.0))[0].contains("unambiguous range"));
+            assert!(scale_warnings(setup, DVec3::new(-0.5, -0.5, 1.0), DVec3::new(0.5, 0.5, 2.0)).is_empty());
+        });
+    }
+}

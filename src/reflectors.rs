@@ -1,0 +1,407 @@
+//! Surfaces to reflectors: a cloud of points p with complex amplitudes A(p), everything the wave model sees.
+//!
+//! A scene's triangles are sampled ([`sample_surface`]), shaded, and what the speaker cannot see is dropped;
+//! or a list of points is read as it is ([`Reflectors::read_csv`]). Dense coherent samples of a flat surface
+//! are a mirror, so the default surface is diffuse: every reflector has a random phase of its own.
+
+pub mod csv;
+mod lattice;
+mod poisson;
+
+use crate::error::{Error, Result};
+use crate::progress::{Observer, advance, stage};
+use crate::scene::Scene;
+use glam::DVec3;
+use num_complex::Complex32;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+use rand_distr::{Distribution, StandardNormal, StandardUniform};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+/// Point reflectors: positions in m, complex amplitudes.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Reflectors {
+    positions: Vec<DVec3>,
+    amplitudes: Vec<Complex32>,
+}
+
+impl Reflectors {
+    /// Reflectors of given positions and amplitudes.
+    ///
+    /// # Errors
+    /// Positions or amplitudes that are not finite.
+    ///
+    /// # Panics
+    /// When there are not as many amplitudes as positions.
+    pub fn new(positions: Vec<DVec3>, amplitudes: Vec<Complex32>) -> Result<Self> {
+        assert_eq!(positions.len(), amplitudes.len(), "one amplitude per position");
+        let finite = |(p, a): (&DVec3, &Complex32)| p.is_finite() && a.is_finite();
+        if let Some(bad) = positions.iter().zip(&amplitudes).position(|pair| !finite(pair)) {
+            return Err(Error::input(
+                format!("reflector {bad}"),
+                "its position and amplitude must be finite numbers",
+            ));
+        }
+        Ok(Self { positions, amplitudes })
+    }
+
+    /// Positions p, m.
+    pub fn positions(&self) -> &[DVec3] {
+        &self.positions
+    }
+
+    /// Amplitudes A(p).
+    pub fn amplitudes(&self) -> &[Complex32] {
+        &self.amplitudes
+    }
+
+    /// Number of reflectors.
+    pub fn len(&self) -> usize {
+        self.positions.len()
+    }
+
+    /// Whether there is nothing to reflect.
+    pub fn is_empty(&self) -> bool {
+        self.positions.is_empty()
+    }
+
+    /// Least and greatest coordinates, m; `None` without reflectors.
+    pub fn bounds(&self) -> Option<(DVec3, DVec3)> {
+        self.positions.iter().copied().fold(None, |bounds, p| {
+            let (low, high) = bounds.unwrap_or((p, p));
+            Some((low.min(p), high.max(p)))
+        })
+    }
+}
+
+/// How a surface scatters sound (PHYSICS Q1).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum SurfaceModel {
+    /// A seeded random phase per reflector.
+    Diffuse,
+    /// Reflectors displaced along the normal by a Gaussian of this rms, m; amplitudes stay real.
+    Rough(f64),
+    /// A mirror: samples on a lattice, in phase, undisplaced. Needs a spacing of at most a quarter of the shortest
+    /// wavelength, or the lattice itself scatters.
+    Smooth,
+}
+
+/// What hides a reflector.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Occlusion {
+    /// Nothing: every surface sounds, even the far side.
+    None,
+    /// What stands between speaker and reflector, crossed there and back.
+    Speaker,
+    /// The way there from the speaker; the way back averaged over these points of the array.
+    Aperture(Vec<DVec3>),
+}
+
+/// Which word of the run file an [`Occlusion`] is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum OcclusionKind {
+    /// [`Occlusion::None`].
+    None,
+    /// [`Occlusion::Speaker`].
+    Speaker,
+    /// [`Occlusion::Aperture`].
+    Aperture,
+}
+
+/// Parameters of [`sample_surface`].
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub struct SurfaceOptions {
+    /// Least distance between neighbouring reflectors, m (the lattice's pitch for a smooth surface).
+    pub spacing: f64,
+    /// Wavelength at the centre of the band, m: sets the reference area `A_c = (λ_c/2)²`.
+    pub wavelength: f64,
+    /// How surfaces scatter.
+    pub surface: SurfaceModel,
+    /// Whether amplitude falls with `|cos|` of the incidence angle at the speaker.
+    pub lambert: bool,
+    /// What hides a reflector.
+    pub occlusion: Occlusion,
+    /// Where the sound comes from, m.
+    pub speaker: DVec3,
+    /// Seed of positions, phases and roughness.
+    pub seed: u64,
+}
+
+impl SurfaceOptions {
+    /// Diffuse, shaded and occluded reflectors every `spacing` m for a centre wavelength in m, speaker at the origin.
+    pub fn new(spacing: f64, wavelength: f64) -> Self {
+        Self {
+            spacing,
+            wavelength,
+            surface: SurfaceModel::Diffuse,
+            lambert: true,
+            occlusion: Occlusion::Speaker,
+            speaker: DVec3::ZERO,
+            seed: 1,
+        }
+    }
+}
+
+/// A point of a surface and the area it stands for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Sample {
+    position: DVec3,
+    triangle: u32,
+    /// m²; all areas add up to the scene's.
+    area: f64,
+}
+
+/// Streams of the seed, one per purpose, so that changing one draw leaves the others.
+const SCATTER_STREAM: u64 = 1;
+
+/// Samples the surfaces of a scene and folds shading and occlusion into the amplitudes.
+///
+/// `A = ρ · |cos θ| · √(a·A_c) · T` with reflectance ρ, incidence angle θ at the speaker, area a of the sample,
+/// `A_c = (λ_c/2)²` and T the transmittance of what the path crosses, there and back. √(a·A_c) keeps brightness
+/// independent of the sampling density (PHYSICS Q1). Reflectors of no amplitude, and any behind the array
+/// (z ≤ 0), are left out.
+///
+/// - Cost: about 16 candidates and one ray (ten with `Aperture`) per reflector.
+/// - The bytes follow from the options alone, whatever the number of threads.
+///
+/// # Errors
+/// A spacing that is not positive or would need more than 5·10⁷ reflectors; [`Error::Interrupted`].
+pub fn sample_surface(
+    scene: &Scene,
+    options: &SurfaceOptions,
+    observer: &dyn Observer,
+) -> Result<Reflectors> {
+    if !(options.spacing.is_finite() && options.spacing > 0.0) {
+        return Err(Error::input("reflectors.spacing", "must be a positive length in metres"));
+    }
+    let expected = scene.surface_area() / (options.spacing * options.spacing);
+    if expected > 5e7 {
+        return Err(Error::input(
+            "reflectors.spacing",
+            format!(
+                "{} m over {:.3} m² of surface would need some {expected:.1e} reflectors; use a larger spacing, \
+                 and check the scene's unit and scale",
+                options.spacing,
+                scene.surface_area()
+            ),
+        ));
+    }
+    let samples = stage(observer, "sampling surfaces", 0, || {
+        Ok(match options.surface {
+            SurfaceModel::Smooth => lattice::lattice(scene.triangles(), options.spacing),
+            _ => poisson::poisson_disk(scene.triangles(), options.spacing, options.seed),
+        })
+    })?;
+    let scatter = draw_scatter(samples.len(), options);
+    let visible: Vec<Option<(DVec3, Complex32)>> =
+        stage(observer, "tracing echoes", samples.len() as u64, || {
+            samples
+                .par_chunks(1024)
+                .zip(scatter.par_chunks(1024))
+                .map(|(samples, scatter)| {
+                    let block: Vec<_> = samples
+                        .iter()
+                        .zip(scatter)
+                        .map(|(s, scatter)| reflect(scene, options, s, *scatter))
+                        .collect();
+                    advance(observer, samples.len() as u64).map(|()| block)
+                })
+                .collect::<Result<Vec<_>>>()
+                .map(|blocks| blocks.into_iter().flatten().collect())
+        })?;
+    let behind = samples.iter().filter(|s| s.position.z <= 0.0).count();
+    if behind > 0 {
+        observer.warn(&format!(
+            "{behind} of {} reflectors lie behind the array (z <= 0) and are left out; move the scene with \
+             [scene] translate or fit if that is not meant",
+            samples.len()
+        ));
+    }
+    let (positions, amplitudes) = visible.into_iter().flatten().unzip();
+    Reflectors::new(positions, amplitudes)
+}
+
+/// What chance gives each sample before anything is culled: the phase factor and the displacement in m.
+fn draw_scatter(count: usize, options: &SurfaceOptions) -> Vec<(Complex32, f64)> {
+    let mut random = ChaCha8Rng::seed_from_u64(options.seed);
+    random.set_stream(SCATTER_STREAM);
+    (0..count)
+        .map(|_| match options.surface {
+            SurfaceModel::Diffuse => {
+                let turn: f64 = StandardUniform.sample(&mut random);
+                (crate::wave::phasor(turn), 0.0)
+            }
+            SurfaceModel::Rough(rms) => {
+                let g: f64 = StandardNormal.sample(&mut random);
+                (Complex32::ONE, g * rms)
+            }
+            SurfaceModel::Smooth => (Complex32::ONE, 0.0),
+        })
+        .collect()
+}
+
+/// One sample's reflector; `None` where nothing comes back.
+fn reflect(
+    scene: &Scene,
+    options: &SurfaceOptions,
+    sample: &Sample,
+    (phase, displacement): (Complex32, f64),
+) -> Option<(DVec3, Complex32)> {
+    let triangle = &scene.triangles()[sample.triangle as usize];
+    let material = &scene.materials()[triangle.material as usize];
+    let (p, normal) = (sample.position, triangle.normal());
+    if p.z <= 0.0 {
+        return None;
+    }
+    let cosine =
+        if options.lambert { normal.dot((options.speaker - p).normalize_or_zero()).abs() } else { 1.0 };
+    // Surfaces are thin next to the spacing of rays: occlusion is decided where the surface is, not where
+    // roughness has pushed the reflector.
+    let transmittance = match &options.occlusion {
+        Occlusion::None => 1.0,
+        Occlusion::Speaker => scene.transmittance(options.speaker, p).powi(2),
+        Occlusion::Aperture(points) => {
+            let there = scene.transmittance(options.speaker, p);
+            if there > 0.0 {
+                let back: f64 = points.iter().map(|&r| scene.transmittance(p, r)).sum();
+                there * back / points.len().max(1) as f64
+            } else {
+                0.0
+            }
+        }
+    };
+    let reference_area = (options.wavelength / 2.0).powi(2);
+    let amplitude = material.reflectance * cosine * (sample.area * reference_area).sqrt() * transmittance;
+    (amplitude > 0.0).then(|| (p + normal * displacement, phase * amplitude as f32))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::progress::Silent;
+    use crate::scene::{Material, Triangle};
+
+    /// A square of the given half side at depth z, facing the array, as two triangles.
+    fn square(half: f64, z: f64, material: u32) -> [Triangle; 2] {
+        let v = |x: f64, y: f64| DVec3::new(x * half, y * half, z);
+        [
+            Triangle { vertices: [v(-1.0, -1.0), v(1.0, -1.0), v(1.0, 1.0)], material },
+            Triangle { vertices: [v(-1.0, -1.0), v(1.0, 1.0), v(-1.0, 1.0)], material },
+        ]
+    }
+
+    fn material(reflectance: f64, transmittance: f64) -> Material {
+        Material { name: String::new(), reflectance, transmittance, source: String::new() }
+    }
+
+    fn scene() -> Scene {
+        let triangles = [square(0.2, 1.0, 0), square(0.6, 1.5, 1)].concat();
+        Scene::new(triangles, vec![material(0.4, 0.6), material(1.0, 0.0)]).expect("valid")
+    }
+
+    fn mean_power(reflectors: &Reflectors, keep: impl Fn(DVec3) -> bool) -> f64 {
+        let powers: Vec<f64> = reflectors
+            .positions()
+            .iter()
+            .zip(reflectors.amplitudes())
+            .filter(|(p, _)| keep(**p))
+            .map(|(_, a)| f64::from(a.norm_sqr()))
+            .collect();
+        powers.iter().sum::<f64>() / powers.len() as f64
+    }
+
+    #[test]
+    fn what_lies_behind_a_plate_is_weakened_there_and_back() {
+        let mut options = SurfaceOptions::new(0.02, 0.02);
+        options.lambert = false;
+        let reflectors = sample_surface(&scene(), &options, &Silent).expect("valid");
+        // The plate's shadow on the backdrop is 1.5 times the plate.
+        let shadowed = |p: DVec3| p.z > 1.2 && p.x.abs() < 0.28 && p.y.abs() < 0.28;
+        let open = |p: DVec3| p.z > 1.2 && (p.x.abs() > 0.32 || p.y.abs() > 0.32);
+        let ratio = mean_power(&reflectors, shadowed) / mean_power(&reflectors, open);
+        // Amplitude falls by 0.6², power by 0.6⁴.
+        assert!((ratio / 0.6f64.powi(4) - 1.0).abs() < 0.05, "{ratio}");
+    }
+
+    #[test]
+    fn power_does_not_depend_on_the_sampling_density() {
+        let total = |spacing: f64| {
+            let mut options = SurfaceOptions::new(spacing, 0.02);
+            options.occlusion = Occlusion::None;
+            let reflectors = sample_surface(&scene(), &options, &Silent).expect("valid");
+            mean_power(&reflectors, |_| true) * reflectors.len() as f64
+        };
+        assert!((total(0.03) / total(0.012) - 1.0).abs() < 0.02);
+    }
+
+    #[test]
+    fn lambert_follows_the_cosine_at_the_speaker() {
+        let mut options = SurfaceOptions::new(0.05, 0.02);
+        options.occlusion = Occlusion::None;
+        options.surface = SurfaceModel::Smooth;
+        let shaded = sample_surface(&scene(), &options, &Silent).expect("valid");
+        options.lambert = false;
+        let flat = sample_surface(&scene(), &options, &Silent).expect("valid");
+        assert_eq!(shaded.positions(), flat.positions());
+        for ((p, a), b) in shaded.positions().iter().zip(shaded.amplitudes()).zip(flat.amplitudes()) {
+            assert!((f64::from(a.norm() / b.norm()) - p.z / p.length()).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn the_aperture_sees_past_an_edge_that_hides_from_the_speaker_less_than_the_speaker_does() {
+        let mut options = SurfaceOptions::new(0.03, 0.02);
+        options.occlusion = Occlusion::Aperture(vec![DVec3::ZERO; 9]);
+        let nine = sample_surface(&scene(), &options, &Silent).expect("valid");
+        options.occlusion = Occlusion::Speaker;
+        let speaker = sample_surface(&scene(), &options, &Silent).expect("valid");
+        for (a, b) in nine.amplitudes().iter().zip(speaker.amplitudes()) {
+            assert!((a - b).norm() <= 1e-6 * b.norm(), "an aperture at the speaker is the speaker");
+        }
+        options.occlusion = Occlusion::Aperture(vec![DVec3::new(5.0, 0.0, 0.0)]);
+        let aside = sample_surface(&scene(), &options, &Silent).expect("valid");
+        assert_ne!(aside.amplitudes(), speaker.amplitudes());
+    }
+
+    #[test]
+    fn roughness_displaces_along_the_normal_by_its_rms() {
+        let mut options = SurfaceOptions::new(0.01, 0.02);
+        options.surface = SurfaceModel::Rough(0.002);
+        options.occlusion = Occlusion::None;
+        let reflectors = sample_surface(&scene(), &options, &Silent).expect("valid");
+        let squares: f64 = reflectors
+            .positions()
+            .iter()
+            .map(|p| if p.z < 1.25 { p.z - 1.0 } else { p.z - 1.5 })
+            .map(|d| d * d)
+            .sum();
+        let rms = (squares / reflectors.len() as f64).sqrt();
+        assert!((rms / 0.002 - 1.0).abs() < 0.05, "{rms}");
+        assert!(reflectors.amplitudes().iter().all(|a| a.im == 0.0 && a.re > 0.0));
+    }
+
+    #[test]
+    fn same_seed_same_bytes_for_any_number_of_threads() {
+        let run = |threads, seed| {
+            let mut options = SurfaceOptions::new(0.02, 0.02);
+            options.seed = seed;
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+            pool.install(|| sample_surface(&scene(), &options, &Silent).expect("valid"))
+        };
+        assert_eq!(run(1, 3), run(5, 3));
+        assert_ne!(run(1, 3), run(1, 4));
+    }
+
+    #[test]
+    fn an_absurd_spacing_is_refused() {
+        for spacing in [0.0, -1.0, f64::NAN, 1e-7] {
+            assert!(
+                sample_surface(&scene(), &SurfaceOptions::new(spacing, 0.02), &Silent).is_err(),
+                "{spacing}"
+            );
+        }
+    }
+}

@@ -1,0 +1,105 @@
+//! Reflectors from a CSV file: header `x,y,z,amplitude`, one point per line, in metres, used as they are.
+
+use super::Reflectors;
+use crate::error::{Error, Result};
+use glam::DVec3;
+use num_complex::Complex32;
+use std::path::Path;
+
+impl Reflectors {
+    /// Reads a reflector CSV.
+    ///
+    /// # Errors
+    /// A missing file, another header, or a line that is not the asked numbers; the message names the line.
+    pub fn read_csv(path: &Path) -> Result<Self> {
+        let rows = read_columns(path, &["x", "y", "z", "amplitude"])?;
+        if rows.is_empty() {
+            return Err(Error::input(path.display(), "holds no reflectors; at least one line was expected"));
+        }
+        let (positions, amplitudes) =
+            rows.iter().map(|r| (DVec3::new(r[0], r[1], r[2]), Complex32::new(r[3] as f32, 0.0))).unzip();
+        Self::new(positions, amplitudes)
+    }
+}
+
+/// Reads a CSV of finite numbers under exactly the given header; blank lines and `#` comments are skipped.
+///
+/// # Errors
+/// A missing file, another header, or a line with other than the asked numbers; the message names the line.
+pub fn read_columns(path: &Path, header: &[&str]) -> Result<Vec<Vec<f64>>> {
+    let text = std::fs::read_to_string(path).map_err(|e| match e.kind() {
+        std::io::ErrorKind::InvalidData => {
+            Error::input(path.display(), "is not UTF-8 text; a CSV was expected")
+        }
+        _ => Error::reading(path, &e),
+    })?;
+    let mut lines = text
+        .trim_start_matches('\u{feff}')
+        .lines()
+        .enumerate()
+        .map(|(i, line)| (i + 1, line.trim()))
+        .filter(|(_, line)| !line.is_empty() && !line.starts_with('#'));
+    let expected = header.join(",");
+    match lines.next() {
+        Some((_, line)) if line.split(',').map(str::trim).eq(header.iter().copied()) => {}
+        Some((number, _)) => {
+            return Err(Error::input(
+                format!("{}:{number}", path.display()),
+                format!("the first line must be the header `{expected}`"),
+            ));
+        }
+        None => {
+            return Err(Error::input(
+                path.display(),
+                format!("is empty; a header `{expected}` was expected"),
+            ));
+        }
+    }
+    lines
+        .map(|(number, line)| {
+            let values: Option<Vec<f64>> = line
+                .split(',')
+                .map(|field| field.trim().parse().ok().filter(|v: &f64| v.is_finite()))
+                .collect();
+            values.filter(|v| v.len() == header.len()).ok_or_else(|| {
+                Error::input(
+                    format!("{}:{number}", path.display()),
+                    format!("{} finite numbers `{expected}` were expected, found `{line}`", header.len()),
+                )
+            })
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(text: &str) -> Result<Reflectors> {
+        let file = tempfile::NamedTempFile::new().expect("a temporary file");
+        std::fs::write(file.path(), text).expect("writable");
+        Reflectors::read_csv(file.path())
+    }
+
+    #[test]
+    fn numbers_are_read_as_they_are() {
+        let reflectors =
+            read("# a comment\nx, y,z,amplitude\r\n0.1,-0.2,1.5,0.5\r\n\n1e-1,2,3,-4\n").expect("valid");
+        assert_eq!(reflectors.positions()[0], DVec3::new(0.1, -0.2, 1.5));
+        assert_eq!(reflectors.amplitudes()[1], Complex32::new(-4.0, 0.0));
+    }
+
+    #[test]
+    fn errors_name_the_line() {
+        for (text, words) in [
+            ("", "is empty"),
+            ("x,y,z\n1,2,3\n", "header `x,y,z,amplitude`"),
+            ("x,y,z,amplitude\n1,2,3\n", ":2: 4 finite numbers"),
+            ("x,y,z,amplitude\n1,2,3,4\n1,2,nan,4\n", ":3: 4 finite numbers"),
+            ("x,y,z,amplitude\n", "holds no reflectors"),
+        ] {
+            let error = read(text).expect_err(text).to_string();
+            assert!(error.contains(words), "{error}");
+        }
+    }
+}

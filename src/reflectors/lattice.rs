@@ -1,0 +1,121 @@
+//! Lattice sampling for smooth, mirror-like surfaces.
+//!
+//! Irregular samples of a coherent surface image their own sampling noise (PHYSICS Q1), so a smooth surface is
+//! sampled on a square lattice. The lattice belongs to the plane, not to the triangle, and edges are half open:
+//! triangles that share a plane share the lattice, and no seam shows along a diagonal.
+
+use super::Sample;
+use crate::scene::Triangle;
+use glam::{DVec2, DVec3};
+use rayon::prelude::*;
+
+/// Lattice points of every triangle, each standing for `spacing²`.
+pub(super) fn lattice(triangles: &[Triangle], spacing: f64) -> Vec<Sample> {
+    triangles
+        .par_iter()
+        .enumerate()
+        .flat_map_iter(|(index, triangle)| {
+            points(triangle, spacing).into_iter().map(move |position| Sample {
+                position,
+                triangle: index as u32,
+                area: spacing * spacing,
+            })
+        })
+        .collect()
+}
+
+/// Two directions of the plane; the same for every triangle of it, whatever its winding.
+fn plane_axes(normal: DVec3) -> (DVec3, DVec3) {
+    // Rounding makes coplanar triangles agree in spite of their last bits.
+    let mut n = (normal * 1e5).round() / 1e5;
+    let first = n.to_array().into_iter().find(|c| *c != 0.0).unwrap_or(1.0);
+    if first < 0.0 {
+        n = -n;
+    }
+    let n = n.normalize_or(DVec3::Z);
+    let u = n.any_orthonormal_vector();
+    (u, n.cross(u))
+}
+
+fn points(triangle: &Triangle, spacing: f64) -> Vec<DVec3> {
+    let normal = triangle.normal();
+    if normal == DVec3::ZERO {
+        return Vec::new();
+    }
+    let (u, v) = plane_axes(normal);
+    let flat = triangle.vertices.map(|p| DVec2::new(p.dot(u), p.dot(v)));
+    let (low, high) = flat.iter().fold((flat[0], flat[0]), |(low, high), p| (low.min(*p), high.max(*p)));
+    let (first, last) = ((low / spacing).floor(), (high / spacing).ceil());
+    let area = edge(flat[0], flat[1], flat[2]);
+    let mut points = Vec::new();
+    let mut j = first.y;
+    while j <= last.y {
+        let mut i = first.x;
+        while i <= last.x {
+            let q = DVec2::new(i + 0.5, j + 0.5) * spacing;
+            if inside(&flat, area, q) {
+                // Barycentric weights put the point on the triangle itself, whatever the rounded plane says.
+                let w = [
+                    edge(flat[1], flat[2], q) / area,
+                    edge(flat[2], flat[0], q) / area,
+                    edge(flat[0], flat[1], q) / area,
+                ];
+                points.push(
+                    triangle.vertices[0] * w[0] + triangle.vertices[1] * w[1] + triangle.vertices[2] * w[2],
+                );
+            }
+            i += 1.0;
+        }
+        j += 1.0;
+    }
+    points
+}
+
+/// Twice the signed area of (a, b, q); exactly antisymmetric in a and b, so that neighbours agree.
+fn edge(a: DVec2, b: DVec2, q: DVec2) -> f64 {
+    if (a.x, a.y) <= (b.x, b.y) { (b - a).perp_dot(q - a) } else { -(a - b).perp_dot(q - b) }
+}
+
+/// Whether q lies in the triangle; of two triangles that share an edge exactly one owns a point on it.
+fn inside(flat: &[DVec2; 3], area: f64, q: DVec2) -> bool {
+    (0..3).all(|k| {
+        let (a, b) = if area > 0.0 { (flat[k], flat[(k + 1) % 3]) } else { (flat[(k + 1) % 3], flat[k]) };
+        let e = edge(a, b, q);
+        e > 0.0 || (e == 0.0 && (a.x, a.y) < (b.x, b.y))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn square(tilt: DVec3, flip: bool) -> Vec<Triangle> {
+        let (u, v) = (DVec3::X, (DVec3::Y + tilt).normalize());
+        let corner = |a: f64, b: f64| u * a + v * b + DVec3::new(0.0, 0.0, 1.0);
+        let second = if flip {
+            [corner(0.0, 0.0), corner(0.0, 1.0), corner(1.0, 1.0)]
+        } else {
+            [corner(0.0, 0.0), corner(1.0, 1.0), corner(0.0, 1.0)]
+        };
+        vec![
+            Triangle { vertices: [corner(0.0, 0.0), corner(1.0, 0.0), corner(1.0, 1.0)], material: 0 },
+            Triangle { vertices: second, material: 0 },
+        ]
+    }
+
+    #[test]
+    fn a_diagonal_leaves_no_seam() {
+        for (tilt, flip) in
+            [(DVec3::ZERO, false), (DVec3::ZERO, true), (DVec3::Z * 0.7, false), (DVec3::Z, true)]
+        {
+            let samples = lattice(&square(tilt, flip), 0.02);
+            let count = samples.len() as f64;
+            assert!((count * 0.0004 - 1.0).abs() < 0.05, "{count} samples of 0.0004 m² on 1 m²");
+            for (i, a) in samples.iter().enumerate() {
+                for b in &samples[..i] {
+                    assert!(a.position.distance(b.position) > 0.0199, "doubled at {}", a.position);
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,187 @@
+//! Scene to ground truth: what a perfect depth map would show on the same pixels.
+
+use crate::error::Result;
+use crate::grid::{DepthMap, Grid, Surface};
+use crate::progress::{Observer, advance, stage};
+use crate::scene::Scene;
+use glam::DVec3;
+use rayon::prelude::*;
+
+/// Parameters of [`trace_depth`].
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub struct TruthOptions {
+    /// Where the sound comes from, m; surfaces it cannot reach are left out. `None` keeps them all.
+    pub speaker: Option<DVec3>,
+    /// Whether the expected strength falls with the cosine at the speaker.
+    pub lambert: bool,
+}
+
+impl TruthOptions {
+    /// Truth as heard from `speaker`.
+    pub fn heard_from(speaker: DVec3) -> Self {
+        Self { speaker: Some(speaker), lambert: true }
+    }
+}
+
+/// A true surface at one pixel.
+#[derive(Debug, Clone, Copy)]
+struct Hit {
+    depth: f64,
+    strength: f64,
+    facing: f64,
+}
+
+/// Traces a ray along +z through every pixel and keeps the surfaces that can be heard, front to back.
+///
+/// A ray starts in the array's plane and ends at the first opaque surface. Surfaces the speaker does not reach are
+/// left out, and so are those outside the imaged depths (half a voxel of margin), which no reconstruction on this
+/// grid could show. The picked surface is the first. `strength` is reflectance × |cos| × transmittance there and
+/// back; `facing` is `|n_z|`.
+///
+/// Cost: one ray per pixel and one per surface found.
+///
+/// # Errors
+/// [`Error::Interrupted`](crate::error::Error::Interrupted).
+pub fn trace_depth(
+    scene: &Scene,
+    grid: &Grid,
+    options: &TruthOptions,
+    observer: &dyn Observer,
+) -> Result<DepthMap> {
+    let (n_x, n_y) = (grid.x.count, grid.y.count);
+    let far = scene.bounds().map_or(0.0, |(_, high)| high.z) + 1.0;
+    let (near_end, far_end) = (grid.z.first - 0.5 * grid.z.pitch, grid.z.last() + 0.5 * grid.z.pitch);
+    let rows = stage(observer, "tracing truth", n_y as u64, || {
+        (0..n_y)
+            .into_par_iter()
+            .map(|iy| {
+                let row: Vec<Vec<Hit>> = (0..n_x)
+                    .map(|ix| {
+                        let start = DVec3::new(grid.x.position(ix), grid.y.position(iy), 0.0);
+                        let mut hits = column(scene, start, far.max(far_end), options);
+                        hits.retain(|hit| (near_end..=far_end).contains(&hit.depth));
+                        hits
+                    })
+                    .collect();
+                advance(observer, 1).map(|()| row)
+            })
+            .collect::<Result<Vec<_>>>()
+    })?;
+    let pixels: Vec<Vec<Hit>> = rows.into_iter().flatten().collect();
+    let most = pixels.iter().map(Vec::len).max().unwrap_or(0).max(1);
+    let returns: Vec<Surface> = (0..most)
+        .map(|k| {
+            let mut surface = Surface::empty(pixels.len());
+            let mut facing = vec![f32::NAN; pixels.len()];
+            for (pixel, hits) in pixels.iter().enumerate() {
+                if let Some(hit) = hits.get(k) {
+                    surface.depth[pixel] = hit.depth as f32;
+                    surface.strength[pixel] = hit.strength as f32;
+                    facing[pixel] = hit.facing as f32;
+                }
+            }
+            surface.facing = Some(facing);
+            surface
+        })
+        .collect();
+    Ok(DepthMap { x: grid.x, y: grid.y, picked: returns[0].clone(), confidence: Vec::new(), returns })
+}
+
+/// The surfaces along +z from `start` down to an opaque one, as far as they can be heard.
+fn column(scene: &Scene, start: DVec3, far: f64, options: &TruthOptions) -> Vec<Hit> {
+    let mut hits = Vec::new();
+    for crossing in scene.crossings(start, start.with_z(far)) {
+        let triangle = &scene.triangles()[crossing.triangle as usize];
+        let (p, normal) = (start + DVec3::Z * crossing.distance, triangle.normal());
+        let (transmittance, cosine) = options.speaker.map_or((1.0, 1.0), |speaker| {
+            let towards = (speaker - p).normalize_or_zero();
+            (scene.transmittance(speaker, p), if options.lambert { normal.dot(towards).abs() } else { 1.0 })
+        });
+        if transmittance > 0.0 {
+            let reflectance = scene.materials()[triangle.material as usize].reflectance;
+            hits.push(Hit {
+                depth: p.z,
+                strength: reflectance * cosine * transmittance * transmittance,
+                facing: normal.z.abs(),
+            });
+        }
+        if crossing.transmittance <= 0.0 {
+            break;
+        }
+    }
+    hits
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::grid::Axis;
+    use crate::progress::Silent;
+    use crate::scene::{Material, Triangle};
+
+    /// A plate at z = 1 over x < 0 (transmittance given) before a backdrop at z = 2.
+    fn scene(transmittance: f64) -> Scene {
+        let quad = |x0: f64, x1: f64, z: f64, material| {
+            let v = |x: f64, y: f64| DVec3::new(x, y, z);
+            [
+                Triangle { vertices: [v(x0, -1.0), v(x1, -1.0), v(x1, 1.0)], material },
+                Triangle { vertices: [v(x0, -1.0), v(x1, 1.0), v(x0, 1.0)], material },
+            ]
+        };
+        let material = |transmittance| Material {
+            name: String::new(),
+            reflectance: 1.0 - transmittance,
+            transmittance,
+            source: String::new(),
+        };
+        Scene::new(
+            [quad(-1.0, 0.0, 1.0, 0), quad(-3.0, 3.0, 2.0, 1)].concat(),
+            vec![material(transmittance), material(0.0)],
+        )
+        .expect("valid")
+    }
+
+    fn grid(z: [f64; 2]) -> Grid {
+        let axis = Axis { first: -0.45, pitch: 0.1, count: 10 };
+        Grid { x: axis, y: axis, z: Axis::spanning("z", z[0], z[1], 0.01).expect("valid") }
+    }
+
+    #[test]
+    fn a_clear_plate_shows_two_surfaces_and_an_opaque_one_hides() {
+        let options = TruthOptions::heard_from(DVec3::ZERO);
+        let map = trace_depth(&scene(0.6), &grid([0.5, 2.5]), &options, &Silent).expect("valid");
+        assert_eq!(map.returns.len(), 2);
+        for pixel in 0..map.len() {
+            let left = pixel % 10 < 5;
+            assert_eq!(map.picked.depth[pixel], if left { 1.0 } else { 2.0 });
+            assert_eq!(map.returns[1].depth[pixel].is_nan(), !left);
+        }
+        // The plate reflects 0.4; the backdrop behind it is crossed twice.
+        let cosine = 2.0 / DVec3::new(0.45, 0.05, 2.0).length();
+        assert!((f64::from(map.returns[1].strength[40]) - 0.36 * cosine).abs() < 2e-3);
+        let map = trace_depth(&scene(0.0), &grid([0.5, 2.5]), &options, &Silent).expect("valid");
+        assert_eq!(map.returns.len(), 1);
+    }
+
+    #[test]
+    fn what_the_speaker_cannot_reach_is_left_out() {
+        // The opaque plate covers x < 0 at z = 1, so its shadow on the backdrop is x < 0 as well when the speaker
+        // is at the origin; from a speaker to the left, part of the right side is in shadow.
+        let seen = |x: f64| {
+            let options = TruthOptions::heard_from(DVec3::new(x, 0.0, 0.0));
+            let map = trace_depth(&scene(0.0), &grid([0.5, 2.5]), &options, &Silent).expect("valid");
+            (0..10).filter(|ix| !map.picked.depth[40 + ix].is_nan()).count()
+        };
+        assert_eq!((seen(0.0), seen(-0.3)), (10, 7));
+    }
+
+    #[test]
+    fn depths_outside_the_grid_are_left_out_but_still_hide() {
+        let options = TruthOptions { speaker: None, lambert: false };
+        let map = trace_depth(&scene(0.0), &grid([1.5, 2.5]), &options, &Silent).expect("valid");
+        for pixel in 0..map.len() {
+            assert_eq!(map.picked.depth[pixel].is_nan(), pixel % 10 < 5);
+        }
+    }
+}

@@ -1,0 +1,153 @@
+//! Fast against literal, forward against inverse.
+
+use crate::support::{Random, lattice_grid, random_cube, relative_difference};
+use glam::DVec3;
+use holosonar::acquisition::{DataCube, Detection, MicArray, SimulateOptions, Sweep, simulate};
+use holosonar::grid::Grid;
+use holosonar::progress::Silent;
+use holosonar::reconstruct::{Method, ReconstructOptions, Window, reconstruct, resolve_method};
+use holosonar::reflectors::Reflectors;
+use holosonar::wave::{Geometry, phasor};
+use num_complex::{Complex32, Complex64};
+
+/// Eq. 13 with no block, lane or buffer, in f64, for a few voxels.
+fn literal(cube: &DataCube, grid: &Grid, window: Window, voxels: &[usize]) -> Vec<Complex32> {
+    let (w_f, w_r) = (window.over_sweep(&cube.sweep), window.over_array(&cube.array));
+    let norm = cube.detection.weight() / (w_f.iter().sum::<f64>() * w_r.iter().sum::<f64>());
+    let plane = grid.plane_len();
+    voxels
+        .iter()
+        .map(|v| {
+            let p = grid.position(v % grid.x.count, v % plane / grid.x.count, v / plane);
+            let mut sum = Complex64::ZERO;
+            for (f, frequency) in cube.sweep.frequencies().iter().enumerate() {
+                for (r, mic) in cube.array.positions().iter().enumerate() {
+                    let turn = -std::f64::consts::TAU * frequency * cube.geometry.path_length(p, *mic)
+                        / cube.sound_speed;
+                    let m = cube.samples[f * cube.array.len() + r];
+                    sum += Complex64::new(m.re.into(), m.im.into())
+                        * Complex64::from_polar(w_f[f] * w_r[r], turn);
+                }
+            }
+            let sum = sum * norm;
+            Complex32::new(sum.re as f32, sum.im as f32)
+        })
+        .collect()
+}
+
+/// A random measurement and a grid that fits its lattice; sizes are odd as often as even.
+fn random_case(seed: u64) -> (DataCube, Grid, Window) {
+    let mut random = Random::new(seed);
+    let count = [random.whole(1, 12), random.whole(1, 12)];
+    let pitch = [random.uniform(0.006, 0.03), random.uniform(0.006, 0.03)];
+    let centre =
+        DVec3::new(random.uniform(-0.1, 0.1), random.uniform(-0.1, 0.1), random.uniform(-0.05, 0.05));
+    let array = MicArray::rectangular("array", count, pitch, centre).unwrap();
+    let step = random.uniform(20.0, 300.0);
+    let start = random.uniform(2_000.0, 15_000.0);
+    let sweep = Sweep::stepped("sweep", start, start + 20.0 * step, step).unwrap();
+    let source = DVec3::new(random.uniform(-0.2, 0.2), random.uniform(-0.2, 0.2), random.uniform(-0.1, 0.1));
+    let geometry =
+        if seed.is_multiple_of(3) { Geometry::Monostatic } else { Geometry::FixedSource { source } };
+    let detection = if seed.is_multiple_of(4) { Detection::InPhase } else { Detection::Quadrature };
+    let u = [random.whole(1, 3), random.whole(1, 3)];
+    let shape = [random.whole(1, 19), random.whole(1, 19), random.whole(1, 4)];
+    let grid = lattice_grid(&mut random, &array, u, shape);
+    let cube = random_cube(&mut random, sweep, array, geometry, detection);
+    let window = [Window::None, Window::Hann, Window::Taylor][seed as usize % 3];
+    (cube, grid, window)
+}
+
+#[test]
+fn direct_is_the_literal_sum() {
+    for seed in 0..12 {
+        let (cube, grid, window) = random_case(seed);
+        let options = ReconstructOptions::new(Method::Direct, window);
+        let got = reconstruct(&cube, &grid, &options, &Silent).unwrap();
+        let voxels: Vec<usize> = (0..got.samples.len()).step_by(7).collect();
+        let expected = literal(&cube, &grid, window, &voxels);
+        let got_there: Vec<Complex32> = voxels.iter().map(|v| got.samples[*v]).collect();
+        let peak = f64::from(got.peak());
+        let scale = f64::from(expected.iter().map(|a| a.norm()).fold(0.0, f32::max)) / peak;
+        let error = relative_difference(&got_there, &expected) * scale;
+        assert!(error < 2e-6, "seed {seed}: {error:e}");
+    }
+}
+
+#[test]
+fn convolution_is_direct_on_random_lattices() {
+    for seed in 0..60 {
+        let (cube, grid, window) = random_case(seed);
+        assert_eq!(resolve_method(&cube, &grid, Method::Auto).unwrap().0, Method::Convolution, "seed {seed}");
+        let volume = |method| {
+            reconstruct(&cube, &grid, &ReconstructOptions::new(method, window), &Silent).unwrap().samples
+        };
+        let error = relative_difference(&volume(Method::Convolution), &volume(Method::Direct));
+        assert!(error < 1e-5, "seed {seed} {:?}: {error:e}", grid.shape());
+    }
+}
+
+/// `Re⟨K a, m⟩ = Re⟨a, K* m⟩` with `K* = reconstruction · n_f · n_r / w`, reflectors on every voxel.
+#[test]
+fn forward_and_inverse_are_adjoint() {
+    for seed in 0..24 {
+        let (cube, grid, _) = random_case(seed);
+        let mut random = Random::new(seed + 1000);
+        let plane = grid.plane_len();
+        let positions: Vec<DVec3> = (0..grid.voxel_count() as usize)
+            .map(|v| grid.position(v % grid.x.count, v % plane / grid.x.count, v / plane))
+            .collect();
+        let a: Vec<Complex32> = positions.iter().map(|_| random.complex()).collect();
+        let mut options = SimulateOptions::default();
+        (options.geometry, options.detection) = (cube.geometry, cube.detection);
+        let reflectors = Reflectors::new(positions, a.clone()).unwrap();
+        let ka = simulate(&reflectors, &cube.sweep, &cube.array, &options, &Silent).unwrap();
+        let dot = |x: &[Complex32], y: &[Complex32]| -> f64 {
+            x.iter()
+                .zip(y)
+                .map(|(x, y)| f64::from(x.re) * f64::from(y.re) + f64::from(x.im) * f64::from(y.im))
+                .sum()
+        };
+        let norm = |x: &[Complex32]| dot(x, x).sqrt();
+        for method in [Method::Direct, Method::Convolution] {
+            let options = ReconstructOptions::new(method, Window::None);
+            let volume = reconstruct(&cube, &grid, &options, &Silent).unwrap();
+            let scale = (cube.sweep.len() * cube.array.len()) as f64 / cube.detection.weight();
+            let (left, right) = (dot(&ka.samples, &cube.samples), dot(&a, &volume.samples) * scale);
+            let error = (left - right).abs() / (norm(&ka.samples) * norm(&cube.samples));
+            assert!(error < 1e-5, "seed {seed} {method:?}: {left} against {right}");
+        }
+    }
+}
+
+#[test]
+fn threads_do_not_change_the_bytes_of_a_volume() {
+    let (cube, grid, window) = random_case(7);
+    for method in [Method::Direct, Method::Convolution] {
+        let run = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let options = ReconstructOptions::new(method, window);
+            pool.install(|| reconstruct(&cube, &grid, &options, &Silent).unwrap().samples)
+        };
+        assert_eq!(run(1), run(5));
+    }
+}
+
+#[test]
+fn what_does_not_fit_goes_to_direct_with_a_warning_or_is_refused() {
+    let (cube, mut grid, _) = random_case(5);
+    grid.x.pitch *= 1.01;
+    let (method, warning) = resolve_method(&cube, &grid, Method::Auto).unwrap();
+    assert_eq!(method, Method::Direct);
+    assert!(warning.unwrap().contains("voxel pitch along x"));
+    assert!(resolve_method(&cube, &grid, Method::Convolution).is_err());
+    grid.z.count = 1 << 40;
+    let error = resolve_method(&cube, &grid, Method::Auto).unwrap_err().to_string();
+    assert!(error.contains("method = \"direct\""), "{error}");
+    assert_eq!(resolve_method(&cube, &grid, Method::Direct).unwrap().0, Method::Direct, "by name it may");
+}
+
+#[test]
+fn a_wrapped_phasor_is_the_phasor() {
+    assert!((phasor(1e6 + 0.25) - Complex32::I).norm() < 1e-6);
+}
