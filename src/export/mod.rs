@@ -1,1 +1,59 @@
-//! Every file a result is written to.
+//! Every form in which a result leaves: OpenEXR, VTK image data, NumPy archives, PNG figures.
+//!
+//! Takes the shapes of [`crate::grid`] and named facts about them ([`Attributes`]); gives files that are written
+//! whole or not at all. Depth maps and volumes are read back too. No writer flips or smooths anything: an
+//! image's column is x and its row is y.
+
+pub mod depth_exr;
+mod exr_file;
+
+pub mod volume_exr;
+pub mod volume_npz;
+pub mod volume_vti;
+
+/// A fact about a result that its file carries along.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Attribute {
+    /// Words. EXR keeps ASCII alone: other characters are written as `\u00e9`, as JSON writes them.
+    Text(String),
+    /// A number, in the SI unit of the quantity it is named after.
+    Number(f64),
+    /// A whole number. EXR keeps 32 bits: what lies beyond is written as a [`Attribute::Number`].
+    Integer(i64),
+    /// A position or an extent along x, y, z; m unless its name says otherwise.
+    Vector([f64; 3]),
+}
+
+/// Named facts, in the order in which they are to appear; names start with `sonar:`.
+pub type Attributes = Vec<(String, Attribute)>;
+
+/// Which numbers of a complex volume a file holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Components {
+    /// `|Â|` alone.
+    #[default]
+    Amplitude,
+    /// `|Â|`, and its real and imaginary parts as `re` and `im`.
+    Complex,
+}
+
+/// The attribute of this name, if there is one.
+pub fn find_attribute<'a>(attributes: &'a [(String, Attribute)], name: &str) -> Option<&'a Attribute> {
+    attributes.iter().find(|(other, _)| other == name).map(|(_, value)| value)
+}
+
+/// The attributes as one JSON object.
+pub fn attributes_as_json(attributes: &[(String, Attribute)]) -> serde_json::Value {
+    attributes
+        .iter()
+        .map(|(name, value)| {
+            let value: serde_json::Value = match value {
+                Attribute::Text(text) => text.as_str().into(),
+                Attribute::Number(number) => (*number).into(),
+                Attribute::Integer(integer) => (*integer).into(),
+                Attribute::Vector(vector) => vector.to_vec().into(),
+            };
+            (name.clone(), value)
+        })
+        .collect()
+}

@@ -1,0 +1,174 @@
+use super::*;
+use exr::prelude as ex;
+use exr::prelude::WritableImage;
+
+const LIMIT: u64 = 1 << 24;
+const NAN: f32 = f32::NAN;
+
+fn map() -> DepthMap {
+    let near = Surface {
+        depth: vec![1.5, NAN, 2.25, 0.1, NAN, 3.0],
+        strength: vec![0.25, 0.0, 0.5, 2.0, 0.0, 0.125],
+        facing: None,
+    };
+    let far = Surface {
+        depth: vec![NAN, NAN, 2.5, 10.0, NAN, NAN],
+        strength: vec![0.0, 0.0, 0.375, 1.0, 0.0, 0.0],
+        facing: None,
+    };
+    DepthMap {
+        x: Axis { first: -0.1, pitch: 0.1, count: 3 },
+        y: Axis { first: 0.3, pitch: 0.07, count: 2 },
+        picked: near.clone(),
+        confidence: vec![12.0, NAN, 3.5, 30.0, NAN, -1.0],
+        returns: vec![near, far],
+    }
+}
+
+/// Equality in which NaN equals itself.
+fn same(a: &[f32], b: &[f32]) -> bool {
+    a.len() == b.len() && a.iter().zip(b).all(|(a, b)| a == b || (a.is_nan() && b.is_nan()))
+}
+
+fn same_surface(a: &Surface, b: &Surface) -> bool {
+    same(&a.depth, &b.depth) && same(&a.strength, &b.strength) && a.facing == b.facing
+}
+
+fn assert_same(a: &DepthMap, b: &DepthMap) {
+    assert_eq!((a.x, a.y), (b.x, b.y));
+    assert!(same_surface(&a.picked, &b.picked), "{:?}\n{:?}", a.picked, b.picked);
+    assert!(same(&a.confidence, &b.confidence));
+    assert_eq!(a.returns.len(), b.returns.len());
+    assert!(a.returns.iter().zip(&b.returns).all(|(a, b)| same_surface(a, b)));
+}
+
+#[test]
+fn a_map_comes_back_value_by_value_whatever_the_fill() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("depth.exr");
+    let attributes = vec![("sonar:soundSpeed".to_owned(), Attribute::Number(343.0))];
+    // 10 m is also a true depth of the map's second return.
+    for fill in [Fill::Infinity, Fill::NaN, Fill::Value(0.0), Fill::Value(10.0)] {
+        write_depth_map(&path, &map(), fill, &attributes).unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        let file = read_depth_map(&path, LIMIT).unwrap();
+        assert_same(&file.map, &map());
+        assert!(file.axes_known);
+        assert!(file.attributes.contains(&attributes[0]));
+        write_depth_map(&path, &map(), fill, &attributes).unwrap();
+        assert!(bytes == std::fs::read(&path).unwrap(), "same input, same bytes");
+    }
+}
+
+#[test]
+fn the_picture_is_scaled_and_empty_where_nothing_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("depth.exr");
+    write_depth_map(&path, &map(), Fill::default(), &[]).unwrap();
+    let parts = read_parts(&path, LIMIT).unwrap().layer_data;
+    let channel = |name: &str| {
+        let list = &parts[0].channel_data.list;
+        floats(&list.iter().find(|channel| channel.name.eq(name)).unwrap().sample_data)
+    };
+    assert_eq!(channel("G"), [0.125, 0.0, 0.25, 1.0, 0.0, 0.0625]);
+    assert_eq!(channel("A"), [1.0, 0.0, 1.0, 1.0, 0.0, 1.0]);
+    assert_eq!(channel("Z")[1], f32::INFINITY);
+    assert_eq!(channel("range.V")[0], map().range(0) as f32);
+    assert_eq!(channel("return2.V"), [0.0, 0.0, 0.1875, 0.5, 0.0, 0.0]);
+    assert_eq!(parts[0].attributes.world_to_camera.unwrap()[5], -1.0);
+    assert_eq!(parts[0].encoding.compression, ex::Compression::ZIP16);
+}
+
+#[test]
+fn truth_keeps_its_normals_and_has_no_confidence() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("truth.exr");
+    let mut truth = map();
+    truth.confidence.clear();
+    truth.picked.facing = Some(vec![1.0, 0.0, 0.5, 0.25, 0.0, 0.75]);
+    truth.returns[0].facing = truth.picked.facing.clone();
+    write_depth_map(&path, &truth, Fill::Infinity, &[]).unwrap();
+    assert_same(&read_depth_map(&path, LIMIT).unwrap().map, &truth);
+}
+
+#[test]
+fn a_map_without_any_return_is_a_valid_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("depth.exr");
+    let mut empty = map();
+    empty.picked = Surface::empty(6);
+    empty.confidence = vec![NAN; 6];
+    empty.returns.clear();
+    write_depth_map(&path, &empty, Fill::Infinity, &[]).unwrap();
+    assert_same(&read_depth_map(&path, LIMIT).unwrap().map, &empty);
+}
+
+/// A file as other programs write them: half floats, tiles, a layer's name, no attribute of ours.
+fn foreign(path: &Path, names: &[&str]) {
+    let channels = names
+        .iter()
+        .map(|&name| {
+            let samples = [1.5, 1e10, 0.0, 4.0, f32::INFINITY, f32::NAN].to_vec();
+            ex::AnyChannel::new(name, FlatSamples::F32(samples))
+        })
+        .collect();
+    let layer = ex::Layer::new(
+        (3, 2),
+        ex::LayerAttributes::named("render"),
+        ex::Encoding::FAST_LOSSLESS,
+        ex::AnyChannels::sort(channels),
+    );
+    ex::Image::from_layer(layer).write().to_file(path).unwrap();
+}
+
+#[test]
+fn anybodys_depth_is_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("render.exr");
+    for name in ["Z", "ViewLayer.Depth.Z"] {
+        foreign(&path, &[name]);
+        let file = read_depth_map(&path, LIMIT).unwrap();
+        assert!(!file.axes_known);
+        assert_eq!(file.map.x, Axis { first: 0.0, pitch: 1.0, count: 3 });
+        assert!(same(&file.map.picked.depth, &[1.5, NAN, NAN, 4.0, NAN, NAN]), "{:?}", file.map.picked);
+        assert_eq!(file.map.picked.strength, [1.0, 0.0, 0.0, 1.0, 0.0, 0.0]);
+        assert!(file.map.confidence.is_empty() && file.map.returns.is_empty());
+    }
+    for (names, word) in [(&["R"][..], "no channel `Z`"), (&["a.Z", "b.Z"], "several layers")] {
+        foreign(&path, names);
+        let error = read_depth_map(&path, LIMIT).unwrap_err();
+        assert!(error.to_string().contains(word), "{error}");
+        assert_eq!(error.exit_status(), 2);
+    }
+}
+
+#[test]
+fn damage_and_excess_are_the_users_to_mend() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("depth.exr");
+    write_depth_map(&path, &map(), Fill::Infinity, &[]).unwrap();
+    let error = read_depth_map(&path, 100).unwrap_err();
+    assert!(error.to_string().contains("limit of 100"), "{error}");
+    assert_eq!(read_depth_map(&folder.path().join("none.exr"), LIMIT).unwrap_err().exit_status(), 2);
+    let whole = std::fs::read(&path).unwrap();
+    for end in (0..whole.len()).step_by(7) {
+        std::fs::write(&path, &whole[..end]).unwrap();
+        let error = read_depth_map(&path, LIMIT).unwrap_err();
+        assert_eq!(error.exit_status(), 2, "cut at {end}: {error}");
+    }
+    for at in (0..whole.len()).step_by(3) {
+        let mut damaged = whole.clone();
+        damaged[at] ^= 0x9d;
+        std::fs::write(&path, &damaged).unwrap();
+        // Some damage shows, some does not; none of it may end the program.
+        let _ = read_depth_map(&path, LIMIT);
+    }
+}
+
+#[test]
+#[should_panic(expected = "one value per pixel")]
+fn a_map_whose_fields_disagree_is_a_programmers_error() {
+    let mut broken = map();
+    broken.picked.strength.pop();
+    let _ = write_depth_map(Path::new("never.exr"), &broken, Fill::Infinity, &[]);
+}

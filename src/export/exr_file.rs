@@ -1,0 +1,301 @@
+//! What every OpenEXR file of ours has in common: attributes, encoding, and the same bytes for the same input.
+
+use super::{Attribute, Attributes};
+use crate::error::{Error, Result};
+use crate::files::write_atomically;
+use exr::meta::attribute::{AttributeValue, Text};
+use exr::prelude as ex;
+use exr::prelude::traits::*;
+use smallvec::SmallVec;
+use std::fs::File;
+use std::io::{self, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::Path;
+
+/// A part with 32-bit channels, as it is written and as it is read.
+pub(super) type Part = ex::Layer<ex::AnyChannels<ex::FlatSamples>>;
+/// Parts and what they share.
+pub(super) type Parts = ex::Image<ex::Layers<ex::AnyChannels<ex::FlatSamples>>>;
+
+/// OpenEXR's camera is left-handed with y up and z forward: our axes with y turned over.
+pub(super) const WORLD_TO_CAMERA: [f32; 16] =
+    [1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0];
+
+/// ASCII text for an attribute. EXR's own Latin-1 is read as UTF-8 by some programs, so all else is escaped.
+fn ascii(text: &str) -> Text {
+    let mut bytes = SmallVec::new();
+    for c in text.chars() {
+        if c.is_ascii() {
+            bytes.push(c as u8);
+        } else {
+            for unit in c.encode_utf16(&mut [0; 2]) {
+                bytes.extend_from_slice(format!("\\u{unit:04x}").as_bytes());
+            }
+        }
+    }
+    Text::from_bytes_unchecked(bytes)
+}
+
+/// A double-precision vector: EXR's types `v2d` and `v3d`, which the exr crate passes through as they are.
+fn doubles(kind: &str, numbers: &[f64]) -> AttributeValue {
+    let bytes = numbers.iter().flat_map(|number| number.to_le_bytes()).collect();
+    AttributeValue::Custom { kind: ascii(kind), bytes }
+}
+
+/// The attribute as EXR knows it.
+fn encode(value: &Attribute) -> AttributeValue {
+    match value {
+        Attribute::Text(text) => AttributeValue::Text(ascii(text)),
+        Attribute::Number(number) => AttributeValue::F64(*number),
+        Attribute::Integer(integer) => match i32::try_from(*integer) {
+            Ok(integer) => AttributeValue::I32(integer),
+            Err(_) => AttributeValue::F64(*integer as f64),
+        },
+        Attribute::Vector(vector) => doubles("v3d", vector),
+    }
+}
+
+/// The attribute as we know it; `None` for types that none of ours has.
+fn decode(value: &AttributeValue) -> Option<Attribute> {
+    Some(match value {
+        AttributeValue::Text(text) => Attribute::Text(text.to_string()),
+        AttributeValue::F64(number) => Attribute::Number(*number),
+        AttributeValue::F32(number) => Attribute::Number(f64::from(*number)),
+        AttributeValue::I32(integer) => Attribute::Integer(i64::from(*integer)),
+        AttributeValue::FloatVec3((x, y, z)) => {
+            Attribute::Vector([f64::from(*x), f64::from(*y), f64::from(*z)])
+        }
+        AttributeValue::Custom { kind, bytes } if kind.to_string() == "v3d" && bytes.len() == 24 => {
+            let mut vector = [0.0; 3];
+            for (number, eight) in vector.iter_mut().zip(bytes.chunks_exact(8)) {
+                *number = f64::from_le_bytes(eight.try_into().ok()?);
+            }
+            Attribute::Vector(vector)
+        }
+        _ => return None,
+    })
+}
+
+/// What a part's header says, in order of the names.
+pub(super) fn attributes_of(header: &ex::LayerAttributes) -> Attributes {
+    let mut attributes: Attributes =
+        header.other.iter().filter_map(|(name, value)| Some((name.to_string(), decode(value)?))).collect();
+    attributes.sort_by(|a, b| a.0.cmp(&b.0));
+    attributes
+}
+
+/// One part of `width` x `height` pixels with float32 channels, ZIP-compressed in blocks of 16 lines.
+///
+/// Attributes that come later replace earlier ones of the same name.
+///
+/// # Panics
+/// When a channel has not exactly one sample per pixel, or an attribute's name does not start with `sonar:`.
+pub(super) fn part(
+    name: Option<&str>,
+    [width, height]: [usize; 2],
+    channels: Vec<(String, Vec<f32>)>,
+    attributes: &[(String, Attribute)],
+) -> Part {
+    let mut header = ex::LayerAttributes {
+        layer_name: name.map(ascii),
+        software_name: Some(ascii(concat!("holosonar ", env!("CARGO_PKG_VERSION")))),
+        ..ex::LayerAttributes::default()
+    };
+    for (name, value) in attributes {
+        // Any other name could take the place of one that readers rely on.
+        assert!(name.starts_with("sonar:"), "attribute `{name}`: our attributes' names start with `sonar:`");
+        header.other.insert(ascii(name), encode(value));
+    }
+    let channels = channels
+        .into_iter()
+        .map(|(name, samples)| {
+            assert_eq!(samples.len(), width * height, "channel {name}: one sample per pixel");
+            ex::AnyChannel::new(ascii(&name), ex::FlatSamples::F32(samples))
+        })
+        .collect();
+    let encoding = ex::Encoding {
+        compression: ex::Compression::ZIP16,
+        blocks: ex::Blocks::ScanLines,
+        line_order: ex::LineOrder::Increasing,
+    };
+    ex::Layer::new((width, height), header, encoding, ex::AnyChannels::sort(channels))
+}
+
+/// Writes the parts; one part makes a single-part file. Same parts, same bytes.
+///
+/// # Errors
+/// As [`write_atomically`].
+pub(super) fn write_parts(path: &Path, parts: Vec<Part>) -> Result<()> {
+    let Some(first) = parts.first() else {
+        return Err(Error::input(path.display(), "an EXR file without a part cannot be written"));
+    };
+    let (Some(width), Some(height)) = (
+        i32::try_from(first.size.0).ok().filter(|&n| n > 0),
+        i32::try_from(first.size.1).ok().filter(|&n| n > 0),
+    ) else {
+        return Err(Error::input(
+            path.display(),
+            format!("{} x {} pixels do not make an EXR image", first.size.0, first.size.1),
+        ));
+    };
+    let bounds = ex::IntegerBounds::from_dimensions((width as usize, height as usize));
+    let image =
+        ex::Image::from_layers(ex::ImageAttributes::new(bounds), SmallVec::<[Part; 2]>::from_vec(parts));
+    write_atomically(path, |out| {
+        image
+            .write().to_buffered(&mut *out).map_err(|error| match error {
+            ex::Error::Io(error) => error,
+            error => io::Error::other(error.to_string()),
+        })?;
+        sort_headers(out)
+    })
+}
+
+/// Puts the attributes of every header in alphabetical order.
+///
+/// The exr crate keeps them in a hash map and writes them in an order that differs from run to run. Headers end
+/// where they ended before, so nothing else in the file has to move.
+fn sort_headers(out: &mut BufWriter<&File>) -> io::Result<()> {
+    out.flush()?;
+    let mut file = *out.get_ref();
+    file.seek(SeekFrom::Start(4))?;
+    let mut input = BufReader::new(file);
+    let mut flags = [0; 4];
+    input.read_exact(&mut flags)?;
+    let multipart = u32::from_le_bytes(flags) & 0x1000 != 0;
+    let mut sorted = Vec::new();
+    loop {
+        let mut attributes = Vec::new();
+        while let Some(attribute) = next_attribute(&mut input)? {
+            attributes.push(attribute);
+        }
+        // An empty header ends the list of a multi-part file.
+        let last = attributes.is_empty() || !multipart;
+        attributes.sort();
+        sorted.extend(attributes.into_iter().flatten());
+        sorted.push(0);
+        if last {
+            break;
+        }
+    }
+    drop(input);
+    file.seek(SeekFrom::Start(8))?;
+    file.write_all(&sorted)
+}
+
+/// The bytes of one attribute (name, type, size, value), or `None` at the end of a header.
+fn next_attribute(input: &mut impl Read) -> io::Result<Option<Vec<u8>>> {
+    let mut bytes = Vec::new();
+    let mut one = [0];
+    for _name_then_type in 0..2 {
+        loop {
+            input.read_exact(&mut one)?;
+            bytes.push(one[0]);
+            if bytes == [0] {
+                return Ok(None);
+            }
+            if one[0] == 0 {
+                break;
+            }
+        }
+    }
+    let mut size = [0; 4];
+    input.read_exact(&mut size)?;
+    bytes.extend_from_slice(&size);
+    let start = bytes.len();
+    bytes.resize(start + u32::from_le_bytes(size) as usize, 0);
+    input.read_exact(&mut bytes[start..])?;
+    Ok(Some(bytes))
+}
+
+/// Reads every flat part of a file whose pixels take no more than `limit_bytes`.
+///
+/// # Errors
+/// A missing or damaged file, deep data, or more pixels than the limit allows.
+pub(super) fn read_parts(path: &Path, limit_bytes: u64) -> Result<Parts> {
+    let open = || File::open(path).map_err(|error| Error::reading(path, &error));
+    let meta = guarded(path, {
+        let file = BufReader::new(open()?);
+        || ex::MetaData::read_from_buffered(file, false)
+    })?;
+    let bytes = meta.headers.iter().fold(0_u128, |sum, header| {
+        let pixels = header.layer_size.0 as u128 * header.layer_size.1 as u128;
+        // Smaller copies of a tiled part add at most three times its own pixels.
+        let levels = if matches!(header.blocks, exr::meta::BlockDescription::Tiles(_)) { 4 } else { 1 };
+        sum + pixels * levels * header.channels.bytes_per_pixel as u128
+    });
+    if bytes > u128::from(limit_bytes) {
+        return Err(Error::input(
+            path.display(),
+            format!(
+                "declares {bytes} bytes of pixels, more than the limit of {limit_bytes}; raise the limit"
+            ),
+        ));
+    }
+    // Decoding stays on this thread: a panic on another one could not be caught.
+    guarded(path, {
+        let file = BufReader::new(open()?);
+        || {
+            read()
+                .no_deep_data()
+                .largest_resolution_level()
+                .all_channels()
+                .all_layers()
+                .all_attributes()
+                .non_parallel()
+                .from_buffered(file)
+        }
+    })
+}
+
+/// Runs a reader that may fail, or panic, on bytes nobody vouches for.
+fn guarded<T>(path: &Path, read: impl FnOnce() -> ex::Result<T>) -> Result<T> {
+    let refused = |problem: &str| {
+        Error::input(
+            path.display(),
+            format!("is no readable EXR file ({problem}); an OpenEXR file with flat pixels was expected"),
+        )
+    };
+    match catch_unwind(AssertUnwindSafe(read)) {
+        Ok(Ok(value)) => Ok(value),
+        Ok(Err(ex::Error::Io(error))) if error.kind() != io::ErrorKind::UnexpectedEof => {
+            Err(Error::reading(path, &error))
+        }
+        Ok(Err(error)) => Err(refused(&error.to_string())),
+        Err(_) => Err(refused("its contents are contradictory")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn text_beyond_ascii_is_escaped_as_in_json() {
+        let escaped = ascii("{\"name\": \"Ünit → 𝄞\"}").to_string();
+        assert_eq!(escaped, "{\"name\": \"\\u00dcnit \\u2192 \\ud834\\udd1e\"}");
+        let parsed: serde_json::Value = serde_json::from_str(&escaped).unwrap();
+        assert_eq!(parsed["name"], "Ünit → 𝄞");
+    }
+
+    #[test]
+    fn attributes_survive() {
+        let attributes = vec![
+            ("sonar:big".to_owned(), Attribute::Integer(1 << 40)),
+            ("sonar:gridOrigin".to_owned(), Attribute::Vector([0.1, -0.2, 1.0 / 3.0])),
+            ("sonar:seed".to_owned(), Attribute::Integer(-7)),
+            ("sonar:soundSpeed".to_owned(), Attribute::Number(343.2)),
+            ("sonar:window".to_owned(), Attribute::Text("taylor".into())),
+        ];
+        let part = part(None, [1, 1], vec![("Z".into(), vec![1.0])], &attributes);
+        let mut expected = attributes;
+        expected[0].1 = Attribute::Number((1_u64 << 40) as f64);
+        assert_eq!(attributes_of(&part.attributes), expected);
+    }
+
+    #[test]
+    #[should_panic(expected = "start with `sonar:`")]
+    fn an_attribute_cannot_take_a_reserved_name() {
+        part(None, [1, 1], vec![], &[("channels".into(), Attribute::Integer(1))]);
+    }
+}

@@ -1,0 +1,148 @@
+//! Volumes as VTK image data, `.vti`: what `ParaView` and `PyVista` open with the right size and place.
+//!
+//! XML with the numbers appended as raw little-endian bytes, each array behind its length as a `UInt64`.
+
+use super::{Attribute, Components};
+use crate::error::Result;
+use crate::files::write_atomically;
+use crate::grid::Volume;
+use num_complex::Complex32;
+use std::fmt::Write as _;
+use std::io::{self, Write};
+use std::path::Path;
+
+/// Writes the point data `amplitude`, on request `re` and `im`, all float32; origin and spacing in m.
+///
+/// VTK's order is ours, x fastest. `attributes` become field data of the same names.
+///
+/// # Errors
+/// As [`write_atomically`].
+pub fn write_volume_vti(
+    path: &Path,
+    volume: &Volume,
+    components: Components,
+    attributes: &[(String, Attribute)],
+) -> Result<()> {
+    let arrays: &[(&str, fn(&Complex32) -> f32)] = match components {
+        Components::Amplitude => &[("amplitude", |sample| sample.norm())],
+        Components::Complex => {
+            &[("amplitude", |sample| sample.norm()), ("re", |sample| sample.re), ("im", |sample| sample.im)]
+        }
+    };
+    let bytes = 4 * volume.samples.len() as u64;
+    let names: Vec<&str> = arrays.iter().map(|(name, _)| *name).collect();
+    write_atomically(path, |out| {
+        out.write_all(header(volume, &names, bytes, attributes).as_bytes())?;
+        for (_, part) in arrays {
+            out.write_all(&bytes.to_le_bytes())?;
+            write_floats(out, &volume.samples, *part)?;
+        }
+        out.write_all(b"\n  </AppendedData>\n</VTKFile>\n")
+    })
+}
+
+fn write_floats(out: &mut impl Write, samples: &[Complex32], part: fn(&Complex32) -> f32) -> io::Result<()> {
+    for sample in samples {
+        out.write_all(&part(sample).to_le_bytes())?;
+    }
+    Ok(())
+}
+
+/// Everything up to the first appended byte.
+fn header(volume: &Volume, names: &[&str], bytes: u64, attributes: &[(String, Attribute)]) -> String {
+    let axes = [volume.grid.x, volume.grid.y, volume.grid.z];
+    let extent = axes.map(|axis| format!("0 {}", axis.count - 1)).join(" ");
+    let origin = axes.map(|axis| axis.first.to_string()).join(" ");
+    let spacing = axes.map(|axis| axis.pitch.to_string()).join(" ");
+    let mut arrays = String::new();
+    for (name, at) in names.iter().zip(0_u64..) {
+        let offset = at * (8 + bytes);
+        let _ = writeln!(
+            arrays,
+            r#"        <DataArray type="Float32" Name="{name}" format="appended" offset="{offset}"/>"#
+        );
+    }
+    let facts = field_data(attributes);
+    format!(
+        r#"<?xml version="1.0"?>
+<VTKFile type="ImageData" version="1.0" byte_order="LittleEndian" header_type="UInt64">
+  <ImageData WholeExtent="{extent}" Origin="{origin}" Spacing="{spacing}">
+{facts}    <Piece Extent="{extent}">
+      <PointData Scalars="amplitude">
+{arrays}      </PointData>
+    </Piece>
+  </ImageData>
+  <AppendedData encoding="raw">
+   _"#
+    )
+}
+
+fn field_data(attributes: &[(String, Attribute)]) -> String {
+    if attributes.is_empty() {
+        return String::new();
+    }
+    let mut text = "    <FieldData>\n".to_owned();
+    for (name, value) in attributes {
+        let name = escaped(name);
+        let mut array = |kind: &str, size: &str, numbers: String| {
+            let _ = writeln!(
+                text,
+                r#"      <{} type="{kind}" Name="{name}" {size} format="ascii">{numbers}</{}>"#,
+                if kind == "String" { "Array" } else { "DataArray" },
+                if kind == "String" { "Array" } else { "DataArray" },
+            );
+        };
+        match value {
+            // VTK spells a text as the numbers of its bytes, ended by 0.
+            Attribute::Text(words) => {
+                let bytes = words.bytes().map(|byte| format!("{byte} ")).collect::<String>() + "0";
+                array("String", r#"NumberOfTuples="1""#, bytes);
+            }
+            Attribute::Number(number) => array("Float64", r#"NumberOfTuples="1""#, number.to_string()),
+            Attribute::Integer(integer) => array("Int64", r#"NumberOfTuples="1""#, integer.to_string()),
+            Attribute::Vector(vector) => array(
+                "Float64",
+                r#"NumberOfComponents="3" NumberOfTuples="1""#,
+                vector.map(|number| number.to_string()).join(" "),
+            ),
+        }
+    }
+    text + "    </FieldData>\n"
+}
+
+fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::grid::{Axis, Grid};
+
+    #[test]
+    fn the_numbers_stand_where_the_header_says() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("volume.vti");
+        let grid = Grid {
+            x: Axis { first: -0.5, pitch: 0.25, count: 5 },
+            y: Axis { first: 0.0, pitch: 0.1, count: 2 },
+            z: Axis { first: 1.5, pitch: 0.005, count: 3 },
+        };
+        let samples: Vec<_> = (0..30).map(|i| Complex32::new(i as f32, 1.0)).collect();
+        let volume = Volume::new(grid, samples);
+        let attributes = [
+            ("sonar:soundSpeed".to_owned(), Attribute::Number(343.0)),
+            ("sonar:note".to_owned(), Attribute::Text("a<b".into())),
+        ];
+        write_volume_vti(&path, &volume, Components::Complex, &attributes).unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        let start = bytes.windows(5).position(|five| five == b"\n   _").unwrap() + 5;
+        let text = String::from_utf8_lossy(&bytes[..start]);
+        assert!(text.contains(r#"WholeExtent="0 4 0 1 0 2" Origin="-0.5 0 1.5" Spacing="0.25 0.1 0.005""#));
+        assert!(text.contains(r#"Name="re" format="appended" offset="128""#));
+        assert!(text.contains(">97 60 98 0<"), "{text}");
+        let at = start + 128;
+        assert_eq!(bytes[at..at + 8], 120_u64.to_le_bytes());
+        assert_eq!(bytes[at + 8 + 4 * 7..][..4], 7_f32.to_le_bytes());
+    }
+}
