@@ -5,3 +5,5 @@ pub mod progress;
 pub mod wave;
 // `grid` stands below `wave` and above every stage.
 pub mod grid;
+// The run file: no stage sees it.
+pub mod config;
