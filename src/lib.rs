@@ -12,3 +12,6 @@ pub mod reconstruct;
 pub mod depth;
 pub mod truth;
 pub mod metrics;
+pub mod plan;
+pub mod export;
+pub mod config;

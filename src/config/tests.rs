@@ -1,0 +1,185 @@
+//! What a run file means: what is accepted, filled and written again. What is refused and in which words, and
+//! that nothing panics, is in the files beside this one.
+
+mod hostile;
+mod refusals;
+
+use super::*;
+use std::path::PathBuf;
+
+fn read(text: &str) -> Result<RunFile> {
+    RunFile::from_str_at(text, "run.toml", Path::new("folder"), &[])
+}
+
+fn read_with(text: &str, overrides: &[&str]) -> Result<RunFile> {
+    let overrides: Vec<String> = overrides.iter().map(ToString::to_string).collect();
+    RunFile::from_str_at(text, "run.toml", Path::new("folder"), &overrides)
+}
+
+#[track_caller]
+fn refused(text: &str) -> String {
+    let error = read(text).expect_err(text);
+    assert_eq!(error.exit_status(), 2);
+    let message = error.to_string();
+    assert!(!message.contains('\n'), "one paragraph: {message}");
+    message
+}
+
+/// Asserts that `text` is refused by a message with every one of `parts`.
+#[track_caller]
+fn refused_with(text: &str, parts: &[&str]) {
+    let message = refused(text);
+    for part in parts {
+        assert!(message.contains(part), "{part:?} is not in: {message}");
+    }
+}
+
+fn scenes() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes")
+}
+
+#[test]
+fn nothing_typed_is_the_default() {
+    assert_eq!(read("").unwrap(), RunFile::default());
+    assert_eq!(read("\u{feff}# nothing\r\n[sweep]\r\n").unwrap(), RunFile::default());
+    RunFile::default().check().unwrap();
+    assert_eq!(RunFile::default().array.pitch, Some([0.016, 0.016]));
+    assert_eq!(read("[array]\nextent = [1, 1]").unwrap().array.pitch, None);
+}
+
+#[test]
+fn every_scene_reads_and_comes_back_from_its_resolved_text() {
+    let mut seen = 0;
+    for entry in std::fs::read_dir(scenes()).unwrap() {
+        let path = entry.unwrap().path();
+        if path.extension().is_some_and(|extension| extension == "toml") {
+            let run = RunFile::load(&path, &[]).unwrap();
+            let again = RunFile::from_str_at(&run.to_toml(), "resolved", &scenes(), &[]).unwrap();
+            assert_eq!(run, again, "{}", path.display());
+            let mut from_json: RunFile = serde_json::from_value(run.to_json()).unwrap();
+            if let Some(mesh) = &mut from_json.scene.mesh {
+                mesh.locate(&scenes());
+            }
+            assert_eq!(run, from_json, "{}", path.display());
+            seen += 1;
+        }
+    }
+    assert!(seen >= 5, "the scenes are shipped");
+}
+
+#[test]
+fn every_scene_has_voxels_on_a_lattice_shared_with_its_array() {
+    for name in ["corner", "corner2", "transparent_foreground", "bracket", "point"] {
+        let run = RunFile::load(&scenes().join(name).with_extension("toml"), &[]).unwrap();
+        let pitch = run.grid.pitch.unwrap();
+        for (axis, ends) in [run.grid.x.unwrap(), run.grid.y.unwrap()].into_iter().enumerate() {
+            let intervals = f64::from(run.array.count[axis] - 1);
+            let mics = run
+                .array
+                .pitch
+                .map_or_else(|| run.array.extent.unwrap()[axis] / intervals, |pitch| pitch[axis]);
+            let whole = |value: f64| (value - value.round()).abs() < 1e-9;
+            assert!(whole(mics / pitch[axis]), "{name}: {mics} m is a multiple of {} m", pitch[axis]);
+            assert!(whole((ends[0] + mics * intervals / 2.0) / pitch[axis]), "{name}: same offset");
+            assert!(whole((ends[1] - ends[0]) / pitch[axis]), "{name}: centred");
+        }
+    }
+}
+
+#[test]
+fn the_annotated_file_means_the_corner() {
+    let annotated = RunFile::from_str_at(ANNOTATED, "annotated", &scenes(), &[]).unwrap();
+    assert_eq!(annotated, RunFile::load(&scenes().join("corner.toml"), &[]).unwrap());
+    let defaults = RunFile::default().to_json();
+    for (table, keys) in defaults.as_object().unwrap() {
+        assert!(ANNOTATED.contains(&format!("[{table}]")), "[{table}]");
+        for key in keys.as_object().unwrap().keys() {
+            assert!(
+                ANNOTATED.contains(&format!("\n{key} =")) || ANNOTATED.contains(&format!("\n# {key} =")),
+                "{key}"
+            );
+        }
+    }
+    // What is commented out is right too, apart from those that exclude one another.
+    let open: String = ANNOTATED
+        .lines()
+        .map(|line| {
+            let key = line.strip_prefix("# ").filter(|rest| rest.starts_with("[[") || rest.contains(" = "));
+            let kept = ["translate", "sensor", "pitch", "file", "#"];
+            format!("{}\n", key.filter(|rest| !kept.iter().any(|key| rest.starts_with(key))).unwrap_or(line))
+        })
+        .collect();
+    let open = read(&open).unwrap();
+    assert_eq!((open.materials.len(), open.grid.count), (1, Some([41, 41, 116])));
+}
+
+#[test]
+fn files_are_relative_to_the_run_file_and_written_as_typed() {
+    let run = read("[scene]\nmesh = \"a/b.obj\"").unwrap();
+    let mesh = run.scene.mesh.clone().unwrap();
+    assert_eq!(mesh.path, Path::new("folder/a/b.obj"));
+    assert_eq!(mesh.typed, "a/b.obj");
+    assert!(run.to_toml().contains("mesh = \"a/b.obj\""));
+    assert_eq!(run.to_json()["scene"]["mesh"], "a/b.obj");
+}
+
+#[test]
+fn a_grid_axis_is_any_two_of_end_pitch_and_count() {
+    let spanned = read("[grid]\nx=[0,1]\ny=[0,1]\nz=[1,2]\npitch=[0.5,0.5,0.25]").unwrap().grid;
+    let follows = read("[grid]\nx=0\ny=0.0\nz=1\npitch=[0.5,0.5,0.25]\ncount=[3,3,5]").unwrap().grid;
+    let counted = read("[grid]\nx=[0,1]\ny=[0,1]\nz=[1,2]\ncount=[3,3,5]").unwrap().grid;
+    assert_eq!(follows, counted);
+    assert_eq!((spanned.x, spanned.z, spanned.pitch), (counted.x, counted.z, counted.pitch));
+    refused_with("[grid]\nx = 0", &["`grid.x`", "the first voxel alone"]);
+    refused_with(
+        "[grid]\nx=[0,1]\ny=[0,1]\nz=[1,2]\npitch=[0.5,0.5,0.5]\ncount=[3,3,5]",
+        &["`grid.z`", "are 3 voxels"],
+    );
+    refused_with("[grid]\nx=[0,1]\ny=[0,1]\nz=[1,1]\ncount=[3,3,1]", &["give `pitch` too"]);
+    refused_with("[grid]\ncount=[3,3,1]", &["needs x, y and z"]);
+    refused_with("[grid]\nx=0\ny=0\nz=0\ncount=[0,1,1]\npitch=[1,1,1]", &["at least 1"]);
+}
+
+#[test]
+fn fill_is_a_word_or_a_depth() {
+    for (typed, fill) in [
+        ("\"nan\"", Fill::Nan),
+        ("inf", Fill::Inf),
+        ("nan", Fill::Nan),
+        ("0", Fill::Depth(0.0)),
+        ("9.5", Fill::Depth(9.5)),
+    ] {
+        let run = read(&format!("[depth]\nfill = {typed}")).unwrap();
+        assert_eq!(run.depth.fill, fill);
+        assert_eq!(read(&run.to_toml()).unwrap(), run);
+    }
+}
+
+#[test]
+fn overrides_are_values_or_bare_words() {
+    let text = "[scene]\nmesh = \"a.obj\"\ntranslate = [0, 0, 2]\n[[materials]]\nname = \"a\"\n[array]\npitch = [1, 1]";
+    let run = read_with(
+        text,
+        &[
+            "scene.mesh=other mesh.obj",
+            "scene.unit=mm",
+            "scene.fit = [0, 0, 1]",
+            "materials.0.reflectance=0.25",
+            "array.extent=[1.0,1.0]",
+            "depth.fill=\"nan\"",
+            "expect.rmse.max=0.1",
+            "grid.pitch=[1,2,3]",
+            "grid.pitch=[0.1,0.1,0.1]",
+        ],
+    )
+    .unwrap();
+    assert_eq!(run.scene.mesh.as_ref().unwrap().path, Path::new("folder/other mesh.obj"));
+    assert_eq!(
+        (run.scene.unit, run.scene.fit, run.scene.translate),
+        (Some(Unit::Mm), Some([0.0, 0.0, 1.0]), None)
+    );
+    assert_eq!((run.array.extent, run.array.pitch), (Some([1.0, 1.0]), None));
+    assert_eq!(run.materials[0].reflectance, Some(0.25));
+    assert_eq!((run.depth.fill, run.grid.pitch), (Fill::Nan, Some([0.1, 0.1, 0.1])));
+    assert_eq!(run.expect.limits["rmse"], Limit { min: None, max: Some(0.1) });
+}

@@ -1,0 +1,84 @@
+//! What messages quote and propose: names shortened until they fit a line, and the valid name nearest to a
+//! wrong one.
+
+use super::RunFile;
+use toml::Value;
+
+/// Typed text fit for one line of a message: escaped, and cut when long.
+pub(super) fn quoted(text: &str) -> String {
+    const MOST: usize = 60;
+    let mut shown: String = text.chars().take(MOST).flat_map(char::escape_debug).collect();
+    if text.chars().nth(MOST).is_some() {
+        shown.push('…');
+    }
+    // Quotes are not ambiguous between backticks, and a path reads better without the backslashes.
+    shown.replace("\\\"", "\"").replace("\\'", "'")
+}
+
+/// What a value is, in plain words.
+pub(super) fn described(value: &Value) -> String {
+    match value {
+        Value::String(text) => format!("the text \"{}\"", quoted(text)),
+        Value::Integer(number) => format!("the number {number}"),
+        Value::Float(number) => format!("the number {number:?}"),
+        Value::Boolean(truth) => truth.to_string(),
+        Value::Datetime(_) => "a date".to_owned(),
+        Value::Array(list) => match list.len() {
+            0 => "an empty list".to_owned(),
+            1 => "a list of one value".to_owned(),
+            n => format!("a list of {n} values"),
+        },
+        Value::Table(_) => "a table".to_owned(),
+    }
+}
+
+/// The name nearest to `typed`, if one is near enough to be what was meant.
+pub(super) fn nearest<'n>(typed: &str, names: &[&'n str]) -> Option<&'n str> {
+    // Names have at most 20 letters; the distance to something very much longer says nothing.
+    if typed.len() > 40 {
+        return None;
+    }
+    let typed = typed.to_lowercase();
+    names
+        .iter()
+        .map(|name| (strsim::damerau_levenshtein(&typed, name), *name))
+        .filter(|(distance, name)| *distance <= (name.len() / 3).max(1))
+        .min_by_key(|(distance, _)| *distance)
+        .map(|(_, name)| name)
+}
+
+/// What to say about a key that its table does not have.
+pub(super) fn unknown_key(table: &str, key: &str, keys: &[&str]) -> String {
+    let meant = match (nearest(key, keys), homes(key).as_slice()) {
+        (Some(near), _) => format!("; did you mean `{near}`?"),
+        (None, []) => String::new(),
+        (None, homes) => format!("; it belongs in {}", homes.join(" or ")),
+    };
+    let end = if meant.ends_with('?') { "" } else { "." };
+    format!("unknown key `{}` in [{table}]{meant}{end} (Keys here: {}.)", quoted(key), keys.join(", "))
+}
+
+/// What to say about a name at the top of the file that is no table of a run file.
+pub(super) fn unknown_table(name: &str, value: &Value, tables: &[&str]) -> String {
+    let is_table =
+        value.is_table() || value.as_array().is_some_and(|list| list.first().is_some_and(Value::is_table));
+    let found = if is_table {
+        format!("unknown table [{}]", quoted(name))
+    } else {
+        format!("unknown key `{}` outside every table", quoted(name))
+    };
+    let meant = match (nearest(name, tables), homes(name).as_slice()) {
+        (_, [homes @ ..]) if !is_table && !homes.is_empty() => {
+            format!("; it belongs in {}.", homes.join(" or "))
+        }
+        (Some(near), _) => format!("; did you mean [{near}]?"),
+        _ => ".".to_owned(),
+    };
+    format!("{found}{meant} (Tables: {}.)", tables.join(", "))
+}
+
+/// The tables that have a key of this name, in brackets.
+pub(super) fn homes(key: &str) -> Vec<String> {
+    let serde_json::Value::Object(tables) = RunFile::default().to_json() else { return Vec::new() };
+    tables.iter().filter(|(_, keys)| keys.get(key).is_some()).map(|(table, _)| format!("[{table}]")).collect()
+}
