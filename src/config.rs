@@ -11,6 +11,7 @@ mod choices;
 mod fill;
 mod range;
 mod reader;
+mod resolve;
 mod source;
 mod tables;
 #[cfg(test)]
@@ -22,7 +23,7 @@ pub use choices::{
     Surface, Unit, Up, View, VolumeFormat, Window,
 };
 pub use tables::{
-    Array, Depth, Detection, Expect, GridTable, Limit, METRICS, MaterialRule, Medium, Output, Reconstruct,
+    Array, Depth, Detection, Expect, GridTable, Limit, MaterialRule, Medium, Output, Reconstruct,
     Reflectors, Scene, Sweep,
 };
 

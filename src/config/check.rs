@@ -4,7 +4,7 @@ use super::range::{Check, clash, counts, finite, named, not_negative, positive, 
 use super::reader::{Fault, joined};
 use super::wording::{nearest, quoted};
 use super::{
-    Array, Depth, Detection, Expect, Fill, Geometry, GridTable, Layout, METRICS, MaterialRule, Medium,
+    Array, Depth, Detection, Expect, Fill, Geometry, GridTable, Layout, MaterialRule, Medium,
     Output, Reconstruct, Reflectors, RunFile, Scene, Sweep,
 };
 
@@ -335,12 +335,12 @@ impl Expect {
     fn check(&self) -> Check {
         for (name, limit) in &self.limits {
             let path = joined("expect", name);
-            if !METRICS.contains(&name.as_str()) {
-                let meant = nearest(name, &METRICS)
+            if !METRIC_NAMES.contains(&name.as_str()) {
+                let meant = nearest(name, &METRIC_NAMES)
                     .map_or(";".to_owned(), |near| format!("; did you mean `{near}`?"));
                 return Err(Fault::new(
                     path,
-                    format!("unknown metric `{}`{meant} known are {}", quoted(name), METRICS.join(", ")),
+                    format!("unknown metric `{}`{meant} known are {}", quoted(name), METRIC_NAMES.join(", ")),
                 ));
             }
             if limit.min.is_none() && limit.max.is_none() {

@@ -1,6 +1,11 @@
-//! The words a run file chooses from, and the two values that are more than a number or a word: [`Fill`] and
+//! The words a run file chooses from (most are the stages' own), and the two values that are more than a number or a word: [`Fill`] and
 //! [`InputFile`].
 
+pub use crate::acquisition::{Detection as DetectionKind, PropagationModel as Model};
+pub use crate::depth::{Pick, Refine};
+pub use crate::reconstruct::{Method, Window};
+pub use crate::reflectors::OcclusionKind as Occlusion;
+pub use crate::scene::{Unit, Up};
 use serde::de::{self, Visitor};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::fmt;
@@ -14,59 +19,6 @@ macro_rules! choice {
         #[serde(rename_all = "kebab-case")]
         pub enum $name { $($(#[$meaning])* $variant),+ }
     };
-}
-
-choice! {
-    /// What one unit of a mesh file's coordinates is.
-    Unit {
-        /// Metre.
-        M,
-        /// Centimetre.
-        Cm,
-        /// Millimetre.
-        Mm,
-        /// Inch, 25.4 mm.
-        In,
-        /// Foot, 304.8 mm.
-        Ft,
-    }
-}
-
-impl Unit {
-    /// Length of the unit in m.
-    pub fn metres(self) -> f64 {
-        match self {
-            Self::M => 1.0,
-            Self::Cm => 0.01,
-            Self::Mm => 0.001,
-            Self::In => 0.0254,
-            Self::Ft => 0.3048,
-        }
-    }
-}
-
-choice! {
-    /// Which axis of the mesh points up; how its axes become the array's (x right, y down, z into the scene).
-    Up {
-        /// glTF's own rule: (x, y, z) becomes (x, −y, −z).
-        Y,
-        /// CAD and Blender: (x, y, z) becomes (x, −z, y).
-        Z,
-        /// The coordinates are the array's already.
-        None,
-    }
-}
-
-choice! {
-    /// Which paths a surface in between weakens.
-    Occlusion {
-        /// None: everything is seen through everything.
-        None,
-        /// The leg from the speaker.
-        Speaker,
-        /// The leg from the speaker, and the mean over 3 × 3 points of the array.
-        Aperture,
-    }
 }
 
 choice! {
@@ -108,72 +60,6 @@ choice! {
         Grid,
         /// The CSV file named by `file`.
         File,
-    }
-}
-
-choice! {
-    /// What is measured at each frequency.
-    DetectionKind {
-        /// Both components: complex samples.
-        Quadrature,
-        /// The real component alone.
-        InPhase,
-    }
-}
-
-choice! {
-    /// Which path length the simulation uses.
-    Model {
-        /// The exact one.
-        Exact,
-        /// The far-field approximation of Eq. 6 and 7.
-        Linear,
-    }
-}
-
-choice! {
-    /// How the volume is computed; every method gives the same volume to within the tolerance.
-    Method {
-        /// Whatever the plan finds cheapest.
-        Auto,
-        /// Eq. 16: FFT convolutions, plane by plane.
-        Convolution,
-        /// Eq. 13 as written: slow, and the reference for the rest.
-        Direct,
-    }
-}
-
-choice! {
-    /// Weights over x, y and frequency.
-    Window {
-        /// All 1: sharpest, with −13 dB sidelobes.
-        None,
-        /// cos².
-        Hann,
-        /// Taylor, nbar 4, −30 dB.
-        Taylor,
-    }
-}
-
-choice! {
-    /// Which return becomes a pixel's depth.
-    Pick {
-        /// The greatest amplitude.
-        Strongest,
-        /// The nearest accepted one.
-        First,
-    }
-}
-
-choice! {
-    /// How a peak is placed between voxels.
-    Refine {
-        /// Power centroid around the peak.
-        Centroid,
-        /// Parabola through three voxels.
-        Parabola,
-        /// On the voxel.
-        None,
     }
 }
 

@@ -1,6 +1,6 @@
 //! From what was typed to the parameters of the stages; the only place where one becomes the other.
 
-use super::{Geometry as GeometryWord, Layout, MaterialRule, RunFile, Shading, Surface};
+use super::{Geometry as GeometryWord, Layout, MaterialRule, Occlusion as OcclusionWord, RunFile, Shading, Surface};
 use crate::acquisition::{MicArray, Noise, SimulateOptions, Sweep};
 use crate::depth::DepthOptions;
 use crate::error::{Error, Result};
@@ -8,7 +8,7 @@ use crate::grid::{Axis, Grid};
 use crate::plan::Setup;
 use crate::reconstruct::ReconstructOptions;
 use crate::reflectors::csv::read_columns;
-use crate::reflectors::{Occlusion, OcclusionKind, SurfaceModel, SurfaceOptions};
+use crate::reflectors::{Occlusion, SurfaceModel, SurfaceOptions};
 use crate::scene::{self, LoadOptions};
 use crate::truth::TruthOptions;
 use crate::wave::Geometry;
@@ -96,9 +96,9 @@ impl RunFile {
         };
         options.lambert = typed.shading == Shading::Lambert;
         options.occlusion = match self.scene.occlusion {
-            OcclusionKind::None => Occlusion::None,
-            OcclusionKind::Speaker => Occlusion::Speaker,
-            OcclusionKind::Aperture => Occlusion::Aperture(setup.array.sight_points().to_vec()),
+            OcclusionWord::None => Occlusion::None,
+            OcclusionWord::Speaker => Occlusion::Speaker,
+            OcclusionWord::Aperture => Occlusion::Aperture(setup.array.sight_points().to_vec()),
         };
         options.speaker = setup.geometry.viewpoint(setup.array.centre());
         options.seed = typed.seed.into();
@@ -109,7 +109,7 @@ impl RunFile {
     pub fn truth_options(&self, setup: &Setup) -> TruthOptions {
         let mut options = TruthOptions::heard_from(setup.geometry.viewpoint(setup.array.centre()));
         options.lambert = self.reflectors.shading == Shading::Lambert;
-        if self.scene.occlusion == OcclusionKind::None {
+        if self.scene.occlusion == OcclusionWord::None {
             options.speaker = None;
         }
         options

@@ -340,7 +340,7 @@ impl Default for Output {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Expect {
-    /// Name of a metric (one of [`METRICS`]) and what it is held to.
+    /// Name of a metric (one of [`METRIC_NAMES`](crate::metrics::METRIC_NAMES)) and what it is held to.
     pub limits: BTreeMap<String, Limit>,
 }
 
@@ -355,17 +355,3 @@ pub struct Limit {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub max: Option<f64>,
 }
-
-/// The metrics that `[expect]` may name: fractions from 0 to 1, and errors in m.
-pub const METRICS: [&str; 10] = [
-    "completeness",
-    "false_returns",
-    "median_error",
-    "rmse",
-    "p95_error",
-    "two_returns",
-    "spurious_returns",
-    "median_normal_error",
-    "return1_median_error",
-    "return2_median_error",
-];

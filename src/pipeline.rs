@@ -1,0 +1,290 @@
+//! Every stage in order, on one page: [`image_scene`] and [`image_cube`] are the main job.
+//!
+//! Only this module and the binary see the run file. Stages are timed and their warnings kept for the report; the
+//! files are written by [`outputs`], and `check` holds the same result to the run file's `[expect]`.
+
+mod facts;
+mod limits;
+mod log;
+mod outputs;
+mod report;
+
+pub use facts::{cube_facts, resolution_of};
+pub use limits::{Bound, Verdict, hold};
+pub use outputs::{write_cube, write_depth, write_outputs, write_volume};
+pub use report::{MaterialRow, Report, SceneSummary};
+
+use crate::acquisition::{DataCube, MicArray, SimulateOptions, Sweep, simulate};
+use crate::config::RunFile;
+use crate::depth::locate_depth;
+use crate::error::{Error, Result};
+use crate::export::volume_npz::read_volume_npz;
+use crate::grid::{DepthMap, Grid, Volume};
+use crate::metrics::{Metrics, evaluate};
+use crate::plan::{Plan, Setup, available_memory, check_memory, plan, scale_warnings};
+use crate::progress::Observer;
+use crate::reconstruct::{Method, reconstruct, resolve_method};
+use crate::reflectors::{Reflectors, sample_surface};
+use crate::scene::Scene;
+use crate::truth::trace_depth;
+use glam::DVec3;
+use log::Log;
+use std::path::Path;
+
+/// Everything that one run computes, before anything is written.
+#[derive(Debug)]
+#[non_exhaustive]
+pub struct Outcome {
+    /// What was foretold.
+    pub plan: Plan,
+    /// The scene, when there was one.
+    pub scene: Option<SceneSummary>,
+    /// Number of reflectors simulated, when they were.
+    pub reflectors: Option<usize>,
+    /// The cube.
+    pub cube: DataCube,
+    /// The method that reconstructed it.
+    pub method: Method,
+    /// The volume.
+    pub volume: Volume,
+    /// What was found.
+    pub depth: DepthMap,
+    /// What is there; only a mesh scene knows.
+    pub truth: Option<DepthMap>,
+    /// The one against the other.
+    pub metrics: Option<Metrics>,
+    /// Seconds per stage, in order.
+    pub timings: Vec<(String, f64)>,
+    /// What the user should know.
+    pub warnings: Vec<String>,
+}
+
+/// Scene in, everything out: load, sample, plan, simulate, reconstruct, locate, trace the truth, score.
+///
+/// `bare` says that the mesh came without a run file and is to be placed before the array.
+///
+/// # Errors
+/// What the stages refuse; a run file without a scene.
+pub fn image_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Result<Outcome> {
+    let log = Log::new(observer);
+    let echoes = log.timed("scene", || Echoes::of(run, bare, &log))?;
+    echoes.check(&log)?;
+    let cube = log.timed("simulate", || echoes.simulate(run, &log))?;
+    let (method, volume, depth) = focus(run, &cube, &echoes.grid, &log)?;
+    let truth = match &echoes.scene {
+        Some(scene) => {
+            let options = run.truth_options(&echoes.setup());
+            Some(log.timed("truth", || trace_depth(scene, &echoes.grid, &options, &log))?)
+        }
+        None => None,
+    };
+    let resolution = echoes.setup().range_resolution().unwrap_or(f64::NAN);
+    let metrics = truth.as_ref().map(|truth| evaluate(&depth, truth, resolution)).transpose()?;
+    let (scene, reflectors, plan) = (echoes.summary(), Some(echoes.reflectors.len()), echoes.plan.clone());
+    let (timings, warnings) = log.finish();
+    Ok(Outcome { plan, scene, reflectors, cube, method, volume, depth, truth, metrics, timings, warnings })
+}
+
+/// Cube in, everything but truth and metrics out.
+///
+/// # Errors
+/// What the stages refuse; a run file without a grid.
+pub fn image_cube(run: &RunFile, cube: DataCube, observer: &dyn Observer) -> Result<Outcome> {
+    let log = Log::new(observer);
+    let setup = facts::setup_of(&cube);
+    let grid = run.voxels(&setup, None)?;
+    let plan = plan(&setup, &grid);
+    plan.warnings.iter().for_each(|warning| log.warn(warning));
+    check_memory(&plan, available_memory())?;
+    let (method, volume, depth) = focus(run, &cube, &grid, &log)?;
+    let (timings, warnings) = log.finish();
+    let (scene, reflectors, truth, metrics) = (None, None, None, None);
+    Ok(Outcome { plan, scene, reflectors, cube, method, volume, depth, truth, metrics, timings, warnings })
+}
+
+/// Scene in, cube out.
+///
+/// # Errors
+/// What the stages refuse; a run file without a scene.
+pub fn simulate_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Result<DataCube> {
+    let echoes = Echoes::of(run, bare, observer)?;
+    echoes.check(observer)?;
+    echoes.simulate(run, observer)
+}
+
+/// Cube in, volume out; of the run file only `[grid]` and `[reconstruct]` count.
+///
+/// # Errors
+/// What the stages refuse; a run file without a grid.
+pub fn reconstruct_cube(run: &RunFile, cube: &DataCube, observer: &dyn Observer) -> Result<(Method, Volume)> {
+    let setup = facts::setup_of(cube);
+    let grid = run.voxels(&setup, None)?;
+    let plan = plan(&setup, &grid);
+    plan.warnings.iter().for_each(|warning| observer.warn(warning));
+    check_memory(&plan, available_memory())?;
+    let method = resolve_method(cube, &grid, run.reconstruct.method)?.0;
+    Ok((method, reconstruct(cube, &grid, &run.reconstruct_options(), observer)?))
+}
+
+/// Volume file in, depth map out, with the volume's own facts. Δd comes from the file, else from `run`'s sweep.
+///
+/// # Errors
+/// A file that is no volume; one that does not say its bandwidth, when there is no run file that does.
+pub fn depth_of_volume(
+    path: &Path,
+    run: Option<&RunFile>,
+    limit: u64,
+    observer: &dyn Observer,
+) -> Result<(DepthMap, serde_json::Value)> {
+    let (volume, meta) = read_volume_npz(path, limit)?;
+    let resolution = match (resolution_of(&meta), run) {
+        (Some(resolution), _) => resolution,
+        (None, Some(run)) => run.medium.sound_speed / (2.0 * (run.sweep.stop - run.sweep.start)),
+        (None, None) => {
+            return Err(Error::input(
+                path.display(),
+                "does not say its bandwidth (`meta` with `sound_speed` and `bandwidth`), which depth needs; give a \
+                 run file with -c",
+            ));
+        }
+    };
+    let defaults = RunFile::default();
+    let options = run.unwrap_or(&defaults).depth_options(resolution);
+    Ok((locate_depth(&volume, &options, observer)?, meta))
+}
+
+/// Run file in, ground truth out; nothing is simulated.
+///
+/// # Errors
+/// What the stages refuse; a scene of reflectors, which has no surfaces.
+pub fn truth_of_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Result<(Plan, DepthMap)> {
+    let measurement = Measurement::of(run)?;
+    let path = scene_path(run)?;
+    if is_csv(path) {
+        return Err(Error::input(
+            path.display(),
+            "is a list of reflectors, which have no surfaces and so no true depth; a mesh was expected",
+        ));
+    }
+    let scene = Scene::load(path, &run.load_options(bare)?, observer)?;
+    let setup = measurement.setup();
+    let grid = run.voxels(&setup, scene.bounds())?;
+    let plan = plan(&setup, &grid);
+    check_memory(&plan, available_memory())?;
+    Ok((plan, trace_depth(&scene, &grid, &run.truth_options(&setup), observer)?))
+}
+
+/// Reconstruction and depth, which every job with a cube shares.
+fn focus(run: &RunFile, cube: &DataCube, grid: &Grid, log: &Log) -> Result<(Method, Volume, DepthMap)> {
+    let method = resolve_method(cube, grid, run.reconstruct.method)?.0;
+    let volume = log.timed("reconstruct", || reconstruct(cube, grid, &run.reconstruct_options(), log))?;
+    let resolution = cube.range_resolution().unwrap_or(f64::NAN);
+    let depth = log.timed("depth", || locate_depth(&volume, &run.depth_options(resolution), log))?;
+    if depth.accepted() == 0 {
+        log.warn(
+            "no return was accepted anywhere: nothing in the grid echoes, or [depth] threshold_db is too high; the \
+             files are valid and empty",
+        );
+    }
+    Ok((method, volume, depth))
+}
+
+/// The run file's instrument.
+#[derive(Debug)]
+struct Measurement {
+    sweep: Sweep,
+    array: MicArray,
+    options: SimulateOptions,
+}
+
+impl Measurement {
+    fn of(run: &RunFile) -> Result<Self> {
+        Ok(Self { sweep: run.sweep()?, array: run.microphones()?, options: run.simulate_options() })
+    }
+
+    fn setup(&self) -> Setup<'_> {
+        Setup {
+            sweep: &self.sweep,
+            array: &self.array,
+            geometry: self.options.geometry,
+            detection: self.options.detection,
+            sound_speed: self.options.sound_speed,
+        }
+    }
+}
+
+/// A scene turned into reflectors, with the instrument that will hear them and the grid they will be imaged on.
+#[derive(Debug)]
+struct Echoes {
+    measurement: Measurement,
+    scene: Option<Scene>,
+    reflectors: Reflectors,
+    grid: Grid,
+    plan: Plan,
+}
+
+impl Echoes {
+    fn of(run: &RunFile, bare: bool, observer: &dyn Observer) -> Result<Self> {
+        let measurement = Measurement::of(run)?;
+        let setup = measurement.setup();
+        let path = scene_path(run)?;
+        if is_csv(path) {
+            let reflectors = Reflectors::read_csv(path)?;
+            let grid = run.voxels(&setup, reflectors.bounds())?;
+            let plan = plan(&setup, &grid);
+            return Ok(Self { measurement, scene: None, reflectors, grid, plan });
+        }
+        let scene = Scene::load(path, &run.load_options(bare)?, observer)?;
+        let grid = run.voxels(&setup, scene.bounds())?;
+        let plan = plan(&setup, &grid);
+        // A grid that can never fit is refused before any ray is traced.
+        check_memory(&plan, available_memory())?;
+        let nearest = scene.bounds().map_or(grid.z.first, |(low, _)| low.z.max(grid.z.first));
+        let reflectors = sample_surface(&scene, &run.surface_options(&setup, nearest), observer)?;
+        Ok(Self { measurement, scene: Some(scene), reflectors, grid, plan })
+    }
+
+    fn setup(&self) -> Setup<'_> {
+        self.measurement.setup()
+    }
+
+    fn bounds(&self) -> Option<(DVec3, DVec3)> {
+        self.scene.as_ref().map_or_else(|| self.reflectors.bounds(), Scene::bounds)
+    }
+
+    /// Warns about what looks wrong, and refuses what cannot fit.
+    fn check(&self, observer: &dyn Observer) -> Result<()> {
+        self.plan.warnings.iter().for_each(|warning| observer.warn(warning));
+        if let (Some((low, high)), Some(_)) = (self.bounds(), &self.scene) {
+            scale_warnings(&self.setup(), low, high).iter().for_each(|warning| observer.warn(warning));
+        }
+        if self.reflectors.is_empty() {
+            observer.warn("the speaker reaches no surface of the scene: the cube will be silent; check where the scene lies");
+        }
+        check_memory(&self.plan, available_memory())
+    }
+
+    fn simulate(&self, run: &RunFile, observer: &dyn Observer) -> Result<DataCube> {
+        let Measurement { sweep, array, options } = &self.measurement;
+        let mut cube = simulate(&self.reflectors, sweep, array, options, observer)?;
+        cube.provenance = serde_json::json!({ "run": run.to_json(), "seed": run.reflectors.seed });
+        Ok(cube)
+    }
+
+    fn summary(&self) -> Option<SceneSummary> {
+        let (low, high) = self.bounds()?;
+        Some(SceneSummary::new(self.scene.as_ref(), low, high, self.setup().wavelength()))
+    }
+}
+
+/// The scene file that a run needs.
+fn scene_path(run: &RunFile) -> Result<&Path> {
+    run.scene.mesh.as_ref().map(|file| file.path.as_path()).ok_or_else(|| {
+        Error::input("[scene] mesh", "is missing; name a mesh (.obj, .gltf, .glb) or a reflector list (.csv)")
+    })
+}
+
+/// Whether a scene file is a list of reflectors.
+fn is_csv(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv"))
+}

@@ -1,0 +1,123 @@
+//! What files say about how they came to be: named facts for EXR and VTI, JSON for npz.
+
+use crate::acquisition::DataCube;
+use crate::config::RunFile;
+use crate::export::{Attribute, Attributes};
+use crate::plan::Setup;
+use crate::reconstruct::Method;
+use crate::wave::Geometry;
+use serde_json::{Value, json};
+
+/// This program and its version, as files name it.
+pub const PROGRAM: &str = concat!("holosonar ", env!("CARGO_PKG_VERSION"));
+
+/// The formulas' view of a cube.
+pub(super) fn setup_of(cube: &DataCube) -> Setup<'_> {
+    Setup {
+        sweep: &cube.sweep,
+        array: &cube.array,
+        geometry: cube.geometry,
+        detection: cube.detection,
+        sound_speed: cube.sound_speed,
+    }
+}
+
+/// Everything that is needed to interpret and reproduce an image of `cube`: `meta` of a volume's npz.
+pub fn cube_facts(cube: &DataCube, run: &RunFile, method: Method) -> Value {
+    let source = match cube.geometry {
+        Geometry::FixedSource { source } => source.to_array(),
+        Geometry::Monostatic => [0.0; 3],
+    };
+    json!({
+        "format": "holosonar-volume",
+        "version": 1,
+        "program": PROGRAM,
+        "sound_speed": cube.sound_speed,
+        "start_frequency": cube.sweep.start(),
+        "bandwidth": cube.sweep.bandwidth(),
+        "frequency_step": cube.sweep.step(),
+        "frequencies": cube.sweep.len(),
+        "microphones": cube.array.len(),
+        "array_centre": cube.array.centre().to_array(),
+        "array_extent": cube.array.extent().to_array(),
+        "geometry": cube.geometry.name(),
+        "source": source,
+        "detection": cube.detection,
+        "window": run.reconstruct.window,
+        "method": method,
+        "tolerance": run.reconstruct.tolerance,
+        "range_resolution": cube.range_resolution(),
+        "seed": run.reflectors.seed,
+        "run": run.to_json(),
+    })
+}
+
+/// The range resolution c/2B that a volume's facts come to, m.
+pub fn resolution_of(meta: &Value) -> Option<f64> {
+    let number = |key: &str| meta.get(key).and_then(Value::as_f64).filter(|v| *v > 0.0);
+    Some(number("sound_speed")? / (2.0 * number("bandwidth")?))
+}
+
+/// The same facts as attributes: `sound_speed` becomes `sonar:soundSpeed`, nested values become JSON text.
+pub(super) fn attributes(facts: &Value) -> Attributes {
+    let Some(facts) = facts.as_object() else { return Attributes::new() };
+    facts
+        .iter()
+        .filter(|(_, value)| !value.is_null())
+        .map(|(key, value)| {
+            let attribute = match value {
+                Value::String(text) => Attribute::Text(text.clone()),
+                Value::Number(n) => n
+                    .as_i64()
+                    .map(Attribute::Integer)
+                    .or_else(|| n.as_f64().map(Attribute::Number))
+                    .unwrap_or_else(|| Attribute::Text(n.to_string())),
+                Value::Array(list) => match list.iter().filter_map(Value::as_f64).collect::<Vec<_>>()[..] {
+                    [x, y, z] => Attribute::Vector([x, y, z]),
+                    _ => Attribute::Text(value.to_string()),
+                },
+                other => Attribute::Text(other.to_string()),
+            };
+            (format!("sonar:{}", camel_case(key)), attribute)
+        })
+        .collect()
+}
+
+/// `sound_speed` → `soundSpeed`, as EXR's own attributes are written.
+fn camel_case(key: &str) -> String {
+    let mut words = key.split('_');
+    let mut name = words.next().unwrap_or_default().to_owned();
+    for word in words {
+        let mut letters = word.chars();
+        name.extend(letters.next().map(|c| c.to_ascii_uppercase()));
+        name.push_str(letters.as_str());
+    }
+    name
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn facts_become_attributes() {
+        let facts = json!({"sound_speed": 343.5, "version": 1, "array_extent": [1.0, 0.5, 0.0], "seed": null,
+            "run": {"a": 1}, "window": "taylor"});
+        let expected: Attributes = vec![
+            ("sonar:soundSpeed".into(), Attribute::Number(343.5)),
+            ("sonar:version".into(), Attribute::Integer(1)),
+            ("sonar:arrayExtent".into(), Attribute::Vector([1.0, 0.5, 0.0])),
+            ("sonar:run".into(), Attribute::Text("{\"a\":1}".into())),
+            ("sonar:window".into(), Attribute::Text("taylor".into())),
+        ];
+        assert_eq!(attributes(&facts), expected);
+    }
+
+    #[test]
+    fn a_resolution_needs_speed_and_bandwidth() {
+        let d = resolution_of(&json!({"sound_speed": 343.0, "bandwidth": 10_000.0})).expect("both");
+        assert!((d - 0.01715).abs() < 1e-12);
+        assert!(resolution_of(&json!({"sound_speed": 343.0})).is_none());
+        assert!(resolution_of(&json!({"sound_speed": 343.0, "bandwidth": 0.0})).is_none());
+    }
+}

@@ -1,0 +1,48 @@
+//! What a run leaves besides its results: seconds per stage and warnings.
+
+use crate::progress::{Event, Observer};
+use std::sync::{Mutex, PoisonError};
+use std::time::Instant;
+
+/// An observer that hands everything on, and remembers warnings and times.
+pub(super) struct Log<'a> {
+    inner: &'a dyn Observer,
+    warnings: Mutex<Vec<String>>,
+    timings: Mutex<Vec<(String, f64)>>,
+}
+
+impl<'a> Log<'a> {
+    pub(super) fn new(inner: &'a dyn Observer) -> Self {
+        Self { inner, warnings: Mutex::default(), timings: Mutex::default() }
+    }
+
+    /// Runs a stage and notes how long it took.
+    pub(super) fn timed<T>(&self, stage: &str, work: impl FnOnce() -> T) -> T {
+        let begun = Instant::now();
+        let result = work();
+        let seconds = begun.elapsed().as_secs_f64();
+        self.timings.lock().unwrap_or_else(PoisonError::into_inner).push((stage.to_owned(), seconds));
+        result
+    }
+
+    /// Timings and warnings, in order.
+    pub(super) fn finish(self) -> (Vec<(String, f64)>, Vec<String>) {
+        let timings = self.timings.into_inner().unwrap_or_else(PoisonError::into_inner);
+        (timings, self.warnings.into_inner().unwrap_or_else(PoisonError::into_inner))
+    }
+}
+
+impl Observer for Log<'_> {
+    fn event(&self, event: Event<'_>) {
+        self.inner.event(event);
+    }
+
+    fn warn(&self, message: &str) {
+        self.warnings.lock().unwrap_or_else(PoisonError::into_inner).push(message.to_owned());
+        self.inner.warn(message);
+    }
+
+    fn should_stop(&self) -> bool {
+        self.inner.should_stop()
+    }
+}

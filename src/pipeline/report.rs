@@ -1,0 +1,125 @@
+//! `report.json`: resolved parameters, plan, counts, metrics, warnings, files, timings.
+
+use super::Outcome;
+use super::facts::PROGRAM;
+use crate::config::RunFile;
+use crate::metrics::Metrics;
+use crate::plan::Plan;
+use crate::scene::Scene;
+use glam::DVec3;
+use serde::Serialize;
+use serde_json::{Map, Value};
+use std::path::PathBuf;
+
+/// What one run did; serialised as `report.json`. Only `timings` differs between two runs of the same inputs.
+#[derive(Debug, Clone, Serialize)]
+#[non_exhaustive]
+pub struct Report {
+    /// Program and version.
+    pub program: &'static str,
+    /// The run file, every default filled in.
+    pub run: Value,
+    /// What was foretold.
+    pub plan: Plan,
+    /// The scene, when there was one.
+    pub scene: Option<SceneSummary>,
+    /// Number of reflectors simulated, when they were.
+    pub reflectors: Option<usize>,
+    /// The method that reconstructed.
+    pub method: crate::reconstruct::Method,
+    /// Greatest amplitude of the volume.
+    pub peak_amplitude: f32,
+    /// Pixels of the depth map, and those with an accepted return.
+    pub pixels: usize,
+    /// Pixels with an accepted return.
+    pub accepted: usize,
+    /// Depth map against truth, when there is one.
+    pub metrics: Option<Metrics>,
+    /// What the user should know.
+    pub warnings: Vec<String>,
+    /// Files written, by name within the output folder.
+    pub files: Vec<PathBuf>,
+    /// Seconds per stage.
+    pub timings: Map<String, Value>,
+}
+
+impl Report {
+    pub(super) fn new(run: &RunFile, outcome: &Outcome) -> Self {
+        Self {
+            program: PROGRAM,
+            run: run.to_json(),
+            plan: outcome.plan.clone(),
+            scene: outcome.scene.clone(),
+            reflectors: outcome.reflectors,
+            method: outcome.method,
+            peak_amplitude: outcome.volume.peak(),
+            pixels: outcome.depth.len(),
+            accepted: outcome.depth.accepted(),
+            metrics: outcome.metrics,
+            warnings: outcome.warnings.clone(),
+            files: Vec::new(),
+            timings: outcome.timings.iter().map(|(stage, s)| (stage.clone(), (*s).into())).collect(),
+        }
+    }
+
+    /// Seconds of all stages together.
+    pub fn seconds(&self) -> f64 {
+        self.timings.values().filter_map(Value::as_f64).sum()
+    }
+}
+
+/// Where a scene lies and what it is made of.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[non_exhaustive]
+pub struct SceneSummary {
+    /// Least corner of its box, m.
+    pub low: [f64; 3],
+    /// Greatest corner of its box, m.
+    pub high: [f64; 3],
+    /// Its box's size, m.
+    pub size: [f64; 3],
+    /// Its box's size in wavelengths at the centre of the band.
+    pub size_wavelengths: [f64; 3],
+    /// Triangles; 0 for a list of reflectors.
+    pub triangles: usize,
+    /// Surface, m².
+    pub area: f64,
+    /// The materials as they were resolved.
+    pub materials: Vec<MaterialRow>,
+}
+
+/// One row of the table of materials.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct MaterialRow {
+    /// Its name in the mesh file.
+    pub name: String,
+    /// Amplitude reflected, 0..1.
+    pub reflectance: f64,
+    /// Amplitude left after one crossing, 0..1.
+    pub transmittance: f64,
+    /// Where the values come from.
+    pub source: String,
+}
+
+impl SceneSummary {
+    pub(super) fn new(scene: Option<&Scene>, low: DVec3, high: DVec3, wavelength: f64) -> Self {
+        let materials = scene.map_or(&[][..], Scene::materials);
+        Self {
+            low: low.to_array(),
+            high: high.to_array(),
+            size: (high - low).to_array(),
+            size_wavelengths: ((high - low) / wavelength).to_array(),
+            triangles: scene.map_or(0, |scene| scene.triangles().len()),
+            area: scene.map_or(0.0, Scene::surface_area),
+            materials: materials
+                .iter()
+                .map(|m| MaterialRow {
+                    name: m.name.clone(),
+                    reflectance: m.reflectance,
+                    transmittance: m.transmittance,
+                    source: m.source.clone(),
+                })
+                .collect(),
+        }
+    }
+}
