@@ -337,10 +337,10 @@ impl Expect {
             let path = joined("expect", name);
             if !METRICS.contains(&name.as_str()) {
                 let meant = nearest(name, &METRICS)
-                    .map_or(";".to_owned(), |near| format!("; did you mean `{near}`?"));
+                    .map_or(".".to_owned(), |near| format!("; did you mean `{near}`?"));
                 return Err(Fault::new(
                     path,
-                    format!("unknown metric `{}`{meant} known are {}", quoted(name), METRICS.join(", ")),
+                    format!("unknown metric `{}`{meant} (Metrics: {}.)", quoted(name), METRICS.join(", ")),
                 ));
             }
             if limit.min.is_none() && limit.max.is_none() {
