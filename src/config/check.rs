@@ -2,6 +2,7 @@
 
 use super::range::{Check, clash, counts, finite, named, not_negative, positive, within};
 use super::reader::{Fault, joined};
+use crate::metrics::METRIC_NAMES;
 use super::wording::{nearest, quoted};
 use super::{
     Array, Depth, Detection, Expect, Fill, Geometry, GridTable, Layout, MaterialRule, Medium,
@@ -337,10 +338,10 @@ impl Expect {
             let path = joined("expect", name);
             if !METRIC_NAMES.contains(&name.as_str()) {
                 let meant = nearest(name, &METRIC_NAMES)
-                    .map_or(";".to_owned(), |near| format!("; did you mean `{near}`?"));
+                    .map_or(".".to_owned(), |near| format!("; did you mean `{near}`?"));
                 return Err(Fault::new(
                     path,
-                    format!("unknown metric `{}`{meant} known are {}", quoted(name), METRIC_NAMES.join(", ")),
+                    format!("unknown metric `{}`{meant} (Metrics: {}.)", quoted(name), METRIC_NAMES.join(", ")),
                 ));
             }
             if limit.min.is_none() && limit.max.is_none() {

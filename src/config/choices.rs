@@ -74,11 +74,11 @@ choice! {
 choice! {
     /// File formats of the volume.
     VolumeFormat {
-        /// OpenEXR, one part per depth.
+        /// EXR, one part per depth.
         Exr,
-        /// Zipped NumPy arrays.
+        /// Zipped `NumPy` arrays.
         Npz,
-        /// VTK image data, for ParaView and PyVista.
+        /// VTK image data, which `ParaView` opens.
         Vti,
     }
 }

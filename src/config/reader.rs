@@ -239,7 +239,7 @@ impl<'de> Deserializer<'de> for Reader<'de> {
                     .map_or_else(String::new, |near| format!(" did you mean \"{near}\"?"));
                 Err(Fault::new(
                     self.path,
-                    format!("\"{}\" is not known here;{meant} accepted: {accepted}", quoted(word)),
+                    format!("this version does not know \"{}\";{meant} accepted: {accepted}", quoted(word)),
                 ))
             }
             _ => Err(self.expected(&format!("one of {accepted}"))),

@@ -75,7 +75,7 @@ impl<'t> Source<'t> {
             return Err(wrong("no key of a run file lies that deep; write table.key=value".to_owned()));
         }
         let [folders @ .., last] = &steps[..] else { return Ok(()) };
-        if folders.is_empty() {
+        if folders.is_empty() && *last != "materials" {
             let tables = homes(last);
             let tables =
                 if tables.is_empty() { String::new() } else { format!(" ({})", tables.join(" or ")) };

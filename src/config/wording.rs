@@ -68,7 +68,7 @@ pub(super) fn unknown_table(name: &str, value: &Value, tables: &[&str]) -> Strin
         format!("unknown key `{}` outside every table", quoted(name))
     };
     let meant = match (nearest(name, tables), homes(name).as_slice()) {
-        (_, [homes @ ..]) if !is_table && !homes.is_empty() => {
+        (_, homes) if !is_table && !homes.is_empty() => {
             format!("; it belongs in {}.", homes.join(" or "))
         }
         (Some(near), _) => format!("; did you mean [{near}]?"),

@@ -30,7 +30,7 @@ fn nothing_panics_on_mutated_files() {
     for _ in 0..2000 {
         let mut bytes = ANNOTATED.as_bytes().to_vec();
         // Mostly one change, so that many get past the syntax.
-        for _ in 0..1 + below(3) {
+        for _ in 0..=below(3) {
             let at = below(bytes.len());
             let end = (at + below(6)).min(bytes.len());
             match below(3) {
