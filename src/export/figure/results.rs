@@ -39,7 +39,10 @@ pub fn write_amplitude_figure(path: &Path, volume: &Volume) -> Result<()> {
         range: [-DYNAMIC_RANGE_DB, 0.0],
         label: "amplitude / dB below the peak".into(),
     };
-    let note = format!("greatest along z; peak {:.3}", peak.sqrt());
+    let note = match peak.sqrt() {
+        peak if (0.01..1e4).contains(&peak) => format!("greatest along z; peak {peak:.3}"),
+        peak => format!("greatest along z; peak {peak:.2e}"),
+    };
     let panels = [
         Panel {
             note,
