@@ -1,4 +1,4 @@
-//! Depth maps and ground truth as OpenEXR: `depth.exr` and `truth.exr`.
+//! Depth maps and ground truth as `OpenEXR`: `depth.exr` and `truth.exr`.
 //!
 //! One single-part scanline file of 32-bit floats that every viewer shows something of: the amplitude as root
 //! `R`, `G`, `B`, the planar depth in m as root `Z`, whether there is a return at all as root `A`; the other
@@ -238,7 +238,11 @@ fn find_depth<'a>(path: &Path, parts: &'a [Part]) -> Result<(&'a Part, String)> 
     }
     let layered: Vec<_> = parts
         .iter()
-        .flat_map(|part| names(part).filter(|name| name.ends_with(".Z")).map(move |name| (part, name)))
+        .flat_map(|part| {
+            names(part)
+                .filter(|name| name.rsplit_once('.').is_some_and(|(_, last)| last == "Z"))
+                .map(move |name| (part, name))
+        })
         .collect();
     match layered.as_slice() {
         [(part, name)] => Ok((part, name[..name.len() - 1].to_owned())),

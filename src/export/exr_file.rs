@@ -1,4 +1,4 @@
-//! What every OpenEXR file of ours has in common: attributes, encoding, and the same bytes for the same input.
+//! What every `OpenEXR` file of ours has in common: attributes, encoding, and the same bytes for the same input.
 
 use super::{Attribute, Attributes};
 use crate::error::{Error, Result};
@@ -17,7 +17,7 @@ pub(super) type Part = ex::Layer<ex::AnyChannels<ex::FlatSamples>>;
 /// Parts and what they share.
 pub(super) type Parts = ex::Image<ex::Layers<ex::AnyChannels<ex::FlatSamples>>>;
 
-/// OpenEXR's camera is left-handed with y up and z forward: our axes with y turned over.
+/// `OpenEXR`'s camera is left-handed with y up and z forward: our axes with y turned over.
 pub(super) const WORLD_TO_CAMERA: [f32; 16] =
     [1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0];
 
@@ -65,7 +65,7 @@ fn decode(value: &AttributeValue) -> Option<Attribute> {
         AttributeValue::FloatVec3((x, y, z)) => {
             Attribute::Vector([f64::from(*x), f64::from(*y), f64::from(*z)])
         }
-        AttributeValue::Custom { kind, bytes } if kind.to_string() == "v3d" && bytes.len() == 24 => {
+        AttributeValue::Custom { kind, bytes } if kind.eq("v3d") && bytes.len() == 24 => {
             let mut vector = [0.0; 3];
             for (number, eight) in vector.iter_mut().zip(bytes.chunks_exact(8)) {
                 *number = f64::from_le_bytes(eight.try_into().ok()?);
@@ -142,8 +142,7 @@ pub(super) fn write_parts(path: &Path, parts: Vec<Part>) -> Result<()> {
     let image =
         ex::Image::from_layers(ex::ImageAttributes::new(bounds), SmallVec::<[Part; 2]>::from_vec(parts));
     write_atomically(path, |out| {
-        image
-            .write().to_buffered(&mut *out).map_err(|error| match error {
+        image.write().to_buffered(&mut *out).map_err(|error| match error {
             ex::Error::Io(error) => error,
             error => io::Error::other(error.to_string()),
         })?;
@@ -267,6 +266,7 @@ fn guarded<T>(path: &Path, read: impl FnOnce() -> ex::Result<T>) -> Result<T> {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 

@@ -1,4 +1,4 @@
-//! Every form in which a result leaves: OpenEXR, VTK image data, NumPy archives, PNG figures.
+//! Every form in which a result leaves: `OpenEXR`, VTK image data, `NumPy` archives, PNG figures.
 //!
 //! Takes the shapes of [`crate::grid`] and named facts about them ([`Attributes`]); gives files that are written
 //! whole or not at all. Depth maps and volumes are read back too. No writer flips or smooths anything: an
@@ -6,6 +6,7 @@
 
 pub mod depth_exr;
 mod exr_file;
+pub mod figure;
 
 pub mod volume_exr;
 pub mod volume_npz;

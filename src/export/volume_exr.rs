@@ -1,4 +1,4 @@
-//! Volumes as OpenEXR: a picture, and one part per depth.
+//! Volumes as `OpenEXR`: a picture, and one part per depth.
 //!
 //! Part 0, `mip`, is what any viewer shows: the greatest amplitude along z and the depth where it was. Then
 //! come the depths, `z0000`, `z0001`, ... Parts cost time in every reader, so a deep volume becomes several files.
@@ -112,6 +112,7 @@ fn grid_attributes(grid: &Grid) -> Attributes {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::super::exr_file::{attributes_of, read_parts};
     use super::*;

@@ -1,4 +1,4 @@
-//! Volumes as NumPy archives: complex samples, the axes, and what is known about them.
+//! Volumes as `NumPy` archives: complex samples, the axes, and what is known about them.
 
 use crate::error::{Error, Result};
 use crate::files::npz::{NpzReader, write_npz};
@@ -107,6 +107,7 @@ fn axis(positions: &[f64], given: Option<f64>) -> std::result::Result<Axis, Stri
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
     use num_complex::Complex32;

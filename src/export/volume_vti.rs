@@ -11,6 +11,9 @@ use std::fmt::Write as _;
 use std::io::{self, Write};
 use std::path::Path;
 
+/// What a float of the file is made of.
+type Part = fn(&Complex32) -> f32;
+
 /// Writes the point data `amplitude`, on request `re` and `im`, all float32; origin and spacing in m.
 ///
 /// VTK's order is ours, x fastest. `attributes` become field data of the same names.
@@ -23,7 +26,7 @@ pub fn write_volume_vti(
     components: Components,
     attributes: &[(String, Attribute)],
 ) -> Result<()> {
-    let arrays: &[(&str, fn(&Complex32) -> f32)] = match components {
+    let arrays: &[(&str, Part)] = match components {
         Components::Amplitude => &[("amplitude", |sample| sample.norm())],
         Components::Complex => {
             &[("amplitude", |sample| sample.norm()), ("re", |sample| sample.re), ("im", |sample| sample.im)]
@@ -41,7 +44,7 @@ pub fn write_volume_vti(
     })
 }
 
-fn write_floats(out: &mut impl Write, samples: &[Complex32], part: fn(&Complex32) -> f32) -> io::Result<()> {
+fn write_floats(out: &mut impl Write, samples: &[Complex32], part: Part) -> io::Result<()> {
     for sample in samples {
         out.write_all(&part(sample).to_le_bytes())?;
     }
@@ -95,8 +98,8 @@ fn field_data(attributes: &[(String, Attribute)]) -> String {
         match value {
             // VTK spells a text as the numbers of its bytes, ended by 0.
             Attribute::Text(words) => {
-                let bytes = words.bytes().map(|byte| format!("{byte} ")).collect::<String>() + "0";
-                array("String", r#"NumberOfTuples="1""#, bytes);
+                let bytes: Vec<_> = words.bytes().chain([0]).map(|byte| byte.to_string()).collect();
+                array("String", r#"NumberOfTuples="1""#, bytes.join(" "));
             }
             Attribute::Number(number) => array("Float64", r#"NumberOfTuples="1""#, number.to_string()),
             Attribute::Integer(integer) => array("Int64", r#"NumberOfTuples="1""#, integer.to_string()),
@@ -115,6 +118,7 @@ fn escaped(text: &str) -> String {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
     use crate::grid::{Axis, Grid};

@@ -1,4 +1,4 @@
-//! NumPy's `.npz`: numeric arrays and text, as `numpy.load` and `numpy.savez` know them.
+//! `NumPy`'s `.npz`: numeric arrays and text, as `numpy.load` and `numpy.savez` know them.
 //!
 //! [`NpzReader`] takes a file nobody vouches for: every declared size is checked against the file, against the
 //! shape and against a limit in bytes before anything is inflated or allocated. [`write_npz`] stores plain
@@ -133,7 +133,7 @@ impl NpzReader {
         self.numbers(name, false, |re, _| re)
     }
 
-    /// A text: the bytes of its UTF-8 as `uint8`, or one NumPy string.
+    /// A text: the bytes of its UTF-8 as `uint8`, or one `NumPy` string.
     ///
     /// # Errors
     /// A missing array, anything but one text, sizes that disagree or exceed the limit, damaged bytes.
@@ -367,7 +367,7 @@ fn c_order<T: Copy>(fortran: &[T], shape: &[usize]) -> Vec<T> {
         .collect()
 }
 
-/// The text that NumPy's four-byte characters spell.
+/// The text that `NumPy`'s four-byte characters spell.
 fn characters(bytes: &[u8], big_endian: bool) -> Option<String> {
     bytes
         .chunks_exact(4)

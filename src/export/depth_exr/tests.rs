@@ -1,3 +1,5 @@
+#![allow(clippy::unwrap_used)]
+
 use super::*;
 use exr::prelude as ex;
 use exr::prelude::WritableImage;

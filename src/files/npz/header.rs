@@ -1,10 +1,10 @@
 //! The header of an NPY array: element type, order and shape.
 //!
-//! A strict parser of the one Python literal that NumPy writes there, for format versions 1 to 3.
+//! A strict parser of the one Python literal that `NumPy` writes there, for format versions 1 to 3.
 
 use std::io::{self, Read};
 
-/// Longest header accepted, bytes. NumPy's own limit is 10 000.
+/// Longest header accepted, bytes. `NumPy`'s own limit is 10 000.
 const LONGEST: usize = 1 << 16;
 
 /// What kind of number or text an element is.
@@ -208,6 +208,7 @@ impl<'a> Parser<'a> {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 

@@ -103,10 +103,13 @@ impl NpzWriter<'_> {
     }
 }
 
-/// An NPY header of version 1, padded as NumPy pads it so that the data start at a multiple of 64 bytes.
+/// An NPY header of version 1, padded as `NumPy` pads it so that the data start at a multiple of 64 bytes.
 fn header(descr: &str, shape: &[usize]) -> Vec<u8> {
-    let sizes: String = shape.iter().map(|n| format!("{n}, ")).collect();
-    let sizes = if shape.len() == 1 { sizes.trim_end() } else { sizes.trim_end_matches(", ") };
+    let mut sizes = shape.iter().map(usize::to_string).collect::<Vec<_>>().join(", ");
+    if shape.len() == 1 {
+        // Python's way to tell a tuple of one from a number in brackets.
+        sizes.push(',');
+    }
     let mut text = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': ({sizes}), }}");
     while (10 + text.len() + 1) % 64 != 0 {
         text.push(' ');

@@ -1,0 +1,157 @@
+//! Every PNG: maps as crisp blocks in a box with axes in metres, and a colour bar beside it.
+//!
+//! A [`Panel`] is one map; [`write_figure`] draws one or several. Pixels of the map are never blended, since the
+//! mean of two depths is a depth where nothing is.
+
+mod canvas;
+mod layout;
+mod lettering;
+mod results;
+mod ticks;
+
+pub use results::{depth_range, write_amplitude_figure, write_depth_figure, write_error_figure};
+
+use crate::error::Result;
+use crate::grid::Axis;
+use std::borrow::Cow;
+use std::path::Path;
+
+/// A family of colours from low to high.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum ColourMap {
+    /// Blue to yellow, evenly rising in brightness: depths.
+    Viridis,
+    /// Black to yellow: amplitudes.
+    Inferno,
+    /// Black to white.
+    Grey,
+}
+
+/// How values become colours. A range that is not finite means that there are no values.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Scale {
+    /// From the first to the second number of `range`, both in the values' unit; beyond it the end colours.
+    Sequential {
+        /// The colours.
+        map: ColourMap,
+        /// Values of the first and of the last colour.
+        range: [f64; 2],
+        /// What stands beside the colour bar: quantity / unit.
+        label: String,
+    },
+    /// Blue from `−limit`, white at 0, red to `+limit`.
+    Diverging {
+        /// Value of the last colour, positive.
+        limit: f64,
+        /// What stands beside the colour bar: quantity / unit.
+        label: String,
+    },
+}
+
+/// One map of a figure.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Panel<'a> {
+    /// Above the map.
+    pub title: String,
+    /// A second, smaller line above the map; may be empty.
+    pub note: String,
+    /// The map, `[y, x]`; NaN where there is nothing.
+    pub values: Cow<'a, [f32]>,
+    /// Columns.
+    pub x: Axis,
+    /// Rows.
+    pub y: Axis,
+    /// Quantity / unit of the columns.
+    pub x_label: String,
+    /// Quantity / unit of the rows.
+    pub y_label: String,
+    /// Whether the first row is drawn at the bottom, as in a plan seen from above; images have it on top.
+    pub upward: bool,
+    /// How values become colours.
+    pub scale: Scale,
+    /// What the grey of NaN means: "no return".
+    pub nothing: String,
+}
+
+impl<'a> Panel<'a> {
+    /// A map over x and y in m, rows downwards.
+    pub fn new(title: &str, values: impl Into<Cow<'a, [f32]>>, x: Axis, y: Axis, scale: Scale) -> Self {
+        Self {
+            title: title.into(),
+            note: String::new(),
+            values: values.into(),
+            x,
+            y,
+            x_label: "x / m".into(),
+            y_label: "y / m".into(),
+            upward: false,
+            scale,
+            nothing: "no return".into(),
+        }
+    }
+}
+
+impl Scale {
+    fn label(&self) -> &str {
+        match self {
+            Self::Sequential { label, .. } | Self::Diverging { label, .. } => label,
+        }
+    }
+
+    /// Values of the first and last colour, or `None` if there are no values. A range without length is
+    /// widened, so that a constant map has a middle colour.
+    fn range(&self) -> Option<[f64; 2]> {
+        let [low, high] = match self {
+            Self::Sequential { range, .. } => *range,
+            Self::Diverging { limit, .. } => [-limit, *limit],
+        };
+        let middle = f64::midpoint(low, high);
+        let least = 1e-4 * middle.abs().max(1e-2);
+        if !(high - low).is_finite() {
+            None
+        } else if high - low < least {
+            Some([middle - least / 2.0, middle + least / 2.0])
+        } else {
+            Some([low, high])
+        }
+    }
+
+    /// The colour at a place between 0 (first) and 1 (last), of 256.
+    fn colour(&self, place: f64) -> canvas::Colour {
+        let place = (place.clamp(0.0, 1.0) * 255.0).round() / 255.0;
+        let colour = match self {
+            Self::Sequential { map: ColourMap::Viridis, .. } => colorous::VIRIDIS.eval_continuous(place),
+            Self::Sequential { map: ColourMap::Inferno, .. } => colorous::INFERNO.eval_continuous(place),
+            Self::Sequential { map: ColourMap::Grey, .. } => colorous::GREYS.eval_continuous(1.0 - place),
+            Self::Diverging { .. } => colorous::RED_BLUE.eval_continuous(1.0 - place),
+        };
+        colour.as_array()
+    }
+}
+
+/// Draws panels, in rows of `columns`, into a PNG.
+///
+/// Panels of one row that share their scale share the colour bar at its end. With one or two columns a
+/// picture is 600 to 1050 px wide, with any number of them no more than 2000.
+///
+/// # Errors
+/// As [`crate::files::write_atomically`].
+///
+/// # Panics
+/// When there are no panels, no columns, or not exactly one value per pixel of a panel.
+pub fn write_figure(path: &Path, panels: &[Panel<'_>], columns: usize) -> Result<()> {
+    assert!(!panels.is_empty() && columns > 0, "a figure has at least one panel and one column");
+    for panel in panels {
+        assert_eq!(
+            panel.values.len() as u128,
+            panel.x.count as u128 * panel.y.count as u128,
+            "panel `{}`: one value per pixel",
+            panel.title
+        );
+    }
+    layout::draw(panels, columns.min(panels.len())).write_png(path)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,69 @@
+//! A white sheet of 8-bit RGB pixels, and its way into a PNG file.
+
+use crate::error::Result;
+use crate::files::write_atomically;
+use std::io::{self, BufWriter, Write};
+use std::path::Path;
+
+/// Red, green, blue.
+pub(super) type Colour = [u8; 3];
+
+/// A picture being drawn. What lies outside of it is left out.
+pub(super) struct Canvas {
+    width: usize,
+    height: usize,
+    rgb: Vec<u8>,
+}
+
+impl Canvas {
+    pub(super) fn new(width: usize, height: usize) -> Self {
+        Self { width, height, rgb: vec![255; 3 * width * height] }
+    }
+
+    /// Lays `colour` over one pixel; `cover` 0 leaves it, 1 replaces it.
+    pub(super) fn blend(&mut self, x: i64, y: i64, colour: Colour, cover: f32) {
+        let (Ok(x), Ok(y)) = (usize::try_from(x), usize::try_from(y)) else { return };
+        if x >= self.width || y >= self.height {
+            return;
+        }
+        let at = 3 * (y * self.width + x);
+        for (old, new) in self.rgb[at..at + 3].iter_mut().zip(colour) {
+            let mixed = f32::from(*old) + cover.clamp(0.0, 1.0) * (f32::from(new) - f32::from(*old));
+            *old = mixed.round() as u8;
+        }
+    }
+
+    /// Fills a rectangle.
+    pub(super) fn fill(&mut self, [x, y]: [i64; 2], [width, height]: [usize; 2], colour: Colour) {
+        for row in y..y + height as i64 {
+            for column in x..x + width as i64 {
+                self.blend(column, row, colour, 1.0);
+            }
+        }
+    }
+
+    /// Draws a frame one pixel wide just outside of a rectangle.
+    pub(super) fn frame(&mut self, [x, y]: [i64; 2], [width, height]: [usize; 2], colour: Colour) {
+        self.fill([x - 1, y - 1], [width + 2, 1], colour);
+        self.fill([x - 1, y + height as i64], [width + 2, 1], colour);
+        self.fill([x - 1, y - 1], [1, height + 2], colour);
+        self.fill([x + width as i64, y - 1], [1, height + 2], colour);
+    }
+
+    /// Writes the picture as a PNG, without a clock: same picture, same bytes.
+    pub(super) fn write_png(&self, path: &Path) -> Result<()> {
+        write_atomically(path, |out| self.encode(out).map_err(io::Error::other))
+    }
+
+    fn encode(&self, out: &mut BufWriter<impl Write>) -> std::result::Result<(), png::EncodingError> {
+        let mut encoder = png::Encoder::new(out, self.width as u32, self.height as u32);
+        encoder.set_color(png::ColorType::Rgb);
+        encoder.set_depth(png::BitDepth::Eight);
+        // Blocks of equal pixels repeat as they are; a filter would only hide that from deflate.
+        encoder.set_compression(png::Compression::High);
+        encoder.set_filter(png::Filter::NoFilter);
+        let mut writer = encoder.write_header()?;
+        writer.write_image_data(&self.rgb)?;
+        writer.finish()
+    }
+}

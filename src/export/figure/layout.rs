@@ -1,0 +1,324 @@
+//! Where everything in a figure goes: boxes, ticks, labels, colour bars.
+
+use super::canvas::{Canvas, Colour};
+use super::lettering::{self, Align, Style};
+use super::ticks::{Tick, ticks};
+use super::{Panel, Scale};
+use crate::grid::Axis;
+
+const INK: Colour = [38, 38, 38];
+/// The grey of "nothing here"; far enough from the white in the middle of the diverging colours.
+const NOTHING: Colour = [212, 212, 212];
+const TITLE: Style = Style { size: 17.0, colour: [0, 0, 0] };
+const NOTE: Style = Style { size: 13.0, colour: [96, 96, 96] };
+const LABEL: Style = Style { size: 15.0, colour: INK };
+const NUMBER: Style = Style { size: 13.0, colour: INK };
+
+/// Most columns in a figure.
+const MOST_COLUMNS: usize = 8;
+/// Least width and height of a map's box, px: a thinner one could not be seen.
+const THINNEST: usize = 24;
+/// Least height of a colour bar, px: below, its numbers would touch.
+const SHORTEST_BAR: usize = 110;
+const BAR_WIDTH: usize = 16;
+/// From a map to its colour bar, px.
+const BAR_GAP: usize = 16;
+const TICK: usize = 4;
+/// From a tick to its number, px.
+const TICK_GAP: usize = 4;
+const EDGE: usize = 12;
+
+/// One panel with everything measured.
+struct Plot<'a> {
+    panel: &'a Panel<'a>,
+    /// Width and height of the map's box, px.
+    size: [usize; 2],
+    x_ticks: Vec<Tick>,
+    y_ticks: Vec<Tick>,
+    /// The colour bar's ticks where it is drawn.
+    bar: Option<Vec<Tick>>,
+    /// Room left of and right of the box, px.
+    left: usize,
+    right: usize,
+}
+
+/// Draws the panels in rows of `columns`.
+pub(super) fn draw(panels: &[Panel<'_>], columns: usize) -> Canvas {
+    let columns = columns.min(MOST_COLUMNS);
+    let target = match columns {
+        1 => 520,
+        2 => 340,
+        n => (1900 / n - 140).min(260),
+    };
+    let plots: Vec<Plot> = panels
+        .chunks(columns)
+        .flat_map(|row| (0..row.len()).map(move |i| (row, i)))
+        .map(|(row, i)| {
+            // A row that is not full leaves the bar to the full rows, if theirs is the same.
+            let above = if i + 1 < columns { panels.get(columns - 1) } else { None };
+            let shared =
+                [row.get(i + 1), above].into_iter().flatten().any(|other| other.scale == row[i].scale);
+            measure(&row[i], shared, target)
+        })
+        .collect();
+    let in_column =
+        |column: usize, of: &dyn Fn(&Plot) -> usize| plots.iter().skip(column).step_by(columns).map(of).max();
+    let mut boxes_x = Vec::new();
+    let mut right_edge = 0;
+    for column in 0..columns {
+        boxes_x.push(right_edge + in_column(column, &|plot| plot.left).unwrap_or(0));
+        right_edge = boxes_x[column] + in_column(column, &|plot| plot.size[0] + plot.right).unwrap_or(0);
+    }
+    let rows: Vec<&[Plot]> = plots.chunks(columns).collect();
+    let height = EDGE + rows.iter().map(|row| above(row) + below(row)).sum::<usize>();
+    let mut canvas = Canvas::new(right_edge, height);
+    let mut top = EDGE;
+    for row in rows {
+        top += above(row);
+        for (column, plot) in row.iter().enumerate() {
+            let start = if column == 0 { 0 } else { boxes_x[column] - plot.left };
+            let end = boxes_x.get(column + 1).map_or(right_edge, |next| next - row_left(row, column + 1));
+            plot.draw(&mut canvas, [boxes_x[column], top], [start, end]);
+        }
+        top += below(row);
+    }
+    canvas
+}
+
+fn row_left(row: &[Plot], column: usize) -> usize {
+    row.get(column).map_or(0, |plot| plot.left)
+}
+
+/// Height of what stands above the boxes of a row, px.
+fn above(row: &[Plot]) -> usize {
+    let noted = row.iter().any(|plot| !plot.panel.note.is_empty());
+    if noted { 50 } else { 32 }
+}
+
+/// Height of the boxes of a row and what stands below, px.
+fn below(row: &[Plot]) -> usize {
+    let axis = TICK + TICK_GAP + 13 + 26 + EDGE;
+    row.iter()
+        .map(|plot| {
+            let bar = if plot.bar.is_some() { plot.bar_height() + 2 * EDGE } else { 0 };
+            (plot.size[1] + axis).max(bar)
+        })
+        .max()
+        .unwrap_or(0)
+}
+
+/// Measures a panel whose box is to be about `target` px wide; `shared` says that another one has its colour bar.
+fn measure<'a>(panel: &'a Panel<'a>, shared: bool, target: usize) -> Plot<'a> {
+    let size = box_size(panel, target);
+    let [x0, x1] = edges(&panel.x);
+    let [y0, y1] = edges(&panel.y);
+    let x_ticks = ticks(x0, x1, (size[0] / 62).clamp(2, 9));
+    let y_ticks = ticks(y0, y1, (size[1] / 40).clamp(2, 10));
+    let bar_ticks = (size[1].max(SHORTEST_BAR) / 40).clamp(2, 9);
+    let bar = panel.scale.range().filter(|_| !shared).map(|[low, high]| ticks(low, high, bar_ticks));
+    let widest = |ticks: &[Tick]| {
+        ticks.iter().map(|tick| lettering::width(&tick.label, NUMBER.size)).fold(0.0, f32::max).ceil()
+            as usize
+    };
+    let left = EDGE + 22 + widest(&y_ticks) + TICK_GAP + TICK;
+    let right = match &bar {
+        Some(ticks) => BAR_GAP + BAR_WIDTH + TICK + TICK_GAP + widest(ticks) + 24 + EDGE,
+        None => EDGE + 4,
+    };
+    // A title may be wider than a narrow map; up to a point the panel makes room for it.
+    let title = lettering::width(&panel.title, TITLE.size).max(lettering::width(&panel.note, NOTE.size));
+    let wanted = (title.ceil() as usize + 2 * EDGE).min(420.max(target));
+    let right = right.max(wanted.saturating_sub(left + size[0]));
+    Plot { panel, size, x_ticks, y_ticks, bar, left, right }
+}
+
+/// Where an axis' first voxel begins and its last one ends, m.
+fn edges(axis: &Axis) -> [f64; 2] {
+    [axis.first - axis.pitch / 2.0, axis.first + axis.pitch * (axis.count as f64 - 0.5)]
+}
+
+/// Width and height of the map's box, px: true to the map's proportions, whole pixels to a voxel where possible.
+fn box_size(panel: &Panel<'_>, target: usize) -> [usize; 2] {
+    let limit = [target as f64, 1.2 * target as f64];
+    let counts = [panel.x.count, panel.y.count];
+    let extents = [panel.x.pitch * counts[0] as f64, panel.y.pitch * counts[1] as f64];
+    let scale = (limit[0] / extents[0]).min(limit[1] / extents[1]);
+    let ideal = extents.map(|extent| extent * scale);
+    if !ideal.iter().all(|length| length.is_finite()) {
+        return [target, target];
+    }
+    // Whole pixels to a column, so that panels over one x axis are equally wide. Rounding up may make the box a
+    // third larger, which is better than half as large.
+    let per_column = panel.x.pitch * scale;
+    let whole = if per_column.ceil() / per_column < 1.35 { per_column.ceil() } else { per_column.floor() };
+    let size = if whole >= 1.0 { extents.map(|extent| extent * whole / panel.x.pitch) } else { ideal }
+        .map(|length| length.round() as usize);
+    size.map(|length| length.max(THINNEST))
+}
+
+impl Plot<'_> {
+    fn bar_height(&self) -> usize {
+        self.size[1].max(SHORTEST_BAR)
+    }
+
+    /// Draws the panel with the box's upper left corner at `corner`, between the columns `[start, end]` px.
+    fn draw(&self, canvas: &mut Canvas, corner: [usize; 2], [start, end]: [usize; 2]) {
+        let [x, y] = corner.map(|length| length as i64);
+        let [width, height] = self.size;
+        let anything = self.draw_map(canvas, [x, y]);
+        canvas.frame([x, y], self.size, INK);
+        self.draw_axes(canvas, [x, y], anything);
+        if let Some(bar) = &self.bar {
+            self.draw_bar(canvas, [x + (width + BAR_GAP) as i64, y], bar);
+        }
+        if anything == Contents::Nothing {
+            let text = lettering::fitted(&self.panel.nothing, LABEL.size, width as f32 - 4.0);
+            let middle = [x as f32 + width as f32 / 2.0, y as f32 + height as f32 / 2.0];
+            lettering::draw(canvas, &text, LABEL, middle, Align::Centre);
+        }
+        let mut line = y as f32 - 16.0;
+        for (text, style) in [(&self.panel.note, NOTE), (&self.panel.title, TITLE)] {
+            if text.is_empty() {
+                continue;
+            }
+            let text = lettering::fitted(text, style.size, (end - start) as f32 - EDGE as f32);
+            // Centred over the box, but kept between the panel's ends.
+            let half = lettering::width(&text, style.size) / 2.0;
+            let middle =
+                (x as f32 + width as f32 / 2.0).min(end as f32 - half - 4.0).max(start as f32 + half + 4.0);
+            lettering::draw(canvas, &text, style, [middle, line], Align::Centre);
+            line -= 20.0;
+        }
+    }
+
+    fn draw_map(&self, canvas: &mut Canvas, [x, y]: [i64; 2]) -> Contents {
+        let panel = self.panel;
+        let [width, height] = self.size;
+        let Some([low, high]) = panel.scale.range().filter(|_| panel.values.iter().any(|v| !v.is_nan()))
+        else {
+            canvas.fill([x, y], self.size, NOTHING);
+            return Contents::Nothing;
+        };
+        let colours: Vec<Colour> = (0..256).map(|i| panel.scale.colour(f64::from(i) / 255.0)).collect();
+        let mut contents = Contents::Everything;
+        for row in 0..height {
+            let from_top = voxel(row, height, panel.y.count);
+            let iy = if panel.upward { panel.y.count - 1 - from_top } else { from_top };
+            for column in 0..width {
+                let value = panel.values[iy * panel.x.count + voxel(column, width, panel.x.count)];
+                let colour = if value.is_nan() {
+                    contents = Contents::Some;
+                    NOTHING
+                } else {
+                    let place = (f64::from(value) - low) / (high - low);
+                    colours[(255.0 * place.clamp(0.0, 1.0)).round() as usize]
+                };
+                canvas.blend(x + column as i64, y + row as i64, colour, 1.0);
+            }
+        }
+        contents
+    }
+
+    fn draw_axes(&self, canvas: &mut Canvas, [x, y]: [i64; 2], contents: Contents) {
+        let panel = self.panel;
+        let [width, height] = self.size;
+        let bottom = y + height as i64;
+        let number_y = (bottom as usize + TICK + TICK_GAP + 7) as f32;
+        let mut free_from = f32::NEG_INFINITY;
+        for tick in &self.x_ticks {
+            let at = x as f32 + along(&panel.x, tick.value, width);
+            canvas.fill([at as i64, bottom + 1], [1, TICK], INK);
+            let half = lettering::width(&tick.label, NUMBER.size) / 2.0;
+            // On a very narrow box not every number finds room.
+            if at - half > free_from {
+                lettering::draw(canvas, &tick.label, NUMBER, [at, number_y], Align::Centre);
+                free_from = at + half + 4.0;
+            }
+        }
+        let mut free_below = f32::NEG_INFINITY;
+        let mut y_places: Vec<(f32, &Tick)> = self
+            .y_ticks
+            .iter()
+            .map(|tick| {
+                let down = along(&panel.y, tick.value, height);
+                (if panel.upward { bottom as f32 - 1.0 - down } else { y as f32 + down }, tick)
+            })
+            .collect();
+        y_places.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let tick_x = x - 1 - TICK as i64;
+        for (at, tick) in y_places {
+            canvas.fill([tick_x, at as i64], [TICK, 1], INK);
+            if at - 7.0 > free_below {
+                let end = (tick_x - TICK_GAP as i64) as f32;
+                lettering::draw(canvas, &tick.label, NUMBER, [end, at], Align::Right);
+                free_below = at + 7.0;
+            }
+        }
+        let label_y = number_y + 22.0;
+        let middle = x as f32 + width as f32 / 2.0;
+        lettering::draw(canvas, &panel.x_label, LABEL, [middle, label_y], Align::Centre);
+        let label_x = (x - self.left as i64) as f32 + EDGE as f32 + 8.0;
+        lettering::draw_upwards(canvas, &panel.y_label, LABEL, [label_x, y as f32 + height as f32 / 2.0]);
+        if contents == Contents::Some {
+            self.draw_key(canvas, [x + width as i64, label_y as i64]);
+        }
+    }
+
+    /// Says what grey means, at the lower right below the box, if there is room beside the axis' label.
+    fn draw_key(&self, canvas: &mut Canvas, [right, middle]: [i64; 2]) {
+        let text = &self.panel.nothing;
+        let text_width = lettering::width(text, NOTE.size).ceil();
+        let label = lettering::width(&self.panel.x_label, LABEL.size);
+        if text_width + 18.0 + label / 2.0 + 8.0 > self.size[0] as f32 / 2.0 {
+            return;
+        }
+        lettering::draw(canvas, text, NOTE, [right as f32, middle as f32], Align::Right);
+        let swatch = [right - text_width as i64 - 16, middle - 5];
+        canvas.fill(swatch, [10, 10], NOTHING);
+        canvas.frame(swatch, [10, 10], [150, 150, 150]);
+    }
+
+    fn draw_bar(&self, canvas: &mut Canvas, [x, y]: [i64; 2], numbers: &[Tick]) {
+        let scale: &Scale = &self.panel.scale;
+        let height = self.bar_height();
+        let Some([low, high]) = scale.range() else { return };
+        for row in 0..height {
+            let place = 1.0 - (row as f64 + 0.5) / height as f64;
+            canvas.fill([x, y + row as i64], [BAR_WIDTH, 1], scale.colour(place));
+        }
+        canvas.frame([x, y], [BAR_WIDTH, height], INK);
+        let right = x + BAR_WIDTH as i64 + 1;
+        let mut widest = 0.0_f32;
+        for tick in numbers {
+            let place = (tick.value - low) / (high - low);
+            let at = y as f32 + ((1.0 - place) * (height - 1) as f64) as f32;
+            canvas.fill([right, at.round() as i64], [TICK, 1], INK);
+            let start = (right + (TICK + TICK_GAP) as i64) as f32;
+            lettering::draw(canvas, &tick.label, NUMBER, [start, at.round()], Align::Left);
+            widest = widest.max(lettering::width(&tick.label, NUMBER.size));
+        }
+        let label_x = (right + (TICK + TICK_GAP) as i64) as f32 + widest.ceil() + 15.0;
+        let label = lettering::fitted(scale.label(), LABEL.size, height as f32 + 16.0);
+        lettering::draw_upwards(canvas, &label, LABEL, [label_x, y as f32 + height as f32 / 2.0]);
+    }
+}
+
+/// How much of a map has values.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Contents {
+    Nothing,
+    Some,
+    Everything,
+}
+
+/// The voxel that covers a pixel of the box.
+fn voxel(pixel: usize, pixels: usize, count: usize) -> usize {
+    (((pixel as f64 + 0.5) * count as f64 / pixels as f64) as usize).min(count - 1)
+}
+
+/// How far along a box of so many pixels a position in m lies, px.
+fn along(axis: &Axis, position: f64, pixels: usize) -> f32 {
+    let [start, end] = edges(axis);
+    let place = ((position - start) / (end - start)).clamp(0.0, 1.0);
+    (place * (pixels - 1) as f64).round() as f32
+}

@@ -1,0 +1,105 @@
+//! The figures of a run: amplitude, depth, truth, error.
+
+use super::ticks::round_up;
+use super::{ColourMap, Panel, Scale, write_figure};
+use crate::error::Result;
+use crate::grid::{Axis, DepthMap, Volume};
+use std::path::Path;
+
+/// How far below the peak the amplitude is shown, dB.
+const DYNAMIC_RANGE_DB: f64 = 30.0;
+
+/// Draws the volume's amplitude from the front and from above: the maximum along z and the maximum along y, in dB
+/// below the peak.
+///
+/// # Errors
+/// As [`write_figure`].
+pub fn write_amplitude_figure(path: &Path, volume: &Volume) -> Result<()> {
+    let grid = &volume.grid;
+    let (n_x, n_y) = (grid.x.count, grid.y.count);
+    let mut front = vec![0.0_f32; n_x * n_y];
+    let mut above = vec![0.0_f32; n_x * grid.z.count];
+    for iz in 0..grid.z.count {
+        for (i, sample) in volume.plane(iz).iter().enumerate() {
+            let power = sample.norm_sqr();
+            front[i] = front[i].max(power);
+            let column = &mut above[iz * n_x + i % n_x];
+            *column = column.max(power);
+        }
+    }
+    let peak = front.iter().copied().filter(|power| power.is_finite()).fold(0.0, f32::max);
+    let decibels = |power: Vec<f32>| -> Vec<f32> {
+        power
+            .into_iter()
+            .map(|power| if peak > 0.0 { 10.0 * (power / peak).log10() } else { f32::NAN })
+            .collect()
+    };
+    let scale = Scale::Sequential {
+        map: ColourMap::Inferno,
+        range: [-DYNAMIC_RANGE_DB, 0.0],
+        label: "amplitude / dB below the peak".into(),
+    };
+    let note = match peak.sqrt() {
+        peak if (0.01..1e4).contains(&peak) => format!("greatest along z; peak {peak:.3}"),
+        peak => format!("greatest along z; peak {peak:.2e}"),
+    };
+    let panels = [
+        Panel {
+            note,
+            nothing: "no signal".into(),
+            ..Panel::new("from the front", decibels(front), grid.x, grid.y, scale.clone())
+        },
+        Panel {
+            y_label: "z / m".into(),
+            upward: true,
+            note: "greatest along y; the array lies below".into(),
+            nothing: "no signal".into(),
+            ..Panel::new("from above", decibels(above), grid.x, grid.z, scale)
+        },
+    ];
+    write_figure(path, &panels, 2)
+}
+
+/// The least and greatest depth in any of the maps, m, so that their figures can share one range of colours;
+/// `None` if nothing was accepted anywhere.
+pub fn depth_range(maps: &[&DepthMap]) -> Option<[f64; 2]> {
+    let depths = || maps.iter().flat_map(|map| &map.picked.depth).copied().filter(|z| z.is_finite());
+    let (low, high) = (depths().fold(f32::INFINITY, f32::min), depths().fold(f32::NEG_INFINITY, f32::max));
+    (low <= high).then(|| [f64::from(low), f64::from(high)])
+}
+
+/// Draws a depth map, or a ground truth, under a title; `range` in m is the colours', or else the map's own.
+///
+/// # Errors
+/// As [`write_figure`].
+pub fn write_depth_figure(path: &Path, title: &str, map: &DepthMap, range: Option<[f64; 2]>) -> Result<()> {
+    let range = range.or_else(|| depth_range(&[map])).unwrap_or([f64::NAN; 2]);
+    let scale = Scale::Sequential { map: ColourMap::Viridis, range, label: "depth z / m".into() };
+    write_figure(path, &[Panel::new(title, &map.picked.depth, map.x, map.y, scale)], 1)
+}
+
+/// Draws depth errors (found − true, m, `[y, x]`, NaN where there is nothing to compare) in mm; `note` is a line of
+/// text above them, such as the median.
+///
+/// The colours reach to the 95th percentile of the errors, rounded up; what lies beyond takes the last colour.
+///
+/// # Errors
+/// As [`write_figure`].
+///
+/// # Panics
+/// When there is not exactly one error per pixel.
+pub fn write_error_figure(path: &Path, errors: &[f32], x: Axis, y: Axis, note: &str) -> Result<()> {
+    let millimetres: Vec<f32> = errors.iter().map(|error| 1e3 * error).collect();
+    let mut sizes: Vec<f32> = millimetres.iter().map(|e| e.abs()).filter(|e| e.is_finite()).collect();
+    sizes.sort_by(f32::total_cmp);
+    let most = sizes.get((sizes.len() * 95 / 100).min(sizes.len().saturating_sub(1))).copied();
+    // Errors below a micrometre are rounding, not findings.
+    let limit = most.map_or(f64::NAN, |most| round_up(f64::from(most).max(1e-3)));
+    let scale = Scale::Diverging { limit, label: "depth error / mm".into() };
+    let panel = Panel {
+        note: note.into(),
+        nothing: "not compared".into(),
+        ..Panel::new("depth error: found − true", millimetres, x, y, scale)
+    };
+    write_figure(path, &[panel], 1)
+}

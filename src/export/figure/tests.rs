@@ -1,0 +1,178 @@
+#![allow(clippy::unwrap_used)]
+
+use super::*;
+use crate::grid::{DepthMap, Grid, Surface, Volume};
+use num_complex::Complex32;
+
+fn axis(first: f64, pitch: f64, count: usize) -> Axis {
+    Axis { first, pitch, count }
+}
+
+/// Width, height and the pixels of a PNG.
+fn pixels(path: &Path) -> (usize, usize, Vec<u8>) {
+    let file = std::io::BufReader::new(std::fs::File::open(path).unwrap());
+    let mut reader = png::Decoder::new(file).read_info().unwrap();
+    let mut rgb = vec![0; reader.output_buffer_size().unwrap()];
+    let info = reader.next_frame(&mut rgb).unwrap();
+    assert_eq!(info.color_type, png::ColorType::Rgb);
+    (info.width as usize, info.height as usize, rgb)
+}
+
+fn colours(rgb: &[u8]) -> usize {
+    rgb.chunks_exact(3).collect::<std::collections::HashSet<_>>().len()
+}
+
+/// A corner seen from inside: a hexagon of depths with nothing around it.
+fn corner(count: usize) -> DepthMap {
+    let x = axis(-0.66, 1.32 / (count - 1) as f64, count);
+    let mut picked = Surface::empty(count * count);
+    for iy in 0..count {
+        for ix in 0..count {
+            let (u, v) = (x.position(ix), x.position(iy));
+            let planes = [v, -0.5 * v + 0.866 * u, -0.5 * v - 0.866 * u];
+            let deepest = planes.iter().copied().fold(f64::MIN, f64::max);
+            if deepest < 0.5 {
+                picked.depth[iy * count + ix] = (2.2 - 1.2 * deepest) as f32;
+                picked.strength[iy * count + ix] = 1.0;
+            }
+        }
+    }
+    DepthMap { x, y: x, picked, confidence: vec![], returns: vec![] }
+}
+
+fn noise(n: usize) -> Vec<f32> {
+    let mut state = 12345_u64;
+    (0..n)
+        .map(|_| {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 40) as f32 / (1 << 24) as f32
+        })
+        .collect()
+}
+
+fn volume(n: usize) -> Volume {
+    let a = axis(-0.66, 1.32 / (n - 1) as f64, n);
+    let grid = Grid { x: a, y: a, z: axis(1.2, 0.02, 60) };
+    let map = corner(n);
+    let speckle = noise(n * n * 60);
+    let samples = (0..n * n * 60)
+        .map(|i| {
+            let (iz, pixel) = (i / (n * n), i % (n * n));
+            let off = grid.z.position(iz) - f64::from(map.picked.depth[pixel]);
+            let echo = if off.is_finite() { (-0.5 * (off / 0.02).powi(2)).exp() } else { 0.0 };
+            Complex32::new(0.05 * speckle[i] + echo as f32 * (0.3 + speckle[(i * 7) % speckle.len()]), 0.0)
+        })
+        .collect();
+    Volume::new(grid, samples)
+}
+
+/// Every figure of a run, for one size of map.
+fn figures(folder: &Path, count: usize) -> Vec<std::path::PathBuf> {
+    let map = corner(count);
+    let speckle = noise(count * count);
+    let errors: Vec<f32> =
+        map.picked.depth.iter().zip(&speckle).map(|(z, e)| (e - 0.45) * 0.02 + 0.0 * z).collect();
+    let path = |name: &str| folder.join(format!("{name}_{count}.png"));
+    write_amplitude_figure(&path("amplitude"), &volume(count)).unwrap();
+    write_depth_figure(&path("depth"), "depth", &map, None).unwrap();
+    write_error_figure(&path("error"), &errors, map.x, map.y, "median 4.2 mm, RMSE 6.1 mm").unwrap();
+    ["amplitude", "depth", "error"].map(path).to_vec()
+}
+
+#[test]
+fn every_figure_has_a_sensible_size_and_shows_something() {
+    let folder = tempfile::tempdir().unwrap();
+    for count in [41, 126, 256] {
+        for path in figures(folder.path(), count) {
+            let (width, height, rgb) = pixels(&path);
+            assert!((600..=1050).contains(&width) && (350..=1000).contains(&height), "{width} x {height}");
+            assert!(colours(&rgb) > 100, "{}", path.display());
+            let bytes = std::fs::metadata(&path).unwrap().len();
+            assert!(bytes < 150_000, "{}: {bytes} bytes", path.display());
+        }
+    }
+}
+
+#[test]
+fn the_same_map_gives_the_same_bytes() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str| {
+        let path = folder.path().join(name);
+        write_depth_figure(&path, "truth", &corner(41), Some([1.5, 2.5])).unwrap();
+        std::fs::read(path).unwrap()
+    };
+    assert!(write("a.png") == write("b.png"));
+}
+
+#[test]
+fn absurd_maps_are_drawn_all_the_same() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("map.png");
+    let viridis =
+        |low, high| Scale::Sequential { map: ColourMap::Viridis, range: [low, high], label: "z / m".into() };
+    for (x, y, value, scale) in [
+        (axis(0.0, 0.01, 40), axis(0.0, 0.01, 40), f32::NAN, viridis(f64::NAN, f64::NAN)),
+        (axis(0.0, 0.01, 1), axis(0.0, 0.01, 1), 2.0, viridis(2.0, 2.0)),
+        (axis(0.0, 0.01, 3000), axis(0.0, 0.01, 1), 2.0, viridis(1.0, 3.0)),
+        (axis(0.0, 0.01, 1), axis(0.0, 0.01, 3000), 2.0, viridis(1.0, 3.0)),
+        (axis(0.0, 1e-9, 20), axis(1e6, 1e9, 20), f32::INFINITY, viridis(-1.0, 1e20)),
+        (axis(0.0, 1e300, 20), axis(0.0, 1e-300, 20), 1.0, viridis(0.0, f64::INFINITY)),
+        (
+            axis(0.0, 0.1, 9),
+            axis(0.0, 0.1, 9),
+            0.0,
+            Scale::Diverging { limit: 0.0, label: "error / mm".into() },
+        ),
+    ] {
+        let panel = Panel::new("map", vec![value; x.count * y.count], x, y, scale);
+        for columns in 1..=3 {
+            write_figure(&path, &vec![panel.clone(); 3], columns).unwrap();
+            let (width, height, _) = pixels(&path);
+            assert!(width <= 2000 && height <= 2600, "{width} x {height}");
+        }
+    }
+}
+
+#[test]
+fn a_row_of_the_map_is_a_row_of_the_picture() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("map.png");
+    let a = axis(0.0, 0.1, 2);
+    let scale = Scale::Sequential { map: ColourMap::Grey, range: [0.0, 1.0], label: String::new() };
+    // Black at the upper left, white elsewhere.
+    write_figure(&path, &[Panel::new("", vec![0.0, 1.0, 1.0, 1.0], a, a, scale.clone())], 1).unwrap();
+    let darkest_row = |path: &Path| {
+        let (width, _, rgb) = pixels(path);
+        let dark: Vec<usize> = rgb
+            .chunks_exact(3 * width)
+            .enumerate()
+            .filter(|(_, row)| row.chunks_exact(3).filter(|p| p[0] < 20).count() > 200)
+            .map(|(y, _)| y)
+            .collect();
+        dark.iter().sum::<usize>() / dark.len()
+    };
+    let down = darkest_row(&path);
+    let upward = Panel { upward: true, ..Panel::new("", vec![0.0, 1.0, 1.0, 1.0], a, a, scale) };
+    write_figure(&path, &[upward], 1).unwrap();
+    assert!(down + 200 < darkest_row(&path));
+}
+
+#[test]
+#[ignore = "leaves the figures in the folder that HOLOSONAR_FIGURES names, to be looked at"]
+fn figures_to_look_at() {
+    let folder = std::path::PathBuf::from(std::env::var("HOLOSONAR_FIGURES").unwrap());
+    for count in [41, 126, 256] {
+        figures(&folder, count);
+    }
+    let map = DepthMap { picked: Surface::empty(41 * 41), ..corner(41) };
+    write_depth_figure(&folder.join("nothing.png"), "depth", &map, None).unwrap();
+    let truth = corner(64);
+    let range = depth_range(&[&truth]);
+    let scale =
+        Scale::Sequential { map: ColourMap::Viridis, range: range.unwrap(), label: "depth z / m".into() };
+    let panel = |title: &str| Panel::new(title, &truth.picked.depth, truth.x, truth.y, scale.clone());
+    let titles = ["truth", "NL-NL", "L-NL", "L-L, with a rather long title", "five"];
+    write_figure(&folder.join("six.png"), &titles.map(panel), 3).unwrap();
+    let wide = Panel::new("wide", noise(900), axis(0.0, 0.01, 300), axis(0.0, 0.01, 3), scale.clone());
+    write_figure(&folder.join("wide.png"), &[wide], 1).unwrap();
+}

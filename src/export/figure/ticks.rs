@@ -1,0 +1,93 @@
+//! Where an axis has its ticks, and what is written beside them.
+
+/// A mark on an axis.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Tick {
+    pub(super) value: f64,
+    pub(super) label: String,
+}
+
+/// At most `most` ticks (at least 2) at multiples of 1, 2, 2.5 or 5 times a power of ten within `[low, high]`.
+///
+/// The best that can be done for an interval of no length is one tick.
+pub(super) fn ticks(low: f64, high: f64, most: usize) -> Vec<Tick> {
+    let most = most.max(2) as f64;
+    let span = high - low;
+    if !(span.is_finite() && span > 1e-9 * low.abs().max(high.abs())) {
+        return vec![Tick { value: low, label: label(low, 3) }];
+    }
+    let power = (span / most).log10().floor();
+    let (step, decimals) = [(1.0, 0), (2.0, 0), (2.5, 1), (5.0, 0), (10.0, -1), (20.0, -1)]
+        .into_iter()
+        .map(|(factor, more)| (factor * 10_f64.powf(power), more - power as i32))
+        .find(|(step, _)| {
+            let first = (low / step - 1e-6).ceil();
+            (high / step + 1e-6).floor() - first + 1.0 <= most
+        })
+        .unwrap_or((span, 3));
+    let first = (low / step - 1e-6).ceil();
+    let count = ((high / step + 1e-6).floor() - first) as usize + 1;
+    (0..count)
+        .map(|i| {
+            let value = (first + i as f64) * step;
+            Tick { value, label: label(value, decimals) }
+        })
+        .collect()
+}
+
+/// A number with so many decimals and a true minus sign; very large and very small ones with an exponent.
+fn label(value: f64, decimals: i32) -> String {
+    let text = if decimals > 5 || value.abs() >= 1e6 {
+        format!("{value:.3e}")
+    } else {
+        format!("{value:.*}", decimals.max(0) as usize)
+    };
+    let is_zero = !text.contains(|c: char| ('1'..='9').contains(&c));
+    if is_zero { text.trim_start_matches('-').to_owned() } else { text.replace('-', "−") }
+}
+
+/// The least round number that is no less than `value`, which must be positive.
+pub(super) fn round_up(value: f64) -> f64 {
+    let power = 10_f64.powf(value.log10().floor());
+    [1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0]
+        .into_iter()
+        .map(|factor| factor * power)
+        .find(|round| *round >= value * (1.0 - 1e-9))
+        .unwrap_or(value)
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    fn labels(low: f64, high: f64, most: usize) -> Vec<String> {
+        ticks(low, high, most).into_iter().map(|tick| tick.label).collect()
+    }
+
+    #[test]
+    fn ticks_are_round_and_few() {
+        assert_eq!(labels(0.0, 1.0, 5), ["0.00", "0.25", "0.50", "0.75", "1.00"]);
+        assert_eq!(labels(-0.5, 0.5, 7), ["−0.4", "−0.2", "0.0", "0.2", "0.4"]);
+        assert_eq!(labels(1.5, 2.5, 6), ["1.6", "1.8", "2.0", "2.2", "2.4"]);
+        assert_eq!(labels(-30.0, 0.0, 7), ["−30", "−25", "−20", "−15", "−10", "−5", "0"]);
+        assert_eq!(labels(0.0, 255.0, 6), ["0", "50", "100", "150", "200", "250"]);
+    }
+
+    #[test]
+    fn absurd_intervals_are_survived() {
+        for (low, high) in
+            [(1.0, 1.0), (f64::NAN, 1.0), (0.0, f64::INFINITY), (1e300, 1.1e300), (0.0, 1e-300), (2.0, 1.0)]
+        {
+            let ticks = ticks(low, high, 6);
+            assert!(!ticks.is_empty() && ticks.len() <= 6, "{low} {high}: {ticks:?}");
+        }
+    }
+
+    #[test]
+    fn limits_are_rounded_up() {
+        assert_eq!(round_up(3.2), 4.0);
+        assert_eq!(round_up(20.0), 20.0);
+        assert_eq!(round_up(0.09), 0.1);
+    }
+}
