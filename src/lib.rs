@@ -5,3 +5,4 @@ pub mod progress;
 pub mod wave;
 // `grid` stands below `wave` and above every stage.
 pub mod grid;
+pub mod scene;
