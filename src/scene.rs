@@ -1,0 +1,211 @@
+//! Mesh files to triangles in the array's frame, and what a straight path between two points crosses.
+//!
+//! Takes OBJ or glTF; gives a [`Scene`]: triangles in m, their acoustic materials, and the tree that answers
+//! [`Scene::transmittance`] and [`Scene::crossings`]. Nothing here knows of sound waves: a surface takes away a
+//! share of the amplitude of what crosses it and gives back a share of what falls on it, whatever the
+//! frequency or the angle.
+
+mod files;
+mod gltf;
+mod material;
+mod mtl;
+mod obj;
+mod occlusion;
+mod placement;
+mod polygon;
+mod triangle;
+
+#[cfg(test)]
+mod gltf_tests;
+#[cfg(test)]
+mod listener;
+#[cfg(test)]
+mod shipped_tests;
+
+use std::path::Path;
+
+use glam::DVec3;
+
+pub use material::{Material, MaterialRule};
+pub use occlusion::Crossing;
+pub use placement::{LoadOptions, Sensor, Unit, Up};
+pub use triangle::Triangle;
+
+use crate::error::{Error, Result};
+use crate::progress::Observer;
+use material::Palette;
+use occlusion::SurfaceTree;
+
+/// No vertex may lie farther from the origin than this, m: sound does not get there, and a number beyond it is
+/// a mistaken unit or a damaged file.
+pub const FARTHEST: f64 = 1e9;
+
+/// More triangles than this are refused, so that a small hostile file with many instances cannot take all
+/// memory (one triangle and its share of the tree take about 150 bytes).
+const MOST_TRIANGLES: usize = 50_000_000;
+
+/// The camera the array was put at, when [`Sensor::Camera`] named a perspective one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CameraView {
+    /// Vertical field of view, degrees.
+    pub vertical_field_of_view: f64,
+    /// Width over height of the picture, where the file says so.
+    pub aspect_ratio: Option<f64>,
+}
+
+/// Surfaces in the array's frame (x right, y down, z away from the array; m), and what lies between two points.
+#[derive(Debug)]
+pub struct Scene {
+    triangles: Vec<Triangle>,
+    materials: Vec<Material>,
+    tree: SurfaceTree,
+    camera: Option<CameraView>,
+}
+
+/// What a mesh file holds, in its own frame and unit.
+struct Mesh {
+    triangles: Vec<Triangle>,
+    metres_per_unit: f64,
+    up: Up,
+    /// From the file's frame to that of the sensor asked for, when one was.
+    sensor: Option<glam::DAffine3>,
+    camera: Option<CameraView>,
+}
+
+impl Scene {
+    /// Reads a mesh file (`.obj`, `.gltf`, `.glb`) and places it before the array as `options` say.
+    ///
+    /// Files that the mesh refers to are read from its own folder only. Pictures (textures) are not read.
+    ///
+    /// - Units: the result is in m.
+    /// - Cost: `O(n log n)` in the number of triangles; about a second for a million.
+    ///
+    /// # Errors
+    /// [`Error::Input`] when the file is missing, malformed, of another kind, without triangles or without a
+    /// unit, or when the options contradict one another or the file; the message names the place.
+    /// [`Error::Interrupted`] when the observer asks to stop.
+    pub fn load(path: &Path, options: &LoadOptions, observer: &dyn Observer) -> Result<Self> {
+        options.check()?;
+        let mut palette = Palette::new(&options.materials)?;
+        let kind = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
+        let mesh = match kind.as_str() {
+            "obj" => obj::load(path, options, &mut palette, observer)?,
+            "gltf" | "glb" => gltf::load(path, options, &mut palette, observer)?,
+            _ => {
+                return Err(Error::input(
+                    path.display(),
+                    "is no mesh this program reads; expected a file named .obj, .gltf or .glb",
+                ));
+            }
+        };
+        if observer.should_stop() {
+            return Err(Error::Interrupted);
+        }
+        let materials = palette.finish(path, observer);
+        let (camera, triangles) = (mesh.camera, place(path, mesh, options, observer)?);
+        // The places of errors in `new` are triangles, which say nothing without their file.
+        let scene = Self::new(triangles, materials).map_err(|error| match error {
+            Error::Input { place, problem } => Error::input(format!("{}, {place}", path.display()), problem),
+            other => other,
+        })?;
+        Ok(Self { camera, ..scene })
+    }
+
+    /// A scene of triangles in the array's frame, m. It may be empty, and triangles without area may be among
+    /// them: they are never hit.
+    ///
+    /// Cost: `O(n log n)`.
+    ///
+    /// # Errors
+    /// [`Error::Input`] when a vertex is not finite or beyond [`FARTHEST`], when a triangle's material does not
+    /// exist, or when a reflectance or transmittance lies outside 0..1.
+    pub fn new(triangles: Vec<Triangle>, materials: Vec<Material>) -> Result<Self> {
+        if triangles.len() > MOST_TRIANGLES {
+            return Err(too_many_triangles("scene"));
+        }
+        for material in &materials {
+            material.check()?;
+        }
+        for (i, triangle) in triangles.iter().enumerate() {
+            let place = || format!("triangle {i}");
+            // Written so that NaN fails too.
+            if !triangle.vertices.iter().all(|v| v.abs().max_element() <= FARTHEST && v.is_finite()) {
+                return Err(Error::input(
+                    place(),
+                    format!("has a vertex that is not finite or lies beyond {FARTHEST:e} m; check the unit and scale"),
+                ));
+            }
+            if triangle.material as usize >= materials.len() {
+                return Err(Error::input(
+                    place(),
+                    format!("has material {}, of which there are {}", triangle.material, materials.len()),
+                ));
+            }
+        }
+        let tree = SurfaceTree::new(&triangles);
+        Ok(Self { triangles, materials, tree, camera: None })
+    }
+
+    /// The triangles, in the order of the file.
+    pub fn triangles(&self) -> &[Triangle] {
+        &self.triangles
+    }
+
+    /// The materials that [`Triangle::material`] counts.
+    pub fn materials(&self) -> &[Material] {
+        &self.materials
+    }
+
+    /// The perspective camera of the file that the array was put at, if it was.
+    pub fn camera(&self) -> Option<CameraView> {
+        self.camera
+    }
+
+    /// Least and greatest corner of the box around all triangles, m; `None` for an empty scene.
+    pub fn bounds(&self) -> Option<(DVec3, DVec3)> {
+        triangle::bounds(&self.triangles)
+    }
+
+    /// Area of all triangles, one side of each, m².
+    pub fn surface_area(&self) -> f64 {
+        self.triangles.iter().map(Triangle::area).sum()
+    }
+}
+
+/// Takes the triangles from the file's frame to the array's, and drops those without area.
+fn place(
+    path: &Path,
+    mesh: Mesh,
+    options: &LoadOptions,
+    observer: &dyn Observer,
+) -> Result<Vec<Triangle>> {
+    let Mesh { mut triangles, metres_per_unit, up, sensor, .. } = mesh;
+    let found = triangles.len();
+    triangles.retain(|t| !t.is_degenerate());
+    if triangles.is_empty() {
+        return Err(Error::input(
+            path.display(),
+            "holds no triangle with an area; an image needs at least one surface",
+        ));
+    }
+    if triangles.len() < found {
+        observer.warn(&format!(
+            "{}: {} of {found} triangles have no area and are left out",
+            path.display(),
+            found - triangles.len()
+        ));
+    }
+    let placement = placement::placement(&triangles, metres_per_unit, up, sensor, options);
+    for triangle in &mut triangles {
+        triangle.vertices = triangle.vertices.map(|v| placement.transform_point3(v));
+    }
+    Ok(triangles)
+}
+
+/// The refusal of a mesh that would take all memory.
+fn too_many_triangles(place: impl std::fmt::Display) -> Error {
+    Error::input(
+        place,
+        format!("holds more than {MOST_TRIANGLES} triangles; decimate the mesh (sound resolves about a cm)"),
+    )
+}

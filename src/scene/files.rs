@@ -1,0 +1,79 @@
+//! Reading a mesh file and the files beside it, never one elsewhere.
+
+use std::fs::{self, File};
+use std::io::Read;
+use std::path::{Component, Path, PathBuf};
+
+use crate::error::{Error, Result};
+
+/// No file of a scene may be larger than this, bytes.
+const LARGEST_FILE: u64 = 4 << 30;
+
+/// The whole of a regular file. Pipes and devices are refused, which might never end.
+pub(super) fn read(path: &Path) -> Result<Vec<u8>> {
+    let about = fs::metadata(path).map_err(|error| Error::reading(path, &error))?;
+    if about.is_dir() {
+        return Err(Error::input(path.display(), "is a folder, a file was expected"));
+    }
+    if !about.is_file() {
+        return Err(Error::input(path.display(), "is no regular file"));
+    }
+    if about.len() > LARGEST_FILE {
+        return Err(Error::input(path.display(), "is larger than 4 GiB; decimate or split the mesh"));
+    }
+    let mut bytes = Vec::with_capacity(about.len() as usize);
+    // The file may have grown since it was measured.
+    let read = File::open(path).and_then(|file| file.take(LARGEST_FILE).read_to_end(&mut bytes));
+    read.map_err(|error| Error::reading(path, &error))?;
+    Ok(bytes)
+}
+
+/// The path of a file named `relative` inside the folder of `mesh`, or why it is refused. What a mesh file names
+/// is not trusted: it may come from anywhere and name anything. A missing file is `Ok`; reading it tells.
+pub(super) fn beside(mesh: &Path, relative: &str) -> std::result::Result<PathBuf, String> {
+    // Exporters on Windows write backslashes.
+    let name = relative.replace('\\', "/");
+    let harmless = |part: Component<'_>| matches!(part, Component::Normal(_) | Component::CurDir);
+    let drive = name.as_bytes().get(1) == Some(&b':');
+    if name.is_empty() || name.contains('\0') || drive || !Path::new(&name).components().all(harmless) {
+        return Err(format!("names `{relative}`, which is not inside the folder of the file"));
+    }
+    let folder = mesh.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let path = folder.join(&name);
+    // A symbolic link may lead out of the folder just as `..` does.
+    if let (Ok(folder), Ok(real)) = (folder.canonicalize(), path.canonicalize())
+        && !real.starts_with(folder)
+    {
+        return Err(format!("names `{relative}`, a link that leads out of the folder of the file"));
+    }
+    Ok(path)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_names_inside_the_folder_are_followed() {
+        let mesh = Path::new("models/a.gltf");
+        assert_eq!(beside(mesh, "sub\\a.bin").unwrap(), Path::new("models/sub/a.bin"));
+        assert_eq!(beside(Path::new("a.gltf"), "a b.bin").unwrap(), Path::new("./a b.bin"));
+        for outside in
+            ["../a.bin", "x/../../a.bin", "/etc/passwd", "C:\\a.bin", "c:a.bin", "", "a\0b", "..\\a.bin"]
+        {
+            assert!(beside(mesh, outside).unwrap_err().contains("not inside the folder"), "{outside}");
+        }
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn links_out_of_the_folder_and_endless_files_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        std::os::unix::fs::symlink("/etc", folder.path().join("out")).unwrap();
+        let refused = beside(&folder.path().join("a.gltf"), "out/passwd");
+        assert!(refused.unwrap_err().contains("a link that leads out"));
+        assert!(read(folder.path()).unwrap_err().to_string().contains("is a folder"));
+        assert!(read(Path::new("/dev/zero")).unwrap_err().to_string().contains("no regular file"));
+        assert!(read(&folder.path().join("none.obj")).unwrap_err().to_string().contains("no such file"));
+    }
+}

@@ -1,0 +1,213 @@
+//! The envelope of glTF: JSON or GLB, and the buffers it names.
+
+use std::path::{Path, PathBuf};
+
+use ::gltf::json;
+
+use super::super::files;
+use crate::error::{Error, Result};
+
+/// A parsed file and its buffers, of which none is shorter than it says.
+pub(super) struct Document {
+    path: PathBuf,
+    pub(super) root: json::Root,
+    pub(super) buffers: Vec<Vec<u8>>,
+}
+
+impl Document {
+    pub(super) fn open(path: &Path) -> Result<Self> {
+        let bytes = files::read(path)?;
+        // The content decides, not the name: exporters mix up the two.
+        let (text, binary) = if bytes.starts_with(b"glTF") {
+            split_glb(&bytes).map_err(|problem| Error::input(path.display(), problem))?
+        } else {
+            (bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes), None)
+        };
+        let root: json::Root = json::deserialize::from_slice(text).map_err(|error| {
+            let what = if error.is_eof() { "is cut short" } else { "is no valid glTF 2.0" };
+            Error::input(path.display(), format!("{what}: {error}"))
+        })?;
+        if !root.asset.version.starts_with("2.") {
+            return Err(Error::input(
+                path.display(),
+                format!("is glTF {}; version 2 is read", root.asset.version),
+            ));
+        }
+        for extension in &root.extensions_required {
+            if !is_harmless(extension) {
+                return Err(unsupported_extension(&path.display().to_string(), extension));
+            }
+        }
+        let mut document = Self { path: path.to_owned(), root, buffers: Vec::new() };
+        for i in 0..document.root.buffers.len() {
+            let buffer = document.buffer(i, binary)?;
+            document.buffers.push(buffer);
+        }
+        Ok(document)
+    }
+
+    /// The file, for messages.
+    pub(super) fn name(&self) -> String {
+        self.path.display().to_string()
+    }
+
+    /// An element of the file, for messages.
+    pub(super) fn place(&self, kind: &str, index: usize, name: Option<&String>) -> String {
+        let name = name.map(|name| format!(" (`{name}`)")).unwrap_or_default();
+        format!("{}, {kind} {index}{name}", self.path.display())
+    }
+
+    fn buffer(&self, index: usize, binary: Option<&[u8]>) -> Result<Vec<u8>> {
+        let buffer = &self.root.buffers[index];
+        let place = || self.place("buffer", index, buffer.name.as_ref());
+        let refused = |problem: String| Error::input(place(), problem);
+        let mut bytes = match (&buffer.uri, binary) {
+            (Some(uri), _) if uri.starts_with("data:") => decode_data_uri(uri).map_err(refused)?,
+            (Some(uri), _) => {
+                let file = self.external(uri).map_err(refused)?;
+                files::read(&file).map_err(|error| Error::input(place(), error.to_string()))?
+            }
+            (None, Some(binary)) if index == 0 => binary.to_vec(),
+            (None, _) => {
+                let meshopt = self.root.extensions_used.iter().find(|e| e.contains("meshopt_compression"));
+                return Err(match meshopt {
+                    Some(extension) => unsupported_extension(&place(), extension),
+                    None => refused("has no uri, and the file has no binary part for it".to_owned()),
+                });
+            }
+        };
+        let expected = buffer.byte_length.0;
+        if (bytes.len() as u64) < expected {
+            return Err(refused(format!("is cut short: {} of {expected} bytes", bytes.len())));
+        }
+        bytes.truncate(expected as usize);
+        Ok(bytes)
+    }
+
+    fn external(&self, uri: &str) -> std::result::Result<PathBuf, String> {
+        if uri.contains(':') {
+            return Err(format!("names `{uri}`; only files in the folder of the mesh are read"));
+        }
+        let name = decode_percent(uri).ok_or_else(|| format!("has a malformed uri `{uri}`"))?;
+        files::beside(&self.path, &name)
+    }
+}
+
+/// Extensions that change how a surface looks but not where it is.
+fn is_harmless(extension: &str) -> bool {
+    let prefixes =
+        ["KHR_materials_", "KHR_texture_", "KHR_lights_", "EXT_texture_", "EXT_lights_", "MSFT_texture_", "KHR_xmp"];
+    prefixes.iter().any(|prefix| extension.starts_with(prefix))
+}
+
+/// The refusal of an extension without which the geometry cannot be read, and how to get rid of it.
+pub(super) fn unsupported_extension(place: &str, extension: &str) -> Error {
+    let fix = match extension {
+        "KHR_mesh_quantization" => "`gltf-transform dequantize in.glb out.glb` writes the mesh without it",
+        "KHR_draco_mesh_compression" | "EXT_meshopt_compression" | "KHR_meshopt_compression" => {
+            "`gltf-transform copy in.glb out.glb` writes the mesh without compression"
+        }
+        _ => "export the mesh without it",
+    };
+    Error::input(place, format!("needs the extension {extension}, which is not read; {fix}"))
+}
+
+/// The JSON and the binary part of a GLB file (glTF 2.0 specification, 4.4).
+fn split_glb(bytes: &[u8]) -> std::result::Result<(&[u8], Option<&[u8]>), String> {
+    let word = |at: usize| bytes.get(at..at + 4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]));
+    let (Some(version), Some(length)) = (word(4), word(8)) else {
+        return Err("is cut short within its header".to_owned());
+    };
+    if version != 2 {
+        return Err(format!("is GLB version {version}; version 2 is read"));
+    }
+    if (bytes.len() as u64) < u64::from(length) {
+        return Err(format!("is cut short: {} of {length} bytes", bytes.len()));
+    }
+    let (mut text, mut binary) = (None, None);
+    let mut at = 12;
+    while let (Some(size), Some(kind)) = (word(at), word(at + 4)) {
+        let size = size as usize;
+        let chunk = bytes.get(at + 8..at + 8 + size).ok_or("is cut short within a chunk")?;
+        match &kind.to_le_bytes() {
+            b"JSON" if text.is_none() => text = Some(chunk),
+            b"BIN\0" if binary.is_none() => binary = Some(chunk),
+            _ => {}
+        }
+        at += 8 + size;
+    }
+    text.map(|text| (text, binary)).ok_or_else(|| "has no JSON chunk".to_owned())
+}
+
+fn decode_data_uri(uri: &str) -> std::result::Result<Vec<u8>, String> {
+    let data = uri.split_once(";base64,").map(|(_, data)| data);
+    let data = data.ok_or("has a data uri that is not base64")?;
+    decode_base64(data).ok_or_else(|| "has a data uri with malformed base64".to_owned())
+}
+
+/// RFC 4648, with or without padding.
+fn decode_base64(text: &str) -> Option<Vec<u8>> {
+    let digits = text.trim_end_matches('=').as_bytes();
+    let mut bytes = Vec::with_capacity(digits.len() / 4 * 3 + 2);
+    for group in digits.chunks(4) {
+        let mut bits = 0_u32;
+        for &digit in group {
+            let value = match digit {
+                b'A'..=b'Z' => digit - b'A',
+                b'a'..=b'z' => digit - b'a' + 26,
+                b'0'..=b'9' => digit - b'0' + 52,
+                b'+' => 62,
+                b'/' => 63,
+                _ => return None,
+            };
+            bits = bits << 6 | u32::from(value);
+        }
+        // Two digits carry one byte, three carry two; one alone carries none.
+        let count = [0, 0, 1, 2, 3][group.len()];
+        if count == 0 {
+            return None;
+        }
+        bits <<= 6 * (4 - group.len());
+        bytes.extend_from_slice(&bits.to_be_bytes()[1..=count]);
+    }
+    Some(bytes)
+}
+
+/// `%20` and the like; `None` for malformed ones, and for what is not UTF-8 after it.
+fn decode_percent(uri: &str) -> Option<String> {
+    let mut bytes = Vec::with_capacity(uri.len());
+    let mut rest = uri.bytes();
+    while let Some(byte) = rest.next() {
+        if byte == b'%' {
+            let mut digit = || (rest.next()? as char).to_digit(16);
+            bytes.push((digit()? * 16 + digit()?) as u8);
+        } else {
+            bytes.push(byte);
+        }
+    }
+    String::from_utf8(bytes).ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn base64_of_rfc_4648() {
+        for (text, plain) in
+            [("", ""), ("Zg==", "f"), ("Zm8", "fo"), ("Zm9v", "foo"), ("Zm9vYg==", "foob"), ("Zm9vYmE=", "fooba")]
+        {
+            assert_eq!(decode_base64(text).unwrap(), plain.as_bytes());
+        }
+        assert_eq!(decode_base64("//79+w==").unwrap(), [0xff, 0xfe, 0xfd, 0xfb]);
+        assert!(decode_base64("Z").is_none() && decode_base64("Zm-v").is_none());
+    }
+
+    #[test]
+    fn percent_signs_are_decoded_or_refused() {
+        assert_eq!(decode_percent("a%20b%C3%A9").unwrap(), "a bé");
+        for bad in ["%", "%2", "%zz", "%ff", "%+1"] {
+            assert!(decode_percent(bad).is_none(), "{bad}");
+        }
+    }
+}

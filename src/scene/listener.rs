@@ -1,0 +1,20 @@
+//! An observer for tests.
+
+use std::sync::Mutex;
+use crate::progress::Observer;
+
+/// Keeps the warnings it hears.
+#[derive(Default)]
+pub(super) struct Listener(Mutex<Vec<String>>);
+
+impl Observer for Listener {
+    fn warn(&self, message: &str) {
+        self.0.lock().unwrap().push(message.to_owned());
+    }
+}
+
+impl Listener {
+    pub(super) fn heard(&self) -> String {
+        self.0.lock().unwrap().join("\n")
+    }
+}

@@ -1,0 +1,252 @@
+//! What a surface does to sound, and where that was said: in a rule of the user's or in the mesh file.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+use crate::error::{Error, Result};
+use crate::progress::Observer;
+
+/// What a surface does to the amplitude of sound; the same for both sides, all angles and all frequencies.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Material {
+    /// Name in the file, or that of the first node or object that has it.
+    pub name: String,
+    /// Share of the amplitude that comes back, 0..1.
+    pub reflectance: f64,
+    /// Share of the amplitude left after one crossing, 0..1.
+    pub transmittance: f64,
+    /// Who said so: "rule `glass*`", "glTF extras", "glTF transmission", "glTF alpha", "MTL d", "MTL Tr",
+    /// "default".
+    pub source: String,
+}
+
+impl Material {
+    /// An opaque surface that reflects everything: what is assumed where nothing is said.
+    pub(super) fn opaque(name: &str) -> Self {
+        Self { name: name.to_owned(), reflectance: 1.0, transmittance: 0.0, source: "default".to_owned() }
+    }
+
+    /// A surface of opacity `alpha`: it reflects that share and lets the rest through.
+    pub(super) fn from_alpha(name: &str, alpha: f64, source: &str) -> Self {
+        Self {
+            name: name.to_owned(),
+            reflectance: alpha,
+            transmittance: 1.0 - alpha,
+            source: source.to_owned(),
+        }
+    }
+
+    /// Refuses shares outside 0..1.
+    pub(super) fn check(&self) -> Result<()> {
+        let place = || format!("material `{}` ({})", self.name, self.source);
+        check_share(place, "reflectance", self.reflectance)?;
+        check_share(place, "transmittance", self.transmittance)
+    }
+}
+
+/// Refuses a share of amplitude outside 0..1 (or NaN).
+fn check_share(place: impl Fn() -> String, what: &str, value: f64) -> Result<()> {
+    if (0.0..=1.0).contains(&value) {
+        return Ok(());
+    }
+    Err(Error::input(place(), format!("{what} is {value}; expected a share of the amplitude, 0 to 1")))
+}
+
+/// What the user says of the materials, nodes and objects whose name matches.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct MaterialRule {
+    /// Pattern: `*` stands for any run of characters, `?` for any one; upper and lower case differ.
+    pub name: String,
+    /// Share of the amplitude that comes back, 0..1; left out, the file's.
+    pub reflectance: Option<f64>,
+    /// Share of the amplitude left after one crossing, 0..1; left out, the file's.
+    pub transmittance: Option<f64>,
+}
+
+/// Whether `name` matches `pattern` with `*` and `?`. Goes back to the last `*` only, so it takes
+/// `O(pattern × name)` at worst.
+fn matches(pattern: &str, name: &str) -> bool {
+    let (pattern, name): (Vec<char>, Vec<char>) = (pattern.chars().collect(), name.chars().collect());
+    let (mut p, mut n) = (0, 0);
+    let mut star = None;
+    while n < name.len() {
+        match pattern.get(p) {
+            Some('*') => {
+                star = Some((p, n));
+                p += 1;
+            }
+            Some(&c) if c == '?' || c == name[n] => {
+                p += 1;
+                n += 1;
+            }
+            _ => {
+                // Let the last star swallow one character more and try again.
+                let Some((star_p, star_n)) = star else { return false };
+                star = Some((star_p, star_n + 1));
+                p = star_p + 1;
+                n = star_n + 1;
+            }
+        }
+    }
+    pattern[p..].iter().all(|&c| c == '*')
+}
+
+/// Collects the materials in use while a file is read: what the file declares, overridden by the rules.
+pub(super) struct Palette<'a> {
+    rules: &'a [MaterialRule],
+    used: Vec<bool>,
+    declared: Vec<Material>,
+    /// By declared material and rule, so that a thousand nodes of one kind share one entry.
+    assigned: BTreeMap<(Option<usize>, Option<usize>), u32>,
+    materials: Vec<Material>,
+    names: BTreeSet<String>,
+}
+
+impl<'a> Palette<'a> {
+    /// # Errors
+    /// A rule without a name, without a value, or with one outside 0..1.
+    pub(super) fn new(rules: &'a [MaterialRule]) -> Result<Self> {
+        for (i, rule) in rules.iter().enumerate() {
+            let place = || format!("material rule `{}`", rule.name);
+            if rule.name.is_empty() {
+                return Err(Error::input(
+                    format!("material rule {}", i + 1),
+                    "has no name; `*` matches every one",
+                ));
+            }
+            if rule.reflectance.is_none() && rule.transmittance.is_none() {
+                return Err(Error::input(place(), "sets neither reflectance nor transmittance"));
+            }
+            for (what, value) in [("reflectance", rule.reflectance), ("transmittance", rule.transmittance)] {
+                check_share(place, what, value.unwrap_or(0.0))?;
+            }
+        }
+        Ok(Self {
+            rules,
+            used: vec![false; rules.len()],
+            declared: Vec::new(),
+            assigned: BTreeMap::new(),
+            materials: Vec::new(),
+            names: BTreeSet::new(),
+        })
+    }
+
+    /// Takes down a material of the file and returns the number by which [`Palette::assign`] knows it.
+    pub(super) fn declare(&mut self, material: Material) -> usize {
+        self.declared.push(material);
+        self.declared.len() - 1
+    }
+
+    /// The material of a surface: declared material (if the file gives one) and the name of the node or object
+    /// it belongs to (may be empty).
+    pub(super) fn assign(&mut self, declared: Option<usize>, owner: &str) -> u32 {
+        let material = declared.map_or_else(|| Material::opaque(""), |i| self.declared[i].clone());
+        for name in [material.name.as_str(), owner] {
+            if !name.is_empty() && !self.names.contains(name) {
+                self.names.insert(name.to_owned());
+            }
+        }
+        let rule = self.rules.iter().position(|rule| {
+            let hit = |name: &str| !name.is_empty() && matches(&rule.name, name);
+            // A lone star means everything, also what has no name.
+            rule.name == "*" || hit(&material.name) || hit(owner)
+        });
+        if let Some(&index) = self.assigned.get(&(declared, rule)) {
+            return index;
+        }
+        let mut material = material;
+        if material.name.is_empty() {
+            material.name = if owner.is_empty() { "unnamed".to_owned() } else { owner.to_owned() };
+        }
+        if let Some(i) = rule {
+            self.used[i] = true;
+            let rule = &self.rules[i];
+            material.reflectance = rule.reflectance.unwrap_or(material.reflectance);
+            material.transmittance = rule.transmittance.unwrap_or(material.transmittance);
+            material.source = format!("rule `{}`", rule.name);
+        }
+        let index = self.materials.len() as u32;
+        self.materials.push(material);
+        self.assigned.insert((declared, rule), index);
+        index
+    }
+
+    /// The materials in use; rules that matched nothing are warned of.
+    pub(super) fn finish(self, path: &Path, observer: &dyn Observer) -> Vec<Material> {
+        const SHOWN: usize = 8;
+        for (rule, _) in self.rules.iter().zip(&self.used).filter(|(_, used)| !**used) {
+            let mut names: Vec<_> = self.names.iter().take(SHOWN).map(|n| format!("`{n}`")).collect();
+            if self.names.len() > SHOWN {
+                names.push("...".to_owned());
+            }
+            let there = if names.is_empty() {
+                "the file names nothing".to_owned()
+            } else {
+                format!("the file has {}", names.join(", "))
+            };
+            observer.warn(&format!(
+                "{}: material rule `{}` matches no material, node or object (or earlier rules took them all); {there}",
+                path.display(),
+                rule.name
+            ));
+        }
+        self.materials
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::progress::Silent;
+
+    #[test]
+    fn patterns_match_as_in_a_shell() {
+        for (pattern, name) in
+            [("glass*", "glass"), ("glass*", "glass door"), ("*a*b?", "xxaybz"), ("?", "é"), ("**", "")]
+        {
+            assert!(matches(pattern, name), "{pattern} {name}");
+        }
+        for (pattern, name) in [("glass*", "Glass"), ("?", ""), ("a?c", "ac"), ("a*b", "abc"), ("", "a")] {
+            assert!(!matches(pattern, name), "{pattern} {name}");
+        }
+        let hostile = "*a".repeat(40);
+        assert!(!matches(&hostile, &"a".repeat(39)));
+    }
+
+    #[test]
+    fn the_first_matching_rule_wins_and_keeps_what_it_does_not_set() {
+        let rules = [
+            MaterialRule { name: "pane*".into(), transmittance: Some(0.9), ..MaterialRule::default() },
+            MaterialRule { name: "glass".into(), reflectance: Some(0.1), transmittance: Some(0.2) },
+        ];
+        let mut palette = Palette::new(&rules).unwrap();
+        let glass = palette.declare(Material::from_alpha("glass", 0.4, "glTF alpha"));
+        let (a, b, c) = (
+            palette.assign(Some(glass), "pane 1"),
+            palette.assign(Some(glass), "pane 2"),
+            palette.assign(Some(glass), "cup"),
+        );
+        let wall = palette.assign(None, "wall");
+        let materials = palette.finish(Path::new("a.obj"), &Silent);
+        assert_eq!(a, b);
+        let shares = |i: u32| (materials[i as usize].reflectance, materials[i as usize].transmittance);
+        assert_eq!(shares(a), (0.4, 0.9));
+        assert_eq!(shares(c), (0.1, 0.2));
+        assert_eq!(shares(wall), (1.0, 0.0));
+        assert_eq!(materials[a as usize].source, "rule `pane*`");
+        assert_eq!(materials[wall as usize].source, "default");
+    }
+
+    #[test]
+    fn rules_that_say_nothing_or_too_much_are_refused() {
+        let refused = |rule: MaterialRule| Palette::new(&[rule]).err().unwrap().to_string();
+        let rule = |name: &str, reflectance| MaterialRule { name: name.into(), reflectance, transmittance: None };
+        assert!(refused(rule("a", None)).contains("neither"));
+        assert!(refused(rule("", Some(1.0))).contains("no name"));
+        assert_eq!(
+            refused(rule("a", Some(1.5))),
+            "material rule `a`: reflectance is 1.5; expected a share of the amplitude, 0 to 1"
+        );
+        assert!(refused(rule("a", Some(f64::NAN))).contains("NaN"));
+    }
+}

@@ -1,0 +1,104 @@
+//! The two statements of an MTL file that say something of sound: `d`, and `Tr`.
+//!
+//! Read here rather than by the OBJ crate, whose reader gives up the whole file for one bad colour and knows no
+//! `Tr`.
+
+use std::path::Path;
+
+use super::material::Material;
+use crate::error::{Error, Result};
+use crate::progress::Observer;
+
+/// The materials of an MTL file: opacity `d`, or 1 - `Tr`, or opaque.
+///
+/// # Errors
+/// A `d` or `Tr` that is no number in 0..1, with its line.
+pub(super) fn parse(text: &str, path: &Path, observer: &dyn Observer) -> Result<Vec<Material>> {
+    let mut materials = Vec::new();
+    let mut current: Option<Statements<'_>> = None;
+    for (i, line) in text.lines().enumerate() {
+        let line = line.trim();
+        let (keyword, rest) = line.split_once(char::is_whitespace).unwrap_or((line, ""));
+        let share = || opacity(rest, keyword, path, i + 1);
+        match (keyword, &mut current) {
+            ("newmtl", _) => {
+                let next = Statements { name: rest.trim(), d: None, tr: None };
+                materials.extend(current.replace(next).map(|done| done.material(path, observer)));
+            }
+            ("d", Some(material)) => material.d = Some(share()?),
+            ("Tr", Some(material)) => material.tr = Some(share()?),
+            _ => {}
+        }
+    }
+    materials.extend(current.map(|done| done.material(path, observer)));
+    Ok(materials)
+}
+
+struct Statements<'a> {
+    name: &'a str,
+    d: Option<f64>,
+    tr: Option<f64>,
+}
+
+impl Statements<'_> {
+    fn material(&self, path: &Path, observer: &dyn Observer) -> Material {
+        match (self.d, self.tr) {
+            (Some(d), tr) => {
+                if tr.is_some_and(|tr| (1.0 - tr - d).abs() > 1e-3) {
+                    observer.warn(&format!(
+                        "{}, material `{}`: d {d} and Tr {} contradict each other (Tr should be 1 - d); d counts",
+                        path.display(),
+                        self.name,
+                        tr.unwrap_or_default()
+                    ));
+                }
+                // Nearly every exporter writes `d 1`; that is the default, not a statement.
+                if d == 1.0 { Material::opaque(self.name) } else { Material::from_alpha(self.name, d, "MTL d") }
+            }
+            (None, Some(tr)) if tr > 0.0 => Material::from_alpha(self.name, 1.0 - tr, "MTL Tr"),
+            _ => Material::opaque(self.name),
+        }
+    }
+}
+
+/// The number of a `d` or `Tr` statement; `d -halo 0.5` has it last.
+fn opacity(rest: &str, keyword: &str, path: &Path, line: usize) -> Result<f64> {
+    let word = rest.split('#').next().unwrap_or_default().split_whitespace().next_back().unwrap_or_default();
+    match word.parse() {
+        Ok(value) if (0.0..=1.0).contains(&value) => Ok(value),
+        _ => Err(Error::input(
+            format!("{}, line {line}", path.display()),
+            format!("`{keyword} {}` should give an opacity from 0 to 1", rest.trim()),
+        )),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::listener::Listener;
+    use super::*;
+
+    #[test]
+    fn opacity_comes_from_d_then_tr() {
+        let text = "# x\nnewmtl a b\nKd 0.1 0.2\nd 0.4\nnewmtl t\n  Tr 0.25 # clear\nnewmtl h\nd -halo 0.5\r\nnewmtl o\nd 1.0\nTr 1\nKe";
+        let listener = Listener::default();
+        let materials = parse(text, Path::new("x.mtl"), &listener).unwrap();
+        let seen: Vec<_> =
+            materials.iter().map(|m| (m.name.as_str(), m.reflectance, m.source.as_str())).collect();
+        assert_eq!(
+            seen,
+            [("a b", 0.4, "MTL d"), ("t", 0.75, "MTL Tr"), ("h", 0.5, "MTL d"), ("o", 1.0, "default")]
+        );
+        assert_eq!(materials[0].transmittance, 0.6);
+        assert!(listener.heard().contains("material `o`: d 1 and Tr 1 contradict"));
+    }
+
+    #[test]
+    fn bad_opacities_name_their_line() {
+        for bad in ["d", "d x", "d 1.5", "Tr -0.1", "d nan"] {
+            let error = parse(&format!("newmtl a\n{bad}"), Path::new("x.mtl"), &Listener::default());
+            let message = error.unwrap_err().to_string();
+            assert!(message.starts_with("x.mtl, line 2: ") && message.contains("0 to 1"), "{message}");
+        }
+    }
+}

@@ -1,0 +1,286 @@
+//! Wavefront OBJ: faces of any number of corners, objects and groups, materials by name.
+//!
+//! `tobj` reads the geometry from a cleaned copy of the text, in which every line keeps its number, continued
+//! lines are joined, and only what matters here is left: positions, faces, names. Materials are numbered in the
+//! copy, so that their names survive a missing MTL file.
+
+use std::borrow::Cow;
+use std::collections::HashMap;
+use std::path::Path;
+
+use glam::DVec3;
+
+use super::material::{Material, Palette};
+use super::{LoadOptions, Mesh, Triangle, Up, files, mtl, polygon, too_many_triangles};
+use crate::error::{Error, Result};
+use crate::progress::Observer;
+
+/// Reads an OBJ file. See [`Scene::load`](super::Scene::load).
+pub(super) fn load(
+    path: &Path,
+    options: &LoadOptions,
+    palette: &mut Palette<'_>,
+    observer: &dyn Observer,
+) -> Result<Mesh> {
+    if options.sensor.is_some() {
+        return Err(Error::input(
+            "sensor",
+            format!("needs a glTF file; {} is an OBJ, which has no cameras or nodes", path.display()),
+        ));
+    }
+    let bytes = files::read(path)?;
+    // Names may be in any encoding; geometry is ASCII.
+    let source = String::from_utf8_lossy(&bytes);
+    let cleaned = clean(source.trim_start_matches('\u{feff}'), path)?;
+    let metres_per_unit = metres_per_unit(&cleaned, options, path, observer)?;
+    let declared = declare_materials(&cleaned, path, palette, observer)?;
+    let models = read_models(&cleaned, path)?;
+
+    let mut triangles = Vec::new();
+    let mut doubtful = 0_usize;
+    for model in models {
+        let mesh = &model.mesh;
+        let vertices: Vec<_> = mesh.positions.chunks_exact(3).map(DVec3::from_slice).collect();
+        if let Some(bad) = vertices.iter().find(|v| !v.is_finite()) {
+            return Err(Error::input(
+                format!("{}, object `{}`", path.display(), model.name),
+                format!("has a vertex with a coordinate that is not finite: {bad}"),
+            ));
+        }
+        let material = palette.assign(mesh.material_id.map(|i| declared[i]), owner(&model.name));
+        let mut rest = mesh.indices.as_slice();
+        let all_triangles = vec![3; if mesh.face_arities.is_empty() { mesh.indices.len() / 3 } else { 0 }];
+        for &arity in mesh.face_arities.iter().chain(&all_triangles) {
+            let (face, after) = rest.split_at((arity as usize).min(rest.len()));
+            rest = after;
+            let corners: Vec<_> = face.iter().map(|&i| vertices[i as usize]).collect();
+            let cut = polygon::cut(&corners);
+            doubtful += usize::from(cut.doubtful);
+            triangles.extend(
+                cut.triangles.iter().map(|t| Triangle { vertices: t.map(|i| corners[i]), material }),
+            );
+        }
+        if triangles.len() > super::MOST_TRIANGLES {
+            return Err(too_many_triangles(path.display()));
+        }
+    }
+    if doubtful > 0 {
+        observer.warn(&format!(
+            "{}: {doubtful} faces have outlines that cross themselves, are flat, or are concave with over a \
+             thousand corners; they are drawn as fans from their first corner, which may be wrong. Triangulate \
+             the mesh where it was made",
+            path.display()
+        ));
+    }
+    Ok(Mesh { triangles, metres_per_unit, up: Up::None, sensor: None, camera: None })
+}
+
+/// `tobj` calls what has no name by one.
+fn owner(name: &str) -> &str {
+    if name == "unnamed_object" { "" } else { name }
+}
+
+/// The text with line numbers kept and all else put plainly.
+struct Cleaned {
+    text: String,
+    /// Material names, in the order of first use; `usemtl` has their places in this list.
+    materials: Vec<String>,
+    libraries: Vec<String>,
+    /// Metres per unit, from a header comment.
+    header: Option<f64>,
+}
+
+fn clean(source: &str, path: &Path) -> Result<Cleaned> {
+    let mut text = String::with_capacity(source.len());
+    let mut materials: Vec<String> = Vec::new();
+    let mut places = HashMap::new();
+    let (mut libraries, mut header) = (Vec::new(), None);
+    let mut lines = source.lines().enumerate();
+    while let Some((number, line)) = lines.next() {
+        let mut line = Cow::Borrowed(line.trim());
+        let mut joined = 0;
+        while !line.starts_with('#') && line.ends_with('\\') {
+            let longer = line.to_mut();
+            longer.pop();
+            longer.push(' ');
+            let Some((_, next)) = lines.next() else { break };
+            longer.push_str(next.trim());
+            joined += 1;
+        }
+        let (keyword, rest) = line.split_once(char::is_whitespace).unwrap_or((&line, ""));
+        let rest = rest.trim();
+        match keyword {
+            "v" => {
+                // Colours may follow the position; a fourth number alone is a weight.
+                let numbers: Vec<_> = uncommented(rest).split_whitespace().collect();
+                let kept = if numbers.len() == 4 { 4 } else { numbers.len().min(3) };
+                text.push_str("v ");
+                text.push_str(&numbers[..kept].join(" "));
+            }
+            "f" => {
+                // Only the first of v/vt/vn matters, and the others may be out of range.
+                text.push('f');
+                for corner in uncommented(rest).split_whitespace() {
+                    text.push(' ');
+                    text.push_str(corner.split('/').next().unwrap_or_default());
+                }
+            }
+            "o" | "g" => text.extend([keyword, " ", rest]),
+            "usemtl" => {
+                let next = materials.len();
+                let place = *places.entry(rest.to_owned()).or_insert(next);
+                if place == next {
+                    materials.push(rest.to_owned());
+                }
+                text.push_str(&format!("usemtl {place}"));
+            }
+            "mtllib" if !rest.is_empty() => libraries.push(rest.to_owned()),
+            _ if line.starts_with('#') && header.is_none() => {
+                header = header_unit(&line)
+                    .map_err(|problem| Error::input(at_line(path, number + 1), problem))?;
+            }
+            _ => {}
+        }
+        text.extend(std::iter::repeat_n('\n', 1 + joined));
+    }
+    Ok(Cleaned { text, materials, libraries, header })
+}
+
+fn uncommented(rest: &str) -> &str {
+    rest.split('#').next().unwrap_or_default()
+}
+
+fn at_line(path: &Path, line: usize) -> String {
+    format!("{}, line {line}", path.display())
+}
+
+/// Metres per unit from a comment such as `# 1 unit = 1000.000000 mm`, as some CAD programs write it.
+fn header_unit(comment: &str) -> std::result::Result<Option<f64>, String> {
+    let lower = comment.trim_start_matches('#').trim().to_ascii_lowercase();
+    let Some(definition) = lower.strip_prefix("1 unit") else { return Ok(None) };
+    let Some(definition) = definition.trim_start().strip_prefix('=') else { return Ok(None) };
+    let mut words = definition.split_whitespace();
+    let number = words.next().and_then(|w| w.parse::<f64>().ok()).filter(|n| n.is_finite() && *n > 0.0);
+    let metres = match words.next().unwrap_or_default() {
+        "m" | "meter" | "meters" | "metre" | "metres" => Some(1.0),
+        "cm" | "centimeter" | "centimeters" | "centimetre" | "centimetres" => Some(0.01),
+        "mm" | "millimeter" | "millimeters" | "millimetre" | "millimetres" => Some(0.001),
+        "in" | "inch" | "inches" => Some(0.0254),
+        "ft" | "foot" | "feet" => Some(0.3048),
+        _ => None,
+    };
+    match (number, metres) {
+        (Some(number), Some(metres)) => Ok(Some(number * metres)),
+        _ => Err(format!("`{comment}` should read like `# 1 unit = 1000.0 mm` (m, cm, mm, in or ft)")),
+    }
+}
+
+fn metres_per_unit(
+    cleaned: &Cleaned,
+    options: &LoadOptions,
+    path: &Path,
+    observer: &dyn Observer,
+) -> Result<f64> {
+    match (options.unit.map(super::Unit::metres), cleaned.header) {
+        (Some(asked), Some(header)) if (asked / header - 1.0).abs() > 1e-9 => {
+            observer.warn(&format!(
+                "{}: its header says 1 unit = {header} m, but `unit` says {asked} m; `unit` counts",
+                path.display()
+            ));
+            Ok(asked)
+        }
+        (Some(metres), _) | (None, Some(metres)) => Ok(metres),
+        (None, None) => Err(Error::input(
+            path.display(),
+            "an OBJ does not say its unit of length; set `unit = \"mm\"` (m, cm, mm, in or ft) under [scene] or \
+             give `--unit mm`",
+        )),
+    }
+}
+
+/// Declares every material that a face uses and returns their numbers in the palette. A missing MTL file is a
+/// warning, because the geometry does not depend on it.
+fn declare_materials(
+    cleaned: &Cleaned,
+    path: &Path,
+    palette: &mut Palette<'_>,
+    observer: &dyn Observer,
+) -> Result<Vec<usize>> {
+    let mut found: HashMap<String, Material> = HashMap::new();
+    for library in &cleaned.libraries {
+        // One name with spaces, or several names.
+        let whole = files::beside(path, library).is_ok_and(|p| p.is_file());
+        let names = if whole { vec![library.as_str()] } else { library.split_whitespace().collect() };
+        for name in names {
+            match files::beside(path, name).map(|file| (files::read(&file), file)) {
+                Ok((Ok(bytes), file)) => {
+                    let text = String::from_utf8_lossy(&bytes);
+                    let text = text.trim_start_matches('\u{feff}');
+                    // A name given twice means the first.
+                    for material in mtl::parse(text, &file, observer)? {
+                        found.entry(material.name.clone()).or_insert(material);
+                    }
+                }
+                Ok((Err(error), _)) => {
+                    observer.warn(&format!("{}: materials are opaque where {error}", path.display()));
+                }
+                Err(refusal) => observer.warn(&format!("{}: mtllib {refusal}; left out", path.display())),
+            }
+        }
+    }
+    let declare = |name: &String| {
+        palette.declare(found.get(name).cloned().unwrap_or_else(|| Material::opaque(name)))
+    };
+    Ok(cleaned.materials.iter().map(declare).collect())
+}
+
+fn read_models(cleaned: &Cleaned, path: &Path) -> Result<Vec<tobj::Model>> {
+    let options = tobj::LoadOptions { ignore_points: true, ignore_lines: true, ..Default::default() };
+    // The names in the copy are numbers, which this library resolves to themselves.
+    let numbers = || (0..cleaned.materials.len()).map(|i| i.to_string());
+    let library = |_: &Path| {
+        let materials = numbers().map(|name| tobj::Material { name, ..Default::default() }).collect();
+        Ok((materials, numbers().enumerate().map(|(i, name)| (name, i)).collect()))
+    };
+    let text = format!("mtllib numbers\n{}", cleaned.text);
+    let mut rest = text.as_bytes();
+    let result = tobj::load_obj_buf(&mut rest, &options, library);
+    let consumed = text.len() - rest.len();
+    // One less for the line put before.
+    let line = text.as_bytes()[..consumed].iter().filter(|&&b| b == b'\n').count().saturating_sub(1);
+    match result {
+        Ok((models, _)) => Ok(models),
+        Err(tobj::LoadError::FaceVertexOutOfBounds) => {
+            let (line, index, count) = first_index_beyond(&cleaned.text).unwrap_or((line, 0, 0));
+            Err(Error::input(
+                at_line(path, line),
+                format!("a face has corner {index}, but only {count} vertices stand before the end of its group"),
+            ))
+        }
+        Err(tobj::LoadError::PositionParseError) => {
+            Err(Error::input(at_line(path, line), "a vertex `v` needs three numbers"))
+        }
+        Err(tobj::LoadError::FaceParseError) => {
+            Err(Error::input(at_line(path, line), "a face `f` should list vertex numbers such as `f 1 2 3`"))
+        }
+        Err(error) => Err(Error::input(at_line(path, line), format!("is no valid OBJ: {error}"))),
+    }
+}
+
+/// Line, index and number of vertices so far of the first face that names a vertex that is not there.
+fn first_index_beyond(text: &str) -> Option<(usize, i64, i64)> {
+    let total = text.lines().filter(|line| line.starts_with("v ")).count() as i64;
+    let mut before = 0;
+    for (i, line) in text.lines().enumerate() {
+        before += i64::from(line.starts_with("v "));
+        let face = line.strip_prefix("f ").unwrap_or_default();
+        let mut corners = face.split_whitespace().filter_map(|w| w.parse().ok());
+        if let Some(index) = corners.find(|&k: &i64| k == 0 || k > total || k < -before) {
+            return Some((i + 1, index, before));
+        }
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,168 @@
+//! OBJ files as programs write them, and as they should not be.
+
+use std::fs;
+use std::path::Path;
+
+use glam::DVec3;
+
+use super::super::listener::Listener;
+use super::super::{LoadOptions, MaterialRule, Scene, Unit};
+use crate::error::Error;
+
+const TRIANGLE: &str = "v 0 0 1\nv 1 0 1\nv 0 1 1\nf 1 2 3\n";
+
+fn metres() -> LoadOptions {
+    LoadOptions { unit: Some(Unit::Metre), ..LoadOptions::default() }
+}
+
+/// Loads `obj`, with `files` beside it; the scene and what was warned of.
+fn load_with(
+    obj: &str,
+    files: &[(&str, &str)],
+    options: &LoadOptions,
+) -> (crate::error::Result<Scene>, String) {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, text) in files {
+        fs::write(folder.path().join(name), text).unwrap();
+    }
+    let path = folder.path().join("mesh.obj");
+    fs::write(&path, obj).unwrap();
+    let listener = Listener::default();
+    (Scene::load(&path, options, &listener), listener.heard())
+}
+
+fn load(obj: &str) -> Scene {
+    let (scene, heard) = load_with(obj, &[], &metres());
+    assert_eq!(heard, "");
+    scene.unwrap()
+}
+
+fn refused(obj: &str) -> String {
+    let error = load_with(obj, &[], &metres()).0.unwrap_err();
+    assert_eq!(error.exit_status(), 2);
+    error.to_string()
+}
+
+#[test]
+fn a_unit_is_needed_and_may_be_in_the_header() {
+    let unitless = load_with(TRIANGLE, &[], &LoadOptions::default()).0.unwrap_err().to_string();
+    assert!(unitless.contains("mesh.obj") && unitless.contains("set `unit = \"mm\""));
+    assert!(unitless.contains("`--unit mm`") && unitless.contains("[scene]"));
+    let header = format!("# File units = millimeters\n#  1 unit = 1000.000000 mm\n{TRIANGLE}");
+    let (scene, heard) = load_with(&header, &[], &LoadOptions::default());
+    assert_eq!((scene.unwrap().surface_area(), heard.as_str()), (0.5, ""));
+    let inches = LoadOptions { unit: Some(Unit::Inch), ..LoadOptions::default() };
+    let (scene, heard) = load_with(&header, &[], &inches);
+    assert!((scene.unwrap().surface_area() - 0.5 * 0.0254 * 0.0254).abs() < 1e-15);
+    assert!(heard.contains("`unit` counts"));
+    assert!(refused(&format!("# 1 unit = 3 cubits\n{TRIANGLE}")).contains("line 1: `# 1 unit = 3 cubits`"));
+}
+
+#[test]
+fn what_programs_write_is_read() {
+    let text = "\u{feff}# made by hand\r\no a b\r\n  g front panel \r\nv 0 0 1 1 0 0 # red\r\nv 1 0 1\r\nv 2 2 2 2\r\n\
+                v 0 1 \\\r\n  1\r\nvn 0 0 1\r\nvt 0 0\r\nvt oops\r\nusemtl\tm 1\r\nf 1/9/1 2//1 3/1 \\\r\n -1\r\nl 1 2\r\np 1\r\n";
+    let scene = load(text);
+    assert_eq!((scene.triangles().len(), scene.surface_area()), (2, 1.0));
+    assert_eq!(scene.triangles()[0].normal(), DVec3::Z);
+    assert_eq!(scene.materials()[0].name, "m 1");
+}
+
+#[test]
+fn concave_faces_are_covered_exactly() {
+    let l = "v 0 0 1\nv 3 0 1\nv 3 1 1\nv 1 1 1\nv 1 3 1\nv 0 3 1\nf 4 5 6 1 2 3\n";
+    assert!((load(l).surface_area() - 5.0).abs() < 1e-12);
+    let bow = "v 0 0 1\nv 1 1 1\nv 1 0 1\nv 0 1 1\nf 1 2 3 4\n";
+    let (scene, heard) = load_with(bow, &[], &metres());
+    assert!(scene.is_ok() && heard.contains("1 faces have outlines that cross themselves"));
+}
+
+#[test]
+fn materials_come_from_the_mtl_file_and_rules_override_them() {
+    let obj = format!("mtllib a b.mtl\no pane\nusemtl glass\n{TRIANGLE}o wall\nusemtl brick\nf 1 2 3\n");
+    let mtl = ("a b.mtl", "newmtl glass\nKd 0.1 0.2\nd 0.4\nnewmtl brick\nd 1\n");
+    let (scene, heard) = load_with(&obj, &[mtl], &metres());
+    let scene = scene.unwrap();
+    let glass = &scene.materials()[scene.triangles()[0].material as usize];
+    assert_eq!((glass.reflectance, glass.transmittance, glass.source.as_str()), (0.4, 0.6, "MTL d"));
+    assert_eq!((scene.materials()[1].name.as_str(), scene.materials()[1].reflectance), ("brick", 1.0));
+    assert_eq!(heard, "");
+    let rule = |name: &str| MaterialRule { name: name.into(), reflectance: Some(0.2), transmittance: None };
+    let options = LoadOptions { materials: vec![rule("wal?"), rule("steel*")], ..metres() };
+    let (scene, heard) = load_with(&obj, &[mtl], &options);
+    let wall = &scene.as_ref().unwrap().materials()[1];
+    assert_eq!((wall.reflectance, wall.source.as_str()), (0.2, "rule `wal?`"));
+    assert!(heard.contains("rule `steel*` matches no material") && heard.contains("`glass`"));
+}
+
+#[test]
+fn a_missing_mtl_file_is_a_warning_and_names_still_match() {
+    let obj = format!("mtllib gone.mtl\nmtllib ../../etc/passwd\nusemtl glass\n{TRIANGLE}");
+    let rule = MaterialRule { name: "glass".into(), reflectance: None, transmittance: Some(0.5) };
+    let options = LoadOptions { materials: vec![rule], ..metres() };
+    let (scene, heard) = load_with(&obj, &[], &options);
+    assert_eq!(scene.unwrap().materials()[0].transmittance, 0.5);
+    assert!(heard.contains("gone.mtl") && heard.contains("no such file"));
+    assert!(heard.contains("names `../../etc/passwd`, which is not inside the folder"));
+    let bad = load_with(&obj, &[("gone.mtl", "newmtl glass\nd 7\n")], &metres()).0.unwrap_err();
+    assert!(bad.to_string().contains("gone.mtl, line 2: `d 7` should give an opacity"));
+}
+
+#[test]
+fn bad_geometry_names_its_place() {
+    assert!(refused("v 0 0\nf 1 1 1").contains("mesh.obj, line 1: a vertex `v` needs three numbers"));
+    assert!(refused("v 0 0 0\nv 1 x 0").contains("line 2: a vertex"));
+    assert!(refused("v 0 0 0\n\\\nf a b c").contains("line 3: a face `f`"));
+    let beyond = refused(&format!("{TRIANGLE}f 1 2 3\nf 1 2 4\n"));
+    assert!(beyond.contains("line 6: a face has corner 4, but only 3 vertices"), "{beyond}");
+    assert!(refused(&format!("{TRIANGLE}f 0 1 2\n")).contains("corner 0"));
+    assert!(refused(&format!("{TRIANGLE}f -9 1 2\n")).contains("corner -9"));
+    let overflow = "f 1/9223372036854775807/9223372036854775807 2/-9223372036854775808 3\n";
+    assert_eq!(load(&format!("{TRIANGLE}{overflow}")).triangles().len(), 2);
+    for bad in ["nan", "inf", "1e999"] {
+        let message = refused(&format!("o the nose\nv 0 0 {bad}\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"));
+        assert!(message.contains("object `the nose`: has a vertex"), "{message}");
+    }
+    assert!(refused("v 0 0 2e9\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").contains("mesh.obj, triangle 0: has a vertex"));
+}
+
+#[test]
+fn nothing_to_image_is_an_error_and_flat_triangles_are_left_out() {
+    for empty in ["", "# nothing\n", "v 0 0 0\nv 1 0 0\nf 1 2\nf\n", "v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n"] {
+        assert!(refused(empty).contains("holds no triangle with an area"), "{empty:?}");
+    }
+    let (scene, heard) = load_with(&format!("{TRIANGLE}f 1 1 2\nf 2 3 3\n"), &[], &metres());
+    assert_eq!(scene.unwrap().triangles().len(), 1);
+    assert!(heard.contains("2 of 3 triangles have no area and are left out"));
+}
+
+#[test]
+fn files_that_are_none_are_refused() {
+    let refused = |path: &Path| Scene::load(path, &metres(), &Listener::default()).unwrap_err();
+    let folder = tempfile::tempdir().unwrap();
+    assert!(refused(&folder.path().join("a.obj")).to_string().contains("no such file"));
+    assert!(refused(&folder.path().join("a.stl")).to_string().contains(".obj, .gltf or .glb"));
+    let named = folder.path().join("b.obj");
+    fs::create_dir(&named).unwrap();
+    assert!(refused(&named).to_string().contains("is a folder"));
+    let options = LoadOptions { sensor: Some("node:a".parse().unwrap()), ..metres() };
+    let error = load_with(TRIANGLE, &[], &options).0.unwrap_err();
+    assert!(matches!(error, Error::Input { .. }) && error.to_string().contains("needs a glTF file"));
+}
+
+#[test]
+fn damaged_text_gives_an_error_or_a_scene_but_never_a_panic() {
+    let good = "mtllib m.mtl\no a\nusemtl g\nv 0 0 1\nv 1 0 1\nv 1 1 1 1\nv .5 .2 1\nf 1/1/1 2//2 3 4\nusemtl h\nf -3 -2 -1\n";
+    let spare = b"0123456789-/.\\ \n#vfeognaui\xff";
+    let mut state = 1_u64;
+    for _ in 0..400 {
+        let mut bytes = good.as_bytes().to_vec();
+        for _ in 0..4 {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            let (at, with) = ((state >> 33) as usize % bytes.len(), (state >> 20) as usize % spare.len());
+            bytes[at] = spare[with];
+        }
+        let text = String::from_utf8_lossy(&bytes);
+        let _ = load_with(&text, &[("m.mtl", &text)], &metres());
+    }
+}

@@ -1,0 +1,295 @@
+//! From the frame of a mesh file to that of the array: unit, up axis, scale, rotation, and where to put it.
+
+use std::str::FromStr;
+
+use glam::{DAffine3, DMat3, DVec3};
+
+use super::material::MaterialRule;
+use super::triangle::{self, Triangle};
+use crate::error::{Error, Result};
+
+/// Unit of length of a mesh file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Unit {
+    /// 1 m.
+    Metre,
+    /// 0.01 m.
+    Centimetre,
+    /// 0.001 m.
+    Millimetre,
+    /// 0.0254 m.
+    Inch,
+    /// 0.3048 m.
+    Foot,
+}
+
+impl Unit {
+    /// Its length in m.
+    pub fn metres(self) -> f64 {
+        match self {
+            Self::Metre => 1.0,
+            Self::Centimetre => 0.01,
+            Self::Millimetre => 0.001,
+            Self::Inch => 0.0254,
+            Self::Foot => 0.3048,
+        }
+    }
+}
+
+impl FromStr for Unit {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<Self> {
+        match name {
+            "m" => Ok(Self::Metre),
+            "cm" => Ok(Self::Centimetre),
+            "mm" => Ok(Self::Millimetre),
+            "in" => Ok(Self::Inch),
+            "ft" => Ok(Self::Foot),
+            _ => Err(Error::input("unit", format!("`{name}` is no unit; expected m, cm, mm, in or ft"))),
+        }
+    }
+}
+
+/// Which axis of the mesh points up.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Up {
+    /// +y is up and +z comes to the viewer, as glTF has it: (x, y, z) becomes (x, -y, -z).
+    Y,
+    /// +z is up and +y goes away from the viewer, as CAD and Blender have it: (x, y, z) becomes (x, -z, y).
+    Z,
+    /// The mesh is in the array's frame already.
+    None,
+}
+
+impl Up {
+    /// The rotation that takes the mesh's axes to the array's.
+    fn rotation(self) -> DMat3 {
+        match self {
+            Self::Y => DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0)),
+            Self::Z => DMat3::from_cols(DVec3::X, DVec3::Z, -DVec3::Y),
+            Self::None => DMat3::IDENTITY,
+        }
+    }
+}
+
+impl FromStr for Up {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<Self> {
+        match name {
+            "y" => Ok(Self::Y),
+            "z" => Ok(Self::Z),
+            "none" => Ok(Self::None),
+            _ => Err(Error::input("up", format!("`{name}` is no up axis; expected y, z or none"))),
+        }
+    }
+}
+
+/// Where in a glTF file the array sits. It looks where a glTF camera there would: along -z, with +y up.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Sensor {
+    /// At the camera of this name, or at the node of this name that holds a camera.
+    Camera(String),
+    /// At the node of this name.
+    Node(String),
+}
+
+impl FromStr for Sensor {
+    type Err = Error;
+
+    fn from_str(text: &str) -> Result<Self> {
+        match text.split_once(':') {
+            Some(("camera", name)) if !name.is_empty() => Ok(Self::Camera(name.to_owned())),
+            Some(("node", name)) if !name.is_empty() => Ok(Self::Node(name.to_owned())),
+            _ => Err(Error::input("sensor", format!("`{text}` should read camera:NAME or node:NAME"))),
+        }
+    }
+}
+
+/// How a mesh file is read and placed before the array.
+///
+/// In this order: unit, up axis (or the sensor's frame), scale, rotation, and last one of translation, `fit` or
+/// `fit_by_diagonal`.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub struct LoadOptions {
+    /// The file's unit of length. An OBJ needs it unless its header says `1 unit = ...`; glTF is in m.
+    pub unit: Option<Unit>,
+    /// The file's up axis; left out, [`Up::Y`] for glTF and [`Up::None`] for OBJ.
+    pub up: Option<Up>,
+    /// Factor on all lengths.
+    pub scale: f64,
+    /// Degrees about the array's x axis, then its y axis, then its z axis.
+    pub rotate: DVec3,
+    /// Displacement, m.
+    pub translate: DVec3,
+    /// Instead of `translate`: the centre of the bounding box comes here, m.
+    pub fit: Option<DVec3>,
+    /// Instead of `translate`: the centre of the bounding box comes to (0, 0, k × the box's diagonal).
+    pub fit_by_diagonal: Option<f64>,
+    /// glTF only: the array sits at this camera or node, and `up` does not apply.
+    pub sensor: Option<Sensor>,
+    /// Acoustic materials by name; the first that matches wins over what the file says.
+    pub materials: Vec<MaterialRule>,
+}
+
+impl Default for LoadOptions {
+    fn default() -> Self {
+        Self {
+            unit: None,
+            up: None,
+            scale: 1.0,
+            rotate: DVec3::ZERO,
+            translate: DVec3::ZERO,
+            fit: None,
+            fit_by_diagonal: None,
+            sensor: None,
+            materials: Vec::new(),
+        }
+    }
+}
+
+impl LoadOptions {
+    /// Refuses numbers that place nothing, and two places at once.
+    pub(super) fn check(&self) -> Result<()> {
+        if !(self.scale.is_finite() && self.scale > 0.0) {
+            return Err(Error::input("scale", format!("is {}; expected a finite number above 0", self.scale)));
+        }
+        let vectors = [("rotate", Some(self.rotate)), ("translate", Some(self.translate)), ("fit", self.fit)];
+        for (name, vector) in vectors {
+            if vector.is_some_and(|v| !v.is_finite()) {
+                return Err(Error::input(name, "holds a number that is not finite"));
+            }
+        }
+        if self.fit_by_diagonal.is_some_and(|k| !k.is_finite()) {
+            return Err(Error::input("fit", "by the diagonal: the factor is not finite"));
+        }
+        let places = [self.translate != DVec3::ZERO, self.fit.is_some(), self.fit_by_diagonal.is_some()];
+        if places.into_iter().filter(|&given| given).count() > 1 {
+            return Err(Error::input("fit", "and `translate` both say where the mesh goes; give one of them"));
+        }
+        if self.sensor.is_some() && self.up.is_some() {
+            return Err(Error::input("up", "has no meaning beside `sensor`, which sets the axes; remove one"));
+        }
+        Ok(())
+    }
+}
+
+/// The map from the file's frame to the array's (DESIGN 2: unit, up, scale, rotate, translate or fit).
+pub(super) fn placement(
+    triangles: &[Triangle],
+    metres_per_unit: f64,
+    default_up: Up,
+    sensor: Option<DAffine3>,
+    options: &LoadOptions,
+) -> DAffine3 {
+    let to_metres = DAffine3::from_scale(DVec3::splat(metres_per_unit));
+    let to_array_axes =
+        sensor.unwrap_or_else(|| DAffine3::from_mat3(options.up.unwrap_or(default_up).rotation()));
+    let turn = rotation(options.rotate) * options.scale;
+    let oriented = DAffine3::from_mat3(turn) * to_array_axes * to_metres;
+    let shift = if options.fit.is_none() && options.fit_by_diagonal.is_none() {
+        options.translate
+    } else {
+        // The box is that of the turned mesh, not the turned box of the mesh.
+        let turned = triangles
+            .iter()
+            .map(|t| Triangle { vertices: t.vertices.map(|v| oriented.transform_point3(v)), ..*t });
+        let (low, high) = triangle::bounds(&turned.collect::<Vec<_>>()).unwrap_or_default();
+        let by_diagonal = options.fit_by_diagonal.map(|k| DVec3::Z * k * (high - low).length());
+        options.fit.or(by_diagonal).unwrap_or_default() - 0.5 * (low + high)
+    };
+    DAffine3::from_translation(shift) * oriented
+}
+
+/// Rotation by `degrees` about the fixed axes x, then y, then z. Quarter turns are exact.
+fn rotation(degrees: DVec3) -> DMat3 {
+    let (sx, cx) = sine_and_cosine(degrees.x);
+    let (sy, cy) = sine_and_cosine(degrees.y);
+    let (sz, cz) = sine_and_cosine(degrees.z);
+    let about_x = DMat3::from_cols(DVec3::X, DVec3::new(0.0, cx, sx), DVec3::new(0.0, -sx, cx));
+    let about_y = DMat3::from_cols(DVec3::new(cy, 0.0, -sy), DVec3::Y, DVec3::new(sy, 0.0, cy));
+    let about_z = DMat3::from_cols(DVec3::new(cz, sz, 0.0), DVec3::new(-sz, cz, 0.0), DVec3::Z);
+    about_z * about_y * about_x
+}
+
+/// sin and cos of an angle in degrees, exact at multiples of 90°, so that a mesh turned by them keeps its
+/// axis-aligned faces and round coordinates.
+fn sine_and_cosine(degrees: f64) -> (f64, f64) {
+    match degrees.rem_euclid(360.0) {
+        0.0 => (0.0, 1.0),
+        90.0 => (1.0, 0.0),
+        180.0 => (0.0, -1.0),
+        270.0 => (-1.0, 0.0),
+        other => other.to_radians().sin_cos(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn place(point: DVec3, options: &LoadOptions) -> DVec3 {
+        placement(&[], 1.0, Up::None, None, options).transform_point3(point)
+    }
+
+    #[test]
+    fn up_axes_map_as_documented_and_keep_the_hand() {
+        let p = DVec3::new(1.0, 2.0, 3.0);
+        let with = |up| LoadOptions { up: Some(up), ..LoadOptions::default() };
+        assert_eq!(place(p, &with(Up::Y)), DVec3::new(1.0, -2.0, -3.0));
+        assert_eq!(place(p, &with(Up::Z)), DVec3::new(1.0, -3.0, 2.0));
+        assert_eq!(place(p, &with(Up::None)), p);
+        for up in [Up::Y, Up::Z, Up::None] {
+            assert_eq!(up.rotation().determinant(), 1.0);
+        }
+    }
+
+    #[test]
+    fn scale_then_rotate_about_fixed_axes_then_translate() {
+        let options = LoadOptions {
+            scale: 2.0,
+            rotate: DVec3::new(90.0, 90.0, 0.0),
+            translate: DVec3::new(0.0, 0.0, 5.0),
+            ..LoadOptions::default()
+        };
+        // y -> z by the turn about x, then z -> x by the turn about y.
+        assert_eq!(place(DVec3::Y, &options), DVec3::new(2.0, 0.0, 5.0));
+        let thirty = LoadOptions { rotate: DVec3::Z * 30.0, ..LoadOptions::default() };
+        assert!((place(DVec3::X, &thirty) - DVec3::new(0.75_f64.sqrt(), 0.5, 0.0)).length() < 1e-15);
+    }
+
+    #[test]
+    fn fit_puts_the_centre_of_the_turned_box_there() {
+        let t = [Triangle { vertices: [DVec3::ZERO, DVec3::X * 3.0, DVec3::Y * 4.0], material: 0 }];
+        let fit = |o: &LoadOptions| {
+            let m = placement(&t, 0.001, Up::None, None, o);
+            triangle::bounds(&[Triangle { vertices: t[0].vertices.map(|v| m.transform_point3(v)), ..t[0] }])
+                .unwrap()
+        };
+        let centre = DVec3::new(0.0, 0.0, 2.0);
+        let (low, high) =
+            fit(&LoadOptions { fit: Some(centre), rotate: DVec3::Z * 33.0, ..LoadOptions::default() });
+        assert!((0.5 * (low + high) - centre).length() < 1e-15);
+        let (low, high) = fit(&LoadOptions { fit_by_diagonal: Some(2.0), ..LoadOptions::default() });
+        assert!((0.5 * (low + high) - DVec3::new(0.0, 0.0, 0.010)).length() < 1e-15);
+    }
+
+    #[test]
+    fn words_are_read_and_contradictions_refused() {
+        assert_eq!("in".parse::<Unit>().unwrap().metres(), 0.0254);
+        assert_eq!("ft".parse::<Unit>().unwrap().metres(), 0.3048);
+        assert!("yard".parse::<Unit>().unwrap_err().to_string().contains("expected m, cm, mm, in or ft"));
+        assert_eq!("camera:Front left".parse::<Sensor>().unwrap(), Sensor::Camera("Front left".into()));
+        assert_eq!("node:a:b".parse::<Sensor>().unwrap(), Sensor::Node("a:b".into()));
+        assert!("Front".parse::<Sensor>().is_err() && "camera:".parse::<Sensor>().is_err());
+        let refused = |o: LoadOptions| o.check().unwrap_err().to_string();
+        let default = LoadOptions::default;
+        assert!(refused(LoadOptions { scale: 0.0, ..default() }).contains("above 0"));
+        assert!(refused(LoadOptions { scale: f64::NAN, ..default() }).contains("NaN"));
+        assert!(refused(LoadOptions { rotate: DVec3::NAN, ..default() }).starts_with("rotate"));
+        let both = LoadOptions { fit: Some(DVec3::Z), translate: DVec3::Z, ..default() };
+        assert!(refused(both).contains("one of them"));
+    }
+}
