@@ -23,8 +23,8 @@ pub use choices::{
     Surface, Unit, Up, View, VolumeFormat, Window,
 };
 pub use tables::{
-    Array, Depth, Detection, Expect, GridTable, Limit, MaterialRule, Medium, Output, Reconstruct,
-    Reflectors, Scene, Sweep,
+    Array, Depth, Detection, Expect, GridTable, Limit, MaterialRule, Medium, Output, Reconstruct, Reflectors,
+    Scene, Sweep,
 };
 
 use crate::error::{Error, Result};

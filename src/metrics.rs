@@ -91,9 +91,7 @@ pub fn evaluate(result: &DepthMap, truth: &DepthMap, resolution: f64) -> Result<
             format!("must be a positive length, not {resolution} m"),
         ));
     }
-    let whole = std::slice::from_ref(&truth.picked);
-    let surfaces = if truth.returns.is_empty() { whole } else { &truth.returns };
-    let true_depths = |pixel: usize| depths(surfaces, pixel);
+    let surfaces = true_surfaces(truth);
     let near_silhouette = guard_ring(truth, surfaces);
 
     let (mut true_pixels, mut hits) = (0usize, 0usize);
@@ -101,7 +99,7 @@ pub fn evaluate(result: &DepthMap, truth: &DepthMap, resolution: f64) -> Result<
     let (mut errors, mut normal_errors) = (Vec::new(), Vec::new());
     for pixel in 0..truth.len() {
         let z = f64::from(result.picked.depth[pixel]);
-        let nearest = true_depths(pixel).min_by(|a, b| (a.1 - z).abs().total_cmp(&(b.1 - z).abs()));
+        let nearest = nearest_surface(surfaces, pixel, z);
         true_pixels += usize::from(nearest.is_some());
         if z.is_nan() {
             continue;
@@ -132,6 +130,30 @@ pub fn evaluate(result: &DepthMap, truth: &DepthMap, resolution: f64) -> Result<
         median_normal_error: percentile(&mut normal_errors, 0.5),
         ..returns
     })
+}
+
+/// Signed error of every detection against the true surface nearest to it, m, `[y, x]`; NaN where there is none.
+///
+/// # Errors
+/// Maps whose pixels do not coincide.
+pub fn error_map(result: &DepthMap, truth: &DepthMap) -> Result<Vec<f32>> {
+    check_pixels(result, truth)?;
+    let surfaces = true_surfaces(truth);
+    let error = |(pixel, z): (usize, &f32)| {
+        let z = f64::from(*z);
+        nearest_surface(surfaces, pixel, z).map_or(f32::NAN, |(_, depth)| (z - depth) as f32)
+    };
+    Ok(result.picked.depth.iter().enumerate().map(error).collect())
+}
+
+/// All surfaces of a truth; a foreign one may hold the picked surface alone.
+fn true_surfaces(truth: &DepthMap) -> &[Surface] {
+    if truth.returns.is_empty() { std::slice::from_ref(&truth.picked) } else { &truth.returns }
+}
+
+/// The true surface at a pixel that lies nearest to `z`, and its depth; any one where `z` is NaN.
+fn nearest_surface(surfaces: &[Surface], pixel: usize, z: f64) -> Option<(usize, f64)> {
+    depths(surfaces, pixel).min_by(|a, b| (a.1 - z).abs().total_cmp(&(b.1 - z).abs()))
 }
 
 /// The metrics of pixels with one and two true surfaces; the rest is left empty.

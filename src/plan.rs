@@ -159,7 +159,11 @@ pub fn plan(setup: &Setup, grid: &Grid) -> Plan {
     let spectra = 512 << 20;
     let peak_bytes = (cube_bytes.saturating_mul(2))
         .max(complex(voxels).saturating_add(voxels.saturating_mul(16)))
-        .max(cube_bytes.saturating_add(complex(voxels)).saturating_add(spectra.min(cube_bytes.saturating_mul(8))))
+        .max(
+            cube_bytes
+                .saturating_add(complex(voxels))
+                .saturating_add(spectra.min(cube_bytes.saturating_mul(8))),
+        )
         .saturating_add(64 << 20);
     let width = (grid.x.last() - grid.x.first).max(grid.y.last() - grid.y.first);
     let near = grid.z.first.max(1e-3);
@@ -288,7 +292,13 @@ pub fn available_memory() -> Option<u64> {
 mod tests {
     use super::*;
 
-    fn with_setup<T>(count: usize, extent: f64, step: f64, detection: Detection, f: impl Fn(&Setup) -> T) -> T {
+    fn with_setup<T>(
+        count: usize,
+        extent: f64,
+        step: f64,
+        detection: Detection,
+        f: impl Fn(&Setup) -> T,
+    ) -> T {
         let sweep = Sweep::stepped("sweep", 10_000.0, 20_000.0, step).expect("ok");
         let pitch = extent / (count - 1) as f64;
         let array = MicArray::rectangular("array", [count; 2], [pitch; 2], DVec3::ZERO).expect("ok");

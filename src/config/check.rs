@@ -2,12 +2,12 @@
 
 use super::range::{Check, clash, counts, finite, named, not_negative, positive, within};
 use super::reader::{Fault, joined};
-use crate::metrics::METRIC_NAMES;
 use super::wording::{nearest, quoted};
 use super::{
-    Array, Depth, Detection, Expect, Fill, Geometry, GridTable, Layout, MaterialRule, Medium,
-    Output, Reconstruct, Reflectors, RunFile, Scene, Sweep,
+    Array, Depth, Detection, Expect, Fill, Geometry, GridTable, Layout, MaterialRule, Medium, Output,
+    Reconstruct, Reflectors, RunFile, Scene, Sweep,
 };
+use crate::metrics::METRIC_NAMES;
 
 /// Most frequencies, and most microphones, that anyone could mean.
 const MOST_SAMPLES: f64 = 1e8;
@@ -341,7 +341,11 @@ impl Expect {
                     .map_or(".".to_owned(), |near| format!("; did you mean `{near}`?"));
                 return Err(Fault::new(
                     path,
-                    format!("unknown metric `{}`{meant} (Metrics: {}.)", quoted(name), METRIC_NAMES.join(", ")),
+                    format!(
+                        "unknown metric `{}`{meant} (Metrics: {}.)",
+                        quoted(name),
+                        METRIC_NAMES.join(", ")
+                    ),
                 ));
             }
             if limit.min.is_none() && limit.max.is_none() {

@@ -105,6 +105,16 @@ impl Fill {
     }
 }
 
+impl From<Fill> for crate::export::depth_exr::Fill {
+    fn from(fill: Fill) -> Self {
+        match fill {
+            Fill::Inf => Self::Infinity,
+            Fill::Nan => Self::NaN,
+            Fill::Depth(depth) => Self::Value(depth as f32),
+        }
+    }
+}
+
 impl Serialize for Fill {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         match self {

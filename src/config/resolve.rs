@@ -1,6 +1,8 @@
 //! From what was typed to the parameters of the stages; the only place where one becomes the other.
 
-use super::{Geometry as GeometryWord, Layout, MaterialRule, Occlusion as OcclusionWord, RunFile, Shading, Surface};
+use super::{
+    Geometry as GeometryWord, Layout, MaterialRule, Occlusion as OcclusionWord, RunFile, Shading, Surface,
+};
 use crate::acquisition::{MicArray, Noise, SimulateOptions, Sweep};
 use crate::depth::DepthOptions;
 use crate::error::{Error, Result};

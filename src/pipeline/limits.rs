@@ -28,11 +28,8 @@ impl Bound {
             let known = METRIC_NAMES.join(", ");
             return Err(Error::input(option, format!("there is no metric `{name}`; known are {known}")));
         }
-        let limit = if min {
-            Limit { min: Some(value), max: None }
-        } else {
-            Limit { min: None, max: Some(value) }
-        };
+        let limit =
+            if min { Limit { min: Some(value), max: None } } else { Limit { min: None, max: Some(value) } };
         Ok(Self { metric: name.to_owned(), limit })
     }
 }

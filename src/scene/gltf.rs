@@ -128,7 +128,10 @@ fn acoustic_material(
         ] {
             if let Some(value) = extras.get(key) {
                 *share = value.as_f64().ok_or_else(|| {
-                    Error::input(place(), format!("extras: `{key}` is {value}; expected a number from 0 to 1"))
+                    Error::input(
+                        place(),
+                        format!("extras: `{key}` is {value}; expected a number from 0 to 1"),
+                    )
                 })?;
                 "glTF extras".clone_into(&mut result.source);
             }
@@ -170,7 +173,10 @@ impl Walk<'_, '_> {
             self.roots(observer)?.into_iter().rev().map(|n| (n, DAffine3::IDENTITY)).collect();
         while let Some((index, parent)) = stack.pop() {
             let Some(node) = root.nodes.get(index) else {
-                return Err(Error::input(self.document.name(), format!("names node {index}, which is missing")));
+                return Err(Error::input(
+                    self.document.name(),
+                    format!("names node {index}, which is missing"),
+                ));
             };
             let place = || self.document.place("node", index, node.name.as_ref());
             if std::mem::replace(&mut visited[index], true) {
@@ -305,12 +311,13 @@ impl Walk<'_, '_> {
                 self.ignored_primitives += 1;
                 continue;
             };
-            let declared = match primitive.material.map(|m| m.value()) {
-                Some(m) => Some(*self.declared.get(m).ok_or_else(|| {
-                    Error::input(place(), format!("has material {m}, which is missing"))
-                })?),
-                None => None,
-            };
+            let declared =
+                match primitive.material.map(|m| m.value()) {
+                    Some(m) => Some(*self.declared.get(m).ok_or_else(|| {
+                        Error::input(place(), format!("has material {m}, which is missing"))
+                    })?),
+                    None => None,
+                };
             let owner = node.name.as_deref().unwrap_or_default();
             let material = self.palette.assign(declared, owner);
             if self.triangles.len() + corners.len() > super::MOST_TRIANGLES {
@@ -369,15 +376,13 @@ fn triangles_of(mode: Mode, indices: &[u32], place: &impl Fn() -> String) -> Res
     match mode {
         Mode::TriangleStrip => {
             // Every second triangle of a strip runs the other way round.
-            let turned = |(i, w): (usize, &[u32])| if i % 2 == 0 { [w[0], w[1], w[2]] } else { [w[0], w[2], w[1]] };
+            let turned =
+                |(i, w): (usize, &[u32])| if i % 2 == 0 { [w[0], w[1], w[2]] } else { [w[0], w[2], w[1]] };
             Ok(indices.windows(3).enumerate().map(turned).collect())
         }
-        Mode::TriangleFan => Ok(indices
-            .get(1..)
-            .unwrap_or_default()
-            .windows(2)
-            .map(|w| [indices[0], w[0], w[1]])
-            .collect()),
+        Mode::TriangleFan => {
+            Ok(indices.get(1..).unwrap_or_default().windows(2).map(|w| [indices[0], w[0], w[1]]).collect())
+        }
         _ if indices.len().is_multiple_of(3) => {
             Ok(indices.chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect())
         }

@@ -1,7 +1,7 @@
 //! An observer for tests.
 
-use std::sync::Mutex;
 use crate::progress::Observer;
+use std::sync::Mutex;
 
 /// Keeps the warnings it hears.
 #[derive(Default)]

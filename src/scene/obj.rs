@@ -56,9 +56,8 @@ pub(super) fn load(
             let corners: Vec<_> = face.iter().map(|&i| vertices[i as usize]).collect();
             let cut = polygon::cut(&corners);
             doubtful += usize::from(cut.doubtful);
-            triangles.extend(
-                cut.triangles.iter().map(|t| Triangle { vertices: t.map(|i| corners[i]), material }),
-            );
+            triangles
+                .extend(cut.triangles.iter().map(|t| Triangle { vertices: t.map(|i| corners[i]), material }));
         }
         if triangles.len() > super::MOST_TRIANGLES {
             return Err(too_many_triangles(path.display()));
@@ -136,8 +135,8 @@ fn clean(source: &str, path: &Path) -> Result<Cleaned> {
             }
             "mtllib" if !rest.is_empty() => libraries.push(rest.to_owned()),
             _ if line.starts_with('#') && header.is_none() => {
-                header = header_unit(&line)
-                    .map_err(|problem| Error::input(at_line(path, number + 1), problem))?;
+                header =
+                    header_unit(&line).map_err(|problem| Error::input(at_line(path, number + 1), problem))?;
             }
             _ => {}
         }
@@ -228,9 +227,8 @@ fn declare_materials(
             }
         }
     }
-    let declare = |name: &String| {
-        palette.declare(found.get(name).cloned().unwrap_or_else(|| Material::opaque(name)))
-    };
+    let declare =
+        |name: &String| palette.declare(found.get(name).cloned().unwrap_or_else(|| Material::opaque(name)));
     Ok(cleaned.materials.iter().map(declare).collect())
 }
 
@@ -254,7 +252,9 @@ fn read_models(cleaned: &Cleaned, path: &Path) -> Result<Vec<tobj::Model>> {
             let (line, index, count) = first_index_beyond(&cleaned.text).unwrap_or((line, 0, 0));
             Err(Error::input(
                 at_line(path, line),
-                format!("a face has corner {index}, but only {count} vertices stand before the end of its group"),
+                format!(
+                    "a face has corner {index}, but only {count} vertices stand before the end of its group"
+                ),
             ))
         }
         Err(tobj::LoadError::PositionParseError) => {

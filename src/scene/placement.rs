@@ -7,19 +7,25 @@ use glam::{DAffine3, DMat3, DVec3};
 use super::material::MaterialRule;
 use super::triangle::{self, Triangle};
 use crate::error::{Error, Result};
+use serde::{Deserialize, Serialize};
 
 /// Unit of length of a mesh file.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Unit {
     /// 1 m.
+    #[serde(rename = "m")]
     Metre,
     /// 0.01 m.
+    #[serde(rename = "cm")]
     Centimetre,
     /// 0.001 m.
+    #[serde(rename = "mm")]
     Millimetre,
     /// 0.0254 m.
+    #[serde(rename = "in")]
     Inch,
     /// 0.3048 m.
+    #[serde(rename = "ft")]
     Foot,
 }
 
@@ -52,7 +58,8 @@ impl FromStr for Unit {
 }
 
 /// Which axis of the mesh points up.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Up {
     /// +y is up and +z comes to the viewer, as glTF has it: (x, y, z) becomes (x, -y, -z).
     Y,
@@ -154,7 +161,10 @@ impl LoadOptions {
     /// Refuses numbers that place nothing, and two places at once.
     pub(super) fn check(&self) -> Result<()> {
         if !(self.scale.is_finite() && self.scale > 0.0) {
-            return Err(Error::input("scale", format!("is {}; expected a finite number above 0", self.scale)));
+            return Err(Error::input(
+                "scale",
+                format!("is {}; expected a finite number above 0", self.scale),
+            ));
         }
         let vectors = [("rotate", Some(self.rotate)), ("translate", Some(self.translate)), ("fit", self.fit)];
         for (name, vector) in vectors {
@@ -167,10 +177,16 @@ impl LoadOptions {
         }
         let places = [self.translate != DVec3::ZERO, self.fit.is_some(), self.fit_by_diagonal.is_some()];
         if places.into_iter().filter(|&given| given).count() > 1 {
-            return Err(Error::input("fit", "and `translate` both say where the mesh goes; give one of them"));
+            return Err(Error::input(
+                "fit",
+                "and `translate` both say where the mesh goes; give one of them",
+            ));
         }
         if self.sensor.is_some() && self.up.is_some() {
-            return Err(Error::input("up", "has no meaning beside `sensor`, which sets the axes; remove one"));
+            return Err(Error::input(
+                "up",
+                "has no meaning beside `sensor`, which sets the axes; remove one",
+            ));
         }
         Ok(())
     }
