@@ -75,3 +75,23 @@ impl Error {
         }
     }
 }
+
+thread_local! {
+    static GUARDED: std::cell::Cell<bool> = const { std::cell::Cell::new(false) };
+}
+
+/// Runs a foreign parser on this thread; `None` when it panicked on what it was given.
+///
+/// Some crates panic on malformed files instead of returning an error. The caller turns `None` into an
+/// [`Error::Input`]; a panic hook can ask [`is_guarded`] and stay silent.
+pub fn guarded<T>(work: impl FnOnce() -> T) -> Option<T> {
+    let outer = GUARDED.replace(true);
+    let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(work));
+    GUARDED.set(outer);
+    result.ok()
+}
+
+/// Whether this thread is inside [`guarded`], where a panic is an answer and not a mistake.
+pub fn is_guarded() -> bool {
+    GUARDED.get()
+}

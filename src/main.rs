@@ -1,3 +1,9 @@
-#![warn(missing_docs)]
-//! The binary.
-fn main() {}
+//! The `holosonar` command: parse, call, print, exit.
+
+mod cli;
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    cli::main()
+}

@@ -29,6 +29,7 @@ use crate::scene::Scene;
 use crate::truth::trace_depth;
 use glam::DVec3;
 use log::Log;
+use serde_json::{Value, json};
 use std::path::Path;
 
 /// Everything that one run computes, before anything is written.
@@ -126,38 +127,36 @@ pub fn reconstruct_cube(run: &RunFile, cube: &DataCube, observer: &dyn Observer)
     Ok((method, reconstruct(cube, &grid, &run.reconstruct_options(), observer)?))
 }
 
-/// Volume file in, depth map out, with the volume's own facts. Δd comes from the file, else from `run`'s sweep.
+/// Volume file in, depth map out, with the volume's own facts.
+///
+/// Δd comes from the file, else from the run file's `[sweep]` if it is the measurement's (`sweep_known`).
 ///
 /// # Errors
 /// A file that is no volume; one that does not say its bandwidth, when there is no run file that does.
 pub fn depth_of_volume(
     path: &Path,
-    run: Option<&RunFile>,
+    run: &RunFile,
+    sweep_known: bool,
     limit: u64,
     observer: &dyn Observer,
-) -> Result<(DepthMap, serde_json::Value)> {
+) -> Result<(DepthMap, Value)> {
     let (volume, meta) = read_volume_npz(path, limit)?;
-    let resolution = match (resolution_of(&meta), run) {
-        (Some(resolution), _) => resolution,
-        (None, Some(run)) => run.medium.sound_speed / (2.0 * (run.sweep.stop - run.sweep.start)),
-        (None, None) => {
-            return Err(Error::input(
-                path.display(),
-                "does not say its bandwidth (`meta` with `sound_speed` and `bandwidth`), which depth needs; give a \
-                 run file with -c",
-            ));
-        }
-    };
-    let defaults = RunFile::default();
-    let options = run.unwrap_or(&defaults).depth_options(resolution);
-    Ok((locate_depth(&volume, &options, observer)?, meta))
+    let from_run = || run.medium.sound_speed / (2.0 * (run.sweep.stop - run.sweep.start));
+    let resolution = resolution_of(&meta).or_else(|| sweep_known.then(from_run)).ok_or_else(|| {
+        Error::input(
+            path.display(),
+            "does not say its bandwidth (`sound_speed` and `bandwidth` in `meta`), which depth needs; give a run file \
+             with -c",
+        )
+    })?;
+    Ok((locate_depth(&volume, &run.depth_options(resolution), observer)?, meta))
 }
 
-/// Run file in, ground truth out; nothing is simulated.
+/// Run file in, ground truth and its facts out; nothing is simulated.
 ///
 /// # Errors
 /// What the stages refuse; a scene of reflectors, which has no surfaces.
-pub fn truth_of_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Result<(Plan, DepthMap)> {
+pub fn truth_of_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Result<(Value, DepthMap)> {
     let measurement = Measurement::of(run)?;
     let path = scene_path(run)?;
     if is_csv(path) {
@@ -169,9 +168,33 @@ pub fn truth_of_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Res
     let scene = Scene::load(path, &run.load_options(bare)?, observer)?;
     let setup = measurement.setup();
     let grid = run.voxels(&setup, scene.bounds())?;
-    let plan = plan(&setup, &grid);
-    check_memory(&plan, available_memory())?;
-    Ok((plan, trace_depth(&scene, &grid, &run.truth_options(&setup), observer)?))
+    check_memory(&plan(&setup, &grid), available_memory())?;
+    let truth = trace_depth(&scene, &grid, &run.truth_options(&setup), observer)?;
+    Ok((facts::setup_facts(&setup, run), truth))
+}
+
+/// Runs a scene and holds its metrics to the run file's `[expect]`: what `check` does, and our regression tests.
+///
+/// # Errors
+/// What the stages refuse; a run file without `[expect]`, or a scene without a truth.
+pub fn check_scene(
+    path: &Path,
+    overrides: &[String],
+    observer: &dyn Observer,
+) -> Result<(Metrics, Vec<Verdict>)> {
+    let run = RunFile::load(path, overrides)?;
+    if run.expect.limits.is_empty() {
+        return Err(Error::input(
+            path.display(),
+            "has no [expect], so there is nothing to hold it to; add for example `completeness = { min = 0.65 }`",
+        ));
+    }
+    let metrics = image_scene(&run, false, observer)?.metrics.ok_or_else(|| {
+        Error::input(path.display(), "has no mesh and so no truth to be held to; [expect] needs one")
+    })?;
+    let bounds =
+        run.expect.limits.iter().map(|(metric, limit)| Bound { metric: metric.clone(), limit: *limit });
+    Ok((metrics, hold(&metrics, bounds)))
 }
 
 /// Reconstruction and depth, which every job with a cube shares.
@@ -267,7 +290,7 @@ impl Echoes {
     fn simulate(&self, run: &RunFile, observer: &dyn Observer) -> Result<DataCube> {
         let Measurement { sweep, array, options } = &self.measurement;
         let mut cube = simulate(&self.reflectors, sweep, array, options, observer)?;
-        cube.provenance = serde_json::json!({ "run": run.to_json(), "seed": run.reflectors.seed });
+        cube.provenance = json!({ "run": run.to_json(), "seed": run.reflectors.seed });
         Ok(cube)
     }
 

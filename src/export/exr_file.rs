@@ -1,7 +1,7 @@
 //! What every `OpenEXR` file of ours has in common: attributes, encoding, and the same bytes for the same input.
 
 use super::{Attribute, Attributes};
-use crate::error::{Error, Result};
+use crate::error::{self, Error, Result};
 use crate::files::write_atomically;
 use exr::meta::attribute::{AttributeValue, Text};
 use exr::prelude as ex;
@@ -9,7 +9,6 @@ use exr::prelude::traits::*;
 use smallvec::SmallVec;
 use std::fs::File;
 use std::io::{self, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
 /// A part with 32-bit channels, as it is written and as it is read.
@@ -255,13 +254,13 @@ fn guarded<T>(path: &Path, read: impl FnOnce() -> ex::Result<T>) -> Result<T> {
             format!("is no readable EXR file ({problem}); an OpenEXR file with flat pixels was expected"),
         )
     };
-    match catch_unwind(AssertUnwindSafe(read)) {
-        Ok(Ok(value)) => Ok(value),
-        Ok(Err(ex::Error::Io(error))) if error.kind() != io::ErrorKind::UnexpectedEof => {
+    match error::guarded(read) {
+        Some(Ok(value)) => Ok(value),
+        Some(Err(ex::Error::Io(error))) if error.kind() != io::ErrorKind::UnexpectedEof => {
             Err(Error::reading(path, &error))
         }
-        Ok(Err(error)) => Err(refused(&error.to_string())),
-        Err(_) => Err(refused("its contents are contradictory")),
+        Some(Err(error)) => Err(refused(&error.to_string())),
+        None => Err(refused("its contents are contradictory")),
     }
 }
 

@@ -9,7 +9,7 @@ use crate::wave::Geometry;
 use serde_json::{Value, json};
 
 /// This program and its version, as files name it.
-pub const PROGRAM: &str = concat!("holosonar ", env!("CARGO_PKG_VERSION"));
+pub(super) const PROGRAM: &str = concat!("holosonar ", env!("CARGO_PKG_VERSION"));
 
 /// The formulas' view of a cube.
 pub(super) fn setup_of(cube: &DataCube) -> Setup<'_> {
@@ -24,29 +24,33 @@ pub(super) fn setup_of(cube: &DataCube) -> Setup<'_> {
 
 /// Everything that is needed to interpret and reproduce an image of `cube`: `meta` of a volume's npz.
 pub fn cube_facts(cube: &DataCube, run: &RunFile, method: Method) -> Value {
-    let source = match cube.geometry {
+    let mut facts = setup_facts(&setup_of(cube), run);
+    facts["method"] = json!(method);
+    facts
+}
+
+/// The facts of a measurement and of the run file that asked for it.
+pub(super) fn setup_facts(setup: &Setup, run: &RunFile) -> Value {
+    let source = match setup.geometry {
         Geometry::FixedSource { source } => source.to_array(),
         Geometry::Monostatic => [0.0; 3],
     };
     json!({
-        "format": "holosonar-volume",
-        "version": 1,
         "program": PROGRAM,
-        "sound_speed": cube.sound_speed,
-        "start_frequency": cube.sweep.start(),
-        "bandwidth": cube.sweep.bandwidth(),
-        "frequency_step": cube.sweep.step(),
-        "frequencies": cube.sweep.len(),
-        "microphones": cube.array.len(),
-        "array_centre": cube.array.centre().to_array(),
-        "array_extent": cube.array.extent().to_array(),
-        "geometry": cube.geometry.name(),
+        "sound_speed": setup.sound_speed,
+        "start_frequency": setup.sweep.start(),
+        "bandwidth": setup.sweep.bandwidth(),
+        "frequency_step": setup.sweep.step(),
+        "frequencies": setup.sweep.len(),
+        "microphones": setup.array.len(),
+        "array_centre": setup.array.centre().to_array(),
+        "array_extent": setup.array.extent().to_array(),
+        "geometry": setup.geometry.name(),
         "source": source,
-        "detection": cube.detection,
+        "detection": setup.detection,
         "window": run.reconstruct.window,
-        "method": method,
         "tolerance": run.reconstruct.tolerance,
-        "range_resolution": cube.range_resolution(),
+        "range_resolution": setup.range_resolution(),
         "seed": run.reflectors.seed,
         "run": run.to_json(),
     })

@@ -1,0 +1,202 @@
+//! The command line: what can be typed, and how results, warnings and errors are shown.
+//!
+//! Results go to standard output, everything else to standard error. Only the binary has this module; the library
+//! never prints.
+
+mod commands;
+mod info;
+mod summary;
+mod terminal;
+
+use clap::{Args, Parser, Subcommand};
+use holosonar::error::Error;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use terminal::Terminal;
+
+/// The version with the commit it was built from.
+const VERSION: &str = concat!(env!("CARGO_PKG_VERSION"), " (", env!("HOLOSONAR_COMMIT"), ")");
+
+const EXIT_STATUS: &str = "Exit status: 0 done; 1 the machine failed (disk, memory); 2 the request or an input file is \
+wrong; 3 a limit of compare or check was missed; 130 interrupted.";
+
+/// Images 3-D scenes with sound: CAD mesh or measured cube in, depth and amplitude EXR out.
+#[derive(Debug, Parser)]
+#[command(name = "holosonar", version = VERSION, after_help = EXIT_STATUS, max_term_width = 100)]
+#[command(arg_required_else_help = true, propagate_version = false)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+    #[command(flatten)]
+    common: Common,
+}
+
+/// What every command takes.
+#[derive(Debug, Args)]
+struct Common {
+    /// Print results as JSON.
+    #[arg(long, global = true)]
+    json: bool,
+    /// Print no progress, no warnings and no summary.
+    #[arg(short, long, global = true)]
+    quiet: bool,
+    /// Print stages as they run, even without a terminal.
+    #[arg(short, long, global = true, conflicts_with = "quiet")]
+    verbose: bool,
+    /// Worker threads; the results do not depend on it [default: one per core].
+    #[arg(short = 'j', long, global = true, value_name = "N")]
+    threads: Option<u16>,
+}
+
+/// How a run file is changed from the command line.
+#[derive(Debug, Args, Clone)]
+struct Overrides {
+    /// Unit of the mesh: m, cm, mm, in or ft (an OBJ does not say).
+    #[arg(long, value_name = "UNIT")]
+    unit: Option<String>,
+    /// Set a key of the run file, as in --set sweep.step=20 (repeatable).
+    #[arg(long = "set", value_name = "TABLE.KEY=VALUE")]
+    set: Vec<String>,
+}
+
+impl Overrides {
+    /// All of them as run-file keys.
+    fn keys(&self) -> Vec<String> {
+        let unit = self.unit.iter().map(|unit| format!("scene.unit={unit}"));
+        unit.chain(self.set.iter().cloned()).collect()
+    }
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// The main job: a scene (or a measured cube) to volume, depth map, pictures and report.
+    ///
+    /// INPUT is a run file (.toml), a bare mesh (.obj, .gltf, .glb), a list of reflectors (.csv) or a cube (.npz).
+    Image {
+        /// Run file, mesh, reflector list or cube.
+        input: PathBuf,
+        /// Folder for the results; made if missing.
+        #[arg(short, long, value_name = "DIR")]
+        output: PathBuf,
+        /// Run file for a cube: its [grid], [reconstruct], [depth] and [output].
+        #[arg(short, long, value_name = "RUN.toml")]
+        config: Option<PathBuf>,
+        #[command(flatten)]
+        overrides: Overrides,
+    },
+    /// Scene to data cube (.npz).
+    Simulate {
+        /// Run file, mesh or reflector list.
+        input: PathBuf,
+        /// The cube to write.
+        #[arg(short, long, value_name = "CUBE.npz")]
+        output: PathBuf,
+        #[command(flatten)]
+        overrides: Overrides,
+    },
+    /// Data cube to volume (.npz, .exr, .vti by extension).
+    Reconstruct {
+        /// The cube.
+        cube: PathBuf,
+        /// Run file: its [grid] and [reconstruct] count.
+        #[arg(short, long, value_name = "RUN.toml")]
+        config: Option<PathBuf>,
+        /// The volume to write (repeatable).
+        #[arg(short, long, value_name = "VOLUME", required = true)]
+        output: Vec<PathBuf>,
+        #[command(flatten)]
+        overrides: Overrides,
+    },
+    /// Volume (.npz) to depth map (.exr).
+    Depth {
+        /// The volume.
+        volume: PathBuf,
+        /// Run file: its [depth] counts.
+        #[arg(short, long, value_name = "RUN.toml")]
+        config: Option<PathBuf>,
+        /// The depth map to write.
+        #[arg(short, long, value_name = "DEPTH.exr")]
+        output: PathBuf,
+        #[command(flatten)]
+        overrides: Overrides,
+    },
+    /// Ray-cast ground truth of a scene, on the pixels of its depth map.
+    Truth {
+        /// Run file or mesh.
+        input: PathBuf,
+        /// The truth to write.
+        #[arg(short, long, value_name = "TRUTH.exr")]
+        output: PathBuf,
+        #[command(flatten)]
+        overrides: Overrides,
+    },
+    /// Scores a depth map against a truth.
+    Compare {
+        /// Depth map: ours, or any EXR with a Z channel.
+        result: PathBuf,
+        /// Truth.
+        truth: PathBuf,
+        /// Range resolution c/2B in m, when neither file says it.
+        #[arg(long, value_name = "M")]
+        resolution: Option<f64>,
+        /// Least value of a metric, as in completeness=0.65 (repeatable).
+        #[arg(long, value_name = "NAME=VALUE")]
+        min: Vec<String>,
+        /// Greatest value of a metric, as in median_error=0.01 (repeatable).
+        #[arg(long, value_name = "NAME=VALUE")]
+        max: Vec<String>,
+    },
+    /// Runs scenes and holds each to its [expect]: one line a scene, exit status 3 if one misses.
+    Check {
+        /// Run files.
+        #[arg(required = true)]
+        runs: Vec<PathBuf>,
+        #[command(flatten)]
+        overrides: Overrides,
+    },
+    /// What a cube, volume, depth map, mesh or run file holds.
+    Info {
+        /// The file.
+        file: PathBuf,
+        #[command(flatten)]
+        overrides: Overrides,
+    },
+    /// Writes an annotated run file and the corner mesh to start from.
+    Init {
+        /// Folder; made if missing.
+        #[arg(default_value = ".")]
+        folder: PathBuf,
+    },
+    /// Prints a completion script for a shell.
+    Completions {
+        /// The shell.
+        shell: clap_complete::Shell,
+    },
+}
+
+/// Parses, runs, prints; the exit status of DESIGN section 4.
+pub(crate) fn main() -> ExitCode {
+    let cli = Cli::parse();
+    terminal::explain_panics();
+    let terminal = Terminal::new(cli.common.quiet, cli.common.verbose);
+    let result = start_threads(cli.common.threads).and_then(|()| commands::run(&cli, &terminal));
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            terminal.error(&error);
+            ExitCode::from(error.exit_status())
+        }
+    }
+}
+
+/// Starts the worker threads before anything else asks for them.
+fn start_threads(threads: Option<u16>) -> Result<(), Error> {
+    let Some(threads) = threads else { return Ok(()) };
+    if threads == 0 {
+        return Err(Error::input("--threads", "0 threads can do nothing; give 1 or more"));
+    }
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(threads.into())
+        .build_global()
+        .map_err(|e| Error::environment("threads", format!("{threads} cannot be started: {e}")))
+}

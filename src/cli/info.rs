@@ -1,0 +1,117 @@
+//! What a file holds, told by its kind.
+
+use super::Overrides;
+use super::commands::run_of;
+use holosonar::acquisition::DataCube;
+use holosonar::error::{Error, Result};
+use holosonar::export::attributes_as_json;
+use holosonar::export::depth_exr::read_depth_map;
+use holosonar::export::volume_npz::read_volume_npz;
+use holosonar::files::npz::NpzReader;
+use holosonar::grid::Axis;
+use holosonar::progress::Observer;
+use holosonar::scene::Scene;
+use serde_json::{Value, json};
+use std::path::Path;
+
+/// The facts of a file.
+pub(super) fn of(file: &Path, overrides: &Overrides, limit: u64, observer: &dyn Observer) -> Result<Value> {
+    let extension = file.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
+    match extension.as_str() {
+        "npz" => npz(file, limit),
+        "exr" => exr(file, limit),
+        "toml" => Ok(json!({ "kind": "run file", "resolved": run_of(file, overrides)?.0.to_json() })),
+        "obj" | "gltf" | "glb" => mesh(file, overrides, observer),
+        "csv" => {
+            let reflectors = holosonar::reflectors::Reflectors::read_csv(file)?;
+            let bounds = reflectors.bounds().map(|(low, high)| [low.to_array(), high.to_array()]);
+            Ok(
+                json!({ "kind": "reflectors", "count": reflectors.len(), "low_m": bounds.map(|b| b[0]), "high_m": bounds.map(|b| b[1]) }),
+            )
+        }
+        _ => Err(Error::input(
+            file.display(),
+            "is no kind of file this program knows; .npz, .exr, .obj, .gltf, .glb, .csv or .toml was expected",
+        )),
+    }
+}
+
+fn axis(axis: &Axis) -> Value {
+    json!({ "first_m": axis.first, "last_m": axis.last(), "pitch_m": axis.pitch, "count": axis.count })
+}
+
+fn npz(file: &Path, limit: u64) -> Result<Value> {
+    let reader = NpzReader::open(file, limit)?;
+    if reader.contains("x") && !reader.contains("frequencies") {
+        drop(reader);
+        let (volume, meta) = read_volume_npz(file, limit)?;
+        return Ok(json!({
+            "kind": "volume",
+            "shape_zyx": volume.grid.shape(),
+            "x": axis(&volume.grid.x), "y": axis(&volume.grid.y), "z": axis(&volume.grid.z),
+            "peak_amplitude": volume.peak(),
+            "meta": meta,
+        }));
+    }
+    drop(reader);
+    let cube = DataCube::read(file, limit)?;
+    let power: f64 =
+        cube.samples.iter().map(|m| f64::from(m.norm_sqr())).sum::<f64>() / cube.samples.len() as f64;
+    Ok(json!({
+        "kind": "data cube",
+        "frequencies": cube.sweep.len(),
+        "start_hz": cube.sweep.start(), "stop_hz": cube.sweep.stop(), "step_hz": cube.sweep.step(),
+        "microphones": cube.array.len(),
+        "on_a_lattice": cube.array.lattice().is_some(),
+        "array_shape": cube.array.shape(),
+        "array_centre_m": cube.array.centre().to_array(),
+        "array_extent_m": cube.array.extent().to_array(),
+        "geometry": cube.geometry.name(),
+        "detection": cube.detection,
+        "sound_speed_m_per_s": cube.sound_speed,
+        "range_resolution_m": cube.range_resolution(),
+        "rms_sample": power.sqrt(),
+        "provenance": cube.provenance,
+    }))
+}
+
+fn exr(file: &Path, limit: u64) -> Result<Value> {
+    let depth = read_depth_map(file, limit)?;
+    let map = &depth.map;
+    let found = || map.picked.depth.iter().copied().filter(|z| !z.is_nan());
+    let range = found().fold(None, |range: Option<[f32; 2]>, z| {
+        Some(range.map_or([z, z], |[low, high]| [low.min(z), high.max(z)]))
+    });
+    Ok(json!({
+        "kind": "EXR with depth",
+        "pixels_yx": map.shape(),
+        "x": depth.axes_known.then(|| axis(&map.x)), "y": depth.axes_known.then(|| axis(&map.y)),
+        "accepted": map.accepted(),
+        "depth_range_m": range,
+        "returns": map.returns.len(),
+        "attributes": attributes_as_json(&depth.attributes),
+    }))
+}
+
+fn mesh(file: &Path, overrides: &Overrides, observer: &dyn Observer) -> Result<Value> {
+    let (run, _) = run_of(file, overrides)?;
+    let scene = Scene::load(file, &run.load_options(false)?, observer)?;
+    let bounds = scene.bounds();
+    let size = bounds.map(|(low, high)| (high - low).to_array());
+    let materials: Vec<Value> = scene
+        .materials()
+        .iter()
+        .map(|m| {
+            json!({ "name": m.name, "reflectance": m.reflectance, "transmittance": m.transmittance, "from": m.source })
+        })
+        .collect();
+    Ok(json!({
+        "kind": "mesh",
+        "triangles": scene.triangles().len(),
+        "area_m2": scene.surface_area(),
+        "size_m": size,
+        "low_m": bounds.map(|(low, _)| low.to_array()),
+        "high_m": bounds.map(|(_, high)| high.to_array()),
+        "material": materials,
+    }))
+}

@@ -1,0 +1,233 @@
+//! Results as a person reads them: short aligned tables.
+
+use holosonar::grid::Axis;
+use holosonar::metrics::Metrics;
+use holosonar::pipeline::{Outcome, Report, Verdict};
+use serde_json::Value;
+use std::fmt::Write;
+use std::path::Path;
+
+/// Two columns, the first as wide as its widest word.
+#[derive(Debug, Default)]
+struct Table(Vec<(String, String)>);
+
+impl Table {
+    fn row(&mut self, name: &str, value: impl Into<String>) {
+        self.0.push((name.to_owned(), value.into()));
+    }
+
+    fn text(&self) -> String {
+        let width = self.0.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0);
+        self.0.iter().fold(String::new(), |mut text, (name, value)| {
+            let _ = writeln!(text, "{name:width$}  {value}");
+            text
+        })
+    }
+}
+
+/// The table at the end of `image`.
+pub(super) fn image(input: &Path, folder: &Path, report: &Report, outcome: &Outcome) -> String {
+    let mut table = Table::default();
+    let plan = &report.plan;
+    if let Some(scene) = &report.scene {
+        let size =
+            |v: [f64; 3], digits: usize| format!("{:.digits$} x {:.digits$} x {:.digits$}", v[0], v[1], v[2]);
+        let triangles = if scene.triangles > 0 {
+            format!(", {} triangles, {:.3} m²", scene.triangles, scene.area)
+        } else {
+            String::new()
+        };
+        table.row("scene", format!("{}{triangles}", input.display()));
+        table.row(
+            "  size",
+            format!("{} m = {} wavelengths", size(scene.size, 3), size(scene.size_wavelengths, 1)),
+        );
+        table.row("  depth", format!("z {:.3} to {:.3} m from the array", scene.low[2], scene.high[2]));
+        for material in scene.materials.iter().take(8) {
+            let name = if material.name.is_empty() { "(unnamed)" } else { &material.name };
+            table.row(
+                "  material",
+                format!(
+                    "{name}: reflectance {}, transmittance {} ({})",
+                    short(material.reflectance),
+                    short(material.transmittance),
+                    material.source
+                ),
+            );
+        }
+        if scene.materials.len() > 8 {
+            table.row("", format!("and {} more; all are in report.json", scene.materials.len() - 8));
+        }
+    } else {
+        table.row("cube", input.display().to_string());
+    }
+    if let Some(reflectors) = report.reflectors {
+        table.row("reflectors", reflectors.to_string());
+    }
+    let cube = &outcome.cube;
+    let extent = cube.array.extent();
+    table.row("array", format!("{} microphones over {:.2} x {:.2} m", plan.microphones, extent.x, extent.y));
+    table.row(
+        "sweep",
+        format!(
+            "{} tones, {:.2} to {:.2} kHz",
+            plan.frequencies,
+            cube.sweep.start() / 1e3,
+            cube.sweep.stop() / 1e3
+        ),
+    );
+    let millimetres = |m: Option<f64>| m.map_or("-".to_owned(), |m| format!("{:.1}", m * 1e3));
+    table.row(
+        "resolution",
+        format!(
+            "{} mm in range; {} to {} mm across, near to far",
+            millimetres(plan.range_resolution),
+            millimetres(plan.lateral_resolution_near[0]),
+            millimetres(plan.lateral_resolution_far[0])
+        ),
+    );
+    let grid = outcome.volume.grid;
+    let axis = |name: &str, a: &Axis| format!("{name} {:.3} to {:.3}", a.first, a.last());
+    table.row(
+        "grid",
+        format!(
+            "{} x {} x {} voxels: {}, {}, {} m",
+            grid.x.count,
+            grid.y.count,
+            grid.z.count,
+            axis("x", &grid.x),
+            axis("y", &grid.y),
+            axis("z", &grid.z)
+        ),
+    );
+    table.row("depth", format!("a return at {} of {} pixels", report.accepted, report.pixels));
+    let mut text = table.text();
+    if let Some(metrics) = &report.metrics {
+        text.push_str("against the truth\n");
+        text.push_str(&self::metrics(metrics).lines().fold(String::new(), |mut text, line| {
+            let _ = writeln!(text, "  {line}");
+            text
+        }));
+    }
+    let mut table = Table::default();
+    let stages: Vec<String> = report
+        .timings
+        .iter()
+        .filter_map(|(stage, seconds)| Some(format!("{stage} {:.2}", seconds.as_f64()?)))
+        .collect();
+    table.row("seconds", format!("{:.2} ({})", report.seconds(), stages.join(", ")));
+    let files: Vec<String> = report.files.iter().map(|f| f.display().to_string()).collect();
+    table.row("written", format!("{}: {}", folder.display(), files.join(", ")));
+    text + &table.text()
+}
+
+/// Every metric that was measured, with its unit.
+pub(super) fn metrics(metrics: &Metrics) -> String {
+    let mut table = Table::default();
+    for (name, value) in metrics.iter() {
+        if let Some(value) = value {
+            table.row(name, quantity(name, value));
+        }
+    }
+    let text = table.text();
+    if text.is_empty() { "nothing to measure: the truth is empty\n".to_owned() } else { text }
+}
+
+/// A metric's value as people say it: shares plainly, lengths in mm.
+fn quantity(name: &str, value: f64) -> String {
+    if Metrics::is_length(name) { format!("{:.2} mm", value * 1e3) } else { format!("{value:.3}") }
+}
+
+/// A verdict in words: `completeness 0.61, wanted at least 0.650`.
+pub(super) fn verdict(verdict: &Verdict) -> String {
+    let name = &verdict.bound.metric;
+    let value = verdict.value.map_or("has nothing to be measured on".to_owned(), |v| quantity(name, v));
+    let wanted: Vec<String> = [("at least", verdict.bound.limit.min), ("at most", verdict.bound.limit.max)]
+        .into_iter()
+        .filter_map(|(words, limit)| Some(format!("{words} {}", quantity(name, limit?))))
+        .collect();
+    format!("{name} {value}, wanted {}", wanted.join(" and "))
+}
+
+/// One line of `check`.
+pub(super) fn check_line(name: &str, verdicts: &[Verdict]) -> String {
+    let kept = verdicts.iter().all(|v| v.kept);
+    let values: Vec<String> = verdicts
+        .iter()
+        .map(|v| {
+            let value = v.value.map_or("none".to_owned(), |value| quantity(&v.bound.metric, value));
+            format!("{}{} {value}", if v.kept { "" } else { "! " }, v.bound.metric)
+        })
+        .collect();
+    format!("{} {name}: {}\n", if kept { "ok    " } else { "MISSED" }, values.join(", "))
+}
+
+/// The facts of `info`, one line each; nested ones are indented.
+pub(super) fn facts(value: &Value) -> String {
+    fn rows(table: &mut Table, value: &Value, indent: usize) {
+        let Some(facts) = value.as_object() else { return };
+        for (name, value) in facts {
+            let name = format!("{}{}", "  ".repeat(indent), name.replace('_', " "));
+            match value {
+                Value::Object(_) => {
+                    table.row(&name, "");
+                    rows(table, value, indent + 1);
+                }
+                Value::String(text) => table.row(&name, text.clone()),
+                Value::Array(list) if list.iter().all(|v| !v.is_object()) => {
+                    let items: Vec<String> = list.iter().map(plain).collect();
+                    table.row(&name, items.join(", "));
+                }
+                Value::Array(list) => {
+                    for item in list {
+                        table.row(&name, plain(item));
+                    }
+                }
+                Value::Null => {}
+                other => table.row(&name, plain(other)),
+            }
+        }
+    }
+    let mut table = Table::default();
+    rows(&mut table, value, 0);
+    table.text().lines().fold(String::new(), |mut text, line| {
+        let _ = writeln!(text, "{}", line.trim_end());
+        text
+    })
+}
+
+/// A value without quotes or needless digits.
+fn plain(value: &Value) -> String {
+    match value {
+        Value::String(text) => text.clone(),
+        Value::Number(n) if n.is_f64() => short(n.as_f64().unwrap_or_default()),
+        Value::Object(fields) => {
+            fields.iter().map(|(k, v)| format!("{k} {}", plain(v))).collect::<Vec<_>>().join(", ")
+        }
+        other => other.to_string(),
+    }
+}
+
+/// Up to six significant digits.
+fn short(value: f64) -> String {
+    if value == 0.0 || !value.is_finite() {
+        return value.to_string();
+    }
+    let digits = (5 - value.abs().log10().floor() as i32).clamp(0, 12) as usize;
+    let text = format!("{value:.digits$}");
+    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_short() {
+        for (value, text) in
+            [(0.0, "0"), (0.4, "0.4"), (1.0 / 3.0, "0.333333"), (20_000.0, "20000"), (-0.05, "-0.05")]
+        {
+            assert_eq!(short(value), text);
+        }
+    }
+}

@@ -1,0 +1,144 @@
+//! Progress bars, warnings, errors and results on a terminal, or quietly without one.
+
+use holosonar::error::Error;
+use holosonar::progress::{Event, Observer};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use std::io::{self, IsTerminal, Write};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+/// Draws what the stages report, and hears Ctrl-C.
+#[derive(Debug)]
+pub(super) struct Terminal {
+    quiet: bool,
+    /// Name each stage on a line of its own, for logs.
+    verbose: bool,
+    colour: bool,
+    bar: Mutex<Option<ProgressBar>>,
+    stop: Arc<AtomicBool>,
+}
+
+impl Terminal {
+    pub(super) fn new(quiet: bool, verbose: bool) -> Self {
+        let stop = Arc::new(AtomicBool::new(false));
+        let asked = Arc::clone(&stop);
+        // The first Ctrl-C ends the running block and leaves no half-written file; the second ends the process. If
+        // no handler can be had, Ctrl-C simply ends it.
+        let _ = ctrlc::set_handler(move || {
+            if asked.swap(true, Ordering::SeqCst) {
+                #[allow(clippy::exit)]
+                std::process::exit(130);
+            }
+        });
+        let colour = io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|v| v.is_empty());
+        Self { quiet, verbose, colour, bar: Mutex::new(None), stop }
+    }
+
+    fn bar(&self) -> std::sync::MutexGuard<'_, Option<ProgressBar>> {
+        self.bar.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Whether a summary is wanted.
+    pub(super) fn is_quiet(&self) -> bool {
+        self.quiet
+    }
+
+    /// Prints a result; a closed pipe is the reader's right and ends quietly.
+    pub(super) fn print(&self, text: &str) -> Result<(), Error> {
+        let mut out = io::stdout().lock();
+        match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+            Err(e) if e.kind() != io::ErrorKind::BrokenPipe => {
+                Err(Error::environment("standard output", format!("cannot be written: {e}")))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Prints the error that ends the program.
+    pub(super) fn error(&self, error: &Error) {
+        self.say("error", "1;31", &error.to_string());
+    }
+
+    fn say(&self, kind: &str, colour: &str, text: &str) {
+        let line = if self.colour {
+            format!("\u{1b}[{colour}m{kind}:\u{1b}[0m {text}")
+        } else {
+            format!("{kind}: {text}")
+        };
+        let write = || {
+            // A standard error that is gone leaves nobody to tell.
+            let _ = writeln!(io::stderr(), "{line}");
+        };
+        match &*self.bar() {
+            Some(bar) => bar.suspend(write),
+            None => write(),
+        }
+    }
+}
+
+impl Observer for Terminal {
+    fn event(&self, event: Event<'_>) {
+        if self.quiet {
+            return;
+        }
+        match event {
+            Event::Started { stage, total } => {
+                let bar =
+                    ProgressBar::with_draw_target((total > 0).then_some(total), ProgressDrawTarget::stderr());
+                let template = if total > 0 {
+                    "{prefix:28} {wide_bar} {percent:>3} %  {eta:>4} left"
+                } else {
+                    "{prefix:28} {spinner} {elapsed}"
+                };
+                if let Ok(style) = ProgressStyle::with_template(template) {
+                    bar.set_style(style.progress_chars("━━─"));
+                }
+                bar.set_prefix(stage.to_owned());
+                bar.enable_steady_tick(Duration::from_millis(100));
+                *self.bar() = Some(bar);
+                if self.verbose && !io::stderr().is_terminal() {
+                    let _ = writeln!(io::stderr(), "{stage}");
+                }
+            }
+            Event::Advanced { amount } => {
+                if let Some(bar) = &*self.bar() {
+                    bar.inc(amount);
+                }
+            }
+            Event::Finished => {
+                if let Some(bar) = self.bar().take() {
+                    bar.finish_and_clear();
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn warn(&self, message: &str) {
+        if !self.quiet {
+            self.say("warning", "1;33", message);
+        }
+    }
+
+    fn should_stop(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+}
+
+/// Makes a panic, which is always our mistake, say what to do about it.
+pub(super) fn explain_panics() {
+    let default = std::panic::take_hook();
+    std::panic::set_hook(Box::new(move |panic| {
+        // Readers of files catch the panics of the crates they call and report an error instead.
+        if holosonar::error::is_guarded() {
+            return;
+        }
+        let _ = writeln!(
+            io::stderr(),
+            "error: this is a mistake in holosonar, not in your input; please report it with the lines below and, \
+             if you can, the input"
+        );
+        default(panic);
+    }));
+}
