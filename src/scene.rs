@@ -132,7 +132,9 @@ impl Scene {
             if !triangle.vertices.iter().all(|v| v.abs().max_element() <= FARTHEST && v.is_finite()) {
                 return Err(Error::input(
                     place(),
-                    format!("has a vertex that is not finite or lies beyond {FARTHEST:e} m; check the unit and scale"),
+                    format!(
+                        "has a vertex that is not finite or lies beyond {FARTHEST:e} m; check the unit and scale"
+                    ),
                 ));
             }
             if triangle.material as usize >= materials.len() {
@@ -173,12 +175,7 @@ impl Scene {
 }
 
 /// Takes the triangles from the file's frame to the array's, and drops those without area.
-fn place(
-    path: &Path,
-    mesh: Mesh,
-    options: &LoadOptions,
-    observer: &dyn Observer,
-) -> Result<Vec<Triangle>> {
+fn place(path: &Path, mesh: Mesh, options: &LoadOptions, observer: &dyn Observer) -> Result<Vec<Triangle>> {
     let Mesh { mut triangles, metres_per_unit, up, sensor, .. } = mesh;
     let found = triangles.len();
     triangles.retain(|t| !t.is_degenerate());

@@ -1,7 +1,8 @@
 //! An observer for tests.
+#![allow(clippy::unwrap_used)]
 
-use std::sync::Mutex;
 use crate::progress::Observer;
+use std::sync::Mutex;
 
 /// Keeps the warnings it hears.
 #[derive(Default)]

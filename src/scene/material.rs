@@ -195,6 +195,7 @@ impl<'a> Palette<'a> {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
     use crate::progress::Silent;
@@ -240,7 +241,8 @@ mod tests {
     #[test]
     fn rules_that_say_nothing_or_too_much_are_refused() {
         let refused = |rule: MaterialRule| Palette::new(&[rule]).err().unwrap().to_string();
-        let rule = |name: &str, reflectance| MaterialRule { name: name.into(), reflectance, transmittance: None };
+        let rule =
+            |name: &str, reflectance| MaterialRule { name: name.into(), reflectance, transmittance: None };
         assert!(refused(rule("a", None)).contains("neither"));
         assert!(refused(rule("", Some(1.0))).contains("no name"));
         assert_eq!(

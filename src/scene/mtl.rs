@@ -53,7 +53,11 @@ impl Statements<'_> {
                     ));
                 }
                 // Nearly every exporter writes `d 1`; that is the default, not a statement.
-                if d == 1.0 { Material::opaque(self.name) } else { Material::from_alpha(self.name, d, "MTL d") }
+                if d == 1.0 {
+                    Material::opaque(self.name)
+                } else {
+                    Material::from_alpha(self.name, d, "MTL d")
+                }
             }
             (None, Some(tr)) if tr > 0.0 => Material::from_alpha(self.name, 1.0 - tr, "MTL Tr"),
             _ => Material::opaque(self.name),
@@ -74,6 +78,7 @@ fn opacity(rest: &str, keyword: &str, path: &Path, line: usize) -> Result<f64> {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::super::listener::Listener;
     use super::*;

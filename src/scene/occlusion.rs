@@ -10,8 +10,8 @@ use std::time::Duration;
 
 use glam::{DVec3, Vec3A};
 use obvhs::aabb::Aabb;
-use obvhs::bvh2::builder::build_bvh2;
 use obvhs::bvh2::Bvh2;
+use obvhs::bvh2::builder::build_bvh2;
 use obvhs::bvh2::node::Bvh2Node;
 use obvhs::ray::{Ray, RayHit};
 use obvhs::{BvhBuildParams, fast_stack};
@@ -194,12 +194,12 @@ impl SurfaceTree {
         let beam = Beam::new(from, direction);
         let mut leaf = |node: &Bvh2Node, _: &mut Ray, _: &mut RayHit| {
             let first = node.first_index as usize;
-            self.bvh.primitive_indices[first..first + node.prim_count as usize].iter().all(|&index| {
-                match beam.crossing(&triangles[index as usize].vertices) {
+            self.bvh.primitive_indices[first..first + node.prim_count as usize].iter().all(
+                |&index| match beam.crossing(&triangles[index as usize].vertices) {
                     Some(t) if t > tolerance && t < length - tolerance => crossing(t, index),
                     _ => true,
-                }
-            })
+                },
+            )
         };
         fast_stack!(u32, (96, 192), self.bvh.max_depth, stack, {
             self.bvh.ray_traverse_dynamic(&mut stack, ray, &mut RayHit::none(), &mut leaf);

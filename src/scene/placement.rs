@@ -154,7 +154,10 @@ impl LoadOptions {
     /// Refuses numbers that place nothing, and two places at once.
     pub(super) fn check(&self) -> Result<()> {
         if !(self.scale.is_finite() && self.scale > 0.0) {
-            return Err(Error::input("scale", format!("is {}; expected a finite number above 0", self.scale)));
+            return Err(Error::input(
+                "scale",
+                format!("is {}; expected a finite number above 0", self.scale),
+            ));
         }
         let vectors = [("rotate", Some(self.rotate)), ("translate", Some(self.translate)), ("fit", self.fit)];
         for (name, vector) in vectors {
@@ -167,10 +170,16 @@ impl LoadOptions {
         }
         let places = [self.translate != DVec3::ZERO, self.fit.is_some(), self.fit_by_diagonal.is_some()];
         if places.into_iter().filter(|&given| given).count() > 1 {
-            return Err(Error::input("fit", "and `translate` both say where the mesh goes; give one of them"));
+            return Err(Error::input(
+                "fit",
+                "and `translate` both say where the mesh goes; give one of them",
+            ));
         }
         if self.sensor.is_some() && self.up.is_some() {
-            return Err(Error::input("up", "has no meaning beside `sensor`, which sets the axes; remove one"));
+            return Err(Error::input(
+                "up",
+                "has no meaning beside `sensor`, which sets the axes; remove one",
+            ));
         }
         Ok(())
     }
@@ -227,6 +236,7 @@ fn sine_and_cosine(degrees: f64) -> (f64, f64) {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 

@@ -117,9 +117,10 @@ mod tests {
     use super::*;
 
     fn area(corners: &[DVec3], cut: &Cut) -> f64 {
-        let each = cut.triangles.iter().map(|&[a, b, c]| {
-            0.5 * (corners[b] - corners[a]).cross(corners[c] - corners[a]).dot(DVec3::Z)
-        });
+        let each = cut
+            .triangles
+            .iter()
+            .map(|&[a, b, c]| 0.5 * (corners[b] - corners[a]).cross(corners[c] - corners[a]).dot(DVec3::Z));
         // All wound as the face, none empty.
         assert!(each.clone().all(|a| a > 0.0));
         each.sum()
@@ -145,8 +146,16 @@ mod tests {
 
     #[test]
     fn corners_on_straight_sides_are_kept() {
-        let square =
-            face(&[(0.0, 0.0), (1.0, 0.0), (2.0, 0.0), (2.0, 1.0), (2.0, 2.0), (1.0, 2.0), (0.0, 2.0), (0.0, 1.0)]);
+        let square = face(&[
+            (0.0, 0.0),
+            (1.0, 0.0),
+            (2.0, 0.0),
+            (2.0, 1.0),
+            (2.0, 2.0),
+            (1.0, 2.0),
+            (0.0, 2.0),
+            (0.0, 1.0),
+        ]);
         let cut = cut(&square);
         assert_eq!(cut.triangles.len(), 6);
         assert!((area(&square, &cut) - 4.0).abs() < 1e-12);
@@ -176,8 +185,7 @@ mod tests {
         let bow = face(&[(0.0, 0.0), (1.0, 1.0), (1.0, 0.0), (0.0, 1.0)]);
         let cut_bow = cut(&bow);
         assert!(cut_bow.doubtful && cut_bow.triangles.len() == 2);
-        let star: Vec<_> =
-            (0..5).map(|k| (f64::from(k) * 0.8 * std::f64::consts::PI).sin_cos()).collect();
+        let star: Vec<_> = (0..5).map(|k| (f64::from(k) * 0.8 * std::f64::consts::PI).sin_cos()).collect();
         assert!(cut(&face(&star)).doubtful);
         assert!(cut(&face(&[(0.0, 0.0), (1.0, 0.0), (2.0, 0.0), (3.0, 0.0)])).doubtful);
     }

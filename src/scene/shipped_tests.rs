@@ -1,4 +1,5 @@
 //! The meshes that come with the program are what their scenes say they are.
+#![allow(clippy::unwrap_used)]
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -77,8 +78,7 @@ fn transparent_foreground_shows_the_backdrop_through_its_plate() {
 
 #[test]
 fn bracket_is_a_closed_solid() {
-    let options =
-        LoadOptions { unit: Some(Unit::Millimetre), up: Some(Up::Z), ..LoadOptions::default() };
+    let options = LoadOptions { unit: Some(Unit::Millimetre), up: Some(Up::Z), ..LoadOptions::default() };
     let scene = load("bracket.obj", &options);
     assert!(scene.triangles().len() < 400, "{}", scene.triangles().len());
     let (low, high) = scene.bounds().unwrap();

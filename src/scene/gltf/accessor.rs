@@ -91,10 +91,14 @@ fn values<T: Copy>(
         let (at, new) = (&sparse.indices, &sparse.values);
         let indices =
             Strided::new(document, at.buffer_view.value(), at.byte_offset.0, n, kind.size(), place)?;
-        let replacements = Strided::new(document, new.buffer_view.value(), new.byte_offset.0, n, size, place)?;
+        let replacements =
+            Strided::new(document, new.buffer_view.value(), new.byte_offset.0, n, size, place)?;
         for (index, value) in indices.iter().map(unsigned).zip(replacements.iter()) {
             let Some(slot) = values.get_mut(index as usize) else {
-                return Err(Error::input(place(), format!("its sparse part replaces value {index} of {count}")));
+                return Err(Error::input(
+                    place(),
+                    format!("its sparse part replaces value {index} of {count}"),
+                ));
             };
             *slot = read(value);
         }

@@ -95,8 +95,15 @@ impl Document {
 
 /// Extensions that change how a surface looks but not where it is.
 fn is_harmless(extension: &str) -> bool {
-    let prefixes =
-        ["KHR_materials_", "KHR_texture_", "KHR_lights_", "EXT_texture_", "EXT_lights_", "MSFT_texture_", "KHR_xmp"];
+    let prefixes = [
+        "KHR_materials_",
+        "KHR_texture_",
+        "KHR_lights_",
+        "EXT_texture_",
+        "EXT_lights_",
+        "MSFT_texture_",
+        "KHR_xmp",
+    ];
     prefixes.iter().any(|prefix| extension.starts_with(prefix))
 }
 
@@ -189,14 +196,20 @@ fn decode_percent(uri: &str) -> Option<String> {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 
     #[test]
     fn base64_of_rfc_4648() {
-        for (text, plain) in
-            [("", ""), ("Zg==", "f"), ("Zm8", "fo"), ("Zm9v", "foo"), ("Zm9vYg==", "foob"), ("Zm9vYmE=", "fooba")]
-        {
+        for (text, plain) in [
+            ("", ""),
+            ("Zg==", "f"),
+            ("Zm8", "fo"),
+            ("Zm9v", "foo"),
+            ("Zm9vYg==", "foob"),
+            ("Zm9vYmE=", "fooba"),
+        ] {
             assert_eq!(decode_base64(text).unwrap(), plain.as_bytes());
         }
         assert_eq!(decode_base64("//79+w==").unwrap(), [0xff, 0xfe, 0xfd, 0xfb]);

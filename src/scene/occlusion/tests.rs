@@ -1,4 +1,5 @@
 //! The tree against the literal loop, and the paths on which ray tracers leak.
+#![allow(clippy::unwrap_used)]
 
 use glam::DVec3;
 use proptest::prelude::*;
@@ -177,7 +178,10 @@ fn of_two_faces_at_one_place_the_less_clear_counts() {
     let scene = Scene::new(triangles, vec![material(0.9), material(0.3)]).unwrap();
     let crossings = scene.crossings(v(0.1, 0.2, 0.0), v(0.1, 0.2, 2.0));
     assert_eq!(crossings.len(), 1);
-    assert_eq!((crossings[0].transmittance, scene.triangles()[crossings[0].triangle as usize].material), (0.3, 1));
+    assert_eq!(
+        (crossings[0].transmittance, scene.triangles()[crossings[0].triangle as usize].material),
+        (0.3, 1)
+    );
 }
 
 #[test]
