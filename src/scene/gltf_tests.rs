@@ -340,7 +340,8 @@ fn damaged_bytes_give_an_error_or_a_scene_but_never_a_panic() {
             state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
             let at = 12 + (state >> 33) as usize % (bytes.len() - 12);
             // Mostly digits, so that the JSON stays JSON and its numbers go wild.
-            bytes[at] = if state % 4 == 0 { (state >> 20) as u8 } else { b'0' + (state >> 20) as u8 % 10 };
+            bytes[at] =
+                if state.is_multiple_of(4) { (state >> 20) as u8 } else { b'0' + (state >> 20) as u8 % 10 };
         }
         let _ = load_bytes("a.glb", &bytes, &raw());
     }
