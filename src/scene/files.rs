@@ -50,6 +50,7 @@ pub(super) fn beside(mesh: &Path, relative: &str) -> std::result::Result<PathBuf
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 

@@ -5,17 +5,17 @@
 //! checked here, so that a damaged file gives an error that names the element.
 
 mod accessor;
+mod acoustics;
 mod container;
 
 use std::path::Path;
 
 use ::gltf::json;
 use glam::{DAffine3, DMat3, DMat4, DQuat, DVec3};
-use json::material::AlphaMode;
 use json::mesh::{Mode, Primitive, Semantic};
 use json::validation::Checked;
 
-use super::material::{Material, Palette};
+use super::material::Palette;
 use super::{CameraView, LoadOptions, Mesh, Sensor, Triangle, Up, too_many_triangles};
 use crate::error::{Error, Result};
 use crate::progress::Observer;
@@ -37,7 +37,7 @@ pub(super) fn load(
     let document = Document::open(path)?;
     let mut declared = Vec::new();
     for (i, material) in document.root.materials.iter().enumerate() {
-        declared.push(palette.declare(acoustic_material(&document, i, material, observer)?));
+        declared.push(palette.declare(acoustics::material(&document, i, material, observer)?));
     }
     let mut walk = Walk {
         document: &document,
@@ -82,71 +82,10 @@ pub(super) fn load(
     })
 }
 
-/// What the file says of a material, weakest first: alpha, transmission, extras.
-fn acoustic_material(
-    document: &Document,
-    index: usize,
-    material: &json::Material,
-    observer: &dyn Observer,
-) -> Result<Material> {
-    let name = material.name.clone().unwrap_or_default();
-    let place = || document.place("material", index, material.name.as_ref());
-    let alpha = f64::from(material.pbr_metallic_roughness.base_color_factor.0[3]);
-    // A picture of 0.4 should not come out as 0.4000000059604645: f32 carries seven digits.
-    let alpha = seven_digits(alpha);
-    let cutoff = material.alpha_cutoff.map_or(0.5, |cutoff| f64::from(cutoff.0));
-    let mut result = match material.alpha_mode {
-        Checked::Valid(AlphaMode::Blend) => Material::from_alpha(&name, alpha, "glTF alpha"),
-        // Below its cutoff a masked surface is not drawn at all.
-        Checked::Valid(AlphaMode::Mask) if alpha < cutoff => Material::from_alpha(&name, 0.0, "glTF alpha"),
-        Checked::Valid(_) => Material::opaque(&name),
-        Checked::Invalid => return Err(Error::input(place(), "alphaMode should be OPAQUE, MASK or BLEND")),
-    };
-    if result.source == "glTF alpha"
-        && alpha == 1.0
-        && material.pbr_metallic_roughness.base_color_texture.is_some()
-    {
-        observer.warn(&format!(
-            "{}: its opacity is in a picture, which is not read; it counts as opaque unless a [[materials]] rule \
-             sets its transmittance",
-            place()
-        ));
-    }
-    let transmission = material.extensions.as_ref().and_then(|e| e.transmission.as_ref());
-    if let Some(transmission) = transmission {
-        let t = seven_digits(f64::from(transmission.transmission_factor.0));
-        if t > 0.0 {
-            result = Material::from_alpha(&name, 1.0 - t, "glTF transmission");
-            result.transmittance = t;
-        }
-    }
-    if let Some(extras) = &material.extras {
-        let extras: serde_json::Value = serde_json::from_str(extras.get()).unwrap_or_default();
-        for (key, share) in [
-            ("acoustic_reflectance", &mut result.reflectance),
-            ("acoustic_transmittance", &mut result.transmittance),
-        ] {
-            if let Some(value) = extras.get(key) {
-                *share = value.as_f64().ok_or_else(|| {
-                    Error::input(
-                        place(),
-                        format!("extras: `{key}` is {value}; expected a number from 0 to 1"),
-                    )
-                })?;
-                "glTF extras".clone_into(&mut result.source);
-            }
-        }
-    }
-    // `check` names the material; here the file and the place in it are known too.
-    result.check().map_err(|error| match error {
-        Error::Input { problem, .. } => Error::input(format!("{} ({})", place(), result.source), problem),
-        other => other,
-    })?;
-    Ok(result)
-}
-
-fn seven_digits(value: f64) -> f64 {
-    (value * 1e7).round() / 1e7
+/// A primitive's positions, and three places among them for each of its triangles.
+struct Surface {
+    positions: Vec<DVec3>,
+    corners: Vec<[u32; 3]>,
 }
 
 struct Walk<'a, 'p> {
@@ -307,7 +246,7 @@ impl Walk<'_, '_> {
             deformed |= primitive.targets.as_ref().is_some_and(|targets| !targets.is_empty());
             let place =
                 || format!("{}, primitive {i}", document.place("mesh", mesh_index, mesh.name.as_ref()));
-            let Some((positions, corners)) = self.surface(primitive, &place)? else {
+            let Some(Surface { positions, corners }) = self.surface(primitive, &place)? else {
                 self.ignored_primitives += 1;
                 continue;
             };
@@ -334,11 +273,7 @@ impl Walk<'_, '_> {
     }
 
     /// Positions and triangles of a primitive; `None` for points and lines.
-    fn surface(
-        &self,
-        primitive: &Primitive,
-        place: &impl Fn() -> String,
-    ) -> Result<Option<(Vec<DVec3>, Vec<[u32; 3]>)>> {
+    fn surface(&self, primitive: &Primitive, place: &impl Fn() -> String) -> Result<Option<Surface>> {
         let mode = match primitive.mode {
             Checked::Valid(mode) => mode,
             Checked::Invalid => return Err(Error::input(place(), "its mode should be a number from 0 to 6")),
@@ -368,7 +303,8 @@ impl Walk<'_, '_> {
                 format!("has vertex {bad}, of which there are {}", positions.len()),
             ));
         }
-        Ok(Some((positions, triangles_of(mode, &indices, place)?)))
+        let corners = triangles_of(mode, &indices, place)?;
+        Ok(Some(Surface { positions, corners }))
     }
 }
 

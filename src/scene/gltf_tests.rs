@@ -1,4 +1,5 @@
 //! glTF files: placement, materials, every way of storing triangles, and every way of damaging a file.
+#![allow(clippy::unwrap_used)]
 
 use std::fs;
 
@@ -292,7 +293,7 @@ fn damaged_structure_names_its_place() {
         ("/nodes/0/children", json!([0]), "node 0 (`strip`): is reached twice"),
         ("/scenes/0/nodes", json!([0, 0]), "is reached twice"),
         ("/nodes/0/scale", json!([1e39, 1, 1]), "node 0 (`strip`): has a transform that is not finite"),
-        ("/nodes/0/scale", json!([1e30, 1, 1]), "triangle 0: has a vertex"),
+        ("/nodes/0/scale", json!([1e30, 1e30, 1]), "triangle 0: has a vertex"),
         ("/asset/version", json!("1.0"), "is glTF 1.0; version 2 is read"),
         ("/nodes", json!(3), "is no valid glTF 2.0"),
     ];
@@ -339,7 +340,8 @@ fn damaged_bytes_give_an_error_or_a_scene_but_never_a_panic() {
             state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
             let at = 12 + (state >> 33) as usize % (bytes.len() - 12);
             // Mostly digits, so that the JSON stays JSON and its numbers go wild.
-            bytes[at] = if state & 3 == 0 { (state >> 20) as u8 } else { b'0' + (state >> 20) as u8 % 10 };
+            bytes[at] =
+                if state.is_multiple_of(4) { (state >> 20) as u8 } else { b'0' + (state >> 20) as u8 % 10 };
         }
         let _ = load_bytes("a.glb", &bytes, &raw());
     }

@@ -1,4 +1,5 @@
 //! An observer for tests.
+#![allow(clippy::unwrap_used)]
 
 use crate::progress::Observer;
 use std::sync::Mutex;

@@ -195,6 +195,7 @@ impl<'a> Palette<'a> {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
     use crate::progress::Silent;

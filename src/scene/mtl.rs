@@ -78,6 +78,7 @@ fn opacity(rest: &str, keyword: &str, path: &Path, line: usize) -> Result<f64> {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::super::listener::Listener;
     use super::*;

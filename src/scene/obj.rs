@@ -106,7 +106,8 @@ fn clean(source: &str, path: &Path) -> Result<Cleaned> {
             longer.push_str(next.trim());
             joined += 1;
         }
-        let (keyword, rest) = line.split_once(char::is_whitespace).unwrap_or((&line, ""));
+        let line = line.trim();
+        let (keyword, rest) = line.split_once(char::is_whitespace).unwrap_or((line, ""));
         let rest = rest.trim();
         match keyword {
             "v" => {
@@ -131,12 +132,13 @@ fn clean(source: &str, path: &Path) -> Result<Cleaned> {
                 if place == next {
                     materials.push(rest.to_owned());
                 }
-                text.push_str(&format!("usemtl {place}"));
+                text.push_str("usemtl ");
+                text.push_str(&place.to_string());
             }
             "mtllib" if !rest.is_empty() => libraries.push(rest.to_owned()),
             _ if line.starts_with('#') && header.is_none() => {
                 header =
-                    header_unit(&line).map_err(|problem| Error::input(at_line(path, number + 1), problem))?;
+                    header_unit(line).map_err(|problem| Error::input(at_line(path, number + 1), problem))?;
             }
             _ => {}
         }
@@ -244,8 +246,8 @@ fn read_models(cleaned: &Cleaned, path: &Path) -> Result<Vec<tobj::Model>> {
     let mut rest = text.as_bytes();
     let result = tobj::load_obj_buf(&mut rest, &options, library);
     let consumed = text.len() - rest.len();
-    // One less for the line put before.
-    let line = text.as_bytes()[..consumed].iter().filter(|&&b| b == b'\n').count().saturating_sub(1);
+    // Every line read ended with a newline, and one of them was put before.
+    let line = text[..consumed].lines().count().saturating_sub(1);
     match result {
         Ok((models, _)) => Ok(models),
         Err(tobj::LoadError::FaceVertexOutOfBounds) => {

@@ -243,6 +243,7 @@ fn sine_and_cosine(degrees: f64) -> (f64, f64) {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 

@@ -1,4 +1,5 @@
 //! The meshes that come with the program are what their scenes say they are.
+#![allow(clippy::unwrap_used)]
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};

@@ -32,8 +32,7 @@ impl Triangle {
     pub(super) fn is_degenerate(&self) -> bool {
         let [a, b, c] = self.vertices;
         let longest = (b - a).length_squared().max((c - b).length_squared()).max((a - c).length_squared());
-        // Written so that NaN counts as degenerate.
-        !(self.cross().length() > 4.0 * f64::EPSILON * longest)
+        self.cross().length() <= 4.0 * f64::EPSILON * longest
     }
 
     fn cross(&self) -> DVec3 {

@@ -1,4 +1,5 @@
 //! The tree against the literal loop, and the paths on which ray tracers leak.
+#![allow(clippy::unwrap_used)]
 
 use glam::DVec3;
 use proptest::prelude::*;

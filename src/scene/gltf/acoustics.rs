@@ -1,0 +1,77 @@
+//! What a glTF material says of sound: opacity, transmission, or our own numbers in its extras.
+
+use ::gltf::json;
+use json::material::AlphaMode;
+use json::validation::Checked;
+
+use super::super::material::Material;
+use super::container::Document;
+use crate::error::{Error, Result};
+use crate::progress::Observer;
+
+/// What the file says of a material, weakest first: alpha, transmission, extras.
+pub(super) fn material(
+    document: &Document,
+    index: usize,
+    material: &json::Material,
+    observer: &dyn Observer,
+) -> Result<Material> {
+    let name = material.name.clone().unwrap_or_default();
+    let place = || document.place("material", index, material.name.as_ref());
+    let alpha = f64::from(material.pbr_metallic_roughness.base_color_factor.0[3]);
+    // An opacity of 0.4 should not come out as 0.4000000059604645: f32 carries seven digits.
+    let alpha = seven_digits(alpha);
+    let cutoff = material.alpha_cutoff.map_or(0.5, |cutoff| f64::from(cutoff.0));
+    let mut result = match material.alpha_mode {
+        Checked::Valid(AlphaMode::Blend) => Material::from_alpha(&name, alpha, "glTF alpha"),
+        // Below its cutoff a masked surface is not drawn at all.
+        Checked::Valid(AlphaMode::Mask) if alpha < cutoff => Material::from_alpha(&name, 0.0, "glTF alpha"),
+        Checked::Valid(_) => Material::opaque(&name),
+        Checked::Invalid => return Err(Error::input(place(), "alphaMode should be OPAQUE, MASK or BLEND")),
+    };
+    if result.source == "glTF alpha"
+        && alpha == 1.0
+        && material.pbr_metallic_roughness.base_color_texture.is_some()
+    {
+        observer.warn(&format!(
+            "{}: its opacity is in a picture, which is not read; it counts as opaque unless a [[materials]] rule \
+             sets its transmittance",
+            place()
+        ));
+    }
+    let transmission = material.extensions.as_ref().and_then(|e| e.transmission.as_ref());
+    if let Some(transmission) = transmission {
+        let t = seven_digits(f64::from(transmission.transmission_factor.0));
+        if t > 0.0 {
+            result = Material::from_alpha(&name, 1.0 - t, "glTF transmission");
+            result.transmittance = t;
+        }
+    }
+    if let Some(extras) = &material.extras {
+        let extras: serde_json::Value = serde_json::from_str(extras.get()).unwrap_or_default();
+        for (key, share) in [
+            ("acoustic_reflectance", &mut result.reflectance),
+            ("acoustic_transmittance", &mut result.transmittance),
+        ] {
+            if let Some(value) = extras.get(key) {
+                *share = value.as_f64().ok_or_else(|| {
+                    Error::input(
+                        place(),
+                        format!("extras: `{key}` is {value}; expected a number from 0 to 1"),
+                    )
+                })?;
+                "glTF extras".clone_into(&mut result.source);
+            }
+        }
+    }
+    // `check` names the material; here the file and the place in it are known too.
+    result.check().map_err(|error| match error {
+        Error::Input { problem, .. } => Error::input(format!("{} ({})", place(), result.source), problem),
+        other => other,
+    })?;
+    Ok(result)
+}
+
+fn seven_digits(value: f64) -> f64 {
+    (value * 1e7).round() / 1e7
+}
