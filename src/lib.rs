@@ -1,4 +1,75 @@
-//! holosonar images 3-D scenes with sound.
+//! holosonar images 3-D scenes with sound: a loudspeaker at the origin, a planar microphone array, stepped tones, and
+//! a reconstruction that turns the recorded interference into a volume and a depth map.
+//!
+//! It takes the method of Streeter et al. [1], a 2-D demonstration, to 3-D:
+//!
+//! ```text
+//! mesh (OBJ, glTF) -> reflectors A(p) -> data cube m(f, r) -> volume Â(p) -> depth map -> EXR, VTI, npz, PNG
+//!                     ^ BVH occlusion    ^ Eq. 5              ^ Eq. 13 = 16
+//! ```
+//!
+//! A *measured* cube enters in the middle, at m(f, r), exactly as a simulated one does.
+//!
+//! # Example
+//! One reflector, heard by 11 × 11 microphones, comes back where it was, at amplitude 1:
+//! ```
+//! use glam::DVec3;
+//! use holosonar::acquisition::{MicArray, SimulateOptions, Sweep, simulate};
+//! use holosonar::grid::{Axis, Grid};
+//! use holosonar::progress::Silent;
+//! use holosonar::reconstruct::{ReconstructOptions, reconstruct};
+//! use holosonar::reflectors::Reflectors;
+//! use num_complex::Complex32;
+//!
+//! let p = DVec3::new(0.03, -0.06, 0.8);
+//! let reflector = Reflectors::new(vec![p], vec![Complex32::ONE])?;
+//! let sweep = Sweep::stepped("sweep", 10_000.0, 14_000.0, 100.0)?;
+//! let array = MicArray::rectangular("array", [11, 11], [0.03, 0.03], DVec3::ZERO)?;
+//! let cube = simulate(&reflector, &sweep, &array, &SimulateOptions::default(), &Silent)?;
+//!
+//! let lateral = Axis { first: -0.15, pitch: 0.03, count: 11 };
+//! let grid = Grid { x: lateral, y: lateral, z: Axis { first: 0.7, pitch: 0.02, count: 11 } };
+//! let volume = reconstruct(&cube, &grid, &ReconstructOptions::default(), &Silent)?;
+//! assert!((volume.plane(5)[3 * 11 + 6].norm() - 1.0).abs() < 0.01);
+//! # Ok::<(), holosonar::error::Error>(())
+//! ```
+//!
+//! # Conventions
+//! - SI units: m, s, Hz, m/s. Angles in run files are degrees. Phases are counted in cycles.
+//! - Axes as a camera's in computer vision: right-handed, x right, y **down**, +z from the array into the scene, as
+//!   seen by someone standing behind the array. The array lies in z = 0, the speaker at the origin. So an image's
+//!   column is x and its row is y, in every EXR, PNG and slice, with no flip anywhere.
+//! - Arrays are `[frequency, y, x]` (cubes), `[z, y, x]` (volumes), `[y, x]` (maps), x fastest.
+//! - *Path length* is `|p − s| + |p − r|`, or `2|p − r|` for a monostatic scan; *range* is `|p|`; *depth* is `p_z`.
+//! - Quadrature: `m = Σ A e^{+i2πf·path/c}`. In-phase: its real part.
+//! - Reconstruction: `Â(p) = w/(Σw_f Σw_r) Σ_f Σ_r w_f w_r m(f, r) e^{−i2πf·path/c}`, w = 1 in quadrature and 2 in
+//!   phase, so one unit reflector on a voxel peaks at 1.
+//! - Geometry is f64; a phase is wrapped before it becomes f32.
+//!
+//! # Symbols
+//! | symbol | meaning | unit | where |
+//! |---|---|---|---|
+//! | p, r, s | voxel or reflector, microphone, speaker | m | [`wave`] |
+//! | A(p), Â(p) | amplitude, and its reconstruction | – | [`reflectors`], [`reconstruct`] |
+//! | m(f, r) | data cube | – | [`acquisition`] |
+//! | f₀, B, δf, n_f | first frequency, bandwidth, step, count | Hz | [`acquisition::Sweep`] |
+//! | c, λ_c, λ_min | sound speed; wavelength at the band's centre, and the shortest | m/s, m | [`plan`] |
+//! | Δd = c/2B | range resolution (Eq. 10) | m | [`plan::Setup::range_resolution`] |
+//! | D | extent of the array | m | [`acquisition::MicArray::extent`] |
+//! | λ_c z/D | lateral resolution (not Eq. 12, which is an angle) | m | [`plan::Setup::lateral_resolution`] |
+//!
+//! # Invariants
+//! - A module imports only from modules above it in the list below; a test reads the sources and holds it so.
+//! - [`reconstruct`] and [`depth`] never see the scene, so they cannot know the answer.
+//! - Only [`pipeline`] and the binary see the run file; stages take their own parameters and do no I/O.
+//! - Only the binary prints, draws progress or exits.
+//! - Every fast path stands beside a literal one, and a test compares them.
+//! - Same inputs and seed, same bytes, for any number of threads and any vector width.
+//! - What a user can cause is an [`error::Error`]; a panic is our mistake.
+//! - `unsafe` stands in one file, [`wave::simd`], which also says why it is not under `reconstruct`.
+//!
+//! [1] L. Streeter, J. Scott, C. A. Lickfold, M. J. Cree, "Design of a Pseudo-Holographic Distributed Time-of-Flight
+//! Sonar Range-Imaging System". Equation numbers in these pages are that paper's.
 
 pub mod error;
 pub mod progress;

@@ -95,7 +95,7 @@ pub fn image_cube(run: &RunFile, cube: DataCube, observer: &dyn Observer) -> Res
     let setup = facts::setup_of(&cube);
     let grid = run.voxels(&setup, None)?;
     let plan = plan(&setup, &grid);
-    plan.warnings.iter().for_each(|warning| log.warn(warning));
+    warn_all(&plan.warnings, &log);
     check_memory(&plan, available_memory())?;
     let (method, volume, depth) = focus(run, &cube, &grid, &log)?;
     let (timings, warnings) = log.finish();
@@ -121,7 +121,7 @@ pub fn reconstruct_cube(run: &RunFile, cube: &DataCube, observer: &dyn Observer)
     let setup = facts::setup_of(cube);
     let grid = run.voxels(&setup, None)?;
     let plan = plan(&setup, &grid);
-    plan.warnings.iter().for_each(|warning| observer.warn(warning));
+    warn_all(&plan.warnings, observer);
     check_memory(&plan, available_memory())?;
     let method = resolve_method(cube, &grid, run.reconstruct.method)?.0;
     Ok((method, reconstruct(cube, &grid, &run.reconstruct_options(), observer)?))
@@ -277,9 +277,9 @@ impl Echoes {
 
     /// Warns about what looks wrong, and refuses what cannot fit.
     fn check(&self, observer: &dyn Observer) -> Result<()> {
-        self.plan.warnings.iter().for_each(|warning| observer.warn(warning));
+        warn_all(&self.plan.warnings, observer);
         if let (Some((low, high)), Some(_)) = (self.bounds(), &self.scene) {
-            scale_warnings(&self.setup(), low, high).iter().for_each(|warning| observer.warn(warning));
+            warn_all(&scale_warnings(&self.setup(), low, high), observer);
         }
         if self.reflectors.is_empty() {
             observer.warn("the speaker reaches no surface of the scene: the cube will be silent; check where the scene lies");
@@ -297,6 +297,12 @@ impl Echoes {
     fn summary(&self) -> Option<SceneSummary> {
         let (low, high) = self.bounds()?;
         Some(SceneSummary::new(self.scene.as_ref(), low, high, self.setup().wavelength()))
+    }
+}
+
+fn warn_all(warnings: &[String], observer: &dyn Observer) {
+    for warning in warnings {
+        observer.warn(warning);
     }
 }
 

@@ -64,9 +64,25 @@ pub fn direct_terms(cube: &DataCube, grid: &Grid) -> u64 {
 /// # Errors
 /// `convolution` asked for on lattices that do not fit, or `auto` left with over 10¹¹ direct terms.
 pub fn resolve_method(cube: &DataCube, grid: &Grid, method: Method) -> Result<(Method, Option<String>)> {
+    let (choice, warning) = choose(cube, grid, method)?;
+    let method = match choice {
+        Choice::Direct => Method::Direct,
+        Choice::Convolution(_) => Method::Convolution,
+    };
+    Ok((method, warning))
+}
+
+/// A method with what it has found out about the lattices.
+#[derive(Debug)]
+enum Choice {
+    Direct,
+    Convolution(convolution::Fit),
+}
+
+fn choose(cube: &DataCube, grid: &Grid, method: Method) -> Result<(Choice, Option<String>)> {
     let misfit = match (method, convolution::Fit::find(cube, grid)) {
-        (Method::Direct, _) => return Ok((Method::Direct, None)),
-        (_, Ok(_)) => return Ok((Method::Convolution, None)),
+        (Method::Direct, _) => return Ok((Choice::Direct, None)),
+        (_, Ok(fit)) => return Ok((Choice::Convolution(fit), None)),
         (_, Err(misfit)) => misfit,
     };
     if method == Method::Convolution {
@@ -87,7 +103,7 @@ pub fn resolve_method(cube: &DataCube, grid: &Grid, method: Method) -> Result<(M
             ),
         ));
     }
-    Ok((Method::Direct, Some(format!("{misfit}; summing Eq. 13 directly instead, which is slower"))))
+    Ok((Choice::Direct, Some(format!("{misfit}; summing Eq. 13 directly instead, which is slower"))))
 }
 
 /// Reconstructs the volume that a cube shows on a grid.
@@ -112,7 +128,7 @@ pub fn reconstruct(
             format!("begins at {} m, behind the array; depths start at z >= 0", grid.z.first),
         ));
     }
-    let (method, warning) = resolve_method(cube, grid, options.method)?;
+    let (plan, warning) = choose(cube, grid, options.method)?;
     if let Some(warning) = warning {
         observer.warn(&warning);
     }
@@ -131,10 +147,9 @@ pub fn reconstruct(
             )
         })?;
     let mut volume = Volume::new(*grid, samples);
-    match method {
-        Method::Direct => direct::direct(cube, &weights, &mut volume, observer)?,
-        Method::Auto | Method::Convolution => {
-            let fit = convolution::Fit::find(cube, grid).expect("resolve_method has found the fit");
+    match plan {
+        Choice::Direct => direct::direct(cube, &weights, &mut volume, observer)?,
+        Choice::Convolution(fit) => {
             convolution::convolution(cube, &weights, &fit, &mut volume, observer)?;
         }
     }

@@ -7,6 +7,8 @@
 pub mod csv;
 mod lattice;
 mod poisson;
+#[cfg(test)]
+mod tests;
 
 use crate::error::{Error, Result};
 use crate::progress::{Observer, advance, stage};
@@ -160,7 +162,7 @@ const SCATTER_STREAM: u64 = 1;
 /// Samples the surfaces of a scene and folds shading and occlusion into the amplitudes.
 ///
 /// `A = ρ · |cos θ| · √(a·A_c) · T` with reflectance ρ, incidence angle θ at the speaker, area a of the sample,
-/// `A_c = (λ_c/2)²` and T the transmittance of what the path crosses, there and back. √(a·A_c) keeps brightness
+/// `A_c = (λ_c/2)²` and T the transmittance of what the path crosses, there and back. `√(a·A_c)` keeps brightness
 /// independent of the sampling density (PHYSICS Q1). Reflectors of no amplitude, and any behind the array
 /// (z ≤ 0), are left out.
 ///
@@ -276,132 +278,4 @@ fn reflect(
     let reference_area = (options.wavelength / 2.0).powi(2);
     let amplitude = material.reflectance * cosine * (sample.area * reference_area).sqrt() * transmittance;
     (amplitude > 0.0).then(|| (p + normal * displacement, phase * amplitude as f32))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::progress::Silent;
-    use crate::scene::{Material, Triangle};
-
-    /// A square of the given half side at depth z, facing the array, as two triangles.
-    fn square(half: f64, z: f64, material: u32) -> [Triangle; 2] {
-        let v = |x: f64, y: f64| DVec3::new(x * half, y * half, z);
-        [
-            Triangle { vertices: [v(-1.0, -1.0), v(1.0, -1.0), v(1.0, 1.0)], material },
-            Triangle { vertices: [v(-1.0, -1.0), v(1.0, 1.0), v(-1.0, 1.0)], material },
-        ]
-    }
-
-    fn material(reflectance: f64, transmittance: f64) -> Material {
-        Material { name: String::new(), reflectance, transmittance, source: String::new() }
-    }
-
-    fn scene() -> Scene {
-        let triangles = [square(0.2, 1.0, 0), square(0.6, 1.5, 1)].concat();
-        Scene::new(triangles, vec![material(0.4, 0.6), material(1.0, 0.0)]).expect("valid")
-    }
-
-    fn mean_power(reflectors: &Reflectors, keep: impl Fn(DVec3) -> bool) -> f64 {
-        let powers: Vec<f64> = reflectors
-            .positions()
-            .iter()
-            .zip(reflectors.amplitudes())
-            .filter(|(p, _)| keep(**p))
-            .map(|(_, a)| f64::from(a.norm_sqr()))
-            .collect();
-        powers.iter().sum::<f64>() / powers.len() as f64
-    }
-
-    #[test]
-    fn what_lies_behind_a_plate_is_weakened_there_and_back() {
-        let mut options = SurfaceOptions::new(0.02, 0.02);
-        options.lambert = false;
-        let reflectors = sample_surface(&scene(), &options, &Silent).expect("valid");
-        // The plate's shadow on the backdrop is 1.5 times the plate.
-        let shadowed = |p: DVec3| p.z > 1.2 && p.x.abs() < 0.28 && p.y.abs() < 0.28;
-        let open = |p: DVec3| p.z > 1.2 && (p.x.abs() > 0.32 || p.y.abs() > 0.32);
-        let ratio = mean_power(&reflectors, shadowed) / mean_power(&reflectors, open);
-        // Amplitude falls by 0.6², power by 0.6⁴.
-        assert!((ratio / 0.6f64.powi(4) - 1.0).abs() < 0.05, "{ratio}");
-    }
-
-    #[test]
-    fn power_does_not_depend_on_the_sampling_density() {
-        let total = |spacing: f64| {
-            let mut options = SurfaceOptions::new(spacing, 0.02);
-            options.occlusion = Occlusion::None;
-            let reflectors = sample_surface(&scene(), &options, &Silent).expect("valid");
-            mean_power(&reflectors, |_| true) * reflectors.len() as f64
-        };
-        assert!((total(0.03) / total(0.012) - 1.0).abs() < 0.02);
-    }
-
-    #[test]
-    fn lambert_follows_the_cosine_at_the_speaker() {
-        let mut options = SurfaceOptions::new(0.05, 0.02);
-        options.occlusion = Occlusion::None;
-        options.surface = SurfaceModel::Smooth;
-        let shaded = sample_surface(&scene(), &options, &Silent).expect("valid");
-        options.lambert = false;
-        let flat = sample_surface(&scene(), &options, &Silent).expect("valid");
-        assert_eq!(shaded.positions(), flat.positions());
-        for ((p, a), b) in shaded.positions().iter().zip(shaded.amplitudes()).zip(flat.amplitudes()) {
-            assert!((f64::from(a.norm() / b.norm()) - p.z / p.length()).abs() < 1e-6);
-        }
-    }
-
-    #[test]
-    fn the_aperture_sees_past_an_edge_that_hides_from_the_speaker_less_than_the_speaker_does() {
-        let mut options = SurfaceOptions::new(0.03, 0.02);
-        options.occlusion = Occlusion::Aperture(vec![DVec3::ZERO; 9]);
-        let nine = sample_surface(&scene(), &options, &Silent).expect("valid");
-        options.occlusion = Occlusion::Speaker;
-        let speaker = sample_surface(&scene(), &options, &Silent).expect("valid");
-        for (a, b) in nine.amplitudes().iter().zip(speaker.amplitudes()) {
-            assert!((a - b).norm() <= 1e-6 * b.norm(), "an aperture at the speaker is the speaker");
-        }
-        options.occlusion = Occlusion::Aperture(vec![DVec3::new(5.0, 0.0, 0.0)]);
-        let aside = sample_surface(&scene(), &options, &Silent).expect("valid");
-        assert_ne!(aside.amplitudes(), speaker.amplitudes());
-    }
-
-    #[test]
-    fn roughness_displaces_along_the_normal_by_its_rms() {
-        let mut options = SurfaceOptions::new(0.01, 0.02);
-        options.surface = SurfaceModel::Rough(0.002);
-        options.occlusion = Occlusion::None;
-        let reflectors = sample_surface(&scene(), &options, &Silent).expect("valid");
-        let squares: f64 = reflectors
-            .positions()
-            .iter()
-            .map(|p| if p.z < 1.25 { p.z - 1.0 } else { p.z - 1.5 })
-            .map(|d| d * d)
-            .sum();
-        let rms = (squares / reflectors.len() as f64).sqrt();
-        assert!((rms / 0.002 - 1.0).abs() < 0.05, "{rms}");
-        assert!(reflectors.amplitudes().iter().all(|a| a.im == 0.0 && a.re > 0.0));
-    }
-
-    #[test]
-    fn same_seed_same_bytes_for_any_number_of_threads() {
-        let run = |threads, seed| {
-            let mut options = SurfaceOptions::new(0.02, 0.02);
-            options.seed = seed;
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
-            pool.install(|| sample_surface(&scene(), &options, &Silent).expect("valid"))
-        };
-        assert_eq!(run(1, 3), run(5, 3));
-        assert_ne!(run(1, 3), run(1, 4));
-    }
-
-    #[test]
-    fn an_absurd_spacing_is_refused() {
-        for spacing in [0.0, -1.0, f64::NAN, 1e-7] {
-            assert!(
-                sample_surface(&scene(), &SurfaceOptions::new(spacing, 0.02), &Silent).is_err(),
-                "{spacing}"
-            );
-        }
-    }
 }

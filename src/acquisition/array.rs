@@ -31,7 +31,7 @@ impl MicArray {
     /// # Errors
     /// A count of 0 or over 2²⁴ microphones, a pitch that is not positive, a centre that is not finite.
     pub fn rectangular(place: &str, count: [usize; 2], pitch: [f64; 2], centre: DVec3) -> Result<Self> {
-        if count.iter().any(|n| *n == 0) || count[0].saturating_mul(count[1]) > MOST_MICROPHONES {
+        if count.contains(&0) || count[0].saturating_mul(count[1]) > MOST_MICROPHONES {
             return Err(Error::input(
                 place,
                 format!("{} x {} microphones: from 1 up to {MOST_MICROPHONES} in all", count[0], count[1]),

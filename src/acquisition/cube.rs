@@ -117,7 +117,7 @@ impl DataCube {
         shape.extend(self.array.shape());
         let mut places = self.array.shape();
         places.push(3);
-        let positions: Vec<f64> = self.array.positions().iter().flat_map(|r| r.to_array()).collect();
+        let positions: Vec<f64> = self.array.positions().iter().flat_map(DVec3::to_array).collect();
         let source = match self.geometry {
             Geometry::FixedSource { source } => source,
             Geometry::Monostatic => DVec3::ZERO,

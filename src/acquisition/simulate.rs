@@ -237,7 +237,7 @@ mod tests {
         let sweep = Sweep::stepped("sweep", 10_000.0, 20_000.0, 10.0).expect("ok");
         for detection in [Detection::Quadrature, Detection::InPhase] {
             let run = |noise| {
-                let options = SimulateOptions { noise, detection, ..SimulateOptions::default() };
+                let options = SimulateOptions { detection, noise, ..SimulateOptions::default() };
                 simulate(&reflectors, &sweep, &array, &options, &Silent).expect("ok").samples
             };
             let (clean, noisy) = (run(None), run(Some(Noise { snr_db: 6.0, seed: 4 })));

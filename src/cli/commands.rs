@@ -1,6 +1,6 @@
 //! One function per command: arguments in, library calls, results out.
 
-use super::terminal::Terminal;
+use super::terminal::{Terminal, print};
 use super::{Cli, Command, Overrides, info, summary};
 use clap::CommandFactory;
 use holosonar::acquisition::DataCube;
@@ -68,13 +68,13 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
         Command::Check { runs, overrides } => check(runs, overrides, json, terminal),
         Command::Info { file, overrides } => {
             let facts = info::of(file, overrides, reading_limit(), terminal)?;
-            terminal.print(&if json { pretty(&facts) } else { summary::facts(&facts) })
+            print(&if json { pretty(&facts) } else { summary::facts(&facts) })
         }
         Command::Init { folder } => init(folder, json, terminal),
         Command::Completions { shell } => {
             let mut script = Vec::new();
             clap_complete::generate(*shell, &mut Cli::command(), "holosonar", &mut script);
-            terminal.print(&String::from_utf8_lossy(&script))
+            print(&String::from_utf8_lossy(&script))
         }
     }
 }
@@ -107,13 +107,9 @@ fn image(
     let report = pipeline::write_outputs(&run, &outcome, folder, terminal)?;
     if json {
         let value = serde_json::to_value(&report).map_err(|e| Error::environment("report", e.to_string()))?;
-        return terminal.print(&pretty(&value));
+        return print(&pretty(&value));
     }
-    if terminal.is_quiet() {
-        Ok(())
-    } else {
-        terminal.print(&summary::image(input, folder, &report, &outcome))
-    }
+    if terminal.is_quiet() { Ok(()) } else { print(&summary::image(input, folder, &report, &outcome)) }
 }
 
 fn compare(
@@ -150,9 +146,9 @@ fn compare(
     let metrics = evaluate(&found.map, &truth.map, resolution)?;
     let verdicts = pipeline::hold(&metrics, bounds);
     if json {
-        terminal.print(&pretty(&verdicts_json(&metrics, &verdicts)))?;
+        print(&pretty(&verdicts_json(&metrics, &verdicts)))?;
     } else {
-        terminal.print(&summary::metrics(&metrics))?;
+        print(&summary::metrics(&metrics))?;
     }
     limits_kept(&verdicts)
 }
@@ -170,7 +166,7 @@ fn check(runs: &[PathBuf], overrides: &Overrides, json: bool, terminal: &Termina
                     row["scene"] = name.clone().into();
                     rows.push(row);
                 } else {
-                    terminal.print(&summary::check_line(&name, &verdicts))?;
+                    print(&summary::check_line(&name, &verdicts))?;
                 }
                 if let Err(error) = limits_kept(&verdicts) {
                     let error = Error::Limit(format!("{name}: {error}"));
@@ -189,7 +185,7 @@ fn check(runs: &[PathBuf], overrides: &Overrides, json: bool, terminal: &Termina
         }
     }
     if json {
-        terminal.print(&pretty(&serde_json::Value::Array(rows)))?;
+        print(&pretty(&serde_json::Value::Array(rows)))?;
     }
     worst.map_or(Ok(()), Err)
 }
@@ -219,11 +215,7 @@ fn init(folder: &Path, json: bool, terminal: &Terminal) -> Result<()> {
     if json || terminal.is_quiet() {
         return Ok(());
     }
-    terminal.print(&format!(
-        "now try: holosonar image {} -o {}\n",
-        paths[0].display(),
-        folder.join("out").display()
-    ))
+    print(&format!("now try: holosonar image {} -o {}\n", paths[0].display(), folder.join("out").display()))
 }
 
 /// The run file of an input, and whether it is a bare mesh, for which defaults stand in.
@@ -285,12 +277,13 @@ fn reading_limit() -> u64 {
 
 fn wrote(files: &[PathBuf], json: bool, terminal: &Terminal) -> Result<()> {
     if json {
-        return terminal.print(&pretty(&serde_json::json!({ "files": files })));
+        return print(&pretty(&serde_json::json!({ "files": files })));
     }
     if terminal.is_quiet() {
         return Ok(());
     }
-    terminal.print(&files.iter().map(|path| format!("wrote {}\n", path.display())).collect::<String>())
+    let lines: Vec<String> = files.iter().map(|path| format!("wrote {}\n", path.display())).collect();
+    print(&lines.concat())
 }
 
 fn pretty(value: &serde_json::Value) -> String {

@@ -44,17 +44,6 @@ impl Terminal {
         self.quiet
     }
 
-    /// Prints a result; a closed pipe is the reader's right and ends quietly.
-    pub(super) fn print(&self, text: &str) -> Result<(), Error> {
-        let mut out = io::stdout().lock();
-        match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
-            Err(e) if e.kind() != io::ErrorKind::BrokenPipe => {
-                Err(Error::environment("standard output", format!("cannot be written: {e}")))
-            }
-            _ => Ok(()),
-        }
-    }
-
     /// Prints the error that ends the program.
     pub(super) fn error(&self, error: &Error) {
         self.say("error", "1;31", &error.to_string());
@@ -74,6 +63,17 @@ impl Terminal {
             Some(bar) => bar.suspend(write),
             None => write(),
         }
+    }
+}
+
+/// Prints a result; a closed pipe is the reader's right and ends quietly.
+pub(super) fn print(text: &str) -> Result<(), Error> {
+    let mut out = io::stdout().lock();
+    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+        Err(e) if e.kind() != io::ErrorKind::BrokenPipe => {
+            Err(Error::environment("standard output", format!("cannot be written: {e}")))
+        }
+        _ => Ok(()),
     }
 }
 

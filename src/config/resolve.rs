@@ -119,14 +119,15 @@ impl RunFile {
 
     /// `[detection]`, `[medium]` and `[array]` for the simulation.
     pub fn simulate_options(&self) -> SimulateOptions {
-        let mut options = SimulateOptions::default();
-        options.sound_speed = self.medium.sound_speed;
-        options.geometry = self.geometry();
-        (options.detection, options.model) = (self.detection.kind, self.detection.model);
         // The noise has a stream of its own, so that it does not follow the surfaces' phases.
         let seed = u64::from(self.reflectors.seed) ^ 0x006e_6f69_7365_0000;
-        options.noise = self.detection.snr_db.map(|snr_db| Noise { snr_db, seed });
-        options
+        SimulateOptions {
+            sound_speed: self.medium.sound_speed,
+            geometry: self.geometry(),
+            detection: self.detection.kind,
+            model: self.detection.model,
+            noise: self.detection.snr_db.map(|snr_db| Noise { snr_db, seed }),
+        }
     }
 
     /// `[grid]`; what is left out follows from the scene's box and the plan's advice.

@@ -180,7 +180,7 @@ fn overrides_are_values_or_bare_words() {
     assert_eq!(run.scene.mesh.as_ref().unwrap().path, Path::new("folder/other mesh.obj"));
     assert_eq!(
         (run.scene.unit, run.scene.fit, run.scene.translate),
-        (Some(Unit::Mm), Some([0.0, 0.0, 1.0]), None)
+        (Some(Unit::Millimetre), Some([0.0, 0.0, 1.0]), None)
     );
     assert_eq!((run.array.extent, run.array.pitch), (Some([1.0, 1.0]), None));
     assert_eq!(run.materials[0].reflectance, Some(0.25));

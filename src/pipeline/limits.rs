@@ -65,8 +65,7 @@ mod tests {
 
     #[test]
     fn limits_are_inclusive_and_nothing_measured_fails() {
-        let mut metrics = Metrics::default();
-        metrics.completeness = Some(0.65);
+        let metrics = Metrics { completeness: Some(0.65), ..Metrics::default() };
         let kept = |typed: &str, min: bool| {
             let bound = Bound::parse("--min", typed, min).expect("valid");
             hold(&metrics, [bound])[0].kept

@@ -131,7 +131,8 @@ fn fast_size(n: usize) -> usize {
         }
         m == 1
     };
-    (n.max(1)..).find(|m| smooth(*m)).expect("powers of two are unbounded")
+    let n = n.max(1);
+    (n..=n.next_power_of_two()).find(|m| smooth(*m)).expect("a power of two is among them")
 }
 
 #[cfg(test)]

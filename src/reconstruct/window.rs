@@ -46,7 +46,7 @@ impl Window {
         sweep.frequencies().iter().map(|&f| self.weight(place(f))).collect()
     }
 
-    /// One weight per microphone, the product of those over x and y; scattered arrays count as √n_mic a side.
+    /// One weight per microphone, the product of those over x and y; scattered arrays count as `√n_mic` a side.
     pub fn over_array(self, array: &MicArray) -> Vec<f64> {
         let (centre, extent) = (array.centre(), array.extent());
         let side = (array.len() as f64).sqrt();
@@ -67,7 +67,7 @@ fn centred(x: f64, centre: f64, extent: f64, n: f64) -> f64 {
     if extent > 0.0 { (x - centre) / extent * (n - 1.0) / n } else { 0.0 }
 }
 
-/// The coefficients F_m of Taylor's window, m = 1 … n̄ − 1 (Carrara, Goodman & Majewski 1995; SciPy's definition).
+/// The coefficients `F_m` of Taylor's window, m = 1 … n̄ − 1 (Carrara, Goodman & Majewski 1995; SciPy's definition).
 fn taylor_coefficients() -> [f64; NBAR - 1] {
     let a = 10f64.powf(SIDELOBES_DB / 20.0).acosh() / PI;
     let s2 = (NBAR as f64).powi(2) / (a * a + (NBAR as f64 - 0.5).powi(2));

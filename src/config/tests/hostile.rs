@@ -2,7 +2,7 @@
 
 use super::*;
 use rand_chacha::ChaCha8Rng;
-use rand_core::{Rng, SeedableRng};
+use rand_chacha::rand_core::{Rng, SeedableRng};
 
 #[test]
 fn nothing_panics_on_mutated_files() {
