@@ -1,7 +1,7 @@
 //! Volume to depth map: where along each column the sound came from.
 //!
 //! The picked return is the strongest (or first) peak of `|Â|` above a threshold, refined by the power centroid and
-//! cleaned by a median filter; further returns are found in smoothed power ([`returns`]). This module cannot see
+//! cleaned by a median filter; further returns are found in smoothed power (module `returns`). This module cannot see
 //! the scene, so it cannot know the answer.
 
 mod returns;

@@ -1,7 +1,7 @@
 //! holosonar images 3-D scenes with sound: a loudspeaker at the origin, a planar microphone array, stepped tones, and
 //! a reconstruction that turns the recorded interference into a volume and a depth map.
 //!
-//! It takes the method of Streeter et al. [1], a 2-D demonstration, to 3-D:
+//! It takes the method of Streeter et al. \[1\], a 2-D demonstration, to 3-D:
 //!
 //! ```text
 //! mesh (OBJ, glTF) -> reflectors A(p) -> data cube m(f, r) -> volume Â(p) -> depth map -> EXR, VTI, npz, PNG
@@ -68,7 +68,7 @@
 //! - What a user can cause is an [`error::Error`]; a panic is our mistake.
 //! - `unsafe` stands in one file, [`wave::simd`], which also says why it is not under `reconstruct`.
 //!
-//! [1] L. Streeter, J. Scott, C. A. Lickfold, M. J. Cree, "Design of a Pseudo-Holographic Distributed Time-of-Flight
+//! \[1\] L. Streeter, J. Scott, C. A. Lickfold, M. J. Cree, "Design of a Pseudo-Holographic Distributed Time-of-Flight
 //! Sonar Range-Imaging System". Equation numbers in these pages are that paper's.
 
 pub mod error;

@@ -1,7 +1,7 @@
 //! Every stage in order, on one page: [`image_scene`] and [`image_cube`] are the main job.
 //!
 //! Only this module and the binary see the run file. Stages are timed and their warnings kept for the report; the
-//! files are written by [`outputs`], and `check` holds the same result to the run file's `[expect]`.
+//! files are written by `outputs`, and `check` holds the same result to the run file's `[expect]`.
 
 mod facts;
 mod limits;

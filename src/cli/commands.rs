@@ -63,7 +63,7 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
             wrote(std::slice::from_ref(output), json, terminal)
         }
         Command::Compare { result, truth, resolution, min, max } => {
-            compare(result, truth, *resolution, min, max, json, terminal)
+            compare(result, truth, *resolution, min, max, json)
         }
         Command::Check { runs, overrides } => check(runs, overrides, json, terminal),
         Command::Info { file, overrides } => {
@@ -119,7 +119,6 @@ fn compare(
     min: &[String],
     max: &[String],
     json: bool,
-    terminal: &Terminal,
 ) -> Result<()> {
     let mut bounds = Vec::new();
     for (option, typed, is_min) in [("--min", min, true), ("--max", max, false)] {
