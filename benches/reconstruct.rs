@@ -1,0 +1,46 @@
+//! Voxels × frequencies per second, by method; the same cube and grid for each.
+
+#![allow(missing_docs)]
+
+use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
+use glam::DVec3;
+use holosonar::acquisition::{DataCube, MicArray, Sweep};
+use holosonar::grid::{Axis, Grid};
+use holosonar::progress::Silent;
+use holosonar::reconstruct::{Method, ReconstructOptions, Window, reconstruct};
+use holosonar::wave::phasor;
+
+/// n² microphones 8 mm apart, and n² voxels of the same pitch at `depths` depths from 1 m on.
+fn job(n: usize, frequencies: usize, depths: usize) -> (DataCube, Grid) {
+    let array = MicArray::rectangular("array", [n, n], [0.008; 2], DVec3::ZERO).expect("an array");
+    let step = 10_000.0 / (frequencies - 1) as f64;
+    let sweep = Sweep::stepped("sweep", 10_000.0, 20_000.0, step).expect("a sweep");
+    let samples = (0..sweep.len() * array.len()).map(|i| phasor((i as f64 * 0.618_034).fract())).collect();
+    let lateral = Axis { first: -0.004 * (n - 1) as f64, pitch: 0.008, count: n };
+    let grid = Grid { x: lateral, y: lateral, z: Axis { first: 1.0, pitch: 0.008, count: depths } };
+    (DataCube::new(sweep, array, samples).expect("finite"), grid)
+}
+
+fn reconstruction(c: &mut Criterion) {
+    let mut group = c.benchmark_group("reconstruct");
+    group.sample_size(10);
+    for (method, n, frequencies, depths) in
+        [(Method::Direct, 16, 51, 2), (Method::Convolution, 16, 51, 2), (Method::Convolution, 64, 101, 4)]
+    {
+        let (cube, grid) = job(n, frequencies, depths);
+        group.throughput(Throughput::Elements(grid.voxel_count() * frequencies as u64));
+        let size = format!("{n}x{n} mics x {frequencies} f x {n}x{n}x{depths} voxels");
+        group.bench_with_input(
+            BenchmarkId::new(format!("{method:?}").to_lowercase(), size),
+            &method,
+            |b, &method| {
+                let options = ReconstructOptions::new(method, Window::None);
+                b.iter(|| reconstruct(&cube, &grid, &options, &Silent).expect("small"));
+            },
+        );
+    }
+    group.finish();
+}
+
+criterion_group!(benches, reconstruction);
+criterion_main!(benches);
