@@ -10,6 +10,7 @@
 mod convolution;
 mod direct;
 mod fft2;
+pub mod skeleton;
 mod window;
 
 pub use window::Window;

@@ -1,0 +1,255 @@
+//! Skeleton frequencies: the few tones of a sweep that stand for all of them.
+//!
+//! Within a box of voxels every path length lies in an interval. On that interval the functions
+//! `e^{−i2πf_n·path/c}` of a sweep of bandwidth B span, numerically, only about `B·T + 10` dimensions, where T is the
+//! interval in seconds. An interpolative decomposition picks Q of the *measured* frequencies and a matrix W with
+//!
+//! `e^{−i2πf_n·path/c} = Σ_q W[q, n] e^{−i2πf_q·path/c} + O(ε)` on the whole interval,
+//!
+//! so that, for any data at all,
+//!
+//! `Σ_n m_n(r) e^{−i2πf_n·path/c} = Σ_q m̂_q(r) e^{−i2πf_q·path/c}` with `m̂_q(r) = Σ_n W[q, n] m_n(r)`,
+//!
+//! to within `ε Σ_n |m_n(r)|`: one small matrix product, and Eq. 13 runs over Q frequencies instead of n_f.
+//! Method: column-pivoted QR of the matrix of those functions on Chebyshev points (Cheng, Gimbutas, Martinsson and
+//! Rokhlin, SIAM J. Sci. Comput. 26, 2005). The error is then *measured* on a dense grid, not trusted.
+
+use faer::linalg::solvers::SolveLstsq;
+use faer::{Mat, MatRef, c64};
+use num_complex::Complex64;
+use std::f64::consts::{PI, TAU};
+
+/// The decomposition of one sweep on one interval of path lengths.
+#[derive(Debug, Clone)]
+pub struct Skeleton {
+    chosen: Vec<usize>,
+    weights: Mat<c64>,
+    error: f64,
+}
+
+/// An interval of path lengths and the speed that turns them into delays.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PathInterval {
+    /// Least path length, m.
+    pub shortest: f64,
+    /// Greatest path length, m.
+    pub longest: f64,
+    /// c, m/s.
+    pub sound_speed: f64,
+}
+
+impl PathInterval {
+    /// Duration T of the interval, s.
+    pub fn duration(&self) -> f64 {
+        (self.longest - self.shortest).max(0.0) / self.sound_speed
+    }
+
+    /// Delay in the middle, s.
+    fn middle(&self) -> f64 {
+        f64::midpoint(self.shortest, self.longest) / self.sound_speed
+    }
+
+    /// `count` Chebyshev points of the interval, as delays about its middle, s; ends included for `closed`.
+    fn chebyshev(&self, count: usize) -> Vec<f64> {
+        let half = 0.5 * self.duration();
+        (0..count).map(|k| half * (PI * (k as f64 + 0.5) / count as f64).cos()).collect()
+    }
+
+    /// `count` even points of the interval, both ends included, as delays about its middle, s.
+    fn even(&self, count: usize) -> Vec<f64> {
+        let half = 0.5 * self.duration();
+        (0..count).map(|k| half * (2.0 * k as f64 / (count - 1) as f64 - 1.0)).collect()
+    }
+}
+
+/// How many Chebyshev points resolve a bandwidth times a duration.
+fn sample_points(bandwidth_duration: f64) -> usize {
+    (2.2 * bandwidth_duration).ceil() as usize + 36
+}
+
+/// Of more frequencies than this many per dimension, evenly spread ones are candidates; the rest add nothing.
+const CANDIDATES_PER_DIMENSION: f64 = 6.0;
+
+/// Finds skeleton frequencies and weights for `frequencies` (ascending, Hz) with an error of at most `tolerance`.
+///
+/// - Shapes: `weights` is `[Q, n_f]`.
+/// - Error: the greatest `|e_n − Σ_q W[q, n] e_q|` over all frequencies on a dense grid of the interval,
+///   [`Skeleton::error`]; the factorisation is repeated more strictly if it exceeds `tolerance`.
+/// - Cost: a QR of `2.2·B·T + 36` rows and at most `6·(B·T + 12)` columns, and a product with all n_f.
+///
+/// # Panics
+/// Without frequencies, or with a tolerance that is not positive.
+pub fn skeleton(frequencies: &[f64], interval: PathInterval, tolerance: f64) -> Skeleton {
+    assert!(!frequencies.is_empty() && tolerance > 0.0, "a skeleton needs frequencies and a tolerance");
+    let bandwidth = frequencies[frequencies.len() - 1] - frequencies[0];
+    let product = bandwidth * interval.duration();
+    let most = (CANDIDATES_PER_DIMENSION * (product + 12.0)).ceil() as usize;
+    let candidates: Vec<usize> = if most >= frequencies.len() {
+        (0..frequencies.len()).collect()
+    } else {
+        (0..most).map(|i| i * (frequencies.len() - 1) / (most - 1)).collect()
+    };
+    let points = interval.chebyshev(sample_points(product));
+    let dense = interval.even(3 * points.len());
+    let all = delays_by_tones(&points, frequencies);
+    let subset = Mat::from_fn(points.len(), candidates.len(), |k, j| all[(k, candidates[j])]);
+    let pivoted = subset.col_piv_qr();
+    let order = pivoted.P().arrays().0;
+    let diagonal = pivoted.thin_R();
+    let ranks = diagonal.nrows().min(diagonal.ncols());
+    let dense_all = delays_by_tones(&dense, frequencies);
+    // The greatest residual of a column is a sum over the points; its root mean square is what ε bounds.
+    let mut threshold = tolerance / 3.0 * (points.len() as f64).sqrt();
+    loop {
+        let rank = (0..ranks).position(|k| diagonal[(k, k)].norm() <= threshold).unwrap_or(ranks).max(1);
+        let mut chosen: Vec<usize> = order[..rank].iter().map(|&j| candidates[j]).collect();
+        chosen.sort_unstable();
+        let weights = fit(&all, &chosen);
+        let error = greatest_error(&dense_all, &chosen, &weights);
+        if error <= tolerance || rank == ranks {
+            let weights = put_back_phase(weights, frequencies, &chosen, interval.middle());
+            return Skeleton { chosen, weights, error };
+        }
+        threshold /= 2.0;
+    }
+}
+
+impl Skeleton {
+    /// The chosen frequencies, as ascending indices of those given.
+    pub fn chosen(&self) -> &[usize] {
+        &self.chosen
+    }
+
+    /// `W[q, n]`.
+    pub fn weight(&self, q: usize, n: usize) -> Complex64 {
+        self.weights[(q, n)]
+    }
+
+    /// W, `[Q, n_f]`.
+    pub(super) fn weights(&self) -> MatRef<'_, c64> {
+        self.weights.as_ref()
+    }
+
+    /// The greatest error measured on a dense grid of the interval, relative to one.
+    pub fn error(&self) -> f64 {
+        self.error
+    }
+
+    /// `max_n Σ_q |W[q, n]|`: by how much the noise of single samples can grow.
+    pub fn largest_weight_sum(&self) -> f64 {
+        (0..self.weights.ncols())
+            .map(|n| (0..self.weights.nrows()).map(|q| self.weights[(q, n)].norm()).sum::<f64>())
+            .fold(0.0, f64::max)
+    }
+}
+
+/// `E[k, n] = e^{−i2π(f_n − f_mid)τ_k}`; the common carrier is a phase of whole rows and changes no weight.
+fn delays_by_tones(delays: &[f64], frequencies: &[f64]) -> Mat<c64> {
+    let carrier = f64::midpoint(frequencies[0], frequencies[frequencies.len() - 1]);
+    Mat::from_fn(delays.len(), frequencies.len(), |k, n| {
+        Complex64::cis(-TAU * (frequencies[n] - carrier) * delays[k])
+    })
+}
+
+/// The columns `chosen` of `all`.
+fn columns(all: &Mat<c64>, chosen: &[usize]) -> Mat<c64> {
+    Mat::from_fn(all.nrows(), chosen.len(), |k, q| all[(k, chosen[q])])
+}
+
+/// Least-squares weights that express all columns by the chosen ones.
+fn fit(all: &Mat<c64>, chosen: &[usize]) -> Mat<c64> {
+    columns(all, chosen).qr().solve_lstsq(all)
+}
+
+/// The greatest element of `all − chosen columns · weights`.
+fn greatest_error(all: &Mat<c64>, chosen: &[usize], weights: &Mat<c64>) -> f64 {
+    let rest = all - columns(all, chosen) * weights;
+    rest.col_iter()
+        .flat_map(|column| column.iter().map(|e| e.norm_sqr()).collect::<Vec<_>>())
+        .fold(0.0, f64::max)
+        .sqrt()
+}
+
+/// Delays were counted from the interval's middle; `e^{−i2π(f_n − f_q)τ_mid}` counts them from zero again.
+fn put_back_phase(mut weights: Mat<c64>, frequencies: &[f64], chosen: &[usize], middle: f64) -> Mat<c64> {
+    for n in 0..weights.ncols() {
+        for (q, &f) in chosen.iter().enumerate() {
+            let turn = (frequencies[n] - frequencies[f]) * middle;
+            weights[(q, n)] *= Complex64::cis(-TAU * (turn - turn.round()));
+        }
+    }
+    weights
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sweep(bandwidth: f64, count: usize) -> Vec<f64> {
+        (0..count).map(|n| 20_000.0 - bandwidth + bandwidth * n as f64 / (count - 1) as f64).collect()
+    }
+
+    fn interval(duration: f64) -> PathInterval {
+        PathInterval { shortest: 2.0, longest: 2.0 + 343.0 * duration, sound_speed: 343.0 }
+    }
+
+    /// The error as the module's formula says it, by plain sums on points of its own.
+    fn literal_error(frequencies: &[f64], interval: PathInterval, skeleton: &Skeleton) -> f64 {
+        let mut worst = 0.0f64;
+        for i in 0..=400 {
+            let path = interval.shortest + (interval.longest - interval.shortest) * f64::from(i) / 400.0;
+            let tone = |f: f64| Complex64::cis(-TAU * (f * path / interval.sound_speed).fract());
+            for (n, f) in frequencies.iter().enumerate().step_by(7) {
+                let sum: Complex64 = skeleton
+                    .chosen()
+                    .iter()
+                    .enumerate()
+                    .map(|(q, &k)| skeleton.weight(q, n) * tone(frequencies[k]))
+                    .sum();
+                worst = worst.max((tone(*f) - sum).norm());
+            }
+        }
+        worst
+    }
+
+    #[test]
+    fn few_tones_stand_for_all_within_the_tolerance() {
+        // DESIGN section 5: bandwidth, tones, duration, tolerance, about how many are needed.
+        for (bandwidth, count, duration, tolerance, needed) in [
+            (2_000.0, 1001, 0.57e-3, 1e-3, 6),
+            (2_000.0, 1001, 0.57e-3, 1e-6, 8),
+            (2_000.0, 1001, 2.3e-3, 1e-4, 12),
+            (10_000.0, 1001, 2.3e-3, 1e-4, 33),
+            (10_000.0, 5001, 2.3e-3, 1e-4, 33),
+            (10_000.0, 1001, 6e-3, 1e-4, 72),
+        ] {
+            let (frequencies, interval) = (sweep(bandwidth, count), interval(duration));
+            let skeleton = skeleton(&frequencies, interval, tolerance);
+            let q = skeleton.chosen().len();
+            assert!(q <= needed + 3, "{q} tones where {needed} do, BT {}", bandwidth * duration);
+            let error = literal_error(&frequencies, interval, &skeleton);
+            assert!(error <= tolerance * 1.05, "{error:e} above {tolerance:e}");
+            assert!(skeleton.error() <= tolerance && error <= skeleton.error() * 1.2 + 1e-12);
+            let bound = 2.0 * (q as f64).sqrt() + 5.0;
+            assert!(skeleton.largest_weight_sum() < bound, "{} of {bound}", skeleton.largest_weight_sum());
+        }
+    }
+
+    #[test]
+    fn uneven_and_tiny_sweeps_have_skeletons_too() {
+        let mut uneven = sweep(5_000.0, 300);
+        for (n, f) in uneven.iter_mut().enumerate() {
+            *f += 5.0 * (n as f64 * 0.618_034).fract();
+        }
+        for frequencies in [uneven, sweep(1000.0, 2), vec![12_345.0]] {
+            let skeleton = skeleton(&frequencies, interval(1.5e-3), 1e-5);
+            assert!(literal_error(&frequencies, interval(1.5e-3), &skeleton) < 1.1e-5);
+        }
+    }
+
+    #[test]
+    fn an_interval_of_no_length_needs_one_tone() {
+        let skeleton = skeleton(&sweep(10_000.0, 101), interval(0.0), 1e-4);
+        assert_eq!(skeleton.chosen().len(), 1);
+    }
+}
