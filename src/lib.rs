@@ -29,7 +29,7 @@
 //!
 //! let lateral = Axis { first: -0.15, pitch: 0.03, count: 11 };
 //! let grid = Grid { x: lateral, y: lateral, z: Axis { first: 0.7, pitch: 0.02, count: 11 } };
-//! let volume = reconstruct(&cube, &grid, &ReconstructOptions::default(), &Silent)?;
+//! let volume = reconstruct(&cube, &grid, &ReconstructOptions::default(), &Silent)?.volume;
 //! assert!((volume.plane(5)[3 * 11 + 6].norm() - 1.0).abs() < 0.01);
 //! # Ok::<(), holosonar::error::Error>(())
 //! ```

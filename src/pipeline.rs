@@ -19,11 +19,11 @@ use crate::config::RunFile;
 use crate::depth::locate_depth;
 use crate::error::{Error, Result};
 use crate::export::volume_npz::read_volume_npz;
-use crate::grid::{DepthMap, Grid, Volume};
+use crate::grid::{DepthMap, Grid};
 use crate::metrics::{Metrics, evaluate};
 use crate::plan::{Plan, Setup, available_memory, check_memory, plan, scale_warnings};
 use crate::progress::Observer;
-use crate::reconstruct::{Method, reconstruct, resolve_method};
+use crate::reconstruct::{Reconstruction, reconstruct};
 use crate::reflectors::{Reflectors, sample_surface};
 use crate::scene::Scene;
 use crate::truth::trace_depth;
@@ -44,10 +44,8 @@ pub struct Outcome {
     pub reflectors: Option<usize>,
     /// The cube.
     pub cube: DataCube,
-    /// The method that reconstructed it.
-    pub method: Method,
-    /// The volume.
-    pub volume: Volume,
+    /// The volume, and how it was come by.
+    pub image: Reconstruction,
     /// What was found.
     pub depth: DepthMap,
     /// What is there; only a mesh scene knows.
@@ -71,7 +69,7 @@ pub fn image_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Result
     let echoes = log.timed("scene", || Echoes::of(run, bare, &log))?;
     echoes.check(&log)?;
     let cube = log.timed("simulate", || echoes.simulate(run, &log))?;
-    let (method, volume, depth) = focus(run, &cube, &echoes.grid, &log)?;
+    let (image, depth) = focus(run, &cube, &echoes.grid, &log)?;
     let truth = match &echoes.scene {
         Some(scene) => {
             let options = run.truth_options(&echoes.setup());
@@ -83,7 +81,7 @@ pub fn image_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Result
     let metrics = truth.as_ref().map(|truth| evaluate(&depth, truth, resolution)).transpose()?;
     let (scene, reflectors, plan) = (echoes.summary(), Some(echoes.reflectors.len()), echoes.plan.clone());
     let (timings, warnings) = log.finish();
-    Ok(Outcome { plan, scene, reflectors, cube, method, volume, depth, truth, metrics, timings, warnings })
+    Ok(Outcome { plan, scene, reflectors, cube, image, depth, truth, metrics, timings, warnings })
 }
 
 /// Cube in, everything but truth and metrics out.
@@ -97,10 +95,10 @@ pub fn image_cube(run: &RunFile, cube: DataCube, observer: &dyn Observer) -> Res
     let plan = plan(&setup, &grid);
     warn_all(&plan.warnings, &log);
     check_memory(&plan, available_memory())?;
-    let (method, volume, depth) = focus(run, &cube, &grid, &log)?;
+    let (image, depth) = focus(run, &cube, &grid, &log)?;
     let (timings, warnings) = log.finish();
     let (scene, reflectors, truth, metrics) = (None, None, None, None);
-    Ok(Outcome { plan, scene, reflectors, cube, method, volume, depth, truth, metrics, timings, warnings })
+    Ok(Outcome { plan, scene, reflectors, cube, image, depth, truth, metrics, timings, warnings })
 }
 
 /// Scene in, cube out.
@@ -117,14 +115,13 @@ pub fn simulate_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Res
 ///
 /// # Errors
 /// What the stages refuse; a run file without a grid.
-pub fn reconstruct_cube(run: &RunFile, cube: &DataCube, observer: &dyn Observer) -> Result<(Method, Volume)> {
+pub fn reconstruct_cube(run: &RunFile, cube: &DataCube, observer: &dyn Observer) -> Result<Reconstruction> {
     let setup = facts::setup_of(cube);
     let grid = run.voxels(&setup, None)?;
     let plan = plan(&setup, &grid);
     warn_all(&plan.warnings, observer);
     check_memory(&plan, available_memory())?;
-    let method = resolve_method(cube, &grid, run.reconstruct.method)?.0;
-    Ok((method, reconstruct(cube, &grid, &run.reconstruct_options(), observer)?))
+    reconstruct(cube, &grid, &run.reconstruct_options(), observer)
 }
 
 /// Volume file in, depth map out, with the volume's own facts.
@@ -198,18 +195,17 @@ pub fn check_scene(
 }
 
 /// Reconstruction and depth, which every job with a cube shares.
-fn focus(run: &RunFile, cube: &DataCube, grid: &Grid, log: &Log) -> Result<(Method, Volume, DepthMap)> {
-    let method = resolve_method(cube, grid, run.reconstruct.method)?.0;
-    let volume = log.timed("reconstruct", || reconstruct(cube, grid, &run.reconstruct_options(), log))?;
+fn focus(run: &RunFile, cube: &DataCube, grid: &Grid, log: &Log) -> Result<(Reconstruction, DepthMap)> {
+    let image = log.timed("reconstruct", || reconstruct(cube, grid, &run.reconstruct_options(), log))?;
     let resolution = cube.range_resolution().unwrap_or(f64::NAN);
-    let depth = log.timed("depth", || locate_depth(&volume, &run.depth_options(resolution), log))?;
+    let depth = log.timed("depth", || locate_depth(&image.volume, &run.depth_options(resolution), log))?;
     if depth.accepted() == 0 {
         log.warn(
             "no return was accepted anywhere: nothing in the grid echoes, or [depth] threshold_db is too high; the \
              files are valid and empty",
         );
     }
-    Ok((method, volume, depth))
+    Ok((image, depth))
 }
 
 /// The run file's instrument.

@@ -62,25 +62,9 @@ impl Setup<'_> {
     }
 
     /// Least and greatest path length between a box of voxels and the array, m.
-    ///
-    /// The greatest is at corners, where the convex sum of distances has its maximum; the least is bounded from
-    /// below by the two separate minima.
     pub fn path_bounds(&self, grid: &Grid) -> [f64; 2] {
-        let (low, high) = self.array.bounds();
-        let mics = [low, high, DVec3::new(low.x, high.y, low.z), DVec3::new(high.x, low.y, high.z)];
-        let longest = grid
-            .corners()
-            .iter()
-            .flat_map(|p| mics.iter().map(|r| self.geometry.path_length(*p, *r)))
-            .fold(0.0, f64::max);
-        let (near, far) = (grid.corners()[0], grid.corners()[7]);
-        let gap = |a_low: DVec3, a_high: DVec3| (near - a_high).max(a_low - far).max(DVec3::ZERO).length();
-        let back = gap(low, high);
-        let out = match self.geometry {
-            Geometry::FixedSource { source } => gap(source, source),
-            Geometry::Monostatic => back,
-        };
-        [out + back, longest]
+        let corners = grid.corners();
+        self.geometry.path_bounds([corners[0], corners[7]], self.array.bounds().into())
     }
 
     /// Voxel pitch along x, y, z, m: at most half a resolution cell laterally and half of Δd in depth (PHYSICS Q9),

@@ -3,14 +3,18 @@
 //! `Â(p) = w / (Σ_f w_f · Σ_r w_r) · Σ_f Σ_r w_f w_r m(f, r) e^{−i2πf·path(p, r)/c}`
 //!
 //! with w = 1 for quadrature, 2 for in-phase data and window weights `w_f`, `w_r` (all 1 without a window), so a
-//! unit reflector on a voxel peaks at 1. [`direct`](Method::Direct) sums this as written, on any grid and for any
-//! microphones: it is the oracle. [`convolution`](Method::Convolution) is Eq. 16, for voxels on the microphones'
-//! lattice. This module cannot see the scene, so it cannot know the answer.
+//! unit reflector on a voxel peaks at 1. [`Method::Direct`] sums this as written, on any grid and for any
+//! microphones: it is the oracle. [`Method::Convolution`] is Eq. 16 over [`skeleton`] frequencies, for microphones in
+//! a plane of constant z. This module cannot see the scene, so it cannot know the answer.
 
 mod convolution;
 mod direct;
 mod fft2;
+mod lattice;
+mod plane;
 pub mod skeleton;
+mod spread;
+mod tones;
 mod window;
 
 pub use window::Window;
@@ -26,30 +30,51 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Method {
-    /// Convolution where the lattices fit, else direct.
+    /// Convolution where the microphones lie in a plane, else direct.
     #[default]
     Auto,
-    /// Eq. 16 by padded 2-D FFTs; the voxel pitch must be the microphone pitch divided by a whole number.
+    /// Eq. 16 by padded 2-D FFTs, for any planar array and any voxel pitch.
     Convolution,
     /// Eq. 13 as written.
     Direct,
 }
 
 /// Parameters of [`reconstruct`].
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub struct ReconstructOptions {
     /// How to sum.
     pub method: Method,
     /// Weights over x, y and f.
     pub window: Window,
+    /// Error allowed to `Convolution`, relative to `Σ|w m| / Σw`; 0 sums every frequency on a lattice that fits.
+    pub tolerance: f64,
+}
+
+impl Default for ReconstructOptions {
+    fn default() -> Self {
+        Self::new(Method::Auto, Window::Taylor)
+    }
 }
 
 impl ReconstructOptions {
-    /// Options of a given method and window.
+    /// Options of a given method and window, with the default tolerance of 10⁻⁴.
     pub fn new(method: Method, window: Window) -> Self {
-        Self { method, window }
+        Self { method, window, tolerance: 1e-4 }
     }
+}
+
+/// A volume and how it was come by.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub struct Reconstruction {
+    /// The volume.
+    pub volume: Volume,
+    /// The method that was used; never [`Method::Auto`].
+    pub method: Method,
+    /// A bound on the error of any voxel against Eq. 13, f32 rounding aside, in the volume's own units: the measured
+    /// relative error of skeletons and spreading times `Σ|w m| / Σw`.
+    pub error_bound: f64,
 }
 
 /// Above this many terms `direct` must be asked for by name; it would run for many minutes.
@@ -60,47 +85,37 @@ pub fn direct_terms(cube: &DataCube, grid: &Grid) -> u64 {
     grid.voxel_count().saturating_mul(cube.array.len() as u64).saturating_mul(cube.sweep.len() as u64)
 }
 
-/// The method that `options` come to for this cube and grid, and a warning if `auto` had to take the slow one.
-///
-/// # Errors
-/// `convolution` asked for on lattices that do not fit, or `auto` left with over 10¹¹ direct terms.
-pub fn resolve_method(cube: &DataCube, grid: &Grid, method: Method) -> Result<(Method, Option<String>)> {
-    let (choice, warning) = choose(cube, grid, method)?;
-    let method = match choice {
-        Choice::Direct => Method::Direct,
-        Choice::Convolution(_) => Method::Convolution,
-    };
-    Ok((method, warning))
-}
-
-/// A method with what it has found out about the lattices.
+/// What is to be done, with what was found out about the lattices.
 #[derive(Debug)]
 enum Choice {
     Direct,
-    Convolution(convolution::Fit),
+    Convolution(lattice::SharedLattice),
 }
 
-fn choose(cube: &DataCube, grid: &Grid, method: Method) -> Result<(Choice, Option<String>)> {
-    let misfit = match (method, convolution::Fit::find(cube, grid)) {
-        (Method::Direct, _) => return Ok((Choice::Direct, None)),
-        (_, Ok(fit)) => return Ok((Choice::Convolution(fit), None)),
-        (_, Err(misfit)) => misfit,
+/// The method that the options come to for this cube and grid, and a warning if `auto` had to take the slow one.
+fn choose(cube: &DataCube, grid: &Grid, options: &ReconstructOptions) -> Result<(Choice, Option<String>)> {
+    if options.method == Method::Direct {
+        return Ok((Choice::Direct, None));
+    }
+    // Spreading and skeletons share the tolerance.
+    let misfit = match lattice::SharedLattice::find(cube, grid, 0.5 * options.tolerance) {
+        Ok(lattice) => return Ok((Choice::Convolution(lattice), None)),
+        Err(misfit) => misfit,
     };
-    if method == Method::Convolution {
+    if options.method == Method::Convolution {
         return Err(Error::input(
             "reconstruct.method",
-            format!(
-                "\"convolution\" needs voxels on the microphones' lattice, but {misfit}; or use method = \"direct\""
-            ),
+            format!("\"convolution\" is not possible here: {misfit}; mend that, or use method = \"direct\""),
         ));
     }
     let terms = direct_terms(cube, grid);
     if terms > MOST_DIRECT_TERMS {
         return Err(Error::input(
-            "grid.pitch",
+            "reconstruct.method",
             format!(
-                "{misfit}. Without it the direct sum of Eq. 13 is left, {terms:.1e} terms here: many minutes. \
-                 Change the pitch, make the grid smaller, or ask for it by name with [reconstruct] method = \"direct\""
+                "{misfit}. That leaves the direct sum of Eq. 13, {:.1e} terms here: many minutes. Make the grid \
+                 smaller or its pitch larger, or ask for it by name with [reconstruct] method = \"direct\"",
+                terms as f64
             ),
         ));
     }
@@ -110,26 +125,33 @@ fn choose(cube: &DataCube, grid: &Grid, method: Method) -> Result<(Choice, Optio
 /// Reconstructs the volume that a cube shows on a grid.
 ///
 /// - Shapes: the cube is `[n_f, n_mic]`, the volume `[n_z, n_y, n_x]`.
-/// - Cost: `direct` is voxels × microphones × frequencies phasors; `convolution` two padded 2-D FFTs per frequency,
-///   depth and sub-lattice.
+/// - Cost: `direct` is voxels × microphones × frequencies phasors; `convolution` two padded 2-D FFTs per skeleton
+///   tone, depth and pair of sub-lattices.
 /// - The bytes do not depend on the number of threads.
 ///
 /// # Errors
-/// What [`resolve_method`] refuses; a grid with voxels behind the array; [`Error::Environment`] when the volume
-/// does not fit in memory; [`Error::Interrupted`].
+/// `convolution` asked for where it is not possible, or `auto` left with over 10¹¹ direct terms; a grid with voxels
+/// behind the array; a tolerance that is not in 0..1; [`Error::Environment`] when the volume does not fit in memory;
+/// [`Error::Interrupted`].
 pub fn reconstruct(
     cube: &DataCube,
     grid: &Grid,
     options: &ReconstructOptions,
     observer: &dyn Observer,
-) -> Result<Volume> {
+) -> Result<Reconstruction> {
     if grid.z.first < 0.0 {
         return Err(Error::input(
             "grid.z",
             format!("begins at {} m, behind the array; depths start at z >= 0", grid.z.first),
         ));
     }
-    let (plan, warning) = choose(cube, grid, options.method)?;
+    if !(0.0..1.0).contains(&options.tolerance) {
+        return Err(Error::input(
+            "reconstruct.tolerance",
+            format!("{} is no relative error; 1e-4 is usual, 0 sums every frequency", options.tolerance),
+        ));
+    }
+    let (choice, warning) = choose(cube, grid, options)?;
     if let Some(warning) = warning {
         observer.warn(&warning);
     }
@@ -148,13 +170,18 @@ pub fn reconstruct(
             )
         })?;
     let mut volume = Volume::new(*grid, samples);
-    match plan {
-        Choice::Direct => direct::direct(cube, &weights, &mut volume, observer)?,
-        Choice::Convolution(fit) => {
-            convolution::convolution(cube, &weights, &fit, &mut volume, observer)?;
+    let (method, relative) = match choice {
+        Choice::Direct => {
+            (Method::Direct, direct::direct(cube, &weights, &mut volume, observer).map(|()| 0.0)?)
         }
-    }
-    Ok(volume)
+        Choice::Convolution(lattice) => {
+            let tolerance = options.tolerance;
+            let error = convolution::convolution(cube, &weights, &lattice, tolerance, &mut volume, observer)?;
+            (Method::Convolution, error)
+        }
+    };
+    let error_bound = if relative > 0.0 { relative * weights.mean_modulus(cube) } else { 0.0 };
+    Ok(Reconstruction { volume, method, error_bound })
 }
 
 /// The factors that turn `m(f, r)` into the summands of Eq. 13.
@@ -177,6 +204,12 @@ impl Weights {
             frequency: frequency.iter().map(|w| (w * scale) as f32).collect(),
             microphone: microphone.iter().map(|w| (w / mean_r) as f32).collect(),
         }
+    }
+
+    /// `Σ|w m| / Σw`, with w of the detection: what one unit of relative error comes to in the volume.
+    fn mean_modulus(&self, cube: &DataCube) -> f64 {
+        let of = |f: usize| -> f64 { self.weighted(cube, f).map(|m| f64::from(m.norm())).sum() };
+        (0..cube.sweep.len()).map(of).sum()
     }
 
     /// The weighted samples of one frequency, `[n_mic]`.

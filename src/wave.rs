@@ -51,6 +51,30 @@ impl Geometry {
         }
     }
 
+    /// Least and greatest path length between a box of points and a box of microphones, each given by its least and
+    /// greatest corner, m.
+    ///
+    /// The greatest is exact: a sum of distances is convex, so its maximum is at corners. The least is bounded from
+    /// below by the sum of the two separate minima.
+    pub fn path_bounds(&self, points: [DVec3; 2], microphones: [DVec3; 2]) -> [f64; 2] {
+        let corners = |[low, high]: [DVec3; 2]| {
+            (0..8).map(move |i| {
+                let pick = |bit: usize, low: f64, high: f64| if i & bit == 0 { low } else { high };
+                DVec3::new(pick(1, low.x, high.x), pick(2, low.y, high.y), pick(4, low.z, high.z))
+            })
+        };
+        let longest = corners(points)
+            .flat_map(|p| corners(microphones).map(move |r| self.path_length(p, r)))
+            .fold(0.0, f64::max);
+        let gap = |[low, high]: [DVec3; 2]| (points[0] - high).max(low - points[1]).max(DVec3::ZERO).length();
+        let back = gap(microphones);
+        let out = match self {
+            Self::FixedSource { source } => gap([*source; 2]),
+            Self::Monostatic => back,
+        };
+        [out + back, longest]
+    }
+
     /// The part of the path that does not depend on the microphone, `|p − s|`; 0 for a monostatic scan.
     #[inline]
     pub fn outward_length(&self, p: DVec3) -> f64 {

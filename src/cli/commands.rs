@@ -38,11 +38,11 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
             }
             let run = config_of(config.as_deref(), overrides)?;
             let cube = DataCube::read(cube, reading_limit())?;
-            let (method, volume) = pipeline::reconstruct_cube(&run, &cube, terminal)?;
-            let facts = pipeline::cube_facts(&cube, &run, method);
+            let image = pipeline::reconstruct_cube(&run, &cube, terminal)?;
+            let facts = pipeline::cube_facts(&cube, &run, &image);
             let mut files = Vec::new();
             for path in output {
-                files.extend(pipeline::write_volume(path, &volume, &facts)?);
+                files.extend(pipeline::write_volume(path, &image.volume, &facts)?);
             }
             wrote(&files, json, terminal)
         }

@@ -86,7 +86,7 @@ pub(super) fn image(input: &Path, folder: &Path, report: &Report, outcome: &Outc
             millimetres(plan.lateral_resolution_far[0])
         ),
     );
-    let grid = outcome.volume.grid;
+    let grid = outcome.image.volume.grid;
     let axis = |name: &str, a: &Axis| format!("{name} {:.3} to {:.3}", a.first, a.last());
     table.row(
         "grid",

@@ -165,9 +165,11 @@ impl RunFile {
         Ok(Grid { x: axis("x", x, pitch[0])?, y: axis("y", y, pitch[1])?, z: axis("z", z, pitch[2])? })
     }
 
-    /// `[reconstruct]`. Every method here is exact, so any `tolerance` is kept.
+    /// `[reconstruct]`.
     pub fn reconstruct_options(&self) -> ReconstructOptions {
-        ReconstructOptions::new(self.reconstruct.method, self.reconstruct.window)
+        let mut options = ReconstructOptions::new(self.reconstruct.method, self.reconstruct.window);
+        options.tolerance = self.reconstruct.tolerance;
+        options
     }
 
     /// `[depth]`, for a range resolution in m.

@@ -4,7 +4,7 @@ use crate::acquisition::DataCube;
 use crate::config::RunFile;
 use crate::export::{Attribute, Attributes};
 use crate::plan::Setup;
-use crate::reconstruct::Method;
+use crate::reconstruct::Reconstruction;
 use crate::wave::Geometry;
 use serde_json::{Value, json};
 
@@ -23,9 +23,10 @@ pub(super) fn setup_of(cube: &DataCube) -> Setup<'_> {
 }
 
 /// Everything that is needed to interpret and reproduce an image of `cube`: `meta` of a volume's npz.
-pub fn cube_facts(cube: &DataCube, run: &RunFile, method: Method) -> Value {
+pub fn cube_facts(cube: &DataCube, run: &RunFile, image: &Reconstruction) -> Value {
     let mut facts = setup_facts(&setup_of(cube), run);
-    facts["method"] = json!(method);
+    facts["method"] = json!(image.method);
+    facts["error_bound"] = json!(image.error_bound);
     facts
 }
 

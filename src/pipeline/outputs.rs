@@ -32,7 +32,7 @@ pub fn write_outputs(
     observer: &dyn Observer,
 ) -> Result<Report> {
     let begun = Instant::now();
-    let facts = cube_facts(&outcome.cube, run, outcome.method);
+    let facts = cube_facts(&outcome.cube, run, &outcome.image);
     let mut files = Vec::new();
     let formats = &run.output.formats;
     let mut tasks: Vec<Task> = Vec::new();
@@ -42,10 +42,13 @@ pub fn write_outputs(
             VolumeFormat::Npz => "volume.npz",
             VolumeFormat::Vti => "volume.vti",
         };
-        tasks.push((name, Box::new(|path| write_volume(path, &outcome.volume, &facts))));
+        tasks.push((name, Box::new(|path| write_volume(path, &outcome.image.volume, &facts))));
     }
     tasks.push(("depth.exr", Box::new(|path| one(path, write_depth(path, &outcome.depth, run, &facts)))));
-    tasks.push(("amplitude.png", Box::new(|path| one(path, write_amplitude_figure(path, &outcome.volume)))));
+    tasks.push((
+        "amplitude.png",
+        Box::new(|path| one(path, write_amplitude_figure(path, &outcome.image.volume))),
+    ));
     let truth = outcome.truth.as_ref();
     // Truth and depth share their colours, so that they can be compared by eye.
     let range = depth_range(&truth.map_or(vec![&outcome.depth], |truth| vec![truth]));

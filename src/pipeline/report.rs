@@ -29,6 +29,8 @@ pub struct Report {
     pub method: crate::reconstruct::Method,
     /// Greatest amplitude of the volume.
     pub peak_amplitude: f32,
+    /// Bound on the error of any voxel, in units of amplitude.
+    pub error_bound: f64,
     /// Pixels of the depth map, and those with an accepted return.
     pub pixels: usize,
     /// Pixels with an accepted return.
@@ -51,8 +53,9 @@ impl Report {
             plan: outcome.plan.clone(),
             scene: outcome.scene.clone(),
             reflectors: outcome.reflectors,
-            method: outcome.method,
-            peak_amplitude: outcome.volume.peak(),
+            method: outcome.image.method,
+            peak_amplitude: outcome.image.volume.peak(),
+            error_bound: outcome.image.error_bound,
             pixels: outcome.depth.len(),
             accepted: outcome.depth.accepted(),
             metrics: outcome.metrics,

@@ -49,6 +49,17 @@ impl PathInterval {
         f64::midpoint(self.shortest, self.longest) / self.sound_speed
     }
 
+    /// The greatest `|e_n − Σ_q W[q, n] e_q|` on a dense grid of the interval: of `all` frequencies n expressed by the
+    /// `chosen` ones, both in Hz, with weights that count delays from zero.
+    pub(super) fn greatest_error(&self, all: &[f64], chosen: &[f64], weights: MatRef<'_, c64>) -> f64 {
+        let product = (all[all.len() - 1] - all[0]) * self.duration();
+        let delays: Vec<f64> =
+            self.even(3 * sample_points(product)).into_iter().map(|delay| delay + self.middle()).collect();
+        let carrier = f64::midpoint(all[0], all[all.len() - 1]);
+        let tones = |frequencies: &[f64]| delays_by_tones(&delays, frequencies, carrier);
+        greatest(&(tones(all) - tones(chosen) * weights))
+    }
+
     /// `count` Chebyshev points of the interval, as delays about its middle, s; ends included for `closed`.
     fn chebyshev(&self, count: usize) -> Vec<f64> {
         let half = 0.5 * self.duration();
@@ -91,13 +102,14 @@ pub fn skeleton(frequencies: &[f64], interval: PathInterval, tolerance: f64) -> 
     };
     let points = interval.chebyshev(sample_points(product));
     let dense = interval.even(3 * points.len());
-    let all = delays_by_tones(&points, frequencies);
+    let carrier = f64::midpoint(frequencies[0], frequencies[frequencies.len() - 1]);
+    let all = delays_by_tones(&points, frequencies, carrier);
     let subset = Mat::from_fn(points.len(), candidates.len(), |k, j| all[(k, candidates[j])]);
     let pivoted = subset.col_piv_qr();
     let order = pivoted.P().arrays().0;
     let diagonal = pivoted.thin_R();
     let ranks = diagonal.nrows().min(diagonal.ncols());
-    let dense_all = delays_by_tones(&dense, frequencies);
+    let dense_all = delays_by_tones(&dense, frequencies, carrier);
     // The greatest residual of a column is a sum over the points; its root mean square is what ε bounds.
     let mut threshold = tolerance / 3.0 * (points.len() as f64).sqrt();
     loop {
@@ -105,7 +117,7 @@ pub fn skeleton(frequencies: &[f64], interval: PathInterval, tolerance: f64) -> 
         let mut chosen: Vec<usize> = order[..rank].iter().map(|&j| candidates[j]).collect();
         chosen.sort_unstable();
         let weights = fit(&all, &chosen);
-        let error = greatest_error(&dense_all, &chosen, &weights);
+        let error = greatest(&(&dense_all - columns(&dense_all, &chosen) * &weights));
         if error <= tolerance || rank == ranks {
             let weights = put_back_phase(weights, frequencies, &chosen, interval.middle());
             return Skeleton { chosen, weights, error };
@@ -143,11 +155,11 @@ impl Skeleton {
     }
 }
 
-/// `E[k, n] = e^{−i2π(f_n − f_mid)τ_k}`; the common carrier is a phase of whole rows and changes no weight.
-fn delays_by_tones(delays: &[f64], frequencies: &[f64]) -> Mat<c64> {
-    let carrier = f64::midpoint(frequencies[0], frequencies[frequencies.len() - 1]);
+/// `E[k, n] = e^{−i2π(f_n − f_carrier)τ_k}`; the common carrier is a phase of whole rows and changes no weight.
+fn delays_by_tones(delays: &[f64], frequencies: &[f64], carrier: f64) -> Mat<c64> {
     Mat::from_fn(delays.len(), frequencies.len(), |k, n| {
-        Complex64::cis(-TAU * (frequencies[n] - carrier) * delays[k])
+        let turn = (frequencies[n] - carrier) * delays[k];
+        Complex64::cis(-TAU * (turn - turn.round()))
     })
 }
 
@@ -161,11 +173,10 @@ fn fit(all: &Mat<c64>, chosen: &[usize]) -> Mat<c64> {
     columns(all, chosen).qr().solve_lstsq(all)
 }
 
-/// The greatest element of `all − chosen columns · weights`.
-fn greatest_error(all: &Mat<c64>, chosen: &[usize], weights: &Mat<c64>) -> f64 {
-    let rest = all - columns(all, chosen) * weights;
-    rest.col_iter()
-        .flat_map(|column| column.iter().map(|e| e.norm_sqr()).collect::<Vec<_>>())
+/// The greatest modulus of the elements.
+fn greatest(matrix: &Mat<c64>) -> f64 {
+    (0..matrix.ncols())
+        .map(|n| matrix.col_as_slice(n).iter().map(Complex64::norm_sqr).fold(0.0, f64::max))
         .fold(0.0, f64::max)
         .sqrt()
 }

@@ -8,6 +8,8 @@
 
 #![allow(clippy::inline_always)]
 
+use num_complex::Complex32;
+
 /// Terms per block: the two stages pass through a buffer of this size, which stays in the first-level cache.
 pub const BLOCK: usize = 256;
 
@@ -68,28 +70,28 @@ fn wrap_fast(cycles: f64) -> f32 {
 }
 
 #[inline(always)]
-fn phasors_body(cycles_per_metre: f64, lengths: &[f64], re: &mut [f32], im: &mut [f32]) {
-    assert!(lengths.len() == re.len() && lengths.len() == im.len(), "one phasor per length");
+fn phasors_body(cycles_per_metre: f64, lengths: &[f64], phasors: &mut [Complex32]) {
+    assert!(lengths.len() == phasors.len(), "one phasor per length");
     let mut turns = [0.0f32; BLOCK];
-    for ((lengths, re), im) in lengths.chunks(BLOCK).zip(re.chunks_mut(BLOCK)).zip(im.chunks_mut(BLOCK)) {
+    for (lengths, phasors) in lengths.chunks(BLOCK).zip(phasors.chunks_mut(BLOCK)) {
         // Two stages, because a loop that mixes f64 and f32 does not vectorise well (4 times slower).
         for (turn, length) in turns.iter_mut().zip(lengths) {
             *turn = wrap_fast(length * cycles_per_metre);
         }
-        for ((turn, re), im) in turns.iter().zip(re).zip(im) {
-            (*im, *re) = sin_cos_turns(*turn);
+        for (turn, phasor) in turns.iter().zip(phasors) {
+            (phasor.im, phasor.re) = sin_cos_turns(*turn);
         }
     }
 }
 
 dispatched! {
-    /// `re + i·im = e^{i2π·cycles_per_metre·length}` for every length (m); give `−f/c` for the conjugate.
+    /// `e^{i2π·cycles_per_metre·length}` for every length (m); give `−f/c` for the conjugate.
     ///
     /// Cost: about 20 operations per phasor, 1 to 2·10⁹ phasors/s per thread.
     ///
     /// # Panics
     /// When the slices differ in length.
-    pub fn phasors = phasors_body(cycles_per_metre: f64, lengths: &[f64], re: &mut [f32], im: &mut [f32])
+    pub fn phasors = phasors_body(cycles_per_metre: f64, lengths: &[f64], phasors: &mut [Complex32])
 }
 
 /// Reflectors as the summing kernels want them: complex amplitudes in two planes, padded to whole lanes.
@@ -101,7 +103,7 @@ pub struct Amplitudes {
 
 impl Amplitudes {
     /// Splits complex amplitudes and pads them with zeros.
-    pub fn new(amplitudes: impl ExactSizeIterator<Item = num_complex::Complex32>) -> Self {
+    pub fn new(amplitudes: impl ExactSizeIterator<Item = Complex32>) -> Self {
         let padded = amplitudes.len().next_multiple_of(LANES);
         let mut split = Self { re: Vec::with_capacity(padded), im: Vec::with_capacity(padded) };
         for a in amplitudes {
@@ -245,7 +247,6 @@ dispatched! {
 mod tests {
     use super::*;
     use crate::wave::phasor;
-    use num_complex::Complex32;
 
     /// Lengths and amplitudes that look random and need no generator.
     fn terms(n: usize) -> (Vec<f64>, Vec<Complex32>) {
@@ -262,12 +263,12 @@ mod tests {
     #[test]
     fn phasors_equal_the_literal_ones() {
         let (lengths, _) = terms(1000);
-        let (mut re, mut im) = (vec![0.0; 1000], vec![0.0; 1000]);
+        let mut got = vec![Complex32::ZERO; 1000];
         for k in [20_000.0 / 343.0, -17_321.0 / 343.0, 0.0] {
-            phasors(k, &lengths, &mut re, &mut im);
+            phasors(k, &lengths, &mut got);
             for (i, length) in lengths.iter().enumerate() {
                 let exact = phasor(k * length);
-                assert!((exact - Complex32::new(re[i], im[i])).norm() < 6e-7, "{i} {exact}");
+                assert!((exact - got[i]).norm() < 6e-7, "{i} {exact}");
             }
         }
     }
@@ -307,10 +308,10 @@ mod tests {
     #[test]
     fn every_instruction_set_gives_the_same_bytes() {
         let (lengths, samples) = terms(777);
-        let run = |phasors: fn(f64, &[f64], &mut [f32], &mut [f32])| {
-            let (mut re, mut im) = (vec![0.0; 777], vec![0.0; 777]);
-            phasors(31.4, &lengths, &mut re, &mut im);
-            (re, im)
+        let run = |phasors: fn(f64, &[f64], &mut [Complex32])| {
+            let mut got = vec![Complex32::ZERO; 777];
+            phasors(31.4, &lengths, &mut got);
+            got
         };
         assert_eq!(run(phasors), run(phasors_body));
         let (re, im): (Vec<f32>, Vec<f32>) = samples.iter().map(|m| (m.re, m.im)).unzip();

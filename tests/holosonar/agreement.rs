@@ -4,8 +4,8 @@ use crate::support::{Random, lattice_grid, random_cube, relative_difference};
 use glam::DVec3;
 use holosonar::acquisition::{DataCube, Detection, MicArray, SimulateOptions, Sweep, simulate};
 use holosonar::grid::Grid;
-use holosonar::progress::Silent;
-use holosonar::reconstruct::{Method, ReconstructOptions, Window, reconstruct, resolve_method};
+use holosonar::progress::{Observer, Silent};
+use holosonar::reconstruct::{Method, ReconstructOptions, Window, reconstruct};
 use holosonar::reflectors::Reflectors;
 use holosonar::wave::{Geometry, phasor};
 use num_complex::{Complex32, Complex64};
@@ -63,7 +63,7 @@ fn direct_is_the_literal_sum() {
     for seed in 0..12 {
         let (cube, grid, window) = random_case(seed);
         let options = ReconstructOptions::new(Method::Direct, window);
-        let got = reconstruct(&cube, &grid, &options, &Silent).unwrap();
+        let got = reconstruct(&cube, &grid, &options, &Silent).unwrap().volume;
         let voxels: Vec<usize> = (0..got.samples.len()).step_by(7).collect();
         let expected = literal(&cube, &grid, window, &voxels);
         let got_there: Vec<Complex32> = voxels.iter().map(|v| got.samples[*v]).collect();
@@ -74,16 +74,74 @@ fn direct_is_the_literal_sum() {
     }
 }
 
+/// The volume by convolution with a tolerance, and its bound.
+fn convolve(cube: &DataCube, grid: &Grid, window: Window, tolerance: f64) -> (Vec<Complex32>, f64) {
+    let mut options = ReconstructOptions::new(Method::Convolution, window);
+    options.tolerance = tolerance;
+    let image = reconstruct(cube, grid, &options, &Silent).unwrap();
+    (image.volume.samples, image.error_bound)
+}
+
+fn direct(cube: &DataCube, grid: &Grid, window: Window) -> Vec<Complex32> {
+    reconstruct(cube, grid, &ReconstructOptions::new(Method::Direct, window), &Silent).unwrap().volume.samples
+}
+
 #[test]
 fn convolution_is_direct_on_random_lattices() {
     for seed in 0..60 {
         let (cube, grid, window) = random_case(seed);
-        assert_eq!(resolve_method(&cube, &grid, Method::Auto).unwrap().0, Method::Convolution, "seed {seed}");
-        let volume = |method| {
-            reconstruct(&cube, &grid, &ReconstructOptions::new(method, window), &Silent).unwrap().samples
-        };
-        let error = relative_difference(&volume(Method::Convolution), &volume(Method::Direct));
+        let (volume, bound) = convolve(&cube, &grid, window, 0.0);
+        let error = relative_difference(&volume, &direct(&cube, &grid, window));
         assert!(error < 1e-5, "seed {seed} {:?}: {error:e}", grid.shape());
+        assert!(bound == 0.0, "nothing is left out");
+    }
+}
+
+/// The greatest difference is within the bound that came with the volume, f32 rounding aside.
+fn assert_within_bound(seed: u64, cube: &DataCube, grid: &Grid, window: Window, tolerance: f64) {
+    let (volume, bound) = convolve(cube, grid, window, tolerance);
+    let exact = direct(cube, grid, window);
+    let peak = f64::from(exact.iter().map(|a| a.norm()).fold(0.0, f32::max));
+    let error = relative_difference(&volume, &exact) * peak;
+    assert!(error <= bound + 1e-5 * peak, "seed {seed} {:?}: {error:e} above {bound:e}", grid.shape());
+    let moduli: f64 = cube.samples.iter().map(|m| f64::from(m.norm())).sum();
+    let most = tolerance * cube.detection.weight() * moduli / cube.samples.len() as f64;
+    assert!(window != Window::None || bound <= most * 1.01, "seed {seed}: bound {bound:e} above {most:e}");
+}
+
+#[test]
+fn skeletons_keep_their_bound_on_random_lattices() {
+    for seed in 0..40 {
+        let (cube, grid, window) = random_case(seed);
+        for tolerance in [1e-2, 1e-4, 1e-6] {
+            assert_within_bound(seed, &cube, &grid, window, tolerance);
+        }
+    }
+}
+
+/// Microphones anywhere in a plane, and voxels of any pitch.
+#[test]
+fn spreading_keeps_its_bound_for_scattered_arrays_and_any_pitch() {
+    for seed in 0..40 {
+        let (cube, mut grid, window) = random_case(seed);
+        let mut random = Random::new(seed + 500);
+        grid.x.pitch *= random.uniform(0.6, 2.7);
+        grid.y.pitch *= random.uniform(0.6, 2.7);
+        let z = cube.array.positions()[0].z;
+        let scattered = if seed.is_multiple_of(2) {
+            let place = |r: &DVec3| {
+                DVec3::new(r.x + random.uniform(-0.01, 0.01), r.y + random.uniform(-0.01, 0.01), z)
+            };
+            let positions: Vec<DVec3> = cube.array.positions().iter().map(place).collect();
+            MicArray::from_positions("scattered", &[positions.len()], positions).unwrap()
+        } else {
+            cube.array.clone()
+        };
+        let mut moved = DataCube::new(cube.sweep.clone(), scattered, cube.samples.clone()).unwrap();
+        (moved.geometry, moved.detection) = (cube.geometry, cube.detection);
+        for tolerance in [1e-2, 1e-4] {
+            assert_within_bound(seed, &moved, &grid, window, tolerance);
+        }
     }
 }
 
@@ -111,7 +169,7 @@ fn forward_and_inverse_are_adjoint() {
         let norm = |x: &[Complex32]| dot(x, x).sqrt();
         for method in [Method::Direct, Method::Convolution] {
             let options = ReconstructOptions::new(method, Window::None);
-            let volume = reconstruct(&cube, &grid, &options, &Silent).unwrap();
+            let volume = reconstruct(&cube, &grid, &options, &Silent).unwrap().volume;
             let scale = (cube.sweep.len() * cube.array.len()) as f64 / cube.detection.weight();
             let (left, right) = (dot(&ka.samples, &cube.samples), dot(&a, &volume.samples) * scale);
             let error = (left - right).abs() / (norm(&ka.samples) * norm(&cube.samples));
@@ -127,24 +185,45 @@ fn threads_do_not_change_the_bytes_of_a_volume() {
         let run = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             let options = ReconstructOptions::new(method, window);
-            pool.install(|| reconstruct(&cube, &grid, &options, &Silent).unwrap().samples)
+            pool.install(|| reconstruct(&cube, &grid, &options, &Silent).unwrap().volume.samples)
         };
         assert_eq!(run(1), run(5));
     }
 }
 
+/// Remembers the warnings.
+#[derive(Default)]
+struct Warned(std::sync::Mutex<Vec<String>>);
+
+impl Observer for Warned {
+    fn warn(&self, message: &str) {
+        self.0.lock().unwrap().push(message.to_owned());
+    }
+}
+
 #[test]
-fn what_does_not_fit_goes_to_direct_with_a_warning_or_is_refused() {
+fn what_has_no_lattice_goes_to_direct_with_a_warning_or_is_refused() {
     let (cube, mut grid, _) = random_case(5);
-    grid.x.pitch *= 1.01;
-    let (method, warning) = resolve_method(&cube, &grid, Method::Auto).unwrap();
-    assert_eq!(method, Method::Direct);
-    assert!(warning.unwrap().contains("voxel pitch along x"));
-    assert!(resolve_method(&cube, &grid, Method::Convolution).is_err());
+    let mut positions = cube.array.positions().to_vec();
+    positions[3].z += 0.01;
+    let array = MicArray::from_positions("bent", &[positions.len()], positions).unwrap();
+    let bent = DataCube::new(cube.sweep.clone(), array, cube.samples.clone()).unwrap();
+    let warned = Warned::default();
+    let image = reconstruct(&bent, &grid, &ReconstructOptions::default(), &warned).unwrap();
+    assert_eq!(image.method, Method::Direct);
+    assert!(warned.0.lock().unwrap()[0].contains("no plane"));
+    let by_name = ReconstructOptions::new(Method::Convolution, Window::None);
+    assert!(reconstruct(&bent, &grid, &by_name, &Silent).is_err());
     grid.z.count = 1 << 40;
-    let error = resolve_method(&cube, &grid, Method::Auto).unwrap_err().to_string();
+    let error = reconstruct(&bent, &grid, &ReconstructOptions::default(), &Silent).unwrap_err().to_string();
     assert!(error.contains("method = \"direct\""), "{error}");
-    assert_eq!(resolve_method(&cube, &grid, Method::Direct).unwrap().0, Method::Direct, "by name it may");
+    // Without a tolerance nothing may be spread.
+    grid.z.count = 2;
+    grid.x.pitch *= 1.01;
+    let mut exact = ReconstructOptions::default();
+    exact.tolerance = 0.0;
+    assert_eq!(reconstruct(&cube, &grid, &exact, &warned).unwrap().method, Method::Direct);
+    assert!(warned.0.lock().unwrap()[1].contains("voxel pitch along x"));
 }
 
 #[test]

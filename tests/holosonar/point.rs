@@ -37,7 +37,7 @@ fn around(centre: DVec3, pitch: [f64; 3], reach: [usize; 3]) -> Grid {
 }
 
 fn image(cube: &DataCube, grid: &Grid, method: Method, window: Window) -> Volume {
-    reconstruct(cube, grid, &ReconstructOptions::new(method, window), &Silent).unwrap()
+    reconstruct(cube, grid, &ReconstructOptions::new(method, window), &Silent).unwrap().volume
 }
 
 #[test]

@@ -1,0 +1,212 @@
+//! How voxels and microphones share a lattice, so that the sum over microphones is a convolution.
+//!
+//! Along each axis the microphones stand on nodes, and the voxel pitch is the node pitch divided by u or times v, both
+//! whole. Then voxels split into u and nodes into v interleaved sub-lattices of one common pitch, and `p − r` depends on
+//! the difference of indices alone between any two of them. Microphones that fit no such lattice are spread onto one.
+
+use super::spread::{FILL, Footprint, Interpolator, Kernels, nodes_around, spread};
+use crate::acquisition::{DataCube, MicArray};
+use crate::grid::{Axis, Grid};
+use num_complex::Complex32;
+use rayon::prelude::*;
+use std::f64::consts::PI;
+
+/// One axis of a shared lattice.
+#[derive(Debug, Clone)]
+struct SharedAxis {
+    nodes: Axis,
+    /// Voxels per node pitch; 1 when `v` is not.
+    u: usize,
+    /// Nodes per voxel pitch; 1 when `u` is not.
+    v: usize,
+    /// How microphones get onto the nodes; `None` where they stand on them.
+    interpolator: Option<Interpolator>,
+}
+
+/// A shared lattice of voxels and nodes, and every microphone's way onto the nodes.
+#[derive(Debug, Clone)]
+pub(super) struct SharedLattice {
+    x: SharedAxis,
+    y: SharedAxis,
+    /// Height of the microphones' plane, m.
+    pub(super) z: f64,
+    /// Empty when the microphones are the nodes, in order.
+    footprints: Vec<[Footprint; 2]>,
+}
+
+/// One sub-lattice along one axis: its first index and how many there are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Part {
+    pub(super) start: usize,
+    pub(super) count: usize,
+    pub(super) stride: usize,
+}
+
+/// Sub-lattices along x and y together.
+pub(super) type Parts = [Part; 2];
+
+impl SharedLattice {
+    /// Finds the lattice, spreading to within `tolerance` where the microphones fit none; 0 allows no spreading.
+    ///
+    /// # Errors
+    /// In words: why there is none, and what would mend it.
+    pub(super) fn find(cube: &DataCube, grid: &Grid, tolerance: f64) -> Result<Self, String> {
+        let (low, high) = cube.array.bounds();
+        let shortest = cube.sound_speed / cube.sweep.stop() / cube.geometry.return_legs();
+        if high.z - low.z > 1e-6 * shortest {
+            return Err(format!("the microphones lie in no plane of constant z ({} to {} m)", low.z, high.z));
+        }
+        // Each axis may use half of what is allowed; their errors add.
+        let axis = |name: &str, voxels: &Axis, mics: Option<&Axis>, low: f64, high: f64| {
+            let misfit = match exact(name, voxels, mics, [low, high], shortest) {
+                Ok(axis) => return Ok(axis),
+                Err(misfit) => misfit,
+            };
+            if tolerance <= 0.0 {
+                return Err(misfit);
+            }
+            let height = (grid.z.first - cube.array.positions()[0].z).abs();
+            let aside = (voxels.last() - low).abs().max((high - voxels.first).abs());
+            let kernels = Kernels { wavenumber: 2.0 * PI / shortest, height, aside };
+            spread_axis(voxels, [low, high], &kernels, tolerance / 2.0).ok_or_else(|| {
+                format!("{misfit}, and voxels {height} m from the array are too near to do without")
+            })
+        };
+        let lattice = cube.array.lattice();
+        let x = axis("x", &grid.x, lattice.map(|l| &l.x), low.x, high.x)?;
+        let y = axis("y", &grid.y, lattice.map(|l| &l.y), low.y, high.y)?;
+        let footprints = footprints(&cube.array, &x, &y);
+        Ok(Self { x, y, z: f64::midpoint(low.z, high.z), footprints })
+    }
+
+    /// The greatest error of spreading, relative to one; 0 where the microphones stand on nodes.
+    pub(super) fn error(&self) -> f64 {
+        let of = |axis: &SharedAxis| axis.interpolator.as_ref().map_or(0.0, |i| i.error);
+        (1.0 + of(&self.x)) * (1.0 + of(&self.y)) - 1.0
+    }
+
+    /// Nodes along x and y.
+    pub(super) fn nodes(&self) -> [Axis; 2] {
+        [self.x.nodes, self.y.nodes]
+    }
+
+    /// Number of nodes.
+    pub(super) fn width(&self) -> usize {
+        self.x.nodes.count * self.y.nodes.count
+    }
+
+    /// The interleaved sub-lattices of the nodes.
+    pub(super) fn node_parts(&self) -> Vec<Parts> {
+        product(parts(self.x.v, self.x.nodes.count), &parts(self.y.v, self.y.nodes.count))
+    }
+
+    /// The interleaved sub-lattices of the voxels.
+    pub(super) fn voxel_parts(&self, grid: &Grid) -> Vec<Parts> {
+        product(parts(self.x.u, grid.x.count), &parts(self.y.u, grid.y.count))
+    }
+
+    /// Pitch of every sub-lattice along x and y, m.
+    pub(super) fn common_pitch(&self) -> [f64; 2] {
+        [&self.x, &self.y].map(|axis| axis.nodes.pitch * axis.v as f64)
+    }
+
+    /// Samples of microphones, in rows of `n_mic`, as samples of nodes, in rows of [`SharedLattice::width`].
+    pub(super) fn onto_nodes(&self, samples: Vec<Complex32>) -> Vec<Complex32> {
+        if self.footprints.is_empty() {
+            return samples;
+        }
+        let rows = samples.len() / self.footprints.len();
+        let mut nodes = vec![Complex32::ZERO; rows * self.width()];
+        nodes
+            .par_chunks_exact_mut(self.width())
+            .zip(samples.par_chunks_exact(self.footprints.len()))
+            .for_each(|(plane, samples)| spread(samples, &self.footprints, self.x.nodes.count, plane));
+        nodes
+    }
+}
+
+/// `count` indices dealt out in turn to `ways` sub-lattices.
+fn parts(ways: usize, count: usize) -> Vec<Part> {
+    (0..ways.min(count))
+        .map(|start| Part { start, count: (count - start).div_ceil(ways), stride: ways })
+        .collect()
+}
+
+fn product(x: Vec<Part>, y: &[Part]) -> Vec<Parts> {
+    y.iter().flat_map(|y| x.iter().map(move |x| [*x, *y])).collect()
+}
+
+/// The microphones' own lattice as nodes, if the voxels' pitch goes with it.
+fn exact(
+    name: &str,
+    voxels: &Axis,
+    mics: Option<&Axis>,
+    [low, high]: [f64; 2],
+    shortest: f64,
+) -> Result<SharedAxis, String> {
+    let shared = |nodes: Axis, u: usize, v: usize| SharedAxis { nodes, u, v, interpolator: None };
+    // A single place or a single voxel has no pitch that could fail to fit.
+    if high - low <= 1e-9 * shortest {
+        return Ok(shared(Axis { first: low, pitch: voxels.pitch, count: 1 }, 1, 1));
+    }
+    let mics = mics.ok_or("the microphones stand on no regular lattice")?;
+    if voxels.count == 1 {
+        return Ok(shared(*mics, 1, 1));
+    }
+    // The mismatch adds up over the aperture; a millionth of a wavelength does no harm.
+    let fits = |a: f64, b: f64| (a - b).abs() * mics.count.max(voxels.count) as f64 <= 1e-6 * shortest;
+    let u = (mics.pitch / voxels.pitch).round().max(1.0);
+    if fits(mics.pitch, u * voxels.pitch) {
+        return Ok(shared(*mics, u as usize, 1));
+    }
+    let v = (voxels.pitch / mics.pitch).round().max(1.0);
+    if fits(voxels.pitch, v * mics.pitch) {
+        return Ok(shared(*mics, 1, v as usize));
+    }
+    Err(format!(
+        "the voxel pitch along {name}, {} m, is no whole multiple or part of the microphones' {} m ({} m would be)",
+        voxels.pitch,
+        mics.pitch,
+        mics.pitch / u
+    ))
+}
+
+/// Nodes for microphones anywhere between `low` and `high`, fine enough for the steepest wave that reaches them;
+/// `None` when even much finer ones would not keep the tolerance.
+fn spread_axis(
+    voxels: &Axis,
+    [low, high]: [f64; 2],
+    kernels: &Kernels,
+    tolerance: f64,
+) -> Option<SharedAxis> {
+    [1.0, 2.0, 4.0].into_iter().find_map(|finer| {
+        // A voxel straight above everything sees hardly a phase change; the aperture bounds the pitch then.
+        let coarsest = (FILL * PI / kernels.band(0.0) / finer).min(high - low);
+        let (u, v, pitch) = if voxels.count == 1 {
+            (1, 1, coarsest)
+        } else if coarsest >= voxels.pitch {
+            let u = (coarsest / voxels.pitch).floor();
+            (u as usize, 1, voxels.pitch * u)
+        } else {
+            let v = (voxels.pitch / coarsest).ceil();
+            (1, v as usize, voxels.pitch / v)
+        };
+        let interpolator = Interpolator::new(kernels, pitch, tolerance);
+        (interpolator.error <= tolerance).then(|| {
+            let nodes = nodes_around(low, high, pitch, &interpolator);
+            SharedAxis { nodes, u, v, interpolator: Some(interpolator) }
+        })
+    })
+}
+
+/// Every microphone's footprint; none at all when the microphones are the nodes.
+fn footprints(array: &MicArray, x: &SharedAxis, y: &SharedAxis) -> Vec<[Footprint; 2]> {
+    if x.interpolator.is_none() && y.interpolator.is_none() && array.lattice().is_some() {
+        return Vec::new();
+    }
+    let along = |axis: &SharedAxis, position: f64| match &axis.interpolator {
+        Some(interpolator) => Footprint::spread(position, &axis.nodes, interpolator),
+        None => Footprint::on_node(((position - axis.nodes.first) / axis.nodes.pitch).round() as usize),
+    };
+    array.positions().par_iter().map(|r| [along(x, r.x), along(y, r.y)]).collect()
+}
