@@ -4,7 +4,7 @@
 //! whole. Then voxels split into u and nodes into v interleaved sub-lattices of one common pitch, and `p − r` depends on
 //! the difference of indices alone between any two of them. Microphones that fit no such lattice are spread onto one.
 
-use super::spread::{FILL, Footprint, Interpolator, Kernels, nodes_around, spread};
+use super::spread::{Footprint, Interpolator, Kernels, nodes_around, spread};
 use crate::acquisition::{DataCube, MicArray};
 use crate::grid::{Axis, Grid};
 use num_complex::Complex32;
@@ -180,8 +180,7 @@ fn spread_axis(
     tolerance: f64,
 ) -> Option<SharedAxis> {
     [1.0, 2.0, 4.0].into_iter().find_map(|finer| {
-        // A voxel straight above everything sees hardly a phase change; the aperture bounds the pitch then.
-        let coarsest = (FILL * PI / kernels.band(0.0) / finer).min(high - low);
+        let coarsest = kernels.coarsest_pitch() / finer;
         let (u, v, pitch) = if voxels.count == 1 {
             (1, 1, coarsest)
         } else if coarsest >= voxels.pitch {

@@ -6,8 +6,8 @@
 //! number of taps follows from the error, which is measured on the spherical kernels themselves.
 
 use crate::grid::Axis;
-use faer::linalg::solvers::Solve;
-use faer::{Mat, Side};
+use faer::Mat;
+use faer::linalg::solvers::SolveLstsq;
 use num_complex::{Complex32, Complex64};
 use std::f64::consts::PI;
 
@@ -29,6 +29,12 @@ impl Kernels {
         let aside = self.aside + margin;
         self.wavenumber * aside / aside.hypot(self.height).max(f64::MIN_POSITIVE)
     }
+
+    /// Pitch of nodes that carries the steepest change, some taps beyond the last microphone included, m.
+    pub(super) fn coarsest_pitch(&self) -> f64 {
+        // Steeper changes want a finer pitch, and a finer pitch reaches less far beyond: a fixed point from below.
+        (0..16).fold(FILL * PI / self.wavenumber, |pitch, _| FILL * PI / self.band(7.0 * pitch))
+    }
 }
 
 /// Least-squares weights for a band, with a measured error.
@@ -43,7 +49,7 @@ pub(super) struct Interpolator {
 
 /// Nodes per half wavelength of the steepest wave. At 0.5, twelve taps keep every kernel to 10⁻⁴ and fourteen to
 /// 2.5·10⁻⁵; at 0.6 twelve leave 10⁻³. The image errs much less, since the errors of many microphones do not add up.
-pub(super) const FILL: f64 = 0.5;
+const FILL: f64 = 0.5;
 
 /// The most taps that are tried.
 const MOST_TAPS: usize = 16;
@@ -83,14 +89,13 @@ impl Interpolator {
         let node = |a: usize| (a as isize + self.first()) as f64;
         let gram = Mat::from_fn(self.taps, self.taps, |a, b| {
             // Neighbouring columns are nearly dependent; rounding is kept from being amplified.
-            sinc(band * (a as f64 - b as f64)) + if a == b { 1e-13 } else { 0.0 }
+            let ridge = if a == b { 1e-13 } else { 0.0 };
+            Complex64::from(sinc(band * (a as f64 - b as f64)) + ridge)
         });
-        let right = Mat::from_fn(self.taps, 1, |a, _| sinc(band * (node(a) - t)));
-        let solution = match gram.llt(Side::Lower) {
-            Ok(factors) => factors.solve(&right),
-            Err(_) => gram.full_piv_lu().solve(&right),
-        };
-        (0..self.taps).map(|a| solution[(a, 0)]).collect()
+        let right = Mat::from_fn(self.taps, 1, |a, _| Complex64::from(sinc(band * (node(a) - t))));
+        // Complex only so that the skeletons' solver serves here too.
+        let solution = gram.qr().solve_lstsq(&right);
+        (0..self.taps).map(|a| solution[(a, 0)].re).collect()
     }
 
     /// The greatest `|K(x) − Σ_a w_a K(x_a)|` over the kernels, and between two nodes.
@@ -174,16 +179,12 @@ mod tests {
         Kernels { wavenumber: 366.0, height, aside: 0.7 }
     }
 
-    fn pitch(kernels: &Kernels) -> f64 {
-        FILL * PI / kernels.band(0.0)
-    }
-
     #[test]
     fn more_taps_for_a_smaller_tolerance() {
         let kernels = kernels(1.0);
         let mut last = 0;
         for (tolerance, most) in [(1e-2, 6), (1e-3, 10), (1e-4, 12), (1e-5, 16)] {
-            let interpolator = Interpolator::new(&kernels, pitch(&kernels), tolerance);
+            let interpolator = Interpolator::new(&kernels, kernels.coarsest_pitch(), tolerance);
             assert!(interpolator.error <= tolerance, "{:e} above {tolerance:e}", interpolator.error);
             assert!(
                 interpolator.taps() >= last && interpolator.taps() <= most,
@@ -197,7 +198,7 @@ mod tests {
     #[test]
     fn a_kernel_between_nodes_is_the_kernel_at_the_sample() {
         let kernels = kernels(0.5);
-        let pitch = pitch(&kernels);
+        let pitch = kernels.coarsest_pitch();
         let interpolator = Interpolator::new(&kernels, pitch, 1e-4);
         let nodes = nodes_around(-0.3, 0.4, pitch, &interpolator);
         for position in [-0.3, -0.123_4, 0.0, 0.271_8, 0.4] {
@@ -218,6 +219,6 @@ mod tests {
     #[test]
     fn a_voxel_in_the_plane_of_the_microphones_is_not_pretended_to() {
         let kernels = kernels(0.0);
-        assert!(Interpolator::new(&kernels, pitch(&kernels), 1e-4).error > 1e-2);
+        assert!(Interpolator::new(&kernels, kernels.coarsest_pitch(), 1e-4).error > 1e-2);
     }
 }
