@@ -93,13 +93,14 @@ def check_volume_exr(folder, volume):
         check(path, "part 0 is called mip", name == "mip", name)
         check(path, "mip has R, G, B, A, Z", set(mip) == set("RGBAZ"), str(set(mip)))
         greatest = expected.max(axis=0)
-        equal(path, "mip R is the greatest amplitude along z", mip["R"], greatest)
+        # Rounded twice (power, then root), so the last bit may differ.
+        close(path, "mip R is the greatest amplitude along z", mip["R"], greatest, 3e-7)
         for same in "GB":
             equal(path, f"mip {same} = R", mip[same], mip["R"])
         equal(path, "mip A = 1", mip["A"], np.ones_like(mip["A"]))
         where = np.abs(z[None, None, :] - mip["Z"][:, :, None]).argmin(axis=2)
         at_z = np.take_along_axis(expected, where[None], axis=0)[0]
-        equal(path, "mip Z is where that amplitude is", at_z, greatest)
+        close(path, "mip Z is where that amplitude is", at_z, greatest, 3e-7)
         for key, value in (
             ("sonar:gridOrigin", [x[0], y[0], z[0]]),
             ("sonar:gridPitch", volume["pitch"]),
