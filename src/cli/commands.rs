@@ -175,8 +175,8 @@ fn check(runs: &[PathBuf], overrides: &Overrides, json: bool, terminal: &Termina
             Err(Error::Interrupted) => return Err(Error::Interrupted),
             Err(error) => {
                 // The others are still worth a line.
-                if runs.len() > 1 {
-                    terminal.error(&error);
+                if runs.len() > 1 && !json {
+                    print(&format!("FAILED {error}\n"))?;
                 }
                 rows.push(serde_json::json!({ "scene": name, "error": error.to_string() }));
                 worst = Some(worse(worst, error));

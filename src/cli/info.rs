@@ -4,9 +4,9 @@ use super::Overrides;
 use super::commands::run_of;
 use holosonar::acquisition::DataCube;
 use holosonar::error::{Error, Result};
-use holosonar::export::attributes_as_json;
 use holosonar::export::depth_exr::read_depth_map;
 use holosonar::export::volume_npz::read_volume_npz;
+use holosonar::export::{attributes_as_json, find_attribute};
 use holosonar::files::npz::NpzReader;
 use holosonar::grid::Axis;
 use holosonar::progress::Observer;
@@ -82,8 +82,13 @@ fn exr(file: &Path, limit: u64) -> Result<Value> {
     let range = found().fold(None, |range: Option<[f32; 2]>, z| {
         Some(range.map_or([z, z], |[low, high]| [low.min(z), high.max(z)]))
     });
+    // The first part of a volume has a depth at every pixel: where the amplitude is greatest.
+    let kind = match find_attribute(&depth.attributes, "sonar:gridShape") {
+        Some(_) => "volume, seen from the front",
+        None => "depth map",
+    };
     Ok(json!({
-        "kind": "EXR with depth",
+        "kind": kind,
         "pixels_yx": map.shape(),
         "x": depth.axes_known.then(|| axis(&map.x)), "y": depth.axes_known.then(|| axis(&map.y)),
         "accepted": map.accepted(),

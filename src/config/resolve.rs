@@ -22,6 +22,24 @@ const FIT_BY_DIAGONAL: f64 = 2.0;
 /// Margin of a grid that follows from the scene, as a share of the scene's size to each side.
 const MARGIN: f64 = 0.05;
 
+/// A grid to begin with, as it is typed: as wide as the array, one to two widths before it.
+fn suggestion(setup: &Setup) -> String {
+    let (centre, extent) = (setup.array.centre(), setup.array.extent());
+    let wavelength = setup.wavelength();
+    let width = extent.x.max(extent.y).max(10.0 * wavelength);
+    let across = |centre: f64, extent: f64| {
+        let half = 0.5 * extent.max(10.0 * wavelength);
+        format!("[{:.3},{:.3}]", centre - half, centre + half)
+    };
+    format!(
+        "give first and last voxel in m with -c RUN.toml, or here: --set \"grid.x={}\" --set \"grid.y={}\" \
+         --set \"grid.z=[{width:.3},{:.3}]\"",
+        across(centre.x, extent.x),
+        across(centre.y, extent.y),
+        2.0 * width
+    )
+}
+
 impl RunFile {
     /// `[sweep]`.
     ///
@@ -144,8 +162,7 @@ impl RunFile {
             let (low, high) = scene.ok_or_else(|| {
                 Error::input(
                     "[grid]",
-                    "is missing, and without a scene there is nothing to take it from; give x, y and z as \
-                     [first, last] in metres",
+                    format!("is incomplete, and a cube does not say where to look; {}", suggestion(setup)),
                 )
             })?;
             Ok(margin(low[axis], high[axis]))

@@ -1,0 +1,377 @@
+#!/usr/bin/env python3
+"""Reads the files of `holosonar image` with other people's readers and compares them value by value.
+
+    check_outputs.py OUTDIR [OUTDIR ...]
+    check_outputs.py --prove OUTDIR    damages copies of a result (with a VTI) and sees that it is noticed
+
+OpenEXR reads the EXR files, NumPy the npz, VTK (if it is installed) and a few lines of our own the VTI. The
+program under test takes no part. One line per check that fails, exit status 1 if there is any.
+"""
+
+import json
+import re
+import shutil
+import struct
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+
+try:
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+    from vtkmodules.vtkIOXML import vtkXMLImageDataReader
+except ImportError:
+    vtkXMLImageDataReader = None
+
+passed = 0
+failed = []
+
+
+def check(place, what, holds, detail=""):
+    """Counts one check and prints it if it fails."""
+    global passed
+    if bool(holds):
+        passed += 1
+    else:
+        failed.append(what)
+        print(f"FAILED {place}: {what} {detail}".rstrip(), flush=True)
+
+
+def equal(place, what, found, expected):
+    """Equal bit for bit, NaN with NaN; says where the first difference is."""
+    found, expected = np.asarray(found), np.asarray(expected)
+    if found.shape != expected.shape:
+        check(place, what, False, f"(shape {found.shape}, expected {expected.shape})")
+        return
+    same = (found == expected) | ((found != found) & (expected != expected))
+    detail = ""
+    if not same.all():
+        at = tuple(int(i) for i in np.argwhere(~same)[0])
+        detail = f"({np.count_nonzero(~same)} differ; at {at}: {found[at]}, expected {expected[at]})"
+    check(place, what, same.all(), detail)
+
+
+def close(place, what, found, expected, relative):
+    """Equal to a relative error, infinities in the same places."""
+    found, expected = np.asarray(found, np.float64), np.asarray(expected, np.float64)
+    good = found.shape == expected.shape and np.allclose(found, expected, rtol=relative, atol=0, equal_nan=True)
+    check(place, what, good)
+
+
+def number(header, name):
+    """A scalar attribute, however the reader wraps it."""
+    return float(np.asarray(header[name]).reshape(-1)[0])
+
+
+def parts(path):
+    """(name, header, {channel: pixels}) of every part."""
+    file = OpenEXR.File(str(path), separate_channels=True)
+    return [
+        (part.header.get("name", ""), part.header, {name: c.pixels for name, c in part.channels.items()})
+        for part in file.parts
+    ]
+
+
+def amplitude(samples):
+    """|samples|, rounded to float32 once."""
+    exact = np.hypot(samples.real.astype(np.float64), samples.imag.astype(np.float64))
+    return exact.astype(np.float32)
+
+
+def check_volume_exr(folder, volume):
+    """Every depth of volume.exr (and its continuations) against the npz."""
+    samples, x, y, z = (volume[name] for name in ("samples", "x", "y", "z"))
+    expected = amplitude(samples)
+    files = [folder / "volume.exr"] + sorted(folder.glob("volume.[0-9]*.exr"))
+    depth_index = 0
+    for path in files:
+        all_parts = parts(path)
+        name, header, mip = all_parts[0]
+        check(path, "part 0 is called mip", name == "mip", name)
+        check(path, "mip has R, G, B, A, Z", set(mip) == set("RGBAZ"), str(set(mip)))
+        greatest = expected.max(axis=0)
+        # Rounded twice (power, then root), so the last bit may differ.
+        close(path, "mip R is the greatest amplitude along z", mip["R"], greatest, 3e-7)
+        for same in "GB":
+            equal(path, f"mip {same} = R", mip[same], mip["R"])
+        equal(path, "mip A = 1", mip["A"], np.ones_like(mip["A"]))
+        where = np.abs(z[None, None, :] - mip["Z"][:, :, None]).argmin(axis=2)
+        at_z = np.take_along_axis(expected, where[None], axis=0)[0]
+        close(path, "mip Z is where that amplitude is", at_z, greatest, 3e-7)
+        for key, value in (
+            ("sonar:gridOrigin", [x[0], y[0], z[0]]),
+            ("sonar:gridPitch", volume["pitch"]),
+            ("sonar:gridShape", samples.shape[::-1]),
+        ):
+            equal(path, f"attribute {key}", np.asarray(header[key], np.float64), np.asarray(value, np.float64))
+        for name, header, channels in all_parts[1:]:
+            check(path, "the parts are called z0000, z0001, ...", name == f"z{depth_index:04}", name)
+            check(path, f"{name} holds Y alone", set(channels) == {"Y"})
+            check(path, f"{name} says its depth", abs(number(header, "sonar:depth") - z[depth_index]) < 1e-12)
+            equal(path, f"{name} = |samples[{depth_index}]|", channels["Y"], expected[depth_index])
+            depth_index += 1
+    check(folder, "as many parts as depths", depth_index == len(z), f"({depth_index}, {len(z)})")
+
+
+COMMON_ATTRIBUTES = [
+    "amplitudeScale", "x0", "y0", "pitch", "pitchY", "depth", "unit", "noReturn", "program", "soundSpeed",
+    "startFrequency", "bandwidth", "frequencyStep", "frequencies", "microphones", "arrayCentre", "arrayExtent",
+    "geometry", "source", "detection", "window", "tolerance", "rangeResolution", "seed", "run",
+]  # fmt: skip
+
+OUR_AXES_TO_EXR = np.diag([1.0, -1.0, 1.0, 1.0])  # left-handed, y up
+
+
+def check_depth_exr(path, volume, fill):
+    """The channels of a depth map or truth against each other and the file's attributes."""
+    all_parts = parts(path)
+    check(path, "one part", len(all_parts) == 1)
+    _, header, ch = all_parts[0]
+    for name in COMMON_ATTRIBUTES:
+        check(path, f"attribute sonar:{name}", f"sonar:{name}" in header)
+    check(path, "every channel is float32", all(p.dtype == np.float32 for p in ch.values()))
+    for same in "GB":
+        equal(path, f"{same} = R", ch[same], ch["R"])
+    accepted = ch["A"] == 1
+    check(path, "A is 0 or 1", ((ch["A"] == 0) | accepted).all())
+    check(path, "Z is finite where A = 1", np.isfinite(ch["Z"][accepted]).all())
+    check(path, "Z > 0 where A = 1", (ch["Z"][accepted] > 0).all())
+    for name in ["Z", "range.V"]:
+        equal(path, f"{name} is the fill where A = 0", ch[name][~accepted], np.full((~accepted).sum(), fill))
+    check(path, "R = 0 where A = 0", (ch["R"][~accepted] == 0).all())
+    check(path, "0 <= R <= 1", ((ch["R"] >= 0) & (ch["R"] <= 1)).all())
+    equal(path, "sonar:noReturn is the fill", number(header, "sonar:noReturn"), np.float64(fill))
+    rows, columns = ch["Z"].shape
+    xs = number(header, "sonar:x0") + number(header, "sonar:pitch") * np.arange(columns)
+    ys = number(header, "sonar:y0") + number(header, "sonar:pitchY") * np.arange(rows)
+    z = ch["Z"].astype(np.float64)
+    along_ray = np.sqrt(xs[None, :] ** 2 + ys[:, None] ** 2 + z**2)
+    close(path, "range.V = sqrt(x^2 + y^2 + Z^2)", ch["range.V"][accepted], along_ray[accepted], 1e-6)
+    close(path, "the columns stand at the volume's x", xs, volume["x"], 1e-9)
+    close(path, "the rows stand at the volume's y", ys, volume["y"], 1e-9)
+    equal(path, "worldToCamera turns our axes into OpenEXR's", header["worldToCamera"], OUR_AXES_TO_EXR)
+    check(path, "the unit is m", header["sonar:unit"] == "m")
+    resolved = json.loads(header["sonar:run"])
+    check(path, "sonar:run is the resolved run file", {"scene", "sweep", "depth"} <= set(resolved))
+    k = 1
+    nearer = None
+    while f"return{k}.Z" in ch:
+        found = np.isfinite(ch[f"return{k}.Z"]) if not np.isfinite(fill) else ch[f"return{k}.V"] > 0
+        check(path, f"return{k}.V = 0 where there is none", (ch[f"return{k}.V"][~found] == 0).all())
+        if nearer is not None:
+            behind = ch[f"return{k}.Z"] > ch[f"return{k - 1}.Z"]
+            check(path, f"return {k} lies behind return {k - 1}", behind[found].all())
+            check(path, f"return {k} only with return {k - 1}", nearer[found].all())
+        nearer = found
+        k += 1
+    return header, ch
+
+
+def check_depth_against_volume(path, header, ch, volume):
+    """Finds the depths again, coarsely: the greatest amplitude near Z is close to Z, and no mere sidelobe.
+
+    It need not be the greatest of its column: the median filter may choose the other one of two surfaces.
+    """
+    magnitude = np.abs(volume["samples"])
+    accepted = ch["A"] == 1
+    cell = number(header, "sonar:rangeResolution")
+    off = np.abs(volume["z"][:, None, None] - np.where(accepted, ch["Z"], np.inf)[None])
+    near = np.where(off <= 2.0 * cell, magnitude, 0.0)
+    peak = near.argmax(axis=0)
+    at_peak = np.take_along_axis(off, peak[None], axis=0)[0] <= 1.75 * cell
+    strong = near.max(axis=0) >= 10 ** (-12 / 20) * magnitude.max(axis=0)
+    share = (at_peak & strong)[accepted].mean() if accepted.any() else 1.0
+    check(path, "Z lies at a strong return of the volume in 95 % of the pixels", share >= 0.95, f"({share:.3f})")
+
+
+def check_vti(path, volume):
+    """The VTI by hand: XML header, raw appended arrays; then by VTK."""
+    raw = path.read_bytes()
+    start = raw.index(b'<AppendedData encoding="raw">')
+    start = raw.index(b"_", start) + 1
+    text = raw[:start].decode()
+    image = re.search(r'<ImageData WholeExtent="([^"]*)" Origin="([^"]*)" Spacing="([^"]*)"', text)
+    extent, origin, spacing = (np.array([float(v) for v in group.split()]) for group in image.groups())
+    samples = volume["samples"]
+    n_z, n_y, n_x = samples.shape
+    equal(path, "WholeExtent", extent, [0, n_x - 1, 0, n_y - 1, 0, n_z - 1])
+    equal(path, "Origin", origin, [volume["x"][0], volume["y"][0], volume["z"][0]])
+    equal(path, "Spacing", spacing, volume["pitch"])
+    check(path, "UInt64 lengths, little-endian", 'header_type="UInt64"' in text and "LittleEndian" in text)
+    arrays = {}
+    for name, offset in re.findall(r'type="Float32" Name="(\w+)" format="appended" offset="(\d+)"', text):
+        at = start + int(offset)
+        (length,) = struct.unpack_from("<Q", raw, at)
+        check(path, f"length of {name}", length == 4 * samples.size, str(length))
+        arrays[name] = np.frombuffer(raw, "<f4", samples.size, at + 8).reshape(samples.shape)
+    check(path, "arrays amplitude, re, im", set(arrays) == {"amplitude", "re", "im"}, str(set(arrays)))
+    equal(path, "re = samples.real", arrays.get("re"), samples.real)
+    equal(path, "im = samples.imag", arrays.get("im"), samples.imag)
+    equal(path, "amplitude = |samples|", arrays.get("amplitude"), amplitude(samples))
+    if vtkXMLImageDataReader is None:
+        return
+    reader = vtkXMLImageDataReader()
+    reader.SetFileName(str(path))
+    reader.Update()
+    data = reader.GetOutput()
+    equal(path, "VTK: dimensions", data.GetDimensions(), (n_x, n_y, n_z))
+    equal(path, "VTK: origin", data.GetOrigin(), origin)
+    equal(path, "VTK: spacing", data.GetSpacing(), spacing)
+    found = vtk_to_numpy(data.GetPointData().GetArray("re")).reshape(samples.shape)
+    equal(path, "VTK: re = samples.real", found, samples.real)
+
+
+def check_png(path):
+    """Signature, header chunk, plausible size, the end chunk."""
+    raw = path.read_bytes()
+    check(path, "PNG signature", raw[:8] == b"\x89PNG\r\n\x1a\n")
+    check(path, "IHDR comes first", raw[12:16] == b"IHDR")
+    width, height = struct.unpack(">II", raw[16:24])
+    check(path, "a picture of sane size", 200 <= width <= 4000 and 200 <= height <= 4000, f"({width} x {height})")
+    check(path, "IEND comes last", raw[-8:-4] == b"IEND")
+
+
+def check_report(path, report, volume):
+    """report.json against the folder and the volume."""
+    present = {p.name for p in path.parent.iterdir() if not p.name.startswith(".")}
+    check(path, "lists every file of the folder", set(report["files"]) == present, str(present ^ set(report["files"])))
+    equal(path, "plan.grid_shape", report["plan"]["grid_shape"], volume["samples"].shape)
+    peak = np.abs(volume["samples"]).max()
+    close(path, "peak_amplitude", report["peak_amplitude"], peak, 1e-6)
+    metrics = report["metrics"] or {}
+    for name in ("completeness", "false_returns", "two_returns", "spurious_returns"):
+        value = metrics.get(name)
+        check(path, f"{name} is a share", value is None or 0 <= value <= 1)
+    check(path, "has a truth exactly if it has metrics", ("truth.exr" in present) == bool(metrics))
+    check(path, "every stage took some time", all(v >= 0 for v in report["timings"].values()))
+
+
+def check_metrics(path, report, found, truth):
+    """Completeness and median error, computed again from depth.exr and truth.exr."""
+    resolution = report["plan"]["range_resolution"]
+    surfaces = [truth[name] for name in sorted(truth) if re.fullmatch(r"return\d+\.Z", name)] or [truth["Z"]]
+    surfaces = [np.where(np.isfinite(s), s, np.nan).astype(np.float64) for s in surfaces]
+    z = np.where(found["A"] == 1, found["Z"], np.nan).astype(np.float64)
+    errors = np.abs(np.stack([z - s for s in surfaces]))
+    errors = np.where(np.isnan(errors), np.inf, errors).min(axis=0)
+    has_surface = np.any([np.isfinite(s) for s in surfaces], axis=0)
+    completeness = (errors[has_surface] < resolution).mean()
+    check(path, "completeness, computed again", abs(completeness - report["metrics"]["completeness"]) < 1e-9,
+          f"({completeness}, {report['metrics']['completeness']})")  # fmt: skip
+    scored = errors[has_surface & np.isfinite(errors)]
+    rmse = float(np.sqrt((scored**2).mean()))
+    check(path, "rmse, computed again", abs(rmse - report["metrics"]["rmse"]) < 1e-6 * rmse, f"({rmse})")
+
+
+def check_folder(folder):
+    """Every file of one result."""
+    folder = Path(folder)
+    report = json.loads((folder / "report.json").read_text(encoding="utf-8"))
+    with np.load(folder / "volume.npz", allow_pickle=False) as file:
+        volume = {name: file[name] for name in file.files}
+    place = folder / "volume.npz"
+    check(place, "complex64 samples", volume["samples"].dtype == np.complex64)
+    shape = tuple(len(volume[name]) for name in ("z", "y", "x"))
+    check(place, "samples are [z, y, x]", volume["samples"].shape == shape)
+    meta = json.loads(bytes(volume["meta"]).decode("utf-8"))
+    check(place, "meta names the sound speed", meta["sound_speed"] > 0)
+    check_report(folder / "report.json", report, volume)
+
+    formats = report["run"]["output"]["formats"]
+    if "exr" in formats:
+        check_volume_exr(folder, volume)
+    if "vti" in formats:
+        check_vti(folder / "volume.vti", volume)
+    fill = report["run"]["depth"]["fill"]
+    fill = np.float32({"inf": np.inf, "nan": np.nan}.get(fill, fill))
+    header, found = check_depth_exr(folder / "depth.exr", volume, fill)
+    close(folder / "depth.exr", "accepted pixels as reported", (found["A"] == 1).sum(), report["accepted"], 0)
+    check_depth_against_volume(folder / "depth.exr", header, found, volume)
+    if report["metrics"]:
+        _, truth = check_depth_exr(folder / "truth.exr", volume, fill)
+        check_metrics(folder / "report.json", report, found, truth)
+    for name in report["files"]:
+        if name.endswith(".png"):
+            check_png(folder / name)
+
+
+def damage_npz(folder):
+    """One sample of the volume, changed in its last bits."""
+    with np.load(folder / "volume.npz") as file:
+        arrays = {name: file[name].copy() for name in file.files}
+    arrays["samples"][1, 2, 3] *= np.float32(1.000001)
+    np.savez(folder / "volume.npz", **arrays)
+
+
+def damage_depth(folder):
+    """One accepted depth, 1 mm farther."""
+    file = OpenEXR.File(str(folder / "depth.exr"), separate_channels=True)
+    channels = file.channels()
+    z = channels["Z"].pixels
+    z[tuple(np.argwhere(channels["A"].pixels == 1)[0])] += 0.001
+    # Rewritten from its arrays: as the reader hands headers out, not all of them can be written back.
+    kept = {k: v for k, v in file.header().items() if k.startswith("sonar:") or k == "worldToCamera"}
+    kept |= {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    OpenEXR.File(kept, {name: c.pixels for name, c in channels.items()}).write(str(folder / "depth.exr"))
+
+
+def damage_byte(name, place):
+    """One bit of a file."""
+
+    def damage(folder):
+        raw = bytearray((folder / name).read_bytes())
+        raw[place] ^= 1
+        (folder / name).write_bytes(raw)
+
+    return damage
+
+
+def prove(folder):
+    """Damages a copy of a result in several ways; each must be noticed, or the checks are worth nothing."""
+    damages = {
+        "a changed sample": damage_npz,
+        "a changed depth": damage_depth,
+        "a flipped bit of the VTI": damage_byte("volume.vti", -5000),
+        "a flipped bit of a PNG's signature": damage_byte("depth.png", 1),
+        "a missing file": lambda copy: (copy / "amplitude.png").unlink(),
+        "a stray file": lambda copy: (copy / "stray.txt").write_text("?"),
+    }
+    unnoticed = []
+    for what, damage in damages.items():
+        if "VTI" in what and not (folder / "volume.vti").exists():
+            sys.exit(f"{folder}: --prove needs a result with a volume.vti")
+        with tempfile.TemporaryDirectory() as temporary:
+            copy = Path(temporary) / "copy"
+            shutil.copytree(folder, copy)
+            damage(copy)
+            run = subprocess.run([sys.executable, __file__, str(copy)], capture_output=True, text=True)
+            noticed = [line for line in run.stdout.splitlines() if line.startswith("FAILED")]
+            if run.returncode == 1 and noticed:
+                print(f"noticed {what}: {noticed[0].replace(str(copy) + '/', '')}")
+            else:
+                unnoticed.append(what)
+                print(f"NOT NOTICED: {what} (exit status {run.returncode})\n{run.stdout}{run.stderr}")
+    print(f"{len(damages) - len(unnoticed)} passed, {len(unnoticed)} failed")
+    sys.exit(1 if unnoticed else 0)
+
+
+def main():
+    if len(sys.argv) < 2:
+        sys.exit(__doc__)
+    if sys.argv[1] == "--prove":
+        prove(Path(sys.argv[2]))
+    for folder in sys.argv[1:]:
+        before = passed, len(failed)
+        check_folder(folder)
+        print(f"{folder}: {passed - before[0]} checks passed, {len(failed) - before[1]} failed")
+    if vtkXMLImageDataReader is None:
+        print("(VTK is not installed: the VTI was read by hand alone)")
+    print(f"{passed} passed, {len(failed)} failed")
+    sys.exit(1 if failed or not passed else 0)
+
+
+if __name__ == "__main__":
+    main()
