@@ -144,8 +144,11 @@ impl RunFile {
             let (low, high) = scene.ok_or_else(|| {
                 Error::input(
                     "[grid]",
-                    "is missing, and without a scene there is nothing to take it from; give x, y and z as \
-                     [first, last] in metres",
+                    format!(
+                        "is missing or incomplete, and without a scene there is nothing to take it from; give a run file \
+                         (-c) with x, y and z as [first, last] in metres, for example\n\n{}",
+                        setup.suggested_grid_table()
+                    ),
                 )
             })?;
             Ok(margin(low[axis], high[axis]))
@@ -155,7 +158,21 @@ impl RunFile {
         let z = match typed.z {
             Some(z) => z,
             // Nothing behind the array can be imaged.
-            None => from_scene(2).map(|[first, last]| [first.max(setup.wavelength()), last])?,
+            None => {
+                let [first, last] = from_scene(2)?;
+                let first = first.max(setup.wavelength());
+                if last < first {
+                    return Err(Error::input(
+                        "[scene]",
+                        format!(
+                            "lies behind the array or in it (z up to {:.3} m), so no grid can follow from it; move it with \
+                             `translate` or `fit`, or give [grid]",
+                            scene.map_or(f64::NAN, |(_, high)| high.z)
+                        ),
+                    ));
+                }
+                [first, last]
+            }
         };
         let advised = setup.advised_pitch(z[0].max(setup.wavelength()));
         let pitch = typed.pitch.unwrap_or(advised);
