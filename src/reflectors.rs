@@ -161,7 +161,14 @@ const SCATTER_STREAM: u64 = 1;
 
 /// Bytes that [`sample_surface`] needs at its peak, so that a job which cannot fit is refused before it begins.
 pub fn sampling_bytes(scene: &Scene, options: &SurfaceOptions) -> u64 {
-    poisson::bytes(scene.surface_area(), options.spacing)
+    match options.surface {
+        SurfaceModel::Smooth => {
+            (scene.surface_area() / (options.spacing * options.spacing)) as u64
+                * 2
+                * size_of::<Sample>() as u64
+        }
+        _ => poisson::bytes(scene.surface_area(), options.spacing),
+    }
 }
 
 /// Samples the surfaces of a scene and folds shading and occlusion into the amplitudes.

@@ -52,7 +52,7 @@ impl MicArray {
             y: axis(count[1], pitch[1], centre.y),
             z: centre.z,
         };
-        if !(lattice.x.first.abs().max(lattice.y.first.abs()).max(lattice.z.abs()) <= FARTHEST) {
+        if lattice.x.first.abs().max(lattice.y.first.abs()).max(lattice.z.abs()) > FARTHEST {
             return Err(Error::input(
                 place,
                 too_far("the first microphone", DVec3::new(lattice.x.first, lattice.y.first, lattice.z)),

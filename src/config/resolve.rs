@@ -155,24 +155,23 @@ impl RunFile {
         };
         let x = typed.x.map_or_else(|| from_scene(0), Ok)?;
         let y = typed.y.map_or_else(|| from_scene(1), Ok)?;
-        let z = match typed.z {
-            Some(z) => z,
+        let z = if let Some(z) = typed.z {
+            z
+        } else {
             // Nothing behind the array can be imaged.
-            None => {
-                let [first, last] = from_scene(2)?;
-                let first = first.max(setup.wavelength());
-                if last < first {
-                    return Err(Error::input(
-                        "[scene]",
-                        format!(
-                            "lies behind the array or in it (z up to {:.3} m), so no grid can follow from it; move it with \
-                             `translate` or `fit`, or give [grid]",
-                            scene.map_or(f64::NAN, |(_, high)| high.z)
-                        ),
-                    ));
-                }
-                [first, last]
+            let [first, last] = from_scene(2)?;
+            let first = first.max(setup.wavelength());
+            if last < first {
+                return Err(Error::input(
+                    "[scene]",
+                    format!(
+                        "lies behind the array or in it (z up to {:.3} m), so no grid can follow from it; move it with \
+                         `translate` or `fit`, or give [grid]",
+                        scene.map_or(f64::NAN, |(_, high)| high.z)
+                    ),
+                ));
             }
+            [first, last]
         };
         let advised = setup.advised_pitch(z[0].max(setup.wavelength()));
         let pitch = typed.pitch.unwrap_or(advised);

@@ -59,3 +59,19 @@ pub fn available_memory() -> Option<u64> {
     let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
     line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()?.checked_mul(1024)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sampling_that_cannot_fit_is_refused() {
+        assert!(check_sampling(1 << 30, 0.01, Some(2 << 30)).is_ok());
+        assert!(
+            check_sampling(u64::MAX, 0.01, None).is_ok(),
+            "where memory is not known, allocation is the judge"
+        );
+        let error = check_sampling(2 << 30, 0.01, Some(1 << 30)).expect_err("too much").to_string();
+        assert!(error.contains("needs about 2.0 GiB"), "{error}");
+    }
+}
