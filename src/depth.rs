@@ -177,6 +177,7 @@ fn pick(
     let offset = match options.refine {
         Refine::Centroid => {
             let reach = (2.0 * options.range_resolution / z.pitch + 1e-9).floor() as usize;
+            let reach = reach.min(column.len()); // any longer one would overflow the sum below
             let range = index.saturating_sub(reach)..(index + reach + 1).min(column.len());
             let (moment, power) = range.fold((0.0, 0.0), |(moment, power), i| {
                 let p = f64::from(column[i]).powi(2);

@@ -24,7 +24,8 @@ impl Axis {
     /// voxels.
     ///
     /// # Errors
-    /// Numbers that are not finite, a pitch that is not positive, `last < first`, or more than 2³² voxels.
+    /// Numbers that are not finite, a pitch that is not positive or lost in the rounding of the ends, `last < first`,
+    /// or more than 2³² voxels.
     /// `place` names the key for the message.
     pub fn spanning(place: &str, first: f64, last: f64, pitch: f64) -> Result<Self> {
         if !(first.is_finite() && last.is_finite()) {
@@ -37,6 +38,14 @@ impl Axis {
             return Err(Error::input(
                 place,
                 format!("the last voxel ({last} m) lies before the first ({first} m); give [first, last]"),
+            ));
+        }
+        if pitch < first.abs().max(last.abs()) * 1e-9 {
+            return Err(Error::input(
+                place,
+                format!(
+                    "a pitch of {pitch} m is lost beside positions of {first} .. {last} m; lengths are in metres"
+                ),
             ));
         }
         let intervals = ((last - first) / pitch + 1e-6).floor();
@@ -225,7 +234,7 @@ mod tests {
     #[test]
     fn absurd_axes_are_refused() {
         for (first, last, pitch) in
-            [(0.0, 1.0, 0.0), (1.0, 0.0, 0.1), (f64::NAN, 1.0, 0.1), (0.0, 1e30, 1e-9)]
+            [(0.0, 1.0, 0.0), (1.0, 0.0, 0.1), (f64::NAN, 1.0, 0.1), (0.0, 1e30, 1e-9), (1e30, 1e30, 0.1)]
         {
             assert!(Axis::spanning("x", first, last, pitch).is_err(), "{first} {last} {pitch}");
         }

@@ -21,10 +21,12 @@ use crate::error::{Error, Result};
 use crate::export::volume_npz::read_volume_npz;
 use crate::grid::{DepthMap, Grid};
 use crate::metrics::{Metrics, evaluate};
-use crate::plan::{Plan, Setup, available_memory, check_memory, plan, scale_warnings};
+use crate::plan::{
+    Plan, Setup, available_memory, check_memory, check_sampling, outside_warning, plan, scale_warnings,
+};
 use crate::progress::Observer;
 use crate::reconstruct::{Reconstruction, reconstruct};
-use crate::reflectors::{Reflectors, sample_surface};
+use crate::reflectors::{Reflectors, sample_surface, sampling_bytes};
 use crate::scene::Scene;
 use crate::truth::trace_depth;
 use glam::DVec3;
@@ -66,6 +68,7 @@ pub struct Outcome {
 /// What the stages refuse; a run file without a scene.
 pub fn image_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Result<Outcome> {
     let log = Log::new(observer);
+    need_bandwidth("[sweep]", &run.sweep()?)?;
     let echoes = log.timed("scene", || Echoes::of(run, bare, &log))?;
     echoes.check(&log)?;
     let cube = log.timed("simulate", || echoes.simulate(run, &log))?;
@@ -91,6 +94,7 @@ pub fn image_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Result
 pub fn image_cube(run: &RunFile, cube: DataCube, observer: &dyn Observer) -> Result<Outcome> {
     let log = Log::new(observer);
     let setup = facts::setup_of(&cube);
+    need_bandwidth("the cube's `frequencies`", &cube.sweep)?;
     let grid = run.voxels(&setup, None)?;
     let plan = plan(&setup, &grid);
     warn_all(&plan.warnings, &log);
@@ -194,6 +198,18 @@ pub fn check_scene(
     Ok((metrics, hold(&metrics, bounds)))
 }
 
+/// Refuses to look for depth with a single tone, before the long work rather than after it.
+fn need_bandwidth(place: &str, sweep: &Sweep) -> Result<()> {
+    if sweep.bandwidth() > 0.0 {
+        return Ok(());
+    }
+    Err(Error::input(
+        place,
+        "is a single tone, but depth needs a bandwidth (the range resolution is c/2B); take several frequencies, or use \
+         `simulate` and `reconstruct`, which do without",
+    ))
+}
+
 /// Reconstruction and depth, which every job with a cube shares.
 fn focus(run: &RunFile, cube: &DataCube, grid: &Grid, log: &Log) -> Result<(Reconstruction, DepthMap)> {
     let image = log.timed("reconstruct", || reconstruct(cube, grid, &run.reconstruct_options(), log))?;
@@ -259,7 +275,9 @@ impl Echoes {
         // A grid that can never fit is refused before any ray is traced.
         check_memory(&plan, available_memory())?;
         let nearest = scene.bounds().map_or(grid.z.first, |(low, _)| low.z.max(grid.z.first));
-        let reflectors = sample_surface(&scene, &run.surface_options(&setup, nearest), observer)?;
+        let options = run.surface_options(&setup, nearest);
+        check_sampling(sampling_bytes(&scene, &options), options.spacing, available_memory())?;
+        let reflectors = sample_surface(&scene, &options, observer)?;
         Ok(Self { measurement, scene: Some(scene), reflectors, grid, plan })
     }
 
@@ -276,6 +294,9 @@ impl Echoes {
         warn_all(&self.plan.warnings, observer);
         if let (Some((low, high)), Some(_)) = (self.bounds(), &self.scene) {
             warn_all(&scale_warnings(&self.setup(), low, high), observer);
+        }
+        if let Some((low, high)) = self.bounds() {
+            warn_all(outside_warning(&self.grid, low, high).as_slice(), observer);
         }
         if self.reflectors.is_empty() {
             observer.warn("the speaker reaches no surface of the scene: the cube will be silent; check where the scene lies");

@@ -4,8 +4,12 @@
 //! closed formulas (PHYSICS Q2 and Q3). A broken design rule is a warning, not an error, because the paper studies
 //! aliasing on purpose; only what cannot fit in memory is refused.
 
+mod memory;
+mod suggest;
+
+pub use memory::{available_memory, check_memory, check_sampling};
+
 use crate::acquisition::{Detection, MicArray, Sweep};
-use crate::error::{Error, Result};
 use crate::grid::{Axis, Grid};
 use crate::wave::Geometry;
 use glam::DVec3;
@@ -59,6 +63,15 @@ impl Setup<'_> {
     pub fn unambiguous_path(&self) -> Option<f64> {
         let halves = if self.detection == Detection::InPhase { 2.0 } else { 1.0 };
         self.sweep.step().filter(|_| self.sweep.len() > 1).map(|step| self.sound_speed / (halves * step))
+    }
+
+    /// The length that [`Setup::unambiguous_path`] bounds, of paths between `shortest` and `longest`, m: their span in
+    /// quadrature, the longest in phase.
+    pub fn ambiguous_length(&self, [shortest, longest]: [f64; 2]) -> f64 {
+        match self.detection {
+            Detection::Quadrature => longest - shortest,
+            Detection::InPhase => longest,
+        }
     }
 
     /// Least and greatest path length between a box of voxels and the array, m.
@@ -202,9 +215,10 @@ fn aliasing_warning(setup: &Setup, near: f64, width: f64, alias_free: f64) -> Op
 
 fn ambiguity_warning(setup: &Setup, shortest: f64, longest: f64) -> Option<String> {
     let unambiguous = setup.unambiguous_path()?;
-    let (length, what) = match setup.detection {
-        Detection::Quadrature => (longest - shortest, "paths in this grid differ by up to"),
-        Detection::InPhase => (longest, "paths in this grid reach"),
+    let length = setup.ambiguous_length([shortest, longest]);
+    let what = match setup.detection {
+        Detection::Quadrature => "paths in this grid differ by up to",
+        Detection::InPhase => "paths in this grid reach",
     };
     (length > unambiguous).then(|| {
         let step = setup.sweep.step().unwrap_or(0.0) * unambiguous / length;
@@ -237,46 +251,23 @@ pub fn scale_warnings(setup: &Setup, low: DVec3, high: DVec3) -> Vec<String> {
     warnings
 }
 
-/// Refuses a job that cannot fit.
-///
-/// # Errors
-/// [`Error::Input`] when the peak exceeds 80 % of the memory that is free, with what would mend it.
-pub fn check_memory(plan: &Plan, available: Option<u64>) -> Result<()> {
-    let Some(limit) = available.map(|bytes| bytes / 10 * 8) else { return Ok(()) };
-    if plan.peak_bytes <= limit {
-        return Ok(());
-    }
-    let gib = |bytes: u64| bytes as f64 / f64::from(1 << 30);
-    let [n_z, n_y, n_x] = plan.grid_shape;
-    Err(Error::input(
-        "memory",
+/// Warns about a scene that no voxel of the grid can show.
+pub fn outside_warning(grid: &Grid, low: DVec3, high: DVec3) -> Option<String> {
+    let (near, far) = (grid.corners()[0], grid.corners()[7]);
+    let apart = low.cmpgt(far).any() || high.cmplt(near).any();
+    apart.then(|| {
         format!(
-            "this job needs about {:.1} GiB ({} frequencies x {} microphones: {:.1} GiB; {n_x} x {n_y} x {n_z} voxels: \
-             {:.1} GiB), and {:.1} GiB may be used here; make the grid smaller or its pitch larger, or take fewer \
-             frequencies or microphones",
-            gib(plan.peak_bytes),
-            plan.frequencies,
-            plan.microphones,
-            gib(plan.cube_bytes),
-            gib(plan.volume_bytes),
-            gib(limit)
-        ),
-    ))
-}
-
-/// Memory that is free, bytes, where the system says so.
-pub fn available_memory() -> Option<u64> {
-    // Linux alone keeps this file; elsewhere allocation itself is the judge.
-    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
-    let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
-    line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()?.checked_mul(1024)
+            "the scene, from {low} to {high} m, lies outside the grid, from {near} to {far} m: what the image shows are \
+             sidelobes; move the [grid] or the scene"
+        )
+    })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn with_setup<T>(
+    pub(super) fn with_setup<T>(
         count: usize,
         extent: f64,
         step: f64,

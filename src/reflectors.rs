@@ -159,6 +159,18 @@ struct Sample {
 /// Streams of the seed, one per purpose, so that changing one draw leaves the others.
 const SCATTER_STREAM: u64 = 1;
 
+/// Bytes that [`sample_surface`] needs at its peak, so that a job which cannot fit is refused before it begins.
+pub fn sampling_bytes(scene: &Scene, options: &SurfaceOptions) -> u64 {
+    match options.surface {
+        SurfaceModel::Smooth => {
+            (scene.surface_area() / (options.spacing * options.spacing)) as u64
+                * 2
+                * size_of::<Sample>() as u64
+        }
+        _ => poisson::bytes(scene.surface_area(), options.spacing),
+    }
+}
+
 /// Samples the surfaces of a scene and folds shading and occlusion into the amplitudes.
 ///
 /// `A = ρ · |cos θ| · √(a·A_c) · T` with reflectance ρ, incidence angle θ at the speaker, area a of the sample,
@@ -191,12 +203,16 @@ pub fn sample_surface(
             ),
         ));
     }
-    let samples = stage(observer, "sampling surfaces", 0, || {
-        Ok(match options.surface {
-            SurfaceModel::Smooth => lattice::lattice(scene.triangles(), options.spacing),
-            _ => poisson::poisson_disk(scene.triangles(), options.spacing, options.seed),
-        })
-    })?;
+    let samples = match options.surface {
+        SurfaceModel::Smooth => stage(observer, "sampling surfaces", 0, || {
+            Ok(lattice::lattice(scene.triangles(), options.spacing))
+        }),
+        _ => {
+            stage(observer, "sampling surfaces", poisson::work(scene.surface_area(), options.spacing), || {
+                poisson::poisson_disk(scene.triangles(), options.spacing, options.seed, observer)
+            })
+        }
+    }?;
     let scatter = draw_scatter(samples.len(), options);
     let visible: Vec<Option<(DVec3, Complex32)>> =
         stage(observer, "tracing echoes", samples.len() as u64, || {

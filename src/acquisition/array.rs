@@ -2,6 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::grid::Axis;
+use crate::scene::FARTHEST;
 use glam::DVec3;
 
 /// A rectangular lattice of microphones in a plane of constant z.
@@ -29,7 +30,8 @@ impl MicArray {
     /// `count` = [columns, rows] microphones at the given pitch about `centre`, parallel to z = 0.
     ///
     /// # Errors
-    /// A count of 0 or over 2²⁴ microphones, a pitch that is not positive, a centre that is not finite.
+    /// A count of 0 or over 2²⁴ microphones, a pitch that is not positive, a centre that is not finite, or microphones
+    /// beyond [`FARTHEST`].
     pub fn rectangular(place: &str, count: [usize; 2], pitch: [f64; 2], centre: DVec3) -> Result<Self> {
         if count.contains(&0) || count[0].saturating_mul(count[1]) > MOST_MICROPHONES {
             return Err(Error::input(
@@ -50,6 +52,12 @@ impl MicArray {
             y: axis(count[1], pitch[1], centre.y),
             z: centre.z,
         };
+        if lattice.x.first.abs().max(lattice.y.first.abs()).max(lattice.z.abs()) > FARTHEST {
+            return Err(Error::input(
+                place,
+                too_far("the first microphone", DVec3::new(lattice.x.first, lattice.y.first, lattice.z)),
+            ));
+        }
         let positions = (0..count[1])
             .flat_map(|iy| {
                 (0..count[0])
@@ -62,7 +70,7 @@ impl MicArray {
     /// Positions from a file: `shape` is `[n_y, n_x]` or `[n_mic]`. A regular rectangular lattice is recognised.
     ///
     /// # Errors
-    /// No positions, positions that are not finite, or a shape that does not fit. `place` names the array.
+    /// No positions, positions that are not finite or beyond [`FARTHEST`], or a shape that does not fit. `place` names the array.
     pub fn from_positions(place: &str, shape: &[usize], positions: Vec<DVec3>) -> Result<Self> {
         if positions.is_empty() || positions.len() > MOST_MICROPHONES {
             return Err(Error::input(
@@ -78,6 +86,9 @@ impl MicArray {
         }
         if let Some(bad) = positions.iter().position(|r| !r.is_finite()) {
             return Err(Error::input(place, format!("position {bad} is not finite: {:?}", positions[bad])));
+        }
+        if let Some(bad) = positions.iter().position(|r| r.abs().max_element() > FARTHEST) {
+            return Err(Error::input(place, too_far(&format!("position {bad}"), positions[bad])));
         }
         let lattice = if let [n_y, n_x] = *shape { recognise(n_x, n_y, &positions) } else { None };
         Ok(Self { positions, lattice })
@@ -140,6 +151,11 @@ impl MicArray {
             )
         })
     }
+}
+
+/// The refusal of a microphone where no sound gets to.
+fn too_far(which: &str, r: DVec3) -> String {
+    format!("{which}, at {r} m, lies beyond {FARTHEST:e} m; lengths are in metres")
 }
 
 /// The lattice that `positions` stand on to within 10⁻⁶ of its pitch, if there is one.

@@ -106,8 +106,10 @@ fn image(
     };
     let report = pipeline::write_outputs(&run, &outcome, folder, terminal)?;
     if json {
-        let value = serde_json::to_value(&report).map_err(|e| Error::environment("report", e.to_string()))?;
-        return print(&pretty(&value));
+        // Not by way of a `Value`, which would write an f32 with the digits of an f64.
+        let text =
+            serde_json::to_string_pretty(&report).map_err(|e| Error::environment("report", e.to_string()))?;
+        return print(&(text + "\n"));
     }
     if terminal.is_quiet() { Ok(()) } else { print(&summary::image(input, folder, &report, &outcome)) }
 }

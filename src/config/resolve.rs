@@ -22,24 +22,6 @@ const FIT_BY_DIAGONAL: f64 = 2.0;
 /// Margin of a grid that follows from the scene, as a share of the scene's size to each side.
 const MARGIN: f64 = 0.05;
 
-/// A grid to begin with, as it is typed: as wide as the array, one to two widths before it.
-fn suggestion(setup: &Setup) -> String {
-    let (centre, extent) = (setup.array.centre(), setup.array.extent());
-    let wavelength = setup.wavelength();
-    let width = extent.x.max(extent.y).max(10.0 * wavelength);
-    let across = |centre: f64, extent: f64| {
-        let half = 0.5 * extent.max(10.0 * wavelength);
-        format!("[{:.3},{:.3}]", centre - half, centre + half)
-    };
-    format!(
-        "give first and last voxel in m with -c RUN.toml, or here: --set \"grid.x={}\" --set \"grid.y={}\" \
-         --set \"grid.z=[{width:.3},{:.3}]\"",
-        across(centre.x, extent.x),
-        across(centre.y, extent.y),
-        2.0 * width
-    )
-}
-
 impl RunFile {
     /// `[sweep]`.
     ///
@@ -162,17 +144,34 @@ impl RunFile {
             let (low, high) = scene.ok_or_else(|| {
                 Error::input(
                     "[grid]",
-                    format!("is incomplete, and a cube does not say where to look; {}", suggestion(setup)),
+                    format!(
+                        "is missing or incomplete, and without a scene there is nothing to take it from; give a run file \
+                         (-c) with x, y and z as [first, last] in metres, for example\n\n{}",
+                        setup.suggested_grid_table()
+                    ),
                 )
             })?;
             Ok(margin(low[axis], high[axis]))
         };
         let x = typed.x.map_or_else(|| from_scene(0), Ok)?;
         let y = typed.y.map_or_else(|| from_scene(1), Ok)?;
-        let z = match typed.z {
-            Some(z) => z,
+        let z = if let Some(z) = typed.z {
+            z
+        } else {
             // Nothing behind the array can be imaged.
-            None => from_scene(2).map(|[first, last]| [first.max(setup.wavelength()), last])?,
+            let [first, last] = from_scene(2)?;
+            let first = first.max(setup.wavelength());
+            if last < first {
+                return Err(Error::input(
+                    "[scene]",
+                    format!(
+                        "lies behind the array or in it (z up to {:.3} m), so no grid can follow from it; move it with \
+                         `translate` or `fit`, or give [grid]",
+                        scene.map_or(f64::NAN, |(_, high)| high.z)
+                    ),
+                ));
+            }
+            [first, last]
         };
         let advised = setup.advised_pitch(z[0].max(setup.wavelength()));
         let pitch = typed.pitch.unwrap_or(advised);

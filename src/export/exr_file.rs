@@ -256,7 +256,10 @@ fn guarded<T>(path: &Path, read: impl FnOnce() -> ex::Result<T>) -> Result<T> {
     };
     match error::guarded(read) {
         Some(Ok(value)) => Ok(value),
-        Some(Err(ex::Error::Io(error))) if error.kind() != io::ErrorKind::UnexpectedEof => {
+        // A damaged offset ends the reading early, or seeks to a place that no file has.
+        Some(Err(ex::Error::Io(error)))
+            if !matches!(error.kind(), io::ErrorKind::UnexpectedEof | io::ErrorKind::InvalidInput) =>
+        {
             Err(Error::reading(path, &error))
         }
         Some(Err(error)) => Err(refused(&error.to_string())),

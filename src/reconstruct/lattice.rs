@@ -97,12 +97,12 @@ impl SharedLattice {
 
     /// The interleaved sub-lattices of the nodes.
     pub(super) fn node_parts(&self) -> Vec<Parts> {
-        product(parts(self.x.v, self.x.nodes.count), &parts(self.y.v, self.y.nodes.count))
+        product(&parts(self.x.v, self.x.nodes.count), &parts(self.y.v, self.y.nodes.count))
     }
 
     /// The interleaved sub-lattices of the voxels.
     pub(super) fn voxel_parts(&self, grid: &Grid) -> Vec<Parts> {
-        product(parts(self.x.u, grid.x.count), &parts(self.y.u, grid.y.count))
+        product(&parts(self.x.u, grid.x.count), &parts(self.y.u, grid.y.count))
     }
 
     /// Pitch of every sub-lattice along x and y, m.
@@ -132,7 +132,7 @@ fn parts(ways: usize, count: usize) -> Vec<Part> {
         .collect()
 }
 
-fn product(x: Vec<Part>, y: &[Part]) -> Vec<Parts> {
+fn product(x: &[Part], y: &[Part]) -> Vec<Parts> {
     y.iter().flat_map(|y| x.iter().map(move |x| [*x, *y])).collect()
 }
 

@@ -5,6 +5,8 @@
 //! accepted sample, so the areas add up to the scene's exactly, slivers and small parts included.
 
 use super::Sample;
+use crate::error::Result;
+use crate::progress::{Observer, advance};
 use crate::scene::Triangle;
 use glam::{DVec3, I64Vec3};
 use rand_chacha::ChaCha8Rng;
@@ -14,6 +16,9 @@ use rustc_hash::FxHashMap;
 
 /// Candidates per spacing²; more fill the last holes and cost time.
 const CANDIDATES: f64 = 16.0;
+
+/// Candidates between two looks at whether to stop.
+const BLOCK: usize = 1 << 14;
 
 /// Two samples are neighbours on one surface when their normals agree to 60°: the two sides of a thin plate, or
 /// walls that meet in an edge, are sampled independently.
@@ -27,7 +32,15 @@ struct Candidate {
 }
 
 /// Samples at least `spacing` m apart on every surface, dense enough that hardly a gap of `spacing` is left.
-pub(super) fn poisson_disk(triangles: &[Triangle], spacing: f64, seed: u64) -> Vec<Sample> {
+///
+/// # Errors
+/// [`Error::Interrupted`](crate::error::Error::Interrupted).
+pub(super) fn poisson_disk(
+    triangles: &[Triangle],
+    spacing: f64,
+    seed: u64,
+    observer: &dyn Observer,
+) -> Result<Vec<Sample>> {
     let normals: Vec<DVec3> = triangles.iter().map(Triangle::normal).collect();
     let total_area: f64 = triangles.iter().map(Triangle::area).sum();
     let mut candidates = candidates(triangles, total_area, spacing, seed);
@@ -60,22 +73,47 @@ pub(super) fn poisson_disk(triangles: &[Triangle], spacing: f64, seed: u64) -> V
         }
         best.map(|(_, index)| index)
     };
-    for c in &candidates {
-        if nearest(&accepted, &cells, c).is_none() {
-            cells.entry(cell(c.position)).or_default().push(accepted.len() as u32);
-            accepted.push(Sample { position: c.position, triangle: c.triangle, area: 0.0 });
+    for block in candidates.chunks(BLOCK) {
+        for c in block {
+            if nearest(&accepted, &cells, c).is_none() {
+                cells.entry(cell(c.position)).or_default().push(accepted.len() as u32);
+                accepted.push(Sample { position: c.position, triangle: c.triangle, area: 0.0 });
+            }
         }
+        advance(observer, block.len() as u64)?;
     }
-    for c in &candidates {
-        let owner = nearest(&accepted, &cells, c).expect("a candidate was accepted or had a near neighbour");
-        accepted[owner as usize].area += share;
+    for block in candidates.chunks(BLOCK) {
+        for c in block {
+            let owner =
+                nearest(&accepted, &cells, c).expect("a candidate was accepted or had a near neighbour");
+            accepted[owner as usize].area += share;
+        }
+        advance(observer, block.len() as u64)?;
     }
-    accepted
+    Ok(accepted)
+}
+
+/// How many candidates there are for a scene of this area, m².
+fn candidate_count(total_area: f64, spacing: f64) -> u64 {
+    (CANDIDATES * total_area / (spacing * spacing)).ceil().max(1.0) as u64
+}
+
+/// Units of work that [`poisson_disk`] reports: each candidate is tried, then gives its area away.
+pub(super) fn work(total_area: f64, spacing: f64) -> u64 {
+    2 * candidate_count(total_area, spacing)
+}
+
+/// Bytes that the candidates take, and the samples and cells that come of them.
+pub(super) fn bytes(total_area: f64, spacing: f64) -> u64 {
+    let samples = (total_area / (spacing * spacing)) as u64;
+    candidate_count(total_area, spacing)
+        .saturating_mul(size_of::<Candidate>() as u64)
+        .saturating_add(samples.saturating_mul(200))
 }
 
 /// Points spread over the triangles in proportion to area: one at random in each equal share of it.
 fn candidates(triangles: &[Triangle], total_area: f64, spacing: f64, seed: u64) -> Vec<Candidate> {
-    let count = (CANDIDATES * total_area / (spacing * spacing)).ceil().max(1.0) as usize;
+    let count = candidate_count(total_area, spacing);
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut uniform = || -> f64 { StandardUniform.sample(&mut random) };
     let (mut index, mut passed) = (0, 0.0);
@@ -98,6 +136,11 @@ fn candidates(triangles: &[Triangle], total_area: f64, spacing: f64, seed: u64) 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::progress::Silent;
+
+    fn sampled(triangles: &[Triangle], spacing: f64, seed: u64) -> Vec<Sample> {
+        poisson_disk(triangles, spacing, seed, &Silent).expect("nobody interrupts")
+    }
 
     fn plate(width: f64, height: f64) -> Vec<Triangle> {
         let v = |x: f64, y: f64| DVec3::new(x, y, 2.0);
@@ -110,7 +153,7 @@ mod tests {
     #[test]
     fn samples_keep_their_distance_and_leave_no_holes() {
         let spacing = 0.05;
-        let samples = poisson_disk(&plate(1.0, 1.0), spacing, 7);
+        let samples = sampled(&plate(1.0, 1.0), spacing, 7);
         for (i, a) in samples.iter().enumerate() {
             for b in &samples[..i] {
                 assert!(a.position.distance(b.position) >= spacing);
@@ -137,7 +180,7 @@ mod tests {
             material: 0,
         });
         let exact: f64 = triangles.iter().map(Triangle::area).sum();
-        let samples = poisson_disk(&triangles, 0.03, 1);
+        let samples = sampled(&triangles, 0.03, 1);
         let sum: f64 = samples.iter().map(|s| s.area).sum();
         assert!((sum / exact - 1.0).abs() < 1e-9);
         assert!(samples.iter().all(|s| s.area > 0.0));
@@ -153,8 +196,8 @@ mod tests {
                 Triangle { vertices: [a, c, b], material: 0 }
             })
             .collect();
-        let alone = poisson_disk(&front, 0.05, 1).len();
-        let both = poisson_disk(&[front, back].concat(), 0.05, 1).len();
+        let alone = sampled(&front, 0.05, 1).len();
+        let both = sampled(&[front, back].concat(), 0.05, 1).len();
         assert!((both as f64 / (2 * alone) as f64 - 1.0).abs() < 0.05, "{alone} {both}");
     }
 }

@@ -121,3 +121,28 @@ fn an_absurd_spacing_is_refused() {
         assert!(sample_surface(&scene(), &SurfaceOptions::new(spacing, 0.02), &Silent).is_err(), "{spacing}");
     }
 }
+
+/// Asks to stop once some work is done, and counts it.
+#[derive(Default)]
+struct Impatient(std::sync::atomic::AtomicU64);
+
+impl Observer for Impatient {
+    fn event(&self, event: crate::progress::Event<'_>) {
+        if let crate::progress::Event::Advanced { amount } = event {
+            self.0.fetch_add(amount, std::sync::atomic::Ordering::Relaxed);
+        }
+    }
+
+    fn should_stop(&self) -> bool {
+        self.0.load(std::sync::atomic::Ordering::Relaxed) > 0
+    }
+}
+
+#[test]
+fn sampling_stops_when_asked() {
+    let (scene, options, observer) = (scene(), SurfaceOptions::new(0.005, 0.02), Impatient::default());
+    let whole = poisson::work(scene.surface_area(), options.spacing);
+    assert_eq!(sample_surface(&scene, &options, &observer), Err(Error::Interrupted));
+    let done = observer.0.into_inner();
+    assert!(done < whole / 4, "{done} of {whole} candidates");
+}

@@ -1,9 +1,17 @@
 //! The whole program from outside, in one test binary, by topic.
 
 #![allow(clippy::unwrap_used)]
+// What the tests measure is worth reading with --nocapture.
+#![allow(clippy::print_stdout)]
 
+mod absurd;
 mod agreement;
+mod binary;
+mod command;
 mod layout;
+mod mutation;
+mod orientation;
 mod point;
 mod reference;
+mod regression;
 mod support;

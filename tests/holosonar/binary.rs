@@ -1,0 +1,70 @@
+//! The program as a user starts it: arguments in; exit status, standard output and standard error out.
+
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+/// What one run of the program left.
+#[derive(Debug)]
+pub(crate) struct Ran {
+    pub(crate) status: i32,
+    pub(crate) stdout: String,
+    pub(crate) stderr: String,
+}
+
+/// The program, ready to be started in `folder`.
+pub(crate) fn command<S: AsRef<OsStr>>(folder: &Path, args: impl IntoIterator<Item = S>) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_holosonar"));
+    command.current_dir(folder).args(args).stdin(Stdio::null()).env_remove("NO_COLOR");
+    command
+}
+
+/// Runs the program in `folder` on words separated by blanks.
+pub(crate) fn run(folder: &Path, words: &str) -> Ran {
+    let output = command(folder, words.split_whitespace()).output().unwrap();
+    let ran = Ran {
+        status: output.status.code().unwrap_or(-1),
+        stdout: String::from_utf8(output.stdout).unwrap(),
+        stderr: String::from_utf8(output.stderr).unwrap(),
+    };
+    assert!(!ran.stderr.contains("panicked"), "{words}: {}", ran.stderr);
+    ran
+}
+
+/// As [`run`], and it must succeed; gives standard output.
+pub(crate) fn done(folder: &Path, words: &str) -> String {
+    let ran = run(folder, words);
+    assert_eq!(ran.status, 0, "{words}: {}", ran.stderr);
+    ran.stdout
+}
+
+/// As [`run`], and it must fail with `status`, in one paragraph that begins `error:` and holds all of `said`.
+pub(crate) fn refused(folder: &Path, words: &str, status: i32, said: &[&str]) {
+    let ran = run(folder, words);
+    assert_eq!(ran.status, status, "{words}: {}{}", ran.stdout, ran.stderr);
+    assert_eq!(ran.stdout, "", "{words}: a failure has no results");
+    let errors: Vec<&str> = ran.stderr.lines().filter(|line| !line.starts_with("warning: ")).collect();
+    assert!(errors.len() == 1 && errors[0].starts_with("error: "), "{words}: {}", ran.stderr);
+    for words in said {
+        assert!(errors[0].contains(words), "`{words}` is missing: {}", errors[0]);
+    }
+}
+
+/// Names of everything below `folder`, sorted.
+pub(crate) fn files_below(folder: &Path) -> Vec<PathBuf> {
+    let mut files = Vec::new();
+    let mut folders = vec![folder.to_path_buf()];
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(folder).into_iter().flatten() {
+            let path = entry.unwrap().path();
+            if path.is_dir() { folders.push(path) } else { files.push(path) }
+        }
+    }
+    files.sort();
+    files
+}
+
+/// A scene that the repository ships.
+pub(crate) fn shipped(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(name)
+}
