@@ -146,7 +146,7 @@ fn exact(
 ) -> Result<SharedAxis, String> {
     let shared = |nodes: Axis, u: usize, v: usize| SharedAxis { nodes, u, v, interpolator: None };
     // A single place or a single voxel has no pitch that could fail to fit.
-    if high - low <= 1e-9 * shortest {
+    if high - low <= 1e-9 * shortest.min(1.0) {
         return Ok(shared(Axis { first: low, pitch: voxels.pitch, count: 1 }, 1, 1));
     }
     let mics = mics.ok_or("the microphones stand on no regular lattice")?;
@@ -200,7 +200,8 @@ fn spread_axis(
 
 /// Every microphone's footprint; none at all when the microphones are the nodes.
 fn footprints(array: &MicArray, x: &SharedAxis, y: &SharedAxis) -> Vec<[Footprint; 2]> {
-    if x.interpolator.is_none() && y.interpolator.is_none() && array.lattice().is_some() {
+    let exact = x.interpolator.is_none() && y.interpolator.is_none();
+    if exact && array.lattice().is_some() && x.nodes.count * y.nodes.count == array.len() {
         return Vec::new();
     }
     let along = |axis: &SharedAxis, position: f64| match &axis.interpolator {
