@@ -24,20 +24,24 @@ fn job(n: usize, frequencies: usize, depths: usize) -> (DataCube, Grid) {
 fn reconstruction(c: &mut Criterion) {
     let mut group = c.benchmark_group("reconstruct");
     group.sample_size(10);
-    for (method, n, frequencies, depths) in
-        [(Method::Direct, 16, 51, 2), (Method::Convolution, 16, 51, 2), (Method::Convolution, 64, 101, 4)]
-    {
+    for (method, tolerance, n, frequencies, depths) in [
+        (Method::Direct, 0.0, 16, 51, 2),
+        (Method::Convolution, 0.0, 16, 51, 2),
+        (Method::Convolution, 1e-4, 16, 51, 2),
+        // One plane pair of n = 128: all of 101 x 4, and what skeletons leave of them.
+        (Method::Convolution, 0.0, 64, 101, 4),
+        (Method::Convolution, 1e-4, 64, 101, 4),
+        (Method::Convolution, 1e-4, 64, 1001, 128),
+    ] {
         let (cube, grid) = job(n, frequencies, depths);
         group.throughput(Throughput::Elements(grid.voxel_count() * frequencies as u64));
         let size = format!("{n}x{n} mics x {frequencies} f x {n}x{n}x{depths} voxels");
-        group.bench_with_input(
-            BenchmarkId::new(format!("{method:?}").to_lowercase(), size),
-            &method,
-            |b, &method| {
-                let options = ReconstructOptions::new(method, Window::None);
-                b.iter(|| reconstruct(&cube, &grid, &options, &Silent).expect("small"));
-            },
-        );
+        let name = format!("{method:?} {tolerance:e}").to_lowercase();
+        group.bench_with_input(BenchmarkId::new(name, size), &method, |b, &method| {
+            let mut options = ReconstructOptions::new(method, Window::None);
+            options.tolerance = tolerance;
+            b.iter(|| reconstruct(&cube, &grid, &options, &Silent).expect("small"));
+        });
     }
     group.finish();
 }

@@ -157,10 +157,32 @@ impl Skeleton {
 
 /// `E[k, n] = e^{−i2π(f_n − f_carrier)τ_k}`; the common carrier is a phase of whole rows and changes no weight.
 fn delays_by_tones(delays: &[f64], frequencies: &[f64], carrier: f64) -> Mat<c64> {
-    Mat::from_fn(delays.len(), frequencies.len(), |k, n| {
-        let turn = (frequencies[n] - carrier) * delays[k];
-        Complex64::cis(-TAU * (turn - turn.round()))
-    })
+    let column = |frequency: f64| -> Vec<Complex64> {
+        delays.iter().map(|delay| turned(-frequency * delay)).collect()
+    };
+    let mut all = Mat::zeros(delays.len(), frequencies.len());
+    let (mut tone, mut step, mut turns) = (Vec::new(), 0.0, Vec::new());
+    for (n, &f) in frequencies.iter().enumerate() {
+        // Even steps turn each column into the next; now and then one is computed afresh, so that nothing drifts.
+        if n % 64 == 0 {
+            tone = column(f - carrier);
+        } else {
+            let next = f - frequencies[n - 1];
+            if (next - step).abs() > 1e-9 * next {
+                (step, turns) = (next, column(next));
+            }
+            for (z, turn) in tone.iter_mut().zip(&turns) {
+                *z *= turn;
+            }
+        }
+        all.col_as_slice_mut(n).copy_from_slice(&tone);
+    }
+    all
+}
+
+/// `e^{i2π·cycles}` in f64.
+fn turned(cycles: f64) -> Complex64 {
+    Complex64::cis(TAU * (cycles - cycles.round()))
 }
 
 /// The columns `chosen` of `all`.
@@ -185,8 +207,7 @@ fn greatest(matrix: &Mat<c64>) -> f64 {
 fn put_back_phase(mut weights: Mat<c64>, frequencies: &[f64], chosen: &[usize], middle: f64) -> Mat<c64> {
     for n in 0..weights.ncols() {
         for (q, &f) in chosen.iter().enumerate() {
-            let turn = (frequencies[n] - frequencies[f]) * middle;
-            weights[(q, n)] *= Complex64::cis(-TAU * (turn - turn.round()));
+            weights[(q, n)] *= turned((frequencies[f] - frequencies[n]) * middle);
         }
     }
     weights
