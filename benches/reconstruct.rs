@@ -10,6 +10,15 @@ use holosonar::progress::Silent;
 use holosonar::reconstruct::{Method, ReconstructOptions, Window, reconstruct};
 use holosonar::wave::phasor;
 
+/// The same cube from microphones up to 2 mm off their lattice.
+fn jittered(cube: &DataCube) -> DataCube {
+    let off = |i: usize, k: f64| 0.004 * ((i as f64 * k).fract() - 0.5);
+    let place = |(i, r): (usize, &DVec3)| *r + DVec3::new(off(i, 0.618_034), off(i, 0.754_878), 0.0);
+    let positions: Vec<DVec3> = cube.array.positions().iter().enumerate().map(place).collect();
+    let array = MicArray::from_positions("jittered", &[positions.len()], positions).expect("an array");
+    DataCube::new(cube.sweep.clone(), array, cube.samples.clone()).expect("finite")
+}
+
 /// n² microphones 8 mm apart, and n² voxels of the same pitch at `depths` depths from 1 m on.
 fn job(n: usize, frequencies: usize, depths: usize) -> (DataCube, Grid) {
     let array = MicArray::rectangular("array", [n, n], [0.008; 2], DVec3::ZERO).expect("an array");
@@ -43,6 +52,13 @@ fn reconstruction(c: &mut Criterion) {
             b.iter(|| reconstruct(&cube, &grid, &options, &Silent).expect("small"));
         });
     }
+    let (cube, grid) = job(64, 1001, 128);
+    let cube = jittered(&cube);
+    group.throughput(Throughput::Elements(grid.voxel_count() * 1001));
+    group.bench_function("spreading 1e-4/64x64 mics x 1001 f x 64x64x128 voxels", |b| {
+        let options = ReconstructOptions::new(Method::Convolution, Window::None);
+        b.iter(|| reconstruct(&cube, &grid, &options, &Silent).expect("small"));
+    });
     group.finish();
 }
 

@@ -50,20 +50,27 @@ struct Common {
 
 /// How a run file is changed from the command line.
 #[derive(Debug, Args, Clone)]
+struct Settings {
+    /// Set a key of the run file, as in --set sweep.step=20 (repeatable).
+    #[arg(long = "set", value_name = "TABLE.KEY=VALUE")]
+    set: Vec<String>,
+}
+
+/// The same where there is a scene.
+#[derive(Debug, Args, Clone)]
 struct Overrides {
     /// Unit of the mesh: m, cm, mm, in or ft (an OBJ does not say).
     #[arg(long, value_name = "UNIT")]
     unit: Option<String>,
-    /// Set a key of the run file, as in --set sweep.step=20 (repeatable).
-    #[arg(long = "set", value_name = "TABLE.KEY=VALUE")]
-    set: Vec<String>,
+    #[command(flatten)]
+    settings: Settings,
 }
 
 impl Overrides {
     /// All of them as run-file keys.
     fn keys(&self) -> Vec<String> {
         let unit = self.unit.iter().map(|unit| format!("scene.unit={unit}"));
-        unit.chain(self.set.iter().cloned()).collect()
+        unit.chain(self.settings.set.iter().cloned()).collect()
     }
 }
 
@@ -105,7 +112,7 @@ enum Command {
         #[arg(short, long, value_name = "VOLUME", required = true)]
         output: Vec<PathBuf>,
         #[command(flatten)]
-        overrides: Overrides,
+        settings: Settings,
     },
     /// Volume (.npz) to depth map (.exr).
     Depth {
@@ -118,7 +125,7 @@ enum Command {
         #[arg(short, long, value_name = "DEPTH.exr")]
         output: PathBuf,
         #[command(flatten)]
-        overrides: Overrides,
+        settings: Settings,
     },
     /// Ray-cast ground truth of a scene, on the pixels of its depth map.
     Truth {

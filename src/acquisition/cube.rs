@@ -156,6 +156,12 @@ impl DataCube {
     pub fn read(path: &Path, limit: u64) -> Result<Self> {
         let mut npz = NpzReader::open(path, limit)?;
         let place = |array: &str| format!("{}, array `{array}`", path.display());
+        if !npz.contains("frequencies") && npz.contains("samples") && npz.contains("z") {
+            return Err(Error::input(
+                path.display(),
+                "is a volume; a data cube was expected (`holosonar depth` takes a volume)",
+            ));
+        }
         let meta = if npz.contains("meta") { npz.text("meta")? } else { "{}".to_owned() };
         let meta: Meta = serde_json::from_str(&meta)
             .map_err(|e| Error::input(place("meta"), format!("is not the JSON that was expected: {e}")))?;

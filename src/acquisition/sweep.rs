@@ -32,9 +32,9 @@ impl Sweep {
             return Err(Error::input(
                 place,
                 format!(
-                    "the band of {} Hz is no multiple of the step of {step} Hz; use a step of {} Hz or move stop",
+                    "the band of {} Hz is no multiple of the step of {step} Hz; stop = {} would be one",
                     stop - start,
-                    (stop - start) / intervals.round().max(1.0)
+                    start + intervals.round().max(1.0) * step
                 ),
             ));
         }

@@ -32,11 +32,11 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
             pipeline::write_cube(output, &cube)?;
             wrote(std::slice::from_ref(output), json, terminal)
         }
-        Command::Reconstruct { cube, config, output, overrides } => {
+        Command::Reconstruct { cube, config, output, settings } => {
             for path in output {
                 check_extension(path, &["npz", "exr", "vti"])?;
             }
-            let run = config_of(config.as_deref(), overrides)?;
+            let run = config_of(config.as_deref(), &settings.set)?;
             let cube = DataCube::read(cube, reading_limit())?;
             let image = pipeline::reconstruct_cube(&run, &cube, terminal)?;
             let facts = pipeline::cube_facts(&cube, &run, &image);
@@ -46,9 +46,9 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
             }
             wrote(&files, json, terminal)
         }
-        Command::Depth { volume, config, output, overrides } => {
+        Command::Depth { volume, config, output, settings } => {
             check_extension(output, &["exr"])?;
-            let run = config_of(config.as_deref(), overrides)?;
+            let run = config_of(config.as_deref(), &settings.set)?;
             let known = config.is_some().then_some(&run);
             let (map, facts) =
                 pipeline::depth_of_volume(volume, &run, known.is_some(), reading_limit(), terminal)?;
@@ -89,7 +89,7 @@ fn image(
 ) -> Result<()> {
     make_folder(folder)?;
     let (run, outcome) = if has_extension(input, &["npz"]) {
-        let run = config_of(config, overrides)?;
+        let run = config_of(config, &overrides.keys())?;
         let cube = DataCube::read(input, reading_limit())?;
         let outcome = pipeline::image_cube(&run, cube, terminal)?;
         (run, outcome)
@@ -237,10 +237,10 @@ pub(super) fn run_of(input: &Path, overrides: &Overrides) -> Result<(RunFile, bo
 }
 
 /// The run file given with `-c`, or the defaults.
-fn config_of(config: Option<&Path>, overrides: &Overrides) -> Result<RunFile> {
+fn config_of(config: Option<&Path>, settings: &[String]) -> Result<RunFile> {
     match config {
-        Some(path) => RunFile::load(path, &overrides.keys()),
-        None => RunFile::from_str_at("", "command line", Path::new(""), &overrides.keys()),
+        Some(path) => RunFile::load(path, settings),
+        None => RunFile::from_str_at("", "command line", Path::new(""), settings),
     }
 }
 

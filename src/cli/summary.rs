@@ -173,7 +173,7 @@ pub(super) fn facts(value: &Value) -> String {
                     table.row(&name, "");
                     rows(table, value, indent + 1);
                 }
-                Value::String(text) => table.row(&name, text.clone()),
+                Value::String(text) => table.row(&name, shortened(text)),
                 Value::Array(list) if list.iter().all(|v| !v.is_object()) => {
                     let items: Vec<String> = list.iter().map(plain).collect();
                     table.row(&name, items.join(", "));
@@ -194,6 +194,15 @@ pub(super) fn facts(value: &Value) -> String {
         let _ = writeln!(text, "{}", line.trim_end());
         text
     })
+}
+
+/// A text that fits a line or two; a whole run file in an attribute does not.
+fn shortened(text: &str) -> String {
+    const MOST: usize = 120;
+    if text.chars().count() <= MOST {
+        return text.to_owned();
+    }
+    format!("{} ... (--json prints all of it)", text.chars().take(MOST).collect::<String>())
 }
 
 /// A value without quotes or needless digits.

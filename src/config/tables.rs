@@ -7,6 +7,8 @@ use super::choices::{
     DetectionKind, Fill, Geometry, InputFile, Layout, Method, Model, Occlusion, Pick, Refine, Shading,
     Surface, Unit, Up, View, VolumeFormat, Window,
 };
+use crate::depth::DepthOptions;
+use crate::wave::DEFAULT_SOUND_SPEED;
 use serde::de::{self, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize};
 use std::collections::BTreeMap;
@@ -103,7 +105,7 @@ pub struct Medium {
 
 impl Default for Medium {
     fn default() -> Self {
-        Self { sound_speed: 343.0 }
+        Self { sound_speed: DEFAULT_SOUND_SPEED }
     }
 }
 
@@ -306,16 +308,18 @@ pub struct Depth {
 
 impl Default for Depth {
     fn default() -> Self {
+        // The stage's own defaults; a resolution is no part of the table.
+        let stage = DepthOptions::new(f64::NAN);
         Self {
-            pick: Pick::Strongest,
-            refine: Refine::Centroid,
-            threshold_db: -14.0,
-            returns: 2,
-            return_threshold_db: -20.0,
-            return_gate_db: -12.0,
-            separation: 1.5,
-            smoothing: [0.02, 0.02, 0.008],
-            median: 3,
+            pick: stage.pick,
+            refine: stage.refine,
+            threshold_db: stage.threshold_db,
+            returns: stage.returns as u32,
+            return_threshold_db: stage.return_threshold_db,
+            return_gate_db: stage.return_gate_db,
+            separation: stage.separation,
+            smoothing: stage.smoothing,
+            median: stage.median as u32,
             fill: Fill::Inf,
             view: View::Orthographic,
         }

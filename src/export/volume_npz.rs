@@ -38,6 +38,12 @@ pub fn read_volume_npz(path: &Path, limit_bytes: u64) -> Result<(Volume, Value)>
     let mut npz = NpzReader::open(path, limit_bytes)?;
     let fault =
         |name: &str, problem: String| Error::input(format!("{}, array `{name}`", path.display()), problem);
+    if npz.contains("frequencies") && !npz.contains("z") {
+        return Err(Error::input(
+            path.display(),
+            "is a data cube; a volume was expected (`holosonar reconstruct` makes one of it)",
+        ));
+    }
     let shape = npz.shape("samples")?;
     let &[n_z, n_y, n_x] = shape.as_slice() else {
         return Err(fault("samples", format!("has the shape {shape:?}; three axes [z, y, x] were expected")));
