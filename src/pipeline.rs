@@ -253,6 +253,8 @@ impl Measurement {
 struct Echoes {
     measurement: Measurement,
     scene: Option<Scene>,
+    /// Distance between the scene's reflectors, m.
+    spacing: Option<f64>,
     reflectors: Reflectors,
     grid: Grid,
     plan: Plan,
@@ -267,7 +269,7 @@ impl Echoes {
             let reflectors = Reflectors::read_csv(path)?;
             let grid = run.voxels(&setup, reflectors.bounds())?;
             let plan = plan(&setup, &grid);
-            return Ok(Self { measurement, scene: None, reflectors, grid, plan });
+            return Ok(Self { measurement, scene: None, spacing: None, reflectors, grid, plan });
         }
         let scene = Scene::load(path, &run.load_options(bare)?, observer)?;
         let grid = run.voxels(&setup, scene.bounds())?;
@@ -278,7 +280,7 @@ impl Echoes {
         let options = run.surface_options(&setup, nearest);
         check_sampling(sampling_bytes(&scene, &options), options.spacing, available_memory())?;
         let reflectors = sample_surface(&scene, &options, observer)?;
-        Ok(Self { measurement, scene: Some(scene), reflectors, grid, plan })
+        Ok(Self { measurement, scene: Some(scene), spacing: Some(options.spacing), reflectors, grid, plan })
     }
 
     fn setup(&self) -> Setup<'_> {
@@ -313,7 +315,7 @@ impl Echoes {
 
     fn summary(&self) -> Option<SceneSummary> {
         let (low, high) = self.bounds()?;
-        Some(SceneSummary::new(self.scene.as_ref(), low, high, self.setup().wavelength()))
+        Some(SceneSummary::new(self.scene.as_ref(), self.spacing, low, high, self.setup().wavelength()))
     }
 }
 

@@ -89,7 +89,7 @@ pub fn direct_terms(cube: &DataCube, grid: &Grid) -> u64 {
 #[derive(Debug)]
 enum Choice {
     Direct,
-    Convolution(lattice::SharedLattice),
+    Convolution(Box<lattice::SharedLattice>),
 }
 
 /// The method that the options come to for this cube and grid, and a warning if `auto` had to take the slow one.
@@ -99,7 +99,7 @@ fn choose(cube: &DataCube, grid: &Grid, options: &ReconstructOptions) -> Result<
     }
     // Spreading and skeletons share the tolerance.
     let misfit = match lattice::SharedLattice::find(cube, grid, 0.5 * options.tolerance) {
-        Ok(lattice) => return Ok((Choice::Convolution(lattice), None)),
+        Ok(lattice) => return Ok((Choice::Convolution(Box::new(lattice)), None)),
         Err(misfit) => misfit,
     };
     if options.method == Method::Convolution {

@@ -4,6 +4,7 @@
 //! is f64. A phase is counted in cycles, wrapped to ±½ in f64, and only then becomes f32: plain f32 phase errs
 //! by 7·10⁻⁴ rad at 12 m and 20 kHz, wrapped by 6·10⁻⁷.
 
+pub mod interval;
 pub mod simd;
 
 use glam::DVec3;

@@ -3,6 +3,7 @@
 use super::Outcome;
 use super::facts::PROGRAM;
 use crate::config::RunFile;
+use crate::grid::Grid;
 use crate::metrics::Metrics;
 use crate::plan::Plan;
 use crate::scene::Scene;
@@ -21,6 +22,8 @@ pub struct Report {
     pub run: Value,
     /// What was foretold.
     pub plan: Plan,
+    /// The voxels, whether typed or chosen.
+    pub grid: Grid,
     /// The scene, when there was one.
     pub scene: Option<SceneSummary>,
     /// Number of reflectors simulated, when they were.
@@ -51,6 +54,7 @@ impl Report {
             program: PROGRAM,
             run: run.to_json(),
             plan: outcome.plan.clone(),
+            grid: outcome.image.volume.grid,
             scene: outcome.scene.clone(),
             reflectors: outcome.reflectors,
             method: outcome.image.method,
@@ -87,6 +91,8 @@ pub struct SceneSummary {
     pub triangles: usize,
     /// Surface, m².
     pub area: f64,
+    /// Distance between reflectors, whether typed or chosen, m; `None` for a list of reflectors.
+    pub reflector_spacing: Option<f64>,
     /// The materials as they were resolved.
     pub materials: Vec<MaterialRow>,
 }
@@ -105,7 +111,13 @@ pub struct MaterialRow {
 }
 
 impl SceneSummary {
-    pub(super) fn new(scene: Option<&Scene>, low: DVec3, high: DVec3, wavelength: f64) -> Self {
+    pub(super) fn new(
+        scene: Option<&Scene>,
+        reflector_spacing: Option<f64>,
+        low: DVec3,
+        high: DVec3,
+        wavelength: f64,
+    ) -> Self {
         let materials = scene.map_or(&[][..], Scene::materials);
         Self {
             low: low.to_array(),
@@ -114,6 +126,7 @@ impl SceneSummary {
             size_wavelengths: ((high - low) / wavelength).to_array(),
             triangles: scene.map_or(0, |scene| scene.triangles().len()),
             area: scene.map_or(0.0, Scene::surface_area),
+            reflector_spacing,
             materials: materials
                 .iter()
                 .map(|m| MaterialRow {

@@ -9,13 +9,13 @@ use super::Weights;
 use super::fft2::Fft2;
 use super::lattice::{Parts, SharedLattice};
 use super::plane::Plane;
-use super::skeleton::PathInterval;
 use super::tones::{SlabTones, Tones, VolumeTones};
 use crate::acquisition::DataCube;
 use crate::error::Result;
 use crate::grid::{Grid, Volume};
 use crate::progress::{Observer, advance, stage};
 use crate::wave::Geometry;
+use crate::wave::interval::PathInterval;
 use num_complex::Complex32;
 use rayon::prelude::*;
 

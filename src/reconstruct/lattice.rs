@@ -11,6 +11,9 @@ use num_complex::Complex32;
 use rayon::prelude::*;
 use std::f64::consts::PI;
 
+/// The most nodes that microphones are spread onto: some gigabytes of skeleton tones.
+const MOST_NODES: usize = 1 << 22;
+
 /// One axis of a shared lattice.
 #[derive(Debug, Clone)]
 struct SharedAxis {
@@ -75,6 +78,15 @@ impl SharedLattice {
         let lattice = cube.array.lattice();
         let x = axis("x", &grid.x, lattice.map(|l| &l.x), low.x, high.x)?;
         let y = axis("y", &grid.y, lattice.map(|l| &l.y), low.y, high.y)?;
+        let nodes = x.nodes.count.saturating_mul(y.nodes.count);
+        if nodes > MOST_NODES.max(cube.array.len()) {
+            return Err(format!(
+                "{} microphones over {:.1} x {:.1} m are too few for a lattice of {nodes} nodes",
+                cube.array.len(),
+                high.x - low.x,
+                high.y - low.y
+            ));
+        }
         let footprints = footprints(&cube.array, &x, &y);
         Ok(Self { x, y, z: f64::midpoint(low.z, high.z), footprints })
     }

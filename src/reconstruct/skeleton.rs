@@ -14,10 +14,10 @@
 //! Method: column-pivoted QR of the matrix of those functions on Chebyshev points (Cheng, Gimbutas, Martinsson and
 //! Rokhlin, SIAM J. Sci. Comput. 26, 2005). The error is then *measured* on a dense grid, not trusted.
 
+use crate::wave::interval::{PathInterval, greatest, tone_matrix, turned};
 use faer::linalg::solvers::SolveLstsq;
 use faer::{Mat, MatRef, c64};
 use num_complex::Complex64;
-use std::f64::consts::{PI, TAU};
 
 /// The decomposition of one sweep on one interval of path lengths.
 #[derive(Debug, Clone)]
@@ -25,57 +25,6 @@ pub struct Skeleton {
     chosen: Vec<usize>,
     weights: Mat<c64>,
     error: f64,
-}
-
-/// An interval of path lengths and the speed that turns them into delays.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct PathInterval {
-    /// Least path length, m.
-    pub shortest: f64,
-    /// Greatest path length, m.
-    pub longest: f64,
-    /// c, m/s.
-    pub sound_speed: f64,
-}
-
-impl PathInterval {
-    /// Duration T of the interval, s.
-    pub fn duration(&self) -> f64 {
-        (self.longest - self.shortest).max(0.0) / self.sound_speed
-    }
-
-    /// Delay in the middle, s.
-    fn middle(&self) -> f64 {
-        f64::midpoint(self.shortest, self.longest) / self.sound_speed
-    }
-
-    /// The greatest `|e_n − Σ_q W[q, n] e_q|` on a dense grid of the interval: of `all` frequencies n expressed by the
-    /// `chosen` ones, both in Hz, with weights that count delays from zero.
-    pub(super) fn greatest_error(&self, all: &[f64], chosen: &[f64], weights: MatRef<'_, c64>) -> f64 {
-        let product = (all[all.len() - 1] - all[0]) * self.duration();
-        let delays: Vec<f64> =
-            self.even(3 * sample_points(product)).into_iter().map(|delay| delay + self.middle()).collect();
-        let carrier = f64::midpoint(all[0], all[all.len() - 1]);
-        let tones = |frequencies: &[f64]| delays_by_tones(&delays, frequencies, carrier);
-        greatest(&(tones(all) - tones(chosen) * weights))
-    }
-
-    /// `count` Chebyshev points of the interval, as delays about its middle, s; ends included for `closed`.
-    fn chebyshev(&self, count: usize) -> Vec<f64> {
-        let half = 0.5 * self.duration();
-        (0..count).map(|k| half * (PI * (k as f64 + 0.5) / count as f64).cos()).collect()
-    }
-
-    /// `count` even points of the interval, both ends included, as delays about its middle, s.
-    fn even(&self, count: usize) -> Vec<f64> {
-        let half = 0.5 * self.duration();
-        (0..count).map(|k| half * (2.0 * k as f64 / (count - 1) as f64 - 1.0)).collect()
-    }
-}
-
-/// How many Chebyshev points resolve a bandwidth times a duration.
-fn sample_points(bandwidth_duration: f64) -> usize {
-    (2.2 * bandwidth_duration).ceil() as usize + 36
 }
 
 /// Of more frequencies than this many per dimension, evenly spread ones are candidates; the rest add nothing.
@@ -100,16 +49,16 @@ pub fn skeleton(frequencies: &[f64], interval: PathInterval, tolerance: f64) -> 
     } else {
         (0..most).map(|i| i * (frequencies.len() - 1) / (most - 1)).collect()
     };
-    let points = interval.chebyshev(sample_points(product));
+    let points = interval.chebyshev(interval.points_for(bandwidth));
     let dense = interval.even(3 * points.len());
     let carrier = f64::midpoint(frequencies[0], frequencies[frequencies.len() - 1]);
-    let all = delays_by_tones(&points, frequencies, carrier);
+    let all = tone_matrix(&points, frequencies, carrier);
     let subset = Mat::from_fn(points.len(), candidates.len(), |k, j| all[(k, candidates[j])]);
     let pivoted = subset.col_piv_qr();
     let order = pivoted.P().arrays().0;
     let diagonal = pivoted.thin_R();
     let ranks = diagonal.nrows().min(diagonal.ncols());
-    let dense_all = delays_by_tones(&dense, frequencies, carrier);
+    let dense_all = tone_matrix(&dense, frequencies, carrier);
     // The greatest residual of a column is a sum over the points; its root mean square is what ε bounds.
     let mut threshold = tolerance / 3.0 * (points.len() as f64).sqrt();
     loop {
@@ -155,34 +104,18 @@ impl Skeleton {
     }
 }
 
-/// `E[k, n] = e^{−i2π(f_n − f_carrier)τ_k}`; the common carrier is a phase of whole rows and changes no weight.
-fn delays_by_tones(delays: &[f64], frequencies: &[f64], carrier: f64) -> Mat<c64> {
-    let column = |frequency: f64| -> Vec<Complex64> {
-        delays.iter().map(|delay| turned(-frequency * delay)).collect()
-    };
-    let mut all = Mat::zeros(delays.len(), frequencies.len());
-    let (mut tone, mut step, mut turns) = (Vec::new(), 0.0, Vec::new());
-    for (n, &f) in frequencies.iter().enumerate() {
-        // Even steps turn each column into the next; now and then one is computed afresh, so that nothing drifts.
-        if n % 64 == 0 {
-            tone = column(f - carrier);
-        } else {
-            let next = f - frequencies[n - 1];
-            if (next - step).abs() > 1e-9 * next {
-                (step, turns) = (next, column(next));
-            }
-            for (z, turn) in tone.iter_mut().zip(&turns) {
-                *z *= turn;
-            }
-        }
-        all.col_as_slice_mut(n).copy_from_slice(&tone);
-    }
-    all
-}
-
-/// `e^{i2π·cycles}` in f64.
-fn turned(cycles: f64) -> Complex64 {
-    Complex64::cis(TAU * (cycles - cycles.round()))
+/// The greatest `|e_n − Σ_q W[q, n] e_q|` on a dense grid of the interval: of `all` frequencies n expressed by the
+/// `chosen` ones, both in Hz, with weights that count delays from zero.
+pub(super) fn greatest_error(
+    interval: &PathInterval,
+    all: &[f64],
+    chosen: &[f64],
+    weights: MatRef<'_, c64>,
+) -> f64 {
+    let points = 3 * interval.points_for(all[all.len() - 1] - all[0]);
+    let delays: Vec<f64> = interval.even(points).into_iter().map(|delay| delay + interval.middle()).collect();
+    let carrier = f64::midpoint(all[0], all[all.len() - 1]);
+    greatest(&(tone_matrix(&delays, all, carrier) - tone_matrix(&delays, chosen, carrier) * weights))
 }
 
 /// The columns `chosen` of `all`.
@@ -193,14 +126,6 @@ fn columns(all: &Mat<c64>, chosen: &[usize]) -> Mat<c64> {
 /// Least-squares weights that express all columns by the chosen ones.
 fn fit(all: &Mat<c64>, chosen: &[usize]) -> Mat<c64> {
     columns(all, chosen).qr().solve_lstsq(all)
-}
-
-/// The greatest modulus of the elements.
-fn greatest(matrix: &Mat<c64>) -> f64 {
-    (0..matrix.ncols())
-        .map(|n| matrix.col_as_slice(n).iter().map(Complex64::norm_sqr).fold(0.0, f64::max))
-        .fold(0.0, f64::max)
-        .sqrt()
 }
 
 /// Delays were counted from the interval's middle; `e^{−i2π(f_n − f_q)τ_mid}` counts them from zero again.
@@ -216,6 +141,7 @@ fn put_back_phase(mut weights: Mat<c64>, frequencies: &[f64], chosen: &[usize], 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::f64::consts::TAU;
 
     fn sweep(bandwidth: f64, count: usize) -> Vec<f64> {
         (0..count).map(|n| 20_000.0 - bandwidth + bandwidth * n as f64 / (count - 1) as f64).collect()

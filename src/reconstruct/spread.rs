@@ -6,8 +6,8 @@
 //! number of taps follows from the error, which is measured on the spherical kernels themselves.
 
 use crate::grid::Axis;
-use faer::Mat;
-use faer::linalg::solvers::SolveLstsq;
+use faer::linalg::solvers::{Qr, SolveLstsq};
+use faer::{Mat, c64};
 use num_complex::{Complex32, Complex64};
 use std::f64::consts::PI;
 
@@ -41,8 +41,10 @@ impl Kernels {
 #[derive(Debug, Clone)]
 pub(super) struct Interpolator {
     taps: usize,
-    /// Band edge, radians per node.
+    /// Band edge, radians per node, and a little beyond it, where least squares is least accurate.
     band: f64,
+    /// The factored normal equations `sinc κ(a − b)`.
+    normal: Qr<c64>,
     /// The greatest interpolation error of any kernel, at any place, relative to one.
     pub(super) error: f64,
 }
@@ -54,14 +56,28 @@ const FILL: f64 = 0.5;
 /// The most taps that are tried.
 const MOST_TAPS: usize = 16;
 
+fn sinc(x: f64) -> f64 {
+    if x.abs() < 1e-9 { 1.0 } else { x.sin() / x }
+}
+
+/// Factors the equations of a least-squares fit over a band; complex only so that the skeletons' solver serves too.
+fn normal_equations(taps: usize, band: f64) -> Qr<c64> {
+    Mat::from_fn(taps, taps, |a, b| {
+        // Neighbouring columns are nearly dependent; rounding is kept from being amplified.
+        let ridge = if a == b { 1e-13 } else { 0.0 };
+        Complex64::from(sinc(band * (a as f64 - b as f64)) + ridge)
+    })
+    .qr()
+}
+
 impl Interpolator {
     /// The shortest interpolator that carries the kernels on nodes `pitch` m apart to within `tolerance`, or the
     /// longest that is tried, with the error it has.
     pub(super) fn new(kernels: &Kernels, pitch: f64, tolerance: f64) -> Self {
         let mut taps = 2;
         loop {
-            let band = kernels.band(pitch * taps as f64 / 2.0) * pitch;
-            let mut interpolator = Self { taps, band, error: 0.0 };
+            let band = (kernels.band(pitch * taps as f64 / 2.0) * pitch * 1.02).min(PI);
+            let mut interpolator = Self { taps, band, normal: normal_equations(taps, band), error: 0.0 };
             interpolator.error = interpolator.measure(kernels, pitch);
             if interpolator.error <= tolerance || taps >= MOST_TAPS {
                 return interpolator;
@@ -83,18 +99,9 @@ impl Interpolator {
     /// Weights of the nodes `first ..` for a sample `t` ∈ [0, 1) nodes after its own:
     /// `(sinc κ(a − b)) w = sinc κ(a − t)`, least squares over |κ'| ≤ κ.
     fn weights(&self, t: f64) -> Vec<f64> {
-        let sinc = |x: f64| if x.abs() < 1e-9 { 1.0 } else { x.sin() / x };
-        // A little beyond the band's edge, where least squares is least accurate.
-        let band = (self.band * 1.02).min(PI);
         let node = |a: usize| (a as isize + self.first()) as f64;
-        let gram = Mat::from_fn(self.taps, self.taps, |a, b| {
-            // Neighbouring columns are nearly dependent; rounding is kept from being amplified.
-            let ridge = if a == b { 1e-13 } else { 0.0 };
-            Complex64::from(sinc(band * (a as f64 - b as f64)) + ridge)
-        });
-        let right = Mat::from_fn(self.taps, 1, |a, _| Complex64::from(sinc(band * (node(a) - t))));
-        // Complex only so that the skeletons' solver serves here too.
-        let solution = gram.qr().solve_lstsq(&right);
+        let right = Mat::from_fn(self.taps, 1, |a, _| Complex64::from(sinc(self.band * (node(a) - t))));
+        let solution = self.normal.solve_lstsq(&right);
         (0..self.taps).map(|a| solution[(a, 0)].re).collect()
     }
 

@@ -4,8 +4,9 @@
 //! Sums are done by fixed blocks of microphones, so threads do not change the bytes.
 
 use super::Weights;
-use super::skeleton::{PathInterval, Skeleton, skeleton};
+use super::skeleton::{Skeleton, greatest_error, skeleton};
 use crate::acquisition::DataCube;
+use crate::wave::interval::PathInterval;
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatRef, Par, c32, c64};
 use num_complex::Complex32;
@@ -72,7 +73,7 @@ impl VolumeTones {
             let inner = skeleton(&self.frequencies, interval, step);
             let both: Mat<c64> = inner.weights() * self.skeleton.weights();
             let chosen: Vec<f64> = inner.chosen().iter().map(|&q| self.frequencies[q]).collect();
-            let error = interval.greatest_error(all, &chosen, both.as_ref());
+            let error = greatest_error(&interval, all, &chosen, both.as_ref());
             if error <= tolerance || inner.chosen().len() == self.frequencies.len() {
                 let weights = Mat::from_fn(chosen.len(), self.frequencies.len(), |q, n| {
                     let w = inner.weight(q, n);

@@ -226,6 +226,21 @@ fn what_has_no_lattice_goes_to_direct_with_a_warning_or_is_refused() {
     assert!(warned.0.lock().unwrap()[1].contains("voxel pitch along x"));
 }
 
+/// A few microphones far apart would need millions of nodes; the literal sum serves them better.
+#[test]
+fn microphones_far_apart_are_not_spread() {
+    let (_, grid, _) = random_case(3);
+    let positions =
+        vec![DVec3::new(-400.0, 3.0, 0.0), DVec3::new(1.0, -500.0, 0.0), DVec3::new(700.0, 650.0, 0.0)];
+    let array = MicArray::from_positions("far", &[3], positions).unwrap();
+    let sweep = Sweep::stepped("sweep", 10_000.0, 10_100.0, 50.0).unwrap();
+    let cube = random_cube(&mut Random::new(1), sweep, array, Geometry::ORIGIN, Detection::Quadrature);
+    let warned = Warned::default();
+    let image = reconstruct(&cube, &grid, &ReconstructOptions::default(), &warned).unwrap();
+    assert_eq!(image.method, Method::Direct);
+    assert!(warned.0.lock().unwrap()[0].contains("too few for a lattice"));
+}
+
 #[test]
 fn a_wrapped_phasor_is_the_phasor() {
     assert!((phasor(1e6 + 0.25) - Complex32::I).norm() < 1e-6);

@@ -1,0 +1,108 @@
+//! An interval of path lengths, and the tones of a sweep as functions on it.
+//!
+//! What skeleton frequencies and virtual frequencies have in common: the matrix `e^{−i2πfτ}` of tones on sample delays
+//! of an interval, in f64.
+
+use faer::{Mat, c64};
+use num_complex::Complex64;
+use std::f64::consts::{PI, TAU};
+
+/// An interval of path lengths and the speed that turns them into delays.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PathInterval {
+    /// Least path length, m.
+    pub shortest: f64,
+    /// Greatest path length, m.
+    pub longest: f64,
+    /// c, m/s.
+    pub sound_speed: f64,
+}
+
+impl PathInterval {
+    /// Duration T of the interval, s.
+    pub fn duration(&self) -> f64 {
+        (self.longest - self.shortest).max(0.0) / self.sound_speed
+    }
+
+    /// Delay in the middle, s.
+    pub(crate) fn middle(&self) -> f64 {
+        f64::midpoint(self.shortest, self.longest) / self.sound_speed
+    }
+
+    /// How many Chebyshev points resolve a bandwidth (Hz) on the interval.
+    pub(crate) fn points_for(&self, bandwidth: f64) -> usize {
+        (2.2 * bandwidth * self.duration()).ceil() as usize + 36
+    }
+
+    /// `count` Chebyshev points of the interval, as delays about its middle, s.
+    pub(crate) fn chebyshev(&self, count: usize) -> Vec<f64> {
+        let half = 0.5 * self.duration();
+        (0..count).map(|k| half * (PI * (k as f64 + 0.5) / count as f64).cos()).collect()
+    }
+
+    /// `count` even points of the interval, both ends included, as delays about its middle, s.
+    pub(crate) fn even(&self, count: usize) -> Vec<f64> {
+        let half = 0.5 * self.duration();
+        (0..count).map(|k| half * (2.0 * k as f64 / (count - 1) as f64 - 1.0)).collect()
+    }
+}
+
+/// `E[k, n] = e^{−i2π(f_n − carrier)τ_k}`, delays in s, frequencies in Hz.
+pub(crate) fn tone_matrix(delays: &[f64], frequencies: &[f64], carrier: f64) -> Mat<c64> {
+    let column = |frequency: f64| -> Vec<Complex64> {
+        delays.iter().map(|delay| turned(-frequency * delay)).collect()
+    };
+    let mut all = Mat::zeros(delays.len(), frequencies.len());
+    let (mut tone, mut step, mut turns) = (Vec::new(), 0.0, Vec::new());
+    for (n, &f) in frequencies.iter().enumerate() {
+        // Even steps turn each column into the next; now and then one is computed afresh, so that nothing drifts.
+        if n % 64 == 0 {
+            tone = column(f - carrier);
+        } else {
+            let next = f - frequencies[n - 1];
+            if (next - step).abs() > 1e-9 * next {
+                (step, turns) = (next, column(next));
+            }
+            for (z, turn) in tone.iter_mut().zip(&turns) {
+                *z *= turn;
+            }
+        }
+        all.col_as_slice_mut(n).copy_from_slice(&tone);
+    }
+    all
+}
+
+/// `e^{i2π·cycles}` in f64.
+pub(crate) fn turned(cycles: f64) -> Complex64 {
+    Complex64::cis(TAU * (cycles - cycles.round()))
+}
+
+/// The greatest modulus of the elements.
+pub(crate) fn greatest(matrix: &Mat<c64>) -> f64 {
+    (0..matrix.ncols())
+        .map(|n| matrix.col_as_slice(n).iter().map(Complex64::norm_sqr).fold(0.0, f64::max))
+        .fold(0.0, f64::max)
+        .sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tones_are_the_literal_ones_for_even_and_uneven_sweeps() {
+        let interval = PathInterval { shortest: 1.0, longest: 3.0, sound_speed: 343.0 };
+        let delays = interval.even(9);
+        for uneven in [0.0, 3.7] {
+            let frequencies: Vec<f64> =
+                (0..300).map(|n| 10_000.0 + 10.0 * f64::from(n) + uneven * f64::from(n % 5)).collect();
+            let all = tone_matrix(&delays, &frequencies, 11_000.0);
+            for (n, f) in frequencies.iter().enumerate() {
+                for (k, delay) in delays.iter().enumerate() {
+                    let exact = Complex64::cis(-TAU * (f - 11_000.0) * delay);
+                    assert!((all[(k, n)] - exact).norm() < 1e-10);
+                }
+            }
+        }
+    }
+}
