@@ -1,7 +1,6 @@
 //! An interval of path lengths, and the tones of a sweep as functions on it.
 //!
-//! What skeleton frequencies and virtual frequencies have in common: the matrix `e^{−i2πfτ}` of tones on sample delays
-//! of an interval, in f64.
+//! What stands under skeleton frequencies: the matrix `e^{−i2πfτ}` of tones on sample delays of an interval, in f64.
 
 use faer::{Mat, c64};
 use num_complex::Complex64;
@@ -77,17 +76,27 @@ pub(crate) fn turned(cycles: f64) -> Complex64 {
     Complex64::cis(TAU * (cycles - cycles.round()))
 }
 
-/// The greatest modulus of the elements.
+/// The greatest modulus of the elements; NaN if one is NaN, so that a failed solution is never taken for a good one.
 pub(crate) fn greatest(matrix: &Mat<c64>) -> f64 {
-    (0..matrix.ncols())
-        .map(|n| matrix.col_as_slice(n).iter().map(Complex64::norm_sqr).fold(0.0, f64::max))
-        .fold(0.0, f64::max)
-        .sqrt()
+    let greater = |a: f64, b: f64| if a >= b { a } else { b };
+    let squares = (0..matrix.ncols()).flat_map(|n| matrix.col_as_slice(n)).map(Complex64::norm_sqr);
+    squares.fold(0.0, |a: f64, b| if a.is_nan() { a } else { greater(a, b) }).sqrt()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn nan_is_the_greatest_of_all() {
+        let of = |values: [f64; 3]| greatest(&Mat::from_fn(3, 1, |k, _| Complex64::from(values[k])));
+        assert_eq!(of([1.0, -3.0, 2.0]), 3.0);
+        for i in 0..3 {
+            let mut values = [1.0, 2.0, 3.0];
+            values[i] = f64::NAN;
+            assert!(of(values).is_nan());
+        }
+    }
 
     #[test]
     fn tones_are_the_literal_ones_for_even_and_uneven_sweeps() {
