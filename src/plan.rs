@@ -257,7 +257,7 @@ pub fn outside_warning(grid: &Grid, low: DVec3, high: DVec3) -> Option<String> {
     let apart = low.cmpgt(far).any() || high.cmplt(near).any();
     apart.then(|| {
         format!(
-            "the scene, from {low} to {high} m, lies outside the grid, from {near} to {far} m: what the image shows are \
+            "the scene, from {low:.3} to {high:.3} m, lies outside the grid, from {near:.3} to {far:.3} m: what the image shows are \
              sidelobes; move the [grid] or the scene"
         )
     })

@@ -87,7 +87,23 @@ fn image(
     json: bool,
     terminal: &Terminal,
 ) -> Result<()> {
-    make_folder(folder)?;
+    let made = make_folder(folder)?;
+    let result = image_into(input, folder, config, overrides, json, terminal);
+    if made && result.is_err() {
+        // A request that came to nothing leaves nothing behind; a folder with files in it stays.
+        let _ = std::fs::remove_dir(folder);
+    }
+    result
+}
+
+fn image_into(
+    input: &Path,
+    folder: &Path,
+    config: Option<&Path>,
+    overrides: &Overrides,
+    json: bool,
+    terminal: &Terminal,
+) -> Result<()> {
     let (run, outcome) = if has_extension(input, &["npz"]) {
         let run = config_of(config, &overrides.keys())?;
         let cube = DataCube::read(input, reading_limit())?;
@@ -261,9 +277,11 @@ fn check_extension(path: &Path, extensions: &[&str]) -> Result<()> {
     ))
 }
 
-/// Makes the output folder first, so that a place that cannot be written is found before the long work.
-fn make_folder(folder: &Path) -> Result<()> {
-    std::fs::create_dir_all(folder).map_err(|e| match e.kind() {
+/// Makes the output folder first, so that a place that cannot be written is found before the long work; says whether it
+/// was not there before.
+fn make_folder(folder: &Path) -> Result<bool> {
+    let missing = !folder.exists();
+    std::fs::create_dir_all(folder).map(|()| missing).map_err(|e| match e.kind() {
         std::io::ErrorKind::AlreadyExists | std::io::ErrorKind::NotADirectory => {
             Error::input(folder.display(), "is a file; a folder was expected for the results")
         }

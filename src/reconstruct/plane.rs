@@ -87,13 +87,19 @@ impl<'a> Plane<'a> {
         let layout = self.layout;
         let n = layout.fft.len();
         let scan = self.outward.is_empty();
-        self.sum.fill(Complex32::ZERO);
+        if scan {
+            self.sum.fill(Complex32::ZERO);
+        }
         for (k, data) in per_metre.iter().zip(spectra.chunks_exact(n * layout.node_parts.len())) {
-            for (lengths, data) in self.lengths.chunks_exact(n).zip(data.chunks_exact(n)) {
+            for (part, (lengths, data)) in self.lengths.chunks_exact(n).zip(data.chunks_exact(n)).enumerate()
+            {
                 phasors(*k, lengths, &mut self.kernel);
                 layout.fft.forward(&mut self.kernel, &mut self.spectrum, &mut self.scratch);
-                for ((sum, a), b) in self.sum.iter_mut().zip(&self.spectrum).zip(data) {
-                    *sum += a * b;
+                let products = self.spectrum.iter().zip(data).map(|(a, b)| a * b);
+                if part == 0 && !scan {
+                    self.sum.iter_mut().zip(products).for_each(|(sum, product)| *sum = product);
+                } else {
+                    self.sum.iter_mut().zip(products).for_each(|(sum, product)| *sum += product);
                 }
             }
             if scan {
@@ -109,7 +115,6 @@ impl<'a> Plane<'a> {
                     *voxel += a * phase;
                 }
             }
-            self.sum.fill(Complex32::ZERO);
         }
         if scan {
             let focused = layout.fft.inverse(&mut self.sum, part[1].count, &mut self.scratch);

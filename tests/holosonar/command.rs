@@ -135,6 +135,16 @@ fn init_writes_a_run_file_that_images() {
 }
 
 #[test]
+fn a_refused_request_leaves_no_folder() {
+    let folder = workplace();
+    refused(folder.path(), "image point.toml -o fresh --set sweep.step=-1", 2, &["sweep.step"]);
+    assert!(!folder.path().join("fresh").exists());
+    std::fs::create_dir(folder.path().join("there")).unwrap();
+    refused(folder.path(), "image point.toml -o there --set sweep.step=-1", 2, &["sweep.step"]);
+    assert!(folder.path().join("there").exists(), "what was there stays");
+}
+
+#[test]
 fn completions_help_and_version() {
     let folder = tempfile::tempdir().unwrap();
     for shell in ["bash", "zsh", "fish", "powershell", "elvish"] {
