@@ -5,6 +5,7 @@
 
 mod commands;
 mod info;
+mod inputs;
 mod summary;
 mod terminal;
 

@@ -11,6 +11,7 @@ mod convolution;
 mod direct;
 mod fft2;
 mod lattice;
+mod layout;
 mod plane;
 pub mod skeleton;
 mod spread;

@@ -1,10 +1,11 @@
 //! One function per command: arguments in, library calls, results out.
 
+use super::inputs::{config_of, has_extension, run_of};
 use super::terminal::{Terminal, print};
 use super::{Cli, Command, Overrides, info, summary};
 use clap::CommandFactory;
 use holosonar::acquisition::DataCube;
-use holosonar::config::{ANNOTATED, InputFile, RunFile};
+use holosonar::config::ANNOTATED;
 use holosonar::error::{Error, Result};
 use holosonar::export::depth_exr::{DepthFile, read_depth_map};
 use holosonar::export::{Attribute, find_attribute};
@@ -233,36 +234,6 @@ fn init(folder: &Path, json: bool, terminal: &Terminal) -> Result<()> {
         return Ok(());
     }
     print(&format!("now try: holosonar image {} -o {}\n", paths[0].display(), folder.join("out").display()))
-}
-
-/// The run file of an input, and whether it is a bare mesh, for which defaults stand in.
-pub(super) fn run_of(input: &Path, overrides: &Overrides) -> Result<(RunFile, bool)> {
-    if has_extension(input, &["toml"]) {
-        return Ok((RunFile::load(input, &overrides.keys())?, false));
-    }
-    if !has_extension(input, &["obj", "gltf", "glb", "csv"]) {
-        return Err(Error::input(
-            input.display(),
-            "is no input this command takes; a run file (.toml), a mesh (.obj, .gltf, .glb) or a list of reflectors \
-             (.csv) was expected",
-        ));
-    }
-    let mut run = RunFile::from_str_at("", "command line", Path::new(""), &overrides.keys())?;
-    run.scene.mesh = Some(InputFile::new(input));
-    Ok((run, true))
-}
-
-/// The run file given with `-c`, or the defaults.
-fn config_of(config: Option<&Path>, settings: &[String]) -> Result<RunFile> {
-    match config {
-        Some(path) => RunFile::load(path, settings),
-        None => RunFile::from_str_at("", "command line", Path::new(""), settings),
-    }
-}
-
-fn has_extension(path: &Path, extensions: &[&str]) -> bool {
-    let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default();
-    extensions.iter().any(|e| extension.eq_ignore_ascii_case(e))
 }
 
 /// Refuses an output name before any work is done for it.

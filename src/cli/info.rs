@@ -1,7 +1,7 @@
 //! What a file holds, told by its kind.
 
 use super::Overrides;
-use super::commands::run_of;
+use super::inputs::run_of;
 use holosonar::acquisition::DataCube;
 use holosonar::error::{Error, Result};
 use holosonar::export::depth_exr::read_depth_map;

@@ -6,15 +6,14 @@
 //! instead of all; with tolerance 0 it runs over every one.
 
 use super::Weights;
-use super::fft2::Fft2;
-use super::lattice::{Parts, SharedLattice};
+use super::lattice::SharedLattice;
+use super::layout::Layout;
 use super::plane::Plane;
 use super::tones::{SlabTones, Tones, VolumeTones};
 use crate::acquisition::DataCube;
 use crate::error::Result;
 use crate::grid::{Grid, Volume};
 use crate::progress::{Observer, advance, stage};
-use crate::wave::Geometry;
 use crate::wave::interval::PathInterval;
 use num_complex::Complex32;
 use rayon::prelude::*;
@@ -25,82 +24,25 @@ const SPECTRA_BYTES: usize = 256 << 20;
 /// The share of the tolerance that the first of the two compressions may use.
 const FIRST_SHARE: f64 = 0.3;
 
-/// What stays the same for all planes of a volume.
-#[derive(Debug)]
-pub(super) struct Layout<'a> {
-    pub(super) lattice: &'a SharedLattice,
-    pub(super) grid: Grid,
-    pub(super) geometry: Geometry,
-    pub(super) fft: Fft2,
-    pub(super) node_parts: Vec<Parts>,
-    pub(super) voxel_parts: Vec<Parts>,
-}
-
-impl<'a> Layout<'a> {
-    fn new(lattice: &'a SharedLattice, grid: Grid, geometry: Geometry) -> Self {
-        let (node_parts, voxel_parts) = (lattice.node_parts(), lattice.voxel_parts(&grid));
-        let most = |parts: &[Parts], axis: usize| parts.iter().map(|p| p[axis].count).max().unwrap_or(1);
-        let size = |axis: usize| most(&node_parts, axis) + most(&voxel_parts, axis) - 1;
-        let fft = Fft2::at_least(size(0), size(1));
-        Self { lattice, grid, geometry, fft, node_parts, voxel_parts }
-    }
-
-    /// Elements of one tone's spectra.
-    fn tone_len(&self) -> usize {
-        self.fft.len() * self.node_parts.len()
-    }
-
-    /// Work per tone and depth, in kernel transforms.
-    fn pairs(&self) -> usize {
-        self.node_parts.len() * self.voxel_parts.len()
-    }
-
-    /// Spectra of the nodes' samples, `[tone, part, k_x, k_y]`; the inverse transform's scale is folded in.
-    fn spectra(&self, nodes: &[Complex32]) -> Vec<Complex32> {
-        let scale = 1.0 / self.fft.len() as f32;
-        let [n_x, _] = self.lattice.nodes().map(|axis| axis.count);
-        let tones = nodes.len() / self.lattice.width();
-        let mut spectra = vec![Complex32::ZERO; tones * self.tone_len()];
-        spectra.par_chunks_exact_mut(self.fft.len()).enumerate().for_each_init(
-            || (self.fft.scratch(), Vec::new()),
-            |(scratch, padded), (index, spectrum)| {
-                let (tone, part) = (index / self.node_parts.len(), index % self.node_parts.len());
-                let nodes = &nodes[tone * self.lattice.width()..][..self.lattice.width()];
-                let [x, y] = self.node_parts[part];
-                padded.clear();
-                padded.resize(y.count * self.fft.n_x(), Complex32::ZERO);
-                for (row, padded) in padded.chunks_exact_mut(self.fft.n_x()).enumerate() {
-                    let from = &nodes[(y.start + row * y.stride) * n_x..][..n_x];
-                    for (to, from) in padded.iter_mut().zip(from[x.start..].iter().step_by(x.stride)) {
-                        *to = from * scale;
-                    }
-                }
-                self.fft.forward(padded, spectrum, scratch);
-            },
-        );
-        spectra
-    }
-
-    /// Adds tones to the planes from `first` on, `[plane, y, x]`.
-    fn add(
-        &self,
-        tones: &Tones,
-        first: usize,
-        planes: &mut [Complex32],
-        observer: &dyn Observer,
-    ) -> Result<()> {
-        let spectra = self.spectra(&tones.samples);
-        planes.par_chunks_mut(self.grid.plane_len()).enumerate().try_for_each_init(
-            || Plane::new(self),
-            |plane, (iz, voxels)| {
-                for part in &self.voxel_parts {
-                    plane.place(first + iz, part);
-                    plane.accumulate(&tones.per_metre, &spectra, voxels, part);
-                }
-                advance(observer, tones.per_metre.len() as u64)
-            },
-        )
-    }
+/// Adds tones to the planes from `first` on, `[plane, y, x]`.
+fn add(
+    layout: &Layout,
+    tones: &Tones,
+    first: usize,
+    planes: &mut [Complex32],
+    observer: &dyn Observer,
+) -> Result<()> {
+    let spectra = layout.spectra(&tones.samples);
+    planes.par_chunks_mut(layout.grid.plane_len()).enumerate().try_for_each_init(
+        || Plane::new(layout),
+        |plane, (iz, voxels)| {
+            for part in &layout.voxel_parts {
+                plane.place(first + iz, part);
+                plane.accumulate(&tones.per_metre, &spectra, voxels, part);
+            }
+            advance(observer, tones.per_metre.len() as u64)
+        },
+    )
 }
 
 /// Fills `volume` by Eq. 16 and gives the error bound, relative to `Σ|w m| / Σw`.
@@ -143,7 +85,7 @@ fn every_frequency(
             let per_metre =
                 cube.sweep.frequencies()[frequencies].iter().map(|f| -f / cube.sound_speed).collect();
             let tones = Tones { per_metre, samples: layout.lattice.onto_nodes(samples) };
-            layout.add(&tones, 0, &mut volume.samples, observer)?;
+            add(layout, &tones, 0, &mut volume.samples, observer)?;
         }
         Ok(())
     })
@@ -186,7 +128,7 @@ fn skeleton_frequencies(
             .zip(starts.par_iter().zip(&slabs))
             .try_for_each(|(planes, (&first, slab))| {
                 let tones = slab.of(&compressed.tones, layout.lattice.width());
-                layout.add(&tones, first, planes, observer)
+                add(layout, &tones, first, planes, observer)
             })
     })?;
     Ok(slabs.iter().map(|slab| slab.error).fold(0.0, f64::max))

@@ -1,8 +1,8 @@
 //! One thread's work on one depth: kernels, their transforms, products, and the way back onto the voxels.
 
-use super::convolution::Layout;
 use super::fft2::Scratch;
 use super::lattice::{Part, Parts};
+use super::layout::Layout;
 use crate::grid::Axis;
 use crate::wave::Geometry;
 use crate::wave::simd::phasors;
