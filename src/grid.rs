@@ -125,6 +125,15 @@ impl Grid {
     }
 }
 
+/// Room for so many complex samples, all zero; `None` when they do not fit in memory.
+pub(crate) fn zeros(count: u64) -> Option<Vec<Complex32>> {
+    let count = usize::try_from(count).ok()?;
+    let mut samples = Vec::new();
+    samples.try_reserve_exact(count).ok()?;
+    samples.resize(count, Complex32::ZERO);
+    Some(samples)
+}
+
 /// The reconstructed complex amplitude `Â(p)` on a grid.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Volume {

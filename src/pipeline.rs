@@ -12,7 +12,7 @@ mod report;
 pub use facts::{cube_facts, resolution_of};
 pub use limits::{Bound, Verdict, hold};
 pub use outputs::{write_cube, write_depth, write_outputs, write_volume};
-pub use report::{MaterialRow, Report, SceneSummary};
+pub use report::{Report, SceneSummary};
 
 use crate::acquisition::{DataCube, MicArray, SimulateOptions, Sweep, simulate};
 use crate::config::RunFile;

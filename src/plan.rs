@@ -7,7 +7,7 @@
 mod memory;
 mod suggest;
 
-pub use memory::{available_memory, check_memory, check_sampling};
+pub use memory::{available_memory, check_memory, check_sampling, usable};
 
 use crate::acquisition::{Detection, MicArray, Sweep};
 use crate::grid::{Axis, Grid};
@@ -43,8 +43,7 @@ impl Setup<'_> {
 
     /// Range resolution Δd = c/2B, m (Eq. 10); `None` for a single tone.
     pub fn range_resolution(&self) -> Option<f64> {
-        let bandwidth = self.sweep.bandwidth();
-        (bandwidth > 0.0).then(|| self.sound_speed / (2.0 * bandwidth))
+        self.sweep.range_resolution(self.sound_speed)
     }
 
     /// Lateral resolution λ_c z/D along x and y at depth `z`, m; `None` along an axis without extent.

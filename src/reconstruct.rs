@@ -22,7 +22,7 @@ pub use window::Window;
 
 use crate::acquisition::DataCube;
 use crate::error::{Error, Result};
-use crate::grid::{Grid, Volume};
+use crate::grid::{Grid, Volume, zeros};
 use crate::progress::Observer;
 use num_complex::Complex32;
 use serde::{Deserialize, Serialize};
@@ -157,19 +157,15 @@ pub fn reconstruct(
         observer.warn(&warning);
     }
     let weights = Weights::new(cube, options.window);
-    let mut samples = Vec::new();
-    usize::try_from(grid.voxel_count())
-        .ok()
-        .and_then(|n| samples.try_reserve_exact(n).ok().map(|()| samples.resize(n, Complex32::ZERO)))
-        .ok_or_else(|| {
-            Error::environment(
-                "memory",
-                format!(
-                    "a volume of {} voxels does not fit; use a smaller grid or a larger pitch",
-                    grid.voxel_count()
-                ),
-            )
-        })?;
+    let samples = zeros(grid.voxel_count()).ok_or_else(|| {
+        Error::environment(
+            "memory",
+            format!(
+                "a volume of {} voxels does not fit; use a smaller grid or a larger pitch",
+                grid.voxel_count()
+            ),
+        )
+    })?;
     let mut volume = Volume::new(*grid, samples);
     let (method, relative) = match choice {
         Choice::Direct => {

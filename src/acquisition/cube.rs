@@ -3,6 +3,7 @@
 use super::{Detection, MicArray, Sweep};
 use crate::error::{Error, Result};
 use crate::files::npz::{NpzReader, write_npz};
+use crate::grid::zeros;
 use crate::wave::{DEFAULT_SOUND_SPEED, Geometry};
 use glam::DVec3;
 use num_complex::Complex32;
@@ -88,24 +89,19 @@ impl DataCube {
 
     /// Range resolution c/2B, m (Eq. 10); `None` for a single tone.
     pub fn range_resolution(&self) -> Option<f64> {
-        let bandwidth = self.sweep.bandwidth();
-        (bandwidth > 0.0).then(|| self.sound_speed / (2.0 * bandwidth))
+        self.sweep.range_resolution(self.sound_speed)
     }
 
     /// Room for a cube, filled with zeros.
     pub(super) fn allocate(n_f: usize, n_mic: usize) -> Result<Vec<Complex32>> {
-        let mut samples = Vec::new();
-        n_f.checked_mul(n_mic)
-            .and_then(|n| samples.try_reserve_exact(n).ok().map(|()| samples.resize(n, Complex32::ZERO)))
-            .map(|()| samples)
-            .ok_or_else(|| {
-                Error::environment(
-                    "memory",
-                    format!(
-                        "a cube of {n_f} frequencies x {n_mic} microphones does not fit; use fewer of either"
-                    ),
-                )
-            })
+        (n_f as u64).checked_mul(n_mic as u64).and_then(zeros).ok_or_else(|| {
+            Error::environment(
+                "memory",
+                format!(
+                    "a cube of {n_f} frequencies x {n_mic} microphones does not fit; use fewer of either"
+                ),
+            )
+        })
     }
 
     /// Writes the cube: `samples`, `frequencies`, `mic_positions`, `meta`. Same cube, same bytes.

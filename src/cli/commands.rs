@@ -12,7 +12,7 @@ use holosonar::export::{Attribute, find_attribute};
 use holosonar::files::write_atomically;
 use holosonar::metrics::{Metrics, evaluate};
 use holosonar::pipeline::{self, Bound, Verdict};
-use holosonar::plan::available_memory;
+use holosonar::plan::{available_memory, usable};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -24,7 +24,13 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
     let json = cli.common.json;
     match &cli.command {
         Command::Image { input, output, config, overrides } => {
-            image(input, output, config.as_deref(), overrides, json, terminal)
+            let made = make_folder(output)?;
+            let result = image(input, output, config.as_deref(), overrides, json, terminal);
+            if made && result.is_err() {
+                // A request that came to nothing leaves nothing behind; a folder with files in it stays.
+                let _ = std::fs::remove_dir(output);
+            }
+            result
         }
         Command::Simulate { input, output, overrides } => {
             let (run, bare) = run_of(input, overrides)?;
@@ -80,24 +86,8 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
     }
 }
 
+/// Images an input into a folder that is there.
 fn image(
-    input: &Path,
-    folder: &Path,
-    config: Option<&Path>,
-    overrides: &Overrides,
-    json: bool,
-    terminal: &Terminal,
-) -> Result<()> {
-    let made = make_folder(folder)?;
-    let result = image_into(input, folder, config, overrides, json, terminal);
-    if made && result.is_err() {
-        // A request that came to nothing leaves nothing behind; a folder with files in it stays.
-        let _ = std::fs::remove_dir(folder);
-    }
-    result
-}
-
-fn image_into(
     input: &Path,
     folder: &Path,
     config: Option<&Path>,
@@ -262,7 +252,7 @@ fn make_folder(folder: &Path) -> Result<bool> {
 
 /// Bytes that any one array of an input may take.
 fn reading_limit() -> u64 {
-    available_memory().map_or(u64::MAX, |bytes| bytes / 10 * 8)
+    available_memory().map_or(u64::MAX, usable)
 }
 
 fn wrote(files: &[PathBuf], json: bool, terminal: &Terminal) -> Result<()> {

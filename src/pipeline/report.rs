@@ -6,7 +6,7 @@ use crate::config::RunFile;
 use crate::grid::Grid;
 use crate::metrics::Metrics;
 use crate::plan::Plan;
-use crate::scene::Scene;
+use crate::scene::{Material, Scene};
 use glam::DVec3;
 use serde::Serialize;
 use serde_json::{Map, Value};
@@ -94,20 +94,7 @@ pub struct SceneSummary {
     /// Distance between reflectors, whether typed or chosen, m; `None` for a list of reflectors.
     pub reflector_spacing: Option<f64>,
     /// The materials as they were resolved.
-    pub materials: Vec<MaterialRow>,
-}
-
-/// One row of the table of materials.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct MaterialRow {
-    /// Its name in the mesh file.
-    pub name: String,
-    /// Amplitude reflected, 0..1.
-    pub reflectance: f64,
-    /// Amplitude left after one crossing, 0..1.
-    pub transmittance: f64,
-    /// Where the values come from.
-    pub source: String,
+    pub materials: Vec<Material>,
 }
 
 impl SceneSummary {
@@ -118,7 +105,6 @@ impl SceneSummary {
         high: DVec3,
         wavelength: f64,
     ) -> Self {
-        let materials = scene.map_or(&[][..], Scene::materials);
         Self {
             low: low.to_array(),
             high: high.to_array(),
@@ -127,15 +113,7 @@ impl SceneSummary {
             triangles: scene.map_or(0, |scene| scene.triangles().len()),
             area: scene.map_or(0.0, Scene::surface_area),
             reflector_spacing,
-            materials: materials
-                .iter()
-                .map(|m| MaterialRow {
-                    name: m.name.clone(),
-                    reflectance: m.reflectance,
-                    transmittance: m.transmittance,
-                    source: m.source.clone(),
-                })
-                .collect(),
+            materials: scene.map_or(&[][..], Scene::materials).to_vec(),
         }
     }
 }

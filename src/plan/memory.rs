@@ -8,7 +8,7 @@ use crate::error::{Error, Result};
 /// # Errors
 /// [`Error::Input`] when the peak exceeds 80 % of the memory that is free, with what would mend it.
 pub fn check_memory(plan: &Plan, available: Option<u64>) -> Result<()> {
-    let Some(limit) = available.map(|bytes| bytes / 10 * 8) else { return Ok(()) };
+    let Some(limit) = available.map(usable) else { return Ok(()) };
     if plan.peak_bytes <= limit {
         return Ok(());
     }
@@ -34,7 +34,7 @@ pub fn check_memory(plan: &Plan, available: Option<u64>) -> Result<()> {
 /// # Errors
 /// [`Error::Input`] when `bytes` exceed 80 % of the memory that is free.
 pub fn check_sampling(bytes: u64, spacing: f64, available: Option<u64>) -> Result<()> {
-    match available.map(|free| free / 10 * 8) {
+    match available.map(usable) {
         Some(limit) if bytes > limit => Err(Error::input(
             "reflectors.spacing",
             format!(
@@ -46,6 +46,11 @@ pub fn check_sampling(bytes: u64, spacing: f64, available: Option<u64>) -> Resul
         )),
         _ => Ok(()),
     }
+}
+
+/// What a job may use of the memory that is free, bytes: 80 %.
+pub fn usable(free: u64) -> u64 {
+    free / 10 * 8
 }
 
 fn gib(bytes: u64) -> f64 {

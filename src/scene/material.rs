@@ -5,9 +5,10 @@ use std::path::Path;
 
 use crate::error::{Error, Result};
 use crate::progress::Observer;
+use serde::Serialize;
 
 /// What a surface does to the amplitude of sound; the same for both sides, all angles and all frequencies.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Material {
     /// Name in the file, or that of the first node or object that has it.
     pub name: String,
