@@ -4,13 +4,19 @@
 //! nothing tells them apart.
 
 mod array;
+mod setup;
+mod source;
 mod cube;
+mod cube_file;
 mod simulate;
 mod sweep;
 
 pub use array::{Lattice, MicArray};
 pub use cube::DataCube;
+pub use cube_file::CubeFile;
+pub use setup::Setup;
 pub use simulate::{Noise, PropagationModel, SimulateOptions, simulate};
+pub use source::{CubeSource, Visit};
 pub use sweep::Sweep;
 
 use serde::{Deserialize, Serialize};

@@ -54,9 +54,9 @@
 //! | m(f, r) | data cube | – | [`acquisition`] |
 //! | f₀, B, δf, n_f | first frequency, bandwidth, step, count | Hz | [`acquisition::Sweep`] |
 //! | c, λ_c, λ_min | sound speed; wavelength at the band's centre, and the shortest | m/s, m | [`plan`] |
-//! | Δd = c/2B | range resolution (Eq. 10) | m | [`plan::Setup::range_resolution`] |
+//! | Δd = c/2B | range resolution (Eq. 10) | m | [`acquisition::Setup::range_resolution`] |
 //! | D | extent of the array | m | [`acquisition::MicArray::extent`] |
-//! | λ_c z/D | lateral resolution (not Eq. 12, which is an angle) | m | [`plan::Setup::lateral_resolution`] |
+//! | λ_c z/D | lateral resolution (not Eq. 12, which is an angle) | m | [`acquisition::Setup::lateral_resolution`] |
 //!
 //! # Invariants
 //! - A module imports only from modules above it in the list below; a test reads the sources and holds it so.

@@ -14,7 +14,7 @@ pub use limits::{Bound, Verdict, hold};
 pub use outputs::{write_cube, write_depth, write_outputs, write_volume};
 pub use report::{Report, SceneSummary};
 
-use crate::acquisition::{DataCube, MicArray, SimulateOptions, Sweep, simulate};
+use crate::acquisition::{DataCube, MicArray, Setup, SimulateOptions, Sweep, simulate};
 use crate::config::RunFile;
 use crate::depth::locate_depth;
 use crate::error::{Error, Result};
@@ -22,7 +22,7 @@ use crate::export::volume_npz::read_volume_npz;
 use crate::grid::{DepthMap, Grid};
 use crate::metrics::{Metrics, evaluate};
 use crate::plan::{
-    Plan, Setup, available_memory, check_memory, check_sampling, outside_warning, plan, scale_warnings,
+    Plan, available_memory, check_memory, check_sampling, outside_warning, plan, scale_warnings,
 };
 use crate::progress::Observer;
 use crate::reconstruct::{Reconstruction, reconstruct};
@@ -93,7 +93,7 @@ pub fn image_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Result
 /// What the stages refuse; a run file without a grid.
 pub fn image_cube(run: &RunFile, cube: DataCube, observer: &dyn Observer) -> Result<Outcome> {
     let log = Log::new(observer);
-    let setup = facts::setup_of(&cube);
+    let setup = cube.setup();
     need_bandwidth("the cube's `frequencies`", &cube.sweep)?;
     let grid = run.voxels(&setup, None)?;
     let plan = plan(&setup, &grid);
@@ -120,7 +120,7 @@ pub fn simulate_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Res
 /// # Errors
 /// What the stages refuse; a run file without a grid.
 pub fn reconstruct_cube(run: &RunFile, cube: &DataCube, observer: &dyn Observer) -> Result<Reconstruction> {
-    let setup = facts::setup_of(cube);
+    let setup = cube.setup();
     let grid = run.voxels(&setup, None)?;
     let plan = plan(&setup, &grid);
     warn_all(&plan.warnings, observer);

@@ -9,43 +9,12 @@ mod suggest;
 
 pub use memory::{available_memory, check_memory, check_sampling, usable};
 
-use crate::acquisition::{Detection, MicArray, Sweep};
+use crate::acquisition::{Detection, Setup};
 use crate::grid::{Axis, Grid};
-use crate::wave::Geometry;
 use glam::DVec3;
 use serde::Serialize;
 
-/// What the formulas need to know of a measurement.
-#[derive(Debug, Clone, Copy)]
-pub struct Setup<'a> {
-    /// The tones.
-    pub sweep: &'a Sweep,
-    /// The microphones.
-    pub array: &'a MicArray,
-    /// Fixed speaker or monostatic scan.
-    pub geometry: Geometry,
-    /// Quadrature or in-phase.
-    pub detection: Detection,
-    /// c, m/s.
-    pub sound_speed: f64,
-}
-
 impl Setup<'_> {
-    /// Wavelength at the centre of the band λ_c, m.
-    pub fn wavelength(&self) -> f64 {
-        self.sound_speed / self.sweep.centre()
-    }
-
-    /// Shortest wavelength λ_min, m.
-    pub fn shortest_wavelength(&self) -> f64 {
-        self.sound_speed / self.sweep.stop()
-    }
-
-    /// Range resolution Δd = c/2B, m (Eq. 10); `None` for a single tone.
-    pub fn range_resolution(&self) -> Option<f64> {
-        self.sweep.range_resolution(self.sound_speed)
-    }
-
     /// Lateral resolution λ_c z/D along x and y at depth `z`, m; `None` along an axis without extent.
     ///
     /// Not Eq. 12, whose right side is dimensionless (an angle) and knows no wavelength (PHYSICS Q2). A monostatic
@@ -71,12 +40,6 @@ impl Setup<'_> {
             Detection::Quadrature => longest - shortest,
             Detection::InPhase => longest,
         }
-    }
-
-    /// Least and greatest path length between a box of voxels and the array, m.
-    pub fn path_bounds(&self, grid: &Grid) -> [f64; 2] {
-        let corners = grid.corners();
-        self.geometry.path_bounds([corners[0], corners[7]], self.array.bounds().into())
     }
 
     /// Voxel pitch along x, y, z, m: at most half a resolution cell laterally and half of Δd in depth (PHYSICS Q9),
@@ -149,7 +112,7 @@ pub struct Plan {
 /// Works out a plan. Costs nothing.
 pub fn plan(setup: &Setup, grid: &Grid) -> Plan {
     let complex = |n: u64| n.saturating_mul(8);
-    let cube_bytes = complex((setup.sweep.len() as u64).saturating_mul(setup.array.len() as u64));
+    let cube_bytes = setup.cube_bytes();
     let voxels = grid.voxel_count();
     // The cube stands beside its weighted spectra or planes; depth needs |Â|, its power and a smoothed copy.
     let spectra = 512 << 20;
@@ -265,6 +228,8 @@ pub fn outside_warning(grid: &Grid, low: DVec3, high: DVec3) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::acquisition::{MicArray, Sweep};
+    use crate::wave::Geometry;
 
     pub(super) fn with_setup<T>(
         count: usize,

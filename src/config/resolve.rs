@@ -3,11 +3,11 @@
 use super::{
     Geometry as GeometryWord, Layout, MaterialRule, Occlusion as OcclusionWord, RunFile, Shading, Surface,
 };
+use crate::acquisition::Setup;
 use crate::acquisition::{MicArray, Noise, SimulateOptions, Sweep};
 use crate::depth::DepthOptions;
 use crate::error::{Error, Result};
 use crate::grid::{Axis, Grid};
-use crate::plan::Setup;
 use crate::reconstruct::ReconstructOptions;
 use crate::reflectors::csv::read_columns;
 use crate::reflectors::{Occlusion, SurfaceModel, SurfaceOptions};

@@ -4,12 +4,14 @@
 //! shape and against a limit in bytes before anything is inflated or allocated. [`write_npz`] stores plain
 //! little-endian arrays in C order, so that the same input gives the same bytes.
 
+mod elements;
 mod header;
 mod writer;
 
 pub use writer::{NpzWriter, write_npz};
 
 use crate::error::{Error, Result};
+use elements::{any_complex, c_order, characters, plain_complex, scalar_reader};
 use header::{Dtype, Header, Kind};
 use num_complex::Complex32;
 use std::fs::File;
@@ -44,6 +46,19 @@ pub struct NpzReader {
     limit_bytes: u64,
     archive: ZipArchive<BufReader<File>>,
     entries: Vec<Entry>,
+}
+
+impl Header {
+    /// Whether the last axis is the fastest.
+    fn in_order(&self) -> bool {
+        !self.fortran || self.shape.len() <= 1
+    }
+
+    /// The elements as they were read, brought into C order.
+    fn array<T: Copy>(self, data: Vec<T>) -> Array<T> {
+        let data = if self.in_order() { data } else { c_order(&data, &self.shape) };
+        Array { shape: self.shape, data }
+    }
 }
 
 impl NpzReader {
@@ -114,7 +129,67 @@ impl NpzReader {
     /// # Errors
     /// A missing array, text in place of numbers, sizes that disagree or exceed the limit, damaged bytes.
     pub fn complex(&mut self, name: &str) -> Result<Array<Complex32>> {
-        self.numbers(name, true, |re, im| Complex32::new(re as f32, im as f32))
+        let (index, header) = self.header(name)?;
+        let (index, header) = (index, header.clone());
+        let convert = self.complex_reader(name, header.dtype)?;
+        let mut data = Vec::new();
+        self.read(name, index, &header, Held::all(&header, 8), |bytes| {
+            convert(header.dtype, bytes, &mut data);
+            Ok(())
+        })?;
+        Ok(header.array(data))
+    }
+
+    /// How to read an array's elements as complex numbers.
+    fn complex_reader(&self, name: &str, dtype: Dtype) -> Result<fn(Dtype, &[u8], &mut Vec<Complex32>)> {
+        if scalar_reader(dtype).is_none() {
+            return Err(self.fault(name, "holds text; numbers were expected"));
+        }
+        let plain = Dtype { kind: Kind::Complex, size: 8, big_endian: false };
+        Ok(if dtype == plain { plain_complex } else { any_complex })
+    }
+
+    /// Whether an array lies in the file in the order in which it is read, last axis fastest.
+    pub fn in_order(&self, name: &str) -> bool {
+        self.header(name).is_ok_and(|(_, header)| header.in_order())
+    }
+
+    /// An array of complex numbers in blocks of `block` elements (the last may be shorter), in C order. Only a block
+    /// is held at a time, and the limit applies to it alone, unless the array is in Fortran order.
+    ///
+    /// # Errors
+    /// As [`NpzReader::complex`], and what `take` returns.
+    ///
+    /// # Panics
+    /// With blocks of no elements.
+    pub fn complex_blocks(
+        &mut self,
+        name: &str,
+        block: usize,
+        mut take: impl FnMut(&mut [Complex32]) -> Result<()>,
+    ) -> Result<()> {
+        if !self.in_order(name) {
+            return self.complex(name)?.data.chunks_mut(block).try_for_each(take);
+        }
+        let (index, header) = self.header(name)?;
+        let (index, header) = (index, header.clone());
+        let convert = self.complex_reader(name, header.dtype)?;
+        let size = header.dtype.size as usize;
+        let mut waiting: Vec<Complex32> = Vec::new();
+        self.read(name, index, &header, Held { elements: block as u64, bytes_each: 8 }, |mut bytes| {
+            while !bytes.is_empty() {
+                let room = (block - waiting.len()) * size;
+                let (now, rest) = bytes.split_at(room.min(bytes.len()));
+                convert(header.dtype, now, &mut waiting);
+                bytes = rest;
+                if waiting.len() == block {
+                    take(&mut waiting)?;
+                    waiting.clear();
+                }
+            }
+            Ok(())
+        })?;
+        if waiting.is_empty() { Ok(()) } else { take(&mut waiting) }
     }
 
     /// An array of real numbers in single precision.
@@ -122,7 +197,7 @@ impl NpzReader {
     /// # Errors
     /// As [`NpzReader::complex`], and complex numbers.
     pub fn f32(&mut self, name: &str) -> Result<Array<f32>> {
-        self.numbers(name, false, |re, _| re as f32)
+        self.numbers(name, |number| number as f32)
     }
 
     /// An array of real numbers in double precision.
@@ -130,7 +205,7 @@ impl NpzReader {
     /// # Errors
     /// As [`NpzReader::complex`], and complex numbers.
     pub fn f64(&mut self, name: &str) -> Result<Array<f64>> {
-        self.numbers(name, false, |re, _| re)
+        self.numbers(name, |number| number)
     }
 
     /// A text: the bytes of its UTF-8 as `uint8`, or one `NumPy` string.
@@ -153,7 +228,10 @@ impl NpzReader {
             ));
         }
         let mut bytes = Vec::new();
-        self.read(name, index, &header, 1, |block| bytes.extend_from_slice(block))?;
+        self.read(name, index, &header, Held::all(&header, 1), |block| {
+            bytes.extend_from_slice(block);
+            Ok(())
+        })?;
         let text = if header.dtype.kind == Kind::Characters {
             characters(&bytes, header.dtype.big_endian)
         } else {
@@ -166,34 +244,21 @@ impl NpzReader {
         }
     }
 
-    fn numbers<T: Copy>(
-        &mut self,
-        name: &str,
-        complex_allowed: bool,
-        make: impl Fn(f64, f64) -> T,
-    ) -> Result<Array<T>> {
+    fn numbers<T: Copy>(&mut self, name: &str, make: impl Fn(f64) -> T) -> Result<Array<T>> {
         let (index, header) = self.header(name)?;
         let (index, header) = (index, header.clone());
-        let is_complex = header.dtype.kind == Kind::Complex;
-        if is_complex && !complex_allowed {
+        if header.dtype.kind == Kind::Complex {
             return Err(self.fault(name, "holds complex numbers; real numbers were expected"));
         }
         let Some(scalar) = scalar_reader(header.dtype) else {
             return Err(self.fault(name, "holds text; numbers were expected"));
         };
-        let size = header.dtype.size as usize;
-        let part = if is_complex { size / 2 } else { size };
         let mut data: Vec<T> = Vec::new();
-        self.read(name, index, &header, size_of::<T>() as u64, |block| {
-            data.extend(block.chunks_exact(size).map(|element| {
-                let im = if is_complex { scalar(&element[part..]) } else { 0.0 };
-                make(scalar(&element[..part]), im)
-            }));
+        self.read(name, index, &header, Held::all(&header, size_of::<T>() as u64), |bytes| {
+            data.extend(bytes.chunks_exact(header.dtype.size as usize).map(|element| make(scalar(element))));
+            Ok(())
         })?;
-        if header.fortran && header.shape.len() > 1 {
-            data = c_order(&data, &header.shape);
-        }
-        Ok(Array { shape: header.shape, data })
+        Ok(header.array(data))
     }
 
     /// Passes the array's bytes on in blocks of whole elements, once its sizes are known to fit.
@@ -202,13 +267,13 @@ impl NpzReader {
         name: &str,
         index: usize,
         header: &Header,
-        bytes_in_memory: u64,
-        mut take: impl FnMut(&[u8]),
+        held: Held,
+        mut take: impl FnMut(&[u8]) -> Result<()>,
     ) -> Result<()> {
         let elements = header.elements().unwrap_or(u64::MAX);
         // Reordering holds the array twice for a moment.
-        let copies = if header.fortran && header.shape.len() > 1 { 2 } else { 1 };
-        let in_memory = elements.saturating_mul(bytes_in_memory.max(header.dtype.size));
+        let copies = if header.in_order() { 1 } else { 2 };
+        let in_memory = held.elements.min(elements).saturating_mul(held.bytes_each.max(header.dtype.size));
         let in_memory = in_memory.saturating_mul(copies);
         if in_memory > self.limit_bytes {
             return Err(self.fault(
@@ -237,7 +302,7 @@ impl NpzReader {
         while left > 0 {
             let now = block_len.min(left) as usize;
             entry.read_exact(&mut block[..now]).map_err(|error| broken(&error))?;
-            take(&block[..now]);
+            take(&block[..now])?;
             left -= now as u64;
         }
         // The checksum is compared when the end is met.
@@ -266,6 +331,19 @@ impl NpzReader {
 
     fn fault(&self, name: &str, problem: impl Into<String>) -> Error {
         Error::input(place_of(&self.path, name), problem)
+    }
+}
+
+/// How much of an array is in memory at a time.
+#[derive(Debug, Clone, Copy)]
+struct Held {
+    elements: u64,
+    bytes_each: u64,
+}
+
+impl Held {
+    fn all(header: &Header, bytes_each: u64) -> Self {
+        Self { elements: header.elements().unwrap_or(u64::MAX), bytes_each }
     }
 }
 
@@ -304,78 +382,6 @@ fn read_header(
             header.shape, header.dtype.size
         ))
     }
-}
-
-/// How to read one real number of an array of this type; nothing for text.
-fn scalar_reader(dtype: Dtype) -> Option<fn(&[u8]) -> f64> {
-    macro_rules! reader {
-        ($number:ty, $size:literal) => {{
-            fn little(bytes: &[u8]) -> f64 {
-                let mut number = [0; $size];
-                number.copy_from_slice(bytes);
-                <$number>::from_le_bytes(number) as f64
-            }
-            fn big(bytes: &[u8]) -> f64 {
-                let mut number = [0; $size];
-                number.copy_from_slice(bytes);
-                <$number>::from_be_bytes(number) as f64
-            }
-            Some(if dtype.big_endian { big } else { little })
-        }};
-    }
-    // Both parts of a complex number are read by the same function as a real one.
-    #[allow(clippy::cast_lossless, clippy::unnecessary_cast)]
-    match (dtype.kind, dtype.size) {
-        (Kind::Float, 4) | (Kind::Complex, 8) => reader!(f32, 4),
-        (Kind::Float, 8) | (Kind::Complex, 16) => reader!(f64, 8),
-        (Kind::Signed, 1) => reader!(i8, 1),
-        (Kind::Signed, 2) => reader!(i16, 2),
-        (Kind::Signed, 4) => reader!(i32, 4),
-        (Kind::Signed, 8) => reader!(i64, 8),
-        (Kind::Unsigned, 1) => reader!(u8, 1),
-        (Kind::Unsigned, 2) => reader!(u16, 2),
-        (Kind::Unsigned, 4) => reader!(u32, 4),
-        (Kind::Unsigned, 8) => reader!(u64, 8),
-        _ => None,
-    }
-}
-
-/// Elements stored with the first axis fastest, brought into the order with the last axis fastest.
-fn c_order<T: Copy>(fortran: &[T], shape: &[usize]) -> Vec<T> {
-    let mut strides = Vec::with_capacity(shape.len());
-    let mut stride = 1;
-    for &n in shape {
-        strides.push(stride);
-        stride *= n;
-    }
-    let mut index = vec![0; shape.len()];
-    let mut position = 0;
-    (0..fortran.len())
-        .map(|_| {
-            let element = fortran[position];
-            for axis in (0..shape.len()).rev() {
-                index[axis] += 1;
-                position += strides[axis];
-                if index[axis] < shape[axis] {
-                    break;
-                }
-                position -= strides[axis] * shape[axis];
-                index[axis] = 0;
-            }
-            element
-        })
-        .collect()
-}
-
-/// The text that `NumPy`'s four-byte characters spell.
-fn characters(bytes: &[u8], big_endian: bool) -> Option<String> {
-    bytes
-        .chunks_exact(4)
-        .map(|c| {
-            let code = [c[0], c[1], c[2], c[3]];
-            char::from_u32(if big_endian { u32::from_be_bytes(code) } else { u32::from_le_bytes(code) })
-        })
-        .collect()
 }
 
 #[cfg(test)]

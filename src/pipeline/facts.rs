@@ -1,9 +1,9 @@
 //! What files say about how they came to be: named facts for EXR and VTI, JSON for npz.
 
 use crate::acquisition::DataCube;
+use crate::acquisition::Setup;
 use crate::config::RunFile;
 use crate::export::{Attribute, Attributes};
-use crate::plan::Setup;
 use crate::reconstruct::Reconstruction;
 use crate::wave::Geometry;
 use serde_json::{Value, json};
@@ -11,20 +11,9 @@ use serde_json::{Value, json};
 /// This program and its version, as files name it.
 pub(super) const PROGRAM: &str = concat!("holosonar ", env!("CARGO_PKG_VERSION"));
 
-/// The formulas' view of a cube.
-pub(super) fn setup_of(cube: &DataCube) -> Setup<'_> {
-    Setup {
-        sweep: &cube.sweep,
-        array: &cube.array,
-        geometry: cube.geometry,
-        detection: cube.detection,
-        sound_speed: cube.sound_speed,
-    }
-}
-
 /// Everything that is needed to interpret and reproduce an image of `cube`: `meta` of a volume's npz.
 pub fn cube_facts(cube: &DataCube, run: &RunFile, image: &Reconstruction) -> Value {
-    let mut facts = setup_facts(&setup_of(cube), run);
+    let mut facts = setup_facts(&cube.setup(), run);
     facts["method"] = json!(image.method);
     facts["error_bound"] = json!(image.error_bound);
     facts

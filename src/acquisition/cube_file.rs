@@ -1,0 +1,294 @@
+//! Reading a cube file: everything but the samples at once, the samples in blocks or whole.
+
+use super::cube::{FORMAT, VERSION, check_finite};
+use super::source::{CubeSource, Visit};
+use super::{DataCube, Detection, MicArray, Setup, Sweep};
+use crate::error::{Error, Result};
+use crate::files::npz::NpzReader;
+use crate::wave::{DEFAULT_SOUND_SPEED, Geometry};
+use glam::DVec3;
+use num_complex::Complex32;
+use serde::Deserialize;
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+
+/// An open cube file, whose samples are still on the disk.
+#[derive(Debug)]
+pub struct CubeFile {
+    path: PathBuf,
+    npz: NpzReader,
+    sweep: Sweep,
+    array: MicArray,
+    geometry: Geometry,
+    detection: Detection,
+    sound_speed: f64,
+    conjugated: bool,
+    provenance: Value,
+}
+
+/// The `meta` array as files hold it; every key may be missing.
+#[derive(Debug, Deserialize)]
+#[serde(default)]
+struct Meta {
+    format: String,
+    version: u32,
+    sound_speed: f64,
+    geometry: String,
+    detection: Option<Detection>,
+    phase_sign: i32,
+    source: [f64; 3],
+    provenance: Value,
+}
+
+impl Default for Meta {
+    fn default() -> Self {
+        Self {
+            format: FORMAT.to_owned(),
+            version: VERSION,
+            sound_speed: DEFAULT_SOUND_SPEED,
+            geometry: "fixed-source".to_owned(),
+            detection: None,
+            phase_sign: 1,
+            source: [0.0; 3],
+            provenance: Value::Null,
+        }
+    }
+}
+
+impl Meta {
+    /// Checks every value and gives the geometry.
+    fn check(&self, place: &str) -> Result<Geometry> {
+        let refuse = |problem: String| Err(Error::input(place, problem));
+        if self.format != FORMAT {
+            return refuse(format!("`format` is {:?}; a cube says {FORMAT:?}", self.format));
+        }
+        if self.version != VERSION {
+            return refuse(format!("`version` is {}; this program reads version {VERSION}", self.version));
+        }
+        if !(self.sound_speed.is_finite() && self.sound_speed > 0.0) {
+            return refuse(format!("`sound_speed` must be positive, in m/s, not {}", self.sound_speed));
+        }
+        if self.phase_sign.abs() != 1 {
+            return refuse(format!("`phase_sign` must be 1 or -1, not {}", self.phase_sign));
+        }
+        let source = DVec3::from_array(self.source);
+        if !source.is_finite() {
+            return refuse("`source` must be three finite numbers, in m".to_owned());
+        }
+        match self.geometry.as_str() {
+            "fixed-source" => Ok(Geometry::FixedSource { source }),
+            "monostatic" => Ok(Geometry::Monostatic),
+            other => {
+                refuse(format!("`geometry` is {other:?}; \"fixed-source\" or \"monostatic\" was expected"))
+            }
+        }
+    }
+}
+
+/// Where in a file a fault lies.
+fn place(path: &Path, array: &str) -> String {
+    format!("{}, array `{array}`", path.display())
+}
+
+/// The microphones of `mic_positions`, and the shape they stand in.
+fn microphones(path: &Path, npz: &mut NpzReader) -> Result<(MicArray, Vec<usize>)> {
+    let place = place(path, "mic_positions");
+    let positions = npz.f64("mic_positions")?;
+    let axes = match positions.shape.split_last() {
+        Some((3, axes)) if matches!(axes.len(), 1 | 2) => axes.to_vec(),
+        _ => {
+            return Err(Error::input(
+                place,
+                format!("must be [n_y, n_x, 3] or [n_mic, 3], not {:?}", positions.shape),
+            ));
+        }
+    };
+    let points = positions.data.chunks_exact(3).map(DVec3::from_slice).collect();
+    Ok((MicArray::from_positions(&place, &axes, points)?, axes))
+}
+
+/// The detection that `meta` and the samples' type agree on.
+fn detection_of(place: String, said: Option<Detection>, is_complex: bool) -> Result<Detection> {
+    match (said, is_complex) {
+        (Some(Detection::Quadrature), false) => Err(Error::input(
+            place,
+            "are real, but `meta` says \"quadrature\"; give complex samples or detection \"in-phase\"",
+        )),
+        (Some(Detection::InPhase), true) => Err(Error::input(
+            place,
+            "are complex, but `meta` says \"in-phase\"; give real samples or detection \"quadrature\"",
+        )),
+        (_, true) => Ok(Detection::Quadrature),
+        (_, false) => Ok(Detection::InPhase),
+    }
+}
+
+impl CubeFile {
+    /// Opens a cube file, measured or simulated, and reads all but the samples; `limit` bounds the bytes of any one
+    /// array that is held.
+    ///
+    /// # Errors
+    /// A missing or malformed file; arrays that are missing, of wrong shape, or inconsistent with each other. The
+    /// message names the array.
+    pub fn open(path: &Path, limit: u64) -> Result<Self> {
+        let mut npz = NpzReader::open(path, limit)?;
+        if !npz.contains("frequencies") && npz.contains("samples") && npz.contains("z") {
+            return Err(Error::input(
+                path.display(),
+                "is a volume; a data cube was expected (`holosonar depth` takes a volume)",
+            ));
+        }
+        let meta = if npz.contains("meta") { npz.text("meta")? } else { "{}".to_owned() };
+        let meta: Meta = serde_json::from_str(&meta).map_err(|e| {
+            Error::input(place(path, "meta"), format!("is not the JSON that was expected: {e}"))
+        })?;
+        let geometry = meta.check(&place(path, "meta"))?;
+        let frequencies = npz.f64("frequencies")?;
+        if frequencies.shape.len() != 1 {
+            return Err(Error::input(
+                place(path, "frequencies"),
+                format!("must have one axis, [n_f], not {:?}", frequencies.shape),
+            ));
+        }
+        let sweep = Sweep::from_frequencies(&place(path, "frequencies"), frequencies.data)?;
+        let (array, axes) = microphones(path, &mut npz)?;
+        let detection =
+            detection_of(place(path, "samples"), meta.detection, npz.dtype_is_complex("samples")?)?;
+        let shape = npz.shape("samples")?;
+        let expected: Vec<usize> = std::iter::once(sweep.len()).chain(axes).collect();
+        if shape != expected {
+            return Err(Error::input(
+                place(path, "samples"),
+                format!("have shape {shape:?}, but `frequencies` and `mic_positions` make it {expected:?}"),
+            ));
+        }
+        Ok(Self {
+            path: path.to_owned(),
+            npz,
+            sweep,
+            array,
+            geometry,
+            detection,
+            sound_speed: meta.sound_speed,
+            conjugated: meta.phase_sign < 0,
+            provenance: meta.provenance,
+        })
+    }
+
+    /// Reads the samples and makes a cube of it all.
+    ///
+    /// # Errors
+    /// Samples that are damaged, not finite, or more than the limit.
+    pub fn load(mut self) -> Result<DataCube> {
+        let mut samples = self.npz.complex("samples")?.data;
+        check_finite(&place(&self.path, "samples"), 0, self.array.len(), &samples)?;
+        if self.conjugated {
+            samples.iter_mut().for_each(|m| *m = m.conj());
+        }
+        Ok(DataCube {
+            sweep: self.sweep,
+            array: self.array,
+            geometry: self.geometry,
+            detection: self.detection,
+            sound_speed: self.sound_speed,
+            samples,
+            provenance: self.provenance,
+        })
+    }
+
+    /// What made the cube; null for a measurement.
+    pub fn provenance(&self) -> &Value {
+        &self.provenance
+    }
+}
+
+impl CubeSource for CubeFile {
+    fn setup(&self) -> Setup<'_> {
+        Setup {
+            sweep: &self.sweep,
+            array: &self.array,
+            geometry: self.geometry,
+            detection: self.detection,
+            sound_speed: self.sound_speed,
+        }
+    }
+
+    fn held_bytes(&self) -> u64 {
+        // The first axis of a Fortran array is the fastest: its blocks are scattered over the whole file.
+        if self.npz.in_order("samples") { 0 } else { self.setup().cube_bytes().saturating_mul(2) }
+    }
+
+    fn visit(&mut self, block: usize, visit: &mut Visit) -> Result<()> {
+        let (n_f, n_mic) = (self.sweep.len(), self.array.len());
+        let (place, conjugated) = (place(&self.path, "samples"), self.conjugated);
+        let mut first = 0;
+        self.npz.complex_blocks("samples", block.min(n_f) * n_mic, |samples: &mut [Complex32]| {
+            check_finite(&place, first, n_mic, samples)?;
+            if conjugated {
+                samples.iter_mut().for_each(|m| *m = m.conj());
+            }
+            let range = first..first + samples.len() / n_mic;
+            first = range.end;
+            visit(range, samples)
+        })
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn blocks_are_the_whole_cube_in_order() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("cube.npz");
+        let sweep = Sweep::stepped("sweep", 10_000.0, 10_900.0, 100.0).unwrap();
+        let array = MicArray::rectangular("array", [3, 2], [0.02; 2], DVec3::ZERO).unwrap();
+        let samples = (0..60).map(|i| crate::wave::phasor(f64::from(i) * 0.377)).collect();
+        let cube = DataCube::new(sweep, array, samples).unwrap();
+        cube.write(&path).unwrap();
+        let collect = |source: &mut dyn CubeSource, block| {
+            let mut all = Vec::new();
+            source
+                .visit(block, &mut |range, samples| {
+                    assert_eq!(range.start * 6, all.len());
+                    assert_eq!(range.len() * 6, samples.len());
+                    all.extend_from_slice(samples);
+                    Ok(())
+                })
+                .unwrap();
+            all
+        };
+        for block in [1, 3, 10, 1000] {
+            // A limit far below the cube's size: only a block is ever held.
+            let mut file = CubeFile::open(&path, 6 * 8 * 10).unwrap();
+            assert_eq!(file.held_bytes(), 0);
+            assert_eq!(collect(&mut file, block.min(5)), cube.samples);
+            assert_eq!(collect(&mut &cube, block), cube.samples);
+        }
+        assert!(CubeFile::open(&path, 200).unwrap().load().is_err(), "the whole is more than the limit");
+    }
+
+    #[test]
+    fn a_damaged_file_is_noticed_at_its_block() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("cube.npz");
+        let sweep = Sweep::stepped("sweep", 10_000.0, 10_900.0, 100.0).unwrap();
+        let array = MicArray::rectangular("array", [3, 2], [0.02; 2], DVec3::ZERO).unwrap();
+        let mut cube = DataCube::new(sweep, array, vec![Complex32::ONE; 60]).unwrap();
+        cube.samples[31] = Complex32::new(f32::NAN, 0.0);
+        cube.write(&path).unwrap();
+        let mut seen = 0;
+        let error = CubeFile::open(&path, 1 << 20)
+            .unwrap()
+            .visit(2, &mut |range, _| {
+                seen = range.end;
+                Ok(())
+            })
+            .unwrap_err()
+            .to_string();
+        assert_eq!(seen, 4);
+        assert!(error.contains("frequency 5") && error.contains("microphone 1"), "{error}");
+    }
+}

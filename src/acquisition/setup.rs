@@ -1,0 +1,48 @@
+//! A measurement without its samples: all that formulas, plans and reconstructions need to know of it.
+
+use super::{Detection, MicArray, Sweep};
+use crate::grid::Grid;
+use crate::wave::Geometry;
+
+/// What was, or is to be, measured with.
+#[derive(Debug, Clone, Copy)]
+pub struct Setup<'a> {
+    /// The tones.
+    pub sweep: &'a Sweep,
+    /// The microphones.
+    pub array: &'a MicArray,
+    /// Fixed speaker or monostatic scan.
+    pub geometry: Geometry,
+    /// Quadrature or in-phase.
+    pub detection: Detection,
+    /// c, m/s.
+    pub sound_speed: f64,
+}
+
+impl Setup<'_> {
+    /// Wavelength at the centre of the band λ_c, m.
+    pub fn wavelength(&self) -> f64 {
+        self.sound_speed / self.sweep.centre()
+    }
+
+    /// Shortest wavelength λ_min, m.
+    pub fn shortest_wavelength(&self) -> f64 {
+        self.sound_speed / self.sweep.stop()
+    }
+
+    /// Range resolution Δd = c/2B, m (Eq. 10); `None` for a single tone.
+    pub fn range_resolution(&self) -> Option<f64> {
+        self.sweep.range_resolution(self.sound_speed)
+    }
+
+    /// Least and greatest path length between a box of voxels and the array, m.
+    pub fn path_bounds(&self, grid: &Grid) -> [f64; 2] {
+        let corners = grid.corners();
+        self.geometry.path_bounds([corners[0], corners[7]], self.array.bounds().into())
+    }
+
+    /// Bytes of all samples as they are held, complex in single precision; saturates rather than overflow.
+    pub fn cube_bytes(&self) -> u64 {
+        (self.sweep.len() as u64).saturating_mul(self.array.len() as u64).saturating_mul(8)
+    }
+}

@@ -1,0 +1,96 @@
+//! Elements of an NPY array: bytes in, numbers and characters out.
+
+use super::header::{Dtype, Kind};
+use num_complex::Complex32;
+
+/// Appends complex64 elements, little end first: what this crate and most of `NumPy`'s users write.
+pub(super) fn plain_complex(_: Dtype, bytes: &[u8], numbers: &mut Vec<Complex32>) {
+    numbers.extend(bytes.as_chunks::<8>().0.iter().map(|&[a, b, c, d, e, f, g, h]| {
+        Complex32::new(f32::from_le_bytes([a, b, c, d]), f32::from_le_bytes([e, f, g, h]))
+    }));
+}
+
+/// Appends elements of any number type; real numbers get the imaginary part 0.
+pub(super) fn any_complex(dtype: Dtype, bytes: &[u8], numbers: &mut Vec<Complex32>) {
+    let Some(scalar) = scalar_reader(dtype) else { return };
+    let size = dtype.size as usize;
+    numbers.extend(bytes.chunks_exact(size).map(|element| {
+        let (re, im) = match dtype.kind {
+            Kind::Complex => (scalar(&element[..size / 2]), scalar(&element[size / 2..])),
+            _ => (scalar(element), 0.0),
+        };
+        Complex32::new(re as f32, im as f32)
+    }));
+}
+
+/// How to read one real number of an array of this type; nothing for text.
+pub(super) fn scalar_reader(dtype: Dtype) -> Option<fn(&[u8]) -> f64> {
+    macro_rules! reader {
+        ($number:ty, $size:literal) => {{
+            fn little(bytes: &[u8]) -> f64 {
+                let mut number = [0; $size];
+                number.copy_from_slice(bytes);
+                <$number>::from_le_bytes(number) as f64
+            }
+            fn big(bytes: &[u8]) -> f64 {
+                let mut number = [0; $size];
+                number.copy_from_slice(bytes);
+                <$number>::from_be_bytes(number) as f64
+            }
+            Some(if dtype.big_endian { big } else { little })
+        }};
+    }
+    // Both parts of a complex number are read by the same function as a real one.
+    #[allow(clippy::cast_lossless, clippy::unnecessary_cast)]
+    match (dtype.kind, dtype.size) {
+        (Kind::Float, 4) | (Kind::Complex, 8) => reader!(f32, 4),
+        (Kind::Float, 8) | (Kind::Complex, 16) => reader!(f64, 8),
+        (Kind::Signed, 1) => reader!(i8, 1),
+        (Kind::Signed, 2) => reader!(i16, 2),
+        (Kind::Signed, 4) => reader!(i32, 4),
+        (Kind::Signed, 8) => reader!(i64, 8),
+        (Kind::Unsigned, 1) => reader!(u8, 1),
+        (Kind::Unsigned, 2) => reader!(u16, 2),
+        (Kind::Unsigned, 4) => reader!(u32, 4),
+        (Kind::Unsigned, 8) => reader!(u64, 8),
+        _ => None,
+    }
+}
+
+/// Elements stored with the first axis fastest, brought into the order with the last axis fastest.
+pub(super) fn c_order<T: Copy>(fortran: &[T], shape: &[usize]) -> Vec<T> {
+    let mut strides = Vec::with_capacity(shape.len());
+    let mut stride = 1;
+    for &n in shape {
+        strides.push(stride);
+        stride *= n;
+    }
+    let mut index = vec![0; shape.len()];
+    let mut position = 0;
+    (0..fortran.len())
+        .map(|_| {
+            let element = fortran[position];
+            for axis in (0..shape.len()).rev() {
+                index[axis] += 1;
+                position += strides[axis];
+                if index[axis] < shape[axis] {
+                    break;
+                }
+                position -= strides[axis] * shape[axis];
+                index[axis] = 0;
+            }
+            element
+        })
+        .collect()
+}
+
+/// The text that `NumPy`'s four-byte characters spell.
+pub(super) fn characters(bytes: &[u8], big_endian: bool) -> Option<String> {
+    bytes
+        .chunks_exact(4)
+        .map(|c| {
+            let code = [c[0], c[1], c[2], c[3]];
+            char::from_u32(if big_endian { u32::from_be_bytes(code) } else { u32::from_le_bytes(code) })
+        })
+        .collect()
+}
