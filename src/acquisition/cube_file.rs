@@ -183,7 +183,9 @@ impl CubeFile {
         let mut samples = self.npz.complex("samples")?.data;
         check_finite(&place(&self.path, "samples"), 0, self.array.len(), &samples)?;
         if self.conjugated {
-            samples.iter_mut().for_each(|m| *m = m.conj());
+            for m in &mut samples {
+                *m = m.conj();
+            }
         }
         Ok(DataCube {
             sweep: self.sweep,
@@ -225,7 +227,9 @@ impl CubeSource for CubeFile {
         self.npz.complex_blocks("samples", block.min(n_f) * n_mic, |samples: &mut [Complex32]| {
             check_finite(&place, first, n_mic, samples)?;
             if conjugated {
-                samples.iter_mut().for_each(|m| *m = m.conj());
+                for m in samples.iter_mut() {
+                    *m = m.conj();
+                }
             }
             let range = first..first + samples.len() / n_mic;
             first = range.end;

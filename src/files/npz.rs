@@ -11,7 +11,7 @@ mod writer;
 pub use writer::{NpzWriter, write_npz};
 
 use crate::error::{Error, Result};
-use elements::{any_complex, c_order, characters, plain_complex, scalar_reader};
+use elements::{ComplexReader, any_complex, c_order, characters, plain_complex, scalar_reader};
 use header::{Dtype, Header, Kind};
 use num_complex::Complex32;
 use std::fs::File;
@@ -141,7 +141,7 @@ impl NpzReader {
     }
 
     /// How to read an array's elements as complex numbers.
-    fn complex_reader(&self, name: &str, dtype: Dtype) -> Result<fn(Dtype, &[u8], &mut Vec<Complex32>)> {
+    fn complex_reader(&self, name: &str, dtype: Dtype) -> Result<ComplexReader> {
         if scalar_reader(dtype).is_none() {
             return Err(self.fault(name, "holds text; numbers were expected"));
         }

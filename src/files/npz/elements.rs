@@ -3,6 +3,9 @@
 use super::header::{Dtype, Kind};
 use num_complex::Complex32;
 
+/// Appends the elements that bytes of a type hold.
+pub(super) type ComplexReader = fn(Dtype, &[u8], &mut Vec<Complex32>);
+
 /// Appends complex64 elements, little end first: what this crate and most of `NumPy`'s users write.
 pub(super) fn plain_complex(_: Dtype, bytes: &[u8], numbers: &mut Vec<Complex32>) {
     numbers.extend(bytes.as_chunks::<8>().0.iter().map(|&[a, b, c, d, e, f, g, h]| {
