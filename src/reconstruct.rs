@@ -16,16 +16,18 @@ mod plane;
 pub mod skeleton;
 mod spread;
 mod tones;
+mod weights;
 mod window;
 
 pub use window::Window;
 
-use crate::acquisition::DataCube;
+use crate::acquisition::{CubeSource, DataCube, Setup};
 use crate::error::{Error, Result};
 use crate::grid::{Grid, Volume, zeros};
 use crate::progress::Observer;
 use num_complex::Complex32;
 use serde::{Deserialize, Serialize};
+use weights::Weights;
 
 /// How the sums of Eq. 13 are carried out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -82,8 +84,8 @@ pub struct Reconstruction {
 pub const MOST_DIRECT_TERMS: u64 = 100_000_000_000;
 
 /// The terms of Eq. 13: voxels × microphones × frequencies.
-pub fn direct_terms(cube: &DataCube, grid: &Grid) -> u64 {
-    grid.voxel_count().saturating_mul(cube.array.len() as u64).saturating_mul(cube.sweep.len() as u64)
+pub fn direct_terms(setup: &Setup, grid: &Grid) -> u64 {
+    grid.voxel_count().saturating_mul(setup.array.len() as u64).saturating_mul(setup.sweep.len() as u64)
 }
 
 /// What is to be done, with what was found out about the lattices.
@@ -93,13 +95,13 @@ enum Choice {
     Convolution(Box<lattice::SharedLattice>),
 }
 
-/// The method that the options come to for this cube and grid, and a warning if `auto` had to take the slow one.
-fn choose(cube: &DataCube, grid: &Grid, options: &ReconstructOptions) -> Result<(Choice, Option<String>)> {
+/// The method that the options come to for this measurement and grid, and a warning if `auto` had to take the slow one.
+fn choose(setup: &Setup, grid: &Grid, options: &ReconstructOptions) -> Result<(Choice, Option<String>)> {
     if options.method == Method::Direct {
         return Ok((Choice::Direct, None));
     }
     // Spreading and skeletons share the tolerance.
-    let misfit = match lattice::SharedLattice::find(cube, grid, 0.5 * options.tolerance) {
+    let misfit = match lattice::SharedLattice::find(setup, grid, 0.5 * options.tolerance) {
         Ok(lattice) => return Ok((Choice::Convolution(Box::new(lattice)), None)),
         Err(misfit) => misfit,
     };
@@ -109,7 +111,7 @@ fn choose(cube: &DataCube, grid: &Grid, options: &ReconstructOptions) -> Result<
             format!("\"convolution\" is not possible here: {misfit}; mend that, or use method = \"direct\""),
         ));
     }
-    let terms = direct_terms(cube, grid);
+    let terms = direct_terms(setup, grid);
     if terms > MOST_DIRECT_TERMS {
         return Err(Error::input(
             "reconstruct.method",
@@ -123,23 +125,93 @@ fn choose(cube: &DataCube, grid: &Grid, options: &ReconstructOptions) -> Result<
     Ok((Choice::Direct, Some(format!("{misfit}; summing Eq. 13 directly instead, which is slower"))))
 }
 
-/// Reconstructs the volume that a cube shows on a grid.
+/// How a volume was come by.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
+pub struct Made {
+    /// The method that was used; never [`Method::Auto`].
+    pub method: Method,
+    /// A bound on the error of any voxel against Eq. 13, f32 rounding aside, in the volume's own units: the measured
+    /// relative error of skeletons and spreading times `Σ|w m| / Σw`.
+    pub error_bound: f64,
+}
+
+/// Where depths go as they are finished: memory, or a file that is written slab by slab.
+pub trait VolumeSink {
+    /// Told once, before the first depth.
+    ///
+    /// # Errors
+    /// What writing comes to; so do the others.
+    fn begin(&mut self, made: &Made) -> Result<()>;
+
+    /// Takes neighbouring depths from `first` on, `[plane, y, x]`; they come in ascending order, each once.
+    ///
+    /// # Errors
+    /// See [`VolumeSink::begin`].
+    fn take(&mut self, first: usize, planes: &[Complex32]) -> Result<()>;
+
+    /// Takes all depths at once, from a method that cannot finish one before the others.
+    ///
+    /// # Errors
+    /// See [`VolumeSink::begin`].
+    fn take_all(&mut self, samples: Vec<Complex32>) -> Result<()> {
+        self.take(0, &samples)
+    }
+}
+
+/// A volume held whole.
+impl VolumeSink for Volume {
+    fn begin(&mut self, _: &Made) -> Result<()> {
+        if self.samples.is_empty() {
+            self.samples = room_for(&self.grid)?;
+        }
+        Ok(())
+    }
+
+    fn take(&mut self, first: usize, planes: &[Complex32]) -> Result<()> {
+        self.samples[first * self.grid.plane_len()..][..planes.len()].copy_from_slice(planes);
+        Ok(())
+    }
+
+    fn take_all(&mut self, samples: Vec<Complex32>) -> Result<()> {
+        self.samples = samples;
+        Ok(())
+    }
+}
+
+/// Reconstructs the volume that a cube shows on a grid, all of it in memory.
 ///
 /// - Shapes: the cube is `[n_f, n_mic]`, the volume `[n_z, n_y, n_x]`.
-/// - Cost: `direct` is voxels × microphones × frequencies phasors; `convolution` two padded 2-D FFTs per skeleton
-///   tone, depth and pair of sub-lattices.
-/// - The bytes do not depend on the number of threads.
-///
-/// # Errors
-/// `convolution` asked for where it is not possible, or `auto` left with over 10¹¹ direct terms; a grid with voxels
-/// behind the array; a tolerance that is not in 0..1; [`Error::Environment`] when the volume does not fit in memory;
-/// [`Error::Interrupted`].
+/// - Cost, errors: those of [`reconstruct_into`]; and [`Error::Environment`] when the volume does not fit in memory.
 pub fn reconstruct(
     cube: &DataCube,
     grid: &Grid,
     options: &ReconstructOptions,
     observer: &dyn Observer,
 ) -> Result<Reconstruction> {
+    // Filled when the reconstruction begins, so that nothing is reserved for a job that is refused.
+    let mut volume = Volume { grid: *grid, samples: Vec::new() };
+    let Made { method, error_bound } = reconstruct_into(&mut &*cube, grid, options, &mut volume, observer)?;
+    Ok(Reconstruction { volume, method, error_bound })
+}
+
+/// Reconstructs from a source of frequencies into a sink of depths, neither of which need be held whole.
+///
+/// - Cost: `direct` is voxels × microphones × frequencies phasors; `convolution` two padded 2-D FFTs per skeleton
+///   tone, depth and pair of sub-lattices.
+/// - The bytes do not depend on the number of threads, nor on where samples come from and planes go to.
+///
+/// # Errors
+/// `convolution` asked for where it is not possible, or `auto` left with over 10¹¹ direct terms; a grid with voxels
+/// behind the array; a tolerance that is not in 0..1; [`Error::Environment`] when what it needs does not fit in memory;
+/// [`Error::Interrupted`]; what source and sink come to.
+pub fn reconstruct_into(
+    source: &mut dyn CubeSource,
+    grid: &Grid,
+    options: &ReconstructOptions,
+    sink: &mut dyn VolumeSink,
+    observer: &dyn Observer,
+) -> Result<Made> {
     if grid.z.first < 0.0 {
         return Err(Error::input(
             "grid.z",
@@ -152,12 +224,23 @@ pub fn reconstruct(
             format!("{} is no relative error; 1e-4 is usual, 0 sums every frequency", options.tolerance),
         ));
     }
-    let (choice, warning) = choose(cube, grid, options)?;
+    let setup = source.setup();
+    let (choice, warning) = choose(&setup, grid, options)?;
     if let Some(warning) = warning {
         observer.warn(&warning);
     }
-    let weights = Weights::new(cube, options.window);
-    let samples = zeros(grid.voxel_count()).ok_or_else(|| {
+    let weights = Weights::new(&setup, options.window);
+    match choice {
+        Choice::Direct => direct::direct(source, &weights, grid, sink, observer),
+        Choice::Convolution(lattice) => {
+            convolution::convolution(source, &weights, &lattice, grid, options.tolerance, sink, observer)
+        }
+    }
+}
+
+/// Room for the voxels of a grid, filled with zeros.
+fn room_for(grid: &Grid) -> Result<Vec<Complex32>> {
+    zeros(grid.voxel_count()).ok_or_else(|| {
         Error::environment(
             "memory",
             format!(
@@ -165,52 +248,5 @@ pub fn reconstruct(
                 grid.voxel_count()
             ),
         )
-    })?;
-    let mut volume = Volume::new(*grid, samples);
-    let (method, relative) = match choice {
-        Choice::Direct => {
-            (Method::Direct, direct::direct(cube, &weights, &mut volume, observer).map(|()| 0.0)?)
-        }
-        Choice::Convolution(lattice) => {
-            let tolerance = options.tolerance;
-            let error = convolution::convolution(cube, &weights, &lattice, tolerance, &mut volume, observer)?;
-            (Method::Convolution, error)
-        }
-    };
-    let error_bound = if relative > 0.0 { relative * weights.mean_modulus(cube) } else { 0.0 };
-    Ok(Reconstruction { volume, method, error_bound })
-}
-
-/// The factors that turn `m(f, r)` into the summands of Eq. 13.
-#[derive(Debug, Clone)]
-struct Weights {
-    /// Per frequency; holds the normalisation and w as well.
-    frequency: Vec<f32>,
-    /// Per microphone, mean 1.
-    microphone: Vec<f32>,
-}
-
-impl Weights {
-    fn new(cube: &DataCube, window: Window) -> Self {
-        let frequency = window.over_sweep(&cube.sweep);
-        let microphone = window.over_array(&cube.array);
-        let (sum_f, sum_r) = (frequency.iter().sum::<f64>(), microphone.iter().sum::<f64>());
-        let mean_r = sum_r / microphone.len() as f64;
-        let scale = cube.detection.weight() / (sum_f * microphone.len() as f64);
-        Self {
-            frequency: frequency.iter().map(|w| (w * scale) as f32).collect(),
-            microphone: microphone.iter().map(|w| (w / mean_r) as f32).collect(),
-        }
-    }
-
-    /// `Σ|w m| / Σw`, with w of the detection: what one unit of relative error comes to in the volume.
-    fn mean_modulus(&self, cube: &DataCube) -> f64 {
-        let of = |f: usize| -> f64 { self.weighted(cube, f).map(|m| f64::from(m.norm())).sum() };
-        (0..cube.sweep.len()).map(of).sum()
-    }
-
-    /// The weighted samples of one frequency, `[n_mic]`.
-    fn weighted<'a>(&'a self, cube: &'a DataCube, f: usize) -> impl Iterator<Item = Complex32> + 'a {
-        cube.frequency(f).iter().zip(&self.microphone).map(move |(m, w)| m * (w * self.frequency[f]))
-    }
+    })
 }

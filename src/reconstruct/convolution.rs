@@ -5,18 +5,20 @@
 //! skeleton frequencies for the volume, and again for each slab of depths, so that Eq. 16 runs over tens of tones
 //! instead of all; with tolerance 0 it runs over every one.
 
-use super::Weights;
 use super::lattice::SharedLattice;
 use super::layout::Layout;
 use super::plane::Plane;
 use super::tones::{SlabTones, Tones, VolumeTones};
-use crate::acquisition::DataCube;
+use super::weights::Weights;
+use super::{Made, Method, VolumeSink, room_for};
+use crate::acquisition::{CubeSource, Setup};
 use crate::error::Result;
-use crate::grid::{Grid, Volume};
+use crate::grid::Grid;
 use crate::progress::{Observer, advance, stage};
 use crate::wave::interval::PathInterval;
 use num_complex::Complex32;
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Bytes of data spectra held at a time when every frequency is summed.
 const SPECTRA_BYTES: usize = 256 << 20;
@@ -45,117 +47,144 @@ fn add(
     )
 }
 
-/// Fills `volume` by Eq. 16 and gives the error bound, relative to `Σ|w m| / Σw`.
+/// Gives the volume to `sink` by Eq. 16.
 ///
 /// Cost: per tone and depth, for each pair of sub-lattices one kernel of `n_x·n_y` phasors and its FFT, and one inverse
 /// FFT per voxel sub-lattice (monostatic: one per depth). With a tolerance a sweep is some `B·T + 10` tones, T the
 /// spread of delays within a slab.
 pub(super) fn convolution(
-    cube: &DataCube,
+    source: &mut dyn CubeSource,
     weights: &Weights,
     lattice: &SharedLattice,
+    grid: &Grid,
     tolerance: f64,
-    volume: &mut Volume,
+    sink: &mut dyn VolumeSink,
     observer: &dyn Observer,
-) -> Result<f64> {
-    let layout = Layout::new(lattice, volume.grid, cube.geometry);
+) -> Result<Made> {
+    let layout = Layout::new(lattice, *grid, source.setup().geometry);
     let left = tolerance - lattice.error();
     if left <= 0.0 {
-        every_frequency(cube, weights, &layout, volume, observer).map(|()| lattice.error())
+        every_frequency(source, weights, &layout, sink, observer)
     } else {
-        skeleton_frequencies(cube, weights, &layout, left, volume, observer)
-            .map(|error| error + lattice.error())
+        skeleton_frequencies(source, weights, &layout, left, sink, observer)
     }
 }
 
 /// All frequencies in ascending order, in blocks that bound the memory and change no sum.
 fn every_frequency(
-    cube: &DataCube,
+    source: &mut dyn CubeSource,
     weights: &Weights,
     layout: &Layout,
-    volume: &mut Volume,
+    sink: &mut dyn VolumeSink,
     observer: &dyn Observer,
-) -> Result<()> {
-    let count = cube.sweep.len();
+) -> Result<Made> {
+    let (setup, grid) = (source.setup(), &layout.grid);
+    let (count, n_mic) = (setup.sweep.len(), setup.array.len());
+    let per_metre: Vec<f64> = setup.sweep.frequencies().iter().map(|f| -f / setup.sound_speed).collect();
     let block = (SPECTRA_BYTES / (layout.tone_len() * size_of::<Complex32>())).clamp(1, count);
-    stage(observer, "reconstructing", (count * volume.grid.z.count) as u64, || {
-        for first in (0..count).step_by(block) {
-            let frequencies = first..(first + block).min(count);
-            let samples = frequencies.clone().flat_map(|f| weights.weighted(cube, f)).collect();
-            let per_metre =
-                cube.sweep.frequencies()[frequencies].iter().map(|f| -f / cube.sound_speed).collect();
-            let tones = Tones { per_metre, samples: layout.lattice.onto_nodes(samples) };
-            add(layout, &tones, 0, &mut volume.samples, observer)?;
-        }
-        Ok(())
-    })
+    let mut voxels = room_for(grid)?;
+    let mut modulus = 0.0;
+    stage(observer, "reconstructing", (count * grid.z.count) as u64, || {
+        source.visit(block, &mut |range, block| {
+            let rows = || range.clone().zip(block.chunks_exact(n_mic));
+            modulus += rows().map(|(f, row)| weights.modulus(f, row)).sum::<f64>();
+            let samples = rows().flat_map(|(f, row)| weights.weighted(f, row)).collect();
+            let samples = layout.lattice.onto_nodes(samples);
+            let tones = Tones { per_metre: per_metre[range.clone()].to_vec(), samples };
+            add(layout, &tones, 0, &mut voxels, observer)
+        })
+    })?;
+    let made = Made { method: Method::Convolution, error_bound: layout.lattice.error() * modulus };
+    sink.begin(&made)?;
+    sink.take_all(voxels)?;
+    Ok(made)
 }
 
-/// Skeleton tones, slab by slab; gives the greatest error of any slab.
+/// Skeleton tones, slab by slab.
 fn skeleton_frequencies(
-    cube: &DataCube,
+    source: &mut dyn CubeSource,
     weights: &Weights,
     layout: &Layout,
     tolerance: f64,
-    volume: &mut Volume,
+    sink: &mut dyn VolumeSink,
     observer: &dyn Observer,
-) -> Result<f64> {
-    let depths = volume.grid.z.count;
-    let mut compressed = stage(observer, "compressing the sweep", 0, || {
-        let interval = interval(cube, &volume.grid, 0..depths);
-        Ok(VolumeTones::compress(cube, weights, interval, FIRST_SHARE * tolerance))
-    })?;
+) -> Result<Made> {
+    let (grid, depths) = (&layout.grid, layout.grid.z.count);
+    let whole = interval(&source.setup(), grid, 0..depths);
+    let mut compressed = VolumeTones::compress(source, weights, whole, FIRST_SHARE * tolerance, observer)?;
     compressed.tones.samples = layout.lattice.onto_nodes(std::mem::take(&mut compressed.tones.samples));
-    let thickness = slab_thickness(cube, layout);
-    let starts: Vec<usize> = (0..depths).step_by(thickness).collect();
-    let frequencies = cube.sweep.frequencies();
-    let slabs: Vec<SlabTones> = starts
-        .par_iter()
-        .map(|&first| {
-            let interval = interval(cube, &volume.grid, first..(first + thickness).min(depths));
-            compressed.nest(frequencies, interval, tolerance)
+    let setup = source.setup();
+    let thickness = slab_thickness(&setup, layout);
+    let slabs: Vec<Slab> = (0..depths)
+        .into_par_iter()
+        .step_by(thickness)
+        .map(|first| {
+            let planes = first..(first + thickness).min(depths);
+            let tones = compressed.nest(&setup, interval(&setup, grid, planes.clone()), tolerance);
+            Slab { planes, tones }
         })
         .collect();
-    let total = slabs
-        .iter()
-        .zip(&starts)
-        .map(|(slab, first)| (slab.len() * thickness.min(depths - first)) as u64)
-        .sum();
+    let error = slabs.iter().map(|slab| slab.tones.error).fold(0.0, f64::max) + layout.lattice.error();
+    let made = Made { method: Method::Convolution, error_bound: error * compressed.modulus };
+    let total = slabs.iter().map(|slab| (slab.tones.len() * slab.planes.len()) as u64).sum();
+    let plane_len = grid.plane_len();
+    let at_once = slabs_at_once(thickness);
+    let mut planes = vec![Complex32::ZERO; (at_once * thickness).min(depths) * plane_len];
+    sink.begin(&made)?;
     stage(observer, "reconstructing", total, || {
-        volume
-            .samples
-            .par_chunks_mut(thickness * volume.grid.plane_len())
-            .zip(starts.par_iter().zip(&slabs))
-            .try_for_each(|(planes, (&first, slab))| {
-                let tones = slab.of(&compressed.tones, layout.lattice.width());
-                add(layout, &tones, first, planes, observer)
-            })
+        for batch in slabs.chunks(at_once) {
+            let first = batch[0].planes.start;
+            let end = batch[batch.len() - 1].planes.end;
+            let planes = &mut planes[..(end - first) * plane_len];
+            planes.fill(Complex32::ZERO);
+            planes.par_chunks_mut(thickness * plane_len).zip(batch).try_for_each(|(planes, slab)| {
+                let tones = slab.tones.of(&compressed.tones, layout.lattice.width());
+                add(layout, &tones, slab.planes.start, planes, observer)
+            })?;
+            sink.take(first, planes)?;
+        }
+        Ok(())
     })?;
-    Ok(slabs.iter().map(|slab| slab.error).fold(0.0, f64::max))
+    Ok(made)
+}
+
+/// Neighbouring depths that share their tones.
+#[derive(Debug)]
+struct Slab {
+    planes: Range<usize>,
+    tones: SlabTones,
+}
+
+/// Depths per thread that are worked on before they are handed on: enough to keep every thread busy.
+const PLANES_PER_THREAD: usize = 8;
+
+/// How many slabs are worked on at a time. It changes no byte of the volume.
+pub(super) fn slabs_at_once(thickness: usize) -> usize {
+    (PLANES_PER_THREAD * rayon::current_num_threads()).div_ceil(thickness)
 }
 
 /// The path lengths of a range of depths.
-fn interval(cube: &DataCube, grid: &Grid, depths: std::ops::Range<usize>) -> PathInterval {
+pub(super) fn interval(setup: &Setup, grid: &Grid, depths: Range<usize>) -> PathInterval {
     let corners = grid.corners();
     let low = corners[0].with_z(grid.z.position(depths.start));
     let high = corners[7].with_z(grid.z.position(depths.end - 1));
-    let [shortest, longest] = cube.geometry.path_bounds([low, high], cube.array.bounds().into());
-    PathInterval { shortest, longest, sound_speed: cube.sound_speed }
+    let [shortest, longest] = setup.geometry.path_bounds([low, high], setup.array.bounds().into());
+    PathInterval { shortest, longest, sound_speed: setup.sound_speed }
 }
 
 /// The number of depths per slab that costs least by a fixed model, so that the same job always takes the same path.
 ///
 /// Thin slabs need fewer tones each, but every slab pays for its own spectra and decomposition.
-fn slab_thickness(cube: &DataCube, layout: &Layout) -> usize {
+pub(super) fn slab_thickness(setup: &Setup, layout: &Layout) -> usize {
     let depths = layout.grid.z.count;
     let cost = |thickness: usize| -> f64 {
         (0..depths)
             .step_by(thickness)
             .map(|first| {
                 let planes = thickness.min(depths - first);
-                let interval = interval(cube, &layout.grid, first..first + planes);
+                let interval = interval(setup, &layout.grid, first..first + planes);
                 let tones =
-                    (cube.sweep.bandwidth() * interval.duration() + 10.0).min(cube.sweep.len() as f64);
+                    (setup.sweep.bandwidth() * interval.duration() + 10.0).min(setup.sweep.len() as f64);
                 let transforms = planes * layout.pairs() * 2 + layout.node_parts.len();
                 // One decomposition costs about as much as a few tones' transforms.
                 tones * transforms as f64 + 50.0

@@ -5,7 +5,7 @@
 //! the difference of indices alone between any two of them. Microphones that fit no such lattice are spread onto one.
 
 use super::spread::{Footprint, Interpolator, Kernels, nodes_around, spread};
-use crate::acquisition::{DataCube, MicArray};
+use crate::acquisition::{MicArray, Setup};
 use crate::grid::{Axis, Grid};
 use num_complex::Complex32;
 use rayon::prelude::*;
@@ -53,9 +53,9 @@ impl SharedLattice {
     ///
     /// # Errors
     /// In words: why there is none, and what would mend it.
-    pub(super) fn find(cube: &DataCube, grid: &Grid, tolerance: f64) -> Result<Self, String> {
-        let (low, high) = cube.array.bounds();
-        let shortest = cube.sound_speed / cube.sweep.stop() / cube.geometry.return_legs();
+    pub(super) fn find(setup: &Setup, grid: &Grid, tolerance: f64) -> Result<Self, String> {
+        let (low, high) = setup.array.bounds();
+        let shortest = setup.sound_speed / setup.sweep.stop() / setup.geometry.return_legs();
         if high.z - low.z > 1e-6 * shortest {
             return Err(format!("the microphones lie in no plane of constant z ({} to {} m)", low.z, high.z));
         }
@@ -68,26 +68,26 @@ impl SharedLattice {
             if tolerance <= 0.0 {
                 return Err(misfit);
             }
-            let height = (grid.z.first - cube.array.positions()[0].z).abs();
+            let height = (grid.z.first - setup.array.positions()[0].z).abs();
             let aside = (voxels.last() - low).abs().max((high - voxels.first).abs());
             let kernels = Kernels { wavenumber: 2.0 * PI / shortest, height, aside };
             spread_axis(voxels, [low, high], &kernels, tolerance / 2.0).ok_or_else(|| {
                 format!("{misfit}, and voxels {height} m from the array are too near to do without")
             })
         };
-        let lattice = cube.array.lattice();
+        let lattice = setup.array.lattice();
         let x = axis("x", &grid.x, lattice.map(|l| &l.x), low.x, high.x)?;
         let y = axis("y", &grid.y, lattice.map(|l| &l.y), low.y, high.y)?;
         let nodes = x.nodes.count.saturating_mul(y.nodes.count);
-        if nodes > MOST_NODES.max(cube.array.len()) {
+        if nodes > MOST_NODES.max(setup.array.len()) {
             return Err(format!(
                 "{} microphones over {:.1} x {:.1} m are too few for a lattice of {nodes} nodes",
-                cube.array.len(),
+                setup.array.len(),
                 high.x - low.x,
                 high.y - low.y
             ));
         }
-        let footprints = footprints(&cube.array, &x, &y);
+        let footprints = footprints(&setup.array, &x, &y);
         Ok(Self { x, y, z: f64::midpoint(low.z, high.z), footprints })
     }
 

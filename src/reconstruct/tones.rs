@@ -1,19 +1,25 @@
 //! Weighted samples at few frequencies: the sweep compressed for the whole volume, then again for each slab.
 //!
 //! Skeletons nest: the tones of a slab are found among those of the volume, so that the second compression is small.
-//! Sums are done by fixed blocks of microphones, so threads do not change the bytes.
+//! Sums run over fixed blocks of frequencies and microphones, so neither threads nor memory change the bytes.
 
-use super::Weights;
 use super::skeleton::{Skeleton, greatest_error, skeleton};
-use crate::acquisition::DataCube;
+use super::weights::Weights;
+use crate::acquisition::{CubeSource, Setup};
+use crate::error::{Error, Result};
+use crate::grid::zeros;
+use crate::progress::{Observer, advance, stage};
 use crate::wave::interval::PathInterval;
 use faer::linalg::matmul::matmul;
-use faer::{Accum, Mat, MatRef, Par, c32, c64};
+use faer::{Accum, Mat, MatMut, MatRef, Par, c32, c64};
 use num_complex::Complex32;
 use rayon::prelude::*;
 
 /// Columns of a product that one thread takes at a time.
 const BLOCK: usize = 1024;
+
+/// Frequencies read at a time. Part of the order of sums, so it is fixed.
+pub(super) const FREQUENCIES: usize = 64;
 
 /// Weighted samples at a few frequencies.
 #[derive(Debug, Clone)]
@@ -28,6 +34,8 @@ pub(super) struct Tones {
 #[derive(Debug)]
 pub(super) struct VolumeTones {
     pub(super) tones: Tones,
+    /// `Σ|w m| / Σw`: what one unit of relative error comes to in the volume.
+    pub(super) modulus: f64,
     /// The chosen frequencies, Hz.
     frequencies: Vec<f64>,
     skeleton: Skeleton,
@@ -43,37 +51,59 @@ pub(super) struct SlabTones {
 }
 
 impl VolumeTones {
-    /// Compresses a cube for all path lengths of `interval` to within `tolerance`.
+    /// Compresses a cube, block by block, for all path lengths of `interval` to within `tolerance`.
     pub(super) fn compress(
-        cube: &DataCube,
+        source: &mut dyn CubeSource,
         weights: &Weights,
         interval: PathInterval,
         tolerance: f64,
-    ) -> Self {
-        let skeleton = skeleton(cube.sweep.frequencies(), interval, tolerance);
-        let frequencies: Vec<f64> = skeleton.chosen().iter().map(|&n| cube.sweep.frequencies()[n]).collect();
-        let w = Mat::<c32>::from_fn(frequencies.len(), cube.sweep.len(), |q, n| {
+        observer: &dyn Observer,
+    ) -> Result<Self> {
+        let setup = source.setup();
+        let (n_f, n_mic) = (setup.sweep.len(), setup.array.len());
+        let skeleton = skeleton(setup.sweep.frequencies(), interval, tolerance);
+        let frequencies: Vec<f64> = skeleton.chosen().iter().map(|&n| setup.sweep.frequencies()[n]).collect();
+        let per_metre = frequencies.iter().map(|f| -f / interval.sound_speed).collect();
+        let w = Mat::<c32>::from_fn(frequencies.len(), n_f, |q, n| {
             let w = skeleton.weight(q, n) * f64::from(weights.frequency[n]);
             Complex32::new(w.re as f32, w.im as f32)
         });
-        let mut samples = product(w.as_ref(), &cube.samples, cube.array.len());
-        for row in samples.chunks_exact_mut(cube.array.len()) {
+        let room = (frequencies.len() as u64).saturating_mul(n_mic as u64);
+        let mut samples = zeros(room).ok_or_else(|| {
+            Error::environment(
+                "memory",
+                format!("{} tones x {n_mic} microphones do not fit", frequencies.len()),
+            )
+        })?;
+        let mut modulus = 0.0;
+        stage(observer, "compressing the sweep", n_f as u64, || {
+            source.visit(FREQUENCIES, &mut |range, block| {
+                let moduli: Vec<f64> = block
+                    .par_chunks_exact(n_mic)
+                    .zip(range.clone())
+                    .map(|(row, f)| weights.modulus(f, row))
+                    .collect();
+                modulus += moduli.iter().sum::<f64>();
+                add_product(w.subcols(range.start, range.len()), block, n_mic, &mut samples);
+                advance(observer, range.len() as u64)
+            })
+        })?;
+        for row in samples.chunks_exact_mut(n_mic) {
             for (m, w) in row.iter_mut().zip(&weights.microphone) {
                 *m *= w;
             }
         }
-        let per_metre = frequencies.iter().map(|f| -f / cube.sound_speed).collect();
-        Self { tones: Tones { per_metre, samples }, frequencies, skeleton }
+        Ok(Self { tones: Tones { per_metre, samples }, modulus, frequencies, skeleton })
     }
 
     /// Finds the tones of a slab among those of the volume, so that both steps together stay within `tolerance`.
-    pub(super) fn nest(&self, all: &[f64], interval: PathInterval, tolerance: f64) -> SlabTones {
+    pub(super) fn nest(&self, setup: &Setup, interval: PathInterval, tolerance: f64) -> SlabTones {
         let mut step = 0.5 * tolerance;
         loop {
             let inner = skeleton(&self.frequencies, interval, step);
             let both: Mat<c64> = inner.weights() * self.skeleton.weights();
             let chosen: Vec<f64> = inner.chosen().iter().map(|&q| self.frequencies[q]).collect();
-            let error = greatest_error(&interval, all, &chosen, both.as_ref());
+            let error = greatest_error(&interval, setup.sweep.frequencies(), &chosen, both.as_ref());
             if error <= tolerance || inner.chosen().len() == self.frequencies.len() {
                 let weights = Mat::from_fn(chosen.len(), self.frequencies.len(), |q, n| {
                     let w = inner.weight(q, n);
@@ -94,33 +124,25 @@ impl SlabTones {
 
     /// The slab's tones from the volume's, whose rows are `width` wide.
     pub(super) fn of(&self, volume: &Tones, width: usize) -> Tones {
-        Tones {
-            per_metre: self.chosen.iter().map(|&q| volume.per_metre[q]).collect(),
-            samples: product(self.weights.as_ref(), &volume.samples, width),
-        }
+        let mut samples = vec![Complex32::ZERO; self.len() * width];
+        add_product(self.weights.as_ref(), &volume.samples, width, &mut samples);
+        Tones { per_metre: self.chosen.iter().map(|&q| volume.per_metre[q]).collect(), samples }
     }
 }
 
-/// `w · samples`, with `samples` and the result in rows of `width`.
-fn product(w: MatRef<'_, c32>, samples: &[Complex32], width: usize) -> Vec<Complex32> {
+/// `rows += w · samples`, with `samples` and `rows` in rows of `width`.
+fn add_product(w: MatRef<'_, c32>, samples: &[Complex32], width: usize, rows: &mut [Complex32]) {
     let samples = MatRef::from_row_major_slice(samples, w.ncols(), width);
-    let blocks: Vec<Mat<c32>> = (0..width.div_ceil(BLOCK))
-        .into_par_iter()
-        .map(|block| {
-            let first = block * BLOCK;
-            let columns = samples.subcols(first, BLOCK.min(width - first));
-            let mut result = Mat::zeros(w.nrows(), columns.ncols());
-            matmul(result.as_mut(), Accum::Replace, w, columns, Complex32::ONE, Par::Seq);
-            result
-        })
-        .collect();
-    let mut rows = vec![Complex32::ZERO; w.nrows() * width];
-    for (block, result) in blocks.iter().enumerate() {
-        for (row, out) in rows.chunks_exact_mut(width).enumerate() {
-            for (column, value) in out[block * BLOCK..].iter_mut().take(result.ncols()).enumerate() {
-                *value = result[(row, column)];
-            }
-        }
+    let mut blocks = Vec::with_capacity(width.div_ceil(BLOCK));
+    let mut rest = MatMut::from_row_major_slice_mut(rows, w.nrows(), width);
+    while rest.ncols() > BLOCK {
+        let (block, others) = rest.split_at_col_mut(BLOCK);
+        blocks.push(block);
+        rest = others;
     }
-    rows
+    blocks.push(rest);
+    blocks.into_par_iter().enumerate().for_each(|(index, block)| {
+        let columns = samples.subcols(index * BLOCK, block.ncols());
+        matmul(block, Accum::Add, w, columns, Complex32::ONE, Par::Seq);
+    });
 }
