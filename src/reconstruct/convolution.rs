@@ -120,7 +120,7 @@ fn skeleton_frequencies(
         .step_by(thickness)
         .map(|first| {
             let planes = first..(first + thickness).min(depths);
-            let tones = compressed.nest(&setup, interval(&setup, grid, planes.clone()), tolerance);
+            let tones = compressed.nest(interval(&setup, grid, planes.clone()), tolerance);
             Slab { planes, tones }
         })
         .collect();

@@ -27,15 +27,32 @@ pub struct Skeleton {
     error: f64,
 }
 
-/// Of more frequencies than this many per dimension, evenly spread ones are candidates; the rest add nothing.
+/// Of more frequencies than this many per dimension, evenly spread ones are candidates; the rest add nothing. The error
+/// is measured at the same ones: between them it can hide no more than a few hundredths of itself, since as a function
+/// of f it is band-limited to the interval's half duration.
 const CANDIDATES_PER_DIMENSION: f64 = 6.0;
+
+/// Frequencies, as indices, so spread over the band that none lies further than a step of the interval's own from one.
+fn spread_out(frequencies: &[f64], bandwidth_duration: f64) -> Vec<usize> {
+    let most = CANDIDATES_PER_DIMENSION * (bandwidth_duration + 12.0);
+    let last = frequencies.len() - 1;
+    let step = (frequencies[last] - frequencies[0]) / most;
+    let mut chosen = vec![0];
+    for (n, f) in frequencies.iter().enumerate().skip(1) {
+        let far = *f - frequencies[chosen[chosen.len() - 1]] >= step * (1.0 - 1e-9);
+        if far || n == last {
+            chosen.push(n);
+        }
+    }
+    chosen
+}
 
 /// Finds skeleton frequencies and weights for `frequencies` (ascending, Hz) with an error of at most `tolerance`.
 ///
 /// - Shapes: `weights` is `[Q, n_f]`.
-/// - Error: the greatest `|e_n − Σ_q W[q, n] e_q|` over all frequencies on a dense grid of the interval,
-///   [`Skeleton::error`]; the factorisation is repeated more strictly if it exceeds `tolerance`.
-/// - Cost: a QR of `2.2·B·T + 36` rows and at most `6·(B·T + 12)` columns, and a product with all n_f.
+/// - Error: the greatest `|e_n − Σ_q W[q, n] e_q|` on a dense grid of the interval and the band, [`Skeleton::error`];
+///   the factorisation is repeated more strictly if it exceeds `tolerance`.
+/// - Cost: a QR of `2.2·B·T + 36` rows and some `6·(B·T + 12)` columns, and a product with all n_f.
 ///
 /// # Panics
 /// Without frequencies, or with a tolerance that is not positive.
@@ -43,22 +60,18 @@ pub fn skeleton(frequencies: &[f64], interval: PathInterval, tolerance: f64) -> 
     assert!(!frequencies.is_empty() && tolerance > 0.0, "a skeleton needs frequencies and a tolerance");
     let bandwidth = frequencies[frequencies.len() - 1] - frequencies[0];
     let product = bandwidth * interval.duration();
-    let most = (CANDIDATES_PER_DIMENSION * (product + 12.0)).ceil() as usize;
-    let candidates: Vec<usize> = if most >= frequencies.len() {
-        (0..frequencies.len()).collect()
-    } else {
-        (0..most).map(|i| i * (frequencies.len() - 1) / (most - 1)).collect()
-    };
+    let candidates = spread_out(frequencies, product);
     let points = interval.chebyshev(interval.points_for(bandwidth));
     let dense = interval.even(3 * points.len());
     let carrier = f64::midpoint(frequencies[0], frequencies[frequencies.len() - 1]);
     let all = tone_matrix(&points, frequencies, carrier);
-    let subset = Mat::from_fn(points.len(), candidates.len(), |k, j| all[(k, candidates[j])]);
+    let subset = columns(all.as_ref(), &candidates);
     let pivoted = subset.col_piv_qr();
     let order = pivoted.P().arrays().0;
     let diagonal = pivoted.thin_R();
     let ranks = diagonal.nrows().min(diagonal.ncols());
-    let dense_all = tone_matrix(&dense, frequencies, carrier);
+    let witnesses: Vec<f64> = candidates.iter().map(|&n| frequencies[n]).collect();
+    let dense_all = tone_matrix(&dense, &witnesses, carrier);
     // The greatest residual of a column is a sum over the points; its root mean square is what ε bounds.
     let mut threshold = tolerance / 3.0 * (points.len() as f64).sqrt();
     loop {
@@ -66,7 +79,9 @@ pub fn skeleton(frequencies: &[f64], interval: PathInterval, tolerance: f64) -> 
         let mut chosen: Vec<usize> = order[..rank].iter().map(|&j| candidates[j]).collect();
         chosen.sort_unstable();
         let weights = fit(&all, &chosen);
-        let error = greatest(&(&dense_all - columns(&dense_all, &chosen) * &weights));
+        let at_witnesses = columns(weights.as_ref(), &candidates);
+        let dense_chosen: Vec<f64> = chosen.iter().map(|&n| frequencies[n]).collect();
+        let error = greatest(&(&dense_all - tone_matrix(&dense, &dense_chosen, carrier) * at_witnesses));
         if error <= tolerance || rank == ranks {
             let weights = put_back_phase(weights, frequencies, &chosen, interval.middle());
             return Skeleton { chosen, weights, error };
@@ -91,6 +106,13 @@ impl Skeleton {
         self.weights.as_ref()
     }
 
+    /// Frequencies, as indices, at which an error of weights over `interval` shows, and W at those, `[Q, witnesses]`.
+    pub(super) fn witnesses(&self, frequencies: &[f64], interval: PathInterval) -> (Vec<f64>, Mat<c64>) {
+        let bandwidth = frequencies[frequencies.len() - 1] - frequencies[0];
+        let chosen = spread_out(frequencies, bandwidth * interval.duration());
+        (chosen.iter().map(|&n| frequencies[n]).collect(), columns(self.weights(), &chosen))
+    }
+
     /// The greatest error measured on a dense grid of the interval, relative to one.
     pub fn error(&self) -> f64 {
         self.error
@@ -104,28 +126,28 @@ impl Skeleton {
     }
 }
 
-/// The greatest `|e_n − Σ_q W[q, n] e_q|` on a dense grid of the interval: of `all` frequencies n expressed by the
+/// The greatest `|e_n − Σ_q W[q, n] e_q|` on a dense grid of the interval: of `some` frequencies n expressed by the
 /// `chosen` ones, both in Hz, with weights that count delays from zero.
 pub(super) fn greatest_error(
     interval: &PathInterval,
-    all: &[f64],
+    some: &[f64],
     chosen: &[f64],
     weights: MatRef<'_, c64>,
 ) -> f64 {
-    let points = 3 * interval.points_for(all[all.len() - 1] - all[0]);
+    let points = 3 * interval.points_for(some[some.len() - 1] - some[0]);
     let delays: Vec<f64> = interval.even(points).into_iter().map(|delay| delay + interval.middle()).collect();
-    let carrier = f64::midpoint(all[0], all[all.len() - 1]);
-    greatest(&(tone_matrix(&delays, all, carrier) - tone_matrix(&delays, chosen, carrier) * weights))
+    let carrier = f64::midpoint(some[0], some[some.len() - 1]);
+    greatest(&(tone_matrix(&delays, some, carrier) - tone_matrix(&delays, chosen, carrier) * weights))
 }
 
 /// The columns `chosen` of `all`.
-fn columns(all: &Mat<c64>, chosen: &[usize]) -> Mat<c64> {
+fn columns(all: MatRef<'_, c64>, chosen: &[usize]) -> Mat<c64> {
     Mat::from_fn(all.nrows(), chosen.len(), |k, q| all[(k, chosen[q])])
 }
 
 /// Least-squares weights that express all columns by the chosen ones.
 fn fit(all: &Mat<c64>, chosen: &[usize]) -> Mat<c64> {
-    columns(all, chosen).qr().solve_lstsq(all)
+    columns(all.as_ref(), chosen).qr().solve_lstsq(all)
 }
 
 /// Delays were counted from the interval's middle; `e^{−i2π(f_n − f_q)τ_mid}` counts them from zero again.

@@ -3,9 +3,9 @@
 //! Skeletons nest: the tones of a slab are found among those of the volume, so that the second compression is small.
 //! Sums run over fixed blocks of frequencies and microphones, so neither threads nor memory change the bytes.
 
-use super::skeleton::{Skeleton, greatest_error, skeleton};
+use super::skeleton::{greatest_error, skeleton};
 use super::weights::Weights;
-use crate::acquisition::{CubeSource, Setup};
+use crate::acquisition::CubeSource;
 use crate::error::{Error, Result};
 use crate::grid::zeros;
 use crate::progress::{Observer, advance, stage};
@@ -38,7 +38,9 @@ pub(super) struct VolumeTones {
     pub(super) modulus: f64,
     /// The chosen frequencies, Hz.
     frequencies: Vec<f64>,
-    skeleton: Skeleton,
+    /// Frequencies of the sweep at which errors are measured, Hz, and the weights that make them of the chosen ones.
+    witnesses: Vec<f64>,
+    at_witnesses: Mat<c64>,
 }
 
 /// How a slab's tones follow from the volume's.
@@ -68,6 +70,8 @@ impl VolumeTones {
             let w = skeleton.weight(q, n) * f64::from(weights.frequency[n]);
             Complex32::new(w.re as f32, w.im as f32)
         });
+        let (witnesses, at_witnesses) = skeleton.witnesses(setup.sweep.frequencies(), interval);
+        drop(skeleton);
         let room = (frequencies.len() as u64).saturating_mul(n_mic as u64);
         let mut samples = zeros(room).ok_or_else(|| {
             Error::environment(
@@ -93,17 +97,17 @@ impl VolumeTones {
                 *m *= w;
             }
         }
-        Ok(Self { tones: Tones { per_metre, samples }, modulus, frequencies, skeleton })
+        Ok(Self { tones: Tones { per_metre, samples }, modulus, frequencies, witnesses, at_witnesses })
     }
 
     /// Finds the tones of a slab among those of the volume, so that both steps together stay within `tolerance`.
-    pub(super) fn nest(&self, setup: &Setup, interval: PathInterval, tolerance: f64) -> SlabTones {
+    pub(super) fn nest(&self, interval: PathInterval, tolerance: f64) -> SlabTones {
         let mut step = 0.5 * tolerance;
         loop {
             let inner = skeleton(&self.frequencies, interval, step);
-            let both: Mat<c64> = inner.weights() * self.skeleton.weights();
+            let both: Mat<c64> = inner.weights() * &self.at_witnesses;
             let chosen: Vec<f64> = inner.chosen().iter().map(|&q| self.frequencies[q]).collect();
-            let error = greatest_error(&interval, setup.sweep.frequencies(), &chosen, both.as_ref());
+            let error = greatest_error(&interval, &self.witnesses, &chosen, both.as_ref());
             if error <= tolerance || inner.chosen().len() == self.frequencies.len() {
                 let weights = Mat::from_fn(chosen.len(), self.frequencies.len(), |q, n| {
                     let w = inner.weight(q, n);
