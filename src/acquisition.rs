@@ -14,7 +14,7 @@ mod sweep;
 pub use array::{Lattice, MicArray};
 pub use cube::DataCube;
 pub use cube_file::CubeFile;
-pub use setup::Setup;
+pub use setup::{Instrument, Setup};
 pub use simulate::{Noise, PropagationModel, SimulateOptions, simulate};
 pub use source::{CubeSource, Visit};
 pub use sweep::Sweep;

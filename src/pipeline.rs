@@ -9,30 +9,32 @@ mod log;
 mod outputs;
 mod report;
 
-pub use facts::{cube_facts, resolution_of};
+pub use facts::resolution_of;
 pub use limits::{Bound, Verdict, hold};
 pub use outputs::{write_cube, write_depth, write_outputs, write_volume};
 pub use report::{Report, SceneSummary};
 
-use crate::acquisition::{DataCube, MicArray, Setup, SimulateOptions, Sweep, simulate};
+use crate::acquisition::{
+    CubeFile, CubeSource, DataCube, Instrument, MicArray, Setup, SimulateOptions, Sweep, simulate,
+};
 use crate::config::RunFile;
 use crate::depth::locate_depth;
 use crate::error::{Error, Result};
 use crate::export::volume_npz::read_volume_npz;
-use crate::grid::{DepthMap, Grid};
+use crate::grid::{DepthMap, Grid, Volume};
 use crate::metrics::{Metrics, evaluate};
 use crate::plan::{
     Plan, available_memory, check_memory, check_sampling, outside_warning, plan, scale_warnings,
 };
 use crate::progress::Observer;
-use crate::reconstruct::{Reconstruction, reconstruct};
+use crate::reconstruct::{Reconstruction, reconstruct_into, reconstruct_whole};
 use crate::reflectors::{Reflectors, sample_surface, sampling_bytes};
 use crate::scene::Scene;
 use crate::truth::trace_depth;
 use glam::DVec3;
 use log::Log;
 use serde_json::{Value, json};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Everything that one run computes, before anything is written.
 #[derive(Debug)]
@@ -44,8 +46,8 @@ pub struct Outcome {
     pub scene: Option<SceneSummary>,
     /// Number of reflectors simulated, when they were.
     pub reflectors: Option<usize>,
-    /// The cube.
-    pub cube: DataCube,
+    /// What it was, or would be, measured with.
+    pub instrument: Instrument,
     /// The volume, and how it was come by.
     pub image: Reconstruction,
     /// What was found.
@@ -72,7 +74,8 @@ pub fn image_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Result
     let echoes = log.timed("scene", || Echoes::of(run, bare, &log))?;
     echoes.check(&log)?;
     let cube = log.timed("simulate", || echoes.simulate(run, &log))?;
-    let (image, depth) = focus(run, &cube, &echoes.grid, &log)?;
+    let (image, depth) = focus(run, &mut &cube, &echoes.grid, &log)?;
+    drop(cube);
     let truth = match &echoes.scene {
         Some(scene) => {
             let options = run.truth_options(&echoes.setup());
@@ -83,26 +86,27 @@ pub fn image_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Result
     let resolution = echoes.setup().range_resolution().unwrap_or(f64::NAN);
     let metrics = truth.as_ref().map(|truth| evaluate(&depth, truth, resolution)).transpose()?;
     let (scene, reflectors, plan) = (echoes.summary(), Some(echoes.reflectors.len()), echoes.plan.clone());
+    let instrument = echoes.setup().to_instrument();
     let (timings, warnings) = log.finish();
-    Ok(Outcome { plan, scene, reflectors, cube, image, depth, truth, metrics, timings, warnings })
+    Ok(Outcome { plan, scene, reflectors, instrument, image, depth, truth, metrics, timings, warnings })
 }
 
 /// Cube in, everything but truth and metrics out.
 ///
 /// # Errors
 /// What the stages refuse; a run file without a grid.
-pub fn image_cube(run: &RunFile, cube: DataCube, observer: &dyn Observer) -> Result<Outcome> {
+pub fn image_cube(run: &RunFile, mut cube: CubeFile, observer: &dyn Observer) -> Result<Outcome> {
     let log = Log::new(observer);
-    let setup = cube.setup();
-    need_bandwidth("the cube's `frequencies`", &cube.sweep)?;
-    let grid = run.voxels(&setup, None)?;
-    let plan = plan(&setup, &grid);
+    let instrument = cube.setup().to_instrument();
+    need_bandwidth("the cube's `frequencies`", &instrument.sweep)?;
+    let grid = run.voxels(&instrument.setup(), None)?;
+    let plan = plan(&instrument.setup(), &grid);
     warn_all(&plan.warnings, &log);
     check_memory(&plan, available_memory())?;
-    let (image, depth) = focus(run, &cube, &grid, &log)?;
+    let (image, depth) = focus(run, &mut cube, &grid, &log)?;
     let (timings, warnings) = log.finish();
     let (scene, reflectors, truth, metrics) = (None, None, None, None);
-    Ok(Outcome { plan, scene, reflectors, cube, image, depth, truth, metrics, timings, warnings })
+    Ok(Outcome { plan, scene, reflectors, instrument, image, depth, truth, metrics, timings, warnings })
 }
 
 /// Scene in, cube out.
@@ -115,17 +119,30 @@ pub fn simulate_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Res
     echoes.simulate(run, observer)
 }
 
-/// Cube in, volume out; of the run file only `[grid]` and `[reconstruct]` count.
+/// Cube in, volume files out, and their names; of the run file only `[grid]` and `[reconstruct]` count.
 ///
 /// # Errors
-/// What the stages refuse; a run file without a grid.
-pub fn reconstruct_cube(run: &RunFile, cube: &DataCube, observer: &dyn Observer) -> Result<Reconstruction> {
-    let setup = cube.setup();
+/// What the stages refuse; a run file without a grid; a file that cannot be written.
+pub fn reconstruct_cube(
+    run: &RunFile,
+    mut cube: CubeFile,
+    outputs: &[PathBuf],
+    observer: &dyn Observer,
+) -> Result<Vec<PathBuf>> {
+    let instrument = cube.setup().to_instrument();
+    let setup = instrument.setup();
     let grid = run.voxels(&setup, None)?;
     let plan = plan(&setup, &grid);
     warn_all(&plan.warnings, observer);
     check_memory(&plan, available_memory())?;
-    reconstruct(cube, &grid, &run.reconstruct_options(), observer)
+    let mut volume = Volume { grid, samples: Vec::new() };
+    let made = reconstruct_into(&mut cube, &grid, &run.reconstruct_options(), &mut volume, observer)?;
+    let facts = facts::image_facts(&setup, run, &made);
+    let mut files = Vec::new();
+    for path in outputs {
+        files.extend(write_volume(path, &volume, &facts)?);
+    }
+    Ok(files)
 }
 
 /// Volume file in, depth map out, with the volume's own facts.
@@ -211,9 +228,15 @@ fn need_bandwidth(place: &str, sweep: &Sweep) -> Result<()> {
 }
 
 /// Reconstruction and depth, which every job with a cube shares.
-fn focus(run: &RunFile, cube: &DataCube, grid: &Grid, log: &Log) -> Result<(Reconstruction, DepthMap)> {
-    let image = log.timed("reconstruct", || reconstruct(cube, grid, &run.reconstruct_options(), log))?;
-    let resolution = cube.range_resolution().unwrap_or(f64::NAN);
+fn focus(
+    run: &RunFile,
+    source: &mut dyn CubeSource,
+    grid: &Grid,
+    log: &Log,
+) -> Result<(Reconstruction, DepthMap)> {
+    let resolution = source.setup().range_resolution().unwrap_or(f64::NAN);
+    let options = run.reconstruct_options();
+    let image = log.timed("reconstruct", || reconstruct_whole(source, grid, &options, log))?;
     let depth = log.timed("depth", || locate_depth(&image.volume, &run.depth_options(resolution), log))?;
     if depth.accepted() == 0 {
         log.warn(

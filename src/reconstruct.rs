@@ -80,6 +80,13 @@ pub struct Reconstruction {
     pub error_bound: f64,
 }
 
+impl Reconstruction {
+    /// How it was come by.
+    pub fn made(&self) -> Made {
+        Made { method: self.method, error_bound: self.error_bound }
+    }
+}
+
 /// Above this many terms `direct` must be asked for by name; it would run for many minutes.
 pub const MOST_DIRECT_TERMS: u64 = 100_000_000_000;
 
@@ -189,9 +196,22 @@ pub fn reconstruct(
     options: &ReconstructOptions,
     observer: &dyn Observer,
 ) -> Result<Reconstruction> {
+    reconstruct_whole(&mut &*cube, grid, options, observer)
+}
+
+/// The same from any source of frequencies.
+///
+/// # Errors
+/// As [`reconstruct`].
+pub fn reconstruct_whole(
+    source: &mut dyn CubeSource,
+    grid: &Grid,
+    options: &ReconstructOptions,
+    observer: &dyn Observer,
+) -> Result<Reconstruction> {
     // Filled when the reconstruction begins, so that nothing is reserved for a job that is refused.
     let mut volume = Volume { grid: *grid, samples: Vec::new() };
-    let Made { method, error_bound } = reconstruct_into(&mut &*cube, grid, options, &mut volume, observer)?;
+    let Made { method, error_bound } = reconstruct_into(source, grid, options, &mut volume, observer)?;
     Ok(Reconstruction { volume, method, error_bound })
 }
 

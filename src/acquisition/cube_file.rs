@@ -2,7 +2,7 @@
 
 use super::cube::{FORMAT, VERSION, check_finite};
 use super::source::{CubeSource, Visit};
-use super::{DataCube, Detection, MicArray, Setup, Sweep};
+use super::{DataCube, Detection, Instrument, MicArray, Setup, Sweep};
 use crate::error::{Error, Result};
 use crate::files::npz::NpzReader;
 use crate::wave::{DEFAULT_SOUND_SPEED, Geometry};
@@ -17,11 +17,7 @@ use std::path::{Path, PathBuf};
 pub struct CubeFile {
     path: PathBuf,
     npz: NpzReader,
-    sweep: Sweep,
-    array: MicArray,
-    geometry: Geometry,
-    detection: Detection,
-    sound_speed: f64,
+    instrument: Instrument,
     conjugated: bool,
     provenance: Value,
 }
@@ -165,11 +161,7 @@ impl CubeFile {
         Ok(Self {
             path: path.to_owned(),
             npz,
-            sweep,
-            array,
-            geometry,
-            detection,
-            sound_speed: meta.sound_speed,
+            instrument: Instrument { sweep, array, geometry, detection, sound_speed: meta.sound_speed },
             conjugated: meta.phase_sign < 0,
             provenance: meta.provenance,
         })
@@ -181,21 +173,14 @@ impl CubeFile {
     /// Samples that are damaged, not finite, or more than the limit.
     pub fn load(mut self) -> Result<DataCube> {
         let mut samples = self.npz.complex("samples")?.data;
-        check_finite(&place(&self.path, "samples"), 0, self.array.len(), &samples)?;
+        let Instrument { sweep, array, geometry, detection, sound_speed } = self.instrument;
+        check_finite(&place(&self.path, "samples"), 0, array.len(), &samples)?;
         if self.conjugated {
             for m in &mut samples {
                 *m = m.conj();
             }
         }
-        Ok(DataCube {
-            sweep: self.sweep,
-            array: self.array,
-            geometry: self.geometry,
-            detection: self.detection,
-            sound_speed: self.sound_speed,
-            samples,
-            provenance: self.provenance,
-        })
+        Ok(DataCube { sweep, array, geometry, detection, sound_speed, samples, provenance: self.provenance })
     }
 
     /// What made the cube; null for a measurement.
@@ -206,13 +191,7 @@ impl CubeFile {
 
 impl CubeSource for CubeFile {
     fn setup(&self) -> Setup<'_> {
-        Setup {
-            sweep: &self.sweep,
-            array: &self.array,
-            geometry: self.geometry,
-            detection: self.detection,
-            sound_speed: self.sound_speed,
-        }
+        self.instrument.setup()
     }
 
     fn held_bytes(&self) -> u64 {
@@ -221,7 +200,7 @@ impl CubeSource for CubeFile {
     }
 
     fn visit(&mut self, block: usize, visit: &mut Visit) -> Result<()> {
-        let (n_f, n_mic) = (self.sweep.len(), self.array.len());
+        let (n_f, n_mic) = (self.instrument.sweep.len(), self.instrument.array.len());
         let (place, conjugated) = (place(&self.path, "samples"), self.conjugated);
         let mut first = 0;
         self.npz.complex_blocks("samples", block.min(n_f) * n_mic, |samples: &mut [Complex32]| {

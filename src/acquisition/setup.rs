@@ -19,7 +19,42 @@ pub struct Setup<'a> {
     pub sound_speed: f64,
 }
 
+/// The same with its own sweep and array.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub struct Instrument {
+    /// The tones.
+    pub sweep: Sweep,
+    /// The microphones.
+    pub array: MicArray,
+    /// Fixed speaker or monostatic scan.
+    pub geometry: Geometry,
+    /// Quadrature or in-phase.
+    pub detection: Detection,
+    /// c, m/s.
+    pub sound_speed: f64,
+}
+
+impl Instrument {
+    /// The formulas' view of it.
+    pub fn setup(&self) -> Setup<'_> {
+        let Self { sweep, array, geometry, detection, sound_speed } = self;
+        Setup { sweep, array, geometry: *geometry, detection: *detection, sound_speed: *sound_speed }
+    }
+}
+
 impl Setup<'_> {
+    /// A copy with its own sweep and array.
+    pub fn to_instrument(&self) -> Instrument {
+        Instrument {
+            sweep: self.sweep.clone(),
+            array: self.array.clone(),
+            geometry: self.geometry,
+            detection: self.detection,
+            sound_speed: self.sound_speed,
+        }
+    }
+
     /// Wavelength at the centre of the band λ_c, m.
     pub fn wavelength(&self) -> f64 {
         self.sound_speed / self.sweep.centre()

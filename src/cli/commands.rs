@@ -4,7 +4,7 @@ use super::inputs::{config_of, has_extension, run_of};
 use super::terminal::{Terminal, print};
 use super::{Cli, Command, Overrides, info, summary};
 use clap::CommandFactory;
-use holosonar::acquisition::DataCube;
+use holosonar::acquisition::CubeFile;
 use holosonar::config::ANNOTATED;
 use holosonar::error::{Error, Result};
 use holosonar::export::depth_exr::{DepthFile, read_depth_map};
@@ -44,13 +44,8 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
                 check_extension(path, &["npz", "exr", "vti"])?;
             }
             let run = config_of(config.as_deref(), &settings.set)?;
-            let cube = DataCube::read(cube, reading_limit())?;
-            let image = pipeline::reconstruct_cube(&run, &cube, terminal)?;
-            let facts = pipeline::cube_facts(&cube, &run, &image);
-            let mut files = Vec::new();
-            for path in output {
-                files.extend(pipeline::write_volume(path, &image.volume, &facts)?);
-            }
+            let cube = CubeFile::open(cube, reading_limit())?;
+            let files = pipeline::reconstruct_cube(&run, cube, output, terminal)?;
             wrote(&files, json, terminal)
         }
         Command::Depth { volume, config, output, settings } => {
@@ -97,7 +92,7 @@ fn image(
 ) -> Result<()> {
     let (run, outcome) = if has_extension(input, &["npz"]) {
         let run = config_of(config, &overrides.keys())?;
-        let cube = DataCube::read(input, reading_limit())?;
+        let cube = CubeFile::open(input, reading_limit())?;
         let outcome = pipeline::image_cube(&run, cube, terminal)?;
         (run, outcome)
     } else {

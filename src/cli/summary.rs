@@ -64,16 +64,16 @@ pub(super) fn image(input: &Path, folder: &Path, report: &Report, outcome: &Outc
     if let Some(reflectors) = report.reflectors {
         table.row("reflectors", reflectors.to_string());
     }
-    let cube = &outcome.cube;
-    let extent = cube.array.extent();
+    let instrument = &outcome.instrument;
+    let extent = instrument.array.extent();
     table.row("array", format!("{} microphones over {:.2} x {:.2} m", plan.microphones, extent.x, extent.y));
     table.row(
         "sweep",
         format!(
             "{} tones, {:.2} to {:.2} kHz",
             plan.frequencies,
-            cube.sweep.start() / 1e3,
-            cube.sweep.stop() / 1e3
+            instrument.sweep.start() / 1e3,
+            instrument.sweep.stop() / 1e3
         ),
     );
     let millimetres = |m: Option<f64>| m.map_or("-".to_owned(), |m| format!("{:.1}", m * 1e3));

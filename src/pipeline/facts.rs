@@ -1,21 +1,20 @@
 //! What files say about how they came to be: named facts for EXR and VTI, JSON for npz.
 
-use crate::acquisition::DataCube;
 use crate::acquisition::Setup;
 use crate::config::RunFile;
 use crate::export::{Attribute, Attributes};
-use crate::reconstruct::Reconstruction;
+use crate::reconstruct::Made;
 use crate::wave::Geometry;
 use serde_json::{Value, json};
 
 /// This program and its version, as files name it.
 pub(super) const PROGRAM: &str = concat!("holosonar ", env!("CARGO_PKG_VERSION"));
 
-/// Everything that is needed to interpret and reproduce an image of `cube`: `meta` of a volume's npz.
-pub fn cube_facts(cube: &DataCube, run: &RunFile, image: &Reconstruction) -> Value {
-    let mut facts = setup_facts(&cube.setup(), run);
-    facts["method"] = json!(image.method);
-    facts["error_bound"] = json!(image.error_bound);
+/// Everything that is needed to interpret and reproduce an image: `meta` of a volume's npz.
+pub(super) fn image_facts(setup: &Setup, run: &RunFile, made: &Made) -> Value {
+    let mut facts = setup_facts(setup, run);
+    facts["method"] = json!(made.method);
+    facts["error_bound"] = json!(made.error_bound);
     facts
 }
 

@@ -1,6 +1,6 @@
 //! Every file of a run, under its contracted name.
 
-use super::facts::{attributes, cube_facts};
+use super::facts::{attributes, image_facts};
 use super::{Outcome, Report};
 use crate::acquisition::DataCube;
 use crate::config::{RunFile, VolumeFormat};
@@ -32,7 +32,7 @@ pub fn write_outputs(
     observer: &dyn Observer,
 ) -> Result<Report> {
     let begun = Instant::now();
-    let facts = cube_facts(&outcome.cube, run, &outcome.image);
+    let facts = image_facts(&outcome.instrument.setup(), run, &outcome.image.made());
     let mut files = Vec::new();
     let formats = &run.output.formats;
     let mut tasks: Vec<Task> = Vec::new();
