@@ -189,7 +189,10 @@ impl VolumeSink for Volume {
 /// Reconstructs the volume that a cube shows on a grid, all of it in memory.
 ///
 /// - Shapes: the cube is `[n_f, n_mic]`, the volume `[n_z, n_y, n_x]`.
-/// - Cost, errors: those of [`reconstruct_into`]; and [`Error::Environment`] when the volume does not fit in memory.
+/// - Cost: that of [`reconstruct_into`].
+///
+/// # Errors
+/// Those of [`reconstruct_into`]; [`Error::Environment`] when the volume does not fit in memory.
 pub fn reconstruct(
     cube: &DataCube,
     grid: &Grid,

@@ -87,7 +87,7 @@ impl SharedLattice {
                 high.y - low.y
             ));
         }
-        let footprints = footprints(&setup.array, &x, &y);
+        let footprints = footprints(setup.array, &x, &y);
         Ok(Self { x, y, z: f64::midpoint(low.z, high.z), footprints })
     }
 

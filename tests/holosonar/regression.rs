@@ -6,7 +6,7 @@ use glam::{DMat3, DVec3};
 use holosonar::config::RunFile;
 use holosonar::grid::Volume;
 use holosonar::metrics::Metrics;
-use holosonar::pipeline::{check_scene, image_scene, reconstruct_cube, simulate_scene};
+use holosonar::pipeline::{check_scene, image_scene};
 use holosonar::progress::Silent;
 use std::fmt::Write;
 use std::path::Path;
@@ -183,8 +183,7 @@ fn in_phase_data_folds_back_when_the_step_is_too_coarse() {
     let volume = |kind: &str, step: &str| {
         let typed = [format!("detection.kind={kind}"), format!("sweep.step={step}")];
         let run = RunFile::load(&shipped("corner.toml"), &typed).unwrap();
-        let cube = simulate_scene(&run, false, &Silent).unwrap();
-        reconstruct_cube(&run, &cube, &Silent).unwrap().volume
+        image_scene(&run, false, &Silent).unwrap().image.volume
     };
     // Real data needs every path to be shorter than c/2δf (PHYSICS Q3): 8.6 m, 4.3 m and 3.4 m for these steps, and
     // the corner's paths reach some 4.5 m.
