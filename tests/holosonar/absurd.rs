@@ -229,7 +229,9 @@ fn cubes_with_mistakes() {
             npz.text("meta", meta)
         })
         .unwrap();
-        image_refuses(folder.path(), &file, &[&file, said]);
+        // With somewhere to look, so that nothing but the cube is at fault.
+        let grid = "--set grid.x=[0,0.1] --set grid.y=[0,0.1] --set grid.z=[1,1.1]";
+        image_refuses(folder.path(), &format!("{file} {grid}"), &[&file, said]);
     }
     // An array of Python objects, which only an interpreter could read.
     std::fs::copy(data("npz/object.npz"), folder.path().join("object.npz")).unwrap();
