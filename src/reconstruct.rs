@@ -7,9 +7,10 @@
 //! microphones: it is the oracle. [`Method::Convolution`] is Eq. 16 over [`skeleton`] frequencies, for microphones in
 //! a plane of constant z. This module cannot see the scene, so it cannot know the answer.
 
+mod circle;
 mod convolution;
 mod direct;
-mod fft2;
+mod lanes;
 mod lattice;
 mod layout;
 mod plane;

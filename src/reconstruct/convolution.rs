@@ -38,8 +38,8 @@ fn add(
     planes.par_chunks_mut(layout.grid.plane_len()).enumerate().try_for_each_init(
         || Plane::new(layout),
         |plane, (iz, voxels)| {
-            for part in &layout.voxel_parts {
-                plane.place(first + iz, part);
+            for (index, part) in layout.voxel_parts.iter().enumerate() {
+                plane.place(first + iz, index);
                 plane.accumulate(&tones.per_metre, &spectra, voxels, part);
             }
             advance(observer, tones.per_metre.len() as u64)

@@ -1,11 +1,23 @@
 //! One thread's work on one depth: kernels, their transforms, products, and the way back onto the voxels.
+//!
+//! For each tone and pair of sub-lattices: phases of the kernel for sixteen rows at a time, transformed along x and
+//! transposed into blocks of sixteen columns; each block transformed along y, multiplied with the data's spectra and
+//! transformed back at once, so that no kernel's spectrum is ever stored; then back along x, and onto the voxels with
+//! the outer phase.
+//!
+//! Where the kernel is even in y, half of its rows are computed and entered twice; where it is even in x, half of
+//! each row is computed, and each column serves k_x and −k_x. The lag n_x/2 is read by no voxel, so its kernel
+//! is chosen such that the column k_x = n_x/2, which has no partner, is zero.
 
-use super::fft2::Scratch;
+#![allow(clippy::inline_always, clippy::needless_range_loop)]
+
+use super::circle::Offset;
+use super::lanes::transpose;
 use super::lattice::{Part, Parts};
 use super::layout::Layout;
 use crate::grid::Axis;
 use crate::wave::Geometry;
-use crate::wave::simd::phasors;
+use crate::wave::simd::{LANES, Lanes, dispatched, phasors};
 use glam::DVec3;
 use num_complex::Complex32;
 
@@ -13,133 +25,284 @@ use num_complex::Complex32;
 #[derive(Debug)]
 pub(super) struct Plane<'a> {
     layout: &'a Layout<'a>,
-    /// `|p − r|` by lag, in FFT order (negative lags wrapped to the end), doubled for a scan, `[part, n_y, n_x]`.
-    lengths: Vec<f64>,
-    /// `|p − s|` per voxel of the sub-lattice; empty for a monostatic scan.
-    outward: Vec<f64>,
-    kernel: Vec<Complex32>,
-    outer: Vec<Complex32>,
-    spectrum: Vec<Complex32>,
-    sum: Vec<Complex32>,
-    scratch: Scratch,
+    /// Offsets from every node sub-lattice.
+    offsets: &'a [[Offset; 2]],
+    /// `|p − r|` by lag, doubled for a scan, `[part, y block, x]` in lanes of y.
+    lengths: Vec<[f64; LANES]>,
+    /// `|p − s|` per voxel of the sub-lattice, `[y block, x]` in lanes of y; empty for a monostatic scan.
+    outward: Vec<[f64; LANES]>,
+    /// The voxels of the sub-lattice, `[y block, x]` in lanes of y.
+    image: Vec<Lanes>,
+    /// Kernels transformed along x, `[part, block, y]` in lanes of k_x.
+    columns: Vec<Lanes>,
+    /// Products of spectra, `[block, side, k_y]`: of one block, or of all while tones add up. Real and imaginary parts
+    /// are exchanged from here on, which makes forward transforms inverse ones.
+    products: Vec<Lanes>,
+    /// Products transformed back along y, `[y block, k_x]` in lanes of y.
+    rows: Vec<Lanes>,
+    row: Vec<Lanes>,
+    transformed: Vec<Lanes>,
+    work: Vec<Lanes>,
 }
 
 impl<'a> Plane<'a> {
     pub(super) fn new(layout: &'a Layout<'a>) -> Self {
-        let zeros = || vec![Complex32::ZERO; layout.fft.len()];
+        let zeros = |n: usize| vec![Lanes::ZERO; n];
+        let (n_x, n_y, parts) = (layout.x.len(), layout.y.len(), layout.node_parts.len());
+        let most = |axis: usize| layout.voxel_parts.iter().map(|p| p[axis].count).max().unwrap_or(1);
+        let blocks = if layout.geometry == Geometry::Monostatic { layout.blocks() } else { 1 };
         Self {
             layout,
-            lengths: vec![0.0; layout.fft.len() * layout.node_parts.len()],
+            offsets: &[],
+            lengths: vec![[0.0; LANES]; parts * layout.x.lags() * layout.y.lags() / LANES],
             outward: Vec::new(),
-            kernel: zeros(),
-            outer: Vec::new(),
-            spectrum: zeros(),
-            sum: zeros(),
-            scratch: layout.fft.scratch(),
+            image: Vec::new(),
+            columns: zeros(parts * layout.blocks() * n_y),
+            products: zeros(blocks * layout.sides() * n_y),
+            rows: zeros(n_x * most(1).div_ceil(LANES)),
+            row: zeros(n_x),
+            transformed: zeros(n_x.max(n_y)),
+            work: zeros(n_x.max(n_y)),
         }
     }
 
-    /// Works out every length of depth `iz` on one sub-lattice; they serve all tones.
-    pub(super) fn place(&mut self, iz: usize, voxels: &Parts) {
-        let Layout { lattice, grid, fft, .. } = self.layout;
-        let (z, [nodes_x, nodes_y], [pitch_x, pitch_y]) =
-            (grid.z.position(iz), lattice.nodes(), lattice.common_pitch());
+    /// Works out every length of depth `iz` on sub-lattice `part` of the voxels; they serve all tones.
+    pub(super) fn place(&mut self, iz: usize, part: usize) {
+        let Layout { lattice, grid, x, y, .. } = self.layout;
+        let (voxels, z) = (&self.layout.voxel_parts[part], grid.z.position(iz));
         let height = z - lattice.z;
         let legs = self.layout.geometry.return_legs();
-        for (lengths, nodes) in self.lengths.chunks_exact_mut(fft.len()).zip(&self.layout.node_parts) {
-            let offset = |axis: &Axis, voxels: Part, all: &Axis, nodes: Part| {
-                axis.position(voxels.start) - all.position(nodes.start)
-            };
-            let (x0, y0) = (
-                offset(&grid.x, voxels[0], &nodes_x, nodes[0]),
-                offset(&grid.y, voxels[1], &nodes_y, nodes[1]),
-            );
-            for (iy, row) in lengths.chunks_exact_mut(fft.n_x()).enumerate() {
-                let dy = y0 + lag(iy, fft.n_y(), voxels[1].count) * pitch_y;
-                let square = dy * dy + height * height;
-                for (ix, length) in row.iter_mut().enumerate() {
-                    let dx = x0 + lag(ix, fft.n_x(), voxels[0].count) * pitch_x;
-                    *length = legs * (dx * dx + square).sqrt();
+        self.offsets = &self.layout.offsets[part];
+        self.columns.fill(Lanes::ZERO);
+        let of_parts = self.lengths.chunks_exact_mut(x.lags() * y.lags() / LANES);
+        for (lengths, [along_x, along_y]) in of_parts.zip(self.offsets) {
+            for (block, row) in lengths.chunks_exact_mut(x.lags()).enumerate() {
+                let squares: [f64; LANES] = std::array::from_fn(|lane| {
+                    let dy = along_y.lag(block * LANES + lane, y);
+                    dy * dy + height * height
+                });
+                for (ix, lengths) in row.iter_mut().enumerate() {
+                    let dx = along_x.lag(ix, x);
+                    *lengths = squares.map(|square| legs * (dx * dx + square).sqrt());
                 }
             }
         }
         self.outward.clear();
         if let Geometry::FixedSource { .. } = self.layout.geometry {
-            let place = |axis: &Axis, part: Part, k: usize| axis.position(part.start + k * part.stride);
-            for j in 0..voxels[1].count {
+            let at = |axis: &Axis, part: Part, k: usize| axis.position(part.start + k * part.stride);
+            for first in (0..voxels[1].count).step_by(LANES) {
                 for i in 0..voxels[0].count {
-                    let p = DVec3::new(place(&grid.x, voxels[0], i), place(&grid.y, voxels[1], j), z);
-                    self.outward.push(self.layout.geometry.outward_length(p));
+                    self.outward.push(std::array::from_fn(|lane| {
+                        let p = DVec3::new(
+                            at(&grid.x, voxels[0], i),
+                            at(&grid.y, voxels[1], first + lane),
+                            z,
+                        );
+                        self.layout.geometry.outward_length(p)
+                    }));
                 }
             }
         }
-        self.outer.resize(self.outward.len(), Complex32::ZERO);
     }
 
     /// Adds tones to the voxels of the sub-lattice that was placed; `spectra` are those of [`Layout::spectra`].
     pub(super) fn accumulate(
         &mut self,
         per_metre: &[f64],
-        spectra: &[Complex32],
+        spectra: &[Lanes],
         voxels: &mut [Complex32],
         part: &Parts,
     ) {
         let layout = self.layout;
-        let n = layout.fft.len();
-        let scan = self.outward.is_empty();
+        let scan = layout.geometry == Geometry::Monostatic;
+        self.image.clear();
+        self.image.resize(part[0].count * part[1].count.div_ceil(LANES), Lanes::ZERO);
+        self.exchange(voxels, part, |voxel, re, im| (*re, *im) = (voxel.re, voxel.im));
         if scan {
-            self.sum.fill(Complex32::ZERO);
+            self.products.fill(Lanes::ZERO);
         }
-        for (k, data) in per_metre.iter().zip(spectra.chunks_exact(n * layout.node_parts.len())) {
-            for (part, (lengths, data)) in self.lengths.chunks_exact(n).zip(data.chunks_exact(n)).enumerate()
-            {
-                phasors(*k, lengths, &mut self.kernel);
-                layout.fft.forward(&mut self.kernel, &mut self.spectrum, &mut self.scratch);
-                let products = self.spectrum.iter().zip(data).map(|(a, b)| a * b);
-                if part == 0 && !scan {
-                    self.sum.iter_mut().zip(products).for_each(|(sum, product)| *sum = product);
+        for (k, spectra) in per_metre.iter().zip(spectra.chunks_exact(layout.tone_len() / LANES)) {
+            for node_part in 0..layout.node_parts.len() {
+                self.kernel(*k, node_part);
+            }
+            for block in 0..layout.blocks() {
+                if scan {
+                    // No outer phase remains, so tones add up before the one inverse FFT.
+                    self.multiply(block, block, spectra);
                 } else {
-                    self.sum.iter_mut().zip(products).for_each(|(sum, product)| *sum += product);
+                    self.products.fill(Lanes::ZERO);
+                    self.multiply(block, 0, spectra);
+                    self.back_along_y(block, 0, part);
                 }
             }
-            if scan {
-                // No outer phase remains, so tones add up before the one inverse FFT.
-                continue;
-            }
-            phasors(*k, &self.outward, &mut self.outer);
-            let focused = layout.fft.inverse(&mut self.sum, part[1].count, &mut self.scratch);
-            let outer = self.outer.chunks_exact(part[0].count);
-            for ((focused, outer), row) in focused.chunks_exact(layout.fft.n_x()).zip(outer).zip(0..) {
-                let to = voxel_row(voxels, layout.grid.x.count, part, row);
-                for ((voxel, a), phase) in to.zip(focused).zip(outer) {
-                    *voxel += a * phase;
-                }
+            if !scan {
+                self.back_along_x(Some(*k), part);
             }
         }
         if scan {
-            let focused = layout.fft.inverse(&mut self.sum, part[1].count, &mut self.scratch);
-            for (focused, row) in focused.chunks_exact(layout.fft.n_x()).zip(0..) {
-                for (voxel, a) in voxel_row(voxels, layout.grid.x.count, part, row).zip(focused) {
-                    *voxel += a;
+            for block in 0..layout.blocks() {
+                self.back_along_y(block, block, part);
+            }
+            self.back_along_x(None, part);
+        }
+        self.exchange(voxels, part, |voxel, re, im| *voxel = Complex32::new(*re, *im));
+    }
+
+    /// Visits every voxel of the sub-lattice beside its place in the image.
+    fn exchange(
+        &mut self,
+        voxels: &mut [Complex32],
+        [x, y]: &Parts,
+        visit: impl Fn(&mut Complex32, &mut f32, &mut f32),
+    ) {
+        for iy in 0..y.count {
+            let (block, lane) = (&mut self.image[iy / LANES * x.count..][..x.count], iy % LANES);
+            let start = (y.start + iy * y.stride) * self.layout.grid.x.count;
+            let row = &mut voxels[start..start + self.layout.grid.x.count];
+            for (voxel, lanes) in row[x.start..].iter_mut().step_by(x.stride).zip(block) {
+                visit(voxel, &mut lanes.re[lane], &mut lanes.im[lane]);
+            }
+        }
+    }
+
+    /// Kernels of one tone and node sub-lattice, transformed along x and transposed.
+    fn kernel(&mut self, per_metre: f64, part: usize) {
+        let Layout { x, y, .. } = self.layout;
+        let [along_x, along_y] = self.offsets[part].map(|offset| offset.turn.half);
+        let lengths = &self.lengths[part * x.lags() * y.lags() / LANES..][..x.lags() * y.lags() / LANES];
+        let columns = &mut self.columns[part * self.layout.blocks() * y.len()..];
+        let transformed = &mut self.transformed[..x.len()];
+        for (rows, lengths) in lengths.chunks_exact(x.lags()).enumerate() {
+            phasors(&[per_metre; LANES], lengths, &mut self.row[..x.lags()]);
+            if x.even {
+                mirror(&mut self.row, along_x);
+            }
+            x.fft.transform(&self.row, transformed, &mut self.work[..x.len()]);
+            let tiles = transformed.as_chunks::<LANES>().0;
+            for (tile, column) in tiles.iter().zip(columns.chunks_exact_mut(y.len())).take(self.layout.blocks()) {
+                let mut rows_of_tile = [Lanes::ZERO; LANES];
+                transpose(tile, &mut rows_of_tile);
+                for (i, lanes) in rows_of_tile.iter().enumerate() {
+                    let i = rows * LANES + i;
+                    column[i] = *lanes;
+                    if let Some(mirrored) = y.mirrored(i, along_y) {
+                        column[mirrored] = *lanes;
+                    }
                 }
             }
         }
     }
+
+    /// Adds one block's products of kernels and data to block `to` of the products.
+    fn multiply(&mut self, block: usize, to: usize, spectra: &[Lanes]) {
+        let layout = self.layout;
+        let (n_y, sides) = (layout.y.len(), layout.sides());
+        let products = &mut self.products[to * sides * n_y..][..sides * n_y];
+        for (part, offset) in self.offsets.iter().enumerate() {
+            let column = &self.columns[(part * layout.blocks() + block) * n_y..][..n_y];
+            let kernel = &mut self.transformed[..n_y];
+            layout.y.fft.transform(column, kernel, &mut self.work[..n_y]);
+            let data = &spectra[layout.spectrum(part, offset) + block * sides * n_y..][..sides * n_y];
+            for (product, data) in products.chunks_exact_mut(n_y).zip(data.chunks_exact(n_y)) {
+                add_product(kernel, data, product);
+            }
+        }
+    }
+
+    /// Transforms block `from` of the products back along y and transposes the voxels' rows.
+    fn back_along_y(&mut self, block: usize, from: usize, part: &Parts) {
+        let layout = self.layout;
+        let (n_x, n_y, sides) = (layout.x.len(), layout.y.len(), layout.sides());
+        let products = &self.products[from * sides * n_y..][..sides * n_y];
+        for (side, product) in products.chunks_exact(n_y).enumerate() {
+            let transformed = &mut self.transformed[..n_y];
+            layout.y.fft.transform(product, transformed, &mut self.work[..n_y]);
+            let tiles = transformed.as_chunks::<LANES>().0;
+            for (tile, rows) in
+                tiles.iter().zip(self.rows.chunks_exact_mut(n_x)).take(part[1].count.div_ceil(LANES))
+            {
+                let mut columns = [Lanes::ZERO; LANES];
+                transpose(tile, &mut columns);
+                for (k, column) in columns.iter().enumerate() {
+                    rows[layout.column(side, block * LANES + k)] = *column;
+                }
+            }
+        }
+    }
+
+    /// Transforms the voxels' rows back along x and adds them to the image, with the outer phase of a tone.
+    fn back_along_x(&mut self, per_metre: Option<f64>, part: &Parts) {
+        let (x, width) = (&self.layout.x, part[0].count);
+        for (block, image) in self.image.chunks_exact_mut(width).enumerate() {
+            let transformed = &mut self.transformed[..x.len()];
+            let from = &self.rows[block * x.len()..][..x.len()];
+            x.fft.transform(from, transformed, &mut self.work[..x.len()]);
+            let outer = &mut self.row[..width];
+            match per_metre {
+                Some(k) => phasors(&[k; LANES], &self.outward[block * width..][..width], outer),
+                None => outer.fill(Lanes { re: [1.0; LANES], im: [0.0; LANES] }),
+            }
+            add_exchanged_product(&transformed[..width], outer, image);
+        }
+    }
 }
 
-/// The voxels of one row of a sub-lattice, in order.
-fn voxel_row<'v>(
-    voxels: &'v mut [Complex32],
-    n_x: usize,
-    [x, y]: &Parts,
-    row: usize,
-) -> impl Iterator<Item = &'v mut Complex32> + use<'v> {
-    let start = (y.start + row * y.stride) * n_x;
-    voxels[start..start + n_x][x.start..].iter_mut().step_by(x.stride)
+/// Fills the second half of an even kernel's row from its first.
+#[inline(always)]
+fn mirror_body(row: &mut [Lanes], half: bool) {
+    let n = row.len();
+    if half {
+        for i in 0..n / 2 {
+            row[n - 1 - i] = row[i];
+        }
+        return;
+    }
+    // The column n/2 is the sum with alternating signs; n is a multiple of four, so lag n/2 has a plus.
+    let mut alternating = Lanes::ZERO;
+    for i in 0..n / 2 {
+        let sign = if i % 2 == 0 { 1.0 } else { -1.0 };
+        let weight = if i == 0 { sign } else { 2.0 * sign };
+        for l in 0..LANES {
+            alternating.re[l] -= weight * row[i].re[l];
+            alternating.im[l] -= weight * row[i].im[l];
+        }
+        if i > 0 {
+            row[n - i] = row[i];
+        }
+    }
+    row[n / 2] = alternating;
 }
 
-/// The lag at place `i` of `n`: positive up to the last voxel, then the wrapped negative ones; what padding leaves
-/// between them is never read.
-fn lag(i: usize, n: usize, voxels: usize) -> f64 {
-    if i < voxels { i as f64 } else { i as f64 - n as f64 }
+dispatched! {
+    fn mirror = mirror_body(row: &mut [Lanes], half: bool)
+}
+
+#[inline(always)]
+fn add_product_body(a: &[Lanes], b: &[Lanes], sum: &mut [Lanes]) {
+    for ((a, b), sum) in a.iter().zip(b).zip(sum) {
+        for l in 0..LANES {
+            sum.im[l] += a.re[l] * b.re[l] - a.im[l] * b.im[l];
+            sum.re[l] += a.re[l] * b.im[l] + a.im[l] * b.re[l];
+        }
+    }
+}
+
+dispatched! {
+    /// Adds `a·b` to `sum`, whose real and imaginary parts are exchanged.
+    fn add_product = add_product_body(a: &[Lanes], b: &[Lanes], sum: &mut [Lanes])
+}
+
+#[inline(always)]
+fn add_exchanged_product_body(a: &[Lanes], b: &[Lanes], sum: &mut [Lanes]) {
+    for ((a, b), sum) in a.iter().zip(b).zip(sum) {
+        for l in 0..LANES {
+            sum.re[l] += a.im[l] * b.re[l] - a.re[l] * b.im[l];
+            sum.im[l] += a.im[l] * b.im[l] + a.re[l] * b.re[l];
+        }
+    }
+}
+
+dispatched! {
+    /// Adds `a·b` to `sum`, with the real and imaginary parts of `a` exchanged.
+    fn add_exchanged_product = add_exchanged_product_body(a: &[Lanes], b: &[Lanes], sum: &mut [Lanes])
 }

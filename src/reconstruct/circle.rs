@@ -1,0 +1,114 @@
+//! One axis of the padded convolution: its length, its transform, and where lags, nodes and voxels lie on it.
+//!
+//! The kernel is a function of `p − r = (l + t)·pitch`, with a whole lag l and a rest t in 0 .. 1. Where t is 0 or ½ the
+//! lags on both sides of zero have the same kernels. A circle that is centred on them needs only half of the phases and
+//! transforms; to centre it, the nodes are turned round it by a whole number of places. Any other rest is served too, by a
+//! circle of all lags.
+
+use super::lanes::{LaneFft, fast_size};
+use super::lattice::Part;
+use crate::wave::simd::LANES;
+
+/// One axis of the padded convolution.
+#[derive(Debug)]
+pub(super) struct Circle {
+    pub(super) fft: LaneFft,
+    /// Whether the kernel is even on it for every pair of sub-lattices.
+    pub(super) even: bool,
+}
+
+/// A sub-lattice of voxels, seen from one of nodes, along one axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Offset {
+    /// Position of the first voxel less that of the first node, m.
+    pub(super) first: f64,
+    pub(super) pitch: f64,
+    voxels: usize,
+    nodes: usize,
+    pub(super) turn: Turn,
+}
+
+/// How the nodes are turned round the circle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(super) struct Turn {
+    /// Places by which nodes are moved back.
+    pub(super) places: isize,
+    /// Whether lag l mirrors −1 − l rather than −l: the rest is ½ rather than 0.
+    pub(super) half: bool,
+}
+
+/// The greatest rest, in pitches, that is taken for none; it moves no phase by more than 10⁻⁶ of a turn.
+const WHOLE: f64 = 1e-7;
+
+/// How much longer than need be a circle may become for symmetry to pay.
+const LONGER: f64 = 1.2;
+
+impl Offset {
+    pub(super) fn new(first: f64, pitch: f64, voxels: Part, nodes: Part) -> Self {
+        Self { first, pitch, voxels: voxels.count, nodes: nodes.count, turn: Turn::default() }
+    }
+
+    /// The turn that makes the kernel even, and the length of circle it takes.
+    fn even(&self) -> Option<(Turn, usize)> {
+        let halves = 2.0 * self.first / self.pitch;
+        let nearest = halves.round();
+        // Also false for what is not finite.
+        let close = (halves - nearest).abs() <= 2.0 * WHOLE && nearest.abs() < 1e9;
+        let (places, half) = ((nearest / 2.0).floor() as isize, nearest.rem_euclid(2.0) == 1.0);
+        let above = self.voxels as isize + places;
+        let below = self.nodes as isize - places - isize::from(half);
+        close.then(|| (Turn { places, half }, 2 * above.max(below).max(1) as usize))
+    }
+
+    /// The lag at place `i` of `n`, from the first voxel and node, m: positive up to the last voxel, then the wrapped
+    /// negative ones; what padding leaves between them is never read. Of an even kernel, the first half is asked for.
+    pub(super) fn lag(&self, i: usize, circle: &Circle) -> f64 {
+        let wraps = !circle.even && i >= self.voxels;
+        let place = i as isize - if wraps { circle.len() as isize } else { 0 };
+        self.first + (place - self.turn.places) as f64 * self.pitch
+    }
+
+    /// Where node `j` lies.
+    pub(super) fn place(turn: Turn, j: usize, circle: &Circle) -> usize {
+        (j as isize - turn.places).rem_euclid(circle.len() as isize) as usize
+    }
+}
+
+impl Circle {
+    /// The circle for all pairs of sub-lattices along an axis, whose nodes are turned to suit it.
+    pub(super) fn around(offsets: &mut [&mut Offset]) -> Self {
+        let all = offsets.iter().map(|o| o.voxels + o.nodes - 1).max().unwrap_or(1);
+        let general = fast_size(all, LANES);
+        let turns: Option<Vec<(Turn, usize)>> = offsets.iter().map(|offset| offset.even()).collect();
+        if let Some(turns) = turns {
+            let longest = turns.iter().map(|(_, n)| *n).max().unwrap_or(1);
+            // An array far aside would ask for an absurd length.
+            if longest <= 2 * general {
+                let n = fast_size(longest, 2 * LANES);
+                if n as f64 <= LONGER * general as f64 {
+                    offsets.iter_mut().zip(turns).for_each(|(offset, (turn, _))| offset.turn = turn);
+                    return Self { fft: LaneFft::new(n), even: true };
+                }
+            }
+        }
+        Self { fft: LaneFft::new(general), even: false }
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.fft.len()
+    }
+
+    /// Lags whose kernels have to be computed.
+    pub(super) fn lags(&self) -> usize {
+        if self.even { self.len() / 2 } else { self.len() }
+    }
+
+    /// Where the lag that mirrors `i` lies, if there is one; the place that remains is read by nobody.
+    pub(super) fn mirrored(&self, i: usize, half: bool) -> Option<usize> {
+        match (self.even, half) {
+            (false, _) => None,
+            (true, true) => Some(self.len() - 1 - i),
+            (true, false) => (i > 0).then(|| self.len() - i),
+        }
+    }
+}
