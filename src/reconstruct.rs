@@ -7,6 +7,7 @@
 //! microphones: it is the oracle. [`Method::Convolution`] is Eq. 16 over [`skeleton`] frequencies, for microphones in
 //! a plane of constant z. This module cannot see the scene, so it cannot know the answer.
 
+mod backprojection;
 mod convolution;
 mod direct;
 mod fft2;
@@ -36,6 +37,8 @@ pub enum Method {
     Auto,
     /// Eq. 16 by padded 2-D FFTs, for any planar array and any voxel pitch.
     Convolution,
+    /// Range profiles along every voxel's paths, for any array and any grid.
+    Backprojection,
     /// Eq. 13 as written.
     Direct,
 }
@@ -91,12 +94,24 @@ pub fn direct_terms(cube: &DataCube, grid: &Grid) -> u64 {
 enum Choice {
     Direct,
     Convolution(Box<lattice::SharedLattice>),
+    Backprojection(Box<backprojection::Plan>),
 }
 
 /// The method that the options come to for this cube and grid, and a warning if `auto` had to take the slow one.
 fn choose(cube: &DataCube, grid: &Grid, options: &ReconstructOptions) -> Result<(Choice, Option<String>)> {
     if options.method == Method::Direct {
         return Ok((Choice::Direct, None));
+    }
+    if options.method == Method::Backprojection {
+        if options.tolerance <= 0.0 {
+            return Err(Error::input(
+                "reconstruct.tolerance",
+                "\"backprojection\" interpolates, which takes a tolerance; give one above 0 (1e-6, say), or use \
+                 method = \"direct\"",
+            ));
+        }
+        let plan = backprojection::Plan::new(cube, grid, options.tolerance);
+        return Ok((Choice::Backprojection(Box::new(plan)), None));
     }
     // Spreading and skeletons share the tolerance.
     let misfit = match lattice::SharedLattice::find(cube, grid, 0.5 * options.tolerance) {
@@ -176,8 +191,14 @@ pub fn reconstruct(
             let error = convolution::convolution(cube, &weights, &lattice, tolerance, &mut volume, observer)?;
             (Method::Convolution, error)
         }
+        Choice::Backprojection(plan) => {
+            let tolerance = options.tolerance;
+            let error =
+                backprojection::backprojection(cube, &weights, &plan, tolerance, &mut volume, observer)?;
+            (Method::Backprojection, error)
+        }
     };
-    let error_bound = if relative > 0.0 { relative * weights.mean_modulus(cube) } else { 0.0 };
+    let error_bound = if relative == 0.0 { 0.0 } else { relative * weights.mean_modulus(cube) };
     Ok(Reconstruction { volume, method, error_bound })
 }
 
