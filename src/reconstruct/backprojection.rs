@@ -118,6 +118,7 @@ pub(super) fn backprojection(
     volume: &mut Volume,
     observer: &dyn Observer,
 ) -> Result<f64> {
+    eprintln!("{plan:?}");
     let depths = plan.grid.z.count;
     let greatest = greatest_half(plan.shape.half(&plan.grid));
     let (terms, series_error) = plan.band.terms(greatest);
@@ -136,6 +137,7 @@ pub(super) fn backprojection(
             compressed.nest(cube.sweep.frequencies(), interval, allowed)
         })
         .collect();
+    eprintln!("{:?}", slabs.iter().map(|s|s.len()).collect::<Vec<_>>());
     let groups = Group::all(cube.array.positions());
     let width = cube.array.len();
     let blocks = starts.iter().map(|&first| Block::of(&plan.grid, plan.shape, slab_depths(first)).len());

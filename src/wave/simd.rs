@@ -12,7 +12,7 @@ mod range;
 mod sweep;
 
 pub use range::{LaneProfiles, LaneTones, Points, RangeScale};
-pub use sweep::{POINTS, SweepSamples};
+pub use sweep::SweepSamples;
 
 use num_complex::Complex32;
 use range::{back_project_body, range_profiles_body};
@@ -255,13 +255,13 @@ dispatched! {
     /// Adds `Σ_r Σ_n m(n, r) e^{i2π(start + n·step)·length_r}` to the total of each point (real, imaginary): all of Eq. 13
     /// for an even sweep.
     ///
-    /// `lengths` are `[padded_len]` in m. Cost: 8 operations per term, by Horner's rule started afresh every 64
+    /// `lengths` are `[points, padded_len]` in m. Cost: 8 operations per term, by Horner's rule started afresh every 64
     /// frequencies; the drift stays near 4·10⁻⁶ of a term.
     ///
     /// # Panics
     /// When the lengths do not match.
     pub fn weighted_sweep = weighted_sweep_body(
-        samples: &SweepSamples, lengths: [&[f64]; POINTS], steps: Steps, totals: &mut [[f64; 2]; POINTS],
+        samples: &SweepSamples, lengths: &[f64], steps: Steps, totals: &mut [[f64; 2]],
     )
 }
 
