@@ -7,6 +7,7 @@
 //! microphones: it is the oracle. [`Method::Convolution`] is Eq. 16 over [`skeleton`] frequencies, for microphones in
 //! a plane of constant z. This module cannot see the scene, so it cannot know the answer.
 
+mod backprojection;
 mod circle;
 mod convolution;
 mod direct;
@@ -39,6 +40,8 @@ pub enum Method {
     Auto,
     /// Eq. 16 by padded 2-D FFTs, for any planar array and any voxel pitch.
     Convolution,
+    /// Range profiles along every voxel's paths, for any array and any grid.
+    Backprojection,
     /// Eq. 13 as written.
     Direct,
 }
@@ -101,12 +104,24 @@ pub fn direct_terms(setup: &Setup, grid: &Grid) -> u64 {
 enum Choice {
     Direct,
     Convolution(Box<lattice::SharedLattice>),
+    Backprojection(Box<backprojection::Plan>),
 }
 
 /// The method that the options come to for this measurement and grid, and a warning if `auto` had to take the slow one.
 fn choose(setup: &Setup, grid: &Grid, options: &ReconstructOptions) -> Result<(Choice, Option<String>)> {
     if options.method == Method::Direct {
         return Ok((Choice::Direct, None));
+    }
+    if options.method == Method::Backprojection {
+        if options.tolerance <= 0.0 {
+            return Err(Error::input(
+                "reconstruct.tolerance",
+                "\"backprojection\" interpolates, which takes a tolerance; give one above 0 (1e-6, say), or use \
+                 method = \"direct\"",
+            ));
+        }
+        let plan = backprojection::Plan::new(setup, grid, options.tolerance);
+        return Ok((Choice::Backprojection(Box::new(plan)), None));
     }
     // Spreading and skeletons share the tolerance.
     let misfit = match lattice::SharedLattice::find(setup, grid, 0.5 * options.tolerance) {
@@ -259,7 +274,18 @@ pub fn reconstruct_into(
         Choice::Convolution(lattice) => {
             convolution::convolution(source, &weights, &lattice, grid, options.tolerance, sink, observer)
         }
+        Choice::Backprojection(plan) => {
+            backprojection::backprojection(source, &weights, &plan, options.tolerance, sink, observer)
+        }
     }
+}
+
+/// The refusal of samples that do not fit.
+fn no_room(tones: u64, microphones: u64) -> Error {
+    Error::environment(
+        "memory",
+        format!("{tones} tones x {microphones} microphones do not fit; use fewer of either"),
+    )
 }
 
 /// Room for the voxels of a grid, filled with zeros.

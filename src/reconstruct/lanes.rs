@@ -39,7 +39,10 @@ pub(super) fn fast_size(n: usize, step: usize) -> usize {
         m == 1
     };
     let multiples = n.max(1).div_ceil(step)..;
-    multiples.map(|m| m * step).find(|m| smooth(*m)).expect("there is one below the next power of two times step")
+    multiples
+        .map(|m| m * step)
+        .find(|m| smooth(*m))
+        .expect("there is one below the next power of two times step")
 }
 
 impl LaneFft {
@@ -260,9 +263,18 @@ mod tests {
 
     #[test]
     fn sizes_have_small_factors_only() {
-        for (n, step, expected) in
-            [(1, 1, 1), (7, 1, 8), (71, 1, 72), (77, 1, 80), (127, 1, 128), (513, 1, 540), (191, 32, 192), (200, 32, 256), (1, 16, 16), (205, 16, 240)]
-        {
+        for (n, step, expected) in [
+            (1, 1, 1),
+            (7, 1, 8),
+            (71, 1, 72),
+            (77, 1, 80),
+            (127, 1, 128),
+            (513, 1, 540),
+            (191, 32, 192),
+            (200, 32, 256),
+            (1, 16, 16),
+            (205, 16, 240),
+        ] {
             assert_eq!(fast_size(n, step), expected);
         }
     }

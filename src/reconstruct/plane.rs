@@ -93,11 +93,8 @@ impl<'a> Plane<'a> {
             for first in (0..voxels[1].count).step_by(LANES) {
                 for i in 0..voxels[0].count {
                     self.outward.push(std::array::from_fn(|lane| {
-                        let p = DVec3::new(
-                            at(&grid.x, voxels[0], i),
-                            at(&grid.y, voxels[1], first + lane),
-                            z,
-                        );
+                        let p =
+                            DVec3::new(at(&grid.x, voxels[0], i), at(&grid.y, voxels[1], first + lane), z);
                         self.layout.geometry.outward_length(p)
                     }));
                 }
@@ -179,7 +176,9 @@ impl<'a> Plane<'a> {
             }
             x.fft.transform(&self.row, transformed, &mut self.work[..x.len()]);
             let tiles = transformed.as_chunks::<LANES>().0;
-            for (tile, column) in tiles.iter().zip(columns.chunks_exact_mut(y.len())).take(self.layout.blocks()) {
+            for (tile, column) in
+                tiles.iter().zip(columns.chunks_exact_mut(y.len())).take(self.layout.blocks())
+            {
                 let mut rows_of_tile = [Lanes::ZERO; LANES];
                 transpose(tile, &mut rows_of_tile);
                 for (i, lanes) in rows_of_tile.iter().enumerate() {

@@ -3,10 +3,11 @@
 //! Skeletons nest: the tones of a slab are found among those of the volume, so that the second compression is small.
 //! Sums run over fixed blocks of frequencies and microphones, so neither threads nor memory change the bytes.
 
+use super::no_room;
 use super::skeleton::{greatest_error, skeleton};
 use super::weights::Weights;
 use crate::acquisition::CubeSource;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::grid::zeros;
 use crate::progress::{Observer, advance, stage};
 use crate::wave::interval::PathInterval;
@@ -73,12 +74,7 @@ impl VolumeTones {
         let (witnesses, at_witnesses) = skeleton.witnesses(setup.sweep.frequencies(), interval);
         drop(skeleton);
         let room = (frequencies.len() as u64).saturating_mul(n_mic as u64);
-        let mut samples = zeros(room).ok_or_else(|| {
-            Error::environment(
-                "memory",
-                format!("{} tones x {n_mic} microphones do not fit", frequencies.len()),
-            )
-        })?;
+        let mut samples = zeros(room).ok_or_else(|| no_room(frequencies.len() as u64, n_mic as u64))?;
         let mut modulus = 0.0;
         stage(observer, "compressing the sweep", n_f as u64, || {
             source.visit(FREQUENCIES, &mut |range, block| {

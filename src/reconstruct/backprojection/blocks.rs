@@ -1,0 +1,264 @@
+//! Boxes of voxels and groups of microphones that share their range profiles.
+
+use super::profile::Band;
+use crate::grid::{Axis, Grid};
+use crate::reconstruct::tones::Tones;
+use crate::wave::Geometry;
+use crate::wave::simd::{LANES, LaneTones, Points};
+use glam::DVec3;
+
+/// The most voxels of a block: their points and sums stay in the first-level cache.
+const MOST_VOXELS: usize = 1024;
+
+/// The greatest x of a profile at the band's edge; blocks of one voxel are always allowed.
+const MOST_EDGE: f64 = 60.0;
+
+/// The most turns of the carrier between a block's centre and a voxel: its f32 phase then errs by some 10⁻⁶.
+const MOST_TURNS: f64 = 8.0;
+
+/// A box of voxels, by its size along x, y, z.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Shape(pub(super) [usize; 3]);
+
+impl Shape {
+    /// Half the distance between the first and the last voxel along each axis, m.
+    pub(super) fn half(&self, grid: &Grid) -> DVec3 {
+        let along = |axis: &Axis, count: usize| axis.pitch * (count.min(axis.count) - 1) as f64 / 2.0;
+        DVec3::new(along(&grid.x, self.0[0]), along(&grid.y, self.0[1]), along(&grid.z, self.0[2]))
+    }
+
+    /// Every shape worth trying: powers of two that the grid has room for.
+    pub(super) fn candidates(grid: &Grid) -> impl Iterator<Item = Self> {
+        let sizes = |count: usize| {
+            (0..11).map(|e| 1usize << e).filter(move |&n| n < 2 * count).map(move |n| n.min(count))
+        };
+        let (x, y, z) = (grid.x.count, grid.y.count, grid.z.count);
+        sizes(z)
+            .flat_map(move |n_z| sizes(y).flat_map(move |n_y| sizes(x).map(move |n_x| Self([n_x, n_y, n_z]))))
+            .filter(|shape| shape.0.iter().product::<usize>() <= MOST_VOXELS)
+    }
+
+    /// Operations per voxel and microphone by a fixed model, over places and microphones that stand for all;
+    /// `None` when profiles would be absurdly long.
+    pub(super) fn operations(
+        &self,
+        grid: &Grid,
+        geometry: &Geometry,
+        microphones: &[DVec3],
+        band: &Band,
+        tones: f64,
+    ) -> Option<f64> {
+        let half = self.half(grid);
+        let widest = greatest_half(half);
+        let too_wide = band.edge(widest) > MOST_EDGE || band.carrier * widest / band.sound_speed > MOST_TURNS;
+        if half != DVec3::ZERO && too_wide {
+            return None;
+        }
+        let voxels = self.0.iter().product::<usize>();
+        let digits = -band.tolerance.log10();
+        let lanes = Points::padded(voxels) as f64;
+        let middle = |axis: &Axis, t: f64| axis.first + t * (axis.last() - axis.first);
+        let (mut sum, mut count) = (0.0, 0.0);
+        for i in 0..27 {
+            let t = |k: usize| (k % 3) as f64 / 2.0;
+            let p = DVec3::new(middle(&grid.x, t(i)), middle(&grid.y, t(i / 3)), middle(&grid.z, t(i / 9)));
+            for r in microphones {
+                let terms = 1.1 * band.edge(half_width(geometry, p, half, *r)) + 2.0 + 1.3 * digits;
+                sum += lanes * (OPERATIONS_PER_POINT + 6.0 * terms) + tones * (40.0 + 4.0 * terms);
+                count += 1.0;
+            }
+        }
+        Some(sum / count / voxels as f64)
+    }
+}
+
+/// Operations for one point and microphone besides the series: the path, the carrier and the sum.
+const OPERATIONS_PER_POINT: f64 = 70.0;
+
+/// A block in its place: where it begins, and its voxels' number along each axis.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Block {
+    pub(super) first: [usize; 3],
+    pub(super) count: [usize; 3],
+}
+
+impl Block {
+    /// The blocks of the planes `depths`, x fastest.
+    pub(super) fn of(grid: &Grid, shape: Shape, depths: std::ops::Range<usize>) -> Vec<Self> {
+        let Shape([n_x, n_y, n_z]) = shape;
+        let mut blocks = Vec::new();
+        for z in depths.clone().step_by(n_z) {
+            for y in (0..grid.y.count).step_by(n_y) {
+                for x in (0..grid.x.count).step_by(n_x) {
+                    let count =
+                        [n_x.min(grid.x.count - x), n_y.min(grid.y.count - y), n_z.min(depths.end - z)];
+                    blocks.push(Self { first: [x, y, z], count });
+                }
+            }
+        }
+        blocks
+    }
+
+    /// Middle of the first and the last voxel, m.
+    pub(super) fn centre(&self, grid: &Grid) -> DVec3 {
+        let [x, y, z] = self.first;
+        let last: [usize; 3] = std::array::from_fn(|axis| self.first[axis] + self.count[axis] - 1);
+        grid.position(x, y, z).midpoint(grid.position(last[0], last[1], last[2]))
+    }
+
+    /// The voxels, x fastest, about the centre.
+    pub(super) fn points(&self, grid: &Grid, geometry: &Geometry) -> Points {
+        let centre = self.centre(grid);
+        let out = geometry.outward_length(centre);
+        let [n_x, n_y, n_z] = self.count;
+        Points::new((0..n_x * n_y * n_z).map(|i| {
+            let (x, y, z) = (i % n_x, i / n_x % n_y, i / n_x / n_y);
+            let p = grid.position(self.first[0] + x, self.first[1] + y, self.first[2] + z);
+            let d = p - centre;
+            [d.x, d.y, d.z, geometry.outward_length(p) - out]
+        }))
+    }
+}
+
+/// By how much, at most, a path length in a box of half-width `half` about `centre` differs from that of the centre, m.
+///
+/// A distance is convex, so it lies above its tangent plane; and `√(1 + x) ≤ 1 + x/2` bounds it from above. Near a
+/// microphone, where that says little, it is the farthest corner's.
+pub(super) fn half_width(geometry: &Geometry, centre: DVec3, half: DVec3, microphone: DVec3) -> f64 {
+    // The gradient of a leg, how far it rises at most above its tangent plane, and how much it changes at most.
+    let leg = |from: DVec3| {
+        let away = centre - from;
+        let length = away.length();
+        let bend = half.length_squared() / (2.0 * length).max(f64::MIN_POSITIVE);
+        (away / length.max(f64::MIN_POSITIVE), bend, (away.abs() + half).length() - length)
+    };
+    let (back, bend_back, change_back) = leg(microphone);
+    let legs = geometry.return_legs();
+    let (out, bend_out, change_out) = match geometry {
+        Geometry::FixedSource { source } => leg(*source),
+        Geometry::Monostatic => (DVec3::ZERO, 0.0, 0.0),
+    };
+    let tangent = (out + back * legs).abs().dot(half) + bend_out + bend_back * legs;
+    tangent.min(change_out + change_back * legs)
+}
+
+/// What [`half_width`] is below for any microphone and source, m.
+pub(super) fn greatest_half(half: DVec3) -> f64 {
+    2.0 * half.length()
+}
+
+/// Sixteen microphones that lie near each other; the last of an array are filled up with silent ones.
+#[derive(Debug, Clone)]
+pub(super) struct Group {
+    pub(super) members: Vec<usize>,
+    pub(super) positions: [DVec3; LANES],
+}
+
+impl Group {
+    /// All microphones, along a curve that keeps neighbours together (Morton's).
+    pub(super) fn all(positions: &[DVec3]) -> Vec<Self> {
+        let low = positions.iter().fold(DVec3::INFINITY, |a, r| a.min(*r));
+        let high = positions.iter().fold(DVec3::NEG_INFINITY, |a, r| a.max(*r));
+        let extent = (high - low).max_element().max(f64::MIN_POSITIVE);
+        let code = |r: DVec3| -> u64 {
+            let cells = ((r - low) / extent * 1023.0).to_array().map(|t| t as u64);
+            (0..30).map(|bit| (cells[bit % 3] >> (bit / 3) & 1) << bit).sum()
+        };
+        let mut order: Vec<usize> = (0..positions.len()).collect();
+        order.sort_by_key(|&r| (code(positions[r]), r));
+        let group = |members: &[usize]| Self {
+            members: members.to_vec(),
+            positions: std::array::from_fn(|l| positions[members[l.min(members.len() - 1)]]),
+        };
+        order.chunks(LANES).map(group).collect()
+    }
+
+    /// The group's part of tones in rows of `width`.
+    pub(super) fn tones(&self, tones: &Tones, width: usize) -> LaneTones {
+        let mut split = LaneTones::default();
+        for row in tones.samples.chunks_exact(width) {
+            let (mut re, mut im) = ([0.0; LANES], [0.0; LANES]);
+            for (l, &r) in self.members.iter().enumerate() {
+                (re[l], im[l]) = (row[r].re, row[r].im);
+            }
+            split.re.push(re);
+            split.im.push(im);
+        }
+        split
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn grid() -> Grid {
+        let axis = |first: f64, pitch: f64, count: usize| Axis { first, pitch, count };
+        Grid { x: axis(-0.3, 0.01, 37), y: axis(-0.2, 0.013, 21), z: axis(0.0, 0.02, 9) }
+    }
+
+    #[test]
+    fn blocks_cover_every_voxel_once() {
+        let grid = grid();
+        for shape in [Shape([16, 8, 2]), Shape([1, 1, 1]), Shape([37, 4, 4])] {
+            let mut seen = vec![0; grid.voxel_count() as usize];
+            for block in Block::of(&grid, shape, 0..9) {
+                for z in 0..block.count[2] {
+                    for y in 0..block.count[1] {
+                        for x in 0..block.count[0] {
+                            let [a, b, c] = block.first;
+                            seen[((c + z) * 21 + b + y) * 37 + a + x] += 1;
+                        }
+                    }
+                }
+            }
+            assert!(seen.iter().all(|&n| n == 1), "{shape:?}");
+        }
+    }
+
+    #[test]
+    fn the_half_width_holds_for_every_voxel_of_a_block() {
+        let grid = grid();
+        let microphones = [DVec3::ZERO, DVec3::new(-0.3, -0.2, 0.0), DVec3::new(0.4, -0.7, -0.3)];
+        let geometries =
+            [Geometry::Monostatic, Geometry::ORIGIN, Geometry::FixedSource { source: DVec3::splat(0.1) }];
+        let mut closest = f64::INFINITY;
+        for block in Block::of(&grid, Shape([8, 4, 2]), 0..9) {
+            let (centre, half) = (block.centre(&grid), Shape(block.count).half(&grid));
+            for r in microphones {
+                for geometry in geometries {
+                    let bound = half_width(&geometry, centre, half, r);
+                    let mut worst = 0.0f64;
+                    for z in 0..block.count[2] {
+                        for y in 0..block.count[1] {
+                            for x in 0..block.count[0] {
+                                let [a, b, c] = block.first;
+                                let p = grid.position(a + x, b + y, c + z);
+                                let path = geometry.path_length(p, r) - geometry.path_length(centre, r);
+                                worst = worst.max(path.abs());
+                            }
+                        }
+                    }
+                    assert!(worst <= bound * (1.0 + 1e-12) && bound <= greatest_half(half) * (1.0 + 1e-12));
+                    closest = closest.min(bound - worst);
+                }
+            }
+        }
+        assert!(closest < 1e-3, "no bound is near: {closest}");
+    }
+
+    #[test]
+    fn groups_hold_every_microphone_once() {
+        let positions: Vec<DVec3> = (0..45)
+            .map(|i| {
+                let t = |k: f64| (f64::from(i) * k).fract();
+                DVec3::new(t(0.618), t(0.755), t(0.57))
+            })
+            .collect();
+        let groups = Group::all(&positions);
+        let mut members: Vec<usize> = groups.iter().flat_map(|g| g.members.clone()).collect();
+        members.sort_unstable();
+        assert_eq!(members, (0..45).collect::<Vec<_>>());
+        assert_eq!(Group::all(&[DVec3::ONE; 3]).len(), 1);
+    }
+}

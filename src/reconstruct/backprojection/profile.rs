@@ -1,0 +1,190 @@
+//! Range profiles as Chebyshev series on short intervals of delay, and the error of cutting them off.
+//!
+//! `e^{−ixt} = J₀(x) + 2 Σ_k (−i)^k J_k(x) T_k(t)` for |t| ≤ 1 (Jacobi–Anger). With `x = 2π(f − f_c)H/c` this is a tone
+//! of the demodulated profile on delays within ±H/c of a centre. The coefficients fall off faster than any power once
+//! k > x, so that what is left out is bounded by the first few of them.
+
+use std::f64::consts::PI;
+
+/// Neighbouring rungs differ by this factor of half-width.
+const RATIO: f64 = 1.15;
+
+/// Smallest half-width worth a rung of its own, in units of x at the band's edge.
+const LEAST: f64 = 0.2;
+
+/// A half-width of delays with the series of every tone on it.
+#[derive(Debug, Clone)]
+pub(super) struct Rung {
+    /// H as a path length, m.
+    pub(super) half: f64,
+    /// Coefficients that are kept; even.
+    pub(super) terms: usize,
+    /// `[Q, columns]`: `J₀(x_q), 2 J_1(x_q), …`, padded with zeros.
+    pub(super) expansion: Vec<f32>,
+    /// Length of a row of `expansion`, a multiple of 4.
+    pub(super) columns: usize,
+}
+
+/// A band and the accuracy wanted of its profiles.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Band {
+    /// f_c, Hz.
+    pub(super) carrier: f64,
+    /// B, Hz.
+    pub(super) bandwidth: f64,
+    /// c, m/s.
+    pub(super) sound_speed: f64,
+    /// Error allowed to any tone of the band, relative to one.
+    pub(super) tolerance: f64,
+}
+
+impl Band {
+    /// x at the band's edge for a half-width, m.
+    pub(super) fn edge(&self, half: f64) -> f64 {
+        PI * self.bandwidth * half / self.sound_speed
+    }
+
+    /// The least even number of coefficients that keeps every tone of the band on ±`half` m within the tolerance, and
+    /// the error that leaves: `2 Σ_{k ≥ terms} J_k(x)`, which for k > x grows with x and so holds for all tones.
+    pub(super) fn terms(&self, half: f64) -> (usize, f64) {
+        let edge = self.edge(half);
+        // Beyond this J_k(edge) is below 1e-16.
+        let count = (edge + 14.0 * edge.cbrt()) as usize + 32;
+        let bessel = bessel(edge, count);
+        let mut tail = vec![0.0; count + 1];
+        for k in (0..count).rev() {
+            tail[k] = tail[k + 1] + 2.0 * bessel[k].abs();
+        }
+        let first = (edge.ceil() as usize + 1).next_multiple_of(2);
+        let terms = (first..count).step_by(2).find(|&k| tail[k] <= self.tolerance);
+        let terms = terms.unwrap_or(count.next_multiple_of(2));
+        (terms, tail[terms.min(count)])
+    }
+
+    /// Rungs that end with `greatest` m, ascending, for tones at `frequencies` Hz.
+    pub(super) fn ladder(&self, greatest: f64, frequencies: &[f64]) -> Vec<Rung> {
+        let steps = ((self.edge(greatest) / LEAST).max(1.0).ln() / RATIO.ln()).ceil() as i32;
+        (0..=steps).rev().map(|step| self.rung(greatest / RATIO.powi(step), frequencies)).collect()
+    }
+
+    fn rung(&self, half: f64, frequencies: &[f64]) -> Rung {
+        let (terms, _) = self.terms(half);
+        let columns = terms.next_multiple_of(4);
+        let mut expansion = vec![0.0; frequencies.len() * columns];
+        for (row, f) in expansion.chunks_exact_mut(columns).zip(frequencies) {
+            let x = 2.0 * PI * (f - self.carrier) * half / self.sound_speed;
+            for (k, (value, j)) in row.iter_mut().zip(bessel(x, terms)).enumerate() {
+                *value = (if k == 0 { j } else { 2.0 * j }) as f32;
+            }
+        }
+        Rung { half, terms, expansion, columns }
+    }
+}
+
+/// By how much an error of the function can grow in a Chebyshev series cut off after `terms` coefficients: Lebesgue's
+/// constant, below `1 + 4/π² · ln(2n + 1)` (Watson 1930).
+pub(super) fn lebesgue(terms: usize) -> f64 {
+    1.0 + 4.0 / (PI * PI) * (2.0 * terms as f64 + 1.0).ln()
+}
+
+/// `J_0(x) … J_{count−1}(x)` by Miller's backward recurrence, normalised by `J₀ + 2 Σ J_2k = 1`.
+fn bessel(x: f64, count: usize) -> Vec<f64> {
+    let mut values = vec![0.0; count];
+    let magnitude = x.abs();
+    if magnitude < 1e-30 {
+        values.iter_mut().take(1).for_each(|j| *j = 1.0);
+        return values;
+    }
+    let top = (magnitude as usize).max(count) + 24 + (12.0 * magnitude.cbrt()) as usize;
+    let (mut after, mut this, mut sum) = (0.0f64, 1e-280f64, 0.0f64);
+    for k in (0..=top).rev() {
+        // `this` is J_k but for a factor common to all.
+        if k < count {
+            values[k] = this;
+        }
+        if k % 2 == 0 {
+            sum += if k == 0 { this } else { 2.0 * this };
+        }
+        let before = 2.0 * k as f64 / magnitude * this - after;
+        (after, this) = (this, before);
+        if this.abs() > 1e200 {
+            for value in values.iter_mut().skip(k).chain([&mut after, &mut this, &mut sum]) {
+                *value *= 1e-220;
+            }
+        }
+    }
+    for (k, value) in values.iter_mut().enumerate() {
+        *value /= if x < 0.0 && k % 2 == 1 { -sum } else { sum };
+    }
+    values
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use num_complex::Complex64;
+
+    #[test]
+    fn bessel_functions_are_those_of_the_tables() {
+        // Abramowitz & Stegun, tables 9.1 and 9.4.
+        for (x, k, expected) in [
+            (1.0, 0, 0.765_197_686_557_966_6),
+            (1.0, 1, 0.440_050_585_744_933_5),
+            (5.0, 0, -0.177_596_771_314_338_3),
+            (5.0, 10, 1.467_802_647_310e-3),
+            (50.0, 20, -0.116_704_352_759_574),
+        ] {
+            assert!((bessel(x, 40)[k] - expected).abs() < 1e-12, "J_{k}({x}) = {}", bessel(x, 40)[k]);
+            let mirrored = if k % 2 == 1 { -expected } else { expected };
+            assert!((bessel(-x, k + 1)[k] - mirrored).abs() < 1e-12);
+        }
+        assert_eq!(bessel(0.0, 3), [1.0, 0.0, 0.0]);
+        assert!((bessel(1e-12, 3)[1] - 5e-13).abs() < 1e-20);
+        assert!(bessel(3000.0, 3200).iter().all(|j| j.abs() < 0.2));
+    }
+
+    /// The measured error of every tone on a dense grid of delays is within the bound, and not far from it.
+    #[test]
+    fn the_bound_of_a_series_holds_for_every_tone_and_delay() {
+        for tolerance in [1e-2, 1e-4, 1e-6, 1e-12] {
+            let band = Band { carrier: 15_000.0, bandwidth: 10_000.0, sound_speed: 343.0, tolerance };
+            for half in [0.0, 1e-5, 0.003, 0.03, 0.1, 0.7, 5.0] {
+                let (terms, bound) = band.terms(half);
+                assert!(bound <= tolerance, "{terms} terms leave {bound:e} of {tolerance:e}");
+                let mut worst = 0.0f64;
+                for i in 0..=20 {
+                    let x = band.edge(half) * (f64::from(i) / 10.0 - 1.0);
+                    let coefficients = bessel(x, terms);
+                    for j in 0..=400 {
+                        let t = f64::from(j) / 200.0 - 1.0;
+                        let sum: Complex64 = coefficients
+                            .iter()
+                            .enumerate()
+                            .map(|(k, j)| {
+                                let chebyshev = (k as f64 * t.acos()).cos();
+                                (-Complex64::I).powu(k as u32)
+                                    * chebyshev
+                                    * j
+                                    * if k == 0 { 1.0 } else { 2.0 }
+                            })
+                            .sum();
+                        worst = worst.max((sum - Complex64::cis(-x * t)).norm());
+                    }
+                }
+                assert!(worst <= bound + 1e-13, "half {half}: {worst:e} above {bound:e}");
+                assert!(worst >= 0.2 * bound - 1e-13, "half {half}: {worst:e} of {bound:e}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_ladder_reaches_the_greatest_half_width() {
+        let band = Band { carrier: 15_000.0, bandwidth: 10_000.0, sound_speed: 343.0, tolerance: 1e-4 };
+        let ladder = band.ladder(0.1, &[10_000.0, 15_000.0]);
+        assert_eq!(ladder.last().map(|rung| rung.half), Some(0.1));
+        assert!(ladder.is_sorted_by(|a, b| a.half < b.half && a.terms <= b.terms));
+        let single = Band { bandwidth: 0.0, ..band };
+        assert_eq!(single.ladder(0.1, &[15_000.0]).len(), 1);
+        assert_eq!(single.ladder(0.1, &[15_000.0])[0].expansion, [1.0, 0.0, 0.0, 0.0]);
+    }
+}

@@ -1,0 +1,96 @@
+//! Back-projection against the literal sum, on arrays that need not be planar.
+
+use crate::support::{Random, random_cube, relative_difference};
+use glam::DVec3;
+use holosonar::acquisition::{DataCube, Detection, MicArray, Sweep};
+use holosonar::grid::{Axis, Grid};
+use holosonar::progress::Silent;
+use holosonar::reconstruct::{Method, ReconstructOptions, Window, direct_terms, reconstruct};
+use holosonar::wave::Geometry;
+use num_complex::Complex32;
+
+/// Frequencies with even or uneven steps, few or one.
+fn random_sweep(random: &mut Random) -> Sweep {
+    let (start, step) = (random.uniform(2_000.0, 15_000.0), random.uniform(20.0, 200.0));
+    match random.whole(0, 3) {
+        0 => Sweep::from_frequencies("f", vec![start]).unwrap(),
+        1 => {
+            let uneven = (0..40).map(|n| start + step * (f64::from(n) + random.uniform(0.0, 0.9))).collect();
+            Sweep::from_frequencies("f", uneven).unwrap()
+        }
+        _ => Sweep::stepped("f", start, start + 60.0 * step, step).unwrap(),
+    }
+}
+
+/// Microphones in a volume, in a plane at any place, or on a line.
+fn random_array(random: &mut Random) -> MicArray {
+    let extent = [random.uniform(0.0, 0.6), random.uniform(0.0, 0.6), random.uniform(0.0, 0.3)];
+    let flat = random.whole(0, 3);
+    let count = random.whole(1, 70);
+    let positions = (0..count)
+        .map(|_| {
+            let place = extent.map(|e| random.uniform(-e, e));
+            DVec3::new(
+                place[0],
+                if flat == 1 { 0.1 } else { place[1] },
+                if flat > 1 { 0.0 } else { place[2] },
+            )
+        })
+        .collect();
+    MicArray::from_positions("array", &[count], positions).unwrap()
+}
+
+/// A grid of any pitch and size, down to the microphones' own plane.
+fn random_grid(random: &mut Random, pitch: f64) -> Grid {
+    let mut axis = |low: f64, high: f64, most: usize| {
+        let count = random.whole(1, most);
+        Axis { first: random.uniform(low, high), pitch: pitch * random.uniform(0.7, 1.5), count }
+    };
+    Grid { x: axis(-0.6, 0.4, 23), y: axis(-0.5, 0.5, 11), z: axis(0.0, 1.0, 9) }
+}
+
+fn random_case(seed: u64) -> (DataCube, Grid, Window) {
+    let mut random = Random::new(seed);
+    let (sweep, array) = (random_sweep(&mut random), random_array(&mut random));
+    let source = DVec3::new(random.uniform(-0.6, 0.6), random.uniform(-0.6, 0.6), random.uniform(-0.3, 0.3));
+    let geometry =
+        if seed.is_multiple_of(3) { Geometry::Monostatic } else { Geometry::FixedSource { source } };
+    let detection = if seed.is_multiple_of(4) { Detection::InPhase } else { Detection::Quadrature };
+    let pitch = [0.002, 0.008, 0.03][seed as usize % 3];
+    let mut grid = random_grid(&mut random, pitch);
+    if seed.is_multiple_of(5) {
+        // A voxel on a microphone.
+        let r = array.positions()[array.len() / 2];
+        (grid.x.first, grid.y.first, grid.z.first) = (r.x, r.y, r.z.max(0.0));
+    }
+    let cube = random_cube(&mut random, sweep, array, geometry, detection);
+    (cube, grid, [Window::None, Window::Hann, Window::Taylor][seed as usize % 3])
+}
+
+fn direct(cube: &DataCube, grid: &Grid, window: Window) -> Vec<Complex32> {
+    reconstruct(cube, grid, &ReconstructOptions::new(Method::Direct, window), &Silent).unwrap().volume.samples
+}
+
+/// The greatest difference is within the bound that came with the volume, f32 rounding aside, and the bound is within
+/// what was asked for.
+#[test]
+fn backprojection_keeps_its_bound_on_any_array_and_grid() {
+    for seed in 0..60 {
+        let (cube, grid, window) = random_case(seed);
+        let exact = direct(&cube, &grid, window);
+        let peak = f64::from(exact.iter().map(|a| a.norm()).fold(0.0, f32::max));
+        for tolerance in [1e-2, 1e-4, 1e-6] {
+            let mut options = ReconstructOptions::new(Method::Backprojection, window);
+            options.tolerance = tolerance;
+            let image = reconstruct(&cube, &grid, &options, &Silent).unwrap();
+            assert_eq!(image.method, Method::Backprojection);
+            let error = relative_difference(&image.volume.samples, &exact) * peak;
+            let bound = image.error_bound;
+            assert!(error <= bound + 1e-5 * peak, "seed {seed} {tolerance}: {error:e} above {bound:e}");
+            let moduli: f64 = cube.samples.iter().map(|m| f64::from(m.norm())).sum();
+            let most = tolerance * cube.detection.weight() * moduli / cube.samples.len() as f64;
+            assert!(bound.is_finite(), "seed {seed} {tolerance}: {bound}");
+            assert!(window != Window::None || bound <= most * 1.01, "seed {seed}: {bound:e} above {most:e}");
+        }
+    }
+}
