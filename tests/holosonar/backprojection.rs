@@ -5,7 +5,7 @@ use glam::DVec3;
 use holosonar::acquisition::{DataCube, Detection, MicArray, Sweep};
 use holosonar::grid::{Axis, Grid};
 use holosonar::progress::Silent;
-use holosonar::reconstruct::{Method, ReconstructOptions, Window, direct_terms, reconstruct};
+use holosonar::reconstruct::{Method, ReconstructOptions, Window, reconstruct};
 use holosonar::wave::Geometry;
 use num_complex::Complex32;
 
