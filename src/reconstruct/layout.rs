@@ -37,10 +37,7 @@ impl<'a> Layout<'a> {
         let offset = |voxels: &Parts, nodes: &Parts| {
             let x = first(&grid.x, voxels[0].start) - first(&nodes_x, nodes[0].start);
             let y = first(&grid.y, voxels[1].start) - first(&nodes_y, nodes[1].start);
-            [
-                Offset::new(x, pitch_x, voxels[0], nodes[0]),
-                Offset::new(y, pitch_y, voxels[1], nodes[1]),
-            ]
+            [Offset::new(x, pitch_x, voxels[0], nodes[0]), Offset::new(y, pitch_y, voxels[1], nodes[1])]
         };
         let mut offsets: Vec<Vec<[Offset; 2]>> =
             voxel_parts.iter().map(|v| node_parts.iter().map(|n| offset(v, n)).collect()).collect();

@@ -293,7 +293,10 @@ mod tests {
         for (i, lengths) in lengths.iter().enumerate() {
             for l in 0..LANES {
                 let exact = phasor(k[l] * lengths[l]);
-                assert!((exact - Complex32::new(got[i].re[l], got[i].im[l])).norm() < 6e-7, "{i} {l} {exact}");
+                assert!(
+                    (exact - Complex32::new(got[i].re[l], got[i].im[l])).norm() < 6e-7,
+                    "{i} {l} {exact}"
+                );
             }
         }
     }
