@@ -24,7 +24,7 @@ struct Pass {
     radix: usize,
     /// Product of the radices before this one: neighbours that share their twiddle factors.
     stride: usize,
-    /// `e^{−i2π·p·k/(n/stride)}` for each group p of butterflies and output 1 ≤ k < radix.
+    /// `e^{−i2π·p·k/(n/stride)}` for each group p of butterflies and output k < radix; all 1 in the last pass.
     twiddles: Vec<Complex32>,
 }
 
@@ -58,7 +58,7 @@ impl LaneFft {
                 Complex32::new(cos as f32, sin as f32)
             };
             let twiddles =
-                (0..left / radix).flat_map(|p| (1..radix).map(move |k| (p, k))).map(|(p, k)| twiddle(p, k));
+                (0..left / radix).flat_map(|p| (0..radix).map(move |k| (p, k))).map(|(p, k)| twiddle(p, k));
             passes.push(Pass { radix, stride, twiddles: twiddles.collect() });
             (left, stride) = (left / radix, stride * radix);
         }
@@ -132,32 +132,59 @@ impl Pass {
 
     /// Inputs lie n/R apart, outputs `stride`.
     #[inline(always)]
-    fn butterflies<const R: usize>(
-        &self,
-        from: &[Lanes],
-        to: &mut [Lanes],
-        dft: impl Fn([Complex32; R]) -> [Complex32; R],
-    ) {
+    fn butterflies<const R: usize>(&self, from: &[Lanes], to: &mut [Lanes], dft: impl Dft<R>) {
         let apart = from.len() / R;
-        let groups = to.chunks_exact_mut(self.stride * R).zip(self.twiddles.chunks_exact(R - 1));
-        for (group, (to, twiddles)) in groups.enumerate() {
-            for q in 0..self.stride {
-                let x: [&Lanes; R] = std::array::from_fn(|k| &from[group * self.stride + q + k * apart]);
-                let mut y = [Lanes::ZERO; R];
-                for l in 0..LANES {
-                    let z = dft(std::array::from_fn(|k| Complex32::new(x[k].re[l], x[k].im[l])));
-                    for k in 0..R {
-                        let z = if k == 0 { z[0] } else { z[k] * twiddles[k - 1] };
-                        (y[k].re[l], y[k].im[l]) = (z.re, z.im);
-                    }
-                }
+        let inputs = |first: usize| std::array::from_fn(|k| &from[first + k * apart]);
+        // A loop over lanes becomes vector code only if its outputs lie at fixed distances: in place where they are
+        // neighbours, else in a tile of their own.
+        let mut tile = [Lanes::ZERO; R];
+        if apart == self.stride {
+            for q in 0..apart {
+                butterfly(inputs(q), dft, |_, z| z, &mut tile);
                 for k in 0..R {
-                    to[q + k * self.stride] = y[k];
+                    to[q + k * self.stride] = tile[k];
+                }
+            }
+            return;
+        }
+        let groups = self.twiddles.as_chunks::<R>().0.iter().enumerate();
+        if self.stride == 1 {
+            for ((group, twiddles), to) in groups.zip(to.as_chunks_mut::<R>().0) {
+                butterfly(inputs(group), dft, |k, z| z * twiddles[k], to);
+            }
+            return;
+        }
+        for ((group, twiddles), to) in groups.zip(to.chunks_exact_mut(R * self.stride)) {
+            for q in 0..self.stride {
+                butterfly(inputs(group * self.stride + q), dft, |k, z| z * twiddles[k], &mut tile);
+                for k in 0..R {
+                    to[q + k * self.stride] = tile[k];
                 }
             }
         }
     }
 }
+
+/// A transform of R numbers, before `twiddle` makes it part of a longer one, in every lane.
+#[inline(always)]
+fn butterfly<const R: usize>(
+    from: [&Lanes; R],
+    dft: impl Dft<R>,
+    twiddle: impl Fn(usize, Complex32) -> Complex32,
+    to: &mut [Lanes; R],
+) {
+    for l in 0..LANES {
+        let z = dft(std::array::from_fn(|k| Complex32::new(from[k].re[l], from[k].im[l])));
+        for k in 0..R {
+            let z = if k == 0 { z[0] } else { twiddle(k, z[k]) };
+            (to[k].re[l], to[k].im[l]) = (z.re, z.im);
+        }
+    }
+}
+
+/// A transform of R numbers.
+trait Dft<const R: usize>: Fn([Complex32; R]) -> [Complex32; R] + Copy {}
+impl<const R: usize, F: Fn([Complex32; R]) -> [Complex32; R] + Copy> Dft<R> for F {}
 
 /// −i·z.
 #[inline(always)]

@@ -127,7 +127,6 @@ impl<'a> Plane<'a> {
                     // No outer phase remains, so tones add up before the one inverse FFT.
                     self.multiply(block, block, spectra);
                 } else {
-                    self.products.fill(Lanes::ZERO);
                     self.multiply(block, 0, spectra);
                     self.back_along_y(block, 0, part);
                 }
@@ -196,6 +195,7 @@ impl<'a> Plane<'a> {
     fn multiply(&mut self, block: usize, to: usize, spectra: &[Lanes]) {
         let layout = self.layout;
         let (n_y, sides) = (layout.y.len(), layout.sides());
+        let scan = layout.geometry == Geometry::Monostatic;
         let products = &mut self.products[to * sides * n_y..][..sides * n_y];
         for (part, offset) in self.offsets.iter().enumerate() {
             let column = &self.columns[(part * layout.blocks() + block) * n_y..][..n_y];
@@ -203,7 +203,11 @@ impl<'a> Plane<'a> {
             layout.y.fft.transform(column, kernel, &mut self.work[..n_y]);
             let data = &spectra[layout.spectrum(part, offset) + block * sides * n_y..][..sides * n_y];
             for (product, data) in products.chunks_exact_mut(n_y).zip(data.chunks_exact(n_y)) {
-                add_product(kernel, data, product);
+                if part == 0 && !scan {
+                    set_product(kernel, data, product);
+                } else {
+                    add_product(kernel, data, product);
+                }
             }
         }
     }
@@ -274,6 +278,21 @@ fn mirror_body(row: &mut [Lanes], half: bool) {
 
 dispatched! {
     fn mirror = mirror_body(row: &mut [Lanes], half: bool)
+}
+
+#[inline(always)]
+fn set_product_body(a: &[Lanes], b: &[Lanes], product: &mut [Lanes]) {
+    for ((a, b), product) in a.iter().zip(b).zip(product) {
+        for l in 0..LANES {
+            product.im[l] = a.re[l] * b.re[l] - a.im[l] * b.im[l];
+            product.re[l] = a.re[l] * b.im[l] + a.im[l] * b.re[l];
+        }
+    }
+}
+
+dispatched! {
+    /// `a·b`, with real and imaginary parts exchanged.
+    fn set_product = set_product_body(a: &[Lanes], b: &[Lanes], product: &mut [Lanes])
 }
 
 #[inline(always)]

@@ -1,0 +1,125 @@
+//! What one plane pair of Eq. 16 costs (kernel phases, kernel FFT, product, inverse FFT, sum) beside FFTW 3, and what
+//! skeleton frequencies make of that: `cargo bench --bench plane_pair`. All ratios are of times within one run.
+//!
+//! FFTW (single precision, MEASURE, one 2-D transform forward and one backward) is looked for at run time by `python3`
+//! and left out where there is none; it is never linked, because its licence is not ours.
+
+#![allow(missing_docs, clippy::print_stdout)]
+
+use glam::DVec3;
+use holosonar::acquisition::{DataCube, MicArray, Sweep};
+use holosonar::grid::{Axis, Grid};
+use holosonar::progress::{Event, Observer};
+use holosonar::reconstruct::{Method, ReconstructOptions, Window, reconstruct};
+use holosonar::wave::phasor;
+use std::process::Command;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Instant;
+
+/// Times one forward and one backward transform, s; the argument is n.
+const FFTW: &str = r#"
+import ctypes, sys, time
+fftw, n = ctypes.CDLL("libfftw3f.so.3"), int(sys.argv[1])
+fftw.fftwf_malloc.restype = fftw.fftwf_plan_dft_2d.restype = ctypes.c_void_p
+a, b = (ctypes.c_void_p(fftw.fftwf_malloc(ctypes.c_size_t(8 * n * n))) for _ in range(2))
+forward, backward = (ctypes.c_void_p(fftw.fftwf_plan_dft_2d(n, n, x, y, s, 0)) for x, y, s in ((a, b, -1), (b, a, 1)))
+ctypes.memset(a, 0, 8 * n * n)
+best = 1e9
+for _ in range(20):
+    start = time.process_time()
+    for _ in range(20):
+        fftw.fftwf_execute(forward)
+        fftw.fftwf_execute(backward)
+    best = min(best, (time.process_time() - start) / 20)
+print(best)
+"#;
+
+fn fftw(n: usize) -> Option<f64> {
+    let output = Command::new("python3").args(["-c", FFTW, &n.to_string()]).output().ok()?;
+    String::from_utf8(output.stdout).ok()?.trim().parse().ok()
+}
+
+/// Counts plane pairs, the unit of work that the convolution reports.
+#[derive(Default)]
+struct Pairs(AtomicU64);
+
+impl Observer for Pairs {
+    fn event(&self, event: Event<'_>) {
+        if let Event::Advanced { amount } = event {
+            self.0.fetch_add(amount, Ordering::Relaxed);
+        }
+    }
+}
+
+/// `mics`² microphones and `voxels`² voxels, 8 mm apart and with one centre.
+fn job(mics: usize, voxels: usize, frequencies: usize, depths: usize) -> (DataCube, Grid) {
+    let array = MicArray::rectangular("array", [mics; 2], [0.008; 2], DVec3::ZERO).expect("an array");
+    let step = 10_000.0 / (frequencies - 1) as f64;
+    let sweep = Sweep::stepped("sweep", 10_000.0, 20_000.0, step).expect("a sweep");
+    let samples = (0..sweep.len() * array.len()).map(|i| phasor((i as f64 * 0.618_034).fract())).collect();
+    let lateral = Axis { first: -0.004 * (voxels - 1) as f64, pitch: 0.008, count: voxels };
+    let grid = Grid { x: lateral, y: lateral, z: Axis { first: 1.0, pitch: 0.008, count: depths } };
+    (DataCube::new(sweep, array, samples).expect("finite"), grid)
+}
+
+/// Seconds and plane pairs of a reconstruction; the least of a few times.
+fn timed((cube, grid): &(DataCube, Grid), tolerance: f64, threads: usize, times: usize) -> (f64, u64) {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+    let mut options = ReconstructOptions::new(Method::Convolution, Window::None);
+    options.tolerance = tolerance;
+    #[allow(unsafe_code)]
+    let cpu = || {
+        let mut t = [0i64; 2];
+        unsafe extern "C" {
+            fn clock_gettime(c: i32, t: *mut [i64; 2]) -> i32;
+        }
+        unsafe {
+            clock_gettime(3, &mut t);
+        }
+        t[0] as f64 + t[1] as f64 * 1e-9
+    };
+    let once = || {
+        let pairs = Pairs::default();
+        let seconds = pool.install(|| {
+            let start = cpu();
+            reconstruct(cube, grid, &options, &pairs).expect("a lattice that fits");
+            cpu() - start
+        });
+        (seconds, pairs.0.into_inner())
+    };
+    (0..times).map(|_| once()).min_by(|a, b| a.0.total_cmp(&b.0)).expect("at least once")
+}
+
+fn main() {
+    // The data's spectra are shared by the depths: an eighth of a pair at most.
+    for (n, mics, voxels) in [(128, 64, 64), (192, 64, 128), (512, 256, 256)]
+        .into_iter()
+        .filter(|n| std::env::args().nth(1).unwrap().parse().is_ok_and(|m: usize| m == n.0 || m == 0))
+    {
+        let before = fftw(n);
+        let (seconds, pairs) = timed(&job(mics, voxels, 17, 16), 0.0, 1, 20480 / n);
+        let pair = seconds / pairs as f64;
+        let beside = match (before, fftw(n)) {
+            (Some(before), Some(after)) => {
+                let fftw = before.min(after);
+                format!("{:.2} x FFTW's {:.0} us", pair / fftw, fftw * 1e6)
+            }
+            _ => "no FFTW here (python3 and libfftw3f.so.3)".to_owned(),
+        };
+        println!("pair, n = {n}: {:.0} us, {beside}", pair * 1e6);
+    }
+    if std::env::args().any(|a| a != "all") {
+        return;
+    }
+    let job = job(64, 128, 1001, 128);
+    for threads in [1, 2] {
+        let (fast, some) = timed(&job, 1e-4, threads, 3);
+        let (plain, all) = timed(&job, 0.0, threads, 1);
+        println!(
+            "64x64 mics, 1001 f, 128^3 voxels, {threads} threads: {fast:.3} s for {some} pairs, plain Eq. 16 {plain:.2} s for \
+             {all}: {:.1} x; {:.2} x its pairs alone",
+            plain / fast,
+            fast / (plain / all as f64 * some as f64)
+        );
+    }
+}
