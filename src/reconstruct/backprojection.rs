@@ -24,9 +24,7 @@ use crate::grid::{Grid, Volume};
 use crate::progress::{Observer, advance, stage};
 use crate::wave::Geometry;
 use crate::wave::interval::PathInterval;
-use crate::wave::simd::{
-    LANES, LaneProfiles, LaneTones, RangeScale, back_project, range_profiles,
-};
+use crate::wave::simd::{LANES, LaneProfiles, LaneTones, RangeScale, back_project, range_profiles};
 use blocks::{Block, Group, Shape, greatest_half, half_width};
 use glam::DVec3;
 use num_complex::Complex32;
@@ -118,7 +116,6 @@ pub(super) fn backprojection(
     volume: &mut Volume,
     observer: &dyn Observer,
 ) -> Result<f64> {
-    eprintln!("{plan:?}");
     let depths = plan.grid.z.count;
     let greatest = greatest_half(plan.shape.half(&plan.grid));
     let (terms, series_error) = plan.band.terms(greatest);
@@ -137,7 +134,6 @@ pub(super) fn backprojection(
             compressed.nest(cube.sweep.frequencies(), interval, allowed)
         })
         .collect();
-    eprintln!("{:?}", slabs.iter().map(|s|s.len()).collect::<Vec<_>>());
     let groups = Group::all(cube.array.positions());
     let width = cube.array.len();
     let blocks = starts.iter().map(|&first| Block::of(&plan.grid, plan.shape, slab_depths(first)).len());
@@ -207,6 +203,7 @@ impl Slab<'_> {
                     carrier: (-band.carrier / band.sound_speed) as f32,
                     inverse_half: if rung.half > 0.0 { (1.0 / rung.half) as f32 } else { 0.0 },
                     terms: rung.terms,
+                    powers: rung.powers,
                 };
                 let [re, im] = &mut sums;
                 back_project(&points, &offsets[..group.members.len()], &profiles, scale, [re, im]);

@@ -3,14 +3,18 @@
 use super::Weights;
 use crate::acquisition::DataCube;
 use crate::error::Result;
-use crate::grid::Volume;
+use crate::grid::{Grid, Volume};
 use crate::progress::{Observer, advance, stage};
 use crate::wave::simd::{LANES, Steps, SweepSamples, weighted_sum, weighted_sweep};
 use num_complex::Complex32;
 use rayon::prelude::*;
 
-/// Operations per term, for comparison with the other methods'.
-pub(super) const OPERATIONS: f64 = 8.0;
+/// Operations of the job by a fixed model, for comparison with the other methods'.
+pub(super) fn operations(cube: &DataCube, grid: &Grid) -> f64 {
+    let per_term = if cube.sweep.step().is_some() { 8.0 } else { 30.0 };
+    let pairs = grid.voxel_count() as f64 * cube.array.len() as f64;
+    pairs * (60.0 + per_term * cube.sweep.len() as f64)
+}
 
 /// Voxels that are summed together, so that they share what is read of the samples.
 const TOGETHER: usize = 64;

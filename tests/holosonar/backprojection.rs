@@ -5,7 +5,7 @@ use glam::DVec3;
 use holosonar::acquisition::{DataCube, Detection, MicArray, Sweep};
 use holosonar::grid::{Axis, Grid};
 use holosonar::progress::Silent;
-use holosonar::reconstruct::{Method, ReconstructOptions, Window, direct_terms, reconstruct};
+use holosonar::reconstruct::{Method, ReconstructOptions, Window, reconstruct};
 use holosonar::wave::Geometry;
 use num_complex::Complex32;
 
@@ -30,7 +30,11 @@ fn random_array(random: &mut Random) -> MicArray {
     let positions = (0..count)
         .map(|_| {
             let place = extent.map(|e| random.uniform(-e, e));
-            DVec3::new(place[0], if flat == 1 { 0.1 } else { place[1] }, if flat > 1 { 0.0 } else { place[2] })
+            DVec3::new(
+                place[0],
+                if flat == 1 { 0.1 } else { place[1] },
+                if flat > 1 { 0.0 } else { place[2] },
+            )
         })
         .collect();
     MicArray::from_positions("array", &[count], positions).unwrap()
@@ -89,4 +93,31 @@ fn backprojection_keeps_its_bound_on_any_array_and_grid() {
             assert!(window != Window::None || bound <= most * 1.01, "seed {seed}: {bound:e} above {most:e}");
         }
     }
+}
+
+/// Blocks of several slabs, and groups of microphones in several sums.
+#[test]
+fn threads_do_not_change_the_bytes_of_a_larger_image() {
+    let mut random = Random::new(77);
+    let positions = (0..700)
+        .map(|_| DVec3::new(random.uniform(-0.3, 0.3), random.uniform(-0.3, 0.3), random.uniform(-0.2, 0.0)))
+        .collect();
+    let array = MicArray::from_positions("array", &[700], positions).unwrap();
+    let sweep = Sweep::stepped("f", 10_000.0, 20_000.0, 100.0).unwrap();
+    let cube = random_cube(&mut random, sweep, array, Geometry::ORIGIN, Detection::Quadrature);
+    let axis = |first: f64, count: usize| Axis { first, pitch: 0.011, count };
+    let grid = Grid { x: axis(-0.1, 21), y: axis(-0.1, 13), z: axis(0.5, 40) };
+    let run = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let options = ReconstructOptions::new(Method::Backprojection, Window::None);
+        pool.install(|| reconstruct(&cube, &grid, &options, &Silent).unwrap())
+    };
+    let (one, five) = (run(1), run(5));
+    assert_eq!(one, five);
+    // A part of it against the literal sum.
+    let part = Grid { z: Axis { first: grid.z.position(17), ..axis(0.0, 3) }, ..grid };
+    let plane = grid.plane_len();
+    let error =
+        relative_difference(&one.volume.samples[17 * plane..20 * plane], &direct(&cube, &part, Window::None));
+    assert!(error < 1e-4, "{error:e}");
 }
