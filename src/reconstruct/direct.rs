@@ -19,6 +19,9 @@ pub(super) fn operations(cube: &DataCube, grid: &Grid) -> f64 {
 /// Voxels that are summed together, so that they share what is read of the samples.
 const TOGETHER: usize = 64;
 
+/// Adds the sums of a few voxels, real and imaginary, from their padded path lengths to all microphones.
+type Sums = Box<dyn Fn(&[f64], &mut [[f64; 2]]) + Sync>;
+
 /// Fills `volume`; any grid, any microphones. Cost: 8 operations per voxel, microphone and frequency where the steps
 /// are even, else a phasor.
 pub(super) fn direct(
@@ -28,7 +31,7 @@ pub(super) fn direct(
     observer: &dyn Observer,
 ) -> Result<()> {
     let (grid, n_f, n_mic) = (volume.grid, cube.sweep.len(), cube.array.len());
-    let sums: Box<dyn Fn(&[f64], &mut [[f64; 2]]) + Sync> = match cube.sweep.step() {
+    let sums: Sums = match cube.sweep.step() {
         Some(step) => {
             let steps = Steps {
                 start: -cube.sweep.start() / cube.sound_speed,

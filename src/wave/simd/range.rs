@@ -143,11 +143,11 @@ fn add_products(turned: &[[f32; LANES]], expansion: &[f32], profile: &mut [[f32;
         let mut sums = ([0.0f32; LANES], [0.0f32; LANES], [0.0f32; LANES], [0.0f32; LANES]);
         for (turned, row) in turned.iter().zip(expansion.chunks_exact(count)) {
             let row = &row[first * COLUMNS..][..COLUMNS];
-            for l in 0..LANES {
-                sums.0[l] += turned[l] * row[0];
-                sums.1[l] += turned[l] * row[1];
-                sums.2[l] += turned[l] * row[2];
-                sums.3[l] += turned[l] * row[3];
+            for (l, turned) in turned.iter().enumerate() {
+                sums.0[l] += turned * row[0];
+                sums.1[l] += turned * row[1];
+                sums.2[l] += turned * row[2];
+                sums.3[l] += turned * row[3];
             }
         }
         for (profile, sums) in profile.iter_mut().zip([sums.0, sums.1, sums.2, sums.3]) {
@@ -298,11 +298,11 @@ mod tests {
             range_profiles(&tones, &per_metre, &lengths, &expansion, &mut got);
             range_profiles_body(&tones, &per_metre, &lengths, &expansion, &mut plain);
             assert!(got.re == plain.re && got.im == plain.im, "the same bytes");
-            for l in 0..LANES {
+            for (l, length) in lengths.iter().enumerate() {
                 for k in 0..count {
                     let sum: Complex64 = (0..q)
                         .map(|i| {
-                            let turned = phasor(per_metre[i] * lengths[l]);
+                            let turned = phasor(per_metre[i] * length);
                             Complex64::new(tones.re[i][l].into(), tones.im[i][l].into())
                                 * Complex64::new(turned.re.into(), turned.im.into())
                                 * f64::from(expansion[i * count + k])
