@@ -5,7 +5,8 @@
 //! with w = 1 for quadrature, 2 for in-phase data and window weights `w_f`, `w_r` (all 1 without a window), so a
 //! unit reflector on a voxel peaks at 1. [`Method::Direct`] sums this as written, on any grid and for any
 //! microphones: it is the oracle. [`Method::Convolution`] is Eq. 16 over [`skeleton`] frequencies, for microphones in
-//! a plane of constant z. This module cannot see the scene, so it cannot know the answer.
+//! a plane of constant z; [`Method::Backprojection`] follows range profiles, for any others. This module cannot see the
+//! scene, so it cannot know the answer.
 
 mod backprojection;
 mod circle;
@@ -35,7 +36,7 @@ use weights::Weights;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Method {
-    /// Convolution where the microphones lie in a plane, else direct.
+    /// Convolution where the microphones lie in a plane, else back-projection; direct where that costs less.
     #[default]
     Auto,
     /// Eq. 16 by padded 2-D FFTs, for any planar array and any voxel pitch.
@@ -54,7 +55,8 @@ pub struct ReconstructOptions {
     pub method: Method,
     /// Weights over x, y and f.
     pub window: Window,
-    /// Error allowed to `Convolution`, relative to `Σ|w m| / Σw`; 0 sums every frequency on a lattice that fits.
+    /// Error allowed to `Convolution` and `Backprojection`, relative to `Σ|w m| / Σw`; 0 sums every frequency on a
+    /// lattice that fits.
     pub tolerance: f64,
 }
 
@@ -80,7 +82,7 @@ pub struct Reconstruction {
     /// The method that was used; never [`Method::Auto`].
     pub method: Method,
     /// A bound on the error of any voxel against Eq. 13, f32 rounding aside, in the volume's own units: the measured
-    /// relative error of skeletons and spreading times `Σ|w m| / Σw`.
+    /// relative error of skeletons, spreading and range profiles times `Σ|w m| / Σw`.
     pub error_bound: f64,
 }
 
@@ -107,21 +109,22 @@ enum Choice {
     Backprojection(Box<backprojection::Plan>),
 }
 
-/// The method that the options come to for this measurement and grid, and a warning if `auto` had to take the slow one.
+/// The method that the options come to for this measurement and grid, and a warning if `auto` had to take a slow one.
 fn choose(setup: &Setup, grid: &Grid, options: &ReconstructOptions) -> Result<(Choice, Option<String>)> {
-    if options.method == Method::Direct {
-        return Ok((Choice::Direct, None));
-    }
-    if options.method == Method::Backprojection {
-        if options.tolerance <= 0.0 {
+    let backprojection = || Box::new(backprojection::Plan::new(setup, grid, options.tolerance));
+    match options.method {
+        Method::Direct => return Ok((Choice::Direct, None)),
+        Method::Backprojection if options.tolerance > 0.0 => {
+            return Ok((Choice::Backprojection(backprojection()), None));
+        }
+        Method::Backprojection => {
             return Err(Error::input(
                 "reconstruct.tolerance",
-                "\"backprojection\" interpolates, which takes a tolerance; give one above 0 (1e-6, say), or use \
-                 method = \"direct\"",
+                "0 leaves no room for \"backprojection\", which interpolates; give a tolerance above 0 (1e-6, say), \
+                 or use method = \"direct\"",
             ));
         }
-        let plan = backprojection::Plan::new(setup, grid, options.tolerance);
-        return Ok((Choice::Backprojection(Box::new(plan)), None));
+        Method::Auto | Method::Convolution => {}
     }
     // Spreading and skeletons share the tolerance.
     let misfit = match lattice::SharedLattice::find(setup, grid, 0.5 * options.tolerance) {
@@ -131,21 +134,34 @@ fn choose(setup: &Setup, grid: &Grid, options: &ReconstructOptions) -> Result<(C
     if options.method == Method::Convolution {
         return Err(Error::input(
             "reconstruct.method",
-            format!("\"convolution\" is not possible here: {misfit}; mend that, or use method = \"direct\""),
+            format!(
+                "\"convolution\" is not possible here: {misfit}; mend that, or use method = \"backprojection\" or \
+                 \"direct\""
+            ),
         ));
     }
     let terms = direct_terms(setup, grid);
-    if terms > MOST_DIRECT_TERMS {
+    if options.tolerance > 0.0 {
+        let plan = backprojection();
+        // A handful of frequencies is sooner summed than turned into profiles.
+        if plan.operations() < direct::operations(setup, grid) {
+            return Ok((Choice::Backprojection(plan), None));
+        }
+    } else if terms > MOST_DIRECT_TERMS {
         return Err(Error::input(
             "reconstruct.method",
             format!(
-                "{misfit}. That leaves the direct sum of Eq. 13, {:.1e} terms here: many minutes. Make the grid \
-                 smaller or its pitch larger, or ask for it by name with [reconstruct] method = \"direct\"",
+                "{misfit}. With tolerance 0 that leaves the direct sum of Eq. 13, {:.1e} terms here: many minutes. \
+                 Give a tolerance (1e-4 is usual), make the grid smaller or its pitch larger, or ask for it by name \
+                 with [reconstruct] method = \"direct\"",
                 terms as f64
             ),
         ));
     }
-    Ok((Choice::Direct, Some(format!("{misfit}; summing Eq. 13 directly instead, which is slower"))))
+    let warning = (options.tolerance <= 0.0).then(|| {
+        format!("{misfit}; summing Eq. 13 directly instead, which is slower (a tolerance would help)")
+    });
+    Ok((Choice::Direct, warning))
 }
 
 /// How a volume was come by.
@@ -236,14 +252,14 @@ pub fn reconstruct_whole(
 
 /// Reconstructs from a source of frequencies into a sink of depths, neither of which need be held whole.
 ///
-/// - Cost: `direct` is voxels × microphones × frequencies phasors; `convolution` two padded 2-D FFTs per skeleton
-///   tone, depth and pair of sub-lattices.
+/// - Cost: `direct` is voxels × microphones × frequencies terms; `convolution` two padded 2-D FFTs per skeleton
+///   tone, depth and pair of sub-lattices; `backprojection` some 130 operations per voxel and microphone.
 /// - The bytes do not depend on the number of threads, nor on where samples come from and planes go to.
 ///
 /// # Errors
-/// `convolution` asked for where it is not possible, or `auto` left with over 10¹¹ direct terms; a grid with voxels
-/// behind the array; a tolerance that is not in 0..1; [`Error::Environment`] when what it needs does not fit in memory;
-/// [`Error::Interrupted`]; what source and sink come to.
+/// `convolution` asked for where it is not possible, `backprojection` without a tolerance, or `auto` with neither and
+/// over 10¹¹ direct terms; a grid with voxels behind the array; a tolerance that is not in 0..1; [`Error::Environment`]
+/// when what it needs does not fit in memory; [`Error::Interrupted`]; what source and sink come to.
 pub fn reconstruct_into(
     source: &mut dyn CubeSource,
     grid: &Grid,

@@ -209,6 +209,7 @@ impl Slab<'_> {
                     carrier: (-band.carrier / band.sound_speed) as f32,
                     inverse_half: if rung.half > 0.0 { (1.0 / rung.half) as f32 } else { 0.0 },
                     terms: rung.terms,
+                    powers: rung.powers,
                 };
                 let [re, im] = &mut sums;
                 back_project(&points, &offsets[..group.members.len()], &profiles, scale, [re, im]);

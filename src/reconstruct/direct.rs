@@ -10,8 +10,12 @@ use crate::wave::simd::{LANES, Steps, SweepSamples, weighted_sum, weighted_sweep
 use num_complex::Complex32;
 use rayon::prelude::*;
 
-/// Operations per term, for comparison with the other methods'.
-pub(super) const OPERATIONS: f64 = 8.0;
+/// Operations of the job by a fixed model, for comparison with the other methods'.
+pub(super) fn operations(setup: &Setup, grid: &Grid) -> f64 {
+    let per_term = if setup.sweep.step().is_some() { 8.0 } else { 30.0 };
+    let pairs = grid.voxel_count() as f64 * setup.array.len() as f64;
+    pairs * (60.0 + per_term * setup.sweep.len() as f64)
+}
 
 /// Voxels that are summed together, so that they share what is read of the samples.
 const TOGETHER: usize = 64;

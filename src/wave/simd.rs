@@ -292,7 +292,7 @@ dispatched! {
     /// is `(−i)^k Σ_q expansion[q, k] z_q`.
     ///
     /// `lengths` are the centre's path lengths, m; `expansion` is `[Q, K]`, K a multiple of 4. Cost: per tone 40 + 4 K
-    /// operations for each microphone.
+    /// operations for each microphone. Powers have such coefficients as well.
     ///
     /// # Panics
     /// When the shapes do not match.
@@ -303,11 +303,11 @@ dispatched! {
 }
 
 dispatched! {
-    /// Adds to every point of a block `e^{i2π·carrier·δ} Σ_k g_k T_k(δ/H)` of each microphone, δ its path length less
-    /// that of the centre.
+    /// Adds to every point of a block `e^{i2π·carrier·δ} Σ_k g_k T_k(δ/H)` of each microphone, or the same with powers
+    /// of δ/H; δ is its path length less that of the centre.
     ///
     /// `offsets` are those from the microphones to the centre, m, at most 16; `sums` are real and imaginary parts.
-    /// Cost: about 45 + 6 K operations per point and microphone.
+    /// Cost: about 70 operations per point and microphone, and 6 K or, with powers, 4 K more.
     ///
     /// # Panics
     /// When the shapes do not match.

@@ -94,3 +94,30 @@ fn backprojection_keeps_its_bound_on_any_array_and_grid() {
         }
     }
 }
+
+/// Blocks of several slabs, and groups of microphones in several sums.
+#[test]
+fn threads_do_not_change_the_bytes_of_a_larger_image() {
+    let mut random = Random::new(77);
+    let positions = (0..700)
+        .map(|_| DVec3::new(random.uniform(-0.3, 0.3), random.uniform(-0.3, 0.3), random.uniform(-0.2, 0.0)))
+        .collect();
+    let array = MicArray::from_positions("array", &[700], positions).unwrap();
+    let sweep = Sweep::stepped("f", 10_000.0, 20_000.0, 100.0).unwrap();
+    let cube = random_cube(&mut random, sweep, array, Geometry::ORIGIN, Detection::Quadrature);
+    let axis = |first: f64, count: usize| Axis { first, pitch: 0.011, count };
+    let grid = Grid { x: axis(-0.1, 21), y: axis(-0.1, 13), z: axis(0.5, 40) };
+    let run = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let options = ReconstructOptions::new(Method::Backprojection, Window::None);
+        pool.install(|| reconstruct(&cube, &grid, &options, &Silent).unwrap())
+    };
+    let (one, five) = (run(1), run(5));
+    assert_eq!(one, five);
+    // A part of it against the literal sum.
+    let part = Grid { z: Axis { first: grid.z.position(17), ..axis(0.0, 3) }, ..grid };
+    let plane = grid.plane_len();
+    let error =
+        relative_difference(&one.volume.samples[17 * plane..20 * plane], &direct(&cube, &part, Window::None));
+    assert!(error < 1e-4, "{error:e}");
+}

@@ -40,10 +40,9 @@ fn unknown_names_come_with_the_nearest_and_their_place() {
 #[test]
 fn what_this_version_lacks_is_refused_with_what_it_has() {
     refused_with(
-        "[reconstruct]\nmethod = \"backprojection\"",
-        &["accepted: \"auto\", \"convolution\", \"direct\""],
+        "[reconstruct]\nmethod = \"linear\"",
+        &["accepted: \"auto\", \"convolution\", \"backprojection\", \"direct\""],
     );
-    refused_with("[reconstruct]\nmethod = \"linear\"", &["accepted: \"auto\""]);
     refused_with("[array]\nlayout = \"spiral\"", &["accepted: \"grid\", \"file\""]);
     refused_with("[depth]\nview = \"perspective\"", &["accepted: \"orthographic\""]);
     refused_with(

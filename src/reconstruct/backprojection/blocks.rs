@@ -64,7 +64,7 @@ impl Shape {
             let p = DVec3::new(middle(&grid.x, t(i)), middle(&grid.y, t(i / 3)), middle(&grid.z, t(i / 9)));
             for r in microphones {
                 let terms = 1.1 * band.edge(half_width(geometry, p, half, *r)) + 2.0 + 1.3 * digits;
-                sum += lanes * (OPERATIONS_PER_POINT + 6.0 * terms) + tones * (40.0 + 4.0 * terms);
+                sum += lanes * (OPERATIONS_PER_POINT + 4.0 * terms) + tones * (50.0 + 4.0 * terms);
                 count += 1.0;
             }
         }
@@ -73,7 +73,7 @@ impl Shape {
 }
 
 /// Operations for one point and microphone besides the series: the path, the carrier and the sum.
-const OPERATIONS_PER_POINT: f64 = 70.0;
+const OPERATIONS_PER_POINT: f64 = 72.0;
 
 /// A block in its place: where it begins, and its voxels' number along each axis.
 #[derive(Debug, Clone, Copy)]

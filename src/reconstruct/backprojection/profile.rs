@@ -12,6 +12,10 @@ const RATIO: f64 = 1.15;
 /// Smallest half-width worth a rung of its own, in units of x at the band's edge.
 const LEAST: f64 = 0.2;
 
+/// Up to this x at the band's edge, series are summed as powers of t, which takes fewer operations; their coefficients
+/// add up to e^x at most, by which f32 rounding grows where all of them conspire.
+const MOST_FOR_POWERS: f64 = 5.0;
+
 /// A half-width of delays with the series of every tone on it.
 #[derive(Debug, Clone)]
 pub(super) struct Rung {
@@ -19,7 +23,10 @@ pub(super) struct Rung {
     pub(super) half: f64,
     /// Coefficients that are kept; even.
     pub(super) terms: usize,
-    /// `[Q, columns]`: `J₀(x_q), 2 J_1(x_q), …`, padded with zeros.
+    /// Whether the series are in powers of t.
+    pub(super) powers: bool,
+    /// `[Q, columns]`: `J₀(x_q), 2 J_1(x_q), …`, or the same for powers; padded with zeros. A factor of `(−i)^k` is left
+    /// out, so that all are real.
     pub(super) expansion: Vec<f32>,
     /// Length of a row of `expansion`, a multiple of 4.
     pub(super) columns: usize,
@@ -70,15 +77,40 @@ impl Band {
     fn rung(&self, half: f64, frequencies: &[f64]) -> Rung {
         let (terms, _) = self.terms(half);
         let columns = terms.next_multiple_of(4);
+        let powers = self.edge(half) <= MOST_FOR_POWERS && terms <= 32;
         let mut expansion = vec![0.0; frequencies.len() * columns];
         for (row, f) in expansion.chunks_exact_mut(columns).zip(frequencies) {
             let x = 2.0 * PI * (f - self.carrier) * half / self.sound_speed;
-            for (k, (value, j)) in row.iter_mut().zip(bessel(x, terms)).enumerate() {
-                *value = (if k == 0 { j } else { 2.0 * j }) as f32;
+            let mut series = bessel(x, terms);
+            series.iter_mut().skip(1).for_each(|j| *j *= 2.0);
+            if powers {
+                series = in_powers(&series);
+            }
+            for (value, coefficient) in row.iter_mut().zip(series) {
+                *value = coefficient as f32;
             }
         }
-        Rung { half, terms, expansion, columns }
+        Rung { half, terms, powers, expansion, columns }
     }
+}
+
+/// `Σ_k (−i)^k b_k T_k(t)` as `Σ_j (−i)^j a_j t^j`: b to a.
+fn in_powers(series: &[f64]) -> Vec<f64> {
+    let mut powers = vec![0.0; series.len()];
+    // With S_k(t) = (−i)^k T_k(t), S_{k+1} = 2 (−it) S_k + S_{k−1}: all coefficients are real in powers of −it.
+    let (mut before, mut this) = (vec![0.0; series.len()], vec![0.0; series.len()]);
+    this[0] = 1.0;
+    for (k, b) in series.iter().enumerate() {
+        for (power, coefficient) in powers.iter_mut().zip(&this) {
+            *power += b * coefficient;
+        }
+        let steep = if k == 0 { 1.0 } else { 2.0 };
+        let next = (0..series.len())
+            .map(|j| if j == 0 { before[0] } else { steep * this[j - 1] + before[j] })
+            .collect();
+        (before, this) = (this, next);
+    }
+    powers
 }
 
 /// By how much an error of the function can grow in a Chebyshev series cut off after `terms` coefficients: Lebesgue's
@@ -174,6 +206,20 @@ mod tests {
                 assert!(worst <= bound + 1e-13, "half {half}: {worst:e} above {bound:e}");
                 assert!(worst >= 0.2 * bound - 1e-13, "half {half}: {worst:e} of {bound:e}");
             }
+        }
+    }
+
+    #[test]
+    fn powers_are_the_same_polynomial() {
+        let series = [0.3, -0.7, 0.2, 0.05, -0.4, 0.01];
+        let powers = in_powers(&series);
+        for i in -10..=10 {
+            let t = f64::from(i) / 10.0;
+            let factor = |k: usize| (-Complex64::I).powu(k as u32);
+            let chebyshev = |k: usize| (k as f64 * t.acos()).cos();
+            let expected: Complex64 = (0..6).map(|k| factor(k) * series[k] * chebyshev(k)).sum();
+            let got: Complex64 = (0..6).map(|j| factor(j) * powers[j] * t.powi(j as i32)).sum();
+            assert!((got - expected).norm() < 1e-14);
         }
     }
 

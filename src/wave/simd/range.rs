@@ -6,11 +6,14 @@
 
 use super::{LANES, sin_cos_turns, wrap_fast};
 
-/// Points that are worked on at a time: two vectors of 16, so that chains of dependent operations overlap.
-const WIDE: usize = 2 * LANES;
+/// Points that are worked on at a time: four vectors of 16, so that chains of dependent operations overlap.
+const WIDE: usize = 4 * LANES;
 
 /// Coefficients that [`range_profiles_body`] sums at a time, in registers.
 const COLUMNS: usize = 4;
+
+/// Tones that are turned at a time.
+const TONES: usize = 32;
 
 /// Points of a block about its centre, in m, padded to whole lanes.
 #[derive(Debug, Clone, Default)]
@@ -87,56 +90,70 @@ pub(super) fn range_profiles_body(
     profile_re.fill([0.0; LANES]);
     profile_im.fill([0.0; LANES]);
     // Tones are turned to the centre in blocks that stay in the first-level cache.
-    let mut turned = [[[0.0f32; LANES]; 2]; 32];
-    for (((tones_re, tones_im), per_metre), expansion) in tones
+    let (mut turned_re, mut turned_im) = ([[0.0f32; LANES]; TONES], [[0.0f32; LANES]; TONES]);
+    for (((re, im), per_metre), expansion) in tones
         .re
-        .chunks(32)
-        .zip(tones.im.chunks(32))
-        .zip(per_metre.chunks(32))
-        .zip(expansion.chunks(32 * count.max(1)))
+        .chunks(TONES)
+        .zip(tones.im.chunks(TONES))
+        .zip(per_metre.chunks(TONES))
+        .zip(expansion.chunks(TONES * count.max(1)))
     {
-        for (((re, im), per_metre), turned) in tones_re.iter().zip(tones_im).zip(per_metre).zip(&mut turned) {
+        for (q, per_metre) in per_metre.iter().enumerate() {
             let mut turns = [0.0f32; LANES];
             for l in 0..LANES {
                 turns[l] = wrap_fast(lengths[l] * per_metre);
             }
             for l in 0..LANES {
                 let (s, c) = sin_cos_turns(turns[l]);
-                turned[0][l] = re[l] * c - im[l] * s;
-                turned[1][l] = re[l] * s + im[l] * c;
+                turned_re[q][l] = re[q][l] * c - im[q][l] * s;
+                turned_im[q][l] = re[q][l] * s + im[q][l] * c;
             }
         }
-        for first in (0..count).step_by(COLUMNS) {
-            let mut sums = [[[0.0f32; LANES]; 2]; COLUMNS];
-            for (turned, row) in turned.iter().zip(expansion.chunks_exact(count)) {
-                let row: &[f32; COLUMNS] = row[first..first + COLUMNS].try_into().expect("whole groups");
-                for k in 0..COLUMNS {
-                    for l in 0..LANES {
-                        sums[k][0][l] += turned[0][l] * row[k];
-                    }
-                    for l in 0..LANES {
-                        sums[k][1][l] += turned[1][l] * row[k];
-                    }
-                }
-            }
-            for k in 0..COLUMNS {
-                for l in 0..LANES {
-                    profile_re[first + k][l] += sums[k][0][l];
-                    profile_im[first + k][l] += sums[k][1][l];
-                }
-            }
-        }
+        let (turned_re, turned_im) = (&turned_re[..per_metre.len()], &turned_im[..per_metre.len()]);
+        add_products(turned_re, expansion, profile_re);
+        add_products(turned_im, expansion, profile_im);
     }
     // The factor (−i)^k that T_k has in the expansion of a tone.
-    for k in 0..count {
-        for l in 0..LANES {
-            let (re, im) = (profile_re[k][l], profile_im[k][l]);
-            (profile_re[k][l], profile_im[k][l]) = match k % 4 {
-                0 => (re, im),
-                1 => (im, -re),
-                2 => (-re, -im),
-                _ => (-im, re),
-            };
+    for (k, (re, im)) in profile_re.iter_mut().zip(profile_im).enumerate() {
+        if k % 2 == 1 {
+            std::mem::swap(re, im);
+        }
+        if k % 4 > 1 {
+            negate(re);
+        }
+        if matches!(k % 4, 1 | 2) {
+            negate(im);
+        }
+    }
+}
+
+#[inline(always)]
+fn negate(lanes: &mut [f32; LANES]) {
+    for value in lanes {
+        *value = -*value;
+    }
+}
+
+/// Adds `Σ_q expansion[q, k] turned[q]` to every coefficient k.
+#[inline(always)]
+fn add_products(turned: &[[f32; LANES]], expansion: &[f32], profile: &mut [[f32; LANES]]) {
+    let count = profile.len();
+    for (first, profile) in profile.chunks_exact_mut(COLUMNS).enumerate() {
+        // One array for each column: an array of them is taken for a matrix, and scattered.
+        let mut sums = ([0.0f32; LANES], [0.0f32; LANES], [0.0f32; LANES], [0.0f32; LANES]);
+        for (turned, row) in turned.iter().zip(expansion.chunks_exact(count)) {
+            let row = &row[first * COLUMNS..][..COLUMNS];
+            for (l, turned) in turned.iter().enumerate() {
+                sums.0[l] += turned * row[0];
+                sums.1[l] += turned * row[1];
+                sums.2[l] += turned * row[2];
+                sums.3[l] += turned * row[3];
+            }
+        }
+        for (profile, sums) in profile.iter_mut().zip([sums.0, sums.1, sums.2, sums.3]) {
+            for l in 0..LANES {
+                profile[l] += sums[l];
+            }
         }
     }
 }
@@ -152,6 +169,8 @@ pub struct RangeScale {
     pub inverse_half: f32,
     /// Coefficients that count, even; those after are zero.
     pub terms: usize,
+    /// Whether the coefficients are those of powers of δ/H instead of Chebyshev's polynomials.
+    pub powers: bool,
 }
 
 #[inline(always)]
@@ -188,40 +207,150 @@ pub(super) fn back_project_body(
                 let cycles = longer * scale.carrier;
                 turns[l] = cycles - ((cycles + MAGIC) - MAGIC);
             }
-            // Clenshaw's recurrence, two steps at a time so that nothing has to be moved.
-            let mut twice = [0.0f32; WIDE];
-            let (mut a, mut b) = ([[0.0f32; WIDE]; 2], [[0.0f32; WIDE]; 2]);
-            for l in 0..WIDE {
-                twice[l] = 2.0 * place[l];
-            }
-            let pairs = profile_re.as_chunks::<2>().0.iter().zip(profile_im.as_chunks::<2>().0);
-            for (re, im) in pairs.skip(1).rev() {
-                let (high, low) = ([re[1][lane], im[1][lane]], [re[0][lane], im[0][lane]]);
-                for part in 0..2 {
-                    for l in 0..WIDE {
-                        a[part][l] = twice[l] * b[part][l] - a[part][l] + high[part];
-                    }
-                    for l in 0..WIDE {
-                        b[part][l] = twice[l] * a[part][l] - b[part][l] + low[part];
-                    }
-                }
-            }
-            let (high, low) =
-                ([profile_re[1][lane], profile_im[1][lane]], [profile_re[0][lane], profile_im[0][lane]]);
-            for part in 0..2 {
-                for l in 0..WIDE {
-                    a[part][l] = twice[l] * b[part][l] - a[part][l] + high[part];
-                    b[part][l] = place[l] * a[part][l] - b[part][l] + low[part];
-                }
+            let mut value = [[0.0f32; WIDE]; 2];
+            if scale.powers {
+                horner(&place, [profile_re, profile_im], lane, &mut value);
+            } else {
+                clenshaw(&place, [profile_re, profile_im], lane, &mut value);
             }
             for l in 0..WIDE {
                 let (s, c) = sin_cos_turns(turns[l]);
-                sum_re[l] += b[0][l] * c - b[1][l] * s;
-                sum_im[l] += b[0][l] * s + b[1][l] * c;
+                sum_re[l] += value[0][l] * c - value[1][l] * s;
+                sum_im[l] += value[0][l] * s + value[1][l] * c;
             }
+        }
+    }
+}
+
+/// `Σ_k g_k t^k`.
+#[inline(always)]
+fn horner(place: &[f32; WIDE], profile: [&[[f32; LANES]]; 2], lane: usize, value: &mut [[f32; WIDE]; 2]) {
+    for (re, im) in profile[0].iter().zip(profile[1]).rev() {
+        let (re, im) = (re[lane], im[lane]);
+        for l in 0..WIDE {
+            value[0][l] = value[0][l] * place[l] + re;
+        }
+        for l in 0..WIDE {
+            value[1][l] = value[1][l] * place[l] + im;
+        }
+    }
+}
+
+/// `Σ_k g_k T_k(t)` by Clenshaw's recurrence, two steps at a time so that nothing has to be moved.
+#[inline(always)]
+fn clenshaw(place: &[f32; WIDE], profile: [&[[f32; LANES]]; 2], lane: usize, value: &mut [[f32; WIDE]; 2]) {
+    let (mut twice, mut above) = ([0.0f32; WIDE], [[0.0f32; WIDE]; 2]);
+    for l in 0..WIDE {
+        twice[l] = 2.0 * place[l];
+    }
+    let pairs = profile[0].as_chunks::<2>().0.iter().zip(profile[1].as_chunks::<2>().0);
+    for (re, im) in pairs.skip(1).rev() {
+        let (high, low) = ([re[1][lane], im[1][lane]], [re[0][lane], im[0][lane]]);
+        for part in 0..2 {
+            for l in 0..WIDE {
+                above[part][l] = twice[l] * value[part][l] - above[part][l] + high[part];
+            }
+            for l in 0..WIDE {
+                value[part][l] = twice[l] * above[part][l] - value[part][l] + low[part];
+            }
+        }
+    }
+    for part in 0..2 {
+        let (high, low) = (profile[part][1][lane], profile[part][0][lane]);
+        for l in 0..WIDE {
+            above[part][l] = twice[l] * value[part][l] - above[part][l] + high;
+            value[part][l] = place[l] * above[part][l] - value[part][l] + low;
         }
     }
 }
 
 /// Adding and subtracting it rounds an f32 to a whole number.
 const MAGIC: f32 = 12_582_912.0; // 1.5 · 2^23
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::wave::phasor;
+    use crate::wave::simd::{back_project, range_profiles};
+    use num_complex::Complex64;
+
+    fn fraction(i: usize, k: f64) -> f64 {
+        (i as f64 * k).fract()
+    }
+
+    fn lanes(seed: usize) -> [f32; LANES] {
+        std::array::from_fn(|l| fraction(seed * LANES + l, 0.618_033_99) as f32 - 0.5)
+    }
+
+    fn profiles(count: usize) -> LaneProfiles {
+        LaneProfiles { re: (0..count).map(lanes).collect(), im: (50..50 + count).map(lanes).collect() }
+    }
+
+    #[test]
+    fn profiles_are_the_literal_sums_in_every_instruction_set() {
+        for (q, count) in [(1, 4), (32, 8), (75, 12)] {
+            let tones = LaneTones { re: (0..q).map(lanes).collect(), im: (90..90 + q).map(lanes).collect() };
+            let per_metre: Vec<f64> = (0..q).map(|i| -29.0 - 0.7 * i as f64).collect();
+            let lengths: [f64; LANES] = std::array::from_fn(|l| 2.0 + fraction(l, 0.754_877_67));
+            let expansion: Vec<f32> =
+                (0..q * count).map(|i| fraction(i, 0.569_840_29) as f32 - 0.5).collect();
+            let (mut got, mut plain) = (profiles(count), profiles(count));
+            range_profiles(&tones, &per_metre, &lengths, &expansion, &mut got);
+            range_profiles_body(&tones, &per_metre, &lengths, &expansion, &mut plain);
+            assert!(got.re == plain.re && got.im == plain.im, "the same bytes");
+            for (l, length) in lengths.iter().enumerate() {
+                for k in 0..count {
+                    let sum: Complex64 = (0..q)
+                        .map(|i| {
+                            let turned = phasor(per_metre[i] * length);
+                            Complex64::new(tones.re[i][l].into(), tones.im[i][l].into())
+                                * Complex64::new(turned.re.into(), turned.im.into())
+                                * f64::from(expansion[i * count + k])
+                        })
+                        .sum();
+                    let expected = sum * (-Complex64::I).powu(k as u32);
+                    let got = Complex64::new(got.re[k][l].into(), got.im[k][l].into());
+                    assert!((got - expected).norm() < 2e-6, "{q} tones, {k}, {l}: {got} for {expected}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn points_get_the_literal_sum_in_every_instruction_set() {
+        let place = |i: usize| {
+            [0.618_033_99, 0.754_877_67, 0.569_840_29, 0.430_159_71].map(|k| 0.1 * (fraction(i, k) - 0.5))
+        };
+        // The last microphone stands on the centre, and the first point with it.
+        let offsets = [[0.3f32, -0.2, 1.4], [0.01, 0.02, 0.0], [0.0, 0.0, 0.0]];
+        for (count, terms, powers) in [(1, 2, true), (64, 8, false), (100, 10, true)] {
+            let points = Points::new((0..count).map(place));
+            let scale = RangeScale { legs: 1.0, carrier: -43.7, inverse_half: 5.0, terms, powers };
+            let profiles = profiles(12);
+            let sums = || vec![0.0f32; points.padded_len()];
+            let (mut re, mut im, mut plain_re, mut plain_im) = (sums(), sums(), sums(), sums());
+            back_project(&points, &offsets, &profiles, scale, [&mut re, &mut im]);
+            back_project_body(&points, &offsets, &profiles, scale, [&mut plain_re, &mut plain_im]);
+            assert!(re == plain_re && im == plain_im, "the same bytes");
+            for i in 0..count {
+                let [x, y, z, outward] = place(i);
+                let mut expected = Complex64::ZERO;
+                for (l, offset) in offsets.iter().enumerate() {
+                    let [a, b, c] = offset.map(f64::from);
+                    let length = |x: f64, y: f64, z: f64| (x * x + y * y + z * z).sqrt();
+                    let longer = outward + length(x + a, y + b, z + c) - length(a, b, c);
+                    let t = longer * 5.0;
+                    let value: Complex64 = (0..terms)
+                        .map(|k| {
+                            let basis = if powers { t.powi(k as i32) } else { (k as f64 * t.acos()).cos() };
+                            Complex64::new(profiles.re[k][l].into(), profiles.im[k][l].into()) * basis
+                        })
+                        .sum();
+                    expected += value * Complex64::cis(std::f64::consts::TAU * -43.7 * longer);
+                }
+                let got = Complex64::new(re[i].into(), im[i].into());
+                assert!((got - expected).norm() < 2e-5, "{count} points, {i}: {got} for {expected}");
+            }
+        }
+    }
+}

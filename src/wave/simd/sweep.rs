@@ -121,3 +121,42 @@ fn sweep_sums(
     }
     sums
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::wave::phasor;
+    use crate::wave::simd::weighted_sweep;
+    use num_complex::{Complex32, Complex64};
+
+    #[test]
+    fn the_inverse_sum_is_the_literal_one_in_every_instruction_set() {
+        let fraction = |i: usize, k: f64| (i as f64 * k).fract();
+        for (frequencies, microphones, points) in [(1, 1, 1), (64, 16, 4), (201, 37, 9)] {
+            let m = |f: usize, r: usize| {
+                let i = f * microphones + r;
+                Complex32::new(fraction(i, 0.618_034) as f32 - 0.5, fraction(i, 0.754_878) as f32 - 0.5)
+            };
+            let samples = SweepSamples::new(frequencies, microphones, m);
+            let width = samples.padded_len();
+            let lengths: Vec<f64> = (0..points * width).map(|i| 0.3 + 11.0 * fraction(i, 0.569_84)).collect();
+            let steps = Steps { start: -10_000.0 / 343.0, step: -20.0 / 343.0, count: frequencies };
+            let (mut totals, mut plain) = (vec![[0.0; 2]; points], vec![[0.0; 2]; points]);
+            weighted_sweep(&samples, &lengths, steps, &mut totals);
+            weighted_sweep_body(&samples, &lengths, steps, &mut plain);
+            assert_eq!(totals, plain);
+            for (p, total) in totals.iter().enumerate() {
+                let mut exact = Complex64::ZERO;
+                for r in 0..microphones {
+                    for f in 0..frequencies {
+                        let k = steps.start + steps.step * f as f64;
+                        let term = m(f, r) * phasor(k * lengths[p * width + r]);
+                        exact += Complex64::new(term.re.into(), term.im.into());
+                    }
+                }
+                let error = (exact - Complex64::new(total[0], total[1])).norm();
+                assert!(error < 1e-6 * (frequencies * microphones) as f64, "point {p}: {error:e}");
+            }
+        }
+    }
+}
