@@ -1,4 +1,4 @@
-//! Voxels × frequencies per second, by method; the same cube and grid for each.
+//! Terms of Eq. 13 (voxels × microphones × frequencies) per second, by method: their ratios are those of the times.
 
 #![allow(missing_docs)]
 
@@ -7,7 +7,7 @@ use glam::DVec3;
 use holosonar::acquisition::{DataCube, MicArray, Sweep};
 use holosonar::grid::{Axis, Grid};
 use holosonar::progress::Silent;
-use holosonar::reconstruct::{Method, ReconstructOptions, Window, reconstruct};
+use holosonar::reconstruct::{Method, ReconstructOptions, Window, direct_terms, reconstruct};
 use holosonar::wave::phasor;
 
 /// The same cube from microphones up to 2 mm off their lattice.
@@ -16,6 +16,17 @@ fn jittered(cube: &DataCube) -> DataCube {
     let place = |(i, r): (usize, &DVec3)| *r + DVec3::new(off(i, 0.618_034), off(i, 0.754_878), 0.0);
     let positions: Vec<DVec3> = cube.array.positions().iter().enumerate().map(place).collect();
     let array = MicArray::from_positions("jittered", &[positions.len()], positions).expect("an array");
+    DataCube::new(cube.sweep.clone(), array, cube.samples.clone()).expect("finite")
+}
+
+/// The same cube from microphones that lie in no plane: up to 2 mm off their lattice, and within 5 cm of depth.
+fn bent(cube: &DataCube) -> DataCube {
+    let off = |i: usize, k: f64| (i as f64 * k).fract() - 0.5;
+    let place = |(i, r): (usize, &DVec3)| {
+        *r + DVec3::new(0.004 * off(i, 0.618_034), 0.004 * off(i, 0.754_878), 0.05 * off(i, 0.569_84))
+    };
+    let positions: Vec<DVec3> = cube.array.positions().iter().enumerate().map(place).collect();
+    let array = MicArray::from_positions("bent", &[positions.len()], positions).expect("an array");
     DataCube::new(cube.sweep.clone(), array, cube.samples.clone()).expect("finite")
 }
 
@@ -43,7 +54,7 @@ fn reconstruction(c: &mut Criterion) {
         (Method::Convolution, 1e-4, 64, 1001, 128),
     ] {
         let (cube, grid) = job(n, frequencies, depths);
-        group.throughput(Throughput::Elements(grid.voxel_count() * frequencies as u64));
+        group.throughput(Throughput::Elements(direct_terms(&cube, &grid)));
         let size = format!("{n}x{n} mics x {frequencies} f x {n}x{n}x{depths} voxels");
         let name = format!("{method:?} {tolerance:e}").to_lowercase();
         group.bench_with_input(BenchmarkId::new(name, size), &method, |b, &method| {
@@ -54,11 +65,32 @@ fn reconstruction(c: &mut Criterion) {
     }
     let (cube, grid) = job(64, 1001, 128);
     let cube = jittered(&cube);
-    group.throughput(Throughput::Elements(grid.voxel_count() * 1001));
+    group.throughput(Throughput::Elements(direct_terms(&cube, &grid)));
     group.bench_function("spreading 1e-4/64x64 mics x 1001 f x 64x64x128 voxels", |b| {
         let options = ReconstructOptions::new(Method::Convolution, Window::None);
         b.iter(|| reconstruct(&cube, &grid, &options, &Silent).expect("small"));
     });
+    // S: 64 x 64 microphones, 1001 frequencies, 128 x 128 x 128 voxels; of the literal sum only a part.
+    let lateral = Axis { first: -0.508, pitch: 0.008, count: 128 };
+    let whole = Grid { x: lateral, y: lateral, z: Axis { first: 1.0, pitch: 1.0 / 127.0, count: 128 } };
+    let every = |axis: Axis, n: usize| Axis { pitch: axis.pitch * (axis.count / n) as f64, count: n, ..axis };
+    let part = Grid { x: every(whole.x, 16), y: every(whole.y, 16), z: every(whole.z, 8) };
+    let (cube, _) = job(64, 1001, 1);
+    let cube = bent(&cube);
+    for (name, method, grid) in [
+        ("direct/not planar, 64x64 mics x 1001 f x 16x16x8 voxels", Method::Direct, part),
+        (
+            "backprojection 1e-4/not planar, 64x64 mics x 1001 f x 128x128x128 voxels",
+            Method::Backprojection,
+            whole,
+        ),
+    ] {
+        group.throughput(Throughput::Elements(direct_terms(&cube, &grid)));
+        group.bench_function(name, |b| {
+            let options = ReconstructOptions::new(method, Window::None);
+            b.iter(|| reconstruct(&cube, &grid, &options, &Silent).expect("fits"));
+        });
+    }
     group.finish();
 }
 

@@ -34,7 +34,7 @@ use rayon::prelude::*;
 use std::ops::Range;
 
 /// The share of the tolerance that cutting off the series may use.
-const SERIES_SHARE: f64 = 0.4;
+const SERIES_SHARE: f64 = 0.6;
 
 /// The share of what is left to the skeletons that the first of the two compressions may use.
 const FIRST_SHARE: f64 = 0.3;

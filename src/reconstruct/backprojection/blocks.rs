@@ -111,12 +111,15 @@ impl Block {
         let centre = self.centre(grid);
         let out = geometry.outward_length(centre);
         let [n_x, n_y, n_z] = self.count;
-        Points::new((0..n_x * n_y * n_z).map(|i| {
-            let (x, y, z) = (i % n_x, i / n_x % n_y, i / n_x / n_y);
-            let p = grid.position(self.first[0] + x, self.first[1] + y, self.first[2] + z);
-            let d = p - centre;
-            [d.x, d.y, d.z, geometry.outward_length(p) - out]
-        }))
+        Points::new(
+            geometry.return_legs(),
+            (0..n_x * n_y * n_z).map(|i| {
+                let (x, y, z) = (i % n_x, i / n_x % n_y, i / n_x / n_y);
+                let p = grid.position(self.first[0] + x, self.first[1] + y, self.first[2] + z);
+                let d = p - centre;
+                [d.x, d.y, d.z, geometry.outward_length(p) - out]
+            }),
+        )
     }
 }
 

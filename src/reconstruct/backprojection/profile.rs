@@ -7,7 +7,7 @@
 use std::f64::consts::PI;
 
 /// Neighbouring rungs differ by this factor of half-width.
-const RATIO: f64 = 1.15;
+const RATIO: f64 = 1.08;
 
 /// Smallest half-width worth a rung of its own, in units of x at the band's edge.
 const LEAST: f64 = 0.2;
@@ -21,7 +21,7 @@ const MOST_FOR_POWERS: f64 = 5.0;
 pub(super) struct Rung {
     /// H as a path length, m.
     pub(super) half: f64,
-    /// Coefficients that are kept; even.
+    /// Coefficients that are kept; even in number unless they are of powers.
     pub(super) terms: usize,
     /// Whether the series are in powers of t.
     pub(super) powers: bool,
@@ -51,7 +51,7 @@ impl Band {
         PI * self.bandwidth * half / self.sound_speed
     }
 
-    /// The least even number of coefficients that keeps every tone of the band on ±`half` m within the tolerance, and
+    /// The least number of coefficients that keeps every tone of the band on ±`half` m within the tolerance, and
     /// the error that leaves: `2 Σ_{k ≥ terms} J_k(x)`, which for k > x grows with x and so holds for all tones.
     pub(super) fn terms(&self, half: f64) -> (usize, f64) {
         let edge = self.edge(half);
@@ -62,10 +62,9 @@ impl Band {
         for k in (0..count).rev() {
             tail[k] = tail[k + 1] + 2.0 * bessel[k].abs();
         }
-        let first = (edge.ceil() as usize + 1).next_multiple_of(2);
-        let terms = (first..count).step_by(2).find(|&k| tail[k] <= self.tolerance);
-        let terms = terms.unwrap_or(count.next_multiple_of(2));
-        (terms, tail[terms.min(count)])
+        let first = edge.ceil() as usize + 1;
+        let terms = (first..count).find(|&k| tail[k] <= self.tolerance).unwrap_or(count);
+        (terms, tail[terms])
     }
 
     /// Rungs that end with `greatest` m, ascending, for tones at `frequencies` Hz.
@@ -76,8 +75,10 @@ impl Band {
 
     fn rung(&self, half: f64, frequencies: &[f64]) -> Rung {
         let (terms, _) = self.terms(half);
-        let columns = terms.next_multiple_of(4);
         let powers = self.edge(half) <= MOST_FOR_POWERS && terms <= 32;
+        // Clenshaw's recurrence takes two at a time.
+        let terms = if powers { terms } else { terms.next_multiple_of(2) };
+        let columns = terms.next_multiple_of(4);
         let mut expansion = vec![0.0; frequencies.len() * columns];
         for (row, f) in expansion.chunks_exact_mut(columns).zip(frequencies) {
             let x = 2.0 * PI * (f - self.carrier) * half / self.sound_speed;

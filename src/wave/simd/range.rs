@@ -21,7 +21,7 @@ pub struct Points {
     x: Vec<f32>,
     y: Vec<f32>,
     z: Vec<f32>,
-    /// `x² + y² + z²`.
+    /// `x² + y² + z²`, times the number of return legs.
     square: Vec<f32>,
     /// How much longer the way out is to the point than to the centre.
     outward: Vec<f32>,
@@ -29,14 +29,15 @@ pub struct Points {
 
 impl Points {
     /// Points as `[x, y, z, outward]`: the offset from the centre, and the outward length less that to the centre, m.
-    pub fn new(points: impl ExactSizeIterator<Item = [f64; 4]>) -> Self {
+    /// `legs` is how many times the way to the microphone is travelled.
+    pub fn new(legs: f64, points: impl ExactSizeIterator<Item = [f64; 4]>) -> Self {
         let padded = points.len().next_multiple_of(WIDE);
         let mut split = Self::default();
         for [x, y, z, outward] in points {
             split.x.push(x as f32);
             split.y.push(y as f32);
             split.z.push(z as f32);
-            split.square.push((x * x + y * y + z * z) as f32);
+            split.square.push((legs * (x * x + y * y + z * z)) as f32);
             split.outward.push(outward as f32);
         }
         for all in [&mut split.x, &mut split.y, &mut split.z, &mut split.square, &mut split.outward] {
@@ -167,7 +168,7 @@ pub struct RangeScale {
     pub carrier: f32,
     /// 1/H, 1/m.
     pub inverse_half: f32,
-    /// Coefficients that count, even; those after are zero.
+    /// Coefficients that count, even in number unless they are of powers; those after are zero.
     pub terms: usize,
     /// Whether the coefficients are those of powers of δ/H instead of Chebyshev's polynomials.
     pub powers: bool,
@@ -183,13 +184,14 @@ pub(super) fn back_project_body(
 ) {
     let [sums_re, sums_im] = sums;
     assert!(offsets.len() <= LANES, "a lane per microphone");
-    assert!(scale.terms >= 2 && scale.terms.is_multiple_of(2), "coefficients in pairs");
+    assert!(scale.powers || scale.terms >= 2 && scale.terms.is_multiple_of(2), "coefficients in pairs");
     let (profile_re, profile_im) = (&profiles.re[..scale.terms], &profiles.im[..scale.terms]);
     assert!(sums_re.len() == points.padded_len() && sums_im.len() == points.padded_len(), "a sum per point");
     for (lane, [x_c, y_c, z_c]) in offsets.iter().enumerate() {
         let centre = (x_c * x_c + y_c * y_c + z_c * z_c).sqrt();
         // Where the centre is the microphone, 0/0 must come out as 0.
         let centre = centre + f32::MIN_POSITIVE;
+        let twice = [x_c, y_c, z_c].map(|offset| 2.0 * scale.legs * offset);
         let chunks = points.x.as_chunks::<WIDE>().0.iter();
         let chunks = chunks.zip(points.y.as_chunks::<WIDE>().0).zip(points.z.as_chunks::<WIDE>().0);
         let chunks = chunks.zip(points.square.as_chunks::<WIDE>().0);
@@ -201,8 +203,8 @@ pub(super) fn back_project_body(
                 // |p − r| − |c − r| without cancellation: (|p − r|² − |c − r|²) / (|p − r| + |c − r|).
                 let (px, py, pz) = (x[l] + x_c, y[l] + y_c, z[l] + z_c);
                 let length = (px * px + py * py + pz * pz).sqrt();
-                let rise = 2.0 * (x[l] * x_c + y[l] * y_c + z[l] * z_c) + square[l];
-                let longer = outward[l] + scale.legs * (rise / (length + centre));
+                let rise = x[l] * twice[0] + y[l] * twice[1] + z[l] * twice[2] + square[l];
+                let longer = outward[l] + rise / (length + centre);
                 place[l] = longer * scale.inverse_half;
                 let cycles = longer * scale.carrier;
                 turns[l] = cycles - ((cycles + MAGIC) - MAGIC);
@@ -323,9 +325,9 @@ mod tests {
         };
         // The last microphone stands on the centre, and the first point with it.
         let offsets = [[0.3f32, -0.2, 1.4], [0.01, 0.02, 0.0], [0.0, 0.0, 0.0]];
-        for (count, terms, powers) in [(1, 2, true), (64, 8, false), (100, 10, true)] {
-            let points = Points::new((0..count).map(place));
-            let scale = RangeScale { legs: 1.0, carrier: -43.7, inverse_half: 5.0, terms, powers };
+        for (count, terms, powers, legs) in [(1, 1, true, 1.0), (64, 8, false, 1.0), (100, 11, true, 2.0)] {
+            let points = Points::new(legs, (0..count).map(place));
+            let scale = RangeScale { legs: legs as f32, carrier: -43.7, inverse_half: 5.0, terms, powers };
             let profiles = profiles(12);
             let sums = || vec![0.0f32; points.padded_len()];
             let (mut re, mut im, mut plain_re, mut plain_im) = (sums(), sums(), sums(), sums());
@@ -338,7 +340,7 @@ mod tests {
                 for (l, offset) in offsets.iter().enumerate() {
                     let [a, b, c] = offset.map(f64::from);
                     let length = |x: f64, y: f64, z: f64| (x * x + y * y + z * z).sqrt();
-                    let longer = outward + length(x + a, y + b, z + c) - length(a, b, c);
+                    let longer = outward + legs * (length(x + a, y + b, z + c) - length(a, b, c));
                     let t = longer * 5.0;
                     let value: Complex64 = (0..terms)
                         .map(|k| {
