@@ -2,10 +2,11 @@
 
 use crate::support::{Random, random_cube, relative_difference};
 use glam::DVec3;
-use holosonar::acquisition::{DataCube, Detection, MicArray, Sweep};
+use holosonar::acquisition::{DataCube, Detection, MicArray, SimulateOptions, Sweep, simulate};
 use holosonar::grid::{Axis, Grid};
 use holosonar::progress::Silent;
 use holosonar::reconstruct::{Method, ReconstructOptions, Window, reconstruct};
+use holosonar::reflectors::Reflectors;
 use holosonar::wave::Geometry;
 use num_complex::Complex32;
 
@@ -120,4 +121,35 @@ fn threads_do_not_change_the_bytes_of_a_larger_image() {
     let error =
         relative_difference(&one.volume.samples[17 * plane..20 * plane], &direct(&cube, &part, Window::None));
     assert!(error < 1e-4, "{error:e}");
+}
+
+/// Job S: 64 × 64 microphones that lie in no plane, 1001 frequencies, 128³ voxels, a dozen reflectors; 128 voxels of it
+/// against the literal sum.
+#[test]
+#[ignore = "half a minute in a release build"]
+fn a_large_job_errs_by_less_than_a_ten_thousandth_of_its_peak() {
+    let mut random = Random::new(4);
+    let mut place = |x: f64, y: f64, z: [f64; 2]| {
+        DVec3::new(random.uniform(-x, x), random.uniform(-y, y), random.uniform(z[0], z[1]))
+    };
+    let positions: Vec<DVec3> = (0..64 * 64).map(|_| place(0.25, 0.25, [-0.05, 0.0])).collect();
+    let array = MicArray::from_positions("array", &[positions.len()], positions).unwrap();
+    let sweep = Sweep::stepped("f", 10_000.0, 20_000.0, 10.0).unwrap();
+    let points: Vec<DVec3> = (0..12).map(|_| place(0.45, 0.45, [1.1, 1.9])).collect();
+    let reflectors = Reflectors::new(points, vec![Complex32::ONE; 12]).unwrap();
+    let cube = simulate(&reflectors, &sweep, &array, &SimulateOptions::default(), &Silent).unwrap();
+    let axis = |first: f64| Axis { first, pitch: 0.008, count: 128 };
+    let grid = Grid { x: axis(-0.508), y: axis(-0.508), z: axis(1.0) };
+    let options = ReconstructOptions::new(Method::Backprojection, Window::None);
+    let volume = reconstruct(&cube, &grid, &options, &Silent).unwrap().volume;
+    let mut worst = 0.0f32;
+    for _ in 0..128 {
+        let at = [random.whole(0, 127), random.whole(0, 127), random.whole(0, 127)];
+        let one = |axis: Axis, i: usize| Axis { first: axis.position(i), count: 1, ..axis };
+        let voxel = Grid { x: one(grid.x, at[0]), y: one(grid.y, at[1]), z: one(grid.z, at[2]) };
+        let exact = direct(&cube, &voxel, Window::None)[0];
+        worst = worst.max((volume.samples[(at[2] * 128 + at[1]) * 128 + at[0]] - exact).norm());
+    }
+    println!("{:.1e} of the peak", worst / volume.peak());
+    assert!(worst < 1e-4 * volume.peak());
 }
