@@ -10,10 +10,13 @@
 mod circle;
 mod convolution;
 mod direct;
+mod focus;
 mod lanes;
 mod lattice;
 mod layout;
+mod line;
 mod plane;
+mod product;
 pub mod skeleton;
 mod spread;
 mod tones;

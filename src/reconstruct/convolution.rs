@@ -6,9 +6,9 @@
 //! instead of all; with tolerance 0 it runs over every one.
 
 use super::Weights;
+use super::focus::Focus;
 use super::lattice::SharedLattice;
 use super::layout::Layout;
-use super::plane::Plane;
 use super::tones::{SlabTones, Tones, VolumeTones};
 use crate::acquisition::DataCube;
 use crate::error::Result;
@@ -34,12 +34,9 @@ fn add(
 ) -> Result<()> {
     let spectra = layout.spectra(&tones.samples);
     planes.par_chunks_mut(layout.grid.plane_len()).enumerate().try_for_each_init(
-        || Plane::new(layout),
-        |plane, (iz, voxels)| {
-            for (index, part) in layout.voxel_parts.iter().enumerate() {
-                plane.place(first + iz, index);
-                plane.accumulate(&tones.per_metre, &spectra, voxels, part);
-            }
+        || Focus::new(layout),
+        |focus, (iz, voxels)| {
+            focus.add(first + iz, &tones.per_metre, &spectra, voxels);
             advance(observer, tones.per_metre.len() as u64)
         },
     )

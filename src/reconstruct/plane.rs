@@ -15,6 +15,7 @@ use super::circle::Offset;
 use super::lanes::transpose;
 use super::lattice::{Part, Parts};
 use super::layout::Layout;
+use super::product::{focus, multiply};
 use crate::grid::Axis;
 use crate::wave::Geometry;
 use crate::wave::simd::{LANES, Lanes, ROWS, dispatched, phasors};
@@ -24,7 +25,7 @@ use num_complex::Complex32;
 /// Geometry of one depth and voxel sub-lattice, and buffers that are used again and again.
 #[derive(Debug)]
 pub(super) struct Plane<'a> {
-    layout: &'a Layout<'a>,
+    pub(super) layout: &'a Layout<'a>,
     /// Offsets from every node sub-lattice.
     offsets: &'a [[Offset; 2]],
     /// `|p − r|` by lag, doubled for a scan, `[part, y block, x]` in lanes of y.
@@ -67,7 +68,7 @@ impl<'a> Plane<'a> {
     }
 
     /// Works out every length of depth `iz` on sub-lattice `part` of the voxels; they serve all tones.
-    pub(super) fn place(&mut self, iz: usize, part: usize) {
+    fn place(&mut self, iz: usize, part: usize) {
         let Layout { lattice, grid, x, y, .. } = self.layout;
         let (voxels, z) = (&self.layout.voxel_parts[part], grid.z.position(iz));
         let height = z - lattice.z;
@@ -102,15 +103,18 @@ impl<'a> Plane<'a> {
         }
     }
 
-    /// Adds tones to the voxels of the sub-lattice that was placed; `spectra` are those of [`Layout::spectra`].
-    pub(super) fn accumulate(
+    /// Adds tones to one sub-lattice of the voxels of depth `iz`; `spectra` are those of [`Layout::spectra`].
+    pub(super) fn add(
         &mut self,
+        iz: usize,
+        part: usize,
         per_metre: &[f64],
         spectra: &[Lanes],
         voxels: &mut [Complex32],
-        part: &Parts,
     ) {
+        self.place(iz, part);
         let layout = self.layout;
+        let part = &layout.voxel_parts[part];
         let scan = layout.geometry == Geometry::Monostatic;
         self.image.clear();
         self.image.resize(padded(part[0].count) * part[1].count.div_ceil(LANES), Lanes::ZERO);
@@ -279,53 +283,4 @@ fn mirror_body(row: &mut [Lanes], half: bool) {
 
 dispatched! {
     fn mirror = mirror_body(row: &mut [Lanes], half: bool)
-}
-
-/// Combines numbers of `a`, `b` and `to` into new ones of `to`.
-#[inline(always)]
-fn combine(
-    a: &[Lanes],
-    b: &[Lanes],
-    to: &mut [Lanes],
-    with: impl Fn(Complex32, Complex32, Complex32) -> Complex32,
-) {
-    let (a, b, to) = (a.as_chunks::<ROWS>().0, b.as_chunks::<ROWS>().0, to.as_chunks_mut::<ROWS>().0);
-    for ((a, b), to) in a.iter().zip(b).zip(to) {
-        for l in 0..LANES {
-            for row in 0..ROWS {
-                let z = with(a[row].at(l), b[row].at(l), to[row].at(l));
-                (to[row].re[l], to[row].im[l]) = (z.re, z.im);
-            }
-        }
-    }
-}
-
-/// Exchanges real and imaginary part.
-#[inline(always)]
-fn exchanged(z: Complex32) -> Complex32 {
-    Complex32::new(z.im, z.re)
-}
-
-#[inline(always)]
-fn multiply_body(kernel: &[Lanes], data: &[Lanes], products: &mut [Lanes], add: bool) {
-    if add {
-        combine(kernel, data, products, |a, b, sum| sum + exchanged(a * b));
-    } else {
-        combine(kernel, data, products, |a, b, _| exchanged(a * b));
-    }
-}
-
-dispatched! {
-    /// Products of spectra, exchanged, in the place of `products` or added to them.
-    fn multiply = multiply_body(kernel: &[Lanes], data: &[Lanes], products: &mut [Lanes], add: bool)
-}
-
-#[inline(always)]
-fn focus_body(exchanged_sum: &[Lanes], outer: &[Lanes], image: &mut [Lanes]) {
-    combine(exchanged_sum, outer, image, |a, b, voxel| voxel + exchanged(a) * b);
-}
-
-dispatched! {
-    /// Adds the sum over microphones, times the outer phase, to the voxels.
-    fn focus = focus_body(exchanged_sum: &[Lanes], outer: &[Lanes], image: &mut [Lanes])
 }
