@@ -7,7 +7,7 @@
 
 use super::lanes::{LaneFft, fast_size};
 use super::lattice::Part;
-use crate::wave::simd::LANES;
+use crate::wave::simd::{LANES, ROWS};
 
 /// One axis of the padded convolution.
 #[derive(Debug)]
@@ -77,8 +77,7 @@ impl Offset {
 impl Circle {
     /// The circle for all pairs of sub-lattices along an axis, whose nodes are turned to suit it.
     pub(super) fn around(offsets: &mut [&mut Offset]) -> Self {
-        let all = offsets.iter().map(|o| o.voxels + o.nodes - 1).max().unwrap_or(1);
-        let general = fast_size(all, LANES);
+        let general = all(offsets.iter().map(|o| &**o), LANES);
         let turns: Option<Vec<(Turn, usize)>> = offsets.iter().map(|offset| offset.even()).collect();
         if let Some(turns) = turns {
             let longest = turns.iter().map(|(_, n)| *n).max().unwrap_or(1);
@@ -92,6 +91,11 @@ impl Circle {
             }
         }
         Self { fft: LaneFft::new(general), even: false }
+    }
+
+    /// A circle for lanes of tones, without symmetry.
+    pub(super) fn around_line<'o>(offsets: impl Iterator<Item = &'o Offset>) -> Self {
+        Self { fft: LaneFft::new(all(offsets, ROWS)), even: false }
     }
 
     pub(super) fn len(&self) -> usize {
@@ -109,6 +113,63 @@ impl Circle {
             (false, _) => None,
             (true, true) => Some(self.len() - 1 - i),
             (true, false) => (i > 0).then(|| self.len() - i),
+        }
+    }
+}
+
+/// The length of circle that holds every lag, a multiple of `step`.
+fn all<'o>(offsets: impl Iterator<Item = &'o Offset>, step: usize) -> usize {
+    fast_size(offsets.map(|o| o.voxels + o.nodes - 1).max().unwrap_or(1), step)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Whether each voxel finds each node's kernel where the convolution looks for it.
+    fn assert_lags(first: f64, voxels: usize, nodes: usize, even: bool) {
+        let part = |count| Part { start: 0, count, stride: 1 };
+        let pitch = 0.01;
+        let mut offset = Offset::new(first * pitch, pitch, part(voxels), part(nodes));
+        let circle = Circle::around(&mut [&mut offset]);
+        assert_eq!(circle.even, even, "first {first}, {voxels} voxels, {nodes} nodes");
+        let mut lags = vec![f64::NAN; circle.len()];
+        for i in 0..circle.lags() {
+            lags[i] = offset.lag(i, &circle);
+            if let Some(mirrored) = circle.mirrored(i, offset.turn.half) {
+                lags[mirrored] = lags[i];
+            }
+        }
+        for i in 0..voxels {
+            for j in 0..nodes {
+                let place = Offset::place(offset.turn, j, &circle);
+                let lag = lags[(i + circle.len() - place) % circle.len()];
+                let expected = (first + i as f64 - j as f64) * pitch;
+                assert!((lag.abs() - expected.abs()).abs() < 1e-12, "{first}: {lag} for {expected}");
+            }
+        }
+    }
+
+    #[test]
+    fn every_voxel_finds_the_kernel_of_every_node() {
+        // One centre, by whole and by half pitches; nearly one; anywhere; far aside.
+        assert_lags(-32.0, 128, 64, true);
+        assert_lags(-31.5, 127, 64, true);
+        assert_lags(0.5, 63, 64, true);
+        assert_lags(17.0, 30, 64, true);
+        assert_lags(-31.0, 128, 64, false);
+        assert_lags(-10.0, 90, 64, true);
+        assert_lags(-31.75, 128, 64, false);
+        assert_lags(500.0, 128, 64, false);
+        assert_lags(-5000.0, 3, 4, false);
+        for (voxels, nodes) in [(1, 1), (1, 16), (17, 1), (16, 16), (40, 3)] {
+            for quarters in -90..90 {
+                let first = f64::from(quarters) / 4.0;
+                let part = |count| Part { start: 0, count, stride: 1 };
+                let even =
+                    Circle::around(&mut [&mut Offset::new(first, 1.0, part(voxels), part(nodes))]).even;
+                assert_lags(first, voxels, nodes, even);
+            }
         }
     }
 }

@@ -5,9 +5,9 @@
 //! skeleton frequencies for the volume, and again for each slab of depths, so that Eq. 16 runs over tens of tones
 //! instead of all; with tolerance 0 it runs over every one.
 
+use super::focus::Focus;
 use super::lattice::SharedLattice;
 use super::layout::Layout;
-use super::plane::Plane;
 use super::tones::{SlabTones, Tones, VolumeTones};
 use super::weights::Weights;
 use super::{Made, Method, VolumeSink, room_for};
@@ -36,12 +36,9 @@ fn add(
 ) -> Result<()> {
     let spectra = layout.spectra(&tones.samples);
     planes.par_chunks_mut(layout.grid.plane_len()).enumerate().try_for_each_init(
-        || Plane::new(layout),
-        |plane, (iz, voxels)| {
-            for (index, part) in layout.voxel_parts.iter().enumerate() {
-                plane.place(first + iz, index);
-                plane.accumulate(&tones.per_metre, &spectra, voxels, part);
-            }
+        || Focus::new(layout),
+        |focus, (iz, voxels)| {
+            focus.add(first + iz, &tones.per_metre, &spectra, voxels);
             advance(observer, tones.per_metre.len() as u64)
         },
     )

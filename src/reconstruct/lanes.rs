@@ -174,7 +174,7 @@ fn butterfly<const R: usize>(
     to: &mut [Lanes; R],
 ) {
     for l in 0..LANES {
-        let z = dft(std::array::from_fn(|k| Complex32::new(from[k].re[l], from[k].im[l])));
+        let z = dft(std::array::from_fn(|k| from[k].at(l)));
         for k in 0..R {
             let z = if k == 0 { z[0] } else { twiddle(k, z[k]) };
             (to[k].re[l], to[k].im[l]) = (z.re, z.im);

@@ -3,6 +3,7 @@
 use super::circle::{Circle, Offset, Turn};
 use super::lanes::transpose;
 use super::lattice::{Parts, SharedLattice};
+use super::line;
 use crate::grid::Grid;
 use crate::wave::simd::{LANES, Lanes};
 use crate::wave::{Geometry, phasor};
@@ -23,6 +24,8 @@ pub(super) struct Layout<'a> {
     pub(super) y: Circle,
     pub(super) node_parts: Vec<Parts>,
     pub(super) voxel_parts: Vec<Parts>,
+    /// The axis along which all nodes and voxels lie, if they lie on one line: then sixteen tones share the lanes.
+    pub(super) line: Option<usize>,
     /// `[voxel part][node part]`, along x and y.
     pub(super) offsets: Vec<Vec<[Offset; 2]>>,
     /// What differs among the spectra of one tone: part of the nodes, and its turns along x and y.
@@ -41,9 +44,13 @@ impl<'a> Layout<'a> {
         };
         let mut offsets: Vec<Vec<[Offset; 2]>> =
             voxel_parts.iter().map(|v| node_parts.iter().map(|n| offset(v, n)).collect()).collect();
-        let mut circle = |axis: usize| {
-            let mut along: Vec<&mut Offset> = offsets.iter_mut().flatten().map(|o| &mut o[axis]).collect();
-            Circle::around(&mut along)
+        let single = |axis: usize| node_parts.iter().chain(&voxel_parts).all(|part| part[axis].count == 1);
+        let line = if single(1) { Some(0) } else { single(0).then_some(1) };
+        let mut circle = |axis: usize| match line {
+            Some(_) => Circle::around_line(offsets.iter().flatten().map(|o| &o[axis])),
+            None => {
+                Circle::around(&mut offsets.iter_mut().flatten().map(|o| &mut o[axis]).collect::<Vec<_>>())
+            }
         };
         let (x, y) = (circle(0), circle(1));
         let mut placements = Vec::new();
@@ -55,7 +62,7 @@ impl<'a> Layout<'a> {
                 }
             }
         }
-        Self { lattice, grid, geometry, x, y, node_parts, voxel_parts, offsets, placements }
+        Self { lattice, grid, geometry, x, y, node_parts, voxel_parts, line, offsets, placements }
     }
 
     /// Complex numbers in one tone's spectra.
@@ -66,6 +73,11 @@ impl<'a> Layout<'a> {
     /// Work per tone and depth, in kernel transforms.
     pub(super) fn pairs(&self) -> usize {
         self.node_parts.len() * self.voxel_parts.len()
+    }
+
+    /// The circle along an axis.
+    pub(super) fn along(&self, axis: usize) -> &Circle {
+        if axis == 0 { &self.x } else { &self.y }
     }
 
     /// 2 where the kernels are even in x, else 1.
@@ -95,7 +107,11 @@ impl<'a> Layout<'a> {
     }
 
     /// Spectra of the nodes' samples, `[tone, placement, block, side, k_y]`; the inverse transform's scale is folded in.
+    /// On a line, those of [`line::spectra`].
     pub(super) fn spectra(&self, nodes: &[Complex32]) -> Vec<Lanes> {
+        if let Some(axis) = self.line {
+            return line::spectra(self, axis, nodes);
+        }
         let tones = nodes.len() / self.lattice.width();
         let mut spectra = vec![Lanes::ZERO; tones * self.tone_len() / LANES];
         spectra.par_chunks_exact_mut(self.x.len() * self.y.len() / LANES).enumerate().for_each_init(

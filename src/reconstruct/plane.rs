@@ -15,16 +15,17 @@ use super::circle::Offset;
 use super::lanes::transpose;
 use super::lattice::{Part, Parts};
 use super::layout::Layout;
+use super::product::{focus, multiply};
 use crate::grid::Axis;
 use crate::wave::Geometry;
-use crate::wave::simd::{LANES, Lanes, dispatched, phasors};
+use crate::wave::simd::{LANES, Lanes, ROWS, dispatched, phasors};
 use glam::DVec3;
 use num_complex::Complex32;
 
 /// Geometry of one depth and voxel sub-lattice, and buffers that are used again and again.
 #[derive(Debug)]
 pub(super) struct Plane<'a> {
-    layout: &'a Layout<'a>,
+    pub(super) layout: &'a Layout<'a>,
     /// Offsets from every node sub-lattice.
     offsets: &'a [[Offset; 2]],
     /// `|p − r|` by lag, doubled for a scan, `[part, y block, x]` in lanes of y.
@@ -67,7 +68,7 @@ impl<'a> Plane<'a> {
     }
 
     /// Works out every length of depth `iz` on sub-lattice `part` of the voxels; they serve all tones.
-    pub(super) fn place(&mut self, iz: usize, part: usize) {
+    fn place(&mut self, iz: usize, part: usize) {
         let Layout { lattice, grid, x, y, .. } = self.layout;
         let (voxels, z) = (&self.layout.voxel_parts[part], grid.z.position(iz));
         let height = z - lattice.z;
@@ -91,7 +92,7 @@ impl<'a> Plane<'a> {
         if let Geometry::FixedSource { .. } = self.layout.geometry {
             let at = |axis: &Axis, part: Part, k: usize| axis.position(part.start + k * part.stride);
             for first in (0..voxels[1].count).step_by(LANES) {
-                for i in 0..voxels[0].count {
+                for i in 0..padded(voxels[0].count) {
                     self.outward.push(std::array::from_fn(|lane| {
                         let p =
                             DVec3::new(at(&grid.x, voxels[0], i), at(&grid.y, voxels[1], first + lane), z);
@@ -102,18 +103,21 @@ impl<'a> Plane<'a> {
         }
     }
 
-    /// Adds tones to the voxels of the sub-lattice that was placed; `spectra` are those of [`Layout::spectra`].
-    pub(super) fn accumulate(
+    /// Adds tones to one sub-lattice of the voxels of depth `iz`; `spectra` are those of [`Layout::spectra`].
+    pub(super) fn add(
         &mut self,
+        iz: usize,
+        part: usize,
         per_metre: &[f64],
         spectra: &[Lanes],
         voxels: &mut [Complex32],
-        part: &Parts,
     ) {
+        self.place(iz, part);
         let layout = self.layout;
+        let part = &layout.voxel_parts[part];
         let scan = layout.geometry == Geometry::Monostatic;
         self.image.clear();
-        self.image.resize(part[0].count * part[1].count.div_ceil(LANES), Lanes::ZERO);
+        self.image.resize(padded(part[0].count) * part[1].count.div_ceil(LANES), Lanes::ZERO);
         self.exchange(voxels, part, |voxel, re, im| (*re, *im) = (voxel.re, voxel.im));
         if scan {
             self.products.fill(Lanes::ZERO);
@@ -152,7 +156,7 @@ impl<'a> Plane<'a> {
         visit: impl Fn(&mut Complex32, &mut f32, &mut f32),
     ) {
         for iy in 0..y.count {
-            let (block, lane) = (&mut self.image[iy / LANES * x.count..][..x.count], iy % LANES);
+            let (block, lane) = (&mut self.image[iy / LANES * padded(x.count)..][..x.count], iy % LANES);
             let start = (y.start + iy * y.stride) * self.layout.grid.x.count;
             let row = &mut voxels[start..start + self.layout.grid.x.count];
             for (voxel, lanes) in row[x.start..].iter_mut().step_by(x.stride).zip(block) {
@@ -203,11 +207,7 @@ impl<'a> Plane<'a> {
             layout.y.fft.transform(column, kernel, &mut self.work[..n_y]);
             let data = &spectra[layout.spectrum(part, offset) + block * sides * n_y..][..sides * n_y];
             for (product, data) in products.chunks_exact_mut(n_y).zip(data.chunks_exact(n_y)) {
-                if part == 0 && !scan {
-                    set_product(kernel, data, product);
-                } else {
-                    add_product(kernel, data, product);
-                }
+                multiply(kernel, data, product, part > 0 || scan);
             }
         }
     }
@@ -235,7 +235,7 @@ impl<'a> Plane<'a> {
 
     /// Transforms the voxels' rows back along x and adds them to the image, with the outer phase of a tone.
     fn back_along_x(&mut self, per_metre: Option<f64>, part: &Parts) {
-        let (x, width) = (&self.layout.x, part[0].count);
+        let (x, width) = (&self.layout.x, padded(part[0].count));
         for (block, image) in self.image.chunks_exact_mut(width).enumerate() {
             let transformed = &mut self.transformed[..x.len()];
             let from = &self.rows[block * x.len()..][..x.len()];
@@ -245,9 +245,14 @@ impl<'a> Plane<'a> {
                 Some(k) => phasors(&[k; LANES], &self.outward[block * width..][..width], outer),
                 None => outer.fill(Lanes { re: [1.0; LANES], im: [0.0; LANES] }),
             }
-            add_exchanged_product(&transformed[..width], outer, image);
+            focus(&transformed[..width], outer, image);
         }
     }
+}
+
+/// Columns of voxels as the vector code wants them.
+fn padded(width: usize) -> usize {
+    width.next_multiple_of(ROWS)
 }
 
 /// Fills the second half of an even kernel's row from its first.
@@ -278,49 +283,4 @@ fn mirror_body(row: &mut [Lanes], half: bool) {
 
 dispatched! {
     fn mirror = mirror_body(row: &mut [Lanes], half: bool)
-}
-
-#[inline(always)]
-fn set_product_body(a: &[Lanes], b: &[Lanes], product: &mut [Lanes]) {
-    for ((a, b), product) in a.iter().zip(b).zip(product) {
-        for l in 0..LANES {
-            product.im[l] = a.re[l] * b.re[l] - a.im[l] * b.im[l];
-            product.re[l] = a.re[l] * b.im[l] + a.im[l] * b.re[l];
-        }
-    }
-}
-
-dispatched! {
-    /// `a·b`, with real and imaginary parts exchanged.
-    fn set_product = set_product_body(a: &[Lanes], b: &[Lanes], product: &mut [Lanes])
-}
-
-#[inline(always)]
-fn add_product_body(a: &[Lanes], b: &[Lanes], sum: &mut [Lanes]) {
-    for ((a, b), sum) in a.iter().zip(b).zip(sum) {
-        for l in 0..LANES {
-            sum.im[l] += a.re[l] * b.re[l] - a.im[l] * b.im[l];
-            sum.re[l] += a.re[l] * b.im[l] + a.im[l] * b.re[l];
-        }
-    }
-}
-
-dispatched! {
-    /// Adds `a·b` to `sum`, whose real and imaginary parts are exchanged.
-    fn add_product = add_product_body(a: &[Lanes], b: &[Lanes], sum: &mut [Lanes])
-}
-
-#[inline(always)]
-fn add_exchanged_product_body(a: &[Lanes], b: &[Lanes], sum: &mut [Lanes]) {
-    for ((a, b), sum) in a.iter().zip(b).zip(sum) {
-        for l in 0..LANES {
-            sum.re[l] += a.im[l] * b.re[l] - a.re[l] * b.im[l];
-            sum.im[l] += a.im[l] * b.im[l] + a.re[l] * b.re[l];
-        }
-    }
-}
-
-dispatched! {
-    /// Adds `a·b` to `sum`, with the real and imaginary parts of `a` exchanged.
-    fn add_exchanged_product = add_exchanged_product_body(a: &[Lanes], b: &[Lanes], sum: &mut [Lanes])
 }

@@ -3,7 +3,7 @@
 use crate::support::{Random, lattice_grid, random_cube, relative_difference};
 use glam::DVec3;
 use holosonar::acquisition::{DataCube, Detection, MicArray, SimulateOptions, Sweep, simulate};
-use holosonar::grid::Grid;
+use holosonar::grid::{Axis, Grid};
 use holosonar::progress::{Observer, Silent};
 use holosonar::reconstruct::{Method, ReconstructOptions, Window, reconstruct};
 use holosonar::reflectors::Reflectors;
@@ -94,6 +94,41 @@ fn convolution_is_direct_on_random_lattices() {
         let error = relative_difference(&volume, &direct(&cube, &grid, window));
         assert!(error < 1e-5, "seed {seed} {:?}: {error:e}", grid.shape());
         assert!(bound == 0.0, "nothing is left out");
+    }
+}
+
+/// Kernels that are even about a lag, about the middle of two, or about neither, along either axis and for every kind of
+/// sub-lattice: a few microphones beside, before and far from few voxels, one row of either, and a scan.
+#[test]
+fn convolution_is_direct_wherever_the_voxels_lie_on_the_lattice() {
+    let mut random = Random::new(11);
+    for (case, [mics, voxels]) in
+        [[[9, 8], [13, 10]], [[12, 1], [17, 1]], [[1, 21], [2, 40]], [[40, 3], [1, 3]], [[6, 25], [30, 1]]]
+            .into_iter()
+            .cycle()
+            .take(60)
+            .enumerate()
+    {
+        let pitch = [0.011, 0.014];
+        let array = MicArray::rectangular("array", mics, pitch, DVec3::new(0.07, -0.03, 0.01)).unwrap();
+        let sweep = Sweep::stepped("sweep", 9_000.0, 9_000.0 + 100.0 * 17.0, 100.0).unwrap();
+        let geometry = if case % 3 == 0 { Geometry::Monostatic } else { Geometry::ORIGIN };
+        let cube = random_cube(&mut random, sweep, array, geometry, Detection::Quadrature);
+        let u = [random.whole(1, 2), random.whole(1, 2)];
+        let v = [random.whole(1, 2), random.whole(1, 2)];
+        let mut grid = lattice_grid(&mut random, &cube.array, u, [voxels[0], voxels[1], 2]);
+        let lattice = cube.array.lattice().unwrap();
+        // In quarters of a pitch, from overlapping to far aside.
+        let mut first = |mics: &Axis| mics.first + mics.pitch * (random.whole(0, 60) as f64 / 4.0 - 10.0);
+        (grid.x.first, grid.y.first) = (first(&lattice.x), first(&lattice.y));
+        for (axis, v) in [&mut grid.x, &mut grid.y].into_iter().zip(v) {
+            axis.pitch *= v as f64;
+        }
+        for window in [Window::None, Window::Hann] {
+            let (volume, _) = convolve(&cube, &grid, window, 0.0);
+            let error = relative_difference(&volume, &direct(&cube, &grid, window));
+            assert!(error < 1e-5, "case {case} {:?}: {error:e}", grid.shape());
+        }
     }
 }
 

@@ -1,0 +1,34 @@
+//! One thread's work on the depths of a volume, in two dimensions or in one.
+
+use super::layout::Layout;
+use super::line::Line;
+use super::plane::Plane;
+use crate::wave::simd::Lanes;
+use num_complex::Complex32;
+
+/// Geometry of one depth, and buffers that are used again and again.
+#[derive(Debug)]
+pub(super) enum Focus<'a> {
+    Plane(Plane<'a>),
+    Line(Line<'a>),
+}
+
+impl<'a> Focus<'a> {
+    pub(super) fn new(layout: &'a Layout<'a>) -> Self {
+        match layout.line {
+            Some(axis) => Self::Line(Line::new(layout, axis)),
+            None => Self::Plane(Plane::new(layout)),
+        }
+    }
+
+    /// Adds tones to the voxels of depth `iz`, `[y, x]`; `spectra` are those of [`Layout::spectra`].
+    pub(super) fn add(&mut self, iz: usize, per_metre: &[f64], spectra: &[Lanes], voxels: &mut [Complex32]) {
+        let (Self::Plane(Plane { layout, .. }) | Self::Line(Line { layout, .. })) = self;
+        for part in 0..layout.voxel_parts.len() {
+            match self {
+                Self::Plane(plane) => plane.add(iz, part, per_metre, spectra, voxels),
+                Self::Line(line) => line.add(iz, part, per_metre, spectra, voxels),
+            }
+        }
+    }
+}

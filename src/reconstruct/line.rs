@@ -1,0 +1,159 @@
+//! One thread's work on one depth where nodes and voxels lie on a single line: a two-dimensional image.
+//!
+//! There are no columns to fill the lanes, so sixteen tones fill them. The rest is as for a [`super::plane`], in one
+//! dimension and without symmetry.
+
+use super::lanes::LaneFft;
+use super::lattice::Parts;
+use super::layout::Layout;
+use super::product::{focus, multiply};
+use crate::wave::Geometry;
+use crate::wave::simd::{LANES, Lanes, ROWS, phasors};
+use glam::DVec3;
+use num_complex::Complex32;
+use rayon::prelude::*;
+
+/// Geometry of one depth and voxel sub-lattice, and buffers that are used again and again.
+#[derive(Debug)]
+pub(super) struct Line<'a> {
+    pub(super) layout: &'a Layout<'a>,
+    /// The axis along which everything lies.
+    axis: usize,
+    /// `|p − r|` by lag, doubled for a scan, `[part, lag]`, the same in all lanes.
+    lengths: Vec<[f64; LANES]>,
+    /// `|p − s|` per voxel of the sub-lattice, the same in all lanes; empty for a monostatic scan.
+    outward: Vec<[f64; LANES]>,
+    kernel: Vec<Lanes>,
+    transformed: Vec<Lanes>,
+    work: Vec<Lanes>,
+    /// Products of spectra, real and imaginary parts exchanged.
+    products: Vec<Lanes>,
+    /// The voxels' parts of sixteen tones.
+    image: Vec<Lanes>,
+}
+
+/// Places along a line of a plane of rows of `n_x`.
+fn places([x, y]: &Parts, axis: usize, n_x: usize) -> impl Iterator<Item = usize> + use<> {
+    let first = y.start * n_x + x.start;
+    let (count, stride) = if axis == 0 { (x.count, x.stride) } else { (y.count, y.stride * n_x) };
+    (0..count).map(move |i| first + i * stride)
+}
+
+/// Spectra of the nodes' samples, `[tone / 16, part, k]` in lanes of tones; the inverse transform's scale is folded in.
+pub(super) fn spectra(layout: &Layout, axis: usize, nodes: &[Complex32]) -> Vec<Lanes> {
+    let fft = &layout.along(axis).fft;
+    let (n, parts, width) = (fft.len(), &layout.node_parts, layout.lattice.width());
+    let (scale, n_x) = (1.0 / n as f32, layout.lattice.nodes()[0].count);
+    let tones = nodes.len() / width;
+    let mut spectra = vec![Lanes::ZERO; tones.div_ceil(LANES) * parts.len() * n];
+    spectra.par_chunks_exact_mut(n).enumerate().for_each_init(
+        || [vec![Lanes::ZERO; n], vec![Lanes::ZERO; n]],
+        |[row, work], (index, spectrum)| {
+            let (block, part) = (index / parts.len(), index % parts.len());
+            row.fill(Lanes::ZERO);
+            for (lane, tone) in nodes.chunks_exact(width).skip(block * LANES).take(LANES).enumerate() {
+                for (to, place) in row.iter_mut().zip(places(&parts[part], axis, n_x)) {
+                    (to.re[lane], to.im[lane]) = (tone[place].re * scale, tone[place].im * scale);
+                }
+            }
+            fft.transform(row, spectrum, work);
+        },
+    );
+    spectra
+}
+
+impl<'a> Line<'a> {
+    pub(super) fn new(layout: &'a Layout<'a>, axis: usize) -> Self {
+        let n = layout.along(axis).len();
+        let zeros = || vec![Lanes::ZERO; n];
+        Self {
+            layout,
+            axis,
+            lengths: vec![[0.0; LANES]; n * layout.node_parts.len()],
+            outward: Vec::new(),
+            kernel: zeros(),
+            transformed: zeros(),
+            work: zeros(),
+            products: zeros(),
+            image: Vec::new(),
+        }
+    }
+
+    /// Works out every length of depth `iz` on sub-lattice `part` of the voxels; they serve all tones.
+    fn place(&mut self, iz: usize, part: usize) {
+        let Layout { lattice, grid, geometry, .. } = self.layout;
+        let (circle, z) = (self.layout.along(self.axis), grid.z.position(iz));
+        let height = z - lattice.z;
+        let of_parts = self.lengths.chunks_exact_mut(circle.len());
+        for (lengths, offset) in of_parts.zip(&self.layout.offsets[part]) {
+            let (along, aside) = (&offset[self.axis], offset[1 - self.axis].first);
+            for (i, length) in lengths.iter_mut().enumerate() {
+                let lag = along.lag(i, circle);
+                *length =
+                    [geometry.return_legs() * (lag * lag + aside * aside + height * height).sqrt(); LANES];
+            }
+        }
+        self.outward.clear();
+        let voxels = &self.layout.voxel_parts[part];
+        if let Geometry::FixedSource { .. } = geometry {
+            for place in places(voxels, self.axis, grid.x.count) {
+                let (x, y) = (grid.x.position(place % grid.x.count), grid.y.position(place / grid.x.count));
+                self.outward.push([geometry.outward_length(DVec3::new(x, y, z)); LANES]);
+            }
+            self.outward.resize(self.outward.len().next_multiple_of(ROWS), [0.0; LANES]);
+        }
+    }
+
+    /// Adds tones to one sub-lattice of the voxels of depth `iz`; `data` are the [`spectra`].
+    pub(super) fn add(
+        &mut self,
+        iz: usize,
+        part: usize,
+        per_metre: &[f64],
+        data: &[Lanes],
+        voxels: &mut [Complex32],
+    ) {
+        self.place(iz, part);
+        let part = &self.layout.voxel_parts[part];
+        let fft = &self.layout.along(self.axis).fft;
+        let n = fft.len();
+        let scan = self.layout.geometry == Geometry::Monostatic;
+        for (block, (tones, spectra)) in
+            per_metre.chunks(LANES).zip(data.chunks_exact(n * self.layout.node_parts.len())).enumerate()
+        {
+            let mut k = [0.0; LANES];
+            k[..tones.len()].copy_from_slice(tones);
+            for (part, (lengths, data)) in
+                self.lengths.chunks_exact(n).zip(spectra.chunks_exact(n)).enumerate()
+            {
+                phasors(&k, lengths, &mut self.kernel);
+                fft.transform(&self.kernel, &mut self.transformed, &mut self.work);
+                multiply(&self.transformed, data, &mut self.products, part > 0 || (scan && block > 0));
+            }
+            if !scan {
+                let outer = self.kernel.get_mut(..self.outward.len()).expect("no more voxels than lags");
+                phasors(&k, &self.outward, outer);
+                self.back(fft, voxels, part);
+            }
+        }
+        if scan {
+            // No outer phase remains, so tones add up before the one inverse FFT.
+            self.kernel.fill(Lanes { re: [1.0; LANES], im: [0.0; LANES] });
+            self.back(fft, voxels, part);
+        }
+    }
+
+    /// Transforms the products back and adds all tones to the voxels, with the outer phases, which the kernels' buffer
+    /// holds.
+    fn back(&mut self, fft: &LaneFft, voxels: &mut [Complex32], part: &Parts) {
+        fft.transform(&self.products, &mut self.transformed, &mut self.work);
+        self.image.clear();
+        self.image.resize(part[self.axis].count.next_multiple_of(ROWS), Lanes::ZERO);
+        let width = self.image.len();
+        focus(&self.transformed[..width], &self.kernel[..width], &mut self.image);
+        let places = places(part, self.axis, self.layout.grid.x.count);
+        for (place, lanes) in places.zip(&self.image) {
+            voxels[place] += Complex32::new(lanes.re.iter().sum(), lanes.im.iter().sum());
+        }
+    }
+}
