@@ -10,7 +10,7 @@ mod sweep;
 
 pub use array::{Lattice, MicArray};
 pub use cube::DataCube;
-pub use simulate::{Noise, PropagationModel, SimulateOptions, simulate};
+pub use simulate::{Noise, PropagationModel, SIMULATION_TOLERANCE, SimulateOptions, simulate};
 pub use sweep::Sweep;
 
 use serde::{Deserialize, Serialize};

@@ -14,7 +14,7 @@ use num_complex::Complex32;
 pub const BLOCK: usize = 256;
 
 /// Independent partial sums of every reduction.
-const LANES: usize = 16;
+pub const LANES: usize = 16;
 
 /// Frequencies that a phasor is carried over by recurrence before it is computed afresh; the drift stays near
 /// 64 · 2⁻²⁴ ≈ 4·10⁻⁶.
@@ -48,9 +48,11 @@ macro_rules! dispatched {
     };
 }
 
+pub(super) use dispatched;
+
 /// `(sin 2πt, cos 2πt)` for |t| ≤ ½, by the half angle: no quadrant, no branch, error under 6·10⁻⁷.
 #[inline(always)]
-fn sin_cos_turns(t: f32) -> (f32, f32) {
+pub(super) fn sin_cos_turns(t: f32) -> (f32, f32) {
     // Taylor coefficients of sin πt and cos πt; on |t| ≤ ½ the next terms are below 6e-8.
     const S: [f32; 6] =
         [std::f32::consts::PI, -5.167_712_7, 2.550_164, -0.599_264_5, 0.082_145_89, -0.007_370_431];
