@@ -18,6 +18,8 @@ mod tiles;
 mod virtual_tones;
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod fast_tests;
 
 pub use noise::Noise;
 
@@ -100,7 +102,7 @@ impl SimulateOptions {
 /// - Error: see [`SimulateOptions::tolerance`].
 /// - Cost: per reflector and microphone some 80 operations and 7 for each of Q virtual tones (Q about 10 to 30), and a
 ///   matrix product that expands them; or, literally, 8 operations (60 for an uneven sweep) per frequency.
-/// - Memory beside the cube: 32 bytes per reflector and thread, and the tones' sums of 4096 microphones, some tens of MB.
+/// - Memory beside the cube: 32 bytes per reflector and thread, and at most 128 MB of sums; literally, 64 columns of it.
 /// - The bytes do not depend on the number of threads.
 ///
 /// # Errors
@@ -118,11 +120,9 @@ pub fn simulate(
     }
     let (n_f, n_mic) = (sweep.len(), array.len());
     let mut samples = DataCube::allocate(n_f, n_mic)?;
-    stage(observer, "simulating", n_mic as u64, || {
-        match plan(reflectors, sweep, array, options) {
-            Some(plan) => fast(reflectors, sweep, array, options, &plan, observer, &mut samples),
-            None => literal(reflectors, sweep, array, options, observer, &mut samples),
-        }
+    stage(observer, "simulating", n_mic as u64, || match plan(reflectors, sweep, array, options) {
+        Some(plan) => fast(reflectors, sweep, array, options, &plan, observer, &mut samples),
+        None => literal(reflectors, sweep, array, options, observer, &mut samples),
     })?;
     if let Some(noise) = options.noise {
         add_noise(&mut samples, n_mic, noise, options.detection)?;
@@ -143,18 +143,15 @@ pub fn simulate(
 struct Plan {
     tiles: Vec<tiles::Tile>,
     tones: VirtualTones,
+    /// Microphones whose sums are held between the two steps, at the least one tile.
+    held: usize,
 }
 
 /// Tolerances below this are below what f32 weights hold, and want the literal sum.
 const LEAST_TOLERANCE: f64 = 1e-7;
 
 /// The cheapest plan that keeps the tolerance; `None` where the literal sum is cheaper.
-fn plan(
-    reflectors: &Reflectors,
-    sweep: &Sweep,
-    array: &MicArray,
-    options: &SimulateOptions,
-) -> Option<Plan> {
+fn plan(reflectors: &Reflectors, sweep: &Sweep, array: &MicArray, options: &SimulateOptions) -> Option<Plan> {
     // A band of no width has no duration, and an index must fit its half of a sorting key.
     let possible = options.tolerance >= LEAST_TOLERANCE
         && sweep.bandwidth() > 0.0
@@ -164,7 +161,8 @@ fn plan(
     }
     cost::choices(reflectors, sweep, array, options).into_iter().find_map(|choice| {
         let tones = VirtualTones::find(sweep, choice.rung, options.tolerance)?;
-        Some(Plan { tiles: tiles::tiles(array.positions(), choice.microphones, choice.radius), tones })
+        let tiles = tiles::tiles(array.positions(), choice.microphones, choice.radius);
+        Some(Plan { tiles, tones, held: choice.held })
     })
 }
 

@@ -178,9 +178,20 @@ fn turn_and_add_body(phasors: &[Complex32], sums: &[f32], totals: &mut [f32]) {
     {
         let (sum_re, sum_im) = sums.split_at(width / 2);
         let (total_re, total_im) = totals.split_at_mut(width / 2);
-        for i in 0..width / 2 {
-            total_re[i] += phasor.re * sum_re[i] - phasor.im * sum_im[i];
-            total_im[i] += phasor.re * sum_im[i] + phasor.im * sum_re[i];
+        // Whole lanes first: without them the compiler checks for overlaps on every row.
+        let ((total_re, rest_re), (total_im, rest_im)) =
+            (total_re.as_chunks_mut::<LANES>(), total_im.as_chunks_mut::<LANES>());
+        let ((sum_re, last_re), (sum_im, last_im)) =
+            (sum_re.as_chunks::<LANES>(), sum_im.as_chunks::<LANES>());
+        for (((total_re, total_im), re), im) in total_re.iter_mut().zip(total_im).zip(sum_re).zip(sum_im) {
+            for l in 0..LANES {
+                total_re[l] += phasor.re * re[l] - phasor.im * im[l];
+                total_im[l] += phasor.re * im[l] + phasor.im * re[l];
+            }
+        }
+        for (((total_re, total_im), re), im) in rest_re.iter_mut().zip(rest_im).zip(last_re).zip(last_im) {
+            *total_re += phasor.re * re - phasor.im * im;
+            *total_im += phasor.re * im + phasor.im * re;
         }
     }
 }
@@ -191,4 +202,115 @@ dispatched! {
     /// # Panics
     /// Unless there are as many rows as phasors in both.
     pub fn turn_and_add = turn_and_add_body(phasors: &[Complex32], sums: &[f32], totals: &mut [f32])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::wave::phasor;
+
+    /// Numbers in ±½ that look random and need no generator.
+    fn plane(n: usize, k: f64) -> Vec<f32> {
+        (0..n).map(|i| ((i as f64 * k).fract() - 0.5) as f32).collect()
+    }
+
+    #[test]
+    fn offsets_are_the_differences_of_the_paths() {
+        let n = 999;
+        let [x, y, z] = [plane(n, 0.618_034), plane(n, 0.754_878), plane(n, 0.569_84)];
+        for scale in [0.2, 4.0, 1e6] {
+            let toward = [&x, &y, &z].map(|x| x.iter().map(|x| x * scale).collect::<Vec<f32>>());
+            let length = |i: usize, d: [f32; 3]| -> f64 {
+                (0..3).map(|a| (f64::from(toward[a][i]) - f64::from(d[a])).powi(2)).sum::<f64>().sqrt()
+            };
+            let distance: Vec<f32> = (0..n).map(|i| length(i, [0.0; 3]) as f32).collect();
+            let toward = [&toward[0][..], &toward[1], &toward[2]];
+            for d in [[0.01, -0.02, 0.005], [0.0, 0.0, 0.0], [0.03, 0.0, 0.0]] {
+                let (mut exact, mut linear) = (vec![0.0; n], vec![0.0; n]);
+                exact_offsets(toward, &distance, d, 2.0, &mut exact);
+                linear_offsets(toward, d, 2.0, &mut linear);
+                let size = d.iter().map(|d| d * d).sum::<f32>().sqrt();
+                for i in 0..n {
+                    let dot: f64 = (0..3).map(|a| f64::from(toward[a][i]) * f64::from(d[a])).sum();
+                    assert!(
+                        (f64::from(linear[i]) + 2.0 * dot).abs() < 1e-6 * f64::from(scale * size) + 1e-30
+                    );
+                    if distance[i] >= 2.0 * size {
+                        let wanted = 2.0 * (length(i, d) - length(i, [0.0; 3]));
+                        // Far away the f64 difference itself cancels.
+                        let bound = 1e-6 * f64::from(size) + 1e-15 * f64::from(scale);
+                        assert!((f64::from(exact[i]) - wanted).abs() <= bound, "{i} {} {wanted}", exact[i]);
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn tones_about_the_centre_are_the_literal_sums() {
+        for (n, pairs) in [(16, 0), (48, 1), (2048, 12), (320, MOST_PAIRS)] {
+            let (turn, offsets) = (plane(n, 0.618_034), plane(n, 0.324_718));
+            let turn: Vec<f32> = turn.iter().map(|t| 0.7 * t).collect();
+            let amplitude = [plane(n, 0.754_878), plane(n, 0.569_84)];
+            let echoes = Echoes { turn: &turn, amplitude: [&amplitude[0], &amplitude[1]] };
+            let mut sums = vec![[0.25, -1.0]; 2 * pairs + 1];
+            sum_over_tones(echoes, &offsets, [5.0, 0.3], &mut sums);
+            let scale: f32 = amplitude[0].iter().zip(&amplitude[1]).map(|(a, b)| a.hypot(*b)).sum();
+            for (i, sum) in sums.iter().enumerate() {
+                let q = i as f64 - pairs as f64;
+                let exact: Complex32 = (0..n)
+                    .map(|j| {
+                        let cycles = 5.0 * f64::from(offsets[j])
+                            + q * (f64::from(turn[j]) + 0.3 * f64::from(offsets[j]));
+                        Complex32::new(amplitude[0][j], amplitude[1][j]) * phasor(cycles)
+                    })
+                    .sum();
+                let got = Complex32::new((sum[0] - 0.25) as f32, (sum[1] + 1.0) as f32);
+                assert!((got - exact).norm() < 5e-6 * scale, "n {n} tone {q}: {got} {exact}");
+            }
+        }
+    }
+
+    #[test]
+    fn rows_are_turned_and_added() {
+        let (phasors, width) = ([phasor(0.1), phasor(-0.3)], 74);
+        let (sums, mut totals) = (plane(2 * width, 0.618_034), plane(2 * width, 0.754_878));
+        let before = totals.clone();
+        turn_and_add(&phasors, &sums, &mut totals);
+        for (row, phasor) in phasors.iter().enumerate() {
+            for i in 0..width / 2 {
+                let (re, im) = (row * width + i, row * width + width / 2 + i);
+                let exact =
+                    Complex32::new(before[re], before[im]) + phasor * Complex32::new(sums[re], sums[im]);
+                assert!((exact - Complex32::new(totals[re], totals[im])).norm() < 1e-6);
+            }
+        }
+    }
+
+    #[test]
+    fn every_instruction_set_gives_the_same_bytes() {
+        let n = 496;
+        let planes: Vec<Vec<f32>> = [0.618, 0.754, 0.569, 0.32, 0.41].map(|k| plane(n, k)).into();
+        let distance = vec![1.5; n];
+        let toward = [&planes[0][..], &planes[1], &planes[2]];
+        let run = |offsets: fn([&[f32]; 3], &[f32], [f32; 3], f32, &mut [f32])| {
+            let mut found = vec![0.0; n];
+            offsets(toward, &distance, [0.01, 0.02, 0.0], 1.0, &mut found);
+            found
+        };
+        assert_eq!(run(exact_offsets), run(exact_offsets_body));
+        let echoes = Echoes { turn: &planes[3], amplitude: [&planes[4], &planes[0]] };
+        let run = |sum: fn(Echoes<'_>, &[f32], [f32; 2], &mut [[f64; 2]])| {
+            let mut sums = [[0.0; 2]; 21];
+            sum(echoes, &planes[1], [3.0, 0.2], &mut sums);
+            sums
+        };
+        assert_eq!(run(sum_over_tones), run(sum_over_tones_body));
+        let run = |add: fn(&[Complex32], &[f32], &mut [f32])| {
+            let mut totals = planes[1].clone();
+            add(&[phasor(0.2), phasor(0.7)], &planes[0], &mut totals);
+            totals
+        };
+        assert_eq!(run(turn_and_add), run(turn_and_add_body));
+    }
 }

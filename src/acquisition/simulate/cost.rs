@@ -2,11 +2,11 @@
 //!
 //! Operations are counted, never seconds measured, so the same input always goes the same way.
 
-use super::super::simulate::SimulateOptions;
-use super::super::{MicArray, Sweep};
+use super::SimulateOptions;
 use super::echoes::{Intervals, Sight};
 use super::tiles::{Tile, tiles};
-use super::virtual_tones::{RUNGS, Rung};
+use super::virtual_tones::{MORE, RUNGS, Rung};
+use crate::acquisition::{MicArray, Sweep};
 use crate::reflectors::Reflectors;
 
 /// A way to simulate by virtual tones.
@@ -17,10 +17,12 @@ pub(super) struct Choice {
     /// Greatest radius of a tile, m.
     pub(super) radius: f64,
     pub(super) rung: Rung,
+    /// Microphones whose sums are held at a time.
+    pub(super) held: usize,
 }
 
-/// Sizes of tiles that are weighed.
-const TILES: [usize; 5] = [1, 4, 16, 64, 256];
+/// Sizes of tiles that are weighed. Larger ones would be no faster, and leave less to share among threads.
+const TILES: [usize; 4] = [1, 4, 16, 64];
 
 /// The greatest share of a duration that the paths to one tile may take, so that an interval remains.
 const TILE_SHARE: f64 = 0.75;
@@ -28,8 +30,12 @@ const TILE_SHARE: f64 = 0.75;
 /// Offsets of more wavelengths than this lose more than 10⁻⁶ of a turn in f32.
 const MOST_TURNS: f64 = 8.0;
 
-/// More intervals than this are not counted out.
-const MOST_INTERVALS: f64 = 1e9;
+/// More intervals than this do not fit a sorting key.
+const MOST_INTERVALS: f64 = 1e8;
+
+/// Sums that may be held at a time, 8 bytes each, and microphones that never need more room.
+const HELD_SUMS: f64 = 16_777_216.0;
+const HELD_MICROPHONES: f64 = 4096.0;
 
 /// Reflectors and tiles that stand for all in the estimate.
 const SAMPLED_REFLECTORS: usize = 512;
@@ -39,16 +45,25 @@ const SAMPLED_TILES: usize = 3;
 const LITERAL_TERM: f64 = 8.0;
 const UNEVEN_TERM: f64 = 60.0;
 const LITERAL_PAIR: f64 = 250.0;
-const PAIR: f64 = 80.0;
+const PAIR: f64 = 85.0;
 const TONE: f64 = 7.0;
 /// Sorting a reflector for a tile and laying it out.
-const SEEN: f64 = 1500.0;
-/// Expansion: per group, microphone and frequency, beside a multiplication per tone; and the summing of a group's lanes.
-const TURN: f64 = 20.0;
-const PRODUCT: f64 = 1.0;
+const SEEN: f64 = 3000.0;
+/// Expansion, per group, microphone and frequency: the phase, and a multiplication per tone.
+const TURN: f64 = 40.0;
+const PRODUCT: f64 = 4.0;
+/// Summing the lanes of a group, per microphone and tone, and what it has too few reflectors to fill.
 const ACROSS: f64 = 60.0;
+const PADDING: f64 = 8.0;
 /// Finding W, per frequency and tone.
 const SOLVE: f64 = 5000.0;
+
+/// The greatest radius of a tile beside a duration, m.
+pub(super) fn widest_tile(rung: Rung, sweep: &Sweep, options: &SimulateOptions) -> f64 {
+    let length = rung.spread / sweep.bandwidth() * options.sound_speed;
+    let turns = MOST_TURNS * options.sound_speed / sweep.stop();
+    (0.5 * TILE_SHARE * length).min(turns) / options.geometry.return_legs()
+}
 
 /// Operations of the literal sum.
 fn literal(reflectors: f64, microphones: f64, sweep: &Sweep) -> f64 {
@@ -65,13 +80,11 @@ pub(super) fn choices(
 ) -> Vec<Choice> {
     let (n_p, n_mic, n_f) = (reflectors.len() as f64, array.len() as f64, sweep.len() as f64);
     let most = literal(n_p, n_mic, sweep);
-    let paths = reflectors.positions().iter().map(|&p| options.path_length(p, array.centre()));
-    let (shortest, longest) = paths.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), path| {
-        (path.min(low), path.max(high))
-    });
+    let centre = array.centre();
+    let paths = reflectors.positions().iter().map(|&p| options.path_length(p, centre));
+    let (shortest, longest) =
+        paths.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), path| (path.min(low), path.max(high)));
     let spread = longest - shortest + array.extent().length();
-    let legs = options.geometry.return_legs();
-    let widest = MOST_TURNS * options.sound_speed / (legs * sweep.stop());
     let mut found: Vec<(f64, Choice)> = Vec::new();
     for (i, &count) in TILES.iter().enumerate() {
         // A smaller array needs no larger tiles than the first that holds it.
@@ -79,25 +92,28 @@ pub(super) fn choices(
             break;
         }
         let tiles = tiles(array.positions(), count, f64::INFINITY);
-        let mut radii: Vec<f64> = tiles.iter().map(Tile::radius).collect();
+        let mut radii: Vec<f64> = tiles.iter().map(|tile| tile.radius).collect();
         radii.sort_unstable_by(f64::total_cmp);
         for rung in RUNGS {
             let length = rung.spread / sweep.bandwidth() * options.sound_speed;
-            let radius = (TILE_SHARE * length / (2.0 * legs)).min(widest);
-            let countable = spread / length < MOST_INTERVALS && longest.abs() < 1e12;
+            let radius = widest_tile(rung, sweep, options);
+            // No interval is narrower than what a tile leaves of it, and none is kept empty.
+            let most_groups = (spread / ((1.0 - TILE_SHARE) * length) + 1.0).min(n_p);
+            let tones = (2 * rung.pairs + 1) as f64;
+            let held = (HELD_SUMS / (most_groups * (tones + MORE as f64))).min(HELD_MICROPHONES);
             // Where most tiles would have to be cut again, a smaller size says what that costs.
-            if !countable || radii[radii.len() / 2] > radius {
+            let possible = spread / length < MOST_INTERVALS && held >= count as f64;
+            if !possible || radii[radii.len() / 2] > radius {
                 continue;
             }
             let groups = groups(reflectors, &tiles, options, length, radius);
-            let tones = (2 * rung.pairs + 1) as f64;
             let echo = PAIR + TONE * tones;
             let cost = n_p * n_mic * echo
                 + n_p * tiles.len() as f64 * SEEN
-                + n_mic * groups * (n_f * (TURN + PRODUCT * tones) + 8.0 * echo + ACROSS * tones)
+                + n_mic * groups * (n_f * (TURN + PRODUCT * tones) + PADDING * echo + ACROSS * tones)
                 + SOLVE * n_f * tones;
             if cost < most {
-                found.push((cost, Choice { microphones: count, radius, rung }));
+                found.push((cost, Choice { microphones: count, radius, rung, held: held as usize }));
             }
         }
     }
@@ -113,7 +129,7 @@ fn groups(
     length: f64,
     radius: f64,
 ) -> f64 {
-    let narrow: Vec<&Tile> = tiles.iter().filter(|tile| tile.radius() <= radius).collect();
+    let narrow: Vec<&Tile> = tiles.iter().filter(|tile| tile.radius <= radius).collect();
     let some = narrow.iter().step_by(narrow.len().div_ceil(SAMPLED_TILES).max(1));
     let every = reflectors.len().div_ceil(SAMPLED_REFLECTORS).max(1);
     let (mut all, mut count) = (0, 0);
@@ -122,7 +138,7 @@ fn groups(
             .positions()
             .iter()
             .step_by(every)
-            .map(|&p| Sight::new(p, tile, options))
+            .map(|&p| Sight::new(p, options.geometry.outward_length(p), tile, options))
             .collect();
         all += Intervals::new(&sights, length).occupied(&sights);
         count += 1;

@@ -2,11 +2,11 @@
 //!
 //! For a tile the reflectors are sorted into intervals of path length to its centre, so narrow that every path to
 //! every microphone of the tile stays within the tones' duration about the interval's middle. What is common to the
-//! interval, `e^{i2πf·middle}`, is put back at the expansion.
+//! interval, `e^{i2πf·middle/c}`, is put back at the expansion.
 
-use super::super::simulate::{PropagationModel, SimulateOptions};
 use super::tiles::Tile;
 use super::virtual_tones::VirtualTones;
+use super::{PropagationModel, SimulateOptions};
 use crate::reflectors::Reflectors;
 use crate::wave::offsets::{Echoes, MOST_ECHOES, exact_offsets, linear_offsets, sum_over_tones};
 use crate::wave::simd::{LANES, phasors};
@@ -29,33 +29,39 @@ const NEAR: f64 = 2.0;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sight {
     /// Path length to the centre, m.
-    path: f64,
+    pub(super) path: f64,
     /// Greatest difference between that and the path to any microphone of the tile, m.
     reach: f64,
     near: bool,
 }
 
 impl Sight {
-    pub(super) fn new(p: DVec3, tile: &Tile, options: &SimulateOptions) -> Self {
-        let path = options.path_length(p, tile.centre);
-        let radius = tile.radius();
-        let (across, bend, near) = match options.model {
+    /// The sight of `p`, whose way from the speaker is `outward` m.
+    #[inline]
+    pub(super) fn new(p: DVec3, outward: f64, tile: &Tile, options: &SimulateOptions) -> Self {
+        let legs = options.geometry.return_legs();
+        match options.model {
             PropagationModel::Exact => {
                 let q = p - tile.centre;
                 let distance = q.length();
                 // |q − d| lies between |q| − q̂·d and that + |d|²/2|q|, and within |q| ± |d|.
-                let per_metre = 1.0 / distance.max(f64::MIN_POSITIVE);
-                let across = q.abs().dot(tile.half) * per_metre;
-                (across, 0.5 * radius * radius * per_metre, distance < NEAR * radius)
+                let bound = (q.abs().dot(tile.half) + 0.5 * tile.radius * tile.radius) / distance.max(1e-300);
+                Self {
+                    path: outward + legs * distance,
+                    reach: legs * bound.min(tile.radius),
+                    near: distance < NEAR * tile.radius,
+                }
             }
-            PropagationModel::Linear => (options.geometry.far_direction(p).abs().dot(tile.half), 0.0, false),
-        };
-        let reach = options.geometry.return_legs() * (across + bend).min(radius);
-        Self { path, reach, near }
+            PropagationModel::Linear => Self {
+                path: options.geometry.linear_path_length(p, tile.centre),
+                reach: legs * options.geometry.far_direction(p).abs().dot(tile.half),
+                near: false,
+            },
+        }
     }
 }
 
-/// Intervals of path length for one tile: their start and width.
+/// Intervals of path length for one tile: where they start and how wide they are.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Intervals {
     first: f64,
@@ -88,54 +94,141 @@ impl Intervals {
     }
 }
 
-/// All groups of a tile with their sums, by ascending path length.
-///
-/// Memory: 16 bytes per reflector twice, and the sums.
-pub(super) fn tile_sums(
-    reflectors: &Reflectors,
-    tile: &Tile,
-    microphones: &[DVec3],
-    options: &SimulateOptions,
-    tones: &VirtualTones,
-) -> Vec<GroupSums> {
-    let sights: Vec<Sight> =
-        reflectors.positions().iter().map(|&p| Sight::new(p, tile, options)).collect();
-    let intervals = Intervals::new(&sights, tones.duration * options.sound_speed);
-    // Interval, nearness and index in one number: sorting it groups the reflectors and keeps their order.
-    let mut keys: Vec<u64> = sights
-        .iter()
-        .enumerate()
-        .map(|(j, sight)| (intervals.place(sight.path) << 1 | u64::from(sight.near)) << 32 | j as u64)
-        .collect();
-    keys.sort_unstable();
-    let offsets: Vec<DVec3> = tile.microphones.iter().map(|&i| microphones[i] - tile.centre).collect();
-    let mut room = Planes::default();
-    keys.chunk_by(|a, b| a >> 33 == b >> 33)
-        .map(|group| {
-            let middle = intervals.middle(group[0] >> 33);
-            let mut sums = vec![[0.0; 2]; tones.count() * offsets.len()];
-            for run in group.chunk_by(|a, b| a >> 32 == b >> 32) {
-                let near = run[0] >> 32 & 1 == 1;
-                for some in run.chunks(MOST_ECHOES) {
-                    let members = some.iter().map(|key| (key & u64::from(u32::MAX)) as usize);
-                    room.fill(reflectors, members, &sights, middle, tile, options, tones);
-                    for (sums, &d) in sums.chunks_exact_mut(tones.count()).zip(&offsets) {
-                        room.add(d, near.then_some(tile.centre), options, tones, sums);
-                    }
-                }
-            }
-            let mut split = Vec::with_capacity(2 * sums.len());
-            for q in 0..tones.count() {
-                for part in 0..2 {
-                    split.extend(sums.iter().skip(q).step_by(tones.count()).map(|sum| sum[part] as f32));
-                }
-            }
-            GroupSums { middle, sums: split }
-        })
-        .collect()
+/// What every tile's sums are made of.
+#[derive(Debug)]
+pub(super) struct Summation<'a> {
+    reflectors: &'a Reflectors,
+    /// The reflectors' ways from the speaker, m.
+    outward: Vec<f64>,
+    microphones: &'a [DVec3],
+    options: &'a SimulateOptions,
+    tones: &'a VirtualTones,
 }
 
-/// A run of reflectors in planes, as the kernels want them.
+impl<'a> Summation<'a> {
+    pub(super) fn new(
+        reflectors: &'a Reflectors,
+        microphones: &'a [DVec3],
+        options: &'a SimulateOptions,
+        tones: &'a VirtualTones,
+    ) -> Self {
+        let outward = reflectors.positions().iter().map(|&p| options.geometry.outward_length(p)).collect();
+        Self { reflectors, outward, microphones, options, tones }
+    }
+
+    /// All groups of a tile with their sums, by ascending path length.
+    ///
+    /// Memory: 32 bytes per reflector, and the sums.
+    pub(super) fn groups(&self, tile: &Tile) -> Vec<GroupSums> {
+        let sights: Vec<Sight> = self
+            .reflectors
+            .positions()
+            .iter()
+            .zip(&self.outward)
+            .map(|(&p, &outward)| Sight::new(p, outward, tile, self.options))
+            .collect();
+        let intervals = Intervals::new(&sights, self.tones.duration * self.options.sound_speed);
+        // Interval, nearness and index in one number: sorting it groups the reflectors and keeps their order.
+        let mut keys: Vec<u64> = sights
+            .iter()
+            .enumerate()
+            .map(|(j, sight)| (intervals.place(sight.path) << 1 | u64::from(sight.near)) << 32 | j as u64)
+            .collect();
+        keys.sort_unstable();
+        let mut planes = Planes::default();
+        keys.chunk_by(|a, b| a >> 33 == b >> 33)
+            .map(|group| {
+                let middle = intervals.middle(group[0] >> 33);
+                let mut sums = vec![[0.0; 2]; self.tones.count() * tile.microphones.len()];
+                for run in group.chunk_by(|a, b| a >> 32 == b >> 32) {
+                    let near = run[0] >> 32 & 1 == 1;
+                    for some in run.chunks(MOST_ECHOES) {
+                        let members = some.iter().map(|key| (key & u64::from(u32::MAX)) as usize);
+                        self.lay_out(members, &sights, middle, tile, &mut planes);
+                        for (sums, &mic) in sums.chunks_exact_mut(self.tones.count()).zip(&tile.microphones) {
+                            self.add(self.microphones[mic], tile, near, &mut planes, sums);
+                        }
+                    }
+                }
+                GroupSums { middle, sums: by_tone(&sums, self.tones.count()) }
+            })
+            .collect()
+    }
+
+    /// Fills the planes with some reflectors as the tile's centre sees them.
+    fn lay_out(
+        &self,
+        members: impl Iterator<Item = usize> + Clone,
+        sights: &[Sight],
+        middle: f64,
+        tile: &Tile,
+        planes: &mut Planes,
+    ) {
+        let options = self.options;
+        planes.resize(members.clone().count());
+        for ((from_middle, path), j) in
+            planes.from_middle.iter_mut().zip(&mut planes.paths).zip(members.clone())
+        {
+            *path = sights[j].path;
+            *from_middle = *path - middle;
+        }
+        phasors(self.tones.centre / options.sound_speed, &planes.from_middle, &mut planes.phasors);
+        let per_metre = self.tones.step / options.sound_speed;
+        for (i, j) in members.enumerate() {
+            let p = self.reflectors.positions()[j];
+            planes.positions[i] = p;
+            let toward = match options.model {
+                PropagationModel::Exact => {
+                    let q = p - tile.centre;
+                    planes.distance[i] = q.length() as f32;
+                    q
+                }
+                PropagationModel::Linear => options.geometry.far_direction(p),
+            };
+            for (plane, x) in planes.toward.iter_mut().zip(toward.to_array()) {
+                plane[i] = x as f32;
+            }
+            planes.turn[i] = (planes.from_middle[i] * per_metre) as f32;
+            // Weights of reflector and tile, or of its single legs, would be multiplied in here.
+            let a = self.reflectors.amplitudes()[j] * planes.phasors[i];
+            planes.amplitude[0][i] = a.re;
+            planes.amplitude[1][i] = a.im;
+        }
+    }
+
+    /// Adds the echoes of the planes at the microphone at `r` to its sums.
+    fn add(&self, r: DVec3, tile: &Tile, near: bool, planes: &mut Planes, sums: &mut [[f64; 2]]) {
+        let toward = [&planes.toward[0][..], &planes.toward[1], &planes.toward[2]];
+        let legs = self.options.geometry.return_legs() as f32;
+        let d = (r - tile.centre).as_vec3().to_array();
+        if near {
+            // Among the microphones offsets cancel or are no small part of the distance.
+            for ((offset, &p), path) in planes.offsets.iter_mut().zip(&planes.positions).zip(&planes.paths) {
+                *offset = (self.options.path_length(p, r) - path) as f32;
+            }
+        } else if self.options.model == PropagationModel::Exact {
+            exact_offsets(toward, &planes.distance, d, legs, &mut planes.offsets);
+        } else {
+            linear_offsets(toward, d, legs, &mut planes.offsets);
+        }
+        let per_metre = [self.tones.centre, self.tones.step].map(|f| (f / self.options.sound_speed) as f32);
+        let echoes = Echoes { turn: &planes.turn, amplitude: [&planes.amplitude[0], &planes.amplitude[1]] };
+        sum_over_tones(echoes, &planes.offsets, per_metre, sums);
+    }
+}
+
+/// `[microphone][Q]` turned to `[Q][part][microphone]`.
+fn by_tone(sums: &[[f64; 2]], tones: usize) -> Vec<f32> {
+    let mut turned = Vec::with_capacity(2 * sums.len());
+    for q in 0..tones {
+        for part in 0..2 {
+            turned.extend(sums.iter().skip(q).step_by(tones).map(|sum| sum[part] as f32));
+        }
+    }
+    turned
+}
+
+/// A run of reflectors in planes, as the kernels want them, padded to whole lanes.
 #[derive(Debug, Default)]
 struct Planes {
     positions: Vec<DVec3>,
@@ -151,81 +244,19 @@ struct Planes {
 }
 
 impl Planes {
-    #[allow(clippy::too_many_arguments)]
-    fn fill(
-        &mut self,
-        reflectors: &Reflectors,
-        members: impl Iterator<Item = usize> + Clone,
-        sights: &[Sight],
-        middle: f64,
-        tile: &Tile,
-        options: &SimulateOptions,
-        tones: &VirtualTones,
-    ) {
-        self.positions.clear();
-        self.positions.extend(members.clone().map(|j| reflectors.positions()[j]));
-        self.paths.clear();
-        self.paths.extend(members.clone().map(|j| sights[j].path));
-        self.from_middle.clear();
-        self.from_middle.extend(self.paths.iter().map(|path| path - middle));
-        let count = self.positions.len();
+    /// Room for `count` reflectors; what pads them has no amplitude, and a distance that keeps its offset finite.
+    fn resize(&mut self, count: usize) {
+        self.positions.resize(count, DVec3::ZERO);
+        self.paths.resize(count, 0.0);
+        self.from_middle.resize(count, 0.0);
         self.phasors.resize(count, Complex32::ZERO);
-        phasors(tones.centre / options.sound_speed, &self.from_middle, &mut self.phasors);
         let padded = count.next_multiple_of(LANES);
-        for plane in self.toward.iter_mut().chain(&mut self.amplitude).chain([&mut self.turn]) {
+        let zeroed = self.toward.iter_mut().chain(&mut self.amplitude);
+        for plane in zeroed.chain([&mut self.turn, &mut self.offsets]) {
             plane.clear();
             plane.resize(padded, 0.0);
         }
-        // What pads has no amplitude; a distance keeps its offset finite.
         self.distance.clear();
         self.distance.resize(padded, 1.0);
-        self.offsets.clear();
-        self.offsets.resize(padded, 0.0);
-        let per_metre = tones.step / options.sound_speed;
-        for (i, j) in members.enumerate() {
-            let toward = match options.model {
-                PropagationModel::Exact => {
-                    let q = self.positions[i] - tile.centre;
-                    self.distance[i] = q.length() as f32;
-                    q
-                }
-                PropagationModel::Linear => options.geometry.far_direction(self.positions[i]),
-            };
-            for (plane, x) in self.toward.iter_mut().zip(toward.to_array()) {
-                plane[i] = x as f32;
-            }
-            self.turn[i] = (self.from_middle[i] * per_metre) as f32;
-            let a = reflectors.amplitudes()[j] * self.phasors[i];
-            self.amplitude[0][i] = a.re;
-            self.amplitude[1][i] = a.im;
-        }
-    }
-
-    /// Adds the run's echoes at the microphone that lies at `d` from the tile's centre to its sums.
-    ///
-    /// For reflectors among the microphones, the centre itself is given, and the offsets are f64 differences.
-    fn add(
-        &mut self,
-        d: DVec3,
-        near: Option<DVec3>,
-        options: &SimulateOptions,
-        tones: &VirtualTones,
-        sums: &mut [[f64; 2]],
-    ) {
-        let toward = [&self.toward[0][..], &self.toward[1], &self.toward[2]];
-        let (microphone, legs) = (d.as_vec3().to_array(), options.geometry.return_legs() as f32);
-        if let Some(centre) = near {
-            for ((offset, &p), path) in self.offsets.iter_mut().zip(&self.positions).zip(&self.paths) {
-                *offset = (options.path_length(p, centre + d) - path) as f32;
-            }
-        } else if options.model == PropagationModel::Exact {
-            exact_offsets(toward, &self.distance, microphone, legs, &mut self.offsets);
-        } else {
-            linear_offsets(toward, microphone, legs, &mut self.offsets);
-        }
-        let per_metre = [tones.centre, tones.step].map(|f| (f / options.sound_speed) as f32);
-        let echoes =
-            Echoes { turn: &self.turn, amplitude: [&self.amplitude[0], &self.amplitude[1]] };
-        sum_over_tones(echoes, &self.offsets, per_metre, sums);
     }
 }

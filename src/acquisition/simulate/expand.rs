@@ -1,11 +1,10 @@
 //! The simulation by virtual tones: tiles summed at the tones, and their sums expanded into the cube.
 
-use super::super::simulate::SimulateOptions;
-use super::super::{MicArray, Sweep};
-use super::echoes::{GroupSums, tile_sums};
+use super::echoes::{GroupSums, Summation};
 use super::tiles::Tile;
 use super::virtual_tones::VirtualTones;
-use super::{Plan, record};
+use super::{Plan, SimulateOptions, record};
+use crate::acquisition::{MicArray, Sweep};
 use crate::error::Result;
 use crate::progress::{Observer, advance};
 use crate::reflectors::Reflectors;
@@ -16,11 +15,8 @@ use faer::{Accum, MatMut, MatRef, Par};
 use num_complex::Complex32;
 use rayon::prelude::*;
 
-/// Microphones whose sums are held between the two steps.
-const WAVE: usize = 4096;
-
 /// Frequencies that one thread expands at a time.
-const ROWS: usize = 64;
+const ROWS: usize = 32;
 
 /// Fills `samples`, `[n_f, n_mic]`, by way of the plan's tiles and tones.
 pub(super) fn fast(
@@ -33,20 +29,21 @@ pub(super) fn fast(
     samples: &mut [Complex32],
 ) -> Result<()> {
     let n_mic = array.len();
+    let summation = Summation::new(reflectors, array.positions(), options, &plan.tones);
     let mut rest = &plan.tiles[..];
     while !rest.is_empty() {
         // As many tiles as hold a fixed number of microphones, whatever the threads.
         let mut held = 0;
         let fitting = rest.iter().take_while(|tile| {
             held += tile.microphones.len();
-            held <= WAVE
+            held <= plan.held
         });
         let (tiles, later) = rest.split_at(fitting.count().max(1));
         rest = later;
         let sums: Vec<Vec<GroupSums>> = tiles
             .par_iter()
             .map(|tile| {
-                let sums = tile_sums(reflectors, tile, array.positions(), options, &plan.tones);
+                let sums = summation.groups(tile);
                 advance(observer, tile.microphones.len() as u64).map(|()| sums)
             })
             .collect::<Result<_>>()?;

@@ -1,8 +1,7 @@
 //! Eq. 5 summed term by term: the oracle, and the way where virtual tones do not pay.
 
-use super::super::simulate::SimulateOptions;
-use super::super::{MicArray, Sweep};
-use super::record;
+use super::{SimulateOptions, record};
+use crate::acquisition::{MicArray, Sweep};
 use crate::error::Result;
 use crate::progress::{Observer, advance};
 use crate::reflectors::Reflectors;

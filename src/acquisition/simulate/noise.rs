@@ -1,6 +1,6 @@
 //! White Gaussian noise on a simulated cube.
 
-use super::super::Detection;
+use crate::acquisition::Detection;
 use crate::error::{Error, Result};
 use num_complex::Complex32;
 use rand_chacha::ChaCha8Rng;

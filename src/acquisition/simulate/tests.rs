@@ -14,8 +14,7 @@ fn scene() -> (Reflectors, MicArray) {
         .collect::<Vec<_>>();
     let amplitudes = (0..37).map(|i| phasor(f64::from(i) * 0.37) * (1.0 + i as f32 / 37.0)).collect();
     let reflectors = Reflectors::new(positions, amplitudes).expect("finite");
-    let array =
-        MicArray::rectangular("array", [4, 3], [0.05, 0.04], DVec3::new(0.1, 0.0, 0.0)).expect("ok");
+    let array = MicArray::rectangular("array", [4, 3], [0.05, 0.04], DVec3::new(0.1, 0.0, 0.0)).expect("ok");
     (reflectors, array)
 }
 
@@ -53,8 +52,7 @@ fn the_cube_is_the_literal_sum_for_even_and_uneven_sweeps() {
 fn in_phase_is_the_real_part_of_quadrature() {
     let (reflectors, array) = scene();
     let sweep = Sweep::stepped("sweep", 10_000.0, 11_000.0, 100.0).expect("ok");
-    let quadrature =
-        simulate(&reflectors, &sweep, &array, &SimulateOptions::default(), &Silent).expect("ok");
+    let quadrature = simulate(&reflectors, &sweep, &array, &SimulateOptions::default(), &Silent).expect("ok");
     let options = SimulateOptions { detection: Detection::InPhase, ..SimulateOptions::default() };
     let in_phase = simulate(&reflectors, &sweep, &array, &options, &Silent).expect("ok");
     for (q, i) in quadrature.samples.iter().zip(&in_phase.samples) {
@@ -72,8 +70,7 @@ fn noise_has_the_asked_power_and_follows_its_seed() {
             simulate(&reflectors, &sweep, &array, &options, &Silent).expect("ok").samples
         };
         let (clean, noisy) = (run(None), run(Some(Noise { snr_db: 6.0, seed: 4 })));
-        let power =
-            |m: &mut dyn Iterator<Item = Complex32>| m.map(|m| f64::from(m.norm_sqr())).sum::<f64>();
+        let power = |m: &mut dyn Iterator<Item = Complex32>| m.map(|m| f64::from(m.norm_sqr())).sum::<f64>();
         let snr =
             power(&mut clean.iter().copied()) / power(&mut clean.iter().zip(&noisy).map(|(a, b)| b - a));
         assert!((10.0 * snr.log10() - 6.0).abs() < 0.2, "{snr}");

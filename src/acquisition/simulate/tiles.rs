@@ -11,21 +11,20 @@ pub(super) struct Tile {
     pub(super) centre: DVec3,
     /// Half the box, m.
     pub(super) half: DVec3,
+    /// No microphone is farther from the centre, m.
+    pub(super) radius: f64,
 }
 
 impl Tile {
     fn of(positions: &[DVec3], microphones: &[usize]) -> Self {
-        let (low, high) = microphones.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), &i| {
-            (low.min(positions[i]), high.max(positions[i]))
-        });
+        let (low, high) =
+            microphones.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), &i| {
+                (low.min(positions[i]), high.max(positions[i]))
+            });
         let mut microphones = microphones.to_vec();
         microphones.sort_unstable();
-        Self { microphones, centre: low.midpoint(high), half: 0.5 * (high - low) }
-    }
-
-    /// No microphone is farther from the centre, m.
-    pub(super) fn radius(&self) -> f64 {
-        self.half.length()
+        let half = 0.5 * (high - low);
+        Self { microphones, centre: low.midpoint(high), half, radius: half.length() }
     }
 }
 
@@ -38,7 +37,7 @@ pub(super) fn tiles(positions: &[DVec3], count: usize, radius: f64) -> Vec<Tile>
     let mut waiting: Vec<Vec<usize>> = vec![(0..positions.len()).collect()];
     while let Some(mut microphones) = waiting.pop() {
         let tile = Tile::of(positions, &microphones);
-        let small = microphones.len() <= count.max(1) && tile.radius() <= radius;
+        let small = microphones.len() <= count.max(1) && tile.radius <= radius;
         if small || microphones.len() == 1 {
             tiles.push(tile);
             continue;
@@ -50,9 +49,8 @@ pub(super) fn tiles(positions: &[DVec3], count: usize, radius: f64) -> Vec<Tile>
         } else {
             2
         };
-        microphones.sort_unstable_by(|&a, &b| {
-            positions[a][axis].total_cmp(&positions[b][axis]).then(a.cmp(&b))
-        });
+        microphones
+            .sort_unstable_by(|&a, &b| positions[a][axis].total_cmp(&positions[b][axis]).then(a.cmp(&b)));
         // The first half is cut next, so that neighbouring tiles follow each other.
         let second = microphones.split_off(microphones.len() / 2);
         waiting.push(second);
@@ -90,9 +88,11 @@ mod tests {
             seen.sort_unstable();
             assert!(seen.iter().copied().eq(0..positions.len()));
             for tile in &tiles {
-                assert!(tile.microphones.len() <= count && (tile.radius() <= radius || tile.microphones.len() == 1));
+                assert!(
+                    tile.microphones.len() <= count && (tile.radius <= radius || tile.microphones.len() == 1)
+                );
                 for &i in &tile.microphones {
-                    assert!(positions[i].distance(tile.centre) <= tile.radius() + 1e-12);
+                    assert!(positions[i].distance(tile.centre) <= tile.radius + 1e-12);
                 }
             }
         }

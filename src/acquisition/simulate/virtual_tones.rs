@@ -10,7 +10,7 @@
 //! squares; since interval and tones are symmetric it is real. It depends on T alone, not on where the interval lies.
 //! Its error and its size are measured: too few or too wide tones would make it huge.
 
-use super::super::Sweep;
+use crate::acquisition::Sweep;
 use faer::Mat;
 use faer::linalg::solvers::SolveLstsq;
 use rayon::prelude::*;
@@ -18,7 +18,7 @@ use std::f64::consts::{PI, TAU};
 
 /// Tones and weights that serve every interval of one duration.
 #[derive(Debug, Clone)]
-pub(in super::super) struct VirtualTones {
+pub(super) struct VirtualTones {
     /// f_c, Hz.
     pub(super) centre: f64,
     /// Δ, Hz.
@@ -29,15 +29,11 @@ pub(in super::super) struct VirtualTones {
     pub(super) duration: f64,
     /// W, `[n_f][2K + 1]`, one frequency after another.
     pub(super) weights: Vec<f32>,
-    /// The greatest error of the expansion, measured on a dense grid, relative to one.
-    pub(super) error: f64,
-    /// `max_n Σ_q |W[n, q]|`.
-    pub(super) weight_sum: f64,
 }
 
 /// How tones are chosen for a `B·T`.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(in super::super) struct Rung {
+pub(super) struct Rung {
     /// `B·T`: bandwidth times duration.
     pub(super) spread: f64,
     /// Tones per T⁻¹: the spacing is 1/(oversampling · T).
@@ -48,7 +44,7 @@ pub(in super::super) struct Rung {
 
 /// The standard durations. Short intervals want tones far closer than 1/T, long ones hardly closer: for each, the
 /// oversampling with which the fewest tones keep 10⁻⁶ and W stays small.
-pub(in super::super) const RUNGS: [Rung; 9] = [
+pub(super) const RUNGS: [Rung; 9] = [
     Rung { spread: 1.0, oversampling: 4.0, pairs: 4 },
     Rung { spread: 2.0, oversampling: 3.0, pairs: 5 },
     Rung { spread: 3.0, oversampling: 2.8, pairs: 6 },
@@ -65,7 +61,7 @@ const LARGEST_WEIGHT_SUM: f64 = 30.0;
 
 /// How far from a rung's own K the search may go.
 const FEWER: usize = 2;
-const MORE: usize = 8;
+pub(super) const MORE: usize = 4;
 
 /// Frequencies that the search looks at, and frequencies solved for at a time.
 const SAMPLED: usize = 96;
@@ -73,7 +69,7 @@ const BLOCK: usize = 1024;
 
 impl VirtualTones {
     /// Tones and weights of a rung that keep `tolerance`; `None` where none of the tried do, as for a single frequency.
-    pub(in super::super) fn find(sweep: &Sweep, rung: Rung, tolerance: f64) -> Option<Self> {
+    pub(super) fn find(sweep: &Sweep, rung: Rung, tolerance: f64) -> Option<Self> {
         let frequencies = sweep.frequencies();
         let duration = rung.spread / sweep.bandwidth();
         if !(duration.is_finite() && duration > 0.0) {
@@ -97,8 +93,6 @@ impl VirtualTones {
                         pairs,
                         duration,
                         weights: solved.weights,
-                        error: solved.error,
-                        weight_sum: solved.weight_sum,
                     });
                 }
             }
@@ -108,7 +102,7 @@ impl VirtualTones {
     }
 
     /// Q = 2K + 1.
-    pub(in super::super) fn count(&self) -> usize {
+    pub(super) fn count(&self) -> usize {
         2 * self.pairs + 1
     }
 }
@@ -117,7 +111,9 @@ impl VirtualTones {
 #[derive(Debug, Default)]
 struct Solved {
     weights: Vec<f32>,
+    /// The greatest error of the expansion on the dense grid, relative to one.
     error: f64,
+    /// `max_n Σ_q |W[n, q]|`.
     weight_sum: f64,
 }
 
@@ -168,8 +164,7 @@ impl Fit {
         let tones: Vec<f64> = (-pairs..=pairs).map(|q| f64::from(q) * self.step).collect();
         let weights =
             Self::waves(&self.nodes, &tones).qr().solve_lstsq(&Self::waves(&self.nodes, frequencies));
-        let residual =
-            Self::waves(&self.dense, frequencies) - Self::waves(&self.dense, &tones) * &weights;
+        let residual = Self::waves(&self.dense, frequencies) - Self::waves(&self.dense, &tones) * &weights;
         // NaN must win every comparison, so that a failed solution is never taken for a good one.
         let greater = |a: f64, b: f64| if a >= b || a.is_nan() { a } else { b };
         let n = self.dense.len();
@@ -199,5 +194,79 @@ impl Fit {
             all.weight_sum = all.weight_sum.max(part.weight_sum);
             all
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sweeps() -> [Sweep; 3] {
+        let even = Sweep::stepped("sweep", 10_000.0, 20_000.0, 10.0).expect("ok");
+        let uneven: Vec<f64> =
+            (0..500).map(|n| 18_000.0 + 4.0 * f64::from(n) + f64::from(n % 7) / 3.0).collect();
+        let gaps = vec![5_000.0, 5_100.0, 5_900.0, 7_000.0, 7_001.0];
+        [
+            even,
+            Sweep::from_frequencies("f", uneven).expect("ascending"),
+            Sweep::from_frequencies("f", gaps).expect("ascending"),
+        ]
+    }
+
+    #[test]
+    fn few_tones_expand_to_all_of_a_sweep() {
+        for sweep in sweeps() {
+            for rung in RUNGS {
+                for tolerance in [1e-3, 1e-5, 1e-6, 1e-7] {
+                    let tones = VirtualTones::find(&sweep, rung, tolerance).expect("a standard duration");
+                    let mut worst = 0.0f64;
+                    for i in 0..=40 {
+                        let delay = tones.duration * (f64::from(i) / 40.0 - 0.5);
+                        for (n, f) in sweep.frequencies().iter().enumerate().step_by(13) {
+                            let weights = &tones.weights[n * tones.count()..][..tones.count()];
+                            let (mut re, mut im) = (0.0, 0.0);
+                            for (q, w) in weights.iter().enumerate() {
+                                let tone = tones.step * (q as f64 - tones.pairs as f64);
+                                let (sin, cos) = (TAU * tone * delay).sin_cos();
+                                re += f64::from(*w) * cos;
+                                im += f64::from(*w) * sin;
+                            }
+                            let (sin, cos) = (TAU * (f - tones.centre) * delay).sin_cos();
+                            worst = worst.max((re - cos).hypot(im - sin));
+                        }
+                    }
+                    // The weights are held in f32.
+                    let rounding = 6e-8 * LARGEST_WEIGHT_SUM;
+                    assert!(worst <= 1.05 * tolerance + rounding, "{rung:?} {tolerance:e}: {worst:e}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn weights_stay_small_and_tones_few() {
+        for sweep in sweeps() {
+            for rung in RUNGS {
+                let tones = VirtualTones::find(&sweep, rung, 1e-6).expect("a standard duration");
+                assert!(tones.pairs <= rung.pairs + 2, "{} for {rung:?}", tones.pairs);
+                let size = (0..sweep.len())
+                    .map(|n| {
+                        let weights = &tones.weights[n * tones.count()..][..tones.count()];
+                        weights.iter().map(|w| f64::from(w.abs())).sum::<f64>()
+                    })
+                    .fold(0.0, f64::max);
+                assert!(size <= LARGEST_WEIGHT_SUM * 1.0001, "{rung:?} {size}");
+                let coarse = VirtualTones::find(&sweep, rung, 1e-3).expect("a standard duration");
+                // Over long intervals it is the size of W, not its error, that asks for so many.
+                let fewer = coarse.pairs < tones.pairs || rung.spread > 12.0;
+                assert!(fewer && coarse.pairs <= tones.pairs, "{rung:?}: {} {}", coarse.pairs, tones.pairs);
+            }
+        }
+    }
+
+    #[test]
+    fn a_single_frequency_has_none() {
+        let sweep = Sweep::from_frequencies("f", vec![1000.0]).expect("one");
+        assert!(VirtualTones::find(&sweep, RUNGS[0], 1e-3).is_none());
     }
 }
