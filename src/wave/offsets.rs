@@ -147,7 +147,8 @@ fn sum_over_tones_body(echoes: Echoes<'_>, offsets: &[f32], per_metre: [f32; 2],
     sums[pairs][0] += across(middle[0]);
     sums[pairs][1] += across(middle[1]);
     for (q, lanes) in lanes.iter().enumerate() {
-        let [re_c, im_c, re_s, im_s] = lanes.map(|lanes| across(lanes));
+        let [re_c, im_c] = [across(lanes[0]), across(lanes[1])];
+        let [re_s, im_s] = [across(lanes[2]), across(lanes[3])];
         let (above, below) = (pairs + 1 + q, pairs - 1 - q);
         sums[above][0] += re_c - im_s;
         sums[above][1] += im_c + re_s;
@@ -293,19 +294,18 @@ mod tests {
         let planes: Vec<Vec<f32>> = [0.618, 0.754, 0.569, 0.32, 0.41].map(|k| plane(n, k)).into();
         let distance = vec![1.5; n];
         let toward = [&planes[0][..], &planes[1], &planes[2]];
-        let run = |offsets: fn([&[f32]; 3], &[f32], [f32; 3], f32, &mut [f32])| {
-            let mut found = vec![0.0; n];
-            offsets(toward, &distance, [0.01, 0.02, 0.0], 1.0, &mut found);
-            found
-        };
-        assert_eq!(run(exact_offsets), run(exact_offsets_body));
+        let (mut a, mut b) = (vec![0.0; n], vec![0.0; n]);
+        exact_offsets(toward, &distance, [0.01, 0.02, 0.0], 1.0, &mut a);
+        exact_offsets_body(toward, &distance, [0.01, 0.02, 0.0], 1.0, &mut b);
+        assert_eq!(a, b);
+        linear_offsets(toward, [0.01, 0.02, 0.0], 1.0, &mut a);
+        linear_offsets_body(toward, [0.01, 0.02, 0.0], 1.0, &mut b);
+        assert_eq!(a, b);
         let echoes = Echoes { turn: &planes[3], amplitude: [&planes[4], &planes[0]] };
-        let run = |sum: fn(Echoes<'_>, &[f32], [f32; 2], &mut [[f64; 2]])| {
-            let mut sums = [[0.0; 2]; 21];
-            sum(echoes, &planes[1], [3.0, 0.2], &mut sums);
-            sums
-        };
-        assert_eq!(run(sum_over_tones), run(sum_over_tones_body));
+        let (mut a, mut b) = ([[0.0; 2]; 21], [[0.0; 2]; 21]);
+        sum_over_tones(echoes, &planes[1], [3.0, 0.2], &mut a);
+        sum_over_tones_body(echoes, &planes[1], [3.0, 0.2], &mut b);
+        assert_eq!(a, b);
         let run = |add: fn(&[Complex32], &[f32], &mut [f32])| {
             let mut totals = planes[1].clone();
             add(&[phasor(0.2), phasor(0.7)], &planes[0], &mut totals);

@@ -3,15 +3,16 @@
 use super::cost::choices;
 use super::expand::fast;
 use super::tiles::tiles;
-use super::virtual_tones::{RUNGS, VirtualTones};
+use super::virtual_tones::{RUNGS, Rung, VirtualTones};
 use super::*;
 use crate::progress::Silent;
 use crate::wave::phasor;
 use proptest::prelude::*;
 use std::f64::consts::TAU;
 
-/// What f32 adds to the tolerance, relative to `Σ|A|`: rounding of phases and sums, times the size of the weights.
-const ROUNDING: f64 = 4e-6;
+/// What f32 adds to the tolerance, relative to `Σ|A|`: rounding of phases and sums, times the size of the weights. A single
+/// echo at 47 tones comes to 7·10⁻⁶, many to a fraction of it.
+const ROUNDING: f64 = 1e-5;
 
 /// A number in ±½ that looks random.
 fn fraction(i: usize, k: f64) -> f64 {
@@ -66,11 +67,11 @@ fn forced(
     sweep: &Sweep,
     array: &MicArray,
     options: &SimulateOptions,
-    rung: usize,
+    rung: Rung,
     count: usize,
 ) -> Vec<Complex32> {
-    let tones = VirtualTones::find(sweep, RUNGS[rung], options.tolerance).expect("a standard duration");
-    let radius = cost::widest_tile(RUNGS[rung], sweep, options);
+    let tones = VirtualTones::find(sweep, rung, options.tolerance).expect("a standard duration");
+    let radius = cost::widest_tile(rung, sweep, options);
     let plan = Plan { tiles: tiles(array.positions(), count, radius), tones, held: 50 };
     let mut samples = vec![Complex32::ZERO; sweep.len() * array.len()];
     fast(reflectors, sweep, array, options, &plan, &Silent, &mut samples).expect("not interrupted");
@@ -100,7 +101,7 @@ proptest! {
         distance in prop_oneof![Just(0.0), 0.0f64..4.0, Just(300.0)],
         array_size in prop::array::uniform3(0.0f64..1.0),
         microphones in 1usize..40,
-        rung in 0..RUNGS.len(),
+        rung in prop::sample::select(RUNGS.to_vec()),
         tile in prop::sample::select(vec![1usize, 4, 16, 64]),
         sweep in 0u8..4,
         tolerance in prop::sample::select(vec![1e-3, 1e-5, 1e-6]),
@@ -137,10 +138,10 @@ fn a_single_echo_is_exact_to_f32() {
     let array = MicArray::rectangular("array", [12, 9], [0.008; 2], DVec3::ZERO).expect("ok");
     let sweep = sweep_of(0);
     let options = SimulateOptions::default();
-    for rung in 3..RUNGS.len() {
+    for rung in RUNGS {
         let samples = forced(&reflectors, &sweep, &array, &options, rung, 64);
         let error = greatest_error(&samples, &reflectors, &sweep, &array, &options);
-        assert!(error <= options.tolerance + ROUNDING, "{:?}: {error:e}", RUNGS[rung]);
+        assert!(error <= options.tolerance + ROUNDING, "{rung:?}: {error:e}");
     }
 }
 
