@@ -16,7 +16,10 @@ pub const MOST_PAIRS: usize = 40;
 /// Echoes per call: their lanes are summed in f32, so the sums stay short; more than this wants several calls.
 pub const MOST_ECHOES: usize = 2048;
 
-/// A run of reflectors as a tile's centre sees them, in planes of equal length, a multiple of 16.
+/// Echoes per block, two to a lane: with one alone the recurrence would wait for itself.
+pub const WIDE: usize = 2 * LANES;
+
+/// A run of reflectors as a tile's centre sees them, in planes of equal length, a multiple of [`WIDE`].
 #[derive(Debug, Clone, Copy)]
 pub struct Echoes<'a> {
     /// Phase step per tone at the centre of the tile, in turns within ±½.
@@ -102,7 +105,7 @@ fn across(mut lanes: [f32; LANES]) -> f64 {
 #[inline(always)]
 fn sum_over_tones_body(echoes: Echoes<'_>, offsets: &[f32], per_metre: [f32; 2], sums: &mut [[f64; 2]]) {
     let n = offsets.len();
-    assert!(n <= MOST_ECHOES && n.is_multiple_of(LANES), "whole lanes, and not too many");
+    assert!(n <= MOST_ECHOES && n.is_multiple_of(WIDE), "whole blocks, and not too many");
     assert!(
         echoes.turn.len() == n && echoes.amplitude[0].len() == n && echoes.amplitude[1].len() == n,
         "one offset per echo"
@@ -113,31 +116,33 @@ fn sum_over_tones_body(echoes: Echoes<'_>, offsets: &[f32], per_metre: [f32; 2],
     // Per pair of tones: the sums of re z · cos qθ, im z · cos qθ, re z · sin qθ, im z · sin qθ.
     let mut lanes = [[[0.0f32; LANES]; 4]; MOST_PAIRS];
     let lanes = &mut lanes[..pairs];
-    let blocks = offsets.as_chunks::<LANES>().0.iter().zip(echoes.turn.as_chunks::<LANES>().0);
-    let re = echoes.amplitude[0].as_chunks::<LANES>().0;
-    let im = echoes.amplitude[1].as_chunks::<LANES>().0;
-    for ((offset, turn), (a_re, a_im)) in blocks.zip(re.iter().zip(im)) {
+    let (offsets, _) = offsets.as_chunks::<WIDE>();
+    let (turn, _) = echoes.turn.as_chunks::<WIDE>();
+    let (a_re, _) = echoes.amplitude[0].as_chunks::<WIDE>();
+    let (a_im, _) = echoes.amplitude[1].as_chunks::<WIDE>();
+    for (((offset, turn), a_re), a_im) in offsets.iter().zip(turn).zip(a_re).zip(a_im) {
         let (mut z_re, mut z_im, mut c1, mut s1) =
-            ([0.0f32; LANES], [0.0f32; LANES], [0.0f32; LANES], [0.0f32; LANES]);
-        for l in 0..LANES {
+            ([0.0f32; WIDE], [0.0f32; WIDE], [0.0f32; WIDE], [0.0f32; WIDE]);
+        for l in 0..WIDE {
             let (s, c) = sin_cos_turns(wrap_few(offset[l] * per_metre[0]));
             z_re[l] = a_re[l] * c - a_im[l] * s;
             z_im[l] = a_re[l] * s + a_im[l] * c;
             (s1[l], c1[l]) = sin_cos_turns(turn[l] + offset[l] * per_metre[1]);
         }
         for l in 0..LANES {
-            middle[0][l] += z_re[l];
-            middle[1][l] += z_im[l];
+            middle[0][l] += z_re[l] + z_re[l + LANES];
+            middle[1][l] += z_im[l] + z_im[l + LANES];
         }
         let (mut c, mut s) = (c1, s1);
         for sum in &mut *lanes {
             for l in 0..LANES {
-                sum[0][l] += z_re[l] * c[l];
-                sum[1][l] += z_im[l] * c[l];
-                sum[2][l] += z_re[l] * s[l];
-                sum[3][l] += z_im[l] * s[l];
+                let h = l + LANES;
+                sum[0][l] += z_re[l] * c[l] + z_re[h] * c[h];
+                sum[1][l] += z_im[l] * c[l] + z_im[h] * c[h];
+                sum[2][l] += z_re[l] * s[l] + z_re[h] * s[h];
+                sum[3][l] += z_im[l] * s[l] + z_im[h] * s[h];
             }
-            for l in 0..LANES {
+            for l in 0..WIDE {
                 let next = c[l] * c1[l] - s[l] * s1[l];
                 s[l] = s[l] * c1[l] + c[l] * s1[l];
                 c[l] = next;
@@ -249,7 +254,7 @@ mod tests {
 
     #[test]
     fn tones_about_the_centre_are_the_literal_sums() {
-        for (n, pairs) in [(16, 0), (48, 1), (2048, 12), (320, MOST_PAIRS)] {
+        for (n, pairs) in [(32, 0), (96, 1), (2048, 12), (320, MOST_PAIRS)] {
             let (turn, offsets) = (plane(n, 0.618_034), plane(n, 0.324_718));
             let turn: Vec<f32> = turn.iter().map(|t| 0.7 * t).collect();
             let amplitude = [plane(n, 0.754_878), plane(n, 0.569_84)];
@@ -290,7 +295,7 @@ mod tests {
 
     #[test]
     fn every_instruction_set_gives_the_same_bytes() {
-        let n = 496;
+        let n = 480;
         let planes: Vec<Vec<f32>> = [0.618, 0.754, 0.569, 0.32, 0.41].map(|k| plane(n, k)).into();
         let distance = vec![1.5; n];
         let toward = [&planes[0][..], &planes[1], &planes[2]];

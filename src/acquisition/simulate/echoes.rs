@@ -8,8 +8,8 @@ use super::tiles::Tile;
 use super::virtual_tones::VirtualTones;
 use super::{PropagationModel, SimulateOptions};
 use crate::reflectors::Reflectors;
-use crate::wave::offsets::{Echoes, MOST_ECHOES, exact_offsets, linear_offsets, sum_over_tones};
-use crate::wave::simd::{LANES, phasors};
+use crate::wave::offsets::{Echoes, MOST_ECHOES, WIDE, exact_offsets, linear_offsets, sum_over_tones};
+use crate::wave::simd::phasors;
 use glam::DVec3;
 use num_complex::Complex32;
 
@@ -228,7 +228,7 @@ fn by_tone(sums: &[[f64; 2]], tones: usize) -> Vec<f32> {
     turned
 }
 
-/// A run of reflectors in planes, as the kernels want them, padded to whole lanes.
+/// A run of reflectors in planes, as the kernels want them, padded to whole blocks.
 #[derive(Debug, Default)]
 struct Planes {
     positions: Vec<DVec3>,
@@ -250,7 +250,7 @@ impl Planes {
         self.paths.resize(count, 0.0);
         self.from_middle.resize(count, 0.0);
         self.phasors.resize(count, Complex32::ZERO);
-        let padded = count.next_multiple_of(LANES);
+        let padded = count.next_multiple_of(WIDE);
         let zeroed = self.toward.iter_mut().chain(&mut self.amplitude);
         for plane in zeroed.chain([&mut self.turn, &mut self.offsets]) {
             plane.clear();

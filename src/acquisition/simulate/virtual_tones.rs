@@ -11,10 +11,11 @@
 //! Its error and its size are measured: too few or too wide tones would make it huge.
 
 use crate::acquisition::Sweep;
-use faer::Mat;
-use faer::linalg::solvers::SolveLstsq;
+use crate::wave::interval::tone_matrix;
+use faer::linalg::triangular_solve::solve_upper_triangular_in_place;
+use faer::{Mat, Par};
 use rayon::prelude::*;
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::PI;
 
 /// Tones and weights that serve every interval of one duration.
 #[derive(Debug, Clone)]
@@ -151,19 +152,25 @@ impl Fit {
 
     /// cos and sin of 2πfδ, one under the other: rows are delays, columns frequencies.
     fn waves(delays: &[f64], frequencies: &[f64]) -> Mat<f64> {
-        let n = delays.len();
-        Mat::from_fn(2 * n, frequencies.len(), |k, column| {
-            let (sin, cos) = (TAU * delays[k % n] * frequencies[column]).sin_cos();
-            if k < n { cos } else { sin }
-        })
+        let (n, tones) = (delays.len(), tone_matrix(delays, frequencies, 0.0));
+        let mut waves = Mat::zeros(2 * n, frequencies.len());
+        for column in 0..frequencies.len() {
+            let (cos, sin) = waves.col_as_slice_mut(column).split_at_mut(n);
+            for ((cos, sin), tone) in cos.iter_mut().zip(sin).zip(tones.col_as_slice(column)) {
+                (*cos, *sin) = (tone.re, -tone.im);
+            }
+        }
+        waves
     }
 
     /// Weights for frequencies counted from the centre.
     fn weights(&self, frequencies: &[f64]) -> Solved {
         let pairs = self.pairs as i32;
         let tones: Vec<f64> = (-pairs..=pairs).map(|q| f64::from(q) * self.step).collect();
-        let weights =
-            Self::waves(&self.nodes, &tones).qr().solve_lstsq(&Self::waves(&self.nodes, frequencies));
+        // By an explicit Q: for a thousand columns a product is far cheaper than as many reflections.
+        let qr = Self::waves(&self.nodes, &tones).qr();
+        let mut weights = qr.compute_thin_Q().transpose() * Self::waves(&self.nodes, frequencies);
+        solve_upper_triangular_in_place(qr.thin_R(), weights.as_mut(), Par::Seq);
         let residual = Self::waves(&self.dense, frequencies) - Self::waves(&self.dense, &tones) * &weights;
         // NaN must win every comparison, so that a failed solution is never taken for a good one.
         let greater = |a: f64, b: f64| if a >= b || a.is_nan() { a } else { b };
@@ -200,6 +207,7 @@ impl Fit {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::f64::consts::TAU;
 
     fn sweeps() -> [Sweep; 3] {
         let even = Sweep::stepped("sweep", 10_000.0, 20_000.0, 10.0).expect("ok");
