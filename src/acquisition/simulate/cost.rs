@@ -8,6 +8,7 @@ use super::tiles::{Tile, tiles};
 use super::virtual_tones::{MORE, RUNGS, Rung};
 use crate::acquisition::{MicArray, Sweep};
 use crate::reflectors::Reflectors;
+use crate::scene::FARTHEST;
 
 /// A way to simulate by virtual tones.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -85,11 +86,18 @@ pub(super) fn choices(
     let (shortest, longest) =
         paths.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), path| (path.min(low), path.max(high)));
     let spread = longest - shortest + array.extent().length();
+    // Farther away f32 would not hold the squares, and no phase means anything.
+    let within_reach = longest.abs() <= 10.0 * FARTHEST;
+    if !within_reach {
+        return Vec::new();
+    }
     let mut found: Vec<(f64, Choice)> = Vec::new();
-    for (i, &count) in TILES.iter().enumerate() {
-        // A smaller array needs no larger tiles than the first that holds it.
-        if i > 0 && TILES[i - 1] >= array.len() {
-            break;
+    for &count in TILES.iter().rev() {
+        // What no rung undercuts: cutting a large array into small tiles takes its time too.
+        let echo = PAIR + TONE * (2 * RUNGS[0].pairs + 1) as f64;
+        let least = n_p * n_mic * (echo + SEEN / count as f64) + SOLVE * n_f;
+        if least >= found.iter().map(|(cost, _)| *cost).fold(most, f64::min) {
+            continue;
         }
         let tiles = tiles(array.positions(), count, f64::INFINITY);
         let mut radii: Vec<f64> = tiles.iter().map(|tile| tile.radius).collect();

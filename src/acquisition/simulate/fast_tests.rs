@@ -223,6 +223,9 @@ fn small_jobs_and_absurd_ones_are_summed_literally() {
     positions[7].x = 1e200;
     let lost = Reflectors::new(positions, many.amplitudes().to_vec()).expect("finite");
     assert!(plan(&lost, &sweep, &array, &options).is_none());
+    let lost =
+        Reflectors::new(vec![DVec3::splat(1e100); 20_000], many.amplitudes().to_vec()).expect("finite");
+    assert!(plan(&lost, &sweep, &array, &options).is_none());
     for tolerance in [f64::NAN, -1.0, f64::INFINITY] {
         let options = SimulateOptions { tolerance, ..options.clone() };
         assert!(simulate(&few, &sweep, &array, &options, &Silent).is_err());
