@@ -1,4 +1,7 @@
-//! Terms of Eq. 5 per second: reflectors × microphones × frequencies.
+//! Terms of Eq. 5 per second: reflectors × microphones × frequencies, whether summed one by one or by virtual tones.
+//!
+//! In the group `simulate`, "literal" and "virtual tones" count the same terms, so the ratio of their rates is what
+//! virtual tones gain. The large job's error is held to 10⁻⁵ of its greatest sample.
 
 #![allow(missing_docs)]
 
@@ -18,31 +21,68 @@ fn reflectors(count: usize) -> Reflectors {
     Reflectors::new(positions, amplitudes).expect("finite")
 }
 
+fn literally() -> SimulateOptions {
+    let mut options = SimulateOptions::default();
+    options.tolerance = 0.0;
+    options
+}
+
 fn simulation(c: &mut Criterion) {
     let mut group = c.benchmark_group("simulate");
     group.sample_size(10);
     let array = MicArray::rectangular("array", [16, 16], [0.016; 2], DVec3::ZERO).expect("an array");
-    let reflectors = reflectors(2000);
-    for (name, sweep) in [
-        ("even steps", Sweep::stepped("sweep", 10_000.0, 20_000.0, 10.0).expect("a sweep")),
-        (
-            "uneven steps",
-            Sweep::from_frequencies(
-                "f",
-                (0..1001).map(|n| 10_000.0 + 10.0 * f64::from(n) + f64::from(n % 3)).collect(),
-            )
-            .expect("a sweep"),
-        ),
+    let few = reflectors(2000);
+    let even = Sweep::stepped("sweep", 10_000.0, 20_000.0, 10.0).expect("a sweep");
+    let uneven = Sweep::from_frequencies(
+        "f",
+        (0..1001).map(|n| 10_000.0 + 10.0 * f64::from(n) + f64::from(n % 3)).collect(),
+    )
+    .expect("a sweep");
+    for (name, sweep, options) in [
+        ("even steps, literal", &even, literally()),
+        ("uneven steps, literal", &uneven, literally()),
+        ("even steps, virtual tones", &even, SimulateOptions::default()),
+        ("uneven steps, virtual tones", &uneven, SimulateOptions::default()),
     ] {
-        let terms = reflectors.len() * array.len() * sweep.len();
+        let terms = few.len() * array.len() * sweep.len();
         group.throughput(Throughput::Elements(terms as u64));
         group.bench_function(format!("{name}/2000 reflectors x 256 mics x 1001 f"), |b| {
-            b.iter(|| {
-                simulate(&reflectors, &sweep, &array, &SimulateOptions::default(), &Silent).expect("small")
-            });
+            b.iter(|| simulate(&few, sweep, &array, &options, &Silent).expect("small"));
+        });
+    }
+
+    // The large job; literally, on every 64th microphone.
+    let many = reflectors(50_000);
+    let whole = MicArray::rectangular("array", [64, 64], [0.008; 2], DVec3::ZERO).expect("an array");
+    let chosen: Vec<usize> = (0..64).map(|row| row * 64 + row * 29 % 64).collect();
+    let positions = chosen.iter().map(|&i| whole.positions()[i]).collect();
+    let part = MicArray::from_positions("part", &[64], positions).expect("an array");
+    for (name, array, options) in [
+        ("even steps, literal/50000 reflectors x 64 mics x 1001 f", &part, literally()),
+        (
+            "even steps, virtual tones/50000 reflectors x 4096 mics x 1001 f",
+            &whole,
+            SimulateOptions::default(),
+        ),
+    ] {
+        group.throughput(Throughput::Elements((many.len() * array.len() * even.len()) as u64));
+        group.bench_function(name, |b| {
+            b.iter(|| simulate(&many, &even, array, &options, &Silent).expect("small"));
         });
     }
     group.finish();
+
+    let exact = simulate(&many, &even, &part, &literally(), &Silent).expect("small");
+    let fast = simulate(&many, &even, &whole, &SimulateOptions::default(), &Silent).expect("small");
+    let (mut error, mut peak) = (0.0f32, 0.0f32);
+    for f in 0..even.len() {
+        for (m, &mic) in exact.frequency(f).iter().zip(&chosen) {
+            error = error.max((m - fast.frequency(f)[mic]).norm());
+            peak = peak.max(m.norm());
+        }
+    }
+    // A rate counts only at the error that was asked for.
+    assert!(error < 1e-5 * peak, "virtual tones against literal: {error:e} of {peak:e}");
 }
 
 criterion_group!(benches, simulation);

@@ -5,6 +5,7 @@
 //! by 7·10⁻⁴ rad at 12 m and 20 kHz, wrapped by 6·10⁻⁷.
 
 pub mod interval;
+pub mod offsets;
 pub mod simd;
 
 use glam::DVec3;
@@ -45,10 +46,18 @@ impl Geometry {
     pub fn linear_path_length(&self, p: DVec3, r: DVec3) -> f64 {
         match self {
             Self::FixedSource { source } => {
-                let (d, r) = (p - *source, r - *source);
-                2.0 * d.length() - d.normalize_or_zero().dot(r)
+                2.0 * p.distance(*source) - self.far_direction(p).dot(r - *source)
             }
-            Self::Monostatic => 2.0 * (p.length() - p.normalize_or_zero().dot(r)),
+            Self::Monostatic => 2.0 * (p.length() - self.far_direction(p).dot(r)),
+        }
+    }
+
+    /// The unit vector p̂ of the linear path, from the speaker to `p`; from the origin for a monostatic scan.
+    #[inline]
+    pub fn far_direction(&self, p: DVec3) -> DVec3 {
+        match self {
+            Self::FixedSource { source } => (p - *source).normalize_or_zero(),
+            Self::Monostatic => p.normalize_or_zero(),
         }
     }
 

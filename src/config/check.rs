@@ -214,6 +214,13 @@ impl Array {
 
 impl Detection {
     fn check(&self) -> Check {
+        within(
+            "detection.tolerance",
+            self.tolerance,
+            0.0,
+            0.5,
+            "a relative error from 0 (every term) to 0.5",
+        )?;
         self.snr_db.map_or(Ok(()), |snr| finite("detection.snr_db", &[snr]))
     }
 }

@@ -127,6 +127,7 @@ impl RunFile {
             detection: self.detection.kind,
             model: self.detection.model,
             noise: self.detection.snr_db.map(|snr_db| Noise { snr_db, seed }),
+            tolerance: self.detection.tolerance,
         }
     }
 

@@ -7,6 +7,7 @@ use super::choices::{
     DetectionKind, Fill, Geometry, InputFile, Layout, Method, Model, Occlusion, Pick, Refine, Shading,
     Surface, Unit, Up, View, VolumeFormat, Window,
 };
+use crate::acquisition::SIMULATION_TOLERANCE;
 use crate::depth::DepthOptions;
 use crate::wave::DEFAULT_SOUND_SPEED;
 use serde::de::{self, SeqAccess, Visitor};
@@ -184,11 +185,18 @@ pub struct Detection {
     pub model: Model,
     /// Mean signal power over mean noise power, dB; left out: no noise.
     pub snr_db: Option<f64>,
+    /// Error allowed to the simulation, relative to the sum of all amplitudes; 0 sums every term.
+    pub tolerance: f64,
 }
 
 impl Default for Detection {
     fn default() -> Self {
-        Self { kind: DetectionKind::Quadrature, model: Model::Exact, snr_db: None }
+        Self {
+            kind: DetectionKind::Quadrature,
+            model: Model::Exact,
+            snr_db: None,
+            tolerance: SIMULATION_TOLERANCE,
+        }
     }
 }
 

@@ -84,7 +84,7 @@ pub(crate) use dispatched;
 
 /// `(sin 2πt, cos 2πt)` for |t| ≤ ½, by the half angle: no quadrant, no branch, error under 6·10⁻⁷.
 #[inline(always)]
-fn sin_cos_turns(t: f32) -> (f32, f32) {
+pub(super) fn sin_cos_turns(t: f32) -> (f32, f32) {
     // Taylor coefficients of sin πt and cos πt; on |t| ≤ ½ the next terms are below 6e-8.
     const S: [f32; 6] =
         [std::f32::consts::PI, -5.167_712_7, 2.550_164, -0.599_264_5, 0.082_145_89, -0.007_370_431];

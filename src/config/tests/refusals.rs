@@ -106,6 +106,7 @@ fn values_outside_their_range_are_refused_at_their_line() {
         ("[depth]\nthreshold_db = 14", &["0 dB or less"]),
         ("[depth]\nfill = -inf", &["number of metres"]),
         ("[reconstruct]\ntolerance = 1", &["relative error"]),
+        ("[detection]\ntolerance = -1e-6", &["detection.tolerance", "relative error"]),
         ("[array]\ncount = [0, 1]", &["at least 1"]),
         ("[array]\ncount = [4000000000, 4000000000]", &["too many"]),
         ("[array]\ncount = [1, 1]\nextent = [1, 0]", &["1 microphones cannot span"]),

@@ -1,0 +1,262 @@
+//! One tile's echoes: reflectors grouped by path length, and each group summed at the virtual tones.
+//!
+//! For a tile the reflectors are sorted into intervals of path length to its centre, so narrow that every path to
+//! every microphone of the tile stays within the tones' duration about the interval's middle. What is common to the
+//! interval, `e^{i2πf·middle/c}`, is put back at the expansion.
+
+use super::tiles::Tile;
+use super::virtual_tones::VirtualTones;
+use super::{PropagationModel, SimulateOptions};
+use crate::reflectors::Reflectors;
+use crate::wave::offsets::{Echoes, MOST_ECHOES, WIDE, exact_offsets, linear_offsets, sum_over_tones};
+use crate::wave::simd::phasors;
+use glam::DVec3;
+use num_complex::Complex32;
+
+/// The sums of one group at one tile.
+#[derive(Debug, Clone)]
+pub(super) struct GroupSums {
+    /// Middle of the group's path lengths, m.
+    pub(super) middle: f64,
+    /// `[Q][2 × microphones]`: per tone all real parts, then all imaginary ones, with the middle's phase taken out.
+    pub(super) sums: Vec<f32>,
+}
+
+/// Reflectors nearer to a tile's centre than this many radii have their offsets in f64.
+const NEAR: f64 = 2.0;
+
+/// How a tile's centre sees a reflector.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Sight {
+    /// Path length to the centre, m.
+    pub(super) path: f64,
+    /// Greatest difference between that and the path to any microphone of the tile, m.
+    reach: f64,
+    near: bool,
+}
+
+impl Sight {
+    /// The sight of `p`, whose way from the speaker is `outward` m.
+    #[inline]
+    pub(super) fn new(p: DVec3, outward: f64, tile: &Tile, options: &SimulateOptions) -> Self {
+        let legs = options.geometry.return_legs();
+        match options.model {
+            PropagationModel::Exact => {
+                let q = p - tile.centre;
+                let distance = q.length();
+                // |q − d| lies between |q| − q̂·d and that + |d|²/2|q|, and within |q| ± |d|.
+                let bound = (q.abs().dot(tile.half) + 0.5 * tile.radius * tile.radius) / distance.max(1e-300);
+                Self {
+                    path: outward + legs * distance,
+                    reach: legs * bound.min(tile.radius),
+                    near: distance < NEAR * tile.radius,
+                }
+            }
+            PropagationModel::Linear => Self {
+                path: options.geometry.linear_path_length(p, tile.centre),
+                reach: legs * options.geometry.far_direction(p).abs().dot(tile.half),
+                near: false,
+            },
+        }
+    }
+}
+
+/// Intervals of path length for one tile: where they start and how wide they are.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Intervals {
+    first: f64,
+    width: f64,
+}
+
+impl Intervals {
+    /// The widest intervals in which no path leaves a duration worth `length` m of path.
+    pub(super) fn new(sights: &[Sight], length: f64) -> Self {
+        let (first, reach) = sights.iter().fold((f64::INFINITY, 0.0), |(first, reach), sight| {
+            (sight.path.min(first), sight.reach.max(reach))
+        });
+        Self { first, width: length - 2.0 * reach }
+    }
+
+    fn place(&self, path: f64) -> u64 {
+        ((path - self.first) / self.width) as u64
+    }
+
+    /// How many intervals hold a path.
+    pub(super) fn occupied(&self, sights: &[Sight]) -> usize {
+        let mut places: Vec<u64> = sights.iter().map(|sight| self.place(sight.path)).collect();
+        places.sort_unstable();
+        places.dedup();
+        places.len()
+    }
+
+    fn middle(&self, place: u64) -> f64 {
+        self.first + (place as f64 + 0.5) * self.width
+    }
+}
+
+/// What every tile's sums are made of.
+#[derive(Debug)]
+pub(super) struct Summation<'a> {
+    reflectors: &'a Reflectors,
+    /// The reflectors' ways from the speaker, m.
+    outward: Vec<f64>,
+    microphones: &'a [DVec3],
+    options: &'a SimulateOptions,
+    tones: &'a VirtualTones,
+}
+
+impl<'a> Summation<'a> {
+    pub(super) fn new(
+        reflectors: &'a Reflectors,
+        microphones: &'a [DVec3],
+        options: &'a SimulateOptions,
+        tones: &'a VirtualTones,
+    ) -> Self {
+        let outward = reflectors.positions().iter().map(|&p| options.geometry.outward_length(p)).collect();
+        Self { reflectors, outward, microphones, options, tones }
+    }
+
+    /// All groups of a tile with their sums, by ascending path length.
+    ///
+    /// Memory: 32 bytes per reflector, and the sums.
+    pub(super) fn groups(&self, tile: &Tile) -> Vec<GroupSums> {
+        let sights: Vec<Sight> = self
+            .reflectors
+            .positions()
+            .iter()
+            .zip(&self.outward)
+            .map(|(&p, &outward)| Sight::new(p, outward, tile, self.options))
+            .collect();
+        let intervals = Intervals::new(&sights, self.tones.duration * self.options.sound_speed);
+        // Interval, nearness and index in one number: sorting it groups the reflectors and keeps their order.
+        let mut keys: Vec<u64> = sights
+            .iter()
+            .enumerate()
+            .map(|(j, sight)| (intervals.place(sight.path) << 1 | u64::from(sight.near)) << 32 | j as u64)
+            .collect();
+        keys.sort_unstable();
+        let mut planes = Planes::default();
+        keys.chunk_by(|a, b| a >> 33 == b >> 33)
+            .map(|group| {
+                let middle = intervals.middle(group[0] >> 33);
+                let mut sums = vec![[0.0; 2]; self.tones.count() * tile.microphones.len()];
+                for run in group.chunk_by(|a, b| a >> 32 == b >> 32) {
+                    let near = run[0] >> 32 & 1 == 1;
+                    for some in run.chunks(MOST_ECHOES) {
+                        let members = some.iter().map(|key| (key & u64::from(u32::MAX)) as usize);
+                        self.lay_out(members, &sights, middle, tile, &mut planes);
+                        for (sums, &mic) in sums.chunks_exact_mut(self.tones.count()).zip(&tile.microphones) {
+                            self.add(self.microphones[mic], tile, near, &mut planes, sums);
+                        }
+                    }
+                }
+                GroupSums { middle, sums: by_tone(&sums, self.tones.count()) }
+            })
+            .collect()
+    }
+
+    /// Fills the planes with some reflectors as the tile's centre sees them.
+    fn lay_out(
+        &self,
+        members: impl Iterator<Item = usize> + Clone,
+        sights: &[Sight],
+        middle: f64,
+        tile: &Tile,
+        planes: &mut Planes,
+    ) {
+        let options = self.options;
+        planes.resize(members.clone().count());
+        for ((from_middle, path), j) in
+            planes.from_middle.iter_mut().zip(&mut planes.paths).zip(members.clone())
+        {
+            *path = sights[j].path;
+            *from_middle = *path - middle;
+        }
+        phasors(self.tones.centre / options.sound_speed, &planes.from_middle, &mut planes.phasors);
+        let per_metre = self.tones.step / options.sound_speed;
+        for (i, j) in members.enumerate() {
+            let p = self.reflectors.positions()[j];
+            planes.positions[i] = p;
+            let toward = match options.model {
+                PropagationModel::Exact => {
+                    let q = p - tile.centre;
+                    planes.distance[i] = q.length() as f32;
+                    q
+                }
+                PropagationModel::Linear => options.geometry.far_direction(p),
+            };
+            for (plane, x) in planes.toward.iter_mut().zip(toward.to_array()) {
+                plane[i] = x as f32;
+            }
+            planes.turn[i] = (planes.from_middle[i] * per_metre) as f32;
+            // Weights of reflector and tile, or of its single legs, would be multiplied in here.
+            let a = self.reflectors.amplitudes()[j] * planes.phasors[i];
+            planes.amplitude[0][i] = a.re;
+            planes.amplitude[1][i] = a.im;
+        }
+    }
+
+    /// Adds the echoes of the planes at the microphone at `r` to its sums.
+    fn add(&self, r: DVec3, tile: &Tile, near: bool, planes: &mut Planes, sums: &mut [[f64; 2]]) {
+        let toward = [&planes.toward[0][..], &planes.toward[1], &planes.toward[2]];
+        let legs = self.options.geometry.return_legs() as f32;
+        let d = (r - tile.centre).as_vec3().to_array();
+        if near {
+            // Among the microphones offsets cancel or are no small part of the distance.
+            for ((offset, &p), path) in planes.offsets.iter_mut().zip(&planes.positions).zip(&planes.paths) {
+                *offset = (self.options.path_length(p, r) - path) as f32;
+            }
+        } else if self.options.model == PropagationModel::Exact {
+            exact_offsets(toward, &planes.distance, d, legs, &mut planes.offsets);
+        } else {
+            linear_offsets(toward, d, legs, &mut planes.offsets);
+        }
+        let per_metre = [self.tones.centre, self.tones.step].map(|f| (f / self.options.sound_speed) as f32);
+        let echoes = Echoes { turn: &planes.turn, amplitude: [&planes.amplitude[0], &planes.amplitude[1]] };
+        sum_over_tones(echoes, &planes.offsets, per_metre, sums);
+    }
+}
+
+/// `[microphone][Q]` turned to `[Q][part][microphone]`.
+fn by_tone(sums: &[[f64; 2]], tones: usize) -> Vec<f32> {
+    let mut turned = Vec::with_capacity(2 * sums.len());
+    for q in 0..tones {
+        for part in 0..2 {
+            turned.extend(sums.iter().skip(q).step_by(tones).map(|sum| sum[part] as f32));
+        }
+    }
+    turned
+}
+
+/// A run of reflectors in planes, as the kernels want them, padded to whole blocks.
+#[derive(Debug, Default)]
+struct Planes {
+    positions: Vec<DVec3>,
+    /// Path lengths to the centre, whole and from the group's middle, m.
+    paths: Vec<f64>,
+    from_middle: Vec<f64>,
+    phasors: Vec<Complex32>,
+    toward: [Vec<f32>; 3],
+    distance: Vec<f32>,
+    turn: Vec<f32>,
+    amplitude: [Vec<f32>; 2],
+    offsets: Vec<f32>,
+}
+
+impl Planes {
+    /// Room for `count` reflectors; what pads them has no amplitude, and a distance that keeps its offset finite.
+    fn resize(&mut self, count: usize) {
+        self.positions.resize(count, DVec3::ZERO);
+        self.paths.resize(count, 0.0);
+        self.from_middle.resize(count, 0.0);
+        self.phasors.resize(count, Complex32::ZERO);
+        let padded = count.next_multiple_of(WIDE);
+        let zeroed = self.toward.iter_mut().chain(&mut self.amplitude);
+        for plane in zeroed.chain([&mut self.turn, &mut self.offsets]) {
+            plane.clear();
+            plane.resize(padded, 0.0);
+        }
+        self.distance.clear();
+        self.distance.resize(padded, 1.0);
+    }
+}

@@ -1,0 +1,107 @@
+//! The simulation by virtual tones: tiles summed at the tones, and their sums expanded into the cube.
+
+use super::echoes::{GroupSums, Summation};
+use super::tiles::Tile;
+use super::virtual_tones::VirtualTones;
+use super::{Plan, SimulateOptions, record};
+use crate::acquisition::{MicArray, Sweep};
+use crate::error::Result;
+use crate::progress::{Observer, advance};
+use crate::reflectors::Reflectors;
+use crate::wave::offsets::turn_and_add;
+use crate::wave::simd::phasors;
+use faer::linalg::matmul::matmul;
+use faer::{Accum, MatMut, MatRef, Par};
+use num_complex::Complex32;
+use rayon::prelude::*;
+
+/// Frequencies that one thread expands at a time.
+const ROWS: usize = 32;
+
+/// Fills `samples`, `[n_f, n_mic]`, by way of the plan's tiles and tones.
+pub(super) fn fast(
+    reflectors: &Reflectors,
+    sweep: &Sweep,
+    array: &MicArray,
+    options: &SimulateOptions,
+    plan: &Plan,
+    observer: &dyn Observer,
+    samples: &mut [Complex32],
+) -> Result<()> {
+    let n_mic = array.len();
+    let summation = Summation::new(reflectors, array.positions(), options, &plan.tones);
+    let mut rest = &plan.tiles[..];
+    while !rest.is_empty() {
+        // As many tiles as hold a fixed number of microphones, whatever the threads.
+        let mut held = 0;
+        let fitting = rest.iter().take_while(|tile| {
+            held += tile.microphones.len();
+            held <= plan.held
+        });
+        let (tiles, later) = rest.split_at(fitting.count().max(1));
+        rest = later;
+        let sums: Vec<Vec<GroupSums>> = tiles
+            .par_iter()
+            .map(|tile| {
+                let sums = summation.groups(tile);
+                advance(observer, tile.microphones.len() as u64).map(|()| sums)
+            })
+            .collect::<Result<_>>()?;
+        samples.par_chunks_mut(ROWS * n_mic).enumerate().for_each(|(chunk, rows)| {
+            let mut room = Room::default();
+            for (tile, sums) in tiles.iter().zip(&sums) {
+                room.expand(chunk * ROWS, tile, sums, sweep, options, &plan.tones);
+                let width = 2 * tile.microphones.len();
+                for (row, totals) in rows.chunks_exact_mut(n_mic).zip(room.totals.chunks_exact(width)) {
+                    let (re, im) = totals.split_at(width / 2);
+                    for ((&mic, re), im) in tile.microphones.iter().zip(re).zip(im) {
+                        row[mic] = record(options.detection, *re, *im);
+                    }
+                }
+            }
+        });
+    }
+    Ok(())
+}
+
+/// Room for one tile's expansion at some frequencies.
+#[derive(Debug, Default)]
+struct Room {
+    product: Vec<f32>,
+    /// `[frequency][2 × microphones]`: all real parts, then all imaginary ones.
+    totals: Vec<f32>,
+    phasors: Vec<Complex32>,
+}
+
+impl Room {
+    /// `totals[n] = Σ_groups e^{i2πf_n·middle/c} Σ_q W[n, q] sums[q]` for [`ROWS`] frequencies from `first`.
+    fn expand(
+        &mut self,
+        first: usize,
+        tile: &Tile,
+        groups: &[GroupSums],
+        sweep: &Sweep,
+        options: &SimulateOptions,
+        tones: &VirtualTones,
+    ) {
+        let frequencies = &sweep.frequencies()[first..(first + ROWS).min(sweep.len())];
+        let (rows, width, count) = (frequencies.len(), 2 * tile.microphones.len(), tones.count());
+        self.totals.clear();
+        self.totals.resize(rows * width, 0.0);
+        self.product.resize(rows * width, 0.0);
+        self.phasors.resize(rows, Complex32::ZERO);
+        let weights = &tones.weights[first * count..(first + rows) * count];
+        for group in groups {
+            matmul(
+                MatMut::from_column_major_slice_mut(&mut self.product, width, rows),
+                Accum::Replace,
+                MatRef::from_column_major_slice(&group.sums, width, count),
+                MatRef::from_column_major_slice(weights, count, rows),
+                1.0,
+                Par::Seq,
+            );
+            phasors(group.middle / options.sound_speed, frequencies, &mut self.phasors);
+            turn_and_add(&self.phasors, &self.product, &mut self.totals);
+        }
+    }
+}

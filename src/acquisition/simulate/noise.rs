@@ -1,0 +1,47 @@
+//! White Gaussian noise on a simulated cube.
+
+use crate::acquisition::Detection;
+use crate::error::{Error, Result};
+use num_complex::Complex32;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+use rand_distr::{Distribution, StandardNormal};
+use rayon::prelude::*;
+
+/// Noise added to a simulated cube.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Noise {
+    /// Mean `|m|²` over the cube against `E|n|²`, dB; n is complex in quadrature and real in phase.
+    pub snr_db: f64,
+    /// Seed of the noise alone.
+    pub seed: u64,
+}
+
+/// Adds white Gaussian noise; every frequency has its own stream, so threads cannot change the bytes.
+pub(super) fn add_noise(
+    samples: &mut [Complex32],
+    n_mic: usize,
+    noise: Noise,
+    detection: Detection,
+) -> Result<()> {
+    if !noise.snr_db.is_finite() {
+        return Err(Error::input("detection.snr_db", "must be a finite number of dB"));
+    }
+    let power: f64 = samples.iter().map(|m| f64::from(m.norm_sqr())).sum::<f64>() / samples.len() as f64;
+    let variance = power / 10f64.powf(noise.snr_db / 10.0);
+    samples.par_chunks_mut(n_mic).enumerate().for_each(|(f, row)| {
+        let mut random = ChaCha8Rng::seed_from_u64(noise.seed);
+        random.set_stream(f as u64);
+        let mut gauss = |variance: f64| {
+            let g: f64 = StandardNormal.sample(&mut random);
+            (g * variance.sqrt()) as f32
+        };
+        for m in row {
+            *m += match detection {
+                Detection::Quadrature => Complex32::new(gauss(variance / 2.0), gauss(variance / 2.0)),
+                Detection::InPhase => Complex32::new(gauss(variance), 0.0),
+            };
+        }
+    });
+    Ok(())
+}

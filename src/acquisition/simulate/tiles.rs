@@ -1,0 +1,100 @@
+//! Microphones in tiles of neighbours.
+
+use glam::DVec3;
+
+/// Neighbouring microphones.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Tile {
+    /// Their indices in the array, ascending.
+    pub(super) microphones: Vec<usize>,
+    /// Middle of their box, m.
+    pub(super) centre: DVec3,
+    /// Half the box, m.
+    pub(super) half: DVec3,
+    /// No microphone is farther from the centre, m.
+    pub(super) radius: f64,
+}
+
+impl Tile {
+    fn of(positions: &[DVec3], microphones: &[usize]) -> Self {
+        let (low, high) =
+            microphones.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), &i| {
+                (low.min(positions[i]), high.max(positions[i]))
+            });
+        let mut microphones = microphones.to_vec();
+        microphones.sort_unstable();
+        let half = 0.5 * (high - low);
+        Self { microphones, centre: low.midpoint(high), half, radius: half.length() }
+    }
+}
+
+/// Cuts an array into tiles of at most `count` microphones and at most `radius` m, halving along the longest side.
+///
+/// One microphone is a tile whatever the radius, and so are any at the same place. The cuts follow from the positions
+/// alone, so that scattered arrays are served as well as lattices. Cost: `n log² n`.
+pub(super) fn tiles(positions: &[DVec3], count: usize, radius: f64) -> Vec<Tile> {
+    let mut tiles = Vec::new();
+    let mut waiting: Vec<Vec<usize>> = vec![(0..positions.len()).collect()];
+    while let Some(mut microphones) = waiting.pop() {
+        let tile = Tile::of(positions, &microphones);
+        let small = microphones.len() <= count.max(1) && tile.radius <= radius;
+        if small || microphones.len() == 1 {
+            tiles.push(tile);
+            continue;
+        }
+        let axis = if tile.half.x >= tile.half.y.max(tile.half.z) {
+            0
+        } else if tile.half.y >= tile.half.z {
+            1
+        } else {
+            2
+        };
+        microphones
+            .sort_unstable_by(|&a, &b| positions[a][axis].total_cmp(&positions[b][axis]).then(a.cmp(&b)));
+        // The first half is cut next, so that neighbouring tiles follow each other.
+        let second = microphones.split_off(microphones.len() / 2);
+        waiting.push(second);
+        waiting.push(microphones);
+    }
+    tiles
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::acquisition::MicArray;
+
+    #[test]
+    fn a_lattice_falls_into_squares() {
+        let array = MicArray::rectangular("array", [64, 64], [0.008; 2], DVec3::ZERO).expect("ok");
+        let tiles = tiles(array.positions(), 64, 1.0);
+        assert_eq!(tiles.len(), 64);
+        for tile in &tiles {
+            assert_eq!(tile.microphones.len(), 64);
+            assert!((tile.half - DVec3::new(0.028, 0.028, 0.0)).length() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn every_microphone_is_in_one_tile_that_is_small_enough() {
+        let fraction = |i: usize, k: f64| (i as f64 * k).fract();
+        let positions: Vec<DVec3> = (0..500)
+            .map(|i| DVec3::new(fraction(i, 0.618), 0.3 * fraction(i, 0.755), 0.1 * fraction(i, 0.57)))
+            .chain([DVec3::new(90.0, 0.0, 3.0), DVec3::ZERO, DVec3::ZERO, DVec3::ZERO])
+            .collect();
+        for (count, radius) in [(64, 0.1), (16, 10.0), (1, 1.0), (1000, 1e-3)] {
+            let tiles = tiles(&positions, count, radius);
+            let mut seen: Vec<usize> = tiles.iter().flat_map(|t| t.microphones.clone()).collect();
+            seen.sort_unstable();
+            assert!(seen.iter().copied().eq(0..positions.len()));
+            for tile in &tiles {
+                assert!(
+                    tile.microphones.len() <= count && (tile.radius <= radius || tile.microphones.len() == 1)
+                );
+                for &i in &tile.microphones {
+                    assert!(positions[i].distance(tile.centre) <= tile.radius + 1e-12);
+                }
+            }
+        }
+    }
+}
