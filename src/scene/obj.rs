@@ -11,7 +11,8 @@ use std::path::Path;
 use glam::DVec3;
 
 use super::material::{Material, Palette};
-use super::{LoadOptions, Mesh, Triangle, Up, files, mtl, polygon, too_many_triangles};
+use super::surfaces::Surfaces;
+use super::{LoadOptions, Mesh, Up, files, mtl};
 use crate::error::{Error, Result};
 use crate::progress::Observer;
 
@@ -22,12 +23,7 @@ pub(super) fn load(
     palette: &mut Palette<'_>,
     observer: &dyn Observer,
 ) -> Result<Mesh> {
-    if options.sensor.is_some() {
-        return Err(Error::input(
-            "sensor",
-            format!("needs a glTF file; {} is an OBJ, which has no cameras or nodes", path.display()),
-        ));
-    }
+    options.refuse_sensor("an OBJ", path)?;
     let bytes = files::read(path)?;
     // Names may be in any encoding; geometry is ASCII.
     let source = String::from_utf8_lossy(&bytes);
@@ -36,8 +32,8 @@ pub(super) fn load(
     let declared = declare_materials(&cleaned, path, palette, observer)?;
     let models = read_models(&cleaned, path)?;
 
-    let mut triangles = Vec::new();
-    let mut doubtful = 0_usize;
+    let mut surfaces = Surfaces::new(path);
+    let mut corners = Vec::new();
     for model in models {
         let mesh = &model.mesh;
         let vertices: Vec<_> = mesh.positions.chunks_exact(3).map(DVec3::from_slice).collect();
@@ -53,25 +49,12 @@ pub(super) fn load(
         for &arity in mesh.face_arities.iter().chain(&all_triangles) {
             let (face, after) = rest.split_at((arity as usize).min(rest.len()));
             rest = after;
-            let corners: Vec<_> = face.iter().map(|&i| vertices[i as usize]).collect();
-            let cut = polygon::cut(&corners);
-            doubtful += usize::from(cut.doubtful);
-            triangles
-                .extend(cut.triangles.iter().map(|t| Triangle { vertices: t.map(|i| corners[i]), material }));
-        }
-        if triangles.len() > super::MOST_TRIANGLES {
-            return Err(too_many_triangles(path.display()));
+            corners.clear();
+            corners.extend(face.iter().map(|&i| vertices[i as usize]));
+            surfaces.add_face(&corners, material)?;
         }
     }
-    if doubtful > 0 {
-        observer.warn(&format!(
-            "{}: {doubtful} faces have outlines that cross themselves, are flat, or are concave with over a \
-             thousand corners; they are drawn as fans from their first corner, which may be wrong. Triangulate \
-             the mesh where it was made",
-            path.display()
-        ));
-    }
-    Ok(Mesh { triangles, metres_per_unit, up: Up::None, sensor: None, camera: None })
+    Ok(Mesh { surfaces, metres_per_unit, up: Up::None, sensor: None, camera: None })
 }
 
 /// `tobj` calls what has no name by one.
@@ -191,11 +174,7 @@ fn metres_per_unit(
             Ok(asked)
         }
         (Some(metres), _) | (None, Some(metres)) => Ok(metres),
-        (None, None) => Err(Error::input(
-            path.display(),
-            "an OBJ does not say its unit of length; set `unit = \"mm\"` (m, cm, mm, in or ft) under [scene] or \
-             give `--unit mm`",
-        )),
+        (None, None) => options.needed_unit("an OBJ", path),
     }
 }
 
