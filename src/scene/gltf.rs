@@ -12,6 +12,7 @@ mod mesh;
 mod sensor;
 
 use std::collections::HashMap;
+use std::collections::hash_map::Entry;
 use std::path::Path;
 
 use ::gltf::json;
@@ -171,10 +172,10 @@ impl Walk<'_, '_> {
         let Some(declared) = document.root.meshes.get(mesh_index) else {
             return Err(Error::input(place(), format!("shows mesh {mesh_index}, which is missing")));
         };
-        if !self.meshes.contains_key(&mesh_index) {
-            self.meshes.insert(mesh_index, Mesh::open(document, mesh_index, declared)?);
-        }
-        let mesh = &self.meshes[&mesh_index];
+        let mesh = match self.meshes.entry(mesh_index) {
+            Entry::Occupied(opened) => opened.into_mut(),
+            Entry::Vacant(place) => place.insert(Mesh::open(document, mesh_index, declared)?),
+        };
         self.without_surface += mesh.without_surface;
         self.deformed += usize::from(mesh.morphs || node.skin.is_some());
         let instances = Instances::of(document, node, &place)?;

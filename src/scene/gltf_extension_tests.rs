@@ -12,7 +12,9 @@ fn quantized(values: &[i32; 9], size: usize, stride: usize, kind: u32, normalize
     let mut bytes = Vec::new();
     for corner in values.chunks(3) {
         bytes.resize(bytes.len().next_multiple_of(stride), 0xaa);
-        corner.iter().for_each(|value| bytes.extend(&value.to_le_bytes()[..size]));
+        for value in corner {
+            bytes.extend(&value.to_le_bytes()[..size]);
+        }
     }
     let mut document = with("/extensionsRequired", json!(["KHR_mesh_quantization"]));
     set(&mut document, "/meshes/0/primitives/0", json!({ "attributes": { "POSITION": 0 } }));

@@ -29,6 +29,13 @@ pub(super) fn load(
     let source = String::from_utf8_lossy(&bytes);
     let cleaned = clean(source.trim_start_matches('\u{feff}'), path)?;
     let metres_per_unit = metres_per_unit(&cleaned, options, path, observer)?;
+    if cleaned.free_form > 0 {
+        observer.warn(&format!(
+            "{}: {} free-form surfaces (`surf`) are not read; export the mesh as polygons",
+            path.display(),
+            cleaned.free_form
+        ));
+    }
     let declared = declare_materials(&cleaned, path, palette, observer)?;
     let models = read_models(&cleaned, path)?;
 
@@ -70,13 +77,15 @@ struct Cleaned {
     libraries: Vec<String>,
     /// Metres per unit, from a header comment.
     header: Option<f64>,
+    /// Free-form surfaces, which are left out.
+    free_form: usize,
 }
 
 fn clean(source: &str, path: &Path) -> Result<Cleaned> {
     let mut text = String::with_capacity(source.len());
     let mut materials: Vec<String> = Vec::new();
     let mut places = HashMap::new();
-    let (mut libraries, mut header) = (Vec::new(), None);
+    let (mut libraries, mut header, mut free_form) = (Vec::new(), None, 0);
     let mut lines = source.lines().enumerate();
     while let Some((number, line)) = lines.next() {
         let mut line = Cow::Borrowed(line.trim());
@@ -119,6 +128,7 @@ fn clean(source: &str, path: &Path) -> Result<Cleaned> {
                 text.push_str(&place.to_string());
             }
             "mtllib" if !rest.is_empty() => libraries.push(rest.to_owned()),
+            "surf" => free_form += 1,
             _ if line.starts_with('#') && header.is_none() => {
                 header =
                     header_unit(line).map_err(|problem| Error::input(at_line(path, number + 1), problem))?;
@@ -127,7 +137,7 @@ fn clean(source: &str, path: &Path) -> Result<Cleaned> {
         }
         text.extend(std::iter::repeat_n('\n', 1 + joined));
     }
-    Ok(Cleaned { text, materials, libraries, header })
+    Ok(Cleaned { text, materials, libraries, header, free_form })
 }
 
 fn uncommented(rest: &str) -> &str {

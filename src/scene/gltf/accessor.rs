@@ -38,7 +38,7 @@ impl<'a> Vectors<'a> {
     }
 
     /// Displacements or scales of instances.
-    pub(super) fn vectors(document: &'a Document, index: usize) -> Result<Self> {
+    pub(super) fn offsets(document: &'a Document, index: usize) -> Result<Self> {
         Self::new(document, index, Type::Vec3, |_| false, "vectors of three 32-bit floats")
     }
 

@@ -44,9 +44,9 @@ impl<'a> Instances<'a> {
             }
             count = Some(found);
             match name.as_str() {
-                "TRANSLATION" => instances.translation = Some(Vectors::vectors(document, index)?),
+                "TRANSLATION" => instances.translation = Some(Vectors::offsets(document, index)?),
                 "ROTATION" => instances.rotation = Some(Vectors::quaternions(document, index)?),
-                "SCALE" => instances.scale = Some(Vectors::vectors(document, index)?),
+                "SCALE" => instances.scale = Some(Vectors::offsets(document, index)?),
                 _ => {}
             }
         }

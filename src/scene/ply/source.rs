@@ -57,9 +57,10 @@ impl<'a> Source<'a> {
     }
 
     fn next_word(&mut self) -> Outcome<f64> {
-        let blank = self.rest.iter().position(|byte| !byte.is_ascii_whitespace()).unwrap_or(self.rest.len());
-        self.line += self.rest[..blank].iter().filter(|&&byte| byte == b'\n').count();
-        self.rest = &self.rest[blank..];
+        while let Some((b' ' | b'\t' | b'\r' | b'\x0c' | b'\n', rest)) = self.rest.split_first() {
+            self.line += usize::from(self.rest[0] == b'\n');
+            self.rest = rest;
+        }
         if self.rest.is_empty() {
             return Err(cut_short());
         }

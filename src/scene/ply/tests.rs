@@ -75,7 +75,9 @@ fn binary(big: bool) -> Vec<u8> {
     }
     for face in [[0_u32, 1, 2], [2, 3, 0]] {
         put(&[3]);
-        face.into_iter().for_each(|index| put(&index.to_le_bytes()));
+        for index in face {
+            put(&index.to_le_bytes());
+        }
         put(&2_u16.to_le_bytes());
         put(&[1]);
         put(&[2]);
