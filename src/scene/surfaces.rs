@@ -22,12 +22,20 @@ pub(super) struct Surfaces {
     flat: usize,
     /// Faces of which nobody knows what they cover.
     doubtful: usize,
+    /// What is left for the search for ears.
+    allowance: u64,
 }
 
 impl Surfaces {
     /// Nothing yet; `path` is for messages.
     pub(super) fn new(path: &Path) -> Self {
-        Self { file: path.display().to_string(), triangles: Vec::new(), flat: 0, doubtful: 0 }
+        Self {
+            file: path.display().to_string(),
+            triangles: Vec::new(),
+            flat: 0,
+            doubtful: 0,
+            allowance: polygon::ALLOWANCE,
+        }
     }
 
     /// Refuses `more` triangles if the limit would be passed.
@@ -56,7 +64,7 @@ impl Surfaces {
         if let &[a, b, c] = corners {
             return self.add([a, b, c], material);
         }
-        let cut = polygon::cut(corners);
+        let cut = polygon::cut(corners, &mut self.allowance);
         self.doubtful += usize::from(cut.doubtful);
         cut.triangles.iter().try_for_each(|t| self.add(t.map(|i| corners[i]), material))
     }
@@ -66,11 +74,11 @@ impl Surfaces {
     /// # Errors
     /// Nothing was found.
     pub(super) fn finish(self, observer: &dyn Observer) -> Result<Vec<Triangle>> {
-        let Self { file, triangles, flat, doubtful } = self;
+        let Self { file, triangles, flat, doubtful, .. } = self;
         if doubtful > 0 {
             observer.warn(&format!(
-                "{file}: {doubtful} faces have outlines that cross themselves, are flat, or are concave with over a \
-                 thousand corners; they are drawn as fans from their first corner, which may be wrong. Triangulate \
+                "{file}: {doubtful} faces have outlines that cross themselves, are flat, or are concave with very many \
+                 corners; they are drawn as fans from their first corner, which may be wrong. Triangulate \
                  the mesh where it was made"
             ));
         }

@@ -14,4 +14,5 @@ mod orientation;
 mod point;
 mod reference;
 mod regression;
+mod scenes;
 mod support;

@@ -150,12 +150,8 @@ fn unsigned(bytes: &[u8]) -> u32 {
     bytes.iter().rev().fold(0, |number, &byte| number << 8 | u32::from(byte))
 }
 
-/// The number of values an accessor declares.
-pub(super) fn declared_count(document: &Document, index: usize) -> Result<u64> {
-    Ok(find(document, index)?.count.0)
-}
-
-fn find(document: &Document, index: usize) -> Result<&json::Accessor> {
+/// The accessor of a number.
+pub(super) fn find(document: &Document, index: usize) -> Result<&json::Accessor> {
     document
         .root
         .accessors

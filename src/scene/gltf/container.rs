@@ -145,7 +145,7 @@ fn is_read_or_harmless(extension: &str) -> bool {
 pub(super) fn unsupported_extension(place: &str, extension: &str) -> Error {
     let fix = match extension {
         "KHR_draco_mesh_compression" | "EXT_meshopt_compression" | "KHR_meshopt_compression" => {
-            "`gltf-transform copy in.glb out.glb` writes the mesh without compression"
+            "`gltf-transform copy in.glb out.glb` (npm package @gltf-transform/cli) writes the mesh without compression"
         }
         _ => "export the mesh without it",
     };

@@ -3,7 +3,7 @@
 use ::gltf::json;
 use glam::{DAffine3, DQuat, DVec3};
 
-use super::accessor::{Vectors, declared_count};
+use super::accessor::{self, Vectors};
 use super::container::Document;
 use crate::error::{Error, Result};
 
@@ -38,7 +38,14 @@ impl<'a> Instances<'a> {
             let index = index.as_u64().and_then(|index| usize::try_from(index).ok());
             let index =
                 index.ok_or_else(|| refused(format!("`{name}` should be the number of an accessor")))?;
-            let found = declared_count(document, index)?;
+            let accessor = accessor::find(document, index)?;
+            if accessor.buffer_view.is_none() {
+                // Nor could a small file ask for millions of copies otherwise.
+                return Err(refused(format!(
+                    "`{name}` has no buffer view: all copies would be at one place"
+                )));
+            }
+            let found = accessor.count.0;
             if let Some(other) = count.filter(|&other| other != found) {
                 return Err(refused(format!("`{name}` has {found} values, another attribute has {other}")));
             }
