@@ -46,6 +46,9 @@ use surfaces::{MOST_TRIANGLES, Surfaces, too_many_triangles};
 /// a mistaken unit or a damaged file.
 pub const FARTHEST: f64 = 1e9;
 
+/// Extensions of the mesh files that [`Scene::load`] reads, in lower case.
+pub const EXTENSIONS: [&str; 5] = ["obj", "gltf", "glb", "stl", "ply"];
+
 /// The camera the array was put at, when [`Sensor::Camera`] named a perspective one.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CameraView {

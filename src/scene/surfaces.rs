@@ -13,6 +13,9 @@ use crate::progress::Observer;
 /// memory (one triangle and its share of the tree take about 150 bytes).
 pub(super) const MOST_TRIANGLES: usize = 50_000_000;
 
+/// No scene has coordinates beyond this, in whatever unit.
+const TOO_FAR: f64 = 1e3 * super::FARTHEST;
+
 /// The surfaces of a file in its own frame.
 #[derive(Debug)]
 pub(super) struct Surfaces {
@@ -51,7 +54,9 @@ impl Surfaces {
     pub(super) fn add(&mut self, vertices: [DVec3; 3], material: u32) -> Result<()> {
         self.expect_room(1)?;
         let triangle = Triangle { vertices, material };
-        if triangle.is_degenerate() {
+        // A corner that is far out makes a needle of its triangle; it is for the scene to refuse, with a better word.
+        let far = vertices.iter().any(|v| v.abs().max_element() > TOO_FAR);
+        if triangle.is_degenerate() && !far {
             self.flat += 1;
         } else {
             self.triangles.push(triangle);

@@ -1,6 +1,6 @@
 //! A folder of honest and of nasty mesh files, each held to what `expected.toml` says comes of it.
 
-use crate::binary::files_below;
+use crate::binary::{files_below, run};
 use crate::support::data;
 use glam::DVec3;
 use holosonar::error::{Error, Result};
@@ -105,7 +105,7 @@ fn compare(
         (Err(error), Some(_)) => {
             let message = error.to_string();
             hold(matches!(error, Error::Input { .. }), format!("is the file's fault: {message}"))?;
-            let file = name.rsplit('/').next().unwrap_or(name);
+            let file = std::path::Path::new(name).file_stem().unwrap().to_str().unwrap();
             hold(message.contains(file) && !message.contains('\n'), message.clone())?;
             return words(expected, "error").iter().try_for_each(|word| {
                 hold(message.contains(word), format!("`{word}` is missing: {message}"))
@@ -153,4 +153,54 @@ fn a_wrong_entry_is_noticed() {
     {
         assert!(!held(&right.replace(from, to), &[]), "{from} {to}");
     }
+}
+
+/// Images a mesh of this folder with few microphones and voxels; what was printed and what was warned of.
+fn imaged(mesh: &str, scene: &str) -> (String, String) {
+    let folder = tempfile::tempdir().unwrap();
+    let mesh = data("scenes").join(mesh);
+    let run_file = format!(
+        "[scene]\nmesh = '{}'\n{scene}\n[sweep]\nstep = 500.0\n[array]\ncount = [7, 7]\n\
+         [grid]\nx = [-0.5, 1.5]\ny = [-0.5, 1.5]\nz = [0.5, 1.2]\npitch = [0.1, 0.1, 0.02]\n",
+        mesh.display()
+    );
+    std::fs::write(folder.path().join("run.toml"), run_file).unwrap();
+    let ran = run(folder.path(), "image run.toml -o out");
+    assert_eq!(ran.status, 0, "{}", ran.stderr);
+    (ran.stdout, ran.stderr)
+}
+
+#[test]
+fn the_box_and_the_resolved_materials_are_printed() {
+    let rules = "[[materials]]\nname = 'gl?ss'\nreflectance = 0.1\n[[materials]]\nname = 'steel*'\nreflectance = 0.1\n";
+    let (said, warned) =
+        imaged("gltf/materials.gltf", &format!("up = 'none'\ntranslate = [0, 0, 1]\n{rules}"));
+    // 343 m/s at the centre of 10 to 20 kHz is 22.87 mm: a metre has 43.7 of it.
+    for words in [
+        "1.000 x 1.000 x 0.000 m = 43.7 x 43.7 x 0.0 wavelengths",
+        "z 1.000 to 1.000 m from the array",
+        "alpha: reflectance 0.25, transmittance 0.75 (glTF alpha)",
+        "unblended: reflectance 1, transmittance 0 (default)",
+        "glass: reflectance 0.1, transmittance 0.5 (rule `gl?ss`)",
+        "measured: reflectance 0.125, transmittance 0.25 (glTF extras)",
+    ] {
+        assert!(said.contains(words), "`{words}` is missing: {said}");
+    }
+    assert!(warned.contains("material rule `steel*` matches no material, node or object"), "{warned}");
+    assert!(!warned.contains("`gl?ss`"), "{warned}");
+}
+
+#[test]
+fn a_suspicious_scale_names_the_keys_to_change() {
+    let (_, warned) = imaged("stl/binary.stl", "unit = 'mm'\ntranslate = [0, 0, 1]");
+    let words =
+        "the whole scene measures 2.00 mm, less than one wavelength (22.9 mm); check [scene] unit and scale";
+    assert!(warned.contains(words), "{warned}");
+    let (_, warned) = imaged("stl/binary.stl", "unit = 'm'\nscale = 20.0\ntranslate = [0, 0, 0.5]");
+    assert!(
+        warned.contains("beyond the unambiguous range of") && warned.contains("[scene] unit and"),
+        "{warned}"
+    );
+    let (_, warned) = imaged("stl/binary.stl", "unit = 'cm'\nscale = 10.0\ntranslate = [0, 0, 0.9]");
+    assert!(!warned.contains("[scene] unit"), "{warned}");
 }

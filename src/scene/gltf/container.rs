@@ -30,7 +30,7 @@ impl Document {
         } else {
             (bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes), None)
         };
-        let root: json::Root = json::deserialize::from_slice(text).map_err(|error| {
+        let root = parse(text).map_err(|error| {
             let what = if error.is_eof() { "is cut short" } else { "is no valid glTF 2.0" };
             Error::input(path.display(), format!("{what}: {error}"))
         })?;
@@ -123,6 +123,23 @@ impl Document {
         let name = decode_percent(uri).ok_or_else(|| format!("has a malformed uri `{uri}`"))?;
         files::beside(&self.path, &name)
     }
+}
+
+/// The typed JSON. The crate asks for more than the specification does where a scene has no nodes or a texture has
+/// its picture from an extension; what is not needed here is left out of a second attempt.
+fn parse(text: &[u8]) -> std::result::Result<json::Root, serde_json::Error> {
+    json::deserialize::from_slice(text).or_else(|error: serde_json::Error| {
+        let Ok(serde_json::Value::Object(mut root)) = serde_json::from_slice(text) else { return Err(error) };
+        for unused in ["textures", "images", "samplers", "animations", "skins"] {
+            root.remove(unused);
+        }
+        let scenes = root.get_mut("scenes").and_then(serde_json::Value::as_array_mut);
+        for scene in scenes.into_iter().flatten().filter_map(serde_json::Value::as_object_mut) {
+            scene.entry("nodes").or_insert_with(|| serde_json::json!([]));
+        }
+        // The first error knows its line.
+        serde_json::from_value(serde_json::Value::Object(root)).map_err(|_| error)
+    })
 }
 
 /// Extensions that are read, or that change how a surface looks but not where it is.
