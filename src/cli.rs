@@ -60,7 +60,7 @@ struct Settings {
 /// The same where there is a scene.
 #[derive(Debug, Args, Clone)]
 struct Overrides {
-    /// Unit of the mesh: m, cm, mm, in or ft (an OBJ does not say).
+    /// Unit of the mesh: m, cm, mm, in or ft (OBJ, STL and PLY do not say).
     #[arg(long, value_name = "UNIT")]
     unit: Option<String>,
     #[command(flatten)]
@@ -79,7 +79,7 @@ impl Overrides {
 enum Command {
     /// The main job: a scene (or a measured cube) to volume, depth map, pictures and report.
     ///
-    /// INPUT is a run file (.toml), a bare mesh (.obj, .gltf, .glb), a list of reflectors (.csv) or a cube (.npz).
+    /// INPUT is a run file (.toml), a bare mesh (.obj, .gltf, .glb, .stl, .ply), a list of reflectors (.csv) or a cube (.npz).
     Image {
         /// Run file, mesh, reflector list or cube.
         input: PathBuf,

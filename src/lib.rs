@@ -4,7 +4,7 @@
 //! It takes the method of Streeter et al. \[1\], a 2-D demonstration, to 3-D:
 //!
 //! ```text
-//! mesh (OBJ, glTF) -> reflectors A(p) -> data cube m(f, r) -> volume Â(p) -> depth map -> EXR, VTI, npz, PNG
+//! mesh (OBJ, glTF, STL, PLY) -> reflectors A(p) -> data cube m(f, r) -> volume Â(p) -> depth map -> EXR, VTI, npz, PNG
 //!                     ^ BVH occlusion    ^ Eq. 5              ^ Eq. 13 = 16
 //! ```
 //!

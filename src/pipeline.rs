@@ -351,7 +351,10 @@ fn warn_all(warnings: &[String], observer: &dyn Observer) {
 /// The scene file that a run needs.
 fn scene_path(run: &RunFile) -> Result<&Path> {
     run.scene.mesh.as_ref().map(|file| file.path.as_path()).ok_or_else(|| {
-        Error::input("[scene] mesh", "is missing; name a mesh (.obj, .gltf, .glb) or a reflector list (.csv)")
+        Error::input(
+            "[scene] mesh",
+            "is missing; name a mesh (.obj, .gltf, .glb, .stl, .ply) or a reflector list (.csv)",
+        )
     })
 }
 

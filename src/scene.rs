@@ -1,6 +1,6 @@
 //! Mesh files to triangles in the array's frame, and what a straight path between two points crosses.
 //!
-//! Takes OBJ or glTF; gives a [`Scene`]: triangles in m, their acoustic materials, and the tree that answers
+//! Takes OBJ, glTF, STL or PLY; gives a [`Scene`]: triangles in m, their acoustic materials, and the tree that answers
 //! [`Scene::transmittance`] and [`Scene::crossings`]. Nothing here knows of sound waves: a surface takes away a
 //! share of the amplitude of what crosses it and gives back a share of what falls on it, whatever the
 //! frequency or the angle.
@@ -12,9 +12,14 @@ mod mtl;
 mod obj;
 mod occlusion;
 mod placement;
+mod ply;
 mod polygon;
+mod stl;
+mod surfaces;
 mod triangle;
 
+#[cfg(test)]
+mod gltf_extension_tests;
 #[cfg(test)]
 mod gltf_tests;
 #[cfg(test)]
@@ -35,14 +40,14 @@ use crate::error::{Error, Result};
 use crate::progress::Observer;
 use material::Palette;
 use occlusion::SurfaceTree;
+use surfaces::{MOST_TRIANGLES, Surfaces, too_many_triangles};
 
 /// No vertex may lie farther from the origin than this, m: sound does not get there, and a number beyond it is
 /// a mistaken unit or a damaged file.
 pub const FARTHEST: f64 = 1e9;
 
-/// More triangles than this are refused, so that a small hostile file with many instances cannot take all
-/// memory (one triangle and its share of the tree take about 150 bytes).
-const MOST_TRIANGLES: usize = 50_000_000;
+/// Extensions of the mesh files that [`Scene::load`] reads, in lower case.
+pub const EXTENSIONS: [&str; 5] = ["obj", "gltf", "glb", "stl", "ply"];
 
 /// The camera the array was put at, when [`Sensor::Camera`] named a perspective one.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -64,7 +69,7 @@ pub struct Scene {
 
 /// What a mesh file holds, in its own frame and unit.
 struct Mesh {
-    triangles: Vec<Triangle>,
+    surfaces: Surfaces,
     metres_per_unit: f64,
     up: Up,
     /// From the file's frame to that of the sensor asked for, when one was.
@@ -73,7 +78,7 @@ struct Mesh {
 }
 
 impl Scene {
-    /// Reads a mesh file (`.obj`, `.gltf`, `.glb`) and places it before the array as `options` say.
+    /// Reads a mesh file (`.obj`, `.gltf`, `.glb`, `.stl`, `.ply`) and places it before the array as `options` say.
     ///
     /// Files that the mesh refers to are read from its own folder only. Pictures (textures) are not read.
     ///
@@ -91,10 +96,12 @@ impl Scene {
         let mesh = match kind.as_str() {
             "obj" => obj::load(path, options, &mut palette, observer)?,
             "gltf" | "glb" => gltf::load(path, options, &mut palette, observer)?,
+            "stl" => stl::load(path, options, &mut palette, observer)?,
+            "ply" => ply::load(path, options, &mut palette, observer)?,
             _ => {
                 return Err(Error::input(
                     path.display(),
-                    "is no mesh this program reads; expected a file named .obj, .gltf or .glb",
+                    "is no mesh this program reads; expected a file named .obj, .gltf, .glb, .stl or .ply",
                 ));
             }
         };
@@ -102,7 +109,7 @@ impl Scene {
             return Err(Error::Interrupted);
         }
         let materials = palette.finish(path, observer);
-        let (camera, triangles) = (mesh.camera, place(path, mesh, options, observer)?);
+        let (camera, triangles) = (mesh.camera, place(mesh, options, observer)?);
         // The places of errors in `new` are triangles, which say nothing without their file.
         let scene = Self::new(triangles, materials).map_err(|error| match error {
             Error::Input { place, problem } => Error::input(format!("{}, {place}", path.display()), problem),
@@ -174,35 +181,13 @@ impl Scene {
     }
 }
 
-/// Takes the triangles from the file's frame to the array's, and drops those without area.
-fn place(path: &Path, mesh: Mesh, options: &LoadOptions, observer: &dyn Observer) -> Result<Vec<Triangle>> {
-    let Mesh { mut triangles, metres_per_unit, up, sensor, .. } = mesh;
-    let found = triangles.len();
-    triangles.retain(|t| !t.is_degenerate());
-    if triangles.is_empty() {
-        return Err(Error::input(
-            path.display(),
-            "holds no triangle with an area; an image needs at least one surface",
-        ));
-    }
-    if triangles.len() < found {
-        observer.warn(&format!(
-            "{}: {} of {found} triangles have no area and are left out",
-            path.display(),
-            found - triangles.len()
-        ));
-    }
+/// Takes the triangles from the file's frame to the array's.
+fn place(mesh: Mesh, options: &LoadOptions, observer: &dyn Observer) -> Result<Vec<Triangle>> {
+    let Mesh { surfaces, metres_per_unit, up, sensor, .. } = mesh;
+    let mut triangles = surfaces.finish(observer)?;
     let placement = placement::placement(&triangles, metres_per_unit, up, sensor, options);
     for triangle in &mut triangles {
         triangle.vertices = triangle.vertices.map(|v| placement.transform_point3(v));
     }
     Ok(triangles)
-}
-
-/// The refusal of a mesh that would take all memory.
-fn too_many_triangles(place: impl std::fmt::Display) -> Error {
-    Error::input(
-        place,
-        format!("holds more than {MOST_TRIANGLES} triangles; decimate the mesh (sound resolves about a cm)"),
-    )
 }

@@ -10,7 +10,7 @@ use holosonar::export::{attributes_as_json, find_attribute};
 use holosonar::files::npz::NpzReader;
 use holosonar::grid::Axis;
 use holosonar::progress::Observer;
-use holosonar::scene::Scene;
+use holosonar::scene::{EXTENSIONS, Scene};
 use serde_json::{Value, json};
 use std::path::Path;
 
@@ -21,7 +21,7 @@ pub(super) fn of(file: &Path, overrides: &Overrides, limit: u64, observer: &dyn 
         "npz" => npz(file, limit),
         "exr" => exr(file, limit),
         "toml" => Ok(json!({ "kind": "run file", "resolved": run_of(file, overrides)?.0.to_json() })),
-        "obj" | "gltf" | "glb" => mesh(file, overrides, observer),
+        mesh if EXTENSIONS.contains(&mesh) => self::mesh(file, overrides, observer),
         "csv" => {
             let reflectors = holosonar::reflectors::Reflectors::read_csv(file)?;
             let bounds = reflectors.bounds().map(|(low, high)| [low.to_array(), high.to_array()]);
@@ -31,7 +31,8 @@ pub(super) fn of(file: &Path, overrides: &Overrides, limit: u64, observer: &dyn 
         }
         _ => Err(Error::input(
             file.display(),
-            "is no kind of file this program knows; .npz, .exr, .obj, .gltf, .glb, .csv or .toml was expected",
+            "is no kind of file this program knows; .npz, .exr, .obj, .gltf, .glb, .stl, .ply, .csv or .toml was \
+             expected",
         )),
     }
 }

@@ -3,6 +3,7 @@
 use super::Overrides;
 use holosonar::config::{InputFile, RunFile};
 use holosonar::error::{Error, Result};
+use holosonar::scene::EXTENSIONS;
 use std::path::Path;
 
 /// The run file of an input, and whether it is a bare mesh, for which defaults stand in.
@@ -10,11 +11,11 @@ pub(super) fn run_of(input: &Path, overrides: &Overrides) -> Result<(RunFile, bo
     if has_extension(input, &["toml"]) {
         return Ok((RunFile::load(input, &overrides.keys())?, false));
     }
-    if !has_extension(input, &["obj", "gltf", "glb", "csv"]) {
+    if !has_extension(input, &EXTENSIONS) && !has_extension(input, &["csv"]) {
         return Err(Error::input(
             input.display(),
-            "is no input this command takes; a run file (.toml), a mesh (.obj, .gltf, .glb) or a list of reflectors \
-             (.csv) was expected",
+            "is no input this command takes; a run file (.toml), a mesh (.obj, .gltf, .glb, .stl, .ply) or a list of \
+             reflectors (.csv) was expected",
         ));
     }
     let mut run = RunFile::from_str_at("", "command line", Path::new(""), &overrides.keys())?;

@@ -19,7 +19,7 @@ use std::fmt;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Scene {
-    /// Mesh (`.obj`, `.gltf`, `.glb`) or reflectors (`.csv`).
+    /// Mesh (`.obj`, `.gltf`, `.glb`, `.stl`, `.ply`) or reflectors (`.csv`).
     pub mesh: Option<InputFile>,
     /// Unit of the mesh's coordinates; left out: what the file itself says.
     pub unit: Option<Unit>,

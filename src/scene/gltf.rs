@@ -7,19 +7,26 @@
 mod accessor;
 mod acoustics;
 mod container;
+mod instances;
+mod mesh;
+mod sensor;
 
+use std::collections::HashMap;
+use std::collections::hash_map::Entry;
 use std::path::Path;
 
 use ::gltf::json;
-use glam::{DAffine3, DMat3, DMat4, DQuat, DVec3};
-use json::mesh::{Mode, Primitive, Semantic};
-use json::validation::Checked;
+use glam::{DAffine3, DMat4, DQuat, DVec3};
 
 use super::material::Palette;
-use super::{CameraView, LoadOptions, Mesh, Sensor, Triangle, Up, too_many_triangles};
+use super::surfaces::{Surfaces, too_many_triangles};
+use super::{LoadOptions, Up};
 use crate::error::{Error, Result};
 use crate::progress::Observer;
 use container::Document;
+use instances::Instances;
+use mesh::Mesh;
+use sensor::Lookout;
 
 /// Reads a glTF or GLB file. See [`Scene::load`](super::Scene::load).
 pub(super) fn load(
@@ -27,7 +34,7 @@ pub(super) fn load(
     options: &LoadOptions,
     palette: &mut Palette<'_>,
     observer: &dyn Observer,
-) -> Result<Mesh> {
+) -> Result<super::Mesh> {
     if options.unit.is_some_and(|unit| unit != super::Unit::Metre) {
         return Err(Error::input(
             "unit",
@@ -43,19 +50,18 @@ pub(super) fn load(
         document: &document,
         declared,
         palette,
-        wanted: options.sensor.as_ref(),
-        triangles: Vec::new(),
-        sensors: Vec::new(),
-        candidates: Vec::new(),
-        ignored_primitives: 0,
+        meshes: HashMap::new(),
+        surfaces: Surfaces::new(path),
+        lookout: Lookout::new(&document, options.sensor.as_ref()),
+        without_surface: 0,
         deformed: 0,
     };
     walk.run(observer)?;
-    if walk.ignored_primitives > 0 {
+    if walk.without_surface > 0 {
         observer.warn(&format!(
             "{}: {} sets of points or lines have no surface and are left out",
             path.display(),
-            walk.ignored_primitives
+            walk.without_surface
         ));
     }
     if walk.deformed > 0 {
@@ -65,16 +71,9 @@ pub(super) fn load(
             walk.deformed
         ));
     }
-    if document.root.extensions_used.iter().any(|e| e == "EXT_mesh_gpu_instancing") {
-        observer.warn(&format!(
-            "{}: EXT_mesh_gpu_instancing is not read, one instance of each is taken; `gltf-transform \
-             uninstance in.glb out.glb` writes them out",
-            path.display()
-        ));
-    }
-    let sensor = walk.sensor(observer)?;
-    Ok(Mesh {
-        triangles: walk.triangles,
+    let sensor = walk.lookout.sensor(observer)?;
+    Ok(super::Mesh {
+        surfaces: walk.surfaces,
         metres_per_unit: 1.0,
         up: Up::Y,
         sensor: sensor.map(|(frame, _)| frame),
@@ -82,23 +81,16 @@ pub(super) fn load(
     })
 }
 
-/// A primitive's positions, and three places among them for each of its triangles.
-struct Surface {
-    positions: Vec<DVec3>,
-    corners: Vec<[u32; 3]>,
-}
-
 struct Walk<'a, 'p> {
     document: &'a Document,
+    /// The materials' numbers in the palette.
     declared: Vec<usize>,
     palette: &'a mut Palette<'p>,
-    wanted: Option<&'a Sensor>,
-    triangles: Vec<Triangle>,
-    /// Nodes that the sensor asked for may mean, and the camera there.
-    sensors: Vec<(usize, DAffine3, Option<CameraView>)>,
-    /// Names that a sensor of the kind asked for could have had.
-    candidates: Vec<String>,
-    ignored_primitives: usize,
+    /// Those shown so far, by number.
+    meshes: HashMap<usize, Mesh<'a>>,
+    surfaces: Surfaces,
+    lookout: Lookout<'a>,
+    without_surface: usize,
     deformed: usize,
 }
 
@@ -128,7 +120,7 @@ impl Walk<'_, '_> {
             if !to_scene.is_finite() {
                 return Err(Error::input(place(), "has a transform that is not finite"));
             }
-            self.note_sensor(index, node, to_scene);
+            self.lookout.note(index, node, to_scene);
             if let Some(mesh) = node.mesh {
                 self.add_mesh(index, node, mesh.value(), to_scene)?;
             }
@@ -168,65 +160,6 @@ impl Walk<'_, '_> {
         Ok(scene.nodes.iter().map(json::Index::value).collect())
     }
 
-    fn note_sensor(&mut self, index: usize, node: &json::Node, to_scene: DAffine3) {
-        let camera = node.camera.and_then(|i| self.document.root.cameras.get(i.value()));
-        let names = match self.wanted {
-            None => return,
-            Some(Sensor::Camera(_)) if camera.is_none() => return,
-            Some(Sensor::Camera(_)) => [camera.and_then(|c| c.name.as_ref()), node.name.as_ref()],
-            Some(Sensor::Node(_)) => [node.name.as_ref(), None],
-        };
-        let Some(Sensor::Camera(wanted) | Sensor::Node(wanted)) = self.wanted else { return };
-        if names.into_iter().flatten().any(|name| name == wanted) {
-            let view = camera.and_then(|c| c.perspective.as_ref()).map(|p| CameraView {
-                vertical_field_of_view: f64::from(p.yfov).to_degrees(),
-                aspect_ratio: p.aspect_ratio.map(f64::from),
-            });
-            self.sensors.push((index, to_scene, view));
-        }
-        self.candidates.extend(names.into_iter().flatten().map(|name| format!("`{name}`")));
-    }
-
-    /// The map from the scene to the sensor's frame (x right, y down, z ahead) and its camera, when one is asked
-    /// for.
-    fn sensor(&self, observer: &dyn Observer) -> Result<Option<(DAffine3, Option<CameraView>)>> {
-        let Some(wanted) = self.wanted else { return Ok(None) };
-        let (kind, name) = match wanted {
-            Sensor::Camera(name) => ("camera", name),
-            Sensor::Node(name) => ("node", name),
-        };
-        let Some(&(index, to_scene, view)) = self.sensors.first() else {
-            let there =
-                if self.candidates.is_empty() { "none".to_owned() } else { self.candidates.join(", ") };
-            return Err(Error::input(
-                self.document.name(),
-                format!("its scene has no {kind} named `{name}`; there is {there}"),
-            ));
-        };
-        if self.sensors.len() > 1 {
-            observer.warn(&format!(
-                "{}: {} nodes fit the sensor {kind}:{name}; the first is taken",
-                self.document.name(),
-                self.sensors.len()
-            ));
-        }
-        // A camera has a place and axes but no size: scale and shear of its node do not apply.
-        let [x, y, z] = [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| to_scene.transform_vector3(axis));
-        let (back, right) = (z.normalize_or_zero(), y.cross(z).normalize_or_zero());
-        if back == DVec3::ZERO || right == DVec3::ZERO || x == DVec3::ZERO {
-            let node = self.document.root.nodes.get(index).and_then(|n| n.name.as_ref());
-            return Err(Error::input(
-                self.document.place("node", index, node),
-                "has a scale of 0 and looks nowhere",
-            ));
-        }
-        let up = back.cross(right);
-        // Rows are the array's axes: x right, y down, z ahead.
-        let rotation = DMat3::from_cols(right, -up, -back).transpose();
-        let frame = DAffine3::from_mat3(rotation) * DAffine3::from_translation(-to_scene.translation);
-        Ok(Some((frame, view)))
-    }
-
     fn add_mesh(
         &mut self,
         node_index: usize,
@@ -235,97 +168,35 @@ impl Walk<'_, '_> {
         to_scene: DAffine3,
     ) -> Result<()> {
         let document = self.document;
-        let node_place = || document.place("node", node_index, node.name.as_ref());
-        let Some(mesh) = document.root.meshes.get(mesh_index) else {
-            return Err(Error::input(node_place(), format!("shows mesh {mesh_index}, which is missing")));
+        let place = || document.place("node", node_index, node.name.as_ref());
+        let Some(declared) = document.root.meshes.get(mesh_index) else {
+            return Err(Error::input(place(), format!("shows mesh {mesh_index}, which is missing")));
         };
-        let mut deformed = node.skin.is_some();
-        // A mirrored node turns its triangles round.
-        let mirrored = to_scene.matrix3.determinant() < 0.0;
-        for (i, primitive) in mesh.primitives.iter().enumerate() {
-            deformed |= primitive.targets.as_ref().is_some_and(|targets| !targets.is_empty());
-            let place =
-                || format!("{}, primitive {i}", document.place("mesh", mesh_index, mesh.name.as_ref()));
-            let Some(Surface { positions, corners }) = self.surface(primitive, &place)? else {
-                self.ignored_primitives += 1;
-                continue;
-            };
-            let declared =
-                match primitive.material.map(|m| m.value()) {
-                    Some(m) => Some(*self.declared.get(m).ok_or_else(|| {
-                        Error::input(place(), format!("has material {m}, which is missing"))
-                    })?),
-                    None => None,
+        let mesh = match self.meshes.entry(mesh_index) {
+            Entry::Occupied(opened) => opened.into_mut(),
+            Entry::Vacant(place) => place.insert(Mesh::open(document, mesh_index, declared)?),
+        };
+        self.without_surface += mesh.without_surface;
+        self.deformed += usize::from(mesh.morphs || node.skin.is_some());
+        let instances = Instances::of(document, node, &place)?;
+        let copies = instances.as_ref().map_or(1, Instances::len);
+        match mesh.triangles().checked_mul(copies) {
+            Some(0) => return Ok(()),
+            Some(triangles) => self.surfaces.expect_room(triangles)?,
+            None => return Err(too_many_triangles(document.name())),
+        }
+        let owner = node.name.as_deref().unwrap_or_default();
+        for piece in &mesh.pieces {
+            let material = self.palette.assign(piece.material.map(|m| self.declared[m]), owner);
+            for copy in 0..copies {
+                let to_scene = match &instances {
+                    Some(instances) => to_scene * instances.transform(copy)?,
+                    None => to_scene,
                 };
-            let owner = node.name.as_deref().unwrap_or_default();
-            let material = self.palette.assign(declared, owner);
-            if self.triangles.len() + corners.len() > super::MOST_TRIANGLES {
-                return Err(too_many_triangles(document.name()));
+                piece.add_to(&mut self.surfaces, to_scene, material)?;
             }
-            self.triangles.extend(corners.into_iter().map(|[a, b, c]| {
-                let corners = if mirrored { [a, c, b] } else { [a, b, c] };
-                let vertices = corners.map(|k| to_scene.transform_point3(positions[k as usize]));
-                Triangle { vertices, material }
-            }));
         }
-        self.deformed += usize::from(deformed);
         Ok(())
-    }
-
-    /// Positions and triangles of a primitive; `None` for points and lines.
-    fn surface(&self, primitive: &Primitive, place: &impl Fn() -> String) -> Result<Option<Surface>> {
-        let mode = match primitive.mode {
-            Checked::Valid(mode) => mode,
-            Checked::Invalid => return Err(Error::input(place(), "its mode should be a number from 0 to 6")),
-        };
-        if matches!(mode, Mode::Points | Mode::Lines | Mode::LineLoop | Mode::LineStrip) {
-            return Ok(None);
-        }
-        let Some(accessor) = primitive.attributes.get(&Checked::Valid(Semantic::Positions)) else {
-            return Err(Error::input(place(), "has no POSITION"));
-        };
-        let document = self.document;
-        let compressed = primitive.extensions.as_ref().is_some_and(|e| {
-            e.others.contains_key("KHR_draco_mesh_compression")
-                && document.root.accessors.get(accessor.value()).is_some_and(|a| a.buffer_view.is_none())
-        });
-        if compressed {
-            return Err(container::unsupported_extension(&place(), "KHR_draco_mesh_compression"));
-        }
-        let positions = accessor::positions(document, accessor.value())?;
-        let indices = match primitive.indices {
-            Some(index) => accessor::indices(document, index.value())?,
-            None => (0..positions.len() as u32).collect(),
-        };
-        if let Some(bad) = indices.iter().find(|&&i| i as usize >= positions.len()) {
-            return Err(Error::input(
-                place(),
-                format!("has vertex {bad}, of which there are {}", positions.len()),
-            ));
-        }
-        let corners = triangles_of(mode, &indices, place)?;
-        Ok(Some(Surface { positions, corners }))
-    }
-}
-
-fn triangles_of(mode: Mode, indices: &[u32], place: &impl Fn() -> String) -> Result<Vec<[u32; 3]>> {
-    match mode {
-        Mode::TriangleStrip => {
-            // Every second triangle of a strip runs the other way round.
-            let turned =
-                |(i, w): (usize, &[u32])| if i % 2 == 0 { [w[0], w[1], w[2]] } else { [w[0], w[2], w[1]] };
-            Ok(indices.windows(3).enumerate().map(turned).collect())
-        }
-        Mode::TriangleFan => {
-            Ok(indices.get(1..).unwrap_or_default().windows(2).map(|w| [indices[0], w[0], w[1]]).collect())
-        }
-        _ if indices.len().is_multiple_of(3) => {
-            Ok(indices.chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect())
-        }
-        _ => Err(Error::input(
-            place(),
-            format!("has {} corners, which is no multiple of 3; the file may be cut short", indices.len()),
-        )),
     }
 }
 
@@ -336,12 +207,15 @@ fn local_transform(node: &json::Node) -> DAffine3 {
     }
     let vector = |v: [f32; 3]| DVec3::from_array(v.map(f64::from));
     let rotation = node.rotation.map_or(DQuat::IDENTITY, |q| DQuat::from_array(q.0.map(f64::from)));
-    // Files round quaternions; one that is off by more is a rotation all the same. Zero is none.
-    let length = rotation.length();
-    let rotation = if length > 0.0 { rotation / length } else { DQuat::IDENTITY };
     DAffine3::from_scale_rotation_translation(
         node.scale.map_or(DVec3::ONE, vector),
-        rotation,
+        unit_rotation(rotation),
         node.translation.map_or(DVec3::ZERO, vector),
     )
+}
+
+/// Files round quaternions; one that is off by more is a rotation all the same. Zero is none.
+fn unit_rotation(rotation: DQuat) -> DQuat {
+    let length = rotation.length();
+    if length > 0.0 { rotation / length } else { DQuat::IDENTITY }
 }

@@ -11,7 +11,8 @@ use std::path::Path;
 use glam::DVec3;
 
 use super::material::{Material, Palette};
-use super::{LoadOptions, Mesh, Triangle, Up, files, mtl, polygon, too_many_triangles};
+use super::surfaces::Surfaces;
+use super::{LoadOptions, Mesh, Up, files, mtl};
 use crate::error::{Error, Result};
 use crate::progress::Observer;
 
@@ -22,22 +23,24 @@ pub(super) fn load(
     palette: &mut Palette<'_>,
     observer: &dyn Observer,
 ) -> Result<Mesh> {
-    if options.sensor.is_some() {
-        return Err(Error::input(
-            "sensor",
-            format!("needs a glTF file; {} is an OBJ, which has no cameras or nodes", path.display()),
-        ));
-    }
+    options.refuse_sensor("an OBJ", path)?;
     let bytes = files::read(path)?;
     // Names may be in any encoding; geometry is ASCII.
     let source = String::from_utf8_lossy(&bytes);
     let cleaned = clean(source.trim_start_matches('\u{feff}'), path)?;
     let metres_per_unit = metres_per_unit(&cleaned, options, path, observer)?;
+    if cleaned.free_form > 0 {
+        observer.warn(&format!(
+            "{}: {} free-form surfaces (`surf`) are not read; export the mesh as polygons",
+            path.display(),
+            cleaned.free_form
+        ));
+    }
     let declared = declare_materials(&cleaned, path, palette, observer)?;
     let models = read_models(&cleaned, path)?;
 
-    let mut triangles = Vec::new();
-    let mut doubtful = 0_usize;
+    let mut surfaces = Surfaces::new(path);
+    let mut corners = Vec::new();
     for model in models {
         let mesh = &model.mesh;
         let vertices: Vec<_> = mesh.positions.chunks_exact(3).map(DVec3::from_slice).collect();
@@ -53,25 +56,12 @@ pub(super) fn load(
         for &arity in mesh.face_arities.iter().chain(&all_triangles) {
             let (face, after) = rest.split_at((arity as usize).min(rest.len()));
             rest = after;
-            let corners: Vec<_> = face.iter().map(|&i| vertices[i as usize]).collect();
-            let cut = polygon::cut(&corners);
-            doubtful += usize::from(cut.doubtful);
-            triangles
-                .extend(cut.triangles.iter().map(|t| Triangle { vertices: t.map(|i| corners[i]), material }));
-        }
-        if triangles.len() > super::MOST_TRIANGLES {
-            return Err(too_many_triangles(path.display()));
+            corners.clear();
+            corners.extend(face.iter().map(|&i| vertices[i as usize]));
+            surfaces.add_face(&corners, material)?;
         }
     }
-    if doubtful > 0 {
-        observer.warn(&format!(
-            "{}: {doubtful} faces have outlines that cross themselves, are flat, or are concave with over a \
-             thousand corners; they are drawn as fans from their first corner, which may be wrong. Triangulate \
-             the mesh where it was made",
-            path.display()
-        ));
-    }
-    Ok(Mesh { triangles, metres_per_unit, up: Up::None, sensor: None, camera: None })
+    Ok(Mesh { surfaces, metres_per_unit, up: Up::None, sensor: None, camera: None })
 }
 
 /// `tobj` calls what has no name by one.
@@ -87,13 +77,15 @@ struct Cleaned {
     libraries: Vec<String>,
     /// Metres per unit, from a header comment.
     header: Option<f64>,
+    /// Free-form surfaces, which are left out.
+    free_form: usize,
 }
 
 fn clean(source: &str, path: &Path) -> Result<Cleaned> {
     let mut text = String::with_capacity(source.len());
     let mut materials: Vec<String> = Vec::new();
     let mut places = HashMap::new();
-    let (mut libraries, mut header) = (Vec::new(), None);
+    let (mut libraries, mut header, mut free_form) = (Vec::new(), None, 0);
     let mut lines = source.lines().enumerate();
     while let Some((number, line)) = lines.next() {
         let mut line = Cow::Borrowed(line.trim());
@@ -136,6 +128,7 @@ fn clean(source: &str, path: &Path) -> Result<Cleaned> {
                 text.push_str(&place.to_string());
             }
             "mtllib" if !rest.is_empty() => libraries.push(rest.to_owned()),
+            "surf" => free_form += 1,
             _ if line.starts_with('#') && header.is_none() => {
                 header =
                     header_unit(line).map_err(|problem| Error::input(at_line(path, number + 1), problem))?;
@@ -144,7 +137,7 @@ fn clean(source: &str, path: &Path) -> Result<Cleaned> {
         }
         text.extend(std::iter::repeat_n('\n', 1 + joined));
     }
-    Ok(Cleaned { text, materials, libraries, header })
+    Ok(Cleaned { text, materials, libraries, header, free_form })
 }
 
 fn uncommented(rest: &str) -> &str {
@@ -191,11 +184,7 @@ fn metres_per_unit(
             Ok(asked)
         }
         (Some(metres), _) | (None, Some(metres)) => Ok(metres),
-        (None, None) => Err(Error::input(
-            path.display(),
-            "an OBJ does not say its unit of length; set `unit = \"mm\"` (m, cm, mm, in or ft) under [scene] or \
-             give `--unit mm`",
-        )),
+        (None, None) => options.needed_unit("an OBJ", path),
     }
 }
 

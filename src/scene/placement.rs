@@ -1,5 +1,6 @@
 //! From the frame of a mesh file to that of the array: unit, up axis, scale, rotation, and where to put it.
 
+use std::path::Path;
 use std::str::FromStr;
 
 use glam::{DAffine3, DMat3, DVec3};
@@ -121,9 +122,10 @@ impl FromStr for Sensor {
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct LoadOptions {
-    /// The file's unit of length. An OBJ needs it unless its header says `1 unit = ...`; glTF is in m.
+    /// The file's unit of length. STL and PLY need it, and OBJ unless its header says `1 unit = ...`; glTF is
+    /// in m.
     pub unit: Option<Unit>,
-    /// The file's up axis; left out, [`Up::Y`] for glTF and [`Up::None`] for OBJ.
+    /// The file's up axis; left out, [`Up::Y`] for glTF and [`Up::None`] for the others.
     pub up: Option<Up>,
     /// Factor on all lengths.
     pub scale: f64,
@@ -192,6 +194,36 @@ impl LoadOptions {
     }
 }
 
+/// What the formats without a unit, cameras or nodes have in common.
+impl LoadOptions {
+    /// Metres per unit of a file that does not say; `format` reads like "an OBJ".
+    ///
+    /// # Errors
+    /// The unit was not given.
+    pub(super) fn needed_unit(&self, format: &str, path: &Path) -> Result<f64> {
+        self.unit.map(Unit::metres).ok_or_else(|| {
+            Error::input(
+                path.display(),
+                format!(
+                    "{format} does not say its unit of length; set `unit = \"mm\"` (m, cm, mm, in or ft) under \
+                     [scene] or give `--unit mm`"
+                ),
+            )
+        })
+    }
+
+    /// Refuses a sensor beside a file that has nothing to put it at; `format` reads like "an OBJ".
+    pub(super) fn refuse_sensor(&self, format: &str, path: &Path) -> Result<()> {
+        if self.sensor.is_none() {
+            return Ok(());
+        }
+        Err(Error::input(
+            "sensor",
+            format!("needs a glTF file; {} is {format}, which has no cameras or nodes", path.display()),
+        ))
+    }
+}
+
 /// The map from the file's frame to the array's (DESIGN 2: unit, up, scale, rotate, translate or fit).
 pub(super) fn placement(
     triangles: &[Triangle],
@@ -209,10 +241,8 @@ pub(super) fn placement(
         options.translate
     } else {
         // The box is that of the turned mesh, not the turned box of the mesh.
-        let turned = triangles
-            .iter()
-            .map(|t| Triangle { vertices: t.vertices.map(|v| oriented.transform_point3(v)), ..*t });
-        let (low, high) = triangle::bounds(&turned.collect::<Vec<_>>()).unwrap_or_default();
+        let corners = triangles.iter().flat_map(|t| t.vertices).map(|v| oriented.transform_point3(v));
+        let (low, high) = triangle::box_around(corners).unwrap_or_default();
         let by_diagonal = options.fit_by_diagonal.map(|k| DVec3::Z * k * (high - low).length());
         options.fit.or(by_diagonal).unwrap_or_default() - 0.5 * (low + high)
     };

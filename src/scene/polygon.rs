@@ -5,19 +5,24 @@ use glam::{DVec2, DVec3};
 /// Above this number of corners ears are not searched for: that takes up to the cube of it.
 const MOST_CORNERS: usize = 1024;
 
+/// How many times the search for ears in a file's faces may look at a corner, so that a file of the worst faces
+/// takes seconds and not hours. A million honest faces of ten corners need a tenth of it.
+pub(super) const ALLOWANCE: u64 = 1 << 32;
+
 /// The triangles of a face, as places in `corners`, wound as the face is.
 pub(super) struct Cut {
     pub(super) triangles: Vec<[usize; 3]>,
-    /// The outline crosses itself, or is concave with very many corners: a fan from the first corner was drawn,
-    /// which may cover what the face does not.
+    /// The outline crosses itself, or is concave with very many corners, or the allowance is used up: a fan from the
+    /// first corner was drawn, which may cover what the face does not.
     pub(super) doubtful: bool,
 }
 
 /// Cuts a face into triangles: a fan where it is strictly convex, ears otherwise.
 ///
 /// No corner is added, and none is left out where the outline is simple, so that faces that share their corners
-/// share their edges; corners on a straight side are kept, too. Cost: `O(n)` convex, up to `O(n³)` otherwise.
-pub(super) fn cut(corners: &[DVec3]) -> Cut {
+/// share their edges; corners on a straight side are kept, too. Cost: `O(n)` convex, up to `O(n³)` otherwise, which
+/// is taken from the `allowance`.
+pub(super) fn cut(corners: &[DVec3], allowance: &mut u64) -> Cut {
     let fan = |doubtful| Cut { triangles: (2..corners.len()).map(|i| [0, i - 1, i]).collect(), doubtful };
     if corners.len() <= 3 {
         return fan(false);
@@ -31,7 +36,7 @@ pub(super) fn cut(corners: &[DVec3]) -> Cut {
     if n > MOST_CORNERS {
         return fan(true);
     }
-    match ears(&flat) {
+    match ears(&flat, allowance) {
         Some(triangles) => Cut { triangles, doubtful: false },
         None => fan(true),
     }
@@ -69,14 +74,15 @@ fn winds_once(flat: &[DVec2]) -> bool {
 }
 
 /// Cuts off one ear after the other: a left turn whose triangle holds no other corner. `None` when there is no
-/// ear, which happens only where the outline is not simple.
-fn ears(flat: &[DVec2]) -> Option<Vec<[usize; 3]>> {
+/// ear, which happens only where the outline is not simple, or no more allowance.
+fn ears(flat: &[DVec2], allowance: &mut u64) -> Option<Vec<[usize; 3]>> {
     let mut left: Vec<usize> = (0..flat.len()).collect();
     let mut triangles = Vec::with_capacity(flat.len() - 2);
     let mut i = 0;
     let mut since_last_ear = 0;
     while left.len() > 3 {
         let m = left.len();
+        *allowance = allowance.checked_sub(m as u64)?;
         let ear = [left[(i + m - 1) % m], left[i % m], left[(i + 1) % m]];
         if is_ear(flat, &left, ear) {
             triangles.push(ear);
@@ -116,6 +122,11 @@ fn is_ear(flat: &[DVec2], left: &[usize], [a, b, c]: [usize; 3]) -> bool {
 mod tests {
     use super::*;
 
+    fn cut_freely(corners: &[DVec3]) -> Cut {
+        let mut allowance = ALLOWANCE;
+        cut(corners, &mut allowance)
+    }
+
     fn area(corners: &[DVec3], cut: &Cut) -> f64 {
         let each = cut
             .triangles
@@ -136,12 +147,12 @@ mod tests {
         for shift in 0..l.len() {
             let mut corners = l.clone();
             corners.rotate_left(shift);
-            let cut = cut(&corners);
+            let cut = cut_freely(&corners);
             assert!(!cut.doubtful);
             assert!((area(&corners, &cut) - 5.0).abs() < 1e-12);
         }
         let arrow = face(&[(0.0, 0.0), (2.0, 1.0), (0.0, 2.0), (1.0, 1.0)]);
-        assert!((area(&arrow, &cut(&arrow)) - 1.0).abs() < 1e-12);
+        assert!((area(&arrow, &cut_freely(&arrow)) - 1.0).abs() < 1e-12);
     }
 
     #[test]
@@ -156,7 +167,7 @@ mod tests {
             (0.0, 2.0),
             (0.0, 1.0),
         ]);
-        let cut = cut(&square);
+        let cut = cut_freely(&square);
         assert_eq!(cut.triangles.len(), 6);
         assert!((area(&square, &cut) - 4.0).abs() < 1e-12);
     }
@@ -175,7 +186,7 @@ mod tests {
             (2.0, 1.0),
             (1.0, 1.0),
         ]);
-        let cut = cut(&ring);
+        let cut = cut_freely(&ring);
         assert!(!cut.doubtful);
         assert!((area(&ring, &cut) - 8.0).abs() < 1e-12);
     }
@@ -183,10 +194,20 @@ mod tests {
     #[test]
     fn outlines_that_cross_themselves_are_doubtful() {
         let bow = face(&[(0.0, 0.0), (1.0, 1.0), (1.0, 0.0), (0.0, 1.0)]);
-        let cut_bow = cut(&bow);
+        let cut_bow = cut_freely(&bow);
         assert!(cut_bow.doubtful && cut_bow.triangles.len() == 2);
         let star: Vec<_> = (0..5).map(|k| (f64::from(k) * 0.8 * std::f64::consts::PI).sin_cos()).collect();
-        assert!(cut(&face(&star)).doubtful);
-        assert!(cut(&face(&[(0.0, 0.0), (1.0, 0.0), (2.0, 0.0), (3.0, 0.0)])).doubtful);
+        assert!(cut_freely(&face(&star)).doubtful);
+        assert!(cut_freely(&face(&[(0.0, 0.0), (1.0, 0.0), (2.0, 0.0), (3.0, 0.0)])).doubtful);
+    }
+
+    #[test]
+    fn work_is_bounded() {
+        let l = face(&[(0.0, 0.0), (3.0, 0.0), (3.0, 1.0), (1.0, 1.0), (1.0, 3.0), (0.0, 3.0)]);
+        let mut allowance = 100;
+        assert!(!cut(&l, &mut allowance).doubtful);
+        assert!(allowance < 100);
+        while !cut(&l, &mut allowance).doubtful {}
+        assert!(!cut(&l[..4], &mut allowance).doubtful, "what needs no search is still cut");
     }
 }

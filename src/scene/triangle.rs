@@ -43,11 +43,12 @@ impl Triangle {
 
 /// Least and greatest corner of the box around `triangles`; `None` when there are none.
 pub(super) fn bounds(triangles: &[Triangle]) -> Option<(DVec3, DVec3)> {
-    triangles
-        .iter()
-        .flat_map(|t| t.vertices)
-        .map(|v| (v, v))
-        .reduce(|(low, high), (v, _)| (low.min(v), high.max(v)))
+    box_around(triangles.iter().flat_map(|t| t.vertices))
+}
+
+/// Least and greatest corner of the box around `points`; `None` when there are none.
+pub(super) fn box_around(points: impl Iterator<Item = DVec3>) -> Option<(DVec3, DVec3)> {
+    points.map(|v| (v, v)).reduce(|(low, high), (v, _)| (low.min(v), high.max(v)))
 }
 
 #[cfg(test)]

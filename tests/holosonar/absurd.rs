@@ -25,7 +25,7 @@ fn image_refuses(folder: &Path, words: &str, said: &[&str]) {
 
 #[test]
 fn inputs_that_are_not_there_or_something_else() {
-    let folder = folder_with(&[("a.stl", ""), ("notes.txt", "")]);
+    let folder = folder_with(&[("a.step", ""), ("notes.txt", "")]);
     for name in ["folder.toml", "folder.obj", "folder.csv", "folder.npz"] {
         std::fs::create_dir(folder.path().join(name)).unwrap();
         image_refuses(folder.path(), &format!("{name} --unit m"), &[name, "is a folder"]);
@@ -33,7 +33,7 @@ fn inputs_that_are_not_there_or_something_else() {
     for name in ["none.toml", "none.obj", "none.gltf", "none.csv", "none.npz"] {
         image_refuses(folder.path(), &format!("{name} --set scene.occlusion=none"), &[name, "no such file"]);
     }
-    for name in ["a.stl", "notes.txt", "none", "out"] {
+    for name in ["a.step", "notes.txt", "none", "out"] {
         image_refuses(folder.path(), name, &[name, "was expected"]);
     }
     refused(folder.path(), "info none.exr", 2, &["none.exr", "no such file"]);

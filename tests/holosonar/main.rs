@@ -15,4 +15,5 @@ mod orientation;
 mod point;
 mod reference;
 mod regression;
+mod scenes;
 mod support;

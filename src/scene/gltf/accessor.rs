@@ -1,7 +1,11 @@
-//! Typed arrays in the buffers of a glTF file: positions and indices, dense or sparse, with every range checked.
+//! Typed arrays in the buffers of a glTF file: positions, indices, rotations, dense or sparse, with every range
+//! checked.
+//!
+//! Values are read one by one where they lie. So many primitives may share one array, and a file that declares a
+//! thousand views of the same bytes takes no room for it.
 
 use ::gltf::json;
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 use json::accessor::{ComponentType, GenericComponentType, IndexComponentType, Type};
 use json::validation::Checked;
 
@@ -12,42 +16,132 @@ use crate::error::{Error, Result};
 /// believed beyond this.
 const MOST_ZEROS: u64 = 1 << 24;
 
-/// Positions of vertices: three f32 each.
-pub(super) fn positions(document: &Document, index: usize) -> Result<Vec<DVec3>> {
-    let accessor = find(document, index)?;
-    let place = || document.place("accessor", index, accessor.name.as_ref());
-    let is_position = matches!(accessor.type_, Checked::Valid(Type::Vec3))
-        && matches!(accessor.component_type, Checked::Valid(GenericComponentType(ComponentType::F32)));
-    if !is_position {
-        return Err(Error::input(
-            place(),
-            "should hold positions of three 32-bit floats; `gltf-transform dequantize in.glb out.glb` makes them so",
-        ));
+/// Bytes of the largest element: four 32-bit floats.
+const LARGEST: usize = 16;
+
+/// A description of an array of vectors of two to four numbers.
+pub(super) struct Vectors<'a> {
+    elements: Elements<'a>,
+    kind: ComponentType,
+    normalized: bool,
+    place: String,
+}
+
+impl<'a> Vectors<'a> {
+    /// Positions of vertices: three 32-bit floats, or with KHR_mesh_quantization bytes or shorts.
+    pub(super) fn positions(document: &'a Document, index: usize) -> Result<Self> {
+        let quantized = document.uses("KHR_mesh_quantization");
+        let kinds = |kind| quantized && kind != ComponentType::U32;
+        let expected = "positions of three 32-bit floats, or of bytes or shorts in a file that declares the \
+                        extension KHR_mesh_quantization";
+        Self::new(document, index, Type::Vec3, kinds, expected)
     }
-    let read = |bytes: &[u8]| {
-        let number =
-            |i: usize| f64::from(f32::from_le_bytes([bytes[i], bytes[i + 1], bytes[i + 2], bytes[i + 3]]));
-        DVec3::new(number(0), number(4), number(8))
-    };
-    let positions = values(document, accessor, &place, 12, DVec3::ZERO, read)?;
-    match positions.iter().position(|p| !p.is_finite()) {
-        Some(bad) => Err(Error::input(place(), format!("position {bad} is not finite: {}", positions[bad]))),
-        None => Ok(positions),
+
+    /// Displacements or scales of instances.
+    pub(super) fn offsets(document: &'a Document, index: usize) -> Result<Self> {
+        Self::new(document, index, Type::Vec3, |_| false, "vectors of three 32-bit floats")
+    }
+
+    /// Rotations of instances.
+    pub(super) fn quaternions(document: &'a Document, index: usize) -> Result<Self> {
+        let kinds = |kind| matches!(kind, ComponentType::I8 | ComponentType::I16);
+        let expected = "rotations of four 32-bit floats, bytes or shorts";
+        Self::new(document, index, Type::Vec4, kinds, expected)
+    }
+
+    fn new(
+        document: &'a Document,
+        index: usize,
+        shape: Type,
+        other_kinds: impl Fn(ComponentType) -> bool,
+        expected: &str,
+    ) -> Result<Self> {
+        let accessor = find(document, index)?;
+        let place = document.place("accessor", index, accessor.name.as_ref());
+        match (accessor.type_, accessor.component_type) {
+            (Checked::Valid(found), Checked::Valid(GenericComponentType(kind)))
+                if found == shape && (kind == ComponentType::F32 || other_kinds(kind)) =>
+            {
+                let size = kind.size() * if shape == Type::Vec3 { 3 } else { 4 };
+                let elements = Elements::new(document, accessor, &place, size)?;
+                Ok(Self { elements, kind, normalized: accessor.normalized, place })
+            }
+            _ => Err(Error::input(place, format!("should hold {expected}"))),
+        }
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.elements.count
+    }
+
+    /// # Errors
+    /// A number that is not finite.
+    pub(super) fn vector(&self, i: usize) -> Result<DVec3> {
+        let bytes = self.elements.get(i);
+        let vector = DVec3::from_array([0, 1, 2].map(|axis| self.number(bytes, axis)));
+        self.finite(vector.is_finite(), i, &vector)?;
+        Ok(vector)
+    }
+
+    /// # Errors
+    /// A number that is not finite.
+    pub(super) fn quaternion(&self, i: usize) -> Result<DQuat> {
+        let bytes = self.elements.get(i);
+        let rotation = DQuat::from_array([0, 1, 2, 3].map(|axis| self.number(bytes, axis)));
+        self.finite(rotation.is_finite(), i, &rotation)?;
+        Ok(rotation)
+    }
+
+    fn finite(&self, is_finite: bool, i: usize, value: &dyn std::fmt::Display) -> Result<()> {
+        if is_finite {
+            return Ok(());
+        }
+        Err(Error::input(&self.place, format!("value {i} is not finite: {value}")))
+    }
+
+    /// Number `axis` of an element; integers that are `normalized` stand for -1..1 or 0..1 (glTF 2.0
+    /// specification, 3.11).
+    fn number(&self, bytes: &[u8], axis: usize) -> f64 {
+        let size = self.kind.size();
+        let at = &bytes[axis * size..(axis + 1) * size];
+        let (value, one) = match self.kind {
+            ComponentType::I8 => (f64::from(at[0] as i8), 127.0),
+            ComponentType::U8 => (f64::from(at[0]), 255.0),
+            ComponentType::I16 => (f64::from(i16::from_le_bytes([at[0], at[1]])), 32_767.0),
+            ComponentType::U16 => (f64::from(u16::from_le_bytes([at[0], at[1]])), 65_535.0),
+            ComponentType::U32 => (f64::from(unsigned(at)), f64::from(u32::MAX)),
+            ComponentType::F32 => return f64::from(f32::from_le_bytes([at[0], at[1], at[2], at[3]])),
+        };
+        if self.normalized { (value / one).max(-1.0) } else { value }
     }
 }
 
 /// Numbers of vertices.
-pub(super) fn indices(document: &Document, index: usize) -> Result<Vec<u32>> {
-    let accessor = find(document, index)?;
-    let place = || document.place("accessor", index, accessor.name.as_ref());
-    match (accessor.type_, accessor.component_type) {
-        (
-            Checked::Valid(Type::Scalar),
-            Checked::Valid(GenericComponentType(
-                kind @ (ComponentType::U8 | ComponentType::U16 | ComponentType::U32),
-            )),
-        ) => values(document, accessor, &place, kind.size(), 0, unsigned),
-        _ => Err(Error::input(place(), "should hold indices: scalars of unsigned bytes, shorts or integers")),
+pub(super) struct Indices<'a>(Elements<'a>);
+
+impl<'a> Indices<'a> {
+    pub(super) fn new(document: &'a Document, index: usize) -> Result<Self> {
+        let accessor = find(document, index)?;
+        let place = document.place("accessor", index, accessor.name.as_ref());
+        match (accessor.type_, accessor.component_type) {
+            (
+                Checked::Valid(Type::Scalar),
+                Checked::Valid(GenericComponentType(
+                    kind @ (ComponentType::U8 | ComponentType::U16 | ComponentType::U32),
+                )),
+            ) => Ok(Self(Elements::new(document, accessor, &place, kind.size())?)),
+            _ => {
+                Err(Error::input(place, "should hold indices: scalars of unsigned bytes, shorts or integers"))
+            }
+        }
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.0.count
+    }
+
+    pub(super) fn get(&self, i: usize) -> usize {
+        unsigned(self.0.get(i)) as usize
     }
 }
 
@@ -56,7 +150,8 @@ fn unsigned(bytes: &[u8]) -> u32 {
     bytes.iter().rev().fold(0, |number, &byte| number << 8 | u32::from(byte))
 }
 
-fn find(document: &Document, index: usize) -> Result<&json::Accessor> {
+/// The accessor of a number.
+pub(super) fn find(document: &Document, index: usize) -> Result<&json::Accessor> {
     document
         .root
         .accessors
@@ -65,45 +160,77 @@ fn find(document: &Document, index: usize) -> Result<&json::Accessor> {
 }
 
 /// The values of an accessor: its dense part, or zeros, with the sparse part put over it.
-fn values<T: Copy>(
-    document: &Document,
-    accessor: &json::Accessor,
-    place: &impl Fn() -> String,
+struct Elements<'a> {
+    dense: Option<Strided<'a>>,
+    /// Which values are replaced, in ascending order, and by what.
+    sparse: Option<(Strided<'a>, Strided<'a>)>,
+    count: usize,
     size: usize,
-    zero: T,
-    read: impl Fn(&[u8]) -> T,
-) -> Result<Vec<T>> {
-    let count = accessor.count.0;
-    let offset = accessor.byte_offset.map_or(0, |offset| offset.0);
-    let mut values = match accessor.buffer_view {
-        Some(view) => {
-            let bytes = Strided::new(document, view.value(), offset, count, size, place)?;
-            bytes.iter().map(&read).collect()
-        }
-        None if count <= MOST_ZEROS => vec![zero; count as usize],
-        None => return Err(Error::input(place(), format!("declares {count} values and has no buffer view"))),
-    };
-    if let Some(sparse) = &accessor.sparse {
-        let Checked::Valid(IndexComponentType(kind)) = sparse.indices.component_type else {
-            return Err(Error::input(place(), "its sparse indices are of no unsigned type"));
+}
+
+impl<'a> Elements<'a> {
+    fn new(document: &'a Document, accessor: &json::Accessor, place: &str, size: usize) -> Result<Self> {
+        let count = accessor.count.0;
+        let offset = accessor.byte_offset.map_or(0, |offset| offset.0);
+        let dense = match accessor.buffer_view {
+            Some(view) => Some(Strided::new(document, view.value(), offset, count, size, place)?),
+            None if count <= MOST_ZEROS => None,
+            None => {
+                return Err(Error::input(place, format!("declares {count} values and has no buffer view")));
+            }
         };
-        let n = sparse.count.0;
-        let (at, new) = (&sparse.indices, &sparse.values);
-        let indices =
-            Strided::new(document, at.buffer_view.value(), at.byte_offset.0, n, kind.size(), place)?;
-        let replacements =
-            Strided::new(document, new.buffer_view.value(), new.byte_offset.0, n, size, place)?;
-        for (index, value) in indices.iter().map(unsigned).zip(replacements.iter()) {
-            let Some(slot) = values.get_mut(index as usize) else {
-                return Err(Error::input(
-                    place(),
-                    format!("its sparse part replaces value {index} of {count}"),
-                ));
-            };
-            *slot = read(value);
+        let sparse = match &accessor.sparse {
+            Some(sparse) => Some(replacements(document, sparse, count, size, place)?),
+            None => None,
+        };
+        Ok(Self { dense, sparse, count: count as usize, size })
+    }
+
+    /// The bytes of value `i`, which must be below the count.
+    fn get(&self, i: usize) -> &'a [u8] {
+        if let Some((indices, values)) = &self.sparse
+            && let Some(k) = indices.find(i)
+        {
+            return values.get(k);
+        }
+        match &self.dense {
+            Some(dense) => dense.get(i),
+            None => &[0; LARGEST][..self.size],
         }
     }
-    Ok(values)
+}
+
+/// The sparse part of an accessor, known to be in order and within it.
+fn replacements<'a>(
+    document: &'a Document,
+    sparse: &json::accessor::sparse::Sparse,
+    count: u64,
+    size: usize,
+    place: &str,
+) -> Result<(Strided<'a>, Strided<'a>)> {
+    let Checked::Valid(IndexComponentType(kind)) = sparse.indices.component_type else {
+        return Err(Error::input(place, "its sparse indices are of no unsigned type"));
+    };
+    let n = sparse.count.0;
+    let (at, new) = (&sparse.indices, &sparse.values);
+    let indices = Strided::new(document, at.buffer_view.value(), at.byte_offset.0, n, kind.size(), place)?;
+    let values = Strided::new(document, new.buffer_view.value(), new.byte_offset.0, n, size, place)?;
+    document.spend(n, place)?;
+    let mut least = 0;
+    for k in 0..indices.count {
+        let index = u64::from(unsigned(indices.get(k)));
+        if index >= count {
+            return Err(Error::input(place, format!("its sparse part replaces value {index} of {count}")));
+        }
+        if index < least {
+            return Err(Error::input(
+                place,
+                format!("its sparse part replaces value {index} after {}; they should ascend", least - 1),
+            ));
+        }
+        least = index + 1;
+    }
+    Ok((indices, values))
 }
 
 /// `count` elements of `size` bytes, `stride` apart, known to lie within their buffer.
@@ -121,9 +248,9 @@ impl<'a> Strided<'a> {
         offset: u64,
         count: u64,
         size: usize,
-        place: &impl Fn() -> String,
+        place: &str,
     ) -> Result<Self> {
-        let refused = |problem: String| Error::input(place(), problem);
+        let refused = |problem: String| Error::input(place, problem);
         let Some(view) = document.root.buffer_views.get(view_index) else {
             return Err(refused(format!("names buffer view {view_index}, which is missing")));
         };
@@ -159,8 +286,21 @@ impl<'a> Strided<'a> {
         Ok(Self { bytes, stride, size, count: count as usize })
     }
 
-    fn iter(&self) -> impl Iterator<Item = &'a [u8]> {
-        let (bytes, stride, size) = (self.bytes, self.stride, self.size);
-        (0..self.count).map(move |i| &bytes[i * stride..i * stride + size])
+    fn get(&self, i: usize) -> &'a [u8] {
+        &self.bytes[i * self.stride..i * self.stride + self.size]
+    }
+
+    /// The place of an unsigned number among ascending ones.
+    fn find(&self, number: usize) -> Option<usize> {
+        let (mut low, mut high) = (0, self.count);
+        while low < high {
+            let middle = low + (high - low) / 2;
+            match (unsigned(self.get(middle)) as usize).cmp(&number) {
+                std::cmp::Ordering::Less => low = middle + 1,
+                std::cmp::Ordering::Greater => high = middle,
+                std::cmp::Ordering::Equal => return Some(middle),
+            }
+        }
+        None
     }
 }

@@ -1,5 +1,6 @@
 //! The envelope of glTF: JSON or GLB, and the buffers it names.
 
+use std::cell::Cell;
 use std::path::{Path, PathBuf};
 
 use ::gltf::json;
@@ -12,7 +13,13 @@ pub(super) struct Document {
     path: PathBuf,
     pub(super) root: json::Root,
     pub(super) buffers: Vec<Vec<u8>>,
+    /// Sparse values that may still be looked at.
+    allowance: Cell<u64>,
 }
+
+/// Sparse accessors and the primitives that name them may share their bytes, so the work they ask for can be far
+/// more than the file is long. All together may have this many values.
+const MOST_SPARSE_VALUES: u64 = 1 << 30;
 
 impl Document {
     pub(super) fn open(path: &Path) -> Result<Self> {
@@ -23,7 +30,7 @@ impl Document {
         } else {
             (bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes), None)
         };
-        let root: json::Root = json::deserialize::from_slice(text).map_err(|error| {
+        let root = parse(text).map_err(|error| {
             let what = if error.is_eof() { "is cut short" } else { "is no valid glTF 2.0" };
             Error::input(path.display(), format!("{what}: {error}"))
         })?;
@@ -34,11 +41,16 @@ impl Document {
             ));
         }
         for extension in &root.extensions_required {
-            if !is_harmless(extension) {
+            if !is_read_or_harmless(extension) {
                 return Err(unsupported_extension(&path.display().to_string(), extension));
             }
         }
-        let mut document = Self { path: path.to_owned(), root, buffers: Vec::new() };
+        let mut document = Self {
+            path: path.to_owned(),
+            root,
+            buffers: Vec::new(),
+            allowance: Cell::new(MOST_SPARSE_VALUES),
+        };
         for i in 0..document.root.buffers.len() {
             let buffer = document.buffer(i, binary)?;
             document.buffers.push(buffer);
@@ -49,6 +61,26 @@ impl Document {
     /// The file, for messages.
     pub(super) fn name(&self) -> String {
         self.path.display().to_string()
+    }
+
+    /// Whether the file says that it uses an extension.
+    pub(super) fn uses(&self, extension: &str) -> bool {
+        [&self.root.extensions_used, &self.root.extensions_required]
+            .into_iter()
+            .flatten()
+            .any(|name| name == extension)
+    }
+
+    /// Counts `values` of a sparse accessor, and refuses what is too much.
+    pub(super) fn spend(&self, values: u64, place: &str) -> Result<()> {
+        let left = self.allowance.get().checked_sub(values);
+        self.allowance.set(left.unwrap_or(0));
+        left.map(drop).ok_or_else(|| {
+            Error::input(
+                place,
+                format!("and others replace over {MOST_SPARSE_VALUES} sparse values; write them out"),
+            )
+        })
     }
 
     /// An element of the file, for messages.
@@ -93,9 +125,28 @@ impl Document {
     }
 }
 
-/// Extensions that change how a surface looks but not where it is.
-fn is_harmless(extension: &str) -> bool {
+/// The typed JSON. The crate asks for more than the specification does where a scene has no nodes or a texture has
+/// its picture from an extension; what is not needed here is left out of a second attempt.
+fn parse(text: &[u8]) -> std::result::Result<json::Root, serde_json::Error> {
+    json::deserialize::from_slice(text).or_else(|error: serde_json::Error| {
+        let Ok(serde_json::Value::Object(mut root)) = serde_json::from_slice(text) else { return Err(error) };
+        for unused in ["textures", "images", "samplers", "animations", "skins"] {
+            root.remove(unused);
+        }
+        let scenes = root.get_mut("scenes").and_then(serde_json::Value::as_array_mut);
+        for scene in scenes.into_iter().flatten().filter_map(serde_json::Value::as_object_mut) {
+            scene.entry("nodes").or_insert_with(|| serde_json::json!([]));
+        }
+        // The first error knows its line.
+        serde_json::from_value(serde_json::Value::Object(root)).map_err(|_| error)
+    })
+}
+
+/// Extensions that are read, or that change how a surface looks but not where it is.
+fn is_read_or_harmless(extension: &str) -> bool {
     let prefixes = [
+        "KHR_mesh_quantization",
+        "EXT_mesh_gpu_instancing",
         "KHR_materials_",
         "KHR_texture_",
         "KHR_lights_",
@@ -110,9 +161,8 @@ fn is_harmless(extension: &str) -> bool {
 /// The refusal of an extension without which the geometry cannot be read, and how to get rid of it.
 pub(super) fn unsupported_extension(place: &str, extension: &str) -> Error {
     let fix = match extension {
-        "KHR_mesh_quantization" => "`gltf-transform dequantize in.glb out.glb` writes the mesh without it",
         "KHR_draco_mesh_compression" | "EXT_meshopt_compression" | "KHR_meshopt_compression" => {
-            "`gltf-transform copy in.glb out.glb` writes the mesh without compression"
+            "`gltf-transform copy in.glb out.glb` (npm package @gltf-transform/cli) writes the mesh without compression"
         }
         _ => "export the mesh without it",
     };

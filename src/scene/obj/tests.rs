@@ -142,7 +142,7 @@ fn files_that_are_none_are_refused() {
     let refused = |path: &Path| Scene::load(path, &metres(), &Listener::default()).unwrap_err();
     let folder = tempfile::tempdir().unwrap();
     assert!(refused(&folder.path().join("a.obj")).to_string().contains("no such file"));
-    assert!(refused(&folder.path().join("a.stl")).to_string().contains(".obj, .gltf or .glb"));
+    assert!(refused(&folder.path().join("a.step")).to_string().contains(".obj, .gltf, .glb, .stl or .ply"));
     let named = folder.path().join("b.obj");
     fs::create_dir(&named).unwrap();
     assert!(refused(&named).to_string().contains("is a folder"));

@@ -1,0 +1,142 @@
+//! The triangles of a glTF mesh, read where they lie.
+
+use ::gltf::json;
+use glam::DAffine3;
+use json::mesh::{Mode, Primitive, Semantic};
+use json::validation::Checked;
+
+use super::super::surfaces::Surfaces;
+use super::accessor::{Indices, Vectors};
+use super::container::{Document, unsupported_extension};
+use crate::error::{Error, Result};
+
+/// A mesh, opened once however many nodes show it.
+pub(super) struct Mesh<'a> {
+    /// Its primitives that have triangles; so every visit of one is paid for in triangles, of which the number is
+    /// limited.
+    pub(super) pieces: Vec<Piece<'a>>,
+    /// Its primitives of points or lines.
+    pub(super) without_surface: usize,
+    /// Some primitive has morph targets.
+    pub(super) morphs: bool,
+}
+
+impl<'a> Mesh<'a> {
+    pub(super) fn open(document: &'a Document, index: usize, mesh: &'a json::Mesh) -> Result<Self> {
+        let mut opened = Self { pieces: Vec::new(), without_surface: 0, morphs: false };
+        for (i, primitive) in mesh.primitives.iter().enumerate() {
+            opened.morphs |= primitive.targets.as_ref().is_some_and(|targets| !targets.is_empty());
+            let place = || format!("{}, primitive {i}", document.place("mesh", index, mesh.name.as_ref()));
+            match Piece::open(document, primitive, &place)? {
+                Some(piece) if piece.triangles > 0 => opened.pieces.push(piece),
+                Some(_) => {}
+                None => opened.without_surface += 1,
+            }
+        }
+        Ok(opened)
+    }
+
+    /// Number of its triangles.
+    pub(super) fn triangles(&self) -> usize {
+        self.pieces.iter().map(|piece| piece.triangles).sum()
+    }
+}
+
+/// A primitive: triangles of one material.
+pub(super) struct Piece<'a> {
+    place: String,
+    pub(super) material: Option<usize>,
+    mode: Mode,
+    positions: Vectors<'a>,
+    indices: Option<Indices<'a>>,
+    triangles: usize,
+}
+
+impl<'a> Piece<'a> {
+    /// `None` for points and lines.
+    fn open(
+        document: &'a Document,
+        primitive: &Primitive,
+        place: &impl Fn() -> String,
+    ) -> Result<Option<Self>> {
+        let mode = match primitive.mode {
+            Checked::Valid(mode) => mode,
+            Checked::Invalid => return Err(Error::input(place(), "its mode should be a number from 0 to 6")),
+        };
+        if matches!(mode, Mode::Points | Mode::Lines | Mode::LineLoop | Mode::LineStrip) {
+            return Ok(None);
+        }
+        let material = primitive.material.map(|material| material.value());
+        if let Some(missing) = material.filter(|&m| m >= document.root.materials.len()) {
+            return Err(Error::input(place(), format!("has material {missing}, which is missing")));
+        }
+        let Some(accessor) = primitive.attributes.get(&Checked::Valid(Semantic::Positions)) else {
+            return Err(Error::input(place(), "has no POSITION"));
+        };
+        let compressed = primitive.extensions.as_ref().is_some_and(|e| {
+            e.others.contains_key("KHR_draco_mesh_compression")
+                && document.root.accessors.get(accessor.value()).is_some_and(|a| a.buffer_view.is_none())
+        });
+        if compressed {
+            return Err(unsupported_extension(&place(), "KHR_draco_mesh_compression"));
+        }
+        let positions = Vectors::positions(document, accessor.value())?;
+        let indices = match primitive.indices {
+            Some(index) => Some(Indices::new(document, index.value())?),
+            None => None,
+        };
+        let corners = indices.as_ref().map_or(positions.len(), Indices::len);
+        let triangles = match mode {
+            Mode::TriangleStrip | Mode::TriangleFan => corners.saturating_sub(2),
+            _ if corners.is_multiple_of(3) => corners / 3,
+            _ => {
+                return Err(Error::input(
+                    place(),
+                    format!("has {corners} corners, which is no multiple of 3; the file may be cut short"),
+                ));
+            }
+        };
+        Ok(Some(Self { place: place(), material, mode, positions, indices, triangles }))
+    }
+
+    /// Adds its triangles, brought to the scene's frame.
+    pub(super) fn add_to(&self, surfaces: &mut Surfaces, to_scene: DAffine3, material: u32) -> Result<()> {
+        // A mirrored node turns its triangles round.
+        let mirrored = to_scene.matrix3.determinant() < 0.0;
+        for triangle in 0..self.triangles {
+            let mut vertices = [glam::DVec3::ZERO; 3];
+            for (vertex, corner) in vertices.iter_mut().zip(self.corners_of(triangle)) {
+                *vertex = to_scene.transform_point3(self.positions.vector(self.vertex(corner)?)?);
+            }
+            if mirrored {
+                vertices.swap(1, 2);
+            }
+            surfaces.add(vertices, material)?;
+        }
+        Ok(())
+    }
+
+    /// The corners of a triangle, counted along the primitive.
+    fn corners_of(&self, triangle: usize) -> [usize; 3] {
+        match self.mode {
+            // Every second triangle of a strip runs the other way round.
+            Mode::TriangleStrip if triangle % 2 == 1 => [triangle, triangle + 2, triangle + 1],
+            Mode::TriangleStrip => [triangle, triangle + 1, triangle + 2],
+            Mode::TriangleFan => [0, triangle + 1, triangle + 2],
+            _ => [3 * triangle, 3 * triangle + 1, 3 * triangle + 2],
+        }
+    }
+
+    /// The vertex at a corner.
+    fn vertex(&self, corner: usize) -> Result<usize> {
+        let vertex = self.indices.as_ref().map_or(corner, |indices| indices.get(corner));
+        let count = self.positions.len();
+        if vertex >= count {
+            return Err(Error::input(
+                &self.place,
+                format!("has vertex {vertex}, of which there are {count}"),
+            ));
+        }
+        Ok(vertex)
+    }
+}

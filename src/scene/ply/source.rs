@@ -1,0 +1,80 @@
+//! The numbers of a PLY file, one after the other, in whatever form they are.
+
+use super::Outcome;
+use super::header::{Format, Kind};
+
+/// Gives the next number, all in f64, which holds each of their types exactly.
+#[derive(Debug)]
+pub(super) struct Source<'a> {
+    format: Format,
+    rest: &'a [u8],
+    line: usize,
+}
+
+impl<'a> Source<'a> {
+    /// The numbers in `bytes`, which stand below `lines` lines of header.
+    pub(super) fn new(format: Format, bytes: &'a [u8], lines: usize) -> Self {
+        Self { format, rest: bytes, line: lines + 1 }
+    }
+
+    /// The next number, of which only binary files need to know the `kind`.
+    pub(super) fn next(&mut self, kind: Kind) -> Outcome<f64> {
+        if self.format == Format::Ascii {
+            return self.next_word();
+        }
+        Ok(match kind {
+            Kind::I8 => f64::from(i8::from_le_bytes(self.take()?)),
+            Kind::U8 => f64::from(u8::from_le_bytes(self.take()?)),
+            Kind::I16 => f64::from(i16::from_le_bytes(self.take()?)),
+            Kind::U16 => f64::from(u16::from_le_bytes(self.take()?)),
+            Kind::I32 => f64::from(i32::from_le_bytes(self.take()?)),
+            Kind::U32 => f64::from(u32::from_le_bytes(self.take()?)),
+            Kind::F32 => f64::from(f32::from_le_bytes(self.take()?)),
+            Kind::F64 => f64::from_le_bytes(self.take()?),
+        })
+    }
+
+    /// The line that was read last, of a text.
+    pub(super) fn line(&self) -> Option<usize> {
+        (self.format == Format::Ascii).then_some(self.line)
+    }
+
+    /// How many bytes are left, blanks of a text aside; `None` at the end.
+    pub(super) fn rest(&self) -> Option<usize> {
+        let rest = if self.format == Format::Ascii { self.rest.trim_ascii() } else { self.rest };
+        (!rest.is_empty()).then_some(rest.len())
+    }
+
+    /// The next bytes, lowest first.
+    fn take<const N: usize>(&mut self) -> Outcome<[u8; N]> {
+        let (bytes, rest) = self.rest.split_first_chunk().ok_or_else(cut_short)?;
+        self.rest = rest;
+        let mut bytes = *bytes;
+        if self.format == Format::BigEndian {
+            bytes.reverse();
+        }
+        Ok(bytes)
+    }
+
+    fn next_word(&mut self) -> Outcome<f64> {
+        while let Some((b' ' | b'\t' | b'\r' | b'\x0c' | b'\n', rest)) = self.rest.split_first() {
+            self.line += usize::from(self.rest[0] == b'\n');
+            self.rest = rest;
+        }
+        if self.rest.is_empty() {
+            return Err(cut_short());
+        }
+        let end = self.rest.iter().position(u8::is_ascii_whitespace).unwrap_or(self.rest.len());
+        let (word, rest) = self.rest.split_at(end);
+        self.rest = rest;
+        let number = std::str::from_utf8(word).ok().and_then(|word| word.parse().ok());
+        number.ok_or_else(|| {
+            let word: String = String::from_utf8_lossy(word).chars().take(40).collect();
+            format!("has `{word}` where a number was expected")
+        })
+    }
+}
+
+fn cut_short() -> String {
+    "is missing or not complete: the file is cut short, or its header declares too much".to_owned()
+}

@@ -1,0 +1,174 @@
+//! STL, as text or binary: triangles without materials, unit or names (but those of a text's solids).
+//!
+//! Read here because the crates for it go by the first word alone, which many binary files have too, stop after
+//! the first of several solids, and cannot say in which line a mistake is.
+
+use std::path::Path;
+
+use glam::DVec3;
+
+use super::material::Palette;
+use super::surfaces::Surfaces;
+use super::{LoadOptions, Mesh, Up, files};
+use crate::error::{Error, Result};
+use crate::progress::Observer;
+
+/// Bytes before the first triangle of a binary file: 80 of anything, and the number of triangles.
+const HEADER: usize = 84;
+/// Bytes of one triangle: normal and three corners in f32, and two bytes of anything.
+const RECORD: usize = 50;
+
+/// Reads an STL file. See [`Scene::load`](super::Scene::load).
+pub(super) fn load(
+    path: &Path,
+    options: &LoadOptions,
+    palette: &mut Palette<'_>,
+    observer: &dyn Observer,
+) -> Result<Mesh> {
+    options.refuse_sensor("an STL", path)?;
+    let bytes = files::read(path)?;
+    let metres_per_unit = options.needed_unit("an STL", path)?;
+    let mut surfaces = Surfaces::new(path);
+    if is_text(&bytes) {
+        read_text(&String::from_utf8_lossy(&bytes), path, palette, &mut surfaces, observer)?;
+    } else {
+        read_binary(&bytes, path, palette, &mut surfaces, observer)?;
+    }
+    Ok(Mesh { surfaces, metres_per_unit, up: Up::None, sensor: None, camera: None })
+}
+
+/// Both kinds may begin with `solid`. The length of a binary file is telling; one of another length is text
+/// when it begins like it and goes on in printable characters.
+fn is_text(bytes: &[u8]) -> bool {
+    let binary_length = triangle_count(bytes).map(|count| HEADER as u64 + RECORD as u64 * u64::from(count));
+    let start = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes).trim_ascii_start();
+    let solid = start.get(..5).is_some_and(|word| word.eq_ignore_ascii_case(b"solid"));
+    let printable = |&byte: &u8| byte >= b' ' || byte.is_ascii_whitespace();
+    solid && binary_length != Some(bytes.len() as u64) && start.iter().take(512).all(printable)
+}
+
+fn triangle_count(bytes: &[u8]) -> Option<u32> {
+    bytes.get(80..HEADER).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]))
+}
+
+fn read_binary(
+    bytes: &[u8],
+    path: &Path,
+    palette: &mut Palette<'_>,
+    surfaces: &mut Surfaces,
+    observer: &dyn Observer,
+) -> Result<()> {
+    let Some(count) = triangle_count(bytes) else {
+        return Err(Error::input(
+            path.display(),
+            format!(
+                "is no STL: {} bytes that do not begin with `solid` as a text, and are fewer than the {HEADER} of a \
+                 binary header",
+                bytes.len()
+            ),
+        ));
+    };
+    let records = &bytes[HEADER..];
+    let held = records.len() / RECORD;
+    if held < count as usize {
+        return Err(Error::input(
+            path.display(),
+            format!("is cut short, or no STL: {held} of the {count} triangles that its header declares"),
+        ));
+    }
+    let material = palette.assign(None, "");
+    for (i, record) in records.chunks_exact(RECORD).take(count as usize).enumerate() {
+        let number = |at: usize| {
+            f64::from(f32::from_le_bytes([record[at], record[at + 1], record[at + 2], record[at + 3]]))
+        };
+        let corners = [12, 24, 36].map(|at| DVec3::new(number(at), number(at + 4), number(at + 8)));
+        if let Some(bad) = corners.iter().find(|v| !v.is_finite()) {
+            return Err(Error::input(
+                format!("{}, triangle {i}", path.display()),
+                format!("has a corner with a coordinate that is not finite: {bad}"),
+            ));
+        }
+        surfaces.add(corners, material)?;
+    }
+    let left = records.len() - count as usize * RECORD;
+    if left > 0 {
+        observer.warn(&format!(
+            "{}: {left} bytes follow the {count} triangles that its header declares; they are left out",
+            path.display()
+        ));
+    }
+    Ok(())
+}
+
+fn read_text(
+    text: &str,
+    path: &Path,
+    palette: &mut Palette<'_>,
+    surfaces: &mut Surfaces,
+    observer: &dyn Observer,
+) -> Result<()> {
+    let mut material = None;
+    let mut corners = Vec::new();
+    let (mut in_facet, mut in_solid) = (false, false);
+    for (i, line) in text.trim_start_matches('\u{feff}').lines().enumerate() {
+        let refused = |problem: String| Error::input(format!("{}, line {}", path.display(), i + 1), problem);
+        let line = line.trim();
+        let mut words = line.split_whitespace();
+        while let Some(word) = words.next() {
+            match word.to_ascii_lowercase().as_str() {
+                "solid" => {
+                    let name: Vec<_> = words.by_ref().collect();
+                    material = Some(palette.assign(None, &name.join(" ")));
+                    in_solid = true;
+                }
+                "endsolid" => {
+                    words.by_ref().for_each(drop);
+                    in_solid = false;
+                }
+                "facet" if in_facet => {
+                    return Err(refused("begins a facet within another; `endfacet` was expected".to_owned()));
+                }
+                "facet" => in_facet = true,
+                // The corners say it better.
+                "normal" => words.by_ref().take(3).for_each(drop),
+                "outer" | "loop" => {}
+                "vertex" => corners.push(vertex(words.by_ref()).ok_or_else(|| {
+                    refused(format!("`{line}` should give three finite numbers, as `vertex 0.1 0.2 0.3`"))
+                })?),
+                "endloop" => {
+                    if corners.len() < 3 {
+                        return Err(refused(format!(
+                            "ends a loop of {} corners; three make a facet",
+                            corners.len()
+                        )));
+                    }
+                    let material = *material.get_or_insert_with(|| palette.assign(None, ""));
+                    surfaces.add_face(&corners, material)?;
+                    corners.clear();
+                }
+                "endfacet" => in_facet = false,
+                _ => {
+                    return Err(refused(format!(
+                        "`{word}` has no meaning in an STL; solid, facet normal, outer loop, vertex, endloop, endfacet \
+                         or endsolid was expected"
+                    )));
+                }
+            }
+        }
+    }
+    if in_facet || !corners.is_empty() {
+        return Err(Error::input(path.display(), "is cut short: it ends within a facet"));
+    }
+    if in_solid {
+        observer.warn(&format!("{}: does not end with `endsolid`; it may be cut short", path.display()));
+    }
+    Ok(())
+}
+
+fn vertex<'a>(words: &mut impl Iterator<Item = &'a str>) -> Option<DVec3> {
+    let mut number = || words.next()?.parse::<f64>().ok().filter(|n| n.is_finite());
+    Some(DVec3::new(number()?, number()?, number()?))
+}
+
+#[cfg(test)]
+mod tests;

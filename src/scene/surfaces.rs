@@ -1,0 +1,134 @@
+//! Triangles as a reader finds them: their number bounded, faces cut, those without area left out and counted.
+
+use std::fmt::Display;
+use std::path::Path;
+
+use glam::DVec3;
+
+use super::{Triangle, polygon};
+use crate::error::{Error, Result};
+use crate::progress::Observer;
+
+/// More triangles than this are refused, so that a small hostile file with many instances cannot take all
+/// memory (one triangle and its share of the tree take about 150 bytes).
+pub(super) const MOST_TRIANGLES: usize = 50_000_000;
+
+/// No scene has coordinates beyond this, in whatever unit.
+const TOO_FAR: f64 = 1e3 * super::FARTHEST;
+
+/// The surfaces of a file in its own frame.
+#[derive(Debug)]
+pub(super) struct Surfaces {
+    file: String,
+    triangles: Vec<Triangle>,
+    /// Triangles without area: they count as work, but are not kept.
+    flat: usize,
+    /// Faces of which nobody knows what they cover.
+    doubtful: usize,
+    /// What is left for the search for ears.
+    allowance: u64,
+}
+
+impl Surfaces {
+    /// Nothing yet; `path` is for messages.
+    pub(super) fn new(path: &Path) -> Self {
+        Self {
+            file: path.display().to_string(),
+            triangles: Vec::new(),
+            flat: 0,
+            doubtful: 0,
+            allowance: polygon::ALLOWANCE,
+        }
+    }
+
+    /// Refuses `more` triangles if the limit would be passed.
+    pub(super) fn expect_room(&self, more: usize) -> Result<()> {
+        let found = self.triangles.len() + self.flat;
+        if more > MOST_TRIANGLES - found {
+            return Err(too_many_triangles(&self.file));
+        }
+        Ok(())
+    }
+
+    /// Takes one triangle.
+    pub(super) fn add(&mut self, vertices: [DVec3; 3], material: u32) -> Result<()> {
+        self.expect_room(1)?;
+        let triangle = Triangle { vertices, material };
+        // A corner that is far out makes a needle of its triangle; it is for the scene to refuse, with a better word.
+        let far = vertices.iter().any(|v| v.abs().max_element() > TOO_FAR);
+        if triangle.is_degenerate() && !far {
+            self.flat += 1;
+        } else {
+            self.triangles.push(triangle);
+        }
+        Ok(())
+    }
+
+    /// Takes a face of any number of corners; with fewer than three it is none.
+    pub(super) fn add_face(&mut self, corners: &[DVec3], material: u32) -> Result<()> {
+        if let &[a, b, c] = corners {
+            return self.add([a, b, c], material);
+        }
+        let cut = polygon::cut(corners, &mut self.allowance);
+        self.doubtful += usize::from(cut.doubtful);
+        cut.triangles.iter().try_for_each(|t| self.add(t.map(|i| corners[i]), material))
+    }
+
+    /// What was found, after a word about what was left out.
+    ///
+    /// # Errors
+    /// Nothing was found.
+    pub(super) fn finish(self, observer: &dyn Observer) -> Result<Vec<Triangle>> {
+        let Self { file, triangles, flat, doubtful, .. } = self;
+        if doubtful > 0 {
+            observer.warn(&format!(
+                "{file}: {doubtful} faces have outlines that cross themselves, are flat, or are concave with very many \
+                 corners; they are drawn as fans from their first corner, which may be wrong. Triangulate \
+                 the mesh where it was made"
+            ));
+        }
+        if triangles.is_empty() {
+            return Err(Error::input(
+                file,
+                "holds no triangle with an area; an image needs at least one surface",
+            ));
+        }
+        if flat > 0 {
+            observer.warn(&format!(
+                "{file}: {flat} of {} triangles have no area and are left out",
+                flat + triangles.len()
+            ));
+        }
+        Ok(triangles)
+    }
+}
+
+/// The refusal of a mesh that would take all memory.
+pub(super) fn too_many_triangles(place: impl Display) -> Error {
+    Error::input(
+        place,
+        format!("holds more than {MOST_TRIANGLES} triangles; decimate the mesh (sound resolves about a cm)"),
+    )
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::super::listener::Listener;
+    use super::*;
+
+    #[test]
+    fn flat_triangles_are_counted_and_the_limit_is_kept() {
+        let mut surfaces = Surfaces::new(Path::new("a.obj"));
+        surfaces.add([DVec3::ZERO, DVec3::X, DVec3::Y], 3).unwrap();
+        surfaces.add([DVec3::ZERO, DVec3::X, DVec3::X], 3).unwrap();
+        surfaces.add_face(&[DVec3::ZERO, DVec3::X], 3).unwrap();
+        assert!(surfaces.expect_room(MOST_TRIANGLES - 2).is_ok());
+        let refused = surfaces.expect_room(MOST_TRIANGLES - 1).unwrap_err().to_string();
+        assert!(refused.starts_with("a.obj: holds more than 50000000 triangles; decimate"), "{refused}");
+        assert!(surfaces.expect_room(usize::MAX).is_err());
+        let listener = Listener::default();
+        assert_eq!(surfaces.finish(&listener).unwrap().len(), 1);
+        assert_eq!(listener.heard(), "a.obj: 1 of 2 triangles have no area and are left out");
+    }
+}
