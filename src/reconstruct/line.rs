@@ -8,7 +8,7 @@ use super::lattice::Parts;
 use super::layout::Layout;
 use super::product::{focus, multiply};
 use crate::wave::Geometry;
-use crate::wave::simd::{LANES, Lanes, ROWS, phasors};
+use crate::wave::simd::{LANES, Lanes, ROWS, lane_phasors};
 use glam::DVec3;
 use num_complex::Complex32;
 use rayon::prelude::*;
@@ -126,13 +126,13 @@ impl<'a> Line<'a> {
             for (part, (lengths, data)) in
                 self.lengths.chunks_exact(n).zip(spectra.chunks_exact(n)).enumerate()
             {
-                phasors(&k, lengths, &mut self.kernel);
+                lane_phasors(&k, lengths, &mut self.kernel);
                 fft.transform(&self.kernel, &mut self.transformed, &mut self.work);
                 multiply(&self.transformed, data, &mut self.products, part > 0 || (scan && block > 0));
             }
             if !scan {
                 let outer = self.kernel.get_mut(..self.outward.len()).expect("no more voxels than lags");
-                phasors(&k, &self.outward, outer);
+                lane_phasors(&k, &self.outward, outer);
                 self.back(fft, voxels, part);
             }
         }

@@ -18,7 +18,7 @@ use super::layout::Layout;
 use super::product::{focus, multiply};
 use crate::grid::Axis;
 use crate::wave::Geometry;
-use crate::wave::simd::{LANES, Lanes, ROWS, dispatched, phasors};
+use crate::wave::simd::{LANES, Lanes, ROWS, dispatched, lane_phasors};
 use glam::DVec3;
 use num_complex::Complex32;
 
@@ -173,7 +173,7 @@ impl<'a> Plane<'a> {
         let columns = &mut self.columns[part * self.layout.blocks() * y.len()..];
         let transformed = &mut self.transformed[..x.len()];
         for (rows, lengths) in lengths.chunks_exact(x.lags()).enumerate() {
-            phasors(&[per_metre; LANES], lengths, &mut self.row[..x.lags()]);
+            lane_phasors(&[per_metre; LANES], lengths, &mut self.row[..x.lags()]);
             if x.even {
                 mirror(&mut self.row, along_x);
             }
@@ -242,7 +242,7 @@ impl<'a> Plane<'a> {
             x.fft.transform(from, transformed, &mut self.work[..x.len()]);
             let outer = &mut self.row[..width];
             match per_metre {
-                Some(k) => phasors(&[k; LANES], &self.outward[block * width..][..width], outer),
+                Some(k) => lane_phasors(&[k; LANES], &self.outward[block * width..][..width], outer),
                 None => outer.fill(Lanes { re: [1.0; LANES], im: [0.0; LANES] }),
             }
             focus(&transformed[..width], outer, image);
