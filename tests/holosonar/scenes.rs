@@ -160,7 +160,7 @@ fn imaged(mesh: &str, scene: &str) -> (String, String) {
     let folder = tempfile::tempdir().unwrap();
     let mesh = data("scenes").join(mesh);
     let run_file = format!(
-        "[scene]\nmesh = '{}'\n{scene}\n[sweep]\nstep = 500.0\n[array]\ncount = [7, 7]\n\
+        "[scene]\nmesh = '{}'\n{scene}\n[sweep]\nstep = 100.0\n[array]\ncount = [7, 7]\n\
          [grid]\nx = [-0.5, 1.5]\ny = [-0.5, 1.5]\nz = [0.5, 1.2]\npitch = [0.1, 0.1, 0.02]\n",
         mesh.display()
     );
@@ -196,11 +196,10 @@ fn a_suspicious_scale_names_the_keys_to_change() {
     let words =
         "the whole scene measures 2.00 mm, less than one wavelength (22.9 mm); check [scene] unit and scale";
     assert!(warned.contains(words), "{warned}");
-    let (_, warned) = imaged("stl/binary.stl", "unit = 'm'\nscale = 20.0\ntranslate = [0, 0, 0.5]");
-    assert!(
-        warned.contains("beyond the unambiguous range of") && warned.contains("[scene] unit and"),
-        "{warned}"
-    );
+    // 100 Hz repeat every 3.43 m of path.
+    let (_, warned) = imaged("stl/binary.stl", "unit = 'cm'\nscale = 10.0\ntranslate = [0, 0, 3]");
+    let words = "beyond the unambiguous range of 1.72 m; check [scene] unit and scale";
+    assert!(warned.contains(words), "{warned}");
     let (_, warned) = imaged("stl/binary.stl", "unit = 'cm'\nscale = 10.0\ntranslate = [0, 0, 0.9]");
     assert!(!warned.contains("[scene] unit"), "{warned}");
 }
