@@ -11,6 +11,7 @@
 mod backprojection;
 mod circle;
 mod convolution;
+mod cost;
 mod direct;
 mod focus;
 mod lanes;
@@ -25,12 +26,14 @@ mod tones;
 mod weights;
 mod window;
 
+pub use cost::Estimate;
 pub use window::Window;
 
 use crate::acquisition::{CubeSource, DataCube, Setup};
 use crate::error::{Error, Result};
 use crate::grid::{Grid, Volume, zeros};
 use crate::progress::Observer;
+use lattice::SharedLattice;
 use num_complex::Complex32;
 use serde::{Deserialize, Serialize};
 use weights::Weights;
@@ -108,63 +111,106 @@ pub fn direct_terms(setup: &Setup, grid: &Grid) -> u64 {
 #[derive(Debug)]
 enum Choice {
     Direct,
-    Convolution(Box<lattice::SharedLattice>),
+    Convolution(Box<SharedLattice>),
     Backprojection(Box<backprojection::Plan>),
 }
 
-/// The method that the options come to for this measurement and grid, and a warning if `auto` had to take a slow one.
-fn choose(setup: &Setup, grid: &Grid, options: &ReconstructOptions) -> Result<(Choice, Option<String>)> {
-    let backprojection = || Box::new(backprojection::Plan::new(setup, grid, options.tolerance));
-    match options.method {
-        Method::Direct => return Ok((Choice::Direct, None)),
-        Method::Backprojection if options.tolerance > 0.0 => {
-            return Ok((Choice::Backprojection(backprojection()), None));
-        }
-        Method::Backprojection => {
+/// What each method would cost here, and what the options come to.
+#[derive(Debug)]
+struct Options {
+    estimates: [Estimate; 3],
+    lattice: std::result::Result<SharedLattice, String>,
+    backprojection: Option<backprojection::Plan>,
+}
+
+impl Options {
+    fn of(setup: &Setup, grid: &Grid, options: &ReconstructOptions) -> Result<Self> {
+        check(grid, options)?;
+        // Spreading and skeletons share the tolerance.
+        let lattice = SharedLattice::find(setup, grid, 0.5 * options.tolerance);
+        let backprojection =
+            (options.tolerance > 0.0).then(|| backprojection::Plan::new(setup, grid, options.tolerance));
+        let estimates = cost::estimates(setup, grid, options, &lattice, backprojection.as_ref());
+        Ok(Self { estimates, lattice, backprojection })
+    }
+
+    /// The method asked for, or of those possible the one of fewest operations.
+    fn chosen(&self, asked: Method) -> &Estimate {
+        let of = |method: Method| self.estimates.iter().find(|e| e.method == method);
+        of(asked).unwrap_or_else(|| {
+            let possible = self.estimates.iter().filter(|e| e.obstacle.is_none());
+            possible.min_by(|a, b| a.operations.total_cmp(&b.operations)).expect("the direct sum always is")
+        })
+    }
+
+    /// The method that the options come to, and a warning if `auto` had to take a slow one.
+    fn choose(self, setup: &Setup, grid: &Grid, asked: Method) -> Result<(Choice, Option<String>)> {
+        let chosen = self.chosen(asked);
+        if let Some(obstacle) = &chosen.obstacle {
+            let (name, others) = match chosen.method {
+                Method::Convolution => ("convolution", "\"backprojection\" or \"direct\""),
+                _ => ("backprojection", "\"direct\""),
+            };
             return Err(Error::input(
-                "reconstruct.tolerance",
-                "0 leaves no room for \"backprojection\", which interpolates; give a tolerance above 0 (1e-6, say), \
-                 or use method = \"direct\"",
+                "reconstruct.method",
+                format!("\"{name}\" is not possible here: {obstacle}; mend that, or use method = {others}"),
             ));
         }
-        Method::Auto | Method::Convolution => {}
-    }
-    // Spreading and skeletons share the tolerance.
-    let misfit = match lattice::SharedLattice::find(setup, grid, 0.5 * options.tolerance) {
-        Ok(lattice) => return Ok((Choice::Convolution(Box::new(lattice)), None)),
-        Err(misfit) => misfit,
-    };
-    if options.method == Method::Convolution {
-        return Err(Error::input(
-            "reconstruct.method",
-            format!(
-                "\"convolution\" is not possible here: {misfit}; mend that, or use method = \"backprojection\" or \
-                 \"direct\""
-            ),
-        ));
-    }
-    let terms = direct_terms(setup, grid);
-    if options.tolerance > 0.0 {
-        let plan = backprojection();
-        // A handful of frequencies is sooner summed than turned into profiles.
-        if plan.operations() < direct::operations(setup, grid) {
-            return Ok((Choice::Backprojection(plan), None));
+        match (chosen.method, self.lattice, self.backprojection) {
+            (Method::Convolution, Ok(lattice), _) => Ok((Choice::Convolution(Box::new(lattice)), None)),
+            (Method::Backprojection, _, Some(plan)) => Ok((Choice::Backprojection(Box::new(plan)), None)),
+            (_, Err(misfit), None) if asked == Method::Auto => {
+                refuse_long_sum(setup, grid, &misfit)?;
+                let slower = "summing Eq. 13 directly instead, which is slower (a tolerance would help)";
+                Ok((Choice::Direct, Some(format!("{misfit}; {slower}"))))
+            }
+            _ => Ok((Choice::Direct, None)),
         }
-    } else if terms > MOST_DIRECT_TERMS {
+    }
+}
+
+/// Refuses a direct sum of many minutes that nobody asked for by name.
+fn refuse_long_sum(setup: &Setup, grid: &Grid, misfit: &str) -> Result<()> {
+    let terms = direct_terms(setup, grid);
+    if terms <= MOST_DIRECT_TERMS {
+        return Ok(());
+    }
+    Err(Error::input(
+        "reconstruct.method",
+        format!(
+            "{misfit}. That leaves the direct sum of Eq. 13, {:.1e} terms here: many minutes. Make the grid \
+             smaller or its pitch larger, allow a tolerance, or ask for it by name with [reconstruct] method = \"direct\"",
+            terms as f64
+        ),
+    ))
+}
+
+/// Refuses grids and tolerances that make no sense.
+fn check(grid: &Grid, options: &ReconstructOptions) -> Result<()> {
+    if grid.z.first < 0.0 {
         return Err(Error::input(
-            "reconstruct.method",
-            format!(
-                "{misfit}. With tolerance 0 that leaves the direct sum of Eq. 13, {:.1e} terms here: many minutes. \
-                 Give a tolerance (1e-4 is usual), make the grid smaller or its pitch larger, or ask for it by name \
-                 with [reconstruct] method = \"direct\"",
-                terms as f64
-            ),
+            "grid.z",
+            format!("begins at {} m, behind the array; depths start at z >= 0", grid.z.first),
         ));
     }
-    let warning = (options.tolerance <= 0.0).then(|| {
-        format!("{misfit}; summing Eq. 13 directly instead, which is slower (a tolerance would help)")
-    });
-    Ok((Choice::Direct, warning))
+    if !(0.0..1.0).contains(&options.tolerance) {
+        return Err(Error::input(
+            "reconstruct.tolerance",
+            format!("{} is no relative error; 1e-4 is usual, 0 sums every frequency", options.tolerance),
+        ));
+    }
+    Ok(())
+}
+
+/// What each method would cost for a job, and the one that [`reconstruct`] would take, as an index. Costs milliseconds.
+///
+/// # Errors
+/// A grid with voxels behind the array; a tolerance that is not in 0..1.
+pub fn estimate(setup: &Setup, grid: &Grid, options: &ReconstructOptions) -> Result<([Estimate; 3], usize)> {
+    let possible = Options::of(setup, grid, options)?;
+    let chosen = possible.chosen(options.method).method;
+    let index = possible.estimates.iter().position(|e| e.method == chosen).unwrap_or(0);
+    Ok((possible.estimates, index))
 }
 
 /// How a volume was come by.
@@ -270,20 +316,8 @@ pub fn reconstruct_into(
     sink: &mut dyn VolumeSink,
     observer: &dyn Observer,
 ) -> Result<Made> {
-    if grid.z.first < 0.0 {
-        return Err(Error::input(
-            "grid.z",
-            format!("begins at {} m, behind the array; depths start at z >= 0", grid.z.first),
-        ));
-    }
-    if !(0.0..1.0).contains(&options.tolerance) {
-        return Err(Error::input(
-            "reconstruct.tolerance",
-            format!("{} is no relative error; 1e-4 is usual, 0 sums every frequency", options.tolerance),
-        ));
-    }
     let setup = source.setup();
-    let (choice, warning) = choose(&setup, grid, options)?;
+    let (choice, warning) = Options::of(&setup, grid, options)?.choose(&setup, grid, options.method)?;
     if let Some(warning) = warning {
         observer.warn(&warning);
     }

@@ -89,6 +89,12 @@ impl Plan {
         Self { grid: *grid, geometry: setup.geometry, band, shape, thickness, operations: terms * cost }
     }
 
+    /// Voxels of a slab.
+    pub(super) fn slab_voxels(&self) -> u64 {
+        let depths = self.thickness.min(self.grid.z.count) as u64;
+        depths.saturating_mul(self.grid.x.count as u64).saturating_mul(self.grid.y.count as u64)
+    }
+
     /// Operations of the job, comparable with those of [`super::direct`].
     pub(super) fn operations(&self) -> f64 {
         self.operations

@@ -21,7 +21,7 @@ use rayon::prelude::*;
 use std::ops::Range;
 
 /// Bytes of data spectra held at a time when every frequency is summed.
-const SPECTRA_BYTES: usize = 256 << 20;
+pub(super) const SPECTRA_BYTES: usize = 256 << 20;
 
 /// The share of the tolerance that the first of the two compressions may use.
 const FIRST_SHARE: f64 = 0.3;
@@ -125,7 +125,7 @@ fn skeleton_frequencies(
     let made = Made { method: Method::Convolution, error_bound: error * compressed.modulus };
     let total = slabs.iter().map(|slab| (slab.tones.len() * slab.planes.len()) as u64).sum();
     let plane_len = grid.plane_len();
-    let at_once = slabs_at_once(thickness);
+    let at_once = slabs_at_once(thickness, rayon::current_num_threads());
     let mut planes = vec![Complex32::ZERO; (at_once * thickness).min(depths) * plane_len];
     sink.begin(&made)?;
     stage(observer, "reconstructing", total, || {
@@ -153,11 +153,11 @@ struct Slab {
 }
 
 /// Depths per thread that are worked on before they are handed on: enough to keep every thread busy.
-const PLANES_PER_THREAD: usize = 8;
+pub(super) const PLANES_PER_THREAD: usize = 8;
 
 /// How many slabs are worked on at a time. It changes no byte of the volume.
-pub(super) fn slabs_at_once(thickness: usize) -> usize {
-    (PLANES_PER_THREAD * rayon::current_num_threads()).div_ceil(thickness)
+pub(super) fn slabs_at_once(thickness: usize, threads: usize) -> usize {
+    (PLANES_PER_THREAD * threads).div_ceil(thickness)
 }
 
 /// The path lengths of a range of depths.

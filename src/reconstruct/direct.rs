@@ -31,7 +31,8 @@ pub(super) fn direct(
 ) -> Result<Made> {
     let samples = weighted_samples(source, weights)?;
     let setup = source.setup();
-    let sums = sums_of(samples, &setup);
+    let sums = sums_of(&samples, &setup);
+    drop(samples);
     let padded = setup.array.len().next_multiple_of(LANES);
     let mut voxels = room_for(grid)?;
     let total = voxels.len().div_ceil(TOGETHER) as u64;
@@ -78,7 +79,7 @@ fn weighted_samples(source: &mut dyn CubeSource, weights: &Weights) -> Result<Ve
 type Sums<'a> = Box<dyn Fn(&[f64], &mut [[f64; 2]]) + Sync + 'a>;
 
 /// The sums that suit a sweep: by recurrence where its steps are even, else frequency by frequency.
-fn sums_of<'a>(samples: Vec<Complex32>, setup: &Setup<'a>) -> Sums<'a> {
+fn sums_of<'a>(samples: &[Complex32], setup: &Setup<'a>) -> Sums<'a> {
     let (n_f, n_mic, c) = (setup.sweep.len(), setup.array.len(), setup.sound_speed);
     if let Some(step) = setup.sweep.step() {
         let steps = Steps { start: -setup.sweep.start() / c, step: -step / c, count: n_f };

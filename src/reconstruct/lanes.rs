@@ -278,7 +278,7 @@ mod tests {
 
     #[test]
     fn a_transposition_exchanges_rows_and_lanes() {
-        let from: [Lanes; LANES] = columns(LANES).try_into().unwrap();
+        let from: [Lanes; LANES] = columns(LANES).try_into().expect("as many");
         let mut to = [Lanes::ZERO; LANES];
         transpose(&from, &mut to);
         for (i, row) in from.iter().enumerate() {

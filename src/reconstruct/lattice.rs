@@ -97,6 +97,11 @@ impl SharedLattice {
         (1.0 + of(&self.x)) * (1.0 + of(&self.y)) - 1.0
     }
 
+    /// Whether samples have to be spread onto the nodes, which then stand beside them for a moment.
+    pub(super) fn spreads(&self) -> bool {
+        !self.footprints.is_empty()
+    }
+
     /// Nodes along x and y.
     pub(super) fn nodes(&self) -> [Axis; 2] {
         [self.x.nodes, self.y.nodes]

@@ -65,9 +65,14 @@ impl<'a> Layout<'a> {
         Self { lattice, grid, geometry, x, y, node_parts, voxel_parts, line, offsets, placements }
     }
 
+    /// Points of one padded plane.
+    pub(super) fn points(&self) -> usize {
+        self.x.len() * self.y.len()
+    }
+
     /// Complex numbers in one tone's spectra.
     pub(super) fn tone_len(&self) -> usize {
-        self.x.len() * self.y.len() * self.placements.len()
+        self.points() * self.placements.len()
     }
 
     /// Work per tone and depth, in kernel transforms.

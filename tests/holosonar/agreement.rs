@@ -298,7 +298,9 @@ fn microphones_far_apart_are_not_spread() {
     let sweep = Sweep::stepped("sweep", 10_000.0, 10_100.0, 0.1).unwrap();
     let cube = random_cube(&mut Random::new(1), sweep, array, Geometry::ORIGIN, Detection::Quadrature);
     let image = reconstruct(&cube, &grid, &ReconstructOptions::default(), &Silent).unwrap();
-    assert_eq!(image.method, Method::Backprojection);
+    assert_ne!(image.method, Method::Convolution);
+    let by_name = ReconstructOptions::new(Method::Backprojection, Window::Taylor);
+    let image = reconstruct(&cube, &grid, &by_name, &Silent).unwrap();
     let error = relative_difference(&image.volume.samples, &direct(&cube, &grid, Window::Taylor));
     let peak = f64::from(image.volume.peak());
     assert!(error <= image.error_bound / peak + 1e-5, "{error:e}");

@@ -1,0 +1,197 @@
+//! What a job costs by each method: operations and bytes by closed formulas, never by a clock.
+//!
+//! The same counts choose the method, so the same job always takes the same path.
+
+use super::convolution::{interval, slab_thickness, slabs_at_once};
+use super::lattice::SharedLattice;
+use super::layout::Layout;
+use super::tones::FREQUENCIES;
+use super::{Method, ReconstructOptions, backprojection, direct};
+use crate::acquisition::Setup;
+use crate::grid::Grid;
+use crate::wave::interval::PathInterval;
+use serde::Serialize;
+
+/// What one method would take for a job.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[non_exhaustive]
+pub struct Estimate {
+    /// The method; never [`Method::Auto`].
+    pub method: Method,
+    /// Why it cannot be used here, if so.
+    pub obstacle: Option<String>,
+    /// Floating-point operations, to within a factor of two.
+    pub operations: f64,
+    /// Bytes at the peak beside the samples that the source holds and the volume that the sink holds, with one thread.
+    pub bytes: u64,
+    /// Bytes that every further thread adds.
+    pub bytes_per_thread: u64,
+}
+
+impl Estimate {
+    /// Bytes at the peak with so many threads.
+    pub fn bytes_with(&self, threads: usize) -> u64 {
+        self.bytes.saturating_add(self.bytes_per_thread.saturating_mul(threads.saturating_sub(1) as u64))
+    }
+}
+
+/// About how many tones stand for a sweep on an interval of `bandwidth_duration` B·T to within `tolerance`: the numbers
+/// of DESIGN section 5 to within two.
+pub(super) fn tones_for(bandwidth_duration: f64, tolerance: f64) -> f64 {
+    let digits = (1.0 / tolerance).ln();
+    bandwidth_duration + 2.0 + digits * (0.22 + 0.2 * (1.0 + bandwidth_duration).ln())
+}
+
+/// The three estimates for a job, whatever `options.method` says.
+pub(super) fn estimates(
+    setup: &Setup,
+    grid: &Grid,
+    options: &ReconstructOptions,
+    lattice: &Result<SharedLattice, String>,
+    backprojection: Option<&backprojection::Plan>,
+) -> [Estimate; 3] {
+    let convolution = match lattice {
+        Ok(lattice) => of_convolution(setup, grid, options.tolerance, lattice),
+        Err(obstacle) => impossible(Method::Convolution, obstacle.clone()),
+    };
+    let backprojection = match backprojection {
+        Some(plan) => of_backprojection(setup, grid, options.tolerance, plan),
+        None => impossible(
+            Method::Backprojection,
+            "0 leaves no room for interpolation; give a tolerance above 0 (1e-6, say)".to_owned(),
+        ),
+    };
+    [convolution, backprojection, of_direct(setup, grid)]
+}
+
+fn impossible(method: Method, obstacle: String) -> Estimate {
+    let (obstacle, operations) = (Some(obstacle), f64::INFINITY);
+    Estimate { method, obstacle, operations, bytes: 0, bytes_per_thread: 0 }
+}
+
+/// Operations of a complex multiplication and addition.
+const PRODUCT: f64 = 8.0;
+
+/// Bytes of a complex number in single precision.
+const COMPLEX: u64 = 8;
+
+/// What a compression to `tones` takes: operations, and bytes while the tones are found.
+fn compression(setup: &Setup, interval: &PathInterval, tones: f64) -> (f64, u64) {
+    let bandwidth_duration = setup.sweep.bandwidth() * interval.duration();
+    let (n_f, n_mic) = (setup.sweep.len() as f64, setup.array.len() as f64);
+    let rows = 2.2 * bandwidth_duration + 36.0;
+    let candidates = (6.0 * (bandwidth_duration + 12.0)).min(n_f);
+    // Pivoting and f64 cost about five times what the product of two such matrices would.
+    let found = 5.0 * PRODUCT * rows * candidates * tones + PRODUCT * rows * tones * n_f;
+    let bytes = 16.0 * (rows * n_f + 2.0 * tones * n_f + 10.0 * rows * candidates);
+    (found + PRODUCT * tones * n_f * n_mic, bytes as u64)
+}
+
+/// Bytes of a block of frequencies as it is read.
+fn block_bytes(setup: &Setup) -> u64 {
+    COMPLEX * (FREQUENCIES.min(setup.sweep.len()) as u64).saturating_mul(setup.array.len() as u64)
+}
+
+fn of_convolution(setup: &Setup, grid: &Grid, tolerance: f64, lattice: &SharedLattice) -> Estimate {
+    let layout = Layout::new(lattice, *grid, setup.geometry);
+    let (depths, plane) = (grid.z.count, (grid.x.count as u64).saturating_mul(grid.y.count as u64));
+    let points = layout.points() as f64;
+    // Phases, two transforms with what symmetry and pruning save of them, the product and the sum.
+    let pair = points * (20.0 + 7.5 * points.log2()) * layout.pairs() as f64;
+    let spectra = points * (5.0 * points.log2()) * layout.node_parts.len() as f64;
+    let scratch = 12 * layout.points().saturating_mul(layout.node_parts.len()) as u64;
+    let left = tolerance - lattice.error();
+    if left <= 0.0 {
+        let n_f = setup.sweep.len() as f64;
+        let block =
+            (super::convolution::SPECTRA_BYTES as u64).min(layout.tone_len() as u64 * COMPLEX * n_f as u64);
+        return Estimate {
+            method: Method::Convolution,
+            obstacle: None,
+            operations: n_f * (depths as f64 * pair + spectra),
+            bytes: block.saturating_mul(2).saturating_add(scratch),
+            bytes_per_thread: scratch,
+        };
+    }
+    let tones = |planes: std::ops::Range<usize>, share: f64| {
+        let duration = interval(setup, grid, planes).duration();
+        tones_for(setup.sweep.bandwidth() * duration, share * left).min(setup.sweep.len() as f64)
+    };
+    let thickness = slab_thickness(setup, &layout);
+    let (of_volume, width) = (tones(0..depths, 0.3), lattice.width() as f64);
+    let (mut operations, bytes_finding) = compression(setup, &interval(setup, grid, 0..depths), of_volume);
+    let mut most = 0.0f64;
+    for first in (0..depths).step_by(thickness) {
+        let planes = first..(first + thickness).min(depths);
+        let of_slab = tones(planes.clone(), 1.0).min(of_volume);
+        operations += of_slab * (planes.len() as f64 * pair + spectra + PRODUCT * of_volume * width);
+        most = most.max(of_slab);
+    }
+    let complex = |n: f64| (n * COMPLEX as f64) as u64;
+    let microphones = complex(of_volume * setup.array.len() as f64);
+    let nodes = complex(of_volume * width);
+    let both = if lattice.spreads() { microphones.saturating_add(nodes) } else { nodes };
+    let slab = complex(most * (width + layout.tone_len() as f64))
+        .saturating_add(plane.saturating_mul(thickness as u64 * COMPLEX));
+    let compressing = microphones
+        .saturating_add(block_bytes(setup))
+        .saturating_add(complex(2.0 * of_volume * setup.sweep.len() as f64));
+    let one = slab.saturating_mul(slabs_at_once(thickness, 1) as u64).saturating_add(scratch);
+    let more = slab.saturating_mul(super::convolution::PLANES_PER_THREAD as u64) / thickness as u64;
+    Estimate {
+        method: Method::Convolution,
+        obstacle: None,
+        operations,
+        bytes: bytes_finding.max(compressing).max(both).max(nodes.saturating_add(one)),
+        bytes_per_thread: more.saturating_add(scratch),
+    }
+}
+
+fn of_backprojection(setup: &Setup, grid: &Grid, tolerance: f64, plan: &backprojection::Plan) -> Estimate {
+    let whole = interval(setup, grid, 0..grid.z.count);
+    let tones =
+        tones_for(setup.sweep.bandwidth() * whole.duration(), 0.1 * tolerance).min(setup.sweep.len() as f64);
+    let (compressing, finding) = compression(setup, &whole, tones);
+    let held = (tones * setup.array.len() as f64 * COMPLEX as f64) as u64;
+    let planes = plan.slab_voxels().saturating_mul(2 * COMPLEX);
+    Estimate {
+        method: Method::Backprojection,
+        obstacle: None,
+        operations: plan.operations() + compressing,
+        bytes: finding
+            .max(held.saturating_add(block_bytes(setup)))
+            .max(held.saturating_mul(2).saturating_add(planes)),
+        bytes_per_thread: 1 << 20,
+    }
+}
+
+fn of_direct(setup: &Setup, grid: &Grid) -> Estimate {
+    Estimate {
+        method: Method::Direct,
+        obstacle: None,
+        operations: direct::operations(setup, grid),
+        bytes: setup.cube_bytes().saturating_mul(2),
+        bytes_per_thread: 64 * COMPLEX * setup.array.len() as u64,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tones_are_about_those_that_skeletons_find() {
+        // DESIGN section 5.
+        for (bandwidth_duration, tolerance, found) in [
+            (1.14, 1e-3, 6.0),
+            (1.14, 1e-6, 8.0),
+            (4.6, 1e-4, 12.0),
+            (23.0, 1e-3, 31.0),
+            (23.0, 1e-6, 37.0),
+            (60.0, 1e-4, 72.0),
+        ] {
+            let about = tones_for(bandwidth_duration, tolerance);
+            assert!((about - found).abs() <= 2.0, "{about} for {found}");
+        }
+    }
+}
