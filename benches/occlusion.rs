@@ -135,8 +135,8 @@ fn a_million_triangles(c: &mut Criterion) {
         );
     });
     let scene = scene(soup, 0.0);
-    // A dense random cover has 0.7 points to a square of the spacing.
-    let options = SurfaceOptions::new((0.7 * scene.surface_area() / 1e5).sqrt(), 0.023);
+    // A dense random cover has 0.62 points to a square of the spacing.
+    let options = SurfaceOptions::new((0.62 * scene.surface_area() / 1e5).sqrt(), 0.023);
     let sampled = || sample_surface(&scene, &options, &Silent).expect("reflectors");
     let reflectors = sampled();
     group.throughput(Throughput::Elements(reflectors.len() as u64));
