@@ -54,7 +54,7 @@ fn write_files(folder: &Path, (corners, faces): &(Vec<DVec3>, Vec<[u32; 3]>)) ->
     std::fs::write(folder.join("sheet.obj"), obj)?;
 
     let number = |v: f64| (v as f32).to_le_bytes();
-    let positions: Vec<u8> = corners.iter().flat_map(|v| v.to_array()).flat_map(number).collect();
+    let positions: Vec<u8> = corners.iter().flat_map(DVec3::to_array).flat_map(number).collect();
     let indices: Vec<u8> = faces.iter().flatten().flat_map(|k| k.to_le_bytes()).collect();
     let (n_positions, n_indices) = (positions.len(), indices.len());
     let mut json = serde_json::json!({
