@@ -54,7 +54,7 @@ fn write_files(folder: &Path, (corners, faces): &(Vec<DVec3>, Vec<[u32; 3]>)) ->
     std::fs::write(folder.join("sheet.obj"), obj)?;
 
     let number = |v: f64| (v as f32).to_le_bytes();
-    let positions: Vec<u8> = corners.iter().flat_map(|v| v.to_array()).flat_map(number).collect();
+    let positions: Vec<u8> = corners.iter().flat_map(DVec3::to_array).flat_map(number).collect();
     let indices: Vec<u8> = faces.iter().flatten().flat_map(|k| k.to_le_bytes()).collect();
     let (n_positions, n_indices) = (positions.len(), indices.len());
     let mut json = serde_json::json!({
@@ -135,8 +135,8 @@ fn a_million_triangles(c: &mut Criterion) {
         );
     });
     let scene = scene(soup, 0.0);
-    // A dense random cover has 0.7 points to a square of the spacing.
-    let options = SurfaceOptions::new((0.7 * scene.surface_area() / 1e5).sqrt(), 0.023);
+    // A dense random cover has 0.62 points to a square of the spacing.
+    let options = SurfaceOptions::new((0.62 * scene.surface_area() / 1e5).sqrt(), 0.023);
     let sampled = || sample_surface(&scene, &options, &Silent).expect("reflectors");
     let reflectors = sampled();
     group.throughput(Throughput::Elements(reflectors.len() as u64));
