@@ -65,7 +65,7 @@
 //! - Only the binary prints, draws progress or exits.
 //! - Every fast path stands beside a literal one, and a test compares them.
 //! - Same inputs and seed, same bytes, for any number of threads. Our own loops give the same bytes for any vector
-//!   width too; the FFTs and matrix products are other crates' and may round differently on another processor.
+//!   width too; the matrix products are another crate's and may round differently on another processor.
 //! - What a user can cause is an [`error::Error`]; a panic is our mistake.
 //! - `unsafe` stands in one file, [`wave::simd`], which also says why it is not under `reconstruct`.
 //!

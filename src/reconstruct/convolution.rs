@@ -174,6 +174,9 @@ pub(super) fn interval(setup: &Setup, grid: &Grid, depths: Range<usize>) -> Path
 /// Thin slabs need fewer tones each, but every slab pays for its own spectra and decomposition.
 pub(super) fn slab_thickness(setup: &Setup, layout: &Layout) -> usize {
     let depths = layout.grid.z.count;
+    let points = (layout.x.len() * layout.y.len()) as f64;
+    // In transformed points per tone: a decomposition is checked at every frequency, its product runs over all nodes.
+    let slab = (150 * cube.sweep.len() + 10 * layout.lattice.width()) as f64;
     let cost = |thickness: usize| -> f64 {
         (0..depths)
             .step_by(thickness)
@@ -183,8 +186,7 @@ pub(super) fn slab_thickness(setup: &Setup, layout: &Layout) -> usize {
                 let tones =
                     (setup.sweep.bandwidth() * interval.duration() + 10.0).min(setup.sweep.len() as f64);
                 let transforms = planes * layout.pairs() * 2 + layout.node_parts.len();
-                // One decomposition costs about as much as a few tones' transforms.
-                tones * transforms as f64 + 50.0
+                tones * (transforms as f64 * points + slab)
             })
             .sum()
     };

@@ -278,9 +278,10 @@ mod tests {
 
     #[test]
     fn a_transposition_exchanges_rows_and_lanes() {
-        let from: [Lanes; LANES] = columns(LANES).try_into().expect("as many");
+        let columns = columns(LANES);
+        let [from] = columns.as_chunks().0 else { panic!("one tile") };
         let mut to = [Lanes::ZERO; LANES];
-        transpose(&from, &mut to);
+        transpose(from, &mut to);
         for (i, row) in from.iter().enumerate() {
             for (j, column) in to.iter().enumerate() {
                 assert_eq!((row.re[j], row.im[j]), (column.re[i], column.im[i]));

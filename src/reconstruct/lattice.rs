@@ -209,7 +209,8 @@ fn spread_axis(
         };
         let interpolator = Interpolator::new(kernels, pitch, tolerance);
         (interpolator.error <= tolerance).then(|| {
-            let nodes = nodes_around(low, high, pitch, &interpolator);
+            // Whole pitches from the voxels, which may make the kernel even: half of the transforms.
+            let nodes = nodes_around([low, high], voxels.first, pitch, &interpolator);
             SharedAxis { nodes, u, v, interpolator: Some(interpolator) }
         })
     })

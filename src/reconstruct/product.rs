@@ -56,3 +56,38 @@ dispatched! {
     /// Adds the sum over microphones, times the outer phase, to the voxels.
     pub(super) fn focus = focus_body(exchanged_sum: &[Lanes], outer: &[Lanes], image: &mut [Lanes])
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn numbers(k: f64) -> Vec<Lanes> {
+        let value = |i: usize| (i as f64 * k).fract() as f32 - 0.5;
+        let lanes = |i: usize| std::array::from_fn(|l| value(i * LANES + l));
+        (0..2 * ROWS).map(|i| Lanes { re: lanes(i), im: lanes(i + 99) }).collect()
+    }
+
+    #[test]
+    fn products_are_the_literal_ones_and_the_same_bytes_for_every_instruction_set() {
+        let (a, b, sum) = (numbers(0.618_034), numbers(0.754_878), numbers(0.569_84));
+        for add in [false, true] {
+            let (mut products, mut plain) = (sum.clone(), sum.clone());
+            multiply(&a, &b, &mut products, add);
+            multiply_body(&a, &b, &mut plain, add);
+            assert_eq!(products, plain);
+            for (i, product) in products.iter().enumerate() {
+                for l in 0..LANES {
+                    let before = if add { sum[i].at(l) } else { Complex32::ZERO };
+                    assert_eq!(product.at(l), before + exchanged(a[i].at(l) * b[i].at(l)));
+                }
+            }
+        }
+        let (mut image, mut plain) = (sum.clone(), sum.clone());
+        focus(&a, &b, &mut image);
+        focus_body(&a, &b, &mut plain);
+        assert_eq!(image, plain);
+        for (i, voxel) in image.iter().enumerate() {
+            assert_eq!(voxel.at(3), sum[i].at(3) + exchanged(a[i].at(3)) * b[i].at(3));
+        }
+    }
+}

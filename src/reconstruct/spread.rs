@@ -153,11 +153,17 @@ impl Footprint {
     }
 }
 
-/// The nodes along one axis for microphones between `low` and `high` m.
-pub(super) fn nodes_around(low: f64, high: f64, pitch: f64, interpolator: &Interpolator) -> Axis {
+/// The nodes along one axis for microphones between `low` and `high` m, whole pitches from `origin`.
+pub(super) fn nodes_around(
+    [low, high]: [f64; 2],
+    origin: f64,
+    pitch: f64,
+    interpolator: &Interpolator,
+) -> Axis {
     let margin = interpolator.taps() / 2;
-    let count = ((high - low) / pitch).floor() as usize + 2 + 2 * margin;
-    Axis { first: low - margin as f64 * pitch, pitch, count }
+    let below = ((low - origin) / pitch).floor() - margin as f64;
+    let above = ((high - origin) / pitch).floor() + 1.0 + margin as f64;
+    Axis { first: origin + below * pitch, pitch, count: ((above - below) as usize).saturating_add(1) }
 }
 
 /// Adds a row of samples `[n_mic]` to a plane of nodes `[n_y, n_x]`.
@@ -207,7 +213,7 @@ mod tests {
         let kernels = kernels(0.5);
         let pitch = kernels.coarsest_pitch();
         let interpolator = Interpolator::new(&kernels, pitch, 1e-4);
-        let nodes = nodes_around(-0.3, 0.4, pitch, &interpolator);
+        let nodes = nodes_around([-0.3, 0.4], 0.011, pitch, &interpolator);
         for position in [-0.3, -0.123_4, 0.0, 0.271_8, 0.4] {
             let footprint = Footprint::spread(position, &nodes, &interpolator);
             for voxel in [-0.3, -0.1, 0.05, 0.35] {
