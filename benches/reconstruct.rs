@@ -54,7 +54,7 @@ fn reconstruction(c: &mut Criterion) {
         (Method::Convolution, 1e-4, 64, 1001, 128),
     ] {
         let (cube, grid) = job(n, frequencies, depths);
-        group.throughput(Throughput::Elements(direct_terms(&cube, &grid)));
+        group.throughput(Throughput::Elements(direct_terms(&cube.setup(), &grid)));
         let size = format!("{n}x{n} mics x {frequencies} f x {n}x{n}x{depths} voxels");
         let name = format!("{method:?} {tolerance:e}").to_lowercase();
         group.bench_with_input(BenchmarkId::new(name, size), &method, |b, &method| {
@@ -65,7 +65,7 @@ fn reconstruction(c: &mut Criterion) {
     }
     let (cube, grid) = job(64, 1001, 128);
     let cube = jittered(&cube);
-    group.throughput(Throughput::Elements(direct_terms(&cube, &grid)));
+    group.throughput(Throughput::Elements(direct_terms(&cube.setup(), &grid)));
     group.bench_function("spreading 1e-4/64x64 mics x 1001 f x 64x64x128 voxels", |b| {
         let options = ReconstructOptions::new(Method::Convolution, Window::None);
         b.iter(|| reconstruct(&cube, &grid, &options, &Silent).expect("small"));
@@ -85,7 +85,7 @@ fn reconstruction(c: &mut Criterion) {
             whole,
         ),
     ] {
-        group.throughput(Throughput::Elements(direct_terms(&cube, &grid)));
+        group.throughput(Throughput::Elements(direct_terms(&cube.setup(), &grid)));
         group.bench_function(name, |b| {
             let options = ReconstructOptions::new(method, Window::None);
             b.iter(|| reconstruct(&cube, &grid, &options, &Silent).expect("fits"));
