@@ -7,11 +7,13 @@ mod facts;
 mod limits;
 mod log;
 mod outputs;
+mod page;
 mod report;
 
 pub use facts::{cube_facts, resolution_of};
 pub use limits::{Bound, Verdict, hold};
 pub use outputs::{write_cube, write_depth, write_outputs, write_volume};
+pub use page::write_page;
 pub use report::{Report, SceneSummary};
 
 use crate::acquisition::{DataCube, MicArray, SimulateOptions, Sweep, simulate};
@@ -42,8 +44,8 @@ pub struct Outcome {
     pub plan: Plan,
     /// The scene, when there was one.
     pub scene: Option<SceneSummary>,
-    /// Number of reflectors simulated, when they were.
-    pub reflectors: Option<usize>,
+    /// The reflectors simulated, when they were.
+    pub reflectors: Option<Reflectors>,
     /// The cube.
     pub cube: DataCube,
     /// The volume, and how it was come by.
@@ -82,7 +84,7 @@ pub fn image_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Result
     };
     let resolution = echoes.setup().range_resolution().unwrap_or(f64::NAN);
     let metrics = truth.as_ref().map(|truth| evaluate(&depth, truth, resolution)).transpose()?;
-    let (scene, reflectors, plan) = (echoes.summary(), Some(echoes.reflectors.len()), echoes.plan.clone());
+    let (scene, reflectors, plan) = (echoes.summary(), Some(echoes.reflectors), echoes.plan);
     let (timings, warnings) = log.finish();
     Ok(Outcome { plan, scene, reflectors, cube, image, depth, truth, metrics, timings, warnings })
 }
