@@ -3,6 +3,10 @@
 use holosonar::error::{Error, Result};
 use std::path::Path;
 use std::process::{Command, Stdio};
+use std::time::Duration;
+
+/// How long a browser's starter may take to fail, in tenths of a second.
+const PATIENCE: u32 = 20;
 
 /// Opens a file; does not wait for the browser to end.
 pub(super) fn open(page: &Path) -> Result<()> {
@@ -23,6 +27,14 @@ pub(super) fn open(page: &Path) -> Result<()> {
         Error::environment("--open", format!("{why}; open {} in a browser yourself", page.display()))
     };
     let quiet = command.arg(&page).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
-    let status = quiet.status().map_err(|error| failed(format!("`{name}` cannot be started ({error})")))?;
-    if status.success() { Ok(()) } else { Err(failed(format!("`{name}` ended with {status}"))) }
+    let mut child = quiet.spawn().map_err(|error| failed(format!("`{name}` cannot be started ({error})")))?;
+    // Some starters stay for as long as the browser does; one that fails does so at once.
+    for _ in 0..PATIENCE {
+        match child.try_wait() {
+            Ok(Some(status)) if status.success() => return Ok(()),
+            Ok(Some(status)) => return Err(failed(format!("`{name}` ended with {status}"))),
+            _ => std::thread::sleep(Duration::from_millis(100)),
+        }
+    }
+    Ok(())
 }

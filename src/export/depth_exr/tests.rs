@@ -111,7 +111,7 @@ fn foreign(path: &Path, names: &[&str]) {
         .iter()
         .map(|&name| {
             let samples = [1.5, 1e10, 0.0, 4.0, f32::INFINITY, f32::NAN].to_vec();
-            ex::AnyChannel::new(name, FlatSamples::F32(samples))
+            ex::AnyChannel::new(name, ex::FlatSamples::F32(samples))
         })
         .collect();
     let layer = ex::Layer::new(

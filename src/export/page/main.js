@@ -8,7 +8,8 @@ function trouble(text) {
 async function layersOf(found, box) {
   const { points, truth_points: truthPoints } = data;
   const layer = (name, positions, more) => ({ name, positions, shown: true, ...more });
-  const layers = [{ positions: boxLines(box.low, box.high), lines: true, tint: [0.62, 0.67, 0.75, 0.5], shown: true }];
+  const frame = { positions: boxLines(box.low, box.high), lines: true, tint: [0.62, 0.67, 0.75, 0.5], shown: true };
+  const layers = [frame, layer("Planes of the slices", new Float32Array(), { lines: true, tint: [1, 1, 1, 0.75], shown: false })];
   const cell = Math.max(data.maps ? Math.min(data.maps.x.pitch, data.maps.y.pitch) : 0.01, 1e-4);
   if (points?.reflectors.shown)
     layers.push(layer("Reflectors of the scene", await floats(points.reflectors.data), { tint: [0.36, 0.83, 0.77, 0.55], size: 0.25 * cell, least: 1.4 }));
@@ -21,15 +22,16 @@ async function layersOf(found, box) {
   return layers;
 }
 
-// The least box round the volume and all points.
-function around(box, layers) {
-  const [low, high] = [[...box.low], [...box.high]];
-  for (const { positions } of layers)
+// The corners of every layer's own box.
+function around(layers) {
+  return layers.filter((l) => l.positions.length).flatMap(({ positions }) => {
+    const [low, high] = [[Infinity, Infinity, Infinity], [-Infinity, -Infinity, -Infinity]];
     positions.forEach((value, i) => {
       low[i % 3] = Math.min(low[i % 3], value);
       high[i % 3] = Math.max(high[i % 3], value);
     });
-  return { low, high };
+    return corners({ low, high });
+  });
 }
 
 const boxOf = ({ x, y, z }) => ({ low: [x, y, z].map((a) => edges(a)[0]), high: [x, y, z].map((a) => edges(a)[1]) });
@@ -62,7 +64,7 @@ function cloud({ x, y, depth }) {
 
 // The controls beside the volume.
 function control(view, slices) {
-  const state = { greatest: 25, surface: 12, mode: "greatest" };
+  const state = { greatest: 25, surface: 15, mode: "greatest" };
   const threshold = $("threshold");
   const apply = () => {
     state[state.mode] = -Number(threshold.value);
@@ -75,7 +77,7 @@ function control(view, slices) {
     $("threshold-value").textContent = `−${fixed(state[state.mode], 1)} dB`;
     $("opacity-value").textContent = `${opacity} %`;
     const [near, far] = view?.depths ?? [0, 1];
-    if (surface) bar($("view-bar"), maps.viridis, [`${metres(near)} m`, "depth z of the surface", `${metres(far)} m`]);
+    if (surface) bar($("view-bar"), maps.viridis, [`${metres(near)} m`, "depth z", `${metres(far)} m`]);
     else bar($("view-bar"), maps[$("colours").value], [`−${fixed(state.greatest, 1)}`, "dB below the peak", "0"]);
     slices?.(1 - state.greatest / data.range_db, $("colours").value, state.greatest);
   };
@@ -100,8 +102,8 @@ function control(view, slices) {
     $("frame").setAttribute("aria-pressed", everything);
     view.frame(everything);
   };
-  const extent = ({ low, high }) => Math.hypot(...low.map((a, i) => high[i] - a));
-  frame(extent(view.box) > 0.3 * extent(view.whole));
+  const extent = (points) => Math.max(...points.map((p) => Math.hypot(...p.map((x, i) => x - points[0][i]))));
+  frame(extent(corners(view.box)) > 0.3 * extent(view.whole));
   $("frame").addEventListener("click", () => frame($("frame").getAttribute("aria-pressed") !== "true"));
   for (const button of document.querySelectorAll("[data-view]")) button.addEventListener("click", () => view.look(button.dataset.view));
   $("labels").addEventListener("keydown", (e) => {
@@ -119,7 +121,7 @@ function control(view, slices) {
 }
 
 // Three orthogonal slices through one point; gives what repaints them, and what moves the point.
-function showSlices(volume) {
+function showSlices(volume, moved) {
   const { x, y, z, codes } = volume;
   const axes = [x, y, z];
   let best = 0;
@@ -139,6 +141,7 @@ function showSlices(volume) {
       sliders[normal].setAttribute("aria-valuetext", words);
       plot.note.textContent = words;
     }
+    moved(at.map((i, axis) => position(axes[axis], i)));
     $("slice-read").textContent = `x ${metres(position(x, at[0]))}, y ${metres(position(y, at[1]))}, z ${metres(position(z, at[2]))} m: ${decibels(code(at))}`;
   };
   const choose = (axis, i) => update(at.map((old, a) => (a === axis ? i : old)));
@@ -219,7 +222,7 @@ function describe() {
   const parts = [];
   const { volume, points, truth_points: truthPoints } = data;
   if (volume) {
-    parts.push(`On this page the volume is quantised to 8 bits: steps of ${fixed(data.range_db / 255, 2)} dB from −${data.range_db} to 0 dB, where 0 dB is the peak of ${plain(volume.peak)}; what is weaker is not shown.`);
+    parts.push(`On this page the volume is quantised to 8 bits: steps of ${fixed(data.range_db / 255, 2)} dB from −${data.range_db} to 0 dB, where 0 dB is the peak of ${Number(volume.peak.toPrecision(3))}; what is weaker is not shown.`);
     const [fx, fy, fz] = volume.reduced;
     if (fx * fy * fz > 1) parts.push(`It is reduced from ${volume.voxels.join(" × ")} to ${[volume.x, volume.y, volume.z].map((a) => a.count).join(" × ")} voxels, each the greatest of ${fx} × ${fy} × ${fz}.`);
     parts.push("The files beside this page hold the exact numbers.");
@@ -238,14 +241,15 @@ async function main() {
   describe();
   const depths = loaded ? range(loaded.depth, loaded.truth) : volume ? edges(volume.z) : [0, 1];
   let slices = null, view = null;
-  if (volume) slices = showSlices(volume);
+  const planes = (point) => view?.replace(view.layers[1], sliceLines(view.box.low, view.box.high, point));
+  if (volume) slices = showSlices(volume, planes);
   else $("slices").hidden = true;
   if (loaded) showMaps(loaded, depths, slices);
   else $("maps").hidden = true;
   const box = volume ? boxOf(volume) : boxOf({ ...(loaded ?? { x: { first: 0, pitch: 1, count: 1 }, y: { first: 0, pitch: 1, count: 1 } }), z: { first: depths[0], pitch: depths[1] - depths[0], count: 1 } });
   try {
     const layers = await layersOf(loaded && cloud(loaded), box);
-    view = new View($("scene"), $("labels"), box, around(box, layers), volume, layers, depths);
+    view = new View($("scene"), $("labels"), box, around(layers), volume, layers, depths);
   } catch (error) {
     trouble(`The 3-D view cannot be drawn here (${error.message}); the slices below show the same volume.`);
   }

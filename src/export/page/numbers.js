@@ -1,14 +1,30 @@
 // Tables of metrics, timings and parameters, warnings, and the tiles at the top.
 
-const UNITS = { metric: (name, x) => (/error$|^rmse$/.test(name) ? `${fixed(1e3 * x, 2)} mm` : `${fixed(100 * x, 1)} %`) };
+const measure = (name, x) => (/error$|^rmse$/.test(name) ? `${fixed(1e3 * x, 2)} mm` : `${fixed(100 * x, 1)} %`);
+// What the report's own numbers are in: [keys, unit, factor].
+const UNITS = [
+  [/^(range_resolution|lateral_resolution_.*|wavelength|alias_free_pitch|reflector_spacing)$/, "mm", 1e3],
+  [/^(unambiguous_path|path_bounds|low|high|size)$/, "m", 1],
+  [/_bytes$/, "MB", 1e-6],
+  [/^area$/, "m²", 1],
+  [/^size_wavelengths$/, "λ", 1],
+  [/^grid_shape$/, "(z, y, x)", 1],
+];
 const words = (name) => name.replaceAll("_", " ");
 
 function plain(value) {
   if (value === null || value === undefined) return "–";
-  if (typeof value === "number") return Number.isInteger(value) ? String(value).replace("-", "−") : String(Number(value.toPrecision(6))).replace("-", "−");
+  if (typeof value === "number") return Number.isInteger(value) ? String(value).replace("-", "−") : String(Number(value.toPrecision(4))).replace("-", "−");
   if (Array.isArray(value)) return value.length ? value.map(plain).join(", ") : "none";
   if (typeof value === "object") return Object.entries(value).map(([k, v]) => `${words(k)} ${plain(v)}`).join(", ");
   return String(value);
+}
+
+function withUnit(name, value) {
+  const [, unit, factor] = UNITS.find(([keys]) => keys.test(name)) ?? [null, "", 1];
+  if (value === null || !unit) return plain(value);
+  const short = (x) => (typeof x === "number" ? Number((x * factor).toPrecision(4)) : x);
+  return `${plain(Array.isArray(value) ? value.map(short) : short(value))} ${unit}`;
 }
 
 function table(rows) {
@@ -32,7 +48,7 @@ function parameters(tree) {
     } else if (Array.isArray(value) && value.some((v) => v !== null && typeof v === "object")) {
       rows.push([words(name), undefined, "group"]);
       for (const item of value) rows.push([item.name || "(unnamed)", plain({ ...item, name: undefined }).replace(/^name –, /, ""), "deep"]);
-    } else rows.push([words(name), plain(value)]);
+    } else rows.push([words(name), withUnit(name, value)]);
   }
   return table(rows);
 }
@@ -48,7 +64,7 @@ function showNumbers() {
   const known = Object.entries(metrics ?? {}).filter(([, x]) => x !== null);
   const tiles = [];
   const tile = (name, value, unit) => tiles.push(element("div", {}, element("dt", {}, name), element("dd", {}, value, " ", element("small", {}, unit))));
-  for (const [name, x] of known.slice(0, 3)) tile(words(name), ...UNITS.metric(name, x).split(" "));
+  for (const [name, x] of known.slice(0, 3)) tile(words(name), ...measure(name, x).split(" "));
   if (plan.range_resolution) tile("range resolution", fixed(1e3 * plan.range_resolution, 1), "mm");
   if (plan.lateral_resolution_near?.[0] && plan.lateral_resolution_far?.[0])
     tile("across, near to far", `${fixed(1e3 * plan.lateral_resolution_near[0], 0)}–${fixed(1e3 * plan.lateral_resolution_far[0], 0)}`, "mm");
@@ -77,7 +93,7 @@ function showNumbers() {
     return [stage, element("td", { className: "measure" }, `${fixed(s, 3)} s`, strip)];
   };
   const cards = [];
-  if (known.length) cards.push(card("Against the truth", table(known.map(([name, x]) => [words(name), UNITS.metric(name, x)]))));
+  if (known.length) cards.push(card("Against the truth", table(known.map(([name, x]) => [words(name), measure(name, x)]))));
   cards.push(card("Time", table([...Object.entries(timings).map(timing), ["together", `${fixed(seconds, 3)} s`]])));
   const image = { method: report.method, peak_amplitude: report.peak_amplitude, error_bound: report.error_bound, ...plan, warnings: undefined };
   cards.push(card("Plan and reconstruction", parameters(Object.fromEntries(Object.entries(image).filter(([, v]) => v !== undefined)))));

@@ -55,7 +55,7 @@ mod tests {
 
     #[test]
     fn zlib_gives_the_bytes_back() {
-        let mut zip = flate2::write::ZlibEncoder::new(Vec::new(), Compression::default());
+        let mut zip = ZlibEncoder::new(Vec::new(), Compression::default());
         zip.write_all(b"as it was").unwrap();
         let packed = zip.finish().unwrap();
         assert_eq!(pack(b"as it was"), base64(&packed));

@@ -22,7 +22,7 @@ function shader(gl, vertex, fragment) {
 
 const VIEWS = { home: [0.62, 0.42], front: [0, 0], above: [0, 1.5707], side: [-1.5707, 0] };
 
-// `box` is { low, high } in m; `layers` are { positions, lines, tint, size, byDepth, shown }.
+// `box` is { low, high } in m, `whole` corners of all there is; `layers` are { positions, lines, tint, size, byDepth, shown }.
 class View {
   constructor(canvas, labels, box, whole, volume, layers, depths) {
     Object.assign(this, { canvas, labels, box, whole, volume, layers, depths });
@@ -40,16 +40,21 @@ class View {
     this.look("home");
     this.frame(false);
     this.listen();
-    new ResizeObserver(() => this.draw()).observe(canvas.parentElement);
+    new ResizeObserver(() => ((this.distance = null), this.draw())).observe(canvas.parentElement);
     canvas.addEventListener("webglcontextlost", () => trouble("The graphics processor gave up; reload the page."));
   }
 
-  upload(positions) {
+  upload(positions, buffer = this.gl.createBuffer()) {
     const { gl } = this;
-    const buffer = gl.createBuffer();
     gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
     gl.bufferData(gl.ARRAY_BUFFER, positions, gl.STATIC_DRAW);
     return buffer;
+  }
+
+  replace(layer, positions) {
+    layer.positions = positions;
+    layer.buffer = this.upload(positions, layer.buffer);
+    if (layer.shown) this.draw();
   }
 
   texture2d(map) {
@@ -74,15 +79,19 @@ class View {
 
   look(name) {
     [this.yaw, this.pitch] = VIEWS[name];
+    this.distance = null;
     this.draw();
   }
 
   // Puts the volume, or everything, into the middle.
   frame(everything) {
-    const { low, high } = everything ? this.whole : this.box;
+    this.framed = everything ? this.whole : corners(this.box);
+    const ends = (pick) => [0, 1, 2].map((i) => pick(...this.framed.map((p) => p[i])));
+    const [low, high] = [ends(Math.min), ends(Math.max)];
     this.centre = low.map((a, i) => (a + high[i]) / 2);
     this.radius = Math.hypot(...low.map((a, i) => high[i] - a)) / 2 || 1;
     this.zoom = 1;
+    this.distance = null;
     this.draw();
   }
 
@@ -141,7 +150,10 @@ class View {
     const forward = [s * C, S, c * C], right = [c, 0, -s], down = [-s * S, C, -c * S];
     const half = Math.tan(0.26); // of the lesser side's field of view
     const [w, h] = aspect > 1 ? [half * aspect, half] : [half, half / aspect];
-    const distance = (this.radius * 1.04) / Math.sin(0.26) / this.zoom;
+    // While it is turned it may shrink, so that nothing is cut off, but never swell.
+    if (this.zoom === 1) this.distance = Math.max(this.distance ?? 0, this.fit({ forward, right, down }, w, h));
+    this.distance ??= 3 * this.radius;
+    const distance = this.distance / this.zoom;
     const eye = this.centre.map((m, i) => m - distance * forward[i]);
     const near = distance / 200, far = distance * 4 + 4 * this.radius;
     const terms = [(far + near) / (far - near), (-2 * far * near) / (far - near)];
@@ -149,6 +161,13 @@ class View {
     const [X, Y, Z] = [row(right, 1 / w), row(down, -1 / h), row(forward, 1)];
     const matrix = [0, 1, 2, 3].flatMap((i) => [X[i], Y[i], Z[i] * terms[0] + (i === 3 ? terms[1] : 0), Z[i]]);
     return { eye, forward, right: right.map((x) => x * w), down: down.map((x) => x * h), terms, matrix, distance, half };
+  }
+
+  // From how far all that is framed fits into the picture, with room for the labels.
+  fit({ forward, right, down }, w, h) {
+    const away = (p, axis) => p.reduce((sum, x, i) => sum + (x - this.centre[i]) * axis[i], 0);
+    const reach = (p) => Math.max(Math.abs(away(p, right)) / w, Math.abs(away(p, down)) / h) / 0.84 - away(p, forward);
+    return Math.max(...this.framed.map(reach));
   }
 
   paint() {
@@ -227,6 +246,14 @@ class View {
     pen.font = "12px system-ui, sans-serif";
     pen.textAlign = "center";
     pen.textBaseline = "middle";
+    const halo = (text, x, y) => {
+      pen.save();
+      pen.strokeStyle = "#0d0f14";
+      pen.lineWidth = 3;
+      pen.strokeText(text, x, y);
+      pen.fillText(text, x, y);
+      pen.restore();
+    };
     const project = (p) => {
       const m = camera.matrix;
       const [x, y, q] = [0, 1, 3].map((r) => m[r] * p[0] + m[r + 4] * p[1] + m[r + 8] * p[2] + m[r + 12]);
@@ -259,13 +286,31 @@ class View {
         pen.moveTo(x, y);
         pen.lineTo(x + 5 * out[0], y + 5 * out[1]);
         pen.stroke();
-        pen.fillText(text, x + 20 * out[0], y + 14 * out[1]);
+        halo(text, x + 20 * out[0], y + 14 * out[1]);
       }
       pen.fillStyle = "#f0f2f5";
-      pen.fillText(`${"xyz"[axis]} / m`, edge.x + 50 * out[0], edge.y + 34 * out[1]);
+      halo(`${"xyz"[axis]} / m`, edge.x + 58 * out[0], edge.y + 34 * out[1]);
     }
   }
 }
+
+// The frames of three slices through a point of a box.
+function sliceLines(low, high, point) {
+  const lines = [];
+  for (const normal of [0, 1, 2]) {
+    const [a, b] = [0, 1, 2].filter((i) => i !== normal);
+    const at = (u, v) => {
+      const p = [...point];
+      [p[a], p[b]] = [u, v];
+      return p;
+    };
+    const corners = [at(low[a], low[b]), at(high[a], low[b]), at(high[a], high[b]), at(low[a], high[b])];
+    corners.forEach((corner, i) => lines.push(...corner, ...corners[(i + 1) % 4]));
+  }
+  return new Float32Array(lines);
+}
+
+const corners = ({ low, high }) => Array.from({ length: 8 }, (_, k) => low.map((a, i) => ((k >> i) & 1 ? high[i] : a)));
 
 // The twelve edges of a box, as a list of lines.
 function boxLines(low, high) {
