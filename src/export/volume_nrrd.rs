@@ -18,7 +18,8 @@ use std::path::Path;
 const LONGEST_LINE: u64 = 1 << 20;
 
 /// Writes `|Â|` as float32, x fastest, with its origin and directions in m along our own axes (x right, y down, z
-/// forward): the space has no anatomical name. `attributes` become key/value pairs.
+/// forward): the space has no anatomical name. `attributes` become
+/// key/value pairs, `sonar:unit` as `sonar.unit`.
 ///
 /// # Errors
 /// As [`write_atomically`].
@@ -34,7 +35,7 @@ pub fn write_volume_nrrd(
         match compression {
             Compression::None => write_amplitudes(out, volume),
             Compression::Zip => {
-                let mut zip = GzEncoder::new(out, flate2::Compression::fast());
+                let mut zip = GzEncoder::new(out, flate2::Compression::default());
                 write_amplitudes(&mut zip, volume)?;
                 zip.finish().map(|_| ())
             }
@@ -74,7 +75,8 @@ fn header(volume: &Volume, attributes: &[(String, Attribute)], compression: Comp
             Attribute::Integer(integer) => integer.to_string(),
             Attribute::Vector(vector) => vector.map(|number| number.to_string()).join(" "),
         };
-        let _ = writeln!(text, "{name}:={value}");
+        // A colon within a key would end it for some readers.
+        let _ = writeln!(text, "{}:={value}", name.replace(':', "."));
     }
     text + "\n"
 }
@@ -111,7 +113,7 @@ pub fn read_volume_nrrd(path: &Path, limit_bytes: u64) -> Result<Amplitude> {
         } else if line.is_empty() {
             break;
         } else if let Some((name, value)) = line.split_once(":=") {
-            attributes.push((name.to_owned(), Attribute::Text(value.to_owned())));
+            attributes.push((name.replacen("sonar.", "sonar:", 1), Attribute::Text(value.to_owned())));
         } else if let Some((name, value)) = line.split_once(": ") {
             fields.push((name.to_owned(), value.trim().to_owned()));
         }

@@ -127,6 +127,8 @@ class View {
     });
     for (const end of ["pointerup", "pointercancel"]) labels.addEventListener(end, (e) => pointers.delete(e.pointerId));
     labels.addEventListener("wheel", (e) => {
+      // The wheel scrolls the page until the view has been clicked; pinching on a touchpad comes with ctrl.
+      if (document.activeElement !== labels && !e.ctrlKey) return;
       e.preventDefault();
       this.magnify(Math.exp(-e.deltaY * 0.0015));
     }, { passive: false });
@@ -280,7 +282,7 @@ class View {
       let out = [-(ends[1][1] - ends[0][1]) / length, (ends[1][0] - ends[0][0]) / length];
       if (out[0] * (edge.x - middle[0]) + out[1] * (edge.y - middle[1]) < 0) out = out.map((x) => -x);
       pen.fillStyle = pen.strokeStyle = "#b9c0cb";
-      for (const { value, text } of ticks(low[axis], high[axis], Math.max(2, Math.min(7, Math.floor(length / 46))))) {
+      for (const { value, text } of ticks(low[axis], high[axis], Math.max(3, Math.min(7, Math.floor(length / 42))))) {
         const [x, y] = project(edge.corner.map((c, i) => (i === axis ? value : c)));
         pen.beginPath();
         pen.moveTo(x, y);
