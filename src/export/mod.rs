@@ -1,7 +1,8 @@
-//! Every form in which a result leaves: `OpenEXR`, VTK image data, `NumPy` archives, PNG figures.
+//! Every form in which a result leaves: `OpenEXR`, VTK image data, NRRD, `NumPy` archives, PLY points, PNG figures, and a page
+//! that shows it all.
 //!
 //! Takes the shapes of [`crate::grid`] and named facts about them ([`Attributes`]); gives files that are written
-//! whole or not at all. Depth maps and volumes are read back too. No writer flips or smooths anything: an
+//! whole or not at all. Depth maps, volumes and points are read back too. No writer flips or smooths anything: an
 //! image's column is x and its row is y.
 
 pub mod amplitude;

@@ -100,7 +100,8 @@ pub fn write_outputs(
         + "\n";
     write_atomically(&folder.join("report.json"), |file| file.write_all(text.as_bytes()))?;
     if let Some(page) = page {
-        let mesh = run.scene.mesh.as_ref().map(|file| file.typed.as_str());
+        let mesh =
+            run.scene.mesh.as_ref().filter(|_| outcome.reflectors.is_some()).map(|file| file.typed.as_str());
         page.write(&folder.join(PAGE), &title(mesh), &text)?;
     }
     Ok(report)

@@ -50,7 +50,8 @@ pub fn write_page(folder: &Path, limit_bytes: u64) -> Result<PathBuf> {
     let scene = scene.map(|path| ScenePoints::read(&path, limit_bytes)).transpose()?;
     let page = page_of(folder, &files, volume.as_ref(), scene.as_ref(), limit_bytes)?;
     let path = folder.join(PAGE);
-    page.write(&path, &title(report["run"]["scene"]["mesh"].as_str()), &text)?;
+    let simulated = !report["reflectors"].is_null();
+    page.write(&path, &title(report["run"]["scene"]["mesh"].as_str().filter(|_| simulated)), &text)?;
     Ok(path)
 }
 
@@ -78,7 +79,7 @@ fn present(folder: &Path, files: &[PathBuf], name: &str) -> Option<PathBuf> {
     Some(folder.join(name)).filter(|path| listed && path.is_file())
 }
 
-/// What a page is called: after its mesh.
+/// What a page is called: after the mesh that was simulated, if one was.
 pub(super) fn title(mesh: Option<&str>) -> String {
     let stem = mesh.and_then(|mesh| Path::new(mesh).file_stem()).and_then(|stem| stem.to_str());
     stem.unwrap_or("measured cube").replace('_', " ")
