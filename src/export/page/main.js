@@ -103,7 +103,7 @@ function control(view, slices) {
     view.frame(everything);
   };
   const extent = (points) => Math.max(...points.map((p) => Math.hypot(...p.map((x, i) => x - points[0][i]))));
-  frame(extent(corners(view.box)) > 0.55 * extent(view.whole));
+  frame(extent(corners(view.box)) > 0.65 * extent(view.whole));
   $("frame").addEventListener("click", () => frame($("frame").getAttribute("aria-pressed") !== "true"));
   for (const button of document.querySelectorAll("[data-view]")) button.addEventListener("click", () => view.look(button.dataset.view));
   $("labels").addEventListener("keydown", (e) => {
