@@ -289,7 +289,13 @@ fn a_depth_map_becomes_points_by_its_extension() {
     let path = folder.path();
     done(path, "image f.toml -o out");
     done(path, "depth out/volume.npz -c f.toml -o d.ply");
-    assert!(std::fs::read(path.join("d.ply")).unwrap() == std::fs::read(path.join("out/depth.ply")).unwrap());
+    // The comments may differ in the last digit of a number that has been through JSON.
+    let vertices = |name: &str| {
+        let bytes = std::fs::read(path.join(name)).unwrap();
+        let at = bytes.windows(14).position(|words| words == b"element vertex").unwrap();
+        bytes[at..].to_vec()
+    };
+    assert!(vertices("d.ply") == vertices("out/depth.ply"));
     done(path, "truth f.toml -o truth.ply");
     let count = |file: &str| json(&done(path, &format!("info {file} --json")))["count"].as_u64().unwrap();
     let report = json(&std::fs::read_to_string(path.join("out/report.json")).unwrap());
