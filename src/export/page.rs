@@ -2,7 +2,7 @@
 //!
 //! Takes the volume, the maps, the points of the scene and the text of `report.json`; gives a page that loads nothing
 //! and works from a file. The page's own code lies beside this file and is small enough to read: `template.html` and
-//! `style.css`, the shaders, and the scripts, which are joined in the order of [`SCRIPTS`]. Same inputs, same bytes.
+//! `style.css`, the shaders, and the scripts, which are joined in the order of `SCRIPTS`. Same inputs, same bytes.
 
 mod miniature;
 mod payload;
