@@ -3,6 +3,7 @@
 //! Results go to standard output, everything else to standard error. Only the binary has this module; the library
 //! never prints.
 
+mod browser;
 mod commands;
 mod info;
 mod inputs;
@@ -102,7 +103,7 @@ enum Command {
         #[command(flatten)]
         overrides: Overrides,
     },
-    /// Data cube to volume (.npz, .exr, .vti by extension).
+    /// Data cube to volume (.npz, .exr, .vti, .nrrd by extension).
     Reconstruct {
         /// The cube.
         cube: PathBuf,
@@ -115,14 +116,14 @@ enum Command {
         #[command(flatten)]
         settings: Settings,
     },
-    /// Volume (.npz) to depth map (.exr).
+    /// Volume (.npz) to depth map (.exr), or to its points (.ply).
     Depth {
         /// The volume.
         volume: PathBuf,
         /// Run file: its [depth] counts.
         #[arg(short, long, value_name = "RUN.toml")]
         config: Option<PathBuf>,
-        /// The depth map to write.
+        /// The depth map to write; .ply for a point cloud with normals.
         #[arg(short, long, value_name = "DEPTH.exr")]
         output: PathBuf,
         #[command(flatten)]
@@ -162,7 +163,15 @@ enum Command {
         #[command(flatten)]
         overrides: Overrides,
     },
-    /// What a cube, volume, depth map, mesh or run file holds.
+    /// Makes the page report.html of a folder that `image` wrote: volume, slices, depth and numbers, to look at.
+    Report {
+        /// The folder of results.
+        folder: PathBuf,
+        /// Show it in the browser.
+        #[arg(long)]
+        open: bool,
+    },
+    /// What a cube, volume, depth map, point cloud, mesh or run file holds.
     Info {
         /// The file.
         file: PathBuf,

@@ -19,8 +19,8 @@ mod tests;
 mod wording;
 
 pub use choices::{
-    DetectionKind, Fill, Geometry, InputFile, Layout, Method, Model, Occlusion, Pick, Refine, Shading,
-    Surface, Unit, Up, View, VolumeFormat, Window,
+    Components, Compression, DetectionKind, Fill, Geometry, InputFile, Layout, Method, Model, Occlusion,
+    Pick, Refine, Shading, Surface, Unit, Up, View, VolumeFormat, Window,
 };
 pub use tables::{
     Array, Depth, Detection, Expect, GridTable, Limit, MaterialRule, Medium, Output, Reconstruct, Reflectors,

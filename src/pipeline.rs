@@ -7,11 +7,13 @@ mod facts;
 mod limits;
 mod log;
 mod outputs;
+mod page;
 mod report;
 
 pub use facts::resolution_of;
 pub use limits::{Bound, Verdict, hold};
 pub use outputs::{write_cube, write_depth, write_outputs, write_volume};
+pub use page::write_page;
 pub use report::{Report, SceneSummary};
 
 use crate::acquisition::{
@@ -44,8 +46,8 @@ pub struct Outcome {
     pub plan: Plan,
     /// The scene, when there was one.
     pub scene: Option<SceneSummary>,
-    /// Number of reflectors simulated, when they were.
-    pub reflectors: Option<usize>,
+    /// The reflectors simulated, when they were.
+    pub reflectors: Option<Reflectors>,
     /// What it was, or would be, measured with.
     pub instrument: Instrument,
     /// The volume, and how it was come by.
@@ -85,8 +87,8 @@ pub fn image_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Result
     };
     let resolution = echoes.setup().range_resolution().unwrap_or(f64::NAN);
     let metrics = truth.as_ref().map(|truth| evaluate(&depth, truth, resolution)).transpose()?;
-    let (scene, reflectors, plan) = (echoes.summary(), Some(echoes.reflectors.len()), echoes.plan.clone());
     let instrument = echoes.setup().to_instrument();
+    let (scene, reflectors, plan) = (echoes.summary(), Some(echoes.reflectors), echoes.plan);
     let (timings, warnings) = log.finish();
     Ok(Outcome { plan, scene, reflectors, instrument, image, depth, truth, metrics, timings, warnings })
 }
@@ -140,7 +142,7 @@ pub fn reconstruct_cube(
     let facts = facts::image_facts(&setup, run, &made);
     let mut files = Vec::new();
     for path in outputs {
-        files.extend(write_volume(path, &volume, &facts)?);
+        files.extend(write_volume(path, &volume, &run.output, &facts)?);
     }
     Ok(files)
 }

@@ -2,7 +2,7 @@
 
 use super::inputs::{config_of, has_extension, run_of};
 use super::terminal::{Terminal, print};
-use super::{Cli, Command, Overrides, info, summary};
+use super::{Cli, Command, Overrides, browser, info, summary};
 use clap::CommandFactory;
 use holosonar::acquisition::CubeFile;
 use holosonar::config::ANNOTATED;
@@ -41,7 +41,7 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
         }
         Command::Reconstruct { cube, config, output, settings } => {
             for path in output {
-                check_extension(path, &["npz", "exr", "vti"])?;
+                check_extension(path, &["npz", "exr", "vti", "nrrd"])?;
             }
             let run = config_of(config.as_deref(), &settings.set)?;
             let cube = CubeFile::open(cube, reading_limit())?;
@@ -49,7 +49,7 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
             wrote(&files, json, terminal)
         }
         Command::Depth { volume, config, output, settings } => {
-            check_extension(output, &["exr"])?;
+            check_extension(output, &["exr", "ply"])?;
             let run = config_of(config.as_deref(), &settings.set)?;
             let known = config.is_some().then_some(&run);
             let (map, facts) =
@@ -58,7 +58,7 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
             wrote(std::slice::from_ref(output), json, terminal)
         }
         Command::Truth { input, output, overrides } => {
-            check_extension(output, &["exr"])?;
+            check_extension(output, &["exr", "ply"])?;
             let (run, bare) = run_of(input, overrides)?;
             let (facts, map) = pipeline::truth_of_scene(&run, bare, terminal)?;
             pipeline::write_depth(output, &map, &run, &facts)?;
@@ -68,6 +68,11 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
             compare(result, truth, *resolution, min, max, json)
         }
         Command::Check { runs, overrides } => check(runs, overrides, json, terminal),
+        Command::Report { folder, open } => {
+            let page = pipeline::write_page(folder, reading_limit())?;
+            wrote(std::slice::from_ref(&page), json, terminal)?;
+            if *open { browser::open(&page) } else { Ok(()) }
+        }
         Command::Info { file, overrides } => {
             let facts = info::of(file, overrides, reading_limit(), terminal)?;
             print(&if json { pretty(&facts) } else { summary::facts(&facts) })

@@ -4,7 +4,9 @@ use super::Overrides;
 use super::inputs::run_of;
 use holosonar::acquisition::DataCube;
 use holosonar::error::{Error, Result};
+use holosonar::export::amplitude::Amplitude;
 use holosonar::export::depth_exr::read_depth_map;
+use holosonar::export::points_ply::Ply;
 use holosonar::export::volume_npz::read_volume_npz;
 use holosonar::export::{attributes_as_json, find_attribute};
 use holosonar::files::npz::NpzReader;
@@ -20,6 +22,9 @@ pub(super) fn of(file: &Path, overrides: &Overrides, limit: u64, observer: &dyn 
     match extension.as_str() {
         "npz" => npz(file, limit),
         "exr" => exr(file, limit),
+        "vti" | "nrrd" => volume(file, limit),
+        // Without faces it is a cloud of points, as `depth` writes it.
+        "ply" => points(file, limit).or_else(|_| self::mesh(file, overrides, observer)),
         "toml" => Ok(json!({ "kind": "run file", "resolved": run_of(file, overrides)?.0.to_json() })),
         mesh if EXTENSIONS.contains(&mesh) => self::mesh(file, overrides, observer),
         "csv" => {
@@ -31,8 +36,8 @@ pub(super) fn of(file: &Path, overrides: &Overrides, limit: u64, observer: &dyn 
         }
         _ => Err(Error::input(
             file.display(),
-            "is no kind of file this program knows; .npz, .exr, .obj, .gltf, .glb, .stl, .ply, .csv or .toml was \
-             expected",
+            "is no kind of file this program knows; .npz, .exr, .vti, .nrrd, .ply, .obj, .gltf, .glb, .stl, .csv or .toml \
+             was expected",
         )),
     }
 }
@@ -73,6 +78,31 @@ fn npz(file: &Path, limit: u64) -> Result<Value> {
         "range_resolution_m": cube.range_resolution(),
         "rms_sample": power.sqrt(),
         "provenance": cube.provenance,
+    }))
+}
+
+fn volume(file: &Path, limit: u64) -> Result<Value> {
+    let volume = Amplitude::read(file, limit)?;
+    Ok(json!({
+        "kind": "volume",
+        "shape_zyx": volume.grid.shape(),
+        "x": axis(&volume.grid.x), "y": axis(&volume.grid.y), "z": axis(&volume.grid.z),
+        "peak_amplitude": volume.peak(),
+        "attributes": attributes_as_json(&volume.attributes),
+    }))
+}
+
+fn points(file: &Path, limit: u64) -> Result<Value> {
+    let ply = Ply::read(file, limit)?;
+    let ends =
+        |name: &str, pick: fn(f64, f64) -> f64| ply.column(name).unwrap_or_default().into_iter().reduce(pick);
+    let corner = |pick| ["x", "y", "z"].map(|name| ends(name, pick));
+    Ok(json!({
+        "kind": "points",
+        "count": ply.count,
+        "properties": ply.names().collect::<Vec<_>>(),
+        "low_m": corner(f64::min), "high_m": corner(f64::max),
+        "comments": ply.comments,
     }))
 }
 

@@ -3,6 +3,7 @@
 
 pub use crate::acquisition::{Detection as DetectionKind, PropagationModel as Model};
 pub use crate::depth::{Pick, Refine};
+pub use crate::export::{Components, Compression};
 pub use crate::reconstruct::{Method, Window};
 pub use crate::reflectors::OcclusionKind as Occlusion;
 pub use crate::scene::{Unit, Up};
@@ -80,6 +81,8 @@ choice! {
         Npz,
         /// VTK image data, which `ParaView` opens.
         Vti,
+        /// NRRD, which 3D Slicer and ITK open.
+        Nrrd,
     }
 }
 

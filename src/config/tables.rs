@@ -4,8 +4,8 @@
 //! default that `Default` gives.
 
 use super::choices::{
-    DetectionKind, Fill, Geometry, InputFile, Layout, Method, Model, Occlusion, Pick, Refine, Shading,
-    Surface, Unit, Up, View, VolumeFormat, Window,
+    Components, Compression, DetectionKind, Fill, Geometry, InputFile, Layout, Method, Model, Occlusion,
+    Pick, Refine, Shading, Surface, Unit, Up, View, VolumeFormat, Window,
 };
 use crate::acquisition::SIMULATION_TOLERANCE;
 use crate::depth::DepthOptions;
@@ -340,11 +340,28 @@ impl Default for Depth {
 pub struct Output {
     /// In which formats the volume is written; none at all is allowed.
     pub formats: Vec<VolumeFormat>,
+    /// What EXR and VTI volumes hold; npz is always complex, NRRD always amplitude.
+    pub components: Components,
+    /// Whether amplitudes in EXR files take 16 bits; depths and complex parts keep 32.
+    pub float16: bool,
+    /// Of EXR and NRRD files.
+    pub compression: Compression,
+    /// Whether `image` writes the point clouds `depth.ply` and `scene.ply`.
+    pub points: bool,
+    /// Whether `image` writes the page `report.html`.
+    pub report: bool,
 }
 
 impl Default for Output {
     fn default() -> Self {
-        Self { formats: vec![VolumeFormat::Exr, VolumeFormat::Npz] }
+        Self {
+            formats: vec![VolumeFormat::Exr, VolumeFormat::Npz],
+            components: Components::Amplitude,
+            float16: false,
+            compression: Compression::Zip,
+            points: true,
+            report: true,
+        }
     }
 }
 

@@ -4,11 +4,11 @@
 //! `R`, `G`, `B`, the planar depth in m as root `Z`, whether there is a return at all as root `A`; the other
 //! facts are layers. [`read_depth_map`] takes such a file, or anybody's with a channel `Z`.
 
-use super::exr_file::{Part, WORLD_TO_CAMERA, attributes_of, part, read_parts, write_parts};
-use super::{Attribute, Attributes, find_attribute};
+use super::exr_file::{Part, WORLD_TO_CAMERA, attributes_of, floats, part, read_parts, write_parts};
+use super::{Attribute, Attributes, Encoding, find_attribute};
 use crate::error::{Error, Result};
 use crate::grid::{Axis, DepthMap, Surface};
-use exr::prelude::{FlatSamples, Vec2};
+use exr::prelude::Vec2;
 use std::path::Path;
 
 /// Depth from which on a foreign `Z` means "nothing there", m: programs write 1e10, 1e30 or the largest float.
@@ -66,6 +66,7 @@ pub fn write_depth_map(
     map: &DepthMap,
     fill: Fill,
     attributes: &[(String, Attribute)],
+    encoding: Encoding,
 ) -> Result<()> {
     let scale = amplitude_scale(map);
     let fill_value = fill.value();
@@ -104,7 +105,7 @@ pub fn write_depth_map(
     add("depth", Attribute::Text("planar depth along +z".into()));
     add("unit", Attribute::Text("m".into()));
     add("noReturn", Attribute::Number(f64::from(fill_value)));
-    let mut part = part(None, [map.x.count, map.y.count], channels, &attributes);
+    let mut part = part(None, [map.x.count, map.y.count], channels, &attributes, encoding);
     part.attributes.world_to_camera = Some(WORLD_TO_CAMERA);
     write_parts(path, vec![part])
 }
@@ -260,14 +261,6 @@ fn find_depth<'a>(path: &Path, parts: &'a [Part]) -> Result<(&'a Part, String)> 
                 format!("has no root `Z` but several layers with one: {}; keep one", present.join(", ")),
             ))
         }
-    }
-}
-
-fn floats(samples: &FlatSamples) -> Vec<f32> {
-    match samples {
-        FlatSamples::F32(samples) => samples.clone(),
-        FlatSamples::F16(samples) => samples.iter().map(|sample| sample.to_f32()).collect(),
-        FlatSamples::U32(samples) => samples.iter().map(|&sample| sample as f32).collect(),
     }
 }
 

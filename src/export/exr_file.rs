@@ -1,6 +1,6 @@
 //! What every `OpenEXR` file of ours has in common: attributes, encoding, and the same bytes for the same input.
 
-use super::{Attribute, Attributes};
+use super::{Attribute, Attributes, Compression, Encoding};
 use crate::error::{self, Error, Result};
 use crate::files::write_atomically;
 use exr::meta::attribute::{AttributeValue, Text};
@@ -11,7 +11,7 @@ use std::fs::File;
 use std::io::{self, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::Path;
 
-/// A part with 32-bit channels, as it is written and as it is read.
+/// A part with 32-bit or 16-bit channels, as it is written and as it is read.
 pub(super) type Part = ex::Layer<ex::AnyChannels<ex::FlatSamples>>;
 /// Parts and what they share.
 pub(super) type Parts = ex::Image<ex::Layers<ex::AnyChannels<ex::FlatSamples>>>;
@@ -83,7 +83,7 @@ pub(super) fn attributes_of(header: &ex::LayerAttributes) -> Attributes {
     attributes
 }
 
-/// One part of `width` x `height` pixels with float32 channels, ZIP-compressed in blocks of 16 lines.
+/// One part of `width` x `height` pixels; `R`, `G`, `B` and `Y` may take 16 bits, every other channel takes 32.
 ///
 /// Attributes that come later replace earlier ones of the same name.
 ///
@@ -94,6 +94,7 @@ pub(super) fn part(
     [width, height]: [usize; 2],
     channels: Vec<(String, Vec<f32>)>,
     attributes: &[(String, Attribute)],
+    encoding: Encoding,
 ) -> Part {
     let mut header = ex::LayerAttributes {
         layer_name: name.map(ascii),
@@ -109,11 +110,20 @@ pub(super) fn part(
         .into_iter()
         .map(|(name, samples)| {
             assert_eq!(samples.len(), width * height, "channel {name}: one sample per pixel");
-            ex::AnyChannel::new(ascii(&name), ex::FlatSamples::F32(samples))
+            let half = encoding.float16 && ["R", "G", "B", "Y"].contains(&name.as_str());
+            let samples = if half {
+                ex::FlatSamples::F16(samples.into_iter().map(ex::f16::from_f32).collect())
+            } else {
+                ex::FlatSamples::F32(samples)
+            };
+            ex::AnyChannel::new(ascii(&name), samples)
         })
         .collect();
     let encoding = ex::Encoding {
-        compression: ex::Compression::ZIP16,
+        compression: match encoding.compression {
+            Compression::Zip => ex::Compression::ZIP16,
+            Compression::None => ex::Compression::Uncompressed,
+        },
         blocks: ex::Blocks::ScanLines,
         line_order: ex::LineOrder::Increasing,
     };
@@ -267,6 +277,15 @@ fn guarded<T>(path: &Path, read: impl FnOnce() -> ex::Result<T>) -> Result<T> {
     }
 }
 
+/// A channel's numbers, whatever their type.
+pub(super) fn floats(samples: &ex::FlatSamples) -> Vec<f32> {
+    match samples {
+        ex::FlatSamples::F32(samples) => samples.clone(),
+        ex::FlatSamples::F16(samples) => samples.iter().map(|sample| sample.to_f32()).collect(),
+        ex::FlatSamples::U32(samples) => samples.iter().map(|&sample| sample as f32).collect(),
+    }
+}
+
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
@@ -289,7 +308,7 @@ mod tests {
             ("sonar:soundSpeed".to_owned(), Attribute::Number(343.2)),
             ("sonar:window".to_owned(), Attribute::Text("taylor".into())),
         ];
-        let part = part(None, [1, 1], vec![("Z".into(), vec![1.0])], &attributes);
+        let part = part(None, [1, 1], vec![("Z".into(), vec![1.0])], &attributes, Encoding::default());
         let mut expected = attributes;
         expected[0].1 = Attribute::Number((1_u64 << 40) as f64);
         assert_eq!(attributes_of(&part.attributes), expected);
@@ -298,6 +317,6 @@ mod tests {
     #[test]
     #[should_panic(expected = "start with `sonar:`")]
     fn an_attribute_cannot_take_a_reserved_name() {
-        part(None, [1, 1], vec![], &[("channels".into(), Attribute::Integer(1))]);
+        part(None, [1, 1], vec![], &[("channels".into(), Attribute::Integer(1))], Encoding::default());
     }
 }

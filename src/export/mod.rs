@@ -1,16 +1,22 @@
-//! Every form in which a result leaves: `OpenEXR`, VTK image data, `NumPy` archives, PNG figures.
+//! Every form in which a result leaves: `OpenEXR`, VTK image data, NRRD, `NumPy` archives, PLY points, PNG figures, and a page
+//! that shows it all.
 //!
 //! Takes the shapes of [`crate::grid`] and named facts about them ([`Attributes`]); gives files that are written
-//! whole or not at all. Depth maps and volumes are read back too. No writer flips or smooths anything: an
+//! whole or not at all. Depth maps, volumes and points are read back too. No writer flips or smooths anything: an
 //! image's column is x and its row is y.
 
+pub mod amplitude;
 pub mod depth_exr;
 mod exr_file;
 pub mod figure;
-
+pub mod page;
+pub mod points_ply;
 pub mod volume_exr;
 pub mod volume_npz;
+pub mod volume_nrrd;
 pub mod volume_vti;
+
+use serde::{Deserialize, Serialize};
 
 /// A fact about a result that its file carries along.
 #[derive(Debug, Clone, PartialEq)]
@@ -29,13 +35,40 @@ pub enum Attribute {
 pub type Attributes = Vec<(String, Attribute)>;
 
 /// Which numbers of a complex volume a file holds.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Components {
     /// `|Â|` alone.
     #[default]
     Amplitude,
     /// `|Â|`, and its real and imaginary parts as `re` and `im`.
     Complex,
+}
+
+/// Whether a file is made smaller, always without loss.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Compression {
+    /// Deflate: EXR's ZIP in blocks of 16 lines, NRRD's gzip.
+    #[default]
+    Zip,
+    /// Not at all, which is faster to write and to read.
+    None,
+}
+
+/// How an EXR file keeps its numbers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub struct Encoding {
+    /// Whether amplitudes (`R`, `G`, `B`, `Y`) take 16 bits instead of 32; see [`fits_float16`].
+    pub float16: bool,
+    /// Of the pixels.
+    pub compression: Compression,
+}
+
+/// Whether half floats hold amplitudes up to `peak` well: at their full eleven bits down to 40 dB below it, and
+/// nothing beyond the greatest of them.
+pub fn fits_float16(peak: f32) -> bool {
+    peak == 0.0 || (0.01..=6e4).contains(&peak)
 }
 
 /// The attribute of this name, if there is one.

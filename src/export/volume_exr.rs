@@ -3,9 +3,10 @@
 //! Part 0, `mip`, is what any viewer shows: the greatest amplitude along z and the depth where it was. Then
 //! come the depths, `z0000`, `z0001`, ... Parts cost time in every reader, so a deep volume becomes several files.
 
-use super::exr_file::{Part, WORLD_TO_CAMERA, part, write_parts};
-use super::{Attribute, Attributes, Components};
-use crate::error::Result;
+use super::amplitude::{Amplitude, declared_grid, vector};
+use super::exr_file::{Part, Parts, WORLD_TO_CAMERA, attributes_of, floats, part, read_parts, write_parts};
+use super::{Attribute, Attributes, Components, Encoding};
+use crate::error::{Error, Result};
 use crate::grid::{Grid, Volume};
 use std::path::{Path, PathBuf};
 
@@ -48,20 +49,21 @@ pub fn write_volume_exr(
     volume: &Volume,
     components: Components,
     attributes: &[(String, Attribute)],
+    encoding: Encoding,
 ) -> Result<Vec<PathBuf>> {
     let grid = &volume.grid;
     let files = volume_exr_files(path, grid.z.count);
-    let mip = mip_part(volume, attributes);
+    let mip = mip_part(volume, attributes, encoding);
     for (file, first) in files.iter().zip((0..).step_by(DEPTHS_PER_FILE)) {
         let last = (first + DEPTHS_PER_FILE).min(grid.z.count);
         let mut parts = vec![mip.clone()];
-        parts.extend((first..last).map(|iz| depth_part(volume, iz, components)));
+        parts.extend((first..last).map(|iz| depth_part(volume, iz, components, encoding)));
         write_parts(file, parts)?;
     }
     Ok(files)
 }
 
-fn mip_part(volume: &Volume, attributes: &[(String, Attribute)]) -> Part {
+fn mip_part(volume: &Volume, attributes: &[(String, Attribute)], encoding: Encoding) -> Part {
     let grid = &volume.grid;
     let pixels = grid.plane_len();
     let mut power = vec![0.0_f32; pixels];
@@ -84,12 +86,12 @@ fn mip_part(volume: &Volume, attributes: &[(String, Attribute)]) -> Part {
     ];
     let mut attributes = attributes.to_vec();
     attributes.extend(grid_attributes(grid));
-    let mut part = part(Some("mip"), [grid.x.count, grid.y.count], channels, &attributes);
+    let mut part = part(Some("mip"), [grid.x.count, grid.y.count], channels, &attributes, encoding);
     part.attributes.world_to_camera = Some(WORLD_TO_CAMERA);
     part
 }
 
-fn depth_part(volume: &Volume, iz: usize, components: Components) -> Part {
+fn depth_part(volume: &Volume, iz: usize, components: Components, encoding: Encoding) -> Part {
     let grid = &volume.grid;
     let plane = volume.plane(iz);
     let mut channels = vec![("Y".into(), plane.iter().map(|sample| sample.norm()).collect())];
@@ -99,7 +101,7 @@ fn depth_part(volume: &Volume, iz: usize, components: Components) -> Part {
     }
     let mut attributes = grid_attributes(grid);
     attributes.push(("sonar:depth".into(), Attribute::Number(grid.z.position(iz))));
-    part(Some(&format!("z{iz:04}")), [grid.x.count, grid.y.count], channels, &attributes)
+    part(Some(&format!("z{iz:04}")), [grid.x.count, grid.y.count], channels, &attributes, encoding)
 }
 
 fn grid_attributes(grid: &Grid) -> Attributes {
@@ -111,10 +113,54 @@ fn grid_attributes(grid: &Grid) -> Attributes {
     ]
 }
 
+/// Reads the amplitude of a volume of ours from `path` and the files that continue it.
+///
+/// # Errors
+/// A missing or damaged file, one that holds no volume, more pixels than `limit_bytes` hold.
+pub fn read_volume_exr(path: &Path, limit_bytes: u64) -> Result<Amplitude> {
+    let fault = |path: &Path| {
+        Error::input(
+            path.display(),
+            "is no volume of this program: a part `mip` and one part per depth were expected",
+        )
+    };
+    let mut parts = read_parts(path, limit_bytes)?;
+    let first = parts.layer_data.first().ok_or_else(|| fault(path))?;
+    let attributes = attributes_of(&first.attributes);
+    let [origin, pitch, shape] =
+        ["Origin", "Pitch", "Shape"].map(|what| vector(&attributes, &format!("sonar:grid{what}")));
+    let (Some(origin), Some(pitch), Some(shape)) = (origin, pitch, shape) else { return Err(fault(path)) };
+    let grid = declared_grid(path, origin, pitch, shape.map(|n| n as usize), 4, limit_bytes)?;
+    let mut values = Vec::new();
+    for (i, file) in volume_exr_files(path, grid.z.count).iter().enumerate() {
+        if i > 0 {
+            parts = read_parts(file, limit_bytes)?;
+        }
+        append_depths(&parts, grid.plane_len(), &mut values).ok_or_else(|| fault(file))?;
+    }
+    if values.len() as u64 == grid.voxel_count() {
+        Ok(Amplitude { grid, values, attributes })
+    } else {
+        Err(fault(path))
+    }
+}
+
+/// The channel `Y` of every depth in a file; `None` if one has another number of pixels.
+fn append_depths(parts: &Parts, pixels: usize, values: &mut Vec<f32>) -> Option<()> {
+    for part in parts.layer_data.iter().skip(1) {
+        let channel = part.channel_data.list.iter().find(|channel| channel.name.eq("Y"))?;
+        let samples = floats(&channel.sample_data);
+        if samples.len() != pixels {
+            return None;
+        }
+        values.extend(samples);
+    }
+    Some(())
+}
+
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
-    use super::super::exr_file::{attributes_of, read_parts};
     use super::*;
     use crate::grid::Axis;
     use exr::prelude::FlatSamples;
@@ -136,7 +182,8 @@ mod tests {
         let path = folder.path().join("volume.exr");
         let volume = volume(4);
         let attributes = vec![("sonar:soundSpeed".to_owned(), Attribute::Number(343.0))];
-        let files = write_volume_exr(&path, &volume, Components::Complex, &attributes).unwrap();
+        let files =
+            write_volume_exr(&path, &volume, Components::Complex, &attributes, Encoding::default()).unwrap();
         assert_eq!(files, [path.as_path()]);
         let first_bytes = std::fs::read(&path).unwrap();
         let parts = read_parts(&path, 1 << 20).unwrap().layer_data;
@@ -157,7 +204,7 @@ mod tests {
         }
         assert_eq!(samples(0, "Z"), [volume.grid.z.last() as f32; 6], "the samples grow with depth");
         assert_eq!(samples(0, "A"), [1.0; 6]);
-        write_volume_exr(&path, &volume, Components::Complex, &attributes).unwrap();
+        write_volume_exr(&path, &volume, Components::Complex, &attributes, Encoding::default()).unwrap();
         assert!(first_bytes == std::fs::read(&path).unwrap(), "same input, same bytes");
     }
 
@@ -165,7 +212,8 @@ mod tests {
     fn a_deep_volume_takes_several_files() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("volume.exr");
-        let files = write_volume_exr(&path, &volume(514), Components::Amplitude, &[]).unwrap();
+        let files =
+            write_volume_exr(&path, &volume(514), Components::Amplitude, &[], Encoding::default()).unwrap();
         assert_eq!(files, [path.clone(), folder.path().join("volume.0512.exr")]);
         let parts = read_parts(&files[1], 1 << 20).unwrap().layer_data;
         assert_eq!(parts.len(), 3);

@@ -2,13 +2,15 @@
 //!
 //! XML with the numbers appended as raw little-endian bytes, each array behind its length as a `UInt64`.
 
-use super::{Attribute, Components};
-use crate::error::Result;
+use super::amplitude::{Amplitude, declared_grid, floats_of};
+use super::{Attribute, Attributes, Components};
+use crate::error::{Error, Result};
 use crate::files::write_atomically;
 use crate::grid::Volume;
 use num_complex::Complex32;
 use std::fmt::Write as _;
-use std::io::{self, Write};
+use std::fs::File;
+use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::Path;
 
 /// What a float of the file is made of.
@@ -115,6 +117,66 @@ fn field_data(attributes: &[(String, Attribute)]) -> String {
 
 fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}
+
+/// What ends the text of a file of ours, before the first appended byte.
+const APPENDED: &str = "<AppendedData encoding=\"raw\">\n   _";
+
+/// Longest text that is looked for.
+const LONGEST_TEXT: u64 = 1 << 24;
+
+/// Reads `amplitude` of a file that [`write_volume_vti`] wrote. Field data are left out.
+///
+/// # Errors
+/// A missing or damaged file, or one by another program; more voxels than `limit_bytes` hold.
+pub fn read_volume_vti(path: &Path, limit_bytes: u64) -> Result<Amplitude> {
+    let fault = || {
+        Error::input(
+            path.display(),
+            "is no VTI with a raw appended array `amplitude` as this program writes it, or is damaged",
+        )
+    };
+    let failed = |error: io::Error| Error::reading(path, &error);
+    let mut file = File::open(path).map_err(failed)?;
+    let mut start = Vec::new();
+    (&mut file).take(LONGEST_TEXT.min(limit_bytes)).read_to_end(&mut start).map_err(failed)?;
+    let end = start.windows(APPENDED.len()).position(|w| w == APPENDED.as_bytes()).ok_or_else(fault)?;
+    let text = std::str::from_utf8(&start[..end]).map_err(|_| fault())?;
+    let value = |after: &str, key: &str| {
+        let rest = &text[text.find(after)? + after.len()..];
+        let rest = &rest[rest.find(key)? + key.len()..];
+        rest.split_once('"').map(|(value, _)| value)
+    };
+    let numbers = |key: &str| -> Option<Vec<f64>> {
+        value("<ImageData", key)?.split(' ').map(|word| word.parse().ok()).collect()
+    };
+    let (Some(&[x0, x1, y0, y1, z0, z1]), Some(&[x, y, z]), Some(&[p_x, p_y, p_z])) = (
+        numbers(" WholeExtent=\"").as_deref(),
+        numbers(" Origin=\"").as_deref(),
+        numbers(" Spacing=\"").as_deref(),
+    ) else {
+        return Err(fault());
+    };
+    if [x0, y0, z0] != [0.0; 3] || !text.contains("header_type=\"UInt64\"") {
+        return Err(fault());
+    }
+    let count = [x1, y1, z1].map(|last| last as usize + 1);
+    let grid = declared_grid(path, [x, y, z], [p_x, p_y, p_z], count, 4, limit_bytes)?;
+    let array = "<DataArray type=\"Float32\" Name=\"amplitude\" format=\"appended\"";
+    let offset: u64 = value(array, " offset=\"").and_then(|n| n.parse().ok()).ok_or_else(fault)?;
+    let at = ((end + APPENDED.len()) as u64).checked_add(offset).ok_or_else(fault)?;
+    file.seek(SeekFrom::Start(at)).map_err(|_| fault())?;
+    let mut length = [0; 8];
+    file.read_exact(&mut length).map_err(|_| fault())?;
+    if u64::from_le_bytes(length) != 4 * grid.voxel_count() {
+        return Err(fault());
+    }
+    let mut bytes = Vec::new();
+    file.take(4 * grid.voxel_count()).read_to_end(&mut bytes).map_err(failed)?;
+    if bytes.len() as u64 != 4 * grid.voxel_count() {
+        return Err(fault());
+    }
+    Ok(Amplitude { grid, values: floats_of(&bytes), attributes: Attributes::new() })
 }
 
 #[cfg(test)]

@@ -1,16 +1,20 @@
 //! Every file of a run, under its contracted name.
 
 use super::facts::{attributes, image_facts};
+use super::page::{PAGE, page_of, title};
 use super::{Outcome, Report};
 use crate::acquisition::DataCube;
-use crate::config::{RunFile, VolumeFormat};
+use crate::config::{Output, RunFile, VolumeFormat};
 use crate::error::{Error, Result};
-use crate::export::Components;
 use crate::export::depth_exr::write_depth_map;
 use crate::export::figure::{depth_range, write_amplitude_figure, write_depth_figure, write_error_figure};
+use crate::export::page::Miniature;
+use crate::export::points_ply::{ScenePoints, write_depth_points};
 use crate::export::volume_exr::write_volume_exr;
 use crate::export::volume_npz::write_volume_npz;
+use crate::export::volume_nrrd::write_volume_nrrd;
 use crate::export::volume_vti::write_volume_vti;
+use crate::export::{Encoding, fits_float16};
 use crate::files::write_atomically;
 use crate::grid::{DepthMap, Volume};
 use crate::metrics::error_map;
@@ -20,8 +24,8 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// Writes the volume, the depth map, the truth, the pictures and `report.json` into `folder`, which is made if it is
-/// missing; gives the report.
+/// Writes the volume, the depth map, the truth, the points, the pictures, `report.json` and the page into `folder`, which
+/// is made if it is missing; gives the report.
 ///
 /// # Errors
 /// [`Error::Environment`] when a file cannot be written; no file is ever left half-written.
@@ -32,8 +36,14 @@ pub fn write_outputs(
     observer: &dyn Observer,
 ) -> Result<Report> {
     let begun = Instant::now();
+    warn_of_float16(&run.output, outcome.image.volume.peak(), observer);
     let facts = image_facts(&outcome.instrument.setup(), run, &outcome.image.made());
     let mut files = Vec::new();
+    let scene = ScenePoints::new(
+        outcome.reflectors.as_ref(),
+        &outcome.instrument.array,
+        &outcome.instrument.geometry,
+    );
     let formats = &run.output.formats;
     let mut tasks: Vec<Task> = Vec::new();
     for format in formats {
@@ -41,8 +51,9 @@ pub fn write_outputs(
             VolumeFormat::Exr => "volume.exr",
             VolumeFormat::Npz => "volume.npz",
             VolumeFormat::Vti => "volume.vti",
+            VolumeFormat::Nrrd => "volume.nrrd",
         };
-        tasks.push((name, Box::new(|path| write_volume(path, &outcome.image.volume, &facts))));
+        tasks.push((name, Box::new(|path| write_volume(path, &outcome.image.volume, &run.output, &facts))));
     }
     tasks.push(("depth.exr", Box::new(|path| one(path, write_depth(path, &outcome.depth, run, &facts)))));
     tasks.push((
@@ -64,6 +75,10 @@ pub fn write_outputs(
         ));
         tasks.push(("error.png", Box::new(|path| one(path, write_error(path, outcome, truth)))));
     }
+    if run.output.points {
+        tasks.push(("depth.ply", Box::new(|path| one(path, write_depth(path, &outcome.depth, run, &facts)))));
+        tasks.push(("scene.ply", Box::new(|path| one(path, scene.write(path, &attributes(&facts))))));
+    }
     stage(observer, "writing", tasks.len() as u64, || {
         for (name, write) in &tasks {
             files.extend(write(&folder.join(name))?);
@@ -75,8 +90,24 @@ pub fn write_outputs(
     let mut report = Report::new(run, outcome);
     report.files = files.iter().filter_map(|path| path.file_name().map(PathBuf::from)).collect();
     report.files.push("report.json".into());
+    // The page is packed before the report is written, so that its time is counted, and holds the report's very text.
+    let page = if run.output.report {
+        report.files.push(PAGE.into());
+        let volume = Miniature::of_volume(&outcome.image.volume);
+        Some(page_of(folder, &report.files, Some(&volume), Some(&scene), u64::MAX)?)
+    } else {
+        None
+    };
     report.timings.insert("write".to_owned(), begun.elapsed().as_secs_f64().into());
-    write_json(&folder.join("report.json"), &report)?;
+    let text = serde_json::to_string_pretty(&report)
+        .map_err(|e| Error::environment("report", e.to_string()))?
+        + "\n";
+    write_atomically(&folder.join("report.json"), |file| file.write_all(text.as_bytes()))?;
+    if let Some(page) = page {
+        let mesh =
+            run.scene.mesh.as_ref().filter(|_| outcome.reflectors.is_some()).map(|file| file.typed.as_str());
+        page.write(&folder.join(PAGE), &title(mesh), &text)?;
+    }
     Ok(report)
 }
 
@@ -88,32 +119,53 @@ fn one(path: &Path, written: Result<()>) -> Result<Vec<PathBuf>> {
     written.map(|()| vec![path.to_path_buf()])
 }
 
-/// Writes a volume in the format of the path's extension; gives the files written.
+/// The half floats that were asked for and cannot hold the amplitudes.
+fn warn_of_float16(output: &Output, peak: f32, observer: &dyn Observer) {
+    if output.float16 && output.formats.contains(&VolumeFormat::Exr) && !fits_float16(peak) {
+        observer.warn(&format!(
+            "[output] float16: half floats do not hold amplitudes of a peak of {peak:e} well, so volume.exr keeps 32 bits"
+        ));
+    }
+}
+
+/// Writes a volume in the format of the path's extension, as `[output]` asks; gives the files written.
 ///
 /// # Errors
-/// Another extension than `.exr`, `.npz` or `.vti`; a file that cannot be written.
-pub fn write_volume(path: &Path, volume: &Volume, facts: &Value) -> Result<Vec<PathBuf>> {
+/// Another extension than `.exr`, `.npz`, `.nrrd` or `.vti`; a file that cannot be written.
+pub fn write_volume(path: &Path, volume: &Volume, output: &Output, facts: &Value) -> Result<Vec<PathBuf>> {
+    let Output { components, float16, compression, .. } = *output;
+    let encoding = Encoding { float16: float16 && fits_float16(volume.peak()), compression };
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
     match extension.as_str() {
         "npz" => one(path, write_volume_npz(path, volume, facts)),
-        "exr" => write_volume_exr(path, volume, Components::Amplitude, &attributes(facts)),
-        "vti" => one(path, write_volume_vti(path, volume, Components::Complex, &attributes(facts))),
+        "exr" => write_volume_exr(path, volume, components, &attributes(facts), encoding),
+        "vti" => one(path, write_volume_vti(path, volume, components, &attributes(facts))),
+        "nrrd" => one(path, write_volume_nrrd(path, volume, &attributes(facts), compression)),
         _ => Err(Error::input(
             path.display(),
-            "volumes are written as .npz, .exr or .vti; give one of these extensions",
+            "volumes are written as .npz, .exr, .vti or .nrrd; give one of these extensions",
         )),
     }
 }
 
-/// Writes a depth map or a truth with the run's facts.
+/// Writes a depth map or a truth with the run's facts: as an image, or as points.
 ///
 /// # Errors
-/// Another extension than `.exr`; a file that cannot be written.
+/// Another extension than `.exr` or `.ply`; a file that cannot be written.
 pub fn write_depth(path: &Path, map: &DepthMap, run: &RunFile, facts: &Value) -> Result<()> {
-    if !path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr")) {
-        return Err(Error::input(path.display(), "depth maps are written as .exr; give this extension"));
+    let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
+    let Output { float16, compression, .. } = run.output;
+    match extension.as_str() {
+        "exr" => {
+            let encoding = Encoding { float16, compression };
+            write_depth_map(path, map, run.depth.fill.into(), &attributes(facts), encoding)
+        }
+        "ply" => write_depth_points(path, map, &attributes(facts)),
+        _ => Err(Error::input(
+            path.display(),
+            "depth maps are written as .exr, or as points in .ply; give one of these extensions",
+        )),
     }
-    write_depth_map(path, map, run.depth.fill.into(), &attributes(facts))
 }
 
 /// Writes a cube.
@@ -135,11 +187,4 @@ fn write_error(path: &Path, outcome: &Outcome, truth: &DepthMap) -> Result<()> {
     let note =
         format!("median |error| {}, rms {}", millimetres(metrics.median_error), millimetres(metrics.rmse));
     write_error_figure(path, &errors, truth.x, truth.y, &note)
-}
-
-fn write_json(path: &Path, report: &Report) -> Result<()> {
-    write_atomically(path, |file| {
-        serde_json::to_writer_pretty(&mut *file, report)?;
-        file.write_all(b"\n")
-    })
 }

@@ -6,6 +6,7 @@ use crate::config::RunFile;
 use crate::grid::Grid;
 use crate::metrics::Metrics;
 use crate::plan::Plan;
+use crate::reflectors::Reflectors;
 use crate::scene::{Material, Scene};
 use glam::DVec3;
 use serde::Serialize;
@@ -56,7 +57,7 @@ impl Report {
             plan: outcome.plan.clone(),
             grid: outcome.image.volume.grid,
             scene: outcome.scene.clone(),
-            reflectors: outcome.reflectors,
+            reflectors: outcome.reflectors.as_ref().map(Reflectors::len),
             method: outcome.image.method,
             peak_amplitude: outcome.image.volume.peak(),
             error_bound: outcome.image.error_bound,

@@ -24,7 +24,7 @@ fn workplace() -> tempfile::TempDir {
     copy(&data("scenes/f.gltf"), "f.gltf");
     let scene = "[scene]\nmesh = \"f.gltf\"\n[sweep]\nstep = 200.0\n[array]\ncount = [15, 15]\npitch = [0.05, 0.05]\n\
                  [grid]\nx = [-0.5, 0.5]\ny = [-0.6, 0.6]\nz = [1.8, 2.2]\npitch = [0.05, 0.05, 0.01]\n\
-                 [output]\nformats = [\"exr\", \"npz\", \"vti\"]\n[expect]\ncompleteness = { min = 0.1 }\n";
+                 [output]\nformats = [\"exr\", \"npz\", \"vti\", \"nrrd\"]\n[expect]\ncompleteness = { min = 0.1 }\n";
     std::fs::write(folder.path().join("f.toml"), scene).unwrap();
     folder
 }
@@ -45,7 +45,18 @@ fn image_writes_what_it_reports() {
         .map(|path| path.file_name().unwrap().to_str().unwrap().to_owned())
         .collect();
     assert_eq!(listed, written);
-    for name in ["depth.exr", "truth.exr", "volume.exr", "volume.npz", "volume.vti", "depth.png"] {
+    for name in [
+        "depth.exr",
+        "truth.exr",
+        "volume.exr",
+        "volume.npz",
+        "volume.vti",
+        "volume.nrrd",
+        "depth.ply",
+        "scene.ply",
+        "depth.png",
+        "report.html",
+    ] {
         assert!(listed.iter().any(|listed| listed == name), "{name} is not among {listed:?}");
     }
     assert_eq!(report, json(&std::fs::read_to_string(folder.path().join("out/report.json")).unwrap()));
@@ -114,6 +125,10 @@ fn info_names_every_kind() {
         ("out/volume.npz", "volume"),
         ("out/depth.exr", "depth map"),
         ("out/volume.exr", "volume, seen from the front"),
+        ("out/volume.vti", "volume"),
+        ("out/volume.nrrd", "volume"),
+        ("out/depth.ply", "points"),
+        ("out/scene.ply", "points"),
         ("f.gltf", "mesh"),
         ("meshes/point.csv", "reflectors"),
         ("f.toml", "run file"),
@@ -208,6 +223,9 @@ fn any_number_of_threads_writes_the_same_bytes() {
         for (a, b) in one.iter().zip(&three) {
             assert_eq!(a.file_name(), b.file_name());
             let [mut a_bytes, mut b_bytes] = [a, b].map(|path| std::fs::read(path).unwrap());
+            if a.ends_with("report.html") {
+                [a_bytes, b_bytes] = [a_bytes, b_bytes].map(|bytes| without_timings(&bytes).into_bytes());
+            }
             if a.ends_with("report.json") {
                 [a_bytes, b_bytes] = [a_bytes, b_bytes].map(|bytes| {
                     let mut report = json(std::str::from_utf8(&bytes).unwrap());
@@ -218,6 +236,101 @@ fn any_number_of_threads_writes_the_same_bytes() {
             assert!(a_bytes == b_bytes, "{} differs from {}", a.display(), b.display());
         }
     }
+}
+
+/// A page without the one object of its report that may differ between two runs.
+fn without_timings(page: &[u8]) -> String {
+    let page = std::str::from_utf8(page).unwrap();
+    let (before, timings) = page.split_once("\"timings\": {").expect("the page holds the report's timings");
+    let (seconds, after) = timings.split_once('}').unwrap();
+    assert!(seconds.contains("\"write\""), "{seconds}");
+    format!("{before}{after}")
+}
+
+#[test]
+fn the_page_can_be_made_again_later() {
+    let folder = workplace();
+    let path = folder.path();
+    done(path, "image f.toml -o out");
+    let page = path.join("out/report.html");
+    let first = std::fs::read(&page).unwrap();
+    std::fs::remove_file(&page).unwrap();
+    assert_eq!(
+        done(path, "report out"),
+        format!("wrote {}\n", Path::new("out").join("report.html").display())
+    );
+    assert!(std::fs::read(&page).unwrap() == first, "the very page that `image` wrote");
+    // Any of the volume's formats will do, and so will none.
+    for gone in ["npz", "nrrd", "vti"] {
+        std::fs::remove_file(path.join(format!("out/volume.{gone}"))).unwrap();
+        done(path, "report out");
+        assert!(std::fs::read(&page).unwrap() == first, "without volume.{gone}");
+    }
+    for gone in ["volume.exr", "scene.ply", "truth.exr", "depth.exr"] {
+        std::fs::remove_file(path.join("out").join(gone)).unwrap();
+        done(path, "report out");
+        assert!(std::fs::metadata(&page).unwrap().len() < first.len() as u64, "without {gone}");
+    }
+    done(path, "image f.toml -o bare --set output.report=false --set output.points=false");
+    for missing in ["report.html", "depth.ply", "scene.ply"] {
+        assert!(!path.join("bare").join(missing).exists(), "{missing}");
+    }
+    done(path, "report bare --json");
+    refused(path, "report nowhere", 2, &["nowhere", "report.json"]);
+    std::fs::write(path.join("out/report.json"), "[1]").unwrap();
+    refused(path, "report out", 2, &["report.json", "no report"]);
+    std::fs::write(path.join("bare/volume.npz"), "no zip").unwrap();
+    refused(path, "report bare", 2, &["volume.npz"]);
+}
+
+#[test]
+fn a_depth_map_becomes_points_by_its_extension() {
+    let folder = workplace();
+    let path = folder.path();
+    done(path, "image f.toml -o out");
+    done(path, "depth out/volume.npz -c f.toml -o d.ply");
+    // The comments may differ in the last digit of a number that has been through JSON.
+    let vertices = |name: &str| {
+        let bytes = std::fs::read(path.join(name)).unwrap();
+        let at = bytes.windows(14).position(|words| words == b"element vertex").unwrap();
+        bytes[at..].to_vec()
+    };
+    assert!(vertices("d.ply") == vertices("out/depth.ply"));
+    done(path, "truth f.toml -o truth.ply");
+    let count = |file: &str| json(&done(path, &format!("info {file} --json")))["count"].as_u64().unwrap();
+    let report = json(&std::fs::read_to_string(path.join("out/report.json")).unwrap());
+    assert_eq!(count("d.ply"), report["accepted"].as_u64().unwrap());
+    assert_eq!(count("out/scene.ply"), report["reflectors"].as_u64().unwrap() + 15 * 15 + 1);
+    assert!(count("truth.ply") > 0);
+}
+
+#[test]
+fn half_floats_and_uncompressed_files_say_the_same() {
+    let folder = workplace();
+    let path = folder.path();
+    done(path, "image f.toml -o whole");
+    done(
+        path,
+        "image f.toml -o half --set output.float16=true --set output.compression=none --set output.components=complex",
+    );
+    let depth = |out: &str| read_depth_map(&path.join(out).join("depth.exr"), LIMIT).unwrap().map;
+    let (whole, half) = (depth("whole"), depth("half"));
+    assert_eq!(
+        format!("{:?}", whole.picked.depth),
+        format!("{:?}", half.picked.depth),
+        "depths keep 32 bits"
+    );
+    assert_ne!(whole.picked.strength, half.picked.strength);
+    let greatest = whole.picked.strength.iter().copied().fold(0.0, f32::max);
+    for (a, b) in whole.picked.strength.iter().zip(&half.picked.strength) {
+        assert!((a - b).abs() <= greatest / 2048.0, "{a} {b}");
+    }
+    let ran = run(
+        path,
+        "image f.toml -o faint --set output.float16=true --set materials=[{name=\"*\",reflectance=1e-6}]",
+    );
+    assert_eq!(ran.status, 0, "{ran:?}");
+    assert!(ran.stderr.contains("float16"), "{}", ran.stderr);
 }
 
 #[test]

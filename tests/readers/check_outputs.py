@@ -2,10 +2,10 @@
 """Reads the files of `holosonar image` with other people's readers and compares them value by value.
 
     check_outputs.py OUTDIR [OUTDIR ...]
-    check_outputs.py --prove OUTDIR    damages copies of a result (with a VTI) and sees that it is noticed
+    check_outputs.py --prove OUTDIR    damages copies of a result (with VTI, NRRD and points) and sees that it is noticed
 
-OpenEXR reads the EXR files, NumPy the npz, VTK (if it is installed) and a few lines of our own the VTI. The
-program under test takes no part. One line per check that fails, exit status 1 if there is any.
+OpenEXR reads the EXR files, NumPy the npz, pynrrd the NRRD, plyfile the PLY, VTK (if it is installed) and a few lines of
+our own the VTI. The program under test takes no part. One line per check that fails, exit status 1 if there is any.
 """
 
 import json
@@ -15,10 +15,13 @@ import struct
 import subprocess
 import sys
 import tempfile
+import zlib
 from pathlib import Path
 
+import nrrd
 import numpy as np
 import OpenEXR
+import plyfile
 
 try:
     from vtkmodules.util.numpy_support import vtk_to_numpy
@@ -81,8 +84,12 @@ def amplitude(samples):
     return exact.astype(np.float32)
 
 
-def check_volume_exr(folder, volume):
+def check_volume_exr(folder, volume, output):
     """Every depth of volume.exr (and its continuations) against the npz."""
+    half = output["float16"] and 0.01 <= np.abs(volume["samples"]).max() <= 6e4
+    # Half floats round to eleven bits.
+    kind, error = (np.float16, 2.0**-11) if half else (np.float32, 0.0)
+    complex_too = output["components"] == "complex"
     samples, x, y, z = (volume[name] for name in ("samples", "x", "y", "z"))
     expected = amplitude(samples)
     files = [folder / "volume.exr"] + sorted(folder.glob("volume.[0-9]*.exr"))
@@ -94,7 +101,7 @@ def check_volume_exr(folder, volume):
         check(path, "mip has R, G, B, A, Z", set(mip) == set("RGBAZ"), str(set(mip)))
         greatest = expected.max(axis=0)
         # Rounded twice (power, then root), so the last bit may differ.
-        close(path, "mip R is the greatest amplitude along z", mip["R"], greatest, 3e-7)
+        close(path, "mip R is the greatest amplitude along z", mip["R"], greatest, 3e-7 + error)
         for same in "GB":
             equal(path, f"mip {same} = R", mip[same], mip["R"])
         equal(path, "mip A = 1", mip["A"], np.ones_like(mip["A"]))
@@ -109,9 +116,19 @@ def check_volume_exr(folder, volume):
             equal(path, f"attribute {key}", np.asarray(header[key], np.float64), np.asarray(value, np.float64))
         for name, header, channels in all_parts[1:]:
             check(path, "the parts are called z0000, z0001, ...", name == f"z{depth_index:04}", name)
-            check(path, f"{name} holds Y alone", set(channels) == {"Y"})
+            wanted = {"Y", "re", "im"} if complex_too else {"Y"}
+            check(path, f"{name} holds {', '.join(sorted(wanted))}", set(channels) == wanted, str(set(channels)))
+            check(path, f"{name} Y is of the type asked for", channels["Y"].dtype == kind, str(channels["Y"].dtype))
             check(path, f"{name} says its depth", abs(number(header, "sonar:depth") - z[depth_index]) < 1e-12)
-            equal(path, f"{name} = |samples[{depth_index}]|", channels["Y"], expected[depth_index])
+            if half:
+                off = np.abs(channels["Y"].astype(np.float64) - expected[depth_index])
+                # Below 6e-5 half floats have even steps.
+                check(path, f"{name} = |samples|, to 11 bits", (off <= error * expected[depth_index] + 3e-8).all())
+            else:
+                equal(path, f"{name} = |samples[{depth_index}]|", channels["Y"], expected[depth_index])
+            if complex_too:
+                equal(path, f"{name} re", channels["re"], samples[depth_index].real)
+                equal(path, f"{name} im", channels["im"], samples[depth_index].imag)
             depth_index += 1
     check(folder, "as many parts as depths", depth_index == len(z), f"({depth_index}, {len(z)})")
 
@@ -125,14 +142,16 @@ COMMON_ATTRIBUTES = [
 OUR_AXES_TO_EXR = np.diag([1.0, -1.0, 1.0, 1.0])  # left-handed, y up
 
 
-def check_depth_exr(path, volume, fill):
+def check_depth_exr(path, volume, fill, half=False):
     """The channels of a depth map or truth against each other and the file's attributes."""
     all_parts = parts(path)
     check(path, "one part", len(all_parts) == 1)
     _, header, ch = all_parts[0]
     for name in COMMON_ATTRIBUTES:
         check(path, f"attribute sonar:{name}", f"sonar:{name}" in header)
-    check(path, "every channel is float32", all(p.dtype == np.float32 for p in ch.values()))
+    for name, pixels in ch.items():
+        wanted = np.float16 if half and name in "RGB" else np.float32
+        check(path, f"{name} is of the type asked for", pixels.dtype == wanted, str(pixels.dtype))
     for same in "GB":
         equal(path, f"{same} = R", ch[same], ch["R"])
     accepted = ch["A"] == 1
@@ -187,7 +206,80 @@ def check_depth_against_volume(path, header, ch, volume):
     check(path, "Z lies at a strong return of the volume in 95 % of the pixels", share >= 0.95, f"({share:.3f})")
 
 
-def check_vti(path, volume):
+def check_nrrd(path, volume):
+    """The NRRD by pynrrd."""
+    samples = volume["samples"]
+    try:
+        data, header = nrrd.read(str(path), index_order="C")
+    except (nrrd.NRRDError, zlib.error) as error:
+        check(path, "pynrrd reads it", False, f"({error})")
+        return
+    check(path, "float32", data.dtype == np.float32, str(data.dtype))
+    equal(path, "amplitude = |samples|, [z, y, x]", data, amplitude(samples))
+    equal(path, "space origin", header["space origin"], [volume[axis][0] for axis in "xyz"])
+    equal(path, "space directions", header["space directions"], np.diag(volume["pitch"]))
+    check(path, "space units are m", [unit.strip('"') for unit in header["space units"]] == ["m"] * 3)
+    check(path, "it names the sound speed", float(header["sonar.soundSpeed"]) > 0)
+    resolved = json.loads(header["sonar.run"].replace("\\\\", "\\"))
+    check(path, "sonar:run is the resolved run file", {"scene", "sweep", "depth"} <= set(resolved))
+
+
+def check_depth_ply(path, found, volume):
+    """The points by plyfile, against depth.exr: one vertex per accepted pixel, in their order."""
+    header, ch = found
+    points = plyfile.PlyData.read(str(path))["vertex"]
+    names = [p.name for p in points.properties]
+    check(path, "x, y, z, nx, ny, nz, amplitude", names == ["x", "y", "z", "nx", "ny", "nz", "amplitude"], str(names))
+    accepted = ch["A"] == 1
+    rows, columns = np.nonzero(accepted)
+    check(path, "one vertex per accepted pixel", len(points) == len(rows), f"({len(points)}, {len(rows)})")
+    equal(path, "x", points["x"], volume["x"][columns].astype(np.float32))
+    equal(path, "y", points["y"], volume["y"][rows].astype(np.float32))
+    equal(path, "z", points["z"], ch["Z"][accepted])
+    strength = ch["R"][accepted].astype(np.float64) * number(header, "sonar:amplitudeScale")
+    close(path, "amplitude", points["amplitude"], strength, 1e-6 if ch["R"].dtype == np.float32 else 6e-4)
+    normals = np.stack([points["nx"], points["ny"], points["nz"]], axis=1).astype(np.float64)
+    close(path, "unit normals", np.linalg.norm(normals, axis=1), np.ones(len(normals)), 1e-6)
+    check(path, "normals turned to the array", (normals[:, 2] < 0).all())
+    # Where all nine depths lie on one smooth surface, central differences give nearly the same.
+    z = np.where(accepted, ch["Z"], np.nan).astype(np.float64)
+    slopes = np.full((2, *z.shape), np.nan)
+    slopes[0][1:-1, 1:-1] = (z[1:-1, 2:] - z[1:-1, :-2]) / (2 * volume["pitch"][0])
+    slopes[1][1:-1, 1:-1] = (z[2:, 1:-1] - z[:-2, 1:-1]) / (2 * volume["pitch"][1])
+    rough = np.stack([slopes[0], slopes[1], -np.ones_like(z)], axis=-1)[accepted]
+    smooth = np.isfinite(rough).all(axis=1) & (np.abs(rough[:, :2]).max(axis=1) < 1)
+    rough /= np.linalg.norm(rough, axis=1, keepdims=True)
+    if smooth.sum() > 50:
+        along = (rough * normals).sum(axis=1)[smooth]
+        check(path, "normals near those of central differences", np.median(along) > 0.95, f"({np.median(along):.3f})")
+
+
+def check_scene_ply(path, report, header):
+    """Reflectors, microphones and speaker by plyfile."""
+    points = plyfile.PlyData.read(str(path))["vertex"]
+    counts = np.bincount(points["kind"], minlength=3)
+    check(path, "every reflector", counts[0] == (report["reflectors"] or 0), str(counts))
+    check(path, "every microphone", counts[1] == report["plan"]["microphones"], str(counts))
+    monostatic = header["sonar:geometry"] == "monostatic"
+    check(path, "the speaker", counts[2] == (0 if monostatic else 1), str(counts))
+    at = np.stack([points["x"], points["y"], points["z"]], axis=1).astype(np.float64)
+    mics = at[points["kind"] == 1]
+    check(path, "only reflectors have an amplitude", (points["amplitude"][points["kind"] != 0] == 0).all())
+    extent, centre = (np.asarray(header[f"sonar:{name}"], np.float64) for name in ("arrayExtent", "arrayCentre"))
+    check(path, "the array's extent", np.allclose(np.ptp(mics, axis=0), extent, atol=1e-6))
+    check(path, "the array's centre", np.allclose((mics.min(axis=0) + mics.max(axis=0)) / 2, centre, atol=1e-6))
+    if report["run"]["array"]["layout"] == "grid":
+        places = {tuple(p) for p in mics.round(6).tolist()}
+        across = [len(set(mics[:, axis].round(6).tolist())) for axis in (0, 1)]
+        check(path, "a full rectangle of microphones", len(places) == across[0] * across[1] == counts[1], str(across))
+    if report["scene"] and counts[0]:
+        reflectors, scene = at[points["kind"] == 0], report["scene"]
+        inside = (reflectors >= np.array(scene["low"]) - 1e-5) & (reflectors <= np.array(scene["high"]) + 1e-5)
+        check(path, "reflectors within the scene's box", inside.all() or report["run"]["reflectors"]["surface"] == "rough")
+        check(path, "reflectors have amplitudes", (points["amplitude"][points["kind"] == 0] > 0).mean() > 0.5)
+
+
+def check_vti(path, volume, complex_too):
     """The VTI by hand: XML header, raw appended arrays; then by VTK."""
     raw = path.read_bytes()
     start = raw.index(b'<AppendedData encoding="raw">')
@@ -207,9 +299,11 @@ def check_vti(path, volume):
         (length,) = struct.unpack_from("<Q", raw, at)
         check(path, f"length of {name}", length == 4 * samples.size, str(length))
         arrays[name] = np.frombuffer(raw, "<f4", samples.size, at + 8).reshape(samples.shape)
-    check(path, "arrays amplitude, re, im", set(arrays) == {"amplitude", "re", "im"}, str(set(arrays)))
-    equal(path, "re = samples.real", arrays.get("re"), samples.real)
-    equal(path, "im = samples.imag", arrays.get("im"), samples.imag)
+    wanted = {"amplitude", "re", "im"} if complex_too else {"amplitude"}
+    check(path, f"arrays {', '.join(sorted(wanted))}", set(arrays) == wanted, str(set(arrays)))
+    if complex_too:
+        equal(path, "re = samples.real", arrays.get("re"), samples.real)
+        equal(path, "im = samples.imag", arrays.get("im"), samples.imag)
     equal(path, "amplitude = |samples|", arrays.get("amplitude"), amplitude(samples))
     if vtkXMLImageDataReader is None:
         return
@@ -220,8 +314,8 @@ def check_vti(path, volume):
     equal(path, "VTK: dimensions", data.GetDimensions(), (n_x, n_y, n_z))
     equal(path, "VTK: origin", data.GetOrigin(), origin)
     equal(path, "VTK: spacing", data.GetSpacing(), spacing)
-    found = vtk_to_numpy(data.GetPointData().GetArray("re")).reshape(samples.shape)
-    equal(path, "VTK: re = samples.real", found, samples.real)
+    found = vtk_to_numpy(data.GetPointData().GetArray("amplitude")).reshape(samples.shape)
+    equal(path, "VTK: amplitude = |samples|", found, amplitude(samples))
 
 
 def check_png(path):
@@ -280,18 +374,24 @@ def check_folder(folder):
     check(place, "meta names the sound speed", meta["sound_speed"] > 0)
     check_report(folder / "report.json", report, volume)
 
-    formats = report["run"]["output"]["formats"]
+    output = report["run"]["output"]
+    formats = output["formats"]
     if "exr" in formats:
-        check_volume_exr(folder, volume)
+        check_volume_exr(folder, volume, output)
     if "vti" in formats:
-        check_vti(folder / "volume.vti", volume)
+        check_vti(folder / "volume.vti", volume, output["components"] == "complex")
+    if "nrrd" in formats:
+        check_nrrd(folder / "volume.nrrd", volume)
     fill = report["run"]["depth"]["fill"]
     fill = np.float32({"inf": np.inf, "nan": np.nan}.get(fill, fill))
-    header, found = check_depth_exr(folder / "depth.exr", volume, fill)
+    header, found = check_depth_exr(folder / "depth.exr", volume, fill, output["float16"])
     close(folder / "depth.exr", "accepted pixels as reported", (found["A"] == 1).sum(), report["accepted"], 0)
     check_depth_against_volume(folder / "depth.exr", header, found, volume)
+    if output["points"]:
+        check_depth_ply(folder / "depth.ply", (header, found), volume)
+        check_scene_ply(folder / "scene.ply", report, header)
     if report["metrics"]:
-        _, truth = check_depth_exr(folder / "truth.exr", volume, fill)
+        _, truth = check_depth_exr(folder / "truth.exr", volume, fill, output["float16"])
         check_metrics(folder / "report.json", report, found, truth)
     for name in report["files"]:
         if name.endswith(".png"):
@@ -335,14 +435,17 @@ def prove(folder):
         "a changed sample": damage_npz,
         "a changed depth": damage_depth,
         "a flipped bit of the VTI": damage_byte("volume.vti", -5000),
+        "a flipped bit of the NRRD": damage_byte("volume.nrrd", -5000),
+        "a flipped bit of depth.ply": damage_byte("depth.ply", -500),
+        "a flipped bit of scene.ply": damage_byte("scene.ply", -37),
         "a flipped bit of a PNG's signature": damage_byte("depth.png", 1),
         "a missing file": lambda copy: (copy / "amplitude.png").unlink(),
         "a stray file": lambda copy: (copy / "stray.txt").write_text("?"),
     }
     unnoticed = []
     for what, damage in damages.items():
-        if "VTI" in what and not (folder / "volume.vti").exists():
-            sys.exit(f"{folder}: --prove needs a result with a volume.vti")
+        if not all((folder / name).exists() for name in ("volume.vti", "volume.nrrd", "depth.ply")):
+            sys.exit(f"{folder}: --prove needs a result with a VTI, a NRRD and points")
         with tempfile.TemporaryDirectory() as temporary:
             copy = Path(temporary) / "copy"
             shutil.copytree(folder, copy)

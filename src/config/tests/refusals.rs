@@ -46,8 +46,8 @@ fn what_this_version_lacks_is_refused_with_what_it_has() {
     refused_with("[array]\nlayout = \"spiral\"", &["accepted: \"grid\", \"file\""]);
     refused_with("[depth]\nview = \"perspective\"", &["accepted: \"orthographic\""]);
     refused_with(
-        "[output]\nformats = [\"exr\", \"nrrd\"]",
-        &["formats[1]", "accepted: \"exr\", \"npz\", \"vti\""],
+        "[output]\nformats = [\"exr\", \"vdb\"]",
+        &["formats[1]", "accepted: \"exr\", \"npz\", \"vti\", \"nrrd\""],
     );
 }
 

@@ -51,13 +51,13 @@ fn a_map_comes_back_value_by_value_whatever_the_fill() {
     let attributes = vec![("sonar:soundSpeed".to_owned(), Attribute::Number(343.0))];
     // 10 m is also a true depth of the map's second return.
     for fill in [Fill::Infinity, Fill::NaN, Fill::Value(0.0), Fill::Value(10.0)] {
-        write_depth_map(&path, &map(), fill, &attributes).unwrap();
+        write_depth_map(&path, &map(), fill, &attributes, Encoding::default()).unwrap();
         let bytes = std::fs::read(&path).unwrap();
         let file = read_depth_map(&path, LIMIT).unwrap();
         assert_same(&file.map, &map());
         assert!(file.axes_known);
         assert!(file.attributes.contains(&attributes[0]));
-        write_depth_map(&path, &map(), fill, &attributes).unwrap();
+        write_depth_map(&path, &map(), fill, &attributes, Encoding::default()).unwrap();
         assert!(bytes == std::fs::read(&path).unwrap(), "same input, same bytes");
     }
 }
@@ -66,7 +66,7 @@ fn a_map_comes_back_value_by_value_whatever_the_fill() {
 fn the_picture_is_scaled_and_empty_where_nothing_is() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("depth.exr");
-    write_depth_map(&path, &map(), Fill::default(), &[]).unwrap();
+    write_depth_map(&path, &map(), Fill::default(), &[], Encoding::default()).unwrap();
     let parts = read_parts(&path, LIMIT).unwrap().layer_data;
     let channel = |name: &str| {
         let list = &parts[0].channel_data.list;
@@ -89,7 +89,7 @@ fn truth_keeps_its_normals_and_has_no_confidence() {
     truth.confidence.clear();
     truth.picked.facing = Some(vec![1.0, 0.0, 0.5, 0.25, 0.0, 0.75]);
     truth.returns[0].facing = truth.picked.facing.clone();
-    write_depth_map(&path, &truth, Fill::Infinity, &[]).unwrap();
+    write_depth_map(&path, &truth, Fill::Infinity, &[], Encoding::default()).unwrap();
     assert_same(&read_depth_map(&path, LIMIT).unwrap().map, &truth);
 }
 
@@ -101,7 +101,7 @@ fn a_map_without_any_return_is_a_valid_file() {
     empty.picked = Surface::empty(6);
     empty.confidence = vec![NAN; 6];
     empty.returns.clear();
-    write_depth_map(&path, &empty, Fill::Infinity, &[]).unwrap();
+    write_depth_map(&path, &empty, Fill::Infinity, &[], Encoding::default()).unwrap();
     assert_same(&read_depth_map(&path, LIMIT).unwrap().map, &empty);
 }
 
@@ -111,7 +111,7 @@ fn foreign(path: &Path, names: &[&str]) {
         .iter()
         .map(|&name| {
             let samples = [1.5, 1e10, 0.0, 4.0, f32::INFINITY, f32::NAN].to_vec();
-            ex::AnyChannel::new(name, FlatSamples::F32(samples))
+            ex::AnyChannel::new(name, ex::FlatSamples::F32(samples))
         })
         .collect();
     let layer = ex::Layer::new(
@@ -148,7 +148,7 @@ fn anybodys_depth_is_read() {
 fn damage_and_excess_are_the_users_to_mend() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("depth.exr");
-    write_depth_map(&path, &map(), Fill::Infinity, &[]).unwrap();
+    write_depth_map(&path, &map(), Fill::Infinity, &[], Encoding::default()).unwrap();
     let error = read_depth_map(&path, 100).unwrap_err();
     assert!(error.to_string().contains("limit of 100"), "{error}");
     assert_eq!(read_depth_map(&folder.path().join("none.exr"), LIMIT).unwrap_err().exit_status(), 2);
@@ -172,5 +172,5 @@ fn damage_and_excess_are_the_users_to_mend() {
 fn a_map_whose_fields_disagree_is_a_programmers_error() {
     let mut broken = map();
     broken.picked.strength.pop();
-    let _ = write_depth_map(Path::new("never.exr"), &broken, Fill::Infinity, &[]);
+    let _ = write_depth_map(Path::new("never.exr"), &broken, Fill::Infinity, &[], Encoding::default());
 }

@@ -1,0 +1,175 @@
+//! A volume small enough for a page: blocks of voxels reduced to their greatest amplitude, in 8 bits of decibels.
+
+use super::payload::pack;
+use crate::export::amplitude::Amplitude;
+use crate::grid::{Axis, Grid, Volume};
+use serde_json::{Value, json};
+
+/// How far below the peak the scale reaches, dB.
+pub(super) const RANGE_DB: f32 = 40.0;
+
+/// Most voxels of a page: 2 MB before they are packed.
+const MOST_VOXELS: usize = 1 << 21;
+
+/// Most voxels along one axis: what every WebGL 2 takes.
+const MOST_ALONG: usize = 256;
+
+/// A reduced volume, filled plane by plane, so that the whole need never be held.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Miniature {
+    full: Grid,
+    /// Voxels per block along x, y, z.
+    factors: [usize; 3],
+    grid: Grid,
+    /// Greatest amplitude of each block, `[z, y, x]`.
+    greatest: Vec<f32>,
+}
+
+impl Miniature {
+    /// An empty one of a volume with this grid: at most 2²¹ blocks, and 256 along each axis.
+    pub fn new(full: Grid) -> Self {
+        let counts = [full.x.count, full.y.count, full.z.count];
+        let mut factors = [1_usize; 3];
+        loop {
+            let blocks: [usize; 3] = std::array::from_fn(|i| counts[i].div_ceil(factors[i]));
+            let longest = (0..3).max_by_key(|&i| (blocks[i], i)).unwrap_or(0);
+            if blocks[longest] <= MOST_ALONG && blocks.iter().product::<usize>() <= MOST_VOXELS {
+                break;
+            }
+            factors[longest] += 1;
+        }
+        let reduced = |axis: Axis, factor: usize| Axis {
+            first: axis.first + axis.pitch * (factor - 1) as f64 / 2.0,
+            pitch: axis.pitch * factor as f64,
+            count: axis.count.div_ceil(factor),
+        };
+        let grid = Grid {
+            x: reduced(full.x, factors[0]),
+            y: reduced(full.y, factors[1]),
+            z: reduced(full.z, factors[2]),
+        };
+        let greatest = vec![0.0; grid.plane_len() * grid.z.count];
+        Self { full, factors, grid, greatest }
+    }
+
+    /// Takes the amplitudes of depth `iz`, `[y, x]`; what is not finite counts as nothing.
+    ///
+    /// # Panics
+    /// When there is no such depth.
+    pub fn add_plane(&mut self, iz: usize, plane: impl IntoIterator<Item = f32>) {
+        assert!(iz < self.full.z.count, "depth {iz} of {}", self.full.z.count);
+        let [f_x, f_y, f_z] = self.factors;
+        let (n_x, columns, pixels) = (self.full.x.count, self.grid.x.count, self.grid.plane_len());
+        let blocks = &mut self.greatest[iz / f_z * pixels..][..pixels];
+        for (i, value) in plane.into_iter().enumerate() {
+            let block = &mut blocks[i / n_x / f_y * columns + i % n_x / f_x];
+            if value > *block && value.is_finite() {
+                *block = value;
+            }
+        }
+    }
+
+    /// Of a whole volume.
+    pub fn of_volume(volume: &Volume) -> Self {
+        let mut miniature = Self::new(volume.grid);
+        for iz in 0..volume.grid.z.count {
+            miniature.add_plane(iz, volume.plane(iz).iter().map(|sample| sample.norm()));
+        }
+        miniature
+    }
+
+    /// Of a volume's amplitudes.
+    pub fn of_amplitude(volume: &Amplitude) -> Self {
+        let mut miniature = Self::new(volume.grid);
+        for (iz, plane) in volume.values.chunks(volume.grid.plane_len()).enumerate() {
+            miniature.add_plane(iz, plane.iter().copied());
+        }
+        miniature
+    }
+
+    /// Greatest amplitude.
+    pub fn peak(&self) -> f32 {
+        self.greatest.iter().copied().fold(0.0, f32::max)
+    }
+
+    pub(super) fn to_json(&self) -> Value {
+        let peak = self.peak();
+        let codes: Vec<u8> = self.greatest.iter().map(|&value| code(value, peak)).collect();
+        json!({
+            "x": super::axis_json(&self.grid.x),
+            "y": super::axis_json(&self.grid.y),
+            "z": super::axis_json(&self.grid.z),
+            "voxels": [self.full.x.count, self.full.y.count, self.full.z.count],
+            "reduced": self.factors,
+            "peak": peak,
+            "data": pack(&codes),
+        })
+    }
+}
+
+/// An amplitude in 8 bits: 255 is the peak, 0 is [`RANGE_DB`] below it or less, even steps of dB between.
+pub(super) fn code(value: f32, peak: f32) -> u8 {
+    if !(value > 0.0 && peak > 0.0 && value.is_finite()) {
+        return 0;
+    }
+    let decibels = 20.0 * (value / peak).log10();
+    (255.0 * (1.0 + decibels / RANGE_DB)).round().clamp(0.0, 255.0) as u8
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use num_complex::Complex32;
+
+    fn grid(x: usize, y: usize, z: usize) -> Grid {
+        let axis = |first, pitch, count| Axis { first, pitch, count };
+        Grid { x: axis(-1.0, 0.5, x), y: axis(2.0, 0.25, y), z: axis(1.0, 0.01, z) }
+    }
+
+    #[test]
+    fn a_small_volume_stays_as_it_is() {
+        let samples = (0..60).map(|i| Complex32::new(0.0, -(i as f32))).collect();
+        let miniature = Miniature::of_volume(&Volume::new(grid(3, 4, 5), samples));
+        assert_eq!(miniature.grid, grid(3, 4, 5));
+        assert!(miniature.greatest.iter().enumerate().all(|(i, v)| *v == i as f32));
+        assert_eq!(miniature.peak(), 59.0);
+    }
+
+    #[test]
+    fn blocks_keep_their_greatest_voxel_and_their_place() {
+        let full = grid(700, 3, 2);
+        let mut miniature = Miniature::new(full);
+        assert_eq!(miniature.factors, [3, 1, 1]);
+        let mut plane = vec![0.25_f32; 2100];
+        plane[700 + 5] = 2.0;
+        plane[1400] = f32::NAN;
+        miniature.add_plane(1, plane);
+        let blocks = miniature.grid.x.count;
+        assert_eq!((blocks, miniature.grid.plane_len()), (234, 702));
+        let greatest: Vec<_> = (0..1404).filter(|&i| miniature.greatest[i] == 2.0).collect();
+        assert_eq!(greatest, [702 + blocks + 1]);
+        // Block 1 holds voxels 3, 4 and 5, and stands at the middle one.
+        assert!((miniature.grid.x.position(1) - full.x.position(4)).abs() < 1e-12);
+        assert_eq!(miniature.greatest[702 + 2 * blocks], 0.25, "NaN counts as nothing");
+    }
+
+    #[test]
+    fn no_volume_is_too_large() {
+        for counts in [[1024, 1024, 1024], [4000, 1, 1], [257, 256, 256], [128, 128, 128], [1, 1, 100_000]] {
+            let miniature = Miniature::new(grid(counts[0], counts[1], counts[2]));
+            let blocks = [miniature.grid.x.count, miniature.grid.y.count, miniature.grid.z.count];
+            assert!(
+                blocks.iter().product::<usize>() <= MOST_VOXELS && blocks.iter().all(|&n| n <= MOST_ALONG)
+            );
+            assert!(blocks.iter().zip(&counts).zip(&miniature.factors).all(|((b, n), f)| b * f >= *n));
+        }
+        assert_eq!(Miniature::new(grid(128, 128, 128)).factors, [1; 3]);
+    }
+
+    #[test]
+    fn codes_are_even_steps_of_decibels() {
+        assert_eq!([code(2.0, 2.0), code(0.02, 2.0), code(0.001, 2.0), code(0.0, 2.0)], [255, 0, 0, 0]);
+        assert_eq!(code(0.2, 2.0), 128, "half-way down in dB");
+        assert_eq!([code(1.0, 0.0), code(f32::NAN, 1.0), code(f32::INFINITY, 1.0)], [0; 3]);
+    }
+}

@@ -1,0 +1,12 @@
+#version 300 es
+// Points and lines in metres; a point may take its colour from its depth.
+uniform mat4 matrix;
+uniform float pointSize, least;
+uniform vec2 nearFar;
+in vec3 position;
+out float shade;
+void main() {
+  gl_Position = matrix * vec4(position, 1.0);
+  gl_PointSize = clamp(pointSize / gl_Position.w, least, 8.0 * least);
+  shade = clamp((position.z - nearFar.x) / (nearFar.y - nearFar.x), 0.0, 1.0);
+}

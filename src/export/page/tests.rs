@@ -1,0 +1,86 @@
+#![allow(clippy::unwrap_used)]
+
+use super::*;
+use crate::acquisition::MicArray;
+use crate::grid::{Grid, Surface, Volume};
+use crate::wave::Geometry;
+use glam::DVec3;
+use num_complex::Complex32;
+
+fn axis(first: f64, pitch: f64, count: usize) -> Axis {
+    Axis { first, pitch, count }
+}
+
+fn map(columns: usize, rows: usize) -> DepthMap {
+    let depth =
+        (0..columns * rows).map(|i| if i % 3 == 0 { f32::NAN } else { 1.0 + i as f32 * 1e-3 }).collect();
+    let picked = Surface { depth, strength: vec![1.0; columns * rows], facing: None };
+    let (x, y) = (axis(-0.5, 0.1, columns), axis(-0.25, 0.1, rows));
+    DepthMap { x, y, picked, confidence: Vec::new(), returns: Vec::new() }
+}
+
+fn page(contents: &Contents, title: &str, report: &str) -> String {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("report.html");
+    Page::new(contents).unwrap().write(&path, title, report).unwrap();
+    std::fs::read_to_string(path).unwrap()
+}
+
+/// The JSON of a script element.
+fn json_of(page: &str, id: &str) -> Value {
+    let start = format!("id=\"{id}\">");
+    let rest = &page[page.find(&start).unwrap() + start.len()..];
+    serde_json::from_str(rest.split_once("</script>").unwrap().0).unwrap()
+}
+
+#[test]
+fn a_page_is_whole_and_loads_nothing() {
+    let grid = Grid { x: axis(-0.5, 0.1, 4), y: axis(-0.25, 0.1, 3), z: axis(1.0, 0.1, 2) };
+    let volume = Miniature::of_volume(&Volume::new(grid, vec![Complex32::ONE; 24]));
+    let array = MicArray::rectangular("array", [2, 2], [0.5, 0.5], DVec3::ZERO).unwrap();
+    let scene = ScenePoints::new(None, &array, &Geometry::Monostatic);
+    let (depth, truth) = (map(4, 3), map(4, 3));
+    let contents =
+        Contents { volume: Some(&volume), depth: Some(&depth), truth: Some(&truth), scene: Some(&scene) };
+    let report = r#"{"warnings":["</script><script>alert(1)</script>"]}"#;
+    let text = page(&contents, "a <b> & c", report);
+    assert!(!text.contains("{{") && text.ends_with("</html>\n"));
+    assert!(text.contains("<title>a &lt;b> &amp; c · holosonar</title>"));
+    for loading in ["src=", "http://", "https://", "@import", "fetch("] {
+        assert!(!text.contains(loading), "{loading}");
+    }
+    assert_eq!(json_of(&text, "report"), serde_json::from_str::<Value>(report).unwrap());
+    let data = json_of(&text, "page-data");
+    for key in ["colours", "volume", "maps", "points", "truth_points"] {
+        assert!(data.get(key).is_some(), "{key}");
+    }
+    assert_eq!(data["points"]["microphones"]["of"], 4);
+    assert_eq!(data["truth_points"]["shown"], 8);
+    assert_eq!(text, page(&contents, "a <b> & c", report), "same inputs, same bytes");
+}
+
+#[test]
+fn anything_may_be_missing() {
+    let text = page(&Contents::default(), "empty", "{}");
+    let data = json_of(&text, "page-data");
+    assert_eq!(data.as_object().unwrap().len(), 2, "{data}");
+}
+
+#[test]
+fn large_maps_and_clouds_are_thinned_and_say_so() {
+    let depth = map(1300, 2);
+    let data = Page::new(&Contents { depth: Some(&depth), ..Contents::default() }).unwrap().data;
+    assert_eq!(data["maps"]["reduced"], 3);
+    assert_eq!(data["maps"]["x"], json!({ "first": -0.5, "pitch": 0.1 * 3.0, "count": 434 }));
+    assert_eq!(data["maps"]["y"]["count"], 1);
+    let sampled = sample(&vec![[1.0; 3]; 13_000]);
+    assert_eq!((&sampled["of"], &sampled["shown"]), (&json!(13_000), &json!(4334)));
+}
+
+#[test]
+fn maps_of_other_pixels_are_refused() {
+    let (depth, truth) = (map(4, 3), map(3, 4));
+    assert!(
+        Page::new(&Contents { depth: Some(&depth), truth: Some(&truth), ..Contents::default() }).is_err()
+    );
+}

@@ -1,0 +1,243 @@
+//! Points as PLY, binary little-endian: what Blender, MeshLab, CloudCompare and ParaView open.
+//!
+//! Two clouds: the surfaces that a depth map found, with normals; and what stood where, reflectors, microphones and
+//! the speaker. Both are in the array's axes, in m.
+
+mod normals;
+mod reader;
+
+pub use reader::Ply;
+
+use super::Attribute;
+use crate::acquisition::MicArray;
+use crate::error::{Error, Result};
+use crate::files::write_atomically;
+use crate::grid::DepthMap;
+use crate::reflectors::Reflectors;
+use crate::wave::Geometry;
+use glam::DVec3;
+use std::fmt::Write as _;
+use std::io::Write;
+use std::path::Path;
+
+/// Longest comment that is written: some readers take no longer lines.
+const LONGEST_COMMENT: usize = 200;
+
+/// Writes one vertex per accepted pixel: `x`, `y`, `z` in m, the normal `nx`, `ny`, `nz`, and `amplitude`, all float32.
+///
+/// The normal is that of the plane through the neighbouring pixels of the same surface, turned to the array; a pixel
+/// without enough neighbours faces the array, (0, 0, −1). Short `attributes` become comments.
+///
+/// # Errors
+/// As [`write_atomically`].
+pub fn write_depth_points(path: &Path, map: &DepthMap, attributes: &[(String, Attribute)]) -> Result<()> {
+    let normals = normals::normals(map);
+    let found: Vec<usize> = (0..map.len()).filter(|&i| map.picked.depth[i].is_finite()).collect();
+    let properties = ["x", "y", "z", "nx", "ny", "nz", "amplitude"].map(|name| ("float", name));
+    let header = header(found.len(), &properties, "Depth map; normals from neighbouring pixels", attributes);
+    write_atomically(path, |out| {
+        out.write_all(header.as_bytes())?;
+        for i in found {
+            let (x, y) = (map.x.position(i % map.x.count), map.y.position(i / map.x.count));
+            let [nx, ny, nz] = normals[i];
+            for value in [x as f32, y as f32, map.picked.depth[i], nx, ny, nz, map.picked.strength[i]] {
+                out.write_all(&value.to_le_bytes())?;
+            }
+        }
+        Ok(())
+    })
+}
+
+/// What a point of a scene is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// A point that scatters.
+    Reflector,
+    /// A point that hears.
+    Microphone,
+    /// The point that sounds.
+    Speaker,
+}
+
+impl Kind {
+    /// All of them, in the order of their numbers in a file.
+    pub const ALL: [Self; 3] = [Self::Reflector, Self::Microphone, Self::Speaker];
+
+    fn colour(self) -> [u8; 3] {
+        match self {
+            Self::Reflector => [190, 190, 190],
+            Self::Microphone => [70, 140, 230],
+            Self::Speaker => [240, 130, 30],
+        }
+    }
+}
+
+/// What stands where.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct ScenePoints {
+    points: Vec<(Kind, [f32; 3], f32)>,
+}
+
+impl ScenePoints {
+    /// The reflectors (none for a measured cube), the microphones, and the speaker of a geometry that has its own.
+    pub fn new(reflectors: Option<&Reflectors>, array: &MicArray, geometry: &Geometry) -> Self {
+        let mut points = Vec::new();
+        let single = |p: &DVec3| p.to_array().map(|x| x as f32);
+        if let Some(reflectors) = reflectors {
+            let pairs = reflectors.positions().iter().zip(reflectors.amplitudes());
+            points.extend(pairs.map(|(p, a)| (Kind::Reflector, single(p), a.norm())));
+        }
+        points.extend(array.positions().iter().map(|p| (Kind::Microphone, single(p), 0.0)));
+        if let Geometry::FixedSource { source } = geometry {
+            points.push((Kind::Speaker, single(source), 0.0));
+        }
+        Self { points }
+    }
+
+    /// The positions of one kind, m.
+    pub fn of(&self, kind: Kind) -> impl Iterator<Item = [f32; 3]> {
+        self.points.iter().filter(move |(k, ..)| *k == kind).map(|(_, position, _)| *position)
+    }
+
+    /// Writes one vertex per point: `x`, `y`, `z` in m, `amplitude` (of reflectors, else 0), `kind` (0 reflector,
+    /// 1 microphone, 2 speaker) and a colour by kind.
+    ///
+    /// # Errors
+    /// As [`write_atomically`].
+    pub fn write(&self, path: &Path, attributes: &[(String, Attribute)]) -> Result<()> {
+        let properties = [
+            ("float", "x"),
+            ("float", "y"),
+            ("float", "z"),
+            ("float", "amplitude"),
+            ("uchar", "kind"),
+            ("uchar", "red"),
+            ("uchar", "green"),
+            ("uchar", "blue"),
+        ];
+        let about = "Scene; kind 0 is a reflector, 1 a microphone, 2 the speaker";
+        let header = header(self.points.len(), &properties, about, attributes);
+        write_atomically(path, |out| {
+            out.write_all(header.as_bytes())?;
+            for (kind, [x, y, z], amplitude) in &self.points {
+                for value in [x, y, z, amplitude] {
+                    out.write_all(&value.to_le_bytes())?;
+                }
+                out.write_all(&[*kind as u8])?;
+                out.write_all(&kind.colour())?;
+            }
+            Ok(())
+        })
+    }
+
+    /// Reads what [`ScenePoints::write`] wrote, of at most `limit_bytes`.
+    ///
+    /// # Errors
+    /// A missing or damaged file, or one of other points.
+    pub fn read(path: &Path, limit_bytes: u64) -> Result<Self> {
+        let ply = Ply::read(path, limit_bytes)?;
+        let columns: Option<Vec<Vec<f64>>> =
+            ["x", "y", "z", "amplitude", "kind"].iter().map(|name| ply.column(name)).collect();
+        let Some(columns) = columns else {
+            return Err(Error::input(
+                path.display(),
+                "holds no points of a scene; x, y, z, amplitude and kind were expected",
+            ));
+        };
+        let points = (0..ply.count)
+            .filter_map(|i| {
+                let [x, y, z, amplitude, kind] = [0, 1, 2, 3, 4].map(|column: usize| columns[column][i]);
+                Some((*Kind::ALL.get(kind as usize)?, [x, y, z].map(|v| v as f32), amplitude as f32))
+            })
+            .collect();
+        Ok(Self { points })
+    }
+}
+
+fn header(
+    count: usize,
+    properties: &[(&str, &str)],
+    about: &str,
+    attributes: &[(String, Attribute)],
+) -> String {
+    let mut text = format!(
+        "ply\nformat binary_little_endian 1.0\ncomment {about}; x right, y down, z from the array into the scene, m\n"
+    );
+    for (name, value) in attributes {
+        let value = match value {
+            Attribute::Text(words) => words.clone(),
+            Attribute::Number(number) => number.to_string(),
+            Attribute::Integer(integer) => integer.to_string(),
+            Attribute::Vector(vector) => vector.map(|number| number.to_string()).join(" "),
+        };
+        if value.len() <= LONGEST_COMMENT && !value.contains(['\n', '\r']) && value.is_ascii() {
+            let _ = writeln!(text, "comment {name} {value}");
+        }
+    }
+    let _ = writeln!(text, "element vertex {count}");
+    for (kind, name) in properties {
+        let _ = writeln!(text, "property {kind} {name}");
+    }
+    text + "end_header\n"
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use crate::grid::{Axis, Surface};
+    use num_complex::Complex32;
+
+    #[test]
+    fn one_vertex_per_accepted_pixel() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("depth.ply");
+        let map = DepthMap {
+            x: Axis { first: -0.1, pitch: 0.1, count: 3 },
+            y: Axis { first: 0.3, pitch: 0.07, count: 2 },
+            picked: Surface {
+                depth: vec![1.5, f32::NAN, 2.25, f32::NAN, f32::NAN, 3.0],
+                strength: vec![0.25, 0.0, 0.5, 0.0, 0.0, 0.125],
+                facing: None,
+            },
+            confidence: Vec::new(),
+            returns: Vec::new(),
+        };
+        let facts = [
+            ("sonar:soundSpeed".to_owned(), Attribute::Number(343.0)),
+            ("sonar:run".to_owned(), Attribute::Text("x".repeat(300))),
+        ];
+        write_depth_points(&path, &map, &facts).unwrap();
+        let ply = Ply::read(&path, 1 << 20).unwrap();
+        assert_eq!(ply.count, 3);
+        assert_eq!(ply.column("z").unwrap(), [1.5, 2.25, 3.0]);
+        assert_eq!(ply.column("amplitude").unwrap(), [0.25, 0.5, 0.125]);
+        assert_eq!(ply.column("x").unwrap()[2] as f32, 0.1);
+        assert_eq!(ply.column("y").unwrap()[2] as f32, 0.37);
+        assert_eq!(ply.column("nz").unwrap(), [-1.0; 3], "lone pixels face the array");
+        assert_eq!(ply.comments.len(), 2, "{:?}", ply.comments);
+        assert!(ply.comments[1].contains("sonar:soundSpeed 343"));
+    }
+
+    #[test]
+    fn a_scene_comes_back() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("scene.ply");
+        let reflectors =
+            Reflectors::new(vec![DVec3::new(0.5, 0.25, 2.0)], vec![Complex32::new(0.0, 3.0)]).unwrap();
+        let array = MicArray::rectangular("array", [2, 2], [0.5, 0.5], DVec3::ZERO).unwrap();
+        let geometry = Geometry::FixedSource { source: DVec3::new(0.0, 0.0, 0.125) };
+        let scene = ScenePoints::new(Some(&reflectors), &array, &geometry);
+        scene.write(&path, &[]).unwrap();
+        assert_eq!(ScenePoints::read(&path, 1 << 20).unwrap(), scene);
+        assert_eq!(scene.of(Kind::Reflector).collect::<Vec<_>>(), [[0.5, 0.25, 2.0]]);
+        assert_eq!(scene.of(Kind::Microphone).count(), 4);
+        assert_eq!(scene.of(Kind::Speaker).collect::<Vec<_>>(), [[0.0, 0.0, 0.125]]);
+        assert_eq!(ScenePoints::new(None, &array, &Geometry::Monostatic).of(Kind::Speaker).count(), 0);
+        let whole = std::fs::read(&path).unwrap();
+        for length in 0..whole.len() {
+            std::fs::write(&path, &whole[..length]).unwrap();
+            assert_eq!(ScenePoints::read(&path, 1 << 20).unwrap_err().exit_status(), 2, "cut at {length}");
+        }
+    }
+}

@@ -1,0 +1,84 @@
+//! The normals of a depth map's surfaces, from each pixel's neighbours.
+
+use crate::grid::DepthMap;
+
+/// Steepest slope between neighbours that still counts as one surface: 63°.
+const STEEPEST: f64 = 2.0;
+
+/// One unit normal per pixel, turned to the array (n_z < 0); meaningless where the map holds nothing.
+///
+/// The plane z = a x + b y + c through the pixel and those of its eight neighbours that are no farther in depth
+/// than [`STEEPEST`] times their distance, by least squares; its normal is (a, b, −1).
+pub(super) fn normals(map: &DepthMap) -> Vec<[f32; 3]> {
+    (0..map.len()).map(|i| normal(map, i % map.x.count, i / map.x.count)).collect()
+}
+
+fn normal(map: &DepthMap, column: usize, row: usize) -> [f32; 3] {
+    let depth = |x: usize, y: usize| f64::from(map.picked.depth[y * map.x.count + x]);
+    let centre = depth(column, row);
+    let mut points = Vec::with_capacity(9);
+    for y in row.saturating_sub(1)..=(row + 1).min(map.y.count - 1) {
+        for x in column.saturating_sub(1)..=(column + 1).min(map.x.count - 1) {
+            let u = (x as f64 - column as f64) * map.x.pitch;
+            let v = (y as f64 - row as f64) * map.y.pitch;
+            let w = depth(x, y) - centre;
+            // A NaN is no neighbour.
+            if w.abs() <= STEEPEST * u.hypot(v) {
+                points.push([u, v, w]);
+            }
+        }
+    }
+    let n = points.len() as f64;
+    let mean = [0, 1, 2].map(|k: usize| points.iter().map(|p| p[k]).sum::<f64>() / n);
+    let product =
+        |j: usize, k: usize| points.iter().map(|p| (p[j] - mean[j]) * (p[k] - mean[k])).sum::<f64>();
+    let (uu, uv, vv) = (product(0, 0), product(0, 1), product(1, 1));
+    let determinant = uu * vv - uv * uv;
+    // Fewer than three pixels, or all of them in a line, span no plane.
+    if points.len() < 3 || determinant <= 1e-9 * uu * vv {
+        return [0.0, 0.0, -1.0];
+    }
+    let (uw, vw) = (product(0, 2), product(1, 2));
+    let (a, b) = ((uw * vv - vw * uv) / determinant, (vw * uu - uw * uv) / determinant);
+    let length = (a * a + b * b + 1.0).sqrt();
+    [(a / length) as f32, (b / length) as f32, (-1.0 / length) as f32]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::grid::{Axis, Surface};
+
+    fn map(depth: impl Fn(f64, f64) -> f64) -> DepthMap {
+        let (x, y) =
+            (Axis { first: -0.2, pitch: 0.04, count: 11 }, Axis { first: -0.1, pitch: 0.03, count: 8 });
+        let depth = (0..88).map(|i| depth(x.position(i % 11), y.position(i / 11)) as f32).collect();
+        let picked = Surface { depth, ..Surface::empty(88) };
+        DepthMap { x, y, picked, confidence: Vec::new(), returns: Vec::new() }
+    }
+
+    #[test]
+    fn a_plane_has_its_own_normal_everywhere_and_a_step_does_not_bend_it() {
+        let (a, b) = (0.7, -0.4);
+        let length = f64::sqrt(a * a + b * b + 1.0);
+        let expected = [a / length, b / length, -1.0 / length];
+        for step in [0.0, 0.5] {
+            let map = map(|x, y| 2.0 + a * x + b * y + if x > 0.01 { step } else { 0.0 });
+            for normal in normals(&map) {
+                assert!(
+                    normal.iter().zip(expected).all(|(n, e)| (f64::from(*n) - e).abs() < 1e-4),
+                    "{normal:?}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn a_sphere_points_to_its_viewer() {
+        let found = normals(&map(|x, y| 2.0 - (0.25 - x * x - y * y).sqrt()));
+        // At the pixel (x, y) = (0.04, 0.02): outwards from the centre (0, 0, 2).
+        let expected = [0.08, 0.04, -f64::sqrt(0.25 - 0.002) / 0.5];
+        let normal = found[4 * 11 + 6];
+        assert!(normal.iter().zip(expected).all(|(n, e)| (f64::from(*n) - e).abs() < 0.01), "{normal:?}");
+    }
+}

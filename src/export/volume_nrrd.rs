@@ -1,0 +1,158 @@
+//! Volumes as NRRD: what 3D Slicer, ITK and ParaView open with the right size and place.
+//!
+//! A text header, an empty line, and the amplitudes as little-endian floats, gzipped or raw.
+
+use super::amplitude::{Amplitude, declared_grid, floats_of};
+use super::{Attribute, Compression};
+use crate::error::{Error, Result};
+use crate::files::write_atomically;
+use crate::grid::Volume;
+use flate2::read::GzDecoder;
+use flate2::write::GzEncoder;
+use std::fmt::Write as _;
+use std::fs::File;
+use std::io::{self, BufRead, BufReader, Read, Write};
+use std::path::Path;
+
+/// Longest header line that is read: a whole run file fits.
+const LONGEST_LINE: u64 = 1 << 20;
+
+/// Writes `|Â|` as float32, x fastest, with its origin and directions in m along our own axes (x right, y down, z
+/// forward): the space has no anatomical name. `attributes` become
+/// key/value pairs, `sonar:unit` as `sonar.unit`.
+///
+/// # Errors
+/// As [`write_atomically`].
+pub fn write_volume_nrrd(
+    path: &Path,
+    volume: &Volume,
+    attributes: &[(String, Attribute)],
+    compression: Compression,
+) -> Result<()> {
+    let header = header(volume, attributes, compression);
+    write_atomically(path, |out| {
+        out.write_all(header.as_bytes())?;
+        match compression {
+            Compression::None => write_amplitudes(out, volume),
+            Compression::Zip => {
+                let mut zip = GzEncoder::new(out, flate2::Compression::default());
+                write_amplitudes(&mut zip, volume)?;
+                zip.finish().map(|_| ())
+            }
+        }
+    })
+}
+
+fn write_amplitudes(out: &mut impl Write, volume: &Volume) -> io::Result<()> {
+    let mut bytes = Vec::with_capacity(4 * volume.grid.x.count);
+    for row in volume.samples.chunks(volume.grid.x.count) {
+        bytes.clear();
+        bytes.extend(row.iter().flat_map(|sample| sample.norm().to_le_bytes()));
+        out.write_all(&bytes)?;
+    }
+    Ok(())
+}
+
+fn header(volume: &Volume, attributes: &[(String, Attribute)], compression: Compression) -> String {
+    let axes = [volume.grid.x, volume.grid.y, volume.grid.z];
+    let [n_x, n_y, n_z] = axes.map(|axis| axis.count);
+    let [p_x, p_y, p_z] = axes.map(|axis| axis.pitch);
+    let [x, y, z] = axes.map(|axis| axis.first);
+    let encoding = match compression {
+        Compression::Zip => "gzip",
+        Compression::None => "raw",
+    };
+    let mut text = format!(
+        "NRRD0005\n# Amplitude; x right, y down, z from the array into the scene, in metres.\ntype: float\n\
+         dimension: 3\nspace dimension: 3\nsizes: {n_x} {n_y} {n_z}\n\
+         space directions: ({p_x},0,0) (0,{p_y},0) (0,0,{p_z})\nkinds: domain domain domain\nendian: little\n\
+         encoding: {encoding}\nspace units: \"m\" \"m\" \"m\"\nspace origin: ({x},{y},{z})\ncontent: amplitude\n"
+    );
+    for (name, value) in attributes {
+        let value = match value {
+            Attribute::Text(words) => words.replace('\\', "\\\\").replace('\n', "\\n"),
+            Attribute::Number(number) => number.to_string(),
+            Attribute::Integer(integer) => integer.to_string(),
+            Attribute::Vector(vector) => vector.map(|number| number.to_string()).join(" "),
+        };
+        // A colon within a key would end it for some readers.
+        let _ = writeln!(text, "{}:={value}", name.replace(':', "."));
+    }
+    text + "\n"
+}
+
+/// Reads a file that [`write_volume_nrrd`] wrote, or one laid out like it: three axes along x, y and z, floats,
+/// little-endian, raw or gzip, in one file.
+///
+/// # Errors
+/// A missing or damaged file, another layout, more voxels than `limit_bytes` hold.
+pub fn read_volume_nrrd(path: &Path, limit_bytes: u64) -> Result<Amplitude> {
+    let mut file = BufReader::new(File::open(path).map_err(|error| Error::reading(path, &error))?);
+    let fault = |problem: &str| {
+        Error::input(
+            path.display(),
+            format!(
+                "{problem}; a NRRD of floats with axes along x, y and z was expected, as this program writes it"
+            ),
+        )
+    };
+    let mut fields = Vec::new();
+    let mut attributes = Vec::new();
+    for number in 0.. {
+        let mut line = Vec::new();
+        let read = (&mut file).take(LONGEST_LINE).read_until(b'\n', &mut line);
+        read.map_err(|error| Error::reading(path, &error))?;
+        let line = String::from_utf8_lossy(&line);
+        let Some(line) = line.strip_suffix('\n').map(|line| line.trim_end_matches('\r')) else {
+            return Err(fault("ends within its header"));
+        };
+        if number == 0 {
+            if !line.starts_with("NRRD000") {
+                return Err(fault("does not begin as a NRRD does"));
+            }
+        } else if line.is_empty() {
+            break;
+        } else if let Some((name, value)) = line.split_once(":=") {
+            attributes.push((name.replacen("sonar.", "sonar:", 1), Attribute::Text(value.to_owned())));
+        } else if let Some((name, value)) = line.split_once(": ") {
+            fields.push((name.to_owned(), value.trim().to_owned()));
+        }
+    }
+    let field = |name: &str| fields.iter().find(|(n, _)| n == name).map_or("", |(_, value)| value.as_str());
+    if (field("type"), field("dimension"), field("endian")) != ("float", "3", "little")
+        || fields.iter().any(|(name, _)| name == "data file")
+    {
+        return Err(fault("has another type, dimension or byte order, or its numbers in another file"));
+    }
+    let count: Option<[usize; 3]> = numbers(field("sizes")).map(|sizes| sizes.map(|n| n as usize));
+    let directions = field("space directions").replace(['(', ')'], " ").replace(',', " ");
+    let directions: Vec<f64> = directions.split_whitespace().filter_map(|word| word.parse().ok()).collect();
+    let origin = numbers(&field("space origin").replace(['(', ')', ','], " "));
+    let (Some(count), Some(first), &[p_x, a, b, c, p_y, d, e, f, p_z]) =
+        (count, origin, directions.as_slice())
+    else {
+        return Err(fault("lacks sizes, space directions or a space origin"));
+    };
+    if [a, b, c, d, e, f].iter().any(|&off| off != 0.0) {
+        return Err(fault("has slanting axes"));
+    }
+    let grid = declared_grid(path, first, [p_x, p_y, p_z], count, 4, limit_bytes)?;
+    let length = 4 * grid.voxel_count();
+    let mut bytes = Vec::new();
+    let read = match field("encoding") {
+        "raw" => file.take(length).read_to_end(&mut bytes),
+        "gzip" | "gz" => GzDecoder::new(file).take(length).read_to_end(&mut bytes),
+        _ => return Err(fault("has another encoding than raw or gzip")),
+    };
+    if read.is_err() || bytes.len() as u64 != length {
+        return Err(fault("holds damaged or fewer numbers than its header says"));
+    }
+    Ok(Amplitude { grid, values: floats_of(&bytes), attributes })
+}
+
+/// Exactly three numbers.
+fn numbers(text: &str) -> Option<[f64; 3]> {
+    let numbers: Vec<f64> =
+        text.split_whitespace().map(str::parse).collect::<std::result::Result<_, _>>().ok()?;
+    numbers.try_into().ok()
+}

@@ -1,0 +1,86 @@
+//! The page `report.html` of a folder of results, made when they are written or later from what lies there.
+
+use crate::error::{Error, Result};
+use crate::export::amplitude::Amplitude;
+use crate::export::depth_exr::read_depth_map;
+use crate::export::page::{Contents, Miniature, Page};
+use crate::export::points_ply::ScenePoints;
+use crate::grid::DepthMap;
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+
+/// The page's file name.
+pub(super) const PAGE: &str = "report.html";
+
+/// The volumes that a page can be made of, the most exact first.
+const VOLUMES: [&str; 4] = ["volume.npz", "volume.nrrd", "volume.vti", "volume.exr"];
+
+/// Makes the page of a folder that `image` wrote, from `report.json` and what else lies there; gives its path.
+///
+/// A folder as `image` leaves it by default gives the very page that `image` wrote. Without a volume, a depth map or a
+/// truth the page shows the rest; without `scene.ply` it draws the true surfaces instead of the reflectors.
+///
+/// # Errors
+/// A folder without `report.json`, a damaged file, a page that cannot be written.
+pub fn write_page(folder: &Path, limit_bytes: u64) -> Result<PathBuf> {
+    let source = folder.join("report.json");
+    let text = std::fs::read_to_string(&source).map_err(|error| match error.kind() {
+        std::io::ErrorKind::NotFound => Error::input(
+            folder.display(),
+            "holds no report.json; a folder that `holosonar image ... -o` wrote was expected",
+        ),
+        std::io::ErrorKind::InvalidData => Error::input(source.display(), "is no UTF-8 text"),
+        _ => Error::reading(&source, &error),
+    })?;
+    let report: Value = serde_json::from_str(&text)
+        .ok()
+        .filter(|report: &Value| report.get("run").is_some_and(Value::is_object))
+        .ok_or_else(|| Error::input(source.display(), "is no report of `holosonar image`"))?;
+    let files: Vec<PathBuf> = report["files"]
+        .as_array()
+        .into_iter()
+        .flatten()
+        .filter_map(Value::as_str)
+        .map(PathBuf::from)
+        .collect();
+    let volume = VOLUMES.iter().find_map(|name| present(folder, &files, name));
+    let volume = volume.map(|path| Amplitude::read(&path, limit_bytes)).transpose()?;
+    let volume = volume.map(|volume| Miniature::of_amplitude(&volume));
+    let scene = present(folder, &files, "scene.ply");
+    let scene = scene.map(|path| ScenePoints::read(&path, limit_bytes)).transpose()?;
+    let page = page_of(folder, &files, volume.as_ref(), scene.as_ref(), limit_bytes)?;
+    let path = folder.join(PAGE);
+    let simulated = !report["reflectors"].is_null();
+    page.write(&path, &title(report["run"]["scene"]["mesh"].as_str().filter(|_| simulated)), &text)?;
+    Ok(path)
+}
+
+/// A page of this volume and scene, and of the maps among the folder's `files`.
+///
+/// The maps are read back even when they are at hand, so that the page does not depend on when it was made.
+pub(super) fn page_of(
+    folder: &Path,
+    files: &[PathBuf],
+    volume: Option<&Miniature>,
+    scene: Option<&ScenePoints>,
+    limit_bytes: u64,
+) -> Result<Page> {
+    let map = |name: &str| -> Result<Option<DepthMap>> {
+        let file = present(folder, files, name).map(|path| read_depth_map(&path, limit_bytes)).transpose()?;
+        Ok(file.map(|file| file.map))
+    };
+    let (depth, truth) = (map("depth.exr")?, map("truth.exr")?);
+    Page::new(&Contents { volume, depth: depth.as_ref(), truth: truth.as_ref(), scene })
+}
+
+/// A file of the run, if it is still there; what an earlier run left in the folder does not count.
+fn present(folder: &Path, files: &[PathBuf], name: &str) -> Option<PathBuf> {
+    let listed = files.iter().any(|file| file.as_path() == Path::new(name));
+    Some(folder.join(name)).filter(|path| listed && path.is_file())
+}
+
+/// What a page is called: after the mesh that was simulated, if one was.
+pub(super) fn title(mesh: Option<&str>) -> String {
+    let stem = mesh.and_then(|mesh| Path::new(mesh).file_stem()).and_then(|stem| stem.to_str());
+    stem.unwrap_or("measured cube").replace('_', " ")
+}

@@ -1,0 +1,270 @@
+#!/usr/bin/env python3
+"""Opens the page of the corner scene in a real browser, uses it, and looks.
+
+    check_page.py FOLDER [--pictures DIR] [--renew]
+
+FOLDER is what `holosonar image scenes/corner.toml` wrote. Needs Chromium, and NumPy, OpenEXR and Pillow. The program
+under test takes no part. `--pictures` leaves screenshots to look at, `--renew` writes the reference picture anew.
+"""
+
+import argparse
+import io
+import re
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+from browser import Browser
+from PIL import Image
+
+REFERENCE = Path(__file__).with_name("page_reference.png")
+COARSE = (64, 45)
+MOST_DIFFERENCE = 6.0  # mean of |difference| of 8-bit values
+
+passed = 0
+failed = []
+
+
+def check(what, holds, detail=""):
+    """Counts one check and prints it if it fails."""
+    global passed
+    if holds:
+        passed += 1
+    else:
+        failed.append(what)
+        print(f"FAILED {what} {detail}".rstrip(), flush=True)
+
+
+def picture(raw):
+    """A PNG's pixels, [y, x, rgb]."""
+    return np.asarray(Image.open(io.BytesIO(raw)).convert("RGB")).astype(np.int16)
+
+
+def changed(before, after):
+    """Share of pixels that differ."""
+    return (np.abs(before - after).max(axis=2) > 8).mean()
+
+
+def number(text, pattern):
+    """The number that a pattern's group finds, with a true minus sign."""
+    found = re.search(pattern, text)
+    return float(found.group(1).replace("−", "-")) if found else None
+
+
+def text(page, selector):
+    return page.run(f"document.querySelector('{selector}').textContent")
+
+
+def middle(page, selector):
+    """An element's centre in the window, scrolled into it."""
+    place = f"document.querySelector('{selector}')"
+    page.run(f"{place}.scrollIntoView({{block: 'center', behavior: 'instant'}})")
+    box = page.run(f"(({{x, y, width, height}}) => [x, y, width, height])({place}.getBoundingClientRect())")
+    return box[0] + box[2] / 2, box[1] + box[3] / 2
+
+
+def check_view(page):
+    """The volume is drawn, turns, and changes with its controls."""
+    stage = picture(page.shot("#stage"))
+    background = stage[-20, -20]
+    drawn = (np.abs(stage - background).max(axis=2) > 24).mean()
+    check("the volume is drawn", 0.03 < drawn < 0.9, f"({drawn:.3f} of the pixels)")
+    warm = ((stage[..., 0] > 180) & (stage[..., 2] < 120)).mean()
+    check("in the colours of amplitude", warm > 0.01, f"({warm:.4f})")
+    x, y = middle(page, "#labels")
+    page.mouse("mousePressed", x, y)
+    page.mouse("mouseMoved", x + 60, y + 20)
+    page.mouse("mouseReleased", x + 60, y + 20)
+    page.settle()
+    turned = picture(page.shot("#stage"))
+    check("dragging turns it", changed(stage, turned) > 0.03)
+    page.run("document.querySelector('#labels').focus()")
+    before = turned
+    for key, what in [("ArrowLeft", "an arrow key turns it"), ("+", "plus zooms"), ("m", "M shows the iso-surface")]:
+        page.key(key)
+        page.settle()
+        after = picture(page.shot("#stage"))
+        check(what, changed(before, after) > 0.02, f"({changed(before, after):.4f})")
+        before = after
+    check("the radio button follows the key", page.run("document.querySelector('[value=surface]').checked"))
+    for selector, value, what in [("#threshold", -25, "the level moves the surface"), ("#opacity", 30, "opacity counts")]:
+        slide(page, selector, value)
+        page.settle()
+        after = picture(page.shot("#stage"))
+        check(what, changed(before, after) > 0.01, f"({changed(before, after):.4f})")
+        before = after
+    for key in ("m", "Home"):
+        page.key(key)
+    slide(page, "#opacity", 100)
+    page.run("document.activeElement.blur()")
+    page.settle()
+    check("Home brings back the first view", changed(stage, picture(page.shot("#stage"))) < 0.005)
+    boxes = "document.querySelectorAll('#layers input')"
+    names = page.run(f"[...{boxes}].map((box) => box.parentElement.textContent)")
+    wanted = {"Reflectors of the scene", "Depths found", "Microphones", "Speaker", "Planes of the slices"}
+    check("reflectors, depths, microphones and speaker can be drawn", set(names) == wanted, str(names))
+    for i, name in enumerate(names):
+        before = picture(page.shot("#stage"))
+        page.run(f"{boxes}[{i}].click()")
+        page.settle()
+        check(f"{name}: the box counts", changed(before, picture(page.shot("#stage"))) > 1e-5)
+        page.run(f"{boxes}[{i}].click()")
+        page.settle()
+
+
+def slide(page, selector, value):
+    page.run(f"(s => {{ s.value = {value}; s.dispatchEvent(new Event('input')); }})(document.querySelector('{selector}'))")
+
+
+def check_slices(page, volume):
+    """The sliders move the slices, and the read-out says what volume.npz holds."""
+    decibels = np.abs(volume["samples"])
+    decibels = 20 * np.log10(decibels / decibels.max())
+    shape = dict(zip("zyx", decibels.shape))
+    for axis, at in [("z", 60), ("y", 20), ("x", 11)]:
+        before = picture(page.shot("#slice-plots"))
+        slide(page, f"#slice-{axis}", at)
+        page.settle()
+        check(f"the slider of {axis} moves a slice", changed(before, picture(page.shot("#slice-plots"))) > 0.005)
+        most = page.run(f"Number(document.querySelector('#slice-{axis}').max)")
+        check(f"the slider of {axis} reaches the last voxel", most == shape[axis] - 1, f"({most})")
+    said = text(page, "#slice-read")
+    place = [number(said, rf"{axis} (−?[\d.]+)") for axis in "zyx"]
+    true = [volume[axis][at] for axis, at in [("z", 60), ("y", 20), ("x", 11)]]
+    check("the read-out says where", np.allclose(place, true, atol=6e-4), f"({said}; {true})")
+    check_decibels(said, decibels[60, 20, 11])
+    k, j, i = np.unravel_index(decibels.argmax(), decibels.shape)
+    for axis, at in [("z", k), ("y", j), ("x", i)]:
+        slide(page, f"#slice-{axis}", int(at))
+    check_decibels(text(page, "#slice-read"), 0.0)
+
+
+def check_decibels(said, true):
+    found = number(said, r": (−?[\d.]+) dB")
+    if true < -39.9:
+        check("the read-out says that it is weak", "below −40 dB" in said, said)
+    else:
+        check("the read-out says how much", found is not None and abs(found - true) < 0.14, f"({said}; {true:.2f})")
+
+
+def check_maps(page, found, truth):
+    """Pointing at the depth map says what depth.exr and truth.exr hold."""
+    canvas = "#map-plots figure:first-child canvas"
+    x, y = middle(page, canvas)
+    page.mouse("mouseMoved", x, y - 30)
+    page.settle()
+    said = text(page, "#map-read")
+    header, channels = found
+    place = [number(said, rf"{axis} (−?[\d.]+)") for axis in "xy"]
+    check("the read-out of the maps says where", None not in place, said)
+    first = [float(header[f"sonar:{name}"]) for name in ("x0", "y0")]
+    pitch = [float(header[f"sonar:{name}"]) for name in ("pitch", "pitchY")]
+    column, row = (round((p - f) / d) for p, f, d in zip(place, first, pitch))
+    z, true = channels["Z"][row, column], truth["Z"][row, column]
+    check("it says the depth found", abs(number(said, r"found ([\d.]+)") - z) < 6e-4, f"({said}; {z})")
+    check("it says the true depth", abs(number(said, r"true ([\d.]+)") - true) < 6e-4, f"({said}; {true})")
+    error = number(said.replace("+", ""), r"error (−?[\d.]+)")
+    check("it says the error", abs(error - 1e3 * (z - true)) < 0.06, f"({said}; {1e3 * (z - true)})")
+    confidence = channels["confidence.V"][row, column]
+    check("it says the confidence", abs(number(said, r"confidence (−?[\d.]+)") - confidence) < 0.06, said)
+    page.run(f"document.querySelector('{canvas}').focus()")
+    page.key("ArrowRight")
+    moved = number(text(page, "#map-read"), r"x (−?[\d.]+)")
+    check("an arrow key moves the read-out", abs(moved - place[0] - pitch[0]) < 2e-3, f"({moved}, {place[0]})")
+
+
+def check_words(page, folder):
+    """What the report says is on the page."""
+    whole = page.run("document.body.innerText")
+    for words in ["8 bits", "−40", "reflectors are drawn", "found − true", "Run file, resolved", "Against the truth"]:
+        check(f"the page says `{words}`", words in whole)
+    for name, words in [("#tiles", "completeness"), ("#warning-list", "ghosts"), ("#tables", "reconstruct")]:
+        check(f"{name} holds `{words}`", words in text(page, name))
+    unlabelled = "[...document.querySelectorAll('input, select, button, canvas')].filter((e) => e.id !== 'scene' && !e.labels?.length && !e.ariaLabel && !e.textContent).length"
+    check("every control has a name", page.run(unlabelled) == 0)
+    check("the title is the scene's", page.run("document.title") == "corner · holosonar")
+
+
+def check_reference(page, renew):
+    """The first screen, coarsely, against a picture that was looked at."""
+    shot = Image.open(io.BytesIO(page.shot())).convert("RGB").resize(COARSE, Image.Resampling.BOX)
+    if renew:
+        shot.save(REFERENCE, optimize=True)
+        return
+    reference = np.asarray(Image.open(REFERENCE).convert("RGB")).astype(np.int16)
+    difference = np.abs(np.asarray(shot).astype(np.int16) - reference)
+    check("the first screen looks as it did", difference.mean() < MOST_DIFFERENCE, f"({difference.mean():.2f})")
+    blank = np.abs(reference - np.median(reference, axis=(0, 1))).mean()
+    check("a blank page would be noticed", blank > 2 * MOST_DIFFERENCE, f"({blank:.2f})")
+
+
+def check_hardship(page, html):
+    """Without WebGL the rest still works; a page cut short says so."""
+    script = "HTMLCanvasElement.prototype.getContext = (old => function (kind, ...rest) { return kind === 'webgl2' ? null : old.call(this, kind, ...rest); })(HTMLCanvasElement.prototype.getContext);"
+    number = page.send("Page.addScriptToEvaluateOnNewDocument", source=script)["identifier"]
+    page.send("Page.navigate", url=html.resolve().as_uri())
+    page.wait("document.documentElement?.dataset.ready === 'true'")
+    check("without WebGL the page says so", "3-D view cannot be drawn" in text(page, "#trouble"))
+    slide(page, "#slice-z", 30)
+    check("and its slices work", "z" in text(page, "#slice-read"))
+    page.send("Page.removeScriptToEvaluateOnNewDocument", identifier=number)
+    check("no complaints on the way", not page.problems, str(page.problems))
+    whole = html.read_text(encoding="utf-8")
+    with tempfile.TemporaryDirectory() as folder:
+        damaged = Path(folder) / "damaged.html"
+        damaged.write_text(re.sub(r'("depth":")[^"]{40}', r"\1", whole), encoding="utf-8")
+        page.send("Page.navigate", url=damaged.resolve().as_uri())
+        page.wait("document.querySelector('#trouble') && !document.querySelector('#trouble').hidden")
+        check("damaged data are noticed", page.problems and "cannot be shown" in text(page, "#trouble"))
+
+
+def main():
+    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    options.add_argument("folder", type=Path)
+    options.add_argument("--pictures", type=Path)
+    options.add_argument("--renew", action="store_true")
+    options = options.parse_args()
+    html = options.folder / "report.html"
+    with np.load(options.folder / "volume.npz") as file:
+        volume = {name: file[name] for name in file.files}
+    maps = []
+    for name in ("depth.exr", "truth.exr"):
+        file = OpenEXR.File(str(options.folder / name), separate_channels=True)
+        header = {key: np.asarray(value).reshape(-1)[0] for key, value in file.header().items() if key.startswith("sonar:")}
+        maps.append((header, {key: channel.pixels for key, channel in file.channels().items()}))
+    size = html.stat().st_size
+    check("the page is of sane size", 5e4 < size < 4e6, f"({size} bytes)")
+    with Browser() as page:
+        page.open(html)
+        page.settle()
+        check_reference(page, options.renew)
+        check_words(page, options.folder)
+        check_view(page)
+        check_slices(page, volume)
+        check_maps(page, maps[0], maps[1][1])
+        check("no complaints, nothing loaded", not page.problems, str(page.problems))
+        for name, width, height, dark in [
+            ("laptop", 1280, 900, False), ("laptop_dark", 1280, 900, True), ("phone", 390, 844, False),
+            ("phone_dark", 390, 844, True), ("tablet", 800, 1100, False),
+        ]:  # fmt: skip
+            page.open(html, width, height, dark)
+            page.settle()
+            over = page.run("document.documentElement.scrollWidth - innerWidth")
+            check(f"{name}: nothing is wider than the window", over <= 0, f"({over} px)")
+            shot = picture(page.shot())
+            check(f"{name}: the theme counts", (shot[5, 5].mean() < 80) == dark, str(shot[5, 5]))
+            cut = page.run("[...document.querySelectorAll('figure canvas')].filter((c) => c.getBoundingClientRect().right > c.parentElement.getBoundingClientRect().right).length")
+            check(f"{name}: the maps fit their frames", cut == 0, f"({cut} do not)")
+            if options.pictures:
+                options.pictures.mkdir(parents=True, exist_ok=True)
+                (options.pictures / f"{name}.png").write_bytes(page.shot(whole=True))
+        check("no complaints in any window", not page.problems, str(page.problems))
+        check_hardship(page, html)
+    print(f"{passed} passed, {len(failed)} failed")
+    sys.exit(1 if failed or not passed else 0)
+
+
+if __name__ == "__main__":
+    main()
