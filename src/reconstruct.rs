@@ -29,6 +29,7 @@ use crate::error::{Error, Result};
 use crate::grid::{Grid, Volume, zeros};
 use crate::progress::Observer;
 use num_complex::Complex32;
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 /// How the sums of Eq. 13 are carried out.
@@ -209,8 +210,11 @@ impl Weights {
 
     /// `Σ|w m| / Σw`, with w of the detection: what one unit of relative error comes to in the volume.
     fn mean_modulus(&self, cube: &DataCube) -> f64 {
-        let of = |f: usize| -> f64 { self.weighted(cube, f).map(|m| f64::from(m.norm())).sum() };
-        (0..cube.sweep.len()).map(of).sum()
+        // In f64, whose squares of f32 neither overflow nor need `hypot`.
+        let modulus = |m: Complex32| (f64::from(m.re).powi(2) + f64::from(m.im).powi(2)).sqrt();
+        let of = |f: usize| -> f64 { self.weighted(cube, f).map(modulus).sum() };
+        let moduli: Vec<f64> = (0..cube.sweep.len()).into_par_iter().map(of).collect();
+        moduli.iter().sum()
     }
 
     /// The weighted samples of one frequency, `[n_mic]`.
