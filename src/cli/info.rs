@@ -24,7 +24,7 @@ pub(super) fn of(file: &Path, overrides: &Overrides, limit: u64, observer: &dyn 
         "exr" => exr(file, limit),
         "vti" | "nrrd" => volume(file, limit),
         // Without faces it is a cloud of points, as `depth` writes it.
-        "ply" => points(file, limit).or_else(|_| self::mesh(file, overrides, observer)),
+        "ply" => points(file, limit).or_else(|_| mesh(file, overrides, observer)),
         "toml" => Ok(json!({ "kind": "run file", "resolved": run_of(file, overrides)?.0.to_json() })),
         mesh if EXTENSIONS.contains(&mesh) => self::mesh(file, overrides, observer),
         "csv" => {
