@@ -36,25 +36,59 @@ pub fn write_atomically(
     path: &Path,
     write: impl FnOnce(&mut BufWriter<&File>) -> io::Result<()>,
 ) -> Result<()> {
-    let target = resolve(path)?;
-    let failed = |error: io::Error| Error::writing(path, &error);
-    let folder = match target.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent,
-        _ => Path::new("."),
-    };
-    fs::create_dir_all(folder).map_err(failed)?;
-    // The file is opened here rather than by tempfile, which would make it readable to its owner alone.
-    let file = tempfile::Builder::new()
-        .prefix(".")
-        .suffix(".part")
-        .make_in(folder, |candidate| File::options().read(true).write(true).create_new(true).open(candidate))
-        .map_err(failed)?;
-    let mut buffer = BufWriter::with_capacity(1 << 16, file.as_file());
-    write(&mut buffer).and_then(|()| buffer.flush()).map_err(failed)?;
+    let file = AtomicFile::create(path)?;
+    let mut buffer = BufWriter::with_capacity(1 << 16, file.file());
+    write(&mut buffer).and_then(|()| buffer.flush()).map_err(|error| Error::writing(path, &error))?;
     drop(buffer);
-    file.as_file().sync_all().map_err(failed)?;
-    file.persist(&target).map_err(|error| failed(error.error))?;
-    Ok(())
+    file.commit()
+}
+
+/// A file that is being written under a temporary name beside its own. It disappears unless it is committed.
+#[derive(Debug)]
+pub struct AtomicFile {
+    path: PathBuf,
+    target: PathBuf,
+    file: tempfile::NamedTempFile,
+}
+
+impl AtomicFile {
+    /// Begins a file, in a folder that is made if it is missing.
+    ///
+    /// # Errors
+    /// As [`write_atomically`].
+    pub fn create(path: &Path) -> Result<Self> {
+        let target = resolve(path)?;
+        let failed = |error: io::Error| Error::writing(path, &error);
+        let folder = match target.parent() {
+            Some(parent) if !parent.as_os_str().is_empty() => parent,
+            _ => Path::new("."),
+        };
+        fs::create_dir_all(folder).map_err(failed)?;
+        // The file is opened here rather than by tempfile, which would make it readable to its owner alone.
+        let open = |candidate: &Path| File::options().read(true).write(true).create_new(true).open(candidate);
+        let file = tempfile::Builder::new().prefix(".").suffix(".part").make_in(folder, open);
+        Ok(Self { path: path.to_owned(), file: file.map_err(failed)?, target })
+    }
+
+    /// The file's own name, which it does not have yet.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// The file, empty at first, open for reading and writing.
+    pub fn file(&self) -> &File {
+        self.file.as_file()
+    }
+
+    /// Gives the file its name, once every byte of it is on the disk.
+    ///
+    /// # Errors
+    /// As [`write_atomically`].
+    pub fn commit(self) -> Result<()> {
+        let failed = |error: io::Error| Error::writing(&self.path, &error);
+        self.file.as_file().sync_all().map_err(failed)?;
+        self.file.persist(&self.target).map_err(|error| failed(error.error)).map(|_| ())
+    }
 }
 
 /// The file that `path` stands for, or why it cannot be replaced.

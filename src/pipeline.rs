@@ -23,7 +23,7 @@ use crate::config::RunFile;
 use crate::depth::locate_depth;
 use crate::error::{Error, Result};
 use crate::export::volume_npz::read_volume_npz;
-use crate::grid::{DepthMap, Grid, Volume};
+use crate::grid::{DepthMap, Grid};
 use crate::metrics::{Metrics, evaluate};
 use crate::plan::{
     Plan, available_memory, check_memory, check_sampling, outside_warning, plan, scale_warnings,
@@ -137,14 +137,9 @@ pub fn reconstruct_cube(
     let plan = plan(&setup, &grid);
     warn_all(&plan.warnings, observer);
     check_memory(&plan, available_memory())?;
-    let mut volume = Volume { grid, samples: Vec::new() };
-    let made = reconstruct_into(&mut cube, &grid, &run.reconstruct_options(), &mut volume, observer)?;
-    let facts = facts::image_facts(&setup, run, &made);
-    let mut files = Vec::new();
-    for path in outputs {
-        files.extend(write_volume(path, &volume, &run.output, &facts)?);
-    }
-    Ok(files)
+    let mut files = outputs::VolumeFiles::new(setup, run, grid, outputs);
+    reconstruct_into(&mut cube, &grid, &run.reconstruct_options(), &mut files, observer)?;
+    files.finish()
 }
 
 /// Volume file in, depth map out, with the volume's own facts.

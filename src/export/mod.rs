@@ -12,9 +12,12 @@ pub mod figure;
 pub mod page;
 pub mod points_ply;
 pub mod volume_exr;
+mod volume_file;
 pub mod volume_npz;
 pub mod volume_nrrd;
 pub mod volume_vti;
+
+pub use volume_file::VolumeFile;
 
 use serde::{Deserialize, Serialize};
 

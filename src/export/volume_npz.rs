@@ -1,9 +1,13 @@
 //! Volumes as `NumPy` archives: complex samples, the axes, and what is known about them.
 
+use super::volume_file::{VolumeFile, VolumeStream};
 use crate::error::{Error, Result};
-use crate::files::npz::{NpzReader, write_npz};
+use crate::files::npz::{NpzReader, NpzWriter};
 use crate::grid::{Axis, Grid, Volume};
+use num_complex::Complex32;
 use serde_json::Value;
+use std::fs::File;
+use std::io::{self, BufWriter};
 use std::path::Path;
 
 /// How far a voxel centre may lie off its even place, in lengths of the axis.
@@ -15,15 +19,46 @@ const EVENNESS: f64 = 1e-6;
 /// # Errors
 /// As [`crate::files::write_atomically`].
 pub fn write_volume_npz(path: &Path, volume: &Volume, meta: &Value) -> Result<()> {
-    let grid = &volume.grid;
-    write_npz(path, |npz| {
-        npz.complex("samples", &grid.shape(), &volume.samples)?;
+    stream_volume_npz(path, volume.grid, meta)?.whole(volume)
+}
+
+/// The same depth by depth.
+///
+/// # Errors
+/// As [`write_volume_npz`].
+pub fn stream_volume_npz(path: &Path, grid: Grid, meta: &Value) -> Result<VolumeFile> {
+    VolumeFile::create(path, |out| NpzVolume::begin(out, grid, meta))
+}
+
+/// A volume on its way into an archive.
+struct NpzVolume {
+    npz: NpzWriter<BufWriter<File>>,
+    grid: Grid,
+    meta: String,
+}
+
+impl NpzVolume {
+    fn begin(out: BufWriter<File>, grid: Grid, meta: &Value) -> io::Result<Self> {
+        let mut npz = NpzWriter::new(out);
+        npz.begin_complex("samples", &grid.shape())?;
+        Ok(Self { npz, grid, meta: meta.to_string() })
+    }
+}
+
+impl VolumeStream for NpzVolume {
+    fn planes(&mut self, planes: &[Complex32]) -> io::Result<()> {
+        self.npz.append(planes)
+    }
+
+    fn finish(self: Box<Self>) -> io::Result<()> {
+        let Self { mut npz, grid, meta } = *self;
         for (name, axis) in [("x", &grid.x), ("y", &grid.y), ("z", &grid.z)] {
             npz.f64(name, &[axis.count], &axis.positions().collect::<Vec<_>>())?;
         }
         npz.f64("pitch", &[3], &[grid.x.pitch, grid.y.pitch, grid.z.pitch])?;
-        npz.text("meta", &meta.to_string())
-    })
+        npz.text("meta", &meta)?;
+        npz.finish()
+    }
 }
 
 /// Reads a volume of at most `limit_bytes`, and its `meta` (an empty object if the file has none).
@@ -116,6 +151,7 @@ fn axis(positions: &[f64], given: Option<f64>) -> std::result::Result<Axis, Stri
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+    use crate::files::npz::write_npz;
     use num_complex::Complex32;
 
     fn volume(depths: usize) -> Volume {

@@ -3,15 +3,16 @@
 //! A text header, an empty line, and the amplitudes as little-endian floats, gzipped or raw.
 
 use super::amplitude::{Amplitude, declared_grid, floats_of};
+use super::volume_file::{VolumeFile, VolumeStream};
 use super::{Attribute, Compression};
 use crate::error::{Error, Result};
-use crate::files::write_atomically;
-use crate::grid::Volume;
+use crate::grid::{Grid, Volume};
 use flate2::read::GzDecoder;
 use flate2::write::GzEncoder;
+use num_complex::Complex32;
 use std::fmt::Write as _;
 use std::fs::File;
-use std::io::{self, BufRead, BufReader, Read, Write};
+use std::io::{self, BufRead, BufReader, BufWriter, Read, Write};
 use std::path::Path;
 
 /// Longest header line that is read: a whole run file fits.
@@ -22,39 +23,75 @@ const LONGEST_LINE: u64 = 1 << 20;
 /// key/value pairs, `sonar:unit` as `sonar.unit`.
 ///
 /// # Errors
-/// As [`write_atomically`].
+/// As [`crate::files::write_atomically`].
 pub fn write_volume_nrrd(
     path: &Path,
     volume: &Volume,
     attributes: &[(String, Attribute)],
     compression: Compression,
 ) -> Result<()> {
-    let header = header(volume, attributes, compression);
-    write_atomically(path, |out| {
-        out.write_all(header.as_bytes())?;
-        match compression {
-            Compression::None => write_amplitudes(out, volume),
-            Compression::Zip => {
-                let mut zip = GzEncoder::new(out, flate2::Compression::default());
-                write_amplitudes(&mut zip, volume)?;
-                zip.finish().map(|_| ())
-            }
-        }
-    })
+    stream_volume_nrrd(path, &volume.grid, attributes, compression)?.whole(volume)
 }
 
-fn write_amplitudes(out: &mut impl Write, volume: &Volume) -> io::Result<()> {
-    let mut bytes = Vec::with_capacity(4 * volume.grid.x.count);
-    for row in volume.samples.chunks(volume.grid.x.count) {
-        bytes.clear();
-        bytes.extend(row.iter().flat_map(|sample| sample.norm().to_le_bytes()));
-        out.write_all(&bytes)?;
+/// The same depth by depth.
+///
+/// # Errors
+/// As [`write_volume_nrrd`].
+pub fn stream_volume_nrrd(
+    path: &Path,
+    grid: &Grid,
+    attributes: &[(String, Attribute)],
+    compression: Compression,
+) -> Result<VolumeFile> {
+    VolumeFile::create(path, |out| NrrdVolume::begin(out, grid, attributes, compression))
+}
+
+/// A volume on its way into a file.
+enum NrrdVolume {
+    Raw(BufWriter<File>),
+    Zip(GzEncoder<BufWriter<File>>),
+}
+
+impl NrrdVolume {
+    fn begin(
+        mut out: BufWriter<File>,
+        grid: &Grid,
+        attributes: &[(String, Attribute)],
+        compression: Compression,
+    ) -> io::Result<Self> {
+        out.write_all(header(grid, attributes, compression).as_bytes())?;
+        Ok(match compression {
+            Compression::None => Self::Raw(out),
+            Compression::Zip => Self::Zip(GzEncoder::new(out, flate2::Compression::default())),
+        })
     }
-    Ok(())
 }
 
-fn header(volume: &Volume, attributes: &[(String, Attribute)], compression: Compression) -> String {
-    let axes = [volume.grid.x, volume.grid.y, volume.grid.z];
+impl VolumeStream for NrrdVolume {
+    fn planes(&mut self, planes: &[Complex32]) -> io::Result<()> {
+        let out: &mut dyn Write = match self {
+            Self::Raw(out) => out,
+            Self::Zip(out) => out,
+        };
+        let mut bytes = Vec::with_capacity(1 << 14);
+        for samples in planes.chunks(1 << 12) {
+            bytes.clear();
+            bytes.extend(samples.iter().flat_map(|sample| sample.norm().to_le_bytes()));
+            out.write_all(&bytes)?;
+        }
+        Ok(())
+    }
+
+    fn finish(self: Box<Self>) -> io::Result<()> {
+        match *self {
+            Self::Raw(mut out) => out.flush(),
+            Self::Zip(out) => out.finish()?.flush(),
+        }
+    }
+}
+
+fn header(grid: &Grid, attributes: &[(String, Attribute)], compression: Compression) -> String {
+    let axes = [grid.x, grid.y, grid.z];
     let [n_x, n_y, n_z] = axes.map(|axis| axis.count);
     let [p_x, p_y, p_z] = axes.map(|axis| axis.pitch);
     let [x, y, z] = axes.map(|axis| axis.first);

@@ -3,14 +3,14 @@
 //! XML with the numbers appended as raw little-endian bytes, each array behind its length as a `UInt64`.
 
 use super::amplitude::{Amplitude, declared_grid, floats_of};
+use super::volume_file::{VolumeFile, VolumeStream};
 use super::{Attribute, Attributes, Components};
 use crate::error::{Error, Result};
-use crate::files::write_atomically;
-use crate::grid::Volume;
+use crate::grid::{Grid, Volume};
 use num_complex::Complex32;
 use std::fmt::Write as _;
 use std::fs::File;
-use std::io::{self, Read, Seek, SeekFrom, Write};
+use std::io::{self, BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::Path;
 
 /// What a float of the file is made of.
@@ -21,29 +21,89 @@ type Part = fn(&Complex32) -> f32;
 /// VTK's order is ours, x fastest. `attributes` become field data of the same names.
 ///
 /// # Errors
-/// As [`write_atomically`].
+/// As [`crate::files::write_atomically`].
 pub fn write_volume_vti(
     path: &Path,
     volume: &Volume,
     components: Components,
     attributes: &[(String, Attribute)],
 ) -> Result<()> {
-    let arrays: &[(&str, Part)] = match components {
-        Components::Amplitude => &[("amplitude", |sample| sample.norm())],
-        Components::Complex => {
-            &[("amplitude", |sample| sample.norm()), ("re", |sample| sample.re), ("im", |sample| sample.im)]
+    stream_volume_vti(path, &volume.grid, components, attributes)?.whole(volume)
+}
+
+/// The same depth by depth.
+///
+/// # Errors
+/// As [`write_volume_vti`].
+pub fn stream_volume_vti(
+    path: &Path,
+    grid: &Grid,
+    components: Components,
+    attributes: &[(String, Attribute)],
+) -> Result<VolumeFile> {
+    VolumeFile::create(path, |out| VtiVolume::begin(out, grid, components, attributes))
+}
+
+/// A volume on its way into a file: every array grows at its own place.
+struct VtiVolume {
+    out: BufWriter<File>,
+    arrays: &'static [(&'static str, Part)],
+    /// Where the first array's length stands.
+    first: u64,
+    /// Bytes of an array, and of what is there of each.
+    bytes: u64,
+    done: u64,
+}
+
+impl VtiVolume {
+    fn begin(
+        mut out: BufWriter<File>,
+        grid: &Grid,
+        components: Components,
+        attributes: &[(String, Attribute)],
+    ) -> io::Result<Self> {
+        let arrays: &[(&str, Part)] = match components {
+            Components::Amplitude => &[("amplitude", |sample| sample.norm())],
+            Components::Complex => &[
+                ("amplitude", |sample| sample.norm()),
+                ("re", |sample| sample.re),
+                ("im", |sample| sample.im),
+            ],
+        };
+        let bytes = grid.voxel_count().saturating_mul(4);
+        let names: Vec<&str> = arrays.iter().map(|(name, _)| *name).collect();
+        let header = header(grid, &names, bytes, attributes);
+        out.write_all(header.as_bytes())?;
+        Ok(Self { out, arrays, first: header.len() as u64, bytes, done: 0 })
+    }
+
+    /// Goes to `offset` within an array, its length counted.
+    fn seek(&mut self, array: usize, offset: u64) -> io::Result<()> {
+        let place = self.first + array as u64 * (8 + self.bytes) + offset;
+        self.out.seek(SeekFrom::Start(place)).map(|_| ())
+    }
+}
+
+impl VolumeStream for VtiVolume {
+    fn planes(&mut self, planes: &[Complex32]) -> io::Result<()> {
+        for (array, (_, part)) in self.arrays.iter().enumerate() {
+            if self.done == 0 {
+                self.seek(array, 0)?;
+                self.out.write_all(&self.bytes.to_le_bytes())?;
+            } else {
+                self.seek(array, 8 + self.done)?;
+            }
+            write_floats(&mut self.out, planes, *part)?;
         }
-    };
-    let bytes = 4 * volume.samples.len() as u64;
-    let names: Vec<&str> = arrays.iter().map(|(name, _)| *name).collect();
-    write_atomically(path, |out| {
-        out.write_all(header(volume, &names, bytes, attributes).as_bytes())?;
-        for (_, part) in arrays {
-            out.write_all(&bytes.to_le_bytes())?;
-            write_floats(out, &volume.samples, *part)?;
-        }
-        out.write_all(b"\n  </AppendedData>\n</VTKFile>\n")
-    })
+        self.done += 4 * planes.len() as u64;
+        Ok(())
+    }
+
+    fn finish(mut self: Box<Self>) -> io::Result<()> {
+        self.seek(self.arrays.len(), 0)?;
+        self.out.write_all(b"\n  </AppendedData>\n</VTKFile>\n")?;
+        self.out.flush()
+    }
 }
 
 fn write_floats(out: &mut impl Write, samples: &[Complex32], part: Part) -> io::Result<()> {
@@ -54,8 +114,8 @@ fn write_floats(out: &mut impl Write, samples: &[Complex32], part: Part) -> io::
 }
 
 /// Everything up to the first appended byte.
-fn header(volume: &Volume, names: &[&str], bytes: u64, attributes: &[(String, Attribute)]) -> String {
-    let axes = [volume.grid.x, volume.grid.y, volume.grid.z];
+fn header(grid: &Grid, names: &[&str], bytes: u64, attributes: &[(String, Attribute)]) -> String {
+    let axes = [grid.x, grid.y, grid.z];
     let extent = axes.map(|axis| format!("0 {}", axis.count - 1)).join(" ");
     let origin = axes.map(|axis| axis.first.to_string()).join(" ");
     let spacing = axes.map(|axis| axis.pitch.to_string()).join(" ");

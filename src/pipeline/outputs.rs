@@ -3,7 +3,7 @@
 use super::facts::{attributes, image_facts};
 use super::page::{PAGE, page_of, title};
 use super::{Outcome, Report};
-use crate::acquisition::DataCube;
+use crate::acquisition::{DataCube, Setup};
 use crate::config::{Output, RunFile, VolumeFormat};
 use crate::error::{Error, Result};
 use crate::export::depth_exr::write_depth_map;
@@ -11,14 +11,16 @@ use crate::export::figure::{depth_range, write_amplitude_figure, write_depth_fig
 use crate::export::page::Miniature;
 use crate::export::points_ply::{ScenePoints, write_depth_points};
 use crate::export::volume_exr::write_volume_exr;
-use crate::export::volume_npz::write_volume_npz;
-use crate::export::volume_nrrd::write_volume_nrrd;
-use crate::export::volume_vti::write_volume_vti;
-use crate::export::{Encoding, fits_float16};
+use crate::export::volume_npz::stream_volume_npz;
+use crate::export::volume_nrrd::stream_volume_nrrd;
+use crate::export::volume_vti::stream_volume_vti;
+use crate::export::{Encoding, VolumeFile, fits_float16};
 use crate::files::write_atomically;
-use crate::grid::{DepthMap, Volume};
+use crate::grid::{DepthMap, Grid, Volume};
 use crate::metrics::error_map;
 use crate::progress::{Observer, stage};
+use crate::reconstruct::{Made, VolumeSink};
+use num_complex::Complex32;
 use serde_json::Value;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -128,6 +130,74 @@ fn warn_of_float16(output: &Output, peak: f32, observer: &dyn Observer) {
     }
 }
 
+/// Volume files on their way: those of formats that grow depth by depth, and for the others the volume.
+#[derive(Debug)]
+pub(super) struct VolumeFiles<'a> {
+    setup: Setup<'a>,
+    run: &'a RunFile,
+    paths: &'a [PathBuf],
+    facts: Value,
+    growing: Vec<(&'a Path, VolumeFile)>,
+    whole: Volume,
+}
+
+/// Whether a file of this name needs the volume whole.
+pub(super) fn needs_all(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr"))
+}
+
+impl<'a> VolumeFiles<'a> {
+    pub(super) fn new(setup: Setup<'a>, run: &'a RunFile, grid: Grid, paths: &'a [PathBuf]) -> Self {
+        let whole = Volume { grid, samples: Vec::new() };
+        Self { setup, run, paths, facts: Value::Null, growing: Vec::new(), whole }
+    }
+
+    /// Ends all files; gives their names in the order asked for.
+    pub(super) fn finish(self) -> Result<Vec<PathBuf>> {
+        let mut files = Vec::new();
+        let mut growing = self.growing;
+        for path in self.paths {
+            match growing.iter().position(|(grown, _)| grown == path) {
+                Some(index) => files.extend(one(path, growing.swap_remove(index).1.finish())?),
+                None => files.extend(write_volume(path, &self.whole, &self.run.output, &self.facts)?),
+            }
+        }
+        Ok(files)
+    }
+}
+
+impl VolumeSink for VolumeFiles<'_> {
+    fn begin(&mut self, made: &Made) -> Result<()> {
+        self.facts = image_facts(&self.setup, self.run, made);
+        for path in self.paths.iter().filter(|path| !needs_all(path)) {
+            let file = stream_volume(path, &self.whole.grid, &self.run.output, &self.facts)?;
+            self.growing.push((path, file));
+        }
+        if self.paths.iter().any(|path| needs_all(path)) { self.whole.begin(made) } else { Ok(()) }
+    }
+
+    fn take(&mut self, first: usize, planes: &[Complex32]) -> Result<()> {
+        for (_, file) in &mut self.growing {
+            file.take(planes)?;
+        }
+        if self.whole.samples.is_empty() { Ok(()) } else { self.whole.take(first, planes) }
+    }
+}
+
+/// Begins a volume file in the format of the path's extension, which takes depth after depth.
+fn stream_volume(path: &Path, grid: &Grid, output: &Output, facts: &Value) -> Result<VolumeFile> {
+    let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
+    match extension.as_str() {
+        "npz" => stream_volume_npz(path, *grid, facts),
+        "vti" => stream_volume_vti(path, grid, output.components, &attributes(facts)),
+        "nrrd" => stream_volume_nrrd(path, grid, &attributes(facts), output.compression),
+        _ => Err(Error::input(
+            path.display(),
+            "volumes are written as .npz, .exr, .vti or .nrrd; give one of these extensions",
+        )),
+    }
+}
+
 /// Writes a volume in the format of the path's extension, as `[output]` asks; gives the files written.
 ///
 /// # Errors
@@ -135,17 +205,12 @@ fn warn_of_float16(output: &Output, peak: f32, observer: &dyn Observer) {
 pub fn write_volume(path: &Path, volume: &Volume, output: &Output, facts: &Value) -> Result<Vec<PathBuf>> {
     let Output { components, float16, compression, .. } = *output;
     let encoding = Encoding { float16: float16 && fits_float16(volume.peak()), compression };
-    let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
-    match extension.as_str() {
-        "npz" => one(path, write_volume_npz(path, volume, facts)),
-        "exr" => write_volume_exr(path, volume, components, &attributes(facts), encoding),
-        "vti" => one(path, write_volume_vti(path, volume, components, &attributes(facts))),
-        "nrrd" => one(path, write_volume_nrrd(path, volume, &attributes(facts), compression)),
-        _ => Err(Error::input(
-            path.display(),
-            "volumes are written as .npz, .exr, .vti or .nrrd; give one of these extensions",
-        )),
+    if needs_all(path) {
+        return write_volume_exr(path, volume, components, &attributes(facts), encoding);
     }
+    let mut file = stream_volume(path, &volume.grid, output, facts)?;
+    file.take(&volume.samples)?;
+    one(path, file.finish())
 }
 
 /// Writes a depth map or a truth with the run's facts: as an image, or as points.

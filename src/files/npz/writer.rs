@@ -5,15 +5,15 @@ use crate::files::write_atomically;
 use num_complex::Complex32;
 use std::borrow::Cow;
 use std::fs::File;
-use std::io::{self, BufWriter, Write};
+use std::io::{self, BufWriter, Seek, Write};
 use std::path::Path;
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, DateTime, System, ZipWriter};
 
 /// The arrays of a file that is being written.
 #[derive(Debug)]
-pub struct NpzWriter<'a> {
-    archive: ZipWriter<BufWriter<&'a File>>,
+pub struct NpzWriter<W: Write + Seek> {
+    archive: ZipWriter<W>,
 }
 
 /// Writes an `.npz` file; `write` adds the arrays one after the other. Same arrays, same bytes.
@@ -33,16 +33,49 @@ pub struct NpzWriter<'a> {
 /// assert_eq!(NpzReader::open(&path, 1 << 20)?.f64("frequencies")?.data, [10e3, 10.02e3]);
 /// # Ok::<(), holosonar::error::Error>(())
 /// ```
-pub fn write_npz(path: &Path, write: impl FnOnce(&mut NpzWriter<'_>) -> io::Result<()>) -> Result<()> {
+pub fn write_npz(
+    path: &Path,
+    write: impl FnOnce(&mut NpzWriter<BufWriter<&File>>) -> io::Result<()>,
+) -> Result<()> {
     write_atomically(path, |out| {
         let file: &File = out.get_ref();
-        let mut npz = NpzWriter { archive: ZipWriter::new(BufWriter::with_capacity(1 << 16, file)) };
+        let mut npz = NpzWriter::new(BufWriter::with_capacity(1 << 16, file));
         write(&mut npz)?;
-        npz.archive.finish()?.flush()
+        npz.finish()
     })
 }
 
-impl NpzWriter<'_> {
+impl<W: Write + Seek> NpzWriter<W> {
+    /// Begins a file.
+    pub fn new(out: W) -> Self {
+        Self { archive: ZipWriter::new(out) }
+    }
+
+    /// Ends the file.
+    ///
+    /// # Errors
+    /// What writing returns; so do the other methods.
+    pub fn finish(self) -> io::Result<()> {
+        self.archive.finish()?.flush()
+    }
+
+    /// Begins an array of complex64 of the given shape, whose elements follow by [`NpzWriter::append`].
+    ///
+    /// # Errors
+    /// What writing returns.
+    pub fn begin_complex(&mut self, name: &str, shape: &[usize]) -> io::Result<()> {
+        let elements = shape.iter().fold(1u64, |product, &n| product.saturating_mul(n as u64));
+        self.begin(name, "<c8", shape, elements.saturating_mul(8))
+    }
+
+    /// Adds elements to the array that was begun last.
+    ///
+    /// # Errors
+    /// What writing returns.
+    pub fn append(&mut self, data: &[Complex32]) -> io::Result<()> {
+        self.archive.write_all(&little_endian(bytemuck::cast_slice::<_, f32>(data), f32::to_le_bytes))
+    }
+
     /// Adds an array of complex64.
     ///
     /// # Errors
@@ -88,9 +121,14 @@ impl NpzWriter<'_> {
         bytes: &[u8],
     ) -> io::Result<()> {
         assert_eq!(shape.iter().product::<usize>(), elements, "array `{name}`: the data must fill the shape");
+        self.begin(name, descr, shape, bytes.len() as u64)?;
+        self.archive.write_all(bytes)
+    }
+
+    fn begin(&mut self, name: &str, descr: &str, shape: &[usize], bytes: u64) -> io::Result<()> {
         let header = header(descr, shape);
         // Beyond 32 bits an entry needs its sizes in ZIP64 form, which must be known beforehand.
-        let large = header.len() as u64 + bytes.len() as u64 >= u64::from(u32::MAX);
+        let large = (header.len() as u64).saturating_add(bytes) >= u64::from(u32::MAX);
         let options = SimpleFileOptions::default()
             .compression_method(CompressionMethod::Stored)
             .last_modified_time(DateTime::default())
@@ -98,8 +136,7 @@ impl NpzWriter<'_> {
             .unix_permissions(0o644)
             .large_file(large);
         self.archive.start_file(format!("{name}.npy"), options)?;
-        self.archive.write_all(&header)?;
-        self.archive.write_all(bytes)
+        self.archive.write_all(&header)
     }
 }
 
