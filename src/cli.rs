@@ -48,6 +48,9 @@ struct Common {
     /// Worker threads; the results do not depend on it [default: one per core].
     #[arg(short = 'j', long, global = true, value_name = "N")]
     threads: Option<u16>,
+    /// Most memory to use, as in 2GiB or 500MB; a job that needs more is refused [default: 80 % of what is free].
+    #[arg(long, global = true, value_name = "SIZE")]
+    memory: Option<String>,
 }
 
 /// How a run file is changed from the command line.
@@ -139,6 +142,18 @@ enum Command {
         #[command(flatten)]
         overrides: Overrides,
     },
+    /// What a job will resolve, alias, need and write, in under a second and before anything runs.
+    ///
+    /// INPUT is what `image` takes. Prints the operations, bytes and seconds of every method, and which one it takes.
+    Plan {
+        /// Run file, mesh, reflector list or cube.
+        input: PathBuf,
+        /// Run file for a cube: its [grid], [reconstruct] and [output].
+        #[arg(short, long, value_name = "RUN.toml")]
+        config: Option<PathBuf>,
+        #[command(flatten)]
+        overrides: Overrides,
+    },
     /// Scores a depth map against a truth.
     Compare {
         /// Depth map: ours, or any EXR with a Z channel.
@@ -196,7 +211,9 @@ pub(crate) fn main() -> ExitCode {
     let cli = Cli::parse();
     terminal::explain_panics();
     let terminal = Terminal::new(cli.common.quiet, cli.common.verbose);
-    let result = start_threads(cli.common.threads).and_then(|()| commands::run(&cli, &terminal));
+    let result = start_threads(cli.common.threads)
+        .and_then(|()| limit_memory(cli.common.memory.as_deref()))
+        .and_then(|()| commands::run(&cli, &terminal));
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
@@ -204,6 +221,14 @@ pub(crate) fn main() -> ExitCode {
             ExitCode::from(error.exit_status())
         }
     }
+}
+
+/// Sets the limit of memory, if one was typed.
+fn limit_memory(size: Option<&str>) -> Result<(), Error> {
+    if let Some(size) = size {
+        holosonar::plan::limit_memory(inputs::bytes("--memory", size)?);
+    }
+    Ok(())
 }
 
 /// Starts the worker threads before anything else asks for them.

@@ -3,7 +3,9 @@
 //! Only this module and the binary see the run file. Stages are timed and their warnings kept for the report; the
 //! files are written by `outputs`, and `check` holds the same result to the run file's `[expect]`.
 
+mod echoes;
 mod facts;
+mod forecast;
 mod limits;
 mod log;
 mod outputs;
@@ -11,31 +13,28 @@ mod page;
 mod report;
 
 pub use facts::resolution_of;
+pub use forecast::{Forecast, forecast_cube, forecast_scene};
 pub use limits::{Bound, Verdict, hold};
 pub use outputs::{write_cube, write_depth, write_outputs, write_volume};
 pub use page::write_page;
 pub use report::{Report, SceneSummary};
 
-use crate::acquisition::{
-    CubeFile, CubeSource, DataCube, Instrument, MicArray, Setup, SimulateOptions, Sweep, simulate,
-};
+use crate::acquisition::{CubeFile, CubeSource, DataCube, Instrument, Setup, Sweep};
 use crate::config::RunFile;
 use crate::depth::locate_depth;
 use crate::error::{Error, Result};
 use crate::export::volume_npz::read_volume_npz;
 use crate::grid::{DepthMap, Grid};
 use crate::metrics::{Metrics, evaluate};
-use crate::plan::{
-    Plan, available_memory, check_memory, check_sampling, outside_warning, plan, scale_warnings,
-};
+use crate::plan::{Holding, Plan, check_memory, memory_limit, needs, plan};
 use crate::progress::Observer;
 use crate::reconstruct::{Reconstruction, reconstruct_into, reconstruct_whole};
-use crate::reflectors::{Reflectors, sample_surface, sampling_bytes};
+use crate::reflectors::Reflectors;
 use crate::scene::Scene;
 use crate::truth::trace_depth;
-use glam::DVec3;
+use echoes::{Echoes, Measurement};
 use log::Log;
-use serde_json::{Value, json};
+use serde_json::Value;
 use std::path::{Path, PathBuf};
 
 /// Everything that one run computes, before anything is written.
@@ -73,8 +72,8 @@ pub struct Outcome {
 pub fn image_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Result<Outcome> {
     let log = Log::new(observer);
     need_bandwidth("[sweep]", &run.sweep()?)?;
-    let echoes = log.timed("scene", || Echoes::of(run, bare, &log))?;
-    echoes.check(&log)?;
+    let echoes = log.timed("scene", || Echoes::of(run, bare, true, &log))?;
+    echoes.warn(&log);
     let cube = log.timed("simulate", || echoes.simulate(run, &log))?;
     let (image, depth) = focus(run, &mut &cube, &echoes.grid, &log)?;
     drop(cube);
@@ -104,7 +103,12 @@ pub fn image_cube(run: &RunFile, mut cube: CubeFile, observer: &dyn Observer) ->
     let grid = run.voxels(&instrument.setup(), None)?;
     let plan = plan(&instrument.setup(), &grid);
     warn_all(&plan.warnings, &log);
-    check_memory(&plan, available_memory())?;
+    room(
+        run,
+        &instrument.setup(),
+        &grid,
+        Holding { samples: cube.held_bytes() > 0, volume: true, depth: true },
+    )?;
     let (image, depth) = focus(run, &mut cube, &grid, &log)?;
     let (timings, warnings) = log.finish();
     let (scene, reflectors, truth, metrics) = (None, None, None, None);
@@ -116,8 +120,8 @@ pub fn image_cube(run: &RunFile, mut cube: CubeFile, observer: &dyn Observer) ->
 /// # Errors
 /// What the stages refuse; a run file without a scene.
 pub fn simulate_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Result<DataCube> {
-    let echoes = Echoes::of(run, bare, observer)?;
-    echoes.check(observer)?;
+    let echoes = Echoes::of(run, bare, false, observer)?;
+    echoes.warn(observer);
     echoes.simulate(run, observer)
 }
 
@@ -136,7 +140,8 @@ pub fn reconstruct_cube(
     let grid = run.voxels(&setup, None)?;
     let plan = plan(&setup, &grid);
     warn_all(&plan.warnings, observer);
-    check_memory(&plan, available_memory())?;
+    let volume = outputs.iter().any(|path| outputs::needs_all(path));
+    room(run, &setup, &grid, Holding { samples: cube.held_bytes() > 0, volume, depth: false })?;
     let mut files = outputs::VolumeFiles::new(setup, run, grid, outputs);
     reconstruct_into(&mut cube, &grid, &run.reconstruct_options(), &mut files, observer)?;
     files.finish()
@@ -183,7 +188,6 @@ pub fn truth_of_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Res
     let scene = Scene::load(path, &run.load_options(bare)?, observer)?;
     let setup = measurement.setup();
     let grid = run.voxels(&setup, scene.bounds())?;
-    check_memory(&plan(&setup, &grid), available_memory())?;
     let truth = trace_depth(&scene, &grid, &run.truth_options(&setup), observer)?;
     Ok((facts::setup_facts(&setup, run), truth))
 }
@@ -244,99 +248,11 @@ fn focus(
     Ok((image, depth))
 }
 
-/// The run file's instrument.
-#[derive(Debug)]
-struct Measurement {
-    sweep: Sweep,
-    array: MicArray,
-    options: SimulateOptions,
-}
-
-impl Measurement {
-    fn of(run: &RunFile) -> Result<Self> {
-        Ok(Self { sweep: run.sweep()?, array: run.microphones()?, options: run.simulate_options() })
-    }
-
-    fn setup(&self) -> Setup<'_> {
-        Setup {
-            sweep: &self.sweep,
-            array: &self.array,
-            geometry: self.options.geometry,
-            detection: self.options.detection,
-            sound_speed: self.options.sound_speed,
-        }
-    }
-}
-
-/// A scene turned into reflectors, with the instrument that will hear them and the grid they will be imaged on.
-#[derive(Debug)]
-struct Echoes {
-    measurement: Measurement,
-    scene: Option<Scene>,
-    /// Distance between the scene's reflectors, m.
-    spacing: Option<f64>,
-    reflectors: Reflectors,
-    grid: Grid,
-    plan: Plan,
-}
-
-impl Echoes {
-    fn of(run: &RunFile, bare: bool, observer: &dyn Observer) -> Result<Self> {
-        let measurement = Measurement::of(run)?;
-        let setup = measurement.setup();
-        let path = scene_path(run)?;
-        if is_csv(path) {
-            let reflectors = Reflectors::read_csv(path)?;
-            let grid = run.voxels(&setup, reflectors.bounds())?;
-            let plan = plan(&setup, &grid);
-            return Ok(Self { measurement, scene: None, spacing: None, reflectors, grid, plan });
-        }
-        let scene = Scene::load(path, &run.load_options(bare)?, observer)?;
-        let grid = run.voxels(&setup, scene.bounds())?;
-        let plan = plan(&setup, &grid);
-        // A grid that can never fit is refused before any ray is traced.
-        check_memory(&plan, available_memory())?;
-        let nearest = scene.bounds().map_or(grid.z.first, |(low, _)| low.z.max(grid.z.first));
-        let options = run.surface_options(&setup, nearest);
-        check_sampling(sampling_bytes(&scene, &options), options.spacing, available_memory())?;
-        let reflectors = sample_surface(&scene, &options, observer)?;
-        Ok(Self { measurement, scene: Some(scene), spacing: Some(options.spacing), reflectors, grid, plan })
-    }
-
-    fn setup(&self) -> Setup<'_> {
-        self.measurement.setup()
-    }
-
-    fn bounds(&self) -> Option<(DVec3, DVec3)> {
-        self.scene.as_ref().map_or_else(|| self.reflectors.bounds(), Scene::bounds)
-    }
-
-    /// Warns about what looks wrong, and refuses what cannot fit.
-    fn check(&self, observer: &dyn Observer) -> Result<()> {
-        warn_all(&self.plan.warnings, observer);
-        if let (Some((low, high)), Some(_)) = (self.bounds(), &self.scene) {
-            warn_all(&scale_warnings(&self.setup(), low, high), observer);
-        }
-        if let Some((low, high)) = self.bounds() {
-            warn_all(outside_warning(&self.grid, low, high).as_slice(), observer);
-        }
-        if self.reflectors.is_empty() {
-            observer.warn("the speaker reaches no surface of the scene: the cube will be silent; check where the scene lies");
-        }
-        check_memory(&self.plan, available_memory())
-    }
-
-    fn simulate(&self, run: &RunFile, observer: &dyn Observer) -> Result<DataCube> {
-        let Measurement { sweep, array, options } = &self.measurement;
-        let mut cube = simulate(&self.reflectors, sweep, array, options, observer)?;
-        cube.provenance = json!({ "run": run.to_json(), "seed": run.reflectors.seed });
-        Ok(cube)
-    }
-
-    fn summary(&self) -> Option<SceneSummary> {
-        let (low, high) = self.bounds()?;
-        Some(SceneSummary::new(self.scene.as_ref(), self.spacing, low, high, self.setup().wavelength()))
-    }
+/// Refuses a job that cannot fit in memory.
+fn room(run: &RunFile, setup: &Setup, grid: &Grid, holding: Holding) -> Result<()> {
+    let threads = rayon::current_num_threads();
+    let needs = needs(setup, grid, &run.reconstruct_options(), holding, threads)?;
+    check_memory(&needs, setup, grid, holding, memory_limit())
 }
 
 fn warn_all(warnings: &[String], observer: &dyn Observer) {

@@ -1,13 +1,15 @@
 //! What a job will resolve, alias and need, before anything runs.
 //!
 //! Takes the array, the sweep and the grid; gives resolutions, ambiguity, aliasing verdicts and bytes, all from
-//! closed formulas (PHYSICS Q2 and Q3). A broken design rule is a warning, not an error, because the paper studies
-//! aliasing on purpose; only what cannot fit in memory is refused.
+//! closed formulas (PHYSICS Q2 and Q3); [`needs`] adds what it takes of the machine. A broken design rule is a warning,
+//! not an error, because the paper studies aliasing on purpose; only what cannot fit in memory is refused.
 
 mod memory;
+mod needs;
 mod suggest;
 
-pub use memory::{available_memory, check_memory, check_sampling, usable};
+pub use memory::{available_memory, check_sampling, gib, limit_memory, memory_limit};
+pub use needs::{Holding, Needs, check_memory, check_simulation, needs};
 
 use crate::acquisition::{Detection, Setup};
 use crate::grid::{Axis, Grid};
@@ -99,31 +101,16 @@ pub struct Plan {
     pub path_bounds: [f64; 2],
     /// Largest microphone pitch without ghosts inside this grid, m.
     pub alias_free_pitch: f64,
-    /// Bytes of the cube, of the volume, and of everything at the peak.
+    /// Bytes of the cube.
     pub cube_bytes: u64,
     /// Bytes of the volume.
     pub volume_bytes: u64,
-    /// Bytes at the peak, all stages considered.
-    pub peak_bytes: u64,
     /// Design rules that this job breaks, one sentence or two each.
     pub warnings: Vec<String>,
 }
 
 /// Works out a plan. Costs nothing.
 pub fn plan(setup: &Setup, grid: &Grid) -> Plan {
-    let complex = |n: u64| n.saturating_mul(8);
-    let cube_bytes = setup.cube_bytes();
-    let voxels = grid.voxel_count();
-    // The cube stands beside its weighted spectra or planes; depth needs |Â|, its power and a smoothed copy.
-    let spectra = 512 << 20;
-    let peak_bytes = (cube_bytes.saturating_mul(2))
-        .max(complex(voxels).saturating_add(voxels.saturating_mul(16)))
-        .max(
-            cube_bytes
-                .saturating_add(complex(voxels))
-                .saturating_add(spectra.min(cube_bytes.saturating_mul(8))),
-        )
-        .saturating_add(64 << 20);
     let width = (grid.x.last() - grid.x.first).max(grid.y.last() - grid.y.first);
     let near = grid.z.first.max(1e-3);
     let [shortest_path, longest_path] = setup.path_bounds(grid);
@@ -142,9 +129,8 @@ pub fn plan(setup: &Setup, grid: &Grid) -> Plan {
         unambiguous_path: setup.unambiguous_path(),
         path_bounds: [shortest_path, longest_path],
         alias_free_pitch,
-        cube_bytes,
-        volume_bytes: complex(voxels),
-        peak_bytes,
+        cube_bytes: setup.cube_bytes(),
+        volume_bytes: grid.voxel_count().saturating_mul(8),
         warnings,
     }
 }
@@ -229,6 +215,7 @@ pub fn outside_warning(grid: &Grid, low: DVec3, high: DVec3) -> Option<String> {
 mod tests {
     use super::*;
     use crate::acquisition::{MicArray, Sweep};
+    use crate::reconstruct::ReconstructOptions;
     use crate::wave::Geometry;
 
     pub(super) fn with_setup<T>(
@@ -295,9 +282,14 @@ mod tests {
         with_setup(31, 1.0, 40.0, Detection::Quadrature, |setup| {
             let mut huge = grid(0.66, [1.2, 2.3]);
             (huge.x.count, huge.y.count, huge.z.count) = (usize::MAX >> 1, 1 << 30, 1 << 30);
-            let plan = plan(setup, &huge);
-            assert!(check_memory(&plan, Some(1 << 40)).is_err());
-            assert_eq!(plan.volume_bytes, u64::MAX);
+            assert_eq!(plan(setup, &huge).volume_bytes, u64::MAX);
+            let options = ReconstructOptions::default();
+            let holding = Holding { volume: true, ..Holding::default() };
+            assert!(needs(setup, &huge, &options, holding, 2).is_err(), "more than can be counted over");
+            (huge.x.count, huge.y.count, huge.z.count) = (1 << 14, 1 << 14, 1 << 12);
+            let needs = needs(setup, &huge, &options, holding, 2).expect("an estimate");
+            let error = check_memory(&needs, setup, &huge, holding, Some(1 << 40)).expect_err("too much");
+            assert!(error.to_string().contains("never held whole"), "{error}");
         });
     }
 

@@ -185,8 +185,19 @@ fn refuse_long_sum(setup: &Setup, grid: &Grid, misfit: &str) -> Result<()> {
     ))
 }
 
+/// The most voxels along an axis: far beyond what any computer images, and few enough to be counted over.
+const MOST_ALONG: usize = 1 << 17;
+
 /// Refuses grids and tolerances that make no sense.
 fn check(grid: &Grid, options: &ReconstructOptions) -> Result<()> {
+    for (name, axis) in [("x", &grid.x), ("y", &grid.y), ("z", &grid.z)] {
+        if axis.count > MOST_ALONG {
+            return Err(Error::input(
+                format!("grid.{name}"),
+                format!("{} voxels along one axis are too many; use a larger pitch or a shorter axis", axis.count),
+            ));
+        }
+    }
     if grid.z.first < 0.0 {
         return Err(Error::input(
             "grid.z",

@@ -12,7 +12,8 @@ use holosonar::export::{Attribute, find_attribute};
 use holosonar::files::write_atomically;
 use holosonar::metrics::{Metrics, evaluate};
 use holosonar::pipeline::{self, Bound, Verdict};
-use holosonar::plan::{available_memory, usable};
+use holosonar::plan::memory_limit;
+use holosonar::progress::Observer;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -64,6 +65,25 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
             pipeline::write_depth(output, &map, &run, &facts)?;
             wrote(std::slice::from_ref(output), json, terminal)
         }
+        Command::Plan { input, config, overrides } => {
+            let forecast = if has_extension(input, &["npz"]) {
+                let run = config_of(config.as_deref(), &overrides.keys())?;
+                pipeline::forecast_cube(&run, &CubeFile::open(input, reading_limit())?)?
+            } else {
+                no_config(config.as_deref())?;
+                let (run, bare) = run_of(input, overrides)?;
+                pipeline::forecast_scene(&run, bare, terminal)?
+            };
+            for warning in &forecast.warnings {
+                terminal.warn(warning);
+            }
+            if json {
+                let value =
+                    serde_json::to_value(&forecast).map_err(|e| Error::environment("plan", e.to_string()))?;
+                return print(&pretty(&value));
+            }
+            print(&summary::forecast(&forecast))
+        }
         Command::Compare { result, truth, resolution, min, max } => {
             compare(result, truth, *resolution, min, max, json)
         }
@@ -101,12 +121,7 @@ fn image(
         let outcome = pipeline::image_cube(&run, cube, terminal)?;
         (run, outcome)
     } else {
-        if config.is_some() {
-            return Err(Error::input(
-                "--config",
-                "goes with a cube (.npz); a scene's run file is the input itself",
-            ));
-        }
+        no_config(config)?;
         let (run, bare) = run_of(input, overrides)?;
         let outcome = pipeline::image_scene(&run, bare, terminal)?;
         (run, outcome)
@@ -226,6 +241,16 @@ fn init(folder: &Path, json: bool, terminal: &Terminal) -> Result<()> {
     print(&format!("now try: holosonar image {} -o {}\n", paths[0].display(), folder.join("out").display()))
 }
 
+/// Refuses a second run file beside a scene's own.
+fn no_config(config: Option<&Path>) -> Result<()> {
+    match config {
+        Some(_) => {
+            Err(Error::input("--config", "goes with a cube (.npz); a scene's run file is the input itself"))
+        }
+        None => Ok(()),
+    }
+}
+
 /// Refuses an output name before any work is done for it.
 fn check_extension(path: &Path, extensions: &[&str]) -> Result<()> {
     if has_extension(path, extensions) {
@@ -252,7 +277,7 @@ fn make_folder(folder: &Path) -> Result<bool> {
 
 /// Bytes that any one array of an input may take.
 fn reading_limit() -> u64 {
-    available_memory().map_or(u64::MAX, usable)
+    memory_limit().unwrap_or(u64::MAX)
 }
 
 fn wrote(files: &[PathBuf], json: bool, terminal: &Terminal) -> Result<()> {

@@ -36,3 +36,47 @@ pub(super) fn has_extension(path: &Path, extensions: &[&str]) -> bool {
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default();
     extensions.iter().any(|e| extension.eq_ignore_ascii_case(e))
 }
+
+/// A size as people type it: `500MB`, `2GiB`, `2G`, or plain bytes.
+pub(super) fn bytes(option: &str, typed: &str) -> Result<u64> {
+    let refuse = || {
+        Error::input(
+            option,
+            format!("`{typed}` was expected to be a size, as in 2GiB, 500MB or 1000000000 (bytes)"),
+        )
+    };
+    let typed = typed.trim();
+    let digits = typed.find(|c: char| !(c.is_ascii_digit() || c == '.')).unwrap_or(typed.len());
+    let (number, unit) = typed.split_at(digits);
+    let factor = match unit.trim().to_ascii_lowercase().as_str() {
+        "" | "b" => 1.0,
+        "kb" => 1e3,
+        "mb" => 1e6,
+        "gb" => 1e9,
+        "tb" => 1e12,
+        "k" | "kib" => 1024.0,
+        "m" | "mib" => 1024.0 * 1024.0,
+        "g" | "gib" => 1024.0 * 1024.0 * 1024.0,
+        "t" | "tib" => 1024.0 * 1024.0 * 1024.0 * 1024.0,
+        _ => return Err(refuse()),
+    };
+    let bytes = number.parse::<f64>().map_err(|_| refuse())? * factor;
+    if (1.0..1e18).contains(&bytes) { Ok(bytes as u64) } else { Err(refuse()) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::bytes;
+
+    #[test]
+    fn sizes_are_read_as_people_type_them() {
+        for (typed, expected) in
+            [("1000", 1000), ("2GiB", 2 << 30), ("1.5 MB", 1_500_000), ("3g", 3 << 30), ("64kib", 65_536)]
+        {
+            assert_eq!(bytes("--memory", typed).expect("a size"), expected, "{typed}");
+        }
+        for typed in ["", "G", "-1", "1.2.3MB", "5 apples", "0", "1e30TB", "999999999TB"] {
+            assert!(bytes("--memory", typed).is_err(), "{typed}");
+        }
+    }
+}

@@ -2,7 +2,9 @@
 
 use holosonar::grid::Axis;
 use holosonar::metrics::Metrics;
-use holosonar::pipeline::{Outcome, Report, Verdict};
+use holosonar::pipeline::{Forecast, Outcome, Report, Verdict};
+use holosonar::plan::gib;
+use holosonar::reconstruct::Method;
 use serde_json::Value;
 use std::fmt::Write;
 use std::path::Path;
@@ -119,6 +121,84 @@ pub(super) fn image(input: &Path, folder: &Path, report: &Report, outcome: &Outc
     let files: Vec<String> = report.files.iter().map(|f| f.display().to_string()).collect();
     table.row("written", format!("{}: {}", folder.display(), files.join(", ")));
     text + &table.text()
+}
+
+/// What `plan` prints.
+pub(super) fn forecast(forecast: &Forecast) -> String {
+    let (plan, needs, grid) = (&forecast.plan, &forecast.needs, &forecast.grid);
+    let mut table = Table::default();
+    let millimetres = |m: Option<f64>| m.map_or("-".to_owned(), |m| format!("{:.1}", m * 1e3));
+    let lateral = |[x, y]: [Option<f64>; 2]| {
+        if x == y { millimetres(x) } else { format!("{} x {}", millimetres(x), millimetres(y)) }
+    };
+    table.row("wavelength", format!("{:.1} mm at the centre of the band", plan.wavelength * 1e3));
+    table.row(
+        "resolution",
+        format!(
+            "{} mm in range; {} to {} mm across, near to far",
+            millimetres(plan.range_resolution),
+            lateral(plan.lateral_resolution_near),
+            lateral(plan.lateral_resolution_far)
+        ),
+    );
+    let [shortest, longest] = plan.path_bounds;
+    let unambiguous = plan.unambiguous_path.map_or("all".to_owned(), |m| format!("{m:.2} m"));
+    table.row("paths", format!("{shortest:.2} to {longest:.2} m; {unambiguous} unambiguous"));
+    if plan.alias_free_pitch < 1e3 {
+        table.row(
+            "aliasing",
+            format!("none with microphones {:.1} mm apart or less", plan.alias_free_pitch * 1e3),
+        );
+    }
+    table.row(
+        "grid",
+        format!(
+            "{} x {} x {} voxels of {:.1} x {:.1} x {:.1} mm",
+            grid.x.count,
+            grid.y.count,
+            grid.z.count,
+            grid.x.pitch * 1e3,
+            grid.y.pitch * 1e3,
+            grid.z.pitch * 1e3
+        ),
+    );
+    table.row(
+        "cube",
+        format!("{} tones x {} microphones: {}", plan.frequencies, plan.microphones, gib(plan.cube_bytes)),
+    );
+    table.row("volume", gib(plan.volume_bytes));
+    for (i, (method, seconds)) in needs.methods.iter().zip(needs.seconds).enumerate() {
+        let name = format!("{}{}", if i == needs.chosen { "* " } else { "  " }, name_of(method.method));
+        let costs = match &method.obstacle {
+            Some(obstacle) => format!("not possible: {obstacle}"),
+            None => format!(
+                "{:.1e} operations, {}, about {}",
+                method.operations,
+                gib(method.bytes_with(needs.threads)),
+                duration(seconds)
+            ),
+        };
+        table.row(&name, costs);
+    }
+    table.row("memory", format!("{} at the peak, with {} threads", gib(needs.peak_bytes), needs.threads));
+    table.row("writes", forecast.files.join(", "));
+    table.text()
+}
+
+/// A method as run files name it.
+fn name_of(method: Method) -> String {
+    format!("{method:?}").to_lowercase()
+}
+
+/// Seconds as people say them.
+fn duration(seconds: f64) -> String {
+    match seconds {
+        s if s < 0.1 => "0.1 s or less".to_owned(),
+        s if s < 120.0 => format!("{s:.1} s"),
+        s if s < 7200.0 => format!("{:.0} min", s / 60.0),
+        s if s < 172_800.0 => format!("{:.0} h", s / 3600.0),
+        s => format!("{:.0} days", s / 86_400.0),
+    }
 }
 
 /// Every metric that was measured, with its unit.

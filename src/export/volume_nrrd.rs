@@ -49,7 +49,7 @@ pub fn stream_volume_nrrd(
 /// A volume on its way into a file.
 enum NrrdVolume {
     Raw(BufWriter<File>),
-    Zip(GzEncoder<BufWriter<File>>),
+    Zip(Box<GzEncoder<BufWriter<File>>>),
 }
 
 impl NrrdVolume {
@@ -62,7 +62,7 @@ impl NrrdVolume {
         out.write_all(header(grid, attributes, compression).as_bytes())?;
         Ok(match compression {
             Compression::None => Self::Raw(out),
-            Compression::Zip => Self::Zip(GzEncoder::new(out, flate2::Compression::default())),
+            Compression::Zip => Self::Zip(Box::new(GzEncoder::new(out, flate2::Compression::default()))),
         })
     }
 }
@@ -71,7 +71,7 @@ impl VolumeStream for NrrdVolume {
     fn planes(&mut self, planes: &[Complex32]) -> io::Result<()> {
         let out: &mut dyn Write = match self {
             Self::Raw(out) => out,
-            Self::Zip(out) => out,
+            Self::Zip(out) => &mut **out,
         };
         let mut bytes = Vec::with_capacity(1 << 14);
         for samples in planes.chunks(1 << 12) {

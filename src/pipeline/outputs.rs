@@ -49,13 +49,10 @@ pub fn write_outputs(
     let formats = &run.output.formats;
     let mut tasks: Vec<Task> = Vec::new();
     for format in formats {
-        let name = match format {
-            VolumeFormat::Exr => "volume.exr",
-            VolumeFormat::Npz => "volume.npz",
-            VolumeFormat::Vti => "volume.vti",
-            VolumeFormat::Nrrd => "volume.nrrd",
-        };
-        tasks.push((name, Box::new(|path| write_volume(path, &outcome.image.volume, &run.output, &facts))));
+        tasks.push((
+            name_of(*format),
+            Box::new(|path| write_volume(path, &outcome.image.volume, &run.output, &facts)),
+        ));
     }
     tasks.push(("depth.exr", Box::new(|path| one(path, write_depth(path, &outcome.depth, run, &facts)))));
     tasks.push((
@@ -111,6 +108,33 @@ pub fn write_outputs(
         page.write(&folder.join(PAGE), &title(mesh), &text)?;
     }
     Ok(report)
+}
+
+/// The name of the volume's file in a format.
+fn name_of(format: VolumeFormat) -> &'static str {
+    match format {
+        VolumeFormat::Exr => "volume.exr",
+        VolumeFormat::Npz => "volume.npz",
+        VolumeFormat::Vti => "volume.vti",
+        VolumeFormat::Nrrd => "volume.nrrd",
+    }
+}
+
+/// The files that [`write_outputs`] will write, with or without a truth; a very deep volume may take several.
+pub(super) fn names(run: &RunFile, truth: bool) -> Vec<String> {
+    let mut names: Vec<&str> = run.output.formats.iter().map(|format| name_of(*format)).collect();
+    names.extend(["depth.exr", "amplitude.png", "depth.png"]);
+    if truth {
+        names.extend(["truth.exr", "truth.png", "error.png"]);
+    }
+    if run.output.points {
+        names.extend(["depth.ply", "scene.ply"]);
+    }
+    names.push("report.json");
+    if run.output.report {
+        names.push(PAGE);
+    }
+    names.into_iter().map(str::to_owned).collect()
 }
 
 /// A file's name and what writes it (and, for a deep volume, its continuations).

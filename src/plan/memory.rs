@@ -1,45 +1,20 @@
-//! What fits in memory, and what is refused because it cannot.
+//! How much memory a job may use.
 
-use super::Plan;
 use crate::error::{Error, Result};
-
-/// Refuses a job that cannot fit.
-///
-/// # Errors
-/// [`Error::Input`] when the peak exceeds 80 % of the memory that is free, with what would mend it.
-pub fn check_memory(plan: &Plan, available: Option<u64>) -> Result<()> {
-    let Some(limit) = available.map(usable) else { return Ok(()) };
-    if plan.peak_bytes <= limit {
-        return Ok(());
-    }
-    let [n_z, n_y, n_x] = plan.grid_shape;
-    Err(Error::input(
-        "memory",
-        format!(
-            "this job needs about {:.1} GiB ({} frequencies x {} microphones: {:.1} GiB; {n_x} x {n_y} x {n_z} voxels: \
-             {:.1} GiB), and {:.1} GiB may be used here; make the grid smaller or its pitch larger, or take fewer \
-             frequencies or microphones",
-            gib(plan.peak_bytes),
-            plan.frequencies,
-            plan.microphones,
-            gib(plan.cube_bytes),
-            gib(plan.volume_bytes),
-            gib(limit)
-        ),
-    ))
-}
+use std::path::Path;
+use std::sync::OnceLock;
 
 /// Refuses to sample a surface whose points cannot fit: the usual sign of a mesh in the wrong unit.
 ///
 /// # Errors
-/// [`Error::Input`] when `bytes` exceed 80 % of the memory that is free.
-pub fn check_sampling(bytes: u64, spacing: f64, available: Option<u64>) -> Result<()> {
-    match available.map(usable) {
+/// [`Error::Input`] when `bytes` exceed `limit`.
+pub fn check_sampling(bytes: u64, spacing: f64, limit: Option<u64>) -> Result<()> {
+    match limit {
         Some(limit) if bytes > limit => Err(Error::input(
             "reflectors.spacing",
             format!(
-                "sampling the scene every {spacing} m needs about {:.1} GiB, and {:.1} GiB may be used here; use a larger \
-                 spacing, and check the scene's unit and scale",
+                "sampling the scene every {spacing} m needs about {}, and {} may be used here; use a larger spacing, and \
+                 check the scene's unit and scale",
                 gib(bytes),
                 gib(limit)
             ),
@@ -48,24 +23,51 @@ pub fn check_sampling(bytes: u64, spacing: f64, available: Option<u64>) -> Resul
     }
 }
 
-/// What a job may use of the memory that is free, bytes: 80 %.
-pub fn usable(free: u64) -> u64 {
-    free / 10 * 8
+/// Bytes as people read them.
+pub fn gib(bytes: u64) -> String {
+    let (mib, gib) = (f64::from(1 << 20), f64::from(1 << 30));
+    let bytes = bytes as f64;
+    if bytes < gib { format!("{:.0} MiB", bytes / mib) } else { format!("{:.1} GiB", bytes / gib) }
 }
 
-fn gib(bytes: u64) -> f64 {
-    bytes as f64 / f64::from(1 << 30)
+/// The limit of this process, once it is set.
+static LIMIT: OnceLock<u64> = OnceLock::new();
+
+/// Sets the most bytes that a job of this process may use, as one sets its number of threads. Only the first call counts.
+pub fn limit_memory(bytes: u64) {
+    let _ = LIMIT.set(bytes);
 }
 
-/// Memory that is free, bytes, where the system says so.
+/// The most bytes that a job may use: what was set, else 80 % of what is free, where the system says so.
+pub fn memory_limit() -> Option<u64> {
+    LIMIT.get().copied().or_else(|| available_memory().map(|free| free / 10 * 8))
+}
+
+/// Memory that is free, bytes: the smaller of the system's and the control group's, where there are such.
 pub fn available_memory() -> Option<u64> {
+    [system_memory(), group_memory(Path::new("/sys/fs/cgroup"))].into_iter().flatten().min()
+}
+
+/// What the system has left.
+fn system_memory() -> Option<u64> {
     // Linux alone keeps this file; elsewhere allocation itself is the judge.
     let text = std::fs::read_to_string("/proc/meminfo").ok()?;
     let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
     line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()?.checked_mul(1024)
 }
 
+/// What the control group has left, by version 2 or 1 of their files; `None` without a limit.
+fn group_memory(root: &Path) -> Option<u64> {
+    let number = |name: &str| -> Option<u64> {
+        std::fs::read_to_string(root.join(name)).ok()?.trim().parse::<u64>().ok()
+    };
+    let left = |limit: &str, used: &str| Some(number(limit)?.saturating_sub(number(used)?));
+    left("memory.max", "memory.current")
+        .or_else(|| left("memory/memory.limit_in_bytes", "memory/memory.usage_in_bytes"))
+}
+
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 
@@ -78,5 +80,24 @@ mod tests {
         );
         let error = check_sampling(2 << 30, 0.01, Some(1 << 30)).expect_err("too much").to_string();
         assert!(error.contains("needs about 2.0 GiB"), "{error}");
+    }
+
+    #[test]
+    fn a_control_group_bounds_what_is_free() {
+        let folder = tempfile::tempdir().unwrap();
+        let write = |name: &str, text: &str| {
+            let path = folder.path().join(name);
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(path, text).unwrap();
+        };
+        assert_eq!(group_memory(folder.path()), None);
+        write("memory/memory.limit_in_bytes", "5000\n");
+        write("memory/memory.usage_in_bytes", "1000\n");
+        assert_eq!(group_memory(folder.path()), Some(4000));
+        write("memory.max", "max\n");
+        write("memory.current", "7\n");
+        assert_eq!(group_memory(folder.path()), Some(4000), "no limit of version 2");
+        write("memory.max", "20\n");
+        assert_eq!(group_memory(folder.path()), Some(13));
     }
 }

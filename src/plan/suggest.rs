@@ -79,8 +79,9 @@ impl Setup<'_> {
 #[cfg(test)]
 mod tests {
     use super::super::tests::with_setup;
-    use super::super::{check_memory, plan};
+    use super::super::{Holding, check_memory, needs, plan};
     use crate::acquisition::Detection;
+    use crate::reconstruct::ReconstructOptions;
 
     #[test]
     fn a_suggested_grid_is_unambiguous_fits_and_stands_before_the_array() {
@@ -91,7 +92,9 @@ mod tests {
                     let plan = plan(setup, &grid);
                     let ambiguous = plan.warnings.iter().any(|w| w.contains("unambiguous"));
                     assert!(!ambiguous, "{:?}", plan.warnings);
-                    assert!(check_memory(&plan, Some(4 << 30)).is_ok());
+                    let holding = Holding { samples: true, volume: true, depth: true };
+                    let needs = needs(setup, &grid, &ReconstructOptions::default(), holding, 2).expect("ok");
+                    assert!(check_memory(&needs, setup, &grid, holding, Some(4 << 30)).is_ok());
                     assert!(grid.z.first > 0.0 && grid.z.count >= 8, "{grid:?}");
                     let width = grid.x.last() - grid.x.first;
                     assert!(

@@ -72,6 +72,9 @@ fn impossible(method: Method, obstacle: String) -> Estimate {
 /// Operations of a complex multiplication and addition.
 const PRODUCT: f64 = 8.0;
 
+/// An operation of a transform takes as long as so many of a straight loop.
+const TRANSFORM: f64 = 2.0;
+
 /// Bytes of a complex number in single precision.
 const COMPLEX: u64 = 8;
 
@@ -97,8 +100,8 @@ fn of_convolution(setup: &Setup, grid: &Grid, tolerance: f64, lattice: &SharedLa
     let (depths, plane) = (grid.z.count, (grid.x.count as u64).saturating_mul(grid.y.count as u64));
     let points = layout.points() as f64;
     // Phases, two transforms with what symmetry and pruning save of them, the product and the sum.
-    let pair = points * (20.0 + 7.5 * points.log2()) * layout.pairs() as f64;
-    let spectra = points * (5.0 * points.log2()) * layout.node_parts.len() as f64;
+    let pair = points * (20.0 + TRANSFORM * 7.5 * points.log2()) * layout.pairs() as f64;
+    let spectra = points * (TRANSFORM * 5.0 * points.log2()) * layout.node_parts.len() as f64;
     let scratch = 12 * layout.points().saturating_mul(layout.node_parts.len()) as u64;
     let left = tolerance - lattice.error();
     if left <= 0.0 {

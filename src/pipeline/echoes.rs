@@ -1,0 +1,118 @@
+//! A scene turned into reflectors, with the instrument that hears them and the grid that shows them.
+
+use super::{SceneSummary, is_csv, room, scene_path, warn_all};
+use crate::acquisition::{DataCube, MicArray, Setup, SimulateOptions, Sweep, simulate};
+use crate::config::RunFile;
+use crate::error::Result;
+use crate::grid::Grid;
+use crate::plan::{
+    Holding, Plan, check_sampling, check_simulation, memory_limit, outside_warning, plan, scale_warnings,
+};
+use crate::progress::Observer;
+use crate::reflectors::{Reflectors, sample_surface, sampling_bytes};
+use crate::scene::Scene;
+use glam::DVec3;
+use serde_json::json;
+
+/// The run file's instrument.
+#[derive(Debug)]
+pub(super) struct Measurement {
+    pub(super) sweep: Sweep,
+    pub(super) array: MicArray,
+    pub(super) options: SimulateOptions,
+}
+
+impl Measurement {
+    pub(super) fn of(run: &RunFile) -> Result<Self> {
+        Ok(Self { sweep: run.sweep()?, array: run.microphones()?, options: run.simulate_options() })
+    }
+
+    pub(super) fn setup(&self) -> Setup<'_> {
+        Setup {
+            sweep: &self.sweep,
+            array: &self.array,
+            geometry: self.options.geometry,
+            detection: self.options.detection,
+            sound_speed: self.options.sound_speed,
+        }
+    }
+}
+
+/// A scene turned into reflectors, with the instrument that will hear them and the grid they will be imaged on.
+#[derive(Debug)]
+pub(super) struct Echoes {
+    measurement: Measurement,
+    pub(super) scene: Option<Scene>,
+    /// Distance between the scene's reflectors, m.
+    spacing: Option<f64>,
+    pub(super) reflectors: Reflectors,
+    pub(super) grid: Grid,
+    pub(super) plan: Plan,
+}
+
+impl Echoes {
+    /// Loads and samples a scene to be simulated, and imaged too if `imaged`.
+    pub(super) fn of(run: &RunFile, bare: bool, imaged: bool, observer: &dyn Observer) -> Result<Self> {
+        let measurement = Measurement::of(run)?;
+        let setup = measurement.setup();
+        // What can never fit is refused before any ray is traced.
+        let fits = |grid: &Grid| {
+            if imaged {
+                room(run, &setup, grid, Holding { samples: true, volume: true, depth: true })
+            } else {
+                check_simulation(&setup, memory_limit())
+            }
+        };
+        let path = scene_path(run)?;
+        if is_csv(path) {
+            let reflectors = Reflectors::read_csv(path)?;
+            let grid = run.voxels(&setup, reflectors.bounds())?;
+            fits(&grid)?;
+            let plan = plan(&setup, &grid);
+            return Ok(Self { measurement, scene: None, spacing: None, reflectors, grid, plan });
+        }
+        let scene = Scene::load(path, &run.load_options(bare)?, observer)?;
+        let grid = run.voxels(&setup, scene.bounds())?;
+        fits(&grid)?;
+        let plan = plan(&setup, &grid);
+        let nearest = scene.bounds().map_or(grid.z.first, |(low, _)| low.z.max(grid.z.first));
+        let options = run.surface_options(&setup, nearest);
+        check_sampling(sampling_bytes(&scene, &options), options.spacing, memory_limit())?;
+        let reflectors = sample_surface(&scene, &options, observer)?;
+        Ok(Self { measurement, scene: Some(scene), spacing: Some(options.spacing), reflectors, grid, plan })
+    }
+
+    pub(super) fn setup(&self) -> Setup<'_> {
+        self.measurement.setup()
+    }
+
+    fn bounds(&self) -> Option<(DVec3, DVec3)> {
+        self.scene.as_ref().map_or_else(|| self.reflectors.bounds(), Scene::bounds)
+    }
+
+    /// Warns about what looks wrong.
+    pub(super) fn warn(&self, observer: &dyn Observer) {
+        warn_all(&self.plan.warnings, observer);
+        if let (Some((low, high)), Some(_)) = (self.bounds(), &self.scene) {
+            warn_all(&scale_warnings(&self.setup(), low, high), observer);
+        }
+        if let Some((low, high)) = self.bounds() {
+            warn_all(outside_warning(&self.grid, low, high).as_slice(), observer);
+        }
+        if self.reflectors.is_empty() {
+            observer.warn("the speaker reaches no surface of the scene: the cube will be silent; check where the scene lies");
+        }
+    }
+
+    pub(super) fn simulate(&self, run: &RunFile, observer: &dyn Observer) -> Result<DataCube> {
+        let Measurement { sweep, array, options } = &self.measurement;
+        let mut cube = simulate(&self.reflectors, sweep, array, options, observer)?;
+        cube.provenance = json!({ "run": run.to_json(), "seed": run.reflectors.seed });
+        Ok(cube)
+    }
+
+    pub(super) fn summary(&self) -> Option<SceneSummary> {
+        let (low, high) = self.bounds()?;
+        Some(SceneSummary::new(self.scene.as_ref(), self.spacing, low, high, self.setup().wavelength()))
+    }
+}

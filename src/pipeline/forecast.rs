@@ -1,0 +1,74 @@
+//! What `plan` shows: everything about a job that can be known before any ray or sample.
+
+use super::echoes::Measurement;
+use super::{is_csv, outputs, scene_path};
+use crate::acquisition::{CubeFile, CubeSource, Setup};
+use crate::config::RunFile;
+use crate::error::Result;
+use crate::grid::Grid;
+use crate::plan::{Holding, Needs, Plan, needs, outside_warning, plan, scale_warnings};
+use crate::progress::Observer;
+use crate::reflectors::Reflectors;
+use crate::scene::Scene;
+use glam::DVec3;
+use serde::Serialize;
+
+/// What a job will resolve, need and write.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[non_exhaustive]
+pub struct Forecast {
+    /// Resolution, ambiguity, aliasing.
+    pub plan: Plan,
+    /// The voxels, whether typed or chosen.
+    pub grid: Grid,
+    /// Operations, bytes and seconds on this machine.
+    pub needs: Needs,
+    /// Files that `image` will write.
+    pub files: Vec<String>,
+    /// What the user should know.
+    pub warnings: Vec<String>,
+}
+
+/// Foretells `image` of a scene. The mesh is loaded for its size; no ray is traced.
+///
+/// # Errors
+/// A run file without a scene, or one that is refused; a grid that is missing and cannot be chosen.
+pub fn forecast_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Result<Forecast> {
+    let measurement = Measurement::of(run)?;
+    let setup = measurement.setup();
+    let path = scene_path(run)?;
+    let mesh = !is_csv(path);
+    let bounds = if mesh {
+        Scene::load(path, &run.load_options(bare)?, observer)?.bounds()
+    } else {
+        Reflectors::read_csv(path)?.bounds()
+    };
+    let grid = run.voxels(&setup, bounds)?;
+    let holding = Holding { samples: true, volume: true, depth: true };
+    let mut forecast = forecast(run, &setup, &grid, holding, mesh)?;
+    if let Some((low, high)) = bounds {
+        if mesh {
+            forecast.warnings.extend(scale_warnings(&setup, low, high));
+        }
+        forecast.warnings.extend(outside_warning(&grid, low, high));
+    }
+    Ok(forecast)
+}
+
+/// Foretells `image` of a cube file. No sample is read.
+///
+/// # Errors
+/// A grid that is missing, or one that is refused.
+pub fn forecast_cube(run: &RunFile, cube: &CubeFile) -> Result<Forecast> {
+    let setup = cube.setup();
+    let grid = run.voxels(&setup, None::<(DVec3, DVec3)>)?;
+    let holding = Holding { samples: cube.held_bytes() > 0, volume: true, depth: true };
+    forecast(run, &setup, &grid, holding, false)
+}
+
+fn forecast(run: &RunFile, setup: &Setup, grid: &Grid, holding: Holding, truth: bool) -> Result<Forecast> {
+    let plan = plan(setup, grid);
+    let needs = needs(setup, grid, &run.reconstruct_options(), holding, rayon::current_num_threads())?;
+    let warnings = plan.warnings.clone();
+    Ok(Forecast { plan, grid: *grid, needs, files: outputs::names(run, truth), warnings })
+}
