@@ -185,18 +185,21 @@ fn refuse_long_sum(setup: &Setup, grid: &Grid, misfit: &str) -> Result<()> {
     ))
 }
 
-/// The most voxels along an axis: far beyond what any computer images, and few enough to be counted over.
+/// The most voxels, in all and along an axis: far beyond what any computer images, and few enough to be counted over.
+const MOST_VOXELS: u64 = 1 << 38;
 const MOST_ALONG: usize = 1 << 17;
 
 /// Refuses grids and tolerances that make no sense.
 fn check(grid: &Grid, options: &ReconstructOptions) -> Result<()> {
-    for (name, axis) in [("x", &grid.x), ("y", &grid.y), ("z", &grid.z)] {
-        if axis.count > MOST_ALONG {
-            return Err(Error::input(
-                format!("grid.{name}"),
-                format!("{} voxels along one axis are too many; use a larger pitch or a shorter axis", axis.count),
-            ));
-        }
+    let [n_z, n_y, n_x] = grid.shape();
+    if grid.voxel_count() > MOST_VOXELS || n_x.max(n_y).max(n_z) > MOST_ALONG {
+        return Err(Error::input(
+            "grid",
+            format!(
+                "{n_x} x {n_y} x {n_z} voxels are beyond all memory ({:.1e} GiB); use a larger pitch or a smaller grid",
+                grid.voxel_count() as f64 * 8.0 / f64::from(1 << 30)
+            ),
+        ));
     }
     if grid.z.first < 0.0 {
         return Err(Error::input(
