@@ -124,13 +124,13 @@ struct Options {
 }
 
 impl Options {
-    fn of(setup: &Setup, grid: &Grid, options: &ReconstructOptions) -> Result<Self> {
+    fn of(setup: &Setup, grid: &Grid, options: &ReconstructOptions, threads: usize) -> Result<Self> {
         check(grid, options)?;
         // Spreading and skeletons share the tolerance.
         let lattice = SharedLattice::find(setup, grid, 0.5 * options.tolerance);
         let backprojection =
             (options.tolerance > 0.0).then(|| backprojection::Plan::new(setup, grid, options.tolerance));
-        let estimates = cost::estimates(setup, grid, options, &lattice, backprojection.as_ref());
+        let estimates = cost::estimates(setup, grid, options, &lattice, backprojection.as_ref(), threads);
         Ok(Self { estimates, lattice, backprojection })
     }
 
@@ -216,12 +216,18 @@ fn check(grid: &Grid, options: &ReconstructOptions) -> Result<()> {
     Ok(())
 }
 
-/// What each method would cost for a job, and the one that [`reconstruct`] would take, as an index. Costs milliseconds.
+/// What each method would cost for a job with so many threads, and the one that [`reconstruct`] would take, as an index
+/// (which no number of threads changes). Costs milliseconds.
 ///
 /// # Errors
 /// A grid with voxels behind the array; a tolerance that is not in 0..1.
-pub fn estimate(setup: &Setup, grid: &Grid, options: &ReconstructOptions) -> Result<([Estimate; 3], usize)> {
-    let possible = Options::of(setup, grid, options)?;
+pub fn estimate(
+    setup: &Setup,
+    grid: &Grid,
+    options: &ReconstructOptions,
+    threads: usize,
+) -> Result<([Estimate; 3], usize)> {
+    let possible = Options::of(setup, grid, options, threads)?;
     let chosen = possible.chosen(options.method).method;
     let index = possible.estimates.iter().position(|e| e.method == chosen).unwrap_or(0);
     Ok((possible.estimates, index))
@@ -331,7 +337,7 @@ pub fn reconstruct_into(
     observer: &dyn Observer,
 ) -> Result<Made> {
     let setup = source.setup();
-    let (choice, warning) = Options::of(&setup, grid, options)?.choose(&setup, grid, options.method)?;
+    let (choice, warning) = Options::of(&setup, grid, options, 1)?.choose(&setup, grid, options.method)?;
     if let Some(warning) = warning {
         observer.warn(&warning);
     }

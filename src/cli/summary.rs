@@ -174,7 +174,7 @@ pub(super) fn forecast(forecast: &Forecast) -> String {
             None => format!(
                 "{:.1e} operations, {}, about {}",
                 method.operations,
-                gib(method.bytes_with(needs.threads)),
+                gib(method.bytes),
                 duration(seconds)
             ),
         };

@@ -58,15 +58,15 @@ pub fn needs(
     holding: Holding,
     threads: usize,
 ) -> Result<Needs> {
-    let (methods, chosen) = estimate(setup, grid, options)?;
+    let (methods, chosen) = estimate(setup, grid, options, threads)?;
+    let (alone, _) = estimate(setup, grid, options, 1)?;
     let voxels = grid.voxel_count();
     let cube = if holding.samples { setup.cube_bytes() } else { 0 };
     let volume = if holding.volume { voxels.saturating_mul(8) } else { 0 };
     // |Â|², a smoothed copy and what the filter passes through.
     let depth = if holding.depth { cube.saturating_add(voxels.saturating_mul(8 + 16)) } else { 0 };
-    let peak = |threads: usize| {
-        let own = methods[chosen].bytes_with(threads);
-        let focusing = cube.saturating_add(volume).saturating_add(own);
+    let peak = |method: &Estimate| {
+        let focusing = cube.saturating_add(volume).saturating_add(method.bytes);
         PROGRAM.saturating_add(focusing.max(simulating(cube)).max(depth))
     };
     let rate = operations_per_second();
@@ -75,8 +75,8 @@ pub fn needs(
         seconds,
         chosen,
         threads,
-        peak_bytes: peak(threads),
-        peak_bytes_with_one_thread: peak(1),
+        peak_bytes: peak(&methods[chosen]),
+        peak_bytes_with_one_thread: peak(&alone[chosen]),
         methods,
     })
 }

@@ -22,17 +22,8 @@ pub struct Estimate {
     pub obstacle: Option<String>,
     /// Floating-point operations, to within a factor of two.
     pub operations: f64,
-    /// Bytes at the peak beside the samples that the source holds and the volume that the sink holds, with one thread.
+    /// Bytes at the peak beside the samples that the source holds and the volume that the sink holds.
     pub bytes: u64,
-    /// Bytes that every further thread adds.
-    pub bytes_per_thread: u64,
-}
-
-impl Estimate {
-    /// Bytes at the peak with so many threads.
-    pub fn bytes_with(&self, threads: usize) -> u64 {
-        self.bytes.saturating_add(self.bytes_per_thread.saturating_mul(threads.saturating_sub(1) as u64))
-    }
 }
 
 /// About how many tones stand for a sweep on an interval of `bandwidth_duration` B·T to within `tolerance`: the numbers
@@ -49,24 +40,25 @@ pub(super) fn estimates(
     options: &ReconstructOptions,
     lattice: &Result<SharedLattice, String>,
     backprojection: Option<&backprojection::Plan>,
+    threads: usize,
 ) -> [Estimate; 3] {
     let convolution = match lattice {
-        Ok(lattice) => of_convolution(setup, grid, options.tolerance, lattice),
+        Ok(lattice) => of_convolution(setup, grid, options.tolerance, lattice, threads),
         Err(obstacle) => impossible(Method::Convolution, obstacle.clone()),
     };
     let backprojection = match backprojection {
-        Some(plan) => of_backprojection(setup, grid, options.tolerance, plan),
+        Some(plan) => of_backprojection(setup, grid, options.tolerance, plan, threads),
         None => impossible(
             Method::Backprojection,
             "0 leaves no room for interpolation; give a tolerance above 0 (1e-6, say)".to_owned(),
         ),
     };
-    [convolution, backprojection, of_direct(setup, grid)]
+    [convolution, backprojection, of_direct(setup, grid, threads)]
 }
 
 fn impossible(method: Method, obstacle: String) -> Estimate {
     let (obstacle, operations) = (Some(obstacle), f64::INFINITY);
-    Estimate { method, obstacle, operations, bytes: 0, bytes_per_thread: 0 }
+    Estimate { method, obstacle, operations, bytes: 0 }
 }
 
 /// Operations of a complex multiplication and addition.
@@ -95,14 +87,21 @@ fn block_bytes(setup: &Setup) -> u64 {
     COMPLEX * (FREQUENCIES.min(setup.sweep.len()) as u64).saturating_mul(setup.array.len() as u64)
 }
 
-fn of_convolution(setup: &Setup, grid: &Grid, tolerance: f64, lattice: &SharedLattice) -> Estimate {
+fn of_convolution(
+    setup: &Setup,
+    grid: &Grid,
+    tolerance: f64,
+    lattice: &SharedLattice,
+    threads: usize,
+) -> Estimate {
     let layout = Layout::new(lattice, *grid, setup.geometry);
     let (depths, plane) = (grid.z.count, (grid.x.count as u64).saturating_mul(grid.y.count as u64));
     let points = layout.points() as f64;
     // Phases, two transforms with what symmetry and pruning save of them, the product and the sum.
     let pair = points * (20.0 + TRANSFORM * 7.5 * points.log2()) * layout.pairs() as f64;
     let spectra = points * (TRANSFORM * 5.0 * points.log2()) * layout.node_parts.len() as f64;
-    let scratch = 12 * layout.points().saturating_mul(layout.node_parts.len()) as u64;
+    let threads = threads.max(1);
+    let scratch = 12 * threads as u64 * layout.points().saturating_mul(layout.node_parts.len()) as u64;
     let left = tolerance - lattice.error();
     if left <= 0.0 {
         let n_f = setup.sweep.len() as f64;
@@ -113,7 +112,6 @@ fn of_convolution(setup: &Setup, grid: &Grid, tolerance: f64, lattice: &SharedLa
             obstacle: None,
             operations: n_f * (depths as f64 * pair + spectra),
             bytes: block.saturating_mul(2).saturating_add(scratch),
-            bytes_per_thread: scratch,
         };
     }
     let tones = |planes: std::ops::Range<usize>, share: f64| {
@@ -139,24 +137,30 @@ fn of_convolution(setup: &Setup, grid: &Grid, tolerance: f64, lattice: &SharedLa
     let compressing = microphones
         .saturating_add(block_bytes(setup))
         .saturating_add(complex(2.0 * of_volume * setup.sweep.len() as f64));
-    let one = slab.saturating_mul(slabs_at_once(thickness, 1) as u64).saturating_add(scratch);
-    let more = slab.saturating_mul(super::convolution::PLANES_PER_THREAD as u64) / thickness as u64;
+    let one = slab
+        .saturating_mul(slabs_at_once(thickness, threads).min(depths.div_ceil(thickness)) as u64)
+        .saturating_add(scratch);
     Estimate {
         method: Method::Convolution,
         obstacle: None,
         operations,
         bytes: bytes_finding.max(compressing).max(both).max(nodes.saturating_add(one)),
-        bytes_per_thread: more.saturating_add(scratch),
     }
 }
 
-fn of_backprojection(setup: &Setup, grid: &Grid, tolerance: f64, plan: &backprojection::Plan) -> Estimate {
+fn of_backprojection(
+    setup: &Setup,
+    grid: &Grid,
+    tolerance: f64,
+    plan: &backprojection::Plan,
+    threads: usize,
+) -> Estimate {
     let whole = interval(setup, grid, 0..grid.z.count);
     let tones =
         tones_for(setup.sweep.bandwidth() * whole.duration(), 0.1 * tolerance).min(setup.sweep.len() as f64);
     let (compressing, finding) = compression(setup, &whole, tones);
     let held = (tones * setup.array.len() as f64 * COMPLEX as f64) as u64;
-    let planes = plan.slab_voxels().saturating_mul(2 * COMPLEX);
+    let planes = plan.slab_voxels().saturating_mul(2 * COMPLEX).saturating_add((threads as u64) << 20);
     Estimate {
         method: Method::Backprojection,
         obstacle: None,
@@ -164,17 +168,18 @@ fn of_backprojection(setup: &Setup, grid: &Grid, tolerance: f64, plan: &backproj
         bytes: finding
             .max(held.saturating_add(block_bytes(setup)))
             .max(held.saturating_mul(2).saturating_add(planes)),
-        bytes_per_thread: 1 << 20,
     }
 }
 
-fn of_direct(setup: &Setup, grid: &Grid) -> Estimate {
+fn of_direct(setup: &Setup, grid: &Grid, threads: usize) -> Estimate {
     Estimate {
         method: Method::Direct,
         obstacle: None,
         operations: direct::operations(setup, grid),
-        bytes: setup.cube_bytes().saturating_mul(2),
-        bytes_per_thread: 64 * COMPLEX * setup.array.len() as u64,
+        bytes: setup
+            .cube_bytes()
+            .saturating_mul(2)
+            .saturating_add((64 * threads * setup.array.len()) as u64 * COMPLEX),
     }
 }
 
