@@ -26,8 +26,8 @@ use crate::error::{Error, Result};
 use crate::export::volume_npz::read_volume_npz;
 use crate::grid::{DepthMap, Grid};
 use crate::metrics::{Metrics, evaluate};
-use crate::plan::{Holding, Plan, check_memory, memory_limit, needs, plan};
-use crate::progress::Observer;
+use crate::plan::{Holding, Plan, check_memory, gib, memory_limit, needs, plan};
+use crate::progress::{Observer, stage};
 use crate::reconstruct::{Reconstruction, reconstruct_into, reconstruct_whole};
 use crate::reflectors::Reflectors;
 use crate::scene::Scene;
@@ -103,12 +103,8 @@ pub fn image_cube(run: &RunFile, mut cube: CubeFile, observer: &dyn Observer) ->
     let grid = run.voxels(&instrument.setup(), None)?;
     let plan = plan(&instrument.setup(), &grid);
     warn_all(&plan.warnings, &log);
-    room(
-        run,
-        &instrument.setup(),
-        &grid,
-        Holding { samples: cube.held_bytes() > 0, volume: true, depth: true },
-    )?;
+    let holding = Holding { samples: cube.held_bytes() > 0, volume: true, depth: true };
+    room(run, &instrument.setup(), &grid, holding, &log)?;
     let (image, depth) = focus(run, &mut cube, &grid, &log)?;
     let (timings, warnings) = log.finish();
     let (scene, reflectors, truth, metrics) = (None, None, None, None);
@@ -141,7 +137,8 @@ pub fn reconstruct_cube(
     let plan = plan(&setup, &grid);
     warn_all(&plan.warnings, observer);
     let volume = outputs.iter().any(|path| outputs::needs_all(path));
-    room(run, &setup, &grid, Holding { samples: cube.held_bytes() > 0, volume, depth: false })?;
+    let holding = Holding { samples: cube.held_bytes() > 0, volume, depth: false };
+    room(run, &setup, &grid, holding, observer)?;
     let mut files = outputs::VolumeFiles::new(setup, run, grid, outputs);
     reconstruct_into(&mut cube, &grid, &run.reconstruct_options(), &mut files, observer)?;
     files.finish()
@@ -248,11 +245,12 @@ fn focus(
     Ok((image, depth))
 }
 
-/// Refuses a job that cannot fit in memory.
-fn room(run: &RunFile, setup: &Setup, grid: &Grid, holding: Holding) -> Result<()> {
+/// Refuses a job that cannot fit in memory, and says what one that can will take.
+fn room(run: &RunFile, setup: &Setup, grid: &Grid, holding: Holding, observer: &dyn Observer) -> Result<()> {
     let threads = rayon::current_num_threads();
     let needs = needs(setup, grid, &run.reconstruct_options(), holding, threads)?;
-    check_memory(&needs, setup, grid, holding, memory_limit())
+    check_memory(&needs, setup, grid, holding, memory_limit())?;
+    stage(observer, &format!("taking about {} of memory", gib(needs.peak_bytes)), 0, || Ok(()))
 }
 
 fn warn_all(warnings: &[String], observer: &dyn Observer) {

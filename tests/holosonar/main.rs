@@ -12,6 +12,7 @@ mod command;
 mod layout;
 mod mutation;
 mod orientation;
+mod plan;
 mod point;
 mod reference;
 mod regression;

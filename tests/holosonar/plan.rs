@@ -1,0 +1,60 @@
+//! What `plan` foretells, what memory is held to, and volumes that grow depth by depth.
+
+use crate::binary::{done, files_below, refused, shipped};
+use serde_json::Value;
+
+#[test]
+fn plan_foretells_what_image_writes_and_touches_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = shipped("point.toml");
+    let planned: Value =
+        serde_json::from_str(&done(folder.path(), &format!("plan {} --json", scene.display()))).unwrap();
+    assert_eq!(files_below(folder.path()), Vec::<std::path::PathBuf>::new());
+    let text = done(folder.path(), &format!("plan {}", scene.display()));
+    for words in ["* convolution", "backprojection", "direct", "operations", "memory", "writes"] {
+        assert!(text.contains(words), "`{words}` is missing: {text}");
+    }
+    done(folder.path(), &format!("image {} -o out -q", scene.display()));
+    let mut written: Vec<String> = files_below(&folder.path().join("out"))
+        .iter()
+        .map(|path| path.file_name().unwrap().to_str().unwrap().to_owned())
+        .collect();
+    let mut foretold: Vec<String> = serde_json::from_value(planned["files"].clone()).unwrap();
+    written.sort();
+    foretold.sort();
+    assert_eq!(written, foretold);
+    let report: Value =
+        serde_json::from_slice(&std::fs::read(folder.path().join("out/report.json")).unwrap()).unwrap();
+    let chosen = planned["needs"]["chosen"].as_u64().unwrap() as usize;
+    assert_eq!(planned["needs"]["methods"][chosen]["method"], report["method"]);
+    assert_eq!(planned["plan"], report["plan"]);
+}
+
+#[test]
+fn memory_is_held_to_and_a_refusal_says_what_would_fit() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = shipped("corner.toml");
+    let words = format!("image {} -o out --memory 20MiB", scene.display());
+    refused(folder.path(), &words, 2, &["memory", "20 MiB may be used", "make the grid smaller"]);
+    refused(folder.path(), &format!("plan {} --memory lots", scene.display()), 2, &["--memory", "2GiB"]);
+}
+
+#[test]
+fn a_volume_that_grows_is_the_volume_held_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = shipped("point.toml");
+    done(folder.path(), &format!("simulate {} -o cube.npz -q", scene.display()));
+    let both = format!("reconstruct cube.npz -c {} -o a.npz -o a.exr -o a.vti -o a.nrrd -q", scene.display());
+    done(folder.path(), &both);
+    done(folder.path(), &format!("image cube.npz -c {} -o out -q", scene.display()));
+    let bytes = |name: &str| std::fs::read(folder.path().join(name)).unwrap();
+    assert_eq!(bytes("a.npz"), bytes("out/volume.npz"));
+    assert_eq!(bytes("a.exr"), bytes("out/volume.exr"));
+    let info = |name: &str| -> Value {
+        serde_json::from_str(&done(folder.path(), &format!("info {name} --json"))).unwrap()
+    };
+    let peak = info("a.npz")["peak_amplitude"].clone();
+    assert!(peak.as_f64().unwrap() > 0.5);
+    assert_eq!(info("a.vti")["peak_amplitude"], peak);
+    assert_eq!(info("a.nrrd")["peak_amplitude"], peak);
+}
