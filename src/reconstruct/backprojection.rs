@@ -302,3 +302,6 @@ fn place(block: &Block, [re, im]: &[Vec<f32>; 2], grid: &Grid, from: usize, plan
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -23,7 +23,7 @@ const RATIOS: [f64; 11] = [1.25, 1.5, 1.75, 2.0, 2.5, 3.0, 4.0, 6.0, 8.0, 12.0, 
 const MOST_TAPS: usize = 24;
 
 /// The share of the tolerance that each axis may use when it is tried at a few columns.
-const PROBED_SHARE: f64 = 0.1;
+const PROBED_SHARE: f64 = 0.15;
 
 /// The share of the tolerance that both axes together may use.
 pub(super) const SHARE: f64 = 0.5;
@@ -47,17 +47,16 @@ struct Density {
     across: usize,
     depths: usize,
     along: usize,
-    places: usize,
     frequencies: usize,
 }
 
 /// What weights are fitted to.
-const FITTED: Density = Density { across: 3, depths: 2, along: 5, places: 1, frequencies: 5 };
+const FITTED: Density = Density { across: 3, depths: 3, along: 5, frequencies: 5 };
 
 /// What errors are measured at.
-const MEASURED: Density = Density { across: 5, depths: 4, along: 6, places: 2, frequencies: 4 };
+const MEASURED: Density = Density { across: 4, depths: 4, along: 4, frequencies: 4 };
 
-/// The samples of one density, and something to keep `low` and `high` evenly apart.
+/// `count` numbers from `low` to `high`.
 fn evenly(low: f64, high: f64, count: usize) -> impl Iterator<Item = f64> {
     (0..count).map(move |i| low + (high - low) * i as f64 / (count.max(2) - 1) as f64)
 }
@@ -129,12 +128,9 @@ impl Terms {
                     *turned = self.carrier * self.turned_path(point(*t));
                 }
                 // Steepest at the array's near and far ends, in the voxel's own row and depth.
-                let mut far = evenly(low[other], high[other], 2 * density.places).collect::<Vec<_>>();
+                let mut far = vec![low[other], high[other]];
                 far.push(row.clamp(low[other], high[other]));
-                let mut near: Vec<f64> = vec![z.clamp(low.z, high.z)];
-                if density.places > 1 {
-                    near.push(low.z);
-                }
+                let near = [z.clamp(low.z, high.z), low.z];
                 let mut ends: Vec<f64> = evenly(low[axis], high[axis], density.along).collect();
                 ends.push(along[0].clamp(low[axis], high[axis]));
                 for (r_axis, r_other, r_z) in ends.iter().flat_map(|a| {
@@ -197,8 +193,11 @@ impl Nodes {
                 }
                 let nodes = Self::spaced(&voxels, ratio, taps);
                 let within = |i: usize| {
-                    let column = nodes.column(terms, grid, axis, voxels.position(i));
-                    nodes.error(terms, grid, axis, voxels.position(i), &column, &FITTED) <= tolerance
+                    let place = voxels.position(i);
+                    let column = nodes.column(terms, grid, axis, place);
+                    let error = |density| nodes.error(terms, grid, axis, place, &column, density);
+                    // The fitted samples tell most misfits at less expense.
+                    error(&FITTED) <= tolerance && error(&MEASURED) <= tolerance
                 };
                 if [1, 2, voxels.count - 3, voxels.count - 2].into_iter().all(within) {
                     if nodes.axis.count < best.axis.count {
