@@ -5,17 +5,22 @@
 //! Chebyshev series of few terms ([`profile`]). So the sum over frequencies costs a dozen terms instead of hundreds,
 //! whatever their number.
 //!
+//! Voxels closer together than the image changes are interpolated from fewer nodes ([`coarse`]); what follows is then
+//! done for those.
+//!
 //! 1. The sweep is compressed to skeleton tones for all path lengths, and again for each slab of depths.
 //! 2. For each block and each group of 16 microphones: tones to series coefficients, on the half-width of delays that
 //!    the block has ([`blocks`]).
 //! 3. For each of these microphones and each voxel of the block: path, series, carrier, sum.
 //!
 //! Errors, relative to `Σ|w m| / Σw`: cutting off the series, bounded by the coefficients left out; and the skeletons'
-//! measured error, which the series can amplify by no more than its Lebesgue constant.
+//! measured error, which the series can amplify by no more than its Lebesgue constant. Interpolation amplifies both by the
+//! sum of its weights' moduli, and adds its own measured error.
 
 mod blocks;
 mod coarse;
 mod profile;
+mod terms;
 
 use super::tones::{SlabTones, VolumeTones};
 use super::weights::Weights;
