@@ -5,16 +5,22 @@
 //! Chebyshev series of few terms ([`profile`]). So the sum over frequencies costs a dozen terms instead of hundreds,
 //! whatever their number.
 //!
+//! Voxels closer together than the image changes are interpolated from fewer nodes ([`coarse`]); what follows is then
+//! done for those.
+//!
 //! 1. The sweep is compressed to skeleton tones for all path lengths, and again for each slab of depths.
 //! 2. For each block and each group of 16 microphones: tones to series coefficients, on the half-width of delays that
 //!    the block has ([`blocks`]).
 //! 3. For each of these microphones and each voxel of the block: path, series, carrier, sum.
 //!
 //! Errors, relative to `Σ|w m| / Σw`: cutting off the series, bounded by the coefficients left out; and the skeletons'
-//! measured error, which the series can amplify by no more than its Lebesgue constant.
+//! measured error, which the series can amplify by no more than its Lebesgue constant. Interpolation amplifies both by the
+//! sum of its weights' moduli, and adds its own measured error.
 
 mod blocks;
+mod coarse;
 mod profile;
+mod terms;
 
 use super::tones::{SlabTones, VolumeTones};
 use super::weights::Weights;
@@ -27,6 +33,7 @@ use crate::wave::Geometry;
 use crate::wave::interval::PathInterval;
 use crate::wave::simd::{LANES, LaneProfiles, LaneTones, RangeScale, back_project, range_profiles};
 use blocks::{Block, Group, Shape, greatest_half, half_width};
+use coarse::Lattice;
 use glam::DVec3;
 use num_complex::Complex32;
 use profile::{Band, Rung, lebesgue};
@@ -45,22 +52,69 @@ const MOST_SLABS: usize = 32;
 /// Groups of microphones whose f32 sums are kept apart from those of the others, so that rounding does not add up.
 const GROUPS_PER_SUM: usize = 16;
 
+/// Below so many operations no coarser lattice is looked for.
+const LEAST_FOR_LATTICE: f64 = 1e9;
+
 /// How one job is divided.
 #[derive(Debug, Clone)]
 pub(super) struct Plan {
+    /// The voxels.
+    grid: Grid,
+    /// For the voxels themselves.
+    fine: Division,
+    /// For nodes that the voxels are interpolated from, where that takes fewer operations.
+    coarse: Option<(Lattice, Division)>,
+    /// Operations of the job by a fixed model.
+    operations: f64,
+}
+
+/// How the points of one grid are divided.
+#[derive(Debug, Clone)]
+struct Division {
     grid: Grid,
     geometry: Geometry,
     band: Band,
     shape: Shape,
     /// Depths per slab, a multiple of the blocks'.
     thickness: usize,
-    /// Operations of the job by a fixed model.
     operations: f64,
 }
 
 impl Plan {
     /// Divides a job by a fixed operation count, so that the same job is always divided alike.
     pub(super) fn new(setup: &Setup, grid: &Grid, tolerance: f64) -> Self {
+        let fine = Division::new(setup, grid, tolerance);
+        let coarse = (fine.operations > LEAST_FOR_LATTICE)
+            .then(|| Lattice::find(setup, grid, tolerance))
+            .flatten()
+            .map(|lattice| {
+                let accuracy = (1.0 - coarse::SHARE) * tolerance / coarse::USUAL_AMPLIFICATION;
+                let mut division = Division::new(setup, &lattice.grid(grid), accuracy);
+                division.operations += lattice.operations(grid);
+                (lattice, division)
+            })
+            .filter(|(_, coarse)| coarse.operations < fine.operations);
+        let operations = coarse.as_ref().map_or(fine.operations, |(_, coarse)| coarse.operations);
+        Self { grid: *grid, fine, coarse, operations }
+    }
+
+    /// Voxels of a slab.
+    pub(super) fn slab_voxels(&self) -> u64 {
+        let thickness = |division: &Division| division.thickness.min(self.grid.z.count) as u64;
+        let coarse = self.coarse.as_ref().map_or(0, |(_, division)| thickness(division));
+        let plane = (self.grid.x.count as u64).saturating_mul(self.grid.y.count as u64);
+        thickness(&self.fine).max(2 * coarse).saturating_mul(plane)
+    }
+
+    /// Operations of the job, comparable with those of [`super::direct`].
+    pub(super) fn operations(&self) -> f64 {
+        self.operations
+    }
+}
+
+impl Division {
+    /// The division of fewest operations.
+    fn new(setup: &Setup, grid: &Grid, tolerance: f64) -> Self {
         let band = Band {
             carrier: setup.sweep.centre(),
             bandwidth: setup.sweep.bandwidth(),
@@ -88,17 +142,6 @@ impl Plan {
         let thickness = thickness(shape);
         Self { grid: *grid, geometry: setup.geometry, band, shape, thickness, operations: terms * cost }
     }
-
-    /// Voxels of a slab.
-    pub(super) fn slab_voxels(&self) -> u64 {
-        let depths = self.thickness.min(self.grid.z.count) as u64;
-        depths.saturating_mul(self.grid.x.count as u64).saturating_mul(self.grid.y.count as u64)
-    }
-
-    /// Operations of the job, comparable with those of [`super::direct`].
-    pub(super) fn operations(&self) -> f64 {
-        self.operations
-    }
 }
 
 /// All delays at which profiles of these depths are expanded: the path lengths, and a half-width to both sides.
@@ -124,43 +167,57 @@ pub(super) fn backprojection(
     observer: &dyn Observer,
 ) -> Result<Made> {
     let depths = plan.grid.z.count;
-    let greatest = greatest_half(plan.shape.half(&plan.grid));
-    let (terms, series_error) = plan.band.terms(greatest);
+    let coarse = plan.coarse.as_ref().and_then(|(lattice, division)| {
+        lattice.interpolation(&plan.grid, tolerance).map(|interpolation| (interpolation, division.clone()))
+    });
+    let (interpolation, mut division) = coarse.map_or((None, plan.fine.clone()), |(i, d)| (Some(i), d));
+    // What interpolation leaves of the tolerance, and by how much it amplifies errors of the nodes.
+    let (inexact, growth) = interpolation.as_ref().map_or((0.0, 1.0), |i| (i.error, i.amplification));
+    let tolerance = (tolerance - inexact) / growth;
+    division.band.tolerance = SERIES_SHARE * tolerance;
+    let Division { grid, shape, thickness, .. } = division;
+    let greatest = greatest_half(shape.half(&grid));
+    let (terms, series_error) = division.band.terms(greatest);
     let amplification = lebesgue(terms);
     let allowed = (tolerance - series_error) / amplification;
-    let whole = interval(&source.setup(), &plan.grid, plan.shape, 0..depths);
+    let whole = interval(&source.setup(), &grid, shape, 0..depths);
     let compressed = VolumeTones::compress(source, weights, whole, FIRST_SHARE * allowed, observer)?;
     let setup = source.setup();
-    let starts: Vec<usize> = (0..depths).step_by(plan.thickness).collect();
-    let slab_depths = |first: usize| first..(first + plan.thickness).min(depths);
+    let starts: Vec<usize> = (0..depths).step_by(thickness).collect();
+    let slab_depths = |first: usize| first..(first + thickness).min(depths);
     let slabs: Vec<SlabTones> = starts
         .par_iter()
         .map(|&first| {
-            let interval = interval(&setup, &plan.grid, plan.shape, slab_depths(first));
+            let interval = interval(&setup, &grid, shape, slab_depths(first));
             compressed.nest(interval, allowed)
         })
         .collect();
     let greater = |a: f64, b: f64| if a >= b || a.is_nan() { a } else { b };
     let skeletons = slabs.iter().map(|slab| slab.error).fold(0.0, greater);
-    let relative = series_error + amplification * skeletons;
+    let relative = inexact + growth * (series_error + amplification * skeletons);
     let made = Made { method: Method::Backprojection, error_bound: relative * compressed.modulus };
     sink.begin(&made)?;
     let groups = Group::all(setup.array.positions());
     let width = setup.array.len();
-    let blocks = starts.iter().map(|&first| Block::of(&plan.grid, plan.shape, slab_depths(first)).len());
+    let blocks = starts.iter().map(|&first| Block::of(&grid, shape, slab_depths(first)).len());
     let total = blocks.sum::<usize>() as u64;
-    let mut planes = vec![Complex32::ZERO; plan.thickness.min(depths) * plan.grid.plane_len()];
+    let mut planes = vec![Complex32::ZERO; thickness.min(depths) * grid.plane_len()];
+    let mut finer =
+        vec![
+            Complex32::ZERO;
+            if interpolation.is_some() { thickness.min(depths) * plan.grid.plane_len() } else { 0 }
+        ];
     stage(observer, "reconstructing", total, || {
         for (&first, slab) in starts.iter().zip(&slabs) {
             let tones = slab.of(&compressed.tones, width);
             let frequencies: Vec<f64> = tones.per_metre.iter().map(|k| -k * setup.sound_speed).collect();
             let slab = Slab {
-                plan,
-                ladder: plan.band.ladder(greatest, &frequencies),
+                division: &division,
+                ladder: division.band.ladder(greatest, &frequencies),
                 per_metre: &tones.per_metre,
                 groups: groups.iter().map(|g| (g, g.tones(&tones, width))).collect(),
             };
-            let blocks = Block::of(&plan.grid, plan.shape, slab_depths(first));
+            let blocks = Block::of(&grid, shape, slab_depths(first));
             let images: Vec<[Vec<f32>; 2]> = blocks
                 .par_iter()
                 .map(|block| {
@@ -168,11 +225,21 @@ pub(super) fn backprojection(
                     advance(observer, 1).map(|()| image)
                 })
                 .collect::<Result<_>>()?;
-            let planes = &mut planes[..slab_depths(first).len() * plan.grid.plane_len()];
+            let planes = &mut planes[..slab_depths(first).len() * grid.plane_len()];
             for (block, image) in blocks.iter().zip(&images) {
-                place(block, image, &plan.grid, first, planes);
+                place(block, image, &grid, first, planes);
             }
-            sink.take(first, planes)?;
+            let Some(interpolation) = &interpolation else {
+                sink.take(first, planes)?;
+                continue;
+            };
+            let finer = &mut finer[..slab_depths(first).len() * plan.grid.plane_len()];
+            let pairs = planes.par_chunks_exact_mut(grid.plane_len());
+            let pairs = pairs.zip(finer.par_chunks_exact_mut(plan.grid.plane_len())).enumerate();
+            pairs.for_each(|(z, (nodes, voxels))| {
+                interpolation.plane(nodes, &plan.grid, grid.z.position(first + z), voxels);
+            });
+            sink.take(first, finer)?;
         }
         Ok(())
     })?;
@@ -181,7 +248,7 @@ pub(super) fn backprojection(
 
 /// What all blocks of a slab share.
 struct Slab<'a> {
-    plan: &'a Plan,
+    division: &'a Division,
     ladder: Vec<Rung>,
     per_metre: &'a [f64],
     groups: Vec<(&'a Group, LaneTones)>,
@@ -190,7 +257,7 @@ struct Slab<'a> {
 impl Slab<'_> {
     /// The sums over all microphones at the voxels of a block, real and imaginary parts.
     fn image(&self, block: &Block) -> [Vec<f32>; 2] {
-        let Plan { grid, geometry, band, .. } = self.plan;
+        let Division { grid, geometry, band, .. } = self.division;
         let (centre, half) = (block.centre(grid), Shape(block.count).half(grid));
         let out = geometry.outward_length(centre);
         let points = block.points(grid, geometry);
@@ -240,3 +307,6 @@ fn place(block: &Block, [re, im]: &[Vec<f32>; 2], grid: &Grid, from: usize, plan
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -96,6 +96,47 @@ fn backprojection_keeps_its_bound_on_any_array_and_grid() {
     }
 }
 
+/// Voxels so close together that most are interpolated, along both axes or one, against the literal sum.
+#[test]
+fn voxels_between_nodes_keep_the_bound() {
+    for seed in 0..4 {
+        let mut random = Random::new(900 + seed);
+        let positions = (0..420)
+            .map(|_| {
+                DVec3::new(random.uniform(-0.2, 0.2), random.uniform(-0.2, 0.2), random.uniform(-0.1, 0.0))
+            })
+            .collect();
+        let array = MicArray::from_positions("array", &[420], positions).unwrap();
+        let sweep = match seed {
+            0 => Sweep::from_frequencies("f", vec![17_000.0]).unwrap(),
+            1 => {
+                let uneven = (0..30).map(|n| 9_000.0 + 200.0 * (f64::from(n) + random.uniform(0.0, 0.9)));
+                Sweep::from_frequencies("f", uneven.collect()).unwrap()
+            }
+            _ => Sweep::stepped("f", 10_000.0, 16_000.0, 100.0).unwrap(),
+        };
+        let source = DVec3::new(0.1, -0.2, -0.1);
+        let geometry = if seed == 2 { Geometry::Monostatic } else { Geometry::FixedSource { source } };
+        let cube = random_cube(&mut random, sweep, array, geometry, Detection::Quadrature);
+        let axis = |first: f64, pitch: f64, count: usize| Axis { first, pitch, count };
+        let y = if seed == 3 { axis(0.0, 0.05, 40) } else { axis(-0.1, 0.004, 91) };
+        let grid = Grid { x: axis(-0.2, 0.003, 110), y, z: axis(0.6, 0.02, 7) };
+        let exact = direct(&cube, &grid, Window::None);
+        let peak = f64::from(exact.iter().map(|a| a.norm()).fold(0.0, f32::max));
+        let moduli: f64 = cube.samples.iter().map(|m| f64::from(m.norm())).sum();
+        for tolerance in [1e-2, 1e-4, 1e-6] {
+            let mut options = ReconstructOptions::new(Method::Backprojection, Window::None);
+            options.tolerance = tolerance;
+            let image = reconstruct(&cube, &grid, &options, &Silent).unwrap();
+            let error = relative_difference(&image.volume.samples, &exact) * peak;
+            let bound = image.error_bound;
+            assert!(error <= bound + 1e-5 * peak, "seed {seed} {tolerance}: {error:e} above {bound:e}");
+            let most = tolerance * moduli / cube.samples.len() as f64;
+            assert!(bound <= most * 1.01, "seed {seed} {tolerance}: {bound:e} above {most:e}");
+        }
+    }
+}
+
 /// Blocks of several slabs, and groups of microphones in several sums.
 #[test]
 fn threads_do_not_change_the_bytes_of_a_larger_image() {

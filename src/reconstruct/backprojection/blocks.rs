@@ -1,6 +1,6 @@
 //! Boxes of voxels and groups of microphones that share their range profiles.
 
-use super::profile::Band;
+use super::profile::{Band, MOST_FOR_POWERS};
 use crate::grid::{Axis, Grid};
 use crate::reconstruct::tones::Tones;
 use crate::wave::Geometry;
@@ -27,10 +27,12 @@ impl Shape {
         DVec3::new(along(&grid.x, self.0[0]), along(&grid.y, self.0[1]), along(&grid.z, self.0[2]))
     }
 
-    /// Every shape worth trying: powers of two that the grid has room for.
+    /// Every shape worth trying: powers of two that the grid has room for, and what deals its voxels out evenly to as many
+    /// blocks.
     pub(super) fn candidates(grid: &Grid) -> impl Iterator<Item = Self> {
         let sizes = |count: usize| {
-            (0..11).map(|e| 1usize << e).filter(move |&n| n < 2 * count).map(move |n| n.min(count))
+            let even = move |n: usize| count.div_ceil(count.div_ceil(n));
+            (0..11).map(|e| 1usize << e).filter(move |&n| n < 2 * count).map(even)
         };
         let (x, y, z) = (grid.x.count, grid.y.count, grid.z.count);
         sizes(z)
@@ -63,8 +65,11 @@ impl Shape {
             let t = |k: usize| (k % 3) as f64 / 2.0;
             let p = DVec3::new(middle(&grid.x, t(i)), middle(&grid.y, t(i / 3)), middle(&grid.z, t(i / 9)));
             for r in microphones {
-                let terms = 1.1 * band.edge(half_width(geometry, p, half, *r)) + 2.0 + 1.3 * digits;
-                sum += lanes * (OPERATIONS_PER_POINT + 4.0 * terms) + tones * (50.0 + 4.0 * terms);
+                let edge = band.edge(half_width(geometry, p, half, *r));
+                let terms = 1.1 * edge + 2.0 + 1.3 * digits;
+                // Horner's rule takes fewer operations than Clenshaw's.
+                let per_term = if edge <= MOST_FOR_POWERS { 4.0 } else { 6.0 };
+                sum += lanes * (OPERATIONS_PER_POINT + per_term * terms) + tones * (50.0 + 4.0 * terms);
                 count += 1.0;
             }
         }

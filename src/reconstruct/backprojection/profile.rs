@@ -14,7 +14,7 @@ const LEAST: f64 = 0.2;
 
 /// Up to this x at the band's edge, series are summed as powers of t, which takes fewer operations; their coefficients
 /// add up to e^x at most, by which f32 rounding grows where all of them conspire.
-const MOST_FOR_POWERS: f64 = 5.0;
+pub(super) const MOST_FOR_POWERS: f64 = 5.0;
 
 /// A half-width of delays with the series of every tone on it.
 #[derive(Debug, Clone)]
