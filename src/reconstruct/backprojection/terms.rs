@@ -39,7 +39,7 @@ fn evenly(low: f64, high: f64, count: usize) -> impl Iterator<Item = f64> {
 
 impl Terms {
     pub(super) fn of(setup: &Setup) -> Self {
-        let (low, high) = setup.array.bounds().into();
+        let (low, high) = setup.array.bounds();
         let frequencies = setup.sweep.frequencies();
         Self {
             geometry: setup.geometry,

@@ -19,8 +19,8 @@ fn voxels_between_nodes_are_the_literal_terms() {
     let place = |i: usize| {
         DVec3::new(0.4 * fraction(i, 0.618_034), 0.3 * fraction(i, 0.754_878), 0.05 * fraction(i, 0.569_84))
     };
-    let array = MicArray::from_positions("array", &[50], (0..50).map(place).collect()).unwrap();
-    let sweep = Sweep::stepped("f", 8_000.0, 16_000.0, 100.0).unwrap();
+    let array = MicArray::from_positions("array", &[50], (0..50).map(place).collect()).expect("valid");
+    let sweep = Sweep::stepped("f", 8_000.0, 16_000.0, 100.0).expect("valid");
     let axis = |first: f64, pitch: f64, count: usize| Axis { first, pitch, count };
     let grid = Grid { x: axis(-0.2, 0.004, 70), y: axis(-0.1, 0.005, 61), z: axis(0.5, 0.03, 2) };
     for geometry in [Geometry::ORIGIN, Geometry::Monostatic] {
@@ -54,8 +54,8 @@ fn voxels_between_nodes_are_the_literal_terms() {
 
 #[test]
 fn coarse_voxels_and_those_on_microphones_stay_as_they_are() {
-    let array = MicArray::rectangular("array", [8, 8], [0.03; 2], DVec3::ZERO).unwrap();
-    let sweep = Sweep::stepped("f", 8_000.0, 16_000.0, 100.0).unwrap();
+    let array = MicArray::rectangular("array", [8, 8], [0.03; 2], DVec3::ZERO).expect("valid");
+    let sweep = Sweep::stepped("f", 8_000.0, 16_000.0, 100.0).expect("valid");
     let setup = setup(&sweep, &array, Geometry::ORIGIN);
     let grid = |pitch: f64, z: f64| {
         let axis = Axis { first: -0.2, pitch, count: 64 };
