@@ -286,7 +286,7 @@ mod tests {
             let options = ReconstructOptions::default();
             let holding = Holding { volume: true, ..Holding::default() };
             assert!(needs(setup, &huge, &options, holding, 2).is_err(), "more than can be counted over");
-            (huge.x.count, huge.y.count, huge.z.count) = (1 << 14, 1 << 14, 1 << 12);
+            (huge.x.count, huge.y.count, huge.z.count) = (1 << 13, 1 << 13, 1 << 12);
             let needs = needs(setup, &huge, &options, holding, 2).expect("an estimate");
             let error = check_memory(&needs, setup, &huge, holding, Some(1 << 40)).expect_err("too much");
             assert!(error.to_string().contains("never held whole"), "{error}");

@@ -217,7 +217,7 @@ fn check(grid: &Grid, options: &ReconstructOptions) -> Result<()> {
 }
 
 /// What each method would cost for a job with so many threads, and the one that [`reconstruct`] would take, as an index
-/// (which no number of threads changes). Costs milliseconds.
+/// (which no number of threads changes). Costs up to a tenth of a second.
 ///
 /// # Errors
 /// A grid with voxels behind the array; a tolerance that is not in 0..1.
@@ -322,7 +322,7 @@ pub fn reconstruct_whole(
 /// Reconstructs from a source of frequencies into a sink of depths, neither of which need be held whole.
 ///
 /// - Cost: `direct` is voxels × microphones × frequencies terms; `convolution` two padded 2-D FFTs per skeleton
-///   tone, depth and pair of sub-lattices; `backprojection` some 130 operations per voxel and microphone.
+///   tone, depth and pair of sub-lattices; `backprojection` some 130 operations per voxel (or node of a coarser lattice) and microphone.
 /// - The bytes do not depend on the number of threads, nor on where samples come from and planes go to.
 ///
 /// # Errors
