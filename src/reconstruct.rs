@@ -128,8 +128,10 @@ impl Options {
         check(grid, options)?;
         // Spreading and skeletons share the tolerance.
         let lattice = SharedLattice::find(setup, grid, 0.5 * options.tolerance);
-        let backprojection =
-            (options.tolerance > 0.0).then(|| backprojection::Plan::new(setup, grid, options.tolerance));
+        // Where there is a lattice, convolution is so much faster that dividing the other's work is not worth its time.
+        let wanted = lattice.is_err() || options.method == Method::Backprojection;
+        let backprojection = (wanted && options.tolerance > 0.0)
+            .then(|| backprojection::Plan::new(setup, grid, options.tolerance));
         let estimates = cost::estimates(setup, grid, options, &lattice, backprojection.as_ref(), threads);
         Ok(Self { estimates, lattice, backprojection })
     }

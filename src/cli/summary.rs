@@ -170,7 +170,7 @@ pub(super) fn forecast(forecast: &Forecast) -> String {
     for (i, (method, seconds)) in needs.methods.iter().zip(needs.seconds).enumerate() {
         let name = format!("{}{}", if i == needs.chosen { "* " } else { "  " }, name_of(method.method));
         let costs = match &method.obstacle {
-            Some(obstacle) => format!("not possible: {obstacle}"),
+            Some(obstacle) => format!("not taken: {obstacle}"),
             None => format!(
                 "{:.1e} operations, {}, about {}",
                 method.operations,

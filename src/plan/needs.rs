@@ -42,7 +42,7 @@ pub struct Needs {
 }
 
 /// Bytes of the program itself, its threads' stacks and its libraries' tables.
-const PROGRAM: u64 = 14 << 20;
+const PROGRAM: u64 = 20 << 20;
 
 /// The most bytes of sums that a simulation holds beside its cube.
 const SIMULATION: u64 = 128 << 20;

@@ -48,6 +48,10 @@ pub(super) fn estimates(
     };
     let backprojection = match backprojection {
         Some(plan) => of_backprojection(setup, grid, options.tolerance, plan, threads),
+        None if options.tolerance > 0.0 => impossible(
+            Method::Backprojection,
+            "of no use here, where convolution is far faster; ask for it by name to see its cost".to_owned(),
+        ),
         None => impossible(
             Method::Backprojection,
             "0 leaves no room for interpolation; give a tolerance above 0 (1e-6, say)".to_owned(),
