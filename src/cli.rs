@@ -9,6 +9,7 @@ mod info;
 mod inputs;
 mod summary;
 mod terminal;
+mod verdicts;
 
 use clap::{Args, Parser, Subcommand};
 use holosonar::error::Error;

@@ -2,16 +2,14 @@
 
 use super::inputs::{config_of, has_extension, run_of};
 use super::terminal::{Terminal, print};
+use super::verdicts::{check, compare};
 use super::{Cli, Command, Overrides, browser, info, summary};
 use clap::CommandFactory;
 use holosonar::acquisition::CubeFile;
 use holosonar::config::ANNOTATED;
 use holosonar::error::{Error, Result};
-use holosonar::export::depth_exr::{DepthFile, read_depth_map};
-use holosonar::export::{Attribute, find_attribute};
 use holosonar::files::write_atomically;
-use holosonar::metrics::{Metrics, evaluate};
-use holosonar::pipeline::{self, Bound, Verdict};
+use holosonar::pipeline;
 use holosonar::plan::memory_limit;
 use holosonar::progress::Observer;
 use std::io::Write;
@@ -136,91 +134,6 @@ fn image(
     if terminal.is_quiet() { Ok(()) } else { print(&summary::image(input, folder, &report, &outcome)) }
 }
 
-fn compare(
-    result: &Path,
-    truth: &Path,
-    resolution: Option<f64>,
-    min: &[String],
-    max: &[String],
-    json: bool,
-) -> Result<()> {
-    let mut bounds = Vec::new();
-    for (option, typed, is_min) in [("--min", min, true), ("--max", max, false)] {
-        for typed in typed {
-            bounds.push(Bound::parse(option, typed, is_min)?);
-        }
-    }
-    let mut found = read_depth_map(result, reading_limit())?;
-    let truth = read_depth_map(truth, reading_limit())?;
-    if !found.axes_known && found.map.shape() == truth.map.shape() {
-        // A foreign depth map says nothing of metres; pixel for pixel is what its user means.
-        (found.map.x, found.map.y) = (truth.map.x, truth.map.y);
-    }
-    let said = |file: &DepthFile| match find_attribute(&file.attributes, "sonar:rangeResolution") {
-        Some(Attribute::Number(resolution)) => Some(*resolution),
-        _ => None,
-    };
-    let resolution = resolution.or_else(|| said(&truth)).or_else(|| said(&found)).ok_or_else(|| {
-        Error::input(
-            "--resolution",
-            "is needed: neither file says its range resolution c/2B, by which hits and misses are told apart",
-        )
-    })?;
-    let metrics = evaluate(&found.map, &truth.map, resolution)?;
-    let verdicts = pipeline::hold(&metrics, bounds);
-    if json {
-        print(&pretty(&verdicts_json(&metrics, &verdicts)))?;
-    } else {
-        print(&summary::metrics(&metrics))?;
-    }
-    limits_kept(&verdicts)
-}
-
-fn check(runs: &[PathBuf], overrides: &Overrides, json: bool, terminal: &Terminal) -> Result<()> {
-    let mut worst: Option<Error> = None;
-    let mut rows = Vec::new();
-    for path in runs {
-        let name = path.display().to_string();
-        let outcome = pipeline::check_scene(path, &overrides.keys(), terminal);
-        match outcome {
-            Ok((metrics, verdicts)) => {
-                if json {
-                    let mut row = verdicts_json(&metrics, &verdicts);
-                    row["scene"] = name.clone().into();
-                    rows.push(row);
-                } else {
-                    print(&summary::check_line(&name, &verdicts))?;
-                }
-                if let Err(error) = limits_kept(&verdicts) {
-                    let error = Error::Limit(format!("{name}: {error}"));
-                    worst = Some(worse(worst, error));
-                }
-            }
-            Err(Error::Interrupted) => return Err(Error::Interrupted),
-            Err(error) => {
-                // The others are still worth a line.
-                if runs.len() > 1 && !json {
-                    print(&format!("FAILED {error}\n"))?;
-                }
-                rows.push(serde_json::json!({ "scene": name, "error": error.to_string() }));
-                worst = Some(worse(worst, error));
-            }
-        }
-    }
-    if json {
-        print(&pretty(&serde_json::Value::Array(rows)))?;
-    }
-    worst.map_or(Ok(()), Err)
-}
-
-/// Of two errors the one to exit with: a run that failed tells more than a limit that was missed.
-fn worse(first: Option<Error>, second: Error) -> Error {
-    match first {
-        Some(first) if !matches!(first, Error::Limit(_)) || matches!(second, Error::Limit(_)) => first,
-        _ => second,
-    }
-}
-
 fn init(folder: &Path, json: bool, terminal: &Terminal) -> Result<()> {
     let files =
         [(folder.join("corner.toml"), ANNOTATED), (folder.join("meshes").join("corner.obj"), CORNER_MESH)];
@@ -276,7 +189,7 @@ fn make_folder(folder: &Path) -> Result<bool> {
 }
 
 /// Bytes that any one array of an input may take.
-fn reading_limit() -> u64 {
+pub(super) fn reading_limit() -> u64 {
     memory_limit().unwrap_or(u64::MAX)
 }
 
@@ -291,25 +204,6 @@ fn wrote(files: &[PathBuf], json: bool, terminal: &Terminal) -> Result<()> {
     print(&lines.concat())
 }
 
-fn pretty(value: &serde_json::Value) -> String {
+pub(super) fn pretty(value: &serde_json::Value) -> String {
     format!("{value:#}\n")
-}
-
-fn verdicts_json(metrics: &Metrics, verdicts: &[Verdict]) -> serde_json::Value {
-    let limits: Vec<_> = verdicts
-        .iter()
-        .map(|v| {
-            serde_json::json!({
-                "metric": v.bound.metric, "min": v.bound.limit.min, "max": v.bound.limit.max,
-                "value": v.value, "kept": v.kept,
-            })
-        })
-        .collect();
-    serde_json::json!({ "metrics": metrics, "limits": limits })
-}
-
-/// Exit status 3 for what was missed, in words.
-fn limits_kept(verdicts: &[Verdict]) -> Result<()> {
-    let missed: Vec<String> = verdicts.iter().filter(|v| !v.kept).map(summary::verdict).collect();
-    if missed.is_empty() { Ok(()) } else { Err(Error::Limit(format!("missed {}", missed.join("; ")))) }
 }

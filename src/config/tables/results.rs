@@ -1,0 +1,195 @@
+//! What is computed from it, written, and expected.
+
+use crate::config::choices::{
+    Components, Compression, Fill, Method, Pick, Refine, View, VolumeFormat, Window,
+};
+use crate::depth::DepthOptions;
+use serde::de::{self, SeqAccess, Visitor};
+use serde::{Deserialize, Deserializer, Serialize};
+use std::collections::BTreeMap;
+use std::fmt;
+
+/// `[grid]`: the voxels. What is left out, the plan chooses.
+///
+/// An axis is `[first, last]` and a pitch: its voxels start at `first`, and the last is the largest that fits.
+/// Instead of one of the three, `count` may be given:
+/// - `x = [first, last]` and `count`: both ends are voxels, and the pitch follows;
+/// - `x = first`, `pitch` and `count`: the last voxel follows.
+///
+/// Loading fills in what follows, so that whoever reads `x`, `y`, `z` and `pitch` may ignore `count`.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct GridTable {
+    /// First and last column, m.
+    #[serde(deserialize_with = "ends")]
+    pub x: Option<[f64; 2]>,
+    /// First and last row (downwards), m.
+    #[serde(deserialize_with = "ends")]
+    pub y: Option<[f64; 2]>,
+    /// First and last depth, m.
+    #[serde(deserialize_with = "ends")]
+    pub z: Option<[f64; 2]>,
+    /// Distance between neighbours along x, y and z, m.
+    pub pitch: Option<[f64; 3]>,
+    /// Voxels along x, y and z.
+    pub count: Option<[u32; 3]>,
+}
+
+/// Reads `[first, last]`, or `first` alone as `[first, NaN]`, which filling replaces or refuses.
+fn ends<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<[f64; 2]>, D::Error> {
+    struct Ends([f64; 2]);
+    impl<'de> Deserialize<'de> for Ends {
+        fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+            deserializer.deserialize_any(EndsVisitor)
+        }
+    }
+    struct EndsVisitor;
+    impl<'de> Visitor<'de> for EndsVisitor {
+        type Value = Ends;
+
+        fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+            f.write_str("[first, last] in metres, or `first` alone beside `pitch` and `count`")
+        }
+
+        fn visit_f64<E: de::Error>(self, first: f64) -> Result<Ends, E> {
+            Ok(Ends([first, f64::NAN]))
+        }
+
+        fn visit_i64<E: de::Error>(self, first: i64) -> Result<Ends, E> {
+            self.visit_f64(first as f64)
+        }
+
+        fn visit_u64<E: de::Error>(self, first: u64) -> Result<Ends, E> {
+            self.visit_f64(first as f64)
+        }
+
+        fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<Ends, A::Error> {
+            let mut values: Vec<f64> = Vec::new();
+            while let Some(value) = list.next_element()? {
+                values.push(value);
+            }
+            match values[..] {
+                [first, last] if !last.is_nan() => Ok(Ends([first, last])),
+                _ => Err(de::Error::invalid_length(values.len(), &self)),
+            }
+        }
+    }
+    Ok(Option::<Ends>::deserialize(deserializer)?.map(|ends| ends.0))
+}
+
+/// `[reconstruct]`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Reconstruct {
+    /// How the volume is computed.
+    pub method: Method,
+    /// Error allowed relative to the mean of the samples' magnitudes; 0 uses every frequency.
+    pub tolerance: f64,
+    /// Weights over x, y and frequency.
+    pub window: Window,
+}
+
+impl Default for Reconstruct {
+    fn default() -> Self {
+        Self { method: Method::Auto, tolerance: 1e-4, window: Window::Taylor }
+    }
+}
+
+/// `[depth]`: how returns are found in the volume.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Depth {
+    /// Which return becomes the pixel's depth.
+    pub pick: Pick,
+    /// How it is placed between voxels.
+    pub refine: Refine,
+    /// Least amplitude, dB against the 99th percentile of the columns' maxima.
+    pub threshold_db: f64,
+    /// Most returns per pixel.
+    pub returns: u32,
+    /// Least amplitude of a further return, dB against the same percentile.
+    pub return_threshold_db: f64,
+    /// Least amplitude of a further return, dB against its column's maximum.
+    pub return_gate_db: f64,
+    /// Least distance between returns, in `c/2B`.
+    pub separation: f64,
+    /// Gaussian sigma along x, y, z of the power in which further returns are found, m.
+    pub smoothing: [f64; 3],
+    /// Side of the median filter, pixels; 1 is none.
+    pub median: u32,
+    /// `Z` where nothing was accepted.
+    pub fill: Fill,
+    /// Along which rays depth is looked for.
+    pub view: View,
+}
+
+impl Default for Depth {
+    fn default() -> Self {
+        // The stage's own defaults; a resolution is no part of the table.
+        let stage = DepthOptions::new(f64::NAN);
+        Self {
+            pick: stage.pick,
+            refine: stage.refine,
+            threshold_db: stage.threshold_db,
+            returns: stage.returns as u32,
+            return_threshold_db: stage.return_threshold_db,
+            return_gate_db: stage.return_gate_db,
+            separation: stage.separation,
+            smoothing: stage.smoothing,
+            median: stage.median as u32,
+            fill: Fill::Inf,
+            view: View::Orthographic,
+        }
+    }
+}
+
+/// `[output]`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Output {
+    /// In which formats the volume is written; none at all is allowed.
+    pub formats: Vec<VolumeFormat>,
+    /// What EXR and VTI volumes hold; npz is always complex, NRRD always amplitude.
+    pub components: Components,
+    /// Whether amplitudes in EXR files take 16 bits; depths and complex parts keep 32.
+    pub float16: bool,
+    /// Of EXR and NRRD files.
+    pub compression: Compression,
+    /// Whether `image` writes the point clouds `depth.ply` and `scene.ply`.
+    pub points: bool,
+    /// Whether `image` writes the page `report.html`.
+    pub report: bool,
+}
+
+impl Default for Output {
+    fn default() -> Self {
+        Self {
+            formats: vec![VolumeFormat::Exr, VolumeFormat::Npz],
+            components: Components::Amplitude,
+            float16: false,
+            compression: Compression::Zip,
+            points: true,
+            report: true,
+        }
+    }
+}
+
+/// `[expect]`: limits on metrics, by name.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct Expect {
+    /// Name of a metric (one of [`METRIC_NAMES`](crate::metrics::METRIC_NAMES)) and what it is held to.
+    pub limits: BTreeMap<String, Limit>,
+}
+
+/// What one metric is held to; at least one side is given.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Limit {
+    /// Least value allowed: m for an error, a fraction for the rest.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub min: Option<f64>,
+    /// Greatest value allowed, in the same units.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max: Option<f64>,
+}

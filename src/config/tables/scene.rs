@@ -1,0 +1,85 @@
+//! The scene and its reflectors.
+
+use crate::config::choices::{InputFile, Occlusion, Shading, Surface, Unit, Up};
+use serde::{Deserialize, Serialize};
+
+/// `[scene]`: what is imaged, and where it stands.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Scene {
+    /// Mesh (`.obj`, `.gltf`, `.glb`, `.stl`, `.ply`) or reflectors (`.csv`).
+    pub mesh: Option<InputFile>,
+    /// Unit of the mesh's coordinates; left out: what the file itself says.
+    pub unit: Option<Unit>,
+    /// The mesh's upward axis; left out: `y` for glTF, `none` for anything else.
+    pub up: Option<Up>,
+    /// Factor applied first.
+    pub scale: f64,
+    /// Degrees about the array's x, then y, then z (fixed axes).
+    pub rotate: [f64; 3],
+    /// Moves the mesh, m; left out: not at all. Excludes `fit`.
+    pub translate: Option<[f64; 3]>,
+    /// Where the centre of the mesh's bounding box goes, m. Excludes `translate`.
+    pub fit: Option<[f64; 3]>,
+    /// `camera:NAME` or `node:NAME` of a glTF file: the array sits there and looks where it looks.
+    pub sensor: Option<String>,
+    /// Which paths surfaces weaken.
+    pub occlusion: Occlusion,
+}
+
+impl Default for Scene {
+    fn default() -> Self {
+        Self {
+            mesh: None,
+            unit: None,
+            up: None,
+            scale: 1.0,
+            rotate: [0.0; 3],
+            translate: None,
+            fit: None,
+            sensor: None,
+            occlusion: Occlusion::Speaker,
+        }
+    }
+}
+
+/// One `[[materials]]`: the first rule whose pattern matches a material's or node's name overrides the mesh
+/// file's own values.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MaterialRule {
+    /// Pattern: `*` stands for any text, `?` for one character.
+    pub name: String,
+    /// Reflected amplitude, 0 to 1; left out: the mesh file's.
+    pub reflectance: Option<f64>,
+    /// Amplitude left after one crossing, 0 to 1; left out: the mesh file's.
+    pub transmittance: Option<f64>,
+}
+
+/// `[reflectors]`: how surfaces become point reflectors.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Reflectors {
+    /// Distance between reflectors, m; left out: `min(λ_c/2, half the lateral resolution)`.
+    pub spacing: Option<f64>,
+    /// How they scatter.
+    pub surface: Surface,
+    /// Rms displacement of a rough surface, in wavelengths at the centre frequency.
+    pub roughness: f64,
+    /// How the angle of incidence counts.
+    pub shading: Shading,
+    /// Seed of everything random about them.
+    pub seed: u32,
+}
+
+impl Default for Reflectors {
+    fn default() -> Self {
+        Self {
+            spacing: None,
+            surface: Surface::Diffuse,
+            roughness: 0.125,
+            shading: Shading::Lambert,
+            seed: 1,
+        }
+    }
+}
