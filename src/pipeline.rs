@@ -14,7 +14,7 @@ mod report;
 
 pub use facts::resolution_of;
 pub use forecast::{Forecast, forecast_cube, forecast_scene};
-pub use limits::{Bound, Verdict, hold};
+pub use limits::{Bound, Judgement, Verdict, check_scene, hold};
 pub use outputs::{write_cube, write_depth, write_outputs, write_volume};
 pub use page::write_page;
 pub use report::{Report, SceneSummary};
@@ -24,8 +24,8 @@ use crate::config::RunFile;
 use crate::depth::locate_depth;
 use crate::error::{Error, Result};
 use crate::export::volume_npz::read_volume_npz;
-use crate::grid::{DepthMap, Grid};
-use crate::metrics::{Metrics, evaluate};
+use crate::grid::{DepthMap, Grid, Raster};
+use crate::metrics::{Metrics, Scores, score};
 use crate::plan::{Holding, Plan, check_memory, gib, memory_limit, needs, plan};
 use crate::progress::{Observer, stage};
 use crate::reconstruct::{Reconstruction, reconstruct_into, reconstruct_whole};
@@ -57,6 +57,8 @@ pub struct Outcome {
     pub truth: Option<DepthMap>,
     /// The one against the other.
     pub metrics: Option<Metrics>,
+    /// The same, and by material and by surface.
+    pub scores: Option<Scores>,
     /// Seconds per stage, in order.
     pub timings: Vec<(String, f64)>,
     /// What the user should know.
@@ -75,21 +77,36 @@ pub fn image_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Result
     let echoes = log.timed("scene", || Echoes::of(run, bare, true, &log))?;
     echoes.warn(&log);
     let cube = log.timed("simulate", || echoes.simulate(run, &log))?;
-    let (image, depth) = focus(run, &mut &cube, &echoes.grid, &log)?;
+    let raster = run.raster(echoes.scene.as_ref().and_then(Scene::camera))?;
+    let (image, depth) = focus(run, &mut &cube, &echoes.grid, raster, &log)?;
     drop(cube);
     let truth = match &echoes.scene {
         Some(scene) => {
-            let options = run.truth_options(&echoes.setup());
+            let mut options = run.truth_options(&echoes.setup());
+            options.raster = raster;
             Some(log.timed("truth", || trace_depth(scene, &echoes.grid, &options, &log))?)
         }
         None => None,
     };
     let resolution = echoes.setup().range_resolution().unwrap_or(f64::NAN);
-    let metrics = truth.as_ref().map(|truth| evaluate(&depth, truth, resolution)).transpose()?;
+    let scores = truth.as_ref().map(|truth| score(&depth, truth, resolution)).transpose()?;
+    let metrics = scores.as_ref().map(|scores| scores.all);
     let instrument = echoes.setup().to_instrument();
     let (scene, reflectors, plan) = (echoes.summary(), Some(echoes.reflectors), echoes.plan);
     let (timings, warnings) = log.finish();
-    Ok(Outcome { plan, scene, reflectors, instrument, image, depth, truth, metrics, timings, warnings })
+    Ok(Outcome {
+        plan,
+        scene,
+        reflectors,
+        instrument,
+        image,
+        depth,
+        truth,
+        metrics,
+        scores,
+        timings,
+        warnings,
+    })
 }
 
 /// Cube in, everything but truth and metrics out.
@@ -105,10 +122,22 @@ pub fn image_cube(run: &RunFile, mut cube: CubeFile, observer: &dyn Observer) ->
     warn_all(&plan.warnings, &log);
     let holding = Holding { samples: cube.held_bytes() > 0, volume: true, depth: true };
     room(run, &instrument.setup(), &grid, holding, &log)?;
-    let (image, depth) = focus(run, &mut cube, &grid, &log)?;
+    let (image, depth) = focus(run, &mut cube, &grid, run.raster(None)?, &log)?;
     let (timings, warnings) = log.finish();
-    let (scene, reflectors, truth, metrics) = (None, None, None, None);
-    Ok(Outcome { plan, scene, reflectors, instrument, image, depth, truth, metrics, timings, warnings })
+    let (scene, reflectors, truth, metrics, scores) = (None, None, None, None, None);
+    Ok(Outcome {
+        plan,
+        scene,
+        reflectors,
+        instrument,
+        image,
+        depth,
+        truth,
+        metrics,
+        scores,
+        timings,
+        warnings,
+    })
 }
 
 /// Scene in, cube out.
@@ -166,7 +195,9 @@ pub fn depth_of_volume(
              with -c",
         )
     })?;
-    Ok((locate_depth(&volume, &run.depth_options(resolution), observer)?, meta))
+    let mut options = run.depth_options(resolution);
+    options.raster = run.raster(None)?;
+    Ok((locate_depth(&volume, &options, observer)?, meta))
 }
 
 /// Run file in, ground truth and its facts out; nothing is simulated.
@@ -185,32 +216,10 @@ pub fn truth_of_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Res
     let scene = Scene::load(path, &run.load_options(bare)?, observer)?;
     let setup = measurement.setup();
     let grid = run.voxels(&setup, scene.bounds())?;
-    let truth = trace_depth(&scene, &grid, &run.truth_options(&setup), observer)?;
+    let mut options = run.truth_options(&setup);
+    options.raster = run.raster(scene.camera())?;
+    let truth = trace_depth(&scene, &grid, &options, observer)?;
     Ok((facts::setup_facts(&setup, run), truth))
-}
-
-/// Runs a scene and holds its metrics to the run file's `[expect]`: what `check` does, and our regression tests.
-///
-/// # Errors
-/// What the stages refuse; a run file without `[expect]`, or a scene without a truth.
-pub fn check_scene(
-    path: &Path,
-    overrides: &[String],
-    observer: &dyn Observer,
-) -> Result<(Metrics, Vec<Verdict>)> {
-    let run = RunFile::load(path, overrides)?;
-    if run.expect.limits.is_empty() {
-        return Err(Error::input(
-            path.display(),
-            "has no [expect], so there is nothing to hold it to; add for example `completeness = { min = 0.65 }`",
-        ));
-    }
-    let metrics = image_scene(&run, false, observer)?.metrics.ok_or_else(|| {
-        Error::input(path.display(), "has no mesh and so no truth to be held to; [expect] needs one")
-    })?;
-    let bounds =
-        run.expect.limits.iter().map(|(metric, limit)| Bound { metric: metric.clone(), limit: *limit });
-    Ok((metrics, hold(&metrics, bounds)))
 }
 
 /// Refuses to look for depth with a single tone, before the long work rather than after it.
@@ -230,12 +239,15 @@ fn focus(
     run: &RunFile,
     source: &mut dyn CubeSource,
     grid: &Grid,
+    raster: Option<Raster>,
     log: &Log,
 ) -> Result<(Reconstruction, DepthMap)> {
     let resolution = source.setup().range_resolution().unwrap_or(f64::NAN);
     let options = run.reconstruct_options();
     let image = log.timed("reconstruct", || reconstruct_whole(source, grid, &options, log))?;
-    let depth = log.timed("depth", || locate_depth(&image.volume, &run.depth_options(resolution), log))?;
+    let mut search = run.depth_options(resolution);
+    search.raster = raster;
+    let depth = log.timed("depth", || locate_depth(&image.volume, &search, log))?;
     if depth.accepted() == 0 {
         log.warn(
             "no return was accepted anywhere: nothing in the grid echoes, or [depth] threshold_db is too high; the \

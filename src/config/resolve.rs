@@ -7,17 +7,20 @@ use crate::acquisition::Setup;
 use crate::acquisition::{MicArray, Noise, SimulateOptions, Sweep};
 use crate::depth::DepthOptions;
 use crate::error::{Error, Result};
-use crate::grid::{Axis, Grid};
+use crate::grid::{Axis, Grid, Raster, View};
 use crate::reconstruct::ReconstructOptions;
 use crate::reflectors::csv::read_columns;
 use crate::reflectors::{Occlusion, SurfaceModel, SurfaceOptions};
-use crate::scene::{self, LoadOptions};
+use crate::scene::{self, CameraView, LoadOptions};
 use crate::truth::TruthOptions;
 use crate::wave::Geometry;
 use glam::DVec3;
 
 /// A bare scene is put this many diagonals of its box away.
 const FIT_BY_DIAGONAL: f64 = 2.0;
+
+/// Rows of a perspective view whose pixels nobody said.
+const ROWS: f64 = 256.0;
 
 /// Margin of a grid that follows from the scene, as a share of the scene's size to each side.
 const MARGIN: f64 = 0.05;
@@ -189,6 +192,27 @@ impl RunFile {
         options
     }
 
+    /// `[depth] view`: the pixels, or `None` for those of the grid; `camera` is the one that the array was put at.
+    ///
+    /// # Errors
+    /// A perspective view whose field of view neither the run file nor the camera says.
+    pub fn raster(&self, camera: Option<CameraView>) -> Result<Option<Raster>> {
+        if self.depth.view == View::Orthographic {
+            return Ok(None);
+        }
+        let fov = self.depth.fov.or_else(|| camera.map(|camera| camera.vertical_field_of_view)).ok_or_else(|| {
+            Error::input(
+                "[depth] fov",
+                "is missing: a perspective view needs its vertical field of view in degrees, unless the array sits at a \
+                 perspective camera of a glTF scene ([scene] sensor = \"camera:NAME\")",
+            )
+        })?;
+        let shape = camera.and_then(|camera| camera.aspect_ratio).unwrap_or(1.0);
+        let advised = [(shape * ROWS).round().clamp(1.0, 64.0 * ROWS) as usize, ROWS as usize];
+        let pixels = self.depth.pixels.map_or(advised, |pixels| pixels.map(|n| n as usize));
+        Raster::camera("[depth] fov", fov, pixels).map(Some)
+    }
+
     /// `[depth]`, for a range resolution in m.
     pub fn depth_options(&self, range_resolution: f64) -> DepthOptions {
         let typed = &self.depth;
@@ -198,6 +222,7 @@ impl RunFile {
         options.returns = typed.returns as usize;
         options.return_threshold_db = typed.return_threshold_db;
         options.return_gate_db = typed.return_gate_db;
+        options.return_contrast_db = typed.return_contrast_db;
         options.separation = typed.separation;
         options.smoothing = typed.smoothing;
         options.median = typed.median as usize;

@@ -275,5 +275,5 @@ fn write_error(path: &Path, outcome: &Outcome, truth: &DepthMap) -> Result<()> {
     let metrics = outcome.metrics.unwrap_or_default();
     let note =
         format!("median |error| {}, rms {}", millimetres(metrics.median_error), millimetres(metrics.rmse));
-    write_error_figure(path, &errors, truth.x, truth.y, &note)
+    write_error_figure(path, &errors, &truth.raster(), &note)
 }

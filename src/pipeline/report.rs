@@ -11,6 +11,7 @@ use crate::scene::{Material, Scene};
 use glam::DVec3;
 use serde::Serialize;
 use serde_json::{Map, Value};
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 /// What one run did; serialised as `report.json`. Only `timings` differs between two runs of the same inputs.
@@ -41,6 +42,10 @@ pub struct Report {
     pub accepted: usize,
     /// Depth map against truth, when there is one.
     pub metrics: Option<Metrics>,
+    /// The metrics of each material's surfaces, by name.
+    pub materials: BTreeMap<String, Metrics>,
+    /// The metrics of each pixel's first surface from the front, its second, and so on.
+    pub surfaces: Vec<Metrics>,
     /// What the user should know.
     pub warnings: Vec<String>,
     /// Files written, by name within the output folder.
@@ -64,6 +69,8 @@ impl Report {
             pixels: outcome.depth.len(),
             accepted: outcome.depth.accepted(),
             metrics: outcome.metrics,
+            materials: outcome.scores.as_ref().map_or_else(BTreeMap::new, |scores| scores.materials.clone()),
+            surfaces: outcome.scores.as_ref().map_or_else(Vec::new, |scores| scores.surfaces.clone()),
             warnings: outcome.warnings.clone(),
             files: Vec::new(),
             timings: outcome.timings.iter().map(|(stage, s)| (stage.clone(), (*s).into())).collect(),

@@ -3,7 +3,8 @@
 use super::ticks::round_up;
 use super::{ColourMap, Panel, Scale, write_figure};
 use crate::error::Result;
-use crate::grid::{Axis, DepthMap, Volume};
+use crate::grid::{Axis, DepthMap, Raster, Volume};
+use std::borrow::Cow;
 use std::path::Path;
 
 /// How far below the peak the amplitude is shown, dB.
@@ -75,7 +76,21 @@ pub fn depth_range(maps: &[&DepthMap]) -> Option<[f64; 2]> {
 pub fn write_depth_figure(path: &Path, title: &str, map: &DepthMap, range: Option<[f64; 2]>) -> Result<()> {
     let range = range.or_else(|| depth_range(&[map])).unwrap_or([f64::NAN; 2]);
     let scale = Scale::Sequential { map: ColourMap::Viridis, range, label: "depth z / m".into() };
-    write_figure(path, &[Panel::new(title, &map.picked.depth, map.x, map.y, scale)], 1)
+    write_figure(path, &[panel(title, &map.picked.depth, &map.raster(), scale)], 1)
+}
+
+/// A panel over the pixels of a map. Those of a perspective view are counted, so that it lies over a rendered picture.
+fn panel<'a>(title: &str, values: impl Into<Cow<'a, [f32]>>, raster: &Raster, scale: Scale) -> Panel<'a> {
+    let Some([across, up]) = raster.field_of_view() else {
+        return Panel::new(title, values, raster.x, raster.y, scale);
+    };
+    let counted = |axis: &Axis| Axis { first: 0.0, pitch: 1.0, count: axis.count };
+    Panel {
+        x_label: "column / px".into(),
+        y_label: "row / px".into(),
+        note: format!("seen from the array, {across:.1} x {up:.1} degrees"),
+        ..Panel::new(title, values, counted(&raster.x), counted(&raster.y), scale)
+    }
 }
 
 /// Draws depth errors (found − true, m, `[y, x]`, NaN where there is nothing to compare) in mm; `note` is a line of
@@ -88,7 +103,7 @@ pub fn write_depth_figure(path: &Path, title: &str, map: &DepthMap, range: Optio
 ///
 /// # Panics
 /// When there is not exactly one error per pixel.
-pub fn write_error_figure(path: &Path, errors: &[f32], x: Axis, y: Axis, note: &str) -> Result<()> {
+pub fn write_error_figure(path: &Path, errors: &[f32], raster: &Raster, note: &str) -> Result<()> {
     let millimetres: Vec<f32> = errors.iter().map(|error| 1e3 * error).collect();
     let mut sizes: Vec<f32> = millimetres.iter().map(|e| e.abs()).filter(|e| e.is_finite()).collect();
     sizes.sort_by(f32::total_cmp);
@@ -99,7 +114,7 @@ pub fn write_error_figure(path: &Path, errors: &[f32], x: Axis, y: Axis, note: &
     let panel = Panel {
         note: note.into(),
         nothing: "not compared".into(),
-        ..Panel::new("depth error: found − true", millimetres, x, y, scale)
+        ..panel("depth error: found − true", millimetres, raster, scale)
     };
     write_figure(path, &[panel], 1)
 }

@@ -1,7 +1,7 @@
 #![allow(clippy::unwrap_used)]
 
 use super::*;
-use crate::grid::{DepthMap, Grid, Surface, Volume};
+use crate::grid::{DepthMap, Grid, Raster, Surface, View, Volume};
 use num_complex::Complex32;
 
 fn axis(first: f64, pitch: f64, count: usize) -> Axis {
@@ -37,7 +37,7 @@ fn corner(count: usize) -> DepthMap {
             }
         }
     }
-    DepthMap { x, y: x, picked, confidence: vec![], returns: vec![] }
+    DepthMap::new(Raster { view: View::Orthographic, x, y: x }, picked)
 }
 
 fn noise(n: usize) -> Vec<f32> {
@@ -75,7 +75,7 @@ fn figures(folder: &Path, count: usize) -> Vec<std::path::PathBuf> {
     let path = |name: &str| folder.join(format!("{name}_{count}.png"));
     write_amplitude_figure(&path("amplitude"), &volume(count)).unwrap();
     write_depth_figure(&path("depth"), "depth", &map, None).unwrap();
-    write_error_figure(&path("error"), &errors, map.x, map.y, "median 4.2 mm, RMSE 6.1 mm").unwrap();
+    write_error_figure(&path("error"), &errors, &map.raster(), "median 4.2 mm, RMSE 6.1 mm").unwrap();
     ["amplitude", "depth", "error"].map(path).to_vec()
 }
 
