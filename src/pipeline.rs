@@ -24,6 +24,7 @@ use crate::config::RunFile;
 use crate::depth::locate_depth;
 use crate::error::{Error, Result};
 use crate::export::volume_npz::read_volume_npz;
+use crate::files::extension;
 use crate::grid::{DepthMap, Grid};
 use crate::metrics::{Metrics, evaluate};
 use crate::plan::{Holding, Plan, check_memory, gib, memory_limit, needs, plan};
@@ -271,5 +272,5 @@ fn scene_path(run: &RunFile) -> Result<&Path> {
 
 /// Whether a scene file is a list of reflectors.
 fn is_csv(path: &Path) -> bool {
-    path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv"))
+    extension(path) == "csv"
 }
