@@ -30,7 +30,7 @@ use crate::error::Result;
 use crate::grid::Grid;
 use crate::progress::{Observer, advance, stage};
 use crate::wave::Geometry;
-use crate::wave::interval::PathInterval;
+use crate::wave::interval::{PathInterval, greater};
 use crate::wave::simd::{LANES, LaneProfiles, LaneTones, RangeScale, back_project, range_profiles};
 use blocks::{Block, Group, Shape, greatest_half, half_width};
 use coarse::Lattice;
@@ -192,7 +192,6 @@ pub(super) fn backprojection(
             compressed.nest(interval, allowed)
         })
         .collect();
-    let greater = |a: f64, b: f64| if a >= b || a.is_nan() { a } else { b };
     let skeletons = slabs.iter().map(|slab| slab.error).fold(0.0, greater);
     let relative = inexact + growth * (series_error + amplification * skeletons);
     let made = Made { method: Method::Backprojection, error_bound: relative * compressed.modulus };

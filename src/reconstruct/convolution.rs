@@ -15,7 +15,7 @@ use crate::acquisition::{CubeSource, Setup};
 use crate::error::Result;
 use crate::grid::Grid;
 use crate::progress::{Observer, advance, stage};
-use crate::wave::interval::PathInterval;
+use crate::wave::interval::{PathInterval, greater};
 use num_complex::Complex32;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -121,7 +121,7 @@ fn skeleton_frequencies(
             Slab { planes, tones }
         })
         .collect();
-    let error = slabs.iter().map(|slab| slab.tones.error).fold(0.0, f64::max) + layout.lattice.error();
+    let error = slabs.iter().map(|slab| slab.tones.error).fold(0.0, greater) + layout.lattice.error();
     let made = Made { method: Method::Convolution, error_bound: error * compressed.modulus };
     let total = slabs.iter().map(|slab| (slab.tones.len() * slab.planes.len()) as u64).sum();
     let plane_len = grid.plane_len();
