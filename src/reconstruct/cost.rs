@@ -2,7 +2,7 @@
 //!
 //! The same counts choose the method, so the same job always takes the same path.
 
-use super::convolution::{interval, slab_thickness, slabs_at_once};
+use super::convolution::{slab_thickness, slabs_at_once};
 use super::lattice::SharedLattice;
 use super::layout::Layout;
 use super::tones::FREQUENCIES;
@@ -119,12 +119,12 @@ fn of_convolution(
         };
     }
     let tones = |planes: std::ops::Range<usize>, share: f64| {
-        let duration = interval(setup, grid, planes).duration();
+        let duration = setup.path_interval(grid, planes).duration();
         tones_for(setup.sweep.bandwidth() * duration, share * left).min(setup.sweep.len() as f64)
     };
     let thickness = slab_thickness(setup, &layout);
     let (of_volume, width) = (tones(0..depths, 0.3), lattice.width() as f64);
-    let (mut operations, bytes_finding) = compression(setup, &interval(setup, grid, 0..depths), of_volume);
+    let (mut operations, bytes_finding) = compression(setup, &setup.path_interval(grid, 0..depths), of_volume);
     let mut most = 0.0f64;
     for first in (0..depths).step_by(thickness) {
         let planes = first..(first + thickness).min(depths);
@@ -159,7 +159,7 @@ fn of_backprojection(
     plan: &backprojection::Plan,
     threads: usize,
 ) -> Estimate {
-    let whole = interval(setup, grid, 0..grid.z.count);
+    let whole = setup.path_interval(grid, 0..grid.z.count);
     let tones =
         tones_for(setup.sweep.bandwidth() * whole.duration(), 0.1 * tolerance).min(setup.sweep.len() as f64);
     let (compressing, finding) = compression(setup, &whole, tones);
