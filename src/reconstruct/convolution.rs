@@ -23,7 +23,7 @@ use rayon::prelude::*;
 pub(super) const SPECTRA_BYTES: usize = 256 << 20;
 
 /// The share of the tolerance that the first of the two compressions may use.
-const FIRST_SHARE: f64 = 0.3;
+pub(super) const FIRST_SHARE: f64 = 0.3;
 
 /// Adds tones to the planes from `first` on, `[plane, y, x]`.
 fn add(
@@ -151,7 +151,7 @@ pub(super) fn slabs_at_once(thickness: usize, threads: usize) -> usize {
 pub(super) fn slab_thickness(setup: &Setup, layout: &Layout) -> usize {
     let depths = layout.grid.z.count;
     let points = (layout.x.len() * layout.y.len()) as f64;
-    // In transformed points per tone: a decomposition is checked at every frequency, its product runs over all nodes.
+    // In transformed points per tone: for a decomposition, by the number of frequencies, and for its product over all nodes.
     let slab = (150 * setup.sweep.len() + 10 * layout.lattice.width()) as f64;
     let cost = |thickness: usize| -> f64 {
         (0..depths)
