@@ -104,7 +104,7 @@ pub fn image_cube(run: &RunFile, mut cube: CubeFile, observer: &dyn Observer) ->
     let grid = run.voxels(&instrument.setup(), None)?;
     let plan = plan(&instrument.setup(), &grid);
     warn_all(&plan.warnings, &log);
-    let holding = Holding { samples: cube.held_bytes() > 0, volume: true, depth: true };
+    let holding = Holding { samples: cube.held_bytes(), volume: true, depth: true, ..Holding::default() };
     room(run, &instrument.setup(), &grid, holding, &log)?;
     let (image, depth) = focus(run, &mut cube, &grid, &log)?;
     let (timings, warnings) = log.finish();
@@ -138,7 +138,7 @@ pub fn reconstruct_cube(
     let plan = plan(&setup, &grid);
     warn_all(&plan.warnings, observer);
     let volume = outputs.iter().any(|path| outputs::needs_all(path));
-    let holding = Holding { samples: cube.held_bytes() > 0, volume, depth: false };
+    let holding = Holding { samples: cube.held_bytes(), volume, ..Holding::default() };
     room(run, &setup, &grid, holding, observer)?;
     let mut files = outputs::VolumeFiles::new(setup, run, grid, outputs);
     reconstruct_into(&mut cube, &grid, &run.reconstruct_options(), &mut files, observer)?;

@@ -58,7 +58,7 @@ impl Echoes {
         // What can never fit is refused before any ray is traced.
         let fits = |grid: &Grid| {
             if imaged {
-                room(run, &setup, grid, Holding { samples: true, volume: true, depth: true }, observer)
+                room(run, &setup, grid, Holding::of_simulation(&setup), observer)
             } else {
                 check_simulation(&setup, memory_limit())
             }

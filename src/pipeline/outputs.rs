@@ -176,6 +176,11 @@ impl<'a> VolumeFiles<'a> {
         Self { setup, run, paths, facts: Value::Null, growing: Vec::new(), whole }
     }
 
+    /// Whether a file needs the volume whole.
+    fn needs_all(&self) -> bool {
+        self.paths.iter().any(|path| needs_all(path))
+    }
+
     /// Ends all files; gives their names in the order asked for.
     pub(super) fn finish(self) -> Result<Vec<PathBuf>> {
         let mut files = Vec::new();
@@ -197,14 +202,21 @@ impl VolumeSink for VolumeFiles<'_> {
             let file = stream_volume(path, &self.whole.grid, &self.run.output, &self.facts)?;
             self.growing.push((path, file));
         }
-        if self.paths.iter().any(|path| needs_all(path)) { self.whole.begin(made) } else { Ok(()) }
+        Ok(())
     }
 
     fn take(&mut self, first: usize, planes: &[Complex32]) -> Result<()> {
         for (_, file) in &mut self.growing {
             file.take(planes)?;
         }
-        if self.whole.samples.is_empty() { Ok(()) } else { self.whole.take(first, planes) }
+        if self.needs_all() { self.whole.take(first, planes) } else { Ok(()) }
+    }
+
+    fn take_all(&mut self, samples: Vec<Complex32>) -> Result<()> {
+        for (_, file) in &mut self.growing {
+            file.take(&samples)?;
+        }
+        if self.needs_all() { self.whole.take_all(samples) } else { Ok(()) }
     }
 }
 
