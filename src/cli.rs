@@ -164,18 +164,26 @@ enum Command {
         /// Range resolution c/2B in m, when neither file says it.
         #[arg(long, value_name = "M")]
         resolution: Option<f64>,
-        /// Least value of a metric, as in completeness=0.65 (repeatable).
+        /// Least value of a metric, as in completeness=0.65; of a material completeness:glass=0.8, of each pixel's
+        /// second surface completeness#2=0.8 (repeatable).
         #[arg(long, value_name = "NAME=VALUE")]
         min: Vec<String>,
-        /// Greatest value of a metric, as in median_error=0.01 (repeatable).
+        /// Greatest value of a metric, as in median_error=0.01, named as for --min (repeatable).
         #[arg(long, value_name = "NAME=VALUE")]
         max: Vec<String>,
+        /// Draw the error, found minus true, into this file.
+        #[arg(long, value_name = "ERROR.png")]
+        png: Option<PathBuf>,
     },
     /// Runs scenes and holds each to its [expect]: one line a scene, exit status 3 if one misses.
     Check {
         /// Run files.
         #[arg(required = true)]
         runs: Vec<PathBuf>,
+        /// Seeds of [reflectors] to run each scene with, as in 1,2,3; the mean is held to the limits [default: those
+        /// of [expect], or the scene's own].
+        #[arg(long, value_name = "N,N,..", value_delimiter = ',')]
+        seeds: Vec<u32>,
         #[command(flatten)]
         overrides: Overrides,
     },

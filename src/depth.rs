@@ -142,8 +142,11 @@ pub fn locate_depth(volume: &Volume, options: &DepthOptions, observer: &dyn Obse
                 confidence[pixel] = found.confidence as f32;
             }
         }
-        let returns =
-            if options.returns >= 2 { returns::find(&amplitude, &grid, &raster, options) } else { Vec::new() };
+        let returns = if options.returns >= 2 {
+            returns::find(&amplitude, &grid, &raster, options)
+        } else {
+            Vec::new()
+        };
         Ok(DepthMap { confidence, returns, ..DepthMap::new(raster, picked) })
     })
 }
@@ -196,8 +199,11 @@ fn pick(
 fn confidence(column: &[f32], peak: f64, reference: f64) -> f64 {
     let mut inside: Vec<f32> = column.iter().copied().filter(|v| *v > 0.0).collect();
     let middle = (inside.len() / 2).min(inside.len().saturating_sub(1));
-    let median =
-        if inside.is_empty() { 0.0 } else { f64::from(*inside.select_nth_unstable_by(middle, f32::total_cmp).1) };
+    let median = if inside.is_empty() {
+        0.0
+    } else {
+        f64::from(*inside.select_nth_unstable_by(middle, f32::total_cmp).1)
+    };
     let level = |ratio: f64| 10.0 * ratio.max(1e-20).log10();
     level(peak / reference) + level(peak / median.max(peak * 1e-20))
 }

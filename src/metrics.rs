@@ -6,8 +6,8 @@
 mod groups;
 mod guard;
 
-pub use guard::GUARD_RING;
 pub use groups::{Group, Measure, Scores, score};
+pub use guard::GUARD_RING;
 
 use crate::error::{Error, Result};
 use crate::grid::{Axis, DepthMap, Surface, View};

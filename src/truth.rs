@@ -54,7 +54,8 @@ pub fn trace_depth(
     observer: &dyn Observer,
 ) -> Result<DepthMap> {
     let raster = options.raster.unwrap_or_else(|| Raster::of_grid(grid));
-    let ends = [grid.x, grid.y, grid.z].map(|axis| (axis.first - 0.5 * axis.pitch, axis.last() + 0.5 * axis.pitch));
+    let ends =
+        [grid.x, grid.y, grid.z].map(|axis| (axis.first - 0.5 * axis.pitch, axis.last() + 0.5 * axis.pitch));
     let far = scene.bounds().map_or(0.0, |(_, high)| high.z) + 1.0;
     let far = far.max(ends[2].1);
     let rows = stage(observer, "tracing truth", raster.y.count as u64, || {
@@ -192,7 +193,13 @@ mod tests {
         for pixel in 0..map.len() {
             // The plate spans x -1 .. 0 and y -1 .. 1 at z = 1, the backdrop x -3 .. 3 but y -1 .. 1 only at z = 2.
             let (sx, sy) = (raster.ray(pixel).x, raster.ray(pixel).y);
-            let expected = if sx < 0.0 { 1.0 } else if sy.abs() < 0.5 { 2.0 } else { f32::NAN };
+            let expected = if sx < 0.0 {
+                1.0
+            } else if sy.abs() < 0.5 {
+                2.0
+            } else {
+                f32::NAN
+            };
             let z = map.picked.depth[pixel];
             assert!(z == expected || (z.is_nan() && expected.is_nan()), "{sx} {sy}: {z}, not {expected}");
             if !z.is_nan() {

@@ -82,10 +82,10 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
             }
             print(&summary::forecast(&forecast))
         }
-        Command::Compare { result, truth, resolution, min, max } => {
-            compare(result, truth, *resolution, min, max, json)
+        Command::Compare { result, truth, resolution, min, max, png } => {
+            compare(result, truth, *resolution, min, max, png.as_deref(), json)
         }
-        Command::Check { runs, overrides } => check(runs, overrides, json, terminal),
+        Command::Check { runs, overrides, seeds } => check(runs, overrides, seeds, json, terminal),
         Command::Report { folder, open } => {
             let page = pipeline::write_page(folder, reading_limit())?;
             wrote(std::slice::from_ref(&page), json, terminal)?;
@@ -165,7 +165,7 @@ fn no_config(config: Option<&Path>) -> Result<()> {
 }
 
 /// Refuses an output name before any work is done for it.
-fn check_extension(path: &Path, extensions: &[&str]) -> Result<()> {
+pub(super) fn check_extension(path: &Path, extensions: &[&str]) -> Result<()> {
     if has_extension(path, extensions) {
         return Ok(());
     }

@@ -109,6 +109,9 @@ mod tests {
         }
         let aside = Raster { y: slopes(0.095, 1), ..raster };
         Columns::of_power(&power, &grid, &aside).read(1, &mut column);
-        assert!(column[0] > 0.0 && column[1] == 0.0, "the ray leaves the grid between the depths: {column:?}");
+        assert!(
+            column[0] > 0.0 && column[1] == 0.0,
+            "the ray leaves the grid between the depths: {column:?}"
+        );
     }
 }

@@ -63,9 +63,8 @@ pub(super) fn find(amplitude: &[f32], grid: &Grid, raster: &Raster, options: &De
 fn peaks(column: &[f32], z: &Axis, enough: f32, options: &DepthOptions) -> Vec<Found> {
     let least = options.separation * options.range_resolution;
     let contrast = 10f64.powf(options.return_contrast_db / 10.0) as f32;
-    let mut peaks: Vec<usize> = (0..column.len())
-        .filter(|&i| column[i] > 0.0 && column[i] >= enough && is_peak(column, i))
-        .collect();
+    let mut peaks: Vec<usize> =
+        (0..column.len()).filter(|&i| column[i] > 0.0 && column[i] >= enough && is_peak(column, i)).collect();
     peaks.sort_by(|a, b| column[*b].total_cmp(&column[*a]).then(a.cmp(b)));
     let mut kept: Vec<Found> = Vec::new();
     for index in peaks {
@@ -91,11 +90,13 @@ fn stands_out(
     contrast: f32,
     options: &DepthOptions,
 ) -> bool {
-    let valley = |other: usize| column[peak.min(other)..=peak.max(other)].iter().copied().fold(f32::MAX, f32::min);
+    let valley =
+        |other: usize| column[peak.min(other)..=peak.max(other)].iter().copied().fold(f32::MAX, f32::min);
     if stronger.iter().any(|other| column[peak] < contrast * valley(other.index)) {
         return false;
     }
-    let cells = |lengths: f64| (lengths * options.range_resolution / z.pitch).min(column.len() as f64) as usize;
+    let cells =
+        |lengths: f64| (lengths * options.range_resolution / z.pitch).min(column.len() as f64) as usize;
     let (reach, own) = (cells(SURROUNDINGS), cells(OWN));
     let mut around: Vec<f32> = (peak.saturating_sub(reach)..(peak + reach + 1).min(column.len()))
         .filter(|i| i.abs_diff(peak) > own && stronger.iter().all(|other| i.abs_diff(other.index) > own))

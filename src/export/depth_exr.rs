@@ -205,7 +205,8 @@ pub fn read_depth_map(path: &Path, limit_bytes: u64) -> Result<DepthFile> {
         text("materials").and_then(|list| serde_json::from_str(list).ok()).unwrap_or_default();
     // An id that counts no name is as good as none.
     let ids = |name: &str| -> Option<Vec<u32>> {
-        let known = |id: &f32| if (1.0..=materials.len() as f32).contains(id) { id.round() as u32 } else { 0 };
+        let known =
+            |id: &f32| if (1.0..=materials.len() as f32).contains(id) { id.round() as u32 } else { 0 };
         Some(channel(name)?.iter().map(known).collect())
     };
     let scale = number("amplitudeScale").unwrap_or(1.0) as f32;
@@ -244,7 +245,11 @@ pub fn read_depth_map(path: &Path, limit_bytes: u64) -> Result<DepthFile> {
         let depth: Vec<f32> =
             z.into_iter().zip(&strength).map(|(z, &v)| if there(z, v) { z } else { f32::NAN }).collect();
         let of_returns = |values: Vec<f32>| -> Vec<f32> {
-            values.into_iter().zip(&depth).map(|(value, z)| if z.is_nan() { f32::NAN } else { value }).collect()
+            values
+                .into_iter()
+                .zip(&depth)
+                .map(|(value, z)| if z.is_nan() { f32::NAN } else { value })
+                .collect()
         };
         returns.push(Surface {
             confidence: channel(&format!("return{k}.confidence")).map(of_returns),
@@ -257,7 +262,8 @@ pub fn read_depth_map(path: &Path, limit_bytes: u64) -> Result<DepthFile> {
     let corner = part.attributes.layer_position;
     let counting = |first: i32| (f64::from(first), 1.0);
     let [(x0, pitch_x), (y0, pitch_y)] = axes.unwrap_or([counting(corner.0), counting(corner.1)]);
-    let view = if text("view") == Some(View::Perspective.name()) { View::Perspective } else { View::Orthographic };
+    let view =
+        if text("view") == Some(View::Perspective.name()) { View::Perspective } else { View::Orthographic };
     let raster = Raster {
         view,
         x: Axis { first: x0, pitch: pitch_x, count: part.size.0 },

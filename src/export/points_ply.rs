@@ -220,7 +220,8 @@ mod tests {
         let map = DepthMap { view: View::Perspective, ..map };
         write_depth_points(&path, &map, &facts).unwrap();
         let ply = Ply::read(&path, 1 << 20).unwrap();
-        let near = |name: &str, expected: f64| assert!((ply.column(name).unwrap()[2] - expected).abs() < 1e-6);
+        let near =
+            |name: &str, expected: f64| assert!((ply.column(name).unwrap()[2] - expected).abs() < 1e-6);
         near("x", 0.1 * 3.0);
         near("y", 0.37 * 3.0);
         near("z", 3.0);

@@ -51,7 +51,9 @@ impl Raster {
         if !(vertical_field_of_view > 0.0 && vertical_field_of_view < 180.0) {
             return Err(Error::input(
                 place,
-                format!("a field of view of {vertical_field_of_view} degrees is none; expected one between 0 and 180"),
+                format!(
+                    "a field of view of {vertical_field_of_view} degrees is none; expected one between 0 and 180"
+                ),
             ));
         }
         let pixels = columns as u128 * rows as u128;

@@ -1,6 +1,8 @@
 //! The metrics material by material, and surface by surface from the front.
 
-use super::{METRIC_NAMES, Metrics, depths, evaluate, match_one_to_one, nearest_surface, percentile, true_surfaces};
+use super::{
+    METRIC_NAMES, Metrics, depths, evaluate, match_one_to_one, nearest_surface, percentile, true_surfaces,
+};
 use crate::error::Result;
 use crate::grid::{DepthMap, Surface};
 use serde::Serialize;
@@ -50,7 +52,9 @@ impl Measure {
     pub fn parse(text: &str) -> std::result::Result<Self, String> {
         let (metric, group) = match text.find([':', '#']) {
             None => (text, Group::All),
-            Some(at) if text[at..].starts_with(':') => (&text[..at], Group::Material(text[at + 1..].to_owned())),
+            Some(at) if text[at..].starts_with(':') => {
+                (&text[..at], Group::Material(text[at + 1..].to_owned()))
+            }
             Some(at) => match text[at + 1..].parse() {
                 Ok(k) if k > 0 => (&text[..at], Group::Surface(k)),
                 _ => return Err(text.to_owned()),
@@ -105,7 +109,8 @@ pub fn score(result: &DepthMap, truth: &DepthMap, resolution: f64) -> Result<Sco
         } else {
             let z = f64::from(result.picked.depth[pixel]);
             let nearest = nearest_surface(surfaces, pixel, z).map(|(k, _)| k);
-            let error = |&(k, depth): &(usize, f64)| (!z.is_nan() && nearest == Some(k)).then(|| (z - depth).abs());
+            let error =
+                |&(k, depth): &(usize, f64)| (!z.is_nan() && nearest == Some(k)).then(|| (z - depth).abs());
             there.iter().map(error).collect()
         };
         let both = errors.iter().all(|error| error.is_some_and(|e| e < resolution));
@@ -113,7 +118,9 @@ pub fn score(result: &DepthMap, truth: &DepthMap, resolution: f64) -> Result<Sco
         for (order, (&(k, _), &error)) in there.iter().zip(&errors).enumerate() {
             let facing = surfaces[k].facing.as_ref().map(|facing| f64::from(facing[pixel]));
             orders[order].surface(error, facing, resolution);
-            let Some(material) = material(&surfaces[k], pixel).filter(|m| *m < materials.len()) else { continue };
+            let Some(material) = material(&surfaces[k], pixel).filter(|m| *m < materials.len()) else {
+                continue;
+            };
             let tally = &mut materials[material];
             tally.surface(error, facing, resolution);
             if there.len() == 1 && several {
@@ -228,7 +235,10 @@ mod tests {
         let front = [1.0, 1.0, 1.0, 2.0, 2.0, N];
         let mut truth = map(
             &front,
-            vec![surface(&front, &[1, 1, 1, 2, 2, 0]), surface(&[2.0, 2.0, 2.0, N, N, N], &[2, 2, 2, 0, 0, 0])],
+            vec![
+                surface(&front, &[1, 1, 1, 2, 2, 0]),
+                surface(&[2.0, 2.0, 2.0, N, N, N], &[2, 2, 2, 0, 0, 0]),
+            ],
         );
         truth.materials = vec!["glass".into(), "wall".into(), "unseen".into()];
         let zero = [0; 6];
@@ -253,7 +263,10 @@ mod tests {
         assert_eq!(get("spurious_returns:wall"), Some(0.5));
         assert!((get("median_error:glass").expect("two") - 0.015).abs() < 1e-6);
         assert!((get("return2_median_error:wall").expect("three") - 0.002).abs() < 1e-6);
-        assert_eq!((get("completeness:unseen"), get("completeness:paper"), get("completeness#3")), (None, None, None));
+        assert_eq!(
+            (get("completeness:unseen"), get("completeness:paper"), get("completeness#3")),
+            (None, None, None)
+        );
         assert_eq!(get("completeness"), scores.all.completeness);
     }
 
@@ -274,7 +287,9 @@ mod tests {
         for text in ["rmse", "completeness:glass", "completeness:a:b #1", "median_error#12", "rmse:"] {
             assert_eq!(Measure::parse(text).expect("valid").to_string(), text);
         }
-        for (text, culprit) in [("rsme:glass", "rsme"), ("rmse#0", "rmse#0"), ("rmse#two", "rmse#two"), ("", "")] {
+        for (text, culprit) in
+            [("rsme:glass", "rsme"), ("rmse#0", "rmse#0"), ("rmse#two", "rmse#two"), ("", "")]
+        {
             assert_eq!(Measure::parse(text), Err(culprit.to_owned()));
         }
     }

@@ -165,7 +165,8 @@ mod tests {
 
     #[test]
     fn a_bound_names_a_known_metric_and_a_number() {
-        for typed in ["completness=0.5", "completeness", "completeness=much", "completeness=nan", "rmse#0=1"] {
+        for typed in ["completness=0.5", "completeness", "completeness=much", "completeness=nan", "rmse#0=1"]
+        {
             assert!(Bound::parse("--min", typed, true).is_err(), "{typed}");
         }
         let bound = Bound::parse("--min", "completeness:a=b=0.5", true).expect("valid");

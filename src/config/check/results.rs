@@ -119,18 +119,25 @@ impl Depth {
 
     fn check_view(&self) -> Check {
         if self.view == View::Orthographic
-            && let Some(key) =
-                [("depth.fov", self.fov.is_some()), ("depth.pixels", self.pixels.is_some())].iter().find(|(_, is)| *is)
+            && let Some(key) = [("depth.fov", self.fov.is_some()), ("depth.pixels", self.pixels.is_some())]
+                .iter()
+                .find(|(_, is)| *is)
         {
             return Err(Fault {
                 partners: &["depth.view"],
-                ..Fault::new(key.0, "is of the perspective view alone; give view = \"perspective\" or leave it out")
+                ..Fault::new(
+                    key.0,
+                    "is of the perspective view alone; give view = \"perspective\" or leave it out",
+                )
             });
         }
         if let Some(fov) = self.fov
             && !(fov > 0.0 && fov < 180.0)
         {
-            return Err(Fault::new("depth.fov", format!("found {fov:?}; expected degrees between 0 and 180")));
+            return Err(Fault::new(
+                "depth.fov",
+                format!("found {fov:?}; expected degrees between 0 and 180"),
+            ));
         }
         self.pixels.map_or(Ok(()), |pixels| counts("depth.pixels", &pixels, MOST_PIXELS))
     }

@@ -66,7 +66,9 @@ fn a_perspective_map_comes_back_as_one_and_says_its_window() {
     let header = &read_parts(&path, LIMIT).unwrap().layer_data[0].attributes;
     let width = 2.0 * 30f32.to_radians().tan() * 1.5;
     assert!((header.screen_window_width - width).abs() < 1e-6, "{}", header.screen_window_width);
-    assert!(matches!(find_attribute(&file.attributes, "sonar:fieldOfViewY"), Some(Attribute::Number(n)) if (n - 60.0).abs() < 1e-9));
+    assert!(
+        matches!(find_attribute(&file.attributes, "sonar:fieldOfViewY"), Some(Attribute::Number(n)) if (n - 60.0).abs() < 1e-9)
+    );
     // An id beyond the names counts as none.
     let beyond = DepthMap { materials: vec!["glass".into()], ..map };
     write_depth_map(&path, &beyond, Fill::default(), &[], Encoding::default()).unwrap();
