@@ -76,9 +76,9 @@ pub fn image_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Result
     let log = Log::new(observer);
     need_bandwidth("[sweep]", &run.sweep()?)?;
     let echoes = log.timed("scene", || Echoes::of(run, bare, true, &log))?;
+    let raster = run.raster(echoes.scene.as_ref().and_then(Scene::camera))?;
     echoes.warn(&log);
     let cube = log.timed("simulate", || echoes.simulate(run, &log))?;
-    let raster = run.raster(echoes.scene.as_ref().and_then(Scene::camera))?;
     let (image, depth) = focus(run, &mut &cube, &echoes.grid, raster, &log)?;
     drop(cube);
     let truth = match &echoes.scene {

@@ -104,7 +104,16 @@ impl<'t> Source<'t> {
                 self.withdraw(one);
             }
         }
+        if path == "depth.view" && self.word("depth", "view") == Some("orthographic") {
+            for key in ["depth.fov", "depth.pixels"] {
+                self.withdraw(key);
+            }
+        }
         Ok(())
+    }
+
+    fn word(&self, table: &str, key: &str) -> Option<&str> {
+        self.values.get(table)?.get(key)?.as_str()
     }
 
     /// Takes `table.key` out when it was typed in the file; two contradicting `--set` are left to be refused.
