@@ -27,8 +27,9 @@ def check(what, holds, detail=""):
 
 
 def channel(path, end):
-    """The channel of that name, or the one whose name ends so."""
-    channels = OpenEXR.File(str(path), separate_channels=True).channels()
+    """The channel of that name in any part, or the one whose name ends so."""
+    parts = OpenEXR.File(str(path), separate_channels=True).parts
+    channels = {name: channel for part in parts for name, channel in part.channels.items()}
     name = end if end in channels else next(name for name in channels if name.endswith("." + end))
     return channels[name].pixels.astype(np.float64)
 

@@ -39,10 +39,10 @@ fn unknown_names_come_with_the_nearest_and_their_place() {
 
 #[test]
 fn views_and_limits_that_mean_nothing_are_refused() {
-    refused_with("[depth]\nfov = 50.0", &["line 2", "depth.fov", "view = \"perspective\""]);
+    refused_with("[depth]\nfov = 50.0", &["run.toml:2:1", "depth.fov", "view = \"perspective\""]);
     refused_with("[depth]\npixels = [64, 48]", &["depth.pixels", "view = \"perspective\""]);
     let camera = |key: &str| format!("[depth]\nview = \"perspective\"\n{key}");
-    refused_with(&camera("fov = 180.0"), &["line 3", "between 0 and 180"]);
+    refused_with(&camera("fov = 180.0"), &["run.toml:3:1", "between 0 and 180"]);
     refused_with(&camera("pixels = [64, 0]"), &["depth.pixels", "at least 1"]);
     refused_with("[depth]\nreturn_contrast_db = -3.0", &["depth.return_contrast_db", "60 dB"]);
     refused_with("[expect]\nseeds = [1, 2, 1]", &["expect.seeds", "1 twice"]);
