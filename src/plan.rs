@@ -8,7 +8,7 @@ mod memory;
 mod needs;
 mod suggest;
 
-pub use memory::{available_memory, check_sampling, gib, limit_memory, memory_limit};
+pub use memory::{WAITING, available_memory, check_sampling, gib, limit_memory, memory_limit};
 pub use needs::{Holding, Needs, check_memory, check_simulation, needs};
 
 use crate::acquisition::{Detection, Setup};

@@ -260,12 +260,9 @@ pub trait VolumeSink {
     /// See [`VolumeSink::begin`].
     fn take(&mut self, first: usize, planes: &[Complex32]) -> Result<()>;
 
-    /// Takes all depths at once, from a method that cannot finish one before the others.
-    ///
-    /// # Errors
-    /// See [`VolumeSink::begin`].
-    fn take_all(&mut self, samples: Vec<Complex32>) -> Result<()> {
-        self.take(0, &samples)
+    /// Depths that the sink has already from the first on, of an earlier run; they need not come again.
+    fn done(&self) -> usize {
+        0
     }
 }
 
@@ -280,11 +277,6 @@ impl VolumeSink for Volume {
 
     fn take(&mut self, first: usize, planes: &[Complex32]) -> Result<()> {
         self.samples[first * self.grid.plane_len()..][..planes.len()].copy_from_slice(planes);
-        Ok(())
-    }
-
-    fn take_all(&mut self, samples: Vec<Complex32>) -> Result<()> {
-        self.samples = samples;
         Ok(())
     }
 }
@@ -365,13 +357,16 @@ fn no_room(tones: u64, microphones: u64) -> Error {
 
 /// Room for the voxels of a grid, filled with zeros.
 fn room_for(grid: &Grid) -> Result<Vec<Complex32>> {
-    zeros(grid.voxel_count()).ok_or_else(|| {
-        Error::environment(
-            "memory",
-            format!(
-                "a volume of {} voxels does not fit; use a smaller grid or a larger pitch",
-                grid.voxel_count()
-            ),
-        )
-    })
+    zeros(grid.voxel_count()).ok_or_else(|| no_room_for(grid))
+}
+
+/// The refusal of a grid that does not fit, all of it or the depths that are worked on at a time.
+fn no_room_for(grid: &Grid) -> Error {
+    Error::environment(
+        "memory",
+        format!(
+            "a volume of {} voxels does not fit; use a smaller grid or a larger pitch",
+            grid.voxel_count()
+        ),
+    )
 }

@@ -1,14 +1,14 @@
 //! A scene turned into reflectors, with the instrument that hears them and the grid that shows them.
 
 use super::{SceneSummary, is_csv, room, scene_path, warn_all};
-use crate::acquisition::{DataCube, MicArray, Setup, SimulateOptions, Sweep, simulate};
+use crate::acquisition::{DataCube, MicArray, Setup, SimulateOptions, Sweep, simulate_keeping};
 use crate::config::RunFile;
 use crate::error::Result;
 use crate::grid::Grid;
 use crate::plan::{
     Holding, Plan, check_sampling, check_simulation, memory_limit, outside_warning, plan, scale_warnings,
 };
-use crate::progress::Observer;
+use crate::progress::{Keeper, Observer};
 use crate::reflectors::{Reflectors, sample_surface, sampling_bytes};
 use crate::scene::Scene;
 use glam::DVec3;
@@ -100,9 +100,14 @@ impl Echoes {
         }
     }
 
-    pub(super) fn simulate(&self, run: &RunFile, observer: &dyn Observer) -> Result<DataCube> {
+    pub(super) fn simulate(
+        &self,
+        run: &RunFile,
+        keeper: &mut dyn Keeper,
+        observer: &dyn Observer,
+    ) -> Result<DataCube> {
         let Measurement { sweep, array, options } = &self.measurement;
-        let mut cube = simulate(&self.reflectors, sweep, array, options, observer)?;
+        let mut cube = simulate_keeping(&self.reflectors, sweep, array, options, keeper, observer)?;
         cube.provenance = json!({ "run": run.to_json(), "seed": run.reflectors.seed });
         Ok(cube)
     }

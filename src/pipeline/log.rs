@@ -42,6 +42,10 @@ impl Observer for Log<'_> {
         self.inner.warn(message);
     }
 
+    fn note(&self, message: &str) {
+        self.inner.note(message);
+    }
+
     fn should_stop(&self) -> bool {
         self.inner.should_stop()
     }

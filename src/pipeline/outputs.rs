@@ -14,7 +14,7 @@ use crate::export::volume_exr::write_volume_exr;
 use crate::export::volume_npz::stream_volume_npz;
 use crate::export::volume_nrrd::stream_volume_nrrd;
 use crate::export::volume_vti::stream_volume_vti;
-use crate::export::{Encoding, VolumeFile, fits_float16};
+use crate::export::{Components, Encoding, VolumeFile, fits_float16};
 use crate::files::{extension, write_atomically};
 use crate::grid::{DepthMap, Grid, Volume};
 use crate::metrics::error_map;
@@ -118,6 +118,23 @@ fn name_of(format: VolumeFormat) -> &'static str {
         VolumeFormat::Vti => "volume.vti",
         VolumeFormat::Nrrd => "volume.nrrd",
     }
+}
+
+/// The least bytes that a volume's file takes, whatever its content.
+pub(super) fn bytes_of(path: &Path, run: &RunFile, grid: &Grid) -> u64 {
+    let per_voxel = match extension(path).as_str() {
+        "npz" => 8,
+        "vti" if run.output.components == Components::Complex => 12,
+        "vti" => 4,
+        // Compressed: a quarter is more than any volume of echoes gives up.
+        _ => 1,
+    };
+    grid.voxel_count().saturating_mul(per_voxel)
+}
+
+/// The same for all volumes of a run.
+pub(super) fn volume_bytes(run: &RunFile, grid: &Grid) -> u64 {
+    run.output.formats.iter().map(|format| bytes_of(Path::new(name_of(*format)), run, grid)).sum()
 }
 
 /// The files that [`write_outputs`] will write, with or without a truth; a very deep volume may take several.

@@ -23,6 +23,9 @@ pub fn check_sampling(bytes: u64, spacing: f64, limit: Option<u64>) -> Result<()
     }
 }
 
+/// The most bytes of a volume that wait to be kept for a later run.
+pub const WAITING: u64 = 32 << 20;
+
 /// Bytes as people read them.
 pub fn gib(bytes: u64) -> String {
     let (mib, gib) = (f64::from(1 << 20), f64::from(1 << 30));

@@ -209,6 +209,10 @@ pub(super) fn backprojection(
         ];
     stage(observer, "reconstructing", total, || {
         for (&first, slab) in starts.iter().zip(&slabs) {
+            if slab_depths(first).end <= sink.done() {
+                advance(observer, Block::of(&grid, shape, slab_depths(first)).len() as u64)?;
+                continue;
+            }
             let tones = slab.of(&compressed.tones, width);
             let frequencies: Vec<f64> = tones.per_metre.iter().map(|k| -k * setup.sound_speed).collect();
             let slab = Slab {
