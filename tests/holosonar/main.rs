@@ -9,6 +9,7 @@ mod agreement;
 mod backprojection;
 mod binary;
 mod command;
+mod faults;
 mod layout;
 mod mutation;
 mod orientation;
