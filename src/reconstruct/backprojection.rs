@@ -24,10 +24,10 @@ mod terms;
 
 use super::tones::{SlabTones, VolumeTones};
 use super::weights::Weights;
-use super::{Made, Method, VolumeSink};
+use super::{Made, Method, VolumeSink, no_room_for};
 use crate::acquisition::{CubeSource, Setup};
 use crate::error::Result;
-use crate::grid::Grid;
+use crate::grid::{Grid, zeros};
 use crate::progress::{Observer, advance, stage};
 use crate::wave::Geometry;
 use crate::wave::interval::PathInterval;
@@ -201,12 +201,12 @@ pub(super) fn backprojection(
     let width = setup.array.len();
     let blocks = starts.iter().map(|&first| Block::of(&grid, shape, slab_depths(first)).len());
     let total = blocks.sum::<usize>() as u64;
-    let mut planes = vec![Complex32::ZERO; thickness.min(depths) * grid.plane_len()];
-    let mut finer =
-        vec![
-            Complex32::ZERO;
-            if interpolation.is_some() { thickness.min(depths) * plan.grid.plane_len() } else { 0 }
-        ];
+    let room = |grid: &Grid| {
+        let count = (thickness.min(depths) as u64).saturating_mul(grid.plane_len() as u64);
+        zeros(count).ok_or_else(|| no_room_for(grid))
+    };
+    let mut planes = room(&grid)?;
+    let mut finer = if interpolation.is_some() { room(&plan.grid)? } else { Vec::new() };
     stage(observer, "reconstructing", total, || {
         for (&first, slab) in starts.iter().zip(&slabs) {
             if slab_depths(first).end <= sink.done() {

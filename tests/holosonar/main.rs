@@ -13,6 +13,7 @@ mod faults;
 mod layout;
 mod mutation;
 mod orientation;
+mod parsers;
 mod plan;
 mod point;
 mod reference;
