@@ -3,13 +3,16 @@
 //! A [`Panel`] is one map; [`write_figure`] draws one or several. Pixels of the map are never blended, since the
 //! mean of two depths is a depth where nothing is.
 
+mod bar;
 mod canvas;
 mod layout;
 mod lettering;
 mod results;
 mod ticks;
 
-pub use results::{depth_range, write_amplitude_figure, write_depth_figure, write_error_figure};
+pub use results::{
+    DepthKind, depth_range, error_limit, write_amplitude_figure, write_depth_figure, write_error_figure,
+};
 
 use crate::error::Result;
 use crate::grid::Axis;
@@ -132,8 +135,9 @@ impl Scale {
 
 /// Draws panels, in rows of `columns`, into a PNG.
 ///
-/// Panels of one row that share their scale share the colour bar at its end. With one or two columns a
-/// picture is 600 to 1050 px wide, with any number of them no more than 2000.
+/// Panels of one row that share their scale share the colour bar at its end; the bar has a pointed end where values lie
+/// beyond its colours. The picture is for print at 300 dots per inch and says so: one column of panels makes a
+/// journal's column (about 1050 px, 88 mm), two make 1700 to 2000 px, and any number no more than 4000.
 ///
 /// # Errors
 /// As [`crate::files::write_atomically`].

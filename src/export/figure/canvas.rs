@@ -5,6 +5,11 @@ use crate::files::write_atomically;
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
+/// Width of the lines of frames and ticks, px.
+pub(super) const LINE: usize = 2;
+/// Pixels in a metre of paper: 300 per inch.
+const PER_METRE: u32 = 11_811;
+
 /// Red, green, blue.
 pub(super) type Colour = [u8; 3];
 
@@ -42,12 +47,13 @@ impl Canvas {
         }
     }
 
-    /// Draws a frame one pixel wide just outside of a rectangle.
+    /// Draws a frame just outside of a rectangle.
     pub(super) fn frame(&mut self, [x, y]: [i64; 2], [width, height]: [usize; 2], colour: Colour) {
-        self.fill([x - 1, y - 1], [width + 2, 1], colour);
-        self.fill([x - 1, y + height as i64], [width + 2, 1], colour);
-        self.fill([x - 1, y - 1], [1, height + 2], colour);
-        self.fill([x + width as i64, y - 1], [1, height + 2], colour);
+        let line = LINE as i64;
+        self.fill([x - line, y - line], [width + 2 * LINE, LINE], colour);
+        self.fill([x - line, y + height as i64], [width + 2 * LINE, LINE], colour);
+        self.fill([x - line, y - line], [LINE, height + 2 * LINE], colour);
+        self.fill([x + width as i64, y - line], [LINE, height + 2 * LINE], colour);
     }
 
     /// Writes the picture as a PNG, without a clock: same picture, same bytes.
@@ -62,6 +68,11 @@ impl Canvas {
         // Blocks of equal pixels repeat as they are; a filter would only hide that from deflate.
         encoder.set_compression(png::Compression::High);
         encoder.set_filter(png::Filter::NoFilter);
+        encoder.set_pixel_dims(Some(png::PixelDimensions {
+            xppu: PER_METRE,
+            yppu: PER_METRE,
+            unit: png::Unit::Meter,
+        }));
         let mut writer = encoder.write_header()?;
         writer.write_image_data(&self.rgb)?;
         writer.finish()

@@ -74,8 +74,9 @@ fn figures(folder: &Path, count: usize) -> Vec<std::path::PathBuf> {
         map.picked.depth.iter().zip(&speckle).map(|(z, e)| (e - 0.45) * 0.02 + 0.0 * z).collect();
     let path = |name: &str| folder.join(format!("{name}_{count}.png"));
     write_amplitude_figure(&path("amplitude"), &volume(count)).unwrap();
-    write_depth_figure(&path("depth"), "depth", &map, None).unwrap();
-    write_error_figure(&path("error"), &errors, map.x, map.y, "median 4.2 mm, RMSE 6.1 mm").unwrap();
+    write_depth_figure(&path("depth"), DepthKind::Found, &map, None).unwrap();
+    let note = "median 4.2 mm, RMSE 6.1 mm";
+    write_error_figure(&path("error"), &errors, [map.x, map.y], 0.017, note).unwrap();
     ["amplitude", "depth", "error"].map(path).to_vec()
 }
 
@@ -85,10 +86,10 @@ fn every_figure_has_a_sensible_size_and_shows_something() {
     for count in [41, 126, 256] {
         for path in figures(folder.path(), count) {
             let (width, height, rgb) = pixels(&path);
-            assert!((600..=1050).contains(&width) && (350..=1000).contains(&height), "{width} x {height}");
+            assert!((1000..=2200).contains(&width) && (700..=1400).contains(&height), "{width} x {height}");
             assert!(colours(&rgb) > 100, "{}", path.display());
             let bytes = std::fs::metadata(&path).unwrap().len();
-            assert!(bytes < 150_000, "{}: {bytes} bytes", path.display());
+            assert!(bytes < 200_000, "{}: {bytes} bytes", path.display());
         }
     }
 }
@@ -98,7 +99,7 @@ fn the_same_map_gives_the_same_bytes() {
     let folder = tempfile::tempdir().unwrap();
     let write = |name: &str| {
         let path = folder.path().join(name);
-        write_depth_figure(&path, "truth", &corner(41), Some([1.5, 2.5])).unwrap();
+        write_depth_figure(&path, DepthKind::True, &corner(41), Some([1.5, 2.5])).unwrap();
         std::fs::read(path).unwrap()
     };
     assert!(write("a.png") == write("b.png"));
@@ -128,7 +129,7 @@ fn absurd_maps_are_drawn_all_the_same() {
         for columns in 1..=3 {
             write_figure(&path, &vec![panel.clone(); 3], columns).unwrap();
             let (width, height, _) = pixels(&path);
-            assert!(width <= 2000 && height <= 2600, "{width} x {height}");
+            assert!(width <= 4000 && height <= 4000, "{width} x {height}");
         }
     }
 }
@@ -165,7 +166,7 @@ fn figures_to_look_at() {
         figures(&folder, count);
     }
     let map = DepthMap { picked: Surface::empty(41 * 41), ..corner(41) };
-    write_depth_figure(&folder.join("nothing.png"), "depth", &map, None).unwrap();
+    write_depth_figure(&folder.join("nothing.png"), DepthKind::Found, &map, None).unwrap();
     let truth = corner(64);
     let range = depth_range(&[&truth]);
     let scale =
