@@ -7,6 +7,7 @@ mod browser;
 mod commands;
 mod info;
 mod inputs;
+mod manual;
 mod summary;
 mod terminal;
 mod verdicts;
@@ -43,7 +44,7 @@ struct Common {
     /// Print no progress, no warnings and no summary.
     #[arg(short, long, global = true)]
     quiet: bool,
-    /// Print stages as they run, even without a terminal.
+    /// Print what each stage did and how long it took.
     #[arg(short, long, global = true, conflicts_with = "quiet")]
     verbose: bool,
     /// Worker threads; the results do not depend on it [default: one per core].
@@ -199,6 +200,11 @@ enum Command {
         /// Folder; made if missing.
         #[arg(default_value = ".")]
         folder: PathBuf,
+    },
+    /// Prints the manual page, or writes one for every command into a folder.
+    Man {
+        /// Folder for the pages (man1); made if missing.
+        folder: Option<PathBuf>,
     },
     /// Prints a completion script for a shell.
     Completions {

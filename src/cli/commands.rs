@@ -3,7 +3,7 @@
 use super::inputs::{config_of, has_extension, run_of};
 use super::terminal::{Terminal, print};
 use super::verdicts::{check, compare};
-use super::{Cli, Command, Overrides, browser, info, summary};
+use super::{Cli, Command, Overrides, browser, info, manual, summary};
 use clap::CommandFactory;
 use holosonar::acquisition::CubeFile;
 use holosonar::config::ANNOTATED;
@@ -11,7 +11,7 @@ use holosonar::error::{Error, Result};
 use holosonar::files::write_atomically;
 use holosonar::pipeline;
 use holosonar::plan::memory_limit;
-use holosonar::progress::Observer;
+use holosonar::progress::{Observer, stage};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -35,7 +35,7 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
             let (run, bare) = run_of(input, overrides)?;
             check_extension(output, &["npz"])?;
             let cube = pipeline::simulate_scene(&run, bare, terminal)?;
-            pipeline::write_cube(output, &cube)?;
+            stage(terminal, "writing", 0, || pipeline::write_cube(output, &cube))?;
             wrote(std::slice::from_ref(output), json, terminal)
         }
         Command::Reconstruct { cube, config, output, settings } => {
@@ -87,7 +87,8 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
         }
         Command::Check { runs, overrides } => check(runs, overrides, json, terminal),
         Command::Report { folder, open } => {
-            let page = pipeline::write_page(folder, reading_limit())?;
+            let page =
+                stage(terminal, "packing the page", 0, || pipeline::write_page(folder, reading_limit()))?;
             wrote(std::slice::from_ref(&page), json, terminal)?;
             if *open { browser::open(&page) } else { Ok(()) }
         }
@@ -96,6 +97,8 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
             print(&if json { pretty(&facts) } else { summary::facts(&facts) })
         }
         Command::Init { folder } => init(folder, json, terminal),
+        Command::Man { folder: None } => print(&manual::page()?),
+        Command::Man { folder: Some(folder) } => wrote(&manual::write(folder)?, json, terminal),
         Command::Completions { shell } => {
             let mut script = Vec::new();
             clap_complete::generate(*shell, &mut Cli::command(), "holosonar", &mut script);

@@ -19,6 +19,9 @@ use crate::grid::Axis;
 use std::borrow::Cow;
 use std::path::Path;
 
+/// Colours of a scale: as many as leave room for lettering in a palette of 256.
+const COLOURS: usize = 200;
+
 /// A family of colours from low to high.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
@@ -120,9 +123,10 @@ impl Scale {
         }
     }
 
-    /// The colour at a place between 0 (first) and 1 (last), of 256.
+    /// The colour at a place between 0 (first) and 1 (last), of [`COLOURS`].
     fn colour(&self, place: f64) -> canvas::Colour {
-        let place = (place.clamp(0.0, 1.0) * 255.0).round() / 255.0;
+        let steps = (COLOURS - 1) as f64;
+        let place = (place.clamp(0.0, 1.0) * steps).round() / steps;
         let colour = match self {
             Self::Sequential { map: ColourMap::Viridis, .. } => colorous::VIRIDIS.eval_continuous(place),
             Self::Sequential { map: ColourMap::Inferno, .. } => colorous::INFERNO.eval_continuous(place),

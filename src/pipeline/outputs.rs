@@ -95,7 +95,9 @@ pub fn write_outputs(
     let page = if run.output.report {
         report.files.push(PAGE.into());
         let volume = Miniature::of_volume(&outcome.image.volume);
-        Some(page_of(folder, &report.files, Some(&volume), Some(&scene), u64::MAX)?)
+        Some(stage(observer, "packing the page", 0, || {
+            page_of(folder, &report.files, Some(&volume), Some(&scene), u64::MAX)
+        })?)
     } else {
         None
     };
@@ -104,6 +106,7 @@ pub fn write_outputs(
         .map_err(|e| Error::environment("report", e.to_string()))?
         + "\n";
     write_atomically(&folder.join("report.json"), |file| file.write_all(text.as_bytes()))?;
+    observer.note(&format!("{} files in {}", report.files.len(), folder.display()));
     if let Some(page) = page {
         let mesh =
             run.scene.mesh.as_ref().filter(|_| outcome.reflectors.is_some()).map(|file| file.typed.as_str());

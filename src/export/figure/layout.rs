@@ -7,7 +7,7 @@ use super::bar::{self, Bar};
 use super::canvas::{Canvas, Colour, LINE};
 use super::lettering::{self, Align, Style};
 use super::ticks::{self, Tick, ticks};
-use super::{Panel, Scale};
+use super::{COLOURS, Panel, Scale};
 use crate::grid::Axis;
 
 pub(super) const INK: Colour = [38, 38, 38];
@@ -228,7 +228,8 @@ impl Plot<'_> {
             canvas.fill([x, y], self.size, NOTHING);
             return Contents::Nothing;
         };
-        let colours: Vec<Colour> = (0..256).map(|i| panel.scale.colour(f64::from(i) / 255.0)).collect();
+        let colours: Vec<Colour> =
+            (0..COLOURS).map(|i| panel.scale.colour(i as f64 / (COLOURS - 1) as f64)).collect();
         let mut contents = Contents::Everything;
         for row in 0..height {
             let from_top = voxel(row, height, panel.y.count);
@@ -240,7 +241,7 @@ impl Plot<'_> {
                     NOTHING
                 } else {
                     let place = (f64::from(value) - low) / (high - low);
-                    colours[(255.0 * place.clamp(0.0, 1.0)).round() as usize]
+                    colours[((COLOURS - 1) as f64 * place.clamp(0.0, 1.0)).round() as usize]
                 };
                 canvas.blend(x + column as i64, y + row as i64, colour, 1.0);
             }

@@ -11,10 +11,13 @@ fn axis(first: f64, pitch: f64, count: usize) -> Axis {
 /// Width, height and the pixels of a PNG.
 fn pixels(path: &Path) -> (usize, usize, Vec<u8>) {
     let file = std::io::BufReader::new(std::fs::File::open(path).unwrap());
-    let mut reader = png::Decoder::new(file).read_info().unwrap();
+    let mut decoder = png::Decoder::new(file);
+    decoder.set_transformations(png::Transformations::EXPAND);
+    let mut reader = decoder.read_info().unwrap();
     let mut rgb = vec![0; reader.output_buffer_size().unwrap()];
     let info = reader.next_frame(&mut rgb).unwrap();
     assert_eq!(info.color_type, png::ColorType::Rgb);
+    assert_eq!(reader.info().pixel_dims.map(|dims| dims.xppu), Some(11_811), "300 dots per inch");
     (info.width as usize, info.height as usize, rgb)
 }
 
@@ -89,9 +92,56 @@ fn every_figure_has_a_sensible_size_and_shows_something() {
             assert!((1000..=2200).contains(&width) && (700..=1400).contains(&height), "{width} x {height}");
             assert!(colours(&rgb) > 100, "{}", path.display());
             let bytes = std::fs::metadata(&path).unwrap().len();
-            assert!(bytes < 200_000, "{}: {bytes} bytes", path.display());
+            assert!(bytes < 150_000, "{}: {bytes} bytes", path.display());
         }
     }
+}
+
+#[test]
+fn a_run_s_figures_have_boxes_alike() {
+    let folder = tempfile::tempdir().unwrap();
+    let map = corner(41);
+    let sizes = [DepthKind::Found, DepthKind::True].map(|kind| {
+        let path = folder.path().join("map.png");
+        write_depth_figure(&path, kind, &map, None).unwrap();
+        let (width, height, _) = pixels(&path);
+        (width, height)
+    });
+    let path = folder.path().join("error.png");
+    write_error_figure(&path, &vec![0.01; 41 * 41], [map.x, map.y], 0.017, "note").unwrap();
+    let (width, height, _) = pixels(&path);
+    assert_eq!(sizes, [(width, height); 2]);
+}
+
+#[test]
+fn gross_errors_do_not_hide_the_others() {
+    let mut errors = vec![0.001_f32; 90];
+    errors.extend([0.5; 10]);
+    errors.push(f32::NAN);
+    assert_eq!(error_limit(&errors, 0.034), 0.034, "beyond it an error is a false return");
+    assert_eq!(error_limit(&errors[..90], 0.034), 0.001, "good maps keep their detail");
+    assert_eq!(error_limit(&errors, f64::NAN), 0.5, "an unknown resolution bounds nothing");
+    assert!(error_limit(&[f32::NAN], 0.034).is_nan());
+}
+
+#[test]
+fn values_beyond_the_colours_point_the_bar() {
+    let folder = tempfile::tempdir().unwrap();
+    let a = axis(0.0, 0.1, 2);
+    // Where the bar's upper end is pointed, the corner right of its point is white.
+    let reds = |values: Vec<f32>| {
+        let path = folder.path().join("map.png");
+        let scale = Scale::Diverging { limit: 1.0, label: String::new() };
+        write_figure(&path, &[Panel::new("", values, a, a, scale)], 1).unwrap();
+        let (width, _, rgb) = pixels(&path);
+        let last = Scale::Diverging { limit: 1.0, label: String::new() }.colour(1.0);
+        rgb.chunks_exact(3 * width)
+            .map(|row| row.chunks_exact(3).filter(|pixel| *pixel == last).count())
+            .filter(|count| (1..30).contains(count))
+            .count()
+    };
+    assert!(reds(vec![0.0, 2.0, 0.0, 0.0]) >= 20, "a triangle's rows differ in width");
+    assert_eq!(reds(vec![0.0, 0.5, 0.0, 0.0]), 0);
 }
 
 #[test]
