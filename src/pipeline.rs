@@ -2,6 +2,18 @@
 //!
 //! Only this module and the binary see the run file. Stages are timed and their warnings kept for the report; the
 //! files are written by `outputs`, and `check` holds the same result to the run file's `[expect]`.
+//!
+//! # Example
+//! ```
+//! use holosonar::{config::RunFile, pipeline, progress::Silent};
+//! use std::path::Path;
+//!
+//! let run = RunFile::load(Path::new("scenes/point.toml"), &[])?;
+//! let outcome = pipeline::image_scene(&run, false, &Silent)?;
+//! assert!((outcome.image.volume.peak() - 1.0).abs() < 0.01);
+//! assert!(outcome.depth.accepted() > 0 && outcome.truth.is_none());
+//! # Ok::<(), holosonar::error::Error>(())
+//! ```
 
 mod echoes;
 mod facts;

@@ -1,6 +1,6 @@
 //! One function per command: arguments in, library calls, results out.
 
-use super::inputs::{config_of, has_extension, run_of};
+use super::inputs::{check_kind, config_of, has_extension, scene_of};
 use super::terminal::{Terminal, print};
 use super::verdicts::{check, compare};
 use super::{Cli, Command, Overrides, browser, info, manual, summary};
@@ -32,7 +32,7 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
             result
         }
         Command::Simulate { input, output, overrides } => {
-            let (run, bare) = run_of(input, overrides)?;
+            let (run, bare) = scene_of(input, overrides)?;
             check_extension(output, &["npz"])?;
             let cube = pipeline::simulate_scene(&run, bare, terminal)?;
             stage(terminal, "writing", 0, || pipeline::write_cube(output, &cube))?;
@@ -42,6 +42,7 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
             for path in output {
                 check_extension(path, &["npz", "exr", "vti", "nrrd"])?;
             }
+            check_kind(cube, "a data cube", "simulate")?;
             let run = config_of(config.as_deref(), &settings.set)?;
             let cube = CubeFile::open(cube, reading_limit())?;
             let files = pipeline::reconstruct_cube(&run, cube, output, terminal)?;
@@ -49,6 +50,7 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
         }
         Command::Depth { volume, config, output, settings } => {
             check_extension(output, &["exr", "ply"])?;
+            check_kind(volume, "a volume", "reconstruct")?;
             let run = config_of(config.as_deref(), &settings.set)?;
             let known = config.is_some().then_some(&run);
             let (map, facts) =
@@ -58,7 +60,7 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
         }
         Command::Truth { input, output, overrides } => {
             check_extension(output, &["exr", "ply"])?;
-            let (run, bare) = run_of(input, overrides)?;
+            let (run, bare) = scene_of(input, overrides)?;
             let (facts, map) = pipeline::truth_of_scene(&run, bare, terminal)?;
             pipeline::write_depth(output, &map, &run, &facts)?;
             wrote(std::slice::from_ref(output), json, terminal)
@@ -69,7 +71,7 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
                 pipeline::forecast_cube(&run, &CubeFile::open(input, reading_limit())?)?
             } else {
                 no_config(config.as_deref())?;
-                let (run, bare) = run_of(input, overrides)?;
+                let (run, bare) = scene_of(input, overrides)?;
                 pipeline::forecast_scene(&run, bare, terminal)?
             };
             for warning in &forecast.warnings {
@@ -87,6 +89,12 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
         }
         Command::Check { runs, overrides } => check(runs, overrides, json, terminal),
         Command::Report { folder, open } => {
+            if !folder.is_dir() {
+                return Err(Error::input(
+                    folder.display(),
+                    "no such folder; one that `holosonar image ... -o` wrote was expected",
+                ));
+            }
             let page =
                 stage(terminal, "packing the page", 0, || pipeline::write_page(folder, reading_limit()))?;
             wrote(std::slice::from_ref(&page), json, terminal)?;
@@ -123,7 +131,7 @@ fn image(
         (run, outcome)
     } else {
         no_config(config)?;
-        let (run, bare) = run_of(input, overrides)?;
+        let (run, bare) = scene_of(input, overrides)?;
         let outcome = pipeline::image_scene(&run, bare, terminal)?;
         (run, outcome)
     };
@@ -146,6 +154,7 @@ fn init(folder: &Path, json: bool, terminal: &Terminal) -> Result<()> {
             "is there already and would be overwritten; choose another folder",
         ));
     }
+    make_folder(folder)?;
     for (path, text) in &files {
         write_atomically(path, |file| file.write_all(text.as_bytes()))?;
     }
@@ -185,7 +194,7 @@ fn make_folder(folder: &Path) -> Result<bool> {
     let missing = !folder.exists();
     std::fs::create_dir_all(folder).map(|()| missing).map_err(|e| match e.kind() {
         std::io::ErrorKind::AlreadyExists | std::io::ErrorKind::NotADirectory => {
-            Error::input(folder.display(), "is a file; a folder was expected for the results")
+            Error::input(folder.display(), "is a file; a folder was expected")
         }
         _ => Error::writing(folder, &e),
     })

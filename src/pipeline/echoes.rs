@@ -72,6 +72,10 @@ impl Echoes {
             return Ok(Self { measurement, scene: None, spacing: None, reflectors, grid, plan });
         }
         let scene = load_scene(path, run, bare, observer)?;
+        // Before the grid: a wrong unit may make that impossible.
+        if let Some((low, high)) = scene.bounds() {
+            warn_all(&scale_warnings(&setup, low, high), observer);
+        }
         let grid = run.voxels(&setup, scene.bounds())?;
         fits(&grid)?;
         let plan = plan(&setup, &grid);
@@ -94,9 +98,6 @@ impl Echoes {
     /// Warns about what looks wrong.
     pub(super) fn warn(&self, observer: &dyn Observer) {
         warn_all(&self.plan.warnings, observer);
-        if let (Some((low, high)), Some(_)) = (self.bounds(), &self.scene) {
-            warn_all(&scale_warnings(&self.setup(), low, high), observer);
-        }
         if let Some((low, high)) = self.bounds() {
             warn_all(outside_warning(&self.grid, low, high).as_slice(), observer);
         }

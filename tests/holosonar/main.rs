@@ -18,3 +18,4 @@ mod reference;
 mod regression;
 mod scenes;
 mod support;
+mod words;
