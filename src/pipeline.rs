@@ -248,8 +248,8 @@ fn focus(
     let options = run.reconstruct_options();
     let image = log.timed("reconstruct", || reconstruct_whole(source, grid, &options, log))?;
     log.note(&format!(
-        "{:?}, {} x {} x {} voxels, each to within {:.1e} of a peak of {:.3e}",
-        image.method,
+        "{}, {} x {} x {} voxels, each to within {:.1e}; the peak is {:.3e}",
+        format!("{:?}", image.method).to_lowercase(),
         grid.x.count,
         grid.y.count,
         grid.z.count,

@@ -105,12 +105,12 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
             print(&if json { pretty(&facts) } else { summary::facts(&facts) })
         }
         Command::Init { folder } => init(folder, json, terminal),
-        Command::Man { folder: None } => print(&manual::page()?),
+        Command::Man { folder: None } => print_text(&manual::page()?, json),
         Command::Man { folder: Some(folder) } => wrote(&manual::write(folder)?, json, terminal),
         Command::Completions { shell } => {
             let mut script = Vec::new();
             clap_complete::generate(*shell, &mut Cli::command(), "holosonar", &mut script);
-            print(&String::from_utf8_lossy(&script))
+            print_text(&String::from_utf8_lossy(&script), json)
         }
     }
 }
@@ -164,6 +164,11 @@ fn init(folder: &Path, json: bool, terminal: &Terminal) -> Result<()> {
         return Ok(());
     }
     print(&format!("now try: holosonar image {} -o {}\n", paths[0].display(), folder.join("out").display()))
+}
+
+/// Prints a text that another program is to read, which JSON wraps.
+fn print_text(text: &str, json: bool) -> Result<()> {
+    if json { print(&pretty(&serde_json::json!({ "text": text }))) } else { print(text) }
 }
 
 /// Refuses a second run file beside a scene's own.
