@@ -12,9 +12,10 @@ mod summary;
 mod terminal;
 mod verdicts;
 
-use clap::{Args, Parser, Subcommand};
+use clap::error::{ContextKind, ContextValue, ErrorKind};
+use clap::{Args, CommandFactory, Parser, Subcommand};
 use holosonar::error::Error;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use terminal::Terminal;
 
@@ -215,7 +216,7 @@ enum Command {
 
 /// Parses, runs, prints; the exit status of DESIGN section 4.
 pub(crate) fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let cli = Cli::try_parse().unwrap_or_else(|error| explain(error).exit());
     terminal::explain_panics();
     let terminal = Terminal::new(cli.common.quiet, cli.common.verbose);
     let result = start_threads(cli.common.threads)
@@ -227,6 +228,19 @@ pub(crate) fn main() -> ExitCode {
             terminal.error(&error);
             ExitCode::from(error.exit_status())
         }
+    }
+}
+
+/// Says which command takes a file that was typed without one.
+fn explain(error: clap::Error) -> clap::Error {
+    match error.get(ContextKind::InvalidSubcommand) {
+        Some(ContextValue::String(name)) if Path::new(name).is_file() => Cli::command().error(
+            ErrorKind::InvalidSubcommand,
+            format!(
+                "'{name}' is a file, and a command was expected; to image it: holosonar image {name} -o DIR"
+            ),
+        ),
+        _ => error,
     }
 }
 

@@ -108,6 +108,8 @@ pub fn attributes_as_json(attributes: &[(String, Attribute)]) -> serde_json::Val
         .map(|(name, value)| {
             let value: serde_json::Value = match value {
                 Attribute::Text(text) => text.as_str().into(),
+                // JSON has no infinity, which "no return" may be.
+                Attribute::Number(number) if !number.is_finite() => number.to_string().into(),
                 Attribute::Number(number) => (*number).into(),
                 Attribute::Integer(integer) => (*integer).into(),
                 Attribute::Vector(vector) => vector.to_vec().into(),

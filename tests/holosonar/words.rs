@@ -23,6 +23,19 @@ fn every_command_has_a_manual_page() {
 }
 
 #[test]
+fn a_file_without_a_command_is_told_which_takes_it() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("part.stl"), "").unwrap();
+    let ran = run(folder.path(), "part.stl");
+    assert_eq!((ran.status, ran.stdout.as_str()), (2, ""));
+    assert!(ran.stderr.contains("holosonar image part.stl -o DIR"), "{}", ran.stderr);
+    assert!(
+        run(folder.path(), "imge part.stl").stderr.contains("'image'"),
+        "other slips keep their own advice"
+    );
+}
+
+#[test]
 fn verbose_says_what_each_stage_did() {
     let folder = tempfile::tempdir().unwrap();
     let scene = shipped("bracket.toml");
