@@ -130,8 +130,10 @@ pub fn reproduce(observer: &dyn Observer) -> Result<Reproduction> {
     Ok(Reproduction { rows, black: scene::truth_rms(), aliasing, timings })
 }
 
-/// One row of the table. Public to the tests alone, which need no timings.
-#[doc(hidden)]
+/// One row of the table: three simulations' worth of work, under a second.
+///
+/// # Errors
+/// [`Error::Environment`] when memory is missing; [`Error::Input`] for a case that makes no sense.
 pub fn row(case: Case) -> Result<Row> {
     let truth = scene::truth();
     let linear = fourier::image(&scene::cube(&case, Linear)?);

@@ -1,6 +1,7 @@
 //! What `reproduce` prints: the paper's numbers beside ours.
 
 use super::commands::{make_folder, pretty, wrote};
+use super::summary::name_of as method_name;
 use super::terminal::{Terminal, print};
 use holosonar::error::Result;
 use holosonar::reproduce::{Aliasing, METHODS, Reproduction, Row, Timings, reproduce};
@@ -48,8 +49,8 @@ fn table(made: &Reproduction) -> String {
     if let Some(row) = made.rows.first() {
         let _ = writeln!(
             text,
-            "NL-NL is summed by {:?}: pixels of 1 cm and the microphones' pitch share no lattice, and it needs none.",
-            row.method
+            "NL-NL is summed by {}: pixels of 1 cm and the microphones' pitch share no lattice, and it needs none.",
+            method_name(row.method)
         );
     }
     text

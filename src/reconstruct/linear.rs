@@ -47,6 +47,9 @@ const LEAST_TOLERANCE: f64 = 1e-6;
 /// Most axes on which a taper is used: two of microphones, two of directions, one of ranges.
 const AXES: f64 = 5.0;
 
+/// Operations that reading one sample of the lattice is worth, by measurement: its product is two, but samples lie apart.
+const GATHERED: f64 = 40.0;
+
 /// Directions that one thread takes through the product along the band at a time.
 const DIRECTIONS: usize = 256;
 
@@ -170,7 +173,7 @@ impl Plan {
         let lateral = n_y * chirp(n_x + n_u) + n_u * chirp(n_y + n_v);
         let taps = self.taper.taps() as f64;
         tones * (lateral + 8.0 * n_u * n_v * self.ranges.count() as f64)
-            + self.grid.voxel_count() as f64 * (150.0 + 8.0 * taps.powi(3))
+            + self.grid.voxel_count() as f64 * (500.0 + GATHERED * taps.powi(3))
     }
 
     /// Bytes at the peak beside samples and volume.

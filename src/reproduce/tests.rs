@@ -33,3 +33,15 @@ fn the_transform_of_one_far_echo_peaks_at_its_pixel() {
     assert!((found.length() - p.length()).abs() < 0.06, "{found}");
     assert!((found.x / found.length() - p.x / p.length()).abs() < 0.025, "{found}");
 }
+
+#[test]
+fn scaling_the_angle_with_frequency_is_what_equation_9_lacks() {
+    // Half an octave of band: the plain transform has its angle right in the middle of it alone.
+    let (case, truth) = (CASES[3], scene::truth());
+    let cube = scene::cube(&case, Linear).expect("small");
+    let options = ReconstructOptions::new(Method::Linear, Window::None);
+    let scaled = reconstruct(&cube, &scene::grid(), &options, &crate::progress::Silent).expect("planar");
+    let scaled = least_squares(&amplitudes(&scaled.volume.samples), &truth);
+    let plain = least_squares(&fourier::image(&cube), &truth);
+    assert!(scaled < 0.75 * plain, "{scaled} against {plain}");
+}

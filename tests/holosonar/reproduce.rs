@@ -1,7 +1,7 @@
 //! The paper's Table I, ghosts and figures, held to an independent calculation.
 
 use holosonar::progress::Silent;
-use holosonar::reproduce::{CASES, reproduce, row};
+use holosonar::reproduce::{Aliasing, CASES, reproduce, row};
 
 /// RMSE of L-L, L-NL and NL-NL by rows, computed with other programs from the same definitions.
 const INDEPENDENT: [[f64; 3]; 4] =
@@ -32,7 +32,7 @@ fn table_1_is_the_independent_one() {
 #[ignore = "times direct sums for some seconds"]
 fn everything_is_computed_and_written() {
     let made = reproduce(&Silent).unwrap();
-    let seen: Vec<bool> = made.aliasing.iter().map(|study| study.shows_ghosts()).collect();
+    let seen: Vec<bool> = made.aliasing.iter().map(Aliasing::shows_ghosts).collect();
     assert_eq!(seen, [true, true, false, false], "15, 31, 63 and 255 microphones");
     for study in &made.aliasing {
         // Ghosts beyond the array's end bend further away; those within it are where the rule puts them.

@@ -18,6 +18,9 @@ pub(super) const MOST_TAPS: usize = 10;
 /// Places between two samples at which weights are held; linear in between.
 const STEPS: usize = 2048;
 
+/// Steps of κ between which corrections are linear, to within 10⁻⁷.
+const COMPONENTS: usize = 2048;
+
 /// Points of the integral of φ̂.
 const POINTS: usize = 400;
 
@@ -27,6 +30,8 @@ pub(super) struct Taper {
     taps: usize,
     /// `[place, tap]`.
     table: Vec<f32>,
+    /// 1/φ̂ at [`COMPONENTS`] + 1 even steps of κ from zero to the end of the band.
+    corrections: Vec<f64>,
     /// The greatest error on any component and at any place, relative to one.
     pub(super) error: f64,
 }
@@ -35,13 +40,13 @@ impl Taper {
     /// The shortest taper that keeps `tolerance`, or the longest that is tried.
     pub(super) fn new(tolerance: f64) -> Self {
         (2..=MOST_TAPS)
-            .map(Self::of)
-            .find(|taper| taper.error <= tolerance)
-            .unwrap_or_else(|| Self::of(MOST_TAPS))
+            .map(|taps| Self::of(taps, tolerance))
+            .find(|taper| !taper.corrections.is_empty())
+            .expect("the longest is good enough for anything")
     }
 
-    fn of(taps: usize) -> Self {
-        let mut taper = Self { taps, table: Vec::new(), error: 0.0 };
+    fn of(taps: usize, tolerance: f64) -> Self {
+        let mut taper = Self { taps, table: Vec::new(), corrections: Vec::new(), error: 0.0 };
         taper.table = (0..=STEPS)
             .flat_map(|step| {
                 let place = step as f64 / STEPS as f64;
@@ -49,6 +54,10 @@ impl Taper {
             })
             .collect();
         taper.error = taper.measure();
+        if taper.error <= tolerance || taps == MOST_TAPS {
+            let end = 1.0 / (2.0 * OVERSAMPLING * COMPONENTS as f64);
+            taper.corrections = (0..=COMPONENTS).map(|i| 1.0 / taper.transform(i as f64 * end)).collect();
+        }
         taper
     }
 
@@ -153,7 +162,11 @@ impl Sampled {
         if self.axis.count == 1 {
             return 1.0;
         }
-        (1.0 / taper.transform((kappa - self.carrier) * self.axis.pitch)) as f32
+        let of_band = (kappa - self.carrier).abs() * self.axis.pitch * 2.0 * OVERSAMPLING;
+        let place = of_band.min(1.0) * COMPONENTS as f64;
+        let step = (place as usize).min(COMPONENTS - 1);
+        let [low, high] = [taper.corrections[step], taper.corrections[step + 1]];
+        (low + (place - step as f64) * (high - low)) as f32
     }
 
     /// The samples that a place reads: the first, and their weights.
