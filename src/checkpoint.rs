@@ -113,7 +113,7 @@ impl Checkpoint {
         let Some(place) = &self.place else { return Ok(()) };
         let own = place.state_of(identity);
         if place.states().iter().any(|path| *path != own) {
-            observer.note(&format!(
+            observer.tell(&format!(
                 "{} holds the state of an interrupted run with other inputs or parameters; it is not used, and goes when \
                  this run succeeds",
                 place.folder.display()
@@ -121,16 +121,16 @@ impl Checkpoint {
         }
         let journal = Journal::open(own, identity)?;
         if journal.blocks() > 0 {
-            observer.note(&format!(
+            observer.tell(&format!(
                 "continuing an interrupted run: {} blocks of {} are at hand",
                 journal.blocks(),
                 gib(journal.bytes())
             ));
         } else if journal.was_damaged() {
-            observer.note(&format!("{} holds no whole block; beginning anew", journal.path().display()));
+            observer.tell(&format!("{} holds no whole block; beginning anew", journal.path().display()));
         }
         if free_space(&place.folder).is_some_and(|free| free < bytes) {
-            observer.note(&format!(
+            observer.tell(&format!(
                 "{} has no room for {} of state, so some of it will not be kept",
                 place.folder.display(),
                 gib(bytes)
@@ -183,7 +183,7 @@ impl Checkpoint {
         if let Some(journal) = self.journal.borrow_mut().as_mut()
             && let Err(problem) = journal.append(stage, k, block)
         {
-            observer.note(&format!("{problem}; going on without keeping more"));
+            observer.tell(&format!("{problem}; going on without keeping more"));
         }
     }
 }
@@ -237,6 +237,10 @@ impl Observer for Patient<'_> {
 
     fn note(&self, message: &str) {
         self.inner.note(message);
+    }
+
+    fn tell(&self, message: &str) {
+        self.inner.tell(message);
     }
 
     fn should_stop(&self) -> bool {

@@ -87,5 +87,6 @@ pub mod metrics;
 pub mod plan;
 pub mod export;
 pub mod checkpoint;
+pub mod reproduce;
 pub mod config;
 pub mod pipeline;

@@ -2,6 +2,18 @@
 //!
 //! Only this module and the binary see the run file. Stages are timed and their warnings kept for the report; the
 //! files are written by `outputs`, and `check` holds the same result to the run file's `[expect]`.
+//!
+//! # Example
+//! ```
+//! use holosonar::{config::RunFile, pipeline, progress::Silent};
+//! use std::path::Path;
+//!
+//! let run = RunFile::load(Path::new("scenes/point.toml"), &[])?;
+//! let outcome = pipeline::image_scene(&run, false, &Silent)?;
+//! assert!((outcome.image.volume.peak() - 1.0).abs() < 0.01);
+//! assert!(outcome.depth.accepted() > 0 && outcome.truth.is_none());
+//! # Ok::<(), holosonar::error::Error>(())
+//! ```
 
 mod echoes;
 mod facts;
@@ -138,7 +150,7 @@ pub fn image_cube_keeping(
     let grid = run.voxels(&instrument.setup(), None)?;
     let plan = plan(&instrument.setup(), &grid);
     warn_all(&plan.warnings, &log);
-    let holding = Holding { samples: cube.held_bytes() > 0, volume: true, depth: true };
+    let holding = Holding { samples: cube.held_bytes(), volume: true, depth: true, ..Holding::default() };
     room(run, &instrument.setup(), &grid, holding, &log)?;
     checkpoint.need_space(outputs::volume_bytes(run, &grid))?;
     checkpoint.open(&identity::of_cube("image", run, &mut cube, &grid)?, plan.volume_bytes, observer)?;
@@ -188,7 +200,7 @@ pub fn reconstruct_cube(
     let plan = plan(&setup, &grid);
     warn_all(&plan.warnings, observer);
     let volume = outputs.iter().any(|path| outputs::needs_all(path));
-    let holding = Holding { samples: cube.held_bytes() > 0, volume, depth: false };
+    let holding = Holding { samples: cube.held_bytes(), volume, ..Holding::default() };
     room(run, &setup, &grid, holding, observer)?;
     checkpoint.need_space(outputs.iter().map(|path| outputs::bytes_of(path, run, &grid)).sum())?;
     checkpoint.open(
@@ -216,7 +228,7 @@ pub fn depth_of_volume(
     limit: u64,
     observer: &dyn Observer,
 ) -> Result<(DepthMap, Value)> {
-    let (volume, meta) = read_volume_npz(path, limit)?;
+    let (volume, meta) = stage(observer, "reading the volume", 0, || read_volume_npz(path, limit))?;
     let from_run = || run.medium.sound_speed / (2.0 * (run.sweep.stop - run.sweep.start));
     let resolution = resolution_of(&meta).or_else(|| sweep_known.then(from_run)).ok_or_else(|| {
         Error::input(
@@ -241,7 +253,7 @@ pub fn truth_of_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Res
             "is a list of reflectors, which have no surfaces and so no true depth; a mesh was expected",
         ));
     }
-    let scene = Scene::load(path, &run.load_options(bare)?, observer)?;
+    let scene = load_scene(path, run, bare, observer)?;
     let setup = measurement.setup();
     let grid = run.voxels(&setup, scene.bounds())?;
     let truth = trace_depth(&scene, &grid, &run.truth_options(&setup), observer)?;
@@ -301,7 +313,17 @@ fn focus(
     let made = log.timed("reconstruct", || reconstruct_into(source, grid, &options, &mut kept, &patient))?;
     let Made { method, error_bound } = made;
     let image = Reconstruction { volume, method, error_bound };
+    log.note(&format!(
+        "{}, {} x {} x {} voxels, each to within {:.1e}; the peak is {:.3e}",
+        format!("{:?}", image.method).to_lowercase(),
+        grid.x.count,
+        grid.y.count,
+        grid.z.count,
+        image.error_bound,
+        image.volume.peak()
+    ));
     let depth = log.timed("depth", || locate_depth(&image.volume, &run.depth_options(resolution), log))?;
+    log.note(&format!("a return at {} of {} pixels", depth.accepted(), depth.len()));
     if depth.accepted() == 0 {
         log.warn(
             "no return was accepted anywhere: nothing in the grid echoes, or [depth] threshold_db is too high; the \
@@ -316,13 +338,22 @@ fn room(run: &RunFile, setup: &Setup, grid: &Grid, holding: Holding, observer: &
     let threads = rayon::current_num_threads();
     let needs = needs(setup, grid, &run.reconstruct_options(), holding, threads)?;
     check_memory(&needs, setup, grid, holding, memory_limit())?;
-    stage(observer, &format!("taking about {} of memory", gib(needs.peak_bytes)), 0, || Ok(()))
+    observer.note(&format!("taking about {} of memory", gib(needs.peak_bytes)));
+    Ok(())
 }
 
 fn warn_all(warnings: &[String], observer: &dyn Observer) {
     for warning in warnings {
         observer.warn(warning);
     }
+}
+
+/// Reads a scene as one reported stage: a million triangles take seconds.
+fn load_scene(path: &Path, run: &RunFile, bare: bool, observer: &dyn Observer) -> Result<Scene> {
+    let options = run.load_options(bare)?;
+    let scene = stage(observer, "reading the scene", 0, || Scene::load(path, &options, observer))?;
+    observer.note(&format!("{} triangles, {:.3} m²", scene.triangles().len(), scene.surface_area()));
+    Ok(scene)
 }
 
 /// The scene file that a run needs.

@@ -28,10 +28,12 @@ pub enum Event<'a> {
 pub trait Observer: Sync {
     /// Progress of a stage.
     fn event(&self, _event: Event<'_>) {}
+    /// What a stage has come to, on one line: "7403 reflectors, 11.4 mm apart".
+    fn note(&self, _message: &str) {}
     /// Something the user should know although the work goes on; one sentence or two.
     fn warn(&self, _message: &str) {}
-    /// Something about this very run, which no result depends on and no report holds; one sentence or two.
-    fn note(&self, _message: &str) {}
+    /// Something about this very run that the user should know, which no result depends on and no report holds.
+    fn tell(&self, _message: &str) {}
     /// Whether the user has asked to stop; stages look at it once per block of work.
     fn should_stop(&self) -> bool {
         false

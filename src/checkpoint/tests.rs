@@ -13,7 +13,7 @@ use std::sync::Mutex;
 struct Listener(Mutex<Vec<String>>);
 
 impl Observer for Listener {
-    fn note(&self, message: &str) {
+    fn tell(&self, message: &str) {
         self.0.lock().unwrap().push(message.to_owned());
     }
 }

@@ -44,7 +44,7 @@ pub fn forecast_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Res
         Reflectors::read_csv(path)?.bounds()
     };
     let grid = run.voxels(&setup, bounds)?;
-    let holding = Holding { samples: true, volume: true, depth: true };
+    let holding = Holding::of_simulation(&setup);
     let mut forecast = forecast(run, &setup, &grid, holding, mesh)?;
     forecast.warnings.extend(placement_warnings(&setup, &grid, bounds, mesh));
     Ok(forecast)
@@ -57,7 +57,7 @@ pub fn forecast_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Res
 pub fn forecast_cube(run: &RunFile, cube: &CubeFile) -> Result<Forecast> {
     let setup = cube.setup();
     let grid = run.voxels(&setup, None::<(DVec3, DVec3)>)?;
-    let holding = Holding { samples: cube.held_bytes() > 0, volume: true, depth: true };
+    let holding = Holding { samples: cube.held_bytes(), volume: true, depth: true, ..Holding::default() };
     forecast(run, &setup, &grid, holding, false)
 }
 
