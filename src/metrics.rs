@@ -2,6 +2,23 @@
 //!
 //! Definitions are those of PHYSICS ("Scoring"): Δd = c/2B; a pixel's error is taken against the true surface nearest
 //! to the reported depth; a detection on an empty pixel is not scored within a guard ring round silhouettes.
+//!
+//! # Example
+//! Two of three surfaces found within Δd = 17 mm, the third 0.1 m too near:
+//! ```
+//! use holosonar::grid::{Axis, DepthMap, Raster, Surface, View};
+//! use holosonar::metrics::evaluate;
+//!
+//! let row = |count| Axis { first: 0.0, pitch: 0.01, count };
+//! let map = |depth: [f32; 3]| {
+//!     let picked = Surface { depth: depth.to_vec(), strength: vec![1.0; 3], ..Surface::default() };
+//!     DepthMap::new(Raster { view: View::Orthographic, x: row(3), y: row(1) }, picked)
+//! };
+//! let metrics = evaluate(&map([1.001, 2.0, 1.4]), &map([1.0, 2.0, 1.5]), 0.017)?;
+//! assert_eq!(metrics.completeness, Some(2.0 / 3.0));
+//! assert_eq!(metrics.false_returns, Some(1.0 / 3.0));
+//! # Ok::<(), holosonar::error::Error>(())
+//! ```
 
 mod groups;
 mod guard;
@@ -230,16 +247,6 @@ fn percentile(values: &mut [f64], q: f64) -> Option<f64> {
 
 /// Both maps must show the same pixels.
 fn check_pixels(result: &DepthMap, truth: &DepthMap) -> Result<()> {
-    if result.shape() != truth.shape() {
-        return Err(Error::input(
-            "compare",
-            format!(
-                "the result has {:?} pixels (rows, columns), the truth {:?}",
-                result.shape(),
-                truth.shape()
-            ),
-        ));
-    }
     if result.view != truth.view {
         return Err(Error::input(
             "compare",
@@ -247,6 +254,16 @@ fn check_pixels(result: &DepthMap, truth: &DepthMap) -> Result<()> {
                 "the result's view is {}, the truth's {}; make both with the same [depth] view",
                 result.view.name(),
                 truth.view.name()
+            ),
+        ));
+    }
+    if result.shape() != truth.shape() {
+        return Err(Error::input(
+            "compare",
+            format!(
+                "the result has {:?} pixels (rows, columns), the truth {:?}",
+                result.shape(),
+                truth.shape()
             ),
         ));
     }

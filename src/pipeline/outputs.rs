@@ -7,14 +7,16 @@ use crate::acquisition::{DataCube, Setup};
 use crate::config::{Output, RunFile, VolumeFormat};
 use crate::error::{Error, Result};
 use crate::export::depth_exr::write_depth_map;
-use crate::export::figure::{depth_range, write_amplitude_figure, write_depth_figure, write_error_figure};
+use crate::export::figure::{
+    DepthKind, depth_range, write_amplitude_figure, write_depth_figure, write_error_figure,
+};
 use crate::export::page::Miniature;
 use crate::export::points_ply::{ScenePoints, write_depth_points};
 use crate::export::volume_exr::write_volume_exr;
 use crate::export::volume_npz::stream_volume_npz;
 use crate::export::volume_nrrd::stream_volume_nrrd;
 use crate::export::volume_vti::stream_volume_vti;
-use crate::export::{Encoding, VolumeFile, fits_float16};
+use crate::export::{Components, Encoding, VolumeFile, fits_float16};
 use crate::files::{extension, write_atomically};
 use crate::grid::{DepthMap, Grid, Volume};
 use crate::metrics::{Metrics, error_map};
@@ -64,13 +66,13 @@ pub fn write_outputs(
     let range = depth_range(&truth.map_or(vec![&outcome.depth], |truth| vec![truth]));
     tasks.push((
         "depth.png",
-        Box::new(move |path| one(path, write_depth_figure(path, "depth", &outcome.depth, range))),
+        Box::new(move |path| one(path, write_depth_figure(path, DepthKind::Found, &outcome.depth, range))),
     ));
     if let Some(truth) = truth {
         tasks.push(("truth.exr", Box::new(|path| one(path, write_depth(path, truth, run, &facts)))));
         tasks.push((
             "truth.png",
-            Box::new(move |path| one(path, write_depth_figure(path, "true depth", truth, range))),
+            Box::new(move |path| one(path, write_depth_figure(path, DepthKind::True, truth, range))),
         ));
         tasks.push(("error.png", Box::new(|path| one(path, write_error(path, outcome, truth)))));
     }
@@ -93,7 +95,9 @@ pub fn write_outputs(
     let page = if run.output.report {
         report.files.push(PAGE.into());
         let volume = Miniature::of_volume(&outcome.image.volume);
-        Some(page_of(folder, &report.files, Some(&volume), Some(&scene), u64::MAX)?)
+        Some(stage(observer, "packing the page", 0, || {
+            page_of(folder, &report.files, Some(&volume), Some(&scene), u64::MAX)
+        })?)
     } else {
         None
     };
@@ -102,6 +106,7 @@ pub fn write_outputs(
         .map_err(|e| Error::environment("report", e.to_string()))?
         + "\n";
     write_atomically(&folder.join("report.json"), |file| file.write_all(text.as_bytes()))?;
+    observer.note(&format!("{} files in {}", report.files.len(), folder.display()));
     if let Some(page) = page {
         let mesh =
             run.scene.mesh.as_ref().filter(|_| outcome.reflectors.is_some()).map(|file| file.typed.as_str());
@@ -118,6 +123,23 @@ fn name_of(format: VolumeFormat) -> &'static str {
         VolumeFormat::Vti => "volume.vti",
         VolumeFormat::Nrrd => "volume.nrrd",
     }
+}
+
+/// The least bytes that a volume's file takes, whatever its content.
+pub(super) fn bytes_of(path: &Path, run: &RunFile, grid: &Grid) -> u64 {
+    let per_voxel = match extension(path).as_str() {
+        "npz" => 8,
+        "vti" if run.output.components == Components::Complex => 12,
+        "vti" => 4,
+        // Compressed: a quarter is more than any volume of echoes gives up.
+        _ => 1,
+    };
+    grid.voxel_count().saturating_mul(per_voxel)
+}
+
+/// The same for all volumes of a run.
+pub(super) fn volume_bytes(run: &RunFile, grid: &Grid) -> u64 {
+    run.output.formats.iter().map(|format| bytes_of(Path::new(name_of(*format)), run, grid)).sum()
 }
 
 /// The files that [`write_outputs`] will write, with or without a truth; a very deep volume may take several.
@@ -211,13 +233,6 @@ impl VolumeSink for VolumeFiles<'_> {
         }
         if self.needs_all() { self.whole.take(first, planes) } else { Ok(()) }
     }
-
-    fn take_all(&mut self, samples: Vec<Complex32>) -> Result<()> {
-        for (_, file) in &mut self.growing {
-            file.take(&samples)?;
-        }
-        if self.needs_all() { self.whole.take_all(samples) } else { Ok(()) }
-    }
 }
 
 /// Begins a volume file in the format of the path's extension, which takes depth after depth.
@@ -281,8 +296,9 @@ pub fn write_cube(path: &Path, cube: &DataCube) -> Result<()> {
 /// Draws the error with its median and rms.
 fn write_error(path: &Path, outcome: &Outcome, truth: &DepthMap) -> Result<()> {
     let errors = error_map(&outcome.depth, truth)?;
+    let resolution = outcome.instrument.setup().range_resolution().unwrap_or(f64::NAN);
     let note = error_note(&outcome.metrics.unwrap_or_default());
-    write_error_figure(path, &errors, &truth.raster(), &note)
+    write_error_figure(path, &errors, &truth.raster(), resolution, &note)
 }
 
 /// The line above an error figure.
