@@ -4,8 +4,12 @@
 //! is f64. A phase is counted in cycles, wrapped to ±½ in f64, and only then becomes f32: plain f32 phase errs
 //! by 7·10⁻⁴ rad at 12 m and 20 kHz, wrapped by 6·10⁻⁷.
 
+pub mod air;
 pub mod interval;
+pub mod legs;
 pub mod offsets;
+pub mod piston;
+pub mod series;
 pub mod simd;
 
 use glam::DVec3;

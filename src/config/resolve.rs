@@ -126,6 +126,8 @@ impl RunFile {
             geometry: self.geometry(),
             detection: self.detection.kind,
             model: self.detection.model,
+            losses: crate::acquisition::Losses::NONE,
+            errors: None,
             noise: self.detection.snr_db.map(|snr_db| Noise { snr_db, seed }),
             tolerance: self.detection.tolerance,
         }
