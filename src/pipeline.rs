@@ -47,6 +47,8 @@ pub struct Outcome {
     pub scene: Option<SceneSummary>,
     /// The reflectors simulated, when they were.
     pub reflectors: Option<Reflectors>,
+    /// What was simulated beyond Eq. 5 and done to the volume, in words.
+    pub physics: Vec<String>,
     /// What it was, or would be, measured with.
     pub instrument: Instrument,
     /// The volume, and how it was come by.
@@ -87,9 +89,22 @@ pub fn image_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Result
     let resolution = echoes.setup().range_resolution().unwrap_or(f64::NAN);
     let metrics = truth.as_ref().map(|truth| evaluate(&depth, truth, resolution)).transpose()?;
     let instrument = echoes.setup().to_instrument();
+    let physics = echoes.physics(run);
     let (scene, reflectors, plan) = (echoes.summary(), Some(echoes.reflectors), echoes.plan);
     let (timings, warnings) = log.finish();
-    Ok(Outcome { plan, scene, reflectors, instrument, image, depth, truth, metrics, timings, warnings })
+    Ok(Outcome {
+        plan,
+        scene,
+        reflectors,
+        physics,
+        instrument,
+        image,
+        depth,
+        truth,
+        metrics,
+        timings,
+        warnings,
+    })
 }
 
 /// Cube in, everything but truth and metrics out.
@@ -108,7 +123,20 @@ pub fn image_cube(run: &RunFile, mut cube: CubeFile, observer: &dyn Observer) ->
     let (image, depth) = focus(run, &mut cube, &grid, &log)?;
     let (timings, warnings) = log.finish();
     let (scene, reflectors, truth, metrics) = (None, None, None, None);
-    Ok(Outcome { plan, scene, reflectors, instrument, image, depth, truth, metrics, timings, warnings })
+    let physics: Vec<String> = facts::compensation(run).into_iter().collect();
+    Ok(Outcome {
+        plan,
+        scene,
+        reflectors,
+        physics,
+        instrument,
+        image,
+        depth,
+        truth,
+        metrics,
+        timings,
+        warnings,
+    })
 }
 
 /// Scene in, cube out.
@@ -158,7 +186,7 @@ pub fn depth_of_volume(
     observer: &dyn Observer,
 ) -> Result<(DepthMap, Value)> {
     let (volume, meta) = read_volume_npz(path, limit)?;
-    let from_run = || run.medium.sound_speed / (2.0 * (run.sweep.stop - run.sweep.start));
+    let from_run = || run.medium.speed() / (2.0 * (run.sweep.stop - run.sweep.start));
     let resolution = resolution_of(&meta).or_else(|| sweep_known.then(from_run)).ok_or_else(|| {
         Error::input(
             path.display(),

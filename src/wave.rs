@@ -18,6 +18,15 @@ use num_complex::Complex32;
 /// Speed of sound in air at room temperature, m/s, as the paper takes it.
 pub const DEFAULT_SOUND_SPEED: f64 = 343.0;
 
+/// Spherical spreading does not grow any nearer to a speaker or microphone than this, m.
+pub const NEAREST_LEG: f64 = 0.01;
+
+/// Spherical spreading over two legs in m, `(1 m)²/(d₁ d₂)`: amplitudes are those at 1 m.
+#[inline]
+pub fn spreading(outward: f64, back: f64) -> f64 {
+    1.0 / (outward.max(NEAREST_LEG) * back.max(NEAREST_LEG))
+}
+
 /// Which way the sound travels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Geometry {

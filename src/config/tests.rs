@@ -109,7 +109,7 @@ fn the_annotated_file_means_the_corner() {
             let key = line.strip_prefix("# ").filter(|rest| {
                 rest.starts_with("[[") || rest.split_once(" = ").is_some_and(|(key, _)| !key.contains(' '))
             });
-            let kept = ["translate", "sensor", "pitch", "file", "#"];
+            let kept = ["translate", "sensor", "pitch", "file", "temperature", "humidity", "pressure", "#"];
             key.filter(|rest| !kept.iter().any(|key| rest.starts_with(key))).unwrap_or(line)
         })
         .collect();

@@ -1,5 +1,6 @@
 //! A scene turned into reflectors, with the instrument that hears them and the grid that shows them.
 
+use super::facts::compensation;
 use super::{SceneSummary, is_csv, room, scene_path, warn_all};
 use crate::acquisition::{DataCube, MicArray, Setup, SimulateOptions, Sweep, simulate};
 use crate::config::RunFile;
@@ -25,6 +26,22 @@ pub(super) struct Measurement {
 impl Measurement {
     pub(super) fn of(run: &RunFile) -> Result<Self> {
         Ok(Self { sweep: run.sweep()?, array: run.microphones()?, options: run.simulate_options() })
+    }
+
+    /// What is simulated beyond Eq. 5 and done to the volume, in words.
+    pub(super) fn physics(&self, run: &RunFile) -> Vec<String> {
+        let mut lines = self.options.physics(&self.sweep);
+        if let Some(air) = run.medium.air() {
+            lines.insert(
+                0,
+                format!(
+                    "sound travels at {:.2} m/s, in air of {} °C and {} %",
+                    self.options.sound_speed, air.temperature, air.humidity
+                ),
+            );
+        }
+        lines.extend(compensation(run));
+        lines
     }
 
     pub(super) fn setup(&self) -> Setup<'_> {
@@ -84,6 +101,11 @@ impl Echoes {
 
     pub(super) fn setup(&self) -> Setup<'_> {
         self.measurement.setup()
+    }
+
+    /// What is simulated beyond Eq. 5 and done to the volume, in words.
+    pub(super) fn physics(&self, run: &RunFile) -> Vec<String> {
+        self.measurement.physics(run)
     }
 
     fn bounds(&self) -> Option<(DVec3, DVec3)> {

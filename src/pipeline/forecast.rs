@@ -1,6 +1,7 @@
 //! What `plan` shows: everything about a job that can be known before any ray or sample.
 
 use super::echoes::Measurement;
+use super::facts::compensation;
 use super::{is_csv, outputs, scene_path};
 use crate::acquisition::{CubeFile, CubeSource, Setup};
 use crate::config::RunFile;
@@ -23,6 +24,8 @@ pub struct Forecast {
     pub grid: Grid,
     /// Operations, bytes and seconds on this machine.
     pub needs: Needs,
+    /// What will be simulated beyond Eq. 5 and done to the volume, in words.
+    pub physics: Vec<String>,
     /// Files that `image` will write.
     pub files: Vec<String>,
     /// What the user should know.
@@ -46,6 +49,7 @@ pub fn forecast_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Res
     let grid = run.voxels(&setup, bounds)?;
     let holding = Holding { samples: true, volume: true, depth: true };
     let mut forecast = forecast(run, &setup, &grid, holding, mesh)?;
+    forecast.physics = measurement.physics(run);
     if let Some((low, high)) = bounds {
         if mesh {
             forecast.warnings.extend(scale_warnings(&setup, low, high));
@@ -70,5 +74,6 @@ fn forecast(run: &RunFile, setup: &Setup, grid: &Grid, holding: Holding, truth: 
     let plan = plan(setup, grid);
     let needs = needs(setup, grid, &run.reconstruct_options(), holding, rayon::current_num_threads())?;
     let warnings = plan.warnings.clone();
-    Ok(Forecast { plan, grid: *grid, needs, files: outputs::names(run, truth), warnings })
+    let physics = compensation(run).into_iter().collect();
+    Ok(Forecast { plan, grid: *grid, needs, physics, files: outputs::names(run, truth), warnings })
 }

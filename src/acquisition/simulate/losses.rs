@@ -7,9 +7,10 @@
 //! with d₁ and θ₁ from the speaker and d₂ and θ₂ from the microphone to the reflector, angles against +z, radii a.
 
 use super::SimulateOptions;
-use crate::wave::Geometry;
-use crate::wave::air::Air;
+use crate::acquisition::Sweep;
+use crate::wave::air::{Air, DB_PER_NEPER};
 use crate::wave::piston::piston;
+use crate::wave::{Geometry, spreading};
 use glam::DVec3;
 use std::f64::consts::TAU;
 
@@ -25,9 +26,6 @@ pub struct Losses {
     /// Radius of the microphones, m; likewise.
     pub microphone_radius: f64,
 }
-
-/// Spreading does not grow any nearer than this, m.
-pub(super) const NEAREST: f64 = 0.01;
 
 impl Losses {
     /// None at all.
@@ -56,6 +54,44 @@ impl Losses {
     }
 }
 
+impl SimulateOptions {
+    /// What is simulated beyond Eq. 5, in words, one line each; nothing for Eq. 5 as printed.
+    pub fn physics(&self, sweep: &Sweep) -> Vec<String> {
+        let mut lines = Vec::new();
+        if self.losses.spreading {
+            lines.push("spherical spreading, (1 m)² / (d1 d2)".to_owned());
+        }
+        if let Some(air) = self.losses.air {
+            let decibels = |f: f64| DB_PER_NEPER * air.absorption(f);
+            lines.push(format!(
+                "absorption by air of {} °C, {} % and {} Pa: {:.3} to {:.3} dB/m in the band (ISO 9613-1)",
+                air.temperature,
+                air.humidity,
+                air.pressure,
+                decibels(sweep.start()),
+                decibels(sweep.stop())
+            ));
+        }
+        for (name, radius) in
+            [("the speaker is", self.losses.speaker_radius), ("microphones are", self.losses.microphone_radius)]
+        {
+            if radius > 0.0 {
+                let size = wave_number(sweep.centre(), self.sound_speed) * radius;
+                lines.push(format!("{name} a piston of radius {:.1} mm, ka = {size:.2} at mid-band", radius * 1e3));
+            }
+        }
+        if let Some(errors) = self.errors {
+            lines.push(format!(
+                "microphone errors of {} dB, {} degrees and {} mm along each axis, rms",
+                errors.gain_db,
+                errors.phase,
+                errors.position * 1e3
+            ));
+        }
+        lines
+    }
+}
+
 /// What the losses of one reflector at one microphone depend on, the frequency aside.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Legs {
@@ -80,7 +116,7 @@ impl Legs {
             Geometry::Monostatic => back,
         };
         let spreading = if options.losses.spreading {
-            1.0 / (out.length().max(NEAREST) * back.length().max(NEAREST))
+            spreading(out.length(), back.length())
         } else {
             1.0
         };

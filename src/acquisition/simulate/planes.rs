@@ -1,7 +1,7 @@
 //! Reflectors in planes, as the kernels want them, and what losses make of their amplitudes.
 
-use super::losses::NEAREST;
 use super::terms::Terms;
+use crate::wave::NEAREST_LEG;
 use crate::wave::legs::return_legs;
 use crate::wave::offsets::WIDE;
 use glam::DVec3;
@@ -98,7 +98,7 @@ impl Lossy {
     /// `spread_legs` is how many return legs spread: none, one or two.
     pub(super) fn look(&mut self, d: [f32; 3], offsets: &[f32], spread_legs: f64) {
         let away = [&self.away[0][..], &self.away[1], &self.away[2]];
-        return_legs(away, d, NEAREST as f32, &mut self.spreading, &mut self.squares);
+        return_legs(away, d, NEAREST_LEG as f32, &mut self.spreading, &mut self.squares);
         for spreading in &mut self.spreading {
             *spreading = match spread_legs as u8 {
                 0 => 1.0,

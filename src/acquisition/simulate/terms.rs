@@ -9,12 +9,12 @@
 //! so each term is a simulation of its own whose weights are the factor itself at f_k, and L_k joins the weights of the
 //! expansion. The error is measured on a grid of path differences, angles and frequencies.
 
-use super::losses::{NEAREST, sine, wave_number};
+use super::losses::{sine, wave_number};
 use super::{Losses, SimulateOptions};
 use crate::acquisition::{MicArray, Sweep};
 use crate::reflectors::Reflectors;
-use crate::wave::Geometry;
 use crate::wave::series::Series;
+use crate::wave::{Geometry, NEAREST_LEG};
 use glam::DVec3;
 use rayon::prelude::*;
 use std::f64::consts::PI;
@@ -246,5 +246,5 @@ impl Terms {
 /// `1 m / d₁`, which does not depend on the microphone; 1 for a monostatic scan or without spreading.
 pub(super) fn outward_spreading(outward: f64, options: &SimulateOptions) -> f64 {
     let fixed = options.geometry != Geometry::Monostatic;
-    if options.losses.spreading && fixed { 1.0 / outward.max(NEAREST) } else { 1.0 }
+    if options.losses.spreading && fixed { 1.0 / outward.max(NEAREST_LEG) } else { 1.0 }
 }
