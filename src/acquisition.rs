@@ -15,7 +15,9 @@ pub use array::{Lattice, MicArray};
 pub use cube::DataCube;
 pub use cube_file::CubeFile;
 pub use setup::{Instrument, Setup};
-pub use simulate::{ArrayErrors, Losses, Noise, PropagationModel, SIMULATION_TOLERANCE, SimulateOptions, simulate};
+pub use simulate::{
+    ArrayErrors, Losses, Noise, PropagationModel, SIMULATION_TOLERANCE, SimulateOptions, simulate,
+};
 pub use source::{CubeSource, Visit};
 pub use sweep::Sweep;
 

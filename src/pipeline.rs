@@ -75,7 +75,7 @@ pub fn image_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Result
     let log = Log::new(observer);
     need_bandwidth("[sweep]", &run.sweep()?)?;
     let echoes = log.timed("scene", || Echoes::of(run, bare, true, &log))?;
-    echoes.warn(&log);
+    echoes.warn(run, &log);
     let cube = log.timed("simulate", || echoes.simulate(run, &log))?;
     let (image, depth) = focus(run, &mut &cube, &echoes.grid, &log)?;
     drop(cube);
@@ -145,7 +145,7 @@ pub fn image_cube(run: &RunFile, mut cube: CubeFile, observer: &dyn Observer) ->
 /// What the stages refuse; a run file without a scene.
 pub fn simulate_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Result<DataCube> {
     let echoes = Echoes::of(run, bare, false, observer)?;
-    echoes.warn(observer);
+    echoes.warn(run, observer);
     echoes.simulate(run, observer)
 }
 
@@ -295,6 +295,11 @@ fn scene_path(run: &RunFile) -> Result<&Path> {
             "is missing; name a mesh (.obj, .gltf, .glb, .stl, .ply) or a reflector list (.csv)",
         )
     })
+}
+
+/// Whether a scene file is in metres by its format's own rules: glTF.
+fn is_in_metres(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gltf") || e.eq_ignore_ascii_case("glb"))
 }
 
 /// Whether a scene file is a list of reflectors.

@@ -209,8 +209,7 @@ impl Plan {
         // Tones and terms share the tolerance; the terms pass the tones' error on, greater by their own size.
         let share = if options.losses.vary() { 0.5 } else { 1.0 };
         let count = spread.count(half, share * options.tolerance)?;
-        let mut tones =
-            VirtualTones::find(sweep, rung, share * options.tolerance / count.amplification)?;
+        let mut tones = VirtualTones::find(sweep, rung, share * options.tolerance / count.amplification)?;
         let mut terms = None;
         let mut weights = std::mem::take(&mut tones.weights);
         if options.losses.any() {

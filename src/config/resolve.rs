@@ -8,6 +8,7 @@ use crate::acquisition::{ArrayErrors, Losses, MicArray, Noise, SimulateOptions, 
 use crate::depth::DepthOptions;
 use crate::error::{Error, Result};
 use crate::grid::{Axis, Grid};
+use crate::plan::memory_limit;
 use crate::reconstruct::ReconstructOptions;
 use crate::reflectors::csv::read_columns;
 use crate::reflectors::{Occlusion, SurfaceModel, SurfaceOptions};
@@ -82,6 +83,7 @@ impl RunFile {
             transmittance: rule.transmittance,
         };
         options.materials = self.materials.iter().map(rule).collect();
+        options.memory = memory_limit();
         Ok(options)
     }
 

@@ -1,7 +1,7 @@
 //! A scene turned into reflectors, with the instrument that hears them and the grid that shows them.
 
 use super::facts::compensation;
-use super::{SceneSummary, is_csv, room, scene_path, warn_all};
+use super::{SceneSummary, is_csv, is_in_metres, room, scene_path, warn_all};
 use crate::acquisition::{DataCube, MicArray, Setup, SimulateOptions, Sweep, simulate};
 use crate::config::RunFile;
 use crate::error::Result;
@@ -113,10 +113,11 @@ impl Echoes {
     }
 
     /// Warns about what looks wrong.
-    pub(super) fn warn(&self, observer: &dyn Observer) {
+    pub(super) fn warn(&self, run: &RunFile, observer: &dyn Observer) {
         warn_all(&self.plan.warnings, observer);
         if let (Some((low, high)), Some(_)) = (self.bounds(), &self.scene) {
-            warn_all(&scale_warnings(&self.setup(), low, high), observer);
+            let in_metres = scene_path(run).is_ok_and(is_in_metres);
+            warn_all(&scale_warnings(&self.setup(), low, high, in_metres), observer);
         }
         if let Some((low, high)) = self.bounds() {
             warn_all(outside_warning(&self.grid, low, high).as_slice(), observer);

@@ -2,7 +2,7 @@
 
 use super::echoes::Measurement;
 use super::facts::compensation;
-use super::{is_csv, outputs, scene_path};
+use super::{is_csv, is_in_metres, outputs, scene_path};
 use crate::acquisition::{CubeFile, CubeSource, Setup};
 use crate::config::RunFile;
 use crate::error::Result;
@@ -52,7 +52,7 @@ pub fn forecast_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Res
     forecast.physics = measurement.physics(run);
     if let Some((low, high)) = bounds {
         if mesh {
-            forecast.warnings.extend(scale_warnings(&setup, low, high));
+            forecast.warnings.extend(scale_warnings(&setup, low, high, is_in_metres(path)));
         }
         forecast.warnings.extend(outside_warning(&grid, low, high));
     }

@@ -56,9 +56,8 @@ impl<'a> Compensated<'a> {
     /// How the volume was come by, with the bound on its error as large as the greatest factor makes it.
     pub(super) fn made(&self, made: &Made) -> Made {
         // Either distance is greatest at a corner.
-        let greatest = |from: DVec3| {
-            self.gain.grid.corners().into_iter().map(|p| p.distance(from)).fold(0.0, f64::max)
-        };
+        let greatest =
+            |from: DVec3| self.gain.grid.corners().into_iter().map(|p| p.distance(from)).fold(0.0, f64::max);
         let most = 1.0 / spreading(greatest(self.gain.speaker), greatest(self.gain.centre));
         Made { error_bound: made.error_bound * most, ..*made }
     }

@@ -125,7 +125,10 @@ mod tests {
             (30.0, 100.0, 352.0, 0.6),
         ] {
             let got = air(temperature, humidity).sound_speed();
-            assert!((got - speed).abs() < within, "{temperature} °C, {humidity} %: {got} m/s, published {speed}");
+            assert!(
+                (got - speed).abs() < within,
+                "{temperature} °C, {humidity} %: {got} m/s, published {speed}"
+            );
         }
     }
 

@@ -12,6 +12,7 @@ mod command;
 mod layout;
 mod mutation;
 mod orientation;
+mod physics;
 mod plan;
 mod point;
 mod reference;

@@ -131,7 +131,9 @@ pub(super) fn choices(
             let echo = lossy * LEGS + terms * (PAIR + lossy * FACTOR + TONE * tones);
             let cost = n_p * n_mic * echo
                 + n_p * tiles.len() as f64 * SEEN
-                + n_mic * groups * (n_f * (TURN + PRODUCT * terms * tones) + PADDING * echo + ACROSS * terms * tones)
+                + n_mic
+                    * groups
+                    * (n_f * (TURN + PRODUCT * terms * tones) + PADDING * echo + ACROSS * terms * tones)
                 + SOLVE * n_f * tones;
             if cost < most {
                 found.push((cost, Choice { microphones: count, radius, rung, held: held as usize }));

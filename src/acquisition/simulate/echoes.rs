@@ -227,7 +227,8 @@ impl<'a> Summation<'a> {
             return sum_over_tones(echoes, &planes.offsets, per_metre, sums);
         };
         let Planes { amplitude, weighted, offsets, lossy, turn, .. } = planes;
-        let spread_legs = if self.options.losses.spreading { self.options.geometry.return_legs() } else { 0.0 };
+        let spread_legs =
+            if self.options.losses.spreading { self.options.geometry.return_legs() } else { 0.0 };
         lossy.look(d, offsets, spread_legs);
         for (k, sums) in sums.chunks_exact_mut(self.tones.count()).enumerate() {
             let factors = lossy.factors(terms, k);

@@ -45,7 +45,9 @@ fn expected(
         }
         for (radius, leg) in [(losses.speaker_radius, p - s), (losses.microphone_radius, p - r)] {
             if radius > 0.0 && leg.length() > 0.0 {
-                factor *= directivity(TAU * f / options.sound_speed * radius * leg.truncate().length() / leg.length());
+                factor *= directivity(
+                    TAU * f / options.sound_speed * radius * leg.truncate().length() / leg.length(),
+                );
             }
         }
         let (sin, cos) = (TAU * (f * path / options.sound_speed).fract()).sin_cos();
@@ -112,11 +114,13 @@ fn one_echo_is_what_the_formulas_say() {
 fn all_losses() -> impl Strategy<Value = Losses> {
     let radius = prop_oneof![Just(0.0), 0.001f64..0.03];
     let air = prop::option::of((-10.0f64..40.0, 5.0f64..100.0));
-    (any::<bool>(), air, radius.clone(), radius).prop_map(|(spreading, air, speaker_radius, microphone_radius)| {
-        let pressure = REFERENCE_PRESSURE;
-        let air = air.map(|(temperature, humidity)| Air { temperature, humidity, pressure });
-        Losses { spreading, air, speaker_radius, microphone_radius }
-    })
+    (any::<bool>(), air, radius.clone(), radius).prop_map(
+        |(spreading, air, speaker_radius, microphone_radius)| {
+            let pressure = REFERENCE_PRESSURE;
+            let air = air.map(|(temperature, humidity)| Air { temperature, humidity, pressure });
+            Losses { spreading, air, speaker_radius, microphone_radius }
+        },
+    )
 }
 
 proptest! {
@@ -168,8 +172,7 @@ fn the_chosen_way_is_fast_and_its_bytes_follow_from_the_input() {
     let reflectors = reflectors(3000, DVec3::new(1.0, 1.0, 0.5), DVec3::new(0.0, 0.0, 1.5));
     let array = MicArray::rectangular("array", [16, 16], [0.02; 2], DVec3::ZERO).expect("ok");
     let sweep = Sweep::stepped("sweep", 10_000.0, 20_000.0, 20.0).expect("ok");
-    let losses =
-        Losses { spreading: true, air: Some(AIR), speaker_radius: 0.012, microphone_radius: 0.003 };
+    let losses = Losses { spreading: true, air: Some(AIR), speaker_radius: 0.012, microphone_radius: 0.003 };
     let options = SimulateOptions {
         losses,
         errors: Some(ArrayErrors { gain_db: 0.5, phase: 5.0, position: 1e-3, seed: 7 }),
@@ -196,7 +199,8 @@ fn the_cube_says_where_microphones_should_be_and_holds_what_they_hear_where_they
     assert_eq!(cube.array, array);
     let real = errors.displaced(&array).expect("small");
     assert!(real.lattice().is_none());
-    let moved: f64 = real.positions().iter().zip(array.positions()).map(|(a, b)| a.distance_squared(*b)).sum();
+    let moved: f64 =
+        real.positions().iter().zip(array.positions()).map(|(a, b)| a.distance_squared(*b)).sum();
     let rms = (moved / (3 * array.len()) as f64).sqrt();
     assert!((rms / 2e-3 - 1.0).abs() < 0.1, "{rms}");
     let perfect = SimulateOptions { errors: None, ..options.clone() };
@@ -238,8 +242,10 @@ fn gains_and_phases_have_the_asked_spread_and_streams_of_their_own() {
         assert!((a.norm() / b.norm() - 1.0).abs() < 1e-5);
     }
     for bad in [-1.0, f64::NAN, f64::INFINITY] {
-        let options =
-            SimulateOptions { errors: Some(ArrayErrors { phase: bad, ..errors }), ..SimulateOptions::default() };
+        let options = SimulateOptions {
+            errors: Some(ArrayErrors { phase: bad, ..errors }),
+            ..SimulateOptions::default()
+        };
         assert!(simulate(&reflectors, &sweep, &array, &options, &Silent).is_err());
     }
 }

@@ -29,8 +29,7 @@ pub struct Losses {
 
 impl Losses {
     /// None at all.
-    pub const NONE: Self =
-        Self { spreading: false, air: None, speaker_radius: 0.0, microphone_radius: 0.0 };
+    pub const NONE: Self = Self { spreading: false, air: None, speaker_radius: 0.0, microphone_radius: 0.0 };
 
     /// Whether there is any.
     pub fn any(&self) -> bool {
@@ -49,7 +48,8 @@ impl Losses {
 
     /// The directivity of both ends for the sines of their angles; `wave_number` is 2πf/c, 1/m.
     pub(super) fn directivity(&self, wave_number: f64, [out, back]: [f64; 2]) -> f64 {
-        let one = |radius: f64, sine: f64| if radius > 0.0 { piston(wave_number * radius * sine) } else { 1.0 };
+        let one =
+            |radius: f64, sine: f64| if radius > 0.0 { piston(wave_number * radius * sine) } else { 1.0 };
         one(self.speaker_radius, out) * one(self.microphone_radius, back)
     }
 }
@@ -72,12 +72,16 @@ impl SimulateOptions {
                 decibels(sweep.stop())
             ));
         }
-        for (name, radius) in
-            [("the speaker is", self.losses.speaker_radius), ("microphones are", self.losses.microphone_radius)]
-        {
+        for (name, radius) in [
+            ("the speaker is", self.losses.speaker_radius),
+            ("microphones are", self.losses.microphone_radius),
+        ] {
             if radius > 0.0 {
                 let size = wave_number(sweep.centre(), self.sound_speed) * radius;
-                lines.push(format!("{name} a piston of radius {:.1} mm, ka = {size:.2} at mid-band", radius * 1e3));
+                lines.push(format!(
+                    "{name} a piston of radius {:.1} mm, ka = {size:.2} at mid-band",
+                    radius * 1e3
+                ));
             }
         }
         if let Some(errors) = self.errors {
@@ -115,11 +119,7 @@ impl Legs {
             Geometry::FixedSource { source } => p - source,
             Geometry::Monostatic => back,
         };
-        let spreading = if options.losses.spreading {
-            spreading(out.length(), back.length())
-        } else {
-            1.0
-        };
+        let spreading = if options.losses.spreading { spreading(out.length(), back.length()) } else { 1.0 };
         Self { spreading, sines: [sine(out), sine(back)], path: options.path_length(p, r) }
     }
 

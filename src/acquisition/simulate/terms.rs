@@ -112,9 +112,8 @@ impl Spread {
             return Some(Count { nodes: self.chebyshev(1), amplification: 1.0 });
         }
         let [start, stop] = self.band;
-        let dense: Vec<f64> = (0..FREQUENCIES)
-            .map(|i| start + (stop - start) * i as f64 / (FREQUENCIES - 1) as f64)
-            .collect();
+        let dense: Vec<f64> =
+            (0..FREQUENCIES).map(|i| start + (stop - start) * i as f64 / (FREQUENCIES - 1) as f64).collect();
         let wanted: Vec<Vec<f64>> = dense.iter().map(|&f| self.samples(f, half)).collect();
         (1..=MOST_TERMS).find_map(|count| {
             let nodes = self.chebyshev(count);
@@ -188,10 +187,8 @@ impl Terms {
             Geometry::FixedSource { source } if losses.speaker_radius > 0.0 => Some(source),
             _ => None,
         };
-        let at_microphone = Losses {
-            speaker_radius: if spread.monostatic { losses.speaker_radius } else { 0.0 },
-            ..losses
-        };
+        let at_microphone =
+            Losses { speaker_radius: if spread.monostatic { losses.speaker_radius } else { 0.0 }, ..losses };
         let directed = at_microphone.speaker_radius > 0.0 || at_microphone.microphone_radius > 0.0;
         // A little beyond, because f32 rounds.
         let greatest = (spread.sines[1] * spread.sines[1] * 1.0001).max(1e-6);

@@ -32,7 +32,13 @@ impl Medium {
         }
         within("medium.temperature", air.temperature, -50.0, 60.0, "degrees Celsius from -50 to 60")?;
         within("medium.humidity", air.humidity, 0.0, 100.0, "a relative humidity from 0 to 100 %")?;
-        within("medium.pressure", air.pressure, 1e4, 1e6, "a pressure from 1e4 to 1e6 Pa (sea level has 101325)")?;
+        within(
+            "medium.pressure",
+            air.pressure,
+            1e4,
+            1e6,
+            "a pressure from 1e4 to 1e6 Pa (sea level has 101325)",
+        )?;
         if air.water() > 0.25 {
             return Err(Fault {
                 partners: &["medium.temperature", "medium.pressure"],
