@@ -1,13 +1,13 @@
 //! What `plan` shows: everything about a job that can be known before any ray or sample.
 
-use super::echoes::Measurement;
+use super::echoes::{Measurement, placement_warnings};
 use super::facts::compensation;
 use super::{is_csv, is_in_metres, outputs, scene_path};
 use crate::acquisition::{CubeFile, CubeSource, Setup};
 use crate::config::RunFile;
 use crate::error::Result;
 use crate::grid::Grid;
-use crate::plan::{Holding, Needs, Plan, needs, outside_warning, plan, scale_warnings};
+use crate::plan::{Holding, Needs, Plan, needs, plan};
 use crate::progress::Observer;
 use crate::reflectors::Reflectors;
 use crate::scene::Scene;
@@ -47,15 +47,11 @@ pub fn forecast_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Res
         Reflectors::read_csv(path)?.bounds()
     };
     let grid = run.voxels(&setup, bounds)?;
-    let holding = Holding { samples: true, volume: true, depth: true };
+    let holding = Holding::of_simulation(&setup);
     let mut forecast = forecast(run, &setup, &grid, holding, mesh)?;
     forecast.physics = measurement.physics(run);
-    if let Some((low, high)) = bounds {
-        if mesh {
-            forecast.warnings.extend(scale_warnings(&setup, low, high, is_in_metres(path)));
-        }
-        forecast.warnings.extend(outside_warning(&grid, low, high));
-    }
+    let mesh = mesh.then(|| is_in_metres(path));
+    forecast.warnings.extend(placement_warnings(&setup, &grid, bounds, mesh));
     Ok(forecast)
 }
 
@@ -66,7 +62,7 @@ pub fn forecast_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Res
 pub fn forecast_cube(run: &RunFile, cube: &CubeFile) -> Result<Forecast> {
     let setup = cube.setup();
     let grid = run.voxels(&setup, None::<(DVec3, DVec3)>)?;
-    let holding = Holding { samples: cube.held_bytes() > 0, volume: true, depth: true };
+    let holding = Holding { samples: cube.held_bytes(), volume: true, depth: true, ..Holding::default() };
     forecast(run, &setup, &grid, holding, false)
 }
 

@@ -17,7 +17,7 @@ use rayon::prelude::*;
 pub(super) struct Compensated<'a> {
     sink: &'a mut dyn VolumeSink,
     gain: Gain,
-    plane: Vec<Complex32>,
+    planes: Vec<Complex32>,
 }
 
 /// The factor of every voxel.
@@ -50,7 +50,7 @@ impl<'a> Compensated<'a> {
             Geometry::FixedSource { source } => source,
             Geometry::Monostatic => centre,
         };
-        Self { sink, gain: Gain { grid: *grid, speaker, centre }, plane: Vec::new() }
+        Self { sink, gain: Gain { grid: *grid, speaker, centre }, planes: Vec::new() }
     }
 
     /// How the volume was come by, with the bound on its error as large as the greatest factor makes it.
@@ -70,19 +70,15 @@ impl VolumeSink for Compensated<'_> {
     }
 
     fn take(&mut self, first: usize, planes: &[Complex32]) -> Result<()> {
-        for (i, plane) in planes.chunks_exact(self.gain.grid.plane_len()).enumerate() {
-            self.plane.clear();
-            self.plane.extend_from_slice(plane);
-            self.gain.multiply(first + i, &mut self.plane);
-            self.sink.take(first + i, &self.plane)?;
+        self.planes.clear();
+        self.planes.extend_from_slice(planes);
+        for (i, plane) in self.planes.chunks_exact_mut(self.gain.grid.plane_len()).enumerate() {
+            self.gain.multiply(first + i, plane);
         }
-        Ok(())
+        self.sink.take(first, &self.planes)
     }
 
-    fn take_all(&mut self, mut samples: Vec<Complex32>) -> Result<()> {
-        for (i, plane) in samples.chunks_exact_mut(self.gain.grid.plane_len()).enumerate() {
-            self.gain.multiply(i, plane);
-        }
-        self.sink.take_all(samples)
+    fn done(&self) -> usize {
+        self.sink.done()
     }
 }

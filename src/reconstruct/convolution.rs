@@ -8,23 +8,22 @@
 use super::focus::Focus;
 use super::lattice::SharedLattice;
 use super::layout::Layout;
-use super::tones::{SlabTones, Tones, VolumeTones};
+use super::tones::{Tones, VolumeTones};
 use super::weights::Weights;
-use super::{Made, Method, VolumeSink, room_for};
+use super::{Made, Method, VolumeSink, no_room_for};
 use crate::acquisition::{CubeSource, Setup};
 use crate::error::Result;
-use crate::grid::Grid;
+use crate::grid::{Grid, zeros};
 use crate::progress::{Observer, advance, stage};
-use crate::wave::interval::PathInterval;
+use crate::wave::interval::greater;
 use num_complex::Complex32;
 use rayon::prelude::*;
-use std::ops::Range;
 
 /// Bytes of data spectra held at a time when every frequency is summed.
 pub(super) const SPECTRA_BYTES: usize = 256 << 20;
 
 /// The share of the tolerance that the first of the two compressions may use.
-const FIRST_SHARE: f64 = 0.3;
+pub(super) const FIRST_SHARE: f64 = 0.3;
 
 /// Adds tones to the planes from `first` on, `[plane, y, x]`.
 fn add(
@@ -67,7 +66,11 @@ pub(super) fn convolution(
     }
 }
 
-/// All frequencies in ascending order, in blocks that bound the memory and change no sum.
+/// Depths that are worked on at a time when every frequency is summed: so many that the spectra of the samples, which
+/// each such slab computes anew, cost next to nothing.
+pub(super) const DEPTHS: usize = 32;
+
+/// All frequencies in ascending order for each slab of depths, in blocks that bound the memory and change no sum.
 fn every_frequency(
     source: &mut dyn CubeSource,
     weights: &Weights,
@@ -79,21 +82,37 @@ fn every_frequency(
     let (count, n_mic) = (setup.sweep.len(), setup.array.len());
     let per_metre: Vec<f64> = setup.sweep.frequencies().iter().map(|f| -f / setup.sound_speed).collect();
     let block = (SPECTRA_BYTES / (layout.tone_len() * size_of::<Complex32>())).clamp(1, count);
-    let mut voxels = room_for(grid)?;
     let mut modulus = 0.0;
-    stage(observer, "reconstructing", (count * grid.z.count) as u64, || {
-        source.visit(block, &mut |range, block| {
-            let rows = || range.clone().zip(block.chunks_exact(n_mic));
-            modulus += rows().map(|(f, row)| weights.modulus(f, row)).sum::<f64>();
-            let samples = rows().flat_map(|(f, row)| weights.weighted(f, row)).collect();
-            let samples = layout.lattice.onto_nodes(samples);
-            let tones = Tones { per_metre: per_metre[range.clone()].to_vec(), samples };
-            add(layout, &tones, 0, &mut voxels, observer)
-        })
+    source.visit(block, &mut |range, block| {
+        let rows = range.clone().zip(block.chunks_exact(n_mic));
+        modulus += rows.map(|(f, row)| weights.modulus(f, row)).sum::<f64>();
+        Ok(())
     })?;
     let made = Made { method: Method::Convolution, error_bound: layout.lattice.error() * modulus };
+    let depths = grid.z.count;
+    let mut planes = zeros((DEPTHS.min(depths) as u64).saturating_mul(grid.plane_len() as u64))
+        .ok_or_else(|| no_room_for(grid))?;
     sink.begin(&made)?;
-    sink.take_all(voxels)?;
+    stage(observer, "reconstructing", (count * depths) as u64, || {
+        for first in (0..depths).step_by(DEPTHS) {
+            let last = (first + DEPTHS).min(depths);
+            if last <= sink.done() {
+                advance(observer, (count * (last - first)) as u64)?;
+                continue;
+            }
+            let planes = &mut planes[..(last - first) * grid.plane_len()];
+            planes.fill(Complex32::ZERO);
+            source.visit(block, &mut |range, block| {
+                let rows = range.clone().zip(block.chunks_exact(n_mic));
+                let samples = rows.flat_map(|(f, row)| weights.weighted(f, row)).collect();
+                let samples = layout.lattice.onto_nodes(samples);
+                let tones = Tones { per_metre: per_metre[range.clone()].to_vec(), samples };
+                add(layout, &tones, first, planes, observer)
+            })?;
+            sink.take(first, planes)?;
+        }
+        Ok(())
+    })?;
     Ok(made)
 }
 
@@ -107,35 +126,32 @@ fn skeleton_frequencies(
     observer: &dyn Observer,
 ) -> Result<Made> {
     let (grid, depths) = (&layout.grid, layout.grid.z.count);
-    let whole = interval(&source.setup(), grid, 0..depths);
+    let whole = source.setup().path_interval(grid, 0..depths);
     let mut compressed = VolumeTones::compress(source, weights, whole, FIRST_SHARE * tolerance, observer)?;
     compressed.tones.samples = layout.lattice.onto_nodes(std::mem::take(&mut compressed.tones.samples));
     let setup = source.setup();
     let thickness = slab_thickness(&setup, layout);
-    let slabs: Vec<Slab> = (0..depths)
-        .into_par_iter()
-        .step_by(thickness)
-        .map(|first| {
-            let planes = first..(first + thickness).min(depths);
-            let tones = compressed.nest(interval(&setup, grid, planes.clone()), tolerance);
-            Slab { planes, tones }
-        })
-        .collect();
-    let error = slabs.iter().map(|slab| slab.tones.error).fold(0.0, f64::max) + layout.lattice.error();
+    let interval = |planes| setup.path_interval(grid, planes);
+    let slabs = compressed.slabs(depths, thickness, interval, tolerance);
+    let error = slabs.iter().map(|slab| slab.error).fold(0.0, greater) + layout.lattice.error();
     let made = Made { method: Method::Convolution, error_bound: error * compressed.modulus };
-    let total = slabs.iter().map(|slab| (slab.tones.len() * slab.planes.len()) as u64).sum();
+    let total = slabs.iter().map(|slab| (slab.len() * slab.planes.len()) as u64).sum();
     let plane_len = grid.plane_len();
     let at_once = slabs_at_once(thickness, rayon::current_num_threads());
-    let mut planes = vec![Complex32::ZERO; (at_once * thickness).min(depths) * plane_len];
+    let mut planes = zeros(((at_once * thickness).min(depths) as u64).saturating_mul(plane_len as u64))
+        .ok_or_else(|| no_room_for(grid))?;
     sink.begin(&made)?;
     stage(observer, "reconstructing", total, || {
-        for batch in slabs.chunks(at_once) {
+        let done = slabs.partition_point(|slab| slab.planes.end <= sink.done());
+        let skipped = slabs[..done].iter().map(|slab| (slab.len() * slab.planes.len()) as u64);
+        advance(observer, skipped.sum())?;
+        for batch in slabs[done..].chunks(at_once) {
             let first = batch[0].planes.start;
             let end = batch[batch.len() - 1].planes.end;
             let planes = &mut planes[..(end - first) * plane_len];
             planes.fill(Complex32::ZERO);
             planes.par_chunks_mut(thickness * plane_len).zip(batch).try_for_each(|(planes, slab)| {
-                let tones = slab.tones.of(&compressed.tones, layout.lattice.width());
+                let tones = slab.of(&compressed.tones, layout.lattice.width());
                 add(layout, &tones, slab.planes.start, planes, observer)
             })?;
             sink.take(first, planes)?;
@@ -143,13 +159,6 @@ fn skeleton_frequencies(
         Ok(())
     })?;
     Ok(made)
-}
-
-/// Neighbouring depths that share their tones.
-#[derive(Debug)]
-struct Slab {
-    planes: Range<usize>,
-    tones: SlabTones,
 }
 
 /// Depths per thread that are worked on before they are handed on: enough to keep every thread busy.
@@ -160,29 +169,20 @@ pub(super) fn slabs_at_once(thickness: usize, threads: usize) -> usize {
     (PLANES_PER_THREAD * threads).div_ceil(thickness)
 }
 
-/// The path lengths of a range of depths.
-pub(super) fn interval(setup: &Setup, grid: &Grid, depths: Range<usize>) -> PathInterval {
-    let corners = grid.corners();
-    let low = corners[0].with_z(grid.z.position(depths.start));
-    let high = corners[7].with_z(grid.z.position(depths.end - 1));
-    let [shortest, longest] = setup.geometry.path_bounds([low, high], setup.array.bounds().into());
-    PathInterval { shortest, longest, sound_speed: setup.sound_speed }
-}
-
 /// The number of depths per slab that costs least by a fixed model, so that the same job always takes the same path.
 ///
 /// Thin slabs need fewer tones each, but every slab pays for its own spectra and decomposition.
 pub(super) fn slab_thickness(setup: &Setup, layout: &Layout) -> usize {
     let depths = layout.grid.z.count;
     let points = (layout.x.len() * layout.y.len()) as f64;
-    // In transformed points per tone: a decomposition is checked at every frequency, its product runs over all nodes.
+    // In transformed points per tone: for a decomposition, by the number of frequencies, and for its product over all nodes.
     let slab = (150 * setup.sweep.len() + 10 * layout.lattice.width()) as f64;
     let cost = |thickness: usize| -> f64 {
         (0..depths)
             .step_by(thickness)
             .map(|first| {
                 let planes = thickness.min(depths - first);
-                let interval = interval(setup, &layout.grid, first..first + planes);
+                let interval = setup.path_interval(&layout.grid, first..first + planes);
                 let tones =
                     (setup.sweep.bandwidth() * interval.duration() + 10.0).min(setup.sweep.len() as f64);
                 let transforms = planes * layout.pairs() * 2 + layout.node_parts.len();

@@ -2,11 +2,12 @@
 //!
 //! The same counts choose the method, so the same job always takes the same path.
 
-use super::convolution::{interval, slab_thickness, slabs_at_once};
+use super::convolution::{FIRST_SHARE, slab_thickness, slabs_at_once};
 use super::lattice::SharedLattice;
 use super::layout::Layout;
+use super::skeleton::candidates_for;
 use super::tones::FREQUENCIES;
-use super::{Method, ReconstructOptions, backprojection, direct};
+use super::{Method, ReconstructOptions, backprojection, direct, linear};
 use crate::acquisition::Setup;
 use crate::grid::Grid;
 use crate::wave::interval::PathInterval;
@@ -33,15 +34,16 @@ pub(super) fn tones_for(bandwidth_duration: f64, tolerance: f64) -> f64 {
     bandwidth_duration + 2.0 + digits * (0.22 + 0.2 * (1.0 + bandwidth_duration).ln())
 }
 
-/// The three estimates for a job, whatever `options.method` says.
+/// The four estimates for a job, whatever `options.method` says.
 pub(super) fn estimates(
     setup: &Setup,
     grid: &Grid,
     options: &ReconstructOptions,
     lattice: &Result<SharedLattice, String>,
     backprojection: Option<&backprojection::Plan>,
+    linear: &Result<linear::Plan, String>,
     threads: usize,
-) -> [Estimate; 3] {
+) -> [Estimate; 4] {
     let convolution = match lattice {
         Ok(lattice) => of_convolution(setup, grid, options.tolerance, lattice, threads),
         Err(obstacle) => impossible(Method::Convolution, obstacle.clone()),
@@ -57,7 +59,16 @@ pub(super) fn estimates(
             "0 leaves no room for interpolation; give a tolerance above 0 (1e-6, say)".to_owned(),
         ),
     };
-    [convolution, backprojection, of_direct(setup, grid, threads)]
+    let linear = match linear {
+        Ok(plan) => of_linear(setup, plan, threads),
+        Err(obstacle) => impossible(Method::Linear, obstacle.clone()),
+    };
+    [convolution, backprojection, of_direct(setup, grid, threads), linear]
+}
+
+fn of_linear(setup: &Setup, plan: &linear::Plan, threads: usize) -> Estimate {
+    let bytes = plan.bytes(threads).saturating_add(block_bytes(setup));
+    Estimate { method: Method::Linear, obstacle: None, operations: plan.operations(), bytes }
 }
 
 fn impossible(method: Method, obstacle: String) -> Estimate {
@@ -78,8 +89,8 @@ const COMPLEX: u64 = 8;
 fn compression(setup: &Setup, interval: &PathInterval, tones: f64) -> (f64, u64) {
     let bandwidth_duration = setup.sweep.bandwidth() * interval.duration();
     let (n_f, n_mic) = (setup.sweep.len() as f64, setup.array.len() as f64);
-    let rows = 2.2 * bandwidth_duration + 36.0;
-    let candidates = (6.0 * (bandwidth_duration + 12.0)).min(n_f);
+    let rows = interval.points_for(setup.sweep.bandwidth()) as f64;
+    let candidates = candidates_for(bandwidth_duration).min(n_f);
     // Pivoting and f64 cost about five times what the product of two such matrices would.
     let found = 5.0 * PRODUCT * rows * candidates * tones + PRODUCT * rows * tones * n_f;
     let bytes = 16.0 * (rows * n_f + 2.0 * tones * n_f + 10.0 * rows * candidates);
@@ -111,20 +122,22 @@ fn of_convolution(
         let n_f = setup.sweep.len() as f64;
         let block =
             (super::convolution::SPECTRA_BYTES as u64).min(layout.tone_len() as u64 * COMPLEX * n_f as u64);
+        let slab = (super::convolution::DEPTHS.min(depths) as u64 * COMPLEX).saturating_mul(plane);
         return Estimate {
             method: Method::Convolution,
             obstacle: None,
             operations: n_f * (depths as f64 * pair + spectra),
-            bytes: block.saturating_mul(2).saturating_add(scratch),
+            bytes: block.saturating_mul(2).saturating_add(scratch).saturating_add(slab),
         };
     }
     let tones = |planes: std::ops::Range<usize>, share: f64| {
-        let duration = interval(setup, grid, planes).duration();
+        let duration = setup.path_interval(grid, planes).duration();
         tones_for(setup.sweep.bandwidth() * duration, share * left).min(setup.sweep.len() as f64)
     };
     let thickness = slab_thickness(setup, &layout);
-    let (of_volume, width) = (tones(0..depths, 0.3), lattice.width() as f64);
-    let (mut operations, bytes_finding) = compression(setup, &interval(setup, grid, 0..depths), of_volume);
+    let (of_volume, width) = (tones(0..depths, FIRST_SHARE), lattice.width() as f64);
+    let (mut operations, bytes_finding) =
+        compression(setup, &setup.path_interval(grid, 0..depths), of_volume);
     let mut most = 0.0f64;
     for first in (0..depths).step_by(thickness) {
         let planes = first..(first + thickness).min(depths);
@@ -159,7 +172,7 @@ fn of_backprojection(
     plan: &backprojection::Plan,
     threads: usize,
 ) -> Estimate {
-    let whole = interval(setup, grid, 0..grid.z.count);
+    let whole = setup.path_interval(grid, 0..grid.z.count);
     let tones =
         tones_for(setup.sweep.bandwidth() * whole.duration(), 0.1 * tolerance).min(setup.sweep.len() as f64);
     let (compressing, finding) = compression(setup, &whole, tones);
@@ -183,7 +196,10 @@ fn of_direct(setup: &Setup, grid: &Grid, threads: usize) -> Estimate {
         bytes: setup
             .cube_bytes()
             .saturating_mul(2)
-            .saturating_add((64 * threads * setup.array.len()) as u64 * COMPLEX),
+            .saturating_add((64 * threads * setup.array.len()) as u64 * COMPLEX)
+            .saturating_add(
+                (direct::depths_at_once(grid) as u64 * COMPLEX).saturating_mul(grid.plane_len() as u64),
+            ),
     }
 }
 

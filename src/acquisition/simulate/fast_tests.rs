@@ -2,9 +2,10 @@
 
 use super::cost::choices;
 use super::expand::fast;
+use super::kept::KeptSamples;
 use super::virtual_tones::{RUNGS, Rung};
 use super::*;
-use crate::progress::Silent;
+use crate::progress::{Forgetful, Silent};
 use crate::wave::phasor;
 use proptest::prelude::*;
 use std::f64::consts::TAU;
@@ -74,7 +75,13 @@ pub(super) fn forced(
     let plan = Plan::of(&choice, reflectors, sweep, array, options).expect("a standard duration");
     let mut samples = vec![Complex32::ZERO; sweep.len() * array.len()];
     let job = Job { reflectors, sweep, array, options, responses: &[] };
-    fast(&job, &plan, &Silent, &mut samples).expect("not interrupted");
+    let mut kept = KeptSamples {
+        samples: &mut samples,
+        width: array.len(),
+        keeper: &mut Forgetful,
+        finished: Vec::new(),
+    };
+    fast(&job, &plan, &mut kept, &Silent).expect("not interrupted");
     samples
 }
 

@@ -1,5 +1,6 @@
 //! Eq. 5 summed term by term: the oracle, and the way where virtual tones do not pay.
 
+use super::kept::KeptSamples;
 use super::losses::{Legs, wave_number};
 use super::{Job, SimulateOptions, record};
 use crate::acquisition::Sweep;
@@ -14,12 +15,17 @@ use rayon::prelude::*;
 /// Microphones whose columns are held between the sum and the cube's own order.
 const COLUMNS: usize = 64;
 
-/// Fills `samples`, `[n_f, n_mic]`, with the literal sum.
-pub(super) fn literal(job: &Job<'_>, observer: &dyn Observer, samples: &mut [Complex32]) -> Result<()> {
+/// Fills the samples, `[n_f, n_mic]`, with the literal sum.
+pub(super) fn literal(job: &Job<'_>, kept: &mut KeptSamples, observer: &dyn Observer) -> Result<()> {
     let Job { reflectors, sweep, array, options, responses } = *job;
     let n_mic = array.len();
     let plain = Amplitudes::new(reflectors.amplitudes().iter().copied());
     for (chunk, mics) in array.positions().chunks(COLUMNS).enumerate() {
+        let members: Vec<usize> = (chunk * COLUMNS..).take(mics.len()).collect();
+        if kept.recall(chunk, &members)? {
+            advance(observer, mics.len() as u64)?;
+            continue;
+        }
         let columns: Vec<Vec<[f64; 2]>> = mics
             .par_iter()
             .map(|&r| {
@@ -41,9 +47,11 @@ pub(super) fn literal(job: &Job<'_>, observer: &dyn Observer, samples: &mut [Com
             let mic = chunk * COLUMNS + column;
             for (f, [re, im]) in sums.iter().enumerate() {
                 let m = Complex32::new(*re as f32, *im as f32);
-                samples[f * n_mic + mic] = record(options.detection, responses.get(mic), m);
+                kept.samples[f * n_mic + mic] = record(options.detection, responses.get(mic), m);
             }
         }
+        kept.finish(chunk, &members);
+        kept.pause()?;
         advance(observer, mics.len() as u64)?;
     }
     Ok(())
