@@ -20,14 +20,11 @@ impl RunFile {
 
 impl Medium {
     fn fill(&mut self) {
-        match self.temperature {
-            Some(_) => {
-                self.humidity.get_or_insert(Self::HUMIDITY);
-                self.pressure.get_or_insert(Self::PRESSURE);
-            }
-            None => {
-                self.sound_speed.get_or_insert(DEFAULT_SOUND_SPEED);
-            }
+        if self.temperature.is_some() {
+            self.humidity.get_or_insert(Self::HUMIDITY);
+            self.pressure.get_or_insert(Self::PRESSURE);
+        } else {
+            self.sound_speed.get_or_insert(DEFAULT_SOUND_SPEED);
         }
     }
 }

@@ -34,7 +34,7 @@ impl Series {
         let mut left_out = 0.0;
         while coefficients.len() > 1 {
             left_out += coefficients[coefficients.len() - 1].abs();
-            if !(left_out <= NEGLIGIBLE) {
+            if left_out > NEGLIGIBLE || left_out.is_nan() {
                 break;
             }
             coefficients.pop();
