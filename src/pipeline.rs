@@ -62,6 +62,8 @@ pub struct Outcome {
     pub scene: Option<SceneSummary>,
     /// The reflectors simulated, when they were.
     pub reflectors: Option<Reflectors>,
+    /// What was simulated beyond Eq. 5 and done to the volume, in words.
+    pub physics: Vec<String>,
     /// What it was, or would be, measured with.
     pub instrument: Instrument,
     /// The volume, and how it was come by.
@@ -105,7 +107,7 @@ pub fn image_scene_keeping(
     need_bandwidth("[sweep]", &run.sweep()?)?;
     let echoes = log.timed("scene", || Echoes::of(run, bare, true, &log))?;
     let raster = run.raster(echoes.scene.as_ref().and_then(Scene::camera))?;
-    echoes.warn(&log);
+    echoes.warn(run, &log);
     let volume = outputs::volume_bytes(run, &echoes.grid);
     checkpoint.need_space(volume)?;
     let state = echoes.setup().cube_bytes().saturating_add(echoes.plan.volume_bytes);
@@ -126,12 +128,14 @@ pub fn image_scene_keeping(
     let scores = truth.as_ref().map(|truth| score(&depth, truth, resolution)).transpose()?;
     let metrics = scores.as_ref().map(|scores| scores.all);
     let instrument = echoes.setup().to_instrument();
+    let physics = echoes.physics(run);
     let (scene, reflectors, plan) = (echoes.summary(), Some(echoes.reflectors), echoes.plan);
     let (timings, warnings) = log.finish();
     Ok(Outcome {
         plan,
         scene,
         reflectors,
+        physics,
         instrument,
         image,
         depth,
@@ -175,10 +179,12 @@ pub fn image_cube_keeping(
     let (image, depth) = focus(run, &mut cube, &grid, raster, checkpoint, &log)?;
     let (timings, warnings) = log.finish();
     let (scene, reflectors, truth, metrics, scores) = (None, None, None, None, None);
+    let physics: Vec<String> = facts::compensation(run).into_iter().collect();
     Ok(Outcome {
         plan,
         scene,
         reflectors,
+        physics,
         instrument,
         image,
         depth,
@@ -201,7 +207,7 @@ pub fn simulate_scene(
     observer: &dyn Observer,
 ) -> Result<DataCube> {
     let echoes = Echoes::of(run, bare, false, observer)?;
-    echoes.warn(observer);
+    echoes.warn(run, observer);
     let bytes = echoes.setup().cube_bytes();
     // In-phase samples are written without imaginary parts.
     let written = if echoes.setup().detection == Detection::InPhase { bytes / 2 } else { bytes };
@@ -259,7 +265,7 @@ pub fn depth_of_volume(
     observer: &dyn Observer,
 ) -> Result<(DepthMap, Value)> {
     let (volume, meta) = stage(observer, "reading the volume", 0, || read_volume_npz(path, limit))?;
-    let from_run = || run.medium.sound_speed / (2.0 * (run.sweep.stop - run.sweep.start));
+    let from_run = || run.medium.speed() / (2.0 * (run.sweep.stop - run.sweep.start));
     let resolution = resolution_of(&meta).or_else(|| sweep_known.then(from_run)).ok_or_else(|| {
         Error::input(
             path.display(),
@@ -377,6 +383,11 @@ fn scene_path(run: &RunFile) -> Result<&Path> {
             "is missing; name a mesh (.obj, .gltf, .glb, .stl, .ply) or a reflector list (.csv)",
         )
     })
+}
+
+/// Whether a scene file is in metres by its format's own rules: glTF.
+fn is_in_metres(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gltf") || e.eq_ignore_ascii_case("glb"))
 }
 
 /// Whether a scene file is a list of reflectors.

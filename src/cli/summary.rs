@@ -78,6 +78,9 @@ pub(super) fn image(input: &Path, folder: &Path, report: &Report, outcome: &Outc
             instrument.sweep.stop() / 1e3
         ),
     );
+    for (i, line) in report.physics.iter().enumerate() {
+        table.row(if i == 0 { "physics" } else { "" }, line);
+    }
     let millimetres = |m: Option<f64>| m.map_or("-".to_owned(), |m| format!("{:.1}", m * 1e3));
     table.row(
         "resolution",
@@ -167,6 +170,9 @@ pub(super) fn forecast(forecast: &Forecast) -> String {
         format!("{} tones x {} microphones: {}", plan.frequencies, plan.microphones, gib(plan.cube_bytes)),
     );
     table.row("volume", gib(plan.volume_bytes));
+    for (i, line) in forecast.physics.iter().enumerate() {
+        table.row(if i == 0 { "physics" } else { "" }, line);
+    }
     for (i, (method, seconds)) in needs.methods.iter().zip(needs.seconds).enumerate() {
         let name = format!("{}{}", if i == needs.chosen { "* " } else { "  " }, name_of(method.method));
         let costs = match &method.obstacle {

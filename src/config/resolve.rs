@@ -4,10 +4,11 @@ use super::{
     Geometry as GeometryWord, Layout, MaterialRule, Occlusion as OcclusionWord, RunFile, Shading, Surface,
 };
 use crate::acquisition::Setup;
-use crate::acquisition::{MicArray, Noise, SimulateOptions, Sweep};
+use crate::acquisition::{ArrayErrors, Losses, MicArray, Noise, SimulateOptions, Sweep};
 use crate::depth::DepthOptions;
 use crate::error::{Error, Result};
 use crate::grid::{Axis, Grid, Raster, View};
+use crate::plan::memory_limit;
 use crate::reconstruct::ReconstructOptions;
 use crate::reflectors::csv::read_columns;
 use crate::reflectors::{Occlusion, SurfaceModel, SurfaceOptions};
@@ -85,6 +86,7 @@ impl RunFile {
             transmittance: rule.transmittance,
         };
         options.materials = self.materials.iter().map(rule).collect();
+        options.memory = memory_limit();
         Ok(options)
     }
 
@@ -124,11 +126,25 @@ impl RunFile {
     pub fn simulate_options(&self) -> SimulateOptions {
         // The noise has a stream of its own, so that it does not follow the surfaces' phases.
         let seed = u64::from(self.reflectors.seed) ^ 0x006e_6f69_7365_0000;
+        let array = &self.array;
+        let errors = ArrayErrors {
+            gain_db: array.gain_error_db,
+            phase: array.phase_error,
+            position: array.position_error,
+            seed: u64::from(array.error_seed) ^ 0x6172_7261_7900_0000,
+        };
         SimulateOptions {
-            sound_speed: self.medium.sound_speed,
+            sound_speed: self.medium.speed(),
             geometry: self.geometry(),
             detection: self.detection.kind,
             model: self.detection.model,
+            losses: Losses {
+                spreading: self.medium.spreading,
+                air: self.medium.air().filter(|_| self.medium.absorption),
+                speaker_radius: array.speaker_radius,
+                microphone_radius: array.microphone_radius,
+            },
+            errors: (errors.gain_db > 0.0 || errors.phase > 0.0 || errors.position > 0.0).then_some(errors),
             noise: self.detection.snr_db.map(|snr_db| Noise { snr_db, seed }),
             tolerance: self.detection.tolerance,
         }
@@ -189,6 +205,7 @@ impl RunFile {
     pub fn reconstruct_options(&self) -> ReconstructOptions {
         let mut options = ReconstructOptions::new(self.reconstruct.method, self.reconstruct.window);
         options.tolerance = self.reconstruct.tolerance;
+        options.compensate = self.reconstruct.compensate;
         options
     }
 

@@ -31,7 +31,11 @@ pub(super) struct Source<'t> {
 const DEEPEST: usize = 8;
 
 /// Pairs of keys of which one replaces the other, so that a `--set` of one can do without unsetting the other.
-const EXCLUSIVE: [[&str; 2]; 2] = [["scene.translate", "scene.fit"], ["array.pitch", "array.extent"]];
+const EXCLUSIVE: [[&str; 2]; 3] = [
+    ["scene.translate", "scene.fit"],
+    ["array.pitch", "array.extent"],
+    ["medium.sound_speed", "medium.temperature"],
+];
 
 impl<'t> Source<'t> {
     /// Parses `text`, which stands in `file`.

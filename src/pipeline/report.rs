@@ -30,6 +30,8 @@ pub struct Report {
     pub scene: Option<SceneSummary>,
     /// Number of reflectors simulated, when they were.
     pub reflectors: Option<usize>,
+    /// What was simulated beyond Eq. 5 and done to the volume, in words.
+    pub physics: Vec<String>,
     /// The method that reconstructed.
     pub method: crate::reconstruct::Method,
     /// Greatest amplitude of the volume.
@@ -63,6 +65,7 @@ impl Report {
             grid: outcome.image.volume.grid,
             scene: outcome.scene.clone(),
             reflectors: outcome.reflectors.as_ref().map(Reflectors::len),
+            physics: outcome.physics.clone(),
             method: outcome.image.method,
             peak_amplitude: outcome.image.volume.peak(),
             error_bound: outcome.image.error_bound,

@@ -16,6 +16,7 @@ mod mutation;
 mod orientation;
 mod parsers;
 mod perspective;
+mod physics;
 mod plan;
 mod point;
 mod reference;

@@ -88,11 +88,13 @@ pub struct Reconstruct {
     pub tolerance: f64,
     /// Weights over x, y and frequency.
     pub window: Window,
+    /// Whether spherical spreading is undone in the volume.
+    pub compensate: bool,
 }
 
 impl Default for Reconstruct {
     fn default() -> Self {
-        Self { method: Method::Auto, tolerance: 1e-4, window: Window::Taylor }
+        Self { method: Method::Auto, tolerance: 1e-4, window: Window::Taylor, compensate: false }
     }
 }
 
