@@ -8,6 +8,7 @@ mod commands;
 mod info;
 mod inputs;
 mod manual;
+mod reproduce;
 mod summary;
 mod terminal;
 mod verdicts;
@@ -180,6 +181,12 @@ enum Command {
         runs: Vec<PathBuf>,
         #[command(flatten)]
         overrides: Overrides,
+    },
+    /// The paper's Table I, its timings and Figures 3 to 7, computed anew and set beside the printed ones.
+    Reproduce {
+        /// Folder for the figures and for the numbers as JSON; left out, nothing is written.
+        #[arg(short, long, value_name = "DIR")]
+        output: Option<PathBuf>,
     },
     /// Makes the page report.html of a folder that `image` wrote: volume, slices, depth and numbers, to look at.
     Report {

@@ -86,5 +86,6 @@ pub mod truth;
 pub mod metrics;
 pub mod plan;
 pub mod export;
+pub mod reproduce;
 pub mod config;
 pub mod pipeline;

@@ -3,7 +3,7 @@
 use super::inputs::{check_kind, config_of, has_extension, scene_of};
 use super::terminal::{Terminal, print};
 use super::verdicts::{check, compare};
-use super::{Cli, Command, Overrides, browser, info, manual, summary};
+use super::{Cli, Command, Overrides, browser, info, manual, reproduce, summary};
 use clap::CommandFactory;
 use holosonar::acquisition::CubeFile;
 use holosonar::config::ANNOTATED;
@@ -88,6 +88,7 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
             compare(result, truth, *resolution, min, max, json)
         }
         Command::Check { runs, overrides } => check(runs, overrides, json, terminal),
+        Command::Reproduce { output } => reproduce::run(output.as_deref(), json, terminal),
         Command::Report { folder, open } => {
             if !folder.is_dir() {
                 return Err(Error::input(
@@ -195,7 +196,7 @@ fn check_extension(path: &Path, extensions: &[&str]) -> Result<()> {
 
 /// Makes the output folder first, so that a place that cannot be written is found before the long work; says whether it
 /// was not there before.
-fn make_folder(folder: &Path) -> Result<bool> {
+pub(super) fn make_folder(folder: &Path) -> Result<bool> {
     let missing = !folder.exists();
     std::fs::create_dir_all(folder).map(|()| missing).map_err(|e| match e.kind() {
         std::io::ErrorKind::AlreadyExists | std::io::ErrorKind::NotADirectory => {
@@ -210,7 +211,7 @@ pub(super) fn reading_limit() -> u64 {
     memory_limit().unwrap_or(u64::MAX)
 }
 
-fn wrote(files: &[PathBuf], json: bool, terminal: &Terminal) -> Result<()> {
+pub(super) fn wrote(files: &[PathBuf], json: bool, terminal: &Terminal) -> Result<()> {
     if json {
         return print(&pretty(&serde_json::json!({ "files": files })));
     }

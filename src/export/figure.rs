@@ -74,6 +74,8 @@ pub struct Panel<'a> {
     pub y_label: String,
     /// Whether the first row is drawn at the bottom, as in a plan seen from above; images have it on top.
     pub upward: bool,
+    /// Whether the map is drawn square, whatever its extents; otherwise a metre is as long along both axes.
+    pub stretched: bool,
     /// How values become colours.
     pub scale: Scale,
     /// What the grey of NaN means: "no return".
@@ -92,6 +94,7 @@ impl<'a> Panel<'a> {
             x_label: "x / m".into(),
             y_label: "y / m".into(),
             upward: false,
+            stretched: false,
             scale,
             nothing: "no return".into(),
         }

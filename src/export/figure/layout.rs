@@ -170,7 +170,10 @@ fn edges(axis: &Axis) -> [f64; 2] {
 fn box_size(panel: &Panel<'_>, target: usize) -> [usize; 2] {
     let limit = [target as f64, 1.2 * target as f64];
     let counts = [panel.x.count, panel.y.count];
-    let extents = [panel.x.pitch * counts[0] as f64, panel.y.pitch * counts[1] as f64];
+    let mut extents = [panel.x.pitch * counts[0] as f64, panel.y.pitch * counts[1] as f64];
+    if panel.stretched {
+        extents[1] = extents[0];
+    }
     let scale = (limit[0] / extents[0]).min(limit[1] / extents[1]);
     let ideal = extents.map(|extent| extent * scale);
     if !ideal.iter().all(|length| length.is_finite()) {
