@@ -40,8 +40,8 @@ fn unknown_names_come_with_the_nearest_and_their_place() {
 #[test]
 fn what_this_version_lacks_is_refused_with_what_it_has() {
     refused_with(
-        "[reconstruct]\nmethod = \"linear\"",
-        &["accepted: \"auto\", \"convolution\", \"backprojection\", \"direct\""],
+        "[reconstruct]\nmethod = \"holographic\"",
+        &["accepted: \"auto\", \"convolution\", \"backprojection\", \"direct\", \"linear\""],
     );
     refused_with("[array]\nlayout = \"spiral\"", &["accepted: \"grid\", \"file\""]);
     refused_with("[depth]\nview = \"perspective\"", &["accepted: \"orthographic\""]);
