@@ -58,8 +58,8 @@ fn views_and_limits_that_mean_nothing_are_refused() {
 #[test]
 fn what_this_version_lacks_is_refused_with_what_it_has() {
     refused_with(
-        "[reconstruct]\nmethod = \"linear\"",
-        &["accepted: \"auto\", \"convolution\", \"backprojection\", \"direct\""],
+        "[reconstruct]\nmethod = \"holographic\"",
+        &["accepted: \"auto\", \"convolution\", \"backprojection\", \"direct\", \"linear\""],
     );
     refused_with("[array]\nlayout = \"spiral\"", &["accepted: \"grid\", \"file\""]);
     refused_with("[depth]\nview = \"isometric\"", &["accepted: \"orthographic\", \"perspective\""]);
