@@ -26,7 +26,7 @@ use crate::plan::gib;
 use crate::progress::{Event, Keeper, Observer};
 use journal::Journal;
 use num_complex::Complex32;
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
@@ -37,6 +37,9 @@ const SUFFIX: &str = ".resume";
 
 /// A run that is asked to stop may finish its block for so long; then the block is given up.
 const PATIENCE: Duration = Duration::from_secs(5);
+
+/// Bytes of a disk that are left beside the output.
+const MARGIN: u64 = 1 << 20;
 
 /// Running time for every second that writing blocks takes, at the least.
 const SPARED: u32 = 50;
@@ -54,6 +57,8 @@ enum Stage {
 pub struct Checkpoint {
     place: Option<Place>,
     journal: RefCell<Option<Journal>>,
+    /// Bytes that the output will take of the disk, and no state may.
+    reserved: Cell<u64>,
 }
 
 #[derive(Debug)]
@@ -67,7 +72,7 @@ struct Place {
 impl Checkpoint {
     /// No state is kept, and none is looked for.
     pub fn off() -> Self {
-        Self { place: None, journal: RefCell::new(None) }
+        Self { place: None, journal: RefCell::new(None), reserved: Cell::new(0) }
     }
 
     /// State in the folder `output` itself, kept every so often; zero: after every block.
@@ -83,7 +88,8 @@ impl Checkpoint {
     }
 
     fn at(folder: PathBuf, name: String, every: Duration) -> Self {
-        Self { place: Some(Place { folder, name, every }), journal: RefCell::new(None) }
+        let place = Some(Place { folder, name, every });
+        Self { place, journal: RefCell::new(None), reserved: Cell::new(0) }
     }
 
     /// Refuses a job whose output takes more than the disk has, before any long work.
@@ -92,6 +98,7 @@ impl Checkpoint {
     /// [`Error::Environment`] when fewer than `bytes` are free.
     pub fn need_space(&self, bytes: u64) -> Result<()> {
         let Some(place) = &self.place else { return Ok(()) };
+        self.reserved.set(bytes);
         match free_space(&place.folder) {
             Some(free) if free < bytes => Err(Error::environment(
                 place.folder.display(),
@@ -105,11 +112,11 @@ impl Checkpoint {
         }
     }
 
-    /// Takes up the state of the job of this identity, if there is one; else prepares to keep some, of `bytes` in all.
+    /// Takes up the state of the job of this identity, if there is one; else prepares to keep some.
     ///
     /// # Errors
     /// [`Error::Input`] when another process is at this very job; [`Error::Environment`] when its state cannot be read.
-    pub fn open(&self, identity: &Identity, bytes: u64, observer: &dyn Observer) -> Result<()> {
+    pub fn open(&self, identity: &Identity, observer: &dyn Observer) -> Result<()> {
         let Some(place) = &self.place else { return Ok(()) };
         let own = place.state_of(identity);
         if place.states().iter().any(|path| *path != own) {
@@ -128,13 +135,6 @@ impl Checkpoint {
             ));
         } else if journal.was_damaged() {
             observer.tell(&format!("{} holds no whole block; beginning anew", journal.path().display()));
-        }
-        if free_space(&place.folder).is_some_and(|free| free < bytes) {
-            observer.tell(&format!(
-                "{} has no room for {} of state, so some of it will not be kept",
-                place.folder.display(),
-                gib(bytes)
-            ));
         }
         *self.journal.borrow_mut() = Some(journal);
         Ok(())
@@ -180,11 +180,20 @@ impl Checkpoint {
 
     /// Appends blocks to the journal; a disk that takes no more is told of once, and ends the keeping.
     fn write(&self, stage: Stage, k: u64, block: &[Complex32], observer: &dyn Observer) {
-        if let Some(journal) = self.journal.borrow_mut().as_mut()
-            && let Err(problem) = journal.append(stage, k, block)
-        {
-            observer.tell(&format!("{problem}; going on without keeping more"));
+        let mut journal = self.journal.borrow_mut();
+        let (Some(journal), Some(place)) = (journal.as_mut(), &self.place) else { return };
+        if journal.is_closed() {
+            return;
         }
+        let needed = (size_of_val(block) as u64).saturating_add(self.reserved.get()).saturating_add(MARGIN);
+        let problem = if free_space(&place.folder).is_some_and(|free| free < needed) {
+            journal.close();
+            format!("{} has no room for more than the output", place.folder.display())
+        } else {
+            let Err(problem) = journal.append(stage, k, block) else { return };
+            problem.to_string()
+        };
+        observer.tell(&format!("{problem}; going on without keeping more"));
     }
 }
 

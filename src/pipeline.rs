@@ -110,8 +110,7 @@ pub fn image_scene_keeping(
     echoes.warn(run, &log);
     let volume = outputs::volume_bytes(run, &echoes.grid);
     checkpoint.need_space(volume)?;
-    let state = echoes.setup().cube_bytes().saturating_add(echoes.plan.volume_bytes);
-    checkpoint.open(&identity::of_scene("image", run, &echoes), state, observer)?;
+    checkpoint.open(&identity::of_scene("image", run, &echoes), observer)?;
     let patient = Patient::new(checkpoint, &log);
     let cube = log.timed("simulate", || echoes.simulate(run, &mut checkpoint.cube(&patient), &patient))?;
     let (image, depth) = focus(run, &mut &cube, &echoes.grid, raster, checkpoint, &log)?;
@@ -175,7 +174,7 @@ pub fn image_cube_keeping(
     room(run, &instrument.setup(), &grid, holding, &log)?;
     let raster = run.raster(None)?;
     checkpoint.need_space(outputs::volume_bytes(run, &grid))?;
-    checkpoint.open(&identity::of_cube("image", run, &mut cube, &grid)?, plan.volume_bytes, observer)?;
+    checkpoint.open(&identity::of_cube("image", run, &mut cube, &grid)?, observer)?;
     let (image, depth) = focus(run, &mut cube, &grid, raster, checkpoint, &log)?;
     let (timings, warnings) = log.finish();
     let (scene, reflectors, truth, metrics, scores) = (None, None, None, None, None);
@@ -212,7 +211,7 @@ pub fn simulate_scene(
     // In-phase samples are written without imaginary parts.
     let written = if echoes.setup().detection == Detection::InPhase { bytes / 2 } else { bytes };
     checkpoint.need_space(written)?;
-    checkpoint.open(&identity::of_scene("simulate", run, &echoes), bytes, observer)?;
+    checkpoint.open(&identity::of_scene("simulate", run, &echoes), observer)?;
     let patient = Patient::new(checkpoint, observer);
     echoes.simulate(run, &mut checkpoint.cube(&patient), &patient)
 }
@@ -239,11 +238,7 @@ pub fn reconstruct_cube(
     let holding = Holding { samples: cube.held_bytes(), volume, ..Holding::default() };
     room(run, &setup, &grid, holding, observer)?;
     checkpoint.need_space(outputs.iter().map(|path| outputs::bytes_of(path, run, &grid)).sum())?;
-    checkpoint.open(
-        &identity::of_cube("reconstruct", run, &mut cube, &grid)?,
-        plan.volume_bytes,
-        observer,
-    )?;
+    checkpoint.open(&identity::of_cube("reconstruct", run, &mut cube, &grid)?, observer)?;
     let patient = Patient::new(checkpoint, observer);
     let mut files = outputs::VolumeFiles::new(instrument.setup(), run, grid, outputs);
     let mut kept = KeptVolume::new(checkpoint, &mut files, grid.plane_len(), &patient);

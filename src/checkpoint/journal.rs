@@ -174,11 +174,18 @@ impl Journal {
         (crc32fast::hash(bytes) == record.checksum).then_some(())
     }
 
+    /// Whether nothing more is written.
+    pub(super) fn is_closed(&self) -> bool {
+        self.closed
+    }
+
+    /// Writes nothing more.
+    pub(super) fn close(&mut self) {
+        self.closed = true;
+    }
+
     /// Appends a block. After a failure nothing more is written, and what was written before stays good.
     pub(super) fn append(&mut self, stage: Stage, k: u64, block: &[Complex32]) -> Result<()> {
-        if self.closed {
-            return Ok(());
-        }
         let written = self.try_append(stage, k, bytemuck::cast_slice(block));
         written.map_err(|error| {
             self.closed = true;

@@ -33,7 +33,7 @@ fn block(k: u64) -> Vec<Complex32> {
 
 fn opened(output: &Path, identity: &Identity) -> (Checkpoint, Vec<String>) {
     let (checkpoint, listener) = (Checkpoint::beside(output, Duration::ZERO), Listener::default());
-    checkpoint.open(identity, 0, &listener).unwrap();
+    checkpoint.open(identity, &listener).unwrap();
     (checkpoint, listener.0.into_inner().unwrap())
 }
 
@@ -138,10 +138,10 @@ fn two_processes_do_not_write_one_state() {
     let path = kept(&output, &identity);
     let (checkpoint, _) = opened(&output, &identity);
     let second = Checkpoint::beside(&output, Duration::ZERO);
-    let error = second.open(&identity, 0, &Silent).unwrap_err();
+    let error = second.open(&identity, &Silent).unwrap_err();
     assert!(error.to_string().contains("in use"), "{error}");
     drop(checkpoint);
-    assert!(second.open(&identity, 0, &Silent).is_ok());
+    assert!(second.open(&identity, &Silent).is_ok());
     assert!(path.exists());
 }
 
@@ -186,7 +186,7 @@ fn a_stop_is_obeyed_after_the_block_is_kept() {
     let output = folder.path().join("cube.npz");
     let identity = Identity::of("test");
     let checkpoint = Checkpoint::beside(&output, Duration::from_secs(1000));
-    checkpoint.open(&identity, 0, &Silent).unwrap();
+    checkpoint.open(&identity, &Silent).unwrap();
     let patient = Patient::new(&checkpoint, &Stopping);
     assert!(!patient.should_stop(), "the block may end first");
     let mut keeper = checkpoint.cube(&patient);

@@ -61,7 +61,7 @@ impl VolumeSink for KeptVolume<'_> {
         let planes = &planes[at_hand..];
         self.inner.take(self.done, planes)?;
         self.done += planes.len() / self.plane_len;
-        if self.pace.every.is_none() {
+        if self.pace.every.is_none() || planes.is_empty() {
             return Ok(());
         }
         if self.waiting.is_empty() && self.pace.is_due() {

@@ -69,7 +69,9 @@ pub(super) fn fast(
                 }
             }
         });
-        tiles.iter().for_each(|(k, tile)| kept.finish(*k, &tile.microphones));
+        for (k, tile) in tiles {
+            kept.finish(*k, &tile.microphones);
+        }
         kept.pause()?;
     }
     Ok(())
