@@ -3,6 +3,7 @@
 //! Only this module and the binary see the run file. Stages are timed and their warnings kept for the report; the
 //! files are written by `outputs`, and `check` holds the same result to the run file's `[expect]`.
 
+mod design;
 mod echoes;
 mod facts;
 mod forecast;
@@ -12,6 +13,7 @@ mod outputs;
 mod page;
 mod report;
 
+pub use design::{Combination, DesignRow, DesignSweep, SweptKey, point_spreads, sweep_designs};
 pub use facts::resolution_of;
 pub use forecast::{Forecast, forecast_cube, forecast_scene};
 pub use limits::{Bound, Verdict, hold};

@@ -4,12 +4,17 @@
 //! closed formulas (PHYSICS Q2 and Q3); [`needs`] adds what it takes of the machine. A broken design rule is a warning,
 //! not an error, because the paper studies aliasing on purpose; only what cannot fit in memory is refused.
 
+pub mod beam;
+pub mod design;
 mod memory;
 mod needs;
+mod resolution;
 mod suggest;
 
+pub use design::{Design, design};
 pub use memory::{available_memory, check_sampling, gib, limit_memory, memory_limit};
 pub use needs::{Holding, Needs, check_memory, check_simulation, needs};
+pub use resolution::Profile;
 
 use crate::acquisition::{Detection, Setup};
 use crate::grid::{Axis, Grid};
@@ -133,6 +138,12 @@ pub fn plan(setup: &Setup, grid: &Grid) -> Plan {
         volume_bytes: grid.voxel_count().saturating_mul(8),
         warnings,
     }
+}
+
+/// A number as one would type it, to a hair.
+fn nice(value: f64) -> String {
+    let text = format!("{value:.6}");
+    text.trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
 /// `d ≤ λ_min/2` is free of ghosts everywhere; `d ≤ λ_min z/X` within a scene of width X from depth z on.

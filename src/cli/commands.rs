@@ -3,7 +3,7 @@
 use super::inputs::{config_of, has_extension, run_of};
 use super::terminal::{Terminal, print};
 use super::verdicts::{check, compare};
-use super::{Cli, Command, Overrides, browser, info, summary};
+use super::{Cli, Command, Overrides, browser, design, info, summary};
 use clap::CommandFactory;
 use holosonar::acquisition::CubeFile;
 use holosonar::config::ANNOTATED;
@@ -63,7 +63,19 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
             pipeline::write_depth(output, &map, &run, &facts)?;
             wrote(std::slice::from_ref(output), json, terminal)
         }
-        Command::Plan { input, config, overrides } => {
+        Command::Plan { input, sweep, output, overrides, .. } if !sweep.is_empty() => {
+            if has_extension(input, &["npz"]) {
+                return Err(Error::input(
+                    input.display(),
+                    "is a cube, whose array is fixed; a sweep needs a run file",
+                ));
+            }
+            design::sweep(input, sweep, output.as_deref(), overrides, json, terminal)
+        }
+        Command::Psf { input, at, output, overrides } => {
+            design::psf(input, at, output.as_deref(), overrides, json, terminal)
+        }
+        Command::Plan { input, config, overrides, .. } => {
             let forecast = if has_extension(input, &["npz"]) {
                 let run = config_of(config.as_deref(), &overrides.keys())?;
                 pipeline::forecast_cube(&run, &CubeFile::open(input, reading_limit())?)?
@@ -80,7 +92,7 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
                     serde_json::to_value(&forecast).map_err(|e| Error::environment("plan", e.to_string()))?;
                 return print(&pretty(&value));
             }
-            print(&summary::forecast(&forecast))
+            print(&(summary::forecast(&forecast) + &design::design(&forecast.design)))
         }
         Command::Compare { result, truth, resolution, min, max } => {
             compare(result, truth, *resolution, min, max, json)
@@ -178,7 +190,7 @@ fn check_extension(path: &Path, extensions: &[&str]) -> Result<()> {
 
 /// Makes the output folder first, so that a place that cannot be written is found before the long work; says whether it
 /// was not there before.
-fn make_folder(folder: &Path) -> Result<bool> {
+pub(super) fn make_folder(folder: &Path) -> Result<bool> {
     let missing = !folder.exists();
     std::fs::create_dir_all(folder).map(|()| missing).map_err(|e| match e.kind() {
         std::io::ErrorKind::AlreadyExists | std::io::ErrorKind::NotADirectory => {

@@ -31,7 +31,12 @@ pub(super) struct Source<'t> {
 const DEEPEST: usize = 8;
 
 /// Pairs of keys of which one replaces the other, so that a `--set` of one can do without unsetting the other.
-const EXCLUSIVE: [[&str; 2]; 2] = [["scene.translate", "scene.fit"], ["array.pitch", "array.extent"]];
+const EXCLUSIVE: [[&str; 2]; 3] =
+    [["scene.translate", "scene.fit"], ["array.pitch", "array.extent"], ["array.count", "array.elements"]];
+
+/// Keys of [array] that belong to one layout alone, with that layout: a `--set` of another withdraws them.
+const OF_LAYOUT: [[&str; 2]; 3] =
+    [["array.file", "file"], ["array.spacing", "random"], ["array.seed", "random"]];
 
 impl<'t> Source<'t> {
     /// Parses `text`, which stands in `file`.
@@ -92,6 +97,7 @@ impl<'t> Source<'t> {
         }
         let slot;
         (slot, path) = descend(at, &path, last).map_err(wrong)?;
+        let word = value.as_str().unwrap_or_default().to_owned();
         *slot = value;
 
         let inner = [format!("{path}."), format!("{path}[")];
@@ -102,6 +108,13 @@ impl<'t> Source<'t> {
                 self.withdraw(other);
             } else if path == other {
                 self.withdraw(one);
+            }
+        }
+        if path == "array.layout" {
+            for [key, layout] in OF_LAYOUT {
+                if word != layout {
+                    self.withdraw(key);
+                }
             }
         }
         Ok(())

@@ -4,12 +4,16 @@
 //! mean of two depths is a depth where nothing is.
 
 mod canvas;
+mod chart;
 mod layout;
 mod lettering;
 mod results;
+mod spread;
 mod ticks;
 
+pub use chart::{Chart, ChartAxis, write_charts};
 pub use results::{depth_range, write_amplitude_figure, write_depth_figure, write_error_figure};
+pub use spread::write_spread_figure;
 
 use crate::error::Result;
 use crate::grid::Axis;

@@ -6,7 +6,7 @@ use crate::acquisition::{CubeFile, CubeSource, Setup};
 use crate::config::RunFile;
 use crate::error::Result;
 use crate::grid::Grid;
-use crate::plan::{Holding, Needs, Plan, needs, outside_warning, plan, scale_warnings};
+use crate::plan::{Design, Holding, Needs, Plan, design, needs, outside_warning, plan, scale_warnings};
 use crate::progress::Observer;
 use crate::reflectors::Reflectors;
 use crate::scene::Scene;
@@ -19,6 +19,8 @@ use serde::Serialize;
 pub struct Forecast {
     /// Resolution, ambiguity, aliasing.
     pub plan: Plan,
+    /// Widths, ghosts and sidelobes, and what would mend each warning.
+    pub design: Design,
     /// The voxels, whether typed or chosen.
     pub grid: Grid,
     /// Operations, bytes and seconds on this machine.
@@ -66,9 +68,16 @@ pub fn forecast_cube(run: &RunFile, cube: &CubeFile) -> Result<Forecast> {
     forecast(run, &setup, &grid, holding, false)
 }
 
-fn forecast(run: &RunFile, setup: &Setup, grid: &Grid, holding: Holding, truth: bool) -> Result<Forecast> {
+pub(super) fn forecast(
+    run: &RunFile,
+    setup: &Setup,
+    grid: &Grid,
+    holding: Holding,
+    truth: bool,
+) -> Result<Forecast> {
     let plan = plan(setup, grid);
+    let design = design(setup, grid, run.reconstruct.window);
     let needs = needs(setup, grid, &run.reconstruct_options(), holding, rayon::current_num_threads())?;
-    let warnings = plan.warnings.clone();
-    Ok(Forecast { plan, grid: *grid, needs, files: outputs::names(run, truth), warnings })
+    let warnings = [plan.warnings.clone(), design.warnings.clone()].concat();
+    Ok(Forecast { plan, design, grid: *grid, needs, files: outputs::names(run, truth), warnings })
 }
