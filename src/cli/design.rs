@@ -201,7 +201,10 @@ fn sweep_cells(design: &DesignRow) -> Vec<String> {
 fn write_sweep(folder: &Path, sweep: &DesignSweep) -> Result<()> {
     super::commands::make_folder(folder)?;
     let (mut places, mut series) = (Vec::<String>::new(), Vec::<String>::new());
-    let name = |values: &[String]| values[1..].join(", ");
+    let name = |values: &[String]| {
+        let named = sweep.keys.iter().zip(values).skip(1).map(|(key, value)| format!("{key} = {value}"));
+        named.collect::<Vec<_>>().join(", ")
+    };
     for combination in &sweep.combinations {
         let (place, line) = (combination.values[0].clone(), name(&combination.values));
         if !places.contains(&place) {
@@ -226,7 +229,7 @@ fn write_sweep(folder: &Path, sweep: &DesignSweep) -> Result<()> {
     let charts = [
         chart("width across at the middle depth", "-3 dB width / mm", &|d| mm(d.widths[1])),
         chart("range resolution c/2B", "mm", &|d| mm(d.range_resolution)),
-        chart("nearest ghost", "beside a point at the nearest depth / m", &|d| d.ghost_offset),
+        chart("nearest ghost", "offset at the nearest depth / m", &|d| d.ghost_offset),
         chart("strongest ghost or sidelobe", "dB", &|d| d.peak_sidelobe_db),
         chart("memory", "MiB", &|d| Some(d.peak_bytes as f64 / f64::from(1 << 20))),
         chart("time of the reconstruction", "s", &|d| Some(d.seconds)),
@@ -289,7 +292,11 @@ fn point(typed: &str) -> Result<DVec3> {
 
 /// One point's table.
 fn spread(spread: &PointSpread) -> String {
-    let place = |[x, y, z]: [f64; 3]| format!("{x:.3}, {y:.3}, {z:.3} m");
+    let place = |p: [f64; 3]| {
+        // A zero needs no sign.
+        let [x, y, z] = p.map(|v| if v.abs() < 5e-4 { 0.0 } else { v });
+        format!("{x:.3}, {y:.3}, {z:.3} m")
+    };
     let mut text = format!("point {}: amplitude {:.3}\n", place(spread.point), spread.amplitude);
     let mut rows = vec![["width / mm", "-3 dB", "foretold", "-6 dB", "foretold"].map(str::to_owned).to_vec()];
     for (name, width) in ["  x", "  y", "  z"].into_iter().zip(&spread.widths) {

@@ -5,7 +5,7 @@ use super::forecast::forecast;
 use super::{is_csv, scene_path};
 use crate::config::{self, RunFile};
 use crate::error::{Error, Result};
-use crate::grid::Grid;
+use crate::grid::{Axis, Grid};
 use crate::plan::design::Verdict;
 use crate::plan::{Holding, check_simulation, memory_limit};
 use crate::progress::{Observer, advance, stage};
@@ -251,7 +251,8 @@ pub fn point_spreads(
     let setup = measurement.setup();
     let grid = run.voxels(&setup, SeenScene::default().bounds(run, bare, observer)?)?;
     check_simulation(&setup, memory_limit())?;
-    let middle = |axis: &crate::grid::Axis| f64::midpoint(axis.first, axis.last());
+    // Adding 0 turns a negative zero into a positive one.
+    let middle = |axis: &Axis| (f64::midpoint(axis.first, axis.last()) * 1e9).round() / 1e9 + 0.0;
     let near = grid.z.first.max(setup.wavelength());
     let depths = [near, f64::midpoint(near, grid.z.last()), grid.z.last().max(near)];
     let chosen = depths.map(|z| DVec3::new(middle(&grid.x), middle(&grid.y), z));

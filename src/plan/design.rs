@@ -145,7 +145,7 @@ fn largest_pitch(setup: &Setup) -> Option<(f64, usize)> {
 }
 
 /// Greatest difference along x and y of the direction sines at which the array's centre sees two points of a grid.
-pub(crate) fn reach_of(setup: &Setup, grid: &Grid) -> [f64; 2] {
+fn reach_of(setup: &Setup, grid: &Grid) -> [f64; 2] {
     let centre = setup.array.centre();
     let ends = |first: f64, last: f64, origin: f64| [first - origin, last - origin];
     let (x, y) = (ends(grid.x.first, grid.x.last(), centre.x), ends(grid.y.first, grid.y.last(), centre.y));

@@ -91,6 +91,8 @@ fn draw(charts: &[Chart], axis: &ChartAxis) -> Canvas {
 
 /// Where the places stand along a box, 0 to 1, and what is written below.
 struct Places {
+    /// Whether they are numbers, between which a line makes sense.
+    numbers: bool,
     at: Vec<f64>,
     ticks: Vec<(f64, String)>,
 }
@@ -106,7 +108,11 @@ impl Places {
             Some(((low, high), numbers)) if high > low => {
                 let place = |v: f64| 0.04 + 0.92 * (v - low) / (high - low);
                 let ticks = ticks(low, high, 7).into_iter().map(|tick| (place(tick.value), tick.label));
-                Self { at: numbers.iter().map(|v| place(*v)).collect(), ticks: ticks.collect() }
+                Self {
+                    numbers: true,
+                    at: numbers.iter().map(|v| place(*v)).collect(),
+                    ticks: ticks.collect(),
+                }
             }
             _ => {
                 let n = axis.places.len();
@@ -116,7 +122,7 @@ impl Places {
                 let ticks = (0..n)
                     .step_by(every)
                     .map(|i| (at[i], lettering::fitted(&axis.places[i], NUMBER.size, room)));
-                Self { ticks: ticks.collect(), at }
+                Self { numbers: false, ticks: ticks.collect(), at }
             }
         }
     }
@@ -153,7 +159,7 @@ fn draw_chart(canvas: &mut Canvas, chart: &Chart, axis: &ChartAxis, places: &Pla
                 .zip(&places.at)
                 .map(|(v, at)| v.is_finite().then(|| [x as f64 + at * width, down(*v)]))
                 .collect();
-            for pair in points.windows(2) {
+            for pair in points.windows(2).filter(|_| places.numbers) {
                 if let [Some(from), Some(to)] = pair {
                     draw_line(canvas, *from, *to, *colour);
                 }

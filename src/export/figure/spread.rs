@@ -19,7 +19,7 @@ pub fn write_spread_figure(path: &Path, spreads: &[PointSpread]) -> Result<()> {
     let scale = Scale::Sequential {
         map: ColourMap::Inferno,
         range: [-DYNAMIC_RANGE_DB, 0.0],
-        label: "amplitude / dB below the peak".into(),
+        label: "level / dB".into(),
     };
     let panels: Vec<Panel> = spreads
         .iter()
