@@ -6,12 +6,13 @@
 
 #![allow(missing_docs, clippy::print_stdout)]
 
-use glam::DVec3;
-use holosonar::acquisition::{DataCube, MicArray, Sweep};
-use holosonar::grid::{Axis, Grid};
+mod job;
+
+use holosonar::acquisition::DataCube;
+use holosonar::grid::Grid;
 use holosonar::progress::{Event, Observer};
 use holosonar::reconstruct::{Method, ReconstructOptions, Window, reconstruct};
-use holosonar::wave::phasor;
+use job::job;
 use std::process::Command;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
@@ -49,17 +50,6 @@ impl Observer for Pairs {
             self.0.fetch_add(amount, Ordering::Relaxed);
         }
     }
-}
-
-/// `mics`² microphones and `voxels`² voxels, 8 mm apart and with one centre.
-fn job(mics: usize, voxels: usize, frequencies: usize, depths: usize) -> (DataCube, Grid) {
-    let array = MicArray::rectangular("array", [mics; 2], [0.008; 2], DVec3::ZERO).expect("an array");
-    let step = 10_000.0 / (frequencies - 1) as f64;
-    let sweep = Sweep::stepped("sweep", 10_000.0, 20_000.0, step).expect("a sweep");
-    let samples = (0..sweep.len() * array.len()).map(|i| phasor((i as f64 * 0.618_034).fract())).collect();
-    let lateral = Axis { first: -0.004 * (voxels - 1) as f64, pitch: 0.008, count: voxels };
-    let grid = Grid { x: lateral, y: lateral, z: Axis { first: 1.0, pitch: 0.008, count: depths } };
-    (DataCube::new(sweep, array, samples).expect("finite"), grid)
 }
 
 /// Seconds and plane pairs of a reconstruction; the least of a few times.

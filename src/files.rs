@@ -43,6 +43,11 @@ pub fn write_atomically(
     file.commit()
 }
 
+/// The extension of a path in lower case, by which formats are told apart; empty where there is none.
+pub fn extension(path: &Path) -> String {
+    path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase()
+}
+
 /// A file that is being written under a temporary name beside its own. It disappears unless it is committed.
 #[derive(Debug)]
 pub struct AtomicFile {

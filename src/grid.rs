@@ -103,6 +103,11 @@ impl Grid {
         self.shape().iter().fold(1, |product: u64, &n| product.saturating_mul(n as u64))
     }
 
+    /// Bytes of the voxels as they are held, complex in single precision; saturates rather than overflow.
+    pub fn volume_bytes(&self) -> u64 {
+        self.voxel_count().saturating_mul(8)
+    }
+
     /// Pixels of one depth.
     ///
     /// # Panics

@@ -26,6 +26,7 @@ use crate::config::RunFile;
 use crate::depth::locate_depth;
 use crate::error::{Error, Result};
 use crate::export::volume_npz::read_volume_npz;
+use crate::files::extension;
 use crate::grid::{DepthMap, Grid};
 use crate::metrics::{Metrics, evaluate};
 use crate::plan::{Holding, Plan, check_memory, gib, memory_limit, needs, plan};
@@ -105,7 +106,7 @@ pub fn image_cube(run: &RunFile, mut cube: CubeFile, observer: &dyn Observer) ->
     let grid = run.voxels(&instrument.setup(), None)?;
     let plan = plan(&instrument.setup(), &grid);
     warn_all(&plan.warnings, &log);
-    let holding = Holding { samples: cube.held_bytes() > 0, volume: true, depth: true };
+    let holding = Holding { samples: cube.held_bytes(), volume: true, depth: true, ..Holding::default() };
     room(run, &instrument.setup(), &grid, holding, &log)?;
     let (image, depth) = focus(run, &mut cube, &grid, &log)?;
     let (timings, warnings) = log.finish();
@@ -139,7 +140,7 @@ pub fn reconstruct_cube(
     let plan = plan(&setup, &grid);
     warn_all(&plan.warnings, observer);
     let volume = outputs.iter().any(|path| outputs::needs_all(path));
-    let holding = Holding { samples: cube.held_bytes() > 0, volume, depth: false };
+    let holding = Holding { samples: cube.held_bytes(), volume, ..Holding::default() };
     room(run, &setup, &grid, holding, observer)?;
     let mut files = outputs::VolumeFiles::new(setup, run, grid, outputs);
     reconstruct_into(&mut cube, &grid, &run.reconstruct_options(), &mut files, observer)?;
@@ -273,5 +274,5 @@ fn scene_path(run: &RunFile) -> Result<&Path> {
 
 /// Whether a scene file is a list of reflectors.
 fn is_csv(path: &Path) -> bool {
-    path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv"))
+    extension(path) == "csv"
 }

@@ -135,7 +135,7 @@ pub fn plan(setup: &Setup, grid: &Grid) -> Plan {
         path_bounds: [shortest_path, longest_path],
         alias_free_pitch,
         cube_bytes: setup.cube_bytes(),
-        volume_bytes: grid.voxel_count().saturating_mul(8),
+        volume_bytes: grid.volume_bytes(),
         warnings,
     }
 }

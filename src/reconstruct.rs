@@ -272,13 +272,14 @@ pub trait VolumeSink {
 /// A volume held whole.
 impl VolumeSink for Volume {
     fn begin(&mut self, _: &Made) -> Result<()> {
-        if self.samples.is_empty() {
-            self.samples = room_for(&self.grid)?;
-        }
         Ok(())
     }
 
     fn take(&mut self, first: usize, planes: &[Complex32]) -> Result<()> {
+        // Not before: a volume that comes whole is not held twice.
+        if self.samples.is_empty() {
+            self.samples = room_for(&self.grid)?;
+        }
         self.samples[first * self.grid.plane_len()..][..planes.len()].copy_from_slice(planes);
         Ok(())
     }
@@ -315,7 +316,7 @@ pub fn reconstruct_whole(
     options: &ReconstructOptions,
     observer: &dyn Observer,
 ) -> Result<Reconstruction> {
-    // Filled when the reconstruction begins, so that nothing is reserved for a job that is refused.
+    // Filled as depths come, so that nothing is reserved for a job that is refused.
     let mut volume = Volume { grid: *grid, samples: Vec::new() };
     let Made { method, error_bound } = reconstruct_into(source, grid, options, &mut volume, observer)?;
     Ok(Reconstruction { volume, method, error_bound })

@@ -37,6 +37,7 @@ pub use placement::{LoadOptions, Sensor, Unit, Up};
 pub use triangle::Triangle;
 
 use crate::error::{Error, Result};
+use crate::files::extension;
 use crate::progress::Observer;
 use material::Palette;
 use occlusion::SurfaceTree;
@@ -92,8 +93,7 @@ impl Scene {
     pub fn load(path: &Path, options: &LoadOptions, observer: &dyn Observer) -> Result<Self> {
         options.check()?;
         let mut palette = Palette::new(&options.materials)?;
-        let kind = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
-        let mesh = match kind.as_str() {
+        let mesh = match extension(path).as_str() {
             "obj" => obj::load(path, options, &mut palette, observer)?,
             "gltf" | "glb" => gltf::load(path, options, &mut palette, observer)?,
             "stl" => stl::load(path, options, &mut palette, observer)?,

@@ -3,6 +3,8 @@
 use super::{Detection, MicArray, Sweep};
 use crate::grid::Grid;
 use crate::wave::Geometry;
+use crate::wave::interval::PathInterval;
+use std::ops::Range;
 
 /// What was, or is to be, measured with.
 #[derive(Debug, Clone, Copy)]
@@ -70,10 +72,23 @@ impl Setup<'_> {
         self.sweep.range_resolution(self.sound_speed)
     }
 
-    /// Least and greatest path length between a box of voxels and the array, m.
-    pub fn path_bounds(&self, grid: &Grid) -> [f64; 2] {
+    /// Bounds on the path lengths between the voxels of a range of depths and the array: those of
+    /// [`Geometry::path_bounds`].
+    ///
+    /// # Panics
+    /// Without depths.
+    pub fn path_interval(&self, grid: &Grid, depths: Range<usize>) -> PathInterval {
         let corners = grid.corners();
-        self.geometry.path_bounds([corners[0], corners[7]], self.array.bounds().into())
+        let low = corners[0].with_z(grid.z.position(depths.start));
+        let high = corners[7].with_z(grid.z.position(depths.end - 1));
+        let [shortest, longest] = self.geometry.path_bounds([low, high], self.array.bounds().into());
+        PathInterval { shortest, longest, sound_speed: self.sound_speed }
+    }
+
+    /// The same for all depths, m: least and greatest.
+    pub fn path_bounds(&self, grid: &Grid) -> [f64; 2] {
+        let all = self.path_interval(grid, 0..grid.z.count);
+        [all.shortest, all.longest]
     }
 
     /// Bytes of all samples as they are held, complex in single precision; saturates rather than overflow.

@@ -3,6 +3,7 @@
 use super::Overrides;
 use holosonar::config::{InputFile, RunFile};
 use holosonar::error::{Error, Result};
+use holosonar::files::extension;
 use holosonar::scene::EXTENSIONS;
 use std::path::Path;
 
@@ -33,8 +34,7 @@ pub(super) fn config_of(config: Option<&Path>, settings: &[String]) -> Result<Ru
 
 /// Whether a path ends in one of these.
 pub(super) fn has_extension(path: &Path, extensions: &[&str]) -> bool {
-    let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default();
-    extensions.iter().any(|e| extension.eq_ignore_ascii_case(e))
+    extensions.contains(&extension(path).as_str())
 }
 
 /// A size as people type it: `500MB`, `2GiB`, `2G`, or plain bytes.

@@ -218,7 +218,7 @@ fn row(run: &RunFile, bare: bool, seen: &mut SeenScene, observer: &dyn Observer)
     let measurement = Measurement::of(run)?;
     let setup = measurement.setup();
     let grid = run.voxels(&setup, seen.bounds(run, bare, observer)?)?;
-    let holding = Holding { samples: true, volume: true, depth: true };
+    let holding = Holding::of_simulation(&setup);
     let foretold = forecast(run, &setup, &grid, holding, true)?;
     let (design, needs) = (foretold.design, foretold.needs);
     let ghosts = design.aliasing.verdict == Verdict::Ghosts;

@@ -58,7 +58,7 @@ impl Echoes {
         // What can never fit is refused before any ray is traced.
         let fits = |grid: &Grid| {
             if imaged {
-                room(run, &setup, grid, Holding { samples: true, volume: true, depth: true }, observer)
+                room(run, &setup, grid, Holding::of_simulation(&setup), observer)
             } else {
                 check_simulation(&setup, memory_limit())
             }
@@ -93,12 +93,8 @@ impl Echoes {
     /// Warns about what looks wrong.
     pub(super) fn warn(&self, observer: &dyn Observer) {
         warn_all(&self.plan.warnings, observer);
-        if let (Some((low, high)), Some(_)) = (self.bounds(), &self.scene) {
-            warn_all(&scale_warnings(&self.setup(), low, high), observer);
-        }
-        if let Some((low, high)) = self.bounds() {
-            warn_all(outside_warning(&self.grid, low, high).as_slice(), observer);
-        }
+        let warnings = placement_warnings(&self.setup(), &self.grid, self.bounds(), self.scene.is_some());
+        warn_all(&warnings, observer);
         if self.reflectors.is_empty() {
             observer.warn("the speaker reaches no surface of the scene: the cube will be silent; check where the scene lies");
         }
@@ -115,4 +111,18 @@ impl Echoes {
         let (low, high) = self.bounds()?;
         Some(SceneSummary::new(self.scene.as_ref(), self.spacing, low, high, self.setup().wavelength()))
     }
+}
+
+/// What looks wrong about where a scene lies and how large it is. A list of reflectors is in metres for certain, so
+/// only a `mesh` is suspected of another unit.
+pub(super) fn placement_warnings(
+    setup: &Setup,
+    grid: &Grid,
+    bounds: Option<(DVec3, DVec3)>,
+    mesh: bool,
+) -> Vec<String> {
+    let Some((low, high)) = bounds else { return Vec::new() };
+    let mut warnings = if mesh { scale_warnings(setup, low, high) } else { Vec::new() };
+    warnings.extend(outside_warning(grid, low, high));
+    warnings
 }

@@ -1,12 +1,12 @@
 //! What `plan` shows: everything about a job that can be known before any ray or sample.
 
-use super::echoes::Measurement;
+use super::echoes::{Measurement, placement_warnings};
 use super::{is_csv, outputs, scene_path};
 use crate::acquisition::{CubeFile, CubeSource, Setup};
 use crate::config::RunFile;
 use crate::error::Result;
 use crate::grid::Grid;
-use crate::plan::{Design, Holding, Needs, Plan, design, needs, outside_warning, plan, scale_warnings};
+use crate::plan::{Design, Holding, Needs, Plan, design, needs, plan};
 use crate::progress::Observer;
 use crate::reflectors::Reflectors;
 use crate::scene::Scene;
@@ -46,14 +46,9 @@ pub fn forecast_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Res
         Reflectors::read_csv(path)?.bounds()
     };
     let grid = run.voxels(&setup, bounds)?;
-    let holding = Holding { samples: true, volume: true, depth: true };
+    let holding = Holding::of_simulation(&setup);
     let mut forecast = forecast(run, &setup, &grid, holding, mesh)?;
-    if let Some((low, high)) = bounds {
-        if mesh {
-            forecast.warnings.extend(scale_warnings(&setup, low, high));
-        }
-        forecast.warnings.extend(outside_warning(&grid, low, high));
-    }
+    forecast.warnings.extend(placement_warnings(&setup, &grid, bounds, mesh));
     Ok(forecast)
 }
 
@@ -64,7 +59,7 @@ pub fn forecast_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Res
 pub fn forecast_cube(run: &RunFile, cube: &CubeFile) -> Result<Forecast> {
     let setup = cube.setup();
     let grid = run.voxels(&setup, None::<(DVec3, DVec3)>)?;
-    let holding = Holding { samples: cube.held_bytes() > 0, volume: true, depth: true };
+    let holding = Holding { samples: cube.held_bytes(), volume: true, depth: true, ..Holding::default() };
     forecast(run, &setup, &grid, holding, false)
 }
 

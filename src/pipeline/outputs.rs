@@ -15,7 +15,7 @@ use crate::export::volume_npz::stream_volume_npz;
 use crate::export::volume_nrrd::stream_volume_nrrd;
 use crate::export::volume_vti::stream_volume_vti;
 use crate::export::{Encoding, VolumeFile, fits_float16};
-use crate::files::write_atomically;
+use crate::files::{extension, write_atomically};
 use crate::grid::{DepthMap, Grid, Volume};
 use crate::metrics::error_map;
 use crate::progress::{Observer, stage};
@@ -167,13 +167,18 @@ pub(super) struct VolumeFiles<'a> {
 
 /// Whether a file of this name needs the volume whole.
 pub(super) fn needs_all(path: &Path) -> bool {
-    path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr"))
+    extension(path) == "exr"
 }
 
 impl<'a> VolumeFiles<'a> {
     pub(super) fn new(setup: Setup<'a>, run: &'a RunFile, grid: Grid, paths: &'a [PathBuf]) -> Self {
         let whole = Volume { grid, samples: Vec::new() };
         Self { setup, run, paths, facts: Value::Null, growing: Vec::new(), whole }
+    }
+
+    /// Whether a file needs the volume whole.
+    fn needs_all(&self) -> bool {
+        self.paths.iter().any(|path| needs_all(path))
     }
 
     /// Ends all files; gives their names in the order asked for.
@@ -197,21 +202,27 @@ impl VolumeSink for VolumeFiles<'_> {
             let file = stream_volume(path, &self.whole.grid, &self.run.output, &self.facts)?;
             self.growing.push((path, file));
         }
-        if self.paths.iter().any(|path| needs_all(path)) { self.whole.begin(made) } else { Ok(()) }
+        Ok(())
     }
 
     fn take(&mut self, first: usize, planes: &[Complex32]) -> Result<()> {
         for (_, file) in &mut self.growing {
             file.take(planes)?;
         }
-        if self.whole.samples.is_empty() { Ok(()) } else { self.whole.take(first, planes) }
+        if self.needs_all() { self.whole.take(first, planes) } else { Ok(()) }
+    }
+
+    fn take_all(&mut self, samples: Vec<Complex32>) -> Result<()> {
+        for (_, file) in &mut self.growing {
+            file.take(&samples)?;
+        }
+        if self.needs_all() { self.whole.take_all(samples) } else { Ok(()) }
     }
 }
 
 /// Begins a volume file in the format of the path's extension, which takes depth after depth.
 fn stream_volume(path: &Path, grid: &Grid, output: &Output, facts: &Value) -> Result<VolumeFile> {
-    let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
-    match extension.as_str() {
+    match extension(path).as_str() {
         "npz" => stream_volume_npz(path, *grid, facts),
         "vti" => stream_volume_vti(path, grid, output.components, &attributes(facts)),
         "nrrd" => stream_volume_nrrd(path, grid, &attributes(facts), output.compression),
@@ -242,9 +253,8 @@ pub fn write_volume(path: &Path, volume: &Volume, output: &Output, facts: &Value
 /// # Errors
 /// Another extension than `.exr` or `.ply`; a file that cannot be written.
 pub fn write_depth(path: &Path, map: &DepthMap, run: &RunFile, facts: &Value) -> Result<()> {
-    let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
     let Output { float16, compression, .. } = run.output;
-    match extension.as_str() {
+    match extension(path).as_str() {
         "exr" => {
             let encoding = Encoding { float16, compression };
             write_depth_map(path, map, run.depth.fill.into(), &attributes(facts), encoding)
@@ -262,7 +272,7 @@ pub fn write_depth(path: &Path, map: &DepthMap, run: &RunFile, facts: &Value) ->
 /// # Errors
 /// Another extension than `.npz`; a file that cannot be written.
 pub fn write_cube(path: &Path, cube: &DataCube) -> Result<()> {
-    if !path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("npz")) {
+    if extension(path) != "npz" {
         return Err(Error::input(path.display(), "cubes are written as .npz; give this extension"));
     }
     cube.write(path)

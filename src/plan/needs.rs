@@ -15,12 +15,21 @@ use std::time::Instant;
 /// What a job holds in memory beside its method's own needs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Holding {
-    /// All samples: a simulated cube, or a file that cannot be read in order.
-    pub samples: bool,
+    /// Bytes of samples: a simulated cube, or a file that cannot be read in order.
+    pub samples: u64,
+    /// Whether they are simulated first, which takes sums beside them.
+    pub simulated: bool,
     /// The volume whole, rather than depth by depth.
     pub volume: bool,
     /// What finding depths takes beside the volume.
     pub depth: bool,
+}
+
+impl Holding {
+    /// A simulated cube, imaged with its depths.
+    pub fn of_simulation(setup: &Setup) -> Self {
+        Self { samples: setup.cube_bytes(), simulated: true, volume: true, depth: true }
+    }
 }
 
 /// What a job takes of this machine.
@@ -61,13 +70,14 @@ pub fn needs(
     let (methods, chosen) = estimate(setup, grid, options, threads)?;
     let (alone, _) = estimate(setup, grid, options, 1)?;
     let voxels = grid.voxel_count();
-    let cube = if holding.samples { setup.cube_bytes() } else { 0 };
-    let volume = if holding.volume { voxels.saturating_mul(8) } else { 0 };
+    let cube = holding.samples;
+    let volume = if holding.volume { grid.volume_bytes() } else { 0 };
+    let simulating = if holding.simulated { simulating(cube) } else { 0 };
     // |Â|², a smoothed copy and what the filter passes through.
     let depth = if holding.depth { cube.saturating_add(voxels.saturating_mul(8 + 16)) } else { 0 };
     let peak = |method: &Estimate| {
         let focusing = cube.saturating_add(volume).saturating_add(method.bytes);
-        PROGRAM.saturating_add(focusing.max(simulating(cube)).max(depth))
+        PROGRAM.saturating_add(focusing.max(simulating).max(depth))
     };
     let rate = operations_per_second();
     let seconds = std::array::from_fn(|i| methods[i].operations / (rate * threads.max(1) as f64));
@@ -124,7 +134,7 @@ pub fn check_memory(
     if holding.volume && !holding.depth {
         ways.push("a volume written as .npz, .vti or .nrrd is never held whole".to_owned());
     }
-    if holding.samples {
+    if holding.samples > 0 {
         ways.push("a cube in a file (`simulate`, then `reconstruct`) is never held whole".to_owned());
     }
     ways.push(
@@ -139,7 +149,7 @@ pub fn check_memory(
             setup.sweep.len(),
             setup.array.len(),
             gib(setup.cube_bytes()),
-            gib(grid.voxel_count().saturating_mul(8)),
+            gib(grid.volume_bytes()),
             gib(limit),
             ways.join("; ")
         ),

@@ -22,7 +22,7 @@ mod coarse;
 mod profile;
 mod terms;
 
-use super::tones::{SlabTones, VolumeTones};
+use super::tones::VolumeTones;
 use super::weights::Weights;
 use super::{Made, Method, VolumeSink};
 use crate::acquisition::{CubeSource, Setup};
@@ -30,7 +30,7 @@ use crate::error::Result;
 use crate::grid::Grid;
 use crate::progress::{Observer, advance, stage};
 use crate::wave::Geometry;
-use crate::wave::interval::PathInterval;
+use crate::wave::interval::{PathInterval, greater};
 use crate::wave::simd::{LANES, LaneProfiles, LaneTones, RangeScale, back_project, range_profiles};
 use blocks::{Block, Group, Shape, greatest_half, half_width};
 use coarse::Lattice;
@@ -146,12 +146,9 @@ impl Division {
 
 /// All delays at which profiles of these depths are expanded: the path lengths, and a half-width to both sides.
 fn interval(setup: &Setup, grid: &Grid, shape: Shape, depths: Range<usize>) -> PathInterval {
-    let corners = grid.corners();
-    let low = corners[0].with_z(grid.z.position(depths.start));
-    let high = corners[7].with_z(grid.z.position(depths.end - 1));
-    let [shortest, longest] = setup.geometry.path_bounds([low, high], setup.array.bounds().into());
+    let paths = setup.path_interval(grid, depths);
     let margin = greatest_half(shape.half(grid));
-    PathInterval { shortest: shortest - margin, longest: longest + margin, sound_speed: setup.sound_speed }
+    PathInterval { shortest: paths.shortest - margin, longest: paths.longest + margin, ..paths }
 }
 
 /// Gives the volume to `sink`.
@@ -183,24 +180,14 @@ pub(super) fn backprojection(
     let whole = interval(&source.setup(), &grid, shape, 0..depths);
     let compressed = VolumeTones::compress(source, weights, whole, FIRST_SHARE * allowed, observer)?;
     let setup = source.setup();
-    let starts: Vec<usize> = (0..depths).step_by(thickness).collect();
-    let slab_depths = |first: usize| first..(first + thickness).min(depths);
-    let slabs: Vec<SlabTones> = starts
-        .par_iter()
-        .map(|&first| {
-            let interval = interval(&setup, &grid, shape, slab_depths(first));
-            compressed.nest(interval, allowed)
-        })
-        .collect();
-    let greater = |a: f64, b: f64| if a >= b || a.is_nan() { a } else { b };
+    let slabs = compressed.slabs(depths, thickness, |depths| interval(&setup, &grid, shape, depths), allowed);
     let skeletons = slabs.iter().map(|slab| slab.error).fold(0.0, greater);
     let relative = inexact + growth * (series_error + amplification * skeletons);
     let made = Made { method: Method::Backprojection, error_bound: relative * compressed.modulus };
     sink.begin(&made)?;
     let groups = Group::all(setup.array.positions());
     let width = setup.array.len();
-    let blocks = starts.iter().map(|&first| Block::of(&grid, shape, slab_depths(first)).len());
-    let total = blocks.sum::<usize>() as u64;
+    let total = slabs.iter().map(|slab| Block::of(&grid, shape, slab.planes.clone()).len() as u64).sum();
     let mut planes = vec![Complex32::ZERO; thickness.min(depths) * grid.plane_len()];
     let mut finer =
         vec![
@@ -208,8 +195,9 @@ pub(super) fn backprojection(
             if interpolation.is_some() { thickness.min(depths) * plan.grid.plane_len() } else { 0 }
         ];
     stage(observer, "reconstructing", total, || {
-        for (&first, slab) in starts.iter().zip(&slabs) {
-            let tones = slab.of(&compressed.tones, width);
+        for slab_tones in &slabs {
+            let depths = slab_tones.planes.clone();
+            let tones = slab_tones.of(&compressed.tones, width);
             let frequencies: Vec<f64> = tones.per_metre.iter().map(|k| -k * setup.sound_speed).collect();
             let slab = Slab {
                 division: &division,
@@ -217,7 +205,7 @@ pub(super) fn backprojection(
                 per_metre: &tones.per_metre,
                 groups: groups.iter().map(|g| (g, g.tones(&tones, width))).collect(),
             };
-            let blocks = Block::of(&grid, shape, slab_depths(first));
+            let blocks = Block::of(&grid, shape, depths.clone());
             let images: Vec<[Vec<f32>; 2]> = blocks
                 .par_iter()
                 .map(|block| {
@@ -225,21 +213,21 @@ pub(super) fn backprojection(
                     advance(observer, 1).map(|()| image)
                 })
                 .collect::<Result<_>>()?;
-            let planes = &mut planes[..slab_depths(first).len() * grid.plane_len()];
+            let planes = &mut planes[..depths.len() * grid.plane_len()];
             for (block, image) in blocks.iter().zip(&images) {
-                place(block, image, &grid, first, planes);
+                place(block, image, &grid, depths.start, planes);
             }
             let Some(interpolation) = &interpolation else {
-                sink.take(first, planes)?;
+                sink.take(depths.start, planes)?;
                 continue;
             };
-            let finer = &mut finer[..slab_depths(first).len() * plan.grid.plane_len()];
+            let finer = &mut finer[..depths.len() * plan.grid.plane_len()];
             let pairs = planes.par_chunks_exact_mut(grid.plane_len());
             let pairs = pairs.zip(finer.par_chunks_exact_mut(plan.grid.plane_len())).enumerate();
             pairs.for_each(|(z, (nodes, voxels))| {
-                interpolation.plane(nodes, &plan.grid, grid.z.position(first + z), voxels);
+                interpolation.plane(nodes, &plan.grid, grid.z.position(depths.start + z), voxels);
             });
-            sink.take(first, finer)?;
+            sink.take(depths.start, finer)?;
         }
         Ok(())
     })?;

@@ -8,23 +8,22 @@
 use super::focus::Focus;
 use super::lattice::SharedLattice;
 use super::layout::Layout;
-use super::tones::{SlabTones, Tones, VolumeTones};
+use super::tones::{Tones, VolumeTones};
 use super::weights::Weights;
 use super::{Made, Method, VolumeSink, room_for};
 use crate::acquisition::{CubeSource, Setup};
 use crate::error::Result;
 use crate::grid::Grid;
 use crate::progress::{Observer, advance, stage};
-use crate::wave::interval::PathInterval;
+use crate::wave::interval::greater;
 use num_complex::Complex32;
 use rayon::prelude::*;
-use std::ops::Range;
 
 /// Bytes of data spectra held at a time when every frequency is summed.
 pub(super) const SPECTRA_BYTES: usize = 256 << 20;
 
 /// The share of the tolerance that the first of the two compressions may use.
-const FIRST_SHARE: f64 = 0.3;
+pub(super) const FIRST_SHARE: f64 = 0.3;
 
 /// Adds tones to the planes from `first` on, `[plane, y, x]`.
 fn add(
@@ -107,23 +106,16 @@ fn skeleton_frequencies(
     observer: &dyn Observer,
 ) -> Result<Made> {
     let (grid, depths) = (&layout.grid, layout.grid.z.count);
-    let whole = interval(&source.setup(), grid, 0..depths);
+    let whole = source.setup().path_interval(grid, 0..depths);
     let mut compressed = VolumeTones::compress(source, weights, whole, FIRST_SHARE * tolerance, observer)?;
     compressed.tones.samples = layout.lattice.onto_nodes(std::mem::take(&mut compressed.tones.samples));
     let setup = source.setup();
     let thickness = slab_thickness(&setup, layout);
-    let slabs: Vec<Slab> = (0..depths)
-        .into_par_iter()
-        .step_by(thickness)
-        .map(|first| {
-            let planes = first..(first + thickness).min(depths);
-            let tones = compressed.nest(interval(&setup, grid, planes.clone()), tolerance);
-            Slab { planes, tones }
-        })
-        .collect();
-    let error = slabs.iter().map(|slab| slab.tones.error).fold(0.0, f64::max) + layout.lattice.error();
+    let interval = |planes| setup.path_interval(grid, planes);
+    let slabs = compressed.slabs(depths, thickness, interval, tolerance);
+    let error = slabs.iter().map(|slab| slab.error).fold(0.0, greater) + layout.lattice.error();
     let made = Made { method: Method::Convolution, error_bound: error * compressed.modulus };
-    let total = slabs.iter().map(|slab| (slab.tones.len() * slab.planes.len()) as u64).sum();
+    let total = slabs.iter().map(|slab| (slab.len() * slab.planes.len()) as u64).sum();
     let plane_len = grid.plane_len();
     let at_once = slabs_at_once(thickness, rayon::current_num_threads());
     let mut planes = vec![Complex32::ZERO; (at_once * thickness).min(depths) * plane_len];
@@ -135,7 +127,7 @@ fn skeleton_frequencies(
             let planes = &mut planes[..(end - first) * plane_len];
             planes.fill(Complex32::ZERO);
             planes.par_chunks_mut(thickness * plane_len).zip(batch).try_for_each(|(planes, slab)| {
-                let tones = slab.tones.of(&compressed.tones, layout.lattice.width());
+                let tones = slab.of(&compressed.tones, layout.lattice.width());
                 add(layout, &tones, slab.planes.start, planes, observer)
             })?;
             sink.take(first, planes)?;
@@ -143,13 +135,6 @@ fn skeleton_frequencies(
         Ok(())
     })?;
     Ok(made)
-}
-
-/// Neighbouring depths that share their tones.
-#[derive(Debug)]
-struct Slab {
-    planes: Range<usize>,
-    tones: SlabTones,
 }
 
 /// Depths per thread that are worked on before they are handed on: enough to keep every thread busy.
@@ -160,29 +145,20 @@ pub(super) fn slabs_at_once(thickness: usize, threads: usize) -> usize {
     (PLANES_PER_THREAD * threads).div_ceil(thickness)
 }
 
-/// The path lengths of a range of depths.
-pub(super) fn interval(setup: &Setup, grid: &Grid, depths: Range<usize>) -> PathInterval {
-    let corners = grid.corners();
-    let low = corners[0].with_z(grid.z.position(depths.start));
-    let high = corners[7].with_z(grid.z.position(depths.end - 1));
-    let [shortest, longest] = setup.geometry.path_bounds([low, high], setup.array.bounds().into());
-    PathInterval { shortest, longest, sound_speed: setup.sound_speed }
-}
-
 /// The number of depths per slab that costs least by a fixed model, so that the same job always takes the same path.
 ///
 /// Thin slabs need fewer tones each, but every slab pays for its own spectra and decomposition.
 pub(super) fn slab_thickness(setup: &Setup, layout: &Layout) -> usize {
     let depths = layout.grid.z.count;
     let points = (layout.x.len() * layout.y.len()) as f64;
-    // In transformed points per tone: a decomposition is checked at every frequency, its product runs over all nodes.
+    // In transformed points per tone: for a decomposition, by the number of frequencies, and for its product over all nodes.
     let slab = (150 * setup.sweep.len() + 10 * layout.lattice.width()) as f64;
     let cost = |thickness: usize| -> f64 {
         (0..depths)
             .step_by(thickness)
             .map(|first| {
                 let planes = thickness.min(depths - first);
-                let interval = interval(setup, &layout.grid, first..first + planes);
+                let interval = setup.path_interval(&layout.grid, first..first + planes);
                 let tones =
                     (setup.sweep.bandwidth() * interval.duration() + 10.0).min(setup.sweep.len() as f64);
                 let transforms = planes * layout.pairs() * 2 + layout.node_parts.len();

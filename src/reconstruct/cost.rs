@@ -2,9 +2,10 @@
 //!
 //! The same counts choose the method, so the same job always takes the same path.
 
-use super::convolution::{interval, slab_thickness, slabs_at_once};
+use super::convolution::{FIRST_SHARE, slab_thickness, slabs_at_once};
 use super::lattice::SharedLattice;
 use super::layout::Layout;
+use super::skeleton::candidates_for;
 use super::tones::FREQUENCIES;
 use super::{Method, ReconstructOptions, backprojection, direct};
 use crate::acquisition::Setup;
@@ -78,8 +79,8 @@ const COMPLEX: u64 = 8;
 fn compression(setup: &Setup, interval: &PathInterval, tones: f64) -> (f64, u64) {
     let bandwidth_duration = setup.sweep.bandwidth() * interval.duration();
     let (n_f, n_mic) = (setup.sweep.len() as f64, setup.array.len() as f64);
-    let rows = 2.2 * bandwidth_duration + 36.0;
-    let candidates = (6.0 * (bandwidth_duration + 12.0)).min(n_f);
+    let rows = interval.points_for(setup.sweep.bandwidth()) as f64;
+    let candidates = candidates_for(bandwidth_duration).min(n_f);
     // Pivoting and f64 cost about five times what the product of two such matrices would.
     let found = 5.0 * PRODUCT * rows * candidates * tones + PRODUCT * rows * tones * n_f;
     let bytes = 16.0 * (rows * n_f + 2.0 * tones * n_f + 10.0 * rows * candidates);
@@ -119,12 +120,13 @@ fn of_convolution(
         };
     }
     let tones = |planes: std::ops::Range<usize>, share: f64| {
-        let duration = interval(setup, grid, planes).duration();
+        let duration = setup.path_interval(grid, planes).duration();
         tones_for(setup.sweep.bandwidth() * duration, share * left).min(setup.sweep.len() as f64)
     };
     let thickness = slab_thickness(setup, &layout);
-    let (of_volume, width) = (tones(0..depths, 0.3), lattice.width() as f64);
-    let (mut operations, bytes_finding) = compression(setup, &interval(setup, grid, 0..depths), of_volume);
+    let (of_volume, width) = (tones(0..depths, FIRST_SHARE), lattice.width() as f64);
+    let (mut operations, bytes_finding) =
+        compression(setup, &setup.path_interval(grid, 0..depths), of_volume);
     let mut most = 0.0f64;
     for first in (0..depths).step_by(thickness) {
         let planes = first..(first + thickness).min(depths);
@@ -159,7 +161,7 @@ fn of_backprojection(
     plan: &backprojection::Plan,
     threads: usize,
 ) -> Estimate {
-    let whole = interval(setup, grid, 0..grid.z.count);
+    let whole = setup.path_interval(grid, 0..grid.z.count);
     let tones =
         tones_for(setup.sweep.bandwidth() * whole.duration(), 0.1 * tolerance).min(setup.sweep.len() as f64);
     let (compressing, finding) = compression(setup, &whole, tones);

@@ -32,9 +32,14 @@ pub struct Skeleton {
 /// of f it is band-limited to the interval's half duration.
 const CANDIDATES_PER_DIMENSION: f64 = 6.0;
 
+/// Candidates among many frequencies on an interval of `bandwidth_duration` B·T.
+pub(super) fn candidates_for(bandwidth_duration: f64) -> f64 {
+    CANDIDATES_PER_DIMENSION * (bandwidth_duration + 12.0)
+}
+
 /// Frequencies, as indices, so spread over the band that none lies further than a step of the interval's own from one.
 fn spread_out(frequencies: &[f64], bandwidth_duration: f64) -> Vec<usize> {
-    let most = CANDIDATES_PER_DIMENSION * (bandwidth_duration + 12.0);
+    let most = candidates_for(bandwidth_duration);
     let last = frequencies.len() - 1;
     let step = (frequencies[last] - frequencies[0]) / most;
     let mut chosen = vec![0];

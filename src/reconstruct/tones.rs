@@ -15,6 +15,7 @@ use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatMut, MatRef, Par, c32, c64};
 use num_complex::Complex32;
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Columns of a product that one thread takes at a time.
 const BLOCK: usize = 1024;
@@ -47,6 +48,8 @@ pub(super) struct VolumeTones {
 /// How a slab's tones follow from the volume's.
 #[derive(Debug)]
 pub(super) struct SlabTones {
+    /// The depths that share them.
+    pub(super) planes: Range<usize>,
     chosen: Vec<usize>,
     weights: Mat<c32>,
     /// The greatest error of the two steps together, relative to one.
@@ -96,8 +99,23 @@ impl VolumeTones {
         Ok(Self { tones: Tones { per_metre, samples }, modulus, frequencies, witnesses, at_witnesses })
     }
 
+    /// The tones of every slab of so many `depths`, `thickness` at a time, whose path lengths `interval` tells.
+    pub(super) fn slabs(
+        &self,
+        depths: usize,
+        thickness: usize,
+        interval: impl Fn(Range<usize>) -> PathInterval + Sync,
+        tolerance: f64,
+    ) -> Vec<SlabTones> {
+        let slab = |first: usize| {
+            let planes = first..(first + thickness).min(depths);
+            self.nest(planes.clone(), interval(planes), tolerance)
+        };
+        (0..depths).into_par_iter().step_by(thickness).map(slab).collect()
+    }
+
     /// Finds the tones of a slab among those of the volume, so that both steps together stay within `tolerance`.
-    pub(super) fn nest(&self, interval: PathInterval, tolerance: f64) -> SlabTones {
+    fn nest(&self, planes: Range<usize>, interval: PathInterval, tolerance: f64) -> SlabTones {
         let mut step = 0.5 * tolerance;
         loop {
             let inner = skeleton(&self.frequencies, interval, step);
@@ -109,7 +127,7 @@ impl VolumeTones {
                     let w = inner.weight(q, n);
                     Complex32::new(w.re as f32, w.im as f32)
                 });
-                return SlabTones { chosen: inner.chosen().to_vec(), weights, error };
+                return SlabTones { planes, chosen: inner.chosen().to_vec(), weights, error };
             }
             step /= 3.0;
         }

@@ -76,11 +76,15 @@ pub(crate) fn turned(cycles: f64) -> Complex64 {
     Complex64::cis(TAU * (cycles - cycles.round()))
 }
 
-/// The greatest modulus of the elements; NaN if one is NaN, so that a failed solution is never taken for a good one.
+/// The greater of two errors; NaN if one is NaN, so that a failed solution is never taken for a good one.
+pub(crate) fn greater(a: f64, b: f64) -> f64 {
+    if a >= b || a.is_nan() { a } else { b }
+}
+
+/// The greatest modulus of the elements; NaN if one is NaN.
 pub(crate) fn greatest(matrix: &Mat<c64>) -> f64 {
-    let greater = |a: f64, b: f64| if a >= b { a } else { b };
     let squares = (0..matrix.ncols()).flat_map(|n| matrix.col_as_slice(n)).map(Complex64::norm_sqr);
-    squares.fold(0.0, |a: f64, b| if a.is_nan() { a } else { greater(a, b) }).sqrt()
+    squares.fold(0.0, greater).sqrt()
 }
 
 #[cfg(test)]

@@ -12,6 +12,7 @@
 
 use super::MicArray;
 use crate::error::{Error, Result};
+use crate::files::extension;
 use crate::reflectors::csv::read_columns;
 use glam::DVec3;
 use std::fs::File;
@@ -28,7 +29,7 @@ impl MicArray {
     /// # Errors
     /// A missing file, one that is neither, or one without positions; the message names the line.
     pub fn read(path: &Path) -> Result<Self> {
-        let positions = if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("xml")) {
+        let positions = if extension(path) == "xml" {
             read_xml(path)?
         } else {
             read_columns(path, &["x", "y", "z"])?.iter().map(|r| DVec3::from_slice(r)).collect()

@@ -11,7 +11,7 @@
 //! Its error and its size are measured: too few or too wide tones would make it huge.
 
 use crate::acquisition::Sweep;
-use crate::wave::interval::tone_matrix;
+use crate::wave::interval::{greater, tone_matrix};
 use faer::linalg::triangular_solve::solve_upper_triangular_in_place;
 use faer::{Mat, Par};
 use rayon::prelude::*;
@@ -172,8 +172,6 @@ impl Fit {
         let mut weights = qr.compute_thin_Q().transpose() * Self::waves(&self.nodes, frequencies);
         solve_upper_triangular_in_place(qr.thin_R(), weights.as_mut(), Par::Seq);
         let residual = Self::waves(&self.dense, frequencies) - Self::waves(&self.dense, &tones) * &weights;
-        // NaN must win every comparison, so that a failed solution is never taken for a good one.
-        let greater = |a: f64, b: f64| if a >= b || a.is_nan() { a } else { b };
         let n = self.dense.len();
         let mut solved = Solved::default();
         for column in 0..frequencies.len() {
@@ -196,9 +194,8 @@ impl Fit {
             .collect();
         parts.into_iter().fold(Solved::default(), |mut all, part| {
             all.weights.extend(part.weights);
-            let failed = part.error.is_nan() || part.weight_sum.is_nan();
-            all.error = if failed { f64::NAN } else { all.error.max(part.error) };
-            all.weight_sum = all.weight_sum.max(part.weight_sum);
+            all.error = greater(part.error, all.error);
+            all.weight_sum = greater(part.weight_sum, all.weight_sum);
             all
         })
     }

@@ -8,6 +8,7 @@
 use super::terms::{Density, FITTED, MEASURED, Terms};
 use crate::acquisition::Setup;
 use crate::grid::{Axis, Grid};
+use crate::wave::interval::greater;
 use crate::wave::simd::phasors;
 use faer::linalg::solvers::SolveLstsq;
 use faer::{Mat, c64};
@@ -124,8 +125,7 @@ impl Nodes {
         let mut worst = 0.0f64;
         terms.sample(grid, axis, &self.places(position), density, &mut |values| {
             let sum: Complex64 = column.iter().zip(&values[1..]).map(|(w, v)| w * v).sum();
-            let error = (sum - values[0]).norm();
-            worst = if worst >= error || worst.is_nan() { worst } else { error };
+            worst = greater(worst, (sum - values[0]).norm());
         });
         worst
     }
@@ -210,7 +210,6 @@ impl Columns {
             (column, error)
         };
         let columns: Vec<(Vec<Complex64>, f64)> = (0..voxels.count).into_par_iter().map(of).collect();
-        let greater = |a: f64, b: f64| if a >= b || a.is_nan() { a } else { b };
         let modulus = |column: &[Complex64]| column.iter().map(|w| w.norm()).sum::<f64>();
         Self {
             nodes,

@@ -1,0 +1,35 @@
+//! Jobs that benches share.
+
+#![allow(dead_code, reason = "each bench uses its part")]
+
+use glam::DVec3;
+use holosonar::acquisition::{DataCube, MicArray, Sweep};
+use holosonar::grid::{Axis, Grid};
+use holosonar::wave::phasor;
+
+/// `mics`² microphones and `voxels`² voxels, 8 mm apart and with one centre, from 1 m on; 10 to 20 kHz.
+pub(crate) fn job(mics: usize, voxels: usize, frequencies: usize, depths: usize) -> (DataCube, Grid) {
+    let array = MicArray::rectangular("array", [mics; 2], [0.008; 2], DVec3::ZERO).expect("an array");
+    let step = 10_000.0 / (frequencies - 1) as f64;
+    let sweep = Sweep::stepped("sweep", 10_000.0, 20_000.0, step).expect("a sweep");
+    let lateral = Axis { first: -0.004 * (voxels - 1) as f64, pitch: 0.008, count: voxels };
+    let grid = Grid { x: lateral, y: lateral, z: Axis { first: 1.0, pitch: 0.008, count: depths } };
+    (noise(sweep, array), grid)
+}
+
+/// A cube of phasors that have nothing to do with each other.
+pub(crate) fn noise(sweep: Sweep, array: MicArray) -> DataCube {
+    let samples = (0..sweep.len() * array.len()).map(|i| phasor((i as f64 * 0.618_034).fract())).collect();
+    DataCube::new(sweep, array, samples).expect("finite")
+}
+
+/// The same cube from microphones up to 2 mm off their lattice, and within `depth` m of their plane.
+pub(crate) fn displaced(cube: &DataCube, depth: f64) -> DataCube {
+    let off = |i: usize, k: f64| (i as f64 * k).fract() - 0.5;
+    let place = |(i, r): (usize, &DVec3)| {
+        *r + DVec3::new(0.004 * off(i, 0.618_034), 0.004 * off(i, 0.754_878), 2.0 * depth * off(i, 0.569_84))
+    };
+    let positions: Vec<DVec3> = cube.array.positions().iter().enumerate().map(place).collect();
+    let array = MicArray::from_positions("displaced", &[positions.len()], positions).expect("an array");
+    DataCube::new(cube.sweep.clone(), array, cube.samples.clone()).expect("finite")
+}
