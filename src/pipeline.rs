@@ -13,7 +13,7 @@ mod outputs;
 mod page;
 mod report;
 
-pub use design::{Combination, DesignRow, DesignSweep, SweptKey, point_spreads, sweep_designs};
+pub use design::{Combination, DesignRow, DesignSweep, RunWith, SweptKey, point_spreads, sweep_designs};
 pub use facts::resolution_of;
 pub use forecast::{Forecast, forecast_cube, forecast_scene};
 pub use limits::{Bound, Verdict, hold};

@@ -109,7 +109,7 @@ fn the_annotated_file_means_the_corner() {
             let key = line.strip_prefix("# ").filter(|rest| {
                 rest.starts_with("[[") || rest.split_once(" = ").is_some_and(|(key, _)| !key.contains(' '))
             });
-            let kept = ["translate", "sensor", "pitch", "file", "#"];
+            let kept = ["translate", "sensor", "elements", "pitch", "spacing = 0.016", "seed", "file", "#"];
             key.filter(|rest| !kept.iter().any(|key| rest.starts_with(key))).unwrap_or(line)
         })
         .collect();

@@ -124,6 +124,9 @@ impl SweptKey {
     }
 }
 
+/// Gives the run file of an input under further overrides, and whether it is a bare mesh.
+pub type RunWith<'a> = dyn Fn(&[String]) -> Result<(RunFile, bool)> + 'a;
+
 /// Foretells every combination of swept keys; `run_with` gives the run file under further overrides, and whether it is a
 /// bare mesh.
 ///
@@ -131,11 +134,7 @@ impl SweptKey {
 ///
 /// # Errors
 /// More than 2000 combinations; a scene that cannot be read; no combination that makes a job.
-pub fn sweep_designs(
-    keys: &[SweptKey],
-    run_with: &dyn Fn(&[String]) -> Result<(RunFile, bool)>,
-    observer: &dyn Observer,
-) -> Result<DesignSweep> {
+pub fn sweep_designs(keys: &[SweptKey], run_with: &RunWith, observer: &dyn Observer) -> Result<DesignSweep> {
     let total = keys.iter().fold(1_usize, |total, key| total.saturating_mul(key.values.len()));
     if total > MOST_COMBINATIONS {
         return Err(Error::input(

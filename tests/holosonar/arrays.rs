@@ -94,7 +94,7 @@ fn scattered_arrays_find_the_corner() {
 
 /// The point-spread function of an array at `p`.
 fn spread(
-    array: MicArray,
+    array: &MicArray,
     [start, stop]: [f64; 2],
     geometry: Geometry,
     window: Window,
@@ -103,7 +103,7 @@ fn spread(
     let sweep = Sweep::stepped("sweep", start, stop, 50.0).unwrap();
     let (detection, sound_speed) = (Detection::Quadrature, 343.0);
     let instrument: Instrument =
-        Setup { sweep: &sweep, array: &array, geometry, detection, sound_speed }.to_instrument();
+        Setup { sweep: &sweep, array, geometry, detection, sound_speed }.to_instrument();
     let scene = grid(0.5, 41, [1.0, 2.0], 60);
     point_spread(&instrument, &ReconstructOptions::new(Method::Auto, window), &scene, p, &Silent).unwrap()
 }
@@ -128,7 +128,7 @@ fn foretold_widths_ghosts_and_levels_are_those_measured() {
         ("spiral", spiral, WIDE, Geometry::ORIGIN, Window::Taylor, aside),
         ("random", random, NARROW, Geometry::ORIGIN, Window::None, middle),
     ] {
-        let spread = spread(array, band, geometry, window, p);
+        let spread = spread(&array, band, geometry, window, p);
         assert!((spread.amplitude - 1.0).abs() < 0.01, "{name}: {}", spread.amplitude);
         for width in spread.widths {
             for (measured, predicted) in
@@ -158,7 +158,7 @@ fn foretold_widths_ghosts_and_levels_are_those_measured() {
 fn ghosts_are_where_an_independent_study_found_them() {
     let row = MicArray::rectangular("array", [15, 1], [2.0 / 14.0, 1.0], DVec3::ZERO).unwrap();
     let p = DVec3::new(0.76, 0.0, 3.15);
-    let spread = spread(row, [18_000.0, 20_000.0], Geometry::ORIGIN, Window::None, p);
+    let spread = spread(&row, [18_000.0, 20_000.0], Geometry::ORIGIN, Window::None, p);
     for (order, x, level) in [(-1, 0.35, -4.5), (1, 1.16, -5.8)] {
         let ghost = spread.ghosts.iter().find(|g| g.order == order).unwrap();
         assert!((ghost.measured.position[0] - x).abs() < 0.03, "{ghost:?}");

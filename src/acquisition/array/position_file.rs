@@ -49,7 +49,7 @@ fn read_xml(path: &Path) -> Result<Vec<DVec3>> {
         Error::input(path.display(), "is not UTF-8 text; an Acoular array geometry was expected")
     })?;
     let positions = positions(&text).map_err(|(byte, problem)| {
-        let line = 1 + text.as_bytes()[..byte.min(text.len())].iter().filter(|b| **b == b'\n').count();
+        let line = 1 + text[..byte.min(text.len())].matches('\n').count();
         Error::input(format!("{}:{line}", path.display()), problem)
     })?;
     if positions.is_empty() {
