@@ -8,13 +8,16 @@ mod commands;
 mod design;
 mod info;
 mod inputs;
+mod manual;
+mod reproduce;
 mod summary;
 mod terminal;
 mod verdicts;
 
-use clap::{Args, Parser, Subcommand};
+use clap::error::{ContextKind, ContextValue, ErrorKind};
+use clap::{Args, CommandFactory, Parser, Subcommand};
 use holosonar::error::Error;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use terminal::Terminal;
 
@@ -44,7 +47,7 @@ struct Common {
     /// Print no progress, no warnings and no summary.
     #[arg(short, long, global = true)]
     quiet: bool,
-    /// Print stages as they run, even without a terminal.
+    /// Print what each stage did and how long it took.
     #[arg(short, long, global = true, conflicts_with = "quiet")]
     verbose: bool,
     /// Worker threads; the results do not depend on it [default: one per core].
@@ -201,6 +204,12 @@ enum Command {
         #[command(flatten)]
         overrides: Overrides,
     },
+    /// The paper's Table I, its timings and Figures 3 to 7, computed anew and set beside the printed ones.
+    Reproduce {
+        /// Folder for the figures and for the numbers as JSON; left out, nothing is written.
+        #[arg(short, long, value_name = "DIR")]
+        output: Option<PathBuf>,
+    },
     /// Makes the page report.html of a folder that `image` wrote: volume, slices, depth and numbers, to look at.
     Report {
         /// The folder of results.
@@ -222,6 +231,11 @@ enum Command {
         #[arg(default_value = ".")]
         folder: PathBuf,
     },
+    /// Prints the manual page, or writes one for every command into a folder.
+    Man {
+        /// Folder for the pages (man1); made if missing.
+        folder: Option<PathBuf>,
+    },
     /// Prints a completion script for a shell.
     Completions {
         /// The shell.
@@ -231,7 +245,7 @@ enum Command {
 
 /// Parses, runs, prints; the exit status of DESIGN section 4.
 pub(crate) fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let cli = Cli::try_parse().unwrap_or_else(|error| explain(error).exit());
     terminal::explain_panics();
     let terminal = Terminal::new(cli.common.quiet, cli.common.verbose);
     let result = start_threads(cli.common.threads)
@@ -243,6 +257,19 @@ pub(crate) fn main() -> ExitCode {
             terminal.error(&error);
             ExitCode::from(error.exit_status())
         }
+    }
+}
+
+/// Says which command takes a file that was typed without one.
+fn explain(error: clap::Error) -> clap::Error {
+    match error.get(ContextKind::InvalidSubcommand) {
+        Some(ContextValue::String(name)) if Path::new(name).is_file() => Cli::command().error(
+            ErrorKind::InvalidSubcommand,
+            format!(
+                "'{name}' is a file, and a command was expected; to image it: holosonar image {name} -o DIR"
+            ),
+        ),
+        _ => error,
     }
 }
 

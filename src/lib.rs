@@ -87,5 +87,6 @@ pub mod metrics;
 pub mod plan;
 pub mod psf;
 pub mod export;
+pub mod reproduce;
 pub mod config;
 pub mod pipeline;

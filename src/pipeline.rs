@@ -2,6 +2,18 @@
 //!
 //! Only this module and the binary see the run file. Stages are timed and their warnings kept for the report; the
 //! files are written by `outputs`, and `check` holds the same result to the run file's `[expect]`.
+//!
+//! # Example
+//! ```
+//! use holosonar::{config::RunFile, pipeline, progress::Silent};
+//! use std::path::Path;
+//!
+//! let run = RunFile::load(Path::new("scenes/point.toml"), &[])?;
+//! let outcome = pipeline::image_scene(&run, false, &Silent)?;
+//! assert!((outcome.image.volume.peak() - 1.0).abs() < 0.01);
+//! assert!(outcome.depth.accepted() > 0 && outcome.truth.is_none());
+//! # Ok::<(), holosonar::error::Error>(())
+//! ```
 
 mod design;
 mod echoes;
@@ -160,7 +172,7 @@ pub fn depth_of_volume(
     limit: u64,
     observer: &dyn Observer,
 ) -> Result<(DepthMap, Value)> {
-    let (volume, meta) = read_volume_npz(path, limit)?;
+    let (volume, meta) = stage(observer, "reading the volume", 0, || read_volume_npz(path, limit))?;
     let from_run = || run.medium.sound_speed / (2.0 * (run.sweep.stop - run.sweep.start));
     let resolution = resolution_of(&meta).or_else(|| sweep_known.then(from_run)).ok_or_else(|| {
         Error::input(
@@ -185,7 +197,7 @@ pub fn truth_of_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Res
             "is a list of reflectors, which have no surfaces and so no true depth; a mesh was expected",
         ));
     }
-    let scene = Scene::load(path, &run.load_options(bare)?, observer)?;
+    let scene = load_scene(path, run, bare, observer)?;
     let setup = measurement.setup();
     let grid = run.voxels(&setup, scene.bounds())?;
     let truth = trace_depth(&scene, &grid, &run.truth_options(&setup), observer)?;
@@ -238,7 +250,17 @@ fn focus(
     let resolution = source.setup().range_resolution().unwrap_or(f64::NAN);
     let options = run.reconstruct_options();
     let image = log.timed("reconstruct", || reconstruct_whole(source, grid, &options, log))?;
+    log.note(&format!(
+        "{}, {} x {} x {} voxels, each to within {:.1e}; the peak is {:.3e}",
+        format!("{:?}", image.method).to_lowercase(),
+        grid.x.count,
+        grid.y.count,
+        grid.z.count,
+        image.error_bound,
+        image.volume.peak()
+    ));
     let depth = log.timed("depth", || locate_depth(&image.volume, &run.depth_options(resolution), log))?;
+    log.note(&format!("a return at {} of {} pixels", depth.accepted(), depth.len()));
     if depth.accepted() == 0 {
         log.warn(
             "no return was accepted anywhere: nothing in the grid echoes, or [depth] threshold_db is too high; the \
@@ -253,13 +275,22 @@ fn room(run: &RunFile, setup: &Setup, grid: &Grid, holding: Holding, observer: &
     let threads = rayon::current_num_threads();
     let needs = needs(setup, grid, &run.reconstruct_options(), holding, threads)?;
     check_memory(&needs, setup, grid, holding, memory_limit())?;
-    stage(observer, &format!("taking about {} of memory", gib(needs.peak_bytes)), 0, || Ok(()))
+    observer.note(&format!("taking about {} of memory", gib(needs.peak_bytes)));
+    Ok(())
 }
 
 fn warn_all(warnings: &[String], observer: &dyn Observer) {
     for warning in warnings {
         observer.warn(warning);
     }
+}
+
+/// Reads a scene as one reported stage: a million triangles take seconds.
+fn load_scene(path: &Path, run: &RunFile, bare: bool, observer: &dyn Observer) -> Result<Scene> {
+    let options = run.load_options(bare)?;
+    let scene = stage(observer, "reading the scene", 0, || Scene::load(path, &options, observer))?;
+    observer.note(&format!("{} triangles, {:.3} m²", scene.triangles().len(), scene.surface_area()));
+    Ok(scene)
 }
 
 /// The scene file that a run needs.

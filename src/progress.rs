@@ -26,6 +26,8 @@ pub enum Event<'a> {
 pub trait Observer: Sync {
     /// Progress of a stage.
     fn event(&self, _event: Event<'_>) {}
+    /// What a stage has come to, on one line: "7403 reflectors, 11.4 mm apart".
+    fn note(&self, _message: &str) {}
     /// Something the user should know although the work goes on; one sentence or two.
     fn warn(&self, _message: &str) {}
     /// Whether the user has asked to stop; stages look at it once per block of work.

@@ -5,8 +5,9 @@
 //! with w = 1 for quadrature, 2 for in-phase data and window weights `w_f`, `w_r` (all 1 without a window), so a
 //! unit reflector on a voxel peaks at 1. [`Method::Direct`] sums this as written, on any grid and for any
 //! microphones: it is the oracle. [`Method::Convolution`] is Eq. 16 over [`skeleton`] frequencies, for microphones in
-//! a plane of constant z; [`Method::Backprojection`] follows range profiles, for any others. This module cannot see the
-//! scene, so it cannot know the answer.
+//! a plane of constant z; [`Method::Backprojection`] follows range profiles, for any others.
+//! [`Method::Linear`] is the paper's far-field approximation of it, for comparison. This module cannot see the scene, so it
+//! cannot know the answer.
 
 mod backprojection;
 mod circle;
@@ -18,6 +19,7 @@ mod lanes;
 mod lattice;
 mod layout;
 mod line;
+mod linear;
 mod plane;
 mod product;
 pub mod skeleton;
@@ -51,6 +53,8 @@ pub enum Method {
     Backprojection,
     /// Eq. 13 as written.
     Direct,
+    /// The far-field Fourier transform of Eq. 9, which the paper dropped; for comparison, and never taken by `Auto`.
+    Linear,
 }
 
 /// Parameters of [`reconstruct`].
@@ -113,14 +117,16 @@ enum Choice {
     Direct,
     Convolution(Box<SharedLattice>),
     Backprojection(Box<backprojection::Plan>),
+    Linear(Box<linear::Plan>),
 }
 
 /// What each method would cost here, and what the options come to.
 #[derive(Debug)]
 struct Options {
-    estimates: [Estimate; 3],
+    estimates: [Estimate; 4],
     lattice: std::result::Result<SharedLattice, String>,
     backprojection: Option<backprojection::Plan>,
+    linear: std::result::Result<linear::Plan, String>,
 }
 
 impl Options {
@@ -132,15 +138,19 @@ impl Options {
         let wanted = lattice.is_err() || options.method == Method::Backprojection;
         let backprojection = (wanted && options.tolerance > 0.0)
             .then(|| backprojection::Plan::new(setup, grid, options.tolerance));
-        let estimates = cost::estimates(setup, grid, options, &lattice, backprojection.as_ref(), threads);
-        Ok(Self { estimates, lattice, backprojection })
+        let linear = linear::Plan::new(setup, grid, options.tolerance);
+        let estimates =
+            cost::estimates(setup, grid, options, &lattice, backprojection.as_ref(), &linear, threads);
+        Ok(Self { estimates, lattice, backprojection, linear })
     }
 
     /// The method asked for, or of those possible the one of fewest operations.
     fn chosen(&self, asked: Method) -> &Estimate {
         let of = |method: Method| self.estimates.iter().find(|e| e.method == method);
         of(asked).unwrap_or_else(|| {
-            let possible = self.estimates.iter().filter(|e| e.obstacle.is_none());
+            // `linear` is another formula, not a way to sum this one.
+            let possible =
+                self.estimates.iter().filter(|e| e.obstacle.is_none() && e.method != Method::Linear);
             possible.min_by(|a, b| a.operations.total_cmp(&b.operations)).expect("the direct sum always is")
         })
     }
@@ -151,6 +161,7 @@ impl Options {
         if let Some(obstacle) = &chosen.obstacle {
             let (name, others) = match chosen.method {
                 Method::Convolution => ("convolution", "\"backprojection\" or \"direct\""),
+                Method::Linear => ("linear", "\"auto\""),
                 _ => ("backprojection", "\"direct\""),
             };
             return Err(Error::input(
@@ -159,6 +170,10 @@ impl Options {
             ));
         }
         match (chosen.method, self.lattice, self.backprojection) {
+            (Method::Linear, ..) => {
+                let plan = self.linear.map_err(|obstacle| Error::input("reconstruct.method", obstacle))?;
+                Ok((Choice::Linear(Box::new(plan)), None))
+            }
             (Method::Convolution, Ok(lattice), _) => Ok((Choice::Convolution(Box::new(lattice)), None)),
             (Method::Backprojection, _, Some(plan)) => Ok((Choice::Backprojection(Box::new(plan)), None)),
             (_, Err(misfit), None) if asked == Method::Auto => {
@@ -228,7 +243,7 @@ pub fn estimate(
     grid: &Grid,
     options: &ReconstructOptions,
     threads: usize,
-) -> Result<([Estimate; 3], usize)> {
+) -> Result<([Estimate; 4], usize)> {
     let possible = Options::of(setup, grid, options, threads)?;
     let chosen = possible.chosen(options.method).method;
     let index = possible.estimates.iter().position(|e| e.method == chosen).unwrap_or(0);
@@ -353,6 +368,7 @@ pub fn reconstruct_into(
         Choice::Backprojection(plan) => {
             backprojection::backprojection(source, &weights, &plan, options.tolerance, sink, observer)
         }
+        Choice::Linear(plan) => linear::linear(source, &weights, &plan, sink, observer),
     }
 }
 

@@ -1,9 +1,9 @@
 //! One function per command: arguments in, library calls, results out.
 
-use super::inputs::{config_of, has_extension, run_of};
+use super::inputs::{check_kind, config_of, has_extension, scene_of};
 use super::terminal::{Terminal, print};
 use super::verdicts::{check, compare};
-use super::{Cli, Command, Overrides, browser, design, info, summary};
+use super::{Cli, Command, Overrides, browser, design, info, manual, reproduce, summary};
 use clap::CommandFactory;
 use holosonar::acquisition::CubeFile;
 use holosonar::config::ANNOTATED;
@@ -11,7 +11,7 @@ use holosonar::error::{Error, Result};
 use holosonar::files::write_atomically;
 use holosonar::pipeline;
 use holosonar::plan::memory_limit;
-use holosonar::progress::Observer;
+use holosonar::progress::{Observer, stage};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -32,16 +32,17 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
             result
         }
         Command::Simulate { input, output, overrides } => {
-            let (run, bare) = run_of(input, overrides)?;
+            let (run, bare) = scene_of(input, overrides)?;
             check_extension(output, &["npz"])?;
             let cube = pipeline::simulate_scene(&run, bare, terminal)?;
-            pipeline::write_cube(output, &cube)?;
+            stage(terminal, "writing", 0, || pipeline::write_cube(output, &cube))?;
             wrote(std::slice::from_ref(output), json, terminal)
         }
         Command::Reconstruct { cube, config, output, settings } => {
             for path in output {
                 check_extension(path, &["npz", "exr", "vti", "nrrd"])?;
             }
+            check_kind(cube, "a data cube", "simulate")?;
             let run = config_of(config.as_deref(), &settings.set)?;
             let cube = CubeFile::open(cube, reading_limit())?;
             let files = pipeline::reconstruct_cube(&run, cube, output, terminal)?;
@@ -49,6 +50,7 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
         }
         Command::Depth { volume, config, output, settings } => {
             check_extension(output, &["exr", "ply"])?;
+            check_kind(volume, "a volume", "reconstruct")?;
             let run = config_of(config.as_deref(), &settings.set)?;
             let known = config.is_some().then_some(&run);
             let (map, facts) =
@@ -58,7 +60,7 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
         }
         Command::Truth { input, output, overrides } => {
             check_extension(output, &["exr", "ply"])?;
-            let (run, bare) = run_of(input, overrides)?;
+            let (run, bare) = scene_of(input, overrides)?;
             let (facts, map) = pipeline::truth_of_scene(&run, bare, terminal)?;
             pipeline::write_depth(output, &map, &run, &facts)?;
             wrote(std::slice::from_ref(output), json, terminal)
@@ -81,7 +83,7 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
                 pipeline::forecast_cube(&run, &CubeFile::open(input, reading_limit())?)?
             } else {
                 no_config(config.as_deref())?;
-                let (run, bare) = run_of(input, overrides)?;
+                let (run, bare) = scene_of(input, overrides)?;
                 pipeline::forecast_scene(&run, bare, terminal)?
             };
             for warning in &forecast.warnings {
@@ -98,8 +100,16 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
             compare(result, truth, *resolution, min, max, json)
         }
         Command::Check { runs, overrides } => check(runs, overrides, json, terminal),
+        Command::Reproduce { output } => reproduce::run(output.as_deref(), json, terminal),
         Command::Report { folder, open } => {
-            let page = pipeline::write_page(folder, reading_limit())?;
+            if !folder.is_dir() {
+                return Err(Error::input(
+                    folder.display(),
+                    "no such folder; one that `holosonar image ... -o` wrote was expected",
+                ));
+            }
+            let page =
+                stage(terminal, "packing the page", 0, || pipeline::write_page(folder, reading_limit()))?;
             wrote(std::slice::from_ref(&page), json, terminal)?;
             if *open { browser::open(&page) } else { Ok(()) }
         }
@@ -108,10 +118,12 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
             print(&if json { pretty(&facts) } else { summary::facts(&facts) })
         }
         Command::Init { folder } => init(folder, json, terminal),
+        Command::Man { folder: None } => print_text(&manual::page()?, json),
+        Command::Man { folder: Some(folder) } => wrote(&manual::write(folder)?, json, terminal),
         Command::Completions { shell } => {
             let mut script = Vec::new();
             clap_complete::generate(*shell, &mut Cli::command(), "holosonar", &mut script);
-            print(&String::from_utf8_lossy(&script))
+            print_text(&String::from_utf8_lossy(&script), json)
         }
     }
 }
@@ -132,7 +144,7 @@ fn image(
         (run, outcome)
     } else {
         no_config(config)?;
-        let (run, bare) = run_of(input, overrides)?;
+        let (run, bare) = scene_of(input, overrides)?;
         let outcome = pipeline::image_scene(&run, bare, terminal)?;
         (run, outcome)
     };
@@ -155,6 +167,7 @@ fn init(folder: &Path, json: bool, terminal: &Terminal) -> Result<()> {
             "is there already and would be overwritten; choose another folder",
         ));
     }
+    make_folder(folder)?;
     for (path, text) in &files {
         write_atomically(path, |file| file.write_all(text.as_bytes()))?;
     }
@@ -164,6 +177,11 @@ fn init(folder: &Path, json: bool, terminal: &Terminal) -> Result<()> {
         return Ok(());
     }
     print(&format!("now try: holosonar image {} -o {}\n", paths[0].display(), folder.join("out").display()))
+}
+
+/// Prints a text that another program is to read, which JSON wraps.
+fn print_text(text: &str, json: bool) -> Result<()> {
+    if json { print(&pretty(&serde_json::json!({ "text": text }))) } else { print(text) }
 }
 
 /// Refuses a second run file beside a scene's own.
@@ -194,7 +212,7 @@ pub(super) fn make_folder(folder: &Path) -> Result<bool> {
     let missing = !folder.exists();
     std::fs::create_dir_all(folder).map(|()| missing).map_err(|e| match e.kind() {
         std::io::ErrorKind::AlreadyExists | std::io::ErrorKind::NotADirectory => {
-            Error::input(folder.display(), "is a file; a folder was expected for the results")
+            Error::input(folder.display(), "is a file; a folder was expected")
         }
         _ => Error::writing(folder, &e),
     })
@@ -205,7 +223,7 @@ pub(super) fn reading_limit() -> u64 {
     memory_limit().unwrap_or(u64::MAX)
 }
 
-fn wrote(files: &[PathBuf], json: bool, terminal: &Terminal) -> Result<()> {
+pub(super) fn wrote(files: &[PathBuf], json: bool, terminal: &Terminal) -> Result<()> {
     if json {
         return print(&pretty(&serde_json::json!({ "files": files })));
     }

@@ -6,16 +6,18 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::{self, IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Draws what the stages report, and hears Ctrl-C.
 #[derive(Debug)]
 pub(super) struct Terminal {
     quiet: bool,
-    /// Name each stage on a line of its own, for logs.
+    /// Say of each stage what it did and how long it took.
     verbose: bool,
     colour: bool,
     bar: Mutex<Option<ProgressBar>>,
+    /// Names and beginnings of the running stages, the innermost last.
+    running: Mutex<Vec<(String, Instant)>>,
     stop: Arc<AtomicBool>,
 }
 
@@ -32,11 +34,15 @@ impl Terminal {
             }
         });
         let colour = io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|v| v.is_empty());
-        Self { quiet, verbose, colour, bar: Mutex::new(None), stop }
+        Self { quiet, verbose, colour, bar: Mutex::new(None), running: Mutex::default(), stop }
     }
 
     fn bar(&self) -> std::sync::MutexGuard<'_, Option<ProgressBar>> {
         self.bar.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn running(&self) -> std::sync::MutexGuard<'_, Vec<(String, Instant)>> {
+        self.running.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Whether a summary is wanted.
@@ -50,11 +56,15 @@ impl Terminal {
     }
 
     fn say(&self, kind: &str, colour: &str, text: &str) {
-        let line = if self.colour {
+        self.line(&if self.colour {
             format!("\u{1b}[{colour}m{kind}:\u{1b}[0m {text}")
         } else {
             format!("{kind}: {text}")
-        };
+        });
+    }
+
+    /// Writes a line to standard error, above the bar if there is one.
+    fn line(&self, line: &str) {
         let write = || {
             // A standard error that is gone leaves nobody to tell.
             let _ = writeln!(io::stderr(), "{line}");
@@ -97,9 +107,7 @@ impl Observer for Terminal {
                 bar.set_prefix(stage.to_owned());
                 bar.enable_steady_tick(Duration::from_millis(100));
                 *self.bar() = Some(bar);
-                if self.verbose && !io::stderr().is_terminal() {
-                    let _ = writeln!(io::stderr(), "{stage}");
-                }
+                self.running().push((stage.to_owned(), Instant::now()));
             }
             Event::Advanced { amount } => {
                 if let Some(bar) = &*self.bar() {
@@ -110,8 +118,18 @@ impl Observer for Terminal {
                 if let Some(bar) = self.bar().take() {
                     bar.finish_and_clear();
                 }
+                let ended = self.running().pop();
+                if let Some((stage, begun)) = ended.filter(|_| self.verbose) {
+                    self.line(&format!("{stage:28} {:8.2} s", begun.elapsed().as_secs_f64()));
+                }
             }
             _ => {}
+        }
+    }
+
+    fn note(&self, message: &str) {
+        if self.verbose {
+            self.line(&format!("  {message}"));
         }
     }
 

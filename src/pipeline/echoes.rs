@@ -1,12 +1,12 @@
 //! A scene turned into reflectors, with the instrument that hears them and the grid that shows them.
 
-use super::{SceneSummary, is_csv, room, scene_path, warn_all};
+use super::{SceneSummary, is_csv, load_scene, room, scene_path, warn_all};
 use crate::acquisition::{DataCube, MicArray, Setup, SimulateOptions, Sweep, simulate};
 use crate::config::RunFile;
 use crate::error::Result;
 use crate::grid::Grid;
 use crate::plan::{
-    Holding, Plan, check_sampling, check_simulation, memory_limit, outside_warning, plan, scale_warnings,
+    Holding, Plan, check_sampling, check_simulation, gib, memory_limit, outside_warning, plan, scale_warnings,
 };
 use crate::progress::Observer;
 use crate::reflectors::{Reflectors, sample_surface, sampling_bytes};
@@ -71,14 +71,20 @@ impl Echoes {
             let plan = plan(&setup, &grid);
             return Ok(Self { measurement, scene: None, spacing: None, reflectors, grid, plan });
         }
-        let scene = Scene::load(path, &run.load_options(bare)?, observer)?;
-        let grid = run.voxels(&setup, scene.bounds())?;
-        fits(&grid)?;
+        let scene = load_scene(path, run, bare, observer)?;
+        let grid = run.voxels(&setup, scene.bounds());
+        let grid = grid.and_then(|grid| fits(&grid).map(|()| grid)).inspect_err(|_| {
+            // A wrong unit may be why no grid fits.
+            if let Some((low, high)) = scene.bounds() {
+                warn_all(&scale_warnings(&setup, low, high), observer);
+            }
+        })?;
         let plan = plan(&setup, &grid);
         let nearest = scene.bounds().map_or(grid.z.first, |(low, _)| low.z.max(grid.z.first));
         let options = run.surface_options(&setup, nearest);
         check_sampling(sampling_bytes(&scene, &options), options.spacing, memory_limit())?;
         let reflectors = sample_surface(&scene, &options, observer)?;
+        observer.note(&format!("{} reflectors, {:.1} mm apart", reflectors.len(), 1e3 * options.spacing));
         Ok(Self { measurement, scene: Some(scene), spacing: Some(options.spacing), reflectors, grid, plan })
     }
 
@@ -103,6 +109,12 @@ impl Echoes {
     pub(super) fn simulate(&self, run: &RunFile, observer: &dyn Observer) -> Result<DataCube> {
         let Measurement { sweep, array, options } = &self.measurement;
         let mut cube = simulate(&self.reflectors, sweep, array, options, observer)?;
+        observer.note(&format!(
+            "a cube of {} tones x {} microphones, {}",
+            sweep.len(),
+            array.len(),
+            gib(self.plan.cube_bytes)
+        ));
         cube.provenance = json!({ "run": run.to_json(), "seed": run.reflectors.seed });
         Ok(cube)
     }

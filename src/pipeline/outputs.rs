@@ -7,7 +7,9 @@ use crate::acquisition::{DataCube, Setup};
 use crate::config::{Output, RunFile, VolumeFormat};
 use crate::error::{Error, Result};
 use crate::export::depth_exr::write_depth_map;
-use crate::export::figure::{depth_range, write_amplitude_figure, write_depth_figure, write_error_figure};
+use crate::export::figure::{
+    DepthKind, depth_range, write_amplitude_figure, write_depth_figure, write_error_figure,
+};
 use crate::export::page::Miniature;
 use crate::export::points_ply::{ScenePoints, write_depth_points};
 use crate::export::volume_exr::write_volume_exr;
@@ -64,13 +66,13 @@ pub fn write_outputs(
     let range = depth_range(&truth.map_or(vec![&outcome.depth], |truth| vec![truth]));
     tasks.push((
         "depth.png",
-        Box::new(move |path| one(path, write_depth_figure(path, "depth", &outcome.depth, range))),
+        Box::new(move |path| one(path, write_depth_figure(path, DepthKind::Found, &outcome.depth, range))),
     ));
     if let Some(truth) = truth {
         tasks.push(("truth.exr", Box::new(|path| one(path, write_depth(path, truth, run, &facts)))));
         tasks.push((
             "truth.png",
-            Box::new(move |path| one(path, write_depth_figure(path, "true depth", truth, range))),
+            Box::new(move |path| one(path, write_depth_figure(path, DepthKind::True, truth, range))),
         ));
         tasks.push(("error.png", Box::new(|path| one(path, write_error(path, outcome, truth)))));
     }
@@ -93,7 +95,9 @@ pub fn write_outputs(
     let page = if run.output.report {
         report.files.push(PAGE.into());
         let volume = Miniature::of_volume(&outcome.image.volume);
-        Some(page_of(folder, &report.files, Some(&volume), Some(&scene), u64::MAX)?)
+        Some(stage(observer, "packing the page", 0, || {
+            page_of(folder, &report.files, Some(&volume), Some(&scene), u64::MAX)
+        })?)
     } else {
         None
     };
@@ -102,6 +106,7 @@ pub fn write_outputs(
         .map_err(|e| Error::environment("report", e.to_string()))?
         + "\n";
     write_atomically(&folder.join("report.json"), |file| file.write_all(text.as_bytes()))?;
+    observer.note(&format!("{} files in {}", report.files.len(), folder.display()));
     if let Some(page) = page {
         let mesh =
             run.scene.mesh.as_ref().filter(|_| outcome.reflectors.is_some()).map(|file| file.typed.as_str());
@@ -285,5 +290,6 @@ fn write_error(path: &Path, outcome: &Outcome, truth: &DepthMap) -> Result<()> {
     let metrics = outcome.metrics.unwrap_or_default();
     let note =
         format!("median |error| {}, rms {}", millimetres(metrics.median_error), millimetres(metrics.rmse));
-    write_error_figure(path, &errors, truth.x, truth.y, &note)
+    let resolution = outcome.instrument.setup().range_resolution().unwrap_or(f64::NAN);
+    write_error_figure(path, &errors, [truth.x, truth.y], resolution, &note)
 }

@@ -37,9 +37,9 @@ impl Holding {
 #[non_exhaustive]
 pub struct Needs {
     /// Every method, possible here or not.
-    pub methods: [Estimate; 3],
+    pub methods: [Estimate; 4],
     /// Seconds of each, by a short measurement of this machine's speed.
-    pub seconds: [f64; 3],
+    pub seconds: [f64; 4],
     /// Which of them the job takes, as an index.
     pub chosen: usize,
     /// Worker threads.

@@ -7,7 +7,7 @@ use super::lattice::SharedLattice;
 use super::layout::Layout;
 use super::skeleton::candidates_for;
 use super::tones::FREQUENCIES;
-use super::{Method, ReconstructOptions, backprojection, direct};
+use super::{Method, ReconstructOptions, backprojection, direct, linear};
 use crate::acquisition::Setup;
 use crate::grid::Grid;
 use crate::wave::interval::PathInterval;
@@ -34,15 +34,16 @@ pub(super) fn tones_for(bandwidth_duration: f64, tolerance: f64) -> f64 {
     bandwidth_duration + 2.0 + digits * (0.22 + 0.2 * (1.0 + bandwidth_duration).ln())
 }
 
-/// The three estimates for a job, whatever `options.method` says.
+/// The four estimates for a job, whatever `options.method` says.
 pub(super) fn estimates(
     setup: &Setup,
     grid: &Grid,
     options: &ReconstructOptions,
     lattice: &Result<SharedLattice, String>,
     backprojection: Option<&backprojection::Plan>,
+    linear: &Result<linear::Plan, String>,
     threads: usize,
-) -> [Estimate; 3] {
+) -> [Estimate; 4] {
     let convolution = match lattice {
         Ok(lattice) => of_convolution(setup, grid, options.tolerance, lattice, threads),
         Err(obstacle) => impossible(Method::Convolution, obstacle.clone()),
@@ -58,7 +59,16 @@ pub(super) fn estimates(
             "0 leaves no room for interpolation; give a tolerance above 0 (1e-6, say)".to_owned(),
         ),
     };
-    [convolution, backprojection, of_direct(setup, grid, threads)]
+    let linear = match linear {
+        Ok(plan) => of_linear(setup, plan, threads),
+        Err(obstacle) => impossible(Method::Linear, obstacle.clone()),
+    };
+    [convolution, backprojection, of_direct(setup, grid, threads), linear]
+}
+
+fn of_linear(setup: &Setup, plan: &linear::Plan, threads: usize) -> Estimate {
+    let bytes = plan.bytes(threads).saturating_add(block_bytes(setup));
+    Estimate { method: Method::Linear, obstacle: None, operations: plan.operations(), bytes }
 }
 
 fn impossible(method: Method, obstacle: String) -> Estimate {

@@ -1,6 +1,7 @@
 //! Line charts: one or several series of numbers over a key's values.
 
-use super::canvas::{Canvas, Colour};
+use super::canvas::{Canvas, Colour, LINE};
+use super::layout::{INK, LABEL, NUMBER, TICK, TICK_GAP};
 use super::lettering::{self, Align, Style};
 use super::ticks::ticks;
 use crate::error::Result;
@@ -28,16 +29,15 @@ pub struct ChartAxis {
     pub series: Vec<String>,
 }
 
-const BOX: [usize; 2] = [380, 230];
-const LEFT: usize = 84;
-const RIGHT: usize = 26;
-const ABOVE: usize = 44;
-const BELOW: usize = 66;
-const INK: Colour = [38, 38, 38];
+const BOX: [usize; 2] = [800, 480];
+const LEFT: usize = 190;
+const RIGHT: usize = 60;
+const ABOVE: usize = 96;
+const BELOW: usize = 150;
+/// Height of a line of the list of names, px.
+const NAME: usize = 46;
 const GRID: Colour = [228, 228, 228];
-const TITLE: Style = Style { size: 17.0, colour: [0, 0, 0] };
-const LABEL: Style = Style { size: 15.0, colour: INK };
-const NUMBER: Style = Style { size: 13.0, colour: INK };
+const TITLE: Style = Style { size: 40.0, colour: [0, 0, 0] };
 
 /// Colours that stay apart for most eyes (Okabe and Ito).
 const COLOURS: [Colour; 7] = [
@@ -71,8 +71,8 @@ fn draw(charts: &[Chart], axis: &ChartAxis) -> Canvas {
     let cell = [LEFT + BOX[0] + RIGHT, ABOVE + BOX[1] + BELOW];
     let named = if axis.series.len() > 1 { axis.series.len().min(24) } else { 0 };
     let width = columns * cell[0];
-    let in_row = (width / 230).max(1);
-    let legend = if named > 0 { 16 + 20 * named.div_ceil(in_row) } else { 0 };
+    let in_row = (width / 520).max(1);
+    let legend = if named > 0 { NAME * named.div_ceil(in_row) + NAME / 2 } else { 0 };
     let mut canvas = Canvas::new(width, rows * cell[1] + legend);
     let places = Places::of(axis);
     for (i, chart) in charts.iter().enumerate() {
@@ -80,11 +80,13 @@ fn draw(charts: &[Chart], axis: &ChartAxis) -> Canvas {
         draw_chart(&mut canvas, chart, axis, &places, corner.map(|length| length as i64));
     }
     for i in 0..named {
-        let at =
-            [(i % in_row * (width / in_row) + 24) as i64, (rows * cell[1] + 12 + i / in_row * 20) as i64];
-        canvas.fill([at[0], at[1] - 1], [22, 3], COLOURS[i % COLOURS.len()]);
-        let name = lettering::fitted(&axis.series[i], NUMBER.size, (width / in_row) as f32 - 62.0);
-        lettering::draw(&mut canvas, &name, NUMBER, [at[0] as f32 + 30.0, at[1] as f32], Align::Left);
+        let at = [
+            (i % in_row * (width / in_row) + 50) as i64,
+            (rows * cell[1] + NAME / 2 + i / in_row * NAME) as i64,
+        ];
+        canvas.fill([at[0], at[1] - 3], [48, 7], COLOURS[i % COLOURS.len()]);
+        let name = lettering::fitted(&axis.series[i], NUMBER.size, (width / in_row) as f32 - 130.0);
+        lettering::draw(&mut canvas, &name, NUMBER, [at[0] as f32 + 62.0, at[1] as f32], Align::Left);
     }
     canvas
 }
@@ -118,7 +120,7 @@ impl Places {
                 let n = axis.places.len();
                 let at: Vec<f64> = (0..n).map(|i| (i as f64 + 0.5) / n as f64).collect();
                 let every = n.div_ceil(6);
-                let room = BOX[0] as f32 * every as f32 / n as f32 - 6.0;
+                let room = BOX[0] as f32 * every as f32 / n as f32 - 12.0;
                 let ticks = (0..n)
                     .step_by(every)
                     .map(|i| (at[i], lettering::fitted(&axis.places[i], NUMBER.size, room)));
@@ -133,10 +135,15 @@ fn draw_chart(canvas: &mut Canvas, chart: &Chart, axis: &ChartAxis, places: &Pla
     let bottom = y + BOX[1] as i64;
     let values = || chart.series.iter().flatten().copied().filter(|v| v.is_finite());
     let (low, high) = values().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
-    let middle = [x as f32 + BOX[0] as f32 / 2.0, y as f32 - 16.0];
+    let middle = [x as f32 + BOX[0] as f32 / 2.0, y as f32 - 40.0];
     lettering::draw(canvas, &chart.title, TITLE, middle, Align::Centre);
-    lettering::draw(canvas, &axis.label, LABEL, [middle[0], bottom as f32 + 44.0], Align::Centre);
-    lettering::draw_upwards(canvas, &chart.y_label, LABEL, [(x - 66) as f32, y as f32 + BOX[1] as f32 / 2.0]);
+    lettering::draw(canvas, &axis.label, LABEL, [middle[0], bottom as f32 + 100.0], Align::Centre);
+    lettering::draw_upwards(
+        canvas,
+        &chart.y_label,
+        LABEL,
+        [(x - 150) as f32, y as f32 + BOX[1] as f32 / 2.0],
+    );
     if low > high {
         let centre = [middle[0], y as f32 + BOX[1] as f32 / 2.0];
         lettering::draw(canvas, "none", LABEL, centre, Align::Centre);
@@ -150,8 +157,8 @@ fn draw_chart(canvas: &mut Canvas, chart: &Chart, axis: &ChartAxis, places: &Pla
         let down = |v: f64| bottom as f64 - height * (v - low) / (high - low);
         for tick in ticks(low, high, 6) {
             let at = down(tick.value).round() as i64;
-            canvas.fill([x, at], [BOX[0], 1], GRID);
-            lettering::draw(canvas, &tick.label, NUMBER, [(x - 8) as f32, at as f32], Align::Right);
+            canvas.fill([x, at], [BOX[0], LINE], GRID);
+            lettering::draw(canvas, &tick.label, NUMBER, [(x - 14) as f32, at as f32], Align::Right);
         }
         for (series, colour) in chart.series.iter().zip(COLOURS.iter().cycle()) {
             let points: Vec<Option<[f64; 2]>> = series
@@ -165,26 +172,32 @@ fn draw_chart(canvas: &mut Canvas, chart: &Chart, axis: &ChartAxis, places: &Pla
                 }
             }
             for [px, py] in points.into_iter().flatten() {
-                canvas.fill([px.round() as i64 - 3, py.round() as i64 - 3], [7, 7], *colour);
+                canvas.fill([px.round() as i64 - 7, py.round() as i64 - 7], [15, 15], *colour);
             }
         }
     }
     for (at, text) in &places.ticks {
         let at = x as f64 + at * width;
-        canvas.fill([at as i64, bottom + 1], [1, 4], INK);
-        lettering::draw(canvas, text, NUMBER, [at as f32, bottom as f32 + 18.0], Align::Centre);
+        canvas.fill([at as i64, bottom + LINE as i64], [LINE, TICK], INK);
+        lettering::draw(
+            canvas,
+            text,
+            NUMBER,
+            [at as f32, bottom as f32 + (LINE + TICK + TICK_GAP + 20) as f32],
+            Align::Centre,
+        );
     }
     canvas.frame([x, y], BOX, INK);
 }
 
-/// A line two pixels thick.
+/// A line five pixels thick.
 fn draw_line(canvas: &mut Canvas, from: [f64; 2], to: [f64; 2], colour: Colour) {
     let (dx, dy) = (to[0] - from[0], to[1] - from[1]);
     let steps = (2.0 * dx.hypot(dy)).ceil().max(1.0);
     for i in 0..=steps as usize {
         let t = i as f64 / steps;
         let (px, py) = (from[0] + t * dx, from[1] + t * dy);
-        canvas.fill([px.floor() as i64, py.floor() as i64], [2, 2], colour);
+        canvas.fill([px.round() as i64 - 2, py.round() as i64 - 2], [5, 5], colour);
     }
 }
 
