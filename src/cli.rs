@@ -5,6 +5,7 @@
 
 mod browser;
 mod commands;
+mod design;
 mod info;
 mod inputs;
 mod manual;
@@ -182,6 +183,27 @@ enum Command {
         /// Run file for a cube: its [grid], [reconstruct] and [output].
         #[arg(short, long, value_name = "RUN.toml")]
         config: Option<PathBuf>,
+        /// Plan every value of a key, as in array.extent=0.5:2:0.25 or array.layout=grid,spiral,random (repeatable).
+        #[arg(long, value_name = "KEY=VALUES", conflicts_with = "config")]
+        sweep: Vec<String>,
+        /// Folder for sweep.png and sweep.json; made if missing.
+        #[arg(short, long, value_name = "DIR", requires = "sweep")]
+        output: Option<PathBuf>,
+        #[command(flatten)]
+        overrides: Overrides,
+    },
+    /// What a point looks like: widths, sidelobes and ghosts, measured on a simulated reflector and as foretold.
+    ///
+    /// INPUT is a run file, a bare mesh or a list of reflectors; of its scene only the size counts, for the grid.
+    Psf {
+        /// Run file, mesh or reflector list.
+        input: PathBuf,
+        /// A point in m (repeatable) [default: the middle of the grid's nearest, middle and farthest depth].
+        #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
+        at: Vec<String>,
+        /// Folder for psf.png and psf.json; made if missing.
+        #[arg(short, long, value_name = "DIR")]
+        output: Option<PathBuf>,
         #[command(flatten)]
         overrides: Overrides,
     },

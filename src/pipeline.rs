@@ -15,6 +15,7 @@
 //! # Ok::<(), holosonar::error::Error>(())
 //! ```
 
+mod design;
 mod echoes;
 mod facts;
 mod forecast;
@@ -25,6 +26,7 @@ mod outputs;
 mod page;
 mod report;
 
+pub use design::{Combination, DesignRow, DesignSweep, RunWith, SweptKey, point_spreads, sweep_designs};
 pub use facts::resolution_of;
 pub use forecast::{Forecast, forecast_cube, forecast_scene};
 pub use limits::{Bound, Judgement, Verdict, check_scene, hold};

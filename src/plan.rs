@@ -27,12 +27,17 @@
 //! # Ok::<(), holosonar::error::Error>(())
 //! ```
 
+pub mod beam;
+pub mod design;
 mod memory;
 mod needs;
+mod resolution;
 mod suggest;
 
+pub use design::{Design, design};
 pub use memory::{WAITING, available_memory, check_sampling, gib, limit_memory, memory_limit};
 pub use needs::{Holding, Needs, check_memory, check_simulation, needs};
+pub use resolution::Profile;
 
 use crate::acquisition::{Detection, Setup};
 use crate::grid::{Axis, Grid};
@@ -156,6 +161,12 @@ pub fn plan(setup: &Setup, grid: &Grid) -> Plan {
         volume_bytes: grid.volume_bytes(),
         warnings,
     }
+}
+
+/// A number as one would type it, to a hair.
+fn nice(value: f64) -> String {
+    let text = format!("{value:.6}");
+    text.trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
 /// `d ≤ λ_min/2` is free of ghosts everywhere; `d ≤ λ_min z/X` within a scene of width X from depth z on.

@@ -3,7 +3,7 @@
 use super::inputs::{check_kind, config_of, has_extension, scene_of};
 use super::terminal::{Terminal, print};
 use super::verdicts::{check, compare};
-use super::{Cli, Command, Overrides, browser, info, manual, reproduce, summary};
+use super::{Cli, Command, Overrides, browser, design, info, manual, reproduce, summary};
 use clap::CommandFactory;
 use holosonar::acquisition::CubeFile;
 use holosonar::checkpoint::Checkpoint;
@@ -76,7 +76,19 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
             pipeline::write_depth(output, &map, &run, &facts)?;
             wrote(std::slice::from_ref(output), json, terminal)
         }
-        Command::Plan { input, config, overrides } => {
+        Command::Plan { input, sweep, output, overrides, .. } if !sweep.is_empty() => {
+            if has_extension(input, &["npz"]) {
+                return Err(Error::input(
+                    input.display(),
+                    "is a cube, whose array is fixed; a sweep needs a run file",
+                ));
+            }
+            design::sweep(input, sweep, output.as_deref(), overrides, json, terminal)
+        }
+        Command::Psf { input, at, output, overrides } => {
+            design::psf(input, at, output.as_deref(), overrides, json, terminal)
+        }
+        Command::Plan { input, config, overrides, .. } => {
             let forecast = if has_extension(input, &["npz"]) {
                 let run = config_of(config.as_deref(), &overrides.keys())?;
                 pipeline::forecast_cube(&run, &CubeFile::open(input, reading_limit())?)?
@@ -93,7 +105,7 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
                     serde_json::to_value(&forecast).map_err(|e| Error::environment("plan", e.to_string()))?;
                 return print(&pretty(&value));
             }
-            print(&summary::forecast(&forecast))
+            print(&(summary::forecast(&forecast) + &design::design(&forecast.design)))
         }
         Command::Compare { result, truth, resolution, min, max, png } => {
             compare(result, truth, *resolution, min, max, png.as_deref(), json)

@@ -197,7 +197,7 @@ pub(super) fn name_of(method: Method) -> String {
 }
 
 /// Seconds as people say them.
-fn duration(seconds: f64) -> String {
+pub(super) fn duration(seconds: f64) -> String {
     match seconds {
         s if s < 0.1 => "0.1 s or less".to_owned(),
         s if s < 120.0 => format!("{s:.1} s"),

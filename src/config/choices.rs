@@ -60,7 +60,11 @@ choice! {
     Layout {
         /// A rectangle of `count` × `pitch` about `centre`.
         Grid,
-        /// The CSV file named by `file`.
+        /// Vogel's spiral, in the ellipse within the same rectangle.
+        Spiral,
+        /// Random places in the same rectangle.
+        Random,
+        /// The CSV or XML file named by `file`.
         File,
     }
 }

@@ -10,8 +10,13 @@ impl RunFile {
     /// Completes what was typed, or says why it cannot be completed.
     pub(super) fn fill(&mut self) -> Result<(), Fault> {
         let array = &mut self.array;
-        if array.layout == Layout::Grid && array.pitch.is_none() && array.extent.is_none() {
-            array.pitch = Some(Array::PITCH);
+        if array.layout != Layout::File {
+            if array.count.is_none() && array.elements.is_none() {
+                array.count = Some(Array::COUNT);
+            }
+            if array.pitch.is_none() && array.extent.is_none() {
+                array.pitch = Some(Array::PITCH);
+            }
         }
         self.medium.fill();
         self.grid.fill()

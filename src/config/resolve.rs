@@ -1,5 +1,6 @@
 //! From what was typed to the parameters of the stages; the only place where one becomes the other.
 
+use super::check::square_root;
 use super::{
     Geometry as GeometryWord, Layout, MaterialRule, Occlusion as OcclusionWord, RunFile, Shading, Surface,
 };
@@ -10,7 +11,6 @@ use crate::error::{Error, Result};
 use crate::grid::{Axis, Grid, Raster, View};
 use crate::plan::memory_limit;
 use crate::reconstruct::ReconstructOptions;
-use crate::reflectors::csv::read_columns;
 use crate::reflectors::{Occlusion, SurfaceModel, SurfaceOptions};
 use crate::scene::{self, CameraView, LoadOptions};
 use crate::truth::TruthOptions;
@@ -43,16 +43,35 @@ impl RunFile {
         let array = &self.array;
         let centre = DVec3::from_array(array.centre);
         if let (Layout::File, Some(file)) = (array.layout, &array.file) {
-            let rows = read_columns(&file.path, &["x", "y", "z"])?;
-            let positions: Vec<DVec3> = rows.iter().map(|r| DVec3::from_slice(r) + centre).collect();
-            return MicArray::from_positions(&file.path.display().to_string(), &[positions.len()], positions);
+            return MicArray::read(&file.path);
         }
-        let count = array.count.map(|n| n as usize);
-        let pitch = |axis: usize| match (array.pitch, array.extent) {
-            (_, Some(extent)) => extent[axis] / count[axis].saturating_sub(1).max(1) as f64,
-            (pitch, None) => pitch.map_or(f64::NAN, |p| p[axis]),
+        // As many microphones over the same extent, whatever the layout.
+        let sides = match (array.count, array.elements) {
+            (Some(count), _) => count.map(f64::from),
+            (None, elements) => [f64::from(elements.unwrap_or(1)).sqrt(); 2],
         };
-        MicArray::rectangular("[array]", count, [pitch(0), pitch(1)], centre)
+        let count = array.count.map(|count| count.map(|n| n as usize));
+        let elements = count.map_or(array.elements.unwrap_or(1) as usize, |[x, y]| x.saturating_mul(y));
+        let extent: [f64; 2] = std::array::from_fn(|axis| match (array.extent, array.pitch) {
+            (Some(extent), _) => extent[axis],
+            (None, pitch) => pitch.map_or(f64::NAN, |pitch| pitch[axis]) * (sides[axis] - 1.0),
+        });
+        match array.layout {
+            Layout::Spiral => MicArray::spiral("[array]", elements, extent, centre),
+            Layout::Random => {
+                let seed = array.seed.unwrap_or(1).into();
+                MicArray::random("[array]", elements, extent, centre, array.spacing, seed)
+            }
+            Layout::Grid | Layout::File => {
+                let side = array.elements.and_then(square_root).unwrap_or(1) as usize;
+                let count = count.unwrap_or([side; 2]);
+                let pitch = |axis: usize| match (array.pitch, array.extent) {
+                    (_, Some(extent)) => extent[axis] / count[axis].saturating_sub(1).max(1) as f64,
+                    (pitch, None) => pitch.map_or(f64::NAN, |p| p[axis]),
+                };
+                MicArray::rectangular("[array]", count, [pitch(0), pitch(1)], centre)
+            }
+        }
     }
 
     /// `[array] geometry` and `source`.

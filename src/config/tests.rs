@@ -75,7 +75,7 @@ fn every_scene_has_voxels_on_a_lattice_shared_with_its_array() {
         let run = RunFile::load(&scenes().join(name).with_extension("toml"), &[]).unwrap();
         let pitch = run.grid.pitch.unwrap();
         for (axis, ends) in [run.grid.x.unwrap(), run.grid.y.unwrap()].into_iter().enumerate() {
-            let intervals = f64::from(run.array.count[axis] - 1);
+            let intervals = f64::from(run.array.count.unwrap()[axis] - 1);
             let mics = run
                 .array
                 .pitch
@@ -112,7 +112,10 @@ fn the_annotated_file_means_the_corner() {
             let kept = [
                 "translate",
                 "sensor",
+                "elements",
                 "pitch",
+                "spacing = 0.016",
+                "seed",
                 "file",
                 "fov",
                 "pixels",
@@ -214,4 +217,23 @@ fn the_speed_of_sound_is_typed_or_that_of_the_air() {
     let run = read_with("[medium]\nsound_speed = 340", &["medium.temperature=0"]).unwrap();
     assert_eq!((run.medium.sound_speed, run.medium.humidity), (None, Some(50.0)));
     assert_eq!(run.simulate_options().losses.air, None, "it absorbs only when asked to");
+}
+
+#[test]
+fn one_run_file_serves_every_layout_with_as_many_microphones() {
+    let text = "[array]\ncount = [16, 16]\nextent = 1.0";
+    for layout in ["grid", "spiral", "random"] {
+        let array = read_with(text, &[&format!("array.layout={layout}")]).unwrap().microphones().unwrap();
+        assert_eq!(array.len(), 256, "{layout}");
+        assert!((array.extent().x - 1.0).abs() < 0.1, "{layout}: {}", array.extent());
+    }
+    let elements = read("[array]\nelements = 256\npitch = 0.02").unwrap();
+    assert_eq!(elements.microphones().unwrap().lattice().unwrap().x.count, 16);
+    let again = RunFile::from_str_at(&elements.to_toml(), "resolved", Path::new("folder"), &[]).unwrap();
+    assert_eq!(elements, again);
+    // What belongs to another layout alone gives way to a layout on the command line, and the number to another number.
+    let random = "[array]\nlayout = \"random\"\nelements = 256\nextent = [1, 1]\nseed = 4\nspacing = 0.02";
+    assert!(read(random).unwrap().microphones().unwrap().lattice().is_none());
+    assert!(read_with(random, &["array.layout=grid"]).unwrap().microphones().unwrap().lattice().is_some());
+    assert_eq!(read_with(random, &["array.count=9"]).unwrap().microphones().unwrap().len(), 81);
 }

@@ -7,7 +7,7 @@ use crate::acquisition::{CubeFile, CubeSource, Setup};
 use crate::config::RunFile;
 use crate::error::Result;
 use crate::grid::Grid;
-use crate::plan::{Holding, Needs, Plan, needs, plan};
+use crate::plan::{Design, Holding, Needs, Plan, design, needs, plan};
 use crate::progress::Observer;
 use crate::reflectors::Reflectors;
 use crate::scene::Scene;
@@ -20,6 +20,8 @@ use serde::Serialize;
 pub struct Forecast {
     /// Resolution, ambiguity, aliasing.
     pub plan: Plan,
+    /// Widths, ghosts and sidelobes, and what would mend each warning.
+    pub design: Design,
     /// The voxels, whether typed or chosen.
     pub grid: Grid,
     /// Operations, bytes and seconds on this machine.
@@ -66,10 +68,17 @@ pub fn forecast_cube(run: &RunFile, cube: &CubeFile) -> Result<Forecast> {
     forecast(run, &setup, &grid, holding, false)
 }
 
-fn forecast(run: &RunFile, setup: &Setup, grid: &Grid, holding: Holding, truth: bool) -> Result<Forecast> {
+pub(super) fn forecast(
+    run: &RunFile,
+    setup: &Setup,
+    grid: &Grid,
+    holding: Holding,
+    truth: bool,
+) -> Result<Forecast> {
     let plan = plan(setup, grid);
+    let design = design(setup, grid, run.reconstruct.window);
     let needs = needs(setup, grid, &run.reconstruct_options(), holding, rayon::current_num_threads())?;
-    let warnings = plan.warnings.clone();
+    let warnings = [plan.warnings.clone(), design.warnings.clone()].concat();
     let physics = compensation(run).into_iter().collect();
-    Ok(Forecast { plan, grid: *grid, needs, physics, files: outputs::names(run, truth), warnings })
+    Ok(Forecast { plan, design, grid: *grid, needs, physics, files: outputs::names(run, truth), warnings })
 }

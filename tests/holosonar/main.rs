@@ -6,6 +6,7 @@
 
 mod absurd;
 mod agreement;
+mod arrays;
 mod backprojection;
 mod binary;
 mod command;

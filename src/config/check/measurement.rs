@@ -103,7 +103,22 @@ impl Array {
                 "a monostatic scan has no speaker of its own",
             ));
         }
-        counts("array.count", &self.count, MOST_SAMPLES)?;
+        if let Some(count) = &self.count {
+            counts("array.count", count, MOST_SAMPLES)?;
+        }
+        if let Some(elements) = self.elements {
+            counts("array.elements", &[elements], MOST_SAMPLES)?;
+        }
+        if let Some(spacing) = self.spacing {
+            not_negative("array.spacing", spacing)?;
+        }
+        if self.count.is_some() && self.elements.is_some() {
+            return Err(clash(
+                "array.elements",
+                &["array.count"],
+                "`elements` and `count` both give the number of microphones",
+            ));
+        }
         for pitch in self.pitch.into_iter().flatten() {
             positive("array.pitch", pitch)?;
         }
@@ -117,7 +132,8 @@ impl Array {
                 "`extent` and `pitch` both give the array's size",
             ));
         }
-        for (extent, count) in self.extent.into_iter().flatten().zip(self.count) {
+        let count = self.count.filter(|_| self.layout == Layout::Grid);
+        for (extent, count) in self.extent.into_iter().flatten().zip(count.into_iter().flatten()) {
             if (extent > 0.0) != (count > 1) {
                 return Err(Fault {
                     partners: &["array.count"],
@@ -145,34 +161,62 @@ impl Array {
 
     fn check_layout(&self) -> Check {
         named("array.file", self.file.as_ref())?;
-        match (self.layout, &self.file) {
-            (Layout::Grid, None) => Ok(()),
-            (Layout::Grid, Some(_)) => {
-                Err(clash("array.file", &["array.layout"], "a file of microphones needs `layout = \"file\"`"))
-            }
-            (Layout::File, None) => Err(Fault::new(
-                "array.layout",
-                "layout \"file\" needs the key `file`, a CSV with the header x,y,z in metres",
-            )),
-            (Layout::File, Some(_)) => {
-                let plain = Self::before_filling();
-                let idle = [
-                    ("array.pitch", self.pitch.is_some()),
-                    ("array.extent", self.extent.is_some()),
-                    ("array.count", self.count != plain.count),
-                    ("array.centre", self.centre != plain.centre),
-                ];
-                match idle.into_iter().find(|(_, typed)| *typed) {
-                    Some((key, _)) => Err(clash(
-                        key,
-                        &["array.layout"],
-                        "with layout \"file\" the positions are the file's own",
-                    )),
-                    None => Ok(()),
-                }
+        let idle = |key: &str, why: &str| Err(clash(key, &["array.layout"], why));
+        if self.file.is_some() && self.layout != Layout::File {
+            return idle("array.file", "a file of microphones needs `layout = \"file\"`");
+        }
+        for (key, typed) in [("array.spacing", self.spacing.is_some()), ("array.seed", self.seed.is_some())] {
+            if typed && self.layout != Layout::Random {
+                return idle(key, "it scatters microphones at random, which needs `layout = \"random\"`");
             }
         }
+        match (self.layout, self.elements) {
+            (Layout::File, _) => self.check_file_layout(),
+            (Layout::Grid, Some(elements)) if square_root(elements).is_none() => {
+                let side = f64::from(elements).sqrt().round().max(1.0) as u32;
+                Err(Fault {
+                    partners: &["array.layout"],
+                    ..Fault::new(
+                        "array.elements",
+                        format!(
+                            "{elements} microphones make no square grid; expected a square such as {}, or `count = [x, y]`, \
+                             or layout \"spiral\" or \"random\"",
+                            side.saturating_mul(side)
+                        ),
+                    )
+                })
+            }
+            _ => Ok(()),
+        }
     }
+
+    fn check_file_layout(&self) -> Check {
+        if self.file.is_none() {
+            return Err(Fault::new(
+                "array.layout",
+                "layout \"file\" needs the key `file`, a CSV with the header x,y,z in metres or an Acoular XML",
+            ));
+        }
+        let idle = [
+            ("array.pitch", self.pitch.is_some()),
+            ("array.extent", self.extent.is_some()),
+            ("array.count", self.count.is_some()),
+            ("array.elements", self.elements.is_some()),
+            ("array.centre", self.centre != Self::before_filling().centre),
+        ];
+        match idle.into_iter().find(|(_, typed)| *typed) {
+            Some((key, _)) => {
+                Err(clash(key, &["array.layout"], "with layout \"file\" the positions are the file's own"))
+            }
+            None => Ok(()),
+        }
+    }
+}
+
+/// The side of a square of so many, if they make one.
+pub(in crate::config) fn square_root(elements: u32) -> Option<u32> {
+    let side = f64::from(elements).sqrt().round() as u32;
+    (side.checked_mul(side) == Some(elements)).then_some(side)
 }
 
 impl Detection {

@@ -4,7 +4,10 @@ use crate::acquisition::SIMULATION_TOLERANCE;
 use crate::config::choices::{DetectionKind, Geometry, InputFile, Layout, Model};
 use crate::wave::DEFAULT_SOUND_SPEED;
 use crate::wave::air::{Air, REFERENCE_PRESSURE};
-use serde::{Deserialize, Serialize};
+use serde::de::{self, IntoDeserializer, SeqAccess, Visitor};
+use serde::{Deserialize, Deserializer, Serialize};
+use std::fmt;
+use std::marker::PhantomData;
 
 /// `[medium]`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -91,15 +94,25 @@ pub struct Array {
     pub source: [f64; 3],
     /// Centre of the rectangle of microphones, m; it stays parallel to z = 0.
     pub centre: [f64; 3],
-    /// Microphones along x and y.
-    pub count: [u32; 2],
-    /// Distance between neighbours along x and y, m. Excludes `extent`.
+    /// Microphones along x and y; one number counts for both. Layouts that are no grid have as many in all.
+    #[serde(deserialize_with = "both")]
+    pub count: Option<[u32; 2]>,
+    /// Microphones in all, instead of `count`; those of a grid make a square.
+    pub elements: Option<u32>,
+    /// Distance between neighbours along x and y, m; one number counts for both. Excludes `extent`. Layouts that are no
+    /// grid cover the extent that a grid would.
+    #[serde(deserialize_with = "both")]
     pub pitch: Option<[f64; 2]>,
-    /// First to last microphone along x and y, m. Excludes `pitch`.
+    /// First to last microphone along x and y, m; one number counts for both. Excludes `pitch`.
+    #[serde(deserialize_with = "both")]
     pub extent: Option<[f64; 2]>,
     /// Where the positions come from.
     pub layout: Layout,
-    /// The microphones' positions (CSV with header `x,y,z`, m) for layout `file`.
+    /// Least distance between microphones of layout `random`, m.
+    pub spacing: Option<f64>,
+    /// Of layout `random`.
+    pub seed: Option<u32>,
+    /// The microphones' positions (CSV with header `x,y,z`, or Acoular's XML, m) for layout `file`.
     pub file: Option<InputFile>,
     /// Radius of the speaker, a piston that faces +z, m; 0: alike in all directions.
     pub speaker_radius: f64,
@@ -116,6 +129,9 @@ pub struct Array {
 }
 
 impl Array {
+    /// The count when neither `count` nor `elements` is typed.
+    pub(in crate::config) const COUNT: [u32; 2] = [64, 64];
+
     /// The pitch when neither `pitch` nor `extent` is typed, m.
     pub(in crate::config) const PITCH: [f64; 2] = [0.016, 0.016];
 
@@ -125,10 +141,13 @@ impl Array {
             geometry: Geometry::FixedSource,
             source: [0.0; 3],
             centre: [0.0; 3],
-            count: [64, 64],
+            count: None,
+            elements: None,
             pitch: None,
             extent: None,
             layout: Layout::Grid,
+            spacing: None,
+            seed: None,
             file: None,
             speaker_radius: 0.0,
             microphone_radius: 0.0,
@@ -142,8 +161,53 @@ impl Array {
 
 impl Default for Array {
     fn default() -> Self {
-        Self { pitch: Some(Self::PITCH), ..Self::before_filling() }
+        Self { count: Some(Self::COUNT), pitch: Some(Self::PITCH), ..Self::before_filling() }
     }
+}
+
+/// Reads `[along x, along y]`, or one number for both.
+fn both<'de, D: Deserializer<'de>, T: Deserialize<'de> + Copy>(
+    deserializer: D,
+) -> Result<Option<[T; 2]>, D::Error> {
+    #[derive(Clone, Copy)]
+    struct Both<T>([T; 2]);
+    impl<'de, T: Deserialize<'de> + Copy> Deserialize<'de> for Both<T> {
+        fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+            deserializer.deserialize_any(BothVisitor(PhantomData))
+        }
+    }
+    struct BothVisitor<T>(PhantomData<T>);
+    impl<'de, T: Deserialize<'de> + Copy> Visitor<'de> for BothVisitor<T> {
+        type Value = Both<T>;
+
+        fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+            f.write_str("[along x, along y], or one number for both")
+        }
+
+        fn visit_f64<E: de::Error>(self, value: f64) -> Result<Both<T>, E> {
+            T::deserialize(value.into_deserializer()).map(|value| Both([value; 2]))
+        }
+
+        fn visit_i64<E: de::Error>(self, value: i64) -> Result<Both<T>, E> {
+            T::deserialize(value.into_deserializer()).map(|value| Both([value; 2]))
+        }
+
+        fn visit_u64<E: de::Error>(self, value: u64) -> Result<Both<T>, E> {
+            T::deserialize(value.into_deserializer()).map(|value| Both([value; 2]))
+        }
+
+        fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<Both<T>, A::Error> {
+            let mut values: Vec<T> = Vec::new();
+            while let Some(value) = list.next_element()? {
+                values.push(value);
+            }
+            match values[..] {
+                [x, y] => Ok(Both([x, y])),
+                _ => Err(de::Error::invalid_length(values.len(), &self)),
+            }
+        }
+    }
+    Ok(Option::<Both<T>>::deserialize(deserializer)?.map(|both| both.0))
 }
 
 /// `[detection]`: what is measured, and how well.

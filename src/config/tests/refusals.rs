@@ -61,7 +61,7 @@ fn what_this_version_lacks_is_refused_with_what_it_has() {
         "[reconstruct]\nmethod = \"holographic\"",
         &["accepted: \"auto\", \"convolution\", \"backprojection\", \"direct\", \"linear\""],
     );
-    refused_with("[array]\nlayout = \"spiral\"", &["accepted: \"grid\", \"file\""]);
+    refused_with("[array]\nlayout = \"ring\"", &["accepted: \"grid\", \"spiral\", \"random\", \"file\""]);
     refused_with("[depth]\nview = \"isometric\"", &["accepted: \"orthographic\", \"perspective\""]);
     refused_with(
         "[output]\nformats = [\"exr\", \"vdb\"]",
@@ -141,6 +141,15 @@ fn values_outside_their_range_are_refused_at_their_line() {
         ("[array]\nlayout = \"file\"", &["needs the key `file`"]),
         ("[array]\nfile = \"a.csv\"", &["needs `layout = \"file\"`"]),
         ("[array]\nlayout = \"file\"\nfile = \"a.csv\"\ncount = [2, 2]", &["4:1", "the file's own"]),
+        ("[array]\nelements = 200", &["no square grid", "such as 196"]),
+        ("[array]\nelements = 0", &["array.elements", "at least 1"]),
+        ("[array]\nelements = 256\ncount = [16, 16]", &["keep one of the two"]),
+        ("[array]\nlayout = \"spiral\"\nseed = 2", &["3:1", "needs `layout = \"random\"`"]),
+        ("[array]\nspacing = 0.01", &["2:1", "needs `layout = \"random\"`"]),
+        ("[array]\nlayout = \"random\"\nspacing = -1", &["0 or more"]),
+        ("[array]\nlayout = \"random\"\nfile = \"a.csv\"", &["needs `layout = \"file\"`"]),
+        ("[array]\nextent = [1, 1, 1]", &["expected [along x, along y], or one number for both"]),
+        ("[array]\ncount = 3.5", &["the number 3.5"]),
         ("[array]\npitch = [1, 1]\nextent = [1, 1]", &["3:1, key `array.extent`", "keep one"]),
         ("[scene]\nfit = [0, 0, 1]\ntranslate = [0, 0, 1]", &["2:1, key `scene.fit`", "keep one"]),
         ("[scene]\nfit = [0, 0, 1]\nsensor = \"node:a\"", &["keep one"]),
