@@ -31,7 +31,11 @@ pub(super) struct Source<'t> {
 const DEEPEST: usize = 8;
 
 /// Pairs of keys of which one replaces the other, so that a `--set` of one can do without unsetting the other.
-const EXCLUSIVE: [[&str; 2]; 2] = [["scene.translate", "scene.fit"], ["array.pitch", "array.extent"]];
+const EXCLUSIVE: [[&str; 2]; 3] = [
+    ["scene.translate", "scene.fit"],
+    ["array.pitch", "array.extent"],
+    ["medium.sound_speed", "medium.temperature"],
+];
 
 impl<'t> Source<'t> {
     /// Parses `text`, which stands in `file`.
@@ -104,7 +108,16 @@ impl<'t> Source<'t> {
                 self.withdraw(one);
             }
         }
+        if path == "depth.view" && self.word("depth", "view") == Some("orthographic") {
+            for key in ["depth.fov", "depth.pixels"] {
+                self.withdraw(key);
+            }
+        }
         Ok(())
+    }
+
+    fn word(&self, table: &str, key: &str) -> Option<&str> {
+        self.values.get(table)?.get(key)?.as_str()
     }
 
     /// Takes `table.key` out when it was typed in the file; two contradicting `--set` are left to be refused.
