@@ -39,7 +39,8 @@ pub use cube::DataCube;
 pub use cube_file::CubeFile;
 pub use setup::{Instrument, Setup};
 pub use simulate::{
-    Noise, PropagationModel, SIMULATION_TOLERANCE, SimulateOptions, simulate, simulate_keeping,
+    ArrayErrors, Losses, Noise, PropagationModel, SIMULATION_TOLERANCE, SimulateOptions, simulate,
+    simulate_keeping,
 };
 pub use source::{CubeSource, Visit};
 pub use sweep::Sweep;

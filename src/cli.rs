@@ -5,6 +5,7 @@
 
 mod browser;
 mod commands;
+mod design;
 mod info;
 mod inputs;
 mod manual;
@@ -182,6 +183,27 @@ enum Command {
         /// Run file for a cube: its [grid], [reconstruct] and [output].
         #[arg(short, long, value_name = "RUN.toml")]
         config: Option<PathBuf>,
+        /// Plan every value of a key, as in array.extent=0.5:2:0.25 or array.layout=grid,spiral,random (repeatable).
+        #[arg(long, value_name = "KEY=VALUES", conflicts_with = "config")]
+        sweep: Vec<String>,
+        /// Folder for sweep.png and sweep.json; made if missing.
+        #[arg(short, long, value_name = "DIR", requires = "sweep")]
+        output: Option<PathBuf>,
+        #[command(flatten)]
+        overrides: Overrides,
+    },
+    /// What a point looks like: widths, sidelobes and ghosts, measured on a simulated reflector and as foretold.
+    ///
+    /// INPUT is a run file, a bare mesh or a list of reflectors; of its scene only the size counts, for the grid.
+    Psf {
+        /// Run file, mesh or reflector list.
+        input: PathBuf,
+        /// A point in m (repeatable) [default: the middle of the grid's nearest, middle and farthest depth].
+        #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
+        at: Vec<String>,
+        /// Folder for psf.png and psf.json; made if missing.
+        #[arg(short, long, value_name = "DIR")]
+        output: Option<PathBuf>,
         #[command(flatten)]
         overrides: Overrides,
     },
@@ -194,18 +216,26 @@ enum Command {
         /// Range resolution c/2B in m, when neither file says it.
         #[arg(long, value_name = "M")]
         resolution: Option<f64>,
-        /// Least value of a metric, as in completeness=0.65 (repeatable).
+        /// Least value of a metric, as in completeness=0.65; of a material completeness:glass=0.8, of each pixel's
+        /// second surface completeness#2=0.8 (repeatable).
         #[arg(long, value_name = "NAME=VALUE")]
         min: Vec<String>,
-        /// Greatest value of a metric, as in median_error=0.01 (repeatable).
+        /// Greatest value of a metric, as in median_error=0.01, named as for --min (repeatable).
         #[arg(long, value_name = "NAME=VALUE")]
         max: Vec<String>,
+        /// Draw the error, found minus true, into this file.
+        #[arg(long, value_name = "ERROR.png")]
+        png: Option<PathBuf>,
     },
     /// Runs scenes and holds each to its [expect]: one line a scene, exit status 3 if one misses.
     Check {
         /// Run files.
         #[arg(required = true)]
         runs: Vec<PathBuf>,
+        /// Seeds of [reflectors] to run each scene with, as in 1,2,3; the mean is held to the limits [default: those
+        /// of [expect], or the scene's own].
+        #[arg(long, value_name = "N,N,..", value_delimiter = ',')]
+        seeds: Vec<u32>,
         #[command(flatten)]
         overrides: Overrides,
     },

@@ -85,6 +85,7 @@ pub mod depth;
 pub mod truth;
 pub mod metrics;
 pub mod plan;
+pub mod psf;
 pub mod export;
 pub mod checkpoint;
 pub mod reproduce;

@@ -1,5 +1,8 @@
 //! The microphones: a rectangular lattice, or any scattered positions.
 
+mod position_file;
+mod scattered;
+
 use crate::error::{Error, Result};
 use crate::grid::Axis;
 use crate::scene::FARTHEST;

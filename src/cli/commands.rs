@@ -3,7 +3,7 @@
 use super::inputs::{check_kind, config_of, has_extension, scene_of};
 use super::terminal::{Terminal, print};
 use super::verdicts::{check, compare};
-use super::{Cli, Command, Overrides, browser, info, manual, reproduce, summary};
+use super::{Cli, Command, Overrides, browser, design, info, manual, reproduce, summary};
 use clap::CommandFactory;
 use holosonar::acquisition::CubeFile;
 use holosonar::checkpoint::Checkpoint;
@@ -76,7 +76,19 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
             pipeline::write_depth(output, &map, &run, &facts)?;
             wrote(std::slice::from_ref(output), json, terminal)
         }
-        Command::Plan { input, config, overrides } => {
+        Command::Plan { input, sweep, output, overrides, .. } if !sweep.is_empty() => {
+            if has_extension(input, &["npz"]) {
+                return Err(Error::input(
+                    input.display(),
+                    "is a cube, whose array is fixed; a sweep needs a run file",
+                ));
+            }
+            design::sweep(input, sweep, output.as_deref(), overrides, json, terminal)
+        }
+        Command::Psf { input, at, output, overrides } => {
+            design::psf(input, at, output.as_deref(), overrides, json, terminal)
+        }
+        Command::Plan { input, config, overrides, .. } => {
             let forecast = if has_extension(input, &["npz"]) {
                 let run = config_of(config.as_deref(), &overrides.keys())?;
                 pipeline::forecast_cube(&run, &CubeFile::open(input, reading_limit())?)?
@@ -93,25 +105,14 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
                     serde_json::to_value(&forecast).map_err(|e| Error::environment("plan", e.to_string()))?;
                 return print(&pretty(&value));
             }
-            print(&summary::forecast(&forecast))
+            print(&(summary::forecast(&forecast) + &design::design(&forecast.design)))
         }
-        Command::Compare { result, truth, resolution, min, max } => {
-            compare(result, truth, *resolution, min, max, json)
+        Command::Compare { result, truth, resolution, min, max, png } => {
+            compare(result, truth, *resolution, min, max, png.as_deref(), json)
         }
-        Command::Check { runs, overrides } => check(runs, overrides, json, terminal),
+        Command::Check { runs, overrides, seeds } => check(runs, overrides, seeds, json, terminal),
         Command::Reproduce { output } => reproduce::run(output.as_deref(), json, terminal),
-        Command::Report { folder, open } => {
-            if !folder.is_dir() {
-                return Err(Error::input(
-                    folder.display(),
-                    "no such folder; one that `holosonar image ... -o` wrote was expected",
-                ));
-            }
-            let page =
-                stage(terminal, "packing the page", 0, || pipeline::write_page(folder, reading_limit()))?;
-            wrote(std::slice::from_ref(&page), json, terminal)?;
-            if *open { browser::open(&page) } else { Ok(()) }
-        }
+        Command::Report { folder, open } => report(folder, *open, json, terminal),
         Command::Info { file, overrides } => {
             let facts = info::of(file, overrides, reading_limit(), terminal)?;
             print(&if json { pretty(&facts) } else { summary::facts(&facts) })
@@ -125,6 +126,19 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
             print_text(&String::from_utf8_lossy(&script), json)
         }
     }
+}
+
+/// Makes the page of a folder of results, and shows it if asked to.
+fn report(folder: &Path, open: bool, json: bool, terminal: &Terminal) -> Result<()> {
+    if !folder.is_dir() {
+        return Err(Error::input(
+            folder.display(),
+            "no such folder; one that `holosonar image ... -o` wrote was expected",
+        ));
+    }
+    let page = stage(terminal, "packing the page", 0, || pipeline::write_page(folder, reading_limit()))?;
+    wrote(std::slice::from_ref(&page), json, terminal)?;
+    if open { browser::open(&page) } else { Ok(()) }
 }
 
 /// Images an input into a folder that is there.
@@ -204,7 +218,7 @@ fn no_config(config: Option<&Path>) -> Result<()> {
 }
 
 /// Refuses an output name before any work is done for it.
-fn check_extension(path: &Path, extensions: &[&str]) -> Result<()> {
+pub(super) fn check_extension(path: &Path, extensions: &[&str]) -> Result<()> {
     if has_extension(path, extensions) {
         return Ok(());
     }

@@ -4,6 +4,8 @@ mod measurement;
 mod results;
 mod scene;
 
+pub(super) use measurement::square_root;
+
 use super::RunFile;
 use super::range::Check;
 

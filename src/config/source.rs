@@ -31,7 +31,22 @@ pub(super) struct Source<'t> {
 const DEEPEST: usize = 8;
 
 /// Pairs of keys of which one replaces the other, so that a `--set` of one can do without unsetting the other.
-const EXCLUSIVE: [[&str; 2]; 2] = [["scene.translate", "scene.fit"], ["array.pitch", "array.extent"]];
+const EXCLUSIVE: [[&str; 2]; 4] = [
+    ["scene.translate", "scene.fit"],
+    ["array.pitch", "array.extent"],
+    ["array.count", "array.elements"],
+    ["medium.sound_speed", "medium.temperature"],
+];
+
+/// Keys that mean something beside one word of another key alone: key, that other key, the word. A `--set` of another
+/// word withdraws them.
+const OF_WORD: [[&str; 3]; 5] = [
+    ["array.file", "array.layout", "file"],
+    ["array.spacing", "array.layout", "random"],
+    ["array.seed", "array.layout", "random"],
+    ["depth.fov", "depth.view", "perspective"],
+    ["depth.pixels", "depth.view", "perspective"],
+];
 
 impl<'t> Source<'t> {
     /// Parses `text`, which stands in `file`.
@@ -92,6 +107,7 @@ impl<'t> Source<'t> {
         }
         let slot;
         (slot, path) = descend(at, &path, last).map_err(wrong)?;
+        let word = value.as_str().unwrap_or_default().to_owned();
         *slot = value;
 
         let inner = [format!("{path}."), format!("{path}[")];
@@ -102,6 +118,11 @@ impl<'t> Source<'t> {
                 self.withdraw(other);
             } else if path == other {
                 self.withdraw(one);
+            }
+        }
+        for [key, decider, owner] in OF_WORD {
+            if path == decider && word != owner {
+                self.withdraw(key);
             }
         }
         Ok(())

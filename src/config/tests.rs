@@ -75,7 +75,7 @@ fn every_scene_has_voxels_on_a_lattice_shared_with_its_array() {
         let run = RunFile::load(&scenes().join(name).with_extension("toml"), &[]).unwrap();
         let pitch = run.grid.pitch.unwrap();
         for (axis, ends) in [run.grid.x.unwrap(), run.grid.y.unwrap()].into_iter().enumerate() {
-            let intervals = f64::from(run.array.count[axis] - 1);
+            let intervals = f64::from(run.array.count.unwrap()[axis] - 1);
             let mics = run
                 .array
                 .pitch
@@ -109,7 +109,21 @@ fn the_annotated_file_means_the_corner() {
             let key = line.strip_prefix("# ").filter(|rest| {
                 rest.starts_with("[[") || rest.split_once(" = ").is_some_and(|(key, _)| !key.contains(' '))
             });
-            let kept = ["translate", "sensor", "pitch", "file", "#"];
+            let kept = [
+                "translate",
+                "sensor",
+                "elements",
+                "pitch",
+                "spacing = 0.016",
+                "seed",
+                "file",
+                "fov",
+                "pixels",
+                "temperature",
+                "humidity",
+                "pressure",
+                "#",
+            ];
             key.filter(|rest| !kept.iter().any(|key| rest.starts_with(key))).unwrap_or(line)
         })
         .collect();
@@ -188,4 +202,38 @@ fn overrides_are_values_or_bare_words() {
     assert_eq!(run.expect.limits["rmse"], Limit { min: None, max: Some(0.1) });
     let run = read_with(text, &["materials=[{name=\"b\"}]"]).unwrap();
     assert_eq!(run.materials[0].name, "b");
+}
+
+#[test]
+fn the_speed_of_sound_is_typed_or_that_of_the_air() {
+    assert_eq!(read("").unwrap().medium.speed(), 343.0);
+    assert_eq!(read("[medium]\nsound_speed = 1480").unwrap().medium.speed(), 1480.0);
+    let run = read("[medium]\ntemperature = 20\nhumidity = 0\nabsorption = true").unwrap();
+    assert!((run.medium.speed() - 343.2).abs() < 0.05);
+    assert_eq!(run.simulate_options().losses.air, run.medium.air());
+    let again = RunFile::from_str_at(&run.to_toml(), "resolved", Path::new("folder"), &[]).unwrap();
+    assert_eq!(run, again);
+    // Overriding the one withdraws the other.
+    let run = read_with("[medium]\nsound_speed = 340", &["medium.temperature=0"]).unwrap();
+    assert_eq!((run.medium.sound_speed, run.medium.humidity), (None, Some(50.0)));
+    assert_eq!(run.simulate_options().losses.air, None, "it absorbs only when asked to");
+}
+
+#[test]
+fn one_run_file_serves_every_layout_with_as_many_microphones() {
+    let text = "[array]\ncount = [16, 16]\nextent = 1.0";
+    for layout in ["grid", "spiral", "random"] {
+        let array = read_with(text, &[&format!("array.layout={layout}")]).unwrap().microphones().unwrap();
+        assert_eq!(array.len(), 256, "{layout}");
+        assert!((array.extent().x - 1.0).abs() < 0.1, "{layout}: {}", array.extent());
+    }
+    let elements = read("[array]\nelements = 256\npitch = 0.02").unwrap();
+    assert_eq!(elements.microphones().unwrap().lattice().unwrap().x.count, 16);
+    let again = RunFile::from_str_at(&elements.to_toml(), "resolved", Path::new("folder"), &[]).unwrap();
+    assert_eq!(elements, again);
+    // What belongs to another layout alone gives way to a layout on the command line, and the number to another number.
+    let random = "[array]\nlayout = \"random\"\nelements = 256\nextent = [1, 1]\nseed = 4\nspacing = 0.02";
+    assert!(read(random).unwrap().microphones().unwrap().lattice().is_none());
+    assert!(read_with(random, &["array.layout=grid"]).unwrap().microphones().unwrap().lattice().is_some());
+    assert_eq!(read_with(random, &["array.count=9"]).unwrap().microphones().unwrap().len(), 81);
 }

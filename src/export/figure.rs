@@ -5,14 +5,18 @@
 
 mod bar;
 mod canvas;
+mod chart;
 mod layout;
 mod lettering;
 mod results;
+mod spread;
 mod ticks;
 
+pub use chart::{Chart, ChartAxis, write_charts};
 pub use results::{
     DepthKind, depth_range, error_limit, write_amplitude_figure, write_depth_figure, write_error_figure,
 };
+pub use spread::write_spread_figure;
 
 use crate::error::Result;
 use crate::grid::Axis;

@@ -19,7 +19,7 @@ use crate::export::volume_vti::stream_volume_vti;
 use crate::export::{Components, Encoding, VolumeFile, fits_float16};
 use crate::files::{extension, write_atomically};
 use crate::grid::{DepthMap, Grid, Volume};
-use crate::metrics::error_map;
+use crate::metrics::{Metrics, error_map};
 use crate::progress::{Observer, stage};
 use crate::reconstruct::{Made, VolumeSink};
 use num_complex::Complex32;
@@ -296,10 +296,13 @@ pub fn write_cube(path: &Path, cube: &DataCube) -> Result<()> {
 /// Draws the error with its median and rms.
 fn write_error(path: &Path, outcome: &Outcome, truth: &DepthMap) -> Result<()> {
     let errors = error_map(&outcome.depth, truth)?;
-    let millimetres = |value: Option<f64>| value.map_or("none".to_owned(), |m| format!("{:.1} mm", m * 1e3));
-    let metrics = outcome.metrics.unwrap_or_default();
-    let note =
-        format!("median |error| {}, rms {}", millimetres(metrics.median_error), millimetres(metrics.rmse));
     let resolution = outcome.instrument.setup().range_resolution().unwrap_or(f64::NAN);
-    write_error_figure(path, &errors, [truth.x, truth.y], resolution, &note)
+    let note = error_note(&outcome.metrics.unwrap_or_default());
+    write_error_figure(path, &errors, &truth.raster(), resolution, &note)
+}
+
+/// The line above an error figure.
+pub fn error_note(metrics: &Metrics) -> String {
+    let millimetres = |value: Option<f64>| value.map_or("none".to_owned(), |m| format!("{:.1} mm", m * 1e3));
+    format!("median |error| {}, rms {}", millimetres(metrics.median_error), millimetres(metrics.rmse))
 }

@@ -6,6 +6,7 @@
 
 mod absurd;
 mod agreement;
+mod arrays;
 mod backprojection;
 mod binary;
 mod command;
@@ -15,6 +16,8 @@ mod linear;
 mod mutation;
 mod orientation;
 mod parsers;
+mod perspective;
+mod physics;
 mod plan;
 mod point;
 mod reference;

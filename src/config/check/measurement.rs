@@ -7,7 +7,48 @@ use crate::config::{Array, Detection, Geometry, Layout, Medium, Sweep};
 
 impl Medium {
     pub(super) fn check(&self) -> Check {
-        positive("medium.sound_speed", self.sound_speed)
+        self.sound_speed.map_or(Ok(()), |speed| positive("medium.sound_speed", speed))?;
+        let Some(air) = self.air() else {
+            let idle = [
+                ("medium.humidity", self.humidity.is_some()),
+                ("medium.pressure", self.pressure.is_some()),
+                ("medium.absorption", self.absorption),
+            ];
+            return match idle.into_iter().find(|(_, typed)| *typed) {
+                Some((key, _)) => Err(Fault::new(
+                    key,
+                    "belongs to air of a known temperature; give `temperature` too, in degrees Celsius, in place of \
+                     `sound_speed`",
+                )),
+                None => Ok(()),
+            };
+        };
+        if self.sound_speed.is_some() {
+            return Err(clash(
+                "medium.temperature",
+                &["medium.sound_speed"],
+                "the speed of sound follows from the temperature",
+            ));
+        }
+        within("medium.temperature", air.temperature, -50.0, 60.0, "degrees Celsius from -50 to 60")?;
+        within("medium.humidity", air.humidity, 0.0, 100.0, "a relative humidity from 0 to 100 %")?;
+        within(
+            "medium.pressure",
+            air.pressure,
+            1e4,
+            1e6,
+            "a pressure from 1e4 to 1e6 Pa (sea level has 101325)",
+        )?;
+        if air.water() > 0.25 {
+            return Err(Fault {
+                partners: &["medium.temperature", "medium.pressure"],
+                ..Fault::new(
+                    "medium.humidity",
+                    format!("{:.0} % of that air would be water; expected 25 % at most", 100.0 * air.water()),
+                )
+            });
+        }
+        Ok(())
     }
 }
 
@@ -62,7 +103,22 @@ impl Array {
                 "a monostatic scan has no speaker of its own",
             ));
         }
-        counts("array.count", &self.count, MOST_SAMPLES)?;
+        if let Some(count) = &self.count {
+            counts("array.count", count, MOST_SAMPLES)?;
+        }
+        if let Some(elements) = self.elements {
+            counts("array.elements", &[elements], MOST_SAMPLES)?;
+        }
+        if let Some(spacing) = self.spacing {
+            not_negative("array.spacing", spacing)?;
+        }
+        if self.count.is_some() && self.elements.is_some() {
+            return Err(clash(
+                "array.elements",
+                &["array.count"],
+                "`elements` and `count` both give the number of microphones",
+            ));
+        }
         for pitch in self.pitch.into_iter().flatten() {
             positive("array.pitch", pitch)?;
         }
@@ -76,7 +132,8 @@ impl Array {
                 "`extent` and `pitch` both give the array's size",
             ));
         }
-        for (extent, count) in self.extent.into_iter().flatten().zip(self.count) {
+        let count = self.count.filter(|_| self.layout == Layout::Grid);
+        for (extent, count) in self.extent.into_iter().flatten().zip(count.into_iter().flatten()) {
             if (extent > 0.0) != (count > 1) {
                 return Err(Fault {
                     partners: &["array.count"],
@@ -90,39 +147,76 @@ impl Array {
                 });
             }
         }
+        for (key, value) in [
+            ("array.speaker_radius", self.speaker_radius),
+            ("array.microphone_radius", self.microphone_radius),
+            ("array.position_error", self.position_error),
+        ] {
+            within(key, value, 0.0, 1e3, "a length in metres, 0 or more")?;
+        }
+        within("array.gain_error_db", self.gain_error_db, 0.0, 60.0, "an rms from 0 to 60 dB")?;
+        within("array.phase_error", self.phase_error, 0.0, 360.0, "an rms from 0 to 360 degrees")?;
         self.check_layout()
     }
 
     fn check_layout(&self) -> Check {
         named("array.file", self.file.as_ref())?;
-        match (self.layout, &self.file) {
-            (Layout::Grid, None) => Ok(()),
-            (Layout::Grid, Some(_)) => {
-                Err(clash("array.file", &["array.layout"], "a file of microphones needs `layout = \"file\"`"))
-            }
-            (Layout::File, None) => Err(Fault::new(
-                "array.layout",
-                "layout \"file\" needs the key `file`, a CSV with the header x,y,z in metres",
-            )),
-            (Layout::File, Some(_)) => {
-                let plain = Self::before_filling();
-                let idle = [
-                    ("array.pitch", self.pitch.is_some()),
-                    ("array.extent", self.extent.is_some()),
-                    ("array.count", self.count != plain.count),
-                    ("array.centre", self.centre != plain.centre),
-                ];
-                match idle.into_iter().find(|(_, typed)| *typed) {
-                    Some((key, _)) => Err(clash(
-                        key,
-                        &["array.layout"],
-                        "with layout \"file\" the positions are the file's own",
-                    )),
-                    None => Ok(()),
-                }
+        let idle = |key: &str, why: &str| Err(clash(key, &["array.layout"], why));
+        if self.file.is_some() && self.layout != Layout::File {
+            return idle("array.file", "a file of microphones needs `layout = \"file\"`");
+        }
+        for (key, typed) in [("array.spacing", self.spacing.is_some()), ("array.seed", self.seed.is_some())] {
+            if typed && self.layout != Layout::Random {
+                return idle(key, "it scatters microphones at random, which needs `layout = \"random\"`");
             }
         }
+        match (self.layout, self.elements) {
+            (Layout::File, _) => self.check_file_layout(),
+            (Layout::Grid, Some(elements)) if square_root(elements).is_none() => {
+                let side = f64::from(elements).sqrt().round().max(1.0) as u32;
+                Err(Fault {
+                    partners: &["array.layout"],
+                    ..Fault::new(
+                        "array.elements",
+                        format!(
+                            "{elements} microphones make no square grid; expected a square such as {}, or `count = [x, y]`, \
+                             or layout \"spiral\" or \"random\"",
+                            side.saturating_mul(side)
+                        ),
+                    )
+                })
+            }
+            _ => Ok(()),
+        }
     }
+
+    fn check_file_layout(&self) -> Check {
+        if self.file.is_none() {
+            return Err(Fault::new(
+                "array.layout",
+                "layout \"file\" needs the key `file`, a CSV with the header x,y,z in metres or an Acoular XML",
+            ));
+        }
+        let idle = [
+            ("array.pitch", self.pitch.is_some()),
+            ("array.extent", self.extent.is_some()),
+            ("array.count", self.count.is_some()),
+            ("array.elements", self.elements.is_some()),
+            ("array.centre", self.centre != Self::before_filling().centre),
+        ];
+        match idle.into_iter().find(|(_, typed)| *typed) {
+            Some((key, _)) => {
+                Err(clash(key, &["array.layout"], "with layout \"file\" the positions are the file's own"))
+            }
+            None => Ok(()),
+        }
+    }
+}
+
+/// The side of a square of so many, if they make one.
+pub(in crate::config) fn square_root(elements: u32) -> Option<u32> {
+    let side = f64::from(elements).sqrt().round() as u32;
+    (side.checked_mul(side) == Some(elements)).then_some(side)
 }
 
 impl Detection {

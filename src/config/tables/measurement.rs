@@ -3,19 +3,66 @@
 use crate::acquisition::SIMULATION_TOLERANCE;
 use crate::config::choices::{DetectionKind, Geometry, InputFile, Layout, Model};
 use crate::wave::DEFAULT_SOUND_SPEED;
-use serde::{Deserialize, Serialize};
+use crate::wave::air::{Air, REFERENCE_PRESSURE};
+use serde::de::{self, IntoDeserializer, SeqAccess, Visitor};
+use serde::{Deserialize, Deserializer, Serialize};
+use std::fmt;
+use std::marker::PhantomData;
 
 /// `[medium]`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
+#[serde(default = "Medium::before_filling", deny_unknown_fields)]
 pub struct Medium {
-    /// Speed of sound, m/s.
-    pub sound_speed: f64,
+    /// Speed of sound, m/s. Excludes `temperature`, from which it would follow.
+    pub sound_speed: Option<f64>,
+    /// Of the air, °C.
+    pub temperature: Option<f64>,
+    /// Relative humidity of the air, %; needs `temperature`.
+    pub humidity: Option<f64>,
+    /// Of the air, Pa; needs `temperature`.
+    pub pressure: Option<f64>,
+    /// Whether amplitudes fall with distance, `(1 m)²/(d₁ d₂)`.
+    pub spreading: bool,
+    /// Whether the air absorbs (ISO 9613-1); needs `temperature`.
+    pub absorption: bool,
+}
+
+impl Medium {
+    /// Humidity in % and pressure in Pa of air of which only the temperature is typed.
+    pub(in crate::config) const HUMIDITY: f64 = 50.0;
+    pub(in crate::config) const PRESSURE: f64 = REFERENCE_PRESSURE;
+
+    /// The defaults before it is known whether `temperature` was typed.
+    pub(in crate::config) fn before_filling() -> Self {
+        Self {
+            sound_speed: None,
+            temperature: None,
+            humidity: None,
+            pressure: None,
+            spreading: false,
+            absorption: false,
+        }
+    }
+
+    /// The air, if its temperature was typed.
+    pub fn air(&self) -> Option<Air> {
+        self.temperature.map(|temperature| Air {
+            temperature,
+            humidity: self.humidity.unwrap_or(Self::HUMIDITY),
+            pressure: self.pressure.unwrap_or(Self::PRESSURE),
+        })
+    }
+
+    /// Speed of sound c, typed or that of the air, m/s.
+    pub fn speed(&self) -> f64 {
+        let air = || self.air().map(|air| air.sound_speed());
+        self.sound_speed.or_else(air).unwrap_or(DEFAULT_SOUND_SPEED)
+    }
 }
 
 impl Default for Medium {
     fn default() -> Self {
-        Self { sound_speed: DEFAULT_SOUND_SPEED }
+        Self { sound_speed: Some(DEFAULT_SOUND_SPEED), ..Self::before_filling() }
     }
 }
 
@@ -47,19 +94,44 @@ pub struct Array {
     pub source: [f64; 3],
     /// Centre of the rectangle of microphones, m; it stays parallel to z = 0.
     pub centre: [f64; 3],
-    /// Microphones along x and y.
-    pub count: [u32; 2],
-    /// Distance between neighbours along x and y, m. Excludes `extent`.
+    /// Microphones along x and y; one number counts for both. Layouts that are no grid have as many in all.
+    #[serde(deserialize_with = "both")]
+    pub count: Option<[u32; 2]>,
+    /// Microphones in all, instead of `count`; those of a grid make a square.
+    pub elements: Option<u32>,
+    /// Distance between neighbours along x and y, m; one number counts for both. Excludes `extent`. Layouts that are no
+    /// grid cover the extent that a grid would.
+    #[serde(deserialize_with = "both")]
     pub pitch: Option<[f64; 2]>,
-    /// First to last microphone along x and y, m. Excludes `pitch`.
+    /// First to last microphone along x and y, m; one number counts for both. Excludes `pitch`.
+    #[serde(deserialize_with = "both")]
     pub extent: Option<[f64; 2]>,
     /// Where the positions come from.
     pub layout: Layout,
-    /// The microphones' positions (CSV with header `x,y,z`, m) for layout `file`.
+    /// Least distance between microphones of layout `random`, m.
+    pub spacing: Option<f64>,
+    /// Of layout `random`.
+    pub seed: Option<u32>,
+    /// The microphones' positions (CSV with header `x,y,z`, or Acoular's XML, m) for layout `file`.
     pub file: Option<InputFile>,
+    /// Radius of the speaker, a piston that faces +z, m; 0: alike in all directions.
+    pub speaker_radius: f64,
+    /// Radius of the microphones, m; likewise.
+    pub microphone_radius: f64,
+    /// Errors of the microphones' gains, dB rms.
+    pub gain_error_db: f64,
+    /// Errors of their phases, degrees rms.
+    pub phase_error: f64,
+    /// Errors of their positions, m rms along each axis.
+    pub position_error: f64,
+    /// Seed of these errors alone.
+    pub error_seed: u32,
 }
 
 impl Array {
+    /// The count when neither `count` nor `elements` is typed.
+    pub(in crate::config) const COUNT: [u32; 2] = [64, 64];
+
     /// The pitch when neither `pitch` nor `extent` is typed, m.
     pub(in crate::config) const PITCH: [f64; 2] = [0.016, 0.016];
 
@@ -69,19 +141,73 @@ impl Array {
             geometry: Geometry::FixedSource,
             source: [0.0; 3],
             centre: [0.0; 3],
-            count: [64, 64],
+            count: None,
+            elements: None,
             pitch: None,
             extent: None,
             layout: Layout::Grid,
+            spacing: None,
+            seed: None,
             file: None,
+            speaker_radius: 0.0,
+            microphone_radius: 0.0,
+            gain_error_db: 0.0,
+            phase_error: 0.0,
+            position_error: 0.0,
+            error_seed: 1,
         }
     }
 }
 
 impl Default for Array {
     fn default() -> Self {
-        Self { pitch: Some(Self::PITCH), ..Self::before_filling() }
+        Self { count: Some(Self::COUNT), pitch: Some(Self::PITCH), ..Self::before_filling() }
     }
+}
+
+/// Reads `[along x, along y]`, or one number for both.
+fn both<'de, D: Deserializer<'de>, T: Deserialize<'de> + Copy>(
+    deserializer: D,
+) -> Result<Option<[T; 2]>, D::Error> {
+    #[derive(Clone, Copy)]
+    struct Both<T>([T; 2]);
+    impl<'de, T: Deserialize<'de> + Copy> Deserialize<'de> for Both<T> {
+        fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+            deserializer.deserialize_any(BothVisitor(PhantomData))
+        }
+    }
+    struct BothVisitor<T>(PhantomData<T>);
+    impl<'de, T: Deserialize<'de> + Copy> Visitor<'de> for BothVisitor<T> {
+        type Value = Both<T>;
+
+        fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+            f.write_str("[along x, along y], or one number for both")
+        }
+
+        fn visit_f64<E: de::Error>(self, value: f64) -> Result<Both<T>, E> {
+            T::deserialize(value.into_deserializer()).map(|value| Both([value; 2]))
+        }
+
+        fn visit_i64<E: de::Error>(self, value: i64) -> Result<Both<T>, E> {
+            T::deserialize(value.into_deserializer()).map(|value| Both([value; 2]))
+        }
+
+        fn visit_u64<E: de::Error>(self, value: u64) -> Result<Both<T>, E> {
+            T::deserialize(value.into_deserializer()).map(|value| Both([value; 2]))
+        }
+
+        fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<Both<T>, A::Error> {
+            let mut values: Vec<T> = Vec::new();
+            while let Some(value) = list.next_element()? {
+                values.push(value);
+            }
+            match values[..] {
+                [x, y] => Ok(Both([x, y])),
+                _ => Err(de::Error::invalid_length(values.len(), &self)),
+            }
+        }
+    }
+    Ok(Option::<Both<T>>::deserialize(deserializer)?.map(|both| both.0))
 }
 
 /// `[detection]`: what is measured, and how well.

@@ -1,0 +1,292 @@
+//! Designing an array: one forecast for every combination of swept keys, and point-spread functions.
+
+use super::echoes::Measurement;
+use super::forecast::forecast;
+use super::{is_csv, scene_path};
+use crate::config::{self, RunFile};
+use crate::error::{Error, Result};
+use crate::grid::{Axis, Grid};
+use crate::plan::design::Verdict;
+use crate::plan::{Holding, check_simulation, memory_limit};
+use crate::progress::{Observer, advance, stage};
+use crate::psf::{PointSpread, point_spread};
+use crate::reflectors::Reflectors;
+use crate::scene::Scene;
+use glam::DVec3;
+use serde::Serialize;
+
+/// Most combinations of a sweep: each takes a fraction of a second.
+const MOST_COMBINATIONS: usize = 2000;
+
+/// A key of the run file and the values it is to take.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct SweptKey {
+    /// `table.key`.
+    pub key: String,
+    /// Values as they would be typed after `--set table.key=`.
+    pub values: Vec<String>,
+}
+
+/// What one combination comes to; lengths in m.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[non_exhaustive]
+pub struct DesignRow {
+    /// Microphones and tones.
+    pub microphones: usize,
+    /// Number of tones.
+    pub tones: usize,
+    /// Δd = c/2B.
+    pub range_resolution: Option<f64>,
+    /// Full widths of a point at −3 dB along x before the array's centre: near, middle, far.
+    pub widths: [Option<f64>; 3],
+    /// Of lattices by their pitch.
+    pub verdict: Verdict,
+    /// Least distance of a ghost from its point at the nearest depth, where there are ghosts in the grid.
+    pub ghost_offset: Option<f64>,
+    /// Strongest ghost or sidelobe within the grid, with the window, dB.
+    pub peak_sidelobe_db: Option<f64>,
+    /// Mean power of the sidelobes of one tone, dB.
+    pub mean_sidelobe_db: Option<f64>,
+    /// Memory at the peak.
+    pub peak_bytes: u64,
+    /// Of the reconstruction.
+    pub seconds: f64,
+}
+
+/// One line of a sweep.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[non_exhaustive]
+pub struct Combination {
+    /// One value per key.
+    pub values: Vec<String>,
+    /// What it comes to.
+    pub design: Option<DesignRow>,
+    /// Why it comes to nothing.
+    pub refused: Option<String>,
+}
+
+/// A sweep of run-file keys.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[non_exhaustive]
+pub struct DesignSweep {
+    /// The keys.
+    pub keys: Vec<String>,
+    /// Every combination, the last key fastest.
+    pub combinations: Vec<Combination>,
+}
+
+impl SweptKey {
+    /// Reads `KEY=FROM:TO:STEP`, both ends included, or `KEY=a,b,c`; commas within brackets belong to a value.
+    ///
+    /// # Errors
+    /// Neither; a range that never ends, or of more than 2000 values.
+    pub fn parse(typed: &str) -> Result<Self> {
+        let wrong = |problem: &str| {
+            Error::input(
+                format!("--sweep {}", typed.chars().take(60).collect::<String>()),
+                format!("{problem}; expected KEY=FROM:TO:STEP, as in array.extent=0.5:2:0.25, or KEY=a,b,c"),
+            )
+        };
+        let (key, values) = typed.split_once('=').ok_or_else(|| wrong("has no `=`"))?;
+        let (key, values) = (key.trim().to_owned(), values.trim());
+        if key.is_empty() || values.is_empty() {
+            return Err(wrong("lacks its key or its values"));
+        }
+        let numbers: Option<Vec<f64>> = values.split(':').map(|part| part.trim().parse().ok()).collect();
+        if let Some([from, to, step]) = numbers.as_deref() {
+            let intervals = ((to - from) / step + 1e-6).floor();
+            if !(intervals >= 0.0 && intervals < MOST_COMBINATIONS as f64) {
+                return Err(wrong("is a range that never ends, or of more than 2000 values"));
+            }
+            // Rounded as typed numbers are, so that 0.1 + 0.2 is 0.3.
+            let value = |i: usize| ((from + i as f64 * step) * 1e9).round() / 1e9;
+            let values = (0..=intervals as usize).map(|i| value(i).to_string()).collect();
+            return Ok(Self { key, values });
+        }
+        let mut list = vec![String::new()];
+        let mut depth = 0_i32;
+        for c in values.chars() {
+            match c {
+                '[' | '{' => depth += 1,
+                ']' | '}' => depth -= 1,
+                _ => {}
+            }
+            match list.last_mut() {
+                Some(last) if c != ',' || depth > 0 => last.push(c),
+                _ => list.push(String::new()),
+            }
+        }
+        let values: Vec<String> = list.iter().map(|value| value.trim().to_owned()).collect();
+        if values.iter().any(String::is_empty) {
+            return Err(wrong("has an empty value"));
+        }
+        Ok(Self { key, values })
+    }
+}
+
+/// Gives the run file of an input under further overrides, and whether it is a bare mesh.
+pub type RunWith<'a> = dyn Fn(&[String]) -> Result<(RunFile, bool)> + 'a;
+
+/// Foretells every combination of swept keys; `run_with` gives the run file under further overrides, and whether it is a
+/// bare mesh.
+///
+/// A combination that makes no job is kept with its reason.
+///
+/// # Errors
+/// More than 2000 combinations; a scene that cannot be read; no combination that makes a job.
+pub fn sweep_designs(keys: &[SweptKey], run_with: &RunWith, observer: &dyn Observer) -> Result<DesignSweep> {
+    let total = keys.iter().fold(1_usize, |total, key| total.saturating_mul(key.values.len()));
+    if total > MOST_COMBINATIONS {
+        return Err(Error::input(
+            "--sweep",
+            format!("{total} combinations are too many; {MOST_COMBINATIONS} at most are looked at"),
+        ));
+    }
+    let mut seen = SeenScene::default();
+    let mut first_refusal = None;
+    let mut combinations = Vec::with_capacity(total);
+    stage(observer, "planning", total as u64, || {
+        for index in 0..total {
+            let mut rest = index;
+            let mut values: Vec<String> = keys
+                .iter()
+                .rev()
+                .map(|key| {
+                    let value = key.values[rest % key.values.len()].clone();
+                    rest /= key.values.len();
+                    value
+                })
+                .collect();
+            values.reverse();
+            let set: Vec<String> =
+                keys.iter().zip(&values).map(|(key, value)| format!("{}={value}", key.key)).collect();
+            let row = run_with(&set).and_then(|(run, bare)| row(&run, bare, &mut seen, observer));
+            let (design, refused) = match row {
+                Ok(design) => (Some(design), None),
+                Err(error @ Error::Interrupted) => return Err(error),
+                Err(error) => {
+                    let refused = Some(error.to_string());
+                    first_refusal.get_or_insert(error);
+                    (None, refused)
+                }
+            };
+            combinations.push(Combination { values, design, refused });
+            advance(observer, 1)?;
+        }
+        Ok(())
+    })?;
+    if let (Some(error), true) = (first_refusal, combinations.iter().all(|c| c.design.is_none())) {
+        return Err(error);
+    }
+    Ok(DesignSweep { keys: keys.iter().map(|key| key.key.clone()).collect(), combinations })
+}
+
+/// The box of the scene looked at last, so that a mesh is not read for every combination.
+#[derive(Default)]
+struct SeenScene(Option<(config::Scene, Option<(DVec3, DVec3)>)>);
+
+impl SeenScene {
+    /// The box of the run file's scene; nothing where the grid is typed in full and there is no scene.
+    fn bounds(
+        &mut self,
+        run: &RunFile,
+        bare: bool,
+        observer: &dyn Observer,
+    ) -> Result<Option<(DVec3, DVec3)>> {
+        let grid = &run.grid;
+        if run.scene.mesh.is_none() && grid.x.is_some() && grid.y.is_some() && grid.z.is_some() {
+            return Ok(None);
+        }
+        if let Some((scene, bounds)) = &self.0
+            && *scene == run.scene
+        {
+            return Ok(*bounds);
+        }
+        let path = scene_path(run)?;
+        let bounds = if is_csv(path) {
+            Reflectors::read_csv(path)?.bounds()
+        } else {
+            Scene::load(path, &run.load_options(bare)?, observer)?.bounds()
+        };
+        self.0 = Some((run.scene.clone(), bounds));
+        Ok(bounds)
+    }
+}
+
+fn row(run: &RunFile, bare: bool, seen: &mut SeenScene, observer: &dyn Observer) -> Result<DesignRow> {
+    let measurement = Measurement::of(run)?;
+    let setup = measurement.setup();
+    let grid = run.voxels(&setup, seen.bounds(run, bare, observer)?)?;
+    let holding = Holding::of_simulation(&setup);
+    let foretold = forecast(run, &setup, &grid, holding, true)?;
+    let (design, needs) = (foretold.design, foretold.needs);
+    let ghosts = design.aliasing.verdict == Verdict::Ghosts;
+    Ok(DesignRow {
+        microphones: foretold.plan.microphones,
+        tones: foretold.plan.frequencies,
+        range_resolution: foretold.plan.range_resolution,
+        widths: design.depths.map(|at| at.widths[0]),
+        verdict: design.aliasing.verdict,
+        ghost_offset: design.depths[0].ghost_offset.filter(|_| ghosts),
+        peak_sidelobe_db: design.aliasing.sidelobes.peak_db,
+        mean_sidelobe_db: design.aliasing.sidelobes.mean_db,
+        peak_bytes: needs.peak_bytes,
+        seconds: needs.seconds[needs.chosen],
+    })
+}
+
+/// Point-spread functions of a run file's instrument at some points, or, without any, at the middle of the grid's nearest,
+/// middle and farthest depth. The scene is looked at for its size alone.
+///
+/// # Errors
+/// What the run file, the simulation of one reflector and its reconstruction come to.
+pub fn point_spreads(
+    run: &RunFile,
+    bare: bool,
+    points: &[DVec3],
+    observer: &dyn Observer,
+) -> Result<(Grid, Vec<PointSpread>)> {
+    let measurement = Measurement::of(run)?;
+    let setup = measurement.setup();
+    let grid = run.voxels(&setup, SeenScene::default().bounds(run, bare, observer)?)?;
+    check_simulation(&setup, memory_limit())?;
+    // Adding 0 turns a negative zero into a positive one.
+    let middle = |axis: &Axis| (f64::midpoint(axis.first, axis.last()) * 1e9).round() / 1e9 + 0.0;
+    let near = grid.z.first.max(setup.wavelength());
+    let depths = [near, f64::midpoint(near, grid.z.last()), grid.z.last().max(near)];
+    let chosen = depths.map(|z| DVec3::new(middle(&grid.x), middle(&grid.y), z));
+    let points = if points.is_empty() { &chosen[..] } else { points };
+    let instrument = setup.to_instrument();
+    let options = run.reconstruct_options();
+    let spreads = points.iter().map(|p| point_spread(&instrument, &options, &grid, *p, observer));
+    Ok((grid, spreads.collect::<Result<_>>()?))
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::SweptKey;
+
+    #[test]
+    fn swept_keys_are_ranges_or_lists() {
+        let values = |typed: &str| SweptKey::parse(typed).unwrap().values;
+        assert_eq!(values("array.extent=0.5:2:0.5"), ["0.5", "1", "1.5", "2"]);
+        assert_eq!(values("sweep.step=0.1:0.3:0.1"), ["0.1", "0.2", "0.3"]);
+        assert_eq!(values("a.b=3:1:-1"), ["3", "2", "1"]);
+        assert_eq!(values("array.layout=grid, spiral"), ["grid", "spiral"]);
+        assert_eq!(values("array.count=[15,15],[31,31]"), ["[15,15]", "[31,31]"]);
+        for (typed, part) in [
+            ("array.count", "no `=`"),
+            ("=1,2", "lacks its key"),
+            ("a.b=", "lacks its key or its values"),
+            ("a.b=1,,2", "empty value"),
+            ("a.b=0:1:0", "never ends"),
+            ("a.b=0:1:-1", "never ends"),
+            ("a.b=0:1:1e-9", "never ends"),
+            ("a.b=nan:1:1", "never ends"),
+        ] {
+            let message = SweptKey::parse(typed).unwrap_err().to_string();
+            assert!(message.contains(part), "{typed}: {message}");
+        }
+    }
+}

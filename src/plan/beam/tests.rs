@@ -1,0 +1,84 @@
+//! The array factor against its literal sum, and against the rules of thumb.
+
+#![allow(clippy::unwrap_used)]
+
+use super::*;
+use crate::acquisition::{Detection, MicArray, Sweep};
+use crate::wave::Geometry;
+use glam::DVec3;
+
+fn beam(array: &MicArray, [start, stop]: [f64; 2], window: Window) -> Beam {
+    let sweep = Sweep::stepped("sweep", start, stop, 50.0).unwrap();
+    let (geometry, detection, sound_speed) = (Geometry::ORIGIN, Detection::Quadrature, 343.0);
+    Beam::new(&Setup { sweep: &sweep, array, geometry, detection, sound_speed }, window)
+}
+
+fn square(count: usize, extent: f64) -> MicArray {
+    MicArray::rectangular("a", [count; 2], [extent / (count - 1) as f64; 2], DVec3::ZERO).unwrap()
+}
+
+/// The sum of the module's head over every tone and microphone, at many τ.
+fn literal(array: &MicArray, offset: DVec2) -> f64 {
+    let tones: Vec<f64> = (0..=100).map(|n| 1e4 + 100.0 * f64::from(n)).collect();
+    (-400..=400)
+        .map(|i| {
+            let tau = f64::from(i) * 1e-5;
+            let sum: Complex64 = tones
+                .iter()
+                .flat_map(|f| array.positions().iter().map(move |r| (f, r)))
+                .map(|(f, r)| Complex64::cis(TAU * f * (tau - offset.dot(r.truncate()) / 343.0)))
+                .sum();
+            sum.norm() / (tones.len() * array.len()) as f64
+        })
+        .fold(0.0, f64::max)
+}
+
+#[test]
+fn strength_is_the_greatest_sum_over_ranges() {
+    for array in [square(4, 0.3), MicArray::spiral("a", 17, [0.4, 0.3], DVec3::ZERO).unwrap()] {
+        let beam = beam(&array, [1e4, 2e4], Window::None);
+        assert!((beam.strength(DVec2::ZERO) - 1.0).abs() < 1e-6);
+        for offset in [DVec2::new(0.2, 0.0), DVec2::new(0.0, -0.35), DVec2::new(0.3, 0.4)] {
+            let (fast, slow) = (beam.strength(offset), literal(&array, offset));
+            assert!((fast / slow - 1.0).abs() < 0.06, "{offset}: {fast} {slow}");
+        }
+    }
+}
+
+/// PHYSICS Q2 and TABLE1 section 6: ghosts at k λ/d, about −20 log₁₀(k (N − 1) B/f_c) dB.
+#[test]
+fn a_lattice_has_ghosts_where_and_as_strong_as_the_rule_says() {
+    for (count, level, tolerance) in [(15, -3.4, 1.5), (31, -10.0, 1.5)] {
+        let narrow = beam(&square(count, 2.0), [1.8e4, 2e4], Window::None);
+        let ghost = narrow.ghosts([1.0; 2])[0];
+        let pitch = 2.0 / (count - 1) as f64;
+        assert!((ghost.offset[0] / (343.0 / 1.9e4 / pitch) - 1.0).abs() < 0.05, "{ghost:?}");
+        assert!((ghost.level_db - level).abs() < tolerance, "{ghost:?}");
+        let peak = narrow.sidelobes([0.5; 2]);
+        assert!(peak.peak_db.unwrap() >= ghost.level_db - 0.5, "{peak:?}");
+    }
+    let wide = beam(&square(15, 2.0), [1e4, 2e4], Window::None).ghosts([0.3; 2])[0];
+    assert!((wide.level_db + 19.4).abs() < 3.0, "a wide band smears them: {wide:?}");
+    let fine = beam(&square(63, 0.5), [1.8e4, 2e4], Window::None);
+    assert!(fine.ghosts([1.0; 2]).is_empty());
+}
+
+/// Scattered microphones: no ghosts, and a mean power of 1/N.
+#[test]
+fn scattered_microphones_have_a_floor_instead_of_ghosts() {
+    let array = MicArray::random("a", 256, [1.0, 1.0], DVec3::ZERO, Some(0.0), 3).unwrap();
+    let beam = beam(&array, [1.8e4, 2e4], Window::None);
+    let sidelobes = beam.sidelobes([0.6; 2]);
+    assert!(sidelobes.ghosts.is_empty());
+    let floor = -10.0 * 256_f64.log10();
+    assert!((sidelobes.mean_db.unwrap() - floor).abs() < 1.5, "{sidelobes:?}");
+    assert!(sidelobes.peak_db.unwrap() > floor && sidelobes.peak_db.unwrap() < -10.0, "{sidelobes:?}");
+}
+
+#[test]
+fn one_microphone_and_one_tone_are_no_trouble() {
+    let one =
+        beam(&MicArray::rectangular("a", [1, 1], [0.1; 2], DVec3::ZERO).unwrap(), [1e4, 1e4], Window::Taylor);
+    let sidelobes = one.sidelobes([1.0; 2]);
+    assert_eq!((sidelobes.peak_db, sidelobes.ghosts.len()), (None, 0));
+}

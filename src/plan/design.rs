@@ -1,0 +1,354 @@
+//! What an array and a band are good for, and what would mend them: the designer's half of a plan.
+
+use super::beam::{Beam, Sidelobes};
+use super::{alias_free_pitch, nice};
+use crate::acquisition::{Detection, Setup};
+use crate::grid::Grid;
+use crate::reconstruct::Window;
+use glam::DVec3;
+use serde::Serialize;
+
+/// Sidelobes of scattered microphones above this are worth a warning, dB: depth maps accept returns down to −14 dB.
+const LOUD: f64 = -14.0;
+
+/// What one depth comes to, before the array's centre; lengths in m.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[non_exhaustive]
+pub struct AtDepth {
+    /// z, m.
+    pub depth: f64,
+    /// λ_c z/D along x and y.
+    pub lateral_resolution: [Option<f64>; 2],
+    /// Full widths of a point at −3 dB along x, y and z, with the window.
+    pub widths: [Option<f64>; 3],
+    /// λ_min z/d: how far beside a bright point its first ghost may lie, at the nearest. Lattices only.
+    pub ghost_offset: Option<f64>,
+}
+
+/// Greatest lengths that are not ambiguous, m.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[non_exhaustive]
+pub struct Ambiguity {
+    /// As a path length: c/δf in quadrature (of the paths' span), c/2δf in phase (of the longest).
+    pub path: [f64; 2],
+    /// As a range, half of each.
+    pub range: [f64; 2],
+    /// Whether the second applies, in-phase data, rather than the first.
+    pub in_phase: bool,
+    /// What this grid comes to of the length that applies.
+    pub used: f64,
+}
+
+/// Whether bright points have ghosts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Verdict {
+    /// d ≤ λ_min/2: nowhere.
+    AliasFree,
+    /// d ≤ λ_min z/X: not within this grid.
+    AliasFreeHere,
+    /// Within this grid.
+    Ghosts,
+    /// No lattice, so no ghosts, but sidelobes.
+    Scattered,
+}
+
+/// Aliasing by the pitch (PHYSICS Q2) and by the array factor.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[non_exhaustive]
+pub struct Aliasing {
+    /// The verdict; of lattices by their pitch.
+    pub verdict: Verdict,
+    /// The larger pitch of a lattice, m.
+    pub pitch: Option<f64>,
+    /// λ_min/2: free of ghosts everywhere, m.
+    pub pitch_free_everywhere: f64,
+    /// λ_min z/X: free of ghosts within this grid, m; `None` for a grid without width.
+    pub pitch_free_here: Option<f64>,
+    /// About −20 log₁₀ max(1, (N − 1) B/f_c), dB: the first ghost of a lattice without a window.
+    pub rule_db: Option<f64>,
+    /// By the array factor, with the window, within this grid.
+    pub sidelobes: Sidelobes,
+}
+
+/// A change that would mend something.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[non_exhaustive]
+pub struct Suggestion {
+    /// What it mends: "aliasing", "ambiguity" or "voxels".
+    pub mends: &'static str,
+    /// Overrides of the run file, each `table.key=value`, to be made together.
+    pub set: Vec<String>,
+    /// What else changes.
+    pub effect: String,
+}
+
+/// The designer's half of a plan.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[non_exhaustive]
+pub struct Design {
+    /// Near, middle and far.
+    pub depths: [AtDepth; 3],
+    /// Where there are several tones at even steps.
+    pub ambiguity: Option<Ambiguity>,
+    /// Ghosts and sidelobes.
+    pub aliasing: Aliasing,
+    /// Voxel pitch along x, y and z that loses little of |Â|, m (PHYSICS Q9).
+    pub voxel_pitch: [f64; 3],
+    /// What would mend each warning; alternatives to each other within what they mend.
+    pub suggestions: Vec<Suggestion>,
+    /// What is no part of [`super::Plan::warnings`].
+    pub warnings: Vec<String>,
+}
+
+/// Works out a design. Cost: a fraction of a second, most of it for the sidelobes of arrays that are no lattice.
+pub fn design(setup: &Setup, grid: &Grid, window: Window) -> Design {
+    let near = grid.z.first.max(1e-3);
+    let depths = [near, f64::midpoint(near, grid.z.last()), grid.z.last().max(near)];
+    let centre = setup.array.centre();
+    let pitch = largest_pitch(setup).map(|(pitch, _)| pitch);
+    let reduced = setup.shortest_wavelength() / setup.geometry.return_legs();
+    let aliasing = aliasing(setup, grid, window);
+    let mut warnings = Vec::new();
+    if let (Verdict::Scattered, Some(peak)) =
+        (aliasing.verdict, aliasing.sidelobes.peak_db.filter(|db| *db > LOUD))
+    {
+        let [x, y] = aliasing.sidelobes.peak_offset.map(|offset| offset * near);
+        warnings.push(format!(
+            "{} scattered microphones leave sidelobes of up to {peak:.0} dB within this grid, such as {x:.2}, {y:.2} m \
+             beside a bright point at its nearest depth; more microphones or a smaller extent lower them",
+            setup.array.len()
+        ));
+    }
+    let suggestions =
+        [mend_aliasing(setup, &aliasing, near), mend_ambiguity(setup, grid), mend_voxels(setup, grid)];
+    Design {
+        depths: depths.map(|depth| AtDepth {
+            depth,
+            lateral_resolution: setup.lateral_resolution((depth - centre.z).abs()),
+            widths: setup.predicted_widths(DVec3::new(centre.x, centre.y, depth), window, 3.0),
+            ghost_offset: pitch.map(|pitch| reduced * depth / pitch),
+        }),
+        ambiguity: ambiguity(setup, grid),
+        aliasing,
+        voxel_pitch: setup.advised_pitch(near),
+        suggestions: suggestions.into_iter().flatten().collect(),
+        warnings,
+    }
+}
+
+/// The larger pitch of a lattice and the microphones along it.
+fn largest_pitch(setup: &Setup) -> Option<(f64, usize)> {
+    let lattice = setup.array.lattice()?;
+    let axes = [lattice.x, lattice.y].into_iter().filter(|axis| axis.count > 1);
+    axes.max_by(|a, b| a.pitch.total_cmp(&b.pitch)).map(|axis| (axis.pitch, axis.count))
+}
+
+/// Greatest difference along x and y of the direction sines at which the array's centre sees two points of a grid.
+fn reach_of(setup: &Setup, grid: &Grid) -> [f64; 2] {
+    let centre = setup.array.centre();
+    let ends = |first: f64, last: f64, origin: f64| [first - origin, last - origin];
+    let (x, y) = (ends(grid.x.first, grid.x.last(), centre.x), ends(grid.y.first, grid.y.last(), centre.y));
+    let z = ends(grid.z.first, grid.z.last(), centre.z).map(|z| z.abs().max(1e-3));
+    let span = |along: [f64; 2], across: [f64; 2]| {
+        // Where the other coordinate passes 0 the sine is greatest.
+        let nearest = 0.0_f64.clamp(across[0], across[1]);
+        let sines = along.into_iter().flat_map(|a| {
+            [across[0], across[1], nearest]
+                .into_iter()
+                .flat_map(move |b| z.map(move |z| a / DVec3::new(a, b, z).length()))
+        });
+        let (low, high) = sines.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), s| (l.min(s), h.max(s)));
+        high - low
+    };
+    [span(x, y), span(y, x)]
+}
+
+fn aliasing(setup: &Setup, grid: &Grid, window: Window) -> Aliasing {
+    let sidelobes = Beam::new(setup, window).sidelobes(reach_of(setup, grid));
+    let everywhere = setup.shortest_wavelength() / setup.geometry.return_legs() / 2.0;
+    let width = (grid.x.last() - grid.x.first).max(grid.y.last() - grid.y.first);
+    let here = alias_free_pitch(setup, grid.z.first.max(1e-3), width);
+    let largest = largest_pitch(setup);
+    let verdict = match largest {
+        _ if setup.array.lattice().is_none() => Verdict::Scattered,
+        Some((pitch, _)) if pitch > here * (1.0 + 1e-9) => Verdict::Ghosts,
+        Some((pitch, _)) if pitch > everywhere * (1.0 + 1e-9) => Verdict::AliasFreeHere,
+        _ => Verdict::AliasFree,
+    };
+    Aliasing {
+        verdict,
+        pitch: largest.map(|(pitch, _)| pitch),
+        pitch_free_everywhere: everywhere,
+        pitch_free_here: (here < f64::MAX).then_some(here),
+        rule_db: largest.map(|(_, count)| {
+            let smear = (count - 1) as f64 * setup.sweep.bandwidth() / setup.sweep.centre();
+            -20.0 * smear.max(1.0).log10()
+        }),
+        sidelobes,
+    }
+}
+
+fn ambiguity(setup: &Setup, grid: &Grid) -> Option<Ambiguity> {
+    let step = setup.sweep.step().filter(|_| setup.sweep.len() > 1)?;
+    let path = [setup.sound_speed / step, setup.sound_speed / (2.0 * step)];
+    Some(Ambiguity {
+        path,
+        range: path.map(|path| path / 2.0),
+        in_phase: setup.detection == Detection::InPhase,
+        used: setup.ambiguous_length(setup.path_bounds(grid)),
+    })
+}
+
+fn mend_aliasing(setup: &Setup, aliasing: &Aliasing, near: f64) -> Vec<Suggestion> {
+    let (Some(lattice), Verdict::Ghosts, Some(free)) =
+        (setup.array.lattice(), aliasing.verdict, aliasing.pitch_free_here)
+    else {
+        return Vec::new();
+    };
+    let axes = [lattice.x, lattice.y];
+    let extent = axes.map(|axis| axis.pitch * (axis.count - 1) as f64);
+    // A hair less than the pitch that is just free of ghosts, so that rounding the numbers below cannot undo it.
+    let count = extent.map(|extent| (extent / (free * (1.0 - 1e-6))).ceil() as usize + 1);
+    let shorter: [f64; 2] =
+        std::array::from_fn(|i| (extent[i]).min((free * (axes[i].count - 1) as f64 * 1e4).floor() / 1e4));
+    let resolution = |extent: [f64; 2]| {
+        let widest = extent[0].max(extent[1]);
+        1e3 * setup.wavelength() * near / (widest * setup.geometry.return_legs())
+    };
+    let extent_set = |extent: [f64; 2]| format!("array.extent=[{}, {}]", nice(extent[0]), nice(extent[1]));
+    let mut suggestions = Vec::new();
+    if count[0].saturating_mul(count[1]) <= 1 << 20 {
+        suggestions.push(Suggestion {
+            mends: "aliasing",
+            set: vec![format!("array.count=[{}, {}]", count[0], count[1]), extent_set(extent)],
+            effect: format!(
+                "{} microphones instead of {}, same resolution",
+                count[0] * count[1],
+                setup.array.len()
+            ),
+        });
+    }
+    if shorter.iter().zip(axes).all(|(extent, axis)| *extent > 0.0 || axis.count == 1) {
+        suggestions.push(Suggestion {
+            mends: "aliasing",
+            set: vec![extent_set(shorter)],
+            effect: format!(
+                "as many microphones; lateral resolution {:.0} instead of {:.0} mm at the nearest depth",
+                resolution(shorter),
+                resolution(extent)
+            ),
+        });
+    }
+    if axes.iter().all(|axis| axis.count > 1) {
+        let rms_db = -10.0 * (setup.array.len() as f64).log10();
+        suggestions.push(Suggestion {
+            mends: "aliasing",
+            set: vec!["array.layout=spiral".to_owned()],
+            effect: format!(
+                "no ghosts but sidelobes everywhere, of mean power about {rms_db:.0} dB for one tone"
+            ),
+        });
+    }
+    suggestions
+}
+
+fn mend_ambiguity(setup: &Setup, grid: &Grid) -> Vec<Suggestion> {
+    let (Some(unambiguous), Some(step)) = (setup.unambiguous_path(), setup.sweep.step()) else {
+        return Vec::new();
+    };
+    let used = setup.ambiguous_length(setup.path_bounds(grid));
+    if used <= unambiguous {
+        return Vec::new();
+    }
+    let (band, most) = (setup.sweep.bandwidth(), step * unambiguous / used);
+    // A round step that divides the band, or else any that does.
+    let power = 10_f64.powf(most.log10().floor());
+    let round = [5.0, 4.0, 2.5, 2.0, 1.0, 0.5, 0.4, 0.25, 0.2, 0.1]
+        .into_iter()
+        .map(|factor| factor * power)
+        .find(|step| *step <= most && ((band / step).round() * step - band).abs() < 1e-9 * band);
+    let step = round.unwrap_or_else(|| band / (band / most).ceil());
+    let tones = (band / step).round() as usize + 1;
+    vec![Suggestion {
+        mends: "ambiguity",
+        set: vec![format!("sweep.step={}", nice(step))],
+        effect: format!("{tones} tones instead of {}", setup.sweep.len()),
+    }]
+}
+
+fn mend_voxels(setup: &Setup, grid: &Grid) -> Vec<Suggestion> {
+    let advised = setup.advised_pitch(grid.z.first.max(1e-3));
+    let axes = [grid.x, grid.y, grid.z];
+    let coarse = |i: usize| axes[i].count > 1 && axes[i].pitch > 1.05 * advised[i];
+    if !(0..3).any(coarse) {
+        return Vec::new();
+    }
+    let pitch: [f64; 3] = std::array::from_fn(|i| if coarse(i) { advised[i] } else { axes[i].pitch });
+    let more: f64 = (0..3).map(|i| axes[i].pitch / pitch[i]).product();
+    vec![Suggestion {
+        mends: "voxels",
+        set: vec![format!("grid.pitch=[{}, {}, {}]", nice(pitch[0]), nice(pitch[1]), nice(pitch[2]))],
+        effect: format!("half a resolution cell at the nearest depth; {more:.1} times as many voxels"),
+    }]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{plan, tests::with_setup};
+    use super::*;
+    use crate::acquisition::MicArray;
+    use crate::grid::Axis;
+
+    fn grid(half: f64, z: [f64; 2]) -> Grid {
+        let lateral = Axis { first: -half, pitch: half / 25.0, count: 51 };
+        Grid {
+            x: lateral,
+            y: lateral,
+            z: Axis { first: z[0], pitch: 0.008, count: ((z[1] - z[0]) / 0.008) as usize + 1 },
+        }
+    }
+
+    #[test]
+    fn the_verdict_follows_the_pitch() {
+        for (count, half, verdict) in
+            [(15, 0.6, Verdict::Ghosts), (63, 0.1, Verdict::AliasFreeHere), (127, 0.6, Verdict::AliasFree)]
+        {
+            with_setup(count, 1.0, 40.0, Detection::Quadrature, |setup| {
+                let grid = grid(half, [1.2, 2.0]);
+                let design = design(setup, &grid, Window::None);
+                assert_eq!(design.aliasing.verdict, verdict, "{count}");
+                let warned = plan(setup, &grid).warnings.iter().any(|w| w.contains("alias"));
+                assert_eq!(warned, verdict == Verdict::Ghosts);
+                let mends = design.suggestions.iter().filter(|s| s.mends == "aliasing").count();
+                assert_eq!(mends, if warned { 3 } else { 0 });
+            });
+        }
+    }
+
+    #[test]
+    fn ambiguity_is_told_for_both_kinds_of_data_and_mended_by_a_round_step() {
+        with_setup(31, 1.0, 200.0, Detection::InPhase, |setup| {
+            let design = design(setup, &grid(0.6, [1.2, 2.0]), Window::Taylor);
+            let ambiguity = design.ambiguity.expect("even steps");
+            assert_eq!((ambiguity.path, ambiguity.range), ([1.715, 0.8575], [0.8575, 0.42875]));
+            assert!(ambiguity.in_phase && ambiguity.used > ambiguity.path[1]);
+            let mend = design.suggestions.iter().find(|s| s.mends == "ambiguity").expect("a step");
+            assert_eq!(mend.set, ["sweep.step=25"], "{mend:?}");
+        });
+    }
+
+    #[test]
+    fn scattered_arrays_are_judged_by_their_array_factor() {
+        with_setup(16, 1.0, 40.0, Detection::Quadrature, |setup| {
+            let array = MicArray::spiral("a", 256, [1.0; 2], DVec3::ZERO).expect("a spiral");
+            let setup = Setup { array: &array, ..*setup };
+            let design = design(&setup, &grid(0.6, [1.2, 2.0]), Window::Taylor);
+            assert_eq!(design.aliasing.verdict, Verdict::Scattered);
+            assert!(design.aliasing.pitch.is_none() && design.depths[0].ghost_offset.is_none());
+            let sidelobes = design.aliasing.sidelobes;
+            assert!(sidelobes.peak_db.expect("sidelobes") < -15.0, "{sidelobes:?}");
+            assert!((sidelobes.mean_db.expect("sidelobes") + 24.0).abs() < 3.0, "{sidelobes:?}");
+        });
+    }
+}

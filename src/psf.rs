@@ -1,0 +1,154 @@
+//! The point-spread function: what one reflector looks like, measured, with what was foretold beside it.
+//!
+//! Takes an instrument and a point; simulates a unit reflector there, reconstructs fine lines, planes and the whole box
+//! around it with the crate's own [`simulate`] and [`reconstruct`], and reads off widths, sidelobes and ghosts. What is
+//! foretold comes from [`Profile`](crate::plan::Profile) and [`Beam`], which see neither.
+
+mod look;
+
+use crate::acquisition::{Instrument, SimulateOptions, simulate};
+use crate::error::{Error, Result};
+use crate::grid::{Axis, Grid};
+use crate::plan::beam::Beam;
+use crate::progress::Observer;
+use crate::reconstruct::ReconstructOptions;
+use crate::reflectors::Reflectors;
+use glam::DVec3;
+use look::{Look, cube_grid};
+use num_complex::Complex32;
+use serde::Serialize;
+
+/// Full widths of the main lobe along one axis, m; `None` where it has no end.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[non_exhaustive]
+pub struct Width {
+    /// Where the amplitude is 3 dB below the peak (0.71 of it).
+    pub at_3_db: Option<f64>,
+    /// What the plan foretells of that.
+    pub predicted_at_3_db: Option<f64>,
+    /// Where it is 6 dB below (half of it).
+    pub at_6_db: Option<f64>,
+    /// What the plan foretells of that.
+    pub predicted_at_6_db: Option<f64>,
+}
+
+/// A place beside the main lobe and its amplitude against the peak.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[non_exhaustive]
+pub struct Lobe {
+    /// dB below the peak, so negative.
+    pub level_db: f64,
+    /// Where, m.
+    pub position: [f64; 3],
+}
+
+/// A grating lobe, foretold and found.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[non_exhaustive]
+pub struct GhostFound {
+    /// Axis along which the microphones' pitch repeats: 0 is x, 1 is y.
+    pub axis: usize,
+    /// Order and side.
+    pub order: i32,
+    /// By the array factor.
+    pub predicted: Lobe,
+    /// The greatest amplitude near there.
+    pub measured: Lobe,
+    /// Lateral distances from the point, m: foretold, found.
+    pub offset: [f64; 2],
+    /// Whether it lies within the grid.
+    pub in_grid: bool,
+}
+
+/// A plane through the point, with the amplitudes on it.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub struct Cut {
+    /// Which plane: "x y", "x z", "y z" through the point, or "front": the greatest along z.
+    pub name: &'static str,
+    /// Columns.
+    pub columns: Axis,
+    /// Rows.
+    pub rows: Axis,
+    /// dB below the peak, `[row, column]`.
+    pub decibels: Vec<f32>,
+}
+
+/// What one point looks like.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[non_exhaustive]
+pub struct PointSpread {
+    /// The point, m.
+    pub point: [f64; 3],
+    /// Amplitude found there; 1 for a perfect instrument.
+    pub amplitude: f64,
+    /// Along x, y and z through the point.
+    pub widths: [Width; 3],
+    /// The strongest place outside the main lobe, in the grid at ranges near the point's; ghosts included.
+    pub peak_sidelobe: Option<Lobe>,
+    /// What the array factor and the band's window foretell of its level, dB.
+    pub predicted_peak_sidelobe_db: Option<f64>,
+    /// Mean power outside the main lobe in the same box, dB.
+    pub mean_sidelobe_db: Option<f64>,
+    /// Grating lobes before the array, whether or not in the grid.
+    pub ghosts: Vec<GhostFound>,
+    /// To be drawn.
+    #[serde(skip)]
+    pub cuts: Vec<Cut>,
+}
+
+/// Measures the point-spread function at `p`; `scene` is the grid in which sidelobes matter.
+///
+/// Cost: one simulation of a single reflector, three lines, three planes, and one reconstruction of at most 4 million
+/// voxels.
+///
+/// # Errors
+/// A point behind the array or where no microphone hears it; what [`simulate`] and [`reconstruct`] come to.
+pub fn point_spread(
+    instrument: &Instrument,
+    options: &ReconstructOptions,
+    scene: &Grid,
+    p: DVec3,
+    observer: &dyn Observer,
+) -> Result<PointSpread> {
+    let setup = instrument.setup();
+    let (low, high) = instrument.array.bounds();
+    if !(p.is_finite() && p.z > high.z.max(0.0)) {
+        return Err(Error::input(
+            "--at",
+            format!("{p} m does not lie before the array; x,y,z with z greater than {} was expected", high.z),
+        ));
+    }
+    let mut simulation = SimulateOptions::default();
+    (simulation.sound_speed, simulation.geometry, simulation.detection) =
+        (instrument.sound_speed, instrument.geometry, instrument.detection);
+    let reflector = Reflectors::new(vec![p], vec![Complex32::ONE])?;
+    let cube = simulate(&reflector, &instrument.sweep, &instrument.array, &simulation, observer)?;
+    let widths = [3.0, 6.0].map(|below| setup.predicted_widths(p, options.window, below));
+    // Where an axis tells nothing apart, anything will do that is not far beside the rest.
+    let otherwise =
+        widths[0].into_iter().flatten().fold((high - low).max_element().max(setup.wavelength()), f64::min);
+    let scale = DVec3::from(widths[0].map(|width| width.unwrap_or(otherwise)));
+    let beam = Beam::new(&setup, options.window);
+    let mut look = Look { instrument, options, cube, p, amplitude: 1.0, beam, scale };
+    look.amplitude = f64::from(look.image(&cube_grid(p, DVec3::splat(1e-4), [0; 3]))?.peak());
+    if look.amplitude <= 0.0 {
+        return Err(Error::input("--at", format!("no microphone hears a reflector at {p} m")));
+    }
+    let measured = [look.line(0, &widths)?, look.line(1, &widths)?, look.line(2, &widths)?];
+    let mut cuts = vec![look.cut("x y", 0, 1)?, look.cut("x z", 0, 2)?, look.cut("y z", 1, 2)?];
+    let (peak_sidelobe, mean_sidelobe_db, front) = look.sidelobes(scene)?;
+    cuts.insert(0, front);
+    let beside = look.beam.sidelobes(look.reach(scene)).peak_db;
+    let range = look.range_sidelobe_db();
+    Ok(PointSpread {
+        point: p.to_array(),
+        amplitude: look.amplitude,
+        widths: measured,
+        peak_sidelobe,
+        predicted_peak_sidelobe_db: [beside, range].into_iter().flatten().max_by(f64::total_cmp),
+        mean_sidelobe_db,
+        ghosts: look.ghosts(scene)?,
+        cuts,
+    })
+}

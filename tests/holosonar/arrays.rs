@@ -1,0 +1,256 @@
+//! Arrays that are no grid, and what is foretold of any array against what is measured.
+
+use crate::binary::{done, refused, shipped};
+use crate::support::{brightest, off_lattice, relative_difference};
+use glam::DVec3;
+use holosonar::acquisition::{Detection, Instrument, MicArray, Setup, SimulateOptions, Sweep, simulate};
+use holosonar::checkpoint::Checkpoint;
+use holosonar::config::RunFile;
+use holosonar::grid::{Axis, Grid};
+use holosonar::pipeline;
+use holosonar::progress::Silent;
+use holosonar::psf::{PointSpread, point_spread};
+use holosonar::reconstruct::{Method, ReconstructOptions, Window, reconstruct};
+use holosonar::reflectors::Reflectors;
+use holosonar::wave::Geometry;
+use num_complex::Complex32;
+use serde_json::Value;
+
+/// A spiral and a random array of 256 microphones over one metre.
+fn scattered() -> [MicArray; 2] {
+    [
+        MicArray::spiral("array", 256, [1.0, 1.0], DVec3::ZERO).unwrap(),
+        MicArray::random("array", 256, [1.0, 1.0], DVec3::ZERO, None, 1).unwrap(),
+    ]
+}
+
+fn grid(half: f64, count: usize, z: [f64; 2], depths: usize) -> Grid {
+    let lateral = Axis { first: -half, pitch: 2.0 * half / (count - 1) as f64, count };
+    let pitch = (z[1] - z[0]) / (depths - 1) as f64;
+    Grid { x: lateral, y: lateral, z: Axis { first: z[0], pitch, count: depths } }
+}
+
+#[test]
+fn scattered_arrays_image_a_point_as_the_direct_sum_does() {
+    let p = off_lattice();
+    let reflector = Reflectors::new(vec![p], vec![Complex32::ONE]).unwrap();
+    let sweep = Sweep::stepped("sweep", 10_000.0, 20_000.0, 50.0).unwrap();
+    let grid = grid(0.12, 25, [0.95, 1.08], 14);
+    for array in scattered() {
+        let cube = simulate(&reflector, &sweep, &array, &SimulateOptions::default(), &Silent).unwrap();
+        let of = |method| {
+            reconstruct(&cube, &grid, &ReconstructOptions::new(method, Window::Taylor), &Silent).unwrap()
+        };
+        let direct = of(Method::Direct).volume;
+        for method in [Method::Auto, Method::Convolution, Method::Backprojection] {
+            let fast = of(method);
+            assert_ne!(fast.method, Method::Direct, "the fast way is taken");
+            let difference = relative_difference(&fast.volume.samples, &direct.samples);
+            assert!(difference < 1e-4, "{method:?}: {difference}");
+            let (ix, iy, iz) = brightest(&fast.volume);
+            let off = (grid.position(ix, iy, iz) - p).abs();
+            assert!(off.cmple(DVec3::new(0.0051, 0.0051, 0.0051)).all(), "{method:?}: {off}");
+            assert!((fast.volume.peak() - 1.0).abs() < 0.15, "{}", fast.volume.peak());
+        }
+    }
+}
+
+#[test]
+fn scattered_arrays_image_the_corner_as_the_direct_sum_does() {
+    for layout in ["spiral", "random"] {
+        let overrides =
+            [format!("array.layout={layout}"), "array.elements=256".to_owned(), "sweep.step=100".to_owned()];
+        let run = RunFile::load(&shipped("corner.toml"), &overrides).unwrap();
+        let cube = pipeline::simulate_scene(&run, false, &Checkpoint::off(), &Silent).unwrap();
+        // Voxels of the scene's own pitch around the vertex and along a wall.
+        let some = grid(0.2, 13, [1.9, 2.25], 20);
+        let of = |method, tolerance| {
+            let mut options = ReconstructOptions::new(method, Window::Taylor);
+            options.tolerance = tolerance;
+            reconstruct(&cube, &some, &options, &Silent).unwrap()
+        };
+        let direct = of(Method::Direct, 1e-4).volume;
+        let fast = of(Method::Auto, 1e-5);
+        assert_ne!(fast.method, Method::Direct);
+        let difference = relative_difference(&fast.volume.samples, &direct.samples);
+        assert!(difference < 1e-4, "{layout}: {difference}");
+        let usual = of(Method::Auto, 1e-4);
+        let error = relative_difference(&usual.volume.samples, &direct.samples) * f64::from(direct.peak());
+        assert!(error <= usual.error_bound + 1e-6 * f64::from(direct.peak()), "{layout}: {error}");
+    }
+}
+
+/// The whole pipeline, skeletons, depth and metrics included, on the corner as its own grid sees it.
+#[test]
+fn scattered_arrays_find_the_corner() {
+    for layout in ["spiral", "random"] {
+        let run = RunFile::load(&shipped("corner.toml"), &[format!("array.layout={layout}")]).unwrap();
+        let outcome = pipeline::image_scene(&run, false, &Silent).unwrap();
+        let metrics = outcome.metrics.unwrap();
+        assert!(metrics.completeness.unwrap() > 0.55, "{layout}: {metrics:?}");
+        assert!(metrics.false_returns.unwrap() < 0.25, "{layout}: {metrics:?}");
+        assert!(metrics.median_error.unwrap() < 0.0171, "{layout}: {metrics:?}");
+    }
+}
+
+/// The point-spread function of an array at `p`.
+fn spread(
+    array: &MicArray,
+    [start, stop]: [f64; 2],
+    geometry: Geometry,
+    window: Window,
+    p: DVec3,
+) -> PointSpread {
+    let sweep = Sweep::stepped("sweep", start, stop, 50.0).unwrap();
+    let (detection, sound_speed) = (Detection::Quadrature, 343.0);
+    let instrument: Instrument =
+        Setup { sweep: &sweep, array, geometry, detection, sound_speed }.to_instrument();
+    let scene = grid(0.5, 41, [1.0, 2.0], 60);
+    point_spread(&instrument, &ReconstructOptions::new(Method::Auto, window), &scene, p, &Silent).unwrap()
+}
+
+fn square(count: usize, extent: f64) -> MicArray {
+    MicArray::rectangular("array", [count; 2], [extent / (count - 1) as f64; 2], DVec3::ZERO).unwrap()
+}
+
+#[test]
+fn foretold_widths_ghosts_and_levels_are_those_measured() {
+    const WIDE: [f64; 2] = [10_000.0, 20_000.0];
+    const NARROW: [f64; 2] = [18_000.0, 20_000.0];
+    let [spiral, random] = scattered();
+    let middle = DVec3::new(0.0, 0.0, 1.5);
+    let aside = DVec3::new(0.35, -0.2, 1.3);
+    let mut ghosts = 0;
+    for (name, array, band, geometry, window, p) in [
+        ("grid", square(15, 1.0), WIDE, Geometry::ORIGIN, Window::None, middle),
+        ("narrow", square(15, 1.0), NARROW, Geometry::ORIGIN, Window::None, middle),
+        ("aside", square(15, 1.0), WIDE, Geometry::ORIGIN, Window::Taylor, aside),
+        ("scan", square(15, 0.5), NARROW, Geometry::Monostatic, Window::Taylor, middle),
+        ("spiral", spiral, WIDE, Geometry::ORIGIN, Window::Taylor, aside),
+        ("random", random, NARROW, Geometry::ORIGIN, Window::None, middle),
+    ] {
+        let spread = spread(&array, band, geometry, window, p);
+        assert!((spread.amplitude - 1.0).abs() < 0.01, "{name}: {}", spread.amplitude);
+        for width in spread.widths {
+            for (measured, predicted) in
+                [(width.at_3_db, width.predicted_at_3_db), (width.at_6_db, width.predicted_at_6_db)]
+            {
+                let ratio = measured.unwrap() / predicted.unwrap();
+                assert!((ratio - 1.0).abs() < 0.12, "{name}: {width:?}");
+            }
+        }
+        for ghost in &spread.ghosts {
+            ghosts += 1;
+            let [predicted, measured] = ghost.offset;
+            assert!((measured / predicted - 1.0).abs() < 0.05, "{name}: {ghost:?}");
+            assert!((ghost.measured.level_db - ghost.predicted.level_db).abs() < 6.0, "{name}: {ghost:?}");
+        }
+        let peak = spread.peak_sidelobe.unwrap();
+        let predicted = spread.predicted_peak_sidelobe_db.unwrap();
+        assert!((peak.level_db - predicted).abs() < 6.0, "{name}: {peak:?} against {predicted}");
+        assert_eq!(spread.ghosts.is_empty(), ["spiral", "random"].contains(&name), "{name}");
+    }
+    assert!(ghosts >= 12, "{ghosts}");
+}
+
+/// TABLE1 section 6: ghosts measured independently on 15 microphones over 2 m with 2 kHz, at x = .35 and 1.16 m of a point
+/// at (.76, 3.15), -4.5 and -5.8 dB.
+#[test]
+fn ghosts_are_where_an_independent_study_found_them() {
+    let row = MicArray::rectangular("array", [15, 1], [2.0 / 14.0, 1.0], DVec3::ZERO).unwrap();
+    let p = DVec3::new(0.76, 0.0, 3.15);
+    let spread = spread(&row, [18_000.0, 20_000.0], Geometry::ORIGIN, Window::None, p);
+    for (order, x, level) in [(-1, 0.35, -4.5), (1, 1.16, -5.8)] {
+        let ghost = spread.ghosts.iter().find(|g| g.order == order).unwrap();
+        assert!((ghost.measured.position[0] - x).abs() < 0.03, "{ghost:?}");
+        assert!((ghost.measured.level_db - level).abs() < 2.5, "{ghost:?}");
+    }
+    assert!(
+        spread.widths[1].at_3_db.is_none() && spread.widths[0].at_3_db.is_some(),
+        "a row tells nothing apart in y"
+    );
+}
+
+#[test]
+fn every_suggestion_mends_what_it_says() {
+    let overrides = |more: &[String]| {
+        let all = [&["detection.kind=in-phase".to_owned(), "sweep.step=100".to_owned()], more].concat();
+        RunFile::load(&shipped("corner.toml"), &all).unwrap()
+    };
+    let forecast = |more: &[String]| pipeline::forecast_scene(&overrides(more), false, &Silent).unwrap();
+    let first = forecast(&[]);
+    let sign = |mends: &str| if mends == "aliasing" { "alias" } else { "unambiguous" };
+    let mut seen = Vec::new();
+    for suggestion in &first.design.suggestions {
+        let after = forecast(&suggestion.set);
+        seen.push(suggestion.mends);
+        if suggestion.mends == "voxels" {
+            assert!(!after.design.suggestions.iter().any(|s| s.mends == "voxels"), "{suggestion:?}");
+            continue;
+        }
+        let sign = sign(suggestion.mends);
+        assert!(first.warnings.iter().any(|w| w.contains(sign)), "{sign}: {:?}", first.warnings);
+        assert!(!after.warnings.iter().any(|w| w.contains(sign)), "{suggestion:?}: {:?}", after.warnings);
+    }
+    for mends in ["aliasing", "ambiguity", "voxels"] {
+        assert!(seen.contains(&mends), "{seen:?}");
+    }
+}
+
+#[test]
+fn a_sweep_compares_layouts_in_one_command() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = shipped("corner.toml");
+    let words = format!(
+        "plan {} --set array.elements=256 --sweep array.layout=grid,spiral,random --sweep sweep.start=10000,18000 -o out",
+        scene.display()
+    );
+    let sweep: Value = serde_json::from_str(&done(folder.path(), &format!("{words} --json"))).unwrap();
+    let rows = sweep["combinations"].as_array().unwrap();
+    assert_eq!(rows.len(), 6);
+    for row in rows {
+        assert_eq!(row["design"]["microphones"], 256, "{row}");
+    }
+    let peak = |row: usize| rows[row]["design"]["peak_sidelobe_db"].as_f64().unwrap();
+    assert!(peak(0) > peak(2) + 5.0 && peak(0) > peak(4) + 5.0, "a grid's ghosts stand out: {sweep}");
+    assert_eq!(rows[0]["design"]["verdict"], "ghosts");
+    assert_eq!(rows[2]["design"]["verdict"], "scattered");
+    assert!(std::fs::read(folder.path().join("out/sweep.png")).unwrap().starts_with(b"\x89PNG"));
+    let written: Value =
+        serde_json::from_slice(&std::fs::read(folder.path().join("out/sweep.json")).unwrap()).unwrap();
+    assert_eq!(written["keys"], sweep["keys"]);
+    let table = done(folder.path(), &words);
+    assert!(table.starts_with("array.layout  sweep.start  mics") && table.contains("no lattice"), "{table}");
+    // One value that makes no job leaves the others; none that does is an error.
+    let some = format!("plan {} --sweep sweep.step=30,40 --json", scene.display());
+    let some: Value = serde_json::from_str(&done(folder.path(), &some)).unwrap();
+    assert!(some["combinations"][0]["refused"].as_str().unwrap().contains("whole number of steps"));
+    assert!(some["combinations"][1]["design"].is_object());
+    for (words, parts) in [
+        ("--sweep sweep.step=30", &["whole number of steps"][..]),
+        ("--sweep sweep.stop", &["--sweep", "KEY=FROM:TO:STEP"]),
+        ("--sweep array.size=1,2", &["unknown key `size`"]),
+        ("--sweep array.extent=1:2:0.0001", &["more than 2000"]),
+    ] {
+        refused(folder.path(), &format!("plan {} {words}", scene.display()), 2, parts);
+    }
+}
+
+#[test]
+fn psf_tells_and_draws_what_points_look_like() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = shipped("point.toml");
+    let words = format!("psf {} --at -0.02,0.03,1 -o out", scene.display());
+    let told: Value = serde_json::from_str(&done(folder.path(), &format!("{words} --json"))).unwrap();
+    let point = &told["points"][0];
+    let ratio = |axis: usize| {
+        let width = &point["widths"][axis];
+        width["at_3_db"].as_f64().unwrap() / width["predicted_at_3_db"].as_f64().unwrap()
+    };
+    assert!((0..3).all(|axis| (ratio(axis) - 1.0).abs() < 0.12), "{point}");
+    assert!(std::fs::read(folder.path().join("out/psf.png")).unwrap().starts_with(b"\x89PNG"));
+    let text = done(folder.path(), &format!("psf {} --at 0,0,1", scene.display()));
+    assert!(text.contains("point 0.000, 0.000, 1.000 m") && text.contains("foretold"), "{text}");
+    refused(folder.path(), &format!("psf {} --at 0,0", scene.display()), 2, &["--at 0,0", "x,y,z"]);
+    refused(folder.path(), &format!("psf {} --at 0,0,-1", scene.display()), 2, &["before the array"]);
+}
