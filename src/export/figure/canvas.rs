@@ -96,14 +96,13 @@ impl Canvas {
         let mut indices = Vec::with_capacity(self.width * self.height);
         for rgb in self.rgb.chunks_exact(3) {
             let colour = [rgb[0], rgb[1], rgb[2]];
-            let place = match places.get(&colour) {
-                Some(place) => *place,
-                None => {
-                    let place = u8::try_from(palette.len()).ok()?;
-                    palette.push(colour);
-                    places.insert(colour, place);
-                    place
-                }
+            let place = if let Some(place) = places.get(&colour) {
+                *place
+            } else {
+                let place = u8::try_from(palette.len()).ok()?;
+                palette.push(colour);
+                places.insert(colour, place);
+                place
             };
             indices.push(place);
         }
