@@ -26,13 +26,14 @@ use crate::error::{Error, Result};
 use crate::export::volume_npz::read_volume_npz;
 use crate::grid::{DepthMap, Grid};
 use crate::metrics::{Metrics, evaluate};
-use crate::plan::{Holding, Plan, check_memory, gib, memory_limit, needs, plan};
+use crate::plan::{Holding, Plan, check_memory, gib, memory_limit, plan};
 use crate::progress::{Observer, stage};
 use crate::reconstruct::{Reconstruction, reconstruct_into, reconstruct_whole};
 use crate::reflectors::Reflectors;
 use crate::scene::Scene;
 use crate::truth::trace_depth;
 use echoes::{Echoes, Measurement};
+use forecast::{needs_of, options_within};
 use log::Log;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -140,7 +141,7 @@ pub fn reconstruct_cube(
     let holding = Holding { samples: cube.held_bytes(), volume, ..Holding::default() };
     room(run, &setup, &grid, holding, observer)?;
     let mut files = outputs::VolumeFiles::new(setup, run, grid, outputs);
-    reconstruct_into(&mut cube, &grid, &run.reconstruct_options(), &mut files, observer)?;
+    reconstruct_into(&mut cube, &grid, &options_within(run, &grid, holding), &mut files, observer)?;
     files.finish()
 }
 
@@ -233,7 +234,8 @@ fn focus(
     log: &Log,
 ) -> Result<(Reconstruction, DepthMap)> {
     let resolution = source.setup().range_resolution().unwrap_or(f64::NAN);
-    let options = run.reconstruct_options();
+    let holding = Holding { samples: source.held_bytes(), volume: true, ..Holding::default() };
+    let options = options_within(run, grid, holding);
     let image = log.timed("reconstruct", || reconstruct_whole(source, grid, &options, log))?;
     let depth = log.timed("depth", || locate_depth(&image.volume, &run.depth_options(resolution), log))?;
     if depth.accepted() == 0 {
@@ -247,8 +249,7 @@ fn focus(
 
 /// Refuses a job that cannot fit in memory, and says what one that can will take.
 fn room(run: &RunFile, setup: &Setup, grid: &Grid, holding: Holding, observer: &dyn Observer) -> Result<()> {
-    let threads = rayon::current_num_threads();
-    let needs = needs(setup, grid, &run.reconstruct_options(), holding, threads)?;
+    let needs = needs_of(run, setup, grid, holding)?;
     check_memory(&needs, setup, grid, holding, memory_limit())?;
     stage(observer, &format!("taking about {} of memory", gib(needs.peak_bytes)), 0, || Ok(()))
 }

@@ -9,6 +9,7 @@
 //! scene, so it cannot know the answer.
 
 mod backprojection;
+mod batch;
 mod circle;
 mod convolution;
 mod cost;
@@ -33,6 +34,7 @@ use crate::acquisition::{CubeSource, DataCube, Setup};
 use crate::error::{Error, Result};
 use crate::grid::{Grid, Volume, zeros};
 use crate::progress::Observer;
+use batch::Batch;
 use lattice::SharedLattice;
 use num_complex::Complex32;
 use serde::{Deserialize, Serialize};
@@ -64,6 +66,9 @@ pub struct ReconstructOptions {
     /// Error allowed to `Convolution` and `Backprojection`, relative to `Σ|w m| / Σw`; 0 sums every frequency on a
     /// lattice that fits.
     pub tolerance: f64,
+    /// Bytes that may be used beside samples and volume: less is worked on at a time, and by fewer threads, where that
+    /// keeps to it. It changes no byte of the volume. `None` is no limit.
+    pub memory: Option<u64>,
 }
 
 impl Default for ReconstructOptions {
@@ -75,7 +80,7 @@ impl Default for ReconstructOptions {
 impl ReconstructOptions {
     /// Options of a given method and window, with the default tolerance of 10⁻⁴.
     pub fn new(method: Method, window: Window) -> Self {
-        Self { method, window, tolerance: 1e-4 }
+        Self { method, window, tolerance: 1e-4, memory: None }
     }
 }
 
@@ -146,8 +151,9 @@ impl Options {
     }
 
     /// The method that the options come to, and a warning if `auto` had to take a slow one.
-    fn choose(self, setup: &Setup, grid: &Grid, asked: Method) -> Result<(Choice, Option<String>)> {
+    fn choose(self, setup: &Setup, grid: &Grid, asked: Method) -> Result<(Choice, Batch, Option<String>)> {
         let chosen = self.chosen(asked);
+        let batch = chosen.batch;
         if let Some(obstacle) = &chosen.obstacle {
             let (name, others) = match chosen.method {
                 Method::Convolution => ("convolution", "\"backprojection\" or \"direct\""),
@@ -159,14 +165,14 @@ impl Options {
             ));
         }
         match (chosen.method, self.lattice, self.backprojection) {
-            (Method::Convolution, Ok(lattice), _) => Ok((Choice::Convolution(Box::new(lattice)), None)),
-            (Method::Backprojection, _, Some(plan)) => Ok((Choice::Backprojection(Box::new(plan)), None)),
+            (Method::Convolution, Ok(lattice), _) => Ok((Choice::Convolution(Box::new(lattice)), batch, None)),
+            (Method::Backprojection, _, Some(plan)) => Ok((Choice::Backprojection(Box::new(plan)), batch, None)),
             (_, Err(misfit), None) if asked == Method::Auto => {
                 refuse_long_sum(setup, grid, &misfit)?;
                 let slower = "summing Eq. 13 directly instead, which is slower (a tolerance would help)";
-                Ok((Choice::Direct, Some(format!("{misfit}; {slower}"))))
+                Ok((Choice::Direct, batch, Some(format!("{misfit}; {slower}"))))
             }
-            _ => Ok((Choice::Direct, None)),
+            _ => Ok((Choice::Direct, batch, None)),
         }
     }
 }
@@ -340,18 +346,20 @@ pub fn reconstruct_into(
     observer: &dyn Observer,
 ) -> Result<Made> {
     let setup = source.setup();
-    let (choice, warning) = Options::of(&setup, grid, options, 1)?.choose(&setup, grid, options.method)?;
+    let threads = rayon::current_num_threads();
+    let possible = Options::of(&setup, grid, options, threads)?;
+    let (choice, batch, warning) = possible.choose(&setup, grid, options.method)?;
     if let Some(warning) = warning {
         observer.warn(&warning);
     }
     let weights = Weights::new(&setup, options.window);
     match choice {
-        Choice::Direct => direct::direct(source, &weights, grid, sink, observer),
+        Choice::Direct => direct::direct(source, &weights, grid, batch, sink, observer),
         Choice::Convolution(lattice) => {
-            convolution::convolution(source, &weights, &lattice, grid, options.tolerance, sink, observer)
+            convolution::convolution(source, &weights, (&lattice, batch), grid, options.tolerance, sink, observer)
         }
         Choice::Backprojection(plan) => {
-            backprojection::backprojection(source, &weights, &plan, options.tolerance, sink, observer)
+            backprojection::backprojection(source, &weights, (&plan, batch), options.tolerance, sink, observer)
         }
     }
 }

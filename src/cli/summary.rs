@@ -167,7 +167,7 @@ pub(super) fn forecast(forecast: &Forecast) -> String {
         format!("{} tones x {} microphones: {}", plan.frequencies, plan.microphones, gib(plan.cube_bytes)),
     );
     table.row("volume", gib(plan.volume_bytes));
-    for (i, (method, seconds)) in needs.methods.iter().zip(needs.seconds).enumerate() {
+    for (i, (method, seconds)) in needs.methods.iter().zip(forecast.seconds).enumerate() {
         let name = format!("{}{}", if i == needs.chosen { "* " } else { "  " }, name_of(method.method));
         let costs = match &method.obstacle {
             Some(obstacle) => format!("not taken: {obstacle}"),

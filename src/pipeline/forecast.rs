@@ -6,8 +6,11 @@ use crate::acquisition::{CubeFile, CubeSource, Setup};
 use crate::config::RunFile;
 use crate::error::Result;
 use crate::grid::Grid;
-use crate::plan::{Holding, Needs, Plan, needs, outside_warning, plan, scale_warnings};
+use crate::plan::{
+    Holding, Needs, Plan, left_for_method, memory_limit, needs, outside_warning, plan, scale_warnings,
+};
 use crate::progress::Observer;
+use crate::reconstruct::ReconstructOptions;
 use crate::reflectors::Reflectors;
 use crate::scene::Scene;
 use glam::DVec3;
@@ -21,8 +24,10 @@ pub struct Forecast {
     pub plan: Plan,
     /// The voxels, whether typed or chosen.
     pub grid: Grid,
-    /// Operations, bytes and seconds on this machine.
+    /// Operations and bytes.
     pub needs: Needs,
+    /// Seconds of each method, by a short measurement of this machine's speed.
+    pub seconds: [f64; 3],
     /// Files that `image` will write.
     pub files: Vec<String>,
     /// What the user should know.
@@ -66,9 +71,21 @@ pub fn forecast_cube(run: &RunFile, cube: &CubeFile) -> Result<Forecast> {
     forecast(run, &setup, &grid, holding, false)
 }
 
+/// How a volume is to be made within the memory there is.
+pub(super) fn options_within(run: &RunFile, grid: &Grid, holding: Holding) -> ReconstructOptions {
+    let mut options = run.reconstruct_options();
+    options.memory = left_for_method(grid, &options, holding, memory_limit());
+    options
+}
+
+/// What that takes.
+pub(super) fn needs_of(run: &RunFile, setup: &Setup, grid: &Grid, holding: Holding) -> Result<Needs> {
+    needs(setup, grid, &options_within(run, grid, holding), holding, rayon::current_num_threads())
+}
+
 fn forecast(run: &RunFile, setup: &Setup, grid: &Grid, holding: Holding, truth: bool) -> Result<Forecast> {
     let plan = plan(setup, grid);
-    let needs = needs(setup, grid, &run.reconstruct_options(), holding, rayon::current_num_threads())?;
-    let warnings = plan.warnings.clone();
-    Ok(Forecast { plan, grid: *grid, needs, files: outputs::names(run, truth), warnings })
+    let needs = needs_of(run, setup, grid, holding)?;
+    let (seconds, warnings) = (needs.seconds(), plan.warnings.clone());
+    Ok(Forecast { plan, grid: *grid, needs, seconds, files: outputs::names(run, truth), warnings })
 }

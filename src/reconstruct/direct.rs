@@ -1,5 +1,6 @@
 //! Eq. 13 as written: every voxel, microphone and frequency, with f64 totals. The oracle.
 
+use super::batch::Batch;
 use super::weights::Weights;
 use super::{Made, Method, VolumeSink, no_room, room_for};
 use crate::acquisition::{CubeSource, Setup};
@@ -26,6 +27,7 @@ pub(super) fn direct(
     source: &mut dyn CubeSource,
     weights: &Weights,
     grid: &Grid,
+    batch: Batch,
     sink: &mut dyn VolumeSink,
     observer: &dyn Observer,
 ) -> Result<Made> {
@@ -35,9 +37,10 @@ pub(super) fn direct(
     drop(samples);
     let padded = setup.array.len().next_multiple_of(LANES);
     let mut voxels = room_for(grid)?;
-    let total = voxels.len().div_ceil(TOGETHER) as u64;
-    stage(observer, "reconstructing (direct sum)", total, || {
-        voxels.par_chunks_mut(TOGETHER).enumerate().try_for_each_init(
+    let total = voxels.len().div_ceil(TOGETHER);
+    stage(observer, "reconstructing (direct sum)", total as u64, || {
+        let chunks = voxels.par_chunks_mut(TOGETHER).with_min_len(batch.least_run(total));
+        chunks.enumerate().try_for_each_init(
             || vec![0.0; TOGETHER * padded],
             |lengths, (chunk, voxels)| {
                 for (i, lengths) in lengths.chunks_exact_mut(padded).enumerate().take(voxels.len()) {
