@@ -165,8 +165,12 @@ impl Options {
             ));
         }
         match (chosen.method, self.lattice, self.backprojection) {
-            (Method::Convolution, Ok(lattice), _) => Ok((Choice::Convolution(Box::new(lattice)), batch, None)),
-            (Method::Backprojection, _, Some(plan)) => Ok((Choice::Backprojection(Box::new(plan)), batch, None)),
+            (Method::Convolution, Ok(lattice), _) => {
+                Ok((Choice::Convolution(Box::new(lattice)), batch, None))
+            }
+            (Method::Backprojection, _, Some(plan)) => {
+                Ok((Choice::Backprojection(Box::new(plan)), batch, None))
+            }
             (_, Err(misfit), None) if asked == Method::Auto => {
                 refuse_long_sum(setup, grid, &misfit)?;
                 let slower = "summing Eq. 13 directly instead, which is slower (a tolerance would help)";
@@ -355,12 +359,23 @@ pub fn reconstruct_into(
     let weights = Weights::new(&setup, options.window);
     match choice {
         Choice::Direct => direct::direct(source, &weights, grid, batch, sink, observer),
-        Choice::Convolution(lattice) => {
-            convolution::convolution(source, &weights, (&lattice, batch), grid, options.tolerance, sink, observer)
-        }
-        Choice::Backprojection(plan) => {
-            backprojection::backprojection(source, &weights, (&plan, batch), options.tolerance, sink, observer)
-        }
+        Choice::Convolution(lattice) => convolution::convolution(
+            source,
+            &weights,
+            (&lattice, batch),
+            grid,
+            options.tolerance,
+            sink,
+            observer,
+        ),
+        Choice::Backprojection(plan) => backprojection::backprojection(
+            source,
+            &weights,
+            (&plan, batch),
+            options.tolerance,
+            sink,
+            observer,
+        ),
     }
 }
 

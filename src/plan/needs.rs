@@ -228,7 +228,8 @@ mod tests {
                 let tight = needs(setup, &grid, &options, holding, 4).expect("an estimate");
                 assert_eq!(tight.peak_bytes, limit);
                 assert!(check_memory(&tight, setup, &grid, holding, Some(limit)).is_ok());
-                let refused = check_memory(&tight, setup, &grid, holding, Some(limit - 1)).expect_err("too much");
+                let refused =
+                    check_memory(&tight, setup, &grid, holding, Some(limit - 1)).expect_err("too much");
                 assert_eq!(refused.to_string().contains("never held whole"), tolerance > 0.0, "{refused}");
                 assert_eq!(reconstruct(&cube, &grid, &options, &Silent).expect("fits").volume, volume);
             }

@@ -160,7 +160,7 @@ pub(super) fn slab_thickness(setup: &Setup, layout: &Layout) -> usize {
     let depths = layout.grid.z.count;
     let points = (layout.x.len() * layout.y.len()) as f64;
     // In transformed points per tone: for a decomposition, by the number of frequencies, and for its product over all nodes.
-    let slab = (60 * setup.sweep.len() + 10 * layout.lattice.width()) as f64;
+    let slab = (150 * setup.sweep.len() + 10 * layout.lattice.width()) as f64;
     let cost = |thickness: usize| -> f64 {
         (0..depths)
             .step_by(thickness)

@@ -71,7 +71,15 @@ pub(super) fn estimates(
 
 fn impossible(method: Method, obstacle: String) -> Estimate {
     let (obstacle, operations) = (Some(obstacle), f64::INFINITY);
-    Estimate { method, obstacle, operations, bytes: 0, least_bytes: 0, holds_volume: false, batch: Batch::LEAST }
+    Estimate {
+        method,
+        obstacle,
+        operations,
+        bytes: 0,
+        least_bytes: 0,
+        holds_volume: false,
+        batch: Batch::LEAST,
+    }
 }
 
 /// Operations of a complex multiplication and addition.
@@ -122,7 +130,8 @@ fn of_convolution(
         let n_f = setup.sweep.len() as f64;
         // Spectra, and the samples that they are made of.
         let tone = COMPLEX * 2 * layout.tone_len() as u64;
-        let bytes = |batch: Batch| tone.saturating_mul(batch.frequencies as u64).saturating_add(scratch(batch));
+        let bytes =
+            |batch: Batch| tone.saturating_mul(batch.frequencies as u64).saturating_add(scratch(batch));
         return Estimate {
             holds_volume: true,
             ..possible(Method::Convolution, n_f * (depths as f64 * pair + spectra), options, usual, bytes)
@@ -133,7 +142,8 @@ fn of_convolution(
         tones_for(setup.sweep.bandwidth() * duration, share * left).min(setup.sweep.len() as f64)
     };
     let (of_volume, width) = (tones(0..depths, FIRST_SHARE), lattice.width() as f64);
-    let (mut operations, bytes_finding) = compression(setup, &setup.path_interval(grid, 0..depths), of_volume);
+    let (mut operations, bytes_finding) =
+        compression(setup, &setup.path_interval(grid, 0..depths), of_volume);
     let mut most = 0.0f64;
     for first in (0..depths).step_by(thickness) {
         let planes = first..(first + thickness).min(depths);
@@ -168,7 +178,15 @@ fn possible(
 ) -> Estimate {
     let batch = usual.within(options.memory, &bytes);
     let least_bytes = bytes(Batch::LEAST);
-    Estimate { method, obstacle: None, operations, bytes: bytes(batch), least_bytes, holds_volume: false, batch }
+    Estimate {
+        method,
+        obstacle: None,
+        operations,
+        bytes: bytes(batch),
+        least_bytes,
+        holds_volume: false,
+        batch,
+    }
 }
 
 fn of_backprojection(
@@ -179,8 +197,8 @@ fn of_backprojection(
     threads: usize,
 ) -> Estimate {
     let whole = setup.path_interval(grid, 0..grid.z.count);
-    let tones =
-        tones_for(setup.sweep.bandwidth() * whole.duration(), 0.1 * options.tolerance).min(setup.sweep.len() as f64);
+    let tones = tones_for(setup.sweep.bandwidth() * whole.duration(), 0.1 * options.tolerance)
+        .min(setup.sweep.len() as f64);
     let (compressing, finding) = compression(setup, &whole, tones);
     let held = (tones * setup.array.len() as f64 * COMPLEX as f64) as u64;
     let planes = plan.slab_voxels().saturating_mul(2 * COMPLEX);

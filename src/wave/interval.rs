@@ -45,12 +45,16 @@ impl PathInterval {
         let (first, step) = (later - 0.5 * self.duration(), self.duration() / (count - 1) as f64);
         let mut all = Mat::zeros(count, frequencies.len());
         for (n, f) in frequencies.iter().enumerate() {
-            // Products of a few phasors: a sine for every element would take longer than what it is used for.
-            let tone = |delay: f64| turned((carrier - f) * delay);
-            let short: [Complex64; RUN] = std::array::from_fn(|k| tone(k as f64 * step));
-            for (run, elements) in all.col_as_slice_mut(n).chunks_mut(RUN).enumerate() {
-                let start = tone(first + (run * RUN) as f64 * step);
+            // By products, which drift by no more than some 10⁻¹³: a sine for every element would take longer than what
+            // it is used for.
+            let [mut start, turn] = [first, step].map(|delay| turned((carrier - f) * delay));
+            let mut short = [Complex64::ONE; RUN];
+            for k in 1..RUN {
+                short[k] = short[k - 1] * turn;
+            }
+            for elements in all.col_as_slice_mut(n).chunks_mut(RUN) {
                 elements.iter_mut().zip(&short).for_each(|(z, short)| *z = start * short);
+                start *= short[RUN - 1] * turn;
             }
         }
         all
