@@ -2,6 +2,29 @@
 //!
 //! [`simulate`] makes a cube from reflectors by Eq. 5; [`DataCube::read`] takes a measured one. From here on
 //! nothing tells them apart.
+//!
+//! # Example
+//! The echo of one reflector at one microphone, tone by tone, is Eq. 5:
+//! ```
+//! use glam::DVec3;
+//! use holosonar::acquisition::{MicArray, SimulateOptions, Sweep, simulate};
+//! use holosonar::progress::Silent;
+//! use holosonar::reflectors::Reflectors;
+//! use num_complex::{Complex32, Complex64};
+//! use std::f64::consts::TAU;
+//!
+//! let p = DVec3::new(0.1, 0.0, 1.0);
+//! let sweep = Sweep::stepped("sweep", 10_000.0, 12_000.0, 500.0)?;
+//! let array = MicArray::rectangular("array", [1, 1], [0.0, 0.0], DVec3::ZERO)?;
+//! let reflector = Reflectors::new(vec![p], vec![Complex32::ONE])?;
+//! let cube = simulate(&reflector, &sweep, &array, &SimulateOptions::default(), &Silent)?;
+//! let path = 2.0 * p.length();
+//! for (f, m) in [10e3, 10.5e3, 11e3, 11.5e3, 12e3].into_iter().zip(&cube.samples) {
+//!     let exact = Complex64::cis(TAU * f * path / 343.0);
+//!     assert!((Complex64::new(m.re.into(), m.im.into()) - exact).norm() < 1e-5);
+//! }
+//! # Ok::<(), holosonar::error::Error>(())
+//! ```
 
 mod array;
 mod setup;
@@ -15,7 +38,9 @@ pub use array::{Lattice, MicArray};
 pub use cube::DataCube;
 pub use cube_file::CubeFile;
 pub use setup::{Instrument, Setup};
-pub use simulate::{Noise, PropagationModel, SIMULATION_TOLERANCE, SimulateOptions, simulate};
+pub use simulate::{
+    Noise, PropagationModel, SIMULATION_TOLERANCE, SimulateOptions, simulate, simulate_keeping,
+};
 pub use source::{CubeSource, Visit};
 pub use sweep::Sweep;
 

@@ -7,21 +7,26 @@ mod browser;
 mod commands;
 mod info;
 mod inputs;
+mod manual;
+mod reproduce;
+mod signals;
 mod summary;
 mod terminal;
 mod verdicts;
 
-use clap::{Args, Parser, Subcommand};
+use clap::error::{ContextKind, ContextValue, ErrorKind};
+use clap::{Args, CommandFactory, Parser, Subcommand};
 use holosonar::error::Error;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::time::Duration;
 use terminal::Terminal;
 
 /// The version with the commit it was built from.
 const VERSION: &str = concat!(env!("CARGO_PKG_VERSION"), " (", env!("HOLOSONAR_COMMIT"), ")");
 
 const EXIT_STATUS: &str = "Exit status: 0 done; 1 the machine failed (disk, memory); 2 the request or an input file is \
-wrong; 3 a limit of compare or check was missed; 130 interrupted.";
+wrong; 3 a limit of compare or check was missed; 130 interrupted (Ctrl-C), 143 terminated.";
 
 /// Images 3-D scenes with sound: CAD mesh or measured cube in, depth and amplitude EXR out.
 #[derive(Debug, Parser)]
@@ -43,7 +48,7 @@ struct Common {
     /// Print no progress, no warnings and no summary.
     #[arg(short, long, global = true)]
     quiet: bool,
-    /// Print stages as they run, even without a terminal.
+    /// Print what each stage did and how long it took.
     #[arg(short, long, global = true, conflicts_with = "quiet")]
     verbose: bool,
     /// Worker threads; the results do not depend on it [default: one per core].
@@ -52,6 +57,25 @@ struct Common {
     /// Most memory to use, as in 2GiB or 500MB; a job that needs more is refused [default: 80 % of what is free].
     #[arg(long, global = true, value_name = "SIZE")]
     memory: Option<String>,
+}
+
+/// How a long job is kept, so that an interrupted one can be taken up by the same command.
+#[derive(Debug, Args, Clone)]
+struct Keeping {
+    /// Keep finished blocks every so many seconds; 0: after every block.
+    #[arg(long, value_name = "SECONDS", default_value_t = 5.0)]
+    checkpoint_every: f64,
+}
+
+impl Keeping {
+    fn every(&self) -> Result<Duration, Error> {
+        Duration::try_from_secs_f64(self.checkpoint_every).map_err(|_| {
+            Error::input(
+                "--checkpoint-every",
+                "was expected to be a number of seconds, 0 or more; 5 is usual",
+            )
+        })
+    }
 }
 
 /// How a run file is changed from the command line.
@@ -96,6 +120,8 @@ enum Command {
         config: Option<PathBuf>,
         #[command(flatten)]
         overrides: Overrides,
+        #[command(flatten)]
+        keeping: Keeping,
     },
     /// Scene to data cube (.npz).
     Simulate {
@@ -106,6 +132,8 @@ enum Command {
         output: PathBuf,
         #[command(flatten)]
         overrides: Overrides,
+        #[command(flatten)]
+        keeping: Keeping,
     },
     /// Data cube to volume (.npz, .exr, .vti, .nrrd by extension).
     Reconstruct {
@@ -119,6 +147,8 @@ enum Command {
         output: Vec<PathBuf>,
         #[command(flatten)]
         settings: Settings,
+        #[command(flatten)]
+        keeping: Keeping,
     },
     /// Volume (.npz) to depth map (.exr), or to its points (.ply).
     Depth {
@@ -179,6 +209,12 @@ enum Command {
         #[command(flatten)]
         overrides: Overrides,
     },
+    /// The paper's Table I, its timings and Figures 3 to 7, computed anew and set beside the printed ones.
+    Reproduce {
+        /// Folder for the figures and for the numbers as JSON; left out, nothing is written.
+        #[arg(short, long, value_name = "DIR")]
+        output: Option<PathBuf>,
+    },
     /// Makes the page report.html of a folder that `image` wrote: volume, slices, depth and numbers, to look at.
     Report {
         /// The folder of results.
@@ -200,6 +236,11 @@ enum Command {
         #[arg(default_value = ".")]
         folder: PathBuf,
     },
+    /// Prints the manual page, or writes one for every command into a folder.
+    Man {
+        /// Folder for the pages (man1); made if missing.
+        folder: Option<PathBuf>,
+    },
     /// Prints a completion script for a shell.
     Completions {
         /// The shell.
@@ -209,7 +250,7 @@ enum Command {
 
 /// Parses, runs, prints; the exit status of DESIGN section 4.
 pub(crate) fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let cli = Cli::try_parse().unwrap_or_else(|error| explain(error).exit());
     terminal::explain_panics();
     let terminal = Terminal::new(cli.common.quiet, cli.common.verbose);
     let result = start_threads(cli.common.threads)
@@ -219,8 +260,23 @@ pub(crate) fn main() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             terminal.error(&error);
-            ExitCode::from(error.exit_status())
+            ExitCode::from(
+                terminal.signalled().filter(|_| error == Error::Interrupted).unwrap_or(error.exit_status()),
+            )
         }
+    }
+}
+
+/// Says which command takes a file that was typed without one.
+fn explain(error: clap::Error) -> clap::Error {
+    match error.get(ContextKind::InvalidSubcommand) {
+        Some(ContextValue::String(name)) if Path::new(name).is_file() => Cli::command().error(
+            ErrorKind::InvalidSubcommand,
+            format!(
+                "'{name}' is a file, and a command was expected; to image it: holosonar image {name} -o DIR"
+            ),
+        ),
+        _ => error,
     }
 }
 
@@ -234,12 +290,13 @@ fn limit_memory(size: Option<&str>) -> Result<(), Error> {
 
 /// Starts the worker threads before anything else asks for them.
 fn start_threads(threads: Option<u16>) -> Result<(), Error> {
-    let Some(threads) = threads else { return Ok(()) };
-    if threads == 0 {
+    if threads == Some(0) {
         return Err(Error::input("--threads", "0 threads can do nothing; give 1 or more"));
     }
-    rayon::ThreadPoolBuilder::new()
-        .num_threads(threads.into())
-        .build_global()
-        .map_err(|e| Error::environment("threads", format!("{threads} cannot be started: {e}")))
+    // Not left to the first use, which panics where no thread can be had.
+    let count = usize::from(threads.unwrap_or(0));
+    rayon::ThreadPoolBuilder::new().num_threads(count).build_global().map_err(|e| {
+        let problem = format!("the worker threads cannot be started: {e}; -j sets a smaller number of them");
+        Error::environment("threads", problem)
+    })
 }

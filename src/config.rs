@@ -5,6 +5,19 @@
 //! be judged from the text alone (names, types, ranges, keys that contradict each other) is judged here, with
 //! the line at fault, so that no later message has to send a user back to it. Only the pipeline and the binary
 //! see this module.
+//!
+//! # Example
+//! ```
+//! use holosonar::config::RunFile;
+//! use std::path::Path;
+//!
+//! let text = "[scene]\nmesh = \"part.glb\"\n[sweep]\nstep = 40.0\n";
+//! let run = RunFile::from_str_at(text, "part.toml", Path::new("scenes"), &["sweep.stop=15000".to_owned()])?;
+//! assert_eq!((run.sweep.start, run.sweep.stop, run.sweep.step), (10_000.0, 15_000.0, 40.0));
+//! let refusal = RunFile::from_str_at("[sweep]\nsteps = 40.0\n", "part.toml", Path::new(""), &[]).unwrap_err();
+//! assert!(refusal.to_string().starts_with("part.toml:2:1") && refusal.to_string().contains("did you mean `step`"));
+//! # Ok::<(), holosonar::error::Error>(())
+//! ```
 
 mod check;
 mod choices;

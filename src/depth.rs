@@ -3,6 +3,23 @@
 //! The picked return is the strongest (or first) peak of `|Â|` above a threshold, refined by the power centroid and
 //! cleaned by a median filter; further returns are found in smoothed power (module `returns`). This module cannot see
 //! the scene, so it cannot know the answer.
+//!
+//! # Example
+//! A column that peaks between two voxels; the power centroid finds the place:
+//! ```
+//! use holosonar::depth::{DepthOptions, locate_depth};
+//! use holosonar::grid::{Axis, Grid, Volume};
+//! use holosonar::progress::Silent;
+//! use num_complex::Complex32;
+//!
+//! let one = Axis { first: 0.0, pitch: 0.01, count: 1 };
+//! let grid = Grid { x: one, y: one, z: Axis { first: 1.0, pitch: 0.01, count: 41 } };
+//! let echo = |z: f64| Complex32::from((-0.5 * ((z - 1.204) / 0.01).powi(2)).exp() as f32);
+//! let volume = Volume::new(grid, grid.z.positions().map(echo).collect());
+//! let map = locate_depth(&volume, &DepthOptions::new(0.017), &Silent)?;
+//! assert!((map.picked.depth[0] - 1.204).abs() < 5e-4);
+//! # Ok::<(), holosonar::error::Error>(())
+//! ```
 
 mod returns;
 

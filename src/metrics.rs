@@ -2,6 +2,23 @@
 //!
 //! Definitions are those of PHYSICS ("Scoring"): Δd = c/2B; a pixel's error is taken against the true surface nearest
 //! to the reported depth; a detection on an empty pixel is not scored within a guard ring round silhouettes.
+//!
+//! # Example
+//! Two of three surfaces found within Δd = 17 mm, the third 0.1 m too near:
+//! ```
+//! use holosonar::grid::{Axis, DepthMap, Surface};
+//! use holosonar::metrics::evaluate;
+//!
+//! let row = |count| Axis { first: 0.0, pitch: 0.01, count };
+//! let map = |depth: [f32; 3]| {
+//!     let picked = Surface { depth: depth.to_vec(), strength: vec![1.0; 3], facing: None };
+//!     DepthMap { x: row(3), y: row(1), picked, confidence: vec![], returns: vec![] }
+//! };
+//! let metrics = evaluate(&map([1.001, 2.0, 1.4]), &map([1.0, 2.0, 1.5]), 0.017)?;
+//! assert_eq!(metrics.completeness, Some(2.0 / 3.0));
+//! assert_eq!(metrics.false_returns, Some(1.0 / 3.0));
+//! # Ok::<(), holosonar::error::Error>(())
+//! ```
 
 use crate::error::{Error, Result};
 use crate::grid::{Axis, DepthMap, Surface};

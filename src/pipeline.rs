@@ -2,10 +2,23 @@
 //!
 //! Only this module and the binary see the run file. Stages are timed and their warnings kept for the report; the
 //! files are written by `outputs`, and `check` holds the same result to the run file's `[expect]`.
+//!
+//! # Example
+//! ```
+//! use holosonar::{config::RunFile, pipeline, progress::Silent};
+//! use std::path::Path;
+//!
+//! let run = RunFile::load(Path::new("scenes/point.toml"), &[])?;
+//! let outcome = pipeline::image_scene(&run, false, &Silent)?;
+//! assert!((outcome.image.volume.peak() - 1.0).abs() < 0.01);
+//! assert!(outcome.depth.accepted() > 0 && outcome.truth.is_none());
+//! # Ok::<(), holosonar::error::Error>(())
+//! ```
 
 mod echoes;
 mod facts;
 mod forecast;
+mod identity;
 mod limits;
 mod log;
 mod outputs;
@@ -19,16 +32,18 @@ pub use outputs::{write_cube, write_depth, write_outputs, write_volume};
 pub use page::write_page;
 pub use report::{Report, SceneSummary};
 
-use crate::acquisition::{CubeFile, CubeSource, DataCube, Instrument, Setup, Sweep};
+use crate::acquisition::{CubeFile, CubeSource, DataCube, Detection, Instrument, Setup, Sweep};
+use crate::checkpoint::{Checkpoint, KeptVolume, Patient};
 use crate::config::RunFile;
 use crate::depth::locate_depth;
 use crate::error::{Error, Result};
 use crate::export::volume_npz::read_volume_npz;
-use crate::grid::{DepthMap, Grid};
+use crate::files::extension;
+use crate::grid::{DepthMap, Grid, Volume};
 use crate::metrics::{Metrics, evaluate};
 use crate::plan::{Holding, Plan, check_memory, gib, memory_limit, plan};
 use crate::progress::{Observer, stage};
-use crate::reconstruct::{Reconstruction, reconstruct_into, reconstruct_whole};
+use crate::reconstruct::{Made, Reconstruction, reconstruct_into};
 use crate::reflectors::Reflectors;
 use crate::scene::Scene;
 use crate::truth::trace_depth;
@@ -71,12 +86,31 @@ pub struct Outcome {
 /// # Errors
 /// What the stages refuse; a run file without a scene.
 pub fn image_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Result<Outcome> {
+    image_scene_keeping(run, bare, &Checkpoint::off(), observer)
+}
+
+/// The same, keeping finished blocks and taking up those of an interrupted run. [`Checkpoint::remove`] ends it, once the
+/// files are written.
+///
+/// # Errors
+/// As [`image_scene`]; no room for the files; another process at the same job.
+pub fn image_scene_keeping(
+    run: &RunFile,
+    bare: bool,
+    checkpoint: &Checkpoint,
+    observer: &dyn Observer,
+) -> Result<Outcome> {
     let log = Log::new(observer);
     need_bandwidth("[sweep]", &run.sweep()?)?;
     let echoes = log.timed("scene", || Echoes::of(run, bare, true, &log))?;
     echoes.warn(&log);
-    let cube = log.timed("simulate", || echoes.simulate(run, &log))?;
-    let (image, depth) = focus(run, &mut &cube, &echoes.grid, &log)?;
+    let volume = outputs::volume_bytes(run, &echoes.grid);
+    checkpoint.need_space(volume)?;
+    let state = echoes.setup().cube_bytes().saturating_add(echoes.plan.volume_bytes);
+    checkpoint.open(&identity::of_scene("image", run, &echoes), state, observer)?;
+    let patient = Patient::new(checkpoint, &log);
+    let cube = log.timed("simulate", || echoes.simulate(run, &mut checkpoint.cube(&patient), &patient))?;
+    let (image, depth) = focus(run, &mut &cube, &echoes.grid, checkpoint, &log)?;
     drop(cube);
     let truth = match &echoes.scene {
         Some(scene) => {
@@ -97,7 +131,20 @@ pub fn image_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Result
 ///
 /// # Errors
 /// What the stages refuse; a run file without a grid.
-pub fn image_cube(run: &RunFile, mut cube: CubeFile, observer: &dyn Observer) -> Result<Outcome> {
+pub fn image_cube(run: &RunFile, cube: CubeFile, observer: &dyn Observer) -> Result<Outcome> {
+    image_cube_keeping(run, cube, &Checkpoint::off(), observer)
+}
+
+/// The same, keeping finished blocks and taking up those of an interrupted run.
+///
+/// # Errors
+/// As [`image_cube`]; no room for the files; another process at the same job.
+pub fn image_cube_keeping(
+    run: &RunFile,
+    mut cube: CubeFile,
+    checkpoint: &Checkpoint,
+    observer: &dyn Observer,
+) -> Result<Outcome> {
     let log = Log::new(observer);
     let instrument = cube.setup().to_instrument();
     need_bandwidth("the cube's `frequencies`", &instrument.sweep)?;
@@ -106,30 +153,46 @@ pub fn image_cube(run: &RunFile, mut cube: CubeFile, observer: &dyn Observer) ->
     warn_all(&plan.warnings, &log);
     let holding = Holding { samples: cube.held_bytes(), volume: true, depth: true, ..Holding::default() };
     room(run, &instrument.setup(), &grid, holding, &log)?;
-    let (image, depth) = focus(run, &mut cube, &grid, &log)?;
+    checkpoint.need_space(outputs::volume_bytes(run, &grid))?;
+    checkpoint.open(&identity::of_cube("image", run, &mut cube, &grid)?, plan.volume_bytes, observer)?;
+    let (image, depth) = focus(run, &mut cube, &grid, checkpoint, &log)?;
     let (timings, warnings) = log.finish();
     let (scene, reflectors, truth, metrics) = (None, None, None, None);
     Ok(Outcome { plan, scene, reflectors, instrument, image, depth, truth, metrics, timings, warnings })
 }
 
-/// Scene in, cube out.
+/// Scene in, cube out; keeps finished blocks and takes up those of an interrupted run.
 ///
 /// # Errors
-/// What the stages refuse; a run file without a scene.
-pub fn simulate_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Result<DataCube> {
+/// What the stages refuse; a run file without a scene; no room for the file; another process at the same job.
+pub fn simulate_scene(
+    run: &RunFile,
+    bare: bool,
+    checkpoint: &Checkpoint,
+    observer: &dyn Observer,
+) -> Result<DataCube> {
     let echoes = Echoes::of(run, bare, false, observer)?;
     echoes.warn(observer);
-    echoes.simulate(run, observer)
+    let bytes = echoes.setup().cube_bytes();
+    // In-phase samples are written without imaginary parts.
+    let written = if echoes.setup().detection == Detection::InPhase { bytes / 2 } else { bytes };
+    checkpoint.need_space(written)?;
+    checkpoint.open(&identity::of_scene("simulate", run, &echoes), bytes, observer)?;
+    let patient = Patient::new(checkpoint, observer);
+    echoes.simulate(run, &mut checkpoint.cube(&patient), &patient)
 }
 
-/// Cube in, volume files out, and their names; of the run file only `[grid]` and `[reconstruct]` count.
+/// Cube in, volume files out, and their names; of the run file only `[grid]` and `[reconstruct]` count. Keeps finished
+/// blocks and takes up those of an interrupted run.
 ///
 /// # Errors
-/// What the stages refuse; a run file without a grid; a file that cannot be written.
+/// What the stages refuse; a run file without a grid; a file that cannot be written, or no room for it; another process
+/// at the same job.
 pub fn reconstruct_cube(
     run: &RunFile,
     mut cube: CubeFile,
     outputs: &[PathBuf],
+    checkpoint: &Checkpoint,
     observer: &dyn Observer,
 ) -> Result<Vec<PathBuf>> {
     let instrument = cube.setup().to_instrument();
@@ -140,8 +203,16 @@ pub fn reconstruct_cube(
     let volume = outputs.iter().any(|path| outputs::needs_all(path));
     let holding = Holding { samples: cube.held_bytes(), volume, ..Holding::default() };
     room(run, &setup, &grid, holding, observer)?;
-    let mut files = outputs::VolumeFiles::new(setup, run, grid, outputs);
-    reconstruct_into(&mut cube, &grid, &options_within(run, &grid, holding), &mut files, observer)?;
+    checkpoint.need_space(outputs.iter().map(|path| outputs::bytes_of(path, run, &grid)).sum())?;
+    checkpoint.open(
+        &identity::of_cube("reconstruct", run, &mut cube, &grid)?,
+        plan.volume_bytes,
+        observer,
+    )?;
+    let patient = Patient::new(checkpoint, observer);
+    let mut files = outputs::VolumeFiles::new(instrument.setup(), run, grid, outputs);
+    let mut kept = KeptVolume::new(checkpoint, &mut files, grid.plane_len(), &patient);
+    reconstruct_into(&mut cube, &grid, &options_within(run, &grid, holding), &mut kept, &patient)?;
     files.finish()
 }
 
@@ -158,7 +229,7 @@ pub fn depth_of_volume(
     limit: u64,
     observer: &dyn Observer,
 ) -> Result<(DepthMap, Value)> {
-    let (volume, meta) = read_volume_npz(path, limit)?;
+    let (volume, meta) = stage(observer, "reading the volume", 0, || read_volume_npz(path, limit))?;
     let from_run = || run.medium.sound_speed / (2.0 * (run.sweep.stop - run.sweep.start));
     let resolution = resolution_of(&meta).or_else(|| sweep_known.then(from_run)).ok_or_else(|| {
         Error::input(
@@ -183,7 +254,7 @@ pub fn truth_of_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Res
             "is a list of reflectors, which have no surfaces and so no true depth; a mesh was expected",
         ));
     }
-    let scene = Scene::load(path, &run.load_options(bare)?, observer)?;
+    let scene = load_scene(path, run, bare, observer)?;
     let setup = measurement.setup();
     let grid = run.voxels(&setup, scene.bounds())?;
     let truth = trace_depth(&scene, &grid, &run.truth_options(&setup), observer)?;
@@ -231,13 +302,30 @@ fn focus(
     run: &RunFile,
     source: &mut dyn CubeSource,
     grid: &Grid,
+    checkpoint: &Checkpoint,
     log: &Log,
 ) -> Result<(Reconstruction, DepthMap)> {
     let resolution = source.setup().range_resolution().unwrap_or(f64::NAN);
     let holding = Holding { samples: source.held_bytes(), volume: true, ..Holding::default() };
     let options = options_within(run, grid, holding);
-    let image = log.timed("reconstruct", || reconstruct_whole(source, grid, &options, log))?;
+    let patient = Patient::new(checkpoint, log);
+    // Filled when the reconstruction begins, so that nothing is reserved for a job that is refused.
+    let mut volume = Volume { grid: *grid, samples: Vec::new() };
+    let mut kept = KeptVolume::new(checkpoint, &mut volume, grid.plane_len(), &patient);
+    let made = log.timed("reconstruct", || reconstruct_into(source, grid, &options, &mut kept, &patient))?;
+    let Made { method, error_bound } = made;
+    let image = Reconstruction { volume, method, error_bound };
+    log.note(&format!(
+        "{}, {} x {} x {} voxels, each to within {:.1e}; the peak is {:.3e}",
+        format!("{:?}", image.method).to_lowercase(),
+        grid.x.count,
+        grid.y.count,
+        grid.z.count,
+        image.error_bound,
+        image.volume.peak()
+    ));
     let depth = log.timed("depth", || locate_depth(&image.volume, &run.depth_options(resolution), log))?;
+    log.note(&format!("a return at {} of {} pixels", depth.accepted(), depth.len()));
     if depth.accepted() == 0 {
         log.warn(
             "no return was accepted anywhere: nothing in the grid echoes, or [depth] threshold_db is too high; the \
@@ -251,13 +339,22 @@ fn focus(
 fn room(run: &RunFile, setup: &Setup, grid: &Grid, holding: Holding, observer: &dyn Observer) -> Result<()> {
     let needs = needs_of(run, setup, grid, holding)?;
     check_memory(&needs, setup, grid, holding, memory_limit())?;
-    stage(observer, &format!("taking about {} of memory", gib(needs.peak_bytes)), 0, || Ok(()))
+    observer.note(&format!("taking about {} of memory", gib(needs.peak_bytes)));
+    Ok(())
 }
 
 fn warn_all(warnings: &[String], observer: &dyn Observer) {
     for warning in warnings {
         observer.warn(warning);
     }
+}
+
+/// Reads a scene as one reported stage: a million triangles take seconds.
+fn load_scene(path: &Path, run: &RunFile, bare: bool, observer: &dyn Observer) -> Result<Scene> {
+    let options = run.load_options(bare)?;
+    let scene = stage(observer, "reading the scene", 0, || Scene::load(path, &options, observer))?;
+    observer.note(&format!("{} triangles, {:.3} m²", scene.triangles().len(), scene.surface_area()));
+    Ok(scene)
 }
 
 /// The scene file that a run needs.
@@ -272,5 +369,5 @@ fn scene_path(run: &RunFile) -> Result<&Path> {
 
 /// Whether a scene file is a list of reflectors.
 fn is_csv(path: &Path) -> bool {
-    path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv"))
+    extension(path) == "csv"
 }

@@ -3,12 +3,35 @@
 //! Takes the array, the sweep and the grid; gives resolutions, ambiguity, aliasing verdicts and bytes, all from
 //! closed formulas (PHYSICS Q2 and Q3); [`needs`] adds what it takes of the machine. A broken design rule is a warning,
 //! not an error, because the paper studies aliasing on purpose; only what cannot fit in memory is refused.
+//!
+//! # Example
+//! 64 × 64 microphones 16 mm apart, 10 to 20 kHz, a metre away:
+//! ```
+//! use glam::DVec3;
+//! use holosonar::acquisition::{Detection, MicArray, Setup, Sweep};
+//! use holosonar::grid::{Axis, Grid};
+//! use holosonar::plan::plan;
+//! use holosonar::wave::Geometry;
+//!
+//! let sweep = Sweep::stepped("sweep", 10_000.0, 20_000.0, 20.0)?;
+//! let array = MicArray::rectangular("array", [64, 64], [0.016, 0.016], DVec3::ZERO)?;
+//! let geometry = Geometry::FixedSource { source: DVec3::ZERO };
+//! let setup =
+//!     Setup { sweep: &sweep, array: &array, geometry, detection: Detection::Quadrature, sound_speed: 343.0 };
+//! let lateral = Axis::spanning("grid", -0.5, 0.5, 0.01)?;
+//! let grid = Grid { x: lateral, y: lateral, z: Axis::spanning("grid", 1.0, 2.0, 0.005)? };
+//! let plan = plan(&setup, &grid);
+//! assert_eq!(plan.range_resolution, Some(343.0 / 20_000.0)); // c/2B
+//! assert_eq!(plan.unambiguous_path, Some(343.0 / 20.0)); // c/δf
+//! assert_eq!(plan.cube_bytes, 501 * 64 * 64 * 8);
+//! # Ok::<(), holosonar::error::Error>(())
+//! ```
 
 mod memory;
 mod needs;
 mod suggest;
 
-pub use memory::{available_memory, check_sampling, gib, limit_memory, memory_limit};
+pub use memory::{WAITING, available_memory, check_sampling, gib, limit_memory, memory_limit};
 pub use needs::{Holding, Needs, check_memory, check_simulation, left_for_method, needs};
 
 use crate::acquisition::{Detection, Setup};

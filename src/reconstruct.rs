@@ -5,8 +5,9 @@
 //! with w = 1 for quadrature, 2 for in-phase data and window weights `w_f`, `w_r` (all 1 without a window), so a
 //! unit reflector on a voxel peaks at 1. [`Method::Direct`] sums this as written, on any grid and for any
 //! microphones: it is the oracle. [`Method::Convolution`] is Eq. 16 over [`skeleton`] frequencies, for microphones in
-//! a plane of constant z; [`Method::Backprojection`] follows range profiles, for any others. This module cannot see the
-//! scene, so it cannot know the answer.
+//! a plane of constant z; [`Method::Backprojection`] follows range profiles, for any others.
+//! [`Method::Linear`] is the paper's far-field approximation of it, for comparison. This module cannot see the scene, so it
+//! cannot know the answer.
 
 mod backprojection;
 mod batch;
@@ -19,6 +20,7 @@ mod lanes;
 mod lattice;
 mod layout;
 mod line;
+mod linear;
 mod plane;
 mod product;
 pub mod skeleton;
@@ -34,7 +36,6 @@ use crate::acquisition::{CubeSource, DataCube, Setup};
 use crate::error::{Error, Result};
 use crate::grid::{Grid, Volume, zeros};
 use crate::progress::Observer;
-use batch::Batch;
 use lattice::SharedLattice;
 use num_complex::Complex32;
 use serde::{Deserialize, Serialize};
@@ -53,6 +54,8 @@ pub enum Method {
     Backprojection,
     /// Eq. 13 as written.
     Direct,
+    /// The far-field Fourier transform of Eq. 9, which the paper dropped; for comparison, and never taken by `Auto`.
+    Linear,
 }
 
 /// Parameters of [`reconstruct`].
@@ -118,14 +121,16 @@ enum Choice {
     Direct,
     Convolution(Box<SharedLattice>),
     Backprojection(Box<backprojection::Plan>),
+    Linear(Box<linear::Plan>),
 }
 
 /// What each method would cost here, and what the options come to.
 #[derive(Debug)]
 struct Options {
-    estimates: [Estimate; 3],
+    estimates: [Estimate; 4],
     lattice: std::result::Result<SharedLattice, String>,
     backprojection: Option<backprojection::Plan>,
+    linear: std::result::Result<linear::Plan, String>,
 }
 
 impl Options {
@@ -137,26 +142,30 @@ impl Options {
         let wanted = lattice.is_err() || options.method == Method::Backprojection;
         let backprojection = (wanted && options.tolerance > 0.0)
             .then(|| backprojection::Plan::new(setup, grid, options.tolerance));
-        let estimates = cost::estimates(setup, grid, options, &lattice, backprojection.as_ref(), threads);
-        Ok(Self { estimates, lattice, backprojection })
+        let linear = linear::Plan::new(setup, grid, options.tolerance);
+        let estimates =
+            cost::estimates(setup, grid, options, &lattice, backprojection.as_ref(), &linear, threads);
+        Ok(Self { estimates, lattice, backprojection, linear })
     }
 
     /// The method asked for, or of those possible the one of fewest operations.
     fn chosen(&self, asked: Method) -> &Estimate {
         let of = |method: Method| self.estimates.iter().find(|e| e.method == method);
         of(asked).unwrap_or_else(|| {
-            let possible = self.estimates.iter().filter(|e| e.obstacle.is_none());
+            // `linear` is another formula, not a way to sum this one.
+            let possible =
+                self.estimates.iter().filter(|e| e.obstacle.is_none() && e.method != Method::Linear);
             possible.min_by(|a, b| a.operations.total_cmp(&b.operations)).expect("the direct sum always is")
         })
     }
 
     /// The method that the options come to, and a warning if `auto` had to take a slow one.
-    fn choose(self, setup: &Setup, grid: &Grid, asked: Method) -> Result<(Choice, Batch, Option<String>)> {
+    fn choose(self, setup: &Setup, grid: &Grid, asked: Method) -> Result<(Choice, Option<String>)> {
         let chosen = self.chosen(asked);
-        let batch = chosen.batch;
         if let Some(obstacle) = &chosen.obstacle {
             let (name, others) = match chosen.method {
                 Method::Convolution => ("convolution", "\"backprojection\" or \"direct\""),
+                Method::Linear => ("linear", "\"auto\""),
                 _ => ("backprojection", "\"direct\""),
             };
             return Err(Error::input(
@@ -165,18 +174,18 @@ impl Options {
             ));
         }
         match (chosen.method, self.lattice, self.backprojection) {
-            (Method::Convolution, Ok(lattice), _) => {
-                Ok((Choice::Convolution(Box::new(lattice)), batch, None))
+            (Method::Linear, ..) => {
+                let plan = self.linear.map_err(|obstacle| Error::input("reconstruct.method", obstacle))?;
+                Ok((Choice::Linear(Box::new(plan)), None))
             }
-            (Method::Backprojection, _, Some(plan)) => {
-                Ok((Choice::Backprojection(Box::new(plan)), batch, None))
-            }
+            (Method::Convolution, Ok(lattice), _) => Ok((Choice::Convolution(Box::new(lattice)), None)),
+            (Method::Backprojection, _, Some(plan)) => Ok((Choice::Backprojection(Box::new(plan)), None)),
             (_, Err(misfit), None) if asked == Method::Auto => {
                 refuse_long_sum(setup, grid, &misfit)?;
                 let slower = "summing Eq. 13 directly instead, which is slower (a tolerance would help)";
-                Ok((Choice::Direct, batch, Some(format!("{misfit}; {slower}"))))
+                Ok((Choice::Direct, Some(format!("{misfit}; {slower}"))))
             }
-            _ => Ok((Choice::Direct, batch, None)),
+            _ => Ok((Choice::Direct, None)),
         }
     }
 }
@@ -238,7 +247,7 @@ pub fn estimate(
     grid: &Grid,
     options: &ReconstructOptions,
     threads: usize,
-) -> Result<([Estimate; 3], usize)> {
+) -> Result<([Estimate; 4], usize)> {
     let possible = Options::of(setup, grid, options, threads)?;
     let chosen = possible.chosen(options.method).method;
     let index = possible.estimates.iter().position(|e| e.method == chosen).unwrap_or(0);
@@ -270,12 +279,9 @@ pub trait VolumeSink {
     /// See [`VolumeSink::begin`].
     fn take(&mut self, first: usize, planes: &[Complex32]) -> Result<()>;
 
-    /// Takes all depths at once, from a method that cannot finish one before the others.
-    ///
-    /// # Errors
-    /// See [`VolumeSink::begin`].
-    fn take_all(&mut self, samples: Vec<Complex32>) -> Result<()> {
-        self.take(0, &samples)
+    /// Depths that the sink has already from the first on, of an earlier run; they need not come again.
+    fn done(&self) -> usize {
+        0
     }
 }
 
@@ -291,11 +297,6 @@ impl VolumeSink for Volume {
             self.samples = room_for(&self.grid)?;
         }
         self.samples[first * self.grid.plane_len()..][..planes.len()].copy_from_slice(planes);
-        Ok(())
-    }
-
-    fn take_all(&mut self, samples: Vec<Complex32>) -> Result<()> {
-        self.samples = samples;
         Ok(())
     }
 }
@@ -352,30 +353,23 @@ pub fn reconstruct_into(
     let setup = source.setup();
     let threads = rayon::current_num_threads();
     let possible = Options::of(&setup, grid, options, threads)?;
-    let (choice, batch, warning) = possible.choose(&setup, grid, options.method)?;
+    let batch = possible.chosen(options.method).batch;
+    let (choice, warning) = possible.choose(&setup, grid, options.method)?;
     if let Some(warning) = warning {
         observer.warn(&warning);
     }
     let weights = Weights::new(&setup, options.window);
     match choice {
         Choice::Direct => direct::direct(source, &weights, grid, batch, sink, observer),
-        Choice::Convolution(lattice) => convolution::convolution(
-            source,
-            &weights,
-            (&lattice, batch),
-            grid,
-            options.tolerance,
-            sink,
-            observer,
-        ),
-        Choice::Backprojection(plan) => backprojection::backprojection(
-            source,
-            &weights,
-            (&plan, batch),
-            options.tolerance,
-            sink,
-            observer,
-        ),
+        Choice::Convolution(lattice) => {
+            let divided = (&*lattice, batch);
+            convolution::convolution(source, &weights, divided, grid, options.tolerance, sink, observer)
+        }
+        Choice::Backprojection(plan) => {
+            let divided = (&*plan, batch);
+            backprojection::backprojection(source, &weights, divided, options.tolerance, sink, observer)
+        }
+        Choice::Linear(plan) => linear::linear(source, &weights, &plan, sink, observer),
     }
 }
 
@@ -389,13 +383,16 @@ fn no_room(tones: u64, microphones: u64) -> Error {
 
 /// Room for the voxels of a grid, filled with zeros.
 fn room_for(grid: &Grid) -> Result<Vec<Complex32>> {
-    zeros(grid.voxel_count()).ok_or_else(|| {
-        Error::environment(
-            "memory",
-            format!(
-                "a volume of {} voxels does not fit; use a smaller grid or a larger pitch",
-                grid.voxel_count()
-            ),
-        )
-    })
+    zeros(grid.voxel_count()).ok_or_else(|| no_room_for(grid))
+}
+
+/// The refusal of a grid that does not fit, all of it or the depths that are worked on at a time.
+fn no_room_for(grid: &Grid) -> Error {
+    Error::environment(
+        "memory",
+        format!(
+            "a volume of {} voxels does not fit; use a smaller grid or a larger pitch",
+            grid.voxel_count()
+        ),
+    )
 }

@@ -4,6 +4,25 @@
 //! [`Scene::transmittance`] and [`Scene::crossings`]. Nothing here knows of sound waves: a surface takes away a
 //! share of the amplitude of what crosses it and gives back a share of what falls on it, whatever the
 //! frequency or the angle.
+//!
+//! # Example
+//! An angle bracket in millimetres, z up, put 0.9 m before the array; its rib hides what lies behind it:
+//! ```
+//! use glam::DVec3;
+//! use holosonar::progress::Silent;
+//! use holosonar::scene::{LoadOptions, Scene, Unit, Up};
+//! use std::path::Path;
+//!
+//! let mut options = LoadOptions::default();
+//! (options.unit, options.up) = (Some(Unit::Millimetre), Some(Up::Z));
+//! options.fit = Some(DVec3::new(0.0, 0.0, 0.9));
+//! let scene = Scene::load(Path::new("scenes/meshes/bracket.obj"), &options, &Silent)?;
+//! let (low, high) = scene.bounds().expect("a mesh with triangles");
+//! assert!((0.5 * (low + high) - DVec3::new(0.0, 0.0, 0.9)).length() < 1e-9);
+//! assert_eq!(scene.transmittance(DVec3::ZERO, low), 1.0);
+//! assert_eq!(scene.transmittance(DVec3::ZERO, DVec3::new(0.0, 0.0, 2.0)), 0.0);
+//! # Ok::<(), holosonar::error::Error>(())
+//! ```
 
 mod files;
 mod gltf;
@@ -37,6 +56,7 @@ pub use placement::{LoadOptions, Sensor, Unit, Up};
 pub use triangle::Triangle;
 
 use crate::error::{Error, Result};
+use crate::files::extension;
 use crate::progress::Observer;
 use material::Palette;
 use occlusion::SurfaceTree;
@@ -92,8 +112,7 @@ impl Scene {
     pub fn load(path: &Path, options: &LoadOptions, observer: &dyn Observer) -> Result<Self> {
         options.check()?;
         let mut palette = Palette::new(&options.materials)?;
-        let kind = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
-        let mesh = match kind.as_str() {
+        let mesh = match extension(path).as_str() {
             "obj" => obj::load(path, options, &mut palette, observer)?,
             "gltf" | "glb" => gltf::load(path, options, &mut palette, observer)?,
             "stl" => stl::load(path, options, &mut palette, observer)?,

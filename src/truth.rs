@@ -1,4 +1,27 @@
 //! Scene to ground truth: what a perfect depth map would show on the same pixels.
+//!
+//! # Example
+//! What a perfect depth map of a plate 1 m away shows; the column beside the plate sees nothing:
+//! ```
+//! use glam::DVec3;
+//! use holosonar::grid::{Axis, Grid};
+//! use holosonar::progress::Silent;
+//! use holosonar::scene::{Material, Scene, Triangle};
+//! use holosonar::truth::{TruthOptions, trace_depth};
+//!
+//! let vertices = [[-1.0, -1.0, 1.0], [1.0, -1.0, 1.0], [0.0, 1.0, 1.0]].map(DVec3::from);
+//! let wall = Material { name: "wall".into(), reflectance: 1.0, transmittance: 0.0, source: "here".into() };
+//! let scene = Scene::new(vec![Triangle { vertices, material: 0 }], vec![wall])?;
+//! let grid = Grid {
+//!     x: Axis { first: 0.0, pitch: 2.0, count: 2 },
+//!     y: Axis { first: 0.0, pitch: 0.1, count: 1 },
+//!     z: Axis { first: 0.8, pitch: 0.01, count: 41 },
+//! };
+//! let truth = trace_depth(&scene, &grid, &TruthOptions::heard_from(DVec3::ZERO), &Silent)?;
+//! assert_eq!(truth.picked.depth[0], 1.0);
+//! assert!(truth.picked.depth[1].is_nan());
+//! # Ok::<(), holosonar::error::Error>(())
+//! ```
 
 use crate::error::Result;
 use crate::grid::{DepthMap, Grid, Surface};

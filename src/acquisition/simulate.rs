@@ -12,6 +12,7 @@
 mod cost;
 mod echoes;
 mod expand;
+mod kept;
 mod literal;
 mod noise;
 mod tiles;
@@ -25,11 +26,12 @@ pub use noise::Noise;
 
 use super::{DataCube, Detection, MicArray, Sweep};
 use crate::error::{Error, Result};
-use crate::progress::{Observer, stage};
+use crate::progress::{Forgetful, Keeper, Observer, stage};
 use crate::reflectors::Reflectors;
 use crate::wave::{DEFAULT_SOUND_SPEED, Geometry};
 use expand::fast;
 use glam::DVec3;
+use kept::KeptSamples;
 use literal::literal;
 use noise::add_noise;
 use num_complex::Complex32;
@@ -116,14 +118,32 @@ pub fn simulate(
     options: &SimulateOptions,
     observer: &dyn Observer,
 ) -> Result<DataCube> {
+    simulate_keeping(reflectors, sweep, array, options, &mut Forgetful, observer)
+}
+
+/// The same, tile by tile of microphones, each of which is handed to a keeper or taken from it.
+///
+/// A block is `[n_f, microphone of the tile]`, without noise.
+///
+/// # Errors
+/// As [`simulate`], and what the keeper comes to.
+pub fn simulate_keeping(
+    reflectors: &Reflectors,
+    sweep: &Sweep,
+    array: &MicArray,
+    options: &SimulateOptions,
+    keeper: &mut dyn Keeper,
+    observer: &dyn Observer,
+) -> Result<DataCube> {
     if !(options.tolerance >= 0.0 && options.tolerance.is_finite()) {
         return Err(Error::input("detection.tolerance", "must be a number from 0 up; 0 sums every term"));
     }
     let (n_f, n_mic) = (sweep.len(), array.len());
     let mut samples = DataCube::allocate(n_f, n_mic)?;
+    let mut kept = KeptSamples { samples: &mut samples, width: n_mic, keeper, finished: Vec::new() };
     stage(observer, "simulating", n_mic as u64, || match plan(reflectors, sweep, array, options) {
-        Some(plan) => fast(reflectors, sweep, array, options, &plan, observer, &mut samples),
-        None => literal(reflectors, sweep, array, options, observer, &mut samples),
+        Some(plan) => fast(reflectors, sweep, array, options, &plan, &mut kept, observer),
+        None => literal(reflectors, sweep, array, options, &mut kept, observer),
     })?;
     if let Some(noise) = options.noise {
         add_noise(&mut samples, n_mic, noise, options.detection)?;

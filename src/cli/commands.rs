@@ -1,17 +1,18 @@
 //! One function per command: arguments in, library calls, results out.
 
-use super::inputs::{config_of, has_extension, run_of};
+use super::inputs::{check_kind, config_of, has_extension, scene_of};
 use super::terminal::{Terminal, print};
 use super::verdicts::{check, compare};
-use super::{Cli, Command, Overrides, browser, info, summary};
+use super::{Cli, Command, Overrides, browser, info, manual, reproduce, summary};
 use clap::CommandFactory;
 use holosonar::acquisition::CubeFile;
+use holosonar::checkpoint::Checkpoint;
 use holosonar::config::ANNOTATED;
 use holosonar::error::{Error, Result};
-use holosonar::files::write_atomically;
+use holosonar::files::{check_folder, check_writable, write_atomically};
 use holosonar::pipeline;
 use holosonar::plan::memory_limit;
-use holosonar::progress::Observer;
+use holosonar::progress::{Observer, stage};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -22,33 +23,45 @@ const CORNER_MESH: &str = include_str!("../../scenes/meshes/corner.obj");
 pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
     let json = cli.common.json;
     match &cli.command {
-        Command::Image { input, output, config, overrides } => {
+        Command::Image { input, output, config, overrides, keeping } => {
+            let checkpoint = Checkpoint::within(output, keeping.every()?);
             let made = make_folder(output)?;
-            let result = image(input, output, config.as_deref(), overrides, json, terminal);
+            check_folder(output)?;
+            let result = image(input, output, config.as_deref(), overrides, &checkpoint, json, terminal);
+            let result = ended(checkpoint, result, terminal);
             if made && result.is_err() {
                 // A request that came to nothing leaves nothing behind; a folder with files in it stays.
                 let _ = std::fs::remove_dir(output);
             }
             result
         }
-        Command::Simulate { input, output, overrides } => {
-            let (run, bare) = run_of(input, overrides)?;
+        Command::Simulate { input, output, overrides, keeping } => {
+            let (run, bare) = scene_of(input, overrides)?;
             check_extension(output, &["npz"])?;
-            let cube = pipeline::simulate_scene(&run, bare, terminal)?;
-            pipeline::write_cube(output, &cube)?;
+            check_writable(output)?;
+            let checkpoint = Checkpoint::beside(output, keeping.every()?);
+            let result = pipeline::simulate_scene(&run, bare, &checkpoint, terminal)
+                .and_then(|cube| stage(terminal, "writing", 0, || pipeline::write_cube(output, &cube)));
+            ended(checkpoint, result, terminal)?;
             wrote(std::slice::from_ref(output), json, terminal)
         }
-        Command::Reconstruct { cube, config, output, settings } => {
+        Command::Reconstruct { cube, config, output, settings, keeping } => {
             for path in output {
                 check_extension(path, &["npz", "exr", "vti", "nrrd"])?;
+                check_writable(path)?;
             }
+            // The state lies beside the first of them.
+            let checkpoint = Checkpoint::beside(&output[0], keeping.every()?);
+            check_kind(cube, "a data cube", "simulate")?;
             let run = config_of(config.as_deref(), &settings.set)?;
             let cube = CubeFile::open(cube, reading_limit())?;
-            let files = pipeline::reconstruct_cube(&run, cube, output, terminal)?;
+            let result = pipeline::reconstruct_cube(&run, cube, output, &checkpoint, terminal);
+            let files = ended(checkpoint, result, terminal)?;
             wrote(&files, json, terminal)
         }
         Command::Depth { volume, config, output, settings } => {
             check_extension(output, &["exr", "ply"])?;
+            check_kind(volume, "a volume", "reconstruct")?;
             let run = config_of(config.as_deref(), &settings.set)?;
             let known = config.is_some().then_some(&run);
             let (map, facts) =
@@ -58,7 +71,7 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
         }
         Command::Truth { input, output, overrides } => {
             check_extension(output, &["exr", "ply"])?;
-            let (run, bare) = run_of(input, overrides)?;
+            let (run, bare) = scene_of(input, overrides)?;
             let (facts, map) = pipeline::truth_of_scene(&run, bare, terminal)?;
             pipeline::write_depth(output, &map, &run, &facts)?;
             wrote(std::slice::from_ref(output), json, terminal)
@@ -69,7 +82,7 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
                 pipeline::forecast_cube(&run, &CubeFile::open(input, reading_limit())?)?
             } else {
                 no_config(config.as_deref())?;
-                let (run, bare) = run_of(input, overrides)?;
+                let (run, bare) = scene_of(input, overrides)?;
                 pipeline::forecast_scene(&run, bare, terminal)?
             };
             for warning in &forecast.warnings {
@@ -86,8 +99,16 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
             compare(result, truth, *resolution, min, max, json)
         }
         Command::Check { runs, overrides } => check(runs, overrides, json, terminal),
+        Command::Reproduce { output } => reproduce::run(output.as_deref(), json, terminal),
         Command::Report { folder, open } => {
-            let page = pipeline::write_page(folder, reading_limit())?;
+            if !folder.is_dir() {
+                return Err(Error::input(
+                    folder.display(),
+                    "no such folder; one that `holosonar image ... -o` wrote was expected",
+                ));
+            }
+            let page =
+                stage(terminal, "packing the page", 0, || pipeline::write_page(folder, reading_limit()))?;
             wrote(std::slice::from_ref(&page), json, terminal)?;
             if *open { browser::open(&page) } else { Ok(()) }
         }
@@ -96,10 +117,12 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
             print(&if json { pretty(&facts) } else { summary::facts(&facts) })
         }
         Command::Init { folder } => init(folder, json, terminal),
+        Command::Man { folder: None } => print_text(&manual::page()?, json),
+        Command::Man { folder: Some(folder) } => wrote(&manual::write(folder)?, json, terminal),
         Command::Completions { shell } => {
             let mut script = Vec::new();
             clap_complete::generate(*shell, &mut Cli::command(), "holosonar", &mut script);
-            print(&String::from_utf8_lossy(&script))
+            print_text(&String::from_utf8_lossy(&script), json)
         }
     }
 }
@@ -110,18 +133,19 @@ fn image(
     folder: &Path,
     config: Option<&Path>,
     overrides: &Overrides,
+    checkpoint: &Checkpoint,
     json: bool,
     terminal: &Terminal,
 ) -> Result<()> {
     let (run, outcome) = if has_extension(input, &["npz"]) {
         let run = config_of(config, &overrides.keys())?;
         let cube = CubeFile::open(input, reading_limit())?;
-        let outcome = pipeline::image_cube(&run, cube, terminal)?;
+        let outcome = pipeline::image_cube_keeping(&run, cube, checkpoint, terminal)?;
         (run, outcome)
     } else {
         no_config(config)?;
-        let (run, bare) = run_of(input, overrides)?;
-        let outcome = pipeline::image_scene(&run, bare, terminal)?;
+        let (run, bare) = scene_of(input, overrides)?;
+        let outcome = pipeline::image_scene_keeping(&run, bare, checkpoint, terminal)?;
         (run, outcome)
     };
     let report = pipeline::write_outputs(&run, &outcome, folder, terminal)?;
@@ -134,6 +158,15 @@ fn image(
     if terminal.is_quiet() { Ok(()) } else { print(&summary::image(input, folder, &report, &outcome)) }
 }
 
+/// Removes what was kept once a job is done, and else says how to go on from it.
+fn ended<T>(checkpoint: Checkpoint, result: Result<T>, terminal: &Terminal) -> Result<T> {
+    match result {
+        Ok(_) => checkpoint.remove(),
+        Err(_) => terminal.advise(checkpoint.how_to_continue()),
+    }
+    result
+}
+
 fn init(folder: &Path, json: bool, terminal: &Terminal) -> Result<()> {
     let files =
         [(folder.join("corner.toml"), ANNOTATED), (folder.join("meshes").join("corner.obj"), CORNER_MESH)];
@@ -143,6 +176,7 @@ fn init(folder: &Path, json: bool, terminal: &Terminal) -> Result<()> {
             "is there already and would be overwritten; choose another folder",
         ));
     }
+    make_folder(folder)?;
     for (path, text) in &files {
         write_atomically(path, |file| file.write_all(text.as_bytes()))?;
     }
@@ -152,6 +186,11 @@ fn init(folder: &Path, json: bool, terminal: &Terminal) -> Result<()> {
         return Ok(());
     }
     print(&format!("now try: holosonar image {} -o {}\n", paths[0].display(), folder.join("out").display()))
+}
+
+/// Prints a text that another program is to read, which JSON wraps.
+fn print_text(text: &str, json: bool) -> Result<()> {
+    if json { print(&pretty(&serde_json::json!({ "text": text }))) } else { print(text) }
 }
 
 /// Refuses a second run file beside a scene's own.
@@ -178,11 +217,11 @@ fn check_extension(path: &Path, extensions: &[&str]) -> Result<()> {
 
 /// Makes the output folder first, so that a place that cannot be written is found before the long work; says whether it
 /// was not there before.
-fn make_folder(folder: &Path) -> Result<bool> {
+pub(super) fn make_folder(folder: &Path) -> Result<bool> {
     let missing = !folder.exists();
     std::fs::create_dir_all(folder).map(|()| missing).map_err(|e| match e.kind() {
         std::io::ErrorKind::AlreadyExists | std::io::ErrorKind::NotADirectory => {
-            Error::input(folder.display(), "is a file; a folder was expected for the results")
+            Error::input(folder.display(), "is a file; a folder was expected")
         }
         _ => Error::writing(folder, &e),
     })
@@ -193,7 +232,7 @@ pub(super) fn reading_limit() -> u64 {
     memory_limit().unwrap_or(u64::MAX)
 }
 
-fn wrote(files: &[PathBuf], json: bool, terminal: &Terminal) -> Result<()> {
+pub(super) fn wrote(files: &[PathBuf], json: bool, terminal: &Terminal) -> Result<()> {
     if json {
         return print(&pretty(&serde_json::json!({ "files": files })));
     }

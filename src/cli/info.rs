@@ -9,6 +9,7 @@ use holosonar::export::depth_exr::read_depth_map;
 use holosonar::export::points_ply::Ply;
 use holosonar::export::volume_npz::read_volume_npz;
 use holosonar::export::{attributes_as_json, find_attribute};
+use holosonar::files::extension;
 use holosonar::files::npz::NpzReader;
 use holosonar::grid::Axis;
 use holosonar::progress::Observer;
@@ -18,8 +19,7 @@ use std::path::Path;
 
 /// The facts of a file.
 pub(super) fn of(file: &Path, overrides: &Overrides, limit: u64, observer: &dyn Observer) -> Result<Value> {
-    let extension = file.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
-    match extension.as_str() {
+    match extension(file).as_str() {
         "npz" => npz(file, limit),
         "exr" => exr(file, limit),
         "vti" | "nrrd" => volume(file, limit),

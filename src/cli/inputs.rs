@@ -3,6 +3,7 @@
 use super::Overrides;
 use holosonar::config::{InputFile, RunFile};
 use holosonar::error::{Error, Result};
+use holosonar::files::extension;
 use holosonar::scene::EXTENSIONS;
 use std::path::Path;
 
@@ -12,15 +13,56 @@ pub(super) fn run_of(input: &Path, overrides: &Overrides) -> Result<(RunFile, bo
         return Ok((RunFile::load(input, &overrides.keys())?, false));
     }
     if !has_extension(input, &EXTENSIONS) && !has_extension(input, &["csv"]) {
+        let what = if input.is_dir() {
+            "is a folder"
+        } else if has_extension(input, &["step", "stp", "iges", "igs", "brep", "3mf", "fbx", "dae", "blend"])
+        {
+            "is of a format that is not read; export it as one that is"
+        } else {
+            "is no input this command takes"
+        };
         return Err(Error::input(
             input.display(),
-            "is no input this command takes; a run file (.toml), a mesh (.obj, .gltf, .glb, .stl, .ply) or a list of \
-             reflectors (.csv) was expected",
+            format!(
+                "{what}; a run file (.toml), a mesh (.obj, .gltf, .glb, .stl, .ply) or a list of reflectors (.csv) was \
+                 expected"
+            ),
         ));
     }
     let mut run = RunFile::from_str_at("", "command line", Path::new(""), &overrides.keys())?;
     run.scene.mesh = Some(InputFile::new(input));
     Ok((run, true))
+}
+
+/// As [`run_of`], where a scene is needed: says which run file lacks it, or names one that is not there.
+pub(super) fn scene_of(input: &Path, overrides: &Overrides) -> Result<(RunFile, bool)> {
+    let (run, bare) = run_of(input, overrides)?;
+    let place = || format!("{}: [scene] mesh", input.display());
+    match &run.scene.mesh {
+        None => Err(Error::input(
+            place(),
+            "is missing; name a mesh (.obj, .gltf, .glb, .stl, .ply) or a list of reflectors (.csv)",
+        )),
+        Some(mesh) if !bare && !mesh.path.exists() => Err(Error::input(
+            place(),
+            format!(
+                "{}: no such file; a path is taken from the run file's folder, unless it is absolute",
+                mesh.path.display()
+            ),
+        )),
+        Some(_) => Ok((run, bare)),
+    }
+}
+
+/// Refuses an input of another kind than the command reads, by its extension.
+pub(super) fn check_kind(input: &Path, what: &str, maker: &str) -> Result<()> {
+    if has_extension(input, &["npz"]) || !input.exists() {
+        return Ok(());
+    }
+    Err(Error::input(
+        input.display(),
+        format!("was expected to be {what} (.npz), as `holosonar {maker}` writes it; run files go with -c"),
+    ))
 }
 
 /// The run file given with `-c`, or the defaults.
@@ -33,8 +75,7 @@ pub(super) fn config_of(config: Option<&Path>, settings: &[String]) -> Result<Ru
 
 /// Whether a path ends in one of these.
 pub(super) fn has_extension(path: &Path, extensions: &[&str]) -> bool {
-    let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default();
-    extensions.iter().any(|e| extension.eq_ignore_ascii_case(e))
+    extensions.contains(&extension(path).as_str())
 }
 
 /// A size as people type it: `500MB`, `2GiB`, `2G`, or plain bytes.

@@ -186,7 +186,7 @@ pub(super) fn forecast(forecast: &Forecast) -> String {
 }
 
 /// A method as run files name it.
-fn name_of(method: Method) -> String {
+pub(super) fn name_of(method: Method) -> String {
     format!("{method:?}").to_lowercase()
 }
 

@@ -1,42 +1,44 @@
 //! Progress bars, warnings, errors and results on a terminal, or quietly without one.
 
+use super::signals;
 use holosonar::error::Error;
 use holosonar::progress::{Event, Observer};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::{self, IsTerminal, Write};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicU8, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-/// Draws what the stages report, and hears Ctrl-C.
+/// Draws what the stages report, and hears signals.
 #[derive(Debug)]
 pub(super) struct Terminal {
     quiet: bool,
-    /// Name each stage on a line of its own, for logs.
+    /// Say of each stage what it did and how long it took.
     verbose: bool,
     colour: bool,
     bar: Mutex<Option<ProgressBar>>,
-    stop: Arc<AtomicBool>,
+    /// Names and beginnings of the running stages, the innermost last.
+    running: Mutex<Vec<(String, Instant)>>,
+    /// The exit status of the signal that was heard; 0 before any.
+    signalled: Arc<AtomicU8>,
+    /// What to tell the user beside an error.
+    advice: Mutex<Option<String>>,
 }
 
 impl Terminal {
     pub(super) fn new(quiet: bool, verbose: bool) -> Self {
-        let stop = Arc::new(AtomicBool::new(false));
-        let asked = Arc::clone(&stop);
-        // The first Ctrl-C ends the running block and leaves no half-written file; the second ends the process. If
-        // no handler can be had, Ctrl-C simply ends it.
-        let _ = ctrlc::set_handler(move || {
-            if asked.swap(true, Ordering::SeqCst) {
-                #[allow(clippy::exit)]
-                std::process::exit(130);
-            }
-        });
+        let signalled = signals::listen();
         let colour = io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|v| v.is_empty());
-        Self { quiet, verbose, colour, bar: Mutex::new(None), stop }
+        let (bar, running, advice) = (Mutex::new(None), Mutex::default(), Mutex::default());
+        Self { quiet, verbose, colour, bar, running, signalled, advice }
     }
 
     fn bar(&self) -> std::sync::MutexGuard<'_, Option<ProgressBar>> {
         self.bar.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn running(&self) -> std::sync::MutexGuard<'_, Vec<(String, Instant)>> {
+        self.running.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Whether a summary is wanted.
@@ -44,17 +46,33 @@ impl Terminal {
         self.quiet
     }
 
+    /// The exit status of the signal that asked to stop, if one did.
+    pub(super) fn signalled(&self) -> Option<u8> {
+        Some(self.signalled.load(Ordering::SeqCst)).filter(|status| *status != 0)
+    }
+
+    /// Keeps what to tell beside an error.
+    pub(super) fn advise(&self, advice: Option<String>) {
+        *self.advice.lock().unwrap_or_else(PoisonError::into_inner) = advice;
+    }
+
     /// Prints the error that ends the program.
     pub(super) fn error(&self, error: &Error) {
-        self.say("error", "1;31", &error.to_string());
+        let advice = self.advice.lock().unwrap_or_else(PoisonError::into_inner).take();
+        let advice = advice.map(|advice| format!("; {advice}")).unwrap_or_default();
+        self.say("error", "1;31", &format!("{error}{advice}"));
     }
 
     fn say(&self, kind: &str, colour: &str, text: &str) {
-        let line = if self.colour {
+        self.line(&if self.colour {
             format!("\u{1b}[{colour}m{kind}:\u{1b}[0m {text}")
         } else {
             format!("{kind}: {text}")
-        };
+        });
+    }
+
+    /// Writes a line to standard error, above the bar if there is one.
+    fn line(&self, line: &str) {
         let write = || {
             // A standard error that is gone leaves nobody to tell.
             let _ = writeln!(io::stderr(), "{line}");
@@ -97,9 +115,7 @@ impl Observer for Terminal {
                 bar.set_prefix(stage.to_owned());
                 bar.enable_steady_tick(Duration::from_millis(100));
                 *self.bar() = Some(bar);
-                if self.verbose && !io::stderr().is_terminal() {
-                    let _ = writeln!(io::stderr(), "{stage}");
-                }
+                self.running().push((stage.to_owned(), Instant::now()));
             }
             Event::Advanced { amount } => {
                 if let Some(bar) = &*self.bar() {
@@ -110,8 +126,18 @@ impl Observer for Terminal {
                 if let Some(bar) = self.bar().take() {
                     bar.finish_and_clear();
                 }
+                let ended = self.running().pop();
+                if let Some((stage, begun)) = ended.filter(|_| self.verbose) {
+                    self.line(&format!("{stage:28} {:8.2} s", begun.elapsed().as_secs_f64()));
+                }
             }
             _ => {}
+        }
+    }
+
+    fn note(&self, message: &str) {
+        if self.verbose {
+            self.line(&format!("  {message}"));
         }
     }
 
@@ -121,8 +147,14 @@ impl Observer for Terminal {
         }
     }
 
+    fn tell(&self, message: &str) {
+        if !self.quiet {
+            self.say("note", "1;36", message);
+        }
+    }
+
     fn should_stop(&self) -> bool {
-        self.stop.load(Ordering::Relaxed)
+        self.signalled.load(Ordering::Relaxed) != 0
     }
 }
 

@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 /// Scores a depth map and holds it to the limits typed.
 pub(super) fn compare(
     result: &Path,
-    truth: &Path,
+    truth_path: &Path,
     resolution: Option<f64>,
     min: &[String],
     max: &[String],
@@ -26,7 +26,7 @@ pub(super) fn compare(
         }
     }
     let mut found = read_depth_map(result, reading_limit())?;
-    let truth = read_depth_map(truth, reading_limit())?;
+    let truth = read_depth_map(truth_path, reading_limit())?;
     if !found.axes_known && found.map.shape() == truth.map.shape() {
         // A foreign depth map says nothing of metres; pixel for pixel is what its user means.
         (found.map.x, found.map.y) = (truth.map.x, truth.map.y);
@@ -41,6 +41,21 @@ pub(super) fn compare(
             "is needed: neither file says its range resolution c/2B, by which hits and misses are told apart",
         )
     })?;
+    let (pixels, wanted) = (found.map.shape(), truth.map.shape());
+    if pixels != wanted {
+        return Err(Error::input(
+            result.display(),
+            format!(
+                "has {} x {} pixels, but {} has {} x {}; both must be of one [grid]: make the truth with the run file \
+                 of the result",
+                pixels[1],
+                pixels[0],
+                truth_path.display(),
+                wanted[1],
+                wanted[0]
+            ),
+        ));
+    }
     let metrics = evaluate(&found.map, &truth.map, resolution)?;
     let verdicts = pipeline::hold(&metrics, bounds);
     if json {

@@ -6,6 +6,7 @@ use super::volume_nrrd::read_volume_nrrd;
 use super::volume_vti::read_volume_vti;
 use super::{Attribute, Attributes};
 use crate::error::{Error, Result};
+use crate::files::extension;
 use crate::grid::{Axis, Grid, Volume};
 use std::path::Path;
 
@@ -34,8 +35,7 @@ impl Amplitude {
     /// # Errors
     /// Another extension; what the format's reader refuses.
     pub fn read(path: &Path, limit_bytes: u64) -> Result<Self> {
-        let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
-        match extension.as_str() {
+        match extension(path).as_str() {
             "npz" => read_volume_npz(path, limit_bytes).map(|(volume, _)| Self::of(&volume)),
             "nrrd" => read_volume_nrrd(path, limit_bytes),
             "vti" => read_volume_vti(path, limit_bytes),

@@ -3,18 +3,24 @@
 //! A [`Panel`] is one map; [`write_figure`] draws one or several. Pixels of the map are never blended, since the
 //! mean of two depths is a depth where nothing is.
 
+mod bar;
 mod canvas;
 mod layout;
 mod lettering;
 mod results;
 mod ticks;
 
-pub use results::{depth_range, write_amplitude_figure, write_depth_figure, write_error_figure};
+pub use results::{
+    DepthKind, depth_range, error_limit, write_amplitude_figure, write_depth_figure, write_error_figure,
+};
 
 use crate::error::Result;
 use crate::grid::Axis;
 use std::borrow::Cow;
 use std::path::Path;
+
+/// Colours of a scale: as many as leave room for lettering in a palette of 256.
+const COLOURS: usize = 200;
 
 /// A family of colours from low to high.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -68,6 +74,8 @@ pub struct Panel<'a> {
     pub y_label: String,
     /// Whether the first row is drawn at the bottom, as in a plan seen from above; images have it on top.
     pub upward: bool,
+    /// Whether the map is drawn square, whatever its extents; otherwise a metre is as long along both axes.
+    pub stretched: bool,
     /// How values become colours.
     pub scale: Scale,
     /// What the grey of NaN means: "no return".
@@ -86,6 +94,7 @@ impl<'a> Panel<'a> {
             x_label: "x / m".into(),
             y_label: "y / m".into(),
             upward: false,
+            stretched: false,
             scale,
             nothing: "no return".into(),
         }
@@ -117,9 +126,10 @@ impl Scale {
         }
     }
 
-    /// The colour at a place between 0 (first) and 1 (last), of 256.
+    /// The colour at a place between 0 (first) and 1 (last), of [`COLOURS`].
     fn colour(&self, place: f64) -> canvas::Colour {
-        let place = (place.clamp(0.0, 1.0) * 255.0).round() / 255.0;
+        let steps = (COLOURS - 1) as f64;
+        let place = (place.clamp(0.0, 1.0) * steps).round() / steps;
         let colour = match self {
             Self::Sequential { map: ColourMap::Viridis, .. } => colorous::VIRIDIS.eval_continuous(place),
             Self::Sequential { map: ColourMap::Inferno, .. } => colorous::INFERNO.eval_continuous(place),
@@ -132,8 +142,9 @@ impl Scale {
 
 /// Draws panels, in rows of `columns`, into a PNG.
 ///
-/// Panels of one row that share their scale share the colour bar at its end. With one or two columns a
-/// picture is 600 to 1050 px wide, with any number of them no more than 2000.
+/// Panels of one row that share their scale share the colour bar at its end; the bar has a pointed end where values lie
+/// beyond its colours. The picture is for print at 300 dots per inch and says so: one column of panels makes a
+/// journal's column (about 1050 px, 88 mm), two make 1700 to 2000 px, and any number no more than 4000.
 ///
 /// # Errors
 /// As [`crate::files::write_atomically`].

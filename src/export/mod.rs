@@ -4,6 +4,28 @@
 //! Takes the shapes of [`crate::grid`] and named facts about them ([`Attributes`]); gives files that are written
 //! whole or not at all. Depth maps, volumes and points are read back too. No writer flips or smooths anything: an
 //! image's column is x and its row is y.
+//!
+//! # Example
+//! A depth map of two pixels, one of them empty, as an image for Blender and Nuke and as a figure for a paper:
+//! ```
+//! use holosonar::export::depth_exr::{Fill, read_depth_map, write_depth_map};
+//! use holosonar::export::figure::{DepthKind, write_depth_figure};
+//! use holosonar::export::{Attribute, Encoding};
+//! use holosonar::grid::{Axis, DepthMap, Surface};
+//!
+//! let folder = std::env::temp_dir().join(format!("holosonar-{}", std::process::id()));
+//! let path = folder.join("depth.exr");
+//! let row = |count| Axis { first: 0.0, pitch: 0.01, count };
+//! let picked = Surface { depth: vec![1.25, f32::NAN], strength: vec![0.5, 0.0], facing: None };
+//! let map = DepthMap { x: row(2), y: row(1), picked, confidence: vec![], returns: vec![] };
+//! let facts = [("sonar:seed".to_owned(), Attribute::Integer(1))];
+//! write_depth_map(&path, &map, Fill::Infinity, &facts, Encoding::default())?;
+//! let file = read_depth_map(&path, 1 << 20)?;
+//! assert_eq!((file.map.picked.depth[0], file.map.accepted()), (1.25, 1));
+//! write_depth_figure(&folder.join("depth.png"), DepthKind::Found, &map, None)?;
+//! # std::fs::remove_dir_all(&folder).unwrap();
+//! # Ok::<(), holosonar::error::Error>(())
+//! ```
 
 pub mod amplitude;
 pub mod depth_exr;
@@ -86,6 +108,8 @@ pub fn attributes_as_json(attributes: &[(String, Attribute)]) -> serde_json::Val
         .map(|(name, value)| {
             let value: serde_json::Value = match value {
                 Attribute::Text(text) => text.as_str().into(),
+                // JSON has no infinity, which "no return" may be.
+                Attribute::Number(number) if !number.is_finite() => number.to_string().into(),
                 Attribute::Number(number) => (*number).into(),
                 Attribute::Integer(integer) => (*integer).into(),
                 Attribute::Vector(vector) => vector.to_vec().into(),

@@ -103,6 +103,19 @@ impl NpzReader {
         self.entries.iter().map(|entry| entry.name.as_str())
     }
 
+    /// Names, sizes and checksums of everything in the file, which tell its content from any other; an
+    /// [`Error::Input`] where they cannot be read.
+    pub fn fingerprint(&mut self) -> Result<String> {
+        let mut all = String::new();
+        for index in 0..self.archive.len() {
+            let entry = self.archive.by_index_raw(index);
+            let entry =
+                entry.map_err(|error| Error::input(self.path.display(), format!("is damaged ({error})")))?;
+            all += &format!("{:?} {} {:08x}\n", entry.name(), entry.size(), entry.crc32());
+        }
+        Ok(all)
+    }
+
     /// Whether there is an array of this name.
     pub fn contains(&self, name: &str) -> bool {
         self.names().any(|other| other == name)

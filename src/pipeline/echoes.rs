@@ -1,14 +1,14 @@
 //! A scene turned into reflectors, with the instrument that hears them and the grid that shows them.
 
-use super::{SceneSummary, is_csv, room, scene_path, warn_all};
-use crate::acquisition::{DataCube, MicArray, Setup, SimulateOptions, Sweep, simulate};
+use super::{SceneSummary, is_csv, load_scene, room, scene_path, warn_all};
+use crate::acquisition::{DataCube, MicArray, Setup, SimulateOptions, Sweep, simulate_keeping};
 use crate::config::RunFile;
 use crate::error::Result;
 use crate::grid::Grid;
 use crate::plan::{
-    Holding, Plan, check_sampling, check_simulation, memory_limit, outside_warning, plan, scale_warnings,
+    Holding, Plan, check_sampling, check_simulation, gib, memory_limit, outside_warning, plan, scale_warnings,
 };
-use crate::progress::Observer;
+use crate::progress::{Keeper, Observer};
 use crate::reflectors::{Reflectors, sample_surface, sampling_bytes};
 use crate::scene::Scene;
 use glam::DVec3;
@@ -71,14 +71,20 @@ impl Echoes {
             let plan = plan(&setup, &grid);
             return Ok(Self { measurement, scene: None, spacing: None, reflectors, grid, plan });
         }
-        let scene = Scene::load(path, &run.load_options(bare)?, observer)?;
-        let grid = run.voxels(&setup, scene.bounds())?;
-        fits(&grid)?;
+        let scene = load_scene(path, run, bare, observer)?;
+        let grid = run.voxels(&setup, scene.bounds());
+        let grid = grid.and_then(|grid| fits(&grid).map(|()| grid)).inspect_err(|_| {
+            // A wrong unit may be why no grid fits.
+            if let Some((low, high)) = scene.bounds() {
+                warn_all(&scale_warnings(&setup, low, high), observer);
+            }
+        })?;
         let plan = plan(&setup, &grid);
         let nearest = scene.bounds().map_or(grid.z.first, |(low, _)| low.z.max(grid.z.first));
         let options = run.surface_options(&setup, nearest);
         check_sampling(sampling_bytes(&scene, &options), options.spacing, memory_limit())?;
         let reflectors = sample_surface(&scene, &options, observer)?;
+        observer.note(&format!("{} reflectors, {:.1} mm apart", reflectors.len(), 1e3 * options.spacing));
         Ok(Self { measurement, scene: Some(scene), spacing: Some(options.spacing), reflectors, grid, plan })
     }
 
@@ -93,20 +99,27 @@ impl Echoes {
     /// Warns about what looks wrong.
     pub(super) fn warn(&self, observer: &dyn Observer) {
         warn_all(&self.plan.warnings, observer);
-        if let (Some((low, high)), Some(_)) = (self.bounds(), &self.scene) {
-            warn_all(&scale_warnings(&self.setup(), low, high), observer);
-        }
-        if let Some((low, high)) = self.bounds() {
-            warn_all(outside_warning(&self.grid, low, high).as_slice(), observer);
-        }
+        let warnings = placement_warnings(&self.setup(), &self.grid, self.bounds(), self.scene.is_some());
+        warn_all(&warnings, observer);
         if self.reflectors.is_empty() {
             observer.warn("the speaker reaches no surface of the scene: the cube will be silent; check where the scene lies");
         }
     }
 
-    pub(super) fn simulate(&self, run: &RunFile, observer: &dyn Observer) -> Result<DataCube> {
+    pub(super) fn simulate(
+        &self,
+        run: &RunFile,
+        keeper: &mut dyn Keeper,
+        observer: &dyn Observer,
+    ) -> Result<DataCube> {
         let Measurement { sweep, array, options } = &self.measurement;
-        let mut cube = simulate(&self.reflectors, sweep, array, options, observer)?;
+        let mut cube = simulate_keeping(&self.reflectors, sweep, array, options, keeper, observer)?;
+        observer.note(&format!(
+            "a cube of {} tones x {} microphones, {}",
+            sweep.len(),
+            array.len(),
+            gib(self.plan.cube_bytes)
+        ));
         cube.provenance = json!({ "run": run.to_json(), "seed": run.reflectors.seed });
         Ok(cube)
     }
@@ -115,4 +128,18 @@ impl Echoes {
         let (low, high) = self.bounds()?;
         Some(SceneSummary::new(self.scene.as_ref(), self.spacing, low, high, self.setup().wavelength()))
     }
+}
+
+/// What looks wrong about where a scene lies and how large it is. A list of reflectors is in metres for certain, so
+/// only a `mesh` is suspected of another unit.
+pub(super) fn placement_warnings(
+    setup: &Setup,
+    grid: &Grid,
+    bounds: Option<(DVec3, DVec3)>,
+    mesh: bool,
+) -> Vec<String> {
+    let Some((low, high)) = bounds else { return Vec::new() };
+    let mut warnings = if mesh { scale_warnings(setup, low, high) } else { Vec::new() };
+    warnings.extend(outside_warning(grid, low, high));
+    warnings
 }

@@ -1,14 +1,12 @@
 //! What `plan` shows: everything about a job that can be known before any ray or sample.
 
-use super::echoes::Measurement;
+use super::echoes::{Measurement, placement_warnings};
 use super::{is_csv, outputs, scene_path};
 use crate::acquisition::{CubeFile, CubeSource, Setup};
 use crate::config::RunFile;
 use crate::error::Result;
 use crate::grid::Grid;
-use crate::plan::{
-    Holding, Needs, Plan, left_for_method, memory_limit, needs, outside_warning, plan, scale_warnings,
-};
+use crate::plan::{Holding, Needs, Plan, left_for_method, memory_limit, needs, plan};
 use crate::progress::Observer;
 use crate::reconstruct::ReconstructOptions;
 use crate::reflectors::Reflectors;
@@ -27,7 +25,7 @@ pub struct Forecast {
     /// Operations and bytes.
     pub needs: Needs,
     /// Seconds of each method, by a short measurement of this machine's speed.
-    pub seconds: [f64; 3],
+    pub seconds: [f64; 4],
     /// Files that `image` will write.
     pub files: Vec<String>,
     /// What the user should know.
@@ -51,12 +49,7 @@ pub fn forecast_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Res
     let grid = run.voxels(&setup, bounds)?;
     let holding = Holding::of_simulation(&setup);
     let mut forecast = forecast(run, &setup, &grid, holding, mesh)?;
-    if let Some((low, high)) = bounds {
-        if mesh {
-            forecast.warnings.extend(scale_warnings(&setup, low, high));
-        }
-        forecast.warnings.extend(outside_warning(&grid, low, high));
-    }
+    forecast.warnings.extend(placement_warnings(&setup, &grid, bounds, mesh));
     Ok(forecast)
 }
 
@@ -74,7 +67,7 @@ pub fn forecast_cube(run: &RunFile, cube: &CubeFile) -> Result<Forecast> {
 /// How a volume is to be made within the memory there is.
 pub(super) fn options_within(run: &RunFile, grid: &Grid, holding: Holding) -> ReconstructOptions {
     let mut options = run.reconstruct_options();
-    options.memory = left_for_method(grid, &options, holding, memory_limit());
+    options.memory = left_for_method(grid, holding, memory_limit());
     options
 }
 

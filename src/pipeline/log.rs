@@ -37,9 +37,17 @@ impl Observer for Log<'_> {
         self.inner.event(event);
     }
 
+    fn note(&self, message: &str) {
+        self.inner.note(message);
+    }
+
     fn warn(&self, message: &str) {
         self.warnings.lock().unwrap_or_else(PoisonError::into_inner).push(message.to_owned());
         self.inner.warn(message);
+    }
+
+    fn tell(&self, message: &str) {
+        self.inner.tell(message);
     }
 
     fn should_stop(&self) -> bool {

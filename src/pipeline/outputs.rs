@@ -7,15 +7,17 @@ use crate::acquisition::{DataCube, Setup};
 use crate::config::{Output, RunFile, VolumeFormat};
 use crate::error::{Error, Result};
 use crate::export::depth_exr::write_depth_map;
-use crate::export::figure::{depth_range, write_amplitude_figure, write_depth_figure, write_error_figure};
+use crate::export::figure::{
+    DepthKind, depth_range, write_amplitude_figure, write_depth_figure, write_error_figure,
+};
 use crate::export::page::Miniature;
 use crate::export::points_ply::{ScenePoints, write_depth_points};
 use crate::export::volume_exr::write_volume_exr;
 use crate::export::volume_npz::stream_volume_npz;
 use crate::export::volume_nrrd::stream_volume_nrrd;
 use crate::export::volume_vti::stream_volume_vti;
-use crate::export::{Encoding, VolumeFile, fits_float16};
-use crate::files::write_atomically;
+use crate::export::{Components, Encoding, VolumeFile, fits_float16};
+use crate::files::{extension, write_atomically};
 use crate::grid::{DepthMap, Grid, Volume};
 use crate::metrics::error_map;
 use crate::progress::{Observer, stage};
@@ -64,13 +66,13 @@ pub fn write_outputs(
     let range = depth_range(&truth.map_or(vec![&outcome.depth], |truth| vec![truth]));
     tasks.push((
         "depth.png",
-        Box::new(move |path| one(path, write_depth_figure(path, "depth", &outcome.depth, range))),
+        Box::new(move |path| one(path, write_depth_figure(path, DepthKind::Found, &outcome.depth, range))),
     ));
     if let Some(truth) = truth {
         tasks.push(("truth.exr", Box::new(|path| one(path, write_depth(path, truth, run, &facts)))));
         tasks.push((
             "truth.png",
-            Box::new(move |path| one(path, write_depth_figure(path, "true depth", truth, range))),
+            Box::new(move |path| one(path, write_depth_figure(path, DepthKind::True, truth, range))),
         ));
         tasks.push(("error.png", Box::new(|path| one(path, write_error(path, outcome, truth)))));
     }
@@ -93,7 +95,9 @@ pub fn write_outputs(
     let page = if run.output.report {
         report.files.push(PAGE.into());
         let volume = Miniature::of_volume(&outcome.image.volume);
-        Some(page_of(folder, &report.files, Some(&volume), Some(&scene), u64::MAX)?)
+        Some(stage(observer, "packing the page", 0, || {
+            page_of(folder, &report.files, Some(&volume), Some(&scene), u64::MAX)
+        })?)
     } else {
         None
     };
@@ -102,6 +106,7 @@ pub fn write_outputs(
         .map_err(|e| Error::environment("report", e.to_string()))?
         + "\n";
     write_atomically(&folder.join("report.json"), |file| file.write_all(text.as_bytes()))?;
+    observer.note(&format!("{} files in {}", report.files.len(), folder.display()));
     if let Some(page) = page {
         let mesh =
             run.scene.mesh.as_ref().filter(|_| outcome.reflectors.is_some()).map(|file| file.typed.as_str());
@@ -118,6 +123,23 @@ fn name_of(format: VolumeFormat) -> &'static str {
         VolumeFormat::Vti => "volume.vti",
         VolumeFormat::Nrrd => "volume.nrrd",
     }
+}
+
+/// The least bytes that a volume's file takes, whatever its content.
+pub(super) fn bytes_of(path: &Path, run: &RunFile, grid: &Grid) -> u64 {
+    let per_voxel = match extension(path).as_str() {
+        "npz" => 8,
+        "vti" if run.output.components == Components::Complex => 12,
+        "vti" => 4,
+        // Compressed: a quarter is more than any volume of echoes gives up.
+        _ => 1,
+    };
+    grid.voxel_count().saturating_mul(per_voxel)
+}
+
+/// The same for all volumes of a run.
+pub(super) fn volume_bytes(run: &RunFile, grid: &Grid) -> u64 {
+    run.output.formats.iter().map(|format| bytes_of(Path::new(name_of(*format)), run, grid)).sum()
 }
 
 /// The files that [`write_outputs`] will write, with or without a truth; a very deep volume may take several.
@@ -167,7 +189,7 @@ pub(super) struct VolumeFiles<'a> {
 
 /// Whether a file of this name needs the volume whole.
 pub(super) fn needs_all(path: &Path) -> bool {
-    path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr"))
+    extension(path) == "exr"
 }
 
 impl<'a> VolumeFiles<'a> {
@@ -211,19 +233,11 @@ impl VolumeSink for VolumeFiles<'_> {
         }
         if self.needs_all() { self.whole.take(first, planes) } else { Ok(()) }
     }
-
-    fn take_all(&mut self, samples: Vec<Complex32>) -> Result<()> {
-        for (_, file) in &mut self.growing {
-            file.take(&samples)?;
-        }
-        if self.needs_all() { self.whole.take_all(samples) } else { Ok(()) }
-    }
 }
 
 /// Begins a volume file in the format of the path's extension, which takes depth after depth.
 fn stream_volume(path: &Path, grid: &Grid, output: &Output, facts: &Value) -> Result<VolumeFile> {
-    let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
-    match extension.as_str() {
+    match extension(path).as_str() {
         "npz" => stream_volume_npz(path, *grid, facts),
         "vti" => stream_volume_vti(path, grid, output.components, &attributes(facts)),
         "nrrd" => stream_volume_nrrd(path, grid, &attributes(facts), output.compression),
@@ -254,9 +268,8 @@ pub fn write_volume(path: &Path, volume: &Volume, output: &Output, facts: &Value
 /// # Errors
 /// Another extension than `.exr` or `.ply`; a file that cannot be written.
 pub fn write_depth(path: &Path, map: &DepthMap, run: &RunFile, facts: &Value) -> Result<()> {
-    let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
     let Output { float16, compression, .. } = run.output;
-    match extension.as_str() {
+    match extension(path).as_str() {
         "exr" => {
             let encoding = Encoding { float16, compression };
             write_depth_map(path, map, run.depth.fill.into(), &attributes(facts), encoding)
@@ -274,7 +287,7 @@ pub fn write_depth(path: &Path, map: &DepthMap, run: &RunFile, facts: &Value) ->
 /// # Errors
 /// Another extension than `.npz`; a file that cannot be written.
 pub fn write_cube(path: &Path, cube: &DataCube) -> Result<()> {
-    if !path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("npz")) {
+    if extension(path) != "npz" {
         return Err(Error::input(path.display(), "cubes are written as .npz; give this extension"));
     }
     cube.write(path)
@@ -287,5 +300,6 @@ fn write_error(path: &Path, outcome: &Outcome, truth: &DepthMap) -> Result<()> {
     let metrics = outcome.metrics.unwrap_or_default();
     let note =
         format!("median |error| {}, rms {}", millimetres(metrics.median_error), millimetres(metrics.rmse));
-    write_error_figure(path, &errors, truth.x, truth.y, &note)
+    let resolution = outcome.instrument.setup().range_resolution().unwrap_or(f64::NAN);
+    write_error_figure(path, &errors, [truth.x, truth.y], resolution, &note)
 }

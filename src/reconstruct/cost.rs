@@ -8,7 +8,7 @@ use super::lattice::SharedLattice;
 use super::layout::Layout;
 use super::skeleton::candidates_for;
 use super::tones::FREQUENCIES;
-use super::{Method, ReconstructOptions, backprojection, direct};
+use super::{Method, ReconstructOptions, backprojection, direct, linear};
 use crate::acquisition::Setup;
 use crate::grid::Grid;
 use crate::wave::interval::PathInterval;
@@ -28,8 +28,6 @@ pub struct Estimate {
     pub bytes: u64,
     /// The same where as little as possible is worked on at a time, by one thread: slower, and the same volume.
     pub least_bytes: u64,
-    /// Whether the method holds the whole volume itself, whatever the sink does.
-    pub holds_volume: bool,
     /// What `bytes` are of.
     #[serde(skip)]
     pub(super) batch: Batch,
@@ -42,15 +40,16 @@ pub(super) fn tones_for(bandwidth_duration: f64, tolerance: f64) -> f64 {
     bandwidth_duration + 2.0 + digits * (0.22 + 0.2 * (1.0 + bandwidth_duration).ln())
 }
 
-/// The three estimates for a job, whatever `options.method` says.
+/// The four estimates for a job, whatever `options.method` says.
 pub(super) fn estimates(
     setup: &Setup,
     grid: &Grid,
     options: &ReconstructOptions,
     lattice: &Result<SharedLattice, String>,
     backprojection: Option<&backprojection::Plan>,
+    linear: &Result<linear::Plan, String>,
     threads: usize,
-) -> [Estimate; 3] {
+) -> [Estimate; 4] {
     let convolution = match lattice {
         Ok(lattice) => of_convolution(setup, grid, options, lattice, threads),
         Err(obstacle) => impossible(Method::Convolution, obstacle.clone()),
@@ -66,20 +65,21 @@ pub(super) fn estimates(
             "0 leaves no room for interpolation; give a tolerance above 0 (1e-6, say)".to_owned(),
         ),
     };
-    [convolution, backprojection, of_direct(setup, grid, options, threads)]
+    let linear = match linear {
+        Ok(plan) => of_linear(setup, plan, options, threads),
+        Err(obstacle) => impossible(Method::Linear, obstacle.clone()),
+    };
+    [convolution, backprojection, of_direct(setup, grid, options, threads), linear]
+}
+
+fn of_linear(setup: &Setup, plan: &linear::Plan, options: &ReconstructOptions, threads: usize) -> Estimate {
+    let bytes = plan.bytes(threads).saturating_add(block_bytes(setup));
+    possible(Method::Linear, plan.operations(), options, Batch::of_threads(threads), |_| bytes)
 }
 
 fn impossible(method: Method, obstacle: String) -> Estimate {
     let (obstacle, operations) = (Some(obstacle), f64::INFINITY);
-    Estimate {
-        method,
-        obstacle,
-        operations,
-        bytes: 0,
-        least_bytes: 0,
-        holds_volume: false,
-        batch: Batch::LEAST,
-    }
+    Estimate { method, obstacle, operations, bytes: 0, least_bytes: 0, batch: Batch::LEAST }
 }
 
 /// Operations of a complex multiplication and addition.
@@ -130,12 +130,13 @@ fn of_convolution(
         let n_f = setup.sweep.len() as f64;
         // Spectra, and the samples that they are made of.
         let tone = COMPLEX * 2 * layout.tone_len() as u64;
-        let bytes =
-            |batch: Batch| tone.saturating_mul(batch.frequencies as u64).saturating_add(scratch(batch));
-        return Estimate {
-            holds_volume: true,
-            ..possible(Method::Convolution, n_f * (depths as f64 * pair + spectra), options, usual, bytes)
+        let slab = (super::convolution::DEPTHS.min(depths) as u64 * COMPLEX).saturating_mul(plane);
+        let bytes = |batch: Batch| {
+            let spectra = tone.saturating_mul(batch.frequencies as u64);
+            spectra.saturating_add(scratch(batch)).saturating_add(slab)
         };
+        let operations = n_f * (depths as f64 * pair + spectra);
+        return possible(Method::Convolution, operations, options, usual, bytes);
     }
     let tones = |planes: std::ops::Range<usize>, share: f64| {
         let duration = setup.path_interval(grid, planes).duration();
@@ -178,15 +179,7 @@ fn possible(
 ) -> Estimate {
     let batch = usual.within(options.memory, &bytes);
     let least_bytes = bytes(Batch::LEAST);
-    Estimate {
-        method,
-        obstacle: None,
-        operations,
-        bytes: bytes(batch),
-        least_bytes,
-        holds_volume: false,
-        batch,
-    }
+    Estimate { method, obstacle: None, operations, bytes: bytes(batch), least_bytes, batch }
 }
 
 fn of_backprojection(
@@ -210,12 +203,11 @@ fn of_backprojection(
 }
 
 fn of_direct(setup: &Setup, grid: &Grid, options: &ReconstructOptions, threads: usize) -> Estimate {
-    let samples = setup.cube_bytes().saturating_mul(2);
+    let planes = (direct::depths_at_once(grid) as u64 * COMPLEX).saturating_mul(grid.plane_len() as u64);
+    let samples = setup.cube_bytes().saturating_mul(2).saturating_add(planes);
     let lengths = (64 * setup.array.len()) as u64 * COMPLEX;
     let bytes = |batch: Batch| samples.saturating_add(lengths.saturating_mul(batch.workers as u64));
-    let operations = direct::operations(setup, grid);
-    let estimate = possible(Method::Direct, operations, options, Batch::of_threads(threads), bytes);
-    Estimate { holds_volume: true, ..estimate }
+    possible(Method::Direct, direct::operations(setup, grid), options, Batch::of_threads(threads), bytes)
 }
 
 #[cfg(test)]

@@ -128,6 +128,19 @@ fn options_that_make_no_sense() {
     refused(path, &format!("truth {corner} -o truth.png"), 2, &["truth.png", ".exr"]);
     refused(path, &format!("truth {point} -o truth.exr"), 2, &["point.csv", "no true depth"]);
     refused(path, &format!("truth {corner} -o {}", path.display()), 2, &["extension"]);
+    refused(
+        path,
+        &format!("reconstruct {corner} -o v.npz"),
+        2,
+        &["corner.toml", "data cube", "simulate", "-c"],
+    );
+    refused(path, &format!("depth {corner} -o d.exr"), 2, &["corner.toml", "a volume", "reconstruct"]);
+    refused(path, "image . -o out", 2, &["is a folder", ".toml"]);
+    std::fs::write(path.join("part.step"), "ISO-10303-21;").unwrap();
+    refused(path, "image part.step -o out", 2, &["part.step", "export it", ".stl"]);
+    std::fs::write(path.join("bare.toml"), "[sweep]\nstep = 40.0\n").unwrap();
+    refused(path, "simulate bare.toml -o c.npz", 2, &["bare.toml", "[scene] mesh", "is missing"]);
+    refused(path, "init part.step", 2, &["part.step", "is a file"]);
     refused(path, "compare a.exr b.exr --min beauty=1", 2, &["--min", "beauty", "completeness"]);
     refused(path, "compare a.exr b.exr --max rmse=low", 2, &["--max", "rmse=low"]);
     assert_eq!(files_below(path), [path.join("file")], "nothing is left behind");

@@ -191,7 +191,9 @@ fn results_on_one_stream_and_everything_else_on_the_other() {
 #[test]
 fn a_closed_pipe_ends_quietly() {
     let folder = workplace();
-    for words in ["completions bash", "info f.gltf", "image point.toml -o out", "check f.toml"] {
+    let commands =
+        ["completions bash", "man", "plan f.toml", "info f.gltf", "image point.toml -o out", "check f.toml"];
+    for words in commands {
         let mut child = command(folder.path(), words.split(' '))
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
@@ -276,7 +278,8 @@ fn the_page_can_be_made_again_later() {
         assert!(!path.join("bare").join(missing).exists(), "{missing}");
     }
     done(path, "report bare --json");
-    refused(path, "report nowhere", 2, &["nowhere", "report.json"]);
+    refused(path, "report nowhere", 2, &["nowhere", "no such folder"]);
+    refused(path, "report .", 2, &[".", "report.json"]);
     std::fs::write(path.join("out/report.json"), "[1]").unwrap();
     refused(path, "report out", 2, &["report.json", "no report"]);
     std::fs::write(path.join("bare/volume.npz"), "no zip").unwrap();

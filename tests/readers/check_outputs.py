@@ -4,8 +4,8 @@
     check_outputs.py OUTDIR [OUTDIR ...]
     check_outputs.py --prove OUTDIR    damages copies of a result (with VTI, NRRD and points) and sees that it is noticed
 
-OpenEXR reads the EXR files, NumPy the npz, pynrrd the NRRD, plyfile the PLY, VTK (if it is installed) and a few lines of
-our own the VTI. The program under test takes no part. One line per check that fails, exit status 1 if there is any.
+OpenEXR and OpenImageIO read the EXR files, NumPy the npz, pynrrd the NRRD, plyfile the PLY, VTK (if it is installed) and
+a few lines of our own the VTI. The program under test takes no part. One line per check that fails, exit status 1 if there is any.
 """
 
 import json
@@ -21,6 +21,7 @@ from pathlib import Path
 import nrrd
 import numpy as np
 import OpenEXR
+import OpenImageIO as oiio
 import plyfile
 
 try:
@@ -76,6 +77,55 @@ def parts(path):
         (part.header.get("name", ""), part.header, {name: c.pixels for name, c in part.channels.items()})
         for part in file.parts
     ]
+
+
+def same_attribute(ours, theirs):
+    """Whether two readers hand out the same value, each in its own wrapping; OpenImageIO rounds doubles to six digits."""
+    if isinstance(theirs, str):
+        return str(ours) == theirs
+    ours, theirs = (np.asarray(value, np.float64).reshape(-1) for value in (ours, theirs))
+    return ours.shape == theirs.shape and np.allclose(ours, theirs, rtol=1e-5, atol=1e-12, equal_nan=True)
+
+
+def check_with_oiio(path):
+    """OpenImageIO finds the very numbers and attributes that OpenEXR finds, and its tool reads every pixel."""
+    image = oiio.ImageInput.open(str(path))
+    if image is None:
+        check(path, "OpenImageIO opens it", False, f"({oiio.geterror()})")
+        return
+    for index, (name, header, channels) in enumerate(parts(path)):
+        what = f"OpenImageIO: part {name or index}"
+        check(path, f"{what} is there", image.seek_subimage(index, 0))
+        spec = image.spec()
+        check(path, f"{what} has the same channels", set(spec.channelnames) == set(channels), str(spec.channelnames))
+        # Whether a truncated file is noticed: reading fails, where headers alone would be fine.
+        pixels = image.read_image(index, 0, 0, spec.nchannels, oiio.FLOAT)
+        check(path, f"{what} can be read", pixels is not None, f"({image.geterror()})")
+        if pixels is None:
+            continue
+        for k, channel in enumerate(spec.channelnames):
+            equal(path, f"{what} {channel}", pixels[..., k], channels[channel].astype(np.float32))
+        for key in (key for key in header if key.startswith("sonar:")):
+            theirs = spec.getattribute(key)
+            check(path, f"{what} attribute {key}", theirs is not None and same_attribute(header[key], theirs),
+                  f"({header[key]}, {theirs})")  # fmt: skip
+    check(path, "OpenImageIO finds no further part", not image.seek_subimage(index + 1, 0))
+    image.close()
+    tool = shutil.which("oiiotool", path=str(Path(sys.executable).parent)) or shutil.which("oiiotool")
+    if tool is None:
+        check(path, "oiiotool is there", False)
+        return
+    stats = subprocess.run([tool, "--stats", "-a", str(path)], capture_output=True, text=True)
+    said = stats.stdout.count("FiniteCount")
+    check(path, "oiiotool --stats reads every part", stats.returncode == 0 and said == index + 1, f"({stats.stderr})")
+    # The Z of a depth map is the same picture after a round through OpenImageIO's own writer.
+    with tempfile.TemporaryDirectory() as folder:
+        copy = str(Path(folder) / "copy.exr")
+        # Where nothing was found Z is infinite, and inf - inf would be called a difference.
+        calm = ["--fixnan", "black", "--ch", "R,G,B,A,Z"]
+        subprocess.run([tool, str(path), "--subimage", "0", *calm, "-d", "float", "-o", copy], capture_output=True)
+        same = subprocess.run([tool, str(path), "--subimage", "0", *calm, copy, "--diff"], capture_output=True, text=True)
+        check(path, "oiiotool --diff finds a copy equal", same.returncode == 0 and "PASS" in same.stdout, same.stdout)
 
 
 def amplitude(samples):
@@ -396,6 +446,8 @@ def check_folder(folder):
     for name in report["files"]:
         if name.endswith(".png"):
             check_png(folder / name)
+        if name.endswith(".exr"):
+            check_with_oiio(folder / name)
 
 
 def damage_npz(folder):
@@ -429,11 +481,23 @@ def damage_byte(name, place):
     return damage
 
 
+def cut_short(name, missing):
+    """A file without its last bytes, whose headers are whole."""
+
+    def damage(folder):
+        raw = (folder / name).read_bytes()
+        (folder / name).write_bytes(raw[:-missing])
+
+    return damage
+
+
 def prove(folder):
     """Damages a copy of a result in several ways; each must be noticed, or the checks are worth nothing."""
     damages = {
         "a changed sample": damage_npz,
         "a changed depth": damage_depth,
+        "a depth.exr cut short": cut_short("depth.exr", 200),
+        "a volume.exr cut short": cut_short("volume.exr", 200),
         "a flipped bit of the VTI": damage_byte("volume.vti", -5000),
         "a flipped bit of the NRRD": damage_byte("volume.nrrd", -5000),
         "a flipped bit of depth.ply": damage_byte("depth.ply", -500),
@@ -468,7 +532,10 @@ def main():
         prove(Path(sys.argv[2]))
     for folder in sys.argv[1:]:
         before = passed, len(failed)
-        check_folder(folder)
+        try:
+            check_folder(folder)
+        except Exception as error:  # a reader that gives up has noticed something, too
+            check(folder, "every file can be read", False, f"({type(error).__name__}: {error})")
         print(f"{folder}: {passed - before[0]} checks passed, {len(failed) - before[1]} failed")
     if vtkXMLImageDataReader is None:
         print("(VTK is not installed: the VTI was read by hand alone)")

@@ -1,6 +1,7 @@
 //! The simulation by virtual tones: tiles summed at the tones, and their sums expanded into the cube.
 
 use super::echoes::{GroupSums, Summation};
+use super::kept::KeptSamples;
 use super::tiles::Tile;
 use super::virtual_tones::VirtualTones;
 use super::{Plan, SimulateOptions, record};
@@ -18,23 +19,35 @@ use rayon::prelude::*;
 /// Frequencies that one thread expands at a time.
 const ROWS: usize = 32;
 
-/// Fills `samples`, `[n_f, n_mic]`, by way of the plan's tiles and tones.
+/// Tiles per thread that are summed before the finished ones may be handed over: enough to keep every thread busy.
+const TILES_PER_THREAD: usize = 8;
+
+/// Fills the samples, `[n_f, n_mic]`, by way of the plan's tiles and tones.
 pub(super) fn fast(
     reflectors: &Reflectors,
     sweep: &Sweep,
     array: &MicArray,
     options: &SimulateOptions,
     plan: &Plan,
+    kept: &mut KeptSamples,
     observer: &dyn Observer,
-    samples: &mut [Complex32],
 ) -> Result<()> {
     let n_mic = array.len();
     let summation = Summation::new(reflectors, array.positions(), options, &plan.tones);
-    let mut rest = &plan.tiles[..];
+    let mut missing = Vec::new();
+    for (k, tile) in plan.tiles.iter().enumerate() {
+        if kept.recall(k, &tile.microphones)? {
+            advance(observer, tile.microphones.len() as u64)?;
+        } else {
+            missing.push((k, tile));
+        }
+    }
+    let most = TILES_PER_THREAD * rayon::current_num_threads();
+    let mut rest = &missing[..];
     while !rest.is_empty() {
-        // As many tiles as hold a fixed number of microphones, whatever the threads.
+        // As many tiles as hold a number of microphones; no sum depends on which are taken together.
         let mut held = 0;
-        let fitting = rest.iter().take_while(|tile| {
+        let fitting = rest.iter().take(most).take_while(|(_, tile)| {
             held += tile.microphones.len();
             held <= plan.held
         });
@@ -42,14 +55,14 @@ pub(super) fn fast(
         rest = later;
         let sums: Vec<Vec<GroupSums>> = tiles
             .par_iter()
-            .map(|tile| {
+            .map(|(_, tile)| {
                 let sums = summation.groups(tile);
                 advance(observer, tile.microphones.len() as u64).map(|()| sums)
             })
             .collect::<Result<_>>()?;
-        samples.par_chunks_mut(ROWS * n_mic).enumerate().for_each(|(chunk, rows)| {
+        kept.samples.par_chunks_mut(ROWS * n_mic).enumerate().for_each(|(chunk, rows)| {
             let mut room = Room::default();
-            for (tile, sums) in tiles.iter().zip(&sums) {
+            for ((_, tile), sums) in tiles.iter().zip(&sums) {
                 room.expand(chunk * ROWS, tile, sums, sweep, options, &plan.tones);
                 let width = 2 * tile.microphones.len();
                 for (row, totals) in rows.chunks_exact_mut(n_mic).zip(room.totals.chunks_exact(width)) {
@@ -60,6 +73,8 @@ pub(super) fn fast(
                 }
             }
         });
+        tiles.iter().for_each(|(k, tile)| kept.finish(*k, &tile.microphones));
+        kept.pause()?;
     }
     Ok(())
 }

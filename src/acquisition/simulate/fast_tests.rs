@@ -2,10 +2,11 @@
 
 use super::cost::choices;
 use super::expand::fast;
+use super::kept::KeptSamples;
 use super::tiles::tiles;
 use super::virtual_tones::{RUNGS, Rung, VirtualTones};
 use super::*;
-use crate::progress::Silent;
+use crate::progress::{Forgetful, Silent};
 use crate::wave::phasor;
 use proptest::prelude::*;
 use std::f64::consts::TAU;
@@ -74,7 +75,13 @@ fn forced(
     let radius = cost::widest_tile(rung, sweep, options);
     let plan = Plan { tiles: tiles(array.positions(), count, radius), tones, held: 50 };
     let mut samples = vec![Complex32::ZERO; sweep.len() * array.len()];
-    fast(reflectors, sweep, array, options, &plan, &Silent, &mut samples).expect("not interrupted");
+    let mut kept = KeptSamples {
+        samples: &mut samples,
+        width: array.len(),
+        keeper: &mut Forgetful,
+        finished: Vec::new(),
+    };
+    fast(reflectors, sweep, array, options, &plan, &mut kept, &Silent).expect("not interrupted");
     samples
 }
 

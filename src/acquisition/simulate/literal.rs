@@ -1,29 +1,34 @@
 //! Eq. 5 summed term by term: the oracle, and the way where virtual tones do not pay.
 
+use super::kept::KeptSamples;
 use super::{SimulateOptions, record};
 use crate::acquisition::{MicArray, Sweep};
 use crate::error::Result;
 use crate::progress::{Observer, advance};
 use crate::reflectors::Reflectors;
 use crate::wave::simd::{Amplitudes, Steps, sum_over_sweep};
-use num_complex::Complex32;
 use rayon::prelude::*;
 
 /// Microphones whose columns are held between the sum and the cube's own order.
 const COLUMNS: usize = 64;
 
-/// Fills `samples`, `[n_f, n_mic]`, with the literal sum.
+/// Fills the samples, `[n_f, n_mic]`, with the literal sum.
 pub(super) fn literal(
     reflectors: &Reflectors,
     sweep: &Sweep,
     array: &MicArray,
     options: &SimulateOptions,
+    kept: &mut KeptSamples,
     observer: &dyn Observer,
-    samples: &mut [Complex32],
 ) -> Result<()> {
     let n_mic = array.len();
     let amplitudes = Amplitudes::new(reflectors.amplitudes().iter().copied());
     for (chunk, mics) in array.positions().chunks(COLUMNS).enumerate() {
+        let members: Vec<usize> = (chunk * COLUMNS..).take(mics.len()).collect();
+        if kept.recall(chunk, &members)? {
+            advance(observer, mics.len() as u64)?;
+            continue;
+        }
         let columns: Vec<Vec<[f64; 2]>> = mics
             .par_iter()
             .map(|&r| {
@@ -36,9 +41,11 @@ pub(super) fn literal(
         for (column, sums) in columns.iter().enumerate() {
             let mic = chunk * COLUMNS + column;
             for (f, [re, im]) in sums.iter().enumerate() {
-                samples[f * n_mic + mic] = record(options.detection, *re as f32, *im as f32);
+                kept.samples[f * n_mic + mic] = record(options.detection, *re as f32, *im as f32);
             }
         }
+        kept.finish(chunk, &members);
+        kept.pause()?;
         advance(observer, mics.len() as u64)?;
     }
     Ok(())

@@ -2,8 +2,14 @@
 
 use crate::error::Result;
 use crate::files::write_atomically;
+use rustc_hash::FxHashMap;
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
+
+/// Width of the lines of frames and ticks, px.
+pub(super) const LINE: usize = 2;
+/// Pixels in a metre of paper: 300 per inch.
+const PER_METRE: u32 = 11_811;
 
 /// Red, green, blue.
 pub(super) type Colour = [u8; 3];
@@ -20,15 +26,17 @@ impl Canvas {
         Self { width, height, rgb: vec![255; 3 * width * height] }
     }
 
-    /// Lays `colour` over one pixel; `cover` 0 leaves it, 1 replaces it.
+    /// Lays `colour` over one pixel; `cover` 0 leaves it, 1 replaces it, in steps of an eighth: finer ones would not be
+    /// seen, and so a picture has few enough colours for a palette.
     pub(super) fn blend(&mut self, x: i64, y: i64, colour: Colour, cover: f32) {
         let (Ok(x), Ok(y)) = (usize::try_from(x), usize::try_from(y)) else { return };
         if x >= self.width || y >= self.height {
             return;
         }
+        let cover = (8.0 * cover.clamp(0.0, 1.0)).round() / 8.0;
         let at = 3 * (y * self.width + x);
         for (old, new) in self.rgb[at..at + 3].iter_mut().zip(colour) {
-            let mixed = f32::from(*old) + cover.clamp(0.0, 1.0) * (f32::from(new) - f32::from(*old));
+            let mixed = f32::from(*old) + cover * (f32::from(new) - f32::from(*old));
             *old = mixed.round() as u8;
         }
     }
@@ -42,12 +50,13 @@ impl Canvas {
         }
     }
 
-    /// Draws a frame one pixel wide just outside of a rectangle.
+    /// Draws a frame just outside of a rectangle.
     pub(super) fn frame(&mut self, [x, y]: [i64; 2], [width, height]: [usize; 2], colour: Colour) {
-        self.fill([x - 1, y - 1], [width + 2, 1], colour);
-        self.fill([x - 1, y + height as i64], [width + 2, 1], colour);
-        self.fill([x - 1, y - 1], [1, height + 2], colour);
-        self.fill([x + width as i64, y - 1], [1, height + 2], colour);
+        let line = LINE as i64;
+        self.fill([x - line, y - line], [width + 2 * LINE, LINE], colour);
+        self.fill([x - line, y + height as i64], [width + 2 * LINE, LINE], colour);
+        self.fill([x - line, y - line], [LINE, height + 2 * LINE], colour);
+        self.fill([x + width as i64, y - line], [LINE, height + 2 * LINE], colour);
     }
 
     /// Writes the picture as a PNG, without a clock: same picture, same bytes.
@@ -57,13 +66,47 @@ impl Canvas {
 
     fn encode(&self, out: &mut BufWriter<impl Write>) -> std::result::Result<(), png::EncodingError> {
         let mut encoder = png::Encoder::new(out, self.width as u32, self.height as u32);
-        encoder.set_color(png::ColorType::Rgb);
+        let indexed = self.indexed();
+        match &indexed {
+            Some((palette, _)) => {
+                encoder.set_color(png::ColorType::Indexed);
+                encoder.set_palette(palette.concat());
+            }
+            None => encoder.set_color(png::ColorType::Rgb),
+        }
         encoder.set_depth(png::BitDepth::Eight);
         // Blocks of equal pixels repeat as they are; a filter would only hide that from deflate.
         encoder.set_compression(png::Compression::High);
         encoder.set_filter(png::Filter::NoFilter);
+        encoder.set_pixel_dims(Some(png::PixelDimensions {
+            xppu: PER_METRE,
+            yppu: PER_METRE,
+            unit: png::Unit::Meter,
+        }));
         let mut writer = encoder.write_header()?;
-        writer.write_image_data(&self.rgb)?;
+        writer.write_image_data(indexed.as_ref().map_or(&self.rgb, |(_, indices)| indices))?;
         writer.finish()
+    }
+
+    /// The picture's colours in the order in which they appear, and each pixel's place among them; `None` if there are
+    /// more than 256. Half as large a file as without.
+    fn indexed(&self) -> Option<(Vec<Colour>, Vec<u8>)> {
+        let mut places: FxHashMap<Colour, u8> = FxHashMap::default();
+        let mut palette = Vec::new();
+        let mut indices = Vec::with_capacity(self.width * self.height);
+        for rgb in self.rgb.chunks_exact(3) {
+            let colour = [rgb[0], rgb[1], rgb[2]];
+            let place = match places.get(&colour) {
+                Some(place) => *place,
+                None => {
+                    let place = u8::try_from(palette.len()).ok()?;
+                    palette.push(colour);
+                    places.insert(colour, place);
+                    place
+                }
+            };
+            indices.push(place);
+        }
+        Some((palette, indices))
     }
 }

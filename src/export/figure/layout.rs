@@ -1,32 +1,36 @@
 //! Where everything in a figure goes: boxes, ticks, labels, colour bars.
+//!
+//! Sizes are for print at 300 dots per inch: a figure of one map is a journal's column wide (about 88 mm), and its numbers
+//! are then 7 points high, labels 8, titles 9.
 
-use super::canvas::{Canvas, Colour};
+use super::bar::{self, Bar};
+use super::canvas::{Canvas, Colour, LINE};
 use super::lettering::{self, Align, Style};
-use super::ticks::{Tick, ticks};
-use super::{Panel, Scale};
+use super::ticks::{self, Tick, ticks};
+use super::{COLOURS, Panel, Scale};
 use crate::grid::Axis;
 
-const INK: Colour = [38, 38, 38];
+pub(super) const INK: Colour = [38, 38, 38];
 /// The grey of "nothing here"; far enough from the white in the middle of the diverging colours.
 const NOTHING: Colour = [212, 212, 212];
-const TITLE: Style = Style { size: 17.0, colour: [0, 0, 0] };
-const NOTE: Style = Style { size: 13.0, colour: [96, 96, 96] };
-const LABEL: Style = Style { size: 15.0, colour: INK };
-const NUMBER: Style = Style { size: 13.0, colour: INK };
+// A line is 1.164 times as high as its letters' nominal size.
+const TITLE: Style = Style { size: 44.0, colour: [0, 0, 0] };
+const NOTE: Style = Style { size: 34.0, colour: [84, 84, 84] };
+pub(super) const LABEL: Style = Style { size: 39.0, colour: INK };
+pub(super) const NUMBER: Style = Style { size: 34.0, colour: INK };
 
 /// Most columns in a figure.
 const MOST_COLUMNS: usize = 8;
 /// Least width and height of a map's box, px: a thinner one could not be seen.
-const THINNEST: usize = 24;
+const THINNEST: usize = 48;
 /// Least height of a colour bar, px: below, its numbers would touch.
-const SHORTEST_BAR: usize = 110;
-const BAR_WIDTH: usize = 16;
+const SHORTEST_BAR: usize = 260;
 /// From a map to its colour bar, px.
-const BAR_GAP: usize = 16;
-const TICK: usize = 4;
+const BAR_GAP: usize = 32;
+pub(super) const TICK: usize = 9;
 /// From a tick to its number, px.
-const TICK_GAP: usize = 4;
-const EDGE: usize = 12;
+pub(super) const TICK_GAP: usize = 8;
+const EDGE: usize = 20;
 
 /// One panel with everything measured.
 struct Plot<'a> {
@@ -35,8 +39,8 @@ struct Plot<'a> {
     size: [usize; 2],
     x_ticks: Vec<Tick>,
     y_ticks: Vec<Tick>,
-    /// The colour bar's ticks where it is drawn.
-    bar: Option<Vec<Tick>>,
+    /// The colour bar where it is drawn.
+    bar: Option<Bar>,
     /// Room left of and right of the box, px.
     left: usize,
     right: usize,
@@ -46,9 +50,8 @@ struct Plot<'a> {
 pub(super) fn draw(panels: &[Panel<'_>], columns: usize) -> Canvas {
     let columns = columns.min(MOST_COLUMNS);
     let target = match columns {
-        1 => 520,
-        2 => 340,
-        n => (1900 / n - 140).min(260),
+        1 | 2 => 640,
+        n => (3800 / n - 280).min(440),
     };
     let plots: Vec<Plot> = panels
         .chunks(columns)
@@ -58,7 +61,8 @@ pub(super) fn draw(panels: &[Panel<'_>], columns: usize) -> Canvas {
             let above = if i + 1 < columns { panels.get(columns - 1) } else { None };
             let shared =
                 [row.get(i + 1), above].into_iter().flatten().any(|other| other.scale == row[i].scale);
-            measure(&row[i], shared, target)
+            let bar = (!shared).then(|| beyond(panels, &row[i].scale));
+            measure(&row[i], bar, target)
         })
         .collect();
     let in_column =
@@ -92,12 +96,12 @@ fn row_left(row: &[Plot], column: usize) -> usize {
 /// Height of what stands above the boxes of a row, px.
 fn above(row: &[Plot]) -> usize {
     let noted = row.iter().any(|plot| !plot.panel.note.is_empty());
-    if noted { 50 } else { 32 }
+    if noted { 124 } else { 80 }
 }
 
 /// Height of the boxes of a row and what stands below, px.
 fn below(row: &[Plot]) -> usize {
-    let axis = TICK + TICK_GAP + 13 + 26 + EDGE;
+    let axis = TICK + TICK_GAP + 34 + 60 + EDGE;
     row.iter()
         .map(|plot| {
             let bar = if plot.bar.is_some() { plot.bar_height() + 2 * EDGE } else { 0 };
@@ -107,27 +111,52 @@ fn below(row: &[Plot]) -> usize {
         .unwrap_or(0)
 }
 
-/// Measures a panel whose box is to be about `target` px wide; `shared` says that another one has its colour bar.
-fn measure<'a>(panel: &'a Panel<'a>, shared: bool, target: usize) -> Plot<'a> {
+/// Whether any value of the panels with this scale lies below its first colour, or above its last.
+fn beyond(panels: &[Panel<'_>], scale: &Scale) -> [bool; 2] {
+    let Some([low, high]) = scale.range() else { return [false; 2] };
+    // What rounds to an end's colour is no news.
+    let margin = 1e-3 * (high - low);
+    let values = || {
+        let sharing = panels.iter().filter(|panel| panel.scale == *scale);
+        sharing.flat_map(|panel| panel.values.iter()).map(|value| f64::from(*value))
+    };
+    [values().any(|value| value < low - margin), values().any(|value| value > high + margin)]
+}
+
+/// Measures a panel whose box is to be about `target` px wide; `bar` says that it has the colour bar, and which of its
+/// ends are pointed.
+fn measure<'a>(panel: &'a Panel<'a>, bar: Option<[bool; 2]>, target: usize) -> Plot<'a> {
     let size = box_size(panel, target);
     let [x0, x1] = edges(&panel.x);
     let [y0, y1] = edges(&panel.y);
-    let x_ticks = ticks(x0, x1, (size[0] / 62).clamp(2, 9));
-    let y_ticks = ticks(y0, y1, (size[1] / 40).clamp(2, 10));
-    let bar_ticks = (size[1].max(SHORTEST_BAR) / 40).clamp(2, 9);
-    let bar = panel.scale.range().filter(|_| !shared).map(|[low, high]| ticks(low, high, bar_ticks));
+    let most = [(size[0] / 124).clamp(2, 9), (size[1] / 84).clamp(2, 10)];
+    let mut steps = [ticks::step(x0, x1, most[0]), ticks::step(y0, y1, most[1])];
+    // Both axes are to the same scale, and read best with the same distance between ticks.
+    let common = if steps[0].length > steps[1].length { steps[0] } else { steps[1] };
+    if [(x0, x1), (y0, y1)].iter().all(|(low, high)| common.count(*low, *high) >= 3) {
+        steps = [common; 2];
+    }
+    let (x_ticks, y_ticks) = (steps[0].ticks(x0, x1), steps[1].ticks(y0, y1));
+    let bar_height = size[1].max(SHORTEST_BAR);
+    let bar = bar.zip(panel.scale.range()).map(|(pointed, [low, high])| Bar {
+        ticks: ticks(low, high, (bar_height / 84).clamp(2, 9)),
+        height: bar_height,
+        pointed,
+    });
+    // Numbers have at least the room of these, so that the boxes of different figures stand alike.
+    let usual = lettering::width("−0.00", NUMBER.size).ceil() as usize;
     let widest = |ticks: &[Tick]| {
-        ticks.iter().map(|tick| lettering::width(&tick.label, NUMBER.size)).fold(0.0, f32::max).ceil()
-            as usize
+        let width = |tick: &Tick| lettering::width(&tick.label, NUMBER.size).ceil() as usize;
+        ticks.iter().map(width).fold(usual, usize::max)
     };
-    let left = EDGE + 22 + widest(&y_ticks) + TICK_GAP + TICK;
+    let left = EDGE + 48 + widest(&y_ticks) + TICK_GAP + TICK;
     let right = match &bar {
-        Some(ticks) => BAR_GAP + BAR_WIDTH + TICK + TICK_GAP + widest(ticks) + 24 + EDGE,
-        None => EDGE + 4,
+        Some(bar) => BAR_GAP + bar::WIDTH + TICK + TICK_GAP + widest(&bar.ticks) + 54 + EDGE,
+        None => EDGE + 8,
     };
     // A title may be wider than a narrow map; up to a point the panel makes room for it.
     let title = lettering::width(&panel.title, TITLE.size).max(lettering::width(&panel.note, NOTE.size));
-    let wanted = (title.ceil() as usize + 2 * EDGE).min(420.max(target));
+    let wanted = (title.ceil() as usize + 2 * EDGE).min(900.max(target));
     let right = right.max(wanted.saturating_sub(left + size[0]));
     Plot { panel, size, x_ticks, y_ticks, bar, left, right }
 }
@@ -141,7 +170,10 @@ fn edges(axis: &Axis) -> [f64; 2] {
 fn box_size(panel: &Panel<'_>, target: usize) -> [usize; 2] {
     let limit = [target as f64, 1.2 * target as f64];
     let counts = [panel.x.count, panel.y.count];
-    let extents = [panel.x.pitch * counts[0] as f64, panel.y.pitch * counts[1] as f64];
+    let mut extents = [panel.x.pitch * counts[0] as f64, panel.y.pitch * counts[1] as f64];
+    if panel.stretched {
+        extents[1] = extents[0];
+    }
     let scale = (limit[0] / extents[0]).min(limit[1] / extents[1]);
     let ideal = extents.map(|extent| extent * scale);
     if !ideal.iter().all(|length| length.is_finite()) {
@@ -158,7 +190,7 @@ fn box_size(panel: &Panel<'_>, target: usize) -> [usize; 2] {
 
 impl Plot<'_> {
     fn bar_height(&self) -> usize {
-        self.size[1].max(SHORTEST_BAR)
+        self.bar.as_ref().map_or(0, |bar| bar.height)
     }
 
     /// Draws the panel with the box's upper left corner at `corner`, between the columns `[start, end]` px.
@@ -169,14 +201,14 @@ impl Plot<'_> {
         canvas.frame([x, y], self.size, INK);
         self.draw_axes(canvas, [x, y], anything);
         if let Some(bar) = &self.bar {
-            self.draw_bar(canvas, [x + (width + BAR_GAP) as i64, y], bar);
+            bar.draw(canvas, [x + (width + BAR_GAP) as i64, y], &self.panel.scale);
         }
         if anything == Contents::Nothing {
-            let text = lettering::fitted(&self.panel.nothing, LABEL.size, width as f32 - 4.0);
+            let text = lettering::fitted(&self.panel.nothing, LABEL.size, width as f32 - 8.0);
             let middle = [x as f32 + width as f32 / 2.0, y as f32 + height as f32 / 2.0];
             lettering::draw(canvas, &text, LABEL, middle, Align::Centre);
         }
-        let mut line = y as f32 - 16.0;
+        let mut line = y as f32 - 36.0;
         for (text, style) in [(&self.panel.note, NOTE), (&self.panel.title, TITLE)] {
             if text.is_empty() {
                 continue;
@@ -185,9 +217,9 @@ impl Plot<'_> {
             // Centred over the box, but kept between the panel's ends.
             let half = lettering::width(&text, style.size) / 2.0;
             let middle =
-                (x as f32 + width as f32 / 2.0).min(end as f32 - half - 4.0).max(start as f32 + half + 4.0);
+                (x as f32 + width as f32 / 2.0).min(end as f32 - half - 8.0).max(start as f32 + half + 8.0);
             lettering::draw(canvas, &text, style, [middle, line], Align::Centre);
-            line -= 20.0;
+            line -= 50.0;
         }
     }
 
@@ -199,7 +231,8 @@ impl Plot<'_> {
             canvas.fill([x, y], self.size, NOTHING);
             return Contents::Nothing;
         };
-        let colours: Vec<Colour> = (0..256).map(|i| panel.scale.colour(f64::from(i) / 255.0)).collect();
+        let colours: Vec<Colour> =
+            (0..COLOURS).map(|i| panel.scale.colour(i as f64 / (COLOURS - 1) as f64)).collect();
         let mut contents = Contents::Everything;
         for row in 0..height {
             let from_top = voxel(row, height, panel.y.count);
@@ -211,7 +244,7 @@ impl Plot<'_> {
                     NOTHING
                 } else {
                     let place = (f64::from(value) - low) / (high - low);
-                    colours[(255.0 * place.clamp(0.0, 1.0)).round() as usize]
+                    colours[((COLOURS - 1) as f64 * place.clamp(0.0, 1.0)).round() as usize]
                 };
                 canvas.blend(x + column as i64, y + row as i64, colour, 1.0);
             }
@@ -223,16 +256,16 @@ impl Plot<'_> {
         let panel = self.panel;
         let [width, height] = self.size;
         let bottom = y + height as i64;
-        let number_y = (bottom as usize + TICK + TICK_GAP + 7) as f32;
+        let number_y = (bottom as usize + TICK + TICK_GAP + 17) as f32;
         let mut free_from = f32::NEG_INFINITY;
         for tick in &self.x_ticks {
             let at = x as f32 + along(&panel.x, tick.value, width);
-            canvas.fill([at as i64, bottom + 1], [1, TICK], INK);
+            canvas.fill([at as i64, bottom + LINE as i64], [LINE, TICK], INK);
             let half = lettering::width(&tick.label, NUMBER.size) / 2.0;
             // On a very narrow box not every number finds room.
             if at - half > free_from {
                 lettering::draw(canvas, &tick.label, NUMBER, [at, number_y], Align::Centre);
-                free_from = at + half + 4.0;
+                free_from = at + half + 10.0;
             }
         }
         let mut free_below = f32::NEG_INFINITY;
@@ -245,19 +278,19 @@ impl Plot<'_> {
             })
             .collect();
         y_places.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let tick_x = x - 1 - TICK as i64;
+        let tick_x = x - (LINE + TICK) as i64;
         for (at, tick) in y_places {
-            canvas.fill([tick_x, at as i64], [TICK, 1], INK);
-            if at - 7.0 > free_below {
+            canvas.fill([tick_x, at as i64], [TICK, LINE], INK);
+            if at - 17.0 > free_below {
                 let end = (tick_x - TICK_GAP as i64) as f32;
                 lettering::draw(canvas, &tick.label, NUMBER, [end, at], Align::Right);
-                free_below = at + 7.0;
+                free_below = at + 17.0;
             }
         }
-        let label_y = number_y + 22.0;
+        let label_y = number_y + 50.0;
         let middle = x as f32 + width as f32 / 2.0;
         lettering::draw(canvas, &panel.x_label, LABEL, [middle, label_y], Align::Centre);
-        let label_x = (x - self.left as i64) as f32 + EDGE as f32 + 8.0;
+        let label_x = (x - self.left as i64) as f32 + EDGE as f32 + 20.0;
         lettering::draw_upwards(canvas, &panel.y_label, LABEL, [label_x, y as f32 + height as f32 / 2.0]);
         if contents == Contents::Some {
             self.draw_key(canvas, [x + width as i64, label_y as i64]);
@@ -269,37 +302,13 @@ impl Plot<'_> {
         let text = &self.panel.nothing;
         let text_width = lettering::width(text, NOTE.size).ceil();
         let label = lettering::width(&self.panel.x_label, LABEL.size);
-        if text_width + 18.0 + label / 2.0 + 8.0 > self.size[0] as f32 / 2.0 {
+        if text_width + 44.0 + label / 2.0 + 16.0 > self.size[0] as f32 / 2.0 {
             return;
         }
         lettering::draw(canvas, text, NOTE, [right as f32, middle as f32], Align::Right);
-        let swatch = [right - text_width as i64 - 16, middle - 5];
-        canvas.fill(swatch, [10, 10], NOTHING);
-        canvas.frame(swatch, [10, 10], [150, 150, 150]);
-    }
-
-    fn draw_bar(&self, canvas: &mut Canvas, [x, y]: [i64; 2], numbers: &[Tick]) {
-        let scale: &Scale = &self.panel.scale;
-        let height = self.bar_height();
-        let Some([low, high]) = scale.range() else { return };
-        for row in 0..height {
-            let place = 1.0 - (row as f64 + 0.5) / height as f64;
-            canvas.fill([x, y + row as i64], [BAR_WIDTH, 1], scale.colour(place));
-        }
-        canvas.frame([x, y], [BAR_WIDTH, height], INK);
-        let right = x + BAR_WIDTH as i64 + 1;
-        let mut widest = 0.0_f32;
-        for tick in numbers {
-            let place = (tick.value - low) / (high - low);
-            let at = y as f32 + ((1.0 - place) * (height - 1) as f64) as f32;
-            canvas.fill([right, at.round() as i64], [TICK, 1], INK);
-            let start = (right + (TICK + TICK_GAP) as i64) as f32;
-            lettering::draw(canvas, &tick.label, NUMBER, [start, at.round()], Align::Left);
-            widest = widest.max(lettering::width(&tick.label, NUMBER.size));
-        }
-        let label_x = (right + (TICK + TICK_GAP) as i64) as f32 + widest.ceil() + 15.0;
-        let label = lettering::fitted(scale.label(), LABEL.size, height as f32 + 16.0);
-        lettering::draw_upwards(canvas, &label, LABEL, [label_x, y as f32 + height as f32 / 2.0]);
+        let swatch = [right - text_width as i64 - 38, middle - 12];
+        canvas.fill(swatch, [24, 24], NOTHING);
+        canvas.frame(swatch, [24, 24], [150, 150, 150]);
     }
 }
 

@@ -1,6 +1,6 @@
 //! The figures of a run: amplitude, depth, truth, error.
 
-use super::ticks::round_up;
+use super::ticks::{round_up, scientific};
 use super::{ColourMap, Panel, Scale, write_figure};
 use crate::error::Result;
 use crate::grid::{Axis, DepthMap, Volume};
@@ -37,11 +37,11 @@ pub fn write_amplitude_figure(path: &Path, volume: &Volume) -> Result<()> {
     let scale = Scale::Sequential {
         map: ColourMap::Inferno,
         range: [-DYNAMIC_RANGE_DB, 0.0],
-        label: "amplitude / dB below the peak".into(),
+        label: "amplitude re peak / dB".into(),
     };
     let note = match peak.sqrt() {
         peak if (0.01..1e4).contains(&peak) => format!("greatest along z; peak {peak:.3}"),
-        peak => format!("greatest along z; peak {peak:.2e}"),
+        peak => format!("greatest along z; peak {}", scientific(peak.into(), 2)),
     };
     let panels = [
         Panel {
@@ -68,33 +68,71 @@ pub fn depth_range(maps: &[&DepthMap]) -> Option<[f64; 2]> {
     (low <= high).then(|| [f64::from(low), f64::from(high)])
 }
 
-/// Draws a depth map, or a ground truth, under a title; `range` in m is the colours', or else the map's own.
+/// Whose depths a figure shows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum DepthKind {
+    /// Those of a depth map.
+    Found,
+    /// Those of a ground truth.
+    True,
+}
+
+/// Draws a depth map or a ground truth; `range` in m is the colours', or else the map's own.
 ///
 /// # Errors
 /// As [`write_figure`].
-pub fn write_depth_figure(path: &Path, title: &str, map: &DepthMap, range: Option<[f64; 2]>) -> Result<()> {
+pub fn write_depth_figure(
+    path: &Path,
+    kind: DepthKind,
+    map: &DepthMap,
+    range: Option<[f64; 2]>,
+) -> Result<()> {
     let range = range.or_else(|| depth_range(&[map])).unwrap_or([f64::NAN; 2]);
     let scale = Scale::Sequential { map: ColourMap::Viridis, range, label: "depth z / m".into() };
-    write_figure(path, &[Panel::new(title, &map.picked.depth, map.x, map.y, scale)], 1)
+    let (title, what, nothing) = match kind {
+        DepthKind::Found => ("depth found", "return", "no return"),
+        DepthKind::True => ("true depth", "surface", "no surface"),
+    };
+    let panel = Panel {
+        note: format!("a {what} at {} of {} pixels", map.accepted(), map.len()),
+        nothing: nothing.into(),
+        ..Panel::new(title, &map.picked.depth, map.x, map.y, scale)
+    };
+    write_figure(path, &[panel], 1)
+}
+
+/// Value of the last colour of an error's figure, in the unit of the errors: their 95th percentile, rounded up, but no
+/// more than `most`, from where on an error is a false return. NaN if there are no errors.
+///
+/// The bound keeps a few gross errors from making all others look alike.
+pub fn error_limit(errors: &[f32], most: f64) -> f64 {
+    let mut sizes: Vec<f32> = errors.iter().map(|e| e.abs()).filter(|e| e.is_finite()).collect();
+    sizes.sort_by(f32::total_cmp);
+    let usual = sizes.get((sizes.len() * 95 / 100).min(sizes.len().saturating_sub(1)));
+    // Errors below a micrometre are rounding, not findings.
+    usual.map_or(f64::NAN, |&usual| round_up(f64::from(usual).max(1e-6)).min(most))
 }
 
 /// Draws depth errors (found − true, m, `[y, x]`, NaN where there is nothing to compare) in mm; `note` is a line of
-/// text above them, such as the median.
+/// text above them, such as the median; `resolution` is c/2B in m, NaN if it is not known.
 ///
-/// The colours reach to the 95th percentile of the errors, rounded up; what lies beyond takes the last colour.
+/// The colours reach to [`error_limit`] of twice the resolution; what lies beyond takes the last colour, and the bar's
+/// end is pointed.
 ///
 /// # Errors
 /// As [`write_figure`].
 ///
 /// # Panics
 /// When there is not exactly one error per pixel.
-pub fn write_error_figure(path: &Path, errors: &[f32], x: Axis, y: Axis, note: &str) -> Result<()> {
+pub fn write_error_figure(
+    path: &Path,
+    errors: &[f32],
+    [x, y]: [Axis; 2],
+    resolution: f64,
+    note: &str,
+) -> Result<()> {
     let millimetres: Vec<f32> = errors.iter().map(|error| 1e3 * error).collect();
-    let mut sizes: Vec<f32> = millimetres.iter().map(|e| e.abs()).filter(|e| e.is_finite()).collect();
-    sizes.sort_by(f32::total_cmp);
-    let most = sizes.get((sizes.len() * 95 / 100).min(sizes.len().saturating_sub(1))).copied();
-    // Errors below a micrometre are rounding, not findings.
-    let limit = most.map_or(f64::NAN, |most| round_up(f64::from(most).max(1e-3)));
+    let limit = 1e3 * error_limit(errors, 2.0 * resolution);
     let scale = Scale::Diverging { limit, label: "depth error / mm".into() };
     let panel = Panel {
         note: note.into(),

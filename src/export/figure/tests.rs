@@ -11,10 +11,13 @@ fn axis(first: f64, pitch: f64, count: usize) -> Axis {
 /// Width, height and the pixels of a PNG.
 fn pixels(path: &Path) -> (usize, usize, Vec<u8>) {
     let file = std::io::BufReader::new(std::fs::File::open(path).unwrap());
-    let mut reader = png::Decoder::new(file).read_info().unwrap();
+    let mut decoder = png::Decoder::new(file);
+    decoder.set_transformations(png::Transformations::EXPAND);
+    let mut reader = decoder.read_info().unwrap();
     let mut rgb = vec![0; reader.output_buffer_size().unwrap()];
     let info = reader.next_frame(&mut rgb).unwrap();
     assert_eq!(info.color_type, png::ColorType::Rgb);
+    assert_eq!(reader.info().pixel_dims.map(|dims| dims.xppu), Some(11_811), "300 dots per inch");
     (info.width as usize, info.height as usize, rgb)
 }
 
@@ -74,8 +77,9 @@ fn figures(folder: &Path, count: usize) -> Vec<std::path::PathBuf> {
         map.picked.depth.iter().zip(&speckle).map(|(z, e)| (e - 0.45) * 0.02 + 0.0 * z).collect();
     let path = |name: &str| folder.join(format!("{name}_{count}.png"));
     write_amplitude_figure(&path("amplitude"), &volume(count)).unwrap();
-    write_depth_figure(&path("depth"), "depth", &map, None).unwrap();
-    write_error_figure(&path("error"), &errors, map.x, map.y, "median 4.2 mm, RMSE 6.1 mm").unwrap();
+    write_depth_figure(&path("depth"), DepthKind::Found, &map, None).unwrap();
+    let note = "median 4.2 mm, RMSE 6.1 mm";
+    write_error_figure(&path("error"), &errors, [map.x, map.y], 0.017, note).unwrap();
     ["amplitude", "depth", "error"].map(path).to_vec()
 }
 
@@ -85,7 +89,7 @@ fn every_figure_has_a_sensible_size_and_shows_something() {
     for count in [41, 126, 256] {
         for path in figures(folder.path(), count) {
             let (width, height, rgb) = pixels(&path);
-            assert!((600..=1050).contains(&width) && (350..=1000).contains(&height), "{width} x {height}");
+            assert!((1000..=2200).contains(&width) && (700..=1400).contains(&height), "{width} x {height}");
             assert!(colours(&rgb) > 100, "{}", path.display());
             let bytes = std::fs::metadata(&path).unwrap().len();
             assert!(bytes < 150_000, "{}: {bytes} bytes", path.display());
@@ -94,11 +98,58 @@ fn every_figure_has_a_sensible_size_and_shows_something() {
 }
 
 #[test]
+fn a_run_s_figures_have_boxes_alike() {
+    let folder = tempfile::tempdir().unwrap();
+    let map = corner(41);
+    let sizes = [DepthKind::Found, DepthKind::True].map(|kind| {
+        let path = folder.path().join("map.png");
+        write_depth_figure(&path, kind, &map, None).unwrap();
+        let (width, height, _) = pixels(&path);
+        (width, height)
+    });
+    let path = folder.path().join("error.png");
+    write_error_figure(&path, &vec![0.01; 41 * 41], [map.x, map.y], 0.017, "note").unwrap();
+    let (width, height, _) = pixels(&path);
+    assert_eq!(sizes, [(width, height); 2]);
+}
+
+#[test]
+fn gross_errors_do_not_hide_the_others() {
+    let mut errors = vec![0.001_f32; 90];
+    errors.extend([0.5; 10]);
+    errors.push(f32::NAN);
+    assert_eq!(error_limit(&errors, 0.034), 0.034, "beyond it an error is a false return");
+    assert_eq!(error_limit(&errors[..90], 0.034), 0.001, "good maps keep their detail");
+    assert_eq!(error_limit(&errors, f64::NAN), 0.5, "an unknown resolution bounds nothing");
+    assert!(error_limit(&[f32::NAN], 0.034).is_nan());
+}
+
+#[test]
+fn values_beyond_the_colours_point_the_bar() {
+    let folder = tempfile::tempdir().unwrap();
+    let a = axis(0.0, 0.1, 2);
+    // Where the bar's upper end is pointed, the corner right of its point is white.
+    let reds = |values: Vec<f32>| {
+        let path = folder.path().join("map.png");
+        let scale = Scale::Diverging { limit: 1.0, label: String::new() };
+        write_figure(&path, &[Panel::new("", values, a, a, scale)], 1).unwrap();
+        let (width, _, rgb) = pixels(&path);
+        let last = Scale::Diverging { limit: 1.0, label: String::new() }.colour(1.0);
+        rgb.chunks_exact(3 * width)
+            .map(|row| row.chunks_exact(3).filter(|pixel| *pixel == last).count())
+            .filter(|count| (1..30).contains(count))
+            .count()
+    };
+    assert!(reds(vec![0.0, 2.0, 0.0, 0.0]) >= 20, "a triangle's rows differ in width");
+    assert_eq!(reds(vec![0.0, 0.5, 0.0, 0.0]), 0);
+}
+
+#[test]
 fn the_same_map_gives_the_same_bytes() {
     let folder = tempfile::tempdir().unwrap();
     let write = |name: &str| {
         let path = folder.path().join(name);
-        write_depth_figure(&path, "truth", &corner(41), Some([1.5, 2.5])).unwrap();
+        write_depth_figure(&path, DepthKind::True, &corner(41), Some([1.5, 2.5])).unwrap();
         std::fs::read(path).unwrap()
     };
     assert!(write("a.png") == write("b.png"));
@@ -128,7 +179,7 @@ fn absurd_maps_are_drawn_all_the_same() {
         for columns in 1..=3 {
             write_figure(&path, &vec![panel.clone(); 3], columns).unwrap();
             let (width, height, _) = pixels(&path);
-            assert!(width <= 2000 && height <= 2600, "{width} x {height}");
+            assert!(width <= 4000 && height <= 4000, "{width} x {height}");
         }
     }
 }
@@ -165,7 +216,7 @@ fn figures_to_look_at() {
         figures(&folder, count);
     }
     let map = DepthMap { picked: Surface::empty(41 * 41), ..corner(41) };
-    write_depth_figure(&folder.join("nothing.png"), "depth", &map, None).unwrap();
+    write_depth_figure(&folder.join("nothing.png"), DepthKind::Found, &map, None).unwrap();
     let truth = corner(64);
     let range = depth_range(&[&truth]);
     let scale =

@@ -7,43 +7,85 @@ pub(super) struct Tick {
     pub(super) label: String,
 }
 
-/// At most `most` ticks (at least 2) at multiples of 1, 2, 2.5 or 5 times a power of ten within `[low, high]`.
-///
-/// The best that can be done for an interval of no length is one tick.
-pub(super) fn ticks(low: f64, high: f64, most: usize) -> Vec<Tick> {
-    let most = most.max(2) as f64;
+/// The distance between an axis' ticks, and how many decimals their labels need.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Step {
+    pub(super) length: f64,
+    decimals: i32,
+}
+
+impl Step {
+    /// Ticks within `[low, high]`.
+    pub(super) fn count(self, low: f64, high: f64) -> usize {
+        let first = (low / self.length - 1e-6).ceil();
+        ((high / self.length + 1e-6).floor() - first + 1.0).max(0.0) as usize
+    }
+
+    /// The ticks within `[low, high]`; of an interval without length that one place.
+    pub(super) fn ticks(self, low: f64, high: f64) -> Vec<Tick> {
+        if self.length == 0.0 {
+            return vec![Tick { value: low, label: label(low, self.decimals) }];
+        }
+        let first = (low / self.length - 1e-6).ceil();
+        (0..self.count(low, high))
+            .map(|i| {
+                let value = (first + i as f64) * self.length;
+                Tick { value, label: label(value, self.decimals) }
+            })
+            .collect()
+    }
+}
+
+/// The step of at most `most` ticks (at least 2) at multiples of 1, 2, 2.5 or 5 times a power of ten within
+/// `[low, high]`; 0 for an interval of no length.
+pub(super) fn step(low: f64, high: f64, most: usize) -> Step {
+    let most = most.max(2);
     let span = high - low;
     if !(span.is_finite() && span > 1e-9 * low.abs().max(high.abs())) {
-        return vec![Tick { value: low, label: label(low, 3) }];
+        return Step { length: 0.0, decimals: 3 };
     }
-    let power = (span / most).log10().floor();
-    let (step, decimals) = [(1.0, 0), (2.0, 0), (2.5, 1), (5.0, 0), (10.0, -1), (20.0, -1)]
+    let power = (span / most as f64).log10().floor();
+    [(1.0, 0), (2.0, 0), (2.5, 1), (5.0, 0), (10.0, -1), (20.0, -1)]
         .into_iter()
-        .map(|(factor, more)| (factor * 10_f64.powf(power), more - power as i32))
-        .find(|(step, _)| {
-            let first = (low / step - 1e-6).ceil();
-            (high / step + 1e-6).floor() - first + 1.0 <= most
-        })
-        .unwrap_or((span, 3));
-    let first = (low / step - 1e-6).ceil();
-    let count = ((high / step + 1e-6).floor() - first) as usize + 1;
-    (0..count)
-        .map(|i| {
-            let value = (first + i as f64) * step;
-            Tick { value, label: label(value, decimals) }
-        })
-        .collect()
+        .map(|(factor, more)| Step { length: factor * 10_f64.powf(power), decimals: more - power as i32 })
+        .find(|step| step.count(low, high) <= most)
+        .unwrap_or(Step { length: span, decimals: 3 })
+}
+
+/// At most `most` ticks within `[low, high]`, as [`step`] chooses them.
+pub(super) fn ticks(low: f64, high: f64, most: usize) -> Vec<Tick> {
+    step(low, high, most).ticks(low, high)
 }
 
 /// A number with so many decimals and a true minus sign; very large and very small ones with an exponent.
 fn label(value: f64, decimals: i32) -> String {
-    let text = if decimals > 5 || value.abs() >= 1e6 {
-        format!("{value:.3e}")
-    } else {
-        format!("{value:.*}", decimals.max(0) as usize)
-    };
+    if decimals > 5 || value.abs() >= 1e6 {
+        return scientific(value, 3);
+    }
+    let text = format!("{value:.*}", decimals.max(0) as usize);
     let is_zero = !text.contains(|c: char| ('1'..='9').contains(&c));
     if is_zero { text.trim_start_matches('-').to_owned() } else { text.replace('-', "−") }
+}
+
+/// A number as a product with a power of ten: `7.73 × 10⁻⁴`.
+pub(super) fn scientific(value: f64, decimals: usize) -> String {
+    let text = format!("{value:.decimals$e}");
+    if value == 0.0 {
+        return "0".to_owned();
+    }
+    let Some((factor, power)) = text.split_once('e') else { return text };
+    let raised: String = power
+        .chars()
+        .map(|c| match c {
+            '-' => '⁻',
+            // One, two and three are older than the others and have places of their own.
+            '1' => '¹',
+            '2' => '²',
+            '3' => '³',
+            digit => char::from_u32('⁰' as u32 + digit.to_digit(10).unwrap_or(0)).unwrap_or('⁰'),
+        })
+        .collect();
+    format!("{} × 10{raised}", factor.replace('-', "−"))
 }
 
 /// The least round number that is no less than `value`, which must be positive.
@@ -72,6 +114,13 @@ mod tests {
         assert_eq!(labels(1.5, 2.5, 6), ["1.6", "1.8", "2.0", "2.2", "2.4"]);
         assert_eq!(labels(-30.0, 0.0, 7), ["−30", "−25", "−20", "−15", "−10", "−5", "0"]);
         assert_eq!(labels(0.0, 255.0, 6), ["0", "50", "100", "150", "200", "250"]);
+    }
+
+    #[test]
+    fn powers_of_ten_are_raised() {
+        assert_eq!(scientific(7.73e-4, 2), "7.73 × 10⁻⁴");
+        assert_eq!(scientific(-1.5e23, 1), "−1.5 × 10²³");
+        assert_eq!(scientific(0.0, 2), "0");
     }
 
     #[test]

@@ -129,6 +129,7 @@ function showSlices(volume, moved) {
   const at = [best % x.count, Math.floor(best / x.count) % y.count, Math.floor(best / (x.count * y.count))];
   const look = { floor: 0, colours: "inferno" };
   const code = ([ix, iy, iz]) => codes[(iz * y.count + iy) * x.count + ix];
+  const length = (axis) => edges(axis)[1] - edges(axis)[0];
   const plots = [];
   const sliders = [];
   const update = (next, repaint = true) => {
@@ -152,7 +153,7 @@ function showSlices(volume, moved) {
       return v;
     };
     const plot = new Plot($("slice-plots"), {
-      title, x: axes[across], y: axes[along], xLabel: `${"xyz"[across]} / m`, yLabel: `${"xyz"[along]} / m`, upward,
+      title, tallest: length(y) / length(x), x: axes[across], y: axes[along], xLabel: `${"xyz"[across]} / m`, yLabel: `${"xyz"[along]} / m`, upward,
       paint: (ix, iy) => colour(maps[look.colours], (code(voxel(ix, iy)) / 255 - look.floor) / (1 - look.floor)),
       point: (ix, iy, chosen) => {
         if (chosen) return update(voxel(ix, iy));
@@ -182,7 +183,10 @@ function showMaps(loaded, depths, slices) {
   const sizes = Array.from(error ?? []).filter((e) => e === e).map((e) => Math.abs(1e3 * e)).sort((a, b) => a - b);
   const p95 = sizes.length ? Math.max(sizes[Math.min(sizes.length - 1, Math.floor(0.95 * sizes.length))], 1e-3) : 1;
   const power = 10 ** Math.floor(Math.log10(p95));
-  const limit = [1, 2, 2.5, 5, 10].map((f) => f * power).find((l) => l >= p95);
+  const round = [1, 1.5, 2, 3, 4, 5, 6, 8, 10].map((f) => f * power).find((l) => l >= p95 * (1 - 1e-9));
+  // As in error.png: from twice the resolution on an error is a false return, and needs no finer colour.
+  const limit = Math.min(round, 2e3 * (report.plan?.range_resolution || Infinity));
+  const bound = Number(limit.toPrecision(3));
   const plots = [];
   const point = (ix, iy, chosen) => {
     const i = iy * x.count + ix;
@@ -212,7 +216,7 @@ function showMaps(loaded, depths, slices) {
   const ends = [`${metres(depths[0])} m`, "depth z", `${metres(depths[1])} m`];
   add("Found", "grey: no return", maps.viridis, ...depths, depth, ends);
   if (truth) add("True", "grey: no surface", maps.viridis, ...depths, truth, ends);
-  if (error) add("Error: found − true", "grey: not compared", maps.diverging, -limit / 1e3, limit / 1e3, error, [`−${limit} mm`, "too near · too far", `+${limit} mm`]);
+  if (error) add("Error: found − true", "grey: not compared", maps.diverging, -limit / 1e3, limit / 1e3, error, [`−${bound} mm`, "too near · too far", `+${bound} mm`]);
   $("map-read").textContent = "Point at a map, or use the arrow keys on it, to read depths; click to cut the slices there.";
   const reduced = loaded.reduced > 1 ? `The maps show every ${loaded.reduced}th pixel along x and y. ` : "";
   $("map-note").textContent = reduced + (truth ? "Found and true depth share their colours. Errors are against the nearest true surface of the pixel; beyond the ends of its bar the last colour stands." : "There is no truth to compare with.");
@@ -239,7 +243,7 @@ async function main() {
   for (const [name, text] of Object.entries(data.colours)) maps[name] = await bytes(text);
   const [volume, loaded] = [await loadVolume(), await loadMaps()];
   describe();
-  const depths = loaded ? range(loaded.depth, loaded.truth) : volume ? edges(volume.z) : [0, 1];
+  const depths = loaded ? range(loaded.truth?.some((z) => z === z) ? loaded.truth : loaded.depth) : volume ? edges(volume.z) : [0, 1];
   let slices = null, view = null;
   const planes = (point) => view?.replace(view.layers[1], sliceLines(view.box.low, view.box.high, point));
   if (volume) slices = showSlices(volume, planes);

@@ -1,12 +1,13 @@
 // Flat maps with axes in metres: the slices, and the depth maps. Pixels are never blended.
 
+// `tallest` is the most height of a map for its width: the slices share that of the first, and so stand in one row.
 // `paint(ix, iy)` gives a pixel's colour or null, `point(ix, iy)` hears where the reader points or clicks.
 class Plot {
   static all = [];
 
-  constructor(place, { title, note = "", x, y, xLabel, yLabel, upward = false, paint, point }) {
+  constructor(place, { title, note = "", x, y, xLabel, yLabel, upward = false, tallest = Infinity, paint, point }) {
     Plot.all.push(this);
-    Object.assign(this, { x, y, xLabel, yLabel, upward, paintPixel: paint, point, cursor: null });
+    Object.assign(this, { x, y, xLabel, yLabel, upward, tallest, paintPixel: paint, point, cursor: null });
     this.canvas = element("canvas", { tabIndex: 0 });
     this.canvas.setAttribute("role", "application");
     this.canvas.setAttribute("aria-label", `${title}. Arrow keys move the read-out.`);
@@ -59,7 +60,8 @@ class Plot {
     if (room <= 0) return;
     const [x0, x1] = edges(this.x), [y0, y1] = edges(this.y);
     const [left, top, right, bottom] = [46, 4, 8, 36];
-    const scale = Math.min((room - left - right) / (x1 - x0), 420 / (y1 - y0));
+    const most = Math.min(420, this.tallest * (room - left - right));
+    const scale = Math.min((room - left - right) / (x1 - x0), most / (y1 - y0));
     const [width, height] = [(x1 - x0) * scale, Math.max(24, (y1 - y0) * scale)];
     Object.assign(this, { left, top, width, height });
     const [w, h] = [left + width + right, top + height + bottom];

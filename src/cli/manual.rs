@@ -1,0 +1,41 @@
+//! The manual pages, made of the very words of `--help`.
+
+use super::Cli;
+use clap::CommandFactory;
+use clap_mangen::Man;
+use holosonar::error::{Error, Result};
+use holosonar::files::write_atomically;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// The page of the program itself, in roff.
+pub(super) fn page() -> Result<String> {
+    text(&Man::new(whole()))
+}
+
+/// Writes the page of the program and one for every command; gives their paths.
+pub(super) fn write(folder: &Path) -> Result<Vec<PathBuf>> {
+    let program = whole();
+    let commands = program.get_subcommands().filter(|command| !command.is_hide_set()).cloned();
+    let mut paths = Vec::new();
+    for command in std::iter::once(program.clone()).chain(commands) {
+        let man = Man::new(command);
+        let (path, text) = (folder.join(man.get_filename()), text(&man)?);
+        write_atomically(&path, |file| file.write_all(text.as_bytes()))?;
+        paths.push(path);
+    }
+    Ok(paths)
+}
+
+/// The command line with every name spelt out: `holosonar-image`.
+fn whole() -> clap::Command {
+    let mut program = Cli::command().disable_help_subcommand(true);
+    program.build();
+    program
+}
+
+fn text(man: &Man) -> Result<String> {
+    let mut text = Vec::new();
+    man.render(&mut text).map_err(|error| Error::environment("man", error.to_string()))?;
+    Ok(String::from_utf8_lossy(&text).into_owned())
+}
