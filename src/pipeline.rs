@@ -43,13 +43,14 @@ use crate::export::volume_npz::read_volume_npz;
 use crate::files::extension;
 use crate::grid::{DepthMap, Grid, Raster, Volume};
 use crate::metrics::{Metrics, Scores, score};
-use crate::plan::{Holding, Plan, check_memory, gib, memory_limit, needs, plan};
+use crate::plan::{Holding, Plan, check_memory, gib, memory_limit, plan};
 use crate::progress::{Observer, stage};
 use crate::reconstruct::{Made, Reconstruction, reconstruct_into};
 use crate::reflectors::Reflectors;
 use crate::scene::Scene;
 use crate::truth::trace_depth;
 use echoes::{Echoes, Measurement};
+use forecast::{needs_of, options_within};
 use log::Log;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -244,7 +245,7 @@ pub fn reconstruct_cube(
     let patient = Patient::new(checkpoint, observer);
     let mut files = outputs::VolumeFiles::new(instrument.setup(), run, grid, outputs);
     let mut kept = KeptVolume::new(checkpoint, &mut files, grid.plane_len(), &patient);
-    reconstruct_into(&mut cube, &grid, &run.reconstruct_options(), &mut kept, &patient)?;
+    reconstruct_into(&mut cube, &grid, &options_within(run, &grid, holding), &mut kept, &patient)?;
     files.finish()
 }
 
@@ -319,7 +320,8 @@ fn focus(
     log: &Log,
 ) -> Result<(Reconstruction, DepthMap)> {
     let resolution = source.setup().range_resolution().unwrap_or(f64::NAN);
-    let options = run.reconstruct_options();
+    let holding = Holding { samples: source.held_bytes(), volume: true, ..Holding::default() };
+    let options = options_within(run, grid, holding);
     let patient = Patient::new(checkpoint, log);
     // Filled when the reconstruction begins, so that nothing is reserved for a job that is refused.
     let mut volume = Volume { grid: *grid, samples: Vec::new() };
@@ -351,8 +353,7 @@ fn focus(
 
 /// Refuses a job that cannot fit in memory, and says what one that can will take.
 fn room(run: &RunFile, setup: &Setup, grid: &Grid, holding: Holding, observer: &dyn Observer) -> Result<()> {
-    let threads = rayon::current_num_threads();
-    let needs = needs(setup, grid, &run.reconstruct_options(), holding, threads)?;
+    let needs = needs_of(run, setup, grid, holding)?;
     check_memory(&needs, setup, grid, holding, memory_limit())?;
     observer.note(&format!("taking about {} of memory", gib(needs.peak_bytes)));
     Ok(())

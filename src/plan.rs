@@ -36,7 +36,7 @@ mod suggest;
 
 pub use design::{Design, design};
 pub use memory::{WAITING, available_memory, check_sampling, gib, limit_memory, memory_limit};
-pub use needs::{Holding, Needs, check_memory, check_simulation, needs};
+pub use needs::{Holding, Needs, check_memory, check_simulation, left_for_method, needs};
 pub use resolution::Profile;
 
 use crate::acquisition::{Detection, Setup};
@@ -325,7 +325,7 @@ mod tests {
             (huge.x.count, huge.y.count, huge.z.count) = (1 << 13, 1 << 13, 1 << 12);
             let needs = needs(setup, &huge, &options, holding, 2).expect("an estimate");
             let error = check_memory(&needs, setup, &huge, holding, Some(1 << 40)).expect_err("too much");
-            assert!(error.to_string().contains("never held whole"), "{error}");
+            assert!(error.to_string().contains("make the grid smaller"), "{error}");
         });
     }
 

@@ -10,6 +10,7 @@
 //! cannot know the answer.
 
 mod backprojection;
+mod batch;
 mod circle;
 mod compensation;
 mod convolution;
@@ -36,6 +37,7 @@ use crate::acquisition::{CubeSource, DataCube, Setup};
 use crate::error::{Error, Result};
 use crate::grid::{Grid, Volume, zeros};
 use crate::progress::Observer;
+use batch::Batch;
 use compensation::Compensated;
 use lattice::SharedLattice;
 use num_complex::Complex32;
@@ -73,6 +75,9 @@ pub struct ReconstructOptions {
     /// Whether to undo spherical spreading: every voxel is multiplied by `|p − s| |p − r_c| / (1 m)²`, r_c the array's
     /// centre (monostatic: `|p − r_c|²`), so that a unit reflector peaks at 1 again, and noise grows with distance.
     pub compensate: bool,
+    /// Bytes that may be used beside samples and volume: less is worked on at a time, and by fewer threads, where that
+    /// keeps to it. It changes no byte of the volume. `None` is no limit.
+    pub memory: Option<u64>,
 }
 
 impl Default for ReconstructOptions {
@@ -84,7 +89,7 @@ impl Default for ReconstructOptions {
 impl ReconstructOptions {
     /// Options of a given method and window, with the default tolerance of 10⁻⁴ and nothing compensated.
     pub fn new(method: Method, window: Window) -> Self {
-        Self { method, window, tolerance: 1e-4, compensate: false }
+        Self { method, window, tolerance: 1e-4, compensate: false, memory: None }
     }
 }
 
@@ -352,22 +357,25 @@ pub fn reconstruct_into(
     observer: &dyn Observer,
 ) -> Result<Made> {
     let setup = source.setup();
-    let (choice, warning) = Options::of(&setup, grid, options, 1)?.choose(&setup, grid, options.method)?;
+    let threads = rayon::current_num_threads();
+    let possible = Options::of(&setup, grid, options, threads)?;
+    let batch = possible.chosen(options.method).batch;
+    let (choice, warning) = possible.choose(&setup, grid, options.method)?;
     if let Some(warning) = warning {
         observer.warn(&warning);
     }
     let weights = Weights::new(&setup, options.window);
     if !options.compensate {
-        return carry_out(&choice, &weights, source, grid, options, sink, observer);
+        return carry_out((&choice, batch), &weights, source, grid, options, sink, observer);
     }
     let mut compensated = Compensated::new(&setup, grid, sink);
-    let made = carry_out(&choice, &weights, source, grid, options, &mut compensated, observer)?;
+    let made = carry_out((&choice, batch), &weights, source, grid, options, &mut compensated, observer)?;
     Ok(compensated.made(&made))
 }
 
-/// The method that was chosen.
+/// The method that was chosen, so much of it at a time.
 fn carry_out(
-    choice: &Choice,
+    (choice, batch): (&Choice, Batch),
     weights: &Weights,
     source: &mut dyn CubeSource,
     grid: &Grid,
@@ -376,12 +384,14 @@ fn carry_out(
     observer: &dyn Observer,
 ) -> Result<Made> {
     match choice {
-        Choice::Direct => direct::direct(source, weights, grid, sink, observer),
+        Choice::Direct => direct::direct(source, weights, grid, batch, sink, observer),
         Choice::Convolution(lattice) => {
-            convolution::convolution(source, weights, lattice, grid, options.tolerance, sink, observer)
+            let divided = (&**lattice, batch);
+            convolution::convolution(source, weights, divided, grid, options.tolerance, sink, observer)
         }
         Choice::Backprojection(plan) => {
-            backprojection::backprojection(source, weights, plan, options.tolerance, sink, observer)
+            let divided = (&**plan, batch);
+            backprojection::backprojection(source, weights, divided, options.tolerance, sink, observer)
         }
         Choice::Linear(plan) => linear::linear(source, weights, plan, sink, observer),
     }

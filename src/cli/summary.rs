@@ -173,7 +173,7 @@ pub(super) fn forecast(forecast: &Forecast) -> String {
     for (i, line) in forecast.physics.iter().enumerate() {
         table.row(if i == 0 { "physics" } else { "" }, line);
     }
-    for (i, (method, seconds)) in needs.methods.iter().zip(needs.seconds).enumerate() {
+    for (i, (method, seconds)) in needs.methods.iter().zip(forecast.seconds).enumerate() {
         let name = format!("{}{}", if i == needs.chosen { "* " } else { "  " }, name_of(method.method));
         let costs = match &method.obstacle {
             Some(obstacle) => format!("not taken: {obstacle}"),

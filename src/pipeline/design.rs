@@ -231,7 +231,7 @@ fn row(run: &RunFile, bare: bool, seen: &mut SeenScene, observer: &dyn Observer)
         peak_sidelobe_db: design.aliasing.sidelobes.peak_db,
         mean_sidelobe_db: design.aliasing.sidelobes.mean_db,
         peak_bytes: needs.peak_bytes,
-        seconds: needs.seconds[needs.chosen],
+        seconds: foretold.seconds[needs.chosen],
     })
 }
 

@@ -7,8 +7,9 @@ use crate::acquisition::{CubeFile, CubeSource, Setup};
 use crate::config::RunFile;
 use crate::error::Result;
 use crate::grid::Grid;
-use crate::plan::{Design, Holding, Needs, Plan, design, needs, plan};
+use crate::plan::{Design, Holding, Needs, Plan, design, left_for_method, memory_limit, needs, plan};
 use crate::progress::Observer;
+use crate::reconstruct::ReconstructOptions;
 use crate::reflectors::Reflectors;
 use crate::scene::Scene;
 use glam::DVec3;
@@ -24,10 +25,12 @@ pub struct Forecast {
     pub design: Design,
     /// The voxels, whether typed or chosen.
     pub grid: Grid,
-    /// Operations, bytes and seconds on this machine.
+    /// Operations and bytes.
     pub needs: Needs,
     /// What will be simulated beyond Eq. 5 and done to the volume, in words.
     pub physics: Vec<String>,
+    /// Seconds of each method, by a short measurement of this machine's speed.
+    pub seconds: [f64; 4],
     /// Files that `image` will write.
     pub files: Vec<String>,
     /// What the user should know.
@@ -68,6 +71,18 @@ pub fn forecast_cube(run: &RunFile, cube: &CubeFile) -> Result<Forecast> {
     forecast(run, &setup, &grid, holding, false)
 }
 
+/// How a volume is to be made within the memory there is.
+pub(super) fn options_within(run: &RunFile, grid: &Grid, holding: Holding) -> ReconstructOptions {
+    let mut options = run.reconstruct_options();
+    options.memory = left_for_method(grid, holding, memory_limit());
+    options
+}
+
+/// What that takes.
+pub(super) fn needs_of(run: &RunFile, setup: &Setup, grid: &Grid, holding: Holding) -> Result<Needs> {
+    needs(setup, grid, &options_within(run, grid, holding), holding, rayon::current_num_threads())
+}
+
 pub(super) fn forecast(
     run: &RunFile,
     setup: &Setup,
@@ -77,8 +92,10 @@ pub(super) fn forecast(
 ) -> Result<Forecast> {
     let plan = plan(setup, grid);
     let design = design(setup, grid, run.reconstruct.window);
-    let needs = needs(setup, grid, &run.reconstruct_options(), holding, rayon::current_num_threads())?;
+    let needs = needs_of(run, setup, grid, holding)?;
+    let seconds = needs.seconds();
     let warnings = [plan.warnings.clone(), design.warnings.clone()].concat();
     let physics = compensation(run).into_iter().collect();
-    Ok(Forecast { plan, design, grid: *grid, needs, physics, files: outputs::names(run, truth), warnings })
+    let files = outputs::names(run, truth);
+    Ok(Forecast { plan, design, grid: *grid, needs, physics, seconds, files, warnings })
 }

@@ -7,7 +7,7 @@ use super::memory::{WAITING, gib};
 use crate::acquisition::Setup;
 use crate::error::{Error, Result};
 use crate::grid::Grid;
-use crate::reconstruct::{Estimate, ReconstructOptions, estimate};
+use crate::reconstruct::{Estimate, Method, ReconstructOptions, estimate};
 use crate::wave::simd::{LANES, Lanes, lane_phasors};
 use serde::Serialize;
 use std::time::Instant;
@@ -38,16 +38,14 @@ impl Holding {
 pub struct Needs {
     /// Every method, possible here or not.
     pub methods: [Estimate; 4],
-    /// Seconds of each, by a short measurement of this machine's speed.
-    pub seconds: [f64; 4],
     /// Which of them the job takes, as an index.
     pub chosen: usize,
     /// Worker threads.
     pub threads: usize,
     /// Bytes at the peak.
     pub peak_bytes: u64,
-    /// The same with one thread.
-    pub peak_bytes_with_one_thread: u64,
+    /// The same with as little as possible at a time.
+    pub least_peak_bytes: u64,
 }
 
 /// Bytes of the program itself, its threads' stacks and its libraries' tables.
@@ -68,35 +66,42 @@ pub fn needs(
     threads: usize,
 ) -> Result<Needs> {
     let (methods, chosen) = estimate(setup, grid, options, threads)?;
-    let (alone, _) = estimate(setup, grid, options, 1)?;
-    let voxels = grid.voxel_count();
+    let method = &methods[chosen];
+    let peak_bytes = peak(method.bytes, grid, holding);
+    let least_peak_bytes = peak(method.least_bytes, grid, holding);
+    Ok(Needs { methods, chosen, threads, peak_bytes, least_peak_bytes })
+}
+
+/// Bytes at the peak of a job whose method takes `bytes`.
+fn peak(bytes: u64, grid: &Grid, holding: Holding) -> u64 {
     let cube = holding.samples;
-    let volume = if holding.volume { grid.volume_bytes() } else { 0 };
     let simulating = if holding.simulated { simulating(cube) } else { 0 };
     // |Â|², a smoothed copy and what the filter passes through.
-    let depth = if holding.depth { cube.saturating_add(voxels.saturating_mul(8 + 16)) } else { 0 };
-    let peak = |method: &Estimate| {
-        let kept = WAITING.min(voxels.saturating_mul(8));
-        let focusing = cube.saturating_add(volume).saturating_add(method.bytes).saturating_add(kept);
-        PROGRAM.saturating_add(focusing.max(simulating).max(depth))
-    };
-    let rate = operations_per_second();
-    let seconds = std::array::from_fn(|i| methods[i].operations / (rate * threads.max(1) as f64));
-    Ok(Needs {
-        seconds,
-        chosen,
-        threads,
-        peak_bytes: peak(&methods[chosen]),
-        peak_bytes_with_one_thread: peak(&alone[chosen]),
-        methods,
+    let depth = if holding.depth { cube.saturating_add(grid.volume_bytes().saturating_mul(3)) } else { 0 };
+    let volume = if holding.volume { grid.volume_bytes() } else { 0 };
+    let kept = WAITING.min(grid.volume_bytes());
+    let focusing = cube.saturating_add(volume).saturating_add(bytes).saturating_add(kept);
+    PROGRAM.saturating_add(focusing.max(simulating).max(depth))
+}
+
+impl Needs {
+    /// Seconds of each method on this machine, by a measurement of a few milliseconds.
+    pub fn seconds(&self) -> [f64; 4] {
+        let rate = operations_per_second() * self.threads.max(1) as f64;
+        std::array::from_fn(|i| self.methods[i].operations / rate)
+    }
+}
+
+/// What `limit` leaves to the method beside the program, the samples and the volume:
+/// [`ReconstructOptions::memory`].
+pub fn left_for_method(grid: &Grid, holding: Holding, limit: Option<u64>) -> Option<u64> {
+    limit.map(|limit| {
+        limit.saturating_sub(peak(0, grid, Holding { simulated: false, depth: false, ..holding }))
     })
 }
 
 /// Operations per phasor of the kernel that is timed.
 const PER_PHASOR: f64 = 25.0;
-
-/// How much more goes through the methods' own loops than through the timed one, by measurement of both.
-const AGAINST_PHASORS: f64 = 1.0;
 
 /// Floating-point operations per second and thread of this machine, by a measurement of a few milliseconds. It only ever
 /// turns operations into seconds to be shown.
@@ -112,10 +117,10 @@ fn operations_per_second() -> f64 {
             begun.elapsed().as_secs_f64()
         })
         .fold(f64::INFINITY, f64::min);
-    AGAINST_PHASORS * PER_PHASOR * count / best.max(1e-9)
+    PER_PHASOR * count / best.max(1e-9)
 }
 
-/// Refuses a job that cannot fit.
+/// Refuses a job that cannot fit, however little of it is worked on at a time.
 ///
 /// # Errors
 /// [`Error::Input`] when the peak exceeds `limit` bytes, with the numbers and what would make it fit.
@@ -129,8 +134,14 @@ pub fn check_memory(
     let Some(limit) = limit.filter(|limit| needs.peak_bytes > *limit) else { return Ok(()) };
     let [n_z, n_y, n_x] = grid.shape();
     let mut ways = Vec::new();
-    if needs.peak_bytes_with_one_thread <= limit {
-        ways.push(format!("one thread (-j 1) needs {}", gib(needs.peak_bytes_with_one_thread)));
+    // A far-field image is another one.
+    let others = needs.methods.iter().filter(|m| m.obstacle.is_none() && m.method != Method::Linear);
+    for method in others {
+        let bytes = peak(method.least_bytes, grid, holding);
+        if bytes <= limit {
+            let name = format!("{:?}", method.method).to_lowercase();
+            ways.push(format!("[reconstruct] method = \"{name}\" needs {}", gib(bytes)));
+        }
     }
     if holding.volume && !holding.depth {
         ways.push("a volume written as .npz, .vti or .nrrd is never held whole".to_owned());
@@ -144,7 +155,7 @@ pub fn check_memory(
     Err(Error::input(
         "memory",
         format!(
-            "this job needs about {} ({} frequencies x {} microphones: {}; {n_x} x {n_y} x {n_z} voxels: {}), and {} \
+            "this job needs about {} even if as little as possible is worked on at a time ({} frequencies x {} microphones: {}; {n_x} x {n_y} x {n_z} voxels: {}), and {} \
              may be used here (--memory sets another limit); {}",
             gib(needs.peak_bytes),
             setup.sweep.len(),
@@ -182,4 +193,43 @@ pub fn check_simulation(setup: &Setup, limit: Option<u64>) -> Result<()> {
 /// Bytes while a cube is simulated: itself, and sums beside it.
 fn simulating(cube: u64) -> u64 {
     cube.saturating_add(cube.min(SIMULATION))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::with_setup;
+    use super::*;
+    use crate::acquisition::{DataCube, Detection};
+    use crate::grid::Axis;
+    use crate::progress::Silent;
+    use crate::reconstruct::reconstruct;
+    use crate::wave::phasor;
+
+    #[test]
+    fn what_memory_there_is_is_kept_to_and_changes_no_byte() {
+        with_setup(31, 0.9, 40.0, Detection::Quadrature, |setup| {
+            let lateral = Axis { first: -0.9, pitch: 0.03, count: 61 };
+            let grid = Grid { x: lateral, y: lateral, z: Axis { first: 0.5, pitch: 0.02, count: 40 } };
+            let samples =
+                (0..setup.sweep.len() * setup.array.len()).map(|i| phasor(i as f64 * 0.618_034)).collect();
+            let cube = DataCube::new(setup.sweep.clone(), setup.array.clone(), samples).expect("finite");
+            let holding = Holding { volume: true, ..Holding::default() };
+            for (method, tolerance) in [(Method::Convolution, 1e-4), (Method::Convolution, 0.0)] {
+                let mut options = ReconstructOptions::new(method, crate::reconstruct::Window::None);
+                options.tolerance = tolerance;
+                let usual = needs(setup, &grid, &options, holding, 4).expect("an estimate");
+                assert!(usual.least_peak_bytes < usual.peak_bytes);
+                let volume = reconstruct(&cube, &grid, &options, &Silent).expect("fits").volume;
+                let limit = usual.least_peak_bytes;
+                options.memory = left_for_method(&grid, holding, Some(limit));
+                let tight = needs(setup, &grid, &options, holding, 4).expect("an estimate");
+                assert_eq!(tight.peak_bytes, limit);
+                assert!(check_memory(&tight, setup, &grid, holding, Some(limit)).is_ok());
+                let refused =
+                    check_memory(&tight, setup, &grid, holding, Some(limit - 1)).expect_err("too much");
+                assert!(refused.to_string().contains("never held whole"), "{refused}");
+                assert_eq!(reconstruct(&cube, &grid, &options, &Silent).expect("fits").volume, volume);
+            }
+        });
+    }
 }

@@ -22,6 +22,7 @@ mod coarse;
 mod profile;
 mod terms;
 
+use super::batch::Batch;
 use super::tones::VolumeTones;
 use super::weights::Weights;
 use super::{Made, Method, VolumeSink, no_room_for};
@@ -158,7 +159,7 @@ fn interval(setup: &Setup, grid: &Grid, shape: Shape, depths: Range<usize>) -> P
 pub(super) fn backprojection(
     source: &mut dyn CubeSource,
     weights: &Weights,
-    plan: &Plan,
+    (plan, batch): (&Plan, Batch),
     tolerance: f64,
     sink: &mut dyn VolumeSink,
     observer: &dyn Observer,
@@ -212,6 +213,7 @@ pub(super) fn backprojection(
             let blocks = Block::of(&grid, shape, depths.clone());
             let images: Vec<[Vec<f32>; 2]> = blocks
                 .par_iter()
+                .with_min_len(batch.least_run(blocks.len()))
                 .map(|block| {
                     let image = slab.image(block);
                     advance(observer, 1).map(|()| image)

@@ -5,6 +5,7 @@
 //! skeleton frequencies for the volume, and again for each slab of depths, so that Eq. 16 runs over tens of tones
 //! instead of all; with tolerance 0 it runs over every one.
 
+use super::batch::Batch;
 use super::focus::Focus;
 use super::lattice::SharedLattice;
 use super::layout::Layout;
@@ -20,7 +21,7 @@ use num_complex::Complex32;
 use rayon::prelude::*;
 
 /// Bytes of data spectra held at a time when every frequency is summed.
-pub(super) const SPECTRA_BYTES: usize = 256 << 20;
+const SPECTRA_BYTES: usize = 256 << 20;
 
 /// The share of the tolerance that the first of the two compressions may use.
 pub(super) const FIRST_SHARE: f64 = 0.3;
@@ -31,10 +32,13 @@ fn add(
     tones: &Tones,
     first: usize,
     planes: &mut [Complex32],
+    batch: Batch,
     observer: &dyn Observer,
 ) -> Result<()> {
-    let spectra = layout.spectra(&tones.samples);
-    planes.par_chunks_mut(layout.grid.plane_len()).enumerate().try_for_each_init(
+    let spectra = layout.spectra(&tones.samples, batch);
+    let planes = planes.par_chunks_mut(layout.grid.plane_len());
+    let run = batch.least_run(planes.len());
+    planes.with_min_len(run).enumerate().try_for_each_init(
         || Focus::new(layout),
         |focus, (iz, voxels)| {
             focus.add(first + iz, &tones.per_metre, &spectra, voxels);
@@ -51,7 +55,7 @@ fn add(
 pub(super) fn convolution(
     source: &mut dyn CubeSource,
     weights: &Weights,
-    lattice: &SharedLattice,
+    (lattice, batch): (&SharedLattice, Batch),
     grid: &Grid,
     tolerance: f64,
     sink: &mut dyn VolumeSink,
@@ -60,9 +64,9 @@ pub(super) fn convolution(
     let layout = Layout::new(lattice, *grid, source.setup().geometry);
     let left = tolerance - lattice.error();
     if left <= 0.0 {
-        every_frequency(source, weights, &layout, sink, observer)
+        every_frequency(source, weights, &layout, batch, sink, observer)
     } else {
-        skeleton_frequencies(source, weights, &layout, left, sink, observer)
+        skeleton_frequencies(source, weights, (&layout, batch), left, sink, observer)
     }
 }
 
@@ -75,13 +79,14 @@ fn every_frequency(
     source: &mut dyn CubeSource,
     weights: &Weights,
     layout: &Layout,
+    batch: Batch,
     sink: &mut dyn VolumeSink,
     observer: &dyn Observer,
 ) -> Result<Made> {
     let (setup, grid) = (source.setup(), &layout.grid);
     let (count, n_mic) = (setup.sweep.len(), setup.array.len());
     let per_metre: Vec<f64> = setup.sweep.frequencies().iter().map(|f| -f / setup.sound_speed).collect();
-    let block = (SPECTRA_BYTES / (layout.tone_len() * size_of::<Complex32>())).clamp(1, count);
+    let block = batch.frequencies;
     let mut modulus = 0.0;
     source.visit(block, &mut |range, block| {
         let rows = range.clone().zip(block.chunks_exact(n_mic));
@@ -107,7 +112,7 @@ fn every_frequency(
                 let samples = rows.flat_map(|(f, row)| weights.weighted(f, row)).collect();
                 let samples = layout.lattice.onto_nodes(samples);
                 let tones = Tones { per_metre: per_metre[range.clone()].to_vec(), samples };
-                add(layout, &tones, first, planes, observer)
+                add(layout, &tones, first, planes, batch, observer)
             })?;
             sink.take(first, planes)?;
         }
@@ -120,7 +125,7 @@ fn every_frequency(
 fn skeleton_frequencies(
     source: &mut dyn CubeSource,
     weights: &Weights,
-    layout: &Layout,
+    (layout, batch): (&Layout, Batch),
     tolerance: f64,
     sink: &mut dyn VolumeSink,
     observer: &dyn Observer,
@@ -137,22 +142,21 @@ fn skeleton_frequencies(
     let made = Made { method: Method::Convolution, error_bound: error * compressed.modulus };
     let total = slabs.iter().map(|slab| (slab.len() * slab.planes.len()) as u64).sum();
     let plane_len = grid.plane_len();
-    let at_once = slabs_at_once(thickness, rayon::current_num_threads());
-    let mut planes = zeros(((at_once * thickness).min(depths) as u64).saturating_mul(plane_len as u64))
+    let mut planes = zeros(((batch.slabs * thickness).min(depths) as u64).saturating_mul(plane_len as u64))
         .ok_or_else(|| no_room_for(grid))?;
     sink.begin(&made)?;
     stage(observer, "reconstructing", total, || {
         let done = slabs.partition_point(|slab| slab.planes.end <= sink.done());
         let skipped = slabs[..done].iter().map(|slab| (slab.len() * slab.planes.len()) as u64);
         advance(observer, skipped.sum())?;
-        for batch in slabs[done..].chunks(at_once) {
-            let first = batch[0].planes.start;
-            let end = batch[batch.len() - 1].planes.end;
+        for slabs in slabs[done..].chunks(batch.slabs) {
+            let first = slabs[0].planes.start;
+            let end = slabs[slabs.len() - 1].planes.end;
             let planes = &mut planes[..(end - first) * plane_len];
             planes.fill(Complex32::ZERO);
-            planes.par_chunks_mut(thickness * plane_len).zip(batch).try_for_each(|(planes, slab)| {
+            planes.par_chunks_mut(thickness * plane_len).zip(slabs).try_for_each(|(planes, slab)| {
                 let tones = slab.of(&compressed.tones, layout.lattice.width());
-                add(layout, &tones, slab.planes.start, planes, observer)
+                add(layout, &tones, slab.planes.start, planes, batch, observer)
             })?;
             sink.take(first, planes)?;
         }
@@ -162,11 +166,16 @@ fn skeleton_frequencies(
 }
 
 /// Depths per thread that are worked on before they are handed on: enough to keep every thread busy.
-pub(super) const PLANES_PER_THREAD: usize = 8;
+const PLANES_PER_THREAD: usize = 8;
 
-/// How many slabs are worked on at a time. It changes no byte of the volume.
-pub(super) fn slabs_at_once(thickness: usize, threads: usize) -> usize {
-    (PLANES_PER_THREAD * threads).div_ceil(thickness)
+/// What suits so many threads where memory does not matter.
+pub(super) fn usual_batch(layout: &Layout, thickness: usize, frequencies: usize, threads: usize) -> Batch {
+    let at_once = (PLANES_PER_THREAD * threads).div_ceil(thickness);
+    Batch {
+        slabs: at_once.min(layout.grid.z.count.div_ceil(thickness)),
+        frequencies: (SPECTRA_BYTES / (layout.tone_len() * size_of::<Complex32>())).clamp(1, frequencies),
+        workers: threads.max(1),
+    }
 }
 
 /// The number of depths per slab that costs least by a fixed model, so that the same job always takes the same path.

@@ -2,7 +2,8 @@
 //!
 //! The same counts choose the method, so the same job always takes the same path.
 
-use super::convolution::{FIRST_SHARE, slab_thickness, slabs_at_once};
+use super::batch::Batch;
+use super::convolution::{FIRST_SHARE, slab_thickness, usual_batch};
 use super::lattice::SharedLattice;
 use super::layout::Layout;
 use super::skeleton::candidates_for;
@@ -23,8 +24,13 @@ pub struct Estimate {
     pub obstacle: Option<String>,
     /// Floating-point operations, to within a factor of two.
     pub operations: f64,
-    /// Bytes at the peak beside the samples that the source holds and the volume that the sink holds.
+    /// Bytes at the peak beside the samples that the source holds, and beside the volume.
     pub bytes: u64,
+    /// The same where as little as possible is worked on at a time, by one thread: slower, and the same volume.
+    pub least_bytes: u64,
+    /// What `bytes` are of.
+    #[serde(skip)]
+    pub(super) batch: Batch,
 }
 
 /// About how many tones stand for a sweep on an interval of `bandwidth_duration` B·T to within `tolerance`: the numbers
@@ -45,11 +51,11 @@ pub(super) fn estimates(
     threads: usize,
 ) -> [Estimate; 4] {
     let convolution = match lattice {
-        Ok(lattice) => of_convolution(setup, grid, options.tolerance, lattice, threads),
+        Ok(lattice) => of_convolution(setup, grid, options, lattice, threads),
         Err(obstacle) => impossible(Method::Convolution, obstacle.clone()),
     };
     let backprojection = match backprojection {
-        Some(plan) => of_backprojection(setup, grid, options.tolerance, plan, threads),
+        Some(plan) => of_backprojection(setup, grid, options, plan, threads),
         None if options.tolerance > 0.0 => impossible(
             Method::Backprojection,
             "of no use here, where convolution is far faster; ask for it by name to see its cost".to_owned(),
@@ -60,20 +66,20 @@ pub(super) fn estimates(
         ),
     };
     let linear = match linear {
-        Ok(plan) => of_linear(setup, plan, threads),
+        Ok(plan) => of_linear(setup, plan, options, threads),
         Err(obstacle) => impossible(Method::Linear, obstacle.clone()),
     };
-    [convolution, backprojection, of_direct(setup, grid, threads), linear]
+    [convolution, backprojection, of_direct(setup, grid, options, threads), linear]
 }
 
-fn of_linear(setup: &Setup, plan: &linear::Plan, threads: usize) -> Estimate {
+fn of_linear(setup: &Setup, plan: &linear::Plan, options: &ReconstructOptions, threads: usize) -> Estimate {
     let bytes = plan.bytes(threads).saturating_add(block_bytes(setup));
-    Estimate { method: Method::Linear, obstacle: None, operations: plan.operations(), bytes }
+    possible(Method::Linear, plan.operations(), options, Batch::of_threads(threads), |_| bytes)
 }
 
 fn impossible(method: Method, obstacle: String) -> Estimate {
     let (obstacle, operations) = (Some(obstacle), f64::INFINITY);
-    Estimate { method, obstacle, operations, bytes: 0 }
+    Estimate { method, obstacle, operations, bytes: 0, least_bytes: 0, batch: Batch::LEAST }
 }
 
 /// Operations of a complex multiplication and addition.
@@ -105,7 +111,7 @@ fn block_bytes(setup: &Setup) -> u64 {
 fn of_convolution(
     setup: &Setup,
     grid: &Grid,
-    tolerance: f64,
+    options: &ReconstructOptions,
     lattice: &SharedLattice,
     threads: usize,
 ) -> Estimate {
@@ -115,26 +121,27 @@ fn of_convolution(
     // Phases, two transforms with what symmetry and pruning save of them, the product and the sum.
     let pair = points * (20.0 + TRANSFORM * 7.5 * points.log2()) * layout.pairs() as f64;
     let spectra = points * (TRANSFORM * 5.0 * points.log2()) * layout.node_parts.len() as f64;
-    let threads = threads.max(1);
-    let scratch = 12 * threads as u64 * layout.points().saturating_mul(layout.node_parts.len()) as u64;
-    let left = tolerance - lattice.error();
+    let thickness = slab_thickness(setup, &layout);
+    let usual = usual_batch(&layout, thickness, setup.sweep.len(), threads);
+    let scratch = 12 * layout.points().saturating_mul(layout.node_parts.len()) as u64;
+    let scratch = |batch: Batch| scratch.saturating_mul(batch.workers as u64);
+    let left = options.tolerance - lattice.error();
     if left <= 0.0 {
         let n_f = setup.sweep.len() as f64;
-        let block =
-            (super::convolution::SPECTRA_BYTES as u64).min(layout.tone_len() as u64 * COMPLEX * n_f as u64);
+        // Spectra, and the samples that they are made of.
+        let tone = COMPLEX * 2 * layout.tone_len() as u64;
         let slab = (super::convolution::DEPTHS.min(depths) as u64 * COMPLEX).saturating_mul(plane);
-        return Estimate {
-            method: Method::Convolution,
-            obstacle: None,
-            operations: n_f * (depths as f64 * pair + spectra),
-            bytes: block.saturating_mul(2).saturating_add(scratch).saturating_add(slab),
+        let bytes = |batch: Batch| {
+            let spectra = tone.saturating_mul(batch.frequencies as u64);
+            spectra.saturating_add(scratch(batch)).saturating_add(slab)
         };
+        let operations = n_f * (depths as f64 * pair + spectra);
+        return possible(Method::Convolution, operations, options, usual, bytes);
     }
     let tones = |planes: std::ops::Range<usize>, share: f64| {
         let duration = setup.path_interval(grid, planes).duration();
         tones_for(setup.sweep.bandwidth() * duration, share * left).min(setup.sweep.len() as f64)
     };
-    let thickness = slab_thickness(setup, &layout);
     let (of_volume, width) = (tones(0..depths, FIRST_SHARE), lattice.width() as f64);
     let (mut operations, bytes_finding) =
         compression(setup, &setup.path_interval(grid, 0..depths), of_volume);
@@ -154,53 +161,53 @@ fn of_convolution(
     let compressing = microphones
         .saturating_add(block_bytes(setup))
         .saturating_add(complex(2.0 * of_volume * setup.sweep.len() as f64));
-    let one = slab
-        .saturating_mul(slabs_at_once(thickness, threads).min(depths.div_ceil(thickness)) as u64)
-        .saturating_add(scratch);
-    Estimate {
-        method: Method::Convolution,
-        obstacle: None,
-        operations,
-        bytes: bytes_finding.max(compressing).max(both).max(nodes.saturating_add(one)),
-    }
+    let before = bytes_finding.max(compressing).max(both);
+    let bytes = |batch: Batch| {
+        let focusing = slab.saturating_mul(batch.slabs as u64).saturating_add(scratch(batch));
+        before.max(nodes.saturating_add(focusing))
+    };
+    possible(Method::Convolution, operations, options, usual, bytes)
+}
+
+/// The estimate of a method that can be used, in batches that keep to the memory there is.
+fn possible(
+    method: Method,
+    operations: f64,
+    options: &ReconstructOptions,
+    usual: Batch,
+    bytes: impl Fn(Batch) -> u64,
+) -> Estimate {
+    let batch = usual.within(options.memory, &bytes);
+    let least_bytes = bytes(Batch::LEAST);
+    Estimate { method, obstacle: None, operations, bytes: bytes(batch), least_bytes, batch }
 }
 
 fn of_backprojection(
     setup: &Setup,
     grid: &Grid,
-    tolerance: f64,
+    options: &ReconstructOptions,
     plan: &backprojection::Plan,
     threads: usize,
 ) -> Estimate {
     let whole = setup.path_interval(grid, 0..grid.z.count);
-    let tones =
-        tones_for(setup.sweep.bandwidth() * whole.duration(), 0.1 * tolerance).min(setup.sweep.len() as f64);
+    let tones = tones_for(setup.sweep.bandwidth() * whole.duration(), 0.1 * options.tolerance)
+        .min(setup.sweep.len() as f64);
     let (compressing, finding) = compression(setup, &whole, tones);
     let held = (tones * setup.array.len() as f64 * COMPLEX as f64) as u64;
-    let planes = plan.slab_voxels().saturating_mul(2 * COMPLEX).saturating_add((threads as u64) << 20);
-    Estimate {
-        method: Method::Backprojection,
-        obstacle: None,
-        operations: plan.operations() + compressing,
-        bytes: finding
-            .max(held.saturating_add(block_bytes(setup)))
-            .max(held.saturating_mul(2).saturating_add(planes)),
-    }
+    let planes = plan.slab_voxels().saturating_mul(2 * COMPLEX);
+    let before = finding.max(held.saturating_add(block_bytes(setup)));
+    let focusing = held.saturating_mul(2).saturating_add(planes);
+    let bytes = |batch: Batch| before.max(focusing.saturating_add((batch.workers as u64) << 20));
+    let operations = plan.operations() + compressing;
+    possible(Method::Backprojection, operations, options, Batch::of_threads(threads), bytes)
 }
 
-fn of_direct(setup: &Setup, grid: &Grid, threads: usize) -> Estimate {
-    Estimate {
-        method: Method::Direct,
-        obstacle: None,
-        operations: direct::operations(setup, grid),
-        bytes: setup
-            .cube_bytes()
-            .saturating_mul(2)
-            .saturating_add((64 * threads * setup.array.len()) as u64 * COMPLEX)
-            .saturating_add(
-                (direct::depths_at_once(grid) as u64 * COMPLEX).saturating_mul(grid.plane_len() as u64),
-            ),
-    }
+fn of_direct(setup: &Setup, grid: &Grid, options: &ReconstructOptions, threads: usize) -> Estimate {
+    let planes = (direct::depths_at_once(grid) as u64 * COMPLEX).saturating_mul(grid.plane_len() as u64);
+    let samples = setup.cube_bytes().saturating_mul(2).saturating_add(planes);
+    let lengths = (64 * setup.array.len()) as u64 * COMPLEX;
+    let bytes = |batch: Batch| samples.saturating_add(lengths.saturating_mul(batch.workers as u64));
+    possible(Method::Direct, direct::operations(setup, grid), options, Batch::of_threads(threads), bytes)
 }
 
 #[cfg(test)]

@@ -1,5 +1,6 @@
 //! Eq. 13 as written: every voxel, microphone and frequency, with f64 totals. The oracle.
 
+use super::batch::Batch;
 use super::weights::Weights;
 use super::{Made, Method, VolumeSink, no_room, no_room_for};
 use crate::acquisition::{CubeSource, Setup};
@@ -35,6 +36,7 @@ pub(super) fn direct(
     source: &mut dyn CubeSource,
     weights: &Weights,
     grid: &Grid,
+    batch: Batch,
     sink: &mut dyn VolumeSink,
     observer: &dyn Observer,
 ) -> Result<Made> {
@@ -55,7 +57,8 @@ pub(super) fn direct(
                 continue;
             }
             let planes = &mut planes[..(last - first) * plane];
-            planes.par_chunks_mut(TOGETHER).enumerate().try_for_each_init(
+            let run = batch.least_run(planes.len().div_ceil(TOGETHER));
+            planes.par_chunks_mut(TOGETHER).with_min_len(run).enumerate().try_for_each_init(
                 || vec![0.0; TOGETHER * padded],
                 |lengths, (chunk, voxels)| {
                     for (i, lengths) in lengths.chunks_exact_mut(padded).enumerate().take(voxels.len()) {

@@ -1,5 +1,6 @@
 //! What stays the same for all planes of a volume: sub-lattices, transforms, and the data's spectra.
 
+use super::batch::Batch;
 use super::circle::{Circle, Offset, Turn};
 use super::lanes::transpose;
 use super::lattice::{Parts, SharedLattice};
@@ -113,13 +114,15 @@ impl<'a> Layout<'a> {
 
     /// Spectra of the nodes' samples, `[tone, placement, block, side, k_y]`; the inverse transform's scale is folded in.
     /// On a line, those of [`line::spectra`].
-    pub(super) fn spectra(&self, nodes: &[Complex32]) -> Vec<Lanes> {
+    pub(super) fn spectra(&self, nodes: &[Complex32], batch: Batch) -> Vec<Lanes> {
         if let Some(axis) = self.line {
             return line::spectra(self, axis, nodes);
         }
         let tones = nodes.len() / self.lattice.width();
         let mut spectra = vec![Lanes::ZERO; tones * self.tone_len() / LANES];
-        spectra.par_chunks_exact_mut(self.x.len() * self.y.len() / LANES).enumerate().for_each_init(
+        let planes = spectra.par_chunks_exact_mut(self.x.len() * self.y.len() / LANES);
+        let run = batch.least_run(planes.len());
+        planes.with_min_len(run).enumerate().for_each_init(
             || Scratch::new(self),
             |scratch, (index, spectrum)| {
                 let (tone, placement) = (index / self.placements.len(), index % self.placements.len());

@@ -15,8 +15,8 @@
 //! Rokhlin, SIAM J. Sci. Comput. 26, 2005). The error is then *measured* on a dense grid, not trusted.
 
 use crate::wave::interval::{PathInterval, greatest, tone_matrix, turned};
-use faer::linalg::solvers::SolveLstsq;
-use faer::{Mat, MatRef, c64};
+use faer::linalg::triangular_solve::solve_upper_triangular_in_place;
+use faer::{Mat, MatRef, Par, c64};
 use num_complex::Complex64;
 
 /// The decomposition of one sweep on one interval of path lengths.
@@ -27,19 +27,29 @@ pub struct Skeleton {
     error: f64,
 }
 
-/// Of more frequencies than this many per dimension, evenly spread ones are candidates; the rest add nothing. The error
-/// is measured at the same ones: between them it can hide no more than a few hundredths of itself, since as a function
-/// of f it is band-limited to the interval's half duration.
-const CANDIDATES_PER_DIMENSION: f64 = 6.0;
+/// Of more frequencies than this many per dimension, evenly spread ones are candidates; the rest add nothing.
+const CANDIDATES_PER_DIMENSION: f64 = 4.0;
+
+/// The error is measured at so many per dimension: between them it can hide no more than a few hundredths of itself,
+/// since as a function of f it is band-limited to the interval's half duration.
+const WITNESSES_PER_DIMENSION: f64 = 5.0;
+
+/// The error is measured at so many times as many delays as weights are fitted at: more than four for each half turn
+/// of the fastest tone.
+const DENSER: usize = 2;
+
+/// Dimensions, with a margin, of the tones of an interval of `bandwidth_duration` B·T.
+fn dimensions(bandwidth_duration: f64) -> f64 {
+    bandwidth_duration + 12.0
+}
 
 /// Candidates among many frequencies on an interval of `bandwidth_duration` B·T.
 pub(super) fn candidates_for(bandwidth_duration: f64) -> f64 {
-    CANDIDATES_PER_DIMENSION * (bandwidth_duration + 12.0)
+    CANDIDATES_PER_DIMENSION * dimensions(bandwidth_duration)
 }
 
-/// Frequencies, as indices, so spread over the band that none lies further than a step of the interval's own from one.
-fn spread_out(frequencies: &[f64], bandwidth_duration: f64) -> Vec<usize> {
-    let most = candidates_for(bandwidth_duration);
+/// Frequencies, as indices, so spread over the band that none lies further than a `most`-th of it from one.
+fn spread_out(frequencies: &[f64], most: f64) -> Vec<usize> {
     let last = frequencies.len() - 1;
     let step = (frequencies[last] - frequencies[0]) / most;
     let mut chosen = vec![0];
@@ -57,7 +67,7 @@ fn spread_out(frequencies: &[f64], bandwidth_duration: f64) -> Vec<usize> {
 /// - Shapes: `weights` is `[Q, n_f]`.
 /// - Error: the greatest `|e_n − Σ_q W[q, n] e_q|` on a dense grid of the interval and the band, [`Skeleton::error`];
 ///   the factorisation is repeated more strictly if it exceeds `tolerance`.
-/// - Cost: a QR of `2.2·B·T + 36` rows and some `6·(B·T + 12)` columns, and a product with all n_f.
+/// - Cost: a QR of `1.7·B·T + 36` rows and some `4·(B·T + 12)` columns, and a product with all n_f.
 ///
 /// # Panics
 /// Without frequencies, or with a tolerance that is not positive.
@@ -65,29 +75,33 @@ pub fn skeleton(frequencies: &[f64], interval: PathInterval, tolerance: f64) -> 
     assert!(!frequencies.is_empty() && tolerance > 0.0, "a skeleton needs frequencies and a tolerance");
     let bandwidth = frequencies[frequencies.len() - 1] - frequencies[0];
     let product = bandwidth * interval.duration();
-    let candidates = spread_out(frequencies, product);
+    let candidates = spread_out(frequencies, candidates_for(product));
+    let witnesses = spread_out(frequencies, WITNESSES_PER_DIMENSION * dimensions(product));
     let points = interval.chebyshev(interval.points_for(bandwidth));
-    let dense = interval.even(3 * points.len());
+    let dense = DENSER * points.len();
     let carrier = f64::midpoint(frequencies[0], frequencies[frequencies.len() - 1]);
     let all = tone_matrix(&points, frequencies, carrier);
-    let subset = columns(all.as_ref(), &candidates);
-    let pivoted = subset.col_piv_qr();
+    let at_witnesses = columns(all.as_ref(), &witnesses);
+    let pivoted = columns(all.as_ref(), &candidates).col_piv_qr();
     let order = pivoted.P().arrays().0;
     let diagonal = pivoted.thin_R();
     let ranks = diagonal.nrows().min(diagonal.ncols());
-    let witnesses: Vec<f64> = candidates.iter().map(|&n| frequencies[n]).collect();
-    let dense_all = tone_matrix(&dense, &witnesses, carrier);
+    let some: Vec<f64> = witnesses.iter().map(|&n| frequencies[n]).collect();
+    let dense_some = interval.even_tones(dense, 0.0, &some, carrier);
     // The greatest residual of a column is a sum over the points; its root mean square is what ε bounds.
     let mut threshold = tolerance / 3.0 * (points.len() as f64).sqrt();
     loop {
         let rank = (0..ranks).position(|k| diagonal[(k, k)].norm() <= threshold).unwrap_or(ranks).max(1);
         let mut chosen: Vec<usize> = order[..rank].iter().map(|&j| candidates[j]).collect();
         chosen.sort_unstable();
-        let weights = fit(&all, &chosen);
-        let at_witnesses = columns(weights.as_ref(), &candidates);
+        let basis = columns(all.as_ref(), &chosen);
         let dense_chosen: Vec<f64> = chosen.iter().map(|&n| frequencies[n]).collect();
-        let error = greatest(&(&dense_all - tone_matrix(&dense, &dense_chosen, carrier) * at_witnesses));
+        let error = greatest(
+            &(&dense_some
+                - interval.even_tones(dense, 0.0, &dense_chosen, carrier) * fit(&basis, &at_witnesses)),
+        );
         if error <= tolerance || rank == ranks {
+            let weights = fit(&basis, &all);
             let weights = put_back_phase(weights, frequencies, &chosen, interval.middle());
             return Skeleton { chosen, weights, error };
         }
@@ -114,7 +128,8 @@ impl Skeleton {
     /// Frequencies, as indices, at which an error of weights over `interval` shows, and W at those, `[Q, witnesses]`.
     pub(super) fn witnesses(&self, frequencies: &[f64], interval: PathInterval) -> (Vec<f64>, Mat<c64>) {
         let bandwidth = frequencies[frequencies.len() - 1] - frequencies[0];
-        let chosen = spread_out(frequencies, bandwidth * interval.duration());
+        let product = bandwidth * interval.duration();
+        let chosen = spread_out(frequencies, WITNESSES_PER_DIMENSION * dimensions(product));
         (chosen.iter().map(|&n| frequencies[n]).collect(), columns(self.weights(), &chosen))
     }
 
@@ -139,10 +154,10 @@ pub(super) fn greatest_error(
     chosen: &[f64],
     weights: MatRef<'_, c64>,
 ) -> f64 {
-    let points = 3 * interval.points_for(some[some.len() - 1] - some[0]);
-    let delays: Vec<f64> = interval.even(points).into_iter().map(|delay| delay + interval.middle()).collect();
+    let points = DENSER * interval.points_for(some[some.len() - 1] - some[0]);
     let carrier = f64::midpoint(some[0], some[some.len() - 1]);
-    greatest(&(tone_matrix(&delays, some, carrier) - tone_matrix(&delays, chosen, carrier) * weights))
+    let tones = |frequencies: &[f64]| interval.even_tones(points, interval.middle(), frequencies, carrier);
+    greatest(&(tones(some) - tones(chosen) * weights))
 }
 
 /// The columns `chosen` of `all`.
@@ -150,16 +165,21 @@ fn columns(all: MatRef<'_, c64>, chosen: &[usize]) -> Mat<c64> {
     Mat::from_fn(all.nrows(), chosen.len(), |k, q| all[(k, chosen[q])])
 }
 
-/// Least-squares weights that express all columns by the chosen ones.
-fn fit(all: &Mat<c64>, chosen: &[usize]) -> Mat<c64> {
-    columns(all.as_ref(), chosen).qr().solve_lstsq(all)
+/// Least-squares weights that express columns by those of a basis.
+fn fit(basis: &Mat<c64>, columns: &Mat<c64>) -> Mat<c64> {
+    // By an explicit Q: for many columns a product is far cheaper than as many reflections.
+    let qr = basis.qr();
+    let mut weights = qr.compute_thin_Q().adjoint() * columns;
+    solve_upper_triangular_in_place(qr.thin_R(), weights.as_mut(), Par::Seq);
+    weights
 }
 
 /// Delays were counted from the interval's middle; `e^{−i2π(f_n − f_q)τ_mid}` counts them from zero again.
 fn put_back_phase(mut weights: Mat<c64>, frequencies: &[f64], chosen: &[usize], middle: f64) -> Mat<c64> {
-    for n in 0..weights.ncols() {
+    let turns: Vec<Complex64> = frequencies.iter().map(|f| turned(f * middle)).collect();
+    for (n, turn) in turns.iter().enumerate() {
         for (q, &f) in chosen.iter().enumerate() {
-            weights[(q, n)] *= turned((frequencies[f] - frequencies[n]) * middle);
+            weights[(q, n)] *= turns[f] * turn.conj();
         }
     }
     weights

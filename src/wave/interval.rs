@@ -30,7 +30,7 @@ impl PathInterval {
 
     /// How many Chebyshev points resolve a bandwidth (Hz) on the interval.
     pub(crate) fn points_for(&self, bandwidth: f64) -> usize {
-        (2.2 * bandwidth * self.duration()).ceil() as usize + 36
+        (1.7 * bandwidth * self.duration()).ceil() as usize + 36
     }
 
     /// `count` Chebyshev points of the interval, as delays about its middle, s.
@@ -39,12 +39,37 @@ impl PathInterval {
         (0..count).map(|k| half * (PI * (k as f64 + 0.5) / count as f64).cos()).collect()
     }
 
+    /// `E[k, n] = e^{−i2π(f_n − carrier)(τ_k + later)}` at `count` even points of the interval as [`PathInterval::even`]
+    /// gives them, and at any frequencies.
+    pub(crate) fn even_tones(&self, count: usize, later: f64, frequencies: &[f64], carrier: f64) -> Mat<c64> {
+        let (first, step) = (later - 0.5 * self.duration(), self.duration() / (count - 1) as f64);
+        let mut all = Mat::zeros(count, frequencies.len());
+        for (n, f) in frequencies.iter().enumerate() {
+            // By products, which drift by no more than some 10⁻¹³: a sine for every element would take longer than what
+            // it is used for.
+            let [mut start, turn] = [first, step].map(|delay| turned((carrier - f) * delay));
+            let mut short = [Complex64::ONE; RUN];
+            for k in 1..RUN {
+                short[k] = short[k - 1] * turn;
+            }
+            for elements in all.col_as_slice_mut(n).chunks_mut(RUN) {
+                elements.iter_mut().zip(&short).for_each(|(z, short)| *z = start * short);
+                start *= short[RUN - 1] * turn;
+            }
+        }
+        all
+    }
+
     /// `count` even points of the interval, both ends included, as delays about its middle, s.
+    #[cfg(test)]
     pub(crate) fn even(&self, count: usize) -> Vec<f64> {
         let half = 0.5 * self.duration();
         (0..count).map(|k| half * (2.0 * k as f64 / (count - 1) as f64 - 1.0)).collect()
     }
 }
+
+/// Even points whose phasors are one phasor times those of a short run.
+const RUN: usize = 32;
 
 /// `E[k, n] = e^{−i2π(f_n − carrier)τ_k}`, delays in s, frequencies in Hz.
 pub(crate) fn tone_matrix(delays: &[f64], frequencies: &[f64], carrier: f64) -> Mat<c64> {
@@ -110,6 +135,14 @@ mod tests {
             let frequencies: Vec<f64> =
                 (0..300).map(|n| 10_000.0 + 10.0 * f64::from(n) + uneven * f64::from(n % 5)).collect();
             let all = tone_matrix(&delays, &frequencies, 11_000.0);
+            let many = interval.even(99);
+            let later = interval.even_tones(99, 0.007, &frequencies, 11_000.0);
+            for (n, f) in frequencies.iter().enumerate().step_by(23) {
+                for (k, delay) in many.iter().enumerate() {
+                    let exact = Complex64::cis(-TAU * (f - 11_000.0) * (delay + 0.007));
+                    assert!((later[(k, n)] - exact).norm() < 1e-10);
+                }
+            }
             for (n, f) in frequencies.iter().enumerate() {
                 for (k, delay) in delays.iter().enumerate() {
                     let exact = Complex64::cis(-TAU * (f - 11_000.0) * delay);

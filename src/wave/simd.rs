@@ -360,7 +360,8 @@ dispatched! {
     /// of δ/H; δ is its path length less that of the centre.
     ///
     /// `offsets` are those from the microphones to the centre, m, at most 16; `sums` are real and imaginary parts.
-    /// Cost: about 70 operations per point and microphone, and 6 K or, with powers, 4 K more.
+    /// Cost: about 65 operations per point and microphone (more where a point is far from the centre beside the
+    /// microphone), and 6 K or, with powers, 4 K more.
     ///
     /// # Panics
     /// When the shapes do not match.

@@ -159,7 +159,7 @@ fn a_job_killed_twenty_times_goes_on() {
 fn signal(folder: &Path, job: &Job, options: &str, signals: &[&str]) -> Ran {
     let child = start(folder, &format!("{} {options}", job.words));
     let begun = Instant::now();
-    while states(folder, job).is_empty() && begun.elapsed() < Duration::from_secs(60) {
+    while states(folder, job).is_empty() && begun.elapsed() < Duration::from_mins(1) {
         std::thread::sleep(Duration::from_millis(1));
     }
     for signal in signals {

@@ -150,7 +150,7 @@ impl<'a> Summation<'a> {
                     let near = run[0] >> 32 & 1 == 1;
                     for some in run.chunks(MOST_ECHOES) {
                         let members = some.iter().map(|key| (key & u64::from(u32::MAX)) as usize);
-                        self.lay_out(members, &sights, middle, tile, &mut planes);
+                        self.lay_out(&members, &sights, middle, tile, &mut planes);
                         for (sums, &mic) in sums.chunks_exact_mut(columns).zip(&tile.microphones) {
                             self.add(self.microphones[mic], tile, near, &mut planes, sums);
                         }
@@ -164,7 +164,7 @@ impl<'a> Summation<'a> {
     /// Fills the planes with some reflectors as the tile's centre sees them.
     fn lay_out(
         &self,
-        members: impl Iterator<Item = usize> + Clone,
+        members: &(impl Iterator<Item = usize> + Clone),
         sights: &[Sight],
         middle: f64,
         tile: &Tile,

@@ -214,7 +214,7 @@ fn gains_and_phases_have_the_asked_spread_and_streams_of_their_own() {
     let array = MicArray::rectangular("array", [40, 40], [0.02; 2], DVec3::ZERO).expect("ok");
     let sweep = Sweep::stepped("sweep", 10_000.0, 10_100.0, 100.0).expect("ok");
     let run = |errors: Option<ArrayErrors>, detection| {
-        let options = SimulateOptions { errors, detection, ..SimulateOptions::default() };
+        let options = SimulateOptions { detection, errors, ..SimulateOptions::default() };
         simulate(&reflectors, &sweep, &array, &options, &Silent).expect("ok").samples
     };
     let clean = run(None, Detection::Quadrature);

@@ -62,7 +62,7 @@ impl Lossy {
     pub(super) fn lay_out(
         &mut self,
         terms: &Terms,
-        members: impl Iterator<Item = usize> + Clone,
+        members: &(impl Iterator<Item = usize> + Clone),
         positions: &[DVec3],
         from_middle: &[f64],
         centre: DVec3,

@@ -78,7 +78,7 @@ impl Shape {
 }
 
 /// Operations for one point and microphone besides the series: the path, the carrier and the sum.
-const OPERATIONS_PER_POINT: f64 = 72.0;
+const OPERATIONS_PER_POINT: f64 = 65.0;
 
 /// A block in its place: where it begins, and its voxels' number along each axis.
 #[derive(Debug, Clone, Copy)]

@@ -25,7 +25,16 @@ pub struct Points {
     square: Vec<f32>,
     /// How much longer the way out is to the point than to the centre.
     outward: Vec<f32>,
+    /// How far the farthest is from the centre.
+    radius: f32,
 }
+
+/// Up to this, q is small in [`SHORT_RISE`].
+const SMALL: f32 = 0.25;
+
+/// `(√(1 + q) − 1)/q` for |q| ≤ ¼, by powers of q: Chebyshev's interpolation, error 2·10⁻⁸.
+const SHORT_RISE: [f32; 7] =
+    [0.5, -0.125_000_38, 0.062_500_74, -0.039_014_136, 0.027_285_57, -0.022_025_92, 0.017_570_542];
 
 impl Points {
     /// Points as `[x, y, z, outward]`: the offset from the centre, and the outward length less that to the centre, m.
@@ -34,6 +43,7 @@ impl Points {
         let padded = points.len().next_multiple_of(WIDE);
         let mut split = Self::default();
         for [x, y, z, outward] in points {
+            split.radius = split.radius.max((x * x + y * y + z * z).sqrt() as f32);
             split.x.push(x as f32);
             split.y.push(y as f32);
             split.z.push(z as f32);
@@ -192,6 +202,9 @@ pub(super) fn back_project_body(
         // Where the centre is the microphone, 0/0 must come out as 0.
         let centre = centre + f32::MIN_POSITIVE;
         let twice = [x_c, y_c, z_c].map(|offset| 2.0 * scale.legs * offset);
+        let aside = points.radius / centre;
+        let near = 2.0 * aside + aside * aside <= SMALL;
+        let (inverse, per_square) = (1.0 / centre, 1.0 / (scale.legs * centre * centre));
         let chunks = points.x.as_chunks::<WIDE>().0.iter();
         let chunks = chunks.zip(points.y.as_chunks::<WIDE>().0).zip(points.z.as_chunks::<WIDE>().0);
         let chunks = chunks.zip(points.square.as_chunks::<WIDE>().0);
@@ -199,15 +212,27 @@ pub(super) fn back_project_body(
         let chunks = chunks.zip(sums_re.as_chunks_mut::<WIDE>().0).zip(sums_im.as_chunks_mut::<WIDE>().0);
         for ((((((x, y), z), square), outward), sum_re), sum_im) in chunks {
             let (mut place, mut turns) = ([0.0f32; WIDE], [0.0f32; WIDE]);
-            for l in 0..WIDE {
-                // |p − r| − |c − r| without cancellation: (|p − r|² − |c − r|²) / (|p − r| + |c − r|).
-                let (px, py, pz) = (x[l] + x_c, y[l] + y_c, z[l] + z_c);
-                let length = (px * px + py * py + pz * pz).sqrt();
-                let rise = x[l] * twice[0] + y[l] * twice[1] + z[l] * twice[2] + square[l];
-                let longer = outward[l] + rise / (length + centre);
+            let mut enter = |l: usize, longer: f32| {
                 place[l] = longer * scale.inverse_half;
                 let cycles = longer * scale.carrier;
                 turns[l] = cycles - ((cycles + MAGIC) - MAGIC);
+            };
+            // |p − r| − |c − r| without cancellation, from |p − r|² − |c − r|².
+            let rise = |l: usize| x[l] * twice[0] + y[l] * twice[1] + z[l] * twice[2] + square[l];
+            if near {
+                for l in 0..WIDE {
+                    let rise = rise(l);
+                    let (q, s) = (rise * per_square, SHORT_RISE);
+                    let short =
+                        s[0] + q * (s[1] + q * (s[2] + q * (s[3] + q * (s[4] + q * (s[5] + q * s[6])))));
+                    enter(l, outward[l] + rise * inverse * short);
+                }
+            } else {
+                for l in 0..WIDE {
+                    let (px, py, pz) = (x[l] + x_c, y[l] + y_c, z[l] + z_c);
+                    let length = (px * px + py * py + pz * pz).sqrt();
+                    enter(l, outward[l] + rise(l) / (length + centre));
+                }
             }
             let mut value = [[0.0f32; WIDE]; 2];
             if scale.powers {

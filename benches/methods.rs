@@ -1,0 +1,165 @@
+//! Every method beside the direct sum, times and errors in one table; how time grows with voxels, microphones and
+//! frequencies; and the size of the paper's own 2-D images: `cargo bench --bench methods [-- table growth paper]`.
+//!
+//! Ratios are of the least of a few times, taken in turn within one run. The direct sum is timed on a part of the
+//! voxels, evenly spread, and scaled; errors are the greatest of those voxels, relative to the volume's peak.
+
+#![allow(missing_docs, clippy::print_stdout)]
+
+mod job;
+
+use glam::DVec3;
+use holosonar::acquisition::{DataCube, MicArray, SimulateOptions, Sweep, simulate};
+use holosonar::grid::{Axis, Grid, Volume};
+use holosonar::progress::Silent;
+use holosonar::reconstruct::{Method, ReconstructOptions, Window, direct_terms, reconstruct};
+use holosonar::reflectors::Reflectors;
+use job::{displaced, job, noise};
+use num_complex::Complex32;
+use std::time::Instant;
+
+/// A volume and the seconds it took.
+fn timed(cube: &DataCube, grid: &Grid, method: Method, tolerance: f64) -> (Volume, f64) {
+    let mut options = ReconstructOptions::new(method, Window::None);
+    options.tolerance = tolerance;
+    let begun = Instant::now();
+    let volume = reconstruct(cube, grid, &options, &Silent).expect("fits").volume;
+    (volume, begun.elapsed().as_secs_f64())
+}
+
+/// The least seconds of `times` runs.
+fn least(times: usize, cube: &DataCube, grid: &Grid, method: Method, tolerance: f64) -> f64 {
+    (0..times).map(|_| timed(cube, grid, method, tolerance).1).fold(f64::INFINITY, f64::min)
+}
+
+/// What the microphones of a cube hear of a few reflectors within the grid.
+fn echoes(cube: &DataCube, grid: &Grid) -> DataCube {
+    let at = |axis: &Axis, t: f64| axis.first + t.fract() * (axis.last() - axis.first);
+    let place = |i: u32| {
+        let t = |k: f64| f64::from(i + 1) * k;
+        DVec3::new(at(&grid.x, t(0.618_034)), at(&grid.y, t(0.754_878)), at(&grid.z, t(0.569_84)))
+    };
+    let reflectors = Reflectors::new((0..12).map(place).collect(), vec![Complex32::ONE; 12]).expect("finite");
+    simulate(&reflectors, &cube.sweep, &cube.array, &SimulateOptions::default(), &Silent).expect("small")
+}
+
+/// Every so many voxels along each axis, and which.
+fn part(grid: &Grid, most: [usize; 3]) -> (Grid, [usize; 3]) {
+    let axes = [grid.x, grid.y, grid.z];
+    let steps: [usize; 3] = std::array::from_fn(|i| axes[i].count.div_ceil(most[i]));
+    let some = |i: usize| {
+        let Axis { first, pitch, count } = axes[i];
+        Axis { first, pitch: pitch * steps[i] as f64, count: count.div_ceil(steps[i]) }
+    };
+    (Grid { x: some(0), y: some(1), z: some(2) }, steps)
+}
+
+/// The greatest difference at the voxels of a part, relative to the volume's peak.
+fn error(volume: &Volume, part: &Volume, steps: [usize; 3]) -> f64 {
+    let [n_z, n_y, n_x] = part.grid.shape();
+    let all = volume.grid.shape();
+    let mut worst = 0.0f32;
+    for (i, value) in part.samples.iter().enumerate() {
+        let (x, y, z) = (i % n_x * steps[0], i / n_x % n_y * steps[1], i / n_x / n_y * steps[2]);
+        worst = worst.max((volume.samples[(z * all[1] + y) * all[2] + x] - value).norm());
+    }
+    assert_eq!(part.samples.len(), n_x * n_y * n_z);
+    f64::from(worst / volume.peak())
+}
+
+/// One line: a method beside the direct sum of the same cube, taken in turn.
+fn line(name: &str, cube: &DataCube, grid: &Grid, method: Method, tolerance: f64) {
+    let (some, steps) = part(grid, [16, 16, 8]);
+    let (mut direct, mut fast, mut worst) = (f64::INFINITY, f64::INFINITY, 0.0f64);
+    let begun = Instant::now();
+    for round in 0..7 {
+        let (exact, seconds) = timed(cube, &some, Method::Direct, 1e-4);
+        direct = direct.min(seconds);
+        let (volume, seconds) = timed(cube, grid, method, tolerance);
+        fast = fast.min(seconds);
+        worst = worst.max(error(&volume, &exact, steps));
+        if round > 0 && begun.elapsed().as_secs_f64() > 15.0 {
+            break;
+        }
+    }
+    let terms = direct_terms(&cube.setup(), grid) as f64;
+    let scaled = direct * terms / direct_terms(&cube.setup(), &some) as f64;
+    println!(
+        "| {name} | {:.0} | {:.1e} | {fast:.4} | {:.1e} | {:.0} | {worst:.0e} |",
+        scaled,
+        terms / scaled,
+        terms / fast,
+        scaled / fast
+    );
+}
+
+/// All methods at three sizes.
+fn table() {
+    println!("| method, size | direct s | terms/s | s | terms/s | ratio | error |");
+    for (mics, frequencies, voxels) in [(32, 251, [32, 32]), (64, 501, [64, 64]), (64, 1001, [128, 128])] {
+        let [lateral, depths] = voxels;
+        let (cube, grid) = job(mics, lateral, frequencies, depths);
+        let flat = echoes(&cube, &grid);
+        let aside = echoes(&displaced(&cube, 0.0), &grid);
+        let bent = echoes(&displaced(&cube, 0.025), &grid);
+        let size = format!("{mics}^2 mics x {frequencies} f x {lateral}^2 x {depths}");
+        for (name, cube, method, tolerance) in [
+            ("plain Eq. 16", &flat, Method::Convolution, 0.0),
+            ("skeletons", &flat, Method::Convolution, 1e-4),
+            ("spreading", &aside, Method::Convolution, 1e-4),
+            ("backprojection", &bent, Method::Backprojection, 1e-4),
+        ] {
+            line(&format!("{name}, {size}"), cube, &grid, method, tolerance);
+        }
+    }
+}
+
+/// Seconds of skeletons about one size, as one thing grows.
+fn growth() {
+    for (mics, frequencies, lateral, depths) in [
+        (64, 1001, 128, 64),
+        (64, 1001, 64, 64),
+        (64, 1001, 128, 128),
+        (64, 1001, 192, 64),
+        (32, 1001, 128, 64),
+        (128, 1001, 128, 64),
+        (64, 251, 128, 64),
+        (64, 5001, 128, 64),
+        (64, 1001, 128, 128),
+        (64, 5001, 128, 128),
+    ] {
+        let (cube, grid) = job(mics, lateral, frequencies, depths);
+        let seconds = least(5, &cube, &grid, Method::Convolution, 1e-4);
+        println!("{mics}^2 mics x {frequencies} f x {lateral}^2 x {depths} voxels: {seconds:.3} s");
+    }
+}
+
+/// The paper's 2-D size.
+fn paper() {
+    let sweep = Sweep::stepped("sweep", 18_000.0, 20_000.0, 2.0).expect("a sweep");
+    for (name, near, far) in [("1 m x 5 m", 0.5, 5.5), ("1 m x 0.4 m", 1.8, 2.2)] {
+        let array =
+            MicArray::rectangular("array", [255, 1], [1.0 / 254.0; 2], DVec3::ZERO).expect("an array");
+        // Each second microphone's pitch, since a shared lattice is the user's own best choice; 0.8 m of the 1 m.
+        let x = Axis { first: -49.5 * 2.0 / 254.0, pitch: 2.0 / 254.0, count: 100 };
+        let y = Axis { first: 0.0, pitch: 0.01, count: 1 };
+        let grid = Grid { x, y, z: Axis { first: near, pitch: (far - near) / 99.0, count: 100 } };
+        line(
+            &format!("2-D, {name}"),
+            &echoes(&noise(sweep.clone(), array), &grid),
+            &grid,
+            Method::Convolution,
+            1e-4,
+        );
+    }
+}
+
+fn main() {
+    let asked: Vec<String> = std::env::args().skip(1).filter(|word| !word.starts_with('-')).collect();
+    for (name, run) in [("table", table as fn()), ("growth", growth), ("paper", paper)] {
+        if asked.is_empty() || asked.iter().any(|word| word == name) {
+            println!("{name}, {} threads", rayon::current_num_threads());
+            run();
+        }
+    }
+}
