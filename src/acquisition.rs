@@ -38,7 +38,10 @@ pub use array::{Lattice, MicArray};
 pub use cube::DataCube;
 pub use cube_file::CubeFile;
 pub use setup::{Instrument, Setup};
-pub use simulate::{Noise, PropagationModel, SIMULATION_TOLERANCE, SimulateOptions, simulate};
+pub use simulate::{
+    ArrayErrors, Losses, Noise, PropagationModel, SIMULATION_TOLERANCE, SimulateOptions, simulate,
+    simulate_keeping,
+};
 pub use source::{CubeSource, Visit};
 pub use sweep::Sweep;
 

@@ -10,6 +10,7 @@ mod info;
 mod inputs;
 mod manual;
 mod reproduce;
+mod signals;
 mod summary;
 mod terminal;
 mod verdicts;
@@ -19,13 +20,14 @@ use clap::{Args, CommandFactory, Parser, Subcommand};
 use holosonar::error::Error;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::time::Duration;
 use terminal::Terminal;
 
 /// The version with the commit it was built from.
 const VERSION: &str = concat!(env!("CARGO_PKG_VERSION"), " (", env!("HOLOSONAR_COMMIT"), ")");
 
 const EXIT_STATUS: &str = "Exit status: 0 done; 1 the machine failed (disk, memory); 2 the request or an input file is \
-wrong; 3 a limit of compare or check was missed; 130 interrupted.";
+wrong; 3 a limit of compare or check was missed; 130 interrupted (Ctrl-C), 143 terminated.";
 
 /// Images 3-D scenes with sound: CAD mesh or measured cube in, depth and amplitude EXR out.
 #[derive(Debug, Parser)]
@@ -56,6 +58,25 @@ struct Common {
     /// Most memory to use, as in 2GiB or 500MB; a job that needs more is refused [default: 80 % of what is free].
     #[arg(long, global = true, value_name = "SIZE")]
     memory: Option<String>,
+}
+
+/// How a long job is kept, so that an interrupted one can be taken up by the same command.
+#[derive(Debug, Args, Clone)]
+struct Keeping {
+    /// Keep finished blocks every so many seconds; 0: after every block.
+    #[arg(long, value_name = "SECONDS", default_value_t = 5.0)]
+    checkpoint_every: f64,
+}
+
+impl Keeping {
+    fn every(&self) -> Result<Duration, Error> {
+        Duration::try_from_secs_f64(self.checkpoint_every).map_err(|_| {
+            Error::input(
+                "--checkpoint-every",
+                "was expected to be a number of seconds, 0 or more; 5 is usual",
+            )
+        })
+    }
 }
 
 /// How a run file is changed from the command line.
@@ -100,6 +121,8 @@ enum Command {
         config: Option<PathBuf>,
         #[command(flatten)]
         overrides: Overrides,
+        #[command(flatten)]
+        keeping: Keeping,
     },
     /// Scene to data cube (.npz).
     Simulate {
@@ -110,6 +133,8 @@ enum Command {
         output: PathBuf,
         #[command(flatten)]
         overrides: Overrides,
+        #[command(flatten)]
+        keeping: Keeping,
     },
     /// Data cube to volume (.npz, .exr, .vti, .nrrd by extension).
     Reconstruct {
@@ -123,6 +148,8 @@ enum Command {
         output: Vec<PathBuf>,
         #[command(flatten)]
         settings: Settings,
+        #[command(flatten)]
+        keeping: Keeping,
     },
     /// Volume (.npz) to depth map (.exr), or to its points (.ply).
     Depth {
@@ -189,18 +216,26 @@ enum Command {
         /// Range resolution c/2B in m, when neither file says it.
         #[arg(long, value_name = "M")]
         resolution: Option<f64>,
-        /// Least value of a metric, as in completeness=0.65 (repeatable).
+        /// Least value of a metric, as in completeness=0.65; of a material completeness:glass=0.8, of each pixel's
+        /// second surface completeness#2=0.8 (repeatable).
         #[arg(long, value_name = "NAME=VALUE")]
         min: Vec<String>,
-        /// Greatest value of a metric, as in median_error=0.01 (repeatable).
+        /// Greatest value of a metric, as in median_error=0.01, named as for --min (repeatable).
         #[arg(long, value_name = "NAME=VALUE")]
         max: Vec<String>,
+        /// Draw the error, found minus true, into this file.
+        #[arg(long, value_name = "ERROR.png")]
+        png: Option<PathBuf>,
     },
     /// Runs scenes and holds each to its [expect]: one line a scene, exit status 3 if one misses.
     Check {
         /// Run files.
         #[arg(required = true)]
         runs: Vec<PathBuf>,
+        /// Seeds of [reflectors] to run each scene with, as in 1,2,3; the mean is held to the limits [default: those
+        /// of [expect], or the scene's own].
+        #[arg(long, value_name = "N,N,..", value_delimiter = ',')]
+        seeds: Vec<u32>,
         #[command(flatten)]
         overrides: Overrides,
     },
@@ -255,7 +290,9 @@ pub(crate) fn main() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             terminal.error(&error);
-            ExitCode::from(error.exit_status())
+            ExitCode::from(
+                terminal.signalled().filter(|_| error == Error::Interrupted).unwrap_or(error.exit_status()),
+            )
         }
     }
 }
@@ -283,12 +320,13 @@ fn limit_memory(size: Option<&str>) -> Result<(), Error> {
 
 /// Starts the worker threads before anything else asks for them.
 fn start_threads(threads: Option<u16>) -> Result<(), Error> {
-    let Some(threads) = threads else { return Ok(()) };
-    if threads == 0 {
+    if threads == Some(0) {
         return Err(Error::input("--threads", "0 threads can do nothing; give 1 or more"));
     }
-    rayon::ThreadPoolBuilder::new()
-        .num_threads(threads.into())
-        .build_global()
-        .map_err(|e| Error::environment("threads", format!("{threads} cannot be started: {e}")))
+    // Not left to the first use, which panics where no thread can be had.
+    let count = usize::from(threads.unwrap_or(0));
+    rayon::ThreadPoolBuilder::new().num_threads(count).build_global().map_err(|e| {
+        let problem = format!("the worker threads cannot be started: {e}; -j sets a smaller number of them");
+        Error::environment("threads", problem)
+    })
 }

@@ -90,7 +90,7 @@ impl RunFile {
     ///
     /// The value of an override is TOML; a bare word is text. Files it names are, like the run file's own,
     /// relative to the run file. Overriding one of two keys that exclude each other (`scene.translate` and
-    /// `scene.fit`, `array.pitch` and `array.extent`) withdraws the other.
+    /// `scene.fit`, `array.pitch` and `array.extent`, `medium.sound_speed` and `medium.temperature`) withdraws the other.
     ///
     /// # Errors
     /// A file that cannot be read or is no UTF-8, and everything [`RunFile::from_str_at`] refuses.

@@ -21,11 +21,13 @@
 //! # Ok::<(), holosonar::error::Error>(())
 //! ```
 
+mod columns;
 mod returns;
 
 use crate::error::{Error, Result};
-use crate::grid::{DepthMap, Surface, Volume};
+use crate::grid::{DepthMap, Raster, Surface, Volume};
 use crate::progress::{Observer, stage};
+use columns::Columns;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -71,12 +73,17 @@ pub struct DepthOptions {
     pub return_threshold_db: f64,
     /// Least smoothed power of a further return, dB against its own column's maximum.
     pub return_gate_db: f64,
+    /// How far a further return must stand out, dB: above the median of the power around it, and above the valley
+    /// between it and every stronger return; 0 asks for nothing.
+    pub return_contrast_db: f64,
     /// Least distance between returns, in Δd.
     pub separation: f64,
     /// Gaussian σ of the power smoothing along x, y, z, m.
     pub smoothing: [f64; 3],
     /// Side of the median filter, pixels, odd; 1 for none.
     pub median: usize,
+    /// The pixels; `None` for the grid's own columns.
+    pub raster: Option<Raster>,
 }
 
 impl DepthOptions {
@@ -90,9 +97,11 @@ impl DepthOptions {
             returns: 2,
             return_threshold_db: -20.0,
             return_gate_db: -12.0,
+            return_contrast_db: 5.0,
             separation: 1.5,
             smoothing: [0.02, 0.02, 0.008],
             median: 3,
+            raster: None,
         }
     }
 }
@@ -126,23 +135,23 @@ pub fn locate_depth(volume: &Volume, options: &DepthOptions, observer: &dyn Obse
         return Err(Error::input("depth.median", format!("must be odd, not {}", options.median)));
     }
     let grid = volume.grid;
+    let raster = options.raster.unwrap_or_else(|| Raster::of_grid(&grid));
     stage(observer, "locating depth", 0, || {
         let amplitude: Vec<f32> = volume.samples.par_iter().map(|a| a.norm()).collect();
-        let maxima = column_maxima(&amplitude, grid.plane_len());
-        let reference = percentile_99(&maxima);
+        let columns = Columns::of_amplitude(&amplitude, &grid, &raster);
+        let reference = percentile_99(&columns.maxima());
         let threshold = f64::from(reference) * 10f64.powf(options.threshold_db / 20.0);
-        let found: Vec<Option<Found>> = (0..grid.plane_len())
+        let found: Vec<Option<Found>> = (0..raster.len())
             .into_par_iter()
             .map_init(Vec::new, |column, pixel| {
-                column.clear();
-                column.extend(amplitude.iter().skip(pixel).step_by(grid.plane_len()));
+                columns.read(pixel, column);
                 pick(column, &grid.z, threshold, reference, options)
             })
             .collect();
-        let mut picked = Surface::empty(grid.plane_len());
-        let mut confidence = vec![f32::NAN; grid.plane_len()];
+        let mut picked = Surface::empty(raster.len());
+        let mut confidence = vec![f32::NAN; raster.len()];
         let raw: Vec<f64> = found.iter().map(|f| f.map_or(f64::NAN, |f| f.depth)).collect();
-        let depth = median_filter(&raw, grid.x.count, options.median);
+        let depth = median_filter(&raw, raster.x.count, options.median);
         for (pixel, found) in found.iter().enumerate() {
             if let (Some(found), false) = (found, depth[pixel].is_nan()) {
                 picked.depth[pixel] = depth[pixel] as f32;
@@ -150,21 +159,13 @@ pub fn locate_depth(volume: &Volume, options: &DepthOptions, observer: &dyn Obse
                 confidence[pixel] = found.confidence as f32;
             }
         }
-        let returns =
-            if options.returns >= 2 { returns::find(&amplitude, &grid, options) } else { Vec::new() };
-        Ok(DepthMap { x: grid.x, y: grid.y, picked, confidence, returns })
+        let returns = if options.returns >= 2 {
+            returns::find(&amplitude, &grid, &raster, options)
+        } else {
+            Vec::new()
+        };
+        Ok(DepthMap { confidence, returns, ..DepthMap::new(raster, picked) })
     })
-}
-
-/// The greatest value of every column of a `[z, pixel]` array.
-fn column_maxima(values: &[f32], plane: usize) -> Vec<f32> {
-    let mut maxima = vec![0.0f32; plane];
-    for slice in values.chunks_exact(plane) {
-        for (maximum, value) in maxima.iter_mut().zip(slice) {
-            *maximum = maximum.max(*value);
-        }
-    }
-    maxima
 }
 
 /// The 99th percentile, interpolated linearly; the maximum itself is driven by speckle.
@@ -205,16 +206,23 @@ fn pick(
         Refine::Parabola => parabola(column, index),
         Refine::None => 0.0,
     };
-    let mut sorted = column.to_vec();
-    let middle = sorted.len() / 2;
-    let median = *sorted.select_nth_unstable_by(middle, f32::total_cmp).1;
     let peak = column[index];
-    let decibels = |ratio: f32| 20.0 * f64::from(ratio.max(1e-10)).log10();
-    Some(Found {
-        depth: z.first + z.pitch * (index as f64 + offset),
-        peak,
-        confidence: decibels(peak / reference) + decibels(peak / median.max(peak * 1e-10)),
-    })
+    let confidence = 2.0 * confidence(column, peak.into(), reference.into());
+    Some(Found { depth: z.first + z.pitch * (index as f64 + offset), peak, confidence })
+}
+
+/// Ten times the logarithm of a peak against a reference, plus that against its column's median (PHYSICS Q6): of powers
+/// their level in dB, of amplitudes half of it. Where a ray has left the grid its column is 0 and does not count.
+fn confidence(column: &[f32], peak: f64, reference: f64) -> f64 {
+    let mut inside: Vec<f32> = column.iter().copied().filter(|v| *v > 0.0).collect();
+    let middle = (inside.len() / 2).min(inside.len().saturating_sub(1));
+    let median = if inside.is_empty() {
+        0.0
+    } else {
+        f64::from(*inside.select_nth_unstable_by(middle, f32::total_cmp).1)
+    };
+    let level = |ratio: f64| 10.0 * ratio.max(1e-20).log10();
+    level(peak / reference) + level(peak / median.max(peak * 1e-20))
 }
 
 /// Whether `column[i]` is a local maximum; of equal neighbours the first counts.

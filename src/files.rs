@@ -6,7 +6,7 @@
 pub mod npz;
 
 use crate::error::{Error, Result};
-use std::fs::{self, File};
+use std::fs::{self, File, TryLockError};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
@@ -69,9 +69,9 @@ impl AtomicFile {
             _ => Path::new("."),
         };
         fs::create_dir_all(folder).map_err(failed)?;
-        // The file is opened here rather than by tempfile, which would make it readable to its owner alone.
-        let open = |candidate: &Path| File::options().read(true).write(true).create_new(true).open(candidate);
-        let file = tempfile::Builder::new().prefix(".").suffix(".part").make_in(folder, open);
+        let prefix = part_prefix(&target);
+        remove_abandoned(folder, &prefix);
+        let file = tempfile::Builder::new().prefix(&prefix).suffix(PART).make_in(folder, open_locked);
         Ok(Self { path: path.to_owned(), file: file.map_err(failed)?, target })
     }
 
@@ -92,7 +92,94 @@ impl AtomicFile {
     pub fn commit(self) -> Result<()> {
         let failed = |error: io::Error| Error::writing(&self.path, &error);
         self.file.as_file().sync_all().map_err(failed)?;
-        self.file.persist(&self.target).map_err(|error| failed(error.error)).map(|_| ())
+        self.file.persist(&self.target).map_err(|error| failed(error.error))?;
+        // The new name, too, should outlive a power cut; where a folder cannot be synchronised, the file is there anyway.
+        #[cfg(unix)]
+        if let Some(folder) = self.target.parent().and_then(|folder| File::open(nearest(folder)).ok()) {
+            let _ = folder.sync_all();
+        }
+        Ok(())
+    }
+}
+
+/// What the names of unfinished files end in.
+const PART: &str = ".part";
+
+/// What the names of a target's unfinished files begin with.
+fn part_prefix(target: &Path) -> String {
+    let name = target.file_name().unwrap_or_default().to_string_lossy();
+    // With what is added a name must not grow beyond 255 bytes.
+    let short: String = name.chars().take(48).collect();
+    format!(".{short}.")
+}
+
+/// Makes an unfinished file and locks it, so that nobody takes it for abandoned.
+fn open_locked(candidate: &Path) -> io::Result<File> {
+    // Opened here rather than by tempfile, which would make it readable to its owner alone.
+    let file = File::options().read(true).write(true).create_new(true).open(candidate)?;
+    // Where there are no locks, nothing is ever taken for abandoned.
+    let locked = !matches!(file.try_lock(), Err(TryLockError::WouldBlock));
+    // Between the two it may have been taken for one: then another name is tried.
+    if locked && candidate.exists() { Ok(file) } else { Err(io::ErrorKind::AlreadyExists.into()) }
+}
+
+/// Removes what killed processes left of the same target.
+fn remove_abandoned(folder: &Path, prefix: &str) {
+    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+        let name = entry.file_name();
+        let random = name.to_str().and_then(|name| name.strip_prefix(prefix)?.strip_suffix(PART));
+        if !random
+            .is_some_and(|random| random.len() == 6 && random.bytes().all(|b| b.is_ascii_alphanumeric()))
+        {
+            continue;
+        }
+        let abandoned = File::options().write(true).open(entry.path()).is_ok_and(|f| f.try_lock().is_ok());
+        if abandoned {
+            let _ = fs::remove_file(entry.path());
+        }
+    }
+}
+
+/// The folder itself, or the nearest above it that exists.
+fn nearest(folder: &Path) -> &Path {
+    let existing = folder.ancestors().find(|folder| folder.exists());
+    existing.filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+/// Finds out before any long work whether a file can be written at `path` later; makes nothing.
+///
+/// # Errors
+/// [`Error::Input`] when `path` is a folder or a device, or lies in a file; [`Error::Environment`] when nothing can be
+/// written in its folder.
+pub fn check_writable(path: &Path) -> Result<()> {
+    let target = resolve(path)?;
+    check_folder(target.parent().unwrap_or(Path::new(".")))
+}
+
+/// The same for files in a folder, which may not exist yet.
+///
+/// # Errors
+/// As [`check_writable`].
+pub fn check_folder(folder: &Path) -> Result<()> {
+    let existing = nearest(folder);
+    if !existing.is_dir() {
+        return Err(Error::input(existing.display(), "is a file; a folder was expected for the results"));
+    }
+    let probe = tempfile::Builder::new().prefix(".").suffix(PART).tempfile_in(existing);
+    probe.map(drop).map_err(|error| Error::writing(folder, &error))
+}
+
+/// Bytes that may still be written in a folder, or in the nearest above it that exists; `None` where nobody says.
+pub fn free_space(folder: &Path) -> Option<u64> {
+    #[cfg(unix)]
+    {
+        let found = rustix::fs::statvfs(nearest(folder)).ok()?;
+        found.f_bavail.checked_mul(found.f_frsize)
+    }
+    #[cfg(not(unix))]
+    {
+        let _ = folder;
+        None
     }
 }
 

@@ -3,6 +3,10 @@
 //! Everything is x fastest: volumes are `[z, y, x]`, maps `[y, x]`. An image's column is x (right) and its
 //! row is y (down), so no writer ever flips anything.
 
+mod view;
+
+pub use view::{Raster, View};
+
 use crate::error::{Error, Result};
 use glam::DVec3;
 use num_complex::Complex32;
@@ -171,27 +175,34 @@ impl Volume {
 }
 
 /// One surface per pixel, `[y, x]`; a pixel without one holds NaN in `depth` and 0 in `strength`.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Surface {
     /// Planar depth along +z, m.
     pub depth: Vec<f32>,
     /// Amplitude, linear, in the units of the volume.
     pub strength: Vec<f32>,
-    /// `|n_z|` of the surface's unit normal where it is known (ground truth), so that an error along z can be
-    /// turned into a distance from the surface.
+    /// Where it is known (ground truth): distance from the surface per error in depth. That is `|n · d|` of the unit
+    /// normal and the pixel's ray with d_z = 1; in the orthographic view `|n_z|`.
     pub facing: Option<Vec<f32>>,
+    /// Where it is known (ground truth): what the surface is made of, 1 for the first of [`DepthMap::materials`], 0
+    /// where there is nothing.
+    pub material: Option<Vec<u32>>,
+    /// Confidence of a further return, dB, as [`DepthMap::confidence`]; NaN where there is nothing.
+    pub confidence: Option<Vec<f32>>,
 }
 
 impl Surface {
     /// A surface with nothing in it, for `pixels` pixels.
     pub fn empty(pixels: usize) -> Self {
-        Self { depth: vec![f32::NAN; pixels], strength: vec![0.0; pixels], facing: None }
+        Self { depth: vec![f32::NAN; pixels], strength: vec![0.0; pixels], ..Self::default() }
     }
 }
 
 /// Depth and amplitude per pixel: what a reconstruction found, or what is truly there.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DepthMap {
+    /// What the axes count: metres, or slopes.
+    pub view: View,
     /// Columns.
     pub x: Axis,
     /// Rows.
@@ -202,9 +213,18 @@ pub struct DepthMap {
     pub confidence: Vec<f32>,
     /// All accepted returns, front to back; entry k holds each pixel's k-th. May be empty.
     pub returns: Vec<Surface>,
+    /// Names of the materials that [`Surface::material`] counts; empty where none is known.
+    pub materials: Vec<String>,
 }
 
 impl DepthMap {
+    /// A map of these pixels that knows no more than its picked surface.
+    pub fn new(raster: Raster, picked: Surface) -> Self {
+        let Raster { view, x, y } = raster;
+        let (confidence, returns, materials) = Default::default();
+        Self { view, x, y, picked, confidence, returns, materials }
+    }
+
     /// `[n_y, n_x]`.
     pub fn shape(&self) -> [usize; 2] {
         [self.y.count, self.x.count]
@@ -225,10 +245,19 @@ impl DepthMap {
         self.picked.depth.iter().filter(|z| !z.is_nan()).count()
     }
 
+    /// Its pixels.
+    pub fn raster(&self) -> Raster {
+        Raster { view: self.view, x: self.x, y: self.y }
+    }
+
+    /// Where the picked return of pixel `index` lies, m; NaN where there is none.
+    pub fn point(&self, index: usize) -> DVec3 {
+        self.raster().point(index, f64::from(self.picked.depth[index]))
+    }
+
     /// Range `|p|` of the picked return at pixel `index` from the array's origin, m; NaN where there is none.
     pub fn range(&self, index: usize) -> f64 {
-        let (x, y) = (self.x.position(index % self.x.count), self.y.position(index / self.x.count));
-        DVec3::new(x, y, f64::from(self.picked.depth[index])).length()
+        self.point(index).length()
     }
 }
 

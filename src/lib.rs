@@ -64,7 +64,7 @@
 //! - Only [`pipeline`] and the binary see the run file; stages take their own parameters and do no I/O.
 //! - Only the binary prints, draws progress or exits.
 //! - Every fast path stands beside a literal one, and a test compares them.
-//! - Same inputs and seed, same bytes, for any number of threads. Our own loops give the same bytes for any vector
+//! - Same inputs and seed, same bytes, for any number of threads, limit of memory or interruption. Our own loops give the same bytes for any vector
 //!   width too; the matrix products are another crate's and may round differently on another processor.
 //! - What a user can cause is an [`error::Error`]; a panic is our mistake.
 //! - `unsafe` stands in one file, [`wave::simd`], which also says why it is not under `reconstruct`.
@@ -87,6 +87,7 @@ pub mod metrics;
 pub mod plan;
 pub mod psf;
 pub mod export;
+pub mod checkpoint;
 pub mod reproduce;
 pub mod config;
 pub mod pipeline;

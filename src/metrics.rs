@@ -6,13 +6,13 @@
 //! # Example
 //! Two of three surfaces found within Δd = 17 mm, the third 0.1 m too near:
 //! ```
-//! use holosonar::grid::{Axis, DepthMap, Surface};
+//! use holosonar::grid::{Axis, DepthMap, Raster, Surface, View};
 //! use holosonar::metrics::evaluate;
 //!
 //! let row = |count| Axis { first: 0.0, pitch: 0.01, count };
 //! let map = |depth: [f32; 3]| {
-//!     let picked = Surface { depth: depth.to_vec(), strength: vec![1.0; 3], facing: None };
-//!     DepthMap { x: row(3), y: row(1), picked, confidence: vec![], returns: vec![] }
+//!     let picked = Surface { depth: depth.to_vec(), strength: vec![1.0; 3], ..Surface::default() };
+//!     DepthMap::new(Raster { view: View::Orthographic, x: row(3), y: row(1) }, picked)
 //! };
 //! let metrics = evaluate(&map([1.001, 2.0, 1.4]), &map([1.0, 2.0, 1.5]), 0.017)?;
 //! assert_eq!(metrics.completeness, Some(2.0 / 3.0));
@@ -20,12 +20,16 @@
 //! # Ok::<(), holosonar::error::Error>(())
 //! ```
 
-use crate::error::{Error, Result};
-use crate::grid::{Axis, DepthMap, Surface};
-use serde::{Deserialize, Serialize};
+mod groups;
+mod guard;
 
-/// The guard ring round silhouettes, m.
-pub const GUARD_RING: f64 = 0.04;
+pub use groups::{Group, Measure, Scores, score};
+pub use guard::GUARD_RING;
+
+use crate::error::{Error, Result};
+use crate::grid::{Axis, DepthMap, Surface, View};
+use guard::GuardRing;
+use serde::{Deserialize, Serialize};
 
 /// Every metric; `None` where there was nothing to measure it on.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
@@ -109,7 +113,7 @@ pub fn evaluate(result: &DepthMap, truth: &DepthMap, resolution: f64) -> Result<
         ));
     }
     let surfaces = true_surfaces(truth);
-    let near_silhouette = guard_ring(truth, surfaces);
+    let ring = GuardRing::new(truth, surfaces);
 
     let (mut true_pixels, mut hits) = (0usize, 0usize);
     let (mut scored, mut false_ones) = (0usize, 0usize);
@@ -130,7 +134,7 @@ pub fn evaluate(result: &DepthMap, truth: &DepthMap, resolution: f64) -> Result<
             if let Some(facing) = &surfaces[k].facing {
                 normal_errors.push(error * f64::from(facing[pixel]));
             }
-        } else if !near_silhouette[pixel] {
+        } else if !ring.holds(pixel) {
             scored += 1;
             false_ones += 1;
         }
@@ -232,29 +236,6 @@ fn depths(surfaces: &[Surface], pixel: usize) -> impl Iterator<Item = (usize, f6
     surfaces.iter().map(move |s| f64::from(s.depth[pixel])).enumerate().filter(|(_, z)| !z.is_nan())
 }
 
-/// Empty pixels whose centre lies within the guard ring of a pixel with a true surface.
-fn guard_ring(truth: &DepthMap, surfaces: &[Surface]) -> Vec<bool> {
-    let (n_x, n_y) = (truth.x.count, truth.y.count);
-    let reach = |axis: &Axis| (GUARD_RING / axis.pitch + 1e-6).floor() as isize;
-    let (reach_x, reach_y) = (reach(&truth.x).min(n_x as isize), reach(&truth.y).min(n_y as isize));
-    let occupied: Vec<bool> =
-        (0..truth.len()).map(|pixel| depths(surfaces, pixel).next().is_some()).collect();
-    (0..truth.len())
-        .map(|pixel| {
-            let (x, y) = ((pixel % n_x) as isize, (pixel / n_x) as isize);
-            !occupied[pixel]
-                && (-reach_y..=reach_y).any(|dy| {
-                    (-reach_x..=reach_x).any(|dx| {
-                        let (i, j) = (x + dx, y + dy);
-                        let inside = i >= 0 && j >= 0 && i < n_x as isize && j < n_y as isize;
-                        let distance = (dx as f64 * truth.x.pitch).hypot(dy as f64 * truth.y.pitch);
-                        inside && distance <= GUARD_RING && occupied[j as usize * n_x + i as usize]
-                    })
-                })
-        })
-        .collect()
-}
-
 /// A percentile, interpolated linearly; sorts its argument.
 fn percentile(values: &mut [f64], q: f64) -> Option<f64> {
     values.sort_by(f64::total_cmp);
@@ -266,6 +247,16 @@ fn percentile(values: &mut [f64], q: f64) -> Option<f64> {
 
 /// Both maps must show the same pixels.
 fn check_pixels(result: &DepthMap, truth: &DepthMap) -> Result<()> {
+    if result.view != truth.view {
+        return Err(Error::input(
+            "compare",
+            format!(
+                "the result's view is {}, the truth's {}; make both with the same [depth] view",
+                result.view.name(),
+                truth.view.name()
+            ),
+        ));
+    }
     if result.shape() != truth.shape() {
         return Err(Error::input(
             "compare",
@@ -276,6 +267,7 @@ fn check_pixels(result: &DepthMap, truth: &DepthMap) -> Result<()> {
             ),
         ));
     }
+    let unit = if truth.view == View::Orthographic { " m" } else { " (slopes)" };
     let same = |a: &Axis, b: &Axis| {
         let near = |p: f64, q: f64| (p - q).abs() <= 1e-3 * a.pitch;
         near(a.first, b.first) && near(a.last(), b.last())
@@ -286,7 +278,7 @@ fn check_pixels(result: &DepthMap, truth: &DepthMap) -> Result<()> {
     Err(Error::input(
         "compare",
         format!(
-            "the pixels do not coincide: the result spans x {} .. {}, y {} .. {} m, the truth x {} .. {}, y {} .. {} m",
+            "the pixels do not coincide: the result spans x {} .. {}, y {} .. {}{unit}, the truth x {} .. {}, y {} .. {}{unit}",
             result.x.first,
             result.x.last(),
             result.y.first,
@@ -302,24 +294,21 @@ fn check_pixels(result: &DepthMap, truth: &DepthMap) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::grid::Raster;
 
     const N: f32 = f32::NAN;
 
     fn surface(depth: &[f32]) -> Surface {
         let strength = depth.iter().map(|z| if z.is_nan() { 0.0 } else { 1.0 }).collect();
-        Surface { depth: depth.to_vec(), strength, facing: None }
+        Surface { depth: depth.to_vec(), strength, ..Surface::default() }
     }
 
     /// One row of pixels 3 cm apart.
     fn map(picked: &[f32], returns: &[&[f32]]) -> DepthMap {
         let axis = |count| Axis { first: 0.0, pitch: 0.03, count };
-        DepthMap {
-            x: axis(picked.len()),
-            y: axis(1),
-            picked: surface(picked),
-            confidence: Vec::new(),
-            returns: returns.iter().map(|r| surface(r)).collect(),
-        }
+        let raster = Raster { view: View::Orthographic, x: axis(picked.len()), y: axis(1) };
+        let returns = returns.iter().map(|r| surface(r)).collect();
+        DepthMap { returns, ..DepthMap::new(raster, surface(picked)) }
     }
 
     #[test]
@@ -365,5 +354,19 @@ mod tests {
         shifted.x.first = 0.01;
         assert!(evaluate(&shifted, &map(&[1.0, 1.0], &[]), 0.01).is_err());
         assert!(evaluate(&map(&[1.0], &[]), &map(&[1.0], &[]), 0.0).is_err());
+        let camera = DepthMap { view: View::Perspective, ..map(&[1.0], &[]) };
+        let refused = evaluate(&map(&[1.0], &[]), &camera, 0.01).expect_err("another view").to_string();
+        assert!(refused.contains("orthographic") && refused.contains("perspective"), "{refused}");
+    }
+
+    #[test]
+    fn the_guard_ring_is_as_wide_in_metres_for_a_camera() {
+        // One pixel is 3 cm at depth 1 m, and 6 cm at 2 m: the ring of 4 cm holds the neighbour only of the former.
+        for (z, false_returns) in [(1.0, Some(0.0)), (2.0, Some(0.5))] {
+            let view = View::Perspective;
+            let truth = DepthMap { view, ..map(&[z, N], &[]) };
+            let result = DepthMap { view, ..map(&[z, z], &[]) };
+            assert_eq!(evaluate(&result, &truth, 0.01).expect("same pixels").false_returns, false_returns);
+        }
     }
 }

@@ -19,6 +19,7 @@ mod design;
 mod echoes;
 mod facts;
 mod forecast;
+mod identity;
 mod limits;
 mod log;
 mod outputs;
@@ -28,22 +29,23 @@ mod report;
 pub use design::{Combination, DesignRow, DesignSweep, RunWith, SweptKey, point_spreads, sweep_designs};
 pub use facts::resolution_of;
 pub use forecast::{Forecast, forecast_cube, forecast_scene};
-pub use limits::{Bound, Verdict, hold};
-pub use outputs::{write_cube, write_depth, write_outputs, write_volume};
+pub use limits::{Bound, Judgement, Verdict, check_scene, hold};
+pub use outputs::{error_note, write_cube, write_depth, write_outputs, write_volume};
 pub use page::write_page;
 pub use report::{Report, SceneSummary};
 
-use crate::acquisition::{CubeFile, CubeSource, DataCube, Instrument, Setup, Sweep};
+use crate::acquisition::{CubeFile, CubeSource, DataCube, Detection, Instrument, Setup, Sweep};
+use crate::checkpoint::{Checkpoint, KeptVolume, Patient};
 use crate::config::RunFile;
 use crate::depth::locate_depth;
 use crate::error::{Error, Result};
 use crate::export::volume_npz::read_volume_npz;
 use crate::files::extension;
-use crate::grid::{DepthMap, Grid};
-use crate::metrics::{Metrics, evaluate};
+use crate::grid::{DepthMap, Grid, Raster, Volume};
+use crate::metrics::{Metrics, Scores, score};
 use crate::plan::{Holding, Plan, check_memory, gib, memory_limit, needs, plan};
 use crate::progress::{Observer, stage};
-use crate::reconstruct::{Reconstruction, reconstruct_into, reconstruct_whole};
+use crate::reconstruct::{Made, Reconstruction, reconstruct_into};
 use crate::reflectors::Reflectors;
 use crate::scene::Scene;
 use crate::truth::trace_depth;
@@ -62,6 +64,8 @@ pub struct Outcome {
     pub scene: Option<SceneSummary>,
     /// The reflectors simulated, when they were.
     pub reflectors: Option<Reflectors>,
+    /// What was simulated beyond Eq. 5 and done to the volume, in words.
+    pub physics: Vec<String>,
     /// What it was, or would be, measured with.
     pub instrument: Instrument,
     /// The volume, and how it was come by.
@@ -72,6 +76,8 @@ pub struct Outcome {
     pub truth: Option<DepthMap>,
     /// The one against the other.
     pub metrics: Option<Metrics>,
+    /// The same, and by material and by surface.
+    pub scores: Option<Scores>,
     /// Seconds per stage, in order.
     pub timings: Vec<(String, f64)>,
     /// What the user should know.
@@ -85,33 +91,81 @@ pub struct Outcome {
 /// # Errors
 /// What the stages refuse; a run file without a scene.
 pub fn image_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Result<Outcome> {
+    image_scene_keeping(run, bare, &Checkpoint::off(), observer)
+}
+
+/// The same, keeping finished blocks and taking up those of an interrupted run. [`Checkpoint::remove`] ends it, once the
+/// files are written.
+///
+/// # Errors
+/// As [`image_scene`]; no room for the files; another process at the same job.
+pub fn image_scene_keeping(
+    run: &RunFile,
+    bare: bool,
+    checkpoint: &Checkpoint,
+    observer: &dyn Observer,
+) -> Result<Outcome> {
     let log = Log::new(observer);
     need_bandwidth("[sweep]", &run.sweep()?)?;
     let echoes = log.timed("scene", || Echoes::of(run, bare, true, &log))?;
-    echoes.warn(&log);
-    let cube = log.timed("simulate", || echoes.simulate(run, &log))?;
-    let (image, depth) = focus(run, &mut &cube, &echoes.grid, &log)?;
+    let raster = run.raster(echoes.scene.as_ref().and_then(Scene::camera))?;
+    echoes.warn(run, &log);
+    let volume = outputs::volume_bytes(run, &echoes.grid);
+    checkpoint.need_space(volume)?;
+    checkpoint.open(&identity::of_scene("image", run, &echoes), observer)?;
+    let patient = Patient::new(checkpoint, &log);
+    let cube = log.timed("simulate", || echoes.simulate(run, &mut checkpoint.cube(&patient), &patient))?;
+    let (image, depth) = focus(run, &mut &cube, &echoes.grid, raster, checkpoint, &log)?;
     drop(cube);
     let truth = match &echoes.scene {
         Some(scene) => {
-            let options = run.truth_options(&echoes.setup());
+            let mut options = run.truth_options(&echoes.setup());
+            options.raster = raster;
             Some(log.timed("truth", || trace_depth(scene, &echoes.grid, &options, &log))?)
         }
         None => None,
     };
     let resolution = echoes.setup().range_resolution().unwrap_or(f64::NAN);
-    let metrics = truth.as_ref().map(|truth| evaluate(&depth, truth, resolution)).transpose()?;
+    let scores = truth.as_ref().map(|truth| score(&depth, truth, resolution)).transpose()?;
+    let metrics = scores.as_ref().map(|scores| scores.all);
     let instrument = echoes.setup().to_instrument();
+    let physics = echoes.physics(run);
     let (scene, reflectors, plan) = (echoes.summary(), Some(echoes.reflectors), echoes.plan);
     let (timings, warnings) = log.finish();
-    Ok(Outcome { plan, scene, reflectors, instrument, image, depth, truth, metrics, timings, warnings })
+    Ok(Outcome {
+        plan,
+        scene,
+        reflectors,
+        physics,
+        instrument,
+        image,
+        depth,
+        truth,
+        metrics,
+        scores,
+        timings,
+        warnings,
+    })
 }
 
 /// Cube in, everything but truth and metrics out.
 ///
 /// # Errors
 /// What the stages refuse; a run file without a grid.
-pub fn image_cube(run: &RunFile, mut cube: CubeFile, observer: &dyn Observer) -> Result<Outcome> {
+pub fn image_cube(run: &RunFile, cube: CubeFile, observer: &dyn Observer) -> Result<Outcome> {
+    image_cube_keeping(run, cube, &Checkpoint::off(), observer)
+}
+
+/// The same, keeping finished blocks and taking up those of an interrupted run.
+///
+/// # Errors
+/// As [`image_cube`]; no room for the files; another process at the same job.
+pub fn image_cube_keeping(
+    run: &RunFile,
+    mut cube: CubeFile,
+    checkpoint: &Checkpoint,
+    observer: &dyn Observer,
+) -> Result<Outcome> {
     let log = Log::new(observer);
     let instrument = cube.setup().to_instrument();
     need_bandwidth("the cube's `frequencies`", &instrument.sweep)?;
@@ -120,30 +174,61 @@ pub fn image_cube(run: &RunFile, mut cube: CubeFile, observer: &dyn Observer) ->
     warn_all(&plan.warnings, &log);
     let holding = Holding { samples: cube.held_bytes(), volume: true, depth: true, ..Holding::default() };
     room(run, &instrument.setup(), &grid, holding, &log)?;
-    let (image, depth) = focus(run, &mut cube, &grid, &log)?;
+    let raster = run.raster(None)?;
+    checkpoint.need_space(outputs::volume_bytes(run, &grid))?;
+    checkpoint.open(&identity::of_cube("image", run, &mut cube, &grid)?, observer)?;
+    let (image, depth) = focus(run, &mut cube, &grid, raster, checkpoint, &log)?;
     let (timings, warnings) = log.finish();
-    let (scene, reflectors, truth, metrics) = (None, None, None, None);
-    Ok(Outcome { plan, scene, reflectors, instrument, image, depth, truth, metrics, timings, warnings })
+    let (scene, reflectors, truth, metrics, scores) = (None, None, None, None, None);
+    let physics: Vec<String> = facts::compensation(run).into_iter().collect();
+    Ok(Outcome {
+        plan,
+        scene,
+        reflectors,
+        physics,
+        instrument,
+        image,
+        depth,
+        truth,
+        metrics,
+        scores,
+        timings,
+        warnings,
+    })
 }
 
-/// Scene in, cube out.
+/// Scene in, cube out; keeps finished blocks and takes up those of an interrupted run.
 ///
 /// # Errors
-/// What the stages refuse; a run file without a scene.
-pub fn simulate_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Result<DataCube> {
+/// What the stages refuse; a run file without a scene; no room for the file; another process at the same job.
+pub fn simulate_scene(
+    run: &RunFile,
+    bare: bool,
+    checkpoint: &Checkpoint,
+    observer: &dyn Observer,
+) -> Result<DataCube> {
     let echoes = Echoes::of(run, bare, false, observer)?;
-    echoes.warn(observer);
-    echoes.simulate(run, observer)
+    echoes.warn(run, observer);
+    let bytes = echoes.setup().cube_bytes();
+    // In-phase samples are written without imaginary parts.
+    let written = if echoes.setup().detection == Detection::InPhase { bytes / 2 } else { bytes };
+    checkpoint.need_space(written)?;
+    checkpoint.open(&identity::of_scene("simulate", run, &echoes), observer)?;
+    let patient = Patient::new(checkpoint, observer);
+    echoes.simulate(run, &mut checkpoint.cube(&patient), &patient)
 }
 
-/// Cube in, volume files out, and their names; of the run file only `[grid]` and `[reconstruct]` count.
+/// Cube in, volume files out, and their names; of the run file only `[grid]` and `[reconstruct]` count. Keeps finished
+/// blocks and takes up those of an interrupted run.
 ///
 /// # Errors
-/// What the stages refuse; a run file without a grid; a file that cannot be written.
+/// What the stages refuse; a run file without a grid; a file that cannot be written, or no room for it; another process
+/// at the same job.
 pub fn reconstruct_cube(
     run: &RunFile,
     mut cube: CubeFile,
     outputs: &[PathBuf],
+    checkpoint: &Checkpoint,
     observer: &dyn Observer,
 ) -> Result<Vec<PathBuf>> {
     let instrument = cube.setup().to_instrument();
@@ -154,8 +239,12 @@ pub fn reconstruct_cube(
     let volume = outputs.iter().any(|path| outputs::needs_all(path));
     let holding = Holding { samples: cube.held_bytes(), volume, ..Holding::default() };
     room(run, &setup, &grid, holding, observer)?;
-    let mut files = outputs::VolumeFiles::new(setup, run, grid, outputs);
-    reconstruct_into(&mut cube, &grid, &run.reconstruct_options(), &mut files, observer)?;
+    checkpoint.need_space(outputs.iter().map(|path| outputs::bytes_of(path, run, &grid)).sum())?;
+    checkpoint.open(&identity::of_cube("reconstruct", run, &mut cube, &grid)?, observer)?;
+    let patient = Patient::new(checkpoint, observer);
+    let mut files = outputs::VolumeFiles::new(instrument.setup(), run, grid, outputs);
+    let mut kept = KeptVolume::new(checkpoint, &mut files, grid.plane_len(), &patient);
+    reconstruct_into(&mut cube, &grid, &run.reconstruct_options(), &mut kept, &patient)?;
     files.finish()
 }
 
@@ -173,7 +262,7 @@ pub fn depth_of_volume(
     observer: &dyn Observer,
 ) -> Result<(DepthMap, Value)> {
     let (volume, meta) = stage(observer, "reading the volume", 0, || read_volume_npz(path, limit))?;
-    let from_run = || run.medium.sound_speed / (2.0 * (run.sweep.stop - run.sweep.start));
+    let from_run = || run.medium.speed() / (2.0 * (run.sweep.stop - run.sweep.start));
     let resolution = resolution_of(&meta).or_else(|| sweep_known.then(from_run)).ok_or_else(|| {
         Error::input(
             path.display(),
@@ -181,7 +270,9 @@ pub fn depth_of_volume(
              with -c",
         )
     })?;
-    Ok((locate_depth(&volume, &run.depth_options(resolution), observer)?, meta))
+    let mut options = run.depth_options(resolution);
+    options.raster = run.raster(None)?;
+    Ok((locate_depth(&volume, &options, observer)?, meta))
 }
 
 /// Run file in, ground truth and its facts out; nothing is simulated.
@@ -200,32 +291,10 @@ pub fn truth_of_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Res
     let scene = load_scene(path, run, bare, observer)?;
     let setup = measurement.setup();
     let grid = run.voxels(&setup, scene.bounds())?;
-    let truth = trace_depth(&scene, &grid, &run.truth_options(&setup), observer)?;
+    let mut options = run.truth_options(&setup);
+    options.raster = run.raster(scene.camera())?;
+    let truth = trace_depth(&scene, &grid, &options, observer)?;
     Ok((facts::setup_facts(&setup, run), truth))
-}
-
-/// Runs a scene and holds its metrics to the run file's `[expect]`: what `check` does, and our regression tests.
-///
-/// # Errors
-/// What the stages refuse; a run file without `[expect]`, or a scene without a truth.
-pub fn check_scene(
-    path: &Path,
-    overrides: &[String],
-    observer: &dyn Observer,
-) -> Result<(Metrics, Vec<Verdict>)> {
-    let run = RunFile::load(path, overrides)?;
-    if run.expect.limits.is_empty() {
-        return Err(Error::input(
-            path.display(),
-            "has no [expect], so there is nothing to hold it to; add for example `completeness = { min = 0.65 }`",
-        ));
-    }
-    let metrics = image_scene(&run, false, observer)?.metrics.ok_or_else(|| {
-        Error::input(path.display(), "has no mesh and so no truth to be held to; [expect] needs one")
-    })?;
-    let bounds =
-        run.expect.limits.iter().map(|(metric, limit)| Bound { metric: metric.clone(), limit: *limit });
-    Ok((metrics, hold(&metrics, bounds)))
 }
 
 /// Refuses to look for depth with a single tone, before the long work rather than after it.
@@ -245,11 +314,19 @@ fn focus(
     run: &RunFile,
     source: &mut dyn CubeSource,
     grid: &Grid,
+    raster: Option<Raster>,
+    checkpoint: &Checkpoint,
     log: &Log,
 ) -> Result<(Reconstruction, DepthMap)> {
     let resolution = source.setup().range_resolution().unwrap_or(f64::NAN);
     let options = run.reconstruct_options();
-    let image = log.timed("reconstruct", || reconstruct_whole(source, grid, &options, log))?;
+    let patient = Patient::new(checkpoint, log);
+    // Filled when the reconstruction begins, so that nothing is reserved for a job that is refused.
+    let mut volume = Volume { grid: *grid, samples: Vec::new() };
+    let mut kept = KeptVolume::new(checkpoint, &mut volume, grid.plane_len(), &patient);
+    let made = log.timed("reconstruct", || reconstruct_into(source, grid, &options, &mut kept, &patient))?;
+    let Made { method, error_bound } = made;
+    let image = Reconstruction { volume, method, error_bound };
     log.note(&format!(
         "{}, {} x {} x {} voxels, each to within {:.1e}; the peak is {:.3e}",
         format!("{:?}", image.method).to_lowercase(),
@@ -259,7 +336,9 @@ fn focus(
         image.error_bound,
         image.volume.peak()
     ));
-    let depth = log.timed("depth", || locate_depth(&image.volume, &run.depth_options(resolution), log))?;
+    let mut search = run.depth_options(resolution);
+    search.raster = raster;
+    let depth = log.timed("depth", || locate_depth(&image.volume, &search, log))?;
     log.note(&format!("a return at {} of {} pixels", depth.accepted(), depth.len()));
     if depth.accepted() == 0 {
         log.warn(
@@ -301,6 +380,11 @@ fn scene_path(run: &RunFile) -> Result<&Path> {
             "is missing; name a mesh (.obj, .gltf, .glb, .stl, .ply) or a reflector list (.csv)",
         )
     })
+}
+
+/// Whether a scene file is in metres by its format's own rules: glTF.
+fn is_in_metres(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gltf") || e.eq_ignore_ascii_case("glb"))
 }
 
 /// Whether a scene file is a list of reflectors.

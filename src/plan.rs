@@ -35,7 +35,7 @@ mod resolution;
 mod suggest;
 
 pub use design::{Design, design};
-pub use memory::{available_memory, check_sampling, gib, limit_memory, memory_limit};
+pub use memory::{WAITING, available_memory, check_sampling, gib, limit_memory, memory_limit};
 pub use needs::{Holding, Needs, check_memory, check_simulation, needs};
 pub use resolution::Profile;
 
@@ -211,13 +211,15 @@ fn ambiguity_warning(setup: &Setup, shortest: f64, longest: f64) -> Option<Strin
     })
 }
 
-/// Warnings about a scene whose size does not go with the sound: the usual sign of a wrong unit.
-pub fn scale_warnings(setup: &Setup, low: DVec3, high: DVec3) -> Vec<String> {
+/// Warnings about a scene whose size does not go with the sound: the usual sign of a wrong unit, or, where the file is
+/// `in_metres` by its own rules, of a wrong scale.
+pub fn scale_warnings(setup: &Setup, low: DVec3, high: DVec3, in_metres: bool) -> Vec<String> {
+    let keys = if in_metres { "[scene] scale" } else { "[scene] unit and scale" };
     let size = (high - low).max_element();
     let mut warnings = Vec::new();
     if size < setup.wavelength() {
         warnings.push(format!(
-            "the whole scene measures {:.2} mm, less than one wavelength ({:.1} mm); check [scene] unit and scale",
+            "the whole scene measures {:.2} mm, less than one wavelength ({:.1} mm); check {keys}",
             size * 1e3,
             setup.wavelength() * 1e3
         ));
@@ -225,8 +227,8 @@ pub fn scale_warnings(setup: &Setup, low: DVec3, high: DVec3) -> Vec<String> {
     let range = setup.unambiguous_path().map(|path| path / 2.0);
     if let Some(range) = range.filter(|range| high.length() > *range) {
         warnings.push(format!(
-            "the scene reaches {:.2} m away, beyond the unambiguous range of {range:.2} m; check [scene] unit and \
-             scale, or use a smaller [sweep] step",
+            "the scene reaches {:.2} m away, beyond the unambiguous range of {range:.2} m; check {keys}, or \
+             use a smaller [sweep] step",
             high.length()
         ));
     }
@@ -330,9 +332,15 @@ mod tests {
     #[test]
     fn a_scene_in_the_wrong_unit_is_noticed() {
         with_setup(31, 1.0, 40.0, Detection::Quadrature, |setup| {
-            assert!(scale_warnings(setup, DVec3::ZERO, DVec3::splat(0.002))[0].contains("wavelength"));
-            assert!(scale_warnings(setup, DVec3::ZERO, DVec3::splat(200.0))[0].contains("unambiguous range"));
-            assert!(scale_warnings(setup, DVec3::new(-0.5, -0.5, 1.0), DVec3::new(0.5, 0.5, 2.0)).is_empty());
+            assert!(scale_warnings(setup, DVec3::ZERO, DVec3::splat(0.002), false)[0].contains("wavelength"));
+            let far =
+                |in_metres| scale_warnings(setup, DVec3::ZERO, DVec3::splat(200.0), in_metres).remove(0);
+            assert!(
+                far(false).contains("unambiguous range") && far(false).contains("[scene] unit and scale")
+            );
+            assert!(far(true).contains("check [scene] scale"));
+            let (low, high) = (DVec3::new(-0.5, -0.5, 1.0), DVec3::new(0.5, 0.5, 2.0));
+            assert!(scale_warnings(setup, low, high, false).is_empty());
         });
     }
 }

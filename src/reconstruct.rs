@@ -11,6 +11,7 @@
 
 mod backprojection;
 mod circle;
+mod compensation;
 mod convolution;
 mod cost;
 mod direct;
@@ -35,6 +36,7 @@ use crate::acquisition::{CubeSource, DataCube, Setup};
 use crate::error::{Error, Result};
 use crate::grid::{Grid, Volume, zeros};
 use crate::progress::Observer;
+use compensation::Compensated;
 use lattice::SharedLattice;
 use num_complex::Complex32;
 use serde::{Deserialize, Serialize};
@@ -68,6 +70,9 @@ pub struct ReconstructOptions {
     /// Error allowed to `Convolution` and `Backprojection`, relative to `Σ|w m| / Σw`; 0 sums every frequency on a
     /// lattice that fits.
     pub tolerance: f64,
+    /// Whether to undo spherical spreading: every voxel is multiplied by `|p − s| |p − r_c| / (1 m)²`, r_c the array's
+    /// centre (monostatic: `|p − r_c|²`), so that a unit reflector peaks at 1 again, and noise grows with distance.
+    pub compensate: bool,
 }
 
 impl Default for ReconstructOptions {
@@ -77,9 +82,9 @@ impl Default for ReconstructOptions {
 }
 
 impl ReconstructOptions {
-    /// Options of a given method and window, with the default tolerance of 10⁻⁴.
+    /// Options of a given method and window, with the default tolerance of 10⁻⁴ and nothing compensated.
     pub fn new(method: Method, window: Window) -> Self {
-        Self { method, window, tolerance: 1e-4 }
+        Self { method, window, tolerance: 1e-4, compensate: false }
     }
 }
 
@@ -275,12 +280,9 @@ pub trait VolumeSink {
     /// See [`VolumeSink::begin`].
     fn take(&mut self, first: usize, planes: &[Complex32]) -> Result<()>;
 
-    /// Takes all depths at once, from a method that cannot finish one before the others.
-    ///
-    /// # Errors
-    /// See [`VolumeSink::begin`].
-    fn take_all(&mut self, samples: Vec<Complex32>) -> Result<()> {
-        self.take(0, &samples)
+    /// Depths that the sink has already from the first on, of an earlier run; they need not come again.
+    fn done(&self) -> usize {
+        0
     }
 }
 
@@ -296,11 +298,6 @@ impl VolumeSink for Volume {
             self.samples = room_for(&self.grid)?;
         }
         self.samples[first * self.grid.plane_len()..][..planes.len()].copy_from_slice(planes);
-        Ok(())
-    }
-
-    fn take_all(&mut self, samples: Vec<Complex32>) -> Result<()> {
-        self.samples = samples;
         Ok(())
     }
 }
@@ -360,15 +357,33 @@ pub fn reconstruct_into(
         observer.warn(&warning);
     }
     let weights = Weights::new(&setup, options.window);
+    if !options.compensate {
+        return carry_out(&choice, &weights, source, grid, options, sink, observer);
+    }
+    let mut compensated = Compensated::new(&setup, grid, sink);
+    let made = carry_out(&choice, &weights, source, grid, options, &mut compensated, observer)?;
+    Ok(compensated.made(&made))
+}
+
+/// The method that was chosen.
+fn carry_out(
+    choice: &Choice,
+    weights: &Weights,
+    source: &mut dyn CubeSource,
+    grid: &Grid,
+    options: &ReconstructOptions,
+    sink: &mut dyn VolumeSink,
+    observer: &dyn Observer,
+) -> Result<Made> {
     match choice {
-        Choice::Direct => direct::direct(source, &weights, grid, sink, observer),
+        Choice::Direct => direct::direct(source, weights, grid, sink, observer),
         Choice::Convolution(lattice) => {
-            convolution::convolution(source, &weights, &lattice, grid, options.tolerance, sink, observer)
+            convolution::convolution(source, weights, lattice, grid, options.tolerance, sink, observer)
         }
         Choice::Backprojection(plan) => {
-            backprojection::backprojection(source, &weights, &plan, options.tolerance, sink, observer)
+            backprojection::backprojection(source, weights, plan, options.tolerance, sink, observer)
         }
-        Choice::Linear(plan) => linear::linear(source, &weights, &plan, sink, observer),
+        Choice::Linear(plan) => linear::linear(source, weights, plan, sink, observer),
     }
 }
 
@@ -382,13 +397,16 @@ fn no_room(tones: u64, microphones: u64) -> Error {
 
 /// Room for the voxels of a grid, filled with zeros.
 fn room_for(grid: &Grid) -> Result<Vec<Complex32>> {
-    zeros(grid.voxel_count()).ok_or_else(|| {
-        Error::environment(
-            "memory",
-            format!(
-                "a volume of {} voxels does not fit; use a smaller grid or a larger pitch",
-                grid.voxel_count()
-            ),
-        )
-    })
+    zeros(grid.voxel_count()).ok_or_else(|| no_room_for(grid))
+}
+
+/// The refusal of a grid that does not fit, all of it or the depths that are worked on at a time.
+fn no_room_for(grid: &Grid) -> Error {
+    Error::environment(
+        "memory",
+        format!(
+            "a volume of {} voxels does not fit; use a smaller grid or a larger pitch",
+            grid.voxel_count()
+        ),
+    )
 }

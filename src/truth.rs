@@ -24,7 +24,7 @@
 //! ```
 
 use crate::error::Result;
-use crate::grid::{DepthMap, Grid, Surface};
+use crate::grid::{DepthMap, Grid, Raster, Surface};
 use crate::progress::{Observer, advance, stage};
 use crate::scene::Scene;
 use glam::DVec3;
@@ -38,29 +38,33 @@ pub struct TruthOptions {
     pub speaker: Option<DVec3>,
     /// Whether the expected strength falls with the cosine at the speaker.
     pub lambert: bool,
+    /// The pixels; `None` for the grid's own columns.
+    pub raster: Option<Raster>,
 }
 
 impl TruthOptions {
     /// Truth as heard from `speaker`.
     pub fn heard_from(speaker: DVec3) -> Self {
-        Self { speaker: Some(speaker), lambert: true }
+        Self { speaker: Some(speaker), lambert: true, raster: None }
     }
 }
 
 /// A true surface at one pixel.
 #[derive(Debug, Clone, Copy)]
 struct Hit {
-    depth: f64,
+    point: DVec3,
     strength: f64,
     facing: f64,
+    material: u32,
 }
 
-/// Traces a ray along +z through every pixel and keeps the surfaces that can be heard, front to back.
+/// Traces a ray through the centre of every pixel and keeps the surfaces that can be heard, front to back.
 ///
-/// A ray starts in the array's plane and ends at the first opaque surface. Surfaces the speaker does not reach are
-/// left out, and so are those outside the imaged depths (half a voxel of margin), which no reconstruction on this
-/// grid could show. The picked surface is the first. `strength` is reflectance × |cos| × transmittance there and
-/// back; `facing` is `|n_z|`.
+/// A ray starts in the array's plane (in the perspective view at the origin) and ends at the first opaque surface.
+/// Surfaces the speaker does not reach are left out, and so are those outside the imaged box (half a voxel of margin),
+/// which no reconstruction on this grid could show. The picked surface is the first. `strength` is reflectance × |cos|
+/// × transmittance there and back; `facing` is the distance from the surface per error in depth; `material` counts the
+/// scene's materials, from 1.
 ///
 /// Cost: one ray per pixel and one per surface found.
 ///
@@ -72,18 +76,22 @@ pub fn trace_depth(
     options: &TruthOptions,
     observer: &dyn Observer,
 ) -> Result<DepthMap> {
-    let (n_x, n_y) = (grid.x.count, grid.y.count);
+    let raster = options.raster.unwrap_or_else(|| Raster::of_grid(grid));
+    let ends =
+        [grid.x, grid.y, grid.z].map(|axis| (axis.first - 0.5 * axis.pitch, axis.last() + 0.5 * axis.pitch));
     let far = scene.bounds().map_or(0.0, |(_, high)| high.z) + 1.0;
-    let (near_end, far_end) = (grid.z.first - 0.5 * grid.z.pitch, grid.z.last() + 0.5 * grid.z.pitch);
-    let rows = stage(observer, "tracing truth", n_y as u64, || {
-        (0..n_y)
+    let far = far.max(ends[2].1);
+    let rows = stage(observer, "tracing truth", raster.y.count as u64, || {
+        (0..raster.y.count)
             .into_par_iter()
             .map(|iy| {
-                let row: Vec<Vec<Hit>> = (0..n_x)
+                let row: Vec<Vec<Hit>> = (0..raster.x.count)
                     .map(|ix| {
-                        let start = DVec3::new(grid.x.position(ix), grid.y.position(iy), 0.0);
-                        let mut hits = column(scene, start, far.max(far_end), options);
-                        hits.retain(|hit| (near_end..=far_end).contains(&hit.depth));
+                        let mut hits = hits(scene, &raster, iy * raster.x.count + ix, far, options);
+                        hits.retain(|hit| {
+                            let p = hit.point.to_array();
+                            ends.iter().zip(p).all(|(&(low, high), p)| (low..=high).contains(&p))
+                        });
                         hits
                     })
                     .collect();
@@ -97,26 +105,32 @@ pub fn trace_depth(
         .map(|k| {
             let mut surface = Surface::empty(pixels.len());
             let mut facing = vec![f32::NAN; pixels.len()];
+            let mut material = vec![0; pixels.len()];
             for (pixel, hits) in pixels.iter().enumerate() {
                 if let Some(hit) = hits.get(k) {
-                    surface.depth[pixel] = hit.depth as f32;
+                    surface.depth[pixel] = hit.point.z as f32;
                     surface.strength[pixel] = hit.strength as f32;
                     facing[pixel] = hit.facing as f32;
+                    material[pixel] = hit.material + 1;
                 }
             }
-            surface.facing = Some(facing);
+            (surface.facing, surface.material) = (Some(facing), Some(material));
             surface
         })
         .collect();
-    Ok(DepthMap { x: grid.x, y: grid.y, picked: returns[0].clone(), confidence: Vec::new(), returns })
+    let materials = scene.materials().iter().map(|material| material.name.clone()).collect();
+    let picked = returns[0].clone();
+    Ok(DepthMap { returns, materials, ..DepthMap::new(raster, picked) })
 }
 
-/// The surfaces along +z from `start` down to an opaque one, as far as they can be heard.
-fn column(scene: &Scene, start: DVec3, far: f64, options: &TruthOptions) -> Vec<Hit> {
+/// The surfaces along a pixel's ray down to an opaque one, as far as they can be heard.
+fn hits(scene: &Scene, raster: &Raster, pixel: usize, far: f64, options: &TruthOptions) -> Vec<Hit> {
+    let (start, ray) = (raster.point(pixel, 0.0), raster.ray(pixel));
+    let per_metre = 1.0 / ray.length();
     let mut hits = Vec::new();
-    for crossing in scene.crossings(start, start.with_z(far)) {
+    for crossing in scene.crossings(start, start + ray * far) {
         let triangle = &scene.triangles()[crossing.triangle as usize];
-        let (p, normal) = (start + DVec3::Z * crossing.distance, triangle.normal());
+        let (p, normal) = (start + ray * (crossing.distance * per_metre), triangle.normal());
         let (transmittance, cosine) = options.speaker.map_or((1.0, 1.0), |speaker| {
             let towards = (speaker - p).normalize_or_zero();
             (scene.transmittance(speaker, p), if options.lambert { normal.dot(towards).abs() } else { 1.0 })
@@ -124,9 +138,10 @@ fn column(scene: &Scene, start: DVec3, far: f64, options: &TruthOptions) -> Vec<
         if transmittance > 0.0 {
             let reflectance = scene.materials()[triangle.material as usize].reflectance;
             hits.push(Hit {
-                depth: p.z,
+                point: p,
                 strength: reflectance * cosine * transmittance * transmittance,
-                facing: normal.z.abs(),
+                facing: normal.dot(ray).abs(),
+                material: triangle.material,
             });
         }
         if crossing.transmittance <= 0.0 {
@@ -153,7 +168,7 @@ mod tests {
             ]
         };
         let material = |transmittance| Material {
-            name: String::new(),
+            name: format!("lets {transmittance} through"),
             reflectance: 1.0 - transmittance,
             transmittance,
             source: String::new(),
@@ -183,8 +198,39 @@ mod tests {
         // The plate reflects 0.4; the backdrop behind it is crossed twice.
         let cosine = 2.0 / DVec3::new(0.45, 0.05, 2.0).length();
         assert!((f64::from(map.returns[1].strength[40]) - 0.36 * cosine).abs() < 2e-3);
+        assert_eq!(map.materials, ["lets 0.6 through", "lets 0 through"]);
+        let ids = |k: usize| map.returns[k].material.as_ref().expect("known")[..10].to_vec();
+        assert_eq!(ids(0), [1, 1, 1, 1, 1, 2, 2, 2, 2, 2]);
+        assert_eq!(ids(1), [2, 2, 2, 2, 2, 0, 0, 0, 0, 0]);
         let map = trace_depth(&scene(0.0), &grid([0.5, 2.5]), &options, &Silent).expect("valid");
         assert_eq!(map.returns.len(), 1);
+    }
+
+    #[test]
+    fn a_camera_at_the_origin_sees_planar_depth_and_the_nearer_plate_larger() {
+        let raster = Raster::camera("test", 90.0, [40, 40]).expect("valid");
+        let options = TruthOptions { raster: Some(raster), ..TruthOptions::heard_from(DVec3::ZERO) };
+        let wide = Axis { first: -3.0, pitch: 0.1, count: 61 };
+        let grid = Grid { x: wide, y: wide, ..grid([0.5, 2.5]) };
+        let map = trace_depth(&scene(0.0), &grid, &options, &Silent).expect("valid");
+        for pixel in 0..map.len() {
+            // The plate spans x -1 .. 0 and y -1 .. 1 at z = 1, the backdrop x -3 .. 3 but y -1 .. 1 only at z = 2.
+            let (sx, sy) = (raster.ray(pixel).x, raster.ray(pixel).y);
+            let expected = if sx < 0.0 {
+                1.0
+            } else if sy.abs() < 0.5 {
+                2.0
+            } else {
+                f32::NAN
+            };
+            let z = map.picked.depth[pixel];
+            assert!(z == expected || (z.is_nan() && expected.is_nan()), "{sx} {sy}: {z}, not {expected}");
+            if !z.is_nan() {
+                // Both face z, so an error in depth is one along their normals.
+                assert_eq!(map.picked.facing.as_ref().expect("known")[pixel], 1.0);
+                assert!((map.range(pixel) - f64::from(z) * raster.ray(pixel).length()).abs() < 1e-9);
+            }
+        }
     }
 
     #[test]
@@ -201,7 +247,7 @@ mod tests {
 
     #[test]
     fn depths_outside_the_grid_are_left_out_but_still_hide() {
-        let options = TruthOptions { speaker: None, lambert: false };
+        let options = TruthOptions { speaker: None, lambert: false, raster: None };
         let map = trace_depth(&scene(0.0), &grid([1.5, 2.5]), &options, &Silent).expect("valid");
         for pixel in 0..map.len() {
             assert_eq!(map.picked.depth[pixel].is_nan(), pixel % 10 < 5);

@@ -4,8 +4,12 @@
 //! is f64. A phase is counted in cycles, wrapped to ±½ in f64, and only then becomes f32: plain f32 phase errs
 //! by 7·10⁻⁴ rad at 12 m and 20 kHz, wrapped by 6·10⁻⁷.
 
+pub mod air;
 pub mod interval;
+pub mod legs;
 pub mod offsets;
+pub mod piston;
+pub mod series;
 pub mod simd;
 
 use glam::DVec3;
@@ -13,6 +17,15 @@ use num_complex::Complex32;
 
 /// Speed of sound in air at room temperature, m/s, as the paper takes it.
 pub const DEFAULT_SOUND_SPEED: f64 = 343.0;
+
+/// Spherical spreading does not grow any nearer to a speaker or microphone than this, m.
+pub const NEAREST_LEG: f64 = 0.01;
+
+/// Spherical spreading over two legs in m, `(1 m)²/(d₁ d₂)`: amplitudes are those at 1 m.
+#[inline]
+pub fn spreading(outward: f64, back: f64) -> f64 {
+    1.0 / (outward.max(NEAREST_LEG) * back.max(NEAREST_LEG))
+}
 
 /// Which way the sound travels.
 #[derive(Debug, Clone, Copy, PartialEq)]

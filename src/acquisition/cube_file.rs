@@ -183,6 +183,14 @@ impl CubeFile {
         Ok(DataCube { sweep, array, geometry, detection, sound_speed, samples, provenance: self.provenance })
     }
 
+    /// The file's arrays by name, size and checksum; reading them proves the checksums right.
+    ///
+    /// # Errors
+    /// A damaged file.
+    pub fn fingerprint(&mut self) -> Result<String> {
+        self.npz.fingerprint()
+    }
+
     /// What made the cube; null for a measurement.
     pub fn provenance(&self) -> &Value {
         &self.provenance

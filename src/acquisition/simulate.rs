@@ -5,35 +5,45 @@
 //! [virtual tones](virtual_tones), which an [expansion](expand) turns into all frequencies of the sweep.
 //! A count of operations decides between them and picks tiles and tones ([cost]).
 //!
-//! A reflector's amplitude may depend on the reflector alone, so far. A factor that depends on the microphone too would
-//! be one more weight where [echoes] lays out a tile's reflectors; one that depends on f and on all reflectors
-//! alike belongs to the expansion's weights; any other needs a few separable terms, each a simulation of its own.
+//! [Losses] are factors on each echo: those that depend on the frequency enter as a few separable [terms]. Imperfect
+//! microphones ([`ArrayErrors`]) stand elsewhere than the cube says, and turn and weigh what they record.
 
 mod cost;
 mod echoes;
+mod errors;
 mod expand;
+mod kept;
 mod literal;
+mod losses;
 mod noise;
+mod planes;
+mod terms;
 mod tiles;
 mod virtual_tones;
 #[cfg(test)]
 mod tests;
 #[cfg(test)]
 mod fast_tests;
+#[cfg(test)]
+mod loss_tests;
 
+pub use errors::ArrayErrors;
+pub use losses::Losses;
 pub use noise::Noise;
 
 use super::{DataCube, Detection, MicArray, Sweep};
 use crate::error::{Error, Result};
-use crate::progress::{Observer, stage};
+use crate::progress::{Forgetful, Keeper, Observer, stage};
 use crate::reflectors::Reflectors;
 use crate::wave::{DEFAULT_SOUND_SPEED, Geometry};
 use expand::fast;
 use glam::DVec3;
+use kept::KeptSamples;
 use literal::literal;
 use noise::add_noise;
 use num_complex::Complex32;
 use serde::{Deserialize, Serialize};
+use terms::{Spread, Terms};
 use virtual_tones::VirtualTones;
 
 /// Which path lengths a simulated sound follows.
@@ -58,9 +68,14 @@ pub struct SimulateOptions {
     pub detection: Detection,
     /// Exact or linear paths.
     pub model: PropagationModel,
+    /// Spreading, absorption and directivity.
+    pub losses: Losses,
+    /// Imperfect microphones, if they are.
+    pub errors: Option<ArrayErrors>,
     /// Noise, if any.
     pub noise: Option<Noise>,
-    /// Greatest error that virtual tones may make in any sample, relative to `Σ|A|`; 0 sums every term of Eq. 5.
+    /// Greatest error that virtual tones may make in any sample, relative to `Σ|A|` (with spreading, to what of it reaches
+    /// the microphone); 0 sums every term of Eq. 5.
     ///
     /// It bounds what the expansion leaves out for each reflector, measured on a dense grid of path lengths. The f32
     /// arithmetic of either way adds up to 10⁻⁵ for a single echo, and far less to many of random phase: their errors
@@ -78,6 +93,8 @@ impl Default for SimulateOptions {
             geometry: Geometry::ORIGIN,
             detection: Detection::Quadrature,
             model: PropagationModel::Exact,
+            losses: Losses::NONE,
+            errors: None,
             noise: None,
             tolerance: SIMULATION_TOLERANCE,
         }
@@ -101,8 +118,11 @@ impl SimulateOptions {
 ///
 /// - Shapes: `samples` is `[n_f, n_mic]`, in the microphones' order.
 /// - Error: see [`SimulateOptions::tolerance`].
+/// - With [`SimulateOptions::losses`] each echo has a factor more, and [`SimulateOptions::errors`] change what the
+///   microphones record; the cube's own positions stay those of `array`.
 /// - Cost: per reflector and microphone some 80 operations and 7 for each of Q virtual tones (Q about 10 to 30), and a
-///   matrix product that expands them; or, literally, 8 operations (60 for an uneven sweep) per frequency.
+///   matrix product that expands them; or, literally, 8 operations (60 for an uneven sweep) per frequency. Losses that
+///   depend on the frequency take K times the tones, K about 3 to 10; literally, some 300 operations per frequency.
 /// - Memory beside the cube: 32 bytes per reflector and thread, and at most 128 MB of sums; literally, 64 columns of it.
 /// - The bytes do not depend on the number of threads.
 ///
@@ -116,14 +136,40 @@ pub fn simulate(
     options: &SimulateOptions,
     observer: &dyn Observer,
 ) -> Result<DataCube> {
+    simulate_keeping(reflectors, sweep, array, options, &mut Forgetful, observer)
+}
+
+/// The same, tile by tile of microphones, each of which is handed to a keeper or taken from it.
+///
+/// A block is `[n_f, microphone of the tile]`, without noise.
+///
+/// # Errors
+/// As [`simulate`], and what the keeper comes to.
+pub fn simulate_keeping(
+    reflectors: &Reflectors,
+    sweep: &Sweep,
+    array: &MicArray,
+    options: &SimulateOptions,
+    keeper: &mut dyn Keeper,
+    observer: &dyn Observer,
+) -> Result<DataCube> {
     if !(options.tolerance >= 0.0 && options.tolerance.is_finite()) {
         return Err(Error::input("detection.tolerance", "must be a number from 0 up; 0 sums every term"));
     }
     let (n_f, n_mic) = (sweep.len(), array.len());
     let mut samples = DataCube::allocate(n_f, n_mic)?;
-    stage(observer, "simulating", n_mic as u64, || match plan(reflectors, sweep, array, options) {
-        Some(plan) => fast(reflectors, sweep, array, options, &plan, observer, &mut samples),
-        None => literal(reflectors, sweep, array, options, observer, &mut samples),
+    let (real, responses) = match options.errors {
+        Some(errors) => {
+            errors.check()?;
+            (&errors.displaced(array)?, errors.responses(n_mic))
+        }
+        None => (array, Vec::new()),
+    };
+    let job = Job { reflectors, sweep, array: real, options, responses: &responses };
+    let mut kept = KeptSamples { samples: &mut samples, width: n_mic, keeper, finished: Vec::new() };
+    stage(observer, "simulating", n_mic as u64, || match plan(reflectors, sweep, real, options) {
+        Some(plan) => fast(&job, &plan, &mut kept, observer),
+        None => literal(&job, &mut kept, observer),
     })?;
     if let Some(noise) = options.noise {
         add_noise(&mut samples, n_mic, noise, options.detection)?;
@@ -139,13 +185,61 @@ pub fn simulate(
     })
 }
 
-/// Tiles and tones of a simulation.
+/// What is simulated, with the array as it really is.
+#[derive(Debug, Clone, Copy)]
+struct Job<'a> {
+    reflectors: &'a Reflectors,
+    sweep: &'a Sweep,
+    array: &'a MicArray,
+    options: &'a SimulateOptions,
+    /// What each microphone multiplies its samples with; empty for perfect ones.
+    responses: &'a [Complex32],
+}
+
+/// Tiles, tones and terms of a simulation.
 #[derive(Debug)]
 struct Plan {
     tiles: Vec<tiles::Tile>,
     tones: VirtualTones,
+    /// Losses, if there are any.
+    terms: Option<Terms>,
+    /// Weights of the expansion, `[n_f][K Q]`.
+    weights: Vec<f32>,
     /// Microphones whose sums are held between the two steps, at the least one tile.
     held: usize,
+}
+
+impl Plan {
+    /// K Q: sums per microphone and group.
+    fn columns(&self) -> usize {
+        self.tones.count() * self.terms.as_ref().map_or(1, Terms::count)
+    }
+
+    /// What a choice comes to; `None` where tones or terms do not keep the tolerance.
+    fn of(
+        choice: &cost::Choice,
+        reflectors: &Reflectors,
+        sweep: &Sweep,
+        array: &MicArray,
+        options: &SimulateOptions,
+    ) -> Option<Self> {
+        let rung = choice.rung;
+        let spread = Spread::new(reflectors, sweep, array, options);
+        let half = 0.5 * rung.spread / sweep.bandwidth() * options.sound_speed;
+        // Tones and terms share the tolerance; the terms pass the tones' error on, greater by their own size.
+        let share = if options.losses.vary() { 0.5 } else { 1.0 };
+        let count = spread.count(half, share * options.tolerance)?;
+        let mut tones = VirtualTones::find(sweep, rung, share * options.tolerance / count.amplification)?;
+        let mut terms = None;
+        let mut weights = std::mem::take(&mut tones.weights);
+        if options.losses.any() {
+            let made = Terms::new(&count, &spread, half, reflectors, sweep, options)?;
+            weights = made.weights(&weights);
+            terms = Some(made);
+        }
+        let tiles = tiles::tiles(array.positions(), choice.microphones, choice.radius);
+        Some(Self { tiles, tones, terms, weights, held: choice.held })
+    }
 }
 
 /// Tolerances below this are below what f32 weights hold, and want the literal sum.
@@ -160,17 +254,16 @@ fn plan(reflectors: &Reflectors, sweep: &Sweep, array: &MicArray, options: &Simu
     if !possible {
         return None;
     }
-    cost::choices(reflectors, sweep, array, options).into_iter().find_map(|choice| {
-        let tones = VirtualTones::find(sweep, choice.rung, options.tolerance)?;
-        let tiles = tiles::tiles(array.positions(), choice.microphones, choice.radius);
-        Some(Plan { tiles, tones, held: choice.held })
-    })
+    cost::choices(reflectors, sweep, array, options)
+        .into_iter()
+        .find_map(|choice| Plan::of(&choice, reflectors, sweep, array, options))
 }
 
-/// A sample as the detection records it.
-fn record(detection: Detection, re: f32, im: f32) -> Complex32 {
+/// A sample as the microphone's response and the detection record it.
+fn record(detection: Detection, response: Option<&Complex32>, m: Complex32) -> Complex32 {
+    let m = response.map_or(m, |response| m * response);
     match detection {
-        Detection::Quadrature => Complex32::new(re, im),
-        Detection::InPhase => Complex32::new(re, 0.0),
+        Detection::Quadrature => m,
+        Detection::InPhase => Complex32::new(m.re, 0.0),
     }
 }

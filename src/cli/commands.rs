@@ -6,9 +6,10 @@ use super::verdicts::{check, compare};
 use super::{Cli, Command, Overrides, browser, design, info, manual, reproduce, summary};
 use clap::CommandFactory;
 use holosonar::acquisition::CubeFile;
+use holosonar::checkpoint::Checkpoint;
 use holosonar::config::ANNOTATED;
 use holosonar::error::{Error, Result};
-use holosonar::files::write_atomically;
+use holosonar::files::{check_folder, check_writable, write_atomically};
 use holosonar::pipeline;
 use holosonar::plan::memory_limit;
 use holosonar::progress::{Observer, stage};
@@ -22,30 +23,40 @@ const CORNER_MESH: &str = include_str!("../../scenes/meshes/corner.obj");
 pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
     let json = cli.common.json;
     match &cli.command {
-        Command::Image { input, output, config, overrides } => {
+        Command::Image { input, output, config, overrides, keeping } => {
+            let checkpoint = Checkpoint::within(output, keeping.every()?);
             let made = make_folder(output)?;
-            let result = image(input, output, config.as_deref(), overrides, json, terminal);
+            check_folder(output)?;
+            let result = image(input, output, config.as_deref(), overrides, &checkpoint, json, terminal);
+            let result = ended(checkpoint, result, terminal);
             if made && result.is_err() {
                 // A request that came to nothing leaves nothing behind; a folder with files in it stays.
                 let _ = std::fs::remove_dir(output);
             }
             result
         }
-        Command::Simulate { input, output, overrides } => {
+        Command::Simulate { input, output, overrides, keeping } => {
             let (run, bare) = scene_of(input, overrides)?;
             check_extension(output, &["npz"])?;
-            let cube = pipeline::simulate_scene(&run, bare, terminal)?;
-            stage(terminal, "writing", 0, || pipeline::write_cube(output, &cube))?;
+            check_writable(output)?;
+            let checkpoint = Checkpoint::beside(output, keeping.every()?);
+            let result = pipeline::simulate_scene(&run, bare, &checkpoint, terminal)
+                .and_then(|cube| stage(terminal, "writing", 0, || pipeline::write_cube(output, &cube)));
+            ended(checkpoint, result, terminal)?;
             wrote(std::slice::from_ref(output), json, terminal)
         }
-        Command::Reconstruct { cube, config, output, settings } => {
+        Command::Reconstruct { cube, config, output, settings, keeping } => {
             for path in output {
                 check_extension(path, &["npz", "exr", "vti", "nrrd"])?;
+                check_writable(path)?;
             }
+            // The state lies beside the first of them.
+            let checkpoint = Checkpoint::beside(&output[0], keeping.every()?);
             check_kind(cube, "a data cube", "simulate")?;
             let run = config_of(config.as_deref(), &settings.set)?;
             let cube = CubeFile::open(cube, reading_limit())?;
-            let files = pipeline::reconstruct_cube(&run, cube, output, terminal)?;
+            let result = pipeline::reconstruct_cube(&run, cube, output, &checkpoint, terminal);
+            let files = ended(checkpoint, result, terminal)?;
             wrote(&files, json, terminal)
         }
         Command::Depth { volume, config, output, settings } => {
@@ -96,23 +107,12 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
             }
             print(&(summary::forecast(&forecast) + &design::design(&forecast.design)))
         }
-        Command::Compare { result, truth, resolution, min, max } => {
-            compare(result, truth, *resolution, min, max, json)
+        Command::Compare { result, truth, resolution, min, max, png } => {
+            compare(result, truth, *resolution, min, max, png.as_deref(), json)
         }
-        Command::Check { runs, overrides } => check(runs, overrides, json, terminal),
+        Command::Check { runs, overrides, seeds } => check(runs, overrides, seeds, json, terminal),
         Command::Reproduce { output } => reproduce::run(output.as_deref(), json, terminal),
-        Command::Report { folder, open } => {
-            if !folder.is_dir() {
-                return Err(Error::input(
-                    folder.display(),
-                    "no such folder; one that `holosonar image ... -o` wrote was expected",
-                ));
-            }
-            let page =
-                stage(terminal, "packing the page", 0, || pipeline::write_page(folder, reading_limit()))?;
-            wrote(std::slice::from_ref(&page), json, terminal)?;
-            if *open { browser::open(&page) } else { Ok(()) }
-        }
+        Command::Report { folder, open } => report(folder, *open, json, terminal),
         Command::Info { file, overrides } => {
             let facts = info::of(file, overrides, reading_limit(), terminal)?;
             print(&if json { pretty(&facts) } else { summary::facts(&facts) })
@@ -128,24 +128,38 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
     }
 }
 
+/// Makes the page of a folder of results, and shows it if asked to.
+fn report(folder: &Path, open: bool, json: bool, terminal: &Terminal) -> Result<()> {
+    if !folder.is_dir() {
+        return Err(Error::input(
+            folder.display(),
+            "no such folder; one that `holosonar image ... -o` wrote was expected",
+        ));
+    }
+    let page = stage(terminal, "packing the page", 0, || pipeline::write_page(folder, reading_limit()))?;
+    wrote(std::slice::from_ref(&page), json, terminal)?;
+    if open { browser::open(&page) } else { Ok(()) }
+}
+
 /// Images an input into a folder that is there.
 fn image(
     input: &Path,
     folder: &Path,
     config: Option<&Path>,
     overrides: &Overrides,
+    checkpoint: &Checkpoint,
     json: bool,
     terminal: &Terminal,
 ) -> Result<()> {
     let (run, outcome) = if has_extension(input, &["npz"]) {
         let run = config_of(config, &overrides.keys())?;
         let cube = CubeFile::open(input, reading_limit())?;
-        let outcome = pipeline::image_cube(&run, cube, terminal)?;
+        let outcome = pipeline::image_cube_keeping(&run, cube, checkpoint, terminal)?;
         (run, outcome)
     } else {
         no_config(config)?;
         let (run, bare) = scene_of(input, overrides)?;
-        let outcome = pipeline::image_scene(&run, bare, terminal)?;
+        let outcome = pipeline::image_scene_keeping(&run, bare, checkpoint, terminal)?;
         (run, outcome)
     };
     let report = pipeline::write_outputs(&run, &outcome, folder, terminal)?;
@@ -156,6 +170,15 @@ fn image(
         return print(&(text + "\n"));
     }
     if terminal.is_quiet() { Ok(()) } else { print(&summary::image(input, folder, &report, &outcome)) }
+}
+
+/// Removes what was kept once a job is done, and else says how to go on from it.
+fn ended<T>(checkpoint: Checkpoint, result: Result<T>, terminal: &Terminal) -> Result<T> {
+    match result {
+        Ok(_) => checkpoint.remove(),
+        Err(_) => terminal.advise(checkpoint.how_to_continue()),
+    }
+    result
 }
 
 fn init(folder: &Path, json: bool, terminal: &Terminal) -> Result<()> {
@@ -195,7 +218,7 @@ fn no_config(config: Option<&Path>) -> Result<()> {
 }
 
 /// Refuses an output name before any work is done for it.
-fn check_extension(path: &Path, extensions: &[&str]) -> Result<()> {
+pub(super) fn check_extension(path: &Path, extensions: &[&str]) -> Result<()> {
     if has_extension(path, extensions) {
         return Ok(());
     }

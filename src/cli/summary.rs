@@ -1,8 +1,8 @@
 //! Results as a person reads them: short aligned tables.
 
 use holosonar::grid::Axis;
-use holosonar::metrics::Metrics;
-use holosonar::pipeline::{Forecast, Outcome, Report, Verdict};
+use holosonar::metrics::{METRIC_NAMES, Metrics, Scores};
+use holosonar::pipeline::{Forecast, Judgement, Outcome, Report, Verdict};
 use holosonar::plan::gib;
 use holosonar::reconstruct::Method;
 use serde_json::Value;
@@ -78,6 +78,9 @@ pub(super) fn image(input: &Path, folder: &Path, report: &Report, outcome: &Outc
             instrument.sweep.stop() / 1e3
         ),
     );
+    for (i, line) in report.physics.iter().enumerate() {
+        table.row(if i == 0 { "physics" } else { "" }, line);
+    }
     let millimetres = |m: Option<f64>| m.map_or("-".to_owned(), |m| format!("{:.1}", m * 1e3));
     table.row(
         "resolution",
@@ -167,6 +170,9 @@ pub(super) fn forecast(forecast: &Forecast) -> String {
         format!("{} tones x {} microphones: {}", plan.frequencies, plan.microphones, gib(plan.cube_bytes)),
     );
     table.row("volume", gib(plan.volume_bytes));
+    for (i, line) in forecast.physics.iter().enumerate() {
+        table.row(if i == 0 { "physics" } else { "" }, line);
+    }
     for (i, (method, seconds)) in needs.methods.iter().zip(needs.seconds).enumerate() {
         let name = format!("{}{}", if i == needs.chosen { "* " } else { "  " }, name_of(method.method));
         let costs = match &method.obstacle {
@@ -218,28 +224,92 @@ fn quantity(name: &str, value: f64) -> String {
     if Metrics::is_length(name) { format!("{:.2} mm", value * 1e3) } else { format!("{value:.3}") }
 }
 
+/// The metrics of every material and of every surface, a column each; nothing where there is but one of both.
+pub(super) fn groups(scores: &Scores) -> String {
+    let materials: Vec<(String, &Metrics)> = scores
+        .materials
+        .iter()
+        .map(|(name, metrics)| (shortened(name), metrics))
+        .filter(|(_, metrics)| metrics.completeness.is_some())
+        .collect();
+    let surfaces: Vec<(String, &Metrics)> = scores
+        .surfaces
+        .iter()
+        .enumerate()
+        .map(|(k, metrics)| (format!("surface {}", k + 1), metrics))
+        .collect();
+    let mut text = String::new();
+    for (of, columns) in [("by material", materials), ("from the front", surfaces)] {
+        if columns.len() < 2 {
+            continue;
+        }
+        let width = |name: &str| name.chars().count().max(9);
+        let _ = write!(text, "{of:20}");
+        for (name, _) in &columns {
+            let _ = write!(text, "  {name:>width$}", width = width(name));
+        }
+        text.push('\n');
+        for metric in METRIC_NAMES {
+            let values: Vec<Option<f64>> =
+                columns.iter().map(|(_, metrics)| metrics.get(metric).flatten()).collect();
+            if values.iter().all(Option::is_none) {
+                continue;
+            }
+            let _ = write!(text, "{metric:20}");
+            for ((name, _), value) in columns.iter().zip(values) {
+                let value = value.map_or("-".to_owned(), |value| quantity(metric, value));
+                let _ = write!(text, "  {value:>width$}", width = width(name));
+            }
+            text.push('\n');
+        }
+    }
+    text
+}
+
 /// A verdict in words: `completeness 0.61, wanted at least 0.650`.
 pub(super) fn verdict(verdict: &Verdict) -> String {
-    let name = &verdict.bound.metric;
-    let value = verdict.value.map_or("has nothing to be measured on".to_owned(), |v| quantity(name, v));
+    let measure = &verdict.bound.measure;
+    let value = verdict.value.map_or("has nothing to be measured on".to_owned(), |v| spread(verdict, v));
     let wanted: Vec<String> = [("at least", verdict.bound.limit.min), ("at most", verdict.bound.limit.max)]
         .into_iter()
-        .filter_map(|(words, limit)| Some(format!("{words} {}", quantity(name, limit?))))
+        .filter_map(|(words, limit)| Some(format!("{words} {}", quantity(&measure.metric, limit?))))
         .collect();
-    format!("{name} {value}, wanted {}", wanted.join(" and "))
+    format!("{measure} {value}, wanted {}", wanted.join(" and "))
+}
+
+/// A verdict's value, and the least and greatest of its seeds if there are several.
+fn spread(verdict: &Verdict, value: f64) -> String {
+    let metric = &verdict.bound.measure.metric;
+    let each = || verdict.each.iter().flatten().copied();
+    let text = quantity(metric, value);
+    if verdict.each.len() < 2 {
+        return text;
+    }
+    let (low, high) = (each().fold(f64::INFINITY, f64::min), each().fold(f64::NEG_INFINITY, f64::max));
+    // The unit is that of the value before it.
+    let low = quantity(metric, low);
+    format!("{text} ({} to {})", low.trim_end_matches(" mm"), quantity(metric, high))
 }
 
 /// One line of `check`.
-pub(super) fn check_line(name: &str, verdicts: &[Verdict]) -> String {
-    let kept = verdicts.iter().all(|v| v.kept);
-    let values: Vec<String> = verdicts
+pub(super) fn check_line(name: &str, judgement: &Judgement) -> String {
+    let kept = judgement.verdicts.iter().all(|v| v.kept);
+    let values: Vec<String> = judgement
+        .verdicts
         .iter()
         .map(|v| {
-            let value = v.value.map_or("none".to_owned(), |value| quantity(&v.bound.metric, value));
-            format!("{}{} {value}", if v.kept { "" } else { "! " }, v.bound.metric)
+            let value = v.value.map_or("none".to_owned(), |value| spread(v, value));
+            format!("{}{} {value}", if v.kept { "" } else { "! " }, v.bound.measure)
         })
         .collect();
-    format!("{} {name}: {}\n", if kept { "ok    " } else { "MISSED" }, values.join(", "))
+    let seeds = match judgement.seeds.len() {
+        0 | 1 => String::new(),
+        _ => format!(
+            " (mean of seeds {})",
+            judgement.seeds.iter().map(u32::to_string).collect::<Vec<_>>().join(", ")
+        ),
+    };
+    format!("{} {name}{seeds}: {}\n", if kept { "ok    " } else { "MISSED" }, values.join(", "))
 }
 
 /// The facts of `info`, one line each; nested ones are indented.

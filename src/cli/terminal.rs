@@ -1,14 +1,15 @@
 //! Progress bars, warnings, errors and results on a terminal, or quietly without one.
 
+use super::signals;
 use holosonar::error::Error;
 use holosonar::progress::{Event, Observer};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::{self, IsTerminal, Write};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicU8, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Draws what the stages report, and hears Ctrl-C.
+/// Draws what the stages report, and hears signals.
 #[derive(Debug)]
 pub(super) struct Terminal {
     quiet: bool,
@@ -18,23 +19,18 @@ pub(super) struct Terminal {
     bar: Mutex<Option<ProgressBar>>,
     /// Names and beginnings of the running stages, the innermost last.
     running: Mutex<Vec<(String, Instant)>>,
-    stop: Arc<AtomicBool>,
+    /// The exit status of the signal that was heard; 0 before any.
+    signalled: Arc<AtomicU8>,
+    /// What to tell the user beside an error.
+    advice: Mutex<Option<String>>,
 }
 
 impl Terminal {
     pub(super) fn new(quiet: bool, verbose: bool) -> Self {
-        let stop = Arc::new(AtomicBool::new(false));
-        let asked = Arc::clone(&stop);
-        // The first Ctrl-C ends the running block and leaves no half-written file; the second ends the process. If
-        // no handler can be had, Ctrl-C simply ends it.
-        let _ = ctrlc::set_handler(move || {
-            if asked.swap(true, Ordering::SeqCst) {
-                #[allow(clippy::exit)]
-                std::process::exit(130);
-            }
-        });
+        let signalled = signals::listen();
         let colour = io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|v| v.is_empty());
-        Self { quiet, verbose, colour, bar: Mutex::new(None), running: Mutex::default(), stop }
+        let (bar, running, advice) = (Mutex::new(None), Mutex::default(), Mutex::default());
+        Self { quiet, verbose, colour, bar, running, signalled, advice }
     }
 
     fn bar(&self) -> std::sync::MutexGuard<'_, Option<ProgressBar>> {
@@ -50,9 +46,21 @@ impl Terminal {
         self.quiet
     }
 
+    /// The exit status of the signal that asked to stop, if one did.
+    pub(super) fn signalled(&self) -> Option<u8> {
+        Some(self.signalled.load(Ordering::SeqCst)).filter(|status| *status != 0)
+    }
+
+    /// Keeps what to tell beside an error.
+    pub(super) fn advise(&self, advice: Option<String>) {
+        *self.advice.lock().unwrap_or_else(PoisonError::into_inner) = advice;
+    }
+
     /// Prints the error that ends the program.
     pub(super) fn error(&self, error: &Error) {
-        self.say("error", "1;31", &error.to_string());
+        let advice = self.advice.lock().unwrap_or_else(PoisonError::into_inner).take();
+        let advice = advice.map(|advice| format!("; {advice}")).unwrap_or_default();
+        self.say("error", "1;31", &format!("{error}{advice}"));
     }
 
     fn say(&self, kind: &str, colour: &str, text: &str) {
@@ -139,8 +147,14 @@ impl Observer for Terminal {
         }
     }
 
+    fn tell(&self, message: &str) {
+        if !self.quiet {
+            self.say("note", "1;36", message);
+        }
+    }
+
     fn should_stop(&self) -> bool {
-        self.stop.load(Ordering::Relaxed)
+        self.signalled.load(Ordering::Relaxed) != 0
     }
 }
 

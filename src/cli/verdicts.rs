@@ -1,12 +1,13 @@
 //! The commands that judge: `compare` and `check`, and their exit status.
 
-use super::commands::{pretty, reading_limit};
+use super::commands::{check_extension, pretty, reading_limit};
 use super::terminal::{Terminal, print};
 use super::{Overrides, summary};
 use holosonar::error::{Error, Result};
 use holosonar::export::depth_exr::{DepthFile, read_depth_map};
+use holosonar::export::figure::write_error_figure;
 use holosonar::export::{Attribute, find_attribute};
-use holosonar::metrics::{Metrics, evaluate};
+use holosonar::metrics::{Scores, error_map, score};
 use holosonar::pipeline::{self, Bound, Verdict};
 use std::path::{Path, PathBuf};
 
@@ -17,8 +18,12 @@ pub(super) fn compare(
     resolution: Option<f64>,
     min: &[String],
     max: &[String],
+    png: Option<&Path>,
     json: bool,
 ) -> Result<()> {
+    if let Some(png) = png {
+        check_extension(png, &["png"])?;
+    }
     let mut bounds = Vec::new();
     for (option, typed, is_min) in [("--min", min, true), ("--max", max, false)] {
         for typed in typed {
@@ -29,7 +34,7 @@ pub(super) fn compare(
     let truth = read_depth_map(truth_path, reading_limit())?;
     if !found.axes_known && found.map.shape() == truth.map.shape() {
         // A foreign depth map says nothing of metres; pixel for pixel is what its user means.
-        (found.map.x, found.map.y) = (truth.map.x, truth.map.y);
+        (found.map.view, found.map.x, found.map.y) = (truth.map.view, truth.map.x, truth.map.y);
     }
     let said = |file: &DepthFile| match find_attribute(&file.attributes, "sonar:rangeResolution") {
         Some(Attribute::Number(resolution)) => Some(*resolution),
@@ -42,7 +47,7 @@ pub(super) fn compare(
         )
     })?;
     let (pixels, wanted) = (found.map.shape(), truth.map.shape());
-    if pixels != wanted {
+    if pixels != wanted && found.map.view == truth.map.view {
         return Err(Error::input(
             result.display(),
             format!(
@@ -56,33 +61,54 @@ pub(super) fn compare(
             ),
         ));
     }
-    let metrics = evaluate(&found.map, &truth.map, resolution)?;
-    let verdicts = pipeline::hold(&metrics, bounds);
+    let scores = score(&found.map, &truth.map, resolution)?;
+    if let Some(png) = png {
+        let errors = error_map(&found.map, &truth.map)?;
+        write_error_figure(
+            png,
+            &errors,
+            &truth.map.raster(),
+            resolution,
+            &pipeline::error_note(&scores.all),
+        )?;
+    }
+    let verdicts = pipeline::hold(std::slice::from_ref(&scores), bounds);
     if json {
-        print(&pretty(&verdicts_json(&metrics, &verdicts)))?;
+        let mut value = scores_json(&scores);
+        value["limits"] = limits_json(&verdicts);
+        print(&pretty(&value))?;
     } else {
-        print(&summary::metrics(&metrics))?;
+        print(&(summary::metrics(&scores.all) + &summary::groups(&scores)))?;
     }
     limits_kept(&verdicts)
 }
 
 /// Runs scenes and holds each to its `[expect]`.
-pub(super) fn check(runs: &[PathBuf], overrides: &Overrides, json: bool, terminal: &Terminal) -> Result<()> {
+pub(super) fn check(
+    runs: &[PathBuf],
+    overrides: &Overrides,
+    seeds: &[u32],
+    json: bool,
+    terminal: &Terminal,
+) -> Result<()> {
     let mut worst: Option<Error> = None;
     let mut rows = Vec::new();
     for path in runs {
         let name = path.display().to_string();
-        let outcome = pipeline::check_scene(path, &overrides.keys(), terminal);
+        let outcome = pipeline::check_scene(path, &overrides.keys(), seeds, terminal);
         match outcome {
-            Ok((metrics, verdicts)) => {
+            Ok(judgement) => {
                 if json {
-                    let mut row = verdicts_json(&metrics, &verdicts);
-                    row["scene"] = name.clone().into();
-                    rows.push(row);
+                    rows.push(serde_json::json!({
+                        "scene": name,
+                        "seeds": judgement.seeds,
+                        "limits": limits_json(&judgement.verdicts),
+                        "scores": judgement.scores.iter().map(scores_json).collect::<Vec<_>>(),
+                    }));
                 } else {
-                    print(&summary::check_line(&name, &verdicts))?;
+                    print(&summary::check_line(&name, &judgement))?;
                 }
-                if let Err(error) = limits_kept(&verdicts) {
+                if let Err(error) = limits_kept(&judgement.verdicts) {
                     let error = Error::Limit(format!("{name}: {error}"));
                     worst = Some(worse(worst, error));
                 }
@@ -112,17 +138,19 @@ fn worse(first: Option<Error>, second: Error) -> Error {
     }
 }
 
-fn verdicts_json(metrics: &Metrics, verdicts: &[Verdict]) -> serde_json::Value {
-    let limits: Vec<_> = verdicts
-        .iter()
-        .map(|v| {
-            serde_json::json!({
-                "metric": v.bound.metric, "min": v.bound.limit.min, "max": v.bound.limit.max,
-                "value": v.value, "kept": v.kept,
-            })
+fn scores_json(scores: &Scores) -> serde_json::Value {
+    let Scores { all, materials, surfaces, .. } = scores;
+    serde_json::json!({ "metrics": all, "materials": materials, "surfaces": surfaces })
+}
+
+fn limits_json(verdicts: &[Verdict]) -> serde_json::Value {
+    let limits = verdicts.iter().map(|v| {
+        serde_json::json!({
+            "metric": v.bound.measure.to_string(), "min": v.bound.limit.min, "max": v.bound.limit.max,
+            "value": v.value, "each": v.each, "kept": v.kept,
         })
-        .collect();
-    serde_json::json!({ "metrics": metrics, "limits": limits })
+    });
+    limits.collect()
 }
 
 /// Exit status 3 for what was missed, in words.

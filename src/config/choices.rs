@@ -4,6 +4,7 @@
 pub use crate::acquisition::{Detection as DetectionKind, PropagationModel as Model};
 pub use crate::depth::{Pick, Refine};
 pub use crate::export::{Components, Compression};
+pub use crate::grid::View;
 pub use crate::reconstruct::{Method, Window};
 pub use crate::reflectors::OcclusionKind as Occlusion;
 pub use crate::scene::{Unit, Up};
@@ -65,14 +66,6 @@ choice! {
         Random,
         /// The CSV or XML file named by `file`.
         File,
-    }
-}
-
-choice! {
-    /// Along which rays depth is looked for.
-    View {
-        /// Parallel to z, one per column of voxels.
-        Orthographic,
     }
 }
 

@@ -1,9 +1,10 @@
-//! Fills in what follows from what was typed: the array's default pitch, and the third of a grid axis's two
+//! Fills in what follows from what was typed: the array's default pitch, the air, and the third of a grid axis's two
 //! ends, pitch and count.
 
 use super::reader::Fault;
 use super::tables::Array;
-use super::{GridTable, Layout, RunFile};
+use super::{GridTable, Layout, Medium, RunFile};
+use crate::wave::DEFAULT_SOUND_SPEED;
 
 impl RunFile {
     /// Completes what was typed, or says why it cannot be completed.
@@ -17,7 +18,19 @@ impl RunFile {
                 array.pitch = Some(Array::PITCH);
             }
         }
+        self.medium.fill();
         self.grid.fill()
+    }
+}
+
+impl Medium {
+    fn fill(&mut self) {
+        if self.temperature.is_some() {
+            self.humidity.get_or_insert(Self::HUMIDITY);
+            self.pressure.get_or_insert(Self::PRESSURE);
+        } else {
+            self.sound_speed.get_or_insert(DEFAULT_SOUND_SPEED);
+        }
     }
 }
 

@@ -5,19 +5,23 @@ use super::{
     Geometry as GeometryWord, Layout, MaterialRule, Occlusion as OcclusionWord, RunFile, Shading, Surface,
 };
 use crate::acquisition::Setup;
-use crate::acquisition::{MicArray, Noise, SimulateOptions, Sweep};
+use crate::acquisition::{ArrayErrors, Losses, MicArray, Noise, SimulateOptions, Sweep};
 use crate::depth::DepthOptions;
 use crate::error::{Error, Result};
-use crate::grid::{Axis, Grid};
+use crate::grid::{Axis, Grid, Raster, View};
+use crate::plan::memory_limit;
 use crate::reconstruct::ReconstructOptions;
 use crate::reflectors::{Occlusion, SurfaceModel, SurfaceOptions};
-use crate::scene::{self, LoadOptions};
+use crate::scene::{self, CameraView, LoadOptions};
 use crate::truth::TruthOptions;
 use crate::wave::Geometry;
 use glam::DVec3;
 
 /// A bare scene is put this many diagonals of its box away.
 const FIT_BY_DIAGONAL: f64 = 2.0;
+
+/// Rows of a perspective view whose pixels nobody said.
+const ROWS: f64 = 256.0;
 
 /// Margin of a grid that follows from the scene, as a share of the scene's size to each side.
 const MARGIN: f64 = 0.05;
@@ -101,6 +105,7 @@ impl RunFile {
             transmittance: rule.transmittance,
         };
         options.materials = self.materials.iter().map(rule).collect();
+        options.memory = memory_limit();
         Ok(options)
     }
 
@@ -140,11 +145,25 @@ impl RunFile {
     pub fn simulate_options(&self) -> SimulateOptions {
         // The noise has a stream of its own, so that it does not follow the surfaces' phases.
         let seed = u64::from(self.reflectors.seed) ^ 0x006e_6f69_7365_0000;
+        let array = &self.array;
+        let errors = ArrayErrors {
+            gain_db: array.gain_error_db,
+            phase: array.phase_error,
+            position: array.position_error,
+            seed: u64::from(array.error_seed) ^ 0x6172_7261_7900_0000,
+        };
         SimulateOptions {
-            sound_speed: self.medium.sound_speed,
+            sound_speed: self.medium.speed(),
             geometry: self.geometry(),
             detection: self.detection.kind,
             model: self.detection.model,
+            losses: Losses {
+                spreading: self.medium.spreading,
+                air: self.medium.air().filter(|_| self.medium.absorption),
+                speaker_radius: array.speaker_radius,
+                microphone_radius: array.microphone_radius,
+            },
+            errors: (errors.gain_db > 0.0 || errors.phase > 0.0 || errors.position > 0.0).then_some(errors),
             noise: self.detection.snr_db.map(|snr_db| Noise { snr_db, seed }),
             tolerance: self.detection.tolerance,
         }
@@ -205,7 +224,29 @@ impl RunFile {
     pub fn reconstruct_options(&self) -> ReconstructOptions {
         let mut options = ReconstructOptions::new(self.reconstruct.method, self.reconstruct.window);
         options.tolerance = self.reconstruct.tolerance;
+        options.compensate = self.reconstruct.compensate;
         options
+    }
+
+    /// `[depth] view`: the pixels, or `None` for those of the grid; `camera` is the one that the array was put at.
+    ///
+    /// # Errors
+    /// A perspective view whose field of view neither the run file nor the camera says.
+    pub fn raster(&self, camera: Option<CameraView>) -> Result<Option<Raster>> {
+        if self.depth.view == View::Orthographic {
+            return Ok(None);
+        }
+        let fov = self.depth.fov.or_else(|| camera.map(|camera| camera.vertical_field_of_view)).ok_or_else(|| {
+            Error::input(
+                "[depth] fov",
+                "is missing: a perspective view needs its vertical field of view in degrees, unless the array sits at a \
+                 perspective camera of a glTF scene ([scene] sensor = \"camera:NAME\")",
+            )
+        })?;
+        let shape = camera.and_then(|camera| camera.aspect_ratio).unwrap_or(1.0);
+        let advised = [(shape * ROWS).round().clamp(1.0, 64.0 * ROWS) as usize, ROWS as usize];
+        let pixels = self.depth.pixels.map_or(advised, |pixels| pixels.map(|n| n as usize));
+        Raster::camera("[depth] fov", fov, pixels).map(Some)
     }
 
     /// `[depth]`, for a range resolution in m.
@@ -217,6 +258,7 @@ impl RunFile {
         options.returns = typed.returns as usize;
         options.return_threshold_db = typed.return_threshold_db;
         options.return_gate_db = typed.return_gate_db;
+        options.return_contrast_db = typed.return_contrast_db;
         options.separation = typed.separation;
         options.smoothing = typed.smoothing;
         options.median = typed.median as usize;

@@ -31,8 +31,12 @@ pub(super) struct Source<'t> {
 const DEEPEST: usize = 8;
 
 /// Pairs of keys of which one replaces the other, so that a `--set` of one can do without unsetting the other.
-const EXCLUSIVE: [[&str; 2]; 3] =
-    [["scene.translate", "scene.fit"], ["array.pitch", "array.extent"], ["array.count", "array.elements"]];
+const EXCLUSIVE: [[&str; 2]; 4] = [
+    ["scene.translate", "scene.fit"],
+    ["array.pitch", "array.extent"],
+    ["array.count", "array.elements"],
+    ["medium.sound_speed", "medium.temperature"],
+];
 
 /// Keys of [array] that belong to one layout alone, with that layout: a `--set` of another withdraws them.
 const OF_LAYOUT: [[&str; 2]; 3] =
@@ -97,7 +101,6 @@ impl<'t> Source<'t> {
         }
         let slot;
         (slot, path) = descend(at, &path, last).map_err(wrong)?;
-        let word = value.as_str().unwrap_or_default().to_owned();
         *slot = value;
 
         let inner = [format!("{path}."), format!("{path}[")];
@@ -112,12 +115,21 @@ impl<'t> Source<'t> {
         }
         if path == "array.layout" {
             for [key, layout] in OF_LAYOUT {
-                if word != layout {
+                if self.word("array", "layout") != Some(layout) {
                     self.withdraw(key);
                 }
             }
         }
+        if path == "depth.view" && self.word("depth", "view") == Some("orthographic") {
+            for key in ["depth.fov", "depth.pixels"] {
+                self.withdraw(key);
+            }
+        }
         Ok(())
+    }
+
+    fn word(&self, table: &str, key: &str) -> Option<&str> {
+        self.values.get(table)?.get(key)?.as_str()
     }
 
     /// Takes `table.key` out when it was typed in the file; two contradicting `--set` are left to be refused.

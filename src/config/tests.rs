@@ -109,7 +109,21 @@ fn the_annotated_file_means_the_corner() {
             let key = line.strip_prefix("# ").filter(|rest| {
                 rest.starts_with("[[") || rest.split_once(" = ").is_some_and(|(key, _)| !key.contains(' '))
             });
-            let kept = ["translate", "sensor", "elements", "pitch", "spacing = 0.016", "seed", "file", "#"];
+            let kept = [
+                "translate",
+                "sensor",
+                "elements",
+                "spacing = 0.016",
+                "seed",
+                "pitch",
+                "file",
+                "fov",
+                "pixels",
+                "temperature",
+                "humidity",
+                "pressure",
+                "#",
+            ];
             key.filter(|rest| !kept.iter().any(|key| rest.starts_with(key))).unwrap_or(line)
         })
         .collect();
@@ -207,4 +221,19 @@ fn one_run_file_serves_every_layout_with_as_many_microphones() {
     assert!(read(random).unwrap().microphones().unwrap().lattice().is_none());
     assert!(read_with(random, &["array.layout=grid"]).unwrap().microphones().unwrap().lattice().is_some());
     assert_eq!(read_with(random, &["array.count=9"]).unwrap().microphones().unwrap().len(), 81);
+}
+
+#[test]
+fn the_speed_of_sound_is_typed_or_that_of_the_air() {
+    assert_eq!(read("").unwrap().medium.speed(), 343.0);
+    assert_eq!(read("[medium]\nsound_speed = 1480").unwrap().medium.speed(), 1480.0);
+    let run = read("[medium]\ntemperature = 20\nhumidity = 0\nabsorption = true").unwrap();
+    assert!((run.medium.speed() - 343.2).abs() < 0.05);
+    assert_eq!(run.simulate_options().losses.air, run.medium.air());
+    let again = RunFile::from_str_at(&run.to_toml(), "resolved", Path::new("folder"), &[]).unwrap();
+    assert_eq!(run, again);
+    // Overriding the one withdraws the other.
+    let run = read_with("[medium]\nsound_speed = 340", &["medium.temperature=0"]).unwrap();
+    assert_eq!((run.medium.sound_speed, run.medium.humidity), (None, Some(50.0)));
+    assert_eq!(run.simulate_options().losses.air, None, "it absorbs only when asked to");
 }

@@ -3,53 +3,110 @@
 //! Speckle breaks a single column's amplitude into false peaks; a little smoothing of the power mends that, at the
 //! price of resolution.
 
-use super::{DepthOptions, column_maxima, is_peak, parabola, percentile_99};
-use crate::grid::{Grid, Surface};
+use super::columns::Columns;
+use super::{DepthOptions, confidence, is_peak, parabola, percentile_99};
+use crate::grid::{Axis, Grid, Raster, Surface};
 use rayon::prelude::*;
 
+/// How far around a peak its surroundings reach, and how far it itself does, in Δd.
+const SURROUNDINGS: f64 = 6.0;
+const OWN: f64 = 1.5;
+
+/// A return of one pixel.
+#[derive(Debug, Clone, Copy)]
+struct Found {
+    index: usize,
+    depth: f64,
+    power: f32,
+}
+
 /// Up to `options.returns` surfaces per pixel; surface k holds each pixel's k-th from the front.
-pub(super) fn find(amplitude: &[f32], grid: &Grid, options: &DepthOptions) -> Vec<Surface> {
-    let plane = grid.plane_len();
+///
+/// Confidence is the peak's power against the reference and against its column's median, in dB.
+pub(super) fn find(amplitude: &[f32], grid: &Grid, raster: &Raster, options: &DepthOptions) -> Vec<Surface> {
+    // Smoothed on the grid, where its lengths are metres.
     let power = smooth(amplitude.iter().map(|a| a * a).collect(), grid, options.smoothing);
-    let maxima = column_maxima(&power, plane);
+    let columns = Columns::of_power(&power, grid, raster);
+    let maxima = columns.maxima();
     let decibels = |db: f64| 10f64.powf(db / 10.0) as f32;
-    let floor = percentile_99(&maxima) * decibels(options.return_threshold_db);
+    let reference = percentile_99(&maxima);
+    let floor = reference * decibels(options.return_threshold_db);
     let gate = decibels(options.return_gate_db);
-    let least = options.separation * options.range_resolution;
-    let found: Vec<Vec<(f64, f32)>> = (0..plane)
+    let mut surfaces = vec![Surface::empty(raster.len()); options.returns];
+    for surface in &mut surfaces {
+        surface.confidence = Some(vec![f32::NAN; raster.len()]);
+    }
+    let found: Vec<Vec<(Found, f64)>> = (0..raster.len())
         .into_par_iter()
-        .map_init(Vec::new, |column: &mut Vec<f32>, pixel| {
-            column.clear();
-            column.extend(power.iter().skip(pixel).step_by(plane));
-            let enough = floor.max(maxima[pixel] * gate);
-            let mut peaks: Vec<usize> = (0..column.len())
-                .filter(|&i| column[i] > 0.0 && column[i] >= enough && is_peak(column, i))
-                .collect();
-            // Strongest first, so that a sidelobe never displaces the surface that made it.
-            peaks.sort_by(|a, b| column[*b].total_cmp(&column[*a]).then(a.cmp(b)));
-            let mut kept: Vec<(f64, f32)> = Vec::new();
-            for peak in peaks {
-                let depth = grid.z.first + grid.z.pitch * (peak as f64 + parabola(column, peak));
-                if kept.len() < options.returns && kept.iter().all(|(z, _)| (z - depth).abs() >= least) {
-                    kept.push((depth, column[peak].sqrt()));
-                }
-            }
-            kept.sort_by(|a, b| a.0.total_cmp(&b.0));
-            kept
+        .map_init(Vec::new, |column, pixel| {
+            columns.read(pixel, column);
+            let found = peaks(column, &grid.z, floor.max(maxima[pixel] * gate), options);
+            let level = |found: &Found| confidence(column, found.power.into(), reference.into());
+            found.iter().map(|found| (*found, level(found))).collect()
         })
         .collect();
-    (0..options.returns)
-        .map(|k| {
-            let mut surface = Surface::empty(plane);
-            for (pixel, found) in found.iter().enumerate() {
-                if let Some((depth, strength)) = found.get(k) {
-                    surface.depth[pixel] = *depth as f32;
-                    surface.strength[pixel] = *strength;
-                }
-            }
-            surface
-        })
-        .collect()
+    for (pixel, found) in found.iter().enumerate() {
+        for (surface, (found, confidence)) in surfaces.iter_mut().zip(found) {
+            surface.depth[pixel] = found.depth as f32;
+            surface.strength[pixel] = found.power.sqrt();
+            surface.confidence.get_or_insert_default()[pixel] = *confidence as f32;
+        }
+    }
+    surfaces
+}
+
+/// The returns of one column of smoothed power, front to back, none weaker than `enough`.
+///
+/// Strongest first, so that a sidelobe never displaces the surface that made it. A further one must also stand out:
+/// what aliases of the array leave in a column is a narrow band, and so long in depth, while a surface is short; and
+/// two crests of one slope have no valley between them (`PHYSICS` R; measured in the tests of the shipped scenes).
+fn peaks(column: &[f32], z: &Axis, enough: f32, options: &DepthOptions) -> Vec<Found> {
+    let least = options.separation * options.range_resolution;
+    let contrast = 10f64.powf(options.return_contrast_db / 10.0) as f32;
+    let mut peaks: Vec<usize> =
+        (0..column.len()).filter(|&i| column[i] > 0.0 && column[i] >= enough && is_peak(column, i)).collect();
+    peaks.sort_by(|a, b| column[*b].total_cmp(&column[*a]).then(a.cmp(b)));
+    let mut kept: Vec<Found> = Vec::new();
+    for index in peaks {
+        let depth = z.first + z.pitch * (index as f64 + parabola(column, index));
+        let apart = kept.iter().all(|other| (other.depth - depth).abs() >= least);
+        if kept.len() < options.returns
+            && apart
+            && (contrast <= 1.0 || kept.is_empty() || stands_out(column, z, index, &kept, contrast, options))
+        {
+            kept.push(Found { index, depth, power: column[index] });
+        }
+    }
+    kept.sort_by(|a, b| a.depth.total_cmp(&b.depth));
+    kept
+}
+
+/// Whether a peak is `contrast` times as strong as the median around it and as every valley to a stronger return.
+fn stands_out(
+    column: &[f32],
+    z: &Axis,
+    peak: usize,
+    stronger: &[Found],
+    contrast: f32,
+    options: &DepthOptions,
+) -> bool {
+    let valley =
+        |other: usize| column[peak.min(other)..=peak.max(other)].iter().copied().fold(f32::MAX, f32::min);
+    if stronger.iter().any(|other| column[peak] < contrast * valley(other.index)) {
+        return false;
+    }
+    let cells =
+        |lengths: f64| (lengths * options.range_resolution / z.pitch).min(column.len() as f64) as usize;
+    let (reach, own) = (cells(SURROUNDINGS), cells(OWN));
+    let mut around: Vec<f32> = (peak.saturating_sub(reach)..(peak + reach + 1).min(column.len()))
+        .filter(|i| i.abs_diff(peak) > own && stronger.iter().all(|other| i.abs_diff(other.index) > own))
+        .map(|i| column[i])
+        .collect();
+    if around.is_empty() {
+        return true;
+    }
+    let middle = around.len() / 2;
+    column[peak] >= contrast * *around.select_nth_unstable_by(middle, f32::total_cmp).1
 }
 
 /// Separable Gaussian smoothing with σ in m along x, y, z; the kernel ends at 4σ and is renormalised at the edges.
@@ -87,7 +144,10 @@ fn smooth(mut power: Vec<f32>, grid: &Grid, sigma: [f64; 3]) -> Vec<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::grid::Axis;
+
+    fn found(echoes: &[(f64, f64)], options: &DepthOptions) -> Vec<Surface> {
+        find(&amplitude(echoes), &grid(), &Raster::of_grid(&grid()), options)
+    }
 
     fn grid() -> Grid {
         let axis = |pitch, count| Axis { first: 1.0, pitch, count };
@@ -107,7 +167,7 @@ mod tests {
 
     #[test]
     fn two_surfaces_come_back_in_order_with_their_strengths() {
-        let surfaces = find(&amplitude(&[(1.40, 1.0), (1.15, 0.5)]), &grid(), &DepthOptions::new(0.017));
+        let surfaces = found(&[(1.40, 1.0), (1.15, 0.5)], &DepthOptions::new(0.017));
         for (surface, expected) in surfaces.iter().zip([1.15, 1.40]) {
             for z in &surface.depth {
                 assert!((f64::from(*z) - expected).abs() < 5e-4, "{z}");
@@ -115,12 +175,44 @@ mod tests {
         }
         let ratio = surfaces[0].strength[10] / surfaces[1].strength[10];
         assert!((ratio - 0.5).abs() < 0.01, "{ratio}");
+        let levels = [0, 1].map(|k: usize| surfaces[k].confidence.as_ref().expect("of every return")[10]);
+        // Half the amplitude is 6 dB less against the reference and against the column alike.
+        assert!((levels[1] - levels[0] - 12.04).abs() < 0.3, "{levels:?}");
+    }
+
+    #[test]
+    fn three_surfaces_come_back_when_three_are_asked_for() {
+        let echoes = [(1.1, 0.6), (1.25, 1.0), (1.45, 0.5)];
+        for (returns, expected) in [(3, vec![1.1, 1.25, 1.45]), (2, vec![1.1, 1.25])] {
+            let options = DepthOptions { returns, ..DepthOptions::new(0.017) };
+            let surfaces = found(&echoes, &options);
+            assert_eq!(surfaces.len(), returns);
+            for (surface, expected) in surfaces.iter().zip(expected) {
+                assert!((f64::from(surface.depth[20]) - expected).abs() < 5e-4, "{returns}: {surface:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn two_crests_of_one_slope_and_a_crest_on_a_long_pedestal_are_no_further_return() {
+        let options = DepthOptions::new(0.017);
+        let plain = DepthOptions { return_contrast_db: 0.0, ..options.clone() };
+        // A wall 60 mm deep in the pixel: crests at both ends, and 3 dB less between them.
+        let slope = [(1.20, 1.0), (1.212, 0.7), (1.224, 0.6), (1.236, 0.6), (1.248, 0.8), (1.26, 0.9)];
+        // What an alias leaves: 150 mm of power, with one crest a little higher than the rest.
+        let mut pedestal: Vec<(f64, f64)> = (0..15).map(|i| (1.30 + 0.01 * f64::from(i), 0.25)).collect();
+        pedestal.extend([(1.15, 1.0), (1.37, 0.2)]);
+        for echoes in [&slope[..], &pedestal] {
+            let second = |options| found(echoes, options)[1].depth[20];
+            assert!(second(&options).is_nan(), "{}", second(&options));
+            assert!(!second(&plain).is_nan(), "the test is of no use without a crest to refuse");
+        }
     }
 
     #[test]
     fn a_weak_or_near_second_peak_is_not_a_surface() {
         for echoes in [[(1.2, 1.0), (1.4, 0.2)], [(1.2, 1.0), (1.22, 0.9)]] {
-            let surfaces = find(&amplitude(&echoes), &grid(), &DepthOptions::new(0.017));
+            let surfaces = found(&echoes, &DepthOptions::new(0.017));
             assert!(surfaces[0].depth.iter().all(|z| !z.is_nan()));
             assert!(surfaces[1].depth.iter().all(|z| z.is_nan()), "{echoes:?}");
         }

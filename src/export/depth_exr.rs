@@ -7,7 +7,7 @@
 use super::exr_file::{Part, WORLD_TO_CAMERA, attributes_of, floats, part, read_parts, write_parts};
 use super::{Attribute, Attributes, Encoding, find_attribute};
 use crate::error::{Error, Result};
-use crate::grid::{Axis, DepthMap, Surface};
+use crate::grid::{Axis, DepthMap, Raster, Surface, View};
 use exr::prelude::Vec2;
 use std::path::Path;
 
@@ -43,15 +43,20 @@ pub struct DepthFile {
     pub map: DepthMap,
     /// What the file says about it, in order of the names.
     pub attributes: Attributes,
-    /// Whether the file gave the axes in m. If not, they count pixels, with pitch 1.
+    /// Whether the file gave the axes in m, or in slopes for a perspective view. If not, they count pixels, with pitch
+    /// 1.
     pub axes_known: bool,
 }
 
 /// Writes a depth map or a ground truth.
 ///
 /// - Root `R`, `G`, `B`: amplitude over `sonar:amplitudeScale`, 0 where there is no return; `A`: 1 or 0; `Z`: m.
-/// - Layers: `range.V` in m; `confidence.V` in dB and `facing.V` where the map has them; for the k-th return
-///   `return{k}.Z` in m, `return{k}.V` in the unit of `R`, and `return{k}.N`, its `|n_z|`, where known.
+/// - Layers: `range.V` in m; `confidence.V` in dB, `facing.V` and `material.id` where the map has them; for the k-th
+///   return `return{k}.Z` in m, `return{k}.V` in the unit of `R`, and where known `return{k}.confidence` in dB,
+///   `return{k}.N`, its facing, and `return{k}.id`, its material. Ids are whole numbers from 1, which count the names in
+///   `sonar:materials` (a JSON list). No layer has more than four channels: Blender drops those that do.
+/// - `sonar:view` says what `sonar:x0`, `y0`, `pitch` and `pitchY` are: m, or the slopes x/z and y/z of a perspective
+///   view, whose field of view (degrees) and standard screen window stand there too.
 /// - Where there is no return, every `Z` and `range.V` hold the fill, all else holds 0.
 ///
 /// `attributes` are written beside those of the format, whose names win.
@@ -87,12 +92,21 @@ pub fn write_depth_map(
     if let Some(facing) = &map.picked.facing {
         channels.push(("facing.V".into(), masked(facing, &map.picked.depth, 0.0)));
     }
+    if let Some(material) = &map.picked.material {
+        channels.push(("material.id".into(), masked(&numbers(material), &map.picked.depth, 0.0)));
+    }
     for (surface, k) in map.returns.iter().zip(1..) {
         channels.push((format!("return{k}.Z"), masked(&surface.depth, &surface.depth, fill_value)));
         let strength = scaled(&surface.strength, scale);
         channels.push((format!("return{k}.V"), masked(&strength, &surface.depth, 0.0)));
         if let Some(facing) = &surface.facing {
             channels.push((format!("return{k}.N"), masked(facing, &surface.depth, 0.0)));
+        }
+        if let Some(material) = &surface.material {
+            channels.push((format!("return{k}.id"), masked(&numbers(material), &surface.depth, 0.0)));
+        }
+        if let Some(confidence) = &surface.confidence {
+            channels.push((format!("return{k}.confidence"), masked(confidence, &surface.depth, 0.0)));
         }
     }
     let mut attributes = attributes.to_vec();
@@ -105,9 +119,28 @@ pub fn write_depth_map(
     add("depth", Attribute::Text("planar depth along +z".into()));
     add("unit", Attribute::Text("m".into()));
     add("noReturn", Attribute::Number(f64::from(fill_value)));
+    add("view", Attribute::Text(map.view.name().into()));
+    if !map.materials.is_empty() {
+        add("materials", Attribute::Text(serde_json::json!(map.materials).to_string()));
+    }
+    if let Some([across, up]) = map.raster().field_of_view() {
+        add("fieldOfViewX", Attribute::Number(across));
+        add("fieldOfViewY", Attribute::Number(up));
+    }
     let mut part = part(None, [map.x.count, map.y.count], channels, &attributes, encoding);
     part.attributes.world_to_camera = Some(WORLD_TO_CAMERA);
+    if map.view == View::Perspective {
+        // The window at distance 1, in the camera's axes, whose y points up.
+        let middle = |axis: &Axis| f64::midpoint(axis.first, axis.last()) as f32;
+        part.attributes.screen_window_center = Vec2(middle(&map.x), -middle(&map.y));
+        part.attributes.screen_window_width = (map.x.pitch * map.x.count as f64) as f32;
+    }
     write_parts(path, vec![part])
+}
+
+/// Material ids as an image holds them; 2²⁴ of them are exact.
+fn numbers(ids: &[u32]) -> Vec<f32> {
+    ids.iter().map(|&id| id as f32).collect()
 }
 
 /// The greatest finite amplitude of the map, or 1 where there is none.
@@ -163,7 +196,19 @@ pub fn read_depth_map(path: &Path, limit_bytes: u64) -> Result<DepthFile> {
             ),
         ));
     };
+    let text = |name: &str| match find_attribute(&attributes, &format!("sonar:{name}")) {
+        Some(Attribute::Text(text)) => Some(text.as_str()),
+        _ => None,
+    };
     let axes = ours(number("x0"), number("y0"), number("pitch"), number("pitchY"));
+    let materials: Vec<String> =
+        text("materials").and_then(|list| serde_json::from_str(list).ok()).unwrap_or_default();
+    // An id that counts no name is as good as none.
+    let ids = |name: &str| -> Option<Vec<u32>> {
+        let known =
+            |id: &f32| if (1.0..=materials.len() as f32).contains(id) { id.round() as u32 } else { 0 };
+        Some(channel(name)?.iter().map(known).collect())
+    };
     let scale = number("amplitudeScale").unwrap_or(1.0) as f32;
     let fill = number("noReturn").map(|fill| fill as f32);
     let alpha = channel(&format!("{prefix}A"));
@@ -187,19 +232,29 @@ pub fn read_depth_map(path: &Path, limit_bytes: u64) -> Result<DepthFile> {
             0.0,
         ),
         facing: channel("facing.V"),
+        material: ids("material.id"),
+        confidence: None,
     };
     let confidence = channel("confidence.V").map_or(Vec::new(), |db| keep(db, f32::NAN));
     let mut returns = Vec::new();
     while let Some(z) = channel(&format!("return{}.Z", returns.len() + 1)) {
         let k = returns.len() + 1;
         let strength = channel(&format!("return{k}.V")).unwrap_or_else(|| vec![0.0; pixels]);
-        returns.push(Surface {
-            // A depth that happens to equal the fill still has a strength.
-            depth: z
+        // A depth that happens to equal the fill still has a strength.
+        let there = |z: f32, v: f32| z.is_finite() && (Some(z) != fill || v > 0.0);
+        let depth: Vec<f32> =
+            z.into_iter().zip(&strength).map(|(z, &v)| if there(z, v) { z } else { f32::NAN }).collect();
+        let of_returns = |values: Vec<f32>| -> Vec<f32> {
+            values
                 .into_iter()
-                .zip(&strength)
-                .map(|(z, &v)| if z.is_finite() && (Some(z) != fill || v > 0.0) { z } else { f32::NAN })
-                .collect(),
+                .zip(&depth)
+                .map(|(value, z)| if z.is_nan() { f32::NAN } else { value })
+                .collect()
+        };
+        returns.push(Surface {
+            confidence: channel(&format!("return{k}.confidence")).map(of_returns),
+            material: ids(&format!("return{k}.id")),
+            depth,
             strength: strength.into_iter().map(|v| v * scale).collect(),
             facing: channel(&format!("return{k}.N")),
         });
@@ -207,13 +262,14 @@ pub fn read_depth_map(path: &Path, limit_bytes: u64) -> Result<DepthFile> {
     let corner = part.attributes.layer_position;
     let counting = |first: i32| (f64::from(first), 1.0);
     let [(x0, pitch_x), (y0, pitch_y)] = axes.unwrap_or([counting(corner.0), counting(corner.1)]);
-    let map = DepthMap {
+    let view =
+        if text("view") == Some(View::Perspective.name()) { View::Perspective } else { View::Orthographic };
+    let raster = Raster {
+        view,
         x: Axis { first: x0, pitch: pitch_x, count: part.size.0 },
         y: Axis { first: y0, pitch: pitch_y, count: part.size.1 },
-        picked,
-        confidence,
-        returns,
     };
+    let map = DepthMap { confidence, returns, materials, ..DepthMap::new(raster, picked) };
     Ok(DepthFile { map, attributes, axes_known: axes.is_some() })
 }
 

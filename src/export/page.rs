@@ -173,6 +173,7 @@ fn maps(depth: &DepthMap, truth: Option<&DepthMap>) -> Result<Value> {
     let mut maps = json!({
         "x": axis_json(&thinned(&depth.x)),
         "y": axis_json(&thinned(&depth.y)),
+        "view": depth.view,
         "reduced": step,
         "depth": pack_floats(&thin(&depth.picked.depth)),
         "amplitude": pack(&amplitude),
@@ -189,11 +190,8 @@ fn maps(depth: &DepthMap, truth: Option<&DepthMap>) -> Result<Value> {
 
 /// Where a map's surfaces lie.
 fn surface_points(map: &DepthMap) -> Vec<[f32; 3]> {
-    let at = |(i, z): (usize, &f32)| {
-        let (x, y) = (map.x.position(i % map.x.count), map.y.position(i / map.x.count));
-        z.is_finite().then_some([x as f32, y as f32, *z])
-    };
-    map.picked.depth.iter().enumerate().filter_map(at).collect()
+    let found = (0..map.len()).filter(|&i| map.picked.depth[i].is_finite());
+    found.map(|i| map.point(i).to_array().map(|x| x as f32)).collect()
 }
 
 fn points(scene: &ScenePoints) -> Value {

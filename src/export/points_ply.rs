@@ -38,9 +38,8 @@ pub fn write_depth_points(path: &Path, map: &DepthMap, attributes: &[(String, At
     write_atomically(path, |out| {
         out.write_all(header.as_bytes())?;
         for i in found {
-            let (x, y) = (map.x.position(i % map.x.count), map.y.position(i / map.x.count));
-            let [nx, ny, nz] = normals[i];
-            for value in [x as f32, y as f32, map.picked.depth[i], nx, ny, nz, map.picked.strength[i]] {
+            let (p, [nx, ny, nz]) = (map.point(i), normals[i]);
+            for value in [p.x as f32, p.y as f32, map.picked.depth[i], nx, ny, nz, map.picked.strength[i]] {
                 out.write_all(&value.to_le_bytes())?;
             }
         }
@@ -185,24 +184,24 @@ fn header(
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
-    use crate::grid::{Axis, Surface};
+    use crate::grid::{Axis, Raster, Surface, View};
     use num_complex::Complex32;
 
     #[test]
     fn one_vertex_per_accepted_pixel() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("depth.ply");
-        let map = DepthMap {
+        let raster = Raster {
+            view: View::Orthographic,
             x: Axis { first: -0.1, pitch: 0.1, count: 3 },
             y: Axis { first: 0.3, pitch: 0.07, count: 2 },
-            picked: Surface {
-                depth: vec![1.5, f32::NAN, 2.25, f32::NAN, f32::NAN, 3.0],
-                strength: vec![0.25, 0.0, 0.5, 0.0, 0.0, 0.125],
-                facing: None,
-            },
-            confidence: Vec::new(),
-            returns: Vec::new(),
         };
+        let picked = Surface {
+            depth: vec![1.5, f32::NAN, 2.25, f32::NAN, f32::NAN, 3.0],
+            strength: vec![0.25, 0.0, 0.5, 0.0, 0.0, 0.125],
+            ..Surface::default()
+        };
+        let map = DepthMap::new(raster, picked);
         let facts = [
             ("sonar:soundSpeed".to_owned(), Attribute::Number(343.0)),
             ("sonar:run".to_owned(), Attribute::Text("x".repeat(300))),
@@ -217,6 +216,15 @@ mod tests {
         assert_eq!(ply.column("nz").unwrap(), [-1.0; 3], "lone pixels face the array");
         assert_eq!(ply.comments.len(), 2, "{:?}", ply.comments);
         assert!(ply.comments[1].contains("sonar:soundSpeed 343"));
+
+        let map = DepthMap { view: View::Perspective, ..map };
+        write_depth_points(&path, &map, &facts).unwrap();
+        let ply = Ply::read(&path, 1 << 20).unwrap();
+        let near =
+            |name: &str, expected: f64| assert!((ply.column(name).unwrap()[2] - expected).abs() < 1e-6);
+        near("x", 0.1 * 3.0);
+        near("y", 0.37 * 3.0);
+        near("z", 3.0);
     }
 
     #[test]

@@ -5,6 +5,7 @@
 //! little-endian arrays in C order, so that the same input gives the same bytes.
 
 mod elements;
+mod fingerprint;
 mod header;
 mod writer;
 

@@ -1,14 +1,15 @@
 //! A scene turned into reflectors, with the instrument that hears them and the grid that shows them.
 
-use super::{SceneSummary, is_csv, load_scene, room, scene_path, warn_all};
-use crate::acquisition::{DataCube, MicArray, Setup, SimulateOptions, Sweep, simulate};
+use super::facts::compensation;
+use super::{SceneSummary, is_csv, is_in_metres, load_scene, room, scene_path, warn_all};
+use crate::acquisition::{DataCube, MicArray, Setup, SimulateOptions, Sweep, simulate_keeping};
 use crate::config::RunFile;
 use crate::error::Result;
 use crate::grid::Grid;
 use crate::plan::{
     Holding, Plan, check_sampling, check_simulation, gib, memory_limit, outside_warning, plan, scale_warnings,
 };
-use crate::progress::Observer;
+use crate::progress::{Keeper, Observer};
 use crate::reflectors::{Reflectors, sample_surface, sampling_bytes};
 use crate::scene::Scene;
 use glam::DVec3;
@@ -25,6 +26,22 @@ pub(super) struct Measurement {
 impl Measurement {
     pub(super) fn of(run: &RunFile) -> Result<Self> {
         Ok(Self { sweep: run.sweep()?, array: run.microphones()?, options: run.simulate_options() })
+    }
+
+    /// What is simulated beyond Eq. 5 and done to the volume, in words.
+    pub(super) fn physics(&self, run: &RunFile) -> Vec<String> {
+        let mut lines = self.options.physics(&self.sweep);
+        if let Some(air) = run.medium.air() {
+            lines.insert(
+                0,
+                format!(
+                    "sound travels at {:.2} m/s, in air of {} °C and {} %",
+                    self.options.sound_speed, air.temperature, air.humidity
+                ),
+            );
+        }
+        lines.extend(compensation(run));
+        lines
     }
 
     pub(super) fn setup(&self) -> Setup<'_> {
@@ -76,7 +93,7 @@ impl Echoes {
         let grid = grid.and_then(|grid| fits(&grid).map(|()| grid)).inspect_err(|_| {
             // A wrong unit may be why no grid fits.
             if let Some((low, high)) = scene.bounds() {
-                warn_all(&scale_warnings(&setup, low, high), observer);
+                warn_all(&scale_warnings(&setup, low, high, is_in_metres(path)), observer);
             }
         })?;
         let plan = plan(&setup, &grid);
@@ -92,23 +109,34 @@ impl Echoes {
         self.measurement.setup()
     }
 
+    /// What is simulated beyond Eq. 5 and done to the volume, in words.
+    pub(super) fn physics(&self, run: &RunFile) -> Vec<String> {
+        self.measurement.physics(run)
+    }
+
     fn bounds(&self) -> Option<(DVec3, DVec3)> {
         self.scene.as_ref().map_or_else(|| self.reflectors.bounds(), Scene::bounds)
     }
 
     /// Warns about what looks wrong.
-    pub(super) fn warn(&self, observer: &dyn Observer) {
+    pub(super) fn warn(&self, run: &RunFile, observer: &dyn Observer) {
         warn_all(&self.plan.warnings, observer);
-        let warnings = placement_warnings(&self.setup(), &self.grid, self.bounds(), self.scene.is_some());
-        warn_all(&warnings, observer);
+        let in_metres = scene_path(run).is_ok_and(is_in_metres);
+        let mesh = self.scene.as_ref().map(|_| in_metres);
+        warn_all(&placement_warnings(&self.setup(), &self.grid, self.bounds(), mesh), observer);
         if self.reflectors.is_empty() {
             observer.warn("the speaker reaches no surface of the scene: the cube will be silent; check where the scene lies");
         }
     }
 
-    pub(super) fn simulate(&self, run: &RunFile, observer: &dyn Observer) -> Result<DataCube> {
+    pub(super) fn simulate(
+        &self,
+        run: &RunFile,
+        keeper: &mut dyn Keeper,
+        observer: &dyn Observer,
+    ) -> Result<DataCube> {
         let Measurement { sweep, array, options } = &self.measurement;
-        let mut cube = simulate(&self.reflectors, sweep, array, options, observer)?;
+        let mut cube = simulate_keeping(&self.reflectors, sweep, array, options, keeper, observer)?;
         observer.note(&format!(
             "a cube of {} tones x {} microphones, {}",
             sweep.len(),
@@ -126,15 +154,16 @@ impl Echoes {
 }
 
 /// What looks wrong about where a scene lies and how large it is. A list of reflectors is in metres for certain, so
-/// only a `mesh` is suspected of another unit.
+/// only a `mesh` is suspected of another unit, or of another scale where its format says its unit (`Some(true)`).
 pub(super) fn placement_warnings(
     setup: &Setup,
     grid: &Grid,
     bounds: Option<(DVec3, DVec3)>,
-    mesh: bool,
+    mesh: Option<bool>,
 ) -> Vec<String> {
     let Some((low, high)) = bounds else { return Vec::new() };
-    let mut warnings = if mesh { scale_warnings(setup, low, high) } else { Vec::new() };
+    let suspected = mesh.map(|in_metres| scale_warnings(setup, low, high, in_metres));
+    let mut warnings = suspected.unwrap_or_default();
     warnings.extend(outside_warning(grid, low, high));
     warnings
 }

@@ -45,6 +45,13 @@ pub(super) fn setup_facts(setup: &Setup, run: &RunFile) -> Value {
     })
 }
 
+/// What the volume is multiplied with, if it is.
+pub(super) fn compensation(run: &RunFile) -> Option<String> {
+    run.reconstruct.compensate.then(|| {
+        "spreading undone in the volume: times the distances from speaker and array's centre, in m".to_owned()
+    })
+}
+
 /// The range resolution c/2B that a volume's facts come to, m.
 pub fn resolution_of(meta: &Value) -> Option<f64> {
     let number = |key: &str| meta.get(key).and_then(Value::as_f64).filter(|v| *v > 0.0);

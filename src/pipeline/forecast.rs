@@ -1,7 +1,8 @@
 //! What `plan` shows: everything about a job that can be known before any ray or sample.
 
 use super::echoes::{Measurement, placement_warnings};
-use super::{is_csv, outputs, scene_path};
+use super::facts::compensation;
+use super::{is_csv, is_in_metres, outputs, scene_path};
 use crate::acquisition::{CubeFile, CubeSource, Setup};
 use crate::config::RunFile;
 use crate::error::Result;
@@ -25,6 +26,8 @@ pub struct Forecast {
     pub grid: Grid,
     /// Operations, bytes and seconds on this machine.
     pub needs: Needs,
+    /// What will be simulated beyond Eq. 5 and done to the volume, in words.
+    pub physics: Vec<String>,
     /// Files that `image` will write.
     pub files: Vec<String>,
     /// What the user should know.
@@ -48,6 +51,8 @@ pub fn forecast_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Res
     let grid = run.voxels(&setup, bounds)?;
     let holding = Holding::of_simulation(&setup);
     let mut forecast = forecast(run, &setup, &grid, holding, mesh)?;
+    forecast.physics = measurement.physics(run);
+    let mesh = mesh.then(|| is_in_metres(path));
     forecast.warnings.extend(placement_warnings(&setup, &grid, bounds, mesh));
     Ok(forecast)
 }
@@ -74,5 +79,6 @@ pub(super) fn forecast(
     let design = design(setup, grid, run.reconstruct.window);
     let needs = needs(setup, grid, &run.reconstruct_options(), holding, rayon::current_num_threads())?;
     let warnings = [plan.warnings.clone(), design.warnings.clone()].concat();
-    Ok(Forecast { plan, design, grid: *grid, needs, files: outputs::names(run, truth), warnings })
+    let physics = compensation(run).into_iter().collect();
+    Ok(Forecast { plan, design, grid: *grid, needs, physics, files: outputs::names(run, truth), warnings })
 }

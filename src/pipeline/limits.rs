@@ -1,36 +1,45 @@
 //! Metrics held to limits: what `check`, `compare --min/--max` and our own regression tests share.
 
-use crate::config::Limit;
+use crate::config::{Limit, RunFile};
 use crate::error::{Error, Result};
-use crate::metrics::{METRIC_NAMES, Metrics};
+use crate::metrics::{METRIC_NAMES, Measure, Scores};
+use crate::progress::Observer;
+use serde::Serialize;
+use std::path::Path;
 
 /// A limit on one metric.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Bound {
-    /// Its name, one of [`METRIC_NAMES`].
-    pub metric: String,
+    /// The metric, of everything or of one material or surface.
+    pub measure: Measure,
     /// Least and greatest value allowed.
     pub limit: Limit,
 }
 
 impl Bound {
-    /// Parses `NAME=VALUE` as a least (`min`) or greatest value.
+    /// Parses `NAME=VALUE`, `NAME:MATERIAL=VALUE` or `NAME#K=VALUE` as a least (`min`) or greatest value.
     ///
     /// # Errors
     /// No such metric, or no number.
     pub fn parse(option: &str, typed: &str, min: bool) -> Result<Self> {
-        let (name, value) = typed.split_once('=').unwrap_or((typed, ""));
+        // A material's name may hold an equals sign; a number does not.
+        let (name, value) = typed.rsplit_once('=').unwrap_or((typed, ""));
         let value: f64 = value.trim().parse().ok().filter(|v: &f64| v.is_finite()).ok_or_else(|| {
-            Error::input(option, format!("`{typed}` was expected to be NAME=NUMBER, as in completeness=0.65"))
+            Error::input(
+                option,
+                format!(
+                    "`{typed}` was expected to be NAME=NUMBER, as in completeness=0.65; of a material \
+                     completeness:glass=0.8, of the second surface completeness#2=0.8"
+                ),
+            )
         })?;
-        let name = name.trim();
-        if !METRIC_NAMES.contains(&name) {
+        let measure = Measure::parse(name.trim()).map_err(|unknown| {
             let known = METRIC_NAMES.join(", ");
-            return Err(Error::input(option, format!("there is no metric `{name}`; known are {known}")));
-        }
+            Error::input(option, format!("there is no metric `{unknown}`; known are {known}"))
+        })?;
         let limit =
             if min { Limit { min: Some(value), max: None } } else { Limit { min: None, max: Some(value) } };
-        Ok(Self { metric: name.to_owned(), limit })
+        Ok(Self { measure, limit })
     }
 }
 
@@ -39,46 +48,128 @@ impl Bound {
 pub struct Verdict {
     /// The limit.
     pub bound: Bound,
-    /// What was measured; `None` where there was nothing to measure it on, which fails.
+    /// What was measured, the mean over the seeds; `None` where there was nothing to measure it on, which fails.
     pub value: Option<f64>,
+    /// What was measured with each seed.
+    pub each: Vec<Option<f64>>,
     /// Whether the limit is kept.
     pub kept: bool,
 }
 
-/// Holds metrics to limits, one verdict each.
-pub fn hold(metrics: &Metrics, bounds: impl IntoIterator<Item = Bound>) -> Vec<Verdict> {
+/// Holds the mean of metrics to limits, one verdict each; `scores` are those of one or several seeds.
+pub fn hold(scores: &[Scores], bounds: impl IntoIterator<Item = Bound>) -> Vec<Verdict> {
     bounds
         .into_iter()
         .map(|bound| {
-            let value = metrics.get(&bound.metric).flatten();
+            let each: Vec<Option<f64>> = scores.iter().map(|scores| scores.get(&bound.measure)).collect();
+            // Nothing measured with one seed is nothing measured.
+            let sum: Option<f64> = each.iter().copied().sum();
+            let value = sum.filter(|_| !each.is_empty()).map(|sum| sum / each.len() as f64);
             let kept = value.is_some_and(|v| {
                 bound.limit.min.is_none_or(|min| v >= min) && bound.limit.max.is_none_or(|max| v <= max)
             });
-            Verdict { bound, value, kept }
+            Verdict { bound, value, each, kept }
         })
         .collect()
+}
+
+/// A scene held to its `[expect]`.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[non_exhaustive]
+pub struct Judgement {
+    /// The `[reflectors]` seeds it was run with.
+    pub seeds: Vec<u32>,
+    /// All metrics of each seed.
+    pub scores: Vec<Scores>,
+    /// Each limit, and whether it is kept.
+    #[serde(skip)]
+    pub verdicts: Vec<Verdict>,
+}
+
+/// Runs a scene and holds its metrics to the run file's `[expect]`: what `check` does, and our regression tests.
+///
+/// It is run with each of `seeds`, or if there are none of `[expect] seeds`, or else with its own; the mean is held to the
+/// limits.
+///
+/// # Errors
+/// What the stages refuse; a run file without `[expect]`, or a scene without a truth.
+pub fn check_scene(
+    path: &Path,
+    overrides: &[String],
+    seeds: &[u32],
+    observer: &dyn Observer,
+) -> Result<Judgement> {
+    let mut run = RunFile::load(path, overrides)?;
+    if run.expect.limits.is_empty() {
+        return Err(Error::input(
+            path.display(),
+            "has no [expect], so there is nothing to hold it to; add for example `completeness = { min = 0.65 }`",
+        ));
+    }
+    let seeds = match (seeds, run.expect.seeds.as_slice()) {
+        ([], []) => vec![run.reflectors.seed],
+        ([], seeds) | (seeds, _) => seeds.to_vec(),
+    };
+    let mut scores = Vec::new();
+    for &seed in &seeds {
+        run.reflectors.seed = seed;
+        scores.push(super::image_scene(&run, false, observer)?.scores.ok_or_else(|| {
+            Error::input(path.display(), "has no mesh and so no truth to be held to; [expect] needs one")
+        })?);
+    }
+    let bounds = run
+        .expect
+        .limits
+        .iter()
+        .map(|(name, limit)| {
+            let unknown = |name| Error::input(path.display(), format!("[expect] names no metric `{name}`"));
+            Ok(Bound { measure: Measure::parse(name).map_err(unknown)?, limit: *limit })
+        })
+        .collect::<Result<Vec<_>>>()?;
+    let verdicts = hold(&scores, bounds);
+    Ok(Judgement { seeds, scores, verdicts })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    fn scores(completeness: Option<f64>) -> Scores {
+        let mut scores = Scores::default();
+        scores.all.completeness = completeness;
+        scores
+    }
+
+    fn verdict(scores: &[Scores], typed: &str, min: bool) -> Verdict {
+        hold(scores, [Bound::parse("--min", typed, min).expect("valid")]).remove(0)
+    }
+
     #[test]
     fn limits_are_inclusive_and_nothing_measured_fails() {
-        let metrics = Metrics { completeness: Some(0.65), ..Metrics::default() };
-        let kept = |typed: &str, min: bool| {
-            let bound = Bound::parse("--min", typed, min).expect("valid");
-            hold(&metrics, [bound])[0].kept
-        };
+        let kept = |typed: &str, min: bool| verdict(&[scores(Some(0.65))], typed, min).kept;
         assert!(kept("completeness=0.65", true) && kept("completeness=0.65", false));
         assert!(!kept("completeness=0.66", true) && !kept("completeness=0.64", false));
         assert!(!kept("rmse=1", false), "an rmse of nothing is no success");
+        assert!(!kept("completeness:glass=0.1", true), "nor is one of a material that is not there");
+    }
+
+    #[test]
+    fn the_mean_of_the_seeds_is_held_to_the_limit() {
+        let seeds = [scores(Some(0.5)), scores(Some(0.9))];
+        let held = verdict(&seeds, "completeness=0.69", true);
+        assert!(held.kept && held.each == [Some(0.5), Some(0.9)]);
+        assert!(!verdict(&seeds, "completeness=0.71", true).kept);
+        assert!(!verdict(&[scores(Some(0.9)), scores(None)], "completeness=0.1", true).kept);
+        assert!(!verdict(&[], "completeness=0.1", true).kept);
     }
 
     #[test]
     fn a_bound_names_a_known_metric_and_a_number() {
-        for typed in ["completness=0.5", "completeness", "completeness=much", "completeness=nan"] {
+        for typed in ["completness=0.5", "completeness", "completeness=much", "completeness=nan", "rmse#0=1"]
+        {
             assert!(Bound::parse("--min", typed, true).is_err(), "{typed}");
         }
+        let bound = Bound::parse("--min", "completeness:a=b=0.5", true).expect("valid");
+        assert_eq!((bound.measure.to_string().as_str(), bound.limit.min), ("completeness:a=b", Some(0.5)));
     }
 }

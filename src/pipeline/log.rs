@@ -46,6 +46,10 @@ impl Observer for Log<'_> {
         self.inner.warn(message);
     }
 
+    fn tell(&self, message: &str) {
+        self.inner.tell(message);
+    }
+
     fn should_stop(&self) -> bool {
         self.inner.should_stop()
     }

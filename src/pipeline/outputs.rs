@@ -16,10 +16,10 @@ use crate::export::volume_exr::write_volume_exr;
 use crate::export::volume_npz::stream_volume_npz;
 use crate::export::volume_nrrd::stream_volume_nrrd;
 use crate::export::volume_vti::stream_volume_vti;
-use crate::export::{Encoding, VolumeFile, fits_float16};
+use crate::export::{Components, Encoding, VolumeFile, fits_float16};
 use crate::files::{extension, write_atomically};
 use crate::grid::{DepthMap, Grid, Volume};
-use crate::metrics::error_map;
+use crate::metrics::{Metrics, error_map};
 use crate::progress::{Observer, stage};
 use crate::reconstruct::{Made, VolumeSink};
 use num_complex::Complex32;
@@ -125,6 +125,23 @@ fn name_of(format: VolumeFormat) -> &'static str {
     }
 }
 
+/// The least bytes that a volume's file takes, whatever its content.
+pub(super) fn bytes_of(path: &Path, run: &RunFile, grid: &Grid) -> u64 {
+    let per_voxel = match extension(path).as_str() {
+        "npz" => 8,
+        "vti" if run.output.components == Components::Complex => 12,
+        "vti" => 4,
+        // Compressed: a quarter is more than any volume of echoes gives up.
+        _ => 1,
+    };
+    grid.voxel_count().saturating_mul(per_voxel)
+}
+
+/// The same for all volumes of a run.
+pub(super) fn volume_bytes(run: &RunFile, grid: &Grid) -> u64 {
+    run.output.formats.iter().map(|format| bytes_of(Path::new(name_of(*format)), run, grid)).sum()
+}
+
 /// The files that [`write_outputs`] will write, with or without a truth; a very deep volume may take several.
 pub(super) fn names(run: &RunFile, truth: bool) -> Vec<String> {
     let mut names: Vec<&str> = run.output.formats.iter().map(|format| name_of(*format)).collect();
@@ -216,13 +233,6 @@ impl VolumeSink for VolumeFiles<'_> {
         }
         if self.needs_all() { self.whole.take(first, planes) } else { Ok(()) }
     }
-
-    fn take_all(&mut self, samples: Vec<Complex32>) -> Result<()> {
-        for (_, file) in &mut self.growing {
-            file.take(&samples)?;
-        }
-        if self.needs_all() { self.whole.take_all(samples) } else { Ok(()) }
-    }
 }
 
 /// Begins a volume file in the format of the path's extension, which takes depth after depth.
@@ -286,10 +296,13 @@ pub fn write_cube(path: &Path, cube: &DataCube) -> Result<()> {
 /// Draws the error with its median and rms.
 fn write_error(path: &Path, outcome: &Outcome, truth: &DepthMap) -> Result<()> {
     let errors = error_map(&outcome.depth, truth)?;
-    let millimetres = |value: Option<f64>| value.map_or("none".to_owned(), |m| format!("{:.1} mm", m * 1e3));
-    let metrics = outcome.metrics.unwrap_or_default();
-    let note =
-        format!("median |error| {}, rms {}", millimetres(metrics.median_error), millimetres(metrics.rmse));
     let resolution = outcome.instrument.setup().range_resolution().unwrap_or(f64::NAN);
-    write_error_figure(path, &errors, [truth.x, truth.y], resolution, &note)
+    let note = error_note(&outcome.metrics.unwrap_or_default());
+    write_error_figure(path, &errors, &truth.raster(), resolution, &note)
+}
+
+/// The line above an error figure.
+pub fn error_note(metrics: &Metrics) -> String {
+    let millimetres = |value: Option<f64>| value.map_or("none".to_owned(), |m| format!("{:.1} mm", m * 1e3));
+    format!("median |error| {}, rms {}", millimetres(metrics.median_error), millimetres(metrics.rmse))
 }

@@ -11,6 +11,7 @@ use crate::scene::{Material, Scene};
 use glam::DVec3;
 use serde::Serialize;
 use serde_json::{Map, Value};
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 /// What one run did; serialised as `report.json`. Only `timings` differs between two runs of the same inputs.
@@ -29,6 +30,8 @@ pub struct Report {
     pub scene: Option<SceneSummary>,
     /// Number of reflectors simulated, when they were.
     pub reflectors: Option<usize>,
+    /// What was simulated beyond Eq. 5 and done to the volume, in words.
+    pub physics: Vec<String>,
     /// The method that reconstructed.
     pub method: crate::reconstruct::Method,
     /// Greatest amplitude of the volume.
@@ -41,6 +44,10 @@ pub struct Report {
     pub accepted: usize,
     /// Depth map against truth, when there is one.
     pub metrics: Option<Metrics>,
+    /// The metrics of each material's surfaces, by name.
+    pub materials: BTreeMap<String, Metrics>,
+    /// The metrics of each pixel's first surface from the front, its second, and so on.
+    pub surfaces: Vec<Metrics>,
     /// What the user should know.
     pub warnings: Vec<String>,
     /// Files written, by name within the output folder.
@@ -58,12 +65,15 @@ impl Report {
             grid: outcome.image.volume.grid,
             scene: outcome.scene.clone(),
             reflectors: outcome.reflectors.as_ref().map(Reflectors::len),
+            physics: outcome.physics.clone(),
             method: outcome.image.method,
             peak_amplitude: outcome.image.volume.peak(),
             error_bound: outcome.image.error_bound,
             pixels: outcome.depth.len(),
             accepted: outcome.depth.accepted(),
             metrics: outcome.metrics,
+            materials: outcome.scores.as_ref().map_or_else(BTreeMap::new, |scores| scores.materials.clone()),
+            surfaces: outcome.scores.as_ref().map_or_else(Vec::new, |scores| scores.surfaces.clone()),
             warnings: outcome.warnings.clone(),
             files: Vec::new(),
             timings: outcome.timings.iter().map(|(stage, s)| (stage.clone(), (*s).into())).collect(),

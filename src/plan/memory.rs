@@ -23,6 +23,9 @@ pub fn check_sampling(bytes: u64, spacing: f64, limit: Option<u64>) -> Result<()
     }
 }
 
+/// The most bytes of a volume that wait to be kept for a later run.
+pub const WAITING: u64 = 32 << 20;
+
 /// Bytes as people read them.
 pub fn gib(bytes: u64) -> String {
     let (mib, gib) = (f64::from(1 << 20), f64::from(1 << 30));
@@ -38,9 +41,30 @@ pub fn limit_memory(bytes: u64) {
     let _ = LIMIT.set(bytes);
 }
 
-/// The most bytes that a job may use: what was set, else 80 % of what is free, where the system says so.
+/// The most bytes that a job may use: what was set, else 80 % of what is free, where the system says so; but no more
+/// than this process may have of addresses (`ulimit -v`).
 pub fn memory_limit() -> Option<u64> {
-    LIMIT.get().copied().or_else(|| available_memory().map(|free| free / 10 * 8))
+    let set = LIMIT.get().copied().or_else(|| available_memory().map(|free| free / 10 * 8));
+    [set, address_space()].into_iter().flatten().min()
+}
+
+/// What is left of the addresses that this process may have.
+fn address_space() -> Option<u64> {
+    let limits = std::fs::read_to_string("/proc/self/limits").ok()?;
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    Some(soft_limit(&limits)?.saturating_sub(used_addresses(&status)?))
+}
+
+/// The soft limit in the text of `/proc/self/limits`; `None` when there is none.
+fn soft_limit(limits: &str) -> Option<u64> {
+    let line = limits.lines().find_map(|line| line.strip_prefix("Max address space"))?;
+    line.split_whitespace().next()?.parse().ok()
+}
+
+/// What a process has of addresses, by the text of `/proc/self/status`.
+fn used_addresses(status: &str) -> Option<u64> {
+    let line = status.lines().find_map(|line| line.strip_prefix("VmSize:"))?;
+    line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()?.checked_mul(1024)
 }
 
 /// Memory that is free, bytes: the smaller of the system's and the control group's, where there are such.
@@ -80,6 +104,15 @@ mod tests {
         );
         let error = check_sampling(2 << 30, 0.01, Some(1 << 30)).expect_err("too much").to_string();
         assert!(error.contains("needs about 2.0 GiB"), "{error}");
+    }
+
+    #[test]
+    fn a_limit_of_addresses_is_read() {
+        let limits = "Limit                     Soft Limit           Hard Limit           Units     \n\
+                      Max address space         1073741824           unlimited            bytes     \n";
+        assert_eq!(soft_limit(limits), Some(1 << 30));
+        assert_eq!(soft_limit(&limits.replace("1073741824", "unlimited")), None);
+        assert_eq!(used_addresses("Name:\tx\nVmSize:\t   12 kB\n"), Some(12 << 10));
     }
 
     #[test]

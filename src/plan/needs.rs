@@ -3,7 +3,7 @@
 //! Unlike the rest of a plan this depends on the machine and the number of threads, so it is shown and enforced but never
 //! part of a result.
 
-use super::memory::gib;
+use super::memory::{WAITING, gib};
 use crate::acquisition::Setup;
 use crate::error::{Error, Result};
 use crate::grid::Grid;
@@ -76,7 +76,8 @@ pub fn needs(
     // |Â|², a smoothed copy and what the filter passes through.
     let depth = if holding.depth { cube.saturating_add(voxels.saturating_mul(8 + 16)) } else { 0 };
     let peak = |method: &Estimate| {
-        let focusing = cube.saturating_add(volume).saturating_add(method.bytes);
+        let kept = WAITING.min(voxels.saturating_mul(8));
+        let focusing = cube.saturating_add(volume).saturating_add(method.bytes).saturating_add(kept);
         PROGRAM.saturating_add(focusing.max(simulating).max(depth))
     };
     let rate = operations_per_second();

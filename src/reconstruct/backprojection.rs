@@ -24,10 +24,10 @@ mod terms;
 
 use super::tones::VolumeTones;
 use super::weights::Weights;
-use super::{Made, Method, VolumeSink};
+use super::{Made, Method, VolumeSink, no_room_for};
 use crate::acquisition::{CubeSource, Setup};
 use crate::error::Result;
-use crate::grid::Grid;
+use crate::grid::{Grid, zeros};
 use crate::progress::{Observer, advance, stage};
 use crate::wave::Geometry;
 use crate::wave::interval::{PathInterval, greater};
@@ -188,15 +188,19 @@ pub(super) fn backprojection(
     let groups = Group::all(setup.array.positions());
     let width = setup.array.len();
     let total = slabs.iter().map(|slab| Block::of(&grid, shape, slab.planes.clone()).len() as u64).sum();
-    let mut planes = vec![Complex32::ZERO; thickness.min(depths) * grid.plane_len()];
-    let mut finer =
-        vec![
-            Complex32::ZERO;
-            if interpolation.is_some() { thickness.min(depths) * plan.grid.plane_len() } else { 0 }
-        ];
+    let room = |grid: &Grid| {
+        let count = (thickness.min(depths) as u64).saturating_mul(grid.plane_len() as u64);
+        zeros(count).ok_or_else(|| no_room_for(grid))
+    };
+    let mut planes = room(&grid)?;
+    let mut finer = if interpolation.is_some() { room(&plan.grid)? } else { Vec::new() };
     stage(observer, "reconstructing", total, || {
         for slab_tones in &slabs {
             let depths = slab_tones.planes.clone();
+            if depths.end <= sink.done() {
+                advance(observer, Block::of(&grid, shape, depths).len() as u64)?;
+                continue;
+            }
             let tones = slab_tones.of(&compressed.tones, width);
             let frequencies: Vec<f64> = tones.per_metre.iter().map(|k| -k * setup.sound_speed).collect();
             let slab = Slab {

@@ -10,10 +10,10 @@ use super::lattice::SharedLattice;
 use super::layout::Layout;
 use super::tones::{Tones, VolumeTones};
 use super::weights::Weights;
-use super::{Made, Method, VolumeSink, room_for};
+use super::{Made, Method, VolumeSink, no_room_for};
 use crate::acquisition::{CubeSource, Setup};
 use crate::error::Result;
-use crate::grid::Grid;
+use crate::grid::{Grid, zeros};
 use crate::progress::{Observer, advance, stage};
 use crate::wave::interval::greater;
 use num_complex::Complex32;
@@ -66,7 +66,11 @@ pub(super) fn convolution(
     }
 }
 
-/// All frequencies in ascending order, in blocks that bound the memory and change no sum.
+/// Depths that are worked on at a time when every frequency is summed: so many that the spectra of the samples, which
+/// each such slab computes anew, cost next to nothing.
+pub(super) const DEPTHS: usize = 32;
+
+/// All frequencies in ascending order for each slab of depths, in blocks that bound the memory and change no sum.
 fn every_frequency(
     source: &mut dyn CubeSource,
     weights: &Weights,
@@ -78,21 +82,37 @@ fn every_frequency(
     let (count, n_mic) = (setup.sweep.len(), setup.array.len());
     let per_metre: Vec<f64> = setup.sweep.frequencies().iter().map(|f| -f / setup.sound_speed).collect();
     let block = (SPECTRA_BYTES / (layout.tone_len() * size_of::<Complex32>())).clamp(1, count);
-    let mut voxels = room_for(grid)?;
     let mut modulus = 0.0;
-    stage(observer, "reconstructing", (count * grid.z.count) as u64, || {
-        source.visit(block, &mut |range, block| {
-            let rows = || range.clone().zip(block.chunks_exact(n_mic));
-            modulus += rows().map(|(f, row)| weights.modulus(f, row)).sum::<f64>();
-            let samples = rows().flat_map(|(f, row)| weights.weighted(f, row)).collect();
-            let samples = layout.lattice.onto_nodes(samples);
-            let tones = Tones { per_metre: per_metre[range.clone()].to_vec(), samples };
-            add(layout, &tones, 0, &mut voxels, observer)
-        })
+    source.visit(block, &mut |range, block| {
+        let rows = range.clone().zip(block.chunks_exact(n_mic));
+        modulus += rows.map(|(f, row)| weights.modulus(f, row)).sum::<f64>();
+        Ok(())
     })?;
     let made = Made { method: Method::Convolution, error_bound: layout.lattice.error() * modulus };
+    let depths = grid.z.count;
+    let mut planes = zeros((DEPTHS.min(depths) as u64).saturating_mul(grid.plane_len() as u64))
+        .ok_or_else(|| no_room_for(grid))?;
     sink.begin(&made)?;
-    sink.take_all(voxels)?;
+    stage(observer, "reconstructing", (count * depths) as u64, || {
+        for first in (0..depths).step_by(DEPTHS) {
+            let last = (first + DEPTHS).min(depths);
+            if last <= sink.done() {
+                advance(observer, (count * (last - first)) as u64)?;
+                continue;
+            }
+            let planes = &mut planes[..(last - first) * grid.plane_len()];
+            planes.fill(Complex32::ZERO);
+            source.visit(block, &mut |range, block| {
+                let rows = range.clone().zip(block.chunks_exact(n_mic));
+                let samples = rows.flat_map(|(f, row)| weights.weighted(f, row)).collect();
+                let samples = layout.lattice.onto_nodes(samples);
+                let tones = Tones { per_metre: per_metre[range.clone()].to_vec(), samples };
+                add(layout, &tones, first, planes, observer)
+            })?;
+            sink.take(first, planes)?;
+        }
+        Ok(())
+    })?;
     Ok(made)
 }
 
@@ -118,10 +138,14 @@ fn skeleton_frequencies(
     let total = slabs.iter().map(|slab| (slab.len() * slab.planes.len()) as u64).sum();
     let plane_len = grid.plane_len();
     let at_once = slabs_at_once(thickness, rayon::current_num_threads());
-    let mut planes = vec![Complex32::ZERO; (at_once * thickness).min(depths) * plane_len];
+    let mut planes = zeros(((at_once * thickness).min(depths) as u64).saturating_mul(plane_len as u64))
+        .ok_or_else(|| no_room_for(grid))?;
     sink.begin(&made)?;
     stage(observer, "reconstructing", total, || {
-        for batch in slabs.chunks(at_once) {
+        let done = slabs.partition_point(|slab| slab.planes.end <= sink.done());
+        let skipped = slabs[..done].iter().map(|slab| (slab.len() * slab.planes.len()) as u64);
+        advance(observer, skipped.sum())?;
+        for batch in slabs[done..].chunks(at_once) {
             let first = batch[0].planes.start;
             let end = batch[batch.len() - 1].planes.end;
             let planes = &mut planes[..(end - first) * plane_len];

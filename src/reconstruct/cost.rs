@@ -122,11 +122,12 @@ fn of_convolution(
         let n_f = setup.sweep.len() as f64;
         let block =
             (super::convolution::SPECTRA_BYTES as u64).min(layout.tone_len() as u64 * COMPLEX * n_f as u64);
+        let slab = (super::convolution::DEPTHS.min(depths) as u64 * COMPLEX).saturating_mul(plane);
         return Estimate {
             method: Method::Convolution,
             obstacle: None,
             operations: n_f * (depths as f64 * pair + spectra),
-            bytes: block.saturating_mul(2).saturating_add(scratch),
+            bytes: block.saturating_mul(2).saturating_add(scratch).saturating_add(slab),
         };
     }
     let tones = |planes: std::ops::Range<usize>, share: f64| {
@@ -195,7 +196,10 @@ fn of_direct(setup: &Setup, grid: &Grid, threads: usize) -> Estimate {
         bytes: setup
             .cube_bytes()
             .saturating_mul(2)
-            .saturating_add((64 * threads * setup.array.len()) as u64 * COMPLEX),
+            .saturating_add((64 * threads * setup.array.len()) as u64 * COMPLEX)
+            .saturating_add(
+                (direct::depths_at_once(grid) as u64 * COMPLEX).saturating_mul(grid.plane_len() as u64),
+            ),
     }
 }
 

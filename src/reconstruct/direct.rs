@@ -1,7 +1,7 @@
 //! Eq. 13 as written: every voxel, microphone and frequency, with f64 totals. The oracle.
 
 use super::weights::Weights;
-use super::{Made, Method, VolumeSink, no_room, room_for};
+use super::{Made, Method, VolumeSink, no_room, no_room_for};
 use crate::acquisition::{CubeSource, Setup};
 use crate::error::Result;
 use crate::grid::{Grid, zeros};
@@ -20,8 +20,17 @@ pub(super) fn operations(setup: &Setup, grid: &Grid) -> f64 {
 /// Voxels that are summed together, so that they share what is read of the samples.
 const TOGETHER: usize = 64;
 
+/// Voxels that are worked on before they are handed on, or a plane of them: enough to keep every thread busy.
+const AT_ONCE: usize = 64 * TOGETHER;
+
+/// Depths that are worked on at a time.
+pub(super) fn depths_at_once(grid: &Grid) -> usize {
+    AT_ONCE.div_ceil(grid.plane_len().max(1)).min(grid.z.count)
+}
+
 /// Gives the volume to `sink`; any grid, any microphones. Cost: 8 operations per voxel, microphone and frequency where
-/// the steps are even, else a phasor; holds all samples, twice while they are rearranged, and the volume.
+/// the steps are even, else a phasor; holds all samples, twice while they are rearranged, and a few
+/// depths.
 pub(super) fn direct(
     source: &mut dyn CubeSource,
     weights: &Weights,
@@ -34,32 +43,41 @@ pub(super) fn direct(
     let sums = sums_of(&samples, &setup);
     drop(samples);
     let padded = setup.array.len().next_multiple_of(LANES);
-    let mut voxels = room_for(grid)?;
-    let total = voxels.len().div_ceil(TOGETHER) as u64;
-    stage(observer, "reconstructing (direct sum)", total, || {
-        voxels.par_chunks_mut(TOGETHER).enumerate().try_for_each_init(
-            || vec![0.0; TOGETHER * padded],
-            |lengths, (chunk, voxels)| {
-                for (i, lengths) in lengths.chunks_exact_mut(padded).enumerate().take(voxels.len()) {
-                    let v = chunk * TOGETHER + i;
-                    let (row, ix) = (v / grid.x.count, v % grid.x.count);
-                    let p = grid.position(ix, row % grid.y.count, row / grid.y.count);
-                    for (length, &r) in lengths.iter_mut().zip(setup.array.positions()) {
-                        *length = setup.geometry.path_length(p, r);
-                    }
-                }
-                let mut totals = vec![[0.0; 2]; voxels.len()];
-                sums(&lengths[..voxels.len() * padded], &mut totals);
-                for (voxel, total) in voxels.iter_mut().zip(totals) {
-                    *voxel = Complex32::new(total[0] as f32, total[1] as f32);
-                }
-                advance(observer, 1)
-            },
-        )
-    })?;
+    let (depths, at_once, plane) = (grid.z.count, depths_at_once(grid), grid.plane_len());
+    let mut planes = zeros((at_once as u64).saturating_mul(plane as u64)).ok_or_else(|| no_room_for(grid))?;
     let made = Made { method: Method::Direct, error_bound: 0.0 };
     sink.begin(&made)?;
-    sink.take_all(voxels)?;
+    stage(observer, "reconstructing (direct sum)", grid.voxel_count(), || {
+        for first in (0..depths).step_by(at_once) {
+            let last = (first + at_once).min(depths);
+            if last <= sink.done() {
+                advance(observer, ((last - first) * plane) as u64)?;
+                continue;
+            }
+            let planes = &mut planes[..(last - first) * plane];
+            planes.par_chunks_mut(TOGETHER).enumerate().try_for_each_init(
+                || vec![0.0; TOGETHER * padded],
+                |lengths, (chunk, voxels)| {
+                    for (i, lengths) in lengths.chunks_exact_mut(padded).enumerate().take(voxels.len()) {
+                        let v = first * plane + chunk * TOGETHER + i;
+                        let (row, ix) = (v / grid.x.count, v % grid.x.count);
+                        let p = grid.position(ix, row % grid.y.count, row / grid.y.count);
+                        for (length, &r) in lengths.iter_mut().zip(setup.array.positions()) {
+                            *length = setup.geometry.path_length(p, r);
+                        }
+                    }
+                    let mut totals = vec![[0.0; 2]; voxels.len()];
+                    sums(&lengths[..voxels.len() * padded], &mut totals);
+                    for (voxel, total) in voxels.iter_mut().zip(totals) {
+                        *voxel = Complex32::new(total[0] as f32, total[1] as f32);
+                    }
+                    advance(observer, voxels.len() as u64)
+                },
+            )?;
+            sink.take(first, planes)?;
+        }
+        Ok(())
+    })?;
     Ok(made)
 }
 

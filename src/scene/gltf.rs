@@ -51,7 +51,7 @@ pub(super) fn load(
         declared,
         palette,
         meshes: HashMap::new(),
-        surfaces: Surfaces::new(path),
+        surfaces: Surfaces::new(path, options.memory),
         lookout: Lookout::new(&document, options.sensor.as_ref()),
         without_surface: 0,
         deformed: 0,

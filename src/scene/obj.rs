@@ -39,7 +39,7 @@ pub(super) fn load(
     let declared = declare_materials(&cleaned, path, palette, observer)?;
     let models = read_models(&cleaned, path)?;
 
-    let mut surfaces = Surfaces::new(path);
+    let mut surfaces = Surfaces::new(path, options.memory);
     let mut corners = Vec::new();
     for model in models {
         let mesh = &model.mesh;

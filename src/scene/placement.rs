@@ -141,6 +141,8 @@ pub struct LoadOptions {
     pub sensor: Option<Sensor>,
     /// Acoustic materials by name; the first that matches wins over what the file says.
     pub materials: Vec<MaterialRule>,
+    /// Bytes that the triangles and their tree may take; without, 50 million triangles are read.
+    pub memory: Option<u64>,
 }
 
 impl Default for LoadOptions {
@@ -155,6 +157,7 @@ impl Default for LoadOptions {
             fit_by_diagonal: None,
             sensor: None,
             materials: Vec::new(),
+            memory: None,
         }
     }
 }

@@ -62,7 +62,7 @@ pub(super) fn load(
         ));
     }
     let material = palette.assign(None, "");
-    let mut surfaces = Surfaces::new(path);
+    let mut surfaces = Surfaces::new(path, options.memory);
     let place = |kind: &str, i: usize| format!("{}, {kind} {i}", path.display());
     let mut corners = Vec::new();
     for (i, face) in faces.iter().enumerate() {

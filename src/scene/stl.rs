@@ -28,7 +28,7 @@ pub(super) fn load(
     options.refuse_sensor("an STL", path)?;
     let bytes = files::read(path)?;
     let metres_per_unit = options.needed_unit("an STL", path)?;
-    let mut surfaces = Surfaces::new(path);
+    let mut surfaces = Surfaces::new(path, options.memory);
     if is_text(&bytes) {
         read_text(&String::from_utf8_lossy(&bytes), path, palette, &mut surfaces, observer)?;
     } else {

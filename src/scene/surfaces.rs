@@ -10,8 +10,11 @@ use crate::error::{Error, Result};
 use crate::progress::Observer;
 
 /// More triangles than this are refused, so that a small hostile file with many instances cannot take all
-/// memory (one triangle and its share of the tree take about 150 bytes).
+/// memory.
 pub(super) const MOST_TRIANGLES: usize = 50_000_000;
+
+/// Bytes of one triangle with its share of the tree.
+const TRIANGLE_BYTES: u64 = 150;
 
 /// No scene has coordinates beyond this, in whatever unit.
 const TOO_FAR: f64 = 1e3 * super::FARTHEST;
@@ -21,6 +24,8 @@ const TOO_FAR: f64 = 1e3 * super::FARTHEST;
 pub(super) struct Surfaces {
     file: String,
     triangles: Vec<Triangle>,
+    /// As many as there is memory for.
+    most: usize,
     /// Triangles without area: they count as work, but are not kept.
     flat: usize,
     /// Faces of which nobody knows what they cover.
@@ -30,11 +35,13 @@ pub(super) struct Surfaces {
 }
 
 impl Surfaces {
-    /// Nothing yet; `path` is for messages.
-    pub(super) fn new(path: &Path) -> Self {
+    /// Nothing yet; `path` is for messages, and `memory` bounds the bytes that the triangles and their tree may take.
+    pub(super) fn new(path: &Path, memory: Option<u64>) -> Self {
+        let most = memory.map_or(u64::MAX, |bytes| bytes / TRIANGLE_BYTES);
         Self {
             file: path.display().to_string(),
             triangles: Vec::new(),
+            most: usize::try_from(most).map_or(MOST_TRIANGLES, |most| most.min(MOST_TRIANGLES)),
             flat: 0,
             doubtful: 0,
             allowance: polygon::ALLOWANCE,
@@ -44,10 +51,20 @@ impl Surfaces {
     /// Refuses `more` triangles if the limit would be passed.
     pub(super) fn expect_room(&self, more: usize) -> Result<()> {
         let found = self.triangles.len() + self.flat;
-        if more > MOST_TRIANGLES - found {
+        if more <= self.most.saturating_sub(found) {
+            return Ok(());
+        }
+        if self.most == MOST_TRIANGLES {
             return Err(too_many_triangles(&self.file));
         }
-        Ok(())
+        Err(Error::input(
+            &self.file,
+            format!(
+                "holds more than the {} triangles that there is memory for ({TRIANGLE_BYTES} bytes each); decimate the mesh \
+                 (sound resolves about a cm), or allow more with --memory",
+                self.most
+            ),
+        ))
     }
 
     /// Takes one triangle.
@@ -119,7 +136,7 @@ mod tests {
 
     #[test]
     fn flat_triangles_are_counted_and_the_limit_is_kept() {
-        let mut surfaces = Surfaces::new(Path::new("a.obj"));
+        let mut surfaces = Surfaces::new(Path::new("a.obj"), None);
         surfaces.add([DVec3::ZERO, DVec3::X, DVec3::Y], 3).unwrap();
         surfaces.add([DVec3::ZERO, DVec3::X, DVec3::X], 3).unwrap();
         surfaces.add_face(&[DVec3::ZERO, DVec3::X], 3).unwrap();
@@ -127,6 +144,13 @@ mod tests {
         let refused = surfaces.expect_room(MOST_TRIANGLES - 1).unwrap_err().to_string();
         assert!(refused.starts_with("a.obj: holds more than 50000000 triangles; decimate"), "{refused}");
         assert!(surfaces.expect_room(usize::MAX).is_err());
+        let mut small = Surfaces::new(Path::new("a.obj"), Some(2 * TRIANGLE_BYTES + 10));
+        let corners = [DVec3::ZERO, DVec3::X, DVec3::Y];
+        assert!(
+            small.add(corners, 0).is_ok() && small.expect_room(2).is_err() && small.add(corners, 0).is_ok()
+        );
+        let refused = small.add(corners, 0).unwrap_err().to_string();
+        assert!(refused.contains("the 2 triangles that there is memory for"), "{refused}");
         let listener = Listener::default();
         assert_eq!(surfaces.finish(&listener).unwrap().len(), 1);
         assert_eq!(listener.heard(), "a.obj: 1 of 2 triangles have no area and are left out");

@@ -53,6 +53,20 @@ pub const ROWS: usize = 4;
 /// 64 · 2⁻²⁴ ≈ 4·10⁻⁶.
 const RECURRENCE: usize = 64;
 
+/// The instruction set that the kernels take on this processor.
+pub fn width() -> &'static str {
+    #[cfg(target_arch = "x86_64")]
+    {
+        if is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512bw") {
+            return "avx512";
+        }
+        if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
+            return "avx2";
+        }
+    }
+    "baseline"
+}
+
 /// Defines `$name` from `$body` in three instruction sets with run-time choice.
 macro_rules! dispatched {
     ($(#[$doc:meta])* $visible:vis fn $name:ident = $body:ident($($arg:ident: $type:ty),* $(,)?)) => {

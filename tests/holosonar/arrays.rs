@@ -4,6 +4,7 @@ use crate::binary::{done, refused, shipped};
 use crate::support::{brightest, off_lattice, relative_difference};
 use glam::DVec3;
 use holosonar::acquisition::{Detection, Instrument, MicArray, Setup, SimulateOptions, Sweep, simulate};
+use holosonar::checkpoint::Checkpoint;
 use holosonar::config::RunFile;
 use holosonar::grid::{Axis, Grid};
 use holosonar::pipeline;
@@ -60,7 +61,7 @@ fn scattered_arrays_image_the_corner_as_the_direct_sum_does() {
         let overrides =
             [format!("array.layout={layout}"), "array.elements=256".to_owned(), "sweep.step=100".to_owned()];
         let run = RunFile::load(&shipped("corner.toml"), &overrides).unwrap();
-        let cube = pipeline::simulate_scene(&run, false, &Silent).unwrap();
+        let cube = pipeline::simulate_scene(&run, false, &Checkpoint::off(), &Silent).unwrap();
         // Voxels of the scene's own pitch around the vertex and along a wall.
         let some = grid(0.2, 13, [1.9, 2.25], 20);
         let of = |method, tolerance| {

@@ -10,10 +10,7 @@ use holosonar::export::volume_npz::read_volume_npz;
 use holosonar::progress::Silent;
 use holosonar::reflectors::Reflectors;
 use holosonar::scene::{LoadOptions, Scene, Unit};
-use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex};
-use std::time::{Duration, Instant};
+use std::path::Path;
 
 const LIMIT: u64 = 1 << 26;
 
@@ -34,7 +31,7 @@ const WORDS: [&[u8]; 12] = [
 ];
 
 /// One to four changes: a flipped bit, a random byte, a word, a run removed or doubled, the end cut off.
-fn damage(bytes: &[u8], random: &mut Random) -> Vec<u8> {
+pub(crate) fn damage(bytes: &[u8], random: &mut Random) -> Vec<u8> {
     let mut damaged = bytes.to_vec();
     for _ in 0..random.whole(1, 4) {
         if damaged.is_empty() {
@@ -63,7 +60,7 @@ fn damage(bytes: &[u8], random: &mut Random) -> Vec<u8> {
 
 /// Up to three other digits in a text, so that its form stays and its numbers go wild; up to three other bytes in
 /// anything else.
-fn retouch(bytes: &[u8], random: &mut Random) -> Vec<u8> {
+pub(crate) fn retouch(bytes: &[u8], random: &mut Random) -> Vec<u8> {
     let mut retouched = bytes.to_vec();
     let is_text = std::str::from_utf8(bytes).is_ok();
     let places: Vec<usize> = (0..bytes.len()).filter(|&i| !is_text || bytes[i].is_ascii_digit()).collect();
@@ -129,120 +126,6 @@ fn meshes() {
     survives(&shipped("meshes/transparent_foreground.gltf"), 200, load);
     survives(&data("scenes/f.gltf"), 200, load);
 }
-
-/// `HOLOSONAR_MUTATIONS` in the environment, or `otherwise`.
-fn count(otherwise: u64) -> u64 {
-    std::env::var("HOLOSONAR_MUTATIONS").map_or(otherwise, |count| count.parse().unwrap())
-}
-
-#[test]
-fn every_kind_of_scene() {
-    hunt(count(3_000));
-}
-
-#[test]
-#[ignore = "about two minutes"]
-fn every_kind_of_scene_a_hundred_thousand_times() {
-    hunt(count(100_000));
-}
-
-/// No input of a few kB may keep a reader this long: then it hangs.
-const HANGS: Duration = Duration::from_mins(1);
-
-/// What a hunter reads, and since when: file, seed of the damage, time.
-type Prey = Mutex<Option<(PathBuf, u64, Instant)>>;
-
-/// Damages the files of `tests/data/scenes` and those that ship, `times` in all, and reads what comes of it. A
-/// reader that panics or hangs fails the test, which then names the file and the seed.
-fn hunt(times: u64) {
-    let mut files = crate::scenes::inputs();
-    let mut metres = LoadOptions::default();
-    metres.unit = Some(Unit::Metre);
-    for name in ["scenes/obj/first.mtl", "scenes/obj/second library.mtl", "scenes/obj/contradiction.mtl"] {
-        files.push((data(name), metres.clone()));
-    }
-    for name in ["corner.obj", "bracket.obj", "transparent_foreground.gltf", "point.csv"] {
-        let options = if name.ends_with("obj") { metres.clone() } else { LoadOptions::default() };
-        files.push((shipped("meshes").join(name), options));
-    }
-    let files: Arc<[_]> = files.into();
-    let (next, refused) = (Arc::new(AtomicU64::new(0)), Arc::new(AtomicU64::new(0)));
-    let started = Instant::now();
-    let hunters: Vec<_> = (0..std::thread::available_parallelism().map_or(1, usize::from))
-        .map(|_| {
-            let (files, next, refused) = (files.clone(), next.clone(), refused.clone());
-            let prey: Arc<Prey> = Arc::default();
-            let noted = prey.clone();
-            let hunter = std::thread::spawn(move || {
-                let folder = tempfile::tempdir().unwrap();
-                loop {
-                    let seed = next.fetch_add(1, Ordering::Relaxed);
-                    if seed >= times {
-                        return;
-                    }
-                    let (file, options) = &files[seed as usize % files.len()];
-                    *noted.lock().unwrap() = Some((file.clone(), seed, Instant::now()));
-                    let read = survived(file, options, seed, folder.path());
-                    *noted.lock().unwrap() = None;
-                    refused.fetch_add(u64::from(!read), Ordering::Relaxed);
-                }
-            });
-            (hunter, prey)
-        })
-        .collect();
-    while !hunters.iter().all(|(hunter, _)| hunter.is_finished()) {
-        std::thread::sleep(Duration::from_millis(20));
-        for (_, prey) in &hunters {
-            let prey = prey.lock().unwrap().clone();
-            if let Some((file, seed, _)) = prey.filter(|(.., since)| since.elapsed() > HANGS) {
-                panic!("{} with seed {seed} hangs", file.display());
-            }
-        }
-    }
-    for (hunter, _) in hunters {
-        hunter.join().unwrap();
-    }
-    let (seconds, refused) = (started.elapsed().as_secs_f64(), refused.load(Ordering::Relaxed));
-    println!(
-        "{times} damaged scenes of {} files in {seconds:.1} s ({:.0}/s), {refused} of them refused",
-        files.len(),
-        times as f64 / seconds
-    );
-    assert!(refused * 3 > times, "only {refused} of {times} damaged files are noticed");
-}
-
-/// Whether a damaged file was read; otherwise the error must be the file's fault.
-fn survived(file: &Path, options: &LoadOptions, seed: u64, folder: &Path) -> bool {
-    let (bytes, mut random) = (std::fs::read(file).unwrap(), Random::new(seed));
-    // Not `seed % 2`: the number of files may be even.
-    let gently = random.whole(0, 1) == 0;
-    let bytes = if gently { retouch(&bytes, &mut random) } else { damage(&bytes, &mut random) };
-    let mut path = folder.join(file.file_name().unwrap());
-    std::fs::write(&path, bytes).unwrap();
-    let kind = file.extension().and_then(|e| e.to_str());
-    if kind == Some("mtl") {
-        let mesh = format!("mtllib {}\nusemtl pane\n{TRIANGLE}", path.file_name().unwrap().display());
-        path.set_extension("obj");
-        std::fs::write(&path, mesh).unwrap();
-    }
-    let read = || match kind {
-        Some("csv") => Reflectors::read_csv(&path).map(drop),
-        _ => Scene::load(&path, options, &Silent).map(|scene| {
-            assert!(scene.bounds().is_some_and(|(low, high)| low.is_finite() && high.is_finite()));
-        }),
-    };
-    let outcome = std::panic::catch_unwind(std::panic::AssertUnwindSafe(read));
-    match outcome.unwrap_or_else(|_| panic!("{} with seed {seed} panics", file.display())) {
-        Ok(()) => true,
-        Err(Error::Input { place, problem }) => {
-            assert!(!place.is_empty() && !problem.contains("\n\n"), "seed {seed}, {place}: {problem}");
-            false
-        }
-        Err(other) => panic!("{} with seed {seed} is the file's fault: {other}", file.display()),
-    }
-}
-
-const TRIANGLE: &str = "v 0 0 1\nv 1 0 1\nv 0 1 1\nf 1 2 3\n";
 
 #[test]
 fn binary_gltf() {

@@ -184,7 +184,7 @@ def check_volume_exr(folder, volume, output):
 
 
 COMMON_ATTRIBUTES = [
-    "amplitudeScale", "x0", "y0", "pitch", "pitchY", "depth", "unit", "noReturn", "program", "soundSpeed",
+    "amplitudeScale", "view", "x0", "y0", "pitch", "pitchY", "depth", "unit", "noReturn", "program", "soundSpeed",
     "startFrequency", "bandwidth", "frequencyStep", "frequencies", "microphones", "arrayCentre", "arrayExtent",
     "geometry", "source", "detection", "window", "tolerance", "rangeResolution", "seed", "run",
 ]  # fmt: skip
@@ -217,10 +217,26 @@ def check_depth_exr(path, volume, fill, half=False):
     xs = number(header, "sonar:x0") + number(header, "sonar:pitch") * np.arange(columns)
     ys = number(header, "sonar:y0") + number(header, "sonar:pitchY") * np.arange(rows)
     z = ch["Z"].astype(np.float64)
-    along_ray = np.sqrt(xs[None, :] ** 2 + ys[:, None] ** 2 + z**2)
-    close(path, "range.V = sqrt(x^2 + y^2 + Z^2)", ch["range.V"][accepted], along_ray[accepted], 1e-6)
-    close(path, "the columns stand at the volume's x", xs, volume["x"], 1e-9)
-    close(path, "the rows stand at the volume's y", ys, volume["y"], 1e-9)
+    if header["sonar:view"] == "perspective":
+        # Slopes, so that a pixel's x grows with its depth; the window at distance 1 is as wide as the pixels.
+        along_ray = z * np.sqrt(xs[None, :] ** 2 + ys[:, None] ** 2 + 1.0)
+        window = number(header, "sonar:pitch") * columns
+        close(path, "screenWindowWidth is that of the slopes", number(header, "screenWindowWidth"), window, 1e-6)
+        field = 2 * np.degrees(np.arctan(0.5 * number(header, "sonar:pitchY") * rows))
+        close(path, "fieldOfViewY is that of the slopes", number(header, "sonar:fieldOfViewY"), field, 1e-9)
+    else:
+        along_ray = np.sqrt(xs[None, :] ** 2 + ys[:, None] ** 2 + z**2)
+        close(path, "the columns stand at the volume's x", xs, volume["x"], 1e-9)
+        close(path, "the rows stand at the volume's y", ys, volume["y"], 1e-9)
+    close(path, "range.V is the distance from the origin", ch["range.V"][accepted], along_ray[accepted], 1e-6)
+    for name in [n for n in ch if n.endswith(".id")]:
+        ids, names = ch[name], json.loads(header["sonar:materials"])
+        depth = ch["Z"] if name == "material.id" else ch[name.replace(".id", ".Z")]
+        check(path, f"{name} counts the names", np.isin(ids, np.arange(len(names) + 1)).all())
+        there = accepted if name == "material.id" else (
+            np.isfinite(depth) if not np.isfinite(fill) else ch[name.replace(".id", ".V")] > 0
+        )
+        check(path, f"{name} is 0 exactly where nothing is", ((ids > 0) == there).all())
     equal(path, "worldToCamera turns our axes into OpenEXR's", header["worldToCamera"], OUR_AXES_TO_EXR)
     check(path, "the unit is m", header["sonar:unit"] == "m")
     resolved = json.loads(header["sonar:run"])
@@ -239,12 +255,30 @@ def check_depth_exr(path, volume, fill, half=False):
     return header, ch
 
 
+def along_rays(magnitude, header, shape, volume):
+    """[z, row, column]: the root of the power, interpolated where each pixel's ray meets each depth."""
+    slopes = [number(header, f"sonar:{a}0") + number(header, f"sonar:{p}") * np.arange(n)
+              for a, p, n in (("y", "pitchY", shape[0]), ("x", "pitch", shape[1]))]  # fmt: skip
+    planes = []
+    for z, plane in zip(volume["z"], magnitude.astype(np.float64) ** 2):
+        for axis, (name, slope) in enumerate(zip("yx", slopes)):
+            at = (slope * z - volume[name][0]) / (volume[name][1] - volume[name][0])
+            below = np.clip(np.floor(at).astype(int), 0, len(volume[name]) - 2)
+            lower, upper = np.take(plane, below, axis), np.take(plane, below + 1, axis)
+            share = np.expand_dims(at - below, 1 - axis)
+            plane = np.where((share >= 0) & (share <= 1), lower + (upper - lower) * share, 0.0)
+        planes.append(np.sqrt(plane))
+    return np.stack(planes)
+
+
 def check_depth_against_volume(path, header, ch, volume):
     """Finds the depths again, coarsely: the greatest amplitude near Z is close to Z, and no mere sidelobe.
 
     It need not be the greatest of its column: the median filter may choose the other one of two surfaces.
     """
     magnitude = np.abs(volume["samples"])
+    if header["sonar:view"] == "perspective":
+        magnitude = along_rays(magnitude, header, ch["Z"].shape, volume)
     accepted = ch["A"] == 1
     cell = number(header, "sonar:rangeResolution")
     off = np.abs(volume["z"][:, None, None] - np.where(accepted, ch["Z"], np.inf)[None])
@@ -274,7 +308,7 @@ def check_nrrd(path, volume):
     check(path, "sonar:run is the resolved run file", {"scene", "sweep", "depth"} <= set(resolved))
 
 
-def check_depth_ply(path, found, volume):
+def check_depth_ply(path, found):
     """The points by plyfile, against depth.exr: one vertex per accepted pixel, in their order."""
     header, ch = found
     points = plyfile.PlyData.read(str(path))["vertex"]
@@ -283,8 +317,12 @@ def check_depth_ply(path, found, volume):
     accepted = ch["A"] == 1
     rows, columns = np.nonzero(accepted)
     check(path, "one vertex per accepted pixel", len(points) == len(rows), f"({len(points)}, {len(rows)})")
-    equal(path, "x", points["x"], volume["x"][columns].astype(np.float32))
-    equal(path, "y", points["y"], volume["y"][rows].astype(np.float32))
+    perspective = header["sonar:view"] == "perspective"
+    far = ch["Z"][accepted].astype(np.float64) if perspective else 1.0
+    x = (number(header, "sonar:x0") + number(header, "sonar:pitch") * columns) * far
+    y = (number(header, "sonar:y0") + number(header, "sonar:pitchY") * rows) * far
+    equal(path, "x", points["x"], x.astype(np.float32))
+    equal(path, "y", points["y"], y.astype(np.float32))
     equal(path, "z", points["z"], ch["Z"][accepted])
     strength = ch["R"][accepted].astype(np.float64) * number(header, "sonar:amplitudeScale")
     close(path, "amplitude", points["amplitude"], strength, 1e-6 if ch["R"].dtype == np.float32 else 6e-4)
@@ -294,8 +332,9 @@ def check_depth_ply(path, found, volume):
     # Where all nine depths lie on one smooth surface, central differences give nearly the same.
     z = np.where(accepted, ch["Z"], np.nan).astype(np.float64)
     slopes = np.full((2, *z.shape), np.nan)
-    slopes[0][1:-1, 1:-1] = (z[1:-1, 2:] - z[1:-1, :-2]) / (2 * volume["pitch"][0])
-    slopes[1][1:-1, 1:-1] = (z[2:, 1:-1] - z[:-2, 1:-1]) / (2 * volume["pitch"][1])
+    inner = z[1:-1, 1:-1] if perspective else 1.0
+    slopes[0][1:-1, 1:-1] = (z[1:-1, 2:] - z[1:-1, :-2]) / (2 * number(header, "sonar:pitch") * inner)
+    slopes[1][1:-1, 1:-1] = (z[2:, 1:-1] - z[:-2, 1:-1]) / (2 * number(header, "sonar:pitchY") * inner)
     rough = np.stack([slopes[0], slopes[1], -np.ones_like(z)], axis=-1)[accepted]
     smooth = np.isfinite(rough).all(axis=1) & (np.abs(rough[:, :2]).max(axis=1) < 1)
     rough /= np.linalg.norm(rough, axis=1, keepdims=True)
@@ -438,7 +477,7 @@ def check_folder(folder):
     close(folder / "depth.exr", "accepted pixels as reported", (found["A"] == 1).sum(), report["accepted"], 0)
     check_depth_against_volume(folder / "depth.exr", header, found, volume)
     if output["points"]:
-        check_depth_ply(folder / "depth.ply", (header, found), volume)
+        check_depth_ply(folder / "depth.ply", (header, found))
         check_scene_ply(folder / "scene.ply", report, header)
     if report["metrics"]:
         _, truth = check_depth_exr(folder / "truth.exr", volume, fill, output["float16"])

@@ -4,6 +4,7 @@
 
 use super::SimulateOptions;
 use super::echoes::{Intervals, Sight};
+use super::terms::Spread;
 use super::tiles::{Tile, tiles};
 use super::virtual_tones::{MORE, RUNGS, Rung};
 use crate::acquisition::{MicArray, Sweep};
@@ -46,6 +47,11 @@ const SAMPLED_TILES: usize = 3;
 const LITERAL_TERM: f64 = 8.0;
 const UNEVEN_TERM: f64 = 60.0;
 const LITERAL_PAIR: f64 = 250.0;
+/// A term whose factor depends on the frequency.
+const LOSSY_TERM: f64 = 400.0;
+/// Losses of a reflector at a microphone, and the factor of one term.
+const LEGS: f64 = 40.0;
+const FACTOR: f64 = 60.0;
 const PAIR: f64 = 85.0;
 const TONE: f64 = 7.0;
 /// Sorting a reflector for a tile and laying it out.
@@ -67,8 +73,12 @@ pub(super) fn widest_tile(rung: Rung, sweep: &Sweep, options: &SimulateOptions) 
 }
 
 /// Operations of the literal sum.
-fn literal(reflectors: f64, microphones: f64, sweep: &Sweep) -> f64 {
-    let term = if sweep.step().is_some() { LITERAL_TERM } else { UNEVEN_TERM };
+fn literal(reflectors: f64, microphones: f64, sweep: &Sweep, options: &SimulateOptions) -> f64 {
+    let term = match sweep.step() {
+        _ if options.losses.vary() => LOSSY_TERM,
+        Some(_) => LITERAL_TERM,
+        None => UNEVEN_TERM,
+    };
     reflectors * microphones * (LITERAL_PAIR + term * sweep.len() as f64)
 }
 
@@ -80,7 +90,9 @@ pub(super) fn choices(
     options: &SimulateOptions,
 ) -> Vec<Choice> {
     let (n_p, n_mic, n_f) = (reflectors.len() as f64, array.len() as f64, sweep.len() as f64);
-    let most = literal(n_p, n_mic, sweep);
+    let most = literal(n_p, n_mic, sweep, options);
+    let terms = terms(reflectors, sweep, array, options);
+    let lossy = f64::from(u8::from(options.losses.any()));
     let centre = array.centre();
     let paths = reflectors.positions().iter().map(|&p| options.path_length(p, centre));
     let (shortest, longest) =
@@ -102,23 +114,26 @@ pub(super) fn choices(
         let tiles = tiles(array.positions(), count, f64::INFINITY);
         let mut radii: Vec<f64> = tiles.iter().map(|tile| tile.radius).collect();
         radii.sort_unstable_by(f64::total_cmp);
-        for rung in RUNGS {
+        for (rung, terms) in RUNGS.into_iter().zip(&terms) {
+            let Some(terms) = *terms else { continue };
             let length = rung.spread / sweep.bandwidth() * options.sound_speed;
             let radius = widest_tile(rung, sweep, options);
             // No interval is narrower than what a tile leaves of it, and none is kept empty.
             let most_groups = (spread / ((1.0 - TILE_SHARE) * length) + 1.0).min(n_p);
             let tones = (2 * rung.pairs + 1) as f64;
-            let held = (HELD_SUMS / (most_groups * (tones + MORE as f64))).min(HELD_MICROPHONES);
+            let held = (HELD_SUMS / (most_groups * terms * (tones + MORE as f64))).min(HELD_MICROPHONES);
             // Where most tiles would have to be cut again, a smaller size says what that costs.
             let possible = spread / length < MOST_INTERVALS && held >= count as f64;
             if !possible || radii[radii.len() / 2] > radius {
                 continue;
             }
             let groups = groups(reflectors, &tiles, options, length, radius);
-            let echo = PAIR + TONE * tones;
+            let echo = lossy * LEGS + terms * (PAIR + lossy * FACTOR + TONE * tones);
             let cost = n_p * n_mic * echo
                 + n_p * tiles.len() as f64 * SEEN
-                + n_mic * groups * (n_f * (TURN + PRODUCT * tones) + PADDING * echo + ACROSS * tones)
+                + n_mic
+                    * groups
+                    * (n_f * (TURN + PRODUCT * terms * tones) + PADDING * echo + ACROSS * terms * tones)
                 + SOLVE * n_f * tones;
             if cost < most {
                 found.push((cost, Choice { microphones: count, radius, rung, held: held as usize }));
@@ -127,6 +142,19 @@ pub(super) fn choices(
     }
     found.sort_by(|a, b| a.0.total_cmp(&b.0));
     found.into_iter().map(|(_, choice)| choice).collect()
+}
+
+/// Terms of the losses for each standard duration; `None` where too many would be needed.
+fn terms(
+    reflectors: &Reflectors,
+    sweep: &Sweep,
+    array: &MicArray,
+    options: &SimulateOptions,
+) -> Vec<Option<f64>> {
+    let spread = Spread::new(reflectors, sweep, array, options);
+    let half = |rung: Rung| 0.5 * rung.spread / sweep.bandwidth() * options.sound_speed;
+    let count = |rung| spread.count(half(rung), 0.5 * options.tolerance).map(|c| c.nodes.len() as f64);
+    RUNGS.into_iter().map(count).collect()
 }
 
 /// About how many groups a tile has, from some tiles and reflectors.

@@ -4,21 +4,23 @@
 //! every microphone of the tile stays within the tones' duration about the interval's middle. What is common to the
 //! interval, `e^{i2πf·middle/c}`, is put back at the expansion.
 
+use super::planes::Planes;
+use super::terms::{Terms, outward_spreading};
 use super::tiles::Tile;
 use super::virtual_tones::VirtualTones;
 use super::{PropagationModel, SimulateOptions};
 use crate::reflectors::Reflectors;
-use crate::wave::offsets::{Echoes, MOST_ECHOES, WIDE, exact_offsets, linear_offsets, sum_over_tones};
+use crate::wave::offsets::{Echoes, MOST_ECHOES, exact_offsets, linear_offsets, sum_over_tones};
 use crate::wave::simd::phasors;
 use glam::DVec3;
-use num_complex::Complex32;
 
 /// The sums of one group at one tile.
 #[derive(Debug, Clone)]
 pub(super) struct GroupSums {
     /// Middle of the group's path lengths, m.
     pub(super) middle: f64,
-    /// `[Q][2 × microphones]`: per tone all real parts, then all imaginary ones, with the middle's phase taken out.
+    /// `[K Q][2 × microphones]`: per term and tone all real parts, then all imaginary ones, with the middle's phase and
+    /// absorption taken out; K is 1 unless losses depend on the frequency.
     pub(super) sums: Vec<f32>,
 }
 
@@ -103,6 +105,8 @@ pub(super) struct Summation<'a> {
     microphones: &'a [DVec3],
     options: &'a SimulateOptions,
     tones: &'a VirtualTones,
+    /// Losses, if there are any.
+    terms: Option<&'a Terms>,
 }
 
 impl<'a> Summation<'a> {
@@ -111,9 +115,10 @@ impl<'a> Summation<'a> {
         microphones: &'a [DVec3],
         options: &'a SimulateOptions,
         tones: &'a VirtualTones,
+        terms: Option<&'a Terms>,
     ) -> Self {
         let outward = reflectors.positions().iter().map(|&p| options.geometry.outward_length(p)).collect();
-        Self { reflectors, outward, microphones, options, tones }
+        Self { reflectors, outward, microphones, options, tones, terms }
     }
 
     /// All groups of a tile with their sums, by ascending path length.
@@ -136,21 +141,22 @@ impl<'a> Summation<'a> {
             .collect();
         keys.sort_unstable();
         let mut planes = Planes::default();
+        let columns = self.tones.count() * self.terms.map_or(1, Terms::count);
         keys.chunk_by(|a, b| a >> 33 == b >> 33)
             .map(|group| {
                 let middle = intervals.middle(group[0] >> 33);
-                let mut sums = vec![[0.0; 2]; self.tones.count() * tile.microphones.len()];
+                let mut sums = vec![[0.0; 2]; columns * tile.microphones.len()];
                 for run in group.chunk_by(|a, b| a >> 32 == b >> 32) {
                     let near = run[0] >> 32 & 1 == 1;
                     for some in run.chunks(MOST_ECHOES) {
                         let members = some.iter().map(|key| (key & u64::from(u32::MAX)) as usize);
                         self.lay_out(members, &sights, middle, tile, &mut planes);
-                        for (sums, &mic) in sums.chunks_exact_mut(self.tones.count()).zip(&tile.microphones) {
+                        for (sums, &mic) in sums.chunks_exact_mut(columns).zip(&tile.microphones) {
                             self.add(self.microphones[mic], tile, near, &mut planes, sums);
                         }
                     }
                 }
-                GroupSums { middle, sums: by_tone(&sums, self.tones.count()) }
+                GroupSums { middle, sums: by_tone(&sums, columns) }
             })
             .collect()
     }
@@ -174,7 +180,7 @@ impl<'a> Summation<'a> {
         }
         phasors(self.tones.centre / options.sound_speed, &planes.from_middle, &mut planes.phasors);
         let per_metre = self.tones.step / options.sound_speed;
-        for (i, j) in members.enumerate() {
+        for (i, j) in members.clone().enumerate() {
             let p = self.reflectors.positions()[j];
             planes.positions[i] = p;
             let toward = match options.model {
@@ -189,10 +195,13 @@ impl<'a> Summation<'a> {
                 plane[i] = x as f32;
             }
             planes.turn[i] = (planes.from_middle[i] * per_metre) as f32;
-            // Weights of reflector and tile, or of its single legs, would be multiplied in here.
-            let a = self.reflectors.amplitudes()[j] * planes.phasors[i];
+            let spreading = outward_spreading(self.outward[j], options) as f32;
+            let a = self.reflectors.amplitudes()[j] * planes.phasors[i] * spreading;
             planes.amplitude[0][i] = a.re;
             planes.amplitude[1][i] = a.im;
+        }
+        if let Some(terms) = self.terms {
+            planes.lossy.lay_out(terms, members, &planes.positions, &planes.from_middle, tile.centre);
         }
     }
 
@@ -212,12 +221,28 @@ impl<'a> Summation<'a> {
             linear_offsets(toward, d, legs, &mut planes.offsets);
         }
         let per_metre = [self.tones.centre, self.tones.step].map(|f| (f / self.options.sound_speed) as f32);
-        let echoes = Echoes { turn: &planes.turn, amplitude: [&planes.amplitude[0], &planes.amplitude[1]] };
-        sum_over_tones(echoes, &planes.offsets, per_metre, sums);
+        let Some(terms) = self.terms else {
+            let echoes =
+                Echoes { turn: &planes.turn, amplitude: [&planes.amplitude[0], &planes.amplitude[1]] };
+            return sum_over_tones(echoes, &planes.offsets, per_metre, sums);
+        };
+        let Planes { amplitude, weighted, offsets, lossy, turn, .. } = planes;
+        let spread_legs =
+            if self.options.losses.spreading { self.options.geometry.return_legs() } else { 0.0 };
+        lossy.look(d, offsets, spread_legs);
+        for (k, sums) in sums.chunks_exact_mut(self.tones.count()).enumerate() {
+            let factors = lossy.factors(terms, k);
+            for (weighted, amplitude) in weighted.iter_mut().zip(&*amplitude) {
+                weighted.clear();
+                weighted.extend(amplitude.iter().zip(factors).map(|(a, factor)| a * factor));
+            }
+            let echoes = Echoes { turn, amplitude: [&weighted[0], &weighted[1]] };
+            sum_over_tones(echoes, offsets, per_metre, sums);
+        }
     }
 }
 
-/// `[microphone][Q]` turned to `[Q][part][microphone]`.
+/// `[microphone][K Q]` turned to `[K Q][part][microphone]`.
 fn by_tone(sums: &[[f64; 2]], tones: usize) -> Vec<f32> {
     let mut turned = Vec::with_capacity(2 * sums.len());
     for q in 0..tones {
@@ -226,37 +251,4 @@ fn by_tone(sums: &[[f64; 2]], tones: usize) -> Vec<f32> {
         }
     }
     turned
-}
-
-/// A run of reflectors in planes, as the kernels want them, padded to whole blocks.
-#[derive(Debug, Default)]
-struct Planes {
-    positions: Vec<DVec3>,
-    /// Path lengths to the centre, whole and from the group's middle, m.
-    paths: Vec<f64>,
-    from_middle: Vec<f64>,
-    phasors: Vec<Complex32>,
-    toward: [Vec<f32>; 3],
-    distance: Vec<f32>,
-    turn: Vec<f32>,
-    amplitude: [Vec<f32>; 2],
-    offsets: Vec<f32>,
-}
-
-impl Planes {
-    /// Room for `count` reflectors; what pads them has no amplitude, and a distance that keeps its offset finite.
-    fn resize(&mut self, count: usize) {
-        self.positions.resize(count, DVec3::ZERO);
-        self.paths.resize(count, 0.0);
-        self.from_middle.resize(count, 0.0);
-        self.phasors.resize(count, Complex32::ZERO);
-        let padded = count.next_multiple_of(WIDE);
-        let zeroed = self.toward.iter_mut().chain(&mut self.amplitude);
-        for plane in zeroed.chain([&mut self.turn, &mut self.offsets]) {
-            plane.clear();
-            plane.resize(padded, 0.0);
-        }
-        self.distance.clear();
-        self.distance.resize(padded, 1.0);
-    }
 }

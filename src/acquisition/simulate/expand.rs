@@ -1,13 +1,12 @@
 //! The simulation by virtual tones: tiles summed at the tones, and their sums expanded into the cube.
 
 use super::echoes::{GroupSums, Summation};
+use super::kept::KeptSamples;
 use super::tiles::Tile;
-use super::virtual_tones::VirtualTones;
-use super::{Plan, SimulateOptions, record};
-use crate::acquisition::{MicArray, Sweep};
+use super::{Job, Plan, SimulateOptions, record};
+use crate::acquisition::Sweep;
 use crate::error::Result;
 use crate::progress::{Observer, advance};
-use crate::reflectors::Reflectors;
 use crate::wave::offsets::turn_and_add;
 use crate::wave::simd::phasors;
 use faer::linalg::matmul::matmul;
@@ -18,23 +17,33 @@ use rayon::prelude::*;
 /// Frequencies that one thread expands at a time.
 const ROWS: usize = 32;
 
-/// Fills `samples`, `[n_f, n_mic]`, by way of the plan's tiles and tones.
+/// Tiles per thread that are summed before the finished ones may be handed over: enough to keep every thread busy.
+const TILES_PER_THREAD: usize = 8;
+
+/// Fills the samples, `[n_f, n_mic]`, by way of the plan's tiles and tones.
 pub(super) fn fast(
-    reflectors: &Reflectors,
-    sweep: &Sweep,
-    array: &MicArray,
-    options: &SimulateOptions,
+    job: &Job<'_>,
     plan: &Plan,
+    kept: &mut KeptSamples,
     observer: &dyn Observer,
-    samples: &mut [Complex32],
 ) -> Result<()> {
+    let Job { reflectors, sweep, array, options, responses } = *job;
     let n_mic = array.len();
-    let summation = Summation::new(reflectors, array.positions(), options, &plan.tones);
-    let mut rest = &plan.tiles[..];
+    let summation = Summation::new(reflectors, array.positions(), options, &plan.tones, plan.terms.as_ref());
+    let mut missing = Vec::new();
+    for (k, tile) in plan.tiles.iter().enumerate() {
+        if kept.recall(k, &tile.microphones)? {
+            advance(observer, tile.microphones.len() as u64)?;
+        } else {
+            missing.push((k, tile));
+        }
+    }
+    let most = TILES_PER_THREAD * rayon::current_num_threads();
+    let mut rest = &missing[..];
     while !rest.is_empty() {
-        // As many tiles as hold a fixed number of microphones, whatever the threads.
+        // As many tiles as hold a number of microphones; no sum depends on which are taken together.
         let mut held = 0;
-        let fitting = rest.iter().take_while(|tile| {
+        let fitting = rest.iter().take(most).take_while(|(_, tile)| {
             held += tile.microphones.len();
             held <= plan.held
         });
@@ -42,24 +51,28 @@ pub(super) fn fast(
         rest = later;
         let sums: Vec<Vec<GroupSums>> = tiles
             .par_iter()
-            .map(|tile| {
+            .map(|(_, tile)| {
                 let sums = summation.groups(tile);
                 advance(observer, tile.microphones.len() as u64).map(|()| sums)
             })
             .collect::<Result<_>>()?;
-        samples.par_chunks_mut(ROWS * n_mic).enumerate().for_each(|(chunk, rows)| {
+        kept.samples.par_chunks_mut(ROWS * n_mic).enumerate().for_each(|(chunk, rows)| {
             let mut room = Room::default();
-            for (tile, sums) in tiles.iter().zip(&sums) {
-                room.expand(chunk * ROWS, tile, sums, sweep, options, &plan.tones);
+            for ((_, tile), sums) in tiles.iter().zip(&sums) {
+                room.expand(chunk * ROWS, tile, sums, sweep, options, plan);
                 let width = 2 * tile.microphones.len();
                 for (row, totals) in rows.chunks_exact_mut(n_mic).zip(room.totals.chunks_exact(width)) {
                     let (re, im) = totals.split_at(width / 2);
                     for ((&mic, re), im) in tile.microphones.iter().zip(re).zip(im) {
-                        row[mic] = record(options.detection, *re, *im);
+                        row[mic] = record(options.detection, responses.get(mic), Complex32::new(*re, *im));
                     }
                 }
             }
         });
+        for (k, tile) in tiles {
+            kept.finish(*k, &tile.microphones);
+        }
+        kept.pause()?;
     }
     Ok(())
 }
@@ -74,7 +87,7 @@ struct Room {
 }
 
 impl Room {
-    /// `totals[n] = Σ_groups e^{i2πf_n·middle/c} Σ_q W[n, q] sums[q]` for [`ROWS`] frequencies from `first`.
+    /// `totals[n] = Σ_groups e^{i2πf_n·middle/c − α(f_n)·middle} Σ_q W[n, q] sums[q]` for [`ROWS`] frequencies from `first`.
     fn expand(
         &mut self,
         first: usize,
@@ -82,15 +95,16 @@ impl Room {
         groups: &[GroupSums],
         sweep: &Sweep,
         options: &SimulateOptions,
-        tones: &VirtualTones,
+        plan: &Plan,
     ) {
         let frequencies = &sweep.frequencies()[first..(first + ROWS).min(sweep.len())];
-        let (rows, width, count) = (frequencies.len(), 2 * tile.microphones.len(), tones.count());
+        let (rows, width, count) = (frequencies.len(), 2 * tile.microphones.len(), plan.columns());
         self.totals.clear();
         self.totals.resize(rows * width, 0.0);
         self.product.resize(rows * width, 0.0);
         self.phasors.resize(rows, Complex32::ZERO);
-        let weights = &tones.weights[first * count..(first + rows) * count];
+        let weights = &plan.weights[first * count..(first + rows) * count];
+        let absorption = plan.terms.as_ref().map_or(&[][..], |terms| &terms.absorption);
         for group in groups {
             matmul(
                 MatMut::from_column_major_slice_mut(&mut self.product, width, rows),
@@ -101,6 +115,9 @@ impl Room {
                 Par::Seq,
             );
             phasors(group.middle / options.sound_speed, frequencies, &mut self.phasors);
+            for (phasor, absorption) in self.phasors.iter_mut().zip(absorption.iter().skip(first)) {
+                *phasor *= (-absorption * group.middle).exp() as f32;
+            }
             turn_and_add(&self.phasors, &self.product, &mut self.totals);
         }
     }

@@ -2,24 +2,24 @@
 
 use super::cost::choices;
 use super::expand::fast;
-use super::tiles::tiles;
-use super::virtual_tones::{RUNGS, Rung, VirtualTones};
+use super::kept::KeptSamples;
+use super::virtual_tones::{RUNGS, Rung};
 use super::*;
-use crate::progress::Silent;
+use crate::progress::{Forgetful, Silent};
 use crate::wave::phasor;
 use proptest::prelude::*;
 use std::f64::consts::TAU;
 
 /// What f32 adds to the tolerance, relative to `Σ|A|`: rounding of phases and sums, times the size of the weights. A single
 /// echo at 47 tones comes to 7·10⁻⁶, many to a fraction of it.
-const ROUNDING: f64 = 1e-5;
+pub(super) const ROUNDING: f64 = 1e-5;
 
 /// A number in ±½ that looks random.
 fn fraction(i: usize, k: f64) -> f64 {
     (i as f64 * k).fract() - 0.5
 }
 
-fn reflectors(count: usize, size: DVec3, centre: DVec3) -> Reflectors {
+pub(super) fn reflectors(count: usize, size: DVec3, centre: DVec3) -> Reflectors {
     let place =
         |i| centre + size * DVec3::new(fraction(i, 0.618_034), fraction(i, 0.754_878), fraction(i, 0.569_84));
     let amplitudes = (0..count).map(|i| phasor(fraction(i, 0.413_59)) * (i % 5) as f32).collect();
@@ -27,7 +27,7 @@ fn reflectors(count: usize, size: DVec3, centre: DVec3) -> Reflectors {
 }
 
 /// Microphones on no lattice and in no plane.
-fn scattered(count: usize, size: DVec3) -> MicArray {
+pub(super) fn scattered(count: usize, size: DVec3) -> MicArray {
     let place = |i| size * DVec3::new(fraction(i, 0.445_041), fraction(i, 0.801_938), fraction(i, 0.286_62));
     MicArray::from_positions("mics", &[count], (0..count).map(place).collect()).expect("ok")
 }
@@ -62,7 +62,7 @@ fn greatest_error(
 }
 
 /// The fast way with tiles and tones of our own choice.
-fn forced(
+pub(super) fn forced(
     reflectors: &Reflectors,
     sweep: &Sweep,
     array: &MicArray,
@@ -70,15 +70,22 @@ fn forced(
     rung: Rung,
     count: usize,
 ) -> Vec<Complex32> {
-    let tones = VirtualTones::find(sweep, rung, options.tolerance).expect("a standard duration");
     let radius = cost::widest_tile(rung, sweep, options);
-    let plan = Plan { tiles: tiles(array.positions(), count, radius), tones, held: 50 };
+    let choice = cost::Choice { microphones: count, radius, rung, held: 50 };
+    let plan = Plan::of(&choice, reflectors, sweep, array, options).expect("a standard duration");
     let mut samples = vec![Complex32::ZERO; sweep.len() * array.len()];
-    fast(reflectors, sweep, array, options, &plan, &Silent, &mut samples).expect("not interrupted");
+    let job = Job { reflectors, sweep, array, options, responses: &[] };
+    let mut kept = KeptSamples {
+        samples: &mut samples,
+        width: array.len(),
+        keeper: &mut Forgetful,
+        finished: Vec::new(),
+    };
+    fast(&job, &plan, &mut kept, &Silent).expect("not interrupted");
     samples
 }
 
-fn sweep_of(kind: u8) -> Sweep {
+pub(super) fn sweep_of(kind: u8) -> Sweep {
     match kind {
         0 => Sweep::stepped("sweep", 10_000.0, 20_000.0, 50.0).expect("ok"),
         1 => Sweep::stepped("sweep", 18_000.0, 20_000.0, 20.0).expect("ok"),

@@ -1,44 +1,57 @@
 //! Eq. 5 summed term by term: the oracle, and the way where virtual tones do not pay.
 
-use super::{SimulateOptions, record};
-use crate::acquisition::{MicArray, Sweep};
+use super::kept::KeptSamples;
+use super::losses::{Legs, wave_number};
+use super::{Job, SimulateOptions, record};
+use crate::acquisition::Sweep;
 use crate::error::Result;
 use crate::progress::{Observer, advance};
 use crate::reflectors::Reflectors;
 use crate::wave::simd::{Amplitudes, Steps, sum_over_sweep};
+use glam::DVec3;
 use num_complex::Complex32;
 use rayon::prelude::*;
 
 /// Microphones whose columns are held between the sum and the cube's own order.
 const COLUMNS: usize = 64;
 
-/// Fills `samples`, `[n_f, n_mic]`, with the literal sum.
-pub(super) fn literal(
-    reflectors: &Reflectors,
-    sweep: &Sweep,
-    array: &MicArray,
-    options: &SimulateOptions,
-    observer: &dyn Observer,
-    samples: &mut [Complex32],
-) -> Result<()> {
+/// Fills the samples, `[n_f, n_mic]`, with the literal sum.
+pub(super) fn literal(job: &Job<'_>, kept: &mut KeptSamples, observer: &dyn Observer) -> Result<()> {
+    let Job { reflectors, sweep, array, options, responses } = *job;
     let n_mic = array.len();
-    let amplitudes = Amplitudes::new(reflectors.amplitudes().iter().copied());
+    let plain = Amplitudes::new(reflectors.amplitudes().iter().copied());
     for (chunk, mics) in array.positions().chunks(COLUMNS).enumerate() {
+        let members: Vec<usize> = (chunk * COLUMNS..).take(mics.len()).collect();
+        if kept.recall(chunk, &members)? {
+            advance(observer, mics.len() as u64)?;
+            continue;
+        }
         let columns: Vec<Vec<[f64; 2]>> = mics
             .par_iter()
             .map(|&r| {
                 let mut lengths: Vec<f64> =
                     reflectors.positions().iter().map(|&p| options.path_length(p, r)).collect();
-                lengths.resize(amplitudes.padded_len(), 0.0);
-                sweep_sums(&amplitudes, &lengths, sweep, options.sound_speed)
+                lengths.resize(plain.padded_len(), 0.0);
+                if options.losses.vary() {
+                    lossy_sums(reflectors, r, &lengths, sweep, options)
+                } else if options.losses.any() {
+                    let spread = reflectors.positions().iter().zip(reflectors.amplitudes());
+                    let spread = spread.map(|(&p, a)| a * Legs::new(p, r, options).spreading as f32);
+                    sweep_sums(&Amplitudes::new(spread), &lengths, sweep, options.sound_speed)
+                } else {
+                    sweep_sums(&plain, &lengths, sweep, options.sound_speed)
+                }
             })
             .collect();
         for (column, sums) in columns.iter().enumerate() {
             let mic = chunk * COLUMNS + column;
             for (f, [re, im]) in sums.iter().enumerate() {
-                samples[f * n_mic + mic] = record(options.detection, *re as f32, *im as f32);
+                let m = Complex32::new(*re as f32, *im as f32);
+                kept.samples[f * n_mic + mic] = record(options.detection, responses.get(mic), m);
             }
         }
+        kept.finish(chunk, &members);
+        kept.pause()?;
         advance(observer, mics.len() as u64)?;
     }
     Ok(())
@@ -52,9 +65,34 @@ fn sweep_sums(amplitudes: &Amplitudes, lengths: &[f64], sweep: &Sweep, sound_spe
         sum_over_sweep(amplitudes, lengths, steps, &mut sums);
     } else {
         for (f, sum) in sweep.frequencies().iter().zip(&mut sums) {
-            let steps = Steps { start: f / sound_speed, step: 0.0, count: 1 };
-            sum_over_sweep(amplitudes, lengths, steps, std::slice::from_mut(sum));
+            sum_at(*f, amplitudes, lengths, sound_speed, sum);
         }
     }
     sums
+}
+
+/// The same with losses that depend on the frequency: every term has a factor of its own.
+fn lossy_sums(
+    reflectors: &Reflectors,
+    r: DVec3,
+    lengths: &[f64],
+    sweep: &Sweep,
+    options: &SimulateOptions,
+) -> Vec<[f64; 2]> {
+    let (losses, c) = (&options.losses, options.sound_speed);
+    let legs: Vec<Legs> = reflectors.positions().iter().map(|&p| Legs::new(p, r, options)).collect();
+    let mut sums = vec![[0.0; 2]; sweep.len()];
+    for (&f, sum) in sweep.frequencies().iter().zip(&mut sums) {
+        let (absorption, k) = (losses.absorption(f), wave_number(f, c));
+        let heard = reflectors.amplitudes().iter().zip(&legs);
+        let heard = heard.map(|(a, legs)| a * legs.factor(losses, absorption, k) as f32);
+        sum_at(f, &Amplitudes::new(heard), lengths, c, sum);
+    }
+    sums
+}
+
+/// The sum at one frequency.
+fn sum_at(f: f64, amplitudes: &Amplitudes, lengths: &[f64], sound_speed: f64, sum: &mut [f64; 2]) {
+    let steps = Steps { start: f / sound_speed, step: 0.0, count: 1 };
+    sum_over_sweep(amplitudes, lengths, steps, std::slice::from_mut(sum));
 }

@@ -7,7 +7,48 @@ use crate::config::{Array, Detection, Geometry, Layout, Medium, Sweep};
 
 impl Medium {
     pub(super) fn check(&self) -> Check {
-        positive("medium.sound_speed", self.sound_speed)
+        self.sound_speed.map_or(Ok(()), |speed| positive("medium.sound_speed", speed))?;
+        let Some(air) = self.air() else {
+            let idle = [
+                ("medium.humidity", self.humidity.is_some()),
+                ("medium.pressure", self.pressure.is_some()),
+                ("medium.absorption", self.absorption),
+            ];
+            return match idle.into_iter().find(|(_, typed)| *typed) {
+                Some((key, _)) => Err(Fault::new(
+                    key,
+                    "belongs to air of a known temperature; give `temperature` too, in degrees Celsius, in place of \
+                     `sound_speed`",
+                )),
+                None => Ok(()),
+            };
+        };
+        if self.sound_speed.is_some() {
+            return Err(clash(
+                "medium.temperature",
+                &["medium.sound_speed"],
+                "the speed of sound follows from the temperature",
+            ));
+        }
+        within("medium.temperature", air.temperature, -50.0, 60.0, "degrees Celsius from -50 to 60")?;
+        within("medium.humidity", air.humidity, 0.0, 100.0, "a relative humidity from 0 to 100 %")?;
+        within(
+            "medium.pressure",
+            air.pressure,
+            1e4,
+            1e6,
+            "a pressure from 1e4 to 1e6 Pa (sea level has 101325)",
+        )?;
+        if air.water() > 0.25 {
+            return Err(Fault {
+                partners: &["medium.temperature", "medium.pressure"],
+                ..Fault::new(
+                    "medium.humidity",
+                    format!("{:.0} % of that air would be water; expected 25 % at most", 100.0 * air.water()),
+                )
+            });
+        }
+        Ok(())
     }
 }
 
@@ -106,6 +147,15 @@ impl Array {
                 });
             }
         }
+        for (key, value) in [
+            ("array.speaker_radius", self.speaker_radius),
+            ("array.microphone_radius", self.microphone_radius),
+            ("array.position_error", self.position_error),
+        ] {
+            within(key, value, 0.0, 1e3, "a length in metres, 0 or more")?;
+        }
+        within("array.gain_error_db", self.gain_error_db, 0.0, 60.0, "an rms from 0 to 60 dB")?;
+        within("array.phase_error", self.phase_error, 0.0, 360.0, "an rms from 0 to 360 degrees")?;
         self.check_layout()
     }
 

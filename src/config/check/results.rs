@@ -3,11 +3,17 @@
 use crate::config::range::{Check, counts, finite, not_negative, positive, within};
 use crate::config::reader::{Fault, joined};
 use crate::config::wording::{nearest, quoted};
-use crate::config::{Depth, Expect, Fill, GridTable, Output, Reconstruct};
-use crate::metrics::METRIC_NAMES;
+use crate::config::{Depth, Expect, Fill, GridTable, Output, Reconstruct, View};
+use crate::metrics::{METRIC_NAMES, Measure, Metrics};
 
 /// Largest side of a median filter, pixels.
 const LARGEST_MEDIAN: u32 = 99;
+
+/// Most pixels of a perspective view.
+const MOST_PIXELS: f64 = 1e8;
+
+/// Most seeds that one scene is run with.
+const MOST_SEEDS: usize = 1000;
 
 impl GridTable {
     pub(super) fn check(&self) -> Check {
@@ -89,6 +95,8 @@ impl Depth {
         if !(1..=16).contains(&self.returns) {
             return Err(Fault::new("depth.returns", format!("found {}; expected 1 to 16", self.returns)));
         }
+        let contrast = "depth.return_contrast_db";
+        within(contrast, self.return_contrast_db, 0.0, 60.0, "0 dB (none) to 60 dB")?;
         positive("depth.separation", self.separation)?;
         for sigma in self.smoothing {
             not_negative("depth.smoothing", sigma)?;
@@ -102,10 +110,36 @@ impl Depth {
                 ),
             ));
         }
+        self.check_view()?;
         match self.fill {
             Fill::Depth(depth) => finite("depth.fill", &[depth]),
             Fill::Inf | Fill::Nan => Ok(()),
         }
+    }
+
+    fn check_view(&self) -> Check {
+        if self.view == View::Orthographic
+            && let Some(key) = [("depth.fov", self.fov.is_some()), ("depth.pixels", self.pixels.is_some())]
+                .iter()
+                .find(|(_, is)| *is)
+        {
+            return Err(Fault {
+                partners: &["depth.view"],
+                ..Fault::new(
+                    key.0,
+                    "is of the perspective view alone; give view = \"perspective\" or leave it out",
+                )
+            });
+        }
+        if let Some(fov) = self.fov
+            && !(fov > 0.0 && fov < 180.0)
+        {
+            return Err(Fault::new(
+                "depth.fov",
+                format!("found {fov:?}; expected degrees between 0 and 180"),
+            ));
+        }
+        self.pixels.map_or(Ok(()), |pixels| counts("depth.pixels", &pixels, MOST_PIXELS))
     }
 }
 
@@ -125,16 +159,24 @@ impl Output {
 
 impl Expect {
     pub(super) fn check(&self) -> Check {
+        let twice = self.seeds.iter().enumerate().find(|(i, seed)| self.seeds[..*i].contains(seed));
+        if let Some((_, seed)) = twice {
+            return Err(Fault::new("expect.seeds", format!("names the seed {seed} twice")));
+        }
+        if self.seeds.len() > MOST_SEEDS {
+            return Err(Fault::new("expect.seeds", format!("names more than {MOST_SEEDS} seeds")));
+        }
         for (name, limit) in &self.limits {
             let path = joined("expect", name);
-            if !METRIC_NAMES.contains(&name.as_str()) {
-                let meant = nearest(name, &METRIC_NAMES)
+            if let Err(metric) = Measure::parse(name) {
+                let meant = nearest(&metric, &METRIC_NAMES)
                     .map_or(".".to_owned(), |near| format!("; did you mean `{near}`?"));
                 return Err(Fault::new(
                     path,
                     format!(
-                        "unknown metric `{}`{meant} (Metrics: {}.)",
-                        quoted(name),
+                        "unknown metric `{}`{meant} (Metrics: {}; `seeds`; of a material \"NAME:MATERIAL\", of the k-th \
+                         surface \"NAME#K\".)",
+                        quoted(&metric),
                         METRIC_NAMES.join(", ")
                     ),
                 ));
@@ -143,7 +185,8 @@ impl Expect {
                 return Err(Fault::new(path, "sets no limit; expected { min = .. }, { max = .. } or both"));
             }
             // All but the errors are shares; 65 where 0.65 was meant would never be reached.
-            let (most, what) = if name.ends_with("error") || name == "rmse" {
+            let metric = name.split([':', '#']).next().unwrap_or_default();
+            let (most, what) = if Metrics::is_length(metric) {
                 (f64::MAX, "an error in metres, 0 or more")
             } else {
                 (1.0, "a share from 0 to 1")

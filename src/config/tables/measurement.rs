@@ -3,6 +3,7 @@
 use crate::acquisition::SIMULATION_TOLERANCE;
 use crate::config::choices::{DetectionKind, Geometry, InputFile, Layout, Model};
 use crate::wave::DEFAULT_SOUND_SPEED;
+use crate::wave::air::{Air, REFERENCE_PRESSURE};
 use serde::de::{self, IntoDeserializer, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize};
 use std::fmt;
@@ -10,15 +11,58 @@ use std::marker::PhantomData;
 
 /// `[medium]`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
+#[serde(default = "Medium::before_filling", deny_unknown_fields)]
 pub struct Medium {
-    /// Speed of sound, m/s.
-    pub sound_speed: f64,
+    /// Speed of sound, m/s. Excludes `temperature`, from which it would follow.
+    pub sound_speed: Option<f64>,
+    /// Of the air, °C.
+    pub temperature: Option<f64>,
+    /// Relative humidity of the air, %; needs `temperature`.
+    pub humidity: Option<f64>,
+    /// Of the air, Pa; needs `temperature`.
+    pub pressure: Option<f64>,
+    /// Whether amplitudes fall with distance, `(1 m)²/(d₁ d₂)`.
+    pub spreading: bool,
+    /// Whether the air absorbs (ISO 9613-1); needs `temperature`.
+    pub absorption: bool,
+}
+
+impl Medium {
+    /// Humidity in % and pressure in Pa of air of which only the temperature is typed.
+    pub(in crate::config) const HUMIDITY: f64 = 50.0;
+    pub(in crate::config) const PRESSURE: f64 = REFERENCE_PRESSURE;
+
+    /// The defaults before it is known whether `temperature` was typed.
+    pub(in crate::config) fn before_filling() -> Self {
+        Self {
+            sound_speed: None,
+            temperature: None,
+            humidity: None,
+            pressure: None,
+            spreading: false,
+            absorption: false,
+        }
+    }
+
+    /// The air, if its temperature was typed.
+    pub fn air(&self) -> Option<Air> {
+        self.temperature.map(|temperature| Air {
+            temperature,
+            humidity: self.humidity.unwrap_or(Self::HUMIDITY),
+            pressure: self.pressure.unwrap_or(Self::PRESSURE),
+        })
+    }
+
+    /// Speed of sound c, typed or that of the air, m/s.
+    pub fn speed(&self) -> f64 {
+        let air = || self.air().map(|air| air.sound_speed());
+        self.sound_speed.or_else(air).unwrap_or(DEFAULT_SOUND_SPEED)
+    }
 }
 
 impl Default for Medium {
     fn default() -> Self {
-        Self { sound_speed: DEFAULT_SOUND_SPEED }
+        Self { sound_speed: Some(DEFAULT_SOUND_SPEED), ..Self::before_filling() }
     }
 }
 
@@ -70,6 +114,18 @@ pub struct Array {
     pub seed: Option<u32>,
     /// The microphones' positions (CSV with header `x,y,z`, or Acoular's XML, m) for layout `file`.
     pub file: Option<InputFile>,
+    /// Radius of the speaker, a piston that faces +z, m; 0: alike in all directions.
+    pub speaker_radius: f64,
+    /// Radius of the microphones, m; likewise.
+    pub microphone_radius: f64,
+    /// Errors of the microphones' gains, dB rms.
+    pub gain_error_db: f64,
+    /// Errors of their phases, degrees rms.
+    pub phase_error: f64,
+    /// Errors of their positions, m rms along each axis.
+    pub position_error: f64,
+    /// Seed of these errors alone.
+    pub error_seed: u32,
 }
 
 impl Array {
@@ -93,6 +149,12 @@ impl Array {
             spacing: None,
             seed: None,
             file: None,
+            speaker_radius: 0.0,
+            microphone_radius: 0.0,
+            gain_error_db: 0.0,
+            phase_error: 0.0,
+            position_error: 0.0,
+            error_seed: 1,
         }
     }
 }

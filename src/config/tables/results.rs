@@ -4,8 +4,9 @@ use crate::config::choices::{
     Components, Compression, Fill, Method, Pick, Refine, View, VolumeFormat, Window,
 };
 use crate::depth::DepthOptions;
-use serde::de::{self, SeqAccess, Visitor};
-use serde::{Deserialize, Deserializer, Serialize};
+use serde::de::{self, MapAccess, SeqAccess, Visitor};
+use serde::ser::SerializeMap;
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::collections::BTreeMap;
 use std::fmt;
 
@@ -87,11 +88,13 @@ pub struct Reconstruct {
     pub tolerance: f64,
     /// Weights over x, y and frequency.
     pub window: Window,
+    /// Whether spherical spreading is undone in the volume.
+    pub compensate: bool,
 }
 
 impl Default for Reconstruct {
     fn default() -> Self {
-        Self { method: Method::Auto, tolerance: 1e-4, window: Window::Taylor }
+        Self { method: Method::Auto, tolerance: 1e-4, window: Window::Taylor, compensate: false }
     }
 }
 
@@ -111,6 +114,8 @@ pub struct Depth {
     pub return_threshold_db: f64,
     /// Least amplitude of a further return, dB against its column's maximum.
     pub return_gate_db: f64,
+    /// How far a further return stands out from what lies around it, dB; 0 asks for nothing.
+    pub return_contrast_db: f64,
     /// Least distance between returns, in `c/2B`.
     pub separation: f64,
     /// Gaussian sigma along x, y, z of the power in which further returns are found, m.
@@ -119,8 +124,12 @@ pub struct Depth {
     pub median: u32,
     /// `Z` where nothing was accepted.
     pub fill: Fill,
-    /// Along which rays depth is looked for.
+    /// Along which rays depth is looked for, and the truth.
     pub view: View,
+    /// Vertical field of view of the perspective view, degrees; left out: that of the glTF camera the array sits at.
+    pub fov: Option<f64>,
+    /// Columns and rows of the perspective view; left out: 256 rows in the camera's shape.
+    pub pixels: Option<[u32; 2]>,
 }
 
 impl Default for Depth {
@@ -134,11 +143,14 @@ impl Default for Depth {
             returns: stage.returns as u32,
             return_threshold_db: stage.return_threshold_db,
             return_gate_db: stage.return_gate_db,
+            return_contrast_db: stage.return_contrast_db,
             separation: stage.separation,
             smoothing: stage.smoothing,
             median: stage.median as u32,
             fill: Fill::Inf,
             view: View::Orthographic,
+            fov: None,
+            pixels: None,
         }
     }
 }
@@ -174,12 +186,53 @@ impl Default for Output {
     }
 }
 
-/// `[expect]`: limits on metrics, by name.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-#[serde(transparent)]
+/// `[expect]`: limits on metrics, by name, and the seeds whose mean is held to them.
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Expect {
-    /// Name of a metric (one of [`METRIC_NAMES`](crate::metrics::METRIC_NAMES)) and what it is held to.
+    /// Seeds of `[reflectors]` that `check` runs; empty for its own alone.
+    pub seeds: Vec<u32>,
+    /// A metric (one of [`METRIC_NAMES`](crate::metrics::METRIC_NAMES)), or that of a material or surface
+    /// ([`Measure::parse`](crate::metrics::Measure::parse)), and what it is held to.
     pub limits: BTreeMap<String, Limit>,
+}
+
+impl Serialize for Expect {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut table = serializer.serialize_map(None)?;
+        if !self.seeds.is_empty() {
+            table.serialize_entry("seeds", &self.seeds)?;
+        }
+        for (name, limit) in &self.limits {
+            table.serialize_entry(name, limit)?;
+        }
+        table.end()
+    }
+}
+
+impl<'de> Deserialize<'de> for Expect {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Table;
+        impl<'de> Visitor<'de> for Table {
+            type Value = Expect;
+
+            fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+                f.write_str("limits such as completeness = { min = 0.65 }")
+            }
+
+            fn visit_map<A: MapAccess<'de>>(self, mut table: A) -> Result<Expect, A::Error> {
+                let mut expect = Expect::default();
+                while let Some(name) = table.next_key::<String>()? {
+                    if name == "seeds" {
+                        expect.seeds = table.next_value()?;
+                    } else {
+                        expect.limits.insert(name, table.next_value()?);
+                    }
+                }
+                Ok(expect)
+            }
+        }
+        deserializer.deserialize_map(Table)
+    }
 }
 
 /// What one metric is held to; at least one side is given.

@@ -38,13 +38,31 @@ fn unknown_names_come_with_the_nearest_and_their_place() {
 }
 
 #[test]
+fn views_and_limits_that_mean_nothing_are_refused() {
+    refused_with("[depth]\nfov = 50.0", &["run.toml:2:1", "depth.fov", "view = \"perspective\""]);
+    refused_with("[depth]\npixels = [64, 48]", &["depth.pixels", "view = \"perspective\""]);
+    let camera = |key: &str| format!("[depth]\nview = \"perspective\"\n{key}");
+    refused_with(&camera("fov = 180.0"), &["run.toml:3:1", "between 0 and 180"]);
+    refused_with(&camera("pixels = [64, 0]"), &["depth.pixels", "at least 1"]);
+    refused_with("[depth]\nreturn_contrast_db = -3.0", &["depth.return_contrast_db", "60 dB"]);
+    refused_with("[expect]\nseeds = [1, 2, 1]", &["expect.seeds", "1 twice"]);
+    refused_with("[expect]\nseeds = 3", &["expect.seeds", "a list"]);
+    refused_with(
+        "[expect]\n\"completness:glass\" = { min = 0.5 }",
+        &["unknown metric `completness`", "did you mean `completeness`?", "NAME:MATERIAL"],
+    );
+    refused_with("[expect]\n\"completeness#0\" = { min = 0.5 }", &["unknown metric `completeness#0`"]);
+    refused_with("[expect]\n\"two_returns:glass\" = { min = 90 }", &["a share from 0 to 1"]);
+}
+
+#[test]
 fn what_this_version_lacks_is_refused_with_what_it_has() {
     refused_with(
-        "[reconstruct]\nmethod = \"linear\"",
-        &["accepted: \"auto\", \"convolution\", \"backprojection\", \"direct\""],
+        "[reconstruct]\nmethod = \"holographic\"",
+        &["accepted: \"auto\", \"convolution\", \"backprojection\", \"direct\", \"linear\""],
     );
     refused_with("[array]\nlayout = \"ring\"", &["accepted: \"grid\", \"spiral\", \"random\", \"file\""]);
-    refused_with("[depth]\nview = \"perspective\"", &["accepted: \"orthographic\""]);
+    refused_with("[depth]\nview = \"isometric\"", &["accepted: \"orthographic\", \"perspective\""]);
     refused_with(
         "[output]\nformats = [\"exr\", \"vdb\"]",
         &["formats[1]", "accepted: \"exr\", \"npz\", \"vti\", \"nrrd\""],
@@ -95,6 +113,15 @@ fn values_outside_their_range_are_refused_at_their_line() {
         ("[grid]\npitch = [0, 1, 1]", &["greater than 0"]),
         ("[grid]\nx = [0, 1e300]\npitch = [1e-9, 1, 1]", &["too many"]),
         ("[medium]\nsound_speed = -343", &["greater than 0"]),
+        ("[medium]\ntemperature = 500", &["degrees Celsius from -50 to 60"]),
+        ("[medium]\ntemperature = 20\nhumidity = 101", &["0 to 100 %"]),
+        ("[medium]\ntemperature = 20\npressure = 101", &["1e4 to 1e6 Pa"]),
+        ("[medium]\ntemperature = 60\nhumidity = 100\npressure = 2e4", &["would be water"]),
+        ("[medium]\nhumidity = 40", &["`medium.humidity`", "give `temperature`"]),
+        ("[medium]\nabsorption = true", &["`medium.absorption`", "give `temperature`"]),
+        ("[medium]\nsound_speed = 340\ntemperature = 20", &["`medium.temperature`", "keep one of the two"]),
+        ("[array]\nspeaker_radius = -1", &["0 or more"]),
+        ("[array]\nphase_error = nan", &["0 to 360 degrees"]),
         ("[reflectors]\nspacing = 0", &["greater than 0"]),
         ("[reflectors]\nroughness = -1", &["0 or more"]),
         ("[depth]\nreturns = 0", &["1 to 16"]),

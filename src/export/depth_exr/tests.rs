@@ -11,19 +11,24 @@ fn map() -> DepthMap {
     let near = Surface {
         depth: vec![1.5, NAN, 2.25, 0.1, NAN, 3.0],
         strength: vec![0.25, 0.0, 0.5, 2.0, 0.0, 0.125],
-        facing: None,
+        material: Some(vec![2, 0, 1, 1, 0, 2]),
+        confidence: Some(vec![7.0, NAN, 4.5, 31.0, NAN, -2.0]),
+        ..Surface::default()
     };
     let far = Surface {
         depth: vec![NAN, NAN, 2.5, 10.0, NAN, NAN],
         strength: vec![0.0, 0.0, 0.375, 1.0, 0.0, 0.0],
-        facing: None,
+        material: Some(vec![0, 0, 2, 2, 0, 0]),
+        ..Surface::default()
     };
     DepthMap {
+        view: View::Orthographic,
         x: Axis { first: -0.1, pitch: 0.1, count: 3 },
         y: Axis { first: 0.3, pitch: 0.07, count: 2 },
-        picked: near.clone(),
+        picked: Surface { confidence: None, ..near.clone() },
         confidence: vec![12.0, NAN, 3.5, 30.0, NAN, -1.0],
         returns: vec![near, far],
+        materials: vec!["glass, \"clear\" ü".into(), "wall".into()],
     }
 }
 
@@ -33,15 +38,41 @@ fn same(a: &[f32], b: &[f32]) -> bool {
 }
 
 fn same_surface(a: &Surface, b: &Surface) -> bool {
-    same(&a.depth, &b.depth) && same(&a.strength, &b.strength) && a.facing == b.facing
+    let levels = |s: &Surface| s.confidence.clone().unwrap_or_default();
+    same(&a.depth, &b.depth)
+        && same(&a.strength, &b.strength)
+        && a.facing == b.facing
+        && a.material == b.material
+        && same(&levels(a), &levels(b))
 }
 
 fn assert_same(a: &DepthMap, b: &DepthMap) {
-    assert_eq!((a.x, a.y), (b.x, b.y));
+    assert_eq!((a.view, a.x, a.y, &a.materials), (b.view, b.x, b.y, &b.materials));
     assert!(same_surface(&a.picked, &b.picked), "{:?}\n{:?}", a.picked, b.picked);
     assert!(same(&a.confidence, &b.confidence));
     assert_eq!(a.returns.len(), b.returns.len());
     assert!(a.returns.iter().zip(&b.returns).all(|(a, b)| same_surface(a, b)));
+}
+
+#[test]
+fn a_perspective_map_comes_back_as_one_and_says_its_window() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("depth.exr");
+    let camera = Raster::camera("test", 60.0, [3, 2]).unwrap();
+    let map = DepthMap { view: camera.view, x: camera.x, y: camera.y, ..map() };
+    write_depth_map(&path, &map, Fill::default(), &[], Encoding::default()).unwrap();
+    let file = read_depth_map(&path, LIMIT).unwrap();
+    assert_same(&file.map, &map);
+    let header = &read_parts(&path, LIMIT).unwrap().layer_data[0].attributes;
+    let width = 2.0 * 30f32.to_radians().tan() * 1.5;
+    assert!((header.screen_window_width - width).abs() < 1e-6, "{}", header.screen_window_width);
+    assert!(
+        matches!(find_attribute(&file.attributes, "sonar:fieldOfViewY"), Some(Attribute::Number(n)) if (n - 60.0).abs() < 1e-9)
+    );
+    // An id beyond the names counts as none.
+    let beyond = DepthMap { materials: vec!["glass".into()], ..map };
+    write_depth_map(&path, &beyond, Fill::default(), &[], Encoding::default()).unwrap();
+    assert_eq!(read_depth_map(&path, LIMIT).unwrap().map.picked.material.unwrap(), [0, 0, 1, 1, 0, 0]);
 }
 
 #[test]

@@ -3,7 +3,8 @@
 use super::ticks::{round_up, scientific};
 use super::{ColourMap, Panel, Scale, write_figure};
 use crate::error::Result;
-use crate::grid::{Axis, DepthMap, Volume};
+use crate::grid::{Axis, DepthMap, Raster, View, Volume};
+use std::borrow::Cow;
 use std::path::Path;
 
 /// How far below the peak the amplitude is shown, dB.
@@ -93,12 +94,29 @@ pub fn write_depth_figure(
         DepthKind::Found => ("depth found", "return", "no return"),
         DepthKind::True => ("true depth", "surface", "no surface"),
     };
+    let raster = map.raster();
+    let view = raster
+        .field_of_view()
+        .map_or(String::new(), |[across, up]| format!(" of {across:.1} x {up:.1} degrees"));
     let panel = Panel {
-        note: format!("a {what} at {} of {} pixels", map.accepted(), map.len()),
+        note: format!("a {what} at {} of {} pixels{view}", map.accepted(), map.len()),
         nothing: nothing.into(),
-        ..Panel::new(title, &map.picked.depth, map.x, map.y, scale)
+        ..panel(title, &map.picked.depth, &raster, scale)
     };
     write_figure(path, &[panel], 1)
+}
+
+/// A panel over the pixels of a map. Those of a perspective view are counted, so that it lies over a rendered picture.
+fn panel<'a>(title: &str, values: impl Into<Cow<'a, [f32]>>, raster: &Raster, scale: Scale) -> Panel<'a> {
+    if raster.view == View::Orthographic {
+        return Panel::new(title, values, raster.x, raster.y, scale);
+    }
+    let counted = |axis: &Axis| Axis { first: 0.0, pitch: 1.0, count: axis.count };
+    Panel {
+        x_label: "column / px".into(),
+        y_label: "row / px".into(),
+        ..Panel::new(title, values, counted(&raster.x), counted(&raster.y), scale)
+    }
 }
 
 /// Value of the last colour of an error's figure, in the unit of the errors: their 95th percentile, rounded up, but no
@@ -127,7 +145,7 @@ pub fn error_limit(errors: &[f32], most: f64) -> f64 {
 pub fn write_error_figure(
     path: &Path,
     errors: &[f32],
-    [x, y]: [Axis; 2],
+    raster: &Raster,
     resolution: f64,
     note: &str,
 ) -> Result<()> {
@@ -137,7 +155,7 @@ pub fn write_error_figure(
     let panel = Panel {
         note: note.into(),
         nothing: "not compared".into(),
-        ..Panel::new("depth error: found − true", millimetres, x, y, scale)
+        ..panel("depth error: found − true", millimetres, raster, scale)
     };
     write_figure(path, &[panel], 1)
 }

@@ -1,7 +1,7 @@
 #![allow(clippy::unwrap_used)]
 
 use super::*;
-use crate::grid::{DepthMap, Grid, Surface, Volume};
+use crate::grid::{DepthMap, Grid, Raster, Surface, View, Volume};
 use num_complex::Complex32;
 
 fn axis(first: f64, pitch: f64, count: usize) -> Axis {
@@ -40,7 +40,7 @@ fn corner(count: usize) -> DepthMap {
             }
         }
     }
-    DepthMap { x, y: x, picked, confidence: vec![], returns: vec![] }
+    DepthMap::new(Raster { view: View::Orthographic, x, y: x }, picked)
 }
 
 fn noise(n: usize) -> Vec<f32> {
@@ -79,7 +79,7 @@ fn figures(folder: &Path, count: usize) -> Vec<std::path::PathBuf> {
     write_amplitude_figure(&path("amplitude"), &volume(count)).unwrap();
     write_depth_figure(&path("depth"), DepthKind::Found, &map, None).unwrap();
     let note = "median 4.2 mm, RMSE 6.1 mm";
-    write_error_figure(&path("error"), &errors, [map.x, map.y], 0.017, note).unwrap();
+    write_error_figure(&path("error"), &errors, &map.raster(), 0.017, note).unwrap();
     ["amplitude", "depth", "error"].map(path).to_vec()
 }
 
@@ -108,7 +108,7 @@ fn a_run_s_figures_have_boxes_alike() {
         (width, height)
     });
     let path = folder.path().join("error.png");
-    write_error_figure(&path, &vec![0.01; 41 * 41], [map.x, map.y], 0.017, "note").unwrap();
+    write_error_figure(&path, &vec![0.01; 41 * 41], &map.raster(), 0.017, "note").unwrap();
     let (width, height, _) = pixels(&path);
     assert_eq!(sizes, [(width, height); 2]);
 }
@@ -128,7 +128,7 @@ fn gross_errors_do_not_hide_the_others() {
 fn values_beyond_the_colours_point_the_bar() {
     let folder = tempfile::tempdir().unwrap();
     let a = axis(0.0, 0.1, 2);
-    // Where the bar's upper end is pointed, the corner right of its point is white.
+    // Rows in which the last colour is narrower than the bar: those of the point. The map's own patch lies below.
     let reds = |values: Vec<f32>| {
         let path = folder.path().join("map.png");
         let scale = Scale::Diverging { limit: 1.0, label: String::new() };
@@ -140,8 +140,8 @@ fn values_beyond_the_colours_point_the_bar() {
             .filter(|count| (1..30).contains(count))
             .count()
     };
-    assert!(reds(vec![0.0, 2.0, 0.0, 0.0]) >= 20, "a triangle's rows differ in width");
-    assert_eq!(reds(vec![0.0, 0.5, 0.0, 0.0]), 0);
+    assert!(reds(vec![0.0, 0.0, 2.0, 0.0]) >= 20, "a triangle's rows differ in width");
+    assert_eq!(reds(vec![0.0, 0.0, 0.5, 0.0]), 0);
 }
 
 #[test]

@@ -94,7 +94,8 @@ pub(super) fn round_up(value: f64) -> f64 {
     [1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0]
         .into_iter()
         .map(|factor| factor * power)
-        .find(|round| *round >= value * (1.0 - 1e-9))
+        // A round number of f32 may come a little above itself.
+        .find(|round| *round >= value * (1.0 - 1e-6))
         .unwrap_or(value)
 }
 

@@ -56,9 +56,13 @@ function range(...lists) {
   return high - low > 1e-6 ? [low, high] : [low - 0.005, high + 0.005];
 }
 
-function cloud({ x, y, depth }) {
+// Where a pixel of the maps lies at a depth: their axes are metres, or slopes when the rays start at the origin.
+const placed = ({ x, y, view }, ix, iy, z) => [x, y].map((axis, k) => position(axis, [ix, iy][k]) * (view === "perspective" ? z : 1)).concat(z);
+
+function cloud(loaded) {
   const list = [];
-  depth.forEach((z, i) => z === z && list.push(position(x, i % x.count), position(y, Math.floor(i / x.count)), z));
+  const { x, depth } = loaded;
+  depth.forEach((z, i) => z === z && list.push(...placed(loaded, i % x.count, Math.floor(i / x.count), z)));
   return new Float32Array(list);
 }
 
@@ -188,20 +192,23 @@ function showMaps(loaded, depths, slices) {
   const limit = Math.min(round, 2e3 * (report.plan?.range_resolution || Infinity));
   const bound = Number(limit.toPrecision(3));
   const plots = [];
+  // The pixels of a camera are counted, so that the maps lie over a rendered picture.
+  const camera = loaded.view === "perspective";
+  const [px, py] = [x, y].map((axis) => (camera ? { first: 0, pitch: loaded.reduced, count: axis.count } : axis));
   const point = (ix, iy, chosen) => {
     const i = iy * x.count + ix;
-    const parts = [`x ${metres(position(x, ix))}, y ${metres(position(y, iy))} m:`];
+    const parts = [camera ? `column ${position(px, ix)}, row ${position(py, iy)}:` : `x ${metres(position(x, ix))}, y ${metres(position(y, iy))} m:`];
     parts.push(depth[i] === depth[i] ? `found ${metres(depth[i])} m at ${decibels(amplitude[i])}` : "no return");
     if (confidence && confidence[i] === confidence[i]) parts.push(`confidence ${fixed(confidence[i], 1)} dB`);
     if (truth) parts.push(truth[i] === truth[i] ? `true ${metres(truth[i])} m` : "no surface");
     if (error && error[i] === error[i]) parts.push(`error ${signed(1e3 * error[i], 1)} mm`);
     $("map-read").textContent = parts.join(" ").replace(": ", ": ").replaceAll(/ (confidence|true|no surface|error)/g, ", $1");
     for (const plot of plots) plot.mark(ix, iy);
-    if (chosen && depth[i] === depth[i]) slices?.goTo([position(x, ix), position(y, iy), depth[i]]);
+    if (chosen && depth[i] === depth[i]) slices?.goTo(placed(loaded, ix, iy, depth[i]));
   };
   const add = (title, note, map, low, high, values, ends) => {
     const plot = new Plot($("map-plots"), {
-      title, note, x, y, xLabel: "x / m", yLabel: "y / m", point,
+      title, note, x: px, y: py, xLabel: camera ? "column / px" : "x / m", yLabel: camera ? "row / px" : "y / m", point,
       paint: (ix, iy) => {
         const v = values[iy * x.count + ix];
         return v === v ? colour(map, (v - low) / (high - low)) : null;
@@ -250,7 +257,10 @@ async function main() {
   else $("slices").hidden = true;
   if (loaded) showMaps(loaded, depths, slices);
   else $("maps").hidden = true;
-  const box = volume ? boxOf(volume) : boxOf({ ...(loaded ?? { x: { first: 0, pitch: 1, count: 1 }, y: { first: 0, pitch: 1, count: 1 } }), z: { first: depths[0], pitch: depths[1] - depths[0], count: 1 } });
+  const far = loaded?.view === "perspective" ? depths[1] : 1;
+  const width = (axis) => ({ first: axis.first * far, pitch: axis.pitch * far, count: axis.count });
+  const { x, y } = loaded ?? { x: { first: 0, pitch: 1, count: 1 }, y: { first: 0, pitch: 1, count: 1 } };
+  const box = volume ? boxOf(volume) : boxOf({ x: width(x), y: width(y), z: { first: depths[0], pitch: depths[1] - depths[0], count: 1 } });
   try {
     const layers = await layersOf(loaded && cloud(loaded), box);
     view = new View($("scene"), $("labels"), box, around(layers), volume, layers, depths);

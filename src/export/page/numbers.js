@@ -94,6 +94,10 @@ function showNumbers() {
   };
   const cards = [];
   if (known.length) cards.push(card("Against the truth", table(known.map(([name, x]) => [words(name), measure(name, x)]))));
+  const groups = [...Object.entries(report.materials ?? {}), ...(report.surfaces ?? []).map((values, k) => [`surface ${k + 1} from the front`, values])];
+  const parted = groups.map(([name, values]) => [name, Object.entries(values).filter(([, x]) => x !== null)]).filter(([, values]) => values.length);
+  if (parted.length > 2)
+    cards.push(card("By material and by surface", table(parted.flatMap(([name, values]) => [[name, undefined, "group"], ...values.map(([key, x]) => [words(key), measure(key, x), "deep"])])), true));
   cards.push(card("Time", table([...Object.entries(timings).map(timing), ["together", `${fixed(seconds, 3)} s`]])));
   const image = { method: report.method, peak_amplitude: report.peak_amplitude, error_bound: report.error_bound, ...plan, warnings: undefined };
   cards.push(card("Plan and reconstruction", parameters(Object.fromEntries(Object.entries(image).filter(([, v]) => v !== undefined)))));

@@ -14,14 +14,11 @@ pub(super) fn normals(map: &DepthMap) -> Vec<[f32; 3]> {
 }
 
 fn normal(map: &DepthMap, column: usize, row: usize) -> [f32; 3] {
-    let depth = |x: usize, y: usize| f64::from(map.picked.depth[y * map.x.count + x]);
-    let centre = depth(column, row);
+    let here = map.point(row * map.x.count + column);
     let mut points = Vec::with_capacity(9);
     for y in row.saturating_sub(1)..=(row + 1).min(map.y.count - 1) {
         for x in column.saturating_sub(1)..=(column + 1).min(map.x.count - 1) {
-            let u = (x as f64 - column as f64) * map.x.pitch;
-            let v = (y as f64 - row as f64) * map.y.pitch;
-            let w = depth(x, y) - centre;
+            let [u, v, w] = (map.point(y * map.x.count + x) - here).to_array();
             // A NaN is no neighbour.
             if w.abs() <= STEEPEST * u.hypot(v) {
                 points.push([u, v, w]);
@@ -47,14 +44,14 @@ fn normal(map: &DepthMap, column: usize, row: usize) -> [f32; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::grid::{Axis, Surface};
+    use crate::grid::{Axis, Raster, Surface, View};
 
     fn map(depth: impl Fn(f64, f64) -> f64) -> DepthMap {
         let (x, y) =
             (Axis { first: -0.2, pitch: 0.04, count: 11 }, Axis { first: -0.1, pitch: 0.03, count: 8 });
         let depth = (0..88).map(|i| depth(x.position(i % 11), y.position(i / 11)) as f32).collect();
         let picked = Surface { depth, ..Surface::empty(88) };
-        DepthMap { x, y, picked, confidence: Vec::new(), returns: Vec::new() }
+        DepthMap::new(Raster { view: View::Orthographic, x, y }, picked)
     }
 
     #[test]

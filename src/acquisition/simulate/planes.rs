@@ -1,0 +1,132 @@
+//! Reflectors in planes, as the kernels want them, and what losses make of their amplitudes.
+
+use super::terms::Terms;
+use crate::wave::NEAREST_LEG;
+use crate::wave::legs::return_legs;
+use crate::wave::offsets::WIDE;
+use glam::DVec3;
+use num_complex::Complex32;
+
+/// A run of reflectors in planes, padded to whole blocks.
+#[derive(Debug, Default)]
+pub(super) struct Planes {
+    pub(super) positions: Vec<DVec3>,
+    /// Path lengths to the centre, whole and from the group's middle, m.
+    pub(super) paths: Vec<f64>,
+    pub(super) from_middle: Vec<f64>,
+    pub(super) phasors: Vec<Complex32>,
+    pub(super) toward: [Vec<f32>; 3],
+    pub(super) distance: Vec<f32>,
+    pub(super) turn: Vec<f32>,
+    pub(super) amplitude: [Vec<f32>; 2],
+    /// The amplitudes with the losses of one term at one microphone.
+    pub(super) weighted: [Vec<f32>; 2],
+    pub(super) offsets: Vec<f32>,
+    pub(super) lossy: Lossy,
+}
+
+/// The planes that losses need, empty without any.
+#[derive(Debug, Default)]
+pub(super) struct Lossy {
+    /// From the tile's centre, m, whatever the model of the paths.
+    away: [Vec<f32>; 3],
+    from_middle: Vec<f32>,
+    /// The speaker's directivity, `[K][n]`.
+    speaker: Vec<Vec<f32>>,
+    spreading: Vec<f32>,
+    squares: Vec<f32>,
+    differences: Vec<f32>,
+    factors: Vec<f32>,
+}
+
+impl Planes {
+    /// Room for `count` reflectors; what pads them has no amplitude, and a distance that keeps its offset finite.
+    pub(super) fn resize(&mut self, count: usize) {
+        self.positions.resize(count, DVec3::ZERO);
+        self.paths.resize(count, 0.0);
+        self.from_middle.resize(count, 0.0);
+        self.phasors.resize(count, Complex32::ZERO);
+        let padded = count.next_multiple_of(WIDE);
+        let zeroed = self.toward.iter_mut().chain(&mut self.amplitude);
+        for plane in zeroed.chain([&mut self.turn, &mut self.offsets]) {
+            plane.clear();
+            plane.resize(padded, 0.0);
+        }
+        self.distance.clear();
+        self.distance.resize(padded, 1.0);
+    }
+}
+
+impl Lossy {
+    /// Takes the reflectors `members`, which lie at `positions`, as seen from `centre`.
+    pub(super) fn lay_out(
+        &mut self,
+        terms: &Terms,
+        members: impl Iterator<Item = usize> + Clone,
+        positions: &[DVec3],
+        from_middle: &[f64],
+        centre: DVec3,
+    ) {
+        let padded = positions.len().next_multiple_of(WIDE);
+        self.speaker.resize(terms.speaker.len(), Vec::new());
+        let planes = self.away.iter_mut().chain(&mut self.speaker);
+        let more = [
+            &mut self.from_middle,
+            &mut self.spreading,
+            &mut self.squares,
+            &mut self.differences,
+            &mut self.factors,
+        ];
+        for plane in planes.chain(more) {
+            plane.clear();
+            plane.resize(padded, 0.0);
+        }
+        for (i, (p, from_middle)) in positions.iter().zip(from_middle).enumerate() {
+            for (plane, x) in self.away.iter_mut().zip((*p - centre).to_array()) {
+                plane[i] = x as f32;
+            }
+            self.from_middle[i] = *from_middle as f32;
+        }
+        for (plane, all) in self.speaker.iter_mut().zip(&terms.speaker) {
+            for (factor, j) in plane.iter_mut().zip(members.clone()) {
+                *factor = all[j];
+            }
+        }
+    }
+
+    /// Looks at the reflectors from the microphone at `d` from the tile's centre, whose paths differ by `offsets`.
+    /// `spread_legs` is how many return legs spread: none, one or two.
+    pub(super) fn look(&mut self, d: [f32; 3], offsets: &[f32], spread_legs: f64) {
+        let away = [&self.away[0][..], &self.away[1], &self.away[2]];
+        return_legs(away, d, NEAREST_LEG as f32, &mut self.spreading, &mut self.squares);
+        for spreading in &mut self.spreading {
+            *spreading = match spread_legs as u8 {
+                0 => 1.0,
+                1 => *spreading,
+                _ => *spreading * *spreading,
+            };
+        }
+        for ((difference, from_middle), offset) in
+            self.differences.iter_mut().zip(&self.from_middle).zip(offsets)
+        {
+            *difference = from_middle + offset;
+        }
+    }
+
+    /// The factors of term `k`.
+    pub(super) fn factors(&mut self, terms: &Terms, k: usize) -> &[f32] {
+        self.factors.copy_from_slice(&self.spreading);
+        if let Some(angles) = terms.angles.get(k) {
+            angles.multiply(&self.squares, &mut self.factors);
+        }
+        if let Some(differences) = terms.differences.get(k) {
+            differences.multiply(&self.differences, &mut self.factors);
+        }
+        if let Some(speaker) = self.speaker.get(k) {
+            for (factor, speaker) in self.factors.iter_mut().zip(speaker) {
+                *factor *= speaker;
+            }
+        }
+        &self.factors
+    }
+}

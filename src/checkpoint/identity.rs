@@ -1,0 +1,58 @@
+//! What a job is told apart by.
+
+use std::fmt;
+use std::hash::{DefaultHasher, Hasher};
+
+/// Everything that the result of a job depends on, in 64 bits: inputs, parameters, program, processor.
+///
+/// Not the number of threads, nor the limit of memory: they change no byte. The processor's vector width and kind are
+/// in it, because a library's matrix products may round differently on another.
+#[derive(Debug, Clone)]
+pub struct Identity(DefaultHasher);
+
+impl Identity {
+    /// The identity of a job of this name without any inputs.
+    pub fn of(job: &str) -> Self {
+        // Written down for 64 bits by the standard library alone, with keys that are always the same; a program
+        // that was built otherwise takes up no state of this one.
+        let mut identity = Self(DefaultHasher::new());
+        let program = concat!(env!("CARGO_PKG_VERSION"), " ", env!("HOLOSONAR_COMMIT"), " 1");
+        for text in [program, std::env::consts::ARCH, std::env::consts::OS, crate::wave::simd::width(), job] {
+            identity.text(text);
+        }
+        identity
+    }
+
+    /// Adds a text.
+    pub fn text(&mut self, text: &str) {
+        self.bytes(text.as_bytes());
+    }
+
+    /// Adds numbers, bit for bit.
+    pub fn numbers(&mut self, numbers: impl ExactSizeIterator<Item = f64>) {
+        self.0.write_u64(numbers.len() as u64);
+        numbers.for_each(|number| self.0.write_u64(number.to_bits()));
+    }
+
+    /// Adds bytes.
+    pub fn bytes(&mut self, bytes: &[u8]) {
+        self.0.write_u64(bytes.len() as u64);
+        self.0.write(bytes);
+    }
+
+    /// The 64 bits.
+    pub(super) fn key(&self) -> u64 {
+        self.0.finish()
+    }
+
+    /// Whether a text is an identity as [`fmt::Display`] writes it.
+    pub(super) fn is_written(text: &str) -> bool {
+        text.len() == 16 && text.bytes().all(|b| b.is_ascii_digit() || (b'a'..=b'f').contains(&b))
+    }
+}
+
+impl fmt::Display for Identity {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:016x}", self.key())
+    }
+}

@@ -1,0 +1,39 @@
+//! Ctrl-C and SIGTERM: the first asks the running job to end its block and keep what is done; the second ends the process.
+
+use std::io::{self, IsTerminal, Write};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU8, Ordering};
+
+/// Listens from now on; gives where the exit status of a signal is noted, 128 and its number. If no handler can be had,
+/// signals end the process as they do any other.
+pub(super) fn listen() -> Arc<AtomicU8> {
+    let heard = Arc::new(AtomicU8::new(0));
+    let noted = Arc::clone(&heard);
+    let hear = move |status: u8| {
+        if noted.swap(status, Ordering::SeqCst) == 0 {
+            return;
+        }
+        if io::stderr().is_terminal() {
+            // No half of a progress bar is left, and the cursor is to be seen.
+            let _ = write!(io::stderr(), "\r\u{1b}[2K\u{1b}[?25h");
+        }
+        #[allow(clippy::exit)]
+        std::process::exit(status.into());
+    };
+    spawn(hear);
+    heard
+}
+
+#[cfg(unix)]
+fn spawn(hear: impl Fn(u8) + Send + 'static) {
+    use signal_hook::consts::{SIGINT, SIGTERM};
+    let Ok(mut signals) = signal_hook::iterator::Signals::new([SIGINT, SIGTERM]) else { return };
+    let heard = move || signals.forever().for_each(|signal| hear(128 + signal as u8));
+    // A hang-up is left alone, so that `nohup` works; what it kills can be continued.
+    let _ = std::thread::Builder::new().name("signals".to_owned()).stack_size(1 << 17).spawn(heard);
+}
+
+#[cfg(not(unix))]
+fn spawn(hear: impl Fn(u8) + Send + 'static) {
+    let _ = ctrlc::set_handler(move || hear(130));
+}

@@ -1,0 +1,117 @@
+//! What a pixel sees along its ray, depth by depth of the volume.
+
+use crate::grid::{Axis, Grid, Raster, View};
+use rayon::prelude::*;
+
+/// Values on a grid, `[z, y, x]`, read along the rays of pixels.
+///
+/// A ray meets each of the volume's depths once, so depth stays planar and only x and y are interpolated. What is
+/// interpolated (bilinearly) is *power*: the complex amplitude turns by many cycles from voxel to voxel, so that its
+/// interpolation would cancel, unless it were first demodulated with the array's own path lengths, which a volume file
+/// need not say; and the power of speckle is what surfaces are located and smoothed by anyway. Beyond the outermost
+/// voxel centres there is nothing, 0.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Columns<'a> {
+    values: &'a [f32],
+    grid: &'a Grid,
+    raster: &'a Raster,
+    /// Whether the values are amplitudes, whose squares are powers.
+    amplitude: bool,
+}
+
+impl<'a> Columns<'a> {
+    pub(super) fn of_amplitude(values: &'a [f32], grid: &'a Grid, raster: &'a Raster) -> Self {
+        Self { values, grid, raster, amplitude: true }
+    }
+
+    pub(super) fn of_power(values: &'a [f32], grid: &'a Grid, raster: &'a Raster) -> Self {
+        Self { values, grid, raster, amplitude: false }
+    }
+
+    /// Fills `column` with the values along the ray of `pixel`, one per depth.
+    pub(super) fn read(&self, pixel: usize, column: &mut Vec<f32>) {
+        let plane = self.grid.plane_len();
+        column.clear();
+        if self.raster.view == View::Orthographic {
+            column.extend(self.values.iter().skip(pixel).step_by(plane));
+            return;
+        }
+        let ray = self.raster.ray(pixel);
+        column.extend(self.grid.z.positions().zip(self.values.chunks_exact(plane)).map(|(z, slice)| {
+            let (Some(x), Some(y)) = (place(&self.grid.x, ray.x * z), place(&self.grid.y, ray.y * z)) else {
+                return 0.0;
+            };
+            let power = |value: f32| if self.amplitude { value * value } else { value };
+            let row = |iy: usize| {
+                let at = |ix: usize| power(slice[iy * self.grid.x.count + ix]);
+                at(x.0) + (at(x.1) - at(x.0)) * x.2
+            };
+            let power = row(y.0) + (row(y.1) - row(y.0)) * y.2;
+            if self.amplitude { power.max(0.0).sqrt() } else { power.max(0.0) }
+        }));
+    }
+
+    /// The greatest value of every pixel's column.
+    pub(super) fn maxima(&self) -> Vec<f32> {
+        if self.raster.view == View::Orthographic {
+            let mut maxima = vec![0.0f32; self.grid.plane_len()];
+            for slice in self.values.chunks_exact(self.grid.plane_len()) {
+                for (maximum, value) in maxima.iter_mut().zip(slice) {
+                    *maximum = maximum.max(*value);
+                }
+            }
+            return maxima;
+        }
+        (0..self.raster.len())
+            .into_par_iter()
+            .map_init(Vec::new, |column, pixel| {
+                self.read(pixel, column);
+                column.iter().copied().fold(0.0, f32::max)
+            })
+            .collect()
+    }
+}
+
+/// The voxels on both sides of a position, and the share of the second; `None` beyond the ends.
+fn place(axis: &Axis, position: f64) -> Option<(usize, usize, f32)> {
+    let place = (position - axis.first) / axis.pitch;
+    let last = (axis.count - 1) as f64;
+    // A ray along the edge of the grid is within it, whatever the rounding.
+    if !(-1e-6..=last + 1e-6).contains(&place) {
+        return None;
+    }
+    let place = place.clamp(0.0, last);
+    let below = place.floor() as usize;
+    Some((below, (below + 1).min(axis.count - 1), place.fract() as f32))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn power_is_interpolated_where_the_ray_passes() {
+        let axis = |first, count| Axis { first, pitch: 0.1, count };
+        let grid = Grid { x: axis(-0.2, 5), y: axis(-0.1, 3), z: axis(1.0, 2) };
+        // Power 1, 2, .. along x at the first depth, and four times that at the second.
+        let power: Vec<f32> = (0..30).map(|i| ((i % 5 + 1) * if i < 15 { 1 } else { 4 }) as f32).collect();
+        let amplitude: Vec<f32> = power.iter().map(|p| p.sqrt()).collect();
+        let slopes = |first, count| Axis { first, pitch: 0.15, count };
+        let raster = Raster { view: View::Perspective, x: slopes(-0.15, 3), y: slopes(0.03, 1) };
+        let mut column = Vec::new();
+        for (pixel, slope) in [(0, -0.15), (1, 0.0), (2, 0.15)] {
+            let expected = [1.0, 1.1].map(|z| (slope * z + 0.2) / 0.1 + 1.0);
+            Columns::of_power(&power, &grid, &raster).read(pixel, &mut column);
+            assert!((f64::from(column[0]) - expected[0]).abs() < 1e-5, "{column:?}");
+            assert!((f64::from(column[1]) - 4.0 * expected[1]).abs() < 1e-5, "{column:?}");
+            Columns::of_amplitude(&amplitude, &grid, &raster).read(pixel, &mut column);
+            assert!((f64::from(column[1]) - (4.0 * expected[1]).sqrt()).abs() < 1e-5, "{column:?}");
+        }
+        let aside = Raster { y: slopes(0.095, 1), ..raster };
+        Columns::of_power(&power, &grid, &aside).read(1, &mut column);
+        assert!(
+            column[0] > 0.0 && column[1] == 0.0,
+            "the ray leaves the grid between the depths: {column:?}"
+        );
+    }
+}

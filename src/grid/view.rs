@@ -1,0 +1,118 @@
+//! Along which rays the pixels of a map look.
+
+use super::{Axis, Grid};
+use crate::error::{Error, Result};
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+
+/// What a map's axes count, and so along which ray a pixel looks. Its depth is planar, along +z, in both.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum View {
+    /// Along +z: the axes are the volume's own x and y, m.
+    #[default]
+    Orthographic,
+    /// From the origin, as a camera there that looks along +z: the axes are the slopes x/z and y/z.
+    Perspective,
+}
+
+impl View {
+    /// Its name in run files and attributes.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Orthographic => "orthographic",
+            Self::Perspective => "perspective",
+        }
+    }
+}
+
+/// The pixels of a map: a view, and where the centres of columns and rows lie in it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Raster {
+    /// What the axes count.
+    pub view: View,
+    /// Columns.
+    pub x: Axis,
+    /// Rows, downwards.
+    pub y: Axis,
+}
+
+impl Raster {
+    /// One pixel per column of voxels.
+    pub fn of_grid(grid: &Grid) -> Self {
+        Self { view: View::Orthographic, x: grid.x, y: grid.y }
+    }
+
+    /// The square pixels of a camera with a vertical field of view in degrees, as glTF's `yfov`; `[columns, rows]`.
+    ///
+    /// # Errors
+    /// A field of view that is not between 0 and 180 degrees; no pixels, or more than 2³² in all.
+    pub fn camera(place: &str, vertical_field_of_view: f64, [columns, rows]: [usize; 2]) -> Result<Self> {
+        if !(vertical_field_of_view > 0.0 && vertical_field_of_view < 180.0) {
+            return Err(Error::input(
+                place,
+                format!(
+                    "a field of view of {vertical_field_of_view} degrees is none; expected one between 0 and 180"
+                ),
+            ));
+        }
+        let pixels = columns as u128 * rows as u128;
+        if pixels == 0 || pixels > u128::from(u32::MAX) {
+            return Err(Error::input(place, format!("{columns} x {rows} pixels make no picture")));
+        }
+        let pitch = 2.0 * (0.5 * vertical_field_of_view).to_radians().tan() / rows as f64;
+        let axis = |count: usize| Axis { first: -0.5 * pitch * (count - 1) as f64, pitch, count };
+        Ok(Self { view: View::Perspective, x: axis(columns), y: axis(rows) })
+    }
+
+    /// Number of pixels.
+    pub fn len(&self) -> usize {
+        self.x.count * self.y.count
+    }
+
+    /// Whether there are no pixels at all.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Where pixel `index` looks at depth `z`, m.
+    pub fn point(&self, index: usize, z: f64) -> DVec3 {
+        let (x, y) = (self.x.position(index % self.x.count), self.y.position(index / self.x.count));
+        match self.view {
+            View::Orthographic => DVec3::new(x, y, z),
+            View::Perspective => DVec3::new(x * z, y * z, z),
+        }
+    }
+
+    /// How far pixel `index` moves per metre of depth: its ray, with z = 1.
+    pub fn ray(&self, index: usize) -> DVec3 {
+        self.point(index, 1.0) - self.point(index, 0.0)
+    }
+
+    /// Horizontal and vertical field of view to the outer edges of the pixels, degrees; `None` for parallel rays.
+    pub fn field_of_view(&self) -> Option<[f64; 2]> {
+        let angle = |axis: &Axis| {
+            let (low, high) = (axis.first - 0.5 * axis.pitch, axis.last() + 0.5 * axis.pitch);
+            (high.atan() - low.atan()).to_degrees()
+        };
+        (self.view == View::Perspective).then(|| [angle(&self.x), angle(&self.y)])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_camera_looks_through_its_pixels_centres() {
+        let camera = Raster::camera("test", 90.0, [4, 2]).expect("valid");
+        // 90 degrees over two rows: slopes -1 .. 1, so the rows look along -1/2 and 1/2.
+        assert!((camera.point(0, 2.0) - DVec3::new(-3.0, -1.0, 2.0)).length() < 1e-12);
+        assert!((camera.ray(7) - DVec3::new(1.5, 0.5, 1.0)).length() < 1e-12);
+        let [across, up] = camera.field_of_view().expect("perspective");
+        assert!((up - 90.0).abs() < 1e-9 && (across - 2.0 * 2f64.atan().to_degrees()).abs() < 1e-9);
+        for (fov, pixels) in [(0.0, [4, 4]), (180.0, [4, 4]), (f64::NAN, [4, 4]), (60.0, [0, 4])] {
+            assert!(Raster::camera("test", fov, pixels).is_err(), "{fov} {pixels:?}");
+        }
+    }
+}

@@ -1,0 +1,296 @@
+//! The metrics material by material, and surface by surface from the front.
+
+use super::{
+    METRIC_NAMES, Metrics, depths, evaluate, match_one_to_one, nearest_surface, percentile, true_surfaces,
+};
+use crate::error::Result;
+use crate::grid::{DepthMap, Surface};
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::fmt;
+
+/// All metrics of a depth map.
+///
+/// Those of a group count its true surfaces instead of pixels. Where a pixel has one true surface, `Z` is scored; where it
+/// has several, the returns, matched one to one with them (`Z` against the nearest if the result has no returns).
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+#[non_exhaustive]
+pub struct Scores {
+    /// Over all pixels.
+    pub all: Metrics,
+    /// Of the surfaces of each material, by name; empty if the truth knows none.
+    pub materials: BTreeMap<String, Metrics>,
+    /// Of each pixel's first surface from the front, its second, and so on.
+    pub surfaces: Vec<Metrics>,
+}
+
+/// Which part of [`Scores`].
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Group {
+    /// Over all pixels.
+    All,
+    /// Surfaces of a material.
+    Material(String),
+    /// The k-th surface from the front, from 1.
+    Surface(usize),
+}
+
+/// A metric of a group: `completeness`, `completeness:glass` or `completeness#2`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Measure {
+    /// One of [`METRIC_NAMES`].
+    pub metric: String,
+    /// Of what.
+    pub group: Group,
+}
+
+impl Measure {
+    /// Reads `NAME`, `NAME:MATERIAL` (the rest of the text is the material's name) or `NAME#K`.
+    ///
+    /// # Errors
+    /// The part that is no metric's name, or the words for what is no number of a surface.
+    pub fn parse(text: &str) -> std::result::Result<Self, String> {
+        let (metric, group) = match text.find([':', '#']) {
+            None => (text, Group::All),
+            Some(at) if text[at..].starts_with(':') => {
+                (&text[..at], Group::Material(text[at + 1..].to_owned()))
+            }
+            Some(at) => match text[at + 1..].parse() {
+                Ok(k) if k > 0 => (&text[..at], Group::Surface(k)),
+                _ => return Err(text.to_owned()),
+            },
+        };
+        if METRIC_NAMES.contains(&metric) {
+            Ok(Self { metric: metric.to_owned(), group })
+        } else {
+            Err(metric.to_owned())
+        }
+    }
+}
+
+impl fmt::Display for Measure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match &self.group {
+            Group::All => write!(f, "{}", self.metric),
+            Group::Material(name) => write!(f, "{}:{name}", self.metric),
+            Group::Surface(k) => write!(f, "{}#{k}", self.metric),
+        }
+    }
+}
+
+impl Scores {
+    /// The value of a measure; `None` where there was nothing to measure it on.
+    pub fn get(&self, measure: &Measure) -> Option<f64> {
+        let metrics = match &measure.group {
+            Group::All => &self.all,
+            Group::Material(name) => self.materials.get(name)?,
+            Group::Surface(k) => self.surfaces.get(k.checked_sub(1)?)?,
+        };
+        metrics.get(&measure.metric)?
+    }
+}
+
+/// Scores `result` against `truth` as [`evaluate`] does, and every material and surface for itself.
+///
+/// # Errors
+/// As [`evaluate`].
+pub fn score(result: &DepthMap, truth: &DepthMap, resolution: f64) -> Result<Scores> {
+    let all = evaluate(result, truth, resolution)?;
+    let surfaces = true_surfaces(truth);
+    let mut materials = vec![Tally::default(); truth.materials.len()];
+    let mut orders = vec![Tally::default(); surfaces.len()];
+    let several = result.returns.len() >= 2;
+    for pixel in 0..truth.len() {
+        let there: Vec<(usize, f64)> = depths(surfaces, pixel).collect();
+        let depth: Vec<f64> = there.iter().map(|(_, z)| *z).collect();
+        let found: Vec<f64> = depths(&result.returns, pixel).map(|(_, z)| z).collect();
+        let errors = if there.len() > 1 && several {
+            match_one_to_one(&depth, &found)
+        } else {
+            let z = f64::from(result.picked.depth[pixel]);
+            let nearest = nearest_surface(surfaces, pixel, z).map(|(k, _)| k);
+            let error =
+                |&(k, depth): &(usize, f64)| (!z.is_nan() && nearest == Some(k)).then(|| (z - depth).abs());
+            there.iter().map(error).collect()
+        };
+        let both = errors.iter().all(|error| error.is_some_and(|e| e < resolution));
+        let mut seen: Vec<usize> = Vec::new();
+        for (order, (&(k, _), &error)) in there.iter().zip(&errors).enumerate() {
+            let facing = surfaces[k].facing.as_ref().map(|facing| f64::from(facing[pixel]));
+            orders[order].surface(error, facing, resolution);
+            let Some(material) = material(&surfaces[k], pixel).filter(|m| *m < materials.len()) else {
+                continue;
+            };
+            let tally = &mut materials[material];
+            tally.surface(error, facing, resolution);
+            if there.len() == 1 && several {
+                tally.singles += 1;
+                tally.spurious += usize::from(found.len() >= 2);
+            }
+            if there.len() == 2 && several {
+                tally.of_two[order].extend(error);
+                if !seen.contains(&material) {
+                    seen.push(material);
+                    tally.doubles += 1;
+                    tally.both += usize::from(both);
+                }
+            }
+        }
+    }
+    let mut by_name: BTreeMap<String, Tally> = BTreeMap::new();
+    for (name, tally) in truth.materials.iter().zip(materials) {
+        by_name.entry(name.clone()).or_default().join(tally);
+    }
+    Ok(Scores {
+        all,
+        materials: by_name.into_iter().map(|(name, tally)| (name, tally.metrics())).collect(),
+        surfaces: orders.into_iter().map(Tally::metrics).collect(),
+    })
+}
+
+/// Which material a surface has at a pixel, from 0.
+fn material(surface: &Surface, pixel: usize) -> Option<usize> {
+    (surface.material.as_ref()?[pixel] as usize).checked_sub(1)
+}
+
+/// What is counted of a group's true surfaces.
+#[derive(Debug, Clone, Default)]
+struct Tally {
+    surfaces: usize,
+    hits: usize,
+    wrong: usize,
+    singles: usize,
+    spurious: usize,
+    doubles: usize,
+    both: usize,
+    errors: Vec<f64>,
+    normal_errors: Vec<f64>,
+    /// Errors of the front and of the back one of two.
+    of_two: [Vec<f64>; 2],
+}
+
+impl Tally {
+    fn surface(&mut self, error: Option<f64>, facing: Option<f64>, resolution: f64) {
+        self.surfaces += 1;
+        let Some(error) = error else { return };
+        self.hits += usize::from(error < resolution);
+        self.wrong += usize::from(error > 2.0 * resolution);
+        self.errors.push(error);
+        self.normal_errors.extend(facing.map(|facing| error * facing));
+    }
+
+    fn join(&mut self, other: Self) {
+        self.surfaces += other.surfaces;
+        self.hits += other.hits;
+        self.wrong += other.wrong;
+        self.singles += other.singles;
+        self.spurious += other.spurious;
+        self.doubles += other.doubles;
+        self.both += other.both;
+        self.errors.extend(other.errors);
+        self.normal_errors.extend(other.normal_errors);
+        for (mine, others) in self.of_two.iter_mut().zip(other.of_two) {
+            mine.extend(others);
+        }
+    }
+
+    fn metrics(mut self) -> Metrics {
+        let share = |part: usize, whole: usize| (whole > 0).then(|| part as f64 / whole as f64);
+        let square: f64 = self.errors.iter().map(|e| e * e).sum();
+        Metrics {
+            completeness: share(self.hits, self.surfaces),
+            false_returns: share(self.wrong, self.errors.len()),
+            rmse: (!self.errors.is_empty()).then(|| (square / self.errors.len() as f64).sqrt()),
+            p95_error: percentile(&mut self.errors, 0.95),
+            median_error: percentile(&mut self.errors, 0.5),
+            median_normal_error: percentile(&mut self.normal_errors, 0.5),
+            two_returns: share(self.both, self.doubles),
+            spurious_returns: share(self.spurious, self.singles),
+            return1_median_error: percentile(&mut self.of_two[0], 0.5),
+            return2_median_error: percentile(&mut self.of_two[1], 0.5),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::grid::{Axis, Raster, View};
+
+    const N: f32 = f32::NAN;
+
+    fn surface(depth: &[f32], material: &[u32]) -> Surface {
+        Surface { depth: depth.to_vec(), material: Some(material.to_vec()), ..Surface::empty(depth.len()) }
+    }
+
+    fn map(picked: &[f32], returns: Vec<Surface>) -> DepthMap {
+        let axis = |count| Axis { first: 0.0, pitch: 0.03, count };
+        let raster = Raster { view: View::Orthographic, x: axis(picked.len()), y: axis(1) };
+        DepthMap { returns, ..DepthMap::new(raster, surface(picked, &vec![0; picked.len()])) }
+    }
+
+    #[test]
+    fn every_material_and_surface_is_scored_for_itself() {
+        // Glass before a wall at three pixels, then the wall alone at two, then nothing.
+        let front = [1.0, 1.0, 1.0, 2.0, 2.0, N];
+        let mut truth = map(
+            &front,
+            vec![
+                surface(&front, &[1, 1, 1, 2, 2, 0]),
+                surface(&[2.0, 2.0, 2.0, N, N, N], &[2, 2, 2, 0, 0, 0]),
+            ],
+        );
+        truth.materials = vec!["glass".into(), "wall".into(), "unseen".into()];
+        let zero = [0; 6];
+        let result = map(
+            &[2.0, 2.0, 1.0, 2.005, 2.3, N],
+            vec![
+                surface(&[1.0, 2.001, 1.03, 2.005, 1.5, N], &zero),
+                surface(&[2.002, N, 2.5, N, 2.3, N], &zero),
+            ],
+        );
+        let scores = score(&result, &truth, 0.01).expect("same pixels");
+        let get = |text: &str| scores.get(&Measure::parse(text).expect("valid"));
+        // Pixel 0: both; pixel 1: the wall alone; pixel 2: neither within 1 cm.
+        assert_eq!(get("completeness:glass"), Some(1.0 / 3.0));
+        assert_eq!(get("completeness:wall"), Some(3.0 / 5.0));
+        assert_eq!(get("completeness#1"), Some(2.0 / 5.0));
+        assert_eq!(get("completeness#2"), Some(2.0 / 3.0));
+        assert_eq!(get("false_returns:glass"), Some(1.0 / 2.0));
+        assert_eq!(get("false_returns:wall"), Some(2.0 / 5.0));
+        assert_eq!(get("two_returns:glass"), get("two_returns"));
+        assert_eq!((get("two_returns:glass"), get("spurious_returns:glass")), (Some(1.0 / 3.0), None));
+        assert_eq!(get("spurious_returns:wall"), Some(0.5));
+        assert!((get("median_error:glass").expect("two") - 0.015).abs() < 1e-6);
+        assert!((get("return2_median_error:wall").expect("three") - 0.002).abs() < 1e-6);
+        assert_eq!(
+            (get("completeness:unseen"), get("completeness:paper"), get("completeness#3")),
+            (None, None, None)
+        );
+        assert_eq!(get("completeness"), scores.all.completeness);
+    }
+
+    #[test]
+    fn without_returns_the_depth_alone_is_scored_against_the_nearest() {
+        let truth = DepthMap {
+            materials: vec!["glass".into(), "wall".into()],
+            ..map(&[1.0, 1.0], vec![surface(&[1.0, 1.0], &[1, 1]), surface(&[2.0, 2.0], &[2, 2])])
+        };
+        let scores = score(&map(&[2.0, 1.0], Vec::new()), &truth, 0.01).expect("same pixels");
+        for group in [&scores.materials["glass"], &scores.materials["wall"], &scores.surfaces[0]] {
+            assert_eq!((group.completeness, group.two_returns), (Some(0.5), None));
+        }
+    }
+
+    #[test]
+    fn a_measure_names_a_metric_and_what_it_is_of() {
+        for text in ["rmse", "completeness:glass", "completeness:a:b #1", "median_error#12", "rmse:"] {
+            assert_eq!(Measure::parse(text).expect("valid").to_string(), text);
+        }
+        for (text, culprit) in
+            [("rsme:glass", "rsme"), ("rmse#0", "rmse#0"), ("rmse#two", "rmse#two"), ("", "")]
+        {
+            assert_eq!(Measure::parse(text), Err(culprit.to_owned()));
+        }
+    }
+}

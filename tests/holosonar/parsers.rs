@@ -1,0 +1,301 @@
+//! Every parser under seeded mutations, so many each: a result or an error that is the file's fault, and never a panic,
+//! within a bound of time and memory.
+//!
+//! `HOLOSONAR_MUTATIONS` says how many per parser. `.ci/run` runs this in a release build.
+
+use crate::binary::shipped;
+use crate::mutation::{damage, glb, retouch};
+use crate::support::{Random, data};
+use holosonar::acquisition::{DataCube, MicArray, Sweep};
+use holosonar::config::{ANNOTATED, RunFile};
+use holosonar::error::{Error, Result};
+use holosonar::export::amplitude::Amplitude;
+use holosonar::export::depth_exr::read_depth_map;
+use holosonar::export::points_ply::ScenePoints;
+use holosonar::export::volume_npz::read_volume_npz;
+use holosonar::grid::{Axis, Grid, Volume};
+use holosonar::pipeline::{truth_of_scene, write_depth, write_volume};
+use holosonar::progress::Silent;
+use holosonar::reflectors::Reflectors;
+use holosonar::scene::{LoadOptions, Scene, Unit};
+use num_complex::Complex32;
+use serde_json::json;
+use std::fs;
+use std::io::Write;
+use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+/// Bytes that any array of a file may take.
+const LIMIT: u64 = 1 << 24;
+
+/// No file of a few kB may keep a reader this long: then it hangs.
+const HANGS: Duration = Duration::from_mins(1);
+
+/// A file to be damaged, with what reading it takes.
+struct Original {
+    name: String,
+    bytes: Vec<u8>,
+    options: LoadOptions,
+}
+
+/// One reader, and files that it reads.
+struct Parser {
+    name: &'static str,
+    originals: Vec<Original>,
+    read: fn(&Path, &LoadOptions) -> Result<()>,
+}
+
+fn scene(path: &Path, options: &LoadOptions) -> Result<()> {
+    Scene::load(path, options, &Silent).map(|scene| {
+        assert!(scene.bounds().is_some_and(|(low, high)| low.is_finite() && high.is_finite()));
+    })
+}
+
+const TRIANGLE: &str = "v 0 0 1\nv 1 0 1\nv 0 1 1\nf 1 2 3\n";
+
+/// A material file, by a mesh that names it.
+fn material(path: &Path, options: &LoadOptions) -> Result<()> {
+    let mesh = format!("mtllib {}\nusemtl pane\n{TRIANGLE}", path.file_name().unwrap().display());
+    let mesh_path = path.with_extension("obj");
+    fs::write(&mesh_path, mesh).unwrap();
+    scene(&mesh_path, options)
+}
+
+fn metres() -> LoadOptions {
+    let mut options = LoadOptions::default();
+    options.unit = Some(Unit::Metre);
+    options
+}
+
+fn original(path: &Path, options: LoadOptions) -> Original {
+    let name = path.file_name().unwrap().to_str().unwrap().to_owned();
+    Original { name, bytes: fs::read(path).unwrap(), options }
+}
+
+/// Comments of a run file left out, where damage means nothing.
+fn dense(name: &str, text: &str) -> Original {
+    let lines = text.lines().map(|line| line.split('#').next().unwrap().trim_end());
+    let bytes = lines.collect::<Vec<_>>().join("\n").into_bytes();
+    Original { name: name.to_owned(), bytes, options: LoadOptions::default() }
+}
+
+/// Small files of ours, in every format.
+fn written(folder: &Path) {
+    let sweep = Sweep::stepped("sweep", 10_000.0, 10_400.0, 100.0).unwrap();
+    let array = MicArray::rectangular("array", [3, 2], [0.02; 2], glam::DVec3::ZERO).unwrap();
+    let samples = (0..30).map(|i| Complex32::new(i as f32, 1.0)).collect();
+    let cube = DataCube::new(sweep, array, samples).unwrap();
+    cube.write(&folder.join("cube.npz")).unwrap();
+    let axis = |first, count| Axis { first, pitch: 0.1, count };
+    let grid = Grid { x: axis(-0.2, 5), y: axis(-0.1, 3), z: axis(1.0, 4) };
+    let volume = Volume::new(grid, (0..60).map(|i| Complex32::new(0.5, i as f32)).collect());
+    let run = RunFile::load(&shipped("corner.toml"), &["grid.pitch=[0.2,0.2,0.2]".to_owned()]).unwrap();
+    let facts = json!({ "sound_speed": 343.0, "bandwidth": 10_000.0, "program": "holosonar" });
+    for name in ["volume.npz", "volume.exr", "volume.vti", "volume.nrrd"] {
+        write_volume(&folder.join(name), &volume, &run.output, &facts).unwrap();
+    }
+    let (facts, map) = truth_of_scene(&run, false, &Silent).unwrap();
+    write_depth(&folder.join("depth.exr"), &map, &run, &facts).unwrap();
+    write_depth(&folder.join("points.ply"), &map, &run, &facts).unwrap();
+}
+
+fn parsers() -> Vec<Parser> {
+    let folder = tempfile::tempdir().unwrap();
+    written(folder.path());
+    let ours = |names: &[&str]| -> Vec<Original> {
+        names.iter().map(|name| original(&folder.path().join(name), LoadOptions::default())).collect()
+    };
+    let scenes = |extension: &str| -> Vec<Original> {
+        let inputs = crate::scenes::inputs().into_iter();
+        let inputs = inputs.filter(|(path, _)| path.extension().is_some_and(|e| e == extension));
+        inputs.map(|(path, options)| original(&path, options)).collect()
+    };
+    let mut obj = scenes("obj");
+    obj.push(original(&shipped("meshes/corner.obj"), metres()));
+    let mut gltf = scenes("gltf");
+    gltf.push(original(&shipped("meshes/transparent_foreground.gltf"), LoadOptions::default()));
+    let mut binary = scenes("glb");
+    binary.push(Original { name: "f.glb".to_owned(), bytes: glb(), options: LoadOptions::default() });
+    let libraries = ["scenes/obj/first.mtl", "scenes/obj/second library.mtl", "scenes/obj/contradiction.mtl"];
+    let text = fs::read_to_string(shipped("transparent_foreground.toml")).unwrap();
+    let points = "x,y,z,amplitude\n0.1,0.2,1.5,1\n-0.3,0.25,1.75,0.5\n1e-3,2,3,-4\n";
+    let points =
+        Original { name: "points.csv".to_owned(), bytes: points.into(), options: LoadOptions::default() };
+    vec![
+        Parser {
+            name: "run file",
+            originals: vec![dense("annotated.toml", ANNOTATED), dense("foreground.toml", &text)],
+            read: |path, _| RunFile::load(path, &[]).map(drop),
+        },
+        Parser { name: "OBJ", originals: obj, read: scene },
+        Parser {
+            name: "MTL",
+            originals: libraries.iter().map(|name| original(&data(name), metres())).collect(),
+            read: material,
+        },
+        Parser { name: "glTF", originals: gltf, read: scene },
+        Parser { name: "GLB", originals: binary, read: scene },
+        Parser { name: "STL", originals: scenes("stl"), read: scene },
+        Parser { name: "PLY", originals: scenes("ply"), read: scene },
+        Parser { name: "CSV", originals: vec![points], read: |path, _| Reflectors::read_csv(path).map(drop) },
+        Parser {
+            name: "npz of a cube",
+            originals: ours(&["cube.npz"]),
+            read: |path, _| DataCube::read(path, LIMIT).map(drop),
+        },
+        Parser {
+            name: "npz of a volume",
+            originals: ours(&["volume.npz"]),
+            read: |path, _| read_volume_npz(path, LIMIT).map(drop),
+        },
+        Parser {
+            name: "EXR of a depth map",
+            originals: ours(&["depth.exr"]),
+            read: |path, _| {
+                let map = read_depth_map(path, LIMIT)?.map;
+                assert_eq!(map.len(), map.x.count * map.y.count);
+                Ok(())
+            },
+        },
+        Parser {
+            name: "EXR, VTI and NRRD of a volume",
+            originals: ours(&["volume.exr", "volume.vti", "volume.nrrd"]),
+            read: |path, _| Amplitude::read(path, LIMIT).map(drop),
+        },
+        Parser {
+            name: "PLY of points",
+            originals: ours(&["points.ply"]),
+            read: |path, _| ScenePoints::read(path, LIMIT).map(drop),
+        },
+    ]
+}
+
+/// What a hunter reads, and since when: file, seed of the damage, time.
+type Prey = Mutex<Option<(String, u64, Instant)>>;
+
+/// Damages the files of a parser, `times` in all, and reads what comes of it; gives how many were refused. A reader that
+/// panics or hangs fails the test, which then names the file and the seed.
+fn hunt(parser: Parser, times: u64) -> u64 {
+    let parser = Arc::new(parser);
+    let (next, refused) = (Arc::new(AtomicU64::new(0)), Arc::new(AtomicU64::new(0)));
+    let hunters: Vec<_> = (0..std::thread::available_parallelism().map_or(1, usize::from))
+        .map(|_| {
+            let (parser, next, refused) = (parser.clone(), next.clone(), refused.clone());
+            let prey: Arc<Prey> = Arc::default();
+            let noted = prey.clone();
+            let hunter = std::thread::spawn(move || {
+                // In memory where that can be, for the disk would take most of the time.
+                let folder = tempfile::tempdir_in("/dev/shm").or_else(|_| tempfile::tempdir()).unwrap();
+                loop {
+                    let seed = next.fetch_add(1, Ordering::Relaxed);
+                    if seed >= times {
+                        return;
+                    }
+                    let original = &parser.originals[seed as usize % parser.originals.len()];
+                    *noted.lock().unwrap() = Some((original.name.clone(), seed, Instant::now()));
+                    let read = survived(&parser, original, seed, folder.path());
+                    *noted.lock().unwrap() = None;
+                    refused.fetch_add(u64::from(!read), Ordering::Relaxed);
+                }
+            });
+            (hunter, prey)
+        })
+        .collect();
+    while !hunters.iter().all(|(hunter, _)| hunter.is_finished()) {
+        std::thread::sleep(Duration::from_millis(5));
+        for (_, prey) in &hunters {
+            let prey = prey.lock().unwrap().clone();
+            if let Some((file, seed, _)) = prey.filter(|(.., since)| since.elapsed() > HANGS) {
+                panic!("{}: {file} with seed {seed} hangs", parser.name);
+            }
+        }
+    }
+    for (hunter, _) in hunters {
+        hunter.join().unwrap();
+    }
+    refused.load(Ordering::Relaxed)
+}
+
+/// Whether a damaged file was read; otherwise the error must be the file's fault.
+fn survived(parser: &Parser, original: &Original, seed: u64, folder: &Path) -> bool {
+    let mut random = Random::new(seed);
+    let damaged = match random.whole(0, 2) {
+        0 => retouch(&original.bytes, &mut random),
+        // Headings decide more than what follows, where damage is seldom noticed.
+        1 => {
+            let (head, rest) = original.bytes.split_at(original.bytes.len().min(600));
+            [damage(head, &mut random), rest.to_vec()].concat()
+        }
+        _ => damage(&original.bytes, &mut random),
+    };
+    let (name, file) = (parser.name, &original.name);
+    let path = folder.join(file);
+    fs::write(&path, damaged).unwrap();
+    let read = std::panic::AssertUnwindSafe(|| (parser.read)(&path, &original.options));
+    match std::panic::catch_unwind(read).unwrap_or_else(|_| panic!("{name}: {file} with seed {seed} panics"))
+    {
+        Ok(()) => true,
+        Err(Error::Input { place, problem }) => {
+            assert!(
+                !place.is_empty() && !problem.contains("\n\n"),
+                "{name}: seed {seed}, {place}: {problem}"
+            );
+            false
+        }
+        Err(other) => panic!("{name}: {file} with seed {seed} is the file's fault: {other}"),
+    }
+}
+
+fn hunt_all(times: u64) {
+    let times = std::env::var("HOLOSONAR_MUTATIONS").map_or(times, |count| count.parse().unwrap());
+    let begun = Instant::now();
+    for parser in parsers() {
+        let (name, files, since) = (parser.name, parser.originals.len(), Instant::now());
+        assert!(files > 0, "{name} has nothing to read");
+        let refused = hunt(parser, times);
+        let rate = times as f64 / since.elapsed().as_secs_f64();
+        println!("{name}: {times} damaged files of {files}, {refused} refused, 0 panics, {rate:.0}/s");
+        assert!(refused * 5 > times, "{name}: only {refused} of {times} damaged files are noticed");
+    }
+    println!("in {:.0} s", begun.elapsed().as_secs_f64());
+}
+
+#[test]
+fn every_parser() {
+    hunt_all(400);
+}
+
+#[test]
+#[ignore = "minutes, in a release build"]
+fn every_parser_a_hundred_thousand_times() {
+    hunt_all(100_000);
+}
+
+#[test]
+fn a_zip_bomb_is_refused_by_its_size() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("bomb.npz");
+    let mut zip = zip::ZipWriter::new(fs::File::create(&path).unwrap());
+    let options =
+        zip::write::SimpleFileOptions::default().compression_method(zip::CompressionMethod::Deflated);
+    // 64 MiB of zeros in 64 kB.
+    let mut header = format!("{{'descr': '<f8', 'fortran_order': False, 'shape': ({},), }}", 8 << 20);
+    header += &" ".repeat(117 - header.len());
+    header.push('\n');
+    for name in ["frequencies.npy", "samples.npy", "mic_positions.npy", "z.npy", "meta.npy"] {
+        zip.start_file(name, options).unwrap();
+        zip.write_all(b"\x93NUMPY\x01\x00\x76\x00").unwrap();
+        zip.write_all(header.as_bytes()).unwrap();
+        zip.write_all(&vec![0; 64 << 20]).unwrap();
+    }
+    zip.finish().unwrap();
+    assert!(fs::metadata(&path).unwrap().len() < 1 << 20);
+    let mut reader = holosonar::files::npz::NpzReader::open(&path, LIMIT).unwrap();
+    let error = reader.f64("frequencies").unwrap_err().to_string();
+    assert!(error.contains("more than the limit"), "{error}");
+    for error in [DataCube::read(&path, LIMIT).map(drop), read_volume_npz(&path, LIMIT).map(drop)] {
+        assert_eq!(error.unwrap_err().exit_status(), 2);
+    }
+}

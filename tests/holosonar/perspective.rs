@@ -1,0 +1,46 @@
+//! The perspective view, and what is judged by material, from outside.
+
+use crate::binary::{done, refused, run, shipped};
+use serde_json::Value;
+
+fn json(text: &str) -> Value {
+    serde_json::from_str(text).unwrap()
+}
+
+#[test]
+fn a_camera_sees_what_stands_there_and_views_are_not_mixed() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    let scene = shipped("camera.toml");
+    let scene = scene.display();
+    done(path, &format!("image {scene} -o out -q"));
+    let report = json(&std::fs::read_to_string(path.join("out/report.json")).unwrap());
+    println!("{}\n{}", report["metrics"], report["materials"]);
+    assert!(report["metrics"]["completeness"].as_f64().unwrap() > 0.80, "{}", report["metrics"]);
+    assert_eq!(report["pixels"], 160 * 120);
+
+    // The reconstructed map lies on the same pixels as a truth made by itself, and each material is judged.
+    done(path, &format!("truth {scene} -o truth.exr -q"));
+    let scored = json(&done(path, "compare out/depth.exr truth.exr --png error.png --json"));
+    assert_eq!(scored["metrics"], report["metrics"]);
+    assert_eq!(scored["materials"], report["materials"]);
+    let names: Vec<&String> = scored["materials"].as_object().unwrap().keys().collect();
+    assert_eq!(names, ["crate", "sheet", "wall"]);
+    assert!(std::fs::read(path.join("error.png")).unwrap().starts_with(b"\x89PNG"));
+    let table =
+        done(path, "compare out/depth.exr truth.exr --min completeness:wall=0.5 --min completeness#1=0.5");
+    assert!(table.contains("by material") && table.contains("sheet"), "{table}");
+    let missed = run(path, "compare out/depth.exr truth.exr --max median_error:crate=0");
+    assert_eq!(missed.status, 3, "{}", missed.stderr);
+    assert!(missed.stderr.contains("median_error:crate"), "{}", missed.stderr);
+
+    // The file's `pixels` go with the perspective view.
+    done(path, &format!("truth {scene} -o parallel.exr -q --set depth.view=orthographic"));
+    refused(path, "compare out/depth.exr parallel.exr", 2, &["orthographic", "perspective"]);
+    // A volume says nothing of a camera.
+    refused(path, &format!("depth out/volume.npz -c {scene} -o again.exr"), 2, &["fov", "degrees"]);
+    done(path, &format!("depth out/volume.npz -c {scene} -o again.exr -q --set depth.fov=40.107045659"));
+    let again = json(&done(path, "compare again.exr truth.exr --json"));
+    let [a, b] = [&again, &scored].map(|s| s["metrics"]["completeness"].as_f64().unwrap());
+    assert!((a - b).abs() < 1e-3, "{a} {b}");
+}
