@@ -15,7 +15,7 @@
 //!
 //! let p = DVec3::new(0.1, 0.0, 1.0);
 //! let sweep = Sweep::stepped("sweep", 10_000.0, 12_000.0, 500.0)?;
-//! let array = MicArray::rectangular("array", [1, 1], [0.0, 0.0], DVec3::ZERO)?;
+//! let array = MicArray::rectangular("array", [1, 1], [0.1, 0.1], DVec3::ZERO)?;
 //! let reflector = Reflectors::new(vec![p], vec![Complex32::ONE])?;
 //! let cube = simulate(&reflector, &sweep, &array, &SimulateOptions::default(), &Silent)?;
 //! let path = 2.0 * p.length();

@@ -16,7 +16,9 @@
 //! let grid = Grid { x: one, y: one, z: Axis { first: 1.0, pitch: 0.01, count: 41 } };
 //! let echo = |z: f64| Complex32::from((-0.5 * ((z - 1.204) / 0.01).powi(2)).exp() as f32);
 //! let volume = Volume::new(grid, grid.z.positions().map(echo).collect());
-//! let map = locate_depth(&volume, &DepthOptions::new(0.017), &Silent)?;
+//! let mut options = DepthOptions::new(0.017);
+//! options.median = 1; // a lone pixel has no neighbours to agree with
+//! let map = locate_depth(&volume, &options, &Silent)?;
 //! assert!((map.picked.depth[0] - 1.204).abs() < 5e-4);
 //! # Ok::<(), holosonar::error::Error>(())
 //! ```

@@ -386,7 +386,7 @@ fn a_full_disk_loses_nothing() {
     println!("after the disk was full: {} blocks were not computed again", reused(&ran));
     assert!(reused(&ran) > 0);
     assert!(fs::read(&path).unwrap() == expected);
-    assert_eq!(files_below(disk.0.path()), [path.clone()], "no state is left");
+    assert_eq!(files_below(disk.0.path()), std::slice::from_ref(&path), "no state is left");
     // A disk that holds the output and little of the state: the job is done without it.
     fs::remove_file(&path).unwrap();
     assert!(disk.set(&format!("size={}k", kilobytes * 5 / 4), true));

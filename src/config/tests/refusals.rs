@@ -121,7 +121,7 @@ fn values_outside_their_range_are_refused_at_their_line() {
         ("[medium]\nabsorption = true", &["`medium.absorption`", "give `temperature`"]),
         ("[medium]\nsound_speed = 340\ntemperature = 20", &["`medium.temperature`", "keep one of the two"]),
         ("[array]\nspeaker_radius = -1", &["0 or more"]),
-        ("[array]\nphase_error = nan", &["0 to 360 degrees"]),
+        ("[array]\nphase_error = 400", &["0 to 360 degrees"]),
         ("[reflectors]\nspacing = 0", &["greater than 0"]),
         ("[reflectors]\nroughness = -1", &["0 or more"]),
         ("[depth]\nreturns = 0", &["1 to 16"]),
