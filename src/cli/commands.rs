@@ -89,23 +89,7 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
             design::psf(input, at, output.as_deref(), overrides, json, terminal)
         }
         Command::Plan { input, config, overrides, .. } => {
-            let forecast = if has_extension(input, &["npz"]) {
-                let run = config_of(config.as_deref(), &overrides.keys())?;
-                pipeline::forecast_cube(&run, &CubeFile::open(input, reading_limit())?)?
-            } else {
-                no_config(config.as_deref())?;
-                let (run, bare) = scene_of(input, overrides)?;
-                pipeline::forecast_scene(&run, bare, terminal)?
-            };
-            for warning in &forecast.warnings {
-                terminal.warn(warning);
-            }
-            if json {
-                let value =
-                    serde_json::to_value(&forecast).map_err(|e| Error::environment("plan", e.to_string()))?;
-                return print(&pretty(&value));
-            }
-            print(&(summary::forecast(&forecast) + &design::design(&forecast.design)))
+            plan(input, config.as_deref(), overrides, json, terminal)
         }
         Command::Compare { result, truth, resolution, min, max, png } => {
             compare(result, truth, *resolution, min, max, png.as_deref(), json)
@@ -126,6 +110,32 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
             print_text(&String::from_utf8_lossy(&script), json)
         }
     }
+}
+
+/// Foretells a job of a cube or of a scene.
+fn plan(
+    input: &Path,
+    config: Option<&Path>,
+    overrides: &Overrides,
+    json: bool,
+    terminal: &Terminal,
+) -> Result<()> {
+    let forecast = if has_extension(input, &["npz"]) {
+        let run = config_of(config, &overrides.keys())?;
+        pipeline::forecast_cube(&run, &CubeFile::open(input, reading_limit())?)?
+    } else {
+        no_config(config)?;
+        let (run, bare) = scene_of(input, overrides)?;
+        pipeline::forecast_scene(&run, bare, terminal)?
+    };
+    for warning in &forecast.warnings {
+        terminal.warn(warning);
+    }
+    if json {
+        let value = serde_json::to_value(&forecast).map_err(|e| Error::environment("plan", e.to_string()))?;
+        return print(&pretty(&value));
+    }
+    print(&(summary::forecast(&forecast) + &design::design(&forecast.design)))
 }
 
 /// Makes the page of a folder of results, and shows it if asked to.
