@@ -380,6 +380,7 @@ fn a_full_disk_loses_nothing() {
         ran.stderr
     );
     assert_eq!(fs::read(&path).unwrap(), b"an older cube");
+    drop(file);
     fs::remove_file(&ballast).unwrap();
     let ran = run(folder.path(), &words);
     assert_eq!(ran.status, 0, "{}", ran.stderr);
