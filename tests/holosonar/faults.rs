@@ -3,9 +3,10 @@
 
 #![cfg(unix)]
 
+mod starved;
+
 use crate::binary::{Ran, command, done, files_below, refused, run, shipped};
 use crate::support::Random;
-use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -319,137 +320,6 @@ fn what_killed_processes_left_of_a_file_is_removed() {
     let names: Vec<_> =
         files_below(folder.path()).iter().map(|p| p.file_name().unwrap().to_owned()).collect();
     assert_eq!(names, [".cube.npz.busy00.part", ".cube.npz.part", ".other.npz.aB3dE6.part", "cube.npz"]);
-}
-
-/// A small file system of its own, while it lives; `None` where none may be mounted.
-struct Disk(tempfile::TempDir);
-
-impl Disk {
-    fn mount(kilobytes: u64) -> Option<Self> {
-        let folder = tempfile::tempdir().unwrap();
-        let disk = Self(folder);
-        if disk.set(&format!("size={kilobytes}k"), false) {
-            return Some(disk);
-        }
-        println!("skipped: no file system can be mounted here");
-        None
-    }
-
-    fn set(&self, options: &str, again: bool) -> bool {
-        let options = if again { format!("remount,{options}") } else { options.to_owned() };
-        let mount =
-            Command::new("mount").args(["-t", "tmpfs", "-o", &options, "tmpfs"]).arg(self.0.path()).output();
-        mount.is_ok_and(|output| output.status.success())
-    }
-}
-
-impl Drop for Disk {
-    fn drop(&mut self) {
-        let _ = Command::new("umount").arg(self.0.path()).output();
-    }
-}
-
-#[test]
-#[ignore = "mounts a file system, where it may"]
-fn a_full_disk_loses_nothing() {
-    let folder = workplace();
-    // Term by term and on one thread: many blocks, and time to fill the disk meanwhile.
-    let simulate = "simulate job.toml -j 1 --set detection.tolerance=0 --checkpoint-every 0 -o";
-    done(folder.path(), &format!("{simulate} expected.npz -q"));
-    let expected = fs::read(folder.path().join("expected.npz")).unwrap();
-    let kilobytes = expected.len() as u64 / 1024;
-    let Some(disk) = Disk::mount(kilobytes / 2) else { return };
-    let (path, ballast) = (disk.0.path().join("cube.npz"), disk.0.path().join("ballast"));
-    let words = format!("{simulate} {}", path.display());
-    // Known before the work.
-    refused(folder.path(), &words, 1, &["free, and this job writes", "make room"]);
-    // Filled by another while the job runs: what was there stays, and so does the state.
-    assert!(disk.set(&format!("size={}k", kilobytes * 8), true));
-    fs::write(&path, "an older cube").unwrap();
-    let child = start(folder.path(), &words);
-    while !files_below(disk.0.path()).iter().any(|path| path.extension().is_some_and(|e| e == "resume")) {
-        std::thread::sleep(Duration::from_millis(1));
-    }
-    let mut file = fs::File::create(&ballast).unwrap();
-    while std::io::Write::write_all(&mut file, &[0; 4096]).is_ok() {}
-    let ran = end(child);
-    assert_eq!(ran.status, 1, "{}", ran.stderr);
-    assert!(
-        ran.stderr.contains("cannot be written") && ran.stderr.contains("goes on from there"),
-        "{}",
-        ran.stderr
-    );
-    assert_eq!(fs::read(&path).unwrap(), b"an older cube");
-    drop(file);
-    fs::remove_file(&ballast).unwrap();
-    let ran = run(folder.path(), &words);
-    assert_eq!(ran.status, 0, "{}", ran.stderr);
-    println!("after the disk was full: {} blocks were not computed again", reused(&ran));
-    assert!(reused(&ran) > 0);
-    assert!(fs::read(&path).unwrap() == expected);
-    assert_eq!(files_below(disk.0.path()), std::slice::from_ref(&path), "no state is left");
-    // A disk that holds the output and little of the state: the job is done without it.
-    fs::remove_file(&path).unwrap();
-    assert!(disk.set(&format!("size={}k", kilobytes * 5 / 4), true));
-    let ran = run(folder.path(), &words);
-    assert_eq!(ran.status, 0, "{}", ran.stderr);
-    assert!(ran.stderr.contains("no room for more than the output"), "{}", ran.stderr);
-    assert!(fs::read(&path).unwrap() == expected);
-    println!("a disk with room for the cube and a quarter of its state: done without the state");
-}
-
-#[test]
-#[ignore = "mounts a file system, where it may"]
-fn a_place_that_cannot_be_written_is_found_first() {
-    let folder = workplace();
-    undisturbed(folder.path(), &RECONSTRUCT);
-    let Some(disk) = Disk::mount(1000) else { return };
-    assert!(disk.set("ro", true));
-    for words in [
-        "simulate job.toml -o AT/cube.npz",
-        "image job.toml -o AT/made",
-        "reconstruct cube.npz -c job.toml -o AT/a.npz",
-    ] {
-        let words = words.replace("AT", disk.0.path().to_str().unwrap());
-        refused(folder.path(), &words, 1, &["cannot be written", "Read-only"]);
-    }
-    println!("three jobs with a read-only output: each is refused before its work");
-}
-
-/// Runs a job with at most so many bytes of addresses.
-fn limited(folder: &Path, words: &str, bytes: u64) -> Ran {
-    let line = format!("ulimit -v {} && exec \"$0\" {words}", bytes / 1024);
-    let output = Command::new("sh")
-        .current_dir(folder)
-        .arg("-c")
-        .arg(line)
-        .arg(env!("CARGO_BIN_EXE_holosonar"))
-        .output();
-    let output = output.unwrap();
-    Ran {
-        status: output.status.code().unwrap_or(-1),
-        stdout: String::from_utf8(output.stdout).unwrap(),
-        stderr: String::from_utf8(output.stderr).unwrap(),
-    }
-}
-
-#[test]
-#[ignore = "some seconds and 600 MiB"]
-fn a_limit_of_memory_is_kept_to() {
-    let folder = workplace();
-    let folder = folder.path();
-    let finer = "--set grid.pitch=[0.005,0.005,0.006] --set reconstruct.method=\"convolution\" --set output.report=false";
-    let planned = done(folder, &format!("plan job.toml --json {finer}").replace('"', ""));
-    let planned: Value = serde_json::from_str(&planned).unwrap();
-    let bytes = planned["needs"]["peak_bytes"].as_u64().unwrap();
-    let words = format!("image job.toml -o made -q {finer}").replace('"', "");
-    let ran = limited(folder, &words, bytes + (512 << 20));
-    assert_eq!(ran.status, 0, "{} planned, and 512 MiB more: {}", bytes, ran.stderr);
-    let begun = Instant::now();
-    let ran = limited(folder, &words, bytes / 2);
-    assert_eq!(ran.status, 2, "{}", ran.stderr);
-    assert!(ran.stderr.contains("may be used here"), "{}", ran.stderr);
-    println!("{bytes} bytes planned: done with 512 MiB more, refused with half after {:?}", begun.elapsed());
 }
 
 #[test]
