@@ -38,7 +38,7 @@ pub fn write_amplitude_figure(path: &Path, volume: &Volume) -> Result<()> {
     let scale = Scale::Sequential {
         map: ColourMap::Inferno,
         range: [-DYNAMIC_RANGE_DB, 0.0],
-        label: "amplitude re peak / dB".into(),
+        label: "level / dB".into(),
     };
     let note = match peak.sqrt() {
         peak if (0.01..1e4).contains(&peak) => format!("greatest along z; peak {peak:.3}"),
