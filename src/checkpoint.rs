@@ -2,7 +2,7 @@
 //!
 //! Takes the identity of a job ([`Identity`]: all that its result depends on) and the blocks that its stages finish;
 //! gives back those of an earlier run of the same job. No stage knows of it: a simulation sees a [`Keeper`], a
-//! reconstruction a [`VolumeSink`].
+//! reconstruction a [`VolumeSink`](crate::reconstruct::VolumeSink).
 //!
 //! The state of a job is one hidden file, named after its output and its identity: a *journal*, to which blocks are
 //! appended with checksums. A process may be killed at any moment: what was being written is then no valid record, and

@@ -122,6 +122,26 @@ impl Look<'_> {
         Some(centre + near * direction)
     }
 
+    /// Where a ghost of the far field's offset lies as near as the point is: there its paths differ from the point's by the
+    /// same slope along the array, in the mean over the weighted microphones instead of at their centre.
+    fn ghost_at(&self, u: DVec2, offset: DVec2) -> Option<DVec3> {
+        let Instrument { array, geometry, .. } = self.instrument;
+        let weights = self.options.window.over_array(array);
+        let axis = offset.normalize_or_zero().extend(0.0);
+        let places: Vec<f64> = array.positions().iter().map(|r| axis.dot(*r - array.centre())).collect();
+        let spread: f64 = places.iter().zip(&weights).map(|(x, w)| w * x * x).sum();
+        let mut sines = u + offset;
+        for _ in 0..6 {
+            let q = self.at_sines(sines)?;
+            let path = |r: &DVec3| geometry.path_length(q, *r) - geometry.path_length(self.p, *r);
+            let slope = array.positions().iter().zip(&weights).zip(&places);
+            let slope: f64 = slope.map(|((r, w), x)| w * x * path(r)).sum::<f64>() / spread;
+            let missing = offset.length() + slope / geometry.return_legs();
+            sines += missing * axis.truncate();
+        }
+        self.at_sines(sines)
+    }
+
     /// How far the grid reaches from the point's direction sines, at the point's range.
     pub(super) fn reach(&self, scene: &Grid) -> [f64; 2] {
         let centre = self.instrument.array.centre();
@@ -223,7 +243,7 @@ impl Look<'_> {
         let mut found = Vec::new();
         for ghost in self.beam.ghosts([2.0; 2]) {
             for side in [1.0, -1.0] {
-                let Some(place) = self.at_sines(u + side * DVec2::from(ghost.offset)) else { continue };
+                let Some(place) = self.ghost_at(u, side * DVec2::from(ghost.offset)) else { continue };
                 let predicted = Lobe { level_db: ghost.level_db, position: place.to_array() };
                 let measured = self.strongest_near(place, ghost.axis)?;
                 let lateral = |lobe: &Lobe| (DVec3::from(lobe.position) - self.p).truncate().length();

@@ -118,8 +118,7 @@ fn foretold_widths_ghosts_and_levels_are_those_measured() {
     const WIDE: [f64; 2] = [10_000.0, 20_000.0];
     const NARROW: [f64; 2] = [18_000.0, 20_000.0];
     let [spiral, random] = scattered();
-    // So far away that the array's far field holds: at 1.5 m ghosts without a window are 5 % farther aside.
-    let middle = DVec3::new(0.0, 0.0, 2.5);
+    let middle = DVec3::new(0.0, 0.0, 1.5);
     let aside = DVec3::new(0.35, -0.2, 1.3);
     let mut ghosts = 0;
     for (name, array, band, geometry, window, p) in [
@@ -143,7 +142,7 @@ fn foretold_widths_ghosts_and_levels_are_those_measured() {
         for ghost in &spread.ghosts {
             ghosts += 1;
             let [predicted, measured] = ghost.offset;
-            assert!((measured / predicted - 1.0).abs() < 0.05, "{name}: {ghost:?}");
+            assert!((measured / predicted - 1.0).abs() < 0.03, "{name}: {ghost:?}");
             assert!((ghost.measured.level_db - ghost.predicted.level_db).abs() < 6.0, "{name}: {ghost:?}");
         }
         let peak = spread.peak_sidelobe.unwrap();
