@@ -1,8 +1,8 @@
 //! The point-spread function: what one reflector looks like, measured, with what was foretold beside it.
 //!
 //! Takes an instrument and a point; simulates a unit reflector there, reconstructs fine lines, planes and the whole box
-//! around it with the crate's own [`simulate`] and [`reconstruct`](crate::reconstruct::reconstruct), and reads off widths, sidelobes and ghosts. What is
-//! foretold comes from [`Profile`](crate::plan::Profile) and [`Beam`], which see neither.
+//! around it with the crate's own [`simulate`] and [`reconstruct`](crate::reconstruct::reconstruct), and reads off widths,
+//! sidelobes and ghosts. What is foretold comes from [`Profile`](crate::plan::Profile) and [`Beam`], which see neither.
 
 mod look;
 

@@ -146,7 +146,7 @@ fn check(grid: &Grid, options: &ReconstructOptions) -> Result<()> {
     Ok(())
 }
 
-/// What each method would cost for a job with so many threads, and the one that [`reconstruct`] would take, as an index
+/// What each method would cost for a job with so many threads, and the one that [`reconstruct`](super::reconstruct) would take, as an index
 /// (which no number of threads changes). Costs up to a tenth of a second.
 ///
 /// # Errors
