@@ -4,7 +4,7 @@
 //! whole. Then voxels split into u and nodes into v interleaved sub-lattices of one common pitch, and `p − r` depends on
 //! the difference of indices alone between any two of them. Microphones that fit no such lattice are spread onto one.
 
-use super::spread::{Footprint, Interpolator, Kernels, nodes_around, spread};
+use super::spread::{FILLS, Footprint, Interpolator, Kernels, nodes_around, spread};
 use crate::acquisition::{MicArray, Setup};
 use crate::grid::{Axis, Grid};
 use num_complex::Complex32;
@@ -196,8 +196,8 @@ fn spread_axis(
     kernels: &Kernels,
     tolerance: f64,
 ) -> Option<SharedAxis> {
-    [1.0, 2.0, 4.0].into_iter().find_map(|finer| {
-        let coarsest = kernels.coarsest_pitch() / finer;
+    FILLS.into_iter().find_map(|fill| {
+        let coarsest = kernels.pitch_filled(fill);
         let (u, v, pitch) = if voxels.count == 1 {
             (1, 1, coarsest)
         } else if coarsest >= voxels.pitch {

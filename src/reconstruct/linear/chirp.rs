@@ -42,7 +42,7 @@ impl Nodes {
         }
         let wavenumber = TAU * steepest * std::f64::consts::SQRT_2;
         let kernels = Kernels { wavenumber, height: FAR, aside: FAR };
-        let pitch = kernels.coarsest_pitch();
+        let pitch = kernels.pitch_filled(0.5);
         let interpolator = Interpolator::new(&kernels, pitch, tolerance);
         let axis = nodes_around([low, high], low, pitch, &interpolator);
         Self { axis, interpolator: Some(interpolator) }
