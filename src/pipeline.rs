@@ -75,14 +75,19 @@ pub struct Outcome {
     pub depth: DepthMap,
     /// What is there; only a mesh scene knows.
     pub truth: Option<DepthMap>,
-    /// The one against the other.
-    pub metrics: Option<Metrics>,
-    /// The same, and by material and by surface.
+    /// The one against the other, in all and by material and by surface.
     pub scores: Option<Scores>,
     /// Seconds per stage, in order.
     pub timings: Vec<(String, f64)>,
     /// What the user should know.
     pub warnings: Vec<String>,
+}
+
+impl Outcome {
+    /// How well the depth was found, where the truth is known.
+    pub fn metrics(&self) -> Option<Metrics> {
+        self.scores.as_ref().map(|scores| scores.all)
+    }
 }
 
 /// Scene in, everything out: load, sample, plan, simulate, reconstruct, locate, trace the truth, score.
@@ -128,7 +133,6 @@ pub fn image_scene_keeping(
     };
     let resolution = echoes.setup().range_resolution().unwrap_or(f64::NAN);
     let scores = truth.as_ref().map(|truth| score(&depth, truth, resolution)).transpose()?;
-    let metrics = scores.as_ref().map(|scores| scores.all);
     let instrument = echoes.setup().to_instrument();
     let physics = echoes.physics(run);
     let (scene, reflectors, plan) = (echoes.summary(), Some(echoes.reflectors), echoes.plan);
@@ -142,7 +146,6 @@ pub fn image_scene_keeping(
         image,
         depth,
         truth,
-        metrics,
         scores,
         timings,
         warnings,
@@ -180,7 +183,7 @@ pub fn image_cube_keeping(
     checkpoint.open(&identity::of_cube("image", run, &mut cube, &grid)?, observer)?;
     let (image, depth) = focus(run, &mut cube, &grid, raster, checkpoint, &log)?;
     let (timings, warnings) = log.finish();
-    let (scene, reflectors, truth, metrics, scores) = (None, None, None, None, None);
+    let (scene, reflectors, truth, scores) = (None, None, None, None);
     let physics: Vec<String> = facts::compensation(run).into_iter().collect();
     Ok(Outcome {
         plan,
@@ -191,7 +194,6 @@ pub fn image_cube_keeping(
         image,
         depth,
         truth,
-        metrics,
         scores,
         timings,
         warnings,

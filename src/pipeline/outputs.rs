@@ -297,7 +297,7 @@ pub fn write_cube(path: &Path, cube: &DataCube) -> Result<()> {
 fn write_error(path: &Path, outcome: &Outcome, truth: &DepthMap) -> Result<()> {
     let errors = error_map(&outcome.depth, truth)?;
     let resolution = outcome.instrument.setup().range_resolution().unwrap_or(f64::NAN);
-    let note = error_note(&outcome.metrics.unwrap_or_default());
+    let note = error_note(&outcome.metrics().unwrap_or_default());
     write_error_figure(path, &errors, &truth.raster(), resolution, &note)
 }
 

@@ -71,7 +71,7 @@ impl Report {
             error_bound: outcome.image.error_bound,
             pixels: outcome.depth.len(),
             accepted: outcome.depth.accepted(),
-            metrics: outcome.metrics,
+            metrics: outcome.metrics(),
             materials: outcome.scores.as_ref().map_or_else(BTreeMap::new, |scores| scores.materials.clone()),
             surfaces: outcome.scores.as_ref().map_or_else(Vec::new, |scores| scores.surfaces.clone()),
             warnings: outcome.warnings.clone(),

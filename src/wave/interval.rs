@@ -36,7 +36,7 @@ impl PathInterval {
     /// `count` Chebyshev points of the interval, as delays about its middle, s.
     pub(crate) fn chebyshev(&self, count: usize) -> Vec<f64> {
         let half = 0.5 * self.duration();
-        (0..count).map(|k| half * (PI * (k as f64 + 0.5) / count as f64).cos()).collect()
+        (0..count).map(|k| half * chebyshev_point(k, count)).collect()
     }
 
     /// `E[k, n] = e^{−i2π(f_n − carrier)(τ_k + later)}` at `count` even points of the interval as [`PathInterval::even`]
@@ -66,6 +66,11 @@ impl PathInterval {
         let half = 0.5 * self.duration();
         (0..count).map(|k| half * (2.0 * k as f64 / (count - 1) as f64 - 1.0)).collect()
     }
+}
+
+/// The k-th of `count` Chebyshev points of −1 ..= 1, from the upper end downwards.
+pub(crate) fn chebyshev_point(k: usize, count: usize) -> f64 {
+    (PI * (k as f64 + 0.5) / count as f64).cos()
 }
 
 /// Even points whose phasors are one phasor times those of a short run.

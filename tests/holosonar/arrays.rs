@@ -86,7 +86,7 @@ fn scattered_arrays_find_the_corner() {
     for layout in ["spiral", "random"] {
         let run = RunFile::load(&shipped("corner.toml"), &[format!("array.layout={layout}")]).unwrap();
         let outcome = pipeline::image_scene(&run, false, &Silent).unwrap();
-        let metrics = outcome.metrics.unwrap();
+        let metrics = outcome.metrics().unwrap();
         assert!(metrics.completeness.unwrap() > 0.55, "{layout}: {metrics:?}");
         assert!(metrics.false_returns.unwrap() < 0.25, "{layout}: {metrics:?}");
         assert!(metrics.median_error.unwrap() < 0.0171, "{layout}: {metrics:?}");

@@ -28,7 +28,7 @@ fn keeps_its_limits(scene: &str, seeds: &[u32]) {
 
 fn metrics(path: &Path, typed: &[&str]) -> Metrics {
     let run = RunFile::load(path, &overrides(typed)).unwrap();
-    let metrics = image_scene(&run, false, &Silent).unwrap().metrics.unwrap();
+    let metrics = image_scene(&run, false, &Silent).unwrap().metrics().unwrap();
     println!("{} {typed:?}: {metrics:?}", path.display());
     metrics
 }
@@ -164,7 +164,7 @@ fn without_occlusion_the_backs_of_closed_bodies_drown_their_fronts() {
     let truth = seen.truth.as_ref().unwrap();
     let score = |depth| holosonar::metrics::evaluate(depth, truth, 0.01715).unwrap();
     let (with, without) = (score(&seen.depth), score(&all.depth));
-    println!("cad speaker {with:?}\ncad none {without:?}\nagainst its own truth {:?}", all.metrics);
+    println!("cad speaker {with:?}\ncad none {without:?}\nagainst its own truth {:?}", all.metrics());
     let [with, without] = [with, without].map(|m| m.completeness.unwrap());
     assert!(without < 0.55 && with > without + 0.15, "speaker {with}, none {without}");
 }

@@ -13,11 +13,11 @@ use super::losses::{sine, wave_number};
 use super::{Losses, SimulateOptions};
 use crate::acquisition::{MicArray, Sweep};
 use crate::reflectors::Reflectors;
+use crate::wave::interval::chebyshev_point;
 use crate::wave::series::Series;
 use crate::wave::{Geometry, NEAREST_LEG};
 use glam::DVec3;
 use rayon::prelude::*;
-use std::f64::consts::PI;
 
 /// More terms than this are no faster than the literal sum.
 const MOST_TERMS: usize = 24;
@@ -100,9 +100,7 @@ impl Spread {
 
     fn chebyshev(&self, count: usize) -> Vec<f64> {
         let [start, stop] = self.band;
-        let node = |k: usize| {
-            f64::midpoint(start, stop) - 0.5 * (stop - start) * (PI * (k as f64 + 0.5) / count as f64).cos()
-        };
+        let node = |k: usize| f64::midpoint(start, stop) - 0.5 * (stop - start) * chebyshev_point(k, count);
         (0..count).map(node).collect()
     }
 

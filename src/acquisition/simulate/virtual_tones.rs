@@ -11,11 +11,10 @@
 //! Its error and its size are measured: too few or too wide tones would make it huge.
 
 use crate::acquisition::Sweep;
-use crate::wave::interval::{greater, tone_matrix};
+use crate::wave::interval::{chebyshev_point, greater, tone_matrix};
 use faer::linalg::triangular_solve::solve_upper_triangular_in_place;
 use faer::{Mat, Par};
 use rayon::prelude::*;
-use std::f64::consts::PI;
 
 /// Tones and weights that serve every interval of one duration.
 #[derive(Debug, Clone)]
@@ -140,7 +139,7 @@ impl Fit {
     fn new(oversampling: f64, duration: f64, pairs: usize) -> Self {
         let spread = 2.0 * pairs as f64 / oversampling;
         let points = (1.1 * spread).ceil() as usize + 18;
-        let node = |k: usize| 0.5 * duration * (PI * (k as f64 + 0.5) / (2 * points) as f64).cos();
+        let node = |k: usize| 0.5 * duration * chebyshev_point(k, 2 * points);
         let even = |k: usize| 0.5 * duration * k as f64 / (3 * points - 1) as f64;
         Self {
             step: 1.0 / (oversampling * duration),
