@@ -25,7 +25,7 @@ const AXIS_SHARE: f64 = 0.09;
 const FEW_SHARE: f64 = 0.6 * AXIS_SHARE;
 
 /// The share of the tolerance that the three axes together may use, as measured on terms.
-const SHARE: f64 = 0.6;
+pub(super) const SHARE: f64 = 0.6;
 
 /// About what weights amplify errors of nodes by, all axes together.
 pub(super) const USUAL_GROWTH: f64 = 6.0;

@@ -2,7 +2,7 @@
 
 use super::blocks::Group;
 use super::frame::{Frame, Tile};
-use super::nodes::{Lattice, USUAL_GROWTH};
+use super::nodes::{Lattice, SHARE, USUAL_GROWTH};
 use super::patches::Patch;
 use super::profile::{Band, lebesgue};
 use super::voxels::{BEYOND, Buffers, Interpolation, TileNodes, hull};
@@ -26,7 +26,7 @@ pub(super) const DEPTHS: usize = 32;
 
 /// The tolerance that nodes are taken to have when work is estimated.
 pub(super) fn usual_tolerance(tolerance: f64) -> f64 {
-    0.4 * tolerance / USUAL_GROWTH
+    (1.0 - SHARE) * tolerance / USUAL_GROWTH
 }
 
 /// Bytes that a thread needs for a row of voxels, about: their partial sums, and nodes along ρ in their columns.
