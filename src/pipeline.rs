@@ -329,6 +329,8 @@ fn focus(
     let mut volume = Volume { grid: *grid, samples: Vec::new() };
     let mut kept = KeptVolume::new(checkpoint, &mut volume, grid.plane_len(), &patient);
     let made = log.timed("reconstruct", || reconstruct_into(source, grid, &options, &mut kept, &patient))?;
+    // What waits to be kept is of no more use.
+    drop(kept);
     let Made { method, error_bound } = made;
     let image = Reconstruction { volume, method, error_bound };
     log.note(&format!(
