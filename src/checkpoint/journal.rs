@@ -9,7 +9,7 @@ use super::{Identity, Stage};
 use crate::error::{Error, Result};
 use num_complex::Complex32;
 use std::collections::HashMap;
-use std::fs::{File, OpenOptions, TryLockError};
+use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
@@ -204,7 +204,11 @@ impl Journal {
         if self.records.is_empty() && self.end == HEADING as u64 {
             let mut file = match self.file.take() {
                 Some(file) => file,
-                None => lock(&self.path, true)?.ok_or(io::ErrorKind::WouldBlock)?,
+                None => {
+                    // The output's folder may be made only with the output itself.
+                    self.path.parent().map_or(Ok(()), fs::create_dir_all)?;
+                    lock(&self.path, true)?.ok_or(io::ErrorKind::WouldBlock)?
+                }
             };
             file.set_len(0)?;
             file.seek(SeekFrom::Start(0))?;
