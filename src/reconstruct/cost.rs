@@ -137,8 +137,8 @@ fn of_convolution(
     let left = options.tolerance - lattice.error();
     if left <= 0.0 {
         let n_f = setup.sweep.len() as f64;
-        // Spectra, and the samples that they are made of.
-        let tone = COMPLEX * 2 * layout.tone_len() as u64;
+        // Spectra, and the samples that they are made of, as they are read and weighted.
+        let tone = COMPLEX * (layout.tone_len() + 2 * setup.array.len()) as u64;
         let slab = (super::convolution::DEPTHS.min(depths) as u64 * COMPLEX).saturating_mul(plane);
         let bytes = |batch: Batch| {
             let spectra = tone.saturating_mul(batch.frequencies as u64);
