@@ -202,13 +202,12 @@ impl Journal {
 
     fn try_append(&mut self, stage: Stage, k: u64, bytes: &[u8]) -> io::Result<()> {
         if self.records.is_empty() && self.end == HEADING as u64 {
-            let mut file = match self.file.take() {
-                Some(file) => file,
-                None => {
-                    // The output's folder may be made only with the output itself.
-                    self.path.parent().map_or(Ok(()), fs::create_dir_all)?;
-                    lock(&self.path, true)?.ok_or(io::ErrorKind::WouldBlock)?
-                }
+            let mut file = if let Some(file) = self.file.take() {
+                file
+            } else {
+                // The output's folder may be made only with the output itself.
+                self.path.parent().map_or(Ok(()), fs::create_dir_all)?;
+                lock(&self.path, true)?.ok_or(io::ErrorKind::WouldBlock)?
             };
             file.set_len(0)?;
             file.seek(SeekFrom::Start(0))?;
