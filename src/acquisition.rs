@@ -40,7 +40,7 @@ pub use cube_file::CubeFile;
 pub use setup::{Instrument, Setup};
 pub use simulate::{
     ArrayErrors, Losses, Noise, PropagationModel, SIMULATION_TOLERANCE, SimulateOptions, simulate,
-    simulate_keeping,
+    simulate_keeping, simulation_bytes,
 };
 pub use source::{CubeSource, Visit};
 pub use sweep::Sweep;

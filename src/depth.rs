@@ -27,7 +27,7 @@ mod columns;
 mod returns;
 
 use crate::error::{Error, Result};
-use crate::grid::{DepthMap, Raster, Surface, Volume};
+use crate::grid::{DepthMap, Grid, Raster, Surface, Volume};
 use crate::progress::{Observer, stage};
 use columns::Columns;
 use rayon::prelude::*;
@@ -105,6 +105,14 @@ impl DepthOptions {
             median: 3,
             raster: None,
         }
+    }
+}
+
+impl DepthOptions {
+    /// Bytes that [`locate_depth`] takes beside a volume: its amplitudes, and of returns their power and a copy of it.
+    pub fn search_bytes(&self, grid: &Grid) -> u64 {
+        let copies = if self.returns >= 2 { 3 } else { 1 };
+        grid.voxel_count().saturating_mul(copies * size_of::<f32>() as u64)
     }
 }
 
@@ -278,7 +286,7 @@ fn median_filter(depth: &[f64], n_x: usize, side: usize) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::grid::{Axis, Grid};
+    use crate::grid::Axis;
     use crate::progress::Silent;
     use num_complex::Complex32;
 

@@ -28,7 +28,7 @@ mod report;
 
 pub use design::{Combination, DesignRow, DesignSweep, RunWith, SweptKey, point_spreads, sweep_designs};
 pub use facts::resolution_of;
-pub use forecast::{Forecast, forecast_cube, forecast_scene};
+pub use forecast::{Forecast, Peaks, forecast_cube, forecast_scene};
 pub use limits::{Bound, Judgement, Verdict, check_scene, hold};
 pub use outputs::{error_note, write_cube, write_depth, write_outputs, write_volume};
 pub use page::write_page;
@@ -50,7 +50,7 @@ use crate::reflectors::Reflectors;
 use crate::scene::Scene;
 use crate::truth::trace_depth;
 use echoes::{Echoes, Measurement};
-use forecast::{needs_of, options_within};
+use forecast::{imaging, needs_of, options_within};
 use log::Log;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -176,7 +176,7 @@ pub fn image_cube_keeping(
     let grid = run.voxels(&instrument.setup(), None)?;
     let plan = plan(&instrument.setup(), &grid);
     warn_all(&plan.warnings, &log);
-    let holding = Holding { samples: cube.held_bytes(), volume: true, depth: true, ..Holding::default() };
+    let holding = imaging(run, &instrument.setup(), &grid, cube.held_bytes(), 0);
     room(run, &instrument.setup(), &grid, holding, &log)?;
     let raster = run.raster(None)?;
     checkpoint.need_space(outputs::volume_bytes(run, &grid))?;
@@ -240,7 +240,8 @@ pub fn reconstruct_cube(
     let plan = plan(&setup, &grid);
     warn_all(&plan.warnings, observer);
     let volume = outputs.iter().any(|path| outputs::needs_all(path));
-    let holding = Holding { samples: cube.held_bytes(), volume, ..Holding::default() };
+    let writing = outputs::writing_bytes(outputs.iter().map(PathBuf::as_path), run, &grid);
+    let holding = Holding { samples: cube.held_bytes(), volume, writing, ..Holding::default() };
     room(run, &setup, &grid, holding, observer)?;
     checkpoint.need_space(outputs.iter().map(|path| outputs::bytes_of(path, run, &grid)).sum())?;
     checkpoint.open(&identity::of_cube("reconstruct", run, &mut cube, &grid)?, observer)?;
@@ -248,6 +249,7 @@ pub fn reconstruct_cube(
     let mut files = outputs::VolumeFiles::new(instrument.setup(), run, grid, outputs);
     let mut kept = KeptVolume::new(checkpoint, &mut files, grid.plane_len(), &patient);
     reconstruct_into(&mut cube, &grid, &options_within(run, &grid, holding), &mut kept, &patient)?;
+    drop(kept); // with what waits
     files.finish()
 }
 
@@ -329,6 +331,7 @@ fn focus(
     let mut volume = Volume { grid: *grid, samples: Vec::new() };
     let mut kept = KeptVolume::new(checkpoint, &mut volume, grid.plane_len(), &patient);
     let made = log.timed("reconstruct", || reconstruct_into(source, grid, &options, &mut kept, &patient))?;
+    drop(kept); // with what waits
     let Made { method, error_bound } = made;
     let image = Reconstruction { volume, method, error_bound };
     log.note(&format!(

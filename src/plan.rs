@@ -36,7 +36,7 @@ mod suggest;
 
 pub use design::{Design, design};
 pub use memory::{WAITING, available_memory, check_sampling, gib, limit_memory, memory_limit};
-pub use needs::{Holding, Needs, check_memory, check_simulation, left_for_method, needs};
+pub use needs::{Holding, Needs, check_memory, check_simulation, left_for_method, needs, simulation_peak};
 pub use resolution::Profile;
 
 use crate::acquisition::{Detection, Setup};

@@ -4,8 +4,10 @@
 
 use glam::DVec3;
 use holosonar::acquisition::{DataCube, MicArray, Sweep};
+use holosonar::config::RunFile;
 use holosonar::grid::{Axis, Grid};
 use holosonar::wave::phasor;
+use std::path::Path;
 
 /// `mics`² microphones and `voxels`² voxels, 8 mm apart and with one centre, from 1 m on; 10 to 20 kHz.
 pub(crate) fn job(mics: usize, voxels: usize, frequencies: usize, depths: usize) -> (DataCube, Grid) {
@@ -32,4 +34,17 @@ pub(crate) fn displaced(cube: &DataCube, depth: f64) -> DataCube {
     let positions: Vec<DVec3> = cube.array.positions().iter().enumerate().map(place).collect();
     let array = MicArray::from_positions("displaced", &[positions.len()], positions).expect("an array");
     DataCube::new(cube.sweep.clone(), array, cube.samples.clone()).expect("finite")
+}
+
+/// The corner before 255 x 255 microphones, as 256 x 256 x 128 voxels, all 3.94 mm apart but in depth: a run file in
+/// `folder`.
+pub(crate) fn large(folder: &Path) -> RunFile {
+    let mesh = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/meshes/corner.obj");
+    std::fs::copy(mesh, folder.join("corner.obj")).expect("the repository's mesh");
+    let text = "[scene]\nmesh = \"corner.obj\"\nunit = \"m\"\n[sweep]\nstart = 10000.0\nstop = 20000.0\nstep = 10.0\n\
+                [array]\ncount = [255, 255]\npitch = [0.00394, 0.00394]\n\
+                [grid]\nx = [-0.50235, 0.50235]\ny = [-0.50235, 0.50235]\nz = [1.0, 2.0]\ncount = [256, 256, 128]\n";
+    let path = folder.join("large.toml");
+    std::fs::write(&path, text).expect("a folder that can be written");
+    RunFile::load(&path, &[]).expect("a run file")
 }

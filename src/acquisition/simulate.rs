@@ -185,6 +185,18 @@ pub fn simulate_keeping(
     })
 }
 
+/// About the bytes that [`simulate`] takes beside the cube, by so many threads: the sums of the microphones that are worked
+/// on at a time, for reflectors between the corners `bounds` of a box, m.
+pub fn simulation_bytes(
+    sweep: &Sweep,
+    array: &MicArray,
+    bounds: Option<(DVec3, DVec3)>,
+    options: &SimulateOptions,
+    threads: usize,
+) -> u64 {
+    cost::bytes(sweep, array, bounds, options, threads)
+}
+
 /// What is simulated, with the array as it really is.
 #[derive(Debug, Clone, Copy)]
 struct Job<'a> {

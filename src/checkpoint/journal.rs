@@ -9,7 +9,7 @@ use super::{Identity, Stage};
 use crate::error::{Error, Result};
 use num_complex::Complex32;
 use std::collections::HashMap;
-use std::fs::{File, OpenOptions, TryLockError};
+use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
@@ -202,9 +202,12 @@ impl Journal {
 
     fn try_append(&mut self, stage: Stage, k: u64, bytes: &[u8]) -> io::Result<()> {
         if self.records.is_empty() && self.end == HEADING as u64 {
-            let mut file = match self.file.take() {
-                Some(file) => file,
-                None => lock(&self.path, true)?.ok_or(io::ErrorKind::WouldBlock)?,
+            let mut file = if let Some(file) = self.file.take() {
+                file
+            } else {
+                // The output's folder may be made only with the output itself.
+                self.path.parent().map_or(Ok(()), fs::create_dir_all)?;
+                lock(&self.path, true)?.ok_or(io::ErrorKind::WouldBlock)?
             };
             file.set_len(0)?;
             file.seek(SeekFrom::Start(0))?;

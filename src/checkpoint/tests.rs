@@ -63,7 +63,8 @@ fn at_hand(output: &Path, identity: &Identity) -> Vec<u64> {
 #[test]
 fn blocks_come_back_until_the_output_is_complete() {
     let folder = tempfile::tempdir().unwrap();
-    let output = folder.path().join("cube.npz");
+    // In a folder that is not there yet.
+    let output = folder.path().join("new/cube.npz");
     let identity = Identity::of("test");
     assert_eq!(at_hand(&output, &identity), [0u64; 0]);
     let path = kept(&output, &identity);

@@ -13,10 +13,13 @@ pub(super) fn listen() -> Arc<AtomicU8> {
         if noted.swap(status, Ordering::SeqCst) == 0 {
             return;
         }
-        if io::stderr().is_terminal() {
+        // Locked until the end, so that no thread draws another bar.
+        let _terminal = io::stderr().is_terminal().then(|| {
+            let mut terminal = io::stderr().lock();
             // No half of a progress bar is left, and the cursor is to be seen.
-            let _ = write!(io::stderr(), "\r\u{1b}[2K\u{1b}[?25h");
-        }
+            let _ = write!(terminal, "\r\u{1b}[2K\u{1b}[?25h");
+            terminal
+        });
         #[allow(clippy::exit)]
         std::process::exit(status.into());
     };

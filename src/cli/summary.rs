@@ -187,6 +187,9 @@ pub(super) fn forecast(forecast: &Forecast) -> String {
         table.row(&name, costs);
     }
     table.row("memory", format!("{} at the peak, with {} threads", gib(needs.peak_bytes), needs.threads));
+    let simulate = forecast.peaks.simulate.map(|bytes| format!("{} to `simulate`, ", gib(bytes)));
+    let reconstruct = format!("{} to `reconstruct` from a file", gib(forecast.peaks.reconstruct));
+    table.row("", simulate.unwrap_or_default() + &reconstruct);
     table.row("writes", forecast.files.join(", "));
     table.text()
 }

@@ -1,13 +1,13 @@
 //! Designing an array: one forecast for every combination of swept keys, and point-spread functions.
 
 use super::echoes::Measurement;
-use super::forecast::forecast;
+use super::forecast::{forecast, imaging};
 use super::{is_csv, scene_path};
 use crate::config::{self, RunFile};
 use crate::error::{Error, Result};
 use crate::grid::{Axis, Grid};
 use crate::plan::design::Verdict;
-use crate::plan::{Holding, check_simulation, memory_limit};
+use crate::plan::{check_simulation, memory_limit};
 use crate::progress::{Observer, advance, stage};
 use crate::psf::{PointSpread, point_spread};
 use crate::reflectors::Reflectors;
@@ -216,8 +216,9 @@ impl SeenScene {
 fn row(run: &RunFile, bare: bool, seen: &mut SeenScene, observer: &dyn Observer) -> Result<DesignRow> {
     let measurement = Measurement::of(run)?;
     let setup = measurement.setup();
-    let grid = run.voxels(&setup, seen.bounds(run, bare, observer)?)?;
-    let holding = Holding::of_simulation(&setup);
+    let bounds = seen.bounds(run, bare, observer)?;
+    let grid = run.voxels(&setup, bounds)?;
+    let holding = imaging(run, &setup, &grid, setup.cube_bytes(), measurement.simulating(bounds));
     let foretold = forecast(run, &setup, &grid, holding, true)?;
     let (design, needs) = (foretold.design, foretold.needs);
     let ghosts = design.aliasing.verdict == Verdict::Ghosts;
@@ -248,8 +249,9 @@ pub fn point_spreads(
 ) -> Result<(Grid, Vec<PointSpread>)> {
     let measurement = Measurement::of(run)?;
     let setup = measurement.setup();
-    let grid = run.voxels(&setup, SeenScene::default().bounds(run, bare, observer)?)?;
-    check_simulation(&setup, memory_limit())?;
+    let bounds = SeenScene::default().bounds(run, bare, observer)?;
+    let grid = run.voxels(&setup, bounds)?;
+    check_simulation(&setup, measurement.simulation_peak(bounds), memory_limit())?;
     // Adding 0 turns a negative zero into a positive one.
     let middle = |axis: &Axis| (f64::midpoint(axis.first, axis.last()) * 1e9).round() / 1e9 + 0.0;
     let near = grid.z.first.max(setup.wavelength());

@@ -1,13 +1,17 @@
 //! A scene turned into reflectors, with the instrument that hears them and the grid that shows them.
 
 use super::facts::compensation;
+use super::forecast::imaging;
 use super::{SceneSummary, is_csv, is_in_metres, load_scene, room, scene_path, warn_all};
-use crate::acquisition::{DataCube, MicArray, Setup, SimulateOptions, Sweep, simulate_keeping};
+use crate::acquisition::{
+    DataCube, Detection, MicArray, Setup, SimulateOptions, Sweep, simulate_keeping, simulation_bytes,
+};
 use crate::config::RunFile;
 use crate::error::Result;
 use crate::grid::Grid;
 use crate::plan::{
-    Holding, Plan, check_sampling, check_simulation, gib, memory_limit, outside_warning, plan, scale_warnings,
+    Plan, check_sampling, check_simulation, gib, memory_limit, outside_warning, plan, scale_warnings,
+    simulation_peak,
 };
 use crate::progress::{Keeper, Observer};
 use crate::reflectors::{Reflectors, sample_surface, sampling_bytes};
@@ -53,6 +57,19 @@ impl Measurement {
             sound_speed: self.options.sound_speed,
         }
     }
+
+    /// Bytes that simulating takes beside the cube, for a scene within these bounds.
+    pub(super) fn simulating(&self, bounds: Option<(DVec3, DVec3)>) -> u64 {
+        simulation_bytes(&self.sweep, &self.array, bounds, &self.options, rayon::current_num_threads())
+    }
+
+    /// Bytes at the peak of `simulate`.
+    pub(super) fn simulation_peak(&self, bounds: Option<(DVec3, DVec3)>) -> u64 {
+        let setup = self.setup();
+        // Samples in phase are copied without their imaginary parts to be written.
+        let written = if setup.detection == Detection::InPhase { setup.cube_bytes() / 2 } else { 0 };
+        simulation_peak(&setup, self.simulating(bounds).max(written), rayon::current_num_threads())
+    }
 }
 
 /// A scene turned into reflectors, with the instrument that will hear them and the grid they will be imaged on.
@@ -73,24 +90,25 @@ impl Echoes {
         let measurement = Measurement::of(run)?;
         let setup = measurement.setup();
         // What can never fit is refused before any ray is traced.
-        let fits = |grid: &Grid| {
+        let fits = |grid: &Grid, bounds| {
             if imaged {
-                room(run, &setup, grid, Holding::of_simulation(&setup), observer)
+                let beside = measurement.simulating(bounds);
+                room(run, &setup, grid, imaging(run, &setup, grid, setup.cube_bytes(), beside), observer)
             } else {
-                check_simulation(&setup, memory_limit())
+                check_simulation(&setup, measurement.simulation_peak(bounds), memory_limit())
             }
         };
         let path = scene_path(run)?;
         if is_csv(path) {
             let reflectors = Reflectors::read_csv(path)?;
             let grid = run.voxels(&setup, reflectors.bounds())?;
-            fits(&grid)?;
+            fits(&grid, reflectors.bounds())?;
             let plan = plan(&setup, &grid);
             return Ok(Self { measurement, scene: None, spacing: None, reflectors, grid, plan });
         }
         let scene = load_scene(path, run, bare, observer)?;
         let grid = run.voxels(&setup, scene.bounds());
-        let grid = grid.and_then(|grid| fits(&grid).map(|()| grid)).inspect_err(|_| {
+        let grid = grid.and_then(|grid| fits(&grid, scene.bounds()).map(|()| grid)).inspect_err(|_| {
             // A wrong unit may be why no grid fits.
             if let Some((low, high)) = scene.bounds() {
                 warn_all(&scale_warnings(&setup, low, high, is_in_metres(path)), observer);

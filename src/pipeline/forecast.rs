@@ -25,8 +25,10 @@ pub struct Forecast {
     pub design: Design,
     /// The voxels, whether typed or chosen.
     pub grid: Grid,
-    /// Operations and bytes.
+    /// Operations and bytes of `image`.
     pub needs: Needs,
+    /// Bytes at the peak by command.
+    pub peaks: Peaks,
     /// What will be simulated beyond Eq. 5 and done to the volume, in words.
     pub physics: Vec<String>,
     /// Seconds of each method, by a short measurement of this machine's speed.
@@ -35,6 +37,18 @@ pub struct Forecast {
     pub files: Vec<String>,
     /// What the user should know.
     pub warnings: Vec<String>,
+}
+
+/// Bytes at the peak of each command that does all of a job, or a part of it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[non_exhaustive]
+pub struct Peaks {
+    /// All of it.
+    pub image: u64,
+    /// The scene to a cube; of a cube file there is nothing to simulate.
+    pub simulate: Option<u64>,
+    /// The cube's file to a volume that grows depth by depth: .npz, .vti, .nrrd.
+    pub reconstruct: u64,
 }
 
 /// Foretells `image` of a scene. The mesh is loaded for its size; no ray is traced.
@@ -52,8 +66,11 @@ pub fn forecast_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Res
         Reflectors::read_csv(path)?.bounds()
     };
     let grid = run.voxels(&setup, bounds)?;
-    let holding = Holding::of_simulation(&setup);
+    let beside = measurement.simulating(bounds);
+    let holding = imaging(run, &setup, &grid, setup.cube_bytes(), beside);
     let mut forecast = forecast(run, &setup, &grid, holding, mesh)?;
+    forecast.peaks.simulate = Some(measurement.simulation_peak(bounds));
+    forecast.peaks.reconstruct = needs_of(run, &setup, &grid, Holding::default())?.peak_bytes;
     forecast.physics = measurement.physics(run);
     let mesh = mesh.then(|| is_in_metres(path));
     forecast.warnings.extend(placement_warnings(&setup, &grid, bounds, mesh));
@@ -67,14 +84,24 @@ pub fn forecast_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Res
 pub fn forecast_cube(run: &RunFile, cube: &CubeFile) -> Result<Forecast> {
     let setup = cube.setup();
     let grid = run.voxels(&setup, None::<(DVec3, DVec3)>)?;
-    let holding = Holding { samples: cube.held_bytes(), volume: true, depth: true, ..Holding::default() };
-    forecast(run, &setup, &grid, holding, false)
+    let holding = imaging(run, &setup, &grid, cube.held_bytes(), 0);
+    let mut forecast = forecast(run, &setup, &grid, holding, false)?;
+    let alone = Holding { samples: cube.held_bytes(), ..Holding::default() };
+    forecast.peaks.reconstruct = needs_of(run, &setup, &grid, alone)?.peak_bytes;
+    Ok(forecast)
+}
+
+/// What `image` holds, given bytes of samples and what simulating them takes beside them.
+pub(super) fn imaging(run: &RunFile, setup: &Setup, grid: &Grid, samples: u64, simulating: u64) -> Holding {
+    let depth = run.depth_options(setup.range_resolution().unwrap_or(f64::NAN)).search_bytes(grid);
+    let writing = outputs::writing_bytes(outputs::volume_names(run), run, grid);
+    Holding { samples, simulating, volume: true, depth, writing }
 }
 
 /// How a volume is to be made within the memory there is.
 pub(super) fn options_within(run: &RunFile, grid: &Grid, holding: Holding) -> ReconstructOptions {
     let mut options = run.reconstruct_options();
-    options.memory = left_for_method(grid, holding, memory_limit());
+    options.memory = left_for_method(grid, holding, memory_limit(), rayon::current_num_threads());
     options
 }
 
@@ -97,5 +124,6 @@ pub(super) fn forecast(
     let warnings = [plan.warnings.clone(), design.warnings.clone()].concat();
     let physics = compensation(run).into_iter().collect();
     let files = outputs::names(run, truth);
-    Ok(Forecast { plan, design, grid: *grid, needs, physics, seconds, files, warnings })
+    let peaks = Peaks { image: needs.peak_bytes, simulate: None, reconstruct: needs.peak_bytes };
+    Ok(Forecast { plan, design, grid: *grid, needs, peaks, physics, seconds, files, warnings })
 }

@@ -12,7 +12,7 @@ use crate::export::figure::{
 };
 use crate::export::page::Miniature;
 use crate::export::points_ply::{ScenePoints, write_depth_points};
-use crate::export::volume_exr::write_volume_exr;
+use crate::export::volume_exr::{DEPTHS_PER_FILE, write_volume_exr};
 use crate::export::volume_npz::stream_volume_npz;
 use crate::export::volume_nrrd::stream_volume_nrrd;
 use crate::export::volume_vti::stream_volume_vti;
@@ -139,7 +139,25 @@ pub(super) fn bytes_of(path: &Path, run: &RunFile, grid: &Grid) -> u64 {
 
 /// The same for all volumes of a run.
 pub(super) fn volume_bytes(run: &RunFile, grid: &Grid) -> u64 {
-    run.output.formats.iter().map(|format| bytes_of(Path::new(name_of(*format)), run, grid)).sum()
+    volume_names(run).map(|name| bytes_of(name, run, grid)).sum()
+}
+
+/// Bytes that writing a volume into files of these names takes beside it: an EXR file's parts are held until it is written.
+pub(super) fn writing_bytes<'a>(
+    paths: impl IntoIterator<Item = &'a Path>,
+    run: &RunFile,
+    grid: &Grid,
+) -> u64 {
+    let channels = if run.output.components == Components::Complex { 3 } else { 1 };
+    let planes = grid.z.count.min(DEPTHS_PER_FILE) as u64;
+    let parts = planes.saturating_mul(grid.x.count as u64).saturating_mul(grid.y.count as u64);
+    let held = paths.into_iter().any(needs_all);
+    if held { parts.saturating_mul(channels * size_of::<f32>() as u64) } else { 0 }
+}
+
+/// The names of a run's volumes.
+pub(super) fn volume_names(run: &RunFile) -> impl Iterator<Item = &'static Path> {
+    run.output.formats.iter().map(|format| Path::new(name_of(*format)))
 }
 
 /// The files that [`write_outputs`] will write, with or without a truth; a very deep volume may take several.

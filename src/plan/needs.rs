@@ -17,19 +17,14 @@ use std::time::Instant;
 pub struct Holding {
     /// Bytes of samples: a simulated cube, or a file that cannot be read in order.
     pub samples: u64,
-    /// Whether they are simulated first, which takes sums beside them.
-    pub simulated: bool,
+    /// Bytes that simulating them takes beside them; 0 where they are not simulated.
+    pub simulating: u64,
     /// The volume whole, rather than depth by depth.
     pub volume: bool,
-    /// What finding depths takes beside the volume.
-    pub depth: bool,
-}
-
-impl Holding {
-    /// A simulated cube, imaged with its depths.
-    pub fn of_simulation(setup: &Setup) -> Self {
-        Self { samples: setup.cube_bytes(), simulated: true, volume: true, depth: true }
-    }
+    /// Bytes that finding depths takes beside samples and volume; 0 where none are found.
+    pub depth: u64,
+    /// Bytes that writing takes beside the volume.
+    pub writing: u64,
 }
 
 /// What a job takes of this machine.
@@ -48,11 +43,11 @@ pub struct Needs {
     pub least_peak_bytes: u64,
 }
 
-/// Bytes of the program itself, its threads' stacks and its libraries' tables.
-const PROGRAM: u64 = 20 << 20;
+/// Bytes of the program itself, its libraries and their tables, as far as they are ever touched.
+const PROGRAM: u64 = 18 << 20;
 
-/// The most bytes of sums that a simulation holds beside its cube.
-const SIMULATION: u64 = 128 << 20;
+/// Bytes of a thread: its stack, and the buffers of matrix products.
+const THREAD: u64 = 1 << 20;
 
 /// Works out what a job takes. Costs milliseconds.
 ///
@@ -67,21 +62,34 @@ pub fn needs(
 ) -> Result<Needs> {
     let (methods, chosen) = estimate(setup, grid, options, threads)?;
     let method = &methods[chosen];
-    let peak_bytes = peak(method.bytes, grid, holding);
-    let least_peak_bytes = peak(method.least_bytes, grid, holding);
+    let peak_bytes = peak(method.bytes, grid, holding, threads);
+    let least_peak_bytes = peak(method.least_bytes, grid, holding, threads);
     Ok(Needs { methods, chosen, threads, peak_bytes, least_peak_bytes })
 }
 
-/// Bytes at the peak of a job whose method takes `bytes`.
-fn peak(bytes: u64, grid: &Grid, holding: Holding) -> u64 {
-    let cube = holding.samples;
-    let simulating = if holding.simulated { simulating(cube) } else { 0 };
-    // |Â|², a smoothed copy and what the filter passes through.
-    let depth = if holding.depth { cube.saturating_add(grid.volume_bytes().saturating_mul(3)) } else { 0 };
+/// Bytes of the program with so many threads.
+fn program(threads: usize) -> u64 {
+    PROGRAM.saturating_add(THREAD.saturating_mul(threads as u64))
+}
+
+/// Bytes at the peak of a job whose method takes `bytes`: the most of its stages.
+fn peak(bytes: u64, grid: &Grid, holding: Holding, threads: usize) -> u64 {
+    let Holding { samples, simulating, depth, writing, .. } = holding;
     let volume = if holding.volume { grid.volume_bytes() } else { 0 };
-    let kept = WAITING.min(grid.volume_bytes());
-    let focusing = cube.saturating_add(volume).saturating_add(bytes).saturating_add(kept);
-    PROGRAM.saturating_add(focusing.max(simulating).max(depth))
+    // Depths that wait to be kept for a later run.
+    let focusing = bytes.saturating_add(WAITING.min(grid.volume_bytes()));
+    let both = samples.saturating_add(volume);
+    let stages = [
+        samples.saturating_add(simulating),
+        both.saturating_add(focusing.max(depth)),
+        volume.saturating_add(writing),
+    ];
+    program(threads).saturating_add(stages.into_iter().max().unwrap_or(0))
+}
+
+/// Bytes at the peak of a simulation by itself, which takes `beside` the cube, by so many threads.
+pub fn simulation_peak(setup: &Setup, beside: u64, threads: usize) -> u64 {
+    program(threads).saturating_add(setup.cube_bytes()).saturating_add(beside)
 }
 
 impl Needs {
@@ -94,10 +102,9 @@ impl Needs {
 
 /// What `limit` leaves to the method beside the program, the samples and the volume:
 /// [`ReconstructOptions::memory`].
-pub fn left_for_method(grid: &Grid, holding: Holding, limit: Option<u64>) -> Option<u64> {
-    limit.map(|limit| {
-        limit.saturating_sub(peak(0, grid, Holding { simulated: false, depth: false, ..holding }))
-    })
+pub fn left_for_method(grid: &Grid, holding: Holding, limit: Option<u64>, threads: usize) -> Option<u64> {
+    let focusing = Holding { simulating: 0, depth: 0, writing: 0, ..holding };
+    limit.map(|limit| limit.saturating_sub(peak(0, grid, focusing, threads)))
 }
 
 /// Operations per phasor of the kernel that is timed.
@@ -137,13 +144,13 @@ pub fn check_memory(
     // A far-field image is another one.
     let others = needs.methods.iter().filter(|m| m.obstacle.is_none() && m.method != Method::Linear);
     for method in others {
-        let bytes = peak(method.least_bytes, grid, holding);
+        let bytes = peak(method.least_bytes, grid, holding, needs.threads);
         if bytes <= limit {
             let name = format!("{:?}", method.method).to_lowercase();
             ways.push(format!("[reconstruct] method = \"{name}\" needs {}", gib(bytes)));
         }
     }
-    if holding.volume && !holding.depth {
+    if holding.volume && holding.depth == 0 {
         ways.push("a volume written as .npz, .vti or .nrrd is never held whole".to_owned());
     }
     if holding.samples > 0 {
@@ -171,9 +178,8 @@ pub fn check_memory(
 /// Refuses to simulate a cube that cannot fit.
 ///
 /// # Errors
-/// [`Error::Input`] when it and the sums beside it exceed `limit` bytes.
-pub fn check_simulation(setup: &Setup, limit: Option<u64>) -> Result<()> {
-    let bytes = simulating(setup.cube_bytes());
+/// [`Error::Input`] when `bytes`, as [`simulation_peak`] gives them, exceed `limit`.
+pub fn check_simulation(setup: &Setup, bytes: u64, limit: Option<u64>) -> Result<()> {
     match limit {
         Some(limit) if bytes > limit => Err(Error::input(
             "memory",
@@ -188,11 +194,6 @@ pub fn check_simulation(setup: &Setup, limit: Option<u64>) -> Result<()> {
         )),
         _ => Ok(()),
     }
-}
-
-/// Bytes while a cube is simulated: itself, and sums beside it.
-fn simulating(cube: u64) -> u64 {
-    cube.saturating_add(cube.min(SIMULATION))
 }
 
 #[cfg(test)]
@@ -221,7 +222,7 @@ mod tests {
                 assert!(usual.least_peak_bytes < usual.peak_bytes);
                 let volume = reconstruct(&cube, &grid, &options, &Silent).expect("fits").volume;
                 let limit = usual.least_peak_bytes;
-                options.memory = left_for_method(&grid, holding, Some(limit));
+                options.memory = left_for_method(&grid, holding, Some(limit), 4);
                 let tight = needs(setup, &grid, &options, holding, 4).expect("an estimate");
                 assert_eq!(tight.peak_bytes, limit);
                 assert!(check_memory(&tight, setup, &grid, holding, Some(limit)).is_ok());

@@ -92,7 +92,8 @@ mod tests {
                     let plan = plan(setup, &grid);
                     let ambiguous = plan.warnings.iter().any(|w| w.contains("unambiguous"));
                     assert!(!ambiguous, "{:?}", plan.warnings);
-                    let holding = Holding::of_simulation(setup);
+                    let (samples, volume) = (setup.cube_bytes(), true);
+                    let holding = Holding { samples, volume, ..Holding::default() };
                     let needs = needs(setup, &grid, &ReconstructOptions::default(), holding, 2).expect("ok");
                     assert!(check_memory(&needs, setup, &grid, holding, Some(4 << 30)).is_ok());
                     assert!(grid.z.first > 0.0 && grid.z.count >= 8, "{grid:?}");

@@ -9,7 +9,7 @@ use super::batch::Batch;
 use super::focus::Focus;
 use super::lattice::SharedLattice;
 use super::layout::Layout;
-use super::tones::{Tones, VolumeTones};
+use super::tones::{SlabTones, Tones, VolumeTones};
 use super::weights::Weights;
 use super::{Made, Method, VolumeSink, no_room_for};
 use crate::acquisition::{CubeSource, Setup};
@@ -17,6 +17,7 @@ use crate::error::Result;
 use crate::grid::{Grid, zeros};
 use crate::progress::{Observer, advance, stage};
 use crate::wave::interval::greater;
+use crate::wave::simd::Lanes;
 use num_complex::Complex32;
 use rayon::prelude::*;
 
@@ -26,22 +27,25 @@ const SPECTRA_BYTES: usize = 256 << 20;
 /// The share of the tolerance that the first of the two compressions may use.
 pub(super) const FIRST_SHARE: f64 = 0.3;
 
-/// Adds tones to the planes from `first` on, `[plane, y, x]`.
+/// Adds tones to the planes from `first` on, `[plane, y, x]`; `room` is for their spectra.
 fn add(
     layout: &Layout,
     tones: &Tones,
+    room: &mut [Lanes],
     first: usize,
     planes: &mut [Complex32],
     batch: Batch,
     observer: &dyn Observer,
 ) -> Result<()> {
-    let spectra = layout.spectra(&tones.samples, batch);
+    let spectra = &mut room[..layout.spectra_len(tones.per_metre.len())];
+    layout.transform_into(&tones.samples, batch, spectra);
+    let spectra = &*spectra;
     let planes = planes.par_chunks_mut(layout.grid.plane_len());
     let run = batch.least_run(planes.len());
     planes.with_min_len(run).enumerate().try_for_each_init(
         || Focus::new(layout),
         |focus, (iz, voxels)| {
-            focus.add(first + iz, &tones.per_metre, &spectra, voxels);
+            focus.add(first + iz, &tones.per_metre, spectra, voxels);
             advance(observer, tones.per_metre.len() as u64)
         },
     )
@@ -97,6 +101,7 @@ fn every_frequency(
     let depths = grid.z.count;
     let mut planes = zeros((DEPTHS.min(depths) as u64).saturating_mul(grid.plane_len() as u64))
         .ok_or_else(|| no_room_for(grid))?;
+    let mut room = vec![Lanes::ZERO; layout.spectra_len(block)];
     sink.begin(&made)?;
     stage(observer, "reconstructing", (count * depths) as u64, || {
         for first in (0..depths).step_by(DEPTHS) {
@@ -112,7 +117,7 @@ fn every_frequency(
                 let samples = rows.flat_map(|(f, row)| weights.weighted(f, row)).collect();
                 let samples = layout.lattice.onto_nodes(samples);
                 let tones = Tones { per_metre: per_metre[range.clone()].to_vec(), samples };
-                add(layout, &tones, first, planes, batch, observer)
+                add(layout, &tones, &mut room, first, planes, batch, observer)
             })?;
             sink.take(first, planes)?;
         }
@@ -144,6 +149,11 @@ fn skeleton_frequencies(
     let plane_len = grid.plane_len();
     let mut planes = zeros(((batch.slabs * thickness).min(depths) as u64).saturating_mul(plane_len as u64))
         .ok_or_else(|| no_room_for(grid))?;
+    // Room for every slab that is worked on at a time, kept from one to the next: what is given back and asked for again
+    // an allocator holds twice.
+    let most = slabs.iter().map(SlabTones::len).max().unwrap_or(0);
+    let room = || (Tones::room(most, layout.lattice.width()), vec![Lanes::ZERO; layout.spectra_len(most)]);
+    let mut rooms: Vec<_> = (0..batch.slabs.min(slabs.len())).map(|_| room()).collect();
     sink.begin(&made)?;
     stage(observer, "reconstructing", total, || {
         let done = slabs.partition_point(|slab| slab.planes.end <= sink.done());
@@ -154,9 +164,10 @@ fn skeleton_frequencies(
             let end = slabs[slabs.len() - 1].planes.end;
             let planes = &mut planes[..(end - first) * plane_len];
             planes.fill(Complex32::ZERO);
-            planes.par_chunks_mut(thickness * plane_len).zip(slabs).try_for_each(|(planes, slab)| {
-                let tones = slab.of(&compressed.tones, layout.lattice.width());
-                add(layout, &tones, slab.planes.start, planes, batch, observer)
+            let planes_of_slabs = planes.par_chunks_mut(thickness * plane_len).zip(slabs);
+            planes_of_slabs.zip(&mut rooms).try_for_each(|((planes, slab), (tones, spectra))| {
+                slab.select(&compressed.tones, layout.lattice.width(), tones);
+                add(layout, tones, spectra, slab.planes.start, planes, batch, observer)
             })?;
             sink.take(first, planes)?;
         }

@@ -6,7 +6,7 @@ use super::batch::Batch;
 use super::convolution::{FIRST_SHARE, slab_thickness, usual_batch};
 use super::lattice::SharedLattice;
 use super::layout::Layout;
-use super::skeleton::candidates_for;
+use super::skeleton::{DENSER, candidates_for, witnesses_for};
 use super::tones::FREQUENCIES;
 use super::{Method, ReconstructOptions, backprojection, direct, linear};
 use crate::acquisition::Setup;
@@ -103,6 +103,15 @@ fn compression(setup: &Setup, interval: &PathInterval, tones: f64) -> (f64, u64)
     (found + PRODUCT * tones * n_f * n_mic, bytes as u64)
 }
 
+/// Bytes that a thread takes to find a slab's tones among the volume's: the tones of both at delays, and their difference.
+///
+/// Its heap keeps them for the next slab, being too small to be mapped each by itself.
+fn nesting(setup: &Setup, volume: &PathInterval, slab: &PathInterval) -> u64 {
+    let bandwidth = setup.sweep.bandwidth();
+    let witnesses = witnesses_for(bandwidth * volume.duration()).min(setup.sweep.len() as f64);
+    (3.0 * 16.0 * (DENSER * slab.points_for(bandwidth)) as f64 * witnesses) as u64
+}
+
 /// Bytes of a block of frequencies as it is read.
 fn block_bytes(setup: &Setup) -> u64 {
     COMPLEX * (FREQUENCIES.min(setup.sweep.len()) as u64).saturating_mul(setup.array.len() as u64)
@@ -128,8 +137,8 @@ fn of_convolution(
     let left = options.tolerance - lattice.error();
     if left <= 0.0 {
         let n_f = setup.sweep.len() as f64;
-        // Spectra, and the samples that they are made of.
-        let tone = COMPLEX * 2 * layout.tone_len() as u64;
+        // Spectra, and the samples that they are made of, as they are read and weighted.
+        let tone = COMPLEX * (layout.tone_len() + 2 * setup.array.len()) as u64;
         let slab = (super::convolution::DEPTHS.min(depths) as u64 * COMPLEX).saturating_mul(plane);
         let bytes = |batch: Batch| {
             let spectra = tone.saturating_mul(batch.frequencies as u64);
@@ -143,8 +152,9 @@ fn of_convolution(
         tones_for(setup.sweep.bandwidth() * duration, share * left).min(setup.sweep.len() as f64)
     };
     let (of_volume, width) = (tones(0..depths, FIRST_SHARE), lattice.width() as f64);
-    let (mut operations, bytes_finding) =
-        compression(setup, &setup.path_interval(grid, 0..depths), of_volume);
+    let whole = setup.path_interval(grid, 0..depths);
+    let (mut operations, bytes_finding) = compression(setup, &whole, of_volume);
+    let nesting = nesting(setup, &whole, &setup.path_interval(grid, 0..thickness.min(depths)));
     let mut most = 0.0f64;
     for first in (0..depths).step_by(thickness) {
         let planes = first..(first + thickness).min(depths);
@@ -164,7 +174,8 @@ fn of_convolution(
     let before = bytes_finding.max(compressing).max(both);
     let bytes = |batch: Batch| {
         let focusing = slab.saturating_mul(batch.slabs as u64).saturating_add(scratch(batch));
-        before.max(nodes.saturating_add(focusing))
+        let nesting = nesting.saturating_mul(batch.workers.min(depths.div_ceil(thickness)) as u64);
+        before.max(nodes.saturating_add(focusing)).saturating_add(nesting)
     };
     possible(Method::Convolution, operations, options, usual, bytes)
 }

@@ -113,13 +113,11 @@ impl<'a> Layout<'a> {
     }
 
     /// Spectra of the nodes' samples, `[tone, placement, block, side, k_y]`; the inverse transform's scale is folded in.
-    /// On a line, those of [`line::spectra`].
-    pub(super) fn spectra(&self, nodes: &[Complex32], batch: Batch) -> Vec<Lanes> {
+    /// On a line, those of [`line::transform_into`].
+    pub(super) fn transform_into(&self, nodes: &[Complex32], batch: Batch, spectra: &mut [Lanes]) {
         if let Some(axis) = self.line {
-            return line::spectra(self, axis, nodes);
+            return line::transform_into(self, axis, nodes, spectra);
         }
-        let tones = nodes.len() / self.lattice.width();
-        let mut spectra = vec![Lanes::ZERO; tones * self.tone_len() / LANES];
         let planes = spectra.par_chunks_exact_mut(self.x.len() * self.y.len() / LANES);
         let run = batch.least_run(planes.len());
         planes.with_min_len(run).enumerate().for_each_init(
@@ -130,7 +128,14 @@ impl<'a> Layout<'a> {
                 self.transform(nodes, self.placements[placement], spectrum, scratch);
             },
         );
-        spectra
+    }
+
+    /// Length of the spectra of so many tones.
+    pub(super) fn spectra_len(&self, tones: usize) -> usize {
+        match self.line {
+            Some(axis) => tones.div_ceil(LANES) * self.node_parts.len() * self.along(axis).len(),
+            None => tones * self.tone_len() / LANES,
+        }
     }
 
     /// The spectrum of one tone's nodes at one placement, `[block, side, k_y]`.

@@ -40,12 +40,10 @@ fn places([x, y]: &Parts, axis: usize, n_x: usize) -> impl Iterator<Item = usize
 }
 
 /// Spectra of the nodes' samples, `[tone / 16, part, k]` in lanes of tones; the inverse transform's scale is folded in.
-pub(super) fn spectra(layout: &Layout, axis: usize, nodes: &[Complex32]) -> Vec<Lanes> {
+pub(super) fn transform_into(layout: &Layout, axis: usize, nodes: &[Complex32], spectra: &mut [Lanes]) {
     let fft = &layout.along(axis).fft;
     let (n, parts, width) = (fft.len(), &layout.node_parts, layout.lattice.width());
     let (scale, n_x) = (1.0 / n as f32, layout.lattice.nodes()[0].count);
-    let tones = nodes.len() / width;
-    let mut spectra = vec![Lanes::ZERO; tones.div_ceil(LANES) * parts.len() * n];
     spectra.par_chunks_exact_mut(n).enumerate().for_each_init(
         || [vec![Lanes::ZERO; n], vec![Lanes::ZERO; n]],
         |[row, work], (index, spectrum)| {
@@ -59,7 +57,6 @@ pub(super) fn spectra(layout: &Layout, axis: usize, nodes: &[Complex32]) -> Vec<
             fft.transform(row, spectrum, work);
         },
     );
-    spectra
 }
 
 impl<'a> Line<'a> {

@@ -36,7 +36,7 @@ const WITNESSES_PER_DIMENSION: f64 = 5.0;
 
 /// The error is measured at so many times as many delays as weights are fitted at: more than four for each half turn
 /// of the fastest tone.
-const DENSER: usize = 2;
+pub(super) const DENSER: usize = 2;
 
 /// Dimensions, with a margin, of the tones of an interval of `bandwidth_duration` B·T.
 fn dimensions(bandwidth_duration: f64) -> f64 {
@@ -46,6 +46,11 @@ fn dimensions(bandwidth_duration: f64) -> f64 {
 /// Candidates among many frequencies on an interval of `bandwidth_duration` B·T.
 pub(super) fn candidates_for(bandwidth_duration: f64) -> f64 {
     CANDIDATES_PER_DIMENSION * dimensions(bandwidth_duration)
+}
+
+/// Frequencies at which an error is measured on such an interval.
+pub(super) fn witnesses_for(bandwidth_duration: f64) -> f64 {
+    WITNESSES_PER_DIMENSION * dimensions(bandwidth_duration)
 }
 
 /// Frequencies, as indices, so spread over the band that none lies further than a `most`-th of it from one.
@@ -76,7 +81,7 @@ pub fn skeleton(frequencies: &[f64], interval: PathInterval, tolerance: f64) -> 
     let bandwidth = frequencies[frequencies.len() - 1] - frequencies[0];
     let product = bandwidth * interval.duration();
     let candidates = spread_out(frequencies, candidates_for(product));
-    let witnesses = spread_out(frequencies, WITNESSES_PER_DIMENSION * dimensions(product));
+    let witnesses = spread_out(frequencies, witnesses_for(product));
     let points = interval.chebyshev(interval.points_for(bandwidth));
     let dense = DENSER * points.len();
     let carrier = f64::midpoint(frequencies[0], frequencies[frequencies.len() - 1]);
@@ -129,7 +134,7 @@ impl Skeleton {
     pub(super) fn witnesses(&self, frequencies: &[f64], interval: PathInterval) -> (Vec<f64>, Mat<c64>) {
         let bandwidth = frequencies[frequencies.len() - 1] - frequencies[0];
         let product = bandwidth * interval.duration();
-        let chosen = spread_out(frequencies, WITNESSES_PER_DIMENSION * dimensions(product));
+        let chosen = spread_out(frequencies, witnesses_for(product));
         (chosen.iter().map(|&n| frequencies[n]).collect(), columns(self.weights(), &chosen))
     }
 

@@ -32,6 +32,13 @@ pub(super) struct Tones {
     pub(super) samples: Vec<Complex32>,
 }
 
+impl Tones {
+    /// Room for so many tones, empty.
+    pub(super) fn room(tones: usize, width: usize) -> Self {
+        Self { per_metre: Vec::with_capacity(tones), samples: Vec::with_capacity(tones * width) }
+    }
+}
+
 /// A sweep compressed for one volume, to be compressed again for its slabs.
 #[derive(Debug)]
 pub(super) struct VolumeTones {
@@ -142,9 +149,18 @@ impl SlabTones {
 
     /// The slab's tones from the volume's, whose rows are `width` wide.
     pub(super) fn of(&self, volume: &Tones, width: usize) -> Tones {
-        let mut samples = vec![Complex32::ZERO; self.len() * width];
-        add_product(self.weights.as_ref(), &volume.samples, width, &mut samples);
-        Tones { per_metre: self.chosen.iter().map(|&q| volume.per_metre[q]).collect(), samples }
+        let mut tones = Tones::room(self.len(), width);
+        self.select(volume, width, &mut tones);
+        tones
+    }
+
+    /// The same in place of others.
+    pub(super) fn select(&self, volume: &Tones, width: usize, tones: &mut Tones) {
+        tones.samples.clear();
+        tones.samples.resize(self.len() * width, Complex32::ZERO);
+        add_product(self.weights.as_ref(), &volume.samples, width, &mut tones.samples);
+        tones.per_metre.clear();
+        tones.per_metre.extend(self.chosen.iter().map(|&q| volume.per_metre[q]));
     }
 }
 

@@ -3,13 +3,16 @@
 
 #![cfg(unix)]
 
+mod killed;
+mod signals;
 mod starved;
 
 use crate::binary::{Ran, command, done, files_below, refused, run, shipped};
 use crate::support::Random;
+use signals::signal;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
 
 /// A job of many blocks: what is typed, and what it writes.
@@ -18,21 +21,45 @@ struct Job {
     output: &'static str,
 }
 
-const SIMULATE: Job = Job { words: "simulate job.toml -o made/cube.npz", output: "made" };
+/// A lattice of microphones, summed literally: by virtual tones to a cube, to a volume, and all of it.
+const SIMULATE: Job = Job {
+    words: "simulate job.toml -o made/cube.npz --set array.count=[96,96] --set sweep.step=100",
+    output: "made",
+};
 const RECONSTRUCT: Job =
     Job { words: "reconstruct cube.npz -c job.toml -o made/volume.npz -o made/volume.exr", output: "made" };
 const IMAGE: Job = Job { words: "image job.toml -o made", output: "made" };
-const JOBS: [&Job; 3] = [&SIMULATE, &RECONSTRUCT, &IMAGE];
+/// Scattered microphones: term by term to a cube, spread and convolved, and by back-projection.
+const LITERAL: Job = Job {
+    words: "simulate spiral.toml -o made/cube.npz --set detection.tolerance=0 --set sweep.step=20",
+    output: "made",
+};
+const SPIRAL: Job = Job { words: "reconstruct spiral.npz -c spiral.toml -o made/volume.vti", output: "made" };
+const SPIRAL_IMAGE: Job = Job { words: "image spiral.toml -o made", output: "made" };
+const RANDOM: Job =
+    Job { words: "reconstruct random.npz -c random.toml -o made/volume.nrrd", output: "made" };
+const JOBS: [&Job; 7] = [&SIMULATE, &RECONSTRUCT, &IMAGE, &LITERAL, &SPIRAL, &SPIRAL_IMAGE, &RANDOM];
 
-/// A folder with a scene that takes some hundred milliseconds, in some tens of blocks.
+/// A folder with a scene and run files that take some hundred milliseconds each, in many blocks.
 fn workplace() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     fs::copy(shipped("meshes/corner.obj"), folder.path().join("corner.obj")).unwrap();
-    let scene = "[scene]\nmesh = \"corner.obj\"\nunit = \"m\"\n[sweep]\nstart = 10000.0\nstop = 20000.0\nstep = 100.0\n\
-                 [array]\ncount = [40, 40]\nextent = [1.0, 1.0]\n\
-                 [grid]\nx = [-0.6, 0.6]\ny = [-0.6, 0.6]\nz = [1.2, 2.3]\npitch = [0.03, 0.03, 0.02]\n\
-                 [reconstruct]\nmethod = \"backprojection\"\n[output]\nformats = [\"exr\", \"npz\"]\n";
-    fs::write(folder.path().join("job.toml"), scene).unwrap();
+    let scene = |name: &str, step: u32, array: &str, half: f64, pitch: [f64; 3], method: &str| {
+        let text = format!(
+            "[scene]\nmesh = \"corner.obj\"\nunit = \"m\"\n[sweep]\nstart = 10000.0\nstop = 20000.0\nstep = {step}.0\n\
+             [array]\n{array}\nextent = [1.0, 1.0]\n\
+             [grid]\nx = [-{half}, {half}]\ny = [-{half}, {half}]\nz = [1.2, 2.3]\npitch = {pitch:?}\n\
+             [reconstruct]\nmethod = \"{method}\"\n[output]\nformats = [\"exr\", \"npz\"]\n"
+        );
+        fs::write(folder.path().join(name), text).unwrap();
+    };
+    scene("job.toml", 400, "count = [16, 16]", 0.6, [0.025, 0.025, 0.03], "direct");
+    let spiral = "layout = \"spiral\"\nelements = 900";
+    scene("spiral.toml", 100, spiral, 0.45, [0.015, 0.015, 0.008], "convolution");
+    let random = "layout = \"random\"\nelements = 400";
+    scene("random.toml", 100, random, 0.6, [0.03, 0.03, 0.01], "backprojection");
+    // Two blocks, each of which takes as long as the others' whole jobs.
+    scene("slow.toml", 400, "count = [40, 40]", 0.6, [0.0095, 0.0095, 1.0], "direct");
     folder
 }
 
@@ -53,8 +80,10 @@ fn contents(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
 
 /// What an undisturbed run of a job writes; the folder is left without it.
 fn undisturbed(folder: &Path, job: &Job) -> (Vec<(PathBuf, Vec<u8>)>, Duration) {
-    if job.words.contains("cube.npz -c") && !folder.join("cube.npz").exists() {
-        done(folder, "simulate job.toml -o cube.npz -q");
+    if let ["reconstruct", cube, "-c", run, ..] = job.words.split(' ').collect::<Vec<_>>()[..]
+        && !folder.join(cube).exists()
+    {
+        done(folder, &format!("simulate {run} -o {cube} -q"));
     }
     let begun = Instant::now();
     done(folder, &format!("{} -q", job.words));
@@ -98,96 +127,6 @@ fn reused(ran: &Ran) -> usize {
 fn states(folder: &Path, job: &Job) -> Vec<PathBuf> {
     let files = files_below(&folder.join(job.output));
     files.into_iter().filter(|path| path.extension().is_some_and(|e| e == "resume")).collect()
-}
-
-/// Kills every job so many times, each at a moment that looks random, and goes on with it; gives kills and blocks that
-/// were not computed again.
-fn kill(times: usize, seed: u64, threads: &[&str]) -> (usize, usize) {
-    let folder = workplace();
-    let folder = folder.path();
-    let mut random = Random::new(seed);
-    let (mut kills, mut blocks) = (0, 0);
-    for job in JOBS {
-        let (expected, whole) = undisturbed(folder, job);
-        let (mut killed, mut finished) = (0, 0);
-        while killed < times || finished == 0 {
-            let threads = threads[random.whole(0, threads.len() - 1)];
-            let words = format!("{} --checkpoint-every 0 {threads}", job.words);
-            let mut child = start(folder, &words);
-            // Seldom enough to get somewhere, and often near the end, where files are written.
-            let share = random.uniform(0.05, if killed < times { 0.9 } else { 30.0 });
-            let until = Instant::now() + whole.mul_f64(share);
-            while Instant::now() < until && child.try_wait().unwrap().is_none() {
-                std::thread::sleep(Duration::from_millis(2));
-            }
-            let ended = child.try_wait().unwrap().is_some();
-            if !ended {
-                child.kill().unwrap();
-            }
-            let ran = end(child);
-            assert!(ran.status == 0 || ran.status == -1, "{words}: {}", ran.stderr);
-            blocks += reused(&ran);
-            if ran.status == 0 {
-                finished += 1;
-                assert_same(folder, job, &expected);
-                fs::remove_dir_all(folder.join(job.output)).unwrap();
-            } else {
-                killed += 1;
-            }
-        }
-        kills += killed;
-        // The last of them may have been killed.
-        let _ = fs::remove_dir_all(folder.join(job.output));
-    }
-    (kills, blocks)
-}
-
-#[test]
-fn a_killed_job_goes_on() {
-    let (kills, blocks) = kill(2, 7, &[""]);
-    println!("{kills} kills, {blocks} blocks were not computed again");
-}
-
-#[test]
-#[ignore = "about two minutes"]
-fn a_job_killed_twenty_times_goes_on() {
-    let (kills, blocks) = kill(20, 1, &["", "-j 1", "-j 16"]);
-    println!("{kills} kills, {blocks} blocks were not computed again");
-    assert!(kills >= 60 && blocks > 60, "{kills} kills, {blocks} blocks");
-}
-
-/// Starts a job and sends it signals as soon as it has kept something.
-fn signal(folder: &Path, job: &Job, options: &str, signals: &[&str]) -> Ran {
-    let child = start(folder, &format!("{} {options}", job.words));
-    let begun = Instant::now();
-    while states(folder, job).is_empty() && begun.elapsed() < Duration::from_mins(1) {
-        std::thread::sleep(Duration::from_millis(1));
-    }
-    for signal in signals {
-        Command::new("kill").args([*signal, &child.id().to_string()]).status().unwrap();
-    }
-    end(child)
-}
-
-#[test]
-fn a_signal_ends_the_block_and_says_how_to_go_on() {
-    let folder = workplace();
-    let folder = folder.path();
-    let (expected, _) = undisturbed(folder, &IMAGE);
-    for (name, status) in [("-INT", 130), ("-TERM", 143)] {
-        let ran = signal(folder, &IMAGE, "--checkpoint-every 0", &[name]);
-        assert_eq!(ran.status, status, "{}", ran.stderr);
-        for words in ["interrupted; nothing was left half-written", "the same command goes on from there"] {
-            assert!(ran.stderr.contains(words), "{}", ran.stderr);
-        }
-        assert_eq!(states(folder, &IMAGE).len(), 1);
-        let ran = end(start(folder, IMAGE.words));
-        assert_eq!(ran.status, 0, "{}", ran.stderr);
-        assert!(reused(&ran) > 0, "{}", ran.stderr);
-        println!("{name}: {} blocks were not computed again", reused(&ran));
-        assert_same(folder, &IMAGE, &expected);
-        fs::remove_dir_all(folder.join(IMAGE.output)).unwrap();
-    }
 }
 
 #[test]
@@ -326,7 +265,7 @@ fn what_killed_processes_left_of_a_file_is_removed() {
 fn threads_change_no_byte() {
     let folder = workplace();
     let folder = folder.path();
-    for job in JOBS {
+    for job in [&SIMULATE, &RECONSTRUCT, &IMAGE, &SPIRAL] {
         let (expected, _) = undisturbed(folder, job);
         for threads in [1, 16] {
             done(folder, &format!("{} -q -j {threads}", job.words));

@@ -13,6 +13,7 @@ mod command;
 mod faults;
 mod layout;
 mod linear;
+mod memory;
 mod mutation;
 mod orientation;
 mod parsers;

@@ -18,7 +18,7 @@ use rayon::prelude::*;
 const ROWS: usize = 32;
 
 /// Tiles per thread that are summed before the finished ones may be handed over: enough to keep every thread busy.
-const TILES_PER_THREAD: usize = 8;
+pub(super) const TILES_PER_THREAD: usize = 8;
 
 /// Fills the samples, `[n_f, n_mic]`, by way of the plan's tiles and tones.
 pub(super) fn fast(

@@ -13,7 +13,7 @@ use num_complex::Complex32;
 use rayon::prelude::*;
 
 /// Microphones whose columns are held between the sum and the cube's own order.
-const COLUMNS: usize = 64;
+pub(super) const COLUMNS: usize = 64;
 
 /// Fills the samples, `[n_f, n_mic]`, with the literal sum.
 pub(super) fn literal(job: &Job<'_>, kept: &mut KeptSamples, observer: &dyn Observer) -> Result<()> {

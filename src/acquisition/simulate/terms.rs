@@ -20,7 +20,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 /// More terms than this are no faster than the literal sum.
-const MOST_TERMS: usize = 24;
+pub(super) const MOST_TERMS: usize = 24;
 
 /// Frequencies, sines and path differences at which the error is measured.
 const FREQUENCIES: usize = 49;

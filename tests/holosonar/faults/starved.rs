@@ -4,6 +4,7 @@ use super::{RECONSTRUCT, end, reused, start, undisturbed, workplace};
 use crate::binary::{Ran, done, files_below, refused, run};
 use serde_json::Value;
 use std::fs;
+use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 use std::process::Command;
 use std::time::{Duration, Instant};
@@ -41,7 +42,7 @@ impl Drop for Disk {
 fn a_full_disk_loses_nothing() {
     let folder = workplace();
     // Term by term and on one thread: many blocks, and time to fill the disk meanwhile.
-    let simulate = "simulate job.toml -j 1 --set detection.tolerance=0 --checkpoint-every 0 -o";
+    let simulate = format!("{MANY_BLOCKS} -o");
     done(folder.path(), &format!("{simulate} expected.npz -q"));
     let expected = fs::read(folder.path().join("expected.npz")).unwrap();
     let kilobytes = expected.len() as u64 / 1024;
@@ -83,6 +84,65 @@ fn a_full_disk_loses_nothing() {
     assert!(ran.stderr.contains("no room for more than the output"), "{}", ran.stderr);
     assert!(fs::read(&path).unwrap() == expected);
     println!("a disk with room for the cube and a quarter of its state: done without the state");
+}
+
+/// A simulation of 25 blocks, one after another.
+const MANY_BLOCKS: &str = "simulate job.toml -j 1 --checkpoint-every 0 --set detection.tolerance=0 \
+                           --set array.count=[40,40] --set sweep.step=40";
+
+#[test]
+#[ignore = "mounts a file system, where it may"]
+fn a_disk_that_fills_in_the_middle_costs_no_block() {
+    let folder = workplace();
+    let folder = folder.path();
+    undisturbed(folder, &RECONSTRUCT);
+    let (mut tries, mut blocks) = (0, 0);
+    // A volume grows on the disk beside its state, a cube is written when it is complete.
+    for (job, name, growing) in [
+        (MANY_BLOCKS, "cube.npz", 1),
+        ("reconstruct cube.npz -c job.toml --checkpoint-every 0", "volume.npz", 2),
+    ] {
+        done(folder, &format!("{job} -q -o expected.npz"));
+        let expected = fs::read(folder.join("expected.npz")).unwrap();
+        for percent in [15, 30, 50, 70, 85] {
+            // Room for the output, for what is left free, and for so much of the state.
+            let bytes = expected.len() * (100 + growing * percent) / 100 + (1 << 20);
+            let Some(disk) = Disk::mount(bytes as u64 / 1024) else { return };
+            let (path, ballast) = (disk.0.path().join(name), disk.0.path().join("ballast"));
+            let words = format!("{job} -o {}", path.display());
+            let mut child = start(folder, &words);
+            let mut said = BufReader::new(child.stderr.take().unwrap());
+            let mut lines = String::new();
+            while !lines.contains("no room for more than the output; going on without keeping more") {
+                assert!(said.read_line(&mut lines).unwrap() > 0, "{words}: {lines}");
+            }
+            // What was left for the output is taken by another.
+            let mut file = fs::File::create(&ballast).unwrap();
+            while std::io::Write::write_all(&mut file, &[0; 4096]).is_ok() {}
+            said.read_to_string(&mut lines).unwrap();
+            let ran = end(child);
+            drop(file);
+            fs::remove_file(&ballast).unwrap();
+            tries += 1;
+            if ran.status == 0 {
+                // The other came too late.
+                assert!(fs::read(&path).unwrap() == expected);
+                continue;
+            }
+            assert_eq!(ran.status, 1, "{lines}");
+            assert!(lines.contains("cannot be written") && lines.contains("goes on from there"), "{lines}");
+            assert!(!path.exists(), "half an output");
+            assert!(disk.set(&format!("size={}k", expected.len() * 8 / 1024), true));
+            let ran = run(folder, &words);
+            assert_eq!(ran.status, 0, "{}", ran.stderr);
+            println!("full at {percent} % of {name}: {} blocks were not computed again", reused(&ran));
+            blocks += reused(&ran);
+            assert!(fs::read(&path).unwrap() == expected);
+            assert_eq!(files_below(disk.0.path()), [path], "no state is left");
+        }
+    }
+    println!("{tries} disks that filled up, {blocks} blocks were not computed again");
+    assert!(blocks >= 40, "{blocks} blocks");
 }
 
 #[test]

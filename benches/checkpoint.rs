@@ -1,0 +1,84 @@
+//! What keeping finished blocks costs: `simulate` and `reconstruct` of a large job, without and with it in turn:
+//! `cargo bench --bench checkpoint [-- ROUNDS]`.
+//!
+//! Every round runs the job once without, once at the default interval, once every second and once after every block;
+//! what is kept is written beside the output, on the disk of the `target` folder. Ratios are of medians, and of the least
+//! seconds, against those without.
+
+#![allow(missing_docs, clippy::print_stdout)]
+
+mod job;
+
+use holosonar::acquisition::CubeFile;
+use holosonar::checkpoint::Checkpoint;
+use holosonar::config::RunFile;
+use holosonar::pipeline::{reconstruct_cube, simulate_scene, write_cube};
+use holosonar::progress::Silent;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+/// Rounds where no number is typed.
+const ROUNDS: usize = 5;
+
+/// Seconds of a simulation and a reconstruction, with what is kept every so often, if it is.
+fn run(run: &RunFile, folder: &Path, every: Option<Duration>) -> [f64; 2] {
+    let (cube, volume) = (folder.join("cube.npz"), folder.join("volume.npz"));
+    let checkpoint =
+        |output: &Path| every.map_or_else(Checkpoint::off, |every| Checkpoint::beside(output, every));
+    let begun = Instant::now();
+    let keeping = checkpoint(&cube);
+    let samples = simulate_scene(run, false, &keeping, &Silent).expect("simulated");
+    write_cube(&cube, &samples).expect("written");
+    keeping.remove();
+    let simulated = begun.elapsed().as_secs_f64();
+    drop(samples);
+    let begun = Instant::now();
+    let keeping = checkpoint(&volume);
+    let file = CubeFile::open(&cube, u64::MAX).expect("a cube");
+    reconstruct_cube(run, file, &[volume], &keeping, &Silent).expect("reconstructed");
+    keeping.remove();
+    [simulated, begun.elapsed().as_secs_f64()]
+}
+
+fn median(seconds: &mut [f64]) -> f64 {
+    seconds.sort_by(f64::total_cmp);
+    f64::midpoint(seconds[(seconds.len() - 1) / 2], seconds[seconds.len() / 2])
+}
+
+fn main() {
+    let typed = std::env::args().skip(1).find_map(|word| word.parse().ok());
+    let rounds = typed.unwrap_or(ROUNDS).max(1);
+    let folder = tempfile::tempdir_in(env!("CARGO_TARGET_TMPDIR")).expect("a folder");
+    let large = job::large(folder.path());
+    let ways = [
+        ("without", None),
+        ("every 5 s, the default", Some(Duration::from_secs(5))),
+        ("every second", Some(Duration::from_secs(1))),
+        ("after every block", Some(Duration::ZERO)),
+    ];
+    let mut seconds = [const { [const { Vec::new() }; 3] }; 4];
+    for round in 0..rounds {
+        for (i, (name, every)) in ways.iter().enumerate() {
+            let [simulated, reconstructed] = run(&large, folder.path(), *every);
+            println!("round {round}, {name}: simulate {simulated:.2} s, reconstruct {reconstructed:.2} s");
+            for (all, some) in
+                seconds[i].iter_mut().zip([simulated, reconstructed, simulated + reconstructed])
+            {
+                all.push(some);
+            }
+        }
+    }
+    println!("{rounds} rounds, {} threads", rayon::current_num_threads());
+    for (step, name) in ["simulate", "reconstruct", "both"].into_iter().enumerate() {
+        let [median_without, least_without] = [median(&mut seconds[0][step]), seconds[0][step][0]];
+        println!("{name}: without {median_without:.2} s, at the least {least_without:.2} s");
+        for ((way, _), seconds) in ways.iter().zip(&mut seconds).skip(1) {
+            let (median, least) = (median(&mut seconds[step]), seconds[step][0]);
+            let ratios = [median / median_without, least / least_without];
+            println!(
+                "  {way}: {median:.2} s, ratio {:.3}; at the least {least:.2} s, ratio {:.3}",
+                ratios[0], ratios[1]
+            );
+        }
+    }
+}

@@ -1,0 +1,167 @@
+//! Ctrl-C and SIGTERM, once and twice.
+
+use super::{IMAGE, Job, assert_same, end, reused, start, states, undisturbed, workplace};
+use crate::binary::{Ran, done, files_below};
+use std::fs;
+use std::io::{BufRead, BufReader, Read};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+/// Starts a job and sends it signals as soon as it has kept something.
+pub(super) fn signal(folder: &Path, job: &Job, options: &str, signals: &[&str]) -> Ran {
+    let child = start(folder, &format!("{} {options}", job.words));
+    let begun = Instant::now();
+    while states(folder, job).is_empty() && begun.elapsed() < Duration::from_mins(1) {
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    for signal in signals {
+        Command::new("kill").args([*signal, &child.id().to_string()]).status().unwrap();
+    }
+    end(child)
+}
+
+#[test]
+fn a_signal_ends_the_block_and_says_how_to_go_on() {
+    let folder = workplace();
+    let folder = folder.path();
+    let (expected, _) = undisturbed(folder, &IMAGE);
+    for (name, status) in [("-INT", 130), ("-TERM", 143)] {
+        let ran = signal(folder, &IMAGE, "--checkpoint-every 0", &[name]);
+        assert_eq!(ran.status, status, "{}", ran.stderr);
+        for words in ["interrupted; nothing was left half-written", "the same command goes on from there"] {
+            assert!(ran.stderr.contains(words), "{}", ran.stderr);
+        }
+        assert_eq!(states(folder, &IMAGE).len(), 1);
+        let ran = end(start(folder, IMAGE.words));
+        assert_eq!(ran.status, 0, "{}", ran.stderr);
+        assert!(reused(&ran) > 0, "{}", ran.stderr);
+        println!("{name}: {} blocks were not computed again", reused(&ran));
+        assert_same(folder, &IMAGE, &expected);
+        fs::remove_dir_all(folder.join(IMAGE.output)).unwrap();
+    }
+}
+
+/// A job of long blocks, and its outputs.
+const SLOW: Job =
+    Job { words: "reconstruct slow.npz -c slow.toml -o made/volume.npz -o made/volume.exr", output: "made" };
+const OUTPUTS: [&str; 2] = ["made/volume.exr", "made/volume.npz"];
+
+/// Puts older outputs where a job will write.
+fn write_older(folder: &Path) {
+    let _ = fs::remove_dir_all(folder.join(SLOW.output));
+    fs::create_dir(folder.join(SLOW.output)).unwrap();
+    for name in OUTPUTS {
+        fs::write(folder.join(name), format!("an older {name}")).unwrap();
+    }
+}
+
+/// That the older outputs are as they were, and that no other file has a name that anybody would take for one.
+fn assert_older(folder: &Path) {
+    for name in OUTPUTS {
+        assert_eq!(fs::read(folder.join(name)).unwrap(), format!("an older {name}").into_bytes());
+    }
+    let shown = |path: &PathBuf| !path.file_name().unwrap().to_str().unwrap().starts_with('.');
+    let found: Vec<PathBuf> = files_below(&folder.join(SLOW.output)).into_iter().filter(shown).collect();
+    assert_eq!(found, OUTPUTS.map(|name| folder.join(name)));
+}
+
+fn send(signal: &str, process: &str) {
+    // A process that has ended meanwhile cannot be sent any.
+    let _ = Command::new("kill").args([signal, process]).stderr(Stdio::null()).status();
+}
+
+/// Most tries to send a second signal before the block ends, however busy the machine is.
+const TRIES: usize = 20;
+
+#[test]
+fn a_second_signal_ends_it_at_once() {
+    let folder = workplace();
+    let folder = folder.path();
+    let (expected, _) = undisturbed(folder, &SLOW);
+    for (signal, status) in [("-INT", 130), ("-TERM", 143)] {
+        let at_once = (0..TRIES).any(|_| {
+            write_older(folder);
+            let mut child = start(folder, &format!("{} --checkpoint-every 0 -v", SLOW.words));
+            // The last that is said before the work.
+            let mut said = BufReader::new(child.stderr.take().unwrap());
+            let mut line = String::new();
+            while !line.contains("taking about") {
+                line.clear();
+                assert!(said.read_line(&mut line).unwrap() > 0, "ended before any signal");
+            }
+            // Two that come too close together are one to the process: there are more where those came from.
+            while child.try_wait().unwrap().is_none() {
+                send(signal, &child.id().to_string());
+                std::thread::sleep(Duration::from_millis(5));
+            }
+            let mut rest = String::new();
+            said.read_to_string(&mut rest).unwrap();
+            let ran = end(child);
+            assert_eq!(ran.status, status, "{rest}");
+            assert_older(folder);
+            // The block may have ended first; then the state would be kept, and this be said.
+            let in_order = rest.contains("interrupted");
+            assert!(in_order || (rest.is_empty() && states(folder, &SLOW).is_empty()), "{rest}");
+            !in_order
+        });
+        assert!(at_once, "{signal}: the block ended first each time");
+    }
+    let ran = end(start(folder, SLOW.words));
+    assert_eq!(ran.status, 0, "{}", ran.stderr);
+    assert_same(folder, &SLOW, &expected);
+}
+
+#[test]
+fn a_second_signal_leaves_the_terminal_clean() {
+    let folder = workplace();
+    let folder = folder.path();
+    done(folder, "simulate slow.toml -o slow.npz -q");
+    // On a terminal of its own.
+    let line = format!("echo $$ > process && exec {} {}", env!("CARGO_BIN_EXE_holosonar"), SLOW.words);
+    let script = || {
+        let mut script = Command::new("script");
+        script.args(["-qec", &line, "/dev/null"]).current_dir(folder).stdin(Stdio::null());
+        script
+            .env("TERM", "xterm")
+            .env("SHELL", "/bin/sh")
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+    };
+    for _ in 0..TRIES {
+        let _ = fs::remove_dir_all(folder.join(SLOW.output));
+        let Ok(mut terminal) = script() else {
+            println!("skipped: there is no `script` to make a terminal");
+            return;
+        };
+        // Until a bar is drawn.
+        let mut shown = Vec::new();
+        let mut out = terminal.stdout.take().unwrap();
+        let mut some = [0; 4096];
+        while !String::from_utf8_lossy(&shown).contains("reconstructing") {
+            let count = out.read(&mut some).unwrap();
+            if count == 0 {
+                println!("skipped: `script` makes no terminal here: {}", String::from_utf8_lossy(&shown));
+                return;
+            }
+            shown.extend(&some[..count]);
+        }
+        let process = fs::read_to_string(folder.join("process")).unwrap();
+        let mut ended = None;
+        while ended.is_none() {
+            send("-INT", process.trim());
+            std::thread::sleep(Duration::from_millis(5));
+            ended = terminal.try_wait().unwrap();
+        }
+        out.read_to_end(&mut shown).unwrap();
+        let shown = String::from_utf8_lossy(&shown);
+        assert_eq!(ended.and_then(|status| status.code()), Some(130), "{shown}");
+        if !shown.contains("interrupted") {
+            // The line is empty, the cursor is to be seen, and nothing comes after that.
+            assert!(shown.ends_with("\r\u{1b}[2K\u{1b}[?25h"), "{shown:?}");
+            return;
+        }
+    }
+    panic!("the block ended first each time");
+}
