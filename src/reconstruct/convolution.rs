@@ -11,10 +11,10 @@ use super::lattice::SharedLattice;
 use super::layout::Layout;
 use super::tones::{Tones, VolumeTones};
 use super::weights::Weights;
-use super::{Made, Method, VolumeSink, no_room_for};
+use super::{Made, Method, VolumeSink, no_room, no_room_for};
 use crate::acquisition::{CubeSource, Setup};
 use crate::error::Result;
-use crate::grid::{Grid, zeros};
+use crate::grid::{Grid, room, zeros};
 use crate::progress::{Observer, advance, stage};
 use crate::wave::interval::greater;
 use num_complex::Complex32;
@@ -35,13 +35,18 @@ fn add(
     batch: Batch,
     observer: &dyn Observer,
 ) -> Result<()> {
-    let spectra = layout.spectra(&tones.samples, batch);
+    let spectra = layout.spectra(&tones.samples, batch)?;
     let planes = planes.par_chunks_mut(layout.grid.plane_len());
     let run = batch.least_run(planes.len());
     planes.with_min_len(run).enumerate().try_for_each_init(
         || Focus::new(layout),
         |focus, (iz, voxels)| {
-            focus.add(first + iz, &tones.per_metre, &spectra, voxels);
+            focus.as_mut().map_err(|error| error.clone())?.add(
+                first + iz,
+                &tones.per_metre,
+                &spectra,
+                voxels,
+            );
             advance(observer, tones.per_metre.len() as u64)
         },
     )
@@ -108,9 +113,11 @@ fn every_frequency(
             let planes = &mut planes[..(last - first) * grid.plane_len()];
             planes.fill(Complex32::ZERO);
             source.visit(block, &mut |range, block| {
+                let (tones, width) = (range.len() as u64, n_mic as u64);
+                let mut samples = room(tones * width).ok_or_else(|| no_room(tones, width))?;
                 let rows = range.clone().zip(block.chunks_exact(n_mic));
-                let samples = rows.flat_map(|(f, row)| weights.weighted(f, row)).collect();
-                let samples = layout.lattice.onto_nodes(samples);
+                samples.extend(rows.flat_map(|(f, row)| weights.weighted(f, row)));
+                let samples = layout.lattice.onto_nodes(samples)?;
                 let tones = Tones { per_metre: per_metre[range.clone()].to_vec(), samples };
                 add(layout, &tones, first, planes, batch, observer)
             })?;
@@ -133,7 +140,7 @@ fn skeleton_frequencies(
     let (grid, depths) = (&layout.grid, layout.grid.z.count);
     let whole = source.setup().path_interval(grid, 0..depths);
     let mut compressed = VolumeTones::compress(source, weights, whole, FIRST_SHARE * tolerance, observer)?;
-    compressed.tones.samples = layout.lattice.onto_nodes(std::mem::take(&mut compressed.tones.samples));
+    compressed.tones.samples = layout.lattice.onto_nodes(std::mem::take(&mut compressed.tones.samples))?;
     let setup = source.setup();
     let thickness = slab_thickness(&setup, layout);
     let interval = |planes| setup.path_interval(grid, planes);
@@ -155,7 +162,7 @@ fn skeleton_frequencies(
             let planes = &mut planes[..(end - first) * plane_len];
             planes.fill(Complex32::ZERO);
             planes.par_chunks_mut(thickness * plane_len).zip(slabs).try_for_each(|(planes, slab)| {
-                let tones = slab.of(&compressed.tones, layout.lattice.width());
+                let tones = slab.try_of(&compressed.tones, layout.lattice.width())?;
                 add(layout, &tones, slab.planes.start, planes, batch, observer)
             })?;
             sink.take(first, planes)?;

@@ -5,7 +5,9 @@ use super::circle::{Circle, Offset, Turn};
 use super::lanes::transpose;
 use super::lattice::{Parts, SharedLattice};
 use super::line;
-use crate::grid::Grid;
+use super::no_room;
+use crate::error::Result;
+use crate::grid::{Grid, filled};
 use crate::wave::simd::{LANES, Lanes};
 use crate::wave::{Geometry, phasor};
 use num_complex::Complex32;
@@ -114,23 +116,30 @@ impl<'a> Layout<'a> {
 
     /// Spectra of the nodes' samples, `[tone, placement, block, side, k_y]`; the inverse transform's scale is folded in.
     /// On a line, those of [`line::spectra`].
-    pub(super) fn spectra(&self, nodes: &[Complex32], batch: Batch) -> Vec<Lanes> {
-        if let Some(axis) = self.line {
-            return line::spectra(self, axis, nodes);
-        }
+    ///
+    /// # Errors
+    /// They do not fit in memory.
+    pub(super) fn spectra(&self, nodes: &[Complex32], batch: Batch) -> Result<Vec<Lanes>> {
         let tones = nodes.len() / self.lattice.width();
-        let mut spectra = vec![Lanes::ZERO; tones * self.tone_len() / LANES];
+        let no_room = || no_room(tones as u64, self.lattice.width() as u64);
+        if let Some(axis) = self.line {
+            return line::spectra(self, axis, nodes).ok_or_else(no_room);
+        }
+        let mut spectra =
+            filled(Lanes::ZERO, (tones * self.tone_len() / LANES) as u64).ok_or_else(no_room)?;
         let planes = spectra.par_chunks_exact_mut(self.x.len() * self.y.len() / LANES);
         let run = batch.least_run(planes.len());
-        planes.with_min_len(run).enumerate().for_each_init(
+        planes.with_min_len(run).enumerate().try_for_each_init(
             || Scratch::new(self),
             |scratch, (index, spectrum)| {
+                let scratch = scratch.as_mut().ok_or_else(no_room)?;
                 let (tone, placement) = (index / self.placements.len(), index % self.placements.len());
                 let nodes = &nodes[tone * self.lattice.width()..][..self.lattice.width()];
                 self.transform(nodes, self.placements[placement], spectrum, scratch);
+                Ok(())
             },
-        );
-        spectra
+        )?;
+        Ok(spectra)
     }
 
     /// The spectrum of one tone's nodes at one placement, `[block, side, k_y]`.
@@ -201,15 +210,16 @@ struct Scratch {
 }
 
 impl Scratch {
-    fn new(layout: &Layout) -> Self {
-        let zeros = |n: usize| vec![Lanes::ZERO; n];
+    /// `None` when they do not fit in memory.
+    fn new(layout: &Layout) -> Option<Self> {
+        let zeros = |n: usize| filled(Lanes::ZERO, n as u64);
         let (n_x, n_y) = (layout.x.len(), layout.y.len());
-        Self {
-            row: zeros(n_x),
-            transformed: zeros(n_x),
-            work: zeros(n_x.max(n_y)),
-            columns: zeros(n_x * n_y / LANES),
+        Some(Self {
+            row: zeros(n_x)?,
+            transformed: zeros(n_x)?,
+            work: zeros(n_x.max(n_y))?,
+            columns: zeros(n_x * n_y / LANES)?,
             tile: [Lanes::ZERO; LANES],
-        }
+        })
     }
 }

@@ -7,6 +7,7 @@ use super::lanes::LaneFft;
 use super::lattice::Parts;
 use super::layout::Layout;
 use super::product::{focus, multiply};
+use crate::grid::filled;
 use crate::wave::Geometry;
 use crate::wave::simd::{LANES, Lanes, ROWS, lane_phasors};
 use glam::DVec3;
@@ -40,12 +41,13 @@ fn places([x, y]: &Parts, axis: usize, n_x: usize) -> impl Iterator<Item = usize
 }
 
 /// Spectra of the nodes' samples, `[tone / 16, part, k]` in lanes of tones; the inverse transform's scale is folded in.
-pub(super) fn spectra(layout: &Layout, axis: usize, nodes: &[Complex32]) -> Vec<Lanes> {
+/// `None` when they do not fit in memory.
+pub(super) fn spectra(layout: &Layout, axis: usize, nodes: &[Complex32]) -> Option<Vec<Lanes>> {
     let fft = &layout.along(axis).fft;
     let (n, parts, width) = (fft.len(), &layout.node_parts, layout.lattice.width());
     let (scale, n_x) = (1.0 / n as f32, layout.lattice.nodes()[0].count);
     let tones = nodes.len() / width;
-    let mut spectra = vec![Lanes::ZERO; tones.div_ceil(LANES) * parts.len() * n];
+    let mut spectra = filled(Lanes::ZERO, (tones.div_ceil(LANES) * parts.len() * n) as u64)?;
     spectra.par_chunks_exact_mut(n).enumerate().for_each_init(
         || [vec![Lanes::ZERO; n], vec![Lanes::ZERO; n]],
         |[row, work], (index, spectrum)| {
@@ -59,24 +61,25 @@ pub(super) fn spectra(layout: &Layout, axis: usize, nodes: &[Complex32]) -> Vec<
             fft.transform(row, spectrum, work);
         },
     );
-    spectra
+    Some(spectra)
 }
 
 impl<'a> Line<'a> {
-    pub(super) fn new(layout: &'a Layout<'a>, axis: usize) -> Self {
+    /// Buffers for one thread; `None` when they do not fit in memory.
+    pub(super) fn new(layout: &'a Layout<'a>, axis: usize) -> Option<Self> {
         let n = layout.along(axis).len();
-        let zeros = || vec![Lanes::ZERO; n];
-        Self {
+        let zeros = || filled(Lanes::ZERO, n as u64);
+        Some(Self {
             layout,
             axis,
-            lengths: vec![[0.0; LANES]; n * layout.node_parts.len()],
+            lengths: filled([0.0; LANES], (n * layout.node_parts.len()) as u64)?,
             outward: Vec::new(),
-            kernel: zeros(),
-            transformed: zeros(),
-            work: zeros(),
-            products: zeros(),
+            kernel: zeros()?,
+            transformed: zeros()?,
+            work: zeros()?,
+            products: zeros()?,
             image: Vec::new(),
-        }
+        })
     }
 
     /// Works out every length of depth `iz` on sub-lattice `part` of the voxels; they serve all tones.

@@ -141,8 +141,21 @@ impl SlabTones {
     }
 
     /// The slab's tones from the volume's, whose rows are `width` wide.
+    ///
+    /// # Errors
+    /// They do not fit in memory.
+    pub(super) fn try_of(&self, volume: &Tones, width: usize) -> Result<Tones> {
+        let (tones, nodes) = (self.len() as u64, width as u64);
+        let samples = zeros(tones.saturating_mul(nodes)).ok_or_else(|| no_room(tones, nodes))?;
+        Ok(self.fill(samples, volume, width))
+    }
+
+    /// As [`SlabTones::try_of`], of what is known to fit.
     pub(super) fn of(&self, volume: &Tones, width: usize) -> Tones {
-        let mut samples = vec![Complex32::ZERO; self.len() * width];
+        self.fill(vec![Complex32::ZERO; self.len() * width], volume, width)
+    }
+
+    fn fill(&self, mut samples: Vec<Complex32>, volume: &Tones, width: usize) -> Tones {
         add_product(self.weights.as_ref(), &volume.samples, width, &mut samples);
         Tones { per_metre: self.chosen.iter().map(|&q| volume.per_metre[q]).collect(), samples }
     }

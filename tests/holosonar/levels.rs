@@ -66,7 +66,7 @@ fn made(folder: &Path, environment: (&str, &str)) -> Vec<(&'static str, Vec<u8>,
 /// The greatest difference, of the greatest amplitude.
 fn difference(a: &[Complex32], b: &[Complex32]) -> f32 {
     let greatest =
-        |numbers: &mut dyn Iterator<Item = Complex32>| numbers.map(|m| m.norm()).fold(0.0, f32::max);
+        |numbers: &mut dyn Iterator<Item = Complex32>| numbers.map(Complex32::norm).fold(0.0, f32::max);
     let peak = greatest(&mut a.iter().copied());
     assert!(peak > 0.0 && a.len() == b.len(), "there is something to compare");
     greatest(&mut a.iter().zip(b).map(|(a, b)| a - b)) / peak
