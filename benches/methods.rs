@@ -134,23 +134,23 @@ fn growth() {
     }
 }
 
-/// The paper's 2-D size.
+/// The paper's 2-D size: as printed, with pixels over the whole metre, and with a pitch that microphones share, which is a
+/// user's own best choice (0.8 m of the metre).
 fn paper() {
     let sweep = Sweep::stepped("sweep", 18_000.0, 20_000.0, 2.0).expect("a sweep");
-    for (name, near, far) in [("1 m x 5 m", 0.5, 5.5), ("1 m x 0.4 m", 1.8, 2.2)] {
-        let array =
-            MicArray::rectangular("array", [255, 1], [1.0 / 254.0; 2], DVec3::ZERO).expect("an array");
-        // Each second microphone's pitch, since a shared lattice is the user's own best choice; 0.8 m of the 1 m.
-        let x = Axis { first: -49.5 * 2.0 / 254.0, pitch: 2.0 / 254.0, count: 100 };
-        let y = Axis { first: 0.0, pitch: 0.01, count: 1 };
-        let grid = Grid { x, y, z: Axis { first: near, pitch: (far - near) / 99.0, count: 100 } };
-        line(
-            &format!("2-D, {name}"),
-            &echoes(&noise(sweep.clone(), array), &grid),
-            &grid,
-            Method::Convolution,
-            1e-4,
-        );
+    let array = MicArray::rectangular("array", [255, 1], [1.0 / 254.0; 2], DVec3::ZERO).expect("an array");
+    let cube = noise(sweep, array);
+    let y = Axis { first: 0.0, pitch: 0.01, count: 1 };
+    for (across, pitch) in [("a shared pitch", 2.0 / 254.0), ("the whole metre", 1.0 / 99.0)] {
+        let x = Axis { first: -49.5 * pitch, pitch, count: 100 };
+        for (deep, near, far, method) in [
+            ("0 to 5 m", 0.0, 5.0, Method::Auto),
+            ("0.5 to 5.5 m", 0.5, 5.5, Method::Convolution),
+            ("1.8 to 2.2 m", 1.8, 2.2, Method::Convolution),
+        ] {
+            let grid = Grid { x, y, z: Axis { first: near, pitch: (far - near) / 99.0, count: 100 } };
+            line(&format!("2-D, {across}, {deep}"), &echoes(&cube, &grid), &grid, method, 1e-4);
+        }
     }
 }
 

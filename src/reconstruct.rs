@@ -27,6 +27,7 @@ mod plane;
 mod product;
 pub mod skeleton;
 mod spread;
+mod taps;
 mod tones;
 mod weights;
 mod window;
@@ -197,7 +198,8 @@ pub fn reconstruct_whole(
 /// Reconstructs from a source of frequencies into a sink of depths, neither of which need be held whole.
 ///
 /// - Cost: `direct` is voxels × microphones × frequencies terms; `convolution` two padded 2-D FFTs per skeleton
-///   tone, depth and pair of sub-lattices; `backprojection` some 130 operations per voxel (or node of a coarser lattice) and microphone.
+///   tone, depth and pair of sub-lattices; `backprojection` some 130 operations per voxel and microphone, or, by tiles of
+///   the array, some 1000 per voxel and tile and 130 per microphone and node of its own tile.
 /// - The bytes do not depend on the number of threads, nor on where samples come from and planes go to.
 ///
 /// # Errors

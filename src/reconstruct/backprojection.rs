@@ -5,22 +5,28 @@
 //! Chebyshev series of few terms ([`profile`]). So the sum over frequencies costs a dozen terms instead of hundreds,
 //! whatever their number.
 //!
-//! Voxels closer together than the image changes are interpolated from fewer nodes ([`coarse`]); what follows is then
-//! done for those.
-//!
 //! 1. The sweep is compressed to skeleton tones for all path lengths, and again for each slab of depths.
 //! 2. For each block and each group of 16 microphones: tones to series coefficients, on the half-width of delays that
 //!    the block has ([`blocks`]).
 //! 3. For each of these microphones and each voxel of the block: path, series, carrier, sum.
+//!
+//! Where the array and the volume are apart, this is done in two steps, as fast factorised back-projection of radar
+//! images is (Ulander, Hellsten, Stenström 2003): first for tiles of the array, each on few nodes of coordinates in
+//! which its image hardly changes sideways ([`frame`], [`nodes`]), then from the nodes of all tiles to the voxels
+//! ([`voxels`]). A tile then costs each of its microphones a fiftieth of the voxels.
 //!
 //! Errors, relative to `Σ|w m| / Σw`: cutting off the series, bounded by the coefficients left out; and the skeletons'
 //! measured error, which the series can amplify by no more than its Lebesgue constant. Interpolation amplifies both by the
 //! sum of its weights' moduli, and adds its own measured error.
 
 mod blocks;
-mod coarse;
+mod frame;
+mod nodes;
+mod patches;
 mod profile;
 mod terms;
+mod tiled;
+mod voxels;
 
 use super::batch::Batch;
 use super::tones::VolumeTones;
@@ -32,14 +38,15 @@ use crate::grid::{Grid, zeros};
 use crate::progress::{Observer, advance, stage};
 use crate::wave::Geometry;
 use crate::wave::interval::{PathInterval, greater};
-use crate::wave::simd::{LANES, LaneProfiles, LaneTones, RangeScale, back_project, range_profiles};
+use crate::wave::simd::{LANES, LaneProfiles, LaneTones, Points, RangeScale, back_project, range_profiles};
 use blocks::{Block, Group, Shape, greatest_half, half_width};
-use coarse::Lattice;
 use glam::DVec3;
+use nodes::Lattice;
 use num_complex::Complex32;
 use profile::{Band, Rung, lebesgue};
 use rayon::prelude::*;
 use std::ops::Range;
+use tiled::Tiled;
 
 /// The share of the tolerance that cutting off the series may use.
 const SERIES_SHARE: f64 = 0.6;
@@ -53,8 +60,8 @@ const MOST_SLABS: usize = 32;
 /// Groups of microphones whose f32 sums are kept apart from those of the others, so that rounding does not add up.
 const GROUPS_PER_SUM: usize = 16;
 
-/// Below so many operations no coarser lattice is looked for.
-const LEAST_FOR_LATTICE: f64 = 1e9;
+/// Below so many operations no tiles are looked for.
+const LEAST_FOR_TILES: f64 = 1e9;
 
 /// How one job is divided.
 #[derive(Debug, Clone)]
@@ -63,17 +70,13 @@ pub(super) struct Plan {
     grid: Grid,
     /// For the voxels themselves.
     fine: Division,
-    /// For nodes that the voxels are interpolated from, where that takes fewer operations.
-    coarse: Option<(Lattice, Division)>,
-    /// Operations of the job by a fixed model.
-    operations: f64,
+    /// Tiles and nodes, where that takes fewer operations.
+    tiled: Option<Lattice>,
 }
 
 /// How the points of one grid are divided.
 #[derive(Debug, Clone)]
 struct Division {
-    grid: Grid,
-    geometry: Geometry,
     band: Band,
     shape: Shape,
     /// Depths per slab, a multiple of the blocks'.
@@ -85,31 +88,34 @@ impl Plan {
     /// Divides a job by a fixed operation count, so that the same job is always divided alike.
     pub(super) fn new(setup: &Setup, grid: &Grid, tolerance: f64) -> Self {
         let fine = Division::new(setup, grid, tolerance);
-        let coarse = (fine.operations > LEAST_FOR_LATTICE)
-            .then(|| Lattice::find(setup, grid, tolerance))
+        let band = Band { tolerance: SERIES_SHARE * tiled::usual_tolerance(tolerance), ..fine.band };
+        let tiled = (fine.operations > LEAST_FOR_TILES)
+            .then(|| Lattice::find(setup, grid, &band, tolerance))
             .flatten()
-            .map(|lattice| {
-                let accuracy = (1.0 - coarse::SHARE) * tolerance / coarse::USUAL_AMPLIFICATION;
-                let mut division = Division::new(setup, &lattice.grid(grid), accuracy);
-                division.operations += lattice.operations(grid);
-                (lattice, division)
-            })
-            .filter(|(_, coarse)| coarse.operations < fine.operations);
-        let operations = coarse.as_ref().map_or(fine.operations, |(_, coarse)| coarse.operations);
-        Self { grid: *grid, fine, coarse, operations }
+            .filter(|lattice| lattice.operations < fine.operations);
+        Self { grid: *grid, fine, tiled }
     }
 
-    /// Voxels of a slab.
-    pub(super) fn slab_voxels(&self) -> u64 {
-        let thickness = |division: &Division| division.thickness.min(self.grid.z.count) as u64;
-        let coarse = self.coarse.as_ref().map_or(0, |(_, division)| thickness(division));
+    /// Bytes for the voxels that are worked on at a time, and for nodes.
+    pub(super) fn bytes(&self) -> u64 {
         let plane = (self.grid.x.count as u64).saturating_mul(self.grid.y.count as u64);
-        thickness(&self.fine).max(2 * coarse).saturating_mul(plane)
+        let planes = |depths: usize| (2 * depths.min(self.grid.z.count) as u64).saturating_mul(plane);
+        let count = match &self.tiled {
+            Some(lattice) => planes(tiled::DEPTHS).saturating_add(lattice.count as u64),
+            None => planes(self.fine.thickness),
+        };
+        count.saturating_mul(size_of::<Complex32>() as u64)
+    }
+
+    /// Bytes that each thread has of its own, about.
+    pub(super) fn worker_bytes(&self) -> u64 {
+        let row = if self.tiled.is_some() { tiled::row_bytes(&self.grid) } else { 0 };
+        row.saturating_add(1 << 20)
     }
 
     /// Operations of the job, comparable with those of [`super::direct`].
     pub(super) fn operations(&self) -> f64 {
-        self.operations
+        self.tiled.as_ref().map_or(self.fine.operations, |lattice| lattice.operations)
     }
 }
 
@@ -141,7 +147,7 @@ impl Division {
             .unwrap_or((Shape([1; 3]), f64::INFINITY));
         let terms = grid.voxel_count() as f64 * places.len() as f64;
         let thickness = thickness(shape);
-        Self { grid: *grid, geometry: setup.geometry, band, shape, thickness, operations: terms * cost }
+        Self { band, shape, thickness, operations: terms * cost }
     }
 }
 
@@ -154,8 +160,8 @@ fn interval(setup: &Setup, grid: &Grid, shape: Shape, depths: Range<usize>) -> P
 
 /// Gives the volume to `sink`.
 ///
-/// Cost: some 130 operations per voxel and microphone for a tolerance of 10⁻⁴ and voxels that sample the image well;
-/// memory for the skeleton tones of all microphones.
+/// Cost: some 130 operations per voxel and microphone for a tolerance of 10⁻⁴ and voxels that sample the image well, by
+/// tiles ten times fewer or less; memory for the skeleton tones of all microphones, and for the nodes.
 pub(super) fn backprojection(
     source: &mut dyn CubeSource,
     weights: &Weights,
@@ -164,18 +170,16 @@ pub(super) fn backprojection(
     sink: &mut dyn VolumeSink,
     observer: &dyn Observer,
 ) -> Result<Made> {
-    let depths = plan.grid.z.count;
-    let coarse = plan.coarse.as_ref().and_then(|(lattice, division)| {
-        lattice.interpolation(&plan.grid, tolerance).map(|interpolation| (interpolation, division.clone()))
-    });
-    let (interpolation, mut division) = coarse.map_or((None, plan.fine.clone()), |(i, d)| (Some(i), d));
-    // What interpolation leaves of the tolerance, and by how much it amplifies errors of the nodes.
-    let (inexact, growth) = interpolation.as_ref().map_or((0.0, 1.0), |i| (i.error, i.amplification));
-    let tolerance = (tolerance - inexact) / growth;
-    division.band.tolerance = SERIES_SHARE * tolerance;
-    let Division { grid, shape, thickness, .. } = division;
+    let grid = plan.grid;
+    if let Some(lattice) = &plan.tiled
+        && let Some(tiled) = Tiled::new(lattice, &source.setup(), &grid, plan.fine.band)?
+    {
+        return tiled.image(source, weights, &grid, (tolerance, batch), sink, observer);
+    }
+    let depths = grid.z.count;
+    let Division { band, shape, thickness, .. } = plan.fine;
     let greatest = greatest_half(shape.half(&grid));
-    let (terms, series_error) = division.band.terms(greatest);
+    let (terms, series_error) = band.terms(greatest);
     let amplification = lebesgue(terms);
     let allowed = (tolerance - series_error) / amplification;
     let whole = interval(&source.setup(), &grid, shape, 0..depths);
@@ -183,18 +187,14 @@ pub(super) fn backprojection(
     let setup = source.setup();
     let slabs = compressed.slabs(depths, thickness, |depths| interval(&setup, &grid, shape, depths), allowed);
     let skeletons = slabs.iter().map(|slab| slab.error).fold(0.0, greater);
-    let relative = inexact + growth * (series_error + amplification * skeletons);
+    let relative = series_error + amplification * skeletons;
     let made = Made { method: Method::Backprojection, error_bound: relative * compressed.modulus };
     sink.begin(&made)?;
-    let groups = Group::all(setup.array.positions());
+    let groups = Group::of(setup.array.positions(), (0..setup.array.len()).collect());
     let width = setup.array.len();
     let total = slabs.iter().map(|slab| Block::of(&grid, shape, slab.planes.clone()).len() as u64).sum();
-    let room = |grid: &Grid| {
-        let count = (thickness.min(depths) as u64).saturating_mul(grid.plane_len() as u64);
-        zeros(count).ok_or_else(|| no_room_for(grid))
-    };
-    let mut planes = room(&grid)?;
-    let mut finer = if interpolation.is_some() { room(&plan.grid)? } else { Vec::new() };
+    let room = (thickness.min(depths) as u64).saturating_mul(grid.plane_len() as u64);
+    let mut planes = zeros(room).ok_or_else(|| no_room_for(&grid))?;
     stage(observer, "reconstructing", total, || {
         for slab_tones in &slabs {
             let depths = slab_tones.planes.clone();
@@ -204,18 +204,26 @@ pub(super) fn backprojection(
             }
             let tones = slab_tones.of(&compressed.tones, width);
             let frequencies: Vec<f64> = tones.per_metre.iter().map(|k| -k * setup.sound_speed).collect();
-            let slab = Slab {
-                division: &division,
-                ladder: division.band.ladder(greatest, &frequencies),
+            let heard = Heard {
+                geometry: setup.geometry,
+                band,
+                ladder: band.ladder(greatest, &frequencies),
                 per_metre: &tones.per_metre,
-                groups: groups.iter().map(|g| (g, g.tones(&tones, width))).collect(),
             };
+            let groups: Vec<_> = groups.iter().map(|g| (g, g.tones(&tones, width))).collect();
             let blocks = Block::of(&grid, shape, depths.clone());
             let images: Vec<[Vec<f32>; 2]> = blocks
                 .par_iter()
                 .with_min_len(batch.least_run(blocks.len()))
                 .map(|block| {
-                    let image = slab.image(block);
+                    let (centre, half) = (block.centre(&grid), Shape(block.count).half(&grid));
+                    let points = block.points(&grid, &setup.geometry);
+                    let widest = |group: &Group| {
+                        let each =
+                            group.positions.iter().map(|r| half_width(&setup.geometry, centre, half, *r));
+                        each.fold(0.0, greater)
+                    };
+                    let image = heard.image(centre, &points, &groups, widest);
                     advance(observer, 1).map(|()| image)
                 })
                 .collect::<Result<_>>()?;
@@ -223,48 +231,40 @@ pub(super) fn backprojection(
             for (block, image) in blocks.iter().zip(&images) {
                 place(block, image, &grid, depths.start, planes);
             }
-            let Some(interpolation) = &interpolation else {
-                sink.take(depths.start, planes)?;
-                continue;
-            };
-            let finer = &mut finer[..depths.len() * plan.grid.plane_len()];
-            let pairs = planes.par_chunks_exact_mut(grid.plane_len());
-            let pairs = pairs.zip(finer.par_chunks_exact_mut(plan.grid.plane_len())).enumerate();
-            pairs.for_each(|(z, (nodes, voxels))| {
-                interpolation.plane(nodes, &plan.grid, grid.z.position(depths.start + z), voxels);
-            });
-            sink.take(depths.start, finer)?;
+            sink.take(depths.start, planes)?;
         }
         Ok(())
     })?;
     Ok(made)
 }
 
-/// What all blocks of a slab share.
-struct Slab<'a> {
-    division: &'a Division,
+/// What blocks share that are summed from the same tones.
+struct Heard<'a> {
+    geometry: Geometry,
+    band: Band,
     ladder: Vec<Rung>,
     per_metre: &'a [f64],
-    groups: Vec<(&'a Group, LaneTones)>,
 }
 
-impl Slab<'_> {
-    /// The sums over all microphones at the voxels of a block, real and imaginary parts.
-    fn image(&self, block: &Block) -> [Vec<f32>; 2] {
-        let Division { grid, geometry, band, .. } = self.division;
-        let (centre, half) = (block.centre(grid), Shape(block.count).half(grid));
+impl Heard<'_> {
+    /// The sums over microphones at points about a centre, real and imaginary parts. `widest` bounds how much a path
+    /// length of a group differs from that of the centre, m.
+    fn image(
+        &self,
+        centre: DVec3,
+        points: &Points,
+        groups: &[(&Group, LaneTones)],
+        widest: impl Fn(&Group) -> f64,
+    ) -> [Vec<f32>; 2] {
+        let (geometry, band) = (&self.geometry, &self.band);
         let out = geometry.outward_length(centre);
-        let points = block.points(grid, geometry);
         let zeros = || [vec![0.0f32; points.padded_len()], vec![0.0f32; points.padded_len()]];
         let (mut totals, mut profiles) = (zeros(), LaneProfiles::default());
-        for groups in self.groups.chunks(GROUPS_PER_SUM) {
+        for groups in groups.chunks(GROUPS_PER_SUM) {
             let mut sums = zeros();
             for (group, tones) in groups {
-                let (mut lengths, mut widest) = ([0.0; LANES], 0.0f64);
-                for (length, r) in lengths.iter_mut().zip(group.positions) {
-                    *length = out + geometry.return_legs() * centre.distance(r);
-                    widest = widest.max(half_width(geometry, centre, half, r));
-                }
+                let lengths = group.positions.map(|r| out + geometry.return_legs() * centre.distance(r));
+                let widest = widest(group);
                 let rung = self.ladder.partition_point(|rung| rung.half < widest).min(self.ladder.len() - 1);
                 let rung = &self.ladder[rung];
                 profiles.re.resize(rung.columns, [0.0; LANES]);
@@ -279,7 +279,7 @@ impl Slab<'_> {
                     powers: rung.powers,
                 };
                 let [re, im] = &mut sums;
-                back_project(&points, &offsets[..group.members.len()], &profiles, scale, [re, im]);
+                back_project(points, &offsets[..group.members.len()], &profiles, scale, [re, im]);
             }
             for (total, sum) in totals.iter_mut().flatten().zip(sums.iter().flatten()) {
                 *total += sum;

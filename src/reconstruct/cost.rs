@@ -194,10 +194,11 @@ fn of_backprojection(
         .min(setup.sweep.len() as f64);
     let (compressing, finding) = compression(setup, &whole, tones);
     let held = (tones * setup.array.len() as f64 * COMPLEX as f64) as u64;
-    let planes = plan.slab_voxels().saturating_mul(2 * COMPLEX);
     let before = finding.max(held.saturating_add(block_bytes(setup)));
-    let focusing = held.saturating_mul(2).saturating_add(planes);
-    let bytes = |batch: Batch| before.max(focusing.saturating_add((batch.workers as u64) << 20));
+    let focusing = held.saturating_mul(2).saturating_add(plan.bytes());
+    let bytes = |batch: Batch| {
+        before.max(focusing.saturating_add((batch.workers as u64).saturating_mul(plan.worker_bytes())))
+    };
     let operations = plan.operations() + compressing;
     possible(Method::Backprojection, operations, options, Batch::of_threads(threads), bytes)
 }

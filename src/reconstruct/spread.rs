@@ -5,9 +5,8 @@
 //! least-squares interpolator φ, and adding each sample to a few nodes with those weights gives the same image. The
 //! number of taps follows from the error, which is measured on the spherical kernels themselves.
 
+use super::taps::Taps;
 use crate::grid::Axis;
-use faer::linalg::solvers::{Qr, SolveLstsq};
-use faer::{Mat, c64};
 use num_complex::{Complex32, Complex64};
 use std::f64::consts::PI;
 
@@ -41,11 +40,7 @@ impl Kernels {
 /// Least-squares weights for a band, with a measured error.
 #[derive(Debug, Clone)]
 pub(super) struct Interpolator {
-    taps: usize,
-    /// Band edge, radians per node, and a little beyond it, where least squares is least accurate.
-    band: f64,
-    /// The factored normal equations `sinc κ(a − b)`.
-    normal: Qr<c64>,
+    taps: Taps,
     /// The greatest interpolation error of any kernel, at any place, relative to one.
     pub(super) error: f64,
 }
@@ -58,28 +53,14 @@ pub(super) const FILLS: [f64; 6] = [0.7, 0.6, 0.5, 0.375, 0.25, 0.125];
 /// The most taps that are tried.
 const MOST_TAPS: usize = 22;
 
-fn sinc(x: f64) -> f64 {
-    if x.abs() < 1e-9 { 1.0 } else { x.sin() / x }
-}
-
-/// Factors the equations of a least-squares fit over a band; complex only so that the skeletons' solver serves too.
-fn normal_equations(taps: usize, band: f64) -> Qr<c64> {
-    Mat::from_fn(taps, taps, |a, b| {
-        // Neighbouring columns are nearly dependent; rounding is kept from being amplified.
-        let ridge = if a == b { 1e-13 } else { 0.0 };
-        Complex64::from(sinc(band * (a as f64 - b as f64)) + ridge)
-    })
-    .qr()
-}
-
 impl Interpolator {
     /// The shortest interpolator that carries the kernels on nodes `pitch` m apart to within `tolerance`, or the
     /// longest that is tried, with the error it has.
     pub(super) fn new(kernels: &Kernels, pitch: f64, tolerance: f64) -> Self {
         let mut taps = 2;
         loop {
-            let band = (kernels.band(pitch * taps as f64 / 2.0) * pitch * 1.02).min(PI);
-            let mut interpolator = Self { taps, band, normal: normal_equations(taps, band), error: 0.0 };
+            let edge = kernels.band(pitch * taps as f64 / 2.0) * pitch;
+            let mut interpolator = Self { taps: Taps::new(taps, edge), error: 0.0 };
             interpolator.error = interpolator.measure(kernels, pitch);
             if interpolator.error <= tolerance || taps >= MOST_TAPS {
                 return interpolator;
@@ -90,21 +71,7 @@ impl Interpolator {
 
     /// Number of nodes each sample goes to.
     pub(super) fn taps(&self) -> usize {
-        self.taps
-    }
-
-    /// The offset of the first node from the one at or before the sample.
-    fn first(&self) -> isize {
-        1 - (self.taps / 2) as isize
-    }
-
-    /// Weights of the nodes `first ..` for a sample `t` ∈ [0, 1) nodes after its own:
-    /// `(sinc κ(a − b)) w = sinc κ(a − t)`, least squares over |κ'| ≤ κ.
-    fn weights(&self, t: f64) -> Vec<f64> {
-        let node = |a: usize| (a as isize + self.first()) as f64;
-        let right = Mat::from_fn(self.taps, 1, |a, _| Complex64::from(sinc(self.band * (node(a) - t))));
-        let solution = self.normal.solve_lstsq(&right);
-        (0..self.taps).map(|a| solution[(a, 0)].re).collect()
+        self.taps.count()
     }
 
     /// The greatest `|K(x) − Σ_a w_a K(x_a)|` over the kernels, and between two nodes.
@@ -112,13 +79,13 @@ impl Interpolator {
         let mut worst = 0.0f64;
         for i in 0..=8 {
             let t = f64::from(i) / 8.0;
-            let weights = self.weights(t);
+            let weights = self.taps.weights(t);
             // Low kernels bend most, high ones are nearly plane waves.
             for height in [1.0, 1.5, 3.0].map(|factor| factor * kernels.height) {
                 let kernel = |x: f64| Complex64::cis(-kernels.wavenumber * x.hypot(height));
                 for j in -40..=40 {
                     let x = kernels.aside * f64::from(j) / 40.0;
-                    let node = |a: usize| x + pitch * ((a as isize + self.first()) as f64 - t);
+                    let node = |a: usize| x + pitch * ((a as isize + self.taps.first()) as f64 - t);
                     let sum: Complex64 = weights.iter().enumerate().map(|(a, w)| kernel(node(a)) * w).sum();
                     worst = worst.max((kernel(x) - sum).norm());
                 }
@@ -145,10 +112,10 @@ impl Footprint {
     pub(super) fn spread(position: f64, nodes: &Axis, interpolator: &Interpolator) -> Self {
         let place = (position - nodes.first) / nodes.pitch;
         let own = place.floor();
-        let weights = interpolator.weights(place - own).into_iter().map(|w| w as f32).collect();
-        let first = own as isize + interpolator.first();
+        let weights = interpolator.taps.weights(place - own).into_iter().map(|w| w as f32).collect();
+        let first = own as isize + interpolator.taps.first();
         assert!(
-            first >= 0 && first as usize + interpolator.taps <= nodes.count,
+            first >= 0 && first as usize + interpolator.taps() <= nodes.count,
             "nodes reach beyond every microphone by half the taps"
         );
         Self { first: first as usize, weights }

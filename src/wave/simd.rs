@@ -18,7 +18,7 @@ pub use sweep::SweepSamples;
 
 use num_complex::Complex32;
 use range::{back_project_body, range_profiles_body};
-use sweep::weighted_sweep_body;
+use sweep::{sin_cos_exact, weighted_sweep_body};
 
 /// Terms per block: the two stages pass through a buffer of this size, which stays in the first-level cache.
 pub const BLOCK: usize = 256;
@@ -216,19 +216,21 @@ fn sum_over_sweep_body(amplitudes: &Amplitudes, lengths: &[f64], steps: Steps, s
             for ((a_re, a_im), lengths) in
                 a_re[range.clone()].iter().zip(&a_im[range.clone()]).zip(&lengths[range])
             {
-                let mut turn = [[0.0f32; LANES]; 2];
+                let mut turns = [0.0f32; LANES];
                 for l in 0..LANES {
-                    turn[0][l] = wrap_fast(lengths[l] * start);
-                    turn[1][l] = wrap_fast(lengths[l] * steps.step);
+                    turns[l] = wrap_fast(lengths[l] * start);
                 }
                 // z starts at A·e^{i2πf·path/c} and is turned by w once per frequency step.
                 let (mut z_re, mut z_im, mut w_re, mut w_im) =
                     ([0.0f32; LANES], [0.0f32; LANES], [0.0f32; LANES], [0.0f32; LANES]);
                 for l in 0..LANES {
-                    let (s, c) = sin_cos_turns(turn[0][l]);
+                    let (s, c) = sin_cos_turns(turns[l]);
                     z_re[l] = a_re[l] * c - a_im[l] * s;
                     z_im[l] = a_re[l] * s + a_im[l] * c;
-                    (w_im[l], w_re[l]) = sin_cos_turns(turn[1][l]);
+                }
+                for l in 0..LANES {
+                    let (s, c) = sin_cos_exact(lengths[l] * steps.step);
+                    (w_im[l], w_re[l]) = (s as f32, c as f32);
                 }
                 for sum in &mut lanes[..sums.len()] {
                     for l in 0..LANES {

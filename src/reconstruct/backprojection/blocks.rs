@@ -7,37 +7,33 @@ use crate::wave::Geometry;
 use crate::wave::simd::{LANES, LaneTones, Points};
 use glam::DVec3;
 
-/// The most voxels of a block: their points and sums stay in the first-level cache.
-const MOST_VOXELS: usize = 1024;
-
-/// The greatest x of a profile at the band's edge; blocks of one voxel are always allowed.
-const MOST_EDGE: f64 = 60.0;
-
-/// The most turns of the carrier between a block's centre and a voxel: its f32 phase then errs by some 10⁻⁶.
-const MOST_TURNS: f64 = 8.0;
-
 /// A box of voxels, by its size along x, y, z.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Shape(pub(super) [usize; 3]);
 
 impl Shape {
+    /// The most voxels of a block: their points and sums stay in the first-level cache.
+    pub(super) const MOST_VOXELS: usize = 1024;
+
     /// Half the distance between the first and the last voxel along each axis, m.
     pub(super) fn half(&self, grid: &Grid) -> DVec3 {
         let along = |axis: &Axis, count: usize| axis.pitch * (count.min(axis.count) - 1) as f64 / 2.0;
         DVec3::new(along(&grid.x, self.0[0]), along(&grid.y, self.0[1]), along(&grid.z, self.0[2]))
     }
 
-    /// Every shape worth trying: powers of two that the grid has room for, and what deals its voxels out evenly to as many
-    /// blocks.
+    /// Lengths worth trying along an axis: powers of two that there is room for, made even over as many blocks.
+    pub(super) fn sizes(count: usize) -> impl Iterator<Item = usize> {
+        let even = move |n: usize| count.div_ceil(count.div_ceil(n));
+        (0..11).map(|e| 1usize << e).filter(move |&n| n < 2 * count).map(even)
+    }
+
+    /// Every shape worth trying.
     pub(super) fn candidates(grid: &Grid) -> impl Iterator<Item = Self> {
-        let sizes = |count: usize| {
-            let even = move |n: usize| count.div_ceil(count.div_ceil(n));
-            (0..11).map(|e| 1usize << e).filter(move |&n| n < 2 * count).map(even)
-        };
         let (x, y, z) = (grid.x.count, grid.y.count, grid.z.count);
-        sizes(z)
-            .flat_map(move |n_z| sizes(y).flat_map(move |n_y| sizes(x).map(move |n_x| Self([n_x, n_y, n_z]))))
-            .filter(|shape| shape.0.iter().product::<usize>() <= MOST_VOXELS)
+        Self::sizes(z)
+            .flat_map(move |n_z| Self::sizes(y).map(move |n_y| [n_y, n_z]))
+            .flat_map(move |[n_y, n_z]| Self::sizes(x).map(move |n_x| Self([n_x, n_y, n_z])))
+            .filter(|shape| shape.0.iter().product::<usize>() <= Self::MOST_VOXELS)
     }
 
     /// Operations per voxel and microphone by a fixed model, over places and microphones that stand for all;
@@ -52,13 +48,12 @@ impl Shape {
     ) -> Option<f64> {
         let half = self.half(grid);
         let widest = greatest_half(half);
-        let too_wide = band.edge(widest) > MOST_EDGE || band.carrier * widest / band.sound_speed > MOST_TURNS;
-        if half != DVec3::ZERO && too_wide {
+        // Blocks of one voxel are always allowed.
+        if half != DVec3::ZERO && !band.holds(widest) {
             return None;
         }
         let voxels = self.0.iter().product::<usize>();
         let digits = -band.tolerance.log10();
-        let lanes = Points::padded(voxels) as f64;
         let middle = |axis: &Axis, t: f64| axis.first + t * (axis.last() - axis.first);
         let (mut sum, mut count) = (0.0, 0.0);
         for i in 0..27 {
@@ -66,15 +61,21 @@ impl Shape {
             let p = DVec3::new(middle(&grid.x, t(i)), middle(&grid.y, t(i / 3)), middle(&grid.z, t(i / 9)));
             for r in microphones {
                 let edge = band.edge(half_width(geometry, p, half, *r));
-                let terms = 1.1 * edge + 2.0 + 1.3 * digits;
-                // Horner's rule takes fewer operations than Clenshaw's.
-                let per_term = if edge <= MOST_FOR_POWERS { 4.0 } else { 6.0 };
-                sum += lanes * (OPERATIONS_PER_POINT + per_term * terms) + tones * (50.0 + 4.0 * terms);
+                sum += block_operations(voxels, edge, digits, tones);
                 count += 1.0;
             }
         }
         Some(sum / count / voxels as f64)
     }
+}
+
+/// Operations of one block and microphone by a fixed model: `points` of it, a band's `edge` there, the digits that are
+/// wanted, and so many tones.
+pub(super) fn block_operations(points: usize, edge: f64, digits: f64, tones: f64) -> f64 {
+    let terms = 1.1 * edge + 2.0 + 1.3 * digits;
+    // Horner's rule takes fewer operations than Clenshaw's.
+    let per_term = if edge <= MOST_FOR_POWERS { 4.0 } else { 6.0 };
+    Points::padded(points) as f64 * (OPERATIONS_PER_POINT + per_term * terms) + tones * (50.0 + 4.0 * terms)
 }
 
 /// Operations for one point and microphone besides the series: the path, the carrier and the sum.
@@ -163,22 +164,21 @@ pub(super) struct Group {
 }
 
 impl Group {
-    /// All microphones, along a curve that keeps neighbours together (Morton's).
-    pub(super) fn all(positions: &[DVec3]) -> Vec<Self> {
-        let low = positions.iter().fold(DVec3::INFINITY, |a, r| a.min(*r));
-        let high = positions.iter().fold(DVec3::NEG_INFINITY, |a, r| a.max(*r));
+    /// Some microphones, along a curve that keeps neighbours together (Morton's).
+    pub(super) fn of(positions: &[DVec3], mut members: Vec<usize>) -> Vec<Self> {
+        let low = members.iter().fold(DVec3::INFINITY, |a, &r| a.min(positions[r]));
+        let high = members.iter().fold(DVec3::NEG_INFINITY, |a, &r| a.max(positions[r]));
         let extent = (high - low).max_element().max(f64::MIN_POSITIVE);
         let code = |r: DVec3| -> u64 {
             let cells = ((r - low) / extent * 1023.0).to_array().map(|t| t as u64);
             (0..30).map(|bit| (cells[bit % 3] >> (bit / 3) & 1) << bit).sum()
         };
-        let mut order: Vec<usize> = (0..positions.len()).collect();
-        order.sort_by_key(|&r| (code(positions[r]), r));
+        members.sort_by_key(|&r| (code(positions[r]), r));
         let group = |members: &[usize]| Self {
             members: members.to_vec(),
             positions: std::array::from_fn(|l| positions[members[l.min(members.len() - 1)]]),
         };
-        order.chunks(LANES).map(group).collect()
+        members.chunks(LANES).map(group).collect()
     }
 
     /// The group's part of tones in rows of `width`.
@@ -263,10 +263,10 @@ mod tests {
                 DVec3::new(t(0.618), t(0.755), t(0.57))
             })
             .collect();
-        let groups = Group::all(&positions);
+        let groups = Group::of(&positions, (0..45).collect());
         let mut members: Vec<usize> = groups.iter().flat_map(|g| g.members.clone()).collect();
         members.sort_unstable();
         assert_eq!(members, (0..45).collect::<Vec<_>>());
-        assert_eq!(Group::all(&[DVec3::ONE; 3]).len(), 1);
+        assert_eq!(Group::of(&[DVec3::ONE; 3], vec![0, 1, 2]).len(), 1);
     }
 }

@@ -16,6 +16,12 @@ const LEAST: f64 = 0.2;
 /// add up to e^x at most, by which f32 rounding grows where all of them conspire.
 pub(super) const MOST_FOR_POWERS: f64 = 5.0;
 
+/// The greatest x of a profile at the band's edge.
+const MOST_EDGE: f64 = 60.0;
+
+/// The most turns of the carrier between a block's centre and a point: its f32 phase then errs by some 10⁻⁶.
+const MOST_TURNS: f64 = 8.0;
+
 /// A half-width of delays with the series of every tone on it.
 #[derive(Debug, Clone)]
 pub(super) struct Rung {
@@ -49,6 +55,11 @@ impl Band {
     /// x at the band's edge for a half-width, m.
     pub(super) fn edge(&self, half: f64) -> f64 {
         PI * self.bandwidth * half / self.sound_speed
+    }
+
+    /// Whether profiles of this half-width, m, are neither absurdly long nor lose their phase in f32.
+    pub(super) fn holds(&self, half: f64) -> bool {
+        self.edge(half) <= MOST_EDGE && self.carrier * half / self.sound_speed <= MOST_TURNS
     }
 
     /// The least number of coefficients that keeps every tone of the band on ±`half` m within the tolerance, and

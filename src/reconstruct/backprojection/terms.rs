@@ -1,136 +1,135 @@
-//! The terms that a job can have, sampled: one frequency and one microphone each, turned by the middle microphone's path.
+//! The terms that a job can have, sampled, and how the tiles of an array see a grid.
 
+use super::frame::{Frame, Tile, sampled_places, some};
+use super::nodes::Around;
 use crate::acquisition::Setup;
-use crate::grid::Grid;
-use crate::wave::Geometry;
+use crate::grid::{Axis, Grid};
+use crate::wave::interval::greater;
 use glam::DVec3;
 use num_complex::Complex64;
 use std::f64::consts::TAU;
 
-/// What the terms of a job can be: everything that a kernel depends on.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Terms {
-    geometry: Geometry,
-    microphones: [DVec3; 2],
-    /// Band edges, Hz.
-    frequencies: [f64; 2],
-    carrier: f64,
-    sound_speed: f64,
+/// Terms of one frequency and one microphone each, in the coordinates of its tile.
+pub(super) struct Terms<'a> {
+    pub(super) setup: &'a Setup<'a>,
+    pub(super) grid: &'a Grid,
+    pub(super) tiles: &'a [Tile],
 }
 
-/// How many samples are taken of each thing that a term depends on.
+/// How many samples are taken of what terms depend on.
 pub(super) struct Density {
-    across: usize,
-    depths: usize,
-    along: usize,
-    frequencies: usize,
+    tiles: usize,
+    /// Along the axis that is tried, and along the others.
+    places: [usize; 2],
+    /// Every so many corners of a tile.
+    corners: usize,
 }
 
-/// What weights are fitted to.
-pub(super) const FITTED: Density = Density { across: 3, depths: 3, along: 5, frequencies: 5 };
+/// What pitches are chosen by.
+pub(super) const FEW: Density = Density { tiles: 2, places: [9, 2], corners: 3 };
 
 /// What errors are measured at.
-pub(super) const MEASURED: Density = Density { across: 4, depths: 4, along: 4, frequencies: 4 };
+pub(super) const MANY: Density = Density { tiles: 5, places: [12, 4], corners: 1 };
 
-/// `count` numbers from `low` to `high`.
-fn evenly(low: f64, high: f64, count: usize) -> impl Iterator<Item = f64> {
-    (0..count).map(move |i| low + (high - low) * i as f64 / (count.max(2) - 1) as f64)
-}
-
-impl Terms {
-    pub(super) fn of(setup: &Setup) -> Self {
-        let (low, high) = setup.array.bounds();
-        let frequencies = setup.sweep.frequencies();
-        Self {
-            geometry: setup.geometry,
-            microphones: [low, high],
-            frequencies: [frequencies[0], frequencies[frequencies.len() - 1]],
-            carrier: setup.sweep.centre(),
-            sound_speed: setup.sound_speed,
-        }
-    }
-
-    fn middle(&self) -> DVec3 {
-        self.microphones[0].midpoint(self.microphones[1])
-    }
-
-    /// The path length that images are turned by, m.
-    pub(super) fn turned_path(&self, p: DVec3) -> f64 {
-        self.geometry.path_length(p, self.middle())
-    }
-
-    /// f_c/c, 1/m.
-    pub(super) fn carrier_per_metre(&self) -> f64 {
-        self.carrier / self.sound_speed
-    }
-
-    /// Least distance of the box of voxels from microphones and speaker, m.
-    pub(super) fn gap(&self, grid: &Grid) -> f64 {
-        let corners = grid.corners();
-        let gap =
-            |low: DVec3, high: DVec3| (corners[0] - high).max(low - corners[7]).max(DVec3::ZERO).length();
-        let back = gap(self.microphones[0], self.microphones[1]);
-        match self.geometry {
-            Geometry::FixedSource { source } => back.min(gap(source, source)),
-            Geometry::Monostatic => back,
-        }
-    }
-
-    /// Calls `take` with the values of many terms at the places `along` an axis (0 for x, 1 for y), the others being
-    /// those of a grid.
-    pub(super) fn sample(
+impl Terms<'_> {
+    /// The greatest error of voxels made of nodes along one axis (x, y, ρ) for any sampled term, and the greatest sum of
+    /// the weights' moduli; `None` where no point has a node's range.
+    pub(super) fn error(
         &self,
-        grid: &Grid,
         axis: usize,
-        along: &[f64],
+        around: &dyn Fn(f64) -> Around,
         density: &Density,
-        take: &mut dyn FnMut(&[Complex64]),
-    ) {
-        let other = 1 - axis;
-        let across = [&grid.x, &grid.y][other];
-        let [low, high] = self.microphones;
-        let clamp = |t: f64| t.clamp(across.first, across.last());
-        let mut rows: Vec<f64> = evenly(across.first, across.last(), density.across).collect();
-        rows.push(clamp(self.middle()[other]));
-        if let Geometry::FixedSource { source } = self.geometry {
-            rows.push(clamp(source[other]));
-        }
-        let depth = |t: f64| grid.z.first + t * t * (grid.z.last() - grid.z.first);
-        let mut values = vec![Complex64::ZERO; along.len()];
-        let (mut paths, mut turned) = (vec![0.0; along.len()], vec![0.0; along.len()]);
-        for z in evenly(0.0, 1.0, density.depths).map(depth) {
-            for row in &rows {
-                let point = |t: f64| {
-                    let mut p = DVec3::new(0.0, 0.0, z);
-                    (p[axis], p[other]) = (t, *row);
-                    p
-                };
-                for (turned, t) in turned.iter_mut().zip(along) {
-                    *turned = self.carrier * self.turned_path(point(*t));
+    ) -> Option<[f64; 2]> {
+        let Self { setup, grid, tiles } = self;
+        let carrier = setup.sweep.centre();
+        let frequencies = setup.sweep.frequencies();
+        let frequencies = [frequencies[0], frequencies[frequencies.len() - 1]];
+        let (mut worst, mut moduli) = (0.0f64, 1.0f64);
+        for tile in some(tiles, density.tiles) {
+            let frame = Frame::new(&setup.geometry, tile.middle);
+            let [along, across] = density.places;
+            for mut p in
+                sampled_places(grid, std::array::from_fn(|of| if of == axis { along } else { across }))
+            {
+                if axis < 2 {
+                    let voxels = [grid.x, grid.y][axis];
+                    p[axis] = voxels.position(((p[axis] - voxels.first) / voxels.pitch).round() as usize);
                 }
-                // Steepest at the array's near and far ends, in the voxel's own row and depth.
-                let mut far = vec![low[other], high[other]];
-                far.push(row.clamp(low[other], high[other]));
-                let near = [z.clamp(low.z, high.z), low.z];
-                let mut ends: Vec<f64> = evenly(low[axis], high[axis], density.along).collect();
-                ends.push(along[0].clamp(low[axis], high[axis]));
-                for (r_axis, r_other, r_z) in ends.iter().flat_map(|a| {
-                    let near = &near;
-                    far.iter().flat_map(move |b| near.iter().map(move |c| (*a, *b, *c)))
-                }) {
-                    let mut r = DVec3::new(0.0, 0.0, r_z);
-                    (r[axis], r[other]) = (r_axis, r_other);
-                    for (path, t) in paths.iter_mut().zip(along) {
-                        *path = self.geometry.path_length(point(*t), r);
-                    }
-                    for f in evenly(self.frequencies[0], self.frequencies[1], density.frequencies) {
-                        for ((value, path), turned) in values.iter_mut().zip(&paths).zip(&turned) {
-                            *value = Complex64::cis(-TAU / self.sound_speed * (f * path - turned));
-                        }
-                        take(&values);
+                let range = frame.range(p);
+                let (places, weights) = around(if axis < 2 { p[axis] } else { range });
+                if weights.len() == 1 {
+                    continue;
+                }
+                let node = |place: &f64| match axis {
+                    0 => frame.point(*place, p.y, range).map(|q| (q, range)),
+                    1 => frame.point(p.x, *place, range).map(|q| (q, range)),
+                    _ => frame.point(p.x, p.y, *place).map(|q| (q, *place)),
+                };
+                let nodes: Vec<(DVec3, f64)> = places.iter().map(node).collect::<Option<_>>()?;
+                moduli = moduli.max(weights.iter().map(|w| w.abs()).sum());
+                for r in tile.corners().step_by(density.corners) {
+                    for f in frequencies {
+                        let term = |(q, range): &(DVec3, f64)| {
+                            let turns = f * setup.geometry.path_length(*q, r) - carrier * range;
+                            Complex64::cis(-TAU / setup.sound_speed * turns)
+                        };
+                        let sum: Complex64 = weights.iter().zip(&nodes).map(|(w, node)| term(node) * w).sum();
+                        worst = greater(worst, (sum - term(&(p, range))).norm());
                     }
                 }
             }
         }
+        Some([worst, moduli])
+    }
+}
+
+/// How tiles see the grid.
+pub(super) struct Seen {
+    frames: Vec<Frame>,
+    pub(super) tiles: usize,
+    /// Of the widest tile, m.
+    pub(super) radius: f64,
+    /// The least range of a voxel, and that of the middle one, m.
+    pub(super) shortest: f64,
+    pub(super) typical: f64,
+}
+
+impl Seen {
+    pub(super) fn of(setup: &Setup, grid: &Grid, tiles: &[Tile]) -> Self {
+        let frames: Vec<Frame> =
+            some(tiles, 3).map(|tile| Frame::new(&setup.geometry, tile.middle)).collect();
+        let (low, high) = setup.array.bounds();
+        let corners = grid.corners();
+        let [shortest, _] = setup.geometry.path_bounds([corners[0], corners[7]], [low, high]);
+        Self {
+            tiles: tiles.len(),
+            radius: tiles.iter().map(Tile::radius).fold(0.0, f64::max),
+            shortest,
+            typical: setup.geometry.path_length(corners[0].midpoint(corners[7]), low.midpoint(high)),
+            frames,
+        }
+    }
+
+    /// The mean length of the ranges that a column of nodes needs when voxels so far beside it are made of it, m.
+    pub(super) fn ranges(&self, grid: &Grid, reach: [f64; 2]) -> f64 {
+        let (mut sum, mut count) = (0.0, 0.0);
+        let layer = Grid { z: Axis { count: 1, ..grid.z }, ..*grid };
+        for frame in &self.frames {
+            for p in sampled_places(&layer, [4, 4, 1]) {
+                let (mut low, mut high) = (f64::INFINITY, 0.0f64);
+                for i in 0..9 {
+                    let beside = |axis: usize, step: usize| {
+                        let along = [grid.x, grid.y][axis];
+                        (p[axis] + reach[axis] * (step as f64 - 1.0)).clamp(along.first, along.last())
+                    };
+                    let (x, y) = (beside(0, i % 3), beside(1, i / 3));
+                    low = low.min(frame.range(DVec3::new(x, y, grid.z.first)));
+                    high = high.max(frame.range(DVec3::new(x, y, grid.z.last())));
+                }
+                sum += high - low;
+                count += 1.0;
+            }
+        }
+        sum / count
     }
 }

@@ -1,67 +1,137 @@
-//! Voxels between nodes against the literal terms of Eq. 13.
+//! Back-projection by tiles against the literal sum.
 
 use super::*;
-use crate::acquisition::{Detection, MicArray, Sweep};
-use crate::grid::Axis;
+use crate::acquisition::{DataCube, MicArray, Sweep};
+use crate::grid::{Axis, Volume};
+use crate::progress::Silent;
+use crate::reconstruct::{ReconstructOptions, Window, reconstruct};
 use crate::wave::phasor;
 
 fn fraction(i: usize, k: f64) -> f64 {
     (i as f64 * k).fract() - 0.5
 }
 
-fn setup<'a>(sweep: &'a Sweep, array: &'a MicArray, geometry: Geometry) -> Setup<'a> {
-    Setup { sweep, array, geometry, detection: Detection::Quadrature, sound_speed: 343.0 }
+fn axis(first: f64, pitch: f64, count: usize) -> Axis {
+    Axis { first, pitch, count }
 }
 
-/// Any term at any voxel errs by no more than the measured error, f32 rounding aside.
-#[test]
-fn voxels_between_nodes_are_the_literal_terms() {
+/// What microphones all over a bent plate hear of a point, where all terms are in phase.
+fn echo(count: usize, even: bool, geometry: Geometry, point: DVec3) -> DataCube {
     let place = |i: usize| {
-        DVec3::new(0.4 * fraction(i, 0.618_034), 0.3 * fraction(i, 0.754_878), 0.05 * fraction(i, 0.569_84))
+        let (x, y) = (0.5 * fraction(i, 0.618_034), 0.3 * fraction(i, 0.754_878));
+        DVec3::new(x - 0.1, y, 0.6 * x * x + 0.02 * fraction(i, 0.569_84))
     };
-    let array = MicArray::from_positions("array", &[50], (0..50).map(place).collect()).expect("valid");
-    let sweep = Sweep::stepped("f", 8_000.0, 16_000.0, 100.0).expect("valid");
-    let axis = |first: f64, pitch: f64, count: usize| Axis { first, pitch, count };
-    let grid = Grid { x: axis(-0.2, 0.004, 70), y: axis(-0.1, 0.005, 61), z: axis(0.5, 0.03, 2) };
-    for geometry in [Geometry::ORIGIN, Geometry::Monostatic] {
-        let setup = setup(&sweep, &array, geometry);
-        for tolerance in [1e-2, 1e-4] {
-            let lattice = Lattice::find(&setup, &grid, tolerance).expect("fine voxels");
-            let nodes = lattice.grid(&grid);
-            assert!(nodes.plane_len() < grid.plane_len());
-            let interpolation = lattice.interpolation(&grid, tolerance).expect("within its share");
-            for (i, r) in array.positions().iter().enumerate().step_by(3) {
-                let f = [8_000.0, 16_000.0, 12_345.0][i % 3];
-                let z = grid.z.position(i % 2);
-                let plane = |grid: &Grid| -> Vec<Complex32> {
-                    let point = |k: usize| {
-                        let (x, y) = (grid.x.position(k % grid.x.count), grid.y.position(k / grid.x.count));
-                        DVec3::new(x, y, z)
-                    };
-                    let term = |k| phasor(-f / 343.0 * geometry.path_length(point(k), *r));
-                    (0..grid.plane_len()).map(term).collect()
+    let positions: Vec<DVec3> = (0..count).map(place).collect();
+    let uneven = |n: u32| if even { 0.0 } else { fraction(n as usize, 0.618_034) };
+    let frequencies: Vec<f64> = (1..40).map(|n| 8_000.0 + 200.0 * (f64::from(n) + uneven(n))).collect();
+    let sample = |f: &f64, r: &DVec3| phasor(f / 343.0 * geometry.path_length(point, *r));
+    let samples = frequencies.iter().flat_map(|f| positions.iter().map(move |r| sample(f, r))).collect();
+    let array = MicArray::from_positions("array", &[count], positions.clone()).expect("valid");
+    let sweep = Sweep::from_frequencies("f", frequencies.clone()).expect("valid");
+    DataCube { geometry, ..DataCube::new(sweep, array, samples).expect("finite") }
+}
+
+fn grids() -> [Grid; 4] {
+    let (x, y, z) = (axis(-0.15, 0.0025, 100), axis(-0.1, 0.003, 60), axis(0.8, 0.011, 40));
+    [
+        Grid { x, y, z },
+        Grid { x, y: axis(0.07, 0.005, 1), z },
+        Grid { x: axis(0.1, 0.1, 3), y, z: Axis { count: 70, ..z } },
+        Grid { x, y, z: Axis { count: 1, ..z } },
+    ]
+}
+
+fn lattice(cube: &DataCube, grid: &Grid, tolerance: f64) -> Option<Lattice> {
+    let band = Division::new(&cube.setup(), grid, tolerance).band;
+    let band = Band { tolerance: SERIES_SHARE * tiled::usual_tolerance(tolerance), ..band };
+    Lattice::find(&cube.setup(), grid, &band, tolerance)
+}
+
+fn tiled(cube: &DataCube, grid: &Grid, lattice: &Lattice, tolerance: f64, sink: &mut dyn VolumeSink) -> Made {
+    let setup = cube.setup();
+    let weights = Weights::new(&setup, Window::Hann);
+    let band = Division::new(&setup, grid, tolerance).band;
+    let tiled = Tiled::new(lattice, &setup, grid, band).expect("little").expect("every node has a place");
+    let batch = Batch::of_threads(2);
+    tiled.image(&mut &*cube, &weights, grid, (tolerance, batch), sink, &Silent).expect("little")
+}
+
+#[test]
+fn tiles_keep_their_bound_on_bent_arrays_and_any_grid() {
+    let geometries = [
+        Geometry::ORIGIN,
+        Geometry::Monostatic,
+        Geometry::FixedSource { source: DVec3::new(0.3, -0.2, -0.1) },
+    ];
+    for (i, geometry) in geometries.into_iter().enumerate() {
+        for grid in grids() {
+            let point = grid.position(grid.x.count / 3, grid.y.count / 2, 2 * grid.z.count / 3);
+            let cube = echo(300, i != 1, geometry, point);
+            let direct = ReconstructOptions::new(Method::Direct, Window::Hann);
+            let direct = reconstruct(&cube, &grid, &direct, &Silent).expect("little").volume;
+            for tolerance in [1e-2, 1e-4] {
+                let Some(lattice) = lattice(&cube, &grid, tolerance) else {
+                    panic!("no tiles at {tolerance} for {geometry:?} and {grid:?}")
                 };
-                let (expected, mut got) = (plane(&grid), vec![Complex32::ZERO; grid.plane_len()]);
-                interpolation.plane(&mut plane(&nodes), &grid, z, &mut got);
-                for (got, expected) in got.iter().zip(&expected) {
-                    let error = f64::from((got - expected).norm());
-                    assert!(error <= interpolation.error + 5e-6, "{error:e} above {:e}", interpolation.error);
-                }
+                let mut volume = Volume { grid, samples: Vec::new() };
+                let made = tiled(&cube, &grid, &lattice, tolerance, &mut volume);
+                assert!(made.error_bound <= tolerance * 1.000_1, "{:e} of {tolerance:e}", made.error_bound);
+                let worst = volume.samples.iter().zip(&direct.samples).map(|(a, b)| (a - b).norm());
+                let worst = f64::from(worst.fold(0.0, f32::max));
+                assert!(worst <= made.error_bound + 3e-6, "{worst:e} above {:e}", made.error_bound);
+                assert!((volume.peak() - 1.0).abs() < 1e-2, "the point is a voxel");
             }
         }
     }
 }
 
+/// Some depths that an earlier run has kept.
+struct Rest {
+    volume: Volume,
+    done: usize,
+}
+
+impl VolumeSink for Rest {
+    fn begin(&mut self, made: &Made) -> Result<()> {
+        self.volume.begin(made)
+    }
+
+    fn take(&mut self, first: usize, planes: &[Complex32]) -> Result<()> {
+        assert!(first >= self.done);
+        self.volume.take(first, planes)
+    }
+
+    fn done(&self) -> usize {
+        self.done
+    }
+}
+
 #[test]
-fn coarse_voxels_and_those_on_microphones_stay_as_they_are() {
+fn depths_that_are_left_have_the_bytes_of_the_whole() {
+    let cube = echo(120, true, Geometry::ORIGIN, DVec3::new(0.01, 0.02, 0.8));
+    let grid = Grid { x: axis(-0.2, 0.004, 70), y: axis(-0.1, 0.005, 51), z: axis(0.5, 0.011, 100) };
+    let lattice = lattice(&cube, &grid, 1e-3).expect("fine voxels");
+    let mut whole = Volume { grid, samples: Vec::new() };
+    tiled(&cube, &grid, &lattice, 1e-3, &mut whole);
+    for done in [tiled::DEPTHS, 2 * tiled::DEPTHS] {
+        let mut rest = Rest { volume: Volume { grid, samples: Vec::new() }, done };
+        tiled(&cube, &grid, &lattice, 1e-3, &mut rest);
+        let from = done * grid.plane_len();
+        assert!(rest.volume.samples[from..] == whole.samples[from..]);
+    }
+}
+
+#[test]
+fn coarse_voxels_and_those_beside_microphones_have_no_tiles() {
     let array = MicArray::rectangular("array", [8, 8], [0.03; 2], DVec3::ZERO).expect("valid");
     let sweep = Sweep::stepped("f", 8_000.0, 16_000.0, 100.0).expect("valid");
-    let setup = setup(&sweep, &array, Geometry::ORIGIN);
-    let grid = |pitch: f64, z: f64| {
-        let axis = Axis { first: -0.2, pitch, count: 64 };
-        Grid { x: axis, y: axis, z: Axis { first: z, pitch: 0.01, count: 4 } }
+    let samples = vec![Complex32::ONE; sweep.len() * array.len()];
+    let cube = DataCube::new(sweep, array, samples).expect("finite");
+    let found = |pitch: f64, z: f64| {
+        let grid = Grid { x: axis(-0.2, pitch, 64), y: axis(-0.2, pitch, 64), z: axis(z, 0.01, 4) };
+        lattice(&cube, &grid, 1e-4).is_some()
     };
-    assert!(Lattice::find(&setup, &grid(0.004, 0.5), 1e-4).is_some());
-    assert!(Lattice::find(&setup, &grid(0.05, 0.5), 1e-4).is_none());
-    assert!(Lattice::find(&setup, &grid(0.004, 0.0), 1e-4).is_none());
+    assert!(found(0.004, 0.5));
+    assert!(!found(0.05, 0.5));
+    assert!(!found(0.004, 0.0));
 }

@@ -64,6 +64,26 @@ fn the_recurrence_equals_the_literal_sum() {
     }
 }
 
+/// One echo alone, whose drift nothing averages.
+#[test]
+fn a_phasor_drifts_no_more_than_its_rounding() {
+    let steps = Steps { start: 10_000.0 / 343.0, step: 50.0 / 343.0, count: 128 };
+    let one = Amplitudes::new([Complex32::ONE].into_iter());
+    let mut worst = 0.0f64;
+    for i in 0..2000 {
+        let length = 12.0 * (f64::from(i) * 0.618_034).fract();
+        let mut lengths = vec![0.0; one.padded_len()];
+        lengths[0] = length;
+        let mut sums = vec![[0.0; 2]; steps.count];
+        sum_over_sweep(&one, &lengths, steps, &mut sums);
+        for (n, sum) in sums.iter().enumerate() {
+            let turns = std::f64::consts::TAU * ((steps.start + steps.step * n as f64) * length).fract();
+            worst = worst.max((sum[0] - turns.cos()).hypot(sum[1] - turns.sin()));
+        }
+    }
+    assert!(worst < 5.5e-6, "{worst:e}");
+}
+
 #[test]
 fn the_weighted_sum_equals_the_literal_one() {
     for n in [1, 16, 255, 256, 273] {
