@@ -18,6 +18,8 @@ mod verdicts;
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Args, CommandFactory, Parser, Subcommand};
 use holosonar::error::Error;
+use holosonar::progress::Observer;
+use holosonar::wave::simd::{self, Level};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
@@ -26,12 +28,16 @@ use terminal::Terminal;
 /// The version with the commit it was built from.
 const VERSION: &str = concat!(env!("CARGO_PKG_VERSION"), " (", env!("HOLOSONAR_COMMIT"), ")");
 
-const EXIT_STATUS: &str = "Exit status: 0 done; 1 the machine failed (disk, memory); 2 the request or an input file is \
-wrong; 3 a limit of compare or check was missed; 130 interrupted (Ctrl-C), 143 terminated.";
+const AFTER_HELP: &str = "\
+Exit status: 0 done; 1 the machine failed (disk, memory); 2 the request or an input file is wrong; 3 a limit of \
+compare or check was missed; 130 interrupted (Ctrl-C), 143 terminated.
+
+Environment: NO_COLOR, if not empty, leaves out colours; HOLOSONAR_SIMD=baseline, avx2 or avx512 limits the \
+instructions that the program's own loops take, which changes no byte of a result.";
 
 /// Images 3-D scenes with sound: CAD mesh or measured cube in, depth and amplitude EXR out.
 #[derive(Debug, Parser)]
-#[command(name = "holosonar", version = VERSION, after_help = EXIT_STATUS, max_term_width = 100)]
+#[command(name = "holosonar", version = VERSION, after_help = AFTER_HELP, max_term_width = 100)]
 #[command(arg_required_else_help = true, propagate_version = false)]
 struct Cli {
     #[command(subcommand)]
@@ -282,9 +288,16 @@ enum Command {
 pub(crate) fn main() -> ExitCode {
     let cli = Cli::try_parse().unwrap_or_else(|error| explain(error).exit());
     terminal::explain_panics();
+    signals::expect_aborts();
     let terminal = Terminal::new(cli.common.quiet, cli.common.verbose);
     let result = start_threads(cli.common.threads)
+        .and_then(|()| holosonar::plan::check_addresses())
         .and_then(|()| limit_memory(cli.common.memory.as_deref()))
+        .and_then(|()| limit_simd())
+        .inspect(|()| {
+            let (threads, level) = (rayon::current_num_threads(), simd::level());
+            terminal.note(&format!("{threads} threads, {} loops", level.name()));
+        })
         .and_then(|()| commands::run(&cli, &terminal));
     match result {
         Ok(()) => ExitCode::SUCCESS,
@@ -318,6 +331,15 @@ fn limit_memory(size: Option<&str>) -> Result<(), Error> {
     Ok(())
 }
 
+/// Limits the instruction set of our loops, if the environment says so.
+fn limit_simd() -> Result<(), Error> {
+    const NAME: &str = "HOLOSONAR_SIMD";
+    if let Some(value) = std::env::var_os(NAME).filter(|value| !value.is_empty()) {
+        simd::limit(Level::named(NAME, &value.to_string_lossy(), Level::of_processor())?);
+    }
+    Ok(())
+}
+
 /// Starts the worker threads before anything else asks for them.
 fn start_threads(threads: Option<u16>) -> Result<(), Error> {
     if threads == Some(0) {
@@ -328,5 +350,8 @@ fn start_threads(threads: Option<u16>) -> Result<(), Error> {
     rayon::ThreadPoolBuilder::new().num_threads(count).build_global().map_err(|e| {
         let problem = format!("the worker threads cannot be started: {e}; -j sets a smaller number of them");
         Error::environment("threads", problem)
-    })
+    })?;
+    // The C library lays out a heap for each thread that allocates, 64 MiB of addresses: before those left are counted.
+    rayon::broadcast(|_| std::hint::black_box(vec![0u8; 64]).len());
+    Ok(())
 }

@@ -27,7 +27,7 @@ mod columns;
 mod returns;
 
 use crate::error::{Error, Result};
-use crate::grid::{DepthMap, Grid, Raster, Surface, Volume};
+use crate::grid::{DepthMap, Grid, Raster, Surface, Volume, no_room_for, room};
 use crate::progress::{Observer, stage};
 use columns::Columns;
 use rayon::prelude::*;
@@ -133,7 +133,8 @@ struct Found {
 /// - Cost: a few passes over the volume; one more volume of f32 for the returns.
 ///
 /// # Errors
-/// A range resolution that is not positive, an even median; [`Error::Interrupted`].
+/// A range resolution that is not positive, an even median; [`Error::Environment`] when the passes do not fit in memory;
+/// [`Error::Interrupted`].
 pub fn locate_depth(volume: &Volume, options: &DepthOptions, observer: &dyn Observer) -> Result<DepthMap> {
     if !(options.range_resolution > 0.0 && options.range_resolution.is_finite()) {
         return Err(Error::input(
@@ -147,17 +148,17 @@ pub fn locate_depth(volume: &Volume, options: &DepthOptions, observer: &dyn Obse
     let grid = volume.grid;
     let raster = options.raster.unwrap_or_else(|| Raster::of_grid(&grid));
     stage(observer, "locating depth", 0, || {
-        let amplitude: Vec<f32> = volume.samples.par_iter().map(|a| a.norm()).collect();
+        let no_room = || no_room_for(&grid);
+        let mut amplitude: Vec<f32> = room(grid.voxel_count()).ok_or_else(no_room)?;
+        amplitude.par_extend(volume.samples.par_iter().map(|a| a.norm()));
         let columns = Columns::of_amplitude(&amplitude, &grid, &raster);
         let reference = percentile_99(&columns.maxima());
         let threshold = f64::from(reference) * 10f64.powf(options.threshold_db / 20.0);
-        let found: Vec<Option<Found>> = (0..raster.len())
-            .into_par_iter()
-            .map_init(Vec::new, |column, pixel| {
-                columns.read(pixel, column);
-                pick(column, &grid.z, threshold, reference, options)
-            })
-            .collect();
+        let mut found: Vec<Option<Found>> = room(raster.len() as u64).ok_or_else(no_room)?;
+        found.par_extend((0..raster.len()).into_par_iter().map_init(Vec::new, |column, pixel| {
+            columns.read(pixel, column);
+            pick(column, &grid.z, threshold, reference, options)
+        }));
         let mut picked = Surface::empty(raster.len());
         let mut confidence = vec![f32::NAN; raster.len()];
         let raw: Vec<f64> = found.iter().map(|f| f.map_or(f64::NAN, |f| f.depth)).collect();
@@ -170,7 +171,7 @@ pub fn locate_depth(volume: &Volume, options: &DepthOptions, observer: &dyn Obse
             }
         }
         let returns = if options.returns >= 2 {
-            returns::find(&amplitude, &grid, &raster, options)
+            returns::find(&amplitude, &grid, &raster, options).ok_or_else(no_room)?
         } else {
             Vec::new()
         };

@@ -134,13 +134,34 @@ impl Grid {
     }
 }
 
-/// Room for so many complex samples, all zero; `None` when they do not fit in memory.
+/// An empty vector with room for so many values; `None` when they do not fit in memory. For whatever grows with the job.
+pub(crate) fn room<T>(count: u64) -> Option<Vec<T>> {
+    let mut values = Vec::new();
+    values.try_reserve_exact(usize::try_from(count).ok()?).ok()?;
+    Some(values)
+}
+
+/// So many values, all alike; `None` when they do not fit in memory.
+pub(crate) fn filled<T: Clone>(value: T, count: u64) -> Option<Vec<T>> {
+    let mut values = room(count)?;
+    values.resize(count as usize, value);
+    Some(values)
+}
+
+/// So many complex samples, all zero; `None` when they do not fit in memory.
 pub(crate) fn zeros(count: u64) -> Option<Vec<Complex32>> {
-    let count = usize::try_from(count).ok()?;
-    let mut samples = Vec::new();
-    samples.try_reserve_exact(count).ok()?;
-    samples.resize(count, Complex32::ZERO);
-    Some(samples)
+    filled(Complex32::ZERO, count)
+}
+
+/// The refusal of a grid that does not fit, all of it or the depths that are worked on at a time.
+pub(crate) fn no_room_for(grid: &Grid) -> Error {
+    Error::environment(
+        "memory",
+        format!(
+            "a volume of {} voxels does not fit; use a smaller grid or a larger pitch",
+            grid.voxel_count()
+        ),
+    )
 }
 
 /// The reconstructed complex amplitude `Â(p)` on a grid.

@@ -65,7 +65,8 @@
 //! - Only the binary prints, draws progress or exits.
 //! - Every fast path stands beside a literal one, and a test compares them.
 //! - Same inputs and seed, same bytes, for any number of threads, limit of memory or interruption. Our own loops give the same bytes for any vector
-//!   width too; the matrix products are another crate's and may round differently on another processor.
+//!   width too ([`wave::simd::limit`]); matrix products and the C library's sines may round otherwise on another processor, by 2·10⁻⁶ of the
+//!   greatest amplitude at most.
 //! - What a user can cause is an [`error::Error`]; a panic is our mistake.
 //! - `unsafe` stands in one file, [`wave::simd`], which also says why it is not under `reconstruct`.
 //!

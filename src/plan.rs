@@ -35,7 +35,9 @@ mod resolution;
 mod suggest;
 
 pub use design::{Design, design};
-pub use memory::{WAITING, available_memory, check_sampling, gib, limit_memory, memory_limit};
+pub use memory::{
+    WAITING, available_memory, check_addresses, check_sampling, gib, limit_memory, memory_limit,
+};
 pub use needs::{Holding, Needs, check_memory, check_simulation, left_for_method, needs, simulation_peak};
 pub use resolution::Profile;
 

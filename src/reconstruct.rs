@@ -38,7 +38,7 @@ pub use window::Window;
 
 use crate::acquisition::{CubeSource, DataCube};
 use crate::error::{Error, Result};
-use crate::grid::{Grid, Volume, zeros};
+use crate::grid::{Grid, Volume, no_room_for, zeros};
 use crate::progress::Observer;
 use batch::Batch;
 use choice::{Choice, Options};
@@ -265,15 +265,4 @@ fn no_room(tones: u64, microphones: u64) -> Error {
 /// Room for the voxels of a grid, filled with zeros.
 fn room_for(grid: &Grid) -> Result<Vec<Complex32>> {
     zeros(grid.voxel_count()).ok_or_else(|| no_room_for(grid))
-}
-
-/// The refusal of a grid that does not fit, all of it or the depths that are worked on at a time.
-fn no_room_for(grid: &Grid) -> Error {
-    Error::environment(
-        "memory",
-        format!(
-            "a volume of {} voxels does not fit; use a smaller grid or a larger pitch",
-            grid.voxel_count()
-        ),
-    )
 }

@@ -1,12 +1,13 @@
 //! What a job is told apart by.
 
+use crate::wave::simd::Level;
 use std::fmt;
 use std::hash::{DefaultHasher, Hasher};
 
 /// Everything that the result of a job depends on, in 64 bits: inputs, parameters, program, processor.
 ///
-/// Not the number of threads, nor the limit of memory: they change no byte. The processor's vector width and kind are
-/// in it, because a library's matrix products may round differently on another.
+/// Not the number of threads, nor the limits of memory and of the instruction set: they change no byte. What the
+/// processor has is in it, because a library's matrix products may round differently on another.
 #[derive(Debug, Clone)]
 pub struct Identity(DefaultHasher);
 
@@ -17,7 +18,8 @@ impl Identity {
         // that was built otherwise takes up no state of this one.
         let mut identity = Self(DefaultHasher::new());
         let program = concat!(env!("CARGO_PKG_VERSION"), " ", env!("HOLOSONAR_COMMIT"), " 1");
-        for text in [program, std::env::consts::ARCH, std::env::consts::OS, crate::wave::simd::width(), job] {
+        let processor = Level::of_processor().name();
+        for text in [program, std::env::consts::ARCH, std::env::consts::OS, processor, job] {
             identity.text(text);
         }
         identity

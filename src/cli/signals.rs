@@ -1,8 +1,23 @@
 //! Ctrl-C and SIGTERM: the first asks the running job to end its block and keep what is done; the second ends the process.
+//! And the abort of an allocation that nobody could foresee: the exit status of any other lack of memory.
 
 use std::io::{self, IsTerminal, Write};
 use std::sync::Arc;
+#[cfg(unix)]
+use std::sync::atomic::AtomicBool;
 use std::sync::atomic::{AtomicU8, Ordering};
+
+/// Lets an allocation that fails within a library, or that is too small to be asked for, end the process with status 1.
+///
+/// The standard library has said `memory allocation of N bytes failed` by then, and offers no other way to be told.
+#[cfg(unix)]
+pub(super) fn expect_aborts() {
+    let always = Arc::new(AtomicBool::new(true));
+    let _ = signal_hook::flag::register_conditional_shutdown(signal_hook::consts::SIGABRT, 1, always);
+}
+
+#[cfg(not(unix))]
+pub(super) fn expect_aborts() {}
 
 /// Listens from now on; gives where the exit status of a signal is noted, 128 and its number. If no handler can be had,
 /// signals end the process as they do any other.

@@ -113,7 +113,9 @@ impl Observer for Terminal {
                     bar.set_style(style.progress_chars("━━─"));
                 }
                 bar.set_prefix(stage.to_owned());
-                bar.enable_steady_tick(Duration::from_millis(100));
+                if io::stderr().is_terminal() {
+                    bar.enable_steady_tick(Duration::from_millis(100)); // a thread of its own
+                }
                 *self.bar() = Some(bar);
                 self.running().push((stage.to_owned(), Instant::now()));
             }

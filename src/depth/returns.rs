@@ -5,7 +5,7 @@
 
 use super::columns::Columns;
 use super::{DepthOptions, confidence, is_peak, parabola, percentile_99};
-use crate::grid::{Axis, Grid, Raster, Surface};
+use crate::grid::{Axis, Grid, Raster, Surface, room};
 use rayon::prelude::*;
 
 /// How far around a peak its surroundings reach, and how far it itself does, in Δd.
@@ -22,10 +22,18 @@ struct Found {
 
 /// Up to `options.returns` surfaces per pixel; surface k holds each pixel's k-th from the front.
 ///
-/// Confidence is the peak's power against the reference and against its column's median, in dB.
-pub(super) fn find(amplitude: &[f32], grid: &Grid, raster: &Raster, options: &DepthOptions) -> Vec<Surface> {
+/// Confidence is the peak's power against the reference and against its column's median, in dB. `None` when the power
+/// does not fit in memory.
+pub(super) fn find(
+    amplitude: &[f32],
+    grid: &Grid,
+    raster: &Raster,
+    options: &DepthOptions,
+) -> Option<Vec<Surface>> {
+    let mut power = room(grid.voxel_count())?;
+    power.extend(amplitude.iter().map(|a| a * a));
     // Smoothed on the grid, where its lengths are metres.
-    let power = smooth(amplitude.iter().map(|a| a * a).collect(), grid, options.smoothing);
+    let power = smooth(power, grid, options.smoothing)?;
     let columns = Columns::of_power(&power, grid, raster);
     let maxima = columns.maxima();
     let decibels = |db: f64| 10f64.powf(db / 10.0) as f32;
@@ -52,7 +60,7 @@ pub(super) fn find(amplitude: &[f32], grid: &Grid, raster: &Raster, options: &De
             surface.confidence.get_or_insert_default()[pixel] = *confidence as f32;
         }
     }
-    surfaces
+    Some(surfaces)
 }
 
 /// The returns of one column of smoothed power, front to back, none weaker than `enough`.
@@ -110,9 +118,11 @@ fn stands_out(
 }
 
 /// Separable Gaussian smoothing with σ in m along x, y, z; the kernel ends at 4σ and is renormalised at the edges.
-fn smooth(mut power: Vec<f32>, grid: &Grid, sigma: [f64; 3]) -> Vec<f32> {
+/// `None` when a copy does not fit in memory.
+fn smooth(mut power: Vec<f32>, grid: &Grid, sigma: [f64; 3]) -> Option<Vec<f32>> {
     let (n_x, plane) = (grid.x.count, grid.plane_len());
     let axes = [(grid.x, sigma[0], 1), (grid.y, sigma[1], n_x), (grid.z, sigma[2], plane)];
+    let mut source = Vec::new();
     for (axis, sigma, stride) in axes {
         let cells = sigma / axis.pitch;
         let reach = (4.0 * cells).ceil().min(axis.count as f64) as usize;
@@ -121,7 +131,11 @@ fn smooth(mut power: Vec<f32>, grid: &Grid, sigma: [f64; 3]) -> Vec<f32> {
         }
         let kernel: Vec<f32> =
             (0..=reach).map(|k| (-0.5 * (k as f64 / cells).powi(2)).exp() as f32).collect();
-        let source = power.clone();
+        if source.is_empty() {
+            source = room(grid.voxel_count())?;
+        }
+        source.clear();
+        source.extend_from_slice(&power);
         power.par_iter_mut().enumerate().for_each(|(index, value)| {
             let place = index / stride % axis.count;
             let (mut sum, mut weight) = (kernel[0] * source[index], kernel[0]);
@@ -138,7 +152,7 @@ fn smooth(mut power: Vec<f32>, grid: &Grid, sigma: [f64; 3]) -> Vec<f32> {
             *value = sum / weight;
         });
     }
-    power
+    Some(power)
 }
 
 #[cfg(test)]
@@ -146,7 +160,7 @@ mod tests {
     use super::*;
 
     fn found(echoes: &[(f64, f64)], options: &DepthOptions) -> Vec<Surface> {
-        find(&amplitude(echoes), &grid(), &Raster::of_grid(&grid()), options)
+        find(&amplitude(echoes), &grid(), &Raster::of_grid(&grid()), options).expect("fits")
     }
 
     fn grid() -> Grid {
@@ -221,12 +235,12 @@ mod tests {
     #[test]
     fn smoothing_keeps_a_constant_and_spreads_a_spike() {
         let grid = grid();
-        let flat = smooth(vec![2.0; grid.voxel_count() as usize], &grid, [0.02, 0.03, 0.01]);
+        let flat = smooth(vec![2.0; grid.voxel_count() as usize], &grid, [0.02, 0.03, 0.01]).expect("fits");
         assert!(flat.iter().all(|p| (p - 2.0).abs() < 1e-5));
         let mut spike = vec![0.0; grid.voxel_count() as usize];
         let centre = 40 * grid.plane_len() + 3 * 7 + 3;
         spike[centre] = 1.0;
-        let spread = smooth(spike, &grid, [0.02, 0.02, 0.008]);
+        let spread = smooth(spike, &grid, [0.02, 0.02, 0.008]).expect("fits");
         assert!(spread[centre] < 0.1 && spread[centre + 1] > 0.02);
         assert!((spread[centre + 1] / spread[centre] - (-0.5f32).exp()).abs() < 0.01);
     }

@@ -7,7 +7,8 @@ use super::amplitude::{Amplitude, declared_grid, vector};
 use super::exr_file::{Part, Parts, WORLD_TO_CAMERA, attributes_of, floats, part, read_parts, write_parts};
 use super::{Attribute, Attributes, Components, Encoding};
 use crate::error::{Error, Result};
-use crate::grid::{Grid, Volume};
+use crate::grid::{Grid, Volume, room};
+use num_complex::Complex32;
 use std::path::{Path, PathBuf};
 
 /// Most depths in one file.
@@ -57,7 +58,11 @@ pub fn write_volume_exr(
     for (file, first) in files.iter().zip((0..).step_by(DEPTHS_PER_FILE)) {
         let last = (first + DEPTHS_PER_FILE).min(grid.z.count);
         let mut parts = vec![mip.clone()];
-        parts.extend((first..last).map(|iz| depth_part(volume, iz, components, encoding)));
+        for iz in first..last {
+            parts.push(
+                depth_part(volume, iz, components, encoding).ok_or_else(|| no_room(file, last - first))?,
+            );
+        }
         write_parts(file, parts)?;
     }
     Ok(files)
@@ -91,17 +96,32 @@ fn mip_part(volume: &Volume, attributes: &[(String, Attribute)], encoding: Encod
     part
 }
 
-fn depth_part(volume: &Volume, iz: usize, components: Components, encoding: Encoding) -> Part {
+/// The refusal of a file whose depths, all of which its writer wants at once, do not fit.
+fn no_room(path: &Path, depths: usize) -> Error {
+    let problem = format!(
+        "{depths} depths do not fit at once for {}; the formats npz, vti and nrrd are written depth by depth",
+        path.display()
+    );
+    Error::environment("memory", problem)
+}
+
+/// `None` when it does not fit in memory.
+fn depth_part(volume: &Volume, iz: usize, components: Components, encoding: Encoding) -> Option<Part> {
     let grid = &volume.grid;
     let plane = volume.plane(iz);
-    let mut channels = vec![("Y".into(), plane.iter().map(|sample| sample.norm()).collect())];
+    let channel = |value: fn(&Complex32) -> f32| {
+        let mut channel = room(plane.len() as u64)?;
+        channel.extend(plane.iter().map(value));
+        Some(channel)
+    };
+    let mut channels = vec![("Y".into(), channel(|sample| sample.norm())?)];
     if components == Components::Complex {
-        channels.push(("re".into(), plane.iter().map(|sample| sample.re).collect()));
-        channels.push(("im".into(), plane.iter().map(|sample| sample.im).collect()));
+        channels.push(("re".into(), channel(|sample| sample.re)?));
+        channels.push(("im".into(), channel(|sample| sample.im)?));
     }
     let mut attributes = grid_attributes(grid);
     attributes.push(("sonar:depth".into(), Attribute::Number(grid.z.position(iz))));
-    part(Some(&format!("z{iz:04}")), [grid.x.count, grid.y.count], channels, &attributes, encoding)
+    Some(part(Some(&format!("z{iz:04}")), [grid.x.count, grid.y.count], channels, &attributes, encoding))
 }
 
 fn grid_attributes(grid: &Grid) -> Attributes {

@@ -48,6 +48,29 @@ pub fn memory_limit() -> Option<u64> {
     [set, address_space()].into_iter().flatten().min()
 }
 
+/// Addresses that the program takes once it is at work on anything: its libraries' tables, stacks and heaps of threads.
+const AT_WORK: u64 = 48 << 20;
+
+/// Refuses to begin where a limit of addresses (`ulimit -v`) leaves too few for any job. For the binary, once its threads
+/// run; they have most of what it takes.
+///
+/// # Errors
+/// [`Error::Environment`] with what is left.
+pub fn check_addresses() -> Result<()> {
+    match address_space() {
+        Some(left) if left < AT_WORK => Err(Error::environment(
+            "memory",
+            format!(
+                "of the addresses that this process may have, {} are left, and any job takes {}; raise `ulimit -v`, or run \
+                 fewer threads with -j",
+                gib(left),
+                gib(AT_WORK)
+            ),
+        )),
+        _ => Ok(()),
+    }
+}
+
 /// What is left of the addresses that this process may have.
 fn address_space() -> Option<u64> {
     let limits = std::fs::read_to_string("/proc/self/limits").ok()?;

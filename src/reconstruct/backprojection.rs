@@ -202,7 +202,7 @@ pub(super) fn backprojection(
                 advance(observer, Block::of(&grid, shape, depths).len() as u64)?;
                 continue;
             }
-            let tones = slab_tones.of(&compressed.tones, width);
+            let tones = slab_tones.of(&compressed.tones, width)?;
             let frequencies: Vec<f64> = tones.per_metre.iter().map(|k| -k * setup.sound_speed).collect();
             let heard = Heard {
                 geometry: setup.geometry,

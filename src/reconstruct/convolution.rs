@@ -11,10 +11,10 @@ use super::lattice::SharedLattice;
 use super::layout::Layout;
 use super::tones::{SlabTones, Tones, VolumeTones};
 use super::weights::Weights;
-use super::{Made, Method, VolumeSink, no_room_for};
+use super::{Made, Method, VolumeSink, no_room, no_room_for};
 use crate::acquisition::{CubeSource, Setup};
 use crate::error::Result;
-use crate::grid::{Grid, zeros};
+use crate::grid::{Grid, room, zeros};
 use crate::progress::{Observer, advance, stage};
 use crate::wave::interval::greater;
 use crate::wave::simd::Lanes;
@@ -37,14 +37,15 @@ fn add(
     batch: Batch,
     observer: &dyn Observer,
 ) -> Result<()> {
-    let spectra = &mut room[..layout.spectra_len(tones.per_metre.len())];
-    layout.transform_into(&tones.samples, batch, spectra);
+    let spectra = layout.part(room, tones.per_metre.len());
+    layout.transform_into(&tones.samples, batch, spectra)?;
     let spectra = &*spectra;
     let planes = planes.par_chunks_mut(layout.grid.plane_len());
     let run = batch.least_run(planes.len());
     planes.with_min_len(run).enumerate().try_for_each_init(
         || Focus::new(layout),
         |focus, (iz, voxels)| {
+            let focus = focus.as_mut().map_err(|error| error.clone())?;
             focus.add(first + iz, &tones.per_metre, spectra, voxels);
             advance(observer, tones.per_metre.len() as u64)
         },
@@ -101,7 +102,7 @@ fn every_frequency(
     let depths = grid.z.count;
     let mut planes = zeros((DEPTHS.min(depths) as u64).saturating_mul(grid.plane_len() as u64))
         .ok_or_else(|| no_room_for(grid))?;
-    let mut room = vec![Lanes::ZERO; layout.spectra_len(block)];
+    let mut spectra = layout.room(block)?;
     sink.begin(&made)?;
     stage(observer, "reconstructing", (count * depths) as u64, || {
         for first in (0..depths).step_by(DEPTHS) {
@@ -113,11 +114,13 @@ fn every_frequency(
             let planes = &mut planes[..(last - first) * grid.plane_len()];
             planes.fill(Complex32::ZERO);
             source.visit(block, &mut |range, block| {
+                let (tones, width) = (range.len() as u64, n_mic as u64);
+                let mut samples = room(tones * width).ok_or_else(|| no_room(tones, width))?;
                 let rows = range.clone().zip(block.chunks_exact(n_mic));
-                let samples = rows.flat_map(|(f, row)| weights.weighted(f, row)).collect();
-                let samples = layout.lattice.onto_nodes(samples);
+                samples.extend(rows.flat_map(|(f, row)| weights.weighted(f, row)));
+                let samples = layout.lattice.onto_nodes(samples)?;
                 let tones = Tones { per_metre: per_metre[range.clone()].to_vec(), samples };
-                add(layout, &tones, &mut room, first, planes, batch, observer)
+                add(layout, &tones, &mut spectra, first, planes, batch, observer)
             })?;
             sink.take(first, planes)?;
         }
@@ -138,7 +141,7 @@ fn skeleton_frequencies(
     let (grid, depths) = (&layout.grid, layout.grid.z.count);
     let whole = source.setup().path_interval(grid, 0..depths);
     let mut compressed = VolumeTones::compress(source, weights, whole, FIRST_SHARE * tolerance, observer)?;
-    compressed.tones.samples = layout.lattice.onto_nodes(std::mem::take(&mut compressed.tones.samples));
+    compressed.tones.samples = layout.lattice.onto_nodes(std::mem::take(&mut compressed.tones.samples))?;
     let setup = source.setup();
     let thickness = slab_thickness(&setup, layout);
     let interval = |planes| setup.path_interval(grid, planes);
@@ -152,8 +155,8 @@ fn skeleton_frequencies(
     // Room for every slab that is worked on at a time, kept from one to the next: what is given back and asked for again
     // an allocator holds twice.
     let most = slabs.iter().map(SlabTones::len).max().unwrap_or(0);
-    let room = || (Tones::room(most, layout.lattice.width()), vec![Lanes::ZERO; layout.spectra_len(most)]);
-    let mut rooms: Vec<_> = (0..batch.slabs.min(slabs.len())).map(|_| room()).collect();
+    let room = |_| Ok((Tones::room(most, layout.lattice.width())?, layout.room(most)?));
+    let mut rooms: Vec<_> = (0..batch.slabs.min(slabs.len())).map(room).collect::<Result<_>>()?;
     sink.begin(&made)?;
     stage(observer, "reconstructing", total, || {
         let done = slabs.partition_point(|slab| slab.planes.end <= sink.done());

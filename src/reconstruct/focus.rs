@@ -3,6 +3,8 @@
 use super::layout::Layout;
 use super::line::Line;
 use super::plane::Plane;
+use crate::error::Result;
+use crate::grid::no_room_for;
 use crate::wave::simd::Lanes;
 use num_complex::Complex32;
 
@@ -14,11 +16,16 @@ pub(super) enum Focus<'a> {
 }
 
 impl<'a> Focus<'a> {
-    pub(super) fn new(layout: &'a Layout<'a>) -> Self {
-        match layout.line {
-            Some(axis) => Self::Line(Line::new(layout, axis)),
-            None => Self::Plane(Plane::new(layout)),
-        }
+    /// Buffers for one thread.
+    ///
+    /// # Errors
+    /// They do not fit in memory.
+    pub(super) fn new(layout: &'a Layout<'a>) -> Result<Self> {
+        let focus = match layout.line {
+            Some(axis) => Line::new(layout, axis).map(Self::Line),
+            None => Plane::new(layout).map(Self::Plane),
+        };
+        focus.ok_or_else(|| no_room_for(&layout.grid))
     }
 
     /// Adds tones to the voxels of depth `iz`, `[y, x]`; `spectra` are those of [`Layout::spectra`].

@@ -4,9 +4,10 @@
 //! whole. Then voxels split into u and nodes into v interleaved sub-lattices of one common pitch, and `p − r` depends on
 //! the difference of indices alone between any two of them. Microphones that fit no such lattice are spread onto one.
 
+use super::no_room;
 use super::spread::{FILLS, Footprint, Interpolator, Kernels, nodes_around, spread};
 use crate::acquisition::{MicArray, Setup};
-use crate::grid::{Axis, Grid};
+use crate::grid::{Axis, Grid, zeros};
 use num_complex::Complex32;
 use rayon::prelude::*;
 use std::f64::consts::PI;
@@ -128,17 +129,21 @@ impl SharedLattice {
     }
 
     /// Samples of microphones, in rows of `n_mic`, as samples of nodes, in rows of [`SharedLattice::width`].
-    pub(super) fn onto_nodes(&self, samples: Vec<Complex32>) -> Vec<Complex32> {
+    ///
+    /// # Errors
+    /// They do not fit in memory.
+    pub(super) fn onto_nodes(&self, samples: Vec<Complex32>) -> crate::error::Result<Vec<Complex32>> {
         if self.footprints.is_empty() {
-            return samples;
+            return Ok(samples);
         }
         let rows = samples.len() / self.footprints.len();
-        let mut nodes = vec![Complex32::ZERO; rows * self.width()];
+        let (tones, width) = (rows as u64, self.width() as u64);
+        let mut nodes = zeros(tones.saturating_mul(width)).ok_or_else(|| no_room(tones, width))?;
         nodes
             .par_chunks_exact_mut(self.width())
             .zip(samples.par_chunks_exact(self.footprints.len()))
             .for_each(|(plane, samples)| spread(samples, &self.footprints, self.x.nodes.count, plane));
-        nodes
+        Ok(nodes)
     }
 }
 

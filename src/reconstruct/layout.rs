@@ -5,7 +5,9 @@ use super::circle::{Circle, Offset, Turn};
 use super::lanes::transpose;
 use super::lattice::{Parts, SharedLattice};
 use super::line;
-use crate::grid::Grid;
+use super::no_room;
+use crate::error::Result;
+use crate::grid::{Grid, filled};
 use crate::wave::simd::{LANES, Lanes};
 use crate::wave::{Geometry, phasor};
 use num_complex::Complex32;
@@ -114,24 +116,51 @@ impl<'a> Layout<'a> {
 
     /// Spectra of the nodes' samples, `[tone, placement, block, side, k_y]`; the inverse transform's scale is folded in.
     /// On a line, those of [`line::transform_into`].
-    pub(super) fn transform_into(&self, nodes: &[Complex32], batch: Batch, spectra: &mut [Lanes]) {
+    ///
+    /// # Errors
+    /// A thread's buffers do not fit in memory.
+    pub(super) fn transform_into(
+        &self,
+        nodes: &[Complex32],
+        batch: Batch,
+        spectra: &mut [Lanes],
+    ) -> Result<()> {
         if let Some(axis) = self.line {
-            return line::transform_into(self, axis, nodes, spectra);
+            line::transform_into(self, axis, nodes, spectra);
+            return Ok(());
         }
+        let tones = nodes.len() / self.lattice.width();
+        let no_room = || no_room(tones as u64, self.lattice.width() as u64);
         let planes = spectra.par_chunks_exact_mut(self.x.len() * self.y.len() / LANES);
         let run = batch.least_run(planes.len());
-        planes.with_min_len(run).enumerate().for_each_init(
+        planes.with_min_len(run).enumerate().try_for_each_init(
             || Scratch::new(self),
             |scratch, (index, spectrum)| {
+                let scratch = scratch.as_mut().ok_or_else(no_room)?;
                 let (tone, placement) = (index / self.placements.len(), index % self.placements.len());
                 let nodes = &nodes[tone * self.lattice.width()..][..self.lattice.width()];
                 self.transform(nodes, self.placements[placement], spectrum, scratch);
+                Ok(())
             },
-        );
+        )
+    }
+
+    /// Room for the spectra of so many tones.
+    ///
+    /// # Errors
+    /// They do not fit in memory.
+    pub(super) fn room(&self, tones: usize) -> Result<Vec<Lanes>> {
+        filled(Lanes::ZERO, self.spectra_len(tones) as u64)
+            .ok_or_else(|| no_room(tones as u64, self.lattice.width() as u64))
+    }
+
+    /// So much of it as so many tones take.
+    pub(super) fn part<'b>(&self, room: &'b mut [Lanes], tones: usize) -> &'b mut [Lanes] {
+        &mut room[..self.spectra_len(tones)]
     }
 
     /// Length of the spectra of so many tones.
-    pub(super) fn spectra_len(&self, tones: usize) -> usize {
+    fn spectra_len(&self, tones: usize) -> usize {
         match self.line {
             Some(axis) => tones.div_ceil(LANES) * self.node_parts.len() * self.along(axis).len(),
             None => tones * self.tone_len() / LANES,
@@ -206,15 +235,16 @@ struct Scratch {
 }
 
 impl Scratch {
-    fn new(layout: &Layout) -> Self {
-        let zeros = |n: usize| vec![Lanes::ZERO; n];
+    /// `None` when they do not fit in memory.
+    fn new(layout: &Layout) -> Option<Self> {
+        let zeros = |n: usize| filled(Lanes::ZERO, n as u64);
         let (n_x, n_y) = (layout.x.len(), layout.y.len());
-        Self {
-            row: zeros(n_x),
-            transformed: zeros(n_x),
-            work: zeros(n_x.max(n_y)),
-            columns: zeros(n_x * n_y / LANES),
+        Some(Self {
+            row: zeros(n_x)?,
+            transformed: zeros(n_x)?,
+            work: zeros(n_x.max(n_y))?,
+            columns: zeros(n_x * n_y / LANES)?,
             tile: [Lanes::ZERO; LANES],
-        }
+        })
     }
 }

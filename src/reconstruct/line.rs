@@ -7,6 +7,7 @@ use super::lanes::LaneFft;
 use super::lattice::Parts;
 use super::layout::Layout;
 use super::product::{focus, multiply};
+use crate::grid::filled;
 use crate::wave::Geometry;
 use crate::wave::simd::{LANES, Lanes, ROWS, lane_phasors};
 use glam::DVec3;
@@ -60,20 +61,21 @@ pub(super) fn transform_into(layout: &Layout, axis: usize, nodes: &[Complex32], 
 }
 
 impl<'a> Line<'a> {
-    pub(super) fn new(layout: &'a Layout<'a>, axis: usize) -> Self {
+    /// Buffers for one thread; `None` when they do not fit in memory.
+    pub(super) fn new(layout: &'a Layout<'a>, axis: usize) -> Option<Self> {
         let n = layout.along(axis).len();
-        let zeros = || vec![Lanes::ZERO; n];
-        Self {
+        let zeros = || filled(Lanes::ZERO, n as u64);
+        Some(Self {
             layout,
             axis,
-            lengths: vec![[0.0; LANES]; n * layout.node_parts.len()],
+            lengths: filled([0.0; LANES], (n * layout.node_parts.len()) as u64)?,
             outward: Vec::new(),
-            kernel: zeros(),
-            transformed: zeros(),
-            work: zeros(),
-            products: zeros(),
+            kernel: zeros()?,
+            transformed: zeros()?,
+            work: zeros()?,
+            products: zeros()?,
             image: Vec::new(),
-        }
+        })
     }
 
     /// Works out every length of depth `iz` on sub-lattice `part` of the voxels; they serve all tones.

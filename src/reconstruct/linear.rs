@@ -216,17 +216,18 @@ pub(super) fn linear(
             let rows: Vec<&[Complex32]> = block.chunks_exact(n_mic).collect();
             modulus += range.clone().zip(&rows).map(|(f, row)| weights.modulus(f, row)).sum::<f64>();
             let tones: Vec<usize> = range.clone().collect();
-            let groups: Vec<Vec<Lanes>> = tones
+            let groups: Option<Vec<Vec<Lanes>>> = tones
                 .par_chunks(LANES)
                 .zip(rows.par_chunks(LANES))
                 .map(|(tones, rows)| {
                     let samples = tones.iter().zip(rows).map(|(f, row)| weights.weighted(*f, row));
-                    let nodes = chirps.nodes(samples, &footprints);
+                    let nodes = chirps.nodes(samples, &footprints)?;
                     let per_metre: Vec<f64> =
                         tones.iter().map(|f| plan.frequencies[*f] * plan.legs / plan.sound_speed).collect();
                     chirps.transform(&nodes, &per_metre, &plan.taper)
                 })
                 .collect();
+            let groups = groups.ok_or_else(|| no_room(tones.len() as u64, n_mic as u64))?;
             along_band(plan, &plan.frequencies[range.clone()], &groups, &mut polar);
             advance(observer, range.len() as u64)
         })

@@ -16,7 +16,7 @@ use super::lanes::transpose;
 use super::lattice::{Part, Parts};
 use super::layout::Layout;
 use super::product::{focus, multiply};
-use crate::grid::Axis;
+use crate::grid::{Axis, filled, room};
 use crate::wave::Geometry;
 use crate::wave::simd::{LANES, Lanes, ROWS, dispatched, lane_phasors};
 use glam::DVec3;
@@ -47,24 +47,26 @@ pub(super) struct Plane<'a> {
 }
 
 impl<'a> Plane<'a> {
-    pub(super) fn new(layout: &'a Layout<'a>) -> Self {
-        let zeros = |n: usize| vec![Lanes::ZERO; n];
+    /// Buffers for one thread; `None` when they do not fit in memory.
+    pub(super) fn new(layout: &'a Layout<'a>) -> Option<Self> {
+        let zeros = |n: usize| filled(Lanes::ZERO, n as u64);
         let (n_x, n_y, parts) = (layout.x.len(), layout.y.len(), layout.node_parts.len());
         let most = |axis: usize| layout.voxel_parts.iter().map(|p| p[axis].count).max().unwrap_or(1);
         let blocks = if layout.geometry == Geometry::Monostatic { layout.blocks() } else { 1 };
-        Self {
+        let image = padded(most(0)) * most(1).div_ceil(LANES);
+        Some(Self {
             layout,
             offsets: &[],
-            lengths: vec![[0.0; LANES]; parts * layout.x.lags() * layout.y.lags() / LANES],
-            outward: Vec::new(),
-            image: Vec::new(),
-            columns: zeros(parts * layout.blocks() * n_y),
-            products: zeros(blocks * layout.sides() * n_y),
-            rows: zeros(n_x * most(1).div_ceil(LANES)),
-            row: zeros(n_x),
-            transformed: zeros(n_x.max(n_y)),
-            work: zeros(n_x.max(n_y)),
-        }
+            lengths: filled([0.0; LANES], (parts * layout.x.lags() * layout.y.lags() / LANES) as u64)?,
+            outward: room(if layout.geometry == Geometry::Monostatic { 0 } else { image as u64 })?,
+            image: room(image as u64)?,
+            columns: zeros(parts * layout.blocks() * n_y)?,
+            products: zeros(blocks * layout.sides() * n_y)?,
+            rows: zeros(n_x * most(1).div_ceil(LANES))?,
+            row: zeros(n_x)?,
+            transformed: zeros(n_x.max(n_y))?,
+            work: zeros(n_x.max(n_y))?,
+        })
     }
 
     /// Works out every length of depth `iz` on sub-lattice `part` of the voxels; they serve all tones.

@@ -18,6 +18,7 @@ use crate::wave::interval::{PathInterval, greatest, tone_matrix, turned};
 use faer::linalg::triangular_solve::solve_upper_triangular_in_place;
 use faer::{Mat, MatRef, Par, c64};
 use num_complex::Complex64;
+use std::f64::consts::GOLDEN_RATIO;
 
 /// The decomposition of one sweep on one interval of path lengths.
 #[derive(Debug, Clone)]
@@ -87,7 +88,7 @@ pub fn skeleton(frequencies: &[f64], interval: PathInterval, tolerance: f64) -> 
     let carrier = f64::midpoint(frequencies[0], frequencies[frequencies.len() - 1]);
     let all = tone_matrix(&points, frequencies, carrier);
     let at_witnesses = columns(all.as_ref(), &witnesses);
-    let pivoted = columns(all.as_ref(), &candidates).col_piv_qr();
+    let pivoted = without_ties(&columns(all.as_ref(), &candidates)).col_piv_qr();
     let order = pivoted.P().arrays().0;
     let diagonal = pivoted.thin_R();
     let ranks = diagonal.nrows().min(diagonal.ncols());
@@ -170,6 +171,15 @@ fn columns(all: MatRef<'_, c64>, chosen: &[usize]) -> Mat<c64> {
     Mat::from_fn(all.nrows(), chosen.len(), |k, q| all[(k, chosen[q])])
 }
 
+/// Columns made longer by less than a hundredth, each by another share (the golden ratio's multiples).
+///
+/// All are equally long, and those at equal distances from the carrier stay so when others are projected out: rounding,
+/// which is the processor's, would pick the pivots among them.
+fn without_ties(columns: &Mat<c64>) -> Mat<c64> {
+    let length = |j: usize| 1.0 + 0.01 * (j as f64 * GOLDEN_RATIO).fract();
+    Mat::from_fn(columns.nrows(), columns.ncols(), |k, j| columns[(k, j)] * length(j))
+}
+
 /// Least-squares weights that express columns by those of a basis.
 fn fit(basis: &Mat<c64>, columns: &Mat<c64>) -> Mat<c64> {
     // By an explicit Q: for many columns a product is far cheaper than as many reflections.
@@ -220,6 +230,25 @@ mod tests {
             }
         }
         worst
+    }
+
+    #[test]
+    fn rounding_does_not_choose_the_tones() {
+        for (bandwidth, count, duration) in
+            [(10_000.0, 101, 1e-3), (10_000.0, 1001, 4e-3), (7_000.0, 301, 9e-3)]
+        {
+            let even = sweep(bandwidth, count);
+            for tolerance in [1e-2, 1e-4, 1e-6] {
+                let chosen = skeleton(&even, interval(duration), tolerance).chosen;
+                for seed in 1..4 {
+                    // Some frequencies are the next number up: as much as another order of sums changes.
+                    let up = |n: usize| (n * n + seed * n) % (2 * seed + 3) < 2;
+                    let other = even.iter().enumerate().map(|(n, f)| if up(n) { f.next_up() } else { *f });
+                    let found = skeleton(&other.collect::<Vec<_>>(), interval(duration), tolerance).chosen;
+                    assert_eq!(found, chosen, "{bandwidth} Hz, {count}, {duration} s, {tolerance}");
+                }
+            }
+        }
     }
 
     #[test]

@@ -8,7 +8,7 @@ use super::skeleton::{greatest_error, skeleton};
 use super::weights::Weights;
 use crate::acquisition::CubeSource;
 use crate::error::Result;
-use crate::grid::zeros;
+use crate::grid::{room, zeros};
 use crate::progress::{Observer, advance, stage};
 use crate::wave::interval::PathInterval;
 use faer::linalg::matmul::matmul;
@@ -34,8 +34,13 @@ pub(super) struct Tones {
 
 impl Tones {
     /// Room for so many tones, empty.
-    pub(super) fn room(tones: usize, width: usize) -> Self {
-        Self { per_metre: Vec::with_capacity(tones), samples: Vec::with_capacity(tones * width) }
+    ///
+    /// # Errors
+    /// They do not fit in memory.
+    pub(super) fn room(tones: usize, width: usize) -> Result<Self> {
+        let (count, nodes) = (tones as u64, width as u64);
+        let samples = room(count.saturating_mul(nodes)).ok_or_else(|| no_room(count, nodes))?;
+        Ok(Self { per_metre: Vec::with_capacity(tones), samples })
     }
 }
 
@@ -148,13 +153,16 @@ impl SlabTones {
     }
 
     /// The slab's tones from the volume's, whose rows are `width` wide.
-    pub(super) fn of(&self, volume: &Tones, width: usize) -> Tones {
-        let mut tones = Tones::room(self.len(), width);
+    ///
+    /// # Errors
+    /// They do not fit in memory.
+    pub(super) fn of(&self, volume: &Tones, width: usize) -> Result<Tones> {
+        let mut tones = Tones::room(self.len(), width)?;
         self.select(volume, width, &mut tones);
-        tones
+        Ok(tones)
     }
 
-    /// The same in place of others.
+    /// The same in place of others, in their room if they have enough.
     pub(super) fn select(&self, volume: &Tones, width: usize, tones: &mut Tones) {
         tones.samples.clear();
         tones.samples.resize(self.len() * width, Complex32::ZERO);

@@ -1,16 +1,18 @@
 //! Phasors by the block, at the processor's vector width.
 //!
-//! Each kernel is one plain loop, compiled three times (AVX-512, AVX2, baseline) and chosen at run time. The
-//! loops use no fused multiply-add and sum into a fixed number of lanes, so all three give the same bytes.
+//! Each kernel is one plain loop, compiled three times (AVX-512, AVX2, baseline) and chosen at run time, up to a
+//! [`limit`]. The loops use no fused multiply-add and sum into a fixed number of lanes, so all three give the same bytes.
 //! It stands beside `wave` rather than in `reconstruct` because simulation, which comes first, runs on it too.
 //! `inline(always)` is what lets a body be compiled for the features of the function it is called from.
 //! The only `unsafe` of the crate is here: calling a function compiled for a feature after checking for it.
 
 #![allow(clippy::inline_always, clippy::needless_range_loop)]
 
+mod level;
 mod range;
 mod sweep;
 
+pub use level::{Level, level, limit};
 pub use range::{LaneProfiles, LaneTones, Points, RangeScale};
 pub use sweep::SweepSamples;
 
@@ -53,20 +55,6 @@ pub const ROWS: usize = 4;
 /// 64 · 2⁻²⁴ ≈ 4·10⁻⁶.
 const RECURRENCE: usize = 64;
 
-/// The instruction set that the kernels take on this processor.
-pub fn width() -> &'static str {
-    #[cfg(target_arch = "x86_64")]
-    {
-        if is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512bw") {
-            return "avx512";
-        }
-        if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
-            return "avx2";
-        }
-    }
-    "baseline"
-}
-
 /// Defines `$name` from `$body` in three instruction sets with run-time choice.
 macro_rules! dispatched {
     ($(#[$doc:meta])* $visible:vis fn $name:ident = $body:ident($($arg:ident: $type:ty),* $(,)?)) => {
@@ -79,15 +67,12 @@ macro_rules! dispatched {
                 fn wide($($arg: $type),*) { $body($($arg),*); }
                 #[target_feature(enable = "avx2,fma")]
                 fn medium($($arg: $type),*) { $body($($arg),*); }
-                if is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512dq")
-                    && is_x86_feature_detected!("avx512vl") && is_x86_feature_detected!("avx512bw")
-                {
-                    // SAFETY: the features were found on this processor a line above (AVX-512 implies AVX2, FMA).
-                    return unsafe { wide($($arg),*) };
-                }
-                if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
+                match $crate::wave::simd::level() {
+                    // SAFETY: a level is never above the processor's, which has the features of both.
+                    $crate::wave::simd::Level::Avx512 => return unsafe { wide($($arg),*) },
                     // SAFETY: as above.
-                    return unsafe { medium($($arg),*) };
+                    $crate::wave::simd::Level::Avx2 => return unsafe { medium($($arg),*) },
+                    $crate::wave::simd::Level::Baseline => {}
                 }
             }
             $body($($arg),*);

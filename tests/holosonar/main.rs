@@ -12,6 +12,7 @@ mod binary;
 mod command;
 mod faults;
 mod layout;
+mod levels;
 mod linear;
 mod memory;
 mod mutation;

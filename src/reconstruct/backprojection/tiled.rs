@@ -207,7 +207,7 @@ impl<'a> Tiled<'a> {
         observer: &dyn Observer,
     ) -> Result<()> {
         let width = setup.array.len();
-        let tones = slab.of(&compressed.tones, width);
+        let tones = slab.of(&compressed.tones, width)?;
         let frequencies: Vec<f64> = tones.per_metre.iter().map(|k| -k * setup.sound_speed).collect();
         let split = groups.iter().map(|groups| groups.iter().map(|g| (g, g.tones(&tones, width))).collect());
         let heard = Heard {

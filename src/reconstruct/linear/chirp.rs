@@ -9,7 +9,7 @@
 use super::super::lanes::{LaneFft, fast_size};
 use super::super::spread::{Footprint, Interpolator, Kernels, nodes_around, spread};
 use super::taper::{Sampled, Taper};
-use crate::grid::Axis;
+use crate::grid::{Axis, filled, zeros};
 use crate::wave::phasor;
 use crate::wave::simd::{LANES, Lanes, ROWS, dispatched};
 use num_complex::Complex32;
@@ -130,18 +130,18 @@ impl<'a> Chirps<'a> {
         scattered.iter().map(|r| [along(0, r[0]), along(1, r[1])]).collect()
     }
 
-    /// Samples of up to sixteen tones on the nodes, `[y, x]`.
+    /// Samples of up to sixteen tones on the nodes, `[y, x]`; `None` when they do not fit in memory.
     pub(super) fn nodes(
         &self,
         tones: impl Iterator<Item = impl Iterator<Item = Complex32>>,
         footprints: &[[Footprint; 2]],
-    ) -> Vec<Lanes> {
+    ) -> Option<Vec<Lanes>> {
         let n_x = self.nodes[0].count();
-        let mut nodes = vec![Lanes::ZERO; n_x * self.nodes[1].count()];
+        let mut nodes = filled(Lanes::ZERO, (n_x * self.nodes[1].count()) as u64)?;
         for (lane, samples) in tones.enumerate() {
             let mut samples: Vec<Complex32> = samples.collect();
             if !footprints.is_empty() {
-                let mut plane = vec![Complex32::ZERO; nodes.len()];
+                let mut plane = zeros(nodes.len() as u64)?;
                 spread(&samples, footprints, n_x, &mut plane);
                 samples = plane;
             }
@@ -149,7 +149,7 @@ impl<'a> Chirps<'a> {
                 (node.re[lane], node.im[lane]) = (z.re, z.im);
             }
         }
-        nodes
+        Some(nodes)
     }
 
     /// The factors along an axis, for tones given as f·legs/c.
@@ -187,11 +187,11 @@ impl<'a> Chirps<'a> {
         Factors { before: before.collect(), kernel: spectrum, after: after.collect() }
     }
 
-    /// The transform of sixteen tones, `[v, u]`, without the directions' carriers.
-    pub(super) fn transform(&self, nodes: &[Lanes], tones: &[f64], taper: &Taper) -> Vec<Lanes> {
+    /// The transform of sixteen tones, `[v, u]`, without the directions' carriers; `None` when it does not fit in memory.
+    pub(super) fn transform(&self, nodes: &[Lanes], tones: &[f64], taper: &Taper) -> Option<Vec<Lanes>> {
         let [n_x, n_y] = [0, 1].map(|i| self.nodes[i].count());
         let [n_u, n_v] = [0, 1].map(|i| self.directions[i].count());
-        let mut half = vec![Lanes::ZERO; n_u * n_y];
+        let mut half = filled(Lanes::ZERO, (n_u * n_y) as u64)?;
         let along_x = self.factors(0, tones, taper);
         let mut line = Line::new(self.ffts[0].len());
         for (y, row) in nodes.chunks_exact(n_x).enumerate() {
@@ -200,7 +200,7 @@ impl<'a> Chirps<'a> {
                 half[u * n_y + y] = *z;
             }
         }
-        let mut whole = vec![Lanes::ZERO; n_u * n_v];
+        let mut whole = filled(Lanes::ZERO, (n_u * n_v) as u64)?;
         let along_y = self.factors(1, tones, taper);
         let mut line = Line::new(self.ffts[1].len());
         for (u, column) in half.chunks_exact(n_y).enumerate() {
@@ -209,7 +209,7 @@ impl<'a> Chirps<'a> {
                 whole[v * n_u + u] = *z;
             }
         }
-        whole
+        Some(whole)
     }
 }
 

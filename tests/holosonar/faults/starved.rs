@@ -171,6 +171,7 @@ fn limited(folder: &Path, words: &str, bytes: u64) -> Ran {
         .arg("-c")
         .arg(line)
         .arg(env!("CARGO_BIN_EXE_holosonar"))
+        .env("RUST_BACKTRACE", "0") // a trace takes memory, too
         .output();
     let output = output.unwrap();
     Ran {
@@ -197,4 +198,35 @@ fn a_limit_of_memory_is_kept_to() {
     assert_eq!(ran.status, 2, "{}", ran.stderr);
     assert!(ran.stderr.contains("may be used here"), "{}", ran.stderr);
     println!("{bytes} bytes planned: done with 512 MiB more, refused with half after {:?}", begun.elapsed());
+}
+
+#[test]
+#[ignore = "a minute or two"]
+fn with_too_few_addresses_a_job_is_done_or_says_so() {
+    let folder = workplace();
+    let folder = folder.path();
+    let words = "image job.toml -o made --set reconstruct.method=convolution";
+    let convolution = super::Job { words, output: "made" };
+    for job in super::JOBS.into_iter().chain([&convolution]) {
+        let (expected, _) = undisturbed(folder, job);
+        let (mut done, mut said, mut late) = (0, 0, 0);
+        // Below the first of these the system does not load the program; above the last of them any of the jobs is done.
+        for mebibytes in (32..=400).step_by(16) {
+            let ran = limited(folder, &format!("{} -q", job.words), mebibytes << 20);
+            let told = |words: &[&str]| words.iter().any(|words| ran.stderr.contains(words));
+            match ran.status {
+                0 => {
+                    super::assert_same(folder, job, &expected);
+                    done += 1;
+                }
+                2 if told(&["MiB may be used here"]) => said += 1,
+                1 if told(&["error: memory: ", "error: threads: "]) => said += 1,
+                1 if told(&["memory allocation of "]) => late += 1,
+                status => panic!("{mebibytes} MiB, {}: status {status}: {}", job.words, ran.stderr),
+            }
+            let _ = fs::remove_dir_all(folder.join(job.output));
+        }
+        assert!(done > 0 && said > late, "{}: {done} done, {said} refused, {late} found late", job.words);
+        println!("{}: {done} limits done with the same bytes, {said} refused, {late} found late", job.words);
+    }
 }

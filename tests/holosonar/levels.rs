@@ -1,0 +1,117 @@
+//! Instruction sets: our loops give the same bytes with each, and other processors' libraries stay within the README's
+//! bound.
+
+use crate::binary::{Ran, command, shipped};
+use holosonar::acquisition::DataCube;
+use holosonar::export::volume_npz::read_volume_npz;
+use holosonar::wave::simd::Level;
+use num_complex::Complex32;
+use std::fs;
+use std::path::Path;
+
+/// The greatest difference between two kinds of processor, of the greatest amplitude.
+const STATED: f32 = 2e-6;
+
+/// Jobs by what is typed; each of them takes some tenths of a second.
+const SIMULATE: &str = "simulate job.toml -o cube.npz -q";
+const METHODS: [&str; 4] = ["convolution", "direct", "backprojection", "linear"];
+
+/// A corner, 12 x 12 microphones off the lattice of 15 x 15 x 20 voxels.
+fn workplace() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    fs::copy(shipped("meshes/corner.obj"), folder.path().join("corner.obj")).unwrap();
+    let scene = "[scene]\nmesh = \"corner.obj\"\nunit = \"m\"\n[sweep]\nstart = 6000.0\nstop = 10000.0\nstep = 50.0\n\
+                 [array]\ncount = [12, 12]\nextent = [0.4, 0.5]\n[reflectors]\nspacing = 0.02\n\
+                 [grid]\nx = [-0.35, 0.35]\ny = [-0.35, 0.35]\nz = [1.2, 2.0]\npitch = [0.05, 0.05, 0.04]\n";
+    fs::write(folder.path().join("job.toml"), scene).unwrap();
+    folder
+}
+
+/// Runs the program with something in its environment; it must succeed.
+fn run(folder: &Path, words: &str, environment: (&str, &str)) -> Ran {
+    let output =
+        command(folder, words.split_whitespace()).env(environment.0, environment.1).output().unwrap();
+    let ran = Ran {
+        status: output.status.code().unwrap_or(-1),
+        stdout: String::from_utf8(output.stdout).unwrap(),
+        stderr: String::from_utf8(output.stderr).unwrap(),
+    };
+    assert!(!ran.stderr.contains("panicked"), "{words}: {}", ran.stderr);
+    ran
+}
+
+/// The bytes of a cube, and of its volume by every method; the cube is the one that lies there, if one does.
+fn made(folder: &Path, environment: (&str, &str)) -> Vec<(&'static str, Vec<u8>, Vec<Complex32>)> {
+    let done = |words: &str| {
+        let ran = run(folder, words, environment);
+        assert_eq!(ran.status, 0, "{words}: {}", ran.stderr);
+    };
+    let (cube, volume) = (folder.join("cube.npz"), folder.join("volume.npz"));
+    // Reconstructed is always the first cube, so that differences do not add up.
+    let first = fs::read(&cube).ok();
+    done(SIMULATE);
+    let samples = DataCube::read(&cube, u64::MAX).unwrap().samples;
+    let mut all = vec![("cube", fs::read(&cube).unwrap(), samples)];
+    if let Some(first) = first {
+        fs::write(&cube, first).unwrap();
+    }
+    for method in METHODS {
+        done(&format!("reconstruct cube.npz -c job.toml -q -o volume.npz --set reconstruct.method={method}"));
+        let samples = read_volume_npz(&volume, u64::MAX).unwrap().0.samples;
+        all.push((method, fs::read(&volume).unwrap(), samples));
+    }
+    all
+}
+
+/// The greatest difference, of the greatest amplitude.
+fn difference(a: &[Complex32], b: &[Complex32]) -> f32 {
+    let greatest =
+        |numbers: &mut dyn Iterator<Item = Complex32>| numbers.map(Complex32::norm).fold(0.0, f32::max);
+    let peak = greatest(&mut a.iter().copied());
+    assert!(peak > 0.0 && a.len() == b.len(), "there is something to compare");
+    greatest(&mut a.iter().zip(b).map(|(a, b)| a - b)) / peak
+}
+
+#[test]
+fn every_level_gives_the_same_bytes() {
+    let folder = workplace();
+    let expected = made(folder.path(), ("HOLOSONAR_SIMD", ""));
+    let had = Level::ALL.into_iter().filter(|level| *level <= Level::of_processor());
+    // The processor's own level comes last: a second run at the level that was taken unasked.
+    for level in had {
+        let found = made(folder.path(), ("HOLOSONAR_SIMD", level.name()));
+        for ((what, found, samples), (_, expected, those)) in found.iter().zip(&expected) {
+            let by = difference(those, samples);
+            assert!(found == expected, "{what} at {}: differs by {by} of the peak", level.name());
+        }
+        println!("{}: same bytes", level.name());
+    }
+}
+
+/// Without AVX2 and FMA, the C library takes other sines and exponentials.
+#[test]
+#[cfg(all(target_os = "linux", target_env = "gnu", target_arch = "x86_64"))]
+fn the_sines_of_another_processor_change_little() {
+    let folder = workplace();
+    let expected = made(folder.path(), ("HOLOSONAR_SIMD", ""));
+    let found =
+        made(folder.path(), ("GLIBC_TUNABLES", "glibc.cpu.hwcaps=-AVX2,-FMA,-FMA4,-AVX512F,-AVX2_Usable"));
+    for ((what, _, found), (_, _, expected)) in found.iter().zip(&expected) {
+        let by = difference(expected, found);
+        println!("{what}: {by:.1e} of the peak");
+        assert!(by <= STATED, "{what}: {by} of the peak");
+    }
+}
+
+#[test]
+fn the_level_is_told_and_must_be_had() {
+    let folder = workplace();
+    let ran = run(folder.path(), "info job.toml -v", ("HOLOSONAR_SIMD", "baseline"));
+    assert!(ran.status == 0 && ran.stderr.contains("baseline loops"), "{}", ran.stderr);
+    for unknown in ["sse", "AVX2", "avx512 "] {
+        let ran = run(folder.path(), "info job.toml", ("HOLOSONAR_SIMD", unknown));
+        assert_eq!((ran.status, ran.stdout.as_str()), (2, ""), "{}", ran.stderr);
+        let said = format!("error: HOLOSONAR_SIMD: `{unknown}` is no instruction set of this program");
+        assert!(ran.stderr.starts_with(&said) && ran.stderr.contains("has baseline"), "{}", ran.stderr);
+    }
+}
