@@ -215,7 +215,7 @@ pub fn reconstruct_into(
 ) -> Result<Made> {
     let setup = source.setup();
     let threads = rayon::current_num_threads();
-    let possible = Options::of(&setup, grid, options, threads)?;
+    let possible = Options::of(&setup, grid, options, threads, false)?;
     let batch = possible.chosen(options.method).batch;
     let (choice, warning) = possible.choose(&setup, grid, options.method)?;
     if let Some(warning) = warning {

@@ -33,11 +33,13 @@ pub(super) struct Options {
 }
 
 impl Options {
+    /// What there is to choose from; what `linear` would cost is worked out if it is asked for, or all is to be shown.
     pub(super) fn of(
         setup: &Setup,
         grid: &Grid,
         options: &ReconstructOptions,
         threads: usize,
+        shown: bool,
     ) -> Result<Self> {
         check(grid, options)?;
         // Spreading and skeletons share the tolerance.
@@ -46,7 +48,11 @@ impl Options {
         let wanted = lattice.is_err() || options.method == Method::Backprojection;
         let backprojection = (wanted && options.tolerance > 0.0)
             .then(|| backprojection::Plan::new(setup, grid, options.tolerance));
-        let linear = linear::Plan::new(setup, grid, options.tolerance);
+        let linear = if shown || options.method == Method::Linear {
+            linear::Plan::new(setup, grid, options.tolerance)
+        } else {
+            Err("it was not asked for by name".to_owned())
+        };
         let estimates =
             cost::estimates(setup, grid, options, &lattice, backprojection.as_ref(), &linear, threads);
         Ok(Self { estimates, lattice, backprojection, linear })
@@ -157,7 +163,7 @@ pub fn estimate(
     options: &ReconstructOptions,
     threads: usize,
 ) -> Result<([Estimate; 4], usize)> {
-    let possible = Options::of(setup, grid, options, threads)?;
+    let possible = Options::of(setup, grid, options, threads, true)?;
     let chosen = possible.chosen(options.method).method;
     let index = possible.estimates.iter().position(|e| e.method == chosen).unwrap_or(0);
     Ok((possible.estimates, index))

@@ -31,7 +31,7 @@ use crate::acquisition::{CubeSource, Setup};
 use crate::error::Result;
 use crate::grid::{Axis, Grid, zeros};
 use crate::progress::{Observer, advance, stage};
-use crate::wave::simd::{LANES, Lanes};
+use crate::wave::simd::{LANES, Lanes, leave_wide_registers};
 use crate::wave::{Geometry, phasor};
 use chirp::{Chirps, Nodes};
 use faer::linalg::matmul::matmul;
@@ -268,6 +268,7 @@ fn along_band(plan: &Plan, frequencies: &[f64], groups: &[Vec<Lanes>], polar: &m
             let spectra = MatRef::from_row_major_slice(spectra, rows, n_f);
             let to = MatMut::from_row_major_slice_mut(polar, rows, n_r);
             matmul(to, Accum::Add, spectra, phases, Complex32::ONE, Par::Seq);
+            leave_wide_registers();
         },
     );
 }

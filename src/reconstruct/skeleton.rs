@@ -15,6 +15,7 @@
 //! Rokhlin, SIAM J. Sci. Comput. 26, 2005). The error is then *measured* on a dense grid, not trusted.
 
 use crate::wave::interval::{PathInterval, greatest, tone_matrix, turned};
+use crate::wave::simd::leave_wide_registers;
 use faer::linalg::triangular_solve::solve_upper_triangular_in_place;
 use faer::{Mat, MatRef, Par, c64};
 use num_complex::Complex64;
@@ -89,6 +90,7 @@ pub fn skeleton(frequencies: &[f64], interval: PathInterval, tolerance: f64) -> 
     let all = tone_matrix(&points, frequencies, carrier);
     let at_witnesses = columns(all.as_ref(), &witnesses);
     let pivoted = without_ties(&columns(all.as_ref(), &candidates)).col_piv_qr();
+    leave_wide_registers();
     let order = pivoted.P().arrays().0;
     let diagonal = pivoted.thin_R();
     let ranks = diagonal.nrows().min(diagonal.ncols());
@@ -109,6 +111,7 @@ pub fn skeleton(frequencies: &[f64], interval: PathInterval, tolerance: f64) -> 
         if error <= tolerance || rank == ranks {
             let weights = fit(&basis, &all);
             let weights = put_back_phase(weights, frequencies, &chosen, interval.middle());
+            leave_wide_registers();
             return Skeleton { chosen, weights, error };
         }
         threshold /= 2.0;
@@ -163,7 +166,9 @@ pub(super) fn greatest_error(
     let points = DENSER * interval.points_for(some[some.len() - 1] - some[0]);
     let carrier = f64::midpoint(some[0], some[some.len() - 1]);
     let tones = |frequencies: &[f64]| interval.even_tones(points, interval.middle(), frequencies, carrier);
-    greatest(&(tones(some) - tones(chosen) * weights))
+    let error = greatest(&(tones(some) - tones(chosen) * weights));
+    leave_wide_registers();
+    error
 }
 
 /// The columns `chosen` of `all`.
@@ -186,6 +191,7 @@ fn fit(basis: &Mat<c64>, columns: &Mat<c64>) -> Mat<c64> {
     let qr = basis.qr();
     let mut weights = qr.compute_thin_Q().adjoint() * columns;
     solve_upper_triangular_in_place(qr.thin_R(), weights.as_mut(), Par::Seq);
+    leave_wide_registers();
     weights
 }
 

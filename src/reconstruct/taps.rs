@@ -1,5 +1,6 @@
 //! Short least-squares interpolators for functions of a limited band on evenly spaced nodes.
 
+use crate::wave::simd::leave_wide_registers;
 use faer::linalg::solvers::{Qr, SolveLstsq};
 use faer::{Mat, c64};
 use num_complex::Complex64;
@@ -31,6 +32,7 @@ impl Taps {
             Complex64::from(sinc(band * (a as f64 - b as f64)) + ridge)
         })
         .qr();
+        leave_wide_registers();
         Self { count, band, normal }
     }
 
@@ -50,6 +52,7 @@ impl Taps {
         let node = |a: usize| (a as isize + self.first()) as f64;
         let right = Mat::from_fn(self.count, 1, |a, _| Complex64::from(sinc(self.band * (node(a) - t))));
         let solution = self.normal.solve_lstsq(&right);
+        leave_wide_registers();
         (0..self.count).map(|a| solution[(a, 0)].re).collect()
     }
 

@@ -11,6 +11,7 @@ use crate::error::Result;
 use crate::grid::{room, zeros};
 use crate::progress::{Observer, advance, stage};
 use crate::wave::interval::PathInterval;
+use crate::wave::simd::leave_wide_registers;
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatMut, MatRef, Par, c32, c64};
 use num_complex::Complex32;
@@ -132,6 +133,7 @@ impl VolumeTones {
         loop {
             let inner = skeleton(&self.frequencies, interval, step);
             let both: Mat<c64> = inner.weights() * &self.at_witnesses;
+            leave_wide_registers();
             let chosen: Vec<f64> = inner.chosen().iter().map(|&q| self.frequencies[q]).collect();
             let error = greatest_error(&interval, &self.witnesses, &chosen, both.as_ref());
             if error <= tolerance || inner.chosen().len() == self.frequencies.len() {
@@ -186,5 +188,6 @@ fn add_product(w: MatRef<'_, c32>, samples: &[Complex32], width: usize, rows: &m
     blocks.into_par_iter().enumerate().for_each(|(index, block)| {
         let columns = samples.subcols(index * BLOCK, block.ncols());
         matmul(block, Accum::Add, w, columns, Complex32::ONE, Par::Seq);
+        leave_wide_registers();
     });
 }

@@ -81,6 +81,19 @@ macro_rules! dispatched {
 }
 pub(crate) use dispatched;
 
+/// Clears the upper halves of vector registers, which products of matrices (faer's kernels) leave filled.
+///
+/// The compiler does so after every AVX function of its own; where nobody does, code for SSE, the C library's `exp` and
+/// `cos` among it, is ten times slower on that thread from then on. To be called after faer, on the thread that called it.
+#[allow(unsafe_code)]
+pub(crate) fn leave_wide_registers() {
+    #[cfg(target_arch = "x86_64")]
+    if is_x86_feature_detected!("avx") {
+        // SAFETY: the feature was found on this processor a line above; no vector is held across the call.
+        unsafe { std::arch::x86_64::_mm256_zeroupper() }
+    }
+}
+
 /// `(sin 2πt, cos 2πt)` for |t| ≤ ½, by the half angle: no quadrant, no branch, error under 6·10⁻⁷.
 #[inline(always)]
 pub(super) fn sin_cos_turns(t: f32) -> (f32, f32) {

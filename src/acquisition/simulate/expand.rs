@@ -8,7 +8,7 @@ use crate::acquisition::Sweep;
 use crate::error::Result;
 use crate::progress::{Observer, advance};
 use crate::wave::offsets::turn_and_add;
-use crate::wave::simd::phasors;
+use crate::wave::simd::{leave_wide_registers, phasors};
 use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
 use num_complex::Complex32;
@@ -114,6 +114,7 @@ impl Room {
                 1.0,
                 Par::Seq,
             );
+            leave_wide_registers();
             phasors(group.middle / options.sound_speed, frequencies, &mut self.phasors);
             for (phasor, absorption) in self.phasors.iter_mut().zip(absorption.iter().skip(first)) {
                 *phasor *= (-absorption * group.middle).exp() as f32;

@@ -12,6 +12,7 @@
 
 use crate::acquisition::Sweep;
 use crate::wave::interval::{chebyshev_point, greater, tone_matrix};
+use crate::wave::simd::leave_wide_registers;
 use faer::linalg::triangular_solve::solve_upper_triangular_in_place;
 use faer::{Mat, Par};
 use rayon::prelude::*;
@@ -171,6 +172,7 @@ impl Fit {
         let mut weights = qr.compute_thin_Q().transpose() * Self::waves(&self.nodes, frequencies);
         solve_upper_triangular_in_place(qr.thin_R(), weights.as_mut(), Par::Seq);
         let residual = Self::waves(&self.dense, frequencies) - Self::waves(&self.dense, &tones) * &weights;
+        leave_wide_registers();
         let n = self.dense.len();
         let mut solved = Solved::default();
         for column in 0..frequencies.len() {
