@@ -220,30 +220,42 @@ fn sum_over_sweep_body(amplitudes: &Amplitudes, lengths: &[f64], steps: Steps, s
     let (a_re, _) = amplitudes.re.as_chunks::<LANES>();
     let (a_im, _) = amplitudes.im.as_chunks::<LANES>();
     let (lengths, _) = lengths.as_chunks::<LANES>();
+    // The turn of one step; a single frequency takes none.
+    let turned: Vec<[[f32; LANES]; 2]> = lengths
+        .iter()
+        .map(|lengths| {
+            let mut turned = [[0.0f32; LANES]; 2];
+            if steps.count > 1 {
+                for l in 0..LANES {
+                    let (s, c) = sin_cos_exact(lengths[l] * steps.step);
+                    (turned[0][l], turned[1][l]) = (c as f32, s as f32);
+                }
+            }
+            turned
+        })
+        .collect();
     for (chunk, sums) in sums.chunks_mut(RECURRENCE).enumerate() {
         let start = steps.start + steps.step * (chunk * RECURRENCE) as f64;
         // Groups of 64 × 16 reflectors: f32 lane sums stay short, the running total is f64.
         for group in 0..lengths.len().div_ceil(64) {
             let range = group * 64..((group + 1) * 64).min(lengths.len());
             let mut lanes = [[[0.0f32; LANES]; 2]; RECURRENCE];
-            for ((a_re, a_im), lengths) in
-                a_re[range.clone()].iter().zip(&a_im[range.clone()]).zip(&lengths[range])
+            for (((a_re, a_im), lengths), [w_re, w_im]) in a_re[range.clone()]
+                .iter()
+                .zip(&a_im[range.clone()])
+                .zip(&lengths[range.clone()])
+                .zip(&turned[range])
             {
                 let mut turns = [0.0f32; LANES];
                 for l in 0..LANES {
                     turns[l] = wrap_fast(lengths[l] * start);
                 }
                 // z starts at A·e^{i2πf·path/c} and is turned by w once per frequency step.
-                let (mut z_re, mut z_im, mut w_re, mut w_im) =
-                    ([0.0f32; LANES], [0.0f32; LANES], [0.0f32; LANES], [0.0f32; LANES]);
+                let (mut z_re, mut z_im) = ([0.0f32; LANES], [0.0f32; LANES]);
                 for l in 0..LANES {
                     let (s, c) = sin_cos_turns(turns[l]);
                     z_re[l] = a_re[l] * c - a_im[l] * s;
                     z_im[l] = a_re[l] * s + a_im[l] * c;
-                }
-                for l in 0..LANES {
-                    let (s, c) = sin_cos_exact(lengths[l] * steps.step);
-                    (w_im[l], w_re[l]) = (s as f32, c as f32);
                 }
                 for sum in &mut lanes[..sums.len()] {
                     for l in 0..LANES {
