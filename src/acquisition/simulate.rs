@@ -27,6 +27,7 @@ mod fast_tests;
 #[cfg(test)]
 mod loss_tests;
 
+pub use cost::bytes as simulation_bytes;
 pub use errors::ArrayErrors;
 pub use losses::Losses;
 pub use noise::Noise;
@@ -183,18 +184,6 @@ pub fn simulate_keeping(
         samples,
         provenance: serde_json::Value::Null,
     })
-}
-
-/// About the bytes that [`simulate`] takes beside the cube, by so many threads: the sums of the microphones that are worked
-/// on at a time, for reflectors between the corners `bounds` of a box, m.
-pub fn simulation_bytes(
-    sweep: &Sweep,
-    array: &MicArray,
-    bounds: Option<(DVec3, DVec3)>,
-    options: &SimulateOptions,
-    threads: usize,
-) -> u64 {
-    cost::bytes(sweep, array, bounds, options, threads)
 }
 
 /// What is simulated, with the array as it really is.

@@ -29,7 +29,7 @@ mod tiled;
 mod voxels;
 
 use super::batch::Batch;
-use super::tones::VolumeTones;
+use super::tones::{SlabTones, Tones, VolumeTones};
 use super::weights::Weights;
 use super::{Made, Method, VolumeSink, no_room_for};
 use crate::acquisition::{CubeSource, Setup};
@@ -179,16 +179,18 @@ pub(super) fn backprojection(
     let depths = grid.z.count;
     let Division { band, shape, thickness, .. } = plan.fine;
     let greatest = greatest_half(shape.half(&grid));
-    let (terms, series_error) = band.terms(greatest);
-    let amplification = lebesgue(terms);
-    let allowed = (tolerance - series_error) / amplification;
+    let budget = Budget::new(&band, greatest, tolerance);
     let whole = interval(&source.setup(), &grid, shape, 0..depths);
-    let compressed = VolumeTones::compress(source, weights, whole, FIRST_SHARE * allowed, observer)?;
+    let compressed = VolumeTones::compress(source, weights, whole, FIRST_SHARE * budget.skeletons, observer)?;
     let setup = source.setup();
-    let slabs = compressed.slabs(depths, thickness, |depths| interval(&setup, &grid, shape, depths), allowed);
-    let skeletons = slabs.iter().map(|slab| slab.error).fold(0.0, greater);
-    let relative = series_error + amplification * skeletons;
-    let made = Made { method: Method::Backprojection, error_bound: relative * compressed.modulus };
+    let slabs = compressed.slabs(
+        depths,
+        thickness,
+        |depths| interval(&setup, &grid, shape, depths),
+        budget.skeletons,
+    );
+    let error_bound = budget.error(&slabs) * compressed.modulus;
+    let made = Made { method: Method::Backprojection, error_bound };
     sink.begin(&made)?;
     let groups = Group::of(setup.array.positions(), (0..setup.array.len()).collect());
     let width = setup.array.len();
@@ -203,13 +205,7 @@ pub(super) fn backprojection(
                 continue;
             }
             let tones = slab_tones.of(&compressed.tones, width)?;
-            let frequencies: Vec<f64> = tones.per_metre.iter().map(|k| -k * setup.sound_speed).collect();
-            let heard = Heard {
-                geometry: setup.geometry,
-                band,
-                ladder: band.ladder(greatest, &frequencies),
-                per_metre: &tones.per_metre,
-            };
+            let heard = Heard::new(&setup, band, greatest, &tones);
             let groups: Vec<_> = groups.iter().map(|g| (g, g.tones(&tones, width))).collect();
             let blocks = Block::of(&grid, shape, depths.clone());
             let images: Vec<[Vec<f32>; 2]> = blocks
@@ -238,6 +234,30 @@ pub(super) fn backprojection(
     Ok(made)
 }
 
+/// How a tolerance is shared out between series and skeletons.
+struct Budget {
+    /// Of cutting off the series.
+    series: f64,
+    /// By how much a series amplifies errors of its tones.
+    amplification: f64,
+    /// What skeletons may err by.
+    skeletons: f64,
+}
+
+impl Budget {
+    /// For profiles up to `greatest` m to both sides of a centre.
+    fn new(band: &Band, greatest: f64, tolerance: f64) -> Self {
+        let (terms, series) = band.terms(greatest);
+        let amplification = lebesgue(terms);
+        Self { series, amplification, skeletons: (tolerance - series) / amplification }
+    }
+
+    /// What all of it comes to with the skeletons that were found.
+    fn error(&self, slabs: &[SlabTones]) -> f64 {
+        self.series + self.amplification * slabs.iter().map(|slab| slab.error).fold(0.0, greater)
+    }
+}
+
 /// What blocks share that are summed from the same tones.
 struct Heard<'a> {
     geometry: Geometry,
@@ -246,7 +266,14 @@ struct Heard<'a> {
     per_metre: &'a [f64],
 }
 
-impl Heard<'_> {
+impl<'a> Heard<'a> {
+    /// For tones whose profiles reach up to `greatest` m to both sides of a centre.
+    fn new(setup: &Setup, band: Band, greatest: f64, tones: &'a Tones) -> Self {
+        let frequencies: Vec<f64> = tones.per_metre.iter().map(|k| -k * setup.sound_speed).collect();
+        let ladder = band.ladder(greatest, &frequencies);
+        Self { geometry: setup.geometry, band, ladder, per_metre: &tones.per_metre }
+    }
+
     /// The sums over microphones at points about a centre, real and imaginary parts. `widest` bounds how much a path
     /// length of a group differs from that of the centre, m.
     fn image(

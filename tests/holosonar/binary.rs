@@ -2,7 +2,7 @@
 
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::{Command, Output, Stdio};
 
 /// What one run of the program left.
 #[derive(Debug)]
@@ -10,6 +10,17 @@ pub(crate) struct Ran {
     pub(crate) status: i32,
     pub(crate) stdout: String,
     pub(crate) stderr: String,
+}
+
+impl Ran {
+    /// What a process that has ended left; a status of −1 is a signal's.
+    pub(crate) fn of(output: Output) -> Self {
+        Self {
+            status: output.status.code().unwrap_or(-1),
+            stdout: String::from_utf8(output.stdout).unwrap(),
+            stderr: String::from_utf8(output.stderr).unwrap(),
+        }
+    }
 }
 
 /// The program, ready to be started in `folder`.
@@ -21,12 +32,12 @@ pub(crate) fn command<S: AsRef<OsStr>>(folder: &Path, args: impl IntoIterator<It
 
 /// Runs the program in `folder` on words separated by blanks.
 pub(crate) fn run(folder: &Path, words: &str) -> Ran {
-    let output = command(folder, words.split_whitespace()).output().unwrap();
-    let ran = Ran {
-        status: output.status.code().unwrap_or(-1),
-        stdout: String::from_utf8(output.stdout).unwrap(),
-        stderr: String::from_utf8(output.stderr).unwrap(),
-    };
+    run_command(words, &mut command(folder, words.split_whitespace()))
+}
+
+/// Runs a command that stands for `words`, which must not panic.
+pub(crate) fn run_command(words: &str, command: &mut Command) -> Ran {
+    let ran = Ran::of(command.output().unwrap());
     assert!(!ran.stderr.contains("panicked"), "{words}: {}", ran.stderr);
     ran
 }

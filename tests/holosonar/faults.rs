@@ -110,11 +110,7 @@ fn start(folder: &Path, words: &str) -> Child {
 
 fn end(child: Child) -> Ran {
     let output = child.wait_with_output().unwrap();
-    Ran {
-        status: output.status.code().unwrap_or(-1),
-        stdout: String::from_utf8(output.stdout).unwrap(),
-        stderr: String::from_utf8(output.stderr).unwrap(),
-    }
+    Ran::of(output)
 }
 
 /// Blocks that a run took from an earlier one, by what it says.

@@ -1,7 +1,7 @@
 //! Instruction sets: our loops give the same bytes with each, and other processors' libraries stay within the README's
 //! bound.
 
-use crate::binary::{Ran, command, shipped};
+use crate::binary::{Ran, command, run_command, shipped};
 use holosonar::acquisition::DataCube;
 use holosonar::export::volume_npz::read_volume_npz;
 use holosonar::wave::simd::Level;
@@ -29,15 +29,7 @@ fn workplace() -> tempfile::TempDir {
 
 /// Runs the program with something in its environment; it must succeed.
 fn run(folder: &Path, words: &str, environment: (&str, &str)) -> Ran {
-    let output =
-        command(folder, words.split_whitespace()).env(environment.0, environment.1).output().unwrap();
-    let ran = Ran {
-        status: output.status.code().unwrap_or(-1),
-        stdout: String::from_utf8(output.stdout).unwrap(),
-        stderr: String::from_utf8(output.stderr).unwrap(),
-    };
-    assert!(!ran.stderr.contains("panicked"), "{words}: {}", ran.stderr);
-    ran
+    run_command(words, command(folder, words.split_whitespace()).env(environment.0, environment.1))
 }
 
 /// The bytes of a cube, and of its volume by every method; the cube is the one that lies there, if one does.

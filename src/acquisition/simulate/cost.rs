@@ -186,11 +186,12 @@ fn groups(
     all as f64 / f64::from(count.max(1))
 }
 
-/// About the bytes of sums and weights beside a cube, whichever way it is simulated, for reflectors in a box.
+/// About the bytes that [`simulate`](super::simulate) takes beside the cube, by so many threads: the sums of the microphones
+/// that are worked on at a time, and weights, whichever way it is done, for reflectors between the corners `bounds` of a box, m.
 ///
 /// How many reflectors there are decides between the standard durations, and is not known before they are sampled. Sums
 /// per metre of path differ by less than a factor of two from those of the duration in the middle.
-pub(super) fn bytes(
+pub fn bytes(
     sweep: &Sweep,
     array: &MicArray,
     bounds: Option<(DVec3, DVec3)>,

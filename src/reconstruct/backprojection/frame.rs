@@ -140,7 +140,7 @@ pub(super) fn bands(setup: &Setup, grid: &Grid, tiles: &[Tile]) -> [f64; 3] {
 }
 
 /// Tiles that stand for all.
-pub(super) const SAMPLED_TILES: usize = 9;
+const SAMPLED_TILES: usize = 9;
 
 /// Every so many of `items`, about `most` in all, the first and the last among them.
 pub(super) fn some<T>(items: &[T], most: usize) -> impl Iterator<Item = &T> {

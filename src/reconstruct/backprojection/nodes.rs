@@ -279,4 +279,4 @@ impl Lattice {
 const OPERATIONS_PER_VOXEL: f64 = 1200.0;
 
 /// What the table of weights along ρ errs by, linear between its entries.
-pub(super) const TABLE_ERROR: f64 = 6e-6;
+const TABLE_ERROR: f64 = 6e-6;

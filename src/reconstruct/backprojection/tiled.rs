@@ -4,9 +4,9 @@ use super::blocks::Group;
 use super::frame::{Frame, Tile};
 use super::nodes::{Lattice, SHARE, USUAL_GROWTH};
 use super::patches::Patch;
-use super::profile::{Band, lebesgue};
+use super::profile::Band;
 use super::voxels::{BEYOND, Buffers, Interpolation, TileNodes, hull};
-use super::{FIRST_SHARE, Heard, MOST_SLABS, SERIES_SHARE};
+use super::{Budget, FIRST_SHARE, Heard, MOST_SLABS, SERIES_SHARE};
 use crate::acquisition::{CubeSource, Setup};
 use crate::error::Result;
 use crate::grid::{Grid, zeros};
@@ -117,22 +117,20 @@ impl<'a> Tiled<'a> {
         let Lattice { error: inexact, growth, .. } = *self.lattice;
         let tolerance = (tolerance - inexact) / growth;
         self.band.tolerance = SERIES_SHARE * tolerance;
-        let (terms, series_error) = self.band.terms(self.greatest);
-        let amplification = lebesgue(terms);
-        let allowed = (tolerance - series_error) / amplification;
+        let budget = Budget::new(&self.band, self.greatest, tolerance);
         let whole = self.shells[0].0.start..self.shells[self.shells.len() - 1].0.end;
         let whole = self.interval(&source.setup(), &whole);
-        let compressed = VolumeTones::compress(source, weights, whole, FIRST_SHARE * allowed, observer)?;
+        let compressed =
+            VolumeTones::compress(source, weights, whole, FIRST_SHARE * budget.skeletons, observer)?;
         let setup = source.setup();
         let interval = |shells: Range<usize>| {
             let (first, last) = (&self.shells[shells.start].0, &self.shells[shells.end - 1].0);
             self.interval(&setup, &(first.start..last.end))
         };
         let together = self.shells.len().div_ceil(MOST_SLABS);
-        let slabs = compressed.slabs(self.shells.len(), together, interval, allowed);
-        let skeletons = slabs.iter().map(|slab| slab.error).fold(0.0, greater);
-        let relative = inexact + growth * (series_error + amplification * skeletons);
-        let made = Made { method: Method::Backprojection, error_bound: relative * compressed.modulus };
+        let slabs = compressed.slabs(self.shells.len(), together, interval, budget.skeletons);
+        let error_bound = (inexact + growth * budget.error(&slabs)) * compressed.modulus;
+        let made = Made { method: Method::Backprojection, error_bound };
         sink.begin(&made)?;
         let groups: Vec<Vec<Group>> =
             self.tiles.iter().map(|tile| Group::of(setup.array.positions(), tile.members.clone())).collect();
@@ -208,15 +206,11 @@ impl<'a> Tiled<'a> {
     ) -> Result<()> {
         let width = setup.array.len();
         let tones = slab.of(&compressed.tones, width)?;
-        let frequencies: Vec<f64> = tones.per_metre.iter().map(|k| -k * setup.sound_speed).collect();
-        let split = groups.iter().map(|groups| groups.iter().map(|g| (g, g.tones(&tones, width))).collect());
-        let heard = Heard {
-            geometry: setup.geometry,
-            band: self.band,
-            ladder: self.band.ladder(self.greatest, &frequencies),
-            per_metre: &tones.per_metre,
-        };
-        let split: Vec<Vec<_>> = split.collect();
+        let heard = Heard::new(setup, self.band, self.greatest, &tones);
+        let split: Vec<Vec<_>> = groups
+            .iter()
+            .map(|groups| groups.iter().map(|g| (g, g.tones(&tones, width))).collect())
+            .collect();
         let per_metre = self.band.carrier / self.band.sound_speed;
         for (shell, patches) in &self.shells[slab.planes.clone()] {
             let lengths: Vec<f64> = shell.clone().map(|k| self.lattice.pitch * k as f64).collect();

@@ -174,11 +174,7 @@ fn limited(folder: &Path, words: &str, bytes: u64) -> Ran {
         .env("RUST_BACKTRACE", "0") // a trace takes memory, too
         .output();
     let output = output.unwrap();
-    Ran {
-        status: output.status.code().unwrap_or(-1),
-        stdout: String::from_utf8(output.stdout).unwrap(),
-        stderr: String::from_utf8(output.stderr).unwrap(),
-    }
+    Ran::of(output)
 }
 
 #[test]
