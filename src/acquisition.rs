@@ -35,6 +35,7 @@ mod simulate;
 mod sweep;
 
 pub use array::{Lattice, MicArray};
+pub(crate) use array::{Tile, tiles};
 pub use cube::DataCube;
 pub use cube_file::CubeFile;
 pub use setup::{Instrument, Setup};

@@ -2,6 +2,9 @@
 
 mod position_file;
 mod scattered;
+mod tiles;
+
+pub(crate) use tiles::{Tile, tiles};
 
 use crate::error::{Error, Result};
 use crate::grid::Axis;

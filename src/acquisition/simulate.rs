@@ -18,7 +18,6 @@ mod losses;
 mod noise;
 mod planes;
 mod terms;
-mod tiles;
 mod virtual_tones;
 #[cfg(test)]
 mod tests;
@@ -32,7 +31,7 @@ pub use errors::ArrayErrors;
 pub use losses::Losses;
 pub use noise::Noise;
 
-use super::{DataCube, Detection, MicArray, Sweep};
+use super::{DataCube, Detection, MicArray, Sweep, Tile, tiles};
 use crate::error::{Error, Result};
 use crate::progress::{Forgetful, Keeper, Observer, stage};
 use crate::reflectors::Reflectors;
@@ -200,7 +199,7 @@ struct Job<'a> {
 /// Tiles, tones and terms of a simulation.
 #[derive(Debug)]
 struct Plan {
-    tiles: Vec<tiles::Tile>,
+    tiles: Vec<Tile>,
     tones: VirtualTones,
     /// Losses, if there are any.
     terms: Option<Terms>,
@@ -238,7 +237,7 @@ impl Plan {
             weights = made.weights(&weights);
             terms = Some(made);
         }
-        let tiles = tiles::tiles(array.positions(), choice.microphones, choice.radius);
+        let tiles = tiles(array.positions(), choice.microphones, choice.radius);
         Some(Self { tiles, tones, terms, weights, held: choice.held })
     }
 }

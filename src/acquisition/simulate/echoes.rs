@@ -6,9 +6,9 @@
 
 use super::planes::Planes;
 use super::terms::{Terms, outward_spreading};
-use super::tiles::Tile;
 use super::virtual_tones::VirtualTones;
 use super::{PropagationModel, SimulateOptions};
+use crate::acquisition::Tile;
 use crate::reflectors::Reflectors;
 use crate::wave::offsets::{Echoes, MOST_ECHOES, exact_offsets, linear_offsets, sum_over_tones};
 use crate::wave::simd::phasors;

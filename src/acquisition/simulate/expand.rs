@@ -2,9 +2,8 @@
 
 use super::echoes::{GroupSums, Summation};
 use super::kept::KeptSamples;
-use super::tiles::Tile;
 use super::{Job, Plan, SimulateOptions, record};
-use crate::acquisition::Sweep;
+use crate::acquisition::{Sweep, Tile};
 use crate::error::Result;
 use crate::progress::{Observer, advance};
 use crate::wave::offsets::turn_and_add;

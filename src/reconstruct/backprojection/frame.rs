@@ -4,10 +4,9 @@
 //! `e^{+i2πf_c·ρ/c}`, a term is `e^{−i2π[f·(path(p, r) − ρ) + (f − f_c)·ρ]/c}`: at constant ρ it changes along x and y
 //! only by as much as r and r₀ see it in different directions, which is little for a small tile.
 
-use crate::acquisition::Setup;
+use crate::acquisition::{Setup, Tile, tiles};
 use crate::grid::Grid;
 use crate::wave::Geometry;
-use crate::wave::simd::LANES;
 use glam::DVec3;
 
 /// The coordinates (x, y, ρ) of one tile: `ρ = |p − a| + |p − b|` with the foci a, b.
@@ -53,61 +52,9 @@ impl Frame {
     }
 }
 
-/// Microphones near each other that share a frame.
-#[derive(Debug, Clone)]
-pub(super) struct Tile {
-    pub(super) members: Vec<usize>,
-    /// r₀, m.
-    pub(super) middle: DVec3,
-    /// Half the extent of the members' box, m.
-    half: DVec3,
-}
-
-impl Tile {
-    /// All microphones, halved `times` across the longer side.
-    pub(super) fn all(positions: &[DVec3], times: u32) -> Vec<Self> {
-        let mut tiles = vec![(0..positions.len()).collect::<Vec<usize>>()];
-        for _ in 0..times {
-            tiles = tiles.into_iter().flat_map(|members| halves(positions, members)).collect();
-        }
-        let tile = |members: Vec<usize>| {
-            let (low, high) = bounds(positions, &members);
-            Self { members, middle: low.midpoint(high), half: (high - low) / 2.0 }
-        };
-        tiles.into_iter().map(tile).collect()
-    }
-
-    /// What no member is farther from the middle than, m.
-    pub(super) fn radius(&self) -> f64 {
-        self.half.length()
-    }
-
-    /// The corners of the members' box.
-    pub(super) fn corners(&self) -> impl Iterator<Item = DVec3> + use<> {
-        let Self { middle, half, .. } = *self;
-        (0..8).map(move |i| {
-            let sign = |bit: usize| if i & bit == 0 { -1.0 } else { 1.0 };
-            middle + half * DVec3::new(sign(1), sign(2), sign(4))
-        })
-    }
-}
-
-fn bounds(positions: &[DVec3], members: &[usize]) -> (DVec3, DVec3) {
-    let corner = |from: DVec3, pick: fn(DVec3, DVec3) -> DVec3| {
-        members.iter().fold(from, |corner, &r| pick(corner, positions[r]))
-    };
-    (corner(DVec3::INFINITY, DVec3::min), corner(DVec3::NEG_INFINITY, DVec3::max))
-}
-
-/// Two halves across the longest side of the members' box, the first in whole lanes.
-fn halves(positions: &[DVec3], mut members: Vec<usize>) -> Vec<Vec<usize>> {
-    let (low, high) = bounds(positions, &members);
-    let extent = high - low;
-    let axis = (0..3).max_by(|&a, &b| extent[a].total_cmp(&extent[b])).unwrap_or(0);
-    members.sort_by(|&a, &b| positions[a][axis].total_cmp(&positions[b][axis]).then(a.cmp(&b)));
-    let first = (members.len() / 2).next_multiple_of(LANES).min(members.len());
-    let second = members.split_off(first);
-    [members, second].into_iter().filter(|half| !half.is_empty()).collect()
+/// The tiles, each with a frame, that an array falls into when it is halved so many `times`.
+pub(super) fn halved(positions: &[DVec3], times: u32) -> Vec<Tile> {
+    tiles(positions, positions.len().div_ceil(1 << times), f64::INFINITY)
 }
 
 /// How fast the turned terms of tiles change along x, y (at constant ρ) and ρ at most, cycles per m; from samples at
@@ -117,7 +64,7 @@ pub(super) fn bands(setup: &Setup, grid: &Grid, tiles: &[Tile]) -> [f64; 3] {
     let edges = [frequencies[0], frequencies[frequencies.len() - 1]];
     let mut fastest = [0.0f64; 3];
     for tile in some(tiles, SAMPLED_TILES) {
-        let frame = Frame::new(&setup.geometry, tile.middle);
+        let frame = Frame::new(&setup.geometry, tile.centre);
         for p in sampled_places(grid, [5, 5, 4]) {
             let slope = frame.slope(p);
             for r in tile.corners() {
@@ -201,16 +148,17 @@ mod tests {
             let positions = places(count);
             let mut last = f64::INFINITY;
             for times in 0..5 {
-                let tiles = Tile::all(&positions, times);
-                let mut members: Vec<usize> = tiles.iter().flat_map(|tile| tile.members.clone()).collect();
+                let tiles = halved(&positions, times);
+                let mut members: Vec<usize> =
+                    tiles.iter().flat_map(|tile| tile.microphones.clone()).collect();
                 members.sort_unstable();
                 assert_eq!(members, (0..count).collect::<Vec<_>>());
-                let widest = tiles.iter().map(Tile::radius).fold(0.0, f64::max);
+                let widest = tiles.iter().map(|tile| tile.radius).fold(0.0, f64::max);
                 assert!(widest <= last);
                 last = widest;
                 for tile in &tiles {
-                    let farthest = tile.members.iter().map(|&r| positions[r].distance(tile.middle));
-                    assert!(farthest.fold(0.0, f64::max) <= tile.radius() * (1.0 + 1e-12));
+                    let farthest = tile.microphones.iter().map(|&r| positions[r].distance(tile.centre));
+                    assert!(farthest.fold(0.0, f64::max) <= tile.radius * (1.0 + 1e-12));
                 }
             }
             assert!(count < 512 || last < 0.2);
@@ -232,13 +180,13 @@ mod tests {
                 detection: Detection::Quadrature,
                 sound_speed: 343.0,
             };
-            let tiles = Tile::all(array.positions(), 2);
+            let tiles = halved(array.positions(), 2);
             let bands = bands(&setup, &grid, &tiles);
             let mut fastest = [0.0f64; 3];
             for tile in &tiles {
-                let frame = Frame::new(&geometry, tile.middle);
+                let frame = Frame::new(&geometry, tile.centre);
                 for p in sampled_places(&grid, [4, 3, 6]) {
-                    for &r in tile.members.iter().step_by(3) {
+                    for &r in tile.microphones.iter().step_by(3) {
                         let r = array.positions()[r];
                         for f in [10_000.0, 20_000.0] {
                             let turns = |x: f64, y: f64, range: f64| {

@@ -1,7 +1,7 @@
 //! How far apart the nodes of a tile may stand, and of how many of them a voxel is made.
 
 use super::blocks::{Shape, block_operations};
-use super::frame::{Tile, bands};
+use super::frame::{bands, halved};
 use super::profile::Band;
 use super::terms::{FEW, MANY, Seen, Terms};
 use crate::acquisition::Setup;
@@ -159,7 +159,7 @@ impl Lattice {
         (times, tolerance): (u32, f64),
         lengths: &[(Taps, f64)],
     ) -> Vec<Self> {
-        let tiles = Tile::all(setup.array.positions(), times);
+        let tiles = halved(setup.array.positions(), times);
         let terms = Terms { setup, grid, tiles: &tiles };
         let bands = bands(setup, grid, &tiles);
         let seen = Seen::of(setup, grid, &tiles);
@@ -248,7 +248,7 @@ impl Lattice {
     /// With errors and growth as measured; `None` if they pass `tolerance`, or nodes would stand where no point has
     /// their range.
     fn measured(self, setup: &Setup, grid: &Grid, tolerance: f64) -> Option<Self> {
-        let tiles = Tile::all(setup.array.positions(), self.times);
+        let tiles = halved(setup.array.positions(), self.times);
         let terms = Terms { setup, grid, tiles: &tiles };
         let [error_x, sum_x] = terms.error(0, &|place| self.nodes[0].around(place), &MANY)?;
         let [error_y, sum_y] = terms.error(1, &|place| self.nodes[1].around(place), &MANY)?;

@@ -1,8 +1,9 @@
 //! Patches of nodes: blocks in a tile's own coordinates, whose sums are taken about one centre.
 
-use super::frame::{Frame, Tile};
+use super::frame::Frame;
 use super::nodes::Lattice;
 use super::voxels::TileNodes;
+use crate::acquisition::Tile;
 use crate::wave::Geometry;
 use crate::wave::simd::Points;
 use glam::DVec3;
@@ -58,7 +59,7 @@ impl Patch {
                     continue;
                 }
                 let placed = patch.placed(lattice, nodes)?;
-                patch.half = half_width(&placed, geometry, &nodes.frame, tile.radius());
+                patch.half = half_width(&placed, geometry, &nodes.frame, tile.radius);
                 all.push(patch);
             }
         }

@@ -1,8 +1,8 @@
 //! The terms that a job can have, sampled, and how the tiles of an array see a grid.
 
-use super::frame::{Frame, Tile, sampled_places, some};
+use super::frame::{Frame, sampled_places, some};
 use super::nodes::Around;
-use crate::acquisition::Setup;
+use crate::acquisition::{Setup, Tile};
 use crate::grid::{Axis, Grid};
 use crate::wave::interval::greater;
 use glam::DVec3;
@@ -46,7 +46,7 @@ impl Terms<'_> {
         let frequencies = [frequencies[0], frequencies[frequencies.len() - 1]];
         let (mut worst, mut moduli) = (0.0f64, 1.0f64);
         for tile in some(tiles, density.tiles) {
-            let frame = Frame::new(&setup.geometry, tile.middle);
+            let frame = Frame::new(&setup.geometry, tile.centre);
             let [along, across] = density.places;
             for mut p in
                 sampled_places(grid, std::array::from_fn(|of| if of == axis { along } else { across }))
@@ -97,13 +97,13 @@ pub(super) struct Seen {
 impl Seen {
     pub(super) fn of(setup: &Setup, grid: &Grid, tiles: &[Tile]) -> Self {
         let frames: Vec<Frame> =
-            some(tiles, 3).map(|tile| Frame::new(&setup.geometry, tile.middle)).collect();
+            some(tiles, 3).map(|tile| Frame::new(&setup.geometry, tile.centre)).collect();
         let (low, high) = setup.array.bounds();
         let corners = grid.corners();
         let [shortest, _] = setup.geometry.path_bounds([corners[0], corners[7]], [low, high]);
         Self {
             tiles: tiles.len(),
-            radius: tiles.iter().map(Tile::radius).fold(0.0, f64::max),
+            radius: tiles.iter().map(|tile| tile.radius).fold(0.0, f64::max),
             shortest,
             typical: setup.geometry.path_length(corners[0].midpoint(corners[7]), low.midpoint(high)),
             frames,

@@ -1,13 +1,13 @@
 //! Back-projection in two steps: every tile of the array onto a few nodes of its own, and those onto the voxels.
 
 use super::blocks::Group;
-use super::frame::{Frame, Tile};
+use super::frame::{Frame, halved};
 use super::nodes::{Lattice, SHARE, USUAL_GROWTH};
 use super::patches::Patch;
 use super::profile::Band;
 use super::voxels::{BEYOND, Buffers, Interpolation, TileNodes, hull};
 use super::{Budget, FIRST_SHARE, Heard, MOST_SLABS, SERIES_SHARE};
-use crate::acquisition::{CubeSource, Setup};
+use crate::acquisition::{CubeSource, Setup, Tile};
 use crate::error::Result;
 use crate::grid::{Grid, zeros};
 use crate::progress::{Observer, advance, stage};
@@ -55,10 +55,10 @@ impl<'a> Tiled<'a> {
         grid: &'a Grid,
         band: Band,
     ) -> Result<Option<Self>> {
-        let tiles = Tile::all(setup.array.positions(), lattice.times);
+        let tiles = halved(setup.array.positions(), lattice.times);
         let interpolation = Interpolation::new(lattice, grid, band.carrier / band.sound_speed);
         let needs = |tile: &Tile| {
-            let frame = Frame::new(&setup.geometry, tile.middle);
+            let frame = Frame::new(&setup.geometry, tile.centre);
             let needed = interpolation.needed(&frame);
             let held = needed.iter().cloned().fold(0..0, hull);
             TileNodes { frame, held, needed, values: [Vec::new(), Vec::new()] }
@@ -93,7 +93,7 @@ impl<'a> Tiled<'a> {
 
     /// Path lengths at which profiles of some nodes along ρ are expanded.
     fn interval(&self, setup: &Setup, range: &Range<usize>) -> PathInterval {
-        let radius = self.tiles.iter().map(Tile::radius).fold(0.0, greater);
+        let radius = self.tiles.iter().map(|tile| tile.radius).fold(0.0, greater);
         let margin = setup.geometry.return_legs() * radius + self.greatest;
         let at = |node: usize| self.lattice.pitch * node as f64;
         PathInterval {
@@ -132,8 +132,11 @@ impl<'a> Tiled<'a> {
         let error_bound = (inexact + growth * budget.error(&slabs)) * compressed.modulus;
         let made = Made { method: Method::Backprojection, error_bound };
         sink.begin(&made)?;
-        let groups: Vec<Vec<Group>> =
-            self.tiles.iter().map(|tile| Group::of(setup.array.positions(), tile.members.clone())).collect();
+        let groups: Vec<Vec<Group>> = self
+            .tiles
+            .iter()
+            .map(|tile| Group::of(setup.array.positions(), tile.microphones.clone()))
+            .collect();
         let room = || {
             let count = (DEPTHS.min(grid.z.count) as u64).saturating_mul(grid.plane_len() as u64);
             zeros(count).ok_or_else(|| no_room_for(grid))

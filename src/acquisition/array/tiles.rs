@@ -4,15 +4,15 @@ use glam::DVec3;
 
 /// Neighbouring microphones.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Tile {
+pub(crate) struct Tile {
     /// Their indices in the array, ascending.
-    pub(super) microphones: Vec<usize>,
+    pub(crate) microphones: Vec<usize>,
     /// Middle of their box, m.
-    pub(super) centre: DVec3,
+    pub(crate) centre: DVec3,
     /// Half the box, m.
-    pub(super) half: DVec3,
+    pub(crate) half: DVec3,
     /// No microphone is farther from the centre, m.
-    pub(super) radius: f64,
+    pub(crate) radius: f64,
 }
 
 impl Tile {
@@ -26,13 +26,22 @@ impl Tile {
         let half = 0.5 * (high - low);
         Self { microphones, centre: low.midpoint(high), half, radius: half.length() }
     }
+
+    /// The corners of the box.
+    pub(crate) fn corners(&self) -> impl Iterator<Item = DVec3> + use<> {
+        let Self { centre, half, .. } = *self;
+        (0..8).map(move |i| {
+            let sign = |bit: usize| if i & bit == 0 { -1.0 } else { 1.0 };
+            centre + half * DVec3::new(sign(1), sign(2), sign(4))
+        })
+    }
 }
 
 /// Cuts an array into tiles of at most `count` microphones and at most `radius` m, halving along the longest side.
 ///
 /// One microphone is a tile whatever the radius, and so are any at the same place. The cuts follow from the positions
 /// alone, so that scattered arrays are served as well as lattices. Cost: `n log² n`.
-pub(super) fn tiles(positions: &[DVec3], count: usize, radius: f64) -> Vec<Tile> {
+pub(crate) fn tiles(positions: &[DVec3], count: usize, radius: f64) -> Vec<Tile> {
     let mut tiles = Vec::new();
     let mut waiting: Vec<Vec<usize>> = vec![(0..positions.len()).collect()];
     while let Some(mut microphones) = waiting.pop() {
