@@ -160,13 +160,23 @@ impl Observer for Terminal {
     }
 }
 
-/// Makes a panic, which is always our mistake, say what to do about it.
+/// Makes a panic, which is always our mistake, say what to do about it; but for memory that a library panics for want of,
+/// which is the machine's and ends the process with status 1, as an allocation of the standard library does.
 pub(super) fn explain_panics() {
     let default = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |panic| {
         // Readers of files catch the panics of the crates they call and report an error instead.
         if holosonar::error::is_guarded() {
             return;
+        }
+        if panic.payload_as_str().is_some_and(|said| said.contains("AllocError")) {
+            // Nothing that takes memory, and no unwinding: it would end as a mistake of the thread that waits for this one.
+            let _ = io::stderr().write_all(
+                b"error: memory: an allocation of the linear algebra failed; give --memory SIZE to have less worked on \
+                  at a time, or free some memory (or addresses, if `ulimit -v` is set)\n",
+            );
+            #[allow(clippy::exit)]
+            std::process::exit(1);
         }
         let _ = writeln!(
             io::stderr(),
