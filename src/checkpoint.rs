@@ -26,10 +26,10 @@ use crate::plan::gib;
 use crate::progress::{Event, Keeper, Observer};
 use journal::Journal;
 use num_complex::Complex32;
-use std::cell::{Cell, RefCell};
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::sync::OnceLock;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
 /// What the names of all states end in.
@@ -56,9 +56,9 @@ enum Stage {
 #[derive(Debug)]
 pub struct Checkpoint {
     place: Option<Place>,
-    journal: RefCell<Option<Journal>>,
+    journal: Mutex<Option<Journal>>,
     /// Bytes that the output will take of the disk, and no state may.
-    reserved: Cell<u64>,
+    reserved: AtomicU64,
 }
 
 #[derive(Debug)]
@@ -72,7 +72,7 @@ struct Place {
 impl Checkpoint {
     /// No state is kept, and none is looked for.
     pub fn off() -> Self {
-        Self { place: None, journal: RefCell::new(None), reserved: Cell::new(0) }
+        Self { place: None, journal: Mutex::new(None), reserved: AtomicU64::new(0) }
     }
 
     /// State in the folder `output` itself, kept every so often; zero: after every block.
@@ -89,7 +89,7 @@ impl Checkpoint {
 
     fn at(folder: PathBuf, name: String, every: Duration) -> Self {
         let place = Some(Place { folder, name, every });
-        Self { place, journal: RefCell::new(None), reserved: Cell::new(0) }
+        Self { place, journal: Mutex::new(None), reserved: AtomicU64::new(0) }
     }
 
     /// Refuses a job whose output takes more than the disk has, before any long work.
@@ -98,7 +98,7 @@ impl Checkpoint {
     /// [`Error::Environment`] when fewer than `bytes` are free.
     pub fn need_space(&self, bytes: u64) -> Result<()> {
         let Some(place) = &self.place else { return Ok(()) };
-        self.reserved.set(bytes);
+        self.reserved.store(bytes, Ordering::Relaxed);
         match free_space(&place.folder) {
             Some(free) if free < bytes => Err(Error::environment(
                 place.folder.display(),
@@ -136,8 +136,12 @@ impl Checkpoint {
         } else if journal.was_damaged() {
             observer.tell(&format!("{} holds no whole block; beginning anew", journal.path().display()));
         }
-        *self.journal.borrow_mut() = Some(journal);
+        *self.journal() = Some(journal);
         Ok(())
+    }
+
+    fn journal(&self) -> MutexGuard<'_, Option<Journal>> {
+        self.journal.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Whether anything is kept.
@@ -152,7 +156,7 @@ impl Checkpoint {
 
     /// What is kept and how to go on from it, in words; `None` when nothing is.
     pub fn how_to_continue(&self) -> Option<String> {
-        let journal = self.journal.borrow();
+        let journal = self.journal();
         let journal = journal.as_ref().filter(|journal| journal.blocks() > 0)?;
         Some(format!(
             "{} finished blocks are kept in {}: the same command goes on from there",
@@ -165,7 +169,7 @@ impl Checkpoint {
     pub fn remove(self) {
         // State that cannot be removed does no harm: it is of an identity that is checked.
         let Some(place) = &self.place else { return };
-        drop(self.journal.borrow_mut().take());
+        drop(self.journal().take());
         for path in place.states() {
             if !journal::is_in_use(&path) {
                 let _ = fs::remove_file(path);
@@ -175,17 +179,19 @@ impl Checkpoint {
 
     /// What a block in the journal holds, if it is there and whole.
     fn recall(&self, stage: Stage, k: u64, block: &mut Vec<Complex32>) -> bool {
-        self.journal.borrow_mut().as_mut().is_some_and(|journal| journal.read(stage, k, block))
+        self.journal().as_mut().is_some_and(|journal| journal.read(stage, k, block))
     }
 
     /// Appends blocks to the journal; a disk that takes no more is told of once, and ends the keeping.
     fn write(&self, stage: Stage, k: u64, block: &[Complex32], observer: &dyn Observer) {
-        let mut journal = self.journal.borrow_mut();
+        let mut journal = self.journal();
         let (Some(journal), Some(place)) = (journal.as_mut(), &self.place) else { return };
         if journal.is_closed() {
             return;
         }
-        let needed = (size_of_val(block) as u64).saturating_add(self.reserved.get()).saturating_add(MARGIN);
+        let needed = (size_of_val(block) as u64)
+            .saturating_add(self.reserved.load(Ordering::Relaxed))
+            .saturating_add(MARGIN);
         let problem = if free_space(&place.folder).is_some_and(|free| free < needed) {
             journal.close();
             format!("{} has no room for more than the output", place.folder.display())

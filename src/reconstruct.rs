@@ -29,6 +29,7 @@ pub mod skeleton;
 mod spread;
 mod taps;
 mod tones;
+mod virtual_tones;
 mod weights;
 mod window;
 
@@ -128,7 +129,7 @@ pub struct Made {
 }
 
 /// Where depths go as they are finished: memory, or a file that is written slab by slab.
-pub trait VolumeSink {
+pub trait VolumeSink: Send {
     /// Told once, before the first depth.
     ///
     /// # Errors
@@ -207,6 +208,17 @@ pub fn reconstruct_whole(
 /// over 10¹¹ direct terms; a grid with voxels behind the array; a tolerance that is not in 0..1; [`Error::Environment`]
 /// when what it needs does not fit in memory; [`Error::Interrupted`]; what source and sink come to.
 pub fn reconstruct_into(
+    source: &mut dyn CubeSource,
+    grid: &Grid,
+    options: &ReconstructOptions,
+    sink: &mut dyn VolumeSink,
+    observer: &dyn Observer,
+) -> Result<Made> {
+    // On a thread of the pool: one outside sleeps and is woken at every loop, which costs small jobs as much as their work.
+    rayon::scope(|_| in_pool(source, grid, options, sink, observer))
+}
+
+fn in_pool(
     source: &mut dyn CubeSource,
     grid: &Grid,
     options: &ReconstructOptions,

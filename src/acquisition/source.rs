@@ -9,7 +9,7 @@ use std::ops::Range;
 pub type Visit<'v> = dyn FnMut(Range<usize>, &[Complex32]) -> Result<()> + 'v;
 
 /// A cube whose samples are visited in ascending blocks of frequencies, so that it need never be held whole.
-pub trait CubeSource {
+pub trait CubeSource: Send {
     /// The measurement.
     fn setup(&self) -> Setup<'_>;
 

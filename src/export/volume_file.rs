@@ -10,7 +10,7 @@ use std::io::{self, BufWriter};
 use std::path::Path;
 
 /// What a format does with neighbouring depths as they come.
-pub(super) trait VolumeStream {
+pub(super) trait VolumeStream: Send {
     /// Takes the next depths, `[plane, y, x]`.
     fn planes(&mut self, planes: &[Complex32]) -> io::Result<()>;
 

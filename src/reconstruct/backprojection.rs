@@ -5,7 +5,7 @@
 //! Chebyshev series of few terms ([`profile`]). So the sum over frequencies costs a dozen terms instead of hundreds,
 //! whatever their number.
 //!
-//! 1. The sweep is compressed to skeleton tones for all path lengths, and again for each slab of depths.
+//! 1. The sweep is compressed to virtual tones for all path lengths, and these to skeleton tones for each slab of depths.
 //! 2. For each block and each group of 16 microphones: tones to series coefficients, on the half-width of delays that
 //!    the block has ([`blocks`]).
 //! 3. For each of these microphones and each voxel of the block: path, series, carrier, sum.
@@ -161,7 +161,7 @@ fn interval(setup: &Setup, grid: &Grid, shape: Shape, depths: Range<usize>) -> P
 /// Gives the volume to `sink`.
 ///
 /// Cost: some 130 operations per voxel and microphone for a tolerance of 10⁻⁴ and voxels that sample the image well, by
-/// tiles ten times fewer or less; memory for the skeleton tones of all microphones, and for the nodes.
+/// tiles ten times fewer or less; memory for the virtual tones of all microphones, and for the nodes.
 pub(super) fn backprojection(
     source: &mut dyn CubeSource,
     weights: &Weights,

@@ -2,13 +2,14 @@
 //!
 //! `p − r` depends on the difference of indices alone, so one kernel `e^{−i2πf|p−r|/c}` per frequency and depth serves
 //! every pair of voxel and microphone ([`SharedLattice`] says when). With a tolerance, the sweep is first compressed to
-//! skeleton frequencies for the volume, and again for each slab of depths, so that Eq. 16 runs over tens of tones
-//! instead of all; with tolerance 0 it runs over every one.
+//! virtual tones for the volume, and these to skeleton tones for each slab of depths, so that Eq. 16 runs over tens of
+//! tones instead of all; with tolerance 0 it runs over every one.
 
 use super::batch::Batch;
 use super::focus::Focus;
 use super::lattice::SharedLattice;
 use super::layout::Layout;
+use super::skeleton::candidates_for;
 use super::tones::{SlabTones, Tones, VolumeTones};
 use super::weights::Weights;
 use super::{Made, Method, VolumeSink, no_room, no_room_for};
@@ -16,10 +17,11 @@ use crate::acquisition::{CubeSource, Setup};
 use crate::error::Result;
 use crate::grid::{Grid, room, zeros};
 use crate::progress::{Observer, advance, stage};
-use crate::wave::interval::greater;
-use crate::wave::simd::Lanes;
+use crate::wave::interval::{PathInterval, greater};
+use crate::wave::simd::{LANES, Lanes};
 use num_complex::Complex32;
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Bytes of data spectra held at a time when every frequency is summed.
 const SPECTRA_BYTES: usize = 256 << 20;
@@ -197,23 +199,36 @@ pub(super) fn usual_batch(layout: &Layout, thickness: usize, frequencies: usize,
 /// Thin slabs need fewer tones each, but every slab pays for its own spectra and decomposition.
 pub(super) fn slab_thickness(setup: &Setup, layout: &Layout) -> usize {
     let depths = layout.grid.z.count;
-    let points = (layout.x.len() * layout.y.len()) as f64;
-    // In transformed points per tone: for a decomposition, by the number of frequencies, and for its product over all nodes.
-    let slab = (150 * setup.sweep.len() + 10 * layout.lattice.width()) as f64;
+    let points = layout.points() as f64;
+    let paths: Vec<PathInterval> =
+        (0..depths).map(|iz| setup.path_interval(&layout.grid, iz..iz + 1)).collect();
+    // Depths are in order, and so are their paths.
+    let bandwidth_duration = |planes: Range<usize>| {
+        let paths = PathInterval { shortest: paths[planes.start].shortest, ..paths[planes.end - 1] };
+        setup.sweep.bandwidth() * paths.duration()
+    };
+    let of_volume = (2.0 * bandwidth_duration(0..depths) + 8.0).min(setup.sweep.len() as f64);
+    // In transformed points: a decomposition, by its rows and columns, and for a tone its product over all nodes.
+    let decomposed = |spread: f64| {
+        let rows = 1.7 * spread + 36.0;
+        2e4 + 0.3 * rows * rows * candidates_for(spread).min(of_volume)
+    };
+    let product = 0.05 * of_volume * layout.lattice.width() as f64;
+    // On a line, sixteen tones cost what one does.
+    let lanes = if layout.line.is_some() { LANES as f64 } else { 1.0 };
     let cost = |thickness: usize| -> f64 {
         (0..depths)
             .step_by(thickness)
             .map(|first| {
                 let planes = thickness.min(depths - first);
-                let interval = setup.path_interval(&layout.grid, first..first + planes);
-                let tones =
-                    (setup.sweep.bandwidth() * interval.duration() + 10.0).min(setup.sweep.len() as f64);
-                let transforms = planes * layout.pairs() * 2 + layout.node_parts.len();
-                tones * (transforms as f64 * points + slab)
+                let spread = bandwidth_duration(first..first + planes);
+                let tones = (spread + 10.0).min(of_volume);
+                let transforms = (planes * layout.pairs() * 2 + layout.node_parts.len()) as f64;
+                (tones / lanes).ceil() * lanes * transforms * points + tones * product + decomposed(spread)
             })
             .sum()
     };
-    let candidates = [1, 2, 4, 8, 16, 32, 64];
+    let candidates = [1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128];
     candidates
         .into_iter()
         .filter(|&thickness| thickness == 1 || thickness <= depths)

@@ -6,8 +6,9 @@ use super::batch::Batch;
 use super::convolution::{FIRST_SHARE, slab_thickness, usual_batch};
 use super::lattice::SharedLattice;
 use super::layout::Layout;
-use super::skeleton::{DENSER, candidates_for, witnesses_for};
-use super::tones::FREQUENCIES;
+use super::skeleton::{DENSER, witnesses_for};
+use super::tones::{FREQUENCIES, frequencies_at_once};
+use super::virtual_tones;
 use super::{Method, ReconstructOptions, backprojection, direct, linear};
 use crate::acquisition::Setup;
 use crate::grid::Grid;
@@ -91,30 +92,31 @@ const TRANSFORM: f64 = 2.0;
 /// Bytes of a complex number in single precision.
 const COMPLEX: u64 = 8;
 
-/// What a compression to `tones` takes: operations, and bytes while the tones are found.
-fn compression(setup: &Setup, interval: &PathInterval, tones: f64) -> (f64, u64) {
-    let bandwidth_duration = setup.sweep.bandwidth() * interval.duration();
+/// Taps of a tone's interpolator, about.
+const TAPS: f64 = 12.0;
+
+/// What a compression to so many virtual `tones` takes: operations, and bytes for their weights.
+fn compression(setup: &Setup, tones: f64) -> (f64, u64) {
     let (n_f, n_mic) = (setup.sweep.len() as f64, setup.array.len() as f64);
-    let rows = interval.points_for(setup.sweep.bandwidth()) as f64;
-    let candidates = candidates_for(bandwidth_duration).min(n_f);
-    // Pivoting and f64 cost about five times what the product of two such matrices would.
-    let found = 5.0 * PRODUCT * rows * candidates * tones + PRODUCT * rows * tones * n_f;
-    let bytes = 16.0 * (rows * n_f + 2.0 * tones * n_f + 10.0 * rows * candidates);
-    (found + PRODUCT * tones * n_f * n_mic, bytes as u64)
+    // A block of frequencies goes to the tones of its part of the band, and to some beyond.
+    let rows = (tones * (FREQUENCIES as f64 / n_f).min(1.0) + TAPS).min(tones);
+    let found = n_f * (10.0 * TAPS * TAPS + 40.0 * TAPS);
+    (found + PRODUCT * rows * n_f * n_mic, (n_f * 10.0 * TAPS * 8.0) as u64)
 }
 
-/// Bytes that a thread takes to find a slab's tones among the volume's: the tones of both at delays, and their difference.
+/// Bytes that a thread takes to find a slab's tones among the volume's: both at delays, and their difference.
 ///
 /// Its heap keeps them for the next slab, being too small to be mapped each by itself.
-fn nesting(setup: &Setup, volume: &PathInterval, slab: &PathInterval) -> u64 {
+fn nesting(setup: &Setup, of_volume: f64, slab: &PathInterval) -> u64 {
     let bandwidth = setup.sweep.bandwidth();
-    let witnesses = witnesses_for(bandwidth * volume.duration()).min(setup.sweep.len() as f64);
-    (3.0 * 16.0 * (DENSER * slab.points_for(bandwidth)) as f64 * witnesses) as u64
+    let witnesses = witnesses_for(bandwidth * slab.duration()).min(of_volume);
+    (3.0 * 8.0 * (DENSER * slab.points_for(bandwidth)) as f64 * witnesses) as u64
 }
 
 /// Bytes of a block of frequencies as it is read.
 fn block_bytes(setup: &Setup) -> u64 {
-    COMPLEX * (FREQUENCIES.min(setup.sweep.len()) as u64).saturating_mul(setup.array.len() as u64)
+    let frequencies = frequencies_at_once(setup.array.len()).min(setup.sweep.len());
+    COMPLEX * (frequencies as u64).saturating_mul(setup.array.len() as u64)
 }
 
 fn of_convolution(
@@ -147,18 +149,16 @@ fn of_convolution(
         let operations = n_f * (depths as f64 * pair + spectra);
         return possible(Method::Convolution, operations, options, usual, bytes);
     }
-    let tones = |planes: std::ops::Range<usize>, share: f64| {
-        let duration = setup.path_interval(grid, planes).duration();
-        tones_for(setup.sweep.bandwidth() * duration, share * left).min(setup.sweep.len() as f64)
-    };
-    let (of_volume, width) = (tones(0..depths, FIRST_SHARE), lattice.width() as f64);
     let whole = setup.path_interval(grid, 0..depths);
-    let (mut operations, bytes_finding) = compression(setup, &whole, of_volume);
-    let nesting = nesting(setup, &whole, &setup.path_interval(grid, 0..thickness.min(depths)));
+    let of_volume = virtual_tones::count(setup.sweep, &whole, FIRST_SHARE * left) as f64;
+    let width = lattice.width() as f64;
+    let (mut operations, bytes_finding) = compression(setup, of_volume);
+    let nesting = nesting(setup, of_volume, &setup.path_interval(grid, 0..thickness.min(depths)));
     let mut most = 0.0f64;
     for first in (0..depths).step_by(thickness) {
         let planes = first..(first + thickness).min(depths);
-        let of_slab = tones(planes.clone(), 1.0).min(of_volume);
+        let duration = setup.path_interval(grid, planes.clone()).duration();
+        let of_slab = tones_for(setup.sweep.bandwidth() * duration, FIRST_SHARE * left).min(of_volume);
         operations += of_slab * (planes.len() as f64 * pair + spectra + PRODUCT * of_volume * width);
         most = most.max(of_slab);
     }
@@ -168,10 +168,8 @@ fn of_convolution(
     let both = if lattice.spreads() { microphones.saturating_add(nodes) } else { nodes };
     let slab = complex(most * (width + layout.tone_len() as f64))
         .saturating_add(plane.saturating_mul(thickness as u64 * COMPLEX));
-    let compressing = microphones
-        .saturating_add(block_bytes(setup))
-        .saturating_add(complex(2.0 * of_volume * setup.sweep.len() as f64));
-    let before = bytes_finding.max(compressing).max(both);
+    let compressing = microphones.saturating_add(block_bytes(setup)).saturating_add(bytes_finding);
+    let before = compressing.max(both);
     let bytes = |batch: Batch| {
         let focusing = slab.saturating_mul(batch.slabs as u64).saturating_add(scratch(batch));
         let nesting = nesting.saturating_mul(batch.workers.min(depths.div_ceil(thickness)) as u64);
@@ -201,11 +199,10 @@ fn of_backprojection(
     threads: usize,
 ) -> Estimate {
     let whole = setup.path_interval(grid, 0..grid.z.count);
-    let tones = tones_for(setup.sweep.bandwidth() * whole.duration(), 0.1 * options.tolerance)
-        .min(setup.sweep.len() as f64);
-    let (compressing, finding) = compression(setup, &whole, tones);
+    let tones = virtual_tones::count(setup.sweep, &whole, 0.1 * options.tolerance) as f64;
+    let (compressing, finding) = compression(setup, tones);
     let held = (tones * setup.array.len() as f64 * COMPLEX as f64) as u64;
-    let before = finding.max(held.saturating_add(block_bytes(setup)));
+    let before = finding.saturating_add(held).saturating_add(block_bytes(setup));
     let focusing = held.saturating_mul(2).saturating_add(plan.bytes());
     let bytes = |batch: Batch| {
         before.max(focusing.saturating_add((batch.workers as u64).saturating_mul(plan.worker_bytes())))

@@ -5,14 +5,14 @@
 //! the difference of indices alone between any two of them. Microphones that fit no such lattice are spread onto one.
 
 use super::no_room;
-use super::spread::{FILLS, Footprint, Interpolator, Kernels, nodes_around, spread};
+use super::spread::{self, FILLS, Footprint, Interpolator, Kernels, nodes_around};
 use crate::acquisition::{MicArray, Setup};
 use crate::grid::{Axis, Grid, zeros};
 use num_complex::Complex32;
 use rayon::prelude::*;
 use std::f64::consts::PI;
 
-/// The most nodes that microphones are spread onto: some gigabytes of skeleton tones.
+/// The most nodes that microphones are spread onto: some gigabytes of tones.
 const MOST_NODES: usize = 1 << 22;
 
 /// One axis of a shared lattice.
@@ -142,7 +142,9 @@ impl SharedLattice {
         nodes
             .par_chunks_exact_mut(self.width())
             .zip(samples.par_chunks_exact(self.footprints.len()))
-            .for_each(|(plane, samples)| spread(samples, &self.footprints, self.x.nodes.count, plane));
+            .for_each(|(plane, samples)| {
+                spread::spread(samples, &self.footprints, self.x.nodes.count, plane);
+            });
         Ok(nodes)
     }
 }
@@ -227,9 +229,13 @@ fn footprints(array: &MicArray, x: &SharedAxis, y: &SharedAxis) -> Vec<[Footprin
     if exact && array.lattice().is_some() && x.nodes.count * y.nodes.count == array.len() {
         return Vec::new();
     }
-    let along = |axis: &SharedAxis, position: f64| match &axis.interpolator {
-        Some(interpolator) => Footprint::spread(position, &axis.nodes, interpolator),
-        None => Footprint::on_node(((position - axis.nodes.first) / axis.nodes.pitch).round() as usize),
+    let along = |axis: usize, positions: &[f64]| {
+        let axis = [x, y][axis];
+        if let Some(interpolator) = &axis.interpolator {
+            return Footprint::spread(positions, &axis.nodes, interpolator);
+        }
+        let index = |r: &f64| ((r - axis.nodes.first) / axis.nodes.pitch).round() as usize;
+        positions.iter().map(|r| Footprint::on_node(index(r))).collect()
     };
-    array.positions().par_iter().map(|r| [along(x, r.x), along(y, r.y)]).collect()
+    spread::footprints(&array.positions().iter().map(|r| [r.x, r.y]).collect::<Vec<_>>(), along)
 }

@@ -10,14 +10,15 @@
 //!
 //! `Σ_n m_n(r) e^{−i2πf_n·path/c} = Σ_q m̂_q(r) e^{−i2πf_q·path/c}` with `m̂_q(r) = Σ_n W[q, n] m_n(r)`,
 //!
-//! to within `ε Σ_n |m_n(r)|`: one small matrix product, and Eq. 13 runs over Q frequencies instead of n_f.
+//! to within `ε Σ_n |m_n(r)|`: one small matrix product, and Eq. 13 runs over Q frequencies instead of n_f. The engine
+//! takes them among the virtual tones of a volume, for one slab of depths at a time.
 //! Method: column-pivoted QR of the matrix of those functions on Chebyshev points (Cheng, Gimbutas, Martinsson and
-//! Rokhlin, SIAM J. Sci. Comput. 26, 2005). The error is then *measured* on a dense grid, not trusted.
+//! Rokhlin, SIAM J. Sci. Comput. 26, 2005), in real numbers: with delays counted from the interval's middle, the best W
+//! is real. The error is then *measured* on a dense grid, not trusted.
 
-use crate::wave::interval::{PathInterval, greatest, tone_matrix, turned};
+use crate::wave::interval::{LeastSquares, PathInterval, greatest, turned, waves};
 use crate::wave::simd::leave_wide_registers;
-use faer::linalg::triangular_solve::solve_upper_triangular_in_place;
-use faer::{Mat, MatRef, Par, c64};
+use faer::Mat;
 use num_complex::Complex64;
 use std::f64::consts::GOLDEN_RATIO;
 
@@ -25,7 +26,10 @@ use std::f64::consts::GOLDEN_RATIO;
 #[derive(Debug, Clone)]
 pub struct Skeleton {
     chosen: Vec<usize>,
-    weights: Mat<c64>,
+    /// W where delays are counted from the interval's middle, `[Q, n_f]`.
+    weights: Mat<f64>,
+    /// e^{i2πf_n·middle} per frequency.
+    turns: Vec<Complex64>,
     error: f64,
 }
 
@@ -55,9 +59,13 @@ pub(super) fn witnesses_for(bandwidth_duration: f64) -> f64 {
     WITNESSES_PER_DIMENSION * dimensions(bandwidth_duration)
 }
 
-/// Frequencies, as indices, so spread over the band that none lies further than a `most`-th of it from one.
+/// Frequencies, as indices, so spread over the band that none lies further than a `most`-th of it from one; all where they
+/// are no more than that.
 fn spread_out(frequencies: &[f64], most: f64) -> Vec<usize> {
     let last = frequencies.len() - 1;
+    if frequencies.len() as f64 <= most {
+        return (0..=last).collect();
+    }
     let step = (frequencies[last] - frequencies[0]) / most;
     let mut chosen = vec![0];
     for (n, f) in frequencies.iter().enumerate().skip(1) {
@@ -74,7 +82,7 @@ fn spread_out(frequencies: &[f64], most: f64) -> Vec<usize> {
 /// - Shapes: `weights` is `[Q, n_f]`.
 /// - Error: the greatest `|e_n − Σ_q W[q, n] e_q|` on a dense grid of the interval and the band, [`Skeleton::error`];
 ///   the factorisation is repeated more strictly if it exceeds `tolerance`.
-/// - Cost: a QR of `1.7·B·T + 36` rows and some `4·(B·T + 12)` columns, and a product with all n_f.
+/// - Cost: a real QR of `1.7·B·T + 36` rows and some `4·(B·T + 12)` columns, and a product with all n_f.
 ///
 /// # Panics
 /// Without frequencies, or with a tolerance that is not positive.
@@ -84,35 +92,34 @@ pub fn skeleton(frequencies: &[f64], interval: PathInterval, tolerance: f64) -> 
     let product = bandwidth * interval.duration();
     let candidates = spread_out(frequencies, candidates_for(product));
     let witnesses = spread_out(frequencies, witnesses_for(product));
-    let points = interval.chebyshev(interval.points_for(bandwidth));
-    let dense = DENSER * points.len();
+    let points = interval.points_for(bandwidth).div_ceil(2);
     let carrier = f64::midpoint(frequencies[0], frequencies[frequencies.len() - 1]);
-    let all = tone_matrix(&points, frequencies, carrier);
-    let at_witnesses = columns(all.as_ref(), &witnesses);
-    let pivoted = without_ties(&columns(all.as_ref(), &candidates)).col_piv_qr();
+    let about: Vec<f64> = frequencies.iter().map(|f| f - carrier).collect();
+    let all = waves(&interval.chebyshev(points), &about);
+    let at_witnesses = columns(&all, &witnesses);
+    let pivoted = without_ties(&columns(&all, &candidates)).col_piv_qr();
     leave_wide_registers();
     let order = pivoted.P().arrays().0;
     let diagonal = pivoted.thin_R();
     let ranks = diagonal.nrows().min(diagonal.ncols());
-    let some: Vec<f64> = witnesses.iter().map(|&n| frequencies[n]).collect();
-    let dense_some = interval.even_tones(dense, 0.0, &some, carrier);
+    let dense = |chosen: &[usize]| {
+        interval.even_waves(DENSER * points, &chosen.iter().map(|&n| about[n]).collect::<Vec<_>>())
+    };
+    let dense_witnesses = dense(&witnesses);
     // The greatest residual of a column is a sum over the points; its root mean square is what ε bounds.
-    let mut threshold = tolerance / 3.0 * (points.len() as f64).sqrt();
+    let mut threshold = tolerance / 3.0 * (points as f64).sqrt();
     loop {
-        let rank = (0..ranks).position(|k| diagonal[(k, k)].norm() <= threshold).unwrap_or(ranks).max(1);
+        let rank = (0..ranks).position(|k| diagonal[(k, k)].abs() <= threshold).unwrap_or(ranks).max(1);
         let mut chosen: Vec<usize> = order[..rank].iter().map(|&j| candidates[j]).collect();
         chosen.sort_unstable();
-        let basis = columns(all.as_ref(), &chosen);
-        let dense_chosen: Vec<f64> = chosen.iter().map(|&n| frequencies[n]).collect();
-        let error = greatest(
-            &(&dense_some
-                - interval.even_tones(dense, 0.0, &dense_chosen, carrier) * fit(&basis, &at_witnesses)),
-        );
+        let fit = LeastSquares::new(&columns(&all, &chosen));
+        let weights = fit.solve(&at_witnesses);
+        let error = greatest(&(&dense_witnesses - dense(&chosen) * &weights));
         if error <= tolerance || rank == ranks {
-            let weights = fit(&basis, &all);
-            let weights = put_back_phase(weights, frequencies, &chosen, interval.middle());
+            let weights = if witnesses.len() == about.len() { weights } else { fit.solve(&all) };
+            let turns = frequencies.iter().map(|f| turned(f * interval.middle())).collect();
             leave_wide_registers();
-            return Skeleton { chosen, weights, error };
+            return Skeleton { chosen, weights, turns, error };
         }
         threshold /= 2.0;
     }
@@ -126,20 +133,8 @@ impl Skeleton {
 
     /// `W[q, n]`.
     pub fn weight(&self, q: usize, n: usize) -> Complex64 {
-        self.weights[(q, n)]
-    }
-
-    /// W, `[Q, n_f]`.
-    pub(super) fn weights(&self) -> MatRef<'_, c64> {
-        self.weights.as_ref()
-    }
-
-    /// Frequencies, as indices, at which an error of weights over `interval` shows, and W at those, `[Q, witnesses]`.
-    pub(super) fn witnesses(&self, frequencies: &[f64], interval: PathInterval) -> (Vec<f64>, Mat<c64>) {
-        let bandwidth = frequencies[frequencies.len() - 1] - frequencies[0];
-        let product = bandwidth * interval.duration();
-        let chosen = spread_out(frequencies, witnesses_for(product));
-        (chosen.iter().map(|&n| frequencies[n]).collect(), columns(self.weights(), &chosen))
+        // Delays were counted from the interval's middle; this counts them from zero again.
+        self.weights[(q, n)] * self.turns[self.chosen[q]] * self.turns[n].conj()
     }
 
     /// The greatest error measured on a dense grid of the interval, relative to one.
@@ -150,29 +145,13 @@ impl Skeleton {
     /// `max_n Σ_q |W[q, n]|`: by how much the noise of single samples can grow.
     pub fn largest_weight_sum(&self) -> f64 {
         (0..self.weights.ncols())
-            .map(|n| (0..self.weights.nrows()).map(|q| self.weights[(q, n)].norm()).sum::<f64>())
+            .map(|n| self.weights.col_as_slice(n).iter().map(|w| w.abs()).sum::<f64>())
             .fold(0.0, f64::max)
     }
 }
 
-/// The greatest `|e_n − Σ_q W[q, n] e_q|` on a dense grid of the interval: of `some` frequencies n expressed by the
-/// `chosen` ones, both in Hz, with weights that count delays from zero.
-pub(super) fn greatest_error(
-    interval: &PathInterval,
-    some: &[f64],
-    chosen: &[f64],
-    weights: MatRef<'_, c64>,
-) -> f64 {
-    let points = DENSER * interval.points_for(some[some.len() - 1] - some[0]);
-    let carrier = f64::midpoint(some[0], some[some.len() - 1]);
-    let tones = |frequencies: &[f64]| interval.even_tones(points, interval.middle(), frequencies, carrier);
-    let error = greatest(&(tones(some) - tones(chosen) * weights));
-    leave_wide_registers();
-    error
-}
-
 /// The columns `chosen` of `all`.
-fn columns(all: MatRef<'_, c64>, chosen: &[usize]) -> Mat<c64> {
+fn columns(all: &Mat<f64>, chosen: &[usize]) -> Mat<f64> {
     Mat::from_fn(all.nrows(), chosen.len(), |k, q| all[(k, chosen[q])])
 }
 
@@ -180,30 +159,9 @@ fn columns(all: MatRef<'_, c64>, chosen: &[usize]) -> Mat<c64> {
 ///
 /// All are equally long, and those at equal distances from the carrier stay so when others are projected out: rounding,
 /// which is the processor's, would pick the pivots among them.
-fn without_ties(columns: &Mat<c64>) -> Mat<c64> {
+fn without_ties(columns: &Mat<f64>) -> Mat<f64> {
     let length = |j: usize| 1.0 + 0.01 * (j as f64 * GOLDEN_RATIO).fract();
     Mat::from_fn(columns.nrows(), columns.ncols(), |k, j| columns[(k, j)] * length(j))
-}
-
-/// Least-squares weights that express columns by those of a basis.
-fn fit(basis: &Mat<c64>, columns: &Mat<c64>) -> Mat<c64> {
-    // By an explicit Q: for many columns a product is far cheaper than as many reflections.
-    let qr = basis.qr();
-    let mut weights = qr.compute_thin_Q().adjoint() * columns;
-    solve_upper_triangular_in_place(qr.thin_R(), weights.as_mut(), Par::Seq);
-    leave_wide_registers();
-    weights
-}
-
-/// Delays were counted from the interval's middle; `e^{−i2π(f_n − f_q)τ_mid}` counts them from zero again.
-fn put_back_phase(mut weights: Mat<c64>, frequencies: &[f64], chosen: &[usize], middle: f64) -> Mat<c64> {
-    let turns: Vec<Complex64> = frequencies.iter().map(|f| turned(f * middle)).collect();
-    for (n, turn) in turns.iter().enumerate() {
-        for (q, &f) in chosen.iter().enumerate() {
-            weights[(q, n)] *= turns[f] * turn.conj();
-        }
-    }
-    weights
 }
 
 #[cfg(test)]

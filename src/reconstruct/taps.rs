@@ -1,81 +1,82 @@
-//! Short least-squares interpolators for functions of a limited band on evenly spaced nodes.
+//! Short least-squares interpolators for functions of a limited band.
 
-use crate::wave::simd::leave_wide_registers;
-use faer::linalg::solvers::{Qr, SolveLstsq};
-use faer::{Mat, c64};
-use num_complex::Complex64;
-use std::f64::consts::PI;
+use crate::wave::interval::{LeastSquares, chebyshev_point, greatest, waves};
+use faer::Mat;
+use std::f64::consts::{PI, TAU};
 
 /// Weights of a few nodes around a place, fitted to every plane wave of a band alike.
 #[derive(Debug, Clone)]
 pub(super) struct Taps {
-    count: usize,
-    /// Band edge, radians per node.
-    band: f64,
-    /// The factored normal equations `sinc κ(a − b)`.
-    normal: Qr<c64>,
+    /// Places of the nodes.
+    nodes: Vec<f64>,
+    /// Wavenumbers that weights are fitted at, cycles per unit; by symmetry the positive ones serve.
+    fitted: Vec<f64>,
+    factored: LeastSquares,
 }
 
-fn sinc(x: f64) -> f64 {
-    if x.abs() < 1e-9 { 1.0 } else { x.sin() / x }
-}
+/// Weights are kept small where they would gain less than this.
+const DAMPING: f64 = 1e-11;
+
+/// Wavenumbers from zero to the edge of a band at which an error is measured.
+const MEASURED: usize = 41;
 
 impl Taps {
-    /// An even `count` of taps for waves of up to `edge` radians per node.
+    /// An even `count` of taps on even nodes, for waves of up to `edge` radians per node.
     pub(super) fn new(count: usize, edge: f64) -> Self {
+        let first = 1.0 - (count / 2) as f64;
+        Self::on((0..count).map(|a| first + a as f64).collect(), edge.min(PI / 1.02))
+    }
+
+    /// Taps on nodes anywhere, for waves of up to `edge` radians per unit of their places.
+    pub(super) fn on(nodes: Vec<f64>, edge: f64) -> Self {
+        let points = nodes.len() + 6;
         // A little beyond the edge, where least squares is least accurate.
-        let band = (edge * 1.02).min(PI);
-        // Complex only so that the skeletons' solver serves too.
-        let normal = Mat::from_fn(count, count, |a, b| {
-            // Neighbouring columns are nearly dependent; rounding is kept from being amplified.
-            let ridge = if a == b { 1e-13 } else { 0.0 };
-            Complex64::from(sinc(band * (a as f64 - b as f64)) + ridge)
-        })
-        .qr();
-        leave_wide_registers();
-        Self { count, band, normal }
+        let fitted: Vec<f64> =
+            (0..points).map(|k| 1.02 * edge / TAU * chebyshev_point(k, 2 * points)).collect();
+        let factored = LeastSquares::damped(&waves(&fitted, &nodes), DAMPING);
+        Self { nodes, fitted, factored }
     }
 
     /// Number of nodes that a place is made of.
     pub(super) fn count(&self) -> usize {
-        self.count
+        self.nodes.len()
     }
 
-    /// The first node, counted from the one at or before the place.
+    /// The first of even nodes, counted from the one at or before the place.
     pub(super) fn first(&self) -> isize {
-        1 - (self.count / 2) as isize
+        1 - (self.count() / 2) as isize
     }
 
-    /// Weights of the nodes `first ..` for a place `t` ∈ [0, 1] nodes after its own:
-    /// `(sinc κ(a − b)) w = sinc κ(a − t)`, least squares over |κ'| ≤ κ.
+    /// Weights of the nodes for a place; on even nodes it lies `t` ∈ [0, 1] after its own.
     pub(super) fn weights(&self, t: f64) -> Vec<f64> {
-        let node = |a: usize| (a as isize + self.first()) as f64;
-        let right = Mat::from_fn(self.count, 1, |a, _| Complex64::from(sinc(self.band * (node(a) - t))));
-        let solution = self.normal.solve_lstsq(&right);
-        leave_wide_registers();
-        (0..self.count).map(|a| solution[(a, 0)].re).collect()
+        self.weights_of(&[t]).col_as_slice(0).to_vec()
     }
 
-    /// The greatest error for a plane wave of up to `edge` radians per node, anywhere between two nodes.
+    /// The same for many places, `[taps, places]`.
+    pub(super) fn weights_of(&self, places: &[f64]) -> Mat<f64> {
+        self.factored.solve(&waves(&self.fitted, places))
+    }
+
+    /// The greatest error for a plane wave of up to `edge` radians per unit at any of these places, and the greatest sum of
+    /// the moduli of their weights.
+    pub(super) fn error_at(&self, edge: f64, places: &[f64]) -> (f64, f64) {
+        let weights = self.weights_of(places);
+        let cycles: Vec<f64> = (0..MEASURED).map(|k| edge / TAU * k as f64 / (MEASURED - 1) as f64).collect();
+        let error = greatest(&(waves(&cycles, places) - waves(&cycles, &self.nodes) * &weights));
+        let sums = (0..places.len()).map(|n| weights.col_as_slice(n).iter().map(|w| w.abs()).sum());
+        (error, sums.fold(0.0, f64::max))
+    }
+
+    /// The greatest error on even nodes, anywhere between two of them.
     pub(super) fn error(&self, edge: f64) -> f64 {
-        let mut worst = 0.0f64;
-        for i in 1..=4 {
-            let t = f64::from(i) / 8.0;
-            let weights = self.weights(t);
-            for j in 0..=40 {
-                let wavenumber = edge * f64::from(j) / 40.0;
-                let wave = |a: usize| Complex64::cis(wavenumber * ((a as isize + self.first()) as f64 - t));
-                let sum: Complex64 = weights.iter().enumerate().map(|(a, w)| wave(a) * w).sum();
-                worst = worst.max((sum - 1.0).norm());
-            }
-        }
-        worst
+        self.error_at(edge, &[0.125, 0.25, 0.375, 0.5]).0
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use num_complex::Complex64;
 
     #[test]
     fn waves_of_the_band_are_carried_and_those_beyond_are_not() {

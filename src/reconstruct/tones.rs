@@ -1,10 +1,11 @@
 //! Weighted samples at few frequencies: the sweep compressed for the whole volume, then again for each slab.
 //!
-//! Skeletons nest: the tones of a slab are found among those of the volume, so that the second compression is small.
+//! The two nest: the skeleton tones of a slab are found among the virtual tones of the volume.
 //! Sums run over fixed blocks of frequencies and microphones, so neither threads nor memory change the bytes.
 
 use super::no_room;
-use super::skeleton::{greatest_error, skeleton};
+use super::skeleton::skeleton;
+use super::virtual_tones::VirtualTones;
 use super::weights::Weights;
 use crate::acquisition::CubeSource;
 use crate::error::Result;
@@ -13,16 +14,25 @@ use crate::progress::{Observer, advance, stage};
 use crate::wave::interval::PathInterval;
 use crate::wave::simd::leave_wide_registers;
 use faer::linalg::matmul::matmul;
-use faer::{Accum, Mat, MatMut, MatRef, Par, c32, c64};
+use faer::prelude::ReborrowMut;
+use faer::{Accum, Mat, MatMut, MatRef, Par, c32};
 use num_complex::Complex32;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Columns of a product that one thread takes at a time.
-const BLOCK: usize = 1024;
+/// Columns of a product that one thread takes at a time, at the least and at the most.
+const BLOCK: [usize; 2] = [64, 1024];
 
-/// Frequencies read at a time. Part of the order of sums, so it is fixed.
+/// Samples whose moduli one thread sums at a time.
+const SUMMED: usize = 1 << 14;
+
+/// Frequencies of one product. Part of the order of sums, so it is fixed.
 pub(super) const FREQUENCIES: usize = 64;
+
+/// Frequencies read at a time: several products where there are few microphones, since threads take time to wake.
+pub(super) fn frequencies_at_once(microphones: usize) -> usize {
+    FREQUENCIES * ((1 << 18) / (FREQUENCIES * microphones)).clamp(1, 16)
+}
 
 /// Weighted samples at a few frequencies.
 #[derive(Debug, Clone)]
@@ -51,11 +61,12 @@ pub(super) struct VolumeTones {
     pub(super) tones: Tones,
     /// `Σ|w m| / Σw`: what one unit of relative error comes to in the volume.
     pub(super) modulus: f64,
-    /// The chosen frequencies, Hz.
+    /// Their frequencies, Hz.
     frequencies: Vec<f64>,
-    /// Frequencies of the sweep at which errors are measured, Hz, and the weights that make them of the chosen ones.
-    witnesses: Vec<f64>,
-    at_witnesses: Mat<c64>,
+    /// The greatest error of a measured tone made of them, relative to one.
+    error: f64,
+    /// By how much errors of their own can grow in it.
+    growth: f64,
 }
 
 /// How a slab's tones follow from the volume's.
@@ -65,7 +76,7 @@ pub(super) struct SlabTones {
     pub(super) planes: Range<usize>,
     chosen: Vec<usize>,
     weights: Mat<c32>,
-    /// The greatest error of the two steps together, relative to one.
+    /// A bound of the two steps' error together, relative to one.
     pub(super) error: f64,
 }
 
@@ -80,27 +91,27 @@ impl VolumeTones {
     ) -> Result<Self> {
         let setup = source.setup();
         let (n_f, n_mic) = (setup.sweep.len(), setup.array.len());
-        let skeleton = skeleton(setup.sweep.frequencies(), interval, tolerance);
-        let frequencies: Vec<f64> = skeleton.chosen().iter().map(|&n| setup.sweep.frequencies()[n]).collect();
+        let found = VirtualTones::find(setup.sweep, interval, tolerance);
+        let frequencies = found.frequencies().to_vec();
         let per_metre = frequencies.iter().map(|f| -f / interval.sound_speed).collect();
-        let w = Mat::<c32>::from_fn(frequencies.len(), n_f, |q, n| {
-            let w = skeleton.weight(q, n) * f64::from(weights.frequency[n]);
-            Complex32::new(w.re as f32, w.im as f32)
-        });
-        let (witnesses, at_witnesses) = skeleton.witnesses(setup.sweep.frequencies(), interval);
-        drop(skeleton);
         let room = (frequencies.len() as u64).saturating_mul(n_mic as u64);
         let mut samples = zeros(room).ok_or_else(|| no_room(frequencies.len() as u64, n_mic as u64))?;
         let mut modulus = 0.0;
         stage(observer, "compressing the sweep", n_f as u64, || {
-            source.visit(FREQUENCIES, &mut |range, block| {
+            source.visit(frequencies_at_once(n_mic), &mut |range, block| {
                 let moduli: Vec<f64> = block
                     .par_chunks_exact(n_mic)
+                    .with_min_len(SUMMED / n_mic + 1)
                     .zip(range.clone())
                     .map(|(row, f)| weights.modulus(f, row))
                     .collect();
                 modulus += moduli.iter().sum::<f64>();
-                add_product(w.subcols(range.start, range.len()), block, n_mic, &mut samples);
+                let products: Vec<_> = (range.clone())
+                    .step_by(FREQUENCIES)
+                    .map(|first| found.weights(first..(first + FREQUENCIES).min(range.end), weights))
+                    .collect();
+                let products: Vec<_> = products.iter().map(|(tones, w)| (tones.start, w.as_ref())).collect();
+                add_products(&products, block, n_mic, &mut samples);
                 advance(observer, range.len() as u64)
             })
         })?;
@@ -109,7 +120,8 @@ impl VolumeTones {
                 *m *= w;
             }
         }
-        Ok(Self { tones: Tones { per_metre, samples }, modulus, frequencies, witnesses, at_witnesses })
+        let VirtualTones { error, growth, .. } = found;
+        Ok(Self { tones: Tones { per_metre, samples }, modulus, frequencies, error, growth })
     }
 
     /// The tones of every slab of so many `depths`, `thickness` at a time, whose path lengths `interval` tells.
@@ -129,22 +141,13 @@ impl VolumeTones {
 
     /// Finds the tones of a slab among those of the volume, so that both steps together stay within `tolerance`.
     fn nest(&self, planes: Range<usize>, interval: PathInterval, tolerance: f64) -> SlabTones {
-        let mut step = 0.5 * tolerance;
-        loop {
-            let inner = skeleton(&self.frequencies, interval, step);
-            let both: Mat<c64> = inner.weights() * &self.at_witnesses;
-            leave_wide_registers();
-            let chosen: Vec<f64> = inner.chosen().iter().map(|&q| self.frequencies[q]).collect();
-            let error = greatest_error(&interval, &self.witnesses, &chosen, both.as_ref());
-            if error <= tolerance || inner.chosen().len() == self.frequencies.len() {
-                let weights = Mat::from_fn(chosen.len(), self.frequencies.len(), |q, n| {
-                    let w = inner.weight(q, n);
-                    Complex32::new(w.re as f32, w.im as f32)
-                });
-                return SlabTones { planes, chosen: inner.chosen().to_vec(), weights, error };
-            }
-            step /= 3.0;
-        }
+        let inner = skeleton(&self.frequencies, interval, (tolerance - self.error) / self.growth);
+        let weights = Mat::from_fn(inner.chosen().len(), self.frequencies.len(), |q, k| {
+            let w = inner.weight(q, k);
+            Complex32::new(w.re as f32, w.im as f32)
+        });
+        let error = self.error + self.growth * inner.error();
+        SlabTones { planes, chosen: inner.chosen().to_vec(), weights, error }
     }
 }
 
@@ -168,26 +171,39 @@ impl SlabTones {
     pub(super) fn select(&self, volume: &Tones, width: usize, tones: &mut Tones) {
         tones.samples.clear();
         tones.samples.resize(self.len() * width, Complex32::ZERO);
-        add_product(self.weights.as_ref(), &volume.samples, width, &mut tones.samples);
+        add_products(&[(0, self.weights.as_ref())], &volume.samples, width, &mut tones.samples);
         tones.per_metre.clear();
         tones.per_metre.extend(self.chosen.iter().map(|&q| volume.per_metre[q]));
     }
 }
 
-/// `rows += w · samples`, with `samples` and `rows` in rows of `width`.
-fn add_product(w: MatRef<'_, c32>, samples: &[Complex32], width: usize, rows: &mut [Complex32]) {
-    let samples = MatRef::from_row_major_slice(samples, w.ncols(), width);
-    let mut blocks = Vec::with_capacity(width.div_ceil(BLOCK));
-    let mut rest = MatMut::from_row_major_slice_mut(rows, w.nrows(), width);
-    while rest.ncols() > BLOCK {
-        let (block, others) = rest.split_at_col_mut(BLOCK);
+/// For each `(first, w)` in turn `rows[first ..] += w · samples`, with the next of `samples`; these and `rows` are in rows of
+/// `width`.
+fn add_products(
+    products: &[(usize, MatRef<'_, c32>)],
+    samples: &[Complex32],
+    width: usize,
+    rows: &mut [Complex32],
+) {
+    let samples = MatRef::from_row_major_slice(samples, samples.len() / width, width);
+    // A few for each thread, but no scraps.
+    let columns = (width / 8).next_multiple_of(BLOCK[0]).clamp(BLOCK[0], BLOCK[1]);
+    let mut blocks = Vec::with_capacity(width.div_ceil(columns));
+    let mut rest = MatMut::from_row_major_slice_mut(rows, rows.len() / width, width);
+    while rest.ncols() > columns {
+        let (block, others) = rest.split_at_col_mut(columns);
         blocks.push(block);
         rest = others;
     }
     blocks.push(rest);
-    blocks.into_par_iter().enumerate().for_each(|(index, block)| {
-        let columns = samples.subcols(index * BLOCK, block.ncols());
-        matmul(block, Accum::Add, w, columns, Complex32::ONE, Par::Seq);
+    blocks.into_par_iter().enumerate().for_each(|(index, mut block)| {
+        let mut from = samples.subcols(index * columns, block.ncols());
+        for (first, w) in products {
+            let (these, others) = from.split_at_row(w.ncols());
+            let rows = block.rb_mut().subrows_mut(*first, w.nrows());
+            matmul(rows, Accum::Add, w, these, Complex32::ONE, Par::Seq);
+            from = others;
+        }
         leave_wide_registers();
     });
 }

@@ -11,10 +11,8 @@
 //! Its error and its size are measured: too few or too wide tones would make it huge.
 
 use crate::acquisition::Sweep;
-use crate::wave::interval::{chebyshev_point, greater, tone_matrix};
+use crate::wave::interval::{LeastSquares, chebyshev_point, greater, greatest, waves};
 use crate::wave::simd::leave_wide_registers;
-use faer::linalg::triangular_solve::solve_upper_triangular_in_place;
-use faer::{Mat, Par};
 use rayon::prelude::*;
 
 /// Tones and weights that serve every interval of one duration.
@@ -150,36 +148,15 @@ impl Fit {
         }
     }
 
-    /// cos and sin of 2πfδ, one under the other: rows are delays, columns frequencies.
-    fn waves(delays: &[f64], frequencies: &[f64]) -> Mat<f64> {
-        let (n, tones) = (delays.len(), tone_matrix(delays, frequencies, 0.0));
-        let mut waves = Mat::zeros(2 * n, frequencies.len());
-        for column in 0..frequencies.len() {
-            let (cos, sin) = waves.col_as_slice_mut(column).split_at_mut(n);
-            for ((cos, sin), tone) in cos.iter_mut().zip(sin).zip(tones.col_as_slice(column)) {
-                (*cos, *sin) = (tone.re, -tone.im);
-            }
-        }
-        waves
-    }
-
     /// Weights for frequencies counted from the centre.
     fn weights(&self, frequencies: &[f64]) -> Solved {
         let pairs = self.pairs as i32;
         let tones: Vec<f64> = (-pairs..=pairs).map(|q| f64::from(q) * self.step).collect();
-        // By an explicit Q: for a thousand columns a product is far cheaper than as many reflections.
-        let qr = Self::waves(&self.nodes, &tones).qr();
-        let mut weights = qr.compute_thin_Q().transpose() * Self::waves(&self.nodes, frequencies);
-        solve_upper_triangular_in_place(qr.thin_R(), weights.as_mut(), Par::Seq);
-        let residual = Self::waves(&self.dense, frequencies) - Self::waves(&self.dense, &tones) * &weights;
+        let weights = LeastSquares::new(&waves(&self.nodes, &tones)).solve(&waves(&self.nodes, frequencies));
+        let residual = waves(&self.dense, frequencies) - waves(&self.dense, &tones) * &weights;
         leave_wide_registers();
-        let n = self.dense.len();
-        let mut solved = Solved::default();
+        let mut solved = Solved { error: greatest(&residual), ..Solved::default() };
         for column in 0..frequencies.len() {
-            let (cos, sin) = residual.col_as_slice(column).split_at(n);
-            for (c, s) in cos.iter().zip(sin) {
-                solved.error = greater(c.hypot(*s), solved.error);
-            }
             let w = weights.col_as_slice(column);
             solved.weight_sum = greater(w.iter().map(|w| w.abs()).sum(), solved.weight_sum);
             solved.weights.extend(w.iter().map(|w| *w as f32));

@@ -7,7 +7,7 @@
 #![allow(clippy::inline_always, clippy::needless_range_loop)]
 
 use super::super::lanes::{LaneFft, fast_size};
-use super::super::spread::{Footprint, Interpolator, Kernels, nodes_around, spread};
+use super::super::spread::{self, Footprint, Interpolator, Kernels, nodes_around};
 use super::taper::{Sampled, Taper};
 use crate::grid::{Axis, filled, zeros};
 use crate::wave::phasor;
@@ -123,11 +123,10 @@ impl<'a> Chirps<'a> {
 
     /// Where scattered microphones go; none for a lattice, whose samples are the nodes in order.
     pub(super) fn footprints(&self, scattered: &[[f64; 2]]) -> Vec<[Footprint; 2]> {
-        let along = |i: usize, position: f64| match &self.nodes[i].interpolator {
-            Some(interpolator) => Footprint::spread(position, &self.nodes[i].axis, interpolator),
-            None => Footprint::on_node(0),
-        };
-        scattered.iter().map(|r| [along(0, r[0]), along(1, r[1])]).collect()
+        spread::footprints(scattered, |i, positions| match &self.nodes[i].interpolator {
+            Some(interpolator) => Footprint::spread(positions, &self.nodes[i].axis, interpolator),
+            None => positions.iter().map(|_| Footprint::on_node(0)).collect(),
+        })
     }
 
     /// Samples of up to sixteen tones on the nodes, `[y, x]`; `None` when they do not fit in memory.
@@ -142,7 +141,7 @@ impl<'a> Chirps<'a> {
             let mut samples: Vec<Complex32> = samples.collect();
             if !footprints.is_empty() {
                 let mut plane = zeros(nodes.len() as u64)?;
-                spread(&samples, footprints, n_x, &mut plane);
+                spread::spread(&samples, footprints, n_x, &mut plane);
                 samples = plane;
             }
             for (node, z) in nodes.iter_mut().zip(samples) {
