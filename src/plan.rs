@@ -35,10 +35,11 @@ mod resolution;
 mod suggest;
 
 pub use design::{Design, design};
-pub use memory::{
-    WAITING, available_memory, check_addresses, check_sampling, gib, limit_memory, memory_limit,
+pub use memory::{WAITING, available_memory, check_addresses, check_sampling, limit_memory, memory_limit};
+pub use needs::{
+    Holding, Needs, check_memory, check_simulation, left_beside_program, left_for_method, needs,
+    simulation_peak,
 };
-pub use needs::{Holding, Needs, check_memory, check_simulation, left_for_method, needs, simulation_peak};
 pub use resolution::Profile;
 
 use crate::acquisition::{Detection, Setup};

@@ -182,15 +182,14 @@ struct Sample {
 /// Streams of the seed, one per purpose, so that changing one draw leaves the others.
 const SCATTER_STREAM: u64 = 1;
 
-/// Bytes that [`sample_surface`] needs at its peak, so that a job which cannot fit is refused before it begins.
-pub fn sampling_bytes(scene: &Scene, options: &SurfaceOptions) -> u64 {
+/// Bytes that [`sample_surface`] needs at its peak beside a scene of so many triangles and such an area, m², so that a job
+/// which cannot fit is refused before it begins.
+pub fn sampling_bytes(triangles: u64, area: f64, options: &SurfaceOptions) -> u64 {
     match options.surface {
         SurfaceModel::Smooth => {
-            (scene.surface_area() / (options.spacing * options.spacing)) as u64
-                * 2
-                * size_of::<Sample>() as u64
+            (area / (options.spacing * options.spacing)) as u64 * 2 * size_of::<Sample>() as u64
         }
-        _ => poisson::bytes(scene.surface_area(), options.spacing),
+        _ => poisson::bytes(triangles, area, options.spacing),
     }
 }
 

@@ -205,12 +205,14 @@ pub(super) fn work(total_area: f64, spacing: f64) -> u64 {
     2 * candidate_count(total_area, spacing)
 }
 
-/// Bytes that the candidates take with their order, and the samples and cells that come of them.
-pub(super) fn bytes(total_area: f64, spacing: f64) -> u64 {
+/// Bytes that the candidates take with their order, the samples and cells that come of them, and the triangles' normals
+/// and areas.
+pub(super) fn bytes(triangles: u64, total_area: f64, spacing: f64) -> u64 {
     let samples = (total_area / (spacing * spacing)) as u64;
     candidate_count(total_area, spacing)
         .saturating_mul(size_of::<Candidate>() as u64 + 8)
         .saturating_add(samples.saturating_mul(450))
+        .saturating_add(triangles.saturating_mul((size_of::<DVec3>() + size_of::<f64>()) as u64))
 }
 
 /// Points spread over the triangles in proportion to area: one at random in each equal share of it.
