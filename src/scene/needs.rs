@@ -24,7 +24,7 @@ pub struct MeshNeeds {
 }
 
 /// Bytes per triangle that the C library keeps for itself of what is freed on the way, and at the most.
-const KEPT_BACK: u64 = 12;
+const KEPT_BACK: u64 = 8;
 const MOST_KEPT_BACK: u64 = 32 << 20;
 
 impl MeshNeeds {

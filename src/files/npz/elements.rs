@@ -60,8 +60,9 @@ pub(super) fn scalar_reader(dtype: Dtype) -> Option<fn(&[u8]) -> f64> {
     }
 }
 
-/// Elements stored with the first axis fastest, brought into the order with the last axis fastest.
-pub(super) fn c_order<T: Copy>(fortran: &[T], shape: &[usize]) -> Vec<T> {
+/// Elements stored with the first axis fastest, brought into the order with the last axis fastest; `None` when they do not
+/// fit in memory a second time.
+pub(super) fn c_order<T: Copy>(fortran: &[T], shape: &[usize]) -> Option<Vec<T>> {
     let mut strides = Vec::with_capacity(shape.len());
     let mut stride = 1;
     for &n in shape {
@@ -70,21 +71,22 @@ pub(super) fn c_order<T: Copy>(fortran: &[T], shape: &[usize]) -> Vec<T> {
     }
     let mut index = vec![0; shape.len()];
     let mut position = 0;
-    (0..fortran.len())
-        .map(|_| {
-            let element = fortran[position];
-            for axis in (0..shape.len()).rev() {
-                index[axis] += 1;
-                position += strides[axis];
-                if index[axis] < shape[axis] {
-                    break;
-                }
-                position -= strides[axis] * shape[axis];
-                index[axis] = 0;
+    let mut ordered = Vec::new();
+    ordered.try_reserve_exact(fortran.len()).ok()?;
+    ordered.extend((0..fortran.len()).map(|_| {
+        let element = fortran[position];
+        for axis in (0..shape.len()).rev() {
+            index[axis] += 1;
+            position += strides[axis];
+            if index[axis] < shape[axis] {
+                break;
             }
-            element
-        })
-        .collect()
+            position -= strides[axis] * shape[axis];
+            index[axis] = 0;
+        }
+        element
+    }));
+    Some(ordered)
 }
 
 /// The text that `NumPy`'s four-byte characters spell.
