@@ -12,7 +12,7 @@ mod writer;
 pub use writer::{NpzWriter, write_npz};
 
 use crate::error::{Error, Result};
-use elements::{ComplexReader, any_complex, c_order, characters, plain_complex, scalar_reader};
+use elements::{ComplexReader, any_complex, characters, plain_complex, scalar_reader};
 use header::{Dtype, Header, Kind};
 use num_complex::Complex32;
 use std::fs::File;
@@ -47,27 +47,6 @@ pub struct NpzReader {
     limit_bytes: u64,
     archive: ZipArchive<BufReader<File>>,
     entries: Vec<Entry>,
-}
-
-impl Header {
-    /// Whether the last axis is the fastest.
-    fn in_order(&self) -> bool {
-        !self.fortran || self.shape.len() <= 1
-    }
-
-    /// The elements as they were read, brought into C order; `None` when a copy does not fit in memory.
-    fn array<T: Copy>(self, data: Vec<T>) -> Option<Array<T>> {
-        let data = if self.in_order() { data } else { c_order(&data, &self.shape)? };
-        Some(Array { shape: self.shape, data })
-    }
-
-    /// Room for all elements, once the first of them is there and so their number is known to be within the limit.
-    fn reserve<T>(&self, data: &mut Vec<T>) -> Option<()> {
-        if data.capacity() > 0 {
-            return Some(());
-        }
-        data.try_reserve_exact(usize::try_from(self.elements()?).ok()?).ok()
-    }
 }
 
 impl NpzReader {

@@ -10,8 +10,7 @@ use crate::config::RunFile;
 use crate::error::{Result, gib};
 use crate::grid::Grid;
 use crate::plan::{
-    Holding, Plan, check_sampling, check_simulation, left_beside_program, outside_warning, plan,
-    scale_warnings,
+    Holding, Plan, check_sampling, check_simulation, left_for_scene, outside_warning, plan, scale_warnings,
 };
 use crate::progress::{Keeper, Observer};
 use crate::reflectors::{Reflectors, sample_surface};
@@ -122,7 +121,7 @@ impl Echoes {
         let seen = Seen::mesh(&scene);
         let samples_fit = |grid: &Grid| {
             let options = seen.surface_options(run, &setup, grid);
-            let limit = left_beside_program(budget.limit, threads);
+            let limit = left_for_scene(budget.limit, threads);
             check_sampling(seen.sampling(&options), options.spacing, limit)
         };
         let grid = run.voxels(&setup, scene.bounds());

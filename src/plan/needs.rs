@@ -98,9 +98,12 @@ pub fn simulation_peak(holding: Holding, threads: usize) -> u64 {
     program(threads).saturating_add(preparing.max(scene.saturating_add(samples).saturating_add(simulating)))
 }
 
-/// What `limit` leaves beside the program by itself.
-pub fn left_beside_program(limit: Option<u64>, threads: usize) -> Option<u64> {
-    limit.map(|limit| limit.saturating_sub(program(threads)))
+/// Where memory is short, a scene may take so much all the same: it is not what does not fit.
+const SMALL_SCENE: u64 = 16 << 20;
+
+/// What `limit` leaves, beside the program by itself, to reading and sampling a scene.
+pub fn left_for_scene(limit: Option<u64>, threads: usize) -> Option<u64> {
+    limit.map(|limit| limit.saturating_sub(program(threads)).max(SMALL_SCENE))
 }
 
 impl Needs {

@@ -46,9 +46,9 @@ impl MeshNeeds {
         Ok(Self { file, ..found.unwrap_or(Self { reading: file, ..Self::default() }) })
     }
 
-    /// The same, of a file that turned out to hold so many triangles.
+    /// The same, of a file of which so many triangles were kept: no less than was held to the limit.
     pub(super) fn with(self, triangles: usize) -> Self {
-        Self { triangles: triangles as u64, ..self }
+        Self { triangles: self.triangles.max(triangles as u64), ..self }
     }
 
     /// Bytes at the peak: while the file is read, or while the tree is built.
