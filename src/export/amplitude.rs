@@ -98,7 +98,7 @@ pub(super) fn vector(attributes: &Attributes, name: &str) -> Option<[f64; 3]> {
 }
 
 /// Bytes read at a time.
-const BLOCK: usize = 1 << 16;
+const BLOCK: usize = 1 << 14;
 
 /// The voxels of a grid from little-endian floats; `None` where the file ends before or cannot be read.
 ///

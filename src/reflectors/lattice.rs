@@ -28,7 +28,9 @@ pub(super) fn lattice(triangles: &[Triangle], spacing: f64) -> Option<Vec<Sample
     });
     let blocks: Vec<Vec<Sample>> = blocks.collect::<Option<_>>()?;
     let mut samples = room(blocks.iter().map(|block| block.len() as u64).sum())?;
-    blocks.into_iter().for_each(|block| samples.extend(block));
+    for block in blocks {
+        samples.extend(block);
+    }
     Some(samples)
 }
 

@@ -37,7 +37,7 @@ impl MeshNeeds {
         let mut glimpse = Glimpse::of(path)?;
         let file = glimpse.length;
         let found = match extension(path).as_str() {
-            "obj" => obj::needs(&mut glimpse),
+            "obj" => Some(obj::needs(&mut glimpse)),
             "gltf" | "glb" => gltf::needs(&mut glimpse),
             "stl" => stl::needs(&mut glimpse),
             "ply" => ply::needs(&mut glimpse),

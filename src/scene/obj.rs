@@ -77,7 +77,7 @@ pub(super) fn load(
 }
 
 /// What reading an OBJ file will take, by some of its lines.
-pub(super) fn needs(glimpse: &mut Glimpse) -> Option<MeshNeeds> {
+pub(super) fn needs(glimpse: &mut Glimpse) -> MeshNeeds {
     let (mut vertices, mut faces, mut corners, mut bytes) = (0, 0, 0, 0);
     let times = glimpse.lines(|line| {
         let words = || line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty()).skip(1);
@@ -99,7 +99,7 @@ pub(super) fn needs(glimpse: &mut Glimpse) -> Option<MeshNeeds> {
     // tobj's lists, then the models that it makes of them, by way of a table from one's vertices to the other's.
     let reading = (glimpse.length + copy).max(copy + (24 + 24 + 34) * vertices + 104 * faces + 4 * corners);
     let triangles = corners.saturating_sub(2 * faces);
-    Some(MeshNeeds { triangles, reading, ..MeshNeeds::default() })
+    MeshNeeds { triangles, reading, ..MeshNeeds::default() }
 }
 
 /// `tobj` calls what has no name by one.

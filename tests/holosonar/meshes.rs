@@ -75,7 +75,9 @@ pub(crate) fn write_ply(path: &Path, count: usize, text: bool) {
         for [x, y, z] in &corners {
             file.extend(format!("{x} {y} {z}\n").bytes());
         }
-        triangles.iter().for_each(|[a, b, c]| file.extend(format!("3 {a} {b} {c}\n").bytes()));
+        for [a, b, c] in &triangles {
+            file.extend(format!("3 {a} {b} {c}\n").bytes());
+        }
     } else {
         file.extend(bytes(&corners));
         for triangle in &triangles {
@@ -90,8 +92,12 @@ pub(crate) fn write_ply(path: &Path, count: usize, text: bool) {
 pub(crate) fn write_obj(path: &Path, count: usize) {
     let (corners, triangles) = sphere(count);
     let mut file = String::new();
-    corners.iter().for_each(|[x, y, z]| writeln!(file, "v {x:.6} {y:.6} {z:.6}").unwrap());
-    corners.iter().for_each(|[x, y, z]| writeln!(file, "vn {x:.4} {y:.4} {z:.4}").unwrap());
+    for [x, y, z] in &corners {
+        writeln!(file, "v {x:.6} {y:.6} {z:.6}").unwrap();
+    }
+    for [x, y, z] in &corners {
+        writeln!(file, "vn {x:.4} {y:.4} {z:.4}").unwrap();
+    }
     for [a, b, c] in triangles.iter().map(|t| t.map(|i| i + 1)) {
         writeln!(file, "f {a}//{a} {b}//{b} {c}//{c}").unwrap();
     }
@@ -120,7 +126,7 @@ pub(crate) fn write_glb(path: &Path, count: usize) {
         ]
     })
     .to_string();
-    while json.len() % 4 > 0 {
+    while !json.len().is_multiple_of(4) {
         json.push(' ');
     }
     let mut file = b"glTF".to_vec();
