@@ -20,9 +20,8 @@ mod volume;
 pub use identity::Identity;
 pub use volume::KeptVolume;
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, gib};
 use crate::files::free_space;
-use crate::plan::gib;
 use crate::progress::{Event, Keeper, Observer};
 use journal::Journal;
 use num_complex::Complex32;

@@ -27,7 +27,7 @@ mod columns;
 mod returns;
 
 use crate::error::{Error, Result};
-use crate::grid::{DepthMap, Grid, Raster, Surface, Volume, no_room_for, room};
+use crate::grid::{DepthMap, Grid, Raster, Surface, Volume, no_room_for, pixel_values, room};
 use crate::progress::{Observer, stage};
 use columns::Columns;
 use rayon::prelude::*;
@@ -152,17 +152,18 @@ pub fn locate_depth(volume: &Volume, options: &DepthOptions, observer: &dyn Obse
         let mut amplitude: Vec<f32> = room(grid.voxel_count()).ok_or_else(no_room)?;
         amplitude.par_extend(volume.samples.par_iter().map(|a| a.norm()));
         let columns = Columns::of_amplitude(&amplitude, &grid, &raster);
-        let reference = percentile_99(&columns.maxima());
+        let reference = percentile_99(&mut columns.maxima()?);
         let threshold = f64::from(reference) * 10f64.powf(options.threshold_db / 20.0);
         let mut found: Vec<Option<Found>> = room(raster.len() as u64).ok_or_else(no_room)?;
         found.par_extend((0..raster.len()).into_par_iter().map_init(Vec::new, |column, pixel| {
             columns.read(pixel, column);
             pick(column, &grid.z, threshold, reference, options)
         }));
-        let mut picked = Surface::empty(raster.len());
-        let mut confidence = vec![f32::NAN; raster.len()];
-        let raw: Vec<f64> = found.iter().map(|f| f.map_or(f64::NAN, |f| f.depth)).collect();
-        let depth = median_filter(&raw, raster.x.count, options.median);
+        let mut picked = Surface::empty(raster.len())?;
+        let mut confidence = pixel_values(f32::NAN, raster.len())?;
+        let mut raw: Vec<f64> = room(raster.len() as u64).ok_or_else(no_room)?;
+        raw.extend(found.iter().map(|f| f.map_or(f64::NAN, |f| f.depth)));
+        let depth = median_filter(raw, raster.x.count, options.median)?;
         for (pixel, found) in found.iter().enumerate() {
             if let (Some(found), false) = (found, depth[pixel].is_nan()) {
                 picked.depth[pixel] = depth[pixel] as f32;
@@ -171,7 +172,7 @@ pub fn locate_depth(volume: &Volume, options: &DepthOptions, observer: &dyn Obse
             }
         }
         let returns = if options.returns >= 2 {
-            returns::find(&amplitude, &grid, &raster, options).ok_or_else(no_room)?
+            returns::find(&amplitude, &grid, &raster, options)?
         } else {
             Vec::new()
         };
@@ -179,10 +180,9 @@ pub fn locate_depth(volume: &Volume, options: &DepthOptions, observer: &dyn Obse
     })
 }
 
-/// The 99th percentile, interpolated linearly; the maximum itself is driven by speckle.
-fn percentile_99(values: &[f32]) -> f32 {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f32::total_cmp);
+/// The 99th percentile of values, which it sorts, interpolated linearly; the maximum itself is driven by speckle.
+fn percentile_99(sorted: &mut [f32]) -> f32 {
+    sorted.sort_unstable_by(f32::total_cmp);
     let Some(last) = sorted.len().checked_sub(1) else { return 0.0 };
     let place = 0.99 * last as f64;
     let (below, above) = (sorted[place.floor() as usize], sorted[place.ceil() as usize]);
@@ -252,36 +252,35 @@ fn parabola(column: &[f32], i: usize) -> f64 {
 }
 
 /// The median of the returns within a square; a pixel keeps its return where at least 4 of 9 have one.
-fn median_filter(depth: &[f64], n_x: usize, side: usize) -> Vec<f64> {
+fn median_filter(depth: Vec<f64>, n_x: usize, side: usize) -> Result<Vec<f64>> {
     if side == 1 {
-        return depth.to_vec();
+        return Ok(depth);
     }
+    let mut filtered = pixel_values(f64::NAN, depth.len())?;
     let (n_y, reach) = (depth.len() / n_x, side / 2);
     let enough = (4 * side * side).div_ceil(9);
-    (0..depth.len())
-        .into_par_iter()
-        .map_init(Vec::new, |neighbours, pixel| {
-            if depth[pixel].is_nan() {
-                return f64::NAN;
-            }
-            let (x, y) = (pixel % n_x, pixel / n_x);
-            neighbours.clear();
-            for row in y.saturating_sub(reach)..(y + reach + 1).min(n_y) {
-                for column in x.saturating_sub(reach)..(x + reach + 1).min(n_x) {
-                    let z = depth[row * n_x + column];
-                    if !z.is_nan() {
-                        neighbours.push(z);
-                    }
+    filtered.par_iter_mut().enumerate().for_each_init(Vec::new, |neighbours, (pixel, filtered)| {
+        if depth[pixel].is_nan() {
+            return;
+        }
+        let (x, y) = (pixel % n_x, pixel / n_x);
+        neighbours.clear();
+        for row in y.saturating_sub(reach)..(y + reach + 1).min(n_y) {
+            for column in x.saturating_sub(reach)..(x + reach + 1).min(n_x) {
+                let z = depth[row * n_x + column];
+                if !z.is_nan() {
+                    neighbours.push(z);
                 }
             }
-            if neighbours.len() < enough {
-                return f64::NAN;
-            }
-            neighbours.sort_by(f64::total_cmp);
-            let n = neighbours.len();
-            f64::midpoint(neighbours[(n - 1) / 2], neighbours[n / 2])
-        })
-        .collect()
+        }
+        if neighbours.len() < enough {
+            return;
+        }
+        neighbours.sort_by(f64::total_cmp);
+        let n = neighbours.len();
+        *filtered = f64::midpoint(neighbours[(n - 1) / 2], neighbours[n / 2]);
+    });
+    Ok(filtered)
 }
 
 #[cfg(test)]
@@ -356,7 +355,7 @@ mod tests {
     fn the_median_takes_the_middle_of_what_is_there() {
         let n = f64::NAN;
         let depth = [1.0, 2.0, n, 9.0, 3.0, n, n, n, n];
-        let filtered = median_filter(&depth, 3, 3);
+        let filtered = median_filter(depth.to_vec(), 3, 3).expect("room");
         assert_eq!(filtered[4], 2.5);
         assert!(filtered[8].is_nan(), "nothing is made up where nothing was");
     }

@@ -76,6 +76,13 @@ impl Error {
     }
 }
 
+/// Bytes as people read them.
+pub fn gib(bytes: u64) -> String {
+    let (mib, gib) = (f64::from(1 << 20), f64::from(1 << 30));
+    let bytes = bytes as f64;
+    if bytes < gib { format!("{:.0} MiB", bytes / mib) } else { format!("{:.1} GiB", bytes / gib) }
+}
+
 thread_local! {
     static GUARDED: std::cell::Cell<bool> = const { std::cell::Cell::new(false) };
 }

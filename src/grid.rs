@@ -164,6 +164,16 @@ pub(crate) fn no_room_for(grid: &Grid) -> Error {
     )
 }
 
+/// One value per pixel, all alike, or the refusal of a map that does not fit.
+pub(crate) fn pixel_values<T: Clone>(value: T, pixels: usize) -> Result<Vec<T>> {
+    filled(value, pixels as u64).ok_or_else(|| {
+        Error::environment(
+            "memory",
+            format!("a map of {pixels} pixels does not fit; ask for fewer, or free some memory"),
+        )
+    })
+}
+
 /// The reconstructed complex amplitude `Â(p)` on a grid.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Volume {
@@ -214,8 +224,12 @@ pub struct Surface {
 
 impl Surface {
     /// A surface with nothing in it, for `pixels` pixels.
-    pub fn empty(pixels: usize) -> Self {
-        Self { depth: vec![f32::NAN; pixels], strength: vec![0.0; pixels], ..Self::default() }
+    ///
+    /// # Errors
+    /// [`Error::Environment`] when it does not fit in memory.
+    pub fn empty(pixels: usize) -> Result<Self> {
+        let (depth, strength) = (pixel_values(f32::NAN, pixels)?, pixel_values(0.0, pixels)?);
+        Ok(Self { depth, strength, ..Self::default() })
     }
 }
 

@@ -15,6 +15,7 @@
 //! # Ok::<(), holosonar::error::Error>(())
 //! ```
 
+mod budget;
 mod design;
 mod echoes;
 mod facts;
@@ -34,7 +35,7 @@ pub use outputs::{error_note, write_cube, write_depth, write_outputs, write_volu
 pub use page::write_page;
 pub use report::{Report, SceneSummary};
 
-use crate::acquisition::{CubeFile, CubeSource, DataCube, Detection, Instrument, Setup, Sweep};
+use crate::acquisition::{CubeFile, CubeSource, DataCube, Detection, Instrument, Sweep};
 use crate::checkpoint::{Checkpoint, KeptVolume, Patient};
 use crate::config::RunFile;
 use crate::depth::locate_depth;
@@ -43,14 +44,14 @@ use crate::export::volume_npz::read_volume_npz;
 use crate::files::extension;
 use crate::grid::{DepthMap, Grid, Raster, Volume};
 use crate::metrics::{Metrics, Scores, score};
-use crate::plan::{Holding, Plan, check_memory, gib, memory_limit, plan};
+use crate::plan::{Holding, Plan, plan};
 use crate::progress::{Observer, stage};
 use crate::reconstruct::{Made, Reconstruction, reconstruct_into};
 use crate::reflectors::Reflectors;
 use crate::scene::Scene;
 use crate::truth::trace_depth;
+use budget::Budget;
 use echoes::{Echoes, Measurement};
-use forecast::{imaging, needs_of, options_within};
 use log::Log;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -113,7 +114,8 @@ pub fn image_scene_keeping(
 ) -> Result<Outcome> {
     let log = Log::new(observer);
     need_bandwidth("[sweep]", &run.sweep()?)?;
-    let echoes = log.timed("scene", || Echoes::of(run, bare, true, &log))?;
+    let budget = Budget::of(run);
+    let echoes = log.timed("scene", || Echoes::of(&budget, bare, true, &log))?;
     let raster = run.raster(echoes.scene.as_ref().and_then(Scene::camera))?;
     echoes.warn(run, &log);
     let volume = outputs::volume_bytes(run, &echoes.grid);
@@ -121,7 +123,7 @@ pub fn image_scene_keeping(
     checkpoint.open(&identity::of_scene("image", run, &echoes), observer)?;
     let patient = Patient::new(checkpoint, &log);
     let cube = log.timed("simulate", || echoes.simulate(run, &mut checkpoint.cube(&patient), &patient))?;
-    let (image, depth) = focus(run, &mut &cube, &echoes.grid, raster, checkpoint, &log)?;
+    let (image, depth) = focus(&budget, &mut &cube, &echoes.grid, (raster, echoes.held), checkpoint, &log)?;
     drop(cube);
     let truth = match &echoes.scene {
         Some(scene) => {
@@ -176,12 +178,13 @@ pub fn image_cube_keeping(
     let grid = run.voxels(&instrument.setup(), None)?;
     let plan = plan(&instrument.setup(), &grid);
     warn_all(&plan.warnings, &log);
-    let holding = imaging(run, &instrument.setup(), &grid, cube.held_bytes(), 0);
-    room(run, &instrument.setup(), &grid, holding, &log)?;
+    let budget = Budget::of(run);
+    let held = Holding { samples: cube.held_bytes(), ..Holding::default() };
+    budget.room(&instrument.setup(), &grid, budget.imaging(&instrument.setup(), &grid, held), &log)?;
     let raster = run.raster(None)?;
     checkpoint.need_space(outputs::volume_bytes(run, &grid))?;
     checkpoint.open(&identity::of_cube("image", run, &mut cube, &grid)?, observer)?;
-    let (image, depth) = focus(run, &mut cube, &grid, raster, checkpoint, &log)?;
+    let (image, depth) = focus(&budget, &mut cube, &grid, (raster, held), checkpoint, &log)?;
     let (timings, warnings) = log.finish();
     let (scene, reflectors, truth, scores) = (None, None, None, None);
     let physics: Vec<String> = facts::compensation(run).into_iter().collect();
@@ -210,7 +213,7 @@ pub fn simulate_scene(
     checkpoint: &Checkpoint,
     observer: &dyn Observer,
 ) -> Result<DataCube> {
-    let echoes = Echoes::of(run, bare, false, observer)?;
+    let echoes = Echoes::of(&Budget::of(run), bare, false, observer)?;
     echoes.warn(run, observer);
     let bytes = echoes.setup().cube_bytes();
     // In-phase samples are written without imaginary parts.
@@ -242,13 +245,14 @@ pub fn reconstruct_cube(
     let volume = outputs.iter().any(|path| outputs::needs_all(path));
     let writing = outputs::writing_bytes(outputs.iter().map(PathBuf::as_path), run, &grid);
     let holding = Holding { samples: cube.held_bytes(), volume, writing, ..Holding::default() };
-    room(run, &setup, &grid, holding, observer)?;
+    let budget = Budget::of(run);
+    budget.room(&setup, &grid, holding, observer)?;
     checkpoint.need_space(outputs.iter().map(|path| outputs::bytes_of(path, run, &grid)).sum())?;
     checkpoint.open(&identity::of_cube("reconstruct", run, &mut cube, &grid)?, observer)?;
     let patient = Patient::new(checkpoint, observer);
     let mut files = outputs::VolumeFiles::new(instrument.setup(), run, grid, outputs);
     let mut kept = KeptVolume::new(checkpoint, &mut files, grid.plane_len(), &patient);
-    reconstruct_into(&mut cube, &grid, &options_within(run, &grid, holding), &mut kept, &patient)?;
+    reconstruct_into(&mut cube, &grid, &budget.options(&grid, holding), &mut kept, &patient)?;
     drop(kept); // with what waits
     files.finish()
 }
@@ -316,16 +320,15 @@ fn need_bandwidth(place: &str, sweep: &Sweep) -> Result<()> {
 
 /// Reconstruction and depth, which every job with a cube shares.
 fn focus(
-    run: &RunFile,
+    budget: &Budget,
     source: &mut dyn CubeSource,
     grid: &Grid,
-    raster: Option<Raster>,
+    (raster, held): (Option<Raster>, Holding),
     checkpoint: &Checkpoint,
     log: &Log,
 ) -> Result<(Reconstruction, DepthMap)> {
     let resolution = source.setup().range_resolution().unwrap_or(f64::NAN);
-    let holding = Holding { samples: source.held_bytes(), volume: true, ..Holding::default() };
-    let options = options_within(run, grid, holding);
+    let options = budget.options(grid, Holding { volume: true, ..held });
     let patient = Patient::new(checkpoint, log);
     // Filled when the reconstruction begins, so that nothing is reserved for a job that is refused.
     let mut volume = Volume { grid: *grid, samples: Vec::new() };
@@ -343,7 +346,7 @@ fn focus(
         image.error_bound,
         image.volume.peak()
     ));
-    let mut search = run.depth_options(resolution);
+    let mut search = budget.run.depth_options(resolution);
     search.raster = raster;
     let depth = log.timed("depth", || locate_depth(&image.volume, &search, log))?;
     log.note(&format!("a return at {} of {} pixels", depth.accepted(), depth.len()));
@@ -354,14 +357,6 @@ fn focus(
         );
     }
     Ok((image, depth))
-}
-
-/// Refuses a job that cannot fit in memory, and says what one that can will take.
-fn room(run: &RunFile, setup: &Setup, grid: &Grid, holding: Holding, observer: &dyn Observer) -> Result<()> {
-    let needs = needs_of(run, setup, grid, holding)?;
-    check_memory(&needs, setup, grid, holding, memory_limit())?;
-    observer.note(&format!("taking about {} of memory", gib(needs.peak_bytes)));
-    Ok(())
 }
 
 fn warn_all(warnings: &[String], observer: &dyn Observer) {

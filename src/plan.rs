@@ -35,10 +35,10 @@ mod resolution;
 mod suggest;
 
 pub use design::{Design, design};
-pub use memory::{
-    WAITING, available_memory, check_addresses, check_sampling, gib, limit_memory, memory_limit,
+pub use memory::{WAITING, available_memory, check_addresses, check_sampling, limit_memory, memory_limit};
+pub use needs::{
+    Holding, Needs, check_memory, check_simulation, left_for_method, left_for_scene, needs, simulation_peak,
 };
-pub use needs::{Holding, Needs, check_memory, check_simulation, left_for_method, needs, simulation_peak};
 pub use resolution::Profile;
 
 use crate::acquisition::{Detection, Setup};
@@ -216,7 +216,11 @@ fn ambiguity_warning(setup: &Setup, shortest: f64, longest: f64) -> Option<Strin
 /// Warnings about a scene whose size does not go with the sound: the usual sign of a wrong unit, or, where the file is
 /// `in_metres` by its own rules, of a wrong scale.
 pub fn scale_warnings(setup: &Setup, low: DVec3, high: DVec3, in_metres: bool) -> Vec<String> {
-    let keys = if in_metres { "[scene] scale" } else { "[scene] unit and scale" };
+    let keys = if in_metres {
+        "[scene] scale (the file is glTF, which is in metres: [scene] unit does not apply)"
+    } else {
+        "[scene] unit and scale"
+    };
     let size = (high - low).max_element();
     let mut warnings = Vec::new();
     if size < setup.wavelength() {
@@ -340,7 +344,9 @@ mod tests {
             assert!(
                 far(false).contains("unambiguous range") && far(false).contains("[scene] unit and scale")
             );
-            assert!(far(true).contains("check [scene] scale"));
+            assert!(
+                far(true).contains("check [scene] scale (the file is glTF, which is in metres: [scene] unit")
+            );
             let (low, high) = (DVec3::new(-0.5, -0.5, 1.0), DVec3::new(0.5, 0.5, 2.0));
             assert!(scale_warnings(setup, low, high, false).is_empty());
         });

@@ -34,6 +34,7 @@ mod poisson;
 mod tests;
 
 use crate::error::{Error, Result};
+use crate::grid::{filled, room};
 use crate::progress::{Observer, advance, stage};
 use crate::scene::Scene;
 use glam::DVec3;
@@ -182,15 +183,14 @@ struct Sample {
 /// Streams of the seed, one per purpose, so that changing one draw leaves the others.
 const SCATTER_STREAM: u64 = 1;
 
-/// Bytes that [`sample_surface`] needs at its peak, so that a job which cannot fit is refused before it begins.
-pub fn sampling_bytes(scene: &Scene, options: &SurfaceOptions) -> u64 {
+/// Bytes that [`sample_surface`] needs at its peak beside a scene of so many triangles and such an area, m², so that a job
+/// which cannot fit is refused before it begins.
+pub fn sampling_bytes(triangles: u64, area: f64, options: &SurfaceOptions) -> u64 {
     match options.surface {
         SurfaceModel::Smooth => {
-            (scene.surface_area() / (options.spacing * options.spacing)) as u64
-                * 2
-                * size_of::<Sample>() as u64
+            (area / (options.spacing * options.spacing)) as u64 * 2 * size_of::<Sample>() as u64
         }
-        _ => poisson::bytes(scene.surface_area(), options.spacing),
+        _ => poisson::bytes(triangles, area, options.spacing),
     }
 }
 
@@ -205,7 +205,8 @@ pub fn sampling_bytes(scene: &Scene, options: &SurfaceOptions) -> u64 {
 /// - The bytes follow from the options alone, whatever the number of threads.
 ///
 /// # Errors
-/// A spacing that is not positive or would need more than 5·10⁷ reflectors; [`Error::Interrupted`].
+/// A spacing that is not positive or would need more than 5·10⁷ reflectors; [`Error::Environment`] when they do not fit in
+/// memory; [`Error::Interrupted`].
 pub fn sample_surface(
     scene: &Scene,
     options: &SurfaceOptions,
@@ -228,7 +229,7 @@ pub fn sample_surface(
     }
     let samples = match options.surface {
         SurfaceModel::Smooth => stage(observer, "sampling surfaces", 0, || {
-            Ok(lattice::lattice(scene.triangles(), options.spacing))
+            lattice::lattice(scene.triangles(), options.spacing).ok_or_else(|| no_room(options.spacing))
         }),
         _ => {
             stage(observer, "sampling surfaces", poisson::work(scene.surface_area(), options.spacing), || {
@@ -236,23 +237,19 @@ pub fn sample_surface(
             })
         }
     }?;
-    let scatter = draw_scatter(samples.len(), options);
-    let visible: Vec<Option<(DVec3, Complex32)>> =
-        stage(observer, "tracing echoes", samples.len() as u64, || {
-            samples
-                .par_chunks(1024)
-                .zip(scatter.par_chunks(1024))
-                .map(|(samples, scatter)| {
-                    let block: Vec<_> = samples
-                        .iter()
-                        .zip(scatter)
-                        .map(|(s, scatter)| reflect(scene, options, s, *scatter))
-                        .collect();
-                    advance(observer, samples.len() as u64).map(|()| block)
-                })
-                .collect::<Result<Vec<_>>>()
-                .map(|blocks| blocks.into_iter().flatten().collect())
-        })?;
+    let no_room = || no_room(options.spacing);
+    let scatter = draw_scatter(samples.len(), options).ok_or_else(no_room)?;
+    let mut visible: Vec<Option<(DVec3, Complex32)>> =
+        filled(None, samples.len() as u64).ok_or_else(no_room)?;
+    stage(observer, "tracing echoes", samples.len() as u64, || {
+        let blocks = samples.par_chunks(1024).zip(scatter.par_chunks(1024)).zip(visible.par_chunks_mut(1024));
+        blocks.try_for_each(|((samples, scatter), visible)| {
+            for ((sample, scatter), visible) in samples.iter().zip(scatter).zip(visible) {
+                *visible = reflect(scene, options, sample, *scatter);
+            }
+            advance(observer, samples.len() as u64)
+        })
+    })?;
     let behind = samples.iter().filter(|s| s.position.z <= 0.0).count();
     if behind > 0 {
         observer.warn(&format!(
@@ -261,27 +258,45 @@ pub fn sample_surface(
             samples.len()
         ));
     }
-    let (positions, amplitudes) = visible.into_iter().flatten().unzip();
+    let left = visible.iter().flatten().count() as u64;
+    let mut positions = room(left).ok_or_else(no_room)?;
+    let mut amplitudes = room(left).ok_or_else(no_room)?;
+    for (position, amplitude) in visible.into_iter().flatten() {
+        positions.push(position);
+        amplitudes.push(amplitude);
+    }
     Reflectors::new(positions, amplitudes)
 }
 
-/// What chance gives each sample before anything is culled: the phase factor and the displacement in m.
-fn draw_scatter(count: usize, options: &SurfaceOptions) -> Vec<(Complex32, f64)> {
+/// The refusal of a surface whose samples do not fit.
+fn no_room(spacing: f64) -> Error {
+    Error::environment(
+        "memory",
+        format!(
+            "the reflectors of a scene sampled every {spacing} m do not fit; use a larger [reflectors] spacing, or free \
+             some memory"
+        ),
+    )
+}
+
+/// What chance gives each sample before anything is culled: the phase factor and the displacement in m. `None` when it does
+/// not fit in memory.
+fn draw_scatter(count: usize, options: &SurfaceOptions) -> Option<Vec<(Complex32, f64)>> {
     let mut random = ChaCha8Rng::seed_from_u64(options.seed);
     random.set_stream(SCATTER_STREAM);
-    (0..count)
-        .map(|_| match options.surface {
-            SurfaceModel::Diffuse => {
-                let turn: f64 = StandardUniform.sample(&mut random);
-                (crate::wave::phasor(turn), 0.0)
-            }
-            SurfaceModel::Rough(rms) => {
-                let g: f64 = StandardNormal.sample(&mut random);
-                (Complex32::ONE, g * rms)
-            }
-            SurfaceModel::Smooth => (Complex32::ONE, 0.0),
-        })
-        .collect()
+    let mut scatter = room(count as u64)?;
+    scatter.extend((0..count).map(|_| match options.surface {
+        SurfaceModel::Diffuse => {
+            let turn: f64 = StandardUniform.sample(&mut random);
+            (crate::wave::phasor(turn), 0.0)
+        }
+        SurfaceModel::Rough(rms) => {
+            let g: f64 = StandardNormal.sample(&mut random);
+            (Complex32::ONE, g * rms)
+        }
+        SurfaceModel::Smooth => (Complex32::ONE, 0.0),
+    }));
+    Some(scatter)
 }
 
 /// One sample's reflector; `None` where nothing comes back.

@@ -28,6 +28,7 @@ mod files;
 mod gltf;
 mod material;
 mod mtl;
+mod needs;
 mod obj;
 mod occlusion;
 mod placement;
@@ -51,6 +52,7 @@ use std::path::Path;
 use glam::DVec3;
 
 pub use material::{Material, MaterialRule};
+pub use needs::MeshNeeds;
 pub use occlusion::Crossing;
 pub use placement::{LoadOptions, Sensor, Unit, Up};
 pub use triangle::Triangle;
@@ -85,6 +87,7 @@ pub struct Scene {
     materials: Vec<Material>,
     tree: SurfaceTree,
     camera: Option<CameraView>,
+    needs: MeshNeeds,
 }
 
 /// What a mesh file holds, in its own frame and unit.
@@ -107,22 +110,25 @@ impl Scene {
     ///
     /// # Errors
     /// [`Error::Input`] when the file is missing, malformed, of another kind, without triangles or without a
-    /// unit, or when the options contradict one another or the file; the message names the place.
+    /// unit, takes more memory than [`LoadOptions::memory`], or when the options contradict one another or the file; the message names the place.
     /// [`Error::Interrupted`] when the observer asks to stop.
     pub fn load(path: &Path, options: &LoadOptions, observer: &dyn Observer) -> Result<Self> {
         options.check()?;
+        let kind = extension(path);
+        if !EXTENSIONS.contains(&kind.as_str()) {
+            return Err(Error::input(
+                path.display(),
+                "is no mesh this program reads; expected a file named .obj, .gltf, .glb, .stl or .ply",
+            ));
+        }
+        let needs = MeshNeeds::of(path)?;
+        needs.check(path, options.memory)?;
         let mut palette = Palette::new(&options.materials)?;
-        let mesh = match extension(path).as_str() {
+        let mesh = match kind.as_str() {
             "obj" => obj::load(path, options, &mut palette, observer)?,
             "gltf" | "glb" => gltf::load(path, options, &mut palette, observer)?,
             "stl" => stl::load(path, options, &mut palette, observer)?,
-            "ply" => ply::load(path, options, &mut palette, observer)?,
-            _ => {
-                return Err(Error::input(
-                    path.display(),
-                    "is no mesh this program reads; expected a file named .obj, .gltf, .glb, .stl or .ply",
-                ));
-            }
+            _ => ply::load(path, options, &mut palette, observer)?,
         };
         if observer.should_stop() {
             return Err(Error::Interrupted);
@@ -134,7 +140,24 @@ impl Scene {
             Error::Input { place, problem } => Error::input(format!("{}, {place}", path.display()), problem),
             other => other,
         })?;
-        Ok(Self { camera, ..scene })
+        let needs = needs.with(scene.triangles.len());
+        Ok(Self { camera, needs, ..scene })
+    }
+
+    /// What [`Scene::load`] will take of memory, found before the file is read: from counts in a binary file or a glTF within a
+    /// few per cent, from samples of a text roughly.
+    ///
+    /// Cost: milliseconds; a glTF's JSON is looked through.
+    ///
+    /// # Errors
+    /// A file that cannot be read. What is wrong within it is for [`Scene::load`] to find.
+    pub fn foresee(path: &Path) -> Result<MeshNeeds> {
+        MeshNeeds::of(path)
+    }
+
+    /// What it took of memory, and takes.
+    pub fn needs(&self) -> MeshNeeds {
+        self.needs
     }
 
     /// A scene of triangles in the array's frame, m. It may be empty, and triangles without area may be among
@@ -144,7 +167,8 @@ impl Scene {
     ///
     /// # Errors
     /// [`Error::Input`] when a vertex is not finite or beyond [`FARTHEST`], when a triangle's material does not
-    /// exist, or when a reflectance or transmittance lies outside 0..1.
+    /// exist, or when a reflectance or transmittance lies outside 0..1. [`Error::Environment`] when their tree does not fit
+    /// in memory.
     pub fn new(triangles: Vec<Triangle>, materials: Vec<Material>) -> Result<Self> {
         if triangles.len() > MOST_TRIANGLES {
             return Err(too_many_triangles("scene"));
@@ -170,8 +194,9 @@ impl Scene {
                 ));
             }
         }
-        let tree = SurfaceTree::new(&triangles);
-        Ok(Self { triangles, materials, tree, camera: None })
+        let tree = SurfaceTree::new(&triangles)?;
+        let needs = MeshNeeds::default().with(triangles.len());
+        Ok(Self { triangles, materials, tree, camera: None, needs })
     }
 
     /// The triangles, in the order of the file.

@@ -24,7 +24,7 @@
 //! ```
 
 use crate::error::Result;
-use crate::grid::{DepthMap, Grid, Raster, Surface};
+use crate::grid::{DepthMap, Grid, Raster, Surface, pixel_values};
 use crate::progress::{Observer, advance, stage};
 use crate::scene::Scene;
 use glam::DVec3;
@@ -69,6 +69,7 @@ struct Hit {
 /// Cost: one ray per pixel and one per surface found.
 ///
 /// # Errors
+/// [`Error::Environment`](crate::error::Error::Environment) when the map does not fit in memory,
 /// [`Error::Interrupted`](crate::error::Error::Interrupted).
 pub fn trace_depth(
     scene: &Scene,
@@ -81,31 +82,26 @@ pub fn trace_depth(
         [grid.x, grid.y, grid.z].map(|axis| (axis.first - 0.5 * axis.pitch, axis.last() + 0.5 * axis.pitch));
     let far = scene.bounds().map_or(0.0, |(_, high)| high.z) + 1.0;
     let far = far.max(ends[2].1);
-    let rows = stage(observer, "tracing truth", raster.y.count as u64, || {
-        (0..raster.y.count)
-            .into_par_iter()
-            .map(|iy| {
-                let row: Vec<Vec<Hit>> = (0..raster.x.count)
-                    .map(|ix| {
-                        let mut hits = hits(scene, &raster, iy * raster.x.count + ix, far, options);
-                        hits.retain(|hit| {
-                            let p = hit.point.to_array();
-                            ends.iter().zip(p).all(|(&(low, high), p)| (low..=high).contains(&p))
-                        });
-                        hits
-                    })
-                    .collect();
-                advance(observer, 1).map(|()| row)
-            })
-            .collect::<Result<Vec<_>>>()
+    let mut pixels: Vec<Vec<Hit>> = pixel_values(Vec::new(), raster.len())?;
+    stage(observer, "tracing truth", raster.y.count as u64, || {
+        let rows = pixels.par_chunks_mut(raster.x.count).enumerate();
+        rows.try_for_each(|(iy, row)| {
+            for (ix, found) in row.iter_mut().enumerate() {
+                *found = hits(scene, &raster, iy * raster.x.count + ix, far, options);
+                found.retain(|hit| {
+                    let p = hit.point.to_array();
+                    ends.iter().zip(p).all(|(&(low, high), p)| (low..=high).contains(&p))
+                });
+            }
+            advance(observer, 1)
+        })
     })?;
-    let pixels: Vec<Vec<Hit>> = rows.into_iter().flatten().collect();
     let most = pixels.iter().map(Vec::len).max().unwrap_or(0).max(1);
     let returns: Vec<Surface> = (0..most)
         .map(|k| {
-            let mut surface = Surface::empty(pixels.len());
-            let mut facing = vec![f32::NAN; pixels.len()];
-            let mut material = vec![0; pixels.len()];
+            let mut surface = Surface::empty(pixels.len())?;
+            let mut facing = pixel_values(f32::NAN, pixels.len())?;
+            let mut material = pixel_values(0, pixels.len())?;
             for (pixel, hits) in pixels.iter().enumerate() {
                 if let Some(hit) = hits.get(k) {
                     surface.depth[pixel] = hit.point.z as f32;
@@ -115,9 +111,9 @@ pub fn trace_depth(
                 }
             }
             (surface.facing, surface.material) = (Some(facing), Some(material));
-            surface
+            Ok(surface)
         })
-        .collect();
+        .collect::<Result<_>>()?;
     let materials = scene.materials().iter().map(|material| material.name.clone()).collect();
     let picked = returns[0].clone();
     Ok(DepthMap { returns, materials, ..DepthMap::new(raster, picked) })

@@ -259,6 +259,14 @@ fn plan(reflectors: &Reflectors, sweep: &Sweep, array: &MicArray, options: &Simu
         .find_map(|choice| Plan::of(&choice, reflectors, sweep, array, options))
 }
 
+/// The refusal of sums that do not fit.
+fn no_room() -> Error {
+    Error::environment(
+        "memory",
+        "the sums of a simulation do not fit; take fewer reflectors, frequencies or threads (-j), or free some memory",
+    )
+}
+
 /// A sample as the microphone's response and the detection record it.
 fn record(detection: Detection, response: Option<&Complex32>, m: Complex32) -> Complex32 {
     let m = response.map_or(m, |response| m * response);

@@ -1,9 +1,9 @@
 //! Results as a person reads them: short aligned tables.
 
+use holosonar::error::gib;
 use holosonar::grid::Axis;
 use holosonar::metrics::{METRIC_NAMES, Metrics, Scores};
 use holosonar::pipeline::{Forecast, Judgement, Outcome, Report, Verdict};
-use holosonar::plan::gib;
 use holosonar::reconstruct::Method;
 use serde_json::Value;
 use std::fmt::Write;

@@ -9,7 +9,7 @@ use crate::acquisition::{ArrayErrors, Losses, MicArray, Noise, SimulateOptions, 
 use crate::depth::DepthOptions;
 use crate::error::{Error, Result};
 use crate::grid::{Axis, Grid, Raster, View};
-use crate::plan::memory_limit;
+use crate::plan::{left_for_scene, memory_limit};
 use crate::reconstruct::ReconstructOptions;
 use crate::reflectors::{Occlusion, SurfaceModel, SurfaceOptions};
 use crate::scene::{self, CameraView, LoadOptions};
@@ -105,7 +105,7 @@ impl RunFile {
             transmittance: rule.transmittance,
         };
         options.materials = self.materials.iter().map(rule).collect();
-        options.memory = memory_limit();
+        options.memory = left_for_scene(memory_limit(), rayon::current_num_threads());
         Ok(options)
     }
 

@@ -1,6 +1,7 @@
 //! What a pixel sees along its ray, depth by depth of the volume.
 
-use crate::grid::{Axis, Grid, Raster, View};
+use crate::error::Result;
+use crate::grid::{Axis, Grid, Raster, View, pixel_values};
 use rayon::prelude::*;
 
 /// Values on a grid, `[z, y, x]`, read along the rays of pixels.
@@ -52,23 +53,24 @@ impl<'a> Columns<'a> {
     }
 
     /// The greatest value of every pixel's column.
-    pub(super) fn maxima(&self) -> Vec<f32> {
+    ///
+    /// # Errors
+    /// When they do not fit in memory.
+    pub(super) fn maxima(&self) -> Result<Vec<f32>> {
+        let mut maxima = pixel_values(0.0f32, self.raster.len())?;
         if self.raster.view == View::Orthographic {
-            let mut maxima = vec![0.0f32; self.grid.plane_len()];
             for slice in self.values.chunks_exact(self.grid.plane_len()) {
                 for (maximum, value) in maxima.iter_mut().zip(slice) {
                     *maximum = maximum.max(*value);
                 }
             }
-            return maxima;
+            return Ok(maxima);
         }
-        (0..self.raster.len())
-            .into_par_iter()
-            .map_init(Vec::new, |column, pixel| {
-                self.read(pixel, column);
-                column.iter().copied().fold(0.0, f32::max)
-            })
-            .collect()
+        maxima.par_iter_mut().enumerate().for_each_init(Vec::new, |column, (pixel, maximum)| {
+            self.read(pixel, column);
+            *maximum = column.iter().copied().fold(0.0, f32::max);
+        });
+        Ok(maxima)
     }
 }
 

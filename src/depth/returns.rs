@@ -5,7 +5,8 @@
 
 use super::columns::Columns;
 use super::{DepthOptions, confidence, is_peak, parabola, percentile_99};
-use crate::grid::{Axis, Grid, Raster, Surface, room};
+use crate::error::Result;
+use crate::grid::{Axis, Grid, Raster, Surface, no_room_for, pixel_values, room};
 use rayon::prelude::*;
 
 /// How far around a peak its surroundings reach, and how far it itself does, in Δd.
@@ -22,37 +23,41 @@ struct Found {
 
 /// Up to `options.returns` surfaces per pixel; surface k holds each pixel's k-th from the front.
 ///
-/// Confidence is the peak's power against the reference and against its column's median, in dB. `None` when the power
-/// does not fit in memory.
+/// Confidence is the peak's power against the reference and against its column's median, in dB.
+///
+/// # Errors
+/// When the power, or a map, does not fit in memory.
 pub(super) fn find(
     amplitude: &[f32],
     grid: &Grid,
     raster: &Raster,
     options: &DepthOptions,
-) -> Option<Vec<Surface>> {
-    let mut power = room(grid.voxel_count())?;
+) -> Result<Vec<Surface>> {
+    let no_room = || no_room_for(grid);
+    let mut power = room(grid.voxel_count()).ok_or_else(no_room)?;
     power.extend(amplitude.iter().map(|a| a * a));
     // Smoothed on the grid, where its lengths are metres.
-    let power = smooth(power, grid, options.smoothing)?;
+    let power = smooth(power, grid, options.smoothing).ok_or_else(no_room)?;
     let columns = Columns::of_power(&power, grid, raster);
-    let maxima = columns.maxima();
+    let maxima = columns.maxima()?;
     let decibels = |db: f64| 10f64.powf(db / 10.0) as f32;
-    let reference = percentile_99(&maxima);
+    let mut sorted = pixel_values(0.0, maxima.len())?;
+    sorted.copy_from_slice(&maxima);
+    let reference = percentile_99(&mut sorted);
     let floor = reference * decibels(options.return_threshold_db);
     let gate = decibels(options.return_gate_db);
-    let mut surfaces = vec![Surface::empty(raster.len()); options.returns];
-    for surface in &mut surfaces {
-        surface.confidence = Some(vec![f32::NAN; raster.len()]);
+    let mut surfaces = Vec::new();
+    for _ in 0..options.returns {
+        let confidence = Some(pixel_values(f32::NAN, raster.len())?);
+        surfaces.push(Surface { confidence, ..Surface::empty(raster.len())? });
     }
-    let found: Vec<Vec<(Found, f64)>> = (0..raster.len())
-        .into_par_iter()
-        .map_init(Vec::new, |column, pixel| {
-            columns.read(pixel, column);
-            let found = peaks(column, &grid.z, floor.max(maxima[pixel] * gate), options);
-            let level = |found: &Found| confidence(column, found.power.into(), reference.into());
-            found.iter().map(|found| (*found, level(found))).collect()
-        })
-        .collect();
+    let mut found: Vec<Vec<(Found, f64)>> = pixel_values(Vec::new(), raster.len())?;
+    found.par_iter_mut().enumerate().for_each_init(Vec::new, |column, (pixel, found)| {
+        columns.read(pixel, column);
+        let peaks = peaks(column, &grid.z, floor.max(maxima[pixel] * gate), options);
+        let level = |found: &Found| confidence(column, found.power.into(), reference.into());
+        found.extend(peaks.iter().map(|peak| (*peak, level(peak))));
+    });
     for (pixel, found) in found.iter().enumerate() {
         for (surface, (found, confidence)) in surfaces.iter_mut().zip(found) {
             surface.depth[pixel] = found.depth as f32;
@@ -60,7 +65,7 @@ pub(super) fn find(
             surface.confidence.get_or_insert_default()[pixel] = *confidence as f32;
         }
     }
-    Some(surfaces)
+    Ok(surfaces)
 }
 
 /// The returns of one column of smoothed power, front to back, none weaker than `enough`.

@@ -7,7 +7,8 @@ use super::volume_vti::read_volume_vti;
 use super::{Attribute, Attributes};
 use crate::error::{Error, Result};
 use crate::files::extension;
-use crate::grid::{Axis, Grid, Volume};
+use crate::grid::{Axis, Grid, Volume, no_room_for, room};
+use std::io::Read;
 use std::path::Path;
 
 /// `|Â|` on its grid.
@@ -23,9 +24,13 @@ pub struct Amplitude {
 
 impl Amplitude {
     /// The amplitude of a complex volume.
-    pub fn of(volume: &Volume) -> Self {
-        let values = volume.samples.iter().map(|sample| sample.norm()).collect();
-        Self { grid: volume.grid, values, attributes: Attributes::new() }
+    ///
+    /// # Errors
+    /// [`Error::Environment`] when it does not fit in memory.
+    pub fn of(volume: &Volume) -> Result<Self> {
+        let mut values = room(volume.samples.len() as u64).ok_or_else(|| no_room_for(&volume.grid))?;
+        values.extend(volume.samples.iter().map(|sample| sample.norm()));
+        Ok(Self { grid: volume.grid, values, attributes: Attributes::new() })
     }
 
     /// Reads a volume of ours, `.npz`, `.nrrd`, `.vti` or `.exr`, of at most `limit_bytes`.
@@ -36,7 +41,7 @@ impl Amplitude {
     /// Another extension; what the format's reader refuses.
     pub fn read(path: &Path, limit_bytes: u64) -> Result<Self> {
         match extension(path).as_str() {
-            "npz" => read_volume_npz(path, limit_bytes).map(|(volume, _)| Self::of(&volume)),
+            "npz" => read_volume_npz(path, limit_bytes).and_then(|(volume, _)| Self::of(&volume)),
             "nrrd" => read_volume_nrrd(path, limit_bytes),
             "vti" => read_volume_vti(path, limit_bytes),
             "exr" => read_volume_exr(path, limit_bytes),
@@ -92,9 +97,25 @@ pub(super) fn vector(attributes: &Attributes, name: &str) -> Option<[f64; 3]> {
     }
 }
 
-/// Little-endian floats.
-pub(super) fn floats_of(bytes: &[u8]) -> Vec<f32> {
-    bytes.chunks_exact(4).map(|four| f32::from_le_bytes([four[0], four[1], four[2], four[3]])).collect()
+/// Bytes read at a time.
+const BLOCK: usize = 1 << 14;
+
+/// The voxels of a grid from little-endian floats; `None` where the file ends before or cannot be read.
+///
+/// # Errors
+/// [`Error::Environment`] when they do not fit in memory.
+pub(super) fn read_floats(file: &mut impl Read, grid: &Grid) -> Result<Option<Vec<f32>>> {
+    let count = grid.voxel_count();
+    let mut values = room(count).ok_or_else(|| no_room_for(grid))?;
+    let mut block = [0; BLOCK];
+    while (values.len() as u64) < count {
+        let now = (4 * (count - values.len() as u64)).min(BLOCK as u64) as usize;
+        if file.read_exact(&mut block[..now]).is_err() {
+            return Ok(None);
+        }
+        values.extend(block[..now].as_chunks::<4>().0.iter().map(|four| f32::from_le_bytes(*four)));
+    }
+    Ok(Some(values))
 }
 
 #[cfg(test)]
@@ -133,7 +154,7 @@ mod tests {
         write_volume_vti(&at("b.vti"), &volume, Components::Amplitude, &facts).unwrap();
         write_volume_nrrd(&at("a.nrrd"), &volume, &facts, Compression::Zip).unwrap();
         write_volume_nrrd(&at("b.nrrd"), &volume, &facts, Compression::None).unwrap();
-        let expected = Amplitude::of(&volume);
+        let expected = Amplitude::of(&volume).unwrap();
         for name in ["a.npz", "a.exr", "b.exr", "a.vti", "b.vti", "a.nrrd", "b.nrrd"] {
             let found = Amplitude::read(&at(name), 1 << 24).unwrap();
             assert_eq!(found.grid, expected.grid, "{name}");

@@ -4,7 +4,9 @@
 //! `R`, `G`, `B`, the planar depth in m as root `Z`, whether there is a return at all as root `A`; the other
 //! facts are layers. [`read_depth_map`] takes such a file, or anybody's with a channel `Z`.
 
-use super::exr_file::{Part, WORLD_TO_CAMERA, attributes_of, floats, part, read_parts, write_parts};
+use super::exr_file::{
+    Part, WORLD_TO_CAMERA, attributes_of, expect_room, floats, part, read_parts, write_parts,
+};
 use super::{Attribute, Attributes, Encoding, find_attribute};
 use crate::error::{Error, Result};
 use crate::grid::{Axis, DepthMap, Raster, Surface, View};
@@ -73,6 +75,8 @@ pub fn write_depth_map(
     attributes: &[(String, Attribute)],
     encoding: Encoding,
 ) -> Result<()> {
+    // Of each return five channels at the most, of the picked one ten, and one in the making.
+    expect_room(11 + 5 * map.returns.len(), [map.x.count, map.y.count])?;
     let scale = amplitude_scale(map);
     let fill_value = fill.value();
     let accepted: Vec<bool> = map.picked.depth.iter().map(|z| z.is_finite()).collect();
@@ -127,7 +131,7 @@ pub fn write_depth_map(
         add("fieldOfViewX", Attribute::Number(across));
         add("fieldOfViewY", Attribute::Number(up));
     }
-    let mut part = part(None, [map.x.count, map.y.count], channels, &attributes, encoding);
+    let mut part = part(None, [map.x.count, map.y.count], channels, &attributes, encoding)?;
     part.attributes.world_to_camera = Some(WORLD_TO_CAMERA);
     if map.view == View::Perspective {
         // The window at distance 1, in the camera's axes, whose y points up.
@@ -177,11 +181,13 @@ pub fn read_depth_map(path: &Path, limit_bytes: u64) -> Result<DepthFile> {
     let (part, prefix) = find_depth(path, &image.layer_data)?;
     let attributes = attributes_of(&part.attributes);
     let pixels = part.size.0 * part.size.1;
+    // Each once as it is, and once as it is kept.
+    expect_room(2 * part.channel_data.list.len(), [part.size.0, part.size.1])?;
     // Subsampled channels have fewer samples and are of no use to us.
     let channel = |name: &str| {
         let channel = part.channel_data.list.iter().find(|channel| channel.name.eq(name))?;
-        let samples = floats(&channel.sample_data);
-        (channel.sampling == Vec2(1, 1) && samples.len() == pixels).then_some(samples)
+        let whole = channel.sampling == Vec2(1, 1) && channel.sample_data.len() == pixels;
+        whole.then(|| floats(&channel.sample_data))
     };
     let number = |name: &str| match find_attribute(&attributes, &format!("sonar:{name}")) {
         Some(Attribute::Number(number)) => Some(*number),

@@ -3,6 +3,7 @@
 use super::{Attribute, Attributes, Compression, Encoding};
 use crate::error::{self, Error, Result};
 use crate::files::write_atomically;
+use crate::grid::room;
 use exr::meta::attribute::{AttributeValue, Text};
 use exr::prelude as ex;
 use exr::prelude::traits::*;
@@ -87,6 +88,9 @@ pub(super) fn attributes_of(header: &ex::LayerAttributes) -> Attributes {
 ///
 /// Attributes that come later replace earlier ones of the same name.
 ///
+/// # Errors
+/// [`Error::Environment`] when its half floats do not fit in memory.
+///
 /// # Panics
 /// When a channel has not exactly one sample per pixel, or an attribute's name does not start with `sonar:`.
 pub(super) fn part(
@@ -95,7 +99,7 @@ pub(super) fn part(
     channels: Vec<(String, Vec<f32>)>,
     attributes: &[(String, Attribute)],
     encoding: Encoding,
-) -> Part {
+) -> Result<Part> {
     let mut header = ex::LayerAttributes {
         layer_name: name.map(ascii),
         software_name: Some(ascii(concat!("holosonar ", env!("CARGO_PKG_VERSION")))),
@@ -112,13 +116,15 @@ pub(super) fn part(
             assert_eq!(samples.len(), width * height, "channel {name}: one sample per pixel");
             let half = encoding.float16 && ["R", "G", "B", "Y"].contains(&name.as_str());
             let samples = if half {
-                ex::FlatSamples::F16(samples.into_iter().map(ex::f16::from_f32).collect())
+                let mut halves = room(samples.len() as u64).ok_or_else(|| no_room([width, height]))?;
+                halves.extend(samples.into_iter().map(ex::f16::from_f32));
+                ex::FlatSamples::F16(halves)
             } else {
                 ex::FlatSamples::F32(samples)
             };
-            ex::AnyChannel::new(ascii(&name), samples)
+            Ok(ex::AnyChannel::new(ascii(&name), samples))
         })
-        .collect();
+        .collect::<Result<_>>()?;
     let encoding = ex::Encoding {
         compression: match encoding.compression {
             Compression::Zip => ex::Compression::ZIP16,
@@ -127,7 +133,17 @@ pub(super) fn part(
         blocks: ex::Blocks::ScanLines,
         line_order: ex::LineOrder::Increasing,
     };
-    ex::Layer::new((width, height), header, encoding, ex::AnyChannels::sort(channels))
+    Ok(ex::Layer::new((width, height), header, encoding, ex::AnyChannels::sort(channels)))
+}
+
+/// The refusal of a channel that does not fit.
+pub(super) fn no_room([width, height]: [usize; 2]) -> Error {
+    Error::environment(
+        "memory",
+        format!(
+            "a channel of {width} x {height} pixels of an EXR does not fit; ask for fewer, or free some memory"
+        ),
+    )
 }
 
 /// Writes the parts; one part makes a single-part file. Same parts, same bytes.
@@ -277,13 +293,28 @@ fn guarded<T>(path: &Path, read: impl FnOnce() -> ex::Result<T>) -> Result<T> {
     }
 }
 
+/// Makes sure that so many channels of an image fit in memory, before they are made one by one.
+pub(super) fn expect_room(channels: usize, [width, height]: [usize; 2]) -> Result<()> {
+    let values = (channels as u64).saturating_mul(width as u64).saturating_mul(height as u64);
+    room::<f32>(values).map(drop).ok_or_else(|| no_room([width, height]))
+}
+
 /// A channel's numbers, whatever their type.
 pub(super) fn floats(samples: &ex::FlatSamples) -> Vec<f32> {
+    let mut values = Vec::with_capacity(samples.len());
+    let _ = append_floats(samples, &mut values); // there is room
+    values
+}
+
+/// Adds a channel's numbers, whatever their type, to `values`; `None` when they do not fit in memory.
+pub(super) fn append_floats(samples: &ex::FlatSamples, values: &mut Vec<f32>) -> Option<()> {
+    values.try_reserve(samples.len()).ok()?;
     match samples {
-        ex::FlatSamples::F32(samples) => samples.clone(),
-        ex::FlatSamples::F16(samples) => samples.iter().map(|sample| sample.to_f32()).collect(),
-        ex::FlatSamples::U32(samples) => samples.iter().map(|&sample| sample as f32).collect(),
+        ex::FlatSamples::F32(samples) => values.extend_from_slice(samples),
+        ex::FlatSamples::F16(samples) => values.extend(samples.iter().map(|sample| sample.to_f32())),
+        ex::FlatSamples::U32(samples) => values.extend(samples.iter().map(|&sample| sample as f32)),
     }
+    Some(())
 }
 
 #[cfg(test)]
@@ -308,7 +339,8 @@ mod tests {
             ("sonar:soundSpeed".to_owned(), Attribute::Number(343.2)),
             ("sonar:window".to_owned(), Attribute::Text("taylor".into())),
         ];
-        let part = part(None, [1, 1], vec![("Z".into(), vec![1.0])], &attributes, Encoding::default());
+        let part =
+            part(None, [1, 1], vec![("Z".into(), vec![1.0])], &attributes, Encoding::default()).unwrap();
         let mut expected = attributes;
         expected[0].1 = Attribute::Number((1_u64 << 40) as f64);
         assert_eq!(attributes_of(&part.attributes), expected);
@@ -317,6 +349,7 @@ mod tests {
     #[test]
     #[should_panic(expected = "start with `sonar:`")]
     fn an_attribute_cannot_take_a_reserved_name() {
-        part(None, [1, 1], vec![], &[("channels".into(), Attribute::Integer(1))], Encoding::default());
+        let _ =
+            part(None, [1, 1], vec![], &[("channels".into(), Attribute::Integer(1))], Encoding::default());
     }
 }

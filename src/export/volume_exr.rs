@@ -4,10 +4,12 @@
 //! come the depths, `z0000`, `z0001`, ... Parts cost time in every reader, so a deep volume becomes several files.
 
 use super::amplitude::{Amplitude, declared_grid, vector};
-use super::exr_file::{Part, Parts, WORLD_TO_CAMERA, attributes_of, floats, part, read_parts, write_parts};
+use super::exr_file::{
+    Part, Parts, WORLD_TO_CAMERA, append_floats, attributes_of, part, read_parts, write_parts,
+};
 use super::{Attribute, Attributes, Components, Encoding};
 use crate::error::{Error, Result};
-use crate::grid::{Grid, Volume, room};
+use crate::grid::{Grid, Volume, no_room_for, pixel_values, room};
 use num_complex::Complex32;
 use std::path::{Path, PathBuf};
 
@@ -54,25 +56,24 @@ pub fn write_volume_exr(
 ) -> Result<Vec<PathBuf>> {
     let grid = &volume.grid;
     let files = volume_exr_files(path, grid.z.count);
-    let mip = mip_part(volume, attributes, encoding);
+    let mip = mip_part(volume, attributes, encoding)?;
     for (file, first) in files.iter().zip((0..).step_by(DEPTHS_PER_FILE)) {
         let last = (first + DEPTHS_PER_FILE).min(grid.z.count);
         let mut parts = vec![mip.clone()];
         for iz in first..last {
-            parts.push(
-                depth_part(volume, iz, components, encoding).ok_or_else(|| no_room(file, last - first))?,
-            );
+            parts
+                .push(depth_part(volume, iz, components, encoding).map_err(|_| no_room(file, last - first))?);
         }
         write_parts(file, parts)?;
     }
     Ok(files)
 }
 
-fn mip_part(volume: &Volume, attributes: &[(String, Attribute)], encoding: Encoding) -> Part {
+fn mip_part(volume: &Volume, attributes: &[(String, Attribute)], encoding: Encoding) -> Result<Part> {
     let grid = &volume.grid;
     let pixels = grid.plane_len();
-    let mut power = vec![0.0_f32; pixels];
-    let mut depth = vec![grid.z.first as f32; pixels];
+    let mut power = pixel_values(0.0_f32, pixels)?;
+    let mut depth = pixel_values(grid.z.first as f32, pixels)?;
     for iz in 0..grid.z.count {
         let z = grid.z.position(iz) as f32;
         for ((sample, power), depth) in volume.plane(iz).iter().zip(&mut power).zip(&mut depth) {
@@ -81,19 +82,20 @@ fn mip_part(volume: &Volume, attributes: &[(String, Attribute)], encoding: Encod
             }
         }
     }
+    // In place.
     let amplitude: Vec<f32> = power.into_iter().map(f32::sqrt).collect();
-    let channels = vec![
-        ("R".into(), amplitude.clone()),
-        ("G".into(), amplitude.clone()),
-        ("B".into(), amplitude),
-        ("Z".into(), depth),
-        ("A".into(), vec![1.0; pixels]),
-    ];
+    let mut channels = vec![("Z".into(), depth), ("A".into(), pixel_values(1.0, pixels)?)];
+    for name in ["R", "G"] {
+        let mut copy = pixel_values(0.0, pixels)?;
+        copy.copy_from_slice(&amplitude);
+        channels.push((name.into(), copy));
+    }
+    channels.push(("B".into(), amplitude));
     let mut attributes = attributes.to_vec();
     attributes.extend(grid_attributes(grid));
-    let mut part = part(Some("mip"), [grid.x.count, grid.y.count], channels, &attributes, encoding);
+    let mut part = part(Some("mip"), [grid.x.count, grid.y.count], channels, &attributes, encoding)?;
     part.attributes.world_to_camera = Some(WORLD_TO_CAMERA);
-    part
+    Ok(part)
 }
 
 /// The refusal of a file whose depths, all of which its writer wants at once, do not fit.
@@ -105,14 +107,15 @@ fn no_room(path: &Path, depths: usize) -> Error {
     Error::environment("memory", problem)
 }
 
-/// `None` when it does not fit in memory.
-fn depth_part(volume: &Volume, iz: usize, components: Components, encoding: Encoding) -> Option<Part> {
+/// # Errors
+/// When it does not fit in memory.
+fn depth_part(volume: &Volume, iz: usize, components: Components, encoding: Encoding) -> Result<Part> {
     let grid = &volume.grid;
     let plane = volume.plane(iz);
     let channel = |value: fn(&Complex32) -> f32| {
-        let mut channel = room(plane.len() as u64)?;
-        channel.extend(plane.iter().map(value));
-        Some(channel)
+        let mut channel = pixel_values(0.0, plane.len())?;
+        channel.iter_mut().zip(plane).for_each(|(channel, sample)| *channel = value(sample));
+        Ok(channel)
     };
     let mut channels = vec![("Y".into(), channel(|sample| sample.norm())?)];
     if components == Components::Complex {
@@ -121,7 +124,7 @@ fn depth_part(volume: &Volume, iz: usize, components: Components, encoding: Enco
     }
     let mut attributes = grid_attributes(grid);
     attributes.push(("sonar:depth".into(), Attribute::Number(grid.z.position(iz))));
-    Some(part(Some(&format!("z{iz:04}")), [grid.x.count, grid.y.count], channels, &attributes, encoding))
+    part(Some(&format!("z{iz:04}")), [grid.x.count, grid.y.count], channels, &attributes, encoding)
 }
 
 fn grid_attributes(grid: &Grid) -> Attributes {
@@ -151,7 +154,7 @@ pub fn read_volume_exr(path: &Path, limit_bytes: u64) -> Result<Amplitude> {
         ["Origin", "Pitch", "Shape"].map(|what| vector(&attributes, &format!("sonar:grid{what}")));
     let (Some(origin), Some(pitch), Some(shape)) = (origin, pitch, shape) else { return Err(fault(path)) };
     let grid = declared_grid(path, origin, pitch, shape.map(|n| n as usize), 4, limit_bytes)?;
-    let mut values = Vec::new();
+    let mut values = room(grid.voxel_count()).ok_or_else(|| no_room_for(&grid))?;
     for (i, file) in volume_exr_files(path, grid.z.count).iter().enumerate() {
         if i > 0 {
             parts = read_parts(file, limit_bytes)?;
@@ -169,11 +172,11 @@ pub fn read_volume_exr(path: &Path, limit_bytes: u64) -> Result<Amplitude> {
 fn append_depths(parts: &Parts, pixels: usize, values: &mut Vec<f32>) -> Option<()> {
     for part in parts.layer_data.iter().skip(1) {
         let channel = part.channel_data.list.iter().find(|channel| channel.name.eq("Y"))?;
-        let samples = floats(&channel.sample_data);
-        if samples.len() != pixels {
+        // There is room for all that the grid declares, and no more is taken.
+        if channel.sample_data.len() != pixels || values.len() + pixels > values.capacity() {
             return None;
         }
-        values.extend(samples);
+        append_floats(&channel.sample_data, values)?;
     }
     Some(())
 }

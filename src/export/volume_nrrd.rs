@@ -2,7 +2,7 @@
 //!
 //! A text header, an empty line, and the amplitudes as little-endian floats, gzipped or raw.
 
-use super::amplitude::{Amplitude, declared_grid, floats_of};
+use super::amplitude::{Amplitude, declared_grid, read_floats};
 use super::volume_file::{VolumeFile, VolumeStream};
 use super::{Attribute, Compression};
 use crate::error::{Error, Result};
@@ -174,17 +174,13 @@ pub fn read_volume_nrrd(path: &Path, limit_bytes: u64) -> Result<Amplitude> {
         return Err(fault("has slanting axes"));
     }
     let grid = declared_grid(path, first, [p_x, p_y, p_z], count, 4, limit_bytes)?;
-    let length = 4 * grid.voxel_count();
-    let mut bytes = Vec::new();
-    let read = match field("encoding") {
-        "raw" => file.take(length).read_to_end(&mut bytes),
-        "gzip" | "gz" => GzDecoder::new(file).take(length).read_to_end(&mut bytes),
+    let values = match field("encoding") {
+        "raw" => read_floats(&mut file, &grid)?,
+        "gzip" | "gz" => read_floats(&mut GzDecoder::new(file), &grid)?,
         _ => return Err(fault("has another encoding than raw or gzip")),
     };
-    if read.is_err() || bytes.len() as u64 != length {
-        return Err(fault("holds damaged or fewer numbers than its header says"));
-    }
-    Ok(Amplitude { grid, values: floats_of(&bytes), attributes })
+    let values = values.ok_or_else(|| fault("holds damaged or fewer numbers than its header says"))?;
+    Ok(Amplitude { grid, values, attributes })
 }
 
 /// Exactly three numbers.

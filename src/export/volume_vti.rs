@@ -2,7 +2,7 @@
 //!
 //! XML with the numbers appended as raw little-endian bytes, each array behind its length as a `UInt64`.
 
-use super::amplitude::{Amplitude, declared_grid, floats_of};
+use super::amplitude::{Amplitude, declared_grid, read_floats};
 use super::volume_file::{VolumeFile, VolumeStream};
 use super::{Attribute, Attributes, Components};
 use crate::error::{Error, Result};
@@ -231,12 +231,8 @@ pub fn read_volume_vti(path: &Path, limit_bytes: u64) -> Result<Amplitude> {
     if u64::from_le_bytes(length) != 4 * grid.voxel_count() {
         return Err(fault());
     }
-    let mut bytes = Vec::new();
-    file.take(4 * grid.voxel_count()).read_to_end(&mut bytes).map_err(failed)?;
-    if bytes.len() as u64 != 4 * grid.voxel_count() {
-        return Err(fault());
-    }
-    Ok(Amplitude { grid, values: floats_of(&bytes), attributes: Attributes::new() })
+    let values = read_floats(&mut io::BufReader::new(file), &grid)?.ok_or_else(fault)?;
+    Ok(Amplitude { grid, values, attributes: Attributes::new() })
 }
 
 #[cfg(test)]

@@ -12,7 +12,7 @@ mod writer;
 pub use writer::{NpzWriter, write_npz};
 
 use crate::error::{Error, Result};
-use elements::{ComplexReader, any_complex, c_order, characters, plain_complex, scalar_reader};
+use elements::{ComplexReader, any_complex, characters, plain_complex, scalar_reader};
 use header::{Dtype, Header, Kind};
 use num_complex::Complex32;
 use std::fs::File;
@@ -47,19 +47,6 @@ pub struct NpzReader {
     limit_bytes: u64,
     archive: ZipArchive<BufReader<File>>,
     entries: Vec<Entry>,
-}
-
-impl Header {
-    /// Whether the last axis is the fastest.
-    fn in_order(&self) -> bool {
-        !self.fortran || self.shape.len() <= 1
-    }
-
-    /// The elements as they were read, brought into C order.
-    fn array<T: Copy>(self, data: Vec<T>) -> Array<T> {
-        let data = if self.in_order() { data } else { c_order(&data, &self.shape) };
-        Array { shape: self.shape, data }
-    }
 }
 
 impl NpzReader {
@@ -134,11 +121,13 @@ impl NpzReader {
         let (index, header) = (index, header.clone());
         let convert = self.complex_reader(name, header.dtype)?;
         let mut data = Vec::new();
+        let place = place_of(&self.path, name);
         self.read(name, index, &header, Held::all(&header, 8), |bytes| {
+            header.reserve(&mut data).ok_or_else(|| no_room(&place))?;
             convert(header.dtype, bytes, &mut data);
             Ok(())
         })?;
-        Ok(header.array(data))
+        header.array(data).ok_or_else(|| no_room(&place))
     }
 
     /// How to read an array's elements as complex numbers.
@@ -177,7 +166,12 @@ impl NpzReader {
         let convert = self.complex_reader(name, header.dtype)?;
         let size = header.dtype.size as usize;
         let mut waiting: Vec<Complex32> = Vec::new();
+        let most = block.min(header.elements().map_or(block, |n| n as usize));
+        let place = place_of(&self.path, name);
         self.read(name, index, &header, Held { elements: block as u64, bytes_each: 8 }, |mut bytes| {
+            if waiting.capacity() == 0 {
+                waiting.try_reserve_exact(most).map_err(|_| no_room(&place))?;
+            }
             while !bytes.is_empty() {
                 let room = (block - waiting.len()) * size;
                 let (now, rest) = bytes.split_at(room.min(bytes.len()));
@@ -255,11 +249,13 @@ impl NpzReader {
             return Err(self.fault(name, "holds text; numbers were expected"));
         };
         let mut data: Vec<T> = Vec::new();
+        let place = place_of(&self.path, name);
         self.read(name, index, &header, Held::all(&header, size_of::<T>() as u64), |bytes| {
+            header.reserve(&mut data).ok_or_else(|| no_room(&place))?;
             data.extend(bytes.chunks_exact(header.dtype.size as usize).map(|element| make(scalar(element))));
             Ok(())
         })?;
-        Ok(header.array(data))
+        header.array(data).ok_or_else(|| no_room(&place))
     }
 
     /// Passes the array's bytes on in blocks of whole elements, once its sizes are known to fit.
@@ -350,6 +346,11 @@ impl Held {
 
 fn place_of(path: &Path, name: &str) -> String {
     format!("{}, array `{name}`", path.display())
+}
+
+/// The refusal of an array that does not fit.
+fn no_room(place: &str) -> Error {
+    Error::environment("memory", format!("{place} does not fit; use a smaller array, or free some memory"))
 }
 
 /// Reads one array's header and holds its declared size against the shape and against the file's.

@@ -220,7 +220,11 @@ mod tests {
     const N: f32 = f32::NAN;
 
     fn surface(depth: &[f32], material: &[u32]) -> Surface {
-        Surface { depth: depth.to_vec(), material: Some(material.to_vec()), ..Surface::empty(depth.len()) }
+        Surface {
+            depth: depth.to_vec(),
+            material: Some(material.to_vec()),
+            ..Surface::empty(depth.len()).expect("room")
+        }
     }
 
     fn map(picked: &[f32], returns: Vec<Surface>) -> DepthMap {

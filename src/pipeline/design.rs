@@ -1,13 +1,14 @@
 //! Designing an array: one forecast for every combination of swept keys, and point-spread functions.
 
+use super::budget::{Budget, Seen};
 use super::echoes::Measurement;
-use super::forecast::{forecast, imaging};
+use super::forecast::forecast;
 use super::{is_csv, scene_path};
 use crate::config::{self, RunFile};
 use crate::error::{Error, Result};
 use crate::grid::{Axis, Grid};
+use crate::plan::check_simulation;
 use crate::plan::design::Verdict;
-use crate::plan::{check_simulation, memory_limit};
 use crate::progress::{Observer, advance, stage};
 use crate::psf::{PointSpread, point_spread};
 use crate::reflectors::Reflectors;
@@ -183,43 +184,38 @@ pub fn sweep_designs(keys: &[SweptKey], run_with: &RunWith, observer: &dyn Obser
 
 /// The box of the scene looked at last, so that a mesh is not read for every combination.
 #[derive(Default)]
-struct SeenScene(Option<(config::Scene, Option<(DVec3, DVec3)>)>);
+struct SeenScene(Option<(config::Scene, Seen)>);
 
 impl SeenScene {
-    /// The box of the run file's scene; nothing where the grid is typed in full and there is no scene.
-    fn bounds(
-        &mut self,
-        run: &RunFile,
-        bare: bool,
-        observer: &dyn Observer,
-    ) -> Result<Option<(DVec3, DVec3)>> {
+    /// The run file's scene; nothing where the grid is typed in full and there is no scene.
+    fn of(&mut self, run: &RunFile, bare: bool, observer: &dyn Observer) -> Result<Seen> {
         let grid = &run.grid;
         if run.scene.mesh.is_none() && grid.x.is_some() && grid.y.is_some() && grid.z.is_some() {
-            return Ok(None);
+            return Ok(Seen::default());
         }
-        if let Some((scene, bounds)) = &self.0
+        if let Some((scene, seen)) = &self.0
             && *scene == run.scene
         {
-            return Ok(*bounds);
+            return Ok(*seen);
         }
         let path = scene_path(run)?;
-        let bounds = if is_csv(path) {
-            Reflectors::read_csv(path)?.bounds()
+        let seen = if is_csv(path) {
+            Seen::list(&Reflectors::read_csv(path)?)
         } else {
-            Scene::load(path, &run.load_options(bare)?, observer)?.bounds()
+            Seen::mesh(&Scene::load(path, &run.load_options(bare)?, observer)?)
         };
-        self.0 = Some((run.scene.clone(), bounds));
-        Ok(bounds)
+        self.0 = Some((run.scene.clone(), seen));
+        Ok(seen)
     }
 }
 
 fn row(run: &RunFile, bare: bool, seen: &mut SeenScene, observer: &dyn Observer) -> Result<DesignRow> {
     let measurement = Measurement::of(run)?;
     let setup = measurement.setup();
-    let bounds = seen.bounds(run, bare, observer)?;
-    let grid = run.voxels(&setup, bounds)?;
-    let holding = imaging(run, &setup, &grid, setup.cube_bytes(), measurement.simulating(bounds));
-    let foretold = forecast(run, &setup, &grid, holding, true)?;
+    let budget = Budget::of(run);
+    let seen = seen.of(run, bare, observer)?;
+    let grid = run.voxels(&setup, seen.bounds)?;
+    let foretold = forecast(&budget, &setup, &grid, measurement.imaging(&budget, &grid, &seen), true)?;
     let (design, needs) = (foretold.design, foretold.needs);
     let ghosts = design.aliasing.verdict == Verdict::Ghosts;
     Ok(DesignRow {
@@ -249,9 +245,13 @@ pub fn point_spreads(
 ) -> Result<(Grid, Vec<PointSpread>)> {
     let measurement = Measurement::of(run)?;
     let setup = measurement.setup();
-    let bounds = SeenScene::default().bounds(run, bare, observer)?;
-    let grid = run.voxels(&setup, bounds)?;
-    check_simulation(&setup, measurement.simulation_peak(bounds), memory_limit())?;
+    let budget = Budget::of(run);
+    let seen = SeenScene::default().of(run, bare, observer)?;
+    let grid = run.voxels(&setup, seen.bounds)?;
+    // One point is simulated, and not the scene.
+    let alone = Seen::within(seen.bounds);
+    let holding = measurement.simulating(&budget, &grid, &alone);
+    check_simulation(&setup, holding, rayon::current_num_threads(), budget.limit)?;
     // Adding 0 turns a negative zero into a positive one.
     let middle = |axis: &Axis| (f64::midpoint(axis.first, axis.last()) * 1e9).round() / 1e9 + 0.0;
     let near = grid.z.first.max(setup.wavelength());

@@ -1,20 +1,19 @@
 //! A scene turned into reflectors, with the instrument that hears them and the grid that shows them.
 
+use super::budget::{Budget, Seen};
 use super::facts::compensation;
-use super::forecast::imaging;
-use super::{SceneSummary, is_csv, is_in_metres, load_scene, room, scene_path, warn_all};
+use super::{SceneSummary, is_csv, is_in_metres, load_scene, scene_path, warn_all};
 use crate::acquisition::{
     DataCube, Detection, MicArray, Setup, SimulateOptions, Sweep, simulate_keeping, simulation_bytes,
 };
 use crate::config::RunFile;
-use crate::error::Result;
+use crate::error::{Result, gib};
 use crate::grid::Grid;
 use crate::plan::{
-    Plan, check_sampling, check_simulation, gib, memory_limit, outside_warning, plan, scale_warnings,
-    simulation_peak,
+    Holding, Plan, check_sampling, check_simulation, left_for_scene, outside_warning, plan, scale_warnings,
 };
 use crate::progress::{Keeper, Observer};
-use crate::reflectors::{Reflectors, sample_surface, sampling_bytes};
+use crate::reflectors::{Reflectors, sample_surface};
 use crate::scene::Scene;
 use glam::DVec3;
 use serde_json::json;
@@ -58,17 +57,24 @@ impl Measurement {
         }
     }
 
-    /// Bytes that simulating takes beside the cube, for a scene within these bounds.
-    pub(super) fn simulating(&self, bounds: Option<(DVec3, DVec3)>) -> u64 {
-        simulation_bytes(&self.sweep, &self.array, bounds, &self.options, rayon::current_num_threads())
+    /// What a job holds until the cube of a scene is simulated.
+    fn holding(&self, run: &RunFile, grid: &Grid, seen: &Seen) -> Holding {
+        let threads = rayon::current_num_threads();
+        let simulating = simulation_bytes(&self.sweep, &self.array, seen.bounds, &self.options, threads);
+        Holding { samples: self.setup().cube_bytes(), simulating, ..seen.holding(run, &self.setup(), grid) }
     }
 
-    /// Bytes at the peak of `simulate`.
-    pub(super) fn simulation_peak(&self, bounds: Option<(DVec3, DVec3)>) -> u64 {
-        let setup = self.setup();
+    /// What `image` holds.
+    pub(super) fn imaging(&self, budget: &Budget, grid: &Grid, seen: &Seen) -> Holding {
+        budget.imaging(&self.setup(), grid, self.holding(budget.run, grid, seen))
+    }
+
+    /// What `simulate` holds.
+    pub(super) fn simulating(&self, budget: &Budget, grid: &Grid, seen: &Seen) -> Holding {
+        let holding = self.holding(budget.run, grid, seen);
         // Samples in phase are copied without their imaginary parts to be written.
-        let written = if setup.detection == Detection::InPhase { setup.cube_bytes() / 2 } else { 0 };
-        simulation_peak(&setup, self.simulating(bounds).max(written), rayon::current_num_threads())
+        let written = if self.setup().detection == Detection::InPhase { holding.samples / 2 } else { 0 };
+        Holding { simulating: holding.simulating.max(written), ..holding }
     }
 }
 
@@ -82,45 +88,58 @@ pub(super) struct Echoes {
     pub(super) reflectors: Reflectors,
     pub(super) grid: Grid,
     pub(super) plan: Plan,
+    /// What of them, and of their cube, is in memory.
+    pub(super) held: Holding,
 }
 
 impl Echoes {
     /// Loads and samples a scene to be simulated, and imaged too if `imaged`.
-    pub(super) fn of(run: &RunFile, bare: bool, imaged: bool, observer: &dyn Observer) -> Result<Self> {
+    pub(super) fn of(budget: &Budget, bare: bool, imaged: bool, observer: &dyn Observer) -> Result<Self> {
+        let run = budget.run;
         let measurement = Measurement::of(run)?;
         let setup = measurement.setup();
         // What can never fit is refused before any ray is traced.
-        let fits = |grid: &Grid, bounds| {
+        let threads = rayon::current_num_threads();
+        let fits = |grid: &Grid, seen: &Seen| {
             if imaged {
-                let beside = measurement.simulating(bounds);
-                room(run, &setup, grid, imaging(run, &setup, grid, setup.cube_bytes(), beside), observer)
+                budget.room(&setup, grid, measurement.imaging(budget, grid, seen), observer)
             } else {
-                check_simulation(&setup, measurement.simulation_peak(bounds), memory_limit())
+                check_simulation(&setup, measurement.simulating(budget, grid, seen), threads, budget.limit)
             }
         };
         let path = scene_path(run)?;
         if is_csv(path) {
             let reflectors = Reflectors::read_csv(path)?;
             let grid = run.voxels(&setup, reflectors.bounds())?;
-            fits(&grid, reflectors.bounds())?;
+            let seen = Seen::list(&reflectors);
+            fits(&grid, &seen)?;
             let plan = plan(&setup, &grid);
-            return Ok(Self { measurement, scene: None, spacing: None, reflectors, grid, plan });
+            let held = measurement.holding(run, &grid, &seen);
+            return Ok(Self { measurement, scene: None, spacing: None, reflectors, grid, plan, held });
         }
         let scene = load_scene(path, run, bare, observer)?;
+        let seen = Seen::mesh(&scene);
+        let samples_fit = |grid: &Grid| {
+            let options = seen.surface_options(run, &setup, grid);
+            let limit = left_for_scene(budget.limit, threads);
+            check_sampling(seen.sampling(&options), options.spacing, limit)
+        };
         let grid = run.voxels(&setup, scene.bounds());
-        let grid = grid.and_then(|grid| fits(&grid, scene.bounds()).map(|()| grid)).inspect_err(|_| {
-            // A wrong unit may be why no grid fits.
-            if let Some((low, high)) = scene.bounds() {
-                warn_all(&scale_warnings(&setup, low, high, is_in_metres(path)), observer);
-            }
-        })?;
+        let grid = grid
+            .and_then(|grid| samples_fit(&grid).and_then(|()| fits(&grid, &seen)).map(|()| grid))
+            .inspect_err(|_| {
+                // A wrong unit may be why no grid fits.
+                if let Some((low, high)) = scene.bounds() {
+                    warn_all(&scale_warnings(&setup, low, high, is_in_metres(path)), observer);
+                }
+            })?;
         let plan = plan(&setup, &grid);
-        let nearest = scene.bounds().map_or(grid.z.first, |(low, _)| low.z.max(grid.z.first));
-        let options = run.surface_options(&setup, nearest);
-        check_sampling(sampling_bytes(&scene, &options), options.spacing, memory_limit())?;
+        let options = seen.surface_options(run, &setup, &grid);
         let reflectors = sample_surface(&scene, &options, observer)?;
         observer.note(&format!("{} reflectors, {:.1} mm apart", reflectors.len(), 1e3 * options.spacing));
-        Ok(Self { measurement, scene: Some(scene), spacing: Some(options.spacing), reflectors, grid, plan })
+        let held = measurement.holding(run, &grid, &seen);
+        let (scene, spacing) = (Some(scene), Some(options.spacing));
+        Ok(Self { measurement, scene, spacing, reflectors, grid, plan, held })
     }
 
     pub(super) fn setup(&self) -> Setup<'_> {

@@ -1,5 +1,6 @@
 //! What `plan` shows: everything about a job that can be known before any ray or sample.
 
+use super::budget::{Budget, Seen};
 use super::echoes::{Measurement, placement_warnings};
 use super::facts::compensation;
 use super::{is_csv, is_in_metres, outputs, scene_path};
@@ -7,9 +8,8 @@ use crate::acquisition::{CubeFile, CubeSource, Setup};
 use crate::config::RunFile;
 use crate::error::Result;
 use crate::grid::Grid;
-use crate::plan::{Design, Holding, Needs, Plan, design, left_for_method, memory_limit, needs, plan};
+use crate::plan::{Design, Holding, Needs, Plan, design, plan, simulation_peak};
 use crate::progress::Observer;
-use crate::reconstruct::ReconstructOptions;
 use crate::reflectors::Reflectors;
 use crate::scene::Scene;
 use glam::DVec3;
@@ -60,17 +60,19 @@ pub fn forecast_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Res
     let setup = measurement.setup();
     let path = scene_path(run)?;
     let mesh = !is_csv(path);
-    let bounds = if mesh {
-        Scene::load(path, &run.load_options(bare)?, observer)?.bounds()
+    let budget = Budget::of(run);
+    let seen = if mesh {
+        Seen::mesh(&Scene::load(path, &run.load_options(bare)?, observer)?)
     } else {
-        Reflectors::read_csv(path)?.bounds()
+        Seen::list(&Reflectors::read_csv(path)?)
     };
+    let bounds = seen.bounds;
     let grid = run.voxels(&setup, bounds)?;
-    let beside = measurement.simulating(bounds);
-    let holding = imaging(run, &setup, &grid, setup.cube_bytes(), beside);
-    let mut forecast = forecast(run, &setup, &grid, holding, mesh)?;
-    forecast.peaks.simulate = Some(measurement.simulation_peak(bounds));
-    forecast.peaks.reconstruct = needs_of(run, &setup, &grid, Holding::default())?.peak_bytes;
+    let holding = measurement.imaging(&budget, &grid, &seen);
+    let mut forecast = forecast(&budget, &setup, &grid, holding, mesh)?;
+    let alone = measurement.simulating(&budget, &grid, &seen);
+    forecast.peaks.simulate = Some(simulation_peak(alone, rayon::current_num_threads()));
+    forecast.peaks.reconstruct = budget.needs(&setup, &grid, Holding::default())?.peak_bytes;
     forecast.physics = measurement.physics(run);
     let mesh = mesh.then(|| is_in_metres(path));
     forecast.warnings.extend(placement_warnings(&setup, &grid, bounds, mesh));
@@ -84,42 +86,24 @@ pub fn forecast_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Res
 pub fn forecast_cube(run: &RunFile, cube: &CubeFile) -> Result<Forecast> {
     let setup = cube.setup();
     let grid = run.voxels(&setup, None::<(DVec3, DVec3)>)?;
-    let holding = imaging(run, &setup, &grid, cube.held_bytes(), 0);
-    let mut forecast = forecast(run, &setup, &grid, holding, false)?;
-    let alone = Holding { samples: cube.held_bytes(), ..Holding::default() };
-    forecast.peaks.reconstruct = needs_of(run, &setup, &grid, alone)?.peak_bytes;
+    let budget = Budget::of(run);
+    let held = Holding { samples: cube.held_bytes(), ..Holding::default() };
+    let mut forecast = forecast(&budget, &setup, &grid, budget.imaging(&setup, &grid, held), false)?;
+    forecast.peaks.reconstruct = budget.needs(&setup, &grid, held)?.peak_bytes;
     Ok(forecast)
 }
 
-/// What `image` holds, given bytes of samples and what simulating them takes beside them.
-pub(super) fn imaging(run: &RunFile, setup: &Setup, grid: &Grid, samples: u64, simulating: u64) -> Holding {
-    let depth = run.depth_options(setup.range_resolution().unwrap_or(f64::NAN)).search_bytes(grid);
-    let writing = outputs::writing_bytes(outputs::volume_names(run), run, grid);
-    Holding { samples, simulating, volume: true, depth, writing }
-}
-
-/// How a volume is to be made within the memory there is.
-pub(super) fn options_within(run: &RunFile, grid: &Grid, holding: Holding) -> ReconstructOptions {
-    let mut options = run.reconstruct_options();
-    options.memory = left_for_method(grid, holding, memory_limit(), rayon::current_num_threads());
-    options
-}
-
-/// What that takes.
-pub(super) fn needs_of(run: &RunFile, setup: &Setup, grid: &Grid, holding: Holding) -> Result<Needs> {
-    needs(setup, grid, &options_within(run, grid, holding), holding, rayon::current_num_threads())
-}
-
 pub(super) fn forecast(
-    run: &RunFile,
+    budget: &Budget,
     setup: &Setup,
     grid: &Grid,
     holding: Holding,
     truth: bool,
 ) -> Result<Forecast> {
+    let run = budget.run;
     let plan = plan(setup, grid);
     let design = design(setup, grid, run.reconstruct.window);
-    let needs = needs_of(run, setup, grid, holding)?;
+    let needs = budget.needs(setup, grid, holding)?;
     let seconds = needs.seconds();
     let warnings = [plan.warnings.clone(), design.warnings.clone()].concat();
     let physics = compensation(run).into_iter().collect();

@@ -1,6 +1,6 @@
 //! How much memory a job may use.
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, gib};
 use std::path::Path;
 use std::sync::OnceLock;
 
@@ -25,13 +25,6 @@ pub fn check_sampling(bytes: u64, spacing: f64, limit: Option<u64>) -> Result<()
 
 /// The most bytes of a volume that wait to be kept for a later run.
 pub const WAITING: u64 = 32 << 20;
-
-/// Bytes as people read them.
-pub fn gib(bytes: u64) -> String {
-    let (mib, gib) = (f64::from(1 << 20), f64::from(1 << 30));
-    let bytes = bytes as f64;
-    if bytes < gib { format!("{:.0} MiB", bytes / mib) } else { format!("{:.1} GiB", bytes / gib) }
-}
 
 /// The limit of this process, once it is set.
 static LIMIT: OnceLock<u64> = OnceLock::new();

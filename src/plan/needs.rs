@@ -3,9 +3,9 @@
 //! Unlike the rest of a plan this depends on the machine and the number of threads, so it is shown and enforced but never
 //! part of a result.
 
-use super::memory::{WAITING, gib};
+use super::memory::WAITING;
 use crate::acquisition::Setup;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, gib};
 use crate::grid::Grid;
 use crate::reconstruct::{Estimate, Method, ReconstructOptions, estimate};
 use crate::wave::simd::{LANES, Lanes, lane_phasors};
@@ -15,6 +15,10 @@ use std::time::Instant;
 /// What a job holds in memory beside its method's own needs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Holding {
+    /// Bytes of a scene, from its sampling to its truth.
+    pub scene: u64,
+    /// Bytes at the peak of reading and sampling it, before there is anything else.
+    pub preparing: u64,
     /// Bytes of samples: a simulated cube, or a file that cannot be read in order.
     pub samples: u64,
     /// Bytes that simulating them takes beside them; 0 where they are not simulated.
@@ -74,22 +78,32 @@ fn program(threads: usize) -> u64 {
 
 /// Bytes at the peak of a job whose method takes `bytes`: the most of its stages.
 fn peak(bytes: u64, grid: &Grid, holding: Holding, threads: usize) -> u64 {
-    let Holding { samples, simulating, depth, writing, .. } = holding;
+    let Holding { scene, preparing, samples, simulating, depth, writing, .. } = holding;
     let volume = if holding.volume { grid.volume_bytes() } else { 0 };
     // Depths that wait to be kept for a later run.
     let focusing = bytes.saturating_add(WAITING.min(grid.volume_bytes()));
-    let both = samples.saturating_add(volume);
+    let both = scene.saturating_add(samples).saturating_add(volume);
     let stages = [
-        samples.saturating_add(simulating),
+        preparing,
+        scene.saturating_add(samples).saturating_add(simulating),
         both.saturating_add(focusing.max(depth)),
         volume.saturating_add(writing),
     ];
     program(threads).saturating_add(stages.into_iter().max().unwrap_or(0))
 }
 
-/// Bytes at the peak of a simulation by itself, which takes `beside` the cube, by so many threads.
-pub fn simulation_peak(setup: &Setup, beside: u64, threads: usize) -> u64 {
-    program(threads).saturating_add(setup.cube_bytes()).saturating_add(beside)
+/// Bytes at the peak of a simulation by itself, by so many threads.
+pub fn simulation_peak(holding: Holding, threads: usize) -> u64 {
+    let Holding { scene, preparing, samples, simulating, .. } = holding;
+    program(threads).saturating_add(preparing.max(scene.saturating_add(samples).saturating_add(simulating)))
+}
+
+/// Where memory is short, a scene may take so much all the same: it is not what does not fit.
+const SMALL_SCENE: u64 = 16 << 20;
+
+/// What `limit` leaves, beside the program by itself, to reading and sampling a scene.
+pub fn left_for_scene(limit: Option<u64>, threads: usize) -> Option<u64> {
+    limit.map(|limit| limit.saturating_sub(program(threads)).max(SMALL_SCENE))
 }
 
 impl Needs {
@@ -103,7 +117,7 @@ impl Needs {
 /// What `limit` leaves to the method beside the program, the samples and the volume:
 /// [`ReconstructOptions::memory`].
 pub fn left_for_method(grid: &Grid, holding: Holding, limit: Option<u64>, threads: usize) -> Option<u64> {
-    let focusing = Holding { simulating: 0, depth: 0, writing: 0, ..holding };
+    let focusing = Holding { preparing: 0, simulating: 0, depth: 0, writing: 0, ..holding };
     limit.map(|limit| limit.saturating_sub(peak(0, grid, focusing, threads)))
 }
 
@@ -156,6 +170,15 @@ pub fn check_memory(
     if holding.samples > 0 {
         ways.push("a cube in a file (`simulate`, then `reconstruct`) is never held whole".to_owned());
     }
+    if holding.scene > 0
+        && program(needs.threads).saturating_add(holding.preparing.max(holding.scene)) > limit / 2
+    {
+        ways.push(format!(
+            "decimate the mesh, of which reading and sampling take {} and the scene {}",
+            gib(holding.preparing),
+            gib(holding.scene)
+        ));
+    }
     ways.push(
         "make the grid smaller or its pitch larger, or take fewer frequencies or microphones".to_owned(),
     );
@@ -178,18 +201,24 @@ pub fn check_memory(
 /// Refuses to simulate a cube that cannot fit.
 ///
 /// # Errors
-/// [`Error::Input`] when `bytes`, as [`simulation_peak`] gives them, exceed `limit`.
-pub fn check_simulation(setup: &Setup, bytes: u64, limit: Option<u64>) -> Result<()> {
+/// [`Error::Input`] when [`simulation_peak`] exceeds `limit`.
+pub fn check_simulation(setup: &Setup, holding: Holding, threads: usize, limit: Option<u64>) -> Result<()> {
+    let bytes = simulation_peak(holding, threads);
     match limit {
         Some(limit) if bytes > limit => Err(Error::input(
             "memory",
             format!(
                 "a cube of {} frequencies x {} microphones takes about {} to simulate, and {} may be used here \
-                 (--memory sets another limit); take fewer of either",
+                 (--memory sets another limit); take fewer of either{}",
                 setup.sweep.len(),
                 setup.array.len(),
                 gib(bytes),
-                gib(limit)
+                gib(limit),
+                if holding.preparing > 0 {
+                    ", decimate the mesh, or sample it with a larger [reflectors] spacing"
+                } else {
+                    ""
+                }
             ),
         )),
         _ => Ok(()),

@@ -2,6 +2,7 @@
 
 use super::Reflectors;
 use crate::error::{Error, Result};
+use crate::grid::room;
 use glam::DVec3;
 use num_complex::Complex32;
 use std::path::Path;
@@ -12,12 +13,16 @@ impl Reflectors {
     /// # Errors
     /// A missing file, another header, or a line that is not the asked numbers; the message names the line.
     pub fn read_csv(path: &Path) -> Result<Self> {
-        let rows = read_columns(path, &["x", "y", "z", "amplitude"])?;
+        let rows = read_columns(path, ["x", "y", "z", "amplitude"])?;
         if rows.is_empty() {
             return Err(Error::input(path.display(), "holds no reflectors; at least one line was expected"));
         }
-        let (positions, amplitudes) =
-            rows.iter().map(|r| (DVec3::new(r[0], r[1], r[2]), Complex32::new(r[3] as f32, 0.0))).unzip();
+        let mut positions = room(rows.len() as u64).ok_or_else(|| no_room(path))?;
+        let mut amplitudes = room(rows.len() as u64).ok_or_else(|| no_room(path))?;
+        for [x, y, z, amplitude] in rows {
+            positions.push(DVec3::new(x, y, z));
+            amplitudes.push(Complex32::new(amplitude as f32, 0.0));
+        }
         Self::new(positions, amplitudes)
     }
 }
@@ -26,7 +31,7 @@ impl Reflectors {
 ///
 /// # Errors
 /// A missing file, another header, or a line with other than the asked numbers; the message names the line.
-pub fn read_columns(path: &Path, header: &[&str]) -> Result<Vec<Vec<f64>>> {
+pub fn read_columns<const N: usize>(path: &Path, header: [&str; N]) -> Result<Vec<[f64; N]>> {
     let text = std::fs::read_to_string(path).map_err(|e| match e.kind() {
         std::io::ErrorKind::InvalidData => {
             Error::input(path.display(), "is not UTF-8 text; a CSV was expected")
@@ -41,7 +46,7 @@ pub fn read_columns(path: &Path, header: &[&str]) -> Result<Vec<Vec<f64>>> {
         .filter(|(_, line)| !line.is_empty() && !line.starts_with('#'));
     let expected = header.join(",");
     match lines.next() {
-        Some((_, line)) if line.split(',').map(str::trim).eq(header.iter().copied()) => {}
+        Some((_, line)) if line.split(',').map(str::trim).eq(header) => {}
         Some((number, _)) => {
             return Err(Error::input(
                 format!("{}:{number}", path.display()),
@@ -55,21 +60,32 @@ pub fn read_columns(path: &Path, header: &[&str]) -> Result<Vec<Vec<f64>>> {
             ));
         }
     }
-    lines
-        .map(|(number, line)| {
-            let values: Option<Vec<f64>> = line
-                .split(',')
-                // Amplitudes become f32; nothing in metres comes near its limit either.
-                .map(|field| field.trim().parse().ok().filter(|v: &f64| (*v as f32).is_finite()))
-                .collect();
-            values.filter(|v| v.len() == header.len()).ok_or_else(|| {
-                Error::input(
-                    format!("{}:{number}", path.display()),
-                    format!("{} finite numbers `{expected}` were expected, found `{line}`", header.len()),
-                )
-            })
-        })
-        .collect()
+    let mut rows = Vec::new();
+    for (number, line) in lines {
+        let mut row = [0.0; N];
+        let mut fields = line.split(',').map(|field| field.trim().parse().ok());
+        for value in &mut row {
+            // Amplitudes become f32; nothing in metres comes near its limit either.
+            *value = fields.next().flatten().filter(|v: &f64| (*v as f32).is_finite()).unwrap_or(f64::NAN);
+        }
+        if fields.next().is_some() || row.iter().any(|value| value.is_nan()) {
+            return Err(Error::input(
+                format!("{}:{number}", path.display()),
+                format!("{N} finite numbers `{expected}` were expected, found `{line}`"),
+            ));
+        }
+        rows.try_reserve(1).map_err(|_| no_room(path))?;
+        rows.push(row);
+    }
+    Ok(rows)
+}
+
+/// The refusal of a list that does not fit.
+fn no_room(path: &Path) -> Error {
+    Error::environment(
+        "memory",
+        format!("{}: its lines do not fit; give fewer points, or free some memory", path.display()),
+    )
 }
 
 #[cfg(test)]

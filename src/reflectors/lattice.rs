@@ -5,23 +5,33 @@
 //! triangles that share a plane share the lattice, and no seam shows along a diagonal.
 
 use super::Sample;
+use crate::grid::room;
 use crate::scene::Triangle;
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
-/// Lattice points of every triangle, each standing for `spacing²`.
-pub(super) fn lattice(triangles: &[Triangle], spacing: f64) -> Vec<Sample> {
-    triangles
-        .par_iter()
-        .enumerate()
-        .flat_map_iter(|(index, triangle)| {
-            points(triangle, spacing).into_iter().map(move |position| Sample {
-                position,
-                triangle: index as u32,
-                area: spacing * spacing,
-            })
-        })
-        .collect()
+/// Triangles that a thread samples at a time.
+const BLOCK: usize = 1024;
+
+/// Lattice points of every triangle, each standing for `spacing²`; `None` when they do not fit in memory.
+pub(super) fn lattice(triangles: &[Triangle], spacing: f64) -> Option<Vec<Sample>> {
+    let blocks = triangles.par_chunks(BLOCK).enumerate().map(|(block, triangles)| {
+        let mut samples = Vec::new();
+        for (index, triangle) in (block * BLOCK..).zip(triangles) {
+            points(triangle, spacing, |position| {
+                samples.try_reserve(1).ok()?;
+                samples.push(Sample { position, triangle: index as u32, area: spacing * spacing });
+                Some(())
+            })?;
+        }
+        Some(samples)
+    });
+    let blocks: Vec<Vec<Sample>> = blocks.collect::<Option<_>>()?;
+    let mut samples = room(blocks.iter().map(|block| block.len() as u64).sum())?;
+    for block in blocks {
+        samples.extend(block);
+    }
+    Some(samples)
 }
 
 /// Two directions of the plane; the same for every triangle of it, whatever its winding.
@@ -37,17 +47,17 @@ fn plane_axes(normal: DVec3) -> (DVec3, DVec3) {
     (u, n.cross(u))
 }
 
-fn points(triangle: &Triangle, spacing: f64) -> Vec<DVec3> {
+/// Shows every lattice point of a triangle to `take`, until it gives `None`.
+fn points(triangle: &Triangle, spacing: f64, mut take: impl FnMut(DVec3) -> Option<()>) -> Option<()> {
     let normal = triangle.normal();
     if normal == DVec3::ZERO {
-        return Vec::new();
+        return Some(());
     }
     let (u, v) = plane_axes(normal);
     let flat = triangle.vertices.map(|p| DVec2::new(p.dot(u), p.dot(v)));
     let (low, high) = flat.iter().fold((flat[0], flat[0]), |(low, high), p| (low.min(*p), high.max(*p)));
     let (first, last) = ((low / spacing).floor(), (high / spacing).ceil());
     let area = edge(flat[0], flat[1], flat[2]);
-    let mut points = Vec::new();
     let mut j = first.y;
     while j <= last.y {
         let mut i = first.x;
@@ -60,15 +70,15 @@ fn points(triangle: &Triangle, spacing: f64) -> Vec<DVec3> {
                     edge(flat[2], flat[0], q) / area,
                     edge(flat[0], flat[1], q) / area,
                 ];
-                points.push(
+                take(
                     triangle.vertices[0] * w[0] + triangle.vertices[1] * w[1] + triangle.vertices[2] * w[2],
-                );
+                )?;
             }
             i += 1.0;
         }
         j += 1.0;
     }
-    points
+    Some(())
 }
 
 /// Twice the signed area of (a, b, q); exactly antisymmetric in a and b, so that neighbours agree.
@@ -108,7 +118,7 @@ mod tests {
         for (tilt, flip) in
             [(DVec3::ZERO, false), (DVec3::ZERO, true), (DVec3::Z * 0.7, false), (DVec3::Z, true)]
         {
-            let samples = lattice(&square(tilt, flip), 0.02);
+            let samples = lattice(&square(tilt, flip), 0.02).expect("room");
             let count = samples.len() as f64;
             assert!((count * 0.0004 - 1.0).abs() < 0.05, "{count} samples of 0.0004 m² on 1 m²");
             for (i, a) in samples.iter().enumerate() {

@@ -4,8 +4,9 @@
 //! facing surface is nearer than the spacing. Every candidate then gives its share of the area to the nearest
 //! accepted sample, so the areas add up to the scene's exactly, slivers and small parts included.
 
-use super::Sample;
+use super::{Sample, no_room};
 use crate::error::Result;
+use crate::grid::{filled, room};
 use crate::progress::{Observer, advance};
 use crate::scene::Triangle;
 use glam::{DVec3, I64Vec3};
@@ -42,6 +43,7 @@ const NONE: u32 = u32::MAX;
 /// Darts are thrown in one thread; what each candidate is nearest to is looked up in all. Some 4·10⁶ candidates/s.
 ///
 /// # Errors
+/// [`Error::Environment`](crate::error::Error::Environment) when they do not fit in memory,
 /// [`Error::Interrupted`](crate::error::Error::Interrupted).
 pub(super) fn poisson_disk(
     triangles: &[Triangle],
@@ -49,17 +51,21 @@ pub(super) fn poisson_disk(
     seed: u64,
     observer: &dyn Observer,
 ) -> Result<Vec<Sample>> {
-    let normals: Vec<DVec3> = triangles.par_iter().map(Triangle::normal).collect();
-    let areas: Vec<f64> = triangles.par_iter().map(Triangle::area).collect();
+    let no_room = || no_room(spacing);
+    let mut normals: Vec<DVec3> = room(triangles.len() as u64).ok_or_else(no_room)?;
+    normals.par_extend(triangles.par_iter().map(Triangle::normal));
+    let mut areas: Vec<f64> = room(triangles.len() as u64).ok_or_else(no_room)?;
+    areas.par_extend(triangles.par_iter().map(Triangle::area));
     let total_area: f64 = areas.iter().sum();
-    let mut candidates = candidates(triangles, &areas, total_area, spacing, seed);
+    let mut candidates = candidates(triangles, &areas, total_area, spacing, seed).ok_or_else(no_room)?;
     let share = total_area / candidates.len() as f64;
-    let mut cells = Cells::new(&mut candidates, spacing);
+    let mut cells = Cells::new(&mut candidates, spacing).ok_or_else(no_room)?;
 
     // Random order makes it dart throwing; Fisher and Yates.
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     random.set_stream(u64::MAX);
-    let mut order: Vec<u32> = (0..candidates.len() as u32).collect();
+    let mut order: Vec<u32> = room(candidates.len() as u64).ok_or_else(no_room)?;
+    order.extend(0..candidates.len() as u32);
     for i in (1..order.len()).rev() {
         let j = (u128::from(random.next_u64()) * (i as u128 + 1)) >> 64;
         order.swap(i, j as usize);
@@ -68,22 +74,22 @@ pub(super) fn poisson_disk(
         for &index in block {
             let c = &candidates[index as usize];
             if !cells.is_taken(c, &normals) {
-                cells.take(c);
+                cells.take(c).ok_or_else(no_room)?;
             }
         }
         advance(observer, block.len() as u64)?;
     }
     drop(order);
 
-    let owners: Vec<Vec<u32>> = candidates
-        .par_chunks(BLOCK)
-        .map(|block| {
-            let owners = block.iter().map(|c| cells.nearest(c, &normals)).collect();
-            advance(observer, block.len() as u64).map(|()| owners)
-        })
-        .collect::<Result<_>>()?;
+    let mut owners = filled(NONE, candidates.len() as u64).ok_or_else(no_room)?;
+    candidates.par_chunks(BLOCK).zip(owners.par_chunks_mut(BLOCK)).try_for_each(|(block, owners)| {
+        for (c, owner) in block.iter().zip(owners) {
+            *owner = cells.nearest(c, &normals);
+        }
+        advance(observer, block.len() as u64)
+    })?;
     let mut samples = cells.samples;
-    for owner in owners.into_iter().flatten() {
+    for owner in owners {
         // A candidate was accepted or has a near neighbour.
         samples[owner as usize].area += share;
     }
@@ -113,8 +119,8 @@ fn steps() -> [I64Vec3; 27] {
 }
 
 impl Cells {
-    /// Cells for candidates, each of which is told its own.
-    fn new(candidates: &mut [Candidate], spacing: f64) -> Self {
+    /// Cells for candidates, each of which is told its own; `None` when they do not fit in memory.
+    fn new(candidates: &mut [Candidate], spacing: f64) -> Option<Self> {
         let mut known: FxHashMap<I64Vec3, u32> = FxHashMap::default();
         let mut places = Vec::new();
         let mut latest = None;
@@ -123,10 +129,14 @@ impl Cells {
             c.cell = match latest {
                 // Candidates come triangle by triangle, often several to a cell.
                 Some((before, cell)) if before == place => cell,
-                _ => *known.entry(place).or_insert_with(|| {
-                    places.push(place);
-                    places.len() as u32 - 1
-                }),
+                _ => {
+                    known.try_reserve(1).ok()?;
+                    places.try_reserve(1).ok()?;
+                    *known.entry(place).or_insert_with(|| {
+                        places.push(place);
+                        places.len() as u32 - 1
+                    })
+                }
             };
             latest = Some((place, c.cell));
         }
@@ -138,15 +148,20 @@ impl Cells {
                 beside.copied().unwrap_or(NONE)
             })
         };
-        let neighbours = places.par_iter().map(around).collect();
-        let last = vec![NONE; places.len()];
-        Self { spacing, samples: Vec::new(), last, before: Vec::new(), neighbours, places }
+        let mut neighbours = room(places.len() as u64)?;
+        neighbours.par_extend(places.par_iter().map(around));
+        let last = filled(NONE, places.len() as u64)?;
+        Some(Self { spacing, samples: Vec::new(), last, before: Vec::new(), neighbours, places })
     }
 
-    fn take(&mut self, c: &Candidate) {
+    /// Makes a sample of a candidate; `None` when there is no room for another.
+    fn take(&mut self, c: &Candidate) -> Option<()> {
+        self.samples.try_reserve(1).ok()?;
+        self.before.try_reserve(1).ok()?;
         let index = self.samples.len() as u32;
         self.before.push(std::mem::replace(&mut self.last[c.cell as usize], index));
         self.samples.push(Sample { position: c.position, triangle: c.triangle, area: 0.0 });
+        Some(())
     }
 
     /// The samples of a cell.
@@ -205,40 +220,46 @@ pub(super) fn work(total_area: f64, spacing: f64) -> u64 {
     2 * candidate_count(total_area, spacing)
 }
 
-/// Bytes that the candidates take with their order, and the samples and cells that come of them.
-pub(super) fn bytes(total_area: f64, spacing: f64) -> u64 {
+/// Bytes of the samples and cells of one spacing².
+const PER_SPACING: u64 = 250;
+
+/// Bytes that the candidates take with their order, the samples and cells that come of them, and the triangles' normals
+/// and areas.
+pub(super) fn bytes(triangles: u64, total_area: f64, spacing: f64) -> u64 {
     let samples = (total_area / (spacing * spacing)) as u64;
     candidate_count(total_area, spacing)
-        .saturating_mul(size_of::<Candidate>() as u64 + 8)
-        .saturating_add(samples.saturating_mul(450))
+        .saturating_mul((size_of::<Candidate>() + size_of::<u32>()) as u64)
+        .saturating_add(samples.saturating_mul(PER_SPACING))
+        .saturating_add(triangles.saturating_mul((size_of::<DVec3>() + size_of::<f64>()) as u64))
 }
 
-/// Points spread over the triangles in proportion to area: one at random in each equal share of it.
+/// Points spread over the triangles in proportion to area: one at random in each equal share of it. `None` when they do
+/// not fit in memory.
 fn candidates(
     triangles: &[Triangle],
     areas: &[f64],
     total_area: f64,
     spacing: f64,
     seed: u64,
-) -> Vec<Candidate> {
+) -> Option<Vec<Candidate>> {
     let count = candidate_count(total_area, spacing);
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut uniform = || -> f64 { StandardUniform.sample(&mut random) };
     let (mut index, mut passed) = (0, 0.0);
-    (0..count)
-        .map(|i| {
-            let target = (i as f64 + uniform()) / count as f64 * total_area;
-            while index + 1 < triangles.len() && passed + areas[index] <= target {
-                passed += areas[index];
-                index += 1;
-            }
-            // The square root spreads u evenly over the triangle.
-            let (u, v) = (uniform().sqrt(), uniform());
-            let [a, b, c] = triangles[index].vertices;
-            let position = a * (1.0 - u) + b * (u * (1.0 - v)) + c * (u * v);
-            Candidate { position, triangle: index as u32, cell: NONE }
-        })
-        .collect()
+    let mut candidates = room(count)?;
+    candidates.extend((0..count).map(|i| {
+        let target = (i as f64 + uniform()) / count as f64 * total_area;
+        while index + 1 < triangles.len() && passed + areas[index] <= target {
+            passed += areas[index];
+            index += 1;
+        }
+        // The square root spreads u evenly over the triangle.
+        let (u, v) = (uniform().sqrt(), uniform());
+        let [a, b, c] = triangles[index].vertices;
+        let position = a * (1.0 - u) + b * (u * (1.0 - v)) + c * (u * v);
+        Candidate { position, triangle: index as u32, cell: NONE }
+    }));
+    Some(candidates)
 }
 
 #[cfg(test)]
@@ -262,7 +283,7 @@ mod tests {
     fn literal(triangles: &[Triangle], spacing: f64, seed: u64) -> Vec<Sample> {
         let areas: Vec<f64> = triangles.iter().map(Triangle::area).collect();
         let total_area = areas.iter().sum::<f64>();
-        let mut candidates = candidates(triangles, &areas, total_area, spacing, seed);
+        let mut candidates = candidates(triangles, &areas, total_area, spacing, seed).expect("room");
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         random.set_stream(u64::MAX);
         for i in (1..candidates.len()).rev() {

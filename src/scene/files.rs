@@ -1,16 +1,18 @@
 //! Reading a mesh file and the files beside it, never one elsewhere.
 
+use std::fmt::Display;
 use std::fs::{self, File};
 use std::io::Read;
 use std::path::{Component, Path, PathBuf};
 
 use crate::error::{Error, Result};
+use crate::grid::room;
 
 /// No file of a scene may be larger than this, bytes.
 const LARGEST_FILE: u64 = 4 << 30;
 
-/// The whole of a regular file. Pipes and devices are refused, which might never end.
-pub(super) fn read(path: &Path) -> Result<Vec<u8>> {
+/// A regular file and its length. Pipes and devices are refused, which might never end.
+pub(super) fn open(path: &Path) -> Result<(File, u64)> {
     let about = fs::metadata(path).map_err(|error| Error::reading(path, &error))?;
     if about.is_dir() {
         return Err(Error::input(path.display(), "is a folder, a file was expected"));
@@ -21,11 +23,27 @@ pub(super) fn read(path: &Path) -> Result<Vec<u8>> {
     if about.len() > LARGEST_FILE {
         return Err(Error::input(path.display(), "is larger than 4 GiB; decimate or split the mesh"));
     }
-    let mut bytes = Vec::with_capacity(about.len() as usize);
+    let file = File::open(path).map_err(|error| Error::reading(path, &error))?;
+    Ok((file, about.len()))
+}
+
+/// The whole of a regular file.
+pub(super) fn read(path: &Path) -> Result<Vec<u8>> {
+    let (file, length) = open(path)?;
     // The file may have grown since it was measured.
-    let read = File::open(path).and_then(|file| file.take(LARGEST_FILE).read_to_end(&mut bytes));
-    read.map_err(|error| Error::reading(path, &error))?;
+    let mut bytes = room(length).ok_or_else(|| no_room(path.display(), "its bytes"))?;
+    file.take(LARGEST_FILE).read_to_end(&mut bytes).map_err(|error| Error::reading(path, &error))?;
     Ok(bytes)
+}
+
+/// The refusal of a mesh of which something does not fit.
+pub(super) fn no_room(file: impl Display, what: &str) -> Error {
+    Error::environment(
+        "memory",
+        format!(
+            "{file}: {what} do not fit; decimate the mesh (sound resolves about a cm), or free some memory"
+        ),
+    )
 }
 
 /// The path of a file named `relative` inside the folder of `mesh`, or why it is refused. What a mesh file names

@@ -9,7 +9,10 @@ mod acoustics;
 mod container;
 mod instances;
 mod mesh;
+mod needs;
 mod sensor;
+
+pub(super) use needs::needs;
 
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
@@ -182,7 +185,7 @@ impl Walk<'_, '_> {
         let copies = instances.as_ref().map_or(1, Instances::len);
         match mesh.triangles().checked_mul(copies) {
             Some(0) => return Ok(()),
-            Some(triangles) => self.surfaces.expect_room(triangles)?,
+            Some(triangles) => self.surfaces.reserve(triangles)?,
             None => return Err(too_many_triangles(document.name())),
         }
         let owner = node.name.as_deref().unwrap_or_default();

@@ -10,10 +10,13 @@ use std::path::Path;
 
 use glam::DVec3;
 
+use super::files::no_room;
 use super::material::{Material, Palette};
+use super::needs::{Glimpse, MeshNeeds, scaled};
 use super::surfaces::Surfaces;
 use super::{LoadOptions, Mesh, Up, files, mtl};
 use crate::error::{Error, Result};
+use crate::grid::room;
 use crate::progress::Observer;
 
 /// Reads an OBJ file. See [`Scene::load`](super::Scene::load).
@@ -24,10 +27,12 @@ pub(super) fn load(
     observer: &dyn Observer,
 ) -> Result<Mesh> {
     options.refuse_sensor("an OBJ", path)?;
-    let bytes = files::read(path)?;
-    // Names may be in any encoding; geometry is ASCII.
-    let source = String::from_utf8_lossy(&bytes);
-    let cleaned = clean(source.trim_start_matches('\u{feff}'), path)?;
+    let mut cleaned = {
+        let bytes = files::read(path)?;
+        // Names may be in any encoding; geometry is ASCII.
+        let source = String::from_utf8_lossy(&bytes);
+        clean(source.trim_start_matches('\u{feff}'), path)?
+    };
     let metres_per_unit = metres_per_unit(&cleaned, options, path, observer)?;
     if cleaned.free_form > 0 {
         observer.warn(&format!(
@@ -38,12 +43,16 @@ pub(super) fn load(
     }
     let declared = declare_materials(&cleaned, path, palette, observer)?;
     let models = read_models(&cleaned, path)?;
+    cleaned.text = String::new();
 
     let mut surfaces = Surfaces::new(path, options.memory);
     let mut corners = Vec::new();
     for model in models {
         let mesh = &model.mesh;
-        let vertices: Vec<_> = mesh.positions.chunks_exact(3).map(DVec3::from_slice).collect();
+        let positions = mesh.positions.chunks_exact(3);
+        let mut vertices =
+            room(positions.len() as u64).ok_or_else(|| no_room(path.display(), "its vertices"))?;
+        vertices.extend(positions.map(DVec3::from_slice));
         if let Some(bad) = vertices.iter().find(|v| !v.is_finite()) {
             return Err(Error::input(
                 format!("{}, object `{}`", path.display(), model.name),
@@ -52,8 +61,11 @@ pub(super) fn load(
         }
         let material = palette.assign(mesh.material_id.map(|i| declared[i]), owner(&model.name));
         let mut rest = mesh.indices.as_slice();
-        let all_triangles = vec![3; if mesh.face_arities.is_empty() { mesh.indices.len() / 3 } else { 0 }];
-        for &arity in mesh.face_arities.iter().chain(&all_triangles) {
+        let all_triangles = if mesh.face_arities.is_empty() { mesh.indices.len() / 3 } else { 0 };
+        let arities = mesh.face_arities.iter().copied().chain(std::iter::repeat_n(3, all_triangles));
+        surfaces
+            .reserve(mesh.indices.len().saturating_sub(2 * mesh.face_arities.len().max(all_triangles)))?;
+        for arity in arities {
             let (face, after) = rest.split_at((arity as usize).min(rest.len()));
             rest = after;
             corners.clear();
@@ -64,12 +76,41 @@ pub(super) fn load(
     Ok(Mesh { surfaces, metres_per_unit, up: Up::None, sensor: None, camera: None })
 }
 
+/// What reading an OBJ file will take, by some of its lines.
+pub(super) fn needs(glimpse: &mut Glimpse) -> MeshNeeds {
+    let (mut vertices, mut faces, mut corners, mut bytes) = (0, 0, 0, 0);
+    let times = glimpse.lines(|line| {
+        let words = || line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty()).skip(1);
+        match line {
+            [b'v', b' ' | b'\t', ..] => (vertices, bytes) = (vertices + 1, bytes + line.len() as u64),
+            [b'f', b' ' | b'\t', ..] => {
+                (faces, corners) = (faces + 1, corners + words().count() as u64);
+                // Of a corner only the first number is kept.
+                bytes += words()
+                    .filter_map(|word| word.split(|&byte| byte == b'/').next())
+                    .map(|n| n.len() as u64 + 1)
+                    .sum::<u64>();
+            }
+            _ => {}
+        }
+    });
+    let [vertices, faces, corners, copy] =
+        [vertices, faces, corners, bytes].map(|count| scaled(count, times));
+    // tobj's lists, then the models that it makes of them, by way of a table from one's vertices to the other's.
+    let reading = (glimpse.length + copy).max(copy + (24 + 24 + 34) * vertices + 104 * faces + 4 * corners);
+    let triangles = corners.saturating_sub(2 * faces);
+    MeshNeeds { triangles, reading, ..MeshNeeds::default() }
+}
+
 /// `tobj` calls what has no name by one.
 fn owner(name: &str) -> &str {
     if name == "unnamed_object" { "" } else { name }
 }
 
-/// The text with line numbers kept and all else put plainly.
+/// The line that stands before the copy, for the materials.
+const PREFIX: &str = "mtllib numbers\n";
+
+/// The text with line numbers kept and all else put plainly, after the [`PREFIX`].
 struct Cleaned {
     text: String,
     /// Material names, in the order of first use; `usemtl` has their places in this list.
@@ -82,7 +123,9 @@ struct Cleaned {
 }
 
 fn clean(source: &str, path: &Path) -> Result<Cleaned> {
-    let mut text = String::with_capacity(source.len());
+    let mut text = String::new();
+    text.try_reserve_exact(PREFIX.len() + source.len()).map_err(|_| no_room(path.display(), "its lines"))?;
+    text.push_str(PREFIX);
     let mut materials: Vec<String> = Vec::new();
     let mut places = HashMap::new();
     let (mut libraries, mut header, mut free_form) = (Vec::new(), None, 0);
@@ -231,7 +274,7 @@ fn read_models(cleaned: &Cleaned, path: &Path) -> Result<Vec<tobj::Model>> {
         let materials = numbers().map(|name| tobj::Material { name, ..Default::default() }).collect();
         Ok((materials, numbers().enumerate().map(|(i, name)| (name, i)).collect()))
     };
-    let text = format!("mtllib numbers\n{}", cleaned.text);
+    let text = &cleaned.text;
     let mut rest = text.as_bytes();
     let result = tobj::load_obj_buf(&mut rest, &options, library);
     let consumed = text.len() - rest.len();
@@ -240,7 +283,8 @@ fn read_models(cleaned: &Cleaned, path: &Path) -> Result<Vec<tobj::Model>> {
     match result {
         Ok((models, _)) => Ok(models),
         Err(tobj::LoadError::FaceVertexOutOfBounds) => {
-            let (line, index, count) = first_index_beyond(&cleaned.text).unwrap_or((line, 0, 0));
+            let (line, index, count) =
+                first_index_beyond(&cleaned.text[PREFIX.len()..]).unwrap_or((line, 0, 0));
             Err(Error::input(
                 at_line(path, line),
                 format!(

@@ -6,18 +6,22 @@
 //! of them. It may then hit several, so crossings at one place along the path count as one surface.
 
 use std::fmt;
-use std::time::Duration;
 
 use glam::{DVec3, Vec3A};
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
-use obvhs::bvh2::builder::build_bvh2;
+use obvhs::bvh2::leaf_collapser::collapse;
 use obvhs::bvh2::node::Bvh2Node;
+use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
+use obvhs::ploc::PlocBuilder;
 use obvhs::ray::{Ray, RayHit};
-use obvhs::{BvhBuildParams, fast_stack};
+use obvhs::{Boundable, BvhBuildParams, fast_stack};
 
+use super::files::no_room;
 use super::triangle::{self, Triangle};
 use super::{Material, Scene};
+use crate::error::Result;
+use crate::grid::room;
 
 /// Crossings nearer than this times the scene's greatest coordinate (that of the path's ends included) to an
 /// end of the path, or to one another, are not told apart: 0.25 µm in a scene of 2.5 m, far below a wavelength
@@ -123,7 +127,54 @@ fn merge(found: &mut Vec<Crossing>, tolerance: f64) {
     });
 }
 
-/// A tree over the triangles' boxes, in coordinates where the scene fills (-1, 1).
+/// The coordinates of the tree, in which the scene fills (-1, 1).
+struct Frame {
+    centre: DVec3,
+    unit: f64,
+}
+
+/// A triangle, of which the tree's builder wants the box: 16 bytes rather than the 32 of a box.
+struct Boxed<'a> {
+    triangle: &'a Triangle,
+    frame: &'a Frame,
+}
+
+impl Boundable for Boxed<'_> {
+    fn aabb(&self) -> Aabb {
+        let Frame { centre, unit } = *self.frame;
+        let [a, b, c] = self.triangle.vertices.map(|v| ((v - centre) / unit).as_vec3a());
+        let padding = Vec3A::splat(PADDING);
+        Aabb::new(a.min(b).min(c) - padding, a.max(b).max(c) + padding)
+    }
+}
+
+/// The tree: obvhs' `build_bvh2` step by step, so that what a step took is free before the next. Triangles are not split:
+/// they would stand in several leaves and be counted several times. `None` when there is no room for it.
+fn build(triangles: &[Triangle], frame: &Frame) -> Option<Bvh2> {
+    // The crate cannot be told that there is none, so as much as it will want is asked for before, and given back.
+    drop(room::<u8>(triangles.len() as u64 * SurfaceTree::BUILDING)?);
+    let parameters = BvhBuildParams::slow_build();
+    let mut boxed = room(triangles.len() as u64)?;
+    boxed.extend(triangles.iter().map(|triangle| Boxed { triangle, frame }));
+    let mut bvh = PlocBuilder::with_capacity(boxed.len()).build(
+        parameters.ploc_search_distance,
+        &boxed,
+        (0..boxed.len() as u32).collect(),
+        parameters.sort_precision,
+        parameters.search_depth_threshold,
+    );
+    drop(boxed);
+    let ratio = parameters.reinsertion_batch_ratio;
+    ReinsertionOptimizer::default().run(&mut bvh, ratio, None);
+    collapse(&mut bvh, parameters.max_prims_per_leaf, parameters.collapse_traversal_cost);
+    let later = parameters.post_collapse_reinsertion_batch_ratio_multiplier;
+    ReinsertionOptimizer::default().run(&mut bvh, ratio * later, None);
+    // Only changes to the tree would need them.
+    bvh.parents = Vec::new();
+    Some(bvh)
+}
+
+/// A tree over the triangles' boxes.
 pub(super) struct SurfaceTree {
     bvh: Bvh2,
     centre: DVec3,
@@ -140,26 +191,26 @@ impl fmt::Debug for SurfaceTree {
 }
 
 impl SurfaceTree {
-    pub(super) fn new(triangles: &[Triangle]) -> Self {
+    /// Bytes per triangle at the peak of [`SurfaceTree::new`]: the triangle's box, two lists of leaves, sorting keys, and two
+    /// nodes with an index.
+    pub(super) const BUILDING: u64 =
+        (size_of::<Boxed<'_>>() + 4 * size_of::<Bvh2Node>() + size_of::<u128>() + size_of::<u32>()) as u64;
+
+    /// Bytes per triangle that stay: its index, and about a node, since leaves take in their neighbours.
+    pub(super) const HELD: u64 = (size_of::<Bvh2Node>() + size_of::<u32>()) as u64;
+
+    /// # Errors
+    /// [`Error::Environment`] when there is no room for it.
+    pub(super) fn new(triangles: &[Triangle]) -> Result<Self> {
         let (low, high) = triangle::bounds(triangles).unwrap_or_default();
         let centre = 0.5 * (low + high);
         let half = (0.5 * (high - low)).max_element();
         // A scene that is one point has no extent to measure by; any unit will do.
         let unit = if half > 0.0 { half } else { 1.0 };
-        let boxes: Vec<Aabb> = triangles
-            .iter()
-            .map(|t| {
-                let [a, b, c] = t.vertices.map(|v| ((v - centre) / unit).as_vec3a());
-                let padding = Vec3A::splat(PADDING);
-                Aabb::new(a.min(b).min(c) - padding, a.max(b).max(c) + padding)
-            })
-            .collect();
-        // Split triangles would stand in several leaves and be counted several times.
-        let parameters = BvhBuildParams { pre_split: false, ..BvhBuildParams::slow_build() };
-        let mut seconds_taken = Duration::ZERO;
-        let bvh = build_bvh2(&boxes, parameters, &mut seconds_taken);
+        let bvh = build(triangles, &Frame { centre, unit })
+            .ok_or_else(|| no_room("scene", "the tree over its triangles"))?;
         let padding = DVec3::splat(f64::from(PADDING) * unit);
-        Self { bvh, centre, unit, low: low - padding, high: high + padding }
+        Ok(Self { bvh, centre, unit, low: low - padding, high: high + padding })
     }
 
     /// The distance within which places along the path `from` → `to` are one, m.

@@ -141,7 +141,8 @@ pub struct LoadOptions {
     pub sensor: Option<Sensor>,
     /// Acoustic materials by name; the first that matches wins over what the file says.
     pub materials: Vec<MaterialRule>,
-    /// Bytes that the triangles and their tree may take; without, 50 million triangles are read.
+    /// Bytes that reading may take at its peak ([`MeshNeeds::peak`](super::MeshNeeds::peak)); without, 50 million
+    /// triangles are read.
     pub memory: Option<u64>,
 }
 

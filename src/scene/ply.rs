@@ -4,12 +4,16 @@
 //! wrong. Positions and corners are all that is taken; colours say how a vertex looks, not how it sounds.
 
 mod header;
+mod needs;
 mod source;
+
+pub(super) use needs::needs;
 
 use std::path::Path;
 
 use glam::DVec3;
 
+use super::files::no_room;
 use super::material::Palette;
 use super::surfaces::Surfaces;
 use super::{LoadOptions, Mesh, Up, files};
@@ -65,6 +69,8 @@ pub(super) fn load(
     let mut surfaces = Surfaces::new(path, options.memory);
     let place = |kind: &str, i: usize| format!("{}, {kind} {i}", path.display());
     let mut corners = Vec::new();
+    // Each has two corners more than triangles.
+    surfaces.reserve(faces.indices.len().saturating_sub(2 * faces.ends.len()))?;
     for (i, face) in faces.iter().enumerate() {
         corners.clear();
         for &index in face {
@@ -97,6 +103,8 @@ trait Rows {
     fn value(&mut self, property: usize, value: f64) -> Outcome<()>;
     /// The row is at its end.
     fn end(&mut self) -> Outcome<()>;
+    /// Room for so many rows; `false` where there is none.
+    fn reserve(&mut self, rows: usize) -> bool;
 }
 
 /// What is wrong, without the place.
@@ -107,6 +115,10 @@ type Outcome<T> = std::result::Result<T, String>;
 fn read_rows(element: &Element, source: &mut Source<'_>, path: &Path, rows: &mut impl Rows) -> Result<()> {
     if element.properties.is_empty() {
         return Ok(());
+    }
+    let possible = source.left() as u64 / element.least_row(source.format()).max(1);
+    if !rows.reserve(element.count.min(possible) as usize) {
+        return Err(no_room(path.display(), "its vertices and faces"));
     }
     for row in 0..element.count {
         read_row(element, source, rows).map_err(|problem| {
@@ -146,6 +158,10 @@ impl Rows for Unread {
 
     fn end(&mut self) -> Outcome<()> {
         Ok(())
+    }
+
+    fn reserve(&mut self, _: usize) -> bool {
+        true
     }
 }
 
@@ -193,6 +209,10 @@ impl Rows for Vertices {
         self.found.push(self.next);
         Ok(())
     }
+
+    fn reserve(&mut self, rows: usize) -> bool {
+        self.found.try_reserve_exact(rows).is_ok()
+    }
 }
 
 /// Lists of vertices, one after the other, and which property they are in.
@@ -206,8 +226,7 @@ struct Lists {
 
 impl Lists {
     fn find_list(&mut self, element: &Element) -> Outcome<()> {
-        let is_wanted = |name: &str| matches!(name, "vertex_indices" | "vertex_index");
-        let found = element.properties.iter().position(|p| p.count.is_some() && is_wanted(&p.name));
+        let found = element.corners().and_then(|list| element.properties.iter().position(|p| p == list));
         match found {
             Some(list) => self.list = list,
             None if element.count == 0 => {}
@@ -228,6 +247,7 @@ impl Rows for Lists {
             if value.fract() != 0.0 || value.abs() > f64::from(u32::MAX) {
                 return Err(format!("has vertex {value}; a whole number was expected"));
             }
+            self.indices.try_reserve(1).map_err(|_| "does not fit in memory with those before".to_owned())?;
             self.indices.push(value as i64);
         }
         Ok(())
@@ -236,6 +256,11 @@ impl Rows for Lists {
     fn end(&mut self) -> Outcome<()> {
         self.ends.push(self.indices.len());
         Ok(())
+    }
+
+    fn reserve(&mut self, rows: usize) -> bool {
+        self.ends.try_reserve_exact(rows).is_ok()
+            && self.indices.try_reserve_exact(rows.saturating_mul(3)).is_ok()
     }
 }
 

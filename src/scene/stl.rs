@@ -8,6 +8,7 @@ use std::path::Path;
 use glam::DVec3;
 
 use super::material::Palette;
+use super::needs::{Glimpse, MeshNeeds, scaled};
 use super::surfaces::Surfaces;
 use super::{LoadOptions, Mesh, Up, files};
 use crate::error::{Error, Result};
@@ -29,7 +30,7 @@ pub(super) fn load(
     let bytes = files::read(path)?;
     let metres_per_unit = options.needed_unit("an STL", path)?;
     let mut surfaces = Surfaces::new(path, options.memory);
-    if is_text(&bytes) {
+    if is_text(&bytes, bytes.len() as u64) {
         read_text(&String::from_utf8_lossy(&bytes), path, palette, &mut surfaces, observer)?;
     } else {
         read_binary(&bytes, path, palette, &mut surfaces, observer)?;
@@ -37,14 +38,28 @@ pub(super) fn load(
     Ok(Mesh { surfaces, metres_per_unit, up: Up::None, sensor: None, camera: None })
 }
 
-/// Both kinds may begin with `solid`. The length of a binary file is telling; one of another length is text
+/// What reading an STL file will take. A binary one says how many triangles it has.
+pub(super) fn needs(glimpse: &mut Glimpse) -> Option<MeshNeeds> {
+    let (reading, start) = (glimpse.length, glimpse.bytes(0, 1024));
+    if !is_text(&start, reading) {
+        let declared = u64::from(triangle_count(&start)?);
+        // One that declares more than it holds is refused when it is read.
+        let triangles = declared.min(reading.saturating_sub(HEADER as u64) / RECORD as u64);
+        return Some(MeshNeeds { triangles, counted: true, reading, ..MeshNeeds::default() });
+    }
+    let mut facets = 0;
+    let times = glimpse.lines(|line| facets += u64::from(line.eq_ignore_ascii_case(b"endfacet")));
+    Some(MeshNeeds { triangles: scaled(facets, times), reading, ..MeshNeeds::default() })
+}
+
+/// Both kinds may begin with `solid`. The `length` of a binary file is telling; one of another length is text
 /// when it begins like it and goes on in printable characters.
-fn is_text(bytes: &[u8]) -> bool {
+fn is_text(bytes: &[u8], length: u64) -> bool {
     let binary_length = triangle_count(bytes).map(|count| HEADER as u64 + RECORD as u64 * u64::from(count));
     let start = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes).trim_ascii_start();
     let solid = start.get(..5).is_some_and(|word| word.eq_ignore_ascii_case(b"solid"));
     let printable = |&byte: &u8| byte >= b' ' || byte.is_ascii_whitespace();
-    solid && binary_length != Some(bytes.len() as u64) && start.iter().take(512).all(printable)
+    solid && binary_length != Some(length) && start.iter().take(512).all(printable)
 }
 
 fn triangle_count(bytes: &[u8]) -> Option<u32> {
@@ -77,6 +92,7 @@ fn read_binary(
         ));
     }
     let material = palette.assign(None, "");
+    surfaces.reserve(count as usize)?;
     for (i, record) in records.chunks_exact(RECORD).take(count as usize).enumerate() {
         let number = |at: usize| {
             f64::from(f32::from_le_bytes([record[at], record[at + 1], record[at + 2], record[at + 3]]))

@@ -5,6 +5,8 @@ use std::path::Path;
 
 use glam::DVec3;
 
+use super::files::no_room;
+use super::occlusion::SurfaceTree;
 use super::{Triangle, polygon};
 use crate::error::{Error, Result};
 use crate::progress::Observer;
@@ -13,8 +15,8 @@ use crate::progress::Observer;
 /// memory.
 pub(super) const MOST_TRIANGLES: usize = 50_000_000;
 
-/// Bytes of one triangle with its share of the tree.
-const TRIANGLE_BYTES: u64 = 150;
+/// Bytes of one triangle while the tree is built.
+const TRIANGLE_BYTES: u64 = size_of::<Triangle>() as u64 + SurfaceTree::BUILDING;
 
 /// No scene has coordinates beyond this, in whatever unit.
 const TOO_FAR: f64 = 1e3 * super::FARTHEST;
@@ -67,6 +69,21 @@ impl Surfaces {
         ))
     }
 
+    /// Makes room for `more` triangles: exactly so much for the first of a file, which often are all.
+    pub(super) fn reserve(&mut self, more: usize) -> Result<()> {
+        self.expect_room(more)?;
+        let made = if self.triangles.is_empty() {
+            self.triangles.try_reserve_exact(more)
+        } else {
+            self.triangles.try_reserve(more)
+        };
+        made.map_err(|_| self.no_room())
+    }
+
+    fn no_room(&self) -> Error {
+        no_room(&self.file, "its triangles")
+    }
+
     /// Takes one triangle.
     pub(super) fn add(&mut self, vertices: [DVec3; 3], material: u32) -> Result<()> {
         self.expect_room(1)?;
@@ -76,6 +93,7 @@ impl Surfaces {
         if triangle.is_degenerate() && !far {
             self.flat += 1;
         } else {
+            self.triangles.try_reserve(1).map_err(|_| self.no_room())?;
             self.triangles.push(triangle);
         }
         Ok(())
@@ -96,7 +114,9 @@ impl Surfaces {
     /// # Errors
     /// Nothing was found.
     pub(super) fn finish(self, observer: &dyn Observer) -> Result<Vec<Triangle>> {
-        let Self { file, triangles, flat, doubtful, .. } = self;
+        let Self { file, mut triangles, flat, doubtful, .. } = self;
+        // What it grew by beyond its need is wanted for the tree.
+        triangles.shrink_to_fit();
         if doubtful > 0 {
             observer.warn(&format!(
                 "{file}: {doubtful} faces have outlines that cross themselves, are flat, or are concave with very many \

@@ -15,6 +15,7 @@ mod layout;
 mod levels;
 mod linear;
 mod memory;
+mod meshes;
 mod mutation;
 mod orientation;
 mod parsers;

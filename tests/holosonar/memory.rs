@@ -2,9 +2,13 @@
 
 #![cfg(target_os = "linux")]
 
-use crate::binary::{command, done, shipped};
+use crate::binary::{command, done, refused, run, shipped};
+use crate::meshes::{write_glb, write_obj, write_ply, write_stl, write_text_stl};
+use holosonar::progress::Silent;
+use holosonar::scene::{LoadOptions, Scene, Unit};
 use serde_json::Value;
-use std::fs;
+use std::fs::{self, File};
+use std::io::{Seek, SeekFrom, Write};
 use std::path::Path;
 use std::process::Stdio;
 use std::time::Duration;
@@ -76,6 +80,152 @@ fn the_memory_that_is_planned_is_what_is_taken() {
             let ratio = bytes as f64 / measured as f64;
             println!("{name}, {job}: {} MiB planned, {} measured, {ratio:.2}", bytes >> 20, measured >> 20);
             assert!((0.85..=1.15).contains(&ratio), "{name}, {job}: {bytes} planned, {measured} measured");
+        }
+    }
+}
+
+/// A small job whose mesh is the most of it.
+fn write_mesh_job(folder: &Path, mesh: &str) {
+    let unit = if mesh == "a.glb" { "" } else { "unit = \"m\"\n" };
+    let text = format!(
+        "[scene]\nmesh = \"{mesh}\"\n{unit}[sweep]\nstart = 10000.0\nstop = 20000.0\nstep = 200.0\n\
+         [array]\ncount = [8, 8]\npitch = [0.04, 0.04]\n\
+         [grid]\nx = [-0.6, 0.6]\ny = [-0.6, 0.6]\nz = [1.1, 2.3]\npitch = [0.04, 0.04, 0.04]\n\
+         [reflectors]\nspacing = 0.02\n"
+    );
+    fs::write(folder.join("mesh.toml"), text).unwrap();
+}
+
+/// Every format with about so many triangles, and how near the foreseen number of them comes.
+fn write_meshes(folder: &Path, count: usize) -> [(&'static str, f64); 6] {
+    write_stl(&folder.join("a.stl"), count);
+    write_text_stl(&folder.join("text.stl"), count);
+    write_ply(&folder.join("a.ply"), count, false);
+    write_ply(&folder.join("text.ply"), count, true);
+    write_obj(&folder.join("a.obj"), count);
+    write_glb(&folder.join("a.glb"), count);
+    [("a.stl", 0.0), ("text.stl", 0.03), ("a.ply", 0.0), ("text.ply", 0.0), ("a.obj", 0.03), ("a.glb", 0.0)]
+}
+
+#[test]
+fn the_triangles_of_a_mesh_are_foreseen() {
+    let folder = tempfile::tempdir().unwrap();
+    // The texts are read here and there only.
+    for (name, error) in write_meshes(folder.path(), 60_000) {
+        let path = folder.path().join(name);
+        let mut options = LoadOptions::default();
+        options.unit = (name != "a.glb").then_some(Unit::Metre);
+        let foreseen = Scene::foresee(&path).unwrap();
+        let scene = Scene::load(&path, &options, &Silent).unwrap();
+        // Those at the poles have no area.
+        let (expected, left_out) = (scene.triangles().len() as f64, 1000.0);
+        let found = foreseen.triangles as f64;
+        assert!(found >= expected * (1.0 - error), "{name}: {foreseen:?}, {expected}");
+        assert!(found <= (expected + left_out) * (1.0 + error), "{name}: {foreseen:?}, {expected}");
+        assert_eq!(foreseen.counted, !name.starts_with("text") && name != "a.obj");
+        assert!(scene.needs().held() < scene.needs().peak());
+        // What is foreseen is the limit that it takes, and that is enough.
+        options.memory = Some(foreseen.peak());
+        assert!(Scene::load(&path, &options, &Silent).is_ok(), "{name}");
+        options.memory = Some(foreseen.peak() - 1);
+        let refused = Scene::load(&path, &options, &Silent).unwrap_err();
+        assert_eq!(refused.exit_status(), 2);
+        let said = refused.to_string();
+        assert!(
+            said.contains(name) && said.contains("triangles (") && said.contains("decimate the mesh"),
+            "{said}"
+        );
+    }
+}
+
+/// A file that begins with `start` and is so long in all, of which the rest takes no room on the disk.
+fn write_sparse(path: &Path, start: &[u8], length: u64) {
+    let mut file = File::create(path).unwrap();
+    file.write_all(start).unwrap();
+    file.set_len(length).unwrap();
+    assert_eq!(file.seek(SeekFrom::End(0)).unwrap(), length);
+}
+
+#[test]
+fn a_mesh_that_cannot_fit_is_refused_before_it_is_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let count = 40_000_000_u32;
+    let stl = [&[0; 80][..], &count.to_le_bytes()].concat();
+    write_sparse(&folder.join("huge.stl"), &stl, 84 + 50 * u64::from(count));
+    let ply = format!(
+        "ply\nformat binary_little_endian 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+         element face {count}\nproperty list uchar int vertex_indices\nend_header\n"
+    );
+    write_sparse(&folder.join("huge.ply"), ply.as_bytes(), ply.len() as u64 + 36 + 13 * u64::from(count));
+    let json = format!(
+        "{{\"asset\":{{\"version\":\"2.0\"}},\"nodes\":[{{\"mesh\":0}}],\"meshes\":[{{\"primitives\":[{{\"attributes\":{{\
+         \"POSITION\":0}}}}]}}],\"accessors\":[{{\"count\":{},\"type\":\"VEC3\",\"componentType\":5126}}]}}",
+        3 * u64::from(count)
+    );
+    fs::write(folder.join("huge.gltf"), json).unwrap();
+    for (name, said) in [
+        ("huge.stl", "its 40000000 triangles (1.9 GiB on the disk) takes about"),
+        ("huge.ply", "its 40000000 triangles (496 MiB on the disk) takes about"),
+        ("huge.gltf", "its 40000000 triangles (0 MiB on the disk) takes about"),
+    ] {
+        let unit = if name == "huge.gltf" { "" } else { "--unit m" };
+        for job in ["info", "plan", "image -o made", "simulate -o cube.npz", "truth -o truth.exr"] {
+            // As a cloud of points, of which the header is read.
+            if (job, name) == ("info", "huge.ply") {
+                continue;
+            }
+            let (command, output) = job.split_once(' ').unwrap_or((job, ""));
+            let words = format!("{command} {name} {unit} {output} --memory 1GiB");
+            refused(folder, &words, 2, &[name, said, "may be used here", "--memory", "decimate the mesh"]);
+        }
+    }
+    // One that says more than it holds is cut short, whatever the memory.
+    write_sparse(&folder.join("short.stl"), &stl, 5084);
+    refused(folder, "info short.stl --unit m --memory 1GiB", 2, &["100 of the 40000000 triangles"]);
+}
+
+#[test]
+fn what_a_mesh_takes_is_in_the_plan_and_enough() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    write_stl(&folder.join("a.stl"), 400_000);
+    write_mesh_job(folder, "a.stl");
+    let mesh = Scene::foresee(&folder.join("a.stl")).unwrap();
+    let planned: Value = serde_json::from_str(&done(folder, "plan mesh.toml --json -q -j 2")).unwrap();
+    let peak = |job: &str| planned["peaks"][job].as_u64().unwrap();
+    for job in ["image", "simulate"] {
+        // Little else is in memory while it is read, and nothing afterwards that takes as much.
+        let beside = peak(job) - mesh.peak();
+        assert!(beside > 16 << 20 && beside < 32 << 20, "{job}: {} and {mesh:?}", peak(job));
+    }
+    assert!(peak("reconstruct") < mesh.peak(), "a cube's file has no mesh");
+    // What is announced is all that has to be allowed.
+    done(folder, &format!("image mesh.toml -o made -q -j 2 --memory {}", peak("image") + 1));
+    let ran = run(
+        folder,
+        &format!("simulate mesh.toml -o cube.npz -q -j 2 --memory {}", peak("simulate") - (2 << 20)),
+    );
+    assert!(ran.status == 2 && ran.stderr.contains("decimate the mesh"), "{}", ran.stderr);
+}
+
+#[test]
+#[ignore = "half a minute and 300 MiB"]
+fn a_mesh_takes_what_is_foreseen() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    for count in [250_000, 1_000_000] {
+        for (name, _) in write_meshes(folder, count) {
+            write_mesh_job(folder, name);
+            let planned: Value =
+                serde_json::from_str(&done(folder, "plan mesh.toml --json -q -j 2")).unwrap();
+            let bytes = planned["peaks"]["image"].as_u64().unwrap();
+            let measured = measured(folder, "image mesh.toml -o made -q -j 2");
+            let ratio = bytes as f64 / measured as f64;
+            println!("{name}, {count}: {} MiB planned, {} measured, {ratio:.2}", bytes >> 20, measured >> 20);
+            // Of a text the triangles are an estimate, and so is what its parser takes.
+            let most = if name.starts_with("text") || name == "a.obj" { 1.25 } else { 1.15 };
+            assert!((0.85..=most).contains(&ratio), "{name}: {bytes} planned, {measured} measured");
         }
     }
 }

@@ -32,7 +32,7 @@ impl MicArray {
         let positions = if extension(path) == "xml" {
             read_xml(path)?
         } else {
-            read_columns(path, &["x", "y", "z"])?.iter().map(|r| DVec3::from_slice(r)).collect()
+            read_columns(path, ["x", "y", "z"])?.into_iter().map(DVec3::from_array).collect()
         };
         Self::from_positions(&path.display().to_string(), &[positions.len()], positions)
     }

@@ -9,6 +9,7 @@ use super::terms::{Terms, outward_spreading};
 use super::virtual_tones::VirtualTones;
 use super::{PropagationModel, SimulateOptions};
 use crate::acquisition::Tile;
+use crate::grid::{filled, room};
 use crate::reflectors::Reflectors;
 use crate::wave::offsets::{Echoes, MOST_ECHOES, exact_offsets, linear_offsets, sum_over_tones};
 use crate::wave::simd::phasors;
@@ -116,36 +117,34 @@ impl<'a> Summation<'a> {
         options: &'a SimulateOptions,
         tones: &'a VirtualTones,
         terms: Option<&'a Terms>,
-    ) -> Self {
-        let outward = reflectors.positions().iter().map(|&p| options.geometry.outward_length(p)).collect();
-        Self { reflectors, outward, microphones, options, tones, terms }
+    ) -> Option<Self> {
+        let mut outward = room(reflectors.len() as u64)?;
+        outward.extend(reflectors.positions().iter().map(|&p| options.geometry.outward_length(p)));
+        Some(Self { reflectors, outward, microphones, options, tones, terms })
     }
 
-    /// All groups of a tile with their sums, by ascending path length.
+    /// All groups of a tile with their sums, by ascending path length; `None` when they do not fit in memory.
     ///
     /// Memory: 32 bytes per reflector, and the sums.
-    pub(super) fn groups(&self, tile: &Tile) -> Vec<GroupSums> {
-        let sights: Vec<Sight> = self
-            .reflectors
-            .positions()
-            .iter()
-            .zip(&self.outward)
-            .map(|(&p, &outward)| Sight::new(p, outward, tile, self.options))
-            .collect();
+    pub(super) fn groups(&self, tile: &Tile) -> Option<Vec<GroupSums>> {
+        let places = self.reflectors.positions().iter().zip(&self.outward);
+        let mut sights: Vec<Sight> = room(places.len() as u64)?;
+        sights.extend(places.map(|(&p, &outward)| Sight::new(p, outward, tile, self.options)));
         let intervals = Intervals::new(&sights, self.tones.duration * self.options.sound_speed);
         // Interval, nearness and index in one number: sorting it groups the reflectors and keeps their order.
-        let mut keys: Vec<u64> = sights
-            .iter()
-            .enumerate()
-            .map(|(j, sight)| (intervals.place(sight.path) << 1 | u64::from(sight.near)) << 32 | j as u64)
-            .collect();
+        let mut keys: Vec<u64> = room(sights.len() as u64)?;
+        keys.extend(
+            sights.iter().enumerate().map(|(j, sight)| {
+                (intervals.place(sight.path) << 1 | u64::from(sight.near)) << 32 | j as u64
+            }),
+        );
         keys.sort_unstable();
         let mut planes = Planes::default();
         let columns = self.tones.count() * self.terms.map_or(1, Terms::count);
         keys.chunk_by(|a, b| a >> 33 == b >> 33)
             .map(|group| {
                 let middle = intervals.middle(group[0] >> 33);
-                let mut sums = vec![[0.0; 2]; columns * tile.microphones.len()];
+                let mut sums = filled([0.0; 2], (columns * tile.microphones.len()) as u64)?;
                 for run in group.chunk_by(|a, b| a >> 32 == b >> 32) {
                     let near = run[0] >> 32 & 1 == 1;
                     for some in run.chunks(MOST_ECHOES) {
@@ -156,7 +155,7 @@ impl<'a> Summation<'a> {
                         }
                     }
                 }
-                GroupSums { middle, sums: by_tone(&sums, columns) }
+                Some(GroupSums { middle, sums: by_tone(&sums, columns)? })
             })
             .collect()
     }
@@ -242,13 +241,13 @@ impl<'a> Summation<'a> {
     }
 }
 
-/// `[microphone][K Q]` turned to `[K Q][part][microphone]`.
-fn by_tone(sums: &[[f64; 2]], tones: usize) -> Vec<f32> {
-    let mut turned = Vec::with_capacity(2 * sums.len());
+/// `[microphone][K Q]` turned to `[K Q][part][microphone]`; `None` when it does not fit in memory.
+fn by_tone(sums: &[[f64; 2]], tones: usize) -> Option<Vec<f32>> {
+    let mut turned = room(2 * sums.len() as u64)?;
     for q in 0..tones {
         for part in 0..2 {
             turned.extend(sums.iter().skip(q).step_by(tones).map(|sum| sum[part] as f32));
         }
     }
-    turned
+    Some(turned)
 }

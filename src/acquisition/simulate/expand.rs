@@ -2,7 +2,7 @@
 
 use super::echoes::{GroupSums, Summation};
 use super::kept::KeptSamples;
-use super::{Job, Plan, SimulateOptions, record};
+use super::{Job, Plan, SimulateOptions, no_room, record};
 use crate::acquisition::{Sweep, Tile};
 use crate::error::Result;
 use crate::progress::{Observer, advance};
@@ -29,6 +29,7 @@ pub(super) fn fast(
     let Job { reflectors, sweep, array, options, responses } = *job;
     let n_mic = array.len();
     let summation = Summation::new(reflectors, array.positions(), options, &plan.tones, plan.terms.as_ref());
+    let summation = summation.ok_or_else(no_room)?;
     let mut missing = Vec::new();
     for (k, tile) in plan.tiles.iter().enumerate() {
         if kept.recall(k, &tile.microphones)? {
@@ -51,7 +52,7 @@ pub(super) fn fast(
         let sums: Vec<Vec<GroupSums>> = tiles
             .par_iter()
             .map(|(_, tile)| {
-                let sums = summation.groups(tile);
+                let sums = summation.groups(tile).ok_or_else(no_room)?;
                 advance(observer, tile.microphones.len() as u64).map(|()| sums)
             })
             .collect::<Result<_>>()?;

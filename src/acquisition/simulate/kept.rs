@@ -1,6 +1,8 @@
 //! Samples on their way: columns of tiles of microphones, which may come from an earlier run and are kept for a later.
 
+use super::no_room;
 use crate::error::Result;
+use crate::grid::{room, zeros};
 use crate::progress::Keeper;
 use num_complex::Complex32;
 
@@ -19,7 +21,7 @@ impl KeptSamples<'_> {
     pub(super) fn recall(&mut self, k: usize, microphones: &[usize]) -> Result<bool> {
         let frequencies = self.samples.len() / self.width;
         // A keeper with nothing costs no more than asking.
-        let mut block = vec![Complex32::ZERO; frequencies * microphones.len()];
+        let mut block = zeros((frequencies * microphones.len()) as u64).ok_or_else(no_room)?;
         if !self.keeper.recall(k as u64, &mut block)? {
             return Ok(false);
         }
@@ -40,7 +42,8 @@ impl KeptSamples<'_> {
         if !self.keeper.is_due() {
             return Ok(());
         }
-        let mut block = Vec::new();
+        let most = self.finished.iter().map(|(_, microphones)| microphones.len()).max().unwrap_or(0);
+        let mut block = room((self.samples.len() / self.width * most) as u64).ok_or_else(no_room)?;
         for (k, microphones) in self.finished.drain(..) {
             block.clear();
             for row in self.samples.chunks_exact(self.width) {

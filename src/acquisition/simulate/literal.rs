@@ -2,9 +2,10 @@
 
 use super::kept::KeptSamples;
 use super::losses::{Legs, wave_number};
-use super::{Job, SimulateOptions, record};
+use super::{Job, SimulateOptions, no_room, record};
 use crate::acquisition::Sweep;
 use crate::error::Result;
+use crate::grid::{filled, room};
 use crate::progress::{Observer, advance};
 use crate::reflectors::Reflectors;
 use crate::wave::simd::{Amplitudes, Steps, sum_over_sweep};
@@ -29,20 +30,21 @@ pub(super) fn literal(job: &Job<'_>, kept: &mut KeptSamples, observer: &dyn Obse
         let columns: Vec<Vec<[f64; 2]>> = mics
             .par_iter()
             .map(|&r| {
-                let mut lengths: Vec<f64> =
-                    reflectors.positions().iter().map(|&p| options.path_length(p, r)).collect();
+                let mut lengths: Vec<f64> = room(plain.padded_len() as u64).ok_or_else(no_room)?;
+                lengths.extend(reflectors.positions().iter().map(|&p| options.path_length(p, r)));
                 lengths.resize(plain.padded_len(), 0.0);
-                if options.losses.vary() {
-                    lossy_sums(reflectors, r, &lengths, sweep, options)
+                let sums = filled([0.0; 2], sweep.len() as u64).ok_or_else(no_room)?;
+                Ok(if options.losses.vary() {
+                    lossy_sums(reflectors, r, &lengths, sweep, options, sums)
                 } else if options.losses.any() {
                     let spread = reflectors.positions().iter().zip(reflectors.amplitudes());
                     let spread = spread.map(|(&p, a)| a * Legs::new(p, r, options).spreading as f32);
-                    sweep_sums(&Amplitudes::new(spread), &lengths, sweep, options.sound_speed)
+                    sweep_sums(&Amplitudes::new(spread), &lengths, sweep, options.sound_speed, sums)
                 } else {
-                    sweep_sums(&plain, &lengths, sweep, options.sound_speed)
-                }
+                    sweep_sums(&plain, &lengths, sweep, options.sound_speed, sums)
+                })
             })
-            .collect();
+            .collect::<Result<_>>()?;
         for (column, sums) in columns.iter().enumerate() {
             let mic = chunk * COLUMNS + column;
             for (f, [re, im]) in sums.iter().enumerate() {
@@ -57,9 +59,14 @@ pub(super) fn literal(job: &Job<'_>, kept: &mut KeptSamples, observer: &dyn Obse
     Ok(())
 }
 
-/// One microphone's sums over all frequencies: by recurrence where the steps are even, else one by one.
-fn sweep_sums(amplitudes: &Amplitudes, lengths: &[f64], sweep: &Sweep, sound_speed: f64) -> Vec<[f64; 2]> {
-    let mut sums = vec![[0.0; 2]; sweep.len()];
+/// One microphone's sums over all frequencies, from zeros: by recurrence where the steps are even, else one by one.
+fn sweep_sums(
+    amplitudes: &Amplitudes,
+    lengths: &[f64],
+    sweep: &Sweep,
+    sound_speed: f64,
+    mut sums: Vec<[f64; 2]>,
+) -> Vec<[f64; 2]> {
     if let Some(step) = sweep.step() {
         let steps = Steps { start: sweep.start() / sound_speed, step: step / sound_speed, count: sums.len() };
         sum_over_sweep(amplitudes, lengths, steps, &mut sums);
@@ -78,10 +85,10 @@ fn lossy_sums(
     lengths: &[f64],
     sweep: &Sweep,
     options: &SimulateOptions,
+    mut sums: Vec<[f64; 2]>,
 ) -> Vec<[f64; 2]> {
     let (losses, c) = (&options.losses, options.sound_speed);
     let legs: Vec<Legs> = reflectors.positions().iter().map(|&p| Legs::new(p, r, options)).collect();
-    let mut sums = vec![[0.0; 2]; sweep.len()];
     for (&f, sum) in sweep.frequencies().iter().zip(&mut sums) {
         let (absorption, k) = (losses.absorption(f), wave_number(f, c));
         let heard = reflectors.amplitudes().iter().zip(&legs);

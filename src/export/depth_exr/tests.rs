@@ -129,7 +129,7 @@ fn a_map_without_any_return_is_a_valid_file() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("depth.exr");
     let mut empty = map();
-    empty.picked = Surface::empty(6);
+    empty.picked = Surface::empty(6).unwrap();
     empty.confidence = vec![NAN; 6];
     empty.returns.clear();
     write_depth_map(&path, &empty, Fill::Infinity, &[], Encoding::default()).unwrap();

@@ -28,7 +28,7 @@ fn colours(rgb: &[u8]) -> usize {
 /// A corner seen from inside: a hexagon of depths with nothing around it.
 fn corner(count: usize) -> DepthMap {
     let x = axis(-0.66, 1.32 / (count - 1) as f64, count);
-    let mut picked = Surface::empty(count * count);
+    let mut picked = Surface::empty(count * count).expect("room");
     for iy in 0..count {
         for ix in 0..count {
             let (u, v) = (x.position(ix), x.position(iy));
@@ -215,7 +215,7 @@ fn figures_to_look_at() {
     for count in [41, 126, 256] {
         figures(&folder, count);
     }
-    let map = DepthMap { picked: Surface::empty(41 * 41), ..corner(41) };
+    let map = DepthMap { picked: Surface::empty(41 * 41).expect("room"), ..corner(41) };
     write_depth_figure(&folder.join("nothing.png"), DepthKind::Found, &map, None).unwrap();
     let truth = corner(64);
     let range = depth_range(&[&truth]);

@@ -50,7 +50,7 @@ mod tests {
         let (x, y) =
             (Axis { first: -0.2, pitch: 0.04, count: 11 }, Axis { first: -0.1, pitch: 0.03, count: 8 });
         let depth = (0..88).map(|i| depth(x.position(i % 11), y.position(i / 11)) as f32).collect();
-        let picked = Surface { depth, ..Surface::empty(88) };
+        let picked = Surface { depth, ..Surface::empty(88).expect("room") };
         DepthMap::new(Raster { view: View::Orthographic, x, y }, picked)
     }
 

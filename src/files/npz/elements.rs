@@ -1,6 +1,7 @@
 //! Elements of an NPY array: bytes in, numbers and characters out.
 
-use super::header::{Dtype, Kind};
+use super::Array;
+use super::header::{Dtype, Header, Kind};
 use num_complex::Complex32;
 
 /// Appends the elements that bytes of a type hold.
@@ -60,8 +61,30 @@ pub(super) fn scalar_reader(dtype: Dtype) -> Option<fn(&[u8]) -> f64> {
     }
 }
 
-/// Elements stored with the first axis fastest, brought into the order with the last axis fastest.
-pub(super) fn c_order<T: Copy>(fortran: &[T], shape: &[usize]) -> Vec<T> {
+impl Header {
+    /// Whether the last axis is the fastest.
+    pub(super) fn in_order(&self) -> bool {
+        !self.fortran || self.shape.len() <= 1
+    }
+
+    /// The elements as they were read, brought into C order; `None` when a copy does not fit in memory.
+    pub(super) fn array<T: Copy>(self, data: Vec<T>) -> Option<Array<T>> {
+        let data = if self.in_order() { data } else { c_order(&data, &self.shape)? };
+        Some(Array { shape: self.shape, data })
+    }
+
+    /// Room for all elements, once the first of them is there and so their number is known to be within the limit.
+    pub(super) fn reserve<T>(&self, data: &mut Vec<T>) -> Option<()> {
+        if data.capacity() > 0 {
+            return Some(());
+        }
+        data.try_reserve_exact(usize::try_from(self.elements()?).ok()?).ok()
+    }
+}
+
+/// Elements stored with the first axis fastest, brought into the order with the last axis fastest; `None` when they do not
+/// fit in memory a second time.
+fn c_order<T: Copy>(fortran: &[T], shape: &[usize]) -> Option<Vec<T>> {
     let mut strides = Vec::with_capacity(shape.len());
     let mut stride = 1;
     for &n in shape {
@@ -70,21 +93,22 @@ pub(super) fn c_order<T: Copy>(fortran: &[T], shape: &[usize]) -> Vec<T> {
     }
     let mut index = vec![0; shape.len()];
     let mut position = 0;
-    (0..fortran.len())
-        .map(|_| {
-            let element = fortran[position];
-            for axis in (0..shape.len()).rev() {
-                index[axis] += 1;
-                position += strides[axis];
-                if index[axis] < shape[axis] {
-                    break;
-                }
-                position -= strides[axis] * shape[axis];
-                index[axis] = 0;
+    let mut ordered = Vec::new();
+    ordered.try_reserve_exact(fortran.len()).ok()?;
+    ordered.extend((0..fortran.len()).map(|_| {
+        let element = fortran[position];
+        for axis in (0..shape.len()).rev() {
+            index[axis] += 1;
+            position += strides[axis];
+            if index[axis] < shape[axis] {
+                break;
             }
-            element
-        })
-        .collect()
+            position -= strides[axis] * shape[axis];
+            index[axis] = 0;
+        }
+        element
+    }));
+    Some(ordered)
 }
 
 /// The text that `NumPy`'s four-byte characters spell.

@@ -7,6 +7,7 @@ use ::gltf::json;
 
 use super::super::files;
 use crate::error::{Error, Result};
+use crate::grid::room;
 
 /// A parsed file and its buffers, of which none is shorter than it says.
 pub(super) struct Document {
@@ -23,14 +24,14 @@ const MOST_SPARSE_VALUES: u64 = 1 << 30;
 
 impl Document {
     pub(super) fn open(path: &Path) -> Result<Self> {
-        let bytes = files::read(path)?;
+        let mut bytes = files::read(path)?;
         // The content decides, not the name: exporters mix up the two.
         let (text, binary) = if bytes.starts_with(b"glTF") {
             split_glb(&bytes).map_err(|problem| Error::input(path.display(), problem))?
         } else {
-            (bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes), None)
+            (if bytes.starts_with(BOM) { BOM.len() } else { 0 }..bytes.len(), None)
         };
-        let root = parse(text).map_err(|error| {
+        let root = parse(&bytes[text]).map_err(|error| {
             let what = if error.is_eof() { "is cut short" } else { "is no valid glTF 2.0" };
             Error::input(path.display(), format!("{what}: {error}"))
         })?;
@@ -51,8 +52,14 @@ impl Document {
             buffers: Vec::new(),
             allowance: Cell::new(MOST_SPARSE_VALUES),
         };
+        // Cut out of the file's own bytes rather than copied.
+        let mut binary = binary.map(|part| {
+            bytes.truncate(part.end);
+            bytes.drain(..part.start);
+            bytes
+        });
         for i in 0..document.root.buffers.len() {
-            let buffer = document.buffer(i, binary)?;
+            let buffer = document.buffer(i, &mut binary)?;
             document.buffers.push(buffer);
         }
         Ok(document)
@@ -89,17 +96,19 @@ impl Document {
         format!("{}, {kind} {index}{name}", self.path.display())
     }
 
-    fn buffer(&self, index: usize, binary: Option<&[u8]>) -> Result<Vec<u8>> {
+    /// The bytes of a buffer; the first may be the `binary` part of the file, which it takes.
+    fn buffer(&self, index: usize, binary: &mut Option<Vec<u8>>) -> Result<Vec<u8>> {
         let buffer = &self.root.buffers[index];
         let place = || self.place("buffer", index, buffer.name.as_ref());
         let refused = |problem: String| Error::input(place(), problem);
-        let mut bytes = match (&buffer.uri, binary) {
+        let own = if index == 0 && buffer.uri.is_none() { binary.take() } else { None };
+        let mut bytes = match (&buffer.uri, own) {
             (Some(uri), _) if uri.starts_with("data:") => decode_data_uri(uri).map_err(refused)?,
             (Some(uri), _) => {
                 let file = self.external(uri).map_err(refused)?;
                 files::read(&file).map_err(|error| Error::input(place(), error.to_string()))?
             }
-            (None, Some(binary)) if index == 0 => binary.to_vec(),
+            (None, Some(binary)) => binary,
             (None, _) => {
                 let meshopt = self.root.extensions_used.iter().find(|e| e.contains("meshopt_compression"));
                 return Err(match meshopt {
@@ -169,8 +178,14 @@ pub(super) fn unsupported_extension(place: &str, extension: &str) -> Error {
     Error::input(place, format!("needs the extension {extension}, which is not read; {fix}"))
 }
 
+/// What some programs put before the text of a file.
+pub(super) const BOM: &[u8] = b"\xef\xbb\xbf";
+
+/// Where a part of a file lies in it.
+type Part = std::ops::Range<usize>;
+
 /// The JSON and the binary part of a GLB file (glTF 2.0 specification, 4.4).
-fn split_glb(bytes: &[u8]) -> std::result::Result<(&[u8], Option<&[u8]>), String> {
+fn split_glb(bytes: &[u8]) -> std::result::Result<(Part, Option<Part>), String> {
     let word = |at: usize| bytes.get(at..at + 4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]));
     let (Some(version), Some(length)) = (word(4), word(8)) else {
         return Err("is cut short within its header".to_owned());
@@ -185,7 +200,8 @@ fn split_glb(bytes: &[u8]) -> std::result::Result<(&[u8], Option<&[u8]>), String
     let mut at = 12;
     while let (Some(size), Some(kind)) = (word(at), word(at + 4)) {
         let size = size as usize;
-        let chunk = bytes.get(at + 8..at + 8 + size).ok_or("is cut short within a chunk")?;
+        let chunk = at + 8..at + 8 + size;
+        bytes.get(chunk.clone()).ok_or("is cut short within a chunk")?;
         match &kind.to_le_bytes() {
             b"JSON" if text.is_none() => text = Some(chunk),
             b"BIN\0" if binary.is_none() => binary = Some(chunk),
@@ -199,13 +215,14 @@ fn split_glb(bytes: &[u8]) -> std::result::Result<(&[u8], Option<&[u8]>), String
 fn decode_data_uri(uri: &str) -> std::result::Result<Vec<u8>, String> {
     let data = uri.split_once(";base64,").map(|(_, data)| data);
     let data = data.ok_or("has a data uri that is not base64")?;
-    decode_base64(data).ok_or_else(|| "has a data uri with malformed base64".to_owned())
+    decode_base64(data)
+        .ok_or_else(|| "has a data uri with malformed base64, or one too long for memory".to_owned())
 }
 
 /// RFC 4648, with or without padding.
 fn decode_base64(text: &str) -> Option<Vec<u8>> {
     let digits = text.trim_end_matches('=').as_bytes();
-    let mut bytes = Vec::with_capacity(digits.len() / 4 * 3 + 2);
+    let mut bytes = room(digits.len() as u64 / 4 * 3 + 2)?;
     for group in digits.chunks(4) {
         let mut bits = 0_u32;
         for &digit in group {

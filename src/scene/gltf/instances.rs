@@ -7,7 +7,7 @@ use super::accessor::{self, Vectors};
 use super::container::Document;
 use crate::error::{Error, Result};
 
-const NAME: &str = "EXT_mesh_gpu_instancing";
+pub(super) const NAME: &str = "EXT_mesh_gpu_instancing";
 
 /// The copies of a node's mesh, each with a place of its own in the node's frame.
 pub(super) struct Instances<'a> {

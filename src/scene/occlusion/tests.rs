@@ -6,6 +6,7 @@ use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 
 use super::super::{Material, Scene, Triangle};
+use super::SurfaceTree;
 
 fn scene(triangles: &[[DVec3; 3]], transmittance: f64) -> Scene {
     let material = Material { transmittance, ..Material::opaque("m") };
@@ -54,6 +55,19 @@ fn cube(half: f64) -> Vec<[DVec3; 3]> {
 fn point(range: f64) -> impl Strategy<Value = DVec3> {
     let c = || -range..range;
     (c(), c(), c()).prop_map(|(x, y, z)| v(x, y, z))
+}
+
+#[test]
+fn the_tree_holds_no_more_than_is_foreseen() {
+    let bumps = |p: DVec3| v(p.x, p.y, 1.0 + 0.1 * (9.0 * p.x).sin() * (7.0 * p.y).cos());
+    let wavy: Vec<_> = grid(100).into_iter().map(|t| t.map(bumps)).collect();
+    for triangles in [grid(100), wavy] {
+        let scene = scene(&triangles, 0.0);
+        let tree = &scene.tree.bvh;
+        let bytes = size_of_val(&tree.nodes[..]) + size_of_val(&tree.primitive_indices[..]);
+        let foreseen = SurfaceTree::HELD as usize * triangles.len();
+        assert!(tree.parents.is_empty() && bytes <= foreseen && 2 * bytes > foreseen, "{bytes} {foreseen}");
+    }
 }
 
 proptest! {

@@ -42,6 +42,16 @@ impl Kind {
             _ => return None,
         })
     }
+
+    /// Bytes in a binary file.
+    pub(super) fn size(self) -> u64 {
+        match self {
+            Self::I8 | Self::U8 => 1,
+            Self::I16 | Self::U16 => 2,
+            Self::I32 | Self::U32 | Self::F32 => 4,
+            Self::F64 => 8,
+        }
+    }
 }
 
 /// A value, or a list of values, that every row of an element has.
@@ -60,6 +70,23 @@ pub(super) struct Element {
     /// As declared: not to be believed.
     pub(super) count: u64,
     pub(super) properties: Vec<Property>,
+}
+
+impl Element {
+    /// The fewest bytes that a row takes: its lists empty, and of a text a digit and a blank for every number.
+    pub(super) fn least_row(&self, format: Format) -> u64 {
+        let size = |property: &Property| match format {
+            Format::Ascii => 2,
+            _ => property.count.unwrap_or(property.kind).size(),
+        };
+        self.properties.iter().map(size).sum()
+    }
+
+    /// The list of vertices that makes its rows faces or strips.
+    pub(super) fn corners(&self) -> Option<&Property> {
+        let is_wanted = |name: &str| matches!(name, "vertex_indices" | "vertex_index");
+        self.properties.iter().find(|p| p.count.is_some() && is_wanted(&p.name))
+    }
 }
 
 /// What the file says of itself.

@@ -34,6 +34,15 @@ impl<'a> Source<'a> {
         })
     }
 
+    pub(super) fn format(&self) -> Format {
+        self.format
+    }
+
+    /// How many bytes are left.
+    pub(super) fn left(&self) -> usize {
+        self.rest.len()
+    }
+
     /// The line that was read last, of a text.
     pub(super) fn line(&self) -> Option<usize> {
         (self.format == Format::Ascii).then_some(self.line)

@@ -2,6 +2,7 @@
 
 use super::{RECONSTRUCT, end, reused, start, undisturbed, workplace};
 use crate::binary::{Ran, done, files_below, refused, run};
+use crate::meshes::write_stl;
 use serde_json::Value;
 use std::fs;
 use std::io::{BufRead, BufReader, Read};
@@ -203,7 +204,11 @@ fn with_too_few_addresses_a_job_is_done_or_says_so() {
     let folder = folder.path();
     let words = "image job.toml -o made --set reconstruct.method=convolution";
     let convolution = super::Job { words, output: "made" };
-    for job in super::JOBS.into_iter().chain([&convolution]) {
+    // Most of what this takes is its mesh's.
+    write_stl(&folder.join("large.stl"), 200_000);
+    let words = "image job.toml -o made --set scene.mesh=large.stl --set reflectors.spacing=0.02";
+    let mesh = super::Job { words, output: "made" };
+    for job in super::JOBS.into_iter().chain([&convolution, &mesh]) {
         let (expected, _) = undisturbed(folder, job);
         let (mut done, mut said, mut late) = (0, 0, 0);
         // Below the first of these the system does not load the program; above the last of them any of the jobs is done.
