@@ -9,7 +9,7 @@ use super::batch::Batch;
 use super::focus::Focus;
 use super::lattice::SharedLattice;
 use super::layout::Layout;
-use super::skeleton::candidates_for;
+use super::skeleton::{candidates_for, tones_for};
 use super::tones::{SlabTones, Tones, VolumeTones};
 use super::weights::Weights;
 use super::{Made, Method, VolumeSink, no_room, no_room_for};
@@ -184,15 +184,24 @@ fn skeleton_frequencies(
 /// Depths per thread that are worked on before they are handed on: enough to keep every thread busy.
 const PLANES_PER_THREAD: usize = 8;
 
+/// As many slabs as take no more numbers than this are worked on at a time anyway, with about so many tones each: threads
+/// take time to wake.
+const SMALL: usize = 1 << 20;
+const TONES: usize = 32;
+
 /// What suits so many threads where memory does not matter.
 pub(super) fn usual_batch(layout: &Layout, thickness: usize, frequencies: usize, threads: usize) -> Batch {
-    let at_once = (PLANES_PER_THREAD * threads).div_ceil(thickness);
+    let slab = (layout.tone_len() + layout.lattice.width()) * TONES + layout.grid.plane_len() * thickness;
+    let at_once = (PLANES_PER_THREAD * threads).div_ceil(thickness).max(SMALL / slab);
     Batch {
         slabs: at_once.min(layout.grid.z.count.div_ceil(thickness)),
         frequencies: (SPECTRA_BYTES / (layout.tone_len() * size_of::<Complex32>())).clamp(1, frequencies),
         workers: threads.max(1),
     }
 }
+
+/// What skeletons usually may err by.
+const USUAL: f64 = 3e-5;
 
 /// The number of depths per slab that costs least by a fixed model, so that the same job always takes the same path.
 ///
@@ -211,7 +220,7 @@ pub(super) fn slab_thickness(setup: &Setup, layout: &Layout) -> usize {
     // In transformed points: a decomposition, by its rows and columns, and for a tone its product over all nodes.
     let decomposed = |spread: f64| {
         let rows = 1.7 * spread + 36.0;
-        2e4 + 0.3 * rows * rows * candidates_for(spread).min(of_volume)
+        4e4 + 0.18 * rows * rows * candidates_for(spread).min(of_volume)
     };
     let product = 0.05 * of_volume * layout.lattice.width() as f64;
     // On a line, sixteen tones cost what one does.
@@ -222,7 +231,7 @@ pub(super) fn slab_thickness(setup: &Setup, layout: &Layout) -> usize {
             .map(|first| {
                 let planes = thickness.min(depths - first);
                 let spread = bandwidth_duration(first..first + planes);
-                let tones = (spread + 10.0).min(of_volume);
+                let tones = tones_for(spread, USUAL).min(of_volume);
                 let transforms = (planes * layout.pairs() * 2 + layout.node_parts.len()) as f64;
                 (tones / lanes).ceil() * lanes * transforms * points + tones * product + decomposed(spread)
             })

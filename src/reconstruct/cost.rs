@@ -6,7 +6,7 @@ use super::batch::Batch;
 use super::convolution::{FIRST_SHARE, slab_thickness, usual_batch};
 use super::lattice::SharedLattice;
 use super::layout::Layout;
-use super::skeleton::{DENSER, witnesses_for};
+use super::skeleton::{DENSER, tones_for, witnesses_for};
 use super::tones::{FREQUENCIES, frequencies_at_once};
 use super::virtual_tones;
 use super::{Method, ReconstructOptions, backprojection, direct, linear};
@@ -32,13 +32,6 @@ pub struct Estimate {
     /// What `bytes` are of.
     #[serde(skip)]
     pub(super) batch: Batch,
-}
-
-/// About how many tones stand for a sweep on an interval of `bandwidth_duration` B·T to within `tolerance`: the numbers
-/// of DESIGN section 5 to within two.
-pub(super) fn tones_for(bandwidth_duration: f64, tolerance: f64) -> f64 {
-    let digits = (1.0 / tolerance).ln();
-    bandwidth_duration + 2.0 + digits * (0.22 + 0.2 * (1.0 + bandwidth_duration).ln())
 }
 
 /// The four estimates for a job, whatever `options.method` says.
@@ -217,25 +210,4 @@ fn of_direct(setup: &Setup, grid: &Grid, options: &ReconstructOptions, threads: 
     let lengths = (64 * setup.array.len()) as u64 * COMPLEX;
     let bytes = |batch: Batch| samples.saturating_add(lengths.saturating_mul(batch.workers as u64));
     possible(Method::Direct, direct::operations(setup, grid), options, Batch::of_threads(threads), bytes)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn tones_are_about_those_that_skeletons_find() {
-        // DESIGN section 5.
-        for (bandwidth_duration, tolerance, found) in [
-            (1.14, 1e-3, 6.0),
-            (1.14, 1e-6, 8.0),
-            (4.6, 1e-4, 12.0),
-            (23.0, 1e-3, 31.0),
-            (23.0, 1e-6, 37.0),
-            (60.0, 1e-4, 72.0),
-        ] {
-            let about = tones_for(bandwidth_duration, tolerance);
-            assert!((about - found).abs() <= 2.0, "{about} for {found}");
-        }
-    }
 }

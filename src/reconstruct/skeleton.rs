@@ -59,6 +59,13 @@ pub(super) fn witnesses_for(bandwidth_duration: f64) -> f64 {
     WITNESSES_PER_DIMENSION * dimensions(bandwidth_duration)
 }
 
+/// About how many tones stand for a sweep on an interval of `bandwidth_duration` B·T to within `tolerance`: the numbers
+/// of DESIGN section 5 to within two.
+pub(super) fn tones_for(bandwidth_duration: f64, tolerance: f64) -> f64 {
+    let digits = (1.0 / tolerance).ln();
+    bandwidth_duration + 2.0 + digits * (0.22 + 0.2 * (1.0 + bandwidth_duration).ln())
+}
+
 /// Frequencies, as indices, so spread over the band that none lies further than a `most`-th of it from one; all where they
 /// are no more than that.
 fn spread_out(frequencies: &[f64], most: f64) -> Vec<usize> {
@@ -254,5 +261,21 @@ mod tests {
     fn an_interval_of_no_length_needs_one_tone() {
         let skeleton = skeleton(&sweep(10_000.0, 101), interval(0.0), 1e-4);
         assert_eq!(skeleton.chosen().len(), 1);
+    }
+
+    #[test]
+    fn tones_are_about_those_that_skeletons_find() {
+        // DESIGN section 5.
+        for (bandwidth_duration, tolerance, found) in [
+            (1.14, 1e-3, 6.0),
+            (1.14, 1e-6, 8.0),
+            (4.6, 1e-4, 12.0),
+            (23.0, 1e-3, 31.0),
+            (23.0, 1e-6, 37.0),
+            (60.0, 1e-4, 72.0),
+        ] {
+            let about = tones_for(bandwidth_duration, tolerance);
+            assert!((about - found).abs() <= 2.0, "{about} for {found}");
+        }
     }
 }

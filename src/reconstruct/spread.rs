@@ -87,8 +87,8 @@ impl Interpolator {
             // Low kernels bend most, high ones are nearly plane waves; both are steepest far aside.
             for height in [1.0, 1.5, 3.0].map(|factor| factor * kernels.height) {
                 let kernel = |x: f64| Complex64::cis(-kernels.wavenumber * (x * x + height * height).sqrt());
-                for j in (0..=40).rev().flat_map(|j| [-j, j]) {
-                    let x = kernels.aside * f64::from(j) / 40.0;
+                for j in (0..=20).rev().flat_map(|j| [-j, j]) {
+                    let x = kernels.aside * f64::from(j) / 20.0;
                     let node = |a: usize| x + pitch * ((a as isize + self.taps.first()) as f64 - t);
                     let sum: Complex64 = weights.iter().enumerate().map(|(a, w)| kernel(node(a)) * w).sum();
                     worst = worst.max((kernel(x) - sum).norm());

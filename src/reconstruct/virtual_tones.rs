@@ -135,25 +135,15 @@ impl VirtualTones {
             after.saturating_sub(taps / 2).min(count - taps)
         };
         let first: Vec<usize> = places.iter().map(window).collect();
-        // Windows of even gaps are all alike.
-        let even = |window: usize| 0.5 + window.min(count - taps - window) as f64 >= end(taps);
-        let runs = first.chunk_by(|a, b| a == b || (even(*a) && even(*b)));
-        let runs: Vec<_> = runs
-            .scan(0, |end, run| {
-                *end += run.len();
-                Some((*end - run.len(), run))
-            })
-            .collect();
-        let interpolated = |&(start, run): &(usize, &[usize])| {
-            let window = run[0];
-            let middle = 0.5 * (nodes[window + taps - 1] - nodes[window]);
-            let about = |place: f64, window: usize| place - nodes[window] - middle;
-            let interpolator = Taps::on(
-                nodes[window..window + taps].iter().map(|node| about(*node, window)).collect(),
-                PI / OVERSAMPLING,
-            );
-            let measured = run.iter().zip(&places[start..]).map(|(window, place)| about(*place, *window));
-            let weights = interpolator.weights_of(&measured.collect::<Vec<_>>());
+        // Windows of even gaps are all alike, and those at one end the mirror images of those at the other.
+        let evens = (end(taps) - 0.5).ceil() as usize;
+        let kind = |window: usize| window.min(count - taps - window).min(evens);
+        let about = |place: f64, window: usize| {
+            place - nodes[window] - 0.5 * (nodes[window + taps - 1] - nodes[window])
+        };
+        let interpolator = |window: usize| {
+            let own = nodes[window..window + taps].iter().map(|node| about(*node, window)).collect();
+            let interpolator = Taps::on(own, PI / OVERSAMPLING);
             // The gaps that it serves: the first and the last window more than the one in its middle.
             let from = if window == 0 { 0 } else { window + taps / 2 - 1 };
             let to = if window == count - taps { count - 1 } else { window + taps / 2 };
@@ -162,21 +152,30 @@ impl VirtualTones {
                 [0.1, 0.3, 0.5, 0.7, 0.9].map(|t| about(node + t * (next - node), window))
             });
             let worst = interpolator.error_at(PI / OVERSAMPLING, &between.collect::<Vec<_>>());
-            (weights, worst)
+            (interpolator, worst)
         };
-        let found: Vec<_> = runs.par_iter().map(interpolated).collect();
+        let kinds = kind((count - taps) / 2);
+        let interpolators: Vec<_> = (0..=kinds).into_par_iter().map(interpolator).collect();
         let mut weights = Mat::zeros(taps, sweep.len());
-        let (mut error, mut growth) = (0.0, 0.0);
-        for ((start, run), (some, (worst, sum))) in runs.iter().zip(&found) {
-            weights.subcols_mut(*start, run.len()).copy_from(some);
-            (error, growth) = (greater(error, *worst), greater(growth, *sum));
+        let mut start = 0;
+        for run in first.chunk_by(|a, b| a == b || (kind(*a) == evens && kind(*b) == evens)) {
+            let mirrored = kind(run[0]) < evens && run[0] > count - taps - run[0];
+            let sign = if mirrored { -1.0 } else { 1.0 };
+            let measured =
+                run.iter().zip(&places[start..]).map(|(window, place)| sign * about(*place, *window));
+            let some = interpolators[kind(run[0])].0.weights_of(&measured.collect::<Vec<_>>());
+            let some = if mirrored { some.reverse_rows() } else { some.as_ref() };
+            weights.subcols_mut(start, run.len()).copy_from(some);
+            start += run.len();
         }
+        let worst = interpolators.iter().map(|(_, worst)| *worst);
+        let worst = worst.fold((0.0, 0.0), |(e, g), (error, sum)| (greater(e, error), greater(g, sum)));
         let frequencies = nodes.iter().enumerate().map(|(k, node)| {
             // Where any tones would do, they still are to differ.
             let share = if span > 0.0 { node / span } else { k as f64 / (count - 1) as f64 };
             lowest + share * bandwidth
         });
-        Self::new(sweep, frequencies.collect(), interval, first, weights, (error, growth))
+        Self::new(sweep, frequencies.collect(), interval, first, weights, worst)
     }
 
     /// f_k, Hz, ascending and within the band.
