@@ -1,7 +1,7 @@
 //! How far apart the nodes of a tile may stand, and of how many of them a voxel is made.
 
 use super::blocks::{Shape, block_operations};
-use super::frame::{bands, halved};
+use super::frame::{Frame, bands, halved};
 use super::profile::Band;
 use super::terms::{FEW, MANY, Seen, Terms};
 use crate::acquisition::Setup;
@@ -9,6 +9,7 @@ use crate::grid::{Axis, Grid};
 use crate::reconstruct::taps::Taps;
 use crate::wave::Geometry;
 use crate::wave::simd::LANES;
+use glam::DVec3;
 use rayon::prelude::*;
 use std::f64::consts::PI;
 
@@ -72,19 +73,37 @@ impl Nodes {
         self.taps.as_ref().map_or(1, Taps::count)
     }
 
-    /// The first node that a voxel is made of, and the weights from there on.
-    pub(super) fn weights(&self, position: f64) -> (usize, Vec<f64>) {
+    /// The first node that a voxel is made of, and its place after the node before it.
+    fn first(&self, position: f64) -> (usize, f64) {
         let place = (position - self.axis.first) / self.axis.pitch;
-        let Some(taps) = &self.taps else { return (place.round() as usize, vec![1.0]) };
+        let Some(taps) = &self.taps else { return (place.round() as usize, 0.0) };
         let own = (place + 1e-9).floor();
         let first = (own as isize + taps.first()).max(0) as usize;
-        (first.min(self.axis.count - taps.count()), taps.weights((place - own).max(0.0)))
+        (first.min(self.axis.count - taps.count()), (place - own).max(0.0))
+    }
+
+    /// The first node that a voxel is made of, and the weights from there on.
+    pub(super) fn weights(&self, position: f64) -> (usize, Vec<f64>) {
+        let (first, t) = self.first(position);
+        (first, self.taps.as_ref().map_or_else(|| vec![1.0], |taps| taps.weights(t)))
     }
 
     /// The nodes that a voxel is made of, m, and their weights.
     fn around(&self, position: f64) -> Around {
         let (first, weights) = self.weights(position);
         ((0..weights.len()).map(|a| self.axis.position(first + a)).collect(), weights)
+    }
+
+    /// The first and the last node, each with the outermost and the innermost voxel that are made of it and the same
+    /// others, m.
+    fn ends(&self, voxels: &Axis) -> [(f64, [f64; 2]); 2] {
+        [(0, voxels.first), (self.axis.count - 1, voxels.last())].map(|(node, end)| {
+            let (first, _) = self.first(end);
+            let same = voxels.positions().filter(|at| self.first(*at).0 == first);
+            let inner =
+                same.fold(end, |inner, at| if (at - end).abs() > (inner - end).abs() { at } else { inner });
+            (self.axis.position(node), [end, inner])
+        })
     }
 
     /// How far beside a voxel its nodes stand at most, m.
@@ -148,7 +167,12 @@ impl Lattice {
             .flat_map_iter(of)
             .collect();
         found.sort_by(|a, b| a.operations.total_cmp(&b.operations));
-        found.into_iter().take(TRIES).find_map(|lattice| lattice.measured(setup, grid, SHARE * tolerance))
+        let placed = |lattice: &Self| lattice.has_places(setup, grid);
+        found
+            .into_iter()
+            .filter(placed)
+            .take(TRIES)
+            .find_map(|lattice| lattice.measured(setup, grid, SHARE * tolerance))
     }
 
     /// The divisions into tiles that come of so many halvings.
@@ -245,8 +269,25 @@ impl Lattice {
         })
     }
 
-    /// With errors and growth as measured; `None` if they pass `tolerance`, or nodes would stand where no point has
-    /// their range.
+    /// Whether every node stands where some point has its range.
+    ///
+    /// That is least so of the nodes farthest aside, which only the outermost voxels are made of, for the nearest of these.
+    fn has_places(&self, setup: &Setup, grid: &Grid) -> bool {
+        let [x, y] =
+            [(&grid.x, &self.nodes[0]), (&grid.y, &self.nodes[1])].map(|(axis, nodes)| nodes.ends(axis));
+        halved(setup.array.positions(), self.times).iter().all(|tile| {
+            let frame = Frame::new(&setup.geometry, tile.centre);
+            let mut corners = x.iter().flat_map(|x| y.iter().map(move |y| (x, y)));
+            corners.all(|((node_x, voxels_x), (node_y, voxels_y))| {
+                let voxels = voxels_x.iter().flat_map(|x| voxels_y.map(|y| DVec3::new(*x, y, grid.z.first)));
+                let nearest = voxels.map(|p| frame.range(p)).fold(f64::INFINITY, f64::min);
+                let range = self.pitch * self.along_range(nearest).0 as f64;
+                frame.point(*node_x, *node_y, range).is_some()
+            })
+        })
+    }
+
+    /// With errors and growth as measured; `None` if they pass `tolerance`.
     fn measured(self, setup: &Setup, grid: &Grid, tolerance: f64) -> Option<Self> {
         let tiles = halved(setup.array.positions(), self.times);
         let terms = Terms { setup, grid, tiles: &tiles };
