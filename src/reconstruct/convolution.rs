@@ -158,7 +158,8 @@ fn skeleton_frequencies(
     // an allocator holds twice.
     let most = slabs.iter().map(SlabTones::len).max().unwrap_or(0);
     let room = |_| Ok((Tones::room(most, layout.lattice.width())?, layout.room(most)?));
-    let mut rooms: Vec<_> = (0..batch.slabs.min(slabs.len())).map(room).collect::<Result<_>>()?;
+    let rooms = (0..batch.slabs.min(slabs.len())).into_par_iter().map(room);
+    let mut rooms = rooms.collect::<Result<Vec<_>>>()?;
     sink.begin(&made)?;
     stage(observer, "reconstructing", total, || {
         let done = slabs.partition_point(|slab| slab.planes.end <= sink.done());
@@ -192,7 +193,7 @@ const TONES: usize = 32;
 /// What suits so many threads where memory does not matter.
 pub(super) fn usual_batch(layout: &Layout, thickness: usize, frequencies: usize, threads: usize) -> Batch {
     let slab = (layout.tone_len() + layout.lattice.width()) * TONES + layout.grid.plane_len() * thickness;
-    let at_once = (PLANES_PER_THREAD * threads).div_ceil(thickness).max(SMALL / slab);
+    let at_once = (PLANES_PER_THREAD * threads / thickness).max(SMALL / slab).max(1);
     Batch {
         slabs: at_once.min(layout.grid.z.count.div_ceil(thickness)),
         frequencies: (SPECTRA_BYTES / (layout.tone_len() * size_of::<Complex32>())).clamp(1, frequencies),

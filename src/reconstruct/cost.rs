@@ -112,6 +112,11 @@ fn block_bytes(setup: &Setup) -> u64 {
     COMPLEX * (frequencies as u64).saturating_mul(setup.array.len() as u64)
 }
 
+/// What remains of such a block when it is given back: the C library unmaps only what is larger.
+fn kept_block(setup: &Setup) -> u64 {
+    Some(block_bytes(setup)).filter(|bytes| *bytes <= 32 << 20).unwrap_or(0)
+}
+
 fn of_convolution(
     setup: &Setup,
     grid: &Grid,
@@ -165,6 +170,7 @@ fn of_convolution(
     let before = compressing.max(both);
     let bytes = |batch: Batch| {
         let focusing = slab.saturating_mul(batch.slabs as u64).saturating_add(scratch(batch));
+        let focusing = focusing.saturating_add(kept_block(setup));
         let nesting = nesting.saturating_mul(batch.workers.min(depths.div_ceil(thickness)) as u64);
         before.max(nodes.saturating_add(focusing)).saturating_add(nesting)
     };
