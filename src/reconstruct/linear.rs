@@ -127,7 +127,8 @@ impl Plan {
             let steepest = per_metre[1] * ends[0].abs().max(ends[1].abs());
             let nodes = match lattice {
                 Some(axes) => Nodes::on_lattice(Axis { first: axes[i].first - origin[i], ..axes[i] }),
-                None => Nodes::among(mics[i], steepest, share),
+                // Longer spreading costs next to nothing beside longer tapers.
+                None => Nodes::among(mics[i], steepest, 0.5 * share),
             };
             let directions = Sampled::new(ends, products(per_metre, nodes.ends()), &taper);
             (nodes, directions)

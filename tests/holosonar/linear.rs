@@ -95,7 +95,7 @@ fn random_data_of_every_kind_agree_with_the_formula() {
     ] {
         let cube = random_cube(&mut random, sweep, array, geometry, detection);
         for (window, tolerance, within) in
-            [(Window::None, 1e-4, 3e-5), (Window::Taylor, 1e-2, 2e-3), (Window::Hann, 0.0, 2e-6)]
+            [(Window::None, 1e-4, 1e-5), (Window::Taylor, 1e-2, 2e-3), (Window::Hann, 0.0, 2e-6)]
         {
             let image = linear(&cube, &grid, window, tolerance);
             let difference = relative_difference(&image, &literal(&cube, &grid, window));
