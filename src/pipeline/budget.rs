@@ -1,6 +1,6 @@
 //! The memory that a job may use, what it holds of it, and its refusal where that is too little.
 
-use super::outputs;
+use super::{is_csv, outputs, scene_path};
 use crate::acquisition::Setup;
 use crate::config::RunFile;
 use crate::error::{Result, gib};
@@ -75,6 +75,15 @@ impl Seen {
 
     pub(super) fn list(reflectors: &Reflectors) -> Self {
         Self::within(reflectors.bounds())
+    }
+
+    /// What is known of the run file's scene, which is let go again.
+    pub(super) fn of(run: &RunFile, bare: bool, observer: &dyn Observer) -> Result<Self> {
+        let path = scene_path(run)?;
+        if is_csv(path) {
+            return Ok(Self::list(&Reflectors::read_csv(path)?));
+        }
+        Ok(Self::mesh(&Scene::load(path, &run.load_options(bare)?, observer)?))
     }
 
     /// Reflectors within these bounds.

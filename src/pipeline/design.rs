@@ -3,7 +3,6 @@
 use super::budget::{Budget, Seen};
 use super::echoes::Measurement;
 use super::forecast::forecast;
-use super::{is_csv, scene_path};
 use crate::config::{self, RunFile};
 use crate::error::{Error, Result};
 use crate::grid::{Axis, Grid};
@@ -11,8 +10,6 @@ use crate::plan::check_simulation;
 use crate::plan::design::Verdict;
 use crate::progress::{Observer, advance, stage};
 use crate::psf::{PointSpread, point_spread};
-use crate::reflectors::Reflectors;
-use crate::scene::Scene;
 use glam::DVec3;
 use serde::Serialize;
 
@@ -198,12 +195,7 @@ impl SeenScene {
         {
             return Ok(*seen);
         }
-        let path = scene_path(run)?;
-        let seen = if is_csv(path) {
-            Seen::list(&Reflectors::read_csv(path)?)
-        } else {
-            Seen::mesh(&Scene::load(path, &run.load_options(bare)?, observer)?)
-        };
+        let seen = Seen::of(run, bare, observer)?;
         self.0 = Some((run.scene.clone(), seen));
         Ok(seen)
     }

@@ -10,8 +10,6 @@ use crate::error::Result;
 use crate::grid::Grid;
 use crate::plan::{Design, Holding, Needs, Plan, design, plan, simulation_peak};
 use crate::progress::Observer;
-use crate::reflectors::Reflectors;
-use crate::scene::Scene;
 use glam::DVec3;
 use serde::Serialize;
 
@@ -61,11 +59,7 @@ pub fn forecast_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Res
     let path = scene_path(run)?;
     let mesh = !is_csv(path);
     let budget = Budget::of(run);
-    let seen = if mesh {
-        Seen::mesh(&Scene::load(path, &run.load_options(bare)?, observer)?)
-    } else {
-        Seen::list(&Reflectors::read_csv(path)?)
-    };
+    let seen = Seen::of(run, bare, observer)?;
     let bounds = seen.bounds;
     let grid = run.voxels(&setup, bounds)?;
     let holding = measurement.imaging(&budget, &grid, &seen);
