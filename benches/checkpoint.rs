@@ -2,8 +2,9 @@
 //! `cargo bench --bench checkpoint [-- ROUNDS]`.
 //!
 //! Every round runs the job once without, once at the default interval, once every second and once after every block;
-//! what is kept is written beside the output, on the disk of the `target` folder. Ratios are of medians, and of the least
-//! seconds, against those without.
+//! what is kept is written beside the output, on the disk of the `target` folder. Ratios are against the run without
+//! of the same round, of which the median is given, and of the least seconds. How long the cube's own file takes is left out: it depends on the disk alone, and
+//! varies more than what is measured here.
 
 #![allow(missing_docs, clippy::print_stdout)]
 
@@ -28,16 +29,18 @@ fn run(run: &RunFile, folder: &Path, every: Option<Duration>) -> [f64; 2] {
     let begun = Instant::now();
     let keeping = checkpoint(&cube);
     let samples = simulate_scene(run, false, &keeping, &Silent).expect("simulated");
+    let mut simulated = begun.elapsed();
     write_cube(&cube, &samples).expect("written");
+    let written = Instant::now();
     keeping.remove();
-    let simulated = begun.elapsed().as_secs_f64();
+    simulated += written.elapsed();
     drop(samples);
     let begun = Instant::now();
     let keeping = checkpoint(&volume);
     let file = CubeFile::open(&cube, u64::MAX).expect("a cube");
     reconstruct_cube(run, file, &[volume], &keeping, &Silent).expect("reconstructed");
     keeping.remove();
-    [simulated, begun.elapsed().as_secs_f64()]
+    [simulated, begun.elapsed()].map(|time| time.as_secs_f64())
 }
 
 fn median(seconds: &mut [f64]) -> f64 {
@@ -70,14 +73,20 @@ fn main() {
     }
     println!("{rounds} rounds, {} threads", rayon::current_num_threads());
     for (step, name) in ["simulate", "reconstruct", "both"].into_iter().enumerate() {
-        let [median_without, least_without] = [median(&mut seconds[0][step]), seconds[0][step][0]];
-        println!("{name}: without {median_without:.2} s, at the least {least_without:.2} s");
-        for ((way, _), seconds) in ways.iter().zip(&mut seconds).skip(1) {
-            let (median, least) = (median(&mut seconds[step]), seconds[step][0]);
-            let ratios = [median / median_without, least / least_without];
+        let least = |seconds: &[f64]| seconds.iter().copied().fold(f64::INFINITY, f64::min);
+        let without = &seconds[0][step];
+        let least_without = least(without);
+        println!("{name}: without {:.2} s, at the least {least_without:.2} s", median(&mut without.clone()));
+        for ((way, _), seconds) in ways.iter().zip(&seconds).skip(1) {
+            let with = &seconds[step];
+            let mut ratios: Vec<f64> =
+                with.iter().zip(without).map(|(with, without)| with / without).collect();
             println!(
-                "  {way}: {median:.2} s, ratio {:.3}; at the least {least:.2} s, ratio {:.3}",
-                ratios[0], ratios[1]
+                "  {way}: {:.2} s, ratio {:.3}; at the least {:.2} s, ratio {:.3}",
+                median(&mut with.clone()),
+                median(&mut ratios),
+                least(with),
+                least(with) / least_without
             );
         }
     }

@@ -27,7 +27,7 @@ use journal::Journal;
 use num_complex::Complex32;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -225,6 +225,8 @@ pub struct Patient<'a> {
     /// Whether anything is kept at all.
     waits: bool,
     asked: OnceLock<Instant>,
+    /// What was finished when the user asked to stop is kept; what is being worked on meanwhile is not waited for.
+    saved: AtomicBool,
 }
 
 impl std::fmt::Debug for Patient<'_> {
@@ -236,7 +238,12 @@ impl std::fmt::Debug for Patient<'_> {
 impl<'a> Patient<'a> {
     /// An observer that hands everything on.
     pub fn new(checkpoint: &Checkpoint, inner: &'a dyn Observer) -> Self {
-        Self { inner, waits: checkpoint.place.is_some(), asked: OnceLock::new() }
+        Self {
+            inner,
+            waits: checkpoint.place.is_some(),
+            asked: OnceLock::new(),
+            saved: AtomicBool::new(false),
+        }
     }
 }
 
@@ -258,7 +265,8 @@ impl Observer for Patient<'_> {
     }
 
     fn should_stop(&self) -> bool {
-        self.inner.should_stop() && (!self.waits || self.asked.get_or_init(Instant::now).elapsed() > PATIENCE)
+        let patient = || !self.saved.load(Ordering::Relaxed) && self.waits;
+        self.inner.should_stop() && !(patient() && self.asked.get_or_init(Instant::now).elapsed() <= PATIENCE)
     }
 }
 
@@ -299,7 +307,11 @@ impl<'a> Pace<'a> {
             self.spared = begun.elapsed() * SPARED;
         }
         self.last = Instant::now();
-        if self.observer.inner.should_stop() { Err(Error::Interrupted) } else { Ok(()) }
+        if !self.observer.inner.should_stop() {
+            return Ok(());
+        }
+        self.observer.saved.store(true, Ordering::Relaxed);
+        Err(Error::Interrupted)
     }
 }
 

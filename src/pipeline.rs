@@ -251,7 +251,7 @@ pub fn reconstruct_cube(
     checkpoint.open(&identity::of_cube("reconstruct", run, &mut cube, &grid)?, observer)?;
     let patient = Patient::new(checkpoint, observer);
     let mut files = outputs::VolumeFiles::new(instrument.setup(), run, grid, outputs);
-    let mut kept = KeptVolume::new(checkpoint, &mut files, grid.plane_len(), &patient);
+    let mut kept = KeptVolume::new(checkpoint, &mut files, &grid, &patient);
     reconstruct_into(&mut cube, &grid, &budget.options(&grid, holding), &mut kept, &patient)?;
     drop(kept); // with what waits
     files.finish()
@@ -332,7 +332,7 @@ fn focus(
     let patient = Patient::new(checkpoint, log);
     // Filled when the reconstruction begins, so that nothing is reserved for a job that is refused.
     let mut volume = Volume { grid: *grid, samples: Vec::new() };
-    let mut kept = KeptVolume::new(checkpoint, &mut volume, grid.plane_len(), &patient);
+    let mut kept = KeptVolume::new(checkpoint, &mut volume, grid, &patient);
     let made = log.timed("reconstruct", || reconstruct_into(source, grid, &options, &mut kept, &patient))?;
     drop(kept); // with what waits
     let Made { method, error_bound } = made;

@@ -18,6 +18,7 @@ mod convolution;
 mod cost;
 mod direct;
 mod focus;
+mod handover;
 mod lanes;
 mod lattice;
 mod layout;

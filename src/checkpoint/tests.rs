@@ -163,7 +163,7 @@ fn depths_are_handed_on_once_and_in_order() {
     let (checkpoint, _) = opened(&output, &identity);
     let patient = Patient::new(&checkpoint, &Silent);
     let mut half = volume();
-    let mut sink = KeptVolume::new(&checkpoint, &mut half, 6, &patient);
+    let mut sink = KeptVolume::new(&checkpoint, &mut half, &volume().grid, &patient);
     sink.begin(&made).unwrap();
     assert_eq!(sink.done(), 0);
     sink.take(0, &planes(0..3)).unwrap();
@@ -173,12 +173,38 @@ fn depths_are_handed_on_once_and_in_order() {
     let (checkpoint, _) = opened(&output, &identity);
     let patient = Patient::new(&checkpoint, &Silent);
     let mut rest = volume();
-    let mut sink = KeptVolume::new(&checkpoint, &mut rest, 6, &patient);
+    let mut sink = KeptVolume::new(&checkpoint, &mut rest, &volume().grid, &patient);
     sink.begin(&made).unwrap();
     assert_eq!(sink.done(), 5);
     // A method that divides otherwise gives some depths again.
     sink.take(4, &planes(4..10)).unwrap();
     assert_eq!(rest.samples, planes(0..10));
+}
+
+#[test]
+fn so_many_depths_wait_before_it_is_time_and_the_last_are_left_to_the_result() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = folder.path().join("volume.npz");
+    let identity = Identity::of("test");
+    let checkpoint = Checkpoint::beside(&output, Duration::from_secs(1000));
+    checkpoint.open(&identity, &Silent).unwrap();
+    let patient = Patient::new(&checkpoint, &Silent);
+    let axis = |count| Axis { first: 0.5, pitch: 0.1, count };
+    let grid = Grid { x: axis(1024), y: axis(768), z: axis(8) };
+    let mut volume = Volume { grid, samples: Vec::new() };
+    let mut sink = KeptVolume::new(&checkpoint, &mut volume, &grid, &patient);
+    let plane = vec![Complex32::ONE; grid.plane_len()];
+    // 6 MiB each: 18 wait, then 18, then 12.
+    for first in 0..8 {
+        sink.take(first, &plane).unwrap();
+    }
+    assert_eq!(volume.samples, plane.repeat(8));
+    drop(checkpoint);
+    let (checkpoint, _) = opened(&output, &identity);
+    let mut found = Vec::new();
+    let kept: Vec<u64> = (0..8).filter(|k| checkpoint.recall(Stage::Volume, *k, &mut found)).collect();
+    assert_eq!(kept, [0, 3], "the last two are written as the result at once");
+    assert_eq!(found, plane.repeat(3));
 }
 
 #[test]
@@ -194,6 +220,7 @@ fn a_stop_is_obeyed_after_the_block_is_kept() {
     assert!(keeper.is_due(), "whatever the time");
     keeper.keep(0, &block(0)).unwrap();
     assert_eq!(keeper.kept(), Err(Error::Interrupted));
+    assert!(patient.should_stop(), "another block that was begun meanwhile is not waited for");
     drop(checkpoint);
     assert_eq!(at_hand(&output, &identity), [0]);
     assert!(

@@ -2,6 +2,7 @@
 
 use super::{Checkpoint, Pace, Patient, Stage};
 use crate::error::Result;
+use crate::grid::Grid;
 use crate::plan::WAITING;
 use crate::reconstruct::{Made, VolumeSink};
 use num_complex::Complex32;
@@ -14,6 +15,7 @@ pub struct KeptVolume<'a> {
     inner: &'a mut dyn VolumeSink,
     pace: Pace<'a>,
     plane_len: usize,
+    depths: usize,
     /// Depths that are at hand from the first on.
     done: usize,
     /// Depths that are finished and not kept yet, and the first of them.
@@ -28,15 +30,22 @@ impl std::fmt::Debug for KeptVolume<'_> {
 }
 
 impl<'a> KeptVolume<'a> {
-    /// A sink of planes of `plane_len` voxels before another.
+    /// A sink of the depths of a grid before another.
     pub fn new(
         checkpoint: &'a Checkpoint,
         inner: &'a mut dyn VolumeSink,
-        plane_len: usize,
+        grid: &Grid,
         observer: &'a Patient<'a>,
     ) -> Self {
-        let pace = Pace::new(checkpoint, observer);
-        Self { inner, pace, plane_len, done: 0, waiting: Vec::new(), first: 0 }
+        let (pace, depths) = (Pace::new(checkpoint, observer), grid.z.count);
+        Self { inner, pace, plane_len: grid.plane_len(), depths, done: 0, waiting: Vec::new(), first: 0 }
+    }
+
+    /// Whether planes can wait beside those that do; there is room for all that may, so that it never grows.
+    fn can_wait(&mut self, planes: usize) -> bool {
+        let left = (self.depths - self.first) * self.plane_len;
+        let most = (MOST + planes).min(left) - self.waiting.len();
+        self.waiting.try_reserve_exact(most).is_ok()
     }
 }
 
@@ -64,11 +73,14 @@ impl VolumeSink for KeptVolume<'_> {
         if self.pace.every.is_none() || planes.is_empty() {
             return Ok(());
         }
-        if self.waiting.is_empty() && self.pace.is_due() {
+        let due = self.pace.is_due();
+        // What is complete is written as the result right away.
+        let complete = self.done == self.depths;
+        if self.waiting.is_empty() && (due || !self.can_wait(planes.len())) {
             self.pace.write(Stage::Volume, self.first as u64, planes);
         } else {
             self.waiting.extend_from_slice(planes);
-            if !self.pace.is_due() && self.waiting.len() < MOST {
+            if !due && (complete || self.waiting.len() < MOST) {
                 return Ok(());
             }
             self.pace.write(Stage::Volume, self.first as u64, &self.waiting);

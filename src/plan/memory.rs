@@ -23,8 +23,9 @@ pub fn check_sampling(bytes: u64, spacing: f64, limit: Option<u64>) -> Result<()
     }
 }
 
-/// The most bytes of a volume that wait to be kept for a later run.
-pub const WAITING: u64 = 32 << 20;
+/// The most bytes of a volume that wait to be kept for a later run: less than what the C library would map afresh, so
+/// that they go where blocks of the cube were.
+pub const WAITING: u64 = 16 << 20;
 
 /// The limit of this process, once it is set.
 static LIMIT: OnceLock<u64> = OnceLock::new();

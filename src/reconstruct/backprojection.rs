@@ -29,12 +29,13 @@ mod tiled;
 mod voxels;
 
 use super::batch::Batch;
+use super::handover::Handover;
 use super::tones::{SlabTones, Tones, VolumeTones};
 use super::weights::Weights;
-use super::{Made, Method, VolumeSink, no_room_for};
+use super::{Made, Method, VolumeSink};
 use crate::acquisition::{CubeSource, Setup};
 use crate::error::Result;
-use crate::grid::{Grid, zeros};
+use crate::grid::Grid;
 use crate::progress::{Observer, advance, stage};
 use crate::wave::Geometry;
 use crate::wave::interval::{PathInterval, greater};
@@ -99,12 +100,16 @@ impl Plan {
     /// Bytes for the voxels that are worked on at a time, and for nodes.
     pub(super) fn bytes(&self) -> u64 {
         let plane = (self.grid.x.count as u64).saturating_mul(self.grid.y.count as u64);
-        let planes = |depths: usize| (2 * depths.min(self.grid.z.count) as u64).saturating_mul(plane);
-        let count = match &self.tiled {
-            Some(lattice) => planes(tiled::DEPTHS).saturating_add(lattice.count as u64),
-            None => planes(self.fine.thickness),
+        let (at_once, nodes) = match &self.tiled {
+            Some(lattice) => (tiled::DEPTHS, lattice.count as u64),
+            None => (self.fine.thickness, 0),
         };
-        count.saturating_mul(size_of::<Complex32>() as u64)
+        let depths = self.grid.z.count;
+        // As they are summed, before they are in order.
+        let summed = (at_once.min(depths) as u64).saturating_mul(plane).saturating_add(nodes);
+        summed
+            .saturating_mul(size_of::<Complex32>() as u64)
+            .saturating_add(Handover::bytes(plane, at_once, depths))
     }
 
     /// Bytes that each thread has of its own, about.
@@ -195,41 +200,41 @@ pub(super) fn backprojection(
     let groups = Group::of(setup.array.positions(), (0..setup.array.len()).collect());
     let width = setup.array.len();
     let total = slabs.iter().map(|slab| Block::of(&grid, shape, slab.planes.clone()).len() as u64).sum();
-    let room = (thickness.min(depths) as u64).saturating_mul(grid.plane_len() as u64);
-    let mut planes = zeros(room).ok_or_else(|| no_room_for(&grid))?;
+    let mut handover = Handover::new(sink, &grid, thickness)?;
     stage(observer, "reconstructing", total, || {
         for slab_tones in &slabs {
             let depths = slab_tones.planes.clone();
-            if depths.end <= sink.done() {
+            if depths.end <= handover.done() {
                 advance(observer, Block::of(&grid, shape, depths).len() as u64)?;
                 continue;
             }
-            let tones = slab_tones.of(&compressed.tones, width)?;
-            let heard = Heard::new(&setup, band, greatest, &tones);
-            let groups: Vec<_> = groups.iter().map(|g| (g, g.tones(&tones, width))).collect();
-            let blocks = Block::of(&grid, shape, depths.clone());
-            let images: Vec<[Vec<f32>; 2]> = blocks
-                .par_iter()
-                .with_min_len(batch.least_run(blocks.len()))
-                .map(|block| {
-                    let (centre, half) = (block.centre(&grid), Shape(block.count).half(&grid));
-                    let points = block.points(&grid, &setup.geometry);
-                    let widest = |group: &Group| {
-                        let each =
-                            group.positions.iter().map(|r| half_width(&setup.geometry, centre, half, *r));
-                        each.fold(0.0, greater)
-                    };
-                    let image = heard.image(centre, &points, &groups, widest);
-                    advance(observer, 1).map(|()| image)
-                })
-                .collect::<Result<_>>()?;
-            let planes = &mut planes[..depths.len() * grid.plane_len()];
-            for (block, image) in blocks.iter().zip(&images) {
-                place(block, image, &grid, depths.start, planes);
-            }
-            sink.take(depths.start, planes)?;
+            handover.next(depths.start, depths.len(), |planes| {
+                let tones = slab_tones.of(&compressed.tones, width)?;
+                let heard = Heard::new(&setup, band, greatest, &tones);
+                let groups: Vec<_> = groups.iter().map(|g| (g, g.tones(&tones, width))).collect();
+                let blocks = Block::of(&grid, shape, depths.clone());
+                let images: Vec<[Vec<f32>; 2]> = blocks
+                    .par_iter()
+                    .with_min_len(batch.least_run(blocks.len()))
+                    .map(|block| {
+                        let (centre, half) = (block.centre(&grid), Shape(block.count).half(&grid));
+                        let points = block.points(&grid, &setup.geometry);
+                        let widest = |group: &Group| {
+                            let each =
+                                group.positions.iter().map(|r| half_width(&setup.geometry, centre, half, *r));
+                            each.fold(0.0, greater)
+                        };
+                        let image = heard.image(centre, &points, &groups, widest);
+                        advance(observer, 1).map(|()| image)
+                    })
+                    .collect::<Result<_>>()?;
+                for (block, image) in blocks.iter().zip(&images) {
+                    place(block, image, &grid, depths.start, planes);
+                }
+                Ok(())
+            })?;
         }
-        Ok(())
+        handover.finish()
     })?;
     Ok(made)
 }

@@ -7,6 +7,7 @@
 
 use super::batch::Batch;
 use super::focus::Focus;
+use super::handover::Handover;
 use super::lattice::SharedLattice;
 use super::layout::Layout;
 use super::skeleton::{candidates_for, tones_for};
@@ -152,8 +153,6 @@ fn skeleton_frequencies(
     let made = Made { method: Method::Convolution, error_bound: error * compressed.modulus };
     let total = slabs.iter().map(|slab| (slab.len() * slab.planes.len()) as u64).sum();
     let plane_len = grid.plane_len();
-    let mut planes = zeros(((batch.slabs * thickness).min(depths) as u64).saturating_mul(plane_len as u64))
-        .ok_or_else(|| no_room_for(grid))?;
     // Room for every slab that is worked on at a time, kept from one to the next: what is given back and asked for again
     // an allocator holds twice.
     let most = slabs.iter().map(SlabTones::len).max().unwrap_or(0);
@@ -161,23 +160,24 @@ fn skeleton_frequencies(
     let rooms = (0..batch.slabs.min(slabs.len())).into_par_iter().map(room);
     let mut rooms = rooms.collect::<Result<Vec<_>>>()?;
     sink.begin(&made)?;
+    let mut handover = Handover::new(sink, grid, batch.slabs * thickness)?;
     stage(observer, "reconstructing", total, || {
-        let done = slabs.partition_point(|slab| slab.planes.end <= sink.done());
+        let done = slabs.partition_point(|slab| slab.planes.end <= handover.done());
         let skipped = slabs[..done].iter().map(|slab| (slab.len() * slab.planes.len()) as u64);
         advance(observer, skipped.sum())?;
         for slabs in slabs[done..].chunks(batch.slabs) {
             let first = slabs[0].planes.start;
             let end = slabs[slabs.len() - 1].planes.end;
-            let planes = &mut planes[..(end - first) * plane_len];
-            planes.fill(Complex32::ZERO);
-            let planes_of_slabs = planes.par_chunks_mut(thickness * plane_len).zip(slabs);
-            planes_of_slabs.zip(&mut rooms).try_for_each(|((planes, slab), (tones, spectra))| {
-                slab.select(&compressed.tones, layout.lattice.width(), tones);
-                add(layout, tones, spectra, slab.planes.start, planes, batch, observer)
+            handover.next(first, end - first, |planes| {
+                planes.fill(Complex32::ZERO);
+                let planes_of_slabs = planes.par_chunks_mut(thickness * plane_len).zip(slabs);
+                planes_of_slabs.zip(&mut rooms).try_for_each(|((planes, slab), (tones, spectra))| {
+                    slab.select(&compressed.tones, layout.lattice.width(), tones);
+                    add(layout, tones, spectra, slab.planes.start, planes, batch, observer)
+                })
             })?;
-            sink.take(first, planes)?;
         }
-        Ok(())
+        handover.finish()
     })?;
     Ok(made)
 }

@@ -4,6 +4,7 @@
 
 use super::batch::Batch;
 use super::convolution::{FIRST_SHARE, slab_thickness, usual_batch};
+use super::handover::Handover;
 use super::lattice::SharedLattice;
 use super::layout::Layout;
 use super::skeleton::{DENSER, tones_for, witnesses_for};
@@ -164,13 +165,13 @@ fn of_convolution(
     let microphones = complex(of_volume * setup.array.len() as f64);
     let nodes = complex(of_volume * width);
     let both = if lattice.spreads() { microphones.saturating_add(nodes) } else { nodes };
-    let slab = complex(most * (width + layout.tone_len() as f64))
-        .saturating_add(plane.saturating_mul(thickness as u64 * COMPLEX));
+    let slab = complex(most * (width + layout.tone_len() as f64));
     let compressing = microphones.saturating_add(block_bytes(setup)).saturating_add(bytes_finding);
     let before = compressing.max(both);
     let bytes = |batch: Batch| {
+        let planes = Handover::bytes(plane, batch.slabs * thickness, depths);
         let focusing = slab.saturating_mul(batch.slabs as u64).saturating_add(scratch(batch));
-        let focusing = focusing.saturating_add(kept_block(setup));
+        let focusing = focusing.saturating_add(planes).saturating_add(kept_block(setup));
         let nesting = nesting.saturating_mul(batch.workers.min(depths.div_ceil(thickness)) as u64);
         before.max(nodes.saturating_add(focusing)).saturating_add(nesting)
     };

@@ -12,6 +12,7 @@ use crate::error::Result;
 use crate::grid::{Grid, zeros};
 use crate::progress::{Observer, advance, stage};
 use crate::reconstruct::batch::Batch;
+use crate::reconstruct::handover::Handover;
 use crate::reconstruct::tones::{SlabTones, VolumeTones};
 use crate::reconstruct::weights::Weights;
 use crate::reconstruct::{Made, Method, VolumeSink, no_room_for};
@@ -137,11 +138,9 @@ impl<'a> Tiled<'a> {
             .iter()
             .map(|tile| Group::of(setup.array.positions(), tile.microphones.clone()))
             .collect();
-        let room = || {
-            let count = (DEPTHS.min(grid.z.count) as u64).saturating_mul(grid.plane_len() as u64);
-            zeros(count).ok_or_else(|| no_room_for(grid))
-        };
-        let (mut rows, mut planes) = (room()?, room()?);
+        let count = (DEPTHS.min(grid.z.count) as u64).saturating_mul(grid.plane_len() as u64);
+        let mut rows = zeros(count).ok_or_else(|| no_room_for(grid))?;
+        let mut handover = Handover::new(sink, grid, DEPTHS)?;
         let depths = |from: usize| from..(from + DEPTHS).min(grid.z.count);
         let starts = (0..grid.z.count).step_by(DEPTHS);
         let total =
@@ -149,34 +148,35 @@ impl<'a> Tiled<'a> {
         let mut done = 0;
         stage(observer, "reconstructing", total as u64, || {
             for depths in starts.map(depths) {
-                if depths.end <= sink.done() {
+                if depths.end <= handover.done() {
                     advance(observer, grid.y.count as u64)?;
                     continue;
                 }
-                let needed =
-                    self.nodes.par_iter().map(|tile| self.interpolation.needed_at(&tile.frame, &depths));
-                let needed = needed.reduce(|| 0..0, hull);
-                for slab in &slabs {
-                    let shells = slab.planes.clone();
-                    let (first, last) = (&self.shells[shells.start].0, &self.shells[shells.end - 1].0);
-                    if shells.start < done || first.start >= needed.end {
-                        continue;
+                handover.next(depths.start, depths.len(), |planes| {
+                    let needed =
+                        self.nodes.par_iter().map(|tile| self.interpolation.needed_at(&tile.frame, &depths));
+                    let needed = needed.reduce(|| 0..0, hull);
+                    for slab in &slabs {
+                        let shells = slab.planes.clone();
+                        let (first, last) = (&self.shells[shells.start].0, &self.shells[shells.end - 1].0);
+                        if shells.start < done || first.start >= needed.end {
+                            continue;
+                        }
+                        done = shells.end;
+                        if last.end > needed.start {
+                            self.sum(&setup, slab, &compressed, &groups, batch, observer)?;
+                        } else {
+                            // A job that goes on after its first depths needs nothing nearer.
+                            let patches = self.shells[shells].iter().map(|(_, patches)| patches.len());
+                            advance(observer, patches.sum::<usize>() as u64)?;
+                        }
                     }
-                    done = shells.end;
-                    if last.end > needed.start {
-                        self.sum(&setup, slab, &compressed, &groups, batch, observer)?;
-                    } else {
-                        // A job that goes on after its first depths needs nothing nearer.
-                        let patches = self.shells[shells].iter().map(|(_, patches)| patches.len());
-                        advance(observer, patches.sum::<usize>() as u64)?;
-                    }
-                }
-                let rows = &mut rows[..depths.len() * grid.plane_len()];
-                let each = depths.len() * grid.x.count;
-                rows.par_chunks_exact_mut(each)
-                    .with_min_len(batch.least_run(grid.y.count))
-                    .enumerate()
-                    .try_for_each_init(Buffers::default, |buffers, (y, row)| {
+                    let rows = &mut rows[..depths.len() * grid.plane_len()];
+                    let each = depths.len() * grid.x.count;
+                    rows.par_chunks_exact_mut(each)
+                        .with_min_len(batch.least_run(grid.y.count))
+                        .enumerate()
+                        .try_for_each_init(Buffers::default, |buffers, (y, row)| {
                         buffers.clear(row.len());
                         for tile in &self.nodes {
                             self.interpolation.add(tile, y, &depths, buffers);
@@ -184,15 +184,15 @@ impl<'a> Tiled<'a> {
                         row.iter_mut().zip(buffers.voxels()).for_each(|(to, voxel)| *to = voxel);
                         advance(observer, 1)
                     })?;
-                let planes = &mut planes[..depths.len() * grid.plane_len()];
-                for (z, plane) in planes.chunks_exact_mut(grid.plane_len()).enumerate() {
-                    for (row, all) in plane.chunks_exact_mut(grid.x.count).zip(rows.chunks_exact(each)) {
-                        row.copy_from_slice(&all[z * grid.x.count..][..grid.x.count]);
+                    for (z, plane) in planes.chunks_exact_mut(grid.plane_len()).enumerate() {
+                        for (row, all) in plane.chunks_exact_mut(grid.x.count).zip(rows.chunks_exact(each)) {
+                            row.copy_from_slice(&all[z * grid.x.count..][..grid.x.count]);
+                        }
                     }
-                }
-                sink.take(depths.start, planes)?;
+                    Ok(())
+                })?;
             }
-            Ok(())
+            handover.finish()
         })?;
         Ok(made)
     }
