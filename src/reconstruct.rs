@@ -10,6 +10,7 @@
 //! cannot know the answer.
 
 mod backprojection;
+mod banded;
 mod batch;
 mod choice;
 mod circle;
@@ -27,6 +28,7 @@ mod linear;
 mod plane;
 mod product;
 pub mod skeleton;
+mod slabs;
 mod spread;
 mod taps;
 mod tones;
@@ -255,8 +257,8 @@ fn carry_out(
 ) -> Result<Made> {
     match choice {
         Choice::Direct => direct::direct(source, weights, grid, batch, sink, observer),
-        Choice::Convolution(lattice) => {
-            let divided = (&**lattice, batch);
+        Choice::Convolution(plan) => {
+            let divided = (&**plan, batch);
             convolution::convolution(source, weights, divided, grid, options.tolerance, sink, observer)
         }
         Choice::Backprojection(plan) => {

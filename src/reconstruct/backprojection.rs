@@ -163,6 +163,12 @@ fn interval(setup: &Setup, grid: &Grid, shape: Shape, depths: Range<usize>) -> P
     PathInterval { shortest: paths.shortest - margin, longest: paths.longest + margin, ..paths }
 }
 
+/// Whether a slab takes the tones of another, a little longer: where they are hardly more than its own, which would have
+/// to be found.
+fn share(longer: f64, own: f64, _: usize) -> bool {
+    (0.0..=0.5).contains(&(longer - own))
+}
+
 /// Gives the volume to `sink`.
 ///
 /// Cost: some 130 operations per voxel and microphone for a tolerance of 10⁻⁴ and voxels that sample the image well, by
@@ -188,12 +194,8 @@ pub(super) fn backprojection(
     let whole = interval(&source.setup(), &grid, shape, 0..depths);
     let compressed = VolumeTones::compress(source, weights, whole, FIRST_SHARE * budget.skeletons, observer)?;
     let setup = source.setup();
-    let slabs = compressed.slabs(
-        depths,
-        thickness,
-        |depths| interval(&setup, &grid, shape, depths),
-        budget.skeletons,
-    );
+    let interval = |depths| interval(&setup, &grid, shape, depths);
+    let slabs = compressed.slabs((depths, thickness), interval, share, budget.skeletons);
     let error_bound = budget.error(&slabs) * compressed.modulus;
     let made = Made { method: Method::Backprojection, error_bound };
     sink.begin(&made)?;
@@ -209,7 +211,7 @@ pub(super) fn backprojection(
                 continue;
             }
             handover.next(depths.start, depths.len(), |planes| {
-                let tones = slab_tones.of(&compressed.tones, width)?;
+                let tones = slab_tones.of(&compressed, width)?;
                 let heard = Heard::new(&setup, band, greatest, &tones);
                 let groups: Vec<_> = groups.iter().map(|g| (g, g.tones(&tones, width))).collect();
                 let blocks = Block::of(&grid, shape, depths.clone());

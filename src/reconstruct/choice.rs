@@ -1,7 +1,7 @@
 //! Which method a job takes, and what each would cost.
 
 use super::lattice::SharedLattice;
-use super::{Estimate, Method, ReconstructOptions, backprojection, cost, linear};
+use super::{Estimate, Method, ReconstructOptions, backprojection, convolution, cost, linear};
 use crate::acquisition::Setup;
 use crate::error::{Error, Result};
 use crate::grid::Grid;
@@ -18,7 +18,7 @@ pub fn direct_terms(setup: &Setup, grid: &Grid) -> u64 {
 #[derive(Debug)]
 pub(super) enum Choice {
     Direct,
-    Convolution(Box<SharedLattice>),
+    Convolution(Box<convolution::Plan>),
     Backprojection(Box<backprojection::Plan>),
     Linear(Box<linear::Plan>),
 }
@@ -27,7 +27,7 @@ pub(super) enum Choice {
 #[derive(Debug)]
 pub(super) struct Options {
     estimates: [Estimate; 4],
-    lattice: std::result::Result<SharedLattice, String>,
+    convolution: std::result::Result<convolution::Plan, String>,
     backprojection: Option<backprojection::Plan>,
     linear: std::result::Result<linear::Plan, String>,
 }
@@ -44,8 +44,10 @@ impl Options {
         check(grid, options)?;
         // Spreading and skeletons share the tolerance.
         let lattice = SharedLattice::find(setup, grid, 0.5 * options.tolerance);
+        let convolution =
+            lattice.map(|lattice| convolution::Plan::new(setup, grid, lattice, options.tolerance));
         // Where there is a lattice, convolution is so much faster that dividing the other's work is not worth its time.
-        let wanted = lattice.is_err() || options.method == Method::Backprojection;
+        let wanted = convolution.is_err() || options.method == Method::Backprojection;
         let backprojection = (wanted && options.tolerance > 0.0)
             .then(|| backprojection::Plan::new(setup, grid, options.tolerance));
         let linear = if shown || options.method == Method::Linear {
@@ -54,8 +56,8 @@ impl Options {
             Err("it was not asked for by name".to_owned())
         };
         let estimates =
-            cost::estimates(setup, grid, options, &lattice, backprojection.as_ref(), &linear, threads);
-        Ok(Self { estimates, lattice, backprojection, linear })
+            cost::estimates(setup, grid, options, &convolution, backprojection.as_ref(), &linear, threads);
+        Ok(Self { estimates, convolution, backprojection, linear })
     }
 
     /// The method asked for, or of those possible the one of fewest operations.
@@ -88,12 +90,12 @@ impl Options {
                 format!("\"{name}\" is not possible here: {obstacle}; mend that, or use method = {others}"),
             ));
         }
-        match (chosen.method, self.lattice, self.backprojection) {
+        match (chosen.method, self.convolution, self.backprojection) {
             (Method::Linear, ..) => {
                 let plan = self.linear.map_err(|obstacle| Error::input("reconstruct.method", obstacle))?;
                 Ok((Choice::Linear(Box::new(plan)), None))
             }
-            (Method::Convolution, Ok(lattice), _) => Ok((Choice::Convolution(Box::new(lattice)), None)),
+            (Method::Convolution, Ok(plan), _) => Ok((Choice::Convolution(Box::new(plan)), None)),
             (Method::Backprojection, _, Some(plan)) => Ok((Choice::Backprojection(Box::new(plan)), None)),
             (_, Err(misfit), None) if asked == Method::Auto => {
                 refuse_long_sum(setup, grid, &misfit)?;

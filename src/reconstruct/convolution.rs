@@ -6,11 +6,11 @@
 //! tones instead of all; with tolerance 0 it runs over every one.
 
 use super::batch::Batch;
-use super::focus::Focus;
+use super::focus::Focuses;
 use super::handover::Handover;
 use super::lattice::SharedLattice;
 use super::layout::Layout;
-use super::skeleton::{candidates_for, tones_for};
+use super::slabs::Slabs;
 use super::tones::{SlabTones, Tones, VolumeTones};
 use super::weights::Weights;
 use super::{Made, Method, VolumeSink, no_room, no_room_for};
@@ -18,21 +18,43 @@ use crate::acquisition::{CubeSource, Setup};
 use crate::error::Result;
 use crate::grid::{Grid, room, zeros};
 use crate::progress::{Observer, advance, stage};
-use crate::wave::interval::{PathInterval, greater};
-use crate::wave::simd::{LANES, Lanes};
+use crate::wave::interval::greater;
+use crate::wave::simd::Lanes;
 use num_complex::Complex32;
 use rayon::prelude::*;
-use std::ops::Range;
 
 /// Bytes of data spectra held at a time when every frequency is summed.
 const SPECTRA_BYTES: usize = 256 << 20;
 
+/// What suits so many threads then, where memory does not matter.
+pub(super) fn usual_batch(layout: &Layout, frequencies: usize, threads: usize) -> Batch {
+    let block = SPECTRA_BYTES / (layout.tone_len() * size_of::<Complex32>());
+    Batch { frequencies: block.clamp(1, frequencies), ..Batch::of_threads(threads) }
+}
+
 /// The share of the tolerance that the first of the two compressions may use.
 pub(super) const FIRST_SHARE: f64 = 0.3;
 
+/// How Eq. 16 is carried out for one job.
+#[derive(Debug)]
+pub(super) struct Plan {
+    pub(super) lattice: SharedLattice,
+    /// Where there is a tolerance: how depths are divided.
+    pub(super) slabs: Option<Slabs>,
+}
+
+impl Plan {
+    /// How the kernels of a lattice are summed, to within what the lattice itself leaves of `tolerance`.
+    pub(super) fn new(setup: &Setup, grid: &Grid, lattice: SharedLattice, tolerance: f64) -> Self {
+        let slabs = (tolerance > lattice.error())
+            .then(|| Slabs::new(setup, &Layout::new(&lattice, *grid, setup.geometry)));
+        Self { lattice, slabs }
+    }
+}
+
 /// Adds tones to the planes from `first` on, `[plane, y, x]`; `room` is for their spectra.
 fn add(
-    layout: &Layout,
+    (layout, focuses): (&Layout, &Focuses),
     tones: &Tones,
     room: &mut [Lanes],
     first: usize,
@@ -46,10 +68,10 @@ fn add(
     let planes = planes.par_chunks_mut(layout.grid.plane_len());
     let run = batch.least_run(planes.len());
     planes.with_min_len(run).enumerate().try_for_each_init(
-        || Focus::new(layout),
-        |focus, (iz, voxels)| {
-            let focus = focus.as_mut().map_err(|error| error.clone())?;
-            focus.add(first + iz, &tones.per_metre, spectra, voxels);
+        || focuses.lend(),
+        |lent, (iz, voxels)| {
+            let lent = lent.as_mut().map_err(|error| error.clone())?;
+            lent.focus().add(first + iz, &tones.per_metre, spectra, voxels);
             advance(observer, tones.per_metre.len() as u64)
         },
     )
@@ -63,18 +85,19 @@ fn add(
 pub(super) fn convolution(
     source: &mut dyn CubeSource,
     weights: &Weights,
-    (lattice, batch): (&SharedLattice, Batch),
+    (plan, batch): (&Plan, Batch),
     grid: &Grid,
     tolerance: f64,
     sink: &mut dyn VolumeSink,
     observer: &dyn Observer,
 ) -> Result<Made> {
-    let layout = Layout::new(lattice, *grid, source.setup().geometry);
-    let left = tolerance - lattice.error();
-    if left <= 0.0 {
-        every_frequency(source, weights, &layout, batch, sink, observer)
-    } else {
-        skeleton_frequencies(source, weights, (&layout, batch), left, sink, observer)
+    let layout = Layout::new(&plan.lattice, *grid, source.setup().geometry);
+    match &plan.slabs {
+        None => every_frequency(source, weights, &layout, batch, sink, observer),
+        Some(slabs) => {
+            let left = tolerance - plan.lattice.error();
+            skeleton_frequencies(source, weights, (&layout, slabs, batch), left, sink, observer)
+        }
     }
 }
 
@@ -105,7 +128,7 @@ fn every_frequency(
     let depths = grid.z.count;
     let mut planes = zeros((DEPTHS.min(depths) as u64).saturating_mul(grid.plane_len() as u64))
         .ok_or_else(|| no_room_for(grid))?;
-    let mut spectra = layout.room(block)?;
+    let (mut spectra, focuses) = (layout.room(block)?, Focuses::new(layout));
     sink.begin(&made)?;
     stage(observer, "reconstructing", (count * depths) as u64, || {
         for first in (0..depths).step_by(DEPTHS) {
@@ -123,7 +146,7 @@ fn every_frequency(
                 samples.extend(rows.flat_map(|(f, row)| weights.weighted(f, row)));
                 let samples = layout.lattice.onto_nodes(samples)?;
                 let tones = Tones { per_metre: per_metre[range.clone()].to_vec(), samples };
-                add(layout, &tones, &mut spectra, first, planes, batch, observer)
+                add((layout, &focuses), &tones, &mut spectra, first, planes, batch, observer)
             })?;
             sink.take(first, planes)?;
         }
@@ -136,7 +159,7 @@ fn every_frequency(
 fn skeleton_frequencies(
     source: &mut dyn CubeSource,
     weights: &Weights,
-    (layout, batch): (&Layout, Batch),
+    (layout, division, batch): (&Layout, &Slabs, Batch),
     tolerance: f64,
     sink: &mut dyn VolumeSink,
     observer: &dyn Observer,
@@ -146,9 +169,10 @@ fn skeleton_frequencies(
     let mut compressed = VolumeTones::compress(source, weights, whole, FIRST_SHARE * tolerance, observer)?;
     compressed.tones.samples = layout.lattice.onto_nodes(std::mem::take(&mut compressed.tones.samples))?;
     let setup = source.setup();
-    let thickness = slab_thickness(&setup, layout);
+    let thickness = division.thickness;
     let interval = |planes| setup.path_interval(grid, planes);
-    let slabs = compressed.slabs(depths, thickness, interval, tolerance);
+    let share = |longer, own, depths| division.share(longer, own, depths);
+    let slabs = compressed.slabs((depths, thickness), interval, share, tolerance);
     let error = slabs.iter().map(|slab| slab.error).fold(0.0, greater) + layout.lattice.error();
     let made = Made { method: Method::Convolution, error_bound: error * compressed.modulus };
     let total = slabs.iter().map(|slab| (slab.len() * slab.planes.len()) as u64).sum();
@@ -159,6 +183,7 @@ fn skeleton_frequencies(
     let room = |_| Ok((Tones::room(most, layout.lattice.width())?, layout.room(most)?));
     let rooms = (0..batch.slabs.min(slabs.len())).into_par_iter().map(room);
     let mut rooms = rooms.collect::<Result<Vec<_>>>()?;
+    let focuses = Focuses::new(layout);
     sink.begin(&made)?;
     let mut handover = Handover::new(sink, grid, batch.slabs * thickness)?;
     stage(observer, "reconstructing", total, || {
@@ -172,76 +197,12 @@ fn skeleton_frequencies(
                 planes.fill(Complex32::ZERO);
                 let planes_of_slabs = planes.par_chunks_mut(thickness * plane_len).zip(slabs);
                 planes_of_slabs.zip(&mut rooms).try_for_each(|((planes, slab), (tones, spectra))| {
-                    slab.select(&compressed.tones, layout.lattice.width(), tones);
-                    add(layout, tones, spectra, slab.planes.start, planes, batch, observer)
+                    slab.select(&compressed, layout.lattice.width(), tones);
+                    add((layout, &focuses), tones, spectra, slab.planes.start, planes, batch, observer)
                 })
             })?;
         }
         handover.finish()
     })?;
     Ok(made)
-}
-
-/// Depths per thread that are worked on before they are handed on: enough to keep every thread busy.
-const PLANES_PER_THREAD: usize = 8;
-
-/// As many slabs as take no more numbers than this are worked on at a time anyway, with about so many tones each: threads
-/// take time to wake.
-const SMALL: usize = 1 << 20;
-const TONES: usize = 32;
-
-/// What suits so many threads where memory does not matter.
-pub(super) fn usual_batch(layout: &Layout, thickness: usize, frequencies: usize, threads: usize) -> Batch {
-    let slab = (layout.tone_len() + layout.lattice.width()) * TONES + layout.grid.plane_len() * thickness;
-    let at_once = (PLANES_PER_THREAD * threads / thickness).max(SMALL / slab).max(1);
-    Batch {
-        slabs: at_once.min(layout.grid.z.count.div_ceil(thickness)),
-        frequencies: (SPECTRA_BYTES / (layout.tone_len() * size_of::<Complex32>())).clamp(1, frequencies),
-        workers: threads.max(1),
-    }
-}
-
-/// What skeletons usually may err by.
-const USUAL: f64 = 3e-5;
-
-/// The number of depths per slab that costs least by a fixed model, so that the same job always takes the same path.
-///
-/// Thin slabs need fewer tones each, but every slab pays for its own spectra and decomposition.
-pub(super) fn slab_thickness(setup: &Setup, layout: &Layout) -> usize {
-    let depths = layout.grid.z.count;
-    let points = layout.points() as f64;
-    let paths: Vec<PathInterval> =
-        (0..depths).map(|iz| setup.path_interval(&layout.grid, iz..iz + 1)).collect();
-    // Depths are in order, and so are their paths.
-    let bandwidth_duration = |planes: Range<usize>| {
-        let paths = PathInterval { shortest: paths[planes.start].shortest, ..paths[planes.end - 1] };
-        setup.sweep.bandwidth() * paths.duration()
-    };
-    let of_volume = (2.0 * bandwidth_duration(0..depths) + 8.0).min(setup.sweep.len() as f64);
-    // In transformed points: a decomposition, by its rows and columns, and for a tone its product over all nodes.
-    let decomposed = |spread: f64| {
-        let rows = 1.7 * spread + 36.0;
-        4e4 + 0.18 * rows * rows * candidates_for(spread).min(of_volume)
-    };
-    let product = 0.05 * of_volume * layout.lattice.width() as f64;
-    // On a line, sixteen tones cost what one does.
-    let lanes = if layout.line.is_some() { LANES as f64 } else { 1.0 };
-    let cost = |thickness: usize| -> f64 {
-        (0..depths)
-            .step_by(thickness)
-            .map(|first| {
-                let planes = thickness.min(depths - first);
-                let spread = bandwidth_duration(first..first + planes);
-                let tones = tones_for(spread, USUAL).min(of_volume);
-                let transforms = (planes * layout.pairs() * 2 + layout.node_parts.len()) as f64;
-                (tones / lanes).ceil() * lanes * transforms * points + tones * product + decomposed(spread)
-            })
-            .sum()
-    };
-    let candidates = [1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128];
-    candidates
-        .into_iter()
-        .filter(|&thickness| thickness == 1 || thickness <= depths)
-        .min_by(|&a, &b| cost(a).total_cmp(&cost(b)))
-        .unwrap_or(1)
 }

@@ -3,9 +3,8 @@
 //! The same counts choose the method, so the same job always takes the same path.
 
 use super::batch::Batch;
-use super::convolution::{FIRST_SHARE, slab_thickness, usual_batch};
+use super::convolution::{self, FIRST_SHARE, usual_batch};
 use super::handover::Handover;
-use super::lattice::SharedLattice;
 use super::layout::Layout;
 use super::skeleton::{DENSER, tones_for, witnesses_for};
 use super::tones::{FREQUENCIES, frequencies_at_once};
@@ -40,13 +39,13 @@ pub(super) fn estimates(
     setup: &Setup,
     grid: &Grid,
     options: &ReconstructOptions,
-    lattice: &Result<SharedLattice, String>,
+    convolution: &Result<convolution::Plan, String>,
     backprojection: Option<&backprojection::Plan>,
     linear: &Result<linear::Plan, String>,
     threads: usize,
 ) -> [Estimate; 4] {
-    let convolution = match lattice {
-        Ok(lattice) => of_convolution(setup, grid, options, lattice, threads),
+    let convolution = match convolution {
+        Ok(plan) => of_convolution(setup, grid, options, plan, threads),
         Err(obstacle) => impossible(Method::Convolution, obstacle.clone()),
     };
     let backprojection = match backprojection {
@@ -122,32 +121,32 @@ fn of_convolution(
     setup: &Setup,
     grid: &Grid,
     options: &ReconstructOptions,
-    lattice: &SharedLattice,
+    plan: &convolution::Plan,
     threads: usize,
 ) -> Estimate {
+    let lattice = &plan.lattice;
     let layout = Layout::new(lattice, *grid, setup.geometry);
     let (depths, plane) = (grid.z.count, (grid.x.count as u64).saturating_mul(grid.y.count as u64));
     let points = layout.points() as f64;
     // Phases, two transforms with what symmetry and pruning save of them, the product and the sum.
     let pair = points * (20.0 + TRANSFORM * 7.5 * points.log2()) * layout.pairs() as f64;
     let spectra = points * (TRANSFORM * 5.0 * points.log2()) * layout.node_parts.len() as f64;
-    let thickness = slab_thickness(setup, &layout);
-    let usual = usual_batch(&layout, thickness, setup.sweep.len(), threads);
     let scratch = 12 * layout.points().saturating_mul(layout.node_parts.len()) as u64;
     let scratch = |batch: Batch| scratch.saturating_mul(batch.workers as u64);
-    let left = options.tolerance - lattice.error();
-    if left <= 0.0 {
+    let Some(slabs) = &plan.slabs else {
         let n_f = setup.sweep.len() as f64;
         // Spectra, and the samples that they are made of, as they are read and weighted.
         let tone = COMPLEX * (layout.tone_len() + 2 * setup.array.len()) as u64;
-        let slab = (super::convolution::DEPTHS.min(depths) as u64 * COMPLEX).saturating_mul(plane);
+        let slab = (convolution::DEPTHS.min(depths) as u64 * COMPLEX).saturating_mul(plane);
         let bytes = |batch: Batch| {
             let spectra = tone.saturating_mul(batch.frequencies as u64);
             spectra.saturating_add(scratch(batch)).saturating_add(slab)
         };
         let operations = n_f * (depths as f64 * pair + spectra);
+        let usual = usual_batch(&layout, setup.sweep.len(), threads);
         return possible(Method::Convolution, operations, options, usual, bytes);
-    }
+    };
+    let (thickness, left) = (slabs.thickness, options.tolerance - lattice.error());
     let whole = setup.path_interval(grid, 0..depths);
     let of_volume = virtual_tones::count(setup.sweep, &whole, FIRST_SHARE * left) as f64;
     let width = lattice.width() as f64;
@@ -175,7 +174,7 @@ fn of_convolution(
         let nesting = nesting.saturating_mul(batch.workers.min(depths.div_ceil(thickness)) as u64);
         before.max(nodes.saturating_add(focusing)).saturating_add(nesting)
     };
-    possible(Method::Convolution, operations, options, usual, bytes)
+    possible(Method::Convolution, operations, options, slabs.usual_batch(&layout, threads), bytes)
 }
 
 /// The estimate of a method that can be used, in batches that keep to the memory there is.

@@ -7,6 +7,7 @@ use crate::error::Result;
 use crate::grid::no_room_for;
 use crate::wave::simd::Lanes;
 use num_complex::Complex32;
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// Geometry of one depth, and buffers that are used again and again.
 #[derive(Debug)]
@@ -15,12 +16,60 @@ pub(super) enum Focus<'a> {
     Line(Line<'a>),
 }
 
+/// Buffers of all threads, kept from one slab to the next: what is given back and asked for again has to be cleared, and
+/// a large one mapped again.
+#[derive(Debug)]
+pub(super) struct Focuses<'a> {
+    layout: &'a Layout<'a>,
+    idle: Mutex<Vec<Focus<'a>>>,
+}
+
+/// One of them, while a thread has it.
+#[derive(Debug)]
+pub(super) struct Lent<'p, 'a> {
+    from: &'p Focuses<'a>,
+    focus: Option<Focus<'a>>,
+}
+
+impl<'a> Focuses<'a> {
+    /// None yet.
+    pub(super) fn new(layout: &'a Layout<'a>) -> Self {
+        Self { layout, idle: Mutex::new(Vec::new()) }
+    }
+
+    /// An idle one, or another.
+    ///
+    /// # Errors
+    /// It does not fit in memory.
+    pub(super) fn lend(&self) -> Result<Lent<'_, 'a>> {
+        let idle = self.idle().pop();
+        let focus = idle.map_or_else(|| Focus::new(self.layout), Ok)?;
+        Ok(Lent { from: self, focus: Some(focus) })
+    }
+
+    fn idle(&self) -> MutexGuard<'_, Vec<Focus<'a>>> {
+        self.idle.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl<'a> Lent<'_, 'a> {
+    pub(super) fn focus(&mut self) -> &mut Focus<'a> {
+        self.focus.as_mut().expect("it is given back at the end alone")
+    }
+}
+
+impl Drop for Lent<'_, '_> {
+    fn drop(&mut self) {
+        self.from.idle().extend(self.focus.take());
+    }
+}
+
 impl<'a> Focus<'a> {
     /// Buffers for one thread.
     ///
     /// # Errors
     /// They do not fit in memory.
-    pub(super) fn new(layout: &'a Layout<'a>) -> Result<Self> {
+    fn new(layout: &'a Layout<'a>) -> Result<Self> {
         let focus = match layout.line {
             Some(axis) => Line::new(layout, axis).map(Self::Line),
             None => Plane::new(layout).map(Self::Plane),

@@ -138,6 +138,11 @@ impl Skeleton {
         &self.chosen
     }
 
+    /// `W[q, n]` where delays are counted from the interval's middle: all that it depends on is how long the interval is.
+    pub(super) fn about_middle(&self, q: usize, n: usize) -> f64 {
+        self.weights[(q, n)]
+    }
+
     /// `W[q, n]`.
     pub fn weight(&self, q: usize, n: usize) -> Complex64 {
         // Delays were counted from the interval's middle; this counts them from zero again.

@@ -5,11 +5,15 @@
 //! least-squares interpolator φ, and adding each sample to a few nodes with those weights gives the same image. The
 //! number of taps follows from the error, which is measured on the spherical kernels themselves.
 
+#![allow(clippy::inline_always, clippy::needless_range_loop)]
+
 use super::taps::Taps;
 use crate::grid::Axis;
-use num_complex::{Complex32, Complex64};
+use crate::wave::interval::greater;
+use crate::wave::simd::{LANES, dispatched, sin_cos_exact};
+use num_complex::Complex32;
 use rayon::prelude::*;
-use std::f64::consts::PI;
+use std::f64::consts::{PI, TAU};
 
 /// The kernels that an axis of nodes has to carry: `e^{−ik√(x² + h²)}` for |x| up to `aside` and any h from `height`
 /// on.
@@ -51,6 +55,9 @@ pub(super) struct Interpolator {
 /// twelve leave 10⁻³. The image errs much less, since the errors of many microphones do not add up.
 pub(super) const FILLS: [f64; 6] = [0.7, 0.6, 0.5, 0.375, 0.25, 0.125];
 
+/// Errors are measured from where that would be such a part of the tolerance: what they usually come to in the end.
+const BEGIN: f64 = 0.5;
+
 /// The most taps that are tried.
 const MOST_TAPS: usize = 22;
 
@@ -58,16 +65,30 @@ impl Interpolator {
     /// The shortest interpolator that carries the kernels on nodes `pitch` m apart to within `tolerance`, or the
     /// longest that is tried, with an error above it.
     pub(super) fn new(kernels: &Kernels, pitch: f64, tolerance: f64) -> Self {
-        let mut taps = 2;
-        loop {
-            let edge = kernels.band(pitch * taps as f64 / 2.0) * pitch;
-            let mut interpolator = Self { taps: Taps::new(taps, edge), error: 0.0 };
+        let edge = |taps: usize| kernels.band(pitch * taps as f64 / 2.0) * pitch;
+        let of = |taps: usize| {
+            let mut interpolator = Self { taps: Taps::new(taps, edge(taps)), error: 0.0 };
             interpolator.error = interpolator.measure(kernels, pitch, tolerance);
-            if interpolator.error <= tolerance || taps >= MOST_TAPS {
-                return interpolator;
-            }
+            interpolator
+        };
+        // With each two taps more the error falls by about tan²(edge/4), from one.
+        let about = |taps: usize| (edge(taps) / 4.0).tan().powi(taps as i32);
+        let usual = (2..MOST_TAPS).step_by(2).find(|taps| about(*taps) <= BEGIN * tolerance);
+        let begin = usual.unwrap_or(MOST_TAPS);
+        let (mut taps, mut found) = (begin, of(begin));
+        while found.error > tolerance && taps < MOST_TAPS {
             taps += 2;
+            found = of(taps);
         }
+        // Where the first did already, fewer may.
+        while found.error <= tolerance && taps <= begin && taps > 2 {
+            let fewer = of(taps - 2);
+            if fewer.error > tolerance {
+                break;
+            }
+            (taps, found) = (taps - 2, fewer);
+        }
+        found
     }
 
     /// Number of nodes each sample goes to.
@@ -78,20 +99,23 @@ impl Interpolator {
     /// The greatest `|K(x) − Σ_a w_a K(x_a)|` over the kernels, and between two nodes; the search ends with the first
     /// place where it is above `enough`.
     fn measure(&self, kernels: &Kernels, pitch: f64, enough: f64) -> f64 {
-        let mut worst = 0.0f64;
+        let mut worst = 0.0;
         // From the middle on, where most interpolators err most; the other half is the mirror image, and on a node there is
         // no error.
-        for i in [4, 3, 2, 1] {
-            let t = f64::from(i) / 8.0;
-            let weights = self.taps.weights(t);
+        for t in [4, 3, 2, 1].map(|i| f64::from(i) / 8.0) {
+            let (mut offsets, mut weights) = ([0.0; PLACES], [0.0; PLACES]);
+            for (a, w) in self.taps.weights(t).into_iter().enumerate() {
+                offsets[a] = pitch * ((a as isize + self.taps.first()) as f64 - t);
+                weights[a] = w;
+            }
+            // And the place itself.
+            weights[self.taps()] = -1.0;
             // Low kernels bend most, high ones are nearly plane waves; both are steepest far aside.
             for height in [1.0, 1.5, 3.0].map(|factor| factor * kernels.height) {
-                let kernel = |x: f64| Complex64::cis(-kernels.wavenumber * (x * x + height * height).sqrt());
                 for j in (0..=20).rev().flat_map(|j| [-j, j]) {
-                    let x = kernels.aside * f64::from(j) / 20.0;
-                    let node = |a: usize| x + pitch * ((a as isize + self.taps.first()) as f64 - t);
-                    let sum: Complex64 = weights.iter().enumerate().map(|(a, w)| kernel(node(a)) * w).sum();
-                    worst = worst.max((kernel(x) - sum).norm());
+                    let (x, mut sum) = (kernels.aside * f64::from(j) / 20.0, [0.0; 2]);
+                    sum_of_kernels(kernels.wavenumber / TAU, [x, height], &offsets, &weights, &mut sum);
+                    worst = greater(worst, sum[0].hypot(sum[1]));
                     if worst > enough {
                         return worst;
                     }
@@ -100,6 +124,40 @@ impl Interpolator {
         }
         worst
     }
+}
+
+/// Places at which kernels are summed, whole lanes of them: the taps and one more.
+const PLACES: usize = (MOST_TAPS + 1).next_multiple_of(LANES);
+
+#[inline(always)]
+fn sum_of_kernels_body(
+    cycles_per_metre: f64,
+    [x, height]: [f64; 2],
+    offsets: &[f64; PLACES],
+    weights: &[f64; PLACES],
+    sum: &mut [f64; 2],
+) {
+    let (mut re, mut im) = ([0.0; LANES], [0.0; LANES]);
+    for (offsets, weights) in offsets.as_chunks::<LANES>().0.iter().zip(weights.as_chunks::<LANES>().0) {
+        for l in 0..LANES {
+            let at = x + offsets[l];
+            let (sin, cos) = sin_cos_exact((at * at + height * height).sqrt() * cycles_per_metre);
+            re[l] += weights[l] * cos;
+            im[l] += weights[l] * sin;
+        }
+    }
+    *sum = [re.iter().sum(), im.iter().sum()];
+}
+
+dispatched! {
+    /// `Σ w e^{i2π·cycles_per_metre·√((x + offset)² + height²)}`.
+    fn sum_of_kernels = sum_of_kernels_body(
+        cycles_per_metre: f64,
+        place: [f64; 2],
+        offsets: &[f64; PLACES],
+        weights: &[f64; PLACES],
+        sum: &mut [f64; 2],
+    )
 }
 
 /// Where one microphone goes along one axis: the first node, and the weights from there on.
@@ -134,7 +192,7 @@ impl Footprint {
 }
 
 /// Microphones whose footprints one thread works out at a time.
-const AT_ONCE: usize = 256;
+const AT_ONCE: usize = 64;
 
 /// Footprints of microphones at `places`, x and y, m, of which `along` tells those along an axis.
 pub(super) fn footprints(
@@ -182,6 +240,7 @@ pub(super) fn spread(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use num_complex::Complex64;
 
     fn kernels(height: f64) -> Kernels {
         Kernels { wavenumber: 366.0, height, aside: 0.7 }

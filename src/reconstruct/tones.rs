@@ -4,27 +4,24 @@
 //! Sums run over fixed blocks of frequencies and microphones, so neither threads nor memory change the bytes.
 
 use super::no_room;
-use super::skeleton::skeleton;
+use super::skeleton::{Skeleton, skeleton};
 use super::virtual_tones::VirtualTones;
 use super::weights::Weights;
 use crate::acquisition::CubeSource;
 use crate::error::Result;
 use crate::grid::{room, zeros};
 use crate::progress::{Observer, advance, stage};
-use crate::wave::interval::PathInterval;
+use crate::wave::interval::{PathInterval, turned};
 use crate::wave::simd::leave_wide_registers;
 use faer::linalg::matmul::matmul;
-use faer::prelude::ReborrowMut;
 use faer::{Accum, Mat, MatMut, MatRef, Par, c32};
 use num_complex::Complex32;
 use rayon::prelude::*;
 use std::ops::Range;
+use std::sync::Arc;
 
 /// Columns of a product that one thread takes at a time, at the least and at the most.
 const BLOCK: [usize; 2] = [64, 1024];
-
-/// Samples whose moduli one thread sums at a time.
-const SUMMED: usize = 1 << 14;
 
 /// Frequencies of one product. Part of the order of sums, so it is fixed.
 pub(super) const FREQUENCIES: usize = 64;
@@ -74,8 +71,10 @@ pub(super) struct VolumeTones {
 pub(super) struct SlabTones {
     /// The depths that share them.
     pub(super) planes: Range<usize>,
-    chosen: Vec<usize>,
-    weights: Mat<c32>,
+    /// The delay in the middle of their paths, s.
+    middle: f64,
+    /// For delays about the middle, these or longer ones.
+    skeleton: Arc<Skeleton>,
     /// A bound of the two steps' error together, relative to one.
     pub(super) error: f64,
 }
@@ -99,92 +98,91 @@ impl VolumeTones {
         let mut modulus = 0.0;
         stage(observer, "compressing the sweep", n_f as u64, || {
             source.visit(frequencies_at_once(n_mic), &mut |range, block| {
-                let moduli: Vec<f64> = block
-                    .par_chunks_exact(n_mic)
-                    .with_min_len(SUMMED / n_mic + 1)
-                    .zip(range.clone())
-                    .map(|(row, f)| weights.modulus(f, row))
-                    .collect();
-                modulus += moduli.iter().sum::<f64>();
-                let products: Vec<_> = (range.clone())
-                    .step_by(FREQUENCIES)
-                    .map(|first| found.weights(first..(first + FREQUENCIES).min(range.end), weights))
-                    .collect();
-                let products: Vec<_> = products.iter().map(|(tones, w)| (tones.start, w.as_ref())).collect();
-                add_products(&products, block, n_mic, &mut samples);
+                modulus += found.add(range.clone(), block, weights, &mut samples);
                 advance(observer, range.len() as u64)
             })
         })?;
-        for row in samples.chunks_exact_mut(n_mic) {
-            for (m, w) in row.iter_mut().zip(&weights.microphone) {
-                *m *= w;
-            }
-        }
+        found.finish(weights, &mut samples);
         let VirtualTones { error, growth, .. } = found;
         Ok(Self { tones: Tones { per_metre, samples }, modulus, frequencies, error, growth })
     }
 
-    /// The tones of every slab of so many `depths`, `thickness` at a time, whose path lengths `interval` tells.
+    /// The tones of every slab of so many depths, so many at a time, whose path lengths `interval` tells.
+    ///
+    /// About the middle of an interval, weights depend on its duration alone: a slab takes the skeleton of one before it
+    /// where `share` says so, of the durations of both, times the bandwidth, and of its own depths.
     pub(super) fn slabs(
         &self,
-        depths: usize,
-        thickness: usize,
-        interval: impl Fn(Range<usize>) -> PathInterval + Sync,
+        (depths, thickness): (usize, usize),
+        interval: impl Fn(Range<usize>) -> PathInterval,
+        share: impl Fn(f64, f64, usize) -> bool,
         tolerance: f64,
     ) -> Vec<SlabTones> {
-        let slab = |first: usize| {
-            let planes = first..(first + thickness).min(depths);
-            self.nest(planes.clone(), interval(planes), tolerance)
+        let planes = |first: usize| first..(first + thickness).min(depths);
+        let slabs: Vec<_> = (0..depths)
+            .step_by(thickness)
+            .map(planes)
+            .map(|planes| (interval(planes.clone()), planes))
+            .collect();
+        let bandwidth = self.frequencies[self.frequencies.len() - 1] - self.frequencies[0];
+        let spread = |interval: &PathInterval| bandwidth * interval.duration();
+        // The first slab of those that share is the longest.
+        let mut longest: Vec<PathInterval> = Vec::new();
+        let mut takes = Vec::with_capacity(slabs.len());
+        for (interval, planes) in &slabs {
+            let shared = |longest: &PathInterval| share(spread(longest), spread(interval), planes.len());
+            if !longest.last().is_some_and(shared) {
+                longest.push(*interval);
+            }
+            takes.push(longest.len() - 1);
+        }
+        let skeleton = |interval: PathInterval| {
+            Arc::new(skeleton(&self.frequencies, interval, (tolerance - self.error) / self.growth))
         };
-        (0..depths).into_par_iter().step_by(thickness).map(slab).collect()
-    }
-
-    /// Finds the tones of a slab among those of the volume, so that both steps together stay within `tolerance`.
-    fn nest(&self, planes: Range<usize>, interval: PathInterval, tolerance: f64) -> SlabTones {
-        let inner = skeleton(&self.frequencies, interval, (tolerance - self.error) / self.growth);
-        let weights = Mat::from_fn(inner.chosen().len(), self.frequencies.len(), |q, k| {
-            let w = inner.weight(q, k);
-            Complex32::new(w.re as f32, w.im as f32)
-        });
-        let error = self.error + self.growth * inner.error();
-        SlabTones { planes, chosen: inner.chosen().to_vec(), weights, error }
+        let skeletons: Vec<_> = longest.into_par_iter().map(skeleton).collect();
+        let tones = |((interval, planes), index): ((PathInterval, Range<usize>), usize)| {
+            let skeleton = Arc::clone(&skeletons[index]);
+            let error = self.error + self.growth * skeleton.error();
+            SlabTones { planes, middle: interval.middle(), skeleton, error }
+        };
+        slabs.into_iter().zip(takes).map(tones).collect()
     }
 }
 
 impl SlabTones {
     /// Number of tones.
     pub(super) fn len(&self) -> usize {
-        self.chosen.len()
+        self.skeleton.chosen().len()
     }
 
     /// The slab's tones from the volume's, whose rows are `width` wide.
     ///
     /// # Errors
     /// They do not fit in memory.
-    pub(super) fn of(&self, volume: &Tones, width: usize) -> Result<Tones> {
+    pub(super) fn of(&self, volume: &VolumeTones, width: usize) -> Result<Tones> {
         let mut tones = Tones::room(self.len(), width)?;
         self.select(volume, width, &mut tones);
         Ok(tones)
     }
 
     /// The same in place of others, in their room if they have enough.
-    pub(super) fn select(&self, volume: &Tones, width: usize, tones: &mut Tones) {
+    pub(super) fn select(&self, volume: &VolumeTones, width: usize, tones: &mut Tones) {
+        let chosen = self.skeleton.chosen();
+        let turns: Vec<_> = volume.frequencies.iter().map(|f| turned(f * self.middle)).collect();
+        let weights = Mat::from_fn(chosen.len(), turns.len(), |q, k| {
+            let w = self.skeleton.about_middle(q, k) * turns[chosen[q]] * turns[k].conj();
+            Complex32::new(w.re as f32, w.im as f32)
+        });
         tones.samples.clear();
         tones.samples.resize(self.len() * width, Complex32::ZERO);
-        add_products(&[(0, self.weights.as_ref())], &volume.samples, width, &mut tones.samples);
+        add_product(weights.as_ref(), &volume.tones.samples, width, &mut tones.samples);
         tones.per_metre.clear();
-        tones.per_metre.extend(self.chosen.iter().map(|&q| volume.per_metre[q]));
+        tones.per_metre.extend(chosen.iter().map(|&q| volume.tones.per_metre[q]));
     }
 }
 
-/// For each `(first, w)` in turn `rows[first ..] += w · samples`, with the next of `samples`; these and `rows` are in rows of
-/// `width`.
-fn add_products(
-    products: &[(usize, MatRef<'_, c32>)],
-    samples: &[Complex32],
-    width: usize,
-    rows: &mut [Complex32],
-) {
+/// `rows += w · samples`, both in rows of `width`.
+fn add_product(w: MatRef<'_, c32>, samples: &[Complex32], width: usize, rows: &mut [Complex32]) {
     let samples = MatRef::from_row_major_slice(samples, samples.len() / width, width);
     // A few for each thread, but no scraps.
     let columns = (width / 8).next_multiple_of(BLOCK[0]).clamp(BLOCK[0], BLOCK[1]);
@@ -196,14 +194,9 @@ fn add_products(
         rest = others;
     }
     blocks.push(rest);
-    blocks.into_par_iter().enumerate().for_each(|(index, mut block)| {
-        let mut from = samples.subcols(index * columns, block.ncols());
-        for (first, w) in products {
-            let (these, others) = from.split_at_row(w.ncols());
-            let rows = block.rb_mut().subrows_mut(*first, w.nrows());
-            matmul(rows, Accum::Add, w, these, Complex32::ONE, Par::Seq);
-            from = others;
-        }
+    blocks.into_par_iter().enumerate().for_each(|(index, block)| {
+        let samples = samples.subcols(index * columns, block.ncols());
+        matmul(block, Accum::Add, w, samples, Complex32::ONE, Par::Seq);
         leave_wide_registers();
     });
 }

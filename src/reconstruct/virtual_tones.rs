@@ -10,11 +10,12 @@
 //! sweep costs a dozen products per sample, whatever T is. Towards the ends of the band the nodes draw together, as
 //! Chebyshev points do, so that one-sided windows are as exact as those amid the band, and no tone is needed beyond it.
 
+use super::banded::Banded;
 use super::taps::Taps;
 use super::weights::Weights;
 use crate::acquisition::Sweep;
 use crate::wave::interval::{PathInterval, greater, turned};
-use faer::{Mat, c32};
+use faer::Mat;
 use num_complex::{Complex32, Complex64};
 use rayon::prelude::*;
 use std::f64::consts::PI;
@@ -25,6 +26,9 @@ const OVERSAMPLING: f64 = 2.0;
 
 /// The ends of the band within which nodes draw together, in nodes per tap.
 const END: f64 = 0.3;
+
+/// Samples that one thread turns at a time, at the least.
+const SUMMED: usize = 1 << 14;
 
 /// The most taps that are tried.
 const MOST_TAPS: usize = 24;
@@ -183,21 +187,43 @@ impl VirtualTones {
         &self.frequencies
     }
 
-    /// The virtual tones that measured ones of `range` go to, and W for them with the weights of a window,
-    /// `[tones, range]`.
-    pub(super) fn weights(&self, range: Range<usize>, window: &Weights) -> (Range<usize>, Mat<c32>) {
-        let taps = self.weights.nrows();
-        let tones = self.first[range.start]..self.first[range.end - 1] + taps;
-        let [measured, virtual_ones] = &self.turns;
-        let mut weights = Mat::zeros(tones.len(), range.len());
-        for (column, n) in range.enumerate() {
-            for (a, w) in self.weights.col_as_slice(n).iter().enumerate() {
-                let k = self.first[n] + a;
-                let w = virtual_ones[k] * measured[n].conj() * (w * f64::from(window.frequency[n]));
-                weights[(k - tones.start, column)] = Complex32::new(w.re as f32, w.im as f32);
-            }
-        }
-        (tones, weights)
+    /// Adds measured samples of `range`, `[range, n_mic]`, with the weights of a window over frequencies, to virtual ones
+    /// `[tones, n_mic]`, about the interval's middle; gives `Σ|w m|`.
+    pub(super) fn add(
+        &self,
+        range: Range<usize>,
+        samples: &[Complex32],
+        window: &Weights,
+        rows: &mut [Complex32],
+    ) -> f64 {
+        let frequency = &window.frequency[range.clone()];
+        let turn = |(turn, w): (&Complex64, &f32)| {
+            let turn = turn.conj() * f64::from(*w);
+            Complex32::new(turn.re as f32, turn.im as f32)
+        };
+        let weights: Vec<f32> =
+            range.clone().flat_map(|n| self.weights.col_as_slice(n)).map(|w| *w as f32).collect();
+        let turns: Vec<_> = self.turns[0][range.clone()].iter().zip(frequency).map(turn).collect();
+        let moduli: Vec<_> = frequency.iter().map(|w| w.abs()).collect();
+        let banded = Banded {
+            first: &self.first[range.clone()],
+            taps: self.weights.nrows(),
+            weights: &weights,
+            turns: &turns,
+            moduli: &moduli,
+        };
+        banded.add(samples, &window.microphone, rows)
+    }
+
+    /// Turns samples of virtual tones `[tones, n_mic]`, to which all measured ones were added, back to delays from zero,
+    /// with the weights of a window over microphones.
+    pub(super) fn finish(&self, window: &Weights, rows: &mut [Complex32]) {
+        let n_mic = window.microphone.len();
+        let rows = rows.par_chunks_exact_mut(n_mic).with_min_len(SUMMED / n_mic + 1);
+        rows.zip(&self.turns[1]).for_each(|(row, turn)| {
+            let turn = Complex32::new(turn.re as f32, turn.im as f32);
+            row.iter_mut().zip(&window.microphone).for_each(|(m, w)| *m *= turn * w);
+        });
     }
 }
 
@@ -223,29 +249,40 @@ mod tests {
         Sweep::from_frequencies("f", f).expect("ascending")
     }
 
+    /// W as the product carries it out, `[virtual, measured]`: what becomes of one microphone for each tone, which hears
+    /// that tone alone.
+    fn weights(found: &VirtualTones, count: usize) -> Vec<Complex32> {
+        let ones = Weights { frequency: vec![1.0; count], microphone: vec![1.0; count] };
+        let mut rows = vec![Complex32::ZERO; found.frequencies().len() * count];
+        let starts = (0..count).step_by(300);
+        let mut modulus = 0.0;
+        for range in starts.map(|first| first..(first + 300).min(count)) {
+            let mut samples = vec![Complex32::ZERO; range.len() * count];
+            for (row, n) in samples.chunks_exact_mut(count).zip(range.clone()) {
+                row[n] = Complex32::ONE;
+            }
+            modulus += found.add(range, &samples, &ones, &mut rows);
+        }
+        assert!((modulus - count as f64).abs() < 1e-4 * count as f64);
+        found.finish(&ones, &mut rows);
+        rows
+    }
+
     /// `e^{−i2πfτ} − Σ_k W[n, k] e^{−i2πf_kτ}` as written, at its greatest over places of its own.
     fn literal_error(sweep: &Sweep, interval: PathInterval, found: &VirtualTones) -> f64 {
-        let ones = Weights { frequency: vec![1.0; sweep.len()], microphone: vec![1.0] };
+        let (count, weights) = (sweep.len(), weights(found, sweep.len()));
         let mut worst = 0.0f64;
-        let starts = (0..sweep.len()).step_by(64);
-        for range in starts.map(|first| first..(first + 64).min(sweep.len())) {
-            let (tones, weights) = found.weights(range.clone(), &ones);
-            for i in 0..=100 {
-                let path = interval.shortest + (interval.longest - interval.shortest) * f64::from(i) / 100.0;
-                let tone = |f: f64| Complex64::cis(-TAU * (f * path / interval.sound_speed).fract());
-                let virtual_ones: Vec<Complex64> =
-                    found.frequencies()[tones.clone()].iter().map(|f| tone(*f)).collect();
-                for (column, n) in range.clone().enumerate() {
-                    let sum: Complex64 = virtual_ones
-                        .iter()
-                        .enumerate()
-                        .map(|(k, e)| {
-                            Complex64::new(weights[(k, column)].re.into(), weights[(k, column)].im.into()) * e
-                        })
-                        .sum();
-                    worst = worst.max((tone(sweep.frequencies()[n]) - sum).norm());
+        for i in 0..=100 {
+            let path = interval.shortest + (interval.longest - interval.shortest) * f64::from(i) / 100.0;
+            let tone = |f: f64| Complex64::cis(-TAU * (f * path / interval.sound_speed).fract());
+            let mut left: Vec<Complex64> = sweep.frequencies().iter().map(|f| tone(*f)).collect();
+            for (f, weights) in found.frequencies().iter().zip(weights.chunks_exact(count)) {
+                let e = tone(*f);
+                for (left, w) in left.iter_mut().zip(weights) {
+                    *left -= Complex64::new(w.re.into(), w.im.into()) * e;
                 }
             }
+            worst = left.iter().map(|left| left.norm()).fold(worst, f64::max);
         }
         worst
     }

@@ -18,7 +18,8 @@ pub use sweep::SweepSamples;
 
 use num_complex::Complex32;
 use range::{back_project_body, range_profiles_body};
-use sweep::{sin_cos_exact, weighted_sweep_body};
+pub(crate) use sweep::sin_cos_exact;
+use sweep::weighted_sweep_body;
 
 /// Terms per block: the two stages pass through a buffer of this size, which stays in the first-level cache.
 pub const BLOCK: usize = 256;

@@ -6,7 +6,7 @@ use super::nodes::{Lattice, SHARE, USUAL_GROWTH};
 use super::patches::Patch;
 use super::profile::Band;
 use super::voxels::{BEYOND, Buffers, Interpolation, TileNodes, hull};
-use super::{Budget, FIRST_SHARE, Heard, MOST_SLABS, SERIES_SHARE};
+use super::{Budget, FIRST_SHARE, Heard, MOST_SLABS, SERIES_SHARE, share};
 use crate::acquisition::{CubeSource, Setup, Tile};
 use crate::error::Result;
 use crate::grid::{Grid, zeros};
@@ -129,7 +129,7 @@ impl<'a> Tiled<'a> {
             self.interval(&setup, &(first.start..last.end))
         };
         let together = self.shells.len().div_ceil(MOST_SLABS);
-        let slabs = compressed.slabs(self.shells.len(), together, interval, budget.skeletons);
+        let slabs = compressed.slabs((self.shells.len(), together), interval, share, budget.skeletons);
         let error_bound = (inexact + growth * budget.error(&slabs)) * compressed.modulus;
         let made = Made { method: Method::Backprojection, error_bound };
         sink.begin(&made)?;
@@ -208,7 +208,7 @@ impl<'a> Tiled<'a> {
         observer: &dyn Observer,
     ) -> Result<()> {
         let width = setup.array.len();
-        let tones = slab.of(&compressed.tones, width)?;
+        let tones = slab.of(compressed, width)?;
         let heard = Heard::new(setup, self.band, self.greatest, &tones);
         let split: Vec<Vec<_>> = groups
             .iter()

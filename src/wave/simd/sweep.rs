@@ -72,7 +72,7 @@ pub(super) fn weighted_sweep_body(
 
 /// `(sin, cos)` of so many turns to 10⁻¹⁰: what is repeated 64 times must not err by more than its f32 rounding.
 #[inline(always)]
-pub(super) fn sin_cos_exact(cycles: f64) -> (f64, f64) {
+pub(crate) fn sin_cos_exact(cycles: f64) -> (f64, f64) {
     let t = std::f64::consts::PI * (cycles - ((cycles + ROUND) - ROUND));
     let u = -t * t;
     // Taylor series of sin t and cos t on |t| ≤ π/2, 1/n! step by step; then the double angle.
