@@ -7,9 +7,9 @@ use super::lanes::LaneFft;
 use super::lattice::Parts;
 use super::layout::Layout;
 use super::product::{focus, multiply};
-use crate::grid::filled;
+use crate::grid::{filled, room};
 use crate::wave::Geometry;
-use crate::wave::simd::{LANES, Lanes, ROWS, lane_phasors};
+use crate::wave::simd::{LANES, Lanes, ROWS, lane_phasors, tone_phasors};
 use glam::DVec3;
 use num_complex::Complex32;
 use rayon::prelude::*;
@@ -20,8 +20,11 @@ pub(super) struct Line<'a> {
     pub(super) layout: &'a Layout<'a>,
     /// The axis along which everything lies.
     axis: usize,
-    /// `|p − r|` by lag, doubled for a scan, `[part, lag]`, the same in all lanes.
-    lengths: Vec<[f64; LANES]>,
+    /// What `|p − r|²` is beside the square of the depth, by lag, four times that for a scan:
+    /// `[voxel part, node part, lag]`.
+    squares: Vec<f64>,
+    /// The depth above the microphones, m, twice that for a scan.
+    height: f64,
     /// `|p − s|` per voxel of the sub-lattice, the same in all lanes; empty for a monostatic scan.
     outward: Vec<[f64; LANES]>,
     kernel: Vec<Lanes>,
@@ -63,12 +66,20 @@ pub(super) fn transform_into(layout: &Layout, axis: usize, nodes: &[Complex32], 
 impl<'a> Line<'a> {
     /// Buffers for one thread; `None` when they do not fit in memory.
     pub(super) fn new(layout: &'a Layout<'a>, axis: usize) -> Option<Self> {
-        let n = layout.along(axis).len();
+        let circle = layout.along(axis);
+        let n = circle.len();
         let zeros = || filled(Lanes::ZERO, n as u64);
+        let mut squares = room((n * layout.pairs()) as u64)?;
+        for offset in layout.offsets.iter().flatten() {
+            let (along, aside) = (&offset[axis], offset[1 - axis].first);
+            let square = |lag: f64| layout.geometry.return_legs().powi(2) * (lag * lag + aside * aside);
+            squares.extend((0..n).map(|i| square(along.lag(i, circle))));
+        }
         Some(Self {
             layout,
             axis,
-            lengths: filled([0.0; LANES], (n * layout.node_parts.len()) as u64)?,
+            squares,
+            height: 0.0,
             outward: Vec::new(),
             kernel: zeros()?,
             transformed: zeros()?,
@@ -78,20 +89,11 @@ impl<'a> Line<'a> {
         })
     }
 
-    /// Works out every length of depth `iz` on sub-lattice `part` of the voxels; they serve all tones.
+    /// Goes to depth `iz` and sub-lattice `part` of the voxels; what is worked out serves all tones.
     fn place(&mut self, iz: usize, part: usize) {
         let Layout { lattice, grid, geometry, .. } = self.layout;
-        let (circle, z) = (self.layout.along(self.axis), grid.z.position(iz));
-        let height = z - lattice.z;
-        let of_parts = self.lengths.chunks_exact_mut(circle.len());
-        for (lengths, offset) in of_parts.zip(&self.layout.offsets[part]) {
-            let (along, aside) = (&offset[self.axis], offset[1 - self.axis].first);
-            for (i, length) in lengths.iter_mut().enumerate() {
-                let lag = along.lag(i, circle);
-                *length =
-                    [geometry.return_legs() * (lag * lag + aside * aside + height * height).sqrt(); LANES];
-            }
-        }
+        let z = grid.z.position(iz);
+        self.height = geometry.return_legs() * (z - lattice.z);
         self.outward.clear();
         let voxels = &self.layout.voxel_parts[part];
         if let Geometry::FixedSource { .. } = geometry {
@@ -113,19 +115,18 @@ impl<'a> Line<'a> {
         voxels: &mut [Complex32],
     ) {
         self.place(iz, part);
-        let part = &self.layout.voxel_parts[part];
         let fft = &self.layout.along(self.axis).fft;
         let n = fft.len();
+        let of_part = n * self.layout.node_parts.len();
+        let squares = part * of_part..(part + 1) * of_part;
+        let part = &self.layout.voxel_parts[part];
         let scan = self.layout.geometry == Geometry::Monostatic;
-        for (block, (tones, spectra)) in
-            per_metre.chunks(LANES).zip(data.chunks_exact(n * self.layout.node_parts.len())).enumerate()
-        {
+        for (block, (tones, spectra)) in per_metre.chunks(LANES).zip(data.chunks_exact(of_part)).enumerate() {
             let mut k = [0.0; LANES];
             k[..tones.len()].copy_from_slice(tones);
-            for (part, (lengths, data)) in
-                self.lengths.chunks_exact(n).zip(spectra.chunks_exact(n)).enumerate()
-            {
-                lane_phasors(&k, lengths, &mut self.kernel);
+            let squares = self.squares[squares.clone()].chunks_exact(n);
+            for (part, (squares, data)) in squares.zip(spectra.chunks_exact(n)).enumerate() {
+                tone_phasors(&k, squares, self.height, &mut self.kernel);
                 fft.transform(&self.kernel, &mut self.transformed, &mut self.work);
                 multiply(&self.transformed, data, &mut self.products, part > 0 || (scan && block > 0));
             }

@@ -149,19 +149,51 @@ fn lane_phasors_body(cycles_per_metre: &[f64; LANES], lengths: &[[f64; LANES]], 
     );
     let lengths = lengths.as_chunks::<ROWS>().0;
     for (lengths, phasors) in lengths.iter().zip(phasors.as_chunks_mut::<ROWS>().0) {
-        // Two stages, because a loop that mixes f64 and f32 does not vectorise well (4 times slower).
-        let mut turns = [[0.0f32; LANES]; ROWS];
-        for l in 0..LANES {
-            for row in 0..ROWS {
-                turns[row][l] = wrap_fast(lengths[row][l] * cycles_per_metre[l]);
-            }
-        }
-        for l in 0..LANES {
-            for row in 0..ROWS {
-                (phasors[row].im[l], phasors[row].re[l]) = sin_cos_turns(turns[row][l]);
-            }
+        rows_of_phasors(cycles_per_metre, |row, l| lengths[row][l], phasors);
+    }
+}
+
+/// Phasors for a length in every row and lane.
+#[inline(always)]
+fn rows_of_phasors(
+    cycles_per_metre: &[f64; LANES],
+    length: impl Fn(usize, usize) -> f64,
+    phasors: &mut [Lanes; ROWS],
+) {
+    // Two stages, because a loop that mixes f64 and f32 does not vectorise well (4 times slower).
+    let mut turns = [[0.0f32; LANES]; ROWS];
+    for l in 0..LANES {
+        for row in 0..ROWS {
+            turns[row][l] = wrap_fast(length(row, l) * cycles_per_metre[l]);
         }
     }
+    for l in 0..LANES {
+        for row in 0..ROWS {
+            (phasors[row].im[l], phasors[row].re[l]) = sin_cos_turns(turns[row][l]);
+        }
+    }
+}
+
+#[inline(always)]
+fn tone_phasors_body(cycles_per_metre: &[f64; LANES], squares: &[f64], height: f64, phasors: &mut [Lanes]) {
+    assert!(
+        squares.len() == phasors.len() && squares.len().is_multiple_of(ROWS),
+        "a phasor per length, padded"
+    );
+    for (squares, phasors) in squares.as_chunks::<ROWS>().0.iter().zip(phasors.as_chunks_mut::<ROWS>().0) {
+        let lengths = squares.map(|square| (square + height * height).sqrt());
+        rows_of_phasors(cycles_per_metre, |row, _| lengths[row], phasors);
+    }
+}
+
+dispatched! {
+    /// `e^{i2π·cycles_per_metre·√(square + height²)}`, squares in m², for a tone in every lane; give `−f/c` for the conjugate.
+    ///
+    /// # Panics
+    /// When the slices differ in length or are no multiple of [`ROWS`].
+    pub fn tone_phasors = tone_phasors_body(
+        cycles_per_metre: &[f64; LANES], squares: &[f64], height: f64, phasors: &mut [Lanes],
+    )
 }
 
 dispatched! {
