@@ -7,7 +7,7 @@ use super::convolution::{self, FIRST_SHARE, usual_batch};
 use super::handover::Handover;
 use super::layout::Layout;
 use super::skeleton::{DENSER, tones_for, witnesses_for};
-use super::tones::{FREQUENCIES, frequencies_at_once};
+use super::tones::frequencies_at_once;
 use super::virtual_tones;
 use super::{Method, ReconstructOptions, backprojection, direct, linear};
 use crate::acquisition::Setup;
@@ -91,10 +91,10 @@ const TAPS: f64 = 12.0;
 /// What a compression to so many virtual `tones` takes: operations, and bytes for their weights.
 fn compression(setup: &Setup, tones: f64) -> (f64, u64) {
     let (n_f, n_mic) = (setup.sweep.len() as f64, setup.array.len() as f64);
-    // A block of frequencies goes to the tones of its part of the band, and to some beyond.
-    let rows = (tones * (FREQUENCIES as f64 / n_f).min(1.0) + TAPS).min(tones);
     let found = n_f * (10.0 * TAPS * TAPS + 40.0 * TAPS);
-    (found + PRODUCT * rows * n_f * n_mic, (n_f * 10.0 * TAPS * 8.0) as u64)
+    // A sample is turned, its modulus taken, and it goes to a few tones with real weights.
+    let summed = 2.0 * PRODUCT + 0.5 * PRODUCT * TAPS.min(tones);
+    (found + summed * n_f * n_mic, (n_f * 10.0 * TAPS * 8.0) as u64)
 }
 
 /// Bytes that a thread takes to find a slab's tones among the volume's: both at delays, and their difference.

@@ -23,10 +23,10 @@ use std::sync::Arc;
 /// Columns of a product that one thread takes at a time, at the least and at the most.
 const BLOCK: [usize; 2] = [64, 1024];
 
-/// Frequencies of one product. Part of the order of sums, so it is fixed.
+/// Frequencies are read in multiples of so many, whatever memory there is: their sums are part of the result's bytes.
 pub(super) const FREQUENCIES: usize = 64;
 
-/// Frequencies read at a time: several products where there are few microphones, since threads take time to wake.
+/// Frequencies read at a time: more where there are few microphones, since threads take time to wake.
 pub(super) fn frequencies_at_once(microphones: usize) -> usize {
     FREQUENCIES * ((1 << 18) / (FREQUENCIES * microphones)).clamp(1, 16)
 }
