@@ -183,18 +183,31 @@ fn limited(folder: &Path, words: &str, bytes: u64) -> Ran {
 fn a_limit_of_memory_is_kept_to() {
     let folder = workplace();
     let folder = folder.path();
-    let finer = "--set grid.pitch=[0.005,0.005,0.006] --set reconstruct.method=\"convolution\" --set output.report=false";
-    let planned = done(folder, &format!("plan job.toml --json {finer}").replace('"', ""));
-    let planned: Value = serde_json::from_str(&planned).unwrap();
-    let bytes = planned["needs"]["peak_bytes"].as_u64().unwrap();
-    let words = format!("image job.toml -o made -q {finer}").replace('"', "");
+    let finer = |pitch: &str| {
+        let set = format!(
+            "--set grid.pitch={pitch} --set reconstruct.method=convolution --set output.report=false"
+        );
+        let planned = done(folder, &format!("plan job.toml --json {set}"));
+        let planned: Value = serde_json::from_str(&planned).unwrap();
+        (planned["needs"]["peak_bytes"].as_u64().unwrap(), format!("image job.toml -o made -q {set}"))
+    };
+    let (bytes, words) = finer("[0.005,0.005,0.006]");
     let ran = limited(folder, &words, bytes + (512 << 20));
     assert_eq!(ran.status, 0, "{} planned, and 512 MiB more: {}", bytes, ran.stderr);
     let begun = Instant::now();
     let ran = limited(folder, &words, bytes / 2);
+    // The C library sets 64 MiB of addresses aside for each thread, sooner or later: either this job is refused for what it
+    // needs, or any job for what is left.
+    let too_much = ran.status == 2 && ran.stderr.contains("may be used here");
+    let too_little = ran.status == 1 && ran.stderr.contains("any job takes");
+    assert!(too_much || too_little, "{}: {}", ran.status, ran.stderr);
+    println!("{bytes} bytes planned: done with 512 MiB more, refused with half after {:?}", begun.elapsed());
+    // Where half is far more than that.
+    let (bytes, words) = finer("[0.002,0.002,0.002]");
+    let ran = limited(folder, &words, bytes / 2);
     assert_eq!(ran.status, 2, "{}", ran.stderr);
     assert!(ran.stderr.contains("may be used here"), "{}", ran.stderr);
-    println!("{bytes} bytes planned: done with 512 MiB more, refused with half after {:?}", begun.elapsed());
+    println!("{bytes} bytes planned: refused with half");
 }
 
 #[test]
