@@ -3,8 +3,8 @@
 //!
 //! Every round runs the job once without, once at the default interval, once every second and once after every block;
 //! what is kept is written beside the output, on the disk of the `target` folder. Ratios are against the run without
-//! of the same round, of which the median is given, and of the least seconds. How long the cube's own file takes is left out: it depends on the disk alone, and
-//! varies more than what is measured here.
+//! of the same round, of which the median is given, and of the least seconds. How long the cube's own file takes is left
+//! out: it depends on the disk alone, and varies more than what is measured here.
 
 #![allow(missing_docs, clippy::print_stdout)]
 

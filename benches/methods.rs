@@ -1,8 +1,9 @@
 //! Every method beside the direct sum, times and errors in one table; how time grows with voxels, microphones and
 //! frequencies; and the size of the paper's own 2-D images: `cargo bench --bench methods [-- table growth paper]`.
 //!
-//! Ratios are of the least of a few times, taken in turn within one run (jobs of milliseconds many times in a row). The direct sum is timed on a part of the
-//! voxels, evenly spread, and scaled; errors are the greatest of those voxels, relative to the volume's peak.
+//! Ratios are of the least of a few times, taken in turn within one run (jobs of milliseconds many times in a row). The
+//! direct sum is timed on a part of the voxels, evenly spread, and scaled; errors are the greatest of those voxels,
+//! relative to the volume's peak.
 
 #![allow(missing_docs, clippy::print_stdout)]
 

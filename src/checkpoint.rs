@@ -265,8 +265,8 @@ impl Observer for Patient<'_> {
     }
 
     fn should_stop(&self) -> bool {
-        let patient = || !self.saved.load(Ordering::Relaxed) && self.waits;
-        self.inner.should_stop() && !(patient() && self.asked.get_or_init(Instant::now).elapsed() <= PATIENCE)
+        let at_once = || !self.waits || self.saved.load(Ordering::Relaxed);
+        self.inner.should_stop() && (at_once() || self.asked.get_or_init(Instant::now).elapsed() > PATIENCE)
     }
 }
 

@@ -37,6 +37,13 @@ fn opened(output: &Path, identity: &Identity) -> (Checkpoint, Vec<String>) {
     (checkpoint, listener.0.into_inner().unwrap())
 }
 
+/// With nothing due for longer than any test takes.
+fn opened_for_long(output: &Path, identity: &Identity) -> Checkpoint {
+    let checkpoint = Checkpoint::beside(output, Duration::from_secs(1000));
+    checkpoint.open(identity, &Silent).unwrap();
+    checkpoint
+}
+
 /// Keeps blocks 0 to 4 of a cube.
 fn kept(output: &Path, identity: &Identity) -> PathBuf {
     let (checkpoint, _) = opened(output, identity);
@@ -186,8 +193,7 @@ fn so_many_depths_wait_before_it_is_time_and_the_last_are_left_to_the_result() {
     let folder = tempfile::tempdir().unwrap();
     let output = folder.path().join("volume.npz");
     let identity = Identity::of("test");
-    let checkpoint = Checkpoint::beside(&output, Duration::from_secs(1000));
-    checkpoint.open(&identity, &Silent).unwrap();
+    let checkpoint = opened_for_long(&output, &identity);
     let patient = Patient::new(&checkpoint, &Silent);
     let axis = |count| Axis { first: 0.5, pitch: 0.1, count };
     let grid = Grid { x: axis(1024), y: axis(768), z: axis(8) };
@@ -212,8 +218,7 @@ fn a_stop_is_obeyed_after_the_block_is_kept() {
     let folder = tempfile::tempdir().unwrap();
     let output = folder.path().join("cube.npz");
     let identity = Identity::of("test");
-    let checkpoint = Checkpoint::beside(&output, Duration::from_secs(1000));
-    checkpoint.open(&identity, &Silent).unwrap();
+    let checkpoint = opened_for_long(&output, &identity);
     let patient = Patient::new(&checkpoint, &Stopping);
     assert!(!patient.should_stop(), "the block may end first");
     let mut keeper = checkpoint.cube(&patient);

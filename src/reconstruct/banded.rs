@@ -37,8 +37,8 @@ pub(super) struct Banded<'a> {
     pub(super) weights: &'a [f32],
     /// What samples of each are multiplied by before.
     pub(super) turns: &'a [Complex32],
-    /// What moduli of each count.
-    pub(super) moduli: &'a [f32],
+    /// What moduli of each count, signs aside.
+    pub(super) window: &'a [f32],
 }
 
 /// Turned samples of one tone in a tile, padded with zeros.
@@ -69,7 +69,7 @@ impl Banded<'_> {
             first: &self.first[tones.clone()],
             weights: &self.weights[tones.start * self.taps..tones.end * self.taps],
             turns: &self.turns[tones.clone()],
-            moduli: &self.moduli[tones],
+            window: &self.window[tones],
             ..*self
         }
     }
@@ -127,7 +127,7 @@ impl Banded<'_> {
                 for (n, turned) in (tones..).zip(&mut turned).take(part.first.len()) {
                     let (samples, mut sum) = (&samples[n * n_mic..][place.clone()], 0.0);
                     turn(samples, self.turns[n], &microphones[place.clone()], turned, &mut sum);
-                    modulus += f64::from(self.moduli[n]) * sum;
+                    modulus += f64::from(self.window[n].abs()) * sum;
                 }
                 add(&part, self.first[0], &turned, &mut rows);
             }
@@ -281,10 +281,10 @@ mod tests {
             let weights: Vec<f32> = (0..tones * taps).map(|i| number(i, 0.618_034)).collect();
             let complex = |i: usize| Complex32::new(number(i, 0.754_878), number(i, 0.569_84));
             let turns: Vec<Complex32> = (0..tones).map(|n| complex(n + 7)).collect();
-            let moduli: Vec<f32> = (0..tones).map(|n| number(n, 0.41).abs()).collect();
+            let window: Vec<f32> = (0..tones).map(|n| number(n, 0.41)).collect();
             let microphones: Vec<f32> = (0..n_mic).map(|r| number(r + 1, 0.37)).collect();
             let samples: Vec<Complex32> = (0..tones * n_mic).map(|i| complex(i) * scale).collect();
-            let banded = Banded { first: &first, taps, weights: &weights, turns: &turns, moduli: &moduli };
+            let banded = Banded { first: &first, taps, weights: &weights, turns: &turns, window: &window };
             let count = first[tones - 1] + taps + 2;
             let before = |i: usize| complex(i + 1) * scale;
             let mut rows: Vec<Complex32> = (0..count * n_mic).map(before).collect();
@@ -295,7 +295,7 @@ mod tests {
             for n in 0..tones {
                 for r in 0..n_mic {
                     let m = wide(samples[n * n_mic + r]);
-                    expected_modulus += f64::from(moduli[n] * microphones[r].abs()) * m.norm();
+                    expected_modulus += f64::from((window[n] * microphones[r]).abs()) * m.norm();
                     for a in 0..taps {
                         let w = wide(turns[n]) * f64::from(weights[n * taps + a]);
                         expected[(first[n] + a) * n_mic + r] += w * m;

@@ -67,14 +67,10 @@ fn add(
     let spectra = &*spectra;
     let planes = planes.par_chunks_mut(layout.grid.plane_len());
     let run = batch.least_run(planes.len());
-    planes.with_min_len(run).enumerate().try_for_each_init(
-        || focuses.lend(),
-        |lent, (iz, voxels)| {
-            let lent = lent.as_mut().map_err(|error| error.clone())?;
-            lent.focus().add(first + iz, &tones.per_metre, spectra, voxels);
-            advance(observer, tones.per_metre.len() as u64)
-        },
-    )
+    planes.with_min_len(run).enumerate().try_for_each(|(iz, voxels)| {
+        focuses.with(|focus| focus.add(first + iz, &tones.per_metre, spectra, voxels))?;
+        advance(observer, tones.per_metre.len() as u64)
+    })
 }
 
 /// Gives the volume to `sink` by Eq. 16.

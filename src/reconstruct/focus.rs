@@ -24,43 +24,26 @@ pub(super) struct Focuses<'a> {
     idle: Mutex<Vec<Focus<'a>>>,
 }
 
-/// One of them, while a thread has it.
-#[derive(Debug)]
-pub(super) struct Lent<'p, 'a> {
-    from: &'p Focuses<'a>,
-    focus: Option<Focus<'a>>,
-}
-
 impl<'a> Focuses<'a> {
     /// None yet.
     pub(super) fn new(layout: &'a Layout<'a>) -> Self {
         Self { layout, idle: Mutex::new(Vec::new()) }
     }
 
-    /// An idle one, or another.
+    /// Works with an idle one, or with another.
     ///
     /// # Errors
     /// It does not fit in memory.
-    pub(super) fn lend(&self) -> Result<Lent<'_, 'a>> {
+    pub(super) fn with(&self, work: impl FnOnce(&mut Focus<'a>)) -> Result<()> {
         let idle = self.idle().pop();
-        let focus = idle.map_or_else(|| Focus::new(self.layout), Ok)?;
-        Ok(Lent { from: self, focus: Some(focus) })
+        let mut focus = idle.map_or_else(|| Focus::new(self.layout), Ok)?;
+        work(&mut focus);
+        self.idle().push(focus);
+        Ok(())
     }
 
     fn idle(&self) -> MutexGuard<'_, Vec<Focus<'a>>> {
         self.idle.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
-impl<'a> Lent<'_, 'a> {
-    pub(super) fn focus(&mut self) -> &mut Focus<'a> {
-        self.focus.as_mut().expect("it is given back at the end alone")
-    }
-}
-
-impl Drop for Lent<'_, '_> {
-    fn drop(&mut self) {
-        self.from.idle().extend(self.focus.take());
     }
 }
 

@@ -79,6 +79,17 @@ impl Costs {
     }
 }
 
+/// Of which slab each takes the tones: its own, or those of the last before it that found its own, where `share` says so
+/// of both B·T and its depths. Slabs are given by B·T and depths.
+pub(super) fn finders(slabs: &[(f64, usize)], share: impl Fn(f64, f64, usize) -> bool) -> Vec<usize> {
+    let mut finders: Vec<usize> = Vec::with_capacity(slabs.len());
+    for (i, (own, depths)) in slabs.iter().enumerate() {
+        let before = finders.last().copied().filter(|&finder| share(slabs[finder].0, *own, *depths));
+        finders.push(before.unwrap_or(i));
+    }
+    finders
+}
+
 impl Slabs {
     /// The division that costs least: thin slabs need fewer tones each, but every slab pays for its own spectra and
     /// decompositions.
@@ -94,17 +105,15 @@ impl Slabs {
         let of_volume = (2.0 * spread(0..depths) + 8.0).min(setup.sweep.len() as f64);
         let costs = Costs::new(layout, of_volume);
         let cost = |thickness: usize| {
-            let (mut longest, mut cost) = (0.0, 0.0);
-            for first in (0..depths).step_by(thickness) {
-                let planes = first..(first + thickness).min(depths);
-                let (count, own) = (planes.len(), spread(planes));
-                if first == 0 || !costs.share(longest, own, count) {
-                    longest = own;
-                    cost += costs.decomposed(own);
-                }
-                cost += costs.tones(longest, count);
-            }
-            cost
+            let planes = |first: usize| first..(first + thickness).min(depths);
+            let slabs = (0..depths).step_by(thickness).map(planes);
+            let slabs: Vec<_> = slabs.map(|planes| (spread(planes.clone()), planes.len())).collect();
+            let finders = finders(&slabs, |longer, own, depths| costs.share(longer, own, depths));
+            let of = |(i, finder): (usize, &usize)| {
+                let found = if i == *finder { costs.decomposed(slabs[i].0) } else { 0.0 };
+                found + costs.tones(slabs[*finder].0, slabs[i].1)
+            };
+            finders.iter().enumerate().map(of).sum::<f64>()
         };
         let possible = THICKNESSES.into_iter().filter(|&thickness| thickness == 1 || thickness <= depths);
         let priced = possible.map(|thickness| (thickness, cost(thickness)));

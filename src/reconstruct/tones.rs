@@ -5,6 +5,7 @@
 
 use super::no_room;
 use super::skeleton::{Skeleton, skeleton};
+use super::slabs::finders;
 use super::virtual_tones::VirtualTones;
 use super::weights::Weights;
 use crate::acquisition::CubeSource;
@@ -119,33 +120,23 @@ impl VolumeTones {
         tolerance: f64,
     ) -> Vec<SlabTones> {
         let planes = |first: usize| first..(first + thickness).min(depths);
-        let slabs: Vec<_> = (0..depths)
-            .step_by(thickness)
-            .map(planes)
-            .map(|planes| (interval(planes.clone()), planes))
-            .collect();
+        let planes: Vec<_> = (0..depths).step_by(thickness).map(planes).collect();
+        let intervals: Vec<_> = planes.iter().map(|planes| interval(planes.clone())).collect();
         let bandwidth = self.frequencies[self.frequencies.len() - 1] - self.frequencies[0];
-        let spread = |interval: &PathInterval| bandwidth * interval.duration();
-        // The first slab of those that share is the longest.
-        let mut longest: Vec<PathInterval> = Vec::new();
-        let mut takes = Vec::with_capacity(slabs.len());
-        for (interval, planes) in &slabs {
-            let shared = |longest: &PathInterval| share(spread(longest), spread(interval), planes.len());
-            if !longest.last().is_some_and(shared) {
-                longest.push(*interval);
-            }
-            takes.push(longest.len() - 1);
-        }
-        let skeleton = |interval: PathInterval| {
-            Arc::new(skeleton(&self.frequencies, interval, (tolerance - self.error) / self.growth))
+        let spreads =
+            intervals.iter().zip(&planes).map(|(i, planes)| (bandwidth * i.duration(), planes.len()));
+        let finders = finders(&spreads.collect::<Vec<_>>(), share);
+        let tolerance = (tolerance - self.error) / self.growth;
+        let found = |i: usize| {
+            (finders[i] == i).then(|| Arc::new(skeleton(&self.frequencies, intervals[i], tolerance)))
         };
-        let skeletons: Vec<_> = longest.into_par_iter().map(skeleton).collect();
-        let tones = |((interval, planes), index): ((PathInterval, Range<usize>), usize)| {
-            let skeleton = Arc::clone(&skeletons[index]);
+        let skeletons: Vec<_> = (0..planes.len()).into_par_iter().map(found).collect();
+        let tones = |(i, planes): (usize, Range<usize>)| {
+            let skeleton = skeletons[finders[i]].clone().expect("a finder takes its own");
             let error = self.error + self.growth * skeleton.error();
-            SlabTones { planes, middle: interval.middle(), skeleton, error }
+            SlabTones { planes, middle: intervals[i].middle(), skeleton, error }
         };
-        slabs.into_iter().zip(takes).map(tones).collect()
+        planes.into_iter().enumerate().map(tones).collect()
     }
 }
 

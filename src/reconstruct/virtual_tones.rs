@@ -204,13 +204,12 @@ impl VirtualTones {
         let weights: Vec<f32> =
             range.clone().flat_map(|n| self.weights.col_as_slice(n)).map(|w| *w as f32).collect();
         let turns: Vec<_> = self.turns[0][range.clone()].iter().zip(frequency).map(turn).collect();
-        let moduli: Vec<_> = frequency.iter().map(|w| w.abs()).collect();
         let banded = Banded {
             first: &self.first[range.clone()],
             taps: self.weights.nrows(),
             weights: &weights,
             turns: &turns,
-            moduli: &moduli,
+            window: frequency,
         };
         banded.add(samples, &window.microphone, rows)
     }

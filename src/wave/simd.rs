@@ -15,10 +15,10 @@ mod sweep;
 pub use level::{Level, level, limit};
 pub use range::{LaneProfiles, LaneTones, Points, RangeScale};
 pub use sweep::SweepSamples;
+pub(crate) use sweep::sin_cos_exact;
 
 use num_complex::Complex32;
 use range::{back_project_body, range_profiles_body};
-pub(crate) use sweep::sin_cos_exact;
 use sweep::weighted_sweep_body;
 
 /// Terms per block: the two stages pass through a buffer of this size, which stays in the first-level cache.
