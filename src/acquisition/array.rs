@@ -27,12 +27,21 @@ pub struct Lattice {
 pub struct MicArray {
     positions: Vec<DVec3>,
     lattice: Option<Lattice>,
+    /// Least and greatest coordinates, m.
+    bounds: (DVec3, DVec3),
 }
 
 /// Most microphones along a side or in a list.
 const MOST_MICROPHONES: usize = 1 << 24;
 
 impl MicArray {
+    fn new(positions: Vec<DVec3>, lattice: Option<Lattice>) -> Self {
+        let bounds = positions
+            .iter()
+            .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), r| (low.min(*r), high.max(*r)));
+        Self { positions, lattice, bounds }
+    }
+
     /// `count` = [columns, rows] microphones at the given pitch about `centre`, parallel to z = 0.
     ///
     /// # Errors
@@ -70,7 +79,7 @@ impl MicArray {
                     .map(move |ix| DVec3::new(lattice.x.position(ix), lattice.y.position(iy), lattice.z))
             })
             .collect();
-        Ok(Self { positions, lattice: Some(lattice) })
+        Ok(Self::new(positions, Some(lattice)))
     }
 
     /// Positions from a file: `shape` is `[n_y, n_x]` or `[n_mic]`. A regular rectangular lattice is recognised.
@@ -97,7 +106,7 @@ impl MicArray {
             return Err(Error::input(place, too_far(&format!("position {bad}"), positions[bad])));
         }
         let lattice = if let [n_y, n_x] = *shape { recognise(n_x, n_y, &positions) } else { None };
-        Ok(Self { positions, lattice })
+        Ok(Self::new(positions, lattice))
     }
 
     /// All positions, rows of the lattice one after another, m.
@@ -127,9 +136,7 @@ impl MicArray {
 
     /// Least and greatest coordinates, m.
     pub fn bounds(&self) -> (DVec3, DVec3) {
-        self.positions
-            .iter()
-            .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), r| (low.min(*r), high.max(*r)))
+        self.bounds
     }
 
     /// First to last microphone along x, y, z, m.

@@ -6,7 +6,7 @@
 use super::lanes::LaneFft;
 use super::lattice::Parts;
 use super::layout::Layout;
-use super::product::{focus, multiply};
+use super::product::{multiply, sums};
 use crate::grid::{filled, room};
 use crate::wave::Geometry;
 use crate::wave::simd::{LANES, Lanes, ROWS, lane_phasors, tone_phasors};
@@ -32,8 +32,8 @@ pub(super) struct Line<'a> {
     work: Vec<Lanes>,
     /// Products of spectra, real and imaginary parts exchanged.
     products: Vec<Lanes>,
-    /// The voxels' parts of sixteen tones.
-    image: Vec<Lanes>,
+    /// The voxels' sums over sixteen tones.
+    image: Vec<Complex32>,
 }
 
 /// Places along a line of a plane of rows of `n_x`.
@@ -148,12 +148,12 @@ impl<'a> Line<'a> {
     fn back(&mut self, fft: &LaneFft, voxels: &mut [Complex32], part: &Parts) {
         fft.transform(&self.products, &mut self.transformed, &mut self.work);
         self.image.clear();
-        self.image.resize(part[self.axis].count.next_multiple_of(ROWS), Lanes::ZERO);
+        self.image.resize(part[self.axis].count.next_multiple_of(ROWS), Complex32::ZERO);
         let width = self.image.len();
-        focus(&self.transformed[..width], &self.kernel[..width], &mut self.image);
+        sums(&self.transformed[..width], &self.kernel[..width], &mut self.image);
         let places = places(part, self.axis, self.layout.grid.x.count);
-        for (place, lanes) in places.zip(&self.image) {
-            voxels[place] += Complex32::new(lanes.re.iter().sum(), lanes.im.iter().sum());
+        for (place, sum) in places.zip(&self.image) {
+            voxels[place] += sum;
         }
     }
 }

@@ -57,6 +57,36 @@ dispatched! {
     pub(super) fn focus = focus_body(exchanged_sum: &[Lanes], outer: &[Lanes], image: &mut [Lanes])
 }
 
+#[inline(always)]
+fn sums_body(exchanged_sum: &[Lanes], outer: &[Lanes], sums: &mut [Complex32]) {
+    let (rows, sums) = (exchanged_sum.as_chunks::<ROWS>().0, sums.as_chunks_mut::<ROWS>().0);
+    for ((a, b), sums) in rows.iter().zip(outer.as_chunks::<ROWS>().0).zip(sums) {
+        let mut image = [Lanes::ZERO; ROWS];
+        combine(a, b, &mut image, |a, b, _| exchanged(a) * b);
+        for row in 0..ROWS {
+            sums[row] = Complex32::new(sum(&image[row].re), sum(&image[row].im));
+        }
+    }
+}
+
+/// Halves are added to halves: one lane after another would wait for each addition.
+#[inline(always)]
+fn sum(lanes: &[f32; LANES]) -> f32 {
+    let (mut eight, mut four) = ([0.0; 8], [0.0; 4]);
+    for l in 0..8 {
+        eight[l] = lanes[l] + lanes[l + 8];
+    }
+    for l in 0..4 {
+        four[l] = eight[l] + eight[l + 4];
+    }
+    (four[0] + four[2]) + (four[1] + four[3])
+}
+
+dispatched! {
+    /// The sums over microphones, times the outer phases, of all lanes together.
+    pub(super) fn sums = sums_body(exchanged_sum: &[Lanes], outer: &[Lanes], sums: &mut [Complex32])
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -88,6 +118,14 @@ mod tests {
         assert_eq!(image, plain);
         for (i, voxel) in image.iter().enumerate() {
             assert_eq!(voxel.at(3), sum[i].at(3) + exchanged(a[i].at(3)) * b[i].at(3));
+        }
+        let (mut of_lanes, mut plain) = ([Complex32::ZERO; 2 * ROWS], [Complex32::ZERO; 2 * ROWS]);
+        sums(&a, &b, &mut of_lanes);
+        sums_body(&a, &b, &mut plain);
+        assert_eq!(of_lanes, plain);
+        for (i, of_lanes) in of_lanes.iter().enumerate() {
+            let expected: Complex32 = (0..LANES).map(|l| exchanged(a[i].at(l)) * b[i].at(l)).sum();
+            assert!((of_lanes - expected).norm() < 1e-5, "{of_lanes} for {expected}");
         }
     }
 }

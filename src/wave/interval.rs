@@ -4,7 +4,7 @@
 //! Least squares on an interval that is symmetric about zero has real coefficients, and then cos and sin of δ ≥ 0 say all:
 //! an error at −δ is the conjugate of that at δ. So matrices are real, and a quarter of the work.
 
-use crate::wave::simd::leave_wide_registers;
+use crate::wave::simd::{self, leave_wide_registers};
 use faer::linalg::triangular_solve::solve_upper_triangular_in_place;
 use faer::{Mat, Par};
 use num_complex::Complex64;
@@ -78,27 +78,10 @@ const RUN: usize = 32;
 
 /// cos 2πfδ and under them sin 2πfδ, `[2·delays, frequencies]`: delays in s, frequencies in Hz.
 pub(crate) fn waves(delays: &[f64], frequencies: &[f64]) -> Mat<f64> {
-    let column =
-        |frequency: f64| -> Vec<Complex64> { delays.iter().map(|delay| turned(frequency * delay)).collect() };
     let mut all = Mat::zeros(2 * delays.len(), frequencies.len());
-    let (mut wave, mut step, mut turns) = (Vec::new(), 0.0, Vec::new());
-    for (n, &f) in frequencies.iter().enumerate() {
-        // Even steps turn each column into the next; now and then one is computed afresh, so that nothing drifts.
-        if n % 64 == 0 {
-            wave = column(f);
-        } else {
-            let next = f - frequencies[n - 1];
-            if (next - step).abs() > 1e-9 * next.abs() {
-                (step, turns) = (next, column(next));
-            }
-            for (z, turn) in wave.iter_mut().zip(&turns) {
-                *z *= turn;
-            }
-        }
+    for (n, f) in frequencies.iter().enumerate() {
         let (cos, sin) = all.col_as_slice_mut(n).split_at_mut(delays.len());
-        for ((cos, sin), z) in cos.iter_mut().zip(sin).zip(&wave) {
-            (*cos, *sin) = (z.re, z.im);
-        }
+        simd::waves(*f, delays, cos, sin);
     }
     all
 }

@@ -19,7 +19,7 @@ pub(crate) use sweep::sin_cos_exact;
 
 use num_complex::Complex32;
 use range::{back_project_body, range_profiles_body};
-use sweep::weighted_sweep_body;
+use sweep::{waves_body, weighted_sweep_body};
 
 /// Terms per block: the two stages pass through a buffer of this size, which stays in the first-level cache.
 pub const BLOCK: usize = 256;
@@ -206,6 +206,14 @@ dispatched! {
     pub fn lane_phasors = lane_phasors_body(
         cycles_per_metre: &[f64; LANES], lengths: &[[f64; LANES]], phasors: &mut [Lanes],
     )
+}
+
+dispatched! {
+    /// `cos 2π·frequency·delay` and `sin 2π·frequency·delay` for every delay, in f64.
+    ///
+    /// # Panics
+    /// When the slices differ in length.
+    pub fn waves = waves_body(frequency: f64, delays: &[f64], cos: &mut [f64], sin: &mut [f64])
 }
 
 /// Reflectors as the summing kernels want them: complex amplitudes in two planes, padded to whole lanes.

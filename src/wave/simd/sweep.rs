@@ -70,19 +70,54 @@ pub(super) fn weighted_sweep_body(
     }
 }
 
-/// `(sin, cos)` of so many turns to 10⁻¹⁰: what is repeated 64 times must not err by more than its f32 rounding.
+/// `(sin, cos)` of so many turns as exactly as f64 tells them, by the half angle: no quadrant, no branch.
 #[inline(always)]
 pub(crate) fn sin_cos_exact(cycles: f64) -> (f64, f64) {
     let t = std::f64::consts::PI * (cycles - ((cycles + ROUND) - ROUND));
-    let u = -t * t;
-    // Taylor series of sin t and cos t on |t| ≤ π/2, 1/n! step by step; then the double angle.
-    let (mut s, mut c) = (1.0, 1.0);
-    for k in (1..=8).rev() {
-        s = 1.0 + s * u * (1.0 / f64::from(2 * k * (2 * k + 1)));
-        c = 1.0 + c * u * (1.0 / f64::from(2 * k * (2 * k - 1)));
+    let u = t * t;
+    let (mut s, mut c) = (0.0, 0.0);
+    for k in (0..TERMS).rev() {
+        s = s * u + SERIES[k][0];
+        c = c * u + SERIES[k][1];
     }
     let s = s * t;
     (2.0 * s * c, 1.0 - 2.0 * s * s)
+}
+
+/// Terms of the Taylor series: on |t| ≤ π/2 the next are below 10⁻¹⁷.
+const TERMS: usize = 12;
+
+/// Coefficients of sin t and cos t, in powers of t².
+const SERIES: [[f64; 2]; TERMS] = {
+    let (mut series, mut last, mut k) = ([[0.0; 2]; TERMS], 1.0, 0);
+    while k < TERMS {
+        series[k] = [last / (2 * k + 1) as f64, last];
+        last /= -(((2 * k + 1) * (2 * k + 2)) as f64);
+        k += 1;
+    }
+    series
+};
+
+/// Numbers in f64 that are worked on at a time.
+const DOUBLES: usize = 8;
+
+#[inline(always)]
+pub(super) fn waves_body(frequency: f64, delays: &[f64], cos: &mut [f64], sin: &mut [f64]) {
+    assert!(delays.len() == cos.len() && delays.len() == sin.len(), "one cosine and sine per delay");
+    let (delays, rest) = delays.as_chunks::<DOUBLES>();
+    let ((cos, last_cos), (sin, last_sin)) = (cos.as_chunks_mut::<DOUBLES>(), sin.as_chunks_mut::<DOUBLES>());
+    for (delays, (cos, sin)) in delays.iter().zip(cos.iter_mut().zip(sin)) {
+        for l in 0..DOUBLES {
+            (sin[l], cos[l]) = sin_cos_exact(delays[l] * frequency);
+        }
+    }
+    let (mut delays, mut cos, mut sin) = ([0.0; DOUBLES], [0.0; DOUBLES], [0.0; DOUBLES]);
+    delays[..rest.len()].copy_from_slice(rest);
+    for l in 0..DOUBLES {
+        (sin[l], cos[l]) = sin_cos_exact(delays[l] * frequency);
+    }
+    last_cos.copy_from_slice(&cos[..rest.len()]);
+    last_sin.copy_from_slice(&sin[..rest.len()]);
 }
 
 /// Adding and subtracting it rounds an f64 to a whole number.
@@ -140,9 +175,29 @@ fn sweep_sums(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::wave::interval::turned;
     use crate::wave::phasor;
-    use crate::wave::simd::weighted_sweep;
+    use crate::wave::simd::{waves, weighted_sweep};
     use num_complex::{Complex32, Complex64};
+
+    #[test]
+    fn waves_are_exact_to_the_last_digits_and_the_same_bytes_in_every_instruction_set() {
+        for count in [0, 1, 7, 8, 9, 37] {
+            let delays: Vec<f64> = (0..count).map(|k| f64::from(k) * 0.618_034 - 7.0).collect();
+            let zeros = vec![0.0; delays.len()];
+            for frequency in [0.0, 0.25, -1.3, 1234.567] {
+                let [mut cos, mut sin, mut plain_cos, mut plain_sin] = [(); 4].map(|()| zeros.clone());
+                waves(frequency, &delays, &mut cos, &mut sin);
+                waves_body(frequency, &delays, &mut plain_cos, &mut plain_sin);
+                assert_eq!((&cos, &sin), (&plain_cos, &plain_sin));
+                for ((delay, cos), sin) in delays.iter().zip(cos).zip(sin) {
+                    let expected = turned(frequency * delay);
+                    let error = (Complex64::new(cos, sin) - expected).norm();
+                    assert!(error < 1e-15, "{frequency} x {delay}: {error:e}");
+                }
+            }
+        }
+    }
 
     #[test]
     fn the_inverse_sum_is_the_literal_one_in_every_instruction_set() {
