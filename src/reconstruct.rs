@@ -25,6 +25,7 @@ mod lattice;
 mod layout;
 mod line;
 mod linear;
+mod near;
 mod plane;
 mod product;
 pub mod skeleton;

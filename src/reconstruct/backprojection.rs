@@ -30,6 +30,7 @@ mod voxels;
 
 use super::batch::Batch;
 use super::handover::Handover;
+use super::slabs::slabs_of;
 use super::tones::{SlabTones, Tones, VolumeTones};
 use super::weights::Weights;
 use super::{Made, Method, VolumeSink};
@@ -195,7 +196,7 @@ pub(super) fn backprojection(
     let compressed = VolumeTones::compress(source, weights, whole, FIRST_SHARE * budget.skeletons, observer)?;
     let setup = source.setup();
     let interval = |depths| interval(&setup, &grid, shape, depths);
-    let slabs = compressed.slabs((depths, thickness), interval, share, budget.skeletons);
+    let slabs = compressed.slabs(slabs_of(depths, thickness), interval, share, budget.skeletons);
     let error_bound = budget.error(&slabs) * compressed.modulus;
     let made = Made { method: Method::Backprojection, error_bound };
     sink.begin(&made)?;

@@ -43,11 +43,27 @@ impl Options {
     ) -> Result<Self> {
         check(grid, options)?;
         // Spreading and skeletons share the tolerance.
-        let lattice = SharedLattice::find(setup, grid, 0.5 * options.tolerance);
-        let convolution =
-            lattice.map(|lattice| convolution::Plan::new(setup, grid, lattice, options.tolerance));
-        // Where there is a lattice, convolution is so much faster that dividing the other's work is not worth its time.
-        let wanted = convolution.is_err() || options.method == Method::Backprojection;
+        let lattices = SharedLattice::find(setup, grid, 0.5 * options.tolerance);
+        let convolution = lattices.map(|lattices| {
+            let priced = lattices.into_iter().map(|lattice| {
+                let plan = convolution::Plan::new(setup, grid, lattice, options.tolerance);
+                let estimate = cost::of_convolution(setup, grid, options, &plan, threads);
+                (plan, estimate)
+            });
+            let least = priced.min_by(|(_, a), (_, b)| a.operations.total_cmp(&b.operations));
+            least.expect("one was found at least")
+        });
+        // Where there is a lattice for most of the work, convolution is so much faster that dividing the other's is not
+        // worth its time.
+        let slow = match &convolution {
+            Ok((plan, estimate)) => plan.near.operations > 0.5 * estimate.operations,
+            Err(_) => true,
+        };
+        let (convolution, estimate) = match convolution {
+            Ok((plan, estimate)) => (Ok(plan), Ok(estimate)),
+            Err(obstacle) => (Err(obstacle.clone()), Err(obstacle)),
+        };
+        let wanted = slow || options.method == Method::Backprojection;
         let backprojection = (wanted && options.tolerance > 0.0)
             .then(|| backprojection::Plan::new(setup, grid, options.tolerance));
         let linear = if shown || options.method == Method::Linear {
@@ -56,7 +72,7 @@ impl Options {
             Err("it was not asked for by name".to_owned())
         };
         let estimates =
-            cost::estimates(setup, grid, options, &convolution, backprojection.as_ref(), &linear, threads);
+            cost::estimates(setup, grid, options, estimate, backprojection.as_ref(), &linear, threads);
         Ok(Self { estimates, convolution, backprojection, linear })
     }
 

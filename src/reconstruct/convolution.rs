@@ -10,10 +10,11 @@ use super::focus::Focuses;
 use super::handover::Handover;
 use super::lattice::SharedLattice;
 use super::layout::Layout;
-use super::slabs::Slabs;
+use super::near::Near;
+use super::slabs::{Slabs, slabs_of};
 use super::tones::{SlabTones, Tones, VolumeTones};
 use super::weights::Weights;
-use super::{Made, Method, VolumeSink, no_room, no_room_for};
+use super::{Made, Method, VolumeSink, near, no_room, no_room_for};
 use crate::acquisition::{CubeSource, Setup};
 use crate::error::Result;
 use crate::grid::{Grid, room, zeros};
@@ -41,6 +42,8 @@ pub(super) struct Plan {
     pub(super) lattice: SharedLattice,
     /// Where there is a tolerance: how depths are divided.
     pub(super) slabs: Option<Slabs>,
+    /// What depths take that have no part in the lattice.
+    pub(super) near: near::Cost,
 }
 
 impl Plan {
@@ -48,29 +51,39 @@ impl Plan {
     pub(super) fn new(setup: &Setup, grid: &Grid, lattice: SharedLattice, tolerance: f64) -> Self {
         let slabs = (tolerance > lattice.error())
             .then(|| Slabs::new(setup, &Layout::new(&lattice, *grid, setup.geometry)));
-        Self { lattice, slabs }
+        let left = FIRST_SHARE * (tolerance - lattice.error());
+        let thickness = slabs.as_ref().map_or(1, |slabs| slabs.thickness);
+        let near = near::Cost::new(setup, grid, &lattice.near, thickness, left);
+        Self { lattice, slabs, near }
     }
 }
 
-/// Adds tones to the planes from `first` on, `[plane, y, x]`; `room` is for their spectra.
-fn add(
-    (layout, focuses): (&Layout, &Focuses),
-    tones: &Tones,
-    room: &mut [Lanes],
-    first: usize,
-    planes: &mut [Complex32],
+/// What sums tones at any depth.
+struct Depths<'a> {
+    layout: &'a Layout<'a>,
+    focuses: Focuses<'a>,
+    /// Those that have no part in the lattice.
+    near: Option<Near<'a>>,
     batch: Batch,
-    observer: &dyn Observer,
-) -> Result<()> {
-    let spectra = layout.part(room, tones.per_metre.len());
-    layout.transform_into(&tones.samples, batch, spectra)?;
-    let spectra = &*spectra;
-    let planes = planes.par_chunks_mut(layout.grid.plane_len());
-    let run = batch.least_run(planes.len());
-    planes.with_min_len(run).enumerate().try_for_each(|(iz, voxels)| {
-        focuses.with(|focus| focus.add(first + iz, &tones.per_metre, spectra, voxels))?;
-        advance(observer, tones.per_metre.len() as u64)
-    })
+    observer: &'a dyn Observer,
+}
+
+impl Depths<'_> {
+    /// Adds tones to the planes from `first` on, `[plane, y, x]`; `room` is for their spectra.
+    fn add(&self, tones: &Tones, room: &mut [Lanes], first: usize, planes: &mut [Complex32]) -> Result<()> {
+        let spectra = self.layout.part(room, tones.per_metre.len());
+        self.layout.transform_into(&tones.samples, self.batch, spectra)?;
+        let spectra = &*spectra;
+        let planes = planes.par_chunks_mut(self.layout.grid.plane_len());
+        let run = self.batch.least_run(planes.len());
+        planes.with_min_len(run).enumerate().try_for_each(|(iz, voxels)| {
+            let near = self.near.as_ref().map(|near| near.image(first + iz, voxels, self.observer));
+            if !near.transpose()?.unwrap_or(false) {
+                self.focuses.with(|focus| focus.add(first + iz, &tones.per_metre, spectra, voxels))?;
+            }
+            advance(self.observer, tones.per_metre.len() as u64)
+        })
+    }
 }
 
 /// Gives the volume to `sink` by Eq. 16.
@@ -124,7 +137,8 @@ fn every_frequency(
     let depths = grid.z.count;
     let mut planes = zeros((DEPTHS.min(depths) as u64).saturating_mul(grid.plane_len() as u64))
         .ok_or_else(|| no_room_for(grid))?;
-    let (mut spectra, focuses) = (layout.room(block)?, Focuses::new(layout));
+    let mut spectra = layout.room(block)?;
+    let focused = Depths { layout, focuses: Focuses::new(layout), near: None, batch, observer };
     sink.begin(&made)?;
     stage(observer, "reconstructing", (count * depths) as u64, || {
         for first in (0..depths).step_by(DEPTHS) {
@@ -142,7 +156,7 @@ fn every_frequency(
                 samples.extend(rows.flat_map(|(f, row)| weights.weighted(f, row)));
                 let samples = layout.lattice.onto_nodes(samples)?;
                 let tones = Tones { per_metre: per_metre[range.clone()].to_vec(), samples };
-                add((layout, &focuses), &tones, &mut spectra, first, planes, batch, observer)
+                focused.add(&tones, &mut spectra, first, planes)
             })?;
             sink.take(first, planes)?;
         }
@@ -163,13 +177,14 @@ fn skeleton_frequencies(
     let (grid, depths) = (&layout.grid, layout.grid.z.count);
     let whole = source.setup().path_interval(grid, 0..depths);
     let mut compressed = VolumeTones::compress(source, weights, whole, FIRST_SHARE * tolerance, observer)?;
-    compressed.tones.samples = layout.lattice.onto_nodes(std::mem::take(&mut compressed.tones.samples))?;
     let setup = source.setup();
     let thickness = division.thickness;
     let interval = |planes| setup.path_interval(grid, planes);
     let share = |longer, own, depths| division.share(longer, own, depths);
-    let slabs = compressed.slabs((depths, thickness), interval, share, tolerance);
+    let slabs = compressed.slabs(slabs_of(depths, thickness), interval, share, tolerance);
     let error = slabs.iter().map(|slab| slab.error).fold(0.0, greater) + layout.lattice.error();
+    let near = Near::new(&setup, grid, &layout.lattice.near, &compressed, &slabs)?;
+    compressed.tones.samples = layout.lattice.onto_nodes(std::mem::take(&mut compressed.tones.samples))?;
     let made = Made { method: Method::Convolution, error_bound: error * compressed.modulus };
     let total = slabs.iter().map(|slab| (slab.len() * slab.planes.len()) as u64).sum();
     let plane_len = grid.plane_len();
@@ -179,7 +194,7 @@ fn skeleton_frequencies(
     let room = |_| Ok((Tones::room(most, layout.lattice.width())?, layout.room(most)?));
     let rooms = (0..batch.slabs.min(slabs.len())).into_par_iter().map(room);
     let mut rooms = rooms.collect::<Result<Vec<_>>>()?;
-    let focuses = Focuses::new(layout);
+    let focused = Depths { layout, focuses: Focuses::new(layout), near, batch, observer };
     sink.begin(&made)?;
     let mut handover = Handover::new(sink, grid, batch.slabs * thickness)?;
     stage(observer, "reconstructing", total, || {
@@ -194,7 +209,7 @@ fn skeleton_frequencies(
                 let planes_of_slabs = planes.par_chunks_mut(thickness * plane_len).zip(slabs);
                 planes_of_slabs.zip(&mut rooms).try_for_each(|((planes, slab), (tones, spectra))| {
                     slab.select(&compressed, layout.lattice.width(), tones);
-                    add((layout, &focuses), tones, spectra, slab.planes.start, planes, batch, observer)
+                    focused.add(tones, spectra, slab.planes.start, planes)
                 })
             })?;
         }

@@ -34,20 +34,17 @@ pub struct Estimate {
     pub(super) batch: Batch,
 }
 
-/// The four estimates for a job, whatever `options.method` says.
+/// The four estimates for a job, whatever `options.method` says; that of [`of_convolution`] is known.
 pub(super) fn estimates(
     setup: &Setup,
     grid: &Grid,
     options: &ReconstructOptions,
-    convolution: &Result<convolution::Plan, String>,
+    convolution: Result<Estimate, String>,
     backprojection: Option<&backprojection::Plan>,
     linear: &Result<linear::Plan, String>,
     threads: usize,
 ) -> [Estimate; 4] {
-    let convolution = match convolution {
-        Ok(plan) => of_convolution(setup, grid, options, plan, threads),
-        Err(obstacle) => impossible(Method::Convolution, obstacle.clone()),
-    };
+    let convolution = convolution.unwrap_or_else(|obstacle| impossible(Method::Convolution, obstacle));
     let backprojection = match backprojection {
         Some(plan) => of_backprojection(setup, grid, options, plan, threads),
         None if options.tolerance > 0.0 => impossible(
@@ -117,7 +114,8 @@ fn kept_block(setup: &Setup) -> u64 {
     Some(block_bytes(setup)).filter(|bytes| *bytes <= 32 << 20).unwrap_or(0)
 }
 
-fn of_convolution(
+/// Of Eq. 16 by such a plan.
+pub(super) fn of_convolution(
     setup: &Setup,
     grid: &Grid,
     options: &ReconstructOptions,
@@ -160,6 +158,7 @@ fn of_convolution(
         operations += of_slab * (planes.len() as f64 * pair + spectra + PRODUCT * of_volume * width);
         most = most.max(of_slab);
     }
+    operations += plan.near.operations;
     let complex = |n: f64| (n * COMPLEX as f64) as u64;
     let microphones = complex(of_volume * setup.array.len() as f64);
     let nodes = complex(of_volume * width);
@@ -172,7 +171,9 @@ fn of_convolution(
         let focusing = slab.saturating_mul(batch.slabs as u64).saturating_add(scratch(batch));
         let focusing = focusing.saturating_add(planes).saturating_add(kept_block(setup));
         let nesting = nesting.saturating_mul(batch.workers.min(depths.div_ceil(thickness)) as u64);
-        before.max(nodes.saturating_add(focusing)).saturating_add(nesting)
+        let near = plan.near.worker_bytes.saturating_mul(batch.workers as u64);
+        let focusing = nodes.saturating_add(focusing).saturating_add(near);
+        before.max(focusing).saturating_add(nesting).saturating_add(plan.near.bytes)
     };
     possible(Method::Convolution, operations, options, slabs.usual_batch(&layout, threads), bytes)
 }

@@ -19,7 +19,7 @@ pub(super) fn operations(setup: &Setup, grid: &Grid) -> f64 {
 }
 
 /// Voxels that are summed together, so that they share what is read of the samples.
-const TOGETHER: usize = 64;
+pub(super) const TOGETHER: usize = 64;
 
 /// Voxels that are worked on before they are handed on, or a plane of them: enough to keep every thread busy.
 const AT_ONCE: usize = 64 * TOGETHER;
@@ -44,7 +44,6 @@ pub(super) fn direct(
     let setup = source.setup();
     let sums = sums_of(&samples, &setup);
     drop(samples);
-    let padded = setup.array.len().next_multiple_of(LANES);
     let (depths, at_once, plane) = (grid.z.count, depths_at_once(grid), grid.plane_len());
     let mut planes = zeros((at_once as u64).saturating_mul(plane as u64)).ok_or_else(|| no_room_for(grid))?;
     let made = Made { method: Method::Direct, error_bound: 0.0 };
@@ -59,21 +58,9 @@ pub(super) fn direct(
             let planes = &mut planes[..(last - first) * plane];
             let run = batch.least_run(planes.len().div_ceil(TOGETHER));
             planes.par_chunks_mut(TOGETHER).with_min_len(run).enumerate().try_for_each_init(
-                || vec![0.0; TOGETHER * padded],
+                || lengths(setup.array.len()),
                 |lengths, (chunk, voxels)| {
-                    for (i, lengths) in lengths.chunks_exact_mut(padded).enumerate().take(voxels.len()) {
-                        let v = first * plane + chunk * TOGETHER + i;
-                        let (row, ix) = (v / grid.x.count, v % grid.x.count);
-                        let p = grid.position(ix, row % grid.y.count, row / grid.y.count);
-                        for (length, &r) in lengths.iter_mut().zip(setup.array.positions()) {
-                            *length = setup.geometry.path_length(p, r);
-                        }
-                    }
-                    let mut totals = vec![[0.0; 2]; voxels.len()];
-                    sums(&lengths[..voxels.len() * padded], &mut totals);
-                    for (voxel, total) in voxels.iter_mut().zip(totals) {
-                        *voxel = Complex32::new(total[0] as f32, total[1] as f32);
-                    }
+                    image(&setup, grid, &sums, first * plane + chunk * TOGETHER, voxels, lengths);
                     advance(observer, voxels.len() as u64)
                 },
             )?;
@@ -82,6 +69,36 @@ pub(super) fn direct(
         Ok(())
     })?;
     Ok(made)
+}
+
+/// Room for the path lengths that [`image`] works out.
+pub(super) fn lengths(microphones: usize) -> Vec<f64> {
+    vec![0.0; TOGETHER * microphones.next_multiple_of(LANES)]
+}
+
+/// Sums up to [`TOGETHER`] voxels, the first of which is the `first` of the grid, into their places.
+pub(super) fn image(
+    setup: &Setup,
+    grid: &Grid,
+    sums: &Sums,
+    first: usize,
+    voxels: &mut [Complex32],
+    lengths: &mut [f64],
+) {
+    let padded = setup.array.len().next_multiple_of(LANES);
+    for (i, lengths) in lengths.chunks_exact_mut(padded).enumerate().take(voxels.len()) {
+        let (row, ix) = ((first + i) / grid.x.count, (first + i) % grid.x.count);
+        let p = grid.position(ix, row % grid.y.count, row / grid.y.count);
+        for (length, &r) in lengths.iter_mut().zip(setup.array.positions()) {
+            *length = setup.geometry.path_length(p, r);
+        }
+    }
+    let mut totals = [[0.0; 2]; TOGETHER];
+    let totals = &mut totals[..voxels.len()];
+    sums(&lengths[..voxels.len() * padded], totals);
+    for (voxel, total) in voxels.iter_mut().zip(totals) {
+        *voxel = Complex32::new(total[0] as f32, total[1] as f32);
+    }
 }
 
 /// All samples with their weights, `[n_f, n_mic]`.
@@ -97,7 +114,7 @@ fn weighted_samples(source: &mut dyn CubeSource, weights: &Weights) -> Result<Ve
 }
 
 /// Sums over samples of a few voxels, given by their padded path lengths.
-type Sums<'a> = Box<dyn Fn(&[f64], &mut [[f64; 2]]) + Sync + 'a>;
+pub(super) type Sums<'a> = Box<dyn Fn(&[f64], &mut [[f64; 2]]) + Sync + 'a>;
 
 /// The sums that suit a sweep: by recurrence where its steps are even, else frequency by frequency.
 fn sums_of<'a>(samples: &[Complex32], setup: &Setup<'a>) -> Sums<'a> {
@@ -107,15 +124,19 @@ fn sums_of<'a>(samples: &[Complex32], setup: &Setup<'a>) -> Sums<'a> {
         let samples = SweepSamples::new(n_f, n_mic, |f, r| samples[f * n_mic + r]);
         return Box::new(move |lengths, totals| weighted_sweep(&samples, lengths, steps, totals));
     }
+    sums_of_tones(samples, setup.sweep.frequencies().iter().map(|f| -f / c).collect(), n_mic)
+}
+
+/// Sums over any tones, tone by tone, of samples `[tones, n_mic]`.
+pub(super) fn sums_of_tones<'a>(samples: &[Complex32], per_metre: Vec<f64>, n_mic: usize) -> Sums<'a> {
     let split = |row: &[Complex32]| -> [Vec<f32>; 2] {
         [row.iter().map(|m| m.re).collect(), row.iter().map(|m| m.im).collect()]
     };
     let samples: Vec<[Vec<f32>; 2]> = samples.chunks_exact(n_mic).map(split).collect();
-    let frequencies = setup.sweep.frequencies();
     Box::new(move |lengths, totals| {
         for (lengths, total) in lengths.chunks_exact(n_mic.next_multiple_of(LANES)).zip(totals) {
-            for (f, [re, im]) in frequencies.iter().zip(&samples) {
-                weighted_sum(-f / c, &lengths[..n_mic], [re, im], total);
+            for (per_metre, [re, im]) in per_metre.iter().zip(&samples) {
+                weighted_sum(*per_metre, &lengths[..n_mic], [re, im], total);
             }
         }
     })

@@ -11,6 +11,7 @@ use crate::grid::{Axis, Grid, zeros};
 use num_complex::Complex32;
 use rayon::prelude::*;
 use std::f64::consts::PI;
+use std::ops::Range;
 
 /// The most nodes that microphones are spread onto: some gigabytes of tones.
 const MOST_NODES: usize = 1 << 22;
@@ -36,7 +37,14 @@ pub(super) struct SharedLattice {
     pub(super) z: f64,
     /// Empty when the microphones are the nodes, in order.
     footprints: Vec<[Footprint; 2]>,
+    /// Depths too near to the microphones for spreading, which have to be summed without nodes.
+    pub(super) near: Range<usize>,
 }
+
+/// Depths nearer than so many of the shortest waves may go without nodes. A kernel bends too sharply there for any but
+/// very fine ones: from half a wave on they serve to any tolerance, from one and a half on they are hardly finer than
+/// anywhere, and within a tenth none serve.
+const NEAR: [f64; 4] = [0.1, 0.5, 1.0, 1.5];
 
 /// One sub-lattice along one axis: its first index and how many there are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -50,17 +58,35 @@ pub(super) struct Part {
 pub(super) type Parts = [Part; 2];
 
 impl SharedLattice {
-    /// Finds the lattice, spreading to within `tolerance` where the microphones fit none; 0 allows no spreading.
+    /// The lattice, or those there are to choose among: the fewer depths have to be near, the finer the nodes. Spreads to
+    /// within `tolerance` where the microphones fit none; 0 allows no spreading.
     ///
     /// # Errors
     /// In words: why there is none, and what would mend it.
-    pub(super) fn find(setup: &Setup, grid: &Grid, tolerance: f64) -> Result<Self, String> {
+    pub(super) fn find(setup: &Setup, grid: &Grid, tolerance: f64) -> Result<Vec<Self>, String> {
+        let mut near = NEAR.map(|waves| within(waves * shortest(setup), setup, grid)).to_vec();
+        near.dedup();
+        let mut found = Vec::new();
+        let mut misfit = String::new();
+        for near in near {
+            match Self::with(setup, grid, tolerance, near) {
+                Ok(lattice) if lattice.error() == 0.0 => return Ok(vec![lattice]),
+                Ok(lattice) => found.push(lattice),
+                Err(reason) => misfit = reason,
+            }
+        }
+        if found.is_empty() { Err(misfit) } else { Ok(found) }
+    }
+
+    /// The lattice that serves all depths but those `near`.
+    fn with(setup: &Setup, grid: &Grid, tolerance: f64, near: Range<usize>) -> Result<Self, String> {
         let (low, high) = setup.array.bounds();
-        let shortest = setup.sound_speed / setup.sweep.stop() / setup.geometry.return_legs();
+        let shortest = shortest(setup);
         if high.z - low.z > 1e-6 * shortest {
             return Err(format!("the microphones lie in no plane of constant z ({} to {} m)", low.z, high.z));
         }
         // Each axis may use half of what is allowed; their errors add.
+        let plane = low.z;
         let axis = |name: &str, voxels: &Axis, mics: Option<&Axis>, low: f64, high: f64| {
             let misfit = match exact(name, voxels, mics, [low, high], shortest) {
                 Ok(axis) => return Ok(axis),
@@ -69,7 +95,11 @@ impl SharedLattice {
             if tolerance <= 0.0 {
                 return Err(misfit);
             }
-            let height = (grid.z.first - setup.array.positions()[0].z).abs();
+            let far = (0..grid.z.count).filter(|iz| !near.contains(iz));
+            let height = far.map(|iz| (grid.z.position(iz) - plane).abs()).fold(f64::INFINITY, f64::min);
+            if height == f64::INFINITY {
+                return Err(format!("{misfit}, and all voxels are too near to the array to do without"));
+            }
             let aside = (voxels.last() - low).abs().max((high - voxels.first).abs());
             let kernels = Kernels { wavenumber: 2.0 * PI / shortest, height, aside };
             spread_axis(voxels, [low, high], &kernels, tolerance / 2.0).ok_or_else(|| {
@@ -89,7 +119,9 @@ impl SharedLattice {
             ));
         }
         let footprints = footprints(setup.array, &x, &y);
-        Ok(Self { x, y, z: f64::midpoint(low.z, high.z), footprints })
+        let exact = x.interpolator.is_none() && y.interpolator.is_none();
+        let near = if exact { 0..0 } else { near };
+        Ok(Self { x, y, z: f64::midpoint(low.z, high.z), footprints, near })
     }
 
     /// The greatest error of spreading, relative to one; 0 where the microphones stand on nodes.
@@ -147,6 +179,19 @@ impl SharedLattice {
             });
         Ok(nodes)
     }
+}
+
+/// The shortest wave, as short again for a scan, m.
+fn shortest(setup: &Setup) -> f64 {
+    setup.sound_speed / setup.sweep.stop() / setup.geometry.return_legs()
+}
+
+/// Depths nearer to the microphones' plane than `distance` m.
+fn within(distance: f64, setup: &Setup, grid: &Grid) -> Range<usize> {
+    let (low, _) = setup.array.bounds();
+    let near = |iz: &usize| (grid.z.position(*iz) - low.z).abs() < distance;
+    let first = (0..grid.z.count).find(near).unwrap_or(0);
+    first..first + (first..grid.z.count).take_while(near).count()
 }
 
 /// `count` indices dealt out in turn to `ways` sub-lattices.

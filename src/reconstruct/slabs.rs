@@ -79,6 +79,11 @@ impl Costs {
     }
 }
 
+/// Depths, so many at a time.
+pub(super) fn slabs_of(depths: usize, thickness: usize) -> impl Iterator<Item = Range<usize>> {
+    (0..depths).step_by(thickness).map(move |first| first..(first + thickness).min(depths))
+}
+
 /// Of which slab each takes the tones: its own, or those of the last before it that found its own, where `share` says so
 /// of both B·T and its depths. Slabs are given by B·T and depths.
 pub(super) fn finders(slabs: &[(f64, usize)], share: impl Fn(f64, f64, usize) -> bool) -> Vec<usize> {
@@ -105,9 +110,8 @@ impl Slabs {
         let of_volume = (2.0 * spread(0..depths) + 8.0).min(setup.sweep.len() as f64);
         let costs = Costs::new(layout, of_volume);
         let cost = |thickness: usize| {
-            let planes = |first: usize| first..(first + thickness).min(depths);
-            let slabs = (0..depths).step_by(thickness).map(planes);
-            let slabs: Vec<_> = slabs.map(|planes| (spread(planes.clone()), planes.len())).collect();
+            let slabs = slabs_of(depths, thickness).map(|planes| (spread(planes.clone()), planes.len()));
+            let slabs: Vec<_> = slabs.collect();
             let finders = finders(&slabs, |longer, own, depths| costs.share(longer, own, depths));
             let of = |(i, finder): (usize, &usize)| {
                 let found = if i == *finder { costs.decomposed(slabs[i].0) } else { 0.0 };

@@ -108,19 +108,18 @@ impl VolumeTones {
         Ok(Self { tones: Tones { per_metre, samples }, modulus, frequencies, error, growth })
     }
 
-    /// The tones of every slab of so many depths, so many at a time, whose path lengths `interval` tells.
+    /// The tones of slabs of these depths, whose path lengths `interval` tells.
     ///
     /// About the middle of an interval, weights depend on its duration alone: a slab takes the skeleton of one before it
     /// where `share` says so, of the durations of both, times the bandwidth, and of its own depths.
     pub(super) fn slabs(
         &self,
-        (depths, thickness): (usize, usize),
+        planes: impl Iterator<Item = Range<usize>>,
         interval: impl Fn(Range<usize>) -> PathInterval,
         share: impl Fn(f64, f64, usize) -> bool,
         tolerance: f64,
     ) -> Vec<SlabTones> {
-        let planes = |first: usize| first..(first + thickness).min(depths);
-        let planes: Vec<_> = (0..depths).step_by(thickness).map(planes).collect();
+        let planes: Vec<_> = planes.collect();
         let intervals: Vec<_> = planes.iter().map(|planes| interval(planes.clone())).collect();
         let bandwidth = self.frequencies[self.frequencies.len() - 1] - self.frequencies[0];
         let spreads =

@@ -13,6 +13,7 @@ use crate::grid::{Grid, zeros};
 use crate::progress::{Observer, advance, stage};
 use crate::reconstruct::batch::Batch;
 use crate::reconstruct::handover::Handover;
+use crate::reconstruct::slabs::slabs_of;
 use crate::reconstruct::tones::{SlabTones, VolumeTones};
 use crate::reconstruct::weights::Weights;
 use crate::reconstruct::{Made, Method, VolumeSink, no_room_for};
@@ -129,7 +130,8 @@ impl<'a> Tiled<'a> {
             self.interval(&setup, &(first.start..last.end))
         };
         let together = self.shells.len().div_ceil(MOST_SLABS);
-        let slabs = compressed.slabs((self.shells.len(), together), interval, share, budget.skeletons);
+        let slabs =
+            compressed.slabs(slabs_of(self.shells.len(), together), interval, share, budget.skeletons);
         let error_bound = (inexact + growth * budget.error(&slabs)) * compressed.modulus;
         let made = Made { method: Method::Backprojection, error_bound };
         sink.begin(&made)?;
