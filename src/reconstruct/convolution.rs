@@ -77,8 +77,11 @@ impl Depths<'_> {
         let planes = planes.par_chunks_mut(self.layout.grid.plane_len());
         let run = self.batch.least_run(planes.len());
         planes.with_min_len(run).enumerate().try_for_each(|(iz, voxels)| {
-            let near = self.near.as_ref().map(|near| near.image(first + iz, voxels, self.observer));
-            if !near.transpose()?.unwrap_or(false) {
+            let summed = match &self.near {
+                Some(near) => near.image(first + iz, voxels, self.observer)?,
+                None => false,
+            };
+            if !summed {
                 self.focuses.with(|focus| focus.add(first + iz, &tones.per_metre, spectra, voxels))?;
             }
             advance(self.observer, tones.per_metre.len() as u64)
