@@ -47,14 +47,15 @@ use glam::DVec3;
 use serde::Serialize;
 
 impl Setup<'_> {
-    /// Lateral resolution λ_c z/D along x and y at depth `z`, m; `None` along an axis without extent.
+    /// Lateral resolution λ_c z/D along x and y at depth `z`, m; `None` along an axis without extent. Never less than half
+    /// a wavelength, which is the least that waves from all sides resolve.
     ///
     /// Not Eq. 12, whose right side is dimensionless (an angle) and knows no wavelength (PHYSICS Q2). A monostatic
     /// scan resolves twice as finely, since both legs change.
     pub fn lateral_resolution(&self, z: f64) -> [Option<f64>; 2] {
         let extent = self.array.extent();
-        [extent.x, extent.y]
-            .map(|d| (d > 0.0).then(|| self.wavelength() * z / (d * self.geometry.return_legs())))
+        let wavelength = self.wavelength() / self.geometry.return_legs();
+        [extent.x, extent.y].map(|d| (d > 0.0).then(|| wavelength * (z / d).max(0.5)))
     }
 
     /// Greatest path length that is not ambiguous, m: c/δf in quadrature (as a span), c/2δf in phase.
@@ -79,7 +80,7 @@ impl Setup<'_> {
     pub fn advised_pitch(&self, nearest_z: f64) -> [f64; 3] {
         let half_cell = self.lateral_resolution(nearest_z);
         let lateral = |axis: Option<&Axis>, cell: Option<f64>| {
-            let most = cell.map_or(self.wavelength(), |cell| 0.5 * cell).max(1e-4);
+            let most = cell.map_or(self.wavelength(), |cell| 0.5 * cell);
             match axis {
                 Some(axis) if axis.count > 1 => axis.pitch / (axis.pitch / most).ceil().max(1.0),
                 _ => most,
@@ -287,6 +288,7 @@ mod tests {
             near(setup.lateral_resolution(1.8)[0].expect("extent"), 343.0 / 15_000.0 * 1.8);
             near(setup.unambiguous_path().expect("steps"), 343.0 / 40.0);
             let pitch = setup.advised_pitch(1.8);
+            near(setup.lateral_resolution(0.01)[1].expect("extent"), 0.5 * 343.0 / 15_000.0);
             let half_cell = 0.5 * 343.0 / 15_000.0 * 1.8;
             assert!(pitch[0] <= half_cell && (30.0f64.recip() / pitch[0]).fract() < 1e-9, "{pitch:?}");
         });

@@ -278,7 +278,7 @@ fn mend_ambiguity(setup: &Setup, grid: &Grid) -> Vec<Suggestion> {
 }
 
 fn mend_voxels(setup: &Setup, grid: &Grid) -> Vec<Suggestion> {
-    let advised = setup.advised_pitch(grid.z.first.max(1e-3));
+    let advised = setup.advised_pitch(grid.z.first);
     let axes = [grid.x, grid.y, grid.z];
     let coarse = |i: usize| axes[i].count > 1 && axes[i].pitch > 1.05 * advised[i];
     if !(0..3).any(coarse) {
