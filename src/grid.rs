@@ -8,6 +8,7 @@ mod view;
 pub use view::{Raster, View};
 
 use crate::error::{Error, Result};
+use crate::wave::corners;
 use glam::DVec3;
 use num_complex::Complex32;
 use serde::{Deserialize, Serialize};
@@ -127,10 +128,13 @@ impl Grid {
 
     /// The eight corners of the box of voxel centres, m.
     pub fn corners(&self) -> [DVec3; 8] {
-        std::array::from_fn(|i| {
-            let pick = |axis: &Axis, bit: usize| if i & bit == 0 { axis.first } else { axis.last() };
-            DVec3::new(pick(&self.x, 1), pick(&self.y, 2), pick(&self.z, 4))
-        })
+        corners(self.bounds())
+    }
+
+    /// First and last voxel, m.
+    pub fn bounds(&self) -> (DVec3, DVec3) {
+        let of = |end: fn(&Axis) -> f64| DVec3::new(end(&self.x), end(&self.y), end(&self.z));
+        (of(|axis| axis.first), of(Axis::last))
     }
 }
 

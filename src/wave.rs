@@ -79,21 +79,18 @@ impl Geometry {
     ///
     /// The greatest is exact: a sum of distances is convex, so its maximum is at corners. The least is bounded from
     /// below by the sum of the two separate minima.
-    pub fn path_bounds(&self, points: [DVec3; 2], microphones: [DVec3; 2]) -> [f64; 2] {
-        let [low, high] = microphones;
+    pub fn path_bounds(&self, points: (DVec3, DVec3), microphones: (DVec3, DVec3)) -> [f64; 2] {
+        let (low, high) = microphones;
         let farthest = |p: DVec3| (p - low).abs().max((p - high).abs()).length();
-        let corner = |i: usize| {
-            let pick = |bit: usize| if i & bit == 0 { points[0] } else { points[1] };
-            DVec3::new(pick(1).x, pick(2).y, pick(4).z)
-        };
-        let longest = (0..8).map(corner).map(|p| self.outward_length(p) + self.return_legs() * farthest(p));
-        let gap = |[low, high]: [DVec3; 2]| (points[0] - high).max(low - points[1]).max(DVec3::ZERO).length();
+        let longest = corners(points).map(|p| self.outward_length(p) + self.return_legs() * farthest(p));
+        let gap =
+            |(low, high): (DVec3, DVec3)| (points.0 - high).max(low - points.1).max(DVec3::ZERO).length();
         let back = gap(microphones);
         let out = match self {
-            Self::FixedSource { source } => gap([*source; 2]),
+            Self::FixedSource { source } => gap((*source, *source)),
             Self::Monostatic => back,
         };
-        [out + back, longest.fold(0.0, f64::max)]
+        [out + back, longest.into_iter().fold(0.0, f64::max)]
     }
 
     /// The part of the path that does not depend on the microphone, `|p − s|`; 0 for a monostatic scan.
@@ -128,6 +125,14 @@ impl Geometry {
             Self::Monostatic => array_centre,
         }
     }
+}
+
+/// The corners of a box given by its least and its greatest, x fastest.
+pub(crate) fn corners((low, high): (DVec3, DVec3)) -> [DVec3; 8] {
+    std::array::from_fn(|i| {
+        let pick = |bit: usize| if i & bit == 0 { low } else { high };
+        DVec3::new(pick(1).x, pick(2).y, pick(4).z)
+    })
 }
 
 /// Wraps a phase counted in cycles to [−½, ½].

@@ -78,10 +78,10 @@ impl Setup<'_> {
     /// # Panics
     /// Without depths.
     pub fn path_interval(&self, grid: &Grid, depths: Range<usize>) -> PathInterval {
-        let corners = grid.corners();
-        let low = corners[0].with_z(grid.z.position(depths.start));
-        let high = corners[7].with_z(grid.z.position(depths.end - 1));
-        let [shortest, longest] = self.geometry.path_bounds([low, high], self.array.bounds().into());
+        let (low, high) = grid.bounds();
+        let low = low.with_z(grid.z.position(depths.start));
+        let high = high.with_z(grid.z.position(depths.end - 1));
+        let [shortest, longest] = self.geometry.path_bounds((low, high), self.array.bounds());
         PathInterval { shortest, longest, sound_speed: self.sound_speed }
     }
 

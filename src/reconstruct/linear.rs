@@ -115,8 +115,8 @@ impl Plan {
         let (legs, c) = (setup.geometry.return_legs(), setup.sound_speed);
         let share = tolerance.max(LEAST_TOLERANCE) / AXES / 1.1;
         let taper = Taper::new(share);
-        let corners = [grid.corners()[0] - origin, grid.corners()[7] - origin];
-        let ends: [[f64; 2]; 3] = std::array::from_fn(|i| [corners[0][i], corners[1][i]]);
+        let (first, last) = grid.bounds();
+        let ends: [[f64; 2]; 3] = std::array::from_fn(|i| [first[i] - origin[i], last[i] - origin[i]]);
         let square = ends.map(squares);
         let per_metre = [setup.sweep.start() * legs / c, setup.sweep.stop() * legs / c];
         let mics: [[f64; 2]; 2] = std::array::from_fn(|i| [low[i] - origin[i], high[i] - origin[i]]);

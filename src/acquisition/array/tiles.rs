@@ -1,5 +1,6 @@
 //! Microphones in tiles of neighbours.
 
+use crate::wave::corners;
 use glam::DVec3;
 
 /// Neighbouring microphones.
@@ -28,12 +29,8 @@ impl Tile {
     }
 
     /// The corners of the box.
-    pub(crate) fn corners(&self) -> impl Iterator<Item = DVec3> + use<> {
-        let Self { centre, half, .. } = *self;
-        (0..8).map(move |i| {
-            let sign = |bit: usize| if i & bit == 0 { -1.0 } else { 1.0 };
-            centre + half * DVec3::new(sign(1), sign(2), sign(4))
-        })
+    pub(crate) fn corners(&self) -> [DVec3; 8] {
+        corners((self.centre - self.half, self.centre + self.half))
     }
 }
 

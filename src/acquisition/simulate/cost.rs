@@ -201,7 +201,7 @@ pub fn bytes(
     let Some((low, high)) = bounds.filter(|_| sweep.bandwidth() > 0.0) else { return literal };
     let rung = RUNGS[RUNGS.len() / 2];
     let length = rung.spread / sweep.bandwidth() * options.sound_speed;
-    let [shortest, longest] = options.geometry.path_bounds([low, high], array.bounds().into());
+    let [shortest, longest] = options.geometry.path_bounds((low, high), array.bounds());
     // The paths to a tile take half of what they may, as like as not.
     let groups = (longest - shortest) / ((1.0 - 0.5 * TILE_SHARE) * length) + 1.0;
     let ends = Reflectors::new(vec![low, high], vec![Complex32::ONE; 2]).unwrap_or_default();

@@ -67,7 +67,7 @@ impl Terms<'_> {
                 };
                 let nodes: Vec<(DVec3, f64)> = places.iter().map(node).collect::<Option<_>>()?;
                 moduli = moduli.max(weights.iter().map(|w| w.abs()).sum());
-                for r in tile.corners().step_by(density.corners) {
+                for r in tile.corners().into_iter().step_by(density.corners) {
                     for f in frequencies {
                         let term = |(q, range): &(DVec3, f64)| {
                             let turns = f * setup.geometry.path_length(*q, r) - carrier * range;
@@ -99,13 +99,13 @@ impl Seen {
         let frames: Vec<Frame> =
             some(tiles, 3).map(|tile| Frame::new(&setup.geometry, tile.centre)).collect();
         let (low, high) = setup.array.bounds();
-        let corners = grid.corners();
-        let [shortest, _] = setup.geometry.path_bounds([corners[0], corners[7]], [low, high]);
+        let (first, last) = grid.bounds();
+        let [shortest, _] = setup.geometry.path_bounds((first, last), (low, high));
         Self {
             tiles: tiles.len(),
             radius: tiles.iter().map(|tile| tile.radius).fold(0.0, f64::max),
             shortest,
-            typical: setup.geometry.path_length(corners[0].midpoint(corners[7]), low.midpoint(high)),
+            typical: setup.geometry.path_length(first.midpoint(last), low.midpoint(high)),
             frames,
         }
     }
