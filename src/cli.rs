@@ -9,6 +9,7 @@ mod design;
 mod info;
 mod inputs;
 mod manual;
+mod outputs;
 mod reproduce;
 mod signals;
 mod summary;

@@ -30,6 +30,7 @@ mod plane;
 mod product;
 pub mod skeleton;
 mod slabs;
+mod spectra;
 mod spread;
 mod taps;
 mod tones;

@@ -61,6 +61,7 @@ use crate::error::{Error, Result};
 use crate::files::extension;
 use crate::progress::Observer;
 use material::Palette;
+use needs::Glimpse;
 use occlusion::SurfaceTree;
 use surfaces::{MOST_TRIANGLES, Surfaces, too_many_triangles};
 
@@ -121,7 +122,7 @@ impl Scene {
                 "is no mesh this program reads; expected a file named .obj, .gltf, .glb, .stl or .ply",
             ));
         }
-        let needs = MeshNeeds::of(path)?;
+        let needs = Self::foresee(path)?;
         needs.check(path, options.memory)?;
         let mut palette = Palette::new(&options.materials)?;
         let mesh = match kind.as_str() {
@@ -152,7 +153,16 @@ impl Scene {
     /// # Errors
     /// A file that cannot be read. What is wrong within it is for [`Scene::load`] to find.
     pub fn foresee(path: &Path) -> Result<MeshNeeds> {
-        MeshNeeds::of(path)
+        let mut glimpse = Glimpse::of(path)?;
+        let file = glimpse.length;
+        let found = match extension(path).as_str() {
+            "obj" => Some(obj::needs(&mut glimpse)),
+            "gltf" | "glb" => gltf::needs(&mut glimpse),
+            "stl" => stl::needs(&mut glimpse),
+            "ply" => ply::needs(&mut glimpse),
+            _ => None,
+        };
+        Ok(MeshNeeds { file, ..found.unwrap_or(MeshNeeds { reading: file, ..MeshNeeds::default() }) })
     }
 
     /// What it took of memory, and takes.

@@ -1,6 +1,7 @@
 //! One function per command: arguments in, library calls, results out.
 
-use super::inputs::{check_kind, config_of, has_extension, scene_of};
+use super::inputs::{check_kind, config_of, has_extension, reading_limit, scene_of};
+use super::outputs::{check_extension, make_folder, pretty, wrote};
 use super::terminal::{Terminal, print};
 use super::verdicts::{check, compare};
 use super::{Cli, Command, Overrides, browser, design, info, manual, reproduce, summary};
@@ -11,10 +12,9 @@ use holosonar::config::ANNOTATED;
 use holosonar::error::{Error, Result};
 use holosonar::files::{check_folder, check_writable, write_atomically};
 use holosonar::pipeline;
-use holosonar::plan::memory_limit;
 use holosonar::progress::{Observer, stage};
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// The corner mesh that `init` writes beside its run file.
 const CORNER_MESH: &str = include_str!("../../scenes/meshes/corner.obj");
@@ -225,48 +225,4 @@ fn no_config(config: Option<&Path>) -> Result<()> {
         }
         None => Ok(()),
     }
-}
-
-/// Refuses an output name before any work is done for it.
-pub(super) fn check_extension(path: &Path, extensions: &[&str]) -> Result<()> {
-    if has_extension(path, extensions) {
-        return Ok(());
-    }
-    let known = extensions.iter().map(|e| format!(".{e}")).collect::<Vec<_>>().join(", ");
-    Err(Error::input(
-        path.display(),
-        format!("the extension decides the format; this command writes {known}"),
-    ))
-}
-
-/// Makes the output folder first, so that a place that cannot be written is found before the long work; says whether it
-/// was not there before.
-pub(super) fn make_folder(folder: &Path) -> Result<bool> {
-    let missing = !folder.exists();
-    std::fs::create_dir_all(folder).map(|()| missing).map_err(|e| match e.kind() {
-        std::io::ErrorKind::AlreadyExists | std::io::ErrorKind::NotADirectory => {
-            Error::input(folder.display(), "is a file; a folder was expected")
-        }
-        _ => Error::writing(folder, &e),
-    })
-}
-
-/// Bytes that any one array of an input may take.
-pub(super) fn reading_limit() -> u64 {
-    memory_limit().unwrap_or(u64::MAX)
-}
-
-pub(super) fn wrote(files: &[PathBuf], json: bool, terminal: &Terminal) -> Result<()> {
-    if json {
-        return print(&pretty(&serde_json::json!({ "files": files })));
-    }
-    if terminal.is_quiet() {
-        return Ok(());
-    }
-    let lines: Vec<String> = files.iter().map(|path| format!("wrote {}\n", path.display())).collect();
-    print(&lines.concat())
-}
-
-pub(super) fn pretty(value: &serde_json::Value) -> String {
-    format!("{value:#}\n")
 }

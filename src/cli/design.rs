@@ -1,6 +1,7 @@
 //! `psf` and `plan --sweep`, and the designer's half of what `plan` prints.
 
 use super::inputs::run_of;
+use super::outputs::{make_folder, pretty};
 use super::terminal::{Terminal, print};
 use super::{Overrides, summary};
 use glam::DVec3;
@@ -135,7 +136,7 @@ pub(super) fn sweep(
     }
     if json {
         let value = serde_json::to_value(&sweep).map_err(|e| Error::environment("plan", e.to_string()))?;
-        return print(&super::commands::pretty(&value));
+        return print(&pretty(&value));
     }
     print(&sweep_table(&sweep))
 }
@@ -199,7 +200,7 @@ fn sweep_cells(design: &DesignRow) -> Vec<String> {
 
 /// `sweep.png` and `sweep.json`: the first key along x, a line for every combination of the others.
 fn write_sweep(folder: &Path, sweep: &DesignSweep) -> Result<()> {
-    super::commands::make_folder(folder)?;
+    make_folder(folder)?;
     let (mut places, mut series) = (Vec::<String>::new(), Vec::<String>::new());
     let name = |values: &[String]| {
         let named = sweep.keys.iter().zip(values).skip(1).map(|(key, value)| format!("{key} = {value}"));
@@ -241,9 +242,7 @@ fn write_sweep(folder: &Path, sweep: &DesignSweep) -> Result<()> {
 
 fn write_json(path: &Path, value: &serde_json::Result<serde_json::Value>) -> Result<()> {
     let value = value.as_ref().map_err(|e| Error::environment(path.display(), e.to_string()))?;
-    holosonar::files::write_atomically(path, |out| {
-        std::io::Write::write_all(out, super::commands::pretty(value).as_bytes())
-    })
+    holosonar::files::write_atomically(path, |out| std::io::Write::write_all(out, pretty(value).as_bytes()))
 }
 
 /// `psf`: a table per point, and a picture in `folder` if there is one.
@@ -262,13 +261,13 @@ pub(super) fn psf(
     let value = json!({ "window": window, "grid": grid, "points": spreads });
     let mut files: Vec<PathBuf> = Vec::new();
     if let Some(folder) = folder {
-        super::commands::make_folder(folder)?;
+        make_folder(folder)?;
         files = ["psf.png", "psf.json"].map(|name| folder.join(name)).to_vec();
         write_spread_figure(&files[0], &spreads)?;
         write_json(&files[1], &Ok(value.clone()))?;
     }
     if json {
-        return print(&super::commands::pretty(&value));
+        return print(&pretty(&value));
     }
     let mut text = spreads.iter().map(spread).collect::<Vec<_>>().join("\n");
     for file in files {

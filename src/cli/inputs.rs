@@ -4,6 +4,7 @@ use super::Overrides;
 use holosonar::config::{InputFile, RunFile};
 use holosonar::error::{Error, Result};
 use holosonar::files::extension;
+use holosonar::plan::memory_limit;
 use holosonar::scene::EXTENSIONS;
 use std::path::Path;
 
@@ -103,6 +104,11 @@ pub(super) fn bytes(option: &str, typed: &str) -> Result<u64> {
     };
     let bytes = number.parse::<f64>().map_err(|_| refuse())? * factor;
     if (1.0..1e18).contains(&bytes) { Ok(bytes as u64) } else { Err(refuse()) }
+}
+
+/// Bytes that any one array of an input may take.
+pub(super) fn reading_limit() -> u64 {
+    memory_limit().unwrap_or(u64::MAX)
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! What `reproduce` prints: the paper's numbers beside ours.
 
-use super::commands::{make_folder, pretty, wrote};
+use super::outputs::{make_folder, pretty, wrote};
 use super::summary::name_of as method_name;
 use super::terminal::{Terminal, print};
 use holosonar::error::Result;

@@ -1,6 +1,7 @@
 //! The commands that judge: `compare` and `check`, and their exit status.
 
-use super::commands::{check_extension, pretty, reading_limit};
+use super::inputs::reading_limit;
+use super::outputs::{check_extension, pretty};
 use super::terminal::{Terminal, print};
 use super::{Overrides, summary};
 use holosonar::error::{Error, Result};

@@ -1,12 +1,7 @@
 //! A volume's amplitude `|Â|`: what every volume format holds, and all that a picture needs.
 
-use super::volume_exr::read_volume_exr;
-use super::volume_npz::read_volume_npz;
-use super::volume_nrrd::read_volume_nrrd;
-use super::volume_vti::read_volume_vti;
 use super::{Attribute, Attributes};
 use crate::error::{Error, Result};
-use crate::files::extension;
 use crate::grid::{Axis, Grid, Volume, no_room_for, room};
 use std::io::Read;
 use std::path::Path;
@@ -31,25 +26,6 @@ impl Amplitude {
         let mut values = room(volume.samples.len() as u64).ok_or_else(|| no_room_for(&volume.grid))?;
         values.extend(volume.samples.iter().map(|sample| sample.norm()));
         Ok(Self { grid: volume.grid, values, attributes: Attributes::new() })
-    }
-
-    /// Reads a volume of ours, `.npz`, `.nrrd`, `.vti` or `.exr`, of at most `limit_bytes`.
-    ///
-    /// An npz's facts are no attributes and are left out.
-    ///
-    /// # Errors
-    /// Another extension; what the format's reader refuses.
-    pub fn read(path: &Path, limit_bytes: u64) -> Result<Self> {
-        match extension(path).as_str() {
-            "npz" => read_volume_npz(path, limit_bytes).and_then(|(volume, _)| Self::of(&volume)),
-            "nrrd" => read_volume_nrrd(path, limit_bytes),
-            "vti" => read_volume_vti(path, limit_bytes),
-            "exr" => read_volume_exr(path, limit_bytes),
-            _ => Err(Error::input(
-                path.display(),
-                "is no volume; a file .npz, .nrrd, .vti or .exr was expected",
-            )),
-        }
     }
 
     /// Greatest finite value, 0 if there is none.
@@ -116,91 +92,4 @@ pub(super) fn read_floats(file: &mut impl Read, grid: &Grid) -> Result<Option<Ve
         values.extend(block[..now].as_chunks::<4>().0.iter().map(|four| f32::from_le_bytes(*four)));
     }
     Ok(Some(values))
-}
-
-#[cfg(test)]
-#[allow(clippy::unwrap_used)]
-mod tests {
-    use super::super::volume_exr::write_volume_exr;
-    use super::super::volume_npz::write_volume_npz;
-    use super::super::volume_nrrd::write_volume_nrrd;
-    use super::super::volume_vti::write_volume_vti;
-    use super::super::{Components, Compression, Encoding};
-    use super::*;
-    use num_complex::Complex32;
-
-    fn volume(depths: usize) -> Volume {
-        let grid = Grid {
-            x: Axis { first: -0.1, pitch: 1.0 / 30.0, count: 5 },
-            y: Axis { first: 0.2, pitch: 0.1, count: 3 },
-            z: Axis { first: 1.3, pitch: 0.007, count: depths },
-        };
-        let samples = (0..15 * depths).map(|i| Complex32::from_polar((i % 97) as f32, i as f32)).collect();
-        Volume::new(grid, samples)
-    }
-
-    #[test]
-    fn every_format_gives_the_same_amplitude_back() {
-        let folder = tempfile::tempdir().unwrap();
-        // More depths than one EXR holds.
-        let volume = volume(520);
-        let facts = [("sonar:soundSpeed".to_owned(), Attribute::Number(343.25))];
-        let at = |name: &str| folder.path().join(name);
-        let plain = Encoding { compression: Compression::None, ..Encoding::default() };
-        write_volume_npz(&at("a.npz"), &volume, &serde_json::json!({})).unwrap();
-        write_volume_exr(&at("a.exr"), &volume, Components::Complex, &facts, Encoding::default()).unwrap();
-        write_volume_exr(&at("b.exr"), &volume, Components::Amplitude, &facts, plain).unwrap();
-        write_volume_vti(&at("a.vti"), &volume, Components::Complex, &facts).unwrap();
-        write_volume_vti(&at("b.vti"), &volume, Components::Amplitude, &facts).unwrap();
-        write_volume_nrrd(&at("a.nrrd"), &volume, &facts, Compression::Zip).unwrap();
-        write_volume_nrrd(&at("b.nrrd"), &volume, &facts, Compression::None).unwrap();
-        let expected = Amplitude::of(&volume).unwrap();
-        for name in ["a.npz", "a.exr", "b.exr", "a.vti", "b.vti", "a.nrrd", "b.nrrd"] {
-            let found = Amplitude::read(&at(name), 1 << 24).unwrap();
-            assert_eq!(found.grid, expected.grid, "{name}");
-            assert!(found.values == expected.values, "{name}");
-            let refused = Amplitude::read(&at(name), 1000).unwrap_err();
-            assert_eq!(refused.exit_status(), 2, "{name}: {refused}");
-        }
-        assert_eq!(Amplitude::read(Path::new("a.png"), 1).unwrap_err().exit_status(), 2);
-    }
-
-    #[test]
-    fn half_floats_are_near_and_the_complex_parts_stay_exact() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("a.exr");
-        let volume = volume(4);
-        let half = Encoding { float16: true, ..Encoding::default() };
-        write_volume_exr(&path, &volume, Components::Complex, &[], half).unwrap();
-        let found = Amplitude::read(&path, 1 << 20).unwrap();
-        for (half, sample) in found.values.iter().zip(&volume.samples) {
-            assert!((half - sample.norm()).abs() <= sample.norm() / 2048.0, "{half} {sample}");
-        }
-        assert!(found.values.iter().zip(&volume.samples).any(|(half, sample)| *half != sample.norm()));
-    }
-
-    #[test]
-    fn damaged_files_are_refused_and_never_panic() {
-        let folder = tempfile::tempdir().unwrap();
-        let volume = volume(2);
-        let [vti, nrrd, raw] = ["a.vti", "a.nrrd", "b.nrrd"].map(|name| folder.path().join(name));
-        write_volume_vti(&vti, &volume, Components::Amplitude, &[]).unwrap();
-        write_volume_nrrd(&nrrd, &volume, &[], Compression::Zip).unwrap();
-        write_volume_nrrd(&raw, &volume, &[], Compression::None).unwrap();
-        for path in [vti, nrrd, raw] {
-            let whole = std::fs::read(&path).unwrap();
-            for length in 0..whole.len() {
-                std::fs::write(&path, &whole[..length]).unwrap();
-                // The last lines of a VTI hold nothing that is read.
-                let result = Amplitude::read(&path, 1 << 20);
-                assert!(result.is_err() || length + 40 > whole.len(), "{} cut at {length}", path.display());
-            }
-            for at in 0..whole.len() {
-                let mut damaged = whole.clone();
-                damaged[at] ^= 0x11;
-                std::fs::write(&path, &damaged).unwrap();
-                let _ = Amplitude::read(&path, 1 << 20);
-            }
-        }
-    }
 }

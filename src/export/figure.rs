@@ -10,6 +10,7 @@ mod layout;
 mod lettering;
 mod results;
 mod spread;
+mod style;
 mod ticks;
 
 pub use chart::{Chart, ChartAxis, write_charts};

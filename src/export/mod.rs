@@ -37,6 +37,7 @@ pub mod volume_exr;
 mod volume_file;
 pub mod volume_npz;
 pub mod volume_nrrd;
+mod volume_reading;
 pub mod volume_vti;
 
 pub use volume_file::VolumeFile;

@@ -60,7 +60,7 @@ impl<'a> Focus<'a> {
         focus.ok_or_else(|| no_room_for(&layout.grid))
     }
 
-    /// Adds tones to the voxels of depth `iz`, `[y, x]`; `spectra` are those of [`Layout::spectra`].
+    /// Adds tones to the voxels of depth `iz`, `[y, x]`; `spectra` are those of [`Layout::transform_into`].
     pub(super) fn add(&mut self, iz: usize, per_metre: &[f64], spectra: &[Lanes], voxels: &mut [Complex32]) {
         let (Self::Plane(Plane { layout, .. }) | Self::Line(Line { layout, .. })) = self;
         for part in 0..layout.voxel_parts.len() {

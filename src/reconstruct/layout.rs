@@ -1,17 +1,10 @@
-//! What stays the same for all planes of a volume: sub-lattices, transforms, and the data's spectra.
+//! What stays the same for all planes of a volume: sub-lattices, transforms, and where the data's spectra have their parts.
 
-use super::batch::Batch;
 use super::circle::{Circle, Offset, Turn};
-use super::lanes::transpose;
 use super::lattice::{Parts, SharedLattice};
-use super::line;
-use super::no_room;
-use crate::error::Result;
-use crate::grid::{Grid, filled};
-use crate::wave::simd::{LANES, Lanes};
-use crate::wave::{Geometry, phasor};
-use num_complex::Complex32;
-use rayon::prelude::*;
+use crate::grid::Grid;
+use crate::wave::Geometry;
+use crate::wave::simd::LANES;
 
 /// What stays the same for all planes of a volume.
 ///
@@ -32,7 +25,7 @@ pub(super) struct Layout<'a> {
     /// `[voxel part][node part]`, along x and y.
     pub(super) offsets: Vec<Vec<[Offset; 2]>>,
     /// What differs among the spectra of one tone: part of the nodes, and its turns along x and y.
-    placements: Vec<(usize, [Turn; 2])>,
+    pub(super) placements: Vec<(usize, [Turn; 2])>,
 }
 
 impl<'a> Layout<'a> {
@@ -112,139 +105,5 @@ impl<'a> Layout<'a> {
         let placement = (part, offset.map(|o| o.turn));
         let index = self.placements.iter().position(|p| *p == placement).expect("every pair was entered");
         index * self.x.len() * self.y.len() / LANES
-    }
-
-    /// Spectra of the nodes' samples, `[tone, placement, block, side, k_y]`; the inverse transform's scale is folded in.
-    /// On a line, those of [`line::transform_into`].
-    ///
-    /// # Errors
-    /// A thread's buffers do not fit in memory.
-    pub(super) fn transform_into(
-        &self,
-        nodes: &[Complex32],
-        batch: Batch,
-        spectra: &mut [Lanes],
-    ) -> Result<()> {
-        if let Some(axis) = self.line {
-            line::transform_into(self, axis, nodes, spectra);
-            return Ok(());
-        }
-        let tones = nodes.len() / self.lattice.width();
-        let no_room = || no_room(tones as u64, self.lattice.width() as u64);
-        let planes = spectra.par_chunks_exact_mut(self.x.len() * self.y.len() / LANES);
-        let run = batch.least_run(planes.len());
-        planes.with_min_len(run).enumerate().try_for_each_init(
-            || Scratch::new(self),
-            |scratch, (index, spectrum)| {
-                let scratch = scratch.as_mut().ok_or_else(no_room)?;
-                let (tone, placement) = (index / self.placements.len(), index % self.placements.len());
-                let nodes = &nodes[tone * self.lattice.width()..][..self.lattice.width()];
-                self.transform(nodes, self.placements[placement], spectrum, scratch);
-                Ok(())
-            },
-        )
-    }
-
-    /// Room for the spectra of so many tones.
-    ///
-    /// # Errors
-    /// They do not fit in memory.
-    pub(super) fn room(&self, tones: usize) -> Result<Vec<Lanes>> {
-        filled(Lanes::ZERO, self.spectra_len(tones) as u64)
-            .ok_or_else(|| no_room(tones as u64, self.lattice.width() as u64))
-    }
-
-    /// So much of it as so many tones take.
-    pub(super) fn part<'b>(&self, room: &'b mut [Lanes], tones: usize) -> &'b mut [Lanes] {
-        &mut room[..self.spectra_len(tones)]
-    }
-
-    /// Length of the spectra of so many tones.
-    fn spectra_len(&self, tones: usize) -> usize {
-        match self.line {
-            Some(axis) => tones.div_ceil(LANES) * self.node_parts.len() * self.along(axis).len(),
-            None => tones * self.tone_len() / LANES,
-        }
-    }
-
-    /// The spectrum of one tone's nodes at one placement, `[block, side, k_y]`.
-    fn transform(
-        &self,
-        nodes: &[Complex32],
-        (part, turns): (usize, [Turn; 2]),
-        spectrum: &mut [Lanes],
-        scratch: &mut Scratch,
-    ) {
-        let scale = 1.0 / (self.x.len() * self.y.len()) as f32;
-        let [n_x, _] = self.lattice.nodes().map(|axis| axis.count);
-        let [x, y] = self.node_parts[part];
-        let (sides, n_y) = (self.sides(), self.y.len());
-        scratch.columns.fill(Lanes::ZERO);
-        for first in (0..y.count).step_by(LANES) {
-            let rows = LANES.min(y.count - first);
-            scratch.row.fill(Lanes::ZERO);
-            for lane in 0..rows {
-                let from = &nodes[(y.start + (first + lane) * y.stride) * n_x..][..n_x];
-                for (j, node) in from[x.start..].iter().step_by(x.stride).enumerate() {
-                    let to = &mut scratch.row[Offset::place(turns[0], j, &self.x)];
-                    (to.re[lane], to.im[lane]) = (node.re * scale, node.im * scale);
-                }
-            }
-            let work = &mut scratch.work[..self.x.len()];
-            self.x.fft.transform(&scratch.row, &mut scratch.transformed, work);
-            for (column, to) in scratch.columns.chunks_exact_mut(n_y).enumerate() {
-                let (block, side) = (column / sides, column % sides);
-                let mut tile = [Lanes::ZERO; LANES];
-                for (k, row) in tile.iter_mut().enumerate() {
-                    let k = block * LANES + k;
-                    if (side, k) != (1, 0) {
-                        *row = scratch.transformed[self.column(side, k)];
-                    }
-                    if side == 1 && turns[0].half {
-                        // The spectrum of a kernel with its mirror between the lags is even but for e^{iπk/n}.
-                        turn(row, phasor(-(k as f64) / self.x.len() as f64));
-                    }
-                }
-                transpose(&tile, &mut scratch.tile);
-                for (j, row) in scratch.tile[..rows].iter().enumerate() {
-                    to[Offset::place(turns[1], first + j, &self.y)] = *row;
-                }
-            }
-        }
-        for (column, spectrum) in scratch.columns.chunks_exact(n_y).zip(spectrum.chunks_exact_mut(n_y)) {
-            self.y.fft.transform(column, spectrum, &mut scratch.work[..n_y]);
-        }
-    }
-}
-
-/// Multiplies every lane by one number.
-fn turn(row: &mut Lanes, by: Complex32) {
-    for (re, im) in row.re.iter_mut().zip(&mut row.im) {
-        let product = Complex32::new(*re, *im) * by;
-        (*re, *im) = (product.re, product.im);
-    }
-}
-
-/// One thread's buffers.
-struct Scratch {
-    row: Vec<Lanes>,
-    transformed: Vec<Lanes>,
-    work: Vec<Lanes>,
-    columns: Vec<Lanes>,
-    tile: [Lanes; LANES],
-}
-
-impl Scratch {
-    /// `None` when they do not fit in memory.
-    fn new(layout: &Layout) -> Option<Self> {
-        let zeros = |n: usize| filled(Lanes::ZERO, n as u64);
-        let (n_x, n_y) = (layout.x.len(), layout.y.len());
-        Some(Self {
-            row: zeros(n_x)?,
-            transformed: zeros(n_x)?,
-            work: zeros(n_x.max(n_y))?,
-            columns: zeros(n_x * n_y / LANES)?,
-            tile: [Lanes::ZERO; LANES],
-        })
     }
 }

@@ -12,7 +12,6 @@ use crate::wave::Geometry;
 use crate::wave::simd::{LANES, Lanes, ROWS, lane_phasors, tone_phasors};
 use glam::DVec3;
 use num_complex::Complex32;
-use rayon::prelude::*;
 
 /// Geometry of one depth and voxel sub-lattice, and buffers that are used again and again.
 #[derive(Debug)]
@@ -37,30 +36,10 @@ pub(super) struct Line<'a> {
 }
 
 /// Places along a line of a plane of rows of `n_x`.
-fn places([x, y]: &Parts, axis: usize, n_x: usize) -> impl Iterator<Item = usize> + use<> {
+pub(super) fn places([x, y]: &Parts, axis: usize, n_x: usize) -> impl Iterator<Item = usize> + use<> {
     let first = y.start * n_x + x.start;
     let (count, stride) = if axis == 0 { (x.count, x.stride) } else { (y.count, y.stride * n_x) };
     (0..count).map(move |i| first + i * stride)
-}
-
-/// Spectra of the nodes' samples, `[tone / 16, part, k]` in lanes of tones; the inverse transform's scale is folded in.
-pub(super) fn transform_into(layout: &Layout, axis: usize, nodes: &[Complex32], spectra: &mut [Lanes]) {
-    let fft = &layout.along(axis).fft;
-    let (n, parts, width) = (fft.len(), &layout.node_parts, layout.lattice.width());
-    let (scale, n_x) = (1.0 / n as f32, layout.lattice.nodes()[0].count);
-    spectra.par_chunks_exact_mut(n).enumerate().for_each_init(
-        || [vec![Lanes::ZERO; n], vec![Lanes::ZERO; n]],
-        |[row, work], (index, spectrum)| {
-            let (block, part) = (index / parts.len(), index % parts.len());
-            row.fill(Lanes::ZERO);
-            for (lane, tone) in nodes.chunks_exact(width).skip(block * LANES).take(LANES).enumerate() {
-                for (to, place) in row.iter_mut().zip(places(&parts[part], axis, n_x)) {
-                    (to.re[lane], to.im[lane]) = (tone[place].re * scale, tone[place].im * scale);
-                }
-            }
-            fft.transform(row, spectrum, work);
-        },
-    );
 }
 
 impl<'a> Line<'a> {
@@ -105,7 +84,7 @@ impl<'a> Line<'a> {
         }
     }
 
-    /// Adds tones to one sub-lattice of the voxels of depth `iz`; `data` are the [`spectra`].
+    /// Adds tones to one sub-lattice of the voxels of depth `iz`; `data` are those of [`Layout::transform_into`].
     pub(super) fn add(
         &mut self,
         iz: usize,

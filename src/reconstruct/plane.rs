@@ -105,7 +105,7 @@ impl<'a> Plane<'a> {
         }
     }
 
-    /// Adds tones to one sub-lattice of the voxels of depth `iz`; `spectra` are those of [`Layout::spectra`].
+    /// Adds tones to one sub-lattice of the voxels of depth `iz`; `spectra` are those of [`Layout::transform_into`].
     pub(super) fn add(
         &mut self,
         iz: usize,

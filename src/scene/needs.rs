@@ -5,9 +5,8 @@ use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
 
 use super::occlusion::SurfaceTree;
-use super::{Triangle, files, gltf, obj, ply, stl};
+use super::{Triangle, files};
 use crate::error::{Error, Result, gib};
-use crate::files::extension;
 
 /// What reading a mesh takes of memory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -28,25 +27,7 @@ const KEPT_BACK: u64 = 8;
 const MOST_KEPT_BACK: u64 = 32 << 20;
 
 impl MeshNeeds {
-    /// What is to be expected of a mesh file. Reads its header, or a megabyte here and there of a text; a malformed file is
-    /// left to its reader to refuse.
-    ///
-    /// # Errors
-    /// A file that cannot be read.
-    pub(super) fn of(path: &Path) -> Result<Self> {
-        let mut glimpse = Glimpse::of(path)?;
-        let file = glimpse.length;
-        let found = match extension(path).as_str() {
-            "obj" => Some(obj::needs(&mut glimpse)),
-            "gltf" | "glb" => gltf::needs(&mut glimpse),
-            "stl" => stl::needs(&mut glimpse),
-            "ply" => ply::needs(&mut glimpse),
-            _ => None,
-        };
-        Ok(Self { file, ..found.unwrap_or(Self { reading: file, ..Self::default() }) })
-    }
-
-    /// The same, of a file of which so many triangles were kept: no less than was held to the limit.
+    /// The needs of a file of which so many triangles were kept: no less than was held to the limit.
     pub(super) fn with(self, triangles: usize) -> Self {
         Self { triangles: self.triangles.max(triangles as u64), ..self }
     }
@@ -97,7 +78,7 @@ const PLACE: u64 = 1 << 14;
 const PLACES: u64 = 64;
 
 impl Glimpse {
-    fn of(path: &Path) -> Result<Self> {
+    pub(super) fn of(path: &Path) -> Result<Self> {
         let (file, length) = files::open(path)?;
         Ok(Self { file, length })
     }

@@ -2,8 +2,8 @@
 
 use super::Scale;
 use super::canvas::{Canvas, LINE};
-use super::layout::{INK, LABEL, NUMBER, TICK, TICK_GAP};
 use super::lettering::{self, Align};
+use super::style::{INK, LABEL, NUMBER, TICK, TICK_GAP};
 use super::ticks::Tick;
 
 /// Of the colours, px.

@@ -1,8 +1,8 @@
 //! Line charts: one or several series of numbers over a key's values.
 
 use super::canvas::{Canvas, Colour, LINE};
-use super::layout::{INK, LABEL, NUMBER, TICK, TICK_GAP};
 use super::lettering::{self, Align, Style};
+use super::style::{INK, LABEL, NUMBER, TICK, TICK_GAP};
 use super::ticks::ticks;
 use crate::error::Result;
 use std::path::Path;

@@ -6,18 +6,15 @@
 use super::bar::{self, Bar};
 use super::canvas::{Canvas, Colour, LINE};
 use super::lettering::{self, Align, Style};
+use super::style::{INK, LABEL, NUMBER, TICK, TICK_GAP};
 use super::ticks::{self, Tick, ticks};
 use super::{COLOURS, Panel, Scale};
 use crate::grid::Axis;
 
-pub(super) const INK: Colour = [38, 38, 38];
 /// The grey of "nothing here"; far enough from the white in the middle of the diverging colours.
 const NOTHING: Colour = [212, 212, 212];
-// A line is 1.164 times as high as its letters' nominal size.
 const TITLE: Style = Style { size: 44.0, colour: [0, 0, 0] };
 const NOTE: Style = Style { size: 34.0, colour: [84, 84, 84] };
-pub(super) const LABEL: Style = Style { size: 39.0, colour: INK };
-pub(super) const NUMBER: Style = Style { size: 34.0, colour: INK };
 
 /// Most columns in a figure.
 const MOST_COLUMNS: usize = 8;
@@ -27,9 +24,6 @@ const THINNEST: usize = 48;
 const SHORTEST_BAR: usize = 260;
 /// From a map to its colour bar, px.
 const BAR_GAP: usize = 32;
-pub(super) const TICK: usize = 9;
-/// From a tick to its number, px.
-pub(super) const TICK_GAP: usize = 8;
 const EDGE: usize = 20;
 
 /// One panel with everything measured.

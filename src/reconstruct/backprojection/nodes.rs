@@ -3,7 +3,7 @@
 use super::blocks::{Shape, block_operations};
 use super::frame::{Frame, bands, halved};
 use super::profile::Band;
-use super::terms::{FEW, MANY, Seen, Terms};
+use super::terms::{Around, FEW, MANY, Seen, Terms};
 use crate::acquisition::Setup;
 use crate::grid::{Axis, Grid};
 use crate::reconstruct::taps::Taps;
@@ -42,9 +42,6 @@ const MOST_SMALL: f64 = 268_435_456.0;
 
 /// Of the cheapest divisions, how many are measured before all are given up.
 const TRIES: usize = 16;
-
-/// Places of nodes along an axis, m, and the weights that make a voxel of them.
-pub(super) type Around = (Vec<f64>, Vec<f64>);
 
 /// Nodes along x or y, and how many of them each voxel is made of.
 #[derive(Debug, Clone)]

@@ -1,13 +1,15 @@
 //! The terms that a job can have, sampled, and how the tiles of an array see a grid.
 
 use super::frame::{Frame, sampled_places, some};
-use super::nodes::Around;
 use crate::acquisition::{Setup, Tile};
 use crate::grid::{Axis, Grid};
 use crate::wave::interval::greater;
 use glam::DVec3;
 use num_complex::Complex64;
 use std::f64::consts::TAU;
+
+/// Places of nodes along an axis, m, and the weights that make a voxel of them.
+pub(super) type Around = (Vec<f64>, Vec<f64>);
 
 /// Terms of one frequency and one microphone each, in the coordinates of its tile.
 pub(super) struct Terms<'a> {
