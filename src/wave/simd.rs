@@ -8,6 +8,7 @@
 
 #![allow(clippy::inline_always, clippy::needless_range_loop)]
 
+mod lanes;
 mod level;
 mod range;
 mod sweep;
@@ -17,6 +18,7 @@ pub use range::{LaneProfiles, LaneTones, Points, RangeScale};
 pub use sweep::SweepSamples;
 pub(crate) use sweep::sin_cos_exact;
 
+use lanes::{lane_phasors_body, tone_phasors_body};
 use num_complex::Complex32;
 use range::{back_project_body, range_profiles_body};
 use sweep::{waves_body, weighted_sweep_body};
@@ -139,51 +141,6 @@ dispatched! {
     /// # Panics
     /// When the slices differ in length.
     pub fn phasors = phasors_body(cycles_per_metre: f64, lengths: &[f64], phasors: &mut [Complex32])
-}
-
-#[inline(always)]
-fn lane_phasors_body(cycles_per_metre: &[f64; LANES], lengths: &[[f64; LANES]], phasors: &mut [Lanes]) {
-    assert!(
-        lengths.len() == phasors.len() && lengths.len().is_multiple_of(ROWS),
-        "a phasor per length, padded"
-    );
-    let lengths = lengths.as_chunks::<ROWS>().0;
-    for (lengths, phasors) in lengths.iter().zip(phasors.as_chunks_mut::<ROWS>().0) {
-        rows_of_phasors(cycles_per_metre, |row, l| lengths[row][l], phasors);
-    }
-}
-
-/// Phasors for a length in every row and lane.
-#[inline(always)]
-fn rows_of_phasors(
-    cycles_per_metre: &[f64; LANES],
-    length: impl Fn(usize, usize) -> f64,
-    phasors: &mut [Lanes; ROWS],
-) {
-    // Two stages, because a loop that mixes f64 and f32 does not vectorise well (4 times slower).
-    let mut turns = [[0.0f32; LANES]; ROWS];
-    for l in 0..LANES {
-        for row in 0..ROWS {
-            turns[row][l] = wrap_fast(length(row, l) * cycles_per_metre[l]);
-        }
-    }
-    for l in 0..LANES {
-        for row in 0..ROWS {
-            (phasors[row].im[l], phasors[row].re[l]) = sin_cos_turns(turns[row][l]);
-        }
-    }
-}
-
-#[inline(always)]
-fn tone_phasors_body(cycles_per_metre: &[f64; LANES], squares: &[f64], height: f64, phasors: &mut [Lanes]) {
-    assert!(
-        squares.len() == phasors.len() && squares.len().is_multiple_of(ROWS),
-        "a phasor per length, padded"
-    );
-    for (squares, phasors) in squares.as_chunks::<ROWS>().0.iter().zip(phasors.as_chunks_mut::<ROWS>().0) {
-        let lengths = squares.map(|square| (square + height * height).sqrt());
-        rows_of_phasors(cycles_per_metre, |row, _| lengths[row], phasors);
-    }
 }
 
 dispatched! {
