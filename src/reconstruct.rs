@@ -261,7 +261,7 @@ fn carry_out(
         Choice::Direct => direct::direct(source, weights, grid, batch, sink, observer),
         Choice::Convolution(plan) => {
             let divided = (&**plan, batch);
-            convolution::convolution(source, weights, divided, grid, options.tolerance, sink, observer)
+            convolution::convolution(source, weights, divided, options.tolerance, sink, observer)
         }
         Choice::Backprojection(plan) => {
             let divided = (&**plan, batch);

@@ -55,15 +55,10 @@ impl Options {
         });
         // Where there is a lattice for most of the work, convolution is so much faster that dividing the other's is not
         // worth its time.
-        let slow = match &convolution {
-            Ok((plan, estimate)) => plan.near.operations > 0.5 * estimate.operations,
-            Err(_) => true,
+        let by_lattice = |(plan, estimate): &(convolution::Plan, Estimate)| {
+            plan.near.operations <= 0.5 * estimate.operations
         };
-        let (convolution, estimate) = match convolution {
-            Ok((plan, estimate)) => (Ok(plan), Ok(estimate)),
-            Err(obstacle) => (Err(obstacle.clone()), Err(obstacle)),
-        };
-        let wanted = slow || options.method == Method::Backprojection;
+        let wanted = !convolution.as_ref().is_ok_and(by_lattice) || options.method == Method::Backprojection;
         let backprojection = (wanted && options.tolerance > 0.0)
             .then(|| backprojection::Plan::new(setup, grid, options.tolerance));
         let linear = if shown || options.method == Method::Linear {
@@ -71,8 +66,10 @@ impl Options {
         } else {
             Err("it was not asked for by name".to_owned())
         };
+        let known = convolution.as_ref().map(|(_, estimate)| estimate.clone()).map_err(Clone::clone);
         let estimates =
-            cost::estimates(setup, grid, options, estimate, backprojection.as_ref(), &linear, threads);
+            cost::estimates(setup, grid, options, known, backprojection.as_ref(), &linear, threads);
+        let convolution = convolution.map(|(plan, _)| plan);
         Ok(Self { estimates, convolution, backprojection, linear })
     }
 

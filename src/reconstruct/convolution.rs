@@ -39,7 +39,7 @@ pub(super) const FIRST_SHARE: f64 = 0.3;
 /// How Eq. 16 is carried out for one job.
 #[derive(Debug)]
 pub(super) struct Plan {
-    pub(super) lattice: SharedLattice,
+    pub(super) layout: Layout,
     /// Where there is a tolerance: how depths are divided.
     pub(super) slabs: Option<Slabs>,
     /// What depths take that have no part in the lattice.
@@ -49,18 +49,18 @@ pub(super) struct Plan {
 impl Plan {
     /// How the kernels of a lattice are summed, to within what the lattice itself leaves of `tolerance`.
     pub(super) fn new(setup: &Setup, grid: &Grid, lattice: SharedLattice, tolerance: f64) -> Self {
-        let slabs = (tolerance > lattice.error())
-            .then(|| Slabs::new(setup, &Layout::new(&lattice, *grid, setup.geometry)));
-        let left = FIRST_SHARE * (tolerance - lattice.error());
+        let layout = Layout::new(lattice, *grid, setup.geometry);
+        let left = tolerance - layout.lattice.error();
+        let slabs = (left > 0.0).then(|| Slabs::new(setup, &layout));
         let thickness = slabs.as_ref().map_or(1, |slabs| slabs.thickness);
-        let near = near::Cost::new(setup, grid, &lattice.near, thickness, left);
-        Self { lattice, slabs, near }
+        let near = near::Cost::new(setup, grid, &layout.lattice.near, thickness, FIRST_SHARE * left);
+        Self { layout, slabs, near }
     }
 }
 
 /// What sums tones at any depth.
 struct Depths<'a> {
-    layout: &'a Layout<'a>,
+    layout: &'a Layout,
     focuses: Focuses<'a>,
     /// Those that have no part in the lattice.
     near: Option<Near<'a>>,
@@ -98,17 +98,16 @@ pub(super) fn convolution(
     source: &mut dyn CubeSource,
     weights: &Weights,
     (plan, batch): (&Plan, Batch),
-    grid: &Grid,
     tolerance: f64,
     sink: &mut dyn VolumeSink,
     observer: &dyn Observer,
 ) -> Result<Made> {
-    let layout = Layout::new(&plan.lattice, *grid, source.setup().geometry);
+    let layout = &plan.layout;
     match &plan.slabs {
-        None => every_frequency(source, weights, &layout, batch, sink, observer),
+        None => every_frequency(source, weights, layout, batch, sink, observer),
         Some(slabs) => {
-            let left = tolerance - plan.lattice.error();
-            skeleton_frequencies(source, weights, (&layout, slabs, batch), left, sink, observer)
+            let left = tolerance - layout.lattice.error();
+            skeleton_frequencies(source, weights, (layout, slabs, batch), left, sink, observer)
         }
     }
 }
@@ -140,7 +139,7 @@ fn every_frequency(
     let depths = grid.z.count;
     let mut planes = zeros((DEPTHS.min(depths) as u64).saturating_mul(grid.plane_len() as u64))
         .ok_or_else(|| no_room_for(grid))?;
-    let mut spectra = layout.room(block)?;
+    let (mut spectra, spreading) = (layout.room(block)?, layout.lattice.spreading(source.setup().array));
     let focused = Depths { layout, focuses: Focuses::new(layout), near: None, batch, observer };
     sink.begin(&made)?;
     stage(observer, "reconstructing", (count * depths) as u64, || {
@@ -157,7 +156,7 @@ fn every_frequency(
                 let mut samples = room(tones * width).ok_or_else(|| no_room(tones, width))?;
                 let rows = range.clone().zip(block.chunks_exact(n_mic));
                 samples.extend(rows.flat_map(|(f, row)| weights.weighted(f, row)));
-                let samples = layout.lattice.onto_nodes(samples)?;
+                let samples = spreading.onto_nodes(samples)?;
                 let tones = Tones { per_metre: per_metre[range.clone()].to_vec(), samples };
                 focused.add(&tones, &mut spectra, first, planes)
             })?;
@@ -187,7 +186,8 @@ fn skeleton_frequencies(
     let slabs = compressed.slabs(slabs_of(depths, thickness), interval, share, tolerance);
     let error = slabs.iter().map(|slab| slab.error).fold(0.0, greater) + layout.lattice.error();
     let near = Near::new(&setup, grid, &layout.lattice.near, &compressed, &slabs)?;
-    compressed.tones.samples = layout.lattice.onto_nodes(std::mem::take(&mut compressed.tones.samples))?;
+    let samples = std::mem::take(&mut compressed.tones.samples);
+    compressed.tones.samples = layout.lattice.spreading(setup.array).onto_nodes(samples)?;
     let made = Made { method: Method::Convolution, error_bound: error * compressed.modulus };
     let total = slabs.iter().map(|slab| (slab.len() * slab.planes.len()) as u64).sum();
     let plane_len = grid.plane_len();

@@ -5,8 +5,8 @@
 use super::batch::Batch;
 use super::convolution::{self, FIRST_SHARE, usual_batch};
 use super::handover::Handover;
-use super::layout::Layout;
 use super::skeleton::{DENSER, tones_for, witnesses_for};
+use super::slabs::slabs_of;
 use super::tones::frequencies_at_once;
 use super::virtual_tones;
 use super::{Method, ReconstructOptions, backprojection, direct, linear};
@@ -122,8 +122,8 @@ pub(super) fn of_convolution(
     plan: &convolution::Plan,
     threads: usize,
 ) -> Estimate {
-    let lattice = &plan.lattice;
-    let layout = Layout::new(lattice, *grid, setup.geometry);
+    let layout = &plan.layout;
+    let lattice = &layout.lattice;
     let (depths, plane) = (grid.z.count, (grid.x.count as u64).saturating_mul(grid.y.count as u64));
     let points = layout.points() as f64;
     // Phases, two transforms with what symmetry and pruning save of them, the product and the sum.
@@ -141,7 +141,7 @@ pub(super) fn of_convolution(
             spectra.saturating_add(scratch(batch)).saturating_add(slab)
         };
         let operations = n_f * (depths as f64 * pair + spectra);
-        let usual = usual_batch(&layout, setup.sweep.len(), threads);
+        let usual = usual_batch(layout, setup.sweep.len(), threads);
         return possible(Method::Convolution, operations, options, usual, bytes);
     };
     let (thickness, left) = (slabs.thickness, options.tolerance - lattice.error());
@@ -151,8 +151,7 @@ pub(super) fn of_convolution(
     let (mut operations, bytes_finding) = compression(setup, of_volume);
     let nesting = nesting(setup, of_volume, &setup.path_interval(grid, 0..thickness.min(depths)));
     let mut most = 0.0f64;
-    for first in (0..depths).step_by(thickness) {
-        let planes = first..(first + thickness).min(depths);
+    for planes in slabs_of(depths, thickness) {
         let duration = setup.path_interval(grid, planes.clone()).duration();
         let of_slab = tones_for(setup.sweep.bandwidth() * duration, FIRST_SHARE * left).min(of_volume);
         operations += of_slab * (planes.len() as f64 * pair + spectra + PRODUCT * of_volume * width);
@@ -175,7 +174,7 @@ pub(super) fn of_convolution(
         let focusing = nodes.saturating_add(focusing).saturating_add(near);
         before.max(focusing).saturating_add(nesting).saturating_add(plan.near.bytes)
     };
-    possible(Method::Convolution, operations, options, slabs.usual_batch(&layout, threads), bytes)
+    possible(Method::Convolution, operations, options, slabs.usual_batch(layout, threads), bytes)
 }
 
 /// The estimate of a method that can be used, in batches that keep to the memory there is.

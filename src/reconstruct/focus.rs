@@ -20,13 +20,13 @@ pub(super) enum Focus<'a> {
 /// a large one mapped again.
 #[derive(Debug)]
 pub(super) struct Focuses<'a> {
-    layout: &'a Layout<'a>,
+    layout: &'a Layout,
     idle: Mutex<Vec<Focus<'a>>>,
 }
 
 impl<'a> Focuses<'a> {
     /// None yet.
-    pub(super) fn new(layout: &'a Layout<'a>) -> Self {
+    pub(super) fn new(layout: &'a Layout) -> Self {
         Self { layout, idle: Mutex::new(Vec::new()) }
     }
 
@@ -52,7 +52,7 @@ impl<'a> Focus<'a> {
     ///
     /// # Errors
     /// They do not fit in memory.
-    fn new(layout: &'a Layout<'a>) -> Result<Self> {
+    fn new(layout: &'a Layout) -> Result<Self> {
         let focus = match layout.line {
             Some(axis) => Line::new(layout, axis).map(Self::Line),
             None => Plane::new(layout).map(Self::Plane),

@@ -28,15 +28,15 @@ struct SharedAxis {
     interpolator: Option<Interpolator>,
 }
 
-/// A shared lattice of voxels and nodes, and every microphone's way onto the nodes.
+/// A shared lattice of voxels and nodes.
 #[derive(Debug, Clone)]
 pub(super) struct SharedLattice {
     x: SharedAxis,
     y: SharedAxis,
     /// Height of the microphones' plane, m.
     pub(super) z: f64,
-    /// Empty when the microphones are the nodes, in order.
-    footprints: Vec<[Footprint; 2]>,
+    /// Whether the microphones are the nodes, in order.
+    in_order: bool,
     /// Depths too near to the microphones for spreading, which have to be summed without nodes.
     pub(super) near: Range<usize>,
 }
@@ -70,7 +70,8 @@ impl SharedLattice {
         let mut misfit = String::new();
         for near in near {
             match Self::with(setup, grid, tolerance, near) {
-                Ok(lattice) if lattice.error() == 0.0 => return Ok(vec![lattice]),
+                // Where microphones stand on nodes, no depth is too near.
+                Ok(lattice) if lattice.exact() => return Ok(vec![lattice]),
                 Ok(lattice) => found.push(lattice),
                 Err(reason) => misfit = reason,
             }
@@ -118,10 +119,17 @@ impl SharedLattice {
                 high.y - low.y
             ));
         }
-        let footprints = footprints(setup.array, &x, &y);
-        let exact = x.interpolator.is_none() && y.interpolator.is_none();
-        let near = if exact { 0..0 } else { near };
-        Ok(Self { x, y, z: f64::midpoint(low.z, high.z), footprints, near })
+        let mut found = Self { x, y, z: f64::midpoint(low.z, high.z), in_order: false, near };
+        if found.exact() {
+            found.in_order = setup.array.lattice().is_some() && found.width() == setup.array.len();
+            found.near = 0..0;
+        }
+        Ok(found)
+    }
+
+    /// Whether all microphones stand on nodes.
+    fn exact(&self) -> bool {
+        self.x.interpolator.is_none() && self.y.interpolator.is_none()
     }
 
     /// The greatest error of spreading, relative to one; 0 where the microphones stand on nodes.
@@ -132,7 +140,7 @@ impl SharedLattice {
 
     /// Whether samples have to be spread onto the nodes, which then stand beside them for a moment.
     pub(super) fn spreads(&self) -> bool {
-        !self.footprints.is_empty()
+        !self.in_order
     }
 
     /// Nodes along x and y.
@@ -160,6 +168,33 @@ impl SharedLattice {
         [&self.x, &self.y].map(|axis| axis.nodes.pitch * axis.v as f64)
     }
 
+    /// Every microphone's way onto the nodes.
+    pub(super) fn spreading(&self, array: &MicArray) -> Spreading<'_> {
+        if self.in_order {
+            return Spreading { lattice: self, footprints: Vec::new() };
+        }
+        let along = |axis: usize, positions: &[f64]| {
+            let axis = [&self.x, &self.y][axis];
+            if let Some(interpolator) = &axis.interpolator {
+                return Footprint::spread(positions, &axis.nodes, interpolator);
+            }
+            let index = |r: &f64| ((r - axis.nodes.first) / axis.nodes.pitch).round() as usize;
+            positions.iter().map(|r| Footprint::on_node(index(r))).collect()
+        };
+        let places: Vec<_> = array.positions().iter().map(|r| [r.x, r.y]).collect();
+        Spreading { lattice: self, footprints: spread::footprints(&places, along) }
+    }
+}
+
+/// How samples of microphones get onto the nodes of a lattice.
+#[derive(Debug)]
+pub(super) struct Spreading<'a> {
+    lattice: &'a SharedLattice,
+    /// Empty when the microphones are the nodes, in order.
+    footprints: Vec<[Footprint; 2]>,
+}
+
+impl Spreading<'_> {
     /// Samples of microphones, in rows of `n_mic`, as samples of nodes, in rows of [`SharedLattice::width`].
     ///
     /// # Errors
@@ -169,13 +204,13 @@ impl SharedLattice {
             return Ok(samples);
         }
         let rows = samples.len() / self.footprints.len();
-        let (tones, width) = (rows as u64, self.width() as u64);
+        let (tones, width) = (rows as u64, self.lattice.width() as u64);
         let mut nodes = zeros(tones.saturating_mul(width)).ok_or_else(|| no_room(tones, width))?;
         nodes
-            .par_chunks_exact_mut(self.width())
+            .par_chunks_exact_mut(self.lattice.width())
             .zip(samples.par_chunks_exact(self.footprints.len()))
             .for_each(|(plane, samples)| {
-                spread::spread(samples, &self.footprints, self.x.nodes.count, plane);
+                spread::spread(samples, &self.footprints, self.lattice.x.nodes.count, plane);
             });
         Ok(nodes)
     }
@@ -266,21 +301,4 @@ fn spread_axis(
             SharedAxis { nodes, u, v, interpolator: Some(interpolator) }
         })
     })
-}
-
-/// Every microphone's footprint; none at all when the microphones are the nodes.
-fn footprints(array: &MicArray, x: &SharedAxis, y: &SharedAxis) -> Vec<[Footprint; 2]> {
-    let exact = x.interpolator.is_none() && y.interpolator.is_none();
-    if exact && array.lattice().is_some() && x.nodes.count * y.nodes.count == array.len() {
-        return Vec::new();
-    }
-    let along = |axis: usize, positions: &[f64]| {
-        let axis = [x, y][axis];
-        if let Some(interpolator) = &axis.interpolator {
-            return Footprint::spread(positions, &axis.nodes, interpolator);
-        }
-        let index = |r: &f64| ((r - axis.nodes.first) / axis.nodes.pitch).round() as usize;
-        positions.iter().map(|r| Footprint::on_node(index(r))).collect()
-    };
-    spread::footprints(&array.positions().iter().map(|r| [r.x, r.y]).collect::<Vec<_>>(), along)
 }

@@ -12,8 +12,8 @@ use crate::wave::simd::LANES;
 /// k_x and −k_x, so each block of kernels serves two *sides* of the data's spectra: a block of columns, and their
 /// mirror images. The column k_x = n_x/2, which has no partner, is left out: see [`super::plane`].
 #[derive(Debug)]
-pub(super) struct Layout<'a> {
-    pub(super) lattice: &'a SharedLattice,
+pub(super) struct Layout {
+    pub(super) lattice: SharedLattice,
     pub(super) grid: Grid,
     pub(super) geometry: Geometry,
     pub(super) x: Circle,
@@ -28,8 +28,8 @@ pub(super) struct Layout<'a> {
     pub(super) placements: Vec<(usize, [Turn; 2])>,
 }
 
-impl<'a> Layout<'a> {
-    pub(super) fn new(lattice: &'a SharedLattice, grid: Grid, geometry: Geometry) -> Self {
+impl Layout {
+    pub(super) fn new(lattice: SharedLattice, grid: Grid, geometry: Geometry) -> Self {
         let (node_parts, voxel_parts) = (lattice.node_parts(), lattice.voxel_parts(&grid));
         let ([nodes_x, nodes_y], [pitch_x, pitch_y]) = (lattice.nodes(), lattice.common_pitch());
         let first = |axis: &crate::grid::Axis, index: usize| axis.position(index);

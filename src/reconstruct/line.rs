@@ -16,7 +16,7 @@ use num_complex::Complex32;
 /// Geometry of one depth and voxel sub-lattice, and buffers that are used again and again.
 #[derive(Debug)]
 pub(super) struct Line<'a> {
-    pub(super) layout: &'a Layout<'a>,
+    pub(super) layout: &'a Layout,
     /// The axis along which everything lies.
     axis: usize,
     /// What `|p − r|²` is beside the square of the depth, by lag, four times that for a scan:
@@ -44,7 +44,7 @@ pub(super) fn places([x, y]: &Parts, axis: usize, n_x: usize) -> impl Iterator<I
 
 impl<'a> Line<'a> {
     /// Buffers for one thread; `None` when they do not fit in memory.
-    pub(super) fn new(layout: &'a Layout<'a>, axis: usize) -> Option<Self> {
+    pub(super) fn new(layout: &'a Layout, axis: usize) -> Option<Self> {
         let circle = layout.along(axis);
         let n = circle.len();
         let zeros = || filled(Lanes::ZERO, n as u64);

@@ -25,7 +25,7 @@ use num_complex::Complex32;
 /// Geometry of one depth and voxel sub-lattice, and buffers that are used again and again.
 #[derive(Debug)]
 pub(super) struct Plane<'a> {
-    pub(super) layout: &'a Layout<'a>,
+    pub(super) layout: &'a Layout,
     /// Offsets from every node sub-lattice.
     offsets: &'a [[Offset; 2]],
     /// `|p − r|` by lag, doubled for a scan, `[part, y block, x]` in lanes of y.
@@ -48,7 +48,7 @@ pub(super) struct Plane<'a> {
 
 impl<'a> Plane<'a> {
     /// Buffers for one thread; `None` when they do not fit in memory.
-    pub(super) fn new(layout: &'a Layout<'a>) -> Option<Self> {
+    pub(super) fn new(layout: &'a Layout) -> Option<Self> {
         let zeros = |n: usize| filled(Lanes::ZERO, n as u64);
         let (n_x, n_y, parts) = (layout.x.len(), layout.y.len(), layout.node_parts.len());
         let most = |axis: usize| layout.voxel_parts.iter().map(|p| p[axis].count).max().unwrap_or(1);

@@ -13,7 +13,7 @@ use crate::wave::simd::{LANES, Lanes};
 use num_complex::Complex32;
 use rayon::prelude::*;
 
-impl Layout<'_> {
+impl Layout {
     /// Spectra of the nodes' samples, `[tone, placement, block, side, k_y]`; the inverse transform's scale is folded in.
     /// On a line, those of [`transform_line`].
     ///

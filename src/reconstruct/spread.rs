@@ -110,11 +110,13 @@ impl Interpolator {
             }
             // And the place itself.
             weights[self.taps()] = -1.0;
+            let used = (self.taps() + 1).next_multiple_of(LANES);
+            let (offsets, weights) = (&offsets[..used], &weights[..used]);
             // Low kernels bend most, high ones are nearly plane waves; both are steepest far aside.
             for height in [1.0, 1.5, 3.0].map(|factor| factor * kernels.height) {
                 for j in (0..=20).rev().flat_map(|j| [-j, j]) {
                     let (x, mut sum) = (kernels.aside * f64::from(j) / 20.0, [0.0; 2]);
-                    sum_of_kernels(kernels.wavenumber / TAU, [x, height], &offsets, &weights, &mut sum);
+                    sum_of_kernels(kernels.wavenumber / TAU, [x, height], offsets, weights, &mut sum);
                     worst = greater(worst, sum[0].hypot(sum[1]));
                     if worst > enough {
                         return worst;
@@ -126,15 +128,15 @@ impl Interpolator {
     }
 }
 
-/// Places at which kernels are summed, whole lanes of them: the taps and one more.
+/// The most places at which kernels are summed, whole lanes of them: the taps and one more.
 const PLACES: usize = (MOST_TAPS + 1).next_multiple_of(LANES);
 
 #[inline(always)]
 fn sum_of_kernels_body(
     cycles_per_metre: f64,
     [x, height]: [f64; 2],
-    offsets: &[f64; PLACES],
-    weights: &[f64; PLACES],
+    offsets: &[f64],
+    weights: &[f64],
     sum: &mut [f64; 2],
 ) {
     let (mut re, mut im) = ([0.0; LANES], [0.0; LANES]);
@@ -154,8 +156,8 @@ dispatched! {
     fn sum_of_kernels = sum_of_kernels_body(
         cycles_per_metre: f64,
         place: [f64; 2],
-        offsets: &[f64; PLACES],
-        weights: &[f64; PLACES],
+        offsets: &[f64],
+        weights: &[f64],
         sum: &mut [f64; 2],
     )
 }
