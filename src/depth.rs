@@ -26,8 +26,9 @@
 mod columns;
 mod returns;
 
+use crate::alloc::try_with_capacity;
 use crate::error::{Error, Result};
-use crate::grid::{DepthMap, Grid, Raster, Surface, Volume, no_room_for, pixel_values, room};
+use crate::grid::{DepthMap, Grid, Raster, Surface, Volume, no_room_for, pixel_values};
 use crate::progress::{Observer, stage};
 use columns::Columns;
 use rayon::prelude::*;
@@ -149,19 +150,19 @@ pub fn locate_depth(volume: &Volume, options: &DepthOptions, observer: &dyn Obse
     let raster = options.raster.unwrap_or_else(|| Raster::of_grid(&grid));
     stage(observer, "locating depth", 0, || {
         let no_room = || no_room_for(&grid);
-        let mut amplitude: Vec<f32> = room(grid.voxel_count()).ok_or_else(no_room)?;
+        let mut amplitude: Vec<f32> = try_with_capacity(grid.voxel_count()).ok_or_else(no_room)?;
         amplitude.par_extend(volume.samples.par_iter().map(|a| a.norm()));
         let columns = Columns::of_amplitude(&amplitude, &grid, &raster);
         let reference = percentile_99(&mut columns.maxima()?);
         let threshold = f64::from(reference) * 10f64.powf(options.threshold_db / 20.0);
-        let mut found: Vec<Option<Found>> = room(raster.len() as u64).ok_or_else(no_room)?;
+        let mut found: Vec<Option<Found>> = try_with_capacity(raster.len() as u64).ok_or_else(no_room)?;
         found.par_extend((0..raster.len()).into_par_iter().map_init(Vec::new, |column, pixel| {
             columns.read(pixel, column);
             pick(column, &grid.z, threshold, reference, options)
         }));
         let mut picked = Surface::empty(raster.len())?;
         let mut confidence = pixel_values(f32::NAN, raster.len())?;
-        let mut raw: Vec<f64> = room(raster.len() as u64).ok_or_else(no_room)?;
+        let mut raw: Vec<f64> = try_with_capacity(raster.len() as u64).ok_or_else(no_room)?;
         raw.extend(found.iter().map(|f| f.map_or(f64::NAN, |f| f.depth)));
         let depth = median_filter(raw, raster.x.count, options.median)?;
         for (pixel, found) in found.iter().enumerate() {

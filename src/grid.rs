@@ -7,6 +7,7 @@ mod view;
 
 pub use view::{Raster, View};
 
+use crate::alloc::try_filled;
 use crate::error::{Error, Result};
 use crate::wave::corners;
 use glam::DVec3;
@@ -138,25 +139,6 @@ impl Grid {
     }
 }
 
-/// An empty vector with room for so many values; `None` when they do not fit in memory. For whatever grows with the job.
-pub(crate) fn room<T>(count: u64) -> Option<Vec<T>> {
-    let mut values = Vec::new();
-    values.try_reserve_exact(usize::try_from(count).ok()?).ok()?;
-    Some(values)
-}
-
-/// So many values, all alike; `None` when they do not fit in memory.
-pub(crate) fn filled<T: Clone>(value: T, count: u64) -> Option<Vec<T>> {
-    let mut values = room(count)?;
-    values.resize(count as usize, value);
-    Some(values)
-}
-
-/// So many complex samples, all zero; `None` when they do not fit in memory.
-pub(crate) fn zeros(count: u64) -> Option<Vec<Complex32>> {
-    filled(Complex32::ZERO, count)
-}
-
 /// The refusal of a grid that does not fit, all of it or the depths that are worked on at a time.
 pub(crate) fn no_room_for(grid: &Grid) -> Error {
     Error::environment(
@@ -170,7 +152,7 @@ pub(crate) fn no_room_for(grid: &Grid) -> Error {
 
 /// One value per pixel, all alike, or the refusal of a map that does not fit.
 pub(crate) fn pixel_values<T: Clone>(value: T, pixels: usize) -> Result<Vec<T>> {
-    filled(value, pixels as u64).ok_or_else(|| {
+    try_filled(value, pixels as u64).ok_or_else(|| {
         Error::environment(
             "memory",
             format!("a map of {pixels} pixels does not fit; ask for fewer, or free some memory"),

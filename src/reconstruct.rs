@@ -10,97 +10,28 @@
 //! cannot know the answer.
 
 mod backprojection;
-mod banded;
-mod batch;
-mod choice;
-mod circle;
-mod compensation;
+mod compress;
 mod convolution;
-mod cost;
 mod direct;
-mod focus;
-mod handover;
-mod lanes;
-mod lattice;
-mod layout;
-mod line;
 mod linear;
-mod near;
-mod plane;
-mod product;
-pub mod skeleton;
-mod slabs;
-mod spectra;
-mod spread;
-mod taps;
-mod tones;
-mod virtual_tones;
-mod weights;
+mod numerics;
+mod options;
+mod plan;
+mod volume;
 mod window;
 
-pub use choice::{MOST_DIRECT_TERMS, direct_terms, estimate};
-pub use cost::Estimate;
+pub use options::{Method, ReconstructOptions};
+pub use plan::{Estimate, MOST_DIRECT_TERMS, direct_terms, estimate};
+pub use volume::{Made, VolumeSink};
 pub use window::Window;
 
 use crate::acquisition::{CubeSource, DataCube};
 use crate::error::{Error, Result};
-use crate::grid::{Grid, Volume, no_room_for, zeros};
+use crate::grid::{Grid, Volume, no_room_for};
 use crate::progress::Observer;
-use batch::Batch;
-use choice::{Choice, Options};
-use compensation::Compensated;
-use num_complex::Complex32;
-use serde::{Deserialize, Serialize};
-use weights::Weights;
-
-/// How the sums of Eq. 13 are carried out.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Method {
-    /// Convolution where the microphones lie in a plane, else back-projection; direct where that costs less.
-    #[default]
-    Auto,
-    /// Eq. 16 by padded 2-D FFTs, for any planar array and any voxel pitch.
-    Convolution,
-    /// Range profiles along every voxel's paths, for any array and any grid.
-    Backprojection,
-    /// Eq. 13 as written.
-    Direct,
-    /// The far-field Fourier transform of Eq. 9, which the paper dropped; for comparison, and never taken by `Auto`.
-    Linear,
-}
-
-/// Parameters of [`reconstruct`].
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[non_exhaustive]
-pub struct ReconstructOptions {
-    /// How to sum.
-    pub method: Method,
-    /// Weights over x, y and f.
-    pub window: Window,
-    /// Error allowed to `Convolution` and `Backprojection`, relative to `Σ|w m| / Σw`; 0 sums every frequency on a
-    /// lattice that fits.
-    pub tolerance: f64,
-    /// Whether to undo spherical spreading: every voxel is multiplied by `|p − s| |p − r_c| / (1 m)²`, r_c the array's
-    /// centre (monostatic: `|p − r_c|²`), so that a unit reflector peaks at 1 again, and noise grows with distance.
-    pub compensate: bool,
-    /// Bytes that may be used beside samples and volume: less is worked on at a time, and by fewer threads, where that
-    /// keeps to it. It changes no byte of the volume. `None` is no limit.
-    pub memory: Option<u64>,
-}
-
-impl Default for ReconstructOptions {
-    fn default() -> Self {
-        Self::new(Method::Auto, Window::Taylor)
-    }
-}
-
-impl ReconstructOptions {
-    /// Options of a given method and window, with the default tolerance of 10⁻⁴ and nothing compensated.
-    pub fn new(method: Method, window: Window) -> Self {
-        Self { method, window, tolerance: 1e-4, compensate: false, memory: None }
-    }
-}
+use plan::{Choice, Options};
+use volume::{Batch, Compensated};
+use window::Weights;
 
 /// A volume and how it was come by.
 #[derive(Debug, Clone, PartialEq)]
@@ -119,53 +50,6 @@ impl Reconstruction {
     /// How it was come by.
     pub fn made(&self) -> Made {
         Made { method: self.method, error_bound: self.error_bound }
-    }
-}
-
-/// How a volume was come by.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[non_exhaustive]
-pub struct Made {
-    /// The method that was used; never [`Method::Auto`].
-    pub method: Method,
-    /// A bound on the error of any voxel against Eq. 13, f32 rounding aside, in the volume's own units: the measured
-    /// relative error of skeletons and spreading times `Σ|w m| / Σw`.
-    pub error_bound: f64,
-}
-
-/// Where depths go as they are finished: memory, or a file that is written slab by slab.
-pub trait VolumeSink: Send {
-    /// Told once, before the first depth.
-    ///
-    /// # Errors
-    /// What writing comes to; so do the others.
-    fn begin(&mut self, made: &Made) -> Result<()>;
-
-    /// Takes neighbouring depths from `first` on, `[plane, y, x]`; they come in ascending order, each once.
-    ///
-    /// # Errors
-    /// See [`VolumeSink::begin`].
-    fn take(&mut self, first: usize, planes: &[Complex32]) -> Result<()>;
-
-    /// Depths that the sink has already from the first on, of an earlier run; they need not come again.
-    fn done(&self) -> usize {
-        0
-    }
-}
-
-/// A volume held whole.
-impl VolumeSink for Volume {
-    fn begin(&mut self, _: &Made) -> Result<()> {
-        Ok(())
-    }
-
-    fn take(&mut self, first: usize, planes: &[Complex32]) -> Result<()> {
-        // Not before: a volume that comes whole is not held twice.
-        if self.samples.is_empty() {
-            self.samples = room_for(&self.grid)?;
-        }
-        self.samples[first * self.grid.plane_len()..][..planes.len()].copy_from_slice(planes);
-        Ok(())
     }
 }
 
@@ -232,7 +116,7 @@ fn in_pool(
 ) -> Result<Made> {
     let setup = source.setup();
     let threads = rayon::current_num_threads();
-    let possible = Options::of(&setup, grid, options, threads, false)?;
+    let possible = Options::of(&setup, grid, options, threads)?;
     let batch = possible.chosen(options.method).batch;
     let (choice, warning) = possible.choose(&setup, grid, options.method)?;
     if let Some(warning) = warning {
@@ -267,7 +151,7 @@ fn carry_out(
             let divided = (&**plan, batch);
             backprojection::backprojection(source, weights, divided, options.tolerance, sink, observer)
         }
-        Choice::Linear(plan) => linear::linear(source, weights, plan, sink, observer),
+        Choice::Linear => linear::linear(source, weights, grid, batch, sink, observer),
     }
 }
 
@@ -277,9 +161,4 @@ fn no_room(tones: u64, microphones: u64) -> Error {
         "memory",
         format!("{tones} tones x {microphones} microphones do not fit; use fewer of either"),
     )
-}
-
-/// Room for the voxels of a grid, filled with zeros.
-fn room_for(grid: &Grid) -> Result<Vec<Complex32>> {
-    zeros(grid.voxel_count()).ok_or_else(|| no_room_for(grid))
 }

@@ -33,8 +33,8 @@ mod poisson;
 #[cfg(test)]
 mod tests;
 
+use crate::alloc::{try_filled, try_with_capacity};
 use crate::error::{Error, Result};
-use crate::grid::{filled, room};
 use crate::progress::{Observer, advance, stage};
 use crate::scene::Scene;
 use glam::DVec3;
@@ -240,7 +240,7 @@ pub fn sample_surface(
     let no_room = || no_room(options.spacing);
     let scatter = draw_scatter(samples.len(), options).ok_or_else(no_room)?;
     let mut visible: Vec<Option<(DVec3, Complex32)>> =
-        filled(None, samples.len() as u64).ok_or_else(no_room)?;
+        try_filled(None, samples.len() as u64).ok_or_else(no_room)?;
     stage(observer, "tracing echoes", samples.len() as u64, || {
         let blocks = samples.par_chunks(1024).zip(scatter.par_chunks(1024)).zip(visible.par_chunks_mut(1024));
         blocks.try_for_each(|((samples, scatter), visible)| {
@@ -259,8 +259,8 @@ pub fn sample_surface(
         ));
     }
     let left = visible.iter().flatten().count() as u64;
-    let mut positions = room(left).ok_or_else(no_room)?;
-    let mut amplitudes = room(left).ok_or_else(no_room)?;
+    let mut positions = try_with_capacity(left).ok_or_else(no_room)?;
+    let mut amplitudes = try_with_capacity(left).ok_or_else(no_room)?;
     for (position, amplitude) in visible.into_iter().flatten() {
         positions.push(position);
         amplitudes.push(amplitude);
@@ -284,7 +284,7 @@ fn no_room(spacing: f64) -> Error {
 fn draw_scatter(count: usize, options: &SurfaceOptions) -> Option<Vec<(Complex32, f64)>> {
     let mut random = ChaCha8Rng::seed_from_u64(options.seed);
     random.set_stream(SCATTER_STREAM);
-    let mut scatter = room(count as u64)?;
+    let mut scatter = try_with_capacity(count as u64)?;
     scatter.extend((0..count).map(|_| match options.surface {
         SurfaceModel::Diffuse => {
             let turn: f64 = StandardUniform.sample(&mut random);

@@ -1,9 +1,9 @@
 //! The data cube `m(f, r)` and its file, `.npz` (DESIGN section 3).
 
 use super::{CubeFile, Detection, MicArray, Setup, Sweep};
+use crate::alloc::try_zeroed;
 use crate::error::{Error, Result};
 use crate::files::npz::write_npz;
-use crate::grid::zeros;
 use crate::wave::{DEFAULT_SOUND_SPEED, Geometry};
 use glam::DVec3;
 use num_complex::Complex32;
@@ -87,7 +87,7 @@ impl DataCube {
 
     /// Room for a cube, filled with zeros.
     pub(super) fn allocate(n_f: usize, n_mic: usize) -> Result<Vec<Complex32>> {
-        (n_f as u64).checked_mul(n_mic as u64).and_then(zeros).ok_or_else(|| {
+        (n_f as u64).checked_mul(n_mic as u64).and_then(try_zeroed).ok_or_else(|| {
             Error::environment(
                 "memory",
                 format!(

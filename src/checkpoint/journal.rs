@@ -164,7 +164,7 @@ impl Journal {
     fn read_record(&self, record: Record, block: &mut Vec<Complex32>) -> Option<()> {
         let mut file = self.file.as_ref()?;
         // No more than the file holds, as was found when it was opened.
-        *block = crate::grid::zeros(record.bytes / size_of::<Complex32>() as u64)?;
+        *block = crate::alloc::try_zeroed(record.bytes / size_of::<Complex32>() as u64)?;
         let bytes: &mut [u8] = bytemuck::cast_slice_mut(block);
         if bytes.len() as u64 != record.bytes {
             return None;

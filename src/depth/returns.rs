@@ -5,8 +5,9 @@
 
 use super::columns::Columns;
 use super::{DepthOptions, confidence, is_peak, parabola, percentile_99};
+use crate::alloc::try_with_capacity;
 use crate::error::Result;
-use crate::grid::{Axis, Grid, Raster, Surface, no_room_for, pixel_values, room};
+use crate::grid::{Axis, Grid, Raster, Surface, no_room_for, pixel_values};
 use rayon::prelude::*;
 
 /// How far around a peak its surroundings reach, and how far it itself does, in Δd.
@@ -34,7 +35,7 @@ pub(super) fn find(
     options: &DepthOptions,
 ) -> Result<Vec<Surface>> {
     let no_room = || no_room_for(grid);
-    let mut power = room(grid.voxel_count()).ok_or_else(no_room)?;
+    let mut power = try_with_capacity(grid.voxel_count()).ok_or_else(no_room)?;
     power.extend(amplitude.iter().map(|a| a * a));
     // Smoothed on the grid, where its lengths are metres.
     let power = smooth(power, grid, options.smoothing).ok_or_else(no_room)?;
@@ -137,7 +138,7 @@ fn smooth(mut power: Vec<f32>, grid: &Grid, sigma: [f64; 3]) -> Option<Vec<f32>>
         let kernel: Vec<f32> =
             (0..=reach).map(|k| (-0.5 * (k as f64 / cells).powi(2)).exp() as f32).collect();
         if source.is_empty() {
-            source = room(grid.voxel_count())?;
+            source = try_with_capacity(grid.voxel_count())?;
         }
         source.clear();
         source.extend_from_slice(&power);

@@ -1,8 +1,9 @@
 //! A volume's amplitude `|Â|`: what every volume format holds, and all that a picture needs.
 
 use super::{Attribute, Attributes};
+use crate::alloc::try_with_capacity;
 use crate::error::{Error, Result};
-use crate::grid::{Axis, Grid, Volume, no_room_for, room};
+use crate::grid::{Axis, Grid, Volume, no_room_for};
 use std::io::Read;
 use std::path::Path;
 
@@ -23,7 +24,8 @@ impl Amplitude {
     /// # Errors
     /// [`Error::Environment`] when it does not fit in memory.
     pub fn of(volume: &Volume) -> Result<Self> {
-        let mut values = room(volume.samples.len() as u64).ok_or_else(|| no_room_for(&volume.grid))?;
+        let mut values =
+            try_with_capacity(volume.samples.len() as u64).ok_or_else(|| no_room_for(&volume.grid))?;
         values.extend(volume.samples.iter().map(|sample| sample.norm()));
         Ok(Self { grid: volume.grid, values, attributes: Attributes::new() })
     }
@@ -82,7 +84,7 @@ const BLOCK: usize = 1 << 14;
 /// [`Error::Environment`] when they do not fit in memory.
 pub(super) fn read_floats(file: &mut impl Read, grid: &Grid) -> Result<Option<Vec<f32>>> {
     let count = grid.voxel_count();
-    let mut values = room(count).ok_or_else(|| no_room_for(grid))?;
+    let mut values = try_with_capacity(count).ok_or_else(|| no_room_for(grid))?;
     let mut block = [0; BLOCK];
     while (values.len() as u64) < count {
         let now = (4 * (count - values.len() as u64)).min(BLOCK as u64) as usize;

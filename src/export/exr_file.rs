@@ -1,9 +1,9 @@
 //! What every `OpenEXR` file of ours has in common: attributes, encoding, and the same bytes for the same input.
 
 use super::{Attribute, Attributes, Compression, Encoding};
+use crate::alloc::try_with_capacity;
 use crate::error::{self, Error, Result};
 use crate::files::write_atomically;
-use crate::grid::room;
 use exr::meta::attribute::{AttributeValue, Text};
 use exr::prelude as ex;
 use exr::prelude::traits::*;
@@ -116,7 +116,8 @@ pub(super) fn part(
             assert_eq!(samples.len(), width * height, "channel {name}: one sample per pixel");
             let half = encoding.float16 && ["R", "G", "B", "Y"].contains(&name.as_str());
             let samples = if half {
-                let mut halves = room(samples.len() as u64).ok_or_else(|| no_room([width, height]))?;
+                let mut halves =
+                    try_with_capacity(samples.len() as u64).ok_or_else(|| no_room([width, height]))?;
                 halves.extend(samples.into_iter().map(ex::f16::from_f32));
                 ex::FlatSamples::F16(halves)
             } else {
@@ -296,7 +297,7 @@ fn guarded<T>(path: &Path, read: impl FnOnce() -> ex::Result<T>) -> Result<T> {
 /// Makes sure that so many channels of an image fit in memory, before they are made one by one.
 pub(super) fn expect_room(channels: usize, [width, height]: [usize; 2]) -> Result<()> {
     let values = (channels as u64).saturating_mul(width as u64).saturating_mul(height as u64);
-    room::<f32>(values).map(drop).ok_or_else(|| no_room([width, height]))
+    try_with_capacity::<f32>(values).map(drop).ok_or_else(|| no_room([width, height]))
 }
 
 /// A channel's numbers, whatever their type.

@@ -8,8 +8,9 @@ use super::exr_file::{
     Part, Parts, WORLD_TO_CAMERA, append_floats, attributes_of, part, read_parts, write_parts,
 };
 use super::{Attribute, Attributes, Components, Encoding};
+use crate::alloc::try_with_capacity;
 use crate::error::{Error, Result};
-use crate::grid::{Grid, Volume, no_room_for, pixel_values, room};
+use crate::grid::{Grid, Volume, no_room_for, pixel_values};
 use num_complex::Complex32;
 use std::path::{Path, PathBuf};
 
@@ -154,7 +155,7 @@ pub fn read_volume_exr(path: &Path, limit_bytes: u64) -> Result<Amplitude> {
         ["Origin", "Pitch", "Shape"].map(|what| vector(&attributes, &format!("sonar:grid{what}")));
     let (Some(origin), Some(pitch), Some(shape)) = (origin, pitch, shape) else { return Err(fault(path)) };
     let grid = declared_grid(path, origin, pitch, shape.map(|n| n as usize), 4, limit_bytes)?;
-    let mut values = room(grid.voxel_count()).ok_or_else(|| no_room_for(&grid))?;
+    let mut values = try_with_capacity(grid.voxel_count()).ok_or_else(|| no_room_for(&grid))?;
     for (i, file) in volume_exr_files(path, grid.z.count).iter().enumerate() {
         if i > 0 {
             parts = read_parts(file, limit_bytes)?;

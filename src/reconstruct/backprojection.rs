@@ -12,43 +12,35 @@
 //!
 //! Where the array and the volume are apart, this is done in two steps, as fast factorised back-projection of radar
 //! images is (Ulander, Hellsten, Stenström 2003): first for tiles of the array, each on few nodes of coordinates in
-//! which its image hardly changes sideways ([`frame`], [`nodes`]), then from the nodes of all tiles to the voxels
-//! ([`voxels`]). A tile then costs each of its microphones a fiftieth of the voxels.
+//! which its image hardly changes sideways , then from the nodes of all tiles to the voxels
+//! . A tile then costs each of its microphones a fiftieth of the voxels.
 //!
 //! Errors, relative to `Σ|w m| / Σw`: cutting off the series, bounded by the coefficients left out; and the skeletons'
 //! measured error, which the series can amplify by no more than its Lebesgue constant. Interpolation amplifies both by the
 //! sum of its weights' moduli, and adds its own measured error.
 
 mod blocks;
-mod frame;
-mod nodes;
-mod patches;
+mod factorised;
 mod profile;
-mod terms;
-mod tiled;
-mod voxels;
 
-use super::batch::Batch;
-use super::handover::Handover;
-use super::slabs::slabs_of;
-use super::tones::{SlabTones, Tones, VolumeTones};
-use super::weights::Weights;
-use super::{Made, Method, VolumeSink};
 use crate::acquisition::{CubeSource, Setup};
 use crate::error::Result;
 use crate::grid::Grid;
 use crate::progress::{Observer, advance, stage};
+use crate::reconstruct::compress::{SlabTones, Tones, VolumeTones, slabs_of};
+use crate::reconstruct::volume::{Batch, Handover};
+use crate::reconstruct::window::Weights;
+use crate::reconstruct::{Made, Method, VolumeSink};
 use crate::wave::Geometry;
 use crate::wave::interval::{PathInterval, greater};
 use crate::wave::simd::{LANES, LaneProfiles, LaneTones, Points, RangeScale, back_project, range_profiles};
 use blocks::{Block, Group, Shape, greatest_half, half_width};
+use factorised::{Lattice, Tiled};
 use glam::DVec3;
-use nodes::Lattice;
 use num_complex::Complex32;
 use profile::{Band, Rung, lebesgue};
 use rayon::prelude::*;
 use std::ops::Range;
-use tiled::Tiled;
 
 /// The share of the tolerance that cutting off the series may use.
 const SERIES_SHARE: f64 = 0.6;
@@ -90,7 +82,7 @@ impl Plan {
     /// Divides a job by a fixed operation count, so that the same job is always divided alike.
     pub(super) fn new(setup: &Setup, grid: &Grid, tolerance: f64) -> Self {
         let fine = Division::new(setup, grid, tolerance);
-        let band = Band { tolerance: SERIES_SHARE * tiled::usual_tolerance(tolerance), ..fine.band };
+        let band = Band { tolerance: SERIES_SHARE * factorised::usual_tolerance(tolerance), ..fine.band };
         let tiled = (fine.operations > LEAST_FOR_TILES)
             .then(|| Lattice::find(setup, grid, &band, tolerance))
             .flatten()
@@ -102,7 +94,7 @@ impl Plan {
     pub(super) fn bytes(&self) -> u64 {
         let plane = (self.grid.x.count as u64).saturating_mul(self.grid.y.count as u64);
         let (at_once, nodes) = match &self.tiled {
-            Some(lattice) => (tiled::DEPTHS, lattice.count as u64),
+            Some(lattice) => (factorised::DEPTHS, lattice.count as u64),
             None => (self.fine.thickness, 0),
         };
         let depths = self.grid.z.count;
@@ -115,11 +107,11 @@ impl Plan {
 
     /// Bytes that each thread has of its own, about.
     pub(super) fn worker_bytes(&self) -> u64 {
-        let row = if self.tiled.is_some() { tiled::row_bytes(&self.grid) } else { 0 };
+        let row = if self.tiled.is_some() { factorised::row_bytes(&self.grid) } else { 0 };
         row.saturating_add(1 << 20)
     }
 
-    /// Operations of the job, comparable with those of [`super::direct`].
+    /// Operations of the job, comparable with those of [`crate::reconstruct::direct`].
     pub(super) fn operations(&self) -> f64 {
         self.tiled.as_ref().map_or(self.fine.operations, |lattice| lattice.operations)
     }

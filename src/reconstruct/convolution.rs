@@ -5,24 +5,37 @@
 //! virtual tones for the volume, and these to skeleton tones for each slab of depths, so that Eq. 16 runs over tens of
 //! tones instead of all; with tolerance 0 it runs over every one.
 
-use super::batch::Batch;
-use super::focus::Focuses;
-use super::handover::Handover;
-use super::lattice::SharedLattice;
-use super::layout::Layout;
-use super::near::Near;
-use super::slabs::{Slabs, slabs_of};
-use super::tones::{SlabTones, Tones, VolumeTones};
-use super::weights::Weights;
-use super::{Made, Method, VolumeSink, near, no_room, no_room_for};
+mod lattice;
+mod layout;
+mod line;
+mod near_field;
+mod padded_axis;
+mod plane;
+mod pointwise;
+mod slab_plan;
+mod spectra;
+mod workspace;
+
+pub(super) use lattice::SharedLattice;
+
 use crate::acquisition::{CubeSource, Setup};
+use crate::alloc::{try_with_capacity, try_zeroed};
 use crate::error::Result;
-use crate::grid::{Grid, room, zeros};
+use crate::grid::Grid;
 use crate::progress::{Observer, advance, stage};
+use crate::reconstruct::compress::{SlabTones, Tones, VolumeTones, slabs_of};
+use crate::reconstruct::volume::Batch;
+use crate::reconstruct::volume::Handover;
+use crate::reconstruct::window::Weights;
+use crate::reconstruct::{Made, Method, VolumeSink, no_room, no_room_for};
 use crate::wave::interval::greater;
 use crate::wave::simd::Lanes;
+use layout::Layout;
+use near_field::Near;
 use num_complex::Complex32;
 use rayon::prelude::*;
+use slab_plan::Slabs;
+use workspace::Focuses;
 
 /// Bytes of data spectra held at a time when every frequency is summed.
 const SPECTRA_BYTES: usize = 256 << 20;
@@ -43,7 +56,7 @@ pub(super) struct Plan {
     /// Where there is a tolerance: how depths are divided.
     pub(super) slabs: Option<Slabs>,
     /// What depths take that have no part in the lattice.
-    pub(super) near: near::Cost,
+    pub(super) near: near_field::Cost,
 }
 
 impl Plan {
@@ -53,7 +66,7 @@ impl Plan {
         let left = tolerance - layout.lattice.error();
         let slabs = (left > 0.0).then(|| Slabs::new(setup, &layout));
         let thickness = slabs.as_ref().map_or(1, |slabs| slabs.thickness);
-        let near = near::Cost::new(setup, grid, &layout.lattice.near, thickness, FIRST_SHARE * left);
+        let near = near_field::Cost::new(setup, grid, &layout.lattice.near, thickness, FIRST_SHARE * left);
         Self { layout, slabs, near }
     }
 }
@@ -137,7 +150,7 @@ fn every_frequency(
     })?;
     let made = Made { method: Method::Convolution, error_bound: layout.lattice.error() * modulus };
     let depths = grid.z.count;
-    let mut planes = zeros((DEPTHS.min(depths) as u64).saturating_mul(grid.plane_len() as u64))
+    let mut planes = try_zeroed((DEPTHS.min(depths) as u64).saturating_mul(grid.plane_len() as u64))
         .ok_or_else(|| no_room_for(grid))?;
     let (mut spectra, spreading) = (layout.room(block)?, layout.lattice.spreading(source.setup().array));
     let focused = Depths { layout, focuses: Focuses::new(layout), near: None, batch, observer };
@@ -153,7 +166,7 @@ fn every_frequency(
             planes.fill(Complex32::ZERO);
             source.visit(block, &mut |range, block| {
                 let (tones, width) = (range.len() as u64, n_mic as u64);
-                let mut samples = room(tones * width).ok_or_else(|| no_room(tones, width))?;
+                let mut samples = try_with_capacity(tones * width).ok_or_else(|| no_room(tones, width))?;
                 let rows = range.clone().zip(block.chunks_exact(n_mic));
                 samples.extend(rows.flat_map(|(f, row)| weights.weighted(f, row)));
                 let samples = spreading.onto_nodes(samples)?;
@@ -194,7 +207,7 @@ fn skeleton_frequencies(
     // Room for every slab that is worked on at a time, kept from one to the next: what is given back and asked for again
     // an allocator holds twice.
     let most = slabs.iter().map(SlabTones::len).max().unwrap_or(0);
-    let room = |_| Ok((Tones::room(most, layout.lattice.width())?, layout.room(most)?));
+    let room = |_| Ok((Tones::with_capacity(most, layout.lattice.width())?, layout.room(most)?));
     let rooms = (0..batch.slabs.min(slabs.len())).into_par_iter().map(room);
     let mut rooms = rooms.collect::<Result<Vec<_>>>()?;
     let focused = Depths { layout, focuses: Focuses::new(layout), near, batch, observer };

@@ -1,13 +1,16 @@
 //! Eq. 13 as written: every voxel, microphone and frequency, with f64 totals. The oracle.
 
-use super::batch::Batch;
-use super::weights::Weights;
-use super::{Made, Method, VolumeSink, no_room, no_room_for};
 use crate::acquisition::{CubeSource, Setup};
+use crate::alloc::try_zeroed;
 use crate::error::Result;
-use crate::grid::{Grid, zeros};
+use crate::grid::Grid;
 use crate::progress::{Observer, advance, stage};
+use crate::reconstruct::volume::Batch;
+use crate::reconstruct::window::Weights;
+use crate::reconstruct::{Made, Method, VolumeSink, no_room, no_room_for};
+use crate::wave::Geometry;
 use crate::wave::simd::{LANES, Steps, SweepSamples, weighted_sum, weighted_sweep};
+use glam::DVec3;
 use num_complex::Complex32;
 use rayon::prelude::*;
 
@@ -40,13 +43,29 @@ pub(super) fn direct(
     sink: &mut dyn VolumeSink,
     observer: &dyn Observer,
 ) -> Result<Made> {
+    sum_over_paths(Method::Direct, Geometry::path_length, source, weights, grid, batch, sink, observer)
+}
+
+/// The same sum over path lengths of any kind.
+#[allow(clippy::too_many_arguments)]
+pub(super) fn sum_over_paths(
+    method: Method,
+    path_length: impl Fn(&Geometry, DVec3, DVec3) -> f64 + Sync,
+    source: &mut dyn CubeSource,
+    weights: &Weights,
+    grid: &Grid,
+    batch: Batch,
+    sink: &mut dyn VolumeSink,
+    observer: &dyn Observer,
+) -> Result<Made> {
     let samples = weighted_samples(source, weights)?;
     let setup = source.setup();
     let sums = sums_of(&samples, &setup);
     drop(samples);
     let (depths, at_once, plane) = (grid.z.count, depths_at_once(grid), grid.plane_len());
-    let mut planes = zeros((at_once as u64).saturating_mul(plane as u64)).ok_or_else(|| no_room_for(grid))?;
-    let made = Made { method: Method::Direct, error_bound: 0.0 };
+    let mut planes =
+        try_zeroed((at_once as u64).saturating_mul(plane as u64)).ok_or_else(|| no_room_for(grid))?;
+    let made = Made { method, error_bound: 0.0 };
     sink.begin(&made)?;
     stage(observer, "reconstructing (direct sum)", grid.voxel_count(), || {
         for first in (0..depths).step_by(at_once) {
@@ -60,7 +79,8 @@ pub(super) fn direct(
             planes.par_chunks_mut(TOGETHER).with_min_len(run).enumerate().try_for_each_init(
                 || lengths(setup.array.len()),
                 |lengths, (chunk, voxels)| {
-                    image(&setup, grid, &sums, first * plane + chunk * TOGETHER, voxels, lengths);
+                    let first = first * plane + chunk * TOGETHER;
+                    image(&setup, &path_length, grid, &sums, first, voxels, lengths);
                     advance(observer, voxels.len() as u64)
                 },
             )?;
@@ -79,6 +99,7 @@ pub(super) fn lengths(microphones: usize) -> Vec<f64> {
 /// Sums up to [`TOGETHER`] voxels, the first of which is the `first` of the grid, into their places.
 pub(super) fn image(
     setup: &Setup,
+    path_length: impl Fn(&Geometry, DVec3, DVec3) -> f64,
     grid: &Grid,
     sums: &Sums,
     first: usize,
@@ -90,7 +111,7 @@ pub(super) fn image(
         let (row, ix) = ((first + i) / grid.x.count, (first + i) % grid.x.count);
         let p = grid.position(ix, row % grid.y.count, row / grid.y.count);
         for (length, &r) in lengths.iter_mut().zip(setup.array.positions()) {
-            *length = setup.geometry.path_length(p, r);
+            *length = path_length(&setup.geometry, p, r);
         }
     }
     let mut totals = [[0.0; 2]; TOGETHER];
@@ -104,7 +125,7 @@ pub(super) fn image(
 /// All samples with their weights, `[n_f, n_mic]`.
 fn weighted_samples(source: &mut dyn CubeSource, weights: &Weights) -> Result<Vec<Complex32>> {
     let (n_f, n_mic) = (source.setup().sweep.len() as u64, source.setup().array.len() as u64);
-    let mut samples = zeros(n_f.saturating_mul(n_mic)).ok_or_else(|| no_room(n_f, n_mic))?;
+    let mut samples = try_zeroed(n_f.saturating_mul(n_mic)).ok_or_else(|| no_room(n_f, n_mic))?;
     source.visit(1, &mut |range, row| {
         let to = &mut samples[range.start * row.len()..][..row.len()];
         to.iter_mut().zip(weights.weighted(range.start, row)).for_each(|(to, m)| *to = m);

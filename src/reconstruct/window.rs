@@ -1,5 +1,9 @@
 //! Window weights over the array and the band.
 
+mod weights;
+
+pub(super) use weights::Weights;
+
 use crate::acquisition::{MicArray, Sweep};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;

@@ -1,8 +1,8 @@
 //! Reflectors from a CSV file: header `x,y,z,amplitude`, one point per line, in metres, used as they are.
 
 use super::Reflectors;
+use crate::alloc::try_with_capacity;
 use crate::error::{Error, Result};
-use crate::grid::room;
 use glam::DVec3;
 use num_complex::Complex32;
 use std::path::Path;
@@ -17,8 +17,8 @@ impl Reflectors {
         if rows.is_empty() {
             return Err(Error::input(path.display(), "holds no reflectors; at least one line was expected"));
         }
-        let mut positions = room(rows.len() as u64).ok_or_else(|| no_room(path))?;
-        let mut amplitudes = room(rows.len() as u64).ok_or_else(|| no_room(path))?;
+        let mut positions = try_with_capacity(rows.len() as u64).ok_or_else(|| no_room(path))?;
+        let mut amplitudes = try_with_capacity(rows.len() as u64).ok_or_else(|| no_room(path))?;
         for [x, y, z, amplitude] in rows {
             positions.push(DVec3::new(x, y, z));
             amplitudes.push(Complex32::new(amplitude as f32, 0.0));

@@ -5,7 +5,7 @@
 //! triangles that share a plane share the lattice, and no seam shows along a diagonal.
 
 use super::Sample;
-use crate::grid::room;
+use crate::alloc::try_with_capacity;
 use crate::scene::Triangle;
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
@@ -27,7 +27,7 @@ pub(super) fn lattice(triangles: &[Triangle], spacing: f64) -> Option<Vec<Sample
         Some(samples)
     });
     let blocks: Vec<Vec<Sample>> = blocks.collect::<Option<_>>()?;
-    let mut samples = room(blocks.iter().map(|block| block.len() as u64).sum())?;
+    let mut samples = try_with_capacity(blocks.iter().map(|block| block.len() as u64).sum())?;
     for block in blocks {
         samples.extend(block);
     }

@@ -5,8 +5,8 @@
 //! accepted sample, so the areas add up to the scene's exactly, slivers and small parts included.
 
 use super::{Sample, no_room};
+use crate::alloc::{try_filled, try_with_capacity};
 use crate::error::Result;
-use crate::grid::{filled, room};
 use crate::progress::{Observer, advance};
 use crate::scene::Triangle;
 use glam::{DVec3, I64Vec3};
@@ -52,9 +52,9 @@ pub(super) fn poisson_disk(
     observer: &dyn Observer,
 ) -> Result<Vec<Sample>> {
     let no_room = || no_room(spacing);
-    let mut normals: Vec<DVec3> = room(triangles.len() as u64).ok_or_else(no_room)?;
+    let mut normals: Vec<DVec3> = try_with_capacity(triangles.len() as u64).ok_or_else(no_room)?;
     normals.par_extend(triangles.par_iter().map(Triangle::normal));
-    let mut areas: Vec<f64> = room(triangles.len() as u64).ok_or_else(no_room)?;
+    let mut areas: Vec<f64> = try_with_capacity(triangles.len() as u64).ok_or_else(no_room)?;
     areas.par_extend(triangles.par_iter().map(Triangle::area));
     let total_area: f64 = areas.iter().sum();
     let mut candidates = candidates(triangles, &areas, total_area, spacing, seed).ok_or_else(no_room)?;
@@ -64,7 +64,7 @@ pub(super) fn poisson_disk(
     // Random order makes it dart throwing; Fisher and Yates.
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     random.set_stream(u64::MAX);
-    let mut order: Vec<u32> = room(candidates.len() as u64).ok_or_else(no_room)?;
+    let mut order: Vec<u32> = try_with_capacity(candidates.len() as u64).ok_or_else(no_room)?;
     order.extend(0..candidates.len() as u32);
     for i in (1..order.len()).rev() {
         let j = (u128::from(random.next_u64()) * (i as u128 + 1)) >> 64;
@@ -81,7 +81,7 @@ pub(super) fn poisson_disk(
     }
     drop(order);
 
-    let mut owners = filled(NONE, candidates.len() as u64).ok_or_else(no_room)?;
+    let mut owners = try_filled(NONE, candidates.len() as u64).ok_or_else(no_room)?;
     candidates.par_chunks(BLOCK).zip(owners.par_chunks_mut(BLOCK)).try_for_each(|(block, owners)| {
         for (c, owner) in block.iter().zip(owners) {
             *owner = cells.nearest(c, &normals);
@@ -148,9 +148,9 @@ impl Cells {
                 beside.copied().unwrap_or(NONE)
             })
         };
-        let mut neighbours = room(places.len() as u64)?;
+        let mut neighbours = try_with_capacity(places.len() as u64)?;
         neighbours.par_extend(places.par_iter().map(around));
-        let last = filled(NONE, places.len() as u64)?;
+        let last = try_filled(NONE, places.len() as u64)?;
         Some(Self { spacing, samples: Vec::new(), last, before: Vec::new(), neighbours, places })
     }
 
@@ -246,7 +246,7 @@ fn candidates(
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut uniform = || -> f64 { StandardUniform.sample(&mut random) };
     let (mut index, mut passed) = (0, 0.0);
-    let mut candidates = room(count)?;
+    let mut candidates = try_with_capacity(count)?;
     candidates.extend((0..count).map(|i| {
         let target = (i as f64 + uniform()) / count as f64 * total_area;
         while index + 1 < triangles.len() && passed + areas[index] <= target {

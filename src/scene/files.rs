@@ -5,8 +5,8 @@ use std::fs::{self, File};
 use std::io::Read;
 use std::path::{Component, Path, PathBuf};
 
+use crate::alloc::try_with_capacity;
 use crate::error::{Error, Result};
-use crate::grid::room;
 
 /// No file of a scene may be larger than this, bytes.
 const LARGEST_FILE: u64 = 4 << 30;
@@ -31,7 +31,7 @@ pub(super) fn open(path: &Path) -> Result<(File, u64)> {
 pub(super) fn read(path: &Path) -> Result<Vec<u8>> {
     let (file, length) = open(path)?;
     // The file may have grown since it was measured.
-    let mut bytes = room(length).ok_or_else(|| no_room(path.display(), "its bytes"))?;
+    let mut bytes = try_with_capacity(length).ok_or_else(|| no_room(path.display(), "its bytes"))?;
     file.take(LARGEST_FILE).read_to_end(&mut bytes).map_err(|error| Error::reading(path, &error))?;
     Ok(bytes)
 }

@@ -15,8 +15,8 @@ use super::material::{Material, Palette};
 use super::needs::{Glimpse, MeshNeeds, scaled};
 use super::surfaces::Surfaces;
 use super::{LoadOptions, Mesh, Up, files, mtl};
+use crate::alloc::try_with_capacity;
 use crate::error::{Error, Result};
-use crate::grid::room;
 use crate::progress::Observer;
 
 /// Reads an OBJ file. See [`Scene::load`](super::Scene::load).
@@ -50,8 +50,8 @@ pub(super) fn load(
     for model in models {
         let mesh = &model.mesh;
         let positions = mesh.positions.chunks_exact(3);
-        let mut vertices =
-            room(positions.len() as u64).ok_or_else(|| no_room(path.display(), "its vertices"))?;
+        let mut vertices = try_with_capacity(positions.len() as u64)
+            .ok_or_else(|| no_room(path.display(), "its vertices"))?;
         vertices.extend(positions.map(DVec3::from_slice));
         if let Some(bad) = vertices.iter().find(|v| !v.is_finite()) {
             return Err(Error::input(

@@ -20,8 +20,8 @@ use obvhs::{Boundable, BvhBuildParams, fast_stack};
 use super::files::no_room;
 use super::triangle::{self, Triangle};
 use super::{Material, Scene};
+use crate::alloc::try_with_capacity;
 use crate::error::Result;
-use crate::grid::room;
 
 /// Crossings nearer than this times the scene's greatest coordinate (that of the path's ends included) to an
 /// end of the path, or to one another, are not told apart: 0.25 µm in a scene of 2.5 m, far below a wavelength
@@ -152,9 +152,9 @@ impl Boundable for Boxed<'_> {
 /// they would stand in several leaves and be counted several times. `None` when there is no room for it.
 fn build(triangles: &[Triangle], frame: &Frame) -> Option<Bvh2> {
     // The crate cannot be told that there is none, so as much as it will want is asked for before, and given back.
-    drop(room::<u8>(triangles.len() as u64 * SurfaceTree::BUILDING)?);
+    drop(try_with_capacity::<u8>(triangles.len() as u64 * SurfaceTree::BUILDING)?);
     let parameters = BvhBuildParams::slow_build();
-    let mut boxed = room(triangles.len() as u64)?;
+    let mut boxed = try_with_capacity(triangles.len() as u64)?;
     boxed.extend(triangles.iter().map(|triangle| Boxed { triangle, frame }));
     let mut bvh = PlocBuilder::with_capacity(boxed.len()).build(
         parameters.ploc_search_distance,

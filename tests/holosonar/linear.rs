@@ -188,14 +188,14 @@ fn simulated_linear_data_are_equation_7() {
 }
 
 #[test]
-fn auto_never_takes_it_and_microphones_in_no_plane_are_refused() {
+fn auto_never_takes_it_and_it_needs_no_plane_of_microphones() {
     let mut random = Random::new(3);
     let grid = Grid { x: axis(-0.3, 0.05, 13), y: axis(-0.2, 0.06, 7), z: axis(0.7, 0.03, 9) };
     let positions = (0..20)
         .map(|_| DVec3::new(random.uniform(-0.4, 0.3), random.uniform(-0.2, 0.3), random.uniform(-0.1, 0.1)));
     let bent = MicArray::from_positions("array", &[20], positions.collect()).unwrap();
     let planar = lattice([40, 40], [0.02, 0.02], DVec3::ZERO);
-    for (array, possible) in [(planar, true), (bent, false)] {
+    for array in [planar, bent] {
         let cube = random_cube(&mut random, even(200), array, Geometry::ORIGIN, Detection::Quadrature);
         let of = |method: Method| {
             estimate(&cube.setup(), &grid, &ReconstructOptions::new(method, Window::None), 2).unwrap()
@@ -204,12 +204,7 @@ fn auto_never_takes_it_and_microphones_in_no_plane_are_refused() {
         assert_ne!(estimates[auto].method, Method::Linear);
         let (estimates, named) = of(Method::Linear);
         assert_eq!(estimates[named].method, Method::Linear);
-        assert_eq!(estimates[named].obstacle.is_none(), possible);
-        let options = ReconstructOptions::new(Method::Linear, Window::None);
-        let result = reconstruct(&cube, &grid, &options, &Silent);
-        assert_eq!(result.is_ok(), possible);
-        if let Err(error) = result {
-            assert!(error.to_string().contains("no plane of constant z"), "{error}");
-        }
+        assert!(estimates[named].obstacle.is_none());
+        linear(&cube, &grid, Window::None, 1e-4);
     }
 }

@@ -9,7 +9,7 @@ use super::terms::{Terms, outward_spreading};
 use super::virtual_tones::VirtualTones;
 use super::{PropagationModel, SimulateOptions};
 use crate::acquisition::Tile;
-use crate::grid::{filled, room};
+use crate::alloc::{try_filled, try_with_capacity};
 use crate::reflectors::Reflectors;
 use crate::wave::offsets::{Echoes, MOST_ECHOES, exact_offsets, linear_offsets, sum_over_tones};
 use crate::wave::simd::phasors;
@@ -118,7 +118,7 @@ impl<'a> Summation<'a> {
         tones: &'a VirtualTones,
         terms: Option<&'a Terms>,
     ) -> Option<Self> {
-        let mut outward = room(reflectors.len() as u64)?;
+        let mut outward = try_with_capacity(reflectors.len() as u64)?;
         outward.extend(reflectors.positions().iter().map(|&p| options.geometry.outward_length(p)));
         Some(Self { reflectors, outward, microphones, options, tones, terms })
     }
@@ -128,11 +128,11 @@ impl<'a> Summation<'a> {
     /// Memory: 32 bytes per reflector, and the sums.
     pub(super) fn groups(&self, tile: &Tile) -> Option<Vec<GroupSums>> {
         let places = self.reflectors.positions().iter().zip(&self.outward);
-        let mut sights: Vec<Sight> = room(places.len() as u64)?;
+        let mut sights: Vec<Sight> = try_with_capacity(places.len() as u64)?;
         sights.extend(places.map(|(&p, &outward)| Sight::new(p, outward, tile, self.options)));
         let intervals = Intervals::new(&sights, self.tones.duration * self.options.sound_speed);
         // Interval, nearness and index in one number: sorting it groups the reflectors and keeps their order.
-        let mut keys: Vec<u64> = room(sights.len() as u64)?;
+        let mut keys: Vec<u64> = try_with_capacity(sights.len() as u64)?;
         keys.extend(
             sights.iter().enumerate().map(|(j, sight)| {
                 (intervals.place(sight.path) << 1 | u64::from(sight.near)) << 32 | j as u64
@@ -144,7 +144,7 @@ impl<'a> Summation<'a> {
         keys.chunk_by(|a, b| a >> 33 == b >> 33)
             .map(|group| {
                 let middle = intervals.middle(group[0] >> 33);
-                let mut sums = filled([0.0; 2], (columns * tile.microphones.len()) as u64)?;
+                let mut sums = try_filled([0.0; 2], (columns * tile.microphones.len()) as u64)?;
                 for run in group.chunk_by(|a, b| a >> 32 == b >> 32) {
                     let near = run[0] >> 32 & 1 == 1;
                     for some in run.chunks(MOST_ECHOES) {
@@ -243,7 +243,7 @@ impl<'a> Summation<'a> {
 
 /// `[microphone][K Q]` turned to `[K Q][part][microphone]`; `None` when it does not fit in memory.
 fn by_tone(sums: &[[f64; 2]], tones: usize) -> Option<Vec<f32>> {
-    let mut turned = room(2 * sums.len() as u64)?;
+    let mut turned = try_with_capacity(2 * sums.len() as u64)?;
     for q in 0..tones {
         for part in 0..2 {
             turned.extend(sums.iter().skip(q).step_by(tones).map(|sum| sum[part] as f32));

@@ -1,8 +1,8 @@
 //! Samples on their way: columns of tiles of microphones, which may come from an earlier run and are kept for a later.
 
 use super::no_room;
+use crate::alloc::{try_with_capacity, try_zeroed};
 use crate::error::Result;
-use crate::grid::{room, zeros};
 use crate::progress::Keeper;
 use num_complex::Complex32;
 
@@ -21,7 +21,7 @@ impl KeptSamples<'_> {
     pub(super) fn recall(&mut self, k: usize, microphones: &[usize]) -> Result<bool> {
         let frequencies = self.samples.len() / self.width;
         // A keeper with nothing costs no more than asking.
-        let mut block = zeros((frequencies * microphones.len()) as u64).ok_or_else(no_room)?;
+        let mut block = try_zeroed((frequencies * microphones.len()) as u64).ok_or_else(no_room)?;
         if !self.keeper.recall(k as u64, &mut block)? {
             return Ok(false);
         }
@@ -43,7 +43,8 @@ impl KeptSamples<'_> {
             return Ok(());
         }
         let most = self.finished.iter().map(|(_, microphones)| microphones.len()).max().unwrap_or(0);
-        let mut block = room((self.samples.len() / self.width * most) as u64).ok_or_else(no_room)?;
+        let mut block =
+            try_with_capacity((self.samples.len() / self.width * most) as u64).ok_or_else(no_room)?;
         for (k, microphones) in self.finished.drain(..) {
             block.clear();
             for row in self.samples.chunks_exact(self.width) {

@@ -4,8 +4,8 @@ use super::kept::KeptSamples;
 use super::losses::{Legs, wave_number};
 use super::{Job, SimulateOptions, no_room, record};
 use crate::acquisition::Sweep;
+use crate::alloc::{try_filled, try_with_capacity};
 use crate::error::Result;
-use crate::grid::{filled, room};
 use crate::progress::{Observer, advance};
 use crate::reflectors::Reflectors;
 use crate::wave::simd::{Amplitudes, Steps, sum_over_sweep};
@@ -30,10 +30,11 @@ pub(super) fn literal(job: &Job<'_>, kept: &mut KeptSamples, observer: &dyn Obse
         let columns: Vec<Vec<[f64; 2]>> = mics
             .par_iter()
             .map(|&r| {
-                let mut lengths: Vec<f64> = room(plain.padded_len() as u64).ok_or_else(no_room)?;
+                let mut lengths: Vec<f64> =
+                    try_with_capacity(plain.padded_len() as u64).ok_or_else(no_room)?;
                 lengths.extend(reflectors.positions().iter().map(|&p| options.path_length(p, r)));
                 lengths.resize(plain.padded_len(), 0.0);
-                let sums = filled([0.0; 2], sweep.len() as u64).ok_or_else(no_room)?;
+                let sums = try_filled([0.0; 2], sweep.len() as u64).ok_or_else(no_room)?;
                 Ok(if options.losses.vary() {
                     lossy_sums(reflectors, r, &lengths, sweep, options, sums)
                 } else if options.losses.any() {

@@ -2,33 +2,33 @@
 
 use super::profile::{Band, MOST_FOR_POWERS};
 use crate::grid::{Axis, Grid};
-use crate::reconstruct::tones::Tones;
+use crate::reconstruct::compress::Tones;
 use crate::wave::Geometry;
 use crate::wave::simd::{LANES, LaneTones, Points};
 use glam::DVec3;
 
 /// A box of voxels, by its size along x, y, z.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Shape(pub(super) [usize; 3]);
+pub(crate) struct Shape(pub(crate) [usize; 3]);
 
 impl Shape {
     /// The most voxels of a block: their points and sums stay in the first-level cache.
-    pub(super) const MOST_VOXELS: usize = 1024;
+    pub(crate) const MOST_VOXELS: usize = 1024;
 
     /// Half the distance between the first and the last voxel along each axis, m.
-    pub(super) fn half(&self, grid: &Grid) -> DVec3 {
+    pub(crate) fn half(&self, grid: &Grid) -> DVec3 {
         let along = |axis: &Axis, count: usize| axis.pitch * (count.min(axis.count) - 1) as f64 / 2.0;
         DVec3::new(along(&grid.x, self.0[0]), along(&grid.y, self.0[1]), along(&grid.z, self.0[2]))
     }
 
     /// Lengths worth trying along an axis: powers of two that there is room for, made even over as many blocks.
-    pub(super) fn sizes(count: usize) -> impl Iterator<Item = usize> {
+    pub(crate) fn sizes(count: usize) -> impl Iterator<Item = usize> {
         let even = move |n: usize| count.div_ceil(count.div_ceil(n));
         (0..11).map(|e| 1usize << e).filter(move |&n| n < 2 * count).map(even)
     }
 
     /// Every shape worth trying.
-    pub(super) fn candidates(grid: &Grid) -> impl Iterator<Item = Self> {
+    pub(crate) fn candidates(grid: &Grid) -> impl Iterator<Item = Self> {
         let (x, y, z) = (grid.x.count, grid.y.count, grid.z.count);
         Self::sizes(z)
             .flat_map(move |n_z| Self::sizes(y).map(move |n_y| [n_y, n_z]))
@@ -38,7 +38,7 @@ impl Shape {
 
     /// Operations per voxel and microphone by a fixed model, over places and microphones that stand for all;
     /// `None` when profiles would be absurdly long.
-    pub(super) fn operations(
+    pub(crate) fn operations(
         &self,
         grid: &Grid,
         geometry: &Geometry,
@@ -71,7 +71,7 @@ impl Shape {
 
 /// Operations of one block and microphone by a fixed model: `points` of it, a band's `edge` there, the digits that are
 /// wanted, and so many tones.
-pub(super) fn block_operations(points: usize, edge: f64, digits: f64, tones: f64) -> f64 {
+pub(crate) fn block_operations(points: usize, edge: f64, digits: f64, tones: f64) -> f64 {
     let terms = 1.1 * edge + 2.0 + 1.3 * digits;
     // Horner's rule takes fewer operations than Clenshaw's.
     let per_term = if edge <= MOST_FOR_POWERS { 4.0 } else { 6.0 };
@@ -83,14 +83,14 @@ const OPERATIONS_PER_POINT: f64 = 65.0;
 
 /// A block in its place: where it begins, and its voxels' number along each axis.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Block {
-    pub(super) first: [usize; 3],
-    pub(super) count: [usize; 3],
+pub(crate) struct Block {
+    pub(crate) first: [usize; 3],
+    pub(crate) count: [usize; 3],
 }
 
 impl Block {
     /// The blocks of the planes `depths`, x fastest.
-    pub(super) fn of(grid: &Grid, shape: Shape, depths: std::ops::Range<usize>) -> Vec<Self> {
+    pub(crate) fn of(grid: &Grid, shape: Shape, depths: std::ops::Range<usize>) -> Vec<Self> {
         let Shape([n_x, n_y, n_z]) = shape;
         let mut blocks = Vec::new();
         for z in depths.clone().step_by(n_z) {
@@ -106,14 +106,14 @@ impl Block {
     }
 
     /// Middle of the first and the last voxel, m.
-    pub(super) fn centre(&self, grid: &Grid) -> DVec3 {
+    pub(crate) fn centre(&self, grid: &Grid) -> DVec3 {
         let [x, y, z] = self.first;
         let last: [usize; 3] = std::array::from_fn(|axis| self.first[axis] + self.count[axis] - 1);
         grid.position(x, y, z).midpoint(grid.position(last[0], last[1], last[2]))
     }
 
     /// The voxels, x fastest, about the centre.
-    pub(super) fn points(&self, grid: &Grid, geometry: &Geometry) -> Points {
+    pub(crate) fn points(&self, grid: &Grid, geometry: &Geometry) -> Points {
         let centre = self.centre(grid);
         let out = geometry.outward_length(centre);
         let [n_x, n_y, n_z] = self.count;
@@ -133,7 +133,7 @@ impl Block {
 ///
 /// A distance is convex, so it lies above its tangent plane; and `√(1 + x) ≤ 1 + x/2` bounds it from above. Near a
 /// microphone, where that says little, it is the farthest corner's.
-pub(super) fn half_width(geometry: &Geometry, centre: DVec3, half: DVec3, microphone: DVec3) -> f64 {
+pub(crate) fn half_width(geometry: &Geometry, centre: DVec3, half: DVec3, microphone: DVec3) -> f64 {
     // The gradient of a leg, how far it rises at most above its tangent plane, and how much it changes at most.
     let leg = |from: DVec3| {
         let away = centre - from;
@@ -152,20 +152,20 @@ pub(super) fn half_width(geometry: &Geometry, centre: DVec3, half: DVec3, microp
 }
 
 /// What [`half_width`] is below for any microphone and source, m.
-pub(super) fn greatest_half(half: DVec3) -> f64 {
+pub(crate) fn greatest_half(half: DVec3) -> f64 {
     2.0 * half.length()
 }
 
 /// Sixteen microphones that lie near each other; the last of an array are filled up with silent ones.
 #[derive(Debug, Clone)]
-pub(super) struct Group {
-    pub(super) members: Vec<usize>,
-    pub(super) positions: [DVec3; LANES],
+pub(crate) struct Group {
+    pub(crate) members: Vec<usize>,
+    pub(crate) positions: [DVec3; LANES],
 }
 
 impl Group {
     /// Some microphones, along a curve that keeps neighbours together (Morton's).
-    pub(super) fn of(positions: &[DVec3], mut members: Vec<usize>) -> Vec<Self> {
+    pub(crate) fn of(positions: &[DVec3], mut members: Vec<usize>) -> Vec<Self> {
         let low = members.iter().fold(DVec3::INFINITY, |a, &r| a.min(positions[r]));
         let high = members.iter().fold(DVec3::NEG_INFINITY, |a, &r| a.max(positions[r]));
         let extent = (high - low).max_element().max(f64::MIN_POSITIVE);
@@ -182,7 +182,7 @@ impl Group {
     }
 
     /// The group's part of tones in rows of `width`.
-    pub(super) fn tones(&self, tones: &Tones, width: usize) -> LaneTones {
+    pub(crate) fn tones(&self, tones: &Tones, width: usize) -> LaneTones {
         let mut split = LaneTones::default();
         for row in tones.samples.chunks_exact(width) {
             let (mut re, mut im) = ([0.0; LANES], [0.0; LANES]);

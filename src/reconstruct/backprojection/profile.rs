@@ -14,7 +14,7 @@ const LEAST: f64 = 0.2;
 
 /// Up to this x at the band's edge, series are summed as powers of t, which takes fewer operations; their coefficients
 /// add up to e^x at most, by which f32 rounding grows where all of them conspire.
-pub(super) const MOST_FOR_POWERS: f64 = 5.0;
+pub(crate) const MOST_FOR_POWERS: f64 = 5.0;
 
 /// The greatest x of a profile at the band's edge.
 const MOST_EDGE: f64 = 60.0;
@@ -24,47 +24,47 @@ const MOST_TURNS: f64 = 8.0;
 
 /// A half-width of delays with the series of every tone on it.
 #[derive(Debug, Clone)]
-pub(super) struct Rung {
+pub(crate) struct Rung {
     /// H as a path length, m.
-    pub(super) half: f64,
+    pub(crate) half: f64,
     /// Coefficients that are kept; even in number unless they are of powers.
-    pub(super) terms: usize,
+    pub(crate) terms: usize,
     /// Whether the series are in powers of t.
-    pub(super) powers: bool,
+    pub(crate) powers: bool,
     /// `[Q, columns]`: `J₀(x_q), 2 J_1(x_q), …`, or the same for powers; padded with zeros. A factor of `(−i)^k` is left
     /// out, so that all are real.
-    pub(super) expansion: Vec<f32>,
+    pub(crate) expansion: Vec<f32>,
     /// Length of a row of `expansion`, a multiple of 4.
-    pub(super) columns: usize,
+    pub(crate) columns: usize,
 }
 
 /// A band and the accuracy wanted of its profiles.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Band {
+pub(crate) struct Band {
     /// f_c, Hz.
-    pub(super) carrier: f64,
+    pub(crate) carrier: f64,
     /// B, Hz.
-    pub(super) bandwidth: f64,
+    pub(crate) bandwidth: f64,
     /// c, m/s.
-    pub(super) sound_speed: f64,
+    pub(crate) sound_speed: f64,
     /// Error allowed to any tone of the band, relative to one.
-    pub(super) tolerance: f64,
+    pub(crate) tolerance: f64,
 }
 
 impl Band {
     /// x at the band's edge for a half-width, m.
-    pub(super) fn edge(&self, half: f64) -> f64 {
+    pub(crate) fn edge(&self, half: f64) -> f64 {
         PI * self.bandwidth * half / self.sound_speed
     }
 
     /// Whether profiles of this half-width, m, are neither absurdly long nor lose their phase in f32.
-    pub(super) fn holds(&self, half: f64) -> bool {
+    pub(crate) fn holds(&self, half: f64) -> bool {
         self.edge(half) <= MOST_EDGE && self.carrier * half / self.sound_speed <= MOST_TURNS
     }
 
     /// The least number of coefficients that keeps every tone of the band on ±`half` m within the tolerance, and
     /// the error that leaves: `2 Σ_{k ≥ terms} J_k(x)`, which for k > x grows with x and so holds for all tones.
-    pub(super) fn terms(&self, half: f64) -> (usize, f64) {
+    pub(crate) fn terms(&self, half: f64) -> (usize, f64) {
         let edge = self.edge(half);
         // Beyond this J_k(edge) is below 1e-16.
         let count = (edge + 14.0 * edge.cbrt()) as usize + 32;
@@ -79,7 +79,7 @@ impl Band {
     }
 
     /// Rungs that end with `greatest` m, ascending, for tones at `frequencies` Hz.
-    pub(super) fn ladder(&self, greatest: f64, frequencies: &[f64]) -> Vec<Rung> {
+    pub(crate) fn ladder(&self, greatest: f64, frequencies: &[f64]) -> Vec<Rung> {
         let steps = ((self.edge(greatest) / LEAST).max(1.0).ln() / RATIO.ln()).ceil() as i32;
         (0..=steps).rev().map(|step| self.rung(greatest / RATIO.powi(step), frequencies)).collect()
     }
@@ -127,7 +127,7 @@ fn in_powers(series: &[f64]) -> Vec<f64> {
 
 /// By how much an error of the function can grow in a Chebyshev series cut off after `terms` coefficients: Lebesgue's
 /// constant, below `1 + 4/π² · ln(2n + 1)` (Watson 1930).
-pub(super) fn lebesgue(terms: usize) -> f64 {
+pub(crate) fn lebesgue(terms: usize) -> f64 {
     1.0 + 4.0 / (PI * PI) * (2.0 * terms as f64 + 1.0).ln()
 }
 

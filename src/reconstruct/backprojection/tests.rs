@@ -43,7 +43,7 @@ fn grids() -> [Grid; 4] {
 
 fn lattice(cube: &DataCube, grid: &Grid, tolerance: f64) -> Option<Lattice> {
     let band = Division::new(&cube.setup(), grid, tolerance).band;
-    let band = Band { tolerance: SERIES_SHARE * tiled::usual_tolerance(tolerance), ..band };
+    let band = Band { tolerance: SERIES_SHARE * factorised::usual_tolerance(tolerance), ..band };
     Lattice::find(&cube.setup(), grid, &band, tolerance)
 }
 
@@ -113,7 +113,7 @@ fn depths_that_are_left_have_the_bytes_of_the_whole() {
     let lattice = lattice(&cube, &grid, 1e-3).expect("fine voxels");
     let mut whole = Volume { grid, samples: Vec::new() };
     tiled(&cube, &grid, &lattice, 1e-3, &mut whole);
-    for done in [tiled::DEPTHS, 2 * tiled::DEPTHS] {
+    for done in [factorised::DEPTHS, 2 * factorised::DEPTHS] {
         let mut rest = Rest { volume: Volume { grid, samples: Vec::new() }, done };
         tiled(&cube, &grid, &lattice, 1e-3, &mut rest);
         let from = done * grid.plane_len();

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use ::gltf::json;
 
 use super::super::files;
+use crate::alloc::try_with_capacity;
 use crate::error::{Error, Result};
-use crate::grid::room;
 
 /// A parsed file and its buffers, of which none is shorter than it says.
 pub(super) struct Document {
@@ -222,7 +222,7 @@ fn decode_data_uri(uri: &str) -> std::result::Result<Vec<u8>, String> {
 /// RFC 4648, with or without padding.
 fn decode_base64(text: &str) -> Option<Vec<u8>> {
     let digits = text.trim_end_matches('=').as_bytes();
-    let mut bytes = room(digits.len() as u64 / 4 * 3 + 2)?;
+    let mut bytes = try_with_capacity(digits.len() as u64 / 4 * 3 + 2)?;
     for group in digits.chunks(4) {
         let mut bits = 0_u32;
         for &digit in group {

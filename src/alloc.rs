@@ -1,0 +1,42 @@
+//! Fallible allocation of whatever grows with the job.
+//!
+//! Every function takes a number of values and returns a vector, or `None` where the memory is not there: the caller
+//! turns that into an [`Error::Environment`](crate::error::Error::Environment) that names what did not fit. Small
+//! buffers of a fixed size are allocated the ordinary way.
+
+use num_complex::Complex32;
+
+/// An empty vector with room for `count` values.
+pub(crate) fn try_with_capacity<T>(count: u64) -> Option<Vec<T>> {
+    let mut values = Vec::new();
+    values.try_reserve_exact(usize::try_from(count).ok()?).ok()?;
+    Some(values)
+}
+
+/// `count` copies of a value.
+pub(crate) fn try_filled<T: Clone>(value: T, count: u64) -> Option<Vec<T>> {
+    let mut values = try_with_capacity(count)?;
+    values.resize(count as usize, value);
+    Some(values)
+}
+
+/// `count` complex samples, all zero.
+pub(crate) fn try_zeroed(count: u64) -> Option<Vec<Complex32>> {
+    try_filled(Complex32::ZERO, count)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_does_not_fit_is_none_and_what_fits_is_filled() {
+        assert!(try_with_capacity::<u64>(u64::MAX).is_none());
+        assert!(try_zeroed(u64::MAX / 16).is_none());
+        assert!(
+            try_with_capacity::<u8>(10).is_some_and(|values| values.capacity() >= 10 && values.is_empty())
+        );
+        assert_eq!(try_filled(3_u8, 4), Some(vec![3; 4]));
+        assert_eq!(try_zeroed(2), Some(vec![Complex32::ZERO; 2]));
+    }
+}

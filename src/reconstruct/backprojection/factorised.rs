@@ -1,0 +1,12 @@
+//! Fast factorised back-projection: tiles of the array are imaged on few nodes of coordinates of their own, and the voxels
+//! are interpolated from the nodes of all tiles.
+
+mod frame;
+mod nodes;
+mod patches;
+mod terms;
+mod tiled;
+mod voxels;
+
+pub(super) use nodes::Lattice;
+pub(super) use tiled::{DEPTHS, Tiled, row_bytes, usual_tolerance};

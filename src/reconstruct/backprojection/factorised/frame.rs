@@ -1,0 +1,216 @@
+//! Coordinates in which the image of neighbouring microphones hardly changes sideways, and the tiles that have them.
+//!
+//! About the middle r₀ of a tile a voxel is told by x, y and its range ρ, the path length by way of r₀. Turned by
+//! `e^{+i2πf_c·ρ/c}`, a term is `e^{−i2π[f·(path(p, r) − ρ) + (f − f_c)·ρ]/c}`: at constant ρ it changes along x and y
+//! only by as much as r and r₀ see it in different directions, which is little for a small tile.
+
+use crate::acquisition::{Setup, Tile, tiles};
+use crate::grid::Grid;
+use crate::wave::Geometry;
+use glam::DVec3;
+
+/// The coordinates (x, y, ρ) of one tile: `ρ = |p − a| + |p − b|` with the foci a, b.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Frame {
+    foci: [DVec3; 2],
+}
+
+impl Frame {
+    pub(crate) fn new(geometry: &Geometry, middle: DVec3) -> Self {
+        match geometry {
+            Geometry::FixedSource { source } => Self { foci: [*source, middle] },
+            Geometry::Monostatic => Self { foci: [middle; 2] },
+        }
+    }
+
+    /// ρ of a point, m.
+    pub(crate) fn range(&self, p: DVec3) -> f64 {
+        p.distance(self.foci[0]) + p.distance(self.foci[1])
+    }
+
+    /// The point of range ρ above (x, y) that lies deepest; beyond it ρ only grows. `None` where no point has it.
+    pub(crate) fn point(&self, x: f64, y: f64, range: f64) -> Option<DVec3> {
+        let [a, b] = self.foci;
+        let across = |focus: DVec3| (x - focus.x).powi(2) + (y - focus.y).powi(2);
+        // |p − a|² − |p − b|² is linear in z, and so is |p − a| = α + β z; squared, that is a quadratic for z.
+        let alpha = f64::midpoint(range, (across(a) - across(b) + a.z * a.z - b.z * b.z) / range);
+        let beta = (b.z - a.z) / range;
+        let (square, linear) = (1.0 - beta * beta, a.z + alpha * beta);
+        let root = linear * linear - square * (across(a) + a.z * a.z - alpha * alpha);
+        (range > 0.0 && square > 0.0 && root >= 0.0)
+            .then(|| DVec3::new(x, y, (linear + root.sqrt()) / square))
+    }
+
+    /// r₀.
+    pub(crate) fn middle(&self) -> DVec3 {
+        self.foci[1]
+    }
+
+    /// The change of ρ with the place.
+    fn slope(&self, p: DVec3) -> DVec3 {
+        self.foci.iter().map(|focus| (p - focus).normalize_or_zero()).sum()
+    }
+}
+
+/// The tiles, each with a frame, that an array falls into when it is halved so many `times`.
+pub(crate) fn halved(positions: &[DVec3], times: u32) -> Vec<Tile> {
+    tiles(positions, positions.len().div_ceil(1 << times), f64::INFINITY)
+}
+
+/// How fast the turned terms of tiles change along x, y (at constant ρ) and ρ at most, cycles per m; from samples at
+/// the edges of everything that a term depends on.
+pub(crate) fn bands(setup: &Setup, grid: &Grid, tiles: &[Tile]) -> [f64; 3] {
+    let (carrier, frequencies) = (setup.sweep.centre(), setup.sweep.frequencies());
+    let edges = [frequencies[0], frequencies[frequencies.len() - 1]];
+    let mut fastest = [0.0f64; 3];
+    for tile in some(tiles, SAMPLED_TILES) {
+        let frame = Frame::new(&setup.geometry, tile.centre);
+        for p in sampled_places(grid, [5, 5, 4]) {
+            let slope = frame.slope(p);
+            for r in tile.corners() {
+                let own = Frame::new(&setup.geometry, r).slope(p);
+                let steep = own.z / slope.z;
+                for f in edges {
+                    let changes = [
+                        f * (own.x - slope.x * steep).abs(),
+                        f * (own.y - slope.y * steep).abs(),
+                        (f * steep - carrier).abs(),
+                    ];
+                    for (fastest, change) in fastest.iter_mut().zip(changes) {
+                        *fastest = fastest.max(change / setup.sound_speed);
+                    }
+                }
+            }
+        }
+    }
+    fastest
+}
+
+/// Tiles that stand for all.
+const SAMPLED_TILES: usize = 9;
+
+/// Every so many of `items`, about `most` in all, the first and the last among them.
+pub(crate) fn some<T>(items: &[T], most: usize) -> impl Iterator<Item = &T> {
+    let count = items.len().min(most);
+    (0..count).map(move |i| &items[i * (items.len() - 1) / (count - 1).max(1)])
+}
+
+/// Places all over a grid's box, so many along each axis, its faces among them.
+pub(crate) fn sampled_places(grid: &Grid, count: [usize; 3]) -> impl Iterator<Item = DVec3> + use<> {
+    let axes = [grid.x, grid.y, grid.z];
+    let along = move |axis: usize, i: usize| {
+        axes[axis].first + (axes[axis].last() - axes[axis].first) * i as f64 / (count[axis] - 1).max(1) as f64
+    };
+    let [n_x, n_y, n_z] = count;
+    (0..n_x * n_y * n_z)
+        .map(move |i| DVec3::new(along(0, i % n_x), along(1, i / n_x % n_y), along(2, i / n_x / n_y)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::acquisition::{Detection, MicArray, Sweep};
+    use crate::grid::Axis;
+
+    fn places(count: usize) -> Vec<DVec3> {
+        let t = |i: usize, k: f64| (i as f64 * k).fract();
+        (0..count).map(|i| DVec3::new(t(i, 0.618_034), 0.4 * t(i, 0.754_878), 0.1 * t(i, 0.569_84))).collect()
+    }
+
+    #[test]
+    fn a_point_has_its_range_and_is_the_deepest_that_has() {
+        let geometries = [
+            Geometry::ORIGIN,
+            Geometry::Monostatic,
+            Geometry::FixedSource { source: DVec3::new(0.1, -0.2, -0.3) },
+        ];
+        for geometry in geometries {
+            let frame = Frame::new(&geometry, DVec3::new(-0.3, 0.2, 0.15));
+            for p in places(60) {
+                let p = p + DVec3::Z * 0.3;
+                let range = frame.range(p);
+                assert!((range - geometry.path_length(p, DVec3::new(-0.3, 0.2, 0.15))).abs() < 1e-12);
+                let found = frame.point(p.x, p.y, range).expect("there is one");
+                assert!((frame.range(found) - range).abs() < 1e-12);
+                assert!(found.distance(p) < 1e-9, "{found} is not {p}");
+                let slope = frame.slope(p);
+                let deeper = frame.range(p + DVec3::Z * 1e-6) - range;
+                assert!(deeper > 0.0 && (deeper / 1e-6 - slope.z).abs() < 1e-4);
+            }
+            assert!(frame.point(0.9, 0.9, 0.5).is_none());
+            assert!(frame.point(0.0, 0.0, 0.0).is_none());
+        }
+    }
+
+    #[test]
+    fn tiles_hold_every_microphone_once_and_grow_smaller() {
+        for count in [1, 5, 40, 512] {
+            let positions = places(count);
+            let mut last = f64::INFINITY;
+            for times in 0..5 {
+                let tiles = halved(&positions, times);
+                let mut members: Vec<usize> =
+                    tiles.iter().flat_map(|tile| tile.microphones.clone()).collect();
+                members.sort_unstable();
+                assert_eq!(members, (0..count).collect::<Vec<_>>());
+                let widest = tiles.iter().map(|tile| tile.radius).fold(0.0, f64::max);
+                assert!(widest <= last);
+                last = widest;
+                for tile in &tiles {
+                    let farthest = tile.microphones.iter().map(|&r| positions[r].distance(tile.centre));
+                    assert!(farthest.fold(0.0, f64::max) <= tile.radius * (1.0 + 1e-12));
+                }
+            }
+            assert!(count < 512 || last < 0.2);
+        }
+    }
+
+    /// The bands are those of differences between neighbouring places, for microphones all over the tiles.
+    #[test]
+    fn terms_change_no_faster_than_their_bands() {
+        let axis = |first: f64, pitch: f64, count: usize| Axis { first, pitch, count };
+        let grid = Grid { x: axis(-0.4, 0.02, 41), y: axis(-0.2, 0.02, 31), z: axis(0.5, 0.02, 41) };
+        let sweep = Sweep::stepped("f", 10_000.0, 20_000.0, 100.0).expect("valid");
+        let array = MicArray::from_positions("array", &[200], places(200)).expect("valid");
+        for geometry in [Geometry::ORIGIN, Geometry::Monostatic] {
+            let setup = Setup {
+                sweep: &sweep,
+                array: &array,
+                geometry,
+                detection: Detection::Quadrature,
+                sound_speed: 343.0,
+            };
+            let tiles = halved(array.positions(), 2);
+            let bands = bands(&setup, &grid, &tiles);
+            let mut fastest = [0.0f64; 3];
+            for tile in &tiles {
+                let frame = Frame::new(&geometry, tile.centre);
+                for p in sampled_places(&grid, [4, 3, 6]) {
+                    for &r in tile.microphones.iter().step_by(3) {
+                        let r = array.positions()[r];
+                        for f in [10_000.0, 20_000.0] {
+                            let turns = |x: f64, y: f64, range: f64| {
+                                let p = frame.point(x, y, range).expect("deep enough");
+                                (f * geometry.path_length(p, r) - 15_000.0 * range) / 343.0
+                            };
+                            let (range, step) = (frame.range(p), 1e-6);
+                            let here = turns(p.x, p.y, range);
+                            let there = [
+                                turns(p.x + step, p.y, range),
+                                turns(p.x, p.y + step, range),
+                                turns(p.x, p.y, range + step),
+                            ];
+                            for axis in 0..3 {
+                                fastest[axis] = fastest[axis].max((there[axis] - here).abs() / step);
+                            }
+                        }
+                    }
+                }
+            }
+            for axis in 0..3 {
+                let (measured, band) = (fastest[axis], bands[axis]);
+                assert!(measured <= 1.01 * band && measured > 0.5 * band, "{axis}: {measured} and {band}");
+            }
+        }
+    }
+}

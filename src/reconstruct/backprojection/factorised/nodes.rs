@@ -1,0 +1,320 @@
+//! How far apart the nodes of a tile may stand, and of how many of them a voxel is made.
+
+use super::frame::{Frame, bands, halved};
+use super::terms::{Around, FEW, MANY, Seen, Terms};
+use crate::acquisition::Setup;
+use crate::grid::{Axis, Grid};
+use crate::reconstruct::backprojection::blocks::{Shape, block_operations};
+use crate::reconstruct::backprojection::profile::Band;
+use crate::reconstruct::numerics::Taps;
+use crate::wave::Geometry;
+use crate::wave::simd::LANES;
+use glam::DVec3;
+use rayon::prelude::*;
+use std::f64::consts::PI;
+
+/// How much of the nodes' band the fastest term may take, tried in turn.
+const FILLS: [f64; 12] = [0.8, 0.75, 0.7, 0.65, 0.6, 0.55, 0.5, 0.45, 0.4, 0.35, 0.3, 0.25];
+
+/// The most taps along one axis: a voxel's weights along ρ are one vector.
+const MOST_TAPS: usize = LANES;
+
+/// The share of the tolerance that one axis may use for a plane wave; the three add up, some of them amplified.
+const AXIS_SHARE: f64 = 0.09;
+
+/// The same where few terms are looked at, which are not the worst.
+const FEW_SHARE: f64 = 0.6 * AXIS_SHARE;
+
+/// The share of the tolerance that the three axes together may use, as measured on terms.
+pub(crate) const SHARE: f64 = 0.6;
+
+/// About what weights amplify errors of nodes by, all axes together.
+pub(crate) const USUAL_GROWTH: f64 = 6.0;
+
+/// The most halvings of an array.
+const MOST_TIMES: u32 = 10;
+
+/// The least microphones of a tile on average.
+const LEAST_MEMBERS: usize = 2 * LANES;
+
+/// Bytes that nodes may always take.
+const MOST_SMALL: f64 = 268_435_456.0;
+
+/// Of the cheapest divisions, how many are measured before all are given up.
+const TRIES: usize = 16;
+
+/// Nodes along x or y, and how many of them each voxel is made of.
+#[derive(Debug, Clone)]
+pub(crate) struct Nodes {
+    pub(crate) axis: Axis,
+    taps: Option<Taps>,
+}
+
+impl Nodes {
+    /// Nodes for changes of up to `band` cycles per m that begin on the first voxel, and half the taps more at both ends;
+    /// the voxels themselves if there are not more of them.
+    fn along(voxels: &Axis, band: f64, taps: usize, fill: f64) -> Self {
+        let extent = voxels.last() - voxels.first;
+        let pitch = (0.5 * fill / band).min(extent);
+        if pitch > voxels.pitch {
+            let count = (extent / pitch).floor() as usize + taps;
+            if count < voxels.count {
+                let axis = Axis { first: voxels.first - pitch * (taps / 2 - 1) as f64, pitch, count };
+                return Self { axis, taps: Some(Taps::new(taps, PI * fill)) };
+            }
+        }
+        Self { axis: *voxels, taps: None }
+    }
+
+    pub(crate) fn taps(&self) -> usize {
+        self.taps.as_ref().map_or(1, Taps::count)
+    }
+
+    /// The first node that a voxel is made of, and its place after the node before it.
+    fn first(&self, position: f64) -> (usize, f64) {
+        let place = (position - self.axis.first) / self.axis.pitch;
+        let Some(taps) = &self.taps else { return (place.round() as usize, 0.0) };
+        let own = (place + 1e-9).floor();
+        let first = (own as isize + taps.first()).max(0) as usize;
+        (first.min(self.axis.count - taps.count()), (place - own).max(0.0))
+    }
+
+    /// The first node that a voxel is made of, and the weights from there on.
+    pub(crate) fn weights(&self, position: f64) -> (usize, Vec<f64>) {
+        let (first, t) = self.first(position);
+        (first, self.taps.as_ref().map_or_else(|| vec![1.0], |taps| taps.weights(t)))
+    }
+
+    /// The nodes that a voxel is made of, m, and their weights.
+    fn around(&self, position: f64) -> Around {
+        let (first, weights) = self.weights(position);
+        ((0..weights.len()).map(|a| self.axis.position(first + a)).collect(), weights)
+    }
+
+    /// The first and the last node, each with the outermost and the innermost voxel that are made of it and the same
+    /// others, m.
+    fn ends(&self, voxels: &Axis) -> [(f64, [f64; 2]); 2] {
+        [(0, voxels.first), (self.axis.count - 1, voxels.last())].map(|(node, end)| {
+            let (first, _) = self.first(end);
+            let same = voxels.positions().filter(|at| self.first(*at).0 == first);
+            let inner =
+                same.fold(end, |inner, at| if (at - end).abs() > (inner - end).abs() { at } else { inner });
+            (self.axis.position(node), [end, inner])
+        })
+    }
+
+    /// How far beside a voxel its nodes stand at most, m.
+    fn reach(&self) -> f64 {
+        if self.taps.is_some() { self.axis.pitch * self.taps() as f64 / 2.0 } else { 0.0 }
+    }
+}
+
+/// A division of array and image: tiles of microphones, and nodes in each tile's coordinates.
+#[derive(Debug, Clone)]
+pub(crate) struct Lattice {
+    /// How often the array is halved.
+    pub(crate) times: u32,
+    /// Along x and y; the same for all tiles.
+    pub(crate) nodes: [Nodes; 2],
+    /// Nodes along ρ stand on whole multiples of this, m.
+    pub(crate) pitch: f64,
+    pub(crate) taps: Taps,
+    /// Nodes along x, y and ρ that are summed at a time.
+    pub(crate) block: [usize; 3],
+    /// The greatest error for exact nodes, relative to `Σ|w m| / Σw`, measured on sampled terms.
+    pub(crate) error: f64,
+    /// By how much errors of nodes can grow: the greatest sums of the weights' moduli.
+    pub(crate) growth: f64,
+    /// Nodes of all tiles, about.
+    pub(crate) count: f64,
+    pub(crate) operations: f64,
+}
+
+/// Numbers of taps, each with the fullest band that a plane wave of it keeps within the tolerance.
+fn lengths(tolerance: f64) -> Vec<(Taps, f64)> {
+    let fullest = |count: usize| {
+        FILLS.into_iter().find_map(|fill| {
+            let taps = Taps::new(count, PI * fill);
+            (taps.error(PI * fill) <= tolerance).then_some((taps, fill))
+        })
+    };
+    (4..=MOST_TAPS).step_by(2).filter_map(fullest).collect()
+}
+
+impl Lattice {
+    /// The division of fewest operations; `None` where the voxels come too near to the microphones, or none keeps to its
+    /// share of the tolerance.
+    pub(crate) fn find(setup: &Setup, grid: &Grid, band: &Band, tolerance: f64) -> Option<Self> {
+        let (low, high) = setup.array.bounds();
+        let source = match setup.geometry {
+            Geometry::FixedSource { source } => source.z,
+            Geometry::Monostatic => low.z,
+        };
+        // Where ρ grows with depth everywhere.
+        if grid.z.first <= high.z.max(source) {
+            return None;
+        }
+        let lengths = lengths(AXIS_SHARE * tolerance);
+        let least = |times: u32| times == 0 || setup.array.len() >> times >= LEAST_MEMBERS;
+        let of = |times: u32| Self::halved(setup, grid, band, (times, tolerance), &lengths);
+        let mut found: Vec<Self> = (0..=MOST_TIMES)
+            .filter(|times| least(*times))
+            .collect::<Vec<_>>()
+            .into_par_iter()
+            .flat_map_iter(of)
+            .collect();
+        found.sort_by(|a, b| a.operations.total_cmp(&b.operations));
+        let placed = |lattice: &Self| lattice.has_places(setup, grid);
+        found
+            .into_iter()
+            .filter(placed)
+            .take(TRIES)
+            .find_map(|lattice| lattice.measured(setup, grid, SHARE * tolerance))
+    }
+
+    /// The divisions into tiles that come of so many halvings.
+    fn halved(
+        setup: &Setup,
+        grid: &Grid,
+        band: &Band,
+        (times, tolerance): (u32, f64),
+        lengths: &[(Taps, f64)],
+    ) -> Vec<Self> {
+        let tiles = halved(setup.array.positions(), times);
+        let terms = Terms { setup, grid, tiles: &tiles };
+        let bands = bands(setup, grid, &tiles);
+        let seen = Seen::of(setup, grid, &tiles);
+        let mut found = Vec::new();
+        // Terms bend, so that wide taps carry less than plane waves ask for; the more taps, the fuller the band.
+        let mut fullest = [0; 2];
+        for (sideways, _) in lengths.iter().rev() {
+            let mut fewest = |axis: usize| {
+                let kept = |fill: &f64| {
+                    let nodes = Nodes::along(&[grid.x, grid.y][axis], bands[axis], sideways.count(), *fill);
+                    let error = terms.error(axis, &|place| nodes.around(place), &FEW);
+                    error.is_some_and(|[error, _]| error <= FEW_SHARE * tolerance).then_some(nodes)
+                };
+                let from = fullest[axis];
+                let (skipped, nodes) =
+                    FILLS[from..].iter().map(kept).enumerate().find(|(_, nodes)| nodes.is_some())?;
+                fullest[axis] += skipped;
+                nodes
+            };
+            let (Some(x), Some(y)) = (fewest(0), fewest(1)) else { break };
+            if x.taps() == 1 && y.taps() == 1 {
+                continue;
+            }
+            for (taps, fill) in lengths {
+                let most = seen.shortest / (2 * taps.count()) as f64;
+                let lattice = Self {
+                    times,
+                    nodes: [x.clone(), y.clone()],
+                    pitch: (0.5 * fill / (1.03 * bands[2])).min(most),
+                    taps: taps.clone(),
+                    block: [1; 3],
+                    error: 0.0,
+                    growth: 1.0,
+                    count: 0.0,
+                    operations: f64::INFINITY,
+                };
+                found.extend(lattice.divided(setup, grid, &seen, band));
+            }
+        }
+        found
+    }
+
+    /// With blocks of nodes of fewest operations by a fixed model.
+    fn divided(self, setup: &Setup, grid: &Grid, seen: &Seen, band: &Band) -> Option<Self> {
+        let [n_x, n_y] = [0, 1].map(|axis: usize| self.nodes[axis].axis.count);
+        let reach = [0, 1].map(|axis: usize| self.nodes[axis].reach());
+        let ranges = seen.ranges(grid, reach) / self.pitch + self.taps.count() as f64;
+        let (legs, digits) = (setup.geometry.return_legs(), -band.tolerance.log10());
+        let columns = (n_x * n_y) as f64;
+        let depths = Shape::sizes(ranges.ceil() as usize).filter(|n| (4..=64).contains(n));
+        let blocks = depths
+            .flat_map(|k| Shape::sizes(n_y).flat_map(move |j| Shape::sizes(n_x).map(move |i| [i, j, k])));
+        let cost = |block: [usize; 3]| {
+            let points = block.iter().product::<usize>();
+            let side = |axis: usize| self.nodes[axis].axis.pitch * (block[axis] - 1) as f64;
+            let along = self.pitch * (block[2] - 1) as f64 / 2.0;
+            let radius = (side(0).hypot(side(1)) / 2.0).hypot(along / 2.0);
+            let half = |distance: f64| along + legs * radius * (seen.radius / distance).min(2.0);
+            let widest = half(seen.shortest / 2.0);
+            if points > Shape::MOST_VOXELS || !band.holds(widest) {
+                return None;
+            }
+            let shell = 2.0 * (along + legs * seen.radius + widest);
+            let tones = (band.bandwidth * shell / setup.sound_speed + 10.0).min(setup.sweep.len() as f64);
+            let typical = half(seen.typical / 2.0);
+            let one = block_operations(points, band.edge(typical), digits, tones) / points as f64;
+            Some((block, one))
+        };
+        let (block, one) = blocks.filter_map(cost).min_by(|a, b| a.1.total_cmp(&b.1))?;
+        // Blocks are not cut to the nodes that a column needs.
+        let each = columns * (ranges + 0.5 * block[2] as f64);
+        let tiles = seen.tiles as f64;
+        let count = tiles * each;
+        let interpolating = grid.voxel_count() as f64 * tiles * OPERATIONS_PER_VOXEL;
+        let operations = setup.array.len() as f64 * each * one + interpolating;
+        // No more memory than the voxels take, or not much.
+        let held = count * 8.0;
+        (held <= (4.0 * grid.volume_bytes() as f64).max(MOST_SMALL)).then(|| Self {
+            block,
+            count,
+            operations,
+            ..self
+        })
+    }
+
+    /// Whether every node stands where some point has its range.
+    ///
+    /// That is least so of the nodes farthest aside, which only the outermost voxels are made of, for the nearest of these.
+    fn has_places(&self, setup: &Setup, grid: &Grid) -> bool {
+        let [x, y] =
+            [(&grid.x, &self.nodes[0]), (&grid.y, &self.nodes[1])].map(|(axis, nodes)| nodes.ends(axis));
+        halved(setup.array.positions(), self.times).iter().all(|tile| {
+            let frame = Frame::new(&setup.geometry, tile.centre);
+            let mut corners = x.iter().flat_map(|x| y.iter().map(move |y| (x, y)));
+            corners.all(|((node_x, voxels_x), (node_y, voxels_y))| {
+                let voxels = voxels_x.iter().flat_map(|x| voxels_y.map(|y| DVec3::new(*x, y, grid.z.first)));
+                let nearest = voxels.map(|p| frame.range(p)).fold(f64::INFINITY, f64::min);
+                let range = self.pitch * self.along_range(nearest).0 as f64;
+                frame.point(*node_x, *node_y, range).is_some()
+            })
+        })
+    }
+
+    /// With errors and growth as measured; `None` if they pass `tolerance`.
+    fn measured(self, setup: &Setup, grid: &Grid, tolerance: f64) -> Option<Self> {
+        let tiles = halved(setup.array.positions(), self.times);
+        let terms = Terms { setup, grid, tiles: &tiles };
+        let [error_x, sum_x] = terms.error(0, &|place| self.nodes[0].around(place), &MANY)?;
+        let [error_y, sum_y] = terms.error(1, &|place| self.nodes[1].around(place), &MANY)?;
+        let [error_range, sum_range] = terms.error(2, &|range| self.around(range), &MANY)?;
+        // Along y first, then x, then ρ.
+        let error = error_range + sum_range * (error_x + sum_x * error_y) + TABLE_ERROR;
+        let growth = sum_x * sum_y * sum_range;
+        (error <= tolerance && growth < 3.0 * USUAL_GROWTH).then_some(Self { error, growth, ..self })
+    }
+
+    /// The nodes along ρ that a range is made of, m, and their weights.
+    fn around(&self, range: f64) -> Around {
+        let (first, t) = self.along_range(range);
+        let weights = self.taps.weights(t);
+        let at = |a: usize| self.pitch * (first + a) as f64;
+        ((0..weights.len()).map(at).collect(), weights)
+    }
+
+    /// The first node along ρ that a range is made of, and its place after the node before it.
+    pub(crate) fn along_range(&self, range: f64) -> (usize, f64) {
+        let place = range / self.pitch;
+        let own = place.floor();
+        ((own as isize + self.taps.first()).max(0) as usize, place - own)
+    }
+}
+
+/// Operations for each voxel and tile: range, turn, and interpolation, in which memory takes most of the time.
+const OPERATIONS_PER_VOXEL: f64 = 1200.0;
+
+/// What the table of weights along ρ errs by, linear between its entries.
+const TABLE_ERROR: f64 = 6e-6;

@@ -1,0 +1,192 @@
+//! Weighted samples at few frequencies: the sweep compressed for the whole volume, then again for each slab.
+//!
+//! The two nest: the skeleton tones of a slab are found among the virtual tones of the volume.
+//! Sums run over fixed blocks of frequencies and microphones, so neither threads nor memory change the bytes.
+
+use super::skeleton::{Skeleton, skeleton};
+use super::slabs::finders;
+use super::virtual_tones::VirtualTones;
+use crate::acquisition::CubeSource;
+use crate::alloc::{try_with_capacity, try_zeroed};
+use crate::error::Result;
+use crate::progress::{Observer, advance, stage};
+use crate::reconstruct::no_room;
+use crate::reconstruct::window::Weights;
+use crate::wave::interval::{PathInterval, turned};
+use crate::wave::simd::leave_wide_registers;
+use faer::linalg::matmul::matmul;
+use faer::{Accum, Mat, MatMut, MatRef, Par, c32};
+use num_complex::Complex32;
+use rayon::prelude::*;
+use std::ops::Range;
+use std::sync::Arc;
+
+/// Columns of a product that one thread takes at a time, at the least and at the most.
+const BLOCK: [usize; 2] = [64, 1024];
+
+/// Frequencies are read in multiples of so many, whatever memory there is: their sums are part of the result's bytes.
+pub(crate) const FREQUENCIES: usize = 64;
+
+/// Frequencies read at a time: more where there are few microphones, since threads take time to wake.
+pub(crate) fn frequencies_at_once(microphones: usize) -> usize {
+    FREQUENCIES * ((1 << 18) / (FREQUENCIES * microphones)).clamp(1, 16)
+}
+
+/// Weighted samples at a few frequencies.
+#[derive(Debug, Clone)]
+pub(crate) struct Tones {
+    /// f_q/c with the sign of the inverse, −1/m.
+    pub(crate) per_metre: Vec<f64>,
+    /// `[Q, width]`: one row of microphones or nodes per tone.
+    pub(crate) samples: Vec<Complex32>,
+}
+
+impl Tones {
+    /// Room for so many tones, empty.
+    ///
+    /// # Errors
+    /// They do not fit in memory.
+    pub(crate) fn with_capacity(tones: usize, width: usize) -> Result<Self> {
+        let (count, nodes) = (tones as u64, width as u64);
+        let samples = try_with_capacity(count.saturating_mul(nodes)).ok_or_else(|| no_room(count, nodes))?;
+        Ok(Self { per_metre: Vec::with_capacity(tones), samples })
+    }
+}
+
+/// A sweep compressed for one volume, to be compressed again for its slabs.
+#[derive(Debug)]
+pub(crate) struct VolumeTones {
+    pub(crate) tones: Tones,
+    /// `Σ|w m| / Σw`: what one unit of relative error comes to in the volume.
+    pub(crate) modulus: f64,
+    /// Their frequencies, Hz.
+    frequencies: Vec<f64>,
+    /// The greatest error of a measured tone made of them, relative to one.
+    error: f64,
+    /// By how much errors of their own can grow in it.
+    growth: f64,
+}
+
+/// How a slab's tones follow from the volume's.
+#[derive(Debug)]
+pub(crate) struct SlabTones {
+    /// The depths that share them.
+    pub(crate) planes: Range<usize>,
+    /// The delay in the middle of their paths, s.
+    middle: f64,
+    /// For delays about the middle, these or longer ones.
+    skeleton: Arc<Skeleton>,
+    /// A bound of the two steps' error together, relative to one.
+    pub(crate) error: f64,
+}
+
+impl VolumeTones {
+    /// Compresses a cube, block by block, for all path lengths of `interval` to within `tolerance`.
+    pub(crate) fn compress(
+        source: &mut dyn CubeSource,
+        weights: &Weights,
+        interval: PathInterval,
+        tolerance: f64,
+        observer: &dyn Observer,
+    ) -> Result<Self> {
+        let setup = source.setup();
+        let (n_f, n_mic) = (setup.sweep.len(), setup.array.len());
+        let found = VirtualTones::find(setup.sweep, interval, tolerance);
+        let frequencies = found.frequencies().to_vec();
+        let per_metre = frequencies.iter().map(|f| -f / interval.sound_speed).collect();
+        let count = (frequencies.len() as u64).saturating_mul(n_mic as u64);
+        let mut samples = try_zeroed(count).ok_or_else(|| no_room(frequencies.len() as u64, n_mic as u64))?;
+        let mut modulus = 0.0;
+        stage(observer, "compressing the sweep", n_f as u64, || {
+            source.visit(frequencies_at_once(n_mic), &mut |range, block| {
+                modulus += found.add(range.clone(), block, weights, &mut samples);
+                advance(observer, range.len() as u64)
+            })
+        })?;
+        found.finish(weights, &mut samples);
+        let VirtualTones { error, growth, .. } = found;
+        Ok(Self { tones: Tones { per_metre, samples }, modulus, frequencies, error, growth })
+    }
+
+    /// The tones of slabs of these depths, whose path lengths `interval` tells.
+    ///
+    /// About the middle of an interval, weights depend on its duration alone: a slab takes the skeleton of one before it
+    /// where `share` says so, of the durations of both, times the bandwidth, and of its own depths.
+    pub(crate) fn slabs(
+        &self,
+        planes: impl Iterator<Item = Range<usize>>,
+        interval: impl Fn(Range<usize>) -> PathInterval,
+        share: impl Fn(f64, f64, usize) -> bool,
+        tolerance: f64,
+    ) -> Vec<SlabTones> {
+        let planes: Vec<_> = planes.collect();
+        let intervals: Vec<_> = planes.iter().map(|planes| interval(planes.clone())).collect();
+        let bandwidth = self.frequencies[self.frequencies.len() - 1] - self.frequencies[0];
+        let spreads =
+            intervals.iter().zip(&planes).map(|(i, planes)| (bandwidth * i.duration(), planes.len()));
+        let finders = finders(&spreads.collect::<Vec<_>>(), share);
+        let tolerance = (tolerance - self.error) / self.growth;
+        let found = |i: usize| {
+            (finders[i] == i).then(|| Arc::new(skeleton(&self.frequencies, intervals[i], tolerance)))
+        };
+        let skeletons: Vec<_> = (0..planes.len()).into_par_iter().map(found).collect();
+        let tones = |(i, planes): (usize, Range<usize>)| {
+            let skeleton = skeletons[finders[i]].clone().expect("a finder takes its own");
+            let error = self.error + self.growth * skeleton.error();
+            SlabTones { planes, middle: intervals[i].middle(), skeleton, error }
+        };
+        planes.into_iter().enumerate().map(tones).collect()
+    }
+}
+
+impl SlabTones {
+    /// Number of tones.
+    pub(crate) fn len(&self) -> usize {
+        self.skeleton.chosen().len()
+    }
+
+    /// The slab's tones from the volume's, whose rows are `width` wide.
+    ///
+    /// # Errors
+    /// They do not fit in memory.
+    pub(crate) fn of(&self, volume: &VolumeTones, width: usize) -> Result<Tones> {
+        let mut tones = Tones::with_capacity(self.len(), width)?;
+        self.select(volume, width, &mut tones);
+        Ok(tones)
+    }
+
+    /// The same in place of others, in their room if they have enough.
+    pub(crate) fn select(&self, volume: &VolumeTones, width: usize, tones: &mut Tones) {
+        let chosen = self.skeleton.chosen();
+        let turns: Vec<_> = volume.frequencies.iter().map(|f| turned(f * self.middle)).collect();
+        let weights = Mat::from_fn(chosen.len(), turns.len(), |q, k| {
+            let w = self.skeleton.about_middle(q, k) * turns[chosen[q]] * turns[k].conj();
+            Complex32::new(w.re as f32, w.im as f32)
+        });
+        tones.samples.clear();
+        tones.samples.resize(self.len() * width, Complex32::ZERO);
+        add_product(weights.as_ref(), &volume.tones.samples, width, &mut tones.samples);
+        tones.per_metre.clear();
+        tones.per_metre.extend(chosen.iter().map(|&q| volume.tones.per_metre[q]));
+    }
+}
+
+/// `rows += w · samples`, both in rows of `width`.
+fn add_product(w: MatRef<'_, c32>, samples: &[Complex32], width: usize, rows: &mut [Complex32]) {
+    let samples = MatRef::from_row_major_slice(samples, samples.len() / width, width);
+    // A few for each thread, but no scraps.
+    let columns = (width / 8).next_multiple_of(BLOCK[0]).clamp(BLOCK[0], BLOCK[1]);
+    let mut blocks = Vec::with_capacity(width.div_ceil(columns));
+    let mut rest = MatMut::from_row_major_slice_mut(rows, rows.len() / width, width);
+    while rest.ncols() > columns {
+        let (block, others) = rest.split_at_col_mut(columns);
+        blocks.push(block);
+        rest = others;
+    }
+    blocks.push(rest);
+    blocks.into_par_iter().enumerate().for_each(|(index, block)| {
+        let samples = samples.subcols(index * columns, block.ncols());
+        matmul(block, Accum::Add, w, samples, Complex32::ONE, Par::Seq);
+        leave_wide_registers();
+    });
+}

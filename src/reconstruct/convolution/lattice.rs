@@ -1,0 +1,307 @@
+//! How voxels and microphones share a lattice, so that the sum over microphones is a convolution.
+//!
+//! Along each axis the microphones stand on nodes, and the voxel pitch is the node pitch divided by u or times v, both
+//! whole. Then voxels split into u and nodes into v interleaved sub-lattices of one common pitch, and `p − r` depends on
+//! the difference of indices alone between any two of them. Microphones that fit no such lattice are spread onto one.
+
+use crate::acquisition::{MicArray, Setup};
+use crate::alloc::try_zeroed;
+use crate::grid::{Axis, Grid};
+use crate::reconstruct::no_room;
+use crate::reconstruct::numerics::{
+    FILLS, Footprint, Interpolator, Kernels, footprints, nodes_around, spread,
+};
+use num_complex::Complex32;
+use rayon::prelude::*;
+use std::f64::consts::PI;
+use std::ops::Range;
+
+/// The most nodes that microphones are spread onto: some gigabytes of tones.
+const MOST_NODES: usize = 1 << 22;
+
+/// One axis of a shared lattice.
+#[derive(Debug, Clone)]
+struct SharedAxis {
+    nodes: Axis,
+    /// Voxels per node pitch; 1 when `v` is not.
+    u: usize,
+    /// Nodes per voxel pitch; 1 when `u` is not.
+    v: usize,
+    /// How microphones get onto the nodes; `None` where they stand on them.
+    interpolator: Option<Interpolator>,
+}
+
+/// A shared lattice of voxels and nodes.
+#[derive(Debug, Clone)]
+pub(crate) struct SharedLattice {
+    x: SharedAxis,
+    y: SharedAxis,
+    /// Height of the microphones' plane, m.
+    pub(crate) z: f64,
+    /// Whether the microphones are the nodes, in order.
+    in_order: bool,
+    /// Depths too near to the microphones for spreading, which have to be summed without nodes.
+    pub(crate) near: Range<usize>,
+}
+
+/// Depths nearer than so many of the shortest waves may go without nodes. A kernel bends too sharply there for any but
+/// very fine ones: from half a wave on they serve to any tolerance, from one and a half on they are hardly finer than
+/// anywhere, and within a tenth none serve.
+const NEAR: [f64; 4] = [0.1, 0.5, 1.0, 1.5];
+
+/// One sub-lattice along one axis: its first index and how many there are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Part {
+    pub(crate) start: usize,
+    pub(crate) count: usize,
+    pub(crate) stride: usize,
+}
+
+/// Sub-lattices along x and y together.
+pub(crate) type Parts = [Part; 2];
+
+impl SharedLattice {
+    /// The lattice, or those there are to choose among: the fewer depths have to be near, the finer the nodes. Spreads to
+    /// within `tolerance` where the microphones fit none; 0 allows no spreading.
+    ///
+    /// # Errors
+    /// In words: why there is none, and what would mend it.
+    pub(crate) fn find(setup: &Setup, grid: &Grid, tolerance: f64) -> Result<Vec<Self>, String> {
+        let mut near = NEAR.map(|waves| within(waves * shortest(setup), setup, grid)).to_vec();
+        near.dedup();
+        let mut found = Vec::new();
+        let mut misfit = String::new();
+        for near in near {
+            match Self::with(setup, grid, tolerance, near) {
+                // Where microphones stand on nodes, no depth is too near.
+                Ok(lattice) if lattice.exact() => return Ok(vec![lattice]),
+                Ok(lattice) => found.push(lattice),
+                Err(reason) => misfit = reason,
+            }
+        }
+        if found.is_empty() { Err(misfit) } else { Ok(found) }
+    }
+
+    /// The lattice that serves all depths but those `near`.
+    fn with(setup: &Setup, grid: &Grid, tolerance: f64, near: Range<usize>) -> Result<Self, String> {
+        let (low, high) = setup.array.bounds();
+        let shortest = shortest(setup);
+        if high.z - low.z > 1e-6 * shortest {
+            return Err(format!("the microphones lie in no plane of constant z ({} to {} m)", low.z, high.z));
+        }
+        // Each axis may use half of what is allowed; their errors add.
+        let plane = low.z;
+        let axis = |name: &str, voxels: &Axis, mics: Option<&Axis>, low: f64, high: f64| {
+            let misfit = match exact(name, voxels, mics, [low, high], shortest) {
+                Ok(axis) => return Ok(axis),
+                Err(misfit) => misfit,
+            };
+            if tolerance <= 0.0 {
+                return Err(misfit);
+            }
+            let far = (0..grid.z.count).filter(|iz| !near.contains(iz));
+            let height = far.map(|iz| (grid.z.position(iz) - plane).abs()).fold(f64::INFINITY, f64::min);
+            if height == f64::INFINITY {
+                return Err(format!("{misfit}, and all voxels are too near to the array to do without"));
+            }
+            let aside = (voxels.last() - low).abs().max((high - voxels.first).abs());
+            let kernels = Kernels { wavenumber: 2.0 * PI / shortest, height, aside };
+            spread_axis(voxels, [low, high], &kernels, tolerance / 2.0).ok_or_else(|| {
+                format!("{misfit}, and voxels {height} m from the array are too near to do without")
+            })
+        };
+        let lattice = setup.array.lattice();
+        let x = axis("x", &grid.x, lattice.map(|l| &l.x), low.x, high.x)?;
+        let y = axis("y", &grid.y, lattice.map(|l| &l.y), low.y, high.y)?;
+        let nodes = x.nodes.count.saturating_mul(y.nodes.count);
+        if nodes > MOST_NODES.max(setup.array.len()) {
+            return Err(format!(
+                "{} microphones over {:.1} x {:.1} m are too few for a lattice of {nodes} nodes",
+                setup.array.len(),
+                high.x - low.x,
+                high.y - low.y
+            ));
+        }
+        let mut found = Self { x, y, z: f64::midpoint(low.z, high.z), in_order: false, near };
+        if found.exact() {
+            found.in_order = setup.array.lattice().is_some() && found.width() == setup.array.len();
+            found.near = 0..0;
+        }
+        Ok(found)
+    }
+
+    /// Whether all microphones stand on nodes.
+    fn exact(&self) -> bool {
+        self.x.interpolator.is_none() && self.y.interpolator.is_none()
+    }
+
+    /// The greatest error of spreading, relative to one; 0 where the microphones stand on nodes.
+    pub(crate) fn error(&self) -> f64 {
+        let of = |axis: &SharedAxis| axis.interpolator.as_ref().map_or(0.0, |i| i.error);
+        (1.0 + of(&self.x)) * (1.0 + of(&self.y)) - 1.0
+    }
+
+    /// Whether samples have to be spread onto the nodes, which then stand beside them for a moment.
+    pub(crate) fn spreads(&self) -> bool {
+        !self.in_order
+    }
+
+    /// Nodes along x and y.
+    pub(crate) fn nodes(&self) -> [Axis; 2] {
+        [self.x.nodes, self.y.nodes]
+    }
+
+    /// Number of nodes.
+    pub(crate) fn width(&self) -> usize {
+        self.x.nodes.count * self.y.nodes.count
+    }
+
+    /// The interleaved sub-lattices of the nodes.
+    pub(crate) fn node_parts(&self) -> Vec<Parts> {
+        product(&parts(self.x.v, self.x.nodes.count), &parts(self.y.v, self.y.nodes.count))
+    }
+
+    /// The interleaved sub-lattices of the voxels.
+    pub(crate) fn voxel_parts(&self, grid: &Grid) -> Vec<Parts> {
+        product(&parts(self.x.u, grid.x.count), &parts(self.y.u, grid.y.count))
+    }
+
+    /// Pitch of every sub-lattice along x and y, m.
+    pub(crate) fn common_pitch(&self) -> [f64; 2] {
+        [&self.x, &self.y].map(|axis| axis.nodes.pitch * axis.v as f64)
+    }
+
+    /// Every microphone's way onto the nodes.
+    pub(crate) fn spreading(&self, array: &MicArray) -> Spreading<'_> {
+        if self.in_order {
+            return Spreading { lattice: self, footprints: Vec::new() };
+        }
+        let along = |axis: usize, positions: &[f64]| {
+            let axis = [&self.x, &self.y][axis];
+            if let Some(interpolator) = &axis.interpolator {
+                return Footprint::spread(positions, &axis.nodes, interpolator);
+            }
+            let index = |r: &f64| ((r - axis.nodes.first) / axis.nodes.pitch).round() as usize;
+            positions.iter().map(|r| Footprint::on_node(index(r))).collect()
+        };
+        let places: Vec<_> = array.positions().iter().map(|r| [r.x, r.y]).collect();
+        Spreading { lattice: self, footprints: footprints(&places, along) }
+    }
+}
+
+/// How samples of microphones get onto the nodes of a lattice.
+#[derive(Debug)]
+pub(crate) struct Spreading<'a> {
+    lattice: &'a SharedLattice,
+    /// Empty when the microphones are the nodes, in order.
+    footprints: Vec<[Footprint; 2]>,
+}
+
+impl Spreading<'_> {
+    /// Samples of microphones, in rows of `n_mic`, as samples of nodes, in rows of [`SharedLattice::width`].
+    ///
+    /// # Errors
+    /// They do not fit in memory.
+    pub(crate) fn onto_nodes(&self, samples: Vec<Complex32>) -> crate::error::Result<Vec<Complex32>> {
+        if self.footprints.is_empty() {
+            return Ok(samples);
+        }
+        let rows = samples.len() / self.footprints.len();
+        let (tones, width) = (rows as u64, self.lattice.width() as u64);
+        let mut nodes = try_zeroed(tones.saturating_mul(width)).ok_or_else(|| no_room(tones, width))?;
+        nodes
+            .par_chunks_exact_mut(self.lattice.width())
+            .zip(samples.par_chunks_exact(self.footprints.len()))
+            .for_each(|(plane, samples)| {
+                spread(samples, &self.footprints, self.lattice.x.nodes.count, plane);
+            });
+        Ok(nodes)
+    }
+}
+
+/// The shortest wave, as short again for a scan, m.
+fn shortest(setup: &Setup) -> f64 {
+    setup.sound_speed / setup.sweep.stop() / setup.geometry.return_legs()
+}
+
+/// Depths nearer to the microphones' plane than `distance` m.
+fn within(distance: f64, setup: &Setup, grid: &Grid) -> Range<usize> {
+    let (low, _) = setup.array.bounds();
+    let near = |iz: &usize| (grid.z.position(*iz) - low.z).abs() < distance;
+    let first = (0..grid.z.count).find(near).unwrap_or(0);
+    first..first + (first..grid.z.count).take_while(near).count()
+}
+
+/// `count` indices dealt out in turn to `ways` sub-lattices.
+fn parts(ways: usize, count: usize) -> Vec<Part> {
+    (0..ways.min(count))
+        .map(|start| Part { start, count: (count - start).div_ceil(ways), stride: ways })
+        .collect()
+}
+
+fn product(x: &[Part], y: &[Part]) -> Vec<Parts> {
+    y.iter().flat_map(|y| x.iter().map(move |x| [*x, *y])).collect()
+}
+
+/// The microphones' own lattice as nodes, if the voxels' pitch goes with it.
+fn exact(
+    name: &str,
+    voxels: &Axis,
+    mics: Option<&Axis>,
+    [low, high]: [f64; 2],
+    shortest: f64,
+) -> Result<SharedAxis, String> {
+    let shared = |nodes: Axis, u: usize, v: usize| SharedAxis { nodes, u, v, interpolator: None };
+    // A single place or a single voxel has no pitch that could fail to fit.
+    if high - low <= 1e-9 * shortest.min(1.0) {
+        return Ok(shared(Axis { first: low, pitch: voxels.pitch, count: 1 }, 1, 1));
+    }
+    let mics = mics.ok_or("the microphones stand on no regular lattice")?;
+    if voxels.count == 1 {
+        return Ok(shared(*mics, 1, 1));
+    }
+    // The mismatch adds up over the aperture; a millionth of a wavelength does no harm.
+    let fits = |a: f64, b: f64| (a - b).abs() * mics.count.max(voxels.count) as f64 <= 1e-6 * shortest;
+    let u = (mics.pitch / voxels.pitch).round().max(1.0);
+    if fits(mics.pitch, u * voxels.pitch) {
+        return Ok(shared(*mics, u as usize, 1));
+    }
+    let v = (voxels.pitch / mics.pitch).round().max(1.0);
+    if fits(voxels.pitch, v * mics.pitch) {
+        return Ok(shared(*mics, 1, v as usize));
+    }
+    Err(format!(
+        "the voxel pitch along {name}, {} m, is no whole multiple or part of the microphones' {} m ({} m would be)",
+        voxels.pitch,
+        mics.pitch,
+        mics.pitch / u
+    ))
+}
+
+/// Nodes for microphones anywhere between `low` and `high`, fine enough for the steepest wave that reaches them;
+/// `None` when even much finer ones would not keep the tolerance.
+fn spread_axis(
+    voxels: &Axis,
+    [low, high]: [f64; 2],
+    kernels: &Kernels,
+    tolerance: f64,
+) -> Option<SharedAxis> {
+    FILLS.into_iter().find_map(|fill| {
+        let coarsest = kernels.pitch_filled(fill);
+        let (u, v, pitch) = if voxels.count == 1 {
+            (1, 1, coarsest)
+        } else if coarsest >= voxels.pitch {
+            let u = (coarsest / voxels.pitch).floor();
+            (u as usize, 1, voxels.pitch * u)
+        } else {
+            let v = (voxels.pitch / coarsest).ceil();
+            (1, v as usize, voxels.pitch / v)
+        };
+        let interpolator = Interpolator::new(kernels, pitch, tolerance);
+        (interpolator.error <= tolerance).then(|| {
+            // Whole pitches from the voxels, which may make the kernel even: half of the transforms.
+            let nodes = nodes_around([low, high], voxels.first, pitch, &interpolator);
+            SharedAxis { nodes, u, v, interpolator: Some(interpolator) }
+        })
+    })
+}

@@ -1,0 +1,138 @@
+//! One thread's work on one depth where nodes and voxels lie on a single line: a two-dimensional image.
+//!
+//! There are no columns to fill the lanes, so sixteen tones fill them. The rest is as for a [`crate::reconstruct::convolution::plane`], in one
+//! dimension and without symmetry.
+
+use super::lattice::Parts;
+use super::layout::Layout;
+use super::pointwise::{multiply, sums};
+use crate::alloc::{try_filled, try_with_capacity};
+use crate::reconstruct::numerics::LaneFft;
+use crate::wave::Geometry;
+use crate::wave::simd::{LANES, Lanes, ROWS, lane_phasors, tone_phasors};
+use glam::DVec3;
+use num_complex::Complex32;
+
+/// Geometry of one depth and voxel sub-lattice, and buffers that are used again and again.
+#[derive(Debug)]
+pub(crate) struct Line<'a> {
+    pub(crate) layout: &'a Layout,
+    /// The axis along which everything lies.
+    axis: usize,
+    /// What `|p − r|²` is beside the square of the depth, by lag, four times that for a scan:
+    /// `[voxel part, node part, lag]`.
+    squares: Vec<f64>,
+    /// The depth above the microphones, m, twice that for a scan.
+    height: f64,
+    /// `|p − s|` per voxel of the sub-lattice, the same in all lanes; empty for a monostatic scan.
+    outward: Vec<[f64; LANES]>,
+    kernel: Vec<Lanes>,
+    transformed: Vec<Lanes>,
+    work: Vec<Lanes>,
+    /// Products of spectra, real and imaginary parts exchanged.
+    products: Vec<Lanes>,
+    /// The voxels' sums over sixteen tones.
+    image: Vec<Complex32>,
+}
+
+/// Places along a line of a plane of rows of `n_x`.
+pub(crate) fn places([x, y]: &Parts, axis: usize, n_x: usize) -> impl Iterator<Item = usize> + use<> {
+    let first = y.start * n_x + x.start;
+    let (count, stride) = if axis == 0 { (x.count, x.stride) } else { (y.count, y.stride * n_x) };
+    (0..count).map(move |i| first + i * stride)
+}
+
+impl<'a> Line<'a> {
+    /// Buffers for one thread; `None` when they do not fit in memory.
+    pub(crate) fn new(layout: &'a Layout, axis: usize) -> Option<Self> {
+        let circle = layout.along(axis);
+        let n = circle.len();
+        let zeros = || try_filled(Lanes::ZERO, n as u64);
+        let mut squares = try_with_capacity((n * layout.pairs()) as u64)?;
+        for offset in layout.offsets.iter().flatten() {
+            let (along, aside) = (&offset[axis], offset[1 - axis].first);
+            let square = |lag: f64| layout.geometry.return_legs().powi(2) * (lag * lag + aside * aside);
+            squares.extend((0..n).map(|i| square(along.lag(i, circle))));
+        }
+        Some(Self {
+            layout,
+            axis,
+            squares,
+            height: 0.0,
+            outward: Vec::new(),
+            kernel: zeros()?,
+            transformed: zeros()?,
+            work: zeros()?,
+            products: zeros()?,
+            image: Vec::new(),
+        })
+    }
+
+    /// Goes to depth `iz` and sub-lattice `part` of the voxels; what is worked out serves all tones.
+    fn place(&mut self, iz: usize, part: usize) {
+        let Layout { lattice, grid, geometry, .. } = self.layout;
+        let z = grid.z.position(iz);
+        self.height = geometry.return_legs() * (z - lattice.z);
+        self.outward.clear();
+        let voxels = &self.layout.voxel_parts[part];
+        if let Geometry::FixedSource { .. } = geometry {
+            for place in places(voxels, self.axis, grid.x.count) {
+                let (x, y) = (grid.x.position(place % grid.x.count), grid.y.position(place / grid.x.count));
+                self.outward.push([geometry.outward_length(DVec3::new(x, y, z)); LANES]);
+            }
+            self.outward.resize(self.outward.len().next_multiple_of(ROWS), [0.0; LANES]);
+        }
+    }
+
+    /// Adds tones to one sub-lattice of the voxels of depth `iz`; `data` are those of [`Layout::transform_into`].
+    pub(crate) fn add(
+        &mut self,
+        iz: usize,
+        part: usize,
+        per_metre: &[f64],
+        data: &[Lanes],
+        voxels: &mut [Complex32],
+    ) {
+        self.place(iz, part);
+        let fft = &self.layout.along(self.axis).fft;
+        let n = fft.len();
+        let of_part = n * self.layout.node_parts.len();
+        let squares = part * of_part..(part + 1) * of_part;
+        let part = &self.layout.voxel_parts[part];
+        let scan = self.layout.geometry == Geometry::Monostatic;
+        for (block, (tones, spectra)) in per_metre.chunks(LANES).zip(data.chunks_exact(of_part)).enumerate() {
+            let mut k = [0.0; LANES];
+            k[..tones.len()].copy_from_slice(tones);
+            let squares = self.squares[squares.clone()].chunks_exact(n);
+            for (part, (squares, data)) in squares.zip(spectra.chunks_exact(n)).enumerate() {
+                tone_phasors(&k, squares, self.height, &mut self.kernel);
+                fft.transform(&self.kernel, &mut self.transformed, &mut self.work);
+                multiply(&self.transformed, data, &mut self.products, part > 0 || (scan && block > 0));
+            }
+            if !scan {
+                let outer = self.kernel.get_mut(..self.outward.len()).expect("no more voxels than lags");
+                lane_phasors(&k, &self.outward, outer);
+                self.back(fft, voxels, part);
+            }
+        }
+        if scan {
+            // No outer phase remains, so tones add up before the one inverse FFT.
+            self.kernel.fill(Lanes { re: [1.0; LANES], im: [0.0; LANES] });
+            self.back(fft, voxels, part);
+        }
+    }
+
+    /// Transforms the products back and adds all tones to the voxels, with the outer phases, which the kernels' buffer
+    /// holds.
+    fn back(&mut self, fft: &LaneFft, voxels: &mut [Complex32], part: &Parts) {
+        fft.transform(&self.products, &mut self.transformed, &mut self.work);
+        self.image.clear();
+        self.image.resize(part[self.axis].count.next_multiple_of(ROWS), Complex32::ZERO);
+        let width = self.image.len();
+        sums(&self.transformed[..width], &self.kernel[..width], &mut self.image);
+        let places = places(part, self.axis, self.layout.grid.x.count);
+        for (place, sum) in places.zip(&self.image) {
+            voxels[place] += sum;
+        }
+    }
+}

@@ -1,0 +1,293 @@
+//! One thread's work on one depth: kernels, their transforms, products, and the way back onto the voxels.
+//!
+//! For each tone and pair of sub-lattices: phases of the kernel for sixteen rows at a time, transformed along x and
+//! transposed into blocks of sixteen columns; each block transformed along y, multiplied with the data's spectra and
+//! transformed back at once, so that no kernel's spectrum is ever stored; then back along x, and onto the voxels with
+//! the outer phase.
+//!
+//! Where the kernel is even in y, half of its rows are computed and entered twice; where it is even in x, half of
+//! each row is computed, and each column serves k_x and −k_x. The lag n_x/2 is read by no voxel, so its kernel
+//! is chosen such that the column k_x = n_x/2, which has no partner, is zero.
+
+#![allow(clippy::inline_always, clippy::needless_range_loop)]
+
+use super::lattice::{Part, Parts};
+use super::layout::Layout;
+use super::padded_axis::Offset;
+use super::pointwise::{focus, multiply};
+use crate::alloc::{try_filled, try_with_capacity};
+use crate::grid::Axis;
+use crate::reconstruct::numerics::transpose;
+use crate::wave::Geometry;
+use crate::wave::simd::{LANES, Lanes, ROWS, dispatched, lane_phasors};
+use glam::DVec3;
+use num_complex::Complex32;
+
+/// Geometry of one depth and voxel sub-lattice, and buffers that are used again and again.
+#[derive(Debug)]
+pub(crate) struct Plane<'a> {
+    pub(crate) layout: &'a Layout,
+    /// Offsets from every node sub-lattice.
+    offsets: &'a [[Offset; 2]],
+    /// `|p − r|` by lag, doubled for a scan, `[part, y block, x]` in lanes of y.
+    lengths: Vec<[f64; LANES]>,
+    /// `|p − s|` per voxel of the sub-lattice, `[y block, x]` in lanes of y; empty for a monostatic scan.
+    outward: Vec<[f64; LANES]>,
+    /// The voxels of the sub-lattice, `[y block, x]` in lanes of y.
+    image: Vec<Lanes>,
+    /// Kernels transformed along x, `[part, block, y]` in lanes of k_x.
+    columns: Vec<Lanes>,
+    /// Products of spectra, `[block, side, k_y]`: of one block, or of all while tones add up. Real and imaginary parts
+    /// are exchanged from here on, which makes forward transforms inverse ones.
+    products: Vec<Lanes>,
+    /// Products transformed back along y, `[y block, k_x]` in lanes of y.
+    rows: Vec<Lanes>,
+    row: Vec<Lanes>,
+    transformed: Vec<Lanes>,
+    work: Vec<Lanes>,
+}
+
+impl<'a> Plane<'a> {
+    /// Buffers for one thread; `None` when they do not fit in memory.
+    pub(crate) fn new(layout: &'a Layout) -> Option<Self> {
+        let zeros = |n: usize| try_filled(Lanes::ZERO, n as u64);
+        let (n_x, n_y, parts) = (layout.x.len(), layout.y.len(), layout.node_parts.len());
+        let most = |axis: usize| layout.voxel_parts.iter().map(|p| p[axis].count).max().unwrap_or(1);
+        let blocks = if layout.geometry == Geometry::Monostatic { layout.blocks() } else { 1 };
+        let image = padded(most(0)) * most(1).div_ceil(LANES);
+        Some(Self {
+            layout,
+            offsets: &[],
+            lengths: try_filled([0.0; LANES], (parts * layout.x.lags() * layout.y.lags() / LANES) as u64)?,
+            outward: try_with_capacity(if layout.geometry == Geometry::Monostatic {
+                0
+            } else {
+                image as u64
+            })?,
+            image: try_with_capacity(image as u64)?,
+            columns: zeros(parts * layout.blocks() * n_y)?,
+            products: zeros(blocks * layout.sides() * n_y)?,
+            rows: zeros(n_x * most(1).div_ceil(LANES))?,
+            row: zeros(n_x)?,
+            transformed: zeros(n_x.max(n_y))?,
+            work: zeros(n_x.max(n_y))?,
+        })
+    }
+
+    /// Works out every length of depth `iz` on sub-lattice `part` of the voxels; they serve all tones.
+    fn place(&mut self, iz: usize, part: usize) {
+        let Layout { lattice, grid, x, y, .. } = self.layout;
+        let (voxels, z) = (&self.layout.voxel_parts[part], grid.z.position(iz));
+        let height = z - lattice.z;
+        let legs = self.layout.geometry.return_legs();
+        self.offsets = &self.layout.offsets[part];
+        self.columns.fill(Lanes::ZERO);
+        let of_parts = self.lengths.chunks_exact_mut(x.lags() * y.lags() / LANES);
+        for (lengths, [along_x, along_y]) in of_parts.zip(self.offsets) {
+            for (block, row) in lengths.chunks_exact_mut(x.lags()).enumerate() {
+                let squares: [f64; LANES] = std::array::from_fn(|lane| {
+                    let dy = along_y.lag(block * LANES + lane, y);
+                    dy * dy + height * height
+                });
+                for (ix, lengths) in row.iter_mut().enumerate() {
+                    let dx = along_x.lag(ix, x);
+                    *lengths = squares.map(|square| legs * (dx * dx + square).sqrt());
+                }
+            }
+        }
+        self.outward.clear();
+        if let Geometry::FixedSource { .. } = self.layout.geometry {
+            let at = |axis: &Axis, part: Part, k: usize| axis.position(part.start + k * part.stride);
+            for first in (0..voxels[1].count).step_by(LANES) {
+                for i in 0..padded(voxels[0].count) {
+                    self.outward.push(std::array::from_fn(|lane| {
+                        let p =
+                            DVec3::new(at(&grid.x, voxels[0], i), at(&grid.y, voxels[1], first + lane), z);
+                        self.layout.geometry.outward_length(p)
+                    }));
+                }
+            }
+        }
+    }
+
+    /// Adds tones to one sub-lattice of the voxels of depth `iz`; `spectra` are those of [`Layout::transform_into`].
+    pub(crate) fn add(
+        &mut self,
+        iz: usize,
+        part: usize,
+        per_metre: &[f64],
+        spectra: &[Lanes],
+        voxels: &mut [Complex32],
+    ) {
+        self.place(iz, part);
+        let layout = self.layout;
+        let part = &layout.voxel_parts[part];
+        let scan = layout.geometry == Geometry::Monostatic;
+        self.image.clear();
+        self.image.resize(padded(part[0].count) * part[1].count.div_ceil(LANES), Lanes::ZERO);
+        self.exchange(voxels, part, |voxel, re, im| (*re, *im) = (voxel.re, voxel.im));
+        if scan {
+            self.products.fill(Lanes::ZERO);
+        }
+        for (k, spectra) in per_metre.iter().zip(spectra.chunks_exact(layout.tone_len() / LANES)) {
+            for node_part in 0..layout.node_parts.len() {
+                self.kernel(*k, node_part);
+            }
+            for block in 0..layout.blocks() {
+                if scan {
+                    // No outer phase remains, so tones add up before the one inverse FFT.
+                    self.multiply(block, block, spectra);
+                } else {
+                    self.multiply(block, 0, spectra);
+                    self.back_along_y(block, 0, part);
+                }
+            }
+            if !scan {
+                self.back_along_x(Some(*k), part);
+            }
+        }
+        if scan {
+            for block in 0..layout.blocks() {
+                self.back_along_y(block, block, part);
+            }
+            self.back_along_x(None, part);
+        }
+        self.exchange(voxels, part, |voxel, re, im| *voxel = Complex32::new(*re, *im));
+    }
+
+    /// Visits every voxel of the sub-lattice beside its place in the image.
+    fn exchange(
+        &mut self,
+        voxels: &mut [Complex32],
+        [x, y]: &Parts,
+        visit: impl Fn(&mut Complex32, &mut f32, &mut f32),
+    ) {
+        for iy in 0..y.count {
+            let (block, lane) = (&mut self.image[iy / LANES * padded(x.count)..][..x.count], iy % LANES);
+            let start = (y.start + iy * y.stride) * self.layout.grid.x.count;
+            let row = &mut voxels[start..start + self.layout.grid.x.count];
+            for (voxel, lanes) in row[x.start..].iter_mut().step_by(x.stride).zip(block) {
+                visit(voxel, &mut lanes.re[lane], &mut lanes.im[lane]);
+            }
+        }
+    }
+
+    /// Kernels of one tone and node sub-lattice, transformed along x and transposed.
+    fn kernel(&mut self, per_metre: f64, part: usize) {
+        let Layout { x, y, .. } = self.layout;
+        let [along_x, along_y] = self.offsets[part].map(|offset| offset.turn.half);
+        let lengths = &self.lengths[part * x.lags() * y.lags() / LANES..][..x.lags() * y.lags() / LANES];
+        let columns = &mut self.columns[part * self.layout.blocks() * y.len()..];
+        let transformed = &mut self.transformed[..x.len()];
+        for (rows, lengths) in lengths.chunks_exact(x.lags()).enumerate() {
+            lane_phasors(&[per_metre; LANES], lengths, &mut self.row[..x.lags()]);
+            if x.even {
+                mirror(&mut self.row, along_x);
+            }
+            x.fft.transform(&self.row, transformed, &mut self.work[..x.len()]);
+            let tiles = transformed.as_chunks::<LANES>().0;
+            for (tile, column) in
+                tiles.iter().zip(columns.chunks_exact_mut(y.len())).take(self.layout.blocks())
+            {
+                let mut rows_of_tile = [Lanes::ZERO; LANES];
+                transpose(tile, &mut rows_of_tile);
+                for (i, lanes) in rows_of_tile.iter().enumerate() {
+                    let i = rows * LANES + i;
+                    column[i] = *lanes;
+                    if let Some(mirrored) = y.mirrored(i, along_y) {
+                        column[mirrored] = *lanes;
+                    }
+                }
+            }
+        }
+    }
+
+    /// Adds one block's products of kernels and data to block `to` of the products.
+    fn multiply(&mut self, block: usize, to: usize, spectra: &[Lanes]) {
+        let layout = self.layout;
+        let (n_y, sides) = (layout.y.len(), layout.sides());
+        let scan = layout.geometry == Geometry::Monostatic;
+        let products = &mut self.products[to * sides * n_y..][..sides * n_y];
+        for (part, offset) in self.offsets.iter().enumerate() {
+            let column = &self.columns[(part * layout.blocks() + block) * n_y..][..n_y];
+            let kernel = &mut self.transformed[..n_y];
+            layout.y.fft.transform(column, kernel, &mut self.work[..n_y]);
+            let data = &spectra[layout.spectrum(part, offset) + block * sides * n_y..][..sides * n_y];
+            for (product, data) in products.chunks_exact_mut(n_y).zip(data.chunks_exact(n_y)) {
+                multiply(kernel, data, product, part > 0 || scan);
+            }
+        }
+    }
+
+    /// Transforms block `from` of the products back along y and transposes the voxels' rows.
+    fn back_along_y(&mut self, block: usize, from: usize, part: &Parts) {
+        let layout = self.layout;
+        let (n_x, n_y, sides) = (layout.x.len(), layout.y.len(), layout.sides());
+        let products = &self.products[from * sides * n_y..][..sides * n_y];
+        for (side, product) in products.chunks_exact(n_y).enumerate() {
+            let transformed = &mut self.transformed[..n_y];
+            layout.y.fft.transform(product, transformed, &mut self.work[..n_y]);
+            let tiles = transformed.as_chunks::<LANES>().0;
+            for (tile, rows) in
+                tiles.iter().zip(self.rows.chunks_exact_mut(n_x)).take(part[1].count.div_ceil(LANES))
+            {
+                let mut columns = [Lanes::ZERO; LANES];
+                transpose(tile, &mut columns);
+                for (k, column) in columns.iter().enumerate() {
+                    rows[layout.column(side, block * LANES + k)] = *column;
+                }
+            }
+        }
+    }
+
+    /// Transforms the voxels' rows back along x and adds them to the image, with the outer phase of a tone.
+    fn back_along_x(&mut self, per_metre: Option<f64>, part: &Parts) {
+        let (x, width) = (&self.layout.x, padded(part[0].count));
+        for (block, image) in self.image.chunks_exact_mut(width).enumerate() {
+            let transformed = &mut self.transformed[..x.len()];
+            let from = &self.rows[block * x.len()..][..x.len()];
+            x.fft.transform(from, transformed, &mut self.work[..x.len()]);
+            let outer = &mut self.row[..width];
+            match per_metre {
+                Some(k) => lane_phasors(&[k; LANES], &self.outward[block * width..][..width], outer),
+                None => outer.fill(Lanes { re: [1.0; LANES], im: [0.0; LANES] }),
+            }
+            focus(&transformed[..width], outer, image);
+        }
+    }
+}
+
+/// Columns of voxels as the vector code wants them.
+fn padded(width: usize) -> usize {
+    width.next_multiple_of(ROWS)
+}
+
+/// Fills the second half of an even kernel's row from its first.
+#[inline(always)]
+fn mirror_body(row: &mut [Lanes], half: bool) {
+    let n = row.len();
+    if half {
+        for i in 0..n / 2 {
+            row[n - 1 - i] = row[i];
+        }
+        return;
+    }
+    // The column n/2 is the sum with alternating signs; n is a multiple of four, so lag n/2 has a plus.
+    let mut alternating = Lanes::ZERO;
+    for i in 0..n / 2 {
+        let sign = if i % 2 == 0 { 1.0 } else { -1.0 };
+        let weight = if i == 0 { sign } else { 2.0 * sign };
+        for l in 0..LANES {
+            alternating.re[l] -= weight * row[i].re[l];
+            alternating.im[l] -= weight * row[i].im[l];
+        }
+        if i > 0 {
+            row[n - i] = row[i];
+        }
+    }
+    row[n / 2] = alternating;
+}
+
+dispatched! {
+    fn mirror = mirror_body(row: &mut [Lanes], half: bool)
+}

@@ -1,0 +1,73 @@
+//! One thread's work on the depths of a volume, in two dimensions or in one.
+
+use super::layout::Layout;
+use super::line::Line;
+use super::plane::Plane;
+use crate::error::Result;
+use crate::grid::no_room_for;
+use crate::wave::simd::Lanes;
+use num_complex::Complex32;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// Geometry of one depth, and buffers that are used again and again.
+#[derive(Debug)]
+pub(crate) enum Focus<'a> {
+    Plane(Plane<'a>),
+    Line(Line<'a>),
+}
+
+/// Buffers of all threads, kept from one slab to the next: what is given back and asked for again has to be cleared, and
+/// a large one mapped again.
+#[derive(Debug)]
+pub(crate) struct Focuses<'a> {
+    layout: &'a Layout,
+    idle: Mutex<Vec<Focus<'a>>>,
+}
+
+impl<'a> Focuses<'a> {
+    /// None yet.
+    pub(crate) fn new(layout: &'a Layout) -> Self {
+        Self { layout, idle: Mutex::new(Vec::new()) }
+    }
+
+    /// Works with an idle one, or with another.
+    ///
+    /// # Errors
+    /// It does not fit in memory.
+    pub(crate) fn with(&self, work: impl FnOnce(&mut Focus<'a>)) -> Result<()> {
+        let idle = self.idle().pop();
+        let mut focus = idle.map_or_else(|| Focus::new(self.layout), Ok)?;
+        work(&mut focus);
+        self.idle().push(focus);
+        Ok(())
+    }
+
+    fn idle(&self) -> MutexGuard<'_, Vec<Focus<'a>>> {
+        self.idle.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl<'a> Focus<'a> {
+    /// Buffers for one thread.
+    ///
+    /// # Errors
+    /// They do not fit in memory.
+    fn new(layout: &'a Layout) -> Result<Self> {
+        let focus = match layout.line {
+            Some(axis) => Line::new(layout, axis).map(Self::Line),
+            None => Plane::new(layout).map(Self::Plane),
+        };
+        focus.ok_or_else(|| no_room_for(&layout.grid))
+    }
+
+    /// Adds tones to the voxels of depth `iz`, `[y, x]`; `spectra` are those of [`Layout::transform_into`].
+    pub(crate) fn add(&mut self, iz: usize, per_metre: &[f64], spectra: &[Lanes], voxels: &mut [Complex32]) {
+        let (Self::Plane(Plane { layout, .. }) | Self::Line(Line { layout, .. })) = self;
+        for part in 0..layout.voxel_parts.len() {
+            match self {
+                Self::Plane(plane) => plane.add(iz, part, per_metre, spectra, voxels),
+                Self::Line(line) => line.add(iz, part, per_metre, spectra, voxels),
+            }
+        }
+    }
+}

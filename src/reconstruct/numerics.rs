@@ -1,0 +1,10 @@
+//! Numerics without acoustics: Fourier transforms of sixteen columns at once, least-squares interpolators of
+//! band-limited functions, and spreading, which moves scattered points onto a lattice with them.
+
+mod interpolator;
+mod lane_fft;
+mod spreading;
+
+pub(super) use interpolator::Taps;
+pub(super) use lane_fft::{LaneFft, fast_size, transpose};
+pub(super) use spreading::{FILLS, Footprint, Interpolator, Kernels, footprints, nodes_around, spread};

@@ -1,0 +1,293 @@
+//! Spreading: microphones that stand on no lattice, moved onto one.
+//!
+//! As a function of the microphone's place r the kernel `e^{−ik|p−r|}` is band-limited to `k sin θ_max`, the steepest
+//! angle at which a voxel is seen. So `K(p − r) = Σ_g φ(r − g) K(p − g)` with g on a fine enough lattice and a short
+//! least-squares interpolator φ, and adding each sample to a few nodes with those weights gives the same image. The
+//! number of taps follows from the error, which is measured on the spherical kernels themselves.
+
+#![allow(clippy::inline_always, clippy::needless_range_loop)]
+
+use super::interpolator::Taps;
+use crate::grid::Axis;
+use crate::wave::interval::greater;
+use crate::wave::simd::{LANES, dispatched, sin_cos_exact};
+use num_complex::Complex32;
+use rayon::prelude::*;
+use std::f64::consts::{PI, TAU};
+
+/// The kernels that an axis of nodes has to carry: `e^{−ik√(x² + h²)}` for |x| up to `aside` and any h from `height`
+/// on.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Kernels {
+    /// k, radians per m; of both legs for a scan.
+    pub(crate) wavenumber: f64,
+    /// Least distance of a voxel from the plane of microphones, m.
+    pub(crate) height: f64,
+    /// Greatest distance of voxel and microphone along the axis, m.
+    pub(crate) aside: f64,
+}
+
+impl Kernels {
+    /// Steepest change along the axis within `margin` m more than `aside`, radians per m.
+    pub(crate) fn band(&self, margin: f64) -> f64 {
+        let aside = self.aside + margin;
+        self.wavenumber * aside / aside.hypot(self.height).max(f64::MIN_POSITIVE)
+    }
+
+    /// Pitch of nodes of which the steepest change takes the part `fill` of the band, some taps beyond the last
+    /// microphone included, m.
+    pub(crate) fn pitch_filled(&self, fill: f64) -> f64 {
+        // Steeper changes want a finer pitch, and a finer pitch reaches less far beyond: a fixed point from below.
+        (0..16).fold(fill * PI / self.wavenumber, |pitch, _| fill * PI / self.band(8.0 * pitch))
+    }
+}
+
+/// Least-squares weights for a band, with a measured error.
+#[derive(Debug, Clone)]
+pub(crate) struct Interpolator {
+    taps: Taps,
+    /// The greatest interpolation error of any kernel, at any place, relative to one.
+    pub(crate) error: f64,
+}
+
+/// How much of the nodes' band the steepest wave may take, tried in turn. Nodes cost transforms and taps next to
+/// nothing, so the fullest comes first. At 0.5, twelve taps keep every kernel to 10⁻⁴ and fourteen to 2.5·10⁻⁵; at 0.6
+/// twelve leave 10⁻³. The image errs much less, since the errors of many microphones do not add up.
+pub(crate) const FILLS: [f64; 6] = [0.7, 0.6, 0.5, 0.375, 0.25, 0.125];
+
+/// Errors are measured from where that would be such a part of the tolerance: what they usually come to in the end.
+const BEGIN: f64 = 0.5;
+
+/// The most taps that are tried.
+const MOST_TAPS: usize = 22;
+
+impl Interpolator {
+    /// The shortest interpolator that carries the kernels on nodes `pitch` m apart to within `tolerance`, or the
+    /// longest that is tried, with an error above it.
+    pub(crate) fn new(kernels: &Kernels, pitch: f64, tolerance: f64) -> Self {
+        let edge = |taps: usize| kernels.band(pitch * taps as f64 / 2.0) * pitch;
+        let of = |taps: usize| {
+            let mut interpolator = Self { taps: Taps::new(taps, edge(taps)), error: 0.0 };
+            interpolator.error = interpolator.measure(kernels, pitch, tolerance);
+            interpolator
+        };
+        // With each two taps more the error falls by about tan²(edge/4), from one.
+        let about = |taps: usize| (edge(taps) / 4.0).tan().powi(taps as i32);
+        let usual = (2..MOST_TAPS).step_by(2).find(|taps| about(*taps) <= BEGIN * tolerance);
+        let begin = usual.unwrap_or(MOST_TAPS);
+        let (mut taps, mut found) = (begin, of(begin));
+        while found.error > tolerance && taps < MOST_TAPS {
+            taps += 2;
+            found = of(taps);
+        }
+        // Where the first did already, fewer may.
+        while found.error <= tolerance && taps <= begin && taps > 2 {
+            let fewer = of(taps - 2);
+            if fewer.error > tolerance {
+                break;
+            }
+            (taps, found) = (taps - 2, fewer);
+        }
+        found
+    }
+
+    /// Number of nodes each sample goes to.
+    pub(crate) fn taps(&self) -> usize {
+        self.taps.count()
+    }
+
+    /// The greatest `|K(x) − Σ_a w_a K(x_a)|` over the kernels, and between two nodes; the search ends with the first
+    /// place where it is above `enough`.
+    fn measure(&self, kernels: &Kernels, pitch: f64, enough: f64) -> f64 {
+        let mut worst = 0.0;
+        // From the middle on, where most interpolators err most; the other half is the mirror image, and on a node there is
+        // no error.
+        for t in [4, 3, 2, 1].map(|i| f64::from(i) / 8.0) {
+            let (mut offsets, mut weights) = ([0.0; PLACES], [0.0; PLACES]);
+            for (a, w) in self.taps.weights(t).into_iter().enumerate() {
+                offsets[a] = pitch * ((a as isize + self.taps.first()) as f64 - t);
+                weights[a] = w;
+            }
+            // And the place itself.
+            weights[self.taps()] = -1.0;
+            let used = (self.taps() + 1).next_multiple_of(LANES);
+            let (offsets, weights) = (&offsets[..used], &weights[..used]);
+            // Low kernels bend most, high ones are nearly plane waves; both are steepest far aside.
+            for height in [1.0, 1.5, 3.0].map(|factor| factor * kernels.height) {
+                for j in (0..=20).rev().flat_map(|j| [-j, j]) {
+                    let (x, mut sum) = (kernels.aside * f64::from(j) / 20.0, [0.0; 2]);
+                    sum_of_kernels(kernels.wavenumber / TAU, [x, height], offsets, weights, &mut sum);
+                    worst = greater(worst, sum[0].hypot(sum[1]));
+                    if worst > enough {
+                        return worst;
+                    }
+                }
+            }
+        }
+        worst
+    }
+}
+
+/// The most places at which kernels are summed, whole lanes of them: the taps and one more.
+const PLACES: usize = (MOST_TAPS + 1).next_multiple_of(LANES);
+
+#[inline(always)]
+fn sum_of_kernels_body(
+    cycles_per_metre: f64,
+    [x, height]: [f64; 2],
+    offsets: &[f64],
+    weights: &[f64],
+    sum: &mut [f64; 2],
+) {
+    let (mut re, mut im) = ([0.0; LANES], [0.0; LANES]);
+    for (offsets, weights) in offsets.as_chunks::<LANES>().0.iter().zip(weights.as_chunks::<LANES>().0) {
+        for l in 0..LANES {
+            let at = x + offsets[l];
+            let (sin, cos) = sin_cos_exact((at * at + height * height).sqrt() * cycles_per_metre);
+            re[l] += weights[l] * cos;
+            im[l] += weights[l] * sin;
+        }
+    }
+    *sum = [re.iter().sum(), im.iter().sum()];
+}
+
+dispatched! {
+    /// `Σ w e^{i2π·cycles_per_metre·√((x + offset)² + height²)}`.
+    fn sum_of_kernels = sum_of_kernels_body(
+        cycles_per_metre: f64,
+        place: [f64; 2],
+        offsets: &[f64],
+        weights: &[f64],
+        sum: &mut [f64; 2],
+    )
+}
+
+/// Where one microphone goes along one axis: the first node, and the weights from there on.
+#[derive(Debug, Clone)]
+pub(crate) struct Footprint {
+    pub(crate) first: usize,
+    pub(crate) weights: Vec<f32>,
+}
+
+impl Footprint {
+    /// A microphone that stands on node `index`.
+    pub(crate) fn on_node(index: usize) -> Self {
+        Self { first: index, weights: vec![1.0] }
+    }
+
+    /// Microphones at `positions` m between nodes that reach far enough to both sides.
+    pub(crate) fn spread(positions: &[f64], nodes: &Axis, interpolator: &Interpolator) -> Vec<Self> {
+        let own = |position: &f64| (position - nodes.first) / nodes.pitch;
+        let after: Vec<f64> = positions.iter().map(|r| own(r) - own(r).floor()).collect();
+        let weights = interpolator.taps.weights_of(&after);
+        let footprint = |(n, position): (usize, &f64)| {
+            let first = own(position).floor() as isize + interpolator.taps.first();
+            assert!(
+                first >= 0 && first as usize + interpolator.taps() <= nodes.count,
+                "nodes reach beyond every microphone by half the taps"
+            );
+            let weights = weights.col_as_slice(n).iter().map(|w| *w as f32).collect();
+            Self { first: first as usize, weights }
+        };
+        positions.iter().enumerate().map(footprint).collect()
+    }
+}
+
+/// Microphones whose footprints one thread works out at a time.
+const AT_ONCE: usize = 64;
+
+/// Footprints of microphones at `places`, x and y, m, of which `along` tells those along an axis.
+pub(crate) fn footprints(
+    places: &[[f64; 2]],
+    along: impl Fn(usize, &[f64]) -> Vec<Footprint> + Sync,
+) -> Vec<[Footprint; 2]> {
+    let some = |places: &[[f64; 2]]| {
+        let [x, y] = [0, 1].map(|axis| along(axis, &places.iter().map(|r| r[axis]).collect::<Vec<_>>()));
+        x.into_iter().zip(y).map(|(x, y)| [x, y]).collect::<Vec<_>>()
+    };
+    places.par_chunks(AT_ONCE).flat_map_iter(some).collect()
+}
+
+/// The nodes along one axis for microphones between `low` and `high` m, whole pitches from `origin`.
+pub(crate) fn nodes_around(
+    [low, high]: [f64; 2],
+    origin: f64,
+    pitch: f64,
+    interpolator: &Interpolator,
+) -> Axis {
+    let margin = interpolator.taps() / 2;
+    let below = ((low - origin) / pitch).floor() - margin as f64;
+    let above = ((high - origin) / pitch).floor() + 1.0 + margin as f64;
+    Axis { first: origin + below * pitch, pitch, count: ((above - below) as usize).saturating_add(1) }
+}
+
+/// Adds a row of samples `[n_mic]` to a plane of nodes `[n_y, n_x]`.
+pub(crate) fn spread(
+    samples: &[Complex32],
+    footprints: &[[Footprint; 2]],
+    n_x: usize,
+    plane: &mut [Complex32],
+) {
+    for (m, [x, y]) in samples.iter().zip(footprints) {
+        for (row, w_y) in y.weights.iter().enumerate() {
+            let weighted = m * *w_y;
+            let nodes = &mut plane[(y.first + row) * n_x + x.first..][..x.weights.len()];
+            for (node, w_x) in nodes.iter_mut().zip(&x.weights) {
+                *node += weighted * *w_x;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use num_complex::Complex64;
+
+    fn kernels(height: f64) -> Kernels {
+        Kernels { wavenumber: 366.0, height, aside: 0.7 }
+    }
+
+    #[test]
+    fn more_taps_for_a_smaller_tolerance() {
+        let kernels = kernels(1.0);
+        let mut last = 0;
+        for (tolerance, most) in [(1e-2, 6), (1e-3, 10), (1e-4, 12), (1e-5, 16)] {
+            let interpolator = Interpolator::new(&kernels, kernels.pitch_filled(0.5), tolerance);
+            assert!(interpolator.error <= tolerance, "{:e} above {tolerance:e}", interpolator.error);
+            assert!(
+                interpolator.taps() >= last && interpolator.taps() <= most,
+                "{} taps",
+                interpolator.taps()
+            );
+            last = interpolator.taps();
+        }
+    }
+
+    #[test]
+    fn a_kernel_between_nodes_is_the_kernel_at_the_sample() {
+        let kernels = kernels(0.5);
+        let pitch = kernels.pitch_filled(0.5);
+        let interpolator = Interpolator::new(&kernels, pitch, 1e-4);
+        let nodes = nodes_around([-0.3, 0.4], 0.011, pitch, &interpolator);
+        for position in [-0.3, -0.123_4, 0.0, 0.271_8, 0.4] {
+            let footprint = &Footprint::spread(&[position], &nodes, &interpolator)[0];
+            for voxel in [-0.3, -0.1, 0.05, 0.35] {
+                let kernel = |x: f64| Complex64::cis(-366.0 * (voxel - x).hypot(0.62));
+                let sum: Complex64 = footprint
+                    .weights
+                    .iter()
+                    .enumerate()
+                    .map(|(a, w)| kernel(nodes.position(footprint.first + a)) * f64::from(*w))
+                    .sum();
+                assert!((sum - kernel(position)).norm() < 1.01e-4, "{position} {voxel}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_voxel_in_the_plane_of_the_microphones_is_not_pretended_to() {
+        let kernels = kernels(0.0);
+        assert!(Interpolator::new(&kernels, kernels.pitch_filled(0.5), 1e-2).error > 1e-2);
+    }
+}

@@ -1,0 +1,53 @@
+//! What the user chooses: how to sum, with which weights, to within which error.
+
+use super::Window;
+use serde::{Deserialize, Serialize};
+
+/// How the sums of Eq. 13 are carried out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Method {
+    /// Convolution where the microphones lie in a plane, else back-projection; direct where that costs less.
+    #[default]
+    Auto,
+    /// Eq. 16 by padded 2-D FFTs, for any planar array and any voxel pitch.
+    Convolution,
+    /// Range profiles along every voxel's paths, for any array and any grid.
+    Backprojection,
+    /// Eq. 13 as written.
+    Direct,
+    /// The far-field Fourier transform of Eq. 9, which the paper dropped; for comparison, and never taken by `Auto`.
+    Linear,
+}
+
+/// Parameters of [`reconstruct`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
+pub struct ReconstructOptions {
+    /// How to sum.
+    pub method: Method,
+    /// Weights over x, y and f.
+    pub window: Window,
+    /// Error allowed to `Convolution` and `Backprojection`, relative to `Σ|w m| / Σw`; 0 sums every frequency on a
+    /// lattice that fits.
+    pub tolerance: f64,
+    /// Whether to undo spherical spreading: every voxel is multiplied by `|p − s| |p − r_c| / (1 m)²`, r_c the array's
+    /// centre (monostatic: `|p − r_c|²`), so that a unit reflector peaks at 1 again, and noise grows with distance.
+    pub compensate: bool,
+    /// Bytes that may be used beside samples and volume: less is worked on at a time, and by fewer threads, where that
+    /// keeps to it. It changes no byte of the volume. `None` is no limit.
+    pub memory: Option<u64>,
+}
+
+impl Default for ReconstructOptions {
+    fn default() -> Self {
+        Self::new(Method::Auto, Window::Taylor)
+    }
+}
+
+impl ReconstructOptions {
+    /// Options of a given method and window, with the default tolerance of 10⁻⁴ and nothing compensated.
+    pub fn new(method: Method, window: Window) -> Self {
+        Self { method, window, tolerance: 1e-4, compensate: false, memory: None }
+    }
+}

@@ -1,0 +1,174 @@
+//! Which method a job takes, and what each would cost.
+
+use super::cost;
+use crate::acquisition::Setup;
+use crate::error::{Error, Result};
+use crate::grid::Grid;
+use crate::reconstruct::convolution::SharedLattice;
+use crate::reconstruct::{Estimate, Method, ReconstructOptions, backprojection, convolution};
+
+/// Above this many terms `direct` must be asked for by name; it would run for many minutes.
+pub const MOST_DIRECT_TERMS: u64 = 100_000_000_000;
+
+/// The terms of Eq. 13: voxels × microphones × frequencies.
+pub fn direct_terms(setup: &Setup, grid: &Grid) -> u64 {
+    grid.voxel_count().saturating_mul(setup.array.len() as u64).saturating_mul(setup.sweep.len() as u64)
+}
+
+/// What is to be done, with what was found out about the lattices.
+#[derive(Debug)]
+pub(crate) enum Choice {
+    Direct,
+    Convolution(Box<convolution::Plan>),
+    Backprojection(Box<backprojection::Plan>),
+    Linear,
+}
+
+/// What each method would cost here, and what the options come to.
+#[derive(Debug)]
+pub(crate) struct Options {
+    estimates: [Estimate; 4],
+    convolution: std::result::Result<convolution::Plan, String>,
+    backprojection: Option<backprojection::Plan>,
+}
+
+impl Options {
+    /// What there is to choose from.
+    pub(crate) fn of(
+        setup: &Setup,
+        grid: &Grid,
+        options: &ReconstructOptions,
+        threads: usize,
+    ) -> Result<Self> {
+        check(grid, options)?;
+        // Spreading and skeletons share the tolerance.
+        let lattices = SharedLattice::find(setup, grid, 0.5 * options.tolerance);
+        let convolution = lattices.map(|lattices| {
+            let priced = lattices.into_iter().map(|lattice| {
+                let plan = convolution::Plan::new(setup, grid, lattice, options.tolerance);
+                let estimate = cost::of_convolution(setup, grid, options, &plan, threads);
+                (plan, estimate)
+            });
+            let least = priced.min_by(|(_, a), (_, b)| a.operations.total_cmp(&b.operations));
+            least.expect("one was found at least")
+        });
+        // Where there is a lattice for most of the work, convolution is so much faster that dividing the other's is not
+        // worth its time.
+        let by_lattice = |(plan, estimate): &(convolution::Plan, Estimate)| {
+            plan.near.operations <= 0.5 * estimate.operations
+        };
+        let wanted = !convolution.as_ref().is_ok_and(by_lattice) || options.method == Method::Backprojection;
+        let backprojection = (wanted && options.tolerance > 0.0)
+            .then(|| backprojection::Plan::new(setup, grid, options.tolerance));
+        let known = convolution.as_ref().map(|(_, estimate)| estimate.clone()).map_err(Clone::clone);
+        let estimates = cost::estimates(setup, grid, options, known, backprojection.as_ref(), threads);
+        let convolution = convolution.map(|(plan, _)| plan);
+        Ok(Self { estimates, convolution, backprojection })
+    }
+
+    /// The method asked for, or of those possible the one of fewest operations.
+    pub(crate) fn chosen(&self, asked: Method) -> &Estimate {
+        let of = |method: Method| self.estimates.iter().find(|e| e.method == method);
+        of(asked).unwrap_or_else(|| {
+            // `linear` is another formula, not a way to sum this one.
+            let possible =
+                self.estimates.iter().filter(|e| e.obstacle.is_none() && e.method != Method::Linear);
+            possible.min_by(|a, b| a.operations.total_cmp(&b.operations)).expect("the direct sum always is")
+        })
+    }
+
+    /// The method that the options come to, and a warning if `auto` had to take a slow one.
+    pub(crate) fn choose(
+        self,
+        setup: &Setup,
+        grid: &Grid,
+        asked: Method,
+    ) -> Result<(Choice, Option<String>)> {
+        let chosen = self.chosen(asked);
+        if let Some(obstacle) = &chosen.obstacle {
+            let (name, others) = match chosen.method {
+                Method::Convolution => ("convolution", "\"backprojection\" or \"direct\""),
+                _ => ("backprojection", "\"direct\""),
+            };
+            return Err(Error::input(
+                "reconstruct.method",
+                format!("\"{name}\" is not possible here: {obstacle}; mend that, or use method = {others}"),
+            ));
+        }
+        match (chosen.method, self.convolution, self.backprojection) {
+            (Method::Linear, ..) => Ok((Choice::Linear, None)),
+            (Method::Convolution, Ok(plan), _) => Ok((Choice::Convolution(Box::new(plan)), None)),
+            (Method::Backprojection, _, Some(plan)) => Ok((Choice::Backprojection(Box::new(plan)), None)),
+            (_, Err(misfit), None) if asked == Method::Auto => {
+                refuse_long_sum(setup, grid, &misfit)?;
+                let slower = "summing Eq. 13 directly instead, which is slower (a tolerance would help)";
+                Ok((Choice::Direct, Some(format!("{misfit}; {slower}"))))
+            }
+            _ => Ok((Choice::Direct, None)),
+        }
+    }
+}
+
+/// Refuses a direct sum of many minutes that nobody asked for by name.
+fn refuse_long_sum(setup: &Setup, grid: &Grid, misfit: &str) -> Result<()> {
+    let terms = direct_terms(setup, grid);
+    if terms <= MOST_DIRECT_TERMS {
+        return Ok(());
+    }
+    Err(Error::input(
+        "reconstruct.method",
+        format!(
+            "{misfit}. That leaves the direct sum of Eq. 13, {:.1e} terms here: many minutes. Make the grid \
+             smaller or its pitch larger, allow a tolerance, or ask for it by name with [reconstruct] method = \"direct\"",
+            terms as f64
+        ),
+    ))
+}
+
+/// The most voxels, in all and along an axis: far beyond what any computer images, and few enough to be counted over.
+const MOST_VOXELS: u64 = 1 << 38;
+const MOST_ALONG: usize = 1 << 17;
+
+/// Refuses grids and tolerances that make no sense.
+fn check(grid: &Grid, options: &ReconstructOptions) -> Result<()> {
+    let [n_z, n_y, n_x] = grid.shape();
+    if grid.voxel_count() > MOST_VOXELS || n_x.max(n_y).max(n_z) > MOST_ALONG {
+        return Err(Error::input(
+            "grid",
+            format!(
+                "{n_x} x {n_y} x {n_z} voxels are beyond all memory ({:.1e} GiB); use a larger pitch or a smaller grid",
+                grid.voxel_count() as f64 * 8.0 / f64::from(1 << 30)
+            ),
+        ));
+    }
+    if grid.z.first < 0.0 {
+        return Err(Error::input(
+            "grid.z",
+            format!("begins at {} m, behind the array; depths start at z >= 0", grid.z.first),
+        ));
+    }
+    if !(0.0..1.0).contains(&options.tolerance) {
+        return Err(Error::input(
+            "reconstruct.tolerance",
+            format!("{} is no relative error; 1e-4 is usual, 0 sums every frequency", options.tolerance),
+        ));
+    }
+    Ok(())
+}
+
+/// What each method would cost for a job with so many threads, and the one that [`reconstruct`](crate::reconstruct::reconstruct) would take, as an index
+/// (which no number of threads changes). Costs up to a tenth of a second.
+///
+/// # Errors
+/// A grid with voxels behind the array; a tolerance that is not in 0..1.
+pub fn estimate(
+    setup: &Setup,
+    grid: &Grid,
+    options: &ReconstructOptions,
+    threads: usize,
+) -> Result<([Estimate; 4], usize)> {
+    let possible = Options::of(setup, grid, options, threads)?;
+    let chosen = possible.chosen(options.method).method;
+    let index = possible.estimates.iter().position(|e| e.method == chosen).unwrap_or(0);
+    Ok((possible.estimates, index))
+}

@@ -1,0 +1,84 @@
+//! Spherical spreading undone in a finished volume.
+//!
+//! An echo from p arrives as `(1 m)²/(|p − s| |p − r|)` of its amplitude. Multiplying the voxels by `|p − s| |p − r_c|` with
+//! the array's centre r_c is as good as weighing every term of the sum, as long as the array is not much larger than its
+//! distance (PHYSICS Q4), and costs nothing.
+
+use crate::acquisition::Setup;
+use crate::error::Result;
+use crate::grid::Grid;
+use crate::reconstruct::{Made, VolumeSink};
+use crate::wave::{Geometry, spreading};
+use glam::DVec3;
+use num_complex::Complex32;
+use rayon::prelude::*;
+
+/// A sink that multiplies what it is given before it hands it on.
+pub(crate) struct Compensated<'a> {
+    sink: &'a mut dyn VolumeSink,
+    gain: Gain,
+    planes: Vec<Complex32>,
+}
+
+/// The factor of every voxel.
+#[derive(Debug, Clone, Copy)]
+struct Gain {
+    grid: Grid,
+    speaker: DVec3,
+    centre: DVec3,
+}
+
+impl Gain {
+    fn at(&self, p: DVec3) -> f64 {
+        1.0 / spreading(p.distance(self.speaker), p.distance(self.centre))
+    }
+
+    fn multiply(&self, plane: usize, samples: &mut [Complex32]) {
+        let row = self.grid.x.count;
+        samples.par_chunks_mut(row).enumerate().for_each(|(iy, samples)| {
+            for (ix, sample) in samples.iter_mut().enumerate() {
+                *sample *= self.at(self.grid.position(ix, iy, plane)) as f32;
+            }
+        });
+    }
+}
+
+impl<'a> Compensated<'a> {
+    pub(crate) fn new(setup: &Setup, grid: &Grid, sink: &'a mut dyn VolumeSink) -> Self {
+        let centre = setup.array.centre();
+        let speaker = match setup.geometry {
+            Geometry::FixedSource { source } => source,
+            Geometry::Monostatic => centre,
+        };
+        Self { sink, gain: Gain { grid: *grid, speaker, centre }, planes: Vec::new() }
+    }
+
+    /// How the volume was come by, with the bound on its error as large as the greatest factor makes it.
+    pub(crate) fn made(&self, made: &Made) -> Made {
+        // Either distance is greatest at a corner.
+        let greatest =
+            |from: DVec3| self.gain.grid.corners().into_iter().map(|p| p.distance(from)).fold(0.0, f64::max);
+        let most = 1.0 / spreading(greatest(self.gain.speaker), greatest(self.gain.centre));
+        Made { error_bound: made.error_bound * most, ..*made }
+    }
+}
+
+impl VolumeSink for Compensated<'_> {
+    fn begin(&mut self, made: &Made) -> Result<()> {
+        let made = self.made(made);
+        self.sink.begin(&made)
+    }
+
+    fn take(&mut self, first: usize, planes: &[Complex32]) -> Result<()> {
+        self.planes.clear();
+        self.planes.extend_from_slice(planes);
+        for (i, plane) in self.planes.chunks_exact_mut(self.gain.grid.plane_len()).enumerate() {
+            self.gain.multiply(first + i, plane);
+        }
+        self.sink.take(first, &self.planes)
+    }
+
+    fn done(&self) -> usize {
+        self.sink.done()
+    }
+}

@@ -1,0 +1,52 @@
+//! The factors that turn `m(f, r)` into the summands of Eq. 13.
+
+use crate::acquisition::Setup;
+use crate::reconstruct::Window;
+use crate::wave::simd::LANES;
+use num_complex::Complex32;
+
+/// Window weights with the normalisation folded in.
+#[derive(Debug, Clone)]
+pub(crate) struct Weights {
+    /// Per frequency; holds the normalisation and w as well.
+    pub(crate) frequency: Vec<f32>,
+    /// Per microphone, mean 1.
+    pub(crate) microphone: Vec<f32>,
+}
+
+impl Weights {
+    pub(crate) fn new(setup: &Setup, window: Window) -> Self {
+        let frequency = window.over_sweep(setup.sweep);
+        let microphone = window.over_array(setup.array);
+        let (sum_f, sum_r) = (frequency.iter().sum::<f64>(), microphone.iter().sum::<f64>());
+        let mean_r = sum_r / microphone.len() as f64;
+        let scale = setup.detection.weight() / (sum_f * microphone.len() as f64);
+        Self {
+            frequency: frequency.iter().map(|w| (w * scale) as f32).collect(),
+            microphone: microphone.iter().map(|w| (w / mean_r) as f32).collect(),
+        }
+    }
+
+    /// The weighted samples of frequency `f`, from its samples `[n_mic]`.
+    pub(crate) fn weighted<'a>(
+        &'a self,
+        f: usize,
+        samples: &'a [Complex32],
+    ) -> impl Iterator<Item = Complex32> + 'a {
+        let of_frequency = self.frequency[f];
+        samples.iter().zip(&self.microphone).map(move |(m, w)| m * (w * of_frequency))
+    }
+
+    /// `Σ_r |w m|` of frequency `f`. Over all frequencies it is what one unit of relative error comes to in the volume.
+    pub(crate) fn modulus(&self, f: usize, samples: &[Complex32]) -> f64 {
+        // By squares, which in f64 neither overflow nor vanish; in as many sums as the processor takes at once.
+        let mut sums = [0.0; LANES];
+        for (samples, weights) in samples.chunks(LANES).zip(self.microphone.chunks(LANES)) {
+            for ((sum, m), w) in sums.iter_mut().zip(samples).zip(weights) {
+                let [re, im, w] = [m.re, m.im, *w].map(f64::from);
+                *sum += (re * re + im * im).sqrt() * w.abs();
+            }
+        }
+        sums.iter().sum::<f64>() * f64::from(self.frequency[f].abs())
+    }
+}
