@@ -8,6 +8,7 @@
 mod lattice;
 mod layout;
 mod line;
+mod literal;
 mod near_field;
 mod padded_axis;
 mod plane;
@@ -31,11 +32,12 @@ use crate::reconstruct::{Made, Method, VolumeSink, no_room, no_room_for};
 use crate::wave::interval::greater;
 use crate::wave::simd::Lanes;
 use layout::Layout;
-use near_field::Near;
+use literal::Literal;
+use near_field::NearField;
 use num_complex::Complex32;
 use rayon::prelude::*;
 use slab_plan::Slabs;
-use workspace::Focuses;
+use workspace::Workspaces;
 
 /// Bytes of data spectra held at a time when every frequency is summed.
 const SPECTRA_BYTES: usize = 256 << 20;
@@ -69,14 +71,26 @@ impl Plan {
         let near = near_field::Cost::new(setup, grid, &layout.lattice.near, thickness, FIRST_SHARE * left);
         Self { layout, slabs, near }
     }
+
+    /// Where every frequency is summed: bytes of one frequency's spectra, and of each thread's buffers.
+    pub(super) fn plain_bytes(&self) -> [u64; 2] {
+        let layout = &self.layout;
+        match layout.line {
+            Some(_) => Literal::new(layout).bytes(),
+            None => [
+                (layout.tone_len() * size_of::<Complex32>()) as u64,
+                12 * layout.points().saturating_mul(layout.node_parts.len()) as u64,
+            ],
+        }
+    }
 }
 
 /// What sums tones at any depth.
 struct Depths<'a> {
     layout: &'a Layout,
-    focuses: Focuses<'a>,
+    workspaces: Workspaces<'a>,
     /// Those that have no part in the lattice.
-    near: Option<Near<'a>>,
+    near: Option<NearField<'a>>,
     batch: Batch,
     observer: &'a dyn Observer,
 }
@@ -95,7 +109,8 @@ impl Depths<'_> {
                 None => false,
             };
             if !summed {
-                self.focuses.with(|focus| focus.add(first + iz, &tones.per_metre, spectra, voxels))?;
+                self.workspaces
+                    .with(|workspace| workspace.add(first + iz, &tones.per_metre, spectra, voxels))?;
             }
             advance(self.observer, tones.per_metre.len() as u64)
         })
@@ -152,8 +167,11 @@ fn every_frequency(
     let depths = grid.z.count;
     let mut planes = try_zeroed((DEPTHS.min(depths) as u64).saturating_mul(grid.plane_len() as u64))
         .ok_or_else(|| no_room_for(grid))?;
-    let (mut spectra, spreading) = (layout.room(block)?, layout.lattice.spreading(source.setup().array));
-    let focused = Depths { layout, focuses: Focuses::new(layout), near: None, batch, observer };
+    let spreading = layout.lattice.spreading(source.setup().array);
+    // On a line there are no columns to fill the lanes of the transforms; tones could, but gain nothing here.
+    let literal = layout.line.map(|_| Literal::new(layout));
+    let mut spectra = if literal.is_some() { Vec::new() } else { layout.room(block)? };
+    let focused = Depths { layout, workspaces: Workspaces::new(layout), near: None, batch, observer };
     sink.begin(&made)?;
     stage(observer, "reconstructing", (count * depths) as u64, || {
         for first in (0..depths).step_by(DEPTHS) {
@@ -171,7 +189,10 @@ fn every_frequency(
                 samples.extend(rows.flat_map(|(f, row)| weights.weighted(f, row)));
                 let samples = spreading.onto_nodes(samples)?;
                 let tones = Tones { per_metre: per_metre[range.clone()].to_vec(), samples };
-                focused.add(&tones, &mut spectra, first, planes)
+                match &literal {
+                    Some(literal) => literal.add(&tones, batch, first, planes, observer),
+                    None => focused.add(&tones, &mut spectra, first, planes),
+                }
             })?;
             sink.take(first, planes)?;
         }
@@ -198,7 +219,7 @@ fn skeleton_frequencies(
     let share = |longer, own, depths| division.share(longer, own, depths);
     let slabs = compressed.slabs(slabs_of(depths, thickness), interval, share, tolerance);
     let error = slabs.iter().map(|slab| slab.error).fold(0.0, greater) + layout.lattice.error();
-    let near = Near::new(&setup, grid, &layout.lattice.near, &compressed, &slabs)?;
+    let near = NearField::new(&setup, grid, &layout.lattice.near, &compressed, &slabs)?;
     let samples = std::mem::take(&mut compressed.tones.samples);
     compressed.tones.samples = layout.lattice.spreading(setup.array).onto_nodes(samples)?;
     let made = Made { method: Method::Convolution, error_bound: error * compressed.modulus };
@@ -210,7 +231,7 @@ fn skeleton_frequencies(
     let room = |_| Ok((Tones::with_capacity(most, layout.lattice.width())?, layout.room(most)?));
     let rooms = (0..batch.slabs.min(slabs.len())).into_par_iter().map(room);
     let mut rooms = rooms.collect::<Result<Vec<_>>>()?;
-    let focused = Depths { layout, focuses: Focuses::new(layout), near, batch, observer };
+    let focused = Depths { layout, workspaces: Workspaces::new(layout), near, batch, observer };
     sink.begin(&made)?;
     let mut handover = Handover::new(sink, grid, batch.slabs * thickness)?;
     stage(observer, "reconstructing", total, || {

@@ -1,7 +1,7 @@
 //! How voxels and microphones share a lattice, so that the sum over microphones is a convolution.
 //!
 //! Along each axis the microphones stand on nodes, and the voxel pitch is the node pitch divided by u or times v, both
-//! whole. Then voxels split into u and nodes into v interleaved sub-lattices of one common pitch, and `p − r` depends on
+//! whole. Then voxels split into u and nodes into v interleaved sublattices of one common pitch, and `p − r` depends on
 //! the difference of indices alone between any two of them. Microphones that fit no such lattice are spread onto one.
 
 use crate::acquisition::{MicArray, Setup};
@@ -49,16 +49,16 @@ pub(crate) struct SharedLattice {
 /// anywhere, and within a tenth none serve.
 const NEAR: [f64; 4] = [0.1, 0.5, 1.0, 1.5];
 
-/// One sub-lattice along one axis: its first index and how many there are.
+/// One sublattice along one axis: its first index and how many there are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Part {
+pub(crate) struct Sublattice {
     pub(crate) start: usize,
     pub(crate) count: usize,
     pub(crate) stride: usize,
 }
 
 /// Sub-lattices along x and y together.
-pub(crate) type Parts = [Part; 2];
+pub(crate) type Sublattices = [Sublattice; 2];
 
 impl SharedLattice {
     /// The lattice, or those there are to choose among: the fewer depths have to be near, the finer the nodes. Spreads to
@@ -156,17 +156,17 @@ impl SharedLattice {
         self.x.nodes.count * self.y.nodes.count
     }
 
-    /// The interleaved sub-lattices of the nodes.
-    pub(crate) fn node_parts(&self) -> Vec<Parts> {
+    /// The interleaved sublattices of the nodes.
+    pub(crate) fn node_parts(&self) -> Vec<Sublattices> {
         product(&parts(self.x.v, self.x.nodes.count), &parts(self.y.v, self.y.nodes.count))
     }
 
-    /// The interleaved sub-lattices of the voxels.
-    pub(crate) fn voxel_parts(&self, grid: &Grid) -> Vec<Parts> {
+    /// The interleaved sublattices of the voxels.
+    pub(crate) fn voxel_parts(&self, grid: &Grid) -> Vec<Sublattices> {
         product(&parts(self.x.u, grid.x.count), &parts(self.y.u, grid.y.count))
     }
 
-    /// Pitch of every sub-lattice along x and y, m.
+    /// Pitch of every sublattice along x and y, m.
     pub(crate) fn common_pitch(&self) -> [f64; 2] {
         [&self.x, &self.y].map(|axis| axis.nodes.pitch * axis.v as f64)
     }
@@ -232,14 +232,14 @@ fn within(distance: f64, setup: &Setup, grid: &Grid) -> Range<usize> {
     first..first + (first..grid.z.count).take_while(near).count()
 }
 
-/// `count` indices dealt out in turn to `ways` sub-lattices.
-fn parts(ways: usize, count: usize) -> Vec<Part> {
+/// `count` indices dealt out in turn to `ways` sublattices.
+fn parts(ways: usize, count: usize) -> Vec<Sublattice> {
     (0..ways.min(count))
-        .map(|start| Part { start, count: (count - start).div_ceil(ways), stride: ways })
+        .map(|start| Sublattice { start, count: (count - start).div_ceil(ways), stride: ways })
         .collect()
 }
 
-fn product(x: &[Part], y: &[Part]) -> Vec<Parts> {
+fn product(x: &[Sublattice], y: &[Sublattice]) -> Vec<Sublattices> {
     y.iter().flat_map(|y| x.iter().map(move |x| [*x, *y])).collect()
 }
 

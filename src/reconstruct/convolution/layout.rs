@@ -1,7 +1,7 @@
-//! What stays the same for all planes of a volume: sub-lattices, transforms, and where the data's spectra have their parts.
+//! What stays the same for all planes of a volume: sublattices, transforms, and where the data's spectra have their parts.
 
-use super::lattice::{Parts, SharedLattice};
-use super::padded_axis::{Circle, Offset, Turn};
+use super::lattice::{SharedLattice, Sublattices};
+use super::padded_axis::{CircularShift, Offset, PaddedAxis};
 use crate::grid::Grid;
 use crate::wave::Geometry;
 use crate::wave::simd::LANES;
@@ -16,16 +16,16 @@ pub(crate) struct Layout {
     pub(crate) lattice: SharedLattice,
     pub(crate) grid: Grid,
     pub(crate) geometry: Geometry,
-    pub(crate) x: Circle,
-    pub(crate) y: Circle,
-    pub(crate) node_parts: Vec<Parts>,
-    pub(crate) voxel_parts: Vec<Parts>,
+    pub(crate) x: PaddedAxis,
+    pub(crate) y: PaddedAxis,
+    pub(crate) node_parts: Vec<Sublattices>,
+    pub(crate) voxel_parts: Vec<Sublattices>,
     /// The axis along which all nodes and voxels lie, if they lie on one line: then sixteen tones share the lanes.
     pub(crate) line: Option<usize>,
     /// `[voxel part][node part]`, along x and y.
     pub(crate) offsets: Vec<Vec<[Offset; 2]>>,
-    /// What differs among the spectra of one tone: part of the nodes, and its turns along x and y.
-    pub(crate) placements: Vec<(usize, [Turn; 2])>,
+    /// What differs among the spectra of one tone: part of the nodes, and its circular shifts along x and y.
+    pub(crate) placements: Vec<(usize, [CircularShift; 2])>,
 }
 
 impl Layout {
@@ -33,7 +33,7 @@ impl Layout {
         let (node_parts, voxel_parts) = (lattice.node_parts(), lattice.voxel_parts(&grid));
         let ([nodes_x, nodes_y], [pitch_x, pitch_y]) = (lattice.nodes(), lattice.common_pitch());
         let first = |axis: &crate::grid::Axis, index: usize| axis.position(index);
-        let offset = |voxels: &Parts, nodes: &Parts| {
+        let offset = |voxels: &Sublattices, nodes: &Sublattices| {
             let x = first(&grid.x, voxels[0].start) - first(&nodes_x, nodes[0].start);
             let y = first(&grid.y, voxels[1].start) - first(&nodes_y, nodes[1].start);
             [Offset::new(x, pitch_x, voxels[0], nodes[0]), Offset::new(y, pitch_y, voxels[1], nodes[1])]
@@ -42,17 +42,17 @@ impl Layout {
             voxel_parts.iter().map(|v| node_parts.iter().map(|n| offset(v, n)).collect()).collect();
         let single = |axis: usize| node_parts.iter().chain(&voxel_parts).all(|part| part[axis].count == 1);
         let line = if single(1) { Some(0) } else { single(0).then_some(1) };
-        let mut circle = |axis: usize| match line {
-            Some(_) => Circle::around_line(offsets.iter().flatten().map(|o| &o[axis])),
-            None => {
-                Circle::around(&mut offsets.iter_mut().flatten().map(|o| &mut o[axis]).collect::<Vec<_>>())
-            }
+        let mut padded = |axis: usize| match line {
+            Some(_) => PaddedAxis::around_line(offsets.iter().flatten().map(|o| &o[axis])),
+            None => PaddedAxis::around(
+                &mut offsets.iter_mut().flatten().map(|o| &mut o[axis]).collect::<Vec<_>>(),
+            ),
         };
-        let (x, y) = (circle(0), circle(1));
+        let (x, y) = (padded(0), padded(1));
         let mut placements = Vec::new();
         for of_voxels in &offsets {
             for (part, offset) in of_voxels.iter().enumerate() {
-                let placement = (part, offset.map(|o| o.turn));
+                let placement = (part, offset.map(|o| o.shift));
                 if !placements.contains(&placement) {
                     placements.push(placement);
                 }
@@ -76,8 +76,8 @@ impl Layout {
         self.node_parts.len() * self.voxel_parts.len()
     }
 
-    /// The circle along an axis.
-    pub(crate) fn along(&self, axis: usize) -> &Circle {
+    /// The padded axis along x (0) or y (1).
+    pub(crate) fn along(&self, axis: usize) -> &PaddedAxis {
         if axis == 0 { &self.x } else { &self.y }
     }
 
@@ -91,7 +91,7 @@ impl Layout {
         self.x.lags() / LANES
     }
 
-    /// The place on the circle of k_x of a column; the mirror image of the first one is the one that is left out.
+    /// The index k_x of a column; the mirror image of the first one is the one that is left out.
     pub(crate) fn column(&self, side: usize, k: usize) -> usize {
         match (side, k) {
             (0, k) => k,
@@ -100,9 +100,9 @@ impl Layout {
         }
     }
 
-    /// Where in a tone's spectra, `[placement, block, side, k_y]`, those for a pair of sub-lattices begin.
+    /// Where in a tone's spectra, `[placement, block, side, k_y]`, those for a pair of sublattices begin.
     pub(crate) fn spectrum(&self, part: usize, offset: &[Offset; 2]) -> usize {
-        let placement = (part, offset.map(|o| o.turn));
+        let placement = (part, offset.map(|o| o.shift));
         let index = self.placements.iter().position(|p| *p == placement).expect("every pair was entered");
         index * self.x.len() * self.y.len() / LANES
     }

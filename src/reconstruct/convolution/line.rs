@@ -3,7 +3,7 @@
 //! There are no columns to fill the lanes, so sixteen tones fill them. The rest is as for a [`crate::reconstruct::convolution::plane`], in one
 //! dimension and without symmetry.
 
-use super::lattice::Parts;
+use super::lattice::Sublattices;
 use super::layout::Layout;
 use super::pointwise::{multiply, sums};
 use crate::alloc::{try_filled, try_with_capacity};
@@ -13,7 +13,7 @@ use crate::wave::simd::{LANES, Lanes, ROWS, lane_phasors, tone_phasors};
 use glam::DVec3;
 use num_complex::Complex32;
 
-/// Geometry of one depth and voxel sub-lattice, and buffers that are used again and again.
+/// Geometry of one depth and voxel sublattice, and buffers that are used again and again.
 #[derive(Debug)]
 pub(crate) struct Line<'a> {
     pub(crate) layout: &'a Layout,
@@ -24,7 +24,7 @@ pub(crate) struct Line<'a> {
     squares: Vec<f64>,
     /// The depth above the microphones, m, twice that for a scan.
     height: f64,
-    /// `|p − s|` per voxel of the sub-lattice, the same in all lanes; empty for a monostatic scan.
+    /// `|p − s|` per voxel of the sublattice, the same in all lanes; empty for a monostatic scan.
     outward: Vec<[f64; LANES]>,
     kernel: Vec<Lanes>,
     transformed: Vec<Lanes>,
@@ -36,7 +36,7 @@ pub(crate) struct Line<'a> {
 }
 
 /// Places along a line of a plane of rows of `n_x`.
-pub(crate) fn places([x, y]: &Parts, axis: usize, n_x: usize) -> impl Iterator<Item = usize> + use<> {
+pub(crate) fn places([x, y]: &Sublattices, axis: usize, n_x: usize) -> impl Iterator<Item = usize> + use<> {
     let first = y.start * n_x + x.start;
     let (count, stride) = if axis == 0 { (x.count, x.stride) } else { (y.count, y.stride * n_x) };
     (0..count).map(move |i| first + i * stride)
@@ -45,14 +45,14 @@ pub(crate) fn places([x, y]: &Parts, axis: usize, n_x: usize) -> impl Iterator<I
 impl<'a> Line<'a> {
     /// Buffers for one thread; `None` when they do not fit in memory.
     pub(crate) fn new(layout: &'a Layout, axis: usize) -> Option<Self> {
-        let circle = layout.along(axis);
-        let n = circle.len();
+        let padded = layout.along(axis);
+        let n = padded.len();
         let zeros = || try_filled(Lanes::ZERO, n as u64);
         let mut squares = try_with_capacity((n * layout.pairs()) as u64)?;
         for offset in layout.offsets.iter().flatten() {
             let (along, aside) = (&offset[axis], offset[1 - axis].first);
             let square = |lag: f64| layout.geometry.return_legs().powi(2) * (lag * lag + aside * aside);
-            squares.extend((0..n).map(|i| square(along.lag(i, circle))));
+            squares.extend((0..n).map(|i| square(along.lag(i, padded))));
         }
         Some(Self {
             layout,
@@ -68,7 +68,7 @@ impl<'a> Line<'a> {
         })
     }
 
-    /// Goes to depth `iz` and sub-lattice `part` of the voxels; what is worked out serves all tones.
+    /// Goes to depth `iz` and sublattice `part` of the voxels; what is worked out serves all tones.
     fn place(&mut self, iz: usize, part: usize) {
         let Layout { lattice, grid, geometry, .. } = self.layout;
         let z = grid.z.position(iz);
@@ -84,7 +84,7 @@ impl<'a> Line<'a> {
         }
     }
 
-    /// Adds tones to one sub-lattice of the voxels of depth `iz`; `data` are those of [`Layout::transform_into`].
+    /// Adds tones to one sublattice of the voxels of depth `iz`; `data` are those of [`Layout::transform_into`].
     pub(crate) fn add(
         &mut self,
         iz: usize,
@@ -124,7 +124,7 @@ impl<'a> Line<'a> {
 
     /// Transforms the products back and adds all tones to the voxels, with the outer phases, which the kernels' buffer
     /// holds.
-    fn back(&mut self, fft: &LaneFft, voxels: &mut [Complex32], part: &Parts) {
+    fn back(&mut self, fft: &LaneFft, voxels: &mut [Complex32], part: &Sublattices) {
         fft.transform(&self.products, &mut self.transformed, &mut self.work);
         self.image.clear();
         self.image.resize(part[self.axis].count.next_multiple_of(ROWS), Complex32::ZERO);

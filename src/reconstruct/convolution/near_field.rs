@@ -15,14 +15,14 @@ use rayon::prelude::*;
 use std::ops::Range;
 
 /// Depths that are summed without nodes.
-pub(crate) struct Near<'a> {
+pub(crate) struct NearField<'a> {
     setup: Setup<'a>,
     grid: Grid,
     /// By slab of depths, sums over its tones.
     slabs: Vec<(Range<usize>, Sums<'static>)>,
 }
 
-impl<'a> Near<'a> {
+impl<'a> NearField<'a> {
     /// For some depths of a grid, from the volume's tones at the microphones; `None` where there are none.
     ///
     /// # Errors

@@ -1,6 +1,6 @@
 //! One thread's work on one depth: kernels, their transforms, products, and the way back onto the voxels.
 //!
-//! For each tone and pair of sub-lattices: phases of the kernel for sixteen rows at a time, transformed along x and
+//! For each tone and pair of sublattices: phases of the kernel for sixteen rows at a time, transformed along x and
 //! transposed into blocks of sixteen columns; each block transformed along y, multiplied with the data's spectra and
 //! transformed back at once, so that no kernel's spectrum is ever stored; then back along x, and onto the voxels with
 //! the outer phase.
@@ -11,7 +11,7 @@
 
 #![allow(clippy::inline_always, clippy::needless_range_loop)]
 
-use super::lattice::{Part, Parts};
+use super::lattice::{Sublattice, Sublattices};
 use super::layout::Layout;
 use super::padded_axis::Offset;
 use super::pointwise::{focus, multiply};
@@ -23,17 +23,17 @@ use crate::wave::simd::{LANES, Lanes, ROWS, dispatched, lane_phasors};
 use glam::DVec3;
 use num_complex::Complex32;
 
-/// Geometry of one depth and voxel sub-lattice, and buffers that are used again and again.
+/// Geometry of one depth and voxel sublattice, and buffers that are used again and again.
 #[derive(Debug)]
 pub(crate) struct Plane<'a> {
     pub(crate) layout: &'a Layout,
-    /// Offsets from every node sub-lattice.
+    /// Offsets from every node sublattice.
     offsets: &'a [[Offset; 2]],
     /// `|p − r|` by lag, doubled for a scan, `[part, y block, x]` in lanes of y.
     lengths: Vec<[f64; LANES]>,
-    /// `|p − s|` per voxel of the sub-lattice, `[y block, x]` in lanes of y; empty for a monostatic scan.
+    /// `|p − s|` per voxel of the sublattice, `[y block, x]` in lanes of y; empty for a monostatic scan.
     outward: Vec<[f64; LANES]>,
-    /// The voxels of the sub-lattice, `[y block, x]` in lanes of y.
+    /// The voxels of the sublattice, `[y block, x]` in lanes of y.
     image: Vec<Lanes>,
     /// Kernels transformed along x, `[part, block, y]` in lanes of k_x.
     columns: Vec<Lanes>,
@@ -74,7 +74,7 @@ impl<'a> Plane<'a> {
         })
     }
 
-    /// Works out every length of depth `iz` on sub-lattice `part` of the voxels; they serve all tones.
+    /// Works out every length of depth `iz` on sublattice `part` of the voxels; they serve all tones.
     fn place(&mut self, iz: usize, part: usize) {
         let Layout { lattice, grid, x, y, .. } = self.layout;
         let (voxels, z) = (&self.layout.voxel_parts[part], grid.z.position(iz));
@@ -97,7 +97,7 @@ impl<'a> Plane<'a> {
         }
         self.outward.clear();
         if let Geometry::FixedSource { .. } = self.layout.geometry {
-            let at = |axis: &Axis, part: Part, k: usize| axis.position(part.start + k * part.stride);
+            let at = |axis: &Axis, part: Sublattice, k: usize| axis.position(part.start + k * part.stride);
             for first in (0..voxels[1].count).step_by(LANES) {
                 for i in 0..padded(voxels[0].count) {
                     self.outward.push(std::array::from_fn(|lane| {
@@ -110,7 +110,7 @@ impl<'a> Plane<'a> {
         }
     }
 
-    /// Adds tones to one sub-lattice of the voxels of depth `iz`; `spectra` are those of [`Layout::transform_into`].
+    /// Adds tones to one sublattice of the voxels of depth `iz`; `spectra` are those of [`Layout::transform_into`].
     pub(crate) fn add(
         &mut self,
         iz: usize,
@@ -155,11 +155,11 @@ impl<'a> Plane<'a> {
         self.exchange(voxels, part, |voxel, re, im| *voxel = Complex32::new(*re, *im));
     }
 
-    /// Visits every voxel of the sub-lattice beside its place in the image.
+    /// Visits every voxel of the sublattice beside its place in the image.
     fn exchange(
         &mut self,
         voxels: &mut [Complex32],
-        [x, y]: &Parts,
+        [x, y]: &Sublattices,
         visit: impl Fn(&mut Complex32, &mut f32, &mut f32),
     ) {
         for iy in 0..y.count {
@@ -172,10 +172,10 @@ impl<'a> Plane<'a> {
         }
     }
 
-    /// Kernels of one tone and node sub-lattice, transformed along x and transposed.
+    /// Kernels of one tone and node sublattice, transformed along x and transposed.
     fn kernel(&mut self, per_metre: f64, part: usize) {
         let Layout { x, y, .. } = self.layout;
-        let [along_x, along_y] = self.offsets[part].map(|offset| offset.turn.half);
+        let [along_x, along_y] = self.offsets[part].map(|offset| offset.shift.half);
         let lengths = &self.lengths[part * x.lags() * y.lags() / LANES..][..x.lags() * y.lags() / LANES];
         let columns = &mut self.columns[part * self.layout.blocks() * y.len()..];
         let transformed = &mut self.transformed[..x.len()];
@@ -220,7 +220,7 @@ impl<'a> Plane<'a> {
     }
 
     /// Transforms block `from` of the products back along y and transposes the voxels' rows.
-    fn back_along_y(&mut self, block: usize, from: usize, part: &Parts) {
+    fn back_along_y(&mut self, block: usize, from: usize, part: &Sublattices) {
         let layout = self.layout;
         let (n_x, n_y, sides) = (layout.x.len(), layout.y.len(), layout.sides());
         let products = &self.products[from * sides * n_y..][..sides * n_y];
@@ -241,7 +241,7 @@ impl<'a> Plane<'a> {
     }
 
     /// Transforms the voxels' rows back along x and adds them to the image, with the outer phase of a tone.
-    fn back_along_x(&mut self, per_metre: Option<f64>, part: &Parts) {
+    fn back_along_x(&mut self, per_metre: Option<f64>, part: &Sublattices) {
         let (x, width) = (&self.layout.x, padded(part[0].count));
         for (block, image) in self.image.chunks_exact_mut(width).enumerate() {
             let transformed = &mut self.transformed[..x.len()];

@@ -2,7 +2,7 @@
 
 use super::layout::Layout;
 use super::line::places;
-use super::padded_axis::{Offset, Turn};
+use super::padded_axis::{CircularShift, Offset};
 use crate::alloc::try_filled;
 use crate::error::Result;
 use crate::reconstruct::no_room;
@@ -71,7 +71,7 @@ impl Layout {
     fn transform(
         &self,
         nodes: &[Complex32],
-        (part, turns): (usize, [Turn; 2]),
+        (part, shifts): (usize, [CircularShift; 2]),
         spectrum: &mut [Lanes],
         scratch: &mut Scratch,
     ) {
@@ -86,7 +86,7 @@ impl Layout {
             for lane in 0..rows {
                 let from = &nodes[(y.start + (first + lane) * y.stride) * n_x..][..n_x];
                 for (j, node) in from[x.start..].iter().step_by(x.stride).enumerate() {
-                    let to = &mut scratch.row[Offset::place(turns[0], j, &self.x)];
+                    let to = &mut scratch.row[Offset::place(shifts[0], j, &self.x)];
                     (to.re[lane], to.im[lane]) = (node.re * scale, node.im * scale);
                 }
             }
@@ -100,14 +100,14 @@ impl Layout {
                     if (side, k) != (1, 0) {
                         *row = scratch.transformed[self.column(side, k)];
                     }
-                    if side == 1 && turns[0].half {
+                    if side == 1 && shifts[0].half {
                         // The spectrum of a kernel with its mirror between the lags is even but for e^{iπk/n}.
                         turn(row, phasor(-(k as f64) / self.x.len() as f64));
                     }
                 }
                 transpose(&tile, &mut scratch.tile);
                 for (j, row) in scratch.tile[..rows].iter().enumerate() {
-                    to[Offset::place(turns[1], first + j, &self.y)] = *row;
+                    to[Offset::place(shifts[1], first + j, &self.y)] = *row;
                 }
             }
         }

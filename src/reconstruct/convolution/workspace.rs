@@ -11,7 +11,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// Geometry of one depth, and buffers that are used again and again.
 #[derive(Debug)]
-pub(crate) enum Focus<'a> {
+pub(crate) enum Workspace<'a> {
     Plane(Plane<'a>),
     Line(Line<'a>),
 }
@@ -19,12 +19,12 @@ pub(crate) enum Focus<'a> {
 /// Buffers of all threads, kept from one slab to the next: what is given back and asked for again has to be cleared, and
 /// a large one mapped again.
 #[derive(Debug)]
-pub(crate) struct Focuses<'a> {
+pub(crate) struct Workspaces<'a> {
     layout: &'a Layout,
-    idle: Mutex<Vec<Focus<'a>>>,
+    idle: Mutex<Vec<Workspace<'a>>>,
 }
 
-impl<'a> Focuses<'a> {
+impl<'a> Workspaces<'a> {
     /// None yet.
     pub(crate) fn new(layout: &'a Layout) -> Self {
         Self { layout, idle: Mutex::new(Vec::new()) }
@@ -34,20 +34,20 @@ impl<'a> Focuses<'a> {
     ///
     /// # Errors
     /// It does not fit in memory.
-    pub(crate) fn with(&self, work: impl FnOnce(&mut Focus<'a>)) -> Result<()> {
+    pub(crate) fn with(&self, work: impl FnOnce(&mut Workspace<'a>)) -> Result<()> {
         let idle = self.idle().pop();
-        let mut focus = idle.map_or_else(|| Focus::new(self.layout), Ok)?;
+        let mut focus = idle.map_or_else(|| Workspace::new(self.layout), Ok)?;
         work(&mut focus);
         self.idle().push(focus);
         Ok(())
     }
 
-    fn idle(&self) -> MutexGuard<'_, Vec<Focus<'a>>> {
+    fn idle(&self) -> MutexGuard<'_, Vec<Workspace<'a>>> {
         self.idle.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-impl<'a> Focus<'a> {
+impl<'a> Workspace<'a> {
     /// Buffers for one thread.
     ///
     /// # Errors

@@ -126,11 +126,13 @@ pub(crate) fn of_convolution(
     let Some(slabs) = &plan.slabs else {
         let n_f = setup.sweep.len() as f64;
         // Spectra, and the samples that they are made of, as they are read and weighted.
-        let tone = COMPLEX * (layout.tone_len() + 2 * setup.array.len()) as u64;
+        let [spectra_of_tone, of_worker] = plan.plain_bytes();
+        let tone = spectra_of_tone + COMPLEX * 2 * setup.array.len() as u64;
         let slab = (convolution::DEPTHS.min(depths) as u64 * COMPLEX).saturating_mul(plane);
         let bytes = |batch: Batch| {
             let spectra = tone.saturating_mul(batch.frequencies as u64);
-            spectra.saturating_add(scratch(batch)).saturating_add(slab)
+            let scratch = of_worker.saturating_mul(batch.workers as u64);
+            spectra.saturating_add(scratch).saturating_add(slab)
         };
         let operations = n_f * (depths as f64 * pair + spectra);
         let usual = usual_batch(layout, setup.sweep.len(), threads);
