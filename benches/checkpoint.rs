@@ -1,8 +1,8 @@
-//! What keeping finished blocks costs: `simulate` and `reconstruct` of a large job, without and with it in turn:
+//! What storing finished blocks costs: `simulate` and `reconstruct` of a large job, without and with it in turn:
 //! `cargo bench --bench checkpoint [-- ROUNDS]`.
 //!
 //! Every round runs the job once without, once at the default interval, once every second and once after every block;
-//! what is kept is written beside the output, on the disk of the `target` folder. Ratios are against the run without
+//! blocks are stored beside the output, on the disk of the `target` folder. Ratios are against the run without
 //! of the same round, of which the median is given, and of the least seconds. How long the cube's own file takes is left
 //! out: it depends on the disk alone, and varies more than what is measured here.
 
@@ -21,25 +21,25 @@ use std::time::{Duration, Instant};
 /// Rounds where no number is typed.
 const ROUNDS: usize = 5;
 
-/// Seconds of a simulation and a reconstruction, with what is kept every so often, if it is.
+/// Seconds of a simulation and a reconstruction, whose blocks are stored every so often, if they are.
 fn run(run: &RunFile, folder: &Path, every: Option<Duration>) -> [f64; 2] {
     let (cube, volume) = (folder.join("cube.npz"), folder.join("volume.npz"));
     let checkpoint =
         |output: &Path| every.map_or_else(Checkpoint::off, |every| Checkpoint::beside(output, every));
     let begun = Instant::now();
-    let keeping = checkpoint(&cube);
-    let samples = simulate_scene(run, false, &keeping, &Silent).expect("simulated");
+    let blocks = checkpoint(&cube);
+    let samples = simulate_scene(run, false, &blocks, &Silent).expect("simulated");
     let mut simulated = begun.elapsed();
     write_cube(&cube, &samples).expect("written");
     let written = Instant::now();
-    keeping.remove();
+    blocks.remove();
     simulated += written.elapsed();
     drop(samples);
     let begun = Instant::now();
-    let keeping = checkpoint(&volume);
+    let blocks = checkpoint(&volume);
     let file = CubeFile::open(&cube, u64::MAX).expect("a cube");
-    reconstruct_cube(run, file, &[volume], &keeping, &Silent).expect("reconstructed");
-    keeping.remove();
+    reconstruct_cube(run, file, &[volume], &blocks, &Silent).expect("reconstructed");
+    blocks.remove();
     [simulated, begun.elapsed()].map(|time| time.as_secs_f64())
 }
 

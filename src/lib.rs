@@ -76,6 +76,7 @@
 pub mod error;
 mod alloc;
 pub mod progress;
+mod blocks;
 pub mod files;
 pub mod wave;
 pub mod grid;

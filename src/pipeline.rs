@@ -5,11 +5,11 @@
 //!
 //! # Example
 //! ```
-//! use holosonar::{config::RunFile, pipeline, progress::Silent};
+//! use holosonar::{checkpoint::Checkpoint, config::RunFile, pipeline, progress::Silent};
 //! use std::path::Path;
 //!
 //! let run = RunFile::load(Path::new("scenes/point.toml"), &[])?;
-//! let outcome = pipeline::image_scene(&run, false, &Silent)?;
+//! let outcome = pipeline::image_scene(&run, false, &Checkpoint::off(), &Silent)?;
 //! assert!((outcome.image.volume.peak() - 1.0).abs() < 0.01);
 //! assert!(outcome.depth.accepted() > 0 && outcome.truth.is_none());
 //! # Ok::<(), holosonar::error::Error>(())
@@ -36,7 +36,7 @@ pub use page::write_page;
 pub use report::{Report, SceneSummary};
 
 use crate::acquisition::{CubeFile, CubeSource, DataCube, Detection, Instrument, Sweep};
-use crate::checkpoint::{Checkpoint, KeptVolume, Patient};
+use crate::checkpoint::{Checkpoint, CheckpointStore, CheckpointedVolume, GracefulStop, Stage};
 use crate::config::RunFile;
 use crate::depth::locate_depth;
 use crate::error::{Error, Result};
@@ -46,7 +46,9 @@ use crate::grid::{DepthMap, Grid, Raster, Volume};
 use crate::metrics::{Metrics, Scores, score};
 use crate::plan::{Holding, Plan, plan};
 use crate::progress::{Observer, stage};
-use crate::reconstruct::{Made, Reconstruction, reconstruct_into};
+use crate::reconstruct::{
+    ReconstructOptions, Reconstruction, ReconstructionInfo, VolumeSink, reconstruct_into,
+};
 use crate::reflectors::Reflectors;
 use crate::scene::Scene;
 use crate::truth::trace_depth;
@@ -70,7 +72,7 @@ pub struct Outcome {
     pub physics: Vec<String>,
     /// What it was, or would be, measured with.
     pub instrument: Instrument,
-    /// The volume, and how it was come by.
+    /// The volume, and how it was computed.
     pub image: Reconstruction,
     /// What was found.
     pub depth: DepthMap,
@@ -94,19 +96,12 @@ impl Outcome {
 /// Scene in, everything out: load, sample, plan, simulate, reconstruct, locate, trace the truth, score.
 ///
 /// `bare` says that the mesh came without a run file and is to be placed before the array.
+/// Finished blocks are stored in the checkpoint, and those of an interrupted run are not computed again;
+/// [`Checkpoint::remove`] deletes them once the files are written.
 ///
 /// # Errors
-/// What the stages refuse; a run file without a scene.
-pub fn image_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Result<Outcome> {
-    image_scene_keeping(run, bare, &Checkpoint::off(), observer)
-}
-
-/// The same, keeping finished blocks and taking up those of an interrupted run. [`Checkpoint::remove`] ends it, once the
-/// files are written.
-///
-/// # Errors
-/// As [`image_scene`]; no room for the files; another process at the same job.
-pub fn image_scene_keeping(
+/// What the stages refuse; a run file without a scene; no room for the files; another process at the same job.
+pub fn image_scene(
     run: &RunFile,
     bare: bool,
     checkpoint: &Checkpoint,
@@ -119,10 +114,9 @@ pub fn image_scene_keeping(
     let raster = run.raster(echoes.scene.as_ref().and_then(Scene::camera))?;
     echoes.warn(run, &log);
     let volume = outputs::volume_bytes(run, &echoes.grid);
-    checkpoint.need_space(volume)?;
+    checkpoint.check_space(volume)?;
     checkpoint.open(&identity::of_scene("image", run, &echoes), observer)?;
-    let patient = Patient::new(checkpoint, &log);
-    let cube = log.timed("simulate", || echoes.simulate(run, &mut checkpoint.cube(&patient), &patient))?;
+    let cube = log.timed("simulate", || simulate(run, &echoes, checkpoint, &log))?;
     let (image, depth) = focus(&budget, &mut &cube, &echoes.grid, (raster, echoes.held), checkpoint, &log)?;
     drop(cube);
     let truth = match &echoes.scene {
@@ -154,19 +148,11 @@ pub fn image_scene_keeping(
     })
 }
 
-/// Cube in, everything but truth and metrics out.
+/// Cube in, everything but truth and metrics out; the checkpoint is used as by [`image_scene`].
 ///
 /// # Errors
-/// What the stages refuse; a run file without a grid.
-pub fn image_cube(run: &RunFile, cube: CubeFile, observer: &dyn Observer) -> Result<Outcome> {
-    image_cube_keeping(run, cube, &Checkpoint::off(), observer)
-}
-
-/// The same, keeping finished blocks and taking up those of an interrupted run.
-///
-/// # Errors
-/// As [`image_cube`]; no room for the files; another process at the same job.
-pub fn image_cube_keeping(
+/// What the stages refuse; a run file without a grid; no room for the files; another process at the same job.
+pub fn image_cube(
     run: &RunFile,
     mut cube: CubeFile,
     checkpoint: &Checkpoint,
@@ -182,7 +168,7 @@ pub fn image_cube_keeping(
     let held = Holding { samples: cube.held_bytes(), ..Holding::default() };
     budget.room(&instrument.setup(), &grid, budget.imaging(&instrument.setup(), &grid, held), &log)?;
     let raster = run.raster(None)?;
-    checkpoint.need_space(outputs::volume_bytes(run, &grid))?;
+    checkpoint.check_space(outputs::volume_bytes(run, &grid))?;
     checkpoint.open(&identity::of_cube("image", run, &mut cube, &grid)?, observer)?;
     let (image, depth) = focus(&budget, &mut cube, &grid, (raster, held), checkpoint, &log)?;
     let (timings, warnings) = log.finish();
@@ -203,7 +189,7 @@ pub fn image_cube_keeping(
     })
 }
 
-/// Scene in, cube out; keeps finished blocks and takes up those of an interrupted run.
+/// Scene in, cube out; the checkpoint is used as by [`image_scene`].
 ///
 /// # Errors
 /// What the stages refuse; a run file without a scene; no room for the file; another process at the same job.
@@ -218,14 +204,13 @@ pub fn simulate_scene(
     let bytes = echoes.setup().cube_bytes();
     // In-phase samples are written without imaginary parts.
     let written = if echoes.setup().detection == Detection::InPhase { bytes / 2 } else { bytes };
-    checkpoint.need_space(written)?;
+    checkpoint.check_space(written)?;
     checkpoint.open(&identity::of_scene("simulate", run, &echoes), observer)?;
-    let patient = Patient::new(checkpoint, observer);
-    echoes.simulate(run, &mut checkpoint.cube(&patient), &patient)
+    simulate(run, &echoes, checkpoint, observer)
 }
 
-/// Cube in, volume files out, and their names; of the run file only `[grid]` and `[reconstruct]` count. Keeps finished
-/// blocks and takes up those of an interrupted run.
+/// Cube in, volume files out, and their names; of the run file only `[grid]` and `[reconstruct]` count. The checkpoint is
+/// used as by [`image_scene`].
 ///
 /// # Errors
 /// What the stages refuse; a run file without a grid; a file that cannot be written, or no room for it; another process
@@ -247,13 +232,11 @@ pub fn reconstruct_cube(
     let holding = Holding { samples: cube.held_bytes(), volume, writing, ..Holding::default() };
     let budget = Budget::of(run);
     budget.room(&setup, &grid, holding, observer)?;
-    checkpoint.need_space(outputs.iter().map(|path| outputs::bytes_of(path, run, &grid)).sum())?;
+    checkpoint.check_space(outputs.iter().map(|path| outputs::bytes_of(path, run, &grid)).sum())?;
     checkpoint.open(&identity::of_cube("reconstruct", run, &mut cube, &grid)?, observer)?;
-    let patient = Patient::new(checkpoint, observer);
+    let options = budget.options(&grid, holding);
     let mut files = outputs::VolumeFiles::new(instrument.setup(), run, grid, outputs);
-    let mut kept = KeptVolume::new(checkpoint, &mut files, &grid, &patient);
-    reconstruct_into(&mut cube, &grid, &budget.options(&grid, holding), &mut kept, &patient)?;
-    drop(kept); // with what waits
+    reconstruct(&mut cube, &grid, &options, &mut files, checkpoint, observer)?;
     files.finish()
 }
 
@@ -318,6 +301,32 @@ fn need_bandwidth(place: &str, sweep: &Sweep) -> Result<()> {
     ))
 }
 
+/// The simulation, its tiles stored in the checkpoint.
+fn simulate(
+    run: &RunFile,
+    echoes: &Echoes,
+    checkpoint: &Checkpoint,
+    observer: &dyn Observer,
+) -> Result<DataCube> {
+    let stop = GracefulStop::new(checkpoint, observer);
+    let mut store = CheckpointStore::new(checkpoint, Stage::Cube, &stop);
+    echoes.simulate(run, &mut store, &stop)
+}
+
+/// The reconstruction, its depths stored in the checkpoint.
+fn reconstruct(
+    source: &mut dyn CubeSource,
+    grid: &Grid,
+    options: &ReconstructOptions,
+    sink: &mut dyn VolumeSink,
+    checkpoint: &Checkpoint,
+    observer: &dyn Observer,
+) -> Result<ReconstructionInfo> {
+    let stop = GracefulStop::new(checkpoint, observer);
+    let mut sink = CheckpointedVolume::new(checkpoint, sink, grid, &stop);
+    reconstruct_into(source, grid, options, &mut sink, &stop)
+}
+
 /// Reconstruction and depth, which every job with a cube shares.
 fn focus(
     budget: &Budget,
@@ -329,13 +338,11 @@ fn focus(
 ) -> Result<(Reconstruction, DepthMap)> {
     let resolution = source.setup().range_resolution().unwrap_or(f64::NAN);
     let options = budget.options(grid, Holding { volume: true, ..held });
-    let patient = Patient::new(checkpoint, log);
     // Filled when the reconstruction begins, so that nothing is reserved for a job that is refused.
     let mut volume = Volume { grid: *grid, samples: Vec::new() };
-    let mut kept = KeptVolume::new(checkpoint, &mut volume, grid, &patient);
-    let made = log.timed("reconstruct", || reconstruct_into(source, grid, &options, &mut kept, &patient))?;
-    drop(kept); // with what waits
-    let Made { method, error_bound } = made;
+    let info =
+        log.timed("reconstruct", || reconstruct(source, grid, &options, &mut volume, checkpoint, log))?;
+    let ReconstructionInfo { method, error_bound } = info;
     let image = Reconstruction { volume, method, error_bound };
     log.note(&format!(
         "{}, {} x {} x {} voxels, each to within {:.1e}; the peak is {:.3e}",

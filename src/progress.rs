@@ -1,8 +1,6 @@
-//! How stages report: one [`Observer`], passed to every stage and drawn by the binary alone; and how they hand over
-//! finished blocks to be kept, to a [`Keeper`].
+//! How stages report: one [`Observer`], passed to every stage and drawn by the binary alone.
 
 use crate::error::{Error, Result};
-use num_complex::Complex32;
 
 /// Something a stage has to say.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -45,55 +43,6 @@ pub trait Observer: Sync {
 pub struct Silent;
 
 impl Observer for Silent {}
-
-/// Takes the finished blocks of a stage, and may have some from an earlier run. A stage knows no more of it than this.
-///
-/// A block is a piece of the result that depends on the inputs alone, numbered by the stage; the number of threads
-/// changes neither the blocks nor what is in them.
-pub trait Keeper {
-    /// Whether block `k` is at hand already; then `block` holds it.
-    ///
-    /// # Errors
-    /// What reading comes to.
-    fn recall(&mut self, k: u64, block: &mut [Complex32]) -> Result<bool>;
-
-    /// Whether the blocks that were finished since the last time are wanted now.
-    fn is_due(&mut self) -> bool;
-
-    /// Takes block `k`.
-    ///
-    /// # Errors
-    /// What writing comes to.
-    fn keep(&mut self, k: u64, block: &[Complex32]) -> Result<()>;
-
-    /// Told after the last of the blocks that were due.
-    ///
-    /// # Errors
-    /// [`Error::Interrupted`] when a stop was asked for meanwhile.
-    fn kept(&mut self) -> Result<()>;
-}
-
-/// A keeper that has nothing and wants nothing.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Forgetful;
-
-impl Keeper for Forgetful {
-    fn recall(&mut self, _: u64, _: &mut [Complex32]) -> Result<bool> {
-        Ok(false)
-    }
-
-    fn is_due(&mut self) -> bool {
-        false
-    }
-
-    fn keep(&mut self, _: u64, _: &[Complex32]) -> Result<()> {
-        Ok(())
-    }
-
-    fn kept(&mut self) -> Result<()> {
-        Ok(())
-    }
-}
 
 /// Runs `work` as one reported stage of `total` units.
 ///

@@ -13,6 +13,7 @@ mod backprojection;
 mod compress;
 mod convolution;
 mod direct;
+mod job;
 mod linear;
 mod numerics;
 mod options;
@@ -22,18 +23,19 @@ mod window;
 
 pub use options::{Method, ReconstructOptions};
 pub use plan::{Estimate, MOST_DIRECT_TERMS, direct_terms, estimate};
-pub use volume::{Made, VolumeSink};
+pub use volume::{ReconstructionInfo, VolumeSink};
 pub use window::Window;
 
 use crate::acquisition::{CubeSource, DataCube};
 use crate::error::{Error, Result};
 use crate::grid::{Grid, Volume, no_room_for};
 use crate::progress::Observer;
+use job::Job;
 use plan::{Choice, Options};
-use volume::{Batch, Compensated};
+use volume::{Compensated, Gain};
 use window::Weights;
 
-/// A volume and how it was come by.
+/// A volume and how it was computed.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct Reconstruction {
@@ -47,9 +49,9 @@ pub struct Reconstruction {
 }
 
 impl Reconstruction {
-    /// How it was come by.
-    pub fn made(&self) -> Made {
-        Made { method: self.method, error_bound: self.error_bound }
+    /// How it was computed.
+    pub fn info(&self) -> ReconstructionInfo {
+        ReconstructionInfo { method: self.method, error_bound: self.error_bound }
     }
 }
 
@@ -81,7 +83,8 @@ pub fn reconstruct_whole(
 ) -> Result<Reconstruction> {
     // Filled as depths come, so that nothing is reserved for a job that is refused.
     let mut volume = Volume { grid: *grid, samples: Vec::new() };
-    let Made { method, error_bound } = reconstruct_into(source, grid, options, &mut volume, observer)?;
+    let ReconstructionInfo { method, error_bound } =
+        reconstruct_into(source, grid, options, &mut volume, observer)?;
     Ok(Reconstruction { volume, method, error_bound })
 }
 
@@ -102,7 +105,7 @@ pub fn reconstruct_into(
     options: &ReconstructOptions,
     sink: &mut dyn VolumeSink,
     observer: &dyn Observer,
-) -> Result<Made> {
+) -> Result<ReconstructionInfo> {
     // On a thread of the pool: one outside sleeps and is woken at every loop, which costs small jobs as much as their work.
     rayon::scope(|_| in_pool(source, grid, options, sink, observer))
 }
@@ -113,7 +116,7 @@ fn in_pool(
     options: &ReconstructOptions,
     sink: &mut dyn VolumeSink,
     observer: &dyn Observer,
-) -> Result<Made> {
+) -> Result<ReconstructionInfo> {
     let setup = source.setup();
     let threads = rayon::current_num_threads();
     let possible = Options::of(&setup, grid, options, threads)?;
@@ -123,35 +126,27 @@ fn in_pool(
         observer.warn(&warning);
     }
     let weights = Weights::new(&setup, options.window);
-    if !options.compensate {
-        return carry_out((&choice, batch), &weights, source, grid, options, sink, observer);
-    }
-    let mut compensated = Compensated::new(&setup, grid, sink);
-    let made = carry_out((&choice, batch), &weights, source, grid, options, &mut compensated, observer)?;
-    Ok(compensated.made(&made))
+    let gain = options.compensate.then(|| Gain::new(&setup, grid));
+    let mut compensated;
+    let sink: &mut dyn VolumeSink = match gain {
+        Some(gain) => {
+            compensated = Compensated::new(gain, sink);
+            &mut compensated
+        }
+        None => sink,
+    };
+    let (weights, tolerance) = (&weights, options.tolerance);
+    let info = carry_out(&choice, Job { source, weights, grid, tolerance, batch, sink, observer })?;
+    Ok(gain.map_or(info, |gain| gain.info(&info)))
 }
 
-/// The method that was chosen, so much of it at a time.
-fn carry_out(
-    (choice, batch): (&Choice, Batch),
-    weights: &Weights,
-    source: &mut dyn CubeSource,
-    grid: &Grid,
-    options: &ReconstructOptions,
-    sink: &mut dyn VolumeSink,
-    observer: &dyn Observer,
-) -> Result<Made> {
+/// The method that was chosen.
+fn carry_out(choice: &Choice, job: Job<'_>) -> Result<ReconstructionInfo> {
     match choice {
-        Choice::Direct => direct::direct(source, weights, grid, batch, sink, observer),
-        Choice::Convolution(plan) => {
-            let divided = (&**plan, batch);
-            convolution::convolution(source, weights, divided, options.tolerance, sink, observer)
-        }
-        Choice::Backprojection(plan) => {
-            let divided = (&**plan, batch);
-            backprojection::backprojection(source, weights, divided, options.tolerance, sink, observer)
-        }
-        Choice::Linear => linear::linear(source, weights, grid, batch, sink, observer),
+        Choice::Direct => direct::direct(job),
+        Choice::Convolution(plan) => convolution::convolution(job, plan),
+        Choice::Backprojection(plan) => backprojection::backprojection(job, plan),
+        Choice::Linear => linear::linear(job),
     }
 }
 

@@ -8,11 +8,11 @@
 //! [Losses] are factors on each echo: those that depend on the frequency enter as a few separable [terms]. Imperfect
 //! microphones ([`ArrayErrors`]) stand elsewhere than the cube says, and turn and weigh what they record.
 
+mod columns;
 mod cost;
 mod echoes;
 mod errors;
 mod expand;
-mod kept;
 mod literal;
 mod losses;
 mod noise;
@@ -32,13 +32,14 @@ pub use losses::Losses;
 pub use noise::Noise;
 
 use super::{DataCube, Detection, MicArray, Sweep, Tile, tiles};
+use crate::blocks::{BlockStore, NoStore};
 use crate::error::{Error, Result};
-use crate::progress::{Forgetful, Keeper, Observer, stage};
+use crate::progress::{Observer, stage};
 use crate::reflectors::Reflectors;
 use crate::wave::{DEFAULT_SOUND_SPEED, Geometry};
+use columns::Columns;
 use expand::fast;
 use glam::DVec3;
-use kept::KeptSamples;
 use literal::literal;
 use noise::add_noise;
 use num_complex::Complex32;
@@ -136,21 +137,19 @@ pub fn simulate(
     options: &SimulateOptions,
     observer: &dyn Observer,
 ) -> Result<DataCube> {
-    simulate_keeping(reflectors, sweep, array, options, &mut Forgetful, observer)
+    simulate_resumable(reflectors, sweep, array, options, &mut NoStore, observer)
 }
 
-/// The same, tile by tile of microphones, each of which is handed to a keeper or taken from it.
-///
-/// A block is `[n_f, microphone of the tile]`, without noise.
+/// [`simulate`] with a store of finished tiles of microphones; noise is no part of them.
 ///
 /// # Errors
-/// As [`simulate`], and what the keeper comes to.
-pub fn simulate_keeping(
+/// As [`simulate`].
+pub(crate) fn simulate_resumable(
     reflectors: &Reflectors,
     sweep: &Sweep,
     array: &MicArray,
     options: &SimulateOptions,
-    keeper: &mut dyn Keeper,
+    store: &mut dyn BlockStore,
     observer: &dyn Observer,
 ) -> Result<DataCube> {
     if !(options.tolerance >= 0.0 && options.tolerance.is_finite()) {
@@ -166,10 +165,10 @@ pub fn simulate_keeping(
         None => (array, Vec::new()),
     };
     let job = Job { reflectors, sweep, array: real, options, responses: &responses };
-    let mut kept = KeptSamples { samples: &mut samples, width: n_mic, keeper, finished: Vec::new() };
+    let mut columns = Columns::new(&mut samples, n_mic, store);
     stage(observer, "simulating", n_mic as u64, || match plan(reflectors, sweep, real, options) {
-        Some(plan) => fast(&job, &plan, &mut kept, observer),
-        None => literal(&job, &mut kept, observer),
+        Some(plan) => fast(&job, &plan, &mut columns, observer),
+        None => literal(&job, &mut columns, observer),
     })?;
     if let Some(noise) = options.noise {
         add_noise(&mut samples, n_mic, noise, options.detection)?;

@@ -1,4 +1,4 @@
-//! What a job is told apart by.
+//! What jobs are distinguished by.
 
 use crate::wave::simd::Level;
 use std::fmt;
@@ -9,13 +9,13 @@ use std::hash::{DefaultHasher, Hasher};
 /// Not the number of threads, nor the limits of memory and of the instruction set: they change no byte. What the
 /// processor has is in it, because a library's matrix products may round differently on another.
 #[derive(Debug, Clone)]
-pub struct Identity(DefaultHasher);
+pub(crate) struct Identity(DefaultHasher);
 
 impl Identity {
     /// The identity of a job of this name without any inputs.
-    pub fn of(job: &str) -> Self {
+    pub(crate) fn of(job: &str) -> Self {
         // Written down for 64 bits by the standard library alone, with keys that are always the same; a program
-        // that was built otherwise takes up no state of this one.
+        // that was built otherwise does not resume a run of this one.
         let mut identity = Self(DefaultHasher::new());
         let program = concat!(env!("CARGO_PKG_VERSION"), " ", env!("HOLOSONAR_COMMIT"), " 1");
         let processor = Level::of_processor().name();
@@ -26,18 +26,18 @@ impl Identity {
     }
 
     /// Adds a text.
-    pub fn text(&mut self, text: &str) {
+    pub(crate) fn text(&mut self, text: &str) {
         self.bytes(text.as_bytes());
     }
 
     /// Adds numbers, bit for bit.
-    pub fn numbers(&mut self, numbers: impl ExactSizeIterator<Item = f64>) {
+    pub(crate) fn numbers(&mut self, numbers: impl ExactSizeIterator<Item = f64>) {
         self.0.write_u64(numbers.len() as u64);
         numbers.for_each(|number| self.0.write_u64(number.to_bits()));
     }
 
     /// Adds bytes.
-    pub fn bytes(&mut self, bytes: &[u8]) {
+    pub(crate) fn bytes(&mut self, bytes: &[u8]) {
         self.0.write_u64(bytes.len() as u64);
         self.0.write(bytes);
     }

@@ -24,7 +24,7 @@ struct Record {
     checksum: u32,
 }
 
-/// The open state of one job; no file is made before the first block is to be written.
+/// The open checkpoint of one job; no file is made before the first block is written.
 #[derive(Debug)]
 pub(super) struct Journal {
     path: PathBuf,
@@ -38,7 +38,7 @@ pub(super) struct Journal {
     damaged: bool,
 }
 
-/// Opens and locks a state, made if it is missing and `create`; the lock is gone with the process, however it ends.
+/// Opens and locks a checkpoint, made if it is missing and `create`; the lock is released with the process, however it ends.
 fn lock(path: &Path, create: bool) -> io::Result<Option<File>> {
     let file = OpenOptions::new().read(true).write(true).create(create).truncate(false).open(path)?;
     match file.try_lock() {
@@ -48,7 +48,7 @@ fn lock(path: &Path, create: bool) -> io::Result<Option<File>> {
     }
 }
 
-/// Whether another process works on a state.
+/// Whether another process uses a checkpoint.
 pub(super) fn is_in_use(path: &Path) -> bool {
     matches!(lock(path, false), Ok(None))
 }
@@ -76,7 +76,7 @@ fn u64_at(bytes: &[u8], at: usize) -> u64 {
 }
 
 impl Journal {
-    /// Opens the state of this identity, if there is one, and finds its records.
+    /// Opens the checkpoint of this identity, if there is one, and finds its records.
     pub(super) fn open(path: PathBuf, identity: &Identity) -> Result<Self> {
         let key = identity.key();
         let mut journal = Self {
@@ -104,7 +104,7 @@ impl Journal {
     fn in_use(&self) -> Error {
         Error::input(
             self.path.display(),
-            "is in use: another process is at this very job; wait for it, or write elsewhere",
+            "is in use: another process works on this very job; wait for it, or write elsewhere",
         )
     }
 
@@ -135,12 +135,12 @@ impl Journal {
         &self.path
     }
 
-    /// Blocks at hand.
+    /// Number of blocks stored.
     pub(super) fn blocks(&self) -> usize {
         self.records.len()
     }
 
-    /// Bytes of the blocks at hand.
+    /// Bytes of the blocks stored.
     pub(super) fn bytes(&self) -> u64 {
         self.records.values().map(|record| record.bytes).sum()
     }
@@ -150,21 +150,19 @@ impl Journal {
         self.damaged
     }
 
-    /// Reads a block; one that is not whole is forgotten.
-    pub(super) fn read(&mut self, stage: Stage, k: u64, block: &mut Vec<Complex32>) -> bool {
+    /// Fills `block` with one that is stored; one that is damaged or of another length is dropped from the records.
+    pub(super) fn read(&mut self, stage: Stage, k: u64, block: &mut [Complex32]) -> bool {
         let key = (stage as u32, k);
         let Some(record) = self.records.get(&key).copied() else { return false };
-        let whole = self.read_record(record, block).is_some();
-        if !whole {
+        let intact = self.read_record(record, block).is_some();
+        if !intact {
             self.records.remove(&key);
         }
-        whole
+        intact
     }
 
-    fn read_record(&self, record: Record, block: &mut Vec<Complex32>) -> Option<()> {
+    fn read_record(&self, record: Record, block: &mut [Complex32]) -> Option<()> {
         let mut file = self.file.as_ref()?;
-        // No more than the file holds, as was found when it was opened.
-        *block = crate::alloc::try_zeroed(record.bytes / size_of::<Complex32>() as u64)?;
         let bytes: &mut [u8] = bytemuck::cast_slice_mut(block);
         if bytes.len() as u64 != record.bytes {
             return None;
@@ -190,7 +188,7 @@ impl Journal {
         written.map_err(|error| {
             self.closed = true;
             if let Some(file) = &self.file {
-                // A torn end is found out anyway; without it there is room for the output.
+                // An incomplete record would be noticed anyway; without it there is more room for the output.
                 let _ = file.set_len(self.end);
             }
             if error.kind() == io::ErrorKind::WouldBlock {

@@ -1,96 +1,100 @@
-//! A volume on its way, depth by depth: those of an earlier run first, and the others kept.
+//! A volume that is stored depth by depth on its way to a sink, and whose first depths may come from an interrupted run.
 
-use super::{Checkpoint, Pace, Patient, Stage};
+use super::{Checkpoint, CheckpointStore, GracefulStop, Stage};
+use crate::alloc::try_zeroed;
+use crate::blocks::BlockStore;
 use crate::error::Result;
-use crate::grid::Grid;
+use crate::grid::{Grid, no_room_for};
 use crate::plan::WAITING;
-use crate::reconstruct::{Made, VolumeSink};
+use crate::reconstruct::{ReconstructionInfo, VolumeSink};
 use num_complex::Complex32;
 
-/// Samples that may wait to be written; more are written before it is time.
-const MOST: usize = WAITING as usize / size_of::<Complex32>();
+/// The most samples that wait to be written; more are written before it is time.
+const MOST_WAITING: usize = WAITING as usize / size_of::<Complex32>();
 
-/// Hands a volume on to a sink, and keeps it.
-pub struct KeptVolume<'a> {
+/// A sink before another. Block k is depth k.
+pub(crate) struct CheckpointedVolume<'a> {
     inner: &'a mut dyn VolumeSink,
-    pace: Pace<'a>,
-    plane_len: usize,
-    depths: usize,
-    /// Depths that are at hand from the first on.
+    store: CheckpointStore<'a>,
+    grid: Grid,
+    /// Depths that the other sink has, from the first on.
     done: usize,
-    /// Depths that are finished and not kept yet, and the first of them.
+    /// Depths that are finished and not stored yet; they end before `done`.
     waiting: Vec<Complex32>,
-    first: usize,
 }
 
-impl std::fmt::Debug for KeptVolume<'_> {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("KeptVolume").field("done", &self.done).finish_non_exhaustive()
-    }
-}
-
-impl<'a> KeptVolume<'a> {
-    /// A sink of the depths of a grid before another.
-    pub fn new(
+impl<'a> CheckpointedVolume<'a> {
+    /// Before `inner`, which takes the depths of a grid; `stop` is the stage's observer.
+    pub(crate) fn new(
         checkpoint: &'a Checkpoint,
         inner: &'a mut dyn VolumeSink,
         grid: &Grid,
-        observer: &'a Patient<'a>,
+        stop: &'a GracefulStop<'a>,
     ) -> Self {
-        let (pace, depths) = (Pace::new(checkpoint, observer), grid.z.count);
-        Self { inner, pace, plane_len: grid.plane_len(), depths, done: 0, waiting: Vec::new(), first: 0 }
+        let store = CheckpointStore::new(checkpoint, Stage::Volume, stop);
+        Self { inner, store, grid: *grid, done: 0, waiting: Vec::new() }
     }
 
-    /// Whether planes can wait beside those that do; there is room for all that may, so that it never grows.
-    fn can_wait(&mut self, planes: usize) -> bool {
-        let left = (self.depths - self.first) * self.plane_len;
-        let most = (MOST + planes).min(left) - self.waiting.len();
-        self.waiting.try_reserve_exact(most).is_ok()
+    /// Whether so many samples can wait beside those that do. There is room for all that ever will, so that it never grows.
+    fn can_wait(&mut self, samples: usize) -> bool {
+        let waiting = self.waiting.len();
+        let left = waiting + samples + (self.grid.z.count - self.done) * self.grid.plane_len();
+        let room = MOST_WAITING.min(left).saturating_sub(waiting);
+        waiting + samples <= MOST_WAITING && self.waiting.try_reserve_exact(room).is_ok()
+    }
+
+    /// Saves the depths that wait, and these after them up to `self.done`.
+    fn save(&mut self, planes: &[Complex32]) -> Result<()> {
+        let plane_len = self.grid.plane_len();
+        let first = self.done - (self.waiting.len() + planes.len()) / plane_len;
+        let each = self.waiting.chunks_exact(plane_len).chain(planes.chunks_exact(plane_len));
+        for (depth, plane) in (first..).zip(each) {
+            self.store.save(depth as u64, plane);
+        }
+        self.waiting.clear();
+        self.store.flush()
     }
 }
 
-impl VolumeSink for KeptVolume<'_> {
-    fn begin(&mut self, made: &Made) -> Result<()> {
-        self.inner.begin(made)?;
-        let mut planes = Vec::new();
-        while self.pace.checkpoint.recall(Stage::Volume, self.done as u64, &mut planes)
-            && !planes.is_empty()
-            && planes.len().is_multiple_of(self.plane_len)
-        {
-            self.inner.take(self.done, &planes)?;
-            self.done += planes.len() / self.plane_len;
+impl VolumeSink for CheckpointedVolume<'_> {
+    fn begin(&mut self, info: &ReconstructionInfo) -> Result<()> {
+        self.inner.begin(info)?;
+        if !self.store.is_on() {
+            return Ok(());
         }
-        self.first = self.done;
+        let mut plane = try_zeroed(self.grid.plane_len() as u64).ok_or_else(|| no_room_for(&self.grid))?;
+        while self.done < self.grid.z.count && self.store.load(self.done as u64, &mut plane) {
+            self.inner.take(self.done, &plane)?;
+            self.done += 1;
+        }
         Ok(())
     }
 
     fn take(&mut self, first: usize, planes: &[Complex32]) -> Result<()> {
-        // What is at hand of these depths already comes first.
-        let at_hand = (self.done.saturating_sub(first) * self.plane_len).min(planes.len());
-        let planes = &planes[at_hand..];
+        let plane_len = self.grid.plane_len();
+        // A slab may begin with depths that were resumed.
+        let resumed = (self.done.saturating_sub(first) * plane_len).min(planes.len());
+        let planes = &planes[resumed..];
         self.inner.take(self.done, planes)?;
-        self.done += planes.len() / self.plane_len;
-        if self.pace.every.is_none() || planes.is_empty() {
+        self.done += planes.len() / plane_len;
+        if !self.store.is_on() || planes.is_empty() {
             return Ok(());
         }
-        let due = self.pace.is_due();
-        // What is complete is written as the result right away.
-        let complete = self.done == self.depths;
-        if self.waiting.is_empty() && (due || !self.can_wait(planes.len())) {
-            self.pace.write(Stage::Volume, self.first as u64, planes);
-        } else {
-            self.waiting.extend_from_slice(planes);
-            if !due && (complete || self.waiting.len() < MOST) {
-                return Ok(());
-            }
-            self.pace.write(Stage::Volume, self.first as u64, &self.waiting);
-            self.waiting.clear();
+        if self.store.is_due() {
+            return self.save(planes);
         }
-        self.first = self.done;
-        self.pace.rest()
+        // A complete volume is written as the result right away.
+        if self.done == self.grid.z.count {
+            return Ok(());
+        }
+        if self.can_wait(planes.len()) {
+            self.waiting.extend_from_slice(planes);
+            return Ok(());
+        }
+        self.save(planes)
     }
 
-    fn done(&self) -> usize {
+    fn depths_done(&self) -> usize {
         self.done
     }
 }

@@ -50,7 +50,7 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
                 check_extension(path, &["npz", "exr", "vti", "nrrd"])?;
                 check_writable(path)?;
             }
-            // The state lies beside the first of them.
+            // The checkpoint lies beside the first of them.
             let checkpoint = Checkpoint::beside(&output[0], keeping.every()?);
             check_kind(cube, "a data cube", "simulate")?;
             let run = config_of(config.as_deref(), &settings.set)?;
@@ -164,12 +164,12 @@ fn image(
     let (run, outcome) = if has_extension(input, &["npz"]) {
         let run = config_of(config, &overrides.keys())?;
         let cube = CubeFile::open(input, reading_limit())?;
-        let outcome = pipeline::image_cube_keeping(&run, cube, checkpoint, terminal)?;
+        let outcome = pipeline::image_cube(&run, cube, checkpoint, terminal)?;
         (run, outcome)
     } else {
         no_config(config)?;
         let (run, bare) = scene_of(input, overrides)?;
-        let outcome = pipeline::image_scene_keeping(&run, bare, checkpoint, terminal)?;
+        let outcome = pipeline::image_scene(&run, bare, checkpoint, terminal)?;
         (run, outcome)
     };
     let report = pipeline::write_outputs(&run, &outcome, folder, terminal)?;
@@ -182,7 +182,7 @@ fn image(
     if terminal.is_quiet() { Ok(()) } else { print(&summary::image(input, folder, &report, &outcome)) }
 }
 
-/// Removes what was kept once a job is done, and else says how to go on from it.
+/// Deletes the checkpoint once a job is done, and else says how to resume from it.
 fn ended<T>(checkpoint: Checkpoint, result: Result<T>, terminal: &Terminal) -> Result<T> {
     match result {
         Ok(_) => checkpoint.remove(),

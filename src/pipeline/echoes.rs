@@ -4,15 +4,16 @@ use super::budget::{Budget, Seen};
 use super::facts::compensation;
 use super::{SceneSummary, is_csv, is_in_metres, load_scene, scene_path, warn_all};
 use crate::acquisition::{
-    DataCube, Detection, MicArray, Setup, SimulateOptions, Sweep, simulate_keeping, simulation_bytes,
+    DataCube, Detection, MicArray, Setup, SimulateOptions, Sweep, simulate_resumable, simulation_bytes,
 };
+use crate::blocks::BlockStore;
 use crate::config::RunFile;
 use crate::error::{Result, gib};
 use crate::grid::Grid;
 use crate::plan::{
     Holding, Plan, check_sampling, check_simulation, left_for_scene, outside_warning, plan, scale_warnings,
 };
-use crate::progress::{Keeper, Observer};
+use crate::progress::Observer;
 use crate::reflectors::{Reflectors, sample_surface};
 use crate::scene::Scene;
 use glam::DVec3;
@@ -169,11 +170,11 @@ impl Echoes {
     pub(super) fn simulate(
         &self,
         run: &RunFile,
-        keeper: &mut dyn Keeper,
+        store: &mut dyn BlockStore,
         observer: &dyn Observer,
     ) -> Result<DataCube> {
         let Measurement { sweep, array, options } = &self.measurement;
-        let mut cube = simulate_keeping(&self.reflectors, sweep, array, options, keeper, observer)?;
+        let mut cube = simulate_resumable(&self.reflectors, sweep, array, options, store, observer)?;
         observer.note(&format!(
             "a cube of {} tones x {} microphones, {}",
             sweep.len(),

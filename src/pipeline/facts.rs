@@ -3,7 +3,7 @@
 use crate::acquisition::Setup;
 use crate::config::RunFile;
 use crate::export::{Attribute, Attributes};
-use crate::reconstruct::Made;
+use crate::reconstruct::ReconstructionInfo;
 use crate::wave::Geometry;
 use serde_json::{Value, json};
 
@@ -11,10 +11,10 @@ use serde_json::{Value, json};
 pub(super) const PROGRAM: &str = concat!("holosonar ", env!("CARGO_PKG_VERSION"));
 
 /// Everything that is needed to interpret and reproduce an image: `meta` of a volume's npz.
-pub(super) fn image_facts(setup: &Setup, run: &RunFile, made: &Made) -> Value {
+pub(super) fn image_facts(setup: &Setup, run: &RunFile, info: &ReconstructionInfo) -> Value {
     let mut facts = setup_facts(setup, run);
-    facts["method"] = json!(made.method);
-    facts["error_bound"] = json!(made.error_bound);
+    facts["method"] = json!(info.method);
+    facts["error_bound"] = json!(info.error_bound);
     facts
 }
 

@@ -1,5 +1,6 @@
 //! Metrics held to limits: what `check`, `compare --min/--max` and our own regression tests share.
 
+use crate::checkpoint::Checkpoint;
 use crate::config::{Limit, RunFile};
 use crate::error::{Error, Result};
 use crate::metrics::{METRIC_NAMES, Measure, Scores};
@@ -113,9 +114,9 @@ pub fn check_scene(
     let mut scores = Vec::new();
     for &seed in &seeds {
         run.reflectors.seed = seed;
-        scores.push(super::image_scene(&run, false, observer)?.scores.ok_or_else(|| {
-            Error::input(path.display(), "has no mesh and so no truth to be held to; [expect] needs one")
-        })?);
+        scores.push(super::image_scene(&run, false, &Checkpoint::off(), observer)?.scores.ok_or_else(
+            || Error::input(path.display(), "has no mesh and so no truth to be held to; [expect] needs one"),
+        )?);
     }
     let bounds = run
         .expect

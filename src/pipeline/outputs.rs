@@ -21,7 +21,7 @@ use crate::files::{extension, write_atomically};
 use crate::grid::{DepthMap, Grid, Volume};
 use crate::metrics::{Metrics, error_map};
 use crate::progress::{Observer, stage};
-use crate::reconstruct::{Made, VolumeSink};
+use crate::reconstruct::{ReconstructionInfo, VolumeSink};
 use num_complex::Complex32;
 use serde_json::Value;
 use std::io::Write;
@@ -41,7 +41,7 @@ pub fn write_outputs(
 ) -> Result<Report> {
     let begun = Instant::now();
     warn_of_float16(&run.output, outcome.image.volume.peak(), observer);
-    let facts = image_facts(&outcome.instrument.setup(), run, &outcome.image.made());
+    let facts = image_facts(&outcome.instrument.setup(), run, &outcome.image.info());
     let mut files = Vec::new();
     let scene = ScenePoints::new(
         outcome.reflectors.as_ref(),
@@ -236,8 +236,8 @@ impl<'a> VolumeFiles<'a> {
 }
 
 impl VolumeSink for VolumeFiles<'_> {
-    fn begin(&mut self, made: &Made) -> Result<()> {
-        self.facts = image_facts(&self.setup, self.run, made);
+    fn begin(&mut self, info: &ReconstructionInfo) -> Result<()> {
+        self.facts = image_facts(&self.setup, self.run, info);
         for path in self.paths.iter().filter(|path| !needs_all(path)) {
             let file = stream_volume(path, &self.whole.grid, &self.run.output, &self.facts)?;
             self.growing.push((path, file));

@@ -23,14 +23,14 @@ mod blocks;
 mod factorised;
 mod profile;
 
-use crate::acquisition::{CubeSource, Setup};
+use crate::acquisition::Setup;
 use crate::error::Result;
 use crate::grid::Grid;
-use crate::progress::{Observer, advance, stage};
+use crate::progress::advance;
 use crate::reconstruct::compress::{SlabTones, Tones, VolumeTones, slabs_of};
-use crate::reconstruct::volume::{Batch, Handover};
-use crate::reconstruct::window::Weights;
-use crate::reconstruct::{Made, Method, VolumeSink};
+use crate::reconstruct::job::Job;
+use crate::reconstruct::volume::{Slab, SlabDriver};
+use crate::reconstruct::{Method, ReconstructionInfo};
 use crate::wave::Geometry;
 use crate::wave::interval::{PathInterval, greater};
 use crate::wave::simd::{LANES, LaneProfiles, LaneTones, Points, RangeScale, back_project, range_profiles};
@@ -102,7 +102,7 @@ impl Plan {
         let summed = (at_once.min(depths) as u64).saturating_mul(plane).saturating_add(nodes);
         summed
             .saturating_mul(size_of::<Complex32>() as u64)
-            .saturating_add(Handover::bytes(plane, at_once, depths))
+            .saturating_add(SlabDriver::bytes(plane, at_once, depths))
     }
 
     /// Bytes that each thread has of its own, about.
@@ -162,76 +162,58 @@ fn share(longer: f64, own: f64, _: usize) -> bool {
     (0.0..=0.5).contains(&(longer - own))
 }
 
-/// Gives the volume to `sink`.
+/// Gives the volume to the job's sink.
 ///
 /// Cost: some 130 operations per voxel and microphone for a tolerance of 10⁻⁴ and voxels that sample the image well, by
 /// tiles ten times fewer or less; memory for the virtual tones of all microphones, and for the nodes.
-pub(super) fn backprojection(
-    source: &mut dyn CubeSource,
-    weights: &Weights,
-    (plan, batch): (&Plan, Batch),
-    tolerance: f64,
-    sink: &mut dyn VolumeSink,
-    observer: &dyn Observer,
-) -> Result<Made> {
-    let grid = plan.grid;
+pub(super) fn backprojection(job: Job<'_>, plan: &Plan) -> Result<ReconstructionInfo> {
     if let Some(lattice) = &plan.tiled
-        && let Some(tiled) = Tiled::new(lattice, &source.setup(), &grid, plan.fine.band)?
+        && let Some(tiled) = Tiled::new(lattice, &job.source.setup(), &plan.grid, plan.fine.band)?
     {
-        return tiled.image(source, weights, &grid, (tolerance, batch), sink, observer);
+        return tiled.image(job);
     }
-    let depths = grid.z.count;
+    let Job { source, weights, grid, tolerance, batch, sink, observer } = job;
     let Division { band, shape, thickness, .. } = plan.fine;
-    let greatest = greatest_half(shape.half(&grid));
+    let greatest = greatest_half(shape.half(grid));
     let budget = Budget::new(&band, greatest, tolerance);
-    let whole = interval(&source.setup(), &grid, shape, 0..depths);
+    let whole = interval(&source.setup(), grid, shape, 0..grid.z.count);
     let compressed = VolumeTones::compress(source, weights, whole, FIRST_SHARE * budget.skeletons, observer)?;
     let setup = source.setup();
-    let interval = |depths| interval(&setup, &grid, shape, depths);
-    let slabs = compressed.slabs(slabs_of(depths, thickness), interval, share, budget.skeletons);
+    let interval = |depths| interval(&setup, grid, shape, depths);
+    let slabs = compressed.slabs(slabs_of(grid.z.count, thickness), interval, share, budget.skeletons);
     let error_bound = budget.error(&slabs) * compressed.modulus;
-    let made = Made { method: Method::Backprojection, error_bound };
-    sink.begin(&made)?;
     let groups = Group::of(setup.array.positions(), (0..setup.array.len()).collect());
     let width = setup.array.len();
-    let total = slabs.iter().map(|slab| Block::of(&grid, shape, slab.planes.clone()).len() as u64).sum();
-    let mut handover = Handover::new(sink, &grid, thickness)?;
-    stage(observer, "reconstructing", total, || {
-        for slab_tones in &slabs {
-            let depths = slab_tones.planes.clone();
-            if depths.end <= handover.done() {
-                advance(observer, Block::of(&grid, shape, depths).len() as u64)?;
-                continue;
-            }
-            handover.next(depths.start, depths.len(), |planes| {
-                let tones = slab_tones.of(&compressed, width)?;
-                let heard = Heard::new(&setup, band, greatest, &tones);
-                let groups: Vec<_> = groups.iter().map(|g| (g, g.tones(&tones, width))).collect();
-                let blocks = Block::of(&grid, shape, depths.clone());
-                let images: Vec<[Vec<f32>; 2]> = blocks
-                    .par_iter()
-                    .with_min_len(batch.least_run(blocks.len()))
-                    .map(|block| {
-                        let (centre, half) = (block.centre(&grid), Shape(block.count).half(&grid));
-                        let points = block.points(&grid, &setup.geometry);
-                        let widest = |group: &Group| {
-                            let each =
-                                group.positions.iter().map(|r| half_width(&setup.geometry, centre, half, *r));
-                            each.fold(0.0, greater)
-                        };
-                        let image = heard.image(centre, &points, &groups, widest);
-                        advance(observer, 1).map(|()| image)
-                    })
-                    .collect::<Result<_>>()?;
-                for (block, image) in blocks.iter().zip(&images) {
-                    place(block, image, &grid, depths.start, planes);
-                }
-                Ok(())
-            })?;
+    let of_driver = |slab: &SlabTones| {
+        let depths = slab.planes.clone();
+        Slab { work: Block::of(grid, shape, depths.clone()).len() as u64, depths }
+    };
+    let driver = SlabDriver::new(grid, slabs.iter().map(of_driver).collect(), observer);
+    let info = ReconstructionInfo { method: Method::Backprojection, error_bound };
+    driver.run(info, sink, |part, depths, planes| {
+        let tones = slabs[part.start].of(&compressed, width)?;
+        let heard = Heard::new(&setup, band, greatest, &tones);
+        let groups: Vec<_> = groups.iter().map(|g| (g, g.tones(&tones, width))).collect();
+        let blocks = Block::of(grid, shape, depths.clone());
+        let images: Vec<[Vec<f32>; 2]> = blocks
+            .par_iter()
+            .with_min_len(batch.least_run(blocks.len()))
+            .map(|block| {
+                let (centre, half) = (block.centre(grid), Shape(block.count).half(grid));
+                let points = block.points(grid, &setup.geometry);
+                let widest = |group: &Group| {
+                    let each = group.positions.iter().map(|r| half_width(&setup.geometry, centre, half, *r));
+                    each.fold(0.0, greater)
+                };
+                let image = heard.image(centre, &points, &groups, widest);
+                advance(observer, 1).map(|()| image)
+            })
+            .collect::<Result<_>>()?;
+        for (block, image) in blocks.iter().zip(&images) {
+            place(block, image, grid, depths.start, planes);
         }
-        handover.finish()
-    })?;
-    Ok(made)
+        Ok(())
+    })
 }
 
 /// How a tolerance is shared out between series and skeletons.

@@ -19,16 +19,15 @@ mod workspace;
 
 pub(super) use lattice::SharedLattice;
 
-use crate::acquisition::{CubeSource, Setup};
-use crate::alloc::{try_with_capacity, try_zeroed};
+use crate::acquisition::Setup;
+use crate::alloc::try_with_capacity;
 use crate::error::Result;
 use crate::grid::Grid;
-use crate::progress::{Observer, advance, stage};
+use crate::progress::{Observer, advance};
 use crate::reconstruct::compress::{SlabTones, Tones, VolumeTones, slabs_of};
-use crate::reconstruct::volume::Batch;
-use crate::reconstruct::volume::Handover;
-use crate::reconstruct::window::Weights;
-use crate::reconstruct::{Made, Method, VolumeSink, no_room, no_room_for};
+use crate::reconstruct::job::Job;
+use crate::reconstruct::volume::{Batch, Slab, SlabDriver};
+use crate::reconstruct::{Method, ReconstructionInfo, no_room};
 use crate::wave::interval::greater;
 use crate::wave::simd::Lanes;
 use layout::Layout;
@@ -117,26 +116,15 @@ impl Depths<'_> {
     }
 }
 
-/// Gives the volume to `sink` by Eq. 16.
+/// Gives the volume to the job's sink by Eq. 16.
 ///
 /// Cost: per tone and depth, for each pair of sub-lattices one kernel of `n_x·n_y` phasors and its FFT, and one inverse
 /// FFT per voxel sub-lattice (monostatic: one per depth). With a tolerance a sweep is some `B·T + 10` tones, T the
 /// spread of delays within a slab.
-pub(super) fn convolution(
-    source: &mut dyn CubeSource,
-    weights: &Weights,
-    (plan, batch): (&Plan, Batch),
-    tolerance: f64,
-    sink: &mut dyn VolumeSink,
-    observer: &dyn Observer,
-) -> Result<Made> {
-    let layout = &plan.layout;
+pub(super) fn convolution(job: Job<'_>, plan: &Plan) -> Result<ReconstructionInfo> {
     match &plan.slabs {
-        None => every_frequency(source, weights, layout, batch, sink, observer),
-        Some(slabs) => {
-            let left = tolerance - layout.lattice.error();
-            skeleton_frequencies(source, weights, (layout, slabs, batch), left, sink, observer)
-        }
+        None => every_frequency(job, &plan.layout),
+        Some(slabs) => skeleton_frequencies(job, &plan.layout, slabs),
     }
 }
 
@@ -145,15 +133,9 @@ pub(super) fn convolution(
 pub(super) const DEPTHS: usize = 32;
 
 /// All frequencies in ascending order for each slab of depths, in blocks that bound the memory and change no sum.
-fn every_frequency(
-    source: &mut dyn CubeSource,
-    weights: &Weights,
-    layout: &Layout,
-    batch: Batch,
-    sink: &mut dyn VolumeSink,
-    observer: &dyn Observer,
-) -> Result<Made> {
-    let (setup, grid) = (source.setup(), &layout.grid);
+fn every_frequency(job: Job<'_>, layout: &Layout) -> Result<ReconstructionInfo> {
+    let Job { source, weights, grid, batch, sink, observer, .. } = job;
+    let setup = source.setup();
     let (count, n_mic) = (setup.sweep.len(), setup.array.len());
     let per_metre: Vec<f64> = setup.sweep.frequencies().iter().map(|f| -f / setup.sound_speed).collect();
     let block = batch.frequencies;
@@ -163,54 +145,36 @@ fn every_frequency(
         modulus += rows.map(|(f, row)| weights.modulus(f, row)).sum::<f64>();
         Ok(())
     })?;
-    let made = Made { method: Method::Convolution, error_bound: layout.lattice.error() * modulus };
-    let depths = grid.z.count;
-    let mut planes = try_zeroed((DEPTHS.min(depths) as u64).saturating_mul(grid.plane_len() as u64))
-        .ok_or_else(|| no_room_for(grid))?;
+    let info =
+        ReconstructionInfo { method: Method::Convolution, error_bound: layout.lattice.error() * modulus };
     let spreading = layout.lattice.spreading(source.setup().array);
     // On a line there are no columns to fill the lanes of the transforms; tones could, but gain nothing here.
     let literal = layout.line.map(|_| Literal::new(layout));
     let mut spectra = if literal.is_some() { Vec::new() } else { layout.room(block)? };
     let focused = Depths { layout, workspaces: Workspaces::new(layout), near: None, batch, observer };
-    sink.begin(&made)?;
-    stage(observer, "reconstructing", (count * depths) as u64, || {
-        for first in (0..depths).step_by(DEPTHS) {
-            let last = (first + DEPTHS).min(depths);
-            if last <= sink.done() {
-                advance(observer, (count * (last - first)) as u64)?;
-                continue;
+    let driver = SlabDriver::even(grid, DEPTHS, |depths| (count * depths) as u64, observer);
+    driver.run(info, sink, |_, depths, planes| {
+        planes.fill(Complex32::ZERO);
+        source.visit(block, &mut |range, block| {
+            let (tones, width) = (range.len() as u64, n_mic as u64);
+            let mut samples = try_with_capacity(tones * width).ok_or_else(|| no_room(tones, width))?;
+            let rows = range.clone().zip(block.chunks_exact(n_mic));
+            samples.extend(rows.flat_map(|(f, row)| weights.weighted(f, row)));
+            let samples = spreading.onto_nodes(samples)?;
+            let tones = Tones { per_metre: per_metre[range.clone()].to_vec(), samples };
+            match &literal {
+                Some(literal) => literal.add(&tones, batch, depths.start, planes, observer),
+                None => focused.add(&tones, &mut spectra, depths.start, planes),
             }
-            let planes = &mut planes[..(last - first) * grid.plane_len()];
-            planes.fill(Complex32::ZERO);
-            source.visit(block, &mut |range, block| {
-                let (tones, width) = (range.len() as u64, n_mic as u64);
-                let mut samples = try_with_capacity(tones * width).ok_or_else(|| no_room(tones, width))?;
-                let rows = range.clone().zip(block.chunks_exact(n_mic));
-                samples.extend(rows.flat_map(|(f, row)| weights.weighted(f, row)));
-                let samples = spreading.onto_nodes(samples)?;
-                let tones = Tones { per_metre: per_metre[range.clone()].to_vec(), samples };
-                match &literal {
-                    Some(literal) => literal.add(&tones, batch, first, planes, observer),
-                    None => focused.add(&tones, &mut spectra, first, planes),
-                }
-            })?;
-            sink.take(first, planes)?;
-        }
-        Ok(())
-    })?;
-    Ok(made)
+        })
+    })
 }
 
 /// Skeleton tones, slab by slab.
-fn skeleton_frequencies(
-    source: &mut dyn CubeSource,
-    weights: &Weights,
-    (layout, division, batch): (&Layout, &Slabs, Batch),
-    tolerance: f64,
-    sink: &mut dyn VolumeSink,
-    observer: &dyn Observer,
-) -> Result<Made> {
-    let (grid, depths) = (&layout.grid, layout.grid.z.count);
+fn skeleton_frequencies(job: Job<'_>, layout: &Layout, division: &Slabs) -> Result<ReconstructionInfo> {
+    let Job { source, weights, grid, batch, sink, observer, .. } = job;
+    let tolerance = job.tolerance - layout.lattice.error();
+    let depths = grid.z.count;
     let whole = source.setup().path_interval(grid, 0..depths);
     let mut compressed = VolumeTones::compress(source, weights, whole, FIRST_SHARE * tolerance, observer)?;
     let setup = source.setup();
@@ -222,35 +186,28 @@ fn skeleton_frequencies(
     let near = NearField::new(&setup, grid, &layout.lattice.near, &compressed, &slabs)?;
     let samples = std::mem::take(&mut compressed.tones.samples);
     compressed.tones.samples = layout.lattice.spreading(setup.array).onto_nodes(samples)?;
-    let made = Made { method: Method::Convolution, error_bound: error * compressed.modulus };
-    let total = slabs.iter().map(|slab| (slab.len() * slab.planes.len()) as u64).sum();
+    let error_bound = error * compressed.modulus;
     let plane_len = grid.plane_len();
-    // Room for every slab that is worked on at a time, kept from one to the next: what is given back and asked for again
+    // Room for every slab that is worked on at a time, used again by the next: what is given back and asked for again
     // an allocator holds twice.
     let most = slabs.iter().map(SlabTones::len).max().unwrap_or(0);
     let room = |_| Ok((Tones::with_capacity(most, layout.lattice.width())?, layout.room(most)?));
     let rooms = (0..batch.slabs.min(slabs.len())).into_par_iter().map(room);
     let mut rooms = rooms.collect::<Result<Vec<_>>>()?;
     let focused = Depths { layout, workspaces: Workspaces::new(layout), near, batch, observer };
-    sink.begin(&made)?;
-    let mut handover = Handover::new(sink, grid, batch.slabs * thickness)?;
-    stage(observer, "reconstructing", total, || {
-        let done = slabs.partition_point(|slab| slab.planes.end <= handover.done());
-        let skipped = slabs[..done].iter().map(|slab| (slab.len() * slab.planes.len()) as u64);
-        advance(observer, skipped.sum())?;
-        for slabs in slabs[done..].chunks(batch.slabs) {
-            let first = slabs[0].planes.start;
-            let end = slabs[slabs.len() - 1].planes.end;
-            handover.next(first, end - first, |planes| {
-                planes.fill(Complex32::ZERO);
-                let planes_of_slabs = planes.par_chunks_mut(thickness * plane_len).zip(slabs);
-                planes_of_slabs.zip(&mut rooms).try_for_each(|((planes, slab), (tones, spectra))| {
-                    slab.select(&compressed, layout.lattice.width(), tones);
-                    focused.add(tones, spectra, slab.planes.start, planes)
-                })
-            })?;
-        }
-        handover.finish()
-    })?;
-    Ok(made)
+    let of_driver = |slab: &SlabTones| {
+        let depths = slab.planes.clone();
+        Slab { work: (slab.len() * depths.len()) as u64, depths }
+    };
+    let driver = SlabDriver::new(grid, slabs.iter().map(of_driver).collect(), observer);
+    let driver = SlabDriver { at_once: batch.slabs, ..driver };
+    let info = ReconstructionInfo { method: Method::Convolution, error_bound };
+    driver.run(info, sink, |part, _, planes| {
+        planes.fill(Complex32::ZERO);
+        let planes_of_slabs = planes.par_chunks_mut(thickness * plane_len).zip(&slabs[part]);
+        planes_of_slabs.zip(&mut rooms).try_for_each(|((planes, slab), (tones, spectra))| {
+            slab.select(&compressed, layout.lattice.width(), tones);
+            focused.add(tones, spectra, slab.planes.start, planes)
+        })
+    })
 }

@@ -4,10 +4,11 @@ use crate::acquisition::{CubeSource, Setup};
 use crate::alloc::try_zeroed;
 use crate::error::Result;
 use crate::grid::Grid;
-use crate::progress::{Observer, advance, stage};
-use crate::reconstruct::volume::Batch;
+use crate::progress::advance;
+use crate::reconstruct::job::Job;
+use crate::reconstruct::volume::SlabDriver;
 use crate::reconstruct::window::Weights;
-use crate::reconstruct::{Made, Method, VolumeSink, no_room, no_room_for};
+use crate::reconstruct::{Method, ReconstructionInfo, no_room};
 use crate::wave::Geometry;
 use crate::wave::simd::{LANES, Steps, SweepSamples, weighted_sum, weighted_sweep};
 use glam::DVec3;
@@ -32,63 +33,38 @@ pub(super) fn depths_at_once(grid: &Grid) -> usize {
     AT_ONCE.div_ceil(grid.plane_len().max(1)).min(grid.z.count)
 }
 
-/// Gives the volume to `sink`; any grid, any microphones. Cost: 8 operations per voxel, microphone and frequency where
-/// the steps are even, else a phasor; holds all samples, twice while they are rearranged, and a few
-/// depths.
-pub(super) fn direct(
-    source: &mut dyn CubeSource,
-    weights: &Weights,
-    grid: &Grid,
-    batch: Batch,
-    sink: &mut dyn VolumeSink,
-    observer: &dyn Observer,
-) -> Result<Made> {
-    sum_over_paths(Method::Direct, Geometry::path_length, source, weights, grid, batch, sink, observer)
+/// Gives the volume to the job's sink; any grid, any microphones. Cost: 8 operations per voxel, microphone and frequency
+/// where the steps are even, else a phasor; holds all samples, twice while they are rearranged, and a few depths.
+pub(super) fn direct(job: Job<'_>) -> Result<ReconstructionInfo> {
+    sum_over_paths(job, Method::Direct, Geometry::path_length)
 }
 
 /// The same sum over path lengths of any kind.
-#[allow(clippy::too_many_arguments)]
 pub(super) fn sum_over_paths(
+    job: Job<'_>,
     method: Method,
     path_length: impl Fn(&Geometry, DVec3, DVec3) -> f64 + Sync,
-    source: &mut dyn CubeSource,
-    weights: &Weights,
-    grid: &Grid,
-    batch: Batch,
-    sink: &mut dyn VolumeSink,
-    observer: &dyn Observer,
-) -> Result<Made> {
+) -> Result<ReconstructionInfo> {
+    let Job { source, weights, grid, batch, sink, observer, .. } = job;
     let samples = weighted_samples(source, weights)?;
     let setup = source.setup();
     let sums = sums_of(&samples, &setup);
     drop(samples);
-    let (depths, at_once, plane) = (grid.z.count, depths_at_once(grid), grid.plane_len());
-    let mut planes =
-        try_zeroed((at_once as u64).saturating_mul(plane as u64)).ok_or_else(|| no_room_for(grid))?;
-    let made = Made { method, error_bound: 0.0 };
-    sink.begin(&made)?;
-    stage(observer, "reconstructing (direct sum)", grid.voxel_count(), || {
-        for first in (0..depths).step_by(at_once) {
-            let last = (first + at_once).min(depths);
-            if last <= sink.done() {
-                advance(observer, ((last - first) * plane) as u64)?;
-                continue;
-            }
-            let planes = &mut planes[..(last - first) * plane];
-            let run = batch.least_run(planes.len().div_ceil(TOGETHER));
-            planes.par_chunks_mut(TOGETHER).with_min_len(run).enumerate().try_for_each_init(
-                || lengths(setup.array.len()),
-                |lengths, (chunk, voxels)| {
-                    let first = first * plane + chunk * TOGETHER;
-                    image(&setup, &path_length, grid, &sums, first, voxels, lengths);
-                    advance(observer, voxels.len() as u64)
-                },
-            )?;
-            sink.take(first, planes)?;
-        }
-        Ok(())
-    })?;
-    Ok(made)
+    let plane = grid.plane_len();
+    let work = |depths: usize| (depths * plane) as u64;
+    let driver = SlabDriver::even(grid, depths_at_once(grid), work, observer);
+    let driver = SlabDriver { stage: "reconstructing (direct sum)", ..driver };
+    driver.run(ReconstructionInfo { method, error_bound: 0.0 }, sink, |_, depths, planes| {
+        let run = batch.least_run(planes.len().div_ceil(TOGETHER));
+        planes.par_chunks_mut(TOGETHER).with_min_len(run).enumerate().try_for_each_init(
+            || lengths(setup.array.len()),
+            |lengths, (chunk, voxels)| {
+                let first = depths.start * plane + chunk * TOGETHER;
+                image(&setup, &path_length, grid, &sums, first, voxels, lengths);
+                advance(observer, voxels.len() as u64)
+            },
+        )
+    })
 }
 
 /// Room for the path lengths that [`image`] works out.

@@ -11,24 +11,12 @@
 //! as it is written, by the [direct](super::direct) sum over these path lengths.
 
 use super::direct::sum_over_paths;
-use super::volume::Batch;
-use super::window::Weights;
-use super::{Made, Method, VolumeSink};
-use crate::acquisition::CubeSource;
+use super::job::Job;
+use super::{Method, ReconstructionInfo};
 use crate::error::Result;
-use crate::grid::Grid;
-use crate::progress::Observer;
 use crate::wave::Geometry;
 
-/// Gives the far-field image to `sink`; any grid, any microphones. Cost: that of [`super::direct::direct`].
-pub(super) fn linear(
-    source: &mut dyn CubeSource,
-    weights: &Weights,
-    grid: &Grid,
-    batch: Batch,
-    sink: &mut dyn VolumeSink,
-    observer: &dyn Observer,
-) -> Result<Made> {
-    let path_length = Geometry::linear_path_length;
-    sum_over_paths(Method::Linear, path_length, source, weights, grid, batch, sink, observer)
+/// Gives the far-field image to the job's sink; any grid, any microphones. Cost: that of [`super::direct::direct`].
+pub(super) fn linear(job: Job<'_>) -> Result<ReconstructionInfo> {
+    sum_over_paths(job, Method::Linear, Geometry::linear_path_length)
 }

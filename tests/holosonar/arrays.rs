@@ -85,7 +85,7 @@ fn scattered_arrays_image_the_corner_as_the_direct_sum_does() {
 fn scattered_arrays_find_the_corner() {
     for layout in ["spiral", "random"] {
         let run = RunFile::load(&shipped("corner.toml"), &[format!("array.layout={layout}")]).unwrap();
-        let outcome = pipeline::image_scene(&run, false, &Silent).unwrap();
+        let outcome = pipeline::image_scene(&run, false, &Checkpoint::off(), &Silent).unwrap();
         let metrics = outcome.metrics().unwrap();
         assert!(metrics.completeness.unwrap() > 0.55, "{layout}: {metrics:?}");
         assert!(metrics.false_returns.unwrap() < 0.25, "{layout}: {metrics:?}");

@@ -4,6 +4,7 @@
 
 use crate::support::data;
 use glam::DVec3;
+use holosonar::checkpoint::Checkpoint;
 use holosonar::config::RunFile;
 use holosonar::export::depth_exr::read_depth_map;
 use holosonar::grid::DepthMap;
@@ -120,7 +121,7 @@ fn a_camera_behind_the_letter_sees_it_mirrored_as_if_placed_by_hand() {
 #[test]
 fn the_image_reads_as_the_truth_does() {
     let run = run_file(&data("scenes"), "mesh = \"f.gltf\"", [1.85, 2.15]);
-    let outcome = image_scene(&run, false, &Silent).unwrap();
+    let outcome = image_scene(&run, false, &Checkpoint::off(), &Silent).unwrap();
     let folder = tempfile::tempdir().unwrap();
     holosonar::pipeline::write_outputs(&run, &outcome, folder.path(), &Silent).unwrap();
     let read = |name: &str| read_depth_map(&folder.path().join(name), 1 << 30).unwrap().map;

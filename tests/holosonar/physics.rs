@@ -3,6 +3,7 @@
 use crate::support::relative_difference;
 use glam::DVec3;
 use holosonar::acquisition::{ArrayErrors, DataCube, Losses, MicArray, SimulateOptions, Sweep, simulate};
+use holosonar::checkpoint::Checkpoint;
 use holosonar::config::RunFile;
 use holosonar::grid::{Axis, Grid};
 use holosonar::pipeline::{forecast_scene, image_scene};
@@ -74,11 +75,11 @@ fn point(overrides: &[&str]) -> RunFile {
 
 #[test]
 fn a_run_file_turns_it_on_and_the_report_says_so() {
-    let plain = image_scene(&point(&[]), false, &Silent).unwrap();
+    let plain = image_scene(&point(&[]), false, &Checkpoint::off(), &Silent).unwrap();
     assert!(plain.physics.is_empty());
-    let spread = image_scene(&point(&["medium.spreading=true"]), false, &Silent).unwrap();
+    let spread = image_scene(&point(&["medium.spreading=true"]), false, &Checkpoint::off(), &Silent).unwrap();
     let undone = ["medium.spreading=true", "reconstruct.compensate=true"];
-    let undone = image_scene(&point(&undone), false, &Silent).unwrap();
+    let undone = image_scene(&point(&undone), false, &Checkpoint::off(), &Silent).unwrap();
     let peaks = [plain, spread, undone].map(|outcome| outcome.image.volume.peak());
     // Nearer than 1 m spreading is a gain.
     let gain = 1.0 / DVec3::new(0.09, -0.06, 0.8).length_squared() as f32;
@@ -100,7 +101,7 @@ fn a_run_file_turns_it_on_and_the_report_says_so() {
     {
         assert!(lines.iter().any(|line| line.contains(words)), "{words}: {lines:?}");
     }
-    let outcome = image_scene(&all, false, &Silent).unwrap();
+    let outcome = image_scene(&all, false, &Checkpoint::off(), &Silent).unwrap();
     assert_eq!(outcome.physics, lines);
     assert!((outcome.instrument.sound_speed - 343.87).abs() < 0.01);
 }

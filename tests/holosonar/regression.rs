@@ -3,6 +3,7 @@
 
 use crate::binary::shipped;
 use glam::{DMat3, DVec3};
+use holosonar::checkpoint::Checkpoint;
 use holosonar::config::RunFile;
 use holosonar::grid::Volume;
 use holosonar::metrics::Metrics;
@@ -28,7 +29,7 @@ fn keeps_its_limits(scene: &str, seeds: &[u32]) {
 
 fn metrics(path: &Path, typed: &[&str]) -> Metrics {
     let run = RunFile::load(path, &overrides(typed)).unwrap();
-    let metrics = image_scene(&run, false, &Silent).unwrap().metrics().unwrap();
+    let metrics = image_scene(&run, false, &Checkpoint::off(), &Silent).unwrap().metrics().unwrap();
     println!("{} {typed:?}: {metrics:?}", path.display());
     metrics
 }
@@ -158,7 +159,7 @@ fn without_occlusion_the_backs_of_closed_bodies_drown_their_fronts() {
     // The truth must be the visible surfaces either way, so the second run is scored against the first's truth.
     let image = |occlusion: &str| {
         let run = RunFile::load(&path, &overrides(&[z, &format!("scene.occlusion={occlusion}")])).unwrap();
-        image_scene(&run, false, &Silent).unwrap()
+        image_scene(&run, false, &Checkpoint::off(), &Silent).unwrap()
     };
     let (seen, all) = (image("speaker"), image("none"));
     let truth = seen.truth.as_ref().unwrap();
@@ -183,7 +184,7 @@ fn in_phase_data_folds_back_when_the_step_is_too_coarse() {
     let volume = |kind: &str, step: &str| {
         let typed = [format!("detection.kind={kind}"), format!("sweep.step={step}")];
         let run = RunFile::load(&shipped("corner.toml"), &typed).unwrap();
-        image_scene(&run, false, &Silent).unwrap().image.volume
+        image_scene(&run, false, &Checkpoint::off(), &Silent).unwrap().image.volume
     };
     // Real data needs every path to be shorter than c/2δf (PHYSICS Q3): 8.6 m, 4.3 m and 3.4 m for these steps, and
     // the corner's paths reach some 4.5 m.

@@ -1,7 +1,7 @@
 //! The simulation by virtual tones: tiles summed at the tones, and their sums expanded into the cube.
 
+use super::columns::Columns;
 use super::echoes::{GroupSums, Summation};
-use super::kept::KeptSamples;
 use super::{Job, Plan, SimulateOptions, no_room, record};
 use crate::acquisition::{Sweep, Tile};
 use crate::error::Result;
@@ -16,23 +16,18 @@ use rayon::prelude::*;
 /// Frequencies that one thread expands at a time.
 const ROWS: usize = 32;
 
-/// Tiles per thread that are summed before the finished ones may be handed over: enough to keep every thread busy.
+/// Tiles per thread that are summed before the finished ones may be saved: enough to keep every thread busy.
 pub(super) const TILES_PER_THREAD: usize = 8;
 
 /// Fills the samples, `[n_f, n_mic]`, by way of the plan's tiles and tones.
-pub(super) fn fast(
-    job: &Job<'_>,
-    plan: &Plan,
-    kept: &mut KeptSamples,
-    observer: &dyn Observer,
-) -> Result<()> {
+pub(super) fn fast(job: &Job<'_>, plan: &Plan, columns: &mut Columns, observer: &dyn Observer) -> Result<()> {
     let Job { reflectors, sweep, array, options, responses } = *job;
     let n_mic = array.len();
     let summation = Summation::new(reflectors, array.positions(), options, &plan.tones, plan.terms.as_ref());
     let summation = summation.ok_or_else(no_room)?;
     let mut missing = Vec::new();
     for (k, tile) in plan.tiles.iter().enumerate() {
-        if kept.recall(k, &tile.microphones)? {
+        if columns.load(k, &tile.microphones)? {
             advance(observer, tile.microphones.len() as u64)?;
         } else {
             missing.push((k, tile));
@@ -56,7 +51,7 @@ pub(super) fn fast(
                 advance(observer, tile.microphones.len() as u64).map(|()| sums)
             })
             .collect::<Result<_>>()?;
-        kept.samples.par_chunks_mut(ROWS * n_mic).enumerate().for_each(|(chunk, rows)| {
+        columns.samples.par_chunks_mut(ROWS * n_mic).enumerate().for_each(|(chunk, rows)| {
             let mut room = Room::default();
             for ((_, tile), sums) in tiles.iter().zip(&sums) {
                 room.expand(chunk * ROWS, tile, sums, sweep, options, plan);
@@ -70,9 +65,9 @@ pub(super) fn fast(
             }
         });
         for (k, tile) in tiles {
-            kept.finish(*k, &tile.microphones);
+            columns.finish(*k, &tile.microphones);
         }
-        kept.pause()?;
+        columns.save_if_due()?;
     }
     Ok(())
 }

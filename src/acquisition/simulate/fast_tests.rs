@@ -1,11 +1,11 @@
 //! Virtual tones against Eq. 5 in f64, over random scenes, arrays, sweeps, tiles and durations.
 
+use super::columns::Columns;
 use super::cost::choices;
 use super::expand::fast;
-use super::kept::KeptSamples;
 use super::virtual_tones::{RUNGS, Rung};
 use super::*;
-use crate::progress::{Forgetful, Silent};
+use crate::progress::Silent;
 use crate::wave::phasor;
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
@@ -76,13 +76,9 @@ pub(super) fn forced(
     let plan = Plan::of(&choice, reflectors, sweep, array, options).expect("a standard duration");
     let mut samples = vec![Complex32::ZERO; sweep.len() * array.len()];
     let job = Job { reflectors, sweep, array, options, responses: &[] };
-    let mut kept = KeptSamples {
-        samples: &mut samples,
-        width: array.len(),
-        keeper: &mut Forgetful,
-        finished: Vec::new(),
-    };
-    fast(&job, &plan, &mut kept, &Silent).expect("not interrupted");
+    let mut store = NoStore;
+    let mut columns = Columns::new(&mut samples, array.len(), &mut store);
+    fast(&job, &plan, &mut columns, &Silent).expect("not interrupted");
     samples
 }
 

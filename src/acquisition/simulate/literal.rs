@@ -1,6 +1,6 @@
 //! Eq. 5 summed term by term: the oracle, and the way where virtual tones do not pay.
 
-use super::kept::KeptSamples;
+use super::columns::Columns;
 use super::losses::{Legs, wave_number};
 use super::{Job, SimulateOptions, no_room, record};
 use crate::acquisition::Sweep;
@@ -17,17 +17,17 @@ use rayon::prelude::*;
 pub(super) const COLUMNS: usize = 64;
 
 /// Fills the samples, `[n_f, n_mic]`, with the literal sum.
-pub(super) fn literal(job: &Job<'_>, kept: &mut KeptSamples, observer: &dyn Observer) -> Result<()> {
+pub(super) fn literal(job: &Job<'_>, columns: &mut Columns, observer: &dyn Observer) -> Result<()> {
     let Job { reflectors, sweep, array, options, responses } = *job;
     let n_mic = array.len();
     let plain = Amplitudes::new(reflectors.amplitudes().iter().copied());
     for (chunk, mics) in array.positions().chunks(COLUMNS).enumerate() {
         let members: Vec<usize> = (chunk * COLUMNS..).take(mics.len()).collect();
-        if kept.recall(chunk, &members)? {
+        if columns.load(chunk, &members)? {
             advance(observer, mics.len() as u64)?;
             continue;
         }
-        let columns: Vec<Vec<[f64; 2]>> = mics
+        let sums: Vec<Vec<[f64; 2]>> = mics
             .par_iter()
             .map(|&r| {
                 let mut lengths: Vec<f64> =
@@ -46,15 +46,15 @@ pub(super) fn literal(job: &Job<'_>, kept: &mut KeptSamples, observer: &dyn Obse
                 })
             })
             .collect::<Result<_>>()?;
-        for (column, sums) in columns.iter().enumerate() {
+        for (column, sums) in sums.iter().enumerate() {
             let mic = chunk * COLUMNS + column;
             for (f, [re, im]) in sums.iter().enumerate() {
                 let m = Complex32::new(*re as f32, *im as f32);
-                kept.samples[f * n_mic + mic] = record(options.detection, responses.get(mic), m);
+                columns.samples[f * n_mic + mic] = record(options.detection, responses.get(mic), m);
             }
         }
-        kept.finish(chunk, &members);
-        kept.pause()?;
+        columns.finish(chunk, &members);
+        columns.save_if_due()?;
         advance(observer, mics.len() as u64)?;
     }
     Ok(())

@@ -4,7 +4,9 @@ use super::*;
 use crate::acquisition::{DataCube, MicArray, Sweep};
 use crate::grid::{Axis, Volume};
 use crate::progress::Silent;
-use crate::reconstruct::{ReconstructOptions, Window, reconstruct};
+use crate::reconstruct::volume::Batch;
+use crate::reconstruct::window::Weights;
+use crate::reconstruct::{ReconstructOptions, VolumeSink, Window, reconstruct};
 use crate::wave::phasor;
 
 fn fraction(i: usize, k: f64) -> f64 {
@@ -47,13 +49,19 @@ fn lattice(cube: &DataCube, grid: &Grid, tolerance: f64) -> Option<Lattice> {
     Lattice::find(&cube.setup(), grid, &band, tolerance)
 }
 
-fn tiled(cube: &DataCube, grid: &Grid, lattice: &Lattice, tolerance: f64, sink: &mut dyn VolumeSink) -> Made {
+fn tiled(
+    cube: &DataCube,
+    grid: &Grid,
+    lattice: &Lattice,
+    tolerance: f64,
+    sink: &mut dyn VolumeSink,
+) -> ReconstructionInfo {
     let setup = cube.setup();
     let weights = Weights::new(&setup, Window::Hann);
     let band = Division::new(&setup, grid, tolerance).band;
     let tiled = Tiled::new(lattice, &setup, grid, band).expect("little").expect("every node has a place");
-    let batch = Batch::of_threads(2);
-    tiled.image(&mut &*cube, &weights, grid, (tolerance, batch), sink, &Silent).expect("little")
+    let (source, weights, batch) = (&mut &*cube, &weights, Batch::of_threads(2));
+    tiled.image(Job { source, weights, grid, tolerance, batch, sink, observer: &Silent }).expect("little")
 }
 
 #[test]
@@ -74,26 +82,26 @@ fn tiles_keep_their_bound_on_bent_arrays_and_any_grid() {
                     panic!("no tiles at {tolerance} for {geometry:?} and {grid:?}")
                 };
                 let mut volume = Volume { grid, samples: Vec::new() };
-                let made = tiled(&cube, &grid, &lattice, tolerance, &mut volume);
-                assert!(made.error_bound <= tolerance * 1.000_1, "{:e} of {tolerance:e}", made.error_bound);
+                let info = tiled(&cube, &grid, &lattice, tolerance, &mut volume);
+                assert!(info.error_bound <= tolerance * 1.000_1, "{:e} of {tolerance:e}", info.error_bound);
                 let worst = volume.samples.iter().zip(&direct.samples).map(|(a, b)| (a - b).norm());
                 let worst = f64::from(worst.fold(0.0, f32::max));
-                assert!(worst <= made.error_bound + 3e-6, "{worst:e} above {:e}", made.error_bound);
+                assert!(worst <= info.error_bound + 3e-6, "{worst:e} above {:e}", info.error_bound);
                 assert!((volume.peak() - 1.0).abs() < 1e-2, "the point is a voxel");
             }
         }
     }
 }
 
-/// Some depths that an earlier run has kept.
-struct Rest {
+/// A volume whose first depths come from an interrupted run.
+struct Resumed {
     volume: Volume,
     done: usize,
 }
 
-impl VolumeSink for Rest {
-    fn begin(&mut self, made: &Made) -> Result<()> {
-        self.volume.begin(made)
+impl VolumeSink for Resumed {
+    fn begin(&mut self, info: &ReconstructionInfo) -> Result<()> {
+        self.volume.begin(info)
     }
 
     fn take(&mut self, first: usize, planes: &[Complex32]) -> Result<()> {
@@ -101,20 +109,20 @@ impl VolumeSink for Rest {
         self.volume.take(first, planes)
     }
 
-    fn done(&self) -> usize {
+    fn depths_done(&self) -> usize {
         self.done
     }
 }
 
 #[test]
-fn depths_that_are_left_have_the_bytes_of_the_whole() {
+fn resumed_depths_are_bit_identical() {
     let cube = echo(120, true, Geometry::ORIGIN, DVec3::new(0.01, 0.02, 0.8));
     let grid = Grid { x: axis(-0.2, 0.004, 70), y: axis(-0.1, 0.005, 51), z: axis(0.5, 0.011, 100) };
     let lattice = lattice(&cube, &grid, 1e-3).expect("fine voxels");
     let mut whole = Volume { grid, samples: Vec::new() };
     tiled(&cube, &grid, &lattice, 1e-3, &mut whole);
     for done in [factorised::DEPTHS, 2 * factorised::DEPTHS] {
-        let mut rest = Rest { volume: Volume { grid, samples: Vec::new() }, done };
+        let mut rest = Resumed { volume: Volume { grid, samples: Vec::new() }, done };
         tiled(&cube, &grid, &lattice, 1e-3, &mut rest);
         let from = done * grid.plane_len();
         assert!(rest.volume.samples[from..] == whole.samples[from..]);

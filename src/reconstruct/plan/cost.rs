@@ -8,8 +8,7 @@ use crate::reconstruct::compress::{
     DENSER, frequencies_at_once, slabs_of, tones_for, virtual_tone_count, witnesses_for,
 };
 use crate::reconstruct::convolution::{self, FIRST_SHARE, usual_batch};
-use crate::reconstruct::volume::Batch;
-use crate::reconstruct::volume::Handover;
+use crate::reconstruct::volume::{Batch, SlabDriver};
 use crate::reconstruct::{Method, ReconstructOptions, backprojection, direct};
 use crate::wave::interval::PathInterval;
 use serde::Serialize;
@@ -128,11 +127,11 @@ pub(crate) fn of_convolution(
         // Spectra, and the samples that they are made of, as they are read and weighted.
         let [spectra_of_tone, of_worker] = plan.plain_bytes();
         let tone = spectra_of_tone + COMPLEX * 2 * setup.array.len() as u64;
-        let slab = (convolution::DEPTHS.min(depths) as u64 * COMPLEX).saturating_mul(plane);
+        let planes = SlabDriver::bytes(plane, convolution::DEPTHS, depths);
         let bytes = |batch: Batch| {
             let spectra = tone.saturating_mul(batch.frequencies as u64);
             let scratch = of_worker.saturating_mul(batch.workers as u64);
-            spectra.saturating_add(scratch).saturating_add(slab)
+            spectra.saturating_add(scratch).saturating_add(planes)
         };
         let operations = n_f * (depths as f64 * pair + spectra);
         let usual = usual_batch(layout, setup.sweep.len(), threads);
@@ -160,7 +159,7 @@ pub(crate) fn of_convolution(
     let compressing = microphones.saturating_add(block_bytes(setup)).saturating_add(bytes_finding);
     let before = compressing.max(both);
     let bytes = |batch: Batch| {
-        let planes = Handover::bytes(plane, batch.slabs * thickness, depths);
+        let planes = SlabDriver::bytes(plane, batch.slabs * thickness, depths);
         let focusing = slab.saturating_mul(batch.slabs as u64).saturating_add(scratch(batch));
         let focusing = focusing.saturating_add(planes).saturating_add(kept_block(setup));
         let nesting = nesting.saturating_mul(batch.workers.min(depths.div_ceil(thickness)) as u64);
@@ -205,7 +204,7 @@ fn of_backprojection(
 }
 
 fn of_direct(setup: &Setup, grid: &Grid, options: &ReconstructOptions, threads: usize) -> Estimate {
-    let planes = (direct::depths_at_once(grid) as u64 * COMPLEX).saturating_mul(grid.plane_len() as u64);
+    let planes = SlabDriver::bytes(grid.plane_len() as u64, direct::depths_at_once(grid), grid.z.count);
     let samples = setup.cube_bytes().saturating_mul(2).saturating_add(planes);
     let lengths = (64 * setup.array.len()) as u64 * COMPLEX;
     let bytes = |batch: Batch| samples.saturating_add(lengths.saturating_mul(batch.workers as u64));

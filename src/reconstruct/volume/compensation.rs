@@ -7,28 +7,31 @@
 use crate::acquisition::Setup;
 use crate::error::Result;
 use crate::grid::Grid;
-use crate::reconstruct::{Made, VolumeSink};
+use crate::reconstruct::{ReconstructionInfo, VolumeSink};
 use crate::wave::{Geometry, spreading};
 use glam::DVec3;
 use num_complex::Complex32;
 use rayon::prelude::*;
 
-/// A sink that multiplies what it is given before it hands it on.
-pub(crate) struct Compensated<'a> {
-    sink: &'a mut dyn VolumeSink,
-    gain: Gain,
-    planes: Vec<Complex32>,
-}
-
 /// The factor of every voxel.
 #[derive(Debug, Clone, Copy)]
-struct Gain {
+pub(crate) struct Gain {
     grid: Grid,
     speaker: DVec3,
     centre: DVec3,
 }
 
 impl Gain {
+    /// That of a measurement on the voxels of a grid.
+    pub(crate) fn new(setup: &Setup, grid: &Grid) -> Self {
+        let centre = setup.array.centre();
+        let speaker = match setup.geometry {
+            Geometry::FixedSource { source } => source,
+            Geometry::Monostatic => centre,
+        };
+        Self { grid: *grid, speaker, centre }
+    }
+
     fn at(&self, p: DVec3) -> f64 {
         1.0 / spreading(p.distance(self.speaker), p.distance(self.centre))
     }
@@ -41,32 +44,33 @@ impl Gain {
             }
         });
     }
+
+    /// How a volume was computed, with the bound on its error as large as the greatest factor makes it.
+    pub(crate) fn info(&self, info: &ReconstructionInfo) -> ReconstructionInfo {
+        // Either distance is greatest at a corner.
+        let greatest =
+            |from: DVec3| self.grid.corners().into_iter().map(|p| p.distance(from)).fold(0.0, f64::max);
+        let most = 1.0 / spreading(greatest(self.speaker), greatest(self.centre));
+        ReconstructionInfo { error_bound: info.error_bound * most, ..*info }
+    }
+}
+
+/// A sink that multiplies what it is given before it passes it on.
+pub(crate) struct Compensated<'a> {
+    gain: Gain,
+    sink: &'a mut dyn VolumeSink,
+    planes: Vec<Complex32>,
 }
 
 impl<'a> Compensated<'a> {
-    pub(crate) fn new(setup: &Setup, grid: &Grid, sink: &'a mut dyn VolumeSink) -> Self {
-        let centre = setup.array.centre();
-        let speaker = match setup.geometry {
-            Geometry::FixedSource { source } => source,
-            Geometry::Monostatic => centre,
-        };
-        Self { sink, gain: Gain { grid: *grid, speaker, centre }, planes: Vec::new() }
-    }
-
-    /// How the volume was come by, with the bound on its error as large as the greatest factor makes it.
-    pub(crate) fn made(&self, made: &Made) -> Made {
-        // Either distance is greatest at a corner.
-        let greatest =
-            |from: DVec3| self.gain.grid.corners().into_iter().map(|p| p.distance(from)).fold(0.0, f64::max);
-        let most = 1.0 / spreading(greatest(self.gain.speaker), greatest(self.gain.centre));
-        Made { error_bound: made.error_bound * most, ..*made }
+    pub(crate) fn new(gain: Gain, sink: &'a mut dyn VolumeSink) -> Self {
+        Self { gain, sink, planes: Vec::new() }
     }
 }
 
 impl VolumeSink for Compensated<'_> {
-    fn begin(&mut self, made: &Made) -> Result<()> {
-        let made = self.made(made);
-        self.sink.begin(&made)
+    fn begin(&mut self, info: &ReconstructionInfo) -> Result<()> {
+        self.sink.begin(&self.gain.info(info))
     }
 
     fn take(&mut self, first: usize, planes: &[Complex32]) -> Result<()> {
@@ -78,7 +82,7 @@ impl VolumeSink for Compensated<'_> {
         self.sink.take(first, &self.planes)
     }
 
-    fn done(&self) -> usize {
-        self.sink.done()
+    fn depths_done(&self) -> usize {
+        self.sink.depths_done()
     }
 }

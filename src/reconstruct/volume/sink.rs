@@ -6,24 +6,24 @@ use crate::grid::{Volume, no_room_for};
 use crate::reconstruct::Method;
 use num_complex::Complex32;
 
-/// How a volume was come by.
+/// How a volume was computed, and how exactly.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
-pub struct Made {
+pub struct ReconstructionInfo {
     /// The method that was used; never [`Method::Auto`].
     pub method: Method,
     /// A bound on the error of any voxel against Eq. 13, f32 rounding aside, in the volume's own units: the measured
-    /// relative error of skeletons and spreading times `Σ|w m| / Σw`.
+    /// relative error of skeletons, spreading and range profiles times `Σ|w m| / Σw`.
     pub error_bound: f64,
 }
 
 /// Where depths go as they are finished: memory, or a file that is written slab by slab.
 pub trait VolumeSink: Send {
-    /// Told once, before the first depth.
+    /// Called once, before the first depth.
     ///
     /// # Errors
-    /// What writing comes to; so do the others.
-    fn begin(&mut self, made: &Made) -> Result<()>;
+    /// I/O or memory errors of the sink.
+    fn begin(&mut self, info: &ReconstructionInfo) -> Result<()>;
 
     /// Takes neighbouring depths from `first` on, `[plane, y, x]`; they come in ascending order, each once.
     ///
@@ -31,20 +31,21 @@ pub trait VolumeSink: Send {
     /// See [`VolumeSink::begin`].
     fn take(&mut self, first: usize, planes: &[Complex32]) -> Result<()>;
 
-    /// Depths that the sink has already from the first on, of an earlier run; they need not come again.
-    fn done(&self) -> usize {
+    /// The number of depths, from the first on, that the sink has already: those of an interrupted run before
+    /// [`VolumeSink::take`] is first called. They need not be computed again.
+    fn depths_done(&self) -> usize {
         0
     }
 }
 
-/// A volume held whole.
+/// A volume in memory.
 impl VolumeSink for Volume {
-    fn begin(&mut self, _: &Made) -> Result<()> {
+    fn begin(&mut self, _: &ReconstructionInfo) -> Result<()> {
         Ok(())
     }
 
     fn take(&mut self, first: usize, planes: &[Complex32]) -> Result<()> {
-        // Not before: a volume that comes whole is not held twice.
+        // Not before the first depths come, so that nothing is reserved for a job that is refused.
         if self.samples.is_empty() {
             self.samples = try_zeroed(self.grid.voxel_count()).ok_or_else(|| no_room_for(&self.grid))?;
         }

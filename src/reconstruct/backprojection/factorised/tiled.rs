@@ -4,19 +4,18 @@ use super::frame::{Frame, halved};
 use super::nodes::{Lattice, SHARE, USUAL_GROWTH};
 use super::patches::Patch;
 use super::voxels::{BEYOND, Buffers, Interpolation, TileNodes, hull};
-use crate::acquisition::{CubeSource, Setup, Tile};
+use crate::acquisition::{Setup, Tile};
 use crate::alloc::try_zeroed;
 use crate::error::Result;
 use crate::grid::Grid;
-use crate::progress::{Observer, advance, stage};
+use crate::progress::{Observer, advance};
 use crate::reconstruct::backprojection::blocks::Group;
 use crate::reconstruct::backprojection::profile::Band;
 use crate::reconstruct::backprojection::{Budget, FIRST_SHARE, Heard, MOST_SLABS, SERIES_SHARE, share};
 use crate::reconstruct::compress::{SlabTones, VolumeTones, slabs_of};
-use crate::reconstruct::volume::Batch;
-use crate::reconstruct::volume::Handover;
-use crate::reconstruct::window::Weights;
-use crate::reconstruct::{Made, Method, VolumeSink, no_room_for};
+use crate::reconstruct::job::Job;
+use crate::reconstruct::volume::{Batch, SlabDriver};
+use crate::reconstruct::{Method, ReconstructionInfo, no_room_for};
 use crate::wave::interval::{PathInterval, greater};
 use crate::wave::simd::{LANES, phasors};
 use num_complex::Complex32;
@@ -105,19 +104,12 @@ impl<'a> Tiled<'a> {
         }
     }
 
-    /// Gives the volume to `sink`.
-    pub(crate) fn image(
-        mut self,
-        source: &mut dyn CubeSource,
-        weights: &Weights,
-        grid: &Grid,
-        (tolerance, batch): (f64, Batch),
-        sink: &mut dyn VolumeSink,
-        observer: &dyn Observer,
-    ) -> Result<Made> {
+    /// Gives the volume to the job's sink.
+    pub(crate) fn image(mut self, job: Job<'_>) -> Result<ReconstructionInfo> {
+        let Job { source, weights, grid, batch, sink, observer, .. } = job;
         // What interpolation leaves of the tolerance, and by how much it amplifies errors of the nodes.
         let Lattice { error: inexact, growth, .. } = *self.lattice;
-        let tolerance = (tolerance - inexact) / growth;
+        let tolerance = (job.tolerance - inexact) / growth;
         self.band.tolerance = SERIES_SHARE * tolerance;
         let budget = Budget::new(&self.band, self.greatest, tolerance);
         let whole = self.shells[0].0.start..self.shells[self.shells.len() - 1].0.end;
@@ -133,8 +125,6 @@ impl<'a> Tiled<'a> {
         let slabs =
             compressed.slabs(slabs_of(self.shells.len(), together), interval, share, budget.skeletons);
         let error_bound = (inexact + growth * budget.error(&slabs)) * compressed.modulus;
-        let made = Made { method: Method::Backprojection, error_bound };
-        sink.begin(&made)?;
         let groups: Vec<Vec<Group>> = self
             .tiles
             .iter()
@@ -142,61 +132,50 @@ impl<'a> Tiled<'a> {
             .collect();
         let count = (DEPTHS.min(grid.z.count) as u64).saturating_mul(grid.plane_len() as u64);
         let mut rows = try_zeroed(count).ok_or_else(|| no_room_for(grid))?;
-        let mut handover = Handover::new(sink, grid, DEPTHS)?;
-        let depths = |from: usize| from..(from + DEPTHS).min(grid.z.count);
-        let starts = (0..grid.z.count).step_by(DEPTHS);
-        let total =
-            self.shells.iter().map(|(_, patches)| patches.len()).sum::<usize>() + starts.len() * grid.y.count;
+        let patches = self.shells.iter().map(|(_, patches)| patches.len() as u64).sum();
+        let driver = SlabDriver::even(grid, DEPTHS, |_| grid.y.count as u64, observer);
+        let driver = SlabDriver { other_work: patches, ..driver };
+        let info = ReconstructionInfo { method: Method::Backprojection, error_bound };
+        // Slabs of shells whose nodes are summed, or not needed.
         let mut done = 0;
-        stage(observer, "reconstructing", total as u64, || {
-            for depths in starts.map(depths) {
-                if depths.end <= handover.done() {
-                    advance(observer, grid.y.count as u64)?;
+        driver.run(info, sink, |_, depths, planes| {
+            let needed = self.nodes.par_iter().map(|tile| self.interpolation.needed_at(&tile.frame, &depths));
+            let needed = needed.reduce(|| 0..0, hull);
+            for slab in &slabs {
+                let shells = slab.planes.clone();
+                let (first, last) = (&self.shells[shells.start].0, &self.shells[shells.end - 1].0);
+                if shells.start < done || first.start >= needed.end {
                     continue;
                 }
-                handover.next(depths.start, depths.len(), |planes| {
-                    let needed =
-                        self.nodes.par_iter().map(|tile| self.interpolation.needed_at(&tile.frame, &depths));
-                    let needed = needed.reduce(|| 0..0, hull);
-                    for slab in &slabs {
-                        let shells = slab.planes.clone();
-                        let (first, last) = (&self.shells[shells.start].0, &self.shells[shells.end - 1].0);
-                        if shells.start < done || first.start >= needed.end {
-                            continue;
-                        }
-                        done = shells.end;
-                        if last.end > needed.start {
-                            self.sum(&setup, slab, &compressed, &groups, batch, observer)?;
-                        } else {
-                            // A job that goes on after its first depths needs nothing nearer.
-                            let patches = self.shells[shells].iter().map(|(_, patches)| patches.len());
-                            advance(observer, patches.sum::<usize>() as u64)?;
-                        }
-                    }
-                    let rows = &mut rows[..depths.len() * grid.plane_len()];
-                    let each = depths.len() * grid.x.count;
-                    rows.par_chunks_exact_mut(each)
-                        .with_min_len(batch.least_run(grid.y.count))
-                        .enumerate()
-                        .try_for_each_init(Buffers::default, |buffers, (y, row)| {
-                        buffers.clear(row.len());
-                        for tile in &self.nodes {
-                            self.interpolation.add(tile, y, &depths, buffers);
-                        }
-                        row.iter_mut().zip(buffers.voxels()).for_each(|(to, voxel)| *to = voxel);
-                        advance(observer, 1)
-                    })?;
-                    for (z, plane) in planes.chunks_exact_mut(grid.plane_len()).enumerate() {
-                        for (row, all) in plane.chunks_exact_mut(grid.x.count).zip(rows.chunks_exact(each)) {
-                            row.copy_from_slice(&all[z * grid.x.count..][..grid.x.count]);
-                        }
-                    }
-                    Ok(())
-                })?;
+                done = shells.end;
+                if last.end > needed.start {
+                    self.sum(&setup, slab, &compressed, &groups, batch, observer)?;
+                } else {
+                    // A run that resumes after its first depths needs nothing nearer.
+                    let patches = self.shells[shells].iter().map(|(_, patches)| patches.len());
+                    advance(observer, patches.sum::<usize>() as u64)?;
+                }
             }
-            handover.finish()
-        })?;
-        Ok(made)
+            let rows = &mut rows[..depths.len() * grid.plane_len()];
+            let each = depths.len() * grid.x.count;
+            rows.par_chunks_exact_mut(each)
+                .with_min_len(batch.least_run(grid.y.count))
+                .enumerate()
+                .try_for_each_init(Buffers::default, |buffers, (y, row)| {
+                    buffers.clear(row.len());
+                    for tile in &self.nodes {
+                        self.interpolation.add(tile, y, &depths, buffers);
+                    }
+                    row.iter_mut().zip(buffers.voxels()).for_each(|(to, voxel)| *to = voxel);
+                    advance(observer, 1)
+                })?;
+            for (z, plane) in planes.chunks_exact_mut(grid.plane_len()).enumerate() {
+                for (row, all) in plane.chunks_exact_mut(grid.x.count).zip(rows.chunks_exact(each)) {
+                    row.copy_from_slice(&all[z * grid.x.count..][..grid.x.count]);
+                }
+            }
+            Ok(())
+        })
     }
 
     /// Sums the nodes of some shells over the microphones of each tile.

@@ -1,0 +1,48 @@
+//! Finished blocks of a long stage, stored for a run that resumes after an interruption: the [`BlockStore`] that a stage
+//! saves its blocks to and loads them from. Where and how they are stored, no stage knows.
+
+use crate::error::Result;
+use num_complex::Complex32;
+
+/// Stores the finished blocks of one stage.
+///
+/// A block is a piece of the stage's result that depends on the inputs alone, numbered by the stage; the number of threads
+/// changes neither the blocks nor their content. A block that cannot be read is computed again, and one that cannot be
+/// written is not stored: neither is an error of the stage.
+pub(crate) trait BlockStore {
+    /// Fills `block` with block `k` of an interrupted run. `false` where no intact block of this length is stored; the
+    /// content of `block` is then of no use.
+    fn load(&mut self, k: u64, block: &mut [Complex32]) -> bool;
+
+    /// Whether it is time to save the blocks that were finished since the last [`BlockStore::flush`].
+    fn is_due(&mut self) -> bool;
+
+    /// Saves block `k`.
+    fn save(&mut self, k: u64, block: &[Complex32]);
+
+    /// Ends a series of saves.
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`](crate::error::Error::Interrupted) when a stop was asked for meanwhile.
+    fn flush(&mut self) -> Result<()>;
+}
+
+/// Stores nothing.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct NoStore;
+
+impl BlockStore for NoStore {
+    fn load(&mut self, _: u64, _: &mut [Complex32]) -> bool {
+        false
+    }
+
+    fn is_due(&mut self) -> bool {
+        false
+    }
+
+    fn save(&mut self, _: u64, _: &[Complex32]) {}
+
+    fn flush(&mut self) -> Result<()> {
+        Ok(())
+    }
+}

@@ -1,0 +1,127 @@
+//! The blocks of one stage in the journal: when they are written, and how a stop waits for them.
+
+use super::Checkpoint;
+use crate::blocks::BlockStore;
+use crate::error::{Error, Result};
+use crate::progress::{Event, Observer};
+use num_complex::Complex32;
+use std::sync::OnceLock;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// How long a run that is asked to stop may take to finish its block; then the block is given up.
+const GRACE_PERIOD: Duration = Duration::from_secs(5);
+
+/// Running time for every second that writing blocks takes, at the least.
+const TIME_PER_WRITING: u32 = 50;
+
+/// The stages whose blocks are stored: the number spaces of a journal.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[repr(u32)]
+pub(crate) enum Stage {
+    /// The simulation; its blocks are tiles of microphones.
+    Cube = 1,
+    /// The reconstruction; its blocks are depths.
+    Volume = 2,
+}
+
+/// An observer that delays a stop until the block in progress is finished and saved, if that does not take long.
+pub(crate) struct GracefulStop<'a> {
+    inner: &'a dyn Observer,
+    /// Whether blocks are saved at all.
+    waits: bool,
+    /// When the stop was first noticed.
+    asked: OnceLock<Instant>,
+    /// Whether the blocks that were finished when the stop was asked for are saved; those in progress are not waited for.
+    saved: AtomicBool,
+}
+
+impl<'a> GracefulStop<'a> {
+    /// An observer that passes everything on to `inner`.
+    pub(crate) fn new(checkpoint: &Checkpoint, inner: &'a dyn Observer) -> Self {
+        let waits = checkpoint.every().is_some();
+        Self { inner, waits, asked: OnceLock::new(), saved: AtomicBool::new(false) }
+    }
+}
+
+impl Observer for GracefulStop<'_> {
+    fn event(&self, event: Event<'_>) {
+        self.inner.event(event);
+    }
+
+    fn warn(&self, message: &str) {
+        self.inner.warn(message);
+    }
+
+    fn note(&self, message: &str) {
+        self.inner.note(message);
+    }
+
+    fn tell(&self, message: &str) {
+        self.inner.tell(message);
+    }
+
+    fn should_stop(&self) -> bool {
+        let at_once = || !self.waits || self.saved.load(Ordering::Relaxed);
+        self.inner.should_stop()
+            && (at_once() || self.asked.get_or_init(Instant::now).elapsed() > GRACE_PERIOD)
+    }
+}
+
+/// The blocks of one stage of a job.
+pub(crate) struct CheckpointStore<'a> {
+    checkpoint: &'a Checkpoint,
+    stage: Stage,
+    stop: &'a GracefulStop<'a>,
+    every: Option<Duration>,
+    /// When the last blocks were written.
+    last: Instant,
+    /// Since when blocks are being written.
+    writing: Option<Instant>,
+    /// How long to wait at the least, for what the last time took.
+    pause: Duration,
+}
+
+impl<'a> CheckpointStore<'a> {
+    /// Those of `stage`; `stop` is the stage's observer.
+    pub(crate) fn new(checkpoint: &'a Checkpoint, stage: Stage, stop: &'a GracefulStop<'a>) -> Self {
+        let (every, last) = (checkpoint.every(), Instant::now());
+        Self { checkpoint, stage, stop, every, last, writing: None, pause: Duration::ZERO }
+    }
+
+    /// Whether blocks are stored at all.
+    pub(super) fn is_on(&self) -> bool {
+        self.every.is_some()
+    }
+}
+
+impl BlockStore for CheckpointStore<'_> {
+    fn load(&mut self, k: u64, block: &mut [Complex32]) -> bool {
+        self.checkpoint.load(self.stage, k, block)
+    }
+
+    /// At a stop, whatever the time.
+    fn is_due(&mut self) -> bool {
+        let Some(every) = self.every else { return false };
+        let enough = every.is_zero() || self.last.elapsed() >= every.max(self.pause);
+        let due = enough || self.stop.inner.should_stop();
+        self.writing = due.then(Instant::now);
+        due
+    }
+
+    fn save(&mut self, k: u64, block: &[Complex32]) {
+        self.checkpoint.save(self.stage, k, block, self.stop);
+    }
+
+    fn flush(&mut self) -> Result<()> {
+        if let Some(begun) = self.writing.take() {
+            self.pause = begun.elapsed() * TIME_PER_WRITING;
+        }
+        self.last = Instant::now();
+        if !self.stop.inner.should_stop() {
+            return Ok(());
+        }
+        self.stop.saved.store(true, Ordering::Relaxed);
+        Err(Error::Interrupted)
+    }
+}

@@ -1,0 +1,26 @@
+//! What every method is given: the samples, the voxels, and what takes the finished depths.
+
+use super::VolumeSink;
+use super::volume::Batch;
+use super::window::Weights;
+use crate::acquisition::CubeSource;
+use crate::grid::Grid;
+use crate::progress::Observer;
+
+/// One reconstruction, whatever its method.
+pub(crate) struct Job<'a> {
+    /// The samples `m(f, r)`, and what they were measured with.
+    pub(crate) source: &'a mut dyn CubeSource,
+    /// What turns samples into the summands of Eq. 13.
+    pub(crate) weights: &'a Weights,
+    /// The voxels.
+    pub(crate) grid: &'a Grid,
+    /// The error that any voxel may have, relative to `Σ|w m| / Σw`.
+    pub(crate) tolerance: f64,
+    /// How much is worked on at a time.
+    pub(crate) batch: Batch,
+    /// Takes the depths as they are finished.
+    pub(crate) sink: &'a mut dyn VolumeSink,
+    /// Learns of the progress.
+    pub(crate) observer: &'a dyn Observer,
+}

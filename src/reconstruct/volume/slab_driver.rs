@@ -1,0 +1,101 @@
+//! The one loop over the depths of a volume, which every method fills slab by slab.
+//!
+//! It takes the slabs in ascending order and a function that computes their planes; it leaves out those that the sink has
+//! from an interrupted run, hands finished planes to the sink while the next are computed, and reports progress.
+
+use super::double_buffer::DoubleBuffer;
+use super::{ReconstructionInfo, VolumeSink};
+use crate::error::Result;
+use crate::grid::Grid;
+use crate::progress::{Observer, advance, stage};
+use num_complex::Complex32;
+use std::ops::Range;
+
+/// Neighbouring depths that are computed together.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Slab {
+    /// The depths, by index.
+    pub(crate) depths: Range<usize>,
+    /// Units of work that they take: what their computation reports, or what is skipped with them.
+    pub(crate) work: u64,
+}
+
+/// How the depths of a grid are divided, and how the stage is reported.
+pub(crate) struct SlabDriver<'a> {
+    pub(crate) grid: &'a Grid,
+    /// All depths of the grid, in ascending order.
+    pub(crate) slabs: Vec<Slab>,
+    /// Slabs that are computed at a time.
+    pub(crate) at_once: usize,
+    /// Units of work that belong to no slab.
+    pub(crate) other_work: u64,
+    /// What the stage is called.
+    pub(crate) stage: &'a str,
+    pub(crate) observer: &'a dyn Observer,
+}
+
+impl<'a> SlabDriver<'a> {
+    /// Slabs of `thickness` depths, one at a time; `work` gives the units of work of so many depths.
+    pub(crate) fn even(
+        grid: &'a Grid,
+        thickness: usize,
+        work: impl Fn(usize) -> u64,
+        observer: &'a dyn Observer,
+    ) -> Self {
+        let depths = (0..grid.z.count).step_by(thickness);
+        let depths = depths.map(|first| first..(first + thickness).min(grid.z.count));
+        let slabs = depths.map(|depths| Slab { work: work(depths.len()), depths });
+        Self::new(grid, slabs.collect(), observer)
+    }
+
+    /// These slabs, one at a time.
+    pub(crate) fn new(grid: &'a Grid, slabs: Vec<Slab>, observer: &'a dyn Observer) -> Self {
+        Self { grid, slabs, at_once: 1, other_work: 0, stage: "reconstructing", observer }
+    }
+
+    /// Bytes of the buffers for `at_once` of `depths` depths at a time, of `plane_len` samples each.
+    pub(crate) fn bytes(plane_len: u64, at_once: usize, depths: usize) -> u64 {
+        DoubleBuffer::bytes(plane_len, at_once, depths)
+    }
+
+    /// Computes all depths that the sink does not have and hands them to it, in order.
+    ///
+    /// `compute` takes which slabs, which depths they are in all, and their planes `[plane, y, x]`, of any content. It
+    /// reports the progress.
+    ///
+    /// # Errors
+    /// Those of `sink` and `compute`; [`Error::Environment`](crate::error::Error::Environment) when the buffers do not fit
+    /// in memory; [`Error::Interrupted`](crate::error::Error::Interrupted).
+    pub(crate) fn run(
+        self,
+        info: ReconstructionInfo,
+        sink: &mut dyn VolumeSink,
+        mut compute: impl FnMut(Range<usize>, Range<usize>, &mut [Complex32]) -> Result<()> + Send,
+    ) -> Result<ReconstructionInfo> {
+        let Self { grid, slabs, at_once, other_work, stage: name, observer } = self;
+        let depths = |slabs: &[Slab]| match slabs {
+            [] => 0..0,
+            [first, ..] => first.depths.start..slabs[slabs.len() - 1].depths.end,
+        };
+        let work = |slabs: &[Slab]| slabs.iter().map(|slab| slab.work).sum::<u64>();
+        sink.begin(&info)?;
+        let done = slabs.partition_point(|slab| slab.depths.end <= sink.depths_done());
+        let most = slabs.chunks(at_once).map(|slabs| depths(slabs).len()).max().unwrap_or(0);
+        let mut buffer = DoubleBuffer::new(sink, grid, most)?;
+        stage(observer, name, other_work + work(&slabs), || {
+            advance(observer, work(&slabs[..done]))?;
+            for first in (done..slabs.len()).step_by(at_once) {
+                let part = first..(first + at_once).min(slabs.len());
+                let depths = depths(&slabs[part.clone()]);
+                let compute = |planes: &mut [Complex32]| compute(part, depths.clone(), planes);
+                buffer.next(depths.start, depths.len(), compute)?;
+            }
+            buffer.finish()
+        })?;
+        Ok(info)
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests;
