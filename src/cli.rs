@@ -18,9 +18,9 @@ mod verdicts;
 
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Args, CommandFactory, Parser, Subcommand};
-use holosonar::error::Error;
-use holosonar::progress::Observer;
-use holosonar::wave::simd::{self, Level};
+use crate::error::Error;
+use crate::progress::Observer;
+use crate::wave::simd::{self, Level};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
@@ -286,13 +286,13 @@ enum Command {
 }
 
 /// Parses, runs, prints; the exit status of DESIGN section 4.
-pub(crate) fn main() -> ExitCode {
+pub fn main() -> ExitCode {
     let cli = Cli::try_parse().unwrap_or_else(|error| explain(error).exit());
     terminal::explain_panics();
     signals::expect_aborts();
     let terminal = Terminal::new(cli.common.quiet, cli.common.verbose);
     let result = start_threads(cli.common.threads)
-        .and_then(|()| holosonar::plan::check_addresses())
+        .and_then(|()| crate::plan::check_addresses())
         .and_then(|()| limit_memory(cli.common.memory.as_deref()))
         .and_then(|()| limit_simd())
         .inspect(|()| {
@@ -327,7 +327,7 @@ fn explain(error: clap::Error) -> clap::Error {
 /// Sets the limit of memory, if one was typed.
 fn limit_memory(size: Option<&str>) -> Result<(), Error> {
     if let Some(size) = size {
-        holosonar::plan::limit_memory(inputs::bytes("--memory", size)?);
+        crate::plan::limit_memory(inputs::bytes("--memory", size)?);
     }
     Ok(())
 }

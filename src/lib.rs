@@ -90,6 +90,8 @@ pub mod plan;
 pub mod psf;
 pub mod export;
 pub mod checkpoint;
-pub mod reproduce;
 pub mod config;
 pub mod pipeline;
+#[cfg(feature = "cli")]
+#[doc(hidden)] // the command, not an interface: the binary calls its `main`
+pub mod cli;

@@ -4,7 +4,7 @@
 //!
 //! with w = 1 for quadrature, 2 for in-phase data and window weights `w_f`, `w_r` (all 1 without a window), so a
 //! unit reflector on a voxel peaks at 1. [`Method::Direct`] sums this as written, on any grid and for any
-//! microphones: it is the oracle. [`Method::Convolution`] is Eq. 16 over [`skeleton`] frequencies, for microphones in
+//! microphones: it is the oracle. [`Method::Convolution`] is Eq. 16 over skeleton frequencies, for microphones in
 //! a plane of constant z; [`Method::Backprojection`] follows range profiles, for any others.
 //! [`Method::Linear`] is the paper's far-field approximation of it, for comparison. This module cannot see the scene, so it
 //! cannot know the answer.

@@ -1,6 +1,6 @@
 //! Showing a page in the browser that the system takes for HTML.
 
-use holosonar::error::{Error, Result};
+use crate::error::{Error, Result};
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Duration;

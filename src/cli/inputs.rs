@@ -1,11 +1,11 @@
 //! What an input is, told by its extension, and the run file that goes with it.
 
 use super::Overrides;
-use holosonar::config::{InputFile, RunFile};
-use holosonar::error::{Error, Result};
-use holosonar::files::extension;
-use holosonar::plan::memory_limit;
-use holosonar::scene::EXTENSIONS;
+use crate::config::{InputFile, RunFile};
+use crate::error::{Error, Result};
+use crate::files::extension;
+use crate::plan::memory_limit;
+use crate::scene::EXTENSIONS;
 use std::path::Path;
 
 /// The run file of an input, and whether it is a bare mesh, for which defaults stand in.

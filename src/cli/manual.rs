@@ -3,8 +3,8 @@
 use super::Cli;
 use clap::CommandFactory;
 use clap_mangen::Man;
-use holosonar::error::{Error, Result};
-use holosonar::files::write_atomically;
+use crate::error::{Error, Result};
+use crate::files::write_atomically;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 

@@ -2,7 +2,7 @@
 
 use super::inputs::has_extension;
 use super::terminal::{Terminal, print};
-use holosonar::error::{Error, Result};
+use crate::error::{Error, Result};
 use std::path::{Path, PathBuf};
 
 /// Refuses an output name before any work is done for it.

@@ -1,10 +1,10 @@
 //! Results as a person reads them: short aligned tables.
 
-use holosonar::error::gib;
-use holosonar::grid::Axis;
-use holosonar::metrics::{METRIC_NAMES, Metrics, Scores};
-use holosonar::pipeline::{Forecast, Judgement, Outcome, Report, Verdict};
-use holosonar::reconstruct::Method;
+use crate::error::gib;
+use crate::grid::Axis;
+use crate::metrics::{METRIC_NAMES, Metrics, Scores};
+use crate::pipeline::{Forecast, Judgement, Outcome, Report, Verdict};
+use crate::reconstruct::Method;
 use serde_json::Value;
 use std::fmt::Write;
 use std::path::Path;

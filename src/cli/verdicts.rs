@@ -4,12 +4,12 @@ use super::inputs::reading_limit;
 use super::outputs::{check_extension, pretty};
 use super::terminal::{Terminal, print};
 use super::{Overrides, summary};
-use holosonar::error::{Error, Result};
-use holosonar::export::depth_exr::{DepthFile, read_depth_map};
-use holosonar::export::figure::write_error_figure;
-use holosonar::export::{Attribute, find_attribute};
-use holosonar::metrics::{Scores, error_map, score};
-use holosonar::pipeline::{self, Bound, Verdict};
+use crate::error::{Error, Result};
+use crate::export::depth_exr::{DepthFile, read_depth_map};
+use crate::export::figure::write_error_figure;
+use crate::export::{Attribute, find_attribute};
+use crate::metrics::{Scores, error_map, score};
+use crate::pipeline::{self, Bound, Verdict};
 use std::path::{Path, PathBuf};
 
 /// Scores a depth map and holds it to the limits typed.

@@ -20,7 +20,7 @@ pub enum Method {
     Linear,
 }
 
-/// Parameters of [`reconstruct`].
+/// Parameters of [`reconstruct`](super::reconstruct()).
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub struct ReconstructOptions {
