@@ -94,12 +94,12 @@ impl Checkpoint {
     /// Refuses a job whose output takes more than the disk has, before any long work.
     ///
     /// # Errors
-    /// [`Error::Environment`] when fewer than `bytes` are free.
+    /// [`Error::Io`] when fewer than `bytes` are free.
     pub fn need_space(&self, bytes: u64) -> Result<()> {
         let Some(place) = &self.place else { return Ok(()) };
         self.reserved.store(bytes, Ordering::Relaxed);
         match free_space(&place.folder) {
-            Some(free) if free < bytes => Err(Error::environment(
+            Some(free) if free < bytes => Err(Error::io(
                 place.folder.display(),
                 format!(
                     "has {} free, and this job writes {} at the least; make room, write elsewhere, or make the grid smaller",
@@ -114,7 +114,7 @@ impl Checkpoint {
     /// Takes up the state of the job of this identity, if there is one; else prepares to keep some.
     ///
     /// # Errors
-    /// [`Error::Input`] when another process is at this very job; [`Error::Environment`] when its state cannot be read.
+    /// [`Error::InvalidInput`] when another process is at this very job; [`Error::Io`] when its state cannot be read.
     pub fn open(&self, identity: &Identity, observer: &dyn Observer) -> Result<()> {
         let Some(place) = &self.place else { return Ok(()) };
         let own = place.state_of(identity);

@@ -16,11 +16,11 @@ mod summary;
 mod terminal;
 mod verdicts;
 
-use clap::error::{ContextKind, ContextValue, ErrorKind};
-use clap::{Args, CommandFactory, Parser, Subcommand};
 use crate::error::Error;
 use crate::progress::Observer;
 use crate::wave::simd::{self, Level};
+use clap::error::{ContextKind, ContextValue, ErrorKind};
+use clap::{Args, CommandFactory, Parser, Subcommand};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
@@ -30,7 +30,7 @@ use terminal::Terminal;
 const VERSION: &str = concat!(env!("CARGO_PKG_VERSION"), " (", env!("HOLOSONAR_COMMIT"), ")");
 
 const AFTER_HELP: &str = "\
-Exit status: 0 done; 1 the machine failed (disk, memory); 2 the request or an input file is wrong; 3 a limit of \
+Exit status: 0 done; 1 I/O or memory error; 2 the request or an input file is wrong; 3 a limit of \
 compare or check was missed; 130 interrupted (Ctrl-C), 143 terminated.
 
 Environment: NO_COLOR, if not empty, leaves out colours; HOLOSONAR_SIMD=baseline, avx2 or avx512 limits the \
@@ -350,7 +350,7 @@ fn start_threads(threads: Option<u16>) -> Result<(), Error> {
     let count = usize::from(threads.unwrap_or(0));
     rayon::ThreadPoolBuilder::new().num_threads(count).build_global().map_err(|e| {
         let problem = format!("the worker threads cannot be started: {e}; -j sets a smaller number of them");
-        Error::environment("threads", problem)
+        Error::io("threads", problem)
     })?;
     // The C library lays out a heap for each thread that allocates, 64 MiB of addresses: before those left are counted.
     rayon::broadcast(|_| std::hint::black_box(vec![0u8; 64]).len());

@@ -95,7 +95,7 @@ impl RunFile {
     /// # Errors
     /// A file that cannot be read or is no UTF-8, and everything [`RunFile::from_str_at`] refuses.
     pub fn load(path: &Path, overrides: &[String]) -> Result<Self> {
-        let reading = |error| Error::reading(path, &error);
+        let reading = |error| Error::reading(path, error);
         let place = path.display().to_string();
         let mut bytes = Vec::new();
         File::open(path).map_err(reading)?.take(LARGEST + 1).read_to_end(&mut bytes).map_err(reading)?;

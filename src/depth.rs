@@ -134,7 +134,7 @@ struct Found {
 /// - Cost: a few passes over the volume; one more volume of f32 for the returns.
 ///
 /// # Errors
-/// A range resolution that is not positive, an even median; [`Error::Environment`] when the passes do not fit in memory;
+/// A range resolution that is not positive, an even median; [`Error::OutOfMemory`] when the passes do not fit in memory;
 /// [`Error::Interrupted`].
 pub fn locate_depth(volume: &Volume, options: &DepthOptions, observer: &dyn Observer) -> Result<DepthMap> {
     if !(options.range_resolution > 0.0 && options.range_resolution.is_finite()) {

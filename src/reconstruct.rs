@@ -59,7 +59,7 @@ impl Reconstruction {
 /// - Cost: that of [`reconstruct_into`].
 ///
 /// # Errors
-/// Those of [`reconstruct_into`]; [`Error::Environment`] when the volume does not fit in memory.
+/// Those of [`reconstruct_into`]; [`Error::OutOfMemory`] when the volume does not fit in memory.
 pub fn reconstruct(
     cube: &DataCube,
     grid: &Grid,
@@ -94,7 +94,7 @@ pub fn reconstruct_whole(
 ///
 /// # Errors
 /// `convolution` asked for where it is not possible, `backprojection` without a tolerance, or `auto` with neither and
-/// over 10¹¹ direct terms; a grid with voxels behind the array; a tolerance that is not in 0..1; [`Error::Environment`]
+/// over 10¹¹ direct terms; a grid with voxels behind the array; a tolerance that is not in 0..1; [`Error::OutOfMemory`]
 /// when what it needs does not fit in memory; [`Error::Interrupted`]; what source and sink come to.
 pub fn reconstruct_into(
     source: &mut dyn CubeSource,
@@ -157,8 +157,5 @@ fn carry_out(
 
 /// The refusal of samples that do not fit.
 fn no_room(tones: u64, microphones: u64) -> Error {
-    Error::environment(
-        "memory",
-        format!("{tones} tones x {microphones} microphones do not fit; use fewer of either"),
-    )
+    Error::out_of_memory(format!("{tones} tones x {microphones} microphones do not fit; use fewer of either"))
 }

@@ -205,7 +205,7 @@ pub fn sampling_bytes(triangles: u64, area: f64, options: &SurfaceOptions) -> u6
 /// - The bytes follow from the options alone, whatever the number of threads.
 ///
 /// # Errors
-/// A spacing that is not positive or would need more than 5·10⁷ reflectors; [`Error::Environment`] when they do not fit in
+/// A spacing that is not positive or would need more than 5·10⁷ reflectors; [`Error::OutOfMemory`] when they do not fit in
 /// memory; [`Error::Interrupted`].
 pub fn sample_surface(
     scene: &Scene,
@@ -270,13 +270,10 @@ pub fn sample_surface(
 
 /// The refusal of a surface whose samples do not fit.
 fn no_room(spacing: f64) -> Error {
-    Error::environment(
-        "memory",
-        format!(
-            "the reflectors of a scene sampled every {spacing} m do not fit; use a larger [reflectors] spacing, or free \
+    Error::out_of_memory(format!(
+        "the reflectors of a scene sampled every {spacing} m do not fit; use a larger [reflectors] spacing, or free \
              some memory"
-        ),
-    )
+    ))
 }
 
 /// What chance gives each sample before anything is culled: the phase factor and the displacement in m. `None` when it does

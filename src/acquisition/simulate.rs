@@ -127,7 +127,7 @@ impl SimulateOptions {
 /// - The bytes do not depend on the number of threads.
 ///
 /// # Errors
-/// [`Error::Environment`] when the cube does not fit in memory, [`Error::Interrupted`]; [`Error::Input`] for a tolerance that
+/// [`Error::OutOfMemory`] when the cube does not fit in memory, [`Error::Interrupted`]; [`Error::InvalidInput`] for a tolerance that
 /// is no number from 0 up.
 pub fn simulate(
     reflectors: &Reflectors,
@@ -261,8 +261,7 @@ fn plan(reflectors: &Reflectors, sweep: &Sweep, array: &MicArray, options: &Simu
 
 /// The refusal of sums that do not fit.
 fn no_room() -> Error {
-    Error::environment(
-        "memory",
+    Error::out_of_memory(
         "the sums of a simulation do not fit; take fewer reflectors, frequencies or threads (-j), or free some memory",
     )
 }

@@ -25,7 +25,7 @@ pub(super) fn make_folder(folder: &Path) -> Result<bool> {
         std::io::ErrorKind::AlreadyExists | std::io::ErrorKind::NotADirectory => {
             Error::input(folder.display(), "is a file; a folder was expected")
         }
-        _ => Error::writing(folder, &e),
+        _ => Error::writing(folder, e),
     })
 }
 

@@ -19,7 +19,6 @@ mod tests;
 mod text;
 mod timings;
 
-
 use super::outputs::{make_folder, pretty, wrote};
 use super::terminal::{Terminal, print};
 use crate::acquisition::PropagationModel::{Exact, Linear};
@@ -133,7 +132,7 @@ struct Reproduction {
 /// Cost: some ten seconds, most of them the direct sums that are timed; memory 60 MB.
 ///
 /// # Errors
-/// [`Error::Interrupted`]; [`Error::Environment`] when memory or threads are missing.
+/// [`Error::Interrupted`]; [`Error::OutOfMemory`] when memory or threads are missing.
 fn reproduce(observer: &dyn Observer) -> Result<Reproduction> {
     let mut rows = Vec::new();
     stage(observer, "Table I", CASES.len() as u64, || {
@@ -151,7 +150,7 @@ fn reproduce(observer: &dyn Observer) -> Result<Reproduction> {
 /// One row of the table: three simulations' worth of work, under a second.
 ///
 /// # Errors
-/// [`Error::Environment`] when memory is missing; [`Error::Input`] for a case that makes no sense.
+/// [`Error::OutOfMemory`] when memory is missing; [`Error::InvalidInput`] for a case that makes no sense.
 fn row(case: Case) -> Result<Row> {
     let truth = scene::truth();
     let linear = fourier::image(&scene::cube(&case, Linear)?);
@@ -195,7 +194,7 @@ impl Reproduction {
     /// `timings.json`, and gives their names. Same bytes every time, but for the timings.
     ///
     /// # Errors
-    /// [`Error::Environment`] when a file cannot be written.
+    /// [`Error::Io`] when a file cannot be written.
     fn write(&self, folder: &Path) -> Result<Vec<PathBuf>> {
         let mut files = figures::write(self, folder)?;
         let all = self.to_json();
@@ -207,7 +206,7 @@ impl Reproduction {
         ] {
             let path = folder.join(name);
             let text = serde_json::to_string_pretty(&all[key])
-                .map_err(|e| Error::environment(path.display(), e.to_string()))?;
+                .map_err(|e| Error::io(path.display(), e.to_string()).with_source(e))?;
             write_atomically(&path, |file| std::io::Write::write_all(file, (text + "\n").as_bytes()))?;
             files.push(path);
         }

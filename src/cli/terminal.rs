@@ -89,7 +89,7 @@ pub(super) fn print(text: &str) -> Result<(), Error> {
     let mut out = io::stdout().lock();
     match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
         Err(e) if e.kind() != io::ErrorKind::BrokenPipe => {
-            Err(Error::environment("standard output", format!("cannot be written: {e}")))
+            Err(Error::io("standard output", format!("cannot be written: {e}")).with_source(e))
         }
         _ => Ok(()),
     }

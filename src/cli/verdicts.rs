@@ -110,7 +110,7 @@ pub(super) fn check(
                     print(&summary::check_line(&name, &judgement))?;
                 }
                 if let Err(error) = limits_kept(&judgement.verdicts) {
-                    let error = Error::Limit(format!("{name}: {error}"));
+                    let error = Error::LimitMissed(format!("{name}: {error}"));
                     worst = Some(worse(worst, error));
                 }
             }
@@ -134,7 +134,9 @@ pub(super) fn check(
 /// Of two errors the one to exit with: a run that failed tells more than a limit that was missed.
 fn worse(first: Option<Error>, second: Error) -> Error {
     match first {
-        Some(first) if !matches!(first, Error::Limit(_)) || matches!(second, Error::Limit(_)) => first,
+        Some(first) if !matches!(first, Error::LimitMissed(_)) || matches!(second, Error::LimitMissed(_)) => {
+            first
+        }
         _ => second,
     }
 }
@@ -157,5 +159,5 @@ fn limits_json(verdicts: &[Verdict]) -> serde_json::Value {
 /// Exit status 3 for what was missed, in words.
 fn limits_kept(verdicts: &[Verdict]) -> Result<()> {
     let missed: Vec<String> = verdicts.iter().filter(|v| !v.kept).map(summary::verdict).collect();
-    if missed.is_empty() { Ok(()) } else { Err(Error::Limit(format!("missed {}", missed.join("; ")))) }
+    if missed.is_empty() { Ok(()) } else { Err(Error::LimitMissed(format!("missed {}", missed.join("; ")))) }
 }

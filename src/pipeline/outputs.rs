@@ -32,7 +32,7 @@ use std::time::Instant;
 /// is made if it is missing; gives the report.
 ///
 /// # Errors
-/// [`Error::Environment`] when a file cannot be written; no file is ever left half-written.
+/// [`Error::Io`] when a file cannot be written; no file is ever left half-written.
 pub fn write_outputs(
     run: &RunFile,
     outcome: &Outcome,
@@ -103,7 +103,7 @@ pub fn write_outputs(
     };
     report.timings.insert("write".to_owned(), begun.elapsed().as_secs_f64().into());
     let text = serde_json::to_string_pretty(&report)
-        .map_err(|e| Error::environment("report", e.to_string()))?
+        .map_err(|e| Error::io("report", e.to_string()).with_source(e))?
         + "\n";
     write_atomically(&folder.join("report.json"), |file| file.write_all(text.as_bytes()))?;
     observer.note(&format!("{} files in {}", report.files.len(), folder.display()));

@@ -7,7 +7,7 @@ use std::sync::OnceLock;
 /// Refuses to sample a surface whose points cannot fit: the usual sign of a mesh in the wrong unit.
 ///
 /// # Errors
-/// [`Error::Input`] when `bytes` exceed `limit`.
+/// [`Error::InvalidInput`] when `bytes` exceed `limit`.
 pub fn check_sampling(bytes: u64, spacing: f64, limit: Option<u64>) -> Result<()> {
     match limit {
         Some(limit) if bytes > limit => Err(Error::input(
@@ -49,18 +49,15 @@ const AT_WORK: u64 = 48 << 20;
 /// run; they have most of what it takes.
 ///
 /// # Errors
-/// [`Error::Environment`] with what is left.
+/// [`Error::OutOfMemory`] with what is left.
 pub fn check_addresses() -> Result<()> {
     match address_space() {
-        Some(left) if left < AT_WORK => Err(Error::environment(
-            "memory",
-            format!(
-                "of the addresses that this process may have, {} are left, and any job takes {}; raise `ulimit -v`, or run \
+        Some(left) if left < AT_WORK => Err(Error::out_of_memory(format!(
+            "of the addresses that this process may have, {} are left, and any job takes {}; raise `ulimit -v`, or run \
                  fewer threads with -j",
-                gib(left),
-                gib(AT_WORK)
-            ),
-        )),
+            gib(left),
+            gib(AT_WORK)
+        ))),
         _ => Ok(()),
     }
 }

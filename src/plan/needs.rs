@@ -144,7 +144,7 @@ fn operations_per_second() -> f64 {
 /// Refuses a job that cannot fit, however little of it is worked on at a time.
 ///
 /// # Errors
-/// [`Error::Input`] when the peak exceeds `limit` bytes, with the numbers and what would make it fit.
+/// [`Error::InvalidInput`] when the peak exceeds `limit` bytes, with the numbers and what would make it fit.
 pub fn check_memory(
     needs: &Needs,
     setup: &Setup,
@@ -201,7 +201,7 @@ pub fn check_memory(
 /// Refuses to simulate a cube that cannot fit.
 ///
 /// # Errors
-/// [`Error::Input`] when [`simulation_peak`] exceeds `limit`.
+/// [`Error::InvalidInput`] when [`simulation_peak`] exceeds `limit`.
 pub fn check_simulation(setup: &Setup, holding: Holding, threads: usize, limit: Option<u64>) -> Result<()> {
     let bytes = simulation_peak(holding, threads);
     match limit {

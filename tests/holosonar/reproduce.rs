@@ -52,7 +52,8 @@ fn check_table(table: &Value, least_squares: &Value) {
 fn check_aliasing(studies: &[Value]) {
     let counts: Vec<u64> = studies.iter().map(|study| study["microphones"].as_u64().unwrap()).collect();
     assert_eq!(counts, [15, 31, 63, 255]);
-    let seen: Vec<bool> = studies.iter().map(|study| study["off_lines_db"].as_f64().unwrap() > -6.0).collect();
+    let seen: Vec<bool> =
+        studies.iter().map(|study| study["off_lines_db"].as_f64().unwrap() > -6.0).collect();
     assert_eq!(seen, [true, true, false, false], "15, 31, 63 and 255 microphones");
     for study in studies {
         let number = |ghost: &Value, key: &str| ghost[key].as_f64().unwrap();

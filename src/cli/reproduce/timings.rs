@@ -72,7 +72,7 @@ pub(super) fn measure(observer: &dyn Observer) -> Result<Timings> {
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(1)
         .build()
-        .map_err(|e| Error::environment("threads", format!("one cannot be started: {e}")))?;
+        .map_err(|e| Error::io("threads", format!("one cannot be started: {e}")))?;
     stage(observer, "timing", 4, || pool.install(|| all(observer)))
 }
 

@@ -113,13 +113,13 @@ mod tests {
         }
 
         fn take(&mut self, first: usize, _: &[Complex32]) -> Result<()> {
-            if first == 0 { Ok(()) } else { Err(Error::environment("disk", "full")) }
+            if first == 0 { Ok(()) } else { Err(Error::io("disk", "full")) }
         }
     }
 
     #[test]
     fn what_the_sink_and_the_work_come_to_is_passed_on() {
-        let full = Err(Error::environment("disk", "full"));
+        let full = Err(Error::io("disk", "full"));
         let mut sink = Full;
         let mut handover = Handover::new(&mut sink, &grid(), 2).unwrap();
         handover.next(0, 2, |_| Ok(())).unwrap();

@@ -43,7 +43,7 @@ impl Level {
     /// The level of this name, for a processor whose highest is `most`; `place` is what named it, for the message.
     ///
     /// # Errors
-    /// [`Error::Input`]: no such level, or one above `most`.
+    /// [`Error::InvalidInput`]: no such level, or one above `most`.
     pub fn named(place: &str, name: &str, most: Self) -> Result<Self> {
         let had = Self::ALL.map(Self::name)[..=most as usize].join(", ");
         let Some(level) = Self::ALL.into_iter().find(|level| level.name() == name) else {
