@@ -297,7 +297,7 @@ pub fn main() -> ExitCode {
         .and_then(|()| limit_simd())
         .inspect(|()| {
             let (threads, level) = (rayon::current_num_threads(), simd::level());
-            terminal.note(&format!("{threads} threads, {} loops", level.name()));
+            terminal.note(&format!("{threads} threads, {level} loops"));
         })
         .and_then(|()| commands::run(&cli, &terminal));
     match result {

@@ -74,6 +74,7 @@
 //! Sonar Range-Imaging System". Equation numbers in these pages are that paper's.
 
 pub mod error;
+mod choice;
 mod alloc;
 pub mod progress;
 pub mod files;

@@ -34,6 +34,7 @@ mod poisson;
 mod tests;
 
 use crate::alloc::{try_filled, try_with_capacity};
+use crate::choice::choice;
 use crate::error::{Error, Result};
 use crate::progress::{Observer, advance, stage};
 use crate::scene::Scene;
@@ -43,7 +44,6 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal, StandardUniform};
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
 
 /// Point reflectors: positions in m, complex amplitudes.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -124,16 +124,16 @@ pub enum Occlusion {
     Aperture(Vec<DVec3>),
 }
 
-/// Which word of the run file an [`Occlusion`] is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum OcclusionKind {
-    /// [`Occlusion::None`].
-    None,
-    /// [`Occlusion::Speaker`].
-    Speaker,
-    /// [`Occlusion::Aperture`].
-    Aperture,
+choice! {
+    /// Which word of the run file an [`Occlusion`] is.
+    pub enum OcclusionKind: "occlusion" {
+        /// [`Occlusion::None`].
+        None = "none",
+        /// [`Occlusion::Speaker`].
+        Speaker = "speaker",
+        /// [`Occlusion::Aperture`].
+        Aperture = "aperture",
+    }
 }
 
 /// Parameters of [`sample_surface`].

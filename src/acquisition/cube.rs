@@ -112,7 +112,7 @@ impl DataCube {
             "format": FORMAT,
             "version": VERSION,
             "sound_speed": self.sound_speed,
-            "geometry": self.geometry.name(),
+            "geometry": self.geometry.kind(),
             "detection": self.detection,
             "phase_sign": 1,
             "source": source.to_array(),

@@ -32,6 +32,7 @@ pub use losses::Losses;
 pub use noise::Noise;
 
 use super::{DataCube, Detection, MicArray, Sweep, Tile, tiles};
+use crate::choice::choice;
 use crate::error::{Error, Result};
 use crate::progress::{Forgetful, Keeper, Observer, stage};
 use crate::reflectors::Reflectors;
@@ -42,18 +43,17 @@ use kept::KeptSamples;
 use literal::literal;
 use noise::add_noise;
 use num_complex::Complex32;
-use serde::{Deserialize, Serialize};
 use terms::{Spread, Terms};
 use virtual_tones::VirtualTones;
 
-/// Which path lengths a simulated sound follows.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum PropagationModel {
-    /// Eq. 5: the true path.
-    Exact,
-    /// Eq. 6–7: the far-field approximation.
-    Linear,
+choice! {
+    /// Which path lengths a simulated sound follows.
+    pub enum PropagationModel: "model" {
+        /// Eq. 5: the true path.
+        Exact = "exact",
+        /// Eq. 6–7: the far-field approximation.
+        Linear = "linear",
+    }
 }
 
 /// Parameters of [`simulate`].

@@ -72,7 +72,7 @@ fn npz(file: &Path, limit: u64) -> Result<Value> {
         "array_shape": cube.array.shape(),
         "array_centre_m": cube.array.centre().to_array(),
         "array_extent_m": cube.array.extent().to_array(),
-        "geometry": cube.geometry.name(),
+        "geometry": cube.geometry.kind(),
         "detection": cube.detection,
         "sound_speed_m_per_s": cube.sound_speed,
         "range_resolution_m": cube.range_resolution(),

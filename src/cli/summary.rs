@@ -4,7 +4,6 @@ use crate::error::gib;
 use crate::grid::Axis;
 use crate::metrics::{METRIC_NAMES, Metrics, Scores};
 use crate::pipeline::{Forecast, Judgement, Outcome, Report, Verdict};
-use crate::reconstruct::Method;
 use serde_json::Value;
 use std::fmt::Write;
 use std::path::Path;
@@ -174,7 +173,7 @@ pub(super) fn forecast(forecast: &Forecast) -> String {
         table.row(if i == 0 { "physics" } else { "" }, line);
     }
     for (i, (method, seconds)) in needs.methods.iter().zip(forecast.seconds).enumerate() {
-        let name = format!("{}{}", if i == needs.chosen { "* " } else { "  " }, name_of(method.method));
+        let name = format!("{}{}", if i == needs.chosen { "* " } else { "  " }, method.method);
         let costs = match &method.obstacle {
             Some(obstacle) => format!("not taken: {obstacle}"),
             None => format!(
@@ -192,11 +191,6 @@ pub(super) fn forecast(forecast: &Forecast) -> String {
     table.row("", simulate.unwrap_or_default() + &reconstruct);
     table.row("writes", forecast.files.join(", "));
     table.text()
-}
-
-/// A method as run files name it.
-pub(super) fn name_of(method: Method) -> String {
-    format!("{method:?}").to_lowercase()
 }
 
 /// Seconds as people say them.

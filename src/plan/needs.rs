@@ -160,8 +160,7 @@ pub fn check_memory(
     for method in others {
         let bytes = peak(method.least_bytes, grid, holding, needs.threads);
         if bytes <= limit {
-            let name = format!("{:?}", method.method).to_lowercase();
-            ways.push(format!("[reconstruct] method = \"{name}\" needs {}", gib(bytes)));
+            ways.push(format!("[reconstruct] method = \"{}\" needs {}", method.method, gib(bytes)));
         }
     }
     if holding.volume && holding.depth == 0 {

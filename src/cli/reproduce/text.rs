@@ -3,7 +3,6 @@
 use super::aliasing::Aliasing;
 use super::timings::Timings;
 use super::{METHODS, Reproduction, Row};
-use crate::cli::summary::name_of as method_name;
 use std::fmt::Write;
 
 /// Table, aliasing and timings, each with what it says about the paper.
@@ -30,7 +29,7 @@ fn table(made: &Reproduction) -> String {
         let _ = writeln!(
             text,
             "NL-NL is summed by {}: pixels of 1 cm and the microphones' pitch share no lattice, and it needs none.",
-            method_name(row.method)
+            row.method
         );
     }
     text

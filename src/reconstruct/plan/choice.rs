@@ -86,9 +86,10 @@ impl Options {
     ) -> Result<(Choice, Option<String>)> {
         let chosen = self.chosen(asked);
         if let Some(obstacle) = &chosen.obstacle {
-            let (name, others) = match chosen.method {
-                Method::Convolution => ("convolution", "\"backprojection\" or \"direct\""),
-                _ => ("backprojection", "\"direct\""),
+            let name = chosen.method;
+            let others = match name {
+                Method::Convolution => "\"backprojection\" or \"direct\"",
+                _ => "\"direct\"",
             };
             return Err(Error::input(
                 "reconstruct.method",
