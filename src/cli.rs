@@ -293,7 +293,7 @@ pub fn main() -> ExitCode {
     let terminal = Terminal::new(cli.common.quiet, cli.common.verbose);
     let result = start_threads(cli.common.threads)
         .and_then(|()| crate::plan::check_addresses())
-        .and_then(|()| limit_memory(cli.common.memory.as_deref()))
+        .and_then(|()| inputs::limit_memory(cli.common.memory.as_deref()))
         .and_then(|()| limit_simd())
         .inspect(|()| {
             let (threads, level) = (rayon::current_num_threads(), simd::level());
@@ -322,14 +322,6 @@ fn explain(error: clap::Error) -> clap::Error {
         ),
         _ => error,
     }
-}
-
-/// Sets the limit of memory, if one was typed.
-fn limit_memory(size: Option<&str>) -> Result<(), Error> {
-    if let Some(size) = size {
-        crate::plan::limit_memory(inputs::bytes("--memory", size)?);
-    }
-    Ok(())
 }
 
 /// Limits the instruction set of our loops, if the environment says so.

@@ -81,6 +81,10 @@ pub struct RunFile {
     pub output: OutputTable,
     /// What the result is held to.
     pub expect: ExpectTable,
+    /// Most bytes that a job of it may use; `None`: 80 % of what is free. No key of the file, since it is a matter of the
+    /// computer and changes no result.
+    #[serde(skip)]
+    pub memory: Option<u64>,
 }
 
 impl RunFile {

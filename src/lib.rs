@@ -73,6 +73,9 @@
 //! \[1\] L. Streeter, J. Scott, C. A. Lickfold, M. J. Cree, "Design of a Pseudo-Holographic Distributed Time-of-Flight
 //! Sonar Range-Imaging System". Equation numbers in these pages are that paper's.
 
+pub use glam;
+pub use num_complex;
+
 pub mod error;
 mod choice;
 mod alloc;

@@ -21,7 +21,7 @@ mod volume;
 mod window;
 
 pub use options::{Method, ReconstructOptions};
-pub use plan::{Estimate, MOST_DIRECT_TERMS, direct_terms, estimate};
+pub use plan::{Estimate, Estimates, MOST_DIRECT_TERMS, direct_terms, estimate};
 pub use volume::{Made, VolumeSink};
 pub use window::Window;
 

@@ -172,7 +172,7 @@ pub(super) fn forecast(forecast: &Forecast) -> String {
     for (i, line) in forecast.physics.iter().enumerate() {
         table.row(if i == 0 { "physics" } else { "" }, line);
     }
-    for (i, (method, seconds)) in needs.methods.iter().zip(forecast.seconds).enumerate() {
+    for (i, (method, seconds)) in needs.methods.iter().zip(&forecast.seconds).enumerate() {
         let name = format!("{}{}", if i == needs.chosen { "* " } else { "  " }, method.method);
         let costs = match &method.obstacle {
             Some(obstacle) => format!("not taken: {obstacle}"),
@@ -180,7 +180,7 @@ pub(super) fn forecast(forecast: &Forecast) -> String {
                 "{:.1e} operations, {}, about {}",
                 method.operations,
                 gib(method.bytes),
-                duration(seconds)
+                duration(*seconds)
             ),
         };
         table.row(&name, costs);

@@ -1,6 +1,6 @@
 //! The commands that judge: `compare` and `check`, and their exit status.
 
-use super::inputs::reading_limit;
+use super::inputs::{config_of, reading_limit};
 use super::outputs::{check_extension, pretty};
 use super::terminal::{Terminal, print};
 use super::{Overrides, summary};
@@ -96,7 +96,8 @@ pub(super) fn check(
     let mut rows = Vec::new();
     for path in runs {
         let name = path.display().to_string();
-        let outcome = pipeline::check_scene(path, &overrides.keys(), seeds, terminal);
+        let outcome = config_of(Some(path), &overrides.keys())
+            .and_then(|run| pipeline::check_scene(path, &run, seeds, terminal));
         match outcome {
             Ok(judgement) => {
                 if json {

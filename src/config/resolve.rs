@@ -98,7 +98,7 @@ impl RunFile {
         options.fit_by_diagonal = (bare && !placed).then_some(FIT_BY_DIAGONAL);
         options.sensor = typed.sensor.as_deref().map(str::parse).transpose()?;
         options.materials.clone_from(&self.materials);
-        options.memory = left_for_scene(memory_limit(), rayon::current_num_threads());
+        options.memory = left_for_scene(memory_limit(self.memory), rayon::current_num_threads());
         Ok(options)
     }
 
