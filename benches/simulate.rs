@@ -10,14 +10,15 @@ use glam::DVec3;
 use holosonar::acquisition::{MicArray, SimulateOptions, Sweep, simulate};
 use holosonar::progress::Silent;
 use holosonar::reflectors::Reflectors;
-use holosonar::wave::phasor;
+use num_complex::Complex32;
+use std::f32::consts::TAU;
 
 fn reflectors(count: usize) -> Reflectors {
     let fraction = |i: usize, k: f64| (i as f64 * k).fract() - 0.5;
     let positions = (0..count)
         .map(|i| DVec3::new(fraction(i, 0.618_034), fraction(i, 0.754_878), 1.5 + fraction(i, 0.569_84)))
         .collect();
-    let amplitudes = (0..count).map(|i| phasor(fraction(i, 0.413_59))).collect();
+    let amplitudes = (0..count).map(|i| Complex32::cis(TAU * fraction(i, 0.413_59) as f32)).collect();
     Reflectors::new(positions, amplitudes).expect("finite")
 }
 

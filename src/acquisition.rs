@@ -47,16 +47,16 @@ pub use simulate::{
 pub use source::{CubeSource, Visit};
 pub use sweep::Sweep;
 
-use serde::{Deserialize, Serialize};
+use crate::choice::choice;
 
-/// How the microphone's signal is mixed down.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Detection {
-    /// Both phases: `m = Σ A e^{+i2πf·path/c}`.
-    Quadrature,
-    /// One phase, the paper's real data: `m = Re Σ A e^{+i2πf·path/c}` (Eq. 5).
-    InPhase,
+choice! {
+    /// How the microphone's signal is mixed down.
+    pub enum Detection: "detection" {
+        /// Both phases: `m = Σ A e^{+i2πf·path/c}`.
+        Quadrature = "quadrature",
+        /// One phase, the paper's real data: `m = Re Σ A e^{+i2πf·path/c}` (Eq. 5).
+        InPhase = "in-phase",
+    }
 }
 
 impl Detection {

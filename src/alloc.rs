@@ -1,7 +1,7 @@
 //! Fallible allocation of whatever grows with the job.
 //!
 //! Every function takes a number of values and returns a vector, or `None` where the memory is not there: the caller
-//! turns that into an [`Error::Environment`](crate::error::Error::Environment) that names what did not fit. Small
+//! turns that into an [`Error::OutOfMemory`](crate::error::Error::OutOfMemory) that names what did not fit. Small
 //! buffers of a fixed size are allocated the ordinary way.
 
 use num_complex::Complex32;

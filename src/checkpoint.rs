@@ -86,12 +86,12 @@ impl Checkpoint {
     /// Refuses a job whose output of `bytes` takes more than the disk has, before any long work.
     ///
     /// # Errors
-    /// [`Error::Environment`] when fewer are free.
+    /// [`Error::Io`] when fewer are free.
     pub(crate) fn check_space(&self, bytes: u64) -> Result<()> {
         let Some(place) = &self.place else { return Ok(()) };
         self.reserved.store(bytes, Ordering::Relaxed);
         match free_space(&place.folder) {
-            Some(free) if free < bytes => Err(Error::environment(
+            Some(free) if free < bytes => Err(Error::io(
                 place.folder.display(),
                 format!(
                     "has {} free, and this job writes {} at the least; make room, write elsewhere, or make the grid smaller",
@@ -106,7 +106,7 @@ impl Checkpoint {
     /// Opens the checkpoint of the job of this identity, if there is one; else prepares a new one.
     ///
     /// # Errors
-    /// [`Error::Input`] when another process works on this very job; [`Error::Environment`] when the file cannot be read.
+    /// [`Error::InvalidInput`] when another process works on this very job; [`Error::Io`] when the file cannot be read.
     pub(crate) fn open(&self, identity: &Identity, observer: &dyn Observer) -> Result<()> {
         let Some(place) = &self.place else { return Ok(()) };
         let own = place.checkpoint_of(identity);

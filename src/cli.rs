@@ -16,11 +16,11 @@ mod summary;
 mod terminal;
 mod verdicts;
 
+use crate::error::Error;
+use crate::progress::Observer;
+use crate::wave::simd::{self, Level};
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Args, CommandFactory, Parser, Subcommand};
-use holosonar::error::Error;
-use holosonar::progress::Observer;
-use holosonar::wave::simd::{self, Level};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
@@ -30,7 +30,7 @@ use terminal::Terminal;
 const VERSION: &str = concat!(env!("CARGO_PKG_VERSION"), " (", env!("HOLOSONAR_COMMIT"), ")");
 
 const AFTER_HELP: &str = "\
-Exit status: 0 done; 1 the machine failed (disk, memory); 2 the request or an input file is wrong; 3 a limit of \
+Exit status: 0 done; 1 I/O or memory error; 2 the request or an input file is wrong; 3 a limit of \
 compare or check was missed; 130 interrupted (Ctrl-C), 143 terminated.
 
 Environment: NO_COLOR, if not empty, leaves out colours; HOLOSONAR_SIMD=baseline, avx2 or avx512 limits the \
@@ -286,18 +286,18 @@ enum Command {
 }
 
 /// Parses, runs, prints; the exit status of DESIGN section 4.
-pub(crate) fn main() -> ExitCode {
+pub fn main() -> ExitCode {
     let cli = Cli::try_parse().unwrap_or_else(|error| explain(error).exit());
     terminal::explain_panics();
     signals::expect_aborts();
     let terminal = Terminal::new(cli.common.quiet, cli.common.verbose);
     let result = start_threads(cli.common.threads)
-        .and_then(|()| holosonar::plan::check_addresses())
-        .and_then(|()| limit_memory(cli.common.memory.as_deref()))
+        .and_then(|()| crate::plan::check_addresses())
+        .and_then(|()| inputs::limit_memory(cli.common.memory.as_deref()))
         .and_then(|()| limit_simd())
         .inspect(|()| {
             let (threads, level) = (rayon::current_num_threads(), simd::level());
-            terminal.note(&format!("{threads} threads, {} loops", level.name()));
+            terminal.note(&format!("{threads} threads, {level} loops"));
         })
         .and_then(|()| commands::run(&cli, &terminal));
     match result {
@@ -324,14 +324,6 @@ fn explain(error: clap::Error) -> clap::Error {
     }
 }
 
-/// Sets the limit of memory, if one was typed.
-fn limit_memory(size: Option<&str>) -> Result<(), Error> {
-    if let Some(size) = size {
-        holosonar::plan::limit_memory(inputs::bytes("--memory", size)?);
-    }
-    Ok(())
-}
-
 /// Limits the instruction set of our loops, if the environment says so.
 fn limit_simd() -> Result<(), Error> {
     const NAME: &str = "HOLOSONAR_SIMD";
@@ -350,7 +342,7 @@ fn start_threads(threads: Option<u16>) -> Result<(), Error> {
     let count = usize::from(threads.unwrap_or(0));
     rayon::ThreadPoolBuilder::new().num_threads(count).build_global().map_err(|e| {
         let problem = format!("the worker threads cannot be started: {e}; -j sets a smaller number of them");
-        Error::environment("threads", problem)
+        Error::io("threads", problem)
     })?;
     // The C library lays out a heap for each thread that allocates, 64 MiB of addresses: before those left are counted.
     rayon::broadcast(|_| std::hint::black_box(vec![0u8; 64]).len());

@@ -31,16 +31,14 @@ mod tables;
 mod tests;
 mod wording;
 
-pub use choices::{
-    Components, Compression, DetectionKind, Fill, Geometry, InputFile, Layout, Method, Model, Occlusion,
-    Pick, Refine, Shading, Surface, Unit, Up, View, VolumeFormat, Window,
-};
+pub use choices::{InputFile, Layout, Shading, Surface, VolumeFormat};
 pub use tables::{
-    Array, Depth, Detection, Expect, GridTable, Limit, MaterialRule, Medium, Output, Reconstruct, Reflectors,
-    Scene, Sweep,
+    ArrayTable, DepthTable, DetectionTable, ExpectTable, GridTable, Limit, MediumTable, OutputTable,
+    ReconstructTable, ReflectorsTable, SceneTable, SweepTable,
 };
 
 use crate::error::{Error, Result};
+use crate::scene::MaterialRule;
 use reader::{Fault, Reader};
 use serde::{Deserialize, Serialize};
 use source::Source;
@@ -59,30 +57,34 @@ const LARGEST: u64 = 1 << 20;
 #[serde(default, deny_unknown_fields)]
 pub struct RunFile {
     /// What is imaged.
-    pub scene: Scene,
+    pub scene: SceneTable,
     /// Materials by name; the first rule that matches wins.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub materials: Vec<MaterialRule>,
     /// How surfaces become reflectors.
-    pub reflectors: Reflectors,
+    pub reflectors: ReflectorsTable,
     /// What sound travels through.
-    pub medium: Medium,
+    pub medium: MediumTable,
     /// The frequencies.
-    pub sweep: Sweep,
+    pub sweep: SweepTable,
     /// Speaker and microphones.
-    pub array: Array,
+    pub array: ArrayTable,
     /// What is measured.
-    pub detection: Detection,
+    pub detection: DetectionTable,
     /// The voxels.
     pub grid: GridTable,
     /// How the volume is computed.
-    pub reconstruct: Reconstruct,
+    pub reconstruct: ReconstructTable,
     /// How returns are found in it.
-    pub depth: Depth,
+    pub depth: DepthTable,
     /// Which files are written.
-    pub output: Output,
+    pub output: OutputTable,
     /// What the result is held to.
-    pub expect: Expect,
+    pub expect: ExpectTable,
+    /// Most bytes that a job of it may use; `None`: 80 % of what is free. No key of the file, since it is a matter of the
+    /// computer and changes no result.
+    #[serde(skip)]
+    pub memory: Option<u64>,
 }
 
 impl RunFile {
@@ -95,7 +97,7 @@ impl RunFile {
     /// # Errors
     /// A file that cannot be read or is no UTF-8, and everything [`RunFile::from_str_at`] refuses.
     pub fn load(path: &Path, overrides: &[String]) -> Result<Self> {
-        let reading = |error| Error::reading(path, &error);
+        let reading = |error| Error::reading(path, error);
         let place = path.display().to_string();
         let mut bytes = Vec::new();
         File::open(path).map_err(reading)?.take(LARGEST + 1).read_to_end(&mut bytes).map_err(reading)?;

@@ -27,35 +27,37 @@ mod columns;
 mod returns;
 
 use crate::alloc::try_with_capacity;
+use crate::choice::choice;
 use crate::error::{Error, Result};
 use crate::grid::{DepthMap, Grid, Raster, Surface, Volume, no_room_for, pixel_values};
 use crate::progress::{Observer, stage};
 use columns::Columns;
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
 
-/// Which peak of a column is its depth.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Pick {
-    /// The greatest amplitude.
-    #[default]
-    Strongest,
-    /// The first peak above the threshold, front to back.
-    First,
+choice! {
+    /// Which peak of a column is its depth.
+    #[derive(Default)]
+    pub enum Pick: "pick" {
+        /// The greatest amplitude.
+        #[default]
+        Strongest = "strongest",
+        /// The first peak above the threshold, front to back.
+        First = "first",
+    }
 }
 
-/// How a peak is placed between voxels.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Refine {
-    /// Power centroid within ±2 range cells: best on slopes (PHYSICS Q6).
-    #[default]
-    Centroid,
-    /// The vertex of a parabola through the peak and its neighbours.
-    Parabola,
-    /// The voxel's own depth.
-    None,
+choice! {
+    /// How a peak is placed between voxels.
+    #[derive(Default)]
+    pub enum Refine: "refine" {
+        /// Power centroid within ±2 range cells: best on slopes (PHYSICS Q6).
+        #[default]
+        Centroid = "centroid",
+        /// The vertex of a parabola through the peak and its neighbours.
+        Parabola = "parabola",
+        /// The voxel's own depth.
+        None = "none",
+    }
 }
 
 /// Parameters of [`locate_depth`].
@@ -134,7 +136,7 @@ struct Found {
 /// - Cost: a few passes over the volume; one more volume of f32 for the returns.
 ///
 /// # Errors
-/// A range resolution that is not positive, an even median; [`Error::Environment`] when the passes do not fit in memory;
+/// A range resolution that is not positive, an even median; [`Error::OutOfMemory`] when the passes do not fit in memory;
 /// [`Error::Interrupted`].
 pub fn locate_depth(volume: &Volume, options: &DepthOptions, observer: &dyn Observer) -> Result<DepthMap> {
     if !(options.range_resolution > 0.0 && options.range_resolution.is_finite()) {

@@ -1,37 +1,89 @@
-//! The crate's one error type, grouped by who can put it right.
+//! The crate's one error type: whose fault, where, what was expected, and what caused it.
 //!
 //! A message is one paragraph that says where (file, line, key, node), what is wrong, what was expected and
-//! how to mend it. What a user can cause is always an [`Error`]; only a programmer's mistake panics.
+//! how to fix it. What a user can cause is always an [`Error`]; only a programmer's mistake panics. A caller who wants to
+//! react matches [`Error::kind`], and finds the operating system's own error in [`source`](std::error::Error::source).
+//!
+//! # Example
+//! ```
+//! use holosonar::error::ErrorKind;
+//! use holosonar::scene::{LoadOptions, Scene};
+//! use std::path::Path;
+//!
+//! let error = Scene::load(Path::new("gone.obj"), &LoadOptions::default(), &holosonar::progress::Silent).unwrap_err();
+//! assert_eq!(error.kind(), ErrorKind::NotFound);
+//! assert_eq!(error.place(), Some("gone.obj"));
+//! assert!(std::error::Error::source(&error).is_some_and(|cause| cause.is::<std::io::Error>()));
+//! ```
 
-use std::fmt::Display;
+use std::fmt::{self, Display};
 use std::io;
 use std::path::Path;
+use std::sync::Arc;
 
-/// What went wrong, by who can mend it.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+/// What went wrong, as a caller can tell it apart.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum ErrorKind {
+    /// The request or an input file is wrong.
+    InvalidInput,
+    /// An input file is missing.
+    NotFound,
+    /// The operating system refused: a disk, a permission to write, a thread.
+    Io,
+    /// Something does not fit in memory.
+    OutOfMemory,
+    /// A result missed a limit that was asked for.
+    LimitMissed,
+    /// The [`Observer`](crate::progress::Observer) asked to stop.
+    Interrupted,
+}
+
+/// What went wrong, where, and why.
+///
+/// Two errors are equal when they are of one kind and read the same.
+#[derive(Debug, Clone)]
 #[non_exhaustive]
 pub enum Error {
-    /// The request or an input file is wrong; the user mends it. Exit status 2.
-    #[error("{place}: {problem}")]
-    Input {
+    /// The request or an input file is wrong.
+    #[non_exhaustive]
+    InvalidInput {
         /// File, line, key, node or option at fault.
         place: String,
-        /// What is wrong there, what was expected, and how to mend it.
+        /// What is wrong there, what was expected, and how to fix it.
         problem: String,
+        /// What the operating system said, if it was asked.
+        source: Option<Arc<io::Error>>,
     },
-    /// The machine failed: disk, permissions, memory. Exit status 1.
-    #[error("{place}: {problem}")]
-    Environment {
+    /// An input file is missing.
+    #[non_exhaustive]
+    NotFound {
+        /// The file.
+        place: String,
+        /// What to do about it.
+        problem: String,
+        /// What the operating system said.
+        source: Option<Arc<io::Error>>,
+    },
+    /// The operating system refused: a disk, a permission to write, a thread.
+    #[non_exhaustive]
+    Io {
         /// File or resource concerned.
         place: String,
         /// What failed.
         problem: String,
+        /// What the operating system said, where it did.
+        source: Option<Arc<io::Error>>,
     },
-    /// A limit of `compare` or `check` was missed. Exit status 3.
-    #[error("{0}")]
-    Limit(String),
-    /// The user asked to stop. Exit status 130.
-    #[error("interrupted; nothing was left half-written")]
+    /// Something does not fit in memory.
+    #[non_exhaustive]
+    OutOfMemory {
+        /// What does not fit, and what would.
+        problem: String,
+    },
+    /// A limit of `compare` or `check` was missed: which, by how much.
+    LimitMissed(String),
+    /// The observer asked to stop.
     Interrupted,
 }
 
@@ -41,43 +93,135 @@ pub type Result<T> = std::result::Result<T, Error>;
 impl Error {
     /// A mistake in what the user gave.
     pub fn input(place: impl Display, problem: impl Into<String>) -> Self {
-        Self::Input { place: place.to_string(), problem: problem.into() }
+        Self::InvalidInput { place: place.to_string(), problem: problem.into(), source: None }
     }
 
-    /// A failure of the machine.
-    pub fn environment(place: impl Display, problem: impl Into<String>) -> Self {
-        Self::Environment { place: place.to_string(), problem: problem.into() }
-    }
-
-    /// An input file that could not be read: the user's to mend when it is missing, a folder or forbidden.
-    pub fn reading(path: &Path, error: &io::Error) -> Self {
-        let place = path.display();
-        match error.kind() {
-            io::ErrorKind::NotFound => Self::input(place, "no such file; check the path"),
-            io::ErrorKind::IsADirectory => Self::input(place, "is a folder, a file was expected"),
-            io::ErrorKind::PermissionDenied => Self::input(place, "may not be read (permission denied)"),
-            _ => Self::environment(place, format!("cannot be read: {error}")),
+    /// The same mistake at another place: that of the file or key the caller took the values from. What is not the
+    /// user's to fix stays as it is.
+    #[must_use]
+    pub fn at(mut self, at: impl Display) -> Self {
+        if let Self::InvalidInput { place, .. } = &mut self {
+            *place = at.to_string();
         }
+        self
+    }
+
+    /// A refusal of the operating system.
+    pub fn io(place: impl Display, problem: impl Into<String>) -> Self {
+        Self::Io { place: place.to_string(), problem: problem.into(), source: None }
+    }
+
+    /// The same error with its cause, where the kind has room for one.
+    #[must_use]
+    pub fn with_source(mut self, cause: impl Into<io::Error>) -> Self {
+        if let Self::InvalidInput { source, .. } | Self::NotFound { source, .. } | Self::Io { source, .. } =
+            &mut self
+        {
+            *source = Some(Arc::new(cause.into()));
+        }
+        self
+    }
+
+    /// The refusal of something that does not fit in memory.
+    pub fn out_of_memory(problem: impl Into<String>) -> Self {
+        Self::OutOfMemory { problem: problem.into() }
+    }
+
+    /// An input file that could not be read: the user's to fix when it is missing, a folder or forbidden.
+    pub fn reading(path: &Path, error: io::Error) -> Self {
+        let (place, kind) = (path.display().to_string(), error.kind());
+        let problem = match kind {
+            io::ErrorKind::NotFound => "no such file; check the path".to_owned(),
+            io::ErrorKind::IsADirectory => "is a folder, a file was expected".to_owned(),
+            io::ErrorKind::PermissionDenied => "may not be read (permission denied)".to_owned(),
+            _ => format!("cannot be read: {error}"),
+        };
+        let refusal = match kind {
+            io::ErrorKind::NotFound => Self::NotFound { place, problem, source: None },
+            io::ErrorKind::IsADirectory | io::ErrorKind::PermissionDenied => Self::input(place, problem),
+            _ => Self::io(place, problem),
+        };
+        refusal.with_source(error)
     }
 
     /// An output file that could not be written.
-    pub fn writing(path: &Path, error: &io::Error) -> Self {
-        Self::environment(path.display(), format!("cannot be written: {error}"))
+    pub fn writing(path: &Path, error: io::Error) -> Self {
+        Self::io(path.display(), format!("cannot be written: {error}")).with_source(error)
     }
 
-    /// The process's exit status for this error (DESIGN: 1 environment, 2 request, 3 limit, 130 interrupted).
-    pub fn exit_status(&self) -> u8 {
+    /// The kind, to be matched.
+    pub fn kind(&self) -> ErrorKind {
         match self {
-            Self::Environment { .. } => 1,
-            Self::Input { .. } => 2,
-            Self::Limit(_) => 3,
-            Self::Interrupted => 130,
+            Self::InvalidInput { .. } => ErrorKind::InvalidInput,
+            Self::NotFound { .. } => ErrorKind::NotFound,
+            Self::Io { .. } => ErrorKind::Io,
+            Self::OutOfMemory { .. } => ErrorKind::OutOfMemory,
+            Self::LimitMissed(_) => ErrorKind::LimitMissed,
+            Self::Interrupted => ErrorKind::Interrupted,
+        }
+    }
+
+    /// The file, line, key, node, option or resource concerned, where there is one.
+    pub fn place(&self) -> Option<&str> {
+        match self {
+            Self::InvalidInput { place, .. } | Self::NotFound { place, .. } | Self::Io { place, .. } => {
+                Some(place)
+            }
+            Self::OutOfMemory { .. } => Some("memory"),
+            Self::LimitMissed(_) | Self::Interrupted => None,
+        }
+    }
+
+    /// The exit status of a process that ends with this error: 1 I/O or memory, 2 invalid or missing input, 3 a limit
+    /// missed, 130 interrupted.
+    pub fn exit_status(&self) -> u8 {
+        match self.kind() {
+            ErrorKind::Io | ErrorKind::OutOfMemory => 1,
+            ErrorKind::InvalidInput | ErrorKind::NotFound => 2,
+            ErrorKind::LimitMissed => 3,
+            ErrorKind::Interrupted => 130,
         }
     }
 }
 
+impl Display for Error {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let problem = match self {
+            Self::InvalidInput { problem, .. }
+            | Self::NotFound { problem, .. }
+            | Self::Io { problem, .. }
+            | Self::OutOfMemory { problem }
+            | Self::LimitMissed(problem) => problem,
+            Self::Interrupted => "interrupted; nothing was left half-written",
+        };
+        match self.place() {
+            Some(place) => write!(f, "{place}: {problem}"),
+            None => f.write_str(problem),
+        }
+    }
+}
+
+impl std::error::Error for Error {
+    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
+        match self {
+            Self::InvalidInput { source, .. } | Self::NotFound { source, .. } | Self::Io { source, .. } => {
+                source.as_deref().map(|source| source as _)
+            }
+            _ => None,
+        }
+    }
+}
+
+impl PartialEq for Error {
+    fn eq(&self, other: &Self) -> bool {
+        self.kind() == other.kind() && self.to_string() == other.to_string()
+    }
+}
+
+impl Eq for Error {}
+
 /// Bytes as people read them.
-pub fn gib(bytes: u64) -> String {
+pub(crate) fn gib(bytes: u64) -> String {
     let (mib, gib) = (f64::from(1 << 20), f64::from(1 << 30));
     let bytes = bytes as f64;
     if bytes < gib { format!("{:.0} MiB", bytes / mib) } else { format!("{:.1} GiB", bytes / gib) }
@@ -90,8 +234,8 @@ thread_local! {
 /// Runs a foreign parser on this thread; `None` when it panicked on what it was given.
 ///
 /// Some crates panic on malformed files instead of returning an error. The caller turns `None` into an
-/// [`Error::Input`]; a panic hook can ask [`is_guarded`] and stay silent.
-pub fn guarded<T>(work: impl FnOnce() -> T) -> Option<T> {
+/// [`Error::InvalidInput`]; a panic hook can ask [`is_guarded`] and stay silent.
+pub(crate) fn guarded<T>(work: impl FnOnce() -> T) -> Option<T> {
     let outer = GUARDED.replace(true);
     let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(work));
     GUARDED.set(outer);
@@ -99,6 +243,38 @@ pub fn guarded<T>(work: impl FnOnce() -> T) -> Option<T> {
 }
 
 /// Whether this thread is inside [`guarded`], where a panic is an answer and not a mistake.
-pub fn is_guarded() -> bool {
+pub(crate) fn is_guarded() -> bool {
     GUARDED.get()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::error::Error as _;
+
+    #[test]
+    fn kinds_statuses_and_sources() {
+        let path = Path::new("a.obj");
+        let reading = |kind: io::ErrorKind| Error::reading(path, io::Error::new(kind, "told"));
+        for (error, kind, status) in [
+            (reading(io::ErrorKind::NotFound), ErrorKind::NotFound, 2),
+            (reading(io::ErrorKind::PermissionDenied), ErrorKind::InvalidInput, 2),
+            (reading(io::ErrorKind::TimedOut), ErrorKind::Io, 1),
+            (Error::writing(path, io::ErrorKind::StorageFull.into()), ErrorKind::Io, 1),
+        ] {
+            assert_eq!((error.kind(), error.exit_status()), (kind, status), "{error}");
+            assert_eq!(error.place(), Some("a.obj"));
+            let source = error.source().expect("the system's").downcast_ref::<io::Error>();
+            assert!(source.is_some(), "{error}");
+        }
+        assert!(reading(io::ErrorKind::TimedOut).to_string().contains("cannot be read: told"));
+        let full = Error::out_of_memory("a cube does not fit");
+        assert_eq!((full.to_string().as_str(), full.exit_status()), ("memory: a cube does not fit", 1));
+        assert!(full.source().is_none() && Error::input("grid", "too large").source().is_none());
+        assert_eq!(
+            (Error::LimitMissed("by 2".into()).exit_status(), Error::Interrupted.exit_status()),
+            (3, 130)
+        );
+        assert_ne!(Error::input("memory", "full"), Error::out_of_memory("full"), "they read the same");
+    }
 }

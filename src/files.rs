@@ -20,8 +20,8 @@ use std::path::{Path, PathBuf};
 /// open for reading too.
 ///
 /// # Errors
-/// [`Error::Environment`] when a step fails, `write` included: then the temporary file is gone and an older
-/// file at `path` is as it was. [`Error::Input`] when `path` is a folder or a device.
+/// [`Error::Io`] when a step fails, `write` included: then the temporary file is gone and an older
+/// file at `path` is as it was. [`Error::InvalidInput`] when `path` is a folder or a device.
 ///
 /// # Examples
 /// ```
@@ -38,7 +38,7 @@ pub fn write_atomically(
 ) -> Result<()> {
     let file = AtomicFile::create(path)?;
     let mut buffer = BufWriter::with_capacity(1 << 16, file.file());
-    write(&mut buffer).and_then(|()| buffer.flush()).map_err(|error| Error::writing(path, &error))?;
+    write(&mut buffer).and_then(|()| buffer.flush()).map_err(|error| Error::writing(path, error))?;
     drop(buffer);
     file.commit()
 }
@@ -63,7 +63,7 @@ impl AtomicFile {
     /// As [`write_atomically`].
     pub fn create(path: &Path) -> Result<Self> {
         let target = resolve(path)?;
-        let failed = |error: io::Error| Error::writing(path, &error);
+        let failed = |error: io::Error| Error::writing(path, error);
         let folder = match target.parent() {
             Some(parent) if !parent.as_os_str().is_empty() => parent,
             _ => Path::new("."),
@@ -90,7 +90,7 @@ impl AtomicFile {
     /// # Errors
     /// As [`write_atomically`].
     pub fn commit(self) -> Result<()> {
-        let failed = |error: io::Error| Error::writing(&self.path, &error);
+        let failed = |error: io::Error| Error::writing(&self.path, error);
         self.file.as_file().sync_all().map_err(failed)?;
         self.file.persist(&self.target).map_err(|error| failed(error.error))?;
         // The new name, too, should outlive a power cut; where a folder cannot be synchronised, the file is there anyway.
@@ -149,7 +149,7 @@ fn nearest(folder: &Path) -> &Path {
 /// Finds out before any long work whether a file can be written at `path` later; makes nothing.
 ///
 /// # Errors
-/// [`Error::Input`] when `path` is a folder or a device, or lies in a file; [`Error::Environment`] when nothing can be
+/// [`Error::InvalidInput`] when `path` is a folder or a device, or lies in a file; [`Error::Io`] when nothing can be
 /// written in its folder.
 pub fn check_writable(path: &Path) -> Result<()> {
     let target = resolve(path)?;
@@ -166,7 +166,7 @@ pub fn check_folder(folder: &Path) -> Result<()> {
         return Err(Error::input(existing.display(), "is a file; a folder was expected for the results"));
     }
     let probe = tempfile::Builder::new().prefix(".").suffix(PART).tempfile_in(existing);
-    probe.map(drop).map_err(|error| Error::writing(folder, &error))
+    probe.map(drop).map_err(|error| Error::writing(folder, error))
 }
 
 /// Bytes that may still be written in a folder, or in the nearest above it that exists; `None` where nobody says.
@@ -196,7 +196,7 @@ fn resolve(path: &Path) -> Result<PathBuf> {
         Ok(found) if !found.is_file() => {
             Err(Error::input(path.display(), "is a device or a pipe; give the name of an ordinary file"))
         }
-        Ok(_) => fs::canonicalize(path).map_err(|error| Error::writing(path, &error)),
+        Ok(_) => fs::canonicalize(path).map_err(|error| Error::writing(path, error)),
         Err(_) => Ok(path.to_path_buf()),
     }
 }

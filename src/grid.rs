@@ -141,22 +141,18 @@ impl Grid {
 
 /// The refusal of a grid that does not fit, all of it or the depths that are worked on at a time.
 pub(crate) fn no_room_for(grid: &Grid) -> Error {
-    Error::environment(
-        "memory",
-        format!(
-            "a volume of {} voxels does not fit; use a smaller grid or a larger pitch",
-            grid.voxel_count()
-        ),
-    )
+    Error::out_of_memory(format!(
+        "a volume of {} voxels does not fit; use a smaller grid or a larger pitch",
+        grid.voxel_count()
+    ))
 }
 
 /// One value per pixel, all alike, or the refusal of a map that does not fit.
 pub(crate) fn pixel_values<T: Clone>(value: T, pixels: usize) -> Result<Vec<T>> {
     try_filled(value, pixels as u64).ok_or_else(|| {
-        Error::environment(
-            "memory",
-            format!("a map of {pixels} pixels does not fit; ask for fewer, or free some memory"),
-        )
+        Error::out_of_memory(format!(
+            "a map of {pixels} pixels does not fit; ask for fewer, or free some memory"
+        ))
     })
 }
 
@@ -212,7 +208,7 @@ impl Surface {
     /// A surface with nothing in it, for `pixels` pixels.
     ///
     /// # Errors
-    /// [`Error::Environment`] when it does not fit in memory.
+    /// [`Error::OutOfMemory`] when it does not fit in memory.
     pub fn empty(pixels: usize) -> Result<Self> {
         let (depth, strength) = (pixel_values(f32::NAN, pixels)?, pixel_values(0.0, pixels)?);
         Ok(Self { depth, strength, ..Self::default() })

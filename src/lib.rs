@@ -73,7 +73,11 @@
 //! \[1\] L. Streeter, J. Scott, C. A. Lickfold, M. J. Cree, "Design of a Pseudo-Holographic Distributed Time-of-Flight
 //! Sonar Range-Imaging System". Equation numbers in these pages are that paper's.
 
+pub use glam;
+pub use num_complex;
+
 pub mod error;
+mod choice;
 mod alloc;
 pub mod progress;
 mod blocks;
@@ -91,6 +95,8 @@ pub mod plan;
 pub mod psf;
 pub mod export;
 pub mod checkpoint;
-pub mod reproduce;
 pub mod config;
 pub mod pipeline;
+#[cfg(feature = "cli")]
+#[doc(hidden)] // the command, not an interface: the binary calls its `main`
+pub mod cli;

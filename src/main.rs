@@ -1,9 +1,7 @@
-//! The `holosonar` command: parse, call, print, exit.
-
-mod cli;
+//! The `holosonar` command; all of it is the library's `cli`.
 
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    cli::main()
+    holosonar::cli::main()
 }

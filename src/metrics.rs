@@ -252,8 +252,7 @@ fn check_pixels(result: &DepthMap, truth: &DepthMap) -> Result<()> {
             "compare",
             format!(
                 "the result's view is {}, the truth's {}; make both with the same [depth] view",
-                result.view.name(),
-                truth.view.name()
+                result.view, truth.view
             ),
         ));
     }

@@ -346,7 +346,7 @@ fn focus(
     let image = Reconstruction { volume, method, error_bound };
     log.note(&format!(
         "{}, {} x {} x {} voxels, each to within {:.1e}; the peak is {:.3e}",
-        format!("{:?}", image.method).to_lowercase(),
+        image.method,
         grid.x.count,
         grid.y.count,
         grid.z.count,

@@ -35,7 +35,7 @@ mod resolution;
 mod suggest;
 
 pub use design::{Design, design};
-pub use memory::{WAITING, available_memory, check_addresses, check_sampling, limit_memory, memory_limit};
+pub use memory::{WAITING, available_memory, check_addresses, check_sampling, memory_limit};
 pub use needs::{
     Holding, Needs, check_memory, check_simulation, left_for_method, left_for_scene, needs, simulation_peak,
 };

@@ -4,7 +4,7 @@
 //!
 //! with w = 1 for quadrature, 2 for in-phase data and window weights `w_f`, `w_r` (all 1 without a window), so a
 //! unit reflector on a voxel peaks at 1. [`Method::Direct`] sums this as written, on any grid and for any
-//! microphones: it is the oracle. [`Method::Convolution`] is Eq. 16 over [`skeleton`] frequencies, for microphones in
+//! microphones: it is the oracle. [`Method::Convolution`] is Eq. 16 over skeleton frequencies, for microphones in
 //! a plane of constant z; [`Method::Backprojection`] follows range profiles, for any others.
 //! [`Method::Linear`] is the paper's far-field approximation of it, for comparison. This module cannot see the scene, so it
 //! cannot know the answer.
@@ -22,7 +22,7 @@ mod volume;
 mod window;
 
 pub use options::{Method, ReconstructOptions};
-pub use plan::{Estimate, MOST_DIRECT_TERMS, direct_terms, estimate};
+pub use plan::{Estimate, Estimates, MOST_DIRECT_TERMS, direct_terms, estimate};
 pub use volume::{ReconstructionInfo, VolumeSink};
 pub use window::Window;
 
@@ -61,7 +61,7 @@ impl Reconstruction {
 /// - Cost: that of [`reconstruct_into`].
 ///
 /// # Errors
-/// Those of [`reconstruct_into`]; [`Error::Environment`] when the volume does not fit in memory.
+/// Those of [`reconstruct_into`]; [`Error::OutOfMemory`] when the volume does not fit in memory.
 pub fn reconstruct(
     cube: &DataCube,
     grid: &Grid,
@@ -97,7 +97,7 @@ pub fn reconstruct_whole(
 ///
 /// # Errors
 /// `convolution` asked for where it is not possible, `backprojection` without a tolerance, or `auto` with neither and
-/// over 10¹¹ direct terms; a grid with voxels behind the array; a tolerance that is not in 0..1; [`Error::Environment`]
+/// over 10¹¹ direct terms; a grid with voxels behind the array; a tolerance that is not in 0..1; [`Error::OutOfMemory`]
 /// when what it needs does not fit in memory; [`Error::Interrupted`]; what source and sink come to.
 pub fn reconstruct_into(
     source: &mut dyn CubeSource,
@@ -152,8 +152,5 @@ fn carry_out(choice: &Choice, job: Job<'_>) -> Result<ReconstructionInfo> {
 
 /// The refusal of samples that do not fit.
 fn no_room(tones: u64, microphones: u64) -> Error {
-    Error::environment(
-        "memory",
-        format!("{tones} tones x {microphones} microphones do not fit; use fewer of either"),
-    )
+    Error::out_of_memory(format!("{tones} tones x {microphones} microphones do not fit; use fewer of either"))
 }

@@ -34,6 +34,7 @@ mod poisson;
 mod tests;
 
 use crate::alloc::{try_filled, try_with_capacity};
+use crate::choice::choice;
 use crate::error::{Error, Result};
 use crate::progress::{Observer, advance, stage};
 use crate::scene::Scene;
@@ -43,7 +44,6 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal, StandardUniform};
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
 
 /// Point reflectors: positions in m, complex amplitudes.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -124,16 +124,16 @@ pub enum Occlusion {
     Aperture(Vec<DVec3>),
 }
 
-/// Which word of the run file an [`Occlusion`] is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum OcclusionKind {
-    /// [`Occlusion::None`].
-    None,
-    /// [`Occlusion::Speaker`].
-    Speaker,
-    /// [`Occlusion::Aperture`].
-    Aperture,
+choice! {
+    /// Which word of the run file an [`Occlusion`] is.
+    pub enum OcclusionKind: "occlusion" {
+        /// [`Occlusion::None`].
+        None = "none",
+        /// [`Occlusion::Speaker`].
+        Speaker = "speaker",
+        /// [`Occlusion::Aperture`].
+        Aperture = "aperture",
+    }
 }
 
 /// Parameters of [`sample_surface`].
@@ -205,7 +205,7 @@ pub fn sampling_bytes(triangles: u64, area: f64, options: &SurfaceOptions) -> u6
 /// - The bytes follow from the options alone, whatever the number of threads.
 ///
 /// # Errors
-/// A spacing that is not positive or would need more than 5·10⁷ reflectors; [`Error::Environment`] when they do not fit in
+/// A spacing that is not positive or would need more than 5·10⁷ reflectors; [`Error::OutOfMemory`] when they do not fit in
 /// memory; [`Error::Interrupted`].
 pub fn sample_surface(
     scene: &Scene,
@@ -270,13 +270,10 @@ pub fn sample_surface(
 
 /// The refusal of a surface whose samples do not fit.
 fn no_room(spacing: f64) -> Error {
-    Error::environment(
-        "memory",
-        format!(
-            "the reflectors of a scene sampled every {spacing} m do not fit; use a larger [reflectors] spacing, or free \
+    Error::out_of_memory(format!(
+        "the reflectors of a scene sampled every {spacing} m do not fit; use a larger [reflectors] spacing, or free \
              some memory"
-        ),
-    )
+    ))
 }
 
 /// What chance gives each sample before anything is culled: the phase factor and the displacement in m. `None` when it does

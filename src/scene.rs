@@ -110,7 +110,7 @@ impl Scene {
     /// - Cost: `O(n log n)` in the number of triangles; about a second for a million.
     ///
     /// # Errors
-    /// [`Error::Input`] when the file is missing, malformed, of another kind, without triangles or without a
+    /// [`Error::InvalidInput`] when the file is missing, malformed, of another kind, without triangles or without a
     /// unit, takes more memory than [`LoadOptions::memory`], or when the options contradict one another or the file; the message names the place.
     /// [`Error::Interrupted`] when the observer asks to stop.
     pub fn load(path: &Path, options: &LoadOptions, observer: &dyn Observer) -> Result<Self> {
@@ -138,7 +138,10 @@ impl Scene {
         let (camera, triangles) = (mesh.camera, place(mesh, options, observer)?);
         // The places of errors in `new` are triangles, which say nothing without their file.
         let scene = Self::new(triangles, materials).map_err(|error| match error {
-            Error::Input { place, problem } => Error::input(format!("{}, {place}", path.display()), problem),
+            Error::InvalidInput { ref place, .. } => {
+                let place = format!("{}, {place}", path.display());
+                error.at(place)
+            }
             other => other,
         })?;
         let needs = needs.with(scene.triangles.len());
@@ -176,8 +179,8 @@ impl Scene {
     /// Cost: `O(n log n)`.
     ///
     /// # Errors
-    /// [`Error::Input`] when a vertex is not finite or beyond [`FARTHEST`], when a triangle's material does not
-    /// exist, or when a reflectance or transmittance lies outside 0..1. [`Error::Environment`] when their tree does not fit
+    /// [`Error::InvalidInput`] when a vertex is not finite or beyond [`FARTHEST`], when a triangle's material does not
+    /// exist, or when a reflectance or transmittance lies outside 0..1. [`Error::OutOfMemory`] when their tree does not fit
     /// in memory.
     pub fn new(triangles: Vec<Triangle>, materials: Vec<Material>) -> Result<Self> {
         if triangles.len() > MOST_TRIANGLES {

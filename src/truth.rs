@@ -69,7 +69,7 @@ struct Hit {
 /// Cost: one ray per pixel and one per surface found.
 ///
 /// # Errors
-/// [`Error::Environment`](crate::error::Error::Environment) when the map does not fit in memory,
+/// [`Error::OutOfMemory`](crate::error::Error::OutOfMemory) when the map does not fit in memory,
 /// [`Error::Interrupted`](crate::error::Error::Interrupted).
 pub fn trace_depth(
     scene: &Scene,

@@ -5,13 +5,14 @@
 //! by 7·10⁻⁴ rad at 12 m and 20 kHz, wrapped by 6·10⁻⁷.
 
 pub mod air;
-pub mod interval;
-pub mod legs;
-pub mod offsets;
-pub mod piston;
-pub mod series;
+pub(crate) mod interval;
+pub(crate) mod legs;
+pub(crate) mod offsets;
+pub(crate) mod piston;
+pub(crate) mod series;
 pub mod simd;
 
+use crate::choice::choice;
 use glam::DVec3;
 use num_complex::Complex32;
 
@@ -19,12 +20,22 @@ use num_complex::Complex32;
 pub const DEFAULT_SOUND_SPEED: f64 = 343.0;
 
 /// Spherical spreading does not grow any nearer to a speaker or microphone than this, m.
-pub const NEAREST_LEG: f64 = 0.01;
+pub(crate) const NEAREST_LEG: f64 = 0.01;
 
 /// Spherical spreading over two legs in m, `(1 m)²/(d₁ d₂)`: amplitudes are those at 1 m.
 #[inline]
-pub fn spreading(outward: f64, back: f64) -> f64 {
+pub(crate) fn spreading(outward: f64, back: f64) -> f64 {
     1.0 / (outward.max(NEAREST_LEG) * back.max(NEAREST_LEG))
+}
+
+choice! {
+    /// Who moves: the word for a [`Geometry`] in run files and in a cube's `meta`.
+    pub enum GeometryKind: "geometry" {
+        /// One speaker that stays, and an array of microphones: path |p − s| + |p − r|.
+        FixedSource = "fixed-source",
+        /// Speaker and microphone scan the array together: path 2|p − r|.
+        Monostatic = "monostatic",
+    }
 }
 
 /// Which way the sound travels.
@@ -67,7 +78,7 @@ impl Geometry {
 
     /// The unit vector p̂ of the linear path, from the speaker to `p`; from the origin for a monostatic scan.
     #[inline]
-    pub fn far_direction(&self, p: DVec3) -> DVec3 {
+    pub(crate) fn far_direction(&self, p: DVec3) -> DVec3 {
         match self {
             Self::FixedSource { source } => (p - *source).normalize_or_zero(),
             Self::Monostatic => p.normalize_or_zero(),
@@ -79,7 +90,7 @@ impl Geometry {
     ///
     /// The greatest is exact: a sum of distances is convex, so its maximum is at corners. The least is bounded from
     /// below by the sum of the two separate minima.
-    pub fn path_bounds(&self, points: (DVec3, DVec3), microphones: (DVec3, DVec3)) -> [f64; 2] {
+    pub(crate) fn path_bounds(&self, points: (DVec3, DVec3), microphones: (DVec3, DVec3)) -> [f64; 2] {
         let (low, high) = microphones;
         let farthest = |p: DVec3| (p - low).abs().max((p - high).abs()).length();
         let longest = corners(points).map(|p| self.outward_length(p) + self.return_legs() * farthest(p));
@@ -95,7 +106,7 @@ impl Geometry {
 
     /// The part of the path that does not depend on the microphone, `|p − s|`; 0 for a monostatic scan.
     #[inline]
-    pub fn outward_length(&self, p: DVec3) -> f64 {
+    pub(crate) fn outward_length(&self, p: DVec3) -> f64 {
         match self {
             Self::FixedSource { source } => p.distance(*source),
             Self::Monostatic => 0.0,
@@ -103,18 +114,18 @@ impl Geometry {
     }
 
     /// How many times the leg `|p − r|` is travelled.
-    pub fn return_legs(&self) -> f64 {
+    pub(crate) fn return_legs(&self) -> f64 {
         match self {
             Self::FixedSource { .. } => 1.0,
             Self::Monostatic => 2.0,
         }
     }
 
-    /// The name that files give it.
-    pub fn name(&self) -> &'static str {
+    /// Which of the two it is, wherever the loudspeaker stands.
+    pub fn kind(&self) -> GeometryKind {
         match self {
-            Self::FixedSource { .. } => "fixed-source",
-            Self::Monostatic => "monostatic",
+            Self::FixedSource { .. } => GeometryKind::FixedSource,
+            Self::Monostatic => GeometryKind::Monostatic,
         }
     }
 
@@ -137,13 +148,13 @@ pub(crate) fn corners((low, high): (DVec3, DVec3)) -> [DVec3; 8] {
 
 /// Wraps a phase counted in cycles to [−½, ½].
 #[inline]
-pub fn wrap(cycles: f64) -> f32 {
+pub(crate) fn wrap(cycles: f64) -> f32 {
     (cycles - cycles.round()) as f32
 }
 
 /// `e^{i2π·cycles}`: the literal form of what [`simd`] computes in blocks.
 #[inline]
-pub fn phasor(cycles: f64) -> Complex32 {
+pub(crate) fn phasor(cycles: f64) -> Complex32 {
     let (sin, cos) = (f64::from(wrap(cycles)) * std::f64::consts::TAU).sin_cos();
     Complex32::new(cos as f32, sin as f32)
 }
@@ -171,6 +182,11 @@ mod tests {
             };
             assert!(error(1000.0) < 1e-3 && error(1000.0) < error(10.0) / 50.0);
         }
+    }
+
+    #[test]
+    fn whole_cycles_leave_a_phasor() {
+        assert!((phasor(1e6 + 0.25) - Complex32::I).norm() < 1e-6);
     }
 
     #[test]

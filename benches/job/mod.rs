@@ -6,7 +6,8 @@ use glam::DVec3;
 use holosonar::acquisition::{DataCube, MicArray, Sweep};
 use holosonar::config::RunFile;
 use holosonar::grid::{Axis, Grid};
-use holosonar::wave::phasor;
+use num_complex::Complex32;
+use std::f32::consts::TAU;
 use std::path::Path;
 
 /// `mics`² microphones and `voxels`² voxels, 8 mm apart and with one centre, from 1 m on; 10 to 20 kHz.
@@ -21,7 +22,8 @@ pub(crate) fn job(mics: usize, voxels: usize, frequencies: usize, depths: usize)
 
 /// A cube of phasors that have nothing to do with each other.
 pub(crate) fn noise(sweep: Sweep, array: MicArray) -> DataCube {
-    let samples = (0..sweep.len() * array.len()).map(|i| phasor((i as f64 * 0.618_034).fract())).collect();
+    let phasor = |i: usize| Complex32::cis(TAU * (i as f64 * 0.618_034).fract() as f32);
+    let samples = (0..sweep.len() * array.len()).map(phasor).collect();
     DataCube::new(sweep, array, samples).expect("finite")
 }
 

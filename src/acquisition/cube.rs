@@ -88,19 +88,16 @@ impl DataCube {
     /// Room for a cube, filled with zeros.
     pub(super) fn allocate(n_f: usize, n_mic: usize) -> Result<Vec<Complex32>> {
         (n_f as u64).checked_mul(n_mic as u64).and_then(try_zeroed).ok_or_else(|| {
-            Error::environment(
-                "memory",
-                format!(
-                    "a cube of {n_f} frequencies x {n_mic} microphones does not fit; use fewer of either"
-                ),
-            )
+            Error::out_of_memory(format!(
+                "a cube of {n_f} frequencies x {n_mic} microphones does not fit; use fewer of either"
+            ))
         })
     }
 
     /// Writes the cube: `samples`, `frequencies`, `mic_positions`, `meta`. Same cube, same bytes.
     ///
     /// # Errors
-    /// [`Error::Environment`] when the file cannot be written; an old file is then left as it was.
+    /// [`Error::Io`] when the file cannot be written; an old file is then left as it was.
     pub fn write(&self, path: &Path) -> Result<()> {
         let mut shape = vec![self.sweep.len()];
         shape.extend(self.array.shape());
@@ -115,7 +112,7 @@ impl DataCube {
             "format": FORMAT,
             "version": VERSION,
             "sound_speed": self.sound_speed,
-            "geometry": self.geometry.name(),
+            "geometry": self.geometry.kind(),
             "detection": self.detection,
             "phase_sign": 1,
             "source": source.to_array(),

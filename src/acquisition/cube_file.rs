@@ -5,7 +5,7 @@ use super::source::{CubeSource, Visit};
 use super::{DataCube, Detection, Instrument, MicArray, Setup, Sweep};
 use crate::error::{Error, Result};
 use crate::files::npz::NpzReader;
-use crate::wave::{DEFAULT_SOUND_SPEED, Geometry};
+use crate::wave::{DEFAULT_SOUND_SPEED, Geometry, GeometryKind};
 use glam::DVec3;
 use num_complex::Complex32;
 use serde::Deserialize;
@@ -42,7 +42,7 @@ impl Default for Meta {
             format: FORMAT.to_owned(),
             version: VERSION,
             sound_speed: DEFAULT_SOUND_SPEED,
-            geometry: "fixed-source".to_owned(),
+            geometry: GeometryKind::FixedSource.to_string(),
             detection: None,
             phase_sign: 1,
             source: [0.0; 3],
@@ -71,13 +71,12 @@ impl Meta {
         if !source.is_finite() {
             return refuse("`source` must be three finite numbers, in m".to_owned());
         }
-        match self.geometry.as_str() {
-            "fixed-source" => Ok(Geometry::FixedSource { source }),
-            "monostatic" => Ok(Geometry::Monostatic),
-            other => {
-                refuse(format!("`geometry` is {other:?}; \"fixed-source\" or \"monostatic\" was expected"))
-            }
-        }
+        let kind: GeometryKind =
+            self.geometry.parse().map_err(|error: Error| error.at(format!("{place}, `geometry`")))?;
+        Ok(match kind {
+            GeometryKind::FixedSource => Geometry::FixedSource { source },
+            GeometryKind::Monostatic => Geometry::Monostatic,
+        })
     }
 }
 

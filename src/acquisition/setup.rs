@@ -77,7 +77,7 @@ impl Setup<'_> {
     ///
     /// # Panics
     /// Without depths.
-    pub fn path_interval(&self, grid: &Grid, depths: Range<usize>) -> PathInterval {
+    pub(crate) fn path_interval(&self, grid: &Grid, depths: Range<usize>) -> PathInterval {
         let (low, high) = grid.bounds();
         let low = low.with_z(grid.z.position(depths.start));
         let high = high.with_z(grid.z.position(depths.end - 1));

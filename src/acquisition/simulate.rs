@@ -33,6 +33,7 @@ pub use noise::Noise;
 
 use super::{DataCube, Detection, MicArray, Sweep, Tile, tiles};
 use crate::blocks::{BlockStore, NoStore};
+use crate::choice::choice;
 use crate::error::{Error, Result};
 use crate::progress::{Observer, stage};
 use crate::reflectors::Reflectors;
@@ -43,18 +44,17 @@ use glam::DVec3;
 use literal::literal;
 use noise::add_noise;
 use num_complex::Complex32;
-use serde::{Deserialize, Serialize};
 use terms::{Spread, Terms};
 use virtual_tones::VirtualTones;
 
-/// Which path lengths a simulated sound follows.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum PropagationModel {
-    /// Eq. 5: the true path.
-    Exact,
-    /// Eq. 6–7: the far-field approximation.
-    Linear,
+choice! {
+    /// Which path lengths a simulated sound follows.
+    pub enum PropagationModel: "model" {
+        /// Eq. 5: the true path.
+        Exact = "exact",
+        /// Eq. 6–7: the far-field approximation.
+        Linear = "linear",
+    }
 }
 
 /// Parameters of [`simulate`].
@@ -128,7 +128,7 @@ impl SimulateOptions {
 /// - The bytes do not depend on the number of threads.
 ///
 /// # Errors
-/// [`Error::Environment`] when the cube does not fit in memory, [`Error::Interrupted`]; [`Error::Input`] for a tolerance that
+/// [`Error::OutOfMemory`] when the cube does not fit in memory, [`Error::Interrupted`]; [`Error::InvalidInput`] for a tolerance that
 /// is no number from 0 up.
 pub fn simulate(
     reflectors: &Reflectors,
@@ -260,8 +260,7 @@ fn plan(reflectors: &Reflectors, sweep: &Sweep, array: &MicArray, options: &Simu
 
 /// The refusal of sums that do not fit.
 fn no_room() -> Error {
-    Error::environment(
-        "memory",
+    Error::out_of_memory(
         "the sums of a simulation do not fit; take fewer reflectors, frequencies or threads (-j), or free some memory",
     )
 }

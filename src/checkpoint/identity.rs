@@ -18,7 +18,7 @@ impl Identity {
         // that was built otherwise does not resume a run of this one.
         let mut identity = Self(DefaultHasher::new());
         let program = concat!(env!("CARGO_PKG_VERSION"), " ", env!("HOLOSONAR_COMMIT"), " 1");
-        let processor = Level::of_processor().name();
+        let processor = Level::of_processor().as_str();
         for text in [program, std::env::consts::ARCH, std::env::consts::OS, processor, job] {
             identity.text(text);
         }

@@ -91,7 +91,9 @@ impl Journal {
         let file = match lock(&journal.path, false) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(journal),
             Err(error) => {
-                return Err(Error::environment(journal.path.display(), format!("cannot be read: {error}")));
+                return Err(
+                    Error::io(journal.path.display(), format!("cannot be read: {error}")).with_source(error)
+                );
             }
             Ok(None) => return Err(journal.in_use()),
             Ok(Some(file)) => file,
@@ -194,7 +196,7 @@ impl Journal {
             if error.kind() == io::ErrorKind::WouldBlock {
                 return self.in_use();
             }
-            Error::environment(self.path.display(), format!("cannot be written: {error}"))
+            Error::writing(&self.path, error)
         })
     }
 

@@ -1,6 +1,6 @@
 //! Showing a page in the browser that the system takes for HTML.
 
-use holosonar::error::{Error, Result};
+use crate::error::{Error, Result};
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Duration;
@@ -23,9 +23,8 @@ pub(super) fn open(page: &Path) -> Result<()> {
         Command::new("xdg-open")
     };
     let name = command.get_program().to_string_lossy().into_owned();
-    let failed = |why: String| {
-        Error::environment("--open", format!("{why}; open {} in a browser yourself", page.display()))
-    };
+    let failed =
+        |why: String| Error::io("--open", format!("{why}; open {} in a browser yourself", page.display()));
     let quiet = command.arg(&page).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
     let mut child = quiet.spawn().map_err(|error| failed(format!("`{name}` cannot be started ({error})")))?;
     // Some starters stay for as long as the browser does; one that fails does so at once.

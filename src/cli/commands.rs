@@ -5,14 +5,14 @@ use super::outputs::{check_extension, make_folder, pretty, wrote};
 use super::terminal::{Terminal, print};
 use super::verdicts::{check, compare};
 use super::{Cli, Command, Overrides, browser, design, info, manual, reproduce, summary};
+use crate::acquisition::CubeFile;
+use crate::checkpoint::Checkpoint;
+use crate::config::ANNOTATED;
+use crate::error::{Error, Result};
+use crate::files::{check_folder, check_writable, write_atomically};
+use crate::pipeline;
+use crate::progress::{Observer, stage};
 use clap::CommandFactory;
-use holosonar::acquisition::CubeFile;
-use holosonar::checkpoint::Checkpoint;
-use holosonar::config::ANNOTATED;
-use holosonar::error::{Error, Result};
-use holosonar::files::{check_folder, check_writable, write_atomically};
-use holosonar::pipeline;
-use holosonar::progress::{Observer, stage};
 use std::io::Write;
 use std::path::Path;
 
@@ -132,7 +132,8 @@ fn plan(
         terminal.warn(warning);
     }
     if json {
-        let value = serde_json::to_value(&forecast).map_err(|e| Error::environment("plan", e.to_string()))?;
+        let value =
+            serde_json::to_value(&forecast).map_err(|e| Error::io("plan", e.to_string()).with_source(e))?;
         return print(&pretty(&value));
     }
     print(&(summary::forecast(&forecast) + &design::design(&forecast.design)))
@@ -175,8 +176,8 @@ fn image(
     let report = pipeline::write_outputs(&run, &outcome, folder, terminal)?;
     if json {
         // Not by way of a `Value`, which would write an f32 with the digits of an f64.
-        let text =
-            serde_json::to_string_pretty(&report).map_err(|e| Error::environment("report", e.to_string()))?;
+        let text = serde_json::to_string_pretty(&report)
+            .map_err(|e| Error::io("report", e.to_string()).with_source(e))?;
         return print(&(text + "\n"));
     }
     if terminal.is_quiet() { Ok(()) } else { print(&summary::image(input, folder, &report, &outcome)) }

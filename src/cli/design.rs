@@ -4,14 +4,14 @@ use super::inputs::run_of;
 use super::outputs::{make_folder, pretty};
 use super::terminal::{Terminal, print};
 use super::{Overrides, summary};
+use crate::error::gib;
+use crate::error::{Error, Result};
+use crate::export::figure::{Chart, ChartAxis, write_charts, write_spread_figure};
+use crate::pipeline::{self, DesignRow, DesignSweep, SweptKey};
+use crate::plan::design::{Design, Verdict};
+use crate::progress::Observer;
+use crate::psf::{GhostFound, PointSpread, Width};
 use glam::DVec3;
-use holosonar::error::gib;
-use holosonar::error::{Error, Result};
-use holosonar::export::figure::{Chart, ChartAxis, write_charts, write_spread_figure};
-use holosonar::pipeline::{self, DesignRow, DesignSweep, SweptKey};
-use holosonar::plan::design::{Design, Verdict};
-use holosonar::progress::Observer;
-use holosonar::psf::{GhostFound, PointSpread, Width};
 use serde_json::json;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -135,7 +135,8 @@ pub(super) fn sweep(
         write_sweep(folder, &sweep)?;
     }
     if json {
-        let value = serde_json::to_value(&sweep).map_err(|e| Error::environment("plan", e.to_string()))?;
+        let value =
+            serde_json::to_value(&sweep).map_err(|e| Error::io("plan", e.to_string()).with_source(e))?;
         return print(&pretty(&value));
     }
     print(&sweep_table(&sweep))
@@ -241,8 +242,8 @@ fn write_sweep(folder: &Path, sweep: &DesignSweep) -> Result<()> {
 }
 
 fn write_json(path: &Path, value: &serde_json::Result<serde_json::Value>) -> Result<()> {
-    let value = value.as_ref().map_err(|e| Error::environment(path.display(), e.to_string()))?;
-    holosonar::files::write_atomically(path, |out| std::io::Write::write_all(out, pretty(value).as_bytes()))
+    let value = value.as_ref().map_err(|e| Error::io(path.display(), e.to_string()))?;
+    crate::files::write_atomically(path, |out| std::io::Write::write_all(out, pretty(value).as_bytes()))
 }
 
 /// `psf`: a table per point, and a picture in `folder` if there is one.

@@ -2,18 +2,18 @@
 
 use super::Overrides;
 use super::inputs::run_of;
-use holosonar::acquisition::DataCube;
-use holosonar::error::{Error, Result};
-use holosonar::export::amplitude::Amplitude;
-use holosonar::export::depth_exr::read_depth_map;
-use holosonar::export::points_ply::Ply;
-use holosonar::export::volume_npz::read_volume_npz;
-use holosonar::export::{attributes_as_json, find_attribute};
-use holosonar::files::extension;
-use holosonar::files::npz::NpzReader;
-use holosonar::grid::Axis;
-use holosonar::progress::Observer;
-use holosonar::scene::{EXTENSIONS, Scene};
+use crate::acquisition::DataCube;
+use crate::error::{Error, Result};
+use crate::export::amplitude::Amplitude;
+use crate::export::depth_exr::read_depth_map;
+use crate::export::points_ply::Ply;
+use crate::export::volume_npz::read_volume_npz;
+use crate::export::{attributes_as_json, find_attribute};
+use crate::files::extension;
+use crate::files::npz::NpzReader;
+use crate::grid::Axis;
+use crate::progress::Observer;
+use crate::scene::{EXTENSIONS, Scene};
 use serde_json::{Value, json};
 use std::path::Path;
 
@@ -28,7 +28,7 @@ pub(super) fn of(file: &Path, overrides: &Overrides, limit: u64, observer: &dyn 
         "toml" => Ok(json!({ "kind": "run file", "resolved": run_of(file, overrides)?.0.to_json() })),
         mesh if EXTENSIONS.contains(&mesh) => self::mesh(file, overrides, observer),
         "csv" => {
-            let reflectors = holosonar::reflectors::Reflectors::read_csv(file)?;
+            let reflectors = crate::reflectors::Reflectors::read_csv(file)?;
             let bounds = reflectors.bounds().map(|(low, high)| [low.to_array(), high.to_array()]);
             Ok(
                 json!({ "kind": "reflectors", "count": reflectors.len(), "low_m": bounds.map(|b| b[0]), "high_m": bounds.map(|b| b[1]) }),
@@ -72,7 +72,7 @@ fn npz(file: &Path, limit: u64) -> Result<Value> {
         "array_shape": cube.array.shape(),
         "array_centre_m": cube.array.centre().to_array(),
         "array_extent_m": cube.array.extent().to_array(),
-        "geometry": cube.geometry.name(),
+        "geometry": cube.geometry.kind(),
         "detection": cube.detection,
         "sound_speed_m_per_s": cube.sound_speed,
         "range_resolution_m": cube.range_resolution(),

@@ -1,17 +1,18 @@
 //! What an input is, told by its extension, and the run file that goes with it.
 
 use super::Overrides;
-use holosonar::config::{InputFile, RunFile};
-use holosonar::error::{Error, Result};
-use holosonar::files::extension;
-use holosonar::plan::memory_limit;
-use holosonar::scene::EXTENSIONS;
+use crate::config::{InputFile, RunFile};
+use crate::error::{Error, Result};
+use crate::files::extension;
+use crate::plan::memory_limit;
+use crate::scene::EXTENSIONS;
 use std::path::Path;
+use std::sync::OnceLock;
 
 /// The run file of an input, and whether it is a bare mesh, for which defaults stand in.
 pub(super) fn run_of(input: &Path, overrides: &Overrides) -> Result<(RunFile, bool)> {
     if has_extension(input, &["toml"]) {
-        return Ok((RunFile::load(input, &overrides.keys())?, false));
+        return Ok((limited(RunFile::load(input, &overrides.keys())?), false));
     }
     if !has_extension(input, &EXTENSIONS) && !has_extension(input, &["csv"]) {
         let what = if input.is_dir() {
@@ -32,7 +33,7 @@ pub(super) fn run_of(input: &Path, overrides: &Overrides) -> Result<(RunFile, bo
     }
     let mut run = RunFile::from_str_at("", "command line", Path::new(""), &overrides.keys())?;
     run.scene.mesh = Some(InputFile::new(input));
-    Ok((run, true))
+    Ok((limited(run), true))
 }
 
 /// As [`run_of`], where a scene is needed: says which run file lacks it, or names one that is not there.
@@ -68,10 +69,16 @@ pub(super) fn check_kind(input: &Path, what: &str, maker: &str) -> Result<()> {
 
 /// The run file given with `-c`, or the defaults.
 pub(super) fn config_of(config: Option<&Path>, settings: &[String]) -> Result<RunFile> {
-    match config {
+    let run = match config {
         Some(path) => RunFile::load(path, settings),
         None => RunFile::from_str_at("", "command line", Path::new(""), settings),
-    }
+    };
+    run.map(limited)
+}
+
+/// A run file with the limit of memory that was typed.
+fn limited(run: RunFile) -> RunFile {
+    RunFile { memory: MEMORY.get().copied(), ..run }
 }
 
 /// Whether a path ends in one of these.
@@ -106,9 +113,20 @@ pub(super) fn bytes(option: &str, typed: &str) -> Result<u64> {
     if (1.0..1e18).contains(&bytes) { Ok(bytes as u64) } else { Err(refuse()) }
 }
 
+/// What was typed after `--memory`, bytes; the library takes it as an argument, with every run file.
+static MEMORY: OnceLock<u64> = OnceLock::new();
+
+/// Notes what was typed after `--memory`, if it was.
+pub(super) fn limit_memory(size: Option<&str>) -> Result<()> {
+    if let Some(size) = size {
+        let _ = MEMORY.set(bytes("--memory", size)?);
+    }
+    Ok(())
+}
+
 /// Bytes that any one array of an input may take.
 pub(super) fn reading_limit() -> u64 {
-    memory_limit().unwrap_or(u64::MAX)
+    memory_limit(MEMORY.get().copied()).unwrap_or(u64::MAX)
 }
 
 #[cfg(test)]

@@ -1,10 +1,10 @@
 //! The manual pages, made of the very words of `--help`.
 
 use super::Cli;
+use crate::error::{Error, Result};
+use crate::files::write_atomically;
 use clap::CommandFactory;
 use clap_mangen::Man;
-use holosonar::error::{Error, Result};
-use holosonar::files::write_atomically;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -36,6 +36,6 @@ fn whole() -> clap::Command {
 
 fn text(man: &Man) -> Result<String> {
     let mut text = Vec::new();
-    man.render(&mut text).map_err(|error| Error::environment("man", error.to_string()))?;
+    man.render(&mut text).map_err(|error| Error::io("man", error.to_string()).with_source(error))?;
     Ok(String::from_utf8_lossy(&text).into_owned())
 }

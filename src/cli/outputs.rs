@@ -2,7 +2,7 @@
 
 use super::inputs::has_extension;
 use super::terminal::{Terminal, print};
-use holosonar::error::{Error, Result};
+use crate::error::{Error, Result};
 use std::path::{Path, PathBuf};
 
 /// Refuses an output name before any work is done for it.
@@ -25,7 +25,7 @@ pub(super) fn make_folder(folder: &Path) -> Result<bool> {
         std::io::ErrorKind::AlreadyExists | std::io::ErrorKind::NotADirectory => {
             Error::input(folder.display(), "is a file; a folder was expected")
         }
-        _ => Error::writing(folder, &e),
+        _ => Error::writing(folder, e),
     })
 }
 

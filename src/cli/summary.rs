@@ -1,10 +1,9 @@
 //! Results as a person reads them: short aligned tables.
 
-use holosonar::error::gib;
-use holosonar::grid::Axis;
-use holosonar::metrics::{METRIC_NAMES, Metrics, Scores};
-use holosonar::pipeline::{Forecast, Judgement, Outcome, Report, Verdict};
-use holosonar::reconstruct::Method;
+use crate::error::gib;
+use crate::grid::Axis;
+use crate::metrics::{METRIC_NAMES, Metrics, Scores};
+use crate::pipeline::{Forecast, Judgement, Outcome, Report, Verdict};
 use serde_json::Value;
 use std::fmt::Write;
 use std::path::Path;
@@ -173,15 +172,15 @@ pub(super) fn forecast(forecast: &Forecast) -> String {
     for (i, line) in forecast.physics.iter().enumerate() {
         table.row(if i == 0 { "physics" } else { "" }, line);
     }
-    for (i, (method, seconds)) in needs.methods.iter().zip(forecast.seconds).enumerate() {
-        let name = format!("{}{}", if i == needs.chosen { "* " } else { "  " }, name_of(method.method));
+    for (i, (method, seconds)) in needs.methods.iter().zip(&forecast.seconds).enumerate() {
+        let name = format!("{}{}", if i == needs.chosen { "* " } else { "  " }, method.method);
         let costs = match &method.obstacle {
             Some(obstacle) => format!("not taken: {obstacle}"),
             None => format!(
                 "{:.1e} operations, {}, about {}",
                 method.operations,
                 gib(method.bytes),
-                duration(seconds)
+                duration(*seconds)
             ),
         };
         table.row(&name, costs);
@@ -192,11 +191,6 @@ pub(super) fn forecast(forecast: &Forecast) -> String {
     table.row("", simulate.unwrap_or_default() + &reconstruct);
     table.row("writes", forecast.files.join(", "));
     table.text()
-}
-
-/// A method as run files name it.
-pub(super) fn name_of(method: Method) -> String {
-    format!("{method:?}").to_lowercase()
 }
 
 /// Seconds as people say them.

@@ -1,8 +1,8 @@
 //! Progress bars, warnings, errors and results on a terminal, or quietly without one.
 
 use super::signals;
-use holosonar::error::Error;
-use holosonar::progress::{Event, Observer};
+use crate::error::Error;
+use crate::progress::{Event, Observer};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::{self, IsTerminal, Write};
 use std::sync::atomic::{AtomicU8, Ordering};
@@ -89,7 +89,7 @@ pub(super) fn print(text: &str) -> Result<(), Error> {
     let mut out = io::stdout().lock();
     match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
         Err(e) if e.kind() != io::ErrorKind::BrokenPipe => {
-            Err(Error::environment("standard output", format!("cannot be written: {e}")))
+            Err(Error::io("standard output", format!("cannot be written: {e}")).with_source(e))
         }
         _ => Ok(()),
     }
@@ -133,7 +133,6 @@ impl Observer for Terminal {
                     self.line(&format!("{stage:28} {:8.2} s", begun.elapsed().as_secs_f64()));
                 }
             }
-            _ => {}
         }
     }
 
@@ -166,7 +165,7 @@ pub(super) fn explain_panics() {
     let default = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |panic| {
         // Readers of files catch the panics of the crates they call and report an error instead.
-        if holosonar::error::is_guarded() {
+        if crate::error::is_guarded() {
             return;
         }
         if panic.payload_as_str().is_some_and(|said| said.contains("AllocError")) {

@@ -1,15 +1,15 @@
 //! The commands that judge: `compare` and `check`, and their exit status.
 
-use super::inputs::reading_limit;
+use super::inputs::{config_of, reading_limit};
 use super::outputs::{check_extension, pretty};
 use super::terminal::{Terminal, print};
 use super::{Overrides, summary};
-use holosonar::error::{Error, Result};
-use holosonar::export::depth_exr::{DepthFile, read_depth_map};
-use holosonar::export::figure::write_error_figure;
-use holosonar::export::{Attribute, find_attribute};
-use holosonar::metrics::{Scores, error_map, score};
-use holosonar::pipeline::{self, Bound, Verdict};
+use crate::error::{Error, Result};
+use crate::export::depth_exr::{DepthFile, read_depth_map};
+use crate::export::figure::write_error_figure;
+use crate::export::{Attribute, find_attribute};
+use crate::metrics::{Scores, error_map, score};
+use crate::pipeline::{self, Bound, Verdict};
 use std::path::{Path, PathBuf};
 
 /// Scores a depth map and holds it to the limits typed.
@@ -96,7 +96,8 @@ pub(super) fn check(
     let mut rows = Vec::new();
     for path in runs {
         let name = path.display().to_string();
-        let outcome = pipeline::check_scene(path, &overrides.keys(), seeds, terminal);
+        let outcome = config_of(Some(path), &overrides.keys())
+            .and_then(|run| pipeline::check_scene(path, &run, seeds, terminal));
         match outcome {
             Ok(judgement) => {
                 if json {
@@ -110,7 +111,7 @@ pub(super) fn check(
                     print(&summary::check_line(&name, &judgement))?;
                 }
                 if let Err(error) = limits_kept(&judgement.verdicts) {
-                    let error = Error::Limit(format!("{name}: {error}"));
+                    let error = Error::LimitMissed(format!("{name}: {error}"));
                     worst = Some(worse(worst, error));
                 }
             }
@@ -134,7 +135,9 @@ pub(super) fn check(
 /// Of two errors the one to exit with: a run that failed tells more than a limit that was missed.
 fn worse(first: Option<Error>, second: Error) -> Error {
     match first {
-        Some(first) if !matches!(first, Error::Limit(_)) || matches!(second, Error::Limit(_)) => first,
+        Some(first) if !matches!(first, Error::LimitMissed(_)) || matches!(second, Error::LimitMissed(_)) => {
+            first
+        }
         _ => second,
     }
 }
@@ -157,5 +160,5 @@ fn limits_json(verdicts: &[Verdict]) -> serde_json::Value {
 /// Exit status 3 for what was missed, in words.
 fn limits_kept(verdicts: &[Verdict]) -> Result<()> {
     let missed: Vec<String> = verdicts.iter().filter(|v| !v.kept).map(summary::verdict).collect();
-    if missed.is_empty() { Ok(()) } else { Err(Error::Limit(format!("missed {}", missed.join("; ")))) }
+    if missed.is_empty() { Ok(()) } else { Err(Error::LimitMissed(format!("missed {}", missed.join("; ")))) }
 }

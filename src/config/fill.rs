@@ -2,8 +2,8 @@
 //! ends, pitch and count.
 
 use super::reader::Fault;
-use super::tables::Array;
-use super::{GridTable, Layout, Medium, RunFile};
+use super::tables::ArrayTable;
+use super::{GridTable, Layout, MediumTable, RunFile};
 use crate::wave::DEFAULT_SOUND_SPEED;
 
 impl RunFile {
@@ -12,10 +12,10 @@ impl RunFile {
         let array = &mut self.array;
         if array.layout != Layout::File {
             if array.count.is_none() && array.elements.is_none() {
-                array.count = Some(Array::COUNT);
+                array.count = Some(ArrayTable::COUNT);
             }
             if array.pitch.is_none() && array.extent.is_none() {
-                array.pitch = Some(Array::PITCH);
+                array.pitch = Some(ArrayTable::PITCH);
             }
         }
         self.medium.fill();
@@ -23,7 +23,7 @@ impl RunFile {
     }
 }
 
-impl Medium {
+impl MediumTable {
     fn fill(&mut self) {
         if self.temperature.is_some() {
             self.humidity.get_or_insert(Self::HUMIDITY);

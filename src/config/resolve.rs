@@ -1,9 +1,7 @@
 //! From what was typed to the parameters of the stages; the only place where one becomes the other.
 
 use super::check::square_root;
-use super::{
-    Geometry as GeometryWord, Layout, MaterialRule, Occlusion as OcclusionWord, RunFile, Shading, Surface,
-};
+use super::{Layout, RunFile, Shading, Surface};
 use crate::acquisition::Setup;
 use crate::acquisition::{ArrayErrors, Losses, MicArray, Noise, SimulateOptions, Sweep};
 use crate::depth::DepthOptions;
@@ -11,10 +9,10 @@ use crate::error::{Error, Result};
 use crate::grid::{Axis, Grid, Raster, View};
 use crate::plan::{left_for_scene, memory_limit};
 use crate::reconstruct::ReconstructOptions;
-use crate::reflectors::{Occlusion, SurfaceModel, SurfaceOptions};
-use crate::scene::{self, CameraView, LoadOptions};
+use crate::reflectors::{Occlusion, OcclusionKind, SurfaceModel, SurfaceOptions};
+use crate::scene::{CameraView, LoadOptions};
 use crate::truth::TruthOptions;
-use crate::wave::Geometry;
+use crate::wave::{Geometry, GeometryKind};
 use glam::DVec3;
 
 /// A bare scene is put this many diagonals of its box away.
@@ -77,10 +75,10 @@ impl RunFile {
     /// `[array] geometry` and `source`.
     pub fn geometry(&self) -> Geometry {
         match self.array.geometry {
-            GeometryWord::FixedSource => {
+            GeometryKind::FixedSource => {
                 Geometry::FixedSource { source: DVec3::from_array(self.array.source) }
             }
-            GeometryWord::Monostatic => Geometry::Monostatic,
+            GeometryKind::Monostatic => Geometry::Monostatic,
         }
     }
 
@@ -99,13 +97,8 @@ impl RunFile {
         let placed = typed.fit.is_some() || typed.translate.is_some() || typed.sensor.is_some();
         options.fit_by_diagonal = (bare && !placed).then_some(FIT_BY_DIAGONAL);
         options.sensor = typed.sensor.as_deref().map(str::parse).transpose()?;
-        let rule = |rule: &MaterialRule| scene::MaterialRule {
-            name: rule.name.clone(),
-            reflectance: rule.reflectance,
-            transmittance: rule.transmittance,
-        };
-        options.materials = self.materials.iter().map(rule).collect();
-        options.memory = left_for_scene(memory_limit(), rayon::current_num_threads());
+        options.materials.clone_from(&self.materials);
+        options.memory = left_for_scene(memory_limit(self.memory), rayon::current_num_threads());
         Ok(options)
     }
 
@@ -122,9 +115,9 @@ impl RunFile {
         };
         options.lambert = typed.shading == Shading::Lambert;
         options.occlusion = match self.scene.occlusion {
-            OcclusionWord::None => Occlusion::None,
-            OcclusionWord::Speaker => Occlusion::Speaker,
-            OcclusionWord::Aperture => Occlusion::Aperture(setup.array.sight_points().to_vec()),
+            OcclusionKind::None => Occlusion::None,
+            OcclusionKind::Speaker => Occlusion::Speaker,
+            OcclusionKind::Aperture => Occlusion::Aperture(setup.array.sight_points().to_vec()),
         };
         options.speaker = setup.geometry.viewpoint(setup.array.centre());
         options.seed = typed.seed.into();
@@ -135,7 +128,7 @@ impl RunFile {
     pub fn truth_options(&self, setup: &Setup) -> TruthOptions {
         let mut options = TruthOptions::heard_from(setup.geometry.viewpoint(setup.array.centre()));
         options.lambert = self.reflectors.shading == Shading::Lambert;
-        if self.scene.occlusion == OcclusionWord::None {
+        if self.scene.occlusion == OcclusionKind::None {
             options.speaker = None;
         }
         options

@@ -7,6 +7,6 @@ mod measurement;
 mod results;
 mod scene;
 
-pub use measurement::{Array, Detection, Medium, Sweep};
-pub use results::{Depth, Expect, GridTable, Limit, Output, Reconstruct};
-pub use scene::{MaterialRule, Reflectors, Scene};
+pub use measurement::{ArrayTable, DetectionTable, MediumTable, SweepTable};
+pub use results::{DepthTable, ExpectTable, GridTable, Limit, OutputTable, ReconstructTable};
+pub use scene::{ReflectorsTable, SceneTable};

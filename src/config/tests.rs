@@ -7,6 +7,8 @@ mod hostile;
 mod refusals;
 
 use super::*;
+use crate::export::Fill;
+use crate::scene::Unit;
 use std::path::PathBuf;
 
 fn read(text: &str) -> Result<RunFile> {
@@ -161,9 +163,9 @@ fn a_grid_axis_is_any_two_of_end_pitch_and_count() {
 #[test]
 fn fill_is_a_word_or_a_depth() {
     for (typed, fill) in [
-        ("\"nan\"", Fill::Nan),
-        ("inf", Fill::Inf),
-        ("nan", Fill::Nan),
+        ("\"nan\"", Fill::NaN),
+        ("inf", Fill::Infinity),
+        ("nan", Fill::NaN),
         ("0", Fill::Depth(0.0)),
         ("9.5", Fill::Depth(9.5)),
     ] {
@@ -198,7 +200,7 @@ fn overrides_are_values_or_bare_words() {
     );
     assert_eq!((run.array.extent, run.array.pitch), (Some([1.0, 1.0]), None));
     assert_eq!(run.materials[0].reflectance, Some(0.25));
-    assert_eq!((run.depth.fill, run.grid.pitch), (Fill::Nan, Some([0.1, 0.1, 0.1])));
+    assert_eq!((run.depth.fill, run.grid.pitch), (Fill::NaN, Some([0.1, 0.1, 0.1])));
     assert_eq!(run.expect.limits["rmse"], Limit { min: None, max: Some(0.1) });
     let run = read_with(text, &["materials=[{name=\"b\"}]"]).unwrap();
     assert_eq!(run.materials[0].name, "b");

@@ -22,7 +22,7 @@ impl Amplitude {
     /// The amplitude of a complex volume.
     ///
     /// # Errors
-    /// [`Error::Environment`] when it does not fit in memory.
+    /// [`Error::OutOfMemory`] when it does not fit in memory.
     pub fn of(volume: &Volume) -> Result<Self> {
         let mut values =
             try_with_capacity(volume.samples.len() as u64).ok_or_else(|| no_room_for(&volume.grid))?;
@@ -81,7 +81,7 @@ const BLOCK: usize = 1 << 14;
 /// The voxels of a grid from little-endian floats; `None` where the file ends before or cannot be read.
 ///
 /// # Errors
-/// [`Error::Environment`] when they do not fit in memory.
+/// [`Error::OutOfMemory`] when they do not fit in memory.
 pub(super) fn read_floats(file: &mut impl Read, grid: &Grid) -> Result<Option<Vec<f32>>> {
     let count = grid.voxel_count();
     let mut values = try_with_capacity(count).ok_or_else(|| no_room_for(grid))?;

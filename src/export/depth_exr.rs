@@ -7,7 +7,7 @@
 use super::exr_file::{
     Part, WORLD_TO_CAMERA, attributes_of, expect_room, floats, part, read_parts, write_parts,
 };
-use super::{Attribute, Attributes, Encoding, find_attribute};
+use super::{Attribute, Attributes, Encoding, Fill, find_attribute};
 use crate::error::{Error, Result};
 use crate::grid::{Axis, DepthMap, Raster, Surface, View};
 use exr::prelude::Vec2;
@@ -15,28 +15,6 @@ use std::path::Path;
 
 /// Depth from which on a foreign `Z` means "nothing there", m: programs write 1e10, 1e30 or the largest float.
 const FOREIGN_NOTHING: f32 = 1e9;
-
-/// What `Z` holds where no return was accepted.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub enum Fill {
-    /// `+∞`.
-    #[default]
-    Infinity,
-    /// Not a number.
-    NaN,
-    /// A depth of the reader's choice, m.
-    Value(f32),
-}
-
-impl Fill {
-    fn value(self) -> f32 {
-        match self {
-            Self::Infinity => f32::INFINITY,
-            Self::NaN => f32::NAN,
-            Self::Value(value) => value,
-        }
-    }
-}
 
 /// A depth map read from a file.
 #[derive(Debug, Clone, PartialEq)]
@@ -78,7 +56,7 @@ pub fn write_depth_map(
     // Of each return five channels at the most, of the picked one ten, and one in the making.
     expect_room(11 + 5 * map.returns.len(), [map.x.count, map.y.count])?;
     let scale = amplitude_scale(map);
-    let fill_value = fill.value();
+    let fill_value = fill.value() as f32;
     let accepted: Vec<bool> = map.picked.depth.iter().map(|z| z.is_finite()).collect();
     let mut channels: Vec<(String, Vec<f32>)> = Vec::new();
     let picture = masked(&scaled(&map.picked.strength, scale), &map.picked.depth, 0.0);
@@ -123,7 +101,7 @@ pub fn write_depth_map(
     add("depth", Attribute::Text("planar depth along +z".into()));
     add("unit", Attribute::Text("m".into()));
     add("noReturn", Attribute::Number(f64::from(fill_value)));
-    add("view", Attribute::Text(map.view.name().into()));
+    add("view", Attribute::Text(map.view.as_str().into()));
     if !map.materials.is_empty() {
         add("materials", Attribute::Text(serde_json::json!(map.materials).to_string()));
     }
@@ -269,7 +247,7 @@ pub fn read_depth_map(path: &Path, limit_bytes: u64) -> Result<DepthFile> {
     let counting = |first: i32| (f64::from(first), 1.0);
     let [(x0, pitch_x), (y0, pitch_y)] = axes.unwrap_or([counting(corner.0), counting(corner.1)]);
     let view =
-        if text("view") == Some(View::Perspective.name()) { View::Perspective } else { View::Orthographic };
+        if text("view") == Some(View::Perspective.as_str()) { View::Perspective } else { View::Orthographic };
     let raster = Raster {
         view,
         x: Axis { first: x0, pitch: pitch_x, count: part.size.0 },

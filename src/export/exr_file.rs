@@ -89,7 +89,7 @@ pub(super) fn attributes_of(header: &ex::LayerAttributes) -> Attributes {
 /// Attributes that come later replace earlier ones of the same name.
 ///
 /// # Errors
-/// [`Error::Environment`] when its half floats do not fit in memory.
+/// [`Error::OutOfMemory`] when its half floats do not fit in memory.
 ///
 /// # Panics
 /// When a channel has not exactly one sample per pixel, or an attribute's name does not start with `sonar:`.
@@ -139,12 +139,9 @@ pub(super) fn part(
 
 /// The refusal of a channel that does not fit.
 pub(super) fn no_room([width, height]: [usize; 2]) -> Error {
-    Error::environment(
-        "memory",
-        format!(
-            "a channel of {width} x {height} pixels of an EXR does not fit; ask for fewer, or free some memory"
-        ),
-    )
+    Error::out_of_memory(format!(
+        "a channel of {width} x {height} pixels of an EXR does not fit; ask for fewer, or free some memory"
+    ))
 }
 
 /// Writes the parts; one part makes a single-part file. Same parts, same bytes.
@@ -238,7 +235,7 @@ fn next_attribute(input: &mut impl Read) -> io::Result<Option<Vec<u8>>> {
 /// # Errors
 /// A missing or damaged file, deep data, or more pixels than the limit allows.
 pub(super) fn read_parts(path: &Path, limit_bytes: u64) -> Result<Parts> {
-    let open = || File::open(path).map_err(|error| Error::reading(path, &error));
+    let open = || File::open(path).map_err(|error| Error::reading(path, error));
     let meta = guarded(path, {
         let file = BufReader::new(open()?);
         || ex::MetaData::read_from_buffered(file, false)
@@ -287,7 +284,7 @@ fn guarded<T>(path: &Path, read: impl FnOnce() -> ex::Result<T>) -> Result<T> {
         Some(Err(ex::Error::Io(error)))
             if !matches!(error.kind(), io::ErrorKind::UnexpectedEof | io::ErrorKind::InvalidInput) =>
         {
-            Err(Error::reading(path, &error))
+            Err(Error::reading(path, error))
         }
         Some(Err(error)) => Err(refused(&error.to_string())),
         None => Err(refused("its contents are contradictory")),

@@ -8,9 +8,9 @@
 //! # Example
 //! A depth map of two pixels, one of them empty, as an image for Blender and Nuke and as a figure for a paper:
 //! ```
-//! use holosonar::export::depth_exr::{Fill, read_depth_map, write_depth_map};
+//! use holosonar::export::depth_exr::{read_depth_map, write_depth_map};
 //! use holosonar::export::figure::{DepthKind, write_depth_figure};
-//! use holosonar::export::{Attribute, Encoding};
+//! use holosonar::export::{Attribute, Encoding, Fill};
 //! use holosonar::grid::{Axis, DepthMap, Raster, Surface, View};
 //!
 //! let folder = std::env::temp_dir().join(format!("holosonar-{}", std::process::id()));
@@ -30,6 +30,7 @@
 pub mod amplitude;
 pub mod depth_exr;
 mod exr_file;
+mod fill;
 pub mod figure;
 pub mod page;
 pub mod points_ply;
@@ -40,9 +41,8 @@ pub mod volume_nrrd;
 mod volume_reading;
 pub mod volume_vti;
 
+pub use fill::Fill;
 pub use volume_file::VolumeFile;
-
-use serde::{Deserialize, Serialize};
 
 /// A fact about a result that its file carries along.
 #[derive(Debug, Clone, PartialEq)]
@@ -60,26 +60,30 @@ pub enum Attribute {
 /// Named facts, in the order in which they are to appear; names start with `sonar:`.
 pub type Attributes = Vec<(String, Attribute)>;
 
-/// Which numbers of a complex volume a file holds.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Components {
-    /// `|Â|` alone.
-    #[default]
-    Amplitude,
-    /// `|Â|`, and its real and imaginary parts as `re` and `im`.
-    Complex,
+use crate::choice::choice;
+
+choice! {
+    /// Which numbers of a complex volume a file holds.
+    #[derive(Default)]
+    pub enum Components: "components" {
+        /// `|Â|` alone.
+        #[default]
+        Amplitude = "amplitude",
+        /// `|Â|`, and its real and imaginary parts as `re` and `im`.
+        Complex = "complex",
+    }
 }
 
-/// Whether a file is made smaller, always without loss.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Compression {
-    /// Deflate: EXR's ZIP in blocks of 16 lines, NRRD's gzip.
-    #[default]
-    Zip,
-    /// Not at all, which is faster to write and to read.
-    None,
+choice! {
+    /// Whether a file is made smaller, always without loss.
+    #[derive(Default)]
+    pub enum Compression: "compression" {
+        /// Deflate: EXR's ZIP in blocks of 16 lines, NRRD's gzip.
+        #[default]
+        Zip = "zip",
+        /// Not at all, which is faster to write and to read.
+        None = "none",
+    }
 }
 
 /// How an EXR file keeps its numbers.

@@ -105,7 +105,7 @@ fn no_room(path: &Path, depths: usize) -> Error {
         "{depths} depths do not fit at once for {}; the formats npz, vti and nrrd are written depth by depth",
         path.display()
     );
-    Error::environment("memory", problem)
+    Error::out_of_memory(problem)
 }
 
 /// # Errors

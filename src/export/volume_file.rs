@@ -41,25 +41,25 @@ impl VolumeFile {
             .file()
             .try_clone()
             .and_then(|file| begin(BufWriter::with_capacity(1 << 16, file)))
-            .map_err(|error| Error::writing(path, &error))?;
+            .map_err(|error| Error::writing(path, error))?;
         Ok(Self { file, stream: Box::new(stream) })
     }
 
     /// Adds the next depths, `[plane, y, x]`.
     ///
     /// # Errors
-    /// [`Error::Environment`] when they cannot be written.
+    /// [`Error::Io`] when they cannot be written.
     pub fn take(&mut self, planes: &[Complex32]) -> Result<()> {
-        self.stream.planes(planes).map_err(|error| Error::writing(self.file.path(), &error))
+        self.stream.planes(planes).map_err(|error| Error::writing(self.file.path(), error))
     }
 
     /// Ends the file and gives it its name.
     ///
     /// # Errors
-    /// [`Error::Environment`] when it cannot be written; an older file is then left as it was.
+    /// [`Error::Io`] when it cannot be written; an older file is then left as it was.
     pub fn finish(self) -> Result<()> {
         let Self { file, stream } = self;
-        stream.finish().map_err(|error| Error::writing(file.path(), &error))?;
+        stream.finish().map_err(|error| Error::writing(file.path(), error))?;
         file.commit()
     }
 

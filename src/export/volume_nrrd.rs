@@ -124,7 +124,7 @@ fn header(grid: &Grid, attributes: &[(String, Attribute)], compression: Compress
 /// # Errors
 /// A missing or damaged file, another layout, more voxels than `limit_bytes` hold.
 pub fn read_volume_nrrd(path: &Path, limit_bytes: u64) -> Result<Amplitude> {
-    let mut file = BufReader::new(File::open(path).map_err(|error| Error::reading(path, &error))?);
+    let mut file = BufReader::new(File::open(path).map_err(|error| Error::reading(path, error))?);
     let fault = |problem: &str| {
         Error::input(
             path.display(),
@@ -138,7 +138,7 @@ pub fn read_volume_nrrd(path: &Path, limit_bytes: u64) -> Result<Amplitude> {
     for number in 0.. {
         let mut line = Vec::new();
         let read = (&mut file).take(LONGEST_LINE).read_until(b'\n', &mut line);
-        read.map_err(|error| Error::reading(path, &error))?;
+        read.map_err(|error| Error::reading(path, error))?;
         let line = String::from_utf8_lossy(&line);
         let Some(line) = line.strip_suffix('\n').map(|line| line.trim_end_matches('\r')) else {
             return Err(fault("ends within its header"));

@@ -196,7 +196,7 @@ pub fn read_volume_vti(path: &Path, limit_bytes: u64) -> Result<Amplitude> {
             "is no VTI with a raw appended array `amplitude` as this program writes it, or is damaged",
         )
     };
-    let failed = |error: io::Error| Error::reading(path, &error);
+    let failed = |error: io::Error| Error::reading(path, error);
     let mut file = File::open(path).map_err(failed)?;
     let mut start = Vec::new();
     (&mut file).take(LONGEST_TEXT.min(limit_bytes)).read_to_end(&mut start).map_err(failed)?;

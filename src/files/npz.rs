@@ -57,8 +57,8 @@ impl NpzReader {
     /// A file that is missing, no zip archive, truncated, or that holds two arrays of one name. A fault of one
     /// array shows only when that array is asked for.
     pub fn open(path: &Path, limit_bytes: u64) -> Result<Self> {
-        let file = File::open(path).map_err(|error| Error::reading(path, &error))?;
-        let on_disk = file.metadata().map_err(|error| Error::reading(path, &error))?;
+        let file = File::open(path).map_err(|error| Error::reading(path, error))?;
+        let on_disk = file.metadata().map_err(|error| Error::reading(path, error))?;
         if on_disk.is_dir() {
             return Err(Error::input(path.display(), "is a folder, an .npz file was expected"));
         }
@@ -350,7 +350,7 @@ fn place_of(path: &Path, name: &str) -> String {
 
 /// The refusal of an array that does not fit.
 fn no_room(place: &str) -> Error {
-    Error::environment("memory", format!("{place} does not fit; use a smaller array, or free some memory"))
+    Error::out_of_memory(format!("{place} does not fit; use a smaller array, or free some memory"))
 }
 
 /// Reads one array's header and holds its declared size against the shape and against the file's.

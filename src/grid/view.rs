@@ -1,28 +1,19 @@
 //! Along which rays the pixels of a map look.
 
 use super::{Axis, Grid};
+use crate::choice::choice;
 use crate::error::{Error, Result};
 use glam::DVec3;
-use serde::{Deserialize, Serialize};
 
-/// What a map's axes count, and so along which ray a pixel looks. Its depth is planar, along +z, in both.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum View {
-    /// Along +z: the axes are the volume's own x and y, m.
-    #[default]
-    Orthographic,
-    /// From the origin, as a camera there that looks along +z: the axes are the slopes x/z and y/z.
-    Perspective,
-}
-
-impl View {
-    /// Its name in run files and attributes.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Orthographic => "orthographic",
-            Self::Perspective => "perspective",
-        }
+choice! {
+    /// What a map's axes count, and so along which ray a pixel looks. Its depth is planar, along +z, in both.
+    #[derive(Default)]
+    pub enum View: "view" {
+        /// Along +z: the axes are the volume's own x and y, m.
+        #[default]
+        Orthographic = "orthographic",
+        /// From the origin, as a camera there that looks along +z: the axes are the slopes x/z and y/z.
+        Perspective = "perspective",
     }
 }
 

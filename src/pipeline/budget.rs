@@ -21,7 +21,7 @@ pub(super) struct Budget<'a> {
 
 impl<'a> Budget<'a> {
     pub(super) fn of(run: &'a RunFile) -> Self {
-        Self { run, limit: memory_limit() }
+        Self { run, limit: memory_limit(run.memory) }
     }
 
     /// What `image` holds, given what it holds of scene and samples.

@@ -181,7 +181,7 @@ pub fn sweep_designs(keys: &[SweptKey], run_with: &RunWith, observer: &dyn Obser
 
 /// The box of the scene looked at last, so that a mesh is not read for every combination.
 #[derive(Default)]
-struct SeenScene(Option<(config::Scene, Seen)>);
+struct SeenScene(Option<(config::SceneTable, Seen)>);
 
 impl SeenScene {
     /// The run file's scene; nothing where the grid is typed in full and there is no scene.

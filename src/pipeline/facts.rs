@@ -34,7 +34,7 @@ pub(super) fn setup_facts(setup: &Setup, run: &RunFile) -> Value {
         "microphones": setup.array.len(),
         "array_centre": setup.array.centre().to_array(),
         "array_extent": setup.array.extent().to_array(),
-        "geometry": setup.geometry.name(),
+        "geometry": setup.geometry.kind(),
         "source": source,
         "detection": setup.detection,
         "window": run.reconstruct.window,

@@ -30,7 +30,7 @@ pub struct Forecast {
     /// What will be simulated beyond Eq. 5 and done to the volume, in words.
     pub physics: Vec<String>,
     /// Seconds of each method, by a short measurement of this machine's speed.
-    pub seconds: [f64; 4],
+    pub seconds: Vec<f64>,
     /// Files that `image` will write.
     pub files: Vec<String>,
     /// What the user should know.

@@ -90,17 +90,17 @@ pub struct Judgement {
 /// Runs a scene and holds its metrics to the run file's `[expect]`: what `check` does, and our regression tests.
 ///
 /// It is run with each of `seeds`, or if there are none of `[expect] seeds`, or else with its own; the mean is held to the
-/// limits.
+/// limits. `path` is what errors name.
 ///
 /// # Errors
 /// What the stages refuse; a run file without `[expect]`, or a scene without a truth.
 pub fn check_scene(
     path: &Path,
-    overrides: &[String],
+    run: &RunFile,
     seeds: &[u32],
     observer: &dyn Observer,
 ) -> Result<Judgement> {
-    let mut run = RunFile::load(path, overrides)?;
+    let mut run = run.clone();
     if run.expect.limits.is_empty() {
         return Err(Error::input(
             path.display(),

@@ -4,7 +4,7 @@ use super::facts::{attributes, image_facts};
 use super::page::{PAGE, page_of, title};
 use super::{Outcome, Report};
 use crate::acquisition::{DataCube, Setup};
-use crate::config::{Output, RunFile, VolumeFormat};
+use crate::config::{OutputTable, RunFile, VolumeFormat};
 use crate::error::{Error, Result};
 use crate::export::depth_exr::write_depth_map;
 use crate::export::figure::{
@@ -32,7 +32,7 @@ use std::time::Instant;
 /// is made if it is missing; gives the report.
 ///
 /// # Errors
-/// [`Error::Environment`] when a file cannot be written; no file is ever left half-written.
+/// [`Error::Io`] when a file cannot be written; no file is ever left half-written.
 pub fn write_outputs(
     run: &RunFile,
     outcome: &Outcome,
@@ -103,7 +103,7 @@ pub fn write_outputs(
     };
     report.timings.insert("write".to_owned(), begun.elapsed().as_secs_f64().into());
     let text = serde_json::to_string_pretty(&report)
-        .map_err(|e| Error::environment("report", e.to_string()))?
+        .map_err(|e| Error::io("report", e.to_string()).with_source(e))?
         + "\n";
     write_atomically(&folder.join("report.json"), |file| file.write_all(text.as_bytes()))?;
     observer.note(&format!("{} files in {}", report.files.len(), folder.display()));
@@ -186,7 +186,7 @@ fn one(path: &Path, written: Result<()>) -> Result<Vec<PathBuf>> {
 }
 
 /// The half floats that were asked for and cannot hold the amplitudes.
-fn warn_of_float16(output: &Output, peak: f32, observer: &dyn Observer) {
+fn warn_of_float16(output: &OutputTable, peak: f32, observer: &dyn Observer) {
     if output.float16 && output.formats.contains(&VolumeFormat::Exr) && !fits_float16(peak) {
         observer.warn(&format!(
             "[output] float16: half floats do not hold amplitudes of a peak of {peak:e} well, so volume.exr keeps 32 bits"
@@ -254,7 +254,7 @@ impl VolumeSink for VolumeFiles<'_> {
 }
 
 /// Begins a volume file in the format of the path's extension, which takes depth after depth.
-fn stream_volume(path: &Path, grid: &Grid, output: &Output, facts: &Value) -> Result<VolumeFile> {
+fn stream_volume(path: &Path, grid: &Grid, output: &OutputTable, facts: &Value) -> Result<VolumeFile> {
     match extension(path).as_str() {
         "npz" => stream_volume_npz(path, *grid, facts),
         "vti" => stream_volume_vti(path, grid, output.components, &attributes(facts)),
@@ -270,8 +270,13 @@ fn stream_volume(path: &Path, grid: &Grid, output: &Output, facts: &Value) -> Re
 ///
 /// # Errors
 /// Another extension than `.exr`, `.npz`, `.nrrd` or `.vti`; a file that cannot be written.
-pub fn write_volume(path: &Path, volume: &Volume, output: &Output, facts: &Value) -> Result<Vec<PathBuf>> {
-    let Output { components, float16, compression, .. } = *output;
+pub fn write_volume(
+    path: &Path,
+    volume: &Volume,
+    output: &OutputTable,
+    facts: &Value,
+) -> Result<Vec<PathBuf>> {
+    let OutputTable { components, float16, compression, .. } = *output;
     let encoding = Encoding { float16: float16 && fits_float16(volume.peak()), compression };
     if needs_all(path) {
         return write_volume_exr(path, volume, components, &attributes(facts), encoding);
@@ -286,11 +291,11 @@ pub fn write_volume(path: &Path, volume: &Volume, output: &Output, facts: &Value
 /// # Errors
 /// Another extension than `.exr` or `.ply`; a file that cannot be written.
 pub fn write_depth(path: &Path, map: &DepthMap, run: &RunFile, facts: &Value) -> Result<()> {
-    let Output { float16, compression, .. } = run.output;
+    let OutputTable { float16, compression, .. } = run.output;
     match extension(path).as_str() {
         "exr" => {
             let encoding = Encoding { float16, compression };
-            write_depth_map(path, map, run.depth.fill.into(), &attributes(facts), encoding)
+            write_depth_map(path, map, run.depth.fill, &attributes(facts), encoding)
         }
         "ply" => write_depth_points(path, map, &attributes(facts)),
         _ => Err(Error::input(

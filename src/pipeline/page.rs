@@ -30,7 +30,7 @@ pub fn write_page(folder: &Path, limit_bytes: u64) -> Result<PathBuf> {
             "holds no report.json; a folder that `holosonar image ... -o` wrote was expected",
         ),
         std::io::ErrorKind::InvalidData => Error::input(source.display(), "is no UTF-8 text"),
-        _ => Error::reading(&source, &error),
+        _ => Error::reading(&source, error),
     })?;
     let report: Value = serde_json::from_str(&text)
         .ok()

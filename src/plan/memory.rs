@@ -2,12 +2,11 @@
 
 use crate::error::{Error, Result, gib};
 use std::path::Path;
-use std::sync::OnceLock;
 
 /// Refuses to sample a surface whose points cannot fit: the usual sign of a mesh in the wrong unit.
 ///
 /// # Errors
-/// [`Error::Input`] when `bytes` exceed `limit`.
+/// [`Error::InvalidInput`] when `bytes` exceed `limit`.
 pub fn check_sampling(bytes: u64, spacing: f64, limit: Option<u64>) -> Result<()> {
     match limit {
         Some(limit) if bytes > limit => Err(Error::input(
@@ -27,19 +26,11 @@ pub fn check_sampling(bytes: u64, spacing: f64, limit: Option<u64>) -> Result<()
 /// that they go where blocks of the cube were.
 pub const WAITING: u64 = 16 << 20;
 
-/// The limit of this process, once it is set.
-static LIMIT: OnceLock<u64> = OnceLock::new();
-
-/// Sets the most bytes that a job of this process may use, as one sets its number of threads. Only the first call counts.
-pub fn limit_memory(bytes: u64) {
-    let _ = LIMIT.set(bytes);
-}
-
-/// The most bytes that a job may use: what was set, else 80 % of what is free, where the system says so; but no more
-/// than this process may have of addresses (`ulimit -v`).
-pub fn memory_limit() -> Option<u64> {
-    let set = LIMIT.get().copied().or_else(|| available_memory().map(|free| free / 10 * 8));
-    [set, address_space()].into_iter().flatten().min()
+/// The most bytes that a job may use: those that were asked for, else 80 % of what is free, where the system says so; but
+/// no more than this process may have of addresses (`ulimit -v`).
+pub fn memory_limit(asked: Option<u64>) -> Option<u64> {
+    let most = asked.or_else(|| available_memory().map(|free| free / 10 * 8));
+    [most, address_space()].into_iter().flatten().min()
 }
 
 /// Addresses that the program takes once it is at work on anything: its libraries' tables, stacks and heaps of threads.
@@ -49,18 +40,15 @@ const AT_WORK: u64 = 48 << 20;
 /// run; they have most of what it takes.
 ///
 /// # Errors
-/// [`Error::Environment`] with what is left.
+/// [`Error::OutOfMemory`] with what is left.
 pub fn check_addresses() -> Result<()> {
     match address_space() {
-        Some(left) if left < AT_WORK => Err(Error::environment(
-            "memory",
-            format!(
-                "of the addresses that this process may have, {} are left, and any job takes {}; raise `ulimit -v`, or run \
+        Some(left) if left < AT_WORK => Err(Error::out_of_memory(format!(
+            "of the addresses that this process may have, {} are left, and any job takes {}; raise `ulimit -v`, or run \
                  fewer threads with -j",
-                gib(left),
-                gib(AT_WORK)
-            ),
-        )),
+            gib(left),
+            gib(AT_WORK)
+        ))),
         _ => Ok(()),
     }
 }

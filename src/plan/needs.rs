@@ -7,7 +7,7 @@ use super::memory::WAITING;
 use crate::acquisition::Setup;
 use crate::error::{Error, Result, gib};
 use crate::grid::Grid;
-use crate::reconstruct::{Estimate, Method, ReconstructOptions, estimate};
+use crate::reconstruct::{Estimate, Estimates, Method, ReconstructOptions, estimate};
 use crate::wave::simd::{LANES, Lanes, lane_phasors};
 use serde::Serialize;
 use std::time::Instant;
@@ -36,7 +36,7 @@ pub struct Holding {
 #[non_exhaustive]
 pub struct Needs {
     /// Every method, possible here or not.
-    pub methods: [Estimate; 4],
+    pub methods: Vec<Estimate>,
     /// Which of them the job takes, as an index.
     pub chosen: usize,
     /// Worker threads.
@@ -64,7 +64,7 @@ pub fn needs(
     holding: Holding,
     threads: usize,
 ) -> Result<Needs> {
-    let (methods, chosen) = estimate(setup, grid, options, threads)?;
+    let Estimates { methods, chosen } = estimate(setup, grid, options, threads)?;
     let method = &methods[chosen];
     let peak_bytes = peak(method.bytes, grid, holding, threads);
     let least_peak_bytes = peak(method.least_bytes, grid, holding, threads);
@@ -108,9 +108,9 @@ pub fn left_for_scene(limit: Option<u64>, threads: usize) -> Option<u64> {
 
 impl Needs {
     /// Seconds of each method on this machine, by a measurement of a few milliseconds.
-    pub fn seconds(&self) -> [f64; 4] {
+    pub fn seconds(&self) -> Vec<f64> {
         let rate = operations_per_second() * self.threads.max(1) as f64;
-        std::array::from_fn(|i| self.methods[i].operations / rate)
+        self.methods.iter().map(|method| method.operations / rate).collect()
     }
 }
 
@@ -144,7 +144,7 @@ fn operations_per_second() -> f64 {
 /// Refuses a job that cannot fit, however little of it is worked on at a time.
 ///
 /// # Errors
-/// [`Error::Input`] when the peak exceeds `limit` bytes, with the numbers and what would make it fit.
+/// [`Error::InvalidInput`] when the peak exceeds `limit` bytes, with the numbers and what would make it fit.
 pub fn check_memory(
     needs: &Needs,
     setup: &Setup,
@@ -160,8 +160,7 @@ pub fn check_memory(
     for method in others {
         let bytes = peak(method.least_bytes, grid, holding, needs.threads);
         if bytes <= limit {
-            let name = format!("{:?}", method.method).to_lowercase();
-            ways.push(format!("[reconstruct] method = \"{name}\" needs {}", gib(bytes)));
+            ways.push(format!("[reconstruct] method = \"{}\" needs {}", method.method, gib(bytes)));
         }
     }
     if holding.volume && holding.depth == 0 {
@@ -201,7 +200,7 @@ pub fn check_memory(
 /// Refuses to simulate a cube that cannot fit.
 ///
 /// # Errors
-/// [`Error::Input`] when [`simulation_peak`] exceeds `limit`.
+/// [`Error::InvalidInput`] when [`simulation_peak`] exceeds `limit`.
 pub fn check_simulation(setup: &Setup, holding: Holding, threads: usize, limit: Option<u64>) -> Result<()> {
     let bytes = simulation_peak(holding, threads);
     match limit {

@@ -1,26 +1,27 @@
 //! What the user chooses: how to sum, with which weights, to within which error.
 
 use super::Window;
-use serde::{Deserialize, Serialize};
+use crate::choice::choice;
 
-/// How the sums of Eq. 13 are carried out.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Method {
-    /// Convolution where the microphones lie in a plane, else back-projection; direct where that costs less.
-    #[default]
-    Auto,
-    /// Eq. 16 by padded 2-D FFTs, for any planar array and any voxel pitch.
-    Convolution,
-    /// Range profiles along every voxel's paths, for any array and any grid.
-    Backprojection,
-    /// Eq. 13 as written.
-    Direct,
-    /// The far-field Fourier transform of Eq. 9, which the paper dropped; for comparison, and never taken by `Auto`.
-    Linear,
+choice! {
+    /// How the sums of Eq. 13 are carried out.
+    #[derive(Default)]
+    pub enum Method: "method" {
+        /// Convolution where the microphones lie in a plane, else back-projection; direct where that costs less.
+        #[default]
+        Auto = "auto",
+        /// Eq. 16 by padded 2-D FFTs, for any planar array and any voxel pitch.
+        Convolution = "convolution",
+        /// Range profiles along every voxel's paths, for any array and any grid.
+        Backprojection = "backprojection",
+        /// Eq. 13 as written.
+        Direct = "direct",
+        /// The far-field Fourier transform of Eq. 9, which the paper dropped; for comparison, and never taken by `Auto`.
+        Linear = "linear",
+    }
 }
 
-/// Parameters of [`reconstruct`].
+/// Parameters of [`reconstruct`](super::reconstruct()).
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub struct ReconstructOptions {

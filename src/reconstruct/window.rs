@@ -5,20 +5,21 @@ mod weights;
 pub(super) use weights::Weights;
 
 use crate::acquisition::{MicArray, Sweep};
-use serde::{Deserialize, Serialize};
+use crate::choice::choice;
 use std::f64::consts::PI;
 
-/// Weights that trade resolution for sidelobes, per axis, at t ∈ (−½, ½) across the aperture.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Window {
-    /// All weights 1.
-    None,
-    /// `cos²(πt)`.
-    Hann,
-    /// Taylor's, n̄ = 4, −30 dB sidelobes.
-    #[default]
-    Taylor,
+choice! {
+    /// Weights that trade resolution for sidelobes, per axis, at t ∈ (−½, ½) across the aperture.
+    #[derive(Default)]
+    pub enum Window: "window" {
+        /// All weights 1.
+        None = "none",
+        /// `cos²(πt)`.
+        Hann = "hann",
+        /// Taylor's, n̄ = 4, −30 dB sidelobes.
+        #[default]
+        Taylor = "taylor",
+    }
 }
 
 /// n̄ of the Taylor window.

@@ -36,7 +36,7 @@ pub fn read_columns<const N: usize>(path: &Path, header: [&str; N]) -> Result<Ve
         std::io::ErrorKind::InvalidData => {
             Error::input(path.display(), "is not UTF-8 text; a CSV was expected")
         }
-        _ => Error::reading(path, &e),
+        _ => Error::reading(path, e),
     })?;
     let mut lines = text
         .trim_start_matches('\u{feff}')
@@ -82,10 +82,10 @@ pub fn read_columns<const N: usize>(path: &Path, header: [&str; N]) -> Result<Ve
 
 /// The refusal of a list that does not fit.
 fn no_room(path: &Path) -> Error {
-    Error::environment(
-        "memory",
-        format!("{}: its lines do not fit; give fewer points, or free some memory", path.display()),
-    )
+    Error::out_of_memory(format!(
+        "{}: its lines do not fit; give fewer points, or free some memory",
+        path.display()
+    ))
 }
 
 #[cfg(test)]

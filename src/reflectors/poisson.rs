@@ -43,7 +43,7 @@ const NONE: u32 = u32::MAX;
 /// Darts are thrown in one thread; what each candidate is nearest to is looked up in all. Some 4·10⁶ candidates/s.
 ///
 /// # Errors
-/// [`Error::Environment`](crate::error::Error::Environment) when they do not fit in memory,
+/// [`Error::OutOfMemory`](crate::error::Error::OutOfMemory) when they do not fit in memory,
 /// [`Error::Interrupted`](crate::error::Error::Interrupted).
 pub(super) fn poisson_disk(
     triangles: &[Triangle],

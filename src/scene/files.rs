@@ -13,7 +13,7 @@ const LARGEST_FILE: u64 = 4 << 30;
 
 /// A regular file and its length. Pipes and devices are refused, which might never end.
 pub(super) fn open(path: &Path) -> Result<(File, u64)> {
-    let about = fs::metadata(path).map_err(|error| Error::reading(path, &error))?;
+    let about = fs::metadata(path).map_err(|error| Error::reading(path, error))?;
     if about.is_dir() {
         return Err(Error::input(path.display(), "is a folder, a file was expected"));
     }
@@ -23,7 +23,7 @@ pub(super) fn open(path: &Path) -> Result<(File, u64)> {
     if about.len() > LARGEST_FILE {
         return Err(Error::input(path.display(), "is larger than 4 GiB; decimate or split the mesh"));
     }
-    let file = File::open(path).map_err(|error| Error::reading(path, &error))?;
+    let file = File::open(path).map_err(|error| Error::reading(path, error))?;
     Ok((file, about.len()))
 }
 
@@ -32,18 +32,15 @@ pub(super) fn read(path: &Path) -> Result<Vec<u8>> {
     let (file, length) = open(path)?;
     // The file may have grown since it was measured.
     let mut bytes = try_with_capacity(length).ok_or_else(|| no_room(path.display(), "its bytes"))?;
-    file.take(LARGEST_FILE).read_to_end(&mut bytes).map_err(|error| Error::reading(path, &error))?;
+    file.take(LARGEST_FILE).read_to_end(&mut bytes).map_err(|error| Error::reading(path, error))?;
     Ok(bytes)
 }
 
 /// The refusal of a mesh of which something does not fit.
 pub(super) fn no_room(file: impl Display, what: &str) -> Error {
-    Error::environment(
-        "memory",
-        format!(
-            "{file}: {what} do not fit; decimate the mesh (sound resolves about a cm), or free some memory"
-        ),
-    )
+    Error::out_of_memory(format!(
+        "{file}: {what} do not fit; decimate the mesh (sound resolves about a cm), or free some memory"
+    ))
 }
 
 /// The path of a file named `relative` inside the folder of `mesh`, or why it is refused. What a mesh file names

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use crate::error::{Error, Result};
 use crate::progress::Observer;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// What a surface does to the amplitude of sound; the same for both sides, all angles and all frequencies.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -54,7 +54,8 @@ fn check_share(place: impl Fn() -> String, what: &str, value: f64) -> Result<()>
 }
 
 /// What the user says of the materials, nodes and objects whose name matches.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct MaterialRule {
     /// Pattern: `*` stands for any run of characters, `?` for any one; upper and lower case differ.
     pub name: String,

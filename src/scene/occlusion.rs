@@ -200,7 +200,7 @@ impl SurfaceTree {
     pub(super) const HELD: u64 = (size_of::<Bvh2Node>() + size_of::<u32>()) as u64;
 
     /// # Errors
-    /// [`Error::Environment`] when there is no room for it.
+    /// [`Error::OutOfMemory`] when there is no room for it.
     pub(super) fn new(triangles: &[Triangle]) -> Result<Self> {
         let (low, high) = triangle::bounds(triangles).unwrap_or_default();
         let centre = 0.5 * (low + high);

@@ -7,27 +7,23 @@ use glam::{DAffine3, DMat3, DVec3};
 
 use super::material::MaterialRule;
 use super::triangle::{self, Triangle};
+use crate::choice::choice;
 use crate::error::{Error, Result};
-use serde::{Deserialize, Serialize};
 
-/// Unit of length of a mesh file.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Unit {
-    /// 1 m.
-    #[serde(rename = "m")]
-    Metre,
-    /// 0.01 m.
-    #[serde(rename = "cm")]
-    Centimetre,
-    /// 0.001 m.
-    #[serde(rename = "mm")]
-    Millimetre,
-    /// 0.0254 m.
-    #[serde(rename = "in")]
-    Inch,
-    /// 0.3048 m.
-    #[serde(rename = "ft")]
-    Foot,
+choice! {
+    /// Unit of length of a mesh file.
+    pub enum Unit: "unit" {
+        /// 1 m.
+        Metre = "m",
+        /// 0.01 m.
+        Centimetre = "cm",
+        /// 0.001 m.
+        Millimetre = "mm",
+        /// 0.0254 m.
+        Inch = "in",
+        /// 0.3048 m.
+        Foot = "ft",
+    }
 }
 
 impl Unit {
@@ -43,31 +39,16 @@ impl Unit {
     }
 }
 
-impl FromStr for Unit {
-    type Err = Error;
-
-    fn from_str(name: &str) -> Result<Self> {
-        match name {
-            "m" => Ok(Self::Metre),
-            "cm" => Ok(Self::Centimetre),
-            "mm" => Ok(Self::Millimetre),
-            "in" => Ok(Self::Inch),
-            "ft" => Ok(Self::Foot),
-            _ => Err(Error::input("unit", format!("`{name}` is no unit; expected m, cm, mm, in or ft"))),
-        }
+choice! {
+    /// Which axis of the mesh points up.
+    pub enum Up: "up axis" {
+        /// +y is up and +z comes to the viewer, as glTF has it: (x, y, z) becomes (x, -y, -z).
+        Y = "y",
+        /// +z is up and +y goes away from the viewer, as CAD and Blender have it: (x, y, z) becomes (x, -z, y).
+        Z = "z",
+        /// The mesh is in the array's frame already.
+        None = "none",
     }
-}
-
-/// Which axis of the mesh points up.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Up {
-    /// +y is up and +z comes to the viewer, as glTF has it: (x, y, z) becomes (x, -y, -z).
-    Y,
-    /// +z is up and +y goes away from the viewer, as CAD and Blender have it: (x, y, z) becomes (x, -z, y).
-    Z,
-    /// The mesh is in the array's frame already.
-    None,
 }
 
 impl Up {
@@ -77,19 +58,6 @@ impl Up {
             Self::Y => DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0)),
             Self::Z => DMat3::from_cols(DVec3::X, DVec3::Z, -DVec3::Y),
             Self::None => DMat3::IDENTITY,
-        }
-    }
-}
-
-impl FromStr for Up {
-    type Err = Error;
-
-    fn from_str(name: &str) -> Result<Self> {
-        match name {
-            "y" => Ok(Self::Y),
-            "z" => Ok(Self::Z),
-            "none" => Ok(Self::None),
-            _ => Err(Error::input("up", format!("`{name}` is no up axis; expected y, z or none"))),
         }
     }
 }

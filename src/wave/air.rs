@@ -33,7 +33,7 @@ const DRY_AIR: f64 = 0.028_965_2;
 const WATER: f64 = 0.018_015_3;
 
 /// Decibels per neper.
-pub const DB_PER_NEPER: f64 = 8.685_889_638_065_037;
+pub(crate) const DB_PER_NEPER: f64 = 8.685_889_638_065_037;
 
 impl Air {
     fn kelvin(&self) -> f64 {

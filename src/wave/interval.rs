@@ -12,18 +12,18 @@ use std::f64::consts::{PI, TAU};
 
 /// An interval of path lengths and the speed that turns them into delays.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct PathInterval {
+pub(crate) struct PathInterval {
     /// Least path length, m.
-    pub shortest: f64,
+    pub(crate) shortest: f64,
     /// Greatest path length, m.
-    pub longest: f64,
+    pub(crate) longest: f64,
     /// c, m/s.
-    pub sound_speed: f64,
+    pub(crate) sound_speed: f64,
 }
 
 impl PathInterval {
     /// Duration T of the interval, s.
-    pub fn duration(&self) -> f64 {
+    pub(crate) fn duration(&self) -> f64 {
         (self.longest - self.shortest).max(0.0) / self.sound_speed
     }
 

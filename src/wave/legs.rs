@@ -33,7 +33,7 @@ dispatched! {
     ///
     /// # Panics
     /// When the planes differ in length.
-    pub fn return_legs = return_legs_body(
+    pub(crate) fn return_legs = return_legs_body(
         away: [&[f32]; 3], microphone: [f32; 3], nearest: f32, spreading: &mut [f32], squares: &mut [f32],
     )
 }

@@ -11,21 +11,21 @@ use super::simd::{LANES, dispatched, sin_cos_turns};
 use num_complex::Complex32;
 
 /// Most tones to each side of the centre tone.
-pub const MOST_PAIRS: usize = 40;
+pub(crate) const MOST_PAIRS: usize = 40;
 
 /// Echoes per call: their lanes are summed in f32, so the sums stay short; more than this wants several calls.
-pub const MOST_ECHOES: usize = 2048;
+pub(crate) const MOST_ECHOES: usize = 2048;
 
 /// Echoes per block, two to a lane: with one alone the recurrence would wait for itself.
-pub const WIDE: usize = 2 * LANES;
+pub(crate) const WIDE: usize = 2 * LANES;
 
 /// A run of reflectors as a tile's centre sees them, in planes of equal length, a multiple of [`WIDE`].
 #[derive(Debug, Clone, Copy)]
-pub struct Echoes<'a> {
+pub(crate) struct Echoes<'a> {
     /// Phase step per tone at the centre of the tile, in turns within ±½.
-    pub turn: &'a [f32],
+    pub(crate) turn: &'a [f32],
     /// Amplitude with the phase of the centre tone at the centre of the tile, real and imaginary.
-    pub amplitude: [&'a [f32]; 2],
+    pub(crate) amplitude: [&'a [f32]; 2],
 }
 
 #[inline(always)]
@@ -58,7 +58,7 @@ dispatched! {
     ///
     /// # Panics
     /// When the planes differ in length.
-    pub fn exact_offsets = exact_offsets_body(
+    pub(crate) fn exact_offsets = exact_offsets_body(
         toward: [&[f32]; 3], distance: &[f32], microphone: [f32; 3], legs: f32, offsets: &mut [f32],
     )
 }
@@ -79,7 +79,7 @@ dispatched! {
     ///
     /// # Panics
     /// When the planes differ in length.
-    pub fn linear_offsets = linear_offsets_body(
+    pub(crate) fn linear_offsets = linear_offsets_body(
         toward: [&[f32]; 3], microphone: [f32; 3], legs: f32, offsets: &mut [f32],
     )
 }
@@ -170,7 +170,7 @@ dispatched! {
     ///
     /// # Panics
     /// When the planes differ in length or hold more than [`MOST_ECHOES`], or K exceeds [`MOST_PAIRS`].
-    pub fn sum_over_tones = sum_over_tones_body(
+    pub(crate) fn sum_over_tones = sum_over_tones_body(
         echoes: Echoes<'_>, offsets: &[f32], per_metre: [f32; 2], sums: &mut [[f64; 2]],
     )
 }
@@ -207,7 +207,7 @@ dispatched! {
     ///
     /// # Panics
     /// Unless there are as many rows as phasors in both.
-    pub fn turn_and_add = turn_and_add_body(phasors: &[Complex32], sums: &[f32], totals: &mut [f32])
+    pub(crate) fn turn_and_add = turn_and_add_body(phasors: &[Complex32], sums: &[f32], totals: &mut [f32])
 }
 
 #[cfg(test)]

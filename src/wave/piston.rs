@@ -13,7 +13,7 @@ const POINTS: usize = 64;
 ///
 /// A piston is a superposition of delays within `± radius · sin θ / c`: `(2/π) ∫₀^π cos(x cos t) sin² t dt`. The error is
 /// below 10⁻¹¹. Cost: 10 to 30 products, beyond x = 8 32 cosines, beyond 50 one.
-pub fn piston(x: f64) -> f64 {
+pub(crate) fn piston(x: f64) -> f64 {
     let x = x.abs();
     if x <= LARGEST_SERIES {
         // Σ (−x²/4)^m / (m! (m + 1)!)

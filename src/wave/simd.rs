@@ -14,8 +14,8 @@ mod range;
 mod sweep;
 
 pub use level::{Level, level, limit};
-pub use range::{LaneProfiles, LaneTones, Points, RangeScale};
-pub use sweep::SweepSamples;
+pub(crate) use range::{LaneProfiles, LaneTones, Points, RangeScale};
+pub(crate) use sweep::SweepSamples;
 pub(crate) use sweep::sin_cos_exact;
 
 use lanes::{lane_phasors_body, tone_phasors_body};
@@ -24,35 +24,35 @@ use range::{back_project_body, range_profiles_body};
 use sweep::{waves_body, weighted_sweep_body};
 
 /// Terms per block: the two stages pass through a buffer of this size, which stays in the first-level cache.
-pub const BLOCK: usize = 256;
+pub(crate) const BLOCK: usize = 256;
 
 /// Independent partial sums of every reduction, and numbers in a [`Lanes`].
-pub const LANES: usize = 16;
+pub(crate) const LANES: usize = 16;
 
 /// Sixteen complex numbers as vector registers hold them: real parts, then imaginary parts.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[repr(C, align(64))]
-pub struct Lanes {
+pub(crate) struct Lanes {
     /// Real parts.
-    pub re: [f32; LANES],
+    pub(crate) re: [f32; LANES],
     /// Imaginary parts.
-    pub im: [f32; LANES],
+    pub(crate) im: [f32; LANES],
 }
 
 impl Lanes {
     /// Sixteen zeros.
-    pub const ZERO: Self = Self { re: [0.0; LANES], im: [0.0; LANES] };
+    pub(crate) const ZERO: Self = Self { re: [0.0; LANES], im: [0.0; LANES] };
 
     /// The number in one lane.
     #[inline(always)]
-    pub fn at(&self, lane: usize) -> Complex32 {
+    pub(crate) fn at(&self, lane: usize) -> Complex32 {
         Complex32::new(self.re[lane], self.im[lane])
     }
 }
 
 /// [`Lanes`] that a loop over lanes takes at a time. With one alone the compiler unrolls the loop and gathers across
 /// rows instead, ten times slower.
-pub const ROWS: usize = 4;
+pub(crate) const ROWS: usize = 4;
 
 /// Frequencies that a phasor is carried over by recurrence before it is computed afresh; the drift stays near
 /// 64 · 2⁻²⁴ ≈ 4·10⁻⁶.
@@ -140,7 +140,7 @@ dispatched! {
     ///
     /// # Panics
     /// When the slices differ in length.
-    pub fn phasors = phasors_body(cycles_per_metre: f64, lengths: &[f64], phasors: &mut [Complex32])
+    pub(crate) fn phasors = phasors_body(cycles_per_metre: f64, lengths: &[f64], phasors: &mut [Complex32])
 }
 
 dispatched! {
@@ -148,7 +148,7 @@ dispatched! {
     ///
     /// # Panics
     /// When the slices differ in length or are no multiple of [`ROWS`].
-    pub fn tone_phasors = tone_phasors_body(
+    pub(crate) fn tone_phasors = tone_phasors_body(
         cycles_per_metre: &[f64; LANES], squares: &[f64], height: f64, phasors: &mut [Lanes],
     )
 }
@@ -160,7 +160,7 @@ dispatched! {
     ///
     /// # Panics
     /// When the slices differ in length or are no multiple of [`ROWS`].
-    pub fn lane_phasors = lane_phasors_body(
+    pub(crate) fn lane_phasors = lane_phasors_body(
         cycles_per_metre: &[f64; LANES], lengths: &[[f64; LANES]], phasors: &mut [Lanes],
     )
 }
@@ -170,19 +170,19 @@ dispatched! {
     ///
     /// # Panics
     /// When the slices differ in length.
-    pub fn waves = waves_body(frequency: f64, delays: &[f64], cos: &mut [f64], sin: &mut [f64])
+    pub(crate) fn waves = waves_body(frequency: f64, delays: &[f64], cos: &mut [f64], sin: &mut [f64])
 }
 
 /// Reflectors as the summing kernels want them: complex amplitudes in two planes, padded to whole lanes.
 #[derive(Debug, Clone, Default)]
-pub struct Amplitudes {
+pub(crate) struct Amplitudes {
     re: Vec<f32>,
     im: Vec<f32>,
 }
 
 impl Amplitudes {
     /// Splits complex amplitudes and pads them with zeros.
-    pub fn new(amplitudes: impl ExactSizeIterator<Item = Complex32>) -> Self {
+    pub(crate) fn new(amplitudes: impl ExactSizeIterator<Item = Complex32>) -> Self {
         let padded = amplitudes.len().next_multiple_of(LANES);
         let mut split = Self { re: Vec::with_capacity(padded), im: Vec::with_capacity(padded) };
         for a in amplitudes {
@@ -195,20 +195,20 @@ impl Amplitudes {
     }
 
     /// Number of amplitudes, padding included; lengths given beside them are padded to it.
-    pub fn padded_len(&self) -> usize {
+    pub(crate) fn padded_len(&self) -> usize {
         self.re.len()
     }
 }
 
 /// A stepped sweep as the summing kernel wants it, in cycles per metre: `(start + n·step)/c`, n < count.
 #[derive(Debug, Clone, Copy)]
-pub struct Steps {
+pub(crate) struct Steps {
     /// First frequency over c, 1/m.
-    pub start: f64,
+    pub(crate) start: f64,
     /// Frequency step over c, 1/m.
-    pub step: f64,
+    pub(crate) step: f64,
     /// Number of frequencies.
-    pub count: usize,
+    pub(crate) count: usize,
 }
 
 #[inline(always)]
@@ -284,7 +284,7 @@ dispatched! {
     ///
     /// # Panics
     /// When the lengths do not match.
-    pub fn sum_over_sweep = sum_over_sweep_body(
+    pub(crate) fn sum_over_sweep = sum_over_sweep_body(
         amplitudes: &Amplitudes, lengths: &[f64], steps: Steps, sums: &mut [[f64; 2]],
     )
 }
@@ -331,7 +331,7 @@ dispatched! {
     ///
     /// # Panics
     /// When the slices differ in length.
-    pub fn weighted_sum = weighted_sum_body(
+    pub(crate) fn weighted_sum = weighted_sum_body(
         cycles_per_metre: f64, lengths: &[f64], samples: [&[f32]; 2], total: &mut [f64; 2],
     )
 }
@@ -345,7 +345,7 @@ dispatched! {
     ///
     /// # Panics
     /// When the lengths do not match.
-    pub fn weighted_sweep = weighted_sweep_body(
+    pub(crate) fn weighted_sweep = weighted_sweep_body(
         samples: &SweepSamples, lengths: &[f64], steps: Steps, totals: &mut [[f64; 2]],
     )
 }
@@ -359,7 +359,7 @@ dispatched! {
     ///
     /// # Panics
     /// When the shapes do not match.
-    pub fn range_profiles = range_profiles_body(
+    pub(crate) fn range_profiles = range_profiles_body(
         tones: &LaneTones, per_metre: &[f64], lengths: &[f64; LANES], expansion: &[f32],
         profiles: &mut LaneProfiles,
     )
@@ -375,7 +375,7 @@ dispatched! {
     ///
     /// # Panics
     /// When the shapes do not match.
-    pub fn back_project = back_project_body(
+    pub(crate) fn back_project = back_project_body(
         points: &Points, offsets: &[[f32; 3]], profiles: &LaneProfiles, scale: RangeScale,
         sums: [&mut [f32]; 2],
     )

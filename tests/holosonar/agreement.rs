@@ -7,7 +7,7 @@ use holosonar::grid::{Axis, Grid};
 use holosonar::progress::{Observer, Silent};
 use holosonar::reconstruct::{Method, ReconstructOptions, Window, reconstruct};
 use holosonar::reflectors::Reflectors;
-use holosonar::wave::{Geometry, phasor};
+use holosonar::wave::Geometry;
 use num_complex::{Complex32, Complex64};
 
 /// Eq. 13 with no block, lane or buffer, in f64, for a few voxels.
@@ -337,9 +337,4 @@ fn microphones_far_apart_are_not_spread() {
     let by_name = ReconstructOptions::new(Method::Convolution, Window::None);
     let error = reconstruct(&cube, &grid, &by_name, &Silent).unwrap_err().to_string();
     assert!(error.contains("too few for a lattice"), "{error}");
-}
-
-#[test]
-fn a_wrapped_phasor_is_the_phasor() {
-    assert!((phasor(1e6 + 0.25) - Complex32::I).norm() < 1e-6);
 }

@@ -83,7 +83,7 @@ fn survives<T>(original: &Path, times: u64, read: impl Fn(&Path) -> Result<T>) {
         println!("{} with seed {seed}", original.display());
         match read(&path) {
             Ok(_) => {}
-            Err(Error::Input { place, problem }) => {
+            Err(Error::InvalidInput { place, problem, .. } | Error::NotFound { place, problem, .. }) => {
                 refused += 1;
                 assert!(!place.is_empty() && !problem.contains("\n\n"), "{place}: {problem}");
             }
@@ -190,7 +190,7 @@ fn survives_exr(path: &Path, times: u64) {
         println!("seed {seed}");
         match read_depth_map(&damaged, LIMIT) {
             Ok(file) => assert_eq!(file.map.len(), file.map.x.count * file.map.y.count),
-            Err(Error::Input { .. }) => refused += 1,
+            Err(Error::InvalidInput { .. }) => refused += 1,
             Err(other) => panic!("it is the file's fault: {other}"),
         }
     }

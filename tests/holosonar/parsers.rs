@@ -239,7 +239,7 @@ fn survived(parser: &Parser, original: &Original, seed: u64, folder: &Path) -> b
     match std::panic::catch_unwind(read).unwrap_or_else(|_| panic!("{name}: {file} with seed {seed} panics"))
     {
         Ok(()) => true,
-        Err(Error::Input { place, problem }) => {
+        Err(Error::InvalidInput { place, problem, .. } | Error::NotFound { place, problem, .. }) => {
             assert!(
                 !place.is_empty() && !problem.contains("\n\n"),
                 "{name}: seed {seed}, {place}: {problem}"

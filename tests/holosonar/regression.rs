@@ -18,7 +18,9 @@ fn overrides(typed: &[&str]) -> Vec<String> {
 
 /// Holds a shipped scene to its `[expect]`, with seeds of the caller's or of the scene's own choice.
 fn keeps_its_limits(scene: &str, seeds: &[u32]) {
-    let judgement = check_scene(&shipped(scene), &[], seeds, &Silent).unwrap();
+    let path = shipped(scene);
+    let run = RunFile::load(&path, &[]).unwrap();
+    let judgement = check_scene(&path, &run, seeds, &Silent).unwrap();
     println!("{scene} {:?}", judgement.seeds);
     assert!(!judgement.verdicts.is_empty());
     for verdict in judgement.verdicts {

@@ -3,7 +3,7 @@
 use crate::binary::{files_below, run};
 use crate::support::data;
 use glam::DVec3;
-use holosonar::error::{Error, Result};
+use holosonar::error::Result;
 use holosonar::progress::Observer;
 use holosonar::scene::{LoadOptions, MaterialRule, Scene};
 use std::collections::{BTreeMap, BTreeSet};
@@ -104,7 +104,7 @@ fn compare(
         (Err(error), None) => return Err(error.to_string()),
         (Err(error), Some(_)) => {
             let message = error.to_string();
-            hold(matches!(error, Error::Input { .. }), format!("is the file's fault: {message}"))?;
+            hold(error.exit_status() == 2, format!("is the file's fault: {message}"))?;
             let file = std::path::Path::new(name).file_stem().unwrap().to_str().unwrap();
             hold(message.contains(file) && !message.contains('\n'), message.clone())?;
             return words(expected, "error").iter().try_for_each(|word| {

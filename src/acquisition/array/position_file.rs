@@ -39,7 +39,7 @@ impl MicArray {
 }
 
 fn read_xml(path: &Path) -> Result<Vec<DVec3>> {
-    let reading = |error| Error::reading(path, &error);
+    let reading = |error| Error::reading(path, error);
     let mut bytes = Vec::new();
     File::open(path).map_err(reading)?.take(LARGEST + 1).read_to_end(&mut bytes).map_err(reading)?;
     if bytes.len() as u64 > LARGEST {

@@ -3,9 +3,10 @@
 use super::MOST_SAMPLES;
 use crate::config::range::{Check, clash, counts, finite, named, not_negative, positive, within};
 use crate::config::reader::Fault;
-use crate::config::{Array, Detection, Geometry, Layout, Medium, Sweep};
+use crate::config::{ArrayTable, DetectionTable, Layout, MediumTable, SweepTable};
+use crate::wave::GeometryKind;
 
-impl Medium {
+impl MediumTable {
     pub(super) fn check(&self) -> Check {
         self.sound_speed.map_or(Ok(()), |speed| positive("medium.sound_speed", speed))?;
         let Some(air) = self.air() else {
@@ -52,7 +53,7 @@ impl Medium {
     }
 }
 
-impl Sweep {
+impl SweepTable {
     pub(super) fn check(&self) -> Check {
         let Self { start, stop, step } = *self;
         positive("sweep.start", start)?;
@@ -92,11 +93,11 @@ impl Sweep {
     }
 }
 
-impl Array {
+impl ArrayTable {
     pub(super) fn check(&self) -> Check {
         finite("array.source", &self.source)?;
         finite("array.centre", &self.centre)?;
-        if self.geometry == Geometry::Monostatic && self.source != [0.0; 3] {
+        if self.geometry == GeometryKind::Monostatic && self.source != [0.0; 3] {
             return Err(clash(
                 "array.source",
                 &["array.geometry"],
@@ -219,7 +220,7 @@ pub(in crate::config) fn square_root(elements: u32) -> Option<u32> {
     (side.checked_mul(side) == Some(elements)).then_some(side)
 }
 
-impl Detection {
+impl DetectionTable {
     pub(super) fn check(&self) -> Check {
         within(
             "detection.tolerance",

@@ -3,7 +3,9 @@
 use crate::config::range::{Check, counts, finite, not_negative, positive, within};
 use crate::config::reader::{Fault, joined};
 use crate::config::wording::{nearest, quoted};
-use crate::config::{Depth, Expect, Fill, GridTable, Output, Reconstruct, View};
+use crate::config::{DepthTable, ExpectTable, GridTable, OutputTable, ReconstructTable};
+use crate::export::Fill;
+use crate::grid::View;
 use crate::metrics::{METRIC_NAMES, Measure, Metrics};
 
 /// Largest side of a median filter, pixels.
@@ -72,13 +74,13 @@ impl GridTable {
     }
 }
 
-impl Reconstruct {
+impl ReconstructTable {
     pub(super) fn check(&self) -> Check {
         within("reconstruct.tolerance", self.tolerance, 0.0, 0.5, "a relative error from 0 (exact) to 0.5")
     }
 }
 
-impl Depth {
+impl DepthTable {
     pub(super) fn check(&self) -> Check {
         for (key, level) in [
             ("depth.threshold_db", self.threshold_db),
@@ -113,7 +115,7 @@ impl Depth {
         self.check_view()?;
         match self.fill {
             Fill::Depth(depth) => finite("depth.fill", &[depth]),
-            Fill::Inf | Fill::Nan => Ok(()),
+            Fill::Infinity | Fill::NaN => Ok(()),
         }
     }
 
@@ -143,7 +145,7 @@ impl Depth {
     }
 }
 
-impl Output {
+impl OutputTable {
     pub(super) fn check(&self) -> Check {
         for (index, format) in self.formats.iter().enumerate() {
             if self.formats[..index].contains(format) {
@@ -157,7 +159,7 @@ impl Output {
     }
 }
 
-impl Expect {
+impl ExpectTable {
     pub(super) fn check(&self) -> Check {
         let twice = self.seeds.iter().enumerate().find(|(i, seed)| self.seeds[..*i].contains(seed));
         if let Some((_, seed)) = twice {

@@ -3,9 +3,10 @@
 use crate::config::range::{Check, clash, finite, named, not_negative, positive, within};
 use crate::config::reader::{Fault, joined};
 use crate::config::wording::quoted;
-use crate::config::{MaterialRule, Reflectors, Scene};
+use crate::config::{ReflectorsTable, SceneTable};
+use crate::scene::MaterialRule;
 
-impl Scene {
+impl SceneTable {
     pub(super) fn check(&self) -> Check {
         named("scene.mesh", self.mesh.as_ref())?;
         positive("scene.scale", self.scale)?;
@@ -55,7 +56,7 @@ impl MaterialRule {
     }
 }
 
-impl Reflectors {
+impl ReflectorsTable {
     pub(super) fn check(&self) -> Check {
         self.spacing.map_or(Ok(()), |spacing| positive("reflectors.spacing", spacing))?;
         not_negative("reflectors.roughness", self.roughness)

@@ -1,9 +1,9 @@
 //! What it is measured with.
 
-use crate::acquisition::SIMULATION_TOLERANCE;
-use crate::config::choices::{DetectionKind, Geometry, InputFile, Layout, Model};
-use crate::wave::DEFAULT_SOUND_SPEED;
+use crate::acquisition::{Detection, PropagationModel, SIMULATION_TOLERANCE};
+use crate::config::choices::{InputFile, Layout};
 use crate::wave::air::{Air, REFERENCE_PRESSURE};
+use crate::wave::{DEFAULT_SOUND_SPEED, GeometryKind};
 use serde::de::{self, IntoDeserializer, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize};
 use std::fmt;
@@ -11,8 +11,8 @@ use std::marker::PhantomData;
 
 /// `[medium]`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default = "Medium::before_filling", deny_unknown_fields)]
-pub struct Medium {
+#[serde(default = "MediumTable::before_filling", deny_unknown_fields)]
+pub struct MediumTable {
     /// Speed of sound, m/s. Excludes `temperature`, from which it would follow.
     pub sound_speed: Option<f64>,
     /// Of the air, °C.
@@ -27,7 +27,7 @@ pub struct Medium {
     pub absorption: bool,
 }
 
-impl Medium {
+impl MediumTable {
     /// Humidity in % and pressure in Pa of air of which only the temperature is typed.
     pub(in crate::config) const HUMIDITY: f64 = 50.0;
     pub(in crate::config) const PRESSURE: f64 = REFERENCE_PRESSURE;
@@ -60,7 +60,7 @@ impl Medium {
     }
 }
 
-impl Default for Medium {
+impl Default for MediumTable {
     fn default() -> Self {
         Self { sound_speed: Some(DEFAULT_SOUND_SPEED), ..Self::before_filling() }
     }
@@ -69,7 +69,7 @@ impl Default for Medium {
 /// `[sweep]`: the frequencies, both ends included.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct Sweep {
+pub struct SweepTable {
     /// First frequency, Hz.
     pub start: f64,
     /// Last frequency, Hz.
@@ -78,7 +78,7 @@ pub struct Sweep {
     pub step: f64,
 }
 
-impl Default for Sweep {
+impl Default for SweepTable {
     fn default() -> Self {
         Self { start: 10_000.0, stop: 20_000.0, step: 20.0 }
     }
@@ -86,10 +86,10 @@ impl Default for Sweep {
 
 /// `[array]`: speaker and microphones.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default = "Array::before_filling", deny_unknown_fields)]
-pub struct Array {
+#[serde(default = "ArrayTable::before_filling", deny_unknown_fields)]
+pub struct ArrayTable {
     /// Who moves.
-    pub geometry: Geometry,
+    pub geometry: GeometryKind,
     /// The speaker, m.
     pub source: [f64; 3],
     /// Centre of the rectangle of microphones, m; it stays parallel to z = 0.
@@ -128,7 +128,7 @@ pub struct Array {
     pub error_seed: u32,
 }
 
-impl Array {
+impl ArrayTable {
     /// The count when neither `count` nor `elements` is typed.
     pub(in crate::config) const COUNT: [u32; 2] = [64, 64];
 
@@ -138,7 +138,7 @@ impl Array {
     /// The defaults before it is known whether `pitch` or `extent` was typed.
     pub(in crate::config) fn before_filling() -> Self {
         Self {
-            geometry: Geometry::FixedSource,
+            geometry: GeometryKind::FixedSource,
             source: [0.0; 3],
             centre: [0.0; 3],
             count: None,
@@ -159,7 +159,7 @@ impl Array {
     }
 }
 
-impl Default for Array {
+impl Default for ArrayTable {
     fn default() -> Self {
         Self { count: Some(Self::COUNT), pitch: Some(Self::PITCH), ..Self::before_filling() }
     }
@@ -213,22 +213,22 @@ fn both<'de, D: Deserializer<'de>, T: Deserialize<'de> + Copy>(
 /// `[detection]`: what is measured, and how well.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct Detection {
+pub struct DetectionTable {
     /// Complex samples or real ones.
-    pub kind: DetectionKind,
+    pub kind: Detection,
     /// Exact or far-field path lengths.
-    pub model: Model,
+    pub model: PropagationModel,
     /// Mean signal power over mean noise power, dB; left out: no noise.
     pub snr_db: Option<f64>,
     /// Error allowed to the simulation, relative to the sum of all amplitudes; 0 sums every term.
     pub tolerance: f64,
 }
 
-impl Default for Detection {
+impl Default for DetectionTable {
     fn default() -> Self {
         Self {
-            kind: DetectionKind::Quadrature,
-            model: Model::Exact,
+            kind: Detection::Quadrature,
+            model: PropagationModel::Exact,
             snr_db: None,
             tolerance: SIMULATION_TOLERANCE,
         }

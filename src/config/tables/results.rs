@@ -1,9 +1,10 @@
 //! What is computed from it, written, and expected.
 
-use crate::config::choices::{
-    Components, Compression, Fill, Method, Pick, Refine, View, VolumeFormat, Window,
-};
-use crate::depth::DepthOptions;
+use crate::config::choices::VolumeFormat;
+use crate::depth::{DepthOptions, Pick, Refine};
+use crate::export::{Components, Compression, Fill};
+use crate::grid::View;
+use crate::reconstruct::{Method, Window};
 use serde::de::{self, MapAccess, SeqAccess, Visitor};
 use serde::ser::SerializeMap;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
@@ -81,7 +82,7 @@ fn ends<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<[f64; 2]>, 
 /// `[reconstruct]`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct Reconstruct {
+pub struct ReconstructTable {
     /// How the volume is computed.
     pub method: Method,
     /// Error allowed relative to the mean of the samples' magnitudes; 0 uses every frequency.
@@ -92,7 +93,7 @@ pub struct Reconstruct {
     pub compensate: bool,
 }
 
-impl Default for Reconstruct {
+impl Default for ReconstructTable {
     fn default() -> Self {
         Self { method: Method::Auto, tolerance: 1e-4, window: Window::Taylor, compensate: false }
     }
@@ -101,7 +102,7 @@ impl Default for Reconstruct {
 /// `[depth]`: how returns are found in the volume.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct Depth {
+pub struct DepthTable {
     /// Which return becomes the pixel's depth.
     pub pick: Pick,
     /// How it is placed between voxels.
@@ -132,7 +133,7 @@ pub struct Depth {
     pub pixels: Option<[u32; 2]>,
 }
 
-impl Default for Depth {
+impl Default for DepthTable {
     fn default() -> Self {
         // The stage's own defaults; a resolution is no part of the table.
         let stage = DepthOptions::new(f64::NAN);
@@ -147,7 +148,7 @@ impl Default for Depth {
             separation: stage.separation,
             smoothing: stage.smoothing,
             median: stage.median as u32,
-            fill: Fill::Inf,
+            fill: Fill::Infinity,
             view: View::Orthographic,
             fov: None,
             pixels: None,
@@ -158,7 +159,7 @@ impl Default for Depth {
 /// `[output]`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct Output {
+pub struct OutputTable {
     /// In which formats the volume is written; none at all is allowed.
     pub formats: Vec<VolumeFormat>,
     /// What EXR and VTI volumes hold; npz is always complex, NRRD always amplitude.
@@ -173,7 +174,7 @@ pub struct Output {
     pub report: bool,
 }
 
-impl Default for Output {
+impl Default for OutputTable {
     fn default() -> Self {
         Self {
             formats: vec![VolumeFormat::Exr, VolumeFormat::Npz],
@@ -188,7 +189,7 @@ impl Default for Output {
 
 /// `[expect]`: limits on metrics, by name, and the seeds whose mean is held to them.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Expect {
+pub struct ExpectTable {
     /// Seeds of `[reflectors]` that `check` runs; empty for its own alone.
     pub seeds: Vec<u32>,
     /// A metric (one of [`METRIC_NAMES`](crate::metrics::METRIC_NAMES)), or that of a material or surface
@@ -196,7 +197,7 @@ pub struct Expect {
     pub limits: BTreeMap<String, Limit>,
 }
 
-impl Serialize for Expect {
+impl Serialize for ExpectTable {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let mut table = serializer.serialize_map(None)?;
         if !self.seeds.is_empty() {
@@ -209,18 +210,18 @@ impl Serialize for Expect {
     }
 }
 
-impl<'de> Deserialize<'de> for Expect {
+impl<'de> Deserialize<'de> for ExpectTable {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         struct Table;
         impl<'de> Visitor<'de> for Table {
-            type Value = Expect;
+            type Value = ExpectTable;
 
             fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
                 f.write_str("limits such as completeness = { min = 0.65 }")
             }
 
-            fn visit_map<A: MapAccess<'de>>(self, mut table: A) -> Result<Expect, A::Error> {
-                let mut expect = Expect::default();
+            fn visit_map<A: MapAccess<'de>>(self, mut table: A) -> Result<ExpectTable, A::Error> {
+                let mut expect = ExpectTable::default();
                 while let Some(name) = table.next_key::<String>()? {
                     if name == "seeds" {
                         expect.seeds = table.next_value()?;

@@ -1,12 +1,14 @@
 //! The scene and its reflectors.
 
-use crate::config::choices::{InputFile, Occlusion, Shading, Surface, Unit, Up};
+use crate::config::choices::{InputFile, Shading, Surface};
+use crate::reflectors::OcclusionKind;
+use crate::scene::{Unit, Up};
 use serde::{Deserialize, Serialize};
 
 /// `[scene]`: what is imaged, and where it stands.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct Scene {
+pub struct SceneTable {
     /// Mesh (`.obj`, `.gltf`, `.glb`, `.stl`, `.ply`) or reflectors (`.csv`).
     pub mesh: Option<InputFile>,
     /// Unit of the mesh's coordinates; left out: what the file itself says.
@@ -24,10 +26,10 @@ pub struct Scene {
     /// `camera:NAME` or `node:NAME` of a glTF file: the array sits there and looks where it looks.
     pub sensor: Option<String>,
     /// Which paths surfaces weaken.
-    pub occlusion: Occlusion,
+    pub occlusion: OcclusionKind,
 }
 
-impl Default for Scene {
+impl Default for SceneTable {
     fn default() -> Self {
         Self {
             mesh: None,
@@ -38,28 +40,15 @@ impl Default for Scene {
             translate: None,
             fit: None,
             sensor: None,
-            occlusion: Occlusion::Speaker,
+            occlusion: OcclusionKind::Speaker,
         }
     }
-}
-
-/// One `[[materials]]`: the first rule whose pattern matches a material's or node's name overrides the mesh
-/// file's own values.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct MaterialRule {
-    /// Pattern: `*` stands for any text, `?` for one character.
-    pub name: String,
-    /// Reflected amplitude, 0 to 1; left out: the mesh file's.
-    pub reflectance: Option<f64>,
-    /// Amplitude left after one crossing, 0 to 1; left out: the mesh file's.
-    pub transmittance: Option<f64>,
 }
 
 /// `[reflectors]`: how surfaces become point reflectors.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct Reflectors {
+pub struct ReflectorsTable {
     /// Distance between reflectors, m; left out: `min(λ_c/2, half the lateral resolution)`.
     pub spacing: Option<f64>,
     /// How they scatter.
@@ -72,7 +61,7 @@ pub struct Reflectors {
     pub seed: u32,
 }
 
-impl Default for Reflectors {
+impl Default for ReflectorsTable {
     fn default() -> Self {
         Self {
             spacing: None,

@@ -81,7 +81,7 @@ fn a_map_comes_back_value_by_value_whatever_the_fill() {
     let path = folder.path().join("depth.exr");
     let attributes = vec![("sonar:soundSpeed".to_owned(), Attribute::Number(343.0))];
     // 10 m is also a true depth of the map's second return.
-    for fill in [Fill::Infinity, Fill::NaN, Fill::Value(0.0), Fill::Value(10.0)] {
+    for fill in [Fill::Infinity, Fill::NaN, Fill::Depth(0.0), Fill::Depth(10.0)] {
         write_depth_map(&path, &map(), fill, &attributes, Encoding::default()).unwrap();
         let bytes = std::fs::read(&path).unwrap();
         let file = read_depth_map(&path, LIMIT).unwrap();

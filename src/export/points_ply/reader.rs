@@ -61,7 +61,7 @@ impl Ply {
                 format!("{problem}; a binary little-endian PLY whose vertices come first was expected"),
             )
         };
-        let file = File::open(path).map_err(|error| Error::reading(path, &error))?;
+        let file = File::open(path).map_err(|error| Error::reading(path, error))?;
         let mut file = BufReader::new(file);
         let mut header = (&mut file).take(LONGEST_HEADER);
         let mut ply =
@@ -69,7 +69,7 @@ impl Ply {
         let (mut elements, mut begun) = (0, false);
         loop {
             let mut line = Vec::new();
-            header.read_until(b'\n', &mut line).map_err(|error| Error::reading(path, &error))?;
+            header.read_until(b'\n', &mut line).map_err(|error| Error::reading(path, error))?;
             let Some(line) = line.strip_suffix(b"\n") else { return Err(fault("ends within its header")) };
             let line = String::from_utf8_lossy(line).trim_end().to_owned();
             let words: Vec<&str> = line.split_whitespace().collect();
@@ -101,7 +101,7 @@ impl Ply {
         if bytes > u128::from(limit_bytes) {
             return Err(fault(&format!("declares {bytes} bytes, more than the limit of {limit_bytes}")));
         }
-        file.take(bytes as u64).read_to_end(&mut ply.data).map_err(|error| Error::reading(path, &error))?;
+        file.take(bytes as u64).read_to_end(&mut ply.data).map_err(|error| Error::reading(path, error))?;
         if elements == 0 || ply.data.len() as u128 != bytes {
             return Err(fault("holds fewer vertices than its header says"));
         }

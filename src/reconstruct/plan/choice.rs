@@ -1,6 +1,6 @@
 //! Which method a job takes, and what each would cost.
 
-use super::cost;
+use super::cost::{self, Estimates};
 use crate::acquisition::Setup;
 use crate::error::{Error, Result};
 use crate::grid::Grid;
@@ -27,7 +27,7 @@ pub(crate) enum Choice {
 /// What each method would cost here, and what the options come to.
 #[derive(Debug)]
 pub(crate) struct Options {
-    estimates: [Estimate; 4],
+    estimates: Vec<Estimate>,
     convolution: std::result::Result<convolution::Plan, String>,
     backprojection: Option<backprojection::Plan>,
 }
@@ -86,9 +86,10 @@ impl Options {
     ) -> Result<(Choice, Option<String>)> {
         let chosen = self.chosen(asked);
         if let Some(obstacle) = &chosen.obstacle {
-            let (name, others) = match chosen.method {
-                Method::Convolution => ("convolution", "\"backprojection\" or \"direct\""),
-                _ => ("backprojection", "\"direct\""),
+            let name = chosen.method;
+            let others = match name {
+                Method::Convolution => "\"backprojection\" or \"direct\"",
+                _ => "\"direct\"",
             };
             return Err(Error::input(
                 "reconstruct.method",
@@ -156,8 +157,28 @@ fn check(grid: &Grid, options: &ReconstructOptions) -> Result<()> {
     Ok(())
 }
 
-/// What each method would cost for a job with so many threads, and the one that [`reconstruct`](crate::reconstruct::reconstruct) would take, as an index
-/// (which no number of threads changes). Costs up to a tenth of a second.
+/// What each method would cost for a job with so many threads, and the one that
+/// [`reconstruct`](crate::reconstruct::reconstruct()) would take, which no number of threads changes. Takes up to a tenth
+/// of a second.
+///
+/// ```
+/// use holosonar::acquisition::{MicArray, SimulateOptions, Sweep, simulate};
+/// # use holosonar::glam::DVec3;
+/// # use holosonar::grid::{Axis, Grid};
+/// use holosonar::reconstruct::{Method, ReconstructOptions, estimate};
+/// # use holosonar::reflectors::Reflectors;
+/// # let sweep = Sweep::stepped("sweep", 10e3, 20e3, 20.0)?;
+/// # let array = MicArray::rectangular("array", [16, 16], [0.01, 0.01], DVec3::ZERO)?;
+/// # let nothing = Reflectors::new(vec![], vec![])?;
+/// # let cube = simulate(&nothing, &sweep, &array, &SimulateOptions::default(), &holosonar::progress::Silent)?;
+/// # let lateral = Axis { first: -0.32, pitch: 0.01, count: 64 };
+/// # let grid = Grid { x: lateral, y: lateral, z: Axis { first: 1.0, pitch: 0.01, count: 64 } };
+/// let estimates = estimate(&cube.setup(), &grid, &ReconstructOptions::default(), 1)?;
+/// let direct = estimates.of(Method::Direct).expect("always possible");
+/// assert_eq!(estimates.chosen().method, Method::Convolution);
+/// assert!(estimates.chosen().operations < direct.operations / 100.0);
+/// # Ok::<(), holosonar::error::Error>(())
+/// ```
 ///
 /// # Errors
 /// A grid with voxels behind the array; a tolerance that is not in 0..1.
@@ -166,9 +187,10 @@ pub fn estimate(
     grid: &Grid,
     options: &ReconstructOptions,
     threads: usize,
-) -> Result<([Estimate; 4], usize)> {
+) -> Result<Estimates> {
     let possible = Options::of(setup, grid, options, threads)?;
-    let chosen = possible.chosen(options.method).method;
-    let index = possible.estimates.iter().position(|e| e.method == chosen).unwrap_or(0);
-    Ok((possible.estimates, index))
+    let method = possible.chosen(options.method).method;
+    let methods = possible.estimates;
+    let chosen = methods.iter().position(|e| e.method == method).unwrap_or(0);
+    Ok(Estimates { methods, chosen })
 }

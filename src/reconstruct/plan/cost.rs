@@ -32,7 +32,29 @@ pub struct Estimate {
     pub(crate) batch: Batch,
 }
 
-/// The four estimates for a job, whatever `options.method` says; that of [`of_convolution`] is known.
+/// What every method would take for a job, and which one is chosen.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub struct Estimates {
+    /// One estimate for each method but [`Method::Auto`].
+    pub methods: Vec<Estimate>,
+    /// The place in `methods` of the one that [`reconstruct`](crate::reconstruct::reconstruct()) takes.
+    pub chosen: usize,
+}
+
+impl Estimates {
+    /// The estimate of the method that [`reconstruct`](crate::reconstruct::reconstruct()) takes.
+    pub fn chosen(&self) -> &Estimate {
+        &self.methods[self.chosen]
+    }
+
+    /// The estimate of a method; `None` for [`Method::Auto`].
+    pub fn of(&self, method: Method) -> Option<&Estimate> {
+        self.methods.iter().find(|estimate| estimate.method == method)
+    }
+}
+
+/// The estimates for a job, whatever `options.method` says; that of [`of_convolution`] is known.
 pub(crate) fn estimates(
     setup: &Setup,
     grid: &Grid,
@@ -40,7 +62,7 @@ pub(crate) fn estimates(
     convolution: Result<Estimate, String>,
     backprojection: Option<&backprojection::Plan>,
     threads: usize,
-) -> [Estimate; 4] {
+) -> Vec<Estimate> {
     let convolution = convolution.unwrap_or_else(|obstacle| impossible(Method::Convolution, obstacle));
     let backprojection = match backprojection {
         Some(plan) => of_backprojection(setup, grid, options, plan, threads),
@@ -56,7 +78,7 @@ pub(crate) fn estimates(
     let direct = of_direct(setup, grid, options, threads);
     // The same sum over other path lengths.
     let linear = Estimate { method: Method::Linear, ..direct.clone() };
-    [convolution, backprojection, direct, linear]
+    vec![convolution, backprojection, direct, linear]
 }
 
 fn impossible(method: Method, obstacle: String) -> Estimate {

@@ -65,10 +65,7 @@ pub(super) fn material(
         }
     }
     // `check` names the material; here the file and the place in it are known too.
-    result.check().map_err(|error| match error {
-        Error::Input { problem, .. } => Error::input(format!("{} ({})", place(), result.source), problem),
-        other => other,
-    })?;
+    result.check().map_err(|error| error.at(format!("{} ({})", place(), result.source)))?;
     Ok(result)
 }
 

@@ -148,7 +148,7 @@ fn files_that_are_none_are_refused() {
     assert!(refused(&named).to_string().contains("is a folder"));
     let options = LoadOptions { sensor: Some("node:a".parse().unwrap()), ..metres() };
     let error = load_with(TRIANGLE, &[], &options).0.unwrap_err();
-    assert!(matches!(error, Error::Input { .. }) && error.to_string().contains("needs a glTF file"));
+    assert!(matches!(error, Error::InvalidInput { .. }) && error.to_string().contains("needs a glTF file"));
 }
 
 #[test]

@@ -1,32 +1,23 @@
 //! Which instruction set the kernels take.
 
+use crate::choice::choice;
 use crate::error::{Error, Result};
 use std::sync::atomic::{AtomicU8, Ordering};
 
-/// An instruction set that the kernels are compiled for, in ascending order.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Level {
-    /// What every processor of the kind has that this program was built for.
-    Baseline,
-    /// AVX2 and FMA.
-    Avx2,
-    /// AVX-512 F, DQ, VL and BW.
-    Avx512,
+choice! {
+    /// An instruction set that the kernels are compiled for, in ascending order.
+    #[derive(PartialOrd, Ord)]
+    pub enum Level: "instruction set" {
+        /// What every processor of the kind has that this program was built for.
+        Baseline = "baseline",
+        /// AVX2 and FMA.
+        Avx2 = "avx2",
+        /// AVX-512 F, DQ, VL and BW.
+        Avx512 = "avx512",
+    }
 }
 
 impl Level {
-    /// Every level, in ascending order.
-    pub const ALL: [Self; 3] = [Self::Baseline, Self::Avx2, Self::Avx512];
-
-    /// The name in lower case, as it is typed.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Baseline => "baseline",
-            Self::Avx2 => "avx2",
-            Self::Avx512 => "avx512",
-        }
-    }
-
     /// The highest level of this processor.
     pub fn of_processor() -> Self {
         #[cfg(target_arch = "x86_64")]
@@ -43,16 +34,12 @@ impl Level {
     /// The level of this name, for a processor whose highest is `most`; `place` is what named it, for the message.
     ///
     /// # Errors
-    /// [`Error::Input`]: no such level, or one above `most`.
+    /// [`Error::InvalidInput`]: no such level, or one above `most`.
     pub fn named(place: &str, name: &str, most: Self) -> Result<Self> {
-        let had = Self::ALL.map(Self::name)[..=most as usize].join(", ");
-        let Some(level) = Self::ALL.into_iter().find(|level| level.name() == name) else {
-            return Err(Error::input(
-                place,
-                format!("`{name}` is no instruction set of this program; this processor has {had}"),
-            ));
-        };
+        let level: Self = name.parse().map_err(|error: Error| error.at(place))?;
         if level > most {
+            let had: Vec<&str> = Self::ALL[..=most as usize].iter().map(|level| level.as_str()).collect();
+            let had = had.join(", ");
             return Err(Error::input(
                 place,
                 format!("this processor does not have {name}; it has {had}, and takes the last unless told"),
@@ -82,8 +69,8 @@ mod tests {
 
     #[test]
     fn a_level_is_named_and_had() {
-        for level in Level::ALL {
-            assert_eq!(Level::named("here", level.name(), Level::Avx512), Ok(level));
+        for level in Level::ALL.iter().copied() {
+            assert_eq!(Level::named("here", level.as_str(), Level::Avx512), Ok(level));
             assert_eq!(Level::ALL[level as usize], level, "in ascending order");
         }
         let said = |name, most| Level::named("here", name, most).expect_err("refused").to_string();
@@ -93,7 +80,7 @@ mod tests {
         );
         assert!(said("avx2", Level::Baseline).contains("does not have avx2; it has baseline,"));
         for unknown in ["", "AVX2", "sse", "avx 2"] {
-            assert!(said(unknown, Level::Avx2).contains("no instruction set"), "{unknown}");
+            assert!(said(unknown, Level::Avx2).contains("baseline, avx2, avx512"), "{unknown}");
         }
     }
 }

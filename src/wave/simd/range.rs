@@ -17,7 +17,7 @@ const TONES: usize = 32;
 
 /// Points of a block about its centre, in m, padded to whole lanes.
 #[derive(Debug, Clone, Default)]
-pub struct Points {
+pub(crate) struct Points {
     x: Vec<f32>,
     y: Vec<f32>,
     z: Vec<f32>,
@@ -39,7 +39,7 @@ const SHORT_RISE: [f32; 7] =
 impl Points {
     /// Points as `[x, y, z, outward]`: the offset from the centre, and the outward length less that to the centre, m.
     /// `legs` is how many times the way to the microphone is travelled.
-    pub fn new(legs: f64, points: impl ExactSizeIterator<Item = [f64; 4]>) -> Self {
+    pub(crate) fn new(legs: f64, points: impl ExactSizeIterator<Item = [f64; 4]>) -> Self {
         let padded = points.len().next_multiple_of(WIDE);
         let mut split = Self::default();
         for [x, y, z, outward] in points {
@@ -57,32 +57,32 @@ impl Points {
     }
 
     /// Number of points, padding included; sums beside them have this length.
-    pub fn padded_len(&self) -> usize {
+    pub(crate) fn padded_len(&self) -> usize {
         self.x.len()
     }
 
     /// Points that `count` are padded to.
-    pub fn padded(count: usize) -> usize {
+    pub(crate) fn padded(count: usize) -> usize {
         count.next_multiple_of(WIDE)
     }
 }
 
 /// Tones of 16 microphones, `[Q, 16]`.
 #[derive(Debug, Clone, Default)]
-pub struct LaneTones {
+pub(crate) struct LaneTones {
     /// Real parts.
-    pub re: Vec<[f32; LANES]>,
+    pub(crate) re: Vec<[f32; LANES]>,
     /// Imaginary parts.
-    pub im: Vec<[f32; LANES]>,
+    pub(crate) im: Vec<[f32; LANES]>,
 }
 
 /// Range profiles of 16 microphones about one centre, as coefficients of T_k, `[K, 16]`.
 #[derive(Debug, Clone, Default)]
-pub struct LaneProfiles {
+pub(crate) struct LaneProfiles {
     /// Real parts.
-    pub re: Vec<[f32; LANES]>,
+    pub(crate) re: Vec<[f32; LANES]>,
     /// Imaginary parts.
-    pub im: Vec<[f32; LANES]>,
+    pub(crate) im: Vec<[f32; LANES]>,
 }
 
 #[inline(always)]
@@ -171,17 +171,17 @@ fn add_products(turned: &[[f32; LANES]], expansion: &[f32], profile: &mut [[f32;
 
 /// What turns the difference of path lengths into a phase and a place on the profile.
 #[derive(Debug, Clone, Copy)]
-pub struct RangeScale {
+pub(crate) struct RangeScale {
     /// How many times the way to the microphone is travelled.
-    pub legs: f32,
+    pub(crate) legs: f32,
     /// f_c/c with the sign of the inverse, −1/m.
-    pub carrier: f32,
+    pub(crate) carrier: f32,
     /// 1/H, 1/m.
-    pub inverse_half: f32,
+    pub(crate) inverse_half: f32,
     /// Coefficients that count, even in number unless they are of powers; those after are zero.
-    pub terms: usize,
+    pub(crate) terms: usize,
     /// Whether the coefficients are those of powers of δ/H instead of Chebyshev's polynomials.
-    pub powers: bool,
+    pub(crate) powers: bool,
 }
 
 #[inline(always)]

@@ -7,7 +7,7 @@ const POINTS: usize = 4;
 
 /// Samples m(f, r) as the inverse kernel wants them: `[group of 16 microphones, f, 16]`, the last group filled with zeros.
 #[derive(Debug, Clone, Default)]
-pub struct SweepSamples {
+pub(crate) struct SweepSamples {
     re: Vec<[f32; LANES]>,
     im: Vec<[f32; LANES]>,
     frequencies: usize,
@@ -15,7 +15,7 @@ pub struct SweepSamples {
 
 impl SweepSamples {
     /// Rearranges `sample(f, r)`.
-    pub fn new(
+    pub(crate) fn new(
         frequencies: usize,
         microphones: usize,
         sample: impl Fn(usize, usize) -> num_complex::Complex32,
@@ -37,7 +37,7 @@ impl SweepSamples {
     }
 
     /// Number of microphones, padding included; as many lengths belong to each point.
-    pub fn padded_len(&self) -> usize {
+    pub(crate) fn padded_len(&self) -> usize {
         self.re.len() / self.frequencies.max(1) * LANES
     }
 }

@@ -101,13 +101,13 @@ impl VolumeSink for Full {
     }
 
     fn take(&mut self, first: usize, _: &[Complex32]) -> Result<()> {
-        if first == 0 { Ok(()) } else { Err(Error::environment("disk", "full")) }
+        if first == 0 { Ok(()) } else { Err(Error::io("disk", "full")) }
     }
 }
 
 #[test]
 fn errors_of_the_sink_and_of_the_computation_end_it() {
-    let (grid, full) = (grid(), Err(Error::environment("disk", "full")));
+    let (grid, full) = (grid(), Err(Error::io("disk", "full")));
     let run = |thickness: usize, fails_at: usize| {
         let mut computed = Vec::new();
         let driver = SlabDriver::even(&grid, thickness, |_| 1, &Silent);

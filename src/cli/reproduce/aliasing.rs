@@ -18,34 +18,32 @@ use serde::Serialize;
 
 /// A copy of a point target that is not there.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-#[non_exhaustive]
-pub struct Ghost {
+pub(super) struct Ghost {
     /// How many times λ/d it is turned away.
-    pub order: i32,
+    pub(super) order: i32,
     /// Where the rule puts it, m.
-    pub predicted_x: f64,
+    pub(super) predicted_x: f64,
     /// Where the image's maximum around there is, m.
-    pub measured_x: f64,
+    pub(super) measured_x: f64,
     /// `−20 log₁₀ max(1, |k|(N−1)B/f_c)`: about how strong it is, dB below the target.
-    pub predicted_db: f64,
+    pub(super) predicted_db: f64,
     /// How strong it is, dB below the target.
-    pub measured_db: f64,
+    pub(super) measured_db: f64,
 }
 
 /// The scene, and a point where its lines cross, with a number of microphones.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-#[non_exhaustive]
-pub struct Aliasing {
+pub(super) struct Aliasing {
     /// Microphones over 2 m.
-    pub microphones: usize,
+    pub(super) microphones: usize,
     /// λ/d: the turn between ghosts, in sin θ.
-    pub turn: f64,
+    pub(super) turn: f64,
     /// λ|p|/d: their distance at the crossing, m.
-    pub spacing: f64,
+    pub(super) spacing: f64,
     /// Ghosts of a point at the crossing, nearest first.
-    pub ghosts: Vec<Ghost>,
+    pub(super) ghosts: Vec<Ghost>,
     /// Greatest amplitude away from the lines of the scene, against the root mean square on them, dB.
-    pub off_lines_db: f64,
+    pub(super) off_lines_db: f64,
     /// The scene's image, `[z, x]`, greatest 1.
     #[serde(skip)]
     pub(super) image: Vec<f32>,
@@ -62,7 +60,7 @@ const ORDERS: i32 = 2;
 
 impl Aliasing {
     /// Whether ghosts show in the picture of the scene.
-    pub fn shows_ghosts(&self) -> bool {
+    pub(super) fn shows_ghosts(&self) -> bool {
         self.off_lines_db > SEEN_DB
     }
 }

@@ -18,36 +18,34 @@ use std::time::Instant;
 
 /// One way of summing Eq. 13, timed.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-#[non_exhaustive]
-pub struct Timing {
+pub(super) struct Timing {
     /// What was summed how.
-    pub method: &'static str,
+    pub(super) method: &'static str,
     /// Seconds on one thread for all pixels.
-    pub seconds: f64,
+    pub(super) seconds: f64,
     /// The share of the pixels that was timed; the seconds are scaled up from it.
-    pub share: f64,
+    pub(super) share: f64,
     /// Greatest difference from the sum as written, against the greatest amplitude.
-    pub error: f64,
+    pub(super) error: f64,
     /// Seconds in the paper, on a 2.8 GHz Core i7 of 2014 in Matlab.
-    pub paper: Option<f64>,
+    pub(super) paper: Option<f64>,
 }
 
 /// The comparison.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-#[non_exhaustive]
-pub struct Timings {
+pub(super) struct Timings {
     /// Direct with sine and cosine per term; direct by recurrence; Eq. 16 at every frequency; Eq. 16 at skeleton ones.
-    pub methods: Vec<Timing>,
+    pub(super) methods: Vec<Timing>,
     /// Terms of Eq. 13.
-    pub terms: u64,
+    pub(super) terms: u64,
     /// Sine and cosine per term against Eq. 16 at every frequency: the paper's 15.
-    pub gain: f64,
+    pub(super) gain: f64,
     /// Recurrence against Eq. 16 at every frequency.
-    pub gain_over_recurrence: f64,
+    pub(super) gain_over_recurrence: f64,
     /// Recurrence against Eq. 16 at skeleton frequencies.
-    pub gain_of_skeletons: f64,
+    pub(super) gain_of_skeletons: f64,
     /// 185 s / 12 s.
-    pub paper_gain: f64,
+    pub(super) paper_gain: f64,
 }
 
 /// Seconds of the paper's direct and fast sums.
@@ -74,7 +72,7 @@ pub(super) fn measure(observer: &dyn Observer) -> Result<Timings> {
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(1)
         .build()
-        .map_err(|e| Error::environment("threads", format!("one cannot be started: {e}")))?;
+        .map_err(|e| Error::io("threads", format!("one cannot be started: {e}")))?;
     stage(observer, "timing", 4, || pool.install(|| all(observer)))
 }
 
