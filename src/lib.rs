@@ -93,3 +93,8 @@ pub mod checkpoint;
 pub mod reproduce;
 pub mod config;
 pub mod pipeline;
+
+// What messages must name: one way to say so for unit tests and for the tests from outside.
+#[cfg(test)]
+#[path = "../tests/holosonar/named.rs"]
+mod named;
