@@ -15,7 +15,7 @@
 //! let run = RunFile::from_str_at(text, "part.toml", Path::new("scenes"), &["sweep.stop=15000".to_owned()])?;
 //! assert_eq!((run.sweep.start, run.sweep.stop, run.sweep.step), (10_000.0, 15_000.0, 40.0));
 //! let refusal = RunFile::from_str_at("[sweep]\nsteps = 40.0\n", "part.toml", Path::new(""), &[]).unwrap_err();
-//! assert!(refusal.to_string().starts_with("part.toml:2:1") && refusal.to_string().contains("did you mean `step`"));
+//! assert!(refusal.to_string().starts_with("part.toml:2:1") && refusal.to_string().contains("`step`"));
 //! # Ok::<(), holosonar::error::Error>(())
 //! ```
 

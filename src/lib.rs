@@ -100,3 +100,8 @@ pub mod pipeline;
 #[cfg(feature = "cli")]
 #[doc(hidden)] // the command, not an interface: the binary calls its `main`
 pub mod cli;
+
+// What messages must name: one way to say so for unit tests and for the tests from outside.
+#[cfg(test)]
+#[path = "../tests/holosonar/named.rs"]
+mod named;

@@ -294,6 +294,7 @@ fn check_pixels(result: &DepthMap, truth: &DepthMap) -> Result<()> {
 mod tests {
     use super::*;
     use crate::grid::Raster;
+    use crate::named::assert_names;
 
     const N: f32 = f32::NAN;
 
@@ -355,7 +356,7 @@ mod tests {
         assert!(evaluate(&map(&[1.0], &[]), &map(&[1.0], &[]), 0.0).is_err());
         let camera = DepthMap { view: View::Perspective, ..map(&[1.0], &[]) };
         let refused = evaluate(&map(&[1.0], &[]), &camera, 0.01).expect_err("another view").to_string();
-        assert!(refused.contains("orthographic") && refused.contains("perspective"), "{refused}");
+        assert_names(refused, &["orthographic", "perspective"]);
     }
 
     #[test]

@@ -91,6 +91,7 @@ fn no_room(path: &Path) -> Error {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::named::assert_names;
 
     fn read(text: &str) -> Result<Reflectors> {
         let file = tempfile::NamedTempFile::new().expect("a temporary file");
@@ -109,15 +110,14 @@ mod tests {
     #[test]
     fn errors_name_the_line() {
         for (text, words) in [
-            ("", "is empty"),
-            ("x,y,z\n1,2,3\n", "header `x,y,z,amplitude`"),
-            ("x,y,z,amplitude\n1,2,3\n", ":2: 4 finite numbers"),
-            ("x,y,z,amplitude\n1,2,3,4\n1,2,nan,4\n", ":3: 4 finite numbers"),
-            ("x,y,z,amplitude\n1,2,3,1e300\n", ":2: 4 finite numbers"),
-            ("x,y,z,amplitude\n", "holds no reflectors"),
+            ("", &["empty", "`x,y,z,amplitude`"][..]),
+            ("x,y,z\n1,2,3\n", &[":1", "`x,y,z,amplitude`"]),
+            ("x,y,z,amplitude\n1,2,3\n", &[":2", "4", "`1,2,3`"]),
+            ("x,y,z,amplitude\n1,2,3,4\n1,2,nan,4\n", &[":3", "4", "`1,2,nan,4`"]),
+            ("x,y,z,amplitude\n1,2,3,1e300\n", &[":2", "4", "`1,2,3,1e300`"]),
+            ("x,y,z,amplitude\n", &["reflectors"]),
         ] {
-            let error = read(text).expect_err(text).to_string();
-            assert!(error.contains(words), "{error}");
+            assert_names(read(text).expect_err(text).to_string(), words);
         }
     }
 }

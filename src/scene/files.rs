@@ -68,6 +68,7 @@ pub(super) fn beside(mesh: &Path, relative: &str) -> std::result::Result<PathBuf
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+    use crate::named::assert_names;
 
     #[test]
     fn only_names_inside_the_folder_are_followed() {
@@ -77,7 +78,7 @@ mod tests {
         for outside in
             ["../a.bin", "x/../../a.bin", "/etc/passwd", "C:\\a.bin", "c:a.bin", "", "a\0b", "..\\a.bin"]
         {
-            assert!(beside(mesh, outside).unwrap_err().contains("not inside the folder"), "{outside}");
+            assert_names(beside(mesh, outside).unwrap_err(), &["folder"]);
         }
     }
 
@@ -87,9 +88,9 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         std::os::unix::fs::symlink("/etc", folder.path().join("out")).unwrap();
         let refused = beside(&folder.path().join("a.gltf"), "out/passwd");
-        assert!(refused.unwrap_err().contains("a link that leads out"));
-        assert!(read(folder.path()).unwrap_err().to_string().contains("is a folder"));
-        assert!(read(Path::new("/dev/zero")).unwrap_err().to_string().contains("no regular file"));
-        assert!(read(&folder.path().join("none.obj")).unwrap_err().to_string().contains("no such file"));
+        assert_names(refused.unwrap_err(), &["`out/passwd`", "link"]);
+        assert_names(read(folder.path()).unwrap_err().to_string(), &["folder"]);
+        assert_names(read(Path::new("/dev/zero")).unwrap_err().to_string(), &["/dev/zero", "regular file"]);
+        assert_names(read(&folder.path().join("none.obj")).unwrap_err().to_string(), &["none.obj", "file"]);
     }
 }

@@ -200,6 +200,7 @@ impl<'a> Palette<'a> {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+    use crate::named::assert_names;
     use crate::progress::Silent;
 
     #[test]
@@ -245,12 +246,9 @@ mod tests {
         let refused = |rule: MaterialRule| Palette::new(&[rule]).err().unwrap().to_string();
         let rule =
             |name: &str, reflectance| MaterialRule { name: name.into(), reflectance, transmittance: None };
-        assert!(refused(rule("a", None)).contains("neither"));
-        assert!(refused(rule("", Some(1.0))).contains("no name"));
-        assert_eq!(
-            refused(rule("a", Some(1.5))),
-            "material rule `a`: reflectance is 1.5; expected a share of the amplitude, 0 to 1"
-        );
-        assert!(refused(rule("a", Some(f64::NAN))).contains("NaN"));
+        assert_names(refused(rule("a", None)), &["`a`", "reflectance", "transmittance"]);
+        assert_names(refused(rule("", Some(1.0))), &["name"]);
+        assert_names(refused(rule("a", Some(1.5))), &["`a`", "reflectance", "1.5", "0 to 1"]);
+        assert_names(refused(rule("a", Some(f64::NAN))), &["`a`", "reflectance", "NaN"]);
     }
 }

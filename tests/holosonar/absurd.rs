@@ -2,6 +2,7 @@
 
 use crate::binary::{files_below, refused, run, shipped};
 use crate::mutation::glb;
+use crate::named::assert_names;
 use crate::support::data;
 use holosonar::files::npz::write_npz;
 use num_complex::Complex32;
@@ -28,36 +29,36 @@ fn inputs_that_are_not_there_or_something_else() {
     let folder = folder_with(&[("a.step", ""), ("notes.txt", "")]);
     for name in ["folder.toml", "folder.obj", "folder.csv", "folder.npz"] {
         std::fs::create_dir(folder.path().join(name)).unwrap();
-        image_refuses(folder.path(), &format!("{name} --unit m"), &[name, "is a folder"]);
+        image_refuses(folder.path(), &format!("{name} --unit m"), &[name, "folder"]);
     }
     for name in ["none.toml", "none.obj", "none.gltf", "none.csv", "none.npz"] {
-        image_refuses(folder.path(), &format!("{name} --set scene.occlusion=none"), &[name, "no such file"]);
+        image_refuses(folder.path(), &format!("{name} --set scene.occlusion=none"), &[name]);
     }
     for name in ["a.step", "notes.txt", "none", "out"] {
-        image_refuses(folder.path(), name, &[name, "was expected"]);
+        image_refuses(folder.path(), name, &[name]);
     }
-    refused(folder.path(), "info none.exr", 2, &["none.exr", "no such file"]);
-    refused(folder.path(), "depth none.npz -o d.exr", 2, &["none.npz", "no such file"]);
-    refused(folder.path(), "compare none.exr none.exr", 2, &["none.exr", "no such file"]);
-    refused(folder.path(), "check none.toml", 2, &["none.toml", "no such file"]);
+    refused(folder.path(), "info none.exr", 2, &["none.exr"]);
+    refused(folder.path(), "depth none.npz -o d.exr", 2, &["none.npz"]);
+    refused(folder.path(), "compare none.exr none.exr", 2, &["none.exr"]);
+    refused(folder.path(), "check none.toml", 2, &["none.toml"]);
 }
 
 #[test]
 fn run_files_with_mistakes() {
     for (text, said) in [
-        ("[swep]\nstep = 20\n", &["run.toml:1", "did you mean [sweep]"][..]),
-        ("[sweep]\nstpe = 20\n", &["run.toml:2", "did you mean `step`"]),
-        ("[sweep]\nstep = \"fast\"\n", &["run.toml:2", "expected a number"]),
+        ("[swep]\nstep = 20\n", &["run.toml:1", "[swep]", "[sweep]"][..]),
+        ("[sweep]\nstpe = 20\n", &["run.toml:2", "`stpe`", "`step`"]),
+        ("[sweep]\nstep = \"fast\"\n", &["run.toml:2", "`sweep.step`", "fast", "number"]),
         ("[sweep]\nstep = 20\nstep = 30\n", &["run.toml:3"]),
         ("[sweep\n", &["run.toml:1"]),
-        ("[sweep]\nstep = nan\n", &["run.toml:2"]),
-        ("[sweep]\nstep = 30.0\n", &["run.toml:2", "whole number of steps"]),
-        ("[scene]\nmesh = \"none.obj\"\nunit = \"m\"\n", &["none.obj", "no such file"]),
+        ("[sweep]\nstep = nan\n", &["run.toml:2", "`sweep.step`"]),
+        ("[sweep]\nstep = 30.0\n", &["run.toml:2", "`sweep.step`", "30", "333.3333"]),
+        ("[scene]\nmesh = \"none.obj\"\nunit = \"m\"\n", &["none.obj"]),
         ("[scene]\nmesh = \"\"\n", &["run.toml:2"]),
         ("[scene]\nmesh = \"a.obj\"\nunit = \"mile\"\n", &["run.toml:3", "mm"]),
-        ("", &["[scene] mesh", "is missing"]),
+        ("", &["[scene] mesh"]),
         ("[expect]\nbeauty = { min = 1 }\n", &["run.toml:2", "beauty"]),
-        ("[grid]\nz = [-1.0, -0.5]\n", &["run.toml:2", "behind the array"]),
+        ("[grid]\nz = [-1.0, -0.5]\n", &["run.toml:2", "`grid.z`", "-1", "array"]),
         ("[grid]\nz = [2.0, 1.0]\n", &["run.toml:2"]),
     ] {
         let folder = folder_with(&[("run.toml", text)]);
@@ -123,11 +124,11 @@ fn options_that_make_no_sense() {
     let path = folder.path();
     image_refuses(path, &format!("{point} --threads 0"), &["--threads"]);
     image_refuses(path, &format!("{point} -c {corner}"), &["--config"]);
-    refused(path, &format!("image {point} -o file"), 2, &["file", "is a file"]);
-    refused(path, &format!("image {point} -o file/below"), 2, &["file/below", "is a file"]);
+    refused(path, &format!("image {point} -o file"), 2, &["file", "folder"]);
+    refused(path, &format!("image {point} -o file/below"), 2, &["file/below", "folder"]);
     refused(path, &format!("simulate {point} -o cube.xyz"), 2, &["cube.xyz", ".npz"]);
     refused(path, &format!("truth {corner} -o truth.png"), 2, &["truth.png", ".exr"]);
-    refused(path, &format!("truth {point} -o truth.exr"), 2, &["point.csv", "no true depth"]);
+    refused(path, &format!("truth {point} -o truth.exr"), 2, &["point.csv", "depth"]);
     refused(path, &format!("truth {corner} -o {}", path.display()), 2, &["extension"]);
     refused(
         path,
@@ -135,11 +136,11 @@ fn options_that_make_no_sense() {
         2,
         &["corner.toml", "data cube", "simulate", "-c"],
     );
-    refused(path, &format!("depth {corner} -o d.exr"), 2, &["corner.toml", "a volume", "reconstruct"]);
-    refused(path, "image . -o out", 2, &["is a folder", ".toml"]);
-    refused(path, "image part.step -o out", 2, &["part.step", "export it", ".stl"]);
-    refused(path, "simulate bare.toml -o c.npz", 2, &["bare.toml", "[scene] mesh", "is missing"]);
-    refused(path, "init part.step", 2, &["part.step", "is a file"]);
+    refused(path, &format!("depth {corner} -o d.exr"), 2, &["corner.toml", "volume", "reconstruct"]);
+    refused(path, "image . -o out", 2, &["folder", ".toml"]);
+    refused(path, "image part.step -o out", 2, &["part.step", "export", ".stl"]);
+    refused(path, "simulate bare.toml -o c.npz", 2, &["bare.toml", "[scene] mesh"]);
+    refused(path, "init part.step", 2, &["part.step", "folder"]);
     refused(path, "compare a.exr b.exr --min beauty=1", 2, &["--min", "beauty", "completeness"]);
     refused(path, "compare a.exr b.exr --max rmse=low", 2, &["--max", "rmse=low"]);
     let given = ["bare.toml", "file", "part.step"].map(|name| path.join(name));
@@ -166,17 +167,17 @@ fn a_place_that_cannot_be_written_fails_the_machine() {
 fn meshes_with_mistakes() {
     let triangle = "v 0 0 1\nv 1 0 1\nv 0 1 1\nf 1 2 3\n";
     for (text, options, said) in [
-        ("v 0 0 1\nv nan 0 1\nv 0 1 1\nf 1 2 3\n", "--unit m", "not finite"),
-        ("v 0 0 1\nv 0 0 1\nv 0 1 1\nf 1 2 3\n", "--unit m", "no triangle with an area"),
-        ("", "--unit m", "no triangle"),
-        ("v 0 0 1\n", "--unit m", "no triangle"),
+        ("v 0 0 1\nv nan 0 1\nv 0 1 1\nf 1 2 3\n", "--unit m", "finite"),
+        ("v 0 0 1\nv 0 0 1\nv 0 1 1\nf 1 2 3\n", "--unit m", "triangle"),
+        ("", "--unit m", "triangle"),
+        ("v 0 0 1\n", "--unit m", "triangle"),
         (triangle, "", "--unit mm"),
         (triangle, "--unit parsec", "parsec"),
         ("v 0 0 1\nv 1 0 1\nv 0 1 1\nf 1 2 9\n", "--unit m", "line 4"),
         ("v 0 0 1\nv 1 0 1\nv 0 1 1\nf 1 2 x\n", "--unit m", "mesh.obj"),
     ] {
         let folder = folder_with(&[("mesh.obj", text)]);
-        image_refuses(folder.path(), &format!("mesh.obj {options}"), &[said]);
+        image_refuses(folder.path(), &format!("mesh.obj {options}"), &["mesh.obj", said]);
         assert!(run(folder.path(), &format!("info mesh.obj {options}")).status == 2, "{text}");
     }
 }
@@ -254,18 +255,18 @@ fn cubes_with_mistakes() {
 #[test]
 fn reflector_lists_with_mistakes() {
     for (text, said) in [
-        ("", "is empty"),
+        ("", "empty"),
         ("0,0,1,1\n", "points.csv:1"),
         ("x,y,z\n0,0,1\n", "points.csv:1"),
         ("x,y,z,amplitude\n0,0,1\n", "points.csv:2"),
         ("x,y,z,amplitude\n0,0,1,1\n0,0,one,1\n", "points.csv:3"),
         ("x,y,z,amplitude\n0,0,1,nan\n", "points.csv:2"),
         ("x,y,z,amplitude\n0,0,1,1e300\n", "points.csv:2"),
-        ("x,y,z,amplitude\n", "no reflectors"),
-        ("x,y,z,amplitude\n0,0,-1,1\n", "behind the array"),
+        ("x,y,z,amplitude\n", "reflectors"),
+        ("x,y,z,amplitude\n0,0,-1,1\n", "array"),
     ] {
         let folder = folder_with(&[("points.csv", text)]);
-        image_refuses(folder.path(), "points.csv", &[said]);
+        image_refuses(folder.path(), "points.csv", &["points.csv", said]);
     }
 }
 
@@ -308,14 +309,15 @@ fn little_is_enough() {
 fn scenes_that_cannot_be_seen_are_warned_about() {
     let coarse = "--set sweep.step=1000 --set grid.pitch=[0.06666666666666667,0.06666666666666667,0.05]";
     let (said, accepted) = images("corner.toml", &format!("--set scene.translate=[0,0,-5] {coarse}"));
-    assert!(said.contains("behind the array") && said.contains("no return"), "{said}");
+    // The reflectors that are left out, and that nothing is accepted, each with the key to change.
+    assert_names(said, &["array", "z <= 0", "[scene] translate", "[depth] threshold_db"]);
     assert_eq!(accepted, 0, "a silent cube has no returns");
     for away in ["[5,0,0]", "[0,0,1.5]"] {
         let (said, _) = images("corner.toml", &format!("--set scene.translate={away} {coarse}"));
-        assert!(said.contains("outside the grid"), "{away}: {said}");
+        assert_names(said, &["warning: ", "outside", "grid"]);
     }
     let (said, _) = images("point.toml", "--set grid.z=[3.0,3.2]");
-    assert!(said.contains("outside the grid"), "{said}");
+    assert_names(said, &["warning: ", "outside", "grid"]);
 }
 
 #[test]

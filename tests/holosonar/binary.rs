@@ -1,5 +1,6 @@
 //! The program as a user starts it: arguments in; exit status, standard output and standard error out.
 
+use crate::named::assert_names;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
@@ -49,16 +50,15 @@ pub(crate) fn done(folder: &Path, words: &str) -> String {
     ran.stdout
 }
 
-/// As [`run`], and it must fail with `status`, in one paragraph that begins `error:` and holds all of `said`.
-pub(crate) fn refused(folder: &Path, words: &str, status: i32, said: &[&str]) {
+/// As [`run`], and it must fail with `status`, in one paragraph that begins `error:` and names all of `named`.
+#[track_caller]
+pub(crate) fn refused(folder: &Path, words: &str, status: i32, named: &[&str]) {
     let ran = run(folder, words);
     assert_eq!(ran.status, status, "{words}: {}{}", ran.stdout, ran.stderr);
     assert_eq!(ran.stdout, "", "{words}: a failure has no results");
     let errors: Vec<&str> = ran.stderr.lines().filter(|line| !line.starts_with("warning: ")).collect();
     assert!(errors.len() == 1 && errors[0].starts_with("error: "), "{words}: {}", ran.stderr);
-    for words in said {
-        assert!(errors[0].contains(words), "`{words}` is missing: {}", errors[0]);
-    }
+    assert_names(errors[0], named);
 }
 
 /// Names of everything below `folder`, sorted.

@@ -17,6 +17,7 @@ mod linear;
 mod memory;
 mod meshes;
 mod mutation;
+mod named;
 mod orientation;
 mod parsers;
 mod perspective;

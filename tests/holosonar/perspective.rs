@@ -1,6 +1,7 @@
 //! The perspective view, and what is judged by material, from outside.
 
 use crate::binary::{done, refused, run, shipped};
+use crate::named::assert_names;
 use serde_json::Value;
 
 fn json(text: &str) -> Value {
@@ -29,10 +30,10 @@ fn a_camera_sees_what_stands_there_and_views_are_not_mixed() {
     assert!(std::fs::read(path.join("error.png")).unwrap().starts_with(b"\x89PNG"));
     let table =
         done(path, "compare out/depth.exr truth.exr --min completeness:wall=0.5 --min completeness#1=0.5");
-    assert!(table.contains("by material") && table.contains("sheet"), "{table}");
+    assert_names(table, &["crate", "sheet", "wall"]);
     let missed = run(path, "compare out/depth.exr truth.exr --max median_error:crate=0");
     assert_eq!(missed.status, 3, "{}", missed.stderr);
-    assert!(missed.stderr.contains("median_error:crate"), "{}", missed.stderr);
+    assert_names(missed.stderr, &["median_error:crate"]);
 
     // The file's `pixels` go with the perspective view.
     done(path, &format!("truth {scene} -o parallel.exr -q --set depth.view=orthographic"));

@@ -1,4 +1,5 @@
-//! Against independent brute-force answers (NumPy, float64), kept in `tests/data/reference`.
+//! Against independent brute-force answers (NumPy, float64) in `tests/data/reference`, which `tests/reference/generate.py`
+//! writes and `.ci/run` makes anew and compares.
 
 use crate::support::{data, relative_difference};
 use glam::DVec3;

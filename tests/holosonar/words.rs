@@ -6,7 +6,7 @@ use crate::binary::{done, files_below, run, shipped};
 fn every_command_has_a_manual_page() {
     let folder = tempfile::tempdir().unwrap();
     let page = done(folder.path(), "man");
-    assert!(page.contains(".TH holosonar 1") && page.contains("reconstruct") && page.contains("Exit status"));
+    assert!(page.contains(".TH holosonar 1") && page.contains("reconstruct") && page.contains("130"));
     done(folder.path(), "man pages");
     let written = files_below(&folder.path().join("pages"));
     let help = done(folder.path(), "--help");
@@ -48,7 +48,7 @@ fn verbose_says_what_each_stage_did() {
         let seconds = line[stage.len()..].trim().strip_suffix(" s").unwrap_or_else(|| panic!("{line}"));
         assert!(seconds.trim().parse::<f64>().unwrap() < 600.0, "{line}");
     }
-    for note in [" triangles, ", " reflectors, ", " tones x", " voxels", " a return at ", " files in out"] {
+    for note in ["triangles", "reflectors", "microphones", "voxels", "return", "files in out"] {
         assert!(said.lines().any(|line| line.starts_with("  ") && line.contains(note)), "{note}: {said}");
     }
     assert!(

@@ -1,4 +1,4 @@
-//! What is refused, where it says the fault is, and in which words.
+//! What is refused, and what is named: the place, the key, the number, and what would be right.
 
 use super::*;
 
@@ -6,34 +6,22 @@ use super::*;
 fn unknown_names_come_with_the_nearest_and_their_place() {
     refused_with(
         "[grid]\n\n  ptich = [1, 1, 1]",
-        &[
-            "run.toml:3:3, key `grid.ptich`: ",
-            "unknown key `ptich` in [grid]; did you mean `pitch`? (Keys here: x, y",
-        ],
+        &["run.toml:3:3", "`grid.ptich`", "`ptich`", "[grid]", "`pitch`", "x, y"],
     );
-    refused_with(
-        "[swep]\nstep = 1",
-        &["run.toml:1:2", "unknown table [swep]; did you mean [sweep]?", "medium"],
-    );
-    refused_with("[[material]]\nname = 'a'", &["unknown table [material]; did you mean [materials]?"]);
-    refused_with(
-        "step = 20",
-        &["run.toml:1:1", "unknown key `step` outside every table; it belongs in [sweep]"],
-    );
-    refused_with("[sweep]\nmedian = 3", &["unknown key `median` in [sweep]; it belongs in [depth]."]);
-    refused_with("[array]\ncenter = [0,0,0]", &["did you mean `centre`?"]);
+    refused_with("[swep]\nstep = 1", &["run.toml:1:2", "[swep]", "[sweep]", "medium"]);
+    refused_with("[[material]]\nname = 'a'", &["[material]", "[materials]"]);
+    refused_with("step = 20", &["run.toml:1:1", "`step`", "[sweep]"]);
+    refused_with("[sweep]\nmedian = 3", &["`median`", "[sweep]", "[depth]"]);
+    refused_with("[array]\ncenter = [0,0,0]", &["`center`", "`centre`"]);
     refused_with(
         "[depth]\npick = \"strongst\"",
-        &["did you mean \"strongest\"?", "accepted: \"strongest\", \"first\""],
+        &["`depth.pick`", "\"strongst\"", "\"strongest\", \"first\""],
     );
-    refused_with(
-        "[expect]\ncompletness = { min = 0.5 }",
-        &["unknown metric", "did you mean `completeness`?"],
-    );
-    refused_with("[expect]\nrmse = { mx = 0.5 }", &["key `expect.rmse.mx`", "did you mean `max`?"]);
+    refused_with("[expect]\ncompletness = { min = 0.5 }", &["`completness`", "`completeness`"]);
+    refused_with("[expect]\nrmse = { mx = 0.5 }", &["`expect.rmse.mx`", "`max`"]);
     refused_with(
         "[[materials]]\nname = 'a'\n[[materials]]\nname = 'b'\nreflectence = 1",
-        &["run.toml:5:1, key `materials[1].reflectence`", "did you mean `reflectance`?"],
+        &["run.toml:5:1", "`materials[1].reflectence`", "`reflectance`"],
     );
 }
 
@@ -42,129 +30,123 @@ fn views_and_limits_that_mean_nothing_are_refused() {
     refused_with("[depth]\nfov = 50.0", &["run.toml:2:1", "depth.fov", "view = \"perspective\""]);
     refused_with("[depth]\npixels = [64, 48]", &["depth.pixels", "view = \"perspective\""]);
     let camera = |key: &str| format!("[depth]\nview = \"perspective\"\n{key}");
-    refused_with(&camera("fov = 180.0"), &["run.toml:3:1", "between 0 and 180"]);
-    refused_with(&camera("pixels = [64, 0]"), &["depth.pixels", "at least 1"]);
+    refused_with(&camera("fov = 180.0"), &["run.toml:3:1", "`depth.fov`", "0", "180"]);
+    refused_with(&camera("pixels = [64, 0]"), &["depth.pixels", "1"]);
     refused_with("[depth]\nreturn_contrast_db = -3.0", &["depth.return_contrast_db", "60 dB"]);
-    refused_with("[expect]\nseeds = [1, 2, 1]", &["expect.seeds", "1 twice"]);
-    refused_with("[expect]\nseeds = 3", &["expect.seeds", "a list"]);
+    refused_with("[expect]\nseeds = [1, 2, 1]", &["expect.seeds", "1"]);
+    refused_with("[expect]\nseeds = 3", &["expect.seeds", "list"]);
     refused_with(
         "[expect]\n\"completness:glass\" = { min = 0.5 }",
-        &["unknown metric `completness`", "did you mean `completeness`?", "NAME:MATERIAL"],
+        &["`completness`", "`completeness`", "NAME:MATERIAL"],
     );
-    refused_with("[expect]\n\"completeness#0\" = { min = 0.5 }", &["unknown metric `completeness#0`"]);
-    refused_with("[expect]\n\"two_returns:glass\" = { min = 90 }", &["a share from 0 to 1"]);
+    refused_with("[expect]\n\"completeness#0\" = { min = 0.5 }", &["`completeness#0`"]);
+    refused_with("[expect]\n\"two_returns:glass\" = { min = 90 }", &["two_returns:glass", "90", "0 to 1"]);
 }
 
 #[test]
 fn what_this_version_lacks_is_refused_with_what_it_has() {
     refused_with(
         "[reconstruct]\nmethod = \"holographic\"",
-        &["accepted: \"auto\", \"convolution\", \"backprojection\", \"direct\", \"linear\""],
+        &["holographic", "\"auto\", \"convolution\", \"backprojection\", \"direct\", \"linear\""],
     );
-    refused_with("[array]\nlayout = \"ring\"", &["accepted: \"grid\", \"spiral\", \"random\", \"file\""]);
-    refused_with("[depth]\nview = \"isometric\"", &["accepted: \"orthographic\", \"perspective\""]);
+    refused_with("[array]\nlayout = \"ring\"", &["ring", "\"grid\", \"spiral\", \"random\", \"file\""]);
+    refused_with("[depth]\nview = \"isometric\"", &["isometric", "\"orthographic\", \"perspective\""]);
     refused_with(
         "[output]\nformats = [\"exr\", \"vdb\"]",
-        &["formats[1]", "accepted: \"exr\", \"npz\", \"vti\", \"nrrd\""],
+        &["formats[1]", "vdb", "\"exr\", \"npz\", \"vti\", \"nrrd\""],
     );
 }
 
 #[test]
 fn wrong_types_are_named_in_plain_words() {
-    refused_with(
-        "[sweep]\nstep = \"20\"",
-        &["2:1, key `sweep.step`", "the text \"20\"", "leave the quotes out"],
-    );
-    refused_with("[sweep]\nstep = true", &["found true; expected a number"]);
-    refused_with("[sweep]\nstep = nan", &["NaN", "expected a finite number"]);
-    refused_with("[grid]\npitch = 0.01", &["expected a list of 3 numbers, such as [0.0, 0.0, 0.0]"]);
-    refused_with("[grid]\npitch = [0.01, 0.01]", &["found a list of 2 values; expected a list of 3 numbers"]);
-    refused_with("[grid]\npitch = [0.01,\n 0.01,\n \"a\"]", &["run.toml:4:2, key `grid.pitch[2]`"]);
-    refused_with("[grid]\nx = [0, 1, 2]", &["list of length 3; expected [first, last] in metres"]);
-    refused_with("[grid]\nx = \"a\"", &["the text \"a\"; expected [first, last] in metres"]);
-    refused_with("[array]\ncount = [3.5, 4]", &["the number 3.5; expected a whole number"]);
-    refused_with("[array]\ncount = [-3, 4]", &["the number -3; expected a whole number from 0"]);
-    refused_with("[scene]\nmesh = 3", &["expected text in quotes"]);
-    refused_with("[scene]\nunit = 3", &["expected one of \"m\", \"cm\", \"mm\", \"in\", \"ft\""]);
-    refused_with("scene = 3", &["run.toml:1:1, key `scene`", "expected a table with the keys mesh, unit"]);
-    refused_with(
-        "[materials]\nname = \"a\"",
-        &["found a table; expected a list: write [[materials]] in double"],
-    );
-    refused_with("[[materials]]\nreflectance = 1", &["the key `name` is missing"]);
-    refused_with("[expect]\nrmse = 0.5", &["the number 0.5; expected a table with the keys min, max"]);
-    refused_with("[depth]\nfill = \"zero\"", &["the text \"zero\"; expected \"inf\", \"nan\" or a number"]);
-    refused_with("[sweep]\nstep = 1979-05-27", &["a date"]);
+    refused_with("[sweep]\nstep = \"20\"", &["2:1", "`sweep.step`", "\"20\"", "quotes"]);
+    refused_with("[sweep]\nstep = true", &["`sweep.step`", "true", "number"]);
+    refused_with("[sweep]\nstep = nan", &["`sweep.step`", "NaN", "finite"]);
+    refused_with("[grid]\npitch = 0.01", &["`grid.pitch`", "list of 3", "[0.0, 0.0, 0.0]"]);
+    refused_with("[grid]\npitch = [0.01, 0.01]", &["`grid.pitch`", "list of 2", "list of 3"]);
+    refused_with("[grid]\npitch = [0.01,\n 0.01,\n \"a\"]", &["run.toml:4:2", "`grid.pitch[2]`"]);
+    refused_with("[grid]\nx = [0, 1, 2]", &["`grid.x`", "length 3", "[first, last]"]);
+    refused_with("[grid]\nx = \"a\"", &["`grid.x`", "\"a\"", "[first, last]"]);
+    refused_with("[array]\ncount = [3.5, 4]", &["`array.count", "3.5", "whole number"]);
+    refused_with("[array]\ncount = [-3, 4]", &["`array.count", "-3", "whole number", "0"]);
+    refused_with("[scene]\nmesh = 3", &["`scene.mesh`", "3", "quotes"]);
+    refused_with("[scene]\nunit = 3", &["`scene.unit`", "\"m\", \"cm\", \"mm\", \"in\", \"ft\""]);
+    refused_with("scene = 3", &["run.toml:1:1", "`scene`", "table", "mesh, unit"]);
+    refused_with("[materials]\nname = \"a\"", &["`materials`", "[[materials]]"]);
+    refused_with("[[materials]]\nreflectance = 1", &["`name`", "missing"]);
+    refused_with("[expect]\nrmse = 0.5", &["`expect.rmse`", "0.5", "table", "min, max"]);
+    refused_with("[depth]\nfill = \"zero\"", &["`depth.fill`", "\"zero\"", "\"inf\", \"nan\"", "number"]);
+    refused_with("[sweep]\nstep = 1979-05-27", &["`sweep.step`", "date"]);
 }
 
 #[test]
 fn values_outside_their_range_are_refused_at_their_line() {
     for (text, parts) in [
-        ("[sweep]\nstart = 10\nstop = 20\nstep = 0", &["4:1, key `sweep.step`", "greater than 0"][..]),
-        ("[sweep]\nstart = 30000", &["run.toml:1:2, key `sweep.stop`", "before its start"]),
-        ("[sweep]\nstep = 30", &["333.3333 steps of 30", "stop = 19990", "step = 30.0"]),
-        ("[sweep]\nstep = 30000", &["step = 10000.0"]),
-        ("[sweep]\nstep = 1e-9", &["too many"]),
-        ("[[materials]]\nname = 'a'\nreflectance = 1.5", &["`materials[0].reflectance`", "from 0 to 1"]),
-        ("[[materials]]\nname = 'a'\ntransmittance = -1", &["`materials[0].transmittance`"]),
-        ("[[materials]]\nname = ''", &["\"*\" matches every name"]),
-        ("[grid]\nz = [-1, 1]", &["lies behind the array"]),
-        ("[grid]\nx = [1, -1]", &["lies before the first"]),
-        ("[grid]\npitch = [0, 1, 1]", &["greater than 0"]),
-        ("[grid]\nx = [0, 1e300]\npitch = [1e-9, 1, 1]", &["too many"]),
-        ("[medium]\nsound_speed = -343", &["greater than 0"]),
-        ("[medium]\ntemperature = 500", &["degrees Celsius from -50 to 60"]),
-        ("[medium]\ntemperature = 20\nhumidity = 101", &["0 to 100 %"]),
-        ("[medium]\ntemperature = 20\npressure = 101", &["1e4 to 1e6 Pa"]),
-        ("[medium]\ntemperature = 60\nhumidity = 100\npressure = 2e4", &["would be water"]),
-        ("[medium]\nhumidity = 40", &["`medium.humidity`", "give `temperature`"]),
-        ("[medium]\nabsorption = true", &["`medium.absorption`", "give `temperature`"]),
-        ("[medium]\nsound_speed = 340\ntemperature = 20", &["`medium.temperature`", "keep one of the two"]),
-        ("[array]\nspeaker_radius = -1", &["0 or more"]),
-        ("[array]\nphase_error = 400", &["0 to 360 degrees"]),
-        ("[reflectors]\nspacing = 0", &["greater than 0"]),
-        ("[reflectors]\nroughness = -1", &["0 or more"]),
-        ("[depth]\nreturns = 0", &["1 to 16"]),
-        ("[depth]\nreturns = 17", &["1 to 16"]),
-        ("[depth]\nmedian = 4", &["odd"]),
-        ("[depth]\nmedian = 0", &["odd"]),
-        ("[depth]\nseparation = 0", &["greater than 0"]),
-        ("[depth]\nsmoothing = [0, -1, 0]", &["0 or more"]),
-        ("[depth]\nthreshold_db = 14", &["0 dB or less"]),
-        ("[depth]\nfill = -inf", &["number of metres"]),
-        ("[reconstruct]\ntolerance = 1", &["relative error"]),
-        ("[detection]\ntolerance = -1e-6", &["detection.tolerance", "relative error"]),
-        ("[array]\ncount = [0, 1]", &["at least 1"]),
-        ("[array]\ncount = [4000000000, 4000000000]", &["too many"]),
-        ("[array]\ncount = [1, 1]\nextent = [1, 0]", &["1 microphones cannot span"]),
-        ("[array]\ngeometry = \"monostatic\"\nsource = [0, 0, 1]", &["no speaker of its own"]),
-        ("[array]\nlayout = \"file\"", &["needs the key `file`"]),
-        ("[array]\nfile = \"a.csv\"", &["needs `layout = \"file\"`"]),
-        ("[array]\nlayout = \"file\"\nfile = \"a.csv\"\ncount = [2, 2]", &["4:1", "the file's own"]),
-        ("[array]\nelements = 200", &["no square grid", "such as 196"]),
-        ("[array]\nelements = 0", &["array.elements", "at least 1"]),
-        ("[array]\nelements = 256\ncount = [16, 16]", &["keep one of the two"]),
-        ("[array]\nlayout = \"spiral\"\nseed = 2", &["3:1", "needs `layout = \"random\"`"]),
-        ("[array]\nspacing = 0.01", &["2:1", "needs `layout = \"random\"`"]),
-        ("[array]\nlayout = \"random\"\nspacing = -1", &["0 or more"]),
-        ("[array]\nlayout = \"random\"\nfile = \"a.csv\"", &["needs `layout = \"file\"`"]),
-        ("[array]\nextent = [1, 1, 1]", &["expected [along x, along y], or one number for both"]),
-        ("[array]\ncount = 3.5", &["the number 3.5"]),
-        ("[array]\npitch = [1, 1]\nextent = [1, 1]", &["3:1, key `array.extent`", "keep one"]),
-        ("[scene]\nfit = [0, 0, 1]\ntranslate = [0, 0, 1]", &["2:1, key `scene.fit`", "keep one"]),
-        ("[scene]\nfit = [0, 0, 1]\nsensor = \"node:a\"", &["keep one"]),
-        ("[scene]\nsensor = \"Front\"", &["camera:NAME"]),
-        ("[scene]\nsensor = \"camera:\"", &["camera:NAME"]),
-        ("[scene]\nscale = 0", &["greater than 0"]),
-        ("[scene]\nmesh = \"\"", &["is empty"]),
-        ("[output]\nformats = [\"exr\", \"exr\"]", &["second time"]),
-        ("[expect]\nrmse = {}", &["sets no limit"]),
-        ("[expect]\ncompleteness = { min = 65 }", &["share from 0 to 1"]),
-        ("[expect]\nrmse = { min = 2, max = 1 }", &["at least 2.0 and at most 1.0"]),
-        ("[sweep]\nstop = 1e400", &["2:1, key `sweep.stop`", "too large"]),
-        ("[reflectors]\nseed = 99999999999999999999", &["too large"]),
-        ("[sweep]\nstop 3", &["run.toml:2:", "is not valid TOML"]),
-        ("[sweep]\nstop = 3\nstop = 4", &["run.toml:3:", "is not valid TOML"]),
+        ("[sweep]\nstart = 10\nstop = 20\nstep = 0", &["4:1", "`sweep.step`", "0"][..]),
+        ("[sweep]\nstart = 30000", &["run.toml:1:2", "`sweep.stop`", "20000", "30000"]),
+        ("[sweep]\nstep = 30", &["`sweep.step`", "333.3333", "30", "stop = 19990", "step = 30.0"]),
+        ("[sweep]\nstep = 30000", &["`sweep.step`", "step = 10000.0"]),
+        ("[sweep]\nstep = 1e-9", &["`sweep.step`", "many"]),
+        ("[[materials]]\nname = 'a'\nreflectance = 1.5", &["`materials[0].reflectance`", "1.5", "0 to 1"]),
+        ("[[materials]]\nname = 'a'\ntransmittance = -1", &["`materials[0].transmittance`", "-1", "0 to 1"]),
+        ("[[materials]]\nname = ''", &["name", "\"*\""]),
+        ("[grid]\nz = [-1, 1]", &["`grid.z`", "-1", "array"]),
+        ("[grid]\nx = [1, -1]", &["`grid.x`", "-1", "1"]),
+        ("[grid]\npitch = [0, 1, 1]", &["`grid.pitch", "0"]),
+        ("[grid]\nx = [0, 1e300]\npitch = [1e-9, 1, 1]", &["`grid.x`", "many"]),
+        ("[medium]\nsound_speed = -343", &["`medium.sound_speed`", "-343", "0"]),
+        ("[medium]\ntemperature = 500", &["`medium.temperature`", "500", "-50", "60"]),
+        ("[medium]\ntemperature = 20\nhumidity = 101", &["`medium.humidity`", "101", "0", "100"]),
+        ("[medium]\ntemperature = 20\npressure = 101", &["`medium.pressure`", "101", "1e4", "1e6 Pa"]),
+        ("[medium]\ntemperature = 60\nhumidity = 100\npressure = 2e4", &["medium", "water"]),
+        ("[medium]\nhumidity = 40", &["`medium.humidity`", "`temperature`"]),
+        ("[medium]\nabsorption = true", &["`medium.absorption`", "`temperature`"]),
+        ("[medium]\nsound_speed = 340\ntemperature = 20", &["`medium.temperature`", "sound_speed"]),
+        ("[array]\nspeaker_radius = -1", &["`array.speaker_radius`", "-1", "0"]),
+        ("[array]\nphase_error = 400", &["`array.phase_error`", "400", "0", "360"]),
+        ("[reflectors]\nspacing = 0", &["`reflectors.spacing`", "0"]),
+        ("[reflectors]\nroughness = -1", &["`reflectors.roughness`", "-1", "0"]),
+        ("[depth]\nreturns = 0", &["`depth.returns`", "0", "1", "16"]),
+        ("[depth]\nreturns = 17", &["`depth.returns`", "17", "1", "16"]),
+        ("[depth]\nmedian = 4", &["`depth.median`", "4", "odd"]),
+        ("[depth]\nmedian = 0", &["`depth.median`", "0", "odd"]),
+        ("[depth]\nseparation = 0", &["`depth.separation`", "0"]),
+        ("[depth]\nsmoothing = [0, -1, 0]", &["`depth.smoothing", "-1", "0"]),
+        ("[depth]\nthreshold_db = 14", &["`depth.threshold_db`", "14", "0"]),
+        ("[depth]\nfill = -inf", &["`depth.fill`", "-inf"]),
+        ("[reconstruct]\ntolerance = 1", &["`reconstruct.tolerance`", "1"]),
+        ("[detection]\ntolerance = -1e-6", &["`detection.tolerance`", "-1e-6"]),
+        ("[array]\ncount = [0, 1]", &["`array.count", "1"]),
+        ("[array]\ncount = [4000000000, 4000000000]", &["`array.count`", "many"]),
+        ("[array]\ncount = [1, 1]\nextent = [1, 0]", &["`array.extent`", "1 microphone"]),
+        ("[array]\ngeometry = \"monostatic\"\nsource = [0, 0, 1]", &["`array.source`", "speaker"]),
+        ("[array]\nlayout = \"file\"", &["`array.layout`", "`file`"]),
+        ("[array]\nfile = \"a.csv\"", &["`array.file`", "`layout = \"file\"`"]),
+        ("[array]\nlayout = \"file\"\nfile = \"a.csv\"\ncount = [2, 2]", &["4:1", "`array.count`", "file"]),
+        ("[array]\nelements = 200", &["`array.elements`", "200", "196"]),
+        ("[array]\nelements = 0", &["`array.elements`", "1"]),
+        ("[array]\nelements = 256\ncount = [16, 16]", &["`array.elements`", "count"]),
+        ("[array]\nlayout = \"spiral\"\nseed = 2", &["3:1", "`array.seed`", "`layout = \"random\"`"]),
+        ("[array]\nspacing = 0.01", &["2:1", "`array.spacing`", "`layout = \"random\"`"]),
+        ("[array]\nlayout = \"random\"\nspacing = -1", &["`array.spacing`", "-1", "0"]),
+        ("[array]\nlayout = \"random\"\nfile = \"a.csv\"", &["`array.file`", "`layout = \"file\"`"]),
+        ("[array]\nextent = [1, 1, 1]", &["`array.extent`", "[along x, along y]"]),
+        ("[array]\ncount = 3.5", &["`array.count`", "3.5"]),
+        ("[array]\npitch = [1, 1]\nextent = [1, 1]", &["3:1", "`array.extent`", "pitch"]),
+        ("[scene]\nfit = [0, 0, 1]\ntranslate = [0, 0, 1]", &["2:1", "`scene.fit`", "translate"]),
+        ("[scene]\nfit = [0, 0, 1]\nsensor = \"node:a\"", &["`scene.fit`", "sensor"]),
+        ("[scene]\nsensor = \"Front\"", &["`scene.sensor`", "Front", "camera:NAME"]),
+        ("[scene]\nsensor = \"camera:\"", &["`scene.sensor`", "camera:NAME"]),
+        ("[scene]\nscale = 0", &["`scene.scale`", "0"]),
+        ("[scene]\nmesh = \"\"", &["`scene.mesh`", "empty"]),
+        ("[output]\nformats = [\"exr\", \"exr\"]", &["`output.formats[1]`", "exr"]),
+        ("[expect]\nrmse = {}", &["`expect.rmse`", "limit"]),
+        ("[expect]\ncompleteness = { min = 65 }", &["expect.completeness", "65", "0 to 1"]),
+        ("[expect]\nrmse = { min = 2, max = 1 }", &["`expect.rmse`", "2.0", "1.0"]),
+        ("[sweep]\nstop = 1e400", &["2:1", "`sweep.stop`", "large"]),
+        ("[reflectors]\nseed = 99999999999999999999", &["`reflectors.seed`", "large"]),
+        ("[sweep]\nstop 3", &["run.toml:2:", "TOML"]),
+        ("[sweep]\nstop = 3\nstop = 4", &["run.toml:3:", "TOML"]),
     ] {
         refused_with(text, parts);
     }
@@ -173,24 +155,25 @@ fn values_outside_their_range_are_refused_at_their_line() {
 #[test]
 fn an_override_at_fault_is_named() {
     let text = "[sweep]\nstart = 10000\nstop = 20000\n[[materials]]\nname = \"a\"";
-    for (typed, part) in [
-        ("grid.ptich=1", "did you mean `pitch`?"),
-        ("gird.pitch=1", "did you mean [grid]?"),
-        ("pitch=1", "`pitch` lacks its table ([array] or [grid]); write table.key=value"),
-        ("nothing", "expected table.key=value"),
-        ("sweep..step=1", "a part of the key is empty"),
-        ("=1", "a part of the key is empty"),
-        ("sweep.step=20Hz", "the text \"20Hz\"; expected a number"),
-        ("sweep.step=", "not valid TOML"),
-        ("array.count=[64,", "not valid TOML"),
-        ("sweep.start=30000", "before its start"),
-        ("sweep.start.low=3", "`sweep.start` is a value"),
-        ("materials.7.name=b", "`materials` is a list of 1"),
-        ("sweep.step=1\nstop=2", "expected a number"),
-        ("array.count=[1e999, 1]", "too large"),
+    for (typed, parts) in [
+        ("grid.ptich=1", &["`ptich`", "`pitch`"][..]),
+        ("gird.pitch=1", &["[gird]", "[grid]"]),
+        ("pitch=1", &["`pitch`", "[array]", "[grid]", "table.key=value"]),
+        ("nothing", &["table.key=value"]),
+        ("sweep..step=1", &["key", "empty"]),
+        ("=1", &["key", "empty"]),
+        ("sweep.step=20Hz", &["\"20Hz\"", "number"]),
+        ("sweep.step=", &["TOML"]),
+        ("array.count=[64,", &["TOML"]),
+        ("sweep.start=30000", &["20000", "30000"]),
+        ("sweep.start.low=3", &["`sweep.start`"]),
+        ("materials.7.name=b", &["`materials`", "1"]),
+        ("sweep.step=1\nstop=2", &["number"]),
+        ("array.count=[1e999, 1]", &["large"]),
     ] {
         let message = read_with(text, &[typed]).expect_err(typed).to_string();
-        assert!(message.starts_with("--set ") && message.contains(part), "{typed}: {message}");
+        assert!(message.starts_with("--set "), "{typed}: {message}");
+        assert_names(message, parts);
     }
     let both =
         read_with("", &["scene.fit=[0,0,1]", "scene.translate=[0,0,1]"]).expect_err("both").to_string();
@@ -201,15 +184,14 @@ fn an_override_at_fault_is_named() {
 fn files_that_are_no_run_files_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let missing = RunFile::load(&folder.path().join("none.toml"), &[]).expect_err("missing");
-    assert!(missing.to_string().contains("no such file"), "{missing}");
+    assert_names(missing.to_string(), &["none.toml", "file"]);
     assert!(RunFile::load(folder.path(), &[]).is_err(), "a folder");
-    for (bytes, part) in [
-        (&b"[scene]\nmesh = \"\xff\"\n"[..], "is not UTF-8"),
-        (&vec![b' '; 2 << 20][..], "larger than 1 MiB"),
-    ] {
+    for (bytes, part) in [(&b"[scene]\nmesh = \"\xff\"\n"[..], "UTF-8"), (&vec![b' '; 2 << 20][..], "1 MiB")]
+    {
         let path = folder.path().join("bad.toml");
         std::fs::write(&path, bytes).unwrap();
         let error = RunFile::load(&path, &[]).expect_err(part);
-        assert!(error.to_string().contains(part) && error.exit_status() == 2, "{error}");
+        assert_eq!(error.exit_status(), 2);
+        assert_names(error.to_string(), &["bad.toml", part]);
     }
 }

@@ -211,6 +211,7 @@ impl<'a> Parser<'a> {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+    use crate::named::assert_names;
 
     fn parse(text: &str) -> Result<Header, String> {
         Parser { rest: text }.header()
@@ -227,21 +228,20 @@ mod tests {
     }
 
     #[test]
-    fn anything_else_is_refused_in_words() {
+    fn anything_else_is_refused_and_what_is_wrong_is_named() {
         for (text, word) in [
             ("{'descr': '|O', 'fortran_order': False, 'shape': ()}", "objects"),
             ("{'descr': [('a', '<f4')], 'fortran_order': False, 'shape': ()}", "structured"),
             ("{'descr': '<f2', 'fortran_order': False, 'shape': ()}", "`<f2`"),
-            ("{'descr': '<f4', 'fortran_order': 0, 'shape': ()}", "neither"),
-            ("{'descr': '<f4', 'fortran_order': False, 'shape': (-1,)}", "tuple"),
-            ("{'descr': '<f4', 'fortran_order': False, 'shape': (99999999999999999999999,)}", "tuple"),
-            ("{'descr': '<f4', 'fortran_order': False}", "without"),
-            ("{'descr': '<f4', 'fortran_order': False, 'shape': (1,)} x", "after"),
-            ("{'descr': '<f4", "unfinished"),
+            ("{'descr': '<f4', 'fortran_order': 0, 'shape': ()}", "`fortran_order`"),
+            ("{'descr': '<f4', 'fortran_order': False, 'shape': (-1,)}", "shape"),
+            ("{'descr': '<f4', 'fortran_order': False, 'shape': (99999999999999999999999,)}", "shape"),
+            ("{'descr': '<f4', 'fortran_order': False}", "`shape`"),
+            ("{'descr': '<f4', 'fortran_order': False, 'shape': (1,)} x", "header"),
+            ("{'descr': '<f4", "header"),
             ("", "`{`"),
         ] {
-            let error = parse(text).unwrap_err();
-            assert!(error.contains(word), "{text}: {error}");
+            assert_names(parse(text).unwrap_err(), &[word]);
         }
     }
 }

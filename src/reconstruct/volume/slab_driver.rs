@@ -64,7 +64,7 @@ impl<'a> SlabDriver<'a> {
     /// reports the progress.
     ///
     /// # Errors
-    /// Those of `sink` and `compute`; [`Error::Io`](crate::error::Error::Io) when the buffers do not fit
+    /// Those of `sink` and `compute`; [`Error::OutOfMemory`](crate::error::Error::OutOfMemory) when the buffers do not fit
     /// in memory; [`Error::Interrupted`](crate::error::Error::Interrupted).
     pub(crate) fn run(
         self,

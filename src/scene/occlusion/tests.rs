@@ -7,6 +7,7 @@ use proptest::test_runner::RngSeed;
 
 use super::super::{Material, Scene, Triangle};
 use super::SurfaceTree;
+use crate::named::assert_names;
 
 fn scene(triangles: &[[DVec3; 3]], transmittance: f64) -> Scene {
     let material = Material { transmittance, ..Material::opaque("m") };
@@ -255,9 +256,9 @@ fn impossible_triangles_are_refused() {
         let triangle = Triangle { vertices: [DVec3::ZERO, DVec3::X, p], material };
         Scene::new(vec![triangle], vec![Material::opaque("m")]).unwrap_err().to_string()
     };
-    assert!(refused(DVec3::NAN, 0).contains("triangle 0: has a vertex that is not finite"));
-    assert!(refused(DVec3::Y * 2e9, 0).contains("1e9 m"));
-    assert!(refused(DVec3::Y, 1).contains("has material 1, of which there are 1"));
+    assert_names(refused(DVec3::NAN, 0), &["triangle 0", "finite"]);
+    assert_names(refused(DVec3::Y * 2e9, 0), &["triangle 0", "1e9 m"]);
+    assert_names(refused(DVec3::Y, 1), &["triangle 0", "material 1", "are 1"]);
     let loud = Material { reflectance: 1.1, ..Material::opaque("loud") };
-    assert!(Scene::new(vec![], vec![loud]).unwrap_err().to_string().contains("reflectance is 1.1"));
+    assert_names(Scene::new(vec![], vec![loud]).unwrap_err().to_string(), &["`loud`", "reflectance", "1.1"]);
 }

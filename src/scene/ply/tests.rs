@@ -8,6 +8,7 @@ use glam::DVec3;
 use super::super::listener::Listener;
 use super::super::{LoadOptions, Scene, Unit};
 use crate::error::Result;
+use crate::named::assert_names;
 
 fn metres() -> LoadOptions {
     LoadOptions { unit: Some(Unit::Metre), ..LoadOptions::default() }
@@ -93,11 +94,13 @@ fn both_byte_orders_are_read_and_their_truncation_noticed() {
         assert_eq!(scene.bounds().unwrap().0, DVec3::new(0.5, -300.0, 1.5));
         for length in 0..bytes.len() {
             let message = refused(&bytes[..length]);
-            let words = ["cut short", "is empty", "is no PLY"];
+            // An empty file, one that does not say that it is a PLY, or one that ends in the middle.
+            let words = ["cut", "empty", "PLY"];
             assert!(words.iter().any(|word| message.contains(word)), "{length}: {message}");
         }
         let (scene, heard) = load_with(&[&bytes[..], b"tail"].concat(), &metres());
-        assert!(scene.is_ok() && heard.contains("4 bytes follow the last of the elements"), "{heard}");
+        assert!(scene.is_ok());
+        assert_names(heard, &["scan.ply", "4 bytes"]);
     }
 }
 
@@ -114,10 +117,10 @@ fn strips_are_wound_alike_and_broken_by_minus_one() {
 #[test]
 fn a_unit_is_needed_and_there_is_no_sensor() {
     let unitless = load_with(TEXT.as_bytes(), &LoadOptions::default()).0.unwrap_err().to_string();
-    assert!(unitless.contains("scan.ply: a PLY does not say its unit"), "{unitless}");
+    assert_names(unitless, &["scan.ply", "PLY", "unit", "--unit mm"]);
     let options = LoadOptions { sensor: Some("node:a".parse().unwrap()), ..metres() };
     let error = load_with(TEXT.as_bytes(), &options).0.unwrap_err().to_string();
-    assert!(error.contains("is a PLY, which has no cameras or nodes"), "{error}");
+    assert_names(error, &["scan.ply", "PLY", "node"]);
 }
 
 #[test]
@@ -127,30 +130,29 @@ fn mistakes_name_their_place() {
         refused(TEXT.replacen(from, to, 1).as_bytes())
     };
     for (from, to, words) in [
-        ("ply\r", "plx\r", "is no PLY: its first line"),
-        ("ascii 1.0", "ascii 2.0", "line 2: has the format `ascii 2.0`"),
-        ("format ascii 1.0", "comment", "line 17: the header ends without a line such as `format"),
-        ("vertex 6", "vertex many", "line 8: declares `many` of `vertex`"),
-        ("vertex 6", "vertex -1", "line 8: declares `-1`"),
-        ("property double x", "property half x", "line 9: `property half x` should read like"),
-        ("list uchar int vertex", "list uchar vertex", "line 16: `property list uchar vertex_indices`"),
-        ("element origin 1", "comment", "line 7: has a property before the first `element`"),
-        ("obj_info", "nonsense", "line 4: `nonsense num_cols 3` has no meaning"),
-        ("end_header", "comment", "has no meaning in the header"),
-        ("property float y", "property float h", "have no property `y`"),
-        ("vertex_indices", "corners", "its element `face` needs a list `vertex_indices`"),
-        ("0.5\n0 9 1", "0.5\nzero 9 1", "line 20, vertex 1: has `zero` where a number was expected"),
-        ("0.5\n0 9 1", "0.5\nnan 9 1", "vertex 1: has a coordinate that is not finite"),
-        ("\n1 6 2", "\n1 -6 2", "line 26, face 0: has a list `vertex_indices` of -6 values"),
-        ("\n1 6 2", "\n1 1e18 2", "line 27, face 0: is missing or not complete"),
-        ("5 1\n", "5 6\n", "face 0: has vertex 6, but there are 6, counted from 0"),
-        ("5 1\n", "5 -1\n", "face 0: has vertex -1"),
-        ("5 1\n", "5 1.5\n", "face 0: has vertex 1.5; a whole number"),
-        ("vertex 6", "vertex 99999999999999", "is missing or not complete: the file is cut short"),
-        ("face 1", "face 99999999999999", "face 1: is missing or not complete"),
+        ("ply\r", "plx\r", &["PLY", "`ply`"][..]),
+        ("ascii 1.0", "ascii 2.0", &["line 2", "`ascii 2.0`"]),
+        ("format ascii 1.0", "comment", &["line 17", "`format"]),
+        ("vertex 6", "vertex many", &["line 8", "`many`", "`vertex`"]),
+        ("vertex 6", "vertex -1", &["line 8", "`-1`"]),
+        ("property double x", "property half x", &["line 9", "`property half x`"]),
+        ("list uchar int vertex", "list uchar vertex", &["line 16", "`property list uchar vertex_indices`"]),
+        ("element origin 1", "comment", &["line 7", "`element`"]),
+        ("obj_info", "nonsense", &["line 4", "`nonsense num_cols 3`"]),
+        ("end_header", "comment", &["line 18", "header"]),
+        ("property float y", "property float h", &["property `y`"]),
+        ("vertex_indices", "corners", &["`face`", "`vertex_indices`"]),
+        ("0.5\n0 9 1", "0.5\nzero 9 1", &["line 20", "vertex 1", "`zero`"]),
+        ("0.5\n0 9 1", "0.5\nnan 9 1", &["vertex 1", "finite"]),
+        ("\n1 6 2", "\n1 -6 2", &["line 26", "face 0", "`vertex_indices`", "-6"]),
+        ("\n1 6 2", "\n1 1e18 2", &["line 27", "face 0"]),
+        ("5 1\n", "5 6\n", &["face 0", "vertex 6", "are 6"]),
+        ("5 1\n", "5 -1\n", &["face 0", "vertex -1"]),
+        ("5 1\n", "5 1.5\n", &["face 0", "vertex 1.5", "whole number"]),
+        ("vertex 6", "vertex 99999999999999", &["vertex 7", "cut short"]),
+        ("face 1", "face 99999999999999", &["face 1"]),
     ] {
-        let message = changed(from, to);
-        assert!(message.contains(words), "{from} -> {to}: {message}");
+        assert_names(changed(from, to), words);
     }
 }
 
@@ -163,12 +165,9 @@ fn what_takes_no_room_takes_no_time() {
 #[test]
 fn points_without_faces_are_told_from_an_empty_file() {
     let points = TEXT.replacen("face 1", "face 0", 1).replacen("1 6 2 3 4 0 5 1\n", "", 1);
-    assert!(
-        refused(points.as_bytes())
-            .contains("holds 6 points and no faces, but sound comes back from surfaces")
-    );
+    assert_names(refused(points.as_bytes()), &["6 points", "face"]);
     let empty = "ply\nformat ascii 1.0\nelement vertex 0\nproperty int x\nproperty int y\nproperty int z\nend_header\n";
-    assert!(refused(empty.as_bytes()).contains("holds no triangle with an area"));
+    assert_names(refused(empty.as_bytes()), &["triangle"]);
     let thin = TEXT.replacen("1 6 2 3 4 0 5 1\n", "1 2 2 3\n", 1);
-    assert!(refused(thin.as_bytes()).contains("holds no triangle with an area"));
+    assert_names(refused(thin.as_bytes()), &["triangle"]);
 }

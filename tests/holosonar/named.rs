@@ -1,0 +1,45 @@
+//! What a message must name: files, keys, places and numbers, in whatever words stand around them.
+//!
+//! Tests hold messages to these instead of to their sentences, so that a rewording breaks no test and a message that no longer
+//! says where the fault is, or by how much, does. The library's unit tests take this file, too (`src/lib.rs`).
+
+/// The parts that a message does not name. A number must stand there whole: `30` is not in `300`, `130`, `30.5` or `1.30`.
+fn unnamed<'a>(message: &str, parts: &[&'a str]) -> Vec<&'a str> {
+    parts.iter().copied().filter(|part| !names(message, part)).collect()
+}
+
+fn names(message: &str, part: &str) -> bool {
+    let is_digit = |c: char| c.is_ascii_digit();
+    message.match_indices(part).any(|(at, _)| {
+        let (before, after) = (&message[..at], &message[at + part.len()..]);
+        let cut_before = part.starts_with(is_digit) && before.ends_with(|c| is_digit(c) || c == '.');
+        let fraction = after.strip_prefix('.').unwrap_or(after);
+        !cut_before && !(part.ends_with(is_digit) && fraction.starts_with(is_digit))
+    })
+}
+
+/// Whether a message names all of `parts`; a number must stand there whole.
+pub(crate) fn all_named(message: impl AsRef<str>, parts: &[&str]) -> bool {
+    unnamed(message.as_ref(), parts).is_empty()
+}
+
+/// Asserts that a message names all of `parts`; a number must stand there whole.
+///
+/// # Panics
+/// With the message and what is missing.
+#[track_caller]
+pub(crate) fn assert_names(message: impl AsRef<str>, parts: &[&str]) {
+    let message = message.as_ref();
+    let missing = unnamed(message, parts);
+    assert!(missing.is_empty(), "{missing:?} is not named: {message}");
+}
+
+#[test]
+fn a_number_is_named_whole_and_words_in_any_place() {
+    let message = "run.toml:3:1, key `sweep.step`: 10000.0 is 333.3333 steps of 30; take -9 or 25.";
+    let named = ["run.toml:3", "`sweep.step`", "333.3333", "30", "-9", "25", "10000.0", "step", "key"];
+    assert_eq!(unnamed(message, &named), Vec::<&str>::new());
+    let missing = ["333", "3333", "10000", "0", "2", "run.toml:2", "sweep.stop", "25.0"];
+    assert_eq!(unnamed(message, &missing), missing);
+    assert!(all_named("", &[]) && !all_named("", &["30"]));
+}
