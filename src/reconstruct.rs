@@ -13,6 +13,7 @@ mod backprojection;
 mod compress;
 mod convolution;
 mod direct;
+mod error_budget;
 mod job;
 mod linear;
 mod numerics;
@@ -30,6 +31,7 @@ use crate::acquisition::{CubeSource, DataCube};
 use crate::error::{Error, Result};
 use crate::grid::{Grid, Volume, no_room_for};
 use crate::progress::Observer;
+use error_budget::ErrorBudget;
 use job::Job;
 use plan::{Choice, Options};
 use volume::{Compensated, Gain};
@@ -135,8 +137,8 @@ fn in_pool(
         }
         None => sink,
     };
-    let (weights, tolerance) = (&weights, options.tolerance);
-    let info = carry_out(&choice, Job { source, weights, grid, tolerance, batch, sink, observer })?;
+    let (weights, budget) = (&weights, ErrorBudget::new(options.tolerance));
+    let info = carry_out(&choice, Job { source, weights, grid, budget, batch, sink, observer })?;
     Ok(gain.map_or(info, |gain| gain.info(&info)))
 }
 

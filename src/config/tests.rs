@@ -8,8 +8,8 @@ mod refusals;
 
 use super::*;
 use crate::export::Fill;
-use crate::scene::Unit;
 use crate::named::assert_names;
+use crate::scene::Unit;
 use std::path::PathBuf;
 
 fn read(text: &str) -> Result<RunFile> {

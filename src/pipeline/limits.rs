@@ -94,12 +94,7 @@ pub struct Judgement {
 ///
 /// # Errors
 /// What the stages refuse; a run file without `[expect]`, or a scene without a truth.
-pub fn check_scene(
-    path: &Path,
-    run: &RunFile,
-    seeds: &[u32],
-    observer: &dyn Observer,
-) -> Result<Judgement> {
+pub fn check_scene(path: &Path, run: &RunFile, seeds: &[u32], observer: &dyn Observer) -> Result<Judgement> {
     let mut run = run.clone();
     if run.expect.limits.is_empty() {
         return Err(Error::input(

@@ -53,7 +53,8 @@ impl Look<'_> {
         if options.method == Method::Auto && options.tolerance > 0.0 {
             let tried = ReconstructOptions { method: Method::Backprojection, ..options };
             let estimates = estimate(&self.instrument.setup(), grid, &tried, 1)?;
-            let exact = estimates.methods.iter().filter(|e| e.obstacle.is_none() && e.method != Method::Linear);
+            let exact =
+                estimates.methods.iter().filter(|e| e.obstacle.is_none() && e.method != Method::Linear);
             let least = exact.min_by(|a, b| a.operations.total_cmp(&b.operations));
             options.method = least.map_or(Method::Auto, |e| e.method);
         }

@@ -27,7 +27,8 @@ use crate::acquisition::Setup;
 use crate::error::Result;
 use crate::grid::Grid;
 use crate::progress::advance;
-use crate::reconstruct::compress::{SlabTones, Tones, VolumeTones, slabs_of};
+use crate::reconstruct::compress::{SlabTones, Tones, VolumeTones, slabs_of, virtual_tone_count};
+use crate::reconstruct::error_budget::ErrorBudget;
 use crate::reconstruct::job::Job;
 use crate::reconstruct::volume::{Slab, SlabDriver};
 use crate::reconstruct::{Method, ReconstructionInfo};
@@ -41,12 +42,6 @@ use num_complex::Complex32;
 use profile::{Band, Rung, lebesgue};
 use rayon::prelude::*;
 use std::ops::Range;
-
-/// The share of the tolerance that cutting off the series may use.
-const SERIES_SHARE: f64 = 0.6;
-
-/// The share of what is left to the skeletons that the first of the two compressions may use.
-const FIRST_SHARE: f64 = 0.3;
 
 /// The most slabs that depths are dealt out to; each has a decomposition of its own.
 const MOST_SLABS: usize = 32;
@@ -62,6 +57,7 @@ const LEAST_FOR_TILES: f64 = 1e9;
 pub(super) struct Plan {
     /// The voxels.
     grid: Grid,
+    budget: ErrorBudget,
     /// For the voxels themselves.
     fine: Division,
     /// Tiles and nodes, where that takes fewer operations.
@@ -80,14 +76,14 @@ struct Division {
 
 impl Plan {
     /// Divides a job by a fixed operation count, so that the same job is always divided alike.
-    pub(super) fn new(setup: &Setup, grid: &Grid, tolerance: f64) -> Self {
-        let fine = Division::new(setup, grid, tolerance);
-        let band = Band { tolerance: SERIES_SHARE * factorised::usual_tolerance(tolerance), ..fine.band };
+    pub(super) fn new(setup: &Setup, grid: &Grid, budget: ErrorBudget) -> Self {
+        let fine = Division::new(setup, grid, budget);
+        let band = Band { tolerance: factorised::usual_budget(budget).series(), ..fine.band };
         let tiled = (fine.operations > LEAST_FOR_TILES)
-            .then(|| Lattice::find(setup, grid, &band, tolerance))
+            .then(|| Lattice::find(setup, grid, &band, budget))
             .flatten()
             .filter(|lattice| lattice.operations < fine.operations);
-        Self { grid: *grid, fine, tiled }
+        Self { grid: *grid, budget, fine, tiled }
     }
 
     /// Bytes for the voxels that are worked on at a time, and for nodes.
@@ -111,6 +107,12 @@ impl Plan {
         row.saturating_add(1 << 20)
     }
 
+    /// Virtual tones of the whole sweep, about.
+    pub(super) fn virtual_tones(&self, setup: &Setup) -> usize {
+        let whole = setup.path_interval(&self.grid, 0..self.grid.z.count);
+        virtual_tone_count(setup.sweep, &whole, 0.1 * self.budget.all())
+    }
+
     /// Operations of the job, comparable with those of [`crate::reconstruct::direct`].
     pub(super) fn operations(&self) -> f64 {
         self.tiled.as_ref().map_or(self.fine.operations, |lattice| lattice.operations)
@@ -119,12 +121,12 @@ impl Plan {
 
 impl Division {
     /// The division of fewest operations.
-    fn new(setup: &Setup, grid: &Grid, tolerance: f64) -> Self {
+    fn new(setup: &Setup, grid: &Grid, budget: ErrorBudget) -> Self {
         let band = Band {
             carrier: setup.sweep.centre(),
             bandwidth: setup.sweep.bandwidth(),
             sound_speed: setup.sound_speed,
-            tolerance: SERIES_SHARE * tolerance,
+            tolerance: budget.series(),
         };
         let places = setup.array.positions();
         let step = places.len().div_ceil(24);
@@ -172,15 +174,15 @@ pub(super) fn backprojection(job: Job<'_>, plan: &Plan) -> Result<Reconstruction
     {
         return tiled.image(job);
     }
-    let Job { source, weights, grid, tolerance, batch, sink, observer } = job;
+    let Job { source, weights, grid, budget, batch, sink, observer } = job;
     let Division { band, shape, thickness, .. } = plan.fine;
     let greatest = greatest_half(shape.half(grid));
-    let budget = Budget::new(&band, greatest, tolerance);
+    let budget = SeriesBudget::new(&band, greatest, budget);
     let whole = interval(&source.setup(), grid, shape, 0..grid.z.count);
-    let compressed = VolumeTones::compress(source, weights, whole, FIRST_SHARE * budget.skeletons, observer)?;
+    let compressed = VolumeTones::compress(source, weights, whole, budget.tones, observer)?;
     let setup = source.setup();
     let interval = |depths| interval(&setup, grid, shape, depths);
-    let slabs = compressed.slabs(slabs_of(grid.z.count, thickness), interval, share, budget.skeletons);
+    let slabs = compressed.slabs(slabs_of(grid.z.count, thickness), interval, share, budget.tones);
     let error_bound = budget.error(&slabs) * compressed.modulus;
     let groups = Group::of(setup.array.positions(), (0..setup.array.len()).collect());
     let width = setup.array.len();
@@ -192,7 +194,7 @@ pub(super) fn backprojection(job: Job<'_>, plan: &Plan) -> Result<Reconstruction
     let info = ReconstructionInfo { method: Method::Backprojection, error_bound };
     driver.run(info, sink, |part, depths, planes| {
         let tones = slabs[part.start].of(&compressed, width)?;
-        let heard = Heard::new(&setup, band, greatest, &tones);
+        let profiles = SlabProfiles::new(&setup, band, greatest, &tones);
         let groups: Vec<_> = groups.iter().map(|g| (g, g.tones(&tones, width))).collect();
         let blocks = Block::of(grid, shape, depths.clone());
         let images: Vec<[Vec<f32>; 2]> = blocks
@@ -205,7 +207,7 @@ pub(super) fn backprojection(job: Job<'_>, plan: &Plan) -> Result<Reconstruction
                     let each = group.positions.iter().map(|r| half_width(&setup.geometry, centre, half, *r));
                     each.fold(0.0, greater)
                 };
-                let image = heard.image(centre, &points, &groups, widest);
+                let image = profiles.image(centre, &points, &groups, widest);
                 advance(observer, 1).map(|()| image)
             })
             .collect::<Result<_>>()?;
@@ -216,22 +218,22 @@ pub(super) fn backprojection(job: Job<'_>, plan: &Plan) -> Result<Reconstruction
     })
 }
 
-/// How a tolerance is shared out between series and skeletons.
-struct Budget {
+/// What cutting off the series errs by, and what that leaves to the tones.
+struct SeriesBudget {
     /// Of cutting off the series.
     series: f64,
     /// By how much a series amplifies errors of its tones.
     amplification: f64,
-    /// What skeletons may err by.
-    skeletons: f64,
+    /// What the two compressions of the sweep may err by.
+    tones: ErrorBudget,
 }
 
-impl Budget {
+impl SeriesBudget {
     /// For profiles up to `greatest` m to both sides of a centre.
-    fn new(band: &Band, greatest: f64, tolerance: f64) -> Self {
+    fn new(band: &Band, greatest: f64, budget: ErrorBudget) -> Self {
         let (terms, series) = band.terms(greatest);
         let amplification = lebesgue(terms);
-        Self { series, amplification, skeletons: (tolerance - series) / amplification }
+        Self { series, amplification, tones: budget.after(series).before(amplification) }
     }
 
     /// What all of it comes to with the skeletons that were found.
@@ -241,14 +243,14 @@ impl Budget {
 }
 
 /// What blocks share that are summed from the same tones.
-struct Heard<'a> {
+struct SlabProfiles<'a> {
     geometry: Geometry,
     band: Band,
     ladder: Vec<Rung>,
     per_metre: &'a [f64],
 }
 
-impl<'a> Heard<'a> {
+impl<'a> SlabProfiles<'a> {
     /// For tones whose profiles reach up to `greatest` m to both sides of a centre.
     fn new(setup: &Setup, band: Band, greatest: f64, tones: &'a Tones) -> Self {
         let frequencies: Vec<f64> = tones.per_metre.iter().map(|k| -k * setup.sound_speed).collect();

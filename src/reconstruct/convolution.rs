@@ -25,6 +25,7 @@ use crate::error::Result;
 use crate::grid::Grid;
 use crate::progress::{Observer, advance};
 use crate::reconstruct::compress::{SlabTones, Tones, VolumeTones, slabs_of};
+use crate::reconstruct::error_budget::ErrorBudget;
 use crate::reconstruct::job::Job;
 use crate::reconstruct::volume::{Batch, Slab, SlabDriver};
 use crate::reconstruct::{Method, ReconstructionInfo, no_room};
@@ -47,13 +48,12 @@ pub(super) fn usual_batch(layout: &Layout, frequencies: usize, threads: usize) -
     Batch { frequencies: block.clamp(1, frequencies), ..Batch::of_threads(threads) }
 }
 
-/// The share of the tolerance that the first of the two compressions may use.
-pub(super) const FIRST_SHARE: f64 = 0.3;
-
 /// How Eq. 16 is carried out for one job.
 #[derive(Debug)]
 pub(super) struct Plan {
     pub(super) layout: Layout,
+    /// What spreading leaves to the two compressions.
+    pub(super) compression: ErrorBudget,
     /// Where there is a tolerance: how depths are divided.
     pub(super) slabs: Option<Slabs>,
     /// What depths take that have no part in the lattice.
@@ -61,14 +61,15 @@ pub(super) struct Plan {
 }
 
 impl Plan {
-    /// How the kernels of a lattice are summed, to within what the lattice itself leaves of `tolerance`.
-    pub(super) fn new(setup: &Setup, grid: &Grid, lattice: SharedLattice, tolerance: f64) -> Self {
+    /// How the kernels of a lattice are summed, to within what the lattice itself leaves of the budget.
+    pub(super) fn new(setup: &Setup, grid: &Grid, lattice: SharedLattice, budget: ErrorBudget) -> Self {
         let layout = Layout::new(lattice, *grid, setup.geometry);
-        let left = tolerance - layout.lattice.error();
-        let slabs = (left > 0.0).then(|| Slabs::new(setup, &layout));
+        let compression = budget.after(layout.lattice.error());
+        let slabs = (compression.all() > 0.0).then(|| Slabs::new(setup, &layout));
         let thickness = slabs.as_ref().map_or(1, |slabs| slabs.thickness);
-        let near = near_field::Cost::new(setup, grid, &layout.lattice.near, thickness, FIRST_SHARE * left);
-        Self { layout, slabs, near }
+        let near =
+            near_field::Cost::new(setup, grid, &layout.lattice.near, thickness, compression.virtual_tones());
+        Self { layout, compression, slabs, near }
     }
 
     /// Where every frequency is summed: bytes of one frequency's spectra, and of each thread's buffers.
@@ -124,7 +125,7 @@ impl Depths<'_> {
 pub(super) fn convolution(job: Job<'_>, plan: &Plan) -> Result<ReconstructionInfo> {
     match &plan.slabs {
         None => every_frequency(job, &plan.layout),
-        Some(slabs) => skeleton_frequencies(job, &plan.layout, slabs),
+        Some(slabs) => skeleton_frequencies(job, plan, slabs),
     }
 }
 
@@ -171,17 +172,17 @@ fn every_frequency(job: Job<'_>, layout: &Layout) -> Result<ReconstructionInfo> 
 }
 
 /// Skeleton tones, slab by slab.
-fn skeleton_frequencies(job: Job<'_>, layout: &Layout, division: &Slabs) -> Result<ReconstructionInfo> {
+fn skeleton_frequencies(job: Job<'_>, plan: &Plan, division: &Slabs) -> Result<ReconstructionInfo> {
+    let Plan { layout, compression, .. } = plan;
     let Job { source, weights, grid, batch, sink, observer, .. } = job;
-    let tolerance = job.tolerance - layout.lattice.error();
     let depths = grid.z.count;
     let whole = source.setup().path_interval(grid, 0..depths);
-    let mut compressed = VolumeTones::compress(source, weights, whole, FIRST_SHARE * tolerance, observer)?;
+    let mut compressed = VolumeTones::compress(source, weights, whole, *compression, observer)?;
     let setup = source.setup();
     let thickness = division.thickness;
     let interval = |planes| setup.path_interval(grid, planes);
     let share = |longer, own, depths| division.share(longer, own, depths);
-    let slabs = compressed.slabs(slabs_of(depths, thickness), interval, share, tolerance);
+    let slabs = compressed.slabs(slabs_of(depths, thickness), interval, share, *compression);
     let error = slabs.iter().map(|slab| slab.error).fold(0.0, greater) + layout.lattice.error();
     let near = NearField::new(&setup, grid, &layout.lattice.near, &compressed, &slabs)?;
     let samples = std::mem::take(&mut compressed.tones.samples);

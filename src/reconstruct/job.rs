@@ -1,6 +1,7 @@
 //! What every method is given: the samples, the voxels, and what takes the finished depths.
 
 use super::VolumeSink;
+use super::error_budget::ErrorBudget;
 use super::volume::Batch;
 use super::window::Weights;
 use crate::acquisition::CubeSource;
@@ -15,8 +16,8 @@ pub(crate) struct Job<'a> {
     pub(crate) weights: &'a Weights,
     /// The voxels.
     pub(crate) grid: &'a Grid,
-    /// The error that any voxel may have, relative to `Σ|w m| / Σw`.
-    pub(crate) tolerance: f64,
+    /// The error that any voxel may have.
+    pub(crate) budget: ErrorBudget,
     /// How much is worked on at a time.
     pub(crate) batch: Batch,
     /// Takes the depths as they are finished.

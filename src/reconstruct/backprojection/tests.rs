@@ -44,9 +44,9 @@ fn grids() -> [Grid; 4] {
 }
 
 fn lattice(cube: &DataCube, grid: &Grid, tolerance: f64) -> Option<Lattice> {
-    let band = Division::new(&cube.setup(), grid, tolerance).band;
-    let band = Band { tolerance: SERIES_SHARE * factorised::usual_tolerance(tolerance), ..band };
-    Lattice::find(&cube.setup(), grid, &band, tolerance)
+    let band = Division::new(&cube.setup(), grid, ErrorBudget::new(tolerance)).band;
+    let band = Band { tolerance: factorised::usual_budget(ErrorBudget::new(tolerance)).series(), ..band };
+    Lattice::find(&cube.setup(), grid, &band, ErrorBudget::new(tolerance))
 }
 
 fn tiled(
@@ -58,10 +58,11 @@ fn tiled(
 ) -> ReconstructionInfo {
     let setup = cube.setup();
     let weights = Weights::new(&setup, Window::Hann);
-    let band = Division::new(&setup, grid, tolerance).band;
+    let budget = ErrorBudget::new(tolerance);
+    let band = Division::new(&setup, grid, budget).band;
     let tiled = Tiled::new(lattice, &setup, grid, band).expect("little").expect("every node has a place");
     let (source, weights, batch) = (&mut &*cube, &weights, Batch::of_threads(2));
-    tiled.image(Job { source, weights, grid, tolerance, batch, sink, observer: &Silent }).expect("little")
+    tiled.image(Job { source, weights, grid, budget, batch, sink, observer: &Silent }).expect("little")
 }
 
 #[test]

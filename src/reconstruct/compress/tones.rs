@@ -10,6 +10,7 @@ use crate::acquisition::CubeSource;
 use crate::alloc::{try_with_capacity, try_zeroed};
 use crate::error::Result;
 use crate::progress::{Observer, advance, stage};
+use crate::reconstruct::error_budget::ErrorBudget;
 use crate::reconstruct::no_room;
 use crate::reconstruct::window::Weights;
 use crate::wave::interval::{PathInterval, turned};
@@ -81,17 +82,17 @@ pub(crate) struct SlabTones {
 }
 
 impl VolumeTones {
-    /// Compresses a cube, block by block, for all path lengths of `interval` to within `tolerance`.
+    /// Compresses a cube, block by block, for all path lengths of `interval` to within its share of the budget.
     pub(crate) fn compress(
         source: &mut dyn CubeSource,
         weights: &Weights,
         interval: PathInterval,
-        tolerance: f64,
+        budget: ErrorBudget,
         observer: &dyn Observer,
     ) -> Result<Self> {
         let setup = source.setup();
         let (n_f, n_mic) = (setup.sweep.len(), setup.array.len());
-        let found = VirtualTones::find(setup.sweep, interval, tolerance);
+        let found = VirtualTones::find(setup.sweep, interval, budget.virtual_tones());
         let frequencies = found.frequencies().to_vec();
         let per_metre = frequencies.iter().map(|f| -f / interval.sound_speed).collect();
         let count = (frequencies.len() as u64).saturating_mul(n_mic as u64);
@@ -117,7 +118,7 @@ impl VolumeTones {
         planes: impl Iterator<Item = Range<usize>>,
         interval: impl Fn(Range<usize>) -> PathInterval,
         share: impl Fn(f64, f64, usize) -> bool,
-        tolerance: f64,
+        budget: ErrorBudget,
     ) -> Vec<SlabTones> {
         let planes: Vec<_> = planes.collect();
         let intervals: Vec<_> = planes.iter().map(|planes| interval(planes.clone())).collect();
@@ -125,7 +126,7 @@ impl VolumeTones {
         let spreads =
             intervals.iter().zip(&planes).map(|(i, planes)| (bandwidth * i.duration(), planes.len()));
         let finders = finders(&spreads.collect::<Vec<_>>(), share);
-        let tolerance = (tolerance - self.error) / self.growth;
+        let tolerance = budget.after(self.error).before(self.growth).all();
         let found = |i: usize| {
             (finders[i] == i).then(|| Arc::new(skeleton(&self.frequencies, intervals[i], tolerance)))
         };

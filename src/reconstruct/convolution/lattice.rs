@@ -7,6 +7,7 @@
 use crate::acquisition::{MicArray, Setup};
 use crate::alloc::try_zeroed;
 use crate::grid::{Axis, Grid};
+use crate::reconstruct::error_budget::ErrorBudget;
 use crate::reconstruct::no_room;
 use crate::reconstruct::numerics::{
     FILLS, Footprint, Interpolator, Kernels, footprints, nodes_around, spread,
@@ -62,17 +63,17 @@ pub(crate) type Sublattices = [Sublattice; 2];
 
 impl SharedLattice {
     /// The lattice, or those there are to choose among: the fewer depths have to be near, the finer the nodes. Spreads to
-    /// within `tolerance` where the microphones fit none; 0 allows no spreading.
+    /// within its share of the budget where the microphones fit none; a budget of 0 allows no spreading.
     ///
     /// # Errors
     /// In words: why there is none, and what would mend it.
-    pub(crate) fn find(setup: &Setup, grid: &Grid, tolerance: f64) -> Result<Vec<Self>, String> {
+    pub(crate) fn find(setup: &Setup, grid: &Grid, budget: ErrorBudget) -> Result<Vec<Self>, String> {
         let mut near = NEAR.map(|waves| within(waves * shortest(setup), setup, grid)).to_vec();
         near.dedup();
         let mut found = Vec::new();
         let mut misfit = String::new();
         for near in near {
-            match Self::with(setup, grid, tolerance, near) {
+            match Self::with(setup, grid, budget.spreading(), near) {
                 // Where microphones stand on nodes, no depth is too near.
                 Ok(lattice) if lattice.exact() => return Ok(vec![lattice]),
                 Ok(lattice) => found.push(lattice),
@@ -82,14 +83,13 @@ impl SharedLattice {
         if found.is_empty() { Err(misfit) } else { Ok(found) }
     }
 
-    /// The lattice that serves all depths but those `near`.
+    /// The lattice that serves all depths but those `near`, each axis to within `tolerance`.
     fn with(setup: &Setup, grid: &Grid, tolerance: f64, near: Range<usize>) -> Result<Self, String> {
         let (low, high) = setup.array.bounds();
         let shortest = shortest(setup);
         if high.z - low.z > 1e-6 * shortest {
             return Err(format!("the microphones lie in no plane of constant z ({} to {} m)", low.z, high.z));
         }
-        // Each axis may use half of what is allowed; their errors add.
         let plane = low.z;
         let axis = |name: &str, voxels: &Axis, mics: Option<&Axis>, low: f64, high: f64| {
             let misfit = match exact(name, voxels, mics, [low, high], shortest) {
@@ -106,7 +106,7 @@ impl SharedLattice {
             }
             let aside = (voxels.last() - low).abs().max((high - voxels.first).abs());
             let kernels = Kernels { wavenumber: 2.0 * PI / shortest, height, aside };
-            spread_axis(voxels, [low, high], &kernels, tolerance / 2.0).ok_or_else(|| {
+            spread_axis(voxels, [low, high], &kernels, tolerance).ok_or_else(|| {
                 format!("{misfit}, and voxels {height} m from the array are too near to do without")
             })
         };

@@ -208,6 +208,7 @@ mod tests {
     use crate::progress::Silent;
     use crate::reconstruct::convolution::lattice::SharedLattice;
     use crate::reconstruct::convolution::{Depths, Workspaces};
+    use crate::reconstruct::error_budget::ErrorBudget;
 
     /// Numbers in −½ .. ½ that look random.
     fn noise(count: usize, seed: f64) -> Vec<Complex32> {
@@ -220,7 +221,7 @@ mod tests {
         let sweep = Sweep::stepped("sweep", 10_000.0, 18_000.0, 2_000.0).unwrap();
         let (detection, sound_speed) = (Detection::Quadrature, 343.0);
         let setup = Setup { sweep: &sweep, array, geometry, detection, sound_speed };
-        let lattice = SharedLattice::find(&setup, &grid, 0.0).unwrap().remove(0);
+        let lattice = SharedLattice::find(&setup, &grid, ErrorBudget::new(0.0)).unwrap().remove(0);
         let layout = Layout::new(lattice, grid, geometry);
         let tones = Tones {
             per_metre: sweep.frequencies().iter().map(|f| -f / sound_speed).collect(),

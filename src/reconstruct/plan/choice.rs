@@ -5,6 +5,7 @@ use crate::acquisition::Setup;
 use crate::error::{Error, Result};
 use crate::grid::Grid;
 use crate::reconstruct::convolution::SharedLattice;
+use crate::reconstruct::error_budget::ErrorBudget;
 use crate::reconstruct::{Estimate, Method, ReconstructOptions, backprojection, convolution};
 
 /// Above this many terms `direct` must be asked for by name; it would run for many minutes.
@@ -41,11 +42,11 @@ impl Options {
         threads: usize,
     ) -> Result<Self> {
         check(grid, options)?;
-        // Spreading and skeletons share the tolerance.
-        let lattices = SharedLattice::find(setup, grid, 0.5 * options.tolerance);
+        let budget = ErrorBudget::new(options.tolerance);
+        let lattices = SharedLattice::find(setup, grid, budget);
         let convolution = lattices.map(|lattices| {
             let priced = lattices.into_iter().map(|lattice| {
-                let plan = convolution::Plan::new(setup, grid, lattice, options.tolerance);
+                let plan = convolution::Plan::new(setup, grid, lattice, budget);
                 let estimate = cost::of_convolution(setup, grid, options, &plan, threads);
                 (plan, estimate)
             });
@@ -58,8 +59,8 @@ impl Options {
             plan.near.operations <= 0.5 * estimate.operations
         };
         let wanted = !convolution.as_ref().is_ok_and(by_lattice) || options.method == Method::Backprojection;
-        let backprojection = (wanted && options.tolerance > 0.0)
-            .then(|| backprojection::Plan::new(setup, grid, options.tolerance));
+        let backprojection =
+            (wanted && options.tolerance > 0.0).then(|| backprojection::Plan::new(setup, grid, budget));
         let known = convolution.as_ref().map(|(_, estimate)| estimate.clone()).map_err(Clone::clone);
         let estimates = cost::estimates(setup, grid, options, known, backprojection.as_ref(), threads);
         let convolution = convolution.map(|(plan, _)| plan);

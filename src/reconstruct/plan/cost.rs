@@ -7,7 +7,7 @@ use crate::grid::Grid;
 use crate::reconstruct::compress::{
     DENSER, frequencies_at_once, slabs_of, tones_for, virtual_tone_count, witnesses_for,
 };
-use crate::reconstruct::convolution::{self, FIRST_SHARE, usual_batch};
+use crate::reconstruct::convolution::{self, usual_batch};
 use crate::reconstruct::volume::{Batch, SlabDriver};
 use crate::reconstruct::{Method, ReconstructOptions, backprojection, direct};
 use crate::wave::interval::PathInterval;
@@ -65,7 +65,7 @@ pub(crate) fn estimates(
 ) -> Vec<Estimate> {
     let convolution = convolution.unwrap_or_else(|obstacle| impossible(Method::Convolution, obstacle));
     let backprojection = match backprojection {
-        Some(plan) => of_backprojection(setup, grid, options, plan, threads),
+        Some(plan) => of_backprojection(setup, options, plan, threads),
         None if options.tolerance > 0.0 => impossible(
             Method::Backprojection,
             "of no use here, where convolution is far faster; ask for it by name to see its cost".to_owned(),
@@ -159,16 +159,16 @@ pub(crate) fn of_convolution(
         let usual = usual_batch(layout, setup.sweep.len(), threads);
         return possible(Method::Convolution, operations, options, usual, bytes);
     };
-    let (thickness, left) = (slabs.thickness, options.tolerance - lattice.error());
+    let (thickness, of_first) = (slabs.thickness, plan.compression.virtual_tones());
     let whole = setup.path_interval(grid, 0..depths);
-    let of_volume = virtual_tone_count(setup.sweep, &whole, FIRST_SHARE * left) as f64;
+    let of_volume = virtual_tone_count(setup.sweep, &whole, of_first) as f64;
     let width = lattice.width() as f64;
     let (mut operations, bytes_finding) = compression(setup, of_volume);
     let nesting = nesting(setup, of_volume, &setup.path_interval(grid, 0..thickness.min(depths)));
     let mut most = 0.0f64;
     for planes in slabs_of(depths, thickness) {
         let duration = setup.path_interval(grid, planes.clone()).duration();
-        let of_slab = tones_for(setup.sweep.bandwidth() * duration, FIRST_SHARE * left).min(of_volume);
+        let of_slab = tones_for(setup.sweep.bandwidth() * duration, of_first).min(of_volume);
         operations += of_slab * (planes.len() as f64 * pair + spectra + PRODUCT * of_volume * width);
         most = most.max(of_slab);
     }
@@ -207,13 +207,11 @@ fn possible(
 
 fn of_backprojection(
     setup: &Setup,
-    grid: &Grid,
     options: &ReconstructOptions,
     plan: &backprojection::Plan,
     threads: usize,
 ) -> Estimate {
-    let whole = setup.path_interval(grid, 0..grid.z.count);
-    let tones = virtual_tone_count(setup.sweep, &whole, 0.1 * options.tolerance) as f64;
+    let tones = plan.virtual_tones(setup) as f64;
     let (compressing, finding) = compression(setup, tones);
     let held = (tones * setup.array.len() as f64 * COMPLEX as f64) as u64;
     let before = finding.saturating_add(held).saturating_add(block_bytes(setup));

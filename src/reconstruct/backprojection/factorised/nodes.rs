@@ -6,6 +6,7 @@ use crate::acquisition::Setup;
 use crate::grid::{Axis, Grid};
 use crate::reconstruct::backprojection::blocks::{Shape, block_operations};
 use crate::reconstruct::backprojection::profile::Band;
+use crate::reconstruct::error_budget::ErrorBudget;
 use crate::reconstruct::numerics::Taps;
 use crate::wave::Geometry;
 use crate::wave::simd::LANES;
@@ -18,15 +19,6 @@ const FILLS: [f64; 12] = [0.8, 0.75, 0.7, 0.65, 0.6, 0.55, 0.5, 0.45, 0.4, 0.35,
 
 /// The most taps along one axis: a voxel's weights along ρ are one vector.
 const MOST_TAPS: usize = LANES;
-
-/// The share of the tolerance that one axis may use for a plane wave; the three add up, some of them amplified.
-const AXIS_SHARE: f64 = 0.09;
-
-/// The same where few terms are looked at, which are not the worst.
-const FEW_SHARE: f64 = 0.6 * AXIS_SHARE;
-
-/// The share of the tolerance that the three axes together may use, as measured on terms.
-pub(crate) const SHARE: f64 = 0.6;
 
 /// About what weights amplify errors of nodes by, all axes together.
 pub(crate) const USUAL_GROWTH: f64 = 6.0;
@@ -143,8 +135,8 @@ fn lengths(tolerance: f64) -> Vec<(Taps, f64)> {
 
 impl Lattice {
     /// The division of fewest operations; `None` where the voxels come too near to the microphones, or none keeps to its
-    /// share of the tolerance.
-    pub(crate) fn find(setup: &Setup, grid: &Grid, band: &Band, tolerance: f64) -> Option<Self> {
+    /// share of the budget.
+    pub(crate) fn find(setup: &Setup, grid: &Grid, band: &Band, budget: ErrorBudget) -> Option<Self> {
         let (low, high) = setup.array.bounds();
         let source = match setup.geometry {
             Geometry::FixedSource { source } => source.z,
@@ -154,9 +146,9 @@ impl Lattice {
         if grid.z.first <= high.z.max(source) {
             return None;
         }
-        let lengths = lengths(AXIS_SHARE * tolerance);
+        let lengths = lengths(budget.interpolation_axis());
         let least = |times: u32| times == 0 || setup.array.len() >> times >= LEAST_MEMBERS;
-        let of = |times: u32| Self::halved(setup, grid, band, (times, tolerance), &lengths);
+        let of = |times: u32| Self::halved(setup, grid, band, (times, budget), &lengths);
         let mut found: Vec<Self> = (0..=MOST_TIMES)
             .filter(|times| least(*times))
             .collect::<Vec<_>>()
@@ -169,7 +161,7 @@ impl Lattice {
             .into_iter()
             .filter(placed)
             .take(TRIES)
-            .find_map(|lattice| lattice.measured(setup, grid, SHARE * tolerance))
+            .find_map(|lattice| lattice.measured(setup, grid, budget.interpolation()))
     }
 
     /// The divisions into tiles that come of so many halvings.
@@ -177,7 +169,7 @@ impl Lattice {
         setup: &Setup,
         grid: &Grid,
         band: &Band,
-        (times, tolerance): (u32, f64),
+        (times, budget): (u32, ErrorBudget),
         lengths: &[(Taps, f64)],
     ) -> Vec<Self> {
         let tiles = halved(setup.array.positions(), times);
@@ -192,7 +184,9 @@ impl Lattice {
                 let kept = |fill: &f64| {
                     let nodes = Nodes::along(&[grid.x, grid.y][axis], bands[axis], sideways.count(), *fill);
                     let error = terms.error(axis, &|place| nodes.around(place), &FEW);
-                    error.is_some_and(|[error, _]| error <= FEW_SHARE * tolerance).then_some(nodes)
+                    error
+                        .is_some_and(|[error, _]| error <= budget.interpolation_axis_of_few())
+                        .then_some(nodes)
                 };
                 let from = fullest[axis];
                 let (skipped, nodes) =

@@ -1,7 +1,7 @@
 //! Back-projection in two steps: every tile of the array onto a few nodes of its own, and those onto the voxels.
 
 use super::frame::{Frame, halved};
-use super::nodes::{Lattice, SHARE, USUAL_GROWTH};
+use super::nodes::{Lattice, USUAL_GROWTH};
 use super::patches::Patch;
 use super::voxels::{BEYOND, Buffers, Interpolation, TileNodes, hull};
 use crate::acquisition::{Setup, Tile};
@@ -11,8 +11,9 @@ use crate::grid::Grid;
 use crate::progress::{Observer, advance};
 use crate::reconstruct::backprojection::blocks::Group;
 use crate::reconstruct::backprojection::profile::Band;
-use crate::reconstruct::backprojection::{Budget, FIRST_SHARE, Heard, MOST_SLABS, SERIES_SHARE, share};
+use crate::reconstruct::backprojection::{MOST_SLABS, SeriesBudget, SlabProfiles, share};
 use crate::reconstruct::compress::{SlabTones, VolumeTones, slabs_of};
+use crate::reconstruct::error_budget::ErrorBudget;
 use crate::reconstruct::job::Job;
 use crate::reconstruct::volume::{Batch, SlabDriver};
 use crate::reconstruct::{Method, ReconstructionInfo, no_room_for};
@@ -25,9 +26,9 @@ use std::ops::Range;
 /// Depths whose voxels are worked on at a time.
 pub(crate) const DEPTHS: usize = 32;
 
-/// The tolerance that nodes are taken to have when work is estimated.
-pub(crate) fn usual_tolerance(tolerance: f64) -> f64 {
-    (1.0 - SHARE) * tolerance / USUAL_GROWTH
+/// What nodes are taken to be allowed when work is estimated.
+pub(crate) fn usual_budget(budget: ErrorBudget) -> ErrorBudget {
+    budget.before_interpolation(USUAL_GROWTH)
 }
 
 /// Bytes that a thread needs for a row of voxels, about: their partial sums, and nodes along ρ in their columns.
@@ -109,21 +110,19 @@ impl<'a> Tiled<'a> {
         let Job { source, weights, grid, batch, sink, observer, .. } = job;
         // What interpolation leaves of the tolerance, and by how much it amplifies errors of the nodes.
         let Lattice { error: inexact, growth, .. } = *self.lattice;
-        let tolerance = (job.tolerance - inexact) / growth;
-        self.band.tolerance = SERIES_SHARE * tolerance;
-        let budget = Budget::new(&self.band, self.greatest, tolerance);
+        let budget = job.budget.after(inexact).before(growth);
+        self.band.tolerance = budget.series();
+        let budget = SeriesBudget::new(&self.band, self.greatest, budget);
         let whole = self.shells[0].0.start..self.shells[self.shells.len() - 1].0.end;
         let whole = self.interval(&source.setup(), &whole);
-        let compressed =
-            VolumeTones::compress(source, weights, whole, FIRST_SHARE * budget.skeletons, observer)?;
+        let compressed = VolumeTones::compress(source, weights, whole, budget.tones, observer)?;
         let setup = source.setup();
         let interval = |shells: Range<usize>| {
             let (first, last) = (&self.shells[shells.start].0, &self.shells[shells.end - 1].0);
             self.interval(&setup, &(first.start..last.end))
         };
         let together = self.shells.len().div_ceil(MOST_SLABS);
-        let slabs =
-            compressed.slabs(slabs_of(self.shells.len(), together), interval, share, budget.skeletons);
+        let slabs = compressed.slabs(slabs_of(self.shells.len(), together), interval, share, budget.tones);
         let error_bound = (inexact + growth * budget.error(&slabs)) * compressed.modulus;
         let groups: Vec<Vec<Group>> = self
             .tiles
@@ -190,7 +189,7 @@ impl<'a> Tiled<'a> {
     ) -> Result<()> {
         let width = setup.array.len();
         let tones = slab.of(compressed, width)?;
-        let heard = Heard::new(setup, self.band, self.greatest, &tones);
+        let heard = SlabProfiles::new(setup, self.band, self.greatest, &tones);
         let split: Vec<Vec<_>> = groups
             .iter()
             .map(|groups| groups.iter().map(|g| (g, g.tones(&tones, width))).collect())
