@@ -83,6 +83,7 @@ pub mod progress;
 mod blocks;
 pub mod files;
 pub mod wave;
+mod linalg;
 pub mod grid;
 pub mod scene;
 pub mod reflectors;

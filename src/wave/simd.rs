@@ -87,7 +87,7 @@ pub(crate) use dispatched;
 /// Clears the upper halves of vector registers, which products of matrices (faer's kernels) leave filled.
 ///
 /// The compiler does so after every AVX function of its own; where nobody does, code for SSE, the C library's `exp` and
-/// `cos` among it, is ten times slower on that thread from then on. To be called after faer, on the thread that called it.
+/// `cos` among it, is ten times slower on that thread from then on. For [`crate::linalg`], on the thread that called faer.
 #[allow(unsafe_code)]
 pub(crate) fn leave_wide_registers() {
     #[cfg(target_arch = "x86_64")]

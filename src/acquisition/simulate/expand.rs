@@ -5,11 +5,10 @@ use super::echoes::{GroupSums, Summation};
 use super::{Job, Plan, SimulateOptions, no_room, record};
 use crate::acquisition::{Sweep, Tile};
 use crate::error::Result;
+use crate::linalg::product_f32;
 use crate::progress::{Observer, advance};
 use crate::wave::offsets::turn_and_add;
-use crate::wave::simd::{leave_wide_registers, phasors};
-use faer::linalg::matmul::matmul;
-use faer::{Accum, MatMut, MatRef, Par};
+use crate::wave::simd::phasors;
 use num_complex::Complex32;
 use rayon::prelude::*;
 
@@ -101,15 +100,7 @@ impl Room {
         let weights = &plan.weights[first * count..(first + rows) * count];
         let absorption = plan.terms.as_ref().map_or(&[][..], |terms| &terms.absorption);
         for group in groups {
-            matmul(
-                MatMut::from_column_major_slice_mut(&mut self.product, width, rows),
-                Accum::Replace,
-                MatRef::from_column_major_slice(&group.sums, width, count),
-                MatRef::from_column_major_slice(weights, count, rows),
-                1.0,
-                Par::Seq,
-            );
-            leave_wide_registers();
+            product_f32(&mut self.product, &group.sums, weights, [width, count, rows]);
             phasors(group.middle / options.sound_speed, frequencies, &mut self.phasors);
             for (phasor, absorption) in self.phasors.iter_mut().zip(absorption.iter().skip(first)) {
                 *phasor *= (-absorption * group.middle).exp() as f32;

@@ -11,8 +11,8 @@
 //! Its error and its size are measured: too few or too wide tones would make it huge.
 
 use crate::acquisition::Sweep;
-use crate::wave::interval::{LeastSquares, chebyshev_point, greater, greatest, waves};
-use crate::wave::simd::leave_wide_registers;
+use crate::linalg::{LeastSquares, greatest, product, waves};
+use crate::wave::interval::{chebyshev_point, greater};
 use rayon::prelude::*;
 
 /// Tones and weights that serve every interval of one duration.
@@ -153,8 +153,7 @@ impl Fit {
         let pairs = self.pairs as i32;
         let tones: Vec<f64> = (-pairs..=pairs).map(|q| f64::from(q) * self.step).collect();
         let weights = LeastSquares::new(&waves(&self.nodes, &tones)).solve(&waves(&self.nodes, frequencies));
-        let residual = waves(&self.dense, frequencies) - waves(&self.dense, &tones) * &weights;
-        leave_wide_registers();
+        let residual = waves(&self.dense, frequencies) - product(&waves(&self.dense, &tones), &weights);
         let mut solved = Solved { error: greatest(&residual), ..Solved::default() };
         for column in 0..frequencies.len() {
             let w = weights.col_as_slice(column);

@@ -16,9 +16,8 @@
 //! Rokhlin, SIAM J. Sci. Comput. 26, 2005), in real numbers: with delays counted from the interval's middle, the best W
 //! is real. The error is then *measured* on a dense grid, not trusted.
 
-use crate::wave::interval::{LeastSquares, PathInterval, greatest, waves};
-use crate::wave::simd::leave_wide_registers;
-use faer::Mat;
+use crate::linalg::{LeastSquares, Matrix, PivotedQr, even_waves, greatest, pivoted_qr, product, waves};
+use crate::wave::interval::PathInterval;
 use std::f64::consts::GOLDEN_RATIO;
 
 /// The decomposition of one sweep on one interval of path lengths.
@@ -26,7 +25,7 @@ use std::f64::consts::GOLDEN_RATIO;
 pub(crate) struct Skeleton {
     chosen: Vec<usize>,
     /// W where delays are counted from the interval's middle, `[Q, n_f]`.
-    weights: Mat<f64>,
+    weights: Matrix,
     error: f64,
 }
 
@@ -93,35 +92,31 @@ fn spread_out(frequencies: &[f64], most: f64) -> Vec<usize> {
 pub(crate) fn skeleton(frequencies: &[f64], interval: PathInterval, tolerance: f64) -> Skeleton {
     assert!(!frequencies.is_empty() && tolerance > 0.0, "a skeleton needs frequencies and a tolerance");
     let bandwidth = frequencies[frequencies.len() - 1] - frequencies[0];
-    let product = bandwidth * interval.duration();
-    let candidates = spread_out(frequencies, candidates_for(product));
-    let witnesses = spread_out(frequencies, witnesses_for(product));
+    let bandwidth_duration = bandwidth * interval.duration();
+    let candidates = spread_out(frequencies, candidates_for(bandwidth_duration));
+    let witnesses = spread_out(frequencies, witnesses_for(bandwidth_duration));
     let points = interval.points_for(bandwidth).div_ceil(2);
     let carrier = f64::midpoint(frequencies[0], frequencies[frequencies.len() - 1]);
     let about: Vec<f64> = frequencies.iter().map(|f| f - carrier).collect();
     let all = waves(&interval.chebyshev(points), &about);
     let at_witnesses = columns(&all, &witnesses);
-    let pivoted = without_ties(&columns(&all, &candidates)).col_piv_qr();
-    leave_wide_registers();
-    let order = pivoted.P().arrays().0;
-    let diagonal = pivoted.thin_R();
-    let ranks = diagonal.nrows().min(diagonal.ncols());
+    let PivotedQr { order, diagonal } = pivoted_qr(&without_ties(&columns(&all, &candidates)));
+    let ranks = diagonal.len();
     let dense = |chosen: &[usize]| {
-        interval.even_waves(DENSER * points, &chosen.iter().map(|&n| about[n]).collect::<Vec<_>>())
+        even_waves(&interval, DENSER * points, &chosen.iter().map(|&n| about[n]).collect::<Vec<_>>())
     };
     let dense_witnesses = dense(&witnesses);
     // The greatest residual of a column is a sum over the points; its root mean square is what ε bounds.
     let mut threshold = tolerance / 3.0 * (points as f64).sqrt();
     loop {
-        let rank = (0..ranks).position(|k| diagonal[(k, k)].abs() <= threshold).unwrap_or(ranks).max(1);
+        let rank = diagonal.iter().position(|left| *left <= threshold).unwrap_or(ranks).max(1);
         let mut chosen: Vec<usize> = order[..rank].iter().map(|&j| candidates[j]).collect();
         chosen.sort_unstable();
         let fit = LeastSquares::new(&columns(&all, &chosen));
         let weights = fit.solve(&at_witnesses);
-        let error = greatest(&(&dense_witnesses - dense(&chosen) * &weights));
+        let error = greatest(&(&dense_witnesses - product(&dense(&chosen), &weights)));
         if error <= tolerance || rank == ranks {
             let weights = if witnesses.len() == about.len() { weights } else { fit.solve(&all) };
-            leave_wide_registers();
             return Skeleton { chosen, weights, error };
         }
         threshold /= 2.0;
@@ -146,17 +141,17 @@ impl Skeleton {
 }
 
 /// The columns `chosen` of `all`.
-fn columns(all: &Mat<f64>, chosen: &[usize]) -> Mat<f64> {
-    Mat::from_fn(all.nrows(), chosen.len(), |k, q| all[(k, chosen[q])])
+fn columns(all: &Matrix, chosen: &[usize]) -> Matrix {
+    Matrix::from_fn(all.nrows(), chosen.len(), |k, q| all[(k, chosen[q])])
 }
 
 /// Columns made longer by less than a hundredth, each by another share (the golden ratio's multiples).
 ///
 /// All are equally long, and those at equal distances from the carrier stay so when others are projected out: rounding,
 /// which is the processor's, would pick the pivots among them.
-fn without_ties(columns: &Mat<f64>) -> Mat<f64> {
+fn without_ties(columns: &Matrix) -> Matrix {
     let length = |j: usize| 1.0 + 0.01 * (j as f64 * GOLDEN_RATIO).fract();
-    Mat::from_fn(columns.nrows(), columns.ncols(), |k, j| columns[(k, j)] * length(j))
+    Matrix::from_fn(columns.nrows(), columns.ncols(), |k, j| columns[(k, j)] * length(j))
 }
 
 #[cfg(test)]

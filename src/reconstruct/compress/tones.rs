@@ -9,21 +9,16 @@ use super::virtual_tones::VirtualTones;
 use crate::acquisition::CubeSource;
 use crate::alloc::{try_with_capacity, try_zeroed};
 use crate::error::Result;
+use crate::linalg::add_product_of_rows;
 use crate::progress::{Observer, advance, stage};
 use crate::reconstruct::error_budget::ErrorBudget;
 use crate::reconstruct::no_room;
 use crate::reconstruct::window::Weights;
 use crate::wave::interval::{PathInterval, turned};
-use crate::wave::simd::leave_wide_registers;
-use faer::linalg::matmul::matmul;
-use faer::{Accum, Mat, MatMut, MatRef, Par, c32};
 use num_complex::Complex32;
 use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::Arc;
-
-/// Columns of a product that one thread takes at a time, at the least and at the most.
-const BLOCK: [usize; 2] = [64, 1024];
 
 /// Frequencies are read in multiples of so many, whatever memory there is: their sums are part of the result's bytes.
 pub(crate) const FREQUENCIES: usize = 64;
@@ -160,34 +155,14 @@ impl SlabTones {
     pub(crate) fn select(&self, volume: &VolumeTones, width: usize, tones: &mut Tones) {
         let chosen = self.skeleton.chosen();
         let turns: Vec<_> = volume.frequencies.iter().map(|f| turned(f * self.middle)).collect();
-        let weights = Mat::from_fn(chosen.len(), turns.len(), |q, k| {
+        let weight = |q: usize, k: usize| {
             let w = self.skeleton.about_middle(q, k) * turns[chosen[q]] * turns[k].conj();
             Complex32::new(w.re as f32, w.im as f32)
-        });
+        };
         tones.samples.clear();
         tones.samples.resize(self.len() * width, Complex32::ZERO);
-        add_product(weights.as_ref(), &volume.tones.samples, width, &mut tones.samples);
+        add_product_of_rows(weight, &volume.tones.samples, width, &mut tones.samples);
         tones.per_metre.clear();
         tones.per_metre.extend(chosen.iter().map(|&q| volume.tones.per_metre[q]));
     }
-}
-
-/// `rows += w · samples`, both in rows of `width`.
-fn add_product(w: MatRef<'_, c32>, samples: &[Complex32], width: usize, rows: &mut [Complex32]) {
-    let samples = MatRef::from_row_major_slice(samples, samples.len() / width, width);
-    // A few for each thread, but no scraps.
-    let columns = (width / 8).next_multiple_of(BLOCK[0]).clamp(BLOCK[0], BLOCK[1]);
-    let mut blocks = Vec::with_capacity(width.div_ceil(columns));
-    let mut rest = MatMut::from_row_major_slice_mut(rows, rows.len() / width, width);
-    while rest.ncols() > columns {
-        let (block, others) = rest.split_at_col_mut(columns);
-        blocks.push(block);
-        rest = others;
-    }
-    blocks.push(rest);
-    blocks.into_par_iter().enumerate().for_each(|(index, block)| {
-        let samples = samples.subcols(index * columns, block.ncols());
-        matmul(block, Accum::Add, w, samples, Complex32::ONE, Par::Seq);
-        leave_wide_registers();
-    });
 }

@@ -12,10 +12,10 @@
 
 use super::banded::Banded;
 use crate::acquisition::Sweep;
+use crate::linalg::Matrix;
 use crate::reconstruct::numerics::Taps;
 use crate::reconstruct::window::Weights;
 use crate::wave::interval::{PathInterval, greater, turned};
-use faer::Mat;
 use num_complex::{Complex32, Complex64};
 use rayon::prelude::*;
 use std::f64::consts::PI;
@@ -45,7 +45,7 @@ pub(crate) struct VirtualTones {
     /// The first node of each measured tone's window.
     first: Vec<usize>,
     /// W where delays are counted from the interval's middle, `[taps, n_f]`.
-    weights: Mat<f64>,
+    weights: Matrix,
     /// e^{i2πf·middle} of measured and of virtual tones.
     turns: [Vec<Complex64>; 2],
     /// The greatest error of a tone on the interval, measured between nodes, relative to one.
@@ -110,7 +110,7 @@ impl VirtualTones {
             }
             taps += 2;
         }
-        let (own, one) = ((0..sweep.len()).collect(), Mat::from_fn(1, sweep.len(), |_, _| 1.0));
+        let (own, one) = ((0..sweep.len()).collect(), Matrix::from_fn(1, sweep.len(), |_, _| 1.0));
         Self::new(sweep, sweep.frequencies().to_vec(), &interval, own, one, (0.0, 1.0))
     }
 
@@ -119,7 +119,7 @@ impl VirtualTones {
         frequencies: Vec<f64>,
         interval: &PathInterval,
         first: Vec<usize>,
-        weights: Mat<f64>,
+        weights: Matrix,
         (error, growth): (f64, f64),
     ) -> Self {
         let turns = [sweep.frequencies(), &frequencies]
@@ -160,7 +160,7 @@ impl VirtualTones {
         };
         let kinds = kind((count - taps) / 2);
         let interpolators: Vec<_> = (0..=kinds).into_par_iter().map(interpolator).collect();
-        let mut weights = Mat::zeros(taps, sweep.len());
+        let mut weights = Matrix::zeros(taps, sweep.len());
         let mut start = 0;
         for run in first.chunk_by(|a, b| a == b || (kind(*a) == evens && kind(*b) == evens)) {
             let mirrored = kind(run[0]) < evens && run[0] > count - taps - run[0];

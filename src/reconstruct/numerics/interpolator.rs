@@ -1,7 +1,7 @@
 //! Short least-squares interpolators for functions of a limited band.
 
-use crate::wave::interval::{LeastSquares, chebyshev_point, greatest, waves};
-use faer::Mat;
+use crate::linalg::{LeastSquares, Matrix, greatest, product, waves};
+use crate::wave::interval::chebyshev_point;
 use std::f64::consts::{PI, TAU};
 
 /// Weights of a few nodes around a place, fitted to every plane wave of a band alike.
@@ -53,7 +53,7 @@ impl Taps {
     }
 
     /// The same for many places, `[taps, places]`.
-    pub(crate) fn weights_of(&self, places: &[f64]) -> Mat<f64> {
+    pub(crate) fn weights_of(&self, places: &[f64]) -> Matrix {
         self.factored.solve(&waves(&self.fitted, places))
     }
 
@@ -62,7 +62,7 @@ impl Taps {
     pub(crate) fn error_at(&self, edge: f64, places: &[f64]) -> (f64, f64) {
         let weights = self.weights_of(places);
         let cycles: Vec<f64> = (0..MEASURED).map(|k| edge / TAU * k as f64 / (MEASURED - 1) as f64).collect();
-        let error = greatest(&(waves(&cycles, places) - waves(&cycles, &self.nodes) * &weights));
+        let error = greatest(&(waves(&cycles, places) - product(&waves(&cycles, &self.nodes), &weights)));
         let sums = (0..places.len()).map(|n| weights.col_as_slice(n).iter().map(|w| w.abs()).sum());
         (error, sums.fold(0.0, f64::max))
     }
