@@ -39,11 +39,10 @@ pub(crate) use array::{Tile, tiles};
 pub use cube::DataCube;
 pub use cube_file::CubeFile;
 pub use setup::{Instrument, Setup};
-pub(crate) use simulate::simulate_resumable;
 pub use simulate::{
     ArrayErrors, Losses, Noise, PropagationModel, SIMULATION_TOLERANCE, SimulateOptions, simulate,
-    simulation_bytes,
 };
+pub(crate) use simulate::{simulate_resumable, simulation_bytes};
 pub use source::{CubeSource, Visit};
 pub use sweep::Sweep;
 

@@ -113,7 +113,7 @@ impl DepthOptions {
 
 impl DepthOptions {
     /// Bytes that [`locate_depth`] takes beside a volume: its amplitudes, and of returns their power and a copy of it.
-    pub fn search_bytes(&self, grid: &Grid) -> u64 {
+    pub(crate) fn search_bytes(&self, grid: &Grid) -> u64 {
         let copies = if self.returns >= 2 { 3 } else { 1 };
         grid.voxel_count().saturating_mul(copies * size_of::<f32>() as u64)
     }

@@ -3,7 +3,7 @@
 //! Takes a path and whoever writes the bytes; gives a file that readers only ever see whole. Every file this
 //! crate writes goes through [`write_atomically`], and the `.npz` files go through [`npz`].
 
-pub mod npz;
+pub(crate) mod npz;
 
 use crate::error::{Error, Result};
 use std::fs::{self, File, TryLockError};
@@ -22,17 +22,7 @@ use std::path::{Path, PathBuf};
 /// # Errors
 /// [`Error::Io`] when a step fails, `write` included: then the temporary file is gone and an older
 /// file at `path` is as it was. [`Error::InvalidInput`] when `path` is a folder or a device.
-///
-/// # Examples
-/// ```
-/// use std::io::Write;
-/// # let folder = tempfile::tempdir().unwrap();
-/// # let path = folder.path().join("note.txt");
-/// holosonar::files::write_atomically(&path, |out| out.write_all(b"all of it"))?;
-/// assert_eq!(std::fs::read(&path).unwrap(), b"all of it");
-/// # Ok::<(), holosonar::error::Error>(())
-/// ```
-pub fn write_atomically(
+pub(crate) fn write_atomically(
     path: &Path,
     write: impl FnOnce(&mut BufWriter<&File>) -> io::Result<()>,
 ) -> Result<()> {
@@ -44,13 +34,13 @@ pub fn write_atomically(
 }
 
 /// The extension of a path in lower case, by which formats are told apart; empty where there is none.
-pub fn extension(path: &Path) -> String {
+pub(crate) fn extension(path: &Path) -> String {
     path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase()
 }
 
 /// A file that is being written under a temporary name beside its own. It disappears unless it is committed.
 #[derive(Debug)]
-pub struct AtomicFile {
+pub(crate) struct AtomicFile {
     path: PathBuf,
     target: PathBuf,
     file: tempfile::NamedTempFile,
@@ -61,7 +51,7 @@ impl AtomicFile {
     ///
     /// # Errors
     /// As [`write_atomically`].
-    pub fn create(path: &Path) -> Result<Self> {
+    pub(crate) fn create(path: &Path) -> Result<Self> {
         let target = resolve(path)?;
         let failed = |error: io::Error| Error::writing(path, error);
         let folder = match target.parent() {
@@ -76,12 +66,12 @@ impl AtomicFile {
     }
 
     /// The file's own name, which it does not have yet.
-    pub fn path(&self) -> &Path {
+    pub(crate) fn path(&self) -> &Path {
         &self.path
     }
 
     /// The file, empty at first, open for reading and writing.
-    pub fn file(&self) -> &File {
+    pub(crate) fn file(&self) -> &File {
         self.file.as_file()
     }
 
@@ -89,7 +79,7 @@ impl AtomicFile {
     ///
     /// # Errors
     /// As [`write_atomically`].
-    pub fn commit(self) -> Result<()> {
+    pub(crate) fn commit(self) -> Result<()> {
         let failed = |error: io::Error| Error::writing(&self.path, error);
         self.file.as_file().sync_all().map_err(failed)?;
         self.file.persist(&self.target).map_err(|error| failed(error.error))?;
@@ -151,7 +141,7 @@ fn nearest(folder: &Path) -> &Path {
 /// # Errors
 /// [`Error::InvalidInput`] when `path` is a folder or a device, or lies in a file; [`Error::Io`] when nothing can be
 /// written in its folder.
-pub fn check_writable(path: &Path) -> Result<()> {
+pub(crate) fn check_writable(path: &Path) -> Result<()> {
     let target = resolve(path)?;
     check_folder(target.parent().unwrap_or(Path::new(".")))
 }
@@ -160,7 +150,7 @@ pub fn check_writable(path: &Path) -> Result<()> {
 ///
 /// # Errors
 /// As [`check_writable`].
-pub fn check_folder(folder: &Path) -> Result<()> {
+pub(crate) fn check_folder(folder: &Path) -> Result<()> {
     let existing = nearest(folder);
     if !existing.is_dir() {
         return Err(Error::input(existing.display(), "is a file; a folder was expected for the results"));
@@ -170,7 +160,7 @@ pub fn check_folder(folder: &Path) -> Result<()> {
 }
 
 /// Bytes that may still be written in a folder, or in the nearest above it that exists; `None` where nobody says.
-pub fn free_space(folder: &Path) -> Option<u64> {
+pub(crate) fn free_space(folder: &Path) -> Option<u64> {
     #[cfg(unix)]
     {
         let found = rustix::fs::statvfs(nearest(folder)).ok()?;

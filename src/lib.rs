@@ -81,7 +81,7 @@ mod choice;
 mod alloc;
 pub mod progress;
 mod blocks;
-pub mod files;
+mod files;
 pub mod wave;
 mod linalg;
 pub mod grid;

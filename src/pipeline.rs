@@ -28,10 +28,11 @@ mod page;
 mod report;
 
 pub use design::{Combination, DesignRow, DesignSweep, RunWith, SweptKey, point_spreads, sweep_designs};
-pub use facts::resolution_of;
+pub(crate) use facts::resolution_of;
 pub use forecast::{Forecast, Peaks, forecast_cube, forecast_scene};
 pub use limits::{Bound, Judgement, Verdict, check_scene, hold};
-pub use outputs::{error_note, write_cube, write_depth, write_outputs, write_volume};
+pub(crate) use outputs::error_note;
+pub use outputs::{write_cube, write_depth, write_outputs, write_volume};
 pub use page::write_page;
 pub use report::{Report, SceneSummary};
 

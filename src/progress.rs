@@ -48,7 +48,7 @@ impl Observer for Silent {}
 ///
 /// # Errors
 /// What `work` returns; [`Error::Interrupted`] when a stop was asked for meanwhile.
-pub fn stage<T>(
+pub(crate) fn stage<T>(
     observer: &dyn Observer,
     name: &str,
     total: u64,
@@ -64,7 +64,7 @@ pub fn stage<T>(
 ///
 /// # Errors
 /// [`Error::Interrupted`] when a stop was asked for.
-pub fn advance(observer: &dyn Observer, amount: u64) -> Result<()> {
+pub(crate) fn advance(observer: &dyn Observer, amount: u64) -> Result<()> {
     observer.event(Event::Advanced { amount });
     if observer.should_stop() { Err(Error::Interrupted) } else { Ok(()) }
 }

@@ -23,7 +23,7 @@ mod volume;
 mod window;
 
 pub use options::{Method, ReconstructOptions};
-pub use plan::{Estimate, Estimates, MOST_DIRECT_TERMS, direct_terms, estimate};
+pub use plan::{Estimate, Estimates, direct_terms, estimate};
 pub use volume::{ReconstructionInfo, VolumeSink};
 pub use window::Window;
 

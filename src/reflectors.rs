@@ -27,7 +27,7 @@
 //! # Ok::<(), holosonar::error::Error>(())
 //! ```
 
-pub mod csv;
+pub(crate) mod csv;
 mod lattice;
 mod poisson;
 #[cfg(test)]
@@ -185,7 +185,7 @@ const SCATTER_STREAM: u64 = 1;
 
 /// Bytes that [`sample_surface`] needs at its peak beside a scene of so many triangles and such an area, m², so that a job
 /// which cannot fit is refused before it begins.
-pub fn sampling_bytes(triangles: u64, area: f64, options: &SurfaceOptions) -> u64 {
+pub(crate) fn sampling_bytes(triangles: u64, area: f64, options: &SurfaceOptions) -> u64 {
     match options.surface {
         SurfaceModel::Smooth => {
             (area / (options.spacing * options.spacing)) as u64 * 2 * size_of::<Sample>() as u64

@@ -152,7 +152,7 @@ impl MicArray {
     }
 
     /// 3 × 3 points spread evenly over the array, where its sight of a reflector is tested (PHYSICS Q7).
-    pub fn sight_points(&self) -> [DVec3; 9] {
+    pub(crate) fn sight_points(&self) -> [DVec3; 9] {
         let (low, high) = self.bounds();
         std::array::from_fn(|i| {
             // The middles of thirds stand for equal shares of the aperture.

@@ -186,7 +186,7 @@ impl CubeFile {
     ///
     /// # Errors
     /// A damaged file.
-    pub fn fingerprint(&mut self) -> Result<String> {
+    pub(crate) fn fingerprint(&mut self) -> Result<String> {
         self.npz.fingerprint()
     }
 

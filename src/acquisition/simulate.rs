@@ -26,7 +26,7 @@ mod fast_tests;
 #[cfg(test)]
 mod loss_tests;
 
-pub use cost::bytes as simulation_bytes;
+pub(crate) use cost::bytes as simulation_bytes;
 pub use errors::ArrayErrors;
 pub use losses::Losses;
 pub use noise::Noise;

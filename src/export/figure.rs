@@ -13,10 +13,8 @@ mod spread;
 mod style;
 mod ticks;
 
-pub use chart::{Chart, ChartAxis, write_charts};
-pub use results::{
-    DepthKind, depth_range, error_limit, write_amplitude_figure, write_depth_figure, write_error_figure,
-};
+pub(crate) use chart::{Chart, ChartAxis, write_charts};
+pub use results::{DepthKind, depth_range, write_amplitude_figure, write_depth_figure, write_error_figure};
 pub use spread::write_spread_figure;
 
 use crate::error::Result;

@@ -32,7 +32,7 @@ pub mod depth_exr;
 mod exr_file;
 mod fill;
 pub mod figure;
-pub mod page;
+pub(crate) mod page;
 pub mod points_ply;
 pub mod volume_exr;
 mod volume_file;
@@ -42,7 +42,7 @@ mod volume_reading;
 pub mod volume_vti;
 
 pub use fill::Fill;
-pub use volume_file::VolumeFile;
+pub(crate) use volume_file::VolumeFile;
 
 /// A fact about a result that its file carries along.
 #[derive(Debug, Clone, PartialEq)]
@@ -97,17 +97,17 @@ pub struct Encoding {
 
 /// Whether half floats hold amplitudes up to `peak` well: at their full eleven bits down to 40 dB below it, and
 /// nothing beyond the greatest of them.
-pub fn fits_float16(peak: f32) -> bool {
+pub(crate) fn fits_float16(peak: f32) -> bool {
     peak == 0.0 || (0.01..=6e4).contains(&peak)
 }
 
 /// The attribute of this name, if there is one.
-pub fn find_attribute<'a>(attributes: &'a [(String, Attribute)], name: &str) -> Option<&'a Attribute> {
+pub(crate) fn find_attribute<'a>(attributes: &'a [(String, Attribute)], name: &str) -> Option<&'a Attribute> {
     attributes.iter().find(|(other, _)| other == name).map(|(_, value)| value)
 }
 
 /// The attributes as one JSON object.
-pub fn attributes_as_json(attributes: &[(String, Attribute)]) -> serde_json::Value {
+pub(crate) fn attributes_as_json(attributes: &[(String, Attribute)]) -> serde_json::Value {
     attributes
         .iter()
         .map(|(name, value)| {

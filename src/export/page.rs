@@ -7,7 +7,7 @@
 mod miniature;
 mod payload;
 
-pub use miniature::Miniature;
+pub(crate) use miniature::Miniature;
 
 use super::points_ply::{Kind, ScenePoints};
 use crate::error::Result;
@@ -47,20 +47,20 @@ const MOST_POINTS: usize = 6000;
 
 /// What a page shows; anything may be missing.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Contents<'a> {
+pub(crate) struct Contents<'a> {
     /// The volume, reduced.
-    pub volume: Option<&'a Miniature>,
+    pub(crate) volume: Option<&'a Miniature>,
     /// What was found.
-    pub depth: Option<&'a DepthMap>,
+    pub(crate) depth: Option<&'a DepthMap>,
     /// What is there.
-    pub truth: Option<&'a DepthMap>,
+    pub(crate) truth: Option<&'a DepthMap>,
     /// What stood where.
-    pub scene: Option<&'a ScenePoints>,
+    pub(crate) scene: Option<&'a ScenePoints>,
 }
 
 /// A page's data, packed.
 #[derive(Debug, Clone)]
-pub struct Page {
+pub(crate) struct Page {
     data: Value,
 }
 
@@ -69,7 +69,7 @@ impl Page {
     ///
     /// # Errors
     /// A depth map and a truth whose pixels do not coincide.
-    pub fn new(contents: &Contents) -> Result<Self> {
+    pub(crate) fn new(contents: &Contents) -> Result<Self> {
         let mut data = Map::new();
         data.insert("range_db".into(), RANGE_DB.into());
         data.insert("colours".into(), colours());
@@ -99,7 +99,7 @@ impl Page {
     ///
     /// # Errors
     /// As [`write_atomically`].
-    pub fn write(&self, path: &Path, title: &str, report: &str) -> Result<()> {
+    pub(crate) fn write(&self, path: &Path, title: &str, report: &str) -> Result<()> {
         let title = title.replace('&', "&amp;").replace('<', "&lt;");
         let data = script_safe(&self.data.to_string());
         let report = script_safe(report.trim_end());

@@ -6,7 +6,7 @@
 mod normals;
 mod reader;
 
-pub use reader::Ply;
+pub(crate) use reader::Ply;
 
 use super::Attribute;
 use crate::acquisition::MicArray;

@@ -15,11 +15,11 @@ use num_complex::Complex32;
 use std::path::{Path, PathBuf};
 
 /// Most depths in one file.
-pub const DEPTHS_PER_FILE: usize = 512;
+pub(crate) const DEPTHS_PER_FILE: usize = 512;
 
 /// The files that [`write_volume_exr`] makes for `depths` depths: `path` itself, then `NAME.0512.exr` and so on,
 /// by the index of the file's first depth.
-pub fn volume_exr_files(path: &Path, depths: usize) -> Vec<PathBuf> {
+pub(crate) fn volume_exr_files(path: &Path, depths: usize) -> Vec<PathBuf> {
     (0..depths.max(1))
         .step_by(DEPTHS_PER_FILE)
         .map(|first| if first == 0 { path.to_path_buf() } else { numbered(path, first) })

@@ -19,7 +19,7 @@ pub(super) trait VolumeStream: Send {
 }
 
 /// A volume file on its way.
-pub struct VolumeFile {
+pub(crate) struct VolumeFile {
     file: AtomicFile,
     stream: Box<dyn VolumeStream>,
 }
@@ -49,7 +49,7 @@ impl VolumeFile {
     ///
     /// # Errors
     /// [`Error::Io`] when they cannot be written.
-    pub fn take(&mut self, planes: &[Complex32]) -> Result<()> {
+    pub(crate) fn take(&mut self, planes: &[Complex32]) -> Result<()> {
         self.stream.planes(planes).map_err(|error| Error::writing(self.file.path(), error))
     }
 
@@ -57,7 +57,7 @@ impl VolumeFile {
     ///
     /// # Errors
     /// [`Error::Io`] when it cannot be written; an older file is then left as it was.
-    pub fn finish(self) -> Result<()> {
+    pub(crate) fn finish(self) -> Result<()> {
         let Self { file, stream } = self;
         stream.finish().map_err(|error| Error::writing(file.path(), error))?;
         file.commit()

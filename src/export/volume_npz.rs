@@ -26,7 +26,7 @@ pub fn write_volume_npz(path: &Path, volume: &Volume, meta: &Value) -> Result<()
 ///
 /// # Errors
 /// As [`write_volume_npz`].
-pub fn stream_volume_npz(path: &Path, grid: Grid, meta: &Value) -> Result<VolumeFile> {
+pub(crate) fn stream_volume_npz(path: &Path, grid: Grid, meta: &Value) -> Result<VolumeFile> {
     VolumeFile::create(path, |out| NpzVolume::begin(out, grid, meta))
 }
 

@@ -37,7 +37,7 @@ pub fn write_volume_nrrd(
 ///
 /// # Errors
 /// As [`write_volume_nrrd`].
-pub fn stream_volume_nrrd(
+pub(crate) fn stream_volume_nrrd(
     path: &Path,
     grid: &Grid,
     attributes: &[(String, Attribute)],

@@ -35,7 +35,7 @@ pub fn write_volume_vti(
 ///
 /// # Errors
 /// As [`write_volume_vti`].
-pub fn stream_volume_vti(
+pub(crate) fn stream_volume_vti(
     path: &Path,
     grid: &Grid,
     components: Components,

@@ -9,7 +9,7 @@ mod fingerprint;
 mod header;
 mod writer;
 
-pub use writer::{NpzWriter, write_npz};
+pub(crate) use writer::{NpzWriter, write_npz};
 
 use crate::error::{Error, Result};
 use elements::{ComplexReader, any_complex, characters, plain_complex, scalar_reader};
@@ -25,11 +25,11 @@ const DEFLATE_AT_MOST: u64 = 1032;
 
 /// An array in C order: the last axis is the fastest.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Array<T> {
+pub(crate) struct Array<T> {
     /// Sizes of the axes, slowest first; empty for a scalar.
-    pub shape: Vec<usize>,
+    pub(crate) shape: Vec<usize>,
     /// The elements, as many as the sizes multiply to.
-    pub data: Vec<T>,
+    pub(crate) data: Vec<T>,
 }
 
 /// One array of the file: its name, and its header or what is wrong with it.
@@ -42,7 +42,7 @@ struct Entry {
 
 /// An open `.npz` file; the headers are read, the arrays not yet.
 #[derive(Debug)]
-pub struct NpzReader {
+pub(crate) struct NpzReader {
     path: PathBuf,
     limit_bytes: u64,
     archive: ZipArchive<BufReader<File>>,
@@ -56,7 +56,7 @@ impl NpzReader {
     /// # Errors
     /// A file that is missing, no zip archive, truncated, or that holds two arrays of one name. A fault of one
     /// array shows only when that array is asked for.
-    pub fn open(path: &Path, limit_bytes: u64) -> Result<Self> {
+    pub(crate) fn open(path: &Path, limit_bytes: u64) -> Result<Self> {
         let file = File::open(path).map_err(|error| Error::reading(path, error))?;
         let on_disk = file.metadata().map_err(|error| Error::reading(path, error))?;
         if on_disk.is_dir() {
@@ -87,12 +87,12 @@ impl NpzReader {
     }
 
     /// The arrays' names, in the file's order.
-    pub fn names(&self) -> impl Iterator<Item = &str> {
+    pub(crate) fn names(&self) -> impl Iterator<Item = &str> {
         self.entries.iter().map(|entry| entry.name.as_str())
     }
 
     /// Whether there is an array of this name.
-    pub fn contains(&self, name: &str) -> bool {
+    pub(crate) fn contains(&self, name: &str) -> bool {
         self.names().any(|other| other == name)
     }
 
@@ -100,7 +100,7 @@ impl NpzReader {
     ///
     /// # Errors
     /// A missing array, or one whose header is not understood or disagrees with the bytes present.
-    pub fn shape(&self, name: &str) -> Result<Vec<usize>> {
+    pub(crate) fn shape(&self, name: &str) -> Result<Vec<usize>> {
         Ok(self.header(name)?.1.shape.clone())
     }
 
@@ -108,7 +108,7 @@ impl NpzReader {
     ///
     /// # Errors
     /// As [`NpzReader::shape`].
-    pub fn dtype_is_complex(&self, name: &str) -> Result<bool> {
+    pub(crate) fn dtype_is_complex(&self, name: &str) -> Result<bool> {
         Ok(self.header(name)?.1.dtype.kind == Kind::Complex)
     }
 
@@ -116,7 +116,7 @@ impl NpzReader {
     ///
     /// # Errors
     /// A missing array, text in place of numbers, sizes that disagree or exceed the limit, damaged bytes.
-    pub fn complex(&mut self, name: &str) -> Result<Array<Complex32>> {
+    pub(crate) fn complex(&mut self, name: &str) -> Result<Array<Complex32>> {
         let (index, header) = self.header(name)?;
         let (index, header) = (index, header.clone());
         let convert = self.complex_reader(name, header.dtype)?;
@@ -140,7 +140,7 @@ impl NpzReader {
     }
 
     /// Whether an array lies in the file in the order in which it is read, last axis fastest.
-    pub fn in_order(&self, name: &str) -> bool {
+    pub(crate) fn in_order(&self, name: &str) -> bool {
         self.header(name).is_ok_and(|(_, header)| header.in_order())
     }
 
@@ -152,7 +152,7 @@ impl NpzReader {
     ///
     /// # Panics
     /// With blocks of no elements.
-    pub fn complex_blocks(
+    pub(crate) fn complex_blocks(
         &mut self,
         name: &str,
         block: usize,
@@ -187,19 +187,11 @@ impl NpzReader {
         if waiting.is_empty() { Ok(()) } else { take(&mut waiting) }
     }
 
-    /// An array of real numbers in single precision.
-    ///
-    /// # Errors
-    /// As [`NpzReader::complex`], and complex numbers.
-    pub fn f32(&mut self, name: &str) -> Result<Array<f32>> {
-        self.numbers(name, |number| number as f32)
-    }
-
     /// An array of real numbers in double precision.
     ///
     /// # Errors
     /// As [`NpzReader::complex`], and complex numbers.
-    pub fn f64(&mut self, name: &str) -> Result<Array<f64>> {
+    pub(crate) fn f64(&mut self, name: &str) -> Result<Array<f64>> {
         self.numbers(name, |number| number)
     }
 
@@ -207,7 +199,7 @@ impl NpzReader {
     ///
     /// # Errors
     /// A missing array, anything but one text, sizes that disagree or exceed the limit, damaged bytes.
-    pub fn text(&mut self, name: &str) -> Result<String> {
+    pub(crate) fn text(&mut self, name: &str) -> Result<String> {
         let (index, header) = self.header(name)?;
         let (index, header) = (index, header.clone());
         let one_string = header.shape.is_empty() || header.shape == [1];

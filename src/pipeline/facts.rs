@@ -53,7 +53,7 @@ pub(super) fn compensation(run: &RunFile) -> Option<String> {
 }
 
 /// The range resolution c/2B that a volume's facts come to, m.
-pub fn resolution_of(meta: &Value) -> Option<f64> {
+pub(crate) fn resolution_of(meta: &Value) -> Option<f64> {
     let number = |key: &str| meta.get(key).and_then(Value::as_f64).filter(|v| *v > 0.0);
     Some(number("sound_speed")? / (2.0 * number("bandwidth")?))
 }

@@ -325,7 +325,7 @@ fn write_error(path: &Path, outcome: &Outcome, truth: &DepthMap) -> Result<()> {
 }
 
 /// The line above an error figure.
-pub fn error_note(metrics: &Metrics) -> String {
+pub(crate) fn error_note(metrics: &Metrics) -> String {
     let millimetres = |value: Option<f64>| value.map_or("none".to_owned(), |m| format!("{:.1} mm", m * 1e3));
     format!("median |error| {}, rms {}", millimetres(metrics.median_error), millimetres(metrics.rmse))
 }

@@ -4,5 +4,5 @@ mod choice;
 mod cost;
 
 pub(super) use choice::{Choice, Options};
-pub use choice::{MOST_DIRECT_TERMS, direct_terms, estimate};
+pub use choice::{direct_terms, estimate};
 pub use cost::{Estimate, Estimates};

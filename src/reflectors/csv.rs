@@ -31,7 +31,7 @@ impl Reflectors {
 ///
 /// # Errors
 /// A missing file, another header, or a line with other than the asked numbers; the message names the line.
-pub fn read_columns<const N: usize>(path: &Path, header: [&str; N]) -> Result<Vec<[f64; N]>> {
+pub(crate) fn read_columns<const N: usize>(path: &Path, header: [&str; N]) -> Result<Vec<[f64; N]>> {
     let text = std::fs::read_to_string(path).map_err(|e| match e.kind() {
         std::io::ErrorKind::InvalidData => {
             Error::input(path.display(), "is not UTF-8 text; a CSV was expected")

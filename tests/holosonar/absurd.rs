@@ -3,8 +3,7 @@
 use crate::binary::{files_below, refused, run, shipped};
 use crate::mutation::glb;
 use crate::named::assert_names;
-use crate::support::data;
-use holosonar::files::npz::write_npz;
+use crate::support::{data, write_npz};
 use num_complex::Complex32;
 use std::fmt::Write;
 use std::path::Path;
@@ -233,16 +232,16 @@ fn cubes_with_mistakes() {
     let folder = tempfile::tempdir().unwrap();
     for (name, samples, shape, frequencies, places, meta, said) in cases {
         let file = format!("{name}.npz");
-        write_npz(&folder.path().join(&file), |npz| {
-            npz.complex("samples", shape, samples)?;
-            npz.f64("frequencies", &[frequencies.len()], frequencies)?;
-            match places.len() {
-                6 => npz.f64("mic_positions", &[2, 3], places)?,
-                n => npz.f64("mic_positions", &[n / 2, 2], places)?,
-            }
-            npz.text("meta", meta)
-        })
-        .unwrap();
+        let columns = if places.len() == 6 { 3 } else { 2 };
+        write_npz(
+            &folder.path().join(&file),
+            &[
+                ("samples", "<c8", shape, bytemuck::cast_slice(samples)),
+                ("frequencies", "<f8", &[frequencies.len()], bytemuck::cast_slice(frequencies)),
+                ("mic_positions", "<f8", &[places.len() / columns, columns], bytemuck::cast_slice(places)),
+                ("meta", "|u1", &[meta.len()], meta.as_bytes()),
+            ],
+        );
         // With somewhere to look, so that nothing but the cube is at fault.
         let grid = "--set grid.x=[0,0.1] --set grid.y=[0,0.1] --set grid.z=[1,1.1]";
         image_refuses(folder.path(), &format!("{file} {grid}"), &[&file, said]);
@@ -278,12 +277,14 @@ fn a_single_tone_is_refused_before_any_work() {
     for scene in ["point.toml", "corner.toml"] {
         image_refuses(folder.path(), &format!("{} {long}", shipped(scene).display()), &["bandwidth"]);
     }
-    write_npz(&folder.path().join("tone.npz"), |npz| {
-        npz.complex("samples", &[1, 2], &[Complex32::ONE; 2])?;
-        npz.f64("frequencies", &[1], &[10_000.0])?;
-        npz.f64("mic_positions", &[2, 3], &[0.0, 0.0, 0.0, 0.1, 0.0, 0.0])
-    })
-    .unwrap();
+    write_npz(
+        &folder.path().join("tone.npz"),
+        &[
+            ("samples", "<c8", &[1, 2], bytemuck::cast_slice(&[Complex32::ONE; 2])),
+            ("frequencies", "<f8", &[1], bytemuck::cast_slice(&[10_000.0])),
+            ("mic_positions", "<f8", &[2, 3], bytemuck::cast_slice(&[0.0, 0.0, 0.0, 0.1, 0.0, 0.0])),
+        ],
+    );
     image_refuses(folder.path(), "tone.npz", &["bandwidth"]);
 }
 

@@ -253,8 +253,7 @@ fn what_killed_processes_left_of_a_file_is_removed() {
     }
     let busy = fs::File::options().write(true).open(path(".cube.npz.busy00.part")).unwrap();
     busy.lock().unwrap();
-    holosonar::files::write_atomically(&path("cube.npz"), |out| std::io::Write::write_all(out, b"whole"))
-        .unwrap();
+    done(folder.path(), &format!("simulate {} -o cube.npz", shipped("point.toml").display()));
     let names: Vec<_> =
         files_below(folder.path()).iter().map(|p| p.file_name().unwrap().to_owned()).collect();
     assert_eq!(names, [".cube.npz.busy00.part", ".cube.npz.part", ".other.npz.aB3dE6.part", "cube.npz"]);

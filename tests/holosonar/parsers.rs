@@ -296,10 +296,9 @@ fn a_zip_bomb_is_refused_by_its_size() {
     }
     zip.finish().unwrap();
     assert!(fs::metadata(&path).unwrap().len() < 1 << 20);
-    let mut reader = holosonar::files::npz::NpzReader::open(&path, LIMIT).unwrap();
-    let error = reader.f64("frequencies").unwrap_err().to_string();
-    assert_names(error, &["bomb.npz", "`frequencies`", "67108864 bytes", "16777216"]);
     for error in [DataCube::read(&path, LIMIT).map(drop), read_volume_npz(&path, LIMIT).map(drop)] {
-        assert_eq!(error.unwrap_err().exit_status(), 2);
+        let error = error.unwrap_err();
+        assert_eq!(error.exit_status(), 2);
+        assert_names(error.to_string(), &["bomb.npz", "67108864 bytes", "16777216"]);
     }
 }

@@ -1,11 +1,10 @@
 //! Against independent brute-force answers (NumPy, float64) in `tests/data/reference`, which `tests/reference/generate.py`
 //! writes and `.ci/run` makes anew and compares.
 
-use crate::support::{data, relative_difference};
+use crate::support::{data, relative_difference, write_npz};
 use glam::DVec3;
 use holosonar::acquisition::{DataCube, PropagationModel, SimulateOptions, simulate};
-use holosonar::files::npz::NpzReader;
-use holosonar::grid::{Axis, Grid};
+use holosonar::export::volume_npz::read_volume_npz;
 use holosonar::progress::Silent;
 use holosonar::reconstruct::{Method, ReconstructOptions, Window, reconstruct};
 use holosonar::reflectors::Reflectors;
@@ -43,25 +42,10 @@ fn forward_linear() {
     forward("forward_linear_in_phase", PropagationModel::Linear);
 }
 
-/// An expected volume: its grid and samples. Depths are three single planes, not evenly spaced to the last bit.
-fn volume(name: &str) -> (Grid, Vec<num_complex::Complex32>) {
-    let mut npz = NpzReader::open(&data(&format!("reference/{name}.npz")), LIMIT).unwrap();
-    let axis = |values: Vec<f64>| Axis {
-        first: values[0],
-        pitch: (values[values.len() - 1] - values[0]) / (values.len() - 1) as f64,
-        count: values.len(),
-    };
-    let grid = Grid {
-        x: axis(npz.f64("x").unwrap().data),
-        y: axis(npz.f64("y").unwrap().data),
-        z: axis(npz.f64("z").unwrap().data),
-    };
-    (grid, npz.complex("samples").unwrap().data)
-}
-
 fn inverse(detection: &str, pitch: &str) {
     let cube = DataCube::read(&data(&format!("reference/cube_{detection}.npz")), LIMIT).unwrap();
-    let (grid, expected) = volume(&format!("volume_{detection}_{pitch}"));
+    let file = data(&format!("reference/volume_{detection}_{pitch}.npz"));
+    let expected = read_volume_npz(&file, LIMIT).unwrap().0;
     for (method, tolerance) in [
         (Method::Direct, 0.0),
         (Method::Convolution, 0.0),
@@ -70,9 +54,9 @@ fn inverse(detection: &str, pitch: &str) {
     ] {
         let mut options = ReconstructOptions::new(method, Window::None);
         options.tolerance = tolerance;
-        let got = reconstruct(&cube, &grid, &options, &Silent).unwrap();
+        let got = reconstruct(&cube, &expected.grid, &options, &Silent).unwrap();
         assert!(got.method == method || got.method == Method::Convolution && method == Method::Auto);
-        let error = relative_difference(&got.volume.samples, &expected);
+        let error = relative_difference(&got.volume.samples, &expected.samples);
         assert!(error < 1e-4, "{method:?} {tolerance} {detection} {pitch}: {error:e} of the maximum");
     }
 }
@@ -109,12 +93,15 @@ fn the_other_phase_sign_is_conjugated_on_reading() {
     let path = folder.path().join("conjugated.npz");
     let conjugated: Vec<_> = cube.samples.iter().map(num_complex::Complex::conj).collect();
     let positions: Vec<f64> = cube.array.positions().iter().flat_map(DVec3::to_array).collect();
-    holosonar::files::npz::write_npz(&path, |npz| {
-        npz.complex("samples", &[51, 143], &conjugated)?;
-        npz.f64("frequencies", &[51], cube.sweep.frequencies())?;
-        npz.f64("mic_positions", &[143, 3], &positions)?;
-        npz.text("meta", r#"{"phase_sign": -1}"#)
-    })
-    .unwrap();
+    let meta = br#"{"phase_sign": -1}"#;
+    write_npz(
+        &path,
+        &[
+            ("samples", "<c8", &[51, 143], bytemuck::cast_slice(&conjugated)),
+            ("frequencies", "<f8", &[51], bytemuck::cast_slice(cube.sweep.frequencies())),
+            ("mic_positions", "<f8", &[143, 3], bytemuck::cast_slice(&positions)),
+            ("meta", "|u1", &[meta.len()], meta),
+        ],
+    );
     assert_eq!(DataCube::read(&path, LIMIT).unwrap().samples, cube.samples);
 }

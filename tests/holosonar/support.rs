@@ -7,11 +7,31 @@ use holosonar::wave::Geometry;
 use num_complex::Complex32;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
-use std::path::PathBuf;
+use std::io::Write;
+use std::path::{Path, PathBuf};
 
 /// A file of `tests/data`.
 pub(crate) fn data(name: &str) -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/data").join(name)
+}
+
+/// An array of an `.npz` file: its name, its type as NumPy writes it, its shape and its bytes.
+pub(crate) type NpzArray<'a> = (&'a str, &'a str, &'a [usize], &'a [u8]);
+
+/// Writes an `.npz` file of whatever arrays, as `numpy.savez` does.
+pub(crate) fn write_npz(path: &Path, arrays: &[NpzArray<'_>]) {
+    let mut zip = zip::ZipWriter::new(std::fs::File::create(path).unwrap());
+    let stored = zip::write::SimpleFileOptions::default().compression_method(zip::CompressionMethod::Stored);
+    for (name, descr, shape, bytes) in arrays {
+        let lengths: String = shape.iter().map(|n| format!("{n},")).collect();
+        let header = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': ({lengths}), }}\n");
+        zip.start_file(format!("{name}.npy"), stored).unwrap();
+        zip.write_all(b"\x93NUMPY\x01\x00").unwrap();
+        zip.write_all(&(header.len() as u16).to_le_bytes()).unwrap();
+        zip.write_all(header.as_bytes()).unwrap();
+        zip.write_all(bytes).unwrap();
+    }
+    zip.finish().unwrap();
 }
 
 /// A seeded source of numbers.

@@ -190,7 +190,7 @@ fn groups(
 ///
 /// How many reflectors there are decides between the standard durations, and is not known before they are sampled. Sums
 /// per metre of path differ by less than a factor of two from those of the duration in the middle.
-pub fn bytes(
+pub(crate) fn bytes(
     sweep: &Sweep,
     array: &MicArray,
     bounds: Option<(DVec3, DVec3)>,

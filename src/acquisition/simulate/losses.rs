@@ -32,7 +32,7 @@ impl Losses {
     pub const NONE: Self = Self { spreading: false, air: None, speaker_radius: 0.0, microphone_radius: 0.0 };
 
     /// Whether there is any.
-    pub fn any(&self) -> bool {
+    pub(crate) fn any(&self) -> bool {
         *self != Self::NONE
     }
 
@@ -56,7 +56,7 @@ impl Losses {
 
 impl SimulateOptions {
     /// What is simulated beyond Eq. 5, in words, one line each; nothing for Eq. 5 as printed.
-    pub fn physics(&self, sweep: &Sweep) -> Vec<String> {
+    pub(crate) fn physics(&self, sweep: &Sweep) -> Vec<String> {
         let mut lines = Vec::new();
         if self.losses.spreading {
             lines.push("spherical spreading, (1 m)² / (d1 d2)".to_owned());

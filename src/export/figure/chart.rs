@@ -9,24 +9,24 @@ use std::path::Path;
 
 /// One chart of a figure.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Chart {
+pub(crate) struct Chart {
     /// Above it.
-    pub title: String,
+    pub(crate) title: String,
     /// Quantity / unit of the rows.
-    pub y_label: String,
+    pub(crate) y_label: String,
     /// One number per place on the x axis and series; NaN where there is none.
-    pub series: Vec<Vec<f64>>,
+    pub(crate) series: Vec<Vec<f64>>,
 }
 
 /// What the charts of a figure share: their x axis and what their lines are called.
 #[derive(Debug, Clone, PartialEq)]
-pub struct ChartAxis {
+pub(crate) struct ChartAxis {
     /// Below each chart.
-    pub label: String,
+    pub(crate) label: String,
     /// What stands at each place; places stand as numbers do where all of them are.
-    pub places: Vec<String>,
+    pub(crate) places: Vec<String>,
     /// A name per series; one alone is not shown.
-    pub series: Vec<String>,
+    pub(crate) series: Vec<String>,
 }
 
 const BOX: [usize; 2] = [800, 480];
@@ -57,7 +57,7 @@ const COLOURS: [Colour; 7] = [
 ///
 /// # Panics
 /// When there are no charts or no places, or a series has not one number per place.
-pub fn write_charts(path: &Path, charts: &[Chart], axis: &ChartAxis) -> Result<()> {
+pub(crate) fn write_charts(path: &Path, charts: &[Chart], axis: &ChartAxis) -> Result<()> {
     assert!(!charts.is_empty() && !axis.places.is_empty(), "a figure has a chart, and an axis a place");
     for series in charts.iter().flat_map(|chart| &chart.series) {
         assert_eq!(series.len(), axis.places.len(), "one number per place");

@@ -123,7 +123,7 @@ fn panel<'a>(title: &str, values: impl Into<Cow<'a, [f32]>>, raster: &Raster, sc
 /// more than `most`, from where on an error is a false return. NaN if there are no errors.
 ///
 /// The bound keeps a few gross errors from making all others look alike.
-pub fn error_limit(errors: &[f32], most: f64) -> f64 {
+pub(super) fn error_limit(errors: &[f32], most: f64) -> f64 {
     let mut sizes: Vec<f32> = errors.iter().map(|e| e.abs()).filter(|e| e.is_finite()).collect();
     sizes.sort_by(f32::total_cmp);
     let usual = sizes.get((sizes.len() * 95 / 100).min(sizes.len().saturating_sub(1)));

@@ -1,5 +1,6 @@
 #![allow(clippy::unwrap_used)]
 
+use super::results::error_limit;
 use super::*;
 use crate::grid::{DepthMap, Grid, Raster, Surface, View, Volume};
 use num_complex::Complex32;

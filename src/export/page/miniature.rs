@@ -16,7 +16,7 @@ const MOST_ALONG: usize = 256;
 
 /// A reduced volume, filled plane by plane, so that the whole need never be held.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Miniature {
+pub(crate) struct Miniature {
     full: Grid,
     /// Voxels per block along x, y, z.
     factors: [usize; 3],
@@ -27,7 +27,7 @@ pub struct Miniature {
 
 impl Miniature {
     /// An empty one of a volume with this grid: at most 2²¹ blocks, and 256 along each axis.
-    pub fn new(full: Grid) -> Self {
+    pub(crate) fn new(full: Grid) -> Self {
         let counts = [full.x.count, full.y.count, full.z.count];
         let mut factors = [1_usize; 3];
         loop {
@@ -56,7 +56,7 @@ impl Miniature {
     ///
     /// # Panics
     /// When there is no such depth.
-    pub fn add_plane(&mut self, iz: usize, plane: impl IntoIterator<Item = f32>) {
+    pub(crate) fn add_plane(&mut self, iz: usize, plane: impl IntoIterator<Item = f32>) {
         assert!(iz < self.full.z.count, "depth {iz} of {}", self.full.z.count);
         let [f_x, f_y, f_z] = self.factors;
         let (n_x, columns, pixels) = (self.full.x.count, self.grid.x.count, self.grid.plane_len());
@@ -70,7 +70,7 @@ impl Miniature {
     }
 
     /// Of a whole volume.
-    pub fn of_volume(volume: &Volume) -> Self {
+    pub(crate) fn of_volume(volume: &Volume) -> Self {
         let mut miniature = Self::new(volume.grid);
         for iz in 0..volume.grid.z.count {
             miniature.add_plane(iz, volume.plane(iz).iter().map(|sample| sample.norm()));
@@ -79,7 +79,7 @@ impl Miniature {
     }
 
     /// Of a volume's amplitudes.
-    pub fn of_amplitude(volume: &Amplitude) -> Self {
+    pub(crate) fn of_amplitude(volume: &Amplitude) -> Self {
         let mut miniature = Self::new(volume.grid);
         for (iz, plane) in volume.values.chunks(volume.grid.plane_len()).enumerate() {
             miniature.add_plane(iz, plane.iter().copied());
@@ -88,7 +88,7 @@ impl Miniature {
     }
 
     /// Greatest amplitude.
-    pub fn peak(&self) -> f32 {
+    pub(crate) fn peak(&self) -> f32 {
         self.greatest.iter().copied().fold(0.0, f32::max)
     }
 

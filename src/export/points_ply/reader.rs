@@ -10,11 +10,11 @@ const LONGEST_HEADER: u64 = 1 << 20;
 
 /// The vertices of a binary little-endian PLY.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Ply {
+pub(crate) struct Ply {
     /// Number of vertices.
-    pub count: usize,
+    pub(crate) count: usize,
     /// Comments of the header, in order.
-    pub comments: Vec<String>,
+    pub(crate) comments: Vec<String>,
     /// Name, type and place within a vertex of every property.
     properties: Vec<(String, Scalar, usize)>,
     stride: usize,
@@ -54,7 +54,7 @@ impl Ply {
     ///
     /// # Errors
     /// A missing or damaged file, another encoding, properties of other types than uchar, int, float and double.
-    pub fn read(path: &Path, limit_bytes: u64) -> Result<Self> {
+    pub(crate) fn read(path: &Path, limit_bytes: u64) -> Result<Self> {
         let fault = |problem: &str| {
             Error::input(
                 path.display(),
@@ -109,12 +109,12 @@ impl Ply {
     }
 
     /// Names of the properties, in order.
-    pub fn names(&self) -> impl Iterator<Item = &str> {
+    pub(crate) fn names(&self) -> impl Iterator<Item = &str> {
         self.properties.iter().map(|(name, ..)| name.as_str())
     }
 
     /// One property of every vertex.
-    pub fn column(&self, name: &str) -> Option<Vec<f64>> {
+    pub(crate) fn column(&self, name: &str) -> Option<Vec<f64>> {
         let (_, kind, at) = self.properties.iter().find(|(other, ..)| other == name)?;
         let number = |vertex: &[u8]| match (kind, &vertex[*at..*at + kind.size()]) {
             (Scalar::Byte, &[a]) => f64::from(a),

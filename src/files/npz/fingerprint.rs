@@ -8,7 +8,7 @@ impl NpzReader {
     ///
     /// # Errors
     /// A damaged directory of the archive.
-    pub fn fingerprint(&mut self) -> Result<String> {
+    pub(crate) fn fingerprint(&mut self) -> Result<String> {
         let mut lines = Vec::new();
         for index in 0..self.archive.len() {
             let entry = self.archive.by_index_raw(index);

@@ -34,8 +34,8 @@ fn what_is_written_is_read_again() {
     assert_eq!(npz.names().collect::<Vec<_>>(), ["samples", "x", "scalar", "nothing", "meta"]);
     assert_eq!(npz.complex("samples").unwrap(), Array { shape: vec![2, 3, 4], data: ramp() });
     assert_eq!(npz.f64("x").unwrap().data, [0.1, f64::MIN_POSITIVE, f64::NEG_INFINITY]);
-    assert_eq!(npz.f32("scalar").unwrap(), Array { shape: vec![], data: vec![f32::MAX] });
-    assert_eq!(npz.f32("nothing").unwrap().shape, [0, 2]);
+    assert_eq!(npz.f64("scalar").unwrap(), Array { shape: vec![], data: vec![f64::from(f32::MAX)] });
+    assert_eq!(npz.f64("nothing").unwrap().shape, [0, 2]);
     assert_eq!(npz.text("meta").unwrap(), "λ = 17 mm");
     assert!(npz.dtype_is_complex("samples").unwrap() && !npz.dtype_is_complex("x").unwrap());
 }
@@ -47,19 +47,19 @@ fn numpys_own_files_are_read() {
     let real = npz.complex("real").unwrap();
     assert!(real.data.iter().zip(ramp()).all(|(a, b)| a.re == b.re && a.im == 0.0));
     assert_eq!(npz.f64("scalar").unwrap(), Array { shape: vec![], data: vec![3.5] });
-    assert_eq!(npz.f32("ints").unwrap().data, [-3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0]);
+    assert_eq!(npz.f64("ints").unwrap().data, [-3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0]);
     assert_eq!(npz.text("meta").unwrap(), r#"{"version": 1}"#);
     assert_eq!(npz.text("bytes").unwrap(), "abc");
-    assert_eq!(npz.f32("empty").unwrap().shape, [0, 3]);
+    assert_eq!(npz.f64("empty").unwrap().shape, [0, 3]);
 }
 
 #[test]
 fn big_endian_fortran_order_and_deflate_change_nothing() {
     let mut npz = NpzReader::open(&data("big_fortran_deflated.npz"), LIMIT).unwrap();
     assert_eq!(npz.complex("samples").unwrap(), Array { shape: vec![2, 3, 4], data: ramp() });
-    let ramp: Vec<f32> = ramp().iter().map(|c| c.re).collect();
+    let ramp: Vec<f64> = ramp().iter().map(|c| c.re.into()).collect();
     for name in ["real", "counts", "wide"] {
-        assert_eq!(npz.f32(name).unwrap().data, ramp, "{name}");
+        assert_eq!(npz.f64(name).unwrap().data, ramp, "{name}");
     }
     assert_eq!(npz.text("note").unwrap(), "grün");
     let mut npz = NpzReader::open(&data("versions.npz"), LIMIT).unwrap();
@@ -74,9 +74,9 @@ fn an_error_names_the_array_and_what_was_expected() {
     for (error, words) in [
         (npz.f64("samples").unwrap_err(), &["array `samples`", "real"][..]),
         (npz.f64("speed").unwrap_err(), &["array `speed`", "`samples`", "`real`"]),
-        (npz.f32("objects").unwrap_err(), &["array `objects`", "Python objects"]),
+        (npz.f64("objects").unwrap_err(), &["array `objects`", "Python objects"]),
         (npz.text("real").unwrap_err(), &["array `real`", "text"]),
-        (npz.f32("bytes").unwrap_err(), &["array `bytes`", "numbers"]),
+        (npz.f64("bytes").unwrap_err(), &["array `bytes`", "numbers"]),
     ] {
         let text = error.to_string();
         assert_names(&text, &["plain.npz"]);
@@ -130,6 +130,6 @@ fn a_shape_the_bytes_do_not_fill_is_refused_before_anything_is_allocated() {
     let mut lying = bytes.clone();
     lying[at..at + 5].copy_from_slice(b"(99,)");
     std::fs::write(&path, &lying).unwrap();
-    let error = NpzReader::open(&path, u64::MAX).unwrap().f32("a").unwrap_err();
+    let error = NpzReader::open(&path, u64::MAX).unwrap().f64("a").unwrap_err();
     assert_names(error.to_string(), &["a.npz", "array `a`", "[99]", "4-byte"]);
 }

@@ -12,7 +12,7 @@ use zip::{CompressionMethod, DateTime, System, ZipWriter};
 
 /// The arrays of a file that is being written.
 #[derive(Debug)]
-pub struct NpzWriter<W: Write + Seek> {
+pub(crate) struct NpzWriter<W: Write + Seek> {
     archive: ZipWriter<W>,
 }
 
@@ -33,7 +33,7 @@ pub struct NpzWriter<W: Write + Seek> {
 /// assert_eq!(NpzReader::open(&path, 1 << 20)?.f64("frequencies")?.data, [10e3, 10.02e3]);
 /// # Ok::<(), holosonar::error::Error>(())
 /// ```
-pub fn write_npz(
+pub(crate) fn write_npz(
     path: &Path,
     write: impl FnOnce(&mut NpzWriter<BufWriter<&File>>) -> io::Result<()>,
 ) -> Result<()> {
@@ -47,7 +47,7 @@ pub fn write_npz(
 
 impl<W: Write + Seek> NpzWriter<W> {
     /// Begins a file.
-    pub fn new(out: W) -> Self {
+    pub(crate) fn new(out: W) -> Self {
         Self { archive: ZipWriter::new(out) }
     }
 
@@ -55,7 +55,7 @@ impl<W: Write + Seek> NpzWriter<W> {
     ///
     /// # Errors
     /// What writing returns; so do the other methods.
-    pub fn finish(self) -> io::Result<()> {
+    pub(crate) fn finish(self) -> io::Result<()> {
         self.archive.finish()?.flush()
     }
 
@@ -63,7 +63,7 @@ impl<W: Write + Seek> NpzWriter<W> {
     ///
     /// # Errors
     /// What writing returns.
-    pub fn begin_complex(&mut self, name: &str, shape: &[usize]) -> io::Result<()> {
+    pub(crate) fn begin_complex(&mut self, name: &str, shape: &[usize]) -> io::Result<()> {
         let elements = shape.iter().fold(1u64, |product, &n| product.saturating_mul(n as u64));
         self.begin(name, "<c8", shape, elements.saturating_mul(8))
     }
@@ -72,7 +72,7 @@ impl<W: Write + Seek> NpzWriter<W> {
     ///
     /// # Errors
     /// What writing returns.
-    pub fn append(&mut self, data: &[Complex32]) -> io::Result<()> {
+    pub(crate) fn append(&mut self, data: &[Complex32]) -> io::Result<()> {
         self.archive.write_all(&little_endian(bytemuck::cast_slice::<_, f32>(data), f32::to_le_bytes))
     }
 
@@ -83,7 +83,7 @@ impl<W: Write + Seek> NpzWriter<W> {
     ///
     /// # Panics
     /// When `data` does not hold exactly as many elements as `shape` says; so do the other methods.
-    pub fn complex(&mut self, name: &str, shape: &[usize], data: &[Complex32]) -> io::Result<()> {
+    pub(crate) fn complex(&mut self, name: &str, shape: &[usize], data: &[Complex32]) -> io::Result<()> {
         let parts: &[f32] = bytemuck::cast_slice(data);
         self.array(name, "<c8", shape, data.len(), &little_endian(parts, f32::to_le_bytes))
     }
@@ -92,7 +92,7 @@ impl<W: Write + Seek> NpzWriter<W> {
     ///
     /// # Errors
     /// What writing returns.
-    pub fn f32(&mut self, name: &str, shape: &[usize], data: &[f32]) -> io::Result<()> {
+    pub(crate) fn f32(&mut self, name: &str, shape: &[usize], data: &[f32]) -> io::Result<()> {
         self.array(name, "<f4", shape, data.len(), &little_endian(data, f32::to_le_bytes))
     }
 
@@ -100,7 +100,7 @@ impl<W: Write + Seek> NpzWriter<W> {
     ///
     /// # Errors
     /// What writing returns.
-    pub fn f64(&mut self, name: &str, shape: &[usize], data: &[f64]) -> io::Result<()> {
+    pub(crate) fn f64(&mut self, name: &str, shape: &[usize], data: &[f64]) -> io::Result<()> {
         self.array(name, "<f8", shape, data.len(), &little_endian(data, f64::to_le_bytes))
     }
 
@@ -108,7 +108,7 @@ impl<W: Write + Seek> NpzWriter<W> {
     ///
     /// # Errors
     /// What writing returns.
-    pub fn text(&mut self, name: &str, text: &str) -> io::Result<()> {
+    pub(crate) fn text(&mut self, name: &str, text: &str) -> io::Result<()> {
         self.array(name, "|u1", &[text.len()], text.len(), text.as_bytes())
     }
 

@@ -9,7 +9,7 @@ use crate::reconstruct::error_budget::ErrorBudget;
 use crate::reconstruct::{Estimate, Method, ReconstructOptions, backprojection, convolution};
 
 /// Above this many terms `direct` must be asked for by name; it would run for many minutes.
-pub const MOST_DIRECT_TERMS: u64 = 100_000_000_000;
+const MOST_DIRECT_TERMS: u64 = 100_000_000_000;
 
 /// The terms of Eq. 13: voxels × microphones × frequencies.
 pub fn direct_terms(setup: &Setup, grid: &Grid) -> u64 {
