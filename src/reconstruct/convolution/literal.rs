@@ -6,15 +6,15 @@
 
 use super::lattice::{Sublattice, Sublattices};
 use super::layout::Layout;
-use crate::alloc::{try_with_capacity, try_zeroed};
+use crate::alloc::{try_filled, try_zeroed};
 use crate::error::Result;
-use crate::grid::{Axis, Grid, no_room_for};
+use crate::grid::{Axis, no_room_for};
 use crate::progress::{Observer, advance};
 use crate::reconstruct::compress::Tones;
 use crate::reconstruct::numerics::fast_size;
 use crate::reconstruct::volume::Batch;
-use crate::wave::{Geometry, phasor};
-use glam::{DVec2, DVec3};
+use crate::wave::simd::{LANES, Lanes, ROWS, lane_phasors};
+use glam::DVec2;
 use num_complex::Complex32;
 use rayon::prelude::*;
 use rustfft::{Fft, FftDirection, FftPlanner};
@@ -26,6 +26,7 @@ struct PaddedPlane {
     shape: [usize; 2],
     forward: [Arc<dyn Fft<f32>>; 2],
     inverse: [Arc<dyn Fft<f32>>; 2],
+    scratch_len: usize,
 }
 
 impl PaddedPlane {
@@ -33,7 +34,9 @@ impl PaddedPlane {
         let mut planner = FftPlanner::new();
         let [forward, inverse] = [FftDirection::Forward, FftDirection::Inverse]
             .map(|direction| shape.map(|n| planner.plan_fft(n, direction)));
-        Self { shape, forward, inverse }
+        let scratch = forward.iter().chain(&inverse).map(|fft| fft.get_inplace_scratch_len());
+        let scratch_len = scratch.fold(shape[0] * shape[1], usize::max);
+        Self { shape, forward, inverse, scratch_len }
     }
 
     fn len(&self) -> usize {
@@ -41,26 +44,40 @@ impl PaddedPlane {
     }
 
     /// From `[y, x]` to `[k_x, k_y]`.
-    fn transform(&self, plane: &mut Vec<Complex32>, work: &mut Vec<Complex32>) {
-        self.forward[0].process(plane);
-        self.turn(self.shape, plane, work);
-        self.forward[1].process(plane);
+    fn transform(&self, plane: &mut [Complex32], scratch: &mut [Complex32]) {
+        self.forward[0].process_with_scratch(plane, scratch);
+        if self.transpose(self.shape, plane, scratch) {
+            self.forward[1].process_with_scratch(plane, scratch);
+        }
     }
 
     /// From `[k_x, k_y]` to `[y, x]`, without the factor 1/n.
-    fn transform_back(&self, plane: &mut Vec<Complex32>, work: &mut Vec<Complex32>) {
-        self.inverse[1].process(plane);
-        self.turn([self.shape[1], self.shape[0]], plane, work);
-        self.inverse[0].process(plane);
+    fn transform_back(&self, plane: &mut [Complex32], scratch: &mut [Complex32]) {
+        let [n_x, n_y] = self.shape;
+        if n_y > 1 {
+            self.inverse[1].process_with_scratch(plane, scratch);
+        }
+        self.transpose([n_y, n_x], plane, scratch);
+        self.inverse[0].process_with_scratch(plane, scratch);
     }
 
-    /// Transposes rows of `columns` values; a single row or column lies the same either way.
-    fn turn(&self, [columns, rows]: [usize; 2], plane: &mut Vec<Complex32>, work: &mut Vec<Complex32>) {
-        if columns > 1 && rows > 1 {
-            work.clear();
-            work.extend((0..self.len()).map(|i| plane[i % rows * columns + i / rows]));
-            std::mem::swap(plane, work);
+    /// Transposes rows of `columns` values; false for a single row or column, which needs nothing.
+    fn transpose(
+        &self,
+        [columns, rows]: [usize; 2],
+        plane: &mut [Complex32],
+        scratch: &mut [Complex32],
+    ) -> bool {
+        if columns == 1 || rows == 1 {
+            // A transform of length 1 along x is the identity, and the values are a line along y.
+            return columns == 1;
         }
+        let turned = &mut scratch[..self.len()];
+        for (column, to) in turned.chunks_exact_mut(rows).enumerate() {
+            to.iter_mut().enumerate().for_each(|(row, to)| *to = plane[row * columns + column]);
+        }
+        plane.copy_from_slice(turned);
+        true
     }
 }
 
@@ -76,26 +93,56 @@ impl std::fmt::Debug for Literal<'_> {
     }
 }
 
+/// One thread's buffers: path lengths of one depth in lanes, their phasors, and padded planes.
+struct Buffers {
+    /// `|p − r|` by lag, doubled for a scan, m: `[node sublattice][lag]`.
+    lengths: Vec<[f64; LANES]>,
+    /// `|p − s|` by place on the padded plane, m; empty for a scan.
+    outward: Vec<[f64; LANES]>,
+    phasors: Vec<Lanes>,
+    kernel: Vec<Complex32>,
+    sum: Vec<Complex32>,
+    scratch: Vec<Complex32>,
+}
+
 impl<'a> Literal<'a> {
     pub(crate) fn new(layout: &'a Layout) -> Self {
         let longest =
-            |parts: &[Sublattices], axis: usize| parts.iter().map(|p| p[axis].count).max().unwrap_or(1);
+            |parts: &[Sublattices], axis: usize| parts.iter().map(|part| part[axis].count).max().unwrap_or(1);
         let shape = [0, 1].map(|axis| {
             fast_size(longest(&layout.voxel_parts, axis) + longest(&layout.node_parts, axis) - 1, 1)
         });
         Self { layout, padded: PaddedPlane::new(shape) }
     }
 
-    /// Bytes of one tone's spectra, and of one thread's planes.
+    /// Numbers of a padded plane in whole lanes.
+    fn lanes(&self) -> usize {
+        self.padded.len().next_multiple_of(ROWS * LANES) / LANES
+    }
+
+    /// Bytes of one tone's spectra, and of one thread's buffers.
     pub(crate) fn bytes(&self) -> [u64; 2] {
+        let parts = self.layout.node_parts.len() as u64;
         let plane = (self.padded.len() * size_of::<Complex32>()) as u64;
-        [plane * self.layout.node_parts.len() as u64, 3 * plane]
+        [plane * parts, plane * (5 + parts)]
+    }
+
+    fn buffers(&self) -> Option<Buffers> {
+        let (len, lanes) = (self.padded.len() as u64, self.lanes() as u64);
+        Some(Buffers {
+            lengths: try_filled([0.0; LANES], lanes * self.layout.node_parts.len() as u64)?,
+            outward: try_filled([0.0; LANES], lanes)?,
+            phasors: try_filled(Lanes::ZERO, lanes)?,
+            kernel: try_zeroed(len)?,
+            sum: try_zeroed(len)?,
+            scratch: try_zeroed(self.padded.scratch_len as u64)?,
+        })
     }
 
     /// Adds tones to the planes from depth `first` on, `[plane, y, x]`.
     ///
     /// # Errors
-    /// Spectra or planes do not fit in memory; [`crate::error::Error::Interrupted`].
+    /// Spectra or buffers do not fit in memory; [`crate::error::Error::Interrupted`].
     pub(crate) fn add(
         &self,
         tones: &Tones,
@@ -113,20 +160,14 @@ impl<'a> Literal<'a> {
         let planes = planes.par_chunks_mut(grid.plane_len());
         let run = batch.least_run(planes.len());
         planes.with_min_len(run).enumerate().try_for_each_init(
-            || [(); 3].map(|()| try_zeroed(self.padded.len() as u64)),
+            || self.buffers(),
             |buffers, (iz, voxels)| {
-                let [Some(kernel), Some(sum), Some(work)] = buffers else { return Err(no_room_for(grid)) };
-                for (k, spectra) in tones.per_metre.iter().zip(&spectra) {
-                    for part in &self.layout.voxel_parts {
-                        sum.fill(Complex32::ZERO);
-                        for (nodes, spectrum) in self.layout.node_parts.iter().zip(spectra) {
-                            self.kernel(*k, first + iz, part, nodes, kernel);
-                            self.padded.transform(kernel, work);
-                            let products = kernel.iter().zip(spectrum).map(|(a, b)| a * b);
-                            sum.iter_mut().zip(products).for_each(|(sum, product)| *sum += product);
-                        }
-                        self.padded.transform_back(sum, work);
-                        self.add_to_voxels(*k, first + iz, part, sum, voxels);
+                let buffers = buffers.as_mut().ok_or_else(|| no_room_for(grid))?;
+                for part in &self.layout.voxel_parts {
+                    self.measure(first + iz, part, buffers);
+                    for (k, spectra) in tones.per_metre.iter().zip(&spectra) {
+                        self.convolve(*k, spectra, buffers);
+                        self.add_to_voxels(*k, part, buffers, voxels);
                     }
                 }
                 advance(observer, tones.per_metre.len() as u64)
@@ -138,35 +179,38 @@ impl<'a> Literal<'a> {
     fn spectrum(&self, nodes: &[Complex32], [x, y]: &Sublattices) -> Option<Vec<Complex32>> {
         let [n_x, _] = self.padded.shape;
         let mut plane = try_zeroed(self.padded.len() as u64)?;
-        let mut work = try_with_capacity(self.padded.len() as u64)?;
+        let mut scratch = try_zeroed(self.padded.scratch_len as u64)?;
         let (width, scale) = (self.layout.lattice.nodes()[0].count, 1.0 / self.padded.len() as f32);
         for j in 0..y.count {
             for i in 0..x.count {
                 plane[j * n_x + i] = nodes[(y.start + j * y.stride) * width + x.start + i * x.stride] * scale;
             }
         }
-        self.padded.transform(&mut plane, &mut work);
+        self.padded.transform(&mut plane, &mut scratch);
         Some(plane)
     }
 
-    /// `e^{−i2πf|p−r|/c}` by lag: from the first voxel and node up to the last voxel, then the wrapped negative lags.
-    fn kernel(
-        &self,
-        per_metre: f64,
-        iz: usize,
-        voxels: &Sublattices,
-        nodes: &Sublattices,
-        kernel: &mut [Complex32],
-    ) {
+    /// All path lengths of one depth and voxel sublattice. By lag: from the first voxel and node up to the last voxel, then
+    /// the wrapped negative lags.
+    fn measure(&self, iz: usize, voxels: &Sublattices, buffers: &mut Buffers) {
         let (Layout { grid, lattice, geometry, .. }, [n_x, n_y]) = (self.layout, self.padded.shape);
-        let first = self.first(voxels, &[grid.x, grid.y]) - self.first(nodes, &lattice.nodes());
         let pitch = DVec2::from_array(lattice.common_pitch());
         let height = grid.z.position(iz) - lattice.z;
         let lag = |i: usize, n: usize, voxels: usize| i as f64 - if i < voxels { 0.0 } else { n as f64 };
-        for (i, value) in kernel.iter_mut().enumerate() {
-            let lag = DVec2::new(lag(i % n_x, n_x, voxels[0].count), lag(i / n_x, n_y, voxels[1].count));
-            let distance = (first + pitch * lag).extend(height).length();
-            *value = phasor(per_metre * geometry.return_legs() * distance);
+        for (part, lengths) in
+            self.layout.node_parts.iter().zip(buffers.lengths.chunks_exact_mut(self.lanes()))
+        {
+            let first = self.first(voxels, &[grid.x, grid.y]) - self.first(part, &lattice.nodes());
+            for (i, length) in lengths.as_flattened_mut()[..self.padded.len()].iter_mut().enumerate() {
+                let lag = DVec2::new(lag(i % n_x, n_x, voxels[0].count), lag(i / n_x, n_y, voxels[1].count));
+                *length = geometry.return_legs() * (first + pitch * lag).extend(height).length();
+            }
+        }
+        let [x, y] = voxels;
+        let outward = buffers.outward.as_flattened_mut();
+        for (j, i) in (0..y.count).flat_map(|j| (0..x.count).map(move |i| (j, i))) {
+            let p = grid.position(x.start + i * x.stride, y.start + j * y.stride, iz);
+            outward[j * n_x + i] = geometry.outward_length(p);
         }
     }
 
@@ -176,26 +220,42 @@ impl<'a> Literal<'a> {
         DVec2::new(first(&axes[0], &parts[0]), first(&axes[1], &parts[1]))
     }
 
-    /// Adds the convolution to one sublattice of voxels, with the phase of the way from the speaker.
-    fn add_to_voxels(
-        &self,
-        k: f64,
-        iz: usize,
-        [x, y]: &Sublattices,
-        sum: &[Complex32],
-        voxels: &mut [Complex32],
-    ) {
-        let grid: &Grid = &self.layout.grid;
-        for j in 0..y.count {
-            for i in 0..x.count {
-                let (ix, iy) = (x.start + i * x.stride, y.start + j * y.stride);
-                let p: DVec3 = grid.position(ix, iy, iz);
-                let outer = match self.layout.geometry {
-                    Geometry::FixedSource { .. } => phasor(k * self.layout.geometry.outward_length(p)),
-                    Geometry::Monostatic => Complex32::ONE,
-                };
-                voxels[iy * grid.x.count + ix] += sum[j * self.padded.shape[0] + i] * outer;
+    /// The convolution of one tone, into the sum.
+    fn convolve(&self, k: f64, spectra: &[Vec<Complex32>], buffers: &mut Buffers) {
+        let Buffers { lengths, phasors, kernel, sum, scratch, .. } = buffers;
+        for (n, (lengths, spectrum)) in lengths.chunks_exact(self.lanes()).zip(spectra).enumerate() {
+            lane_phasors(&[k; LANES], lengths, phasors);
+            interleave(phasors, kernel);
+            self.padded.transform(kernel, scratch);
+            for ((sum, a), b) in sum.iter_mut().zip(&*kernel).zip(spectrum) {
+                *sum = if n == 0 { a * b } else { *sum + a * b };
             }
+        }
+        self.padded.transform_back(sum, scratch);
+    }
+
+    /// Adds the sum to one sublattice of voxels, with the phase of the path from the speaker.
+    fn add_to_voxels(&self, k: f64, [x, y]: &Sublattices, buffers: &mut Buffers, voxels: &mut [Complex32]) {
+        let Buffers { outward, phasors, kernel, sum, .. } = buffers;
+        lane_phasors(&[k; LANES], outward, phasors);
+        interleave(phasors, kernel);
+        let width = self.layout.grid.x.count;
+        for j in 0..y.count {
+            let row = j * self.padded.shape[0]..j * self.padded.shape[0] + x.count;
+            let to =
+                voxels[(y.start + j * y.stride) * width..][..width][x.start..].iter_mut().step_by(x.stride);
+            for ((voxel, sum), outer) in to.zip(&sum[row.clone()]).zip(&kernel[row]) {
+                *voxel += sum * outer;
+            }
+        }
+    }
+}
+
+/// Real and imaginary lanes as complex numbers.
+fn interleave(lanes: &[Lanes], numbers: &mut [Complex32]) {
+    for (lanes, numbers) in lanes.iter().zip(numbers.chunks_mut(LANES)) {
+        for (number, (re, im)) in numbers.iter_mut().zip(lanes.re.iter().zip(&lanes.im)) {
+            *number = Complex32::new(*re, *im);
         }
     }
 }
@@ -205,10 +265,13 @@ impl<'a> Literal<'a> {
 mod tests {
     use super::*;
     use crate::acquisition::{Detection, MicArray, Setup, Sweep};
+    use crate::grid::Grid;
     use crate::progress::Silent;
     use crate::reconstruct::convolution::lattice::SharedLattice;
     use crate::reconstruct::convolution::{Depths, Workspaces};
     use crate::reconstruct::error_budget::ErrorBudget;
+    use crate::wave::Geometry;
+    use glam::DVec3;
 
     /// Numbers in −½ .. ½ that look random.
     fn noise(count: usize, seed: f64) -> Vec<Complex32> {
