@@ -67,10 +67,11 @@ struct Common {
     memory: Option<String>,
 }
 
-/// How a long job is kept, so that an interrupted one can be taken up by the same command.
+/// How often a long job stores its finished blocks, from which the same command resumes after an interruption.
 #[derive(Debug, Args, Clone)]
 struct Keeping {
-    /// Keep finished blocks every so many seconds; 0: after every block.
+    /// Store finished blocks every so many seconds, so that the same command resumes an interrupted run; 0: after every
+    /// block.
     #[arg(long, value_name = "SECONDS", default_value_t = 5.0)]
     checkpoint_every: f64,
 }

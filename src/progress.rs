@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 
-/// Something a stage has to say.
+/// A report of a stage.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub enum Event<'a> {
@@ -22,15 +22,15 @@ pub enum Event<'a> {
     Finished,
 }
 
-/// Hears what the stages report. Every method has a silent default.
+/// Receives what the stages report. Every method does nothing by default.
 pub trait Observer: Sync {
     /// Progress of a stage.
     fn event(&self, _event: Event<'_>) {}
-    /// What a stage has come to, on one line: "7403 reflectors, 11.4 mm apart".
+    /// The result of a stage, on one line: "7403 reflectors, 11.4 mm apart".
     fn note(&self, _message: &str) {}
-    /// Something the user should know although the work goes on; one sentence or two.
+    /// Something that the user should know although the work continues; one sentence or two.
     fn warn(&self, _message: &str) {}
-    /// Something about this very run that the user should know, which no result depends on and no report holds.
+    /// Something about this very run that the user should know, on which no result depends and which no report contains.
     fn tell(&self, _message: &str) {}
     /// Whether the user has asked to stop; stages look at it once per block of work.
     fn should_stop(&self) -> bool {
@@ -38,7 +38,7 @@ pub trait Observer: Sync {
     }
 }
 
-/// An observer that hears nothing.
+/// An observer that ignores everything.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Silent;
 
@@ -47,7 +47,7 @@ impl Observer for Silent {}
 /// Runs `work` as one reported stage of `total` units.
 ///
 /// # Errors
-/// What `work` returns; [`Error::Interrupted`] when a stop was asked for meanwhile.
+/// Those of `work`; [`Error::Interrupted`] when a stop was asked for meanwhile.
 pub(crate) fn stage<T>(
     observer: &dyn Observer,
     name: &str,

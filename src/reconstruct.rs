@@ -156,3 +156,6 @@ fn carry_out(choice: &Choice, job: Job<'_>) -> Result<ReconstructionInfo> {
 fn no_room(tones: u64, microphones: u64) -> Error {
     Error::out_of_memory(format!("{tones} tones x {microphones} microphones do not fit; use fewer of either"))
 }
+
+#[cfg(test)]
+mod tests;
