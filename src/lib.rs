@@ -61,8 +61,10 @@
 //! # Invariants
 //! - A module imports only from modules above it in the list below; a test reads the sources and holds it so.
 //! - [`reconstruct`] and [`depth`] never see the scene, so they cannot know the answer.
-//! - Only [`pipeline`] and the binary see the run file; stages take their own parameters and do no I/O.
-//! - Only the binary prints, draws progress or exits.
+//! - Only [`pipeline`] and the command line see the run file; stages take their own parameters and do no I/O.
+//! - Only the command line prints, draws progress or exits.
+//! - Nothing is set for the whole process, but for the limit on vector instructions ([`wave::simd::limit`]), which changes
+//!   no byte of a result.
 //! - Every fast path stands beside a literal one, and a test compares them.
 //! - Same inputs and seed, same bytes, for any number of threads, limit of memory or interruption. Our own loops give the same bytes for any vector
 //!   width too ([`wave::simd::limit`]); matrix products and the C library's sines may round otherwise on another processor, by 2·10⁻⁶ of the
@@ -72,6 +74,9 @@
 //!
 //! \[1\] L. Streeter, J. Scott, C. A. Lickfold, M. J. Cree, "Design of a Pseudo-Holographic Distributed Time-of-Flight
 //! Sonar Range-Imaging System". Equation numbers in these pages are that paper's.
+
+// What the command line alone uses is no mistake in a library built without it.
+#![cfg_attr(not(feature = "cli"), allow(dead_code, unused_imports))]
 
 pub use glam;
 pub use num_complex;

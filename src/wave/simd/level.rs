@@ -35,7 +35,7 @@ impl Level {
     ///
     /// # Errors
     /// [`Error::InvalidInput`]: no such level, or one above `most`.
-    pub fn named(place: &str, name: &str, most: Self) -> Result<Self> {
+    pub(crate) fn named(place: &str, name: &str, most: Self) -> Result<Self> {
         let level: Self = name.parse().map_err(|error: Error| error.at(place))?;
         if level > most {
             let had: Vec<&str> = Self::ALL[..=most as usize].iter().map(|level| level.as_str()).collect();
@@ -52,7 +52,22 @@ impl Level {
 /// The highest level that may be taken.
 static LIMIT: AtomicU8 = AtomicU8::new(Level::Avx512 as u8);
 
-/// Lets every kernel of this process take at most this level from now on. It changes no byte of a result.
+/// Lets every kernel of this process take at most this level from now on. It changes no byte of a result; what a processor
+/// has not is never taken.
+///
+/// This is the one setting of the library that holds for a whole process. Which instructions there are is a property of the
+/// computer, found by the kernels themselves, and no result depends on it; as an argument it would pass through every
+/// function of every stage for the sake of tests that compare the levels, and of processors whose wide registers slow their
+/// clock. The library reads no environment variable; the command line sets this from `HOLOSONAR_SIMD`.
+///
+/// ```
+/// use holosonar::wave::simd::{Level, level, limit};
+///
+/// limit(Level::Baseline);
+/// assert_eq!(level(), Level::Baseline);
+/// limit(Level::Avx512);
+/// assert_eq!(level(), Level::of_processor());
+/// ```
 pub fn limit(level: Level) {
     LIMIT.store(level as u8, Ordering::Relaxed);
 }
