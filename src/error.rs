@@ -49,6 +49,23 @@ impl Error {
         Self::Environment { place: place.to_string(), problem: problem.into() }
     }
 
+    /// The same mistake at another place: that of the file or key the caller took the values from. What is not the user's
+    /// to mend stays as it is.
+    ///
+    /// ```
+    /// use holosonar::acquisition::Sweep;
+    ///
+    /// let error = Sweep::stepped(20e3, 10e3, 20.0).map_err(|e| e.at("run.toml, [sweep]")).unwrap_err();
+    /// assert!(error.to_string().starts_with("run.toml, [sweep]: "));
+    /// ```
+    #[must_use]
+    pub fn at(self, place: impl Display) -> Self {
+        match self {
+            Self::Input { problem, .. } => Self::Input { place: place.to_string(), problem },
+            other => other,
+        }
+    }
+
     /// An input file that could not be read: the user's to mend when it is missing, a folder or forbidden.
     pub fn reading(path: &Path, error: &io::Error) -> Self {
         let place = path.display();

@@ -114,19 +114,19 @@ fn in_pool(
     sink: &mut dyn VolumeSink,
     observer: &dyn Observer,
 ) -> Result<Made> {
-    let setup = source.setup();
+    let setup = source.instrument();
     let threads = rayon::current_num_threads();
-    let possible = Options::of(&setup, grid, options, threads)?;
+    let possible = Options::of(setup, grid, options, threads)?;
     let batch = possible.chosen(options.method).batch;
-    let (choice, warning) = possible.choose(&setup, grid, options.method)?;
+    let (choice, warning) = possible.choose(setup, grid, options.method)?;
     if let Some(warning) = warning {
         observer.warn(&warning);
     }
-    let weights = Weights::new(&setup, options.window);
+    let weights = Weights::new(setup, options.window);
     if !options.compensate {
         return carry_out((&choice, batch), &weights, source, grid, options, sink, observer);
     }
-    let mut compensated = Compensated::new(&setup, grid, sink);
+    let mut compensated = Compensated::new(setup, grid, sink);
     let made = carry_out((&choice, batch), &weights, source, grid, options, &mut compensated, observer)?;
     Ok(compensated.made(&made))
 }

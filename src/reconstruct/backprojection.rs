@@ -23,7 +23,7 @@ mod blocks;
 mod factorised;
 mod profile;
 
-use crate::acquisition::{CubeSource, Setup};
+use crate::acquisition::{CubeSource, Instrument};
 use crate::error::Result;
 use crate::grid::Grid;
 use crate::progress::{Observer, advance, stage};
@@ -80,7 +80,7 @@ struct Division {
 
 impl Plan {
     /// Divides a job by a fixed operation count, so that the same job is always divided alike.
-    pub(super) fn new(setup: &Setup, grid: &Grid, tolerance: f64) -> Self {
+    pub(super) fn new(setup: &Instrument, grid: &Grid, tolerance: f64) -> Self {
         let fine = Division::new(setup, grid, tolerance);
         let band = Band { tolerance: SERIES_SHARE * factorised::usual_tolerance(tolerance), ..fine.band };
         let tiled = (fine.operations > LEAST_FOR_TILES)
@@ -119,7 +119,7 @@ impl Plan {
 
 impl Division {
     /// The division of fewest operations.
-    fn new(setup: &Setup, grid: &Grid, tolerance: f64) -> Self {
+    fn new(setup: &Instrument, grid: &Grid, tolerance: f64) -> Self {
         let band = Band {
             carrier: setup.sweep.centre(),
             bandwidth: setup.sweep.bandwidth(),
@@ -150,7 +150,7 @@ impl Division {
 }
 
 /// All delays at which profiles of these depths are expanded: the path lengths, and a half-width to both sides.
-fn interval(setup: &Setup, grid: &Grid, shape: Shape, depths: Range<usize>) -> PathInterval {
+fn interval(setup: &Instrument, grid: &Grid, shape: Shape, depths: Range<usize>) -> PathInterval {
     let paths = setup.path_interval(grid, depths);
     let margin = greatest_half(shape.half(grid));
     PathInterval { shortest: paths.shortest - margin, longest: paths.longest + margin, ..paths }
@@ -176,7 +176,7 @@ pub(super) fn backprojection(
 ) -> Result<Made> {
     let grid = plan.grid;
     if let Some(lattice) = &plan.tiled
-        && let Some(tiled) = Tiled::new(lattice, &source.setup(), &grid, plan.fine.band)?
+        && let Some(tiled) = Tiled::new(lattice, source.instrument(), &grid, plan.fine.band)?
     {
         return tiled.image(source, weights, &grid, (tolerance, batch), sink, observer);
     }
@@ -184,10 +184,10 @@ pub(super) fn backprojection(
     let Division { band, shape, thickness, .. } = plan.fine;
     let greatest = greatest_half(shape.half(&grid));
     let budget = Budget::new(&band, greatest, tolerance);
-    let whole = interval(&source.setup(), &grid, shape, 0..depths);
+    let whole = interval(source.instrument(), &grid, shape, 0..depths);
     let compressed = VolumeTones::compress(source, weights, whole, FIRST_SHARE * budget.skeletons, observer)?;
-    let setup = source.setup();
-    let interval = |depths| interval(&setup, &grid, shape, depths);
+    let setup = source.instrument();
+    let interval = |depths| interval(setup, &grid, shape, depths);
     let slabs = compressed.slabs(slabs_of(depths, thickness), interval, share, budget.skeletons);
     let error_bound = budget.error(&slabs) * compressed.modulus;
     let made = Made { method: Method::Backprojection, error_bound };
@@ -205,7 +205,7 @@ pub(super) fn backprojection(
             }
             handover.next(depths.start, depths.len(), |planes| {
                 let tones = slab_tones.of(&compressed, width)?;
-                let heard = Heard::new(&setup, band, greatest, &tones);
+                let heard = Heard::new(setup, band, greatest, &tones);
                 let groups: Vec<_> = groups.iter().map(|g| (g, g.tones(&tones, width))).collect();
                 let blocks = Block::of(&grid, shape, depths.clone());
                 let images: Vec<[Vec<f32>; 2]> = blocks
@@ -268,7 +268,7 @@ struct Heard<'a> {
 
 impl<'a> Heard<'a> {
     /// For tones whose profiles reach up to `greatest` m to both sides of a centre.
-    fn new(setup: &Setup, band: Band, greatest: f64, tones: &'a Tones) -> Self {
+    fn new(setup: &Instrument, band: Band, greatest: f64, tones: &'a Tones) -> Self {
         let frequencies: Vec<f64> = tones.per_metre.iter().map(|k| -k * setup.sound_speed).collect();
         let ladder = band.ladder(greatest, &frequencies);
         Self { geometry: setup.geometry, band, ladder, per_metre: &tones.per_metre }

@@ -18,7 +18,7 @@ mod workspace;
 
 pub(super) use lattice::SharedLattice;
 
-use crate::acquisition::{CubeSource, Setup};
+use crate::acquisition::{CubeSource, Instrument};
 use crate::alloc::{try_with_capacity, try_zeroed};
 use crate::error::Result;
 use crate::grid::Grid;
@@ -61,7 +61,7 @@ pub(super) struct Plan {
 
 impl Plan {
     /// How the kernels of a lattice are summed, to within what the lattice itself leaves of `tolerance`.
-    pub(super) fn new(setup: &Setup, grid: &Grid, lattice: SharedLattice, tolerance: f64) -> Self {
+    pub(super) fn new(setup: &Instrument, grid: &Grid, lattice: SharedLattice, tolerance: f64) -> Self {
         let layout = Layout::new(lattice, *grid, setup.geometry);
         let left = tolerance - layout.lattice.error();
         let slabs = (left > 0.0).then(|| Slabs::new(setup, &layout));
@@ -138,7 +138,7 @@ fn every_frequency(
     sink: &mut dyn VolumeSink,
     observer: &dyn Observer,
 ) -> Result<Made> {
-    let (setup, grid) = (source.setup(), &layout.grid);
+    let (setup, grid) = (source.instrument(), &layout.grid);
     let (count, n_mic) = (setup.sweep.len(), setup.array.len());
     let per_metre: Vec<f64> = setup.sweep.frequencies().iter().map(|f| -f / setup.sound_speed).collect();
     let block = batch.frequencies;
@@ -152,7 +152,8 @@ fn every_frequency(
     let depths = grid.z.count;
     let mut planes = try_zeroed((DEPTHS.min(depths) as u64).saturating_mul(grid.plane_len() as u64))
         .ok_or_else(|| no_room_for(grid))?;
-    let (mut spectra, spreading) = (layout.room(block)?, layout.lattice.spreading(source.setup().array));
+    let (mut spectra, spreading) =
+        (layout.room(block)?, layout.lattice.spreading(&source.instrument().array));
     let focused = Depths { layout, focuses: Focuses::new(layout), near: None, batch, observer };
     sink.begin(&made)?;
     stage(observer, "reconstructing", (count * depths) as u64, || {
@@ -190,17 +191,17 @@ fn skeleton_frequencies(
     observer: &dyn Observer,
 ) -> Result<Made> {
     let (grid, depths) = (&layout.grid, layout.grid.z.count);
-    let whole = source.setup().path_interval(grid, 0..depths);
+    let whole = source.instrument().path_interval(grid, 0..depths);
     let mut compressed = VolumeTones::compress(source, weights, whole, FIRST_SHARE * tolerance, observer)?;
-    let setup = source.setup();
+    let setup = source.instrument();
     let thickness = division.thickness;
     let interval = |planes| setup.path_interval(grid, planes);
     let share = |longer, own, depths| division.share(longer, own, depths);
     let slabs = compressed.slabs(slabs_of(depths, thickness), interval, share, tolerance);
     let error = slabs.iter().map(|slab| slab.error).fold(0.0, greater) + layout.lattice.error();
-    let near = Near::new(&setup, grid, &layout.lattice.near, &compressed, &slabs)?;
+    let near = Near::new(setup, grid, &layout.lattice.near, &compressed, &slabs)?;
     let samples = std::mem::take(&mut compressed.tones.samples);
-    compressed.tones.samples = layout.lattice.spreading(setup.array).onto_nodes(samples)?;
+    compressed.tones.samples = layout.lattice.spreading(&setup.array).onto_nodes(samples)?;
     let made = Made { method: Method::Convolution, error_bound: error * compressed.modulus };
     let total = slabs.iter().map(|slab| (slab.len() * slab.planes.len()) as u64).sum();
     let plane_len = grid.plane_len();

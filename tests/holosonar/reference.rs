@@ -14,10 +14,8 @@ const LIMIT: u64 = 1 << 30;
 fn forward(name: &str, model: PropagationModel) {
     let expected = DataCube::read(&data(&format!("reference/{name}.npz")), LIMIT).unwrap();
     let reflectors = Reflectors::read_csv(&data("reference/reflectors.csv")).unwrap();
-    let mut options = SimulateOptions::default();
-    (options.geometry, options.detection, options.model) = (expected.geometry, expected.detection, model);
-    options.sound_speed = expected.sound_speed;
-    let cube = simulate(&reflectors, &expected.sweep, &expected.array, &options, &Silent).unwrap();
+    let options = SimulateOptions::default().with_model(model);
+    let cube = simulate(&reflectors, &expected.instrument, &options, &Silent).unwrap();
     let error = relative_difference(&cube.samples, &expected.samples);
     assert!(error < 1e-4, "{name}: {error:e} of the maximum");
 }
@@ -107,10 +105,10 @@ fn the_other_phase_sign_is_conjugated_on_reading() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("conjugated.npz");
     let conjugated: Vec<_> = cube.samples.iter().map(num_complex::Complex::conj).collect();
-    let positions: Vec<f64> = cube.array.positions().iter().flat_map(DVec3::to_array).collect();
+    let positions: Vec<f64> = cube.instrument.array.positions().iter().flat_map(DVec3::to_array).collect();
     holosonar::files::npz::write_npz(&path, |npz| {
         npz.complex("samples", &[51, 143], &conjugated)?;
-        npz.f64("frequencies", &[51], cube.sweep.frequencies())?;
+        npz.f64("frequencies", &[51], cube.instrument.sweep.frequencies())?;
         npz.f64("mic_positions", &[143, 3], &positions)?;
         npz.text("meta", r#"{"phase_sign": -1}"#)
     })

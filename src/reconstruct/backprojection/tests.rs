@@ -1,7 +1,7 @@
 //! Back-projection by tiles against the literal sum.
 
 use super::*;
-use crate::acquisition::{DataCube, MicArray, Sweep};
+use crate::acquisition::{DataCube, Instrument, MicArray, Sweep};
 use crate::grid::{Axis, Volume};
 use crate::progress::Silent;
 use crate::reconstruct::{ReconstructOptions, Window, reconstruct};
@@ -26,9 +26,9 @@ fn echo(count: usize, even: bool, geometry: Geometry, point: DVec3) -> DataCube 
     let frequencies: Vec<f64> = (1..40).map(|n| 8_000.0 + 200.0 * (f64::from(n) + uneven(n))).collect();
     let sample = |f: &f64, r: &DVec3| phasor(f / 343.0 * geometry.path_length(point, *r));
     let samples = frequencies.iter().flat_map(|f| positions.iter().map(move |r| sample(f, r))).collect();
-    let array = MicArray::from_positions("array", &[count], positions.clone()).expect("valid");
-    let sweep = Sweep::from_frequencies("f", frequencies.clone()).expect("valid");
-    DataCube { geometry, ..DataCube::new(sweep, array, samples).expect("finite") }
+    let array = MicArray::from_positions(positions.clone()).expect("valid");
+    let sweep = Sweep::from_frequencies(frequencies.clone()).expect("valid");
+    DataCube::new(Instrument::new(sweep, array).with_geometry(geometry), samples).expect("finite")
 }
 
 fn grids() -> [Grid; 4] {
@@ -42,16 +42,16 @@ fn grids() -> [Grid; 4] {
 }
 
 fn lattice(cube: &DataCube, grid: &Grid, tolerance: f64) -> Option<Lattice> {
-    let band = Division::new(&cube.setup(), grid, tolerance).band;
+    let band = Division::new(&cube.instrument, grid, tolerance).band;
     let band = Band { tolerance: SERIES_SHARE * factorised::usual_tolerance(tolerance), ..band };
-    Lattice::find(&cube.setup(), grid, &band, tolerance)
+    Lattice::find(&cube.instrument, grid, &band, tolerance)
 }
 
 fn tiled(cube: &DataCube, grid: &Grid, lattice: &Lattice, tolerance: f64, sink: &mut dyn VolumeSink) -> Made {
-    let setup = cube.setup();
-    let weights = Weights::new(&setup, Window::Hann);
-    let band = Division::new(&setup, grid, tolerance).band;
-    let tiled = Tiled::new(lattice, &setup, grid, band).expect("little").expect("every node has a place");
+    let setup = &cube.instrument;
+    let weights = Weights::new(setup, Window::Hann);
+    let band = Division::new(setup, grid, tolerance).band;
+    let tiled = Tiled::new(lattice, setup, grid, band).expect("little").expect("every node has a place");
     let batch = Batch::of_threads(2);
     tiled.image(&mut &*cube, &weights, grid, (tolerance, batch), sink, &Silent).expect("little")
 }
@@ -123,10 +123,10 @@ fn depths_that_are_left_have_the_bytes_of_the_whole() {
 
 #[test]
 fn coarse_voxels_and_those_beside_microphones_have_no_tiles() {
-    let array = MicArray::rectangular("array", [8, 8], [0.03; 2], DVec3::ZERO).expect("valid");
-    let sweep = Sweep::stepped("f", 8_000.0, 16_000.0, 100.0).expect("valid");
+    let array = MicArray::rectangular([8, 8], [0.03; 2], DVec3::ZERO).expect("valid");
+    let sweep = Sweep::stepped(8_000.0, 16_000.0, 100.0).expect("valid");
     let samples = vec![Complex32::ONE; sweep.len() * array.len()];
-    let cube = DataCube::new(sweep, array, samples).expect("finite");
+    let cube = DataCube::new(Instrument::new(sweep, array), samples).expect("finite");
     let found = |pitch: f64, z: f64| {
         let grid = Grid { x: axis(-0.2, pitch, 64), y: axis(-0.2, pitch, 64), z: axis(z, 0.01, 4) };
         lattice(&cube, &grid, 1e-4).is_some()

@@ -89,9 +89,9 @@ impl VolumeTones {
         tolerance: f64,
         observer: &dyn Observer,
     ) -> Result<Self> {
-        let setup = source.setup();
+        let setup = source.instrument();
         let (n_f, n_mic) = (setup.sweep.len(), setup.array.len());
-        let found = VirtualTones::find(setup.sweep, interval, tolerance);
+        let found = VirtualTones::find(&setup.sweep, interval, tolerance);
         let frequencies = found.frequencies().to_vec();
         let per_metre = frequencies.iter().map(|f| -f / interval.sound_speed).collect();
         let count = (frequencies.len() as u64).saturating_mul(n_mic as u64);
