@@ -45,7 +45,7 @@ fn echoes(cube: &DataCube, grid: &Grid) -> DataCube {
         DVec3::new(at(&grid.x, t(0.618_034)), at(&grid.y, t(0.754_878)), at(&grid.z, t(0.569_84)))
     };
     let reflectors = Reflectors::new((0..12).map(place).collect(), vec![Complex32::ONE; 12]).expect("finite");
-    simulate(&reflectors, &cube.sweep, &cube.array, &SimulateOptions::default(), &Silent).expect("small")
+    simulate(&reflectors, &cube.instrument, &SimulateOptions::default(), &Silent).expect("small")
 }
 
 /// Every so many voxels along each axis, and which.
@@ -90,8 +90,8 @@ fn line(name: &str, cube: &DataCube, grid: &Grid, method: Method, tolerance: f64
             break;
         }
     }
-    let terms = direct_terms(&cube.setup(), grid) as f64;
-    let scaled = direct * terms / direct_terms(&cube.setup(), &some) as f64;
+    let terms = direct_terms(&cube.instrument, grid) as f64;
+    let scaled = direct * terms / direct_terms(&cube.instrument, &some) as f64;
     println!(
         "| {name} | {:.0} | {:.1e} | {fast:.4} | {:.1e} | {:.0} | {worst:.0e} |",
         scaled,
@@ -145,8 +145,8 @@ fn growth() {
 /// The paper's 2-D size: as printed, with pixels over the whole metre, and with a pitch that microphones share, which is a
 /// user's own best choice (0.8 m of the metre).
 fn paper() {
-    let sweep = Sweep::stepped("sweep", 18_000.0, 20_000.0, 2.0).expect("a sweep");
-    let array = MicArray::rectangular("array", [255, 1], [1.0 / 254.0; 2], DVec3::ZERO).expect("an array");
+    let sweep = Sweep::stepped(18_000.0, 20_000.0, 2.0).expect("a sweep");
+    let array = MicArray::rectangular([255, 1], [1.0 / 254.0; 2], DVec3::ZERO).expect("an array");
     let cube = noise(sweep, array);
     let y = Axis { first: 0.0, pitch: 0.01, count: 1 };
     for (across, pitch) in [("a shared pitch", 2.0 / 254.0), ("the whole metre", 1.0 / 99.0)] {

@@ -23,7 +23,7 @@ fn reconstruction(c: &mut Criterion) {
         (Method::Convolution, 1e-4, 64, 1001, 128),
     ] {
         let (cube, grid) = job(n, n, frequencies, depths);
-        group.throughput(Throughput::Elements(direct_terms(&cube.setup(), &grid)));
+        group.throughput(Throughput::Elements(direct_terms(&cube.instrument, &grid)));
         let size = format!("{n}x{n} mics x {frequencies} f x {n}x{n}x{depths} voxels");
         let name = format!("{method:?} {tolerance:e}").to_lowercase();
         group.bench_with_input(BenchmarkId::new(name, size), &method, |b, &method| {
@@ -34,7 +34,7 @@ fn reconstruction(c: &mut Criterion) {
     }
     let (cube, grid) = job(64, 64, 1001, 128);
     let cube = displaced(&cube, 0.0);
-    group.throughput(Throughput::Elements(direct_terms(&cube.setup(), &grid)));
+    group.throughput(Throughput::Elements(direct_terms(&cube.instrument, &grid)));
     group.bench_function("spreading 1e-4/64x64 mics x 1001 f x 64x64x128 voxels", |b| {
         let options = ReconstructOptions::new(Method::Convolution, Window::None);
         b.iter(|| reconstruct(&cube, &grid, &options, &Silent).expect("small"));
@@ -54,7 +54,7 @@ fn reconstruction(c: &mut Criterion) {
             whole,
         ),
     ] {
-        group.throughput(Throughput::Elements(direct_terms(&cube.setup(), &grid)));
+        group.throughput(Throughput::Elements(direct_terms(&cube.instrument, &grid)));
         group.bench_function(name, |b| {
             let options = ReconstructOptions::new(method, Window::None);
             b.iter(|| reconstruct(&cube, &grid, &options, &Silent).expect("fits"));

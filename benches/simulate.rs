@@ -7,7 +7,7 @@
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use glam::DVec3;
-use holosonar::acquisition::{MicArray, SimulateOptions, Sweep, simulate};
+use holosonar::acquisition::{Instrument, MicArray, SimulateOptions, Sweep, simulate};
 use holosonar::progress::Silent;
 use holosonar::reflectors::Reflectors;
 use num_complex::Complex32;
@@ -23,42 +23,42 @@ fn reflectors(count: usize) -> Reflectors {
 }
 
 fn literally() -> SimulateOptions {
-    let mut options = SimulateOptions::default();
-    options.tolerance = 0.0;
-    options
+    SimulateOptions::default().with_tolerance(0.0)
 }
 
 fn simulation(c: &mut Criterion) {
     let mut group = c.benchmark_group("simulate");
     group.sample_size(10);
-    let array = MicArray::rectangular("array", [16, 16], [0.016; 2], DVec3::ZERO).expect("an array");
+    let array = MicArray::rectangular([16, 16], [0.016; 2], DVec3::ZERO).expect("an array");
     let few = reflectors(2000);
-    let even = Sweep::stepped("sweep", 10_000.0, 20_000.0, 10.0).expect("a sweep");
+    let even = Sweep::stepped(10_000.0, 20_000.0, 10.0).expect("a sweep");
     let uneven = Sweep::from_frequencies(
-        "f",
         (0..1001).map(|n| 10_000.0 + 10.0 * f64::from(n) + f64::from(n % 3)).collect(),
     )
     .expect("a sweep");
+    let with = |sweep: &Sweep, array: &MicArray| Instrument::new(sweep.clone(), array.clone());
     for (name, sweep, options) in [
         ("even steps, literal", &even, literally()),
         ("uneven steps, literal", &uneven, literally()),
         ("even steps, virtual tones", &even, SimulateOptions::default()),
         ("uneven steps, virtual tones", &uneven, SimulateOptions::default()),
     ] {
+        let instrument = with(sweep, &array);
         let terms = few.len() * array.len() * sweep.len();
         group.throughput(Throughput::Elements(terms as u64));
         group.bench_function(format!("{name}/2000 reflectors x 256 mics x 1001 f"), |b| {
-            b.iter(|| simulate(&few, sweep, &array, &options, &Silent).expect("small"));
+            b.iter(|| simulate(&few, &instrument, &options, &Silent).expect("small"));
         });
     }
 
     // The large job; literally, on every 64th microphone.
     let many = reflectors(50_000);
-    let whole = MicArray::rectangular("array", [64, 64], [0.008; 2], DVec3::ZERO).expect("an array");
+    let whole = MicArray::rectangular([64, 64], [0.008; 2], DVec3::ZERO).expect("an array");
     let chosen: Vec<usize> = (0..64).map(|row| row * 64 + row * 29 % 64).collect();
     let positions = chosen.iter().map(|&i| whole.positions()[i]).collect();
-    let part = MicArray::from_positions("part", &[64], positions).expect("an array");
-    for (name, array, options) in [
+    let part = MicArray::from_positions(positions).expect("an array");
+    let (part, whole) = (with(&even, &part), with(&even, &whole));
+    for (name, instrument, options) in [
         ("even steps, literal/50000 reflectors x 64 mics x 1001 f", &part, literally()),
         (
             "even steps, virtual tones/50000 reflectors x 4096 mics x 1001 f",
@@ -66,15 +66,15 @@ fn simulation(c: &mut Criterion) {
             SimulateOptions::default(),
         ),
     ] {
-        group.throughput(Throughput::Elements((many.len() * array.len() * even.len()) as u64));
+        group.throughput(Throughput::Elements((many.len() * instrument.array.len() * even.len()) as u64));
         group.bench_function(name, |b| {
-            b.iter(|| simulate(&many, &even, array, &options, &Silent).expect("small"));
+            b.iter(|| simulate(&many, instrument, &options, &Silent).expect("small"));
         });
     }
     group.finish();
 
-    let exact = simulate(&many, &even, &part, &literally(), &Silent).expect("small");
-    let fast = simulate(&many, &even, &whole, &SimulateOptions::default(), &Silent).expect("small");
+    let exact = simulate(&many, &part, &literally(), &Silent).expect("small");
+    let fast = simulate(&many, &whole, &SimulateOptions::default(), &Silent).expect("small");
     let (mut error, mut peak) = (0.0f32, 0.0f32);
     for f in 0..even.len() {
         for (m, &mic) in exact.frequency(f).iter().zip(&chosen) {

@@ -1,33 +1,33 @@
-//! What is measured: a stepped sweep of tones, an array of microphones, and the data cube `m(f, r)`.
+//! What is measured: an [`Instrument`] of a stepped sweep and an array of microphones, and the data cube `m(f, r)`.
 //!
 //! [`simulate`] makes a cube from reflectors by Eq. 5; [`DataCube::read`] takes a measured one. From here on
 //! nothing tells them apart.
 //!
 //! # Example
-//! The echo of one reflector at one microphone, tone by tone, is Eq. 5:
+//! The echo of one reflector at one microphone, frequency by frequency, is Eq. 5:
 //! ```
 //! use glam::DVec3;
-//! use holosonar::acquisition::{MicArray, SimulateOptions, Sweep, simulate};
+//! use holosonar::acquisition::{Instrument, MicArray, SimulateOptions, Sweep, simulate};
 //! use holosonar::progress::Silent;
 //! use holosonar::reflectors::Reflectors;
 //! use num_complex::{Complex32, Complex64};
 //! use std::f64::consts::TAU;
 //!
 //! let p = DVec3::new(0.1, 0.0, 1.0);
-//! let sweep = Sweep::stepped("sweep", 10_000.0, 12_000.0, 500.0)?;
-//! let array = MicArray::rectangular("array", [1, 1], [0.1, 0.1], DVec3::ZERO)?;
+//! let sweep = Sweep::stepped(10e3, 12e3, 500.0)?;
+//! let instrument = Instrument::new(sweep, MicArray::from_positions(vec![DVec3::ZERO])?);
 //! let reflector = Reflectors::new(vec![p], vec![Complex32::ONE])?;
-//! let cube = simulate(&reflector, &sweep, &array, &SimulateOptions::default(), &Silent)?;
+//! let cube = simulate(&reflector, &instrument, &SimulateOptions::default(), &Silent)?;
 //! let path = 2.0 * p.length();
-//! for (f, m) in [10e3, 10.5e3, 11e3, 11.5e3, 12e3].into_iter().zip(&cube.samples) {
-//!     let exact = Complex64::cis(TAU * f * path / 343.0);
+//! for (f, m) in instrument.sweep.frequencies().iter().zip(&cube.samples) {
+//!     let exact = Complex64::cis(TAU * f * path / instrument.sound_speed);
 //!     assert!((Complex64::new(m.re.into(), m.im.into()) - exact).norm() < 1e-5);
 //! }
 //! # Ok::<(), holosonar::error::Error>(())
 //! ```
 
 mod array;
-mod setup;
+mod instrument;
 mod source;
 mod cube;
 mod cube_file;
@@ -38,7 +38,7 @@ pub use array::{Lattice, MicArray};
 pub(crate) use array::{Tile, tiles};
 pub use cube::DataCube;
 pub use cube_file::CubeFile;
-pub use setup::{Instrument, Setup};
+pub use instrument::Instrument;
 pub use simulate::{
     ArrayErrors, Losses, Noise, PropagationModel, SIMULATION_TOLERANCE, SimulateOptions, simulate,
 };

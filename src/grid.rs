@@ -31,35 +31,35 @@ impl Axis {
     ///
     /// # Errors
     /// Numbers that are not finite, a pitch that is not positive or lost in the rounding of the ends, `last < first`,
-    /// or more than 2³² voxels.
-    /// `place` names the key for the message.
-    pub fn spanning(place: &str, first: f64, last: f64, pitch: f64) -> Result<Self> {
+    /// or more than 2³² voxels. The error's place is "axis"; [`Error::at`] puts a key there.
+    ///
+    /// ```
+    /// let axis = holosonar::grid::Axis::spanning(-0.5, 0.5, 0.01)?;
+    /// assert_eq!(axis.count, 101);
+    /// # Ok::<(), holosonar::error::Error>(())
+    /// ```
+    pub fn spanning(first: f64, last: f64, pitch: f64) -> Result<Self> {
         if !(first.is_finite() && last.is_finite()) {
-            return Err(Error::input(place, "the ends of an axis must be finite numbers of metres"));
+            return Err(refuse("the ends of an axis must be finite numbers of metres"));
         }
         if !(pitch.is_finite() && pitch > 0.0) {
-            return Err(Error::input(place, format!("the pitch must be a positive length, not {pitch} m")));
+            return Err(refuse(format!("the pitch must be a positive length, not {pitch} m")));
         }
         if last < first {
-            return Err(Error::input(
-                place,
-                format!("the last voxel ({last} m) lies before the first ({first} m); give [first, last]"),
-            ));
+            return Err(refuse(format!(
+                "the last voxel ({last} m) lies before the first ({first} m); give [first, last]"
+            )));
         }
         if pitch < first.abs().max(last.abs()) * 1e-9 {
-            return Err(Error::input(
-                place,
-                format!(
-                    "a pitch of {pitch} m is lost beside positions of {first} .. {last} m; lengths are in metres"
-                ),
-            ));
+            return Err(refuse(format!(
+                "a pitch of {pitch} m is lost beside positions of {first} .. {last} m; lengths are in metres"
+            )));
         }
         let intervals = ((last - first) / pitch + 1e-6).floor();
         if intervals >= f64::from(u32::MAX) {
-            return Err(Error::input(
-                place,
-                format!("{intervals:.3e} voxels along one axis are too many; use a larger pitch"),
-            ));
+            return Err(refuse(format!(
+                "{intervals:.3e} voxels along one axis are too many; use a larger pitch"
+            )));
         }
         Ok(Self { first, pitch, count: intervals as usize + 1 })
     }
@@ -85,6 +85,11 @@ impl Axis {
         let index = ((position - self.first) / self.pitch).round();
         (index >= 0.0 && index < self.count as f64).then_some(index as usize)
     }
+}
+
+/// The refusal of an axis.
+fn refuse(problem: impl Into<String>) -> Error {
+    Error::input("axis", problem)
 }
 
 /// A box of voxels.
@@ -284,11 +289,11 @@ mod tests {
 
     #[test]
     fn an_axis_ends_at_the_largest_centre_that_fits() {
-        let axis = Axis::spanning("x", -0.5, 0.5, 0.008).expect("valid");
+        let axis = Axis::spanning(-0.5, 0.5, 0.008).expect("valid");
         assert_eq!(axis.count, 126);
         assert!(axis.last() <= 0.5 + 1e-9);
-        assert_eq!(Axis::spanning("x", 0.0, 0.3, 0.1).expect("valid").count, 4, "rounding does not lose one");
-        assert_eq!(Axis::spanning("x", 1.0, 1.0, 0.1).expect("valid").count, 1);
+        assert_eq!(Axis::spanning(0.0, 0.3, 0.1).expect("valid").count, 4, "rounding does not lose one");
+        assert_eq!(Axis::spanning(1.0, 1.0, 0.1).expect("valid").count, 1);
     }
 
     #[test]
@@ -296,7 +301,7 @@ mod tests {
         for (first, last, pitch) in
             [(0.0, 1.0, 0.0), (1.0, 0.0, 0.1), (f64::NAN, 1.0, 0.1), (0.0, 1e30, 1e-9), (1e30, 1e30, 0.1)]
         {
-            assert!(Axis::spanning("x", first, last, pitch).is_err(), "{first} {last} {pitch}");
+            assert!(Axis::spanning(first, last, pitch).is_err(), "{first} {last} {pitch}");
         }
     }
 

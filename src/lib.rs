@@ -14,7 +14,7 @@
 //! One reflector, heard by 11 × 11 microphones, comes back where it was, at amplitude 1:
 //! ```
 //! use glam::DVec3;
-//! use holosonar::acquisition::{MicArray, SimulateOptions, Sweep, simulate};
+//! use holosonar::acquisition::{Instrument, MicArray, SimulateOptions, Sweep, simulate};
 //! use holosonar::grid::{Axis, Grid};
 //! use holosonar::progress::Silent;
 //! use holosonar::reconstruct::{ReconstructOptions, reconstruct};
@@ -23,9 +23,10 @@
 //!
 //! let p = DVec3::new(0.03, -0.06, 0.8);
 //! let reflector = Reflectors::new(vec![p], vec![Complex32::ONE])?;
-//! let sweep = Sweep::stepped("sweep", 10_000.0, 14_000.0, 100.0)?;
-//! let array = MicArray::rectangular("array", [11, 11], [0.03, 0.03], DVec3::ZERO)?;
-//! let cube = simulate(&reflector, &sweep, &array, &SimulateOptions::default(), &Silent)?;
+//! let sweep = Sweep::stepped(10e3, 14e3, 100.0)?;
+//! let array = MicArray::rectangular([11, 11], [0.03, 0.03], DVec3::ZERO)?;
+//! let instrument = Instrument::new(sweep, array);
+//! let cube = simulate(&reflector, &instrument, &SimulateOptions::default(), &Silent)?;
 //!
 //! let lateral = Axis { first: -0.15, pitch: 0.03, count: 11 };
 //! let grid = Grid { x: lateral, y: lateral, z: Axis { first: 0.7, pitch: 0.02, count: 11 } };
@@ -54,9 +55,9 @@
 //! | m(f, r) | data cube | – | [`acquisition`] |
 //! | f₀, B, δf, n_f | first frequency, bandwidth, step, count | Hz | [`acquisition::Sweep`] |
 //! | c, λ_c, λ_min | sound speed; wavelength at the band's centre, and the shortest | m/s, m | [`plan`] |
-//! | Δd = c/2B | range resolution (Eq. 10) | m | [`acquisition::Setup::range_resolution`] |
+//! | Δd = c/2B | range resolution (Eq. 10) | m | [`acquisition::Instrument::range_resolution`] |
 //! | D | extent of the array | m | [`acquisition::MicArray::extent`] |
-//! | λ_c z/D | lateral resolution (not Eq. 12, which is an angle) | m | [`acquisition::Setup::lateral_resolution`] |
+//! | λ_c z/D | lateral resolution (not Eq. 12, which is an angle) | m | [`acquisition::Instrument::lateral_resolution`] |
 //!
 //! # Invariants
 //! - A module imports only from modules above it in the list below; a test reads the sources and holds it so.

@@ -122,15 +122,15 @@ pub fn image_scene(
     drop(cube);
     let truth = match &echoes.scene {
         Some(scene) => {
-            let mut options = run.truth_options(&echoes.setup());
+            let mut options = run.truth_options(echoes.instrument());
             options.raster = raster;
             Some(log.timed("truth", || trace_depth(scene, &echoes.grid, &options, &log))?)
         }
         None => None,
     };
-    let resolution = echoes.setup().range_resolution().unwrap_or(f64::NAN);
+    let resolution = echoes.instrument().range_resolution().unwrap_or(f64::NAN);
     let scores = truth.as_ref().map(|truth| score(&depth, truth, resolution)).transpose()?;
-    let instrument = echoes.setup().to_instrument();
+    let instrument = echoes.instrument().clone();
     let physics = echoes.physics(run);
     let (scene, reflectors, plan) = (echoes.summary(), Some(echoes.reflectors), echoes.plan);
     let (timings, warnings) = log.finish();
@@ -160,14 +160,14 @@ pub fn image_cube(
     observer: &dyn Observer,
 ) -> Result<Outcome> {
     let log = Log::new(observer);
-    let instrument = cube.setup().to_instrument();
+    let instrument = cube.instrument().clone();
     need_bandwidth("the cube's `frequencies`", &instrument.sweep)?;
-    let grid = run.voxels(&instrument.setup(), None)?;
-    let plan = plan(&instrument.setup(), &grid);
+    let grid = run.voxels(&instrument, None)?;
+    let plan = plan(&instrument, &grid);
     warn_all(&plan.warnings, &log);
     let budget = Budget::of(run);
     let held = Holding { samples: cube.held_bytes(), ..Holding::default() };
-    budget.room(&instrument.setup(), &grid, budget.imaging(&instrument.setup(), &grid, held), &log)?;
+    budget.room(&instrument, &grid, budget.imaging(&instrument, &grid, held), &log)?;
     let raster = run.raster(None)?;
     checkpoint.check_space(outputs::volume_bytes(run, &grid))?;
     checkpoint.open(&identity::of_cube("image", run, &mut cube, &grid)?, observer)?;
@@ -202,9 +202,9 @@ pub fn simulate_scene(
 ) -> Result<DataCube> {
     let echoes = Echoes::of(&Budget::of(run), bare, false, observer)?;
     echoes.warn(run, observer);
-    let bytes = echoes.setup().cube_bytes();
+    let bytes = echoes.instrument().cube_bytes();
     // In-phase samples are written without imaginary parts.
-    let written = if echoes.setup().detection == Detection::InPhase { bytes / 2 } else { bytes };
+    let written = if echoes.instrument().detection == Detection::InPhase { bytes / 2 } else { bytes };
     checkpoint.check_space(written)?;
     checkpoint.open(&identity::of_scene("simulate", run, &echoes), observer)?;
     simulate(run, &echoes, checkpoint, observer)
@@ -223,20 +223,19 @@ pub fn reconstruct_cube(
     checkpoint: &Checkpoint,
     observer: &dyn Observer,
 ) -> Result<Vec<PathBuf>> {
-    let instrument = cube.setup().to_instrument();
-    let setup = instrument.setup();
-    let grid = run.voxels(&setup, None)?;
-    let plan = plan(&setup, &grid);
+    let instrument = cube.instrument().clone();
+    let grid = run.voxels(&instrument, None)?;
+    let plan = plan(&instrument, &grid);
     warn_all(&plan.warnings, observer);
     let volume = outputs.iter().any(|path| outputs::needs_all(path));
     let writing = outputs::writing_bytes(outputs.iter().map(PathBuf::as_path), run, &grid);
     let holding = Holding { samples: cube.held_bytes(), volume, writing, ..Holding::default() };
     let budget = Budget::of(run);
-    budget.room(&setup, &grid, holding, observer)?;
+    budget.room(&instrument, &grid, holding, observer)?;
     checkpoint.check_space(outputs.iter().map(|path| outputs::bytes_of(path, run, &grid)).sum())?;
     checkpoint.open(&identity::of_cube("reconstruct", run, &mut cube, &grid)?, observer)?;
     let options = budget.options(&grid, holding);
-    let mut files = outputs::VolumeFiles::new(instrument.setup(), run, grid, outputs);
+    let mut files = outputs::VolumeFiles::new(&instrument, run, grid, outputs);
     reconstruct(&mut cube, &grid, &options, &mut files, checkpoint, observer)?;
     files.finish()
 }
@@ -282,7 +281,7 @@ pub fn truth_of_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Res
         ));
     }
     let scene = load_scene(path, run, bare, observer)?;
-    let setup = measurement.setup();
+    let setup = measurement.instrument;
     let grid = run.voxels(&setup, scene.bounds())?;
     let mut options = run.truth_options(&setup);
     options.raster = run.raster(scene.camera())?;
@@ -337,7 +336,7 @@ fn focus(
     checkpoint: &Checkpoint,
     log: &Log,
 ) -> Result<(Reconstruction, DepthMap)> {
-    let resolution = source.setup().range_resolution().unwrap_or(f64::NAN);
+    let resolution = source.instrument().range_resolution().unwrap_or(f64::NAN);
     let options = budget.options(grid, Holding { volume: true, ..held });
     // Filled when the reconstruction begins, so that nothing is reserved for a job that is refused.
     let mut volume = Volume { grid: *grid, samples: Vec::new() };

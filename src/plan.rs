@@ -8,19 +8,16 @@
 //! 64 × 64 microphones 16 mm apart, 10 to 20 kHz, a metre away:
 //! ```
 //! use glam::DVec3;
-//! use holosonar::acquisition::{Detection, MicArray, Setup, Sweep};
+//! use holosonar::acquisition::{Instrument, MicArray, Sweep};
 //! use holosonar::grid::{Axis, Grid};
 //! use holosonar::plan::plan;
-//! use holosonar::wave::Geometry;
 //!
-//! let sweep = Sweep::stepped("sweep", 10_000.0, 20_000.0, 20.0)?;
-//! let array = MicArray::rectangular("array", [64, 64], [0.016, 0.016], DVec3::ZERO)?;
-//! let geometry = Geometry::FixedSource { source: DVec3::ZERO };
-//! let setup =
-//!     Setup { sweep: &sweep, array: &array, geometry, detection: Detection::Quadrature, sound_speed: 343.0 };
-//! let lateral = Axis::spanning("grid", -0.5, 0.5, 0.01)?;
-//! let grid = Grid { x: lateral, y: lateral, z: Axis::spanning("grid", 1.0, 2.0, 0.005)? };
-//! let plan = plan(&setup, &grid);
+//! let sweep = Sweep::stepped(10e3, 20e3, 20.0)?;
+//! let array = MicArray::rectangular([64, 64], [0.016, 0.016], DVec3::ZERO)?;
+//! let instrument = Instrument::new(sweep, array);
+//! let lateral = Axis::spanning(-0.5, 0.5, 0.01)?;
+//! let grid = Grid { x: lateral, y: lateral, z: Axis::spanning(1.0, 2.0, 0.005)? };
+//! let plan = plan(&instrument, &grid);
 //! assert_eq!(plan.range_resolution, Some(343.0 / 20_000.0)); // c/2B
 //! assert_eq!(plan.unambiguous_path, Some(343.0 / 20.0)); // c/δf
 //! assert_eq!(plan.cube_bytes, 501 * 64 * 64 * 8);
@@ -41,12 +38,12 @@ pub use needs::{
 };
 pub use resolution::Profile;
 
-use crate::acquisition::{Detection, Setup};
+use crate::acquisition::{Detection, Instrument};
 use crate::grid::{Axis, Grid};
 use glam::DVec3;
 use serde::Serialize;
 
-impl Setup<'_> {
+impl Instrument {
     /// Lateral resolution λ_c z/D along x and y at depth `z`, m; `None` along an axis without extent. Never less than half
     /// a wavelength, which is the least that waves from all sides resolve.
     ///
@@ -66,7 +63,7 @@ impl Setup<'_> {
         self.sweep.step().filter(|_| self.sweep.len() > 1).map(|step| self.sound_speed / (halves * step))
     }
 
-    /// The length that [`Setup::unambiguous_path`] bounds, of paths between `shortest` and `longest`, m: their span in
+    /// The length that [`Instrument::unambiguous_path`] bounds, of paths between `shortest` and `longest`, m: their span in
     /// quadrature, the longest in phase.
     pub fn ambiguous_length(&self, [shortest, longest]: [f64; 2]) -> f64 {
         match self.detection {
@@ -141,7 +138,7 @@ pub struct Plan {
 }
 
 /// Works out a plan. Costs nothing.
-pub fn plan(setup: &Setup, grid: &Grid) -> Plan {
+pub fn plan(setup: &Instrument, grid: &Grid) -> Plan {
     let width = (grid.x.last() - grid.x.first).max(grid.y.last() - grid.y.first);
     let near = grid.z.first.max(1e-3);
     let [shortest_path, longest_path] = setup.path_bounds(grid);
@@ -173,12 +170,12 @@ fn nice(value: f64) -> String {
 }
 
 /// `d ≤ λ_min/2` is free of ghosts everywhere; `d ≤ λ_min z/X` within a scene of width X from depth z on.
-fn alias_free_pitch(setup: &Setup, near: f64, width: f64) -> f64 {
+fn alias_free_pitch(setup: &Instrument, near: f64, width: f64) -> f64 {
     let shortest = setup.shortest_wavelength() / setup.geometry.return_legs();
     if width > 0.0 { (shortest * near / width).max(shortest / 2.0) } else { f64::MAX }
 }
 
-fn aliasing_warning(setup: &Setup, near: f64, width: f64, alias_free: f64) -> Option<String> {
+fn aliasing_warning(setup: &Instrument, near: f64, width: f64, alias_free: f64) -> Option<String> {
     let lattice = setup.array.lattice()?;
     let axis = [lattice.x, lattice.y]
         .into_iter()
@@ -198,7 +195,7 @@ fn aliasing_warning(setup: &Setup, near: f64, width: f64, alias_free: f64) -> Op
     ))
 }
 
-fn ambiguity_warning(setup: &Setup, shortest: f64, longest: f64) -> Option<String> {
+fn ambiguity_warning(setup: &Instrument, shortest: f64, longest: f64) -> Option<String> {
     let unambiguous = setup.unambiguous_path()?;
     let length = setup.ambiguous_length([shortest, longest]);
     let what = match setup.detection {
@@ -216,7 +213,7 @@ fn ambiguity_warning(setup: &Setup, shortest: f64, longest: f64) -> Option<Strin
 
 /// Warnings about a scene whose size does not go with the sound: the usual sign of a wrong unit, or, where the file is
 /// `in_metres` by its own rules, of a wrong scale.
-pub fn scale_warnings(setup: &Setup, low: DVec3, high: DVec3, in_metres: bool) -> Vec<String> {
+pub fn scale_warnings(setup: &Instrument, low: DVec3, high: DVec3, in_metres: bool) -> Vec<String> {
     let keys = if in_metres {
         "[scene] scale (the file is glTF, which is in metres: [scene] unit does not apply)"
     } else {
@@ -260,45 +257,37 @@ mod tests {
     use crate::acquisition::{MicArray, Sweep};
     use crate::named::assert_names;
     use crate::reconstruct::ReconstructOptions;
-    use crate::wave::Geometry;
 
-    pub(super) fn with_setup<T>(
-        count: usize,
-        extent: f64,
-        step: f64,
-        detection: Detection,
-        f: impl Fn(&Setup) -> T,
-    ) -> T {
-        let sweep = Sweep::stepped("sweep", 10_000.0, 20_000.0, step).expect("ok");
+    /// `count` × `count` microphones over `extent` m, and 10 to 20 kHz by `step` Hz.
+    pub(super) fn test_instrument(count: usize, extent: f64, step: f64, detection: Detection) -> Instrument {
+        let sweep = Sweep::stepped(10_000.0, 20_000.0, step).expect("ok");
         let pitch = extent / (count - 1) as f64;
-        let array = MicArray::rectangular("array", [count; 2], [pitch; 2], DVec3::ZERO).expect("ok");
-        let (geometry, sound_speed) = (Geometry::ORIGIN, 343.0);
-        f(&Setup { sweep: &sweep, array: &array, geometry, detection, sound_speed })
+        let array = MicArray::rectangular([count; 2], [pitch; 2], DVec3::ZERO).expect("ok");
+        Instrument::new(sweep, array).with_detection(detection)
     }
 
     fn grid(half: f64, z: [f64; 2]) -> Grid {
-        let axis = Axis::spanning("x", -half, half, 0.02).expect("ok");
-        Grid { x: axis, y: axis, z: Axis::spanning("z", z[0], z[1], 0.01).expect("ok") }
+        let axis = Axis::spanning(-half, half, 0.02).expect("ok");
+        Grid { x: axis, y: axis, z: Axis::spanning(z[0], z[1], 0.01).expect("ok") }
     }
 
     #[test]
     fn resolutions_follow_their_formulas() {
-        with_setup(31, 1.0, 40.0, Detection::Quadrature, |setup| {
-            let near = |a: f64, b: f64| assert!((a / b - 1.0).abs() < 1e-9, "{a} {b}");
-            near(setup.range_resolution().expect("band"), 0.01715);
-            near(setup.lateral_resolution(1.8)[0].expect("extent"), 343.0 / 15_000.0 * 1.8);
-            near(setup.unambiguous_path().expect("steps"), 343.0 / 40.0);
-            let pitch = setup.advised_pitch(1.8);
-            near(setup.lateral_resolution(0.01)[1].expect("extent"), 0.5 * 343.0 / 15_000.0);
-            let half_cell = 0.5 * 343.0 / 15_000.0 * 1.8;
-            assert!(pitch[0] <= half_cell && (30.0f64.recip() / pitch[0]).fract() < 1e-9, "{pitch:?}");
-        });
+        let setup = &test_instrument(31, 1.0, 40.0, Detection::Quadrature);
+        let near = |a: f64, b: f64| assert!((a / b - 1.0).abs() < 1e-9, "{a} {b}");
+        near(setup.range_resolution().expect("band"), 0.01715);
+        near(setup.lateral_resolution(1.8)[0].expect("extent"), 343.0 / 15_000.0 * 1.8);
+        near(setup.unambiguous_path().expect("steps"), 343.0 / 40.0);
+        let pitch = setup.advised_pitch(1.8);
+        near(setup.lateral_resolution(0.01)[1].expect("extent"), 0.5 * 343.0 / 15_000.0);
+        let half_cell = 0.5 * 343.0 / 15_000.0 * 1.8;
+        assert!(pitch[0] <= half_cell && (30.0f64.recip() / pitch[0]).fract() < 1e-9, "{pitch:?}");
     }
 
     #[test]
     fn an_aliased_pitch_and_a_coarse_step_are_warned_about() {
         let warnings = |count, step, detection, half| {
-            with_setup(count, 1.0, step, detection, |s| plan(s, &grid(half, [1.2, 2.3])).warnings)
+            plan(&test_instrument(count, 1.0, step, detection), &grid(half, [1.2, 2.3])).warnings
         };
         assert_names(&warnings(31, 40.0, Detection::Quadrature, 0.66)[0], &["alias", "0.62 m"]);
         assert!(warnings(121, 40.0, Detection::Quadrature, 0.66).is_empty());
@@ -308,47 +297,43 @@ mod tests {
 
     #[test]
     fn path_bounds_hold_every_path() {
-        with_setup(7, 0.8, 40.0, Detection::Quadrature, |setup| {
-            let grid = grid(0.5, [0.4, 1.0]);
-            let [least, most] = setup.path_bounds(&grid);
-            for iz in [0, 30, 60] {
-                for ix in 0..grid.x.count {
-                    for r in setup.array.positions() {
-                        let path = setup.geometry.path_length(grid.position(ix, 50 - ix, iz), *r);
-                        assert!((least..=most + 1e-12).contains(&path));
-                    }
+        let setup = &test_instrument(7, 0.8, 40.0, Detection::Quadrature);
+        let grid = grid(0.5, [0.4, 1.0]);
+        let [least, most] = setup.path_bounds(&grid);
+        for iz in [0, 30, 60] {
+            for ix in 0..grid.x.count {
+                for r in setup.array.positions() {
+                    let path = setup.geometry.path_length(grid.position(ix, 50 - ix, iz), *r);
+                    assert!((least..=most + 1e-12).contains(&path));
                 }
             }
-        });
+        }
     }
 
     #[test]
     fn sizes_beyond_reason_are_refused_without_overflow() {
-        with_setup(31, 1.0, 40.0, Detection::Quadrature, |setup| {
-            let mut huge = grid(0.66, [1.2, 2.3]);
-            (huge.x.count, huge.y.count, huge.z.count) = (usize::MAX >> 1, 1 << 30, 1 << 30);
-            assert_eq!(plan(setup, &huge).volume_bytes, u64::MAX);
-            let options = ReconstructOptions::default();
-            let holding = Holding { volume: true, ..Holding::default() };
-            assert!(needs(setup, &huge, &options, holding, 2).is_err(), "more than can be counted over");
-            (huge.x.count, huge.y.count, huge.z.count) = (1 << 13, 1 << 13, 1 << 12);
-            let needs = needs(setup, &huge, &options, holding, 2).expect("an estimate");
-            let error = check_memory(&needs, setup, &huge, holding, Some(1 << 40)).expect_err("too much");
-            assert_names(error.to_string(), &["memory", "grid", "GiB"]);
-        });
+        let setup = &test_instrument(31, 1.0, 40.0, Detection::Quadrature);
+        let mut huge = grid(0.66, [1.2, 2.3]);
+        (huge.x.count, huge.y.count, huge.z.count) = (usize::MAX >> 1, 1 << 30, 1 << 30);
+        assert_eq!(plan(setup, &huge).volume_bytes, u64::MAX);
+        let options = ReconstructOptions::default();
+        let holding = Holding { volume: true, ..Holding::default() };
+        assert!(needs(setup, &huge, &options, holding, 2).is_err(), "more than can be counted over");
+        (huge.x.count, huge.y.count, huge.z.count) = (1 << 13, 1 << 13, 1 << 12);
+        let needs = needs(setup, &huge, &options, holding, 2).expect("an estimate");
+        let error = check_memory(&needs, setup, &huge, holding, Some(1 << 40)).expect_err("too much");
+        assert_names(error.to_string(), &["memory", "grid", "GiB"]);
     }
 
     #[test]
     fn a_scene_in_the_wrong_unit_is_noticed() {
-        with_setup(31, 1.0, 40.0, Detection::Quadrature, |setup| {
-            let small = scale_warnings(setup, DVec3::ZERO, DVec3::splat(0.002), false).remove(0);
-            assert_names(small, &["2.00 mm", "wavelength", "[scene] unit"]);
-            let far =
-                |in_metres| scale_warnings(setup, DVec3::ZERO, DVec3::splat(200.0), in_metres).remove(0);
-            assert_names(far(false), &["unambiguous", "[scene] unit", "scale"]);
-            assert_names(far(true), &["unambiguous", "[scene] scale", "glTF"]);
-            let (low, high) = (DVec3::new(-0.5, -0.5, 1.0), DVec3::new(0.5, 0.5, 2.0));
-            assert!(scale_warnings(setup, low, high, false).is_empty());
-        });
+        let setup = &test_instrument(31, 1.0, 40.0, Detection::Quadrature);
+        let small = scale_warnings(setup, DVec3::ZERO, DVec3::splat(0.002), false).remove(0);
+        assert_names(small, &["2.00 mm", "wavelength", "[scene] unit"]);
+        let far = |in_metres| scale_warnings(setup, DVec3::ZERO, DVec3::splat(200.0), in_metres).remove(0);
+        assert_names(far(false), &["unambiguous", "[scene] unit", "scale"]);
+        assert_names(far(true), &["unambiguous", "[scene] scale", "glTF"]);
+        let (low, high) = (DVec3::new(-0.5, -0.5, 1.0), DVec3::new(0.5, 0.5, 2.0));
+        assert!(scale_warnings(setup, low, high, false).is_empty());
     }
 }

@@ -111,7 +111,6 @@ pub fn point_spread(
     p: DVec3,
     observer: &dyn Observer,
 ) -> Result<PointSpread> {
-    let setup = instrument.setup();
     let (low, high) = instrument.array.bounds();
     if !(p.is_finite() && p.z > high.z.max(0.0)) {
         return Err(Error::input(
@@ -119,17 +118,16 @@ pub fn point_spread(
             format!("{p} m does not lie before the array; x,y,z with z greater than {} was expected", high.z),
         ));
     }
-    let mut simulation = SimulateOptions::default();
-    (simulation.sound_speed, simulation.geometry, simulation.detection) =
-        (instrument.sound_speed, instrument.geometry, instrument.detection);
     let reflector = Reflectors::new(vec![p], vec![Complex32::ONE])?;
-    let cube = simulate(&reflector, &instrument.sweep, &instrument.array, &simulation, observer)?;
-    let widths = [3.0, 6.0].map(|below| setup.predicted_widths(p, options.window, below));
+    let cube = simulate(&reflector, instrument, &SimulateOptions::default(), observer)?;
+    let widths = [3.0, 6.0].map(|below| instrument.predicted_widths(p, options.window, below));
     // Where an axis tells nothing apart, anything will do that is not far beside the rest.
-    let otherwise =
-        widths[0].into_iter().flatten().fold((high - low).max_element().max(setup.wavelength()), f64::min);
+    let otherwise = widths[0]
+        .into_iter()
+        .flatten()
+        .fold((high - low).max_element().max(instrument.wavelength()), f64::min);
     let scale = DVec3::from(widths[0].map(|width| width.unwrap_or(otherwise)));
-    let beam = Beam::new(&setup, options.window);
+    let beam = Beam::new(instrument, options.window);
     let mut look = Look { instrument, options, cube, p, amplitude: 1.0, beam, scale };
     look.amplitude = f64::from(look.image(&cube_grid(p, DVec3::splat(1e-4), [0; 3]))?.peak());
     if look.amplitude <= 0.0 {

@@ -119,11 +119,11 @@ fn in_pool(
     sink: &mut dyn VolumeSink,
     observer: &dyn Observer,
 ) -> Result<ReconstructionInfo> {
-    let setup = source.setup();
+    let setup = source.instrument();
     let threads = rayon::current_num_threads();
-    let possible = Options::of(&setup, grid, options, threads)?;
+    let possible = Options::of(setup, grid, options, threads)?;
     let batch = possible.chosen(options.method).batch;
-    let (choice, warning) = possible.choose(&setup, grid, options.method)?;
+    let (choice, warning) = possible.choose(setup, grid, options.method)?;
     if let Some(warning) = warning {
         observer.warn(&warning);
     }

@@ -178,7 +178,7 @@ mod tests {
 
     fn grid(z: [f64; 2]) -> Grid {
         let axis = Axis { first: -0.45, pitch: 0.1, count: 10 };
-        Grid { x: axis, y: axis, z: Axis::spanning("z", z[0], z[1], 0.01).expect("valid") }
+        Grid { x: axis, y: axis, z: Axis::spanning(z[0], z[1], 0.01).expect("valid") }
     }
 
     #[test]
@@ -204,7 +204,7 @@ mod tests {
 
     #[test]
     fn a_camera_at_the_origin_sees_planar_depth_and_the_nearer_plate_larger() {
-        let raster = Raster::camera("test", 90.0, [40, 40]).expect("valid");
+        let raster = Raster::camera(90.0, [40, 40]).expect("valid");
         let options = TruthOptions { raster: Some(raster), ..TruthOptions::heard_from(DVec3::ZERO) };
         let wide = Axis { first: -3.0, pitch: 0.1, count: 61 };
         let grid = Grid { x: wide, y: wide, ..grid([0.5, 2.5]) };

@@ -3,7 +3,7 @@
 #![allow(dead_code, reason = "each bench uses its part")]
 
 use glam::DVec3;
-use holosonar::acquisition::{DataCube, MicArray, Sweep};
+use holosonar::acquisition::{DataCube, Instrument, MicArray, Sweep};
 use holosonar::config::RunFile;
 use holosonar::grid::{Axis, Grid};
 use num_complex::Complex32;
@@ -12,9 +12,9 @@ use std::path::Path;
 
 /// `mics`² microphones and `voxels`² voxels, 8 mm apart and with one centre, from 1 m on; 10 to 20 kHz.
 pub(crate) fn job(mics: usize, voxels: usize, frequencies: usize, depths: usize) -> (DataCube, Grid) {
-    let array = MicArray::rectangular("array", [mics; 2], [0.008; 2], DVec3::ZERO).expect("an array");
+    let array = MicArray::rectangular([mics; 2], [0.008; 2], DVec3::ZERO).expect("an array");
     let step = 10_000.0 / (frequencies - 1) as f64;
-    let sweep = Sweep::stepped("sweep", 10_000.0, 20_000.0, step).expect("a sweep");
+    let sweep = Sweep::stepped(10_000.0, 20_000.0, step).expect("a sweep");
     let lateral = Axis { first: -0.004 * (voxels - 1) as f64, pitch: 0.008, count: voxels };
     let grid = Grid { x: lateral, y: lateral, z: Axis { first: 1.0, pitch: 0.008, count: depths } };
     (noise(sweep, array), grid)
@@ -24,7 +24,7 @@ pub(crate) fn job(mics: usize, voxels: usize, frequencies: usize, depths: usize)
 pub(crate) fn noise(sweep: Sweep, array: MicArray) -> DataCube {
     let phasor = |i: usize| Complex32::cis(TAU * (i as f64 * 0.618_034).fract() as f32);
     let samples = (0..sweep.len() * array.len()).map(phasor).collect();
-    DataCube::new(sweep, array, samples).expect("finite")
+    DataCube::new(Instrument::new(sweep, array), samples).expect("finite")
 }
 
 /// The same cube from microphones up to 2 mm off their lattice, and within `depth` m of their plane.
@@ -33,9 +33,9 @@ pub(crate) fn displaced(cube: &DataCube, depth: f64) -> DataCube {
     let place = |(i, r): (usize, &DVec3)| {
         *r + DVec3::new(0.004 * off(i, 0.618_034), 0.004 * off(i, 0.754_878), 2.0 * depth * off(i, 0.569_84))
     };
-    let positions: Vec<DVec3> = cube.array.positions().iter().enumerate().map(place).collect();
-    let array = MicArray::from_positions("displaced", &[positions.len()], positions).expect("an array");
-    DataCube::new(cube.sweep.clone(), array, cube.samples.clone()).expect("finite")
+    let positions: Vec<DVec3> = cube.instrument.array.positions().iter().enumerate().map(place).collect();
+    let array = MicArray::from_positions(positions).expect("an array");
+    DataCube::new(cube.instrument.clone().with_array(array), cube.samples.clone()).expect("finite")
 }
 
 /// The corner before 255 x 255 microphones, as 256 x 256 x 128 voxels, all 3.94 mm apart but in depth: a run file in

@@ -10,6 +10,7 @@ use crate::error::{Error, Result};
 use crate::grid::Axis;
 use crate::scene::FARTHEST;
 use glam::DVec3;
+use std::sync::Arc;
 
 /// A rectangular lattice of microphones in a plane of constant z.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -22,10 +23,10 @@ pub struct Lattice {
     pub z: f64,
 }
 
-/// Microphone positions r, in m.
+/// Microphone positions r, in m. Clones share their list.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MicArray {
-    positions: Vec<DVec3>,
+    positions: Arc<Vec<DVec3>>,
     lattice: Option<Lattice>,
     /// Least and greatest coordinates, m.
     bounds: (DVec3, DVec3),
@@ -34,28 +35,41 @@ pub struct MicArray {
 /// Most microphones along a side or in a list.
 const MOST_MICROPHONES: usize = 1 << 24;
 
+/// Where mistakes lie until a caller knows better.
+const PLACE: &str = "array";
+
 impl MicArray {
     fn new(positions: Vec<DVec3>, lattice: Option<Lattice>) -> Self {
         let bounds = positions
             .iter()
             .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), r| (low.min(*r), high.max(*r)));
-        Self { positions, lattice, bounds }
+        Self { positions: Arc::new(positions), lattice, bounds }
     }
 
     /// `count` = [columns, rows] microphones at the given pitch about `centre`, parallel to z = 0.
     ///
     /// # Errors
     /// A count of 0 or over 2²⁴ microphones, a pitch that is not positive, a centre that is not finite, or microphones
-    /// beyond [`FARTHEST`].
-    pub fn rectangular(place: &str, count: [usize; 2], pitch: [f64; 2], centre: DVec3) -> Result<Self> {
+    /// beyond [`FARTHEST`]. The error's place is "array"; [`Error::at`] puts a file or key there.
+    ///
+    /// ```
+    /// use glam::DVec3;
+    /// use holosonar::acquisition::MicArray;
+    ///
+    /// let array = MicArray::rectangular([31, 21], [0.03, 0.05], DVec3::ZERO)?;
+    /// assert_eq!((array.len(), array.shape()), (651, vec![21, 31]));
+    /// assert!((array.extent() - DVec3::new(0.9, 1.0, 0.0)).length() < 1e-12);
+    /// # Ok::<(), holosonar::error::Error>(())
+    /// ```
+    pub fn rectangular(count: [usize; 2], pitch: [f64; 2], centre: DVec3) -> Result<Self> {
         if count.contains(&0) || count[0].saturating_mul(count[1]) > MOST_MICROPHONES {
             return Err(Error::input(
-                place,
+                PLACE,
                 format!("{} x {} microphones: from 1 up to {MOST_MICROPHONES} in all", count[0], count[1]),
             ));
         }
         if !(centre.is_finite() && pitch.iter().all(|p| p.is_finite() && *p > 0.0)) {
-            return Err(Error::input(place, "the pitch must be positive and the centre finite, in metres"));
+            return Err(Error::input(PLACE, "the pitch must be positive and the centre finite, in metres"));
         }
         let axis = |n: usize, pitch: f64, centre: f64| Axis {
             first: centre - 0.5 * (n - 1) as f64 * pitch,
@@ -69,7 +83,7 @@ impl MicArray {
         };
         if lattice.x.first.abs().max(lattice.y.first.abs()).max(lattice.z.abs()) > FARTHEST {
             return Err(Error::input(
-                place,
+                PLACE,
                 too_far("the first microphone", DVec3::new(lattice.x.first, lattice.y.first, lattice.z)),
             ));
         }
@@ -82,30 +96,40 @@ impl MicArray {
         Ok(Self::new(positions, Some(lattice)))
     }
 
-    /// Positions from a file: `shape` is `[n_y, n_x]` or `[n_mic]`. A regular rectangular lattice is recognised.
+    /// Microphones anywhere, in any order.
     ///
     /// # Errors
-    /// No positions, positions that are not finite or beyond [`FARTHEST`], or a shape that does not fit. `place` names the array.
-    pub fn from_positions(place: &str, shape: &[usize], positions: Vec<DVec3>) -> Result<Self> {
-        if positions.is_empty() || positions.len() > MOST_MICROPHONES {
+    /// No positions or over 2²⁴, positions that are not finite or beyond [`FARTHEST`]; the error's place is "array".
+    ///
+    /// ```
+    /// use glam::DVec3;
+    /// use holosonar::acquisition::MicArray;
+    ///
+    /// let ring = |i: u32| DVec3::from((glam::DVec2::from_angle(f64::from(i) * 0.1) * 0.5, 0.0));
+    /// let array = MicArray::from_positions((0..63).map(ring).collect())?;
+    /// assert!(array.lattice().is_none());
+    /// # Ok::<(), holosonar::error::Error>(())
+    /// ```
+    pub fn from_positions(positions: Vec<DVec3>) -> Result<Self> {
+        check_positions(&positions)?;
+        Ok(Self::new(positions, None))
+    }
+
+    /// Rows of microphones, `[n_y, n_x]` positions one row after another. Where they stand on a regular rectangular lattice
+    /// it is recognised, and methods that want one serve.
+    ///
+    /// # Errors
+    /// As [`MicArray::from_positions`]; a shape that the positions do not fill.
+    pub fn from_rows(shape: [usize; 2], positions: Vec<DVec3>) -> Result<Self> {
+        let [n_y, n_x] = shape;
+        if n_y.checked_mul(n_x) != Some(positions.len()) {
             return Err(Error::input(
-                place,
-                format!("from 1 to {MOST_MICROPHONES} microphones are possible"),
-            ));
-        }
-        if shape.iter().product::<usize>() != positions.len() {
-            return Err(Error::input(
-                place,
+                PLACE,
                 format!("{} positions do not fill the shape {shape:?}", positions.len()),
             ));
         }
-        if let Some(bad) = positions.iter().position(|r| !r.is_finite()) {
-            return Err(Error::input(place, format!("position {bad} is not finite: {:?}", positions[bad])));
-        }
-        if let Some(bad) = positions.iter().position(|r| r.abs().max_element() > FARTHEST) {
-            return Err(Error::input(place, too_far(&format!("position {bad}"), positions[bad])));
-        }
-        let lattice = if let [n_y, n_x] = *shape { recognise(n_x, n_y, &positions) } else { None };
+        check_positions(&positions)?;
+        let lattice = recognise(n_x, n_y, &positions);
         Ok(Self::new(positions, lattice))
     }
 
@@ -166,6 +190,20 @@ impl MicArray {
     }
 }
 
+/// Refuses positions that make no array.
+fn check_positions(positions: &[DVec3]) -> Result<()> {
+    if positions.is_empty() || positions.len() > MOST_MICROPHONES {
+        return Err(Error::input(PLACE, format!("from 1 to {MOST_MICROPHONES} microphones are possible")));
+    }
+    if let Some(bad) = positions.iter().position(|r| !r.is_finite()) {
+        return Err(Error::input(PLACE, format!("position {bad} is not finite: {:?}", positions[bad])));
+    }
+    if let Some(bad) = positions.iter().position(|r| r.abs().max_element() > FARTHEST) {
+        return Err(Error::input(PLACE, too_far(&format!("position {bad}"), positions[bad])));
+    }
+    Ok(())
+}
+
 /// The refusal of a microphone where no sound gets to.
 fn too_far(which: &str, r: DVec3) -> String {
     format!("{which}, at {r} m, lies beyond {FARTHEST:e} m; lengths are in metres")
@@ -199,9 +237,8 @@ mod tests {
 
     #[test]
     fn a_rectangular_array_is_recognised_from_its_positions() {
-        let made =
-            MicArray::rectangular("array", [13, 11], [0.008, 0.01], DVec3::new(0.1, -0.2, 0.0)).expect("ok");
-        let read = MicArray::from_positions("mics", &[11, 13], made.positions().to_vec()).expect("ok");
+        let made = MicArray::rectangular([13, 11], [0.008, 0.01], DVec3::new(0.1, -0.2, 0.0)).expect("ok");
+        let read = MicArray::from_rows([11, 13], made.positions().to_vec()).expect("ok");
         let (a, b) = (made.lattice().expect("lattice"), read.lattice().expect("lattice"));
         assert_eq!((a.x.count, a.y.count), (b.x.count, b.y.count));
         assert!((a.x.pitch - b.x.pitch).abs() < 1e-12 && (a.y.first - b.y.first).abs() < 1e-12);
@@ -211,22 +248,23 @@ mod tests {
 
     #[test]
     fn a_jittered_array_is_no_lattice() {
-        let mut positions = MicArray::rectangular("array", [5, 4], [0.01, 0.01], DVec3::ZERO)
-            .expect("ok")
-            .positions()
-            .to_vec();
+        let mut positions =
+            MicArray::rectangular([5, 4], [0.01, 0.01], DVec3::ZERO).expect("ok").positions().to_vec();
         positions[7].x += 1e-5;
-        let array = MicArray::from_positions("mics", &[4, 5], positions).expect("ok");
+        let array = MicArray::from_rows([4, 5], positions).expect("ok");
         assert!(array.lattice().is_none());
         assert_eq!(array.shape(), [20]);
     }
 
     #[test]
     fn absurd_arrays_are_refused() {
-        assert!(MicArray::rectangular("array", [0, 4], [0.01, 0.01], DVec3::ZERO).is_err());
-        assert!(MicArray::rectangular("array", [usize::MAX, 4], [0.01, 0.01], DVec3::ZERO).is_err());
-        assert!(MicArray::rectangular("array", [4, 4], [0.0, 0.01], DVec3::ZERO).is_err());
-        assert!(MicArray::from_positions("mics", &[2], vec![DVec3::ZERO, DVec3::NAN]).is_err());
-        assert!(MicArray::from_positions("mics", &[3], vec![DVec3::ZERO]).is_err());
+        assert!(MicArray::rectangular([0, 4], [0.01, 0.01], DVec3::ZERO).is_err());
+        assert!(MicArray::rectangular([usize::MAX, 4], [0.01, 0.01], DVec3::ZERO).is_err());
+        assert!(MicArray::rectangular([4, 4], [0.0, 0.01], DVec3::ZERO).is_err());
+        assert!(MicArray::from_positions(vec![DVec3::ZERO, DVec3::NAN]).is_err());
+        assert!(MicArray::from_positions(vec![]).is_err());
+        for shape in [[1, 3], [0, 0], [usize::MAX, 2]] {
+            assert!(MicArray::from_rows(shape, vec![DVec3::ZERO]).is_err());
+        }
     }
 }

@@ -1,10 +1,10 @@
 //! The data cube `m(f, r)` and its file, `.npz` (DESIGN section 3).
 
-use super::{CubeFile, Detection, MicArray, Setup, Sweep};
+use super::{CubeFile, Detection, Instrument};
 use crate::alloc::try_zeroed;
 use crate::error::{Error, Result};
 use crate::files::npz::write_npz;
-use crate::wave::{DEFAULT_SOUND_SPEED, Geometry};
+use crate::wave::Geometry;
 use glam::DVec3;
 use num_complex::Complex32;
 use serde_json::{Value, json};
@@ -14,16 +14,8 @@ use std::path::Path;
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct DataCube {
-    /// The tones.
-    pub sweep: Sweep,
-    /// The microphones.
-    pub array: MicArray,
-    /// Fixed speaker or monostatic scan.
-    pub geometry: Geometry,
-    /// Quadrature or in-phase.
-    pub detection: Detection,
-    /// c, m/s.
-    pub sound_speed: f64,
+    /// What it was measured with.
+    pub instrument: Instrument,
     /// `[n_f, n_mic]`, the phase sign already +1; in-phase samples are real.
     pub samples: Vec<Complex32>,
     /// What made the cube (`run`, `seed` of a simulation); null for a measurement.
@@ -34,11 +26,24 @@ pub(super) const FORMAT: &str = "holosonar-cube";
 pub(super) const VERSION: u32 = 1;
 
 impl DataCube {
-    /// A cube of given samples, `[n_f, n_mic]`; quadrature, speaker at the origin, c = 343 m/s.
+    /// A cube of given samples, `[n_f, n_mic]`, measured with `instrument`; in-phase samples have no imaginary parts.
     ///
     /// # Errors
     /// As many samples as frequencies × microphones were expected, all finite.
-    pub fn new(sweep: Sweep, array: MicArray, samples: Vec<Complex32>) -> Result<Self> {
+    ///
+    /// ```
+    /// use glam::DVec3;
+    /// use holosonar::acquisition::{DataCube, Instrument, MicArray, Sweep};
+    /// use num_complex::Complex32;
+    ///
+    /// let sweep = Sweep::stepped(10e3, 12e3, 500.0)?;
+    /// let array = MicArray::rectangular([4, 3], [0.05, 0.05], DVec3::ZERO)?;
+    /// let cube = DataCube::new(Instrument::new(sweep, array), vec![Complex32::ONE; 5 * 12])?;
+    /// assert_eq!(cube.frequency(2).len(), 12);
+    /// # Ok::<(), holosonar::error::Error>(())
+    /// ```
+    pub fn new(instrument: Instrument, samples: Vec<Complex32>) -> Result<Self> {
+        let Instrument { sweep, array, .. } = &instrument;
         let expected = sweep.len() as u64 * array.len() as u64;
         if samples.len() as u64 != expected {
             return Err(Error::input(
@@ -52,37 +57,13 @@ impl DataCube {
             ));
         }
         check_finite("samples", 0, array.len(), &samples)?;
-        Ok(Self {
-            sweep,
-            array,
-            geometry: Geometry::ORIGIN,
-            detection: Detection::Quadrature,
-            sound_speed: DEFAULT_SOUND_SPEED,
-            samples,
-            provenance: Value::Null,
-        })
+        Ok(Self { instrument, samples, provenance: Value::Null })
     }
 
     /// The samples of frequency `f`, `[n_mic]`.
     pub fn frequency(&self, f: usize) -> &[Complex32] {
-        let n = self.array.len();
+        let n = self.instrument.array.len();
         &self.samples[f * n..(f + 1) * n]
-    }
-
-    /// The measurement without its samples.
-    pub fn setup(&self) -> Setup<'_> {
-        Setup {
-            sweep: &self.sweep,
-            array: &self.array,
-            geometry: self.geometry,
-            detection: self.detection,
-            sound_speed: self.sound_speed,
-        }
-    }
-
-    /// Range resolution c/2B, m (Eq. 10); `None` for a single tone.
-    pub fn range_resolution(&self) -> Option<f64> {
-        self.sweep.range_resolution(self.sound_speed)
     }
 
     /// Room for a cube, filled with zeros.
@@ -99,21 +80,22 @@ impl DataCube {
     /// # Errors
     /// [`Error::Io`] when the file cannot be written; an old file is then left as it was.
     pub fn write(&self, path: &Path) -> Result<()> {
-        let mut shape = vec![self.sweep.len()];
-        shape.extend(self.array.shape());
-        let mut places = self.array.shape();
+        let Instrument { sweep, array, geometry, detection, sound_speed } = &self.instrument;
+        let mut shape = vec![sweep.len()];
+        shape.extend(array.shape());
+        let mut places = array.shape();
         places.push(3);
-        let positions: Vec<f64> = self.array.positions().iter().flat_map(DVec3::to_array).collect();
-        let source = match self.geometry {
+        let positions: Vec<f64> = array.positions().iter().flat_map(DVec3::to_array).collect();
+        let source = match *geometry {
             Geometry::FixedSource { source } => source,
             Geometry::Monostatic => DVec3::ZERO,
         };
         let mut meta = json!({
             "format": FORMAT,
             "version": VERSION,
-            "sound_speed": self.sound_speed,
-            "geometry": self.geometry.kind(),
-            "detection": self.detection,
+            "sound_speed": sound_speed,
+            "geometry": geometry.kind(),
+            "detection": detection,
             "phase_sign": 1,
             "source": source.to_array(),
         });
@@ -121,14 +103,14 @@ impl DataCube {
             meta["provenance"] = self.provenance.clone();
         }
         write_npz(path, |npz| {
-            match self.detection {
+            match detection {
                 Detection::Quadrature => npz.complex("samples", &shape, &self.samples)?,
                 Detection::InPhase => {
                     let real: Vec<f32> = self.samples.iter().map(|m| m.re).collect();
                     npz.f32("samples", &shape, &real)?;
                 }
             }
-            npz.f64("frequencies", &[self.sweep.len()], self.sweep.frequencies())?;
+            npz.f64("frequencies", &[sweep.len()], sweep.frequencies())?;
             npz.f64("mic_positions", &places, &positions)?;
             npz.text("meta", &meta.to_string())
         })

@@ -2,7 +2,7 @@
 
 use super::cube::{FORMAT, VERSION, check_finite};
 use super::source::{CubeSource, Visit};
-use super::{DataCube, Detection, Instrument, MicArray, Setup, Sweep};
+use super::{DataCube, Detection, Instrument, MicArray, Sweep};
 use crate::error::{Error, Result};
 use crate::files::npz::NpzReader;
 use crate::wave::{DEFAULT_SOUND_SPEED, Geometry, GeometryKind};
@@ -99,7 +99,11 @@ fn microphones(path: &Path, npz: &mut NpzReader) -> Result<(MicArray, Vec<usize>
         }
     };
     let points = positions.data.chunks_exact(3).map(DVec3::from_slice).collect();
-    Ok((MicArray::from_positions(&place, &axes, points)?, axes))
+    let array = match *axes {
+        [n_y, n_x] => MicArray::from_rows([n_y, n_x], points),
+        _ => MicArray::from_positions(points),
+    };
+    Ok((array.map_err(|error| error.at(place))?, axes))
 }
 
 /// The detection that `meta` and the samples' type agree on.
@@ -145,7 +149,8 @@ impl CubeFile {
                 format!("must have one axis, [n_f], not {:?}", frequencies.shape),
             ));
         }
-        let sweep = Sweep::from_frequencies(&place(path, "frequencies"), frequencies.data)?;
+        let sweep = Sweep::from_frequencies(frequencies.data)
+            .map_err(|error| error.at(place(path, "frequencies")))?;
         let (array, axes) = microphones(path, &mut npz)?;
         let detection =
             detection_of(place(path, "samples"), meta.detection, npz.dtype_is_complex("samples")?)?;
@@ -172,14 +177,14 @@ impl CubeFile {
     /// Samples that are damaged, not finite, or more than the limit.
     pub fn load(mut self) -> Result<DataCube> {
         let mut samples = self.npz.complex("samples")?.data;
-        let Instrument { sweep, array, geometry, detection, sound_speed } = self.instrument;
-        check_finite(&place(&self.path, "samples"), 0, array.len(), &samples)?;
-        if self.conjugated {
+        let Self { path, instrument, conjugated, provenance, .. } = self;
+        check_finite(&place(&path, "samples"), 0, instrument.array.len(), &samples)?;
+        if conjugated {
             for m in &mut samples {
                 *m = m.conj();
             }
         }
-        Ok(DataCube { sweep, array, geometry, detection, sound_speed, samples, provenance: self.provenance })
+        Ok(DataCube { instrument, samples, provenance })
     }
 
     /// The file's arrays by name, size and checksum; reading them proves the checksums right.
@@ -197,13 +202,13 @@ impl CubeFile {
 }
 
 impl CubeSource for CubeFile {
-    fn setup(&self) -> Setup<'_> {
-        self.instrument.setup()
+    fn instrument(&self) -> &Instrument {
+        &self.instrument
     }
 
     fn held_bytes(&self) -> u64 {
         // The first axis of a Fortran array is the fastest: its blocks are scattered over the whole file.
-        if self.npz.in_order("samples") { 0 } else { self.setup().cube_bytes().saturating_mul(2) }
+        if self.npz.in_order("samples") { 0 } else { self.instrument.cube_bytes().saturating_mul(2) }
     }
 
     fn visit(&mut self, block: usize, visit: &mut Visit) -> Result<()> {
@@ -233,10 +238,10 @@ mod tests {
     fn blocks_are_the_whole_cube_in_order() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("cube.npz");
-        let sweep = Sweep::stepped("sweep", 10_000.0, 10_900.0, 100.0).unwrap();
-        let array = MicArray::rectangular("array", [3, 2], [0.02; 2], DVec3::ZERO).unwrap();
+        let sweep = Sweep::stepped(10_000.0, 10_900.0, 100.0).unwrap();
+        let array = MicArray::rectangular([3, 2], [0.02; 2], DVec3::ZERO).unwrap();
         let samples = (0..60).map(|i| crate::wave::phasor(f64::from(i) * 0.377)).collect();
-        let cube = DataCube::new(sweep, array, samples).unwrap();
+        let cube = DataCube::new(Instrument::new(sweep, array), samples).unwrap();
         cube.write(&path).unwrap();
         let collect = |source: &mut dyn CubeSource, block| {
             let mut all = Vec::new();
@@ -264,9 +269,9 @@ mod tests {
     fn a_damaged_file_is_noticed_at_its_block() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("cube.npz");
-        let sweep = Sweep::stepped("sweep", 10_000.0, 10_900.0, 100.0).unwrap();
-        let array = MicArray::rectangular("array", [3, 2], [0.02; 2], DVec3::ZERO).unwrap();
-        let mut cube = DataCube::new(sweep, array, vec![Complex32::ONE; 60]).unwrap();
+        let sweep = Sweep::stepped(10_000.0, 10_900.0, 100.0).unwrap();
+        let array = MicArray::rectangular([3, 2], [0.02; 2], DVec3::ZERO).unwrap();
+        let mut cube = DataCube::new(Instrument::new(sweep, array), vec![Complex32::ONE; 60]).unwrap();
         cube.samples[31] = Complex32::new(f32::NAN, 0.0);
         cube.write(&path).unwrap();
         let mut seen = 0;

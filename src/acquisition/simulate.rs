@@ -31,13 +31,13 @@ pub use errors::ArrayErrors;
 pub use losses::Losses;
 pub use noise::Noise;
 
-use super::{DataCube, Detection, MicArray, Sweep, Tile, tiles};
+use super::{DataCube, Detection, Instrument, Tile, tiles};
 use crate::blocks::{BlockStore, NoStore};
 use crate::choice::choice;
 use crate::error::{Error, Result};
 use crate::progress::{Observer, stage};
 use crate::reflectors::Reflectors;
-use crate::wave::{DEFAULT_SOUND_SPEED, Geometry};
+use crate::wave::Geometry;
 use columns::Columns;
 use expand::fast;
 use glam::DVec3;
@@ -58,15 +58,19 @@ choice! {
 }
 
 /// Parameters of [`simulate`].
+///
+/// ```
+/// use holosonar::acquisition::{Losses, Noise, SimulateOptions};
+///
+/// let options = SimulateOptions::default()
+///     .with_tolerance(1e-4)
+///     .with_losses(Losses { spreading: true, ..Losses::NONE })
+///     .with_noise(Noise { snr_db: 20.0, seed: 1 });
+/// assert!(options.errors.is_none());
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct SimulateOptions {
-    /// c, m/s.
-    pub sound_speed: f64,
-    /// Fixed speaker or monostatic scan.
-    pub geometry: Geometry,
-    /// Quadrature or in-phase.
-    pub detection: Detection,
     /// Exact or linear paths.
     pub model: PropagationModel,
     /// Spreading, absorption and directivity.
@@ -90,9 +94,6 @@ pub const SIMULATION_TOLERANCE: f64 = 1e-6;
 impl Default for SimulateOptions {
     fn default() -> Self {
         Self {
-            sound_speed: DEFAULT_SOUND_SPEED,
-            geometry: Geometry::ORIGIN,
-            detection: Detection::Quadrature,
             model: PropagationModel::Exact,
             losses: Losses::NONE,
             errors: None,
@@ -103,24 +104,56 @@ impl Default for SimulateOptions {
 }
 
 impl SimulateOptions {
-    /// Length of the path by way of `p` to the microphone at `r` as this model has it, m.
+    /// The same over other path lengths.
+    #[must_use]
+    pub fn with_model(self, model: PropagationModel) -> Self {
+        Self { model, ..self }
+    }
+
+    /// The same with these losses.
+    #[must_use]
+    pub fn with_losses(self, losses: Losses) -> Self {
+        Self { losses, ..self }
+    }
+
+    /// The same with imperfect microphones.
+    #[must_use]
+    pub fn with_errors(self, errors: ArrayErrors) -> Self {
+        Self { errors: Some(errors), ..self }
+    }
+
+    /// The same with noise.
+    #[must_use]
+    pub fn with_noise(self, noise: Noise) -> Self {
+        Self { noise: Some(noise), ..self }
+    }
+
+    /// The same within another [`tolerance`](Self::tolerance); 0 sums every term.
+    #[must_use]
+    pub fn with_tolerance(self, tolerance: f64) -> Self {
+        Self { tolerance, ..self }
+    }
+}
+
+impl PropagationModel {
+    /// Length of the path by way of `p` to the microphone at `r`, m.
     #[inline]
-    fn path_length(&self, p: DVec3, r: DVec3) -> f64 {
-        match self.model {
-            PropagationModel::Exact => self.geometry.path_length(p, r),
-            PropagationModel::Linear => self.geometry.linear_path_length(p, r),
+    fn path_length(self, geometry: &Geometry, p: DVec3, r: DVec3) -> f64 {
+        match self {
+            Self::Exact => geometry.path_length(p, r),
+            Self::Linear => geometry.linear_path_length(p, r),
         }
     }
 }
 
-/// The data cube that the array would record from `reflectors`.
+/// The data cube that the instrument would record from `reflectors`.
 ///
 /// `m(f, r) = Σ_j A_j e^{+i2πf·path_j(r)/c}` — Eq. 5 in quadrature; its real part in phase.
 ///
 /// - Shapes: `samples` is `[n_f, n_mic]`, in the microphones' order.
 /// - Error: see [`SimulateOptions::tolerance`].
 /// - With [`SimulateOptions::losses`] each echo has a factor more, and [`SimulateOptions::errors`] change what the
-///   microphones record; the cube's own positions stay those of `array`.
+///   microphones record; the cube's own positions stay those of `instrument`.
 /// - Cost: per reflector and microphone some 80 operations and 7 for each of Q virtual tones (Q about 10 to 30), and a
 ///   matrix product that expands them; or, literally, 8 operations (60 for an uneven sweep) per frequency. Losses that
 ///   depend on the frequency take K times the tones, K about 3 to 10; literally, some 300 operations per frequency.
@@ -132,12 +165,11 @@ impl SimulateOptions {
 /// is no number from 0 up.
 pub fn simulate(
     reflectors: &Reflectors,
-    sweep: &Sweep,
-    array: &MicArray,
+    instrument: &Instrument,
     options: &SimulateOptions,
     observer: &dyn Observer,
 ) -> Result<DataCube> {
-    simulate_resumable(reflectors, sweep, array, options, &mut NoStore, observer)
+    simulate_resumable(reflectors, instrument, options, &mut NoStore, observer)
 }
 
 /// [`simulate`] with a store of finished tiles of microphones; noise is no part of them.
@@ -146,8 +178,7 @@ pub fn simulate(
 /// As [`simulate`].
 pub(crate) fn simulate_resumable(
     reflectors: &Reflectors,
-    sweep: &Sweep,
-    array: &MicArray,
+    instrument: &Instrument,
     options: &SimulateOptions,
     store: &mut dyn BlockStore,
     observer: &dyn Observer,
@@ -155,41 +186,33 @@ pub(crate) fn simulate_resumable(
     if !(options.tolerance >= 0.0 && options.tolerance.is_finite()) {
         return Err(Error::input("detection.tolerance", "must be a number from 0 up; 0 sums every term"));
     }
-    let (n_f, n_mic) = (sweep.len(), array.len());
+    let (n_f, n_mic) = (instrument.sweep.len(), instrument.array.len());
     let mut samples = DataCube::allocate(n_f, n_mic)?;
     let (real, responses) = match options.errors {
         Some(errors) => {
             errors.check()?;
-            (&errors.displaced(array)?, errors.responses(n_mic))
+            let displaced = errors.displaced(&instrument.array)?;
+            (instrument.clone().with_array(displaced), errors.responses(n_mic))
         }
-        None => (array, Vec::new()),
+        None => (instrument.clone(), Vec::new()),
     };
-    let job = Job { reflectors, sweep, array: real, options, responses: &responses };
+    let job = Job { reflectors, instrument: &real, options, responses: &responses };
     let mut columns = Columns::new(&mut samples, n_mic, store);
-    stage(observer, "simulating", n_mic as u64, || match plan(reflectors, sweep, real, options) {
+    stage(observer, "simulating", n_mic as u64, || match plan(reflectors, &real, options) {
         Some(plan) => fast(&job, &plan, &mut columns, observer),
         None => literal(&job, &mut columns, observer),
     })?;
     if let Some(noise) = options.noise {
-        add_noise(&mut samples, n_mic, noise, options.detection)?;
+        add_noise(&mut samples, n_mic, noise, instrument.detection)?;
     }
-    Ok(DataCube {
-        sweep: sweep.clone(),
-        array: array.clone(),
-        geometry: options.geometry,
-        detection: options.detection,
-        sound_speed: options.sound_speed,
-        samples,
-        provenance: serde_json::Value::Null,
-    })
+    Ok(DataCube { instrument: instrument.clone(), samples, provenance: serde_json::Value::Null })
 }
 
-/// What is simulated, with the array as it really is.
+/// What is simulated, with the instrument as it really is.
 #[derive(Debug, Clone, Copy)]
 struct Job<'a> {
     reflectors: &'a Reflectors,
-    sweep: &'a Sweep,
-    array: &'a MicArray,
+    instrument: &'a Instrument,
     options: &'a SimulateOptions,
     /// What each microphone multiplies its samples with; empty for perfect ones.
     responses: &'a [Complex32],
@@ -218,13 +241,13 @@ impl Plan {
     fn of(
         choice: &cost::Choice,
         reflectors: &Reflectors,
-        sweep: &Sweep,
-        array: &MicArray,
+        instrument: &Instrument,
         options: &SimulateOptions,
     ) -> Option<Self> {
+        let Instrument { sweep, array, sound_speed, .. } = instrument;
         let rung = choice.rung;
-        let spread = Spread::new(reflectors, sweep, array, options);
-        let half = 0.5 * rung.spread / sweep.bandwidth() * options.sound_speed;
+        let spread = Spread::new(reflectors, instrument, options);
+        let half = 0.5 * rung.spread / sweep.bandwidth() * sound_speed;
         // Tones and terms share the tolerance; the terms pass the tones' error on, greater by their own size.
         let share = if options.losses.vary() { 0.5 } else { 1.0 };
         let count = spread.count(half, share * options.tolerance)?;
@@ -232,7 +255,7 @@ impl Plan {
         let mut terms = None;
         let mut weights = std::mem::take(&mut tones.weights);
         if options.losses.any() {
-            let made = Terms::new(&count, &spread, half, reflectors, sweep, options)?;
+            let made = Terms::new(&count, &spread, half, reflectors, instrument, options)?;
             weights = made.weights(&weights);
             terms = Some(made);
         }
@@ -245,17 +268,17 @@ impl Plan {
 const LEAST_TOLERANCE: f64 = 1e-7;
 
 /// The cheapest plan that keeps the tolerance; `None` where the literal sum is cheaper.
-fn plan(reflectors: &Reflectors, sweep: &Sweep, array: &MicArray, options: &SimulateOptions) -> Option<Plan> {
+fn plan(reflectors: &Reflectors, instrument: &Instrument, options: &SimulateOptions) -> Option<Plan> {
     // A band of no width has no duration, and an index must fit its half of a sorting key.
     let possible = options.tolerance >= LEAST_TOLERANCE
-        && sweep.bandwidth() > 0.0
+        && instrument.sweep.bandwidth() > 0.0
         && u32::try_from(reflectors.len()).is_ok();
     if !possible {
         return None;
     }
-    cost::choices(reflectors, sweep, array, options)
+    cost::choices(reflectors, instrument, options)
         .into_iter()
-        .find_map(|choice| Plan::of(&choice, reflectors, sweep, array, options))
+        .find_map(|choice| Plan::of(&choice, reflectors, instrument, options))
 }
 
 /// The refusal of sums that do not fit.

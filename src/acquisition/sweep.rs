@@ -1,27 +1,40 @@
-//! The tones: a stepped sweep, or any ascending list of frequencies.
+//! The frequencies: a stepped sweep, or any ascending list of frequencies.
 
 use crate::error::{Error, Result};
+use std::sync::Arc;
 
-/// The frequencies of a measurement, ascending, in Hz.
+/// The frequencies of a measurement, ascending, in Hz. Clones share their list.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sweep {
-    frequencies: Vec<f64>,
+    frequencies: Arc<Vec<f64>>,
     /// The common step where there is one, Hz.
     step: Option<f64>,
 }
 
-/// More tones than any instrument steps through; a bound that keeps absurd requests from allocating.
-const MOST_TONES: f64 = 10_000_000.0;
+/// More frequencies than any instrument steps through; a bound that keeps absurd requests from allocating.
+const MOST_FREQUENCIES: f64 = 10_000_000.0;
+
+/// Where mistakes lie until a caller knows better.
+const PLACE: &str = "sweep";
 
 impl Sweep {
     /// `f_n = start + n·step`, n = 0 … round((stop − start)/step), both ends included.
     ///
     /// # Errors
-    /// Frequencies that are not positive and finite, a band that is no multiple of the step, or over 10⁷ tones.
-    pub fn stepped(place: &str, start: f64, stop: f64, step: f64) -> Result<Self> {
+    /// Frequencies that are not positive and finite, a band that is no multiple of the step, or over 10⁷ of them. The
+    /// error's place is "sweep"; [`Error::at`] puts a file or key there.
+    ///
+    /// ```
+    /// use holosonar::acquisition::Sweep;
+    ///
+    /// let sweep = Sweep::stepped(10e3, 20e3, 20.0)?;
+    /// assert_eq!((sweep.len(), sweep.bandwidth()), (501, 10e3));
+    /// # Ok::<(), holosonar::error::Error>(())
+    /// ```
+    pub fn stepped(start: f64, stop: f64, step: f64) -> Result<Self> {
         if !(start > 0.0 && stop >= start && stop.is_finite() && step > 0.0) {
             return Err(Error::input(
-                place,
+                PLACE,
                 format!(
                     "a sweep needs 0 < start <= stop and step > 0, not {start} .. {stop} Hz by {step} Hz"
                 ),
@@ -30,7 +43,7 @@ impl Sweep {
         let intervals = (stop - start) / step;
         if (intervals - intervals.round()).abs() > 1e-6 * intervals.max(1.0) {
             return Err(Error::input(
-                place,
+                PLACE,
                 format!(
                     "the band of {} Hz is no multiple of the step of {step} Hz; stop = {} would be one",
                     stop - start,
@@ -38,37 +51,37 @@ impl Sweep {
                 ),
             ));
         }
-        if intervals >= MOST_TONES {
+        if intervals >= MOST_FREQUENCIES {
             return Err(Error::input(
-                place,
-                format!("{intervals:.3e} tones are too many; use a larger step"),
+                PLACE,
+                format!("{intervals:.3e} frequencies are too many; use a larger step"),
             ));
         }
         let count = intervals.round() as usize + 1;
         let frequencies = (0..count).map(|n| start + n as f64 * step).collect();
-        Ok(Self { frequencies, step: Some(step) })
+        Ok(Self { frequencies: Arc::new(frequencies), step: Some(step) })
     }
 
     /// Any ascending list; an even spacing is recognised.
     ///
     /// # Errors
-    /// An empty list, or frequencies that are not positive, finite and ascending. `place` names the array.
-    pub fn from_frequencies(place: &str, frequencies: Vec<f64>) -> Result<Self> {
+    /// An empty list, or frequencies that are not positive, finite and ascending; the error's place is "sweep".
+    pub fn from_frequencies(frequencies: Vec<f64>) -> Result<Self> {
         let (Some(&first), Some(&last)) = (frequencies.first(), frequencies.last()) else {
-            return Err(Error::input(place, "holds no frequencies; at least one is needed"));
+            return Err(Error::input(PLACE, "holds no frequencies; at least one is needed"));
         };
         if !frequencies.iter().all(|f| f.is_finite() && *f > 0.0) {
-            return Err(Error::input(place, "frequencies must be positive numbers of Hz"));
+            return Err(Error::input(PLACE, "frequencies must be positive numbers of Hz"));
         }
         if !frequencies.is_sorted_by(|a, b| a < b) {
-            return Err(Error::input(place, "frequencies must ascend; sort them, and the samples with them"));
+            return Err(Error::input(PLACE, "frequencies must ascend; sort them, and the samples with them"));
         }
         let intervals = frequencies.len() - 1;
         let step = if intervals == 0 { 1.0 } else { (last - first) / intervals as f64 };
         // 10⁻⁶ of a step, over a step's worth of path, is far below the f32 of the samples.
         let even =
             frequencies.iter().enumerate().all(|(n, f)| (f - (first + n as f64 * step)).abs() <= 1e-6 * step);
-        Ok(Self { frequencies, step: even.then_some(step) })
+        Ok(Self { frequencies: Arc::new(frequencies), step: even.then_some(step) })
     }
 
     /// All frequencies, Hz.
@@ -76,17 +89,17 @@ impl Sweep {
         &self.frequencies
     }
 
-    /// Number of tones.
+    /// Number of frequencies.
     pub fn len(&self) -> usize {
         self.frequencies.len()
     }
 
-    /// Never: a sweep has at least one tone.
+    /// Never: a sweep has at least one frequency.
     pub fn is_empty(&self) -> bool {
         self.frequencies.is_empty()
     }
 
-    /// The step, Hz, if the tones are evenly spaced.
+    /// The step, Hz, if they are evenly spaced.
     pub fn step(&self) -> Option<f64> {
         self.step
     }
@@ -101,12 +114,12 @@ impl Sweep {
         self.frequencies[self.frequencies.len() - 1]
     }
 
-    /// Bandwidth B, Hz; 0 for a single tone.
+    /// Bandwidth B, Hz; 0 for a single frequency.
     pub fn bandwidth(&self) -> f64 {
         self.stop() - self.start()
     }
 
-    /// Range resolution c/2B for a sound speed in m/s, m (Eq. 10); `None` for a single tone.
+    /// Range resolution c/2B for a sound speed in m/s, m (Eq. 10); `None` for a single frequency.
     pub fn range_resolution(&self, sound_speed: f64) -> Option<f64> {
         let bandwidth = self.bandwidth();
         (bandwidth > 0.0).then(|| sound_speed / (2.0 * bandwidth))
@@ -124,31 +137,30 @@ mod tests {
 
     #[test]
     fn both_ends_are_included() {
-        let sweep = Sweep::stepped("sweep", 18_000.0, 20_000.0, 2.0).expect("the paper's sweep");
+        let sweep = Sweep::stepped(18_000.0, 20_000.0, 2.0).expect("the paper's sweep");
         assert_eq!(sweep.len(), 1001);
         assert_eq!((sweep.start(), sweep.stop(), sweep.centre()), (18_000.0, 20_000.0, 19_000.0));
     }
 
     #[test]
     fn a_band_that_is_no_multiple_of_the_step_is_refused() {
-        let error =
-            Sweep::stepped("run.toml, key `sweep.step`", 10_000.0, 20_000.0, 30.0).expect_err("333.3");
+        let error = Sweep::stepped(10_000.0, 20_000.0, 30.0).expect_err("333.3");
         assert!(error.to_string().contains("multiple of the step"), "{error}");
         for (a, b, s) in
             [(0.0, 1.0, 1.0), (2.0, 1.0, 1.0), (1.0, 2.0, 0.0), (1.0, f64::NAN, 1.0), (1.0, 1e9, 1e-3)]
         {
-            assert!(Sweep::stepped("sweep", a, b, s).is_err(), "{a} {b} {s}");
+            assert!(Sweep::stepped(a, b, s).is_err(), "{a} {b} {s}");
         }
     }
 
     #[test]
     fn even_spacing_is_recognised_and_uneven_kept() {
-        let even = Sweep::from_frequencies("f", vec![100.0, 150.0, 200.0]).expect("ascending");
+        let even = Sweep::from_frequencies(vec![100.0, 150.0, 200.0]).expect("ascending");
         assert_eq!(even.step(), Some(50.0));
-        let uneven = Sweep::from_frequencies("f", vec![100.0, 151.0, 200.0]).expect("ascending");
+        let uneven = Sweep::from_frequencies(vec![100.0, 151.0, 200.0]).expect("ascending");
         assert_eq!(uneven.step(), None);
         for bad in [vec![], vec![2.0, 1.0], vec![1.0, 1.0], vec![f64::NAN], vec![-1.0, 2.0]] {
-            assert!(Sweep::from_frequencies("f", bad).is_err());
+            assert!(Sweep::from_frequencies(bad).is_err());
         }
     }
 }

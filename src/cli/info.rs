@@ -61,21 +61,23 @@ fn npz(file: &Path, limit: u64) -> Result<Value> {
     }
     drop(reader);
     let cube = DataCube::read(file, limit)?;
+    let instrument = &cube.instrument;
+    let (sweep, array) = (&instrument.sweep, &instrument.array);
     let power: f64 =
         cube.samples.iter().map(|m| f64::from(m.norm_sqr())).sum::<f64>() / cube.samples.len() as f64;
     Ok(json!({
         "kind": "data cube",
-        "frequencies": cube.sweep.len(),
-        "start_hz": cube.sweep.start(), "stop_hz": cube.sweep.stop(), "step_hz": cube.sweep.step(),
-        "microphones": cube.array.len(),
-        "on_a_lattice": cube.array.lattice().is_some(),
-        "array_shape": cube.array.shape(),
-        "array_centre_m": cube.array.centre().to_array(),
-        "array_extent_m": cube.array.extent().to_array(),
-        "geometry": cube.geometry.kind(),
-        "detection": cube.detection,
-        "sound_speed_m_per_s": cube.sound_speed,
-        "range_resolution_m": cube.range_resolution(),
+        "frequencies": sweep.len(),
+        "start_hz": sweep.start(), "stop_hz": sweep.stop(), "step_hz": sweep.step(),
+        "microphones": array.len(),
+        "on_a_lattice": array.lattice().is_some(),
+        "array_shape": array.shape(),
+        "array_centre_m": array.centre().to_array(),
+        "array_extent_m": array.extent().to_array(),
+        "geometry": instrument.geometry.kind(),
+        "detection": instrument.detection,
+        "sound_speed_m_per_s": instrument.sound_speed,
+        "range_resolution_m": instrument.range_resolution(),
         "rms_sample": power.sqrt(),
         "provenance": cube.provenance,
     }))

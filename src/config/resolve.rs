@@ -2,8 +2,7 @@
 
 use super::check::square_root;
 use super::{Layout, RunFile, Shading, Surface};
-use crate::acquisition::Setup;
-use crate::acquisition::{ArrayErrors, Losses, MicArray, Noise, SimulateOptions, Sweep};
+use crate::acquisition::{ArrayErrors, Instrument, Losses, MicArray, Noise, SimulateOptions, Sweep};
 use crate::depth::DepthOptions;
 use crate::error::{Error, Result};
 use crate::grid::{Axis, Grid, Raster, View};
@@ -30,7 +29,8 @@ impl RunFile {
     /// # Errors
     /// A band that is no multiple of the step, and other sweeps that are none.
     pub fn sweep(&self) -> Result<Sweep> {
-        Sweep::stepped("[sweep]", self.sweep.start, self.sweep.stop, self.sweep.step)
+        Sweep::stepped(self.sweep.start, self.sweep.stop, self.sweep.step)
+            .map_err(|error| error.at("[sweep]"))
     }
 
     /// `[array]`: the microphones.
@@ -54,11 +54,11 @@ impl RunFile {
             (Some(extent), _) => extent[axis],
             (None, pitch) => pitch.map_or(f64::NAN, |pitch| pitch[axis]) * (sides[axis] - 1.0),
         });
-        match array.layout {
-            Layout::Spiral => MicArray::spiral("[array]", elements, extent, centre),
+        let microphones = match array.layout {
+            Layout::Spiral => MicArray::spiral(elements, extent, centre),
             Layout::Random => {
                 let seed = array.seed.unwrap_or(1).into();
-                MicArray::random("[array]", elements, extent, centre, array.spacing, seed)
+                MicArray::random(elements, extent, centre, array.spacing, seed)
             }
             Layout::Grid | Layout::File => {
                 let side = array.elements.and_then(square_root).unwrap_or(1) as usize;
@@ -67,9 +67,10 @@ impl RunFile {
                     (_, Some(extent)) => extent[axis] / count[axis].saturating_sub(1).max(1) as f64,
                     (pitch, None) => pitch.map_or(f64::NAN, |p| p[axis]),
                 };
-                MicArray::rectangular("[array]", count, [pitch(0), pitch(1)], centre)
+                MicArray::rectangular(count, [pitch(0), pitch(1)], centre)
             }
-        }
+        };
+        microphones.map_err(|error| error.at("[array]"))
     }
 
     /// `[array] geometry` and `source`.
@@ -80,6 +81,18 @@ impl RunFile {
             }
             GeometryKind::Monostatic => Geometry::Monostatic,
         }
+    }
+
+    /// `[sweep]`, `[array]`, `[detection] kind` and the speed of sound of `[medium]`.
+    ///
+    /// # Errors
+    /// As [`RunFile::sweep`] and [`RunFile::microphones`].
+    pub fn instrument(&self) -> Result<Instrument> {
+        let instrument = Instrument::new(self.sweep()?, self.microphones()?);
+        Ok(instrument
+            .with_geometry(self.geometry())
+            .with_detection(self.detection.kind)
+            .with_sound_speed(self.medium.speed()))
     }
 
     /// `[scene]` and `[[materials]]`. With neither `fit` nor `translate` the mesh stays where it is, unless `bare`:
@@ -103,7 +116,7 @@ impl RunFile {
     }
 
     /// `[reflectors]` and `[scene] occlusion`, for a scene whose nearest surface lies at `nearest_z` m.
-    pub fn surface_options(&self, setup: &Setup, nearest_z: f64) -> SurfaceOptions {
+    pub fn surface_options(&self, setup: &Instrument, nearest_z: f64) -> SurfaceOptions {
         let typed = &self.reflectors;
         let mirror = typed.surface == Surface::Smooth;
         let spacing = typed.spacing.unwrap_or_else(|| setup.advised_spacing(nearest_z.max(0.0), mirror));
@@ -125,7 +138,7 @@ impl RunFile {
     }
 
     /// What the truth is traced with: as the reflectors were heard.
-    pub fn truth_options(&self, setup: &Setup) -> TruthOptions {
+    pub fn truth_options(&self, setup: &Instrument) -> TruthOptions {
         let mut options = TruthOptions::heard_from(setup.geometry.viewpoint(setup.array.centre()));
         options.lambert = self.reflectors.shading == Shading::Lambert;
         if self.scene.occlusion == OcclusionKind::None {
@@ -146,9 +159,6 @@ impl RunFile {
             seed: u64::from(array.error_seed) ^ 0x6172_7261_7900_0000,
         };
         SimulateOptions {
-            sound_speed: self.medium.speed(),
-            geometry: self.geometry(),
-            detection: self.detection.kind,
             model: self.detection.model,
             losses: Losses {
                 spreading: self.medium.spreading,
@@ -166,7 +176,7 @@ impl RunFile {
     ///
     /// # Errors
     /// Axes that are none, or a grid that is left out although there is no scene to take it from.
-    pub fn voxels(&self, setup: &Setup, scene: Option<(DVec3, DVec3)>) -> Result<Grid> {
+    pub fn voxels(&self, setup: &Instrument, scene: Option<(DVec3, DVec3)>) -> Result<Grid> {
         let typed = &self.grid;
         let margin = |low: f64, high: f64| {
             let margin = ((high - low) * MARGIN).max(2.0 * setup.wavelength());
@@ -208,7 +218,7 @@ impl RunFile {
         let advised = setup.advised_pitch(z[0].max(setup.wavelength()));
         let pitch = typed.pitch.unwrap_or(advised);
         let axis = |name: &str, ends: [f64; 2], pitch: f64| -> Result<Axis> {
-            Axis::spanning(&format!("[grid] {name}"), ends[0], ends[1], pitch)
+            Axis::spanning(ends[0], ends[1], pitch).map_err(|error| error.at(format!("[grid] {name}")))
         };
         Ok(Grid { x: axis("x", x, pitch[0])?, y: axis("y", y, pitch[1])?, z: axis("z", z, pitch[2])? })
     }
@@ -239,7 +249,7 @@ impl RunFile {
         let shape = camera.and_then(|camera| camera.aspect_ratio).unwrap_or(1.0);
         let advised = [(shape * ROWS).round().clamp(1.0, 64.0 * ROWS) as usize, ROWS as usize];
         let pixels = self.depth.pixels.map_or(advised, |pixels| pixels.map(|n| n as usize));
-        Raster::camera("[depth] fov", fov, pixels).map(Some)
+        Raster::camera(fov, pixels).map(Some).map_err(|error| error.at("[depth] fov"))
     }
 
     /// `[depth]`, for a range resolution in m.

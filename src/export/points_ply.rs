@@ -233,7 +233,7 @@ mod tests {
         let path = folder.path().join("scene.ply");
         let reflectors =
             Reflectors::new(vec![DVec3::new(0.5, 0.25, 2.0)], vec![Complex32::new(0.0, 3.0)]).unwrap();
-        let array = MicArray::rectangular("array", [2, 2], [0.5, 0.5], DVec3::ZERO).unwrap();
+        let array = MicArray::rectangular([2, 2], [0.5, 0.5], DVec3::ZERO).unwrap();
         let geometry = Geometry::FixedSource { source: DVec3::new(0.0, 0.0, 0.125) };
         let scene = ScenePoints::new(Some(&reflectors), &array, &geometry);
         scene.write(&path, &[]).unwrap();

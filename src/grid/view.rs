@@ -38,10 +38,10 @@ impl Raster {
     ///
     /// # Errors
     /// A field of view that is not between 0 and 180 degrees; no pixels, or more than 2³² in all.
-    pub fn camera(place: &str, vertical_field_of_view: f64, [columns, rows]: [usize; 2]) -> Result<Self> {
+    pub fn camera(vertical_field_of_view: f64, [columns, rows]: [usize; 2]) -> Result<Self> {
         if !(vertical_field_of_view > 0.0 && vertical_field_of_view < 180.0) {
             return Err(Error::input(
-                place,
+                "camera",
                 format!(
                     "a field of view of {vertical_field_of_view} degrees is none; expected one between 0 and 180"
                 ),
@@ -49,7 +49,7 @@ impl Raster {
         }
         let pixels = columns as u128 * rows as u128;
         if pixels == 0 || pixels > u128::from(u32::MAX) {
-            return Err(Error::input(place, format!("{columns} x {rows} pixels make no picture")));
+            return Err(Error::input("camera", format!("{columns} x {rows} pixels make no picture")));
         }
         let pitch = 2.0 * (0.5 * vertical_field_of_view).to_radians().tan() / rows as f64;
         let axis = |count: usize| Axis { first: -0.5 * pitch * (count - 1) as f64, pitch, count };
@@ -96,14 +96,14 @@ mod tests {
 
     #[test]
     fn a_camera_looks_through_its_pixels_centres() {
-        let camera = Raster::camera("test", 90.0, [4, 2]).expect("valid");
+        let camera = Raster::camera(90.0, [4, 2]).expect("valid");
         // 90 degrees over two rows: slopes -1 .. 1, so the rows look along -1/2 and 1/2.
         assert!((camera.point(0, 2.0) - DVec3::new(-3.0, -1.0, 2.0)).length() < 1e-12);
         assert!((camera.ray(7) - DVec3::new(1.5, 0.5, 1.0)).length() < 1e-12);
         let [across, up] = camera.field_of_view().expect("perspective");
         assert!((up - 90.0).abs() < 1e-9 && (across - 2.0 * 2f64.atan().to_degrees()).abs() < 1e-9);
         for (fov, pixels) in [(0.0, [4, 4]), (180.0, [4, 4]), (f64::NAN, [4, 4]), (60.0, [0, 4])] {
-            assert!(Raster::camera("test", fov, pixels).is_err(), "{fov} {pixels:?}");
+            assert!(Raster::camera(fov, pixels).is_err(), "{fov} {pixels:?}");
         }
     }
 }

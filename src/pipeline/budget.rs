@@ -1,7 +1,7 @@
 //! The memory that a job may use, what it holds of it, and its refusal where that is too little.
 
 use super::{is_csv, outputs, scene_path};
-use crate::acquisition::Setup;
+use crate::acquisition::Instrument;
 use crate::config::RunFile;
 use crate::error::{Result, gib};
 use crate::grid::Grid;
@@ -25,7 +25,7 @@ impl<'a> Budget<'a> {
     }
 
     /// What `image` holds, given what it holds of scene and samples.
-    pub(super) fn imaging(&self, setup: &Setup, grid: &Grid, held: Holding) -> Holding {
+    pub(super) fn imaging(&self, setup: &Instrument, grid: &Grid, held: Holding) -> Holding {
         let resolution = setup.range_resolution().unwrap_or(f64::NAN);
         let depth = self.run.depth_options(resolution).search_bytes(grid);
         let writing = outputs::writing_bytes(outputs::volume_names(self.run), self.run, grid);
@@ -40,14 +40,14 @@ impl<'a> Budget<'a> {
     }
 
     /// What that takes.
-    pub(super) fn needs(&self, setup: &Setup, grid: &Grid, holding: Holding) -> Result<Needs> {
+    pub(super) fn needs(&self, setup: &Instrument, grid: &Grid, holding: Holding) -> Result<Needs> {
         needs(setup, grid, &self.options(grid, holding), holding, rayon::current_num_threads())
     }
 
     /// Refuses a job that cannot fit in memory, and says what one that can will take.
     pub(super) fn room(
         &self,
-        setup: &Setup,
+        setup: &Instrument,
         grid: &Grid,
         holding: Holding,
         observer: &dyn Observer,
@@ -92,7 +92,7 @@ impl Seen {
     }
 
     /// How its surfaces are sampled.
-    pub(super) fn surface_options(&self, run: &RunFile, setup: &Setup, grid: &Grid) -> SurfaceOptions {
+    pub(super) fn surface_options(&self, run: &RunFile, setup: &Instrument, grid: &Grid) -> SurfaceOptions {
         let nearest = self.bounds.map_or(grid.z.first, |(low, _)| low.z.max(grid.z.first));
         run.surface_options(setup, nearest)
     }
@@ -103,7 +103,7 @@ impl Seen {
     }
 
     /// What a job holds of it, now and from its reading to its sampling.
-    pub(super) fn holding(&self, run: &RunFile, setup: &Setup, grid: &Grid) -> Holding {
+    pub(super) fn holding(&self, run: &RunFile, setup: &Instrument, grid: &Grid) -> Holding {
         if self.mesh.triangles == 0 {
             return Holding::default();
         }

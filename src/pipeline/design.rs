@@ -203,11 +203,11 @@ impl SeenScene {
 
 fn row(run: &RunFile, bare: bool, seen: &mut SeenScene, observer: &dyn Observer) -> Result<DesignRow> {
     let measurement = Measurement::of(run)?;
-    let setup = measurement.setup();
+    let setup = &measurement.instrument;
     let budget = Budget::of(run);
     let seen = seen.of(run, bare, observer)?;
-    let grid = run.voxels(&setup, seen.bounds)?;
-    let foretold = forecast(&budget, &setup, &grid, measurement.imaging(&budget, &grid, &seen), true)?;
+    let grid = run.voxels(setup, seen.bounds)?;
+    let foretold = forecast(&budget, setup, &grid, measurement.imaging(&budget, &grid, &seen), true)?;
     let (design, needs) = (foretold.design, foretold.needs);
     let ghosts = design.aliasing.verdict == Verdict::Ghosts;
     Ok(DesignRow {
@@ -236,23 +236,22 @@ pub fn point_spreads(
     observer: &dyn Observer,
 ) -> Result<(Grid, Vec<PointSpread>)> {
     let measurement = Measurement::of(run)?;
-    let setup = measurement.setup();
+    let setup = &measurement.instrument;
     let budget = Budget::of(run);
     let seen = SeenScene::default().of(run, bare, observer)?;
-    let grid = run.voxels(&setup, seen.bounds)?;
+    let grid = run.voxels(setup, seen.bounds)?;
     // One point is simulated, and not the scene.
     let alone = Seen::within(seen.bounds);
     let holding = measurement.simulating(&budget, &grid, &alone);
-    check_simulation(&setup, holding, rayon::current_num_threads(), budget.limit)?;
+    check_simulation(setup, holding, rayon::current_num_threads(), budget.limit)?;
     // Adding 0 turns a negative zero into a positive one.
     let middle = |axis: &Axis| (f64::midpoint(axis.first, axis.last()) * 1e9).round() / 1e9 + 0.0;
     let near = grid.z.first.max(setup.wavelength());
     let depths = [near, f64::midpoint(near, grid.z.last()), grid.z.last().max(near)];
     let chosen = depths.map(|z| DVec3::new(middle(&grid.x), middle(&grid.y), z));
     let points = if points.is_empty() { &chosen[..] } else { points };
-    let instrument = setup.to_instrument();
     let options = run.reconstruct_options();
-    let spreads = points.iter().map(|p| point_spread(&instrument, &options, &grid, *p, observer));
+    let spreads = points.iter().map(|p| point_spread(setup, &options, &grid, *p, observer));
     Ok((grid, spreads.collect::<Result<_>>()?))
 }
 

@@ -4,7 +4,7 @@ use super::budget::{Budget, Seen};
 use super::facts::compensation;
 use super::{SceneSummary, is_csv, is_in_metres, load_scene, scene_path, warn_all};
 use crate::acquisition::{
-    DataCube, Detection, MicArray, Setup, SimulateOptions, Sweep, simulate_resumable, simulation_bytes,
+    DataCube, Detection, Instrument, SimulateOptions, simulate_resumable, simulation_bytes,
 };
 use crate::blocks::BlockStore;
 use crate::config::RunFile;
@@ -22,25 +22,24 @@ use serde_json::json;
 /// The run file's instrument.
 #[derive(Debug)]
 pub(super) struct Measurement {
-    pub(super) sweep: Sweep,
-    pub(super) array: MicArray,
+    pub(super) instrument: Instrument,
     pub(super) options: SimulateOptions,
 }
 
 impl Measurement {
     pub(super) fn of(run: &RunFile) -> Result<Self> {
-        Ok(Self { sweep: run.sweep()?, array: run.microphones()?, options: run.simulate_options() })
+        Ok(Self { instrument: run.instrument()?, options: run.simulate_options() })
     }
 
     /// What is simulated beyond Eq. 5 and done to the volume, in words.
     pub(super) fn physics(&self, run: &RunFile) -> Vec<String> {
-        let mut lines = self.options.physics(&self.sweep);
+        let mut lines = self.options.physics(&self.instrument);
         if let Some(air) = run.medium.air() {
             lines.insert(
                 0,
                 format!(
                     "sound travels at {:.2} m/s, in air of {} °C and {} %",
-                    self.options.sound_speed, air.temperature, air.humidity
+                    self.instrument.sound_speed, air.temperature, air.humidity
                 ),
             );
         }
@@ -48,33 +47,27 @@ impl Measurement {
         lines
     }
 
-    pub(super) fn setup(&self) -> Setup<'_> {
-        Setup {
-            sweep: &self.sweep,
-            array: &self.array,
-            geometry: self.options.geometry,
-            detection: self.options.detection,
-            sound_speed: self.options.sound_speed,
-        }
-    }
-
     /// What a job holds until the cube of a scene is simulated.
     fn holding(&self, run: &RunFile, grid: &Grid, seen: &Seen) -> Holding {
         let threads = rayon::current_num_threads();
-        let simulating = simulation_bytes(&self.sweep, &self.array, seen.bounds, &self.options, threads);
-        Holding { samples: self.setup().cube_bytes(), simulating, ..seen.holding(run, &self.setup(), grid) }
+        let simulating = simulation_bytes(&self.instrument, seen.bounds, &self.options, threads);
+        Holding {
+            samples: self.instrument.cube_bytes(),
+            simulating,
+            ..seen.holding(run, &self.instrument, grid)
+        }
     }
 
     /// What `image` holds.
     pub(super) fn imaging(&self, budget: &Budget, grid: &Grid, seen: &Seen) -> Holding {
-        budget.imaging(&self.setup(), grid, self.holding(budget.run, grid, seen))
+        budget.imaging(&self.instrument, grid, self.holding(budget.run, grid, seen))
     }
 
     /// What `simulate` holds.
     pub(super) fn simulating(&self, budget: &Budget, grid: &Grid, seen: &Seen) -> Holding {
         let holding = self.holding(budget.run, grid, seen);
         // Samples in phase are copied without their imaginary parts to be written.
-        let written = if self.setup().detection == Detection::InPhase { holding.samples / 2 } else { 0 };
+        let written = if self.instrument.detection == Detection::InPhase { holding.samples / 2 } else { 0 };
         Holding { simulating: holding.simulating.max(written), ..holding }
     }
 }
@@ -98,44 +91,44 @@ impl Echoes {
     pub(super) fn of(budget: &Budget, bare: bool, imaged: bool, observer: &dyn Observer) -> Result<Self> {
         let run = budget.run;
         let measurement = Measurement::of(run)?;
-        let setup = measurement.setup();
+        let setup = &measurement.instrument;
         // What can never fit is refused before any ray is traced.
         let threads = rayon::current_num_threads();
         let fits = |grid: &Grid, seen: &Seen| {
             if imaged {
-                budget.room(&setup, grid, measurement.imaging(budget, grid, seen), observer)
+                budget.room(setup, grid, measurement.imaging(budget, grid, seen), observer)
             } else {
-                check_simulation(&setup, measurement.simulating(budget, grid, seen), threads, budget.limit)
+                check_simulation(setup, measurement.simulating(budget, grid, seen), threads, budget.limit)
             }
         };
         let path = scene_path(run)?;
         if is_csv(path) {
             let reflectors = Reflectors::read_csv(path)?;
-            let grid = run.voxels(&setup, reflectors.bounds())?;
+            let grid = run.voxels(setup, reflectors.bounds())?;
             let seen = Seen::list(&reflectors);
             fits(&grid, &seen)?;
-            let plan = plan(&setup, &grid);
+            let plan = plan(setup, &grid);
             let held = measurement.holding(run, &grid, &seen);
             return Ok(Self { measurement, scene: None, spacing: None, reflectors, grid, plan, held });
         }
         let scene = load_scene(path, run, bare, observer)?;
         let seen = Seen::mesh(&scene);
         let samples_fit = |grid: &Grid| {
-            let options = seen.surface_options(run, &setup, grid);
+            let options = seen.surface_options(run, setup, grid);
             let limit = left_for_scene(budget.limit, threads);
             check_sampling(seen.sampling(&options), options.spacing, limit)
         };
-        let grid = run.voxels(&setup, scene.bounds());
+        let grid = run.voxels(setup, scene.bounds());
         let grid = grid
             .and_then(|grid| samples_fit(&grid).and_then(|()| fits(&grid, &seen)).map(|()| grid))
             .inspect_err(|_| {
                 // A wrong unit may be why no grid fits.
                 if let Some((low, high)) = scene.bounds() {
-                    warn_all(&scale_warnings(&setup, low, high, is_in_metres(path)), observer);
+                    warn_all(&scale_warnings(setup, low, high, is_in_metres(path)), observer);
                 }
             })?;
-        let plan = plan(&setup, &grid);
-        let options = seen.surface_options(run, &setup, &grid);
+        let plan = plan(setup, &grid);
+        let options = seen.surface_options(run, setup, &grid);
         let reflectors = sample_surface(&scene, &options, observer)?;
         observer.note(&format!("{} reflectors, {:.1} mm apart", reflectors.len(), 1e3 * options.spacing));
         let held = measurement.holding(run, &grid, &seen);
@@ -143,8 +136,8 @@ impl Echoes {
         Ok(Self { measurement, scene, spacing, reflectors, grid, plan, held })
     }
 
-    pub(super) fn setup(&self) -> Setup<'_> {
-        self.measurement.setup()
+    pub(super) fn instrument(&self) -> &Instrument {
+        &self.measurement.instrument
     }
 
     /// What is simulated beyond Eq. 5 and done to the volume, in words.
@@ -161,7 +154,7 @@ impl Echoes {
         warn_all(&self.plan.warnings, observer);
         let in_metres = scene_path(run).is_ok_and(is_in_metres);
         let mesh = self.scene.as_ref().map(|_| in_metres);
-        warn_all(&placement_warnings(&self.setup(), &self.grid, self.bounds(), mesh), observer);
+        warn_all(&placement_warnings(self.instrument(), &self.grid, self.bounds(), mesh), observer);
         if self.reflectors.is_empty() {
             observer.warn("the speaker reaches no surface of the scene: the cube will be silent; check where the scene lies");
         }
@@ -173,12 +166,12 @@ impl Echoes {
         store: &mut dyn BlockStore,
         observer: &dyn Observer,
     ) -> Result<DataCube> {
-        let Measurement { sweep, array, options } = &self.measurement;
-        let mut cube = simulate_resumable(&self.reflectors, sweep, array, options, store, observer)?;
+        let Measurement { instrument, options } = &self.measurement;
+        let mut cube = simulate_resumable(&self.reflectors, instrument, options, store, observer)?;
         observer.note(&format!(
-            "a cube of {} tones x {} microphones, {}",
-            sweep.len(),
-            array.len(),
+            "a cube of {} frequencies x {} microphones, {}",
+            instrument.sweep.len(),
+            instrument.array.len(),
             gib(self.plan.cube_bytes)
         ));
         cube.provenance = json!({ "run": run.to_json(), "seed": run.reflectors.seed });
@@ -187,14 +180,14 @@ impl Echoes {
 
     pub(super) fn summary(&self) -> Option<SceneSummary> {
         let (low, high) = self.bounds()?;
-        Some(SceneSummary::new(self.scene.as_ref(), self.spacing, low, high, self.setup().wavelength()))
+        Some(SceneSummary::new(self.scene.as_ref(), self.spacing, low, high, self.instrument().wavelength()))
     }
 }
 
 /// What looks wrong about where a scene lies and how large it is. A list of reflectors is in metres for certain, so
 /// only a `mesh` is suspected of another unit, or of another scale where its format says its unit (`Some(true)`).
 pub(super) fn placement_warnings(
-    setup: &Setup,
+    setup: &Instrument,
     grid: &Grid,
     bounds: Option<(DVec3, DVec3)>,
     mesh: Option<bool>,

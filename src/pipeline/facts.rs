@@ -1,6 +1,6 @@
 //! What files say about how they came to be: named facts for EXR and VTI, JSON for npz.
 
-use crate::acquisition::Setup;
+use crate::acquisition::Instrument;
 use crate::config::RunFile;
 use crate::export::{Attribute, Attributes};
 use crate::reconstruct::ReconstructionInfo;
@@ -11,7 +11,7 @@ use serde_json::{Value, json};
 pub(super) const PROGRAM: &str = concat!("holosonar ", env!("CARGO_PKG_VERSION"));
 
 /// Everything that is needed to interpret and reproduce an image: `meta` of a volume's npz.
-pub(super) fn image_facts(setup: &Setup, run: &RunFile, info: &ReconstructionInfo) -> Value {
+pub(super) fn image_facts(setup: &Instrument, run: &RunFile, info: &ReconstructionInfo) -> Value {
     let mut facts = setup_facts(setup, run);
     facts["method"] = json!(info.method);
     facts["error_bound"] = json!(info.error_bound);
@@ -19,7 +19,7 @@ pub(super) fn image_facts(setup: &Setup, run: &RunFile, info: &ReconstructionInf
 }
 
 /// The facts of a measurement and of the run file that asked for it.
-pub(super) fn setup_facts(setup: &Setup, run: &RunFile) -> Value {
+pub(super) fn setup_facts(setup: &Instrument, run: &RunFile) -> Value {
     let source = match setup.geometry {
         Geometry::FixedSource { source } => source.to_array(),
         Geometry::Monostatic => [0.0; 3],

@@ -4,7 +4,7 @@ use super::budget::{Budget, Seen};
 use super::echoes::{Measurement, placement_warnings};
 use super::facts::compensation;
 use super::{is_csv, is_in_metres, outputs, scene_path};
-use crate::acquisition::{CubeFile, CubeSource, Setup};
+use crate::acquisition::{CubeFile, CubeSource, Instrument};
 use crate::config::RunFile;
 use crate::error::Result;
 use crate::grid::Grid;
@@ -55,21 +55,21 @@ pub struct Peaks {
 /// A run file without a scene, or one that is refused; a grid that is missing and cannot be chosen.
 pub fn forecast_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Result<Forecast> {
     let measurement = Measurement::of(run)?;
-    let setup = measurement.setup();
+    let setup = &measurement.instrument;
     let path = scene_path(run)?;
     let mesh = !is_csv(path);
     let budget = Budget::of(run);
     let seen = Seen::of(run, bare, observer)?;
     let bounds = seen.bounds;
-    let grid = run.voxels(&setup, bounds)?;
+    let grid = run.voxels(setup, bounds)?;
     let holding = measurement.imaging(&budget, &grid, &seen);
-    let mut forecast = forecast(&budget, &setup, &grid, holding, mesh)?;
+    let mut forecast = forecast(&budget, setup, &grid, holding, mesh)?;
     let alone = measurement.simulating(&budget, &grid, &seen);
     forecast.peaks.simulate = Some(simulation_peak(alone, rayon::current_num_threads()));
-    forecast.peaks.reconstruct = budget.needs(&setup, &grid, Holding::default())?.peak_bytes;
+    forecast.peaks.reconstruct = budget.needs(setup, &grid, Holding::default())?.peak_bytes;
     forecast.physics = measurement.physics(run);
     let mesh = mesh.then(|| is_in_metres(path));
-    forecast.warnings.extend(placement_warnings(&setup, &grid, bounds, mesh));
+    forecast.warnings.extend(placement_warnings(setup, &grid, bounds, mesh));
     Ok(forecast)
 }
 
@@ -78,18 +78,18 @@ pub fn forecast_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Res
 /// # Errors
 /// A grid that is missing, or one that is refused.
 pub fn forecast_cube(run: &RunFile, cube: &CubeFile) -> Result<Forecast> {
-    let setup = cube.setup();
-    let grid = run.voxels(&setup, None::<(DVec3, DVec3)>)?;
+    let setup = cube.instrument();
+    let grid = run.voxels(setup, None::<(DVec3, DVec3)>)?;
     let budget = Budget::of(run);
     let held = Holding { samples: cube.held_bytes(), ..Holding::default() };
-    let mut forecast = forecast(&budget, &setup, &grid, budget.imaging(&setup, &grid, held), false)?;
-    forecast.peaks.reconstruct = budget.needs(&setup, &grid, held)?.peak_bytes;
+    let mut forecast = forecast(&budget, setup, &grid, budget.imaging(setup, &grid, held), false)?;
+    forecast.peaks.reconstruct = budget.needs(setup, &grid, held)?.peak_bytes;
     Ok(forecast)
 }
 
 pub(super) fn forecast(
     budget: &Budget,
-    setup: &Setup,
+    setup: &Instrument,
     grid: &Grid,
     holding: Holding,
     truth: bool,

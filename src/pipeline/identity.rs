@@ -1,7 +1,7 @@
 //! What the jobs of the pipeline are told apart by: the run file with every default, and what it was given to work on.
 
 use super::echoes::Echoes;
-use crate::acquisition::{CubeFile, CubeSource, Setup};
+use crate::acquisition::{CubeFile, CubeSource, Instrument};
 use crate::checkpoint::Identity;
 use crate::config::RunFile;
 use crate::error::Result;
@@ -10,7 +10,7 @@ use glam::DVec3;
 
 /// The identity of a job that begins with a scene: by its reflectors, which say all that any file of it does.
 pub(super) fn of_scene(job: &str, run: &RunFile, echoes: &Echoes) -> Identity {
-    let mut identity = of_setup(job, run, &echoes.setup(), &echoes.grid);
+    let mut identity = of_setup(job, run, echoes.instrument(), &echoes.grid);
     let reflectors = &echoes.reflectors;
     identity.numbers(coordinates(reflectors.positions()).into_iter());
     identity.bytes(bytemuck::cast_slice(reflectors.amplitudes()));
@@ -20,12 +20,12 @@ pub(super) fn of_scene(job: &str, run: &RunFile, echoes: &Echoes) -> Identity {
 /// The identity of a job that begins with a cube.
 pub(super) fn of_cube(job: &str, run: &RunFile, cube: &mut CubeFile, grid: &Grid) -> Result<Identity> {
     let content = cube.fingerprint()?;
-    let mut identity = of_setup(job, run, &cube.setup(), grid);
+    let mut identity = of_setup(job, run, cube.instrument(), grid);
     identity.text(&content);
     Ok(identity)
 }
 
-fn of_setup(job: &str, run: &RunFile, setup: &Setup, grid: &Grid) -> Identity {
+fn of_setup(job: &str, run: &RunFile, setup: &Instrument, grid: &Grid) -> Identity {
     let mut identity = Identity::of(job);
     identity.text(&run.to_json().to_string());
     identity.text(&format!("{:?} {:?} {grid:?}", setup.geometry, setup.detection));

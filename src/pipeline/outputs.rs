@@ -3,7 +3,7 @@
 use super::facts::{attributes, image_facts};
 use super::page::{PAGE, page_of, title};
 use super::{Outcome, Report};
-use crate::acquisition::{DataCube, Setup};
+use crate::acquisition::{DataCube, Instrument};
 use crate::config::{OutputTable, RunFile, VolumeFormat};
 use crate::error::{Error, Result};
 use crate::export::depth_exr::write_depth_map;
@@ -41,7 +41,7 @@ pub fn write_outputs(
 ) -> Result<Report> {
     let begun = Instant::now();
     warn_of_float16(&run.output, outcome.image.volume.peak(), observer);
-    let facts = image_facts(&outcome.instrument.setup(), run, &outcome.image.info());
+    let facts = image_facts(&outcome.instrument, run, &outcome.image.info());
     let mut files = Vec::new();
     let scene = ScenePoints::new(
         outcome.reflectors.as_ref(),
@@ -197,7 +197,7 @@ fn warn_of_float16(output: &OutputTable, peak: f32, observer: &dyn Observer) {
 /// Volume files on their way: those of formats that grow depth by depth, and for the others the volume.
 #[derive(Debug)]
 pub(super) struct VolumeFiles<'a> {
-    setup: Setup<'a>,
+    setup: &'a Instrument,
     run: &'a RunFile,
     paths: &'a [PathBuf],
     facts: Value,
@@ -211,7 +211,7 @@ pub(super) fn needs_all(path: &Path) -> bool {
 }
 
 impl<'a> VolumeFiles<'a> {
-    pub(super) fn new(setup: Setup<'a>, run: &'a RunFile, grid: Grid, paths: &'a [PathBuf]) -> Self {
+    pub(super) fn new(setup: &'a Instrument, run: &'a RunFile, grid: Grid, paths: &'a [PathBuf]) -> Self {
         let whole = Volume { grid, samples: Vec::new() };
         Self { setup, run, paths, facts: Value::Null, growing: Vec::new(), whole }
     }
@@ -237,7 +237,7 @@ impl<'a> VolumeFiles<'a> {
 
 impl VolumeSink for VolumeFiles<'_> {
     fn begin(&mut self, info: &ReconstructionInfo) -> Result<()> {
-        self.facts = image_facts(&self.setup, self.run, info);
+        self.facts = image_facts(self.setup, self.run, info);
         for path in self.paths.iter().filter(|path| !needs_all(path)) {
             let file = stream_volume(path, &self.whole.grid, &self.run.output, &self.facts)?;
             self.growing.push((path, file));
@@ -319,7 +319,7 @@ pub fn write_cube(path: &Path, cube: &DataCube) -> Result<()> {
 /// Draws the error with its median and rms.
 fn write_error(path: &Path, outcome: &Outcome, truth: &DepthMap) -> Result<()> {
     let errors = error_map(&outcome.depth, truth)?;
-    let resolution = outcome.instrument.setup().range_resolution().unwrap_or(f64::NAN);
+    let resolution = outcome.instrument.range_resolution().unwrap_or(f64::NAN);
     let note = error_note(&outcome.metrics().unwrap_or_default());
     write_error_figure(path, &errors, &truth.raster(), resolution, &note)
 }

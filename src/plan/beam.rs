@@ -12,7 +12,7 @@
 #[cfg(test)]
 mod tests;
 
-use crate::acquisition::Setup;
+use crate::acquisition::Instrument;
 use crate::reconstruct::Window;
 use glam::DVec2;
 use num_complex::Complex64;
@@ -83,8 +83,8 @@ pub struct Beam {
 
 impl Beam {
     /// The array factor of a setup with the weights of a window.
-    pub fn new(setup: &Setup, window: Window) -> Self {
-        let (array, sweep) = (setup.array, setup.sweep);
+    pub fn new(setup: &Instrument, window: Window) -> Self {
+        let (array, sweep) = (&setup.array, &setup.sweep);
         let centre = array.centre().truncate();
         let weights = window.over_array(array);
         let total: f64 = weights.iter().sum();

@@ -2,7 +2,7 @@
 
 use super::beam::{Beam, Sidelobes};
 use super::{alias_free_pitch, nice};
-use crate::acquisition::{Detection, Setup};
+use crate::acquisition::{Detection, Instrument};
 use crate::grid::Grid;
 use crate::reconstruct::Window;
 use glam::DVec3;
@@ -102,7 +102,7 @@ pub struct Design {
 }
 
 /// Works out a design. Cost: a fraction of a second, most of it for the sidelobes of arrays that are no lattice.
-pub fn design(setup: &Setup, grid: &Grid, window: Window) -> Design {
+pub fn design(setup: &Instrument, grid: &Grid, window: Window) -> Design {
     let near = grid.z.first.max(1e-3);
     let depths = [near, f64::midpoint(near, grid.z.last()), grid.z.last().max(near)];
     let centre = setup.array.centre();
@@ -138,14 +138,14 @@ pub fn design(setup: &Setup, grid: &Grid, window: Window) -> Design {
 }
 
 /// The larger pitch of a lattice and the microphones along it.
-fn largest_pitch(setup: &Setup) -> Option<(f64, usize)> {
+fn largest_pitch(setup: &Instrument) -> Option<(f64, usize)> {
     let lattice = setup.array.lattice()?;
     let axes = [lattice.x, lattice.y].into_iter().filter(|axis| axis.count > 1);
     axes.max_by(|a, b| a.pitch.total_cmp(&b.pitch)).map(|axis| (axis.pitch, axis.count))
 }
 
 /// Greatest difference along x and y of the direction sines at which the array's centre sees two points of a grid.
-fn reach_of(setup: &Setup, grid: &Grid) -> [f64; 2] {
+fn reach_of(setup: &Instrument, grid: &Grid) -> [f64; 2] {
     let centre = setup.array.centre();
     let ends = |first: f64, last: f64, origin: f64| [first - origin, last - origin];
     let (x, y) = (ends(grid.x.first, grid.x.last(), centre.x), ends(grid.y.first, grid.y.last(), centre.y));
@@ -164,7 +164,7 @@ fn reach_of(setup: &Setup, grid: &Grid) -> [f64; 2] {
     [span(x, y), span(y, x)]
 }
 
-fn aliasing(setup: &Setup, grid: &Grid, window: Window) -> Aliasing {
+fn aliasing(setup: &Instrument, grid: &Grid, window: Window) -> Aliasing {
     let sidelobes = Beam::new(setup, window).sidelobes(reach_of(setup, grid));
     let everywhere = setup.shortest_wavelength() / setup.geometry.return_legs() / 2.0;
     let width = (grid.x.last() - grid.x.first).max(grid.y.last() - grid.y.first);
@@ -189,7 +189,7 @@ fn aliasing(setup: &Setup, grid: &Grid, window: Window) -> Aliasing {
     }
 }
 
-fn ambiguity(setup: &Setup, grid: &Grid) -> Option<Ambiguity> {
+fn ambiguity(setup: &Instrument, grid: &Grid) -> Option<Ambiguity> {
     let step = setup.sweep.step().filter(|_| setup.sweep.len() > 1)?;
     let path = [setup.sound_speed / step, setup.sound_speed / (2.0 * step)];
     Some(Ambiguity {
@@ -200,7 +200,7 @@ fn ambiguity(setup: &Setup, grid: &Grid) -> Option<Ambiguity> {
     })
 }
 
-fn mend_aliasing(setup: &Setup, aliasing: &Aliasing, near: f64) -> Vec<Suggestion> {
+fn mend_aliasing(setup: &Instrument, aliasing: &Aliasing, near: f64) -> Vec<Suggestion> {
     let (Some(lattice), Verdict::Ghosts, Some(free)) =
         (setup.array.lattice(), aliasing.verdict, aliasing.pitch_free_here)
     else {
@@ -253,7 +253,7 @@ fn mend_aliasing(setup: &Setup, aliasing: &Aliasing, near: f64) -> Vec<Suggestio
     suggestions
 }
 
-fn mend_ambiguity(setup: &Setup, grid: &Grid) -> Vec<Suggestion> {
+fn mend_ambiguity(setup: &Instrument, grid: &Grid) -> Vec<Suggestion> {
     let (Some(unambiguous), Some(step)) = (setup.unambiguous_path(), setup.sweep.step()) else {
         return Vec::new();
     };
@@ -277,7 +277,7 @@ fn mend_ambiguity(setup: &Setup, grid: &Grid) -> Vec<Suggestion> {
     }]
 }
 
-fn mend_voxels(setup: &Setup, grid: &Grid) -> Vec<Suggestion> {
+fn mend_voxels(setup: &Instrument, grid: &Grid) -> Vec<Suggestion> {
     let advised = setup.advised_pitch(grid.z.first);
     let axes = [grid.x, grid.y, grid.z];
     let coarse = |i: usize| axes[i].count > 1 && axes[i].pitch > 1.05 * advised[i];
@@ -295,7 +295,7 @@ fn mend_voxels(setup: &Setup, grid: &Grid) -> Vec<Suggestion> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{plan, tests::with_setup};
+    use super::super::{plan, tests::test_instrument};
     use super::*;
     use crate::acquisition::MicArray;
     use crate::grid::Axis;
@@ -314,41 +314,38 @@ mod tests {
         for (count, half, verdict) in
             [(15, 0.6, Verdict::Ghosts), (63, 0.1, Verdict::AliasFreeHere), (127, 0.6, Verdict::AliasFree)]
         {
-            with_setup(count, 1.0, 40.0, Detection::Quadrature, |setup| {
-                let grid = grid(half, [1.2, 2.0]);
-                let design = design(setup, &grid, Window::None);
-                assert_eq!(design.aliasing.verdict, verdict, "{count}");
-                let warned = plan(setup, &grid).warnings.iter().any(|w| w.contains("alias"));
-                assert_eq!(warned, verdict == Verdict::Ghosts);
-                let mends = design.suggestions.iter().filter(|s| s.mends == "aliasing").count();
-                assert_eq!(mends, if warned { 3 } else { 0 });
-            });
+            let setup = &test_instrument(count, 1.0, 40.0, Detection::Quadrature);
+            let grid = grid(half, [1.2, 2.0]);
+            let design = design(setup, &grid, Window::None);
+            assert_eq!(design.aliasing.verdict, verdict, "{count}");
+            let warned = plan(setup, &grid).warnings.iter().any(|w| w.contains("alias"));
+            assert_eq!(warned, verdict == Verdict::Ghosts);
+            let mends = design.suggestions.iter().filter(|s| s.mends == "aliasing").count();
+            assert_eq!(mends, if warned { 3 } else { 0 });
         }
     }
 
     #[test]
     fn ambiguity_is_told_for_both_kinds_of_data_and_mended_by_a_round_step() {
-        with_setup(31, 1.0, 200.0, Detection::InPhase, |setup| {
-            let design = design(setup, &grid(0.6, [1.2, 2.0]), Window::Taylor);
-            let ambiguity = design.ambiguity.expect("even steps");
-            assert_eq!((ambiguity.path, ambiguity.range), ([1.715, 0.8575], [0.8575, 0.42875]));
-            assert!(ambiguity.in_phase && ambiguity.used > ambiguity.path[1]);
-            let mend = design.suggestions.iter().find(|s| s.mends == "ambiguity").expect("a step");
-            assert_eq!(mend.set, ["sweep.step=25"], "{mend:?}");
-        });
+        let setup = &test_instrument(31, 1.0, 200.0, Detection::InPhase);
+        let design = design(setup, &grid(0.6, [1.2, 2.0]), Window::Taylor);
+        let ambiguity = design.ambiguity.expect("even steps");
+        assert_eq!((ambiguity.path, ambiguity.range), ([1.715, 0.8575], [0.8575, 0.42875]));
+        assert!(ambiguity.in_phase && ambiguity.used > ambiguity.path[1]);
+        let mend = design.suggestions.iter().find(|s| s.mends == "ambiguity").expect("a step");
+        assert_eq!(mend.set, ["sweep.step=25"], "{mend:?}");
     }
 
     #[test]
     fn scattered_arrays_are_judged_by_their_array_factor() {
-        with_setup(16, 1.0, 40.0, Detection::Quadrature, |setup| {
-            let array = MicArray::spiral("a", 256, [1.0; 2], DVec3::ZERO).expect("a spiral");
-            let setup = Setup { array: &array, ..*setup };
-            let design = design(&setup, &grid(0.6, [1.2, 2.0]), Window::Taylor);
-            assert_eq!(design.aliasing.verdict, Verdict::Scattered);
-            assert!(design.aliasing.pitch.is_none() && design.depths[0].ghost_offset.is_none());
-            let sidelobes = design.aliasing.sidelobes;
-            assert!(sidelobes.peak_db.expect("sidelobes") < -15.0, "{sidelobes:?}");
-            assert!((sidelobes.mean_db.expect("sidelobes") + 24.0).abs() < 3.0, "{sidelobes:?}");
-        });
+        let setup = &test_instrument(16, 1.0, 40.0, Detection::Quadrature);
+        let array = MicArray::spiral(256, [1.0; 2], DVec3::ZERO).expect("a spiral");
+        let setup = setup.clone().with_array(array);
+        let design = design(&setup, &grid(0.6, [1.2, 2.0]), Window::Taylor);
+        assert_eq!(design.aliasing.verdict, Verdict::Scattered);
+        assert!(design.aliasing.pitch.is_none() && design.depths[0].ghost_offset.is_none());
+        let sidelobes = design.aliasing.sidelobes;
+        assert!(sidelobes.peak_db.expect("sidelobes") < -15.0, "{sidelobes:?}");
+        assert!((sidelobes.mean_db.expect("sidelobes") + 24.0).abs() < 3.0, "{sidelobes:?}");
     }
 }

@@ -4,7 +4,7 @@
 //! part of a result.
 
 use super::memory::WAITING;
-use crate::acquisition::Setup;
+use crate::acquisition::Instrument;
 use crate::error::{Error, Result, gib};
 use crate::grid::Grid;
 use crate::reconstruct::{Estimate, Estimates, Method, ReconstructOptions, estimate};
@@ -58,7 +58,7 @@ const THREAD: u64 = 1 << 20;
 /// # Errors
 /// Those of [`estimate`].
 pub fn needs(
-    setup: &Setup,
+    setup: &Instrument,
     grid: &Grid,
     options: &ReconstructOptions,
     holding: Holding,
@@ -147,7 +147,7 @@ fn operations_per_second() -> f64 {
 /// [`Error::InvalidInput`] when the peak exceeds `limit` bytes, with the numbers and what would make it fit.
 pub fn check_memory(
     needs: &Needs,
-    setup: &Setup,
+    setup: &Instrument,
     grid: &Grid,
     holding: Holding,
     limit: Option<u64>,
@@ -201,7 +201,12 @@ pub fn check_memory(
 ///
 /// # Errors
 /// [`Error::InvalidInput`] when [`simulation_peak`] exceeds `limit`.
-pub fn check_simulation(setup: &Setup, holding: Holding, threads: usize, limit: Option<u64>) -> Result<()> {
+pub fn check_simulation(
+    setup: &Instrument,
+    holding: Holding,
+    threads: usize,
+    limit: Option<u64>,
+) -> Result<()> {
     let bytes = simulation_peak(holding, threads);
     match limit {
         Some(limit) if bytes > limit => Err(Error::input(
@@ -226,7 +231,7 @@ pub fn check_simulation(setup: &Setup, holding: Holding, threads: usize, limit: 
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::with_setup;
+    use super::super::tests::test_instrument;
     use super::*;
     use crate::acquisition::{DataCube, Detection};
     use crate::grid::Axis;
@@ -237,29 +242,27 @@ mod tests {
 
     #[test]
     fn what_memory_there_is_is_kept_to_and_changes_no_byte() {
-        with_setup(31, 0.9, 40.0, Detection::Quadrature, |setup| {
-            let lateral = Axis { first: -0.9, pitch: 0.03, count: 61 };
-            let grid = Grid { x: lateral, y: lateral, z: Axis { first: 0.5, pitch: 0.02, count: 40 } };
-            let samples =
-                (0..setup.sweep.len() * setup.array.len()).map(|i| phasor(i as f64 * 0.618_034)).collect();
-            let cube = DataCube::new(setup.sweep.clone(), setup.array.clone(), samples).expect("finite");
-            let holding = Holding { volume: true, ..Holding::default() };
-            for (method, tolerance) in [(Method::Convolution, 1e-4), (Method::Convolution, 0.0)] {
-                let mut options = ReconstructOptions::new(method, crate::reconstruct::Window::None);
-                options.tolerance = tolerance;
-                let usual = needs(setup, &grid, &options, holding, 4).expect("an estimate");
-                assert!(usual.least_peak_bytes < usual.peak_bytes);
-                let volume = reconstruct(&cube, &grid, &options, &Silent).expect("fits").volume;
-                let limit = usual.least_peak_bytes;
-                options.memory = left_for_method(&grid, holding, Some(limit), 4);
-                let tight = needs(setup, &grid, &options, holding, 4).expect("an estimate");
-                assert_eq!(tight.peak_bytes, limit);
-                assert!(check_memory(&tight, setup, &grid, holding, Some(limit)).is_ok());
-                let refused =
-                    check_memory(&tight, setup, &grid, holding, Some(limit - 1)).expect_err("too much");
-                assert_names(refused.to_string(), &["memory", ".npz"]);
-                assert_eq!(reconstruct(&cube, &grid, &options, &Silent).expect("fits").volume, volume);
-            }
-        });
+        let setup = &test_instrument(31, 0.9, 40.0, Detection::Quadrature);
+        let lateral = Axis { first: -0.9, pitch: 0.03, count: 61 };
+        let grid = Grid { x: lateral, y: lateral, z: Axis { first: 0.5, pitch: 0.02, count: 40 } };
+        let samples =
+            (0..setup.sweep.len() * setup.array.len()).map(|i| phasor(i as f64 * 0.618_034)).collect();
+        let cube = DataCube::new(setup.clone(), samples).expect("finite");
+        let holding = Holding { volume: true, ..Holding::default() };
+        for (method, tolerance) in [(Method::Convolution, 1e-4), (Method::Convolution, 0.0)] {
+            let mut options = ReconstructOptions::new(method, crate::reconstruct::Window::None);
+            options.tolerance = tolerance;
+            let usual = needs(setup, &grid, &options, holding, 4).expect("an estimate");
+            assert!(usual.least_peak_bytes < usual.peak_bytes);
+            let volume = reconstruct(&cube, &grid, &options, &Silent).expect("fits").volume;
+            let limit = usual.least_peak_bytes;
+            options.memory = left_for_method(&grid, holding, Some(limit), 4);
+            let tight = needs(setup, &grid, &options, holding, 4).expect("an estimate");
+            assert_eq!(tight.peak_bytes, limit);
+            assert!(check_memory(&tight, setup, &grid, holding, Some(limit)).is_ok());
+            let refused = check_memory(&tight, setup, &grid, holding, Some(limit - 1)).expect_err("too much");
+            assert_names(refused.to_string(), &["memory", ".npz"]);
+            assert_eq!(reconstruct(&cube, &grid, &options, &Silent).expect("fits").volume, volume);
+        }
     }
 }

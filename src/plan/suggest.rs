@@ -1,6 +1,6 @@
 //! A grid for a measurement that came without one.
 
-use super::Setup;
+use super::Instrument;
 use crate::grid::{Axis, Grid};
 use glam::DVec3;
 
@@ -16,7 +16,7 @@ const FEWEST_DEPTHS: usize = 8;
 /// Voxels beyond which a first look takes coarser ones.
 const MOST_VOXELS: u64 = 32_000_000;
 
-impl Setup<'_> {
+impl Instrument {
     /// A grid to begin with: as wide as the array and before it, as deep as the frequency step leaves unambiguous,
     /// and as fine as the resolution at its middle asks for. Where the step leaves next to nothing, it is smaller.
     pub fn suggested_grid(&self) -> Grid {
@@ -58,7 +58,7 @@ impl Setup<'_> {
         grid
     }
 
-    /// [`Setup::suggested_grid`] as the table of a run file, ready to be pasted.
+    /// [`Instrument::suggested_grid`] as the table of a run file, ready to be pasted.
     pub fn suggested_grid_table(&self) -> String {
         let grid = self.suggested_grid();
         // Half a pitch more keeps the last voxel whatever the rounding; the reader takes the largest that fits.
@@ -78,7 +78,7 @@ impl Setup<'_> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::with_setup;
+    use super::super::tests::test_instrument;
     use super::super::{Holding, check_memory, needs, plan};
     use crate::acquisition::Detection;
     use crate::reconstruct::ReconstructOptions;
@@ -87,22 +87,18 @@ mod tests {
     fn a_suggested_grid_is_unambiguous_fits_and_stands_before_the_array() {
         for (count, extent, step) in [(31, 1.0, 40.0), (4, 0.1, 400.0), (64, 2.0, 100.0), (2, 0.01, 20.0)] {
             for detection in [Detection::Quadrature, Detection::InPhase] {
-                with_setup(count, extent, step, detection, |setup| {
-                    let grid = setup.suggested_grid();
-                    let plan = plan(setup, &grid);
-                    let ambiguous = plan.warnings.iter().any(|w| w.contains("unambiguous"));
-                    assert!(!ambiguous, "{:?}", plan.warnings);
-                    let (samples, volume) = (setup.cube_bytes(), true);
-                    let holding = Holding { samples, volume, ..Holding::default() };
-                    let needs = needs(setup, &grid, &ReconstructOptions::default(), holding, 2).expect("ok");
-                    assert!(check_memory(&needs, setup, &grid, holding, Some(4 << 30)).is_ok());
-                    assert!(grid.z.first > 0.0 && grid.z.count >= 8, "{grid:?}");
-                    let width = grid.x.last() - grid.x.first;
-                    assert!(
-                        width > 0.9 * extent || (detection == Detection::InPhase && step > 40.0),
-                        "{grid:?}"
-                    );
-                });
+                let setup = &test_instrument(count, extent, step, detection);
+                let grid = setup.suggested_grid();
+                let plan = plan(setup, &grid);
+                let ambiguous = plan.warnings.iter().any(|w| w.contains("unambiguous"));
+                assert!(!ambiguous, "{:?}", plan.warnings);
+                let (samples, volume) = (setup.cube_bytes(), true);
+                let holding = Holding { samples, volume, ..Holding::default() };
+                let needs = needs(setup, &grid, &ReconstructOptions::default(), holding, 2).expect("ok");
+                assert!(check_memory(&needs, setup, &grid, holding, Some(4 << 30)).is_ok());
+                assert!(grid.z.first > 0.0 && grid.z.count >= 8, "{grid:?}");
+                let width = grid.x.last() - grid.x.first;
+                assert!(width > 0.9 * extent || (detection == Detection::InPhase && step > 40.0), "{grid:?}");
             }
         }
     }

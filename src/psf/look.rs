@@ -52,7 +52,7 @@ impl Look<'_> {
         let mut options = *self.options;
         if options.method == Method::Auto && options.tolerance > 0.0 {
             let tried = ReconstructOptions { method: Method::Backprojection, ..options };
-            let estimates = estimate(&self.instrument.setup(), grid, &tried, 1)?;
+            let estimates = estimate(self.instrument, grid, &tried, 1)?;
             let exact =
                 estimates.methods.iter().filter(|e| e.obstacle.is_none() && e.method != Method::Linear);
             let least = exact.min_by(|a, b| a.operations.total_cmp(&b.operations));
@@ -159,14 +159,14 @@ impl Look<'_> {
     /// Half the main lobe's depth in range, m.
     fn range_lobe(&self) -> f64 {
         let outwards = (self.p - self.instrument.array.centre()).normalize_or_zero();
-        let profile = self.instrument.setup().profile(self.p, outwards, self.options.window);
+        let profile = self.instrument.profile(self.p, outwards, self.options.window);
         profile.and_then(|profile| profile.main_lobe()).map_or(f64::INFINITY, |lobe| 1.15 * lobe)
     }
 
     /// The strongest sidelobe in range alone, dB.
     pub(super) fn range_sidelobe_db(&self) -> Option<f64> {
         let outwards = (self.p - self.instrument.array.centre()).normalize_or_zero();
-        let profile = self.instrument.setup().profile(self.p, outwards, self.options.window)?;
+        let profile = self.instrument.profile(self.p, outwards, self.options.window)?;
         let lobe = profile.main_lobe()?;
         let strongest =
             (0..200).map(|i| profile.amplitude(lobe * (1.0 + f64::from(i) * 0.02))).fold(0.0, f64::max);
@@ -175,7 +175,7 @@ impl Look<'_> {
 
     /// The strongest place outside the main lobe, the mean power there, and the box from the front.
     pub(super) fn sidelobes(&self, scene: &Grid) -> Result<(Option<Lobe>, Option<f64>, Cut)> {
-        let setup = self.instrument.setup();
+        let setup = self.instrument;
         let cell = setup.range_resolution().unwrap_or(self.scale.z);
         let shell = self.polar(self.p).1;
         let depths = scene.corners().map(|q| self.shell_depth(q.truncate(), shell)).into_iter().flatten();
@@ -193,7 +193,8 @@ impl Look<'_> {
             |pitch: [f64; 3]| -> f64 { (0..3).map(|i| (ends[i][1] - ends[i][0]) / pitch[i] + 1.0).product() };
         let coarser = (count(pitch) / MOST_VOXELS).cbrt().max(1.0);
         pitch = pitch.map(|pitch| pitch * coarser);
-        let axis = |i: usize| Axis::spanning("psf", ends[i][0], ends[i][1], pitch[i]);
+        let axis =
+            |i: usize| Axis::spanning(ends[i][0], ends[i][1], pitch[i]).map_err(|error| error.at("psf"));
         let grid = Grid { x: axis(0)?, y: axis(1)?, z: axis(2)? };
         let volume = self.image(&grid)?;
         let (u, _) = self.polar(self.p);
@@ -265,7 +266,7 @@ impl Look<'_> {
     /// The greatest amplitude near a foretold ghost: within an eighth of its offset along the axis, and as far in depth as
     /// the curvature of the waves may shift it.
     fn strongest_near(&self, place: DVec3, axis: usize) -> Result<Lobe> {
-        let cell = self.instrument.setup().range_resolution().unwrap_or(self.scale.z);
+        let cell = self.instrument.range_resolution().unwrap_or(self.scale.z);
         let offset = (place - self.p).truncate().length();
         let mut reach =
             DVec3::new(self.scale.x, self.scale.y, (3.0 * cell).max(0.05 * place.z).min(0.3 * place.z));

@@ -23,7 +23,7 @@ mod blocks;
 mod factorised;
 mod profile;
 
-use crate::acquisition::Setup;
+use crate::acquisition::Instrument;
 use crate::error::Result;
 use crate::grid::Grid;
 use crate::progress::advance;
@@ -76,7 +76,7 @@ struct Division {
 
 impl Plan {
     /// Divides a job by a fixed operation count, so that the same job is always divided alike.
-    pub(super) fn new(setup: &Setup, grid: &Grid, budget: ErrorBudget) -> Self {
+    pub(super) fn new(setup: &Instrument, grid: &Grid, budget: ErrorBudget) -> Self {
         let fine = Division::new(setup, grid, budget);
         let band = Band { tolerance: factorised::usual_budget(budget).series(), ..fine.band };
         let tiled = (fine.operations > LEAST_FOR_TILES)
@@ -108,9 +108,9 @@ impl Plan {
     }
 
     /// Virtual tones of the whole sweep, about.
-    pub(super) fn virtual_tones(&self, setup: &Setup) -> usize {
+    pub(super) fn virtual_tones(&self, setup: &Instrument) -> usize {
         let whole = setup.path_interval(&self.grid, 0..self.grid.z.count);
-        virtual_tone_count(setup.sweep, &whole, 0.1 * self.budget.all())
+        virtual_tone_count(&setup.sweep, &whole, 0.1 * self.budget.all())
     }
 
     /// Operations of the job, comparable with those of [`crate::reconstruct::direct`].
@@ -121,7 +121,7 @@ impl Plan {
 
 impl Division {
     /// The division of fewest operations.
-    fn new(setup: &Setup, grid: &Grid, budget: ErrorBudget) -> Self {
+    fn new(setup: &Instrument, grid: &Grid, budget: ErrorBudget) -> Self {
         let band = Band {
             carrier: setup.sweep.centre(),
             bandwidth: setup.sweep.bandwidth(),
@@ -152,7 +152,7 @@ impl Division {
 }
 
 /// All delays at which profiles of these depths are expanded: the path lengths, and a half-width to both sides.
-fn interval(setup: &Setup, grid: &Grid, shape: Shape, depths: Range<usize>) -> PathInterval {
+fn interval(setup: &Instrument, grid: &Grid, shape: Shape, depths: Range<usize>) -> PathInterval {
     let paths = setup.path_interval(grid, depths);
     let margin = greatest_half(shape.half(grid));
     PathInterval { shortest: paths.shortest - margin, longest: paths.longest + margin, ..paths }
@@ -170,7 +170,7 @@ fn share(longer: f64, own: f64, _: usize) -> bool {
 /// tiles ten times fewer or less; memory for the virtual tones of all microphones, and for the nodes.
 pub(super) fn backprojection(job: Job<'_>, plan: &Plan) -> Result<ReconstructionInfo> {
     if let Some(lattice) = &plan.tiled
-        && let Some(tiled) = Tiled::new(lattice, &job.source.setup(), &plan.grid, plan.fine.band)?
+        && let Some(tiled) = Tiled::new(lattice, &job.source.instrument(), &plan.grid, plan.fine.band)?
     {
         return tiled.image(job);
     }
@@ -178,9 +178,9 @@ pub(super) fn backprojection(job: Job<'_>, plan: &Plan) -> Result<Reconstruction
     let Division { band, shape, thickness, .. } = plan.fine;
     let greatest = greatest_half(shape.half(grid));
     let budget = SeriesBudget::new(&band, greatest, budget);
-    let whole = interval(&source.setup(), grid, shape, 0..grid.z.count);
+    let whole = interval(&source.instrument(), grid, shape, 0..grid.z.count);
     let compressed = VolumeTones::compress(source, weights, whole, budget.tones, observer)?;
-    let setup = source.setup();
+    let setup = source.instrument();
     let interval = |depths| interval(&setup, grid, shape, depths);
     let slabs = compressed.slabs(slabs_of(grid.z.count, thickness), interval, share, budget.tones);
     let error_bound = budget.error(&slabs) * compressed.modulus;
@@ -252,7 +252,7 @@ struct SlabProfiles<'a> {
 
 impl<'a> SlabProfiles<'a> {
     /// For tones whose profiles reach up to `greatest` m to both sides of a centre.
-    fn new(setup: &Setup, band: Band, greatest: f64, tones: &'a Tones) -> Self {
+    fn new(setup: &Instrument, band: Band, greatest: f64, tones: &'a Tones) -> Self {
         let frequencies: Vec<f64> = tones.per_metre.iter().map(|k| -k * setup.sound_speed).collect();
         let ladder = band.ladder(greatest, &frequencies);
         Self { geometry: setup.geometry, band, ladder, per_metre: &tones.per_metre }

@@ -19,7 +19,7 @@ mod workspace;
 
 pub(super) use lattice::SharedLattice;
 
-use crate::acquisition::Setup;
+use crate::acquisition::Instrument;
 use crate::alloc::try_with_capacity;
 use crate::error::Result;
 use crate::grid::Grid;
@@ -62,7 +62,7 @@ pub(super) struct Plan {
 
 impl Plan {
     /// How the kernels of a lattice are summed, to within what the lattice itself leaves of the budget.
-    pub(super) fn new(setup: &Setup, grid: &Grid, lattice: SharedLattice, budget: ErrorBudget) -> Self {
+    pub(super) fn new(setup: &Instrument, grid: &Grid, lattice: SharedLattice, budget: ErrorBudget) -> Self {
         let layout = Layout::new(lattice, *grid, setup.geometry);
         let compression = budget.after(layout.lattice.error());
         let slabs = (compression.all() > 0.0).then(|| Slabs::new(setup, &layout));
@@ -136,7 +136,7 @@ pub(super) const DEPTHS: usize = 32;
 /// All frequencies in ascending order for each slab of depths, in blocks that bound the memory and change no sum.
 fn every_frequency(job: Job<'_>, layout: &Layout) -> Result<ReconstructionInfo> {
     let Job { source, weights, grid, batch, sink, observer, .. } = job;
-    let setup = source.setup();
+    let setup = source.instrument();
     let (count, n_mic) = (setup.sweep.len(), setup.array.len());
     let per_metre: Vec<f64> = setup.sweep.frequencies().iter().map(|f| -f / setup.sound_speed).collect();
     let block = batch.frequencies;
@@ -148,7 +148,7 @@ fn every_frequency(job: Job<'_>, layout: &Layout) -> Result<ReconstructionInfo> 
     })?;
     let info =
         ReconstructionInfo { method: Method::Convolution, error_bound: layout.lattice.error() * modulus };
-    let spreading = layout.lattice.spreading(source.setup().array);
+    let spreading = layout.lattice.spreading(&source.instrument().array);
     // On a line there are no columns to fill the lanes of the transforms; tones could, but gain nothing here.
     let literal = layout.line.map(|_| Literal::new(layout));
     let mut spectra = if literal.is_some() { Vec::new() } else { layout.room(block)? };
@@ -176,9 +176,9 @@ fn skeleton_frequencies(job: Job<'_>, plan: &Plan, division: &Slabs) -> Result<R
     let Plan { layout, compression, .. } = plan;
     let Job { source, weights, grid, batch, sink, observer, .. } = job;
     let depths = grid.z.count;
-    let whole = source.setup().path_interval(grid, 0..depths);
+    let whole = source.instrument().path_interval(grid, 0..depths);
     let mut compressed = VolumeTones::compress(source, weights, whole, *compression, observer)?;
-    let setup = source.setup();
+    let setup = source.instrument();
     let thickness = division.thickness;
     let interval = |planes| setup.path_interval(grid, planes);
     let share = |longer, own, depths| division.share(longer, own, depths);
@@ -186,7 +186,7 @@ fn skeleton_frequencies(job: Job<'_>, plan: &Plan, division: &Slabs) -> Result<R
     let error = slabs.iter().map(|slab| slab.error).fold(0.0, greater) + layout.lattice.error();
     let near = NearField::new(&setup, grid, &layout.lattice.near, &compressed, &slabs)?;
     let samples = std::mem::take(&mut compressed.tones.samples);
-    compressed.tones.samples = layout.lattice.spreading(setup.array).onto_nodes(samples)?;
+    compressed.tones.samples = layout.lattice.spreading(&setup.array).onto_nodes(samples)?;
     let error_bound = error * compressed.modulus;
     let plane_len = grid.plane_len();
     // Room for every slab that is worked on at a time, used again by the next: what is given back and asked for again

@@ -1,6 +1,6 @@
 //! Eq. 13 as written: every voxel, microphone and frequency, with f64 totals. The oracle.
 
-use crate::acquisition::{CubeSource, Setup};
+use crate::acquisition::{CubeSource, Instrument};
 use crate::alloc::try_zeroed;
 use crate::error::Result;
 use crate::grid::Grid;
@@ -16,7 +16,7 @@ use num_complex::Complex32;
 use rayon::prelude::*;
 
 /// Operations of the job by a fixed model, for comparison with the other methods'.
-pub(super) fn operations(setup: &Setup, grid: &Grid) -> f64 {
+pub(super) fn operations(setup: &Instrument, grid: &Grid) -> f64 {
     let per_term = if setup.sweep.step().is_some() { 8.0 } else { 30.0 };
     let pairs = grid.voxel_count() as f64 * setup.array.len() as f64;
     pairs * (60.0 + per_term * setup.sweep.len() as f64)
@@ -47,8 +47,8 @@ pub(super) fn sum_over_paths(
 ) -> Result<ReconstructionInfo> {
     let Job { source, weights, grid, batch, sink, observer, .. } = job;
     let samples = weighted_samples(source, weights)?;
-    let setup = source.setup();
-    let sums = sums_of(&samples, &setup);
+    let setup = source.instrument();
+    let sums = sums_of(&samples, setup);
     drop(samples);
     let plane = grid.plane_len();
     let work = |depths: usize| (depths * plane) as u64;
@@ -74,7 +74,7 @@ pub(super) fn lengths(microphones: usize) -> Vec<f64> {
 
 /// Sums up to [`TOGETHER`] voxels, the first of which is the `first` of the grid, into their places.
 pub(super) fn image(
-    setup: &Setup,
+    setup: &Instrument,
     path_length: impl Fn(&Geometry, DVec3, DVec3) -> f64,
     grid: &Grid,
     sums: &Sums,
@@ -100,7 +100,7 @@ pub(super) fn image(
 
 /// All samples with their weights, `[n_f, n_mic]`.
 fn weighted_samples(source: &mut dyn CubeSource, weights: &Weights) -> Result<Vec<Complex32>> {
-    let (n_f, n_mic) = (source.setup().sweep.len() as u64, source.setup().array.len() as u64);
+    let (n_f, n_mic) = (source.instrument().sweep.len() as u64, source.instrument().array.len() as u64);
     let mut samples = try_zeroed(n_f.saturating_mul(n_mic)).ok_or_else(|| no_room(n_f, n_mic))?;
     source.visit(1, &mut |range, row| {
         let to = &mut samples[range.start * row.len()..][..row.len()];
@@ -114,7 +114,7 @@ fn weighted_samples(source: &mut dyn CubeSource, weights: &Weights) -> Result<Ve
 pub(super) type Sums<'a> = Box<dyn Fn(&[f64], &mut [[f64; 2]]) + Sync + 'a>;
 
 /// The sums that suit a sweep: by recurrence where its steps are even, else frequency by frequency.
-fn sums_of<'a>(samples: &[Complex32], setup: &Setup<'a>) -> Sums<'a> {
+fn sums_of<'a>(samples: &[Complex32], setup: &'a Instrument) -> Sums<'a> {
     let (n_f, n_mic, c) = (setup.sweep.len(), setup.array.len(), setup.sound_speed);
     if let Some(step) = setup.sweep.step() {
         let steps = Steps { start: -setup.sweep.start() / c, step: -step / c, count: n_f };

@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used)]
 
 use super::*;
-use crate::acquisition::{MicArray, Sweep};
+use crate::acquisition::{Instrument, MicArray, Sweep};
 use crate::grid::Axis;
 use crate::progress::Silent;
 use crate::wave::{Geometry, phasor};
@@ -36,13 +36,13 @@ impl VolumeSink for Resumed {
 fn resumed_depths_are_bit_identical_by_every_method() {
     let axis = |first, pitch, count| Axis { first, pitch, count };
     let grid = Grid { x: axis(-0.15, 0.03, 11), y: axis(-0.1, 0.03, 9), z: axis(0.6, 0.01, 70) };
-    let array = MicArray::rectangular("array", [6, 5], [0.03; 2], DVec3::ZERO).unwrap();
-    let sweep = Sweep::stepped("sweep", 8_000.0, 14_000.0, 200.0).unwrap();
+    let array = MicArray::rectangular([6, 5], [0.03; 2], DVec3::ZERO).unwrap();
+    let sweep = Sweep::stepped(8_000.0, 14_000.0, 200.0).unwrap();
     let point = grid.position(3, 5, 40);
     let path = |r: &DVec3| Geometry::ORIGIN.path_length(point, *r);
     let echo = |f: &f64| array.positions().iter().map(|r| phasor(f / 343.0 * path(r))).collect::<Vec<_>>();
     let samples = sweep.frequencies().iter().flat_map(echo).collect();
-    let cube = DataCube::new(sweep.clone(), array.clone(), samples).unwrap();
+    let cube = DataCube::new(Instrument::new(sweep.clone(), array.clone()), samples).unwrap();
     for (method, tolerance) in [
         (Method::Direct, 1e-4),
         (Method::Linear, 1e-4),

@@ -3,7 +3,7 @@
 use crate::named::assert_names;
 use crate::support::{Random, lattice_grid, random_cube, relative_difference};
 use glam::DVec3;
-use holosonar::acquisition::{DataCube, Detection, MicArray, SimulateOptions, Sweep, simulate};
+use holosonar::acquisition::{DataCube, Detection, Instrument, MicArray, SimulateOptions, Sweep, simulate};
 use holosonar::grid::{Axis, Grid};
 use holosonar::progress::{Observer, Silent};
 use holosonar::reconstruct::{Method, ReconstructOptions, Window, reconstruct};
@@ -13,19 +13,20 @@ use num_complex::{Complex32, Complex64};
 
 /// Eq. 13 with no block, lane or buffer, in f64, for a few voxels.
 fn literal(cube: &DataCube, grid: &Grid, window: Window, voxels: &[usize]) -> Vec<Complex32> {
-    let (w_f, w_r) = (window.over_sweep(&cube.sweep), window.over_array(&cube.array));
-    let norm = cube.detection.weight() / (w_f.iter().sum::<f64>() * w_r.iter().sum::<f64>());
+    let (w_f, w_r) = (window.over_sweep(&cube.instrument.sweep), window.over_array(&cube.instrument.array));
+    let norm = cube.instrument.detection.weight() / (w_f.iter().sum::<f64>() * w_r.iter().sum::<f64>());
     let plane = grid.plane_len();
     voxels
         .iter()
         .map(|v| {
             let p = grid.position(v % grid.x.count, v % plane / grid.x.count, v / plane);
             let mut sum = Complex64::ZERO;
-            for (f, frequency) in cube.sweep.frequencies().iter().enumerate() {
-                for (r, mic) in cube.array.positions().iter().enumerate() {
-                    let turn = -std::f64::consts::TAU * frequency * cube.geometry.path_length(p, *mic)
-                        / cube.sound_speed;
-                    let m = cube.samples[f * cube.array.len() + r];
+            for (f, frequency) in cube.instrument.sweep.frequencies().iter().enumerate() {
+                for (r, mic) in cube.instrument.array.positions().iter().enumerate() {
+                    let turn =
+                        -std::f64::consts::TAU * frequency * cube.instrument.geometry.path_length(p, *mic)
+                            / cube.instrument.sound_speed;
+                    let m = cube.samples[f * cube.instrument.array.len() + r];
                     sum += Complex64::new(m.re.into(), m.im.into())
                         * Complex64::from_polar(w_f[f] * w_r[r], turn);
                 }
@@ -43,10 +44,10 @@ fn random_case(seed: u64) -> (DataCube, Grid, Window) {
     let pitch = [random.uniform(0.006, 0.03), random.uniform(0.006, 0.03)];
     let centre =
         DVec3::new(random.uniform(-0.1, 0.1), random.uniform(-0.1, 0.1), random.uniform(-0.05, 0.05));
-    let array = MicArray::rectangular("array", count, pitch, centre).unwrap();
+    let array = MicArray::rectangular(count, pitch, centre).unwrap();
     let step = random.uniform(20.0, 300.0);
     let start = random.uniform(2_000.0, 15_000.0);
-    let sweep = Sweep::stepped("sweep", start, start + 20.0 * step, step).unwrap();
+    let sweep = Sweep::stepped(start, start + 20.0 * step, step).unwrap();
     let source = DVec3::new(random.uniform(-0.2, 0.2), random.uniform(-0.2, 0.2), random.uniform(-0.1, 0.1));
     let geometry =
         if seed.is_multiple_of(3) { Geometry::Monostatic } else { Geometry::FixedSource { source } };
@@ -111,14 +112,14 @@ fn convolution_is_direct_wherever_the_voxels_lie_on_the_lattice() {
             .enumerate()
     {
         let pitch = [0.011, 0.014];
-        let array = MicArray::rectangular("array", mics, pitch, DVec3::new(0.07, -0.03, 0.01)).unwrap();
-        let sweep = Sweep::stepped("sweep", 9_000.0, 9_000.0 + 100.0 * 17.0, 100.0).unwrap();
+        let array = MicArray::rectangular(mics, pitch, DVec3::new(0.07, -0.03, 0.01)).unwrap();
+        let sweep = Sweep::stepped(9_000.0, 9_000.0 + 100.0 * 17.0, 100.0).unwrap();
         let geometry = if case % 3 == 0 { Geometry::Monostatic } else { Geometry::ORIGIN };
         let cube = random_cube(&mut random, sweep, array, geometry, Detection::Quadrature);
         let u = [random.whole(1, 2), random.whole(1, 2)];
         let v = [random.whole(1, 2), random.whole(1, 2)];
-        let mut grid = lattice_grid(&mut random, &cube.array, u, [voxels[0], voxels[1], 2]);
-        let lattice = cube.array.lattice().unwrap();
+        let mut grid = lattice_grid(&mut random, &cube.instrument.array, u, [voxels[0], voxels[1], 2]);
+        let lattice = cube.instrument.array.lattice().unwrap();
         // In quarters of a pitch, from overlapping to far aside.
         let mut first = |mics: &Axis| mics.first + mics.pitch * (random.whole(0, 60) as f64 / 4.0 - 10.0);
         (grid.x.first, grid.y.first) = (first(&lattice.x), first(&lattice.y));
@@ -141,7 +142,7 @@ fn assert_within_bound(seed: u64, cube: &DataCube, grid: &Grid, window: Window, 
     let error = relative_difference(&volume, &exact) * peak;
     assert!(error <= bound + 1e-5 * peak, "seed {seed} {:?}: {error:e} above {bound:e}", grid.shape());
     let moduli: f64 = cube.samples.iter().map(|m| f64::from(m.norm())).sum();
-    let most = tolerance * cube.detection.weight() * moduli / cube.samples.len() as f64;
+    let most = tolerance * cube.instrument.detection.weight() * moduli / cube.samples.len() as f64;
     assert!(window != Window::None || bound <= most * 1.01, "seed {seed}: bound {bound:e} above {most:e}");
 }
 
@@ -163,18 +164,18 @@ fn spreading_keeps_its_bound_for_scattered_arrays_and_any_pitch() {
         let mut random = Random::new(seed + 500);
         grid.x.pitch *= random.uniform(0.6, 2.7);
         grid.y.pitch *= random.uniform(0.6, 2.7);
-        let z = cube.array.positions()[0].z;
+        let z = cube.instrument.array.positions()[0].z;
         let scattered = if seed.is_multiple_of(2) {
             let place = |r: &DVec3| {
                 DVec3::new(r.x + random.uniform(-0.01, 0.01), r.y + random.uniform(-0.01, 0.01), z)
             };
-            let positions: Vec<DVec3> = cube.array.positions().iter().map(place).collect();
-            MicArray::from_positions("scattered", &[positions.len()], positions).unwrap()
+            let positions: Vec<DVec3> = cube.instrument.array.positions().iter().map(place).collect();
+            MicArray::from_positions(positions).unwrap()
         } else {
-            cube.array.clone()
+            cube.instrument.array.clone()
         };
-        let mut moved = DataCube::new(cube.sweep.clone(), scattered, cube.samples.clone()).unwrap();
-        (moved.geometry, moved.detection) = (cube.geometry, cube.detection);
+        let instrument = cube.instrument.clone().with_array(scattered);
+        let moved = DataCube::new(instrument, cube.samples.clone()).unwrap();
         for tolerance in [1e-2, 1e-4] {
             assert_within_bound(seed, &moved, &grid, window, tolerance);
         }
@@ -191,8 +192,8 @@ fn depths_at_the_array_keep_the_bound_too() {
             let mut place = |at: f64| at + random.uniform(-0.12, 0.12);
             let positions = (0..count)
                 .map(|_| DVec3::new(place(0.0), if spread > 0.0 { place(0.0) } else { 0.0 }, above));
-            let array = MicArray::from_positions("scattered", &[count], positions.collect()).unwrap();
-            let sweep = Sweep::stepped("sweep", 10_000.0, 20_000.0, 500.0).unwrap();
+            let array = MicArray::from_positions(positions.collect()).unwrap();
+            let sweep = Sweep::stepped(10_000.0, 20_000.0, 500.0).unwrap();
             let axis = |pitch: f64, count: usize| Axis { first: -0.1, pitch, count };
             let rows = if spread > 0.0 { 9 } else { 1 };
             let y = if rows == 1 { Axis { first: 0.0, pitch: 0.01, count: 1 } } else { axis(0.023, rows) };
@@ -222,10 +223,8 @@ fn forward_and_inverse_are_adjoint() {
             .map(|v| grid.position(v % grid.x.count, v % plane / grid.x.count, v / plane))
             .collect();
         let a: Vec<Complex32> = positions.iter().map(|_| random.complex()).collect();
-        let mut options = SimulateOptions::default();
-        (options.geometry, options.detection) = (cube.geometry, cube.detection);
         let reflectors = Reflectors::new(positions, a.clone()).unwrap();
-        let ka = simulate(&reflectors, &cube.sweep, &cube.array, &options, &Silent).unwrap();
+        let ka = simulate(&reflectors, &cube.instrument, &SimulateOptions::default(), &Silent).unwrap();
         let dot = |x: &[Complex32], y: &[Complex32]| -> f64 {
             x.iter()
                 .zip(y)
@@ -236,7 +235,8 @@ fn forward_and_inverse_are_adjoint() {
         for method in [Method::Direct, Method::Convolution, Method::Backprojection] {
             let options = ReconstructOptions::new(method, Window::None);
             let volume = reconstruct(&cube, &grid, &options, &Silent).unwrap().volume;
-            let scale = (cube.sweep.len() * cube.array.len()) as f64 / cube.detection.weight();
+            let scale = (cube.instrument.sweep.len() * cube.instrument.array.len()) as f64
+                / cube.instrument.detection.weight();
             let (left, right) = (dot(&ka.samples, &cube.samples), dot(&a, &volume.samples) * scale);
             let error = (left - right).abs() / (norm(&ka.samples) * norm(&cube.samples));
             assert!(error < 1e-5, "seed {seed} {method:?}: {left} against {right}");
@@ -269,10 +269,10 @@ impl Observer for Warned {
 
 /// The cube with one microphone moved out of the plane.
 fn bent(cube: &DataCube) -> DataCube {
-    let mut positions = cube.array.positions().to_vec();
+    let mut positions = cube.instrument.array.positions().to_vec();
     positions[3].z += 0.01;
-    let array = MicArray::from_positions("bent", &[positions.len()], positions).unwrap();
-    DataCube::new(cube.sweep.clone(), array, cube.samples.clone()).unwrap()
+    let array = MicArray::from_positions(positions).unwrap();
+    DataCube::new(Instrument::new(cube.instrument.sweep.clone(), array), cube.samples.clone()).unwrap()
 }
 
 #[test]
@@ -289,8 +289,9 @@ fn what_has_no_lattice_is_projected_back() {
     let error = reconstruct(&bent, &grid, &by_name, &Silent).unwrap_err().to_string();
     assert_names(error, &["plane", "\"backprojection\""]);
     // A single tone is sooner summed than turned into profiles.
-    let tone = Sweep::from_frequencies("f", vec![9_000.0]).unwrap();
-    let one = DataCube::new(tone, bent.array.clone(), bent.samples[..bent.array.len()].to_vec()).unwrap();
+    let tone = Sweep::from_frequencies(vec![9_000.0]).unwrap();
+    let samples = bent.samples[..bent.instrument.array.len()].to_vec();
+    let one = DataCube::new(bent.instrument.clone().with_sweep(tone), samples).unwrap();
     let image = reconstruct(&one, &grid, &ReconstructOptions::default(), &warned).unwrap();
     assert_eq!(image.method, Method::Direct);
     assert!(warned.0.lock().unwrap().is_empty(), "nothing slow about it");
@@ -325,8 +326,8 @@ fn microphones_far_apart_are_not_spread() {
     (grid.x.count, grid.y.count) = (9, 9);
     let positions =
         vec![DVec3::new(-400.0, 3.0, 0.0), DVec3::new(1.0, -500.0, 0.0), DVec3::new(700.0, 650.0, 0.0)];
-    let array = MicArray::from_positions("far", &[3], positions).unwrap();
-    let sweep = Sweep::stepped("sweep", 10_000.0, 10_100.0, 0.1).unwrap();
+    let array = MicArray::from_positions(positions).unwrap();
+    let sweep = Sweep::stepped(10_000.0, 10_100.0, 0.1).unwrap();
     let cube = random_cube(&mut Random::new(1), sweep, array, Geometry::ORIGIN, Detection::Quadrature);
     let image = reconstruct(&cube, &grid, &ReconstructOptions::default(), &Silent).unwrap();
     assert_ne!(image.method, Method::Convolution);

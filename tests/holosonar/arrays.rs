@@ -4,7 +4,7 @@ use crate::binary::{done, refused, shipped};
 use crate::named::assert_names;
 use crate::support::{brightest, off_lattice, relative_difference};
 use glam::DVec3;
-use holosonar::acquisition::{Detection, Instrument, MicArray, Setup, SimulateOptions, Sweep, simulate};
+use holosonar::acquisition::{Instrument, MicArray, SimulateOptions, Sweep, simulate};
 use holosonar::checkpoint::Checkpoint;
 use holosonar::config::RunFile;
 use holosonar::grid::{Axis, Grid};
@@ -20,8 +20,8 @@ use serde_json::Value;
 /// A spiral and a random array of 256 microphones over one metre.
 fn scattered() -> [MicArray; 2] {
     [
-        MicArray::spiral("array", 256, [1.0, 1.0], DVec3::ZERO).unwrap(),
-        MicArray::random("array", 256, [1.0, 1.0], DVec3::ZERO, None, 1).unwrap(),
+        MicArray::spiral(256, [1.0, 1.0], DVec3::ZERO).unwrap(),
+        MicArray::random(256, [1.0, 1.0], DVec3::ZERO, None, 1).unwrap(),
     ]
 }
 
@@ -35,10 +35,11 @@ fn grid(half: f64, count: usize, z: [f64; 2], depths: usize) -> Grid {
 fn scattered_arrays_image_a_point_as_the_direct_sum_does() {
     let p = off_lattice();
     let reflector = Reflectors::new(vec![p], vec![Complex32::ONE]).unwrap();
-    let sweep = Sweep::stepped("sweep", 10_000.0, 20_000.0, 50.0).unwrap();
+    let sweep = Sweep::stepped(10_000.0, 20_000.0, 50.0).unwrap();
     let grid = grid(0.12, 25, [0.95, 1.08], 14);
     for array in scattered() {
-        let cube = simulate(&reflector, &sweep, &array, &SimulateOptions::default(), &Silent).unwrap();
+        let instrument = Instrument::new(sweep.clone(), array);
+        let cube = simulate(&reflector, &instrument, &SimulateOptions::default(), &Silent).unwrap();
         let of = |method| {
             reconstruct(&cube, &grid, &ReconstructOptions::new(method, Window::Taylor), &Silent).unwrap()
         };
@@ -102,16 +103,14 @@ fn spread(
     window: Window,
     p: DVec3,
 ) -> PointSpread {
-    let sweep = Sweep::stepped("sweep", start, stop, 50.0).unwrap();
-    let (detection, sound_speed) = (Detection::Quadrature, 343.0);
-    let instrument: Instrument =
-        Setup { sweep: &sweep, array, geometry, detection, sound_speed }.to_instrument();
+    let sweep = Sweep::stepped(start, stop, 50.0).unwrap();
+    let instrument = Instrument::new(sweep, array.clone()).with_geometry(geometry);
     let scene = grid(0.5, 41, [1.0, 2.0], 60);
     point_spread(&instrument, &ReconstructOptions::new(Method::Auto, window), &scene, p, &Silent).unwrap()
 }
 
 fn square(count: usize, extent: f64) -> MicArray {
-    MicArray::rectangular("array", [count; 2], [extent / (count - 1) as f64; 2], DVec3::ZERO).unwrap()
+    MicArray::rectangular([count; 2], [extent / (count - 1) as f64; 2], DVec3::ZERO).unwrap()
 }
 
 #[test]
@@ -158,7 +157,7 @@ fn foretold_widths_ghosts_and_levels_are_those_measured() {
 /// at (.76, 3.15), -4.5 and -5.8 dB.
 #[test]
 fn ghosts_are_where_an_independent_study_found_them() {
-    let row = MicArray::rectangular("array", [15, 1], [2.0 / 14.0, 1.0], DVec3::ZERO).unwrap();
+    let row = MicArray::rectangular([15, 1], [2.0 / 14.0, 1.0], DVec3::ZERO).unwrap();
     let p = DVec3::new(0.76, 0.0, 3.15);
     let spread = spread(&row, [18_000.0, 20_000.0], Geometry::ORIGIN, Window::None, p);
     for (order, x, level) in [(-1, 0.35, -4.5), (1, 1.16, -5.8)] {

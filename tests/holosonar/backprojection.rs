@@ -2,7 +2,7 @@
 
 use crate::support::{Random, random_cube, relative_difference};
 use glam::DVec3;
-use holosonar::acquisition::{DataCube, Detection, MicArray, SimulateOptions, Sweep, simulate};
+use holosonar::acquisition::{DataCube, Detection, Instrument, MicArray, SimulateOptions, Sweep, simulate};
 use holosonar::grid::{Axis, Grid};
 use holosonar::progress::Silent;
 use holosonar::reconstruct::{Method, ReconstructOptions, Window, reconstruct};
@@ -14,12 +14,12 @@ use num_complex::Complex32;
 fn random_sweep(random: &mut Random) -> Sweep {
     let (start, step) = (random.uniform(2_000.0, 15_000.0), random.uniform(20.0, 200.0));
     match random.whole(0, 3) {
-        0 => Sweep::from_frequencies("f", vec![start]).unwrap(),
+        0 => Sweep::from_frequencies(vec![start]).unwrap(),
         1 => {
             let uneven = (0..40).map(|n| start + step * (f64::from(n) + random.uniform(0.0, 0.9))).collect();
-            Sweep::from_frequencies("f", uneven).unwrap()
+            Sweep::from_frequencies(uneven).unwrap()
         }
-        _ => Sweep::stepped("f", start, start + 60.0 * step, step).unwrap(),
+        _ => Sweep::stepped(start, start + 60.0 * step, step).unwrap(),
     }
 }
 
@@ -38,7 +38,7 @@ fn random_array(random: &mut Random) -> MicArray {
             )
         })
         .collect();
-    MicArray::from_positions("array", &[count], positions).unwrap()
+    MicArray::from_positions(positions).unwrap()
 }
 
 /// A grid of any pitch and size, down to the microphones' own plane.
@@ -89,7 +89,7 @@ fn backprojection_keeps_its_bound_on_any_array_and_grid() {
             let bound = image.error_bound;
             assert!(error <= bound + 1e-5 * peak, "seed {seed} {tolerance}: {error:e} above {bound:e}");
             let moduli: f64 = cube.samples.iter().map(|m| f64::from(m.norm())).sum();
-            let most = tolerance * cube.detection.weight() * moduli / cube.samples.len() as f64;
+            let most = tolerance * cube.instrument.detection.weight() * moduli / cube.samples.len() as f64;
             assert!(bound.is_finite(), "seed {seed} {tolerance}: {bound}");
             assert!(window != Window::None || bound <= most * 1.01, "seed {seed}: {bound:e} above {most:e}");
         }
@@ -106,14 +106,14 @@ fn voxels_between_nodes_keep_the_bound() {
                 DVec3::new(random.uniform(-0.2, 0.2), random.uniform(-0.2, 0.2), random.uniform(-0.1, 0.0))
             })
             .collect();
-        let array = MicArray::from_positions("array", &[420], positions).unwrap();
+        let array = MicArray::from_positions(positions).unwrap();
         let sweep = match seed {
-            0 => Sweep::from_frequencies("f", vec![17_000.0]).unwrap(),
+            0 => Sweep::from_frequencies(vec![17_000.0]).unwrap(),
             1 => {
                 let uneven = (0..30).map(|n| 9_000.0 + 200.0 * (f64::from(n) + random.uniform(0.0, 0.9)));
-                Sweep::from_frequencies("f", uneven.collect()).unwrap()
+                Sweep::from_frequencies(uneven.collect()).unwrap()
             }
-            _ => Sweep::stepped("f", 10_000.0, 16_000.0, 100.0).unwrap(),
+            _ => Sweep::stepped(10_000.0, 16_000.0, 100.0).unwrap(),
         };
         let source = DVec3::new(0.1, -0.2, -0.1);
         let geometry = if seed == 2 { Geometry::Monostatic } else { Geometry::FixedSource { source } };
@@ -144,8 +144,8 @@ fn threads_do_not_change_the_bytes_of_a_larger_image() {
     let positions = (0..700)
         .map(|_| DVec3::new(random.uniform(-0.3, 0.3), random.uniform(-0.3, 0.3), random.uniform(-0.2, 0.0)))
         .collect();
-    let array = MicArray::from_positions("array", &[700], positions).unwrap();
-    let sweep = Sweep::stepped("f", 10_000.0, 20_000.0, 100.0).unwrap();
+    let array = MicArray::from_positions(positions).unwrap();
+    let sweep = Sweep::stepped(10_000.0, 20_000.0, 100.0).unwrap();
     let cube = random_cube(&mut random, sweep, array, Geometry::ORIGIN, Detection::Quadrature);
     let axis = |first: f64, count: usize| Axis { first, pitch: 0.011, count };
     let grid = Grid { x: axis(-0.1, 21), y: axis(-0.1, 13), z: axis(0.5, 40) };
@@ -174,11 +174,12 @@ fn a_large_job_errs_by_less_than_a_ten_thousandth_of_its_peak() {
         DVec3::new(random.uniform(-x, x), random.uniform(-y, y), random.uniform(z[0], z[1]))
     };
     let positions: Vec<DVec3> = (0..64 * 64).map(|_| place(0.25, 0.25, [-0.05, 0.0])).collect();
-    let array = MicArray::from_positions("array", &[positions.len()], positions).unwrap();
-    let sweep = Sweep::stepped("f", 10_000.0, 20_000.0, 10.0).unwrap();
+    let array = MicArray::from_positions(positions).unwrap();
+    let sweep = Sweep::stepped(10_000.0, 20_000.0, 10.0).unwrap();
     let points: Vec<DVec3> = (0..12).map(|_| place(0.45, 0.45, [1.1, 1.9])).collect();
     let reflectors = Reflectors::new(points, vec![Complex32::ONE; 12]).unwrap();
-    let cube = simulate(&reflectors, &sweep, &array, &SimulateOptions::default(), &Silent).unwrap();
+    let cube =
+        simulate(&reflectors, &Instrument::new(sweep, array), &SimulateOptions::default(), &Silent).unwrap();
     let axis = |first: f64| Axis { first, pitch: 0.008, count: 128 };
     let grid = Grid { x: axis(-0.508), y: axis(-0.508), z: axis(1.0) };
     let options = ReconstructOptions::new(Method::Backprojection, Window::None);

@@ -3,7 +3,7 @@
 use crate::support::{Random, random_cube, relative_difference};
 use glam::DVec3;
 use holosonar::acquisition::{
-    DataCube, Detection, MicArray, PropagationModel, SimulateOptions, Sweep, simulate,
+    DataCube, Detection, Instrument, MicArray, PropagationModel, SimulateOptions, Sweep, simulate,
 };
 use holosonar::grid::{Axis, Grid};
 use holosonar::progress::Silent;
@@ -19,16 +19,16 @@ fn axis(first: f64, pitch: f64, count: usize) -> Axis {
 
 /// `Σ_f Σ_r w_f w_r m e^{−i2πf·path/c}` with the path of Eq. 6–7, term by term.
 fn literal(cube: &DataCube, grid: &Grid, window: Window) -> Vec<Complex32> {
-    let (w_f, w_r) = (window.over_sweep(&cube.sweep), window.over_array(&cube.array));
-    let scale = cube.detection.weight() / (w_f.iter().sum::<f64>() * w_r.iter().sum::<f64>());
+    let (w_f, w_r) = (window.over_sweep(&cube.instrument.sweep), window.over_array(&cube.instrument.array));
+    let scale = cube.instrument.detection.weight() / (w_f.iter().sum::<f64>() * w_r.iter().sum::<f64>());
     let voxel = |v: usize| {
         let (row, ix) = (v / grid.x.count, v % grid.x.count);
         let p = grid.position(ix, row % grid.y.count, row / grid.y.count);
         let mut sum = Complex64::ZERO;
-        for (j, r) in cube.array.positions().iter().enumerate() {
-            let path = cube.geometry.linear_path_length(p, *r) / cube.sound_speed;
-            for (q, f) in cube.sweep.frequencies().iter().enumerate() {
-                let m = cube.samples[q * cube.array.len() + j];
+        for (j, r) in cube.instrument.array.positions().iter().enumerate() {
+            let path = cube.instrument.geometry.linear_path_length(p, *r) / cube.instrument.sound_speed;
+            for (q, f) in cube.instrument.sweep.frequencies().iter().enumerate() {
+                let m = cube.samples[q * cube.instrument.array.len() + j];
                 let m = Complex64::new(f64::from(m.re), f64::from(m.im));
                 sum += m * Complex64::cis(-TAU * f * path) * (w_f[q] * w_r[j] * scale);
             }
@@ -51,23 +51,23 @@ fn linear(cube: &DataCube, grid: &Grid, window: Window, tolerance: f64) -> Vec<C
 }
 
 fn lattice(count: [usize; 2], pitch: [f64; 2], centre: DVec3) -> MicArray {
-    MicArray::rectangular("array", count, pitch, centre).unwrap()
+    MicArray::rectangular(count, pitch, centre).unwrap()
 }
 
 /// Microphones anywhere in a plane.
 fn scattered(random: &mut Random, count: usize, z: f64) -> MicArray {
     let place = |_| DVec3::new(random.uniform(-0.4, 0.3), random.uniform(-0.2, 0.3), z);
     let positions: Vec<DVec3> = (0..count).map(place).collect();
-    MicArray::from_positions("array", &[count], positions).unwrap()
+    MicArray::from_positions(positions).unwrap()
 }
 
 fn uneven() -> Sweep {
     let f = |n: usize| 9_000.0 + 130.0 * n as f64 + 40.0 * (n as f64 * 0.618).fract();
-    Sweep::from_frequencies("f", (0..37).map(f).collect()).unwrap()
+    Sweep::from_frequencies((0..37).map(f).collect()).unwrap()
 }
 
 fn even(count: usize) -> Sweep {
-    Sweep::stepped("f", 10_000.0, 10_000.0 + 100.0 * (count - 1) as f64, 100.0).unwrap()
+    Sweep::stepped(10_000.0, 10_000.0 + 100.0 * (count - 1) as f64, 100.0).unwrap()
 }
 
 #[test]
@@ -110,7 +110,7 @@ fn it_is_the_adjoint_of_a_linear_simulation() {
     let mut random = Random::new(5);
     let (array, sweep) = (lattice([8, 7], [0.06, 0.05], DVec3::new(0.02, 0.0, 0.0)), even(60));
     let grid = Grid { x: axis(-0.3, 0.05, 13), y: axis(-0.2, 0.06, 7), z: axis(0.7, 0.03, 9) };
-    let m = random_cube(&mut random, sweep.clone(), array.clone(), Geometry::ORIGIN, Detection::Quadrature);
+    let m = random_cube(&mut random, sweep, array, Geometry::ORIGIN, Detection::Quadrature);
     let count = grid.voxel_count() as usize;
     let positions = (0..count).map(|v| {
         let (row, ix) = (v / grid.x.count, v % grid.x.count);
@@ -118,9 +118,8 @@ fn it_is_the_adjoint_of_a_linear_simulation() {
     });
     let a: Vec<Complex32> = (0..count).map(|_| random.complex()).collect();
     let reflectors = Reflectors::new(positions.collect(), a.clone()).unwrap();
-    let mut options = SimulateOptions::default();
-    (options.model, options.tolerance) = (PropagationModel::Linear, 0.0);
-    let simulated = simulate(&reflectors, &sweep, &array, &options, &Silent).unwrap();
+    let options = SimulateOptions::default().with_model(PropagationModel::Linear).with_tolerance(0.0);
+    let simulated = simulate(&reflectors, &m.instrument, &options, &Silent).unwrap();
     let image = linear(&m, &grid, Window::None, 0.0);
     let product = |a: &[Complex32], b: &[Complex32]| -> f64 {
         a.iter().zip(b).map(|(a, b)| f64::from((a.conj() * b).re)).sum()
@@ -136,12 +135,11 @@ fn it_is_the_adjoint_of_a_linear_simulation() {
 fn linear_data_come_back_sharp_and_true_data_near_by_do_not() {
     let p = DVec3::new(0.2, -0.1, 1.0);
     let point = Reflectors::new(vec![p], vec![Complex32::ONE]).unwrap();
-    let (array, sweep) = (lattice([41, 41], [0.025, 0.025], DVec3::ZERO), even(101));
+    let instrument = Instrument::new(even(101), lattice([41, 41], [0.025, 0.025], DVec3::ZERO));
     let grid = Grid { x: axis(0.0, 0.02, 21), y: axis(-0.3, 0.02, 21), z: axis(0.9, 0.01, 21) };
     let peak = |model: PropagationModel, p: DVec3| {
-        let mut options = SimulateOptions::default();
-        options.model = model;
-        let cube = simulate(&point, &sweep, &array, &options, &Silent).unwrap();
+        let options = SimulateOptions::default().with_model(model);
+        let cube = simulate(&point, &instrument, &options, &Silent).unwrap();
         let options = ReconstructOptions::new(Method::Linear, Window::None);
         let volume = reconstruct(&cube, &grid, &options, &Silent).unwrap().volume;
         let [ix, iy, iz] =
@@ -158,8 +156,8 @@ fn linear_data_come_back_sharp_and_true_data_near_by_do_not() {
 fn a_far_echo_is_the_same_by_the_far_field_and_by_the_true_path() {
     let p = DVec3::new(3.0, -2.0, 60.0);
     let point = Reflectors::new(vec![p], vec![Complex32::ONE]).unwrap();
-    let (array, sweep) = (lattice([9, 9], [0.03, 0.03], DVec3::ZERO), even(101));
-    let cube = simulate(&point, &sweep, &array, &SimulateOptions::default(), &Silent).unwrap();
+    let instrument = Instrument::new(even(101), lattice([9, 9], [0.03, 0.03], DVec3::ZERO));
+    let cube = simulate(&point, &instrument, &SimulateOptions::default(), &Silent).unwrap();
     let grid = Grid { x: axis(-5.0, 1.0, 11), y: axis(-5.0, 1.0, 11), z: axis(59.8, 0.01, 41) };
     let of = |method: Method| {
         let options = ReconstructOptions::new(method, Window::None);
@@ -175,9 +173,9 @@ fn simulated_linear_data_are_equation_7() {
     let (p, c) = (DVec3::new(0.4, -0.3, 1.3), 343.0);
     let point = Reflectors::new(vec![p], vec![Complex32::new(0.7, 0.0)]).unwrap();
     let (array, sweep) = (lattice([5, 4], [0.2, 0.3], DVec3::new(0.1, 0.0, 0.0)), even(30));
-    let mut options = SimulateOptions::default();
-    (options.model, options.detection) = (PropagationModel::Linear, Detection::InPhase);
-    let cube = simulate(&point, &sweep, &array, &options, &Silent).unwrap();
+    let instrument = Instrument::new(sweep.clone(), array.clone()).with_detection(Detection::InPhase);
+    let options = SimulateOptions::default().with_model(PropagationModel::Linear);
+    let cube = simulate(&point, &instrument, &options, &Silent).unwrap();
     for (q, f) in sweep.frequencies().iter().enumerate() {
         for (j, r) in array.positions().iter().enumerate() {
             let phase = 2.0 * TAU * f * p.length() / c - TAU * f * p.dot(*r) / p.length() / c;
@@ -193,12 +191,12 @@ fn auto_never_takes_it_and_it_needs_no_plane_of_microphones() {
     let grid = Grid { x: axis(-0.3, 0.05, 13), y: axis(-0.2, 0.06, 7), z: axis(0.7, 0.03, 9) };
     let positions = (0..20)
         .map(|_| DVec3::new(random.uniform(-0.4, 0.3), random.uniform(-0.2, 0.3), random.uniform(-0.1, 0.1)));
-    let bent = MicArray::from_positions("array", &[20], positions.collect()).unwrap();
+    let bent = MicArray::from_positions(positions.collect()).unwrap();
     let planar = lattice([40, 40], [0.02, 0.02], DVec3::ZERO);
     for array in [planar, bent] {
         let cube = random_cube(&mut random, even(200), array, Geometry::ORIGIN, Detection::Quadrature);
         let of = |method: Method| {
-            estimate(&cube.setup(), &grid, &ReconstructOptions::new(method, Window::None), 2).unwrap()
+            estimate(&cube.instrument, &grid, &ReconstructOptions::new(method, Window::None), 2).unwrap()
         };
         assert_ne!(of(Method::Auto).chosen().method, Method::Linear);
         let estimates = of(Method::Linear);

@@ -7,7 +7,7 @@ use crate::binary::shipped;
 use crate::mutation::{damage, glb, retouch};
 use crate::named::assert_names;
 use crate::support::{Random, data};
-use holosonar::acquisition::{DataCube, MicArray, Sweep};
+use holosonar::acquisition::{DataCube, Instrument, MicArray, Sweep};
 use holosonar::config::{ANNOTATED, RunFile};
 use holosonar::error::{Error, Result};
 use holosonar::export::amplitude::Amplitude;
@@ -85,12 +85,12 @@ fn dense(name: &str, text: &str) -> Original {
 
 /// Small files of ours, in every format.
 fn written(folder: &Path) {
-    let sweep = Sweep::stepped("sweep", 10_000.0, 10_400.0, 100.0).unwrap();
-    let array = MicArray::rectangular("array", [3, 2], [0.02; 2], glam::DVec3::ZERO).unwrap();
+    let sweep = Sweep::stepped(10_000.0, 10_400.0, 100.0).unwrap();
+    let array = MicArray::rectangular([3, 2], [0.02; 2], glam::DVec3::ZERO).unwrap();
     let samples = (0..30).map(|i| Complex32::new(i as f32, 1.0)).collect();
     let points = ScenePoints::new(None, &array, &Geometry::ORIGIN);
     points.write(&folder.join("points.ply"), &[]).unwrap();
-    let cube = DataCube::new(sweep, array, samples).unwrap();
+    let cube = DataCube::new(Instrument::new(sweep, array), samples).unwrap();
     cube.write(&folder.join("cube.npz")).unwrap();
     let axis = |first, count| Axis { first, pitch: 0.1, count };
     let grid = Grid { x: axis(-0.2, 5), y: axis(-0.1, 3), z: axis(1.0, 4) };

@@ -2,7 +2,9 @@
 
 use crate::support::relative_difference;
 use glam::DVec3;
-use holosonar::acquisition::{ArrayErrors, DataCube, Losses, MicArray, SimulateOptions, Sweep, simulate};
+use holosonar::acquisition::{
+    ArrayErrors, DataCube, Instrument, Losses, MicArray, SimulateOptions, Sweep, simulate,
+};
 use holosonar::checkpoint::Checkpoint;
 use holosonar::config::RunFile;
 use holosonar::grid::{Axis, Grid};
@@ -21,14 +23,13 @@ fn grid() -> Grid {
 
 /// 15 x 15 microphones see a unit reflector in the middle of the grid.
 fn cube(geometry: Geometry, errors: Option<ArrayErrors>) -> DataCube {
-    let array = MicArray::rectangular("array", [15; 2], [0.016; 2], DVec3::new(0.1, 0.0, 0.0)).unwrap();
-    let sweep = Sweep::stepped("sweep", 10_000.0, 20_000.0, 50.0).unwrap();
+    let array = MicArray::rectangular([15; 2], [0.016; 2], DVec3::new(0.1, 0.0, 0.0)).unwrap();
+    let sweep = Sweep::stepped(10_000.0, 20_000.0, 50.0).unwrap();
     let one = Reflectors::new(vec![DVec3::new(0.0, 0.0, 2.0)], vec![Complex32::ONE]).unwrap();
-    let mut options = SimulateOptions::default();
-    options.geometry = geometry;
-    options.losses = Losses { spreading: true, ..Losses::NONE };
+    let mut options = SimulateOptions::default().with_losses(Losses { spreading: true, ..Losses::NONE });
     options.errors = errors;
-    simulate(&one, &sweep, &array, &options, &Silent).unwrap()
+    let instrument = Instrument::new(sweep, array).with_geometry(geometry);
+    simulate(&one, &instrument, &options, &Silent).unwrap()
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use crate::support::{brightest, off_lattice, relative_difference};
 use glam::DVec3;
-use holosonar::acquisition::{DataCube, Detection, MicArray, SimulateOptions, Sweep, simulate};
+use holosonar::acquisition::{DataCube, Detection, Instrument, MicArray, SimulateOptions, Sweep, simulate};
 use holosonar::grid::{Axis, Grid, Volume};
 use holosonar::progress::Silent;
 use holosonar::reconstruct::{Method, ReconstructOptions, Window, reconstruct};
@@ -14,12 +14,11 @@ const SOUND_SPEED: f64 = 343.0;
 /// `count`² microphones over `extent` m and 10–20 kHz see a unit reflector at p.
 fn measure(p: DVec3, count: usize, extent: f64, detection: Detection) -> DataCube {
     let pitch = extent / (count - 1) as f64;
-    let array = MicArray::rectangular("array", [count; 2], [pitch; 2], DVec3::ZERO).unwrap();
-    let sweep = Sweep::stepped("sweep", 10_000.0, 20_000.0, 50.0).unwrap();
+    let array = MicArray::rectangular([count; 2], [pitch; 2], DVec3::ZERO).unwrap();
+    let sweep = Sweep::stepped(10_000.0, 20_000.0, 50.0).unwrap();
     let reflector = Reflectors::new(vec![p], vec![Complex32::ONE]).unwrap();
-    let mut options = SimulateOptions::default();
-    options.detection = detection;
-    simulate(&reflector, &sweep, &array, &options, &Silent).unwrap()
+    let instrument = Instrument::new(sweep, array).with_detection(detection);
+    simulate(&reflector, &instrument, &SimulateOptions::default(), &Silent).unwrap()
 }
 
 /// Voxels of the given pitches about `centre`, `reach` of them to every side.

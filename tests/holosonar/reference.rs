@@ -14,10 +14,8 @@ const LIMIT: u64 = 1 << 30;
 fn forward(name: &str, model: PropagationModel) {
     let expected = DataCube::read(&data(&format!("reference/{name}.npz")), LIMIT).unwrap();
     let reflectors = Reflectors::read_csv(&data("reference/reflectors.csv")).unwrap();
-    let mut options = SimulateOptions::default();
-    (options.geometry, options.detection, options.model) = (expected.geometry, expected.detection, model);
-    options.sound_speed = expected.sound_speed;
-    let cube = simulate(&reflectors, &expected.sweep, &expected.array, &options, &Silent).unwrap();
+    let options = SimulateOptions::default().with_model(model);
+    let cube = simulate(&reflectors, &expected.instrument, &options, &Silent).unwrap();
     let error = relative_difference(&cube.samples, &expected.samples);
     assert!(error < 1e-4, "{name}: {error:e} of the maximum");
 }
@@ -92,13 +90,13 @@ fn the_other_phase_sign_is_conjugated_on_reading() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("conjugated.npz");
     let conjugated: Vec<_> = cube.samples.iter().map(num_complex::Complex::conj).collect();
-    let positions: Vec<f64> = cube.array.positions().iter().flat_map(DVec3::to_array).collect();
+    let positions: Vec<f64> = cube.instrument.array.positions().iter().flat_map(DVec3::to_array).collect();
     let meta = br#"{"phase_sign": -1}"#;
     write_npz(
         &path,
         &[
             ("samples", "<c8", &[51, 143], bytemuck::cast_slice(&conjugated)),
-            ("frequencies", "<f8", &[51], bytemuck::cast_slice(cube.sweep.frequencies())),
+            ("frequencies", "<f8", &[51], bytemuck::cast_slice(cube.instrument.sweep.frequencies())),
             ("mic_positions", "<f8", &[143, 3], bytemuck::cast_slice(&positions)),
             ("meta", "|u1", &[meta.len()], meta),
         ],

@@ -1,7 +1,7 @@
 //! What several topics need: seeded random cubes and the comparisons the contract is written in.
 
 use glam::DVec3;
-use holosonar::acquisition::{DataCube, Detection, MicArray, Sweep};
+use holosonar::acquisition::{DataCube, Detection, Instrument, MicArray, Sweep};
 use holosonar::grid::{Axis, Grid, Volume};
 use holosonar::wave::Geometry;
 use num_complex::Complex32;
@@ -71,9 +71,8 @@ pub(crate) fn random_cube(
             Detection::InPhase => Complex32::new(random.complex().re, 0.0),
         })
         .collect();
-    let mut cube = DataCube::new(sweep, array, samples).unwrap();
-    (cube.geometry, cube.detection) = (geometry, detection);
-    cube
+    let instrument = Instrument::new(sweep, array).with_geometry(geometry).with_detection(detection);
+    DataCube::new(instrument, samples).unwrap()
 }
 
 /// A grid whose voxel pitch is the microphones' divided by `u`, anywhere at all beside and before the array.

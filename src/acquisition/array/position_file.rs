@@ -34,7 +34,7 @@ impl MicArray {
         } else {
             read_columns(path, ["x", "y", "z"])?.into_iter().map(DVec3::from_array).collect()
         };
-        Self::from_positions(&path.display().to_string(), &[positions.len()], positions)
+        Self::from_positions(positions).map_err(|error| error.at(path.display()))
     }
 }
 

@@ -4,7 +4,7 @@
 //! name alone. Without a lattice there are no grating lobes: what a grid gathers into a few ghosts is spread into
 //! sidelobes of mean power 1/N.
 
-use super::{FARTHEST, MOST_MICROPHONES, MicArray, too_far};
+use super::{FARTHEST, MOST_MICROPHONES, MicArray, PLACE, too_far};
 use crate::error::{Error, Result};
 use glam::{DVec2, DVec3, I64Vec2};
 use rand_chacha::ChaCha8Rng;
@@ -29,8 +29,8 @@ impl MicArray {
     ///
     /// # Errors
     /// A count of 0 or over 2²⁴, an extent that is not positive in either direction, or microphones beyond [`FARTHEST`].
-    pub fn spiral(place: &str, count: usize, extent: [f64; 2], centre: DVec3) -> Result<Self> {
-        check(place, count, extent, centre)?;
+    pub fn spiral(count: usize, extent: [f64; 2], centre: DVec3) -> Result<Self> {
+        check(count, extent, centre)?;
         let radius = |k: usize| {
             if count == 1 { 0.0 } else { ((k as f64 + 0.5) / (count as f64 - 0.5)).sqrt() }
         };
@@ -40,7 +40,7 @@ impl MicArray {
                 centre + 0.5 * radius(k) * DVec3::new(extent[0] * cos, extent[1] * sin, 0.0)
             })
             .collect();
-        Self::from_positions(place, &[count], positions)
+        Self::from_positions(positions)
     }
 
     /// `count` microphones anywhere in a rectangle about `centre`, parallel to z = 0, no two nearer than `spacing` m (left
@@ -49,14 +49,13 @@ impl MicArray {
     /// # Errors
     /// As [`MicArray::spiral`]; a spacing that so many microphones cannot keep.
     pub fn random(
-        place: &str,
         count: usize,
         extent: [f64; 2],
         centre: DVec3,
         spacing: Option<f64>,
         seed: u64,
     ) -> Result<Self> {
-        check(place, count, extent, centre)?;
+        check(count, extent, centre)?;
         // Along a line the lattice as dense has a pitch of its own.
         let [width, height] = extent;
         let dense = match (width > 0.0, height > 0.0) {
@@ -66,13 +65,13 @@ impl MicArray {
         let spacing = spacing.unwrap_or(EASY_SPACING * dense);
         if !(spacing.is_finite() && spacing >= 0.0) {
             return Err(Error::input(
-                place,
+                PLACE,
                 format!("a spacing of {spacing} m is no distance; 0 or more is"),
             ));
         }
         let crowded = || {
             Error::input(
-                place,
+                PLACE,
                 format!(
                     "{count} microphones at least {:.1} mm apart find no place at random on {width} x {height} m; up to \
                      {:.1} mm they do (or use fewer, or layout = \"spiral\")",
@@ -108,28 +107,28 @@ impl MicArray {
             places.push(p);
         }
         let positions = places.into_iter().map(|p| centre + p.extend(0.0)).collect();
-        Self::from_positions(place, &[count], positions)
+        Self::from_positions(positions)
     }
 }
 
 /// Refuses counts and sizes that make no array.
-fn check(place: &str, count: usize, extent: [f64; 2], centre: DVec3) -> Result<()> {
+fn check(count: usize, extent: [f64; 2], centre: DVec3) -> Result<()> {
     if count == 0 || count > MOST_MICROPHONES {
         return Err(Error::input(
-            place,
+            PLACE,
             format!("{count} microphones: from 1 up to {MOST_MICROPHONES} are possible"),
         ));
     }
     if !(centre.is_finite() && extent.iter().all(|e| e.is_finite() && *e >= 0.0)) {
-        return Err(Error::input(place, "the extent must be 0 or more and the centre finite, in metres"));
+        return Err(Error::input(PLACE, "the extent must be 0 or more and the centre finite, in metres"));
     }
     let farthest = centre.abs() + 0.5 * DVec3::new(extent[0], extent[1], 0.0);
     if farthest.max_element() > FARTHEST {
-        return Err(Error::input(place, too_far("the outermost microphone", farthest)));
+        return Err(Error::input(PLACE, too_far("the outermost microphone", farthest)));
     }
     if count > 1 && extent == [0.0; 2] {
         return Err(Error::input(
-            place,
+            PLACE,
             format!("{count} microphones cannot all stand in one place; give an extent"),
         ));
     }
@@ -150,7 +149,7 @@ mod tests {
     #[test]
     fn a_spiral_fills_its_ellipse_evenly() {
         let centre = DVec3::new(0.2, -0.1, 0.05);
-        let array = MicArray::spiral("array", 256, [1.0, 0.5], centre).unwrap();
+        let array = MicArray::spiral(256, [1.0, 0.5], centre).unwrap();
         assert_eq!((array.len(), array.shape()), (256, vec![256]));
         assert!(array.lattice().is_none());
         let scaled = |r: &DVec3| DVec2::new((r.x - centre.x) / 0.5, (r.y - centre.y) / 0.25).length();
@@ -161,15 +160,14 @@ mod tests {
             assert!((inside(radius) as f64 - 255.5 * radius * radius).abs() < 1.5, "{radius}");
         }
         // Vogel's packing: the nearest two of a disc of radius 1 are about 1.6/√N apart.
-        let round = MicArray::spiral("array", 400, [2.0, 2.0], DVec3::ZERO).unwrap();
+        let round = MicArray::spiral(400, [2.0, 2.0], DVec3::ZERO).unwrap();
         assert!(least_distance(&round) > 1.4 / 20.0, "{}", least_distance(&round));
         assert!((round.extent().x - 2.0).abs() < 0.02 && round.positions().iter().all(|r| r.z == 0.0));
     }
 
     #[test]
     fn random_microphones_keep_their_distance_and_their_seed() {
-        let of =
-            |seed, spacing| MicArray::random("array", 200, [1.0, 0.8], DVec3::ZERO, spacing, seed).unwrap();
+        let of = |seed, spacing| MicArray::random(200, [1.0, 0.8], DVec3::ZERO, spacing, seed).unwrap();
         let array = of(1, Some(0.04));
         assert!(least_distance(&array) >= 0.04);
         assert_eq!(array, of(1, Some(0.04)), "same seed");
@@ -180,22 +178,21 @@ mod tests {
         assert!(low.x >= -0.5 && high.x <= 0.5 && low.y >= -0.4 && high.y <= 0.4);
         let mean = array.positions().iter().sum::<DVec3>() / 200.0;
         assert!(mean.length() < 0.08, "about the centre: {mean}");
-        assert!(MicArray::random("array", 3, [1.0, 0.0], DVec3::ZERO, Some(0.1), 1).is_ok(), "on a line");
+        assert!(MicArray::random(3, [1.0, 0.0], DVec3::ZERO, Some(0.1), 1).is_ok(), "on a line");
     }
 
     #[test]
     fn absurd_scatterings_are_refused() {
         let message = |result: Result<MicArray>| result.unwrap_err().to_string();
-        let random =
-            |count, extent, spacing| MicArray::random("array", count, extent, DVec3::ZERO, spacing, 1);
+        let random = |count, extent, spacing| MicArray::random(count, extent, DVec3::ZERO, spacing, 1);
         assert!(message(random(200, [1.0, 1.0], Some(0.07))).contains("up to 49.5 mm they do"));
         assert!(message(random(200, [1.0, 1.0], Some(f64::NAN))).contains("no distance"));
         assert!(message(random(0, [1.0, 1.0], None)).contains("from 1 up to"));
         assert!(message(random(usize::MAX, [1.0, 1.0], None)).contains("from 1 up to"));
         assert!(message(random(2, [0.0, 0.0], None)).contains("one place"));
         assert!(message(random(2, [f64::INFINITY, 1.0], None)).contains("extent"));
-        assert!(message(MicArray::spiral("a", 9, [-1.0, 1.0], DVec3::ZERO)).contains("extent"));
-        assert!(message(MicArray::spiral("a", 9, [1e30, 1.0], DVec3::ZERO)).contains("lies beyond"));
-        assert_eq!(MicArray::spiral("a", 1, [0.0, 0.0], DVec3::ONE).unwrap().positions(), [DVec3::ONE]);
+        assert!(message(MicArray::spiral(9, [-1.0, 1.0], DVec3::ZERO)).contains("extent"));
+        assert!(message(MicArray::spiral(9, [1e30, 1.0], DVec3::ZERO)).contains("lies beyond"));
+        assert_eq!(MicArray::spiral(1, [0.0, 0.0], DVec3::ONE).unwrap().positions(), [DVec3::ONE]);
     }
 }

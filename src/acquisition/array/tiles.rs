@@ -72,7 +72,7 @@ mod tests {
 
     #[test]
     fn a_lattice_falls_into_squares() {
-        let array = MicArray::rectangular("array", [64, 64], [0.008; 2], DVec3::ZERO).expect("ok");
+        let array = MicArray::rectangular([64, 64], [0.008; 2], DVec3::ZERO).expect("ok");
         let tiles = tiles(array.positions(), 64, 1.0);
         assert_eq!(tiles.len(), 64);
         for tile in &tiles {

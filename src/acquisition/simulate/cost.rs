@@ -2,15 +2,16 @@
 //!
 //! Operations are counted, never seconds measured, so the same input always goes the same way.
 
-use super::SimulateOptions;
 use super::echoes::{Intervals, Sight};
 use super::expand::TILES_PER_THREAD;
 use super::literal::COLUMNS;
 use super::terms::{MOST_TERMS, Spread};
 use super::virtual_tones::{MORE, RUNGS, Rung};
-use crate::acquisition::{MicArray, Sweep, Tile, tiles};
+use super::{PropagationModel, SimulateOptions};
+use crate::acquisition::{Instrument, Sweep, Tile, tiles};
 use crate::reflectors::Reflectors;
 use crate::scene::FARTHEST;
+use crate::wave::Geometry;
 use glam::DVec3;
 use num_complex::Complex32;
 
@@ -69,10 +70,11 @@ const PADDING: f64 = 8.0;
 const SOLVE: f64 = 5000.0;
 
 /// The greatest radius of a tile beside a duration, m.
-pub(super) fn widest_tile(rung: Rung, sweep: &Sweep, options: &SimulateOptions) -> f64 {
-    let length = rung.spread / sweep.bandwidth() * options.sound_speed;
-    let turns = MOST_TURNS * options.sound_speed / sweep.stop();
-    (0.5 * TILE_SHARE * length).min(turns) / options.geometry.return_legs()
+pub(super) fn widest_tile(rung: Rung, instrument: &Instrument) -> f64 {
+    let Instrument { sweep, geometry, sound_speed, .. } = instrument;
+    let length = rung.spread / sweep.bandwidth() * sound_speed;
+    let turns = MOST_TURNS * sound_speed / sweep.stop();
+    (0.5 * TILE_SHARE * length).min(turns) / geometry.return_legs()
 }
 
 /// Operations of the literal sum.
@@ -88,16 +90,16 @@ fn literal(reflectors: f64, microphones: f64, sweep: &Sweep, options: &SimulateO
 /// The ways that take fewer operations than the literal sum, the cheapest first.
 pub(super) fn choices(
     reflectors: &Reflectors,
-    sweep: &Sweep,
-    array: &MicArray,
+    instrument: &Instrument,
     options: &SimulateOptions,
 ) -> Vec<Choice> {
+    let Instrument { sweep, array, geometry, sound_speed, .. } = instrument;
     let (n_p, n_mic, n_f) = (reflectors.len() as f64, array.len() as f64, sweep.len() as f64);
     let most = literal(n_p, n_mic, sweep, options);
-    let terms = terms(reflectors, sweep, array, options);
+    let terms = terms(reflectors, instrument, options);
     let lossy = f64::from(u8::from(options.losses.any()));
     let centre = array.centre();
-    let paths = reflectors.positions().iter().map(|&p| options.path_length(p, centre));
+    let paths = reflectors.positions().iter().map(|&p| options.model.path_length(geometry, p, centre));
     let (shortest, longest) =
         paths.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), path| (path.min(low), path.max(high)));
     let spread = longest - shortest + array.extent().length();
@@ -119,8 +121,8 @@ pub(super) fn choices(
         radii.sort_unstable_by(f64::total_cmp);
         for (rung, terms) in RUNGS.into_iter().zip(&terms) {
             let Some(terms) = *terms else { continue };
-            let length = rung.spread / sweep.bandwidth() * options.sound_speed;
-            let radius = widest_tile(rung, sweep, options);
+            let length = rung.spread / sweep.bandwidth() * sound_speed;
+            let radius = widest_tile(rung, instrument);
             // No interval is narrower than what a tile leaves of it, and none is kept empty.
             let most_groups = (spread / ((1.0 - TILE_SHARE) * length) + 1.0).min(n_p);
             let tones = (2 * rung.pairs + 1) as f64;
@@ -130,7 +132,7 @@ pub(super) fn choices(
             if !possible || radii[radii.len() / 2] > radius {
                 continue;
             }
-            let groups = groups(reflectors, &tiles, options, length, radius);
+            let groups = groups(reflectors, &tiles, (geometry, options.model), length, radius);
             let echo = lossy * LEGS + terms * (PAIR + lossy * FACTOR + TONE * tones);
             let cost = n_p * n_mic * echo
                 + n_p * tiles.len() as f64 * SEEN
@@ -148,14 +150,9 @@ pub(super) fn choices(
 }
 
 /// Terms of the losses for each standard duration; `None` where too many would be needed.
-fn terms(
-    reflectors: &Reflectors,
-    sweep: &Sweep,
-    array: &MicArray,
-    options: &SimulateOptions,
-) -> Vec<Option<f64>> {
-    let spread = Spread::new(reflectors, sweep, array, options);
-    let half = |rung: Rung| 0.5 * rung.spread / sweep.bandwidth() * options.sound_speed;
+fn terms(reflectors: &Reflectors, instrument: &Instrument, options: &SimulateOptions) -> Vec<Option<f64>> {
+    let spread = Spread::new(reflectors, instrument, options);
+    let half = |rung: Rung| 0.5 * rung.spread / instrument.sweep.bandwidth() * instrument.sound_speed;
     let count = |rung| spread.count(half(rung), 0.5 * options.tolerance).map(|c| c.nodes.len() as f64);
     RUNGS.into_iter().map(count).collect()
 }
@@ -164,7 +161,7 @@ fn terms(
 fn groups(
     reflectors: &Reflectors,
     tiles: &[Tile],
-    options: &SimulateOptions,
+    (geometry, model): (&Geometry, PropagationModel),
     length: f64,
     radius: f64,
 ) -> f64 {
@@ -177,7 +174,7 @@ fn groups(
             .positions()
             .iter()
             .step_by(every)
-            .map(|&p| Sight::new(p, options.geometry.outward_length(p), tile, options))
+            .map(|&p| Sight::new(p, geometry.outward_length(p), tile, geometry, model))
             .collect();
         all += Intervals::new(&sights, length).occupied(&sights);
         count += 1;
@@ -191,21 +188,21 @@ fn groups(
 /// How many reflectors there are decides between the standard durations, and is not known before they are sampled. Sums
 /// per metre of path differ by less than a factor of two from those of the duration in the middle.
 pub(crate) fn bytes(
-    sweep: &Sweep,
-    array: &MicArray,
+    instrument: &Instrument,
     bounds: Option<(DVec3, DVec3)>,
     options: &SimulateOptions,
     threads: usize,
 ) -> u64 {
+    let Instrument { sweep, array, geometry, sound_speed, .. } = instrument;
     let literal = (COLUMNS.min(array.len()) * size_of::<[f64; 2]>() * sweep.len()) as u64;
     let Some((low, high)) = bounds.filter(|_| sweep.bandwidth() > 0.0) else { return literal };
     let rung = RUNGS[RUNGS.len() / 2];
-    let length = rung.spread / sweep.bandwidth() * options.sound_speed;
-    let [shortest, longest] = options.geometry.path_bounds((low, high), array.bounds());
+    let length = rung.spread / sweep.bandwidth() * sound_speed;
+    let [shortest, longest] = geometry.path_bounds((low, high), array.bounds());
     // The paths to a tile take half of what they may, as like as not.
     let groups = (longest - shortest) / ((1.0 - 0.5 * TILE_SHARE) * length) + 1.0;
     let ends = Reflectors::new(vec![low, high], vec![Complex32::ONE; 2]).unwrap_or_default();
-    let terms = Spread::new(&ends, sweep, array, options).count(0.5 * length, 0.5 * options.tolerance);
+    let terms = Spread::new(&ends, instrument, options).count(0.5 * length, 0.5 * options.tolerance);
     let columns = (2 * rung.pairs + 1) * terms.map_or(MOST_TERMS, |count| count.nodes.len());
     let most = (TILES_PER_THREAD * threads.max(1) * TILES[TILES.len() - 1]).min(array.len());
     let sums = (HELD_MICROPHONES.min(most as f64) * groups * columns as f64).min(HELD_SUMS);

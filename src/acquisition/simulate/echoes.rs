@@ -8,9 +8,10 @@ use super::planes::Planes;
 use super::terms::{Terms, outward_spreading};
 use super::virtual_tones::VirtualTones;
 use super::{PropagationModel, SimulateOptions};
-use crate::acquisition::Tile;
+use crate::acquisition::{Instrument, Tile};
 use crate::alloc::{try_filled, try_with_capacity};
 use crate::reflectors::Reflectors;
+use crate::wave::Geometry;
 use crate::wave::offsets::{Echoes, MOST_ECHOES, exact_offsets, linear_offsets, sum_over_tones};
 use crate::wave::simd::phasors;
 use glam::DVec3;
@@ -41,9 +42,15 @@ pub(super) struct Sight {
 impl Sight {
     /// The sight of `p`, whose way from the speaker is `outward` m.
     #[inline]
-    pub(super) fn new(p: DVec3, outward: f64, tile: &Tile, options: &SimulateOptions) -> Self {
-        let legs = options.geometry.return_legs();
-        match options.model {
+    pub(super) fn new(
+        p: DVec3,
+        outward: f64,
+        tile: &Tile,
+        geometry: &Geometry,
+        model: PropagationModel,
+    ) -> Self {
+        let legs = geometry.return_legs();
+        match model {
             PropagationModel::Exact => {
                 let q = p - tile.centre;
                 let distance = q.length();
@@ -56,8 +63,8 @@ impl Sight {
                 }
             }
             PropagationModel::Linear => Self {
-                path: options.geometry.linear_path_length(p, tile.centre),
-                reach: legs * options.geometry.far_direction(p).abs().dot(tile.half),
+                path: geometry.linear_path_length(p, tile.centre),
+                reach: legs * geometry.far_direction(p).abs().dot(tile.half),
                 near: false,
             },
         }
@@ -103,7 +110,7 @@ pub(super) struct Summation<'a> {
     reflectors: &'a Reflectors,
     /// The reflectors' ways from the speaker, m.
     outward: Vec<f64>,
-    microphones: &'a [DVec3],
+    instrument: &'a Instrument,
     options: &'a SimulateOptions,
     tones: &'a VirtualTones,
     /// Losses, if there are any.
@@ -113,14 +120,14 @@ pub(super) struct Summation<'a> {
 impl<'a> Summation<'a> {
     pub(super) fn new(
         reflectors: &'a Reflectors,
-        microphones: &'a [DVec3],
+        instrument: &'a Instrument,
         options: &'a SimulateOptions,
         tones: &'a VirtualTones,
         terms: Option<&'a Terms>,
     ) -> Option<Self> {
         let mut outward = try_with_capacity(reflectors.len() as u64)?;
-        outward.extend(reflectors.positions().iter().map(|&p| options.geometry.outward_length(p)));
-        Some(Self { reflectors, outward, microphones, options, tones, terms })
+        outward.extend(reflectors.positions().iter().map(|&p| instrument.geometry.outward_length(p)));
+        Some(Self { reflectors, outward, instrument, options, tones, terms })
     }
 
     /// All groups of a tile with their sums, by ascending path length; `None` when they do not fit in memory.
@@ -129,8 +136,9 @@ impl<'a> Summation<'a> {
     pub(super) fn groups(&self, tile: &Tile) -> Option<Vec<GroupSums>> {
         let places = self.reflectors.positions().iter().zip(&self.outward);
         let mut sights: Vec<Sight> = try_with_capacity(places.len() as u64)?;
-        sights.extend(places.map(|(&p, &outward)| Sight::new(p, outward, tile, self.options)));
-        let intervals = Intervals::new(&sights, self.tones.duration * self.options.sound_speed);
+        let (geometry, model) = (&self.instrument.geometry, self.options.model);
+        sights.extend(places.map(|(&p, &outward)| Sight::new(p, outward, tile, geometry, model)));
+        let intervals = Intervals::new(&sights, self.tones.duration * self.instrument.sound_speed);
         // Interval, nearness and index in one number: sorting it groups the reflectors and keeps their order.
         let mut keys: Vec<u64> = try_with_capacity(sights.len() as u64)?;
         keys.extend(
@@ -139,7 +147,7 @@ impl<'a> Summation<'a> {
             }),
         );
         keys.sort_unstable();
-        let mut planes = Planes::default();
+        let (mut planes, microphones) = (Planes::default(), self.instrument.array.positions());
         let columns = self.tones.count() * self.terms.map_or(1, Terms::count);
         keys.chunk_by(|a, b| a >> 33 == b >> 33)
             .map(|group| {
@@ -151,7 +159,7 @@ impl<'a> Summation<'a> {
                         let members = some.iter().map(|key| (key & u64::from(u32::MAX)) as usize);
                         self.lay_out(&members, &sights, middle, tile, &mut planes);
                         for (sums, &mic) in sums.chunks_exact_mut(columns).zip(&tile.microphones) {
-                            self.add(self.microphones[mic], tile, near, &mut planes, sums);
+                            self.add(microphones[mic], tile, near, &mut planes, sums);
                         }
                     }
                 }
@@ -169,7 +177,7 @@ impl<'a> Summation<'a> {
         tile: &Tile,
         planes: &mut Planes,
     ) {
-        let options = self.options;
+        let (options, Instrument { geometry, sound_speed, .. }) = (self.options, self.instrument);
         planes.resize(members.clone().count());
         for ((from_middle, path), j) in
             planes.from_middle.iter_mut().zip(&mut planes.paths).zip(members.clone())
@@ -177,8 +185,8 @@ impl<'a> Summation<'a> {
             *path = sights[j].path;
             *from_middle = *path - middle;
         }
-        phasors(self.tones.centre / options.sound_speed, &planes.from_middle, &mut planes.phasors);
-        let per_metre = self.tones.step / options.sound_speed;
+        phasors(self.tones.centre / sound_speed, &planes.from_middle, &mut planes.phasors);
+        let per_metre = self.tones.step / sound_speed;
         for (i, j) in members.clone().enumerate() {
             let p = self.reflectors.positions()[j];
             planes.positions[i] = p;
@@ -188,13 +196,13 @@ impl<'a> Summation<'a> {
                     planes.distance[i] = q.length() as f32;
                     q
                 }
-                PropagationModel::Linear => options.geometry.far_direction(p),
+                PropagationModel::Linear => geometry.far_direction(p),
             };
             for (plane, x) in planes.toward.iter_mut().zip(toward.to_array()) {
                 plane[i] = x as f32;
             }
             planes.turn[i] = (planes.from_middle[i] * per_metre) as f32;
-            let spreading = outward_spreading(self.outward[j], options) as f32;
+            let spreading = outward_spreading(self.outward[j], geometry, options) as f32;
             let a = self.reflectors.amplitudes()[j] * planes.phasors[i] * spreading;
             planes.amplitude[0][i] = a.re;
             planes.amplitude[1][i] = a.im;
@@ -207,27 +215,27 @@ impl<'a> Summation<'a> {
     /// Adds the echoes of the planes at the microphone at `r` to its sums.
     fn add(&self, r: DVec3, tile: &Tile, near: bool, planes: &mut Planes, sums: &mut [[f64; 2]]) {
         let toward = [&planes.toward[0][..], &planes.toward[1], &planes.toward[2]];
-        let legs = self.options.geometry.return_legs() as f32;
+        let Instrument { geometry, sound_speed, .. } = self.instrument;
+        let legs = geometry.return_legs();
         let d = (r - tile.centre).as_vec3().to_array();
         if near {
             // Among the microphones offsets cancel or are no small part of the distance.
             for ((offset, &p), path) in planes.offsets.iter_mut().zip(&planes.positions).zip(&planes.paths) {
-                *offset = (self.options.path_length(p, r) - path) as f32;
+                *offset = (self.options.model.path_length(geometry, p, r) - path) as f32;
             }
         } else if self.options.model == PropagationModel::Exact {
-            exact_offsets(toward, &planes.distance, d, legs, &mut planes.offsets);
+            exact_offsets(toward, &planes.distance, d, legs as f32, &mut planes.offsets);
         } else {
-            linear_offsets(toward, d, legs, &mut planes.offsets);
+            linear_offsets(toward, d, legs as f32, &mut planes.offsets);
         }
-        let per_metre = [self.tones.centre, self.tones.step].map(|f| (f / self.options.sound_speed) as f32);
+        let per_metre = [self.tones.centre, self.tones.step].map(|f| (f / sound_speed) as f32);
         let Some(terms) = self.terms else {
             let echoes =
                 Echoes { turn: &planes.turn, amplitude: [&planes.amplitude[0], &planes.amplitude[1]] };
             return sum_over_tones(echoes, &planes.offsets, per_metre, sums);
         };
         let Planes { amplitude, weighted, offsets, lossy, turn, .. } = planes;
-        let spread_legs =
-            if self.options.losses.spreading { self.options.geometry.return_legs() } else { 0.0 };
+        let spread_legs = if self.options.losses.spreading { legs } else { 0.0 };
         lossy.look(d, offsets, spread_legs);
         for (k, sums) in sums.chunks_exact_mut(self.tones.count()).enumerate() {
             let factors = lossy.factors(terms, k);

@@ -75,6 +75,10 @@ impl ArrayErrors {
             .iter()
             .map(|&r| r + self.position * DVec3::new(gauss(), gauss(), gauss()))
             .collect();
-        MicArray::from_positions("array.position_error", &array.shape(), positions)
+        let displaced = match array.lattice() {
+            Some(lattice) => MicArray::from_rows([lattice.y.count, lattice.x.count], positions),
+            None => MicArray::from_positions(positions),
+        };
+        displaced.map_err(|error| error.at("array.position_error"))
     }
 }

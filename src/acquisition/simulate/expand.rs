@@ -2,8 +2,8 @@
 
 use super::columns::Columns;
 use super::echoes::{GroupSums, Summation};
-use super::{Job, Plan, SimulateOptions, no_room, record};
-use crate::acquisition::{Sweep, Tile};
+use super::{Job, Plan, no_room, record};
+use crate::acquisition::{Instrument, Tile};
 use crate::error::Result;
 use crate::linalg::product_f32;
 use crate::progress::{Observer, advance};
@@ -20,9 +20,9 @@ pub(super) const TILES_PER_THREAD: usize = 8;
 
 /// Fills the samples, `[n_f, n_mic]`, by way of the plan's tiles and tones.
 pub(super) fn fast(job: &Job<'_>, plan: &Plan, columns: &mut Columns, observer: &dyn Observer) -> Result<()> {
-    let Job { reflectors, sweep, array, options, responses } = *job;
-    let n_mic = array.len();
-    let summation = Summation::new(reflectors, array.positions(), options, &plan.tones, plan.terms.as_ref());
+    let Job { reflectors, instrument, options, responses } = *job;
+    let n_mic = instrument.array.len();
+    let summation = Summation::new(reflectors, instrument, options, &plan.tones, plan.terms.as_ref());
     let summation = summation.ok_or_else(no_room)?;
     let mut missing = Vec::new();
     for (k, tile) in plan.tiles.iter().enumerate() {
@@ -53,12 +53,12 @@ pub(super) fn fast(job: &Job<'_>, plan: &Plan, columns: &mut Columns, observer: 
         columns.samples.par_chunks_mut(ROWS * n_mic).enumerate().for_each(|(chunk, rows)| {
             let mut room = Room::default();
             for ((_, tile), sums) in tiles.iter().zip(&sums) {
-                room.expand(chunk * ROWS, tile, sums, sweep, options, plan);
+                room.expand(chunk * ROWS, tile, sums, instrument, plan);
                 let width = 2 * tile.microphones.len();
                 for (row, totals) in rows.chunks_exact_mut(n_mic).zip(room.totals.chunks_exact(width)) {
                     let (re, im) = totals.split_at(width / 2);
                     for ((&mic, re), im) in tile.microphones.iter().zip(re).zip(im) {
-                        row[mic] = record(options.detection, responses.get(mic), Complex32::new(*re, *im));
+                        row[mic] = record(instrument.detection, responses.get(mic), Complex32::new(*re, *im));
                     }
                 }
             }
@@ -87,10 +87,10 @@ impl Room {
         first: usize,
         tile: &Tile,
         groups: &[GroupSums],
-        sweep: &Sweep,
-        options: &SimulateOptions,
+        instrument: &Instrument,
         plan: &Plan,
     ) {
+        let sweep = &instrument.sweep;
         let frequencies = &sweep.frequencies()[first..(first + ROWS).min(sweep.len())];
         let (rows, width, count) = (frequencies.len(), 2 * tile.microphones.len(), plan.columns());
         self.totals.clear();
@@ -101,7 +101,7 @@ impl Room {
         let absorption = plan.terms.as_ref().map_or(&[][..], |terms| &terms.absorption);
         for group in groups {
             product_f32(&mut self.product, &group.sums, weights, [width, count, rows]);
-            phasors(group.middle / options.sound_speed, frequencies, &mut self.phasors);
+            phasors(group.middle / instrument.sound_speed, frequencies, &mut self.phasors);
             for (phasor, absorption) in self.phasors.iter_mut().zip(absorption.iter().skip(first)) {
                 *phasor *= (-absorption * group.middle).exp() as f32;
             }

@@ -3,7 +3,7 @@
 use super::columns::Columns;
 use super::losses::{Legs, wave_number};
 use super::{Job, SimulateOptions, no_room, record};
-use crate::acquisition::Sweep;
+use crate::acquisition::{Instrument, Sweep};
 use crate::alloc::{try_filled, try_with_capacity};
 use crate::error::Result;
 use crate::progress::{Observer, advance};
@@ -18,7 +18,8 @@ pub(super) const COLUMNS: usize = 64;
 
 /// Fills the samples, `[n_f, n_mic]`, with the literal sum.
 pub(super) fn literal(job: &Job<'_>, columns: &mut Columns, observer: &dyn Observer) -> Result<()> {
-    let Job { reflectors, sweep, array, options, responses } = *job;
+    let Job { reflectors, instrument, options, responses } = *job;
+    let Instrument { sweep, array, geometry, detection, sound_speed } = instrument;
     let n_mic = array.len();
     let plain = Amplitudes::new(reflectors.amplitudes().iter().copied());
     for (chunk, mics) in array.positions().chunks(COLUMNS).enumerate() {
@@ -32,17 +33,20 @@ pub(super) fn literal(job: &Job<'_>, columns: &mut Columns, observer: &dyn Obser
             .map(|&r| {
                 let mut lengths: Vec<f64> =
                     try_with_capacity(plain.padded_len() as u64).ok_or_else(no_room)?;
-                lengths.extend(reflectors.positions().iter().map(|&p| options.path_length(p, r)));
+                lengths.extend(
+                    reflectors.positions().iter().map(|&p| options.model.path_length(geometry, p, r)),
+                );
                 lengths.resize(plain.padded_len(), 0.0);
                 let sums = try_filled([0.0; 2], sweep.len() as u64).ok_or_else(no_room)?;
                 Ok(if options.losses.vary() {
-                    lossy_sums(reflectors, r, &lengths, sweep, options, sums)
+                    lossy_sums(reflectors, r, &lengths, instrument, options, sums)
                 } else if options.losses.any() {
                     let spread = reflectors.positions().iter().zip(reflectors.amplitudes());
-                    let spread = spread.map(|(&p, a)| a * Legs::new(p, r, options).spreading as f32);
-                    sweep_sums(&Amplitudes::new(spread), &lengths, sweep, options.sound_speed, sums)
+                    let spread =
+                        spread.map(|(&p, a)| a * Legs::new(p, r, geometry, options).spreading as f32);
+                    sweep_sums(&Amplitudes::new(spread), &lengths, sweep, *sound_speed, sums)
                 } else {
-                    sweep_sums(&plain, &lengths, sweep, options.sound_speed, sums)
+                    sweep_sums(&plain, &lengths, sweep, *sound_speed, sums)
                 })
             })
             .collect::<Result<_>>()?;
@@ -50,7 +54,7 @@ pub(super) fn literal(job: &Job<'_>, columns: &mut Columns, observer: &dyn Obser
             let mic = chunk * COLUMNS + column;
             for (f, [re, im]) in sums.iter().enumerate() {
                 let m = Complex32::new(*re as f32, *im as f32);
-                columns.samples[f * n_mic + mic] = record(options.detection, responses.get(mic), m);
+                columns.samples[f * n_mic + mic] = record(*detection, responses.get(mic), m);
             }
         }
         columns.finish(chunk, &members);
@@ -84,17 +88,19 @@ fn lossy_sums(
     reflectors: &Reflectors,
     r: DVec3,
     lengths: &[f64],
-    sweep: &Sweep,
+    instrument: &Instrument,
     options: &SimulateOptions,
     mut sums: Vec<[f64; 2]>,
 ) -> Vec<[f64; 2]> {
-    let (losses, c) = (&options.losses, options.sound_speed);
-    let legs: Vec<Legs> = reflectors.positions().iter().map(|&p| Legs::new(p, r, options)).collect();
+    let Instrument { sweep, geometry, sound_speed: c, .. } = instrument;
+    let losses = &options.losses;
+    let legs: Vec<Legs> =
+        reflectors.positions().iter().map(|&p| Legs::new(p, r, geometry, options)).collect();
     for (&f, sum) in sweep.frequencies().iter().zip(&mut sums) {
-        let (absorption, k) = (losses.absorption(f), wave_number(f, c));
+        let (absorption, k) = (losses.absorption(f), wave_number(f, *c));
         let heard = reflectors.amplitudes().iter().zip(&legs);
         let heard = heard.map(|(a, legs)| a * legs.factor(losses, absorption, k) as f32);
-        sum_at(f, &Amplitudes::new(heard), lengths, c, sum);
+        sum_at(f, &Amplitudes::new(heard), lengths, *c, sum);
     }
     sums
 }

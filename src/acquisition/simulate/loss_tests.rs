@@ -3,6 +3,7 @@
 use super::fast_tests::{ROUNDING, forced, reflectors, scattered, sweep_of};
 use super::virtual_tones::RUNGS;
 use super::*;
+use crate::acquisition::{MicArray, Sweep};
 use crate::progress::Silent;
 use crate::wave::air::{Air, DB_PER_NEPER, REFERENCE_PRESSURE};
 use proptest::prelude::*;
@@ -27,18 +28,19 @@ fn expected(
     reflectors: &Reflectors,
     f: f64,
     r: DVec3,
+    instrument: &Instrument,
     options: &SimulateOptions,
     directivity: &dyn Fn(f64) -> f64,
 ) -> ([f64; 2], f64) {
     let (mut sum, mut arriving) = ([0.0; 2], 0.0);
     let losses = options.losses;
     for (&p, a) in reflectors.positions().iter().zip(reflectors.amplitudes()) {
-        let s = match options.geometry {
+        let s = match instrument.geometry {
             Geometry::FixedSource { source } => source,
             Geometry::Monostatic => r,
         };
         let (d1, d2) = (p.distance(s), p.distance(r));
-        let path = options.path_length(p, r);
+        let path = options.model.path_length(&instrument.geometry, p, r);
         let spreading = if losses.spreading { 1.0 / (d1.max(0.01) * d2.max(0.01)) } else { 1.0 };
         let mut factor = spreading;
         if let Some(air) = losses.air {
@@ -47,11 +49,11 @@ fn expected(
         for (radius, leg) in [(losses.speaker_radius, p - s), (losses.microphone_radius, p - r)] {
             if radius > 0.0 && leg.length() > 0.0 {
                 factor *= directivity(
-                    TAU * f / options.sound_speed * radius * leg.truncate().length() / leg.length(),
+                    TAU * f / instrument.sound_speed * radius * leg.truncate().length() / leg.length(),
                 );
             }
         }
-        let (sin, cos) = (TAU * (f * path / options.sound_speed).fract()).sin_cos();
+        let (sin, cos) = (TAU * (f * path / instrument.sound_speed).fract()).sin_cos();
         let (re, im) = (f64::from(a.re) * factor, f64::from(a.im) * factor);
         sum[0] += re * cos - im * sin;
         sum[1] += re * sin + im * cos;
@@ -64,16 +66,17 @@ fn expected(
 fn greatest_error(
     samples: &[Complex32],
     reflectors: &Reflectors,
-    sweep: &Sweep,
-    array: &MicArray,
+    instrument: &Instrument,
     options: &SimulateOptions,
 ) -> f64 {
+    let Instrument { sweep, array, .. } = instrument;
     let mut worst = 0.0f64;
     for (mic, &r) in array.positions().iter().enumerate() {
         for f in (0..sweep.len()).step_by(sweep.len().div_ceil(7)).chain([sweep.len() - 1]) {
             let piston = &crate::wave::piston::piston;
-            let ([re, im], arriving) = expected(reflectors, sweep.frequencies()[f], r, options, piston);
-            let im = if options.detection == Detection::InPhase { 0.0 } else { im };
+            let ([re, im], arriving) =
+                expected(reflectors, sweep.frequencies()[f], r, instrument, options, piston);
+            let im = if instrument.detection == Detection::InPhase { 0.0 } else { im };
             let m = samples[f * array.len() + mic];
             worst = worst.max((f64::from(m.re) - re).hypot(f64::from(m.im) - im) / arriving.max(1e-30));
         }
@@ -86,11 +89,12 @@ fn one_echo_is_what_the_formulas_say() {
     // Either leg is 2 m long and 30 degrees off the axis.
     let p = DVec3::new(1.0, 0.0, 3.0f64.sqrt());
     let one = Reflectors::new(vec![p], vec![Complex32::new(0.0, 2.0)]).expect("finite");
-    let array = MicArray::from_positions("mics", &[1], vec![DVec3::ZERO]).expect("one");
-    let sweep = Sweep::from_frequencies("f", vec![10_000.0, 15_000.0, 20_000.0]).expect("ok");
+    let array = MicArray::from_positions(vec![DVec3::ZERO]).expect("one");
+    let sweep = Sweep::from_frequencies(vec![10_000.0, 15_000.0, 20_000.0]).expect("ok");
+    let instrument = Instrument::new(sweep, array);
     let level = |losses: Losses, f: usize| {
-        let options = SimulateOptions { losses, tolerance: 0.0, ..SimulateOptions::default() };
-        let cube = simulate(&one, &sweep, &array, &options, &Silent).expect("small");
+        let options = SimulateOptions::default().with_losses(losses).with_tolerance(0.0);
+        let cube = simulate(&one, &instrument, &options, &Silent).expect("small");
         f64::from(cube.samples[f].norm()) / 2.0
     };
     let near = |a: f64, b: f64| assert!((a - b).abs() < 2e-6, "{a} {b}");
@@ -148,25 +152,25 @@ proptest! {
     ) {
         let reflectors = reflectors(count, DVec3::from_array(size), DVec3::new(0.1, 0.0, distance));
         let array = scattered(microphones, DVec3::from_array(array_size));
-        let sweep = sweep_of(sweep);
+        let mut instrument = Instrument::new(sweep_of(sweep), array);
+        instrument.geometry = if monostatic {
+            Geometry::Monostatic
+        } else {
+            Geometry::FixedSource { source: DVec3::new(0.1, -0.1, 0.02) }
+        };
+        instrument.detection = if in_phase { Detection::InPhase } else { Detection::Quadrature };
         let options = SimulateOptions {
-            geometry: if monostatic {
-                Geometry::Monostatic
-            } else {
-                Geometry::FixedSource { source: DVec3::new(0.1, -0.1, 0.02) }
-            },
             model: if linear { PropagationModel::Linear } else { PropagationModel::Exact },
-            detection: if in_phase { Detection::InPhase } else { Detection::Quadrature },
             losses,
             tolerance,
             ..SimulateOptions::default()
         };
-        let samples = forced(&reflectors, &sweep, &array, &options, rung, tile);
-        let error = greatest_error(&samples, &reflectors, &sweep, &array, &options);
+        let samples = forced(&reflectors, &instrument, &options, rung, tile);
+        let error = greatest_error(&samples, &reflectors, &instrument, &options);
         prop_assert!(error <= tolerance + ROUNDING, "{error:e} where {tolerance:e} was asked");
         let exact = SimulateOptions { tolerance: 0.0, ..options };
-        let samples = simulate(&reflectors, &sweep, &array, &exact, &Silent).expect("small").samples;
-        let error = greatest_error(&samples, &reflectors, &sweep, &array, &exact);
+        let samples = simulate(&reflectors, &instrument, &exact, &Silent).expect("small").samples;
+        let error = greatest_error(&samples, &reflectors, &instrument, &exact);
         prop_assert!(error <= LITERAL_ROUNDING, "literally {error:e}");
     }
 }
@@ -174,20 +178,20 @@ proptest! {
 #[test]
 fn the_chosen_way_is_fast_and_its_bytes_follow_from_the_input() {
     let reflectors = reflectors(3000, DVec3::new(1.0, 1.0, 0.5), DVec3::new(0.0, 0.0, 1.5));
-    let array = MicArray::rectangular("array", [16, 16], [0.02; 2], DVec3::ZERO).expect("ok");
-    let sweep = Sweep::stepped("sweep", 10_000.0, 20_000.0, 20.0).expect("ok");
+    let array = MicArray::rectangular([16, 16], [0.02; 2], DVec3::ZERO).expect("ok");
+    let instrument = Instrument::new(Sweep::stepped(10_000.0, 20_000.0, 20.0).expect("ok"), array);
     let losses = Losses { spreading: true, air: Some(AIR), speaker_radius: 0.012, microphone_radius: 0.003 };
     let options = SimulateOptions {
         losses,
         errors: Some(ArrayErrors { gain_db: 0.5, phase: 5.0, position: 1e-3, seed: 7 }),
         ..SimulateOptions::default()
     };
-    let found = plan(&reflectors, &sweep, &array, &options).expect("far cheaper than term by term");
+    let found = plan(&reflectors, &instrument, &options).expect("far cheaper than term by term");
     let terms = found.terms.as_ref().expect("losses").count();
     assert!((3..=9).contains(&terms), "{terms} terms");
     let run = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
-        pool.install(|| simulate(&reflectors, &sweep, &array, &options, &Silent).expect("ok").samples)
+        pool.install(|| simulate(&reflectors, &instrument, &options, &Silent).expect("ok").samples)
     };
     assert_eq!(run(1), run(4));
 }
@@ -195,12 +199,12 @@ fn the_chosen_way_is_fast_and_its_bytes_follow_from_the_input() {
 #[test]
 fn the_cube_says_where_microphones_should_be_and_holds_what_they_hear_where_they_are() {
     let reflectors = reflectors(40, DVec3::ONE, DVec3::new(0.0, 0.0, 1.5));
-    let array = MicArray::rectangular("array", [20, 15], [0.02; 2], DVec3::ZERO).expect("ok");
-    let sweep = Sweep::stepped("sweep", 10_000.0, 10_500.0, 100.0).expect("ok");
+    let array = MicArray::rectangular([20, 15], [0.02; 2], DVec3::ZERO).expect("ok");
+    let instrument = Instrument::new(Sweep::stepped(10_000.0, 10_500.0, 100.0).expect("ok"), array.clone());
     let errors = ArrayErrors { gain_db: 0.0, phase: 0.0, position: 2e-3, seed: 3 };
-    let options = SimulateOptions { errors: Some(errors), ..SimulateOptions::default() };
-    let cube = simulate(&reflectors, &sweep, &array, &options, &Silent).expect("ok");
-    assert_eq!(cube.array, array);
+    let options = SimulateOptions::default().with_errors(errors);
+    let cube = simulate(&reflectors, &instrument, &options, &Silent).expect("ok");
+    assert_eq!(cube.instrument, instrument);
     let real = errors.displaced(&array).expect("small");
     assert!(real.lattice().is_none());
     let moved: f64 =
@@ -208,18 +212,19 @@ fn the_cube_says_where_microphones_should_be_and_holds_what_they_hear_where_they
     let rms = (moved / (3 * array.len()) as f64).sqrt();
     assert!((rms / 2e-3 - 1.0).abs() < 0.1, "{rms}");
     let perfect = SimulateOptions { errors: None, ..options.clone() };
-    let there = simulate(&reflectors, &sweep, &real, &perfect, &Silent).expect("ok");
+    let there = simulate(&reflectors, &instrument.with_array(real), &perfect, &Silent).expect("ok");
     assert_eq!(cube.samples, there.samples);
 }
 
 #[test]
 fn gains_and_phases_have_the_asked_spread_and_streams_of_their_own() {
     let reflectors = reflectors(20, DVec3::ONE, DVec3::new(0.0, 0.0, 1.5));
-    let array = MicArray::rectangular("array", [40, 40], [0.02; 2], DVec3::ZERO).expect("ok");
-    let sweep = Sweep::stepped("sweep", 10_000.0, 10_100.0, 100.0).expect("ok");
+    let array = MicArray::rectangular([40, 40], [0.02; 2], DVec3::ZERO).expect("ok");
+    let instrument = Instrument::new(Sweep::stepped(10_000.0, 10_100.0, 100.0).expect("ok"), array);
     let run = |errors: Option<ArrayErrors>, detection| {
-        let options = SimulateOptions { detection, errors, ..SimulateOptions::default() };
-        simulate(&reflectors, &sweep, &array, &options, &Silent).expect("ok").samples
+        let instrument = instrument.clone().with_detection(detection);
+        let options = SimulateOptions { errors, ..SimulateOptions::default() };
+        simulate(&reflectors, &instrument, &options, &Silent).expect("ok").samples
     };
     let clean = run(None, Detection::Quadrature);
     let errors = ArrayErrors { gain_db: 0.8, phase: 6.0, position: 0.0, seed: 3 };
@@ -246,10 +251,7 @@ fn gains_and_phases_have_the_asked_spread_and_streams_of_their_own() {
         assert!((a.norm() / b.norm() - 1.0).abs() < 1e-5);
     }
     for bad in [-1.0, f64::NAN, f64::INFINITY] {
-        let options = SimulateOptions {
-            errors: Some(ArrayErrors { phase: bad, ..errors }),
-            ..SimulateOptions::default()
-        };
-        assert!(simulate(&reflectors, &sweep, &array, &options, &Silent).is_err());
+        let options = SimulateOptions::default().with_errors(ArrayErrors { phase: bad, ..errors });
+        assert!(simulate(&reflectors, &instrument, &options, &Silent).is_err());
     }
 }

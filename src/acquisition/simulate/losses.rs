@@ -7,7 +7,7 @@
 //! with d₁ and θ₁ from the speaker and d₂ and θ₂ from the microphone to the reflector, angles against +z, radii a.
 
 use super::SimulateOptions;
-use crate::acquisition::Sweep;
+use crate::acquisition::Instrument;
 use crate::wave::air::{Air, DB_PER_NEPER};
 use crate::wave::piston::piston;
 use crate::wave::{Geometry, spreading};
@@ -56,7 +56,8 @@ impl Losses {
 
 impl SimulateOptions {
     /// What is simulated beyond Eq. 5, in words, one line each; nothing for Eq. 5 as printed.
-    pub(crate) fn physics(&self, sweep: &Sweep) -> Vec<String> {
+    pub(crate) fn physics(&self, instrument: &Instrument) -> Vec<String> {
+        let sweep = &instrument.sweep;
         let mut lines = Vec::new();
         if self.losses.spreading {
             lines.push("spherical spreading, (1 m)² / (d1 d2)".to_owned());
@@ -77,7 +78,7 @@ impl SimulateOptions {
             ("microphones are", self.losses.microphone_radius),
         ] {
             if radius > 0.0 {
-                let size = wave_number(sweep.centre(), self.sound_speed) * radius;
+                let size = wave_number(sweep.centre(), instrument.sound_speed) * radius;
                 lines.push(format!(
                     "{name} a piston of radius {:.1} mm, ka = {size:.2} at mid-band",
                     radius * 1e3
@@ -113,14 +114,14 @@ pub(super) fn sine(leg: DVec3) -> f64 {
 }
 
 impl Legs {
-    pub(super) fn new(p: DVec3, r: DVec3, options: &SimulateOptions) -> Self {
+    pub(super) fn new(p: DVec3, r: DVec3, geometry: &Geometry, options: &SimulateOptions) -> Self {
         let back = p - r;
-        let out = match options.geometry {
+        let out = match *geometry {
             Geometry::FixedSource { source } => p - source,
             Geometry::Monostatic => back,
         };
         let spreading = if options.losses.spreading { spreading(out.length(), back.length()) } else { 1.0 };
-        Self { spreading, sines: [sine(out), sine(back)], path: options.path_length(p, r) }
+        Self { spreading, sines: [sine(out), sine(back)], path: options.model.path_length(geometry, p, r) }
     }
 
     /// The whole factor at a frequency of absorption α and wave number 2πf/c.

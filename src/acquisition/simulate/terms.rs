@@ -11,7 +11,7 @@
 
 use super::losses::{sine, wave_number};
 use super::{Losses, SimulateOptions};
-use crate::acquisition::{MicArray, Sweep};
+use crate::acquisition::{Instrument, MicArray};
 use crate::reflectors::Reflectors;
 use crate::wave::interval::chebyshev_point;
 use crate::wave::series::Series;
@@ -44,7 +44,7 @@ pub(super) struct Terms {
 }
 
 /// The greatest sines that a scene and an array come to, at speaker and microphones: bounds.
-fn greatest_sines(reflectors: &Reflectors, array: &MicArray, options: &SimulateOptions) -> [f64; 2] {
+fn greatest_sines(reflectors: &Reflectors, array: &MicArray, geometry: &Geometry) -> [f64; 2] {
     let (low, high) = array.bounds();
     let back = reflectors.positions().iter().map(|&p| {
         let far = (p - low).abs().max((p - high).abs());
@@ -52,7 +52,7 @@ fn greatest_sines(reflectors: &Reflectors, array: &MicArray, options: &SimulateO
         sine(DVec3::new(far.x, far.y, near))
     });
     let back = back.fold(0.0, f64::max);
-    match options.geometry {
+    match *geometry {
         Geometry::FixedSource { source } => {
             let out = reflectors.positions().iter().map(|&p| sine(p - source)).fold(0.0, f64::max);
             [out, back]
@@ -81,20 +81,16 @@ pub(super) struct Count {
 }
 
 impl Spread {
-    pub(super) fn new(
-        reflectors: &Reflectors,
-        sweep: &Sweep,
-        array: &MicArray,
-        options: &SimulateOptions,
-    ) -> Self {
+    pub(super) fn new(reflectors: &Reflectors, instrument: &Instrument, options: &SimulateOptions) -> Self {
+        let Instrument { sweep, array, geometry, sound_speed, .. } = instrument;
         let losses = options.losses;
         let directed = losses.speaker_radius > 0.0 || losses.microphone_radius > 0.0;
         Self {
             losses,
-            sines: if directed { greatest_sines(reflectors, array, options) } else { [0.0; 2] },
+            sines: if directed { greatest_sines(reflectors, array, geometry) } else { [0.0; 2] },
             band: [sweep.start(), sweep.stop()],
-            sound_speed: options.sound_speed,
-            monostatic: options.geometry == Geometry::Monostatic,
+            sound_speed: *sound_speed,
+            monostatic: *geometry == Geometry::Monostatic,
         }
     }
 
@@ -175,13 +171,14 @@ impl Terms {
         spread: &Spread,
         half: f64,
         reflectors: &Reflectors,
-        sweep: &Sweep,
+        instrument: &Instrument,
         options: &SimulateOptions,
     ) -> Option<Self> {
+        let sweep = &instrument.sweep;
         let losses = options.losses;
         let shares = sweep.frequencies().iter().flat_map(|&f| lagrange(&count.nodes, f));
-        let k = |f: f64| wave_number(f, options.sound_speed);
-        let own = match options.geometry {
+        let k = |f: f64| wave_number(f, instrument.sound_speed);
+        let own = match instrument.geometry {
             Geometry::FixedSource { source } if losses.speaker_radius > 0.0 => Some(source),
             _ => None,
         };
@@ -239,7 +236,7 @@ impl Terms {
 }
 
 /// `1 m / d₁`, which does not depend on the microphone; 1 for a monostatic scan or without spreading.
-pub(super) fn outward_spreading(outward: f64, options: &SimulateOptions) -> f64 {
-    let fixed = options.geometry != Geometry::Monostatic;
+pub(super) fn outward_spreading(outward: f64, geometry: &Geometry, options: &SimulateOptions) -> f64 {
+    let fixed = *geometry != Geometry::Monostatic;
     if options.losses.spreading && fixed { 1.0 / outward.max(NEAREST_LEG) } else { 1.0 }
 }

@@ -1,11 +1,12 @@
 //! Fast against literal, and literal against Eq. 5 as it is printed.
 
 use super::*;
+use crate::acquisition::{MicArray, Sweep};
 use crate::progress::Silent;
 use crate::wave::phasor;
 use glam::DVec3;
 
-fn scene() -> (Reflectors, MicArray) {
+fn scene(sweep: Sweep) -> (Reflectors, Instrument) {
     let positions = (0..37)
         .map(|i| {
             let t = |k: f64| (f64::from(i) * k).fract() - 0.5;
@@ -14,32 +15,34 @@ fn scene() -> (Reflectors, MicArray) {
         .collect::<Vec<_>>();
     let amplitudes = (0..37).map(|i| phasor(f64::from(i) * 0.37) * (1.0 + i as f32 / 37.0)).collect();
     let reflectors = Reflectors::new(positions, amplitudes).expect("finite");
-    let array = MicArray::rectangular("array", [4, 3], [0.05, 0.04], DVec3::new(0.1, 0.0, 0.0)).expect("ok");
-    (reflectors, array)
+    let array = MicArray::rectangular([4, 3], [0.05, 0.04], DVec3::new(0.1, 0.0, 0.0)).expect("ok");
+    (reflectors, Instrument::new(sweep, array))
 }
 
 /// Eq. 5 as it is printed, in f64.
-fn literal(reflectors: &Reflectors, r: DVec3, f: f64, options: &SimulateOptions) -> Complex32 {
+fn literal(reflectors: &Reflectors, r: DVec3, f: f64, instrument: &Instrument) -> Complex32 {
     reflectors
         .positions()
         .iter()
         .zip(reflectors.amplitudes())
-        .map(|(&p, a)| a * phasor(f * options.geometry.path_length(p, r) / options.sound_speed))
+        .map(|(&p, a)| a * phasor(f * instrument.geometry.path_length(p, r) / instrument.sound_speed))
         .sum()
 }
 
 #[test]
 fn the_cube_is_the_literal_sum_for_even_and_uneven_sweeps() {
-    let (reflectors, array) = scene();
-    let even = Sweep::stepped("sweep", 10_000.0, 20_000.0, 100.0).expect("ok");
-    let uneven = Sweep::from_frequencies("f", vec![9_000.0, 9_500.5, 12_000.0, 20_100.25]).expect("ok");
+    let even = Sweep::stepped(10_000.0, 20_000.0, 100.0).expect("ok");
+    let uneven = Sweep::from_frequencies(vec![9_000.0, 9_500.5, 12_000.0, 20_100.25]).expect("ok");
     for geometry in [Geometry::ORIGIN, Geometry::Monostatic] {
         for sweep in [&even, &uneven] {
-            let options = SimulateOptions { geometry, ..SimulateOptions::default() };
-            let cube = simulate(&reflectors, sweep, &array, &options, &Silent).expect("small");
+            let (reflectors, instrument) = scene(sweep.clone());
+            let instrument = instrument.with_geometry(geometry);
+            let options = SimulateOptions::default();
+            let cube = simulate(&reflectors, &instrument, &options, &Silent).expect("small");
+            let array = &instrument.array;
             for (f, frequency) in sweep.frequencies().iter().enumerate() {
                 for (mic, &r) in array.positions().iter().enumerate() {
-                    let exact = literal(&reflectors, r, *frequency, &options);
+                    let exact = literal(&reflectors, r, *frequency, &instrument);
                     let error = (cube.samples[f * array.len() + mic] - exact).norm();
                     assert!(error < 2e-4, "{f} {mic}: {error}");
                 }
@@ -50,11 +53,12 @@ fn the_cube_is_the_literal_sum_for_even_and_uneven_sweeps() {
 
 #[test]
 fn in_phase_is_the_real_part_of_quadrature() {
-    let (reflectors, array) = scene();
-    let sweep = Sweep::stepped("sweep", 10_000.0, 11_000.0, 100.0).expect("ok");
-    let quadrature = simulate(&reflectors, &sweep, &array, &SimulateOptions::default(), &Silent).expect("ok");
-    let options = SimulateOptions { detection: Detection::InPhase, ..SimulateOptions::default() };
-    let in_phase = simulate(&reflectors, &sweep, &array, &options, &Silent).expect("ok");
+    let (reflectors, instrument) = scene(Sweep::stepped(10_000.0, 11_000.0, 100.0).expect("ok"));
+    let run = |detection| {
+        let instrument = instrument.clone().with_detection(detection);
+        simulate(&reflectors, &instrument, &SimulateOptions::default(), &Silent).expect("ok")
+    };
+    let (quadrature, in_phase) = (run(Detection::Quadrature), run(Detection::InPhase));
     for (q, i) in quadrature.samples.iter().zip(&in_phase.samples) {
         assert_eq!((q.re, 0.0), (i.re, i.im));
     }
@@ -62,12 +66,12 @@ fn in_phase_is_the_real_part_of_quadrature() {
 
 #[test]
 fn noise_has_the_asked_power_and_follows_its_seed() {
-    let (reflectors, array) = scene();
-    let sweep = Sweep::stepped("sweep", 10_000.0, 20_000.0, 10.0).expect("ok");
+    let (reflectors, instrument) = scene(Sweep::stepped(10_000.0, 20_000.0, 10.0).expect("ok"));
     for detection in [Detection::Quadrature, Detection::InPhase] {
+        let instrument = instrument.clone().with_detection(detection);
         let run = |noise| {
-            let options = SimulateOptions { detection, noise, ..SimulateOptions::default() };
-            simulate(&reflectors, &sweep, &array, &options, &Silent).expect("ok").samples
+            let options = SimulateOptions { noise, ..SimulateOptions::default() };
+            simulate(&reflectors, &instrument, &options, &Silent).expect("ok").samples
         };
         let (clean, noisy) = (run(None), run(Some(Noise { snr_db: 6.0, seed: 4 })));
         let power = |m: &mut dyn Iterator<Item = Complex32>| m.map(|m| f64::from(m.norm_sqr())).sum::<f64>();
@@ -81,13 +85,11 @@ fn noise_has_the_asked_power_and_follows_its_seed() {
 
 #[test]
 fn threads_do_not_change_the_bytes() {
-    let (reflectors, array) = scene();
-    let sweep = Sweep::stepped("sweep", 10_000.0, 20_000.0, 50.0).expect("ok");
-    let options =
-        SimulateOptions { noise: Some(Noise { snr_db: 0.0, seed: 1 }), ..SimulateOptions::default() };
+    let (reflectors, instrument) = scene(Sweep::stepped(10_000.0, 20_000.0, 50.0).expect("ok"));
+    let options = SimulateOptions::default().with_noise(Noise { snr_db: 0.0, seed: 1 });
     let run = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
-        pool.install(|| simulate(&reflectors, &sweep, &array, &options, &Silent).expect("ok").samples)
+        pool.install(|| simulate(&reflectors, &instrument, &options, &Silent).expect("ok").samples)
     };
     assert_eq!(run(1), run(7));
 }

@@ -184,14 +184,14 @@ mod tests {
     use std::f64::consts::TAU;
 
     fn sweeps() -> [Sweep; 3] {
-        let even = Sweep::stepped("sweep", 10_000.0, 20_000.0, 10.0).expect("ok");
+        let even = Sweep::stepped(10_000.0, 20_000.0, 10.0).expect("ok");
         let uneven: Vec<f64> =
             (0..500).map(|n| 18_000.0 + 4.0 * f64::from(n) + f64::from(n % 7) / 3.0).collect();
         let gaps = vec![5_000.0, 5_100.0, 5_900.0, 7_000.0, 7_001.0];
         [
             even,
-            Sweep::from_frequencies("f", uneven).expect("ascending"),
-            Sweep::from_frequencies("f", gaps).expect("ascending"),
+            Sweep::from_frequencies(uneven).expect("ascending"),
+            Sweep::from_frequencies(gaps).expect("ascending"),
         ]
     }
 
@@ -248,7 +248,7 @@ mod tests {
 
     #[test]
     fn a_single_frequency_has_none() {
-        let sweep = Sweep::from_frequencies("f", vec![1000.0]).expect("one");
+        let sweep = Sweep::from_frequencies(vec![1000.0]).expect("one");
         assert!(VirtualTones::find(&sweep, RUNGS[0], 1e-3).is_none());
     }
 }

@@ -103,7 +103,7 @@ fn ghosts(case: &Case, turn: f64) -> Result<Vec<Ghost>> {
     let volume = reconstruct(&cube, &grid, &options, &Silent)?.volume;
     let (image, peak) = (amplitudes(&volume.samples), f64::from(volume.peak()));
     let (range, smear) =
-        (CROSSING.length(), (case.microphones - 1) as f64 * case.bandwidth / cube.sweep.centre());
+        (CROSSING.length(), (case.microphones - 1) as f64 * case.bandwidth / cube.instrument.sweep.centre());
     let mut found = Vec::new();
     for order in (1..=ORDERS).flat_map(|k| [k, -k]) {
         let predicted_x = CROSSING.x - range * turn * f64::from(order);

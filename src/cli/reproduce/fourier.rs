@@ -5,7 +5,7 @@
 //! scales the angle with each f (`k = f·p̂₂/c`): Eq. 9 drops that factor, and so the last row of Table I is blurred.
 
 use super::scene::grid;
-use crate::acquisition::DataCube;
+use crate::acquisition::{DataCube, Instrument};
 use num_complex::Complex64;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -20,15 +20,15 @@ fn roots(n: usize) -> Vec<Complex64> {
 ///
 /// Only the bins that pixels ask for are worked out, each as it is written; so the lengths need no small factors.
 pub(super) fn image(cube: &DataCube) -> Vec<f32> {
-    let (n_f, n_r) = (cube.sweep.len(), cube.array.len());
-    let (c, centre) = (cube.sound_speed, cube.sweep.centre());
-    let step = cube.sweep.step().unwrap_or(0.0);
-    let pitch = cube.array.lattice().map_or(0.0, |lattice| lattice.x.pitch);
+    let Instrument { sweep, array, geometry, sound_speed: c, .. } = &cube.instrument;
+    let (n_f, n_r, centre) = (sweep.len(), array.len(), sweep.centre());
+    let step = sweep.step().unwrap_or(0.0);
+    let pitch = array.lattice().map_or(0.0, |lattice| lattice.x.pitch);
     let grid = grid();
     let bins: Vec<[usize; 2]> = (0..grid.z.count * grid.x.count)
         .map(|pixel| {
             let p = grid.position(pixel % grid.x.count, 0, pixel / grid.x.count);
-            let far = cube.geometry.far_direction(p).x;
+            let far = geometry.far_direction(p).x;
             let k = (n_r as f64 * pitch * centre * far / c).round() as isize;
             let n = (2.0 * p.length() * n_f as f64 * step / c).round() as usize;
             [n % n_f, k.rem_euclid(n_r as isize) as usize]

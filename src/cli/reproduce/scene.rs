@@ -5,7 +5,9 @@
 //! microphones.
 
 use super::Case;
-use crate::acquisition::{DataCube, Detection, MicArray, PropagationModel, SimulateOptions, Sweep, simulate};
+use crate::acquisition::{
+    DataCube, Detection, Instrument, MicArray, PropagationModel, SimulateOptions, Sweep, simulate,
+};
 use crate::error::Result;
 use crate::grid::{Axis, Grid};
 use crate::progress::Silent;
@@ -81,13 +83,9 @@ pub(super) fn cube(case: &Case, model: PropagationModel) -> Result<DataCube> {
 
 /// The recording of any reflectors.
 pub(super) fn cube_of(reflectors: &Reflectors, case: &Case, model: PropagationModel) -> Result<DataCube> {
-    let sweep = Sweep::stepped("sweep", HIGHEST - case.bandwidth, HIGHEST, STEP)?;
-    let array = MicArray::rectangular("array", [case.microphones, 1], [pitch(case); 2], DVec3::ZERO)?;
-    let options = SimulateOptions {
-        detection: Detection::InPhase,
-        model,
-        tolerance: 0.0,
-        ..SimulateOptions::default()
-    };
-    simulate(reflectors, &sweep, &array, &options, &Silent)
+    let sweep = Sweep::stepped(HIGHEST - case.bandwidth, HIGHEST, STEP)?;
+    let array = MicArray::rectangular([case.microphones, 1], [pitch(case); 2], DVec3::ZERO)?;
+    let instrument = Instrument::new(sweep, array).with_detection(Detection::InPhase);
+    let options = SimulateOptions::default().with_model(model).with_tolerance(0.0);
+    simulate(reflectors, &instrument, &options, &Silent)
 }

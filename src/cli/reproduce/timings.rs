@@ -6,7 +6,7 @@
 
 use super::CASES;
 use super::scene::{PIXELS, cube};
-use crate::acquisition::{DataCube, PropagationModel::Exact};
+use crate::acquisition::{DataCube, Instrument, PropagationModel::Exact};
 use crate::error::{Error, Result};
 use crate::grid::{Axis, Grid};
 use crate::progress::{Observer, Silent, advance, stage};
@@ -59,7 +59,7 @@ const REPEATS: usize = 3;
 
 /// The paper's pixels with columns on the microphones' lattice, some of their rows.
 fn lattice_grid(cube: &DataCube, rows: std::ops::Range<usize>) -> Grid {
-    let pitch = cube.array.lattice().map_or(1.0, |lattice| lattice.x.pitch);
+    let pitch = cube.instrument.array.lattice().map_or(1.0, |lattice| lattice.x.pitch);
     Grid {
         x: Axis { first: 0.0, pitch, count: PIXELS },
         y: Axis { first: 0.0, pitch: 1.0, count: 1 },
@@ -117,7 +117,7 @@ fn all(observer: &dyn Observer) -> Result<Timings> {
     }
     let ratio = |a: usize, b: usize| methods[a].seconds / methods[b].seconds;
     Ok(Timings {
-        terms: (cube.sweep.len() * cube.array.len() * PIXELS * PIXELS) as u64,
+        terms: (cube.instrument.sweep.len() * cube.instrument.array.len() * PIXELS * PIXELS) as u64,
         gain: ratio(0, 2),
         gain_over_recurrence: ratio(1, 2),
         gain_of_skeletons: ratio(1, 3),
@@ -128,15 +128,16 @@ fn all(observer: &dyn Observer) -> Result<Timings> {
 
 /// Eq. 13 as it is written, a sine and a cosine for every pixel, microphone and frequency, in f64.
 fn sine_and_cosine(cube: &DataCube, grid: &Grid) -> Vec<Complex64> {
-    let n_mic = cube.array.len();
-    let scale = cube.detection.weight() / (n_mic * cube.sweep.len()) as f64;
+    let Instrument { sweep, array, geometry, detection, sound_speed } = &cube.instrument;
+    let n_mic = array.len();
+    let scale = detection.weight() / (n_mic * sweep.len()) as f64;
     (0..grid.z.count * grid.x.count)
         .map(|pixel| {
             let p = grid.position(pixel % grid.x.count, 0, pixel / grid.x.count);
             let mut sum = Complex64::ZERO;
-            for (j, r) in cube.array.positions().iter().enumerate() {
-                let turns = TAU * cube.geometry.path_length(p, *r) / cube.sound_speed;
-                for (q, f) in cube.sweep.frequencies().iter().enumerate() {
+            for (j, r) in array.positions().iter().enumerate() {
+                let turns = TAU * geometry.path_length(p, *r) / sound_speed;
+                for (q, f) in sweep.frequencies().iter().enumerate() {
                     let (sin, cos) = (turns * f).sin_cos();
                     let m = f64::from(cube.samples[q * n_mic + j].re);
                     sum += Complex64::new(m * cos, -m * sin);

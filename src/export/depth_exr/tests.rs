@@ -59,7 +59,7 @@ fn assert_same(a: &DepthMap, b: &DepthMap) {
 fn a_perspective_map_comes_back_as_one_and_says_its_window() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("depth.exr");
-    let camera = Raster::camera("test", 60.0, [3, 2]).unwrap();
+    let camera = Raster::camera(60.0, [3, 2]).unwrap();
     let map = DepthMap { view: camera.view, x: camera.x, y: camera.y, ..map() };
     write_depth_map(&path, &map, Fill::default(), &[], Encoding::default()).unwrap();
     let file = read_depth_map(&path, LIMIT).unwrap();

@@ -3,18 +3,16 @@
 #![allow(clippy::unwrap_used)]
 
 use super::*;
-use crate::acquisition::{Detection, MicArray, Sweep};
-use crate::wave::Geometry;
+use crate::acquisition::{MicArray, Sweep};
 use glam::DVec3;
 
 fn beam(array: &MicArray, [start, stop]: [f64; 2], window: Window) -> Beam {
-    let sweep = Sweep::stepped("sweep", start, stop, 50.0).unwrap();
-    let (geometry, detection, sound_speed) = (Geometry::ORIGIN, Detection::Quadrature, 343.0);
-    Beam::new(&Setup { sweep: &sweep, array, geometry, detection, sound_speed }, window)
+    let sweep = Sweep::stepped(start, stop, 50.0).unwrap();
+    Beam::new(&Instrument::new(sweep, array.clone()), window)
 }
 
 fn square(count: usize, extent: f64) -> MicArray {
-    MicArray::rectangular("a", [count; 2], [extent / (count - 1) as f64; 2], DVec3::ZERO).unwrap()
+    MicArray::rectangular([count; 2], [extent / (count - 1) as f64; 2], DVec3::ZERO).unwrap()
 }
 
 /// The sum of the module's head over every tone and microphone, at many τ.
@@ -35,7 +33,7 @@ fn literal(array: &MicArray, offset: DVec2) -> f64 {
 
 #[test]
 fn strength_is_the_greatest_sum_over_ranges() {
-    for array in [square(4, 0.3), MicArray::spiral("a", 17, [0.4, 0.3], DVec3::ZERO).unwrap()] {
+    for array in [square(4, 0.3), MicArray::spiral(17, [0.4, 0.3], DVec3::ZERO).unwrap()] {
         let beam = beam(&array, [1e4, 2e4], Window::None);
         assert!((beam.strength(DVec2::ZERO) - 1.0).abs() < 1e-6);
         for offset in [DVec2::new(0.2, 0.0), DVec2::new(0.0, -0.35), DVec2::new(0.3, 0.4)] {
@@ -66,7 +64,7 @@ fn a_lattice_has_ghosts_where_and_as_strong_as_the_rule_says() {
 /// Scattered microphones: no ghosts, and a mean power of 1/N.
 #[test]
 fn scattered_microphones_have_a_floor_instead_of_ghosts() {
-    let array = MicArray::random("a", 256, [1.0, 1.0], DVec3::ZERO, Some(0.0), 3).unwrap();
+    let array = MicArray::random(256, [1.0, 1.0], DVec3::ZERO, Some(0.0), 3).unwrap();
     let beam = beam(&array, [1.8e4, 2e4], Window::None);
     let sidelobes = beam.sidelobes([0.6; 2]);
     assert!(sidelobes.ghosts.is_empty());
@@ -78,7 +76,7 @@ fn scattered_microphones_have_a_floor_instead_of_ghosts() {
 #[test]
 fn one_microphone_and_one_tone_are_no_trouble() {
     let one =
-        beam(&MicArray::rectangular("a", [1, 1], [0.1; 2], DVec3::ZERO).unwrap(), [1e4, 1e4], Window::Taylor);
+        beam(&MicArray::rectangular([1, 1], [0.1; 2], DVec3::ZERO).unwrap(), [1e4, 1e4], Window::Taylor);
     let sidelobes = one.sidelobes([1.0; 2]);
     assert_eq!((sidelobes.peak_db, sidelobes.ghosts.len()), (None, 0));
 }

@@ -1,7 +1,7 @@
 //! Back-projection by tiles against the literal sum.
 
 use super::*;
-use crate::acquisition::{DataCube, MicArray, Sweep};
+use crate::acquisition::{DataCube, Instrument, MicArray, Sweep};
 use crate::grid::{Axis, Volume};
 use crate::progress::Silent;
 use crate::reconstruct::volume::Batch;
@@ -28,9 +28,9 @@ fn echo(count: usize, even: bool, geometry: Geometry, point: DVec3) -> DataCube 
     let frequencies: Vec<f64> = (1..40).map(|n| 8_000.0 + 200.0 * (f64::from(n) + uneven(n))).collect();
     let sample = |f: &f64, r: &DVec3| phasor(f / 343.0 * geometry.path_length(point, *r));
     let samples = frequencies.iter().flat_map(|f| positions.iter().map(move |r| sample(f, r))).collect();
-    let array = MicArray::from_positions("array", &[count], positions.clone()).expect("valid");
-    let sweep = Sweep::from_frequencies("f", frequencies.clone()).expect("valid");
-    DataCube { geometry, ..DataCube::new(sweep, array, samples).expect("finite") }
+    let array = MicArray::from_positions(positions.clone()).expect("valid");
+    let sweep = Sweep::from_frequencies(frequencies.clone()).expect("valid");
+    DataCube::new(Instrument::new(sweep, array).with_geometry(geometry), samples).expect("finite")
 }
 
 fn grids() -> [Grid; 4] {
@@ -44,9 +44,9 @@ fn grids() -> [Grid; 4] {
 }
 
 fn lattice(cube: &DataCube, grid: &Grid, tolerance: f64) -> Option<Lattice> {
-    let band = Division::new(&cube.setup(), grid, ErrorBudget::new(tolerance)).band;
+    let band = Division::new(&cube.instrument, grid, ErrorBudget::new(tolerance)).band;
     let band = Band { tolerance: factorised::usual_budget(ErrorBudget::new(tolerance)).series(), ..band };
-    Lattice::find(&cube.setup(), grid, &band, ErrorBudget::new(tolerance))
+    Lattice::find(&cube.instrument, grid, &band, ErrorBudget::new(tolerance))
 }
 
 fn tiled(
@@ -56,11 +56,11 @@ fn tiled(
     tolerance: f64,
     sink: &mut dyn VolumeSink,
 ) -> ReconstructionInfo {
-    let setup = cube.setup();
-    let weights = Weights::new(&setup, Window::Hann);
+    let setup = &cube.instrument;
+    let weights = Weights::new(setup, Window::Hann);
     let budget = ErrorBudget::new(tolerance);
-    let band = Division::new(&setup, grid, budget).band;
-    let tiled = Tiled::new(lattice, &setup, grid, band).expect("little").expect("every node has a place");
+    let band = Division::new(setup, grid, budget).band;
+    let tiled = Tiled::new(lattice, setup, grid, band).expect("little").expect("every node has a place");
     let (source, weights, batch) = (&mut &*cube, &weights, Batch::of_threads(2));
     tiled.image(Job { source, weights, grid, budget, batch, sink, observer: &Silent }).expect("little")
 }
@@ -132,10 +132,10 @@ fn resumed_depths_are_bit_identical() {
 
 #[test]
 fn coarse_voxels_and_those_beside_microphones_have_no_tiles() {
-    let array = MicArray::rectangular("array", [8, 8], [0.03; 2], DVec3::ZERO).expect("valid");
-    let sweep = Sweep::stepped("f", 8_000.0, 16_000.0, 100.0).expect("valid");
+    let array = MicArray::rectangular([8, 8], [0.03; 2], DVec3::ZERO).expect("valid");
+    let sweep = Sweep::stepped(8_000.0, 16_000.0, 100.0).expect("valid");
     let samples = vec![Complex32::ONE; sweep.len() * array.len()];
-    let cube = DataCube::new(sweep, array, samples).expect("finite");
+    let cube = DataCube::new(Instrument::new(sweep, array), samples).expect("finite");
     let found = |pitch: f64, z: f64| {
         let grid = Grid { x: axis(-0.2, pitch, 64), y: axis(-0.2, pitch, 64), z: axis(z, 0.01, 4) };
         lattice(&cube, &grid, 1e-4).is_some()

@@ -237,7 +237,7 @@ mod tests {
 
     fn even(count: usize) -> Sweep {
         let f = |n: usize| 10_000.0 + 10_000.0 * n as f64 / (count - 1) as f64;
-        Sweep::from_frequencies("f", (0..count).map(f).collect()).expect("ascending")
+        Sweep::from_frequencies((0..count).map(f).collect()).expect("ascending")
     }
 
     fn uneven(count: usize) -> Sweep {
@@ -245,7 +245,7 @@ mod tests {
         f.iter_mut().enumerate().for_each(|(n, f)| *f += 3.0 * (n as f64 * 0.618_034).fract());
         // And one far from the others.
         f.push(23_456.0);
-        Sweep::from_frequencies("f", f).expect("ascending")
+        Sweep::from_frequencies(f).expect("ascending")
     }
 
     /// W as the product carries it out, `[virtual, measured]`: what becomes of one microphone for each tone, which hears
@@ -313,7 +313,7 @@ mod tests {
 
     #[test]
     fn where_virtual_tones_are_no_fewer_the_measured_ones_stay() {
-        for sweep in [even(60), Sweep::from_frequencies("f", vec![12_345.0]).expect("one")] {
+        for sweep in [even(60), Sweep::from_frequencies(vec![12_345.0]).expect("one")] {
             let found = VirtualTones::find(&sweep, interval(9e-3), 1e-4);
             assert_eq!(found.frequencies(), sweep.frequencies());
             assert_eq!((found.error, found.growth), (0.0, 1.0));

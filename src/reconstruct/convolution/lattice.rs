@@ -4,7 +4,7 @@
 //! whole. Then voxels split into u and nodes into v interleaved sublattices of one common pitch, and `p − r` depends on
 //! the difference of indices alone between any two of them. Microphones that fit no such lattice are spread onto one.
 
-use crate::acquisition::{MicArray, Setup};
+use crate::acquisition::{Instrument, MicArray};
 use crate::alloc::try_zeroed;
 use crate::grid::{Axis, Grid};
 use crate::reconstruct::error_budget::ErrorBudget;
@@ -67,7 +67,7 @@ impl SharedLattice {
     ///
     /// # Errors
     /// In words: why there is none, and what would mend it.
-    pub(crate) fn find(setup: &Setup, grid: &Grid, budget: ErrorBudget) -> Result<Vec<Self>, String> {
+    pub(crate) fn find(setup: &Instrument, grid: &Grid, budget: ErrorBudget) -> Result<Vec<Self>, String> {
         let mut near = NEAR.map(|waves| within(waves * shortest(setup), setup, grid)).to_vec();
         near.dedup();
         let mut found = Vec::new();
@@ -84,7 +84,7 @@ impl SharedLattice {
     }
 
     /// The lattice that serves all depths but those `near`, each axis to within `tolerance`.
-    fn with(setup: &Setup, grid: &Grid, tolerance: f64, near: Range<usize>) -> Result<Self, String> {
+    fn with(setup: &Instrument, grid: &Grid, tolerance: f64, near: Range<usize>) -> Result<Self, String> {
         let (low, high) = setup.array.bounds();
         let shortest = shortest(setup);
         if high.z - low.z > 1e-6 * shortest {
@@ -220,12 +220,12 @@ impl Spreading<'_> {
 }
 
 /// The shortest wave, as short again for a scan, m.
-fn shortest(setup: &Setup) -> f64 {
+fn shortest(setup: &Instrument) -> f64 {
     setup.sound_speed / setup.sweep.stop() / setup.geometry.return_legs()
 }
 
 /// Depths nearer to the microphones' plane than `distance` m.
-fn within(distance: f64, setup: &Setup, grid: &Grid) -> Range<usize> {
+fn within(distance: f64, setup: &Instrument, grid: &Grid) -> Range<usize> {
     let (low, _) = setup.array.bounds();
     let near = |iz: &usize| (grid.z.position(*iz) - low.z).abs() < distance;
     let first = (0..grid.z.count).find(near).unwrap_or(0);

@@ -264,7 +264,7 @@ fn interleave(lanes: &[Lanes], numbers: &mut [Complex32]) {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
-    use crate::acquisition::{Detection, MicArray, Setup, Sweep};
+    use crate::acquisition::{Instrument, MicArray, Sweep};
     use crate::grid::Grid;
     use crate::progress::Silent;
     use crate::reconstruct::convolution::lattice::SharedLattice;
@@ -281,13 +281,12 @@ mod tests {
 
     /// The literal image and the fast one of five tones of noise, every depth of the grid.
     fn both(array: &MicArray, grid: Grid, geometry: Geometry) -> [Vec<Complex32>; 2] {
-        let sweep = Sweep::stepped("sweep", 10_000.0, 18_000.0, 2_000.0).unwrap();
-        let (detection, sound_speed) = (Detection::Quadrature, 343.0);
-        let setup = Setup { sweep: &sweep, array, geometry, detection, sound_speed };
+        let sweep = Sweep::stepped(10_000.0, 18_000.0, 2_000.0).unwrap();
+        let setup = Instrument::new(sweep.clone(), array.clone()).with_geometry(geometry);
         let lattice = SharedLattice::find(&setup, &grid, ErrorBudget::new(0.0)).unwrap().remove(0);
         let layout = Layout::new(lattice, grid, geometry);
         let tones = Tones {
-            per_metre: sweep.frequencies().iter().map(|f| -f / sound_speed).collect(),
+            per_metre: sweep.frequencies().iter().map(|f| -f / setup.sound_speed).collect(),
             samples: noise(sweep.len() * layout.lattice.width(), 3.0),
         };
         let batch = Batch::of_threads(2);
@@ -310,7 +309,7 @@ mod tests {
             let count = [whole(0, 12), if n % 5 == 0 { 1 } else { whole(1, 9) }];
             let voxels = [whole(2, 14), if n % 5 == 0 { 1 } else { whole(3, 11) }];
             let pitch = [0.011, 0.017];
-            let array = MicArray::rectangular("array", count, pitch, DVec3::new(0.02, 0.0, 0.01)).unwrap();
+            let array = MicArray::rectangular(count, pitch, DVec3::new(0.02, 0.0, 0.01)).unwrap();
             let factor = [1.0, 0.5, 2.0, 1.0 / 3.0][n % 4];
             let (low, _) = array.bounds();
             let axis = |axis: usize, aside: f64| Axis {

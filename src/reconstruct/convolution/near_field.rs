@@ -3,7 +3,7 @@
 //! Within half a wave of the array a kernel bends too sharply for nodes between the microphones. Such depths are few, and
 //! compressed to tones they cost a tenth of the direct sum.
 
-use crate::acquisition::Setup;
+use crate::acquisition::Instrument;
 use crate::error::Result;
 use crate::grid::Grid;
 use crate::progress::{Observer, advance};
@@ -16,7 +16,7 @@ use std::ops::Range;
 
 /// Depths that are summed without nodes.
 pub(crate) struct NearField<'a> {
-    setup: Setup<'a>,
+    setup: &'a Instrument,
     grid: Grid,
     /// By slab of depths, sums over its tones.
     slabs: Vec<(Range<usize>, Sums<'static>)>,
@@ -28,7 +28,7 @@ impl<'a> NearField<'a> {
     /// # Errors
     /// The tones of their slabs do not fit in memory.
     pub(crate) fn new(
-        setup: &Setup<'a>,
+        setup: &'a Instrument,
         grid: &Grid,
         depths: &Range<usize>,
         compressed: &VolumeTones,
@@ -41,7 +41,7 @@ impl<'a> NearField<'a> {
             (!planes.is_empty()).then(|| Ok((planes, sums(slab.of(compressed, n_mic)?))))
         };
         let slabs: Vec<_> = slabs.iter().filter_map(of_slab).collect::<Result<_>>()?;
-        Ok((!slabs.is_empty()).then(|| Self { setup: *setup, grid: *grid, slabs }))
+        Ok((!slabs.is_empty()).then(|| Self { setup, grid: *grid, slabs }))
     }
 
     /// Sums the voxels of depth `iz`, `[y, x]`, if it is one of them; whether it is.
@@ -60,7 +60,7 @@ impl<'a> NearField<'a> {
             || lengths(self.setup.array.len()),
             |lengths, (chunk, voxels)| {
                 let first = first + chunk * TOGETHER;
-                image(&self.setup, Geometry::path_length, &self.grid, sums, first, voxels, lengths);
+                image(self.setup, Geometry::path_length, &self.grid, sums, first, voxels, lengths);
                 advance(observer, 0)
             },
         )?;
@@ -81,7 +81,7 @@ pub(crate) struct Cost {
 impl Cost {
     /// By a fixed model, for slabs of so many depths; nothing without such depths.
     pub(crate) fn new(
-        setup: &Setup,
+        setup: &Instrument,
         grid: &Grid,
         depths: &Range<usize>,
         thickness: usize,

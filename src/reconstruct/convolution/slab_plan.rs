@@ -3,7 +3,7 @@
 //! Both by a fixed model of what decompositions and transforms cost, so that the same job always takes the same path.
 
 use super::layout::Layout;
-use crate::acquisition::Setup;
+use crate::acquisition::Instrument;
 use crate::reconstruct::compress::{candidates_for, finders, slabs_of, tones_for};
 use crate::reconstruct::volume::Batch;
 use crate::wave::interval::PathInterval;
@@ -82,7 +82,7 @@ impl Costs {
 impl Slabs {
     /// The division that costs least: thin slabs need fewer tones each, but every slab pays for its own spectra and
     /// decompositions.
-    pub(crate) fn new(setup: &Setup, layout: &Layout) -> Self {
+    pub(crate) fn new(setup: &Instrument, layout: &Layout) -> Self {
         let depths = layout.grid.z.count;
         let paths: Vec<PathInterval> =
             (0..depths).map(|iz| setup.path_interval(&layout.grid, iz..iz + 1)).collect();

@@ -1,7 +1,7 @@
 //! Which method a job takes, and what each would cost.
 
 use super::cost::{self, Estimates};
-use crate::acquisition::Setup;
+use crate::acquisition::Instrument;
 use crate::error::{Error, Result};
 use crate::grid::Grid;
 use crate::reconstruct::convolution::SharedLattice;
@@ -12,7 +12,7 @@ use crate::reconstruct::{Estimate, Method, ReconstructOptions, backprojection, c
 const MOST_DIRECT_TERMS: u64 = 100_000_000_000;
 
 /// The terms of Eq. 13: voxels × microphones × frequencies.
-pub fn direct_terms(setup: &Setup, grid: &Grid) -> u64 {
+pub fn direct_terms(setup: &Instrument, grid: &Grid) -> u64 {
     grid.voxel_count().saturating_mul(setup.array.len() as u64).saturating_mul(setup.sweep.len() as u64)
 }
 
@@ -36,7 +36,7 @@ pub(crate) struct Options {
 impl Options {
     /// What there is to choose from.
     pub(crate) fn of(
-        setup: &Setup,
+        setup: &Instrument,
         grid: &Grid,
         options: &ReconstructOptions,
         threads: usize,
@@ -81,7 +81,7 @@ impl Options {
     /// The method that the options come to, and a warning if `auto` had to take a slow one.
     pub(crate) fn choose(
         self,
-        setup: &Setup,
+        setup: &Instrument,
         grid: &Grid,
         asked: Method,
     ) -> Result<(Choice, Option<String>)> {
@@ -112,7 +112,7 @@ impl Options {
 }
 
 /// Refuses a direct sum of many minutes that nobody asked for by name.
-fn refuse_long_sum(setup: &Setup, grid: &Grid, misfit: &str) -> Result<()> {
+fn refuse_long_sum(setup: &Instrument, grid: &Grid, misfit: &str) -> Result<()> {
     let terms = direct_terms(setup, grid);
     if terms <= MOST_DIRECT_TERMS {
         return Ok(());
@@ -184,7 +184,7 @@ fn check(grid: &Grid, options: &ReconstructOptions) -> Result<()> {
 /// # Errors
 /// A grid with voxels behind the array; a tolerance that is not in 0..1.
 pub fn estimate(
-    setup: &Setup,
+    setup: &Instrument,
     grid: &Grid,
     options: &ReconstructOptions,
     threads: usize,

@@ -2,7 +2,7 @@
 //!
 //! The same counts choose the method, so the same job always takes the same path.
 
-use crate::acquisition::Setup;
+use crate::acquisition::Instrument;
 use crate::grid::Grid;
 use crate::reconstruct::compress::{
     DENSER, frequencies_at_once, slabs_of, tones_for, virtual_tone_count, witnesses_for,
@@ -56,7 +56,7 @@ impl Estimates {
 
 /// The estimates for a job, whatever `options.method` says; that of [`of_convolution`] is known.
 pub(crate) fn estimates(
-    setup: &Setup,
+    setup: &Instrument,
     grid: &Grid,
     options: &ReconstructOptions,
     convolution: Result<Estimate, String>,
@@ -99,7 +99,7 @@ const COMPLEX: u64 = 8;
 const TAPS: f64 = 12.0;
 
 /// What a compression to so many virtual `tones` takes: operations, and bytes for their weights.
-fn compression(setup: &Setup, tones: f64) -> (f64, u64) {
+fn compression(setup: &Instrument, tones: f64) -> (f64, u64) {
     let (n_f, n_mic) = (setup.sweep.len() as f64, setup.array.len() as f64);
     let found = n_f * (10.0 * TAPS * TAPS + 40.0 * TAPS);
     // A sample is turned, its modulus taken, and it goes to a few tones with real weights.
@@ -110,26 +110,26 @@ fn compression(setup: &Setup, tones: f64) -> (f64, u64) {
 /// Bytes that a thread takes to find a slab's tones among the volume's: both at delays, and their difference.
 ///
 /// Its heap keeps them for the next slab, being too small to be mapped each by itself.
-fn nesting(setup: &Setup, of_volume: f64, slab: &PathInterval) -> u64 {
+fn nesting(setup: &Instrument, of_volume: f64, slab: &PathInterval) -> u64 {
     let bandwidth = setup.sweep.bandwidth();
     let witnesses = witnesses_for(bandwidth * slab.duration()).min(of_volume);
     (3.0 * 8.0 * (DENSER * slab.points_for(bandwidth)) as f64 * witnesses) as u64
 }
 
 /// Bytes of a block of frequencies as it is read.
-fn block_bytes(setup: &Setup) -> u64 {
+fn block_bytes(setup: &Instrument) -> u64 {
     let frequencies = frequencies_at_once(setup.array.len()).min(setup.sweep.len());
     COMPLEX * (frequencies as u64).saturating_mul(setup.array.len() as u64)
 }
 
 /// What remains of such a block when it is given back: the C library unmaps only what is larger.
-fn kept_block(setup: &Setup) -> u64 {
+fn kept_block(setup: &Instrument) -> u64 {
     Some(block_bytes(setup)).filter(|bytes| *bytes <= 32 << 20).unwrap_or(0)
 }
 
 /// Of Eq. 16 by such a plan.
 pub(crate) fn of_convolution(
-    setup: &Setup,
+    setup: &Instrument,
     grid: &Grid,
     options: &ReconstructOptions,
     plan: &convolution::Plan,
@@ -161,7 +161,7 @@ pub(crate) fn of_convolution(
     };
     let (thickness, of_first) = (slabs.thickness, plan.compression.virtual_tones());
     let whole = setup.path_interval(grid, 0..depths);
-    let of_volume = virtual_tone_count(setup.sweep, &whole, of_first) as f64;
+    let of_volume = virtual_tone_count(&setup.sweep, &whole, of_first) as f64;
     let width = lattice.width() as f64;
     let (mut operations, bytes_finding) = compression(setup, of_volume);
     let nesting = nesting(setup, of_volume, &setup.path_interval(grid, 0..thickness.min(depths)));
@@ -206,7 +206,7 @@ fn possible(
 }
 
 fn of_backprojection(
-    setup: &Setup,
+    setup: &Instrument,
     options: &ReconstructOptions,
     plan: &backprojection::Plan,
     threads: usize,
@@ -223,7 +223,7 @@ fn of_backprojection(
     possible(Method::Backprojection, operations, options, Batch::of_threads(threads), bytes)
 }
 
-fn of_direct(setup: &Setup, grid: &Grid, options: &ReconstructOptions, threads: usize) -> Estimate {
+fn of_direct(setup: &Instrument, grid: &Grid, options: &ReconstructOptions, threads: usize) -> Estimate {
     let planes = SlabDriver::bytes(grid.plane_len() as u64, direct::depths_at_once(grid), grid.z.count);
     let samples = setup.cube_bytes().saturating_mul(2).saturating_add(planes);
     let lengths = (64 * setup.array.len()) as u64 * COMPLEX;

@@ -4,7 +4,7 @@
 //! the array's centre r_c is as good as weighing every term of the sum, as long as the array is not much larger than its
 //! distance (PHYSICS Q4), and costs nothing.
 
-use crate::acquisition::Setup;
+use crate::acquisition::Instrument;
 use crate::error::Result;
 use crate::grid::Grid;
 use crate::reconstruct::{ReconstructionInfo, VolumeSink};
@@ -23,7 +23,7 @@ pub(crate) struct Gain {
 
 impl Gain {
     /// That of a measurement on the voxels of a grid.
-    pub(crate) fn new(setup: &Setup, grid: &Grid) -> Self {
+    pub(crate) fn new(setup: &Instrument, grid: &Grid) -> Self {
         let centre = setup.array.centre();
         let speaker = match setup.geometry {
             Geometry::FixedSource { source } => source,

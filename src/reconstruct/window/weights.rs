@@ -1,6 +1,6 @@
 //! The factors that turn `m(f, r)` into the summands of Eq. 13.
 
-use crate::acquisition::Setup;
+use crate::acquisition::Instrument;
 use crate::reconstruct::Window;
 use crate::wave::simd::LANES;
 use num_complex::Complex32;
@@ -15,9 +15,9 @@ pub(crate) struct Weights {
 }
 
 impl Weights {
-    pub(crate) fn new(setup: &Setup, window: Window) -> Self {
-        let frequency = window.over_sweep(setup.sweep);
-        let microphone = window.over_array(setup.array);
+    pub(crate) fn new(setup: &Instrument, window: Window) -> Self {
+        let frequency = window.over_sweep(&setup.sweep);
+        let microphone = window.over_array(&setup.array);
         let (sum_f, sum_r) = (frequency.iter().sum::<f64>(), microphone.iter().sum::<f64>());
         let mean_r = sum_r / microphone.len() as f64;
         let scale = setup.detection.weight() / (sum_f * microphone.len() as f64);

@@ -4,7 +4,7 @@
 //! `e^{+i2πf_c·ρ/c}`, a term is `e^{−i2π[f·(path(p, r) − ρ) + (f − f_c)·ρ]/c}`: at constant ρ it changes along x and y
 //! only by as much as r and r₀ see it in different directions, which is little for a small tile.
 
-use crate::acquisition::{Setup, Tile, tiles};
+use crate::acquisition::{Instrument, Tile, tiles};
 use crate::grid::Grid;
 use crate::wave::Geometry;
 use glam::DVec3;
@@ -59,7 +59,7 @@ pub(crate) fn halved(positions: &[DVec3], times: u32) -> Vec<Tile> {
 
 /// How fast the turned terms of tiles change along x, y (at constant ρ) and ρ at most, cycles per m; from samples at
 /// the edges of everything that a term depends on.
-pub(crate) fn bands(setup: &Setup, grid: &Grid, tiles: &[Tile]) -> [f64; 3] {
+pub(crate) fn bands(setup: &Instrument, grid: &Grid, tiles: &[Tile]) -> [f64; 3] {
     let (carrier, frequencies) = (setup.sweep.centre(), setup.sweep.frequencies());
     let edges = [frequencies[0], frequencies[frequencies.len() - 1]];
     let mut fastest = [0.0f64; 3];
@@ -109,7 +109,7 @@ pub(crate) fn sampled_places(grid: &Grid, count: [usize; 3]) -> impl Iterator<It
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::acquisition::{Detection, MicArray, Sweep};
+    use crate::acquisition::{MicArray, Sweep};
     use crate::grid::Axis;
 
     fn places(count: usize) -> Vec<DVec3> {
@@ -170,16 +170,10 @@ mod tests {
     fn terms_change_no_faster_than_their_bands() {
         let axis = |first: f64, pitch: f64, count: usize| Axis { first, pitch, count };
         let grid = Grid { x: axis(-0.4, 0.02, 41), y: axis(-0.2, 0.02, 31), z: axis(0.5, 0.02, 41) };
-        let sweep = Sweep::stepped("f", 10_000.0, 20_000.0, 100.0).expect("valid");
-        let array = MicArray::from_positions("array", &[200], places(200)).expect("valid");
+        let sweep = Sweep::stepped(10_000.0, 20_000.0, 100.0).expect("valid");
+        let array = MicArray::from_positions(places(200)).expect("valid");
         for geometry in [Geometry::ORIGIN, Geometry::Monostatic] {
-            let setup = Setup {
-                sweep: &sweep,
-                array: &array,
-                geometry,
-                detection: Detection::Quadrature,
-                sound_speed: 343.0,
-            };
+            let setup = Instrument::new(sweep.clone(), array.clone()).with_geometry(geometry);
             let tiles = halved(array.positions(), 2);
             let bands = bands(&setup, &grid, &tiles);
             let mut fastest = [0.0f64; 3];

@@ -2,7 +2,7 @@
 
 use super::frame::{Frame, bands, halved};
 use super::terms::{Around, FEW, MANY, Seen, Terms};
-use crate::acquisition::Setup;
+use crate::acquisition::Instrument;
 use crate::grid::{Axis, Grid};
 use crate::reconstruct::backprojection::blocks::{Shape, block_operations};
 use crate::reconstruct::backprojection::profile::Band;
@@ -136,7 +136,7 @@ fn lengths(tolerance: f64) -> Vec<(Taps, f64)> {
 impl Lattice {
     /// The division of fewest operations; `None` where the voxels come too near to the microphones, or none keeps to its
     /// share of the budget.
-    pub(crate) fn find(setup: &Setup, grid: &Grid, band: &Band, budget: ErrorBudget) -> Option<Self> {
+    pub(crate) fn find(setup: &Instrument, grid: &Grid, band: &Band, budget: ErrorBudget) -> Option<Self> {
         let (low, high) = setup.array.bounds();
         let source = match setup.geometry {
             Geometry::FixedSource { source } => source.z,
@@ -166,7 +166,7 @@ impl Lattice {
 
     /// The divisions into tiles that come of so many halvings.
     fn halved(
-        setup: &Setup,
+        setup: &Instrument,
         grid: &Grid,
         band: &Band,
         (times, budget): (u32, ErrorBudget),
@@ -218,7 +218,7 @@ impl Lattice {
     }
 
     /// With blocks of nodes of fewest operations by a fixed model.
-    fn divided(self, setup: &Setup, grid: &Grid, seen: &Seen, band: &Band) -> Option<Self> {
+    fn divided(self, setup: &Instrument, grid: &Grid, seen: &Seen, band: &Band) -> Option<Self> {
         let [n_x, n_y] = [0, 1].map(|axis: usize| self.nodes[axis].axis.count);
         let reach = [0, 1].map(|axis: usize| self.nodes[axis].reach());
         let ranges = seen.ranges(grid, reach) / self.pitch + self.taps.count() as f64;
@@ -263,7 +263,7 @@ impl Lattice {
     /// Whether every node stands where some point has its range.
     ///
     /// That is least so of the nodes farthest aside, which only the outermost voxels are made of, for the nearest of these.
-    fn has_places(&self, setup: &Setup, grid: &Grid) -> bool {
+    fn has_places(&self, setup: &Instrument, grid: &Grid) -> bool {
         let [x, y] =
             [(&grid.x, &self.nodes[0]), (&grid.y, &self.nodes[1])].map(|(axis, nodes)| nodes.ends(axis));
         halved(setup.array.positions(), self.times).iter().all(|tile| {
@@ -279,7 +279,7 @@ impl Lattice {
     }
 
     /// With errors and growth as measured; `None` if they pass `tolerance`.
-    fn measured(self, setup: &Setup, grid: &Grid, tolerance: f64) -> Option<Self> {
+    fn measured(self, setup: &Instrument, grid: &Grid, tolerance: f64) -> Option<Self> {
         let tiles = halved(setup.array.positions(), self.times);
         let terms = Terms { setup, grid, tiles: &tiles };
         let [error_x, sum_x] = terms.error(0, &|place| self.nodes[0].around(place), &MANY)?;

@@ -1,7 +1,7 @@
 //! The terms that a job can have, sampled, and how the tiles of an array see a grid.
 
 use super::frame::{Frame, sampled_places, some};
-use crate::acquisition::{Setup, Tile};
+use crate::acquisition::{Instrument, Tile};
 use crate::grid::{Axis, Grid};
 use crate::wave::interval::greater;
 use glam::DVec3;
@@ -13,7 +13,7 @@ pub(crate) type Around = (Vec<f64>, Vec<f64>);
 
 /// Terms of one frequency and one microphone each, in the coordinates of its tile.
 pub(crate) struct Terms<'a> {
-    pub(crate) setup: &'a Setup<'a>,
+    pub(crate) setup: &'a Instrument,
     pub(crate) grid: &'a Grid,
     pub(crate) tiles: &'a [Tile],
 }
@@ -97,7 +97,7 @@ pub(crate) struct Seen {
 }
 
 impl Seen {
-    pub(crate) fn of(setup: &Setup, grid: &Grid, tiles: &[Tile]) -> Self {
+    pub(crate) fn of(setup: &Instrument, grid: &Grid, tiles: &[Tile]) -> Self {
         let frames: Vec<Frame> =
             some(tiles, 3).map(|tile| Frame::new(&setup.geometry, tile.centre)).collect();
         let (low, high) = setup.array.bounds();

@@ -4,7 +4,7 @@ use super::frame::{Frame, halved};
 use super::nodes::{Lattice, USUAL_GROWTH};
 use super::patches::Patch;
 use super::voxels::{BEYOND, Buffers, Interpolation, TileNodes, hull};
-use crate::acquisition::{Setup, Tile};
+use crate::acquisition::{Instrument, Tile};
 use crate::alloc::try_zeroed;
 use crate::error::Result;
 use crate::grid::Grid;
@@ -53,7 +53,7 @@ impl<'a> Tiled<'a> {
     /// Places all nodes; `None` if one that is needed would stand where no point has its range.
     pub(crate) fn new(
         lattice: &'a Lattice,
-        setup: &Setup,
+        setup: &Instrument,
         grid: &'a Grid,
         band: Band,
     ) -> Result<Option<Self>> {
@@ -94,7 +94,7 @@ impl<'a> Tiled<'a> {
     }
 
     /// Path lengths at which profiles of some nodes along ρ are expanded.
-    fn interval(&self, setup: &Setup, range: &Range<usize>) -> PathInterval {
+    fn interval(&self, setup: &Instrument, range: &Range<usize>) -> PathInterval {
         let radius = self.tiles.iter().map(|tile| tile.radius).fold(0.0, greater);
         let margin = setup.geometry.return_legs() * radius + self.greatest;
         let at = |node: usize| self.lattice.pitch * node as f64;
@@ -114,12 +114,12 @@ impl<'a> Tiled<'a> {
         self.band.tolerance = budget.series();
         let budget = SeriesBudget::new(&self.band, self.greatest, budget);
         let whole = self.shells[0].0.start..self.shells[self.shells.len() - 1].0.end;
-        let whole = self.interval(&source.setup(), &whole);
+        let whole = self.interval(&source.instrument(), &whole);
         let compressed = VolumeTones::compress(source, weights, whole, budget.tones, observer)?;
-        let setup = source.setup();
+        let setup = source.instrument();
         let interval = |shells: Range<usize>| {
             let (first, last) = (&self.shells[shells.start].0, &self.shells[shells.end - 1].0);
-            self.interval(&setup, &(first.start..last.end))
+            self.interval(setup, &(first.start..last.end))
         };
         let together = self.shells.len().div_ceil(MOST_SLABS);
         let slabs = compressed.slabs(slabs_of(self.shells.len(), together), interval, share, budget.tones);
@@ -180,7 +180,7 @@ impl<'a> Tiled<'a> {
     /// Sums the nodes of some shells over the microphones of each tile.
     fn sum(
         &mut self,
-        setup: &Setup,
+        setup: &Instrument,
         slab: &SlabTones,
         compressed: &VolumeTones,
         groups: &[Vec<Group>],

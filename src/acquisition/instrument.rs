@@ -1,0 +1,128 @@
+//! The instrument: a measurement without its samples, all that formulas, plans and reconstructions need to know of it.
+
+use super::{Detection, MicArray, Sweep};
+use crate::grid::Grid;
+use crate::wave::interval::PathInterval;
+use crate::wave::{DEFAULT_SOUND_SPEED, Geometry};
+use std::ops::Range;
+
+/// What was, or is to be, measured with: frequencies, microphones, loudspeaker, detection and the speed of sound.
+///
+/// Clones are cheap: those of a sweep and of an array share their lists.
+///
+/// # Example
+/// A band of 10 kHz tells ranges 17 mm apart:
+/// ```
+/// use glam::DVec3;
+/// use holosonar::acquisition::{Detection, Instrument, MicArray, Sweep};
+/// use holosonar::wave::Geometry;
+///
+/// let sweep = Sweep::stepped(10e3, 20e3, 20.0)?;
+/// let array = MicArray::rectangular([31, 31], [0.03, 0.03], DVec3::ZERO)?;
+/// let instrument = Instrument::new(sweep, array);
+/// assert_eq!(instrument.range_resolution(), Some(343.0 / 20e3));
+///
+/// // Another room, and a loudspeaker beside the array:
+/// let cold = instrument
+///     .with_sound_speed(331.0)
+///     .with_geometry(Geometry::FixedSource { source: DVec3::new(0.6, 0.0, 0.0) })
+///     .with_detection(Detection::InPhase);
+/// assert_eq!(cold.shortest_wavelength(), 331.0 / 20e3);
+/// # Ok::<(), holosonar::error::Error>(())
+/// ```
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub struct Instrument {
+    /// The frequencies f.
+    pub sweep: Sweep,
+    /// The microphones r.
+    pub array: MicArray,
+    /// Fixed speaker or monostatic scan.
+    pub geometry: Geometry,
+    /// Quadrature or in-phase.
+    pub detection: Detection,
+    /// c, m/s; positive.
+    pub sound_speed: f64,
+}
+
+impl Instrument {
+    /// Quadrature detection, the loudspeaker at the origin, and sound at [`DEFAULT_SOUND_SPEED`], 343 m/s.
+    pub fn new(sweep: Sweep, array: MicArray) -> Self {
+        Self {
+            sweep,
+            array,
+            geometry: Geometry::ORIGIN,
+            detection: Detection::Quadrature,
+            sound_speed: DEFAULT_SOUND_SPEED,
+        }
+    }
+
+    /// The same with another sweep.
+    #[must_use]
+    pub fn with_sweep(self, sweep: Sweep) -> Self {
+        Self { sweep, ..self }
+    }
+
+    /// The same with other microphones.
+    #[must_use]
+    pub fn with_array(self, array: MicArray) -> Self {
+        Self { array, ..self }
+    }
+
+    /// The same with another path of the sound.
+    #[must_use]
+    pub fn with_geometry(self, geometry: Geometry) -> Self {
+        Self { geometry, ..self }
+    }
+
+    /// The same with another detection.
+    #[must_use]
+    pub fn with_detection(self, detection: Detection) -> Self {
+        Self { detection, ..self }
+    }
+
+    /// The same at another speed of sound c, m/s; positive.
+    #[must_use]
+    pub fn with_sound_speed(self, sound_speed: f64) -> Self {
+        Self { sound_speed, ..self }
+    }
+
+    /// Wavelength at the centre of the band λ_c, m.
+    pub fn wavelength(&self) -> f64 {
+        self.sound_speed / self.sweep.centre()
+    }
+
+    /// Shortest wavelength λ_min, m.
+    pub fn shortest_wavelength(&self) -> f64 {
+        self.sound_speed / self.sweep.stop()
+    }
+
+    /// Range resolution Δd = c/2B, m (Eq. 10); `None` for a single frequency.
+    pub fn range_resolution(&self) -> Option<f64> {
+        self.sweep.range_resolution(self.sound_speed)
+    }
+
+    /// Bounds on the path lengths between the voxels of a range of depths and the array: those of
+    /// [`Geometry::path_bounds`].
+    ///
+    /// # Panics
+    /// Without depths.
+    pub(crate) fn path_interval(&self, grid: &Grid, depths: Range<usize>) -> PathInterval {
+        let (low, high) = grid.bounds();
+        let low = low.with_z(grid.z.position(depths.start));
+        let high = high.with_z(grid.z.position(depths.end - 1));
+        let [shortest, longest] = self.geometry.path_bounds((low, high), self.array.bounds());
+        PathInterval { shortest, longest, sound_speed: self.sound_speed }
+    }
+
+    /// The same for all depths, m: least and greatest.
+    pub fn path_bounds(&self, grid: &Grid) -> [f64; 2] {
+        let all = self.path_interval(grid, 0..grid.z.count);
+        [all.shortest, all.longest]
+    }
+
+    /// Bytes of all samples in memory, complex in single precision; saturates rather than overflow.
+    pub fn cube_bytes(&self) -> u64 {
+        (self.sweep.len() as u64).saturating_mul(self.array.len() as u64).saturating_mul(8)
+    }
+}
