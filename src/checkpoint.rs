@@ -21,7 +21,7 @@ mod volume;
 
 pub(crate) use identity::Identity;
 pub(crate) use store::{CheckpointStore, GracefulStop, Stage};
-pub(crate) use volume::CheckpointedVolume;
+pub(crate) use volume::{BUFFER_BYTES, CheckpointedVolume};
 
 use crate::error::{Error, Result, gib};
 use crate::files::free_space;

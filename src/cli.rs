@@ -293,7 +293,6 @@ pub fn main() -> ExitCode {
     signals::expect_aborts();
     let terminal = Terminal::new(cli.common.quiet, cli.common.verbose);
     let result = start_threads(cli.common.threads)
-        .and_then(|()| crate::plan::check_addresses())
         .and_then(|()| inputs::limit_memory(cli.common.memory.as_deref()))
         .and_then(|()| limit_simd())
         .inspect(|()| {
@@ -344,8 +343,5 @@ fn start_threads(threads: Option<u16>) -> Result<(), Error> {
     rayon::ThreadPoolBuilder::new().num_threads(count).build_global().map_err(|e| {
         let problem = format!("the worker threads cannot be started: {e}; -j sets a smaller number of them");
         Error::io("threads", problem)
-    })?;
-    // The C library lays out a heap for each thread that allocates, 64 MiB of addresses: before those left are counted.
-    rayon::broadcast(|_| std::hint::black_box(vec![0u8; 64]).len());
-    Ok(())
+    })
 }

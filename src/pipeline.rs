@@ -15,7 +15,6 @@
 //! # Ok::<(), holosonar::error::Error>(())
 //! ```
 
-mod budget;
 mod design;
 mod echoes;
 mod facts;
@@ -23,13 +22,14 @@ mod forecast;
 mod identity;
 mod limits;
 mod log;
+mod memory;
 mod outputs;
 mod page;
 mod report;
 
 pub use design::{Combination, DesignRow, DesignSweep, RunWith, SweptKey, point_spreads, sweep_designs};
 pub(crate) use facts::resolution_of;
-pub use forecast::{Forecast, Peaks, forecast_cube, forecast_scene};
+pub use forecast::{CommandMemory, Forecast, forecast_cube, forecast_scene};
 pub use limits::{Bound, Judgement, Verdict, check_scene, hold};
 pub(crate) use outputs::error_note;
 pub use outputs::{write_cube, write_depth, write_outputs, write_volume};
@@ -45,7 +45,7 @@ use crate::export::volume_npz::read_volume_npz;
 use crate::files::extension;
 use crate::grid::{DepthMap, Grid, Raster, Volume};
 use crate::metrics::{Metrics, Scores, score};
-use crate::plan::{Holding, Plan, plan};
+use crate::plan::{JobArrays, Plan, plan};
 use crate::progress::{Observer, stage};
 use crate::reconstruct::{
     ReconstructOptions, Reconstruction, ReconstructionInfo, VolumeSink, reconstruct_into,
@@ -53,9 +53,9 @@ use crate::reconstruct::{
 use crate::reflectors::Reflectors;
 use crate::scene::Scene;
 use crate::truth::trace_depth;
-use budget::Budget;
 use echoes::{Echoes, Measurement};
 use log::Log;
+use memory::MemoryBudget;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
@@ -110,7 +110,7 @@ pub fn image_scene(
 ) -> Result<Outcome> {
     let log = Log::new(observer);
     need_bandwidth("[sweep]", &run.sweep()?)?;
-    let budget = Budget::of(run);
+    let budget = MemoryBudget::of(run);
     let echoes = log.timed("scene", || Echoes::of(&budget, bare, true, &log))?;
     let raster = run.raster(echoes.scene.as_ref().and_then(Scene::camera))?;
     echoes.warn(run, &log);
@@ -118,7 +118,7 @@ pub fn image_scene(
     checkpoint.check_space(volume)?;
     checkpoint.open(&identity::of_scene("image", run, &echoes), observer)?;
     let cube = log.timed("simulate", || simulate(run, &echoes, checkpoint, &log))?;
-    let (image, depth) = focus(&budget, &mut &cube, &echoes.grid, (raster, echoes.held), checkpoint, &log)?;
+    let (image, depth) = focus(&budget, &mut &cube, &echoes.grid, (raster, echoes.arrays), checkpoint, &log)?;
     drop(cube);
     let truth = match &echoes.scene {
         Some(scene) => {
@@ -165,13 +165,14 @@ pub fn image_cube(
     let grid = run.voxels(&instrument, None)?;
     let plan = plan(&instrument, &grid);
     warn_all(&plan.warnings, &log);
-    let budget = Budget::of(run);
-    let held = Holding { samples: cube.held_bytes(), ..Holding::default() };
-    budget.room(&instrument, &grid, budget.imaging(&instrument, &grid, held), &log)?;
+    let budget = MemoryBudget::of(run);
+    let samples = JobArrays { samples: cube.held_bytes(), ..JobArrays::default() };
+    let arrays = budget.imaging(&instrument, &grid, samples);
+    budget.check(&instrument, &grid, &arrays, &log)?;
     let raster = run.raster(None)?;
     checkpoint.check_space(outputs::volume_bytes(run, &grid))?;
     checkpoint.open(&identity::of_cube("image", run, &mut cube, &grid)?, observer)?;
-    let (image, depth) = focus(&budget, &mut cube, &grid, (raster, held), checkpoint, &log)?;
+    let (image, depth) = focus(&budget, &mut cube, &grid, (raster, samples), checkpoint, &log)?;
     let (timings, warnings) = log.finish();
     let (scene, reflectors, truth, scores) = (None, None, None, None);
     let physics: Vec<String> = facts::compensation(run).into_iter().collect();
@@ -200,7 +201,7 @@ pub fn simulate_scene(
     checkpoint: &Checkpoint,
     observer: &dyn Observer,
 ) -> Result<DataCube> {
-    let echoes = Echoes::of(&Budget::of(run), bare, false, observer)?;
+    let echoes = Echoes::of(&MemoryBudget::of(run), bare, false, observer)?;
     echoes.warn(run, observer);
     let bytes = echoes.instrument().cube_bytes();
     // In-phase samples are written without imaginary parts.
@@ -227,14 +228,14 @@ pub fn reconstruct_cube(
     let grid = run.voxels(&instrument, None)?;
     let plan = plan(&instrument, &grid);
     warn_all(&plan.warnings, observer);
-    let volume = outputs.iter().any(|path| outputs::needs_all(path));
-    let writing = outputs::writing_bytes(outputs.iter().map(PathBuf::as_path), run, &grid);
-    let holding = Holding { samples: cube.held_bytes(), volume, writing, ..Holding::default() };
-    let budget = Budget::of(run);
-    budget.room(&instrument, &grid, holding, observer)?;
+    let whole = outputs.iter().any(|path| outputs::needs_all(path));
+    let samples = JobArrays { samples: cube.held_bytes(), ..JobArrays::default() };
+    let budget = MemoryBudget::of(run);
+    let arrays = budget.reconstructing(outputs.iter().map(PathBuf::as_path), &grid, whole, samples);
+    budget.check(&instrument, &grid, &arrays, observer)?;
     checkpoint.check_space(outputs.iter().map(|path| outputs::bytes_of(path, run, &grid)).sum())?;
     checkpoint.open(&identity::of_cube("reconstruct", run, &mut cube, &grid)?, observer)?;
-    let options = budget.options(&grid, holding);
+    let options = budget.options(&arrays);
     let mut files = outputs::VolumeFiles::new(&instrument, run, grid, outputs);
     reconstruct(&mut cube, &grid, &options, &mut files, checkpoint, observer)?;
     files.finish()
@@ -329,15 +330,15 @@ fn reconstruct(
 
 /// Reconstruction and depth, which every job with a cube shares.
 fn focus(
-    budget: &Budget,
+    budget: &MemoryBudget,
     source: &mut dyn CubeSource,
     grid: &Grid,
-    (raster, held): (Option<Raster>, Holding),
+    (raster, arrays): (Option<Raster>, JobArrays),
     checkpoint: &Checkpoint,
     log: &Log,
 ) -> Result<(Reconstruction, DepthMap)> {
     let resolution = source.instrument().range_resolution().unwrap_or(f64::NAN);
-    let options = budget.options(grid, Holding { volume: true, ..held });
+    let options = budget.options(&budget.imaging(source.instrument(), grid, arrays));
     // Filled when the reconstruction begins, so that nothing is reserved for a job that is refused.
     let mut volume = Volume { grid: *grid, samples: Vec::new() };
     let info =

@@ -1,7 +1,7 @@
 //! What a job will resolve, alias and need, before anything runs.
 //!
 //! Takes the array, the sweep and the grid; gives resolutions, ambiguity, aliasing verdicts and bytes, all from
-//! closed formulas (PHYSICS Q2 and Q3); [`needs`] adds what it takes of the machine. A broken design rule is a warning,
+//! closed formulas (PHYSICS Q2 and Q3); [`estimate_job`] adds what it takes of the machine. A broken design rule is a warning,
 //! not an error, because the paper studies aliasing on purpose; only what cannot fit in memory is refused.
 //!
 //! # Example
@@ -26,16 +26,16 @@
 
 pub mod beam;
 pub mod design;
+mod estimate;
 mod memory;
-mod needs;
 mod resolution;
 mod suggest;
 
 pub use design::{Design, design};
-pub use memory::{WAITING, available_memory, check_addresses, check_sampling, memory_limit};
-pub use needs::{
-    Holding, Needs, check_memory, check_simulation, left_for_method, left_for_scene, needs, simulation_peak,
+pub use estimate::{
+    JobArrays, JobEstimate, JobStage, MemoryEstimate, MemoryItem, check_simulation, estimate_job,
 };
+pub use memory::{available_memory, memory_limit};
 pub use resolution::Profile;
 
 use crate::acquisition::{Detection, Instrument};
@@ -317,11 +317,13 @@ mod tests {
         (huge.x.count, huge.y.count, huge.z.count) = (usize::MAX >> 1, 1 << 30, 1 << 30);
         assert_eq!(plan(setup, &huge).volume_bytes, u64::MAX);
         let options = ReconstructOptions::default();
-        let holding = Holding { volume: true, ..Holding::default() };
-        assert!(needs(setup, &huge, &options, holding, 2).is_err(), "more than can be counted over");
+        let arrays = |grid: &Grid| JobArrays { volume: grid.volume_bytes(), ..JobArrays::default() };
+        let refused = estimate_job(setup, &huge, &options, &arrays(&huge), 2);
+        assert!(refused.is_err(), "more than can be counted over");
         (huge.x.count, huge.y.count, huge.z.count) = (1 << 13, 1 << 13, 1 << 12);
-        let needs = needs(setup, &huge, &options, holding, 2).expect("an estimate");
-        let error = check_memory(&needs, setup, &huge, holding, Some(1 << 40)).expect_err("too much");
+        let arrays = arrays(&huge);
+        let estimate = estimate_job(setup, &huge, &options, &arrays, 2).expect("an estimate");
+        let error = estimate.check_memory(setup, &huge, &arrays, Some(1 << 40)).expect_err("too much");
         assert_names(error.to_string(), &["memory", "grid", "GiB"]);
     }
 

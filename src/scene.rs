@@ -28,7 +28,6 @@ mod files;
 mod gltf;
 mod material;
 mod mtl;
-mod needs;
 mod obj;
 mod occlusion;
 mod placement;
@@ -52,7 +51,6 @@ use std::path::Path;
 use glam::DVec3;
 
 pub use material::{Material, MaterialRule};
-pub use needs::MeshNeeds;
 pub use occlusion::Crossing;
 pub use placement::{LoadOptions, Sensor, Unit, Up};
 pub use triangle::Triangle;
@@ -61,8 +59,8 @@ use crate::error::{Error, Result};
 use crate::files::extension;
 use crate::progress::Observer;
 use material::Palette;
-use needs::Glimpse;
 use occlusion::SurfaceTree;
+pub use surfaces::BYTES_PER_TRIANGLE;
 use surfaces::{MOST_TRIANGLES, Surfaces, too_many_triangles};
 
 /// No vertex may lie farther from the origin than this, m: sound does not get there, and a number beyond it is
@@ -88,7 +86,6 @@ pub struct Scene {
     materials: Vec<Material>,
     tree: SurfaceTree,
     camera: Option<CameraView>,
-    needs: MeshNeeds,
 }
 
 /// What a mesh file holds, in its own frame and unit.
@@ -122,8 +119,6 @@ impl Scene {
                 "is no mesh this program reads; expected a file named .obj, .gltf, .glb, .stl or .ply",
             ));
         }
-        let needs = Self::foresee(path)?;
-        needs.check(path, options.memory)?;
         let mut palette = Palette::new(&options.materials)?;
         let mesh = match kind.as_str() {
             "obj" => obj::load(path, options, &mut palette, observer)?,
@@ -144,33 +139,7 @@ impl Scene {
             }
             other => other,
         })?;
-        let needs = needs.with(scene.triangles.len());
-        Ok(Self { camera, needs, ..scene })
-    }
-
-    /// What [`Scene::load`] will take of memory, found before the file is read: from counts in a binary file or a glTF within a
-    /// few per cent, from samples of a text roughly.
-    ///
-    /// Cost: milliseconds; a glTF's JSON is looked through.
-    ///
-    /// # Errors
-    /// A file that cannot be read. What is wrong within it is for [`Scene::load`] to find.
-    pub fn foresee(path: &Path) -> Result<MeshNeeds> {
-        let mut glimpse = Glimpse::of(path)?;
-        let file = glimpse.length;
-        let found = match extension(path).as_str() {
-            "obj" => Some(obj::needs(&mut glimpse)),
-            "gltf" | "glb" => gltf::needs(&mut glimpse),
-            "stl" => stl::needs(&mut glimpse),
-            "ply" => ply::needs(&mut glimpse),
-            _ => None,
-        };
-        Ok(MeshNeeds { file, ..found.unwrap_or(MeshNeeds { reading: file, ..MeshNeeds::default() }) })
-    }
-
-    /// What it took of memory, and takes.
-    pub fn needs(&self) -> MeshNeeds {
-        self.needs
+        Ok(Self { camera, ..scene })
     }
 
     /// A scene of triangles in the array's frame, m. It may be empty, and triangles without area may be among
@@ -208,8 +177,7 @@ impl Scene {
             }
         }
         let tree = SurfaceTree::new(&triangles)?;
-        let needs = MeshNeeds::default().with(triangles.len());
-        Ok(Self { triangles, materials, tree, camera: None, needs })
+        Ok(Self { triangles, materials, tree, camera: None })
     }
 
     /// The triangles, in the order of the file.
@@ -220,6 +188,11 @@ impl Scene {
     /// The materials that [`Triangle::material`] counts.
     pub fn materials(&self) -> &[Material] {
         &self.materials
+    }
+
+    /// Bytes that the scene takes: its triangles and the tree over them.
+    pub fn memory_bytes(&self) -> u64 {
+        size_of_val(&self.triangles[..]) as u64 + self.tree.memory_bytes()
     }
 
     /// The perspective camera of the file that the array was put at, if it was.

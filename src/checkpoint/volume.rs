@@ -5,12 +5,14 @@ use crate::alloc::try_zeroed;
 use crate::blocks::BlockStore;
 use crate::error::Result;
 use crate::grid::{Grid, no_room_for};
-use crate::plan::WAITING;
 use crate::reconstruct::{ReconstructionInfo, VolumeSink};
 use num_complex::Complex32;
 
-/// The most samples that wait to be written; more are written before it is time.
-const MOST_WAITING: usize = WAITING as usize / size_of::<Complex32>();
+/// The most bytes of finished depths that wait to be written; more are written before it is time.
+pub(crate) const BUFFER_BYTES: u64 = 16 << 20;
+
+/// The same in samples.
+const MOST_WAITING: usize = BUFFER_BYTES as usize / size_of::<Complex32>();
 
 /// A sink before another. Block k is depth k.
 pub(crate) struct CheckpointedVolume<'a> {

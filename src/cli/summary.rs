@@ -127,7 +127,7 @@ pub(super) fn image(input: &Path, folder: &Path, report: &Report, outcome: &Outc
 
 /// What `plan` prints.
 pub(super) fn forecast(forecast: &Forecast) -> String {
-    let (plan, needs, grid) = (&forecast.plan, &forecast.needs, &forecast.grid);
+    let (plan, grid) = (&forecast.plan, &forecast.grid);
     let mut table = Table::default();
     let millimetres = |m: Option<f64>| m.map_or("-".to_owned(), |m| format!("{:.1}", m * 1e3));
     let lateral = |[x, y]: [Option<f64>; 2]| {
@@ -172,8 +172,8 @@ pub(super) fn forecast(forecast: &Forecast) -> String {
     for (i, line) in forecast.physics.iter().enumerate() {
         table.row(if i == 0 { "physics" } else { "" }, line);
     }
-    for (i, (method, seconds)) in needs.methods.iter().zip(&forecast.seconds).enumerate() {
-        let name = format!("{}{}", if i == needs.chosen { "* " } else { "  " }, method.method);
+    for (i, (method, seconds)) in forecast.methods.iter().zip(&forecast.seconds).enumerate() {
+        let name = format!("{}{}", if i == forecast.chosen { "* " } else { "  " }, method.method);
         let costs = match &method.obstacle {
             Some(obstacle) => format!("not taken: {obstacle}"),
             None => format!(
@@ -185,10 +185,14 @@ pub(super) fn forecast(forecast: &Forecast) -> String {
         };
         table.row(&name, costs);
     }
-    table.row("memory", format!("{} at the peak, with {} threads", gib(needs.peak_bytes), needs.threads));
-    let simulate = forecast.peaks.simulate.map(|bytes| format!("{} to `simulate`, ", gib(bytes)));
-    let reconstruct = format!("{} to `reconstruct` from a file", gib(forecast.peaks.reconstruct));
-    table.row("", simulate.unwrap_or_default() + &reconstruct);
+    for (i, memory) in forecast.memory.iter().enumerate() {
+        let name = if i == 0 { "memory" } else { "" };
+        table.row(
+            name,
+            format!("{} for `{}`, at its peak {}", gib(memory.bytes), memory.command, memory.peak),
+        );
+    }
+    table.row("threads", forecast.threads.to_string());
     table.row("writes", forecast.files.join(", "));
     table.text()
 }

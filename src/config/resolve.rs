@@ -6,7 +6,7 @@ use crate::acquisition::{ArrayErrors, Instrument, Losses, MicArray, Noise, Simul
 use crate::depth::DepthOptions;
 use crate::error::{Error, Result};
 use crate::grid::{Axis, Grid, Raster, View};
-use crate::plan::{left_for_scene, memory_limit};
+use crate::plan::memory_limit;
 use crate::reconstruct::ReconstructOptions;
 use crate::reflectors::{Occlusion, OcclusionKind, SurfaceModel, SurfaceOptions};
 use crate::scene::{CameraView, LoadOptions};
@@ -111,7 +111,7 @@ impl RunFile {
         options.fit_by_diagonal = (bare && !placed).then_some(FIT_BY_DIAGONAL);
         options.sensor = typed.sensor.as_deref().map(str::parse).transpose()?;
         options.materials.clone_from(&self.materials);
-        options.memory = left_for_scene(memory_limit(self.memory), rayon::current_num_threads());
+        options.memory = memory_limit(self.memory);
         Ok(options)
     }
 

@@ -1,8 +1,8 @@
 //! Designing an array: one forecast for every combination of swept keys, and point-spread functions.
 
-use super::budget::{Budget, Seen};
 use super::echoes::Measurement;
 use super::forecast::forecast;
+use super::memory::{MemoryBudget, SceneSize};
 use crate::config::{self, RunFile};
 use crate::error::{Error, Result};
 use crate::grid::{Axis, Grid};
@@ -125,7 +125,7 @@ impl SweptKey {
 /// Gives the run file of an input under further overrides, and whether it is a bare mesh.
 pub type RunWith<'a> = dyn Fn(&[String]) -> Result<(RunFile, bool)> + 'a;
 
-/// Foretells every combination of swept keys; `run_with` gives the run file under further overrides, and whether it is a
+/// Predicts every combination of swept keys; `run_with` gives the run file under further overrides, and whether it is a
 /// bare mesh.
 ///
 /// A combination that makes no job is kept with its reason.
@@ -140,7 +140,7 @@ pub fn sweep_designs(keys: &[SweptKey], run_with: &RunWith, observer: &dyn Obser
             format!("{total} combinations are too many; {MOST_COMBINATIONS} at most are looked at"),
         ));
     }
-    let mut seen = SeenScene::default();
+    let mut scenes = LastScene::default();
     let mut first_refusal = None;
     let mut combinations = Vec::with_capacity(total);
     stage(observer, "planning", total as u64, || {
@@ -158,7 +158,7 @@ pub fn sweep_designs(keys: &[SweptKey], run_with: &RunWith, observer: &dyn Obser
             values.reverse();
             let set: Vec<String> =
                 keys.iter().zip(&values).map(|(key, value)| format!("{}={value}", key.key)).collect();
-            let row = run_with(&set).and_then(|(run, bare)| row(&run, bare, &mut seen, observer));
+            let row = run_with(&set).and_then(|(run, bare)| row(&run, bare, &mut scenes, observer));
             let (design, refused) = match row {
                 Ok(design) => (Some(design), None),
                 Err(error @ Error::Interrupted) => return Err(error),
@@ -179,48 +179,48 @@ pub fn sweep_designs(keys: &[SweptKey], run_with: &RunWith, observer: &dyn Obser
     Ok(DesignSweep { keys: keys.iter().map(|key| key.key.clone()).collect(), combinations })
 }
 
-/// The box of the scene looked at last, so that a mesh is not read for every combination.
+/// The size of the scene read last, so that a mesh is not read for every combination.
 #[derive(Default)]
-struct SeenScene(Option<(config::SceneTable, Seen)>);
+struct LastScene(Option<(config::SceneTable, SceneSize)>);
 
-impl SeenScene {
+impl LastScene {
     /// The run file's scene; nothing where the grid is typed in full and there is no scene.
-    fn of(&mut self, run: &RunFile, bare: bool, observer: &dyn Observer) -> Result<Seen> {
+    fn of(&mut self, run: &RunFile, bare: bool, observer: &dyn Observer) -> Result<SceneSize> {
         let grid = &run.grid;
         if run.scene.mesh.is_none() && grid.x.is_some() && grid.y.is_some() && grid.z.is_some() {
-            return Ok(Seen::default());
+            return Ok(SceneSize::default());
         }
-        if let Some((scene, seen)) = &self.0
+        if let Some((scene, size)) = &self.0
             && *scene == run.scene
         {
-            return Ok(*seen);
+            return Ok(*size);
         }
-        let seen = Seen::of(run, bare, observer)?;
-        self.0 = Some((run.scene.clone(), seen));
-        Ok(seen)
+        let size = SceneSize::of(run, bare, observer)?;
+        self.0 = Some((run.scene.clone(), size));
+        Ok(size)
     }
 }
 
-fn row(run: &RunFile, bare: bool, seen: &mut SeenScene, observer: &dyn Observer) -> Result<DesignRow> {
+fn row(run: &RunFile, bare: bool, scenes: &mut LastScene, observer: &dyn Observer) -> Result<DesignRow> {
     let measurement = Measurement::of(run)?;
     let setup = &measurement.instrument;
-    let budget = Budget::of(run);
-    let seen = seen.of(run, bare, observer)?;
-    let grid = run.voxels(setup, seen.bounds)?;
-    let foretold = forecast(&budget, setup, &grid, measurement.imaging(&budget, &grid, &seen), true)?;
-    let (design, needs) = (foretold.design, foretold.needs);
+    let budget = MemoryBudget::of(run);
+    let size = scenes.of(run, bare, observer)?;
+    let grid = run.voxels(setup, size.bounds)?;
+    let forecast = forecast(&budget, setup, &grid, &measurement.imaging(&budget, &grid, &size), true)?;
+    let design = forecast.design;
     let ghosts = design.aliasing.verdict == Verdict::Ghosts;
     Ok(DesignRow {
-        microphones: foretold.plan.microphones,
-        tones: foretold.plan.frequencies,
-        range_resolution: foretold.plan.range_resolution,
+        microphones: forecast.plan.microphones,
+        tones: forecast.plan.frequencies,
+        range_resolution: forecast.plan.range_resolution,
         widths: design.depths.map(|at| at.widths[0]),
         verdict: design.aliasing.verdict,
         ghost_offset: design.depths[0].ghost_offset.filter(|_| ghosts),
         peak_sidelobe_db: design.aliasing.sidelobes.peak_db,
         mean_sidelobe_db: design.aliasing.sidelobes.mean_db,
-        peak_bytes: needs.peak_bytes,
-        seconds: foretold.seconds[needs.chosen],
+        peak_bytes: forecast.memory[0].bytes,
+        seconds: forecast.seconds[forecast.chosen],
     })
 }
 
@@ -237,13 +237,11 @@ pub fn point_spreads(
 ) -> Result<(Grid, Vec<PointSpread>)> {
     let measurement = Measurement::of(run)?;
     let setup = &measurement.instrument;
-    let budget = Budget::of(run);
-    let seen = SeenScene::default().of(run, bare, observer)?;
-    let grid = run.voxels(setup, seen.bounds)?;
+    let bounds = LastScene::default().of(run, bare, observer)?.bounds;
+    let grid = run.voxels(setup, bounds)?;
     // One point is simulated, and not the scene.
-    let alone = Seen::within(seen.bounds);
-    let holding = measurement.simulating(&budget, &grid, &alone);
-    check_simulation(setup, holding, rayon::current_num_threads(), budget.limit)?;
+    let arrays = measurement.simulating(run, &grid, &SceneSize::within(bounds));
+    check_simulation(setup, &arrays, MemoryBudget::of(run).limit)?;
     // Adding 0 turns a negative zero into a positive one.
     let middle = |axis: &Axis| (f64::midpoint(axis.first, axis.last()) * 1e9).round() / 1e9 + 0.0;
     let near = grid.z.first.max(setup.wavelength());

@@ -1,7 +1,7 @@
 //! A scene turned into reflectors, with the instrument that hears them and the grid that shows them.
 
-use super::budget::{Budget, Seen};
 use super::facts::compensation;
+use super::memory::{MemoryBudget, SceneSize};
 use super::{SceneSummary, is_csv, is_in_metres, load_scene, scene_path, warn_all};
 use crate::acquisition::{
     DataCube, Detection, Instrument, SimulateOptions, simulate_resumable, simulation_bytes,
@@ -10,9 +10,7 @@ use crate::blocks::BlockStore;
 use crate::config::RunFile;
 use crate::error::{Result, gib};
 use crate::grid::Grid;
-use crate::plan::{
-    Holding, Plan, check_sampling, check_simulation, left_for_scene, outside_warning, plan, scale_warnings,
-};
+use crate::plan::{JobArrays, Plan, check_simulation, outside_warning, plan, scale_warnings};
 use crate::progress::Observer;
 use crate::reflectors::{Reflectors, sample_surface};
 use crate::scene::Scene;
@@ -47,28 +45,28 @@ impl Measurement {
         lines
     }
 
-    /// What a job holds until the cube of a scene is simulated.
-    fn holding(&self, run: &RunFile, grid: &Grid, seen: &Seen) -> Holding {
+    /// The arrays of a job until the cube of a scene is simulated.
+    fn arrays(&self, run: &RunFile, grid: &Grid, size: &SceneSize) -> JobArrays {
         let threads = rayon::current_num_threads();
-        let simulating = simulation_bytes(&self.instrument, seen.bounds, &self.options, threads);
-        Holding {
+        let simulation = simulation_bytes(&self.instrument, size.bounds, &self.options, threads);
+        JobArrays {
             samples: self.instrument.cube_bytes(),
-            simulating,
-            ..seen.holding(run, &self.instrument, grid)
+            simulation,
+            ..size.arrays(run, &self.instrument, grid)
         }
     }
 
-    /// What `image` holds.
-    pub(super) fn imaging(&self, budget: &Budget, grid: &Grid, seen: &Seen) -> Holding {
-        budget.imaging(&self.instrument, grid, self.holding(budget.run, grid, seen))
+    /// Those of `image`.
+    pub(super) fn imaging(&self, budget: &MemoryBudget, grid: &Grid, size: &SceneSize) -> JobArrays {
+        budget.imaging(&self.instrument, grid, self.arrays(budget.run, grid, size))
     }
 
-    /// What `simulate` holds.
-    pub(super) fn simulating(&self, budget: &Budget, grid: &Grid, seen: &Seen) -> Holding {
-        let holding = self.holding(budget.run, grid, seen);
+    /// Those of `simulate`.
+    pub(super) fn simulating(&self, run: &RunFile, grid: &Grid, size: &SceneSize) -> JobArrays {
+        let arrays = self.arrays(run, grid, size);
         // Samples in phase are copied without their imaginary parts to be written.
-        let written = if self.instrument.detection == Detection::InPhase { holding.samples / 2 } else { 0 };
-        Holding { simulating: holding.simulating.max(written), ..holding }
+        let written = if self.instrument.detection == Detection::InPhase { arrays.samples / 2 } else { 0 };
+        JobArrays { simulation: arrays.simulation.max(written), ..arrays }
     }
 }
 
@@ -82,58 +80,55 @@ pub(super) struct Echoes {
     pub(super) reflectors: Reflectors,
     pub(super) grid: Grid,
     pub(super) plan: Plan,
-    /// What of them, and of their cube, is in memory.
-    pub(super) held: Holding,
+    /// The sizes of what leads to their cube, and of the cube.
+    pub(super) arrays: JobArrays,
 }
 
 impl Echoes {
     /// Loads and samples a scene to be simulated, and imaged too if `imaged`.
-    pub(super) fn of(budget: &Budget, bare: bool, imaged: bool, observer: &dyn Observer) -> Result<Self> {
+    pub(super) fn of(
+        budget: &MemoryBudget,
+        bare: bool,
+        imaged: bool,
+        observer: &dyn Observer,
+    ) -> Result<Self> {
         let run = budget.run;
         let measurement = Measurement::of(run)?;
         let setup = &measurement.instrument;
         // What can never fit is refused before any ray is traced.
-        let threads = rayon::current_num_threads();
-        let fits = |grid: &Grid, seen: &Seen| {
+        let fits = |grid: &Grid, size: &SceneSize| {
             if imaged {
-                budget.room(setup, grid, measurement.imaging(budget, grid, seen), observer)
+                budget.check(setup, grid, &measurement.imaging(budget, grid, size), observer)
             } else {
-                check_simulation(setup, measurement.simulating(budget, grid, seen), threads, budget.limit)
+                check_simulation(setup, &measurement.simulating(run, grid, size), budget.limit)
             }
         };
         let path = scene_path(run)?;
         if is_csv(path) {
             let reflectors = Reflectors::read_csv(path)?;
             let grid = run.voxels(setup, reflectors.bounds())?;
-            let seen = Seen::list(&reflectors);
-            fits(&grid, &seen)?;
+            let size = SceneSize::of_list(&reflectors);
+            fits(&grid, &size)?;
             let plan = plan(setup, &grid);
-            let held = measurement.holding(run, &grid, &seen);
-            return Ok(Self { measurement, scene: None, spacing: None, reflectors, grid, plan, held });
+            let arrays = measurement.arrays(run, &grid, &size);
+            return Ok(Self { measurement, scene: None, spacing: None, reflectors, grid, plan, arrays });
         }
         let scene = load_scene(path, run, bare, observer)?;
-        let seen = Seen::mesh(&scene);
-        let samples_fit = |grid: &Grid| {
-            let options = seen.surface_options(run, setup, grid);
-            let limit = left_for_scene(budget.limit, threads);
-            check_sampling(seen.sampling(&options), options.spacing, limit)
-        };
+        let size = SceneSize::of_mesh(&scene);
         let grid = run.voxels(setup, scene.bounds());
-        let grid = grid
-            .and_then(|grid| samples_fit(&grid).and_then(|()| fits(&grid, &seen)).map(|()| grid))
-            .inspect_err(|_| {
-                // A wrong unit may be why no grid fits.
-                if let Some((low, high)) = scene.bounds() {
-                    warn_all(&scale_warnings(setup, low, high, is_in_metres(path)), observer);
-                }
-            })?;
+        let grid = grid.and_then(|grid| fits(&grid, &size).map(|()| grid)).inspect_err(|_| {
+            // A wrong unit may be why no grid fits.
+            if let Some((low, high)) = scene.bounds() {
+                warn_all(&scale_warnings(setup, low, high, is_in_metres(path)), observer);
+            }
+        })?;
         let plan = plan(setup, &grid);
-        let options = seen.surface_options(run, setup, &grid);
+        let options = size.surface_options(run, setup, &grid);
         let reflectors = sample_surface(&scene, &options, observer)?;
         observer.note(&format!("{} reflectors, {:.1} mm apart", reflectors.len(), 1e3 * options.spacing));
-        let held = measurement.holding(run, &grid, &seen);
+        let arrays = measurement.arrays(run, &grid, &size);
         let (scene, spacing) = (Some(scene), Some(options.spacing));
-        Ok(Self { measurement, scene, spacing, reflectors, grid, plan, held })
+        Ok(Self { measurement, scene, spacing, reflectors, grid, plan, arrays })
     }
 
     pub(super) fn instrument(&self) -> &Instrument {

@@ -1,15 +1,16 @@
 //! What `plan` shows: everything about a job that can be known before any ray or sample.
 
-use super::budget::{Budget, Seen};
 use super::echoes::{Measurement, placement_warnings};
 use super::facts::compensation;
+use super::memory::{MemoryBudget, SceneSize};
 use super::{is_csv, is_in_metres, outputs, scene_path};
 use crate::acquisition::{CubeFile, CubeSource, Instrument};
 use crate::config::RunFile;
 use crate::error::Result;
 use crate::grid::Grid;
-use crate::plan::{Design, Holding, Needs, Plan, design, plan, simulation_peak};
+use crate::plan::{Design, JobArrays, MemoryEstimate, Plan, design, plan};
 use crate::progress::Observer;
+use crate::reconstruct::Estimate;
 use glam::DVec3;
 use serde::Serialize;
 
@@ -19,14 +20,18 @@ use serde::Serialize;
 pub struct Forecast {
     /// Resolution, ambiguity, aliasing.
     pub plan: Plan,
-    /// Widths, ghosts and sidelobes, and what would mend each warning.
+    /// Widths, ghosts and sidelobes, and what would fix each warning.
     pub design: Design,
     /// The voxels, whether typed or chosen.
     pub grid: Grid,
-    /// Operations and bytes of `image`.
-    pub needs: Needs,
-    /// Bytes at the peak by command.
-    pub peaks: Peaks,
+    /// Every method, possible here or not, with its operations and bytes.
+    pub methods: Vec<Estimate>,
+    /// Which of them the job takes, as an index.
+    pub chosen: usize,
+    /// Worker threads.
+    pub threads: usize,
+    /// Memory at the peak of each command that does all of the job or a part of it, `image` first.
+    pub memory: Vec<CommandMemory>,
     /// What will be simulated beyond Eq. 5 and done to the volume, in words.
     pub physics: Vec<String>,
     /// Seconds of each method, by a short measurement of this machine's speed.
@@ -37,19 +42,26 @@ pub struct Forecast {
     pub warnings: Vec<String>,
 }
 
-/// Bytes at the peak of each command that does all of a job, or a part of it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+/// The memory that a command takes.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 #[non_exhaustive]
-pub struct Peaks {
-    /// All of it.
-    pub image: u64,
-    /// The scene to a cube; of a cube file there is nothing to simulate.
-    pub simulate: Option<u64>,
-    /// The cube's file to a volume that grows depth by depth: .npz, .vti, .nrrd.
-    pub reconstruct: u64,
+pub struct CommandMemory {
+    /// `image`; `simulate`, where there is a scene; `reconstruct`, from a cube in a file to a volume that is written depth by
+    /// depth (.npz, .vti, .nrrd).
+    pub command: &'static str,
+    /// Bytes at the peak.
+    pub bytes: u64,
+    /// When that is, and what they are of.
+    pub peak: MemoryEstimate,
 }
 
-/// Foretells `image` of a scene. The mesh is loaded for its size; no ray is traced.
+impl CommandMemory {
+    fn new(command: &'static str, peak: MemoryEstimate) -> Self {
+        Self { command, bytes: peak.total(), peak }
+    }
+}
+
+/// Predicts `image` of a scene. The mesh is loaded for its size; no ray is traced.
 ///
 /// # Errors
 /// A run file without a scene, or one that is refused; a grid that is missing and cannot be chosen.
@@ -58,50 +70,62 @@ pub fn forecast_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Res
     let setup = &measurement.instrument;
     let path = scene_path(run)?;
     let mesh = !is_csv(path);
-    let budget = Budget::of(run);
-    let seen = Seen::of(run, bare, observer)?;
-    let bounds = seen.bounds;
+    let budget = MemoryBudget::of(run);
+    let size = SceneSize::of(run, bare, observer)?;
+    let bounds = size.bounds;
     let grid = run.voxels(setup, bounds)?;
-    let holding = measurement.imaging(&budget, &grid, &seen);
-    let mut forecast = forecast(&budget, setup, &grid, holding, mesh)?;
-    let alone = measurement.simulating(&budget, &grid, &seen);
-    forecast.peaks.simulate = Some(simulation_peak(alone, rayon::current_num_threads()));
-    forecast.peaks.reconstruct = budget.needs(setup, &grid, Holding::default())?.peak_bytes;
+    let mut forecast = forecast(&budget, setup, &grid, &measurement.imaging(&budget, &grid, &size), mesh)?;
+    let simulation = measurement.simulating(run, &grid, &size).peak(0);
+    forecast.memory.push(CommandMemory::new("simulate", simulation));
+    forecast.memory.push(reconstruction(&budget, setup, &grid, JobArrays::default())?);
     forecast.physics = measurement.physics(run);
     let mesh = mesh.then(|| is_in_metres(path));
     forecast.warnings.extend(placement_warnings(setup, &grid, bounds, mesh));
     Ok(forecast)
 }
 
-/// Foretells `image` of a cube file. No sample is read.
+/// Predicts `image` of a cube file. No sample is read.
 ///
 /// # Errors
 /// A grid that is missing, or one that is refused.
 pub fn forecast_cube(run: &RunFile, cube: &CubeFile) -> Result<Forecast> {
     let setup = cube.instrument();
     let grid = run.voxels(setup, None::<(DVec3, DVec3)>)?;
-    let budget = Budget::of(run);
-    let held = Holding { samples: cube.held_bytes(), ..Holding::default() };
-    let mut forecast = forecast(&budget, setup, &grid, budget.imaging(setup, &grid, held), false)?;
-    forecast.peaks.reconstruct = budget.needs(setup, &grid, held)?.peak_bytes;
+    let budget = MemoryBudget::of(run);
+    let samples = JobArrays { samples: cube.held_bytes(), ..JobArrays::default() };
+    let mut forecast = forecast(&budget, setup, &grid, &budget.imaging(setup, &grid, samples), false)?;
+    forecast.memory.push(reconstruction(&budget, setup, &grid, samples)?);
     Ok(forecast)
 }
 
-pub(super) fn forecast(
-    budget: &Budget,
+/// Of `reconstruct` from a file, of whose samples some may be in memory.
+fn reconstruction(
+    budget: &MemoryBudget,
     setup: &Instrument,
     grid: &Grid,
-    holding: Holding,
+    samples: JobArrays,
+) -> Result<CommandMemory> {
+    let arrays = budget.reconstructing([], grid, false, samples);
+    Ok(CommandMemory::new("reconstruct", budget.estimate(setup, grid, &arrays)?.memory))
+}
+
+pub(super) fn forecast(
+    budget: &MemoryBudget,
+    setup: &Instrument,
+    grid: &Grid,
+    arrays: &JobArrays,
     truth: bool,
 ) -> Result<Forecast> {
     let run = budget.run;
     let plan = plan(setup, grid);
     let design = design(setup, grid, run.reconstruct.window);
-    let needs = budget.needs(setup, grid, holding)?;
-    let seconds = needs.seconds();
+    let estimate = budget.estimate(setup, grid, arrays)?;
+    let seconds = estimate.seconds();
     let warnings = [plan.warnings.clone(), design.warnings.clone()].concat();
     let physics = compensation(run).into_iter().collect();
     let files = outputs::names(run, truth);
-    let peaks = Peaks { image: needs.peak_bytes, simulate: None, reconstruct: needs.peak_bytes };
-    Ok(Forecast { plan, design, grid: *grid, needs, peaks, physics, seconds, files, warnings })
+    let memory = vec![CommandMemory::new("image", estimate.memory)];
+    let (methods, chosen, threads) = (estimate.methods, estimate.chosen, estimate.threads);
+    let grid = *grid;
+    Ok(Forecast { plan, design, grid, methods, chosen, threads, memory, physics, seconds, files, warnings })
 }

@@ -1,56 +1,12 @@
 //! How much memory a job may use.
 
-use crate::error::{Error, Result, gib};
 use std::path::Path;
-
-/// Refuses to sample a surface whose points cannot fit: the usual sign of a mesh in the wrong unit.
-///
-/// # Errors
-/// [`Error::InvalidInput`] when `bytes` exceed `limit`.
-pub fn check_sampling(bytes: u64, spacing: f64, limit: Option<u64>) -> Result<()> {
-    match limit {
-        Some(limit) if bytes > limit => Err(Error::input(
-            "reflectors.spacing",
-            format!(
-                "sampling the scene every {spacing} m needs about {}, and {} may be used here; use a larger spacing, and \
-                 check the scene's unit and scale",
-                gib(bytes),
-                gib(limit)
-            ),
-        )),
-        _ => Ok(()),
-    }
-}
-
-/// The most bytes of a volume that wait to be kept for a later run: less than what the C library would map afresh, so
-/// that they go where blocks of the cube were.
-pub const WAITING: u64 = 16 << 20;
 
 /// The most bytes that a job may use: those that were asked for, else 80 % of what is free, where the system says so; but
 /// no more than this process may have of addresses (`ulimit -v`).
 pub fn memory_limit(asked: Option<u64>) -> Option<u64> {
     let most = asked.or_else(|| available_memory().map(|free| free / 10 * 8));
     [most, address_space()].into_iter().flatten().min()
-}
-
-/// Addresses that the program takes once it is at work on anything: its libraries' tables, stacks and heaps of threads.
-const AT_WORK: u64 = 48 << 20;
-
-/// Refuses to begin where a limit of addresses (`ulimit -v`) leaves too few for any job. For the binary, once its threads
-/// run; they have most of what it takes.
-///
-/// # Errors
-/// [`Error::OutOfMemory`] with what is left.
-pub fn check_addresses() -> Result<()> {
-    match address_space() {
-        Some(left) if left < AT_WORK => Err(Error::out_of_memory(format!(
-            "of the addresses that this process may have, {} are left, and any job takes {}; raise `ulimit -v`, or run \
-                 fewer threads with -j",
-            gib(left),
-            gib(AT_WORK)
-        ))),
-        _ => Ok(()),
-    }
 }
 
 /// What is left of the addresses that this process may have.
@@ -99,18 +55,6 @@ fn group_memory(root: &Path) -> Option<u64> {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
-    use crate::named::assert_names;
-
-    #[test]
-    fn sampling_that_cannot_fit_is_refused() {
-        assert!(check_sampling(1 << 30, 0.01, Some(2 << 30)).is_ok());
-        assert!(
-            check_sampling(u64::MAX, 0.01, None).is_ok(),
-            "where memory is not known, allocation is the judge"
-        );
-        let error = check_sampling(2 << 30, 0.01, Some(1 << 30)).expect_err("too much").to_string();
-        assert_names(error, &["2.0 GiB"]);
-    }
 
     #[test]
     fn a_limit_of_addresses_is_read() {

@@ -79,7 +79,7 @@ impl Instrument {
 #[cfg(test)]
 mod tests {
     use super::super::tests::test_instrument;
-    use super::super::{Holding, check_memory, needs, plan};
+    use super::super::{JobArrays, estimate_job, plan};
     use crate::acquisition::Detection;
     use crate::reconstruct::ReconstructOptions;
 
@@ -92,10 +92,11 @@ mod tests {
                 let plan = plan(setup, &grid);
                 let ambiguous = plan.warnings.iter().any(|w| w.contains("unambiguous"));
                 assert!(!ambiguous, "{:?}", plan.warnings);
-                let (samples, volume) = (setup.cube_bytes(), true);
-                let holding = Holding { samples, volume, ..Holding::default() };
-                let needs = needs(setup, &grid, &ReconstructOptions::default(), holding, 2).expect("ok");
-                assert!(check_memory(&needs, setup, &grid, holding, Some(4 << 30)).is_ok());
+                let (samples, volume) = (setup.cube_bytes(), grid.volume_bytes());
+                let arrays = JobArrays { samples, volume, ..JobArrays::default() };
+                let options = ReconstructOptions::default();
+                let estimate = estimate_job(setup, &grid, &options, &arrays, 2).expect("ok");
+                assert!(estimate.check_memory(setup, &grid, &arrays, Some(4 << 30)).is_ok());
                 assert!(grid.z.first > 0.0 && grid.z.count >= 8, "{grid:?}");
                 let width = grid.x.last() - grid.x.first;
                 assert!(width > 0.9 * extent || (detection == Detection::InPhase && step > 40.0), "{grid:?}");

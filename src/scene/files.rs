@@ -6,12 +6,12 @@ use std::io::Read;
 use std::path::{Component, Path, PathBuf};
 
 use crate::alloc::try_with_capacity;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, gib};
 
 /// No file of a scene may be larger than this, bytes.
 const LARGEST_FILE: u64 = 4 << 30;
 
-/// A regular file and its length. Pipes and devices are refused, which might never end.
+/// A regular file and its length, bytes. Pipes and devices are refused, which might never end.
 pub(super) fn open(path: &Path) -> Result<(File, u64)> {
     let about = fs::metadata(path).map_err(|error| Error::reading(path, error))?;
     if about.is_dir() {
@@ -27,9 +27,20 @@ pub(super) fn open(path: &Path) -> Result<(File, u64)> {
     Ok((file, about.len()))
 }
 
-/// The whole of a regular file.
-pub(super) fn read(path: &Path) -> Result<Vec<u8>> {
+/// All bytes of a regular file, which may take no more than `memory`.
+pub(super) fn read(path: &Path, memory: Option<u64>) -> Result<Vec<u8>> {
     let (file, length) = open(path)?;
+    if let Some(limit) = memory.filter(|limit| length > *limit) {
+        return Err(Error::input(
+            path.display(),
+            format!(
+                "is a file of {}, which is read into memory, and {} may be used here (--memory sets another limit); \
+                 decimate or split the mesh",
+                gib(length),
+                gib(limit)
+            ),
+        ));
+    }
     // The file may have grown since it was measured.
     let mut bytes = try_with_capacity(length).ok_or_else(|| no_room(path.display(), "its bytes"))?;
     file.take(LARGEST_FILE).read_to_end(&mut bytes).map_err(|error| Error::reading(path, error))?;
@@ -89,8 +100,9 @@ mod tests {
         std::os::unix::fs::symlink("/etc", folder.path().join("out")).unwrap();
         let refused = beside(&folder.path().join("a.gltf"), "out/passwd");
         assert_names(refused.unwrap_err(), &["`out/passwd`", "link"]);
-        assert_names(read(folder.path()).unwrap_err().to_string(), &["folder"]);
-        assert_names(read(Path::new("/dev/zero")).unwrap_err().to_string(), &["/dev/zero", "regular file"]);
-        assert_names(read(&folder.path().join("none.obj")).unwrap_err().to_string(), &["none.obj", "file"]);
+        let refused = |path: &Path| read(path, None).unwrap_err().to_string();
+        assert_names(refused(folder.path()), &["folder"]);
+        assert_names(refused(Path::new("/dev/zero")), &["/dev/zero", "regular file"]);
+        assert_names(refused(&folder.path().join("none.obj")), &["none.obj", "file"]);
     }
 }

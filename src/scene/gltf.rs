@@ -9,10 +9,7 @@ mod acoustics;
 mod container;
 mod instances;
 mod mesh;
-mod needs;
 mod sensor;
-
-pub(super) use needs::needs;
 
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
@@ -44,7 +41,7 @@ pub(super) fn load(
             format!("{} is glTF, which is in m; remove `unit`, and use `scale` to resize", path.display()),
         ));
     }
-    let document = Document::open(path)?;
+    let document = Document::open(path, options.memory)?;
     let mut declared = Vec::new();
     for (i, material) in document.root.materials.iter().enumerate() {
         declared.push(palette.declare(acoustics::material(&document, i, material, observer)?));

@@ -12,7 +12,6 @@ use glam::DVec3;
 
 use super::files::no_room;
 use super::material::{Material, Palette};
-use super::needs::{Glimpse, MeshNeeds, scaled};
 use super::surfaces::Surfaces;
 use super::{LoadOptions, Mesh, Up, files, mtl};
 use crate::alloc::try_with_capacity;
@@ -27,11 +26,12 @@ pub(super) fn load(
     observer: &dyn Observer,
 ) -> Result<Mesh> {
     options.refuse_sensor("an OBJ", path)?;
+    let mut surfaces = Surfaces::new(path, options.memory);
     let mut cleaned = {
-        let bytes = files::read(path)?;
+        let bytes = files::read(path, options.memory)?;
         // Names may be in any encoding; geometry is ASCII.
         let source = String::from_utf8_lossy(&bytes);
-        clean(source.trim_start_matches('\u{feff}'), path)?
+        clean(source.trim_start_matches('\u{feff}'), path, &surfaces)?
     };
     let metres_per_unit = metres_per_unit(&cleaned, options, path, observer)?;
     if cleaned.free_form > 0 {
@@ -41,11 +41,10 @@ pub(super) fn load(
             cleaned.free_form
         ));
     }
-    let declared = declare_materials(&cleaned, path, palette, observer)?;
+    let declared = declare_materials(&cleaned, path, options, palette, observer)?;
     let models = read_models(&cleaned, path)?;
     cleaned.text = String::new();
 
-    let mut surfaces = Surfaces::new(path, options.memory);
     let mut corners = Vec::new();
     for model in models {
         let mesh = &model.mesh;
@@ -76,32 +75,6 @@ pub(super) fn load(
     Ok(Mesh { surfaces, metres_per_unit, up: Up::None, sensor: None, camera: None })
 }
 
-/// What reading an OBJ file will take, by some of its lines.
-pub(super) fn needs(glimpse: &mut Glimpse) -> MeshNeeds {
-    let (mut vertices, mut faces, mut corners, mut bytes) = (0, 0, 0, 0);
-    let times = glimpse.lines(|line| {
-        let words = || line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty()).skip(1);
-        match line {
-            [b'v', b' ' | b'\t', ..] => (vertices, bytes) = (vertices + 1, bytes + line.len() as u64),
-            [b'f', b' ' | b'\t', ..] => {
-                (faces, corners) = (faces + 1, corners + words().count() as u64);
-                // Of a corner only the first number is kept.
-                bytes += words()
-                    .filter_map(|word| word.split(|&byte| byte == b'/').next())
-                    .map(|n| n.len() as u64 + 1)
-                    .sum::<u64>();
-            }
-            _ => {}
-        }
-    });
-    let [vertices, faces, corners, copy] =
-        [vertices, faces, corners, bytes].map(|count| scaled(count, times));
-    // tobj's lists, then the models that it makes of them, by way of a table from one's vertices to the other's.
-    let reading = (glimpse.length + copy).max(copy + (24 + 24 + 34) * vertices + 104 * faces + 4 * corners);
-    let triangles = corners.saturating_sub(2 * faces);
-    MeshNeeds { triangles, reading, ..MeshNeeds::default() }
-}
-
 /// `tobj` calls what has no name by one.
 fn owner(name: &str) -> &str {
     if name == "unnamed_object" { "" } else { name }
@@ -122,13 +95,14 @@ struct Cleaned {
     free_form: usize,
 }
 
-fn clean(source: &str, path: &Path) -> Result<Cleaned> {
+/// Refuses more triangles than `surfaces` may hold, before any list is made of them.
+fn clean(source: &str, path: &Path, surfaces: &Surfaces) -> Result<Cleaned> {
     let mut text = String::new();
     text.try_reserve_exact(PREFIX.len() + source.len()).map_err(|_| no_room(path.display(), "its lines"))?;
     text.push_str(PREFIX);
     let mut materials: Vec<String> = Vec::new();
     let mut places = HashMap::new();
-    let (mut libraries, mut header, mut free_form) = (Vec::new(), None, 0);
+    let (mut libraries, mut header, mut free_form, mut triangles) = (Vec::new(), None, 0, 0);
     let mut lines = source.lines().enumerate();
     while let Some((number, line)) = lines.next() {
         let mut line = Cow::Borrowed(line.trim());
@@ -155,10 +129,14 @@ fn clean(source: &str, path: &Path) -> Result<Cleaned> {
             "f" => {
                 // Only the first of v/vt/vn matters, and the others may be out of range.
                 text.push('f');
+                let mut corners = 0_usize;
                 for corner in uncommented(rest).split_whitespace() {
                     text.push(' ');
                     text.push_str(corner.split('/').next().unwrap_or_default());
+                    corners += 1;
                 }
+                triangles += corners.saturating_sub(2);
+                surfaces.expect_room(triangles)?;
             }
             "o" | "g" => text.extend([keyword, " ", rest]),
             "usemtl" => {
@@ -236,6 +214,7 @@ fn metres_per_unit(
 fn declare_materials(
     cleaned: &Cleaned,
     path: &Path,
+    options: &LoadOptions,
     palette: &mut Palette<'_>,
     observer: &dyn Observer,
 ) -> Result<Vec<usize>> {
@@ -245,7 +224,7 @@ fn declare_materials(
         let whole = files::beside(path, library).is_ok_and(|p| p.is_file());
         let names = if whole { vec![library.as_str()] } else { library.split_whitespace().collect() };
         for name in names {
-            match files::beside(path, name).map(|file| (files::read(&file), file)) {
+            match files::beside(path, name).map(|file| (files::read(&file, options.memory), file)) {
                 Ok((Ok(bytes), file)) => {
                     let text = String::from_utf8_lossy(&bytes);
                     let text = text.trim_start_matches('\u{feff}');

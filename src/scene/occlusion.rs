@@ -196,9 +196,6 @@ impl SurfaceTree {
     pub(super) const BUILDING: u64 =
         (size_of::<Boxed<'_>>() + 4 * size_of::<Bvh2Node>() + size_of::<u128>() + size_of::<u32>()) as u64;
 
-    /// Bytes per triangle that stay: its index, and about a node, since leaves take in their neighbours.
-    pub(super) const HELD: u64 = (size_of::<Bvh2Node>() + size_of::<u32>()) as u64;
-
     /// # Errors
     /// [`Error::OutOfMemory`] when there is no room for it.
     pub(super) fn new(triangles: &[Triangle]) -> Result<Self> {
@@ -211,6 +208,11 @@ impl SurfaceTree {
             .ok_or_else(|| no_room("scene", "the tree over its triangles"))?;
         let padding = DVec3::splat(f64::from(PADDING) * unit);
         Ok(Self { bvh, centre, unit, low: low - padding, high: high + padding })
+    }
+
+    /// Bytes of its nodes and indices.
+    pub(super) fn memory_bytes(&self) -> u64 {
+        (size_of_val(&self.bvh.nodes[..]) + size_of_val(&self.bvh.primitive_indices[..])) as u64
     }
 
     /// The distance within which places along the path `from` → `to` are one, m.

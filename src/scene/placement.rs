@@ -109,8 +109,9 @@ pub struct LoadOptions {
     pub sensor: Option<Sensor>,
     /// Acoustic materials by name; the first that matches wins over what the file says.
     pub materials: Vec<MaterialRule>,
-    /// Bytes that reading may take at its peak ([`MeshNeeds::peak`](super::MeshNeeds::peak)); without, 50 million
-    /// triangles are read.
+    /// The most bytes that the file, and then its triangles and their tree at [`BYTES_PER_TRIANGLE`](super::BYTES_PER_TRIANGLE)
+    /// each, may take; a mesh that takes more is refused before their memory is asked for. Without, 50 million triangles are
+    /// read.
     pub memory: Option<u64>,
 }
 

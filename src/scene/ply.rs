@@ -4,10 +4,7 @@
 //! wrong. Positions and corners are all that is taken; colours say how a vertex looks, not how it sounds.
 
 mod header;
-mod needs;
 mod source;
-
-pub(super) use needs::needs;
 
 use std::path::Path;
 
@@ -30,10 +27,11 @@ pub(super) fn load(
     observer: &dyn Observer,
 ) -> Result<Mesh> {
     options.refuse_sensor("a PLY", path)?;
-    let bytes = files::read(path)?;
+    let bytes = files::read(path, options.memory)?;
     let header = Header::read(&bytes, path)?;
     let metres_per_unit = options.needed_unit("a PLY", path)?;
     let mut source = Source::new(header.format, &bytes[header.length..], header.lines);
+    let mut surfaces = Surfaces::new(path, options.memory);
     let (mut vertices, mut faces, mut strips) = (Vertices::default(), Lists::default(), Lists::default());
     for element in &header.elements {
         match element.name.as_str() {
@@ -44,6 +42,8 @@ pub(super) fn load(
             name @ ("face" | "tristrips") => {
                 let lists = if name == "face" { &mut faces } else { &mut strips };
                 lists.find_list(element).map_err(|problem| Error::input(path.display(), problem))?;
+                // Every row has a triangle or more, and no more rows are read than the file has room for.
+                surfaces.expect_room(source.rows_of(element))?;
                 read_rows(element, &mut source, path, lists)?;
             }
             _ => read_rows(element, &mut source, path, &mut Unread)?,
@@ -66,7 +66,6 @@ pub(super) fn load(
         ));
     }
     let material = palette.assign(None, "");
-    let mut surfaces = Surfaces::new(path, options.memory);
     let place = |kind: &str, i: usize| format!("{}, {kind} {i}", path.display());
     let mut corners = Vec::new();
     // Each has two corners more than triangles.
@@ -116,8 +115,7 @@ fn read_rows(element: &Element, source: &mut Source<'_>, path: &Path, rows: &mut
     if element.properties.is_empty() {
         return Ok(());
     }
-    let possible = source.left() as u64 / element.least_row(source.format()).max(1);
-    if !rows.reserve(element.count.min(possible) as usize) {
+    if !rows.reserve(source.rows_of(element)) {
         return Err(no_room(path.display(), "its vertices and faces"));
     }
     for row in 0..element.count {

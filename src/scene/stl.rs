@@ -3,12 +3,12 @@
 //! Read here because the crates for it go by the first word alone, which many binary files have too, stop after
 //! the first of several solids, and cannot say in which line a mistake is.
 
+use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 
 use glam::DVec3;
 
 use super::material::Palette;
-use super::needs::{Glimpse, MeshNeeds, scaled};
 use super::surfaces::Surfaces;
 use super::{LoadOptions, Mesh, Up, files};
 use crate::error::{Error, Result};
@@ -27,29 +27,28 @@ pub(super) fn load(
     observer: &dyn Observer,
 ) -> Result<Mesh> {
     options.refuse_sensor("an STL", path)?;
-    let bytes = files::read(path)?;
+    let (file, length) = files::open(path)?;
+    let mut file = BufReader::with_capacity(1 << 16, file);
+    let start = file.fill_buf().map_err(|error| Error::reading(path, error))?;
+    let count = triangle_count(start);
+    let text = is_text(start, length);
     let metres_per_unit = options.needed_unit("an STL", path)?;
     let mut surfaces = Surfaces::new(path, options.memory);
-    if is_text(&bytes, bytes.len() as u64) {
-        read_text(&String::from_utf8_lossy(&bytes), path, palette, &mut surfaces, observer)?;
+    if text {
+        read_text(file, path, palette, &mut surfaces, observer)?;
     } else {
-        read_binary(&bytes, path, palette, &mut surfaces, observer)?;
+        let Some(count) = count else {
+            return Err(Error::input(
+                path.display(),
+                format!(
+                    "is no STL: {length} bytes that do not begin with `solid` as a text, and are fewer than the {HEADER} \
+                     of a binary header"
+                ),
+            ));
+        };
+        read_binary(file, (count, length), path, palette, &mut surfaces, observer)?;
     }
     Ok(Mesh { surfaces, metres_per_unit, up: Up::None, sensor: None, camera: None })
-}
-
-/// What reading an STL file will take. A binary one says how many triangles it has.
-pub(super) fn needs(glimpse: &mut Glimpse) -> Option<MeshNeeds> {
-    let (reading, start) = (glimpse.length, glimpse.bytes(0, 1024));
-    if !is_text(&start, reading) {
-        let declared = u64::from(triangle_count(&start)?);
-        // One that declares more than it holds is refused when it is read.
-        let triangles = declared.min(reading.saturating_sub(HEADER as u64) / RECORD as u64);
-        return Some(MeshNeeds { triangles, counted: true, reading, ..MeshNeeds::default() });
-    }
-    let mut facets = 0;
-    let times = glimpse.lines(|line| facets += u64::from(line.eq_ignore_ascii_case(b"endfacet")));
-    Some(MeshNeeds { triangles: scaled(facets, times), reading, ..MeshNeeds::default() })
 }
 
 /// Both kinds may begin with `solid`. The `length` of a binary file is telling; one of another length is text
@@ -66,34 +65,30 @@ fn triangle_count(bytes: &[u8]) -> Option<u32> {
     bytes.get(80..HEADER).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]))
 }
 
+/// Reads `count` triangles from the beginning of a file of `length` bytes.
 fn read_binary(
-    bytes: &[u8],
+    mut file: impl Read,
+    (count, length): (u32, u64),
     path: &Path,
     palette: &mut Palette<'_>,
     surfaces: &mut Surfaces,
     observer: &dyn Observer,
 ) -> Result<()> {
-    let Some(count) = triangle_count(bytes) else {
+    let records = length - HEADER as u64;
+    let complete = records / RECORD as u64;
+    if complete < u64::from(count) {
         return Err(Error::input(
             path.display(),
-            format!(
-                "is no STL: {} bytes that do not begin with `solid` as a text, and are fewer than the {HEADER} of a \
-                 binary header",
-                bytes.len()
-            ),
-        ));
-    };
-    let records = &bytes[HEADER..];
-    let held = records.len() / RECORD;
-    if held < count as usize {
-        return Err(Error::input(
-            path.display(),
-            format!("is cut short, or no STL: {held} of the {count} triangles that its header declares"),
+            format!("is cut short, or no STL: {complete} of the {count} triangles that its header declares"),
         ));
     }
     let material = palette.assign(None, "");
     surfaces.reserve(count as usize)?;
-    for (i, record) in records.chunks_exact(RECORD).take(count as usize).enumerate() {
+    let mut read = |bytes: &mut [u8]| file.read_exact(bytes).map_err(|error| Error::reading(path, error));
+    read(&mut [0; HEADER])?;
+    let mut record = [0; RECORD];
+    for i in 0..count {
+        read(&mut record)?;
         let number = |at: usize| {
             f64::from(f32::from_le_bytes([record[at], record[at + 1], record[at + 2], record[at + 3]]))
         };
@@ -106,7 +101,7 @@ fn read_binary(
         }
         surfaces.add(corners, material)?;
     }
-    let left = records.len() - count as usize * RECORD;
+    let left = records - u64::from(count) * RECORD as u64;
     if left > 0 {
         observer.warn(&format!(
             "{}: {left} bytes follow the {count} triangles that its header declares; they are left out",
@@ -116,8 +111,9 @@ fn read_binary(
     Ok(())
 }
 
+/// Reads a text line by line: it is several times as long as what its triangles take.
 fn read_text(
-    text: &str,
+    mut file: impl BufRead,
     path: &Path,
     palette: &mut Palette<'_>,
     surfaces: &mut Surfaces,
@@ -126,9 +122,12 @@ fn read_text(
     let mut material = None;
     let mut corners = Vec::new();
     let (mut in_facet, mut in_solid) = (false, false);
-    for (i, line) in text.trim_start_matches('\u{feff}').lines().enumerate() {
-        let refused = |problem: String| Error::input(format!("{}, line {}", path.display(), i + 1), problem);
-        let line = line.trim();
+    let (mut bytes, mut number) = (Vec::new(), 0);
+    while file.read_until(b'\n', &mut bytes).map_err(|error| Error::reading(path, error))? > 0 {
+        number += 1;
+        let refused = |problem: String| Error::input(format!("{}, line {number}", path.display()), problem);
+        let line = String::from_utf8_lossy(&bytes);
+        let line = line.trim_start_matches('\u{feff}').trim();
         let mut words = line.split_whitespace();
         while let Some(word) = words.next() {
             match word.to_ascii_lowercase().as_str() {
@@ -171,6 +170,7 @@ fn read_text(
                 }
             }
         }
+        bytes.clear();
     }
     if in_facet || !corners.is_empty() {
         return Err(Error::input(path.display(), "is cut short: it ends within a facet"));

@@ -8,15 +8,16 @@ use glam::DVec3;
 use super::files::no_room;
 use super::occlusion::SurfaceTree;
 use super::{Triangle, polygon};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, gib};
 use crate::progress::Observer;
 
 /// More triangles than this are refused, so that a small hostile file with many instances cannot take all
 /// memory.
 pub(super) const MOST_TRIANGLES: usize = 50_000_000;
 
-/// Bytes of one triangle while the tree is built.
-const TRIANGLE_BYTES: u64 = size_of::<Triangle>() as u64 + SurfaceTree::BUILDING;
+/// Bytes per triangle while the tree over them is built, which is when a mesh takes most memory: the triangle, and what
+/// [`SurfaceTree::new`] makes of it on the way.
+pub const BYTES_PER_TRIANGLE: u64 = size_of::<Triangle>() as u64 + SurfaceTree::BUILDING;
 
 /// No scene has coordinates beyond this, in whatever unit.
 const TOO_FAR: f64 = 1e3 * super::FARTHEST;
@@ -26,8 +27,8 @@ const TOO_FAR: f64 = 1e3 * super::FARTHEST;
 pub(super) struct Surfaces {
     file: String,
     triangles: Vec<Triangle>,
-    /// As many as there is memory for.
-    most: usize,
+    /// The most bytes that they and their tree may take.
+    memory: Option<u64>,
     /// Triangles without area: they count as work, but are not kept.
     flat: usize,
     /// Faces of which nobody knows what they cover.
@@ -39,11 +40,10 @@ pub(super) struct Surfaces {
 impl Surfaces {
     /// Nothing yet; `path` is for messages, and `memory` bounds the bytes that the triangles and their tree may take.
     pub(super) fn new(path: &Path, memory: Option<u64>) -> Self {
-        let most = memory.map_or(u64::MAX, |bytes| bytes / TRIANGLE_BYTES);
         Self {
             file: path.display().to_string(),
             triangles: Vec::new(),
-            most: usize::try_from(most).map_or(MOST_TRIANGLES, |most| most.min(MOST_TRIANGLES)),
+            memory,
             flat: 0,
             doubtful: 0,
             allowance: polygon::ALLOWANCE,
@@ -52,21 +52,21 @@ impl Surfaces {
 
     /// Refuses `more` triangles if the limit would be passed.
     pub(super) fn expect_room(&self, more: usize) -> Result<()> {
-        let found = self.triangles.len() + self.flat;
-        if more <= self.most.saturating_sub(found) {
-            return Ok(());
+        let count = (self.triangles.len() + self.flat).saturating_add(more);
+        let bytes = (count as u64).saturating_mul(BYTES_PER_TRIANGLE);
+        if let Some(limit) = self.memory.filter(|limit| bytes > *limit) {
+            return Err(Error::input(
+                &self.file,
+                format!(
+                    "holds {count} triangles or more, which take about {} in memory ({BYTES_PER_TRIANGLE} bytes each), and \
+                     {} may be used here (--memory sets another limit); decimate the mesh (sound resolves about a cm), or \
+                     leave out what the array does not see",
+                    gib(bytes),
+                    gib(limit)
+                ),
+            ));
         }
-        if self.most == MOST_TRIANGLES {
-            return Err(too_many_triangles(&self.file));
-        }
-        Err(Error::input(
-            &self.file,
-            format!(
-                "holds more than the {} triangles that there is memory for ({TRIANGLE_BYTES} bytes each); decimate the mesh \
-                 (sound resolves about a cm), or allow more with --memory",
-                self.most
-            ),
-        ))
+        if count > MOST_TRIANGLES { Err(too_many_triangles(&self.file)) } else { Ok(()) }
     }
 
     /// Makes room for `more` triangles: exactly so much for the first of a file, which often are all.
@@ -165,13 +165,13 @@ mod tests {
         let refused = surfaces.expect_room(MOST_TRIANGLES - 1).unwrap_err().to_string();
         assert_names(refused, &["a.obj", "50000000 triangles"]);
         assert!(surfaces.expect_room(usize::MAX).is_err());
-        let mut small = Surfaces::new(Path::new("a.obj"), Some(2 * TRIANGLE_BYTES + 10));
+        let mut small = Surfaces::new(Path::new("a.obj"), Some(2 * BYTES_PER_TRIANGLE + 10));
         let corners = [DVec3::ZERO, DVec3::X, DVec3::Y];
         assert!(
             small.add(corners, 0).is_ok() && small.expect_room(2).is_err() && small.add(corners, 0).is_ok()
         );
         let refused = small.add(corners, 0).unwrap_err().to_string();
-        assert_names(refused, &["a.obj", "2 triangles", "memory"]);
+        assert_names(refused, &["a.obj", "3 triangles", "memory"]);
         let listener = Listener::default();
         assert_eq!(surfaces.finish(&listener).unwrap().len(), 1);
         assert_names(listener.heard(), &["a.obj", "1", "2 triangles", "area"]);

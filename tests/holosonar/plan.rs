@@ -1,10 +1,10 @@
-//! What `plan` foretells, what memory is held to, and volumes that grow depth by depth.
+//! What `plan` predicts, what memory is held to, and volumes that grow depth by depth.
 
 use crate::binary::{done, files_below, refused, shipped};
 use serde_json::Value;
 
 #[test]
-fn plan_foretells_what_image_writes_and_touches_nothing() {
+fn plan_predicts_what_image_writes_and_touches_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let scene = shipped("point.toml");
     let planned: Value =
@@ -19,14 +19,14 @@ fn plan_foretells_what_image_writes_and_touches_nothing() {
         .iter()
         .map(|path| path.file_name().unwrap().to_str().unwrap().to_owned())
         .collect();
-    let mut foretold: Vec<String> = serde_json::from_value(planned["files"].clone()).unwrap();
+    let mut predicted: Vec<String> = serde_json::from_value(planned["files"].clone()).unwrap();
     written.sort();
-    foretold.sort();
-    assert_eq!(written, foretold);
+    predicted.sort();
+    assert_eq!(written, predicted);
     let report: Value =
         serde_json::from_slice(&std::fs::read(folder.path().join("out/report.json")).unwrap()).unwrap();
-    let chosen = planned["needs"]["chosen"].as_u64().unwrap() as usize;
-    assert_eq!(planned["needs"]["methods"][chosen]["method"], report["method"]);
+    let chosen = planned["chosen"].as_u64().unwrap() as usize;
+    assert_eq!(planned["methods"][chosen]["method"], report["method"]);
     assert_eq!(planned["plan"], report["plan"]);
 }
 

@@ -23,10 +23,9 @@ pub struct Estimate {
     pub obstacle: Option<String>,
     /// Floating-point operations, to within a factor of two.
     pub operations: f64,
-    /// Bytes at the peak beside the samples that the source holds, and beside the volume.
+    /// Bytes at the peak beside the samples that the source holds, and beside the volume: within
+    /// [`ReconstructOptions::memory`], or where as little as possible is worked on at a time.
     pub bytes: u64,
-    /// The same where as little as possible is worked on at a time, by one thread: slower, and the same volume.
-    pub least_bytes: u64,
     /// What `bytes` are of.
     #[serde(skip)]
     pub(crate) batch: Batch,
@@ -83,7 +82,7 @@ pub(crate) fn estimates(
 
 fn impossible(method: Method, obstacle: String) -> Estimate {
     let (obstacle, operations) = (Some(obstacle), f64::INFINITY);
-    Estimate { method, obstacle, operations, bytes: 0, least_bytes: 0, batch: Batch::LEAST }
+    Estimate { method, obstacle, operations, bytes: 0, batch: Batch::LEAST }
 }
 
 /// Operations of a complex multiplication and addition.
@@ -108,8 +107,6 @@ fn compression(setup: &Instrument, tones: f64) -> (f64, u64) {
 }
 
 /// Bytes that a thread takes to find a slab's tones among the volume's: both at delays, and their difference.
-///
-/// Its heap keeps them for the next slab, being too small to be mapped each by itself.
 fn nesting(setup: &Instrument, of_volume: f64, slab: &PathInterval) -> u64 {
     let bandwidth = setup.sweep.bandwidth();
     let witnesses = witnesses_for(bandwidth * slab.duration()).min(of_volume);
@@ -120,11 +117,6 @@ fn nesting(setup: &Instrument, of_volume: f64, slab: &PathInterval) -> u64 {
 fn block_bytes(setup: &Instrument) -> u64 {
     let frequencies = frequencies_at_once(setup.array.len()).min(setup.sweep.len());
     COMPLEX * (frequencies as u64).saturating_mul(setup.array.len() as u64)
-}
-
-/// What remains of such a block when it is given back: the C library unmaps only what is larger.
-fn kept_block(setup: &Instrument) -> u64 {
-    Some(block_bytes(setup)).filter(|bytes| *bytes <= 32 << 20).unwrap_or(0)
 }
 
 /// Of Eq. 16 by such a plan.
@@ -183,11 +175,11 @@ pub(crate) fn of_convolution(
     let bytes = |batch: Batch| {
         let planes = SlabDriver::bytes(plane, batch.slabs * thickness, depths);
         let focusing = slab.saturating_mul(batch.slabs as u64).saturating_add(scratch(batch));
-        let focusing = focusing.saturating_add(planes).saturating_add(kept_block(setup));
+        let focusing = focusing.saturating_add(planes);
         let nesting = nesting.saturating_mul(batch.workers.min(depths.div_ceil(thickness)) as u64);
         let near = plan.near.worker_bytes.saturating_mul(batch.workers as u64);
-        let focusing = nodes.saturating_add(focusing).saturating_add(near);
-        before.max(focusing).saturating_add(nesting).saturating_add(plan.near.bytes)
+        let focusing = nodes.saturating_add(focusing).saturating_add(near).saturating_add(nesting);
+        before.max(focusing).saturating_add(plan.near.bytes)
     };
     possible(Method::Convolution, operations, options, slabs.usual_batch(layout, threads), bytes)
 }
@@ -201,8 +193,7 @@ fn possible(
     bytes: impl Fn(Batch) -> u64,
 ) -> Estimate {
     let batch = usual.within(options.memory, &bytes);
-    let least_bytes = bytes(Batch::LEAST);
-    Estimate { method, obstacle: None, operations, bytes: bytes(batch), least_bytes, batch }
+    Estimate { method, obstacle: None, operations, bytes: bytes(batch), batch }
 }
 
 fn of_backprojection(

@@ -14,6 +14,8 @@ pub(super) struct Document {
     path: PathBuf,
     pub(super) root: json::Root,
     pub(super) buffers: Vec<Vec<u8>>,
+    /// The most bytes that a file may take; see [`files::read`].
+    memory: Option<u64>,
     /// Sparse values that may still be looked at.
     allowance: Cell<u64>,
 }
@@ -23,8 +25,8 @@ pub(super) struct Document {
 const MOST_SPARSE_VALUES: u64 = 1 << 30;
 
 impl Document {
-    pub(super) fn open(path: &Path) -> Result<Self> {
-        let mut bytes = files::read(path)?;
+    pub(super) fn open(path: &Path, memory: Option<u64>) -> Result<Self> {
+        let mut bytes = files::read(path, memory)?;
         // The content decides, not the name: exporters mix up the two.
         let (text, binary) = if bytes.starts_with(b"glTF") {
             split_glb(&bytes).map_err(|problem| Error::input(path.display(), problem))?
@@ -50,6 +52,7 @@ impl Document {
             path: path.to_owned(),
             root,
             buffers: Vec::new(),
+            memory,
             allowance: Cell::new(MOST_SPARSE_VALUES),
         };
         // Cut out of the file's own bytes rather than copied.
@@ -106,7 +109,7 @@ impl Document {
             (Some(uri), _) if uri.starts_with("data:") => decode_data_uri(uri).map_err(refused)?,
             (Some(uri), _) => {
                 let file = self.external(uri).map_err(refused)?;
-                files::read(&file).map_err(|error| Error::input(place(), error.to_string()))?
+                files::read(&file, self.memory).map_err(|error| Error::input(place(), error.to_string()))?
             }
             (None, Some(binary)) => binary,
             (None, _) => {

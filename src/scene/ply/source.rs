@@ -1,7 +1,7 @@
 //! The numbers of a PLY file, one after the other, in whatever form they are.
 
 use super::Outcome;
-use super::header::{Format, Kind};
+use super::header::{Element, Format, Kind};
 
 /// Gives the next number, all in f64, which holds each of their types exactly.
 #[derive(Debug)]
@@ -34,13 +34,10 @@ impl<'a> Source<'a> {
         })
     }
 
-    pub(super) fn format(&self) -> Format {
-        self.format
-    }
-
-    /// How many bytes are left.
-    pub(super) fn left(&self) -> usize {
-        self.rest.len()
+    /// How many rows of an element there can be: those declared, or as many as the bytes that are left may hold.
+    pub(super) fn rows_of(&self, element: &Element) -> usize {
+        let possible = self.rest.len() as u64 / element.least_row(self.format).max(1);
+        element.count.min(possible) as usize
     }
 
     /// The line that was read last, of a text.

@@ -192,7 +192,7 @@ fn a_limit_of_memory_is_kept_to() {
         );
         let planned = done(folder, &format!("plan job.toml --json {set}"));
         let planned: Value = serde_json::from_str(&planned).unwrap();
-        (planned["needs"]["peak_bytes"].as_u64().unwrap(), format!("image job.toml -o made -q {set}"))
+        (planned["memory"][0]["bytes"].as_u64().unwrap(), format!("image job.toml -o made -q {set}"))
     };
     let (bytes, words) = finer("[0.005,0.005,0.006]");
     let ran = limited(folder, &words, bytes + (512 << 20));

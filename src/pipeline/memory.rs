@@ -1,0 +1,136 @@
+//! The memory that a job may use, the arrays that it takes it for, and its refusal where that is too little.
+
+use super::{is_csv, outputs, scene_path};
+use crate::acquisition::Instrument;
+use crate::checkpoint::BUFFER_BYTES;
+use crate::config::RunFile;
+use crate::error::{Result, gib};
+use crate::grid::Grid;
+use crate::plan::{JobArrays, JobEstimate, estimate_job, memory_limit};
+use crate::progress::Observer;
+use crate::reconstruct::ReconstructOptions;
+use crate::reflectors::{Reflectors, SurfaceOptions, sampling_bytes};
+use crate::scene::{BYTES_PER_TRIANGLE, Scene};
+use glam::DVec3;
+use num_complex::Complex32;
+use std::path::Path;
+
+/// A run, and the bytes that it may use: found once, before anything is allocated, since what is free shrinks as a job grows.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct MemoryBudget<'a> {
+    pub(super) run: &'a RunFile,
+    pub(super) limit: Option<u64>,
+}
+
+impl<'a> MemoryBudget<'a> {
+    pub(super) fn of(run: &'a RunFile) -> Self {
+        Self { run, limit: memory_limit(run.memory) }
+    }
+
+    /// The arrays of `image`, given those of its scene and samples.
+    pub(super) fn imaging(&self, setup: &Instrument, grid: &Grid, arrays: JobArrays) -> JobArrays {
+        let resolution = setup.range_resolution().unwrap_or(f64::NAN);
+        let depth = self.run.depth_options(resolution).search_bytes(grid);
+        JobArrays { depth, ..self.reconstructing(outputs::volume_names(self.run), grid, true, arrays) }
+    }
+
+    /// The arrays of `reconstruct` into such files, of which the volume is one if it is needed as a whole.
+    pub(super) fn reconstructing<'b>(
+        &self,
+        paths: impl IntoIterator<Item = &'b Path>,
+        grid: &Grid,
+        whole: bool,
+        arrays: JobArrays,
+    ) -> JobArrays {
+        let volume = grid.volume_bytes();
+        let output = outputs::writing_bytes(paths, self.run, grid);
+        let checkpoint = BUFFER_BYTES.min(volume);
+        JobArrays { volume: if whole { volume } else { 0 }, checkpoint, output, ..arrays }
+    }
+
+    /// How a volume is to be made within the memory there is.
+    pub(super) fn options(&self, arrays: &JobArrays) -> ReconstructOptions {
+        let mut options = self.run.reconstruct_options();
+        options.memory = arrays.left_for_method(self.limit);
+        options
+    }
+
+    /// What that takes.
+    pub(super) fn estimate(
+        &self,
+        setup: &Instrument,
+        grid: &Grid,
+        arrays: &JobArrays,
+    ) -> Result<JobEstimate> {
+        estimate_job(setup, grid, &self.options(arrays), arrays, rayon::current_num_threads())
+    }
+
+    /// Refuses a job that cannot fit in memory, and says what one that can will take.
+    pub(super) fn check(
+        &self,
+        setup: &Instrument,
+        grid: &Grid,
+        arrays: &JobArrays,
+        observer: &dyn Observer,
+    ) -> Result<()> {
+        let estimate = self.estimate(setup, grid, arrays)?;
+        estimate.check_memory(setup, grid, arrays, self.limit)?;
+        observer.note(&format!("taking about {} of memory", gib(estimate.memory.total())));
+        Ok(())
+    }
+}
+
+/// How large a scene is that is read, and not sampled yet.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct SceneSize {
+    pub(super) bounds: Option<(DVec3, DVec3)>,
+    /// Of a mesh; 0 for a list of reflectors.
+    triangles: u64,
+    /// Of its surfaces, m²; 0 for a list of reflectors.
+    area: f64,
+    /// Bytes that it takes in memory.
+    bytes: u64,
+}
+
+impl SceneSize {
+    pub(super) fn of_mesh(scene: &Scene) -> Self {
+        let (triangles, bytes) = (scene.triangles().len() as u64, scene.memory_bytes());
+        Self { bounds: scene.bounds(), triangles, area: scene.surface_area(), bytes }
+    }
+
+    pub(super) fn of_list(reflectors: &Reflectors) -> Self {
+        let bytes = (reflectors.len() * (size_of::<DVec3>() + size_of::<Complex32>())) as u64;
+        Self { bytes, ..Self::within(reflectors.bounds()) }
+    }
+
+    /// That of the run file's scene, which is read for it and let go again.
+    pub(super) fn of(run: &RunFile, bare: bool, observer: &dyn Observer) -> Result<Self> {
+        let path = scene_path(run)?;
+        if is_csv(path) {
+            return Ok(Self::of_list(&Reflectors::read_csv(path)?));
+        }
+        Ok(Self::of_mesh(&Scene::load(path, &run.load_options(bare)?, observer)?))
+    }
+
+    /// Some reflector within these bounds.
+    pub(super) fn within(bounds: Option<(DVec3, DVec3)>) -> Self {
+        Self { bounds, ..Self::default() }
+    }
+
+    /// How its surfaces are sampled.
+    pub(super) fn surface_options(&self, run: &RunFile, setup: &Instrument, grid: &Grid) -> SurfaceOptions {
+        let nearest = self.bounds.map_or(grid.z.first, |(low, _)| low.z.max(grid.z.first));
+        run.surface_options(setup, nearest)
+    }
+
+    /// The arrays of reading and sampling it.
+    pub(super) fn arrays(&self, run: &RunFile, setup: &Instrument, grid: &Grid) -> JobArrays {
+        let scene = JobArrays { scene: self.bytes, ..JobArrays::default() };
+        if self.triangles == 0 {
+            return scene;
+        }
+        let options = self.surface_options(run, setup, grid);
+        let sampling = sampling_bytes(self.triangles, self.area, &options);
+        JobArrays { loading: self.triangles.saturating_mul(BYTES_PER_TRIANGLE), sampling, ..scene }
+    }
+}
