@@ -208,9 +208,8 @@ impl Reader<'_> {
         };
         for segment in path {
             match segment.as_str() {
-                "crate" | "self" => {}
                 "super" if full.pop().is_none() => return Some(vec!["super".to_owned()]),
-                "super" => {}
+                "crate" | "self" | "super" => {}
                 name => full.push(name.to_owned()),
             }
         }
@@ -274,7 +273,7 @@ mod tests {
 
     #[test]
     fn comments_strings_and_characters_name_nothing() {
-        let text = r###"
+        let text = r##"
             // use crate::a;
             /// [`crate::a`]
             /* use crate::a; /* crate::b */ crate::c */
@@ -284,7 +283,7 @@ mod tests {
             const D: [char; 4] = ['"', '\'', '\u{22}', '{'];
             const E: u8 = b'"';
             use crate::last;
-        "###;
+        "##;
         assert_eq!(of(text), ["last"]);
     }
 }
