@@ -153,7 +153,7 @@ fn a_grid_axis_is_any_two_of_end_pitch_and_count() {
         "[grid]\nx=[0,1]\ny=[0,1]\nz=[1,2]\npitch=[0.5,0.5,0.5]\ncount=[3,3,5]",
         &["`grid.z`", "3 voxels", "5"],
     );
-    refused_with("[grid]\nx=[0,1]\ny=[0,1]\nz=[1,1]\ncount=[3,3,1]", &["`grid.z`", "`pitch`"]);
+    refused_with("[grid]\nx=[0,1]\ny=[0,1]\nz=[1,1]\ncount=[3,3,1]", &["`grid.count`", "`pitch`"]);
     refused_with("[grid]\ncount=[3,3,1]", &["`grid.count`", "x, y", "z"]);
     refused_with("[grid]\nx=0\ny=0\nz=0\ncount=[0,1,1]\npitch=[1,1,1]", &["`grid.count", "1"]);
 }

@@ -283,7 +283,7 @@ fn damaged_structure_names_its_place() {
         ("/bufferViews/0/buffer", json!(7), &["accessor 0", "buffer view 0"]),
         ("/bufferViews/0/byteOffset", json!(u64::MAX), &["accessor 0", "buffer view 0", "80 bytes"]),
         ("/bufferViews/0/byteStride", json!(4), &["accessor 0", "stride", "4"]),
-        ("/meshes/0/primitives/0/attributes/POSITION", json!(9), &["primitive 0", "accessor 9"]),
+        ("/meshes/0/primitives/0/attributes/POSITION", json!(9), &["accessor 9"]),
         ("/meshes/0/primitives/0/attributes", json!({}), &["primitive 0", "POSITION"]),
         ("/meshes/0/primitives/0/material", json!(9), &["primitive 0", "material 9"]),
         ("/meshes/0/primitives/0/mode", json!(99), &["primitive 0", "mode"]),

@@ -310,7 +310,7 @@ mod tests {
         let default = LoadOptions::default;
         assert_names(refused(LoadOptions { scale: 0.0, ..default() }), &["scale", "0"]);
         assert_names(refused(LoadOptions { scale: f64::NAN, ..default() }), &["scale", "NaN"]);
-        assert_names(refused(LoadOptions { rotate: DVec3::NAN, ..default() }), &["rotate", "NaN"]);
+        assert_names(refused(LoadOptions { rotate: DVec3::NAN, ..default() }), &["rotate", "finite"]);
         let both = LoadOptions { fit: Some(DVec3::Z), translate: DVec3::Z, ..default() };
         assert_names(refused(both), &["fit", "translate"]);
     }

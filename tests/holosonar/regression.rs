@@ -1,5 +1,5 @@
 //! The shipped scenes held to their own `[expect]`, and negative controls: what should fail does fail, so that the
-//! limits mean something (PHYSICS, section R).
+//! limits mean something.
 
 use crate::binary::shipped;
 use glam::{DMat3, DVec3};
@@ -103,7 +103,7 @@ fn a_sparse_array_cannot_tell_two_surfaces_apart() {
     assert!(found.two_returns.unwrap() < 0.20, "{found:?}");
 }
 
-/// PHYSICS' `cad`: a sphere, a turned cube and four steps, with closed backs that only occlusion hides.
+/// A scene of closed bodies, whose backs only occlusion hides: a sphere, a turned cube and four steps.
 fn cad_obj() -> String {
     let mut quads: Vec<[DVec3; 4]> = Vec::new();
     let (n_v, n_u) = (24, 48);
@@ -153,7 +153,7 @@ fn without_occlusion_the_backs_of_closed_bodies_drown_their_fronts() {
     std::fs::write(folder.path().join("cad.obj"), cad_obj()).unwrap();
     let path = folder.path().join("cad.toml");
     let instrument = std::fs::read_to_string(shipped("corner.toml")).unwrap();
-    // CI31: the corner's instrument and grid, other depths; its [expect] is the corner's own.
+    // The corner's instrument and grid, other depths; its [expect] is the corner's own.
     let instrument = &instrument[instrument.find("[sweep]").unwrap()..instrument.find("[expect]").unwrap()];
     let scene = format!("[scene]\nmesh = \"cad.obj\"\nunit = \"m\"\n\n{instrument}");
     std::fs::write(&path, scene).unwrap();
@@ -188,8 +188,8 @@ fn in_phase_data_folds_back_when_the_step_is_too_coarse() {
         let run = RunFile::load(&shipped("corner.toml"), &typed).unwrap();
         image_scene(&run, false, &Checkpoint::off(), &Silent).unwrap().image.volume
     };
-    // Real data needs every path to be shorter than c/2δf (PHYSICS Q3): 8.6 m, 4.3 m and 3.4 m for these steps, and
-    // the corner's paths reach some 4.5 m.
+    // At every multiple of δf the cosine of a path L is that of c/δf − L, so real data shows a mirror image there: every path
+    // must be shorter than c/2δf, which is 8.6 m, 4.3 m and 3.4 m for these steps, and the corner's reach some 4.5 m.
     let [fine, middle, coarse] = ["20.0", "40.0", "50.0"]
         .map(|step| difference(&volume("in-phase", step), &volume("quadrature", step)));
     println!("in phase against quadrature: 20 Hz {fine:.4}, 40 Hz {middle:.4}, 50 Hz {coarse:.4}");

@@ -55,7 +55,7 @@ fn a_unit_is_needed_and_may_be_in_the_header() {
     let inches = LoadOptions { unit: Some(Unit::Inch), ..LoadOptions::default() };
     let (scene, heard) = load_with(&header, &[], &inches);
     assert!((scene.unwrap().surface_area() - 0.5 * 0.0254 * 0.0254).abs() < 1e-15);
-    assert_names(heard, &["mesh.obj", "`unit`", "0.001 m", "0.0254 m"]);
+    assert_names(heard, &["mesh.obj", "`unit`", "1 m", "0.0254 m"]);
     assert_names(refused(&format!("# 1 unit = 3 cubits\n{TRIANGLE}")), &["line 1", "`# 1 unit = 3 cubits`"]);
 }
 

@@ -1,10 +1,11 @@
 //! Jobs of every kind, killed at any moment.
 
 use super::{
-    IMAGE, JOBS, Job, RECONSTRUCT, SIMULATE, assert_same, end, reused, start, undisturbed, workplace,
+    IMAGE, JOBS, Job, RECONSTRUCT, SIMULATE, assert_same, end, reused, start, states, undisturbed, workplace,
 };
 use crate::support::Random;
 use std::fs;
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 /// Kills some jobs so many times each, at moments that look random, and goes on with them; gives kills and blocks that were
@@ -51,9 +52,60 @@ fn kill(jobs: &[&Job], times: usize, seed: u64, threads: &[&str]) -> (usize, usi
     (kills, blocks)
 }
 
+/// Blocks that a state file holds whole: behind its heading of 32 bytes follow records, each a heading of 32 bytes, of
+/// which bytes 16 to 23 are the length of what comes next.
+fn whole_blocks(state: &Path) -> usize {
+    const HEADING: usize = 32;
+    // A file that has gone meanwhile holds none.
+    let bytes = fs::read(state).unwrap_or_default();
+    let (mut at, mut blocks) = (HEADING, 0);
+    while let Some(heading) = bytes.get(at..at + HEADING) {
+        at += HEADING + u64::from_le_bytes(heading[16..24].try_into().unwrap()) as usize;
+        blocks += usize::from(at <= bytes.len());
+    }
+    blocks
+}
+
+/// Starts a job and kills it once two blocks are stored; gives the number of those it leaves, `None` if it was done
+/// before.
+fn killed_between_blocks(folder: &Path, job: &Job) -> Option<usize> {
+    let mut child = start(folder, &format!("{} --checkpoint-every 0", job.words));
+    let stored = || states(folder, job).first().map_or(0, |state| whole_blocks(state));
+    while child.try_wait().unwrap().is_none() {
+        if stored() >= 2 {
+            child.kill().unwrap();
+            break;
+        }
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    let ran = end(child);
+    assert!(ran.status == 0 || ran.status == -1, "{}: {}", job.words, ran.stderr);
+    // A job that has written all of its output removes the state, and may be killed thereafter.
+    Some(stored()).filter(|blocks| ran.status == -1 && *blocks > 0)
+}
+
+/// Most tries to kill a job in the middle, however busy the machine is.
+const TRIES: usize = 20;
+
 #[test]
-fn a_killed_job_goes_on() {
-    kill(&[&SIMULATE, &RECONSTRUCT, &IMAGE], 2, 7, &[""]);
+fn a_killed_job_resumes_from_every_block_that_it_stored() {
+    let folder = workplace();
+    let folder = folder.path();
+    for job in [&SIMULATE, &RECONSTRUCT, &IMAGE] {
+        let (expected, _) = undisturbed(folder, job);
+        let stored = (0..TRIES).find_map(|_| {
+            let _ = fs::remove_dir_all(folder.join(job.output));
+            killed_between_blocks(folder, job)
+        });
+        let stored = stored.unwrap_or_else(|| panic!("{}: done before each of {TRIES} kills", job.words));
+        let ran = end(start(folder, job.words));
+        assert_eq!(ran.status, 0, "{}: {}", job.words, ran.stderr);
+        assert_eq!(reused(&ran), stored, "{}: {}", job.words, ran.stderr);
+        println!("killed with {stored} blocks stored, which were not computed again: {}", job.words);
+        assert_same(folder, job, &expected);
+        assert_eq!(states(folder, job), Vec::<std::path::PathBuf>::new());
+        fs::remove_dir_all(folder.join(job.output)).unwrap();
+    }
 }
 
 #[test]
