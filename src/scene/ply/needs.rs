@@ -5,7 +5,7 @@ use std::path::Path;
 use glam::DVec3;
 
 use super::super::needs::{Glimpse, MeshNeeds};
-use super::header::{Element, Format, Header};
+use crate::files::ply::{Element, Format, Header};
 
 /// Bytes at the beginning of a file that hold its header, and at the end of a text that say how its faces are.
 const START: u64 = 1 << 16;
@@ -14,8 +14,8 @@ const START: u64 = 1 << 16;
 /// their bytes; of a text it is taken from the last ones.
 pub(in super::super) fn needs(glimpse: &mut Glimpse) -> Option<MeshNeeds> {
     let start = glimpse.bytes(0, START);
-    let header = Header::read(&start, Path::new("")).ok()?;
-    let mut left = glimpse.length - header.length as u64;
+    let (header, length) = Header::read(&start, Path::new("")).ok()?;
+    let mut left = glimpse.length - length.bytes as u64;
     let (mut rows, mut corners, mut vertices) = (0, 0, 0);
     for (i, element) in header.elements.iter().enumerate() {
         let least = element.least_row(header.format).max(1);
@@ -29,7 +29,7 @@ pub(in super::super) fn needs(glimpse: &mut Glimpse) -> Option<MeshNeeds> {
                 let bytes = left.saturating_sub(later);
                 let in_lists = match header.format {
                     Format::Ascii => (count as f64 * corners_at_the_end(glimpse, element)) as u64,
-                    _ => bytes.saturating_sub(count * least) / list.kind.size(),
+                    _ => bytes.saturating_sub(count * least) / list.scalar.size() as u64,
                 };
                 corners += in_lists;
                 rows += count;
