@@ -123,12 +123,9 @@ fn position(tag: &BytesStart) -> std::result::Result<DVec3, String> {
             )
         })?);
     }
-    match position {
-        [Some(x), Some(y), Some(z)] => Ok(DVec3::new(x, y, z)),
-        [x, y, _] => {
-            let missing = AXES[usize::from(x.is_some()) + usize::from(x.is_some() && y.is_some())];
-            Err(format!("<pos> lacks `{missing}`; x, y and z in metres were expected"))
-        }
+    match position.iter().position(Option::is_none) {
+        Some(axis) => Err(format!("<pos> lacks `{}`; x, y and z in metres were expected", AXES[axis])),
+        None => Ok(DVec3::from_array(position.map(Option::unwrap_or_default))),
     }
 }
 
