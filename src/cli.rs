@@ -3,7 +3,6 @@
 //! Results go to standard output, everything else to standard error. Only the binary has this module; the library
 //! never prints.
 
-mod browser;
 mod commands;
 mod design;
 mod info;

@@ -1,9 +1,11 @@
 //! How bytes reach the disk: complete or not at all.
 //!
 //! Takes a path and whoever writes the bytes; gives a file that readers only ever see whole. Every file this
-//! crate writes goes through [`write_atomically`], and the `.npz` files go through [`npz`].
+//! crate writes goes through [`write_atomically`], the `.npz` files go through [`npz`], and every
+//! PLY file, read or written, has the header of `ply`.
 
 pub(crate) mod npz;
+pub(crate) mod ply;
 
 use crate::error::{Error, Result};
 use std::fs::{self, File, TryLockError};

@@ -4,7 +4,7 @@ use super::inputs::{check_kind, config_of, has_extension, reading_limit, scene_o
 use super::outputs::{check_extension, make_folder, pretty, wrote};
 use super::terminal::{Terminal, print};
 use super::verdicts::{check, compare};
-use super::{Cli, Command, Overrides, browser, design, info, manual, reproduce, summary};
+use super::{Cli, Command, Overrides, design, info, manual, reproduce, summary};
 use crate::acquisition::CubeFile;
 use crate::checkpoint::Checkpoint;
 use crate::config::ANNOTATED;
@@ -13,8 +13,9 @@ use crate::files::{check_folder, check_writable, write_atomically};
 use crate::pipeline;
 use crate::progress::{Observer, stage};
 use clap::CommandFactory;
-use std::io::Write;
+use std::io::{ErrorKind, Write};
 use std::path::Path;
+use std::time::Duration;
 
 /// The corner mesh that `init` writes beside its run file.
 const CORNER_MESH: &str = include_str!("../../scenes/meshes/corner.obj");
@@ -149,7 +150,25 @@ fn report(folder: &Path, open: bool, json: bool, terminal: &Terminal) -> Result<
     }
     let page = stage(terminal, "packing the page", 0, || pipeline::write_page(folder, reading_limit()))?;
     wrote(std::slice::from_ref(&page), json, terminal)?;
-    if open { browser::open(&page) } else { Ok(()) }
+    if open { show(&page) } else { Ok(()) }
+}
+
+/// How long a browser's starter is watched for a failure; one that fails does so at once, one that does not may stay for as long
+/// as the browser.
+const STARTING: Duration = Duration::from_secs(2);
+
+/// Opens a page with the program that the system takes for HTML; does not wait for its end.
+fn show(page: &Path) -> Result<()> {
+    // A relative name could be taken for an option or a URL.
+    let page = std::path::absolute(page).unwrap_or_else(|_| page.to_path_buf());
+    open::that_detached_with_timeout(&page, STARTING).map_err(|error| {
+        let why = match error.kind() {
+            ErrorKind::NotFound => "no program to open a page with was found, xdg-open or another".to_owned(),
+            _ => format!("the page could not be opened ({error})"),
+        };
+        Error::io("--open", format!("{why}; open {} in a browser yourself", page.display()))
+            .with_source(error)
+    })
 }
 
 /// Images an input into a folder that is there.

@@ -11,12 +11,12 @@ pub(crate) use reader::Ply;
 use super::Attribute;
 use crate::acquisition::MicArray;
 use crate::error::{Error, Result};
+use crate::files::ply::{Element, Format, Header, Property, Scalar};
 use crate::files::write_atomically;
 use crate::grid::DepthMap;
 use crate::reflectors::Reflectors;
 use crate::wave::Geometry;
 use glam::DVec3;
-use std::fmt::Write as _;
 use std::io::Write;
 use std::path::Path;
 
@@ -33,10 +33,10 @@ const LONGEST_COMMENT: usize = 200;
 pub fn write_depth_points(path: &Path, map: &DepthMap, attributes: &[(String, Attribute)]) -> Result<()> {
     let normals = normals::normals(map);
     let found: Vec<usize> = (0..map.len()).filter(|&i| map.picked.depth[i].is_finite()).collect();
-    let properties = ["x", "y", "z", "nx", "ny", "nz", "amplitude"].map(|name| ("float", name));
+    let properties = ["x", "y", "z", "nx", "ny", "nz", "amplitude"].map(|name| (Scalar::F32, name));
     let header = header(found.len(), &properties, "Depth map; normals from neighbouring pixels", attributes);
     write_atomically(path, |out| {
-        out.write_all(header.as_bytes())?;
+        write!(out, "{header}")?;
         for i in found {
             let (p, [nx, ny, nz]) = (map.point(i), normals[i]);
             for value in [p.x as f32, p.y as f32, map.picked.depth[i], nx, ny, nz, map.picked.strength[i]] {
@@ -105,19 +105,19 @@ impl ScenePoints {
     /// As [`write_atomically`].
     pub fn write(&self, path: &Path, attributes: &[(String, Attribute)]) -> Result<()> {
         let properties = [
-            ("float", "x"),
-            ("float", "y"),
-            ("float", "z"),
-            ("float", "amplitude"),
-            ("uchar", "kind"),
-            ("uchar", "red"),
-            ("uchar", "green"),
-            ("uchar", "blue"),
+            (Scalar::F32, "x"),
+            (Scalar::F32, "y"),
+            (Scalar::F32, "z"),
+            (Scalar::F32, "amplitude"),
+            (Scalar::U8, "kind"),
+            (Scalar::U8, "red"),
+            (Scalar::U8, "green"),
+            (Scalar::U8, "blue"),
         ];
         let about = "Scene; kind 0 is a reflector, 1 a microphone, 2 the speaker";
         let header = header(self.points.len(), &properties, about, attributes);
         write_atomically(path, |out| {
-            out.write_all(header.as_bytes())?;
+            write!(out, "{header}")?;
             for (kind, [x, y, z], amplitude) in &self.points {
                 for value in [x, y, z, amplitude] {
                     out.write_all(&value.to_le_bytes())?;
@@ -155,13 +155,11 @@ impl ScenePoints {
 
 fn header(
     count: usize,
-    properties: &[(&str, &str)],
+    properties: &[(Scalar, &str)],
     about: &str,
     attributes: &[(String, Attribute)],
-) -> String {
-    let mut text = format!(
-        "ply\nformat binary_little_endian 1.0\ncomment {about}; x right, y down, z from the array into the scene, m\n"
-    );
+) -> Header {
+    let mut comments = vec![format!("{about}; x right, y down, z from the array into the scene, m")];
     for (name, value) in attributes {
         let value = match value {
             Attribute::Text(words) => words.clone(),
@@ -170,14 +168,13 @@ fn header(
             Attribute::Vector(vector) => vector.map(|number| number.to_string()).join(" "),
         };
         if value.len() <= LONGEST_COMMENT && !value.contains(['\n', '\r']) && value.is_ascii() {
-            let _ = writeln!(text, "comment {name} {value}");
+            comments.push(format!("{name} {value}"));
         }
     }
-    let _ = writeln!(text, "element vertex {count}");
-    for (kind, name) in properties {
-        let _ = writeln!(text, "property {kind} {name}");
-    }
-    text + "end_header\n"
+    let property = |&(scalar, name): &(Scalar, &str)| Property { name: name.to_owned(), count: None, scalar };
+    let properties = properties.iter().map(property).collect();
+    let vertices = Element { name: "vertex".to_owned(), count: count as u64, properties };
+    Header { format: Format::LittleEndian, comments, elements: vec![vertices] }
 }
 
 #[cfg(test)]

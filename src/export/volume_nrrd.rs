@@ -1,6 +1,7 @@
 //! Volumes as NRRD: what 3D Slicer, ITK and ParaView open with the right size and place.
 //!
-//! A text header, an empty line, and the amplitudes as little-endian floats, gzipped or raw.
+//! A text header, an empty line, and the amplitudes as little-endian floats, gzipped or raw. The one
+//! crate that was found to know the format, `bioformats` 0.1, is under the GPL.
 
 use super::amplitude::{Amplitude, declared_grid, read_floats};
 use super::volume_file::{VolumeFile, VolumeStream};

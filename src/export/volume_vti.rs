@@ -1,6 +1,8 @@
 //! Volumes as VTK image data, `.vti`: what `ParaView` and `PyVista` open with the right size and place.
 //!
 //! XML with the numbers appended as raw little-endian bytes, each array behind its length as a `UInt64`.
+//! `vtkio` 0.7 was looked at: it writes and reads a file as a whole, while these are written depth by depth and may be larger than
+//! the memory.
 
 use super::amplitude::{Amplitude, declared_grid, read_floats};
 use super::volume_file::{VolumeFile, VolumeStream};

@@ -1,7 +1,6 @@
 //! The two statements of an MTL file that say something of sound: `d`, and `Tr`.
 //!
-//! Read here rather than by the OBJ crate, whose reader gives up the whole file for one bad colour and knows no
-//! `Tr`.
+//! Read here rather than by `tobj` 4.0, which reads the OBJ: it gives up the whole file for one bad colour and knows no `Tr`.
 
 use std::path::Path;
 

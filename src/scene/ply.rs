@@ -1,9 +1,7 @@
 //! PLY, as text or binary of either byte order: vertices, faces of any number of corners, triangle strips.
 //!
-//! Read here because the crates for it build every element and property by name and cannot say which face is
-//! wrong. Positions and corners are all that is taken; colours say how a vertex looks, not how it sounds.
+//! Read here because the crate for it believes what a header declares (see [`crate::files::ply`]). Positions and corners are all that is taken; colours say how a vertex looks, not how it sounds.
 
-mod header;
 mod source;
 
 use std::path::Path;
@@ -15,8 +13,8 @@ use super::material::Palette;
 use super::surfaces::Surfaces;
 use super::{LoadOptions, Mesh, Up, files};
 use crate::error::{Error, Result};
+use crate::files::ply::{Element, Header};
 use crate::progress::Observer;
-use header::{Element, Header};
 use source::Source;
 
 /// Reads a PLY file. See [`Scene::load`](super::Scene::load).
@@ -28,9 +26,9 @@ pub(super) fn load(
 ) -> Result<Mesh> {
     options.refuse_sensor("a PLY", path)?;
     let bytes = files::read(path, options.memory)?;
-    let header = Header::read(&bytes, path)?;
+    let (header, length) = Header::read(&bytes, path)?;
     let metres_per_unit = options.needed_unit("a PLY", path)?;
-    let mut source = Source::new(header.format, &bytes[header.length..], header.lines);
+    let mut source = Source::new(header.format, &bytes[length.bytes..], length.lines);
     let mut surfaces = Surfaces::new(path, options.memory);
     let (mut vertices, mut faces, mut strips) = (Vertices::default(), Lists::default(), Lists::default());
     for element in &header.elements {
@@ -131,8 +129,8 @@ fn read_row(element: &Element, source: &mut Source<'_>, rows: &mut impl Rows) ->
     for (i, property) in element.properties.iter().enumerate() {
         let count = match property.count {
             None => 1,
-            Some(kind) => {
-                let count = source.next(kind)?;
+            Some(scalar) => {
+                let count = source.next(scalar)?;
                 if count < 0.0 || count.fract() != 0.0 {
                     return Err(format!("has a list `{}` of {count} values", property.name));
                 }
@@ -140,7 +138,7 @@ fn read_row(element: &Element, source: &mut Source<'_>, rows: &mut impl Rows) ->
             }
         };
         for _ in 0..count {
-            rows.value(i, source.next(property.kind)?)?;
+            rows.value(i, source.next(property.scalar)?)?;
         }
     }
     rows.end()

@@ -1,7 +1,7 @@
 //! STL, as text or binary: triangles without materials, unit or names (but those of a text's solids).
 //!
-//! Read here because the crates for it go by the first word alone, which many binary files have too, stop after
-//! the first of several solids, and cannot say in which line a mistake is.
+//! Read here because `stl_io` 0.11 goes by the first word alone, which many binary files have too, stops after the first of
+//! several solids, and cannot say in which line a mistake is.
 
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;

@@ -9,6 +9,8 @@ mod agreement;
 mod arrays;
 mod backprojection;
 mod binary;
+#[cfg(target_os = "linux")]
+mod browser;
 mod choices;
 mod command;
 mod faults;

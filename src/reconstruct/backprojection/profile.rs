@@ -131,7 +131,8 @@ pub(crate) fn lebesgue(terms: usize) -> f64 {
     1.0 + 4.0 / (PI * PI) * (2.0 * terms as f64 + 1.0).ln()
 }
 
-/// `J_0(x) … J_{count−1}(x)` by Miller's backward recurrence, normalised by `J₀ + 2 Σ J_2k = 1`.
+/// `J_0(x) … J_{count−1}(x)` by Miller's backward recurrence, normalised by `J₀ + 2 Σ J_2k = 1`. All orders at
+/// once: `libm::jn` recurs anew for each.
 fn bessel(x: f64, count: usize) -> Vec<f64> {
     let mut values = vec![0.0; count];
     let magnitude = x.abs();

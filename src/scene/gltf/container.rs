@@ -1,9 +1,16 @@
 //! The envelope of glTF: JSON or GLB, and the buffers it names.
+//!
+//! `gltf::import_buffers` 1.4 was looked at: it follows `file:` URIs and `..` out of the mesh's folder, panics on a name that is
+//! not UTF-8, and allocates what a file asks for.
 
+use std::borrow::Cow;
 use std::cell::Cell;
 use std::path::{Path, PathBuf};
 
 use ::gltf::json;
+use base64::engine::general_purpose::STANDARD_PAD_INDIFFERENT;
+use base64::{Engine as _, decoded_len_estimate};
+use percent_encoding::percent_decode_str;
 
 use super::super::files;
 use crate::alloc::try_with_capacity;
@@ -218,51 +225,22 @@ fn split_glb(bytes: &[u8]) -> std::result::Result<(Part, Option<Part>), String> 
 fn decode_data_uri(uri: &str) -> std::result::Result<Vec<u8>, String> {
     let data = uri.split_once(";base64,").map(|(_, data)| data);
     let data = data.ok_or("has a data uri that is not base64")?;
-    decode_base64(data)
-        .ok_or_else(|| "has a data uri with malformed base64, or one too long for memory".to_owned())
-}
-
-/// RFC 4648, with or without padding.
-fn decode_base64(text: &str) -> Option<Vec<u8>> {
-    let digits = text.trim_end_matches('=').as_bytes();
-    let mut bytes = try_with_capacity(digits.len() as u64 / 4 * 3 + 2)?;
-    for group in digits.chunks(4) {
-        let mut bits = 0_u32;
-        for &digit in group {
-            let value = match digit {
-                b'A'..=b'Z' => digit - b'A',
-                b'a'..=b'z' => digit - b'a' + 26,
-                b'0'..=b'9' => digit - b'0' + 52,
-                b'+' => 62,
-                b'/' => 63,
-                _ => return None,
-            };
-            bits = bits << 6 | u32::from(value);
-        }
-        // Two digits carry one byte, three carry two; one alone carries none.
-        let count = [0, 0, 1, 2, 3][group.len()];
-        if count == 0 {
-            return None;
-        }
-        bits <<= 6 * (4 - group.len());
-        bytes.extend_from_slice(&bits.to_be_bytes()[1..=count]);
-    }
-    Some(bytes)
+    let mut bytes = try_with_capacity(decoded_len_estimate(data.len()) as u64)
+        .ok_or_else(|| "has a data uri too long for memory".to_owned())?;
+    STANDARD_PAD_INDIFFERENT
+        .decode_vec(data, &mut bytes)
+        .map_err(|error| format!("has a data uri with malformed base64: {error}"))?;
+    Ok(bytes)
 }
 
 /// `%20` and the like; `None` for malformed ones, and for what is not UTF-8 after it.
-fn decode_percent(uri: &str) -> Option<String> {
-    let mut bytes = Vec::with_capacity(uri.len());
-    let mut rest = uri.bytes();
-    while let Some(byte) = rest.next() {
-        if byte == b'%' {
-            let mut digit = || (rest.next()? as char).to_digit(16);
-            bytes.push((digit()? * 16 + digit()?) as u8);
-        } else {
-            bytes.push(byte);
-        }
+fn decode_percent(uri: &str) -> Option<Cow<'_, str>> {
+    // The crate leaves what is malformed as it is; RFC 3986 knows no `%` without two digits.
+    let is_encoded = |rest: &str| rest.bytes().take(2).filter(u8::is_ascii_hexdigit).count() == 2;
+    if !uri.split('%').skip(1).all(is_encoded) {
+        return None;
     }
-    String::from_utf8(bytes).ok()
+    percent_decode_str(uri).decode_utf8().ok()
 }
 
 #[cfg(test)]
@@ -271,25 +249,22 @@ mod tests {
     use super::*;
 
     #[test]
-    fn base64_of_rfc_4648() {
-        for (text, plain) in [
-            ("", ""),
-            ("Zg==", "f"),
-            ("Zm8", "fo"),
-            ("Zm9v", "foo"),
-            ("Zm9vYg==", "foob"),
-            ("Zm9vYmE=", "fooba"),
-        ] {
-            assert_eq!(decode_base64(text).unwrap(), plain.as_bytes());
+    fn data_uris_are_padded_or_not_and_refused_where_malformed() {
+        for (text, plain) in [("", ""), ("Zg==", "f"), ("Zm8", "fo"), ("Zm9v", "foo"), ("Zm9vYg==", "foob")] {
+            let uri = format!("data:application/octet-stream;base64,{text}");
+            assert_eq!(decode_data_uri(&uri).unwrap(), plain.as_bytes());
         }
-        assert_eq!(decode_base64("//79+w==").unwrap(), [0xff, 0xfe, 0xfd, 0xfb]);
-        assert!(decode_base64("Z").is_none() && decode_base64("Zm-v").is_none());
+        assert_eq!(decode_data_uri("data:;base64,//79+w==").unwrap(), [0xff, 0xfe, 0xfd, 0xfb]);
+        for bad in ["Z", "Zm-v", "Zm 9v", "Zm9v====", "=Zg="] {
+            let problem = decode_data_uri(&format!("data:;base64,{bad}")).unwrap_err();
+            assert!(problem.contains("malformed base64: "), "{bad}: {problem}");
+        }
     }
 
     #[test]
     fn percent_signs_are_decoded_or_refused() {
         assert_eq!(decode_percent("a%20b%C3%A9").unwrap(), "a bé");
-        for bad in ["%", "%2", "%zz", "%ff", "%+1"] {
+        for bad in ["%", "%2", "%zz", "%ff", "%+1", "%20%", "%2é"] {
             assert!(decode_percent(bad).is_none(), "{bad}");
         }
     }

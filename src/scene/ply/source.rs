@@ -1,7 +1,7 @@
 //! The numbers of a PLY file, one after the other, in whatever form they are.
 
 use super::Outcome;
-use super::header::{Element, Format, Kind};
+use crate::files::ply::{Element, Format, Scalar};
 
 /// Gives the next number, all in f64, which holds each of their types exactly.
 #[derive(Debug)]
@@ -17,21 +17,14 @@ impl<'a> Source<'a> {
         Self { format, rest: bytes, line: lines + 1 }
     }
 
-    /// The next number, of which only binary files need to know the `kind`.
-    pub(super) fn next(&mut self, kind: Kind) -> Outcome<f64> {
+    /// The next number, of which only binary files need to know the type.
+    pub(super) fn next(&mut self, scalar: Scalar) -> Outcome<f64> {
         if self.format == Format::Ascii {
             return self.next_word();
         }
-        Ok(match kind {
-            Kind::I8 => f64::from(i8::from_le_bytes(self.take()?)),
-            Kind::U8 => f64::from(u8::from_le_bytes(self.take()?)),
-            Kind::I16 => f64::from(i16::from_le_bytes(self.take()?)),
-            Kind::U16 => f64::from(u16::from_le_bytes(self.take()?)),
-            Kind::I32 => f64::from(i32::from_le_bytes(self.take()?)),
-            Kind::U32 => f64::from(u32::from_le_bytes(self.take()?)),
-            Kind::F32 => f64::from(f32::from_le_bytes(self.take()?)),
-            Kind::F64 => f64::from_le_bytes(self.take()?),
-        })
+        let number = scalar.number(self.rest, self.format).ok_or_else(cut_short)?;
+        self.rest = &self.rest[scalar.size()..];
+        Ok(number)
     }
 
     /// How many rows of an element there can be: those declared, or as many as the bytes that are left may hold.
@@ -49,17 +42,6 @@ impl<'a> Source<'a> {
     pub(super) fn rest(&self) -> Option<usize> {
         let rest = if self.format == Format::Ascii { self.rest.trim_ascii() } else { self.rest };
         (!rest.is_empty()).then_some(rest.len())
-    }
-
-    /// The next bytes, lowest first.
-    fn take<const N: usize>(&mut self) -> Outcome<[u8; N]> {
-        let (bytes, rest) = self.rest.split_first_chunk().ok_or_else(cut_short)?;
-        self.rest = rest;
-        let mut bytes = *bytes;
-        if self.format == Format::BigEndian {
-            bytes.reverse();
-        }
-        Ok(bytes)
     }
 
     fn next_word(&mut self) -> Outcome<f64> {
