@@ -24,11 +24,11 @@ use serde::Serialize;
 pub struct Width {
     /// Where the amplitude is 3 dB below the peak (0.71 of it).
     pub at_3_db: Option<f64>,
-    /// What the plan foretells of that.
+    /// What the plan predicts for that, m.
     pub predicted_at_3_db: Option<f64>,
     /// Where it is 6 dB below (half of it).
     pub at_6_db: Option<f64>,
-    /// What the plan foretells of that.
+    /// What the plan predicts for that, m.
     pub predicted_at_6_db: Option<f64>,
 }
 

@@ -12,7 +12,7 @@ use std::path::Path;
 pub struct Amplitude {
     /// Where the voxels are.
     pub grid: Grid,
-    /// `[z, y, x]`.
+    /// `|Â|`, without unit, `[z, y, x]`; 1 is a unit reflector.
     pub values: Vec<f32>,
     /// What the file says about it.
     pub attributes: Attributes,

@@ -39,7 +39,7 @@ pub struct DesignRow {
     pub widths: [Option<f64>; 3],
     /// Of lattices by their pitch.
     pub verdict: Verdict,
-    /// Least distance of a ghost from its point at the nearest depth, where there are ghosts in the grid.
+    /// Least distance of a ghost from its point at the nearest depth, where there are ghosts in the grid, m.
     pub ghost_offset: Option<f64>,
     /// Strongest ghost or sidelobe within the grid, with the window, dB.
     pub peak_sidelobe_db: Option<f64>,
@@ -47,7 +47,7 @@ pub struct DesignRow {
     pub mean_sidelobe_db: Option<f64>,
     /// Memory at the peak.
     pub peak_bytes: u64,
-    /// Of the reconstruction.
+    /// Seconds of the reconstruction, by a short measurement of this computer's speed.
     pub seconds: f64,
 }
 

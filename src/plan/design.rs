@@ -29,13 +29,13 @@ pub struct AtDepth {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct Ambiguity {
-    /// As a path length: c/δf in quadrature (of the paths' span), c/2δf in phase (of the longest).
+    /// As a path length, m: c/δf in quadrature (of the paths' span), c/2δf in phase (of the longest).
     pub path: [f64; 2],
-    /// As a range, half of each.
+    /// As a range, m: half of each.
     pub range: [f64; 2],
     /// Whether the second applies, in-phase data, rather than the first.
     pub in_phase: bool,
-    /// What this grid comes to of the length that applies.
+    /// What this grid comes to of the length that applies, m.
     pub used: f64,
 }
 
