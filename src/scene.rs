@@ -1,12 +1,11 @@
-//! Mesh files to triangles in the array's frame, and what a straight path between two points crosses.
+//! Reads mesh files into triangles in the array's frame, and finds what a straight path between two points crosses.
 //!
-//! Takes OBJ, glTF, STL or PLY; gives a [`Scene`]: triangles in m, their acoustic materials, and the tree that answers
-//! [`Scene::transmittance`] and [`Scene::crossings`]. Nothing here knows of sound waves: a surface takes away a
-//! share of the amplitude of what crosses it and gives back a share of what falls on it, whatever the
-//! frequency or the angle.
+//! Takes OBJ, glTF, STL or PLY and gives a [`Scene`]: triangles in m, their acoustic materials, and the tree behind
+//! [`Scene::transmittance`] and [`Scene::crossings`]. Sound waves are not modelled here: a surface transmits one share
+//! of the incident amplitude and reflects another, independent of frequency and angle.
 //!
 //! # Example
-//! An angle bracket in millimetres, z up, put 0.9 m before the array; its rib hides what lies behind it:
+//! An angle bracket in millimetres with z up, placed 0.9 m in front of the array; its rib hides what is behind it:
 //! ```
 //! use glam::DVec3;
 //! use holosonar::progress::Silent;
@@ -63,23 +62,23 @@ use occlusion::SurfaceTree;
 pub use surfaces::BYTES_PER_TRIANGLE;
 use surfaces::{MOST_TRIANGLES, Surfaces, too_many_triangles};
 
-/// No vertex may lie farther from the origin than this, m: sound does not get there, and a number beyond it is
-/// a mistaken unit or a damaged file.
+/// Maximum distance of a vertex from the origin, m. Sound does not reach so far: a larger number means a wrong unit
+/// or a damaged file.
 pub const FARTHEST: f64 = 1e9;
 
 /// Extensions of the mesh files that [`Scene::load`] reads, in lower case.
 pub const EXTENSIONS: [&str; 5] = ["obj", "gltf", "glb", "stl", "ply"];
 
-/// The camera the array was put at, when [`Sensor::Camera`] named a perspective one.
+/// The perspective camera at which [`Sensor::Camera`] placed the array.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CameraView {
     /// Vertical field of view, degrees.
     pub vertical_field_of_view: f64,
-    /// Width over height of the picture, where the file says so.
+    /// Aspect ratio of the image, width over height, where the file gives one.
     pub aspect_ratio: Option<f64>,
 }
 
-/// Surfaces in the array's frame (x right, y down, z away from the array; m), and what lies between two points.
+/// Surfaces in the array's frame (x right, y down, z away from the array; m), and queries for what is between two points.
 #[derive(Debug)]
 pub struct Scene {
     triangles: Vec<Triangle>,
@@ -88,27 +87,29 @@ pub struct Scene {
     camera: Option<CameraView>,
 }
 
-/// What a mesh file holds, in its own frame and unit.
+/// The contents of a mesh file, in its own frame and unit.
 struct Mesh {
     surfaces: Surfaces,
     metres_per_unit: f64,
     up: Up,
-    /// From the file's frame to that of the sensor asked for, when one was.
+    /// From the file's frame to that of the requested sensor, if one was requested.
     sensor: Option<glam::DAffine3>,
     camera: Option<CameraView>,
 }
 
 impl Scene {
-    /// Reads a mesh file (`.obj`, `.gltf`, `.glb`, `.stl`, `.ply`) and places it before the array as `options` say.
+    /// Reads a mesh file (`.obj`, `.gltf`, `.glb`, `.stl`, `.ply`) and places it in front of the array according to
+    /// `options`.
     ///
-    /// Files that the mesh refers to are read from its own folder only. Pictures (textures) are not read.
+    /// Files that the mesh refers to are read only from its own folder. Textures are not read.
     ///
     /// - Units: the result is in m.
     /// - Cost: `O(n log n)` in the number of triangles; about a second for a million.
     ///
     /// # Errors
-    /// [`Error::InvalidInput`] when the file is missing, malformed, of another kind, without triangles or without a
-    /// unit, takes more memory than [`LoadOptions::memory`], or when the options contradict one another or the file; the message names the place.
+    /// [`Error::InvalidInput`] when the file is missing, malformed, of an unsupported format, without triangles or without
+    /// a unit, when it takes more memory than [`LoadOptions::memory`], or when the options contradict one another or the
+    /// file; the message names the place.
     /// [`Error::Interrupted`] when the observer asks to stop.
     pub fn load(path: &Path, options: &LoadOptions, observer: &dyn Observer) -> Result<Self> {
         options.check()?;
@@ -116,7 +117,7 @@ impl Scene {
         if !EXTENSIONS.contains(&kind.as_str()) {
             return Err(Error::input(
                 path.display(),
-                "is no mesh this program reads; expected a file named .obj, .gltf, .glb, .stl or .ply",
+                "has an unsupported mesh format; expected a file named .obj, .gltf, .glb, .stl or .ply",
             ));
         }
         let mut palette = Palette::new(&options.materials)?;
@@ -131,7 +132,7 @@ impl Scene {
         }
         let materials = palette.finish(path, observer);
         let (camera, triangles) = (mesh.camera, place(mesh, options, observer)?);
-        // The places of errors in `new` are triangles, which say nothing without their file.
+        // `new` names only the triangle at fault; the file is added here.
         let scene = Self::new(triangles, materials).map_err(|error| match error {
             Error::InvalidInput { ref place, .. } => {
                 let place = format!("{}, {place}", path.display());
@@ -142,14 +143,14 @@ impl Scene {
         Ok(Self { camera, ..scene })
     }
 
-    /// A scene of triangles in the array's frame, m. It may be empty, and triangles without area may be among
-    /// them: they are never hit.
+    /// Makes a scene of triangles in the array's frame, m. It may be empty. Triangles without area are allowed; they
+    /// are never hit.
     ///
     /// Cost: `O(n log n)`.
     ///
     /// # Errors
     /// [`Error::InvalidInput`] when a vertex is not finite or beyond [`FARTHEST`], when a triangle's material does not
-    /// exist, or when a reflectance or transmittance lies outside 0..1. [`Error::OutOfMemory`] when their tree does not fit
+    /// exist, or when a reflectance or transmittance is outside 0..1. [`Error::OutOfMemory`] when the tree does not fit
     /// in memory.
     pub fn new(triangles: Vec<Triangle>, materials: Vec<Material>) -> Result<Self> {
         if triangles.len() > MOST_TRIANGLES {
@@ -165,14 +166,18 @@ impl Scene {
                 return Err(Error::input(
                     place(),
                     format!(
-                        "has a vertex that is not finite or lies beyond {FARTHEST:e} m; check the unit and scale"
+                        "has a vertex that is not finite or is beyond {FARTHEST:e} m; check the unit and scale"
                     ),
                 ));
             }
             if triangle.material as usize >= materials.len() {
                 return Err(Error::input(
                     place(),
-                    format!("has material {}, of which there are {}", triangle.material, materials.len()),
+                    format!(
+                        "refers to material {}, counted from 0, but there are {}",
+                        triangle.material,
+                        materials.len()
+                    ),
                 ));
             }
         }
@@ -185,7 +190,7 @@ impl Scene {
         &self.triangles
     }
 
-    /// The materials that [`Triangle::material`] counts.
+    /// The materials, indexed by [`Triangle::material`].
     pub fn materials(&self) -> &[Material] {
         &self.materials
     }
@@ -195,12 +200,12 @@ impl Scene {
         size_of_val(&self.triangles[..]) as u64 + self.tree.memory_bytes()
     }
 
-    /// The perspective camera of the file that the array was put at, if it was.
+    /// The perspective camera of the file at which the array was placed, if any.
     pub fn camera(&self) -> Option<CameraView> {
         self.camera
     }
 
-    /// Least and greatest corner of the box around all triangles, m; `None` for an empty scene.
+    /// Lower and upper corner of the bounding box of all triangles, m; `None` for an empty scene.
     pub fn bounds(&self) -> Option<(DVec3, DVec3)> {
         triangle::bounds(&self.triangles)
     }
@@ -211,7 +216,7 @@ impl Scene {
     }
 }
 
-/// Takes the triangles from the file's frame to the array's.
+/// Transforms the triangles from the file's frame to the array's.
 fn place(mesh: Mesh, options: &LoadOptions, observer: &dyn Observer) -> Result<Vec<Triangle>> {
     let Mesh { surfaces, metres_per_unit, up, sensor, .. } = mesh;
     let mut triangles = surfaces.finish(observer)?;

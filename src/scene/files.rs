@@ -1,4 +1,4 @@
-//! Reading a mesh file and the files beside it, never one elsewhere.
+//! Reads a mesh file and the files in its folder, never files elsewhere.
 
 use std::fmt::Display;
 use std::fs::{self, File};
@@ -8,17 +8,17 @@ use std::path::{Component, Path, PathBuf};
 use crate::alloc::try_with_capacity;
 use crate::error::{Error, Result, gib};
 
-/// No file of a scene may be larger than this, bytes.
+/// Maximum size of a scene file, bytes.
 const LARGEST_FILE: u64 = 4 << 30;
 
 /// A regular file and its length, bytes. Pipes and devices are refused, which might never end.
 pub(super) fn open(path: &Path) -> Result<(File, u64)> {
     let about = fs::metadata(path).map_err(|error| Error::reading(path, error))?;
     if about.is_dir() {
-        return Err(Error::input(path.display(), "is a folder, a file was expected"));
+        return Err(Error::input(path.display(), "is a folder; a file was expected"));
     }
     if !about.is_file() {
-        return Err(Error::input(path.display(), "is no regular file"));
+        return Err(Error::input(path.display(), "is not a regular file"));
     }
     if about.len() > LARGEST_FILE {
         return Err(Error::input(path.display(), "is larger than 4 GiB; decimate or split the mesh"));
@@ -47,15 +47,16 @@ pub(super) fn read(path: &Path, memory: Option<u64>) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// The refusal of a mesh of which something does not fit.
+/// The error for part of a mesh that does not fit in memory.
 pub(super) fn no_room(file: impl Display, what: &str) -> Error {
     Error::out_of_memory(format!(
-        "{file}: {what} do not fit; decimate the mesh (sound resolves about a cm), or free some memory"
+        "{file}: {what} do not fit in memory; decimate the mesh (the acoustic resolution is about 1 cm), or free some \
+             memory"
     ))
 }
 
-/// The path of a file named `relative` inside the folder of `mesh`, or why it is refused. What a mesh file names
-/// is not trusted: it may come from anywhere and name anything. A missing file is `Ok`; reading it tells.
+/// The path of the file `relative` inside the folder of `mesh`, or why it is refused. File names in a mesh are not
+/// trusted, since the mesh may come from anywhere. A missing file is `Ok`; reading it reports the error.
 pub(super) fn beside(mesh: &Path, relative: &str) -> std::result::Result<PathBuf, String> {
     // Exporters on Windows write backslashes.
     let name = relative.replace('\\', "/");

@@ -26,7 +26,7 @@ use crate::progress::Observer;
 use container::Document;
 use instances::Instances;
 use mesh::Mesh;
-use sensor::Lookout;
+use sensor::SensorSearch;
 
 /// Reads a glTF or GLB file. See [`Scene::load`](super::Scene::load).
 pub(super) fn load(
@@ -38,7 +38,10 @@ pub(super) fn load(
     if options.unit.is_some_and(|unit| unit != super::Unit::Metre) {
         return Err(Error::input(
             "unit",
-            format!("{} is glTF, which is in m; remove `unit`, and use `scale` to resize", path.display()),
+            format!(
+                "{} is glTF, whose unit is the metre; remove `unit`, and use `scale` to resize",
+                path.display()
+            ),
         ));
     }
     let document = Document::open(path, options.memory)?;
@@ -52,26 +55,26 @@ pub(super) fn load(
         palette,
         meshes: HashMap::new(),
         surfaces: Surfaces::new(path, options.memory),
-        lookout: Lookout::new(&document, options.sensor.as_ref()),
+        sensor_search: SensorSearch::new(&document, options.sensor.as_ref()),
         without_surface: 0,
         deformed: 0,
     };
     walk.run(observer)?;
     if walk.without_surface > 0 {
         observer.warn(&format!(
-            "{}: {} sets of points or lines have no surface and are left out",
+            "{}: ignored {} primitives of points or lines, which have no surface",
             path.display(),
             walk.without_surface
         ));
     }
     if walk.deformed > 0 {
         observer.warn(&format!(
-            "{}: {} meshes are deformed by a skin or morph targets; they are taken in their rest shape",
+            "{}: {} meshes are deformed by a skin or morph targets; their rest pose is used",
             path.display(),
             walk.deformed
         ));
     }
-    let sensor = walk.lookout.sensor(observer)?;
+    let sensor = walk.sensor_search.sensor(observer)?;
     Ok(super::Mesh {
         surfaces: walk.surfaces,
         metres_per_unit: 1.0,
@@ -83,20 +86,20 @@ pub(super) fn load(
 
 struct Walk<'a, 'p> {
     document: &'a Document,
-    /// The materials' numbers in the palette.
+    /// Palette indices of the materials.
     declared: Vec<usize>,
     palette: &'a mut Palette<'p>,
-    /// Those shown so far, by number.
+    /// The meshes used so far, by index.
     meshes: HashMap<usize, Mesh<'a>>,
     surfaces: Surfaces,
-    lookout: Lookout<'a>,
+    sensor_search: SensorSearch<'a>,
     without_surface: usize,
     deformed: usize,
 }
 
 impl Walk<'_, '_> {
-    /// Visits every node of the scene once. A stack instead of recursion, and a mark on each node, bound depth
-    /// and cycles.
+    /// Visits every node of the scene once. An explicit stack avoids deep recursion, and a flag for each node detects
+    /// cycles.
     fn run(&mut self, observer: &dyn Observer) -> Result<()> {
         let root = &self.document.root;
         let mut visited = vec![false; root.nodes.len()];
@@ -106,21 +109,21 @@ impl Walk<'_, '_> {
             let Some(node) = root.nodes.get(index) else {
                 return Err(Error::input(
                     self.document.name(),
-                    format!("names node {index}, which is missing"),
+                    format!("refers to node {index}, which does not exist"),
                 ));
             };
             let place = || self.document.place("node", index, node.name.as_ref());
             if std::mem::replace(&mut visited[index], true) {
                 return Err(Error::input(
                     place(),
-                    "is reached twice; the nodes of glTF form a tree, without cycles or shared children",
+                    "is reached twice; the nodes must form a tree, without cycles or shared children",
                 ));
             }
             let to_scene = parent * local_transform(node);
             if !to_scene.is_finite() {
                 return Err(Error::input(place(), "has a transform that is not finite"));
             }
-            self.lookout.note(index, node, to_scene);
+            self.sensor_search.note(index, node, to_scene);
             if let Some(mesh) = node.mesh {
                 self.add_mesh(index, node, mesh.value(), to_scene)?;
             }
@@ -130,7 +133,7 @@ impl Walk<'_, '_> {
         Ok(())
     }
 
-    /// The nodes at the top of the default scene; without scenes, those that are nobody's child.
+    /// The root nodes of the default scene; in a file without scenes, the nodes without a parent.
     fn roots(&self, observer: &dyn Observer) -> Result<Vec<usize>> {
         let root = &self.document.root;
         if root.scenes.is_empty() {
@@ -146,12 +149,12 @@ impl Walk<'_, '_> {
         let Some(scene) = root.scenes.get(index) else {
             return Err(Error::input(
                 self.document.name(),
-                format!("its default scene is {index}, of which there are {}", root.scenes.len()),
+                format!("its default scene is {index}, counted from 0, but there are {}", root.scenes.len()),
             ));
         };
         if root.scenes.len() > 1 {
             observer.warn(&format!(
-                "{}: holds {} scenes; scene {index}{} is taken",
+                "{}: contains {} scenes; scene {index}{} is used",
                 self.document.name(),
                 root.scenes.len(),
                 scene.name.as_ref().map(|n| format!(" (`{n}`)")).unwrap_or_default()
@@ -170,7 +173,7 @@ impl Walk<'_, '_> {
         let document = self.document;
         let place = || document.place("node", node_index, node.name.as_ref());
         let Some(declared) = document.root.meshes.get(mesh_index) else {
-            return Err(Error::input(place(), format!("shows mesh {mesh_index}, which is missing")));
+            return Err(Error::input(place(), format!("refers to mesh {mesh_index}, which does not exist")));
         };
         let mesh = match self.meshes.entry(mesh_index) {
             Entry::Occupied(opened) => opened.into_mut(),
@@ -214,7 +217,7 @@ fn local_transform(node: &json::Node) -> DAffine3 {
     )
 }
 
-/// Files round quaternions; one that is off by more is a rotation all the same. Zero is none.
+/// Normalises a quaternion, because files round them. Zero becomes the identity.
 fn unit_rotation(rotation: DQuat) -> DQuat {
     let length = rotation.length();
     if length > 0.0 { rotation / length } else { DQuat::IDENTITY }

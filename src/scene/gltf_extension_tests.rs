@@ -29,7 +29,7 @@ fn quantized(values: &[i32; 9], size: usize, stride: usize, kind: u32, normalize
     document
 }
 
-/// Base64 by the book (RFC 4648), bit by bit.
+/// Base64 (RFC 4648), bit by bit.
 fn data_uri(bytes: &[u8]) -> String {
     const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     let bits: Vec<u8> = bytes.iter().flat_map(|byte| (0..8).rev().map(move |k| byte >> k & 1)).collect();
@@ -85,7 +85,7 @@ fn quantized_positions_are_decoded_by_the_specifications_formulae() {
     assert_names(refused(&quantized(&[0; 9], 4, 12, 5125, false)), &["accessor 0", "positions"]);
 }
 
-/// The strip shown at `translations`, (turned, scaled) at will; floats in a buffer of its own.
+/// The strip with instances of these attributes, each a list of floats in a buffer of its own.
 fn instanced(attributes: &[(&str, &[f32], &str)]) -> Value {
     let mut document = document();
     let mut names = serde_json::Map::new();
@@ -186,12 +186,12 @@ fn a_small_file_cannot_ask_for_endless_work() {
     assert_names(refused(&many), &["50000000 triangles"]);
     set(&mut many, "/accessors/1", zeros(u64::MAX));
     assert_names(refused(&many), &["accessor 1", "18446744073709551615 values", "buffer view"]);
-    // Copies of points alone are no work, and copies take room in the file.
+    // Copies of points alone are no work, and copies take bytes in the file.
     set(&mut many, "/meshes/0/primitives/0", json!({ "attributes": { "POSITION": 0 }, "mode": 0 }));
     assert_names(refused(&many), &["triangle"]);
     set(&mut many, "/accessors/2", zeros(1 << 24));
     assert_names(refused(&many), &["`TRANSLATION`", "buffer view"]);
-    // Sparse parts of which the values do not ascend are refused, so that they need no table.
+    // Sparse parts whose indices do not ascend are refused, so that they need no table.
     let sparse = json!({
         "count": 2,
         "indices": { "bufferView": 1, "byteOffset": 4, "componentType": 5121 },

@@ -4,7 +4,7 @@
 use crate::progress::Observer;
 use std::sync::Mutex;
 
-/// Keeps the warnings it hears.
+/// Stores the warnings it receives.
 #[derive(Default)]
 pub(super) struct Listener(Mutex<Vec<String>>);
 

@@ -1,4 +1,4 @@
-//! What a surface does to sound, and where that was said: in a rule of the user's or in the mesh file.
+//! What a surface does to sound, and where the values come from: a material rule or the mesh file.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -7,22 +7,22 @@ use crate::error::{Error, Result};
 use crate::progress::Observer;
 use serde::{Deserialize, Serialize};
 
-/// What a surface does to the amplitude of sound; the same for both sides, all angles and all frequencies.
+/// How a surface reflects and transmits the amplitude of sound; equal for both sides, all angles and all frequencies.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Material {
-    /// Name in the file, or that of the first node or object that has it.
+    /// Name in the file, or that of the first node or object that uses it.
     pub name: String,
-    /// Share of the amplitude that comes back, 0..1.
+    /// Share of the amplitude that is reflected, 0..1.
     pub reflectance: f64,
-    /// Share of the amplitude left after one crossing, 0..1.
+    /// Share of the amplitude that one crossing transmits, 0..1.
     pub transmittance: f64,
-    /// Who said so: "rule `glass*`", "glTF extras", "glTF transmission", "glTF alpha", "MTL d", "MTL Tr",
+    /// Source of the values: "rule `glass*`", "glTF extras", "glTF transmission", "glTF alpha", "MTL d", "MTL Tr",
     /// "default".
     pub source: String,
 }
 
 impl Material {
-    /// An opaque surface that reflects everything: what is assumed where nothing is said.
+    /// An opaque surface that reflects everything: the default.
     pub(super) fn opaque(name: &str) -> Self {
         Self { name: name.to_owned(), reflectance: 1.0, transmittance: 0.0, source: "default".to_owned() }
     }
@@ -53,19 +53,19 @@ fn check_share(place: impl Fn() -> String, what: &str, value: f64) -> Result<()>
     Err(Error::input(place(), format!("{what} is {value}; expected a share of the amplitude, 0 to 1")))
 }
 
-/// What the user says of the materials, nodes and objects whose name matches.
+/// Overrides the materials, nodes and objects whose name matches.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MaterialRule {
-    /// Pattern: `*` stands for any run of characters, `?` for any one; upper and lower case differ.
+    /// Pattern: `*` matches any run of characters, `?` any single one; upper and lower case differ.
     pub name: String,
-    /// Share of the amplitude that comes back, 0..1; left out, the file's.
+    /// Share of the amplitude that is reflected, 0..1; `None` for the file's value.
     pub reflectance: Option<f64>,
-    /// Share of the amplitude left after one crossing, 0..1; left out, the file's.
+    /// Share of the amplitude that one crossing transmits, 0..1; `None` for the file's value.
     pub transmittance: Option<f64>,
 }
 
-/// Whether `name` matches `pattern` with `*` and `?`. Goes back to the last `*` only, so it takes
+/// Whether `name` matches `pattern` with `*` and `?`. Backtracks to the last `*` only, so it takes
 /// `O(pattern × name)` at worst.
 fn matches(pattern: &str, name: &str) -> bool {
     let (pattern, name): (Vec<char>, Vec<char>) = (pattern.chars().collect(), name.chars().collect());
@@ -82,7 +82,7 @@ fn matches(pattern: &str, name: &str) -> bool {
                 n += 1;
             }
             _ => {
-                // Let the last star swallow one character more and try again.
+                // Let the last star match one character more, and try again.
                 let Some((star_p, star_n)) = star else { return false };
                 star = Some((star_p, star_n + 1));
                 p = star_p + 1;
@@ -98,7 +98,7 @@ pub(super) struct Palette<'a> {
     rules: &'a [MaterialRule],
     used: Vec<bool>,
     declared: Vec<Material>,
-    /// By declared material and rule, so that a thousand nodes of one kind share one entry.
+    /// Keyed by declared material and rule, so that a thousand nodes of one kind share one entry.
     assigned: BTreeMap<(Option<usize>, Option<usize>), u32>,
     materials: Vec<Material>,
     names: BTreeSet<String>,
@@ -113,11 +113,14 @@ impl<'a> Palette<'a> {
             if rule.name.is_empty() {
                 return Err(Error::input(
                     format!("material rule {}", i + 1),
-                    "has no name; `*` matches every one",
+                    "has no name; `*` matches every name",
                 ));
             }
             if rule.reflectance.is_none() && rule.transmittance.is_none() {
-                return Err(Error::input(place(), "sets neither reflectance nor transmittance"));
+                return Err(Error::input(
+                    place(),
+                    "sets neither reflectance nor transmittance; set at least one",
+                ));
             }
             for (what, value) in [("reflectance", rule.reflectance), ("transmittance", rule.transmittance)] {
                 check_share(place, what, value.unwrap_or(0.0))?;
@@ -133,13 +136,13 @@ impl<'a> Palette<'a> {
         })
     }
 
-    /// Takes down a material of the file and returns the number by which [`Palette::assign`] knows it.
+    /// Records a material of the file and returns its index for [`Palette::assign`].
     pub(super) fn declare(&mut self, material: Material) -> usize {
         self.declared.push(material);
         self.declared.len() - 1
     }
 
-    /// The material of a surface: declared material (if the file gives one) and the name of the node or object
+    /// The material of a surface, from the declared material (if the file gives one) and the name of the node or object
     /// it belongs to (may be empty).
     pub(super) fn assign(&mut self, declared: Option<usize>, owner: &str) -> u32 {
         let material = declared.map_or_else(|| Material::opaque(""), |i| self.declared[i].clone());
@@ -150,7 +153,7 @@ impl<'a> Palette<'a> {
         }
         let rule = self.rules.iter().position(|rule| {
             let hit = |name: &str| !name.is_empty() && matches(&rule.name, name);
-            // A lone star means everything, also what has no name.
+            // A lone star matches everything, even what has no name.
             rule.name == "*" || hit(&material.name) || hit(owner)
         });
         if let Some(&index) = self.assigned.get(&(declared, rule)) {
@@ -173,7 +176,7 @@ impl<'a> Palette<'a> {
         index
     }
 
-    /// The materials in use; rules that matched nothing are warned of.
+    /// The materials in use. Warns of rules that matched nothing.
     pub(super) fn finish(self, path: &Path, observer: &dyn Observer) -> Vec<Material> {
         const SHOWN: usize = 8;
         for (rule, _) in self.rules.iter().zip(&self.used).filter(|(_, used)| !**used) {
@@ -182,12 +185,12 @@ impl<'a> Palette<'a> {
                 names.push("...".to_owned());
             }
             let there = if names.is_empty() {
-                "the file names nothing".to_owned()
+                "the file contains no names".to_owned()
             } else {
-                format!("the file has {}", names.join(", "))
+                format!("the file contains {}", names.join(", "))
             };
             observer.warn(&format!(
-                "{}: material rule `{}` matches no material, node or object (or earlier rules took them all); {there}",
+                "{}: material rule `{}` matches no material, node or object (or earlier rules matched them all); {there}",
                 path.display(),
                 rule.name
             ));

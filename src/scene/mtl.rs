@@ -1,4 +1,4 @@
-//! The two statements of an MTL file that say something of sound: `d`, and `Tr`.
+//! The two statements of an MTL file that matter for sound: `d` and `Tr`.
 //!
 //! Read here rather than by `tobj` 4.0, which reads the OBJ: it gives up the whole file for one bad colour and knows no `Tr`.
 
@@ -11,7 +11,7 @@ use crate::progress::Observer;
 /// The materials of an MTL file: opacity `d`, or 1 - `Tr`, or opaque.
 ///
 /// # Errors
-/// A `d` or `Tr` that is no number in 0..1, with its line.
+/// A `d` or `Tr` that is not a number in 0..1; the message names the line.
 pub(super) fn parse(text: &str, path: &Path, observer: &dyn Observer) -> Result<Vec<Material>> {
     let mut materials = Vec::new();
     let mut current: Option<Statements<'_>> = None;
@@ -45,13 +45,13 @@ impl Statements<'_> {
             (Some(d), tr) => {
                 if tr.is_some_and(|tr| (1.0 - tr - d).abs() > 1e-3) {
                     observer.warn(&format!(
-                        "{}, material `{}`: d {d} and Tr {} contradict each other (Tr should be 1 - d); d counts",
+                        "{}, material `{}`: d {d} and Tr {} contradict each other (Tr should be 1 - d); d is used",
                         path.display(),
                         self.name,
                         tr.unwrap_or_default()
                     ));
                 }
-                // Nearly every exporter writes `d 1`; that is the default, not a statement.
+                // Nearly every exporter writes `d 1`; that counts as the default, not as information.
                 if d == 1.0 {
                     Material::opaque(self.name)
                 } else {
@@ -71,7 +71,7 @@ fn opacity(rest: &str, keyword: &str, path: &Path, line: usize) -> Result<f64> {
         Ok(value) if (0.0..=1.0).contains(&value) => Ok(value),
         _ => Err(Error::input(
             format!("{}, line {line}", path.display()),
-            format!("`{keyword} {}` should give an opacity from 0 to 1", rest.trim()),
+            format!("`{keyword} {}` must give an opacity from 0 to 1", rest.trim()),
         )),
     }
 }

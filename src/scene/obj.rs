@@ -1,7 +1,7 @@
 //! Wavefront OBJ: faces of any number of corners, objects and groups, materials by name.
 //!
 //! `tobj` reads the geometry from a cleaned copy of the text, in which every line keeps its number, continued
-//! lines are joined, and only what matters here is left: positions, faces, names. Materials are numbered in the
+//! lines are joined, and only positions, faces and names remain. Materials are numbered in the
 //! copy, so that their names survive a missing MTL file.
 
 use std::borrow::Cow;
@@ -36,7 +36,7 @@ pub(super) fn load(
     let metres_per_unit = metres_per_unit(&cleaned, options, path, observer)?;
     if cleaned.free_form > 0 {
         observer.warn(&format!(
-            "{}: {} free-form surfaces (`surf`) are not read; export the mesh as polygons",
+            "{}: {} free-form surfaces (`surf`) are not supported; export the mesh as polygons",
             path.display(),
             cleaned.free_form
         ));
@@ -75,23 +75,23 @@ pub(super) fn load(
     Ok(Mesh { surfaces, metres_per_unit, up: Up::None, sensor: None, camera: None })
 }
 
-/// `tobj` calls what has no name by one.
+/// The name of an object; empty where `tobj` made one up.
 fn owner(name: &str) -> &str {
     if name == "unnamed_object" { "" } else { name }
 }
 
-/// The line that stands before the copy, for the materials.
+/// The line before the copy, from which `tobj` takes the materials.
 const PREFIX: &str = "mtllib numbers\n";
 
-/// The text with line numbers kept and all else put plainly, after the [`PREFIX`].
+/// The simplified text with unchanged line numbers, after the [`PREFIX`].
 struct Cleaned {
     text: String,
-    /// Material names, in the order of first use; `usemtl` has their places in this list.
+    /// Material names, in the order of first use; `usemtl` holds indices into this list.
     materials: Vec<String>,
     libraries: Vec<String>,
     /// Metres per unit, from a header comment.
     header: Option<f64>,
-    /// Free-form surfaces, which are left out.
+    /// Number of free-form surfaces, which are ignored.
     free_form: usize,
 }
 
@@ -186,7 +186,7 @@ fn header_unit(comment: &str) -> std::result::Result<Option<f64>, String> {
     };
     match (number, metres) {
         (Some(number), Some(metres)) => Ok(Some(number * metres)),
-        _ => Err(format!("`{comment}` should read like `# 1 unit = 1000.0 mm` (m, cm, mm, in or ft)")),
+        _ => Err(format!("`{comment}` should have the form `# 1 unit = 1000.0 mm` (m, cm, mm, in or ft)")),
     }
 }
 
@@ -199,7 +199,7 @@ fn metres_per_unit(
     match (options.unit.map(super::Unit::metres), cleaned.header) {
         (Some(asked), Some(header)) if (asked / header - 1.0).abs() > 1e-9 => {
             observer.warn(&format!(
-                "{}: its header says 1 unit = {header} m, but `unit` says {asked} m; `unit` counts",
+                "{}: its header says 1 unit = {header} m, but `unit` says {asked} m; `unit` is used",
                 path.display()
             ));
             Ok(asked)
@@ -209,7 +209,7 @@ fn metres_per_unit(
     }
 }
 
-/// Declares every material that a face uses and returns their numbers in the palette. A missing MTL file is a
+/// Declares every material that a face uses and returns their palette indices. A missing MTL file is a
 /// warning, because the geometry does not depend on it.
 fn declare_materials(
     cleaned: &Cleaned,
@@ -220,7 +220,7 @@ fn declare_materials(
 ) -> Result<Vec<usize>> {
     let mut found: HashMap<String, Material> = HashMap::new();
     for library in &cleaned.libraries {
-        // One name with spaces, or several names.
+        // Either one name with spaces, or several names.
         let whole = files::beside(path, library).is_ok_and(|p| p.is_file());
         let names = if whole { vec![library.as_str()] } else { library.split_whitespace().collect() };
         for name in names {
@@ -228,15 +228,15 @@ fn declare_materials(
                 Ok((Ok(bytes), file)) => {
                     let text = String::from_utf8_lossy(&bytes);
                     let text = text.trim_start_matches('\u{feff}');
-                    // A name given twice means the first.
+                    // Of duplicate names the first is used.
                     for material in mtl::parse(text, &file, observer)? {
                         found.entry(material.name.clone()).or_insert(material);
                     }
                 }
                 Ok((Err(error), _)) => {
-                    observer.warn(&format!("{}: materials are opaque where {error}", path.display()));
+                    observer.warn(&format!("{}: materials count as opaque: {error}", path.display()));
                 }
-                Err(refusal) => observer.warn(&format!("{}: mtllib {refusal}; left out", path.display())),
+                Err(refusal) => observer.warn(&format!("{}: mtllib {refusal}; ignored", path.display())),
             }
         }
     }
@@ -257,7 +257,7 @@ fn read_models(cleaned: &Cleaned, path: &Path) -> Result<Vec<tobj::Model>> {
     let mut rest = text.as_bytes();
     let result = tobj::load_obj_buf(&mut rest, &options, library);
     let consumed = text.len() - rest.len();
-    // Every line read ended with a newline, and one of them was put before.
+    // Every line that was read ended with a newline; one of them is the prefix.
     let line = text[..consumed].lines().count().saturating_sub(1);
     match result {
         Ok((models, _)) => Ok(models),
@@ -267,7 +267,7 @@ fn read_models(cleaned: &Cleaned, path: &Path) -> Result<Vec<tobj::Model>> {
             Err(Error::input(
                 at_line(path, line),
                 format!(
-                    "a face has corner {index}, but only {count} vertices stand before the end of its group"
+                    "a face refers to corner {index}, but only {count} vertices precede the end of its group"
                 ),
             ))
         }
@@ -275,13 +275,13 @@ fn read_models(cleaned: &Cleaned, path: &Path) -> Result<Vec<tobj::Model>> {
             Err(Error::input(at_line(path, line), "a vertex `v` needs three numbers"))
         }
         Err(tobj::LoadError::FaceParseError) => {
-            Err(Error::input(at_line(path, line), "a face `f` should list vertex numbers such as `f 1 2 3`"))
+            Err(Error::input(at_line(path, line), "a face `f` must list vertex numbers such as `f 1 2 3`"))
         }
-        Err(error) => Err(Error::input(at_line(path, line), format!("is no valid OBJ: {error}"))),
+        Err(error) => Err(Error::input(at_line(path, line), format!("is not valid OBJ: {error}"))),
     }
 }
 
-/// Line, index and number of vertices so far of the first face that names a vertex that is not there.
+/// Line, index and number of vertices so far of the first face that refers to a missing vertex.
 fn first_index_beyond(text: &str) -> Option<(usize, i64, i64)> {
     let total = text.lines().filter(|line| line.starts_with("v ")).count() as i64;
     let mut before = 0;

@@ -1,8 +1,8 @@
 //! What a straight path crosses: a tree over the triangles, and a triangle test without gaps.
 //!
 //! The tree (obvhs' `Bvh2`, f32) only proposes candidates; whether and where a path crosses a triangle is
-//! decided here in f64. Its boxes are padded by more than f32 can err, so it proposes too much and never too
-//! little. The test is watertight: a path through an edge or a corner that triangles share hits at least one
+//! decided here in f64. Its boxes are padded by more than the error of f32, so it may propose too many and
+//! never too few. The test is watertight: a path through an edge or a corner that triangles share hits at least one
 //! of them. It may then hit several, so crossings at one place along the path count as one surface.
 
 use std::fmt;
@@ -23,13 +23,13 @@ use super::{Material, Scene};
 use crate::alloc::try_with_capacity;
 use crate::error::Result;
 
-/// Crossings nearer than this times the scene's greatest coordinate (that of the path's ends included) to an
-/// end of the path, or to one another, are not told apart: 0.25 µm in a scene of 2.5 m, far below a wavelength
-/// and far above the rounding of f64.
+/// Crossings closer than this times the scene's maximum coordinate (including those of the path's ends) to an end of
+/// the path, or to one another, are at the same place: within 0.25 µm in a scene of 2.5 m, far below a wavelength and
+/// far above the rounding of f64.
 const SAME_PLACE: f64 = 1e-7;
 
-/// Padding of the tree's boxes, in its own unit, the scene's greatest half extent. A path of at most 2√3 units
-/// strays by under 1e-6 in f32: rounding of its ends and of its direction, and obvhs' least slope of 1.2e-7.
+/// Padding of the tree's boxes in the tree's unit, the scene's maximum half extent. In f32 a path of at most 2√3 units
+/// deviates by less than 1e-6: rounding of its ends and direction, and obvhs' minimum slope of 1.2e-7.
 const PADDING: f32 = 4e-6;
 
 /// One surface that a path crosses.
@@ -37,9 +37,9 @@ const PADDING: f32 = 4e-6;
 pub struct Crossing {
     /// Distance from the start of the path, m.
     pub distance: f64,
-    /// Which of [`Scene::triangles`]; of several at one place, the one that lets least through.
+    /// Index into [`Scene::triangles`]; of several at one place, the one with the lowest transmittance.
     pub triangle: u32,
-    /// Share of the amplitude left after it, 0..1.
+    /// Share of the amplitude that it transmits, 0..1.
     pub transmittance: f64,
 }
 
@@ -47,7 +47,7 @@ impl Scene {
     /// Share of the amplitude left on the straight path `from` → `to` (m): the product of the transmittances of
     /// the surfaces strictly between.
     ///
-    /// A surface at an end of the path (nearer than 1e-7 of the greatest coordinate) does not count, so a
+    /// A surface at an end of the path (within 1e-7 of the maximum coordinate) does not count, so a
     /// reflector does not shade itself. Cost: about `O(log n)`; stops at the first opaque surface.
     ///
     /// # Panics
@@ -59,7 +59,7 @@ impl Scene {
         self.tree.visit(&self.triangles, from, to, tolerance, |distance, triangle| {
             let transmittance = self.transmittance_of(triangle);
             blocked = transmittance == 0.0;
-            // Clear surfaces change nothing, whether alone or beside another.
+            // Clear surfaces change nothing, whether alone or together with another.
             if transmittance < 1.0 {
                 found.push(Crossing { distance, triangle, transmittance });
             }
@@ -113,10 +113,10 @@ impl Scene {
     }
 }
 
-/// Sorts front to back and makes one of crossings within `tolerance` of the first at their place; the least
-/// transmittance stands for all, so that a shared edge or a doubled face is not counted twice.
+/// Sorts front to back and merges crossings within `tolerance` of the first at their place. The lowest transmittance
+/// is used, so that a shared edge or a doubled face is not counted twice.
 fn merge(found: &mut Vec<Crossing>, tolerance: f64) {
-    // The order in which the tree proposes them is of no account: the result is the same for any tree.
+    // Sorting makes the result independent of the order in which the tree proposes them.
     found.sort_by(|a, b| a.distance.total_cmp(&b.distance).then(a.triangle.cmp(&b.triangle)));
     found.dedup_by(|next, kept| {
         let same = next.distance - kept.distance <= tolerance;
@@ -133,7 +133,7 @@ struct Frame {
     unit: f64,
 }
 
-/// A triangle, of which the tree's builder wants the box: 16 bytes rather than the 32 of a box.
+/// A triangle, from which the tree's builder gets the box: 16 bytes instead of the 32 of a box.
 struct Boxed<'a> {
     triangle: &'a Triangle,
     frame: &'a Frame,
@@ -148,10 +148,11 @@ impl Boundable for Boxed<'_> {
     }
 }
 
-/// The tree: obvhs' `build_bvh2` step by step, so that what a step took is free before the next. Triangles are not split:
-/// they would stand in several leaves and be counted several times. `None` when there is no room for it.
+/// Builds the tree: obvhs' `build_bvh2` step by step, so that the memory of a step is free before the next. Triangles
+/// are not split, because they would be in several leaves and be counted several times. `None` when the tree does not
+/// fit in memory.
 fn build(triangles: &[Triangle], frame: &Frame) -> Option<Bvh2> {
-    // The crate cannot be told that there is none, so as much as it will want is asked for before, and given back.
+    // The crate aborts when memory runs out, so as much as it needs is allocated beforehand, and freed.
     drop(try_with_capacity::<u8>(triangles.len() as u64 * SurfaceTree::BUILDING)?);
     let parameters = BvhBuildParams::slow_build();
     let mut boxed = try_with_capacity(triangles.len() as u64)?;
@@ -197,15 +198,15 @@ impl SurfaceTree {
         (size_of::<Boxed<'_>>() + 4 * size_of::<Bvh2Node>() + size_of::<u128>() + size_of::<u32>()) as u64;
 
     /// # Errors
-    /// [`Error::OutOfMemory`] when there is no room for it.
+    /// [`Error::OutOfMemory`] when it does not fit in memory.
     pub(super) fn new(triangles: &[Triangle]) -> Result<Self> {
         let (low, high) = triangle::bounds(triangles).unwrap_or_default();
         let centre = 0.5 * (low + high);
         let half = (0.5 * (high - low)).max_element();
-        // A scene that is one point has no extent to measure by; any unit will do.
+        // A scene that is a single point has no extent; any unit will do.
         let unit = if half > 0.0 { half } else { 1.0 };
         let bvh = build(triangles, &Frame { centre, unit })
-            .ok_or_else(|| no_room("scene", "the tree over its triangles"))?;
+            .ok_or_else(|| no_room("scene", "the nodes of the tree over its triangles"))?;
         let padding = DVec3::splat(f64::from(PADDING) * unit);
         Ok(Self { bvh, centre, unit, low: low - padding, high: high + padding })
     }
@@ -215,7 +216,7 @@ impl SurfaceTree {
         (size_of_val(&self.bvh.nodes[..]) + size_of_val(&self.bvh.primitive_indices[..])) as u64
     }
 
-    /// The distance within which places along the path `from` → `to` are one, m.
+    /// The distance within which places along the path `from` → `to` count as one, m.
     fn tolerance(&self, from: DVec3, to: DVec3) -> f64 {
         let greatest = [self.low, self.high, from, to].map(|p| p.abs().max_element());
         SAME_PLACE * greatest.into_iter().fold(0.0, f64::max)
@@ -237,11 +238,11 @@ impl SurfaceTree {
             return;
         }
         let direction = (to - from) / length;
-        // Only the part inside the scene's box goes into f32, where a far end would cost the near part its
-        // digits.
+        // Only the part inside the scene's box is converted to f32: a far end would cost the near part its
+        // precision.
         let Some((enter, leave)) = clip(from, direction, length, self.low, self.high) else { return };
         let start = ((from + enter * direction - self.centre) / self.unit).as_vec3a();
-        // Adding +0 makes +0 of -0, on whose sign the slab test would trip.
+        // Adding +0 turns -0 into +0; with -0 the slab test would fail.
         let heading = direction.as_vec3a() + Vec3A::ZERO;
         let ray = Ray::new(start, heading, 0.0, ((leave - enter) / self.unit) as f32 + PADDING);
         let beam = Beam::new(from, direction);
@@ -260,7 +261,7 @@ impl SurfaceTree {
     }
 }
 
-/// The part of a path inside a box, as distances from its start; `None` when it passes by.
+/// The part of a path inside a box, as distances from its start; `None` when it misses the box.
 fn clip(from: DVec3, direction: DVec3, length: f64, low: DVec3, high: DVec3) -> Option<(f64, f64)> {
     let (mut enter, mut leave) = (0.0_f64, length);
     for axis in 0..3 {
@@ -282,7 +283,7 @@ fn clip(from: DVec3, direction: DVec3, length: f64, low: DVec3, high: DVec3) -> 
 /// "Watertight Ray/Triangle Intersection" (JCGT 2, 2013), in f64.
 struct Beam {
     origin: DVec3,
-    /// The axes of the plane that the triangle is projected to, and the one along which the path runs most.
+    /// The axes of the plane that the triangle is projected onto, and the dominant axis of the path.
     axes: [usize; 3],
     shear: [f64; 3],
 }
@@ -301,8 +302,8 @@ impl Beam {
     fn crossing(&self, vertices: &[DVec3; 3]) -> Option<f64> {
         let [x, y, z] = self.axes;
         let [sx, sy, sz] = self.shear;
-        // A vertex is sheared alike in every triangle, and an edge's sign only turns with its direction:
-        // neighbours agree on which side of their edge the path lies.
+        // A vertex is sheared identically in every triangle, and an edge's sign changes only with its direction:
+        // neighbours agree on which side of their edge the path is.
         let [a, b, c] = vertices.map(|v| {
             let v = v - self.origin;
             [v[x] - sx * v[z], v[y] - sy * v[z], sz * v[z]]

@@ -1,4 +1,4 @@
-//! From the frame of a mesh file to that of the array: unit, up axis, scale, rotation, and where to put it.
+//! Transforms from the frame of a mesh file to that of the array: unit, up axis, scale, rotation and position.
 
 use std::path::Path;
 use std::str::FromStr;
@@ -42,9 +42,9 @@ impl Unit {
 choice! {
     /// Which axis of the mesh points up.
     pub enum Up: "up axis" {
-        /// +y is up and +z comes to the viewer, as glTF has it: (x, y, z) becomes (x, -y, -z).
+        /// +y is up and +z points to the viewer, as in glTF: (x, y, z) becomes (x, -y, -z).
         Y = "y",
-        /// +z is up and +y goes away from the viewer, as CAD and Blender have it: (x, y, z) becomes (x, -z, y).
+        /// +z is up and +y points away from the viewer, as in CAD and Blender: (x, y, z) becomes (x, -z, y).
         Z = "z",
         /// The mesh is in the array's frame already.
         None = "none",
@@ -62,7 +62,7 @@ impl Up {
     }
 }
 
-/// Where in a glTF file the array sits. It looks where a glTF camera there would: along -z, with +y up.
+/// Where in a glTF file the array is placed. It looks as a glTF camera there does: along -z, with +y up.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Sensor {
     /// At the camera of this name, or at the node of this name that holds a camera.
@@ -78,22 +78,22 @@ impl FromStr for Sensor {
         match text.split_once(':') {
             Some(("camera", name)) if !name.is_empty() => Ok(Self::Camera(name.to_owned())),
             Some(("node", name)) if !name.is_empty() => Ok(Self::Node(name.to_owned())),
-            _ => Err(Error::input("sensor", format!("`{text}` should read camera:NAME or node:NAME"))),
+            _ => Err(Error::input("sensor", format!("`{text}` must have the form camera:NAME or node:NAME"))),
         }
     }
 }
 
-/// How a mesh file is read and placed before the array.
+/// How a mesh file is read and placed in front of the array.
 ///
-/// In this order: unit, up axis (or the sensor's frame), scale, rotation, and last one of translation, `fit` or
+/// The order is: unit, up axis (or the sensor's frame), scale, rotation, and finally one of translation, `fit` or
 /// `fit_by_diagonal`.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct LoadOptions {
-    /// The file's unit of length. STL and PLY need it, and OBJ unless its header says `1 unit = ...`; glTF is
+    /// The file's unit of length. STL and PLY need it, and so does OBJ unless its header says `1 unit = ...`; glTF is
     /// in m.
     pub unit: Option<Unit>,
-    /// The file's up axis; left out, [`Up::Y`] for glTF and [`Up::None`] for the others.
+    /// The file's up axis; `None` for [`Up::Y`] with glTF and [`Up::None`] with the other formats.
     pub up: Option<Up>,
     /// Factor on all lengths.
     pub scale: f64,
@@ -101,13 +101,13 @@ pub struct LoadOptions {
     pub rotate: DVec3,
     /// Displacement, m.
     pub translate: DVec3,
-    /// Instead of `translate`: the centre of the bounding box comes here, m.
+    /// Instead of `translate`: the centre of the bounding box is moved here, m.
     pub fit: Option<DVec3>,
-    /// Instead of `translate`: the centre of the bounding box comes to (0, 0, k × the box's diagonal).
+    /// Instead of `translate`: the centre of the bounding box is moved to (0, 0, k × the box's diagonal).
     pub fit_by_diagonal: Option<f64>,
-    /// glTF only: the array sits at this camera or node, and `up` does not apply.
+    /// glTF only: the array is placed at this camera or node, and `up` does not apply.
     pub sensor: Option<Sensor>,
-    /// Acoustic materials by name; the first that matches wins over what the file says.
+    /// Acoustic materials by name; the first rule that matches overrides the file.
     pub materials: Vec<MaterialRule>,
     /// The most bytes that the file, and then its triangles and their tree at [`BYTES_PER_TRIANGLE`](super::BYTES_PER_TRIANGLE)
     /// each, may take; a mesh that takes more is refused before their memory is asked for. Without, 50 million triangles are
@@ -133,7 +133,7 @@ impl Default for LoadOptions {
 }
 
 impl LoadOptions {
-    /// Refuses numbers that place nothing, and two places at once.
+    /// Refuses invalid numbers and contradictory positions.
     pub(super) fn check(&self) -> Result<()> {
         if !(self.scale.is_finite() && self.scale > 0.0) {
             return Err(Error::input(
@@ -144,32 +144,29 @@ impl LoadOptions {
         let vectors = [("rotate", Some(self.rotate)), ("translate", Some(self.translate)), ("fit", self.fit)];
         for (name, vector) in vectors {
             if vector.is_some_and(|v| !v.is_finite()) {
-                return Err(Error::input(name, "holds a number that is not finite"));
+                return Err(Error::input(name, "contains a number that is not finite"));
             }
         }
         if self.fit_by_diagonal.is_some_and(|k| !k.is_finite()) {
-            return Err(Error::input("fit", "by the diagonal: the factor is not finite"));
+            return Err(Error::input("fit", "has a factor for the diagonal that is not finite"));
         }
         let places = [self.translate != DVec3::ZERO, self.fit.is_some(), self.fit_by_diagonal.is_some()];
         if places.into_iter().filter(|&given| given).count() > 1 {
             return Err(Error::input(
                 "fit",
-                "and `translate` both say where the mesh goes; give one of them",
+                "`fit` and `translate` must not both be given: each places the mesh; remove one",
             ));
         }
         if self.sensor.is_some() && self.up.is_some() {
-            return Err(Error::input(
-                "up",
-                "has no meaning beside `sensor`, which sets the axes; remove one",
-            ));
+            return Err(Error::input("up", "has no meaning with `sensor`, which sets the axes; remove one"));
         }
         Ok(())
     }
 }
 
-/// What the formats without a unit, cameras or nodes have in common.
+/// Checks for the formats without a unit, cameras or nodes.
 impl LoadOptions {
-    /// Metres per unit of a file that does not say; `format` reads like "an OBJ".
+    /// Metres per unit of a file that does not specify it; `format` reads like "an OBJ".
     ///
     /// # Errors
     /// The unit was not given.
@@ -178,26 +175,26 @@ impl LoadOptions {
             Error::input(
                 path.display(),
                 format!(
-                    "{format} does not say its unit of length; set `unit = \"mm\"` (m, cm, mm, in or ft) under \
+                    "{format} file does not specify its unit of length; set `unit = \"mm\"` (m, cm, mm, in or ft) under \
                      [scene] or give `--unit mm`"
                 ),
             )
         })
     }
 
-    /// Refuses a sensor beside a file that has nothing to put it at; `format` reads like "an OBJ".
+    /// Refuses a sensor for a file without cameras and nodes; `format` reads like "an OBJ".
     pub(super) fn refuse_sensor(&self, format: &str, path: &Path) -> Result<()> {
         if self.sensor.is_none() {
             return Ok(());
         }
         Err(Error::input(
             "sensor",
-            format!("needs a glTF file; {} is {format}, which has no cameras or nodes", path.display()),
+            format!("needs a glTF file; {} is {format} file, which has no cameras or nodes", path.display()),
         ))
     }
 }
 
-/// The map from the file's frame to the array's (DESIGN 2: unit, up, scale, rotate, translate or fit).
+/// The transform from the file's frame to the array's: unit, up, scale, rotate, then translate or fit.
 pub(super) fn placement(
     triangles: &[Triangle],
     metres_per_unit: f64,
@@ -213,7 +210,7 @@ pub(super) fn placement(
     let shift = if options.fit.is_none() && options.fit_by_diagonal.is_none() {
         options.translate
     } else {
-        // The box is that of the turned mesh, not the turned box of the mesh.
+        // The box is that of the rotated mesh, not the rotated box of the mesh.
         let corners = triangles.iter().flat_map(|t| t.vertices).map(|v| oriented.transform_point3(v));
         let (low, high) = triangle::box_around(corners).unwrap_or_default();
         let by_diagonal = options.fit_by_diagonal.map(|k| DVec3::Z * k * (high - low).length());
@@ -233,7 +230,7 @@ fn rotation(degrees: DVec3) -> DMat3 {
     about_z * about_y * about_x
 }
 
-/// sin and cos of an angle in degrees, exact at multiples of 90°, so that a mesh turned by them keeps its
+/// sin and cos of an angle in degrees, exact at multiples of 90°, so that a mesh rotated by them keeps its
 /// axis-aligned faces and round coordinates.
 fn sine_and_cosine(degrees: f64) -> (f64, f64) {
     match degrees.rem_euclid(360.0) {
@@ -275,7 +272,7 @@ mod tests {
             translate: DVec3::new(0.0, 0.0, 5.0),
             ..LoadOptions::default()
         };
-        // y -> z by the turn about x, then z -> x by the turn about y.
+        // y -> z by the rotation about x, then z -> x by the rotation about y.
         assert_eq!(place(DVec3::Y, &options), DVec3::new(2.0, 0.0, 5.0));
         let thirty = LoadOptions { rotate: DVec3::Z * 30.0, ..LoadOptions::default() };
         assert!((place(DVec3::X, &thirty) - DVec3::new(0.75_f64.sqrt(), 0.5, 0.0)).length() < 1e-15);

@@ -49,7 +49,7 @@ pub(super) fn load(
     }
     if let Some(rest) = source.rest() {
         observer.warn(&format!(
-            "{}: {rest} bytes follow the last of the elements that its header declares; they are left out",
+            "{}: {rest} bytes follow the last element that its header declares; they are ignored",
             path.display()
         ));
     }
@@ -57,8 +57,8 @@ pub(super) fn load(
         return Err(Error::input(
             path.display(),
             format!(
-                "holds {} points and no faces, but sound comes back from surfaces: make a mesh of the points first (by \
-                 a surface reconstruction, in MeshLab or CloudCompare for example)",
+                "contains {} points but no faces, and only surfaces reflect sound: make a mesh of the points first (by \
+                     surface reconstruction, for example in MeshLab or CloudCompare)",
                 vertices.found.len()
             ),
         ));
@@ -79,7 +79,7 @@ pub(super) fn load(
         // -1 ends a strip and begins the next.
         for strip in list.split(|&index| index == -1) {
             for (k, window) in strip.windows(3).enumerate() {
-                // Every second triangle of a strip runs the other way round.
+                // Every second triangle of a strip has the opposite winding.
                 let order = if k % 2 == 0 { [0, 1, 2] } else { [0, 2, 1] };
                 let mut corners = [DVec3::ZERO; 3];
                 for (corner, k) in corners.iter_mut().zip(order) {
@@ -94,20 +94,20 @@ pub(super) fn load(
     Ok(Mesh { surfaces, metres_per_unit, up: Up::None, sensor: None, camera: None })
 }
 
-/// Takes the values of an element as they come, row by row.
+/// Receives the values of an element in the order of the file, row by row.
 trait Rows {
     /// The next value of the row's property `property`; a list gives several.
     fn value(&mut self, property: usize, value: f64) -> Outcome<()>;
-    /// The row is at its end.
+    /// The row has ended.
     fn end(&mut self) -> Outcome<()>;
-    /// Room for so many rows; `false` where there is none.
+    /// Reserves memory for this many rows; `false` when they do not fit.
     fn reserve(&mut self, rows: usize) -> bool;
 }
 
-/// What is wrong, without the place.
+/// A result whose error says what is wrong, without the place.
 type Outcome<T> = std::result::Result<T, String>;
 
-/// Reads all rows of an element. Every value takes room in the file, so the work is bounded by its length,
+/// Reads all rows of an element. Every value takes bytes in the file, so the work is bounded by its length,
 /// whatever the header declares.
 fn read_rows(element: &Element, source: &mut Source<'_>, path: &Path, rows: &mut impl Rows) -> Result<()> {
     if element.properties.is_empty() {
@@ -144,7 +144,7 @@ fn read_row(element: &Element, source: &mut Source<'_>, rows: &mut impl Rows) ->
     rows.end()
 }
 
-/// An element that says nothing of the surface.
+/// An element that does not describe the surface.
 struct Unread;
 
 impl Rows for Unread {
@@ -182,9 +182,9 @@ impl Vertices {
 
     fn at(&self, index: i64) -> Outcome<DVec3> {
         let found = usize::try_from(index).ok().and_then(|i| self.found.get(i));
-        found
-            .copied()
-            .ok_or_else(|| format!("has vertex {index}, but there are {}, counted from 0", self.found.len()))
+        found.copied().ok_or_else(|| {
+            format!("refers to vertex {index}, but there are {}, counted from 0", self.found.len())
+        })
     }
 }
 
@@ -241,9 +241,11 @@ impl Rows for Lists {
     fn value(&mut self, property: usize, value: f64) -> Outcome<()> {
         if property == self.list {
             if value.fract() != 0.0 || value.abs() > f64::from(u32::MAX) {
-                return Err(format!("has vertex {value}; a whole number was expected"));
+                return Err(format!("refers to vertex {value}; a whole number was expected"));
             }
-            self.indices.try_reserve(1).map_err(|_| "does not fit in memory with those before".to_owned())?;
+            self.indices
+                .try_reserve(1)
+                .map_err(|_| "does not fit in memory together with the previous ones".to_owned())?;
             self.indices.push(value as i64);
         }
         Ok(())

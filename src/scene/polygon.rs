@@ -1,27 +1,27 @@
-//! Faces of more than three corners cut into triangles.
+//! Cuts faces of more than three corners into triangles.
 
 use glam::{DVec2, DVec3};
 
-/// Above this number of corners ears are not searched for: that takes up to the cube of it.
+/// Above this number of corners no ears are searched for, since the search takes up to `O(n³)`.
 const MOST_CORNERS: usize = 1024;
 
-/// How many times the search for ears in a file's faces may look at a corner, so that a file of the worst faces
-/// takes seconds and not hours. A million honest faces of ten corners need a tenth of it.
+/// How many corners the search for ears in a file's faces may test, so that a file of worst-case faces takes seconds
+/// and not hours. A million ordinary faces of ten corners need a tenth of it.
 pub(super) const ALLOWANCE: u64 = 1 << 32;
 
-/// The triangles of a face, as places in `corners`, wound as the face is.
+/// The triangles of a face, as indices into `corners`, with the winding of the face.
 pub(super) struct Cut {
     pub(super) triangles: Vec<[usize; 3]>,
-    /// The outline crosses itself, or is concave with very many corners, or the allowance is used up: a fan from the
-    /// first corner was drawn, which may cover what the face does not.
+    /// The outline crosses itself, is concave with very many corners, or the allowance is used up: the triangles are a
+    /// fan from the first corner, which may cover more than the face.
     pub(super) doubtful: bool,
 }
 
 /// Cuts a face into triangles: a fan where it is strictly convex, ears otherwise.
 ///
-/// No corner is added, and none is left out where the outline is simple, so that faces that share their corners
-/// share their edges; corners on a straight side are kept, too. Cost: `O(n)` convex, up to `O(n³)` otherwise, which
-/// is taken from the `allowance`.
+/// No corner is added, and none is left out where the outline is simple, so faces that share their corners share their
+/// edges. Corners on a straight side are included as well. Cost: `O(n)` for a convex face, otherwise up to `O(n³)`,
+/// which is deducted from the `allowance`.
 pub(super) fn cut(corners: &[DVec3], allowance: &mut u64) -> Cut {
     let fan = |doubtful| Cut { triangles: (2..corners.len()).map(|i| [0, i - 1, i]).collect(), doubtful };
     if corners.len() <= 3 {
@@ -45,7 +45,7 @@ pub(super) fn cut(corners: &[DVec3], allowance: &mut u64) -> Cut {
 /// Projects the corners along the axis nearest to the face's normal (Newell's), so that the outline runs
 /// counter-clockwise.
 fn flatten(corners: &[DVec3]) -> Vec<DVec2> {
-    // Differences to the first corner keep the digits of a small face far from the origin.
+    // Differences from the first corner preserve the precision of a small face far from the origin.
     let at = |i: usize| corners[i % corners.len()] - corners[0];
     let normal: DVec3 = (0..corners.len()).map(|i| at(i).cross(at(i + 1))).sum();
     let along = normal.abs().max_position();
@@ -61,7 +61,7 @@ fn turn(a: DVec2, b: DVec2, c: DVec2) -> f64 {
     if turn.abs() <= 1e-12 * ab.length() * bc.length() { 0.0 } else { turn }
 }
 
-/// Whether an outline of left turns only goes round once; a star goes round twice.
+/// Whether an outline of only left turns winds once; a star winds twice.
 fn winds_once(flat: &[DVec2]) -> bool {
     let n = flat.len();
     let angle: f64 = (0..n)
@@ -73,8 +73,8 @@ fn winds_once(flat: &[DVec2]) -> bool {
     (angle - std::f64::consts::TAU).abs() < 1.0
 }
 
-/// Cuts off one ear after the other: a left turn whose triangle holds no other corner. `None` when there is no
-/// ear, which happens only where the outline is not simple, or no more allowance.
+/// Cuts off one ear after the other: a left turn whose triangle contains no other corner. `None` when there is no
+/// ear, which happens only where the outline is not simple, or when the allowance is used up.
 fn ears(flat: &[DVec2], allowance: &mut u64) -> Option<Vec<[usize; 3]>> {
     let mut left: Vec<usize> = (0..flat.len()).collect();
     let mut triangles = Vec::with_capacity(flat.len() - 2);
@@ -96,7 +96,7 @@ fn ears(flat: &[DVec2], allowance: &mut u64) -> Option<Vec<[usize; 3]>> {
         }
         i = (i + 1) % left.len();
     }
-    // The last three may be a straight line, when a corner was on a side; then the cut before was the wrong one.
+    // The last three may be on a straight line, when a corner was on a side; then the previous cut was wrong.
     let last = [left[0], left[1], left[2]];
     (turn(flat[last[0]], flat[last[1]], flat[last[2]]) > 0.0).then(|| {
         triangles.push(last);
@@ -110,7 +110,7 @@ fn is_ear(flat: &[DVec2], left: &[usize], [a, b, c]: [usize; 3]) -> bool {
         return false;
     }
     // Corners on the border count as inside: cutting there would leave one on the new side. A corner at the
-    // same place as a, b or c (a slit to a hole) does not hinder.
+    // same place as a, b or c (a slit to a hole) does not matter.
     let inside = |p: DVec2| turn(pa, pb, p) >= 0.0 && turn(pb, pc, p) >= 0.0 && turn(pc, pa, p) >= 0.0;
     left.iter().all(|&k| {
         let p = flat[k];

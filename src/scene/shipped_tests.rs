@@ -1,4 +1,4 @@
-//! The meshes that come with the program are what their scenes say they are.
+//! The shipped meshes have the shapes that their scenes describe.
 #![allow(clippy::unwrap_used)]
 
 use std::collections::HashMap;
@@ -62,7 +62,7 @@ fn transparent_foreground_shows_the_backdrop_through_its_plate() {
     let (plate, backdrop) = (by_name("plate"), by_name("backdrop"));
     assert_eq!((plate.reflectance, plate.transmittance, plate.source.as_str()), (0.4, 0.6, "glTF alpha"));
     assert_eq!((backdrop.reflectance, backdrop.transmittance), (1.0, 0.0));
-    // Through the plate, beside it, through the step face.
+    // Through the plate, next to it, through the step face.
     let seen = |x: f64, y: f64| -> Vec<f64> {
         let (from, to) = (DVec3::new(x, y, 0.0), DVec3::new(x, y, 3.0));
         scene.crossings(from, to).iter().map(|c| (c.distance * 1e6).round() / 1e6).collect()
@@ -83,7 +83,7 @@ fn bracket_is_a_closed_solid() {
     assert!(scene.triangles().len() < 400, "{}", scene.triangles().len());
     let (low, high) = scene.bounds().unwrap();
     assert!(near(high - low, DVec3::new(0.24, 0.24, 0.2)), "{}", high - low);
-    // Every edge has one triangle on either side, which run along it in opposite directions.
+    // Every edge has one triangle on either side; the two traverse it in opposite directions.
     let key = |v: DVec3| v.to_array().map(|c| (c * 1e7).round() as i64);
     let mut edges = HashMap::new();
     for t in scene.triangles() {

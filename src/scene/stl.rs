@@ -1,4 +1,4 @@
-//! STL, as text or binary: triangles without materials, unit or names (but those of a text's solids).
+//! STL, as text or binary: triangles without materials, unit or names (except those of the solids of a text).
 //!
 //! Read here because `stl_io` 0.11 goes by the first word alone, which many binary files have too, stops after the first of
 //! several solids, and cannot say in which line a mistake is.
@@ -14,9 +14,9 @@ use super::{LoadOptions, Mesh, Up, files};
 use crate::error::{Error, Result};
 use crate::progress::Observer;
 
-/// Bytes before the first triangle of a binary file: 80 of anything, and the number of triangles.
+/// Bytes before the first triangle of a binary file: 80 arbitrary ones, and the number of triangles.
 const HEADER: usize = 84;
-/// Bytes of one triangle: normal and three corners in f32, and two bytes of anything.
+/// Bytes of one triangle: normal and three corners in f32, and two arbitrary bytes.
 const RECORD: usize = 50;
 
 /// Reads an STL file. See [`Scene::load`](super::Scene::load).
@@ -52,7 +52,7 @@ pub(super) fn load(
 }
 
 /// Both kinds may begin with `solid`. The `length` of a binary file is telling; one of another length is text
-/// when it begins like it and goes on in printable characters.
+/// when it begins with `solid` and continues in printable characters.
 fn is_text(bytes: &[u8], length: u64) -> bool {
     let binary_length = triangle_count(bytes).map(|count| HEADER as u64 + RECORD as u64 * u64::from(count));
     let start = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes).trim_ascii_start();
@@ -104,7 +104,7 @@ fn read_binary(
     let left = records - u64::from(count) * RECORD as u64;
     if left > 0 {
         observer.warn(&format!(
-            "{}: {left} bytes follow the {count} triangles that its header declares; they are left out",
+            "{}: {left} bytes follow the {count} triangles that its header declares; they are ignored",
             path.display()
         ));
     }
@@ -144,16 +144,16 @@ fn read_text(
                     return Err(refused("begins a facet within another; `endfacet` was expected".to_owned()));
                 }
                 "facet" => in_facet = true,
-                // The corners say it better.
+                // The normal follows from the corners.
                 "normal" => words.by_ref().take(3).for_each(drop),
                 "outer" | "loop" => {}
                 "vertex" => corners.push(vertex(words.by_ref()).ok_or_else(|| {
-                    refused(format!("`{line}` should give three finite numbers, as `vertex 0.1 0.2 0.3`"))
+                    refused(format!("`{line}` must give three finite numbers, such as `vertex 0.1 0.2 0.3`"))
                 })?),
                 "endloop" => {
                     if corners.len() < 3 {
                         return Err(refused(format!(
-                            "ends a loop of {} corners; three make a facet",
+                            "ends a loop of {} corners; a facet has three",
                             corners.len()
                         )));
                     }
@@ -164,7 +164,7 @@ fn read_text(
                 "endfacet" => in_facet = false,
                 _ => {
                     return Err(refused(format!(
-                        "`{word}` has no meaning in an STL; solid, facet normal, outer loop, vertex, endloop, endfacet \
+                        "`{word}` is not a keyword of STL; solid, facet normal, outer loop, vertex, endloop, endfacet \
                          or endsolid was expected"
                     )));
                 }

@@ -1,4 +1,4 @@
-//! Triangles as a reader finds them: their number bounded, faces cut, those without area left out and counted.
+//! Collects the triangles that a reader finds: limits their number, cuts faces, and counts and drops those without area.
 
 use std::fmt::Display;
 use std::path::Path;
@@ -11,8 +11,7 @@ use super::{Triangle, polygon};
 use crate::error::{Error, Result, gib};
 use crate::progress::Observer;
 
-/// More triangles than this are refused, so that a small hostile file with many instances cannot take all
-/// memory.
+/// Maximum number of triangles, so that a small hostile file with many instances cannot take all memory.
 pub(super) const MOST_TRIANGLES: usize = 50_000_000;
 
 /// Bytes per triangle while the tree over them is built, which is when a mesh takes most memory: the triangle, and what
@@ -29,11 +28,11 @@ pub(super) struct Surfaces {
     triangles: Vec<Triangle>,
     /// The most bytes that they and their tree may take.
     memory: Option<u64>,
-    /// Triangles without area: they count as work, but are not kept.
+    /// Number of triangles without area: they count as work, but are not stored.
     flat: usize,
-    /// Faces of which nobody knows what they cover.
+    /// Number of faces that may be triangulated wrongly.
     doubtful: usize,
-    /// What is left for the search for ears.
+    /// Remaining allowance of the search for ears.
     allowance: u64,
 }
 
@@ -50,7 +49,7 @@ impl Surfaces {
         }
     }
 
-    /// Refuses `more` triangles if the limit would be passed.
+    /// Refuses `more` triangles if they would exceed the limit.
     pub(super) fn expect_room(&self, more: usize) -> Result<()> {
         let count = (self.triangles.len() + self.flat).saturating_add(more);
         let bytes = (count as u64).saturating_mul(BYTES_PER_TRIANGLE);
@@ -69,7 +68,7 @@ impl Surfaces {
         if count > MOST_TRIANGLES { Err(too_many_triangles(&self.file)) } else { Ok(()) }
     }
 
-    /// Makes room for `more` triangles: exactly so much for the first of a file, which often are all.
+    /// Reserves memory for `more` triangles: exactly as much for the first of a file, which often are all.
     pub(super) fn reserve(&mut self, more: usize) -> Result<()> {
         self.expect_room(more)?;
         let made = if self.triangles.is_empty() {
@@ -84,11 +83,11 @@ impl Surfaces {
         no_room(&self.file, "its triangles")
     }
 
-    /// Takes one triangle.
+    /// Adds one triangle.
     pub(super) fn add(&mut self, vertices: [DVec3; 3], material: u32) -> Result<()> {
         self.expect_room(1)?;
         let triangle = Triangle { vertices, material };
-        // A corner that is far out makes a needle of its triangle; it is for the scene to refuse, with a better word.
+        // A far corner makes its triangle a needle; the scene refuses it with a better message.
         let far = vertices.iter().any(|v| v.abs().max_element() > TOO_FAR);
         if triangle.is_degenerate() && !far {
             self.flat += 1;
@@ -99,7 +98,7 @@ impl Surfaces {
         Ok(())
     }
 
-    /// Takes a face of any number of corners; with fewer than three it is none.
+    /// Adds a face of any number of corners; fewer than three make no face.
     pub(super) fn add_face(&mut self, corners: &[DVec3], material: u32) -> Result<()> {
         if let &[a, b, c] = corners {
             return self.add([a, b, c], material);
@@ -109,30 +108,30 @@ impl Surfaces {
         cut.triangles.iter().try_for_each(|t| self.add(t.map(|i| corners[i]), material))
     }
 
-    /// What was found, after a word about what was left out.
+    /// The triangles found, after warnings about what was left out.
     ///
     /// # Errors
     /// Nothing was found.
     pub(super) fn finish(self, observer: &dyn Observer) -> Result<Vec<Triangle>> {
         let Self { file, mut triangles, flat, doubtful, .. } = self;
-        // What it grew by beyond its need is wanted for the tree.
+        // The tree needs the memory of the excess capacity.
         triangles.shrink_to_fit();
         if doubtful > 0 {
             observer.warn(&format!(
                 "{file}: {doubtful} faces have outlines that cross themselves, are flat, or are concave with very many \
-                 corners; they are drawn as fans from their first corner, which may be wrong. Triangulate \
-                 the mesh where it was made"
+                 corners; they are triangulated as fans from their first corner, which may be wrong. \
+                 Triangulate the mesh in the program that made it"
             ));
         }
         if triangles.is_empty() {
             return Err(Error::input(
                 file,
-                "holds no triangle with an area; an image needs at least one surface",
+                "contains no triangle with an area; an image needs at least one surface",
             ));
         }
         if flat > 0 {
             observer.warn(&format!(
-                "{file}: {flat} of {} triangles have no area and are left out",
+                "{file}: {flat} of {} triangles have no area and are ignored",
                 flat + triangles.len()
             ));
         }
@@ -140,11 +139,13 @@ impl Surfaces {
     }
 }
 
-/// The refusal of a mesh that would take all memory.
+/// The error for a mesh with too many triangles.
 pub(super) fn too_many_triangles(place: impl Display) -> Error {
     Error::input(
         place,
-        format!("holds more than {MOST_TRIANGLES} triangles; decimate the mesh (sound resolves about a cm)"),
+        format!(
+            "contains more than {MOST_TRIANGLES} triangles; decimate the mesh (the acoustic resolution is about 1 cm)"
+        ),
     )
 }
 

@@ -7,7 +7,7 @@ use glam::DVec3;
 pub struct Triangle {
     /// The corners, m; counter-clockwise as seen from the side the normal points to.
     pub vertices: [DVec3; 3],
-    /// Which of [`Scene::materials`](super::Scene::materials).
+    /// Index into [`Scene::materials`](super::Scene::materials).
     pub material: u32,
 }
 
@@ -41,12 +41,12 @@ impl Triangle {
     }
 }
 
-/// Least and greatest corner of the box around `triangles`; `None` when there are none.
+/// Lower and upper corner of the bounding box of `triangles`; `None` when there are none.
 pub(super) fn bounds(triangles: &[Triangle]) -> Option<(DVec3, DVec3)> {
     box_around(triangles.iter().flat_map(|t| t.vertices))
 }
 
-/// Least and greatest corner of the box around `points`; `None` when there are none.
+/// Lower and upper corner of the bounding box of `points`; `None` when there are none.
 pub(super) fn box_around(points: impl Iterator<Item = DVec3>) -> Option<(DVec3, DVec3)> {
     points.map(|v| (v, v)).reduce(|(low, high), (v, _)| (low.min(v), high.max(v)))
 }

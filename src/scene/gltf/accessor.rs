@@ -1,8 +1,8 @@
 //! Typed arrays in the buffers of a glTF file: positions, indices, rotations, dense or sparse, with every range
 //! checked.
 //!
-//! Values are read one by one where they lie. So many primitives may share one array, and a file that declares a
-//! thousand views of the same bytes takes no room for it.
+//! Values are read one at a time from the buffer, without a copy. Many primitives may therefore share one array, and
+//! a thousand views of the same bytes take no extra memory.
 
 use ::gltf::json;
 use glam::{DQuat, DVec3};
@@ -12,14 +12,14 @@ use json::validation::Checked;
 use super::container::Document;
 use crate::error::{Error, Result};
 
-/// An accessor without a buffer is all zeros and takes no room in the file, so its declared length is not
-/// believed beyond this.
+/// Maximum length of an accessor without a buffer. It is all zeros and takes no bytes in the file, so the file's size
+/// does not limit it.
 const MOST_ZEROS: u64 = 1 << 24;
 
 /// Bytes of the largest element: four 32-bit floats.
 const LARGEST: usize = 16;
 
-/// A description of an array of vectors of two to four numbers.
+/// An array of vectors of two to four numbers.
 pub(super) struct Vectors<'a> {
     elements: Elements<'a>,
     kind: ComponentType,
@@ -28,7 +28,7 @@ pub(super) struct Vectors<'a> {
 }
 
 impl<'a> Vectors<'a> {
-    /// Positions of vertices: three 32-bit floats, or with KHR_mesh_quantization bytes or shorts.
+    /// Vertex positions: three 32-bit floats each, or bytes or shorts with KHR_mesh_quantization.
     pub(super) fn positions(document: &'a Document, index: usize) -> Result<Self> {
         let quantized = document.uses("KHR_mesh_quantization");
         let kinds = |kind| quantized && kind != ComponentType::U32;
@@ -66,7 +66,7 @@ impl<'a> Vectors<'a> {
                 let elements = Elements::new(document, accessor, &place, size)?;
                 Ok(Self { elements, kind, normalized: accessor.normalized, place })
             }
-            _ => Err(Error::input(place, format!("should hold {expected}"))),
+            _ => Err(Error::input(place, format!("must contain {expected}"))),
         }
     }
 
@@ -99,8 +99,7 @@ impl<'a> Vectors<'a> {
         Err(Error::input(&self.place, format!("value {i} is not finite: {value}")))
     }
 
-    /// Number `axis` of an element; integers that are `normalized` stand for -1..1 or 0..1 (glTF 2.0
-    /// specification, 3.11).
+    /// Component `axis` of an element; `normalized` integers represent -1..1 or 0..1 (glTF 2.0 specification, 3.11).
     fn number(&self, bytes: &[u8], axis: usize) -> f64 {
         let size = self.kind.size();
         let at = &bytes[axis * size..(axis + 1) * size];
@@ -116,7 +115,7 @@ impl<'a> Vectors<'a> {
     }
 }
 
-/// Numbers of vertices.
+/// Vertex indices.
 pub(super) struct Indices<'a>(Elements<'a>);
 
 impl<'a> Indices<'a> {
@@ -130,9 +129,10 @@ impl<'a> Indices<'a> {
                     kind @ (ComponentType::U8 | ComponentType::U16 | ComponentType::U32),
                 )),
             ) => Ok(Self(Elements::new(document, accessor, &place, kind.size())?)),
-            _ => {
-                Err(Error::input(place, "should hold indices: scalars of unsigned bytes, shorts or integers"))
-            }
+            _ => Err(Error::input(
+                place,
+                "must contain indices: scalars of unsigned bytes, shorts or integers",
+            )),
         }
     }
 
@@ -150,19 +150,17 @@ fn unsigned(bytes: &[u8]) -> u32 {
     bytes.iter().rev().fold(0, |number, &byte| number << 8 | u32::from(byte))
 }
 
-/// The accessor of a number.
+/// The accessor with this index.
 pub(super) fn find(document: &Document, index: usize) -> Result<&json::Accessor> {
-    document
-        .root
-        .accessors
-        .get(index)
-        .ok_or_else(|| Error::input(document.name(), format!("names accessor {index}, which is missing")))
+    document.root.accessors.get(index).ok_or_else(|| {
+        Error::input(document.name(), format!("refers to accessor {index}, which does not exist"))
+    })
 }
 
-/// The values of an accessor: its dense part, or zeros, with the sparse part put over it.
+/// The values of an accessor: its dense part, or zeros, overlaid by the sparse part.
 struct Elements<'a> {
     dense: Option<Strided<'a>>,
-    /// Which values are replaced, in ascending order, and by what.
+    /// Indices of the replaced values, ascending, and their replacements.
     sparse: Option<(Strided<'a>, Strided<'a>)>,
     count: usize,
     size: usize,
@@ -176,7 +174,7 @@ impl<'a> Elements<'a> {
             Some(view) => Some(Strided::new(document, view.value(), offset, count, size, place)?),
             None if count <= MOST_ZEROS => None,
             None => {
-                return Err(Error::input(place, format!("declares {count} values and has no buffer view")));
+                return Err(Error::input(place, format!("declares {count} values but has no buffer view")));
             }
         };
         let sparse = match &accessor.sparse {
@@ -200,7 +198,7 @@ impl<'a> Elements<'a> {
     }
 }
 
-/// The sparse part of an accessor, known to be in order and within it.
+/// The sparse part of an accessor, checked to be in order and within range.
 fn replacements<'a>(
     document: &'a Document,
     sparse: &json::accessor::sparse::Sparse,
@@ -209,7 +207,7 @@ fn replacements<'a>(
     place: &str,
 ) -> Result<(Strided<'a>, Strided<'a>)> {
     let Checked::Valid(IndexComponentType(kind)) = sparse.indices.component_type else {
-        return Err(Error::input(place, "its sparse indices are of no unsigned type"));
+        return Err(Error::input(place, "its sparse indices must be of an unsigned integer type"));
     };
     let n = sparse.count.0;
     let (at, new) = (&sparse.indices, &sparse.values);
@@ -220,12 +218,18 @@ fn replacements<'a>(
     for k in 0..indices.count {
         let index = u64::from(unsigned(indices.get(k)));
         if index >= count {
-            return Err(Error::input(place, format!("its sparse part replaces value {index} of {count}")));
+            return Err(Error::input(
+                place,
+                format!("its sparse part replaces value {index}, counted from 0, of {count}"),
+            ));
         }
         if index < least {
             return Err(Error::input(
                 place,
-                format!("its sparse part replaces value {index} after {}; they should ascend", least - 1),
+                format!(
+                    "its sparse part replaces value {index} after {}; the indices must ascend",
+                    least - 1
+                ),
             ));
         }
         least = index + 1;
@@ -233,7 +237,7 @@ fn replacements<'a>(
     Ok((indices, values))
 }
 
-/// `count` elements of `size` bytes, `stride` apart, known to lie within their buffer.
+/// `count` elements of `size` bytes, `stride` apart, checked to be within their buffer.
 struct Strided<'a> {
     bytes: &'a [u8],
     stride: usize,
@@ -252,10 +256,12 @@ impl<'a> Strided<'a> {
     ) -> Result<Self> {
         let refused = |problem: String| Error::input(place, problem);
         let Some(view) = document.root.buffer_views.get(view_index) else {
-            return Err(refused(format!("names buffer view {view_index}, which is missing")));
+            return Err(refused(format!("refers to buffer view {view_index}, which does not exist")));
         };
         let Some(buffer) = document.buffers.get(view.buffer.value()) else {
-            return Err(refused(format!("its buffer view {view_index} names a buffer that is missing")));
+            return Err(refused(format!(
+                "its buffer view {view_index} refers to a buffer that does not exist"
+            )));
         };
         let start = view.byte_offset.map_or(0, |offset| offset.0);
         let bytes = start
@@ -271,7 +277,7 @@ impl<'a> Strided<'a> {
         if stride < size {
             return Err(refused(format!("its buffer view {view_index} has a stride of {stride} bytes")));
         }
-        // In u128, where no product of what a file can declare overflows.
+        // In u128, where no product of declared numbers overflows.
         let needed = match count {
             0 => 0,
             _ => u128::from(offset) + u128::from(count - 1) * stride as u128 + size as u128,
@@ -290,7 +296,7 @@ impl<'a> Strided<'a> {
         &self.bytes[i * self.stride..i * self.stride + self.size]
     }
 
-    /// The place of an unsigned number among ascending ones.
+    /// The position of an unsigned number among ascending ones.
     fn find(&self, number: usize) -> Option<usize> {
         let (mut low, mut high) = (0, self.count);
         while low < high {

@@ -1,4 +1,4 @@
-//! What a glTF material says of sound: opacity, transmission, or our own numbers in its extras.
+//! The acoustic properties of a glTF material: from its opacity, its transmission, or the program's own keys in its extras.
 
 use ::gltf::json;
 use json::material::AlphaMode;
@@ -9,7 +9,7 @@ use super::container::Document;
 use crate::error::{Error, Result};
 use crate::progress::Observer;
 
-/// What the file says of a material, weakest first: alpha, transmission, extras.
+/// The material as the file describes it: extras override transmission, and transmission overrides alpha.
 pub(super) fn material(
     document: &Document,
     index: usize,
@@ -19,7 +19,7 @@ pub(super) fn material(
     let name = material.name.clone().unwrap_or_default();
     let place = || document.place("material", index, material.name.as_ref());
     let alpha = f64::from(material.pbr_metallic_roughness.base_color_factor.0[3]);
-    // An opacity of 0.4 should not come out as 0.4000000059604645: f32 carries seven digits.
+    // An opacity of 0.4 should not become 0.4000000059604645: an f32 has only seven digits.
     let alpha = seven_digits(alpha);
     let cutoff = material.alpha_cutoff.map_or(0.5, |cutoff| f64::from(cutoff.0));
     let mut result = match material.alpha_mode {
@@ -27,14 +27,14 @@ pub(super) fn material(
         // Below its cutoff a masked surface is not drawn at all.
         Checked::Valid(AlphaMode::Mask) if alpha < cutoff => Material::from_alpha(&name, 0.0, "glTF alpha"),
         Checked::Valid(_) => Material::opaque(&name),
-        Checked::Invalid => return Err(Error::input(place(), "alphaMode should be OPAQUE, MASK or BLEND")),
+        Checked::Invalid => return Err(Error::input(place(), "alphaMode must be OPAQUE, MASK or BLEND")),
     };
     if result.source == "glTF alpha"
         && alpha == 1.0
         && material.pbr_metallic_roughness.base_color_texture.is_some()
     {
         observer.warn(&format!(
-            "{}: its opacity is in a picture, which is not read; it counts as opaque unless a [[materials]] rule \
+            "{}: its opacity is in a texture, which is not read; it counts as opaque unless a [[materials]] rule \
              sets its transmittance",
             place()
         ));
@@ -64,7 +64,7 @@ pub(super) fn material(
             }
         }
     }
-    // `check` names the material; here the file and the place in it are known too.
+    // `check` names the material; the file and the place in it are added here.
     result.check().map_err(|error| error.at(format!("{} ({})", place(), result.source)))?;
     Ok(result)
 }

@@ -16,38 +16,38 @@ use super::super::files;
 use crate::alloc::try_with_capacity;
 use crate::error::{Error, Result};
 
-/// A parsed file and its buffers, of which none is shorter than it says.
+/// A parsed file and its buffers, none of them shorter than declared.
 pub(super) struct Document {
     path: PathBuf,
     pub(super) root: json::Root,
     pub(super) buffers: Vec<Vec<u8>>,
     /// The most bytes that a file may take; see [`files::read`].
     memory: Option<u64>,
-    /// Sparse values that may still be looked at.
+    /// Number of sparse values that may still be read.
     allowance: Cell<u64>,
 }
 
-/// Sparse accessors and the primitives that name them may share their bytes, so the work they ask for can be far
-/// more than the file is long. All together may have this many values.
+/// Maximum number of sparse values of all accessors together. Sparse accessors, and the primitives that refer to them,
+/// may share bytes, so the length of the file does not limit their work.
 const MOST_SPARSE_VALUES: u64 = 1 << 30;
 
 impl Document {
     pub(super) fn open(path: &Path, memory: Option<u64>) -> Result<Self> {
         let mut bytes = files::read(path, memory)?;
-        // The content decides, not the name: exporters mix up the two.
+        // The content decides, not the file name: exporters confuse .gltf and .glb.
         let (text, binary) = if bytes.starts_with(b"glTF") {
             split_glb(&bytes).map_err(|problem| Error::input(path.display(), problem))?
         } else {
             (if bytes.starts_with(BOM) { BOM.len() } else { 0 }..bytes.len(), None)
         };
         let root = parse(&bytes[text]).map_err(|error| {
-            let what = if error.is_eof() { "is cut short" } else { "is no valid glTF 2.0" };
+            let what = if error.is_eof() { "is cut short" } else { "is not valid glTF 2.0" };
             Error::input(path.display(), format!("{what}: {error}"))
         })?;
         if !root.asset.version.starts_with("2.") {
             return Err(Error::input(
                 path.display(),
-                format!("is glTF {}; version 2 is read", root.asset.version),
+                format!("is glTF {}; only version 2 is supported", root.asset.version),
             ));
         }
         for extension in &root.extensions_required {
@@ -62,7 +62,7 @@ impl Document {
             memory,
             allowance: Cell::new(MOST_SPARSE_VALUES),
         };
-        // Cut out of the file's own bytes rather than copied.
+        // Reuses the file's own bytes instead of copying them.
         let mut binary = binary.map(|part| {
             bytes.truncate(part.end);
             bytes.drain(..part.start);
@@ -80,7 +80,7 @@ impl Document {
         self.path.display().to_string()
     }
 
-    /// Whether the file says that it uses an extension.
+    /// Whether the file declares that it uses an extension.
     pub(super) fn uses(&self, extension: &str) -> bool {
         [&self.root.extensions_used, &self.root.extensions_required]
             .into_iter()
@@ -88,14 +88,14 @@ impl Document {
             .any(|name| name == extension)
     }
 
-    /// Counts `values` of a sparse accessor, and refuses what is too much.
+    /// Counts the values of a sparse accessor, and refuses too many.
     pub(super) fn spend(&self, values: u64, place: &str) -> Result<()> {
         let left = self.allowance.get().checked_sub(values);
         self.allowance.set(left.unwrap_or(0));
         left.map(drop).ok_or_else(|| {
             Error::input(
                 place,
-                format!("and others replace over {MOST_SPARSE_VALUES} sparse values; write them out"),
+                format!("replaces, with others, over {MOST_SPARSE_VALUES} sparse values; export without sparse accessors"),
             )
         })
     }
@@ -106,7 +106,7 @@ impl Document {
         format!("{}, {kind} {index}{name}", self.path.display())
     }
 
-    /// The bytes of a buffer; the first may be the `binary` part of the file, which it takes.
+    /// The bytes of a buffer; the first may be the `binary` chunk of the file, which is then taken.
     fn buffer(&self, index: usize, binary: &mut Option<Vec<u8>>) -> Result<Vec<u8>> {
         let buffer = &self.root.buffers[index];
         let place = || self.place("buffer", index, buffer.name.as_ref());
@@ -123,7 +123,7 @@ impl Document {
                 let meshopt = self.root.extensions_used.iter().find(|e| e.contains("meshopt_compression"));
                 return Err(match meshopt {
                     Some(extension) => unsupported_extension(&place(), extension),
-                    None => refused("has no uri, and the file has no binary part for it".to_owned()),
+                    None => refused("has no uri, and the file has no binary chunk for it".to_owned()),
                 });
             }
         };
@@ -137,15 +137,15 @@ impl Document {
 
     fn external(&self, uri: &str) -> std::result::Result<PathBuf, String> {
         if uri.contains(':') {
-            return Err(format!("names `{uri}`; only files in the folder of the mesh are read"));
+            return Err(format!("refers to `{uri}`; only files in the folder of the mesh are read"));
         }
         let name = decode_percent(uri).ok_or_else(|| format!("has a malformed uri `{uri}`"))?;
         files::beside(&self.path, &name)
     }
 }
 
-/// The typed JSON. The crate asks for more than the specification does where a scene has no nodes or a texture has
-/// its picture from an extension; what is not needed here is left out of a second attempt.
+/// The typed JSON. The crate demands more than the specification where a scene has no nodes or an extension provides
+/// a texture's image, so a second attempt leaves out what is not needed here.
 fn parse(text: &[u8]) -> std::result::Result<json::Root, serde_json::Error> {
     json::deserialize::from_slice(text).or_else(|error: serde_json::Error| {
         let Ok(serde_json::Value::Object(mut root)) = serde_json::from_slice(text) else { return Err(error) };
@@ -156,12 +156,12 @@ fn parse(text: &[u8]) -> std::result::Result<json::Root, serde_json::Error> {
         for scene in scenes.into_iter().flatten().filter_map(serde_json::Value::as_object_mut) {
             scene.entry("nodes").or_insert_with(|| serde_json::json!([]));
         }
-        // The first error knows its line.
+        // The first error has the line number.
         serde_json::from_value(serde_json::Value::Object(root)).map_err(|_| error)
     })
 }
 
-/// Extensions that are read, or that change how a surface looks but not where it is.
+/// Whether an extension is read, or changes how a surface looks but not where it is.
 fn is_read_or_harmless(extension: &str) -> bool {
     let prefixes = [
         "KHR_mesh_quantization",
@@ -177,7 +177,7 @@ fn is_read_or_harmless(extension: &str) -> bool {
     prefixes.iter().any(|prefix| extension.starts_with(prefix))
 }
 
-/// The refusal of an extension without which the geometry cannot be read, and how to get rid of it.
+/// The error for an extension without which the geometry cannot be read, with a way to remove it.
 pub(super) fn unsupported_extension(place: &str, extension: &str) -> Error {
     let fix = match extension {
         "KHR_draco_mesh_compression" | "EXT_meshopt_compression" | "KHR_meshopt_compression" => {
@@ -185,23 +185,23 @@ pub(super) fn unsupported_extension(place: &str, extension: &str) -> Error {
         }
         _ => "export the mesh without it",
     };
-    Error::input(place, format!("needs the extension {extension}, which is not read; {fix}"))
+    Error::input(place, format!("requires the extension {extension}, which is not supported; {fix}"))
 }
 
-/// What some programs put before the text of a file.
+/// The byte order mark that some programs write before the text.
 pub(super) const BOM: &[u8] = b"\xef\xbb\xbf";
 
-/// Where a part of a file lies in it.
+/// Byte range of a part of a file.
 type Part = std::ops::Range<usize>;
 
-/// The JSON and the binary part of a GLB file (glTF 2.0 specification, 4.4).
+/// The JSON and the binary chunk of a GLB file (glTF 2.0 specification, 4.4).
 fn split_glb(bytes: &[u8]) -> std::result::Result<(Part, Option<Part>), String> {
     let word = |at: usize| bytes.get(at..at + 4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]));
     let (Some(version), Some(length)) = (word(4), word(8)) else {
         return Err("is cut short within its header".to_owned());
     };
     if version != 2 {
-        return Err(format!("is GLB version {version}; version 2 is read"));
+        return Err(format!("is GLB version {version}; only version 2 is supported"));
     }
     if (bytes.len() as u64) < u64::from(length) {
         return Err(format!("is cut short: {} of {length} bytes", bytes.len()));

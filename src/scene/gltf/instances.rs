@@ -9,7 +9,7 @@ use crate::error::{Error, Result};
 
 pub(super) const NAME: &str = "EXT_mesh_gpu_instancing";
 
-/// The copies of a node's mesh, each with a place of its own in the node's frame.
+/// The copies of a node's mesh, each with its own transform in the node's frame.
 pub(super) struct Instances<'a> {
     count: usize,
     translation: Option<Vectors<'a>>,
@@ -18,7 +18,7 @@ pub(super) struct Instances<'a> {
 }
 
 impl<'a> Instances<'a> {
-    /// The copies that a node asks for; `None` when it does not know the extension.
+    /// The copies that a node declares; `None` when it does not use the extension.
     pub(super) fn of(
         document: &'a Document,
         node: &json::Node,
@@ -36,13 +36,12 @@ impl<'a> Instances<'a> {
         let mut instances = Self { count: 0, translation: None, rotation: None, scale: None };
         for (name, index) in attributes {
             let index = index.as_u64().and_then(|index| usize::try_from(index).ok());
-            let index =
-                index.ok_or_else(|| refused(format!("`{name}` should be the number of an accessor")))?;
+            let index = index.ok_or_else(|| refused(format!("`{name}` must be the index of an accessor")))?;
             let accessor = accessor::find(document, index)?;
             if accessor.buffer_view.is_none() {
-                // Nor could a small file ask for millions of copies otherwise.
+                // This also keeps a small file from requesting millions of copies.
                 return Err(refused(format!(
-                    "`{name}` has no buffer view: all copies would be at one place"
+                    "`{name}` has no buffer view: all copies would be at the same place"
                 )));
             }
             let found = accessor.count.0;
@@ -57,7 +56,7 @@ impl<'a> Instances<'a> {
                 _ => {}
             }
         }
-        // What is beyond usize is beyond every limit, too.
+        // A count beyond usize exceeds every limit anyway.
         instances.count = usize::try_from(count.unwrap_or(0)).unwrap_or(usize::MAX);
         Ok(Some(instances))
     }
@@ -66,7 +65,7 @@ impl<'a> Instances<'a> {
         self.count
     }
 
-    /// From the frame of copy `i` to the node's.
+    /// The transform from the frame of copy `i` to the node's.
     pub(super) fn transform(&self, i: usize) -> Result<DAffine3> {
         let vector = |values: &Option<Vectors<'_>>, otherwise| {
             values.as_ref().map_or(Ok(otherwise), |values| values.vector(i))

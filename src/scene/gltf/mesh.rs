@@ -1,4 +1,4 @@
-//! The triangles of a glTF mesh, read where they lie.
+//! The triangles of a glTF mesh, read from its buffers without a copy.
 
 use ::gltf::json;
 use glam::DAffine3;
@@ -10,14 +10,14 @@ use super::accessor::{Indices, Vectors};
 use super::container::{Document, unsupported_extension};
 use crate::error::{Error, Result};
 
-/// A mesh, opened once however many nodes show it.
+/// A mesh, opened once however many nodes use it.
 pub(super) struct Mesh<'a> {
-    /// Its primitives that have triangles; so every visit of one is paid for in triangles, of which the number is
-    /// limited.
+    /// Its primitives that have triangles. Every visit of one adds triangles, whose number is limited, so the work is
+    /// bounded.
     pub(super) pieces: Vec<Piece<'a>>,
-    /// Its primitives of points or lines.
+    /// Number of primitives of points or lines.
     pub(super) without_surface: usize,
-    /// Some primitive has morph targets.
+    /// Whether a primitive has morph targets.
     pub(super) morphs: bool,
 }
 
@@ -36,7 +36,7 @@ impl<'a> Mesh<'a> {
         Ok(opened)
     }
 
-    /// Number of its triangles.
+    /// Number of triangles.
     pub(super) fn triangles(&self) -> usize {
         self.pieces.iter().map(|piece| piece.triangles).sum()
     }
@@ -61,17 +61,17 @@ impl<'a> Piece<'a> {
     ) -> Result<Option<Self>> {
         let mode = match primitive.mode {
             Checked::Valid(mode) => mode,
-            Checked::Invalid => return Err(Error::input(place(), "its mode should be a number from 0 to 6")),
+            Checked::Invalid => return Err(Error::input(place(), "its mode must be a number from 0 to 6")),
         };
         if matches!(mode, Mode::Points | Mode::Lines | Mode::LineLoop | Mode::LineStrip) {
             return Ok(None);
         }
         let material = primitive.material.map(|material| material.value());
         if let Some(missing) = material.filter(|&m| m >= document.root.materials.len()) {
-            return Err(Error::input(place(), format!("has material {missing}, which is missing")));
+            return Err(Error::input(place(), format!("refers to material {missing}, which does not exist")));
         }
         let Some(accessor) = primitive.attributes.get(&Checked::Valid(Semantic::Positions)) else {
-            return Err(Error::input(place(), "has no POSITION"));
+            return Err(Error::input(place(), "has no attribute POSITION"));
         };
         let compressed = primitive.extensions.as_ref().is_some_and(|e| {
             e.others.contains_key("KHR_draco_mesh_compression")
@@ -92,16 +92,16 @@ impl<'a> Piece<'a> {
             _ => {
                 return Err(Error::input(
                     place(),
-                    format!("has {corners} corners, which is no multiple of 3; the file may be cut short"),
+                    format!("has {corners} corners, which is not a multiple of 3; the file may be cut short"),
                 ));
             }
         };
         Ok(Some(Self { place: place(), material, mode, positions, indices, triangles }))
     }
 
-    /// Adds its triangles, brought to the scene's frame.
+    /// Adds its triangles, transformed to the scene's frame.
     pub(super) fn add_to(&self, surfaces: &mut Surfaces, to_scene: DAffine3, material: u32) -> Result<()> {
-        // A mirrored node turns its triangles round.
+        // A mirrored node reverses the winding of its triangles.
         let mirrored = to_scene.matrix3.determinant() < 0.0;
         for triangle in 0..self.triangles {
             let mut vertices = [glam::DVec3::ZERO; 3];
@@ -116,10 +116,10 @@ impl<'a> Piece<'a> {
         Ok(())
     }
 
-    /// The corners of a triangle, counted along the primitive.
+    /// The corners of a triangle, as positions along the primitive.
     fn corners_of(&self, triangle: usize) -> [usize; 3] {
         match self.mode {
-            // Every second triangle of a strip runs the other way round.
+            // Every second triangle of a strip has the opposite winding.
             Mode::TriangleStrip if triangle % 2 == 1 => [triangle, triangle + 2, triangle + 1],
             Mode::TriangleStrip => [triangle, triangle + 1, triangle + 2],
             Mode::TriangleFan => [0, triangle + 1, triangle + 2],
@@ -134,7 +134,7 @@ impl<'a> Piece<'a> {
         if vertex >= count {
             return Err(Error::input(
                 &self.place,
-                format!("has vertex {vertex}, of which there are {count}"),
+                format!("refers to vertex {vertex}, counted from 0, but there are {count}"),
             ));
         }
         Ok(vertex)

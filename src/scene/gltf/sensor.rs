@@ -1,4 +1,4 @@
-//! Where the array sits, when it is put at a camera or a node of the file.
+//! The position of the array when it is placed at a camera or a node of the file.
 
 use ::gltf::json;
 use glam::{DAffine3, DMat3, DVec3};
@@ -8,25 +8,25 @@ use super::container::Document;
 use crate::error::{Error, Result};
 use crate::progress::Observer;
 
-/// Most names shown in a message.
+/// Maximum number of names in a message.
 const MOST_NAMES: usize = 8;
 
-/// Looks out for the sensor asked for while the nodes are visited.
-pub(super) struct Lookout<'a> {
+/// Finds the requested sensor while the nodes are visited.
+pub(super) struct SensorSearch<'a> {
     document: &'a Document,
     wanted: Option<&'a Sensor>,
-    /// Nodes that it may mean, and the camera there.
+    /// The nodes that match it, and their cameras.
     found: Vec<(usize, DAffine3, Option<CameraView>)>,
-    /// Names that a sensor of the kind asked for could have had.
+    /// Names of the file that a sensor of the requested kind can have.
     candidates: Vec<String>,
 }
 
-impl<'a> Lookout<'a> {
+impl<'a> SensorSearch<'a> {
     pub(super) fn new(document: &'a Document, wanted: Option<&'a Sensor>) -> Self {
         Self { document, wanted, found: Vec::new(), candidates: Vec::new() }
     }
 
-    /// Looks at a node.
+    /// Checks a node.
     pub(super) fn note(&mut self, index: usize, node: &json::Node, to_scene: DAffine3) {
         let camera = node.camera.and_then(|i| self.document.root.cameras.get(i.value()));
         let names = match self.wanted {
@@ -47,8 +47,8 @@ impl<'a> Lookout<'a> {
         self.candidates.extend(names.into_iter().flatten().take(room).map(|name| format!("`{name}`")));
     }
 
-    /// The map from the scene to the sensor's frame (x right, y down, z ahead) and its camera, when one is asked
-    /// for.
+    /// The transform from the scene to the sensor's frame (x right, y down, z ahead) and its camera, if a sensor is
+    /// requested.
     pub(super) fn sensor(
         mut self,
         observer: &dyn Observer,
@@ -66,24 +66,24 @@ impl<'a> Lookout<'a> {
                 if self.candidates.is_empty() { "none".to_owned() } else { self.candidates.join(", ") };
             return Err(Error::input(
                 self.document.name(),
-                format!("its scene has no {kind} named `{name}`; there is {there}"),
+                format!("its scene has no {kind} named `{name}`; available: {there}"),
             ));
         };
         if self.found.len() > 1 {
             observer.warn(&format!(
-                "{}: {} nodes fit the sensor {kind}:{name}; the first is taken",
+                "{}: {} nodes match the sensor {kind}:{name}; the first is used",
                 self.document.name(),
                 self.found.len()
             ));
         }
-        // A camera has a place and axes but no size: scale and shear of its node do not apply.
+        // A camera has a position and axes but no size: scale and shear of its node do not apply.
         let [x, y, z] = [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| to_scene.transform_vector3(axis));
         let (back, right) = (z.normalize_or_zero(), y.cross(z).normalize_or_zero());
         if back == DVec3::ZERO || right == DVec3::ZERO || x == DVec3::ZERO {
             let node = self.document.root.nodes.get(index).and_then(|n| n.name.as_ref());
             return Err(Error::input(
                 self.document.place("node", index, node),
-                "has a scale of 0 and looks nowhere",
+                "has a scale of 0 and so no viewing direction",
             ));
         }
         let up = back.cross(right);

@@ -228,7 +228,7 @@ fn degenerate_triangles_and_empty_scenes_stop_nothing() {
     assert_eq!(scene(&[[p, p, p], line], 0.0).transmittance(ends.0, ends.1), 1.0);
     assert_eq!(scene(&[], 0.0).transmittance(ends.0, ends.1), 1.0);
     assert_eq!(scene(&[[p, p, p]], 0.0).crossings(ends.0, ends.1), []);
-    assert_eq!(scene(&square(1.0, 1.0), 0.0).transmittance(ends.1, ends.1), 1.0); // no way at all
+    assert_eq!(scene(&square(1.0, 1.0), 0.0).transmittance(ends.1, ends.1), 1.0); // a path of length 0
     let mut many = vec![[p, p, p]; 2000];
     many.extend(square(1.5, 1.0));
     assert_eq!(scene(&many, 0.0).transmittance(ends.0, ends.1), 0.0);

@@ -1,9 +1,9 @@
-//! The numbers of a PLY file, one after the other, in whatever form they are.
+//! Reads the numbers of a PLY file in order, whatever its format.
 
 use super::Outcome;
 use crate::files::ply::{Element, Format, Scalar};
 
-/// Gives the next number, all in f64, which holds each of their types exactly.
+/// Reads one number after another as f64, which represents every type of them exactly.
 #[derive(Debug)]
 pub(super) struct Source<'a> {
     format: Format,
@@ -12,7 +12,7 @@ pub(super) struct Source<'a> {
 }
 
 impl<'a> Source<'a> {
-    /// The numbers in `bytes`, which stand below `lines` lines of header.
+    /// The numbers in `bytes`, which follow `lines` lines of header.
     pub(super) fn new(format: Format, bytes: &'a [u8], lines: usize) -> Self {
         Self { format, rest: bytes, line: lines + 1 }
     }
@@ -33,12 +33,12 @@ impl<'a> Source<'a> {
         element.count.min(possible) as usize
     }
 
-    /// The line that was read last, of a text.
+    /// The line that was read last, in a text file.
     pub(super) fn line(&self) -> Option<usize> {
         (self.format == Format::Ascii).then_some(self.line)
     }
 
-    /// How many bytes are left, blanks of a text aside; `None` at the end.
+    /// Number of bytes left, without the white space around a text; `None` at the end.
     pub(super) fn rest(&self) -> Option<usize> {
         let rest = if self.format == Format::Ascii { self.rest.trim_ascii() } else { self.rest };
         (!rest.is_empty()).then_some(rest.len())
@@ -64,5 +64,5 @@ impl<'a> Source<'a> {
 }
 
 fn cut_short() -> String {
-    "is missing or not complete: the file is cut short, or its header declares too much".to_owned()
+    "is missing or incomplete: the file is cut short, or its header declares too much".to_owned()
 }

@@ -36,7 +36,7 @@ fn refused(bytes: &[u8]) -> String {
     message
 }
 
-/// A concave face of six corners and area 4, with colours and an element that nobody knows.
+/// A concave face of six corners and area 4, with colours and an unknown element.
 const TEXT: &str = "ply\r\nformat ascii 1.0\ncomment made by händ\nobj_info num_cols 3\n\nelement origin 1\n\
                     property list uchar float axes\nelement vertex 6\nproperty double x\nproperty uchar red\n\
                     property float y\nproperty int z\nproperty float alpha\nelement face 1\n\
@@ -157,7 +157,7 @@ fn mistakes_name_their_place() {
 }
 
 #[test]
-fn what_takes_no_room_takes_no_time() {
+fn elements_without_bytes_take_no_time() {
     let empty = "element nothing 18446744073709551615\nelement face 1";
     load(TEXT.replacen("element face 1", empty, 1).as_bytes());
 }
