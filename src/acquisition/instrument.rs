@@ -1,6 +1,7 @@
 //! The instrument: a measurement without its samples, all that formulas, plans and reconstructions need to know of it.
 
 use super::{Detection, MicArray, Sweep};
+use crate::error::{Error, Result};
 use crate::grid::Grid;
 use crate::wave::interval::PathInterval;
 use crate::wave::{DEFAULT_SOUND_SPEED, Geometry};
@@ -87,6 +88,24 @@ impl Instrument {
         Self { sound_speed, ..self }
     }
 
+    /// Refuses a speed of sound and a loudspeaker that give no path a phase.
+    pub(crate) fn check(&self) -> Result<()> {
+        let c = self.sound_speed;
+        if !(c.is_finite() && c > 0.0) {
+            return Err(Error::input(
+                "instrument",
+                format!("the speed of sound must be positive, in m/s, not {c}"),
+            ));
+        }
+        match self.geometry {
+            Geometry::FixedSource { source } if !source.is_finite() => Err(Error::input(
+                "instrument",
+                format!("the loudspeaker must stand at three finite numbers of metres, not {source}"),
+            )),
+            _ => Ok(()),
+        }
+    }
+
     /// Wavelength at the centre of the band λ_c, m.
     pub fn wavelength(&self) -> f64 {
         self.sound_speed / self.sweep.centre()
@@ -124,5 +143,21 @@ impl Instrument {
     /// Bytes of all samples in memory, complex in single precision; saturates rather than overflow.
     pub fn cube_bytes(&self) -> u64 {
         (self.sweep.len() as u64).saturating_mul(self.array.len() as u64).saturating_mul(8)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DVec3;
+
+    #[test]
+    fn clones_share_their_lists() {
+        let array = MicArray::rectangular([3, 2], [0.02; 2], DVec3::ZERO).expect("valid");
+        let instrument = Instrument::new(Sweep::stepped(10e3, 10.4e3, 100.0).expect("valid"), array);
+        let clone = instrument.clone().with_sound_speed(340.0);
+        assert!(std::ptr::eq(instrument.sweep.frequencies(), clone.sweep.frequencies()));
+        assert!(std::ptr::eq(instrument.array.positions(), clone.array.positions()));
+        assert_ne!(instrument, clone);
     }
 }

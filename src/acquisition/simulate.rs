@@ -162,7 +162,7 @@ impl PropagationModel {
 ///
 /// # Errors
 /// [`Error::OutOfMemory`] when the cube does not fit in memory, [`Error::Interrupted`]; [`Error::InvalidInput`] for a tolerance that
-/// is no number from 0 up.
+/// is no number from 0 up, or a speed of sound that is not positive.
 pub fn simulate(
     reflectors: &Reflectors,
     instrument: &Instrument,
@@ -186,6 +186,7 @@ pub(crate) fn simulate_resumable(
     if !(options.tolerance >= 0.0 && options.tolerance.is_finite()) {
         return Err(Error::input("detection.tolerance", "must be a number from 0 up; 0 sums every term"));
     }
+    instrument.check()?;
     let (n_f, n_mic) = (instrument.sweep.len(), instrument.array.len());
     let mut samples = DataCube::allocate(n_f, n_mic)?;
     let (real, responses) = match options.errors {

@@ -4,7 +4,7 @@ use crate::binary::{done, refused, shipped};
 use crate::named::assert_names;
 use crate::support::{brightest, off_lattice, relative_difference};
 use glam::DVec3;
-use holosonar::acquisition::{Instrument, MicArray, SimulateOptions, Sweep, simulate};
+use holosonar::acquisition::{DataCube, Instrument, MicArray, SimulateOptions, Sweep, simulate};
 use holosonar::checkpoint::Checkpoint;
 use holosonar::config::RunFile;
 use holosonar::grid::{Axis, Grid};
@@ -258,4 +258,24 @@ fn psf_tells_and_draws_what_points_look_like() {
     assert_names(text, &["0.000, 0.000, 1.000 m"]);
     refused(folder.path(), &format!("psf {} --at 0,0", scene.display()), 2, &["--at 0,0", "x,y,z"]);
     refused(folder.path(), &format!("psf {} --at 0,0,-1", scene.display()), 2, &["--at 0,0,-1", "array"]);
+}
+
+#[test]
+fn an_instrument_without_a_speed_of_sound_or_a_speaker_gives_no_path_a_phase() {
+    let axis = Axis { first: -0.02, pitch: 0.02, count: 3 };
+    let grid = Grid { x: axis, y: axis, z: Axis { first: 0.5, ..axis } };
+    let one = Reflectors::new(vec![DVec3::Z], vec![Complex32::ONE]).unwrap();
+    let array = MicArray::rectangular([3, 2], [0.02; 2], DVec3::ZERO).unwrap();
+    let instrument = Instrument::new(Sweep::stepped(10e3, 10.4e3, 100.0).unwrap(), array);
+    let nowhere = Geometry::FixedSource { source: DVec3::NAN };
+    let speeds = [0.0, -343.0, f64::NAN, f64::INFINITY].map(|c| instrument.clone().with_sound_speed(c));
+    for bad in speeds.into_iter().chain([instrument.clone().with_geometry(nowhere)]) {
+        let simulated = simulate(&one, &bad, &SimulateOptions::default(), &Silent).map(drop);
+        let cube = DataCube::new(bad, vec![Complex32::ONE; 30]).unwrap();
+        let imaged = reconstruct(&cube, &grid, &ReconstructOptions::default(), &Silent).map(drop);
+        for result in [simulated, imaged] {
+            let error = result.unwrap_err();
+            assert!(error.exit_status() == 2 && error.to_string().starts_with("instrument: "), "{error}");
+        }
+    }
 }

@@ -41,6 +41,7 @@ impl Options {
         options: &ReconstructOptions,
         threads: usize,
     ) -> Result<Self> {
+        instrument.check()?;
         check(grid, options)?;
         let budget = ErrorBudget::new(options.tolerance);
         let lattices = SharedLattice::find(setup, grid, budget);
@@ -182,7 +183,7 @@ fn check(grid: &Grid, options: &ReconstructOptions) -> Result<()> {
 /// ```
 ///
 /// # Errors
-/// A grid with voxels behind the array; a tolerance that is not in 0..1.
+/// A grid with voxels behind the array; a tolerance that is not in 0..1; a speed of sound that is not positive.
 pub fn estimate(
     setup: &Instrument,
     grid: &Grid,
