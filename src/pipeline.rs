@@ -282,12 +282,12 @@ pub fn truth_of_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Res
         ));
     }
     let scene = load_scene(path, run, bare, observer)?;
-    let setup = measurement.instrument;
-    let grid = run.voxels(&setup, scene.bounds())?;
-    let mut options = run.truth_options(&setup);
+    let instrument = measurement.instrument;
+    let grid = run.voxels(&instrument, scene.bounds())?;
+    let mut options = run.truth_options(&instrument);
     options.raster = run.raster(scene.camera())?;
     let truth = trace_depth(&scene, &grid, &options, observer)?;
-    Ok((facts::setup_facts(&setup, run), truth))
+    Ok((facts::instrument_facts(&instrument, run), truth))
 }
 
 /// Refuses to look for depth with a single tone, before the long work rather than after it.

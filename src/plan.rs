@@ -138,26 +138,26 @@ pub struct Plan {
 }
 
 /// Works out a plan. Costs nothing.
-pub fn plan(setup: &Instrument, grid: &Grid) -> Plan {
+pub fn plan(instrument: &Instrument, grid: &Grid) -> Plan {
     let width = (grid.x.last() - grid.x.first).max(grid.y.last() - grid.y.first);
     let near = grid.z.first.max(1e-3);
-    let [shortest_path, longest_path] = setup.path_bounds(grid);
-    let alias_free_pitch = alias_free_pitch(setup, near, width);
+    let [shortest_path, longest_path] = instrument.path_bounds(grid);
+    let alias_free_pitch = alias_free_pitch(instrument, near, width);
     let mut warnings = Vec::new();
-    warnings.extend(aliasing_warning(setup, near, width, alias_free_pitch));
-    warnings.extend(ambiguity_warning(setup, shortest_path, longest_path));
+    warnings.extend(aliasing_warning(instrument, near, width, alias_free_pitch));
+    warnings.extend(ambiguity_warning(instrument, shortest_path, longest_path));
     Plan {
-        frequencies: setup.sweep.len(),
-        microphones: setup.array.len(),
+        frequencies: instrument.sweep.len(),
+        microphones: instrument.array.len(),
         grid_shape: grid.shape(),
-        wavelength: setup.wavelength(),
-        range_resolution: setup.range_resolution(),
-        lateral_resolution_near: setup.lateral_resolution(grid.z.first),
-        lateral_resolution_far: setup.lateral_resolution(grid.z.last()),
-        unambiguous_path: setup.unambiguous_path(),
+        wavelength: instrument.wavelength(),
+        range_resolution: instrument.range_resolution(),
+        lateral_resolution_near: instrument.lateral_resolution(grid.z.first),
+        lateral_resolution_far: instrument.lateral_resolution(grid.z.last()),
+        unambiguous_path: instrument.unambiguous_path(),
         path_bounds: [shortest_path, longest_path],
         alias_free_pitch,
-        cube_bytes: setup.cube_bytes(),
+        cube_bytes: instrument.cube_bytes(),
         volume_bytes: grid.volume_bytes(),
         warnings,
     }
@@ -170,13 +170,13 @@ fn nice(value: f64) -> String {
 }
 
 /// `d ≤ λ_min/2` is free of ghosts everywhere; `d ≤ λ_min z/X` within a scene of width X from depth z on.
-fn alias_free_pitch(setup: &Instrument, near: f64, width: f64) -> f64 {
-    let shortest = setup.shortest_wavelength() / setup.geometry.return_legs();
+fn alias_free_pitch(instrument: &Instrument, near: f64, width: f64) -> f64 {
+    let shortest = instrument.shortest_wavelength() / instrument.geometry.return_legs();
     if width > 0.0 { (shortest * near / width).max(shortest / 2.0) } else { f64::MAX }
 }
 
-fn aliasing_warning(setup: &Instrument, near: f64, width: f64, alias_free: f64) -> Option<String> {
-    let lattice = setup.array.lattice()?;
+fn aliasing_warning(instrument: &Instrument, near: f64, width: f64, alias_free: f64) -> Option<String> {
+    let lattice = instrument.array.lattice()?;
     let axis = [lattice.x, lattice.y]
         .into_iter()
         .filter(|axis| axis.count > 1)
@@ -184,8 +184,8 @@ fn aliasing_warning(setup: &Instrument, near: f64, width: f64, alias_free: f64) 
     if axis.pitch <= alias_free * (1.0 + 1e-9) {
         return None;
     }
-    let offset = setup.shortest_wavelength() / setup.geometry.return_legs() * near / axis.pitch;
-    let smear = (axis.count - 1) as f64 * setup.sweep.bandwidth() / setup.sweep.centre();
+    let offset = instrument.shortest_wavelength() / instrument.geometry.return_legs() * near / axis.pitch;
+    let smear = (axis.count - 1) as f64 * instrument.sweep.bandwidth() / instrument.sweep.centre();
     let level = -20.0 * smear.max(1.0).log10();
     Some(format!(
         "microphones {:.1} mm apart alias within this {width:.2} m wide grid: bright points have ghosts {offset:.2} m \
@@ -195,15 +195,15 @@ fn aliasing_warning(setup: &Instrument, near: f64, width: f64, alias_free: f64) 
     ))
 }
 
-fn ambiguity_warning(setup: &Instrument, shortest: f64, longest: f64) -> Option<String> {
-    let unambiguous = setup.unambiguous_path()?;
-    let length = setup.ambiguous_length([shortest, longest]);
-    let what = match setup.detection {
+fn ambiguity_warning(instrument: &Instrument, shortest: f64, longest: f64) -> Option<String> {
+    let unambiguous = instrument.unambiguous_path()?;
+    let length = instrument.ambiguous_length([shortest, longest]);
+    let what = match instrument.detection {
         Detection::Quadrature => "paths in this grid differ by up to",
         Detection::InPhase => "paths in this grid reach",
     };
     (length > unambiguous).then(|| {
-        let step = setup.sweep.step().unwrap_or(0.0) * unambiguous / length;
+        let step = instrument.sweep.step().unwrap_or(0.0) * unambiguous / length;
         format!(
             "{what} {length:.2} m, but the frequency step leaves only {unambiguous:.2} m unambiguous: echoes fold \
              back into the image; use a step of {step:.1} Hz or less, or a smaller grid"
@@ -213,7 +213,7 @@ fn ambiguity_warning(setup: &Instrument, shortest: f64, longest: f64) -> Option<
 
 /// Warnings about a scene whose size does not go with the sound: the usual sign of a wrong unit, or, where the file is
 /// `in_metres` by its own rules, of a wrong scale.
-pub fn scale_warnings(setup: &Instrument, low: DVec3, high: DVec3, in_metres: bool) -> Vec<String> {
+pub fn scale_warnings(instrument: &Instrument, low: DVec3, high: DVec3, in_metres: bool) -> Vec<String> {
     let keys = if in_metres {
         "[scene] scale (the file is glTF, which is in metres: [scene] unit does not apply)"
     } else {
@@ -221,14 +221,14 @@ pub fn scale_warnings(setup: &Instrument, low: DVec3, high: DVec3, in_metres: bo
     };
     let size = (high - low).max_element();
     let mut warnings = Vec::new();
-    if size < setup.wavelength() {
+    if size < instrument.wavelength() {
         warnings.push(format!(
             "the whole scene measures {:.2} mm, less than one wavelength ({:.1} mm); check {keys}",
             size * 1e3,
-            setup.wavelength() * 1e3
+            instrument.wavelength() * 1e3
         ));
     }
-    let range = setup.unambiguous_path().map(|path| path / 2.0);
+    let range = instrument.unambiguous_path().map(|path| path / 2.0);
     if let Some(range) = range.filter(|range| high.length() > *range) {
         warnings.push(format!(
             "the scene reaches {:.2} m away, beyond the unambiguous range of {range:.2} m; check {keys}, or \
@@ -273,13 +273,13 @@ mod tests {
 
     #[test]
     fn resolutions_follow_their_formulas() {
-        let setup = &test_instrument(31, 1.0, 40.0, Detection::Quadrature);
+        let instrument = &test_instrument(31, 1.0, 40.0, Detection::Quadrature);
         let near = |a: f64, b: f64| assert!((a / b - 1.0).abs() < 1e-9, "{a} {b}");
-        near(setup.range_resolution().expect("band"), 0.01715);
-        near(setup.lateral_resolution(1.8)[0].expect("extent"), 343.0 / 15_000.0 * 1.8);
-        near(setup.unambiguous_path().expect("steps"), 343.0 / 40.0);
-        let pitch = setup.advised_pitch(1.8);
-        near(setup.lateral_resolution(0.01)[1].expect("extent"), 0.5 * 343.0 / 15_000.0);
+        near(instrument.range_resolution().expect("band"), 0.01715);
+        near(instrument.lateral_resolution(1.8)[0].expect("extent"), 343.0 / 15_000.0 * 1.8);
+        near(instrument.unambiguous_path().expect("steps"), 343.0 / 40.0);
+        let pitch = instrument.advised_pitch(1.8);
+        near(instrument.lateral_resolution(0.01)[1].expect("extent"), 0.5 * 343.0 / 15_000.0);
         let half_cell = 0.5 * 343.0 / 15_000.0 * 1.8;
         assert!(pitch[0] <= half_cell && (30.0f64.recip() / pitch[0]).fract() < 1e-9, "{pitch:?}");
     }
@@ -297,13 +297,13 @@ mod tests {
 
     #[test]
     fn path_bounds_hold_every_path() {
-        let setup = &test_instrument(7, 0.8, 40.0, Detection::Quadrature);
+        let instrument = &test_instrument(7, 0.8, 40.0, Detection::Quadrature);
         let grid = grid(0.5, [0.4, 1.0]);
-        let [least, most] = setup.path_bounds(&grid);
+        let [least, most] = instrument.path_bounds(&grid);
         for iz in [0, 30, 60] {
             for ix in 0..grid.x.count {
-                for r in setup.array.positions() {
-                    let path = setup.geometry.path_length(grid.position(ix, 50 - ix, iz), *r);
+                for r in instrument.array.positions() {
+                    let path = instrument.geometry.path_length(grid.position(ix, 50 - ix, iz), *r);
                     assert!((least..=most + 1e-12).contains(&path));
                 }
             }
@@ -312,30 +312,31 @@ mod tests {
 
     #[test]
     fn sizes_beyond_reason_are_refused_without_overflow() {
-        let setup = &test_instrument(31, 1.0, 40.0, Detection::Quadrature);
+        let instrument = &test_instrument(31, 1.0, 40.0, Detection::Quadrature);
         let mut huge = grid(0.66, [1.2, 2.3]);
         (huge.x.count, huge.y.count, huge.z.count) = (usize::MAX >> 1, 1 << 30, 1 << 30);
-        assert_eq!(plan(setup, &huge).volume_bytes, u64::MAX);
+        assert_eq!(plan(instrument, &huge).volume_bytes, u64::MAX);
         let options = ReconstructOptions::default();
         let arrays = |grid: &Grid| JobArrays { volume: grid.volume_bytes(), ..JobArrays::default() };
-        let refused = estimate_job(setup, &huge, &options, &arrays(&huge), 2);
+        let refused = estimate_job(instrument, &huge, &options, &arrays(&huge), 2);
         assert!(refused.is_err(), "more than can be counted over");
         (huge.x.count, huge.y.count, huge.z.count) = (1 << 13, 1 << 13, 1 << 12);
         let arrays = arrays(&huge);
-        let estimate = estimate_job(setup, &huge, &options, &arrays, 2).expect("an estimate");
-        let error = estimate.check_memory(setup, &huge, &arrays, Some(1 << 40)).expect_err("too much");
+        let estimate = estimate_job(instrument, &huge, &options, &arrays, 2).expect("an estimate");
+        let error = estimate.check_memory(instrument, &huge, &arrays, Some(1 << 40)).expect_err("too much");
         assert_names(error.to_string(), &["memory", "grid", "GiB"]);
     }
 
     #[test]
     fn a_scene_in_the_wrong_unit_is_noticed() {
-        let setup = &test_instrument(31, 1.0, 40.0, Detection::Quadrature);
-        let small = scale_warnings(setup, DVec3::ZERO, DVec3::splat(0.002), false).remove(0);
+        let instrument = &test_instrument(31, 1.0, 40.0, Detection::Quadrature);
+        let small = scale_warnings(instrument, DVec3::ZERO, DVec3::splat(0.002), false).remove(0);
         assert_names(small, &["2.00 mm", "wavelength", "[scene] unit"]);
-        let far = |in_metres| scale_warnings(setup, DVec3::ZERO, DVec3::splat(200.0), in_metres).remove(0);
+        let far =
+            |in_metres| scale_warnings(instrument, DVec3::ZERO, DVec3::splat(200.0), in_metres).remove(0);
         assert_names(far(false), &["unambiguous", "[scene] unit", "scale"]);
         assert_names(far(true), &["unambiguous", "[scene] scale", "glTF"]);
         let (low, high) = (DVec3::new(-0.5, -0.5, 1.0), DVec3::new(0.5, 0.5, 2.0));
-        assert!(scale_warnings(setup, low, high, false).is_empty());
+        assert!(scale_warnings(instrument, low, high, false).is_empty());
     }
 }

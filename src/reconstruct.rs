@@ -119,16 +119,16 @@ fn in_pool(
     sink: &mut dyn VolumeSink,
     observer: &dyn Observer,
 ) -> Result<ReconstructionInfo> {
-    let setup = source.instrument();
+    let instrument = source.instrument();
     let threads = rayon::current_num_threads();
-    let possible = Options::of(setup, grid, options, threads)?;
+    let possible = Options::of(instrument, grid, options, threads)?;
     let batch = possible.chosen(options.method).batch;
-    let (choice, warning) = possible.choose(setup, grid, options.method)?;
+    let (choice, warning) = possible.choose(instrument, grid, options.method)?;
     if let Some(warning) = warning {
         observer.warn(&warning);
     }
-    let weights = Weights::new(&setup, options.window);
-    let gain = options.compensate.then(|| Gain::new(&setup, grid));
+    let weights = Weights::new(&instrument, options.window);
+    let gain = options.compensate.then(|| Gain::new(&instrument, grid));
     let mut compensated;
     let sink: &mut dyn VolumeSink = match gain {
         Some(gain) => {

@@ -116,30 +116,30 @@ impl RunFile {
     }
 
     /// `[reflectors]` and `[scene] occlusion`, for a scene whose nearest surface lies at `nearest_z` m.
-    pub fn surface_options(&self, setup: &Instrument, nearest_z: f64) -> SurfaceOptions {
+    pub fn surface_options(&self, instrument: &Instrument, nearest_z: f64) -> SurfaceOptions {
         let typed = &self.reflectors;
         let mirror = typed.surface == Surface::Smooth;
-        let spacing = typed.spacing.unwrap_or_else(|| setup.advised_spacing(nearest_z.max(0.0), mirror));
-        let mut options = SurfaceOptions::new(spacing, setup.wavelength());
+        let spacing = typed.spacing.unwrap_or_else(|| instrument.advised_spacing(nearest_z.max(0.0), mirror));
+        let mut options = SurfaceOptions::new(spacing, instrument.wavelength());
         options.surface = match typed.surface {
             Surface::Diffuse => SurfaceModel::Diffuse,
-            Surface::Rough => SurfaceModel::Rough(typed.roughness * setup.wavelength()),
+            Surface::Rough => SurfaceModel::Rough(typed.roughness * instrument.wavelength()),
             Surface::Smooth => SurfaceModel::Smooth,
         };
         options.lambert = typed.shading == Shading::Lambert;
         options.occlusion = match self.scene.occlusion {
             OcclusionKind::None => Occlusion::None,
             OcclusionKind::Speaker => Occlusion::Speaker,
-            OcclusionKind::Aperture => Occlusion::Aperture(setup.array.sight_points().to_vec()),
+            OcclusionKind::Aperture => Occlusion::Aperture(instrument.array.sight_points().to_vec()),
         };
-        options.speaker = setup.geometry.viewpoint(setup.array.centre());
+        options.speaker = instrument.geometry.viewpoint(instrument.array.centre());
         options.seed = typed.seed.into();
         options
     }
 
     /// What the truth is traced with: as the reflectors were heard.
-    pub fn truth_options(&self, setup: &Instrument) -> TruthOptions {
-        let mut options = TruthOptions::heard_from(setup.geometry.viewpoint(setup.array.centre()));
+    pub fn truth_options(&self, instrument: &Instrument) -> TruthOptions {
+        let mut options = TruthOptions::heard_from(instrument.geometry.viewpoint(instrument.array.centre()));
         options.lambert = self.reflectors.shading == Shading::Lambert;
         if self.scene.occlusion == OcclusionKind::None {
             options.speaker = None;
@@ -176,10 +176,10 @@ impl RunFile {
     ///
     /// # Errors
     /// Axes that are none, or a grid that is left out although there is no scene to take it from.
-    pub fn voxels(&self, setup: &Instrument, scene: Option<(DVec3, DVec3)>) -> Result<Grid> {
+    pub fn voxels(&self, instrument: &Instrument, scene: Option<(DVec3, DVec3)>) -> Result<Grid> {
         let typed = &self.grid;
         let margin = |low: f64, high: f64| {
-            let margin = ((high - low) * MARGIN).max(2.0 * setup.wavelength());
+            let margin = ((high - low) * MARGIN).max(2.0 * instrument.wavelength());
             [low - margin, high + margin]
         };
         let from_scene = |axis: usize| {
@@ -189,7 +189,7 @@ impl RunFile {
                     format!(
                         "is missing or incomplete, and without a scene there is nothing to take it from; give a run file \
                          (-c) with x, y and z as [first, last] in metres, for example\n\n{}",
-                        setup.suggested_grid_table()
+                        instrument.suggested_grid_table()
                     ),
                 )
             })?;
@@ -202,7 +202,7 @@ impl RunFile {
         } else {
             // Nothing behind the array can be imaged.
             let [first, last] = from_scene(2)?;
-            let first = first.max(setup.wavelength());
+            let first = first.max(instrument.wavelength());
             if last < first {
                 return Err(Error::input(
                     "[scene]",
@@ -215,7 +215,7 @@ impl RunFile {
             }
             [first, last]
         };
-        let advised = setup.advised_pitch(z[0].max(setup.wavelength()));
+        let advised = instrument.advised_pitch(z[0].max(instrument.wavelength()));
         let pitch = typed.pitch.unwrap_or(advised);
         let axis = |name: &str, ends: [f64; 2], pitch: f64| -> Result<Axis> {
             Axis::spanning(ends[0], ends[1], pitch).map_err(|error| error.at(format!("[grid] {name}")))

@@ -203,11 +203,11 @@ impl LastScene {
 
 fn row(run: &RunFile, bare: bool, scenes: &mut LastScene, observer: &dyn Observer) -> Result<DesignRow> {
     let measurement = Measurement::of(run)?;
-    let setup = &measurement.instrument;
+    let instrument = &measurement.instrument;
     let budget = MemoryBudget::of(run);
     let size = scenes.of(run, bare, observer)?;
-    let grid = run.voxels(setup, size.bounds)?;
-    let forecast = forecast(&budget, setup, &grid, &measurement.imaging(&budget, &grid, &size), true)?;
+    let grid = run.voxels(instrument, size.bounds)?;
+    let forecast = forecast(&budget, instrument, &grid, &measurement.imaging(&budget, &grid, &size), true)?;
     let design = forecast.design;
     let ghosts = design.aliasing.verdict == Verdict::Ghosts;
     Ok(DesignRow {
@@ -236,20 +236,20 @@ pub fn point_spreads(
     observer: &dyn Observer,
 ) -> Result<(Grid, Vec<PointSpread>)> {
     let measurement = Measurement::of(run)?;
-    let setup = &measurement.instrument;
+    let instrument = &measurement.instrument;
     let bounds = LastScene::default().of(run, bare, observer)?.bounds;
-    let grid = run.voxels(setup, bounds)?;
+    let grid = run.voxels(instrument, bounds)?;
     // One point is simulated, and not the scene.
     let arrays = measurement.simulating(run, &grid, &SceneSize::within(bounds));
-    check_simulation(setup, &arrays, MemoryBudget::of(run).limit)?;
+    check_simulation(instrument, &arrays, MemoryBudget::of(run).limit)?;
     // Adding 0 turns a negative zero into a positive one.
     let middle = |axis: &Axis| (f64::midpoint(axis.first, axis.last()) * 1e9).round() / 1e9 + 0.0;
-    let near = grid.z.first.max(setup.wavelength());
+    let near = grid.z.first.max(instrument.wavelength());
     let depths = [near, f64::midpoint(near, grid.z.last()), grid.z.last().max(near)];
     let chosen = depths.map(|z| DVec3::new(middle(&grid.x), middle(&grid.y), z));
     let points = if points.is_empty() { &chosen[..] } else { points };
     let options = run.reconstruct_options();
-    let spreads = points.iter().map(|p| point_spread(setup, &options, &grid, *p, observer));
+    let spreads = points.iter().map(|p| point_spread(instrument, &options, &grid, *p, observer));
     Ok((grid, spreads.collect::<Result<_>>()?))
 }
 

@@ -94,36 +94,36 @@ impl Echoes {
     ) -> Result<Self> {
         let run = budget.run;
         let measurement = Measurement::of(run)?;
-        let setup = &measurement.instrument;
+        let instrument = &measurement.instrument;
         // What can never fit is refused before any ray is traced.
         let fits = |grid: &Grid, size: &SceneSize| {
             if imaged {
-                budget.check(setup, grid, &measurement.imaging(budget, grid, size), observer)
+                budget.check(instrument, grid, &measurement.imaging(budget, grid, size), observer)
             } else {
-                check_simulation(setup, &measurement.simulating(run, grid, size), budget.limit)
+                check_simulation(instrument, &measurement.simulating(run, grid, size), budget.limit)
             }
         };
         let path = scene_path(run)?;
         if is_csv(path) {
             let reflectors = Reflectors::read_csv(path)?;
-            let grid = run.voxels(setup, reflectors.bounds())?;
+            let grid = run.voxels(instrument, reflectors.bounds())?;
             let size = SceneSize::of_list(&reflectors);
             fits(&grid, &size)?;
-            let plan = plan(setup, &grid);
+            let plan = plan(instrument, &grid);
             let arrays = measurement.arrays(run, &grid, &size);
             return Ok(Self { measurement, scene: None, spacing: None, reflectors, grid, plan, arrays });
         }
         let scene = load_scene(path, run, bare, observer)?;
         let size = SceneSize::of_mesh(&scene);
-        let grid = run.voxels(setup, scene.bounds());
+        let grid = run.voxels(instrument, scene.bounds());
         let grid = grid.and_then(|grid| fits(&grid, &size).map(|()| grid)).inspect_err(|_| {
             // A wrong unit may be why no grid fits.
             if let Some((low, high)) = scene.bounds() {
-                warn_all(&scale_warnings(setup, low, high, is_in_metres(path)), observer);
+                warn_all(&scale_warnings(instrument, low, high, is_in_metres(path)), observer);
             }
         })?;
-        let plan = plan(setup, &grid);
-        let options = size.surface_options(run, setup, &grid);
+        let plan = plan(instrument, &grid);
+        let options = size.surface_options(run, instrument, &grid);
         let reflectors = sample_surface(&scene, &options, observer)?;
         observer.note(&format!("{} reflectors, {:.1} mm apart", reflectors.len(), 1e3 * options.spacing));
         let arrays = measurement.arrays(run, &grid, &size);
@@ -182,13 +182,13 @@ impl Echoes {
 /// What looks wrong about where a scene lies and how large it is. A list of reflectors is in metres for certain, so
 /// only a `mesh` is suspected of another unit, or of another scale where its format says its unit (`Some(true)`).
 pub(super) fn placement_warnings(
-    setup: &Instrument,
+    instrument: &Instrument,
     grid: &Grid,
     bounds: Option<(DVec3, DVec3)>,
     mesh: Option<bool>,
 ) -> Vec<String> {
     let Some((low, high)) = bounds else { return Vec::new() };
-    let suspected = mesh.map(|in_metres| scale_warnings(setup, low, high, in_metres));
+    let suspected = mesh.map(|in_metres| scale_warnings(instrument, low, high, in_metres));
     let mut warnings = suspected.unwrap_or_default();
     warnings.extend(outside_warning(grid, low, high));
     warnings

@@ -11,35 +11,35 @@ use serde_json::{Value, json};
 pub(super) const PROGRAM: &str = concat!("holosonar ", env!("CARGO_PKG_VERSION"));
 
 /// Everything that is needed to interpret and reproduce an image: `meta` of a volume's npz.
-pub(super) fn image_facts(setup: &Instrument, run: &RunFile, info: &ReconstructionInfo) -> Value {
-    let mut facts = setup_facts(setup, run);
+pub(super) fn image_facts(instrument: &Instrument, run: &RunFile, info: &ReconstructionInfo) -> Value {
+    let mut facts = instrument_facts(instrument, run);
     facts["method"] = json!(info.method);
     facts["error_bound"] = json!(info.error_bound);
     facts
 }
 
 /// The facts of a measurement and of the run file that asked for it.
-pub(super) fn setup_facts(setup: &Instrument, run: &RunFile) -> Value {
-    let source = match setup.geometry {
+pub(super) fn instrument_facts(instrument: &Instrument, run: &RunFile) -> Value {
+    let source = match instrument.geometry {
         Geometry::FixedSource { source } => source.to_array(),
         Geometry::Monostatic => [0.0; 3],
     };
     json!({
         "program": PROGRAM,
-        "sound_speed": setup.sound_speed,
-        "start_frequency": setup.sweep.start(),
-        "bandwidth": setup.sweep.bandwidth(),
-        "frequency_step": setup.sweep.step(),
-        "frequencies": setup.sweep.len(),
-        "microphones": setup.array.len(),
-        "array_centre": setup.array.centre().to_array(),
-        "array_extent": setup.array.extent().to_array(),
-        "geometry": setup.geometry.kind(),
+        "sound_speed": instrument.sound_speed,
+        "start_frequency": instrument.sweep.start(),
+        "bandwidth": instrument.sweep.bandwidth(),
+        "frequency_step": instrument.sweep.step(),
+        "frequencies": instrument.sweep.len(),
+        "microphones": instrument.array.len(),
+        "array_centre": instrument.array.centre().to_array(),
+        "array_extent": instrument.array.extent().to_array(),
+        "geometry": instrument.geometry.kind(),
         "source": source,
-        "detection": setup.detection,
+        "detection": instrument.detection,
         "window": run.reconstruct.window,
         "tolerance": run.reconstruct.tolerance,
-        "range_resolution": setup.range_resolution(),
+        "range_resolution": instrument.range_resolution(),
         "seed": run.reflectors.seed,
         "run": run.to_json(),
     })

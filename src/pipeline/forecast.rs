@@ -67,20 +67,21 @@ impl CommandMemory {
 /// A run file without a scene, or one that is refused; a grid that is missing and cannot be chosen.
 pub fn forecast_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Result<Forecast> {
     let measurement = Measurement::of(run)?;
-    let setup = &measurement.instrument;
+    let instrument = &measurement.instrument;
     let path = scene_path(run)?;
     let mesh = !is_csv(path);
     let budget = MemoryBudget::of(run);
     let size = SceneSize::of(run, bare, observer)?;
     let bounds = size.bounds;
-    let grid = run.voxels(setup, bounds)?;
-    let mut forecast = forecast(&budget, setup, &grid, &measurement.imaging(&budget, &grid, &size), mesh)?;
+    let grid = run.voxels(instrument, bounds)?;
+    let mut forecast =
+        forecast(&budget, instrument, &grid, &measurement.imaging(&budget, &grid, &size), mesh)?;
     let simulation = measurement.simulating(run, &grid, &size).peak(0);
     forecast.memory.push(CommandMemory::new("simulate", simulation));
-    forecast.memory.push(reconstruction(&budget, setup, &grid, JobArrays::default())?);
+    forecast.memory.push(reconstruction(&budget, instrument, &grid, JobArrays::default())?);
     forecast.physics = measurement.physics(run);
     let mesh = mesh.then(|| is_in_metres(path));
-    forecast.warnings.extend(placement_warnings(setup, &grid, bounds, mesh));
+    forecast.warnings.extend(placement_warnings(instrument, &grid, bounds, mesh));
     Ok(forecast)
 }
 
@@ -89,37 +90,38 @@ pub fn forecast_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Res
 /// # Errors
 /// A grid that is missing, or one that is refused.
 pub fn forecast_cube(run: &RunFile, cube: &CubeFile) -> Result<Forecast> {
-    let setup = cube.instrument();
-    let grid = run.voxels(setup, None::<(DVec3, DVec3)>)?;
+    let instrument = cube.instrument();
+    let grid = run.voxels(instrument, None::<(DVec3, DVec3)>)?;
     let budget = MemoryBudget::of(run);
     let samples = JobArrays { samples: cube.held_bytes(), ..JobArrays::default() };
-    let mut forecast = forecast(&budget, setup, &grid, &budget.imaging(setup, &grid, samples), false)?;
-    forecast.memory.push(reconstruction(&budget, setup, &grid, samples)?);
+    let mut forecast =
+        forecast(&budget, instrument, &grid, &budget.imaging(instrument, &grid, samples), false)?;
+    forecast.memory.push(reconstruction(&budget, instrument, &grid, samples)?);
     Ok(forecast)
 }
 
 /// Of `reconstruct` from a file, of whose samples some may be in memory.
 fn reconstruction(
     budget: &MemoryBudget,
-    setup: &Instrument,
+    instrument: &Instrument,
     grid: &Grid,
     samples: JobArrays,
 ) -> Result<CommandMemory> {
     let arrays = budget.reconstructing([], grid, false, samples);
-    Ok(CommandMemory::new("reconstruct", budget.estimate(setup, grid, &arrays)?.memory))
+    Ok(CommandMemory::new("reconstruct", budget.estimate(instrument, grid, &arrays)?.memory))
 }
 
 pub(super) fn forecast(
     budget: &MemoryBudget,
-    setup: &Instrument,
+    instrument: &Instrument,
     grid: &Grid,
     arrays: &JobArrays,
     truth: bool,
 ) -> Result<Forecast> {
     let run = budget.run;
-    let plan = plan(setup, grid);
-    let design = design(setup, grid, run.reconstruct.window);
-    let estimate = budget.estimate(setup, grid, arrays)?;
+    let plan = plan(instrument, grid);
+    let design = design(instrument, grid, run.reconstruct.window);
+    let estimate = budget.estimate(instrument, grid, arrays)?;
     let seconds = estimate.seconds();
     let warnings = [plan.warnings.clone(), design.warnings.clone()].concat();
     let physics = compensation(run).into_iter().collect();

@@ -10,7 +10,7 @@ use glam::DVec3;
 
 /// The identity of a job that begins with a scene: by its reflectors, which say all that any file of it does.
 pub(super) fn of_scene(job: &str, run: &RunFile, echoes: &Echoes) -> Identity {
-    let mut identity = of_setup(job, run, echoes.instrument(), &echoes.grid);
+    let mut identity = of_instrument(job, run, echoes.instrument(), &echoes.grid);
     let reflectors = &echoes.reflectors;
     identity.numbers(coordinates(reflectors.positions()).into_iter());
     identity.bytes(bytemuck::cast_slice(reflectors.amplitudes()));
@@ -20,18 +20,18 @@ pub(super) fn of_scene(job: &str, run: &RunFile, echoes: &Echoes) -> Identity {
 /// The identity of a job that begins with a cube.
 pub(super) fn of_cube(job: &str, run: &RunFile, cube: &mut CubeFile, grid: &Grid) -> Result<Identity> {
     let content = cube.fingerprint()?;
-    let mut identity = of_setup(job, run, cube.instrument(), grid);
+    let mut identity = of_instrument(job, run, cube.instrument(), grid);
     identity.text(&content);
     Ok(identity)
 }
 
-fn of_setup(job: &str, run: &RunFile, setup: &Instrument, grid: &Grid) -> Identity {
+fn of_instrument(job: &str, run: &RunFile, instrument: &Instrument, grid: &Grid) -> Identity {
     let mut identity = Identity::of(job);
     identity.text(&run.to_json().to_string());
-    identity.text(&format!("{:?} {:?} {grid:?}", setup.geometry, setup.detection));
-    identity.numbers(setup.sweep.frequencies().iter().copied());
-    identity.numbers(coordinates(setup.array.positions()).into_iter());
-    identity.numbers([setup.sound_speed].into_iter());
+    identity.text(&format!("{:?} {:?} {grid:?}", instrument.geometry, instrument.detection));
+    identity.numbers(instrument.sweep.frequencies().iter().copied());
+    identity.numbers(coordinates(instrument.array.positions()).into_iter());
+    identity.numbers([instrument.sound_speed].into_iter());
     identity
 }
 

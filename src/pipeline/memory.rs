@@ -28,8 +28,8 @@ impl<'a> MemoryBudget<'a> {
     }
 
     /// The arrays of `image`, given those of its scene and samples.
-    pub(super) fn imaging(&self, setup: &Instrument, grid: &Grid, arrays: JobArrays) -> JobArrays {
-        let resolution = setup.range_resolution().unwrap_or(f64::NAN);
+    pub(super) fn imaging(&self, instrument: &Instrument, grid: &Grid, arrays: JobArrays) -> JobArrays {
+        let resolution = instrument.range_resolution().unwrap_or(f64::NAN);
         let depth = self.run.depth_options(resolution).search_bytes(grid);
         JobArrays { depth, ..self.reconstructing(outputs::volume_names(self.run), grid, true, arrays) }
     }
@@ -58,23 +58,23 @@ impl<'a> MemoryBudget<'a> {
     /// What that takes.
     pub(super) fn estimate(
         &self,
-        setup: &Instrument,
+        instrument: &Instrument,
         grid: &Grid,
         arrays: &JobArrays,
     ) -> Result<JobEstimate> {
-        estimate_job(setup, grid, &self.options(arrays), arrays, rayon::current_num_threads())
+        estimate_job(instrument, grid, &self.options(arrays), arrays, rayon::current_num_threads())
     }
 
     /// Refuses a job that cannot fit in memory, and says what one that can will take.
     pub(super) fn check(
         &self,
-        setup: &Instrument,
+        instrument: &Instrument,
         grid: &Grid,
         arrays: &JobArrays,
         observer: &dyn Observer,
     ) -> Result<()> {
-        let estimate = self.estimate(setup, grid, arrays)?;
-        estimate.check_memory(setup, grid, arrays, self.limit)?;
+        let estimate = self.estimate(instrument, grid, arrays)?;
+        estimate.check_memory(instrument, grid, arrays, self.limit)?;
         observer.note(&format!("taking about {} of memory", gib(estimate.memory.total())));
         Ok(())
     }
@@ -118,18 +118,23 @@ impl SceneSize {
     }
 
     /// How its surfaces are sampled.
-    pub(super) fn surface_options(&self, run: &RunFile, setup: &Instrument, grid: &Grid) -> SurfaceOptions {
+    pub(super) fn surface_options(
+        &self,
+        run: &RunFile,
+        instrument: &Instrument,
+        grid: &Grid,
+    ) -> SurfaceOptions {
         let nearest = self.bounds.map_or(grid.z.first, |(low, _)| low.z.max(grid.z.first));
-        run.surface_options(setup, nearest)
+        run.surface_options(instrument, nearest)
     }
 
     /// The arrays of reading and sampling it.
-    pub(super) fn arrays(&self, run: &RunFile, setup: &Instrument, grid: &Grid) -> JobArrays {
+    pub(super) fn arrays(&self, run: &RunFile, instrument: &Instrument, grid: &Grid) -> JobArrays {
         let scene = JobArrays { scene: self.bytes, ..JobArrays::default() };
         if self.triangles == 0 {
             return scene;
         }
-        let options = self.surface_options(run, setup, grid);
+        let options = self.surface_options(run, instrument, grid);
         let sampling = sampling_bytes(self.triangles, self.area, &options);
         JobArrays { loading: self.triangles.saturating_mul(BYTES_PER_TRIANGLE), sampling, ..scene }
     }

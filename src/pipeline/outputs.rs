@@ -197,7 +197,7 @@ fn warn_of_float16(output: &OutputTable, peak: f32, observer: &dyn Observer) {
 /// Volume files on their way: those of formats that grow depth by depth, and for the others the volume.
 #[derive(Debug)]
 pub(super) struct VolumeFiles<'a> {
-    setup: &'a Instrument,
+    instrument: &'a Instrument,
     run: &'a RunFile,
     paths: &'a [PathBuf],
     facts: Value,
@@ -211,9 +211,14 @@ pub(super) fn needs_all(path: &Path) -> bool {
 }
 
 impl<'a> VolumeFiles<'a> {
-    pub(super) fn new(setup: &'a Instrument, run: &'a RunFile, grid: Grid, paths: &'a [PathBuf]) -> Self {
+    pub(super) fn new(
+        instrument: &'a Instrument,
+        run: &'a RunFile,
+        grid: Grid,
+        paths: &'a [PathBuf],
+    ) -> Self {
         let whole = Volume { grid, samples: Vec::new() };
-        Self { setup, run, paths, facts: Value::Null, growing: Vec::new(), whole }
+        Self { instrument, run, paths, facts: Value::Null, growing: Vec::new(), whole }
     }
 
     /// Whether a file needs the volume whole.
@@ -237,7 +242,7 @@ impl<'a> VolumeFiles<'a> {
 
 impl VolumeSink for VolumeFiles<'_> {
     fn begin(&mut self, info: &ReconstructionInfo) -> Result<()> {
-        self.facts = image_facts(self.setup, self.run, info);
+        self.facts = image_facts(self.instrument, self.run, info);
         for path in self.paths.iter().filter(|path| !needs_all(path)) {
             let file = stream_volume(path, &self.whole.grid, &self.run.output, &self.facts)?;
             self.growing.push((path, file));

@@ -82,9 +82,9 @@ pub struct Beam {
 }
 
 impl Beam {
-    /// The array factor of a setup with the weights of a window.
-    pub fn new(setup: &Instrument, window: Window) -> Self {
-        let (array, sweep) = (&setup.array, &setup.sweep);
+    /// The array factor of an instrument with the weights of a window.
+    pub fn new(instrument: &Instrument, window: Window) -> Self {
+        let (array, sweep) = (&instrument.array, &instrument.sweep);
         let centre = array.centre().truncate();
         let weights = window.over_array(array);
         let total: f64 = weights.iter().sum();
@@ -100,7 +100,7 @@ impl Beam {
             }
             along
         });
-        let slowness = setup.geometry.return_legs() / setup.sound_speed;
+        let slowness = instrument.geometry.return_legs() / instrument.sound_speed;
         let gratings = [0, 1].map(|axis| {
             let lattice = array.lattice()?;
             let axis = [lattice.x, lattice.y][axis];

@@ -102,13 +102,13 @@ pub struct Design {
 }
 
 /// Works out a design. Cost: a fraction of a second, most of it for the sidelobes of arrays that are no lattice.
-pub fn design(setup: &Instrument, grid: &Grid, window: Window) -> Design {
+pub fn design(instrument: &Instrument, grid: &Grid, window: Window) -> Design {
     let near = grid.z.first.max(1e-3);
     let depths = [near, f64::midpoint(near, grid.z.last()), grid.z.last().max(near)];
-    let centre = setup.array.centre();
-    let pitch = largest_pitch(setup).map(|(pitch, _)| pitch);
-    let reduced = setup.shortest_wavelength() / setup.geometry.return_legs();
-    let aliasing = aliasing(setup, grid, window);
+    let centre = instrument.array.centre();
+    let pitch = largest_pitch(instrument).map(|(pitch, _)| pitch);
+    let reduced = instrument.shortest_wavelength() / instrument.geometry.return_legs();
+    let aliasing = aliasing(instrument, grid, window);
     let mut warnings = Vec::new();
     if let (Verdict::Scattered, Some(peak)) =
         (aliasing.verdict, aliasing.sidelobes.peak_db.filter(|db| *db > LOUD))
@@ -117,36 +117,39 @@ pub fn design(setup: &Instrument, grid: &Grid, window: Window) -> Design {
         warnings.push(format!(
             "{} scattered microphones leave sidelobes of up to {peak:.0} dB within this grid, such as {x:.2}, {y:.2} m \
              beside a bright point at its nearest depth; more microphones or a smaller extent lower them",
-            setup.array.len()
+            instrument.array.len()
         ));
     }
-    let suggestions =
-        [mend_aliasing(setup, &aliasing, near), mend_ambiguity(setup, grid), mend_voxels(setup, grid)];
+    let suggestions = [
+        mend_aliasing(instrument, &aliasing, near),
+        mend_ambiguity(instrument, grid),
+        mend_voxels(instrument, grid),
+    ];
     Design {
         depths: depths.map(|depth| AtDepth {
             depth,
-            lateral_resolution: setup.lateral_resolution((depth - centre.z).abs()),
-            widths: setup.predicted_widths(DVec3::new(centre.x, centre.y, depth), window, 3.0),
+            lateral_resolution: instrument.lateral_resolution((depth - centre.z).abs()),
+            widths: instrument.predicted_widths(DVec3::new(centre.x, centre.y, depth), window, 3.0),
             ghost_offset: pitch.map(|pitch| reduced * depth / pitch),
         }),
-        ambiguity: ambiguity(setup, grid),
+        ambiguity: ambiguity(instrument, grid),
         aliasing,
-        voxel_pitch: setup.advised_pitch(near),
+        voxel_pitch: instrument.advised_pitch(near),
         suggestions: suggestions.into_iter().flatten().collect(),
         warnings,
     }
 }
 
 /// The larger pitch of a lattice and the microphones along it.
-fn largest_pitch(setup: &Instrument) -> Option<(f64, usize)> {
-    let lattice = setup.array.lattice()?;
+fn largest_pitch(instrument: &Instrument) -> Option<(f64, usize)> {
+    let lattice = instrument.array.lattice()?;
     let axes = [lattice.x, lattice.y].into_iter().filter(|axis| axis.count > 1);
     axes.max_by(|a, b| a.pitch.total_cmp(&b.pitch)).map(|axis| (axis.pitch, axis.count))
 }
 
 /// Greatest difference along x and y of the direction sines at which the array's centre sees two points of a grid.
-fn reach_of(setup: &Instrument, grid: &Grid) -> [f64; 2] {
-    let centre = setup.array.centre();
+fn reach_of(instrument: &Instrument, grid: &Grid) -> [f64; 2] {
+    let centre = instrument.array.centre();
     let ends = |first: f64, last: f64, origin: f64| [first - origin, last - origin];
     let (x, y) = (ends(grid.x.first, grid.x.last(), centre.x), ends(grid.y.first, grid.y.last(), centre.y));
     let z = ends(grid.z.first, grid.z.last(), centre.z).map(|z| z.abs().max(1e-3));
@@ -164,14 +167,14 @@ fn reach_of(setup: &Instrument, grid: &Grid) -> [f64; 2] {
     [span(x, y), span(y, x)]
 }
 
-fn aliasing(setup: &Instrument, grid: &Grid, window: Window) -> Aliasing {
-    let sidelobes = Beam::new(setup, window).sidelobes(reach_of(setup, grid));
-    let everywhere = setup.shortest_wavelength() / setup.geometry.return_legs() / 2.0;
+fn aliasing(instrument: &Instrument, grid: &Grid, window: Window) -> Aliasing {
+    let sidelobes = Beam::new(instrument, window).sidelobes(reach_of(instrument, grid));
+    let everywhere = instrument.shortest_wavelength() / instrument.geometry.return_legs() / 2.0;
     let width = (grid.x.last() - grid.x.first).max(grid.y.last() - grid.y.first);
-    let here = alias_free_pitch(setup, grid.z.first.max(1e-3), width);
-    let largest = largest_pitch(setup);
+    let here = alias_free_pitch(instrument, grid.z.first.max(1e-3), width);
+    let largest = largest_pitch(instrument);
     let verdict = match largest {
-        _ if setup.array.lattice().is_none() => Verdict::Scattered,
+        _ if instrument.array.lattice().is_none() => Verdict::Scattered,
         Some((pitch, _)) if pitch > here * (1.0 + 1e-9) => Verdict::Ghosts,
         Some((pitch, _)) if pitch > everywhere * (1.0 + 1e-9) => Verdict::AliasFreeHere,
         _ => Verdict::AliasFree,
@@ -182,27 +185,27 @@ fn aliasing(setup: &Instrument, grid: &Grid, window: Window) -> Aliasing {
         pitch_free_everywhere: everywhere,
         pitch_free_here: (here < f64::MAX).then_some(here),
         rule_db: largest.map(|(_, count)| {
-            let smear = (count - 1) as f64 * setup.sweep.bandwidth() / setup.sweep.centre();
+            let smear = (count - 1) as f64 * instrument.sweep.bandwidth() / instrument.sweep.centre();
             -20.0 * smear.max(1.0).log10()
         }),
         sidelobes,
     }
 }
 
-fn ambiguity(setup: &Instrument, grid: &Grid) -> Option<Ambiguity> {
-    let step = setup.sweep.step().filter(|_| setup.sweep.len() > 1)?;
-    let path = [setup.sound_speed / step, setup.sound_speed / (2.0 * step)];
+fn ambiguity(instrument: &Instrument, grid: &Grid) -> Option<Ambiguity> {
+    let step = instrument.sweep.step().filter(|_| instrument.sweep.len() > 1)?;
+    let path = [instrument.sound_speed / step, instrument.sound_speed / (2.0 * step)];
     Some(Ambiguity {
         path,
         range: path.map(|path| path / 2.0),
-        in_phase: setup.detection == Detection::InPhase,
-        used: setup.ambiguous_length(setup.path_bounds(grid)),
+        in_phase: instrument.detection == Detection::InPhase,
+        used: instrument.ambiguous_length(instrument.path_bounds(grid)),
     })
 }
 
-fn mend_aliasing(setup: &Instrument, aliasing: &Aliasing, near: f64) -> Vec<Suggestion> {
+fn mend_aliasing(instrument: &Instrument, aliasing: &Aliasing, near: f64) -> Vec<Suggestion> {
     let (Some(lattice), Verdict::Ghosts, Some(free)) =
-        (setup.array.lattice(), aliasing.verdict, aliasing.pitch_free_here)
+        (instrument.array.lattice(), aliasing.verdict, aliasing.pitch_free_here)
     else {
         return Vec::new();
     };
@@ -214,7 +217,7 @@ fn mend_aliasing(setup: &Instrument, aliasing: &Aliasing, near: f64) -> Vec<Sugg
         std::array::from_fn(|i| (extent[i]).min((free * (axes[i].count - 1) as f64 * 1e4).floor() / 1e4));
     let resolution = |extent: [f64; 2]| {
         let widest = extent[0].max(extent[1]);
-        1e3 * setup.wavelength() * near / (widest * setup.geometry.return_legs())
+        1e3 * instrument.wavelength() * near / (widest * instrument.geometry.return_legs())
     };
     let extent_set = |extent: [f64; 2]| format!("array.extent=[{}, {}]", nice(extent[0]), nice(extent[1]));
     let mut suggestions = Vec::new();
@@ -225,7 +228,7 @@ fn mend_aliasing(setup: &Instrument, aliasing: &Aliasing, near: f64) -> Vec<Sugg
             effect: format!(
                 "{} microphones instead of {}, same resolution",
                 count[0] * count[1],
-                setup.array.len()
+                instrument.array.len()
             ),
         });
     }
@@ -241,7 +244,7 @@ fn mend_aliasing(setup: &Instrument, aliasing: &Aliasing, near: f64) -> Vec<Sugg
         });
     }
     if axes.iter().all(|axis| axis.count > 1) {
-        let rms_db = -10.0 * (setup.array.len() as f64).log10();
+        let rms_db = -10.0 * (instrument.array.len() as f64).log10();
         suggestions.push(Suggestion {
             mends: "aliasing",
             set: vec!["array.layout=spiral".to_owned()],
@@ -253,15 +256,15 @@ fn mend_aliasing(setup: &Instrument, aliasing: &Aliasing, near: f64) -> Vec<Sugg
     suggestions
 }
 
-fn mend_ambiguity(setup: &Instrument, grid: &Grid) -> Vec<Suggestion> {
-    let (Some(unambiguous), Some(step)) = (setup.unambiguous_path(), setup.sweep.step()) else {
+fn mend_ambiguity(instrument: &Instrument, grid: &Grid) -> Vec<Suggestion> {
+    let (Some(unambiguous), Some(step)) = (instrument.unambiguous_path(), instrument.sweep.step()) else {
         return Vec::new();
     };
-    let used = setup.ambiguous_length(setup.path_bounds(grid));
+    let used = instrument.ambiguous_length(instrument.path_bounds(grid));
     if used <= unambiguous {
         return Vec::new();
     }
-    let (band, most) = (setup.sweep.bandwidth(), step * unambiguous / used);
+    let (band, most) = (instrument.sweep.bandwidth(), step * unambiguous / used);
     // A round step that divides the band, or else any that does.
     let power = 10_f64.powf(most.log10().floor());
     let round = [5.0, 4.0, 2.5, 2.0, 1.0, 0.5, 0.4, 0.25, 0.2, 0.1]
@@ -273,12 +276,12 @@ fn mend_ambiguity(setup: &Instrument, grid: &Grid) -> Vec<Suggestion> {
     vec![Suggestion {
         mends: "ambiguity",
         set: vec![format!("sweep.step={}", nice(step))],
-        effect: format!("{tones} tones instead of {}", setup.sweep.len()),
+        effect: format!("{tones} tones instead of {}", instrument.sweep.len()),
     }]
 }
 
-fn mend_voxels(setup: &Instrument, grid: &Grid) -> Vec<Suggestion> {
-    let advised = setup.advised_pitch(grid.z.first);
+fn mend_voxels(instrument: &Instrument, grid: &Grid) -> Vec<Suggestion> {
+    let advised = instrument.advised_pitch(grid.z.first);
     let axes = [grid.x, grid.y, grid.z];
     let coarse = |i: usize| axes[i].count > 1 && axes[i].pitch > 1.05 * advised[i];
     if !(0..3).any(coarse) {
@@ -314,11 +317,11 @@ mod tests {
         for (count, half, verdict) in
             [(15, 0.6, Verdict::Ghosts), (63, 0.1, Verdict::AliasFreeHere), (127, 0.6, Verdict::AliasFree)]
         {
-            let setup = &test_instrument(count, 1.0, 40.0, Detection::Quadrature);
+            let instrument = &test_instrument(count, 1.0, 40.0, Detection::Quadrature);
             let grid = grid(half, [1.2, 2.0]);
-            let design = design(setup, &grid, Window::None);
+            let design = design(instrument, &grid, Window::None);
             assert_eq!(design.aliasing.verdict, verdict, "{count}");
-            let warned = plan(setup, &grid).warnings.iter().any(|w| w.contains("alias"));
+            let warned = plan(instrument, &grid).warnings.iter().any(|w| w.contains("alias"));
             assert_eq!(warned, verdict == Verdict::Ghosts);
             let mends = design.suggestions.iter().filter(|s| s.mends == "aliasing").count();
             assert_eq!(mends, if warned { 3 } else { 0 });
@@ -327,8 +330,8 @@ mod tests {
 
     #[test]
     fn ambiguity_is_told_for_both_kinds_of_data_and_mended_by_a_round_step() {
-        let setup = &test_instrument(31, 1.0, 200.0, Detection::InPhase);
-        let design = design(setup, &grid(0.6, [1.2, 2.0]), Window::Taylor);
+        let instrument = &test_instrument(31, 1.0, 200.0, Detection::InPhase);
+        let design = design(instrument, &grid(0.6, [1.2, 2.0]), Window::Taylor);
         let ambiguity = design.ambiguity.expect("even steps");
         assert_eq!((ambiguity.path, ambiguity.range), ([1.715, 0.8575], [0.8575, 0.42875]));
         assert!(ambiguity.in_phase && ambiguity.used > ambiguity.path[1]);
@@ -338,10 +341,10 @@ mod tests {
 
     #[test]
     fn scattered_arrays_are_judged_by_their_array_factor() {
-        let setup = &test_instrument(16, 1.0, 40.0, Detection::Quadrature);
+        let instrument = &test_instrument(16, 1.0, 40.0, Detection::Quadrature);
         let array = MicArray::spiral(256, [1.0; 2], DVec3::ZERO).expect("a spiral");
-        let setup = setup.clone().with_array(array);
-        let design = design(&setup, &grid(0.6, [1.2, 2.0]), Window::Taylor);
+        let instrument = instrument.clone().with_array(array);
+        let design = design(&instrument, &grid(0.6, [1.2, 2.0]), Window::Taylor);
         assert_eq!(design.aliasing.verdict, Verdict::Scattered);
         assert!(design.aliasing.pitch.is_none() && design.depths[0].ghost_offset.is_none());
         let sidelobes = design.aliasing.sidelobes;

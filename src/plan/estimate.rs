@@ -170,13 +170,13 @@ pub struct JobEstimate {
 /// # Errors
 /// Those of [`estimate`].
 pub fn estimate_job(
-    setup: &Instrument,
+    instrument: &Instrument,
     grid: &Grid,
     options: &ReconstructOptions,
     arrays: &JobArrays,
     threads: usize,
 ) -> Result<JobEstimate> {
-    let Estimates { methods, chosen } = estimate(setup, grid, options, threads)?;
+    let Estimates { methods, chosen } = estimate(instrument, grid, options, threads)?;
     let memory = arrays.peak(methods[chosen].bytes);
     Ok(JobEstimate { methods, chosen, threads, memory })
 }
@@ -194,7 +194,7 @@ impl JobEstimate {
     /// [`Error::InvalidInput`] when the peak exceeds `limit` bytes, with the numbers and what would make it fit.
     pub fn check_memory(
         &self,
-        setup: &Instrument,
+        instrument: &Instrument,
         grid: &Grid,
         arrays: &JobArrays,
         limit: Option<u64>,
@@ -215,7 +215,7 @@ impl JobEstimate {
         }
         let [n_z, n_y, n_x] = grid.shape();
         ways.push(format!("make the grid of {n_x} x {n_y} x {n_z} voxels smaller or its pitch larger"));
-        Err(refusal(&self.memory, limit, setup, ways))
+        Err(refusal(&self.memory, limit, instrument, ways))
     }
 }
 
@@ -223,16 +223,16 @@ impl JobEstimate {
 ///
 /// # Errors
 /// [`Error::InvalidInput`] when the peak exceeds `limit` bytes.
-pub fn check_simulation(setup: &Instrument, arrays: &JobArrays, limit: Option<u64>) -> Result<()> {
+pub fn check_simulation(instrument: &Instrument, arrays: &JobArrays, limit: Option<u64>) -> Result<()> {
     let memory = arrays.peak(0);
     match limit.filter(|limit| memory.total() > *limit) {
-        Some(limit) => Err(refusal(&memory, limit, setup, Vec::new())),
+        Some(limit) => Err(refusal(&memory, limit, instrument, Vec::new())),
         None => Ok(()),
     }
 }
 
 /// The refusal of a job that takes too much memory; `ways` are those in which its later stages would fit.
-fn refusal(memory: &MemoryEstimate, limit: u64, setup: &Instrument, mut ways: Vec<String>) -> Error {
+fn refusal(memory: &MemoryEstimate, limit: u64, instrument: &Instrument, mut ways: Vec<String>) -> Error {
     match memory.stage {
         JobStage::Loading => {
             ways = vec!["decimate the mesh (sound resolves about a cm)".to_owned()];
@@ -242,8 +242,8 @@ fn refusal(memory: &MemoryEstimate, limit: u64, setup: &Instrument, mut ways: Ve
         }
         _ => ways.push(format!(
             "take less than {} frequencies x {} microphones",
-            setup.sweep.len(),
-            setup.array.len()
+            instrument.sweep.len(),
+            instrument.array.len()
         )),
     }
     Error::input(
@@ -291,18 +291,19 @@ mod tests {
 
     #[test]
     fn what_memory_there_is_is_kept_to_and_changes_no_byte() {
-        let setup = &test_instrument(31, 0.9, 40.0, Detection::Quadrature);
+        let instrument = &test_instrument(31, 0.9, 40.0, Detection::Quadrature);
         let lateral = Axis { first: -0.9, pitch: 0.03, count: 61 };
         let grid = Grid { x: lateral, y: lateral, z: Axis { first: 0.5, pitch: 0.02, count: 40 } };
-        let samples =
-            (0..setup.sweep.len() * setup.array.len()).map(|i| phasor(i as f64 * 0.618_034)).collect();
-        let cube = DataCube::new(setup.clone(), samples).expect("finite");
+        let samples = (0..instrument.sweep.len() * instrument.array.len())
+            .map(|i| phasor(i as f64 * 0.618_034))
+            .collect();
+        let cube = DataCube::new(instrument.clone(), samples).expect("finite");
         let arrays = JobArrays { volume: grid.volume_bytes(), ..JobArrays::default() };
         for (method, tolerance) in [(Method::Convolution, 1e-4), (Method::Convolution, 0.0)] {
             let mut options = ReconstructOptions::new(method, crate::reconstruct::Window::None);
             options.tolerance = tolerance;
             let estimated = |options: &ReconstructOptions| {
-                estimate_job(setup, &grid, options, &arrays, 4).expect("an estimate")
+                estimate_job(instrument, &grid, options, &arrays, 4).expect("an estimate")
             };
             let usual = estimated(&options).memory.total();
             let volume = reconstruct(&cube, &grid, &options, &Silent).expect("fits").volume;
@@ -312,7 +313,7 @@ mod tests {
             options.memory = arrays.left_for_method(Some(least));
             let tight = estimated(&options);
             assert_eq!(tight.memory.total(), least);
-            let checked = |limit: u64| tight.check_memory(setup, &grid, &arrays, Some(limit));
+            let checked = |limit: u64| tight.check_memory(instrument, &grid, &arrays, Some(limit));
             assert!(checked(least).is_ok());
             let refused = checked(least - 1).expect_err("too much").to_string();
             assert_names(refused, &["memory", ".npz", "volume", "61 x 61 x 40", "961 microphones"]);

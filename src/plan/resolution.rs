@@ -150,29 +150,30 @@ mod tests {
     /// On the axis and without a window the textbook holds: 0.886 λ_c z/D across, 0.886 c/2B in depth.
     #[test]
     fn on_the_axis_widths_are_the_textbooks() {
-        let setup = &test_instrument(31, 0.5, 50.0, Detection::Quadrature);
+        let instrument = &test_instrument(31, 0.5, 50.0, Detection::Quadrature);
         let p = DVec3::new(0.0, 0.0, 1.2);
-        let [x, y, z] = setup.predicted_widths(p, Window::None, 3.0).map(|w| w.expect("a width"));
-        let lateral = 0.886 * setup.wavelength() * p.z / 0.5;
+        let [x, y, z] = instrument.predicted_widths(p, Window::None, 3.0).map(|w| w.expect("a width"));
+        let lateral = 0.886 * instrument.wavelength() * p.z / 0.5;
         assert!((x / lateral - 1.0).abs() < 0.08 && (y / x - 1.0).abs() < 1e-6, "{x} {lateral}");
         let depth = 0.886 * 343.0 / 2e4;
         assert!((z / depth - 1.0).abs() < 0.05, "{z} {depth}");
-        let wide = setup.predicted_widths(p, Window::Taylor, 3.0)[0].expect("a width");
+        let wide = instrument.predicted_widths(p, Window::Taylor, 3.0)[0].expect("a width");
         assert!((wide / x - 1.25).abs() < 0.08, "a window widens: {wide} {x}");
-        assert!(setup.predicted_widths(p, Window::None, 6.0)[0].expect("a width") > 1.2 * x);
+        assert!(instrument.predicted_widths(p, Window::None, 6.0)[0].expect("a width") > 1.2 * x);
     }
 
     /// A literal sum over tones and microphones of the same linear phases.
     #[test]
     fn a_profile_is_the_sum_it_stands_for() {
-        let setup = &test_instrument(9, 0.4, 500.0, Detection::Quadrature);
+        let instrument = &test_instrument(9, 0.4, 500.0, Detection::Quadrature);
         let (p, e) = (DVec3::new(0.3, -0.1, 0.9), DVec3::new(0.6, 0.0, 0.8));
-        let profile = setup.profile(p, e, Window::Hann).expect("a profile");
-        let weights = (Window::Hann.over_sweep(&setup.sweep), Window::Hann.over_array(&setup.array));
+        let profile = instrument.profile(p, e, Window::Hann).expect("a profile");
+        let weights =
+            (Window::Hann.over_sweep(&instrument.sweep), Window::Hann.over_array(&instrument.array));
         for t in [0.0, 0.004, 0.011, 0.03] {
             let (mut re, mut im, mut sum) = (0.0, 0.0, 0.0);
-            for (f, w_f) in setup.sweep.frequencies().iter().zip(&weights.0) {
-                for (r, w_r) in setup.array.positions().iter().zip(&weights.1) {
+            for (f, w_f) in instrument.sweep.frequencies().iter().zip(&weights.0) {
+                for (r, w_r) in instrument.array.positions().iter().zip(&weights.1) {
                     let slope = (p.normalize() + (p - *r).normalize()).dot(e);
                     let (sin, cos) = (TAU * f / 343.0 * slope * t).sin_cos();
                     (re, im, sum) = (re + w_f * w_r * cos, im + w_f * w_r * sin, sum + w_f * w_r);

@@ -87,16 +87,16 @@ mod tests {
     fn a_suggested_grid_is_unambiguous_fits_and_stands_before_the_array() {
         for (count, extent, step) in [(31, 1.0, 40.0), (4, 0.1, 400.0), (64, 2.0, 100.0), (2, 0.01, 20.0)] {
             for detection in [Detection::Quadrature, Detection::InPhase] {
-                let setup = &test_instrument(count, extent, step, detection);
-                let grid = setup.suggested_grid();
-                let plan = plan(setup, &grid);
+                let instrument = &test_instrument(count, extent, step, detection);
+                let grid = instrument.suggested_grid();
+                let plan = plan(instrument, &grid);
                 let ambiguous = plan.warnings.iter().any(|w| w.contains("unambiguous"));
                 assert!(!ambiguous, "{:?}", plan.warnings);
-                let (samples, volume) = (setup.cube_bytes(), grid.volume_bytes());
+                let (samples, volume) = (instrument.cube_bytes(), grid.volume_bytes());
                 let arrays = JobArrays { samples, volume, ..JobArrays::default() };
                 let options = ReconstructOptions::default();
-                let estimate = estimate_job(setup, &grid, &options, &arrays, 2).expect("ok");
-                assert!(estimate.check_memory(setup, &grid, &arrays, Some(4 << 30)).is_ok());
+                let estimate = estimate_job(instrument, &grid, &options, &arrays, 2).expect("ok");
+                assert!(estimate.check_memory(instrument, &grid, &arrays, Some(4 << 30)).is_ok());
                 assert!(grid.z.first > 0.0 && grid.z.count >= 8, "{grid:?}");
                 let width = grid.x.last() - grid.x.first;
                 assert!(width > 0.9 * extent || (detection == Detection::InPhase && step > 40.0), "{grid:?}");

@@ -175,14 +175,14 @@ impl Look<'_> {
 
     /// The strongest place outside the main lobe, the mean power there, and the box from the front.
     pub(super) fn sidelobes(&self, scene: &Grid) -> Result<(Option<Lobe>, Option<f64>, Cut)> {
-        let setup = self.instrument;
-        let cell = setup.range_resolution().unwrap_or(self.scale.z);
+        let instrument = self.instrument;
+        let cell = instrument.range_resolution().unwrap_or(self.scale.z);
         let shell = self.polar(self.p).1;
         let depths = scene.corners().map(|q| self.shell_depth(q.truncate(), shell)).into_iter().flatten();
         let (near, far) =
             depths.chain([self.p.z]).fold((f64::INFINITY, 0.0_f64), |(n, f), z| (n.min(z), f.max(z)));
-        let advised = setup.advised_pitch(near.max(0.1 * self.p.z));
-        let finest = self.instrument.array.extent().max_element().max(setup.wavelength());
+        let advised = instrument.advised_pitch(near.max(0.1 * self.p.z));
+        let finest = self.instrument.array.extent().max_element().max(instrument.wavelength());
         let mut pitch = [advised[0].min(finest), advised[1].min(finest), 0.5 * cell];
         let ends = [
             [scene.x.first.min(self.p.x), scene.x.last().max(self.p.x)],

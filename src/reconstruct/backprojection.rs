@@ -76,11 +76,11 @@ struct Division {
 
 impl Plan {
     /// Divides a job by a fixed operation count, so that the same job is always divided alike.
-    pub(super) fn new(setup: &Instrument, grid: &Grid, budget: ErrorBudget) -> Self {
-        let fine = Division::new(setup, grid, budget);
+    pub(super) fn new(instrument: &Instrument, grid: &Grid, budget: ErrorBudget) -> Self {
+        let fine = Division::new(instrument, grid, budget);
         let band = Band { tolerance: factorised::usual_budget(budget).series(), ..fine.band };
         let tiled = (fine.operations > LEAST_FOR_TILES)
-            .then(|| Lattice::find(setup, grid, &band, budget))
+            .then(|| Lattice::find(instrument, grid, &band, budget))
             .flatten()
             .filter(|lattice| lattice.operations < fine.operations);
         Self { grid: *grid, budget, fine, tiled }
@@ -108,9 +108,9 @@ impl Plan {
     }
 
     /// Virtual tones of the whole sweep, about.
-    pub(super) fn virtual_tones(&self, setup: &Instrument) -> usize {
-        let whole = setup.path_interval(&self.grid, 0..self.grid.z.count);
-        virtual_tone_count(&setup.sweep, &whole, 0.1 * self.budget.all())
+    pub(super) fn virtual_tones(&self, instrument: &Instrument) -> usize {
+        let whole = instrument.path_interval(&self.grid, 0..self.grid.z.count);
+        virtual_tone_count(&instrument.sweep, &whole, 0.1 * self.budget.all())
     }
 
     /// Operations of the job, comparable with those of [`crate::reconstruct::direct`].
@@ -121,14 +121,14 @@ impl Plan {
 
 impl Division {
     /// The division of fewest operations.
-    fn new(setup: &Instrument, grid: &Grid, budget: ErrorBudget) -> Self {
+    fn new(instrument: &Instrument, grid: &Grid, budget: ErrorBudget) -> Self {
         let band = Band {
-            carrier: setup.sweep.centre(),
-            bandwidth: setup.sweep.bandwidth(),
-            sound_speed: setup.sound_speed,
+            carrier: instrument.sweep.centre(),
+            bandwidth: instrument.sweep.bandwidth(),
+            sound_speed: instrument.sound_speed,
             tolerance: budget.series(),
         };
-        let places = setup.array.positions();
+        let places = instrument.array.positions();
         let step = places.len().div_ceil(24);
         let sample: Vec<DVec3> = places.iter().copied().skip(step / 2).step_by(step).collect();
         let thickness = |shape: Shape| -> usize {
@@ -137,9 +137,9 @@ impl Division {
         };
         let cost = |shape: Shape| {
             let last = thickness(shape).min(grid.z.count);
-            let interval = interval(setup, grid, shape, grid.z.count - last..grid.z.count);
-            let tones = (band.bandwidth * interval.duration() + 10.0).min(setup.sweep.len() as f64);
-            shape.operations(grid, &setup.geometry, &sample, &band, tones).map(|cost| (shape, cost))
+            let interval = interval(instrument, grid, shape, grid.z.count - last..grid.z.count);
+            let tones = (band.bandwidth * interval.duration() + 10.0).min(instrument.sweep.len() as f64);
+            shape.operations(grid, &instrument.geometry, &sample, &band, tones).map(|cost| (shape, cost))
         };
         let (shape, cost) = Shape::candidates(grid)
             .filter_map(cost)
@@ -152,8 +152,8 @@ impl Division {
 }
 
 /// All delays at which profiles of these depths are expanded: the path lengths, and a half-width to both sides.
-fn interval(setup: &Instrument, grid: &Grid, shape: Shape, depths: Range<usize>) -> PathInterval {
-    let paths = setup.path_interval(grid, depths);
+fn interval(instrument: &Instrument, grid: &Grid, shape: Shape, depths: Range<usize>) -> PathInterval {
+    let paths = instrument.path_interval(grid, depths);
     let margin = greatest_half(shape.half(grid));
     PathInterval { shortest: paths.shortest - margin, longest: paths.longest + margin, ..paths }
 }
@@ -180,12 +180,12 @@ pub(super) fn backprojection(job: Job<'_>, plan: &Plan) -> Result<Reconstruction
     let budget = SeriesBudget::new(&band, greatest, budget);
     let whole = interval(&source.instrument(), grid, shape, 0..grid.z.count);
     let compressed = VolumeTones::compress(source, weights, whole, budget.tones, observer)?;
-    let setup = source.instrument();
-    let interval = |depths| interval(&setup, grid, shape, depths);
+    let instrument = source.instrument();
+    let interval = |depths| interval(&instrument, grid, shape, depths);
     let slabs = compressed.slabs(slabs_of(grid.z.count, thickness), interval, share, budget.tones);
     let error_bound = budget.error(&slabs) * compressed.modulus;
-    let groups = Group::of(setup.array.positions(), (0..setup.array.len()).collect());
-    let width = setup.array.len();
+    let groups = Group::of(instrument.array.positions(), (0..instrument.array.len()).collect());
+    let width = instrument.array.len();
     let of_driver = |slab: &SlabTones| {
         let depths = slab.planes.clone();
         Slab { work: Block::of(grid, shape, depths.clone()).len() as u64, depths }
@@ -194,7 +194,7 @@ pub(super) fn backprojection(job: Job<'_>, plan: &Plan) -> Result<Reconstruction
     let info = ReconstructionInfo { method: Method::Backprojection, error_bound };
     driver.run(info, sink, |part, depths, planes| {
         let tones = slabs[part.start].of(&compressed, width)?;
-        let profiles = SlabProfiles::new(&setup, band, greatest, &tones);
+        let profiles = SlabProfiles::new(&instrument, band, greatest, &tones);
         let groups: Vec<_> = groups.iter().map(|g| (g, g.tones(&tones, width))).collect();
         let blocks = Block::of(grid, shape, depths.clone());
         let images: Vec<[Vec<f32>; 2]> = blocks
@@ -202,9 +202,10 @@ pub(super) fn backprojection(job: Job<'_>, plan: &Plan) -> Result<Reconstruction
             .with_min_len(batch.least_run(blocks.len()))
             .map(|block| {
                 let (centre, half) = (block.centre(grid), Shape(block.count).half(grid));
-                let points = block.points(grid, &setup.geometry);
+                let points = block.points(grid, &instrument.geometry);
                 let widest = |group: &Group| {
-                    let each = group.positions.iter().map(|r| half_width(&setup.geometry, centre, half, *r));
+                    let each =
+                        group.positions.iter().map(|r| half_width(&instrument.geometry, centre, half, *r));
                     each.fold(0.0, greater)
                 };
                 let image = profiles.image(centre, &points, &groups, widest);
@@ -252,10 +253,10 @@ struct SlabProfiles<'a> {
 
 impl<'a> SlabProfiles<'a> {
     /// For tones whose profiles reach up to `greatest` m to both sides of a centre.
-    fn new(setup: &Instrument, band: Band, greatest: f64, tones: &'a Tones) -> Self {
-        let frequencies: Vec<f64> = tones.per_metre.iter().map(|k| -k * setup.sound_speed).collect();
+    fn new(instrument: &Instrument, band: Band, greatest: f64, tones: &'a Tones) -> Self {
+        let frequencies: Vec<f64> = tones.per_metre.iter().map(|k| -k * instrument.sound_speed).collect();
         let ladder = band.ladder(greatest, &frequencies);
-        Self { geometry: setup.geometry, band, ladder, per_metre: &tones.per_metre }
+        Self { geometry: instrument.geometry, band, ladder, per_metre: &tones.per_metre }
     }
 
     /// The sums over microphones at points about a centre, real and imaginary parts. `widest` bounds how much a path

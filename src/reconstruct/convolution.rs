@@ -62,13 +62,23 @@ pub(super) struct Plan {
 
 impl Plan {
     /// How the kernels of a lattice are summed, to within what the lattice itself leaves of the budget.
-    pub(super) fn new(setup: &Instrument, grid: &Grid, lattice: SharedLattice, budget: ErrorBudget) -> Self {
-        let layout = Layout::new(lattice, *grid, setup.geometry);
+    pub(super) fn new(
+        instrument: &Instrument,
+        grid: &Grid,
+        lattice: SharedLattice,
+        budget: ErrorBudget,
+    ) -> Self {
+        let layout = Layout::new(lattice, *grid, instrument.geometry);
         let compression = budget.after(layout.lattice.error());
-        let slabs = (compression.all() > 0.0).then(|| Slabs::new(setup, &layout));
+        let slabs = (compression.all() > 0.0).then(|| Slabs::new(instrument, &layout));
         let thickness = slabs.as_ref().map_or(1, |slabs| slabs.thickness);
-        let near =
-            near_field::Cost::new(setup, grid, &layout.lattice.near, thickness, compression.virtual_tones());
+        let near = near_field::Cost::new(
+            instrument,
+            grid,
+            &layout.lattice.near,
+            thickness,
+            compression.virtual_tones(),
+        );
         Self { layout, compression, slabs, near }
     }
 
@@ -136,9 +146,10 @@ pub(super) const DEPTHS: usize = 32;
 /// All frequencies in ascending order for each slab of depths, in blocks that bound the memory and change no sum.
 fn every_frequency(job: Job<'_>, layout: &Layout) -> Result<ReconstructionInfo> {
     let Job { source, weights, grid, batch, sink, observer, .. } = job;
-    let setup = source.instrument();
-    let (count, n_mic) = (setup.sweep.len(), setup.array.len());
-    let per_metre: Vec<f64> = setup.sweep.frequencies().iter().map(|f| -f / setup.sound_speed).collect();
+    let instrument = source.instrument();
+    let (count, n_mic) = (instrument.sweep.len(), instrument.array.len());
+    let per_metre: Vec<f64> =
+        instrument.sweep.frequencies().iter().map(|f| -f / instrument.sound_speed).collect();
     let block = batch.frequencies;
     let mut modulus = 0.0;
     source.visit(block, &mut |range, block| {
@@ -178,15 +189,15 @@ fn skeleton_frequencies(job: Job<'_>, plan: &Plan, division: &Slabs) -> Result<R
     let depths = grid.z.count;
     let whole = source.instrument().path_interval(grid, 0..depths);
     let mut compressed = VolumeTones::compress(source, weights, whole, *compression, observer)?;
-    let setup = source.instrument();
+    let instrument = source.instrument();
     let thickness = division.thickness;
-    let interval = |planes| setup.path_interval(grid, planes);
+    let interval = |planes| instrument.path_interval(grid, planes);
     let share = |longer, own, depths| division.share(longer, own, depths);
     let slabs = compressed.slabs(slabs_of(depths, thickness), interval, share, *compression);
     let error = slabs.iter().map(|slab| slab.error).fold(0.0, greater) + layout.lattice.error();
-    let near = NearField::new(&setup, grid, &layout.lattice.near, &compressed, &slabs)?;
+    let near = NearField::new(&instrument, grid, &layout.lattice.near, &compressed, &slabs)?;
     let samples = std::mem::take(&mut compressed.tones.samples);
-    compressed.tones.samples = layout.lattice.spreading(&setup.array).onto_nodes(samples)?;
+    compressed.tones.samples = layout.lattice.spreading(&instrument.array).onto_nodes(samples)?;
     let error_bound = error * compressed.modulus;
     let plane_len = grid.plane_len();
     // Room for every slab that is worked on at a time, used again by the next: what is given back and asked for again

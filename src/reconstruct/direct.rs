@@ -16,10 +16,10 @@ use num_complex::Complex32;
 use rayon::prelude::*;
 
 /// Operations of the job by a fixed model, for comparison with the other methods'.
-pub(super) fn operations(setup: &Instrument, grid: &Grid) -> f64 {
-    let per_term = if setup.sweep.step().is_some() { 8.0 } else { 30.0 };
-    let pairs = grid.voxel_count() as f64 * setup.array.len() as f64;
-    pairs * (60.0 + per_term * setup.sweep.len() as f64)
+pub(super) fn operations(instrument: &Instrument, grid: &Grid) -> f64 {
+    let per_term = if instrument.sweep.step().is_some() { 8.0 } else { 30.0 };
+    let pairs = grid.voxel_count() as f64 * instrument.array.len() as f64;
+    pairs * (60.0 + per_term * instrument.sweep.len() as f64)
 }
 
 /// Voxels that are summed together, so that they share what is read of the samples.
@@ -47,8 +47,8 @@ pub(super) fn sum_over_paths(
 ) -> Result<ReconstructionInfo> {
     let Job { source, weights, grid, batch, sink, observer, .. } = job;
     let samples = weighted_samples(source, weights)?;
-    let setup = source.instrument();
-    let sums = sums_of(&samples, setup);
+    let instrument = source.instrument();
+    let sums = sums_of(&samples, instrument);
     drop(samples);
     let plane = grid.plane_len();
     let work = |depths: usize| (depths * plane) as u64;
@@ -57,10 +57,10 @@ pub(super) fn sum_over_paths(
     driver.run(ReconstructionInfo { method, error_bound: 0.0 }, sink, |_, depths, planes| {
         let run = batch.least_run(planes.len().div_ceil(TOGETHER));
         planes.par_chunks_mut(TOGETHER).with_min_len(run).enumerate().try_for_each_init(
-            || lengths(setup.array.len()),
+            || lengths(instrument.array.len()),
             |lengths, (chunk, voxels)| {
                 let first = depths.start * plane + chunk * TOGETHER;
-                image(&setup, &path_length, grid, &sums, first, voxels, lengths);
+                image(&instrument, &path_length, grid, &sums, first, voxels, lengths);
                 advance(observer, voxels.len() as u64)
             },
         )
@@ -74,7 +74,7 @@ pub(super) fn lengths(microphones: usize) -> Vec<f64> {
 
 /// Sums up to [`TOGETHER`] voxels, the first of which is the `first` of the grid, into their places.
 pub(super) fn image(
-    setup: &Instrument,
+    instrument: &Instrument,
     path_length: impl Fn(&Geometry, DVec3, DVec3) -> f64,
     grid: &Grid,
     sums: &Sums,
@@ -82,12 +82,12 @@ pub(super) fn image(
     voxels: &mut [Complex32],
     lengths: &mut [f64],
 ) {
-    let padded = setup.array.len().next_multiple_of(LANES);
+    let padded = instrument.array.len().next_multiple_of(LANES);
     for (i, lengths) in lengths.chunks_exact_mut(padded).enumerate().take(voxels.len()) {
         let (row, ix) = ((first + i) / grid.x.count, (first + i) % grid.x.count);
         let p = grid.position(ix, row % grid.y.count, row / grid.y.count);
-        for (length, &r) in lengths.iter_mut().zip(setup.array.positions()) {
-            *length = path_length(&setup.geometry, p, r);
+        for (length, &r) in lengths.iter_mut().zip(instrument.array.positions()) {
+            *length = path_length(&instrument.geometry, p, r);
         }
     }
     let mut totals = [[0.0; 2]; TOGETHER];
@@ -114,14 +114,14 @@ fn weighted_samples(source: &mut dyn CubeSource, weights: &Weights) -> Result<Ve
 pub(super) type Sums<'a> = Box<dyn Fn(&[f64], &mut [[f64; 2]]) + Sync + 'a>;
 
 /// The sums that suit a sweep: by recurrence where its steps are even, else frequency by frequency.
-fn sums_of<'a>(samples: &[Complex32], setup: &'a Instrument) -> Sums<'a> {
-    let (n_f, n_mic, c) = (setup.sweep.len(), setup.array.len(), setup.sound_speed);
-    if let Some(step) = setup.sweep.step() {
-        let steps = Steps { start: -setup.sweep.start() / c, step: -step / c, count: n_f };
+fn sums_of<'a>(samples: &[Complex32], instrument: &'a Instrument) -> Sums<'a> {
+    let (n_f, n_mic, c) = (instrument.sweep.len(), instrument.array.len(), instrument.sound_speed);
+    if let Some(step) = instrument.sweep.step() {
+        let steps = Steps { start: -instrument.sweep.start() / c, step: -step / c, count: n_f };
         let samples = SweepSamples::new(n_f, n_mic, |f, r| samples[f * n_mic + r]);
         return Box::new(move |lengths, totals| weighted_sweep(&samples, lengths, steps, totals));
     }
-    sums_of_tones(samples, setup.sweep.frequencies().iter().map(|f| -f / c).collect(), n_mic)
+    sums_of_tones(samples, instrument.sweep.frequencies().iter().map(|f| -f / c).collect(), n_mic)
 }
 
 /// Sums over any tones, tone by tone, of samples `[tones, n_mic]`.

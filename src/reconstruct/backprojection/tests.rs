@@ -56,11 +56,11 @@ fn tiled(
     tolerance: f64,
     sink: &mut dyn VolumeSink,
 ) -> ReconstructionInfo {
-    let setup = &cube.instrument;
-    let weights = Weights::new(setup, Window::Hann);
+    let instrument = &cube.instrument;
+    let weights = Weights::new(instrument, Window::Hann);
     let budget = ErrorBudget::new(tolerance);
-    let band = Division::new(setup, grid, budget).band;
-    let tiled = Tiled::new(lattice, setup, grid, band).expect("little").expect("every node has a place");
+    let band = Division::new(instrument, grid, budget).band;
+    let tiled = Tiled::new(lattice, instrument, grid, band).expect("little").expect("every node has a place");
     let (source, weights, batch) = (&mut &*cube, &weights, Batch::of_threads(2));
     tiled.image(Job { source, weights, grid, budget, batch, sink, observer: &Silent }).expect("little")
 }

@@ -85,9 +85,9 @@ impl VolumeTones {
         budget: ErrorBudget,
         observer: &dyn Observer,
     ) -> Result<Self> {
-        let setup = source.instrument();
-        let (n_f, n_mic) = (setup.sweep.len(), setup.array.len());
-        let found = VirtualTones::find(&setup.sweep, interval, budget.virtual_tones());
+        let instrument = source.instrument();
+        let (n_f, n_mic) = (instrument.sweep.len(), instrument.array.len());
+        let found = VirtualTones::find(&instrument.sweep, interval, budget.virtual_tones());
         let frequencies = found.frequencies().to_vec();
         let per_metre = frequencies.iter().map(|f| -f / interval.sound_speed).collect();
         let count = (frequencies.len() as u64).saturating_mul(n_mic as u64);

@@ -67,13 +67,17 @@ impl SharedLattice {
     ///
     /// # Errors
     /// In words: why there is none, and what would mend it.
-    pub(crate) fn find(setup: &Instrument, grid: &Grid, budget: ErrorBudget) -> Result<Vec<Self>, String> {
-        let mut near = NEAR.map(|waves| within(waves * shortest(setup), setup, grid)).to_vec();
+    pub(crate) fn find(
+        instrument: &Instrument,
+        grid: &Grid,
+        budget: ErrorBudget,
+    ) -> Result<Vec<Self>, String> {
+        let mut near = NEAR.map(|waves| within(waves * shortest(instrument), instrument, grid)).to_vec();
         near.dedup();
         let mut found = Vec::new();
         let mut misfit = String::new();
         for near in near {
-            match Self::with(setup, grid, budget.spreading(), near) {
+            match Self::with(instrument, grid, budget.spreading(), near) {
                 // Where microphones stand on nodes, no depth is too near.
                 Ok(lattice) if lattice.exact() => return Ok(vec![lattice]),
                 Ok(lattice) => found.push(lattice),
@@ -84,9 +88,14 @@ impl SharedLattice {
     }
 
     /// The lattice that serves all depths but those `near`, each axis to within `tolerance`.
-    fn with(setup: &Instrument, grid: &Grid, tolerance: f64, near: Range<usize>) -> Result<Self, String> {
-        let (low, high) = setup.array.bounds();
-        let shortest = shortest(setup);
+    fn with(
+        instrument: &Instrument,
+        grid: &Grid,
+        tolerance: f64,
+        near: Range<usize>,
+    ) -> Result<Self, String> {
+        let (low, high) = instrument.array.bounds();
+        let shortest = shortest(instrument);
         if high.z - low.z > 1e-6 * shortest {
             return Err(format!("the microphones lie in no plane of constant z ({} to {} m)", low.z, high.z));
         }
@@ -110,21 +119,21 @@ impl SharedLattice {
                 format!("{misfit}, and voxels {height} m from the array are too near to do without")
             })
         };
-        let lattice = setup.array.lattice();
+        let lattice = instrument.array.lattice();
         let x = axis("x", &grid.x, lattice.map(|l| &l.x), low.x, high.x)?;
         let y = axis("y", &grid.y, lattice.map(|l| &l.y), low.y, high.y)?;
         let nodes = x.nodes.count.saturating_mul(y.nodes.count);
-        if nodes > MOST_NODES.max(setup.array.len()) {
+        if nodes > MOST_NODES.max(instrument.array.len()) {
             return Err(format!(
                 "{} microphones over {:.1} x {:.1} m are too few for a lattice of {nodes} nodes",
-                setup.array.len(),
+                instrument.array.len(),
                 high.x - low.x,
                 high.y - low.y
             ));
         }
         let mut found = Self { x, y, z: f64::midpoint(low.z, high.z), in_order: false, near };
         if found.exact() {
-            found.in_order = setup.array.lattice().is_some() && found.width() == setup.array.len();
+            found.in_order = instrument.array.lattice().is_some() && found.width() == instrument.array.len();
             found.near = 0..0;
         }
         Ok(found)
@@ -220,13 +229,13 @@ impl Spreading<'_> {
 }
 
 /// The shortest wave, as short again for a scan, m.
-fn shortest(setup: &Instrument) -> f64 {
-    setup.sound_speed / setup.sweep.stop() / setup.geometry.return_legs()
+fn shortest(instrument: &Instrument) -> f64 {
+    instrument.sound_speed / instrument.sweep.stop() / instrument.geometry.return_legs()
 }
 
 /// Depths nearer to the microphones' plane than `distance` m.
-fn within(distance: f64, setup: &Instrument, grid: &Grid) -> Range<usize> {
-    let (low, _) = setup.array.bounds();
+fn within(distance: f64, instrument: &Instrument, grid: &Grid) -> Range<usize> {
+    let (low, _) = instrument.array.bounds();
     let near = |iz: &usize| (grid.z.position(*iz) - low.z).abs() < distance;
     let first = (0..grid.z.count).find(near).unwrap_or(0);
     first..first + (first..grid.z.count).take_while(near).count()

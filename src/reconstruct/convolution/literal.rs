@@ -282,11 +282,11 @@ mod tests {
     /// The literal image and the fast one of five tones of noise, every depth of the grid.
     fn both(array: &MicArray, grid: Grid, geometry: Geometry) -> [Vec<Complex32>; 2] {
         let sweep = Sweep::stepped(10_000.0, 18_000.0, 2_000.0).unwrap();
-        let setup = Instrument::new(sweep.clone(), array.clone()).with_geometry(geometry);
-        let lattice = SharedLattice::find(&setup, &grid, ErrorBudget::new(0.0)).unwrap().remove(0);
+        let instrument = Instrument::new(sweep.clone(), array.clone()).with_geometry(geometry);
+        let lattice = SharedLattice::find(&instrument, &grid, ErrorBudget::new(0.0)).unwrap().remove(0);
         let layout = Layout::new(lattice, grid, geometry);
         let tones = Tones {
-            per_metre: sweep.frequencies().iter().map(|f| -f / setup.sound_speed).collect(),
+            per_metre: sweep.frequencies().iter().map(|f| -f / instrument.sound_speed).collect(),
             samples: noise(sweep.len() * layout.lattice.width(), 3.0),
         };
         let batch = Batch::of_threads(2);

@@ -16,7 +16,7 @@ use std::ops::Range;
 
 /// Depths that are summed without nodes.
 pub(crate) struct NearField<'a> {
-    setup: &'a Instrument,
+    instrument: &'a Instrument,
     grid: Grid,
     /// By slab of depths, sums over its tones.
     slabs: Vec<(Range<usize>, Sums<'static>)>,
@@ -28,20 +28,20 @@ impl<'a> NearField<'a> {
     /// # Errors
     /// The tones of their slabs do not fit in memory.
     pub(crate) fn new(
-        setup: &'a Instrument,
+        instrument: &'a Instrument,
         grid: &Grid,
         depths: &Range<usize>,
         compressed: &VolumeTones,
         slabs: &[SlabTones],
     ) -> Result<Option<Self>> {
-        let n_mic = setup.array.len();
+        let n_mic = instrument.array.len();
         let of_slab = |slab: &SlabTones| -> Option<Result<_>> {
             let planes = common(&slab.planes, depths);
             let sums = |tones: Tones| sums_of_tones(&tones.samples, tones.per_metre, n_mic);
             (!planes.is_empty()).then(|| Ok((planes, sums(slab.of(compressed, n_mic)?))))
         };
         let slabs: Vec<_> = slabs.iter().filter_map(of_slab).collect::<Result<_>>()?;
-        Ok((!slabs.is_empty()).then(|| Self { setup, grid: *grid, slabs }))
+        Ok((!slabs.is_empty()).then(|| Self { instrument, grid: *grid, slabs }))
     }
 
     /// Sums the voxels of depth `iz`, `[y, x]`, if it is one of them; whether it is.
@@ -57,10 +57,10 @@ impl<'a> NearField<'a> {
         let first = iz * self.grid.plane_len();
         let chunks = voxels.par_chunks_mut(TOGETHER).enumerate();
         chunks.try_for_each_init(
-            || lengths(self.setup.array.len()),
+            || lengths(self.instrument.array.len()),
             |lengths, (chunk, voxels)| {
                 let first = first + chunk * TOGETHER;
-                image(self.setup, Geometry::path_length, &self.grid, sums, first, voxels, lengths);
+                image(self.instrument, Geometry::path_length, &self.grid, sums, first, voxels, lengths);
                 advance(observer, 0)
             },
         )?;
@@ -81,26 +81,26 @@ pub(crate) struct Cost {
 impl Cost {
     /// By a fixed model, for slabs of so many depths; nothing without such depths.
     pub(crate) fn new(
-        setup: &Instrument,
+        instrument: &Instrument,
         grid: &Grid,
         depths: &Range<usize>,
         thickness: usize,
         tolerance: f64,
     ) -> Self {
         let mut cost = Self::default();
-        let microphones = setup.array.len() as f64;
+        let microphones = instrument.array.len() as f64;
         for slab in slabs_of(grid.z.count, thickness) {
             let near = common(&slab, depths);
             if near.is_empty() {
                 continue;
             }
-            let spread = setup.sweep.bandwidth() * setup.path_interval(grid, slab).duration();
-            let tones = tones_for(spread, tolerance).min(setup.sweep.len() as f64);
+            let spread = instrument.sweep.bandwidth() * instrument.path_interval(grid, slab).duration();
+            let tones = tones_for(spread, tolerance).min(instrument.sweep.len() as f64);
             let voxels = grid.plane_len() as f64 * near.len() as f64;
             cost.operations += voxels * microphones * (60.0 + 30.0 * tones);
             // As they are selected, and then in real and imaginary parts.
             cost.bytes += (2.0 * tones * microphones) as u64 * size_of::<Complex32>() as u64;
-            cost.worker_bytes = (TOGETHER * size_of::<f64>() * setup.array.len()) as u64;
+            cost.worker_bytes = (TOGETHER * size_of::<f64>() * instrument.array.len()) as u64;
         }
         cost
     }

@@ -82,16 +82,16 @@ impl Costs {
 impl Slabs {
     /// The division that costs least: thin slabs need fewer tones each, but every slab pays for its own spectra and
     /// decompositions.
-    pub(crate) fn new(setup: &Instrument, layout: &Layout) -> Self {
+    pub(crate) fn new(instrument: &Instrument, layout: &Layout) -> Self {
         let depths = layout.grid.z.count;
         let paths: Vec<PathInterval> =
-            (0..depths).map(|iz| setup.path_interval(&layout.grid, iz..iz + 1)).collect();
+            (0..depths).map(|iz| instrument.path_interval(&layout.grid, iz..iz + 1)).collect();
         // Depths are in order, and so are their paths.
         let spread = |planes: Range<usize>| {
             let paths = PathInterval { shortest: paths[planes.start].shortest, ..paths[planes.end - 1] };
-            setup.sweep.bandwidth() * paths.duration()
+            instrument.sweep.bandwidth() * paths.duration()
         };
-        let of_volume = (2.0 * spread(0..depths) + 8.0).min(setup.sweep.len() as f64);
+        let of_volume = (2.0 * spread(0..depths) + 8.0).min(instrument.sweep.len() as f64);
         let costs = Costs::new(layout, of_volume);
         let cost = |thickness: usize| {
             let slabs = slabs_of(depths, thickness).map(|planes| (spread(planes.clone()), planes.len()));

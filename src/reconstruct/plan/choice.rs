@@ -12,8 +12,10 @@ use crate::reconstruct::{Estimate, Method, ReconstructOptions, backprojection, c
 const MOST_DIRECT_TERMS: u64 = 100_000_000_000;
 
 /// The terms of Eq. 13: voxels × microphones × frequencies.
-pub fn direct_terms(setup: &Instrument, grid: &Grid) -> u64 {
-    grid.voxel_count().saturating_mul(setup.array.len() as u64).saturating_mul(setup.sweep.len() as u64)
+pub fn direct_terms(instrument: &Instrument, grid: &Grid) -> u64 {
+    grid.voxel_count()
+        .saturating_mul(instrument.array.len() as u64)
+        .saturating_mul(instrument.sweep.len() as u64)
 }
 
 /// What is to be done, with what was found out about the lattices.
@@ -36,7 +38,7 @@ pub(crate) struct Options {
 impl Options {
     /// What there is to choose from.
     pub(crate) fn of(
-        setup: &Instrument,
+        instrument: &Instrument,
         grid: &Grid,
         options: &ReconstructOptions,
         threads: usize,
@@ -44,11 +46,11 @@ impl Options {
         instrument.check()?;
         check(grid, options)?;
         let budget = ErrorBudget::new(options.tolerance);
-        let lattices = SharedLattice::find(setup, grid, budget);
+        let lattices = SharedLattice::find(instrument, grid, budget);
         let convolution = lattices.map(|lattices| {
             let priced = lattices.into_iter().map(|lattice| {
-                let plan = convolution::Plan::new(setup, grid, lattice, budget);
-                let estimate = cost::of_convolution(setup, grid, options, &plan, threads);
+                let plan = convolution::Plan::new(instrument, grid, lattice, budget);
+                let estimate = cost::of_convolution(instrument, grid, options, &plan, threads);
                 (plan, estimate)
             });
             let least = priced.min_by(|(_, a), (_, b)| a.operations.total_cmp(&b.operations));
@@ -61,9 +63,9 @@ impl Options {
         };
         let wanted = !convolution.as_ref().is_ok_and(by_lattice) || options.method == Method::Backprojection;
         let backprojection =
-            (wanted && options.tolerance > 0.0).then(|| backprojection::Plan::new(setup, grid, budget));
+            (wanted && options.tolerance > 0.0).then(|| backprojection::Plan::new(instrument, grid, budget));
         let known = convolution.as_ref().map(|(_, estimate)| estimate.clone()).map_err(Clone::clone);
-        let estimates = cost::estimates(setup, grid, options, known, backprojection.as_ref(), threads);
+        let estimates = cost::estimates(instrument, grid, options, known, backprojection.as_ref(), threads);
         let convolution = convolution.map(|(plan, _)| plan);
         Ok(Self { estimates, convolution, backprojection })
     }
@@ -82,7 +84,7 @@ impl Options {
     /// The method that the options come to, and a warning if `auto` had to take a slow one.
     pub(crate) fn choose(
         self,
-        setup: &Instrument,
+        instrument: &Instrument,
         grid: &Grid,
         asked: Method,
     ) -> Result<(Choice, Option<String>)> {
@@ -103,7 +105,7 @@ impl Options {
             (Method::Convolution, Ok(plan), _) => Ok((Choice::Convolution(Box::new(plan)), None)),
             (Method::Backprojection, _, Some(plan)) => Ok((Choice::Backprojection(Box::new(plan)), None)),
             (_, Err(misfit), None) if asked == Method::Auto => {
-                refuse_long_sum(setup, grid, &misfit)?;
+                refuse_long_sum(instrument, grid, &misfit)?;
                 let slower = "summing Eq. 13 directly instead, which is slower (a tolerance would help)";
                 Ok((Choice::Direct, Some(format!("{misfit}; {slower}"))))
             }
@@ -113,8 +115,8 @@ impl Options {
 }
 
 /// Refuses a direct sum of many minutes that nobody asked for by name.
-fn refuse_long_sum(setup: &Instrument, grid: &Grid, misfit: &str) -> Result<()> {
-    let terms = direct_terms(setup, grid);
+fn refuse_long_sum(instrument: &Instrument, grid: &Grid, misfit: &str) -> Result<()> {
+    let terms = direct_terms(instrument, grid);
     if terms <= MOST_DIRECT_TERMS {
         return Ok(());
     }
@@ -175,7 +177,7 @@ fn check(grid: &Grid, options: &ReconstructOptions) -> Result<()> {
 /// # let cube = simulate(&nothing, &sweep, &array, &SimulateOptions::default(), &holosonar::progress::Silent)?;
 /// # let lateral = Axis { first: -0.32, pitch: 0.01, count: 64 };
 /// # let grid = Grid { x: lateral, y: lateral, z: Axis { first: 1.0, pitch: 0.01, count: 64 } };
-/// let estimates = estimate(&cube.setup(), &grid, &ReconstructOptions::default(), 1)?;
+/// let estimates = estimate(&cube.instrument(), &grid, &ReconstructOptions::default(), 1)?;
 /// let direct = estimates.of(Method::Direct).expect("always possible");
 /// assert_eq!(estimates.chosen().method, Method::Convolution);
 /// assert!(estimates.chosen().operations < direct.operations / 100.0);
@@ -185,12 +187,12 @@ fn check(grid: &Grid, options: &ReconstructOptions) -> Result<()> {
 /// # Errors
 /// A grid with voxels behind the array; a tolerance that is not in 0..1; a speed of sound that is not positive.
 pub fn estimate(
-    setup: &Instrument,
+    instrument: &Instrument,
     grid: &Grid,
     options: &ReconstructOptions,
     threads: usize,
 ) -> Result<Estimates> {
-    let possible = Options::of(setup, grid, options, threads)?;
+    let possible = Options::of(instrument, grid, options, threads)?;
     let method = possible.chosen(options.method).method;
     let methods = possible.estimates;
     let chosen = methods.iter().position(|e| e.method == method).unwrap_or(0);

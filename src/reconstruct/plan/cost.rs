@@ -55,7 +55,7 @@ impl Estimates {
 
 /// The estimates for a job, whatever `options.method` says; that of [`of_convolution`] is known.
 pub(crate) fn estimates(
-    setup: &Instrument,
+    instrument: &Instrument,
     grid: &Grid,
     options: &ReconstructOptions,
     convolution: Result<Estimate, String>,
@@ -64,7 +64,7 @@ pub(crate) fn estimates(
 ) -> Vec<Estimate> {
     let convolution = convolution.unwrap_or_else(|obstacle| impossible(Method::Convolution, obstacle));
     let backprojection = match backprojection {
-        Some(plan) => of_backprojection(setup, options, plan, threads),
+        Some(plan) => of_backprojection(instrument, options, plan, threads),
         None if options.tolerance > 0.0 => impossible(
             Method::Backprojection,
             "of no use here, where convolution is far faster; ask for it by name to see its cost".to_owned(),
@@ -74,7 +74,7 @@ pub(crate) fn estimates(
             "0 leaves no room for interpolation; give a tolerance above 0 (1e-6, say)".to_owned(),
         ),
     };
-    let direct = of_direct(setup, grid, options, threads);
+    let direct = of_direct(instrument, grid, options, threads);
     // The same sum over other path lengths.
     let linear = Estimate { method: Method::Linear, ..direct.clone() };
     vec![convolution, backprojection, direct, linear]
@@ -98,8 +98,8 @@ const COMPLEX: u64 = 8;
 const TAPS: f64 = 12.0;
 
 /// What a compression to so many virtual `tones` takes: operations, and bytes for their weights.
-fn compression(setup: &Instrument, tones: f64) -> (f64, u64) {
-    let (n_f, n_mic) = (setup.sweep.len() as f64, setup.array.len() as f64);
+fn compression(instrument: &Instrument, tones: f64) -> (f64, u64) {
+    let (n_f, n_mic) = (instrument.sweep.len() as f64, instrument.array.len() as f64);
     let found = n_f * (10.0 * TAPS * TAPS + 40.0 * TAPS);
     // A sample is turned, its modulus taken, and it goes to a few tones with real weights.
     let summed = 2.0 * PRODUCT + 0.5 * PRODUCT * TAPS.min(tones);
@@ -107,21 +107,21 @@ fn compression(setup: &Instrument, tones: f64) -> (f64, u64) {
 }
 
 /// Bytes that a thread takes to find a slab's tones among the volume's: both at delays, and their difference.
-fn nesting(setup: &Instrument, of_volume: f64, slab: &PathInterval) -> u64 {
-    let bandwidth = setup.sweep.bandwidth();
+fn nesting(instrument: &Instrument, of_volume: f64, slab: &PathInterval) -> u64 {
+    let bandwidth = instrument.sweep.bandwidth();
     let witnesses = witnesses_for(bandwidth * slab.duration()).min(of_volume);
     (3.0 * 8.0 * (DENSER * slab.points_for(bandwidth)) as f64 * witnesses) as u64
 }
 
 /// Bytes of a block of frequencies as it is read.
-fn block_bytes(setup: &Instrument) -> u64 {
-    let frequencies = frequencies_at_once(setup.array.len()).min(setup.sweep.len());
-    COMPLEX * (frequencies as u64).saturating_mul(setup.array.len() as u64)
+fn block_bytes(instrument: &Instrument) -> u64 {
+    let frequencies = frequencies_at_once(instrument.array.len()).min(instrument.sweep.len());
+    COMPLEX * (frequencies as u64).saturating_mul(instrument.array.len() as u64)
 }
 
 /// Of Eq. 16 by such a plan.
 pub(crate) fn of_convolution(
-    setup: &Instrument,
+    instrument: &Instrument,
     grid: &Grid,
     options: &ReconstructOptions,
     plan: &convolution::Plan,
@@ -137,10 +137,10 @@ pub(crate) fn of_convolution(
     let scratch = 12 * layout.points().saturating_mul(layout.node_parts.len()) as u64;
     let scratch = |batch: Batch| scratch.saturating_mul(batch.workers as u64);
     let Some(slabs) = &plan.slabs else {
-        let n_f = setup.sweep.len() as f64;
+        let n_f = instrument.sweep.len() as f64;
         // Spectra, and the samples that they are made of, as they are read and weighted.
         let [spectra_of_tone, of_worker] = plan.plain_bytes();
-        let tone = spectra_of_tone + COMPLEX * 2 * setup.array.len() as u64;
+        let tone = spectra_of_tone + COMPLEX * 2 * instrument.array.len() as u64;
         let planes = SlabDriver::bytes(plane, convolution::DEPTHS, depths);
         let bytes = |batch: Batch| {
             let spectra = tone.saturating_mul(batch.frequencies as u64);
@@ -148,29 +148,29 @@ pub(crate) fn of_convolution(
             spectra.saturating_add(scratch).saturating_add(planes)
         };
         let operations = n_f * (depths as f64 * pair + spectra);
-        let usual = usual_batch(layout, setup.sweep.len(), threads);
+        let usual = usual_batch(layout, instrument.sweep.len(), threads);
         return possible(Method::Convolution, operations, options, usual, bytes);
     };
     let (thickness, of_first) = (slabs.thickness, plan.compression.virtual_tones());
-    let whole = setup.path_interval(grid, 0..depths);
-    let of_volume = virtual_tone_count(&setup.sweep, &whole, of_first) as f64;
+    let whole = instrument.path_interval(grid, 0..depths);
+    let of_volume = virtual_tone_count(&instrument.sweep, &whole, of_first) as f64;
     let width = lattice.width() as f64;
-    let (mut operations, bytes_finding) = compression(setup, of_volume);
-    let nesting = nesting(setup, of_volume, &setup.path_interval(grid, 0..thickness.min(depths)));
+    let (mut operations, bytes_finding) = compression(instrument, of_volume);
+    let nesting = nesting(instrument, of_volume, &instrument.path_interval(grid, 0..thickness.min(depths)));
     let mut most = 0.0f64;
     for planes in slabs_of(depths, thickness) {
-        let duration = setup.path_interval(grid, planes.clone()).duration();
-        let of_slab = tones_for(setup.sweep.bandwidth() * duration, of_first).min(of_volume);
+        let duration = instrument.path_interval(grid, planes.clone()).duration();
+        let of_slab = tones_for(instrument.sweep.bandwidth() * duration, of_first).min(of_volume);
         operations += of_slab * (planes.len() as f64 * pair + spectra + PRODUCT * of_volume * width);
         most = most.max(of_slab);
     }
     operations += plan.near.operations;
     let complex = |n: f64| (n * COMPLEX as f64) as u64;
-    let microphones = complex(of_volume * setup.array.len() as f64);
+    let microphones = complex(of_volume * instrument.array.len() as f64);
     let nodes = complex(of_volume * width);
     let both = if lattice.spreads() { microphones.saturating_add(nodes) } else { nodes };
     let slab = complex(most * (width + layout.tone_len() as f64));
-    let compressing = microphones.saturating_add(block_bytes(setup)).saturating_add(bytes_finding);
+    let compressing = microphones.saturating_add(block_bytes(instrument)).saturating_add(bytes_finding);
     let before = compressing.max(both);
     let bytes = |batch: Batch| {
         let planes = SlabDriver::bytes(plane, batch.slabs * thickness, depths);
@@ -197,15 +197,15 @@ fn possible(
 }
 
 fn of_backprojection(
-    setup: &Instrument,
+    instrument: &Instrument,
     options: &ReconstructOptions,
     plan: &backprojection::Plan,
     threads: usize,
 ) -> Estimate {
-    let tones = plan.virtual_tones(setup) as f64;
-    let (compressing, finding) = compression(setup, tones);
-    let held = (tones * setup.array.len() as f64 * COMPLEX as f64) as u64;
-    let before = finding.saturating_add(held).saturating_add(block_bytes(setup));
+    let tones = plan.virtual_tones(instrument) as f64;
+    let (compressing, finding) = compression(instrument, tones);
+    let held = (tones * instrument.array.len() as f64 * COMPLEX as f64) as u64;
+    let before = finding.saturating_add(held).saturating_add(block_bytes(instrument));
     let focusing = held.saturating_mul(2).saturating_add(plan.bytes());
     let bytes = |batch: Batch| {
         before.max(focusing.saturating_add((batch.workers as u64).saturating_mul(plan.worker_bytes())))
@@ -214,10 +214,10 @@ fn of_backprojection(
     possible(Method::Backprojection, operations, options, Batch::of_threads(threads), bytes)
 }
 
-fn of_direct(setup: &Instrument, grid: &Grid, options: &ReconstructOptions, threads: usize) -> Estimate {
+fn of_direct(instrument: &Instrument, grid: &Grid, options: &ReconstructOptions, threads: usize) -> Estimate {
     let planes = SlabDriver::bytes(grid.plane_len() as u64, direct::depths_at_once(grid), grid.z.count);
-    let samples = setup.cube_bytes().saturating_mul(2).saturating_add(planes);
-    let lengths = (64 * setup.array.len()) as u64 * COMPLEX;
+    let samples = instrument.cube_bytes().saturating_mul(2).saturating_add(planes);
+    let lengths = (64 * instrument.array.len()) as u64 * COMPLEX;
     let bytes = |batch: Batch| samples.saturating_add(lengths.saturating_mul(batch.workers as u64));
-    possible(Method::Direct, direct::operations(setup, grid), options, Batch::of_threads(threads), bytes)
+    possible(Method::Direct, direct::operations(instrument, grid), options, Batch::of_threads(threads), bytes)
 }

@@ -23,9 +23,9 @@ pub(crate) struct Gain {
 
 impl Gain {
     /// That of a measurement on the voxels of a grid.
-    pub(crate) fn new(setup: &Instrument, grid: &Grid) -> Self {
-        let centre = setup.array.centre();
-        let speaker = match setup.geometry {
+    pub(crate) fn new(instrument: &Instrument, grid: &Grid) -> Self {
+        let centre = instrument.array.centre();
+        let speaker = match instrument.geometry {
             Geometry::FixedSource { source } => source,
             Geometry::Monostatic => centre,
         };

@@ -15,12 +15,12 @@ pub(crate) struct Weights {
 }
 
 impl Weights {
-    pub(crate) fn new(setup: &Instrument, window: Window) -> Self {
-        let frequency = window.over_sweep(&setup.sweep);
-        let microphone = window.over_array(&setup.array);
+    pub(crate) fn new(instrument: &Instrument, window: Window) -> Self {
+        let frequency = window.over_sweep(&instrument.sweep);
+        let microphone = window.over_array(&instrument.array);
         let (sum_f, sum_r) = (frequency.iter().sum::<f64>(), microphone.iter().sum::<f64>());
         let mean_r = sum_r / microphone.len() as f64;
-        let scale = setup.detection.weight() / (sum_f * microphone.len() as f64);
+        let scale = instrument.detection.weight() / (sum_f * microphone.len() as f64);
         Self {
             frequency: frequency.iter().map(|w| (w * scale) as f32).collect(),
             microphone: microphone.iter().map(|w| (w / mean_r) as f32).collect(),

@@ -59,16 +59,16 @@ pub(crate) fn halved(positions: &[DVec3], times: u32) -> Vec<Tile> {
 
 /// How fast the turned terms of tiles change along x, y (at constant ρ) and ρ at most, cycles per m; from samples at
 /// the edges of everything that a term depends on.
-pub(crate) fn bands(setup: &Instrument, grid: &Grid, tiles: &[Tile]) -> [f64; 3] {
-    let (carrier, frequencies) = (setup.sweep.centre(), setup.sweep.frequencies());
+pub(crate) fn bands(instrument: &Instrument, grid: &Grid, tiles: &[Tile]) -> [f64; 3] {
+    let (carrier, frequencies) = (instrument.sweep.centre(), instrument.sweep.frequencies());
     let edges = [frequencies[0], frequencies[frequencies.len() - 1]];
     let mut fastest = [0.0f64; 3];
     for tile in some(tiles, SAMPLED_TILES) {
-        let frame = Frame::new(&setup.geometry, tile.centre);
+        let frame = Frame::new(&instrument.geometry, tile.centre);
         for p in sampled_places(grid, [5, 5, 4]) {
             let slope = frame.slope(p);
             for r in tile.corners() {
-                let own = Frame::new(&setup.geometry, r).slope(p);
+                let own = Frame::new(&instrument.geometry, r).slope(p);
                 let steep = own.z / slope.z;
                 for f in edges {
                     let changes = [
@@ -77,7 +77,7 @@ pub(crate) fn bands(setup: &Instrument, grid: &Grid, tiles: &[Tile]) -> [f64; 3]
                         (f * steep - carrier).abs(),
                     ];
                     for (fastest, change) in fastest.iter_mut().zip(changes) {
-                        *fastest = fastest.max(change / setup.sound_speed);
+                        *fastest = fastest.max(change / instrument.sound_speed);
                     }
                 }
             }
@@ -173,9 +173,9 @@ mod tests {
         let sweep = Sweep::stepped(10_000.0, 20_000.0, 100.0).expect("valid");
         let array = MicArray::from_positions(places(200)).expect("valid");
         for geometry in [Geometry::ORIGIN, Geometry::Monostatic] {
-            let setup = Instrument::new(sweep.clone(), array.clone()).with_geometry(geometry);
+            let instrument = Instrument::new(sweep.clone(), array.clone()).with_geometry(geometry);
             let tiles = halved(array.positions(), 2);
-            let bands = bands(&setup, &grid, &tiles);
+            let bands = bands(&instrument, &grid, &tiles);
             let mut fastest = [0.0f64; 3];
             for tile in &tiles {
                 let frame = Frame::new(&geometry, tile.centre);

@@ -136,9 +136,14 @@ fn lengths(tolerance: f64) -> Vec<(Taps, f64)> {
 impl Lattice {
     /// The division of fewest operations; `None` where the voxels come too near to the microphones, or none keeps to its
     /// share of the budget.
-    pub(crate) fn find(setup: &Instrument, grid: &Grid, band: &Band, budget: ErrorBudget) -> Option<Self> {
-        let (low, high) = setup.array.bounds();
-        let source = match setup.geometry {
+    pub(crate) fn find(
+        instrument: &Instrument,
+        grid: &Grid,
+        band: &Band,
+        budget: ErrorBudget,
+    ) -> Option<Self> {
+        let (low, high) = instrument.array.bounds();
+        let source = match instrument.geometry {
             Geometry::FixedSource { source } => source.z,
             Geometry::Monostatic => low.z,
         };
@@ -147,8 +152,8 @@ impl Lattice {
             return None;
         }
         let lengths = lengths(budget.interpolation_axis());
-        let least = |times: u32| times == 0 || setup.array.len() >> times >= LEAST_MEMBERS;
-        let of = |times: u32| Self::halved(setup, grid, band, (times, budget), &lengths);
+        let least = |times: u32| times == 0 || instrument.array.len() >> times >= LEAST_MEMBERS;
+        let of = |times: u32| Self::halved(instrument, grid, band, (times, budget), &lengths);
         let mut found: Vec<Self> = (0..=MOST_TIMES)
             .filter(|times| least(*times))
             .collect::<Vec<_>>()
@@ -156,26 +161,26 @@ impl Lattice {
             .flat_map_iter(of)
             .collect();
         found.sort_by(|a, b| a.operations.total_cmp(&b.operations));
-        let placed = |lattice: &Self| lattice.has_places(setup, grid);
+        let placed = |lattice: &Self| lattice.has_places(instrument, grid);
         found
             .into_iter()
             .filter(placed)
             .take(TRIES)
-            .find_map(|lattice| lattice.measured(setup, grid, budget.interpolation()))
+            .find_map(|lattice| lattice.measured(instrument, grid, budget.interpolation()))
     }
 
     /// The divisions into tiles that come of so many halvings.
     fn halved(
-        setup: &Instrument,
+        instrument: &Instrument,
         grid: &Grid,
         band: &Band,
         (times, budget): (u32, ErrorBudget),
         lengths: &[(Taps, f64)],
     ) -> Vec<Self> {
-        let tiles = halved(setup.array.positions(), times);
-        let terms = Terms { setup, grid, tiles: &tiles };
-        let bands = bands(setup, grid, &tiles);
-        let seen = Seen::of(setup, grid, &tiles);
+        let tiles = halved(instrument.array.positions(), times);
+        let terms = Terms { instrument, grid, tiles: &tiles };
+        let bands = bands(instrument, grid, &tiles);
+        let seen = Seen::of(instrument, grid, &tiles);
         let mut found = Vec::new();
         // Terms bend, so that wide taps carry less than plane waves ask for; the more taps, the fuller the band.
         let mut fullest = [0; 2];
@@ -211,18 +216,18 @@ impl Lattice {
                     count: 0.0,
                     operations: f64::INFINITY,
                 };
-                found.extend(lattice.divided(setup, grid, &seen, band));
+                found.extend(lattice.divided(instrument, grid, &seen, band));
             }
         }
         found
     }
 
     /// With blocks of nodes of fewest operations by a fixed model.
-    fn divided(self, setup: &Instrument, grid: &Grid, seen: &Seen, band: &Band) -> Option<Self> {
+    fn divided(self, instrument: &Instrument, grid: &Grid, seen: &Seen, band: &Band) -> Option<Self> {
         let [n_x, n_y] = [0, 1].map(|axis: usize| self.nodes[axis].axis.count);
         let reach = [0, 1].map(|axis: usize| self.nodes[axis].reach());
         let ranges = seen.ranges(grid, reach) / self.pitch + self.taps.count() as f64;
-        let (legs, digits) = (setup.geometry.return_legs(), -band.tolerance.log10());
+        let (legs, digits) = (instrument.geometry.return_legs(), -band.tolerance.log10());
         let columns = (n_x * n_y) as f64;
         let depths = Shape::sizes(ranges.ceil() as usize).filter(|n| (4..=64).contains(n));
         let blocks = depths
@@ -238,7 +243,8 @@ impl Lattice {
                 return None;
             }
             let shell = 2.0 * (along + legs * seen.radius + widest);
-            let tones = (band.bandwidth * shell / setup.sound_speed + 10.0).min(setup.sweep.len() as f64);
+            let tones =
+                (band.bandwidth * shell / instrument.sound_speed + 10.0).min(instrument.sweep.len() as f64);
             let typical = half(seen.typical / 2.0);
             let one = block_operations(points, band.edge(typical), digits, tones) / points as f64;
             Some((block, one))
@@ -249,7 +255,7 @@ impl Lattice {
         let tiles = seen.tiles as f64;
         let count = tiles * each;
         let interpolating = grid.voxel_count() as f64 * tiles * OPERATIONS_PER_VOXEL;
-        let operations = setup.array.len() as f64 * each * one + interpolating;
+        let operations = instrument.array.len() as f64 * each * one + interpolating;
         // No more memory than the voxels take, or not much.
         let held = count * 8.0;
         (held <= (4.0 * grid.volume_bytes() as f64).max(MOST_SMALL)).then(|| Self {
@@ -263,11 +269,11 @@ impl Lattice {
     /// Whether every node stands where some point has its range.
     ///
     /// That is least so of the nodes farthest aside, which only the outermost voxels are made of, for the nearest of these.
-    fn has_places(&self, setup: &Instrument, grid: &Grid) -> bool {
+    fn has_places(&self, instrument: &Instrument, grid: &Grid) -> bool {
         let [x, y] =
             [(&grid.x, &self.nodes[0]), (&grid.y, &self.nodes[1])].map(|(axis, nodes)| nodes.ends(axis));
-        halved(setup.array.positions(), self.times).iter().all(|tile| {
-            let frame = Frame::new(&setup.geometry, tile.centre);
+        halved(instrument.array.positions(), self.times).iter().all(|tile| {
+            let frame = Frame::new(&instrument.geometry, tile.centre);
             let mut corners = x.iter().flat_map(|x| y.iter().map(move |y| (x, y)));
             corners.all(|((node_x, voxels_x), (node_y, voxels_y))| {
                 let voxels = voxels_x.iter().flat_map(|x| voxels_y.map(|y| DVec3::new(*x, y, grid.z.first)));
@@ -279,9 +285,9 @@ impl Lattice {
     }
 
     /// With errors and growth as measured; `None` if they pass `tolerance`.
-    fn measured(self, setup: &Instrument, grid: &Grid, tolerance: f64) -> Option<Self> {
-        let tiles = halved(setup.array.positions(), self.times);
-        let terms = Terms { setup, grid, tiles: &tiles };
+    fn measured(self, instrument: &Instrument, grid: &Grid, tolerance: f64) -> Option<Self> {
+        let tiles = halved(instrument.array.positions(), self.times);
+        let terms = Terms { instrument, grid, tiles: &tiles };
         let [error_x, sum_x] = terms.error(0, &|place| self.nodes[0].around(place), &MANY)?;
         let [error_y, sum_y] = terms.error(1, &|place| self.nodes[1].around(place), &MANY)?;
         let [error_range, sum_range] = terms.error(2, &|range| self.around(range), &MANY)?;

@@ -13,7 +13,7 @@ pub(crate) type Around = (Vec<f64>, Vec<f64>);
 
 /// Terms of one frequency and one microphone each, in the coordinates of its tile.
 pub(crate) struct Terms<'a> {
-    pub(crate) setup: &'a Instrument,
+    pub(crate) instrument: &'a Instrument,
     pub(crate) grid: &'a Grid,
     pub(crate) tiles: &'a [Tile],
 }
@@ -42,13 +42,13 @@ impl Terms<'_> {
         around: &dyn Fn(f64) -> Around,
         density: &Density,
     ) -> Option<[f64; 2]> {
-        let Self { setup, grid, tiles } = self;
-        let carrier = setup.sweep.centre();
-        let frequencies = setup.sweep.frequencies();
+        let Self { instrument, grid, tiles } = self;
+        let carrier = instrument.sweep.centre();
+        let frequencies = instrument.sweep.frequencies();
         let frequencies = [frequencies[0], frequencies[frequencies.len() - 1]];
         let (mut worst, mut moduli) = (0.0f64, 1.0f64);
         for tile in some(tiles, density.tiles) {
-            let frame = Frame::new(&setup.geometry, tile.centre);
+            let frame = Frame::new(&instrument.geometry, tile.centre);
             let [along, across] = density.places;
             for mut p in
                 sampled_places(grid, std::array::from_fn(|of| if of == axis { along } else { across }))
@@ -72,8 +72,8 @@ impl Terms<'_> {
                 for r in tile.corners().into_iter().step_by(density.corners) {
                     for f in frequencies {
                         let term = |(q, range): &(DVec3, f64)| {
-                            let turns = f * setup.geometry.path_length(*q, r) - carrier * range;
-                            Complex64::cis(-TAU / setup.sound_speed * turns)
+                            let turns = f * instrument.geometry.path_length(*q, r) - carrier * range;
+                            Complex64::cis(-TAU / instrument.sound_speed * turns)
                         };
                         let sum: Complex64 = weights.iter().zip(&nodes).map(|(w, node)| term(node) * w).sum();
                         worst = greater(worst, (sum - term(&(p, range))).norm());
@@ -97,17 +97,17 @@ pub(crate) struct Seen {
 }
 
 impl Seen {
-    pub(crate) fn of(setup: &Instrument, grid: &Grid, tiles: &[Tile]) -> Self {
+    pub(crate) fn of(instrument: &Instrument, grid: &Grid, tiles: &[Tile]) -> Self {
         let frames: Vec<Frame> =
-            some(tiles, 3).map(|tile| Frame::new(&setup.geometry, tile.centre)).collect();
-        let (low, high) = setup.array.bounds();
+            some(tiles, 3).map(|tile| Frame::new(&instrument.geometry, tile.centre)).collect();
+        let (low, high) = instrument.array.bounds();
         let (first, last) = grid.bounds();
-        let [shortest, _] = setup.geometry.path_bounds((first, last), (low, high));
+        let [shortest, _] = instrument.geometry.path_bounds((first, last), (low, high));
         Self {
             tiles: tiles.len(),
             radius: tiles.iter().map(|tile| tile.radius).fold(0.0, f64::max),
             shortest,
-            typical: setup.geometry.path_length(first.midpoint(last), low.midpoint(high)),
+            typical: instrument.geometry.path_length(first.midpoint(last), low.midpoint(high)),
             frames,
         }
     }

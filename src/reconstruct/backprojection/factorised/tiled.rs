@@ -53,14 +53,14 @@ impl<'a> Tiled<'a> {
     /// Places all nodes; `None` if one that is needed would stand where no point has its range.
     pub(crate) fn new(
         lattice: &'a Lattice,
-        setup: &Instrument,
+        instrument: &Instrument,
         grid: &'a Grid,
         band: Band,
     ) -> Result<Option<Self>> {
-        let tiles = halved(setup.array.positions(), lattice.times);
+        let tiles = halved(instrument.array.positions(), lattice.times);
         let interpolation = Interpolation::new(lattice, grid, band.carrier / band.sound_speed);
         let needs = |tile: &Tile| {
-            let frame = Frame::new(&setup.geometry, tile.centre);
+            let frame = Frame::new(&instrument.geometry, tile.centre);
             let needed = interpolation.needed(&frame);
             let held = needed.iter().cloned().fold(0..0, hull);
             TileNodes { frame, held, needed, values: [Vec::new(), Vec::new()] }
@@ -80,7 +80,7 @@ impl<'a> Tiled<'a> {
             let start = all.start + shell * thickness;
             let shell = start..(start + thickness).min(all.end);
             let each = tiles.iter().zip(&nodes).enumerate().map(|(index, (tile, nodes))| {
-                Patch::of(lattice, &setup.geometry, shell.clone(), (index, tile, nodes))
+                Patch::of(lattice, &instrument.geometry, shell.clone(), (index, tile, nodes))
             });
             let each: Option<Vec<Vec<Patch>>> = each.collect();
             each.map(|patches| (shell, patches.concat()))
@@ -94,14 +94,14 @@ impl<'a> Tiled<'a> {
     }
 
     /// Path lengths at which profiles of some nodes along ρ are expanded.
-    fn interval(&self, setup: &Instrument, range: &Range<usize>) -> PathInterval {
+    fn interval(&self, instrument: &Instrument, range: &Range<usize>) -> PathInterval {
         let radius = self.tiles.iter().map(|tile| tile.radius).fold(0.0, greater);
-        let margin = setup.geometry.return_legs() * radius + self.greatest;
+        let margin = instrument.geometry.return_legs() * radius + self.greatest;
         let at = |node: usize| self.lattice.pitch * node as f64;
         PathInterval {
             shortest: at(range.start) - margin,
             longest: at(range.end - 1) + margin,
-            sound_speed: setup.sound_speed,
+            sound_speed: instrument.sound_speed,
         }
     }
 
@@ -116,10 +116,10 @@ impl<'a> Tiled<'a> {
         let whole = self.shells[0].0.start..self.shells[self.shells.len() - 1].0.end;
         let whole = self.interval(&source.instrument(), &whole);
         let compressed = VolumeTones::compress(source, weights, whole, budget.tones, observer)?;
-        let setup = source.instrument();
+        let instrument = source.instrument();
         let interval = |shells: Range<usize>| {
             let (first, last) = (&self.shells[shells.start].0, &self.shells[shells.end - 1].0);
-            self.interval(setup, &(first.start..last.end))
+            self.interval(instrument, &(first.start..last.end))
         };
         let together = self.shells.len().div_ceil(MOST_SLABS);
         let slabs = compressed.slabs(slabs_of(self.shells.len(), together), interval, share, budget.tones);
@@ -127,7 +127,7 @@ impl<'a> Tiled<'a> {
         let groups: Vec<Vec<Group>> = self
             .tiles
             .iter()
-            .map(|tile| Group::of(setup.array.positions(), tile.microphones.clone()))
+            .map(|tile| Group::of(instrument.array.positions(), tile.microphones.clone()))
             .collect();
         let count = (DEPTHS.min(grid.z.count) as u64).saturating_mul(grid.plane_len() as u64);
         let mut rows = try_zeroed(count).ok_or_else(|| no_room_for(grid))?;
@@ -148,7 +148,7 @@ impl<'a> Tiled<'a> {
                 }
                 done = shells.end;
                 if last.end > needed.start {
-                    self.sum(&setup, slab, &compressed, &groups, batch, observer)?;
+                    self.sum(&instrument, slab, &compressed, &groups, batch, observer)?;
                 } else {
                     // A run that resumes after its first depths needs nothing nearer.
                     let patches = self.shells[shells].iter().map(|(_, patches)| patches.len());
@@ -180,16 +180,16 @@ impl<'a> Tiled<'a> {
     /// Sums the nodes of some shells over the microphones of each tile.
     fn sum(
         &mut self,
-        setup: &Instrument,
+        instrument: &Instrument,
         slab: &SlabTones,
         compressed: &VolumeTones,
         groups: &[Vec<Group>],
         batch: Batch,
         observer: &dyn Observer,
     ) -> Result<()> {
-        let width = setup.array.len();
+        let width = instrument.array.len();
         let tones = slab.of(compressed, width)?;
-        let heard = SlabProfiles::new(setup, self.band, self.greatest, &tones);
+        let heard = SlabProfiles::new(instrument, self.band, self.greatest, &tones);
         let split: Vec<Vec<_>> = groups
             .iter()
             .map(|groups| groups.iter().map(|g| (g, g.tones(&tones, width))).collect())
@@ -203,7 +203,7 @@ impl<'a> Tiled<'a> {
                 let Some(placed) = patch.placed(self.lattice, &self.nodes[patch.tile]) else {
                     unreachable!("the same nodes were placed before")
                 };
-                let points = placed.points(&setup.geometry);
+                let points = placed.points(&instrument.geometry);
                 let image = heard.image(placed.centre, &points, &split[patch.tile], |_| patch.half);
                 advance(observer, 1).map(|()| image)
             };
