@@ -12,7 +12,6 @@ mod job;
 use glam::DVec3;
 use holosonar::acquisition::{DataCube, MicArray, SimulateOptions, Sweep, simulate};
 use holosonar::grid::{Axis, Grid, Volume};
-use holosonar::progress::Silent;
 use holosonar::reconstruct::{Method, ReconstructOptions, Window, direct_terms, reconstruct};
 use holosonar::reflectors::Reflectors;
 use job::{displaced, job, noise};
@@ -28,7 +27,7 @@ fn timed(cube: &DataCube, grid: &Grid, method: Method, tolerance: f64) -> (Volum
     let mut options = ReconstructOptions::new(method, Window::None);
     options.tolerance = tolerance;
     let begun = Instant::now();
-    let volume = reconstruct(cube, grid, &options, &Silent).expect("fits").volume;
+    let volume = reconstruct(cube, grid, &options).expect("fits").volume;
     (volume, begun.elapsed().as_secs_f64())
 }
 
@@ -45,7 +44,7 @@ fn echoes(cube: &DataCube, grid: &Grid) -> DataCube {
         DVec3::new(at(&grid.x, t(0.618_034)), at(&grid.y, t(0.754_878)), at(&grid.z, t(0.569_84)))
     };
     let reflectors = Reflectors::new((0..12).map(place).collect(), vec![Complex32::ONE; 12]).expect("finite");
-    simulate(&reflectors, &cube.instrument, &SimulateOptions::default(), &Silent).expect("small")
+    simulate(&reflectors, &cube.instrument, &SimulateOptions::default()).expect("small")
 }
 
 /// Every so many voxels along each axis, and which.

@@ -4,7 +4,6 @@
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use glam::DVec3;
-use holosonar::progress::Silent;
 use holosonar::reflectors::{SurfaceOptions, sample_surface};
 use holosonar::scene::{LoadOptions, Material, Scene, Triangle, Unit, Up};
 use rayon::prelude::*;
@@ -123,7 +122,7 @@ fn a_million_triangles(c: &mut Criterion) {
         options.unit = (kind != "glb").then_some(Unit::Metre);
         let path = folder.path().join("sheet").with_extension(kind);
         group.bench_function(BenchmarkId::new("load", kind), |b| {
-            b.iter(|| Scene::load(&path, &options, &Silent).expect("a scene").triangles().len());
+            b.iter(|| Scene::load(&path, &options).expect("a scene").triangles().len());
         });
     }
     let soup = triangles(&sheet);
@@ -137,7 +136,7 @@ fn a_million_triangles(c: &mut Criterion) {
     let scene = scene(soup, 0.0);
     // A dense random cover has 0.62 points to a square of the spacing.
     let options = SurfaceOptions::new((0.62 * scene.surface_area() / 1e5).sqrt(), 0.023);
-    let sampled = || sample_surface(&scene, &options, &Silent).expect("reflectors");
+    let sampled = || sample_surface(&scene, &options).expect("reflectors");
     let reflectors = sampled();
     group.throughput(Throughput::Elements(reflectors.len() as u64));
     group.bench_function(BenchmarkId::new("shadow rays", reflectors.len()), |b| {

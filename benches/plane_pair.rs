@@ -11,7 +11,7 @@ mod job;
 use holosonar::acquisition::DataCube;
 use holosonar::grid::Grid;
 use holosonar::progress::{Event, Observer};
-use holosonar::reconstruct::{Method, ReconstructOptions, Window, reconstruct};
+use holosonar::reconstruct::{Method, ReconstructOptions, Window, reconstruct_with};
 use job::job;
 use std::process::Command;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -59,7 +59,7 @@ fn timed((cube, grid): &(DataCube, Grid), tolerance: f64, threads: usize, times:
     options.tolerance = tolerance;
     let once = || {
         let (pairs, start) = (Pairs::default(), Instant::now());
-        pool.install(|| reconstruct(cube, grid, &options, &pairs)).expect("a lattice that fits");
+        pool.install(|| reconstruct_with(cube, grid, &options, &pairs)).expect("a lattice that fits");
         (start.elapsed().as_secs_f64(), pairs.0.into_inner())
     };
     (0..times).map(|_| once()).min_by(|a, b| a.0.total_cmp(&b.0)).expect("at least once")

@@ -6,7 +6,6 @@ mod job;
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use holosonar::grid::{Axis, Grid};
-use holosonar::progress::Silent;
 use holosonar::reconstruct::{Method, ReconstructOptions, Window, direct_terms, reconstruct};
 use job::{displaced, job};
 
@@ -29,7 +28,7 @@ fn reconstruction(c: &mut Criterion) {
         group.bench_with_input(BenchmarkId::new(name, size), &method, |b, &method| {
             let mut options = ReconstructOptions::new(method, Window::None);
             options.tolerance = tolerance;
-            b.iter(|| reconstruct(&cube, &grid, &options, &Silent).expect("small"));
+            b.iter(|| reconstruct(&cube, &grid, &options).expect("small"));
         });
     }
     let (cube, grid) = job(64, 64, 1001, 128);
@@ -37,7 +36,7 @@ fn reconstruction(c: &mut Criterion) {
     group.throughput(Throughput::Elements(direct_terms(&cube.instrument, &grid)));
     group.bench_function("spreading 1e-4/64x64 mics x 1001 f x 64x64x128 voxels", |b| {
         let options = ReconstructOptions::new(Method::Convolution, Window::None);
-        b.iter(|| reconstruct(&cube, &grid, &options, &Silent).expect("small"));
+        b.iter(|| reconstruct(&cube, &grid, &options).expect("small"));
     });
     // S: 64 x 64 microphones, 1001 frequencies, 128 x 128 x 128 voxels; of the literal sum only a part.
     let lateral = Axis { first: -0.508, pitch: 0.008, count: 128 };
@@ -57,7 +56,7 @@ fn reconstruction(c: &mut Criterion) {
         group.throughput(Throughput::Elements(direct_terms(&cube.instrument, &grid)));
         group.bench_function(name, |b| {
             let options = ReconstructOptions::new(method, Window::None);
-            b.iter(|| reconstruct(&cube, &grid, &options, &Silent).expect("fits"));
+            b.iter(|| reconstruct(&cube, &grid, &options).expect("fits"));
         });
     }
     group.finish();

@@ -8,7 +8,6 @@
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use glam::DVec3;
 use holosonar::acquisition::{Instrument, MicArray, SimulateOptions, Sweep, simulate};
-use holosonar::progress::Silent;
 use holosonar::reflectors::Reflectors;
 use num_complex::Complex32;
 use std::f32::consts::TAU;
@@ -47,7 +46,7 @@ fn simulation(c: &mut Criterion) {
         let terms = few.len() * array.len() * sweep.len();
         group.throughput(Throughput::Elements(terms as u64));
         group.bench_function(format!("{name}/2000 reflectors x 256 mics x 1001 f"), |b| {
-            b.iter(|| simulate(&few, &instrument, &options, &Silent).expect("small"));
+            b.iter(|| simulate(&few, &instrument, &options).expect("small"));
         });
     }
 
@@ -68,13 +67,13 @@ fn simulation(c: &mut Criterion) {
     ] {
         group.throughput(Throughput::Elements((many.len() * instrument.array.len() * even.len()) as u64));
         group.bench_function(name, |b| {
-            b.iter(|| simulate(&many, instrument, &options, &Silent).expect("small"));
+            b.iter(|| simulate(&many, instrument, &options).expect("small"));
         });
     }
     group.finish();
 
-    let exact = simulate(&many, &part, &literally(), &Silent).expect("small");
-    let fast = simulate(&many, &whole, &SimulateOptions::default(), &Silent).expect("small");
+    let exact = simulate(&many, &part, &literally()).expect("small");
+    let fast = simulate(&many, &whole, &SimulateOptions::default()).expect("small");
     let (mut error, mut peak) = (0.0f32, 0.0f32);
     for f in 0..even.len() {
         for (m, &mic) in exact.frequency(f).iter().zip(&chosen) {

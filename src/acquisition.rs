@@ -8,7 +8,6 @@
 //! ```
 //! use glam::DVec3;
 //! use holosonar::acquisition::{Instrument, MicArray, SimulateOptions, Sweep, simulate};
-//! use holosonar::progress::Silent;
 //! use holosonar::reflectors::Reflectors;
 //! use num_complex::{Complex32, Complex64};
 //! use std::f64::consts::TAU;
@@ -17,7 +16,7 @@
 //! let sweep = Sweep::stepped(10e3, 12e3, 500.0)?;
 //! let instrument = Instrument::new(sweep, MicArray::from_positions(vec![DVec3::ZERO])?);
 //! let reflector = Reflectors::new(vec![p], vec![Complex32::ONE])?;
-//! let cube = simulate(&reflector, &instrument, &SimulateOptions::default(), &Silent)?;
+//! let cube = simulate(&reflector, &instrument, &SimulateOptions::default())?;
 //! let path = 2.0 * p.length();
 //! for (f, m) in instrument.sweep.frequencies().iter().zip(&cube.samples) {
 //!     let exact = Complex64::cis(TAU * f * path / instrument.sound_speed);
@@ -41,6 +40,7 @@ pub use cube_file::CubeFile;
 pub use instrument::Instrument;
 pub use simulate::{
     ArrayErrors, Losses, Noise, PropagationModel, SIMULATION_TOLERANCE, SimulateOptions, simulate,
+    simulate_with,
 };
 pub(crate) use simulate::{simulate_resumable, simulation_bytes};
 pub use source::{CubeSource, Visit};

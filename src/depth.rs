@@ -7,9 +7,8 @@
 //! # Example
 //! A column that peaks between two voxels; the power centroid finds the place:
 //! ```
-//! use holosonar::depth::{DepthOptions, locate_depth};
+//! use holosonar::depth::{DepthOptions, locate_depth, locate_depth_with};
 //! use holosonar::grid::{Axis, Grid, Volume};
-//! use holosonar::progress::Silent;
 //! use num_complex::Complex32;
 //!
 //! let one = Axis { first: 0.0, pitch: 0.01, count: 1 };
@@ -18,7 +17,7 @@
 //! let volume = Volume::new(grid, grid.z.positions().map(echo).collect());
 //! let mut options = DepthOptions::new(0.017);
 //! options.median = 1; // a lone pixel has no neighbours to agree with
-//! let map = locate_depth(&volume, &options, &Silent)?;
+//! let map = locate_depth(&volume, &options)?;
 //! assert!((map.picked.depth[0] - 1.204).abs() < 5e-4);
 //! # Ok::<(), holosonar::error::Error>(())
 //! ```
@@ -30,7 +29,7 @@ use crate::alloc::try_with_capacity;
 use crate::choice::choice;
 use crate::error::{Error, Result};
 use crate::grid::{DepthMap, Grid, Raster, Surface, Volume, no_room_for, pixel_values};
-use crate::progress::{Observer, stage};
+use crate::progress::{Observer, Silent, stage};
 use columns::Columns;
 use rayon::prelude::*;
 
@@ -136,9 +135,20 @@ struct Found {
 /// - Cost: a few passes over the volume; one more volume of f32 for the returns.
 ///
 /// # Errors
-/// A range resolution that is not positive, an even median; [`Error::OutOfMemory`] when the passes do not fit in memory;
-/// [`Error::Interrupted`].
-pub fn locate_depth(volume: &Volume, options: &DepthOptions, observer: &dyn Observer) -> Result<DepthMap> {
+/// A range resolution that is not positive, an even median; [`Error::OutOfMemory`] when the passes do not fit in memory.
+pub fn locate_depth(volume: &Volume, options: &DepthOptions) -> Result<DepthMap> {
+    locate_depth_with(volume, options, &Silent)
+}
+
+/// [`locate_depth`], reporting its progress to `observer`, which may stop it.
+///
+/// # Errors
+/// As [`locate_depth`]; [`Error::Interrupted`](crate::error::Error::Interrupted) when the observer asks to stop.
+pub fn locate_depth_with(
+    volume: &Volume,
+    options: &DepthOptions,
+    observer: &dyn Observer,
+) -> Result<DepthMap> {
     if !(options.range_resolution > 0.0 && options.range_resolution.is_finite()) {
         return Err(Error::input(
             "sweep",
@@ -290,7 +300,6 @@ fn median_filter(depth: Vec<f64>, n_x: usize, side: usize) -> Result<Vec<f64>> {
 mod tests {
     use super::*;
     use crate::grid::Axis;
-    use crate::progress::Silent;
     use num_complex::Complex32;
 
     /// A volume of 5 × 4 columns, each with Gaussian echoes (depth m, amplitude) of width 12 mm.
@@ -316,7 +325,7 @@ mod tests {
         for (refine, tolerance) in [(Refine::Centroid, 1e-4), (Refine::Parabola, 5e-4), (Refine::None, 4e-3)]
         {
             let options = DepthOptions { refine, ..DepthOptions::new(0.017) };
-            let map = locate_depth(&v, &options, &Silent).expect("valid");
+            let map = locate_depth(&v, &options).expect("valid");
             assert_eq!(map.accepted(), 20);
             for z in &map.picked.depth {
                 assert!((f64::from(*z) - 1.2031).abs() <= tolerance, "{refine:?}: {z}");
@@ -327,15 +336,15 @@ mod tests {
     #[test]
     fn weak_columns_are_left_out_and_lone_pixels_filtered() {
         let v = volume(|pixel| if pixel % 5 < 3 { vec![(1.2, 1.0)] } else { vec![(1.2, 0.1)] });
-        let map = locate_depth(&v, &DepthOptions::new(0.017), &Silent).expect("valid");
+        let map = locate_depth(&v, &DepthOptions::new(0.017)).expect("valid");
         for pixel in 0..20 {
             assert_eq!(map.picked.depth[pixel].is_nan(), pixel % 5 >= 3, "{pixel}");
             assert_eq!(map.confidence[pixel].is_nan(), pixel % 5 >= 3);
         }
         let lone = volume(|pixel| if pixel == 7 { vec![(1.2, 1.0)] } else { vec![] });
-        assert_eq!(locate_depth(&lone, &DepthOptions::new(0.017), &Silent).expect("valid").accepted(), 0);
+        assert_eq!(locate_depth(&lone, &DepthOptions::new(0.017)).expect("valid").accepted(), 0);
         let options = DepthOptions { median: 1, ..DepthOptions::new(0.017) };
-        assert_eq!(locate_depth(&lone, &options, &Silent).expect("valid").accepted(), 1);
+        assert_eq!(locate_depth(&lone, &options).expect("valid").accepted(), 1);
     }
 
     #[test]
@@ -343,14 +352,14 @@ mod tests {
         let v = volume(|_| vec![(1.1, 0.5), (1.35, 1.0)]);
         let depth = |pick| {
             let options = DepthOptions { pick, ..DepthOptions::new(0.017) };
-            locate_depth(&v, &options, &Silent).expect("valid").picked.depth[6]
+            locate_depth(&v, &options).expect("valid").picked.depth[6]
         };
         assert!((depth(Pick::Strongest) - 1.35).abs() < 1e-3 && (depth(Pick::First) - 1.1).abs() < 1e-3);
     }
 
     #[test]
     fn an_empty_volume_gives_an_empty_map() {
-        let map = locate_depth(&volume(|_| vec![]), &DepthOptions::new(0.017), &Silent).expect("valid");
+        let map = locate_depth(&volume(|_| vec![]), &DepthOptions::new(0.017)).expect("valid");
         assert_eq!((map.accepted(), map.len()), (0, 20));
     }
 

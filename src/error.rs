@@ -10,7 +10,7 @@
 //! use holosonar::scene::{LoadOptions, Scene};
 //! use std::path::Path;
 //!
-//! let error = Scene::load(Path::new("gone.obj"), &LoadOptions::default(), &holosonar::progress::Silent).unwrap_err();
+//! let error = Scene::load(Path::new("gone.obj"), &LoadOptions::default()).unwrap_err();
 //! assert_eq!(error.kind(), ErrorKind::NotFound);
 //! assert_eq!(error.place(), Some("gone.obj"));
 //! assert!(std::error::Error::source(&error).is_some_and(|cause| cause.is::<std::io::Error>()));

@@ -16,7 +16,6 @@
 //! use glam::DVec3;
 //! use holosonar::acquisition::{Instrument, MicArray, SimulateOptions, Sweep, simulate};
 //! use holosonar::grid::{Axis, Grid};
-//! use holosonar::progress::Silent;
 //! use holosonar::reconstruct::{ReconstructOptions, reconstruct};
 //! use holosonar::reflectors::Reflectors;
 //! use num_complex::Complex32;
@@ -26,11 +25,11 @@
 //! let sweep = Sweep::stepped(10e3, 14e3, 100.0)?;
 //! let array = MicArray::rectangular([11, 11], [0.03, 0.03], DVec3::ZERO)?;
 //! let instrument = Instrument::new(sweep, array);
-//! let cube = simulate(&reflector, &instrument, &SimulateOptions::default(), &Silent)?;
+//! let cube = simulate(&reflector, &instrument, &SimulateOptions::default())?;
 //!
 //! let lateral = Axis { first: -0.15, pitch: 0.03, count: 11 };
 //! let grid = Grid { x: lateral, y: lateral, z: Axis { first: 0.7, pitch: 0.02, count: 11 } };
-//! let volume = reconstruct(&cube, &grid, &ReconstructOptions::default(), &Silent)?.volume;
+//! let volume = reconstruct(&cube, &grid, &ReconstructOptions::default())?.volume;
 //! assert!((volume.plane(5)[3 * 11 + 6].norm() - 1.0).abs() < 0.01);
 //! # Ok::<(), holosonar::error::Error>(())
 //! ```

@@ -39,7 +39,7 @@ pub use report::{Report, SceneSummary};
 use crate::acquisition::{CubeFile, CubeSource, DataCube, Detection, Instrument, Sweep};
 use crate::checkpoint::{Checkpoint, CheckpointStore, CheckpointedVolume, GracefulStop, Stage};
 use crate::config::RunFile;
-use crate::depth::locate_depth;
+use crate::depth::locate_depth_with;
 use crate::error::{Error, Result};
 use crate::export::volume_npz::read_volume_npz;
 use crate::files::extension;
@@ -52,7 +52,7 @@ use crate::reconstruct::{
 };
 use crate::reflectors::Reflectors;
 use crate::scene::Scene;
-use crate::truth::trace_depth;
+use crate::truth::trace_depth_with;
 use echoes::{Echoes, Measurement};
 use log::Log;
 use memory::MemoryBudget;
@@ -124,7 +124,7 @@ pub fn image_scene(
         Some(scene) => {
             let mut options = run.truth_options(echoes.instrument());
             options.raster = raster;
-            Some(log.timed("truth", || trace_depth(scene, &echoes.grid, &options, &log))?)
+            Some(log.timed("truth", || trace_depth_with(scene, &echoes.grid, &options, &log))?)
         }
         None => None,
     };
@@ -265,7 +265,7 @@ pub fn depth_of_volume(
     })?;
     let mut options = run.depth_options(resolution);
     options.raster = run.raster(None)?;
-    Ok((locate_depth(&volume, &options, observer)?, meta))
+    Ok((locate_depth_with(&volume, &options, observer)?, meta))
 }
 
 /// Run file in, ground truth and its facts out; nothing is simulated.
@@ -286,7 +286,7 @@ pub fn truth_of_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Res
     let grid = run.voxels(&instrument, scene.bounds())?;
     let mut options = run.truth_options(&instrument);
     options.raster = run.raster(scene.camera())?;
-    let truth = trace_depth(&scene, &grid, &options, observer)?;
+    let truth = trace_depth_with(&scene, &grid, &options, observer)?;
     Ok((facts::instrument_facts(&instrument, run), truth))
 }
 
@@ -356,7 +356,7 @@ fn focus(
     ));
     let mut search = budget.run.depth_options(resolution);
     search.raster = raster;
-    let depth = log.timed("depth", || locate_depth(&image.volume, &search, log))?;
+    let depth = log.timed("depth", || locate_depth_with(&image.volume, &search, log))?;
     log.note(&format!("a return at {} of {} pixels", depth.accepted(), depth.len()));
     if depth.accepted() == 0 {
         log.warn(
@@ -376,7 +376,7 @@ fn warn_all(warnings: &[String], observer: &dyn Observer) {
 /// Reads a scene as one reported stage: a million triangles take seconds.
 fn load_scene(path: &Path, run: &RunFile, bare: bool, observer: &dyn Observer) -> Result<Scene> {
     let options = run.load_options(bare)?;
-    let scene = stage(observer, "reading the scene", 0, || Scene::load(path, &options, observer))?;
+    let scene = stage(observer, "reading the scene", 0, || Scene::load_with(path, &options, observer))?;
     observer.note(&format!("{} triangles, {:.3} m²", scene.triangles().len(), scene.surface_area()));
     Ok(scene)
 }

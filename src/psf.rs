@@ -6,11 +6,11 @@
 
 mod look;
 
-use crate::acquisition::{Instrument, SimulateOptions, simulate};
+use crate::acquisition::{Instrument, SimulateOptions, simulate_with};
 use crate::error::{Error, Result};
 use crate::grid::{Axis, Grid};
 use crate::plan::beam::Beam;
-use crate::progress::Observer;
+use crate::progress::{Observer, Silent};
 use crate::reconstruct::ReconstructOptions;
 use crate::reflectors::Reflectors;
 use glam::DVec3;
@@ -109,6 +109,19 @@ pub fn point_spread(
     options: &ReconstructOptions,
     scene: &Grid,
     p: DVec3,
+) -> Result<PointSpread> {
+    point_spread_with(instrument, options, scene, p, &Silent)
+}
+
+/// [`point_spread`], reporting its progress to `observer`, which may stop it.
+///
+/// # Errors
+/// As [`point_spread`]; [`Error::Interrupted`](crate::error::Error::Interrupted) when the observer asks to stop.
+pub fn point_spread_with(
+    instrument: &Instrument,
+    options: &ReconstructOptions,
+    scene: &Grid,
+    p: DVec3,
     observer: &dyn Observer,
 ) -> Result<PointSpread> {
     let (low, high) = instrument.array.bounds();
@@ -119,7 +132,7 @@ pub fn point_spread(
         ));
     }
     let reflector = Reflectors::new(vec![p], vec![Complex32::ONE])?;
-    let cube = simulate(&reflector, instrument, &SimulateOptions::default(), observer)?;
+    let cube = simulate_with(&reflector, instrument, &SimulateOptions::default(), observer)?;
     let widths = [3.0, 6.0].map(|below| instrument.predicted_widths(p, options.window, below));
     // Where an axis tells nothing apart, anything will do that is not far beside the rest.
     let otherwise = widths[0]

@@ -30,7 +30,7 @@ pub use window::Window;
 use crate::acquisition::{CubeSource, DataCube};
 use crate::error::{Error, Result};
 use crate::grid::{Grid, Volume, no_room_for};
-use crate::progress::Observer;
+use crate::progress::{Observer, Silent};
 use error_budget::ErrorBudget;
 use job::Job;
 use plan::{Choice, Options};
@@ -64,21 +64,16 @@ impl Reconstruction {
 ///
 /// # Errors
 /// Those of [`reconstruct_into`]; [`Error::OutOfMemory`] when the volume does not fit in memory.
-pub fn reconstruct(
-    cube: &DataCube,
-    grid: &Grid,
-    options: &ReconstructOptions,
-    observer: &dyn Observer,
-) -> Result<Reconstruction> {
-    reconstruct_whole(&mut &*cube, grid, options, observer)
+pub fn reconstruct(cube: &DataCube, grid: &Grid, options: &ReconstructOptions) -> Result<Reconstruction> {
+    reconstruct_with(cube, grid, options, &Silent)
 }
 
-/// The same from any source of frequencies.
+/// [`reconstruct`], reporting its progress to `observer`, which may stop it.
 ///
 /// # Errors
-/// As [`reconstruct`].
-pub fn reconstruct_whole(
-    source: &mut dyn CubeSource,
+/// As [`reconstruct`]; [`Error::Interrupted`](crate::error::Error::Interrupted) when the observer asks to stop.
+pub fn reconstruct_with(
+    cube: &DataCube,
     grid: &Grid,
     options: &ReconstructOptions,
     observer: &dyn Observer,
@@ -86,7 +81,7 @@ pub fn reconstruct_whole(
     // Filled as depths come, so that nothing is reserved for a job that is refused.
     let mut volume = Volume { grid: *grid, samples: Vec::new() };
     let ReconstructionInfo { method, error_bound } =
-        reconstruct_into(source, grid, options, &mut volume, observer)?;
+        reconstruct_into(&mut &*cube, grid, options, &mut volume, observer)?;
     Ok(Reconstruction { volume, method, error_bound })
 }
 

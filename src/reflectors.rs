@@ -8,8 +8,7 @@
 //! A plate of 0.1 m² facing the array, sampled every 2 cm; the energy does not depend on the spacing:
 //! ```
 //! use glam::DVec3;
-//! use holosonar::progress::Silent;
-//! use holosonar::reflectors::{SurfaceOptions, sample_surface};
+//! use holosonar::reflectors::{SurfaceOptions, sample_surface, sample_surface_with};
 //! use holosonar::scene::{Material, Scene, Triangle};
 //!
 //! let corner = |x, y| DVec3::new(x, y, 1.0);
@@ -19,7 +18,7 @@
 //! let wall = Material { name: "wall".into(), reflectance: 1.0, transmittance: 0.0, source: "here".into() };
 //! let scene = Scene::new(plate, vec![wall])?;
 //! let energy = |spacing| -> holosonar::error::Result<f32> {
-//!     let cloud = sample_surface(&scene, &SurfaceOptions::new(spacing, 0.0229), &Silent)?;
+//!     let cloud = sample_surface(&scene, &SurfaceOptions::new(spacing, 0.0229))?;
 //!     Ok(cloud.amplitudes().iter().map(|a| a.norm_sqr()).sum())
 //! };
 //! let (coarse, fine) = (energy(0.02)?, energy(0.01)?);
@@ -36,7 +35,7 @@ mod tests;
 use crate::alloc::{try_filled, try_with_capacity};
 use crate::choice::choice;
 use crate::error::{Error, Result};
-use crate::progress::{Observer, advance, stage};
+use crate::progress::{Observer, Silent, advance, stage};
 use crate::scene::Scene;
 use glam::DVec3;
 use num_complex::Complex32;
@@ -206,8 +205,16 @@ pub(crate) fn sampling_bytes(triangles: u64, area: f64, options: &SurfaceOptions
 ///
 /// # Errors
 /// A spacing that is not positive or would need more than 5·10⁷ reflectors; [`Error::OutOfMemory`] when they do not fit in
-/// memory; [`Error::Interrupted`].
-pub fn sample_surface(
+/// memory.
+pub fn sample_surface(scene: &Scene, options: &SurfaceOptions) -> Result<Reflectors> {
+    sample_surface_with(scene, options, &Silent)
+}
+
+/// [`sample_surface`], reporting its progress to `observer`, which may stop it.
+///
+/// # Errors
+/// As [`sample_surface`]; [`Error::Interrupted`](crate::error::Error::Interrupted) when the observer asks to stop.
+pub fn sample_surface_with(
     scene: &Scene,
     options: &SurfaceOptions,
     observer: &dyn Observer,

@@ -8,14 +8,13 @@
 //! An angle bracket in millimetres with z up, placed 0.9 m in front of the array; its rib hides what is behind it:
 //! ```
 //! use glam::DVec3;
-//! use holosonar::progress::Silent;
 //! use holosonar::scene::{LoadOptions, Scene, Unit, Up};
 //! use std::path::Path;
 //!
 //! let mut options = LoadOptions::default();
 //! (options.unit, options.up) = (Some(Unit::Millimetre), Some(Up::Z));
 //! options.fit = Some(DVec3::new(0.0, 0.0, 0.9));
-//! let scene = Scene::load(Path::new("scenes/meshes/bracket.obj"), &options, &Silent)?;
+//! let scene = Scene::load(Path::new("scenes/meshes/bracket.obj"), &options)?;
 //! let (low, high) = scene.bounds().expect("a mesh with triangles");
 //! assert!((0.5 * (low + high) - DVec3::new(0.0, 0.0, 0.9)).length() < 1e-9);
 //! assert_eq!(scene.transmittance(DVec3::ZERO, low), 1.0);
@@ -56,7 +55,7 @@ pub use triangle::Triangle;
 
 use crate::error::{Error, Result};
 use crate::files::extension;
-use crate::progress::Observer;
+use crate::progress::{Observer, Silent};
 use material::Palette;
 use occlusion::SurfaceTree;
 pub use surfaces::BYTES_PER_TRIANGLE;
@@ -110,8 +109,15 @@ impl Scene {
     /// [`Error::InvalidInput`] when the file is missing, malformed, of an unsupported format, without triangles or without
     /// a unit, when it takes more memory than [`LoadOptions::memory`], or when the options contradict one another or the
     /// file; the message names the place.
-    /// [`Error::Interrupted`] when the observer asks to stop.
-    pub fn load(path: &Path, options: &LoadOptions, observer: &dyn Observer) -> Result<Self> {
+    pub fn load(path: &Path, options: &LoadOptions) -> Result<Self> {
+        Self::load_with(path, options, &Silent)
+    }
+
+    /// [`Scene::load`], reporting its progress to `observer`, which may stop it.
+    ///
+    /// # Errors
+    /// As [`Scene::load`]; [`Error::Interrupted`](crate::error::Error::Interrupted) when the observer asks to stop.
+    pub fn load_with(path: &Path, options: &LoadOptions, observer: &dyn Observer) -> Result<Self> {
         options.check()?;
         let kind = extension(path);
         if !EXTENSIONS.contains(&kind.as_str()) {

@@ -5,9 +5,8 @@
 //! ```
 //! use glam::DVec3;
 //! use holosonar::grid::{Axis, Grid};
-//! use holosonar::progress::Silent;
 //! use holosonar::scene::{Material, Scene, Triangle};
-//! use holosonar::truth::{TruthOptions, trace_depth};
+//! use holosonar::truth::{TruthOptions, trace_depth, trace_depth_with};
 //!
 //! let vertices = [[-1.0, -1.0, 1.0], [1.0, -1.0, 1.0], [0.0, 1.0, 1.0]].map(DVec3::from);
 //! let wall = Material { name: "wall".into(), reflectance: 1.0, transmittance: 0.0, source: "here".into() };
@@ -17,7 +16,7 @@
 //!     y: Axis { first: 0.0, pitch: 0.1, count: 1 },
 //!     z: Axis { first: 0.8, pitch: 0.01, count: 41 },
 //! };
-//! let truth = trace_depth(&scene, &grid, &TruthOptions::heard_from(DVec3::ZERO), &Silent)?;
+//! let truth = trace_depth(&scene, &grid, &TruthOptions::heard_from(DVec3::ZERO))?;
 //! assert_eq!(truth.picked.depth[0], 1.0);
 //! assert!(truth.picked.depth[1].is_nan());
 //! # Ok::<(), holosonar::error::Error>(())
@@ -25,7 +24,7 @@
 
 use crate::error::Result;
 use crate::grid::{DepthMap, Grid, Raster, Surface, pixel_values};
-use crate::progress::{Observer, advance, stage};
+use crate::progress::{Observer, Silent, advance, stage};
 use crate::scene::Scene;
 use glam::DVec3;
 use rayon::prelude::*;
@@ -69,9 +68,16 @@ struct Hit {
 /// Cost: one ray per pixel and one per surface found.
 ///
 /// # Errors
-/// [`Error::OutOfMemory`](crate::error::Error::OutOfMemory) when the map does not fit in memory,
-/// [`Error::Interrupted`](crate::error::Error::Interrupted).
-pub fn trace_depth(
+/// [`Error::OutOfMemory`](crate::error::Error::OutOfMemory) when the map does not fit in memory.
+pub fn trace_depth(scene: &Scene, grid: &Grid, options: &TruthOptions) -> Result<DepthMap> {
+    trace_depth_with(scene, grid, options, &Silent)
+}
+
+/// [`trace_depth`], reporting its progress to `observer`, which may stop it.
+///
+/// # Errors
+/// As [`trace_depth`]; [`Error::Interrupted`](crate::error::Error::Interrupted) when the observer asks to stop.
+pub fn trace_depth_with(
     scene: &Scene,
     grid: &Grid,
     options: &TruthOptions,
@@ -151,7 +157,6 @@ fn hits(scene: &Scene, raster: &Raster, pixel: usize, far: f64, options: &TruthO
 mod tests {
     use super::*;
     use crate::grid::Axis;
-    use crate::progress::Silent;
     use crate::scene::{Material, Triangle};
 
     /// A plate at z = 1 over x < 0 (transmittance given) before a backdrop at z = 2.
@@ -184,7 +189,7 @@ mod tests {
     #[test]
     fn a_clear_plate_shows_two_surfaces_and_an_opaque_one_hides() {
         let options = TruthOptions::heard_from(DVec3::ZERO);
-        let map = trace_depth(&scene(0.6), &grid([0.5, 2.5]), &options, &Silent).expect("valid");
+        let map = trace_depth(&scene(0.6), &grid([0.5, 2.5]), &options).expect("valid");
         assert_eq!(map.returns.len(), 2);
         for pixel in 0..map.len() {
             let left = pixel % 10 < 5;
@@ -198,7 +203,7 @@ mod tests {
         let ids = |k: usize| map.returns[k].material.as_ref().expect("known")[..10].to_vec();
         assert_eq!(ids(0), [1, 1, 1, 1, 1, 2, 2, 2, 2, 2]);
         assert_eq!(ids(1), [2, 2, 2, 2, 2, 0, 0, 0, 0, 0]);
-        let map = trace_depth(&scene(0.0), &grid([0.5, 2.5]), &options, &Silent).expect("valid");
+        let map = trace_depth(&scene(0.0), &grid([0.5, 2.5]), &options).expect("valid");
         assert_eq!(map.returns.len(), 1);
     }
 
@@ -208,7 +213,7 @@ mod tests {
         let options = TruthOptions { raster: Some(raster), ..TruthOptions::heard_from(DVec3::ZERO) };
         let wide = Axis { first: -3.0, pitch: 0.1, count: 61 };
         let grid = Grid { x: wide, y: wide, ..grid([0.5, 2.5]) };
-        let map = trace_depth(&scene(0.0), &grid, &options, &Silent).expect("valid");
+        let map = trace_depth(&scene(0.0), &grid, &options).expect("valid");
         for pixel in 0..map.len() {
             // The plate spans x -1 .. 0 and y -1 .. 1 at z = 1, the backdrop x -3 .. 3 but y -1 .. 1 only at z = 2.
             let (sx, sy) = (raster.ray(pixel).x, raster.ray(pixel).y);
@@ -235,7 +240,7 @@ mod tests {
         // is at the origin; from a speaker to the left, part of the right side is in shadow.
         let seen = |x: f64| {
             let options = TruthOptions::heard_from(DVec3::new(x, 0.0, 0.0));
-            let map = trace_depth(&scene(0.0), &grid([0.5, 2.5]), &options, &Silent).expect("valid");
+            let map = trace_depth(&scene(0.0), &grid([0.5, 2.5]), &options).expect("valid");
             (0..10).filter(|ix| !map.picked.depth[40 + ix].is_nan()).count()
         };
         assert_eq!((seen(0.0), seen(-0.3)), (10, 7));
@@ -244,7 +249,7 @@ mod tests {
     #[test]
     fn depths_outside_the_grid_are_left_out_but_still_hide() {
         let options = TruthOptions { speaker: None, lambert: false, raster: None };
-        let map = trace_depth(&scene(0.0), &grid([1.5, 2.5]), &options, &Silent).expect("valid");
+        let map = trace_depth(&scene(0.0), &grid([1.5, 2.5]), &options).expect("valid");
         for pixel in 0..map.len() {
             assert_eq!(map.picked.depth[pixel].is_nan(), pixel % 10 < 5);
         }

@@ -35,7 +35,7 @@ use super::{DataCube, Detection, Instrument, Tile, tiles};
 use crate::blocks::{BlockStore, NoStore};
 use crate::choice::choice;
 use crate::error::{Error, Result};
-use crate::progress::{Observer, stage};
+use crate::progress::{Observer, Silent, stage};
 use crate::reflectors::Reflectors;
 use crate::wave::Geometry;
 use columns::Columns;
@@ -161,9 +161,21 @@ impl PropagationModel {
 /// - The bytes do not depend on the number of threads.
 ///
 /// # Errors
-/// [`Error::OutOfMemory`] when the cube does not fit in memory, [`Error::Interrupted`]; [`Error::InvalidInput`] for a tolerance that
-/// is no number from 0 up, or a speed of sound that is not positive.
+/// [`Error::OutOfMemory`] when the cube does not fit in memory; [`Error::InvalidInput`] for a tolerance that is no number
+/// from 0 up, or a speed of sound that is not positive.
 pub fn simulate(
+    reflectors: &Reflectors,
+    instrument: &Instrument,
+    options: &SimulateOptions,
+) -> Result<DataCube> {
+    simulate_with(reflectors, instrument, options, &Silent)
+}
+
+/// [`simulate`], reporting its progress to `observer`, which may stop it.
+///
+/// # Errors
+/// As [`simulate`]; [`Error::Interrupted`](crate::error::Error::Interrupted) when the observer asks to stop.
+pub fn simulate_with(
     reflectors: &Reflectors,
     instrument: &Instrument,
     options: &SimulateOptions,

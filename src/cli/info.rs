@@ -133,7 +133,7 @@ fn exr(file: &Path, limit: u64) -> Result<Value> {
 
 fn mesh(file: &Path, overrides: &Overrides, observer: &dyn Observer) -> Result<Value> {
     let (run, _) = run_of(file, overrides)?;
-    let scene = Scene::load(file, &run.load_options(false)?, observer)?;
+    let scene = Scene::load_with(file, &run.load_options(false)?, observer)?;
     let bounds = scene.bounds();
     let size = bounds.map(|(low, high)| (high - low).to_array());
     let materials: Vec<Value> = scene

@@ -165,7 +165,7 @@ fn row(case: Case) -> Result<Row> {
 /// Eq. 13 on the paper's pixels, scaled to a peak of 1, and how it was summed.
 fn nonlinear(cube: &crate::acquisition::DataCube) -> Result<(Vec<f32>, Method)> {
     let options = ReconstructOptions::new(Method::Auto, Window::None);
-    let image = reconstruct(cube, &scene::grid(), &options, &crate::progress::Silent)?;
+    let image = reconstruct(cube, &scene::grid(), &options)?;
     let peak = image.volume.peak();
     Ok((image.volume.samples.iter().map(|a| a.norm() / peak).collect(), image.method))
 }

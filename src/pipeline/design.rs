@@ -9,7 +9,7 @@ use crate::grid::{Axis, Grid};
 use crate::plan::check_simulation;
 use crate::plan::design::Verdict;
 use crate::progress::{Observer, advance, stage};
-use crate::psf::{PointSpread, point_spread};
+use crate::psf::{PointSpread, point_spread_with};
 use glam::DVec3;
 use serde::Serialize;
 
@@ -249,7 +249,7 @@ pub fn point_spreads(
     let chosen = depths.map(|z| DVec3::new(middle(&grid.x), middle(&grid.y), z));
     let points = if points.is_empty() { &chosen[..] } else { points };
     let options = run.reconstruct_options();
-    let spreads = points.iter().map(|p| point_spread(instrument, &options, &grid, *p, observer));
+    let spreads = points.iter().map(|p| point_spread_with(instrument, &options, &grid, *p, observer));
     Ok((grid, spreads.collect::<Result<_>>()?))
 }
 

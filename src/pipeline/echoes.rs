@@ -12,7 +12,7 @@ use crate::error::{Result, gib};
 use crate::grid::Grid;
 use crate::plan::{JobArrays, Plan, check_simulation, outside_warning, plan, scale_warnings};
 use crate::progress::Observer;
-use crate::reflectors::{Reflectors, sample_surface};
+use crate::reflectors::{Reflectors, sample_surface_with};
 use crate::scene::Scene;
 use glam::DVec3;
 use serde_json::json;
@@ -124,7 +124,7 @@ impl Echoes {
         })?;
         let plan = plan(instrument, &grid);
         let options = size.surface_options(run, instrument, &grid);
-        let reflectors = sample_surface(&scene, &options, observer)?;
+        let reflectors = sample_surface_with(&scene, &options, observer)?;
         observer.note(&format!("{} reflectors, {:.1} mm apart", reflectors.len(), 1e3 * options.spacing));
         let arrays = measurement.arrays(run, &grid, &size);
         let (scene, spacing) = (Some(scene), Some(options.spacing));

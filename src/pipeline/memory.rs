@@ -109,7 +109,7 @@ impl SceneSize {
         if is_csv(path) {
             return Ok(Self::of_list(&Reflectors::read_csv(path)?));
         }
-        Ok(Self::of_mesh(&Scene::load(path, &run.load_options(bare)?, observer)?))
+        Ok(Self::of_mesh(&Scene::load_with(path, &run.load_options(bare)?, observer)?))
     }
 
     /// Some reflector within these bounds.

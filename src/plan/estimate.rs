@@ -285,7 +285,6 @@ mod tests {
     use crate::acquisition::{DataCube, Detection};
     use crate::grid::Axis;
     use crate::named::assert_names;
-    use crate::progress::Silent;
     use crate::reconstruct::reconstruct;
     use crate::wave::phasor;
 
@@ -306,7 +305,7 @@ mod tests {
                 estimate_job(instrument, &grid, options, &arrays, 4).expect("an estimate")
             };
             let usual = estimated(&options).memory.total();
-            let volume = reconstruct(&cube, &grid, &options, &Silent).expect("fits").volume;
+            let volume = reconstruct(&cube, &grid, &options).expect("fits").volume;
             options.memory = Some(0);
             let least = estimated(&options).memory.total();
             assert!(least < usual);
@@ -317,7 +316,7 @@ mod tests {
             assert!(checked(least).is_ok());
             let refused = checked(least - 1).expect_err("too much").to_string();
             assert_names(refused, &["memory", ".npz", "volume", "61 x 61 x 40", "961 microphones"]);
-            assert_eq!(reconstruct(&cube, &grid, &options, &Silent).expect("fits").volume, volume);
+            assert_eq!(reconstruct(&cube, &grid, &options).expect("fits").volume, volume);
         }
     }
 

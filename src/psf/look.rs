@@ -5,7 +5,6 @@ use crate::acquisition::{DataCube, Instrument};
 use crate::error::Result;
 use crate::grid::{Axis, Grid, Volume};
 use crate::plan::beam::Beam;
-use crate::progress::Silent;
 use crate::reconstruct::{Method, ReconstructOptions, estimate, reconstruct};
 use glam::{DVec2, DVec3};
 
@@ -58,7 +57,7 @@ impl Look<'_> {
             let least = exact.min_by(|a, b| a.operations.total_cmp(&b.operations));
             options.method = least.map_or(Method::Auto, |e| e.method);
         }
-        Ok(reconstruct(&self.cube, grid, &options, &Silent)?.volume)
+        Ok(reconstruct(&self.cube, grid, &options)?.volume)
     }
 
     /// Amplitude in dB against that at the point.

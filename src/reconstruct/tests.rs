@@ -55,7 +55,7 @@ fn resumed_depths_are_bit_identical_by_every_method() {
             compensate: true,
             ..ReconstructOptions::new(method, Window::Hann)
         };
-        let whole = reconstruct(&cube, &grid, &options, &Silent).unwrap();
+        let whole = reconstruct(&cube, &grid, &options).unwrap();
         assert!(whole.volume.peak() > 0.5, "{method:?} shows the point");
         for done in [0, 1, 31, 32, 50, 69, 70] {
             let mut rest = Resumed { volume: Volume { grid, samples: Vec::new() }, done };

@@ -1,7 +1,6 @@
 //! Shading, occlusion, roughness and seeds of sampled surfaces.
 
 use super::*;
-use crate::progress::Silent;
 use crate::scene::{Material, Triangle};
 
 /// A square of the given half side at depth z, facing the array, as two triangles.
@@ -37,7 +36,7 @@ fn mean_power(reflectors: &Reflectors, keep: impl Fn(DVec3) -> bool) -> f64 {
 fn what_lies_behind_a_plate_is_weakened_there_and_back() {
     let mut options = SurfaceOptions::new(0.02, 0.02);
     options.lambert = false;
-    let reflectors = sample_surface(&scene(), &options, &Silent).expect("valid");
+    let reflectors = sample_surface(&scene(), &options).expect("valid");
     // The plate's shadow on the backdrop is 1.5 times the plate.
     let shadowed = |p: DVec3| p.z > 1.2 && p.x.abs() < 0.28 && p.y.abs() < 0.28;
     let open = |p: DVec3| p.z > 1.2 && (p.x.abs() > 0.32 || p.y.abs() > 0.32);
@@ -51,7 +50,7 @@ fn power_does_not_depend_on_the_sampling_density() {
     let total = |spacing: f64| {
         let mut options = SurfaceOptions::new(spacing, 0.02);
         options.occlusion = Occlusion::None;
-        let reflectors = sample_surface(&scene(), &options, &Silent).expect("valid");
+        let reflectors = sample_surface(&scene(), &options).expect("valid");
         mean_power(&reflectors, |_| true) * reflectors.len() as f64
     };
     assert!((total(0.03) / total(0.012) - 1.0).abs() < 0.02);
@@ -62,9 +61,9 @@ fn lambert_follows_the_cosine_at_the_speaker() {
     let mut options = SurfaceOptions::new(0.05, 0.02);
     options.occlusion = Occlusion::None;
     options.surface = SurfaceModel::Smooth;
-    let shaded = sample_surface(&scene(), &options, &Silent).expect("valid");
+    let shaded = sample_surface(&scene(), &options).expect("valid");
     options.lambert = false;
-    let flat = sample_surface(&scene(), &options, &Silent).expect("valid");
+    let flat = sample_surface(&scene(), &options).expect("valid");
     assert_eq!(shaded.positions(), flat.positions());
     for ((p, a), b) in shaded.positions().iter().zip(shaded.amplitudes()).zip(flat.amplitudes()) {
         assert!((f64::from(a.norm() / b.norm()) - p.z / p.length()).abs() < 1e-6);
@@ -75,14 +74,14 @@ fn lambert_follows_the_cosine_at_the_speaker() {
 fn the_aperture_sees_past_an_edge_that_hides_from_the_speaker_less_than_the_speaker_does() {
     let mut options = SurfaceOptions::new(0.03, 0.02);
     options.occlusion = Occlusion::Aperture(vec![DVec3::ZERO; 9]);
-    let nine = sample_surface(&scene(), &options, &Silent).expect("valid");
+    let nine = sample_surface(&scene(), &options).expect("valid");
     options.occlusion = Occlusion::Speaker;
-    let speaker = sample_surface(&scene(), &options, &Silent).expect("valid");
+    let speaker = sample_surface(&scene(), &options).expect("valid");
     for (a, b) in nine.amplitudes().iter().zip(speaker.amplitudes()) {
         assert!((a - b).norm() <= 1e-6 * b.norm(), "an aperture at the speaker is the speaker");
     }
     options.occlusion = Occlusion::Aperture(vec![DVec3::new(5.0, 0.0, 0.0)]);
-    let aside = sample_surface(&scene(), &options, &Silent).expect("valid");
+    let aside = sample_surface(&scene(), &options).expect("valid");
     assert_ne!(aside.amplitudes(), speaker.amplitudes());
 }
 
@@ -91,7 +90,7 @@ fn roughness_displaces_along_the_normal_by_its_rms() {
     let mut options = SurfaceOptions::new(0.01, 0.02);
     options.surface = SurfaceModel::Rough(0.002);
     options.occlusion = Occlusion::None;
-    let reflectors = sample_surface(&scene(), &options, &Silent).expect("valid");
+    let reflectors = sample_surface(&scene(), &options).expect("valid");
     let squares: f64 = reflectors
         .positions()
         .iter()
@@ -109,7 +108,7 @@ fn same_seed_same_bytes_for_any_number_of_threads() {
         let mut options = SurfaceOptions::new(0.02, 0.02);
         options.seed = seed;
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
-        pool.install(|| sample_surface(&scene(), &options, &Silent).expect("valid"))
+        pool.install(|| sample_surface(&scene(), &options).expect("valid"))
     };
     assert_eq!(run(1, 3), run(5, 3));
     assert_ne!(run(1, 3), run(1, 4));
@@ -118,7 +117,7 @@ fn same_seed_same_bytes_for_any_number_of_threads() {
 #[test]
 fn an_absurd_spacing_is_refused() {
     for spacing in [0.0, -1.0, f64::NAN, 1e-7] {
-        assert!(sample_surface(&scene(), &SurfaceOptions::new(spacing, 0.02), &Silent).is_err(), "{spacing}");
+        assert!(sample_surface(&scene(), &SurfaceOptions::new(spacing, 0.02)).is_err(), "{spacing}");
     }
 }
 
@@ -142,7 +141,7 @@ impl Observer for Impatient {
 fn sampling_stops_when_asked() {
     let (scene, options, observer) = (scene(), SurfaceOptions::new(0.005, 0.02), Impatient::default());
     let whole = poisson::work(scene.surface_area(), options.spacing);
-    assert_eq!(sample_surface(&scene, &options, &observer), Err(Error::Interrupted));
+    assert_eq!(sample_surface_with(&scene, &options, &observer), Err(Error::Interrupted));
     let done = observer.0.into_inner();
     assert!(done < whole / 4, "{done} of {whole} candidates");
 }

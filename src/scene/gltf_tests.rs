@@ -52,7 +52,7 @@ fn load_bytes(name: &str, bytes: &[u8], options: &LoadOptions) -> (Result<Scene>
     fs::write(folder.path().join("b c.bin"), buffer()).unwrap();
     fs::write(folder.path().join(name), bytes).unwrap();
     let listener = Listener::default();
-    (Scene::load(&folder.path().join(name), options, &listener), listener.heard())
+    (Scene::load_with(&folder.path().join(name), options, &listener), listener.heard())
 }
 
 pub(super) fn load_with(document: &Value, options: &LoadOptions) -> (Result<Scene>, String) {

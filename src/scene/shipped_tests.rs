@@ -16,7 +16,7 @@ fn mesh(name: &str) -> PathBuf {
 /// Loads without a warning.
 fn load(name: &str, options: &LoadOptions) -> Scene {
     let listener = Listener::default();
-    let scene = Scene::load(&mesh(name), options, &listener).unwrap();
+    let scene = Scene::load_with(&mesh(name), options, &listener).unwrap();
     assert_eq!(listener.heard(), "");
     scene
 }
@@ -118,7 +118,7 @@ fn the_letter_reads_from_the_array_and_is_mirrored_from_behind() {
         assert!(crossings.iter().all(|c| (c.distance - depth).abs() < 1e-6));
         !crossings.is_empty()
     };
-    let scene = Scene::load(&path, &LoadOptions::default(), &Listener::default()).unwrap();
+    let scene = Scene::load_with(&path, &LoadOptions::default(), &Listener::default()).unwrap();
     // y points down: the long arm is at the top (y < 0), the stem at the left, nothing at the lower right.
     assert!(hit(&scene, 0.25, -0.4, 2.0) && hit(&scene, -0.2, 0.4, 2.0) && hit(&scene, 0.15, 0.0, 2.0));
     assert!(!hit(&scene, 0.25, 0.0, 2.0) && !hit(&scene, 0.2, 0.4, 2.0));
@@ -126,7 +126,7 @@ fn the_letter_reads_from_the_array_and_is_mirrored_from_behind() {
     for sensor in ["camera:Behind", "camera:Camera.001", "node:Behind"] {
         let sensor: Sensor = sensor.parse().unwrap();
         let options = LoadOptions { sensor: Some(sensor), ..LoadOptions::default() };
-        let scene = Scene::load(&path, &options, &Listener::default()).unwrap();
+        let scene = Scene::load_with(&path, &options, &Listener::default()).unwrap();
         assert!(hit(&scene, -0.25, -0.4, 3.0) && hit(&scene, 0.2, 0.4, 3.0) && !hit(&scene, -0.2, 0.4, 3.0));
         let camera = scene.camera().unwrap();
         assert!((camera.vertical_field_of_view - 28.6479).abs() < 1e-3);

@@ -5,8 +5,8 @@ use crate::support::{Random, lattice_grid, random_cube, relative_difference};
 use glam::DVec3;
 use holosonar::acquisition::{DataCube, Detection, Instrument, MicArray, SimulateOptions, Sweep, simulate};
 use holosonar::grid::{Axis, Grid};
-use holosonar::progress::{Observer, Silent};
-use holosonar::reconstruct::{Method, ReconstructOptions, Window, reconstruct};
+use holosonar::progress::Observer;
+use holosonar::reconstruct::{Method, ReconstructOptions, Window, reconstruct, reconstruct_with};
 use holosonar::reflectors::Reflectors;
 use holosonar::wave::Geometry;
 use num_complex::{Complex32, Complex64};
@@ -65,7 +65,7 @@ fn direct_is_the_literal_sum() {
     for seed in 0..12 {
         let (cube, grid, window) = random_case(seed);
         let options = ReconstructOptions::new(Method::Direct, window);
-        let got = reconstruct(&cube, &grid, &options, &Silent).unwrap().volume;
+        let got = reconstruct(&cube, &grid, &options).unwrap().volume;
         let voxels: Vec<usize> = (0..got.samples.len()).step_by(7).collect();
         let expected = literal(&cube, &grid, window, &voxels);
         let got_there: Vec<Complex32> = voxels.iter().map(|v| got.samples[*v]).collect();
@@ -80,12 +80,12 @@ fn direct_is_the_literal_sum() {
 fn convolve(cube: &DataCube, grid: &Grid, window: Window, tolerance: f64) -> (Vec<Complex32>, f64) {
     let mut options = ReconstructOptions::new(Method::Convolution, window);
     options.tolerance = tolerance;
-    let image = reconstruct(cube, grid, &options, &Silent).unwrap();
+    let image = reconstruct(cube, grid, &options).unwrap();
     (image.volume.samples, image.error_bound)
 }
 
 fn direct(cube: &DataCube, grid: &Grid, window: Window) -> Vec<Complex32> {
-    reconstruct(cube, grid, &ReconstructOptions::new(Method::Direct, window), &Silent).unwrap().volume.samples
+    reconstruct(cube, grid, &ReconstructOptions::new(Method::Direct, window)).unwrap().volume.samples
 }
 
 #[test]
@@ -224,7 +224,7 @@ fn forward_and_inverse_are_adjoint() {
             .collect();
         let a: Vec<Complex32> = positions.iter().map(|_| random.complex()).collect();
         let reflectors = Reflectors::new(positions, a.clone()).unwrap();
-        let ka = simulate(&reflectors, &cube.instrument, &SimulateOptions::default(), &Silent).unwrap();
+        let ka = simulate(&reflectors, &cube.instrument, &SimulateOptions::default()).unwrap();
         let dot = |x: &[Complex32], y: &[Complex32]| -> f64 {
             x.iter()
                 .zip(y)
@@ -234,7 +234,7 @@ fn forward_and_inverse_are_adjoint() {
         let norm = |x: &[Complex32]| dot(x, x).sqrt();
         for method in [Method::Direct, Method::Convolution, Method::Backprojection] {
             let options = ReconstructOptions::new(method, Window::None);
-            let volume = reconstruct(&cube, &grid, &options, &Silent).unwrap().volume;
+            let volume = reconstruct(&cube, &grid, &options).unwrap().volume;
             let scale = (cube.instrument.sweep.len() * cube.instrument.array.len()) as f64
                 / cube.instrument.detection.weight();
             let (left, right) = (dot(&ka.samples, &cube.samples), dot(&a, &volume.samples) * scale);
@@ -251,7 +251,7 @@ fn threads_do_not_change_the_bytes_of_a_volume() {
         let run = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             let options = ReconstructOptions::new(method, window);
-            pool.install(|| reconstruct(&cube, &grid, &options, &Silent).unwrap().volume.samples)
+            pool.install(|| reconstruct(&cube, &grid, &options).unwrap().volume.samples)
         };
         assert_eq!(run(1), run(5));
     }
@@ -282,17 +282,17 @@ fn what_has_no_lattice_is_projected_back() {
     (grid.x.pitch, grid.y.pitch) = (0.01, 0.01);
     (grid.x.count, grid.y.count) = (12, 12);
     let warned = Warned::default();
-    let image = reconstruct(&bent, &grid, &ReconstructOptions::default(), &warned).unwrap();
+    let image = reconstruct_with(&bent, &grid, &ReconstructOptions::default(), &warned).unwrap();
     assert_eq!(image.method, Method::Backprojection);
     assert!(warned.0.lock().unwrap().is_empty(), "nothing slow about it");
     let by_name = ReconstructOptions::new(Method::Convolution, Window::None);
-    let error = reconstruct(&bent, &grid, &by_name, &Silent).unwrap_err().to_string();
+    let error = reconstruct(&bent, &grid, &by_name).unwrap_err().to_string();
     assert_names(error, &["plane", "\"backprojection\""]);
     // A single tone is sooner summed than turned into profiles.
     let tone = Sweep::from_frequencies(vec![9_000.0]).unwrap();
     let samples = bent.samples[..bent.instrument.array.len()].to_vec();
     let one = DataCube::new(bent.instrument.clone().with_sweep(tone), samples).unwrap();
-    let image = reconstruct(&one, &grid, &ReconstructOptions::default(), &warned).unwrap();
+    let image = reconstruct_with(&one, &grid, &ReconstructOptions::default(), &warned).unwrap();
     assert_eq!(image.method, Method::Direct);
     assert!(warned.0.lock().unwrap().is_empty(), "nothing slow about it");
 }
@@ -304,18 +304,18 @@ fn without_a_tolerance_what_has_no_lattice_goes_to_direct_with_a_warning_or_is_r
     let mut exact = ReconstructOptions::default();
     exact.tolerance = 0.0;
     let warned = Warned::default();
-    assert_eq!(reconstruct(&bent, &grid, &exact, &warned).unwrap().method, Method::Direct);
+    assert_eq!(reconstruct_with(&bent, &grid, &exact, &warned).unwrap().method, Method::Direct);
     assert_names(&warned.0.lock().unwrap()[0], &["plane"]);
     let mut profiles = ReconstructOptions::new(Method::Backprojection, Window::None);
     profiles.tolerance = 0.0;
-    let error = reconstruct(&cube, &grid, &profiles, &Silent).unwrap_err().to_string();
+    let error = reconstruct(&cube, &grid, &profiles).unwrap_err().to_string();
     assert_names(error, &["tolerance", "0", "method = \"direct\""]);
     // Nothing may be spread either.
     grid.x.pitch *= 1.01;
-    assert_eq!(reconstruct(&cube, &grid, &exact, &warned).unwrap().method, Method::Direct);
+    assert_eq!(reconstruct_with(&cube, &grid, &exact, &warned).unwrap().method, Method::Direct);
     assert_names(&warned.0.lock().unwrap()[1], &["pitch", "x"]);
     (grid.x.count, grid.y.count, grid.z.count) = (1 << 13, 1 << 13, 1 << 10);
-    let error = reconstruct(&bent, &grid, &exact, &Silent).unwrap_err().to_string();
+    let error = reconstruct(&bent, &grid, &exact).unwrap_err().to_string();
     assert_names(error, &["method = \"direct\""]);
 }
 
@@ -329,14 +329,14 @@ fn microphones_far_apart_are_not_spread() {
     let array = MicArray::from_positions(positions).unwrap();
     let sweep = Sweep::stepped(10_000.0, 10_100.0, 0.1).unwrap();
     let cube = random_cube(&mut Random::new(1), sweep, array, Geometry::ORIGIN, Detection::Quadrature);
-    let image = reconstruct(&cube, &grid, &ReconstructOptions::default(), &Silent).unwrap();
+    let image = reconstruct(&cube, &grid, &ReconstructOptions::default()).unwrap();
     assert_ne!(image.method, Method::Convolution);
     let by_name = ReconstructOptions::new(Method::Backprojection, Window::Taylor);
-    let image = reconstruct(&cube, &grid, &by_name, &Silent).unwrap();
+    let image = reconstruct(&cube, &grid, &by_name).unwrap();
     let error = relative_difference(&image.volume.samples, &direct(&cube, &grid, Window::Taylor));
     let peak = f64::from(image.volume.peak());
     assert!(error <= image.error_bound / peak + 1e-5, "{error:e}");
     let by_name = ReconstructOptions::new(Method::Convolution, Window::None);
-    let error = reconstruct(&cube, &grid, &by_name, &Silent).unwrap_err().to_string();
+    let error = reconstruct(&cube, &grid, &by_name).unwrap_err().to_string();
     assert_names(error, &["lattice"]);
 }

@@ -39,10 +39,9 @@ fn scattered_arrays_image_a_point_as_the_direct_sum_does() {
     let grid = grid(0.12, 25, [0.95, 1.08], 14);
     for array in scattered() {
         let instrument = Instrument::new(sweep.clone(), array);
-        let cube = simulate(&reflector, &instrument, &SimulateOptions::default(), &Silent).unwrap();
-        let of = |method| {
-            reconstruct(&cube, &grid, &ReconstructOptions::new(method, Window::Taylor), &Silent).unwrap()
-        };
+        let cube = simulate(&reflector, &instrument, &SimulateOptions::default()).unwrap();
+        let of =
+            |method| reconstruct(&cube, &grid, &ReconstructOptions::new(method, Window::Taylor)).unwrap();
         let direct = of(Method::Direct).volume;
         for method in [Method::Convolution, Method::Backprojection] {
             let fast = of(method);
@@ -69,7 +68,7 @@ fn scattered_arrays_image_the_corner_as_the_direct_sum_does() {
         let of = |method, tolerance| {
             let mut options = ReconstructOptions::new(method, Window::Taylor);
             options.tolerance = tolerance;
-            reconstruct(&cube, &some, &options, &Silent).unwrap()
+            reconstruct(&cube, &some, &options).unwrap()
         };
         let direct = of(Method::Direct, 1e-4).volume;
         let fast = of(Method::Convolution, 1e-5);
@@ -106,7 +105,7 @@ fn spread(
     let sweep = Sweep::stepped(start, stop, 50.0).unwrap();
     let instrument = Instrument::new(sweep, array.clone()).with_geometry(geometry);
     let scene = grid(0.5, 41, [1.0, 2.0], 60);
-    point_spread(&instrument, &ReconstructOptions::new(Method::Auto, window), &scene, p, &Silent).unwrap()
+    point_spread(&instrument, &ReconstructOptions::new(Method::Auto, window), &scene, p).unwrap()
 }
 
 fn square(count: usize, extent: f64) -> MicArray {
@@ -270,9 +269,9 @@ fn an_instrument_without_a_speed_of_sound_or_a_speaker_gives_no_path_a_phase() {
     let nowhere = Geometry::FixedSource { source: DVec3::NAN };
     let speeds = [0.0, -343.0, f64::NAN, f64::INFINITY].map(|c| instrument.clone().with_sound_speed(c));
     for bad in speeds.into_iter().chain([instrument.clone().with_geometry(nowhere)]) {
-        let simulated = simulate(&one, &bad, &SimulateOptions::default(), &Silent).map(drop);
+        let simulated = simulate(&one, &bad, &SimulateOptions::default()).map(drop);
         let cube = DataCube::new(bad, vec![Complex32::ONE; 30]).unwrap();
-        let imaged = reconstruct(&cube, &grid, &ReconstructOptions::default(), &Silent).map(drop);
+        let imaged = reconstruct(&cube, &grid, &ReconstructOptions::default()).map(drop);
         for result in [simulated, imaged] {
             let error = result.unwrap_err();
             assert!(error.exit_status() == 2 && error.to_string().starts_with("instrument: "), "{error}");

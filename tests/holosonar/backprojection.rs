@@ -4,7 +4,6 @@ use crate::support::{Random, random_cube, relative_difference};
 use glam::DVec3;
 use holosonar::acquisition::{DataCube, Detection, Instrument, MicArray, SimulateOptions, Sweep, simulate};
 use holosonar::grid::{Axis, Grid};
-use holosonar::progress::Silent;
 use holosonar::reconstruct::{Method, ReconstructOptions, Window, reconstruct};
 use holosonar::reflectors::Reflectors;
 use holosonar::wave::Geometry;
@@ -69,7 +68,7 @@ fn random_case(seed: u64) -> (DataCube, Grid, Window) {
 }
 
 fn direct(cube: &DataCube, grid: &Grid, window: Window) -> Vec<Complex32> {
-    reconstruct(cube, grid, &ReconstructOptions::new(Method::Direct, window), &Silent).unwrap().volume.samples
+    reconstruct(cube, grid, &ReconstructOptions::new(Method::Direct, window)).unwrap().volume.samples
 }
 
 /// The greatest difference is within the bound that came with the volume, f32 rounding aside, and the bound is within
@@ -83,7 +82,7 @@ fn backprojection_keeps_its_bound_on_any_array_and_grid() {
         for tolerance in [1e-2, 1e-4, 1e-6] {
             let mut options = ReconstructOptions::new(Method::Backprojection, window);
             options.tolerance = tolerance;
-            let image = reconstruct(&cube, &grid, &options, &Silent).unwrap();
+            let image = reconstruct(&cube, &grid, &options).unwrap();
             assert_eq!(image.method, Method::Backprojection);
             let error = relative_difference(&image.volume.samples, &exact) * peak;
             let bound = image.error_bound;
@@ -127,7 +126,7 @@ fn voxels_between_nodes_keep_the_bound() {
         for tolerance in [1e-2, 1e-4, 1e-6] {
             let mut options = ReconstructOptions::new(Method::Backprojection, Window::None);
             options.tolerance = tolerance;
-            let image = reconstruct(&cube, &grid, &options, &Silent).unwrap();
+            let image = reconstruct(&cube, &grid, &options).unwrap();
             let error = relative_difference(&image.volume.samples, &exact) * peak;
             let bound = image.error_bound;
             assert!(error <= bound + 1e-5 * peak, "seed {seed} {tolerance}: {error:e} above {bound:e}");
@@ -152,7 +151,7 @@ fn threads_do_not_change_the_bytes_of_a_larger_image() {
     let run = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let options = ReconstructOptions::new(Method::Backprojection, Window::None);
-        pool.install(|| reconstruct(&cube, &grid, &options, &Silent).unwrap())
+        pool.install(|| reconstruct(&cube, &grid, &options).unwrap())
     };
     let (one, five) = (run(1), run(5));
     assert_eq!(one, five);
@@ -178,12 +177,11 @@ fn a_large_job_errs_by_less_than_a_ten_thousandth_of_its_peak() {
     let sweep = Sweep::stepped(10_000.0, 20_000.0, 10.0).unwrap();
     let points: Vec<DVec3> = (0..12).map(|_| place(0.45, 0.45, [1.1, 1.9])).collect();
     let reflectors = Reflectors::new(points, vec![Complex32::ONE; 12]).unwrap();
-    let cube =
-        simulate(&reflectors, &Instrument::new(sweep, array), &SimulateOptions::default(), &Silent).unwrap();
+    let cube = simulate(&reflectors, &Instrument::new(sweep, array), &SimulateOptions::default()).unwrap();
     let axis = |first: f64| Axis { first, pitch: 0.008, count: 128 };
     let grid = Grid { x: axis(-0.508), y: axis(-0.508), z: axis(1.0) };
     let options = ReconstructOptions::new(Method::Backprojection, Window::None);
-    let volume = reconstruct(&cube, &grid, &options, &Silent).unwrap().volume;
+    let volume = reconstruct(&cube, &grid, &options).unwrap().volume;
     let mut worst = 0.0f32;
     for _ in 0..128 {
         let at = [random.whole(0, 127), random.whole(0, 127), random.whole(0, 127)];

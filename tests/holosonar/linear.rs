@@ -6,7 +6,6 @@ use holosonar::acquisition::{
     DataCube, Detection, Instrument, MicArray, PropagationModel, SimulateOptions, Sweep, simulate,
 };
 use holosonar::grid::{Axis, Grid};
-use holosonar::progress::Silent;
 use holosonar::reconstruct::{Method, ReconstructOptions, Window, estimate, reconstruct};
 use holosonar::reflectors::Reflectors;
 use holosonar::wave::Geometry;
@@ -41,7 +40,7 @@ fn literal(cube: &DataCube, grid: &Grid, window: Window) -> Vec<Complex32> {
 fn linear(cube: &DataCube, grid: &Grid, window: Window, tolerance: f64) -> Vec<Complex32> {
     let mut options = ReconstructOptions::new(Method::Linear, window);
     options.tolerance = tolerance;
-    let image = reconstruct(cube, grid, &options, &Silent).unwrap();
+    let image = reconstruct(cube, grid, &options).unwrap();
     assert_eq!(image.method, Method::Linear);
     let exact = literal(cube, grid, window);
     let worst = image.volume.samples.iter().zip(&exact).map(|(a, b)| (a - b).norm()).fold(0.0, f32::max);
@@ -119,7 +118,7 @@ fn it_is_the_adjoint_of_a_linear_simulation() {
     let a: Vec<Complex32> = (0..count).map(|_| random.complex()).collect();
     let reflectors = Reflectors::new(positions.collect(), a.clone()).unwrap();
     let options = SimulateOptions::default().with_model(PropagationModel::Linear).with_tolerance(0.0);
-    let simulated = simulate(&reflectors, &m.instrument, &options, &Silent).unwrap();
+    let simulated = simulate(&reflectors, &m.instrument, &options).unwrap();
     let image = linear(&m, &grid, Window::None, 0.0);
     let product = |a: &[Complex32], b: &[Complex32]| -> f64 {
         a.iter().zip(b).map(|(a, b)| f64::from((a.conj() * b).re)).sum()
@@ -139,9 +138,9 @@ fn linear_data_come_back_sharp_and_true_data_near_by_do_not() {
     let grid = Grid { x: axis(0.0, 0.02, 21), y: axis(-0.3, 0.02, 21), z: axis(0.9, 0.01, 21) };
     let peak = |model: PropagationModel, p: DVec3| {
         let options = SimulateOptions::default().with_model(model);
-        let cube = simulate(&point, &instrument, &options, &Silent).unwrap();
+        let cube = simulate(&point, &instrument, &options).unwrap();
         let options = ReconstructOptions::new(Method::Linear, Window::None);
-        let volume = reconstruct(&cube, &grid, &options, &Silent).unwrap().volume;
+        let volume = reconstruct(&cube, &grid, &options).unwrap().volume;
         let [ix, iy, iz] =
             [(&grid.x, p.x), (&grid.y, p.y), (&grid.z, p.z)].map(|(a, at)| a.index_of(at).unwrap());
         (volume.plane(iz)[iy * 21 + ix].norm(), volume.peak())
@@ -157,11 +156,11 @@ fn a_far_echo_is_the_same_by_the_far_field_and_by_the_true_path() {
     let p = DVec3::new(3.0, -2.0, 60.0);
     let point = Reflectors::new(vec![p], vec![Complex32::ONE]).unwrap();
     let instrument = Instrument::new(even(101), lattice([9, 9], [0.03, 0.03], DVec3::ZERO));
-    let cube = simulate(&point, &instrument, &SimulateOptions::default(), &Silent).unwrap();
+    let cube = simulate(&point, &instrument, &SimulateOptions::default()).unwrap();
     let grid = Grid { x: axis(-5.0, 1.0, 11), y: axis(-5.0, 1.0, 11), z: axis(59.8, 0.01, 41) };
     let of = |method: Method| {
         let options = ReconstructOptions::new(method, Window::None);
-        reconstruct(&cube, &grid, &options, &Silent).unwrap().volume.samples
+        reconstruct(&cube, &grid, &options).unwrap().volume.samples
     };
     // r²/2|p| is at most 0.24 mm, 0.014 of a turn.
     let difference = relative_difference(&of(Method::Linear), &of(Method::Direct));
@@ -175,7 +174,7 @@ fn simulated_linear_data_are_equation_7() {
     let (array, sweep) = (lattice([5, 4], [0.2, 0.3], DVec3::new(0.1, 0.0, 0.0)), even(30));
     let instrument = Instrument::new(sweep.clone(), array.clone()).with_detection(Detection::InPhase);
     let options = SimulateOptions::default().with_model(PropagationModel::Linear);
-    let cube = simulate(&point, &instrument, &options, &Silent).unwrap();
+    let cube = simulate(&point, &instrument, &options).unwrap();
     for (q, f) in sweep.frequencies().iter().enumerate() {
         for (j, r) in array.positions().iter().enumerate() {
             let phase = 2.0 * TAU * f * p.length() / c - TAU * f * p.dot(*r) / p.length() / c;

@@ -5,7 +5,6 @@
 use crate::binary::{command, done, refused, run, shipped};
 use crate::meshes::{write_glb, write_obj, write_ply, write_stl, write_text_stl};
 use crate::named::assert_names;
-use holosonar::progress::Silent;
 use holosonar::scene::{BYTES_PER_TRIANGLE, LoadOptions, Scene, Unit};
 use serde_json::Value;
 use std::fs::{self, File};
@@ -121,14 +120,14 @@ fn a_mesh_of_every_format_is_held_to_the_memory_there_is() {
         let path = folder.path().join(name);
         let mut options = LoadOptions::default();
         options.unit = (name != "a.glb").then_some(Unit::Metre);
-        let scene = Scene::load(&path, &options, &Silent).unwrap();
+        let scene = Scene::load(&path, &options).unwrap();
         let found = scene.triangles().len() as u64;
         // Those at the poles have no area and count while they are read.
         options.memory = Some((found + 1000) * BYTES_PER_TRIANGLE);
         assert!(2 * scene.memory_bytes() < options.memory.unwrap(), "{name}");
-        assert!(Scene::load(&path, &options, &Silent).is_ok(), "{name}");
+        assert!(Scene::load(&path, &options).is_ok(), "{name}");
         options.memory = Some((found - 1) * BYTES_PER_TRIANGLE);
-        let refused = Scene::load(&path, &options, &Silent).unwrap_err();
+        let refused = Scene::load(&path, &options).unwrap_err();
         assert_eq!(refused.exit_status(), 2);
         assert_names(refused.to_string(), &[name, "triangles", "--memory", "decimate"]);
     }
@@ -203,7 +202,7 @@ fn what_a_mesh_takes_is_in_the_plan_and_enough() {
     write_mesh_job(folder, "a.stl");
     let mut options = LoadOptions::default();
     options.unit = Some(Unit::Metre);
-    let scene = Scene::load(&folder.join("a.stl"), &options, &Silent).unwrap();
+    let scene = Scene::load(&folder.join("a.stl"), &options).unwrap();
     let building = scene.triangles().len() as u64 * BYTES_PER_TRIANGLE;
     let plan: Value = serde_json::from_str(&done(folder, "plan mesh.toml --json -q -j 2")).unwrap();
     for job in ["image", "simulate"] {

@@ -117,7 +117,7 @@ fn load(path: &Path) -> Result<Scene> {
     if path.extension().is_some_and(|e| e == "obj") {
         options.unit = Some(Unit::Metre);
     }
-    Scene::load(path, &options, &Silent)
+    Scene::load(path, &options)
 }
 
 #[test]

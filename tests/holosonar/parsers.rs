@@ -50,7 +50,7 @@ struct Parser {
 }
 
 fn scene(path: &Path, options: &LoadOptions) -> Result<()> {
-    Scene::load(path, options, &Silent).map(|scene| {
+    Scene::load(path, options).map(|scene| {
         assert!(scene.bounds().is_some_and(|(low, high)| low.is_finite() && high.is_finite()));
     })
 }

@@ -29,7 +29,7 @@ fn cube(geometry: Geometry, errors: Option<ArrayErrors>) -> DataCube {
     let mut options = SimulateOptions::default().with_losses(Losses { spreading: true, ..Losses::NONE });
     options.errors = errors;
     let instrument = Instrument::new(sweep, array).with_geometry(geometry);
-    simulate(&one, &instrument, &options, &Silent).unwrap()
+    simulate(&one, &instrument, &options).unwrap()
 }
 
 #[test]
@@ -38,11 +38,11 @@ fn spreading_is_undone_by_every_method_and_geometry() {
         let cube = cube(geometry, None);
         let images = [Method::Direct, Method::Convolution, Method::Backprojection].map(|method| {
             let mut options = ReconstructOptions::new(method, Window::Taylor);
-            let plain = reconstruct(&cube, &grid(), &options, &Silent).unwrap();
+            let plain = reconstruct(&cube, &grid(), &options).unwrap();
             // Either leg is 2 m long.
             assert!((plain.volume.peak() - 0.25).abs() < 0.003, "{method:?}: {}", plain.volume.peak());
             options.compensate = true;
-            let undone = reconstruct(&cube, &grid(), &options, &Silent).unwrap();
+            let undone = reconstruct(&cube, &grid(), &options).unwrap();
             assert!((undone.volume.peak() - 1.0).abs() < 0.012, "{method:?}: {}", undone.volume.peak());
             assert!(undone.error_bound >= 3.9 * plain.error_bound);
             undone.volume
@@ -60,7 +60,7 @@ fn phase_errors_take_from_the_peak_what_theory_says() {
     let options = ReconstructOptions::new(Method::Direct, Window::None);
     let peak = |errors| {
         let cube = cube(Geometry::ORIGIN, errors);
-        reconstruct(&cube, &grid(), &options, &Silent).unwrap().volume.plane(4)[4 * 9 + 4].norm()
+        reconstruct(&cube, &grid(), &options).unwrap().volume.plane(4)[4 * 9 + 4].norm()
     };
     let expected = (-0.5 * 40.0f32.to_radians().powi(2)).exp();
     let got = peak(Some(errors)) / peak(None);

@@ -4,7 +4,6 @@ use crate::support::{brightest, off_lattice, relative_difference};
 use glam::DVec3;
 use holosonar::acquisition::{DataCube, Detection, Instrument, MicArray, SimulateOptions, Sweep, simulate};
 use holosonar::grid::{Axis, Grid, Volume};
-use holosonar::progress::Silent;
 use holosonar::reconstruct::{Method, ReconstructOptions, Window, reconstruct};
 use holosonar::reflectors::Reflectors;
 use num_complex::Complex32;
@@ -18,7 +17,7 @@ fn measure(p: DVec3, count: usize, extent: f64, detection: Detection) -> DataCub
     let sweep = Sweep::stepped(10_000.0, 20_000.0, 50.0).unwrap();
     let reflector = Reflectors::new(vec![p], vec![Complex32::ONE]).unwrap();
     let instrument = Instrument::new(sweep, array).with_detection(detection);
-    simulate(&reflector, &instrument, &SimulateOptions::default(), &Silent).unwrap()
+    simulate(&reflector, &instrument, &SimulateOptions::default()).unwrap()
 }
 
 /// Voxels of the given pitches about `centre`, `reach` of them to every side.
@@ -36,7 +35,7 @@ fn around(centre: DVec3, pitch: [f64; 3], reach: [usize; 3]) -> Grid {
 }
 
 fn image(cube: &DataCube, grid: &Grid, method: Method, window: Window) -> Volume {
-    reconstruct(cube, grid, &ReconstructOptions::new(method, window), &Silent).unwrap().volume
+    reconstruct(cube, grid, &ReconstructOptions::new(method, window)).unwrap().volume
 }
 
 #[test]

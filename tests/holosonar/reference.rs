@@ -5,7 +5,6 @@ use crate::support::{data, relative_difference, write_npz};
 use glam::DVec3;
 use holosonar::acquisition::{DataCube, PropagationModel, SimulateOptions, simulate};
 use holosonar::export::volume_npz::read_volume_npz;
-use holosonar::progress::Silent;
 use holosonar::reconstruct::{Method, ReconstructOptions, Window, reconstruct};
 use holosonar::reflectors::Reflectors;
 
@@ -15,7 +14,7 @@ fn forward(name: &str, model: PropagationModel) {
     let expected = DataCube::read(&data(&format!("reference/{name}.npz")), LIMIT).unwrap();
     let reflectors = Reflectors::read_csv(&data("reference/reflectors.csv")).unwrap();
     let options = SimulateOptions::default().with_model(model);
-    let cube = simulate(&reflectors, &expected.instrument, &options, &Silent).unwrap();
+    let cube = simulate(&reflectors, &expected.instrument, &options).unwrap();
     let error = relative_difference(&cube.samples, &expected.samples);
     assert!(error < 1e-4, "{name}: {error:e} of the maximum");
 }
@@ -52,7 +51,7 @@ fn inverse(detection: &str, pitch: &str) {
     ] {
         let mut options = ReconstructOptions::new(method, Window::None);
         options.tolerance = tolerance;
-        let got = reconstruct(&cube, &expected.grid, &options, &Silent).unwrap();
+        let got = reconstruct(&cube, &expected.grid, &options).unwrap();
         assert!(got.method == method || got.method == Method::Convolution && method == Method::Auto);
         let error = relative_difference(&got.volume.samples, &expected.samples);
         assert!(error < 1e-4, "{method:?} {tolerance} {detection} {pitch}: {error:e} of the maximum");

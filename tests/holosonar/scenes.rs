@@ -85,7 +85,7 @@ fn every_file_comes_to_what_was_expected() {
     let mut wrong = Vec::new();
     for (name, expected) in table() {
         let listener = Listener::default();
-        let loaded = Scene::load(&data("scenes").join(&name), &options(&expected), &listener);
+        let loaded = Scene::load_with(&data("scenes").join(&name), &options(&expected), &listener);
         let heard = listener.0.into_inner().unwrap();
         if let Err(problem) = compare(&name, &expected, &loaded, &heard) {
             wrong.push(format!("{name}: {problem}"));
@@ -147,7 +147,7 @@ fn compare(
 
 #[test]
 fn a_wrong_entry_is_noticed() {
-    let loaded = Scene::load(&data("scenes/f.gltf"), &LoadOptions::default(), &Listener::default());
+    let loaded = Scene::load_with(&data("scenes/f.gltf"), &LoadOptions::default(), &Listener::default());
     let right = "triangles = 6\nlow = [-0.3, -0.5, 2.0]\nhigh = [0.3, 0.5, 2.0]\ntolerance = 1e-6\narea = 0.34\n\
                  materials = [\"letter 1 0 default\"]\n";
     let held =

@@ -178,7 +178,7 @@ fn chosen_ways_keep_their_tolerance_against_the_literal_one() {
         let run = |tolerance| {
             let options = SimulateOptions { tolerance, ..options.clone() };
             assert_eq!(plan(&reflectors, &instrument, &options).is_some(), tolerance > 0.0, "job {i}");
-            simulate(&reflectors, &instrument, &options, &Silent).expect("small").samples
+            simulate(&reflectors, &instrument, &options).expect("small").samples
         };
         let exact = run(0.0);
         let peak = exact.iter().map(|m| m.norm()).fold(0.0, f32::max);
@@ -198,7 +198,7 @@ fn threads_do_not_change_the_bytes_of_the_fast_way() {
     assert!(plan(&reflectors, &instrument, &options).is_some());
     let run = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
-        pool.install(|| simulate(&reflectors, &instrument, &options, &Silent).expect("ok").samples)
+        pool.install(|| simulate(&reflectors, &instrument, &options).expect("ok").samples)
     };
     assert_eq!(run(1), run(5));
 }
@@ -232,6 +232,6 @@ fn small_jobs_and_absurd_ones_are_summed_literally() {
     assert!(plan(&lost, &instrument, &options).is_none());
     for tolerance in [f64::NAN, -1.0, f64::INFINITY] {
         let options = SimulateOptions { tolerance, ..options.clone() };
-        assert!(simulate(&few, &instrument, &options, &Silent).is_err());
+        assert!(simulate(&few, &instrument, &options).is_err());
     }
 }

@@ -4,7 +4,6 @@ use super::fast_tests::{ROUNDING, forced, reflectors, scattered, sweep_of};
 use super::virtual_tones::RUNGS;
 use super::*;
 use crate::acquisition::{MicArray, Sweep};
-use crate::progress::Silent;
 use crate::wave::air::{Air, DB_PER_NEPER, REFERENCE_PRESSURE};
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
@@ -94,7 +93,7 @@ fn one_echo_is_what_the_formulas_say() {
     let instrument = Instrument::new(sweep, array);
     let level = |losses: Losses, f: usize| {
         let options = SimulateOptions::default().with_losses(losses).with_tolerance(0.0);
-        let cube = simulate(&one, &instrument, &options, &Silent).expect("small");
+        let cube = simulate(&one, &instrument, &options).expect("small");
         f64::from(cube.samples[f].norm()) / 2.0
     };
     let near = |a: f64, b: f64| assert!((a - b).abs() < 2e-6, "{a} {b}");
@@ -169,7 +168,7 @@ proptest! {
         let error = greatest_error(&samples, &reflectors, &instrument, &options);
         prop_assert!(error <= tolerance + ROUNDING, "{error:e} where {tolerance:e} was asked");
         let exact = SimulateOptions { tolerance: 0.0, ..options };
-        let samples = simulate(&reflectors, &instrument, &exact, &Silent).expect("small").samples;
+        let samples = simulate(&reflectors, &instrument, &exact).expect("small").samples;
         let error = greatest_error(&samples, &reflectors, &instrument, &exact);
         prop_assert!(error <= LITERAL_ROUNDING, "literally {error:e}");
     }
@@ -191,7 +190,7 @@ fn the_chosen_way_is_fast_and_its_bytes_follow_from_the_input() {
     assert!((3..=9).contains(&terms), "{terms} terms");
     let run = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
-        pool.install(|| simulate(&reflectors, &instrument, &options, &Silent).expect("ok").samples)
+        pool.install(|| simulate(&reflectors, &instrument, &options).expect("ok").samples)
     };
     assert_eq!(run(1), run(4));
 }
@@ -203,7 +202,7 @@ fn the_cube_says_where_microphones_should_be_and_holds_what_they_hear_where_they
     let instrument = Instrument::new(Sweep::stepped(10_000.0, 10_500.0, 100.0).expect("ok"), array.clone());
     let errors = ArrayErrors { gain_db: 0.0, phase: 0.0, position: 2e-3, seed: 3 };
     let options = SimulateOptions::default().with_errors(errors);
-    let cube = simulate(&reflectors, &instrument, &options, &Silent).expect("ok");
+    let cube = simulate(&reflectors, &instrument, &options).expect("ok");
     assert_eq!(cube.instrument, instrument);
     let real = errors.displaced(&array).expect("small");
     assert!(real.lattice().is_none());
@@ -212,7 +211,7 @@ fn the_cube_says_where_microphones_should_be_and_holds_what_they_hear_where_they
     let rms = (moved / (3 * array.len()) as f64).sqrt();
     assert!((rms / 2e-3 - 1.0).abs() < 0.1, "{rms}");
     let perfect = SimulateOptions { errors: None, ..options.clone() };
-    let there = simulate(&reflectors, &instrument.with_array(real), &perfect, &Silent).expect("ok");
+    let there = simulate(&reflectors, &instrument.with_array(real), &perfect).expect("ok");
     assert_eq!(cube.samples, there.samples);
 }
 
@@ -224,7 +223,7 @@ fn gains_and_phases_have_the_asked_spread_and_streams_of_their_own() {
     let run = |errors: Option<ArrayErrors>, detection| {
         let instrument = instrument.clone().with_detection(detection);
         let options = SimulateOptions { errors, ..SimulateOptions::default() };
-        simulate(&reflectors, &instrument, &options, &Silent).expect("ok").samples
+        simulate(&reflectors, &instrument, &options).expect("ok").samples
     };
     let clean = run(None, Detection::Quadrature);
     let errors = ArrayErrors { gain_db: 0.8, phase: 6.0, position: 0.0, seed: 3 };
@@ -252,6 +251,6 @@ fn gains_and_phases_have_the_asked_spread_and_streams_of_their_own() {
     }
     for bad in [-1.0, f64::NAN, f64::INFINITY] {
         let options = SimulateOptions::default().with_errors(ArrayErrors { phase: bad, ..errors });
-        assert!(simulate(&reflectors, &instrument, &options, &Silent).is_err());
+        assert!(simulate(&reflectors, &instrument, &options).is_err());
     }
 }

@@ -2,7 +2,6 @@
 
 use super::*;
 use crate::acquisition::{MicArray, Sweep};
-use crate::progress::Silent;
 use crate::wave::phasor;
 use glam::DVec3;
 
@@ -38,7 +37,7 @@ fn the_cube_is_the_literal_sum_for_even_and_uneven_sweeps() {
             let (reflectors, instrument) = scene(sweep.clone());
             let instrument = instrument.with_geometry(geometry);
             let options = SimulateOptions::default();
-            let cube = simulate(&reflectors, &instrument, &options, &Silent).expect("small");
+            let cube = simulate(&reflectors, &instrument, &options).expect("small");
             let array = &instrument.array;
             for (f, frequency) in sweep.frequencies().iter().enumerate() {
                 for (mic, &r) in array.positions().iter().enumerate() {
@@ -56,7 +55,7 @@ fn in_phase_is_the_real_part_of_quadrature() {
     let (reflectors, instrument) = scene(Sweep::stepped(10_000.0, 11_000.0, 100.0).expect("ok"));
     let run = |detection| {
         let instrument = instrument.clone().with_detection(detection);
-        simulate(&reflectors, &instrument, &SimulateOptions::default(), &Silent).expect("ok")
+        simulate(&reflectors, &instrument, &SimulateOptions::default()).expect("ok")
     };
     let (quadrature, in_phase) = (run(Detection::Quadrature), run(Detection::InPhase));
     for (q, i) in quadrature.samples.iter().zip(&in_phase.samples) {
@@ -71,7 +70,7 @@ fn noise_has_the_asked_power_and_follows_its_seed() {
         let instrument = instrument.clone().with_detection(detection);
         let run = |noise| {
             let options = SimulateOptions { noise, ..SimulateOptions::default() };
-            simulate(&reflectors, &instrument, &options, &Silent).expect("ok").samples
+            simulate(&reflectors, &instrument, &options).expect("ok").samples
         };
         let (clean, noisy) = (run(None), run(Some(Noise { snr_db: 6.0, seed: 4 })));
         let power = |m: &mut dyn Iterator<Item = Complex32>| m.map(|m| f64::from(m.norm_sqr())).sum::<f64>();
@@ -89,7 +88,7 @@ fn threads_do_not_change_the_bytes() {
     let options = SimulateOptions::default().with_noise(Noise { snr_db: 0.0, seed: 1 });
     let run = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
-        pool.install(|| simulate(&reflectors, &instrument, &options, &Silent).expect("ok").samples)
+        pool.install(|| simulate(&reflectors, &instrument, &options).expect("ok").samples)
     };
     assert_eq!(run(1), run(7));
 }

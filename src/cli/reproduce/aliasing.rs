@@ -9,7 +9,7 @@ use super::{CASES, Case, amplitudes, nonlinear};
 use crate::acquisition::PropagationModel::Exact;
 use crate::error::Result;
 use crate::grid::{Axis, Grid};
-use crate::progress::{Observer, Silent, advance, stage};
+use crate::progress::{Observer, advance, stage};
 use crate::reconstruct::{Method, ReconstructOptions, Window, reconstruct};
 use crate::reflectors::Reflectors;
 use crate::wave::DEFAULT_SOUND_SPEED;
@@ -100,7 +100,7 @@ fn ghosts(case: &Case, turn: f64) -> Result<Vec<Ghost>> {
     let point = Reflectors::new(vec![CROSSING], vec![Complex32::ONE])?;
     let (grid, options) = (beside(), ReconstructOptions::new(Method::Auto, Window::None));
     let cube = cube_of(&point, case, Exact)?;
-    let volume = reconstruct(&cube, &grid, &options, &Silent)?.volume;
+    let volume = reconstruct(&cube, &grid, &options)?.volume;
     let (image, peak) = (amplitudes(&volume.samples), f64::from(volume.peak()));
     let (range, smear) =
         (CROSSING.length(), (case.microphones - 1) as f64 * case.bandwidth / cube.instrument.sweep.centre());

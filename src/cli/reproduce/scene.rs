@@ -10,7 +10,6 @@ use crate::acquisition::{
 };
 use crate::error::Result;
 use crate::grid::{Axis, Grid};
-use crate::progress::Silent;
 use crate::reflectors::Reflectors;
 use glam::DVec3;
 use num_complex::Complex32;
@@ -87,5 +86,5 @@ pub(super) fn cube_of(reflectors: &Reflectors, case: &Case, model: PropagationMo
     let array = MicArray::rectangular([case.microphones, 1], [pitch(case); 2], DVec3::ZERO)?;
     let instrument = Instrument::new(sweep, array).with_detection(Detection::InPhase);
     let options = SimulateOptions::default().with_model(model).with_tolerance(0.0);
-    simulate(reflectors, &instrument, &options, &Silent)
+    simulate(reflectors, &instrument, &options)
 }

@@ -40,7 +40,7 @@ fn scaling_the_angle_with_frequency_is_what_equation_9_lacks() {
     let (case, truth) = (CASES[3], scene::truth());
     let cube = scene::cube(&case, Linear).expect("small");
     let options = ReconstructOptions::new(Method::Linear, Window::None);
-    let scaled = reconstruct(&cube, &scene::grid(), &options, &crate::progress::Silent).expect("planar");
+    let scaled = reconstruct(&cube, &scene::grid(), &options).expect("planar");
     let scaled = least_squares(&amplitudes(&scaled.volume.samples), &truth);
     let plain = least_squares(&fourier::image(&cube), &truth);
     assert!(scaled < 0.75 * plain, "{scaled} against {plain}");

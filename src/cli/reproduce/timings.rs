@@ -9,7 +9,7 @@ use super::scene::{PIXELS, cube};
 use crate::acquisition::{DataCube, Instrument, PropagationModel::Exact};
 use crate::error::{Error, Result};
 use crate::grid::{Axis, Grid};
-use crate::progress::{Observer, Silent, advance, stage};
+use crate::progress::{Observer, advance, stage};
 use crate::reconstruct::{Method, ReconstructOptions, Window, reconstruct};
 use num_complex::{Complex32, Complex64};
 use serde::Serialize;
@@ -108,7 +108,7 @@ fn all(observer: &dyn Observer) -> Result<Timings> {
         let (mut seconds, mut samples) = (f64::INFINITY, Vec::new());
         for _ in 0..REPEATS {
             let begun = Instant::now();
-            samples = reconstruct(&cube, &grid, &options, &Silent)?.volume.samples;
+            samples = reconstruct(&cube, &grid, &options)?.volume.samples;
             seconds = seconds.min(begun.elapsed().as_secs_f64());
         }
         let error = difference(&samples[rows.start * PIXELS..rows.end * PIXELS], &literal) / peak;

@@ -174,7 +174,7 @@ fn check(grid: &Grid, options: &ReconstructOptions) -> Result<()> {
 /// # let sweep = Sweep::stepped("sweep", 10e3, 20e3, 20.0)?;
 /// # let array = MicArray::rectangular("array", [16, 16], [0.01, 0.01], DVec3::ZERO)?;
 /// # let nothing = Reflectors::new(vec![], vec![])?;
-/// # let cube = simulate(&nothing, &sweep, &array, &SimulateOptions::default(), &holosonar::progress::Silent)?;
+/// # let cube = simulate(&nothing, &sweep, &array, &SimulateOptions::default())?;
 /// # let lateral = Axis { first: -0.32, pitch: 0.01, count: 64 };
 /// # let grid = Grid { x: lateral, y: lateral, z: Axis { first: 1.0, pitch: 0.01, count: 64 } };
 /// let estimates = estimate(&cube.instrument(), &grid, &ReconstructOptions::default(), 1)?;

@@ -30,7 +30,7 @@ fn load_with(
     let path = folder.path().join("mesh.obj");
     fs::write(&path, obj).unwrap();
     let listener = Listener::default();
-    (Scene::load(&path, options, &listener), listener.heard())
+    (Scene::load_with(&path, options, &listener), listener.heard())
 }
 
 fn load(obj: &str) -> Scene {
@@ -140,7 +140,7 @@ fn nothing_to_image_is_an_error_and_flat_triangles_are_left_out() {
 
 #[test]
 fn files_that_are_none_are_refused() {
-    let refused = |path: &Path| Scene::load(path, &metres(), &Listener::default()).unwrap_err();
+    let refused = |path: &Path| Scene::load_with(path, &metres(), &Listener::default()).unwrap_err();
     let folder = tempfile::tempdir().unwrap();
     assert_names(refused(&folder.path().join("a.obj")).to_string(), &["a.obj", "file"]);
     let unknown = refused(&folder.path().join("a.step")).to_string();

@@ -19,7 +19,7 @@ fn load_with(bytes: &[u8], options: &LoadOptions) -> (Result<Scene>, String) {
     let path = folder.path().join("part.STL");
     fs::write(&path, bytes).unwrap();
     let listener = Listener::default();
-    (Scene::load(&path, options, &listener), listener.heard())
+    (Scene::load_with(&path, options, &listener), listener.heard())
 }
 
 fn refused(bytes: &[u8]) -> String {
