@@ -166,7 +166,8 @@ fn show(page: &Path) -> Result<()> {
             ErrorKind::NotFound => "no program to open a page with was found, xdg-open or another".to_owned(),
             _ => format!("the page could not be opened ({error})"),
         };
-        Error::io("--open", format!("{why}; open {} in a browser yourself", page.display())).with_source(error)
+        Error::io("--open", format!("{why}; open {} in a browser yourself", page.display()))
+            .with_source(error)
     })
 }
 
