@@ -1,6 +1,7 @@
 //! PLY, as text or binary of either byte order: vertices, faces of any number of corners, triangle strips.
 //!
-//! Read here because the crate for it believes what a header declares (see [`crate::files::ply`]). Positions and corners are all that is taken; colours say how a vertex looks, not how it sounds.
+//! Read here because the crate for it believes what a header declares (see [`crate::files::ply`]). Positions and corners
+//! are all that is taken; colours say how a vertex looks, not how it sounds.
 
 mod source;
 
