@@ -9,6 +9,7 @@ mod agreement;
 mod arrays;
 mod backprojection;
 mod binary;
+mod choices;
 mod command;
 mod faults;
 mod layout;

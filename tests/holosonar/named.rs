@@ -15,7 +15,7 @@ fn names(message: &str, part: &str) -> bool {
         let (before, after) = (&message[..at], &message[at + part.len()..]);
         let cut_before = part.starts_with(is_digit) && before.ends_with(|c| is_digit(c) || c == '.');
         let rest = after.strip_prefix('.').map_or(after, |decimals| decimals.trim_start_matches('0'));
-        !cut_before && !(part.ends_with(is_digit) && rest.starts_with(is_digit))
+        !(cut_before || part.ends_with(is_digit) && rest.starts_with(is_digit))
     })
 }
 
