@@ -285,7 +285,7 @@ enum Command {
     },
 }
 
-/// Parses, runs, prints; the exit status of DESIGN section 4.
+/// Parses, runs, prints; returns the exit status.
 pub fn main() -> ExitCode {
     let cli = Cli::try_parse().unwrap_or_else(|error| explain(error).exit());
     terminal::explain_panics();

@@ -49,7 +49,7 @@ choice! {
     /// How a peak is placed between voxels.
     #[derive(Default)]
     pub enum Refine: "refine" {
-        /// Power centroid within ±2 range cells: best on slopes (PHYSICS Q6).
+        /// Power centroid within ±2 range cells: best on slopes.
         #[default]
         Centroid = "centroid",
         /// The vertex of a parabola through the peak and its neighbours.
@@ -91,7 +91,7 @@ pub struct DepthOptions {
 }
 
 impl DepthOptions {
-    /// The defaults of PHYSICS Q6 for a range resolution in m.
+    /// The defaults for a range resolution in m.
     pub fn new(range_resolution: f64) -> Self {
         Self {
             range_resolution,
@@ -129,7 +129,7 @@ struct Found {
 /// Finds a depth, an amplitude and a confidence for every pixel, and its further returns.
 ///
 /// Confidence is the peak against the reference (the 99th percentile of the columns' maxima) plus the peak against
-/// its column's median, both in dB (PHYSICS Q6).
+/// its column's median, both in dB.
 ///
 /// - Shapes: the volume is `[z, y, x]`, the map `[y, x]`.
 /// - Cost: a few passes over the volume; one more volume of f32 for the returns.
@@ -235,7 +235,7 @@ fn pick(
     Some(Found { depth: z.first + z.pitch * (index as f64 + offset), peak, confidence })
 }
 
-/// Ten times the logarithm of a peak against a reference, plus that against its column's median (PHYSICS Q6): of powers
+/// Ten times the logarithm of a peak against a reference, plus that against its column's median: of powers
 /// their level in dB, of amplitudes half of it. Where a ray has left the grid its column is 0 and does not count.
 fn confidence(column: &[f32], peak: f64, reference: f64) -> f64 {
     let mut inside: Vec<f32> = column.iter().copied().filter(|v| *v > 0.0).collect();

@@ -231,7 +231,7 @@ pub struct DepthMap {
     pub y: Axis,
     /// The one return picked for each pixel.
     pub picked: Surface,
-    /// Confidence of the picked return, dB (PHYSICS Q6); NaN where nothing was accepted. Empty for truth.
+    /// Confidence of the picked return, dB; NaN where nothing was accepted. Empty for truth.
     pub confidence: Vec<f32>,
     /// All accepted returns, front to back; entry k holds each pixel's k-th. May be empty.
     pub returns: Vec<Surface>,

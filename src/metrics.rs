@@ -1,6 +1,6 @@
 //! A depth map against the truth: how much was found, how much is false, how far off the rest is.
 //!
-//! Definitions are those of PHYSICS ("Scoring"): Δd = c/2B; a pixel's error is taken against the true surface nearest
+//! Definitions: Δd = c/2B; a pixel's error is taken against the true surface nearest
 //! to the reported depth; a detection on an empty pixel is not scored within a guard ring round silhouettes.
 //!
 //! # Example

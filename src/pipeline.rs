@@ -120,14 +120,12 @@ pub fn image_scene(
     let cube = log.timed("simulate", || simulate(run, &echoes, checkpoint, &log))?;
     let (image, depth) = focus(&budget, &mut &cube, &echoes.grid, (raster, echoes.arrays), checkpoint, &log)?;
     drop(cube);
-    let truth = match &echoes.scene {
-        Some(scene) => {
-            let mut options = run.truth_options(echoes.instrument());
-            options.raster = raster;
-            Some(log.timed("truth", || trace_depth_with(scene, &echoes.grid, &options, &log))?)
-        }
-        None => None,
-    };
+    let truth = echoes.scene.as_ref().map(|scene| {
+        let mut options = run.truth_options(echoes.instrument());
+        options.raster = raster;
+        log.timed("truth", || trace_depth_with(scene, &echoes.grid, &options, &log))
+    });
+    let truth = truth.transpose()?;
     let resolution = echoes.instrument().range_resolution().unwrap_or(f64::NAN);
     let scores = truth.as_ref().map(|truth| score(&depth, truth, resolution)).transpose()?;
     let instrument = echoes.instrument().clone();

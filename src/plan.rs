@@ -1,7 +1,7 @@
 //! What a job will resolve, alias and need, before anything runs.
 //!
 //! Takes the array, the sweep and the grid; gives resolutions, ambiguity, aliasing verdicts and bytes, all from
-//! closed formulas (PHYSICS Q2 and Q3); [`estimate_job`] adds what it takes of the machine. A broken design rule is a warning,
+//! closed formulas; [`estimate_job`] adds what it takes of the machine. A broken design rule is a warning,
 //! not an error, because the paper studies aliasing on purpose; only what cannot fit in memory is refused.
 //!
 //! # Example
@@ -47,7 +47,7 @@ impl Instrument {
     /// Lateral resolution λ_c z/D along x and y at depth `z`, m; `None` along an axis without extent. Never less than half
     /// a wavelength, which is the least that waves from all sides resolve.
     ///
-    /// Not Eq. 12, whose right side is dimensionless (an angle) and knows no wavelength (PHYSICS Q2). A monostatic
+    /// Not Eq. 12, whose right side is dimensionless (an angle) and knows no wavelength. A monostatic
     /// scan resolves twice as finely, since both legs change.
     pub fn lateral_resolution(&self, z: f64) -> [Option<f64>; 2] {
         let extent = self.array.extent();
@@ -72,7 +72,7 @@ impl Instrument {
         }
     }
 
-    /// Voxel pitch along x, y, z, m: at most half a resolution cell laterally and half of Δd in depth (PHYSICS Q9),
+    /// Voxel pitch along x, y, z, m: at most half a resolution cell laterally and half of Δd in depth,
     /// and on the array's lattice where it has one.
     pub fn advised_pitch(&self, nearest_z: f64) -> [f64; 3] {
         let half_cell = self.lateral_resolution(nearest_z);
@@ -92,7 +92,7 @@ impl Instrument {
     }
 
     /// Spacing of reflectors, m: half a centre wavelength or half the lateral resolution, whichever is less; for a
-    /// mirror a quarter of the shortest wavelength (PHYSICS Q1).
+    /// mirror a quarter of the shortest wavelength.
     pub fn advised_spacing(&self, nearest_z: f64, mirror: bool) -> f64 {
         if mirror {
             return self.shortest_wavelength() / 4.0;

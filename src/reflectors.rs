@@ -100,7 +100,7 @@ impl Reflectors {
     }
 }
 
-/// How a surface scatters sound (PHYSICS Q1).
+/// How a surface scatters sound.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum SurfaceModel {
     /// A seeded random phase per reflector.
@@ -197,7 +197,7 @@ pub(crate) fn sampling_bytes(triangles: u64, area: f64, options: &SurfaceOptions
 ///
 /// `A = ρ · |cos θ| · √(a·A_c) · T` with reflectance ρ, incidence angle θ at the speaker, area a of the sample,
 /// `A_c = (λ_c/2)²` and T the transmittance of what the path crosses, there and back. `√(a·A_c)` keeps brightness
-/// independent of the sampling density (PHYSICS Q1). Reflectors of no amplitude, and any behind the array
+/// independent of the sampling density. Reflectors of no amplitude, and any behind the array
 /// (z ≤ 0), are left out.
 ///
 /// - Cost: about 16 candidates and one ray (ten with `Aperture`) per reflector.

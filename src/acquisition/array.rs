@@ -175,7 +175,7 @@ impl MicArray {
         low.midpoint(high)
     }
 
-    /// 3 × 3 points spread evenly over the array, where its sight of a reflector is tested (PHYSICS Q7).
+    /// 3 × 3 points spread evenly over the array, where its sight of a reflector is tested.
     pub(crate) fn sight_points(&self) -> [DVec3; 9] {
         let (low, high) = self.bounds();
         std::array::from_fn(|i| {

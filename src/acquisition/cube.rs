@@ -1,4 +1,4 @@
-//! The data cube `m(f, r)` and its file, `.npz` (DESIGN section 3).
+//! The data cube `m(f, r)` and its file, `.npz`, which the chapter `files` of the guide describes.
 
 use super::{CubeFile, Detection, Instrument};
 use crate::alloc::try_zeroed;

@@ -1,4 +1,4 @@
-//! Several surfaces per pixel: peaks of smoothed power, front to back (PHYSICS Q6).
+//! Several surfaces per pixel: peaks of smoothed power, front to back.
 //!
 //! Speckle breaks a single column's amplitude into false peaks; a little smoothing of the power mends that, at the
 //! price of resolution.
@@ -73,7 +73,7 @@ pub(super) fn find(
 ///
 /// Strongest first, so that a sidelobe never displaces the surface that made it. A further one must also stand out:
 /// what aliases of the array leave in a column is a narrow band, and so long in depth, while a surface is short; and
-/// two crests of one slope have no valley between them (`PHYSICS` R; measured in the tests of the shipped scenes).
+/// two crests of one slope have no valley between them (measured in the tests of the shipped scenes).
 fn peaks(column: &[f32], z: &Axis, enough: f32, options: &DepthOptions) -> Vec<Found> {
     let least = options.separation * options.range_resolution;
     let contrast = 10f64.powf(options.return_contrast_db / 10.0) as f32;

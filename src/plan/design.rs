@@ -53,7 +53,7 @@ pub enum Verdict {
     Scattered,
 }
 
-/// Aliasing by the pitch (PHYSICS Q2) and by the array factor.
+/// Aliasing by the pitch and by the array factor.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct Aliasing {
@@ -93,7 +93,7 @@ pub struct Design {
     pub ambiguity: Option<Ambiguity>,
     /// Ghosts and sidelobes.
     pub aliasing: Aliasing,
-    /// Voxel pitch along x, y and z that loses little of |Â|, m (PHYSICS Q9).
+    /// Voxel pitch along x, y and z that loses little of |Â|, m.
     pub voxel_pitch: [f64; 3],
     /// What would mend each warning; alternatives to each other within what they mend.
     pub suggestions: Vec<Suggestion>,

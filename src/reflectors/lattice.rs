@@ -1,6 +1,6 @@
 //! Lattice sampling for smooth, mirror-like surfaces.
 //!
-//! Irregular samples of a coherent surface image their own sampling noise (PHYSICS Q1), so a smooth surface is
+//! Irregular samples of a coherent surface image their own sampling noise (the level falls 23 dB from a spacing of λ to λ/4), so a smooth surface is
 //! sampled on a square lattice. The lattice belongs to the plane, not to the triangle, and edges are half open:
 //! triangles that share a plane share the lattice, and no seam shows along a diagonal.
 

@@ -43,7 +43,7 @@ fn strength_is_the_greatest_sum_over_ranges() {
     }
 }
 
-/// PHYSICS Q2 and TABLE1 section 6: ghosts at k λ/d, about −20 log₁₀(k (N − 1) B/f_c) dB.
+/// Grating lobes at k λ/d, about −20 log₁₀(k (N − 1) B/f_c) dB.
 #[test]
 fn a_lattice_has_ghosts_where_and_as_strong_as_the_rule_says() {
     for (count, level, tolerance) in [(15, -3.4, 1.5), (31, -10.0, 1.5)] {

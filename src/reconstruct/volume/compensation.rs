@@ -2,7 +2,7 @@
 //!
 //! An echo from p arrives as `(1 m)²/(|p − s| |p − r|)` of its amplitude. Multiplying the voxels by `|p − s| |p − r_c|` with
 //! the array's centre r_c is as good as weighing every term of the sum, as long as the array is not much larger than its
-//! distance (PHYSICS Q4), and costs nothing.
+//! distance, and costs nothing.
 
 use crate::acquisition::Instrument;
 use crate::error::Result;
