@@ -104,6 +104,7 @@ pub mod export;
 pub mod checkpoint;
 pub mod config;
 pub mod pipeline;
+pub mod guide;
 #[cfg(feature = "cli")]
 #[doc(hidden)] // the command, not an interface: the binary calls its `main`
 pub mod cli;
