@@ -279,9 +279,9 @@ enum Command {
         #[arg(default_value = ".")]
         folder: PathBuf,
     },
-    /// Prints the manual page, or writes one for every command into a folder.
+    /// Prints the manual page, or writes one for every command and chapter of the guide into a folder.
     Man {
-        /// Folder for the pages (man1); made if missing.
+        /// Folder for the pages, of sections 1 and 7; made if missing.
         folder: Option<PathBuf>,
     },
     /// Prints the help of a command or a chapter of the guide.
