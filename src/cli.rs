@@ -5,6 +5,7 @@
 
 mod commands;
 mod design;
+mod guide;
 mod info;
 mod inputs;
 mod manual;
@@ -35,10 +36,15 @@ compare or check was missed; 130 interrupted (Ctrl-C), 143 terminated.
 Environment: NO_COLOR, if not empty, leaves out colours; HOLOSONAR_SIMD=baseline, avx2 or avx512 limits the \
 instructions that the program's own loops take, which changes no byte of a result.";
 
+/// What stands below `--help`.
+fn after_help() -> String {
+    format!("{}\n{AFTER_HELP}", guide::topics())
+}
+
 /// Images 3-D scenes with sound: CAD mesh or measured cube in, depth and amplitude EXR out.
 #[derive(Debug, Parser)]
-#[command(name = "holosonar", version = VERSION, after_help = AFTER_HELP, max_term_width = 100)]
-#[command(arg_required_else_help = true, propagate_version = false)]
+#[command(name = "holosonar", version = VERSION, after_help = after_help(), max_term_width = 100)]
+#[command(arg_required_else_help = true, propagate_version = false, disable_help_subcommand = true)]
 struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -273,10 +279,15 @@ enum Command {
         #[arg(default_value = ".")]
         folder: PathBuf,
     },
-    /// Prints the manual page, or writes one for every command into a folder.
+    /// Prints the manual page, or writes one for every command and chapter of the guide into a folder.
     Man {
-        /// Folder for the pages (man1); made if missing.
+        /// Folder for the pages, of sections 1 and 7; made if missing.
         folder: Option<PathBuf>,
+    },
+    /// Prints the help of a command or a chapter of the guide.
+    Help {
+        /// A command; a topic of the guide; or `topics`, for their list [default: the help of the program].
+        topic: Vec<String>,
     },
     /// Prints a completion script for a shell.
     Completions {
@@ -291,6 +302,10 @@ pub fn main() -> ExitCode {
     terminal::explain_panics();
     signals::expect_aborts();
     let terminal = Terminal::new(cli.common.quiet, cli.common.verbose);
+    if let Command::Help { topic } = &cli.command {
+        // Nothing that could be wrong with the machine or its settings stands in the way of the guide.
+        return finish(guide::help(topic), &terminal);
+    }
     let result = start_threads(cli.common.threads)
         .and_then(|()| inputs::limit_memory(cli.common.memory.as_deref()))
         .and_then(|()| limit_simd())
@@ -299,6 +314,11 @@ pub fn main() -> ExitCode {
             terminal.note(&format!("{threads} threads, {level} loops"));
         })
         .and_then(|()| commands::run(&cli, &terminal));
+    finish(result, &terminal)
+}
+
+/// Prints the error, if there is one, and gives the exit status.
+fn finish(result: Result<(), Error>, terminal: &Terminal) -> ExitCode {
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {

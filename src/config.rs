@@ -37,6 +37,9 @@ pub use tables::{
     ReconstructTable, ReflectorsTable, SceneTable, SweepTable,
 };
 
+#[cfg(feature = "cli")]
+pub(crate) use wording::nearest;
+
 use crate::error::{Error, Result};
 use crate::scene::MaterialRule;
 use reader::{Fault, Reader};

@@ -34,6 +34,12 @@
 //! # Ok::<(), holosonar::error::Error>(())
 //! ```
 //!
+//! # Guide
+//! How to use it: the [run file](guide::run_file), the [files](guide::files), [measured data](guide::measured), and how to
+//! [design](guide::design) a measurement. What it does: the [physics](guide::physics), the [method](guide::method), the
+//! [metrics](guide::metrics), the [paper](guide::paper) reproduced. What to expect: [interruption](guide::interruption) and
+//! memory, [performance](guide::performance), [limits](guide::limits). And where things are in the [code](guide::code).
+//!
 //! # Conventions
 //! - SI units: m, s, Hz, m/s. Angles in run files are degrees. Phases are counted in cycles.
 //! - Axes as a camera's in computer vision: right-handed, x right, y **down**, +z from the array into the scene, as
@@ -103,6 +109,7 @@ pub mod export;
 pub mod checkpoint;
 pub mod config;
 pub mod pipeline;
+pub mod guide;
 #[cfg(feature = "cli")]
 #[doc(hidden)] // the command, not an interface: the binary calls its `main`
 pub mod cli;

@@ -4,7 +4,7 @@ use super::inputs::{check_kind, config_of, has_extension, reading_limit, scene_o
 use super::outputs::{check_extension, make_folder, pretty, wrote};
 use super::terminal::{Terminal, print};
 use super::verdicts::{check, compare};
-use super::{Cli, Command, Overrides, design, info, manual, reproduce, summary};
+use super::{Cli, Command, Overrides, design, guide, info, manual, reproduce, summary};
 use crate::acquisition::CubeFile;
 use crate::checkpoint::Checkpoint;
 use crate::config::ANNOTATED;
@@ -105,6 +105,7 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
         Command::Init { folder } => init(folder, json, terminal),
         Command::Man { folder: None } => print_text(&manual::page()?, json),
         Command::Man { folder: Some(folder) } => wrote(&manual::write(folder)?, json, terminal),
+        Command::Help { topic } => guide::help(topic),
         Command::Completions { shell } => {
             let mut script = Vec::new();
             clap_complete::generate(*shell, &mut Cli::command(), "holosonar", &mut script);

@@ -1,6 +1,6 @@
 //! The manual pages, made of the very words of `--help`.
 
-use super::Cli;
+use super::{Cli, guide};
 use crate::error::{Error, Result};
 use crate::files::write_atomically;
 use clap::CommandFactory;
@@ -13,14 +13,18 @@ pub(super) fn page() -> Result<String> {
     text(&Man::new(whole()))
 }
 
-/// Writes the page of the program and one for every command; gives their paths.
+/// Writes the page of the program, one for every command and one for every chapter of the guide; gives their paths.
 pub(super) fn write(folder: &Path) -> Result<Vec<PathBuf>> {
     let program = whole();
     let commands = program.get_subcommands().filter(|command| !command.is_hide_set()).cloned();
-    let mut paths = Vec::new();
+    let mut pages = Vec::new();
     for command in std::iter::once(program.clone()).chain(commands) {
         let man = Man::new(command);
-        let (path, text) = (folder.join(man.get_filename()), text(&man)?);
+        pages.push((man.get_filename(), text(&man)?));
+    }
+    let mut paths = Vec::new();
+    for (name, text) in pages.into_iter().chain(guide::pages()) {
+        let path = folder.join(name);
         write_atomically(&path, |file| file.write_all(text.as_bytes()))?;
         paths.push(path);
     }
@@ -29,7 +33,7 @@ pub(super) fn write(folder: &Path) -> Result<Vec<PathBuf>> {
 
 /// The command line with every name spelt out: `holosonar-image`.
 fn whole() -> clap::Command {
-    let mut program = Cli::command().disable_help_subcommand(true);
+    let mut program = Cli::command();
     program.build();
     program
 }

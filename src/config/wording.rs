@@ -33,7 +33,7 @@ pub(super) fn described(value: &Value) -> String {
 }
 
 /// The name nearest to `typed`, if one is near enough to be what was meant.
-pub(super) fn nearest<'n>(typed: &str, names: &[&'n str]) -> Option<&'n str> {
+pub(crate) fn nearest<'n>(typed: &str, names: &[&'n str]) -> Option<&'n str> {
     // Names have at most 20 letters; the distance to something very much longer says nothing.
     if typed.len() > 40 {
         return None;

@@ -14,6 +14,7 @@ mod browser;
 mod choices;
 mod command;
 mod faults;
+mod guide;
 mod layout;
 mod levels;
 mod linear;

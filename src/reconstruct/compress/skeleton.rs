@@ -269,4 +269,16 @@ mod tests {
             assert!((about - found).abs() <= 2.0, "{about} for {found}");
         }
     }
+
+    #[test]
+    fn zz_tmp_table() {
+        for (b, n, t) in [(2000.0, 1001, 0.57e-3), (2000.0, 1001, 2.3e-3), (10000.0, 1001, 2.3e-3), (10000.0, 5001, 2.3e-3), (10000.0, 1001, 6e-3), (10000.0, 1001, 15e-3)] {
+            print!("{b} {n} {t} BT {:.1}:", b * t);
+            for eps in [1e-2, 1e-3, 1e-4, 1e-6] {
+                let s = skeleton(&sweep(b, n), interval(t), eps);
+                print!("  Q {} err {:.1e} W {:.1}", s.chosen().len(), s.error(), s.largest_weight_sum());
+            }
+            println!();
+        }
+    }
 }

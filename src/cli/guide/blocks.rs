@@ -1,0 +1,212 @@
+//! Chapters of the guide from Markdown to blocks, so that terminal and manual pages show the same text.
+//!
+//! What only rustdoc or a browser needs is left out: link targets, hidden lines of Rust examples, pictures.
+
+use pulldown_cmark::{CodeBlockKind, Event, Options, Parser, Tag, TagEnd};
+
+/// How a run of text stands out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Style {
+    Plain,
+    /// Code and strong emphasis.
+    Bold,
+    /// Emphasis.
+    Italic,
+}
+
+/// Text in runs of one style.
+pub(super) type Text = Vec<(Style, String)>;
+
+/// A block of a chapter.
+#[derive(Debug, PartialEq)]
+pub(super) enum Block {
+    /// A heading of level 1, 2, ..
+    Heading(usize, Text),
+    Paragraph(Text),
+    /// An item of a list with its bullet or number and how deep the list is nested, from 0.
+    Item(usize, String, Text),
+    /// Lines as they are.
+    Code(String),
+    /// Rows of cells; the first row is the heading.
+    Table(Vec<Vec<Text>>),
+}
+
+/// The runs' characters alone.
+pub(super) fn plain(text: &Text) -> String {
+    text.iter().map(|(_, run)| run.as_str()).collect()
+}
+
+/// The blocks of a chapter.
+pub(super) fn parse(markdown: &str) -> Vec<Block> {
+    let mut reader = Reader::default();
+    for event in Parser::new_ext(markdown, Options::ENABLE_TABLES) {
+        reader.take(event);
+    }
+    reader.blocks
+}
+
+#[derive(Default)]
+struct Reader {
+    blocks: Vec<Block>,
+    text: Text,
+    styles: Vec<Style>,
+    /// The number of the next item of each list that is open; `None` for bullets.
+    lists: Vec<Option<u64>>,
+    /// The bullet or number of an item whose text has not come yet.
+    bullet: Option<String>,
+    rows: Vec<Vec<Text>>,
+    code: Option<Code>,
+    picture: bool,
+}
+
+/// A block of code that is being read.
+struct Code {
+    text: String,
+    rust: bool,
+}
+
+impl Reader {
+    fn take(&mut self, event: Event<'_>) {
+        match event {
+            Event::Start(tag) => self.start(tag),
+            Event::End(tag) => self.end(tag),
+            Event::Text(text) => match &mut self.code {
+                Some(code) => code.text.push_str(&text),
+                None => self.push(self.styles.last().copied().unwrap_or(Style::Plain), &text),
+            },
+            Event::Code(text) => self.push(Style::Bold, &text),
+            Event::SoftBreak | Event::HardBreak => self.push(Style::Plain, " "),
+            _ => {}
+        }
+    }
+
+    fn push(&mut self, style: Style, text: &str) {
+        if self.picture {
+            return;
+        }
+        match self.text.last_mut() {
+            Some((last, run)) if *last == style => run.push_str(text),
+            _ => self.text.push((style, text.to_owned())),
+        }
+    }
+
+    fn start(&mut self, tag: Tag<'_>) {
+        match tag {
+            Tag::Emphasis => self.styles.push(Style::Italic),
+            Tag::Strong => self.styles.push(Style::Bold),
+            Tag::Image { .. } => self.picture = true,
+            Tag::List(first) => {
+                // A list within an item: what came before it is the item's own text.
+                self.flush();
+                self.lists.push(first);
+            }
+            Tag::Item => {
+                let bullet = match self.lists.last_mut() {
+                    Some(Some(number)) => {
+                        *number += 1;
+                        format!("{}.", *number - 1)
+                    }
+                    _ => "-".to_owned(),
+                };
+                self.bullet = Some(bullet);
+            }
+            Tag::CodeBlock(kind) => {
+                self.flush();
+                let rust = matches!(&kind, CodeBlockKind::Fenced(info) if info.starts_with("rust"));
+                self.code = Some(Code { text: String::new(), rust });
+            }
+            Tag::Table(_) => self.rows.clear(),
+            Tag::TableHead | Tag::TableRow => self.rows.push(Vec::new()),
+            _ => {}
+        }
+    }
+
+    fn end(&mut self, tag: TagEnd) {
+        match tag {
+            TagEnd::Emphasis | TagEnd::Strong => {
+                self.styles.pop();
+            }
+            TagEnd::Image => self.picture = false,
+            TagEnd::Heading(level) => {
+                let text = std::mem::take(&mut self.text);
+                self.blocks.push(Block::Heading(level as usize, text));
+            }
+            TagEnd::Paragraph | TagEnd::Item => self.flush(),
+            TagEnd::List(_) => {
+                self.lists.pop();
+            }
+            TagEnd::CodeBlock => {
+                if let Some(Code { text, rust }) = self.code.take() {
+                    let hidden = |line: &str| rust && (line == "#" || line.starts_with("# "));
+                    let lines = text.lines().filter(|line| !hidden(line)).collect::<Vec<_>>();
+                    self.blocks.push(Block::Code(lines.join("\n")));
+                }
+            }
+            TagEnd::TableCell => {
+                let text = std::mem::take(&mut self.text);
+                if let Some(row) = self.rows.last_mut() {
+                    row.push(text);
+                }
+            }
+            TagEnd::Table => self.blocks.push(Block::Table(std::mem::take(&mut self.rows))),
+            _ => {}
+        }
+    }
+
+    /// Ends the paragraph or item that is being read, if it has any text.
+    fn flush(&mut self) {
+        let text = std::mem::take(&mut self.text);
+        if text.is_empty() {
+            return;
+        }
+        let depth = self.lists.len().saturating_sub(1);
+        self.blocks.push(match self.bullet.take() {
+            Some(bullet) => Block::Item(depth, bullet, text),
+            // A further paragraph of an item lines up with the first.
+            None if !self.lists.is_empty() => Block::Item(depth, String::new(), text),
+            None => Block::Paragraph(text),
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_only_rustdoc_needs_is_left_out() {
+        let blocks = parse(
+            "# Title\n\nSee [files] and `a` *b*.\n\n![x](y.png)\n\n```rust\n# use z;\nlet a = 1;\n#[test]\n```\n\n\
+             [files]: files.md\n",
+        );
+        let run = |style, text: &str| (style, text.to_owned());
+        assert_eq!(
+            blocks,
+            [
+                Block::Heading(1, vec![run(Style::Plain, "Title")]),
+                Block::Paragraph(vec![
+                    run(Style::Plain, "See files and "),
+                    run(Style::Bold, "a"),
+                    run(Style::Plain, " "),
+                    run(Style::Italic, "b"),
+                    run(Style::Plain, "."),
+                ]),
+                Block::Code("let a = 1;\n#[test]".to_owned()),
+            ]
+        );
+    }
+
+    #[test]
+    fn lists_and_tables_keep_their_order() {
+        let blocks = parse("1. one\n2. two\n   - inner\n\n   more\n\n| a | b |\n|---|---|\n| `c` | d e |\n");
+        let shown: Vec<String> = blocks
+            .iter()
+            .map(|block| match block {
+                Block::Item(depth, bullet, text) => format!("{depth}{bullet}{}", plain(text)),
+                Block::Table(rows) => rows.iter().flatten().map(plain).collect::<Vec<_>>().join("|"),
+                other => format!("{other:?}"),
+            })
+            .collect();
+        assert_eq!(shown, ["01.one", "02.two", "1-inner", "0more", "a|b|c|d e"]);
+    }
+}
