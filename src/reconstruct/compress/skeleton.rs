@@ -56,7 +56,7 @@ pub(crate) fn witnesses_for(bandwidth_duration: f64) -> f64 {
 }
 
 /// About how many tones stand for a sweep on an interval of `bandwidth_duration` B·T to within `tolerance`: the numbers
-/// of its singular value decomposition to within two.
+/// of DESIGN section 5 to within two.
 pub(crate) fn tones_for(bandwidth_duration: f64, tolerance: f64) -> f64 {
     let digits = (1.0 / tolerance).ln();
     bandwidth_duration + 2.0 + digits * (0.22 + 0.2 * (1.0 + bandwidth_duration).ln())
@@ -267,18 +267,6 @@ mod tests {
         ] {
             let about = tones_for(bandwidth_duration, tolerance);
             assert!((about - found).abs() <= 2.0, "{about} for {found}");
-        }
-    }
-
-    #[test]
-    fn zz_tmp_table() {
-        for (b, n, t) in [(2000.0, 1001, 0.57e-3), (2000.0, 1001, 2.3e-3), (10000.0, 1001, 2.3e-3), (10000.0, 5001, 2.3e-3), (10000.0, 1001, 6e-3), (10000.0, 1001, 15e-3)] {
-            print!("{b} {n} {t} BT {:.1}:", b * t);
-            for eps in [1e-2, 1e-3, 1e-4, 1e-6] {
-                let s = skeleton(&sweep(b, n), interval(t), eps);
-                print!("  Q {} err {:.1e} W {:.1}", s.chosen().len(), s.error(), s.largest_weight_sum());
-            }
-            println!();
         }
     }
 }
