@@ -122,8 +122,8 @@ fn in_pool(
     if let Some(warning) = warning {
         observer.warn(&warning);
     }
-    let weights = Weights::new(&instrument, options.window);
-    let gain = options.compensate.then(|| Gain::new(&instrument, grid));
+    let weights = Weights::new(instrument, options.window);
+    let gain = options.compensate.then(|| Gain::new(instrument, grid));
     let mut compensated;
     let sink: &mut dyn VolumeSink = match gain {
         Some(gain) => {

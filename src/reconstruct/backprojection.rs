@@ -170,7 +170,7 @@ fn share(longer: f64, own: f64, _: usize) -> bool {
 /// tiles ten times fewer or less; memory for the virtual tones of all microphones, and for the nodes.
 pub(super) fn backprojection(job: Job<'_>, plan: &Plan) -> Result<ReconstructionInfo> {
     if let Some(lattice) = &plan.tiled
-        && let Some(tiled) = Tiled::new(lattice, &job.source.instrument(), &plan.grid, plan.fine.band)?
+        && let Some(tiled) = Tiled::new(lattice, job.source.instrument(), &plan.grid, plan.fine.band)?
     {
         return tiled.image(job);
     }
@@ -178,10 +178,10 @@ pub(super) fn backprojection(job: Job<'_>, plan: &Plan) -> Result<Reconstruction
     let Division { band, shape, thickness, .. } = plan.fine;
     let greatest = greatest_half(shape.half(grid));
     let budget = SeriesBudget::new(&band, greatest, budget);
-    let whole = interval(&source.instrument(), grid, shape, 0..grid.z.count);
+    let whole = interval(source.instrument(), grid, shape, 0..grid.z.count);
     let compressed = VolumeTones::compress(source, weights, whole, budget.tones, observer)?;
     let instrument = source.instrument();
-    let interval = |depths| interval(&instrument, grid, shape, depths);
+    let interval = |depths| interval(instrument, grid, shape, depths);
     let slabs = compressed.slabs(slabs_of(grid.z.count, thickness), interval, share, budget.tones);
     let error_bound = budget.error(&slabs) * compressed.modulus;
     let groups = Group::of(instrument.array.positions(), (0..instrument.array.len()).collect());
@@ -194,7 +194,7 @@ pub(super) fn backprojection(job: Job<'_>, plan: &Plan) -> Result<Reconstruction
     let info = ReconstructionInfo { method: Method::Backprojection, error_bound };
     driver.run(info, sink, |part, depths, planes| {
         let tones = slabs[part.start].of(&compressed, width)?;
-        let profiles = SlabProfiles::new(&instrument, band, greatest, &tones);
+        let profiles = SlabProfiles::new(instrument, band, greatest, &tones);
         let groups: Vec<_> = groups.iter().map(|g| (g, g.tones(&tones, width))).collect();
         let blocks = Block::of(grid, shape, depths.clone());
         let images: Vec<[Vec<f32>; 2]> = blocks

@@ -195,7 +195,7 @@ fn skeleton_frequencies(job: Job<'_>, plan: &Plan, division: &Slabs) -> Result<R
     let share = |longer, own, depths| division.share(longer, own, depths);
     let slabs = compressed.slabs(slabs_of(depths, thickness), interval, share, *compression);
     let error = slabs.iter().map(|slab| slab.error).fold(0.0, greater) + layout.lattice.error();
-    let near = NearField::new(&instrument, grid, &layout.lattice.near, &compressed, &slabs)?;
+    let near = NearField::new(instrument, grid, &layout.lattice.near, &compressed, &slabs)?;
     let samples = std::mem::take(&mut compressed.tones.samples);
     compressed.tones.samples = layout.lattice.spreading(&instrument.array).onto_nodes(samples)?;
     let error_bound = error * compressed.modulus;

@@ -60,7 +60,7 @@ pub(super) fn sum_over_paths(
             || lengths(instrument.array.len()),
             |lengths, (chunk, voxels)| {
                 let first = depths.start * plane + chunk * TOGETHER;
-                image(&instrument, &path_length, grid, &sums, first, voxels, lengths);
+                image(instrument, &path_length, grid, &sums, first, voxels, lengths);
                 advance(observer, voxels.len() as u64)
             },
         )

@@ -17,7 +17,7 @@ pub(super) fn render(blocks: &[Block], width: usize) -> String {
     for block in blocks {
         let is_item = matches!(block, Block::Item(..));
         // Items follow one another without a blank line.
-        if !shown.is_empty() && !(is_item && after_item) {
+        if !(shown.is_empty() || is_item && after_item) {
             shown.push('\n');
         }
         after_item = is_item;

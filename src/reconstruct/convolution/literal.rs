@@ -200,7 +200,7 @@ impl<'a> Literal<'a> {
         for (part, lengths) in
             self.layout.node_parts.iter().zip(buffers.lengths.chunks_exact_mut(self.lanes()))
         {
-            let first = self.first(voxels, &[grid.x, grid.y]) - self.first(part, &lattice.nodes());
+            let first = Self::first(voxels, &[grid.x, grid.y]) - Self::first(part, &lattice.nodes());
             for (i, length) in lengths.as_flattened_mut()[..self.padded.len()].iter_mut().enumerate() {
                 let lag = DVec2::new(lag(i % n_x, n_x, voxels[0].count), lag(i / n_x, n_y, voxels[1].count));
                 *length = geometry.return_legs() * (first + pitch * lag).extend(height).length();
@@ -215,7 +215,7 @@ impl<'a> Literal<'a> {
     }
 
     /// Position of the first place of a sublattice, m.
-    fn first(&self, parts: &Sublattices, axes: &[Axis; 2]) -> DVec2 {
+    fn first(parts: &Sublattices, axes: &[Axis; 2]) -> DVec2 {
         let first = |axis: &Axis, part: &Sublattice| axis.position(part.start);
         DVec2::new(first(&axes[0], &parts[0]), first(&axes[1], &parts[1]))
     }

@@ -114,7 +114,7 @@ impl<'a> Tiled<'a> {
         self.band.tolerance = budget.series();
         let budget = SeriesBudget::new(&self.band, self.greatest, budget);
         let whole = self.shells[0].0.start..self.shells[self.shells.len() - 1].0.end;
-        let whole = self.interval(&source.instrument(), &whole);
+        let whole = self.interval(source.instrument(), &whole);
         let compressed = VolumeTones::compress(source, weights, whole, budget.tones, observer)?;
         let instrument = source.instrument();
         let interval = |shells: Range<usize>| {
@@ -148,7 +148,7 @@ impl<'a> Tiled<'a> {
                 }
                 done = shells.end;
                 if last.end > needed.start {
-                    self.sum(&instrument, slab, &compressed, &groups, batch, observer)?;
+                    self.sum(instrument, slab, &compressed, &groups, batch, observer)?;
                 } else {
                     // A run that resumes after its first depths needs nothing nearer.
                     let patches = self.shells[shells].iter().map(|(_, patches)| patches.len());
