@@ -14,11 +14,14 @@ impl Reflectors {
     /// Reads a reflector CSV.
     ///
     /// # Errors
-    /// A missing file, another header, or a line that is not the asked numbers; the message names the line.
+    /// A missing file, another header, or a line without the expected numbers; the message names the line.
     pub fn read_csv(path: &Path) -> Result<Self> {
         let rows = read_columns(path, ["x", "y", "z", "amplitude"])?;
         if rows.is_empty() {
-            return Err(Error::input(path.display(), "holds no reflectors; at least one line was expected"));
+            return Err(Error::input(
+                path.display(),
+                "contains no reflectors; at least one line was expected",
+            ));
         }
         let mut positions = try_with_capacity(rows.len() as u64).ok_or_else(|| no_room(path))?;
         let mut amplitudes = try_with_capacity(rows.len() as u64).ok_or_else(|| no_room(path))?;
@@ -33,7 +36,7 @@ impl Reflectors {
 /// Reads a CSV of finite numbers under exactly the given header; blank lines and `#` comments are skipped.
 ///
 /// # Errors
-/// A missing file, another header, or a line with other than the asked numbers; the message names the line.
+/// A missing file, another header, or a line without the expected numbers; the message names the line.
 pub(crate) fn read_columns<const N: usize>(path: &Path, header: [&str; N]) -> Result<Vec<[f64; N]>> {
     let text = std::fs::read_to_string(path).map_err(|e| match e.kind() {
         std::io::ErrorKind::InvalidData => {
@@ -68,7 +71,7 @@ pub(crate) fn read_columns<const N: usize>(path: &Path, header: [&str; N]) -> Re
         let mut row = [0.0; N];
         let mut fields = line.split(',').map(|field| field.trim().parse().ok());
         for value in &mut row {
-            // Amplitudes become f32; nothing in metres comes near its limit either.
+            // Amplitudes become f32, and lengths in metres are far below its limit.
             *value = fields.next().flatten().filter(|v: &f64| (*v as f32).is_finite()).unwrap_or(f64::NAN);
         }
         if fields.next().is_some() || row.iter().any(|value| value.is_nan()) {
@@ -83,10 +86,10 @@ pub(crate) fn read_columns<const N: usize>(path: &Path, header: [&str; N]) -> Re
     Ok(rows)
 }
 
-/// The refusal of a list that does not fit.
+/// The error for a list that does not fit in memory.
 fn no_room(path: &Path) -> Error {
     Error::out_of_memory(format!(
-        "{}: its lines do not fit; give fewer points, or free some memory",
+        "{}: its lines do not fit in memory; give fewer points, or free some memory",
         path.display()
     ))
 }

@@ -1,4 +1,4 @@
-//! Directivity of a loudspeaker or microphone: a circular piston in a baffle, heard far away.
+//! Directivity of a loudspeaker or microphone: a circular piston in a baffle, in the far field.
 
 use libm::j1;
 
