@@ -271,7 +271,7 @@ impl NpzReader {
             return Err(self.fault(
                 name,
                 format!(
-                    "of shape {:?} needs {in_memory} bytes, more than the limit of {}; raise the \
+                    "has the shape {:?} and needs {in_memory} bytes, more than the limit of {}; raise the \
                      limit or use a smaller array",
                     header.shape, self.limit_bytes
                 ),
@@ -360,7 +360,9 @@ fn read_header(
         CompressionMethod::Stored => packed,
         CompressionMethod::Deflated => packed.saturating_mul(DEFLATE_AT_MOST),
         method => {
-            return Err(format!("is compressed with {method}; only stored and deflated arrays are supported"));
+            return Err(format!(
+                "is compressed with {method}; only stored and deflated arrays are supported"
+            ));
         }
     };
     if packed > bytes_on_disk || unpacked > possible {

@@ -268,7 +268,7 @@ mod tests {
     use crate::progress::Silent;
 
     fn sampled(triangles: &[Triangle], spacing: f64, seed: u64) -> Vec<Sample> {
-        poisson_disk(triangles, spacing, seed, &Silent).expect("nobody interrupts")
+        poisson_disk(triangles, spacing, seed, &Silent).expect("not interrupted")
     }
 
     fn plate(width: f64, height: f64) -> Vec<Triangle> {

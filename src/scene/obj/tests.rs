@@ -17,7 +17,7 @@ fn metres() -> LoadOptions {
     LoadOptions { unit: Some(Unit::Metre), ..LoadOptions::default() }
 }
 
-/// Loads `obj`, with `files` beside it; the scene and what was warned of.
+/// Loads `obj`, with `files` in its folder; returns the scene and the warnings.
 fn load_with(
     obj: &str,
     files: &[(&str, &str)],
