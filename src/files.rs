@@ -1,8 +1,8 @@
 //! Writes files completely or not at all.
 //!
-//! Takes a path and whoever writes the bytes; gives a file that readers only ever see whole. Every file this
-//! crate writes goes through [`write_atomically`], the `.npz` files go through [`npz`], and every
-//! PLY file, read or written, has the header of `ply`.
+//! Takes a path and a closure that writes the bytes; gives a file that other processes never see incomplete. Every file
+//! of this crate is written by [`write_atomically`], `.npz` files are read and written by [`npz`], and the header of
+//! PLY files by `ply`.
 
 pub(crate) mod npz;
 pub(crate) mod ply;

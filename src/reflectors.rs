@@ -236,7 +236,7 @@ pub fn sample_surface_with(
     }
     let samples = match options.surface {
         SurfaceModel::Smooth => stage(observer, "sampling surfaces", 0, || {
-            lattice::lattice(scene.triangles(), options.spacing).ok_or_else(|| no_room(options.spacing))
+            lattice::lattice(scene.triangles(), options.spacing).ok_or_else(|| does_not_fit(options.spacing))
         }),
         _ => {
             stage(observer, "sampling surfaces", poisson::work(scene.surface_area(), options.spacing), || {
@@ -244,10 +244,10 @@ pub fn sample_surface_with(
             })
         }
     }?;
-    let no_room = || no_room(options.spacing);
-    let scatter = draw_scatter(samples.len(), options).ok_or_else(no_room)?;
+    let does_not_fit = || does_not_fit(options.spacing);
+    let scatter = draw_scatter(samples.len(), options).ok_or_else(does_not_fit)?;
     let mut visible: Vec<Option<(DVec3, Complex32)>> =
-        try_filled(None, samples.len() as u64).ok_or_else(no_room)?;
+        try_filled(None, samples.len() as u64).ok_or_else(does_not_fit)?;
     stage(observer, "tracing echoes", samples.len() as u64, || {
         let blocks = samples.par_chunks(1024).zip(scatter.par_chunks(1024)).zip(visible.par_chunks_mut(1024));
         blocks.try_for_each(|((samples, scatter), visible)| {
@@ -266,8 +266,8 @@ pub fn sample_surface_with(
         ));
     }
     let left = visible.iter().flatten().count() as u64;
-    let mut positions = try_with_capacity(left).ok_or_else(no_room)?;
-    let mut amplitudes = try_with_capacity(left).ok_or_else(no_room)?;
+    let mut positions = try_with_capacity(left).ok_or_else(does_not_fit)?;
+    let mut amplitudes = try_with_capacity(left).ok_or_else(does_not_fit)?;
     for (position, amplitude) in visible.into_iter().flatten() {
         positions.push(position);
         amplitudes.push(amplitude);
@@ -276,7 +276,7 @@ pub fn sample_surface_with(
 }
 
 /// The error for a surface whose samples do not fit in memory.
-fn no_room(spacing: f64) -> Error {
+fn does_not_fit(spacing: f64) -> Error {
     Error::out_of_memory(format!(
         "the reflectors of a scene sampled every {spacing} m do not fit in memory; use a larger [reflectors] spacing, \
              or free some memory"

@@ -126,11 +126,11 @@ impl NpzReader {
         let mut data = Vec::new();
         let place = place_of(&self.path, name);
         self.read(name, index, &header, Held::all(&header, 8), |bytes| {
-            header.reserve(&mut data).ok_or_else(|| no_room(&place))?;
+            header.reserve(&mut data).ok_or_else(|| does_not_fit(&place))?;
             convert(header.dtype, bytes, &mut data);
             Ok(())
         })?;
-        header.array(data).ok_or_else(|| no_room(&place))
+        header.array(data).ok_or_else(|| does_not_fit(&place))
     }
 
     /// How to read an array's elements as complex numbers.
@@ -173,7 +173,7 @@ impl NpzReader {
         let place = place_of(&self.path, name);
         self.read(name, index, &header, Held { elements: block as u64, bytes_each: 8 }, |mut bytes| {
             if waiting.capacity() == 0 {
-                waiting.try_reserve_exact(most).map_err(|_| no_room(&place))?;
+                waiting.try_reserve_exact(most).map_err(|_| does_not_fit(&place))?;
             }
             while !bytes.is_empty() {
                 let room = (block - waiting.len()) * size;
@@ -246,11 +246,11 @@ impl NpzReader {
         let mut data: Vec<T> = Vec::new();
         let place = place_of(&self.path, name);
         self.read(name, index, &header, Held::all(&header, size_of::<T>() as u64), |bytes| {
-            header.reserve(&mut data).ok_or_else(|| no_room(&place))?;
+            header.reserve(&mut data).ok_or_else(|| does_not_fit(&place))?;
             data.extend(bytes.chunks_exact(header.dtype.size as usize).map(|element| make(scalar(element))));
             Ok(())
         })?;
-        header.array(data).ok_or_else(|| no_room(&place))
+        header.array(data).ok_or_else(|| does_not_fit(&place))
     }
 
     /// Passes the array's bytes to `take` in blocks of whole elements, after checking that its sizes fit.
@@ -344,7 +344,7 @@ fn place_of(path: &Path, name: &str) -> String {
 }
 
 /// The error for an array that does not fit in memory.
-fn no_room(place: &str) -> Error {
+fn does_not_fit(place: &str) -> Error {
     Error::out_of_memory(format!("{place} does not fit in memory; use a smaller array, or free some memory"))
 }
 

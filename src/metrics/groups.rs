@@ -79,7 +79,7 @@ impl fmt::Display for Measure {
 }
 
 impl Scores {
-    /// The value of a measure, in m for lengths and else a share of 1; `None` where there was nothing to measure it on.
+    /// The value of a measure, in m for lengths and otherwise a share of 1; `None` where there was nothing to measure it on.
     pub fn get(&self, measure: &Measure) -> Option<f64> {
         let metrics = match &measure.group {
             Group::All => &self.all,

@@ -1,7 +1,7 @@
 //! Reflectors from a CSV file: header `x,y,z,amplitude`, one point per line, in metres, used as they are.
 //!
-//! The `csv` crate was looked at: numbers need none of its quoting, so that it would replace the two lines that split at commas;
-//! the header, the numbers and what to say of a bad line are checked here either way.
+//! The `csv` crate is not used: numbers need none of its quoting, so it would replace only the two lines that split at
+//! commas; the header, the numbers and the messages for bad lines are handled here in any case.
 
 use super::Reflectors;
 use crate::alloc::try_with_capacity;
@@ -23,8 +23,8 @@ impl Reflectors {
                 "contains no reflectors; at least one line was expected",
             ));
         }
-        let mut positions = try_with_capacity(rows.len() as u64).ok_or_else(|| no_room(path))?;
-        let mut amplitudes = try_with_capacity(rows.len() as u64).ok_or_else(|| no_room(path))?;
+        let mut positions = try_with_capacity(rows.len() as u64).ok_or_else(|| does_not_fit(path))?;
+        let mut amplitudes = try_with_capacity(rows.len() as u64).ok_or_else(|| does_not_fit(path))?;
         for [x, y, z, amplitude] in rows {
             positions.push(DVec3::new(x, y, z));
             amplitudes.push(Complex32::new(amplitude as f32, 0.0));
@@ -80,14 +80,14 @@ pub(crate) fn read_columns<const N: usize>(path: &Path, header: [&str; N]) -> Re
                 format!("{N} finite numbers `{expected}` were expected, found `{line}`"),
             ));
         }
-        rows.try_reserve(1).map_err(|_| no_room(path))?;
+        rows.try_reserve(1).map_err(|_| does_not_fit(path))?;
         rows.push(row);
     }
     Ok(rows)
 }
 
 /// The error for a list that does not fit in memory.
-fn no_room(path: &Path) -> Error {
+fn does_not_fit(path: &Path) -> Error {
     Error::out_of_memory(format!(
         "{}: its lines do not fit in memory; give fewer points, or free some memory",
         path.display()

@@ -4,7 +4,7 @@
 //! facing surface is closer than the spacing. Every candidate then gives its share of the area to the nearest
 //! accepted sample, so the areas add up to the scene's exactly, slivers and small parts included.
 
-use super::{Sample, no_room};
+use super::{Sample, does_not_fit};
 use crate::alloc::{try_filled, try_with_capacity};
 use crate::error::Result;
 use crate::progress::{Observer, advance};
@@ -51,20 +51,20 @@ pub(super) fn poisson_disk(
     seed: u64,
     observer: &dyn Observer,
 ) -> Result<Vec<Sample>> {
-    let no_room = || no_room(spacing);
-    let mut normals: Vec<DVec3> = try_with_capacity(triangles.len() as u64).ok_or_else(no_room)?;
+    let does_not_fit = || does_not_fit(spacing);
+    let mut normals: Vec<DVec3> = try_with_capacity(triangles.len() as u64).ok_or_else(does_not_fit)?;
     normals.par_extend(triangles.par_iter().map(Triangle::normal));
-    let mut areas: Vec<f64> = try_with_capacity(triangles.len() as u64).ok_or_else(no_room)?;
+    let mut areas: Vec<f64> = try_with_capacity(triangles.len() as u64).ok_or_else(does_not_fit)?;
     areas.par_extend(triangles.par_iter().map(Triangle::area));
     let total_area: f64 = areas.iter().sum();
-    let mut candidates = candidates(triangles, &areas, total_area, spacing, seed).ok_or_else(no_room)?;
+    let mut candidates = candidates(triangles, &areas, total_area, spacing, seed).ok_or_else(does_not_fit)?;
     let share = total_area / candidates.len() as f64;
-    let mut cells = Cells::new(&mut candidates, spacing).ok_or_else(no_room)?;
+    let mut cells = Cells::new(&mut candidates, spacing).ok_or_else(does_not_fit)?;
 
     // A random order (Fisher and Yates) makes it dart throwing.
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     random.set_stream(u64::MAX);
-    let mut order: Vec<u32> = try_with_capacity(candidates.len() as u64).ok_or_else(no_room)?;
+    let mut order: Vec<u32> = try_with_capacity(candidates.len() as u64).ok_or_else(does_not_fit)?;
     order.extend(0..candidates.len() as u32);
     for i in (1..order.len()).rev() {
         let j = (u128::from(random.next_u64()) * (i as u128 + 1)) >> 64;
@@ -74,14 +74,14 @@ pub(super) fn poisson_disk(
         for &index in block {
             let c = &candidates[index as usize];
             if !cells.is_taken(c, &normals) {
-                cells.take(c).ok_or_else(no_room)?;
+                cells.take(c).ok_or_else(does_not_fit)?;
             }
         }
         advance(observer, block.len() as u64)?;
     }
     drop(order);
 
-    let mut owners = try_filled(NONE, candidates.len() as u64).ok_or_else(no_room)?;
+    let mut owners = try_filled(NONE, candidates.len() as u64).ok_or_else(does_not_fit)?;
     candidates.par_chunks(BLOCK).zip(owners.par_chunks_mut(BLOCK)).try_for_each(|(block, owners)| {
         for (c, owner) in block.iter().zip(owners) {
             *owner = cells.nearest(c, &normals);
