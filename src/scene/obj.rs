@@ -137,7 +137,7 @@ fn clean(source: &str, path: &Path, surfaces: &Surfaces) -> Result<Cleaned> {
                     corners += 1;
                 }
                 triangles += corners.saturating_sub(2);
-                surfaces.expect_room(triangles)?;
+                surfaces.check_limit(triangles)?;
             }
             "o" | "g" => text.extend([keyword, " ", rest]),
             "usemtl" => {

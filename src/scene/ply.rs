@@ -42,7 +42,7 @@ pub(super) fn load(
                 let lists = if name == "face" { &mut faces } else { &mut strips };
                 lists.find_list(element).map_err(|problem| Error::input(path.display(), problem))?;
                 // Every row has a triangle or more, and no more rows are read than the file can contain.
-                surfaces.expect_room(source.rows_of(element))?;
+                surfaces.check_limit(source.rows_of(element))?;
                 read_rows(element, &mut source, path, lists)?;
             }
             _ => read_rows(element, &mut source, path, &mut Unread)?,
