@@ -1,5 +1,5 @@
 //! Finished blocks of a long stage, stored for a run that resumes after an interruption: the [`BlockStore`] that a stage
-//! saves its blocks to and loads them from. Where and how they are stored, no stage knows.
+//! saves its blocks to and loads them from. Stages do not depend on where and how they are stored.
 
 use crate::error::Result;
 use num_complex::Complex32;
@@ -11,7 +11,7 @@ use num_complex::Complex32;
 /// written is not stored: neither is an error of the stage.
 pub(crate) trait BlockStore {
     /// Fills `block` with block `k` of an interrupted run. `false` where no intact block of this length is stored; the
-    /// content of `block` is then of no use.
+    /// content of `block` is then undefined.
     fn load(&mut self, k: u64, block: &mut [Complex32]) -> bool;
 
     /// Whether it is time to save the blocks that were finished since the last [`BlockStore::flush`].
@@ -23,7 +23,7 @@ pub(crate) trait BlockStore {
     /// Ends a series of saves.
     ///
     /// # Errors
-    /// [`Error::Interrupted`](crate::error::Error::Interrupted) when a stop was asked for meanwhile.
+    /// [`Error::Interrupted`](crate::error::Error::Interrupted) when a stop was requested meanwhile.
     fn flush(&mut self) -> Result<()>;
 }
 

@@ -1,7 +1,7 @@
 //! Choices that people type: one word for each variant, the same in run files, on the command line and in reports.
 //!
-//! [`choice!`] declares such an enumeration with its words, and makes of them `Display`, `FromStr`, serde's forms and the
-//! list of all, so that a word stands in one place.
+//! [`choice!`] declares such an enumeration with its words, and generates `Display`, `FromStr`, serde's forms and the
+//! list of all variants from them, so that each word is in one place.
 
 /// Declares an enumeration of words; `$what` is what an error calls it.
 macro_rules! choice {
@@ -18,7 +18,7 @@ macro_rules! choice {
         }
 
         impl $name {
-            /// Every one of them.
+            /// All of them.
             pub const ALL: &'static [Self] = &[$(Self::$variant),+];
 
             /// The word for it in run files, on the command line and in reports.
@@ -38,7 +38,7 @@ macro_rules! choice {
         impl std::str::FromStr for $name {
             type Err = $crate::error::Error;
 
-            /// Reads its word; the error names the words there are.
+            /// Reads its word; the error lists the words that exist.
             fn from_str(word: &str) -> $crate::error::Result<Self> {
                 Self::ALL
                     .iter()
@@ -53,7 +53,7 @@ pub(crate) use choice;
 
 use crate::error::Error;
 
-/// The refusal of a word that is none of `words`.
+/// The error for a word that is none of `words`.
 pub(crate) fn unknown(what: &str, word: &str, words: &[&str]) -> Error {
     Error::input(
         what,

@@ -1,11 +1,11 @@
-//! Volume to depth map: where along each column the sound came from.
+//! Finds the depth map of a volume: where along each column the sound came from.
 //!
 //! The picked return is the strongest (or first) peak of `|Â|` above a threshold, refined by the power centroid and
-//! cleaned by a median filter; further returns are found in smoothed power (module `returns`). This module cannot see
-//! the scene, so it cannot know the answer.
+//! cleaned by a median filter; further returns are found in smoothed power (module `returns`). This module has no
+//! access to the scene, so it cannot know the true depths.
 //!
 //! # Example
-//! A column that peaks between two voxels; the power centroid finds the place:
+//! A column that peaks between two voxels; the power centroid finds the depth:
 //! ```
 //! use holosonar::depth::{DepthOptions, locate_depth, locate_depth_with};
 //! use holosonar::grid::{Axis, Grid, Volume};
@@ -16,7 +16,7 @@
 //! let echo = |z: f64| Complex32::from((-0.5 * ((z - 1.204) / 0.01).powi(2)).exp() as f32);
 //! let volume = Volume::new(grid, grid.z.positions().map(echo).collect());
 //! let mut options = DepthOptions::new(0.017);
-//! options.median = 1; // a lone pixel has no neighbours to agree with
+//! options.median = 1; // an isolated pixel has no neighbours for a median
 //! let map = locate_depth(&volume, &options)?;
 //! assert!((map.picked.depth[0] - 1.204).abs() < 5e-4);
 //! # Ok::<(), holosonar::error::Error>(())
@@ -37,7 +37,7 @@ choice! {
     /// Which peak of a column is its depth.
     #[derive(Default)]
     pub enum Pick: "pick" {
-        /// The greatest amplitude.
+        /// The peak of maximum amplitude.
         #[default]
         Strongest = "strongest",
         /// The first peak above the threshold, front to back.
@@ -49,7 +49,7 @@ choice! {
     /// How a peak is placed between voxels.
     #[derive(Default)]
     pub enum Refine: "refine" {
-        /// Power centroid within ±2 range cells: best on slopes.
+        /// Power centroid within ±2 range cells: best on slopes, as measured in `guide::method`.
         #[default]
         Centroid = "centroid",
         /// The vertex of a parabola through the peak and its neighbours.
@@ -69,18 +69,18 @@ pub struct DepthOptions {
     pub pick: Pick,
     /// Sub-voxel refinement.
     pub refine: Refine,
-    /// Least amplitude, dB against the 99th percentile of the columns' maxima.
+    /// Minimum amplitude, dB against the 99th percentile of the columns' maxima.
     pub threshold_db: f64,
-    /// Surfaces per pixel that are looked for; below 2 none but the picked one.
+    /// Maximum number of surfaces per pixel; below 2 only the picked one.
     pub returns: usize,
-    /// Least smoothed power of a return, dB against the 99th percentile of the columns' maxima.
+    /// Minimum smoothed power of a return, dB against the 99th percentile of the columns' maxima.
     pub return_threshold_db: f64,
-    /// Least smoothed power of a further return, dB against its own column's maximum.
+    /// Minimum smoothed power of a further return, dB against its own column's maximum.
     pub return_gate_db: f64,
     /// How far a further return must stand out, dB: above the median of the power around it, and above the valley
-    /// between it and every stronger return; 0 asks for nothing.
+    /// between it and every stronger return; 0 requires nothing.
     pub return_contrast_db: f64,
-    /// Least distance between returns, in Δd.
+    /// Minimum distance between returns, in Δd.
     pub separation: f64,
     /// Gaussian σ of the power smoothing along x, y, z, m.
     pub smoothing: [f64; 3],
@@ -91,7 +91,7 @@ pub struct DepthOptions {
 }
 
 impl DepthOptions {
-    /// The defaults for a range resolution in m.
+    /// The default options for a range resolution in m.
     pub fn new(range_resolution: f64) -> Self {
         Self {
             range_resolution,
@@ -111,7 +111,7 @@ impl DepthOptions {
 }
 
 impl DepthOptions {
-    /// Bytes that [`locate_depth`] takes beside a volume: its amplitudes, and of returns their power and a copy of it.
+    /// Bytes that [`locate_depth`] takes besides a volume: its amplitudes, and for returns their power and a copy of it.
     pub(crate) fn search_bytes(&self, grid: &Grid) -> u64 {
         let copies = if self.returns >= 2 { 3 } else { 1 };
         grid.voxel_count().saturating_mul(copies * size_of::<f32>() as u64)
@@ -235,8 +235,8 @@ fn pick(
     Some(Found { depth: z.first + z.pitch * (index as f64 + offset), peak, confidence })
 }
 
-/// Ten times the logarithm of a peak against a reference, plus that against its column's median: of powers
-/// their level in dB, of amplitudes half of it. Where a ray has left the grid its column is 0 and does not count.
+/// Ten times the logarithm of a peak relative to a reference, plus that relative to its column's median: for powers the
+/// level in dB, for amplitudes half of it. Where a ray has left the grid, its column is 0, which does not count.
 fn confidence(column: &[f32], peak: f64, reference: f64) -> f64 {
     let mut inside: Vec<f32> = column.iter().copied().filter(|v| *v > 0.0).collect();
     let middle = (inside.len() / 2).min(inside.len().saturating_sub(1));
@@ -249,7 +249,7 @@ fn confidence(column: &[f32], peak: f64, reference: f64) -> f64 {
     level(peak / reference) + level(peak / median.max(peak * 1e-20))
 }
 
-/// Whether `column[i]` is a local maximum; of equal neighbours the first counts.
+/// Whether `column[i]` is a local maximum; the first of equal neighbours counts.
 fn is_peak(column: &[f32], i: usize) -> bool {
     (i == 0 || column[i] > column[i - 1]) && (i + 1 == column.len() || column[i] >= column[i + 1])
 }
@@ -369,6 +369,6 @@ mod tests {
         let depth = [1.0, 2.0, n, 9.0, 3.0, n, n, n, n];
         let filtered = median_filter(depth.to_vec(), 3, 3).expect("room");
         assert_eq!(filtered[4], 2.5);
-        assert!(filtered[8].is_nan(), "nothing is made up where nothing was");
+        assert!(filtered[8].is_nan(), "an empty pixel stays empty");
     }
 }

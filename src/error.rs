@@ -1,8 +1,8 @@
-//! The crate's one error type: whose fault, where, what was expected, and what caused it.
+//! The crate's one error type: what is wrong, where, what was expected, and the cause.
 //!
 //! A message is one paragraph that says where (file, line, key, node), what is wrong, what was expected and
-//! how to fix it. What a user can cause is always an [`Error`]; only a programmer's mistake panics. A caller who wants to
-//! react matches [`Error::kind`], and finds the operating system's own error in [`source`](std::error::Error::source).
+//! how to fix it. What a user can cause is always an [`Error`]; only a programmer's mistake panics. A caller that
+//! handles errors matches [`Error::kind`], and finds the operating system's own error in [`source`](std::error::Error::source).
 //!
 //! # Example
 //! ```
@@ -21,7 +21,7 @@ use std::io;
 use std::path::Path;
 use std::sync::Arc;
 
-/// What went wrong, as a caller can tell it apart.
+/// The kind of an error, for callers to match.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum ErrorKind {
@@ -33,7 +33,7 @@ pub enum ErrorKind {
     Io,
     /// Something does not fit in memory.
     OutOfMemory,
-    /// A result missed a limit that was asked for.
+    /// A result missed a requested limit.
     LimitMissed,
     /// The [`Observer`](crate::progress::Observer) asked to stop.
     Interrupted,
@@ -41,7 +41,7 @@ pub enum ErrorKind {
 
 /// What went wrong, where, and why.
 ///
-/// Two errors are equal when they are of one kind and read the same.
+/// Two errors are equal when they have the same kind and the same message.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub enum Error {
@@ -52,7 +52,7 @@ pub enum Error {
         place: String,
         /// What is wrong there, what was expected, and how to fix it.
         problem: String,
-        /// What the operating system said, if it was asked.
+        /// The error of the operating system, if there was one.
         source: Option<Arc<io::Error>>,
     },
     /// An input file is missing.
@@ -60,9 +60,9 @@ pub enum Error {
     NotFound {
         /// The file.
         place: String,
-        /// What to do about it.
+        /// How to fix it.
         problem: String,
-        /// What the operating system said.
+        /// The error of the operating system.
         source: Option<Arc<io::Error>>,
     },
     /// The operating system refused: a disk, a permission to write, a thread.
@@ -72,7 +72,7 @@ pub enum Error {
         place: String,
         /// What failed.
         problem: String,
-        /// What the operating system said, where it did.
+        /// The error of the operating system, if there was one.
         source: Option<Arc<io::Error>>,
     },
     /// Something does not fit in memory.
@@ -91,13 +91,13 @@ pub enum Error {
 pub type Result<T> = std::result::Result<T, Error>;
 
 impl Error {
-    /// A mistake in what the user gave.
+    /// An error in the user's input.
     pub fn input(place: impl Display, problem: impl Into<String>) -> Self {
         Self::InvalidInput { place: place.to_string(), problem: problem.into(), source: None }
     }
 
-    /// The same mistake at another place: that of the file or key the caller took the values from. What is not the
-    /// user's to fix stays as it is.
+    /// The same error at another place: the file or key from which the caller took the values. Errors other than invalid
+    /// input are unchanged.
     #[must_use]
     pub fn at(mut self, at: impl Display) -> Self {
         if let Self::InvalidInput { place, .. } = &mut self {
@@ -106,12 +106,12 @@ impl Error {
         self
     }
 
-    /// A refusal of the operating system.
+    /// An error of the operating system.
     pub fn io(place: impl Display, problem: impl Into<String>) -> Self {
         Self::Io { place: place.to_string(), problem: problem.into(), source: None }
     }
 
-    /// The same error with its cause, where the kind has room for one.
+    /// The same error with its cause, where the kind has one.
     #[must_use]
     pub fn with_source(mut self, cause: impl Into<io::Error>) -> Self {
         if let Self::InvalidInput { source, .. } | Self::NotFound { source, .. } | Self::Io { source, .. } =
@@ -122,17 +122,17 @@ impl Error {
         self
     }
 
-    /// The refusal of something that does not fit in memory.
+    /// The error for something that does not fit in memory.
     pub fn out_of_memory(problem: impl Into<String>) -> Self {
         Self::OutOfMemory { problem: problem.into() }
     }
 
-    /// An input file that could not be read: the user's to fix when it is missing, a folder or forbidden.
+    /// An input file that could not be read: an input error when it is missing, a folder or not permitted.
     pub fn reading(path: &Path, error: io::Error) -> Self {
         let (place, kind) = (path.display().to_string(), error.kind());
         let problem = match kind {
             io::ErrorKind::NotFound => "no such file; check the path".to_owned(),
-            io::ErrorKind::IsADirectory => "is a folder, a file was expected".to_owned(),
+            io::ErrorKind::IsADirectory => "is a folder; a file was expected".to_owned(),
             io::ErrorKind::PermissionDenied => "may not be read (permission denied)".to_owned(),
             _ => format!("cannot be read: {error}"),
         };
@@ -149,7 +149,7 @@ impl Error {
         Self::io(path.display(), format!("cannot be written: {error}")).with_source(error)
     }
 
-    /// The kind, to be matched.
+    /// The kind of the error.
     pub fn kind(&self) -> ErrorKind {
         match self {
             Self::InvalidInput { .. } => ErrorKind::InvalidInput,
@@ -192,7 +192,7 @@ impl Display for Error {
             | Self::Io { problem, .. }
             | Self::OutOfMemory { problem }
             | Self::LimitMissed(problem) => problem,
-            Self::Interrupted => "interrupted; nothing was left half-written",
+            Self::Interrupted => "interrupted; no file was left incomplete",
         };
         match self.place() {
             Some(place) => write!(f, "{place}: {problem}"),
@@ -220,7 +220,7 @@ impl PartialEq for Error {
 
 impl Eq for Error {}
 
-/// Bytes as people read them.
+/// A number of bytes in MiB or GiB, for messages.
 pub(crate) fn gib(bytes: u64) -> String {
     let (mib, gib) = (f64::from(1 << 20), f64::from(1 << 30));
     let bytes = bytes as f64;
@@ -231,7 +231,7 @@ thread_local! {
     static GUARDED: std::cell::Cell<bool> = const { std::cell::Cell::new(false) };
 }
 
-/// Runs a foreign parser on this thread; `None` when it panicked on what it was given.
+/// Runs a third-party parser on this thread; `None` when it panicked.
 ///
 /// Some crates panic on malformed files instead of returning an error. The caller turns `None` into an
 /// [`Error::InvalidInput`]; a panic hook can ask [`is_guarded`] and stay silent.
@@ -242,7 +242,7 @@ pub(crate) fn guarded<T>(work: impl FnOnce() -> T) -> Option<T> {
     result.ok()
 }
 
-/// Whether this thread is inside [`guarded`], where a panic is an answer and not a mistake.
+/// Whether this thread is inside [`guarded`], where a panic is handled and not a bug.
 pub(crate) fn is_guarded() -> bool {
     GUARDED.get()
 }

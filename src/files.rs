@@ -1,8 +1,8 @@
-//! How bytes reach the disk: complete or not at all.
+//! Writes files completely or not at all.
 //!
-//! Takes a path and whoever writes the bytes; gives a file that readers only ever see whole. Every file this
-//! crate writes goes through [`write_atomically`], the `.npz` files go through [`npz`], and every
-//! PLY file, read or written, has the header of `ply`.
+//! Takes a path and a closure that writes the bytes; gives a file that other processes never see incomplete. Every file
+//! of this crate is written by [`write_atomically`], `.npz` files are read and written by [`npz`], and the header of
+//! PLY files by `ply`.
 
 pub(crate) mod npz;
 pub(crate) mod ply;
@@ -12,18 +12,18 @@ use std::fs::{self, File, TryLockError};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-/// Writes a file so that nobody ever sees half of it.
+/// Writes a file atomically: readers see either the old file or the complete new one.
 ///
 /// The bytes go to a temporary file in the target's own folder, which is flushed, synchronised and only then
 /// renamed to `path`. A missing folder is created; a symbolic link is followed. The new file gets the
 /// permissions that any newly created file gets.
 ///
-/// `write` may seek within the file, which starts empty; through the `BufWriter` it can reach the file itself,
-/// open for reading too.
+/// `write` may seek within the file, which starts empty; through the `BufWriter` it can access the file itself,
+/// which is also open for reading.
 ///
 /// # Errors
-/// [`Error::Io`] when a step fails, `write` included: then the temporary file is gone and an older
-/// file at `path` is as it was. [`Error::InvalidInput`] when `path` is a folder or a device.
+/// [`Error::Io`] when a step fails, including `write`: the temporary file is then removed, and an older
+/// file at `path` is unchanged. [`Error::InvalidInput`] when `path` is a folder or a device.
 pub(crate) fn write_atomically(
     path: &Path,
     write: impl FnOnce(&mut BufWriter<&File>) -> io::Result<()>,
@@ -35,12 +35,12 @@ pub(crate) fn write_atomically(
     file.commit()
 }
 
-/// The extension of a path in lower case, by which formats are told apart; empty where there is none.
+/// The extension of a path in lower case, by which formats are recognised; empty if there is none.
 pub(crate) fn extension(path: &Path) -> String {
     path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase()
 }
 
-/// A file that is being written under a temporary name beside its own. It disappears unless it is committed.
+/// A file that is being written under a temporary name in its own folder. It is removed unless it is committed.
 #[derive(Debug)]
 pub(crate) struct AtomicFile {
     path: PathBuf,
@@ -49,7 +49,7 @@ pub(crate) struct AtomicFile {
 }
 
 impl AtomicFile {
-    /// Begins a file, in a folder that is made if it is missing.
+    /// Begins a file; a missing folder is created.
     ///
     /// # Errors
     /// As [`write_atomically`].
@@ -67,7 +67,7 @@ impl AtomicFile {
         Ok(Self { path: path.to_owned(), file: file.map_err(failed)?, target })
     }
 
-    /// The file's own name, which it does not have yet.
+    /// The path that the file gets when it is committed.
     pub(crate) fn path(&self) -> &Path {
         &self.path
     }
@@ -77,7 +77,7 @@ impl AtomicFile {
         self.file.as_file()
     }
 
-    /// Gives the file its name, once every byte of it is on the disk.
+    /// Renames the file to its final path, once every byte of it is on the disk.
     ///
     /// # Errors
     /// As [`write_atomically`].
@@ -85,7 +85,7 @@ impl AtomicFile {
         let failed = |error: io::Error| Error::writing(&self.path, error);
         self.file.as_file().sync_all().map_err(failed)?;
         self.file.persist(&self.target).map_err(|error| failed(error.error))?;
-        // The new name, too, should outlive a power cut; where a folder cannot be synchronised, the file is there anyway.
+        // The new name should survive a power cut too; where a folder cannot be synchronised, the file is complete anyway.
         #[cfg(unix)]
         if let Some(folder) = self.target.parent().and_then(|folder| File::open(nearest(folder)).ok()) {
             let _ = folder.sync_all();
@@ -94,28 +94,28 @@ impl AtomicFile {
     }
 }
 
-/// What the names of unfinished files end in.
+/// Suffix of the names of unfinished files.
 const PART: &str = ".part";
 
-/// What the names of a target's unfinished files begin with.
+/// Prefix of the names of a target's unfinished files.
 fn part_prefix(target: &Path) -> String {
     let name = target.file_name().unwrap_or_default().to_string_lossy();
-    // With what is added a name must not grow beyond 255 bytes.
+    // With prefix and suffix a name must not exceed 255 bytes.
     let short: String = name.chars().take(48).collect();
     format!(".{short}.")
 }
 
-/// Makes an unfinished file and locks it, so that nobody takes it for abandoned.
+/// Creates an unfinished file and locks it, so that no process treats it as abandoned.
 fn open_locked(candidate: &Path) -> io::Result<File> {
-    // Opened here rather than by tempfile, which would make it readable to its owner alone.
+    // Opened here rather than by tempfile, which would make it readable only by its owner.
     let file = File::options().read(true).write(true).create_new(true).open(candidate)?;
-    // Where there are no locks, nothing is ever taken for abandoned.
+    // Without support for locks, no file is ever treated as abandoned.
     let locked = !matches!(file.try_lock(), Err(TryLockError::WouldBlock));
-    // Between the two it may have been taken for one: then another name is tried.
+    // Between creation and lock it may have been removed as abandoned; then another name is tried.
     if locked && candidate.exists() { Ok(file) } else { Err(io::ErrorKind::AlreadyExists.into()) }
 }
 
-/// Removes what killed processes left of the same target.
+/// Removes unfinished files of the same target that killed processes left.
 fn remove_abandoned(folder: &Path, prefix: &str) {
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         let name = entry.file_name();
@@ -138,17 +138,17 @@ fn nearest(folder: &Path) -> &Path {
     existing.filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-/// Finds out before any long work whether a file can be written at `path` later; makes nothing.
+/// Checks before any long work whether a file can be written at `path` later; creates nothing.
 ///
 /// # Errors
-/// [`Error::InvalidInput`] when `path` is a folder or a device, or lies in a file; [`Error::Io`] when nothing can be
-/// written in its folder.
+/// [`Error::InvalidInput`] when `path` is a folder or a device, or is inside a file; [`Error::Io`] when its folder is
+/// not writable.
 pub(crate) fn check_writable(path: &Path) -> Result<()> {
     let target = resolve(path)?;
     check_folder(target.parent().unwrap_or(Path::new(".")))
 }
 
-/// The same for files in a folder, which may not exist yet.
+/// The same check for files in a folder, which may not exist yet.
 ///
 /// # Errors
 /// As [`check_writable`].
@@ -161,7 +161,7 @@ pub(crate) fn check_folder(folder: &Path) -> Result<()> {
     probe.map(drop).map_err(|error| Error::writing(folder, error))
 }
 
-/// Bytes that may still be written in a folder, or in the nearest above it that exists; `None` where nobody says.
+/// Free bytes for a folder, or for the nearest above it that exists; `None` where they are not known.
 pub(crate) fn free_space(folder: &Path) -> Option<u64> {
     #[cfg(unix)]
     {
@@ -175,7 +175,7 @@ pub(crate) fn free_space(folder: &Path) -> Option<u64> {
     }
 }
 
-/// The file that `path` stands for, or why it cannot be replaced.
+/// The file that `path` refers to, or why it cannot be replaced.
 fn resolve(path: &Path) -> Result<PathBuf> {
     if path.file_name().is_none() {
         return Err(Error::input(path.display(), "names no file to write; give a file name"));

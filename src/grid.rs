@@ -1,7 +1,7 @@
-//! The shapes that results have: an [`Axis`], a [`Grid`] of voxels, a complex [`Volume`], a [`DepthMap`].
+//! The shapes of results: an [`Axis`], a [`Grid`] of voxels, a complex [`Volume`], a [`DepthMap`].
 //!
-//! Everything is x fastest: volumes are `[z, y, x]`, maps `[y, x]`. An image's column is x (right) and its
-//! row is y (down), so no writer ever flips anything.
+//! The fastest axis is x everywhere: volumes are `[z, y, x]`, maps `[y, x]`. An image's column is x (right) and its
+//! row is y (down), so no writer flips an axis.
 
 mod view;
 
@@ -26,7 +26,7 @@ pub struct Axis {
 }
 
 impl Axis {
-    /// The axis from `first` to the last centre that does not pass `last`: `⌊(last − first)/pitch + 10⁻⁶⌋ + 1`
+    /// The axis from `first` to the last centre that does not exceed `last`: `⌊(last − first)/pitch + 10⁻⁶⌋ + 1`
     /// voxels.
     ///
     /// # Errors
@@ -47,12 +47,12 @@ impl Axis {
         }
         if last < first {
             return Err(refuse(format!(
-                "the last voxel ({last} m) lies before the first ({first} m); give [first, last]"
+                "the last voxel ({last} m) is before the first ({first} m); give [first, last]"
             )));
         }
         if pitch < first.abs().max(last.abs()) * 1e-9 {
             return Err(refuse(format!(
-                "a pitch of {pitch} m is lost beside positions of {first} .. {last} m; lengths are in metres"
+                "a pitch of {pitch} m is lost in the rounding of positions of {first} .. {last} m; lengths are in metres"
             )));
         }
         let intervals = ((last - first) / pitch + 1e-6).floor();
@@ -87,7 +87,7 @@ impl Axis {
     }
 }
 
-/// The refusal of an axis.
+/// The error for an axis.
 fn refuse(problem: impl Into<String>) -> Error {
     Error::input("axis", problem)
 }
@@ -114,7 +114,7 @@ impl Grid {
         self.shape().iter().fold(1, |product: u64, &n| product.saturating_mul(n as u64))
     }
 
-    /// Bytes of the voxels as they are held, complex in single precision; saturates rather than overflow.
+    /// Bytes of the voxels in memory, complex in single precision; saturates rather than overflow.
     pub fn volume_bytes(&self) -> u64 {
         self.voxel_count().saturating_mul(8)
     }
@@ -122,7 +122,7 @@ impl Grid {
     /// Pixels of one depth.
     ///
     /// # Panics
-    /// When the product overflows `usize`; a planned job never gets there.
+    /// When the product overflows `usize`; a planned job never reaches that.
     pub fn plane_len(&self) -> usize {
         self.x.count.checked_mul(self.y.count).expect("the plan bounds the grid's size")
     }
@@ -144,19 +144,19 @@ impl Grid {
     }
 }
 
-/// The refusal of a grid that does not fit, all of it or the depths that are worked on at a time.
+/// The error for a grid that does not fit in memory, as a whole or in the depths that are processed at a time.
 pub(crate) fn no_room_for(grid: &Grid) -> Error {
     Error::out_of_memory(format!(
-        "a volume of {} voxels does not fit; use a smaller grid or a larger pitch",
+        "a volume of {} voxels does not fit in memory; use a smaller grid or a larger pitch",
         grid.voxel_count()
     ))
 }
 
-/// One value per pixel, all alike, or the refusal of a map that does not fit.
+/// The same value for every pixel, or an error when the map does not fit in memory.
 pub(crate) fn pixel_values<T: Clone>(value: T, pixels: usize) -> Result<Vec<T>> {
     try_filled(value, pixels as u64).ok_or_else(|| {
         Error::out_of_memory(format!(
-            "a map of {pixels} pixels does not fit; ask for fewer, or free some memory"
+            "a map of {pixels} pixels does not fit in memory; request fewer, or free some memory"
         ))
     })
 }
@@ -166,7 +166,7 @@ pub(crate) fn pixel_values<T: Clone>(value: T, pixels: usize) -> Result<Vec<T>> 
 pub struct Volume {
     /// Where the voxels are.
     pub grid: Grid,
-    /// `[z, y, x]`; one unit reflector on a voxel peaks at 1.
+    /// `[z, y, x]`; a unit reflector on a voxel peaks at 1.
     pub samples: Vec<Complex32>,
 }
 
@@ -186,7 +186,7 @@ impl Volume {
         &self.samples[iz * n..(iz + 1) * n]
     }
 
-    /// Greatest `|Â|`.
+    /// Maximum `|Â|`.
     pub fn peak(&self) -> f32 {
         self.samples.iter().map(Complex32::norm_sqr).fold(0.0, f32::max).sqrt()
     }
@@ -220,10 +220,10 @@ impl Surface {
     }
 }
 
-/// Depth and amplitude per pixel: what a reconstruction found, or what is truly there.
+/// Depth and amplitude per pixel: reconstructed, or the truth.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DepthMap {
-    /// What the axes count: metres, or slopes.
+    /// The unit of the axes: metres, or slopes.
     pub view: View,
     /// Columns.
     pub x: Axis,
@@ -235,12 +235,12 @@ pub struct DepthMap {
     pub confidence: Vec<f32>,
     /// All accepted returns, front to back; entry k holds each pixel's k-th. May be empty.
     pub returns: Vec<Surface>,
-    /// Names of the materials that [`Surface::material`] counts; empty where none is known.
+    /// Names of the materials, to which [`Surface::material`] refers from 1; empty where none is known.
     pub materials: Vec<String>,
 }
 
 impl DepthMap {
-    /// A map of these pixels that knows no more than its picked surface.
+    /// A map of these pixels with nothing but its picked surface.
     pub fn new(raster: Raster, picked: Surface) -> Self {
         let Raster { view, x, y } = raster;
         let (confidence, returns, materials) = Default::default();
@@ -272,7 +272,7 @@ impl DepthMap {
         Raster { view: self.view, x: self.x, y: self.y }
     }
 
-    /// Where the picked return of pixel `index` lies, m; NaN where there is none.
+    /// Position of the picked return of pixel `index`, m; NaN where there is none.
     pub fn point(&self, index: usize) -> DVec3 {
         self.raster().point(index, f64::from(self.picked.depth[index]))
     }

@@ -1,7 +1,7 @@
 //! Linear algebra: least squares, a pivoted factorisation and products, over faer.
 //!
-//! All of faer stands behind this module. Its kernels leave the upper halves of vector registers filled, which slows down
-//! later code for SSE tenfold; every function here clears them before it returns, so nobody else has to.
+//! Only this module uses faer. Its kernels leave the upper halves of vector registers filled, which slows down later code
+//! for SSE tenfold; every function here clears them before it returns, so that no caller has to.
 
 mod exponentials;
 
@@ -24,11 +24,11 @@ pub(crate) fn product(a: &Matrix, b: &Matrix) -> Matrix {
     product
 }
 
-/// The columns of a matrix in the order in which pivoting takes them, and what is left of each by then.
+/// The columns of a matrix in the order of pivoting, and the norm of what is left of each at that step.
 pub(crate) struct PivotedQr {
     /// Indices of columns.
     pub(crate) order: Vec<usize>,
-    /// |R[k, k]|, as many as the lesser of rows and columns.
+    /// |R[k, k]|; their number is the smaller of those of rows and columns.
     pub(crate) diagonal: Vec<f64>,
 }
 
@@ -52,7 +52,7 @@ pub(crate) struct LeastSquares {
 }
 
 impl LeastSquares {
-    /// For weights of the columns of `basis`, which are independent.
+    /// Prepares least squares in the columns of `basis`, which are independent.
     pub(crate) fn new(basis: &Matrix) -> Self {
         // By an explicit Q: for many right-hand sides a product is far cheaper than as many reflections.
         let qr = basis.qr();
@@ -61,8 +61,8 @@ impl LeastSquares {
         Self { q, r }
     }
 
-    /// For weights that stay small where columns are nearly dependent: their squares count `damping`² times beside those
-    /// of the residual, and so what is left of that is at most `damping` times their size.
+    /// Prepares weights that stay small where columns are nearly dependent: their squares, times `damping`², are minimised
+    /// together with those of the residual, to which this adds at most `damping` times the norm of the weights.
     pub(crate) fn damped(basis: &Matrix, damping: f64) -> Self {
         let (rows, columns) = basis.shape();
         let damped = Matrix::from_fn(rows + columns, columns, |k, a| match k.checked_sub(rows) {
@@ -104,7 +104,7 @@ pub(crate) fn product_f32(product: &mut [f32], a: &[f32], b: &[f32], [rows, inne
     leave_wide_registers();
 }
 
-/// Columns of a complex product that one thread takes at a time, at the least and at the most.
+/// Columns of a complex product that one thread processes at a time: minimum and maximum.
 const BLOCK: [usize; 2] = [64, 1024];
 
 /// `rows += W · samples`, both in rows of `width`; `weight` gives `W[row, sample]`.
@@ -119,7 +119,7 @@ pub(crate) fn add_product_of_rows(
 ) {
     let weights = Mat::from_fn(rows.len() / width, samples.len() / width, weight);
     let samples = MatRef::from_row_major_slice(samples, samples.len() / width, width);
-    // A few for each thread, but no scraps.
+    // A few blocks for each thread, but no small ones.
     let columns = (width / 8).next_multiple_of(BLOCK[0]).clamp(BLOCK[0], BLOCK[1]);
     let mut blocks = Vec::with_capacity(width.div_ceil(columns));
     let mut rest = MatMut::from_row_major_slice_mut(rows, rows.len() / width, width);

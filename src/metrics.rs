@@ -1,7 +1,7 @@
-//! A depth map against the truth: how much was found, how much is false, how far off the rest is.
+//! Compares a depth map with the truth: how much was found, how much is false, and how large the errors are.
 //!
-//! Definitions: Δd = c/2B; a pixel's error is taken against the true surface nearest
-//! to the reported depth; a detection on an empty pixel is not scored within a guard ring round silhouettes.
+//! The definitions are those of `guide::metrics`: Δd = c/2B; a pixel's error is taken against the true surface nearest
+//! to the reported depth; a detection on an empty pixel is not scored within a guard ring around silhouettes.
 //!
 //! # Example
 //! Two of three surfaces found within Δd = 17 mm, the third 0.1 m too near:
@@ -37,7 +37,7 @@ use serde::{Deserialize, Serialize};
 pub struct Metrics {
     /// Share of pixels with a true surface whose depth is within Δd of one.
     pub completeness: Option<f64>,
-    /// Share of scored detections that lie on an empty pixel or are off by more than 2 Δd.
+    /// Share of scored detections that are on an empty pixel or are off by more than 2 Δd.
     pub false_returns: Option<f64>,
     /// Median |error| of detections on pixels with a true surface, m along z.
     pub median_error: Option<f64>,
@@ -167,12 +167,12 @@ pub fn error_map(result: &DepthMap, truth: &DepthMap) -> Result<Vec<f32>> {
     Ok(result.picked.depth.iter().enumerate().map(error).collect())
 }
 
-/// All surfaces of a truth; a foreign one may hold the picked surface alone.
+/// All surfaces of a truth; one from another program may contain only the picked surface.
 fn true_surfaces(truth: &DepthMap) -> &[Surface] {
     if truth.returns.is_empty() { std::slice::from_ref(&truth.picked) } else { &truth.returns }
 }
 
-/// The true surface at a pixel that lies nearest to `z`, and its depth; any one where `z` is NaN.
+/// The true surface at a pixel that is nearest to `z`, and its depth; any one where `z` is NaN.
 fn nearest_surface(surfaces: &[Surface], pixel: usize, z: f64) -> Option<(usize, f64)> {
     depths(surfaces, pixel).min_by(|a, b| (a.1 - z).abs().total_cmp(&(b.1 - z).abs()))
 }
@@ -212,7 +212,7 @@ fn score_returns(result: &DepthMap, surfaces: &[Surface], resolution: f64) -> Me
     }
 }
 
-/// Pairs true and found depths, nearest pair first; gives each true one's |error|, `None` where nothing was left.
+/// Pairs true and found depths, nearest pair first; returns each true one's |error|, `None` where none was left for it.
 fn match_one_to_one(truth: &[f64], found: &[f64]) -> Vec<Option<f64>> {
     let mut pairs: Vec<(f64, usize, usize)> = truth
         .iter()
@@ -245,7 +245,7 @@ fn percentile(values: &mut [f64], q: f64) -> Option<f64> {
     Some(below + (above - below) * place.fract())
 }
 
-/// Both maps must show the same pixels.
+/// Refuses maps of different pixels.
 fn check_pixels(result: &DepthMap, truth: &DepthMap) -> Result<()> {
     if result.view != truth.view {
         return Err(Error::input(

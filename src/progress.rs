@@ -1,4 +1,4 @@
-//! How stages report: one [`Observer`], passed to every stage and drawn by the binary alone.
+//! How stages report: one [`Observer`], passed to every stage; only the binary displays it.
 
 use crate::error::{Error, Result};
 
@@ -32,7 +32,7 @@ pub trait Observer: Sync {
     fn warn(&self, _message: &str) {}
     /// Something about this very run that the user should know, on which no result depends and which no report contains.
     fn tell(&self, _message: &str) {}
-    /// Whether the user has asked to stop; stages look at it once per block of work.
+    /// Whether the user has asked to stop; stages check it once per block of work.
     fn should_stop(&self) -> bool {
         false
     }
@@ -47,7 +47,7 @@ impl Observer for Silent {}
 /// Runs `work` as one reported stage of `total` units.
 ///
 /// # Errors
-/// Those of `work`; [`Error::Interrupted`] when a stop was asked for meanwhile.
+/// Those of `work`; [`Error::Interrupted`] when a stop was requested meanwhile.
 pub(crate) fn stage<T>(
     observer: &dyn Observer,
     name: &str,
@@ -60,10 +60,10 @@ pub(crate) fn stage<T>(
     if observer.should_stop() { Err(Error::Interrupted) } else { result }
 }
 
-/// Reports one unit of work, or says that the user wants to stop.
+/// Reports `amount` units of work.
 ///
 /// # Errors
-/// [`Error::Interrupted`] when a stop was asked for.
+/// [`Error::Interrupted`] when a stop was requested.
 pub(crate) fn advance(observer: &dyn Observer, amount: u64) -> Result<()> {
     observer.event(Event::Advanced { amount });
     if observer.should_stop() { Err(Error::Interrupted) } else { Ok(()) }

@@ -1,8 +1,8 @@
-//! Surfaces to reflectors: a cloud of points p with complex amplitudes A(p), everything the wave model sees.
+//! Samples surfaces into reflectors: a cloud of points p with complex amplitudes A(p), the only input of the wave model.
 //!
-//! A scene's triangles are sampled ([`sample_surface`]), shaded, and what the speaker cannot see is dropped;
-//! or a list of points is read as it is ([`Reflectors::read_csv`]). Dense coherent samples of a flat surface
-//! are a mirror, so the default surface is diffuse: every reflector has a random phase of its own.
+//! A scene's triangles are sampled ([`sample_surface`]) and shaded, and what the speaker does not reach is dropped;
+//! or a list of points is read as it is ([`Reflectors::read_csv`]). Dense coherent samples of a flat surface act as
+//! a mirror, so the default surface is diffuse: every reflector has its own random phase.
 //!
 //! # Example
 //! A plate of 0.1 m² facing the array, sampled every 2 cm; the energy does not depend on the spacing:
@@ -91,7 +91,7 @@ impl Reflectors {
         self.positions.is_empty()
     }
 
-    /// Least and greatest coordinates, m; `None` without reflectors.
+    /// Minimum and maximum coordinates, m; `None` without reflectors.
     pub fn bounds(&self) -> Option<(DVec3, DVec3)> {
         self.positions.iter().copied().fold(None, |bounds, p| {
             let (low, high) = bounds.unwrap_or((p, p));
@@ -100,7 +100,7 @@ impl Reflectors {
     }
 }
 
-/// How a surface scatters sound.
+/// How a surface scatters sound. The guide's chapter `guide::physics` compares the models.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum SurfaceModel {
     /// A seeded random phase per reflector.
@@ -108,23 +108,23 @@ pub enum SurfaceModel {
     /// Reflectors displaced along the normal by a Gaussian of this rms, m; amplitudes stay real.
     Rough(f64),
     /// A mirror: samples on a lattice, in phase, undisplaced. Needs a spacing of at most a quarter of the shortest
-    /// wavelength, or the lattice itself scatters.
+    /// wavelength, otherwise the lattice itself scatters.
     Smooth,
 }
 
 /// What hides a reflector.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Occlusion {
-    /// Nothing: every surface sounds, even the far side.
+    /// Nothing: every surface reflects, even the far side.
     None,
-    /// What stands between speaker and reflector, crossed there and back.
+    /// The surfaces between speaker and reflector, crossed there and back.
     Speaker,
-    /// The way there from the speaker; the way back averaged over these points of the array.
+    /// The surfaces on the path from the speaker, and those on the path back, averaged over these points of the array.
     Aperture(Vec<DVec3>),
 }
 
 choice! {
-    /// Which word of the run file an [`Occlusion`] is.
+    /// The run file's word for an [`Occlusion`].
     pub enum OcclusionKind: "occlusion" {
         /// [`Occlusion::None`].
         None = "none",
@@ -139,7 +139,7 @@ choice! {
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct SurfaceOptions {
-    /// Least distance between neighbouring reflectors, m (the lattice's pitch for a smooth surface).
+    /// Minimum distance between neighbouring reflectors, m (the lattice's pitch for a smooth surface).
     pub spacing: f64,
     /// Wavelength at the centre of the band, m: sets the reference area `A_c = (λ_c/2)²`.
     pub wavelength: f64,
@@ -170,7 +170,7 @@ impl SurfaceOptions {
     }
 }
 
-/// A point of a surface and the area it stands for.
+/// A point of a surface and the area it represents.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Sample {
     position: DVec3,
@@ -179,11 +179,11 @@ struct Sample {
     area: f64,
 }
 
-/// Streams of the seed, one per purpose, so that changing one draw leaves the others.
+/// Streams of the seed, one per purpose, so that changing one draw leaves the others unchanged.
 const SCATTER_STREAM: u64 = 1;
 
-/// Bytes that [`sample_surface`] needs at its peak beside a scene of so many triangles and such an area, m², so that a job
-/// which cannot fit is refused before it begins.
+/// Peak memory of [`sample_surface`], bytes, in addition to a scene of this many triangles and this area, m², so that a
+/// job that cannot fit is refused before it begins.
 pub(crate) fn sampling_bytes(triangles: u64, area: f64, options: &SurfaceOptions) -> u64 {
     match options.surface {
         SurfaceModel::Smooth => {
@@ -193,15 +193,15 @@ pub(crate) fn sampling_bytes(triangles: u64, area: f64, options: &SurfaceOptions
     }
 }
 
-/// Samples the surfaces of a scene and folds shading and occlusion into the amplitudes.
+/// Samples the surfaces of a scene and includes shading and occlusion in the amplitudes.
 ///
 /// `A = ρ · |cos θ| · √(a·A_c) · T` with reflectance ρ, incidence angle θ at the speaker, area a of the sample,
-/// `A_c = (λ_c/2)²` and T the transmittance of what the path crosses, there and back. `√(a·A_c)` keeps brightness
-/// independent of the sampling density. Reflectors of no amplitude, and any behind the array
-/// (z ≤ 0), are left out.
+/// `A_c = (λ_c/2)²` and T the transmittance of what the path crosses, there and back. `√(a·A_c)` makes the
+/// brightness independent of the sampling density: echoes of random phase add in power, and the areas a add up to that
+/// of the surface. Reflectors without amplitude, and those behind the array (z ≤ 0), are left out.
 ///
 /// - Cost: about 16 candidates and one ray (ten with `Aperture`) per reflector.
-/// - The bytes follow from the options alone, whatever the number of threads.
+/// - Results are bit-identical for the same options, whatever the number of threads.
 ///
 /// # Errors
 /// A spacing that is not positive or would need more than 5·10⁷ reflectors; [`Error::OutOfMemory`] when they do not fit in
@@ -227,7 +227,7 @@ pub fn sample_surface_with(
         return Err(Error::input(
             "reflectors.spacing",
             format!(
-                "{} m over {:.3} m² of surface would need some {expected:.1e} reflectors; use a larger spacing, \
+                "{} m over {:.3} m² of surface would need about {expected:.1e} reflectors; use a larger spacing, \
                  and check the scene's unit and scale",
                 options.spacing,
                 scene.surface_area()
@@ -236,7 +236,7 @@ pub fn sample_surface_with(
     }
     let samples = match options.surface {
         SurfaceModel::Smooth => stage(observer, "sampling surfaces", 0, || {
-            lattice::lattice(scene.triangles(), options.spacing).ok_or_else(|| no_room(options.spacing))
+            lattice::lattice(scene.triangles(), options.spacing).ok_or_else(|| does_not_fit(options.spacing))
         }),
         _ => {
             stage(observer, "sampling surfaces", poisson::work(scene.surface_area(), options.spacing), || {
@@ -244,10 +244,10 @@ pub fn sample_surface_with(
             })
         }
     }?;
-    let no_room = || no_room(options.spacing);
-    let scatter = draw_scatter(samples.len(), options).ok_or_else(no_room)?;
+    let does_not_fit = || does_not_fit(options.spacing);
+    let scatter = draw_scatter(samples.len(), options).ok_or_else(does_not_fit)?;
     let mut visible: Vec<Option<(DVec3, Complex32)>> =
-        try_filled(None, samples.len() as u64).ok_or_else(no_room)?;
+        try_filled(None, samples.len() as u64).ok_or_else(does_not_fit)?;
     stage(observer, "tracing echoes", samples.len() as u64, || {
         let blocks = samples.par_chunks(1024).zip(scatter.par_chunks(1024)).zip(visible.par_chunks_mut(1024));
         blocks.try_for_each(|((samples, scatter), visible)| {
@@ -260,14 +260,14 @@ pub fn sample_surface_with(
     let behind = samples.iter().filter(|s| s.position.z <= 0.0).count();
     if behind > 0 {
         observer.warn(&format!(
-            "{behind} of {} reflectors lie behind the array (z <= 0) and are left out; move the scene with \
-             [scene] translate or fit if that is not meant",
+            "{behind} of {} reflectors are behind the array (z <= 0) and are ignored; move the scene with \
+                 [scene] translate or fit if this is not intended",
             samples.len()
         ));
     }
     let left = visible.iter().flatten().count() as u64;
-    let mut positions = try_with_capacity(left).ok_or_else(no_room)?;
-    let mut amplitudes = try_with_capacity(left).ok_or_else(no_room)?;
+    let mut positions = try_with_capacity(left).ok_or_else(does_not_fit)?;
+    let mut amplitudes = try_with_capacity(left).ok_or_else(does_not_fit)?;
     for (position, amplitude) in visible.into_iter().flatten() {
         positions.push(position);
         amplitudes.push(amplitude);
@@ -275,15 +275,15 @@ pub fn sample_surface_with(
     Reflectors::new(positions, amplitudes)
 }
 
-/// The refusal of a surface whose samples do not fit.
-fn no_room(spacing: f64) -> Error {
+/// The error for a surface whose samples do not fit in memory.
+fn does_not_fit(spacing: f64) -> Error {
     Error::out_of_memory(format!(
-        "the reflectors of a scene sampled every {spacing} m do not fit; use a larger [reflectors] spacing, or free \
-             some memory"
+        "the reflectors of a scene sampled every {spacing} m do not fit in memory; use a larger [reflectors] spacing, \
+             or free some memory"
     ))
 }
 
-/// What chance gives each sample before anything is culled: the phase factor and the displacement in m. `None` when it does
+/// The random phase factor and displacement, m, of each sample, drawn before anything is culled. `None` when they do
 /// not fit in memory.
 fn draw_scatter(count: usize, options: &SurfaceOptions) -> Option<Vec<(Complex32, f64)>> {
     let mut random = ChaCha8Rng::seed_from_u64(options.seed);
@@ -303,7 +303,7 @@ fn draw_scatter(count: usize, options: &SurfaceOptions) -> Option<Vec<(Complex32
     Some(scatter)
 }
 
-/// One sample's reflector; `None` where nothing comes back.
+/// The reflector of one sample; `None` where nothing is reflected.
 fn reflect(
     scene: &Scene,
     options: &SurfaceOptions,
@@ -318,8 +318,8 @@ fn reflect(
     }
     let cosine =
         if options.lambert { normal.dot((options.speaker - p).normalize_or_zero()).abs() } else { 1.0 };
-    // Surfaces are thin next to the spacing of rays: occlusion is decided where the surface is, not where
-    // roughness has pushed the reflector.
+    // Surfaces are thin compared with the spacing of rays: occlusion is decided where the surface is, not where
+    // roughness has displaced the reflector.
     let transmittance = match &options.occlusion {
         Occlusion::None => 1.0,
         Occlusion::Speaker => scene.transmittance(options.speaker, p).powi(2),

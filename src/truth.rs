@@ -1,7 +1,7 @@
-//! Scene to ground truth: what a perfect depth map would show on the same pixels.
+//! Traces the ground truth of a scene: what a perfect depth map would show on the same pixels.
 //!
 //! # Example
-//! What a perfect depth map of a plate 1 m away shows; the column beside the plate sees nothing:
+//! The true depth map of a plate 1 m away; the column next to the plate is empty:
 //! ```
 //! use glam::DVec3;
 //! use holosonar::grid::{Axis, Grid};
@@ -16,7 +16,7 @@
 //!     y: Axis { first: 0.0, pitch: 0.1, count: 1 },
 //!     z: Axis { first: 0.8, pitch: 0.01, count: 41 },
 //! };
-//! let truth = trace_depth(&scene, &grid, &TruthOptions::heard_from(DVec3::ZERO))?;
+//! let truth = trace_depth(&scene, &grid, &TruthOptions::for_speaker(DVec3::ZERO))?;
 //! assert_eq!(truth.picked.depth[0], 1.0);
 //! assert!(truth.picked.depth[1].is_nan());
 //! # Ok::<(), holosonar::error::Error>(())
@@ -33,7 +33,7 @@ use rayon::prelude::*;
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct TruthOptions {
-    /// Where the sound comes from, m; surfaces it cannot reach are left out. `None` keeps them all.
+    /// Where the sound comes from, m; surfaces it cannot reach are left out. `None` includes them all.
     pub speaker: Option<DVec3>,
     /// Whether the expected strength falls with the cosine at the speaker.
     pub lambert: bool,
@@ -42,8 +42,8 @@ pub struct TruthOptions {
 }
 
 impl TruthOptions {
-    /// Truth as heard from `speaker`.
-    pub fn heard_from(speaker: DVec3) -> Self {
+    /// The truth for a loudspeaker at `speaker`, m, with Lambert's cosine and the grid's own columns as pixels.
+    pub fn for_speaker(speaker: DVec3) -> Self {
         Self { speaker: Some(speaker), lambert: true, raster: None }
     }
 }
@@ -57,13 +57,13 @@ struct Hit {
     material: u32,
 }
 
-/// Traces a ray through the centre of every pixel and keeps the surfaces that can be heard, front to back.
+/// Traces a ray through the centre of every pixel and lists the surfaces that the speaker reaches, front to back.
 ///
-/// A ray starts in the array's plane (in the perspective view at the origin) and ends at the first opaque surface.
+/// A ray starts in the array's plane (at the origin in the perspective view) and ends at the first opaque surface.
 /// Surfaces the speaker does not reach are left out, and so are those outside the imaged box (half a voxel of margin),
 /// which no reconstruction on this grid could show. The picked surface is the first. `strength` is reflectance × |cos|
-/// × transmittance there and back; `facing` is the distance from the surface per error in depth; `material` counts the
-/// scene's materials, from 1.
+/// × transmittance there and back; `facing` is the distance from the surface per error in depth; `material` is an index
+/// into the scene's materials, from 1.
 ///
 /// Cost: one ray per pixel and one per surface found.
 ///
@@ -125,7 +125,7 @@ pub fn trace_depth_with(
     Ok(DepthMap { returns, materials, ..DepthMap::new(raster, picked) })
 }
 
-/// The surfaces along a pixel's ray down to an opaque one, as far as they can be heard.
+/// The surfaces along a pixel's ray that the speaker reaches, up to the first opaque one.
 fn hits(scene: &Scene, raster: &Raster, pixel: usize, far: f64, options: &TruthOptions) -> Vec<Hit> {
     let (start, ray) = (raster.point(pixel, 0.0), raster.ray(pixel));
     let per_metre = 1.0 / ray.length();
@@ -188,7 +188,7 @@ mod tests {
 
     #[test]
     fn a_clear_plate_shows_two_surfaces_and_an_opaque_one_hides() {
-        let options = TruthOptions::heard_from(DVec3::ZERO);
+        let options = TruthOptions::for_speaker(DVec3::ZERO);
         let map = trace_depth(&scene(0.6), &grid([0.5, 2.5]), &options).expect("valid");
         assert_eq!(map.returns.len(), 2);
         for pixel in 0..map.len() {
@@ -210,7 +210,7 @@ mod tests {
     #[test]
     fn a_camera_at_the_origin_sees_planar_depth_and_the_nearer_plate_larger() {
         let raster = Raster::camera(90.0, [40, 40]).expect("valid");
-        let options = TruthOptions { raster: Some(raster), ..TruthOptions::heard_from(DVec3::ZERO) };
+        let options = TruthOptions { raster: Some(raster), ..TruthOptions::for_speaker(DVec3::ZERO) };
         let wide = Axis { first: -3.0, pitch: 0.1, count: 61 };
         let grid = Grid { x: wide, y: wide, ..grid([0.5, 2.5]) };
         let map = trace_depth(&scene(0.0), &grid, &options).expect("valid");
@@ -239,7 +239,7 @@ mod tests {
         // The opaque plate covers x < 0 at z = 1, so its shadow on the backdrop is x < 0 as well when the speaker
         // is at the origin; from a speaker to the left, part of the right side is in shadow.
         let seen = |x: f64| {
-            let options = TruthOptions::heard_from(DVec3::new(x, 0.0, 0.0));
+            let options = TruthOptions::for_speaker(DVec3::new(x, 0.0, 0.0));
             let map = trace_depth(&scene(0.0), &grid([0.5, 2.5]), &options).expect("valid");
             (0..10).filter(|ix| !map.picked.depth[40 + ix].is_nan()).count()
         };

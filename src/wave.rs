@@ -1,8 +1,8 @@
 //! The only physics kernel: sound speed, path lengths, wrapped phase, and sums of phasors.
 //!
 //! Takes points in m and frequencies in Hz; gives path lengths in m and phasors `e^{±i2πf·path/c}`. Geometry
-//! is f64. A phase is counted in cycles, wrapped to ±½ in f64, and only then becomes f32: plain f32 phase errs
-//! by 7·10⁻⁴ rad at 12 m and 20 kHz, wrapped by 6·10⁻⁷.
+//! is f64. A phase is counted in cycles, wrapped to ±½ in f64, and only then becomes f32: a plain f32 phase is
+//! wrong by 7·10⁻⁴ rad at 12 m and 20 kHz, a wrapped one by 6·10⁻⁷.
 
 pub mod air;
 pub(crate) mod interval;
@@ -16,10 +16,10 @@ use crate::choice::choice;
 use glam::DVec3;
 use num_complex::Complex32;
 
-/// Speed of sound in air at room temperature, m/s, as the paper takes it.
+/// Speed of sound in air at room temperature, m/s, as in the paper.
 pub const DEFAULT_SOUND_SPEED: f64 = 343.0;
 
-/// Spherical spreading does not grow any nearer to a speaker or microphone than this, m.
+/// Spherical spreading is limited to its value at this distance from a speaker or microphone, m.
 pub(crate) const NEAREST_LEG: f64 = 0.01;
 
 /// Spherical spreading over two legs in m, `(1 m)²/(d₁ d₂)`: amplitudes are those at 1 m.
@@ -29,19 +29,19 @@ pub(crate) fn spreading(outward: f64, back: f64) -> f64 {
 }
 
 choice! {
-    /// Who moves: the word for a [`Geometry`] in run files and in a cube's `meta`.
+    /// The word for a [`Geometry`] in run files and in a cube's `meta`: what moves.
     pub enum GeometryKind: "geometry" {
-        /// One speaker that stays, and an array of microphones: path |p − s| + |p − r|.
+        /// A fixed loudspeaker and an array of microphones: path |p − s| + |p − r|.
         FixedSource = "fixed-source",
         /// Speaker and microphone scan the array together: path 2|p − r|.
         Monostatic = "monostatic",
     }
 }
 
-/// Which way the sound travels.
+/// The path of the sound.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Geometry {
-    /// A loudspeaker that stays at `source`; path length `|p − s| + |p − r|` (Eq. 5).
+    /// A loudspeaker fixed at `source`; path length `|p − s| + |p − r|` (Eq. 5).
     FixedSource {
         /// The loudspeaker's position s, m.
         source: DVec3,
@@ -64,7 +64,7 @@ impl Geometry {
     }
 
     /// The far-field path of Eq. 6–7, `2|p − s| − p̂·(r − s)` with `p̂` the unit vector from the speaker to `p`
-    /// (0 at the speaker). The print has `p·r̂`; only `p̂·r` follows from Eq. 6. For the monostatic scan, where
+    /// (0 at the speaker). The printed equation has `p·r̂`; only `p̂·r` follows from Eq. 6. For the monostatic scan, where
     /// each leg has the same error, `2(|p| − p̂·r)` about the origin.
     #[inline]
     pub fn linear_path_length(&self, p: DVec3, r: DVec3) -> f64 {
@@ -85,10 +85,10 @@ impl Geometry {
         }
     }
 
-    /// Least and greatest path length between a box of points and a box of microphones, each given by its least and
-    /// greatest corner, m.
+    /// Minimum and maximum path length between a box of points and a box of microphones, each given by its lower and
+    /// upper corner, m.
     ///
-    /// The greatest is exact: a sum of distances is convex, so its maximum is at corners. The least is bounded from
+    /// The maximum is exact: a sum of distances is convex, so its maximum is at corners. The minimum is bounded from
     /// below by the sum of the two separate minima.
     pub(crate) fn path_bounds(&self, points: (DVec3, DVec3), microphones: (DVec3, DVec3)) -> [f64; 2] {
         let (low, high) = microphones;
@@ -113,7 +113,7 @@ impl Geometry {
         }
     }
 
-    /// How many times the leg `|p − r|` is travelled.
+    /// How many times the path contains the leg `|p − r|`.
     pub(crate) fn return_legs(&self) -> f64 {
         match self {
             Self::FixedSource { .. } => 1.0,
@@ -121,7 +121,7 @@ impl Geometry {
         }
     }
 
-    /// Which of the two it is, wherever the loudspeaker stands.
+    /// Which of the two it is, wherever the loudspeaker is.
     pub fn kind(&self) -> GeometryKind {
         match self {
             Self::FixedSource { .. } => GeometryKind::FixedSource,
@@ -129,7 +129,7 @@ impl Geometry {
         }
     }
 
-    /// The speaker's position that a reflector is seen from: the source, or the array's centre when scanning.
+    /// The position of the speaker as seen from a reflector: the source, or the array's centre for a monostatic scan.
     pub fn viewpoint(&self, array_centre: DVec3) -> DVec3 {
         match self {
             Self::FixedSource { source } => *source,
@@ -138,7 +138,7 @@ impl Geometry {
     }
 }
 
-/// The corners of a box given by its least and its greatest, x fastest.
+/// The corners of a box given by its lower and upper corner, x fastest.
 pub(crate) fn corners((low, high): (DVec3, DVec3)) -> [DVec3; 8] {
     std::array::from_fn(|i| {
         let pick = |bit: usize| if i & bit == 0 { low } else { high };

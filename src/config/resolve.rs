@@ -139,7 +139,7 @@ impl RunFile {
 
     /// What the truth is traced with: as the reflectors were heard.
     pub fn truth_options(&self, instrument: &Instrument) -> TruthOptions {
-        let mut options = TruthOptions::heard_from(instrument.geometry.viewpoint(instrument.array.centre()));
+        let mut options = TruthOptions::for_speaker(instrument.geometry.viewpoint(instrument.array.centre()));
         options.lambert = self.reflectors.shading == Shading::Lambert;
         if self.scene.occlusion == OcclusionKind::None {
             options.speaker = None;

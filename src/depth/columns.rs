@@ -1,4 +1,4 @@
-//! What a pixel sees along its ray, depth by depth of the volume.
+//! The values of a volume along a pixel's ray, depth by depth.
 
 use crate::error::Result;
 use crate::grid::{Axis, Grid, Raster, View, pixel_values};
@@ -6,11 +6,11 @@ use rayon::prelude::*;
 
 /// Values on a grid, `[z, y, x]`, read along the rays of pixels.
 ///
-/// A ray meets each of the volume's depths once, so depth stays planar and only x and y are interpolated. What is
-/// interpolated (bilinearly) is *power*: the complex amplitude turns by many cycles from voxel to voxel, so that its
-/// interpolation would cancel, unless it were first demodulated with the array's own path lengths, which a volume file
-/// need not say; and the power of speckle is what surfaces are located and smoothed by anyway. Beyond the outermost
-/// voxel centres there is nothing, 0.
+/// A ray meets each of the volume's depths once, so depth stays planar and only x and y are interpolated. The
+/// (bilinear) interpolation is one of *power*: the complex amplitude rotates by many cycles from voxel to voxel, so its
+/// interpolation would cancel unless it were first demodulated with the array's path lengths, which a volume file need
+/// not contain. Surfaces are located and smoothed by the power of their speckle in any case. Beyond the outermost voxel
+/// centres the value is 0.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Columns<'a> {
     values: &'a [f32],
@@ -52,7 +52,7 @@ impl<'a> Columns<'a> {
         }));
     }
 
-    /// The greatest value of every pixel's column.
+    /// The maximum value of every pixel's column.
     ///
     /// # Errors
     /// When they do not fit in memory.
@@ -78,7 +78,7 @@ impl<'a> Columns<'a> {
 fn place(axis: &Axis, position: f64) -> Option<(usize, usize, f32)> {
     let place = (position - axis.first) / axis.pitch;
     let last = (axis.count - 1) as f64;
-    // A ray along the edge of the grid is within it, whatever the rounding.
+    // A ray along the edge of the grid is inside it in spite of rounding.
     if !(-1e-6..=last + 1e-6).contains(&place) {
         return None;
     }

@@ -1,7 +1,7 @@
 //! Several surfaces per pixel: peaks of smoothed power, front to back.
 //!
-//! Speckle breaks a single column's amplitude into false peaks; a little smoothing of the power mends that, at the
-//! price of resolution.
+//! Speckle breaks a single column's amplitude into false peaks; a little smoothing of the power removes them, at
+//! the cost of resolution.
 
 use super::columns::Columns;
 use super::{DepthOptions, confidence, is_peak, parabola, percentile_99};
@@ -10,7 +10,7 @@ use crate::error::Result;
 use crate::grid::{Axis, Grid, Raster, Surface, no_room_for, pixel_values};
 use rayon::prelude::*;
 
-/// How far around a peak its surroundings reach, and how far it itself does, in Δd.
+/// Half-width of the surroundings of a peak, and of the peak itself, in Δd.
 const SURROUNDINGS: f64 = 6.0;
 const OWN: f64 = 1.5;
 
@@ -37,7 +37,7 @@ pub(super) fn find(
     let no_room = || no_room_for(grid);
     let mut power = try_with_capacity(grid.voxel_count()).ok_or_else(no_room)?;
     power.extend(amplitude.iter().map(|a| a * a));
-    // Smoothed on the grid, where its lengths are metres.
+    // Smoothed on the grid, where lengths are in metres.
     let power = smooth(power, grid, options.smoothing).ok_or_else(no_room)?;
     let columns = Columns::of_power(&power, grid, raster);
     let maxima = columns.maxima()?;
@@ -71,9 +71,9 @@ pub(super) fn find(
 
 /// The returns of one column of smoothed power, front to back, none weaker than `enough`.
 ///
-/// Strongest first, so that a sidelobe never displaces the surface that made it. A further one must also stand out:
-/// what aliases of the array leave in a column is a narrow band, and so long in depth, while a surface is short; and
-/// two crests of one slope have no valley between them (measured in the tests of the shipped scenes).
+/// Peaks are taken strongest first, so that a sidelobe never displaces the surface that caused it. A further one must
+/// also stand out: aliases of the array are narrow in frequency and therefore long in depth, while a surface is short;
+/// and two crests of one slope have no valley between them (measured in the tests of the shipped scenes).
 fn peaks(column: &[f32], z: &Axis, enough: f32, options: &DepthOptions) -> Vec<Found> {
     let least = options.separation * options.range_resolution;
     let contrast = 10f64.powf(options.return_contrast_db / 10.0) as f32;
@@ -225,7 +225,7 @@ mod tests {
         for echoes in [&slope[..], &pedestal] {
             let second = |options| found(echoes, options)[1].depth[20];
             assert!(second(&options).is_nan(), "{}", second(&options));
-            assert!(!second(&plain).is_nan(), "the test is of no use without a crest to refuse");
+            assert!(!second(&plain).is_nan(), "without a crest to refuse, the test proves nothing");
         }
     }
 

@@ -1,11 +1,11 @@
-//! `NumPy`'s `.npz`: numeric arrays and text, as `numpy.load` and `numpy.savez` know them.
+//! `NumPy`'s `.npz`: numeric arrays and text, compatible with `numpy.load` and `numpy.savez`.
 //!
-//! [`NpzReader`] takes a file nobody vouches for: every declared size is checked against the file, against the
+//! [`NpzReader`] reads untrusted files: every declared size is checked against the file, against the
 //! shape and against a limit in bytes before anything is inflated or allocated. [`write_npz`] stores plain
-//! little-endian arrays in C order, so that the same input gives the same bytes.
+//! little-endian arrays in C order, so that files of the same arrays are bit-identical.
 //!
-//! `npyz` 0.9 and `ndarray-npy` 0.10 were looked at: both allocate whatever length a header declares, up to 4 GiB, neither bounds an
-//! array before it is inflated, and each brings an older `zip` with it.
+//! The crates `npyz` 0.9 and `ndarray-npy` 0.10 are not used: both allocate whatever length a header declares, up to
+//! 4 GiB, neither limits an array before it is inflated, and each depends on an older `zip`.
 
 mod elements;
 mod fingerprint;
@@ -23,7 +23,7 @@ use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
 use zip::{CompressionMethod, ZipArchive};
 
-/// The greatest factor by which deflate can shrink anything.
+/// The maximum factor by which deflate can compress.
 const DEFLATE_AT_MOST: u64 = 1032;
 
 /// An array in C order: the last axis is the fastest.
@@ -31,7 +31,7 @@ const DEFLATE_AT_MOST: u64 = 1032;
 pub(crate) struct Array<T> {
     /// Sizes of the axes, slowest first; empty for a scalar.
     pub(crate) shape: Vec<usize>,
-    /// The elements, as many as the sizes multiply to.
+    /// The elements; their number is the product of the sizes.
     pub(crate) data: Vec<T>,
 }
 
@@ -43,7 +43,7 @@ struct Entry {
     header: std::result::Result<Header, String>,
 }
 
-/// An open `.npz` file; the headers are read, the arrays not yet.
+/// An open `.npz` file, of which only the headers have been read.
 #[derive(Debug)]
 pub(crate) struct NpzReader {
     path: PathBuf,
@@ -57,26 +57,26 @@ impl NpzReader {
     /// read from it.
     ///
     /// # Errors
-    /// A file that is missing, no zip archive, truncated, or that holds two arrays of one name. A fault of one
-    /// array shows only when that array is asked for.
+    /// A file that is missing, truncated or not a zip archive, or that contains two arrays of one name. A fault of one
+    /// array is reported only when that array is read.
     pub(crate) fn open(path: &Path, limit_bytes: u64) -> Result<Self> {
         let file = File::open(path).map_err(|error| Error::reading(path, error))?;
         let on_disk = file.metadata().map_err(|error| Error::reading(path, error))?;
         if on_disk.is_dir() {
-            return Err(Error::input(path.display(), "is a folder, an .npz file was expected"));
+            return Err(Error::input(path.display(), "is a folder; an .npz file was expected"));
         }
         let mut archive = ZipArchive::new(BufReader::new(file)).map_err(|error| {
             Error::input(
                 path.display(),
                 format!(
-                    "is no complete .npz file ({error}); a zip archive as numpy.savez writes it was expected"
+                    "is not a complete .npz file ({error}); expected a zip archive as numpy.savez writes it"
                 ),
             )
         })?;
         if archive.has_duplicate_names() {
             return Err(Error::input(
                 path.display(),
-                "holds two arrays of the same name; each name may appear once",
+                "contains two arrays of the same name; each name may appear once",
             ));
         }
         let entries = (0..archive.len())
@@ -102,7 +102,7 @@ impl NpzReader {
     /// Sizes of an array's axes, slowest first.
     ///
     /// # Errors
-    /// A missing array, or one whose header is not understood or disagrees with the bytes present.
+    /// A missing array, or one whose header is malformed or disagrees with the bytes present.
     pub(crate) fn shape(&self, name: &str) -> Result<Vec<usize>> {
         Ok(self.header(name)?.1.shape.clone())
     }
@@ -126,35 +126,35 @@ impl NpzReader {
         let mut data = Vec::new();
         let place = place_of(&self.path, name);
         self.read(name, index, &header, Held::all(&header, 8), |bytes| {
-            header.reserve(&mut data).ok_or_else(|| no_room(&place))?;
+            header.reserve(&mut data).ok_or_else(|| does_not_fit(&place))?;
             convert(header.dtype, bytes, &mut data);
             Ok(())
         })?;
-        header.array(data).ok_or_else(|| no_room(&place))
+        header.array(data).ok_or_else(|| does_not_fit(&place))
     }
 
     /// How to read an array's elements as complex numbers.
     fn complex_reader(&self, name: &str, dtype: Dtype) -> Result<ComplexReader> {
         if scalar_reader(dtype).is_none() {
-            return Err(self.fault(name, "holds text; numbers were expected"));
+            return Err(self.fault(name, "contains text; numbers were expected"));
         }
         let plain = Dtype { kind: Kind::Complex, size: 8, big_endian: false };
         Ok(if dtype == plain { plain_complex } else { any_complex })
     }
 
-    /// Whether an array lies in the file in the order in which it is read, last axis fastest.
+    /// Whether an array is stored in the order in which it is read, last axis fastest.
     pub(crate) fn in_order(&self, name: &str) -> bool {
         self.header(name).is_ok_and(|(_, header)| header.in_order())
     }
 
-    /// An array of complex numbers in blocks of `block` elements (the last may be shorter), in C order. Only a block
-    /// is held at a time, and the limit applies to it alone, unless the array is in Fortran order.
+    /// Reads an array of complex numbers in blocks of `block` elements (the last may be shorter), in C order. Only one
+    /// block is in memory at a time, and the limit applies to it alone, unless the array is in Fortran order.
     ///
     /// # Errors
-    /// As [`NpzReader::complex`], and what `take` returns.
+    /// As [`NpzReader::complex`], and errors of `take`.
     ///
     /// # Panics
-    /// With blocks of no elements.
+    /// When `block` is 0.
     pub(crate) fn complex_blocks(
         &mut self,
         name: &str,
@@ -173,7 +173,7 @@ impl NpzReader {
         let place = place_of(&self.path, name);
         self.read(name, index, &header, Held { elements: block as u64, bytes_each: 8 }, |mut bytes| {
             if waiting.capacity() == 0 {
-                waiting.try_reserve_exact(most).map_err(|_| no_room(&place))?;
+                waiting.try_reserve_exact(most).map_err(|_| does_not_fit(&place))?;
             }
             while !bytes.is_empty() {
                 let room = (block - waiting.len()) * size;
@@ -214,7 +214,7 @@ impl NpzReader {
         if !expected {
             return Err(self.fault(
                 name,
-                "is no text; the bytes of a UTF-8 text as uint8, or one NumPy string, were expected",
+                "is not a text; the bytes of a UTF-8 text as uint8, or one NumPy string, were expected",
             ));
         }
         let mut bytes = Vec::new();
@@ -230,7 +230,7 @@ impl NpzReader {
         match text {
             // NumPy pads its strings with zeros.
             Some(text) => Ok(text.trim_end_matches('\0').to_owned()),
-            None => Err(self.fault(name, "is no valid Unicode text; UTF-8 was expected")),
+            None => Err(self.fault(name, "is not valid Unicode text; UTF-8 was expected")),
         }
     }
 
@@ -238,22 +238,22 @@ impl NpzReader {
         let (index, header) = self.header(name)?;
         let (index, header) = (index, header.clone());
         if header.dtype.kind == Kind::Complex {
-            return Err(self.fault(name, "holds complex numbers; real numbers were expected"));
+            return Err(self.fault(name, "contains complex numbers; real numbers were expected"));
         }
         let Some(scalar) = scalar_reader(header.dtype) else {
-            return Err(self.fault(name, "holds text; numbers were expected"));
+            return Err(self.fault(name, "contains text; numbers were expected"));
         };
         let mut data: Vec<T> = Vec::new();
         let place = place_of(&self.path, name);
         self.read(name, index, &header, Held::all(&header, size_of::<T>() as u64), |bytes| {
-            header.reserve(&mut data).ok_or_else(|| no_room(&place))?;
+            header.reserve(&mut data).ok_or_else(|| does_not_fit(&place))?;
             data.extend(bytes.chunks_exact(header.dtype.size as usize).map(|element| make(scalar(element))));
             Ok(())
         })?;
-        header.array(data).ok_or_else(|| no_room(&place))
+        header.array(data).ok_or_else(|| does_not_fit(&place))
     }
 
-    /// Passes the array's bytes on in blocks of whole elements, once its sizes are known to fit.
+    /// Passes the array's bytes to `take` in blocks of whole elements, after checking that its sizes fit.
     fn read(
         &mut self,
         name: &str,
@@ -263,7 +263,7 @@ impl NpzReader {
         mut take: impl FnMut(&[u8]) -> Result<()>,
     ) -> Result<()> {
         let elements = header.elements().unwrap_or(u64::MAX);
-        // Reordering holds the array twice for a moment.
+        // Reordering needs the array in memory twice.
         let copies = if header.in_order() { 1 } else { 2 };
         let in_memory = held.elements.min(elements).saturating_mul(held.bytes_each.max(header.dtype.size));
         let in_memory = in_memory.saturating_mul(copies);
@@ -271,7 +271,7 @@ impl NpzReader {
             return Err(self.fault(
                 name,
                 format!(
-                    "with its shape {:?} would take {in_memory} bytes, more than the limit of {}; raise the \
+                    "has the shape {:?} and needs {in_memory} bytes, more than the limit of {}; raise the \
                      limit or use a smaller array",
                     header.shape, self.limit_bytes
                 ),
@@ -284,7 +284,7 @@ impl NpzReader {
         }
         let place = place_of(&self.path, name);
         let broken = |error: &dyn std::fmt::Display| {
-            Error::input(&place, format!("is damaged or truncated ({error}); write or copy the file anew"))
+            Error::input(&place, format!("is damaged or truncated ({error}); write or copy the file again"))
         };
         let mut entry = self.archive.by_index(index).map_err(|error| broken(&error))?;
         let mut skipped = vec![0; header.length as usize];
@@ -300,7 +300,7 @@ impl NpzReader {
         // The checksum is compared when the end is met.
         match entry.read(&mut [0; 1]) {
             Ok(0) => Ok(()),
-            Ok(_) => Err(broken(&"there are more bytes than the shape says")),
+            Ok(_) => Err(broken(&"there are more bytes than its shape requires")),
             Err(error) => Err(broken(&error)),
         }
     }
@@ -313,7 +313,7 @@ impl NpzReader {
             } else {
                 format!("`{}`", present.join("`, `"))
             };
-            return Err(self.fault(name, format!("is missing; the file holds {present}")));
+            return Err(self.fault(name, format!("is missing; the file contains {present}")));
         };
         match &entry.header {
             Ok(header) => Ok((entry.index, header)),
@@ -343,12 +343,12 @@ fn place_of(path: &Path, name: &str) -> String {
     format!("{}, array `{name}`", path.display())
 }
 
-/// The refusal of an array that does not fit.
-fn no_room(place: &str) -> Error {
-    Error::out_of_memory(format!("{place} does not fit; use a smaller array, or free some memory"))
+/// The error for an array that does not fit in memory.
+fn does_not_fit(place: &str) -> Error {
+    Error::out_of_memory(format!("{place} does not fit in memory; use a smaller array, or free some memory"))
 }
 
-/// Reads one array's header and holds its declared size against the shape and against the file's.
+/// Reads one array's header and checks its declared size against its shape and the size of the file.
 fn read_header(
     archive: &mut ZipArchive<BufReader<File>>,
     index: usize,
@@ -359,11 +359,15 @@ fn read_header(
     let possible = match entry.compression() {
         CompressionMethod::Stored => packed,
         CompressionMethod::Deflated => packed.saturating_mul(DEFLATE_AT_MOST),
-        method => return Err(format!("is compressed by {method}; stored or deflated arrays are read")),
+        method => {
+            return Err(format!(
+                "is compressed with {method}; only stored and deflated arrays are supported"
+            ));
+        }
     };
     if packed > bytes_on_disk || unpacked > possible {
         return Err(format!(
-            "declares {unpacked} bytes, which its {packed} bytes in a file of {bytes_on_disk} cannot hold"
+            "declares {unpacked} bytes, which its {packed} bytes in a file of {bytes_on_disk} cannot contain"
         ));
     }
     let header = Header::read(&mut entry)?;
@@ -375,7 +379,7 @@ fn read_header(
         Ok(header)
     } else {
         Err(format!(
-            "has the shape {:?} of {}-byte elements, which is not what its {unpacked} bytes hold",
+            "has the shape {:?} of {}-byte elements, which does not match its {unpacked} bytes",
             header.shape, header.dtype.size
         ))
     }

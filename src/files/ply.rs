@@ -1,10 +1,10 @@
-//! The text that every PLY file begins with, read and written: in what form the values are, and which.
+//! Reads and writes the header of PLY files, which declares the format of the values and their tables.
 //!
-//! Takes the first bytes of a file that nobody vouches for, or the tables that are about to be written; gives the other.
-//! Meshes and clouds of points differ in their tables only, so that both go through this one header.
+//! Converts the first bytes of an untrusted file into a [`Header`], or a [`Header`] into the text to be written. Meshes
+//! and point clouds differ only in their tables, so both use this one header.
 //!
-//! `ply-rs-bw` 4.0, the crate for PLY that is kept up, was looked at: it makes as many rows as a header declares, even of elements
-//! without properties, so that a file of 72 bytes takes it 9 s and any memory, and it allocates without asking.
+//! `ply-rs-bw` 4.0, the maintained crate for PLY, is not used: it makes as many rows as a header declares, even of
+//! elements without properties, so that a file of 72 bytes takes 9 s and any amount of memory, and its allocations abort.
 
 use std::fmt;
 use std::path::Path;
@@ -14,11 +14,11 @@ use crate::error::{Error, Result};
 /// How the values after the header are written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Format {
-    /// Numbers in text, by blanks and lines apart.
+    /// Numbers in text, separated by white space.
     Ascii,
-    /// Binary, lowest byte first.
+    /// Binary, least significant byte first.
     LittleEndian,
-    /// Binary, highest byte first.
+    /// Binary, most significant byte first.
     BigEndian,
 }
 
@@ -48,7 +48,7 @@ pub(crate) enum Scalar {
 }
 
 impl Scalar {
-    /// Each with its two names; the first one is written.
+    /// Each type with its two names; the first one is written.
     const NAMES: [(Self, [&'static str; 2]); 8] = [
         (Self::I8, ["char", "int8"]),
         (Self::U8, ["uchar", "uint8"]),
@@ -74,10 +74,10 @@ impl Scalar {
         }
     }
 
-    /// The number that `bytes` of a binary file begin with, in f64, which holds each of the types exactly; `None` where they
-    /// end before it does.
+    /// The first number in `bytes` of a binary file, as f64, which represents each of the types exactly; `None` when there
+    /// are too few bytes.
     pub(crate) fn number(self, bytes: &[u8], format: Format) -> Option<f64> {
-        /// The first bytes, lowest first.
+        /// The first bytes, least significant first.
         fn first<const N: usize>(bytes: &[u8], format: Format) -> Option<[u8; N]> {
             let mut first = *bytes.first_chunk()?;
             if format == Format::BigEndian {
@@ -119,13 +119,13 @@ pub(crate) struct Property {
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Element {
     pub(crate) name: String,
-    /// Rows; as declared by a file that is read, so not to be believed.
+    /// Number of rows; in a file that is read only declared, so it is not trusted.
     pub(crate) count: u64,
     pub(crate) properties: Vec<Property>,
 }
 
 impl Element {
-    /// The fewest bytes that a row takes: its lists empty, and of a text a digit and a blank for every number.
+    /// Minimum number of bytes of a row: its lists empty, and in a text a digit and a blank for every number.
     pub(crate) fn least_row(&self, format: Format) -> u64 {
         let size = |property: &Property| match format {
             Format::Ascii => 2,
@@ -141,7 +141,7 @@ impl Element {
     }
 }
 
-/// What a file says of itself; its [`Display`](fmt::Display) is the text it begins with.
+/// The header of a file; its [`Display`](fmt::Display) is the text of the header.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Header {
     pub(crate) format: Format,
@@ -150,7 +150,7 @@ pub(crate) struct Header {
     pub(crate) elements: Vec<Element>,
 }
 
-/// What stands before the first value.
+/// The length of a header: what precedes the first value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Length {
     pub(crate) bytes: usize,
@@ -161,7 +161,7 @@ impl Header {
     /// Reads the header of a file of which `bytes` are the first, or all; `path` is for messages.
     ///
     /// # Errors
-    /// Another kind of file, a line without meaning, or no `end_header` among the bytes; the message names the line.
+    /// Another kind of file, an invalid line, or no `end_header` in the bytes; the message names the line.
     pub(crate) fn read(bytes: &[u8], path: &Path) -> Result<(Self, Length)> {
         let (mut format, mut comments, mut elements) = (None, Vec::new(), Vec::<Element>::new());
         let mut length = Length { bytes: 0, lines: 0 };
@@ -177,7 +177,7 @@ impl Header {
             match (length.lines, words.as_slice()) {
                 (1, ["ply"]) | (2.., [] | ["obj_info", ..]) => {}
                 (1, _) => {
-                    return Err(Error::input(path.display(), "is no PLY: its first line should be `ply`"));
+                    return Err(Error::input(path.display(), "is not a PLY: its first line must be `ply`"));
                 }
                 (_, ["comment", ..]) => {
                     comments.push(line.trim()["comment".len()..].trim_start().to_owned());
@@ -206,7 +206,7 @@ impl Header {
                 (_, ["property", kind @ .., name]) => {
                     let property = property(kind, name).ok_or_else(|| {
                         refused(format!(
-                            "`{}` should read like `property float x` or `property list uchar int vertex_indices`",
+                            "`{}` must have the form `property float x` or `property list uchar int vertex_indices`",
                             words.join(" ")
                         ))
                     })?;
@@ -218,7 +218,7 @@ impl Header {
                 }
                 _ => {
                     return Err(refused(format!(
-                        "`{}` has no meaning in the header of a PLY; format, comment, element, property or end_header \
+                        "`{}` is not valid in the header of a PLY; format, comment, element, property or end_header \
                          was expected",
                         line.trim().chars().take(80).collect::<String>()
                     )));
@@ -266,7 +266,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_written_is_read() {
+    fn a_header_survives_writing_and_reading() {
         let property = |(scalar, _): (Scalar, _)| [(None, scalar), (Some(Scalar::U8), scalar)];
         let properties = Scalar::NAMES.into_iter().flat_map(property).enumerate();
         let properties = properties
@@ -293,7 +293,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_of_either_byte_order_are_what_they_were() {
+    fn numbers_of_either_byte_order_are_decoded() {
         let cases: [(Scalar, &[u8], f64); 8] = [
             (Scalar::I8, &(-2i8).to_be_bytes(), -2.0),
             (Scalar::U8, &[254], 254.0),

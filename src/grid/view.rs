@@ -1,4 +1,4 @@
-//! Along which rays the pixels of a map look.
+//! The rays along which the pixels of a map look.
 
 use super::{Axis, Grid};
 use crate::choice::choice;
@@ -6,7 +6,7 @@ use crate::error::{Error, Result};
 use glam::DVec3;
 
 choice! {
-    /// What a map's axes count, and so along which ray a pixel looks. Its depth is planar, along +z, in both.
+    /// The unit of a map's axes, and so the ray along which a pixel looks. Depth is planar, along +z, in both views.
     #[derive(Default)]
     pub enum View: "view" {
         /// Along +z: the axes are the volume's own x and y, m.
@@ -17,10 +17,10 @@ choice! {
     }
 }
 
-/// The pixels of a map: a view, and where the centres of columns and rows lie in it.
+/// The pixels of a map: a view, and the centres of columns and rows in it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Raster {
-    /// What the axes count.
+    /// The unit of the axes.
     pub view: View,
     /// Columns.
     pub x: Axis,
@@ -43,13 +43,16 @@ impl Raster {
             return Err(Error::input(
                 "camera",
                 format!(
-                    "a field of view of {vertical_field_of_view} degrees is none; expected one between 0 and 180"
+                    "a field of view of {vertical_field_of_view} degrees is impossible; expected one between 0 and 180"
                 ),
             ));
         }
         let pixels = columns as u128 * rows as u128;
         if pixels == 0 || pixels > u128::from(u32::MAX) {
-            return Err(Error::input("camera", format!("{columns} x {rows} pixels make no picture")));
+            return Err(Error::input(
+                "camera",
+                format!("{columns} x {rows} pixels are not an image; expected fewer than 2^32"),
+            ));
         }
         let pitch = 2.0 * (0.5 * vertical_field_of_view).to_radians().tan() / rows as f64;
         let axis = |count: usize| Axis { first: -0.5 * pitch * (count - 1) as f64, pitch, count };
@@ -75,7 +78,7 @@ impl Raster {
         }
     }
 
-    /// How far pixel `index` moves per metre of depth: its ray, with z = 1.
+    /// Displacement of pixel `index` per metre of depth: its ray, with z = 1.
     pub fn ray(&self, index: usize) -> DVec3 {
         self.point(index, 1.0) - self.point(index, 0.0)
     }

@@ -1,15 +1,15 @@
 //! Exponentials of a sweep as columns of real matrices.
 //!
-//! What stands under skeleton and virtual tones: `e^{−i2πfδ}` at sample delays δ about the middle of an interval, in f64.
-//! Least squares on an interval that is symmetric about zero has real coefficients, and then cos and sin of δ ≥ 0 say all:
-//! an error at −δ is the conjugate of that at δ. So matrices are real, and a quarter of the work.
+//! The basis of skeleton and virtual tones: `e^{−i2πfδ}` at sample delays δ about the middle of an interval, in f64.
+//! Least squares on an interval that is symmetric about zero has real coefficients, so cos and sin of δ ≥ 0 suffice:
+//! an error at −δ is the conjugate of that at δ. Matrices are therefore real, which takes a quarter of the work.
 
 use super::Matrix;
 use crate::wave::interval::{PathInterval, greater, turned};
 use crate::wave::simd;
 use num_complex::Complex64;
 
-/// cos 2πfδ and under them sin 2πfδ, `[2·delays, frequencies]`: delays in s, frequencies in Hz.
+/// cos 2πfδ and below them sin 2πfδ, `[2·delays, frequencies]`: delays in s, frequencies in Hz.
 pub(crate) fn waves(delays: &[f64], frequencies: &[f64]) -> Matrix {
     let mut all = Matrix::zeros(2 * delays.len(), frequencies.len());
     for (n, f) in frequencies.iter().enumerate() {
@@ -19,7 +19,7 @@ pub(crate) fn waves(delays: &[f64], frequencies: &[f64]) -> Matrix {
     all
 }
 
-/// Even points whose phasors are one phasor times those of a short run.
+/// Evenly spaced points per run; the phasors of a run are those of the first one times a phasor.
 const RUN: usize = 32;
 
 /// [`waves`] at `count` even delays from an interval's middle to its end.
@@ -27,8 +27,8 @@ pub(crate) fn even_waves(interval: &PathInterval, count: usize, frequencies: &[f
     let step = 0.5 * interval.duration() / (count - 1) as f64;
     let mut all = Matrix::zeros(2 * count, frequencies.len());
     for (n, f) in frequencies.iter().enumerate() {
-        // By products, which drift by no more than some 10⁻¹³: a sine for every element would take longer than what
-        // it is used for.
+        // By products, which drift by no more than about 10⁻¹³: a sine for every element would take longer than the
+        // work that uses it.
         let turn = turned(f * step);
         let (mut start, mut short) = (Complex64::ONE, [Complex64::ONE; RUN]);
         for k in 1..RUN {
@@ -46,7 +46,7 @@ pub(crate) fn even_waves(interval: &PathInterval, count: usize, frequencies: &[f
     all
 }
 
-/// The greatest modulus of differences of [`waves`]; NaN if one is NaN.
+/// The maximum modulus of differences of [`waves`]; NaN if one is NaN.
 pub(crate) fn greatest(differences: &Matrix) -> f64 {
     let square = |(cos, sin): (&f64, &f64)| cos * cos + sin * sin;
     let columns =

@@ -18,7 +18,7 @@ use std::fmt;
 pub struct Scores {
     /// Over all pixels.
     pub all: Metrics,
-    /// Of the surfaces of each material, by name; empty if the truth knows none.
+    /// Of the surfaces of each material, by name; empty if the truth has no materials.
     pub materials: BTreeMap<String, Metrics>,
     /// Of each pixel's first surface from the front, its second, and so on.
     pub surfaces: Vec<Metrics>,
@@ -40,7 +40,7 @@ pub enum Group {
 pub struct Measure {
     /// One of [`METRIC_NAMES`].
     pub metric: String,
-    /// Of what.
+    /// The group that it is measured on.
     pub group: Group,
 }
 
@@ -48,7 +48,7 @@ impl Measure {
     /// Reads `NAME`, `NAME:MATERIAL` (the rest of the text is the material's name) or `NAME#K`.
     ///
     /// # Errors
-    /// The part that is no metric's name, or the words for what is no number of a surface.
+    /// The part that is not the name of a metric, or the text whose surface is not a number.
     pub fn parse(text: &str) -> std::result::Result<Self, String> {
         let (metric, group) = match text.find([':', '#']) {
             None => (text, Group::All),
@@ -79,7 +79,7 @@ impl fmt::Display for Measure {
 }
 
 impl Scores {
-    /// The value of a measure, in m for lengths and else a share of 1; `None` where there was nothing to measure it on.
+    /// The value of a measure, in m for lengths and otherwise a share of 1; `None` where there was nothing to measure it on.
     pub fn get(&self, measure: &Measure) -> Option<f64> {
         let metrics = match &measure.group {
             Group::All => &self.all,
@@ -90,7 +90,7 @@ impl Scores {
     }
 }
 
-/// Scores `result` against `truth` as [`evaluate`] does, and every material and surface for itself.
+/// Scores `result` against `truth` as [`evaluate`] does, and each material and each surface separately.
 ///
 /// # Errors
 /// As [`evaluate`].
@@ -165,7 +165,7 @@ struct Tally {
     both: usize,
     errors: Vec<f64>,
     normal_errors: Vec<f64>,
-    /// Errors of the front and of the back one of two.
+    /// Errors of the front and of the back surface of two.
     of_two: [Vec<f64>; 2],
 }
 

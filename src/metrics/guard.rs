@@ -1,12 +1,12 @@
-//! The ring round silhouettes within which a detection beside a surface is not scored.
+//! The ring around silhouettes within which a detection next to a surface is not scored.
 
 use super::depths;
 use crate::grid::{DepthMap, Surface, View};
 
-/// The guard ring round silhouettes, m.
+/// Width of the guard ring around silhouettes, m.
 pub const GUARD_RING: f64 = 0.04;
 
-/// Tells the pixels whose centre lies within the guard ring of a pixel with a true surface.
+/// Finds the pixels whose centre is within the guard ring of a pixel with a true surface.
 pub(super) struct GuardRing<'a> {
     truth: &'a DepthMap,
     /// Depth of each pixel's first true surface, m; infinite where there is none.
@@ -43,7 +43,7 @@ impl<'a> GuardRing<'a> {
     }
 }
 
-/// What one unit of a map's axes comes to at depth `z`, m.
+/// The length of one unit of a map's axes at depth `z`, m.
 fn metres_per_unit(view: View, z: f64) -> f64 {
     match view {
         View::Orthographic => 1.0,

@@ -1,7 +1,7 @@
 //! Reflectors from a CSV file: header `x,y,z,amplitude`, one point per line, in metres, used as they are.
 //!
-//! The `csv` crate was looked at: numbers need none of its quoting, so that it would replace the two lines that split at commas;
-//! the header, the numbers and what to say of a bad line are checked here either way.
+//! The `csv` crate is not used: numbers need none of its quoting, so it would replace only the two lines that split at
+//! commas; the header, the numbers and the messages for bad lines are handled here in any case.
 
 use super::Reflectors;
 use crate::alloc::try_with_capacity;
@@ -14,14 +14,17 @@ impl Reflectors {
     /// Reads a reflector CSV.
     ///
     /// # Errors
-    /// A missing file, another header, or a line that is not the asked numbers; the message names the line.
+    /// A missing file, another header, or a line without the expected numbers; the message names the line.
     pub fn read_csv(path: &Path) -> Result<Self> {
         let rows = read_columns(path, ["x", "y", "z", "amplitude"])?;
         if rows.is_empty() {
-            return Err(Error::input(path.display(), "holds no reflectors; at least one line was expected"));
+            return Err(Error::input(
+                path.display(),
+                "contains no reflectors; at least one line was expected",
+            ));
         }
-        let mut positions = try_with_capacity(rows.len() as u64).ok_or_else(|| no_room(path))?;
-        let mut amplitudes = try_with_capacity(rows.len() as u64).ok_or_else(|| no_room(path))?;
+        let mut positions = try_with_capacity(rows.len() as u64).ok_or_else(|| does_not_fit(path))?;
+        let mut amplitudes = try_with_capacity(rows.len() as u64).ok_or_else(|| does_not_fit(path))?;
         for [x, y, z, amplitude] in rows {
             positions.push(DVec3::new(x, y, z));
             amplitudes.push(Complex32::new(amplitude as f32, 0.0));
@@ -33,7 +36,7 @@ impl Reflectors {
 /// Reads a CSV of finite numbers under exactly the given header; blank lines and `#` comments are skipped.
 ///
 /// # Errors
-/// A missing file, another header, or a line with other than the asked numbers; the message names the line.
+/// A missing file, another header, or a line without the expected numbers; the message names the line.
 pub(crate) fn read_columns<const N: usize>(path: &Path, header: [&str; N]) -> Result<Vec<[f64; N]>> {
     let text = std::fs::read_to_string(path).map_err(|e| match e.kind() {
         std::io::ErrorKind::InvalidData => {
@@ -68,7 +71,7 @@ pub(crate) fn read_columns<const N: usize>(path: &Path, header: [&str; N]) -> Re
         let mut row = [0.0; N];
         let mut fields = line.split(',').map(|field| field.trim().parse().ok());
         for value in &mut row {
-            // Amplitudes become f32; nothing in metres comes near its limit either.
+            // Amplitudes become f32, and lengths in metres are far below its limit.
             *value = fields.next().flatten().filter(|v: &f64| (*v as f32).is_finite()).unwrap_or(f64::NAN);
         }
         if fields.next().is_some() || row.iter().any(|value| value.is_nan()) {
@@ -77,16 +80,16 @@ pub(crate) fn read_columns<const N: usize>(path: &Path, header: [&str; N]) -> Re
                 format!("{N} finite numbers `{expected}` were expected, found `{line}`"),
             ));
         }
-        rows.try_reserve(1).map_err(|_| no_room(path))?;
+        rows.try_reserve(1).map_err(|_| does_not_fit(path))?;
         rows.push(row);
     }
     Ok(rows)
 }
 
-/// The refusal of a list that does not fit.
-fn no_room(path: &Path) -> Error {
+/// The error for a list that does not fit in memory.
+fn does_not_fit(path: &Path) -> Error {
     Error::out_of_memory(format!(
-        "{}: its lines do not fit; give fewer points, or free some memory",
+        "{}: its lines do not fit in memory; give fewer points, or free some memory",
         path.display()
     ))
 }

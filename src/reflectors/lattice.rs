@@ -1,8 +1,8 @@
 //! Lattice sampling for smooth, mirror-like surfaces.
 //!
-//! Irregular samples of a coherent surface image their own sampling noise (the level falls 23 dB from a spacing of λ to λ/4), so a smooth surface is
-//! sampled on a square lattice. The lattice belongs to the plane, not to the triangle, and edges are half open:
-//! triangles that share a plane share the lattice, and no seam shows along a diagonal.
+//! The image of a coherent surface shows the noise of irregular samples (the level falls by 23 dB from a spacing of λ to
+//! one of λ/4), so a smooth surface is sampled on a square lattice. The lattice belongs to the plane, not to the triangle,
+//! and edges are half open: triangles that share a plane share the lattice, and no seam appears along a diagonal.
 
 use super::Sample;
 use crate::alloc::try_with_capacity;
@@ -13,7 +13,7 @@ use rayon::prelude::*;
 /// Triangles that a thread samples at a time.
 const BLOCK: usize = 1024;
 
-/// Lattice points of every triangle, each standing for `spacing²`; `None` when they do not fit in memory.
+/// Lattice points of every triangle, each representing `spacing²`; `None` when they do not fit in memory.
 pub(super) fn lattice(triangles: &[Triangle], spacing: f64) -> Option<Vec<Sample>> {
     let blocks = triangles.par_chunks(BLOCK).enumerate().map(|(block, triangles)| {
         let mut samples = Vec::new();
@@ -47,7 +47,7 @@ fn plane_axes(normal: DVec3) -> (DVec3, DVec3) {
     (u, n.cross(u))
 }
 
-/// Shows every lattice point of a triangle to `take`, until it gives `None`.
+/// Passes every lattice point of a triangle to `take`, until it returns `None`.
 fn points(triangle: &Triangle, spacing: f64, mut take: impl FnMut(DVec3) -> Option<()>) -> Option<()> {
     let normal = triangle.normal();
     if normal == DVec3::ZERO {
@@ -86,7 +86,7 @@ fn edge(a: DVec2, b: DVec2, q: DVec2) -> f64 {
     if (a.x, a.y) <= (b.x, b.y) { (b - a).perp_dot(q - a) } else { -(a - b).perp_dot(q - b) }
 }
 
-/// Whether q lies in the triangle; of two triangles that share an edge exactly one owns a point on it.
+/// Whether q is in the triangle; of two triangles that share an edge exactly one owns a point on it.
 fn inside(flat: &[DVec2; 3], area: f64, q: DVec2) -> bool {
     (0..3).all(|k| {
         let (a, b) = if area > 0.0 { (flat[k], flat[(k + 1) % 3]) } else { (flat[(k + 1) % 3], flat[k]) };

@@ -1,10 +1,10 @@
 //! Area-aware Poisson-disk sampling of a triangle soup.
 //!
-//! Candidates are spread evenly by area, tried in random order, and kept where no accepted one of a similarly
-//! facing surface is nearer than the spacing. Every candidate then gives its share of the area to the nearest
+//! Candidates are spread evenly by area, tried in random order, and accepted where no accepted sample of a similarly
+//! facing surface is closer than the spacing. Every candidate then gives its share of the area to the nearest
 //! accepted sample, so the areas add up to the scene's exactly, slivers and small parts included.
 
-use super::{Sample, no_room};
+use super::{Sample, does_not_fit};
 use crate::alloc::{try_filled, try_with_capacity};
 use crate::error::Result;
 use crate::progress::{Observer, advance};
@@ -19,28 +19,28 @@ use rustc_hash::FxHashMap;
 /// Candidates per spacing²; more fill the last holes and cost time.
 const CANDIDATES: f64 = 16.0;
 
-/// Candidates between two looks at whether to stop.
+/// Candidates between two checks for a stop request.
 const BLOCK: usize = 1 << 14;
 
-/// Two samples are neighbours on one surface when their normals agree to 60°: the two sides of a thin plate, or
+/// Two samples are neighbours on one surface when their normals agree within 60°: the two sides of a thin plate, or
 /// walls that meet in an edge, are sampled independently.
 const SAME_SURFACE: f64 = 0.5;
 
-/// A candidate before its fate is known.
+/// A candidate that is neither accepted nor rejected yet.
 #[derive(Debug, Clone, Copy)]
 struct Candidate {
     position: DVec3,
     triangle: u32,
-    /// The cell that it lies in.
+    /// The cell that it is in.
     cell: u32,
 }
 
 /// No cell, or no sample.
 const NONE: u32 = u32::MAX;
 
-/// Samples at least `spacing` m apart on every surface, dense enough that hardly a gap of `spacing` is left.
+/// Samples at least `spacing` m apart on every surface, dense enough that almost no gap of `spacing` remains.
 ///
-/// Darts are thrown in one thread; what each candidate is nearest to is looked up in all. Some 4·10⁶ candidates/s.
+/// Darts are thrown in one thread; the nearest samples are searched for in all. About 4·10⁶ candidates/s.
 ///
 /// # Errors
 /// [`Error::OutOfMemory`](crate::error::Error::OutOfMemory) when they do not fit in memory,
@@ -51,20 +51,20 @@ pub(super) fn poisson_disk(
     seed: u64,
     observer: &dyn Observer,
 ) -> Result<Vec<Sample>> {
-    let no_room = || no_room(spacing);
-    let mut normals: Vec<DVec3> = try_with_capacity(triangles.len() as u64).ok_or_else(no_room)?;
+    let does_not_fit = || does_not_fit(spacing);
+    let mut normals: Vec<DVec3> = try_with_capacity(triangles.len() as u64).ok_or_else(does_not_fit)?;
     normals.par_extend(triangles.par_iter().map(Triangle::normal));
-    let mut areas: Vec<f64> = try_with_capacity(triangles.len() as u64).ok_or_else(no_room)?;
+    let mut areas: Vec<f64> = try_with_capacity(triangles.len() as u64).ok_or_else(does_not_fit)?;
     areas.par_extend(triangles.par_iter().map(Triangle::area));
     let total_area: f64 = areas.iter().sum();
-    let mut candidates = candidates(triangles, &areas, total_area, spacing, seed).ok_or_else(no_room)?;
+    let mut candidates = candidates(triangles, &areas, total_area, spacing, seed).ok_or_else(does_not_fit)?;
     let share = total_area / candidates.len() as f64;
-    let mut cells = Cells::new(&mut candidates, spacing).ok_or_else(no_room)?;
+    let mut cells = Cells::new(&mut candidates, spacing).ok_or_else(does_not_fit)?;
 
-    // Random order makes it dart throwing; Fisher and Yates.
+    // A random order (Fisher and Yates) makes it dart throwing.
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     random.set_stream(u64::MAX);
-    let mut order: Vec<u32> = try_with_capacity(candidates.len() as u64).ok_or_else(no_room)?;
+    let mut order: Vec<u32> = try_with_capacity(candidates.len() as u64).ok_or_else(does_not_fit)?;
     order.extend(0..candidates.len() as u32);
     for i in (1..order.len()).rev() {
         let j = (u128::from(random.next_u64()) * (i as u128 + 1)) >> 64;
@@ -74,14 +74,14 @@ pub(super) fn poisson_disk(
         for &index in block {
             let c = &candidates[index as usize];
             if !cells.is_taken(c, &normals) {
-                cells.take(c).ok_or_else(no_room)?;
+                cells.take(c).ok_or_else(does_not_fit)?;
             }
         }
         advance(observer, block.len() as u64)?;
     }
     drop(order);
 
-    let mut owners = try_filled(NONE, candidates.len() as u64).ok_or_else(no_room)?;
+    let mut owners = try_filled(NONE, candidates.len() as u64).ok_or_else(does_not_fit)?;
     candidates.par_chunks(BLOCK).zip(owners.par_chunks_mut(BLOCK)).try_for_each(|(block, owners)| {
         for (c, owner) in block.iter().zip(owners) {
             *owner = cells.nearest(c, &normals);
@@ -101,12 +101,12 @@ pub(super) fn poisson_disk(
 struct Cells {
     spacing: f64,
     samples: Vec<Sample>,
-    /// The latest sample of each cell, and before each sample the one that came before it there.
+    /// The latest sample of each cell, and for each sample the previous one of its cell.
     last: Vec<u32>,
     before: Vec<u32>,
-    /// The cell itself, then the 26 about it, those without candidates as [`NONE`].
+    /// The cell itself, then the 26 around it; [`NONE`] for those without candidates.
     neighbours: Vec<[u32; 27]>,
-    /// Where the cell lies, in spacings.
+    /// Position of the cell, in spacings.
     places: Vec<I64Vec3>,
 }
 
@@ -119,7 +119,7 @@ fn steps() -> [I64Vec3; 27] {
 }
 
 impl Cells {
-    /// Cells for candidates, each of which is told its own; `None` when they do not fit in memory.
+    /// Makes the cells of the candidates and assigns each candidate its own; `None` when they do not fit in memory.
     fn new(candidates: &mut [Candidate], spacing: f64) -> Option<Self> {
         let mut known: FxHashMap<I64Vec3, u32> = FxHashMap::default();
         let mut places = Vec::new();
@@ -142,7 +142,7 @@ impl Cells {
         }
         let steps = steps();
         let around = |place: &I64Vec3| {
-            // At the edge of what an i64 holds there is nothing beyond.
+            // Beyond the range of i64 there are no cells.
             steps.map(|step| {
                 let beside = place.checked_add(step).and_then(|beside| known.get(&beside));
                 beside.copied().unwrap_or(NONE)
@@ -154,7 +154,7 @@ impl Cells {
         Some(Self { spacing, samples: Vec::new(), last, before: Vec::new(), neighbours, places })
     }
 
-    /// Makes a sample of a candidate; `None` when there is no room for another.
+    /// Makes a candidate a sample; `None` when it does not fit in memory.
     fn take(&mut self, c: &Candidate) -> Option<()> {
         self.samples.try_reserve(1).ok()?;
         self.before.try_reserve(1).ok()?;
@@ -171,7 +171,7 @@ impl Cells {
         std::iter::successors(last, move |index| known(self.before[*index as usize]))
     }
 
-    /// Whether a sample of the candidate's surface is nearer than the spacing.
+    /// Whether a sample of the candidate's surface is closer than the spacing.
     fn is_taken(&self, c: &Candidate, normals: &[DVec3]) -> bool {
         let normal = normals[c.triangle as usize];
         self.neighbours[c.cell as usize].iter().any(|&cell| {
@@ -183,7 +183,7 @@ impl Cells {
         })
     }
 
-    /// The nearest sample of the candidate's surface that is nearer than the spacing; there must be one.
+    /// The nearest sample of the candidate's surface that is closer than the spacing; there must be one.
     fn nearest(&self, c: &Candidate, normals: &[DVec3]) -> u32 {
         let normal = normals[c.triangle as usize];
         let (mut least, mut nearest) = (self.spacing * self.spacing, NONE);
@@ -210,7 +210,7 @@ impl Cells {
     }
 }
 
-/// How many candidates there are for a scene of this area, m².
+/// Number of candidates for a scene of this area, m².
 fn candidate_count(total_area: f64, spacing: f64) -> u64 {
     (CANDIDATES * total_area / (spacing * spacing)).ceil().max(1.0) as u64
 }
@@ -223,7 +223,7 @@ pub(super) fn work(total_area: f64, spacing: f64) -> u64 {
 /// Bytes of the samples and cells of one spacing².
 const PER_SPACING: u64 = 250;
 
-/// Bytes that the candidates take with their order, the samples and cells that come of them, and the triangles' normals
+/// Bytes of the candidates and their order, of the samples and cells made from them, and of the triangles' normals
 /// and areas.
 pub(super) fn bytes(triangles: u64, total_area: f64, spacing: f64) -> u64 {
     let samples = (total_area / (spacing * spacing)) as u64;
@@ -268,7 +268,7 @@ mod tests {
     use crate::progress::Silent;
 
     fn sampled(triangles: &[Triangle], spacing: f64, seed: u64) -> Vec<Sample> {
-        poisson_disk(triangles, spacing, seed, &Silent).expect("nobody interrupts")
+        poisson_disk(triangles, spacing, seed, &Silent).expect("not interrupted")
     }
 
     fn plate(width: f64, height: f64) -> Vec<Triangle> {
@@ -279,7 +279,7 @@ mod tests {
         ]
     }
 
-    /// The sampling as it is described, candidate by candidate against all samples.
+    /// The literal sampling: every candidate is compared with all samples.
     fn literal(triangles: &[Triangle], spacing: f64, seed: u64) -> Vec<Sample> {
         let areas: Vec<f64> = triangles.iter().map(Triangle::area).collect();
         let total_area = areas.iter().sum::<f64>();

@@ -71,7 +71,7 @@ fn lambert_follows_the_cosine_at_the_speaker() {
 }
 
 #[test]
-fn the_aperture_sees_past_an_edge_that_hides_from_the_speaker_less_than_the_speaker_does() {
+fn an_aperture_at_the_speaker_equals_the_speaker_and_one_aside_does_not() {
     let mut options = SurfaceOptions::new(0.03, 0.02);
     options.occlusion = Occlusion::Aperture(vec![DVec3::ZERO; 9]);
     let nine = sample_surface(&scene(), &options).expect("valid");
@@ -103,7 +103,7 @@ fn roughness_displaces_along_the_normal_by_its_rms() {
 }
 
 #[test]
-fn same_seed_same_bytes_for_any_number_of_threads() {
+fn a_seed_gives_bit_identical_results_for_any_number_of_threads() {
     let run = |threads, seed| {
         let mut options = SurfaceOptions::new(0.02, 0.02);
         options.seed = seed;
@@ -123,9 +123,9 @@ fn an_absurd_spacing_is_refused() {
 
 /// Asks to stop once some work is done, and counts it.
 #[derive(Default)]
-struct Impatient(std::sync::atomic::AtomicU64);
+struct StopEarly(std::sync::atomic::AtomicU64);
 
-impl Observer for Impatient {
+impl Observer for StopEarly {
     fn event(&self, event: crate::progress::Event<'_>) {
         if let crate::progress::Event::Advanced { amount } = event {
             self.0.fetch_add(amount, std::sync::atomic::Ordering::Relaxed);
@@ -139,7 +139,7 @@ impl Observer for Impatient {
 
 #[test]
 fn sampling_stops_when_asked() {
-    let (scene, options, observer) = (scene(), SurfaceOptions::new(0.005, 0.02), Impatient::default());
+    let (scene, options, observer) = (scene(), SurfaceOptions::new(0.005, 0.02), StopEarly::default());
     let whole = poisson::work(scene.surface_area(), options.spacing);
     assert_eq!(sample_surface_with(&scene, &options, &observer), Err(Error::Interrupted));
     let done = observer.0.into_inner();

@@ -11,7 +11,7 @@ use crate::error::{Error, Result, gib};
 /// Maximum size of a scene file, bytes.
 const LARGEST_FILE: u64 = 4 << 30;
 
-/// A regular file and its length, bytes. Pipes and devices are refused, which might never end.
+/// Opens a regular file; returns it and its length in bytes. Pipes and devices, which might never end, are refused.
 pub(super) fn open(path: &Path) -> Result<(File, u64)> {
     let about = fs::metadata(path).map_err(|error| Error::reading(path, error))?;
     if about.is_dir() {
@@ -27,7 +27,7 @@ pub(super) fn open(path: &Path) -> Result<(File, u64)> {
     Ok((file, about.len()))
 }
 
-/// All bytes of a regular file, which may take no more than `memory`.
+/// All bytes of a regular file, which must not exceed `memory`.
 pub(super) fn read(path: &Path, memory: Option<u64>) -> Result<Vec<u8>> {
     let (file, length) = open(path)?;
     if let Some(limit) = memory.filter(|limit| length > *limit) {
@@ -42,13 +42,13 @@ pub(super) fn read(path: &Path, memory: Option<u64>) -> Result<Vec<u8>> {
         ));
     }
     // The file may have grown since it was measured.
-    let mut bytes = try_with_capacity(length).ok_or_else(|| no_room(path.display(), "its bytes"))?;
+    let mut bytes = try_with_capacity(length).ok_or_else(|| does_not_fit(path.display(), "its bytes"))?;
     file.take(LARGEST_FILE).read_to_end(&mut bytes).map_err(|error| Error::reading(path, error))?;
     Ok(bytes)
 }
 
 /// The error for part of a mesh that does not fit in memory.
-pub(super) fn no_room(file: impl Display, what: &str) -> Error {
+pub(super) fn does_not_fit(file: impl Display, what: &str) -> Error {
     Error::out_of_memory(format!(
         "{file}: {what} do not fit in memory; decimate the mesh (the acoustic resolution is about 1 cm), or free some \
              memory"

@@ -1,6 +1,7 @@
 //! The two statements of an MTL file that matter for sound: `d` and `Tr`.
 //!
-//! Read here rather than by `tobj` 4.0, which reads the OBJ: it gives up the whole file for one bad colour and knows no `Tr`.
+//! Read here rather than by `tobj` 4.0, which reads the OBJ: it rejects the whole file for one bad colour and does not
+//! read `Tr`.
 
 use std::path::Path;
 

@@ -10,7 +10,7 @@ use std::path::Path;
 
 use glam::DVec3;
 
-use super::files::no_room;
+use super::files::does_not_fit;
 use super::material::{Material, Palette};
 use super::surfaces::Surfaces;
 use super::{LoadOptions, Mesh, Up, files, mtl};
@@ -50,7 +50,7 @@ pub(super) fn load(
         let mesh = &model.mesh;
         let positions = mesh.positions.chunks_exact(3);
         let mut vertices = try_with_capacity(positions.len() as u64)
-            .ok_or_else(|| no_room(path.display(), "its vertices"))?;
+            .ok_or_else(|| does_not_fit(path.display(), "its vertices"))?;
         vertices.extend(positions.map(DVec3::from_slice));
         if let Some(bad) = vertices.iter().find(|v| !v.is_finite()) {
             return Err(Error::input(
@@ -98,7 +98,8 @@ struct Cleaned {
 /// Refuses more triangles than `surfaces` may hold, before any list is made of them.
 fn clean(source: &str, path: &Path, surfaces: &Surfaces) -> Result<Cleaned> {
     let mut text = String::new();
-    text.try_reserve_exact(PREFIX.len() + source.len()).map_err(|_| no_room(path.display(), "its lines"))?;
+    text.try_reserve_exact(PREFIX.len() + source.len())
+        .map_err(|_| does_not_fit(path.display(), "its lines"))?;
     text.push_str(PREFIX);
     let mut materials: Vec<String> = Vec::new();
     let mut places = HashMap::new();
@@ -136,7 +137,7 @@ fn clean(source: &str, path: &Path, surfaces: &Surfaces) -> Result<Cleaned> {
                     corners += 1;
                 }
                 triangles += corners.saturating_sub(2);
-                surfaces.expect_room(triangles)?;
+                surfaces.check_limit(triangles)?;
             }
             "o" | "g" => text.extend([keyword, " ", rest]),
             "usemtl" => {

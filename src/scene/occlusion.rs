@@ -17,7 +17,7 @@ use obvhs::ploc::PlocBuilder;
 use obvhs::ray::{Ray, RayHit};
 use obvhs::{Boundable, BvhBuildParams, fast_stack};
 
-use super::files::no_room;
+use super::files::does_not_fit;
 use super::triangle::{self, Triangle};
 use super::{Material, Scene};
 use crate::alloc::try_with_capacity;
@@ -206,7 +206,7 @@ impl SurfaceTree {
         // A scene that is a single point has no extent; any unit will do.
         let unit = if half > 0.0 { half } else { 1.0 };
         let bvh = build(triangles, &Frame { centre, unit })
-            .ok_or_else(|| no_room("scene", "the nodes of the tree over its triangles"))?;
+            .ok_or_else(|| does_not_fit("scene", "the nodes of the tree over its triangles"))?;
         let padding = DVec3::splat(f64::from(PADDING) * unit);
         Ok(Self { bvh, centre, unit, low: low - padding, high: high + padding })
     }

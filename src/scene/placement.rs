@@ -109,9 +109,9 @@ pub struct LoadOptions {
     pub sensor: Option<Sensor>,
     /// Acoustic materials by name; the first rule that matches overrides the file.
     pub materials: Vec<MaterialRule>,
-    /// The most bytes that the file, and then its triangles and their tree at [`BYTES_PER_TRIANGLE`](super::BYTES_PER_TRIANGLE)
-    /// each, may take; a mesh that takes more is refused before their memory is asked for. Without, 50 million triangles are
-    /// read.
+    /// Maximum number of bytes for the file, and then for its triangles and their tree at
+    /// [`BYTES_PER_TRIANGLE`](super::BYTES_PER_TRIANGLE) each; a mesh that needs more is refused before the memory is
+    /// allocated. `None` for no limit but that of 50 million triangles.
     pub memory: Option<u64>,
 }
 

@@ -1,7 +1,7 @@
 //! PLY, as text or binary of either byte order: vertices, faces of any number of corners, triangle strips.
 //!
-//! Read here because the crate for it believes what a header declares (see [`crate::files::ply`]). Positions and corners
-//! are all that is taken; colours say how a vertex looks, not how it sounds.
+//! Read here because the crate for it trusts the numbers that a header declares (see [`crate::files::ply`]). Only
+//! positions and corners are read.
 
 mod source;
 
@@ -9,7 +9,7 @@ use std::path::Path;
 
 use glam::DVec3;
 
-use super::files::no_room;
+use super::files::does_not_fit;
 use super::material::Palette;
 use super::surfaces::Surfaces;
 use super::{LoadOptions, Mesh, Up, files};
@@ -41,8 +41,8 @@ pub(super) fn load(
             name @ ("face" | "tristrips") => {
                 let lists = if name == "face" { &mut faces } else { &mut strips };
                 lists.find_list(element).map_err(|problem| Error::input(path.display(), problem))?;
-                // Every row has a triangle or more, and no more rows are read than the file has room for.
-                surfaces.expect_room(source.rows_of(element))?;
+                // Every row has a triangle or more, and no more rows are read than the file can contain.
+                surfaces.check_limit(source.rows_of(element))?;
                 read_rows(element, &mut source, path, lists)?;
             }
             _ => read_rows(element, &mut source, path, &mut Unread)?,
@@ -115,7 +115,7 @@ fn read_rows(element: &Element, source: &mut Source<'_>, path: &Path, rows: &mut
         return Ok(());
     }
     if !rows.reserve(source.rows_of(element)) {
-        return Err(no_room(path.display(), "its vertices and faces"));
+        return Err(does_not_fit(path.display(), "its vertices and faces"));
     }
     for row in 0..element.count {
         read_row(element, source, rows).map_err(|problem| {

@@ -1,7 +1,7 @@
 //! STL, as text or binary: triangles without materials, unit or names (except those of the solids of a text).
 //!
-//! Read here because `stl_io` 0.11 goes by the first word alone, which many binary files have too, stops after the first of
-//! several solids, and cannot say in which line a mistake is.
+//! Read here because `stl_io` 0.11 decides by the first word alone, which many binary files have too, stops after the
+//! first of several solids, and cannot name the line of an error.
 
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
@@ -41,8 +41,8 @@ pub(super) fn load(
             return Err(Error::input(
                 path.display(),
                 format!(
-                    "is no STL: {length} bytes that do not begin with `solid` as a text, and are fewer than the {HEADER} \
-                     of a binary header"
+                    "is not an STL: its {length} bytes do not begin with `solid`, as a text does, and are fewer than \
+                         the {HEADER} of a binary header"
                 ),
             ));
         };
@@ -51,7 +51,7 @@ pub(super) fn load(
     Ok(Mesh { surfaces, metres_per_unit, up: Up::None, sensor: None, camera: None })
 }
 
-/// Both kinds may begin with `solid`. The `length` of a binary file is telling; one of another length is text
+/// Both kinds may begin with `solid`. A binary file is recognised by its `length`; one of another length is text
 /// when it begins with `solid` and continues in printable characters.
 fn is_text(bytes: &[u8], length: u64) -> bool {
     let binary_length = triangle_count(bytes).map(|count| HEADER as u64 + RECORD as u64 * u64::from(count));
@@ -79,7 +79,9 @@ fn read_binary(
     if complete < u64::from(count) {
         return Err(Error::input(
             path.display(),
-            format!("is cut short, or no STL: {complete} of the {count} triangles that its header declares"),
+            format!(
+                "is cut short, or is not an STL: {complete} of the {count} triangles that its header declares"
+            ),
         ));
     }
     let material = palette.assign(None, "");
@@ -111,7 +113,7 @@ fn read_binary(
     Ok(())
 }
 
-/// Reads a text line by line: it is several times as long as what its triangles take.
+/// Reads a text line by line, since it is several times as long as its triangles in memory.
 fn read_text(
     mut file: impl BufRead,
     path: &Path,

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use glam::DVec3;
 
-use super::files::no_room;
+use super::files::does_not_fit;
 use super::occlusion::SurfaceTree;
 use super::{Triangle, polygon};
 use crate::error::{Error, Result, gib};
@@ -14,8 +14,8 @@ use crate::progress::Observer;
 /// Maximum number of triangles, so that a small hostile file with many instances cannot take all memory.
 pub(super) const MOST_TRIANGLES: usize = 50_000_000;
 
-/// Bytes per triangle while the tree over them is built, which is when a mesh takes most memory: the triangle, and what
-/// [`SurfaceTree::new`] makes of it on the way.
+/// Bytes per triangle while the tree over them is built, when a mesh takes most memory: the triangle, and the work space
+/// of [`SurfaceTree::new`].
 pub const BYTES_PER_TRIANGLE: u64 = size_of::<Triangle>() as u64 + SurfaceTree::BUILDING;
 
 /// No scene has coordinates beyond this, in whatever unit.
@@ -26,7 +26,7 @@ const TOO_FAR: f64 = 1e3 * super::FARTHEST;
 pub(super) struct Surfaces {
     file: String,
     triangles: Vec<Triangle>,
-    /// The most bytes that they and their tree may take.
+    /// Maximum number of bytes for the triangles and their tree.
     memory: Option<u64>,
     /// Number of triangles without area: they count as work, but are not stored.
     flat: usize,
@@ -37,7 +37,7 @@ pub(super) struct Surfaces {
 }
 
 impl Surfaces {
-    /// Nothing yet; `path` is for messages, and `memory` bounds the bytes that the triangles and their tree may take.
+    /// An empty collection; `path` is for messages, and `memory` limits the bytes of the triangles and their tree.
     pub(super) fn new(path: &Path, memory: Option<u64>) -> Self {
         Self {
             file: path.display().to_string(),
@@ -50,16 +50,16 @@ impl Surfaces {
     }
 
     /// Refuses `more` triangles if they would exceed the limit.
-    pub(super) fn expect_room(&self, more: usize) -> Result<()> {
+    pub(super) fn check_limit(&self, more: usize) -> Result<()> {
         let count = (self.triangles.len() + self.flat).saturating_add(more);
         let bytes = (count as u64).saturating_mul(BYTES_PER_TRIANGLE);
         if let Some(limit) = self.memory.filter(|limit| bytes > *limit) {
             return Err(Error::input(
                 &self.file,
                 format!(
-                    "holds {count} triangles or more, which take about {} in memory ({BYTES_PER_TRIANGLE} bytes each), and \
-                     {} may be used here (--memory sets another limit); decimate the mesh (sound resolves about a cm), or \
-                     leave out what the array does not see",
+                    "contains {count} triangles or more, which take about {} in memory ({BYTES_PER_TRIANGLE} bytes each), \
+                         and {} may be used here (--memory sets another limit); decimate the mesh (the acoustic resolution is \
+                         about 1 cm), or remove what the array does not see",
                     gib(bytes),
                     gib(limit)
                 ),
@@ -70,29 +70,29 @@ impl Surfaces {
 
     /// Reserves memory for `more` triangles: exactly as much for the first of a file, which often are all.
     pub(super) fn reserve(&mut self, more: usize) -> Result<()> {
-        self.expect_room(more)?;
+        self.check_limit(more)?;
         let made = if self.triangles.is_empty() {
             self.triangles.try_reserve_exact(more)
         } else {
             self.triangles.try_reserve(more)
         };
-        made.map_err(|_| self.no_room())
+        made.map_err(|_| self.does_not_fit())
     }
 
-    fn no_room(&self) -> Error {
-        no_room(&self.file, "its triangles")
+    fn does_not_fit(&self) -> Error {
+        does_not_fit(&self.file, "its triangles")
     }
 
     /// Adds one triangle.
     pub(super) fn add(&mut self, vertices: [DVec3; 3], material: u32) -> Result<()> {
-        self.expect_room(1)?;
+        self.check_limit(1)?;
         let triangle = Triangle { vertices, material };
         // A far corner makes its triangle a needle; the scene refuses it with a better message.
         let far = vertices.iter().any(|v| v.abs().max_element() > TOO_FAR);
         if triangle.is_degenerate() && !far {
             self.flat += 1;
         } else {
-            self.triangles.try_reserve(1).map_err(|_| self.no_room())?;
+            self.triangles.try_reserve(1).map_err(|_| self.does_not_fit())?;
             self.triangles.push(triangle);
         }
         Ok(())
@@ -162,14 +162,14 @@ mod tests {
         surfaces.add([DVec3::ZERO, DVec3::X, DVec3::Y], 3).unwrap();
         surfaces.add([DVec3::ZERO, DVec3::X, DVec3::X], 3).unwrap();
         surfaces.add_face(&[DVec3::ZERO, DVec3::X], 3).unwrap();
-        assert!(surfaces.expect_room(MOST_TRIANGLES - 2).is_ok());
-        let refused = surfaces.expect_room(MOST_TRIANGLES - 1).unwrap_err().to_string();
+        assert!(surfaces.check_limit(MOST_TRIANGLES - 2).is_ok());
+        let refused = surfaces.check_limit(MOST_TRIANGLES - 1).unwrap_err().to_string();
         assert_names(refused, &["a.obj", "50000000 triangles"]);
-        assert!(surfaces.expect_room(usize::MAX).is_err());
+        assert!(surfaces.check_limit(usize::MAX).is_err());
         let mut small = Surfaces::new(Path::new("a.obj"), Some(2 * BYTES_PER_TRIANGLE + 10));
         let corners = [DVec3::ZERO, DVec3::X, DVec3::Y];
         assert!(
-            small.add(corners, 0).is_ok() && small.expect_room(2).is_err() && small.add(corners, 0).is_ok()
+            small.add(corners, 0).is_ok() && small.check_limit(2).is_err() && small.add(corners, 0).is_ok()
         );
         let refused = small.add(corners, 0).unwrap_err().to_string();
         assert_names(refused, &["a.obj", "3 triangles", "memory"]);

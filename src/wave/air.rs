@@ -1,7 +1,7 @@
 //! Air: speed of sound and absorption from temperature, humidity and pressure.
 //!
-//! Absorption and the water content of air follow ISO 9613-1:1993, whose numbers the tests hold it to. The speed is that
-//! of an ideal gas, `√(γRT/M)`, with γ and M of moist air after D. A. Bohn, "Environmental Effects on the Speed of
+//! Absorption and the water content of air follow ISO 9613-1:1993; the tests compare them with its values. The speed is
+//! that of an ideal gas, `√(γRT/M)`, with γ and M of moist air after D. A. Bohn, "Environmental Effects on the Speed of
 //! Sound", J. Audio Eng. Soc. 36 (1988): 343.23 m/s at 20 °C in dry air.
 
 use serde::{Deserialize, Serialize};
@@ -57,8 +57,8 @@ impl Air {
 
     /// Absorption α at a frequency in Hz, Np/m: amplitude falls as `e^{−α·path}` (ISO 9613-1, equations 3 to 5).
     ///
-    /// Within 10 % for -20 to 50 °C, 0.05 to 5 % of water, below 200 kPa, and f/pressure from 4·10⁻⁴ to 10 Hz/Pa, says the
-    /// standard. Cost: two exponentials.
+    /// Within 10 % for -20 to 50 °C, 0.05 to 5 % of water, below 200 kPa, and f/pressure from 4·10⁻⁴ to 10 Hz/Pa,
+    /// according to the standard. Cost: two exponentials.
     pub fn absorption(&self, frequency: f64) -> f64 {
         let (pressure, kelvin) = (self.pressure / REFERENCE_PRESSURE, self.kelvin());
         let (ratio, percent) = (kelvin / REFERENCE_TEMPERATURE, 100.0 * self.water());

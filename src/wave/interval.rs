@@ -1,16 +1,16 @@
-//! An interval of path lengths, and the tones of a sweep as functions on it.
+//! An interval of path lengths, and the frequencies of a sweep as functions on it.
 //!
-//! What skeletons and virtual tones are sampled on: delays about the middle of an interval, in f64.
+//! Skeletons and virtual tones are sampled at delays about the middle of such an interval, in f64.
 
 use num_complex::Complex64;
 use std::f64::consts::{PI, TAU};
 
-/// An interval of path lengths and the speed that turns them into delays.
+/// An interval of path lengths and the speed that converts them into delays.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct PathInterval {
-    /// Least path length, m.
+    /// Minimum path length, m.
     pub(crate) shortest: f64,
-    /// Greatest path length, m.
+    /// Maximum path length, m.
     pub(crate) longest: f64,
     /// c, m/s.
     pub(crate) sound_speed: f64,
@@ -49,7 +49,7 @@ pub(crate) fn turned(cycles: f64) -> Complex64 {
     Complex64::cis(TAU * (cycles - cycles.round()))
 }
 
-/// The greater of two errors; NaN if one is NaN, so that a failed solution is never taken for a good one.
+/// The larger of two errors; NaN if one is NaN, so that a failed solution is never taken for a good one.
 pub(crate) fn greater(a: f64, b: f64) -> f64 {
     if a >= b || a.is_nan() { a } else { b }
 }

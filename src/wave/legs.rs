@@ -1,4 +1,4 @@
-//! The leg from a reflector to a microphone of a tile: its spreading and its angle, in f32 by the block.
+//! The leg from a reflector to a microphone of a tile: its spreading and its angle, in f32, block by block.
 
 #![allow(clippy::inline_always)]
 
@@ -26,10 +26,10 @@ fn return_legs_body(
 }
 
 dispatched! {
-    /// `1/|q − d|`, no nearer than `nearest`, and the squared sine of the angle between `q − d` and z, for reflectors at
-    /// `q = away` (m, three planes) and a microphone at `d`, both from the tile's centre.
+    /// `1/|q − d|`, with `|q − d|` of at least `nearest`, and the squared sine of the angle between `q − d` and z, for
+    /// reflectors at `q = away` (m, three planes) and a microphone at `d`, both from the tile's centre.
     ///
-    /// Cost: about 15 operations. The error is a few 10⁻⁷ where `|q − d|` is no small part of `|q|`.
+    /// Cost: about 15 operations. The error is a few 10⁻⁷ where `|q − d|` is not much smaller than `|q|`.
     ///
     /// # Panics
     /// When the planes differ in length.
@@ -57,7 +57,11 @@ mod tests {
         return_legs(away, d.as_vec3().to_array(), 0.3, &mut spreading, &mut squares);
         let (mut plain, mut angles) = (vec![0.0; 99], vec![0.0; 99]);
         return_legs_body(away, d.as_vec3().to_array(), 0.3, &mut plain, &mut angles);
-        assert_eq!((&spreading, &squares), (&plain, &angles), "every instruction set gives the same bytes");
+        assert_eq!(
+            (&spreading, &squares),
+            (&plain, &angles),
+            "every instruction set gives bit-identical results"
+        );
         for (i, q) in q.iter().enumerate() {
             let leg = *q - d;
             assert!((f64::from(spreading[i]) * leg.length().max(0.3) - 1.0).abs() < 1e-6);

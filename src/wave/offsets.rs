@@ -1,8 +1,8 @@
-//! Echoes at a tile of neighbouring microphones: what the fast simulation sums.
+//! Echoes at a tile of neighbouring microphones: the sums of the fast simulation.
 //!
 //! Seen from a tile's centre, a reflector's path to each microphone of the tile differs by a few centimetres from its
 //! path to the centre. That offset is computed in f32 without cancellation; the path to the centre, in f64, is already
-//! in the amplitude's phase. The sums run over tones that lie evenly about a centre tone: one recurrence gives
+//! in the amplitude's phase. The sums run over tones evenly spaced about a centre tone: one recurrence gives
 //! `cos qθ` and `sin qθ`, and with them the tones q and −q together.
 
 #![allow(clippy::inline_always)]
@@ -10,19 +10,19 @@
 use super::simd::{LANES, dispatched, sin_cos_turns};
 use num_complex::Complex32;
 
-/// Most tones to each side of the centre tone.
+/// Maximum number of tones on each side of the centre tone.
 pub(crate) const MOST_PAIRS: usize = 40;
 
-/// Echoes per call: their lanes are summed in f32, so the sums stay short; more than this wants several calls.
+/// Maximum number of echoes per call: lanes are summed in f32, so the sums must stay short; more need several calls.
 pub(crate) const MOST_ECHOES: usize = 2048;
 
-/// Echoes per block, two to a lane: with one alone the recurrence would wait for itself.
+/// Echoes per block, two per lane: with only one the recurrence would wait for its own result.
 pub(crate) const WIDE: usize = 2 * LANES;
 
-/// A run of reflectors as a tile's centre sees them, in planes of equal length, a multiple of [`WIDE`].
+/// A run of reflectors relative to a tile's centre, in planes of equal length, a multiple of [`WIDE`].
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Echoes<'a> {
-    /// Phase step per tone at the centre of the tile, in turns within ±½.
+    /// Phase step per tone at the centre of the tile, in cycles within ±½.
     pub(crate) turn: &'a [f32],
     /// Amplitude with the phase of the centre tone at the centre of the tile, real and imaginary.
     pub(crate) amplitude: [&'a [f32]; 2],
@@ -54,7 +54,7 @@ dispatched! {
     /// `legs·(|q − d| − |q|)` for reflectors at `q = toward` (m, three planes), `|q| = distance`, and a microphone at `d`,
     /// all from the tile's centre.
     ///
-    /// The error is a few 10⁻⁷ of `|d|` where `|q| ≥ 2|d|`; nearer ones want f64.
+    /// The error is a few 10⁻⁷ of `|d|` where `|q| ≥ 2|d|`; closer ones need f64.
     ///
     /// # Panics
     /// When the planes differ in length.
@@ -84,14 +84,14 @@ dispatched! {
     )
 }
 
-/// Wraps turns to ±½ by magic-number rounding, in f32: for the few turns of an offset.
+/// Wraps cycles to ±½ by magic-number rounding, in f32: for the few cycles of an offset.
 #[inline(always)]
 fn wrap_few(turns: f32) -> f32 {
     const MAGIC: f32 = 12_582_912.0; // 1.5 · 2^23: adding it rounds to an integer.
     turns - ((turns + MAGIC) - MAGIC)
 }
 
-/// The sum of all lanes, by halves.
+/// The sum of all lanes, by repeated halving.
 #[inline(always)]
 fn across(mut lanes: [f32; LANES]) -> f64 {
     for half in [8, 4, 2, 1] {
@@ -111,7 +111,7 @@ fn sum_over_tones_body(echoes: Echoes<'_>, offsets: &[f32], per_metre: [f32; 2],
         "one offset per echo"
     );
     let pairs = sums.len() / 2;
-    assert!(sums.len() % 2 == 1 && pairs <= MOST_PAIRS, "tones lie about a centre tone");
+    assert!(sums.len() % 2 == 1 && pairs <= MOST_PAIRS, "an odd number of tones about a centre tone");
     let mut middle = [[0.0f32; LANES]; 2];
     // Per pair of tones: the sums of re z · cos qθ, im z · cos qθ, re z · sin qθ, im z · sin qθ.
     let mut lanes = [[[0.0f32; LANES]; 4]; MOST_PAIRS];
@@ -215,7 +215,7 @@ mod tests {
     use super::*;
     use crate::wave::phasor;
 
-    /// Numbers in ±½ that look random and need no generator.
+    /// Numbers in ±½ that look random without a generator.
     fn plane(n: usize, k: f64) -> Vec<f32> {
         (0..n).map(|i| ((i as f64 * k).fract() - 0.5) as f32).collect()
     }
@@ -294,7 +294,7 @@ mod tests {
     }
 
     #[test]
-    fn every_instruction_set_gives_the_same_bytes() {
+    fn every_instruction_set_gives_bit_identical_results() {
         let n = 480;
         let planes: Vec<Vec<f32>> = [0.618, 0.754, 0.569, 0.32, 0.41].map(|k| plane(n, k)).into();
         let distance = vec![1.5; n];

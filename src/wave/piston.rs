@@ -1,14 +1,14 @@
-//! Directivity of a loudspeaker or microphone: a circular piston in a baffle, heard far away.
+//! Directivity of a loudspeaker or microphone: a circular piston in a baffle, in the far field.
 
 use libm::j1;
 
-/// Up to this x the function is 1 to the last bit, while J₁ of the smallest numbers has lost its own.
+/// Up to this x the function is 1 to the last bit, while J₁ of the smallest numbers loses precision.
 const TINY: f64 = 1e-8;
 
 /// `2 J₁(x)/x`, the amplitude of a piston relative to its axis, for `x = 2πf/c · radius · sin θ`; 1 at 0, even in x, 0 at infinity.
 ///
 /// A piston is a superposition of delays within `± radius · sin θ / c`: `(2/π) ∫₀^π cos(x cos t) sin² t dt`. The error is
-/// below 10⁻¹⁵. Cost: two quotients of polynomials, beyond x = 2 a sine and a cosine more.
+/// below 10⁻¹⁵. Cost: two quotients of polynomials, and beyond x = 2 also a sine and a cosine.
 pub(crate) fn piston(x: f64) -> f64 {
     if x.abs() < TINY { 1.0 } else { 2.0 * j1(x) / x }
 }
@@ -59,7 +59,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_heard_beyond_all_bounds() {
+    fn huge_arguments_stay_below_the_amplitude_on_the_axis() {
         for x in [1e7, f64::INFINITY, f64::MAX] {
             assert!(piston(x).abs() < 1.0, "{x}");
         }

@@ -1,4 +1,4 @@
-//! Chebyshev series: smooth factors of one variable, evaluated in f32 by the block.
+//! Chebyshev series: smooth factors of one variable, evaluated in f32, block by block.
 
 #![allow(clippy::inline_always)]
 
@@ -16,11 +16,11 @@ pub(crate) struct Series {
 /// Nodes that a function is sampled at; its series has at most half as many terms, so that the rest shows its error.
 const NODES: usize = 96;
 
-/// What the terms that are left out may add up to.
+/// Bound of the sum of the terms that are left out.
 const NEGLIGIBLE: f64 = 3e-8;
 
 impl Series {
-    /// The series of `f` on `[low, high]` to within 3·10⁻⁸ (f32 aside); `None` for a function that 48 terms do not hold.
+    /// The series of `f` on `[low, high]` to within 3·10⁻⁸ (f32 aside); `None` if it needs more than 48 terms.
     pub(crate) fn fit(f: impl Fn(f64) -> f64, low: f64, high: f64) -> Option<Self> {
         let (middle, half) = (f64::midpoint(low, high), 0.5 * (high - low));
         let angle = |i: usize| PI * (i as f64 + 0.5) / NODES as f64;
@@ -82,7 +82,7 @@ fn multiply_series_body(coefficients: &[f32], place: [f32; 2], x: &[f32], factor
 }
 
 dispatched! {
-    /// `factors *= Σ c_k T_k((x − middle) · per_half)`, place by place.
+    /// `factors *= Σ c_k T_k((x − middle) · per_half)`, element by element.
     fn multiply_series = multiply_series_body(
         coefficients: &[f32], place: [f32; 2], x: &[f32], factors: &mut [f32],
     )
@@ -104,7 +104,7 @@ mod tests {
             series.multiply(&x, &mut factors);
             let mut plain = vec![2.0; n];
             multiply_series_body(&series.coefficients, [series.middle, series.per_half], &x, &mut plain);
-            assert_eq!(factors, plain, "every instruction set gives the same bytes");
+            assert_eq!(factors, plain, "every instruction set gives bit-identical results");
             for (x, got) in x.iter().zip(factors) {
                 let error = (f64::from(got) / 2.0 - f(f64::from(*x))).abs();
                 assert!(error < 1e-6, "{x}: {error:e}");
@@ -117,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn what_no_series_holds_is_refused() {
+    fn functions_that_need_too_many_terms_are_refused() {
         assert!(Series::fit(|x| (300.0 * x).cos(), -1.0, 1.0).is_none());
         assert!(Series::fit(|x| 1.0 / x.abs(), -1.0, 1.0).is_none());
         assert!(Series::fit(|_| f64::NAN, -1.0, 1.0).is_none());

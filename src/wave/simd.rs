@@ -1,9 +1,9 @@
-//! Phasors by the block, at the processor's vector width.
+//! Phasors in blocks, at the processor's vector width.
 //!
 //! Each kernel is one plain loop, compiled three times (AVX-512, AVX2, baseline) and chosen at run time, up to a
-//! [`limit`]. The loops use no fused multiply-add and sum into a fixed number of lanes, so all three give the same bytes.
-//! It stands beside `wave` rather than in `reconstruct` because simulation, which comes first, runs on it too.
-//! `inline(always)` is what lets a body be compiled for the features of the function it is called from.
+//! [`limit`]. The loops use no fused multiply-add and sum into a fixed number of lanes, so all three give
+//! bit-identical results. The module is in `wave` rather than in `reconstruct` because simulation uses it too.
+//! `inline(always)` lets a body be compiled for the features of the function that it is called from.
 //! The only `unsafe` of the crate is here: calling a function compiled for a feature after checking for it.
 
 #![allow(clippy::inline_always, clippy::needless_range_loop)]
@@ -50,11 +50,11 @@ impl Lanes {
     }
 }
 
-/// [`Lanes`] that a loop over lanes takes at a time. With one alone the compiler unrolls the loop and gathers across
+/// [`Lanes`] that a loop over lanes processes at a time. With only one the compiler unrolls the loop and gathers across
 /// rows instead, ten times slower.
 pub(crate) const ROWS: usize = 4;
 
-/// Frequencies that a phasor is carried over by recurrence before it is computed afresh; the drift stays near
+/// Frequencies that a phasor is carried over by recurrence before it is recomputed; the drift stays near
 /// 64 · 2⁻²⁴ ≈ 4·10⁻⁶.
 const RECURRENCE: usize = 64;
 
@@ -86,8 +86,8 @@ pub(crate) use dispatched;
 
 /// Clears the upper halves of vector registers, which products of matrices (faer's kernels) leave filled.
 ///
-/// The compiler does so after every AVX function of its own; where nobody does, code for SSE, the C library's `exp` and
-/// `cos` among it, is ten times slower on that thread from then on. For [`crate::linalg`], on the thread that called faer.
+/// The compiler does so after every AVX function of its own. Otherwise code for SSE, including the C library's `exp` and
+/// `cos`, is ten times slower on that thread from then on. For [`crate::linalg`], on the thread that called faer.
 #[allow(unsafe_code)]
 pub(crate) fn leave_wide_registers() {
     #[cfg(target_arch = "x86_64")]
@@ -173,7 +173,7 @@ dispatched! {
     pub(crate) fn waves = waves_body(frequency: f64, delays: &[f64], cos: &mut [f64], sin: &mut [f64])
 }
 
-/// Reflectors as the summing kernels want them: complex amplitudes in two planes, padded to whole lanes.
+/// Reflectors in the layout of the summing kernels: complex amplitudes in two planes, padded to whole lanes.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Amplitudes {
     re: Vec<f32>,
@@ -194,13 +194,13 @@ impl Amplitudes {
         split
     }
 
-    /// Number of amplitudes, padding included; lengths given beside them are padded to it.
+    /// Number of amplitudes, including padding; the lengths passed with them are padded to it.
     pub(crate) fn padded_len(&self) -> usize {
         self.re.len()
     }
 }
 
-/// A stepped sweep as the summing kernel wants it, in cycles per metre: `(start + n·step)/c`, n < count.
+/// A stepped sweep in the form of the summing kernel, in cycles per metre: `(start + n·step)/c`, n < count.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Steps {
     /// First frequency over c, 1/m.
@@ -218,7 +218,7 @@ fn sum_over_sweep_body(amplitudes: &Amplitudes, lengths: &[f64], steps: Steps, s
     let (a_re, _) = amplitudes.re.as_chunks::<LANES>();
     let (a_im, _) = amplitudes.im.as_chunks::<LANES>();
     let (lengths, _) = lengths.as_chunks::<LANES>();
-    // The turn of one step; a single frequency takes none.
+    // The phasor of one step; a single frequency needs none.
     let turned: Vec<[[f32; LANES]; 2]> = lengths
         .iter()
         .map(|lengths| {
@@ -248,7 +248,7 @@ fn sum_over_sweep_body(amplitudes: &Amplitudes, lengths: &[f64], steps: Steps, s
                 for l in 0..LANES {
                     turns[l] = wrap_fast(lengths[l] * start);
                 }
-                // z starts at A·e^{i2πf·path/c} and is turned by w once per frequency step.
+                // z starts at A·e^{i2πf·path/c} and is multiplied by w once per frequency step.
                 let (mut z_re, mut z_im) = ([0.0f32; LANES], [0.0f32; LANES]);
                 for l in 0..LANES {
                     let (s, c) = sin_cos_turns(turns[l]);
@@ -279,7 +279,7 @@ fn sum_over_sweep_body(amplitudes: &Amplitudes, lengths: &[f64], steps: Steps, s
 dispatched! {
     /// Adds `Σ_j A_j e^{i2π(start + n·step)·length_j}` to `sums[n]` (real, imaginary) for every n of the sweep.
     ///
-    /// `lengths` is `[padded_len]` in m. Cost: 8 operations per term, by phasor recurrence started afresh every
+    /// `lengths` is `[padded_len]` in m. Cost: 8 operations per term, by phasor recurrence that restarts every
     /// 64 frequencies.
     ///
     /// # Panics
@@ -340,7 +340,7 @@ dispatched! {
     /// Adds `Σ_r Σ_n m(n, r) e^{i2π(start + n·step)·length_r}` to the total of each point (real, imaginary): all of Eq. 13
     /// for an even sweep.
     ///
-    /// `lengths` are `[points, padded_len]` in m. Cost: 8 operations per term, by Horner's rule started afresh every 64
+    /// `lengths` are `[points, padded_len]` in m. Cost: 8 operations per term, by Horner's rule that restarts every 64
     /// frequencies; the drift stays near 4·10⁻⁶ of a term.
     ///
     /// # Panics
@@ -355,7 +355,7 @@ dispatched! {
     /// is `(−i)^k Σ_q expansion[q, k] z_q`.
     ///
     /// `lengths` are the centre's path lengths, m; `expansion` is `[Q, K]`, K a multiple of 4. Cost: per tone 40 + 4 K
-    /// operations for each microphone. Powers have such coefficients as well.
+    /// operations for each microphone. An expansion in powers has such coefficients as well.
     ///
     /// # Panics
     /// When the shapes do not match.
@@ -367,11 +367,11 @@ dispatched! {
 
 dispatched! {
     /// Adds to every point of a block `e^{i2π·carrier·δ} Σ_k g_k T_k(δ/H)` of each microphone, or the same with powers
-    /// of δ/H; δ is its path length less that of the centre.
+    /// of δ/H; δ is its path length minus that of the centre.
     ///
     /// `offsets` are those from the microphones to the centre, m, at most 16; `sums` are real and imaginary parts.
-    /// Cost: about 65 operations per point and microphone (more where a point is far from the centre beside the
-    /// microphone), and 6 K or, with powers, 4 K more.
+    /// Cost: about 65 operations per point and microphone (more where a point's distance from the centre is not small
+    /// compared with the microphone's), and 6 K or, with powers, 4 K more.
     ///
     /// # Panics
     /// When the shapes do not match.

@@ -4,10 +4,10 @@ use super::Array;
 use super::header::{Dtype, Header, Kind};
 use num_complex::Complex32;
 
-/// Appends the elements that bytes of a type hold.
+/// Appends the elements that are encoded in bytes of a type.
 pub(super) type ComplexReader = fn(Dtype, &[u8], &mut Vec<Complex32>);
 
-/// Appends complex64 elements, little end first: what this crate and most of `NumPy`'s users write.
+/// Appends little-endian complex64 elements: what this crate and most of `NumPy`'s users write.
 pub(super) fn plain_complex(_: Dtype, bytes: &[u8], numbers: &mut Vec<Complex32>) {
     numbers.extend(bytes.as_chunks::<8>().0.iter().map(|&[a, b, c, d, e, f, g, h]| {
         Complex32::new(f32::from_le_bytes([a, b, c, d]), f32::from_le_bytes([e, f, g, h]))
@@ -27,7 +27,7 @@ pub(super) fn any_complex(dtype: Dtype, bytes: &[u8], numbers: &mut Vec<Complex3
     }));
 }
 
-/// How to read one real number of an array of this type; nothing for text.
+/// How to read one real number of an array of this type; `None` for text.
 pub(super) fn scalar_reader(dtype: Dtype) -> Option<fn(&[u8]) -> f64> {
     macro_rules! reader {
         ($number:ty, $size:literal) => {{
@@ -67,13 +67,13 @@ impl Header {
         !self.fortran || self.shape.len() <= 1
     }
 
-    /// The elements as they were read, brought into C order; `None` when a copy does not fit in memory.
+    /// The elements as they were read, rearranged in C order; `None` when a copy does not fit in memory.
     pub(super) fn array<T: Copy>(self, data: Vec<T>) -> Option<Array<T>> {
         let data = if self.in_order() { data } else { c_order(&data, &self.shape)? };
         Some(Array { shape: self.shape, data })
     }
 
-    /// Room for all elements, once the first of them is there and so their number is known to be within the limit.
+    /// Reserves memory for all elements, once the first is read and so their number is known to be within the limit.
     pub(super) fn reserve<T>(&self, data: &mut Vec<T>) -> Option<()> {
         if data.capacity() > 0 {
             return Some(());
@@ -82,8 +82,8 @@ impl Header {
     }
 }
 
-/// Elements stored with the first axis fastest, brought into the order with the last axis fastest; `None` when they do not
-/// fit in memory a second time.
+/// Elements stored with the first axis fastest, rearranged with the last axis fastest; `None` when they do not fit in
+/// memory a second time.
 fn c_order<T: Copy>(fortran: &[T], shape: &[usize]) -> Option<Vec<T>> {
     let mut strides = Vec::with_capacity(shape.len());
     let mut stride = 1;
@@ -111,7 +111,7 @@ fn c_order<T: Copy>(fortran: &[T], shape: &[usize]) -> Option<Vec<T>> {
     Some(ordered)
 }
 
-/// The text that `NumPy`'s four-byte characters spell.
+/// The text of `NumPy`'s four-byte characters.
 pub(super) fn characters(bytes: &[u8], big_endian: bool) -> Option<String> {
     bytes
         .chunks_exact(4)

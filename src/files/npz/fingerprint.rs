@@ -1,10 +1,10 @@
-//! What tells a file's content from any other's without reading it.
+//! Identifies the content of a file without reading all of it.
 
 use super::NpzReader;
 use crate::error::{Error, Result};
 
 impl NpzReader {
-    /// Names, sizes and checksums of everything in the file, one on a line. Reading an array proves its checksum right.
+    /// Names, sizes and checksums of everything in the file, one entry per line. Reading an array verifies its checksum.
     ///
     /// # Errors
     /// A damaged directory of the archive.

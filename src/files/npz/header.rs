@@ -40,17 +40,17 @@ pub(super) struct Header {
 }
 
 impl Header {
-    /// Number of elements, if it can be counted.
+    /// Number of elements; `None` if it overflows.
     pub(super) fn elements(&self) -> Option<u64> {
         self.shape.iter().try_fold(1_u64, |product, &n| product.checked_mul(n as u64))
     }
 
-    /// Reads a header and leaves `input` at the first element. The error says what is wrong, in words.
+    /// Reads a header and leaves `input` at the first element. The error says what is wrong, without the place.
     pub(super) fn read(input: &mut impl Read) -> Result<Self, String> {
         let mut start = [0; 8];
         fill(input, &mut start)?;
         if start[..6] != *b"\x93NUMPY" {
-            return Err("does not start as an NPY array does".into());
+            return Err("does not start with the signature of an NPY array".into());
         }
         let (length, prefix) = match start[6] {
             1 => {
@@ -63,14 +63,14 @@ impl Header {
                 fill(input, &mut length)?;
                 (u32::from_le_bytes(length) as usize, 12)
             }
-            version => return Err(format!("has NPY version {version}; versions 1 to 3 are read")),
+            version => return Err(format!("has NPY version {version}; versions 1 to 3 are supported")),
         };
         if length > LONGEST {
-            return Err(format!("has a header of {length} bytes; at most {LONGEST} are read"));
+            return Err(format!("has a header of {length} bytes; at most {LONGEST} are supported"));
         }
         let mut text = vec![0; length];
         fill(input, &mut text)?;
-        let text = String::from_utf8(text).map_err(|_| "has a header that is no text".to_owned())?;
+        let text = String::from_utf8(text).map_err(|_| "has a header that is not text".to_owned())?;
         let mut header = Parser { rest: &text }.header()?;
         header.length = (prefix + length) as u64;
         Ok(header)
@@ -139,7 +139,7 @@ impl<'a> Parser<'a> {
             self.expect('"')?;
             '"'
         };
-        let end = self.rest.find(quote).ok_or("has an unfinished text in its header")?;
+        let end = self.rest.find(quote).ok_or("has an unterminated string in its header")?;
         let text = &self.rest[..end];
         self.rest = &self.rest[end + 1..];
         Ok(text)
@@ -162,7 +162,7 @@ impl<'a> Parser<'a> {
         while !self.take(')') {
             self.rest = self.rest.trim_start();
             let end = self.rest.find(|c: char| !c.is_ascii_digit()).unwrap_or(self.rest.len());
-            let size = self.rest[..end].parse().map_err(|_| "has a shape that is no tuple of sizes")?;
+            let size = self.rest[..end].parse().map_err(|_| "has a shape that is not a tuple of sizes")?;
             shape.push(size);
             self.rest = &self.rest[end..];
             if !self.take(',') {
@@ -170,7 +170,7 @@ impl<'a> Parser<'a> {
                 break;
             }
         }
-        // NumPy itself knows no more than 64 axes.
+        // NumPy itself supports no more than 64 axes.
         if shape.len() > 64 { Err("has more than 64 axes".into()) } else { Ok(shape) }
     }
 
@@ -180,8 +180,11 @@ impl<'a> Parser<'a> {
             return Err("is a structured array; plain numbers were expected".into());
         }
         let name = self.quoted()?;
-        let refused =
-            || format!("has the type `{name}`; complex64, complex128, float32, float64 or integers are read");
+        let refused = || {
+            format!(
+                "has the type `{name}`; complex64, complex128, float32, float64 and integers are supported"
+            )
+        };
         let (big_endian, rest) = match name.as_bytes() {
             [b'<' | b'|', rest @ ..] => (false, rest),
             [b'=', rest @ ..] => (cfg!(target_endian = "big"), rest),
@@ -190,7 +193,7 @@ impl<'a> Parser<'a> {
         };
         let [kind, digits @ ..] = rest else { return Err(refused()) };
         if *kind == b'O' {
-            return Err("holds Python objects, which are never read; save plain numbers".into());
+            return Err("contains Python objects, which are never read; save plain numbers".into());
         }
         let size: u64 =
             std::str::from_utf8(digits).ok().and_then(|digits| digits.parse().ok()).ok_or_else(refused)?;

@@ -1,4 +1,4 @@
-//! Writing `.npz`: plain little-endian arrays in C order, stored, without a clock.
+//! Writes `.npz` files: plain little-endian arrays in C order, uncompressed and without times.
 
 use crate::error::Result;
 use crate::files::write_atomically;
@@ -16,7 +16,7 @@ pub(crate) struct NpzWriter<W: Write + Seek> {
     archive: ZipWriter<W>,
 }
 
-/// Writes an `.npz` file; `write` adds the arrays one after the other. Same arrays, same bytes.
+/// Writes an `.npz` file; `write` adds the arrays one after the other. Files of the same arrays are bit-identical.
 ///
 /// # Errors
 /// As [`write_atomically`]; a name that is given twice.
@@ -54,7 +54,7 @@ impl<W: Write + Seek> NpzWriter<W> {
     /// Ends the file.
     ///
     /// # Errors
-    /// What writing returns; so do the other methods.
+    /// Errors of writing, as in the other methods.
     pub(crate) fn finish(self) -> io::Result<()> {
         self.archive.finish()?.flush()
     }
@@ -62,7 +62,7 @@ impl<W: Write + Seek> NpzWriter<W> {
     /// Begins an array of complex64 of the given shape, whose elements follow by [`NpzWriter::append`].
     ///
     /// # Errors
-    /// What writing returns.
+    /// Errors of writing.
     pub(crate) fn begin_complex(&mut self, name: &str, shape: &[usize]) -> io::Result<()> {
         let elements = shape.iter().fold(1u64, |product, &n| product.saturating_mul(n as u64));
         self.begin(name, "<c8", shape, elements.saturating_mul(8))
@@ -71,7 +71,7 @@ impl<W: Write + Seek> NpzWriter<W> {
     /// Adds elements to the array that was begun last.
     ///
     /// # Errors
-    /// What writing returns.
+    /// Errors of writing.
     pub(crate) fn append(&mut self, data: &[Complex32]) -> io::Result<()> {
         self.archive.write_all(&little_endian(bytemuck::cast_slice::<_, f32>(data), f32::to_le_bytes))
     }
@@ -79,10 +79,10 @@ impl<W: Write + Seek> NpzWriter<W> {
     /// Adds an array of complex64.
     ///
     /// # Errors
-    /// What writing returns.
+    /// Errors of writing.
     ///
     /// # Panics
-    /// When `data` does not hold exactly as many elements as `shape` says; so do the other methods.
+    /// When `data` does not hold exactly as many elements as `shape` says; likewise in the other methods.
     pub(crate) fn complex(&mut self, name: &str, shape: &[usize], data: &[Complex32]) -> io::Result<()> {
         let parts: &[f32] = bytemuck::cast_slice(data);
         self.array(name, "<c8", shape, data.len(), &little_endian(parts, f32::to_le_bytes))
@@ -91,7 +91,7 @@ impl<W: Write + Seek> NpzWriter<W> {
     /// Adds an array of float32.
     ///
     /// # Errors
-    /// What writing returns.
+    /// Errors of writing.
     pub(crate) fn f32(&mut self, name: &str, shape: &[usize], data: &[f32]) -> io::Result<()> {
         self.array(name, "<f4", shape, data.len(), &little_endian(data, f32::to_le_bytes))
     }
@@ -99,7 +99,7 @@ impl<W: Write + Seek> NpzWriter<W> {
     /// Adds an array of float64.
     ///
     /// # Errors
-    /// What writing returns.
+    /// Errors of writing.
     pub(crate) fn f64(&mut self, name: &str, shape: &[usize], data: &[f64]) -> io::Result<()> {
         self.array(name, "<f8", shape, data.len(), &little_endian(data, f64::to_le_bytes))
     }
@@ -107,7 +107,7 @@ impl<W: Write + Seek> NpzWriter<W> {
     /// Adds a text as the uint8 array of its UTF-8.
     ///
     /// # Errors
-    /// What writing returns.
+    /// Errors of writing.
     pub(crate) fn text(&mut self, name: &str, text: &str) -> io::Result<()> {
         self.array(name, "|u1", &[text.len()], text.len(), text.as_bytes())
     }
@@ -144,7 +144,7 @@ impl<W: Write + Seek> NpzWriter<W> {
 fn header(descr: &str, shape: &[usize]) -> Vec<u8> {
     let mut sizes = shape.iter().map(usize::to_string).collect::<Vec<_>>().join(", ");
     if shape.len() == 1 {
-        // Python's way to tell a tuple of one from a number in brackets.
+        // In Python the comma distinguishes a tuple of one from a number in parentheses.
         sizes.push(',');
     }
     let mut text = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': ({sizes}), }}");
@@ -159,7 +159,7 @@ fn header(descr: &str, shape: &[usize]) -> Vec<u8> {
     header
 }
 
-/// The numbers' bytes, little end first; no copy where the machine holds them so already.
+/// The numbers' little-endian bytes, without a copy on a little-endian machine.
 fn little_endian<const N: usize, T: bytemuck::NoUninit>(
     numbers: &[T],
     bytes_of: fn(T) -> [u8; N],

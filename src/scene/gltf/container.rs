@@ -1,7 +1,7 @@
-//! The envelope of glTF: JSON or GLB, and the buffers it names.
+//! The container of a glTF file: JSON or GLB, and the buffers it refers to.
 //!
-//! `gltf::import_buffers` 1.4 was looked at: it follows `file:` URIs and `..` out of the mesh's folder, panics on a name that is
-//! not UTF-8, and allocates what a file asks for.
+//! `gltf::import_buffers` 1.4 is not used: it follows `file:` URIs and `..` out of the mesh's folder, panics on a name
+//! that is not UTF-8, and allocates whatever size a file declares.
 
 use std::borrow::Cow;
 use std::cell::Cell;
@@ -233,9 +233,9 @@ fn decode_data_uri(uri: &str) -> std::result::Result<Vec<u8>, String> {
     Ok(bytes)
 }
 
-/// `%20` and the like; `None` for malformed ones, and for what is not UTF-8 after it.
+/// Decodes `%20` and the like; `None` for malformed ones, and when the result is not UTF-8.
 fn decode_percent(uri: &str) -> Option<Cow<'_, str>> {
-    // The crate leaves what is malformed as it is; RFC 3986 knows no `%` without two digits.
+    // The crate leaves malformed ones unchanged; RFC 3986 has no `%` without two digits.
     let is_encoded = |rest: &str| rest.bytes().take(2).filter(u8::is_ascii_hexdigit).count() == 2;
     if !uri.split('%').skip(1).all(is_encoded) {
         return None;

@@ -17,7 +17,7 @@ fn metres() -> LoadOptions {
     LoadOptions { unit: Some(Unit::Metre), ..LoadOptions::default() }
 }
 
-/// Loads `obj`, with `files` beside it; the scene and what was warned of.
+/// Loads `obj`, with `files` in its folder; returns the scene and the warnings.
 fn load_with(
     obj: &str,
     files: &[(&str, &str)],
@@ -139,7 +139,7 @@ fn nothing_to_image_is_an_error_and_flat_triangles_are_left_out() {
 }
 
 #[test]
-fn files_that_are_none_are_refused() {
+fn folders_missing_files_and_other_formats_are_refused() {
     let refused = |path: &Path| Scene::load_with(path, &metres(), &Listener::default()).unwrap_err();
     let folder = tempfile::tempdir().unwrap();
     assert_names(refused(&folder.path().join("a.obj")).to_string(), &["a.obj", "file"]);

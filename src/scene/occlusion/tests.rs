@@ -91,7 +91,7 @@ proptest! {
             }
             let product: f64 = literal.iter().map(|c| c.transmittance).product();
             prop_assert!((scene.transmittance(from, to) - product).abs() < 1e-12);
-            // The way back crosses the same.
+            // The reverse path crosses the same.
             prop_assert_eq!(scene.crossings(to, from).len(), fast.len());
         }
     }
@@ -141,7 +141,7 @@ proptest! {
 fn every_axis_aligned_path_meets_the_wall_once_from_both_sides() {
     let n = 32;
     let scene = scene(&grid(n), 0.5);
-    // Vertices, edge middles and diagonal middles of the wall; the way back has the direction (-0, -0, -1).
+    // Vertices, edge middles and diagonal middles of the wall; the reverse path has the direction (-0, -0, -1).
     for i in 1..2 * n {
         for j in 1..2 * n {
             let (x, y) = (i as f64 / (2 * n) as f64, j as f64 / (2 * n) as f64);

@@ -17,7 +17,7 @@ impl<'a> Source<'a> {
         Self { format, rest: bytes, line: lines + 1 }
     }
 
-    /// The next number, of which only binary files need to know the type.
+    /// The next number; only binary files need its type.
     pub(super) fn next(&mut self, scalar: Scalar) -> Outcome<f64> {
         if self.format == Format::Ascii {
             return self.next_word();
@@ -27,7 +27,7 @@ impl<'a> Source<'a> {
         Ok(number)
     }
 
-    /// How many rows of an element there can be: those declared, or as many as the bytes that are left may hold.
+    /// Maximum number of rows of an element: those declared, or as many as the remaining bytes can contain.
     pub(super) fn rows_of(&self, element: &Element) -> usize {
         let possible = self.rest.len() as u64 / element.least_row(self.format).max(1);
         element.count.min(possible) as usize
@@ -38,7 +38,7 @@ impl<'a> Source<'a> {
         (self.format == Format::Ascii).then_some(self.line)
     }
 
-    /// Number of bytes left, without the white space around a text; `None` at the end.
+    /// Number of bytes left, not counting the white space around a text; `None` at the end.
     pub(super) fn rest(&self) -> Option<usize> {
         let rest = if self.format == Format::Ascii { self.rest.trim_ascii() } else { self.rest };
         (!rest.is_empty()).then_some(rest.len())

@@ -93,7 +93,7 @@ fn lengths_that_do_not_fit_are_noticed() {
     let whole = binary(b"", &[1.0, 2.0, 3.0]);
     for length in 0..whole.len() {
         let message = refused(&whole[..length]);
-        assert!(message.contains("no STL") || message.contains("cut"), "{length}: {message}");
+        assert!(message.contains("not an STL") || message.contains("cut"), "{length}: {message}");
         assert_names(message, &["part.STL"]);
     }
     assert_names(refused(&whole[..200]), &["2", "3 triangles", "header"]);

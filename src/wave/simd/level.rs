@@ -1,4 +1,4 @@
-//! Which instruction set the kernels take.
+//! The instruction set that the kernels use.
 
 use crate::choice::choice;
 use crate::error::{Error, Result};
@@ -8,7 +8,7 @@ choice! {
     /// An instruction set that the kernels are compiled for, in ascending order.
     #[derive(PartialOrd, Ord)]
     pub enum Level: "instruction set" {
-        /// What every processor of the kind has that this program was built for.
+        /// The instructions of every processor of the target architecture.
         Baseline = "baseline",
         /// AVX2 and FMA.
         Avx2 = "avx2",
@@ -31,7 +31,7 @@ impl Level {
         Self::Baseline
     }
 
-    /// The level of this name, for a processor whose highest is `most`; `place` is what named it, for the message.
+    /// The level of this name, for a processor whose highest is `most`; `place` says in the message where the name is from.
     ///
     /// # Errors
     /// [`Error::InvalidInput`]: no such level, or one above `most`.
@@ -42,23 +42,25 @@ impl Level {
             let had = had.join(", ");
             return Err(Error::input(
                 place,
-                format!("this processor does not have {name}; it has {had}, and takes the last unless told"),
+                format!(
+                    "this processor does not support {name}; it supports {had}, and uses the last by default"
+                ),
             ));
         }
         Ok(level)
     }
 }
 
-/// The highest level that may be taken.
+/// The highest level that may be used.
 static LIMIT: AtomicU8 = AtomicU8::new(Level::Avx512 as u8);
 
-/// Lets every kernel of this process take at most this level from now on. It changes no byte of a result; what a processor
-/// has not is never taken.
+/// Limits every kernel of this process to this level from now on. Results are bit-identical at every level; a level that
+/// the processor does not support is never used.
 ///
-/// This is the one setting of the library that holds for a whole process. Which instructions there are is a property of the
-/// computer, found by the kernels themselves, and no result depends on it; as an argument it would pass through every
-/// function of every stage for the sake of tests that compare the levels, and of processors whose wide registers slow their
-/// clock. The library reads no environment variable; the command line sets this from `HOLOSONAR_SIMD`.
+/// This is the library's only setting for a whole process. The instruction set is a property of the computer, which the
+/// kernels detect themselves, and no result depends on it. As an argument it would pass through every function of every
+/// stage, only for tests that compare the levels and for processors that slow down their clock when they use wide
+/// registers. The library reads no environment variable; the command line sets this from `HOLOSONAR_SIMD`.
 ///
 /// ```
 /// use holosonar::wave::simd::{Level, level, limit};
@@ -72,7 +74,7 @@ pub fn limit(level: Level) {
     LIMIT.store(level as u8, Ordering::Relaxed);
 }
 
-/// The level that the kernels take: the processor's highest, up to the [`limit`].
+/// The level that the kernels use: the processor's highest, up to the [`limit`].
 #[inline]
 pub fn level() -> Level {
     Level::of_processor().min(Level::ALL[usize::from(LIMIT.load(Ordering::Relaxed))])

@@ -1,18 +1,18 @@
 //! The bodies of back-projection's kernels: range profiles about a block's centre, and their sum over its points.
 //!
 //! About the centre c of a block, one microphone's share of Eq. 13 is `e^{−i2πf_c·δ/c} · Σ_k g_k T_k(δ/H)` with δ the
-//! path length less that of the centre, f_c the middle of the band, T_k Chebyshev's polynomials, and H the half-width
-//! of the delays that the block has. No sample of a profile is looked up, so nothing has to be gathered.
+//! path length minus that of the centre, f_c the middle of the band, T_k Chebyshev's polynomials, and H the half-width
+//! of the block's delays. No sample of a profile is looked up, so no gather instructions are needed.
 
 use super::{LANES, sin_cos_turns, wrap_fast};
 
-/// Points that are worked on at a time: four vectors of 16, so that chains of dependent operations overlap.
+/// Points that are processed at a time: four vectors of 16, so that chains of dependent operations overlap.
 const WIDE: usize = 4 * LANES;
 
 /// Coefficients that [`range_profiles_body`] sums at a time, in registers.
 const COLUMNS: usize = 4;
 
-/// Tones that are turned at a time.
+/// Tones that are rotated at a time.
 const TONES: usize = 32;
 
 /// Points of a block about its centre, in m, padded to whole lanes.
@@ -23,13 +23,13 @@ pub(crate) struct Points {
     z: Vec<f32>,
     /// `x² + y² + z²`, times the number of return legs.
     square: Vec<f32>,
-    /// How much longer the way out is to the point than to the centre.
+    /// How much longer the outward path to the point is than that to the centre.
     outward: Vec<f32>,
-    /// How far the farthest is from the centre.
+    /// Maximum distance of a point from the centre.
     radius: f32,
 }
 
-/// Up to this, q is small in [`SHORT_RISE`].
+/// Up to this |q|, [`SHORT_RISE`] is used.
 const SMALL: f32 = 0.25;
 
 /// `(√(1 + q) − 1)/q` for |q| ≤ ¼, by powers of q: Chebyshev's interpolation, error 2·10⁻⁸.
@@ -37,8 +37,8 @@ const SHORT_RISE: [f32; 7] =
     [0.5, -0.125_000_38, 0.062_500_74, -0.039_014_136, 0.027_285_57, -0.022_025_92, 0.017_570_542];
 
 impl Points {
-    /// Points as `[x, y, z, outward]`: the offset from the centre, and the outward length less that to the centre, m.
-    /// `legs` is how many times the way to the microphone is travelled.
+    /// Points as `[x, y, z, outward]`: the offset from the centre, and the outward length minus that to the centre, m.
+    /// `legs` is how many times the path contains the leg to the microphone.
     pub(crate) fn new(legs: f64, points: impl ExactSizeIterator<Item = [f64; 4]>) -> Self {
         let padded = points.len().next_multiple_of(WIDE);
         let mut split = Self::default();
@@ -56,12 +56,12 @@ impl Points {
         split
     }
 
-    /// Number of points, padding included; sums beside them have this length.
+    /// Number of points, including padding; their sums have this length.
     pub(crate) fn padded_len(&self) -> usize {
         self.x.len()
     }
 
-    /// Points that `count` are padded to.
+    /// The number of points to which `count` are padded.
     pub(crate) fn padded(count: usize) -> usize {
         count.next_multiple_of(WIDE)
     }
@@ -100,7 +100,7 @@ pub(super) fn range_profiles_body(
     let LaneProfiles { re: profile_re, im: profile_im } = profiles;
     profile_re.fill([0.0; LANES]);
     profile_im.fill([0.0; LANES]);
-    // Tones are turned to the centre in blocks that stay in the first-level cache.
+    // Tones are rotated to the centre in blocks that stay in the first-level cache.
     let (mut turned_re, mut turned_im) = ([[0.0f32; LANES]; TONES], [[0.0f32; LANES]; TONES]);
     for (((re, im), per_metre), expansion) in tones
         .re
@@ -150,7 +150,7 @@ fn negate(lanes: &mut [f32; LANES]) {
 fn add_products(turned: &[[f32; LANES]], expansion: &[f32], profile: &mut [[f32; LANES]]) {
     let count = profile.len();
     for (first, profile) in profile.chunks_exact_mut(COLUMNS).enumerate() {
-        // One array for each column: an array of them is taken for a matrix, and scattered.
+        // One array for each column: the compiler treats an array of them as a matrix, and scatters it.
         let mut sums = ([0.0f32; LANES], [0.0f32; LANES], [0.0f32; LANES], [0.0f32; LANES]);
         for (turned, row) in turned.iter().zip(expansion.chunks_exact(count)) {
             let row = &row[first * COLUMNS..][..COLUMNS];
@@ -169,16 +169,16 @@ fn add_products(turned: &[[f32; LANES]], expansion: &[f32], profile: &mut [[f32;
     }
 }
 
-/// What turns the difference of path lengths into a phase and a place on the profile.
+/// Converts the difference of path lengths into a phase and a position on the profile.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct RangeScale {
-    /// How many times the way to the microphone is travelled.
+    /// How many times the path contains the leg to the microphone.
     pub(crate) legs: f32,
     /// f_c/c with the sign of the inverse, −1/m.
     pub(crate) carrier: f32,
     /// 1/H, 1/m.
     pub(crate) inverse_half: f32,
-    /// Coefficients that count, even in number unless they are of powers; those after are zero.
+    /// Number of coefficients in use, even unless they are those of powers; the rest are zero.
     pub(crate) terms: usize,
     /// Whether the coefficients are those of powers of δ/H instead of Chebyshev's polynomials.
     pub(crate) powers: bool,
@@ -199,7 +199,7 @@ pub(super) fn back_project_body(
     assert!(sums_re.len() == points.padded_len() && sums_im.len() == points.padded_len(), "a sum per point");
     for (lane, [x_c, y_c, z_c]) in offsets.iter().enumerate() {
         let centre = (x_c * x_c + y_c * y_c + z_c * z_c).sqrt();
-        // Where the centre is the microphone, 0/0 must come out as 0.
+        // Where the centre is the microphone, 0/0 must become 0.
         let centre = centre + f32::MIN_POSITIVE;
         let twice = [x_c, y_c, z_c].map(|offset| 2.0 * scale.legs * offset);
         let aside = points.radius / centre;
@@ -263,7 +263,7 @@ fn horner(place: &[f32; WIDE], profile: [&[[f32; LANES]]; 2], lane: usize, value
     }
 }
 
-/// `Σ_k g_k T_k(t)` by Clenshaw's recurrence, two steps at a time so that nothing has to be moved.
+/// `Σ_k g_k T_k(t)` by Clenshaw's recurrence, two steps at a time so that no value has to be moved.
 #[inline(always)]
 fn clenshaw(place: &[f32; WIDE], profile: [&[[f32; LANES]]; 2], lane: usize, value: &mut [[f32; WIDE]; 2]) {
     let (mut twice, mut above) = ([0.0f32; WIDE], [[0.0f32; WIDE]; 2]);
@@ -324,7 +324,7 @@ mod tests {
             let (mut got, mut plain) = (profiles(count), profiles(count));
             range_profiles(&tones, &per_metre, &lengths, &expansion, &mut got);
             range_profiles_body(&tones, &per_metre, &lengths, &expansion, &mut plain);
-            assert!(got.re == plain.re && got.im == plain.im, "the same bytes");
+            assert!(got.re == plain.re && got.im == plain.im, "bit-identical results");
             for (l, length) in lengths.iter().enumerate() {
                 for k in 0..count {
                     let sum: Complex64 = (0..q)
@@ -348,7 +348,7 @@ mod tests {
         let place = |i: usize| {
             [0.618_033_99, 0.754_877_67, 0.569_840_29, 0.430_159_71].map(|k| 0.1 * (fraction(i, k) - 0.5))
         };
-        // The last microphone stands on the centre, and the first point with it.
+        // The last microphone is at the centre, and so is the first point.
         let offsets = [[0.3f32, -0.2, 1.4], [0.01, 0.02, 0.0], [0.0, 0.0, 0.0]];
         for (count, terms, powers, legs) in [(1, 1, true, 1.0), (64, 8, false, 1.0), (100, 11, true, 2.0)] {
             let points = Points::new(legs, (0..count).map(place));
@@ -358,7 +358,7 @@ mod tests {
             let (mut re, mut im, mut plain_re, mut plain_im) = (sums(), sums(), sums(), sums());
             back_project(&points, &offsets, &profiles, scale, [&mut re, &mut im]);
             back_project_body(&points, &offsets, &profiles, scale, [&mut plain_re, &mut plain_im]);
-            assert!(re == plain_re && im == plain_im, "the same bytes");
+            assert!(re == plain_re && im == plain_im, "bit-identical results");
             for i in 0..count {
                 let [x, y, z, outward] = place(i);
                 let mut expected = Complex64::ZERO;

@@ -2,10 +2,11 @@
 
 use super::{LANES, RECURRENCE, Steps, sin_cos_turns, wrap_fast};
 
-/// Points that share every sample that is loaded.
+/// Points that share every loaded sample.
 const POINTS: usize = 4;
 
-/// Samples m(f, r) as the inverse kernel wants them: `[group of 16 microphones, f, 16]`, the last group filled with zeros.
+/// Samples m(f, r) in the layout of the inverse kernel: `[group of 16 microphones, f, 16]`, the last group padded with
+/// zeros.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct SweepSamples {
     re: Vec<[f32; LANES]>,
@@ -36,7 +37,7 @@ impl SweepSamples {
         split
     }
 
-    /// Number of microphones, padding included; as many lengths belong to each point.
+    /// Number of microphones, including padding; each point has as many lengths.
     pub(crate) fn padded_len(&self) -> usize {
         self.re.len() / self.frequencies.max(1) * LANES
     }
@@ -70,7 +71,7 @@ pub(super) fn weighted_sweep_body(
     }
 }
 
-/// `(sin, cos)` of so many turns as exactly as f64 tells them, by the half angle: no quadrant, no branch.
+/// `(sin, cos)` of a phase in cycles to the accuracy of f64, by the half angle: no quadrant, no branch.
 #[inline(always)]
 pub(crate) fn sin_cos_exact(cycles: f64) -> (f64, f64) {
     let t = std::f64::consts::PI * (cycles - ((cycles + ROUND) - ROUND));
@@ -98,7 +99,7 @@ const SERIES: [[f64; 2]; TERMS] = {
     series
 };
 
-/// Numbers in f64 that are worked on at a time.
+/// Numbers in f64 that are processed at a time.
 const DOUBLES: usize = 8;
 
 #[inline(always)]
@@ -140,7 +141,7 @@ fn sweep_sums(
         }
     }
     for (chunk, (re, im)) in re.chunks(RECURRENCE).zip(im.chunks(RECURRENCE)).enumerate() {
-        // m₀ + w(m₁ + w(m₂ + …)), w one step's turn; then all of it is turned to the first frequency.
+        // m₀ + w(m₁ + w(m₂ + …)), w the phasor of one step; the sum is then rotated to the first frequency.
         let (mut a_re, mut a_im) = ([[0.0f32; LANES]; POINTS], [[0.0f32; LANES]; POINTS]);
         for (re, im) in re.iter().zip(im).rev() {
             for p in 0..POINTS {
@@ -181,7 +182,7 @@ mod tests {
     use num_complex::{Complex32, Complex64};
 
     #[test]
-    fn waves_are_exact_to_the_last_digits_and_the_same_bytes_in_every_instruction_set() {
+    fn waves_are_exact_to_the_last_digits_and_bit_identical_in_every_instruction_set() {
         for count in [0, 1, 7, 8, 9, 37] {
             let delays: Vec<f64> = (0..count).map(|k| f64::from(k) * 0.618_034 - 7.0).collect();
             let zeros = vec![0.0; delays.len()];

@@ -1,9 +1,9 @@
-//! Every kernel beside its literal form.
+//! Every kernel compared with its literal form.
 
 use super::*;
 use crate::wave::phasor;
 
-/// Lengths and amplitudes that look random and need no generator.
+/// Lengths and amplitudes that look random without a generator.
 fn terms(n: usize) -> (Vec<f64>, Vec<Complex32>) {
     let fraction = |i: usize, k: f64| (i as f64 * k).fract();
     let lengths = (0..n).map(|i| 0.3 + 11.0 * fraction(i, 0.618_033_988_75)).collect();
@@ -64,7 +64,7 @@ fn the_recurrence_equals_the_literal_sum() {
     }
 }
 
-/// One echo alone, whose drift nothing averages.
+/// A single echo, whose drift nothing averages.
 #[test]
 fn a_phasor_drifts_no_more_than_its_rounding() {
     let steps = Steps { start: 10_000.0 / 343.0, step: 50.0 / 343.0, count: 128 };
@@ -97,7 +97,7 @@ fn the_weighted_sum_equals_the_literal_one() {
 }
 
 #[test]
-fn every_instruction_set_gives_the_same_bytes() {
+fn every_instruction_set_gives_bit_identical_results() {
     let (lengths, samples) = terms(777);
     let run = |phasors: fn(&[f64; LANES], &[[f64; LANES]], &mut [Lanes])| {
         let chunks = &lengths.as_chunks().0[..48];
