@@ -58,31 +58,31 @@ impl Instrument {
         }
     }
 
-    /// The same with another sweep.
+    /// Replaces the sweep.
     #[must_use]
     pub fn with_sweep(self, sweep: Sweep) -> Self {
         Self { sweep, ..self }
     }
 
-    /// The same with other microphones.
+    /// Replaces the microphones.
     #[must_use]
     pub fn with_array(self, array: MicArray) -> Self {
         Self { array, ..self }
     }
 
-    /// The same with another path of the sound.
+    /// Sets the geometry: where the loudspeaker stands, or a monostatic scan.
     #[must_use]
     pub fn with_geometry(self, geometry: Geometry) -> Self {
         Self { geometry, ..self }
     }
 
-    /// The same with another detection.
+    /// Sets the detection.
     #[must_use]
     pub fn with_detection(self, detection: Detection) -> Self {
         Self { detection, ..self }
     }
 
-    /// The same at another speed of sound c, m/s; positive.
+    /// Sets the speed of sound c, m/s; positive.
     #[must_use]
     pub fn with_sound_speed(self, sound_speed: f64) -> Self {
         Self { sound_speed, ..self }

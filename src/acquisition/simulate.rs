@@ -104,31 +104,31 @@ impl Default for SimulateOptions {
 }
 
 impl SimulateOptions {
-    /// The same over other path lengths.
+    /// Sets the model of the path lengths.
     #[must_use]
     pub fn with_model(self, model: PropagationModel) -> Self {
         Self { model, ..self }
     }
 
-    /// The same with these losses.
+    /// Sets the losses.
     #[must_use]
     pub fn with_losses(self, losses: Losses) -> Self {
         Self { losses, ..self }
     }
 
-    /// The same with imperfect microphones.
+    /// Adds errors of the microphones.
     #[must_use]
     pub fn with_errors(self, errors: ArrayErrors) -> Self {
         Self { errors: Some(errors), ..self }
     }
 
-    /// The same with noise.
+    /// Adds noise.
     #[must_use]
     pub fn with_noise(self, noise: Noise) -> Self {
         Self { noise: Some(noise), ..self }
     }
 
-    /// The same within another [`tolerance`](Self::tolerance); 0 sums every term.
+    /// Sets the [`tolerance`](Self::tolerance); 0 sums every term.
     #[must_use]
     pub fn with_tolerance(self, tolerance: f64) -> Self {
         Self { tolerance, ..self }
