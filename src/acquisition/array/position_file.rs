@@ -129,14 +129,9 @@ fn position(tag: &BytesStart) -> std::result::Result<DVec3, String> {
     }
 }
 
-/// The reader's words for what is wrong, without the name of its kind.
+/// The reader's words for what is wrong.
 fn problem(error: &quick_xml::Error) -> String {
-    let text = match error {
-        quick_xml::Error::Syntax(error) => error.to_string(),
-        quick_xml::Error::IllFormed(error) => error.to_string(),
-        _ => error.to_string(),
-    };
-    format!("is no well-formed XML: {}", short(&text))
+    format!("is no well-formed XML: {}", short(&error.to_string()))
 }
 
 /// The beginning of what may be long.
@@ -178,10 +173,12 @@ mod tests {
             ("<MicArray>\n<pos x='1' y='2' z='nan'/></MicArray>", &[":2", "a finite number"]),
             ("<MicArray>\n<pos x=1 y='2' z='3'/></MicArray>", &[":2", "name=\"value\""]),
             ("<MicArray>\n\n<pos x='1' y='2' z='3'/>", &[":3", "ends before </MicArray>"]),
-            ("<MicArray><pos x='1", &["cut short"]),
-            ("<MicArray><pos x='1' y='2' z='3' ", &["cut short"]),
+            ("<MicArray>\n<pos x='1", &[":2", "not closed", "`'`"]),
+            ("<MicArray>\n<pos x='1' y='2' z='3' ", &[":2", "not closed", "`>`"]),
+            ("<MicArray>\n<pos x='1' y='2' z='3'>\n</MicArray>", &[":3", "`</pos>`"]),
             ("<svg><pos x='1' y='2' z='3'/></svg>", &["<svg> was found where <MicArray>"]),
             ("<!-- never closed", &["`-->`"]),
+            ("<MicArray/>", &["holds no microphones"]),
             ("<MicArray><pos x='1e30' y='0' z='0'/></MicArray>", &["lies beyond"]),
         ] {
             let path = folder.path().join("bad.xml");
@@ -191,6 +188,15 @@ mod tests {
                 assert!(message.contains(part), "{part:?} is not in: {message}");
             }
         }
+    }
+
+    #[test]
+    fn time_grows_no_faster_than_the_file() {
+        let names: String = (0..100_000).map(|i| format!(" a{i}='' xmlns:b{i}='c{i}'")).collect();
+        let text = format!("<MicArray><pos{names} x='1' y='2' z='3'/></MicArray>");
+        assert_eq!(positions(&text).unwrap(), [DVec3::new(1.0, 2.0, 3.0)]);
+        let deep: String = (0..100_000).map(|i| format!("<a{i} xmlns:b{i}='c{i}'>")).collect();
+        assert!(positions(&format!("<MicArray>{deep}")).is_err());
     }
 
     proptest! {
