@@ -63,7 +63,7 @@ use std::path::{Path, PathBuf};
 #[derive(Debug)]
 #[non_exhaustive]
 pub struct Outcome {
-    /// What was foretold.
+    /// What was predicted.
     pub plan: Plan,
     /// The scene, when there was one.
     pub scene: Option<SceneSummary>,

@@ -32,10 +32,8 @@ mod resolution;
 mod suggest;
 
 pub use design::{Design, design};
-pub use estimate::{
-    JobArrays, JobEstimate, JobStage, MemoryEstimate, MemoryItem, check_simulation, estimate_job,
-};
-pub use memory::{available_memory, memory_limit};
+pub use estimate::{JobArrays, JobEstimate, JobStage, MemoryEstimate, MemoryItem, estimate_job};
+pub use memory::memory_limit;
 pub use resolution::Profile;
 
 use crate::acquisition::{Detection, Instrument};

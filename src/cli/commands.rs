@@ -114,7 +114,7 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
     }
 }
 
-/// Foretells a job of a cube or of a scene.
+/// Predicts a job of a cube or of a scene.
 fn plan(
     input: &Path,
     config: Option<&Path>,

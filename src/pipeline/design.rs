@@ -6,7 +6,6 @@ use super::memory::{MemoryBudget, SceneSize};
 use crate::config::{self, RunFile};
 use crate::error::{Error, Result};
 use crate::grid::{Axis, Grid};
-use crate::plan::check_simulation;
 use crate::plan::design::Verdict;
 use crate::progress::{Observer, advance, stage};
 use crate::psf::{PointSpread, point_spread_with};
@@ -240,8 +239,7 @@ pub fn point_spreads(
     let bounds = LastScene::default().of(run, bare, observer)?.bounds;
     let grid = run.voxels(instrument, bounds)?;
     // One point is simulated, and not the scene.
-    let arrays = measurement.simulating(run, &grid, &SceneSize::within(bounds));
-    check_simulation(instrument, &arrays, MemoryBudget::of(run).limit)?;
+    measurement.check_simulation(&MemoryBudget::of(run), &grid, &SceneSize::within(bounds))?;
     // Adding 0 turns a negative zero into a positive one.
     let middle = |axis: &Axis| (f64::midpoint(axis.first, axis.last()) * 1e9).round() / 1e9 + 0.0;
     let near = grid.z.first.max(instrument.wavelength());

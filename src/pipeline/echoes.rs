@@ -10,7 +10,7 @@ use crate::blocks::BlockStore;
 use crate::config::RunFile;
 use crate::error::{Result, gib};
 use crate::grid::Grid;
-use crate::plan::{JobArrays, Plan, check_simulation, outside_warning, plan, scale_warnings};
+use crate::plan::{JobArrays, Plan, outside_warning, plan, scale_warnings};
 use crate::progress::Observer;
 use crate::reflectors::{Reflectors, sample_surface_with};
 use crate::scene::Scene;
@@ -68,6 +68,17 @@ impl Measurement {
         let written = if self.instrument.detection == Detection::InPhase { arrays.samples / 2 } else { 0 };
         JobArrays { simulation: arrays.simulation.max(written), ..arrays }
     }
+
+    /// Refuses to simulate a cube that cannot fit.
+    pub(super) fn check_simulation(
+        &self,
+        budget: &MemoryBudget,
+        grid: &Grid,
+        size: &SceneSize,
+    ) -> Result<()> {
+        let peak = self.simulating(budget.run, grid, size).peak(0);
+        peak.check(&self.instrument, budget.limit, |_| Vec::new())
+    }
 }
 
 /// A scene turned into reflectors, with the instrument that will hear them and the grid they will be imaged on.
@@ -100,7 +111,7 @@ impl Echoes {
             if imaged {
                 budget.check(instrument, grid, &measurement.imaging(budget, grid, size), observer)
             } else {
-                check_simulation(instrument, &measurement.simulating(run, grid, size), budget.limit)
+                measurement.check_simulation(budget, grid, size)
             }
         };
         let path = scene_path(run)?;

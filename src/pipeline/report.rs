@@ -22,7 +22,7 @@ pub struct Report {
     pub program: &'static str,
     /// The run file, every default filled in.
     pub run: Value,
-    /// What was foretold.
+    /// What was predicted.
     pub plan: Plan,
     /// The voxels, whether typed or chosen.
     pub grid: Grid,

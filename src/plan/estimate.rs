@@ -79,6 +79,39 @@ impl MemoryEstimate {
     pub fn total(&self) -> u64 {
         self.items.iter().fold(0, |sum, item| sum.saturating_add(item.bytes))
     }
+
+    /// Refuses a job that takes more than `limit` bytes; `ways` are those in which its later stages would fit.
+    ///
+    /// # Errors
+    /// [`Error::InvalidInput`] with the stage, its arrays and what would make it fit.
+    pub fn check(
+        &self,
+        instrument: &Instrument,
+        limit: Option<u64>,
+        ways: impl FnOnce(u64) -> Vec<String>,
+    ) -> Result<()> {
+        let Some(limit) = limit.filter(|limit| self.total() > *limit) else { return Ok(()) };
+        let ways = match self.stage {
+            JobStage::Loading => "decimate the mesh (sound resolves about a cm)".to_owned(),
+            JobStage::Sampling => {
+                "use a larger [reflectors] spacing, and check the scene's unit and scale".to_owned()
+            }
+            _ => {
+                let (frequencies, microphones) = (instrument.sweep.len(), instrument.array.len());
+                let fewer = format!("take less than {frequencies} frequencies x {microphones} microphones");
+                [ways(limit), vec![fewer]].concat().join("; ")
+            }
+        };
+        Err(Error::input(
+            "memory",
+            format!(
+                "this job takes about {} even if as little as possible is worked on at a time ({self}), and {} may be used \
+                 here (--memory sets another limit); {ways}",
+                gib(self.total()),
+                gib(limit)
+            ),
+        ))
+    }
 }
 
 /// As in `reconstructing: samples 31 MiB, volume 16 MiB, program 20 MiB`.
@@ -191,7 +224,7 @@ impl JobEstimate {
     /// Refuses a job that cannot fit, however little of it is worked on at a time.
     ///
     /// # Errors
-    /// [`Error::InvalidInput`] when the peak exceeds `limit` bytes, with the numbers and what would make it fit.
+    /// As [`MemoryEstimate::check`], with what else would make it fit.
     pub fn check_memory(
         &self,
         instrument: &Instrument,
@@ -199,63 +232,27 @@ impl JobEstimate {
         arrays: &JobArrays,
         limit: Option<u64>,
     ) -> Result<()> {
-        let Some(limit) = limit.filter(|limit| self.memory.total() > *limit) else { return Ok(()) };
-        // A far-field image is another one.
-        let others = self.methods.iter().filter(|m| m.obstacle.is_none() && m.method != Method::Linear);
-        let fitting = others.map(|m| (m, arrays.peak(m.bytes).total())).filter(|(_, bytes)| *bytes <= limit);
-        let mut ways: Vec<String> = fitting
-            .map(|(m, bytes)| format!("[reconstruct] method = \"{}\" needs {}", m.method, gib(bytes)))
-            .collect();
-        if arrays.volume > 0 && arrays.depth == 0 {
-            ways.push("a volume written as .npz, .vti or .nrrd is never in memory as a whole".to_owned());
-        }
-        if arrays.samples > 0 {
-            let way = "a cube in a file (`simulate`, then `reconstruct`) is never in memory as a whole";
-            ways.push(way.to_owned());
-        }
-        let [n_z, n_y, n_x] = grid.shape();
-        ways.push(format!("make the grid of {n_x} x {n_y} x {n_z} voxels smaller or its pitch larger"));
-        Err(refusal(&self.memory, limit, instrument, ways))
+        let ways = |limit: u64| {
+            // A far-field image is another one.
+            let others = self.methods.iter().filter(|m| m.obstacle.is_none() && m.method != Method::Linear);
+            let fitting =
+                others.map(|m| (m, arrays.peak(m.bytes).total())).filter(|(_, bytes)| *bytes <= limit);
+            let mut ways: Vec<String> = fitting
+                .map(|(m, bytes)| format!("[reconstruct] method = \"{}\" needs {}", m.method, gib(bytes)))
+                .collect();
+            if arrays.volume > 0 && arrays.depth == 0 {
+                ways.push("a volume written as .npz, .vti or .nrrd is never in memory as a whole".to_owned());
+            }
+            if arrays.samples > 0 {
+                let way = "a cube in a file (`simulate`, then `reconstruct`) is never in memory as a whole";
+                ways.push(way.to_owned());
+            }
+            let [n_z, n_y, n_x] = grid.shape();
+            ways.push(format!("make the grid of {n_x} x {n_y} x {n_z} voxels smaller or its pitch larger"));
+            ways
+        };
+        self.memory.check(instrument, limit, ways)
     }
-}
-
-/// Refuses to simulate a cube that cannot fit.
-///
-/// # Errors
-/// [`Error::InvalidInput`] when the peak exceeds `limit` bytes.
-pub fn check_simulation(instrument: &Instrument, arrays: &JobArrays, limit: Option<u64>) -> Result<()> {
-    let memory = arrays.peak(0);
-    match limit.filter(|limit| memory.total() > *limit) {
-        Some(limit) => Err(refusal(&memory, limit, instrument, Vec::new())),
-        None => Ok(()),
-    }
-}
-
-/// The refusal of a job that takes too much memory; `ways` are those in which its later stages would fit.
-fn refusal(memory: &MemoryEstimate, limit: u64, instrument: &Instrument, mut ways: Vec<String>) -> Error {
-    match memory.stage {
-        JobStage::Loading => {
-            ways = vec!["decimate the mesh (sound resolves about a cm)".to_owned()];
-        }
-        JobStage::Sampling => {
-            ways = vec!["use a larger [reflectors] spacing, and check the scene's unit and scale".to_owned()];
-        }
-        _ => ways.push(format!(
-            "take less than {} frequencies x {} microphones",
-            instrument.sweep.len(),
-            instrument.array.len()
-        )),
-    }
-    Error::input(
-        "memory",
-        format!(
-            "this job takes about {} even if as little as possible is worked on at a time ({memory}), and {} may be used \
-             here (--memory sets another limit); {}",
-            gib(memory.total()),
-            gib(limit),
-            ways.join("; ")
-        ),
-    )
 }
 
 /// Operations per phasor of the kernel that is timed.
@@ -334,7 +331,9 @@ mod tests {
             let memory = MemoryEstimate::new(stage, &[("a", u64::MAX)]);
             assert_eq!(memory.total(), u64::MAX, "no overflow");
             let instrument = test_instrument(2, 1.0, 40.0, Detection::Quadrature);
-            let refused = refusal(&memory, 1 << 20, &instrument, Vec::new()).to_string();
+            assert!(memory.check(&instrument, None, |_| Vec::new()).is_ok(), "a limit that is not known");
+            let refused = memory.check(&instrument, Some(1 << 20), |_| Vec::new());
+            let refused = refused.expect_err("too much").to_string();
             assert_names(refused, &["memory", "1 MiB", way]);
         }
     }

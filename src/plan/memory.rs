@@ -29,7 +29,7 @@ fn used_addresses(status: &str) -> Option<u64> {
 }
 
 /// Memory that is free, bytes: the smaller of the system's and the control group's, where there are such.
-pub fn available_memory() -> Option<u64> {
+fn available_memory() -> Option<u64> {
     [system_memory(), group_memory(Path::new("/sys/fs/cgroup"))].into_iter().flatten().min()
 }
 
