@@ -89,7 +89,7 @@ fn links_lead_somewhere() {
             count += 1;
         }
         // A reference without a definition would be shown with its brackets.
-        for name in text.split("[").skip(1).filter_map(|rest| rest.split_once(']')) {
+        for name in text.split('[').skip(1).filter_map(|rest| rest.split_once(']')) {
             let (name, rest) = name;
             let is_topic = root().join(format!("src/guide/{}.md", name.replace('-', "_"))).is_file();
             if is_topic && !rest.starts_with(':') && !rest.starts_with('(') {
@@ -119,7 +119,7 @@ fn files_that_the_guide_names_are_there() {
             let (tests, _) = tests.split_once("## How to add").unwrap();
             let names =
                 tests.split('`').skip(1).step_by(2).filter(|name| Path::new(name).extension().is_some());
-            for name in names.filter(|name| name.ends_with(".rs")) {
+            for name in names.filter(|name| Path::new(name).extension().is_some_and(|e| e == "rs")) {
                 assert!(root().join("tests/holosonar").join(name).is_file(), "{name}");
             }
             let (_, rooms) = text.split_once("| room |").unwrap();

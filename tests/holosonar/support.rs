@@ -23,7 +23,7 @@ pub(crate) fn write_npz(path: &Path, arrays: &[NpzArray<'_>]) {
     let mut zip = zip::ZipWriter::new(std::fs::File::create(path).unwrap());
     let stored = zip::write::SimpleFileOptions::default().compression_method(zip::CompressionMethod::Stored);
     for (name, descr, shape, bytes) in arrays {
-        let lengths: String = shape.iter().map(|n| format!("{n},")).collect();
+        let lengths = shape.iter().map(|n| format!("{n},")).collect::<Vec<_>>().concat();
         let header = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': ({lengths}), }}\n");
         zip.start_file(format!("{name}.npy"), stored).unwrap();
         zip.write_all(b"\x93NUMPY\x01\x00").unwrap();
