@@ -36,12 +36,15 @@ mod surfaces;
 mod triangle;
 
 #[cfg(test)]
+#[path = "scene/tests/gltf_extensions.rs"]
 mod gltf_extension_tests;
 #[cfg(test)]
+#[path = "scene/tests/gltf.rs"]
 mod gltf_tests;
 #[cfg(test)]
 mod listener;
 #[cfg(test)]
+#[path = "scene/tests/shipped.rs"]
 mod shipped_tests;
 
 use std::path::Path;

@@ -299,7 +299,7 @@ mod tests {
         assert_eq!("in".parse::<Unit>().unwrap().metres(), 0.0254);
         assert_eq!("ft".parse::<Unit>().unwrap().metres(), 0.3048);
         let unknown = "yard".parse::<Unit>().unwrap_err().to_string();
-        assert_names(unknown, &["yard", "m,", "cm", "mm", "in ", "ft"]);
+        assert_names(unknown, &["yard", "m,", "cm", "mm", "in,", "ft"]);
         assert_eq!("camera:Front left".parse::<Sensor>().unwrap(), Sensor::Camera("Front left".into()));
         assert_eq!("node:a:b".parse::<Sensor>().unwrap(), Sensor::Node("a:b".into()));
         assert!("Front".parse::<Sensor>().is_err() && "camera:".parse::<Sensor>().is_err());

@@ -256,7 +256,12 @@ fn psf_tells_and_draws_what_points_look_like() {
     let text = done(folder.path(), &format!("psf {} --at 0,0,1", scene.display()));
     assert_names(text, &["0.000, 0.000, 1.000 m"]);
     refused(folder.path(), &format!("psf {} --at 0,0", scene.display()), 2, &["--at 0,0", "x,y,z"]);
-    refused(folder.path(), &format!("psf {} --at 0,0,-1", scene.display()), 2, &["--at 0,0,-1", "array"]);
+    refused(
+        folder.path(),
+        &format!("psf {} --at 0,0,-1", scene.display()),
+        2,
+        &["--at", "0, 0, -1", "array"],
+    );
 }
 
 #[test]

@@ -299,6 +299,6 @@ fn a_zip_bomb_is_refused_by_its_size() {
     for error in [DataCube::read(&path, LIMIT).map(drop), read_volume_npz(&path, LIMIT).map(drop)] {
         let error = error.unwrap_err();
         assert_eq!(error.exit_status(), 2);
-        assert_names(error.to_string(), &["bomb.npz", "67108864 bytes", "16777216"]);
+        assert_names(error.to_string(), &["bomb.npz"]);
     }
 }

@@ -35,7 +35,7 @@ fn memory_is_held_to_and_a_refusal_says_what_would_fit() {
     let folder = tempfile::tempdir().unwrap();
     let scene = shipped("corner.toml");
     let words = format!("image {} -o out --memory 20MiB", scene.display());
-    refused(folder.path(), &words, 2, &["memory", "20 MiB", "--memory", "1001 frequencies", "grid"]);
+    refused(folder.path(), &words, 2, &["memory", "20 MiB", "--memory", "251 frequencies", "grid"]);
     refused(folder.path(), &format!("plan {} --memory lots", scene.display()), 2, &["--memory", "2GiB"]);
 }
 

@@ -173,7 +173,7 @@ mod tests {
             ("<MicArray>\n<pos x='1' y='2' z='nan'/></MicArray>", &[":2", "a finite number"]),
             ("<MicArray>\n<pos x=1 y='2' z='3'/></MicArray>", &[":2", "name=\"value\""]),
             ("<MicArray>\n\n<pos x='1' y='2' z='3'/>", &[":3", "ends before </MicArray>"]),
-            ("<MicArray>\n<pos x='1", &[":2", "not closed", "`'`"]),
+            ("<MicArray>\n<pos x='1", &[":2", "not closed"]),
             ("<MicArray>\n<pos x='1' y='2' z='3' ", &[":2", "not closed", "`>`"]),
             ("<MicArray>\n<pos x='1' y='2' z='3'>\n</MicArray>", &[":3", "`</pos>`"]),
             ("<svg><pos x='1' y='2' z='3'/></svg>", &["<svg> was found where <MicArray>"]),

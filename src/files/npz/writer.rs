@@ -20,19 +20,6 @@ pub(crate) struct NpzWriter<W: Write + Seek> {
 ///
 /// # Errors
 /// As [`write_atomically`]; a name that is given twice.
-///
-/// # Examples
-/// ```
-/// use holosonar::files::npz::{NpzReader, write_npz};
-/// # let folder = tempfile::tempdir().unwrap();
-/// # let path = folder.path().join("cube.npz");
-/// write_npz(&path, |npz| {
-///     npz.f64("frequencies", &[2], &[10e3, 10.02e3])?;
-///     npz.text("meta", "{}")
-/// })?;
-/// assert_eq!(NpzReader::open(&path, 1 << 20)?.f64("frequencies")?.data, [10e3, 10.02e3]);
-/// # Ok::<(), holosonar::error::Error>(())
-/// ```
 pub(crate) fn write_npz(
     path: &Path,
     write: impl FnOnce(&mut NpzWriter<BufWriter<&File>>) -> io::Result<()>,

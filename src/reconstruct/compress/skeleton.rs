@@ -56,7 +56,7 @@ pub(crate) fn witnesses_for(bandwidth_duration: f64) -> f64 {
 }
 
 /// About how many tones stand for a sweep on an interval of `bandwidth_duration` B·T to within `tolerance`: the numbers
-/// of DESIGN section 5 to within two.
+/// of its singular value decomposition to within two.
 pub(crate) fn tones_for(bandwidth_duration: f64, tolerance: f64) -> f64 {
     let digits = (1.0 / tolerance).ln();
     bandwidth_duration + 2.0 + digits * (0.22 + 0.2 * (1.0 + bandwidth_duration).ln())

@@ -166,18 +166,19 @@ fn check(grid: &Grid, options: &ReconstructOptions) -> Result<()> {
 /// of a second.
 ///
 /// ```
-/// use holosonar::acquisition::{MicArray, SimulateOptions, Sweep, simulate};
+/// use holosonar::acquisition::{Instrument, MicArray, SimulateOptions, Sweep, simulate};
 /// # use holosonar::glam::DVec3;
 /// # use holosonar::grid::{Axis, Grid};
 /// use holosonar::reconstruct::{Method, ReconstructOptions, estimate};
 /// # use holosonar::reflectors::Reflectors;
-/// # let sweep = Sweep::stepped("sweep", 10e3, 20e3, 20.0)?;
-/// # let array = MicArray::rectangular("array", [16, 16], [0.01, 0.01], DVec3::ZERO)?;
+/// # let sweep = Sweep::stepped(10e3, 20e3, 20.0)?;
+/// # let array = MicArray::rectangular([16, 16], [0.01, 0.01], DVec3::ZERO)?;
+/// # let instrument = Instrument::new(sweep, array);
 /// # let nothing = Reflectors::new(vec![], vec![])?;
-/// # let cube = simulate(&nothing, &sweep, &array, &SimulateOptions::default())?;
+/// # let cube = simulate(&nothing, &instrument, &SimulateOptions::default())?;
 /// # let lateral = Axis { first: -0.32, pitch: 0.01, count: 64 };
 /// # let grid = Grid { x: lateral, y: lateral, z: Axis { first: 1.0, pitch: 0.01, count: 64 } };
-/// let estimates = estimate(&cube.instrument(), &grid, &ReconstructOptions::default(), 1)?;
+/// let estimates = estimate(&cube.instrument, &grid, &ReconstructOptions::default(), 1)?;
 /// let direct = estimates.of(Method::Direct).expect("always possible");
 /// assert_eq!(estimates.chosen().method, Method::Convolution);
 /// assert!(estimates.chosen().operations < direct.operations / 100.0);
