@@ -84,7 +84,10 @@ fn values_outside_their_range_are_refused_at_their_line() {
     for (text, parts) in [
         ("[sweep]\nstart = 10\nstop = 20\nstep = 0", &["4:1", "`sweep.step`", "0"][..]),
         ("[sweep]\nstart = 30000", &["run.toml:1:2", "`sweep.stop`", "20000", "30000"]),
-        ("[sweep]\nstep = 30", &["`sweep.step`", "333.3333", "30", "stop = 19990", "step = 30.03"]),
+        (
+            "[sweep]\nstep = 30",
+            &["`sweep.step`", "333.3333", "30", "stop = 19990", "step = 30.03003003003003"],
+        ),
         ("[sweep]\nstep = 30000", &["`sweep.step`", "step = 10000.0"]),
         ("[sweep]\nstep = 1e-9", &["`sweep.step`", "many"]),
         ("[[materials]]\nname = 'a'\nreflectance = 1.5", &["`materials[0].reflectance`", "1.5", "0 to 1"]),
