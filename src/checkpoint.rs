@@ -1,9 +1,9 @@
 //! Block k from disk or computed: finished blocks of a long job are stored beside its output, and a run after an
 //! interruption resumes from them.
 //!
-//! Takes the identity of a job ([`Identity`]: all that its result depends on) and the blocks that its stages finish;
+//! Takes the identity of a job (`Identity`: all that its result depends on) and the blocks that its stages finish;
 //! gives back those of an interrupted run of the same job. No stage knows of it: a simulation sees a
-//! [`BlockStore`](crate::blocks::BlockStore), a reconstruction a [`VolumeSink`](crate::reconstruct::VolumeSink).
+//! `BlockStore`, a reconstruction a [`VolumeSink`](crate::reconstruct::VolumeSink).
 //!
 //! The checkpoint of a job is one hidden file, named after its output and its identity: a *journal*, to which blocks are
 //! appended with checksums. A process may be killed at any moment: what was being written is then no valid record, and

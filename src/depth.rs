@@ -143,7 +143,7 @@ pub fn locate_depth(volume: &Volume, options: &DepthOptions) -> Result<DepthMap>
 /// [`locate_depth`], reporting its progress to `observer`, which may stop it.
 ///
 /// # Errors
-/// As [`locate_depth`]; [`Error::Interrupted`](crate::error::Error::Interrupted) when the observer asks to stop.
+/// As [`locate_depth`]; `Error::Interrupted` when the observer asks to stop.
 pub fn locate_depth_with(
     volume: &Volume,
     options: &DepthOptions,

@@ -1,7 +1,7 @@
 //! The point-spread function: what one reflector looks like, measured, with what was foretold beside it.
 //!
 //! Takes an instrument and a point; simulates a unit reflector there, reconstructs fine lines, planes and the whole box
-//! around it with the crate's own [`simulate`] and [`reconstruct`](crate::reconstruct::reconstruct), and reads off widths,
+//! around it with the crate's own `simulate` and [`reconstruct`](crate::reconstruct::reconstruct), and reads off widths,
 //! sidelobes and ghosts. What is foretold comes from [`Profile`](crate::plan::Profile) and [`Beam`], which see neither.
 
 mod look;
@@ -103,7 +103,7 @@ pub struct PointSpread {
 /// voxels.
 ///
 /// # Errors
-/// A point behind the array or where no microphone hears it; what [`simulate`] and [`reconstruct`](crate::reconstruct::reconstruct) come to.
+/// A point behind the array or where no microphone hears it; what `simulate` and [`reconstruct`](crate::reconstruct::reconstruct) come to.
 pub fn point_spread(
     instrument: &Instrument,
     options: &ReconstructOptions,
@@ -116,7 +116,7 @@ pub fn point_spread(
 /// [`point_spread`], reporting its progress to `observer`, which may stop it.
 ///
 /// # Errors
-/// As [`point_spread`]; [`Error::Interrupted`](crate::error::Error::Interrupted) when the observer asks to stop.
+/// As [`point_spread`]; `Error::Interrupted` when the observer asks to stop.
 pub fn point_spread_with(
     instrument: &Instrument,
     options: &ReconstructOptions,

@@ -71,7 +71,7 @@ pub fn reconstruct(cube: &DataCube, grid: &Grid, options: &ReconstructOptions) -
 /// [`reconstruct`], reporting its progress to `observer`, which may stop it.
 ///
 /// # Errors
-/// As [`reconstruct`]; [`Error::Interrupted`](crate::error::Error::Interrupted) when the observer asks to stop.
+/// As [`reconstruct`]; `Error::Interrupted` when the observer asks to stop.
 pub fn reconstruct_with(
     cube: &DataCube,
     grid: &Grid,

@@ -213,7 +213,7 @@ pub fn sample_surface(scene: &Scene, options: &SurfaceOptions) -> Result<Reflect
 /// [`sample_surface`], reporting its progress to `observer`, which may stop it.
 ///
 /// # Errors
-/// As [`sample_surface`]; [`Error::Interrupted`](crate::error::Error::Interrupted) when the observer asks to stop.
+/// As [`sample_surface`]; `Error::Interrupted` when the observer asks to stop.
 pub fn sample_surface_with(
     scene: &Scene,
     options: &SurfaceOptions,

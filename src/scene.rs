@@ -119,7 +119,7 @@ impl Scene {
     /// [`Scene::load`], reporting its progress to `observer`, which may stop it.
     ///
     /// # Errors
-    /// As [`Scene::load`]; [`Error::Interrupted`](crate::error::Error::Interrupted) when the observer asks to stop.
+    /// As [`Scene::load`]; `Error::Interrupted` when the observer asks to stop.
     pub fn load_with(path: &Path, options: &LoadOptions, observer: &dyn Observer) -> Result<Self> {
         options.check()?;
         let kind = extension(path);

@@ -42,7 +42,7 @@ pub struct DepthFile {
 /// `attributes` are written beside those of the format, whose names win.
 ///
 /// # Errors
-/// As [`crate::files::write_atomically`]; a map without pixels.
+/// As `crate::files::write_atomically`; a map without pixels.
 ///
 /// # Panics
 /// When a field of the map has not one value per pixel, or an attribute's name does not start with `sonar:`.

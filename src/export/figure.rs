@@ -153,7 +153,7 @@ impl Scale {
 /// journal's column (about 1050 px, 88 mm), two make 1700 to 2000 px, and any number no more than 4000.
 ///
 /// # Errors
-/// As [`crate::files::write_atomically`].
+/// As `crate::files::write_atomically`.
 ///
 /// # Panics
 /// When there are no panels, no columns, or not exactly one value per pixel of a panel.

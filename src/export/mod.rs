@@ -89,7 +89,7 @@ choice! {
 /// How an EXR file keeps its numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub struct Encoding {
-    /// Whether amplitudes (`R`, `G`, `B`, `Y`) take 16 bits instead of 32; see [`fits_float16`].
+    /// Whether amplitudes (`R`, `G`, `B`, `Y`) take 16 bits instead of 32; see `fits_float16`.
     pub float16: bool,
     /// Of the pixels.
     pub compression: Compression,

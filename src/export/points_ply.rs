@@ -29,7 +29,7 @@ const LONGEST_COMMENT: usize = 200;
 /// without enough neighbours faces the array, (0, 0, −1). Short `attributes` become comments.
 ///
 /// # Errors
-/// As [`write_atomically`].
+/// As `write_atomically`.
 pub fn write_depth_points(path: &Path, map: &DepthMap, attributes: &[(String, Attribute)]) -> Result<()> {
     let normals = normals::normals(map);
     let found: Vec<usize> = (0..map.len()).filter(|&i| map.picked.depth[i].is_finite()).collect();
@@ -102,7 +102,7 @@ impl ScenePoints {
     /// 1 microphone, 2 speaker) and a colour by kind.
     ///
     /// # Errors
-    /// As [`write_atomically`].
+    /// As `write_atomically`.
     pub fn write(&self, path: &Path, attributes: &[(String, Attribute)]) -> Result<()> {
         let properties = [
             (Scalar::F32, "x"),

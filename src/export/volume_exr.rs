@@ -36,7 +36,7 @@ fn numbered(path: &Path, first: usize) -> PathBuf {
     path.with_file_name(name)
 }
 
-/// Writes a volume and returns the files written; see [`volume_exr_files`].
+/// Writes a volume and returns the files written; see `volume_exr_files`.
 ///
 /// - Part `mip`, the same in every file: `R`, `G`, `B` = `max_z |Â|`, `Z` = where it was in m, `A` = 1; it
 ///   carries `attributes`.
@@ -44,7 +44,7 @@ fn numbered(path: &Path, first: usize) -> PathBuf {
 /// - Every part: `sonar:gridOrigin` (first voxel, m), `sonar:gridPitch` (m), `sonar:gridShape`, each along x, y, z.
 ///
 /// # Errors
-/// As [`crate::files::write_atomically`]; more pixels in a plane than an EXR image can have.
+/// As `crate::files::write_atomically`; more pixels in a plane than an EXR image can have.
 ///
 /// # Panics
 /// When an attribute's name does not start with `sonar:`.

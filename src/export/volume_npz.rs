@@ -17,7 +17,7 @@ const EVENNESS: f64 = 1e-6;
 /// JSON text of what is known about the volume.
 ///
 /// # Errors
-/// As [`crate::files::write_atomically`].
+/// As `crate::files::write_atomically`.
 pub fn write_volume_npz(path: &Path, volume: &Volume, meta: &Value) -> Result<()> {
     stream_volume_npz(path, volume.grid, meta)?.whole(volume)
 }

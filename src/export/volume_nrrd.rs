@@ -24,7 +24,7 @@ const LONGEST_LINE: u64 = 1 << 20;
 /// key/value pairs, `sonar:unit` as `sonar.unit`.
 ///
 /// # Errors
-/// As [`crate::files::write_atomically`].
+/// As `crate::files::write_atomically`.
 pub fn write_volume_nrrd(
     path: &Path,
     volume: &Volume,

@@ -23,7 +23,7 @@ type Part = fn(&Complex32) -> f32;
 /// VTK's order is ours, x fastest. `attributes` become field data of the same names.
 ///
 /// # Errors
-/// As [`crate::files::write_atomically`].
+/// As `crate::files::write_atomically`.
 pub fn write_volume_vti(
     path: &Path,
     volume: &Volume,

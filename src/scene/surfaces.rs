@@ -15,7 +15,7 @@ use crate::progress::Observer;
 pub(super) const MOST_TRIANGLES: usize = 50_000_000;
 
 /// Bytes per triangle while the tree over them is built, when a mesh takes most memory: the triangle, and the work space
-/// of [`SurfaceTree::new`].
+/// of `SurfaceTree::new`.
 pub const BYTES_PER_TRIANGLE: u64 = size_of::<Triangle>() as u64 + SurfaceTree::BUILDING;
 
 /// No scene has coordinates beyond this, in whatever unit.

@@ -134,7 +134,7 @@ pub(super) fn error_limit(errors: &[f32], most: f64) -> f64 {
 /// Draws depth errors (found − true, m, `[y, x]`, NaN where there is nothing to compare) in mm; `note` is a line of
 /// text above them, such as the median; `resolution` is c/2B in m, NaN if it is not known.
 ///
-/// The colours reach to [`error_limit`] of twice the resolution; what lies beyond takes the last colour, and the bar's
+/// The colours reach to `error_limit` of twice the resolution; what lies beyond takes the last colour, and the bar's
 /// end is pointed.
 ///
 /// # Errors
