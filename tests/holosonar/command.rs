@@ -104,7 +104,7 @@ fn compare_and_check_exit_with_3_when_a_limit_is_missed() {
     assert_eq!(missed.status, 3, "{missed:?}");
     assert_names(missed.stdout, &["completeness"]);
     assert!(missed.stderr.starts_with("error: "), "{}", missed.stderr);
-    assert_names(missed.stderr, &["completeness", "1.010"]);
+    assert_names(missed.stderr, &["completeness", "1.01"]);
     let scored = json(&done(path, "compare out/depth.exr out/truth.exr --json"));
     let report = json(&std::fs::read_to_string(path.join("out/report.json")).unwrap());
     let [a, b] = [&scored, &report].map(|v| v["metrics"]["completeness"].as_f64().unwrap());

@@ -3,8 +3,8 @@
 //! Tests hold messages to these instead of to their sentences, so that a rewording breaks no test and a message that no longer
 //! says where the fault is, or by how much, does. The library's unit tests take this file, too (`src/lib.rs`).
 
-/// The parts that a message does not name. A number must stand there whole: `30` is in `30.0`, but not in `300`, `130`, `30.5`
-/// or `1.30`.
+/// The parts that a message does not name. A number must stand there whole: `30` is in `30.0`, and `1.5` in `1.50`, but `30` is
+/// not in `300`, `130`, `30.5` or `1.30`.
 fn unnamed<'a>(message: &str, parts: &[&'a str]) -> Vec<&'a str> {
     parts.iter().copied().filter(|part| !names(message, part)).collect()
 }
@@ -14,7 +14,11 @@ fn names(message: &str, part: &str) -> bool {
     message.match_indices(part).any(|(at, _)| {
         let (before, after) = (&message[..at], &message[at + part.len()..]);
         let cut_before = part.starts_with(is_digit) && before.ends_with(|c| is_digit(c) || c == '.');
-        let rest = after.strip_prefix('.').map_or(after, |decimals| decimals.trim_start_matches('0'));
+        // Zeros at the end of decimals change no number.
+        let has_decimals =
+            part.rsplit(|c: char| !is_digit(c) && c != '.').next().is_some_and(|n| n.contains('.'));
+        let decimals = after.strip_prefix('.').or(has_decimals.then_some(after));
+        let rest = decimals.map_or(after, |decimals| decimals.trim_start_matches('0'));
         !(cut_before || part.ends_with(is_digit) && rest.starts_with(is_digit))
     })
 }
@@ -37,9 +41,10 @@ pub(crate) fn assert_names(message: impl AsRef<str>, parts: &[&str]) {
 
 #[test]
 fn a_number_is_named_whole_and_words_in_any_place() {
-    let message = "run.toml:3:1, key `sweep.step`: 10000.0 is 333.3333 steps of 30; take -9 or 25.";
+    let message =
+        "run.toml:3:1, key `sweep.step`: 10000.0 is 333.3333 steps of 30; take -9 or 25. Or 1.50 m.";
     let named =
-        ["run.toml:3", "`sweep.step`", "333.3333", "30", "-9", "25", "10000", "10000.0", "step", "key"];
+        ["run.toml:3", "`sweep.step`", "333.3333", "30", "-9", "25", "10000", "10000.0", "1.5", "step"];
     assert_eq!(unnamed(message, &named), Vec::<&str>::new());
     let missing = ["333", "3333", "1000", "0", "2", "run.toml:2", "sweep.stop", "25.0"];
     assert_eq!(unnamed(message, &missing), missing);

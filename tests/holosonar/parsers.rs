@@ -285,10 +285,12 @@ fn a_zip_bomb_is_refused_by_its_size() {
     let options =
         zip::write::SimpleFileOptions::default().compression_method(zip::CompressionMethod::Deflated);
     // 64 MiB of zeros in 64 kB.
-    let mut header = format!("{{'descr': '<f8', 'fortran_order': False, 'shape': ({},), }}", 8 << 20);
-    header += &" ".repeat(117 - header.len());
-    header.push('\n');
     for name in ["frequencies.npy", "samples.npy", "mic_positions.npy", "z.npy", "meta.npy"] {
+        let (kind, bytes) = if name == "meta.npy" { ("|u1", 1) } else { ("<f8", 8) };
+        let mut header =
+            format!("{{'descr': '{kind}', 'fortran_order': False, 'shape': ({},), }}", (64 << 20) / bytes);
+        header += &" ".repeat(117 - header.len());
+        header.push('\n');
         zip.start_file(name, options).unwrap();
         zip.write_all(b"\x93NUMPY\x01\x00\x76\x00").unwrap();
         zip.write_all(header.as_bytes()).unwrap();
@@ -296,9 +298,10 @@ fn a_zip_bomb_is_refused_by_its_size() {
     }
     zip.finish().unwrap();
     assert!(fs::metadata(&path).unwrap().len() < 1 << 20);
-    for error in [DataCube::read(&path, LIMIT).map(drop), read_volume_npz(&path, LIMIT).map(drop)] {
-        let error = error.unwrap_err();
-        assert_eq!(error.exit_status(), 2);
-        assert_names(error.to_string(), &["bomb.npz"]);
-    }
+    let cube = DataCube::read(&path, LIMIT).unwrap_err();
+    assert_eq!(cube.exit_status(), 2);
+    assert_names(cube.to_string(), &["bomb.npz", "`meta`", "67108864 bytes", "16777216"]);
+    let volume = read_volume_npz(&path, LIMIT).unwrap_err();
+    assert_eq!(volume.exit_status(), 2);
+    assert_names(volume.to_string(), &["bomb.npz"]);
 }
