@@ -175,7 +175,8 @@ fn every_suggestion_mends_what_it_says() {
         let all = [&["detection.kind=in-phase".to_owned(), "sweep.step=100".to_owned()], more].concat();
         RunFile::load(&shipped("corner.toml"), &all).unwrap()
     };
-    let forecast = |more: &[String]| pipeline::forecast_scene(&overrides(more), &JobOptions::default()).unwrap();
+    let forecast =
+        |more: &[String]| pipeline::forecast_scene(&overrides(more), &JobOptions::default()).unwrap();
     let first = forecast(&[]);
     let sign = |mends: &str| if mends == "aliasing" { "alias" } else { "unambiguous" };
     let mut seen = Vec::new();
