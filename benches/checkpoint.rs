@@ -13,8 +13,7 @@ mod job;
 use holosonar::acquisition::CubeFile;
 use holosonar::checkpoint::Checkpoint;
 use holosonar::config::RunFile;
-use holosonar::pipeline::{reconstruct_cube, simulate_scene, write_cube};
-use holosonar::progress::Silent;
+use holosonar::pipeline::{JobOptions, reconstruct_cube, simulate_scene, write_cube};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
@@ -28,7 +27,7 @@ fn run(run: &RunFile, folder: &Path, every: Option<Duration>) -> [f64; 2] {
         |output: &Path| every.map_or_else(Checkpoint::off, |every| Checkpoint::beside(output, every));
     let begun = Instant::now();
     let blocks = checkpoint(&cube);
-    let samples = simulate_scene(run, false, &blocks, &Silent).expect("simulated");
+    let samples = simulate_scene(run, &JobOptions::default().with_checkpoint(&blocks)).expect("simulated");
     let mut simulated = begun.elapsed();
     write_cube(&cube, &samples).expect("written");
     let written = Instant::now();
@@ -38,7 +37,8 @@ fn run(run: &RunFile, folder: &Path, every: Option<Duration>) -> [f64; 2] {
     let begun = Instant::now();
     let blocks = checkpoint(&volume);
     let file = CubeFile::open(&cube, u64::MAX).expect("a cube");
-    reconstruct_cube(run, file, &[volume], &blocks, &Silent).expect("reconstructed");
+    let options = JobOptions::default().with_checkpoint(&blocks);
+    reconstruct_cube(run, file, &[volume], &options).expect("reconstructed");
     blocks.remove();
     [simulated, begun.elapsed()].map(|time| time.as_secs_f64())
 }

@@ -6,10 +6,10 @@
 //! # Example
 //! The echo of one reflector at one microphone, frequency by frequency, is Eq. 5:
 //! ```
-//! use glam::DVec3;
+//! use holosonar::glam::DVec3;
 //! use holosonar::acquisition::{Instrument, MicArray, SimulateOptions, Sweep, simulate};
 //! use holosonar::reflectors::Reflectors;
-//! use num_complex::{Complex32, Complex64};
+//! use holosonar::num_complex::{Complex32, Complex64};
 //! use std::f64::consts::TAU;
 //!
 //! let p = DVec3::new(0.1, 0.0, 1.0);

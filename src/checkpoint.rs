@@ -62,7 +62,7 @@ struct Place {
 
 impl Checkpoint {
     /// Nothing is stored, and nothing is resumed.
-    pub fn off() -> Self {
+    pub const fn off() -> Self {
         Self { place: None, journal: Mutex::new(None), reserved: AtomicU64::new(0) }
     }
 

@@ -7,9 +7,9 @@
 //! # Example
 //! A column that peaks between two voxels; the power centroid finds the depth:
 //! ```
-//! use holosonar::depth::{DepthOptions, locate_depth, locate_depth_with};
+//! use holosonar::depth::{DepthOptions, locate_depth};
 //! use holosonar::grid::{Axis, Grid, Volume};
-//! use num_complex::Complex32;
+//! use holosonar::num_complex::Complex32;
 //!
 //! let one = Axis { first: 0.0, pitch: 0.01, count: 1 };
 //! let grid = Grid { x: one, y: one, z: Axis { first: 1.0, pitch: 0.01, count: 41 } };
@@ -30,6 +30,7 @@ use crate::choice::choice;
 use crate::error::{Error, Result};
 use crate::grid::{DepthMap, Grid, Raster, Surface, Volume, no_room_for, pixel_values};
 use crate::progress::{Observer, Silent, stage};
+use crate::with_fields::with_fields;
 use columns::Columns;
 use rayon::prelude::*;
 
@@ -88,6 +89,22 @@ pub struct DepthOptions {
     pub median: usize,
     /// The pixels; `None` for the grid's own columns.
     pub raster: Option<Raster>,
+}
+
+with_fields! {
+    DepthOptions {
+        with_pick(pick: Pick),
+        with_refine(refine: Refine),
+        with_threshold_db(threshold_db: f64),
+        with_returns(returns: usize),
+        with_return_threshold_db(return_threshold_db: f64),
+        with_return_gate_db(return_gate_db: f64),
+        with_return_contrast_db(return_contrast_db: f64),
+        with_separation(separation: f64),
+        with_smoothing(smoothing: [f64; 3]),
+        with_median(median: usize),
+        with_raster(raster: Option<Raster>),
+    }
 }
 
 impl DepthOptions {

@@ -13,12 +13,12 @@
 //! # Example
 //! One reflector, heard by 11 × 11 microphones, comes back where it was, at amplitude 1:
 //! ```
-//! use glam::DVec3;
+//! use holosonar::glam::DVec3;
 //! use holosonar::acquisition::{Instrument, MicArray, SimulateOptions, Sweep, simulate};
 //! use holosonar::grid::{Axis, Grid};
 //! use holosonar::reconstruct::{ReconstructOptions, reconstruct};
 //! use holosonar::reflectors::Reflectors;
-//! use num_complex::Complex32;
+//! use holosonar::num_complex::Complex32;
 //!
 //! let p = DVec3::new(0.03, -0.06, 0.8);
 //! let reflector = Reflectors::new(vec![p], vec![Complex32::ONE])?;
@@ -71,6 +71,7 @@
 //! - Only the command line prints, draws progress or exits.
 //! - Nothing is set for the whole process, but for the limit on vector instructions ([`wave::simd::limit`]), which changes
 //!   no byte of a result.
+//! - Stages run on the threads of rayon's current pool (`ThreadPool::install`), and keep to the memory that their options name.
 //! - Every fast path stands beside a literal one, and a test compares them.
 //! - Same inputs and seed, same bytes, for any number of threads, limit of memory or interruption. Our own loops give the same bytes for any vector
 //!   width too ([`wave::simd::limit`]); matrix products and the C library's sines may round otherwise on another processor, by 2·10⁻⁶ of the
@@ -89,6 +90,7 @@ pub use num_complex;
 
 pub mod error;
 mod choice;
+mod with_fields;
 mod alloc;
 pub mod progress;
 mod blocks;

@@ -5,11 +5,12 @@
 //!
 //! # Example
 //! ```
-//! use holosonar::{checkpoint::Checkpoint, config::RunFile, pipeline, progress::Silent};
+//! use holosonar::config::RunFile;
+//! use holosonar::pipeline::{JobOptions, image_scene};
 //! use std::path::Path;
 //!
 //! let run = RunFile::load(Path::new("scenes/point.toml"), &[])?;
-//! let outcome = pipeline::image_scene(&run, false, &Checkpoint::off(), &Silent)?;
+//! let outcome = image_scene(&run, &JobOptions::default())?;
 //! assert!((outcome.image.volume.peak() - 1.0).abs() < 0.01);
 //! assert!(outcome.depth.accepted() > 0 && outcome.truth.is_none());
 //! # Ok::<(), holosonar::error::Error>(())
@@ -20,6 +21,7 @@ mod echoes;
 mod facts;
 mod forecast;
 mod identity;
+mod job;
 mod limits;
 mod log;
 mod memory;
@@ -30,6 +32,7 @@ mod report;
 pub use design::{Combination, DesignRow, DesignSweep, RunWith, SweptKey, point_spreads, sweep_designs};
 pub(crate) use facts::resolution_of;
 pub use forecast::{CommandMemory, Forecast, forecast_cube, forecast_scene};
+pub use job::JobOptions;
 pub use limits::{Bound, Judgement, Verdict, check_scene, hold};
 pub(crate) use outputs::error_note;
 pub use outputs::{write_cube, write_depth, write_outputs, write_volume};
@@ -45,7 +48,7 @@ use crate::export::volume_npz::read_volume_npz;
 use crate::files::extension;
 use crate::grid::{DepthMap, Grid, Raster, Volume};
 use crate::metrics::{Metrics, Scores, score};
-use crate::plan::{JobArrays, Plan, plan};
+use crate::plan::{JobArrays, Plan, memory_limit, plan};
 use crate::progress::{Observer, stage};
 use crate::reconstruct::{
     ReconstructOptions, Reconstruction, ReconstructionInfo, VolumeSink, reconstruct_into,
@@ -96,18 +99,13 @@ impl Outcome {
 
 /// Scene in, everything out: load, sample, plan, simulate, reconstruct, locate, trace the truth, score.
 ///
-/// `bare` says that the mesh came without a run file and is to be placed before the array.
 /// Finished blocks are stored in the checkpoint, and those of an interrupted run are not computed again;
 /// [`Checkpoint::remove`] deletes them once the files are written.
 ///
 /// # Errors
 /// What the stages refuse; a run file without a scene; no room for the files; another process at the same job.
-pub fn image_scene(
-    run: &RunFile,
-    bare: bool,
-    checkpoint: &Checkpoint,
-    observer: &dyn Observer,
-) -> Result<Outcome> {
+pub fn image_scene(run: &RunFile, job: &JobOptions) -> Result<Outcome> {
+    let JobOptions { bare_mesh: bare, checkpoint, observer } = *job;
     let log = Log::new(observer);
     need_bandwidth("[sweep]", &run.sweep()?)?;
     let budget = MemoryBudget::of(run);
@@ -151,12 +149,8 @@ pub fn image_scene(
 ///
 /// # Errors
 /// What the stages refuse; a run file without a grid; no room for the files; another process at the same job.
-pub fn image_cube(
-    run: &RunFile,
-    mut cube: CubeFile,
-    checkpoint: &Checkpoint,
-    observer: &dyn Observer,
-) -> Result<Outcome> {
+pub fn image_cube(run: &RunFile, mut cube: CubeFile, job: &JobOptions) -> Result<Outcome> {
+    let JobOptions { checkpoint, observer, .. } = *job;
     let log = Log::new(observer);
     let instrument = cube.instrument().clone();
     need_bandwidth("the cube's `frequencies`", &instrument.sweep)?;
@@ -193,12 +187,8 @@ pub fn image_cube(
 ///
 /// # Errors
 /// What the stages refuse; a run file without a scene; no room for the file; another process at the same job.
-pub fn simulate_scene(
-    run: &RunFile,
-    bare: bool,
-    checkpoint: &Checkpoint,
-    observer: &dyn Observer,
-) -> Result<DataCube> {
+pub fn simulate_scene(run: &RunFile, job: &JobOptions) -> Result<DataCube> {
+    let JobOptions { bare_mesh: bare, checkpoint, observer } = *job;
     let echoes = Echoes::of(&MemoryBudget::of(run), bare, false, observer)?;
     echoes.warn(run, observer);
     let bytes = echoes.instrument().cube_bytes();
@@ -219,9 +209,9 @@ pub fn reconstruct_cube(
     run: &RunFile,
     mut cube: CubeFile,
     outputs: &[PathBuf],
-    checkpoint: &Checkpoint,
-    observer: &dyn Observer,
+    job: &JobOptions,
 ) -> Result<Vec<PathBuf>> {
+    let JobOptions { checkpoint, observer, .. } = *job;
     let instrument = cube.instrument().clone();
     let grid = run.voxels(&instrument, None)?;
     let plan = plan(&instrument, &grid);
@@ -249,9 +239,10 @@ pub fn depth_of_volume(
     path: &Path,
     run: &RunFile,
     sweep_known: bool,
-    limit: u64,
-    observer: &dyn Observer,
+    job: &JobOptions,
 ) -> Result<(DepthMap, Value)> {
+    let observer = job.observer;
+    let limit = memory_limit(run.memory).unwrap_or(u64::MAX);
     let (volume, meta) = stage(observer, "reading the volume", 0, || read_volume_npz(path, limit))?;
     let from_run = || run.medium.speed() / (2.0 * (run.sweep.stop - run.sweep.start));
     let resolution = resolution_of(&meta).or_else(|| sweep_known.then(from_run)).ok_or_else(|| {
@@ -270,7 +261,8 @@ pub fn depth_of_volume(
 ///
 /// # Errors
 /// What the stages refuse; a scene of reflectors, which has no surfaces.
-pub fn truth_of_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Result<(Value, DepthMap)> {
+pub fn truth_of_scene(run: &RunFile, job: &JobOptions) -> Result<(Value, DepthMap)> {
+    let JobOptions { bare_mesh: bare, observer, .. } = *job;
     let measurement = Measurement::of(run)?;
     let path = scene_path(run)?;
     if is_csv(path) {

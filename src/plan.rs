@@ -1,13 +1,13 @@
 //! What a job will resolve, alias and need, before anything runs.
 //!
 //! Takes the array, the sweep and the grid; gives resolutions, ambiguity, aliasing verdicts and bytes, all from
-//! closed formulas; [`estimate_job`] adds what it takes of the machine. A broken design rule is a warning,
+//! closed formulas; `estimate_job` adds what it takes of the machine. A broken design rule is a warning,
 //! not an error, because the paper studies aliasing on purpose; only what cannot fit in memory is refused.
 //!
 //! # Example
 //! 64 × 64 microphones 16 mm apart, 10 to 20 kHz, a metre away:
 //! ```
-//! use glam::DVec3;
+//! use holosonar::glam::DVec3;
 //! use holosonar::acquisition::{Instrument, MicArray, Sweep};
 //! use holosonar::grid::{Axis, Grid};
 //! use holosonar::plan::plan;
@@ -32,8 +32,9 @@ mod resolution;
 mod suggest;
 
 pub use design::{Design, design};
-pub use estimate::{JobArrays, JobEstimate, JobStage, MemoryEstimate, MemoryItem, estimate_job};
-pub use memory::memory_limit;
+pub(crate) use estimate::{JobArrays, JobEstimate, estimate_job};
+pub use estimate::{JobStage, MemoryEstimate, MemoryItem};
+pub(crate) use memory::memory_limit;
 pub use resolution::Profile;
 
 use crate::acquisition::{Detection, Instrument};
@@ -211,7 +212,12 @@ fn ambiguity_warning(instrument: &Instrument, shortest: f64, longest: f64) -> Op
 
 /// Warnings about a scene whose size does not go with the sound: the usual sign of a wrong unit, or, where the file is
 /// `in_metres` by its own rules, of a wrong scale.
-pub fn scale_warnings(instrument: &Instrument, low: DVec3, high: DVec3, in_metres: bool) -> Vec<String> {
+pub(crate) fn scale_warnings(
+    instrument: &Instrument,
+    low: DVec3,
+    high: DVec3,
+    in_metres: bool,
+) -> Vec<String> {
     let keys = if in_metres {
         "[scene] scale (the file is glTF, which is in metres: [scene] unit does not apply)"
     } else {
@@ -238,7 +244,7 @@ pub fn scale_warnings(instrument: &Instrument, low: DVec3, high: DVec3, in_metre
 }
 
 /// Warns about a scene that no voxel of the grid can show.
-pub fn outside_warning(grid: &Grid, low: DVec3, high: DVec3) -> Option<String> {
+pub(crate) fn outside_warning(grid: &Grid, low: DVec3, high: DVec3) -> Option<String> {
     let (near, far) = (grid.corners()[0], grid.corners()[7]);
     let apart = low.cmpgt(far).any() || high.cmplt(near).any();
     apart.then(|| {

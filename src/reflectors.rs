@@ -7,8 +7,8 @@
 //! # Example
 //! A plate of 0.1 m² facing the array, sampled every 2 cm; the energy does not depend on the spacing:
 //! ```
-//! use glam::DVec3;
-//! use holosonar::reflectors::{SurfaceOptions, sample_surface, sample_surface_with};
+//! use holosonar::glam::DVec3;
+//! use holosonar::reflectors::{SurfaceOptions, sample_surface};
 //! use holosonar::scene::{Material, Scene, Triangle};
 //!
 //! let corner = |x, y| DVec3::new(x, y, 1.0);
@@ -37,6 +37,7 @@ use crate::choice::choice;
 use crate::error::{Error, Result};
 use crate::progress::{Observer, Silent, advance, stage};
 use crate::scene::Scene;
+use crate::with_fields::with_fields;
 use glam::DVec3;
 use num_complex::Complex32;
 use rand_chacha::ChaCha8Rng;
@@ -153,6 +154,16 @@ pub struct SurfaceOptions {
     pub speaker: DVec3,
     /// Seed of positions, phases and roughness.
     pub seed: u64,
+}
+
+with_fields! {
+    SurfaceOptions {
+        with_surface(surface: SurfaceModel),
+        with_lambert(lambert: bool),
+        with_occlusion(occlusion: Occlusion),
+        with_speaker(speaker: DVec3),
+        with_seed(seed: u64),
+    }
 }
 
 impl SurfaceOptions {

@@ -7,7 +7,7 @@
 //! # Example
 //! An angle bracket in millimetres with z up, placed 0.9 m in front of the array; its rib hides what is behind it:
 //! ```
-//! use glam::DVec3;
+//! use holosonar::glam::DVec3;
 //! use holosonar::scene::{LoadOptions, Scene, Unit, Up};
 //! use std::path::Path;
 //!

@@ -3,10 +3,10 @@
 //! # Example
 //! The true depth map of a plate 1 m away; the column next to the plate is empty:
 //! ```
-//! use glam::DVec3;
+//! use holosonar::glam::DVec3;
 //! use holosonar::grid::{Axis, Grid};
 //! use holosonar::scene::{Material, Scene, Triangle};
-//! use holosonar::truth::{TruthOptions, trace_depth, trace_depth_with};
+//! use holosonar::truth::{TruthOptions, trace_depth};
 //!
 //! let vertices = [[-1.0, -1.0, 1.0], [1.0, -1.0, 1.0], [0.0, 1.0, 1.0]].map(DVec3::from);
 //! let wall = Material { name: "wall".into(), reflectance: 1.0, transmittance: 0.0, source: "here".into() };
@@ -26,6 +26,7 @@ use crate::error::Result;
 use crate::grid::{DepthMap, Grid, Raster, Surface, pixel_values};
 use crate::progress::{Observer, Silent, advance, stage};
 use crate::scene::Scene;
+use crate::with_fields::with_fields;
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -39,6 +40,14 @@ pub struct TruthOptions {
     pub lambert: bool,
     /// The pixels; `None` for the grid's own columns.
     pub raster: Option<Raster>,
+}
+
+with_fields! {
+    TruthOptions {
+        with_speaker(speaker: Option<DVec3>),
+        with_lambert(lambert: bool),
+        with_raster(raster: Option<Raster>),
+    }
 }
 
 impl TruthOptions {

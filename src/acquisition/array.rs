@@ -53,7 +53,7 @@ impl MicArray {
     /// beyond [`FARTHEST`]. The error's place is "array"; [`Error::at`] puts a file or key there.
     ///
     /// ```
-    /// use glam::DVec3;
+    /// use holosonar::glam::DVec3;
     /// use holosonar::acquisition::MicArray;
     ///
     /// let array = MicArray::rectangular([31, 21], [0.03, 0.05], DVec3::ZERO)?;
@@ -102,7 +102,7 @@ impl MicArray {
     /// No positions or over 2²⁴, positions that are not finite or beyond [`FARTHEST`]; the error's place is "array".
     ///
     /// ```
-    /// use glam::DVec3;
+    /// use holosonar::glam::DVec3;
     /// use holosonar::acquisition::MicArray;
     ///
     /// let ring = |i: u32| DVec3::from((glam::DVec2::from_angle(f64::from(i) * 0.1) * 0.5, 0.0));

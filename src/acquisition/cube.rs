@@ -32,9 +32,9 @@ impl DataCube {
     /// As many samples as frequencies × microphones were expected, all finite.
     ///
     /// ```
-    /// use glam::DVec3;
+    /// use holosonar::glam::DVec3;
     /// use holosonar::acquisition::{DataCube, Instrument, MicArray, Sweep};
-    /// use num_complex::Complex32;
+    /// use holosonar::num_complex::Complex32;
     ///
     /// let sweep = Sweep::stepped(10e3, 12e3, 500.0)?;
     /// let array = MicArray::rectangular([4, 3], [0.05, 0.05], DVec3::ZERO)?;

@@ -14,7 +14,7 @@ use std::ops::Range;
 /// # Example
 /// A band of 10 kHz tells ranges 17 mm apart:
 /// ```
-/// use glam::DVec3;
+/// use holosonar::glam::DVec3;
 /// use holosonar::acquisition::{Detection, Instrument, MicArray, Sweep};
 /// use holosonar::wave::Geometry;
 ///

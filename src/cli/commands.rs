@@ -2,7 +2,7 @@
 
 use super::inputs::{check_kind, config_of, has_extension, reading_limit, scene_of};
 use super::outputs::{check_extension, make_folder, pretty, wrote};
-use super::terminal::{Terminal, print};
+use super::terminal::{Terminal, observed, print};
 use super::verdicts::{check, compare};
 use super::{Cli, Command, Overrides, design, guide, info, manual, reproduce, summary};
 use crate::acquisition::CubeFile;
@@ -41,7 +41,8 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
             check_extension(output, &["npz"])?;
             check_writable(output)?;
             let checkpoint = Checkpoint::beside(output, keeping.every()?);
-            let result = pipeline::simulate_scene(&run, bare, &checkpoint, terminal)
+            let job = observed(terminal).with_bare_mesh(bare).with_checkpoint(&checkpoint);
+            let result = pipeline::simulate_scene(&run, &job)
                 .and_then(|cube| stage(terminal, "writing", 0, || pipeline::write_cube(output, &cube)));
             ended(checkpoint, result, terminal)?;
             wrote(std::slice::from_ref(output), json, terminal)
@@ -56,7 +57,8 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
             check_kind(cube, "a data cube", "simulate")?;
             let run = config_of(config.as_deref(), &settings.set)?;
             let cube = CubeFile::open(cube, reading_limit())?;
-            let result = pipeline::reconstruct_cube(&run, cube, output, &checkpoint, terminal);
+            let job = observed(terminal).with_checkpoint(&checkpoint);
+            let result = pipeline::reconstruct_cube(&run, cube, output, &job);
             let files = ended(checkpoint, result, terminal)?;
             wrote(&files, json, terminal)
         }
@@ -65,15 +67,14 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
             check_kind(volume, "a volume", "reconstruct")?;
             let run = config_of(config.as_deref(), &settings.set)?;
             let known = config.is_some().then_some(&run);
-            let (map, facts) =
-                pipeline::depth_of_volume(volume, &run, known.is_some(), reading_limit(), terminal)?;
+            let (map, facts) = pipeline::depth_of_volume(volume, &run, known.is_some(), &observed(terminal))?;
             pipeline::write_depth(output, &map, &run, &facts)?;
             wrote(std::slice::from_ref(output), json, terminal)
         }
         Command::Truth { input, output, overrides } => {
             check_extension(output, &["exr", "ply"])?;
             let (run, bare) = scene_of(input, overrides)?;
-            let (facts, map) = pipeline::truth_of_scene(&run, bare, terminal)?;
+            let (facts, map) = pipeline::truth_of_scene(&run, &observed(terminal).with_bare_mesh(bare))?;
             pipeline::write_depth(output, &map, &run, &facts)?;
             wrote(std::slice::from_ref(output), json, terminal)
         }
@@ -128,7 +129,7 @@ fn plan(
     } else {
         no_config(config)?;
         let (run, bare) = scene_of(input, overrides)?;
-        pipeline::forecast_scene(&run, bare, terminal)?
+        pipeline::forecast_scene(&run, &observed(terminal).with_bare_mesh(bare))?
     };
     for warning in &forecast.warnings {
         terminal.warn(warning);
@@ -182,18 +183,19 @@ fn image(
     json: bool,
     terminal: &Terminal,
 ) -> Result<()> {
+    let job = observed(terminal).with_checkpoint(checkpoint);
     let (run, outcome) = if has_extension(input, &["npz"]) {
         let run = config_of(config, &overrides.keys())?;
         let cube = CubeFile::open(input, reading_limit())?;
-        let outcome = pipeline::image_cube(&run, cube, checkpoint, terminal)?;
+        let outcome = pipeline::image_cube(&run, cube, &job)?;
         (run, outcome)
     } else {
         no_config(config)?;
         let (run, bare) = scene_of(input, overrides)?;
-        let outcome = pipeline::image_scene(&run, bare, checkpoint, terminal)?;
+        let outcome = pipeline::image_scene(&run, &job.with_bare_mesh(bare))?;
         (run, outcome)
     };
-    let report = pipeline::write_outputs(&run, &outcome, folder, terminal)?;
+    let report = pipeline::write_outputs(&run, &outcome, folder, &job)?;
     if json {
         // Not by way of a `Value`, which would write an f32 with the digits of an f64.
         let text = serde_json::to_string_pretty(&report)

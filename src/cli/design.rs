@@ -2,7 +2,7 @@
 
 use super::inputs::run_of;
 use super::outputs::{make_folder, pretty};
-use super::terminal::{Terminal, print};
+use super::terminal::{Terminal, observed, print};
 use super::{Overrides, summary};
 use crate::error::gib;
 use crate::error::{Error, Result};
@@ -125,7 +125,7 @@ pub(super) fn sweep(
         with.settings.set.extend(set.iter().cloned());
         run_of(input, &with)
     };
-    let sweep = pipeline::sweep_designs(&keys, &run_with, terminal)?;
+    let sweep = pipeline::sweep_designs(&keys, &run_with, &observed(terminal))?;
     for combination in &sweep.combinations {
         if let Some(refused) = &combination.refused {
             terminal.warn(&format!("{}: {refused}", combination.values.join(" ")));
@@ -257,7 +257,7 @@ pub(super) fn psf(
 ) -> Result<()> {
     let points = at.iter().map(|typed| point(typed)).collect::<Result<Vec<_>>>()?;
     let (run, bare) = run_of(input, overrides)?;
-    let (grid, spreads) = pipeline::point_spreads(&run, bare, &points, terminal)?;
+    let (grid, spreads) = pipeline::point_spreads(&run, &points, &observed(terminal).with_bare_mesh(bare))?;
     let window = run.reconstruct.window;
     let value = json!({ "window": window, "grid": grid, "points": spreads });
     let mut files: Vec<PathBuf> = Vec::new();

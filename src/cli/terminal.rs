@@ -2,6 +2,7 @@
 
 use super::signals;
 use crate::error::Error;
+use crate::pipeline::JobOptions;
 use crate::progress::{Event, Observer};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::{self, IsTerminal, Write};
@@ -82,6 +83,11 @@ impl Terminal {
             None => write(),
         }
     }
+}
+
+/// A job that is observed on the terminal.
+pub(super) fn observed(terminal: &Terminal) -> JobOptions<'_> {
+    JobOptions::default().with_observer(terminal)
 }
 
 /// Prints a result; a closed pipe is the reader's right and ends quietly.

@@ -2,7 +2,7 @@
 
 use super::inputs::{config_of, reading_limit};
 use super::outputs::{check_extension, pretty};
-use super::terminal::{Terminal, print};
+use super::terminal::{Terminal, observed, print};
 use super::{Overrides, summary};
 use crate::error::{Error, Result};
 use crate::export::depth_exr::{DepthFile, read_depth_map};
@@ -97,7 +97,7 @@ pub(super) fn check(
     for path in runs {
         let name = path.display().to_string();
         let outcome = config_of(Some(path), &overrides.keys())
-            .and_then(|run| pipeline::check_scene(path, &run, seeds, terminal));
+            .and_then(|run| pipeline::check_scene(path, &run, seeds, &observed(terminal)));
         match outcome {
             Ok(judgement) => {
                 if json {

@@ -2,6 +2,7 @@
 
 use super::echoes::Measurement;
 use super::forecast::forecast;
+use super::job::JobOptions;
 use super::memory::{MemoryBudget, SceneSize};
 use crate::config::{self, RunFile};
 use crate::error::{Error, Result};
@@ -131,7 +132,8 @@ pub type RunWith<'a> = dyn Fn(&[String]) -> Result<(RunFile, bool)> + 'a;
 ///
 /// # Errors
 /// More than 2000 combinations; a scene that cannot be read; no combination that makes a job.
-pub fn sweep_designs(keys: &[SweptKey], run_with: &RunWith, observer: &dyn Observer) -> Result<DesignSweep> {
+pub fn sweep_designs(keys: &[SweptKey], run_with: &RunWith, job: &JobOptions) -> Result<DesignSweep> {
+    let observer = job.observer;
     let total = keys.iter().fold(1_usize, |total, key| total.saturating_mul(key.values.len()));
     if total > MOST_COMBINATIONS {
         return Err(Error::input(
@@ -228,12 +230,8 @@ fn row(run: &RunFile, bare: bool, scenes: &mut LastScene, observer: &dyn Observe
 ///
 /// # Errors
 /// What the run file, the simulation of one reflector and its reconstruction come to.
-pub fn point_spreads(
-    run: &RunFile,
-    bare: bool,
-    points: &[DVec3],
-    observer: &dyn Observer,
-) -> Result<(Grid, Vec<PointSpread>)> {
+pub fn point_spreads(run: &RunFile, points: &[DVec3], job: &JobOptions) -> Result<(Grid, Vec<PointSpread>)> {
+    let JobOptions { bare_mesh: bare, observer, .. } = *job;
     let measurement = Measurement::of(run)?;
     let instrument = &measurement.instrument;
     let bounds = LastScene::default().of(run, bare, observer)?.bounds;

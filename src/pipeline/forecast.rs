@@ -2,6 +2,7 @@
 
 use super::echoes::{Measurement, placement_warnings};
 use super::facts::compensation;
+use super::job::JobOptions;
 use super::memory::{MemoryBudget, SceneSize};
 use super::{is_csv, is_in_metres, outputs, scene_path};
 use crate::acquisition::{CubeFile, CubeSource, Instrument};
@@ -9,7 +10,6 @@ use crate::config::RunFile;
 use crate::error::Result;
 use crate::grid::Grid;
 use crate::plan::{Design, JobArrays, MemoryEstimate, Plan, design, plan};
-use crate::progress::Observer;
 use crate::reconstruct::Estimate;
 use glam::DVec3;
 use serde::Serialize;
@@ -65,7 +65,8 @@ impl CommandMemory {
 ///
 /// # Errors
 /// A run file without a scene, or one that is refused; a grid that is missing and cannot be chosen.
-pub fn forecast_scene(run: &RunFile, bare: bool, observer: &dyn Observer) -> Result<Forecast> {
+pub fn forecast_scene(run: &RunFile, job: &JobOptions) -> Result<Forecast> {
+    let JobOptions { bare_mesh: bare, observer, .. } = *job;
     let measurement = Measurement::of(run)?;
     let instrument = &measurement.instrument;
     let path = scene_path(run)?;

@@ -1,10 +1,9 @@
 //! Metrics held to limits: what `check`, `compare --min/--max` and our own regression tests share.
 
-use crate::checkpoint::Checkpoint;
+use super::job::JobOptions;
 use crate::config::{Limit, RunFile};
 use crate::error::{Error, Result};
 use crate::metrics::{METRIC_NAMES, Measure, Scores};
-use crate::progress::Observer;
 use serde::Serialize;
 use std::path::Path;
 
@@ -94,7 +93,7 @@ pub struct Judgement {
 ///
 /// # Errors
 /// What the stages refuse; a run file without `[expect]`, or a scene without a truth.
-pub fn check_scene(path: &Path, run: &RunFile, seeds: &[u32], observer: &dyn Observer) -> Result<Judgement> {
+pub fn check_scene(path: &Path, run: &RunFile, seeds: &[u32], job: &JobOptions) -> Result<Judgement> {
     let mut run = run.clone();
     if run.expect.limits.is_empty() {
         return Err(Error::input(
@@ -109,9 +108,9 @@ pub fn check_scene(path: &Path, run: &RunFile, seeds: &[u32], observer: &dyn Obs
     let mut scores = Vec::new();
     for &seed in &seeds {
         run.reflectors.seed = seed;
-        scores.push(super::image_scene(&run, false, &Checkpoint::off(), observer)?.scores.ok_or_else(
-            || Error::input(path.display(), "has no mesh and so no truth to be held to; [expect] needs one"),
-        )?);
+        scores.push(super::image_scene(&run, job)?.scores.ok_or_else(|| {
+            Error::input(path.display(), "has no mesh and so no truth to be held to; [expect] needs one")
+        })?);
     }
     let bounds = run
         .expect

@@ -1,6 +1,7 @@
 //! Every file of a run, under its contracted name.
 
 use super::facts::{attributes, image_facts};
+use super::job::JobOptions;
 use super::page::{PAGE, page_of, title};
 use super::{Outcome, Report};
 use crate::acquisition::{DataCube, Instrument};
@@ -33,12 +34,8 @@ use std::time::Instant;
 ///
 /// # Errors
 /// [`Error::Io`] when a file cannot be written; no file is ever left half-written.
-pub fn write_outputs(
-    run: &RunFile,
-    outcome: &Outcome,
-    folder: &Path,
-    observer: &dyn Observer,
-) -> Result<Report> {
+pub fn write_outputs(run: &RunFile, outcome: &Outcome, folder: &Path, job: &JobOptions) -> Result<Report> {
+    let observer = job.observer;
     let begun = Instant::now();
     warn_of_float16(&run.output, outcome.image.volume.peak(), observer);
     let facts = image_facts(&outcome.instrument, run, &outcome.image.info());

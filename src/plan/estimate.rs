@@ -1,6 +1,6 @@
 //! What a job takes of the machine: operations and seconds by method, and bytes by array.
 //!
-//! Takes the sizes of a job's arrays and of its method's; gives a [`JobEstimate`], whose memory is the stage with the greatest
+//! Takes the sizes of a job's arrays and of its method's; gives a `JobEstimate`, whose memory is the stage with the greatest
 //! sum of arrays. Unlike the rest of a plan this depends on the machine and the number of threads, so it is shown and
 //! enforced but never part of a result.
 
@@ -84,7 +84,7 @@ impl MemoryEstimate {
     ///
     /// # Errors
     /// [`Error::InvalidInput`] with the stage, its arrays and what would make it fit.
-    pub fn check(
+    pub(crate) fn check(
         &self,
         instrument: &Instrument,
         limit: Option<u64>,
@@ -125,25 +125,25 @@ impl fmt::Display for MemoryEstimate {
 /// Bytes of the arrays of a job beside those of its method; 0 where there is none.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[non_exhaustive]
-pub struct JobArrays {
+pub(crate) struct JobArrays {
     /// A scene: its triangles and the tree over them, or its list of reflectors.
-    pub scene: u64,
+    pub(crate) scene: u64,
     /// The same while the tree is built.
-    pub loading: u64,
+    pub(crate) loading: u64,
     /// Candidates and reflectors while its surfaces are sampled.
-    pub sampling: u64,
+    pub(crate) sampling: u64,
     /// Samples: a simulated cube, or a file that cannot be read in order.
-    pub samples: u64,
+    pub(crate) samples: u64,
     /// Sums and weights while samples are simulated.
-    pub simulation: u64,
+    pub(crate) simulation: u64,
     /// The volume, unless it is written depth by depth.
-    pub volume: u64,
+    pub(crate) volume: u64,
     /// Finished depths that wait to be written to the checkpoint.
-    pub checkpoint: u64,
+    pub(crate) checkpoint: u64,
     /// Passes over the volume in which depths are found.
-    pub depth: u64,
+    pub(crate) depth: u64,
     /// Planes of the files that are written from the volume.
-    pub output: u64,
+    pub(crate) output: u64,
 }
 
 impl JobArrays {
@@ -160,7 +160,7 @@ impl JobArrays {
     }
 
     /// The memory of the stage that takes most, of a job whose method takes `method` bytes.
-    pub fn peak(&self, method: u64) -> MemoryEstimate {
+    pub(crate) fn peak(&self, method: u64) -> MemoryEstimate {
         let (scene, samples, volume) =
             (("scene", self.scene), ("samples", self.samples), ("volume", self.volume));
         let mut peak = self.reconstruction(method);
@@ -179,7 +179,7 @@ impl JobArrays {
     }
 
     /// The bytes that `limit` leaves to the method: [`ReconstructOptions::memory`].
-    pub fn left_for_method(&self, limit: Option<u64>) -> Option<u64> {
+    pub(crate) fn left_for_method(&self, limit: Option<u64>) -> Option<u64> {
         limit.map(|limit| limit.saturating_sub(self.reconstruction(0).total()))
     }
 }
@@ -187,22 +187,22 @@ impl JobArrays {
 /// What a job takes of this machine.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
-pub struct JobEstimate {
+pub(crate) struct JobEstimate {
     /// Every method, possible here or not.
-    pub methods: Vec<Estimate>,
+    pub(crate) methods: Vec<Estimate>,
     /// Which of them the job takes, as an index.
-    pub chosen: usize,
+    pub(crate) chosen: usize,
     /// Worker threads.
-    pub threads: usize,
+    pub(crate) threads: usize,
     /// The memory at the peak.
-    pub memory: MemoryEstimate,
+    pub(crate) memory: MemoryEstimate,
 }
 
 /// Works out what a job takes. Costs milliseconds.
 ///
 /// # Errors
 /// Those of [`estimate`].
-pub fn estimate_job(
+pub(crate) fn estimate_job(
     instrument: &Instrument,
     grid: &Grid,
     options: &ReconstructOptions,
@@ -216,7 +216,7 @@ pub fn estimate_job(
 
 impl JobEstimate {
     /// Seconds of each method on this machine, by a measurement of a few milliseconds.
-    pub fn seconds(&self) -> Vec<f64> {
+    pub(crate) fn seconds(&self) -> Vec<f64> {
         let rate = operations_per_second() * self.threads.max(1) as f64;
         self.methods.iter().map(|method| method.operations / rate).collect()
     }
@@ -225,7 +225,7 @@ impl JobEstimate {
     ///
     /// # Errors
     /// As [`MemoryEstimate::check`], with what else would make it fit.
-    pub fn check_memory(
+    pub(crate) fn check_memory(
         &self,
         instrument: &Instrument,
         grid: &Grid,

@@ -4,7 +4,7 @@ use std::path::Path;
 
 /// The most bytes that a job may use: those that were asked for, else 80 % of what is free, where the system says so; but
 /// no more than this process may have of addresses (`ulimit -v`).
-pub fn memory_limit(asked: Option<u64>) -> Option<u64> {
+pub(crate) fn memory_limit(asked: Option<u64>) -> Option<u64> {
     let most = asked.or_else(|| available_memory().map(|free| free / 10 * 8));
     [most, address_space()].into_iter().flatten().min()
 }

@@ -2,6 +2,7 @@
 
 use super::Window;
 use crate::choice::choice;
+use crate::with_fields::with_fields;
 
 choice! {
     /// How the sums of Eq. 13 are carried out.
@@ -22,6 +23,13 @@ choice! {
 }
 
 /// Parameters of [`reconstruct`](super::reconstruct()).
+///
+/// ```
+/// use holosonar::reconstruct::{Method, ReconstructOptions, Window};
+///
+/// let options = ReconstructOptions::default().with_window(Window::Hann).with_tolerance(1e-5).with_memory(1 << 30);
+/// assert_eq!((options.method, options.memory), (Method::Auto, Some(1 << 30)));
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub struct ReconstructOptions {
@@ -43,6 +51,16 @@ pub struct ReconstructOptions {
 impl Default for ReconstructOptions {
     fn default() -> Self {
         Self::new(Method::Auto, Window::Taylor)
+    }
+}
+
+with_fields! {
+    ReconstructOptions {
+        with_method(method: Method),
+        with_window(window: Window),
+        with_tolerance(tolerance: f64),
+        with_compensate(compensate: bool),
+        with_memory(memory: Option<u64>),
     }
 }
 

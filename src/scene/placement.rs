@@ -9,6 +9,7 @@ use super::material::MaterialRule;
 use super::triangle::{self, Triangle};
 use crate::choice::choice;
 use crate::error::{Error, Result};
+use crate::with_fields::with_fields;
 
 choice! {
     /// Unit of length of a mesh file.
@@ -129,6 +130,21 @@ impl Default for LoadOptions {
             materials: Vec::new(),
             memory: None,
         }
+    }
+}
+
+with_fields! {
+    LoadOptions {
+        with_unit(unit: Option<Unit>),
+        with_up(up: Option<Up>),
+        with_scale(scale: f64),
+        with_rotate(rotate: DVec3),
+        with_translate(translate: DVec3),
+        with_fit(fit: Option<DVec3>),
+        with_fit_by_diagonal(fit_by_diagonal: Option<f64>),
+        with_sensor(sensor: Option<Sensor>),
+        with_materials(materials: Vec<MaterialRule>),
+        with_memory(memory: Option<u64>),
     }
 }
 

@@ -5,11 +5,9 @@ use crate::named::assert_names;
 use crate::support::{brightest, off_lattice, relative_difference};
 use glam::DVec3;
 use holosonar::acquisition::{DataCube, Instrument, MicArray, SimulateOptions, Sweep, simulate};
-use holosonar::checkpoint::Checkpoint;
 use holosonar::config::RunFile;
 use holosonar::grid::{Axis, Grid};
-use holosonar::pipeline;
-use holosonar::progress::Silent;
+use holosonar::pipeline::{self, JobOptions};
 use holosonar::psf::{PointSpread, point_spread};
 use holosonar::reconstruct::{Method, ReconstructOptions, Window, reconstruct};
 use holosonar::reflectors::Reflectors;
@@ -62,7 +60,7 @@ fn scattered_arrays_image_the_corner_as_the_direct_sum_does() {
         let overrides =
             [format!("array.layout={layout}"), "array.elements=256".to_owned(), "sweep.step=100".to_owned()];
         let run = RunFile::load(&shipped("corner.toml"), &overrides).unwrap();
-        let cube = pipeline::simulate_scene(&run, false, &Checkpoint::off(), &Silent).unwrap();
+        let cube = pipeline::simulate_scene(&run, &JobOptions::default()).unwrap();
         // Voxels of the scene's own pitch around the vertex and along a wall.
         let some = grid(0.2, 13, [1.9, 2.25], 20);
         let of = |method, tolerance| {
@@ -86,7 +84,7 @@ fn scattered_arrays_image_the_corner_as_the_direct_sum_does() {
 fn scattered_arrays_find_the_corner() {
     for layout in ["spiral", "random"] {
         let run = RunFile::load(&shipped("corner.toml"), &[format!("array.layout={layout}")]).unwrap();
-        let outcome = pipeline::image_scene(&run, false, &Checkpoint::off(), &Silent).unwrap();
+        let outcome = pipeline::image_scene(&run, &JobOptions::default()).unwrap();
         let metrics = outcome.metrics().unwrap();
         assert!(metrics.completeness.unwrap() > 0.55, "{layout}: {metrics:?}");
         assert!(metrics.false_returns.unwrap() < 0.25, "{layout}: {metrics:?}");
@@ -177,7 +175,8 @@ fn every_suggestion_mends_what_it_says() {
         let all = [&["detection.kind=in-phase".to_owned(), "sweep.step=100".to_owned()], more].concat();
         RunFile::load(&shipped("corner.toml"), &all).unwrap()
     };
-    let forecast = |more: &[String]| pipeline::forecast_scene(&overrides(more), false, &Silent).unwrap();
+    let forecast =
+        |more: &[String]| pipeline::forecast_scene(&overrides(more), &JobOptions::default()).unwrap();
     let first = forecast(&[]);
     let sign = |mends: &str| if mends == "aliasing" { "alias" } else { "unambiguous" };
     let mut seen = Vec::new();

@@ -7,7 +7,7 @@ use holosonar::config::{ANNOTATED, RunFile};
 use holosonar::error::{Error, Result};
 use holosonar::export::depth_exr::read_depth_map;
 use holosonar::export::volume_npz::read_volume_npz;
-use holosonar::progress::Silent;
+use holosonar::pipeline::{JobOptions, truth_of_scene, write_depth};
 use holosonar::reflectors::Reflectors;
 use holosonar::scene::{LoadOptions, Scene, Unit};
 use std::path::Path;
@@ -170,9 +170,9 @@ fn cubes_and_volumes() {
 fn pictures() {
     let folder = tempfile::tempdir().unwrap();
     let run = RunFile::load(&shipped("corner.toml"), &["grid.z=[1.9,2.3]".to_owned()]).unwrap();
-    let (facts, map) = holosonar::pipeline::truth_of_scene(&run, false, &Silent).unwrap();
+    let (facts, map) = truth_of_scene(&run, &JobOptions::default()).unwrap();
     let path = folder.path().join("truth.exr");
-    holosonar::pipeline::write_depth(&path, &map, &run, &facts).unwrap();
+    write_depth(&path, &map, &run, &facts).unwrap();
     // Most of the file is compressed pixels, in which damage is seldom noticed: damage the headers alone too.
     survives_exr(&path, 200);
 }

@@ -4,12 +4,10 @@
 
 use crate::support::data;
 use glam::DVec3;
-use holosonar::checkpoint::Checkpoint;
 use holosonar::config::RunFile;
 use holosonar::export::depth_exr::read_depth_map;
 use holosonar::grid::DepthMap;
-use holosonar::pipeline::{image_scene, truth_of_scene, write_depth};
-use holosonar::progress::Silent;
+use holosonar::pipeline::{JobOptions, image_scene, truth_of_scene, write_depth};
 use std::fmt::Write;
 use std::path::Path;
 
@@ -58,7 +56,7 @@ fn reads_as_f(map: &DepthMap, side: f64, depth: f32, tolerance: f32, what: &str)
 
 /// The truth, through its file.
 fn truth(run: &RunFile) -> DepthMap {
-    let (facts, map) = truth_of_scene(run, false, &Silent).unwrap();
+    let (facts, map) = truth_of_scene(run, &JobOptions::default()).unwrap();
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("truth.exr");
     write_depth(&path, &map, run, &facts).unwrap();
@@ -121,9 +119,9 @@ fn a_camera_behind_the_letter_sees_it_mirrored_as_if_placed_by_hand() {
 #[test]
 fn the_image_reads_as_the_truth_does() {
     let run = run_file(&data("scenes"), "mesh = \"f.gltf\"", [1.85, 2.15]);
-    let outcome = image_scene(&run, false, &Checkpoint::off(), &Silent).unwrap();
+    let outcome = image_scene(&run, &JobOptions::default()).unwrap();
     let folder = tempfile::tempdir().unwrap();
-    holosonar::pipeline::write_outputs(&run, &outcome, folder.path(), &Silent).unwrap();
+    holosonar::pipeline::write_outputs(&run, &outcome, folder.path(), &JobOptions::default()).unwrap();
     let read = |name: &str| read_depth_map(&folder.path().join(name), 1 << 30).unwrap().map;
     reads_as_f(&read("truth.exr"), 1.0, 2.0, 1e-6, "truth");
     reads_as_f(&read("depth.exr"), 1.0, 2.0, 0.02, "image");

@@ -15,8 +15,7 @@ use holosonar::export::depth_exr::read_depth_map;
 use holosonar::export::points_ply::ScenePoints;
 use holosonar::export::volume_npz::read_volume_npz;
 use holosonar::grid::{Axis, Grid, Volume};
-use holosonar::pipeline::{truth_of_scene, write_depth, write_volume};
-use holosonar::progress::Silent;
+use holosonar::pipeline::{JobOptions, truth_of_scene, write_depth, write_volume};
 use holosonar::reflectors::Reflectors;
 use holosonar::scene::{LoadOptions, Scene, Unit};
 use holosonar::wave::Geometry;
@@ -100,7 +99,7 @@ fn written(folder: &Path) {
     for name in ["volume.npz", "volume.exr", "volume.vti", "volume.nrrd"] {
         write_volume(&folder.join(name), &volume, &run.output, &facts).unwrap();
     }
-    let (facts, map) = truth_of_scene(&run, false, &Silent).unwrap();
+    let (facts, map) = truth_of_scene(&run, &JobOptions::default()).unwrap();
     write_depth(&folder.join("depth.exr"), &map, &run, &facts).unwrap();
 }
 

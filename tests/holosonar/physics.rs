@@ -5,11 +5,9 @@ use glam::DVec3;
 use holosonar::acquisition::{
     ArrayErrors, DataCube, Instrument, Losses, MicArray, SimulateOptions, Sweep, simulate,
 };
-use holosonar::checkpoint::Checkpoint;
 use holosonar::config::RunFile;
 use holosonar::grid::{Axis, Grid};
-use holosonar::pipeline::{forecast_scene, image_scene};
-use holosonar::progress::Silent;
+use holosonar::pipeline::{JobOptions, forecast_scene, image_scene};
 use holosonar::reconstruct::{Method, ReconstructOptions, Window, reconstruct};
 use holosonar::reflectors::Reflectors;
 use holosonar::wave::Geometry;
@@ -76,11 +74,11 @@ fn point(overrides: &[&str]) -> RunFile {
 
 #[test]
 fn a_run_file_turns_it_on_and_the_report_says_so() {
-    let plain = image_scene(&point(&[]), false, &Checkpoint::off(), &Silent).unwrap();
+    let plain = image_scene(&point(&[]), &JobOptions::default()).unwrap();
     assert!(plain.physics.is_empty());
-    let spread = image_scene(&point(&["medium.spreading=true"]), false, &Checkpoint::off(), &Silent).unwrap();
+    let spread = image_scene(&point(&["medium.spreading=true"]), &JobOptions::default()).unwrap();
     let undone = ["medium.spreading=true", "reconstruct.compensate=true"];
-    let undone = image_scene(&point(&undone), false, &Checkpoint::off(), &Silent).unwrap();
+    let undone = image_scene(&point(&undone), &JobOptions::default()).unwrap();
     let peaks = [plain, spread, undone].map(|outcome| outcome.image.volume.peak());
     // Nearer than 1 m spreading is a gain.
     let gain = 1.0 / DVec3::new(0.09, -0.06, 0.8).length_squared() as f32;
@@ -96,13 +94,13 @@ fn a_run_file_turns_it_on_and_the_report_says_so() {
         "array.gain_error_db=0.5",
         "reconstruct.compensate=true",
     ]);
-    let lines = forecast_scene(&all, false, &Silent).unwrap().physics;
+    let lines = forecast_scene(&all, &JobOptions::default()).unwrap().physics;
     for words in
         ["343.87 m/s", "spherical spreading", "ISO 9613-1", "12.0 mm", "3.0 mm", "0.5 dB", "spreading undone"]
     {
         assert!(lines.iter().any(|line| line.contains(words)), "{words}: {lines:?}");
     }
-    let outcome = image_scene(&all, false, &Checkpoint::off(), &Silent).unwrap();
+    let outcome = image_scene(&all, &JobOptions::default()).unwrap();
     assert_eq!(outcome.physics, lines);
     assert!((outcome.instrument.sound_speed - 343.87).abs() < 0.01);
 }

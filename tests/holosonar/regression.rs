@@ -3,12 +3,10 @@
 
 use crate::binary::shipped;
 use glam::{DMat3, DVec3};
-use holosonar::checkpoint::Checkpoint;
 use holosonar::config::RunFile;
 use holosonar::grid::Volume;
 use holosonar::metrics::Metrics;
-use holosonar::pipeline::{check_scene, image_scene};
-use holosonar::progress::Silent;
+use holosonar::pipeline::{JobOptions, check_scene, image_scene};
 use std::fmt::Write;
 use std::path::Path;
 
@@ -20,7 +18,7 @@ fn overrides(typed: &[&str]) -> Vec<String> {
 fn keeps_its_limits(scene: &str, seeds: &[u32]) {
     let path = shipped(scene);
     let run = RunFile::load(&path, &[]).unwrap();
-    let judgement = check_scene(&path, &run, seeds, &Silent).unwrap();
+    let judgement = check_scene(&path, &run, seeds, &JobOptions::default()).unwrap();
     println!("{scene} {:?}", judgement.seeds);
     assert!(!judgement.verdicts.is_empty());
     for verdict in judgement.verdicts {
@@ -31,7 +29,7 @@ fn keeps_its_limits(scene: &str, seeds: &[u32]) {
 
 fn metrics(path: &Path, typed: &[&str]) -> Metrics {
     let run = RunFile::load(path, &overrides(typed)).unwrap();
-    let metrics = image_scene(&run, false, &Checkpoint::off(), &Silent).unwrap().metrics().unwrap();
+    let metrics = image_scene(&run, &JobOptions::default()).unwrap().metrics().unwrap();
     println!("{} {typed:?}: {metrics:?}", path.display());
     metrics
 }
@@ -161,7 +159,7 @@ fn without_occlusion_the_backs_of_closed_bodies_drown_their_fronts() {
     // The truth must be the visible surfaces either way, so the second run is scored against the first's truth.
     let image = |occlusion: &str| {
         let run = RunFile::load(&path, &overrides(&[z, &format!("scene.occlusion={occlusion}")])).unwrap();
-        image_scene(&run, false, &Checkpoint::off(), &Silent).unwrap()
+        image_scene(&run, &JobOptions::default()).unwrap()
     };
     let (seen, all) = (image("speaker"), image("none"));
     let truth = seen.truth.as_ref().unwrap();
@@ -186,7 +184,7 @@ fn in_phase_data_folds_back_when_the_step_is_too_coarse() {
     let volume = |kind: &str, step: &str| {
         let typed = [format!("detection.kind={kind}"), format!("sweep.step={step}")];
         let run = RunFile::load(&shipped("corner.toml"), &typed).unwrap();
-        image_scene(&run, false, &Checkpoint::off(), &Silent).unwrap().image.volume
+        image_scene(&run, &JobOptions::default()).unwrap().image.volume
     };
     // At every multiple of δf the cosine of a path L is that of c/δf − L, so real data shows a mirror image there: every path
     // must be shorter than c/2δf, which is 8.6 m, 4.3 m and 3.4 m for these steps, and the corner's reach some 4.5 m.
