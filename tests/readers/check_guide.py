@@ -2,15 +2,17 @@
 """Runs the examples of the README and of the guide, in reading order and in one folder, and compares what they print.
 
     check_guide.py BINARY FOLDER
+    check_guide.py --update BINARY FOLDER
     check_guide.py --prove BINARY FOLDER
 
 FOLDER is made, and must not hold anything yet. In a block marked `sh`, every line that calls `holosonar` (or `cargo run
 --release --`, which stands for it) is run with BINARY and must succeed; other lines are for people. A block marked
 `sh not-run` has placeholders. A block marked `python` is run by this interpreter, without warnings. A block marked
-`text output` must stand in what the block before it printed, line by line; numbers may differ by 1 %, since another
-processor may round otherwise, and a line of three dots stands for any lines.
+`text output` is what the block before it printed, or its lines A to B if it is marked `text output A-B`; numbers may
+differ by 1 % or by one in the last decimal, since another processor may round differently.
 
-With --prove, copies of the examples are broken, one way at a time, and each must be noticed.
+With --update, samples of output that differ are replaced by what is printed now. With --prove, copies of the examples
+are broken, one way at a time, and each must be noticed.
 """
 
 import os
@@ -22,7 +24,7 @@ from pathlib import Path
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 BLOCK = re.compile(r"^```([^\n]*)\n(.*?)^```$", re.M | re.S)
-NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
+NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?")
 
 
 def documents():
@@ -45,32 +47,30 @@ def run(arguments, folder, path):
     return subprocess.run(arguments, cwd=folder, env=environment, capture_output=True, text=True)
 
 
+def near(expected, printed):
+    """Whether two numbers agree to 1 %, or to one in the last decimal."""
+    decimals = len(expected.partition(".")[2])
+    slack = max(0.01 * abs(float(expected)), 10.0**-decimals if decimals else 0.0)
+    return abs(float(expected) - float(printed)) <= slack * (1 + 1e-9)
+
+
 def alike(expected, printed):
-    """Whether two lines agree: words exactly, numbers to 1 %."""
+    """Whether two lines have the same words, and numbers that are near each other."""
     if NUMBER.sub("0", expected).split() != NUMBER.sub("0", printed).split():
         return False
-    pairs = zip(map(float, NUMBER.findall(expected)), map(float, NUMBER.findall(printed)))
-    return all(abs(a - b) <= 0.01 * abs(a) + 1e-12 for a, b in pairs)
+    return all(map(near, NUMBER.findall(expected), NUMBER.findall(printed)))
 
 
-def missing(sample, printed):
-    """The first line of a sample that the output lacks at its place; None if it has them all."""
-    lines, place, adjoining = printed.splitlines(), 0, False
-    for expected in sample.splitlines():
-        if expected.strip() == "...":
-            adjoining = False
-            continue
-        matches = (i for i in range(place, len(lines)) if alike(expected, lines[i]))
-        found = next(matches, None)
-        if found is None or (adjoining and found != place):
-            return expected
-        place, adjoining = found + 1, True
-    return None
+def excerpt(printed, info):
+    """The lines of an output that a sample with this mark shows."""
+    lines = printed.splitlines()
+    found = re.fullmatch(r"text output (\d+)-(\d+)", info)
+    return lines[int(found[1]) - 1 : int(found[2])] if found else lines
 
 
 def check(document, text, folder, path):
-    """Runs the examples of one document; gives how many there were and what went wrong."""
-    printed, count, faults = None, 0, []
+    """Runs the examples of one document; gives how many there were, what went wrong, and samples as they are now."""
+    printed, count, faults, samples = None, 0, [], {}
     for match in BLOCK.finditer(text):
         info, block = match[1].strip(), match[2]
         place = f"{document}:{text[: match.start()].count(chr(10)) + 1}"
@@ -91,14 +91,17 @@ def check(document, text, folder, path):
             print(f"{place}: {ran.stdout.strip()}", flush=True)
             if ran.returncode != 0:
                 faults.append(f"{place}: the example failed:\n{block}\n{ran.stderr}")
-        elif info == "text output":
-            line = missing(block, printed) if printed is not None else "(there is no example before it)"
+        elif re.fullmatch(r"text output( \d+-\d+)?", info):
             count += 1
-            if line is not None:
-                faults.append(f"{place}: the program does not print\n{line}\nbut\n{printed}")
+            shown, lines = block.splitlines(), excerpt(printed or "", info)
+            if not lines or len(shown) != len(lines) or not all(map(alike, shown, lines)):
+                now = "\n".join(lines)
+                if lines:
+                    samples[match.span(2)] = now + "\n"
+                faults.append(f"{place}: the sample is not what is printed:\n{now}")
         elif info not in ("text", "toml", "sh not-run") and not info.startswith("rust"):
             faults.append(f"{place}: a block marked `{info}` is none that is known here")
-    return count, faults
+    return count, faults, samples
 
 
 def prepare(binary, folder):
@@ -112,42 +115,45 @@ def prepare(binary, folder):
 
 
 def prove(binary, folder):
-    """Breaks examples and sees that each is noticed; the sound one before them must pass."""
+    """Breaks examples and sees that each is noticed; the sound ones must pass."""
     sound = (
-        "```sh\nholosonar image scenes/point.toml -o out/point\n```\n\n"
-        "```text output\nreflectors  1\n...\ngrid        41 x 41 x 51 voxels\n```\n\n"
-        "```python\nimport json\nassert json.load(open('out/point/report.json'))['reflectors'] == 1\n```\n"
+        "```sh\nholosonar info scenes/point.toml\nholosonar truth scenes/corner.toml -o truth.exr\n```\n\n"
+        "```text output 3-3\nwrote truth.exr\n```\n\n"
+        "```python\nimport os\nassert os.path.getsize('truth.exr') > 1000\n```\n"
     )
     with tempfile.TemporaryDirectory() as trial:
-        path = prepare(binary, Path(trial) / "shape")
-        shape = run(["bash", "-c", "holosonar image scenes/point.toml -o out/point"], Path(trial) / "shape", path)
-        grid = next(line for line in shape.stdout.splitlines() if line.startswith("grid "))
-    sound = sound.replace("grid        41 x 41 x 51 voxels", grid)
+        path = prepare(binary, Path(trial) / "first")
+        first = run(["bash", "-c", "holosonar info scenes/point.toml"], Path(trial) / "first", path)
+    count = len(first.stdout.splitlines()) + 1
+    sound = sound.replace("output 3-3", f"output {count - 1}-{count}")
+    sound = sound.replace("wrote truth.exr", first.stdout.splitlines()[-1] + "\nwrote truth.exr")
     broken = {
-        "a command that fails": sound.replace("point.toml -o", "points.toml -o"),
-        "an option that is gone": sound.replace("-o out/point", "--out out/point"),
-        "a word that is not printed": sound.replace("reflectors  1", "points  1"),
-        "a number that is not printed": sound.replace("reflectors  1", "reflectors  2"),
-        "an assertion": sound.replace("== 1", "== 2"),
-        "a warning": sound.replace("import json", "import json, warnings\nwarnings.warn('x')"),
+        "a command that fails": sound.replace("scenes/corner.toml", "scenes/corners.toml"),
+        "an option that is gone": sound.replace("-o truth.exr", "--out truth.exr"),
+        "a word that is not printed": sound.replace("wrote truth", "made truth"),
+        "a line that is not printed": sound.replace("wrote truth.exr", "wrote truth.exr\nwrote more"),
+        "a line too few": sound.replace("\nwrote truth.exr\n", "\n"),
+        "an assertion": sound.replace("> 1000", "> 10**9"),
+        "a warning": sound.replace("import os\n", "import os, warnings\nwarnings.warn('x')\n"),
         "a mark that is not known": sound.replace("```python", "```pyhton"),
     }
     unnoticed = 0
     for number, (name, text) in enumerate({"none": sound, **broken}.items()):
         trial = folder / str(number)
         path = prepare(binary, trial)
-        _, faults = check(name, text, trial, path)
-        wrong = bool(faults) if name == "none" else not faults
+        _, faults, _ = check(name, text, trial, path)
+        wrong = text == sound and name != "none" or (bool(faults) if name == "none" else not faults)
         unnoticed += wrong
-        print(f"{name}: {'WRONG' if wrong else 'as it should be'}")
+        print(f"broken by {name}: {'WRONG' if wrong else 'as it should be'}")
         if wrong:
             print("\n".join(faults))
+    assert not alike("10 mm", "10.2 mm") and alike("10.0 mm", "10.01 mm") and not alike("10 mm", "10 m")
     sys.exit(1 if unnoticed else 0)
 
 
 def main():
-    arguments = [argument for argument in sys.argv[1:] if argument != "--prove"]
-    if len(arguments) != 2:
+    arguments = [argument for argument in sys.argv[1:] if not argument.startswith("--")]
+    if len(arguments) != 2 or not {"--update", "--prove"} >= set(sys.argv[1:]) - set(arguments):
         sys.exit(__doc__)
     binary, folder = Path(arguments[0]).resolve(), Path(arguments[1])
     if "--prove" in sys.argv:
@@ -155,9 +161,13 @@ def main():
     path = prepare(binary, folder)
     total, faults = 0, []
     for document in documents():
-        name = document.relative_to(REPOSITORY)
-        count, wrong = check(name, document.read_text(encoding="utf-8"), folder, path)
+        text = document.read_text(encoding="utf-8")
+        count, wrong, samples = check(document.relative_to(REPOSITORY), text, folder, path)
         total, faults = total + count, faults + wrong
+        if "--update" in sys.argv:
+            for (start, end), sample in sorted(samples.items(), reverse=True):
+                text = text[:start] + sample + text[end:]
+            document.write_text(text, encoding="utf-8")
     for fault in faults:
         print(f"\nFAILED {fault}")
     print(f"{total - len(faults)} examples passed, {len(faults)} failed")

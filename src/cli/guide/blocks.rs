@@ -8,10 +8,9 @@ use pulldown_cmark::{CodeBlockKind, Event, Options, Parser, Tag, TagEnd};
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Style {
     Plain,
-    /// Code and strong emphasis.
-    Bold,
-    /// Emphasis.
-    Italic,
+    Code,
+    Strong,
+    Emphasis,
 }
 
 /// Text in runs of one style.
@@ -31,9 +30,14 @@ pub(super) enum Block {
     Table(Vec<Vec<Text>>),
 }
 
-/// The runs' characters alone.
+/// The text without its styles. Code keeps its backticks among other words.
 pub(super) fn plain(text: &Text) -> String {
-    text.iter().map(|(_, run)| run.as_str()).collect()
+    if let [(_, run)] = &text[..] {
+        return run.clone();
+    }
+    text.iter()
+        .map(|(style, run)| if *style == Style::Code { format!("`{run}`") } else { run.clone() })
+        .collect()
 }
 
 /// The blocks of a chapter.
@@ -74,7 +78,7 @@ impl Reader {
                 Some(code) => code.text.push_str(&text),
                 None => self.push(self.styles.last().copied().unwrap_or(Style::Plain), &text),
             },
-            Event::Code(text) => self.push(Style::Bold, &text),
+            Event::Code(text) => self.push(Style::Code, &text),
             Event::SoftBreak | Event::HardBreak => self.push(Style::Plain, " "),
             _ => {}
         }
@@ -92,8 +96,8 @@ impl Reader {
 
     fn start(&mut self, tag: Tag<'_>) {
         match tag {
-            Tag::Emphasis => self.styles.push(Style::Italic),
-            Tag::Strong => self.styles.push(Style::Bold),
+            Tag::Emphasis => self.styles.push(Style::Emphasis),
+            Tag::Strong => self.styles.push(Style::Strong),
             Tag::Image { .. } => self.picture = true,
             Tag::List(first) => {
                 // A list within an item: what came before it is the item's own text.
@@ -186,9 +190,9 @@ mod tests {
                 Block::Heading(1, vec![run(Style::Plain, "Title")]),
                 Block::Paragraph(vec![
                     run(Style::Plain, "See files and "),
-                    run(Style::Bold, "a"),
+                    run(Style::Code, "a"),
                     run(Style::Plain, " "),
-                    run(Style::Italic, "b"),
+                    run(Style::Emphasis, "b"),
                     run(Style::Plain, "."),
                 ]),
                 Block::Code("let a = 1;\n#[test]".to_owned()),

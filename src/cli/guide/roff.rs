@@ -46,8 +46,8 @@ fn inlines(text: &Text) -> Vec<Inline> {
     text.iter()
         .map(|(style, run)| match style {
             Style::Plain => roman(run),
-            Style::Bold => bold(run),
-            Style::Italic => italic(run),
+            Style::Code | Style::Strong => bold(run),
+            Style::Emphasis => italic(run),
         })
         .collect()
 }
