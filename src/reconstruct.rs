@@ -12,6 +12,7 @@
 mod backprojection;
 mod compress;
 mod convolution;
+mod cost;
 mod direct;
 mod error_budget;
 mod job;
@@ -33,7 +34,7 @@ use crate::grid::{Grid, Volume, no_room_for};
 use crate::progress::{Observer, Silent};
 use error_budget::ErrorBudget;
 use job::Job;
-use plan::{Choice, Options};
+use plan::{Candidates, MethodPlan};
 use volume::{Compensated, Gain};
 use window::Weights;
 
@@ -116,9 +117,9 @@ fn in_pool(
 ) -> Result<ReconstructionInfo> {
     let instrument = source.instrument();
     let threads = rayon::current_num_threads();
-    let possible = Options::of(instrument, grid, options, threads)?;
-    let batch = possible.chosen(options.method).batch;
-    let (choice, warning) = possible.choose(instrument, grid, options.method)?;
+    let candidates = Candidates::new(instrument, grid, options, threads)?;
+    let batch = candidates.chosen(options.method).batch;
+    let (plan, warning) = candidates.choose(instrument, grid, options.method)?;
     if let Some(warning) = warning {
         observer.warn(&warning);
     }
@@ -133,17 +134,16 @@ fn in_pool(
         None => sink,
     };
     let (weights, budget) = (&weights, ErrorBudget::new(options.tolerance));
-    let info = carry_out(&choice, Job { source, weights, grid, budget, batch, sink, observer })?;
+    let info = carry_out(&plan, Job { source, weights, grid, budget, batch, sink, observer })?;
     Ok(gain.map_or(info, |gain| gain.info(&info)))
 }
 
-/// The method that was chosen.
-fn carry_out(choice: &Choice, job: Job<'_>) -> Result<ReconstructionInfo> {
-    match choice {
-        Choice::Direct => direct::direct(job),
-        Choice::Convolution(plan) => convolution::convolution(job, plan),
-        Choice::Backprojection(plan) => backprojection::backprojection(job, plan),
-        Choice::Linear => linear::linear(job),
+fn carry_out(plan: &MethodPlan, job: Job<'_>) -> Result<ReconstructionInfo> {
+    match plan {
+        MethodPlan::Direct(plan) => direct::direct(job, plan),
+        MethodPlan::Convolution(plan) => convolution::convolution(job, plan),
+        MethodPlan::Backprojection(plan) => backprojection::backprojection(job, plan),
+        MethodPlan::Linear(plan) => linear::linear(job, plan),
     }
 }
 

@@ -27,10 +27,11 @@ use crate::acquisition::Instrument;
 use crate::error::Result;
 use crate::grid::Grid;
 use crate::progress::advance;
-use crate::reconstruct::compress::{SlabTones, Tones, VolumeTones, slabs_of, virtual_tone_count};
+use crate::reconstruct::compress::{CompressionCost, SlabTones, Tones, VolumeTones, slabs_of};
+use crate::reconstruct::cost::{COMPLEX, Cost};
 use crate::reconstruct::error_budget::ErrorBudget;
 use crate::reconstruct::job::Job;
-use crate::reconstruct::volume::{Slab, SlabDriver};
+use crate::reconstruct::volume::{Batch, Slab, SlabDriver};
 use crate::reconstruct::{Method, ReconstructionInfo};
 use crate::wave::Geometry;
 use crate::wave::interval::{PathInterval, greater};
@@ -54,7 +55,7 @@ const LEAST_FOR_TILES: f64 = 1e9;
 
 /// How one job is divided.
 #[derive(Debug, Clone)]
-pub(super) struct Plan {
+pub(super) struct BackprojectionPlan {
     /// The voxels.
     grid: Grid,
     budget: ErrorBudget,
@@ -74,7 +75,7 @@ struct Division {
     operations: f64,
 }
 
-impl Plan {
+impl BackprojectionPlan {
     /// Divides a job by a fixed operation count, so that the same job is always divided alike.
     pub(super) fn new(instrument: &Instrument, grid: &Grid, budget: ErrorBudget) -> Self {
         let fine = Division::new(instrument, grid, budget);
@@ -86,36 +87,48 @@ impl Plan {
         Self { grid: *grid, budget, fine, tiled }
     }
 
-    /// Bytes for the voxels that are worked on at a time, and for nodes.
-    pub(super) fn bytes(&self) -> u64 {
+    /// All path lengths at which range profiles are expanded, and what the two compressions may err by.
+    fn compression(&self, instrument: &Instrument) -> (PathInterval, ErrorBudget) {
+        match &self.tiled {
+            Some(lattice) => {
+                factorised::compression(lattice, instrument, &self.grid, self.fine.band, self.budget)
+            }
+            None => {
+                let Division { band, shape, .. } = self.fine;
+                let budget = SeriesBudget::new(&band, greatest_half(shape.half(&self.grid)), self.budget);
+                (interval(instrument, &self.grid, shape, 0..self.grid.z.count), budget.tones)
+            }
+        }
+    }
+
+    /// With the memory of a batch for so many threads.
+    pub(super) fn cost(&self, instrument: &Instrument, threads: usize) -> Cost<'static> {
+        let (interval, budget) = self.compression(instrument);
+        let compression = CompressionCost::new(instrument, &interval, budget);
         let plane = (self.grid.x.count as u64).saturating_mul(self.grid.y.count as u64);
-        let (at_once, nodes) = match &self.tiled {
-            Some(lattice) => (factorised::DEPTHS, lattice.count as u64),
-            None => (self.fine.thickness, 0),
+        let (at_once, nodes, row, operations) = match &self.tiled {
+            Some(lattice) => (
+                factorised::DEPTHS,
+                lattice.count as u64,
+                factorised::row_bytes(&self.grid),
+                lattice.operations,
+            ),
+            None => (self.fine.thickness, 0, 0, self.fine.operations),
         };
         let depths = self.grid.z.count;
         // As they are summed, before they are in order.
         let summed = (at_once.min(depths) as u64).saturating_mul(plane).saturating_add(nodes);
-        summed
-            .saturating_mul(size_of::<Complex32>() as u64)
+        let focusing = (COMPLEX.saturating_mul(summed))
             .saturating_add(SlabDriver::bytes(plane, at_once, depths))
-    }
-
-    /// Bytes that each thread has of its own, about.
-    pub(super) fn worker_bytes(&self) -> u64 {
-        let row = if self.tiled.is_some() { factorised::row_bytes(&self.grid) } else { 0 };
-        row.saturating_add(1 << 20)
-    }
-
-    /// Virtual tones of the whole sweep, about.
-    pub(super) fn virtual_tones(&self, instrument: &Instrument) -> usize {
-        let whole = instrument.path_interval(&self.grid, 0..self.grid.z.count);
-        virtual_tone_count(&instrument.sweep, &whole, 0.1 * self.budget.all())
-    }
-
-    /// Operations of the job, comparable with those of [`crate::reconstruct::direct`].
-    pub(super) fn operations(&self) -> f64 {
-        self.tiled.as_ref().map_or(self.fine.operations, |lattice| lattice.operations)
+            .saturating_add(compression.samples.saturating_mul(2));
+        let worker = row.saturating_add(1 << 20);
+        Cost {
+            operations: operations + compression.operations,
+            usual: Batch::of_threads(threads),
+            bytes: Box::new(move |batch| {
+                compression.peak.max(focusing.saturating_add(worker.saturating_mul(batch.workers as u64)))
+            }),
+        }
     }
 }
 
@@ -168,7 +181,7 @@ fn share(longer: f64, own: f64, _: usize) -> bool {
 ///
 /// Cost: some 130 operations per voxel and microphone for a tolerance of 10⁻⁴ and voxels that sample the image well, by
 /// tiles ten times fewer or less; memory for the virtual tones of all microphones, and for the nodes.
-pub(super) fn backprojection(job: Job<'_>, plan: &Plan) -> Result<ReconstructionInfo> {
+pub(super) fn backprojection(job: Job<'_>, plan: &BackprojectionPlan) -> Result<ReconstructionInfo> {
     if let Some(lattice) = &plan.tiled
         && let Some(tiled) = Tiled::new(lattice, job.source.instrument(), &plan.grid, plan.fine.band)?
     {

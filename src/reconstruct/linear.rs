@@ -10,13 +10,13 @@
 //! where an array of 1 m looks 7 m away at 20 kHz. It is there for comparison, `auto` never takes it, and so it is summed
 //! as it is written, by the [direct](super::direct) sum over these path lengths.
 
-use super::direct::sum_over_paths;
+use super::direct::{DirectPlan, sum_over_paths};
 use super::job::Job;
 use super::{Method, ReconstructionInfo};
 use crate::error::Result;
 use crate::wave::Geometry;
 
 /// Gives the far-field image to the job's sink; any grid, any microphones. Cost: that of [`super::direct::direct`].
-pub(super) fn linear(job: Job<'_>) -> Result<ReconstructionInfo> {
-    sum_over_paths(job, Method::Linear, Geometry::linear_path_length)
+pub(super) fn linear(job: Job<'_>, plan: &DirectPlan) -> Result<ReconstructionInfo> {
+    sum_over_paths(job, plan, Method::Linear, Geometry::linear_path_length)
 }

@@ -9,4 +9,4 @@ mod tiled;
 mod voxels;
 
 pub(super) use nodes::Lattice;
-pub(super) use tiled::{DEPTHS, Tiled, row_bytes, usual_budget};
+pub(super) use tiled::{DEPTHS, Tiled, compression, row_bytes, usual_budget};

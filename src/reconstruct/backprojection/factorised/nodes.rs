@@ -113,6 +113,8 @@ pub(crate) struct Lattice {
     pub(crate) taps: Taps,
     /// Nodes along x, y and ρ that are summed at a time.
     pub(crate) block: [usize; 3],
+    /// By how much a path length differs from that of its block's centre at most, about, m.
+    pub(crate) half: f64,
     /// The greatest error for exact nodes, relative to `Σ|w m| / Σw`, measured on sampled terms.
     pub(crate) error: f64,
     /// By how much errors of nodes can grow: the greatest sums of the weights' moduli.
@@ -211,6 +213,7 @@ impl Lattice {
                     pitch: (0.5 * fill / (1.03 * bands[2])).min(most),
                     taps: taps.clone(),
                     block: [1; 3],
+                    half: 0.0,
                     error: 0.0,
                     growth: 1.0,
                     count: 0.0,
@@ -247,9 +250,9 @@ impl Lattice {
                 (band.bandwidth * shell / instrument.sound_speed + 10.0).min(instrument.sweep.len() as f64);
             let typical = half(seen.typical / 2.0);
             let one = block_operations(points, band.edge(typical), digits, tones) / points as f64;
-            Some((block, one))
+            Some((block, widest, one))
         };
-        let (block, one) = blocks.filter_map(cost).min_by(|a, b| a.1.total_cmp(&b.1))?;
+        let (block, half, one) = blocks.filter_map(cost).min_by(|a, b| a.2.total_cmp(&b.2))?;
         // Blocks are not cut to the nodes that a column needs.
         let each = columns * (ranges + 0.5 * block[2] as f64);
         let tiles = seen.tiles as f64;
@@ -260,6 +263,7 @@ impl Lattice {
         let held = count * 8.0;
         (held <= (4.0 * grid.volume_bytes() as f64).max(MOST_SMALL)).then(|| Self {
             block,
+            half,
             count,
             operations,
             ..self

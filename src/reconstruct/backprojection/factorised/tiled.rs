@@ -31,6 +31,28 @@ pub(crate) fn usual_budget(budget: ErrorBudget) -> ErrorBudget {
     budget.before_interpolation(USUAL_GROWTH)
 }
 
+/// The band of nodes' range profiles and the budget of its series, for half-widths of up to `half` m: what interpolation
+/// leaves of the budget, divided by how much it amplifies errors of the nodes.
+fn series_budget(lattice: &Lattice, band: Band, half: f64, budget: ErrorBudget) -> (Band, SeriesBudget) {
+    let budget = budget.after(lattice.error).before(lattice.growth);
+    let band = Band { tolerance: budget.series(), ..band };
+    (band, SeriesBudget::new(&band, half, budget))
+}
+
+/// About all path lengths at which profiles of nodes are expanded, and what the two compressions may err by.
+pub(crate) fn compression(
+    lattice: &Lattice,
+    instrument: &Instrument,
+    grid: &Grid,
+    band: Band,
+    budget: ErrorBudget,
+) -> (PathInterval, ErrorBudget) {
+    let paths = instrument.path_interval(grid, 0..grid.z.count);
+    let (shortest, longest) = (paths.shortest - lattice.half, paths.longest + lattice.half);
+    let (_, budget) = series_budget(lattice, band, lattice.half, budget);
+    (PathInterval { shortest, longest, ..paths }, budget.tones)
+}
+
 /// Bytes that a thread needs for a row of voxels, about: their partial sums, and nodes along ρ in their columns.
 pub(crate) fn row_bytes(grid: &Grid) -> u64 {
     (grid.x.count as u64).saturating_mul((DEPTHS * 2 * size_of::<[f32; LANES]>() + 3 * DEPTHS * 8) as u64)
@@ -108,11 +130,9 @@ impl<'a> Tiled<'a> {
     /// Gives the volume to the job's sink.
     pub(crate) fn image(mut self, job: Job<'_>) -> Result<ReconstructionInfo> {
         let Job { source, weights, grid, batch, sink, observer, .. } = job;
-        // What interpolation leaves of the tolerance, and by how much it amplifies errors of the nodes.
         let Lattice { error: inexact, growth, .. } = *self.lattice;
-        let budget = job.budget.after(inexact).before(growth);
-        self.band.tolerance = budget.series();
-        let budget = SeriesBudget::new(&self.band, self.greatest, budget);
+        let budget;
+        (self.band, budget) = series_budget(self.lattice, self.band, self.greatest, job.budget);
         let whole = self.shells[0].0.start..self.shells[self.shells.len() - 1].0.end;
         let whole = self.interval(source.instrument(), &whole);
         let compressed = VolumeTones::compress(source, weights, whole, budget.tones, observer)?;
