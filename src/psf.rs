@@ -45,7 +45,7 @@ pub struct Lobe {
 /// A grating lobe, foretold and found.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[non_exhaustive]
-pub struct GhostFound {
+pub struct MeasuredGratingLobe {
     /// Axis along which the microphones' pitch repeats: 0 is x, 1 is y.
     pub axis: usize,
     /// Order and side.
@@ -63,7 +63,7 @@ pub struct GhostFound {
 /// A plane through the point, with the amplitudes on it.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
-pub struct Cut {
+pub struct PlaneCut {
     /// Which plane: "x y", "x z", "y z" through the point, or "front": the greatest along z.
     pub name: &'static str,
     /// Columns.
@@ -91,10 +91,10 @@ pub struct PointSpread {
     /// Mean power outside the main lobe in the same box, dB.
     pub mean_sidelobe_db: Option<f64>,
     /// Grating lobes before the array, whether or not in the grid.
-    pub ghosts: Vec<GhostFound>,
+    pub ghosts: Vec<MeasuredGratingLobe>,
     /// To be drawn.
     #[serde(skip)]
-    pub cuts: Vec<Cut>,
+    pub cuts: Vec<PlaneCut>,
 }
 
 /// Measures the point-spread function at `p`; `scene` is the grid in which sidelobes matter.

@@ -10,7 +10,7 @@ use crate::export::figure::{Chart, ChartAxis, write_charts, write_spread_figure}
 use crate::pipeline::{self, DesignRow, DesignSweep, SweptKey};
 use crate::plan::design::{Design, Verdict};
 use crate::progress::Observer;
-use crate::psf::{GhostFound, PointSpread, Width};
+use crate::psf::{MeasuredGratingLobe, PointSpread, Width};
 use glam::DVec3;
 use serde_json::json;
 use std::fmt::Write;
@@ -319,8 +319,15 @@ fn spread(spread: &PointSpread) -> String {
         let header = ["ghost", "offset m", "foretold", "dB", "foretold", "at", ""];
         let mut rows = vec![header.map(str::to_owned).to_vec()];
         for ghost in &spread.ghosts {
-            let GhostFound { axis, order, offset: [foretold, found], measured, predicted, in_grid, .. } =
-                *ghost;
+            let MeasuredGratingLobe {
+                axis,
+                order,
+                offset: [foretold, found],
+                measured,
+                predicted,
+                in_grid,
+                ..
+            } = *ghost;
             rows.push(vec![
                 format!("  {}{order:+}", ["x", "y"][axis.min(1)]),
                 format!("{found:.3}"),

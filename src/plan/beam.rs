@@ -35,7 +35,7 @@ const ORDERS: i32 = 2;
 /// A ghost of a lattice: a grating lobe.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[non_exhaustive]
-pub struct Ghost {
+pub struct GratingLobe {
     /// The axis along which the microphones' pitch repeats: 0 is x, 1 is y.
     pub axis: usize,
     /// How many wavelengths the path changes by from microphone to microphone.
@@ -59,7 +59,7 @@ pub struct Sidelobes {
     /// Mean power outside the main lobe at the centre frequency, dB: about −10 log₁₀ N for N scattered microphones.
     pub mean_db: Option<f64>,
     /// Grating lobes within the reach, both signs of an order being alike.
-    pub ghosts: Vec<Ghost>,
+    pub ghosts: Vec<GratingLobe>,
 }
 
 /// An array factor, ready to be asked for its value in any direction.
@@ -214,7 +214,7 @@ impl Beam {
     }
 
     /// The grating lobes within `reach` of a reflector, stronger than −60 dB; of each order the positive side.
-    pub fn ghosts(&self, reach: [f64; 2]) -> Vec<Ghost> {
+    pub fn ghosts(&self, reach: [f64; 2]) -> Vec<GratingLobe> {
         let mut ghosts = Vec::new();
         for (axis, unit) in [DVec2::X, DVec2::Y].into_iter().enumerate() {
             let Some([short, long]) = self.gratings[axis] else { continue };
@@ -232,7 +232,7 @@ impl Beam {
                     .max_by(|a, b| a.1.total_cmp(&b.1));
                 if let Some((offset, strength)) = strongest.filter(|(_, strength)| *strength > 1e-3) {
                     let level_db = 20.0 * strength.log10();
-                    ghosts.push(Ghost { axis, order, offset: (offset * unit).to_array(), level_db });
+                    ghosts.push(GratingLobe { axis, order, offset: (offset * unit).to_array(), level_db });
                 }
             }
         }

@@ -1,6 +1,6 @@
 //! One point looked at: lines, planes and boxes of voxels, and what is read off them.
 
-use super::{Cut, GhostFound, Lobe, Width};
+use super::{Lobe, MeasuredGratingLobe, PlaneCut, Width};
 use crate::acquisition::{DataCube, Instrument};
 use crate::error::Result;
 use crate::grid::{Axis, Grid, Volume};
@@ -86,7 +86,7 @@ impl Look<'_> {
     }
 
     /// The plane of two axes through the point.
-    pub(super) fn cut(&self, name: &'static str, across: usize, down: usize) -> Result<Cut> {
+    pub(super) fn cut(&self, name: &'static str, across: usize, down: usize) -> Result<PlaneCut> {
         let pitch = self.scale * (CUT_WIDTHS / CUT_REACH as f64);
         let mut reach = [0; 3];
         (reach[across], reach[down]) = (CUT_REACH, CUT_REACH);
@@ -94,7 +94,7 @@ impl Look<'_> {
         let volume = self.image(&grid)?;
         let axes = [grid.x, grid.y, grid.z];
         let decibels = volume.samples.iter().map(|a| self.decibels(a.norm()) as f32).collect();
-        Ok(Cut { name, columns: axes[across], rows: axes[down], decibels })
+        Ok(PlaneCut { name, columns: axes[across], rows: axes[down], decibels })
     }
 
     /// Direction sines at the array's centre, and the range that a path through it has, halved.
@@ -173,7 +173,7 @@ impl Look<'_> {
     }
 
     /// The strongest place outside the main lobe, the mean power there, and the box from the front.
-    pub(super) fn sidelobes(&self, scene: &Grid) -> Result<(Option<Lobe>, Option<f64>, Cut)> {
+    pub(super) fn sidelobes(&self, scene: &Grid) -> Result<(Option<Lobe>, Option<f64>, PlaneCut)> {
         let instrument = self.instrument;
         let cell = instrument.range_resolution().unwrap_or(self.scale.z);
         let shell = self.polar(self.p).1;
@@ -216,7 +216,7 @@ impl Look<'_> {
             }
         }
         let decibels = front.iter().map(|a| self.decibels(*a) as f32).collect();
-        let front = Cut { name: "front", columns: grid.x, rows: grid.y, decibels };
+        let front = PlaneCut { name: "front", columns: grid.x, rows: grid.y, decibels };
         if outside == 0 {
             return Ok((None, None, front));
         }
@@ -239,7 +239,7 @@ impl Look<'_> {
     }
 
     /// Every grating lobe that lies before the array, foretold and found.
-    pub(super) fn ghosts(&self, scene: &Grid) -> Result<Vec<GhostFound>> {
+    pub(super) fn ghosts(&self, scene: &Grid) -> Result<Vec<MeasuredGratingLobe>> {
         let (u, _) = self.polar(self.p);
         let mut found = Vec::new();
         for ghost in self.beam.ghosts([2.0; 2]) {
@@ -249,7 +249,7 @@ impl Look<'_> {
                 let measured = self.strongest_near(place, ghost.axis)?;
                 let lateral = |lobe: &Lobe| (DVec3::from(lobe.position) - self.p).truncate().length();
                 let corners = scene.corners();
-                found.push(GhostFound {
+                found.push(MeasuredGratingLobe {
                     axis: ghost.axis,
                     order: side as i32 * ghost.order,
                     offset: [lateral(&predicted), lateral(&measured)],

@@ -1,7 +1,7 @@
 //! Back-projection: each microphone's range profile, looked at along every voxel's path; any array, any grid.
 //!
 //! `Σ_f w m(f, r) e^{−i2πf·path/c} = e^{−i2πf_c·path/c} · g_r(path)`, where the demodulated range profile g_r is
-//! band-limited to B. About the centre of a small block of voxels only a short stretch of it is seen, and there it is a
+//! band-limited to B. About the centre of a small block of voxels only a short stretch of it is distances, and there it is a
 //! Chebyshev series of few terms ([`profile`]). So the sum over frequencies costs a dozen terms instead of hundreds,
 //! whatever their number.
 //!
@@ -37,7 +37,7 @@ use crate::wave::Geometry;
 use crate::wave::interval::{PathInterval, greater};
 use crate::wave::simd::{LANES, LaneProfiles, LaneTones, Points, RangeScale, back_project, range_profiles};
 use blocks::{Block, Group, Shape, greatest_half, half_width};
-use factorised::{Lattice, Tiled};
+use factorised::{TileLattice, Tiled};
 use glam::DVec3;
 use num_complex::Complex32;
 use profile::{Band, Rung, lebesgue};
@@ -62,7 +62,7 @@ pub(super) struct BackprojectionPlan {
     /// For the voxels themselves.
     fine: Division,
     /// Tiles and nodes, where that takes fewer operations.
-    tiled: Option<Lattice>,
+    tiled: Option<TileLattice>,
 }
 
 /// How the points of one grid are divided.
@@ -81,7 +81,7 @@ impl BackprojectionPlan {
         let fine = Division::new(instrument, grid, budget);
         let band = Band { tolerance: factorised::usual_budget(budget).series(), ..fine.band };
         let tiled = (fine.operations > LEAST_FOR_TILES)
-            .then(|| Lattice::find(instrument, grid, &band, budget))
+            .then(|| TileLattice::find(instrument, grid, &band, budget))
             .flatten()
             .filter(|lattice| lattice.operations < fine.operations);
         Self { grid: *grid, budget, fine, tiled }

@@ -43,16 +43,16 @@ fn grids() -> [Grid; 4] {
     ]
 }
 
-fn lattice(cube: &DataCube, grid: &Grid, tolerance: f64) -> Option<Lattice> {
+fn lattice(cube: &DataCube, grid: &Grid, tolerance: f64) -> Option<TileLattice> {
     let band = Division::new(&cube.instrument, grid, ErrorBudget::new(tolerance)).band;
     let band = Band { tolerance: factorised::usual_budget(ErrorBudget::new(tolerance)).series(), ..band };
-    Lattice::find(&cube.instrument, grid, &band, ErrorBudget::new(tolerance))
+    TileLattice::find(&cube.instrument, grid, &band, ErrorBudget::new(tolerance))
 }
 
 fn tiled(
     cube: &DataCube,
     grid: &Grid,
-    lattice: &Lattice,
+    lattice: &TileLattice,
     tolerance: f64,
     sink: &mut dyn VolumeSink,
 ) -> ReconstructionInfo {

@@ -1,7 +1,7 @@
 //! How far apart the nodes of a tile may stand, and of how many of them a voxel is made.
 
 use super::frame::{Frame, bands, halved};
-use super::terms::{Around, FEW, MANY, Seen, Terms};
+use super::terms::{Around, FEW, MANY, Terms, TileDistances};
 use crate::acquisition::Instrument;
 use crate::grid::{Axis, Grid};
 use crate::reconstruct::backprojection::blocks::{Shape, block_operations};
@@ -103,7 +103,7 @@ impl Nodes {
 
 /// A division of array and image: tiles of microphones, and nodes in each tile's coordinates.
 #[derive(Debug, Clone)]
-pub(crate) struct Lattice {
+pub(crate) struct TileLattice {
     /// How often the array is halved.
     pub(crate) times: u32,
     /// Along x and y; the same for all tiles.
@@ -135,7 +135,7 @@ fn lengths(tolerance: f64) -> Vec<(Taps, f64)> {
     (4..=MOST_TAPS).step_by(2).filter_map(fullest).collect()
 }
 
-impl Lattice {
+impl TileLattice {
     /// The division of fewest operations; `None` where the voxels come too near to the microphones, or none keeps to its
     /// share of the budget.
     pub(crate) fn find(
@@ -182,7 +182,7 @@ impl Lattice {
         let tiles = halved(instrument.array.positions(), times);
         let terms = Terms { instrument, grid, tiles: &tiles };
         let bands = bands(instrument, grid, &tiles);
-        let seen = Seen::of(instrument, grid, &tiles);
+        let distances = TileDistances::of(instrument, grid, &tiles);
         let mut found = Vec::new();
         // Terms bend, so that wide taps carry less than plane waves ask for; the more taps, the fuller the band.
         let mut fullest = [0; 2];
@@ -206,7 +206,7 @@ impl Lattice {
                 continue;
             }
             for (taps, fill) in lengths {
-                let most = seen.shortest / (2 * taps.count()) as f64;
+                let most = distances.shortest / (2 * taps.count()) as f64;
                 let lattice = Self {
                     times,
                     nodes: [x.clone(), y.clone()],
@@ -219,17 +219,23 @@ impl Lattice {
                     count: 0.0,
                     operations: f64::INFINITY,
                 };
-                found.extend(lattice.divided(instrument, grid, &seen, band));
+                found.extend(lattice.divided(instrument, grid, &distances, band));
             }
         }
         found
     }
 
     /// With blocks of nodes of fewest operations by a fixed model.
-    fn divided(self, instrument: &Instrument, grid: &Grid, seen: &Seen, band: &Band) -> Option<Self> {
+    fn divided(
+        self,
+        instrument: &Instrument,
+        grid: &Grid,
+        distances: &TileDistances,
+        band: &Band,
+    ) -> Option<Self> {
         let [n_x, n_y] = [0, 1].map(|axis: usize| self.nodes[axis].axis.count);
         let reach = [0, 1].map(|axis: usize| self.nodes[axis].reach());
-        let ranges = seen.ranges(grid, reach) / self.pitch + self.taps.count() as f64;
+        let ranges = distances.ranges(grid, reach) / self.pitch + self.taps.count() as f64;
         let (legs, digits) = (instrument.geometry.return_legs(), -band.tolerance.log10());
         let columns = (n_x * n_y) as f64;
         let depths = Shape::sizes(ranges.ceil() as usize).filter(|n| (4..=64).contains(n));
@@ -240,22 +246,22 @@ impl Lattice {
             let side = |axis: usize| self.nodes[axis].axis.pitch * (block[axis] - 1) as f64;
             let along = self.pitch * (block[2] - 1) as f64 / 2.0;
             let radius = (side(0).hypot(side(1)) / 2.0).hypot(along / 2.0);
-            let half = |distance: f64| along + legs * radius * (seen.radius / distance).min(2.0);
-            let widest = half(seen.shortest / 2.0);
+            let half = |distance: f64| along + legs * radius * (distances.radius / distance).min(2.0);
+            let widest = half(distances.shortest / 2.0);
             if points > Shape::MOST_VOXELS || !band.holds(widest) {
                 return None;
             }
-            let shell = 2.0 * (along + legs * seen.radius + widest);
+            let shell = 2.0 * (along + legs * distances.radius + widest);
             let tones =
                 (band.bandwidth * shell / instrument.sound_speed + 10.0).min(instrument.sweep.len() as f64);
-            let typical = half(seen.typical / 2.0);
+            let typical = half(distances.typical / 2.0);
             let one = block_operations(points, band.edge(typical), digits, tones) / points as f64;
             Some((block, widest, one))
         };
         let (block, half, one) = blocks.filter_map(cost).min_by(|a, b| a.2.total_cmp(&b.2))?;
         // Blocks are not cut to the nodes that a column needs.
         let each = columns * (ranges + 0.5 * block[2] as f64);
-        let tiles = seen.tiles as f64;
+        let tiles = distances.tiles as f64;
         let count = tiles * each;
         let interpolating = grid.voxel_count() as f64 * tiles * OPERATIONS_PER_VOXEL;
         let operations = instrument.array.len() as f64 * each * one + interpolating;

@@ -86,7 +86,7 @@ impl Terms<'_> {
 }
 
 /// How tiles see the grid.
-pub(crate) struct Seen {
+pub(crate) struct TileDistances {
     frames: Vec<Frame>,
     pub(crate) tiles: usize,
     /// Of the widest tile, m.
@@ -96,7 +96,7 @@ pub(crate) struct Seen {
     pub(crate) typical: f64,
 }
 
-impl Seen {
+impl TileDistances {
     pub(crate) fn of(instrument: &Instrument, grid: &Grid, tiles: &[Tile]) -> Self {
         let frames: Vec<Frame> =
             some(tiles, 3).map(|tile| Frame::new(&instrument.geometry, tile.centre)).collect();
