@@ -5,9 +5,9 @@
 //! with w = 1 for quadrature, 2 for in-phase data and window weights `w_f`, `w_r` (all 1 without a window), so a
 //! unit reflector on a voxel peaks at 1. [`Method::Direct`] sums this as written, on any grid and for any
 //! microphones: it is the oracle. [`Method::Convolution`] is Eq. 16 over skeleton frequencies, for microphones in
-//! a plane of constant z; [`Method::Backprojection`] follows range profiles, for any others.
-//! [`Method::Linear`] is the paper's far-field approximation of it, for comparison. This module cannot see the scene, so it
-//! cannot know the answer.
+//! a plane of constant z; [`Method::Backprojection`] evaluates range profiles, for any others.
+//! [`Method::Linear`] is the paper's far-field approximation of it, for comparison. This module has no access to the scene, so it
+//! cannot know the result in advance.
 
 mod backprojection;
 mod compress;
@@ -86,17 +86,17 @@ pub fn reconstruct_with(
     Ok(Reconstruction { volume, method, error_bound })
 }
 
-/// Reconstructs from a source of frequencies into a sink of depths, neither of which need be held whole.
+/// Reconstructs from a source of frequencies into a sink of depths, neither of which need be in memory as a whole.
 ///
 /// - Cost: `direct` is voxels × microphones × frequencies terms; `convolution` two padded 2-D FFTs per skeleton
-///   tone, depth and pair of sub-lattices; `backprojection` some 130 operations per voxel and microphone, or, by tiles of
+///   tone, depth and pair of sublattices; `backprojection` some 130 operations per voxel and microphone, or, by tiles of
 ///   the array, some 1000 per voxel and tile and 130 per microphone and node of its own tile.
 /// - The bytes do not depend on the number of threads, nor on where samples come from and planes go to.
 ///
 /// # Errors
-/// `convolution` asked for where it is not possible, `backprojection` without a tolerance, or `auto` with neither and
+/// `convolution` selected where it is not possible, `backprojection` without a tolerance, or `auto` with neither and
 /// over 10¹¹ direct terms; a grid with voxels behind the array; a tolerance that is not in 0..1; [`Error::OutOfMemory`]
-/// when what it needs does not fit in memory; [`Error::Interrupted`]; what source and sink come to.
+/// when what it needs does not fit in memory; [`Error::Interrupted`]; those of source and sink.
 pub fn reconstruct_into(
     source: &mut dyn CubeSource,
     grid: &Grid,
@@ -147,9 +147,11 @@ fn carry_out(plan: &MethodPlan, job: Job<'_>) -> Result<ReconstructionInfo> {
     }
 }
 
-/// The refusal of samples that do not fit.
-fn no_room(tones: u64, microphones: u64) -> Error {
-    Error::out_of_memory(format!("{tones} tones x {microphones} microphones do not fit; use fewer of either"))
+/// The error when samples do not fit in memory.
+fn no_room(frequencies: u64, microphones: u64) -> Error {
+    Error::out_of_memory(format!(
+        "{frequencies} frequencies x {microphones} microphones do not fit in memory; use fewer of either"
+    ))
 }
 
 #[cfg(test)]

@@ -100,9 +100,9 @@ pub(super) fn design(design: &Design) -> String {
     let _ = writeln!(text, "voxels: {x} x {y} x {z} mm or finer lose little");
     let mut mended = "";
     for suggestion in &design.suggestions {
-        if suggestion.mends != mended {
-            mended = suggestion.mends;
-            let _ = writeln!(text, "to mend {mended}:");
+        if suggestion.fixes != fixed {
+            fixed = suggestion.fixes;
+            let _ = writeln!(text, "to fix {fixed}:");
         }
         let set: Vec<String> = suggestion.set.iter().map(|set| format!("--set \"{set}\"")).collect();
         let _ = writeln!(text, "  {}  ({})", set.join(" "), suggestion.effect);

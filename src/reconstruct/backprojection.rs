@@ -1,4 +1,4 @@
-//! Back-projection: each microphone's range profile, looked at along every voxel's path; any array, any grid.
+//! Back-projection: each microphone's range profile, evaluated at every voxel's path length; any array, any grid.
 //!
 //! `Σ_f w m(f, r) e^{−i2πf·path/c} = e^{−i2πf_c·path/c} · g_r(path)`, where the demodulated range profile g_r is
 //! band-limited to B. About the centre of a small block of voxels only a short stretch of it is distances, and there it is a
@@ -12,8 +12,7 @@
 //!
 //! Where the array and the volume are apart, this is done in two steps, as fast factorised back-projection of radar
 //! images is (Ulander, Hellsten, Stenström 2003): first for tiles of the array, each on few nodes of coordinates in
-//! which its image hardly changes sideways , then from the nodes of all tiles to the voxels
-//! . A tile then costs each of its microphones a fiftieth of the voxels.
+//! which its image hardly changes sideways, then from the nodes of all tiles to the voxels. A tile then costs each of its microphones a fiftieth of the voxels.
 //!
 //! Errors, relative to `Σ|w m| / Σw`: cutting off the series, bounded by the coefficients left out; and the skeletons'
 //! measured error, which the series can amplify by no more than its Lebesgue constant. Interpolation amplifies both by the
@@ -50,7 +49,7 @@ const MOST_SLABS: usize = 32;
 /// Groups of microphones whose f32 sums are kept apart from those of the others, so that rounding does not add up.
 const GROUPS_PER_SUM: usize = 16;
 
-/// Below so many operations no tiles are looked for.
+/// Below this many operations no tiles are searched for.
 const LEAST_FOR_TILES: f64 = 1e9;
 
 /// How one job is divided.
@@ -101,7 +100,7 @@ impl BackprojectionPlan {
         }
     }
 
-    /// With the memory of a batch for so many threads.
+    /// With the memory of a batch for this many threads.
     pub(super) fn cost(&self, instrument: &Instrument, threads: usize) -> Cost<'static> {
         let (interval, budget) = self.compression(instrument);
         let compression = CompressionCost::new(instrument, &interval, budget);
@@ -250,7 +249,7 @@ impl SeriesBudget {
         Self { series, amplification, tones: budget.after(series).before(amplification) }
     }
 
-    /// What all of it comes to with the skeletons that were found.
+    /// The error of all steps with the skeletons that were found.
     fn error(&self, slabs: &[SlabTones]) -> f64 {
         self.series + self.amplification * slabs.iter().map(|slab| slab.error).fold(0.0, greater)
     }

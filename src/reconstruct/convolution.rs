@@ -1,7 +1,7 @@
 //! Eq. 16: on a shared lattice the sum over microphones is a convolution, done by padded 2-D FFTs.
 //!
-//! `p − r` depends on the difference of indices alone, so one kernel `e^{−i2πf|p−r|/c}` per frequency and depth serves
-//! every pair of voxel and microphone ([`SharedLattice`] says when). With a tolerance, the sweep is first compressed to
+//! `p − r` depends on the difference of indices alone, so one kernel `e^{−i2πf|p−r|/c}` per frequency and depth suffices
+//! for every pair of voxel and microphone ([`SharedLattice`] says when). With a tolerance, the sweep is first compressed to
 //! virtual tones for the volume, and these to skeleton tones for each slab of depths, so that Eq. 16 runs over tens of
 //! tones instead of all; with tolerance 0 it runs over every one.
 
@@ -40,7 +40,7 @@ use rayon::prelude::*;
 use slab_plan::Slabs;
 use workspace::Workspaces;
 
-/// Bytes of data spectra held at a time when every frequency is summed.
+/// Bytes of data spectra in memory at a time when every frequency is summed.
 const SPECTRA_BYTES: usize = 256 << 20;
 
 /// How Eq. 16 is carried out for one job.
@@ -94,7 +94,7 @@ struct Depths<'a> {
 }
 
 impl Depths<'_> {
-    /// Adds tones to the planes from `first` on, `[plane, y, x]`; `room` is for their spectra.
+    /// Adds tones to the planes from `first` on, `[plane, y, x]`; `room` receives their spectra.
     fn add(&self, tones: &Tones, room: &mut [Lanes], first: usize, planes: &mut [Complex32]) -> Result<()> {
         let spectra = self.layout.part(room, tones.per_metre.len());
         self.layout.transform_into(&tones.samples, self.batch, spectra)?;
@@ -117,8 +117,8 @@ impl Depths<'_> {
 
 /// Gives the volume to the job's sink by Eq. 16.
 ///
-/// Cost: per tone and depth, for each pair of sub-lattices one kernel of `n_x·n_y` phasors and its FFT, and one inverse
-/// FFT per voxel sub-lattice (monostatic: one per depth). With a tolerance a sweep is some `B·T + 10` tones, T the
+/// Cost: per tone and depth, for each pair of sublattices one kernel of `n_x·n_y` phasors and its FFT, and one inverse
+/// FFT per voxel sublattice (monostatic: one per depth). With a tolerance a sweep is some `B·T + 10` tones, T the
 /// spread of delays within a slab.
 pub(super) fn convolution(job: Job<'_>, plan: &ConvolutionPlan) -> Result<ReconstructionInfo> {
     match &plan.slabs {
@@ -127,8 +127,8 @@ pub(super) fn convolution(job: Job<'_>, plan: &ConvolutionPlan) -> Result<Recons
     }
 }
 
-/// Depths that are worked on at a time when every frequency is summed: so many that the spectra of the samples, which
-/// each such slab computes anew, cost next to nothing.
+/// Depths that are worked on at a time when every frequency is summed: enough that the spectra of the samples, which
+/// each such slab computes again, cost almost nothing.
 const DEPTHS: usize = 32;
 
 /// All frequencies in ascending order for each slab of depths, in blocks that bound the memory and change no sum.
@@ -192,8 +192,8 @@ fn skeleton_frequencies(
     compressed.tones.samples = layout.lattice.spreading(&instrument.array).onto_nodes(samples)?;
     let error_bound = error * compressed.modulus;
     let plane_len = grid.plane_len();
-    // Room for every slab that is worked on at a time, used again by the next: what is given back and asked for again
-    // an allocator holds twice.
+    // Buffers for every slab that is worked on at a time, reused by the next: memory that is freed and allocated
+    // again is in use twice for a while.
     let most = slabs.iter().map(SlabTones::len).max().unwrap_or(0);
     let room = |_| Ok((Tones::with_capacity(most, layout.lattice.width())?, layout.room(most)?));
     let rooms = (0..batch.slabs.min(slabs.len())).into_par_iter().map(room);

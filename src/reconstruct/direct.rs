@@ -19,7 +19,7 @@ use rayon::prelude::*;
 /// Voxels that are summed together, so that they share what is read of the samples.
 pub(super) const TOGETHER: usize = 64;
 
-/// Voxels that are worked on before they are handed on, or a plane of them: enough to keep every thread busy.
+/// Voxels that are worked on before they are passed on, or a plane of them: enough to keep every thread busy.
 const AT_ONCE: usize = 64 * TOGETHER;
 
 /// How a direct sum is carried out.
@@ -35,7 +35,7 @@ impl DirectPlan {
         Self { grid: *grid, depths: AT_ONCE.div_ceil(grid.plane_len().max(1)).min(grid.z.count) }
     }
 
-    /// With the memory of a batch for so many threads.
+    /// With the memory of a batch for this many threads.
     pub(super) fn cost(&self, instrument: &Instrument, threads: usize) -> Cost<'static> {
         let n_mic = instrument.array.len();
         let pairs = self.grid.voxel_count() as f64 * n_mic as f64;
@@ -88,7 +88,7 @@ pub(super) fn sum_over_paths(
     })
 }
 
-/// Room for the path lengths that [`image`] works out.
+/// Buffers for the path lengths that [`image`] computes.
 pub(super) fn lengths(microphones: usize) -> Vec<f64> {
     vec![0.0; TOGETHER * microphones.next_multiple_of(LANES)]
 }

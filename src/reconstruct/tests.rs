@@ -23,7 +23,7 @@ impl VolumeSink for Resumed {
 
     fn take(&mut self, first: usize, planes: &[Complex32]) -> Result<()> {
         let last = first + planes.len() / self.volume.grid.plane_len();
-        assert!(last > self.done, "depths {first}..{last} are not wanted");
+        assert!(last > self.done, "depths {first}..{last} are already there");
         self.volume.take(first, planes)
     }
 

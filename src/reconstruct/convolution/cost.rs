@@ -13,7 +13,7 @@ use num_complex::Complex32;
 const TRANSFORM: f64 = 2.0;
 
 impl ConvolutionPlan {
-    /// With the memory of a batch for so many threads.
+    /// With the memory of a batch for this many threads.
     pub(in crate::reconstruct) fn cost(&self, instrument: &Instrument, threads: usize) -> Cost<'_> {
         match &self.slabs {
             None => self.cost_of_every_frequency(instrument, threads),

@@ -79,7 +79,7 @@ pub(crate) struct NearFieldCost {
 }
 
 impl NearFieldCost {
-    /// By a fixed model, for slabs of so many depths; nothing without such depths.
+    /// By a fixed model, for slabs of this many depths; nothing without such depths.
     pub(crate) fn new(
         instrument: &Instrument,
         grid: &Grid,

@@ -11,7 +11,7 @@ use crate::reconstruct::direct::DirectPlan;
 use crate::reconstruct::error_budget::ErrorBudget;
 use crate::reconstruct::{Method, ReconstructOptions};
 
-/// Above this many terms `direct` must be asked for by name; it would run for many minutes.
+/// Above this many terms `direct` must be selected explicitly; it would run for many minutes.
 const MOST_DIRECT_TERMS: u64 = 100_000_000_000;
 
 /// The terms of Eq. 13: voxels × microphones × frequencies.
@@ -84,11 +84,11 @@ impl Candidates {
         Ok(Self { estimates, convolution, backprojection, direct })
     }
 
-    /// The method asked for, or of those possible the one of fewest operations.
+    /// The selected method, or of the possible ones that of fewest operations.
     pub(crate) fn chosen(&self, asked: Method) -> &Estimate {
         let of = |method: Method| self.estimates.iter().find(|e| e.method == method);
         of(asked).unwrap_or_else(|| {
-            // `linear` is another formula, not a way to sum this one.
+            // `linear` is another formula, not another method for this one.
             let possible =
                 self.estimates.iter().filter(|e| e.obstacle.is_none() && e.method != Method::Linear);
             possible.min_by(|a, b| a.operations.total_cmp(&b.operations)).expect("the direct sum always is")
@@ -137,7 +137,7 @@ fn no_backprojection(options: &ReconstructOptions) -> &'static str {
     }
 }
 
-/// Refuses a direct sum of many minutes that nobody asked for by name.
+/// Refuses a direct sum of many minutes that was not selected explicitly.
 fn refuse_long_sum(instrument: &Instrument, grid: &Grid, misfit: &str) -> Result<()> {
     let terms = direct_terms(instrument, grid);
     if terms <= MOST_DIRECT_TERMS {
@@ -147,7 +147,7 @@ fn refuse_long_sum(instrument: &Instrument, grid: &Grid, misfit: &str) -> Result
         "reconstruct.method",
         format!(
             "{misfit}. That leaves the direct sum of Eq. 13, {:.1e} terms here: many minutes. Make the grid \
-             smaller or its pitch larger, allow a tolerance, or ask for it by name with [reconstruct] method = \"direct\"",
+             smaller or its pitch larger, allow a tolerance, or select it explicitly with [reconstruct] method = \"direct\"",
             terms as f64
         ),
     ))
@@ -164,7 +164,7 @@ fn check(grid: &Grid, options: &ReconstructOptions) -> Result<()> {
         return Err(Error::input(
             "grid",
             format!(
-                "{n_x} x {n_y} x {n_z} voxels are beyond all memory ({:.1e} GiB); use a larger pitch or a smaller grid",
+                "{n_x} x {n_y} x {n_z} voxels exceed any memory ({:.1e} GiB); use a larger pitch or a smaller grid",
                 grid.voxel_count() as f64 * 8.0 / f64::from(1 << 30)
             ),
         ));
@@ -178,13 +178,16 @@ fn check(grid: &Grid, options: &ReconstructOptions) -> Result<()> {
     if !(0.0..1.0).contains(&options.tolerance) {
         return Err(Error::input(
             "reconstruct.tolerance",
-            format!("{} is no relative error; 1e-4 is usual, 0 sums every frequency", options.tolerance),
+            format!(
+                "{} is not a relative error in 0..1; 1e-4 is usual, 0 sums every frequency",
+                options.tolerance
+            ),
         ));
     }
     Ok(())
 }
 
-/// What each method would cost for a job with so many threads, and the one that
+/// What each method would cost for a job with this many threads, and the one that
 /// [`reconstruct`](crate::reconstruct::reconstruct()) would take, which no number of threads changes. Takes up to a tenth
 /// of a second.
 ///

@@ -15,7 +15,7 @@ pub struct Estimate {
     pub obstacle: Option<String>,
     /// Floating-point operations, to within a factor of two.
     pub operations: f64,
-    /// Bytes at the peak beside the samples that the source holds, and beside the volume: within
+    /// Bytes at the peak, without the samples that the source stores and the volume: within
     /// [`ReconstructOptions::memory`], or where as little as possible is worked on at a time.
     pub bytes: u64,
     /// What `bytes` are of.
@@ -23,7 +23,7 @@ pub struct Estimate {
     pub(crate) batch: Batch,
 }
 
-/// What every method would take for a job, and which one is chosen.
+/// The cost of every method for a job, and which one is chosen.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct Estimates {

@@ -1,4 +1,4 @@
-//! Where depths go as they are finished, and what is known of them.
+//! What receives depths as they are finished, and how they were computed.
 
 use crate::alloc::try_zeroed;
 use crate::error::Result;
@@ -17,7 +17,7 @@ pub struct ReconstructionInfo {
     pub error_bound: f64,
 }
 
-/// Where depths go as they are finished: memory, or a file that is written slab by slab.
+/// Receives depths as they are finished: memory, or a file that is written slab by slab.
 pub trait VolumeSink: Send {
     /// Called once, before the first depth.
     ///

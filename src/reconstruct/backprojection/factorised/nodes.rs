@@ -115,9 +115,9 @@ pub(crate) struct TileLattice {
     pub(crate) block: [usize; 3],
     /// By how much a path length differs from that of its block's centre at most, about, m.
     pub(crate) half: f64,
-    /// The greatest error for exact nodes, relative to `Σ|w m| / Σw`, measured on sampled terms.
+    /// The largest error for exact nodes, relative to `Σ|w m| / Σw`, measured on sampled terms.
     pub(crate) error: f64,
-    /// By how much errors of nodes can grow: the greatest sums of the weights' moduli.
+    /// By how much errors of nodes can grow: the largest sums of the weights' moduli.
     pub(crate) growth: f64,
     /// Nodes of all tiles, about.
     pub(crate) count: f64,
@@ -171,7 +171,7 @@ impl TileLattice {
             .find_map(|lattice| lattice.measured(instrument, grid, budget.interpolation()))
     }
 
-    /// The divisions into tiles that come of so many halvings.
+    /// The divisions into tiles that come of this many halvings.
     fn halved(
         instrument: &Instrument,
         grid: &Grid,
@@ -276,7 +276,7 @@ impl TileLattice {
         })
     }
 
-    /// Whether every node stands where some point has its range.
+    /// Whether every node is where some point has its range.
     ///
     /// That is least so of the nodes farthest aside, which only the outermost voxels are made of, for the nearest of these.
     fn has_places(&self, instrument: &Instrument, grid: &Grid) -> bool {

@@ -31,7 +31,7 @@ impl Placed {
     pub(crate) fn points(&self, geometry: &Geometry) -> Points {
         let out = geometry.outward_length(self.centre);
         let point = |place: &Option<DVec3>| {
-            // A node that nobody needs may stand anywhere.
+            // A node that is not needed may be anywhere.
             let p = place.unwrap_or(self.centre);
             let d = p - self.centre;
             [d.x, d.y, d.z, geometry.outward_length(p) - out]
@@ -41,7 +41,7 @@ impl Placed {
 }
 
 impl Patch {
-    /// The patches of nodes `shell` along ρ that a tile needs; `None` if one stands where no point has its range.
+    /// The patches of nodes `shell` along ρ that a tile needs; `None` if one is where no point has its range.
     pub(crate) fn of(
         lattice: &TileLattice,
         geometry: &Geometry,

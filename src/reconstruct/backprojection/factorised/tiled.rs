@@ -26,7 +26,7 @@ use std::ops::Range;
 /// Depths whose voxels are worked on at a time.
 pub(crate) const DEPTHS: usize = 32;
 
-/// What nodes are taken to be allowed when work is estimated.
+/// The budget of nodes that is assumed when work is estimated.
 pub(crate) fn usual_budget(budget: ErrorBudget) -> ErrorBudget {
     budget.before_interpolation(USUAL_GROWTH)
 }
@@ -72,7 +72,7 @@ pub(crate) struct Tiled<'a> {
 }
 
 impl<'a> Tiled<'a> {
-    /// Places all nodes; `None` if one that is needed would stand where no point has its range.
+    /// Places all nodes; `None` if one that is needed would be where no point has its range.
     pub(crate) fn new(
         lattice: &'a TileLattice,
         instrument: &Instrument,

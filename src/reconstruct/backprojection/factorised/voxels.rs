@@ -59,7 +59,7 @@ impl AxisWeights {
         (self.first[voxel], &self.weights[voxel * self.taps..][..self.taps])
     }
 
-    /// For every node the least and the greatest of what the voxels made of it need.
+    /// For every node the least and the largest of what the voxels made of it need.
     fn gather(&self, nodes: usize, voxels: &[Range<usize>]) -> Vec<Range<usize>> {
         let mut all = vec![0..0; nodes];
         for (needed, first) in voxels.iter().zip(&self.first) {
@@ -200,7 +200,7 @@ pub(crate) struct RowBuffers {
 }
 
 impl RowBuffers {
-    /// Starts with a row of so many voxels at zero.
+    /// Starts with a row of this many voxels at zero.
     pub(crate) fn clear(&mut self, voxels: usize) {
         for sums in &mut self.sums {
             sums.clear();
