@@ -98,7 +98,7 @@ pub(super) fn design(design: &Design) -> String {
     }
     let [x, y, z] = design.voxel_pitch.map(|pitch| format!("{:.1}", pitch * 1e3));
     let _ = writeln!(text, "voxels: {x} x {y} x {z} mm or finer lose little");
-    let mut mended = "";
+    let mut fixed = "";
     for suggestion in &design.suggestions {
         if suggestion.fixes != fixed {
             fixed = suggestion.fixes;
