@@ -184,7 +184,7 @@ fn every_suggestion_mends_what_it_says() {
         let after = forecast(&suggestion.set);
         seen.push(suggestion.fixes);
         if suggestion.fixes == "voxels" {
-            assert!(!after.design.suggestions.iter().any(|s| s.mends == "voxels"), "{suggestion:?}");
+            assert!(!after.design.suggestions.iter().any(|s| s.fixes == "voxels"), "{suggestion:?}");
             continue;
         }
         let sign = sign(suggestion.fixes);
