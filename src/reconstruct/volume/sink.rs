@@ -53,3 +53,27 @@ impl VolumeSink for Volume {
         Ok(())
     }
 }
+
+/// A volume whose first depths come from an interrupted run, for tests of resuming.
+#[cfg(test)]
+pub(crate) struct ResumedVolume {
+    pub(crate) volume: Volume,
+    pub(crate) done: usize,
+}
+
+#[cfg(test)]
+impl VolumeSink for ResumedVolume {
+    fn begin(&mut self, info: &ReconstructionInfo) -> Result<()> {
+        self.volume.begin(info)
+    }
+
+    fn take(&mut self, first: usize, planes: &[Complex32]) -> Result<()> {
+        let last = first + planes.len() / self.volume.grid.plane_len();
+        assert!(last > self.done, "depths {first}..{last} are already there");
+        self.volume.take(first, planes)
+    }
+
+    fn depths_done(&self) -> usize {
+        self.done
+    }
+}
