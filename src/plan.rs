@@ -44,7 +44,7 @@ use serde::Serialize;
 
 impl Instrument {
     /// Lateral resolution λ_c z/D along x and y at depth `z`, m; `None` along an axis without extent. Never less than half
-    /// a wavelength, which is the least that waves from all sides resolve.
+    /// a wavelength, the finest that waves from all sides resolve.
     ///
     /// Not Eq. 12, whose right side is dimensionless (an angle) and knows no wavelength. A monostatic
     /// scan resolves twice as finely, since both legs change.
@@ -54,7 +54,7 @@ impl Instrument {
         [extent.x, extent.y].map(|d| (d > 0.0).then(|| wavelength * (z / d).max(0.5)))
     }
 
-    /// Greatest path length that is not ambiguous, m: c/δf in quadrature (as a span), c/2δf in phase.
+    /// Largest path length that is not ambiguous, m: c/δf in quadrature (as a span), c/2δf in phase.
     ///
     /// Eq. 11 gives c/2δf for real data as a *path*; a one-way range is half of either.
     pub fn unambiguous_path(&self) -> Option<f64> {
@@ -104,11 +104,11 @@ impl Instrument {
     }
 }
 
-/// The verdicts of the plan; lengths in m, memory in bytes.
+/// Resolutions, ambiguity and aliasing of a job; lengths in m, memory in bytes.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct Plan {
-    /// Number of tones, microphones and voxels.
+    /// Number of frequencies.
     pub frequencies: usize,
     /// Number of microphones.
     pub microphones: usize,
@@ -122,21 +122,21 @@ pub struct Plan {
     pub lateral_resolution_near: [Option<f64>; 2],
     /// The same at the farthest depth, m.
     pub lateral_resolution_far: [Option<f64>; 2],
-    /// Greatest unambiguous path length, m.
+    /// Largest unambiguous path length, m.
     pub unambiguous_path: Option<f64>,
-    /// Least and greatest path length of the grid, m.
+    /// Shortest and longest path length of the grid, m.
     pub path_bounds: [f64; 2],
-    /// Largest microphone pitch without ghosts inside this grid, m.
+    /// Largest microphone pitch without grating lobes inside this grid, m.
     pub alias_free_pitch: f64,
     /// Bytes of the cube.
     pub cube_bytes: u64,
     /// Bytes of the volume.
     pub volume_bytes: u64,
-    /// Design rules that this job breaks, one sentence or two each.
+    /// Design rules that this job breaks, in one or two sentences each.
     pub warnings: Vec<String>,
 }
 
-/// Works out a plan. Costs nothing.
+/// Computes a plan, in microseconds.
 pub fn plan(instrument: &Instrument, grid: &Grid) -> Plan {
     let width = (grid.x.last() - grid.x.first).max(grid.y.last() - grid.y.first);
     let near = grid.z.first.max(1e-3);
@@ -162,13 +162,13 @@ pub fn plan(instrument: &Instrument, grid: &Grid) -> Plan {
     }
 }
 
-/// A number as one would type it, to a hair.
+/// A number with at most six decimals, without trailing zeros.
 fn nice(value: f64) -> String {
     let text = format!("{value:.6}");
     text.trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
-/// `d ≤ λ_min/2` is free of ghosts everywhere; `d ≤ λ_min z/X` within a scene of width X from depth z on.
+/// `d ≤ λ_min/2` is free of grating lobes everywhere; `d ≤ λ_min z/X` within a scene of width X from depth z on.
 fn alias_free_pitch(instrument: &Instrument, near: f64, width: f64) -> f64 {
     let shortest = instrument.shortest_wavelength() / instrument.geometry.return_legs();
     if width > 0.0 { (shortest * near / width).max(shortest / 2.0) } else { f64::MAX }
@@ -187,8 +187,8 @@ fn aliasing_warning(instrument: &Instrument, near: f64, width: f64, alias_free: 
     let smear = (axis.count - 1) as f64 * instrument.sweep.bandwidth() / instrument.sweep.centre();
     let level = -20.0 * smear.max(1.0).log10();
     Some(format!(
-        "microphones {:.1} mm apart alias within this {width:.2} m wide grid: bright points have ghosts {offset:.2} m \
-         beside them, about {level:.0} dB; a pitch of {:.1} mm or less has none",
+        "microphones {:.1} mm apart alias within this {width:.2} m wide grid: bright points have grating lobes \
+         at an offset of {offset:.2} m, about {level:.0} dB; a pitch of {:.1} mm or less has none",
         axis.pitch * 1e3,
         alias_free * 1e3
     ))
@@ -210,8 +210,8 @@ fn ambiguity_warning(instrument: &Instrument, shortest: f64, longest: f64) -> Op
     })
 }
 
-/// Warnings about a scene whose size does not go with the sound: the usual sign of a wrong unit, or, where the file is
-/// `in_metres` by its own rules, of a wrong scale.
+/// Warnings about a scene whose size does not suit the wavelength or the range: the usual sign of a wrong unit, or, where
+/// the file is `in_metres` by its own rules, of a wrong scale.
 pub(crate) fn scale_warnings(
     instrument: &Instrument,
     low: DVec3,
@@ -249,7 +249,7 @@ pub(crate) fn outside_warning(grid: &Grid, low: DVec3, high: DVec3) -> Option<St
     let apart = low.cmpgt(far).any() || high.cmplt(near).any();
     apart.then(|| {
         format!(
-            "the scene, from {low:.3} to {high:.3} m, lies outside the grid, from {near:.3} to {far:.3} m: what the image shows are \
+            "the scene, from {low:.3} to {high:.3} m, is outside the grid, from {near:.3} to {far:.3} m: the image shows only \
              sidelobes; move the [grid] or the scene"
         )
     })

@@ -1,8 +1,8 @@
-//! The point-spread function: what one reflector looks like, measured, with what was foretold beside it.
+//! The point-spread function: the image of one reflector, measured, and the prediction.
 //!
 //! Takes an instrument and a point; simulates a unit reflector there, reconstructs fine lines, planes and the whole box
 //! around it with the crate's own `simulate` and [`reconstruct`](crate::reconstruct::reconstruct), and reads off widths,
-//! sidelobes and ghosts. What is foretold comes from [`Profile`](crate::plan::Profile) and [`Beam`], which see neither.
+//! sidelobes and grating lobes. Predictions come from [`Profile`](crate::plan::Profile) and [`Beam`], which use neither.
 
 mod look;
 
@@ -32,7 +32,7 @@ pub struct Width {
     pub predicted_at_6_db: Option<f64>,
 }
 
-/// A place beside the main lobe and its amplitude against the peak.
+/// A place outside the main lobe and its amplitude relative to the peak.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct Lobe {
@@ -42,19 +42,19 @@ pub struct Lobe {
     pub position: [f64; 3],
 }
 
-/// A grating lobe, foretold and found.
+/// A grating lobe, predicted and measured.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[non_exhaustive]
-pub struct GhostFound {
+pub struct MeasuredGratingLobe {
     /// Axis along which the microphones' pitch repeats: 0 is x, 1 is y.
     pub axis: usize,
     /// Order and side.
     pub order: i32,
     /// By the array factor.
     pub predicted: Lobe,
-    /// The greatest amplitude near there.
+    /// The largest amplitude near there.
     pub measured: Lobe,
-    /// Lateral distances from the point, m: foretold, found.
+    /// Lateral distances from the point, m: predicted, measured.
     pub offset: [f64; 2],
     /// Whether it lies within the grid.
     pub in_grid: bool,
@@ -63,8 +63,8 @@ pub struct GhostFound {
 /// A plane through the point, with the amplitudes on it.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
-pub struct Cut {
-    /// Which plane: "x y", "x z", "y z" through the point, or "front": the greatest along z.
+pub struct PlaneCut {
+    /// Which plane: "x y", "x z", "y z" through the point, or "front": the largest along z.
     pub name: &'static str,
     /// Columns.
     pub columns: Axis,
@@ -74,7 +74,7 @@ pub struct Cut {
     pub decibels: Vec<f32>,
 }
 
-/// What one point looks like.
+/// The image of one point.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct PointSpread {
@@ -84,17 +84,17 @@ pub struct PointSpread {
     pub amplitude: f64,
     /// Along x, y and z through the point.
     pub widths: [Width; 3],
-    /// The strongest place outside the main lobe, in the grid at ranges near the point's; ghosts included.
+    /// The strongest place outside the main lobe, in the grid at ranges near the point's; grating lobes included.
     pub peak_sidelobe: Option<Lobe>,
-    /// What the array factor and the band's window foretell of its level, dB.
+    /// What the array factor and the band's window predict for its level, dB.
     pub predicted_peak_sidelobe_db: Option<f64>,
     /// Mean power outside the main lobe in the same box, dB.
     pub mean_sidelobe_db: Option<f64>,
     /// Grating lobes before the array, whether or not in the grid.
-    pub ghosts: Vec<GhostFound>,
+    pub ghosts: Vec<MeasuredGratingLobe>,
     /// To be drawn.
     #[serde(skip)]
-    pub cuts: Vec<Cut>,
+    pub cuts: Vec<PlaneCut>,
 }
 
 /// Measures the point-spread function at `p`; `scene` is the grid in which sidelobes matter.
@@ -103,7 +103,8 @@ pub struct PointSpread {
 /// voxels.
 ///
 /// # Errors
-/// A point behind the array or where no microphone hears it; what `simulate` and [`reconstruct`](crate::reconstruct::reconstruct) come to.
+/// A point behind the array or where no microphone receives its echo; those of `simulate` and
+/// [`reconstruct`](crate::reconstruct::reconstruct).
 pub fn point_spread(
     instrument: &Instrument,
     options: &ReconstructOptions,
@@ -128,13 +129,13 @@ pub fn point_spread_with(
     if !(p.is_finite() && p.z > high.z.max(0.0)) {
         return Err(Error::input(
             "--at",
-            format!("{p} m does not lie before the array; x,y,z with z greater than {} was expected", high.z),
+            format!("{p} m is not in front of the array; expected x,y,z with z greater than {}", high.z),
         ));
     }
     let reflector = Reflectors::new(vec![p], vec![Complex32::ONE])?;
     let cube = simulate_with(&reflector, instrument, &SimulateOptions::default(), observer)?;
     let widths = [3.0, 6.0].map(|below| instrument.predicted_widths(p, options.window, below));
-    // Where an axis tells nothing apart, anything will do that is not far beside the rest.
+    // An axis without resolution takes a scale like the others'.
     let otherwise = widths[0]
         .into_iter()
         .flatten()
@@ -144,7 +145,7 @@ pub fn point_spread_with(
     let mut look = Look { instrument, options, cube, p, amplitude: 1.0, beam, scale };
     look.amplitude = f64::from(look.image(&cube_grid(p, DVec3::splat(1e-4), [0; 3]))?.peak());
     if look.amplitude <= 0.0 {
-        return Err(Error::input("--at", format!("no microphone hears a reflector at {p} m")));
+        return Err(Error::input("--at", format!("no microphone receives an echo from {p} m")));
     }
     let measured = [look.line(0, &widths)?, look.line(1, &widths)?, look.line(2, &widths)?];
     let mut cuts = vec![look.cut("x y", 0, 1)?, look.cut("x z", 0, 2)?, look.cut("y z", 1, 2)?];

@@ -5,13 +5,14 @@
 //! with w = 1 for quadrature, 2 for in-phase data and window weights `w_f`, `w_r` (all 1 without a window), so a
 //! unit reflector on a voxel peaks at 1. [`Method::Direct`] sums this as written, on any grid and for any
 //! microphones: it is the oracle. [`Method::Convolution`] is Eq. 16 over skeleton frequencies, for microphones in
-//! a plane of constant z; [`Method::Backprojection`] follows range profiles, for any others.
-//! [`Method::Linear`] is the paper's far-field approximation of it, for comparison. This module cannot see the scene, so it
-//! cannot know the answer.
+//! a plane of constant z; [`Method::Backprojection`] evaluates range profiles, for any others.
+//! [`Method::Linear`] is the paper's far-field approximation of it, for comparison. This module has no access to the scene, so it
+//! cannot know the result in advance.
 
 mod backprojection;
 mod compress;
 mod convolution;
+mod cost;
 mod direct;
 mod error_budget;
 mod job;
@@ -33,7 +34,7 @@ use crate::grid::{Grid, Volume, no_room_for};
 use crate::progress::{Observer, Silent};
 use error_budget::ErrorBudget;
 use job::Job;
-use plan::{Choice, Options};
+use plan::{Candidates, MethodPlan};
 use volume::{Compensated, Gain};
 use window::Weights;
 
@@ -85,17 +86,17 @@ pub fn reconstruct_with(
     Ok(Reconstruction { volume, method, error_bound })
 }
 
-/// Reconstructs from a source of frequencies into a sink of depths, neither of which need be held whole.
+/// Reconstructs from a source of frequencies into a sink of depths, neither of which need be in memory as a whole.
 ///
 /// - Cost: `direct` is voxels × microphones × frequencies terms; `convolution` two padded 2-D FFTs per skeleton
-///   tone, depth and pair of sub-lattices; `backprojection` some 130 operations per voxel and microphone, or, by tiles of
+///   tone, depth and pair of sublattices; `backprojection` some 130 operations per voxel and microphone, or, by tiles of
 ///   the array, some 1000 per voxel and tile and 130 per microphone and node of its own tile.
 /// - The bytes do not depend on the number of threads, nor on where samples come from and planes go to.
 ///
 /// # Errors
-/// `convolution` asked for where it is not possible, `backprojection` without a tolerance, or `auto` with neither and
+/// `convolution` selected where it is not possible, `backprojection` without a tolerance, or `auto` with neither and
 /// over 10¹¹ direct terms; a grid with voxels behind the array; a tolerance that is not in 0..1; [`Error::OutOfMemory`]
-/// when what it needs does not fit in memory; [`Error::Interrupted`]; what source and sink come to.
+/// when what it needs does not fit in memory; [`Error::Interrupted`]; those of source and sink.
 pub fn reconstruct_into(
     source: &mut dyn CubeSource,
     grid: &Grid,
@@ -116,9 +117,9 @@ fn in_pool(
 ) -> Result<ReconstructionInfo> {
     let instrument = source.instrument();
     let threads = rayon::current_num_threads();
-    let possible = Options::of(instrument, grid, options, threads)?;
-    let batch = possible.chosen(options.method).batch;
-    let (choice, warning) = possible.choose(instrument, grid, options.method)?;
+    let candidates = Candidates::new(instrument, grid, options, threads)?;
+    let batch = candidates.chosen(options.method).batch;
+    let (plan, warning) = candidates.choose(instrument, grid, options.method)?;
     if let Some(warning) = warning {
         observer.warn(&warning);
     }
@@ -133,23 +134,24 @@ fn in_pool(
         None => sink,
     };
     let (weights, budget) = (&weights, ErrorBudget::new(options.tolerance));
-    let info = carry_out(&choice, Job { source, weights, grid, budget, batch, sink, observer })?;
+    let info = carry_out(&plan, Job { source, weights, grid, budget, batch, sink, observer })?;
     Ok(gain.map_or(info, |gain| gain.info(&info)))
 }
 
-/// The method that was chosen.
-fn carry_out(choice: &Choice, job: Job<'_>) -> Result<ReconstructionInfo> {
-    match choice {
-        Choice::Direct => direct::direct(job),
-        Choice::Convolution(plan) => convolution::convolution(job, plan),
-        Choice::Backprojection(plan) => backprojection::backprojection(job, plan),
-        Choice::Linear => linear::linear(job),
+fn carry_out(plan: &MethodPlan, job: Job<'_>) -> Result<ReconstructionInfo> {
+    match plan {
+        MethodPlan::Direct(plan) => direct::direct(job, plan),
+        MethodPlan::Convolution(plan) => convolution::convolution(job, plan),
+        MethodPlan::Backprojection(plan) => backprojection::backprojection(job, plan),
+        MethodPlan::Linear(plan) => linear::linear(job, plan),
     }
 }
 
-/// The refusal of samples that do not fit.
-fn no_room(tones: u64, microphones: u64) -> Error {
-    Error::out_of_memory(format!("{tones} tones x {microphones} microphones do not fit; use fewer of either"))
+/// The error when samples do not fit in memory.
+fn no_room(frequencies: u64, microphones: u64) -> Error {
+    Error::out_of_memory(format!(
+        "{frequencies} frequencies x {microphones} microphones do not fit in memory; use fewer of either"
+    ))
 }
 
 #[cfg(test)]

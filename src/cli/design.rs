@@ -10,7 +10,7 @@ use crate::export::figure::{Chart, ChartAxis, write_charts, write_spread_figure}
 use crate::pipeline::{self, DesignRow, DesignSweep, SweptKey};
 use crate::plan::design::{Design, Verdict};
 use crate::progress::Observer;
-use crate::psf::{GhostFound, PointSpread, Width};
+use crate::psf::{MeasuredGratingLobe, PointSpread, Width};
 use glam::DVec3;
 use serde_json::json;
 use std::fmt::Write;
@@ -98,11 +98,11 @@ pub(super) fn design(design: &Design) -> String {
     }
     let [x, y, z] = design.voxel_pitch.map(|pitch| format!("{:.1}", pitch * 1e3));
     let _ = writeln!(text, "voxels: {x} x {y} x {z} mm or finer lose little");
-    let mut mended = "";
+    let mut fixed = "";
     for suggestion in &design.suggestions {
-        if suggestion.mends != mended {
-            mended = suggestion.mends;
-            let _ = writeln!(text, "to mend {mended}:");
+        if suggestion.fixes != fixed {
+            fixed = suggestion.fixes;
+            let _ = writeln!(text, "to fix {fixed}:");
         }
         let set: Vec<String> = suggestion.set.iter().map(|set| format!("--set \"{set}\"")).collect();
         let _ = writeln!(text, "  {}  ({})", set.join(" "), suggestion.effect);
@@ -319,8 +319,15 @@ fn spread(spread: &PointSpread) -> String {
         let header = ["ghost", "offset m", "foretold", "dB", "foretold", "at", ""];
         let mut rows = vec![header.map(str::to_owned).to_vec()];
         for ghost in &spread.ghosts {
-            let GhostFound { axis, order, offset: [foretold, found], measured, predicted, in_grid, .. } =
-                *ghost;
+            let MeasuredGratingLobe {
+                axis,
+                order,
+                offset: [foretold, found],
+                measured,
+                predicted,
+                in_grid,
+                ..
+            } = *ghost;
             rows.push(vec![
                 format!("  {}{order:+}", ["x", "y"][axis.min(1)]),
                 format!("{found:.3}"),

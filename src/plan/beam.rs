@@ -1,11 +1,11 @@
-//! Sidelobes and ghosts of any array, from its array factor over the whole band.
+//! Sidelobes and grating lobes of any array, from its array factor over the whole band.
 //!
-//! A reflector seen from the array at the direction sines `u` shows, at the sines `u + Δ`, what the microphones add up to
-//! when each is late by `t_r = Δ·r/c`:
+//! A reflector seen from the array at the direction sines `u` appears, at the sines `u + Δ`, with the sum over the microphones
+//! when each is delayed by `t_r = Δ·r/c`:
 //!
 //! `B(Δ) = max_τ |Σ_r w_r e^{−i2πf_c t_r} h(τ − t_r)| / Σ_r w_r`,  `h(t) = Σ_f w_f e^{i2π(f − f_c)t} / Σ_f w_f`
 //!
-//! the greatest over the ranges beside the reflector's own, since a ghost need not lie at the same range. On a lattice of
+//! the maximum over the ranges near the reflector's own, since a grating lobe need not be at the same range. On a lattice of
 //! pitch d the pulses line up where Δ is a multiple of λ/d: grating lobes, which a wide band smears along τ. Elsewhere
 //! there is no such Δ, and what remains has a mean power of 1/N. The far field of the array is assumed.
 
@@ -23,19 +23,19 @@ use std::f64::consts::TAU;
 /// Places of τ per 1/B.
 const PER_CELL: f64 = 4.0;
 
-/// The pulse h is followed so many 1/B to either side; beyond, without a window, it is 26 dB down.
+/// The pulse h is followed this many 1/B to either side; beyond, without a window, it is 26 dB down.
 const PULSE: usize = 6;
 
-/// Microphones times directions that are looked at; more directions are taken farther apart.
+/// Most microphones times directions that are evaluated; with more, directions are farther apart.
 const MOST_TERMS: f64 = 1.2e8;
 
-/// Highest order of ghosts that is looked for.
+/// Highest order of grating lobes that is searched for.
 const ORDERS: i32 = 2;
 
-/// A ghost of a lattice: a grating lobe.
+/// A grating lobe of a lattice of microphones.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[non_exhaustive]
-pub struct Ghost {
+pub struct GratingLobe {
     /// The axis along which the microphones' pitch repeats: 0 is x, 1 is y.
     pub axis: usize,
     /// How many wavelengths the path changes by from microphone to microphone.
@@ -46,23 +46,23 @@ pub struct Ghost {
     pub level_db: f64,
 }
 
-/// What an array shows beside a reflector.
+/// The array's response outside the main lobe.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct Sidelobes {
-    /// Greatest differences of direction sines along x and y that were looked at.
+    /// Largest differences of direction sines along x and y that were searched.
     pub reach: [f64; 2],
-    /// Greatest amplitude outside the main lobe at any range, dB; `None` where nothing lies outside of it.
+    /// Largest amplitude outside the main lobe at any range, dB; `None` where nothing lies outside of it.
     pub peak_db: Option<f64>,
     /// Where it is, as an offset of direction sines.
     pub peak_offset: [f64; 2],
     /// Mean power outside the main lobe at the centre frequency, dB: about −10 log₁₀ N for N scattered microphones.
     pub mean_db: Option<f64>,
     /// Grating lobes within the reach, both signs of an order being alike.
-    pub ghosts: Vec<Ghost>,
+    pub ghosts: Vec<GratingLobe>,
 }
 
-/// An array factor, ready to be asked for its value in any direction.
+/// An array factor, prepared for evaluation in any direction.
 #[derive(Debug)]
 pub struct Beam {
     /// Microphones' places about the centre and weights; the weights' sum is 1.
@@ -162,7 +162,7 @@ impl Beam {
     }
 
     /// The microphones that matter in a direction: a lattice's columns or rows along its own axes.
-    fn heard(&self, offset: DVec2) -> &[(DVec2, f64)] {
+    fn microphones_along(&self, offset: DVec2) -> &[(DVec2, f64)] {
         match &self.columns {
             Some([x, _]) if offset.y == 0.0 => x,
             Some([_, y]) if offset.x == 0.0 => y,
@@ -173,7 +173,7 @@ impl Beam {
     /// |B| of the centre frequency alone.
     fn at_centre(&self, offset: DVec2) -> f64 {
         let sum: Complex64 = self
-            .heard(offset)
+            .microphones_along(offset)
             .iter()
             .map(|(r, w)| Complex64::from_polar(*w, -TAU * self.centre * self.slowness * offset.dot(*r)))
             .sum();
@@ -185,15 +185,16 @@ impl Beam {
         if self.pulse.is_empty() {
             return self.at_centre(offset);
         }
-        let heard = self.heard(offset);
+        let microphones = self.microphones_along(offset);
         let late = |r: DVec2| self.slowness * offset.dot(r);
-        let (first, last) = heard.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), (r, _)| {
-            (low.min(late(*r)), high.max(late(*r)))
-        });
+        let (first, last) =
+            microphones.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), (r, _)| {
+                (low.min(late(*r)), high.max(late(*r)))
+            });
         let rate = PER_CELL * self.bandwidth;
         let places = ((last - first) * rate) as usize + 2;
         let mut arrivals = vec![Complex64::ZERO; places];
-        for (r, w) in heard {
+        for (r, w) in microphones {
             let t = late(*r);
             let place = (t - first) * rate;
             let i = (place as usize).min(places - 2);
@@ -214,7 +215,7 @@ impl Beam {
     }
 
     /// The grating lobes within `reach` of a reflector, stronger than −60 dB; of each order the positive side.
-    pub fn ghosts(&self, reach: [f64; 2]) -> Vec<Ghost> {
+    pub fn ghosts(&self, reach: [f64; 2]) -> Vec<GratingLobe> {
         let mut ghosts = Vec::new();
         for (axis, unit) in [DVec2::X, DVec2::Y].into_iter().enumerate() {
             let Some([short, long]) = self.gratings[axis] else { continue };
@@ -232,14 +233,14 @@ impl Beam {
                     .max_by(|a, b| a.1.total_cmp(&b.1));
                 if let Some((offset, strength)) = strongest.filter(|(_, strength)| *strength > 1e-3) {
                     let level_db = 20.0 * strength.log10();
-                    ghosts.push(Ghost { axis, order, offset: (offset * unit).to_array(), level_db });
+                    ghosts.push(GratingLobe { axis, order, offset: (offset * unit).to_array(), level_db });
                 }
             }
         }
         ghosts
     }
 
-    /// Everything beside the main lobe, up to `reach` of direction sines along x and y.
+    /// Everything outside the main lobe, up to `reach` of direction sines along x and y.
     ///
     /// Cost: up to 10⁸ terms of [`Beam::strength`], so a fraction of a second.
     pub fn sidelobes(&self, reach: [f64; 2]) -> Sidelobes {
@@ -260,12 +261,12 @@ impl Beam {
         }
     }
 
-    /// Distance of directions that are looked at along x and y: half a lobe at the most.
+    /// Distance of evaluated directions along x and y: at most half a lobe.
     fn steps(&self, reach: [f64; 2]) -> [f64; 2] {
         [0, 1].map(|axis| (0.25 * self.lobe[axis]).min(reach[axis].max(1e-9)))
     }
 
-    /// The directions to look at, outside the main lobe. A lattice's strongest sidelobes lie along its axes; elsewhere the
+    /// The directions to evaluate, outside the main lobe. A lattice's strongest sidelobes lie along its axes; elsewhere the
     /// half plane y ≥ 0 is enough, since B(−Δ) = B(Δ).
     fn offsets(&self, reach: [f64; 2]) -> Vec<DVec2> {
         let mut steps = self.steps(reach);

@@ -1,4 +1,4 @@
-//! What an array and a band are good for, and what would mend them: the designer's half of a plan.
+//! What an array and a band are suited for, and how to improve them: the designer's half of a plan.
 
 use super::beam::{Beam, Sidelobes};
 use super::{alias_free_pitch, nice};
@@ -11,7 +11,7 @@ use serde::Serialize;
 /// Sidelobes of scattered microphones above this are worth a warning, dB: depth maps accept returns down to −14 dB.
 const LOUD: f64 = -14.0;
 
-/// What one depth comes to, before the array's centre; lengths in m.
+/// Resolution at one depth, in front of the array's centre; lengths in m.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct AtDepth {
@@ -21,11 +21,11 @@ pub struct AtDepth {
     pub lateral_resolution: [Option<f64>; 2],
     /// Full widths of a point at −3 dB along x, y and z, with the window.
     pub widths: [Option<f64>; 3],
-    /// λ_min z/d: how far beside a bright point its first ghost may lie, at the nearest. Lattices only.
+    /// λ_min z/d: the smallest offset of a bright point's first grating lobe. Lattices only.
     pub ghost_offset: Option<f64>,
 }
 
-/// Greatest lengths that are not ambiguous, m.
+/// Largest lengths that are not ambiguous, m.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct Ambiguity {
@@ -33,13 +33,13 @@ pub struct Ambiguity {
     pub path: [f64; 2],
     /// As a range, m: half of each.
     pub range: [f64; 2],
-    /// Whether the second applies, in-phase data, rather than the first.
+    /// Whether the second applies (in-phase data) rather than the first.
     pub in_phase: bool,
-    /// What this grid comes to of the length that applies, m.
+    /// The length of the kind that applies, of this grid, m.
     pub used: f64,
 }
 
-/// Whether bright points have ghosts.
+/// Whether bright points have grating lobes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Verdict {
@@ -49,7 +49,7 @@ pub enum Verdict {
     AliasFreeHere,
     /// Within this grid.
     Ghosts,
-    /// No lattice, so no ghosts, but sidelobes.
+    /// No lattice, so no grating lobes, but sidelobes.
     Scattered,
 }
 
@@ -61,22 +61,23 @@ pub struct Aliasing {
     pub verdict: Verdict,
     /// The larger pitch of a lattice, m.
     pub pitch: Option<f64>,
-    /// λ_min/2: free of ghosts everywhere, m.
+    /// λ_min/2: free of grating lobes everywhere, m.
     pub pitch_free_everywhere: f64,
-    /// λ_min z/X: free of ghosts within this grid, m; `None` for a grid without width.
+    /// λ_min z/X: free of grating lobes within this grid, m; `None` for a grid without width.
     pub pitch_free_here: Option<f64>,
-    /// About −20 log₁₀ max(1, (N − 1) B/f_c), dB: the first ghost of a lattice without a window.
+    /// About −20 log₁₀ max(1, (N − 1) B/f_c), dB: the first grating lobe of a lattice without a window.
     pub rule_db: Option<f64>,
     /// By the array factor, with the window, within this grid.
     pub sidelobes: Sidelobes,
 }
 
-/// A change that would mend something.
+/// A change that would fix something.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct Suggestion {
-    /// What it mends: "aliasing", "ambiguity" or "voxels".
-    pub mends: &'static str,
+    /// What it fixes: "aliasing", "ambiguity" or "voxels".
+    #[serde(rename = "mends")]
+    pub fixes: &'static str,
     /// Overrides of the run file, each `table.key=value`, to be made together.
     pub set: Vec<String>,
     /// What else changes.
@@ -89,19 +90,19 @@ pub struct Suggestion {
 pub struct Design {
     /// Near, middle and far.
     pub depths: [AtDepth; 3],
-    /// Where there are several tones at even steps.
+    /// `None` unless there are several frequencies at even steps.
     pub ambiguity: Option<Ambiguity>,
-    /// Ghosts and sidelobes.
+    /// Grating lobes and sidelobes.
     pub aliasing: Aliasing,
     /// Voxel pitch along x, y and z that loses little of |Â|, m.
     pub voxel_pitch: [f64; 3],
-    /// What would mend each warning; alternatives to each other within what they mend.
+    /// How to fix each warning; those that fix the same are alternatives.
     pub suggestions: Vec<Suggestion>,
-    /// What is no part of [`super::Plan::warnings`].
+    /// Warnings in addition to [`super::Plan::warnings`].
     pub warnings: Vec<String>,
 }
 
-/// Works out a design. Cost: a fraction of a second, most of it for the sidelobes of arrays that are no lattice.
+/// Computes a design. Cost: a fraction of a second, most of it for the sidelobes of arrays that are not lattices.
 pub fn design(instrument: &Instrument, grid: &Grid, window: Window) -> Design {
     let near = grid.z.first.max(1e-3);
     let depths = [near, f64::midpoint(near, grid.z.last()), grid.z.last().max(near)];
@@ -115,15 +116,15 @@ pub fn design(instrument: &Instrument, grid: &Grid, window: Window) -> Design {
     {
         let [x, y] = aliasing.sidelobes.peak_offset.map(|offset| offset * near);
         warnings.push(format!(
-            "{} scattered microphones leave sidelobes of up to {peak:.0} dB within this grid, such as {x:.2}, {y:.2} m \
-             beside a bright point at its nearest depth; more microphones or a smaller extent lower them",
+            "{} scattered microphones have sidelobes of up to {peak:.0} dB within this grid, for example at an offset of \
+             {x:.2}, {y:.2} m from a bright point at its nearest depth; more microphones or a smaller extent lower them",
             instrument.array.len()
         ));
     }
     let suggestions = [
-        mend_aliasing(instrument, &aliasing, near),
-        mend_ambiguity(instrument, grid),
-        mend_voxels(instrument, grid),
+        fix_aliasing(instrument, &aliasing, near),
+        fix_ambiguity(instrument, grid),
+        fix_voxels(instrument, grid),
     ];
     Design {
         depths: depths.map(|depth| AtDepth {
@@ -147,14 +148,14 @@ fn largest_pitch(instrument: &Instrument) -> Option<(f64, usize)> {
     axes.max_by(|a, b| a.pitch.total_cmp(&b.pitch)).map(|axis| (axis.pitch, axis.count))
 }
 
-/// Greatest difference along x and y of the direction sines at which the array's centre sees two points of a grid.
+/// Largest difference along x and y of the direction sines at which the array's centre sees two points of a grid.
 fn reach_of(instrument: &Instrument, grid: &Grid) -> [f64; 2] {
     let centre = instrument.array.centre();
     let ends = |first: f64, last: f64, origin: f64| [first - origin, last - origin];
     let (x, y) = (ends(grid.x.first, grid.x.last(), centre.x), ends(grid.y.first, grid.y.last(), centre.y));
     let z = ends(grid.z.first, grid.z.last(), centre.z).map(|z| z.abs().max(1e-3));
     let span = |along: [f64; 2], across: [f64; 2]| {
-        // Where the other coordinate passes 0 the sine is greatest.
+        // Where the other coordinate passes 0 the sine is largest.
         let nearest = 0.0_f64.clamp(across[0], across[1]);
         let sines = along.into_iter().flat_map(|a| {
             [across[0], across[1], nearest]
@@ -203,7 +204,7 @@ fn ambiguity(instrument: &Instrument, grid: &Grid) -> Option<Ambiguity> {
     })
 }
 
-fn mend_aliasing(instrument: &Instrument, aliasing: &Aliasing, near: f64) -> Vec<Suggestion> {
+fn fix_aliasing(instrument: &Instrument, aliasing: &Aliasing, near: f64) -> Vec<Suggestion> {
     let (Some(lattice), Verdict::Ghosts, Some(free)) =
         (instrument.array.lattice(), aliasing.verdict, aliasing.pitch_free_here)
     else {
@@ -211,7 +212,7 @@ fn mend_aliasing(instrument: &Instrument, aliasing: &Aliasing, near: f64) -> Vec
     };
     let axes = [lattice.x, lattice.y];
     let extent = axes.map(|axis| axis.pitch * (axis.count - 1) as f64);
-    // A hair less than the pitch that is just free of ghosts, so that rounding the numbers below cannot undo it.
+    // Slightly less than the pitch that is just free of grating lobes, so that rounding the numbers below cannot undo it.
     let count = extent.map(|extent| (extent / (free * (1.0 - 1e-6))).ceil() as usize + 1);
     let shorter: [f64; 2] =
         std::array::from_fn(|i| (extent[i]).min((free * (axes[i].count - 1) as f64 * 1e4).floor() / 1e4));
@@ -223,7 +224,7 @@ fn mend_aliasing(instrument: &Instrument, aliasing: &Aliasing, near: f64) -> Vec
     let mut suggestions = Vec::new();
     if count[0].saturating_mul(count[1]) <= 1 << 20 {
         suggestions.push(Suggestion {
-            mends: "aliasing",
+            fixes: "aliasing",
             set: vec![format!("array.count=[{}, {}]", count[0], count[1]), extent_set(extent)],
             effect: format!(
                 "{} microphones instead of {}, same resolution",
@@ -234,10 +235,10 @@ fn mend_aliasing(instrument: &Instrument, aliasing: &Aliasing, near: f64) -> Vec
     }
     if shorter.iter().zip(axes).all(|(extent, axis)| *extent > 0.0 || axis.count == 1) {
         suggestions.push(Suggestion {
-            mends: "aliasing",
+            fixes: "aliasing",
             set: vec![extent_set(shorter)],
             effect: format!(
-                "as many microphones; lateral resolution {:.0} instead of {:.0} mm at the nearest depth",
+                "the same number of microphones; lateral resolution {:.0} instead of {:.0} mm at the nearest depth",
                 resolution(shorter),
                 resolution(extent)
             ),
@@ -246,17 +247,17 @@ fn mend_aliasing(instrument: &Instrument, aliasing: &Aliasing, near: f64) -> Vec
     if axes.iter().all(|axis| axis.count > 1) {
         let rms_db = -10.0 * (instrument.array.len() as f64).log10();
         suggestions.push(Suggestion {
-            mends: "aliasing",
+            fixes: "aliasing",
             set: vec!["array.layout=spiral".to_owned()],
             effect: format!(
-                "no ghosts but sidelobes everywhere, of mean power about {rms_db:.0} dB for one tone"
+                "no grating lobes but sidelobes everywhere, with a mean power of about {rms_db:.0} dB at one frequency"
             ),
         });
     }
     suggestions
 }
 
-fn mend_ambiguity(instrument: &Instrument, grid: &Grid) -> Vec<Suggestion> {
+fn fix_ambiguity(instrument: &Instrument, grid: &Grid) -> Vec<Suggestion> {
     let (Some(unambiguous), Some(step)) = (instrument.unambiguous_path(), instrument.sweep.step()) else {
         return Vec::new();
     };
@@ -272,15 +273,15 @@ fn mend_ambiguity(instrument: &Instrument, grid: &Grid) -> Vec<Suggestion> {
         .map(|factor| factor * power)
         .find(|step| *step <= most && ((band / step).round() * step - band).abs() < 1e-9 * band);
     let step = round.unwrap_or_else(|| band / (band / most).ceil());
-    let tones = (band / step).round() as usize + 1;
+    let frequencies = (band / step).round() as usize + 1;
     vec![Suggestion {
-        mends: "ambiguity",
+        fixes: "ambiguity",
         set: vec![format!("sweep.step={}", nice(step))],
-        effect: format!("{tones} tones instead of {}", instrument.sweep.len()),
+        effect: format!("{frequencies} frequencies instead of {}", instrument.sweep.len()),
     }]
 }
 
-fn mend_voxels(instrument: &Instrument, grid: &Grid) -> Vec<Suggestion> {
+fn fix_voxels(instrument: &Instrument, grid: &Grid) -> Vec<Suggestion> {
     let advised = instrument.advised_pitch(grid.z.first);
     let axes = [grid.x, grid.y, grid.z];
     let coarse = |i: usize| axes[i].count > 1 && axes[i].pitch > 1.05 * advised[i];
@@ -290,7 +291,7 @@ fn mend_voxels(instrument: &Instrument, grid: &Grid) -> Vec<Suggestion> {
     let pitch: [f64; 3] = std::array::from_fn(|i| if coarse(i) { advised[i] } else { axes[i].pitch });
     let more: f64 = (0..3).map(|i| axes[i].pitch / pitch[i]).product();
     vec![Suggestion {
-        mends: "voxels",
+        fixes: "voxels",
         set: vec![format!("grid.pitch=[{}, {}, {}]", nice(pitch[0]), nice(pitch[1]), nice(pitch[2]))],
         effect: format!("half a resolution cell at the nearest depth; {more:.1} times as many voxels"),
     }]
@@ -323,24 +324,24 @@ mod tests {
             assert_eq!(design.aliasing.verdict, verdict, "{count}");
             let warned = plan(instrument, &grid).warnings.iter().any(|w| w.contains("alias"));
             assert_eq!(warned, verdict == Verdict::Ghosts);
-            let mends = design.suggestions.iter().filter(|s| s.mends == "aliasing").count();
-            assert_eq!(mends, if warned { 3 } else { 0 });
+            let fixes = design.suggestions.iter().filter(|s| s.fixes == "aliasing").count();
+            assert_eq!(fixes, if warned { 3 } else { 0 });
         }
     }
 
     #[test]
-    fn ambiguity_is_told_for_both_kinds_of_data_and_mended_by_a_round_step() {
+    fn ambiguity_is_reported_for_both_detections_and_fixed_by_a_round_step() {
         let instrument = &test_instrument(31, 1.0, 200.0, Detection::InPhase);
         let design = design(instrument, &grid(0.6, [1.2, 2.0]), Window::Taylor);
         let ambiguity = design.ambiguity.expect("even steps");
         assert_eq!((ambiguity.path, ambiguity.range), ([1.715, 0.8575], [0.8575, 0.42875]));
         assert!(ambiguity.in_phase && ambiguity.used > ambiguity.path[1]);
-        let mend = design.suggestions.iter().find(|s| s.mends == "ambiguity").expect("a step");
-        assert_eq!(mend.set, ["sweep.step=25"], "{mend:?}");
+        let fix = design.suggestions.iter().find(|s| s.fixes == "ambiguity").expect("a step");
+        assert_eq!(fix.set, ["sweep.step=25"], "{fix:?}");
     }
 
     #[test]
-    fn scattered_arrays_are_judged_by_their_array_factor() {
+    fn scattered_arrays_are_rated_by_their_array_factor() {
         let instrument = &test_instrument(16, 1.0, 40.0, Detection::Quadrature);
         let array = MicArray::spiral(256, [1.0; 2], DVec3::ZERO).expect("a spiral");
         let instrument = instrument.clone().with_array(array);

@@ -1,6 +1,6 @@
 //! What a job takes of the machine: operations and seconds by method, and bytes by array.
 //!
-//! Takes the sizes of a job's arrays and of its method's; gives a `JobEstimate`, whose memory is the stage with the greatest
+//! Takes the sizes of a job's arrays and of its method's; gives a `JobEstimate`, whose memory is the stage with the largest
 //! sum of arrays. Unlike the rest of a plan this depends on the machine and the number of threads, so it is shown and
 //! enforced but never part of a result.
 
@@ -80,7 +80,7 @@ impl MemoryEstimate {
         self.items.iter().fold(0, |sum, item| sum.saturating_add(item.bytes))
     }
 
-    /// Refuses a job that takes more than `limit` bytes; `ways` are those in which its later stages would fit.
+    /// Refuses a job that takes more than `limit` bytes; `ways` returns how its later stages would fit.
     ///
     /// # Errors
     /// [`Error::InvalidInput`] with the stage, its arrays and what would make it fit.
@@ -122,7 +122,7 @@ impl fmt::Display for MemoryEstimate {
     }
 }
 
-/// Bytes of the arrays of a job beside those of its method; 0 where there is none.
+/// Bytes of a job's arrays other than its method's; 0 where there is none.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[non_exhaustive]
 pub(crate) struct JobArrays {
@@ -198,7 +198,7 @@ pub(crate) struct JobEstimate {
     pub(crate) memory: MemoryEstimate,
 }
 
-/// Works out what a job takes. Costs milliseconds.
+/// Computes what a job takes. Costs milliseconds.
 ///
 /// # Errors
 /// Those of [`estimate`].

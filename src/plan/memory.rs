@@ -2,14 +2,14 @@
 
 use std::path::Path;
 
-/// The most bytes that a job may use: those that were asked for, else 80 % of what is free, where the system says so; but
-/// no more than this process may have of addresses (`ulimit -v`).
+/// The most bytes that a job may use: those requested, else 80 % of the free memory, where the system reports it; but
+/// no more than this process's address space (`ulimit -v`).
 pub(crate) fn memory_limit(asked: Option<u64>) -> Option<u64> {
     let most = asked.or_else(|| available_memory().map(|free| free / 10 * 8));
     [most, address_space()].into_iter().flatten().min()
 }
 
-/// What is left of the addresses that this process may have.
+/// What is left of this process's address space.
 fn address_space() -> Option<u64> {
     let limits = std::fs::read_to_string("/proc/self/limits").ok()?;
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
@@ -22,7 +22,7 @@ fn soft_limit(limits: &str) -> Option<u64> {
     line.split_whitespace().next()?.parse().ok()
 }
 
-/// What a process has of addresses, by the text of `/proc/self/status`.
+/// The address space that a process uses, by the text of `/proc/self/status`.
 fn used_addresses(status: &str) -> Option<u64> {
     let line = status.lines().find_map(|line| line.strip_prefix("VmSize:"))?;
     line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()?.checked_mul(1024)
@@ -35,7 +35,7 @@ fn available_memory() -> Option<u64> {
 
 /// What the system has left.
 fn system_memory() -> Option<u64> {
-    // Linux alone keeps this file; elsewhere allocation itself is the judge.
+    // Only Linux has this file; elsewhere an allocation that fails is reported.
     let text = std::fs::read_to_string("/proc/meminfo").ok()?;
     let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
     line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()?.checked_mul(1024)

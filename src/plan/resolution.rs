@@ -1,8 +1,8 @@
-//! How wide a point comes out, foretold without a sample of data.
+//! The width of a point's image, predicted without any data.
 //!
 //! Near a reflector at p every path length changes by `g_r·δ`, with `g_r` the gradient of the path to microphone r, so the
 //! point-spread function along a direction e is the transform of one distribution, that of the spatial frequencies
-//! `κ = f g_r·e/c`. It holds off the axis, for scans, for every window and for arrays that are no lattice, where the
+//! `κ = f g_r·e/c`. It holds off the axis, for scans, for every window and for arrays that are not lattices, where the
 //! textbook's `λ_c z/D` does not.
 
 use crate::acquisition::Instrument;
@@ -16,7 +16,7 @@ use std::f64::consts::TAU;
 const SLOPES: usize = 256;
 const PLACES: usize = 2048;
 
-/// The point-spread function along one direction through its peak, as foretold.
+/// The point-spread function along one direction through its peak, as predicted.
 #[derive(Debug, Clone)]
 pub struct Profile {
     /// Weights of the spatial frequencies from `first` on, `pitch` cycles/m apart; their sum is 1.

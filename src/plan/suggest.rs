@@ -7,7 +7,7 @@ use glam::DVec3;
 /// A suggested grid is as wide as the array, but at least this many centre wavelengths.
 const LEAST_WIDTH: f64 = 8.0;
 
-/// It begins half its width away and is at most this many widths deep: farther out nothing is resolved across.
+/// It begins half its width away and is at most this many widths deep: farther out, lateral resolution is poor.
 const DEEPEST: f64 = 3.0;
 
 /// Fewer depths than this show nothing.
@@ -18,7 +18,7 @@ const MOST_VOXELS: u64 = 32_000_000;
 
 impl Instrument {
     /// A grid to begin with: as wide as the array and before it, as deep as the frequency step leaves unambiguous,
-    /// and as fine as the resolution at its middle asks for. Where the step leaves next to nothing, it is smaller.
+    /// and as fine as the resolution at its middle asks for. Where the step leaves very little, it is smaller.
     pub fn suggested_grid(&self) -> Grid {
         let mut scale = 1.0;
         loop {

@@ -1,6 +1,6 @@
-//! One point looked at: lines, planes and boxes of voxels, and what is read off them.
+//! The image of one point: lines, planes and boxes of voxels, and what is measured on them.
 
-use super::{Cut, GhostFound, Lobe, Width};
+use super::{Lobe, MeasuredGratingLobe, PlaneCut, Width};
 use crate::acquisition::{DataCube, Instrument};
 use crate::error::Result;
 use crate::grid::{Axis, Grid, Volume};
@@ -8,7 +8,7 @@ use crate::plan::beam::Beam;
 use crate::reconstruct::{Method, ReconstructOptions, estimate, reconstruct};
 use glam::{DVec2, DVec3};
 
-/// Voxels of a line to either side of the peak per foretold half width, and half widths that it reaches.
+/// Voxels of a line to either side of the peak per predicted half width, and half widths that it reaches.
 const FINENESS: f64 = 16.0;
 const LINE_REACH: f64 = 4.0;
 
@@ -16,13 +16,13 @@ const LINE_REACH: f64 = 4.0;
 const CUT_REACH: usize = 64;
 const CUT_WIDTHS: f64 = 5.0;
 
-/// Range cells before and behind a point's own range in which sidelobes are looked for.
+/// Range cells before and behind a point's own range in which sidelobes are searched for.
 const RANGE_CELLS: f64 = 8.0;
 
-/// Most voxels in which sidelobes are looked for; a larger box takes coarser ones.
+/// Most voxels in which sidelobes are searched for; a larger box has coarser ones.
 const MOST_VOXELS: f64 = 4e6;
 
-/// A point, its data and what is needed to look at it.
+/// A point, its data, and what is needed to image it.
 pub(super) struct Look<'a> {
     pub(super) instrument: &'a Instrument,
     pub(super) options: &'a ReconstructOptions,
@@ -30,7 +30,7 @@ pub(super) struct Look<'a> {
     pub(super) p: DVec3,
     pub(super) amplitude: f64,
     pub(super) beam: Beam,
-    /// Foretold −3 dB widths, and something to go by where there are none, m.
+    /// Predicted −3 dB widths, and substitutes where there are none, m.
     pub(super) scale: DVec3,
 }
 
@@ -86,7 +86,7 @@ impl Look<'_> {
     }
 
     /// The plane of two axes through the point.
-    pub(super) fn cut(&self, name: &'static str, across: usize, down: usize) -> Result<Cut> {
+    pub(super) fn cut(&self, name: &'static str, across: usize, down: usize) -> Result<PlaneCut> {
         let pitch = self.scale * (CUT_WIDTHS / CUT_REACH as f64);
         let mut reach = [0; 3];
         (reach[across], reach[down]) = (CUT_REACH, CUT_REACH);
@@ -94,7 +94,7 @@ impl Look<'_> {
         let volume = self.image(&grid)?;
         let axes = [grid.x, grid.y, grid.z];
         let decibels = volume.samples.iter().map(|a| self.decibels(a.norm()) as f32).collect();
-        Ok(Cut { name, columns: axes[across], rows: axes[down], decibels })
+        Ok(PlaneCut { name, columns: axes[across], rows: axes[down], decibels })
     }
 
     /// Direction sines at the array's centre, and the range that a path through it has, halved.
@@ -122,7 +122,7 @@ impl Look<'_> {
         Some(centre + near * direction)
     }
 
-    /// Where a ghost of the far field's offset lies as near as the point is: there its paths differ from the point's by the
+    /// Where a grating lobe of the far field's offset lies as near as the point is: there its paths differ from the point's by the
     /// same slope along the array, in the mean over the weighted microphones instead of at their centre.
     fn ghost_at(&self, u: DVec2, offset: DVec2) -> Option<DVec3> {
         let Instrument { array, geometry, .. } = self.instrument;
@@ -173,7 +173,7 @@ impl Look<'_> {
     }
 
     /// The strongest place outside the main lobe, the mean power there, and the box from the front.
-    pub(super) fn sidelobes(&self, scene: &Grid) -> Result<(Option<Lobe>, Option<f64>, Cut)> {
+    pub(super) fn sidelobes(&self, scene: &Grid) -> Result<(Option<Lobe>, Option<f64>, PlaneCut)> {
         let instrument = self.instrument;
         let cell = instrument.range_resolution().unwrap_or(self.scale.z);
         let shell = self.polar(self.p).1;
@@ -216,7 +216,7 @@ impl Look<'_> {
             }
         }
         let decibels = front.iter().map(|a| self.decibels(*a) as f32).collect();
-        let front = Cut { name: "front", columns: grid.x, rows: grid.y, decibels };
+        let front = PlaneCut { name: "front", columns: grid.x, rows: grid.y, decibels };
         if outside == 0 {
             return Ok((None, None, front));
         }
@@ -238,8 +238,8 @@ impl Look<'_> {
         Some(near)
     }
 
-    /// Every grating lobe that lies before the array, foretold and found.
-    pub(super) fn ghosts(&self, scene: &Grid) -> Result<Vec<GhostFound>> {
+    /// Every grating lobe in front of the array, predicted and measured.
+    pub(super) fn ghosts(&self, scene: &Grid) -> Result<Vec<MeasuredGratingLobe>> {
         let (u, _) = self.polar(self.p);
         let mut found = Vec::new();
         for ghost in self.beam.ghosts([2.0; 2]) {
@@ -249,7 +249,7 @@ impl Look<'_> {
                 let measured = self.strongest_near(place, ghost.axis)?;
                 let lateral = |lobe: &Lobe| (DVec3::from(lobe.position) - self.p).truncate().length();
                 let corners = scene.corners();
-                found.push(GhostFound {
+                found.push(MeasuredGratingLobe {
                     axis: ghost.axis,
                     order: side as i32 * ghost.order,
                     offset: [lateral(&predicted), lateral(&measured)],
@@ -262,7 +262,7 @@ impl Look<'_> {
         Ok(found)
     }
 
-    /// The greatest amplitude near a foretold ghost: within an eighth of its offset along the axis, and as far in depth as
+    /// The largest amplitude near a predicted grating lobe: within an eighth of its offset along the axis, and as far in depth as
     /// the curvature of the waves may shift it.
     fn strongest_near(&self, place: DVec3, axis: usize) -> Result<Lobe> {
         let cell = self.instrument.range_resolution().unwrap_or(self.scale.z);
@@ -289,7 +289,7 @@ impl Look<'_> {
     }
 }
 
-/// Full width `below_db` dB below the greatest of a line of samples, interpolated linearly, m; `None` where the line ends
+/// Full width `below_db` dB below the largest of a line of samples, interpolated linearly, m; `None` where the line ends
 /// before it falls so far.
 fn full_width(line: &[f32], pitch: f64, below_db: f64) -> Option<f64> {
     let peak = (0..line.len()).max_by(|a, b| line[*a].total_cmp(&line[*b]))?;

@@ -1,7 +1,7 @@
-//! Back-projection: each microphone's range profile, looked at along every voxel's path; any array, any grid.
+//! Back-projection: each microphone's range profile, evaluated at every voxel's path length; any array, any grid.
 //!
 //! `Σ_f w m(f, r) e^{−i2πf·path/c} = e^{−i2πf_c·path/c} · g_r(path)`, where the demodulated range profile g_r is
-//! band-limited to B. About the centre of a small block of voxels only a short stretch of it is seen, and there it is a
+//! band-limited to B. About the centre of a small block of voxels only a short stretch of it is distances, and there it is a
 //! Chebyshev series of few terms ([`profile`]). So the sum over frequencies costs a dozen terms instead of hundreds,
 //! whatever their number.
 //!
@@ -12,8 +12,7 @@
 //!
 //! Where the array and the volume are apart, this is done in two steps, as fast factorised back-projection of radar
 //! images is (Ulander, Hellsten, Stenström 2003): first for tiles of the array, each on few nodes of coordinates in
-//! which its image hardly changes sideways , then from the nodes of all tiles to the voxels
-//! . A tile then costs each of its microphones a fiftieth of the voxels.
+//! which its image hardly changes sideways, then from the nodes of all tiles to the voxels. A tile then costs each of its microphones a fiftieth of the voxels.
 //!
 //! Errors, relative to `Σ|w m| / Σw`: cutting off the series, bounded by the coefficients left out; and the skeletons'
 //! measured error, which the series can amplify by no more than its Lebesgue constant. Interpolation amplifies both by the
@@ -27,16 +26,17 @@ use crate::acquisition::Instrument;
 use crate::error::Result;
 use crate::grid::Grid;
 use crate::progress::advance;
-use crate::reconstruct::compress::{SlabTones, Tones, VolumeTones, slabs_of, virtual_tone_count};
+use crate::reconstruct::compress::{CompressionCost, SlabTones, Tones, VolumeTones, slabs_of};
+use crate::reconstruct::cost::{COMPLEX, Cost};
 use crate::reconstruct::error_budget::ErrorBudget;
 use crate::reconstruct::job::Job;
-use crate::reconstruct::volume::{Slab, SlabDriver};
+use crate::reconstruct::volume::{Batch, Slab, SlabDriver};
 use crate::reconstruct::{Method, ReconstructionInfo};
 use crate::wave::Geometry;
 use crate::wave::interval::{PathInterval, greater};
 use crate::wave::simd::{LANES, LaneProfiles, LaneTones, Points, RangeScale, back_project, range_profiles};
 use blocks::{Block, Group, Shape, greatest_half, half_width};
-use factorised::{Lattice, Tiled};
+use factorised::{TileLattice, Tiled};
 use glam::DVec3;
 use num_complex::Complex32;
 use profile::{Band, Rung, lebesgue};
@@ -49,19 +49,19 @@ const MOST_SLABS: usize = 32;
 /// Groups of microphones whose f32 sums are kept apart from those of the others, so that rounding does not add up.
 const GROUPS_PER_SUM: usize = 16;
 
-/// Below so many operations no tiles are looked for.
+/// Below this many operations no tiles are searched for.
 const LEAST_FOR_TILES: f64 = 1e9;
 
 /// How one job is divided.
 #[derive(Debug, Clone)]
-pub(super) struct Plan {
+pub(super) struct BackprojectionPlan {
     /// The voxels.
     grid: Grid,
     budget: ErrorBudget,
     /// For the voxels themselves.
     fine: Division,
     /// Tiles and nodes, where that takes fewer operations.
-    tiled: Option<Lattice>,
+    tiled: Option<TileLattice>,
 }
 
 /// How the points of one grid are divided.
@@ -74,48 +74,60 @@ struct Division {
     operations: f64,
 }
 
-impl Plan {
+impl BackprojectionPlan {
     /// Divides a job by a fixed operation count, so that the same job is always divided alike.
     pub(super) fn new(instrument: &Instrument, grid: &Grid, budget: ErrorBudget) -> Self {
         let fine = Division::new(instrument, grid, budget);
         let band = Band { tolerance: factorised::usual_budget(budget).series(), ..fine.band };
         let tiled = (fine.operations > LEAST_FOR_TILES)
-            .then(|| Lattice::find(instrument, grid, &band, budget))
+            .then(|| TileLattice::find(instrument, grid, &band, budget))
             .flatten()
             .filter(|lattice| lattice.operations < fine.operations);
         Self { grid: *grid, budget, fine, tiled }
     }
 
-    /// Bytes for the voxels that are worked on at a time, and for nodes.
-    pub(super) fn bytes(&self) -> u64 {
+    /// All path lengths at which range profiles are expanded, and what the two compressions may err by.
+    fn compression(&self, instrument: &Instrument) -> (PathInterval, ErrorBudget) {
+        match &self.tiled {
+            Some(lattice) => {
+                factorised::compression(lattice, instrument, &self.grid, self.fine.band, self.budget)
+            }
+            None => {
+                let Division { band, shape, .. } = self.fine;
+                let budget = SeriesBudget::new(&band, greatest_half(shape.half(&self.grid)), self.budget);
+                (interval(instrument, &self.grid, shape, 0..self.grid.z.count), budget.tones)
+            }
+        }
+    }
+
+    /// With the memory of a batch for this many threads.
+    pub(super) fn cost(&self, instrument: &Instrument, threads: usize) -> Cost<'static> {
+        let (interval, budget) = self.compression(instrument);
+        let compression = CompressionCost::new(instrument, &interval, budget);
         let plane = (self.grid.x.count as u64).saturating_mul(self.grid.y.count as u64);
-        let (at_once, nodes) = match &self.tiled {
-            Some(lattice) => (factorised::DEPTHS, lattice.count as u64),
-            None => (self.fine.thickness, 0),
+        let (at_once, nodes, row, operations) = match &self.tiled {
+            Some(lattice) => (
+                factorised::DEPTHS,
+                lattice.count as u64,
+                factorised::row_bytes(&self.grid),
+                lattice.operations,
+            ),
+            None => (self.fine.thickness, 0, 0, self.fine.operations),
         };
         let depths = self.grid.z.count;
         // As they are summed, before they are in order.
         let summed = (at_once.min(depths) as u64).saturating_mul(plane).saturating_add(nodes);
-        summed
-            .saturating_mul(size_of::<Complex32>() as u64)
+        let focusing = (COMPLEX.saturating_mul(summed))
             .saturating_add(SlabDriver::bytes(plane, at_once, depths))
-    }
-
-    /// Bytes that each thread has of its own, about.
-    pub(super) fn worker_bytes(&self) -> u64 {
-        let row = if self.tiled.is_some() { factorised::row_bytes(&self.grid) } else { 0 };
-        row.saturating_add(1 << 20)
-    }
-
-    /// Virtual tones of the whole sweep, about.
-    pub(super) fn virtual_tones(&self, instrument: &Instrument) -> usize {
-        let whole = instrument.path_interval(&self.grid, 0..self.grid.z.count);
-        virtual_tone_count(&instrument.sweep, &whole, 0.1 * self.budget.all())
-    }
-
-    /// Operations of the job, comparable with those of [`crate::reconstruct::direct`].
-    pub(super) fn operations(&self) -> f64 {
-        self.tiled.as_ref().map_or(self.fine.operations, |lattice| lattice.operations)
+            .saturating_add(compression.samples.saturating_mul(2));
+        let worker = row.saturating_add(1 << 20);
+        Cost {
+            operations: operations + compression.operations,
+            usual: Batch::of_threads(threads),
+            bytes: Box::new(move |batch| {
+                compression.peak.max(focusing.saturating_add(worker.saturating_mul(batch.workers as u64)))
+            }),
+        }
     }
 }
 
@@ -168,7 +180,7 @@ fn share(longer: f64, own: f64, _: usize) -> bool {
 ///
 /// Cost: some 130 operations per voxel and microphone for a tolerance of 10⁻⁴ and voxels that sample the image well, by
 /// tiles ten times fewer or less; memory for the virtual tones of all microphones, and for the nodes.
-pub(super) fn backprojection(job: Job<'_>, plan: &Plan) -> Result<ReconstructionInfo> {
+pub(super) fn backprojection(job: Job<'_>, plan: &BackprojectionPlan) -> Result<ReconstructionInfo> {
     if let Some(lattice) = &plan.tiled
         && let Some(tiled) = Tiled::new(lattice, job.source.instrument(), &plan.grid, plan.fine.band)?
     {
@@ -237,7 +249,7 @@ impl SeriesBudget {
         Self { series, amplification, tones: budget.after(series).before(amplification) }
     }
 
-    /// What all of it comes to with the skeletons that were found.
+    /// The error of all steps with the skeletons that were found.
     fn error(&self, slabs: &[SlabTones]) -> f64 {
         self.series + self.amplification * slabs.iter().map(|slab| slab.error).fold(0.0, greater)
     }

@@ -2,12 +2,13 @@
 //! slab of depths.
 
 mod banded;
+mod cost;
 mod skeleton;
 mod slabs;
 mod tones;
 mod virtual_tones;
 
-pub(super) use skeleton::{DENSER, candidates_for, tones_for, witnesses_for};
+pub(super) use cost::CompressionCost;
+pub(super) use skeleton::{candidates_for, tones_for};
 pub(super) use slabs::{finders, slabs_of};
-pub(super) use tones::{SlabTones, Tones, VolumeTones, frequencies_at_once};
-pub(super) use virtual_tones::count as virtual_tone_count;
+pub(super) use tones::{SlabTones, Tones, VolumeTones};

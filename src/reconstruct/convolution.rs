@@ -1,10 +1,11 @@
 //! Eq. 16: on a shared lattice the sum over microphones is a convolution, done by padded 2-D FFTs.
 //!
-//! `p − r` depends on the difference of indices alone, so one kernel `e^{−i2πf|p−r|/c}` per frequency and depth serves
-//! every pair of voxel and microphone ([`SharedLattice`] says when). With a tolerance, the sweep is first compressed to
+//! `p − r` depends on the difference of indices alone, so one kernel `e^{−i2πf|p−r|/c}` per frequency and depth suffices
+//! for every pair of voxel and microphone ([`SharedLattice`] says when). With a tolerance, the sweep is first compressed to
 //! virtual tones for the volume, and these to skeleton tones for each slab of depths, so that Eq. 16 runs over tens of
 //! tones instead of all; with tolerance 0 it runs over every one.
 
+mod cost;
 mod lattice;
 mod layout;
 mod line;
@@ -39,28 +40,22 @@ use rayon::prelude::*;
 use slab_plan::Slabs;
 use workspace::Workspaces;
 
-/// Bytes of data spectra held at a time when every frequency is summed.
+/// Bytes of data spectra in memory at a time when every frequency is summed.
 const SPECTRA_BYTES: usize = 256 << 20;
-
-/// What suits so many threads then, where memory does not matter.
-pub(super) fn usual_batch(layout: &Layout, frequencies: usize, threads: usize) -> Batch {
-    let block = SPECTRA_BYTES / (layout.tone_len() * size_of::<Complex32>());
-    Batch { frequencies: block.clamp(1, frequencies), ..Batch::of_threads(threads) }
-}
 
 /// How Eq. 16 is carried out for one job.
 #[derive(Debug)]
-pub(super) struct Plan {
-    pub(super) layout: Layout,
+pub(super) struct ConvolutionPlan {
+    layout: Layout,
     /// What spreading leaves to the two compressions.
-    pub(super) compression: ErrorBudget,
+    compression: ErrorBudget,
     /// Where there is a tolerance: how depths are divided.
-    pub(super) slabs: Option<Slabs>,
+    slabs: Option<Slabs>,
     /// What depths take that have no part in the lattice.
-    pub(super) near: near_field::Cost,
+    near: near_field::NearFieldCost,
 }
 
-impl Plan {
+impl ConvolutionPlan {
     /// How the kernels of a lattice are summed, to within what the lattice itself leaves of the budget.
     pub(super) fn new(
         instrument: &Instrument,
@@ -72,7 +67,7 @@ impl Plan {
         let compression = budget.after(layout.lattice.error());
         let slabs = (compression.all() > 0.0).then(|| Slabs::new(instrument, &layout));
         let thickness = slabs.as_ref().map_or(1, |slabs| slabs.thickness);
-        let near = near_field::Cost::new(
+        let near = near_field::NearFieldCost::new(
             instrument,
             grid,
             &layout.lattice.near,
@@ -82,16 +77,9 @@ impl Plan {
         Self { layout, compression, slabs, near }
     }
 
-    /// Where every frequency is summed: bytes of one frequency's spectra, and of each thread's buffers.
-    pub(super) fn plain_bytes(&self) -> [u64; 2] {
-        let layout = &self.layout;
-        match layout.line {
-            Some(_) => Literal::new(layout).bytes(),
-            None => [
-                (layout.tone_len() * size_of::<Complex32>()) as u64,
-                12 * layout.points().saturating_mul(layout.node_parts.len()) as u64,
-            ],
-        }
+    /// Operations for depths too near to the array for its lattice.
+    pub(super) fn near_operations(&self) -> f64 {
+        self.near.operations
     }
 }
 
@@ -106,7 +94,7 @@ struct Depths<'a> {
 }
 
 impl Depths<'_> {
-    /// Adds tones to the planes from `first` on, `[plane, y, x]`; `room` is for their spectra.
+    /// Adds tones to the planes from `first` on, `[plane, y, x]`; `room` receives their spectra.
     fn add(&self, tones: &Tones, room: &mut [Lanes], first: usize, planes: &mut [Complex32]) -> Result<()> {
         let spectra = self.layout.part(room, tones.per_metre.len());
         self.layout.transform_into(&tones.samples, self.batch, spectra)?;
@@ -129,19 +117,19 @@ impl Depths<'_> {
 
 /// Gives the volume to the job's sink by Eq. 16.
 ///
-/// Cost: per tone and depth, for each pair of sub-lattices one kernel of `n_x·n_y` phasors and its FFT, and one inverse
-/// FFT per voxel sub-lattice (monostatic: one per depth). With a tolerance a sweep is some `B·T + 10` tones, T the
+/// Cost: per tone and depth, for each pair of sublattices one kernel of `n_x·n_y` phasors and its FFT, and one inverse
+/// FFT per voxel sublattice (monostatic: one per depth). With a tolerance a sweep is some `B·T + 10` tones, T the
 /// spread of delays within a slab.
-pub(super) fn convolution(job: Job<'_>, plan: &Plan) -> Result<ReconstructionInfo> {
+pub(super) fn convolution(job: Job<'_>, plan: &ConvolutionPlan) -> Result<ReconstructionInfo> {
     match &plan.slabs {
         None => every_frequency(job, &plan.layout),
         Some(slabs) => skeleton_frequencies(job, plan, slabs),
     }
 }
 
-/// Depths that are worked on at a time when every frequency is summed: so many that the spectra of the samples, which
-/// each such slab computes anew, cost next to nothing.
-pub(super) const DEPTHS: usize = 32;
+/// Depths that are worked on at a time when every frequency is summed: enough that the spectra of the samples, which
+/// each such slab computes again, cost almost nothing.
+const DEPTHS: usize = 32;
 
 /// All frequencies in ascending order for each slab of depths, in blocks that bound the memory and change no sum.
 fn every_frequency(job: Job<'_>, layout: &Layout) -> Result<ReconstructionInfo> {
@@ -183,8 +171,12 @@ fn every_frequency(job: Job<'_>, layout: &Layout) -> Result<ReconstructionInfo> 
 }
 
 /// Skeleton tones, slab by slab.
-fn skeleton_frequencies(job: Job<'_>, plan: &Plan, division: &Slabs) -> Result<ReconstructionInfo> {
-    let Plan { layout, compression, .. } = plan;
+fn skeleton_frequencies(
+    job: Job<'_>,
+    plan: &ConvolutionPlan,
+    division: &Slabs,
+) -> Result<ReconstructionInfo> {
+    let ConvolutionPlan { layout, compression, .. } = plan;
     let Job { source, weights, grid, batch, sink, observer, .. } = job;
     let depths = grid.z.count;
     let whole = source.instrument().path_interval(grid, 0..depths);
@@ -200,8 +192,8 @@ fn skeleton_frequencies(job: Job<'_>, plan: &Plan, division: &Slabs) -> Result<R
     compressed.tones.samples = layout.lattice.spreading(&instrument.array).onto_nodes(samples)?;
     let error_bound = error * compressed.modulus;
     let plane_len = grid.plane_len();
-    // Room for every slab that is worked on at a time, used again by the next: what is given back and asked for again
-    // an allocator holds twice.
+    // Buffers for every slab that is worked on at a time, reused by the next: memory that is freed and allocated
+    // again is in use twice for a while.
     let most = slabs.iter().map(SlabTones::len).max().unwrap_or(0);
     let room = |_| Ok((Tones::with_capacity(most, layout.lattice.width())?, layout.room(most)?));
     let rooms = (0..batch.slabs.min(slabs.len())).into_par_iter().map(room);

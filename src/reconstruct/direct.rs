@@ -5,8 +5,9 @@ use crate::alloc::try_zeroed;
 use crate::error::Result;
 use crate::grid::Grid;
 use crate::progress::advance;
+use crate::reconstruct::cost::Cost;
 use crate::reconstruct::job::Job;
-use crate::reconstruct::volume::SlabDriver;
+use crate::reconstruct::volume::{Batch, SlabDriver};
 use crate::reconstruct::window::Weights;
 use crate::reconstruct::{Method, ReconstructionInfo, no_room};
 use crate::wave::Geometry;
@@ -15,33 +16,53 @@ use glam::DVec3;
 use num_complex::Complex32;
 use rayon::prelude::*;
 
-/// Operations of the job by a fixed model, for comparison with the other methods'.
-pub(super) fn operations(instrument: &Instrument, grid: &Grid) -> f64 {
-    let per_term = if instrument.sweep.step().is_some() { 8.0 } else { 30.0 };
-    let pairs = grid.voxel_count() as f64 * instrument.array.len() as f64;
-    pairs * (60.0 + per_term * instrument.sweep.len() as f64)
-}
-
 /// Voxels that are summed together, so that they share what is read of the samples.
 pub(super) const TOGETHER: usize = 64;
 
-/// Voxels that are worked on before they are handed on, or a plane of them: enough to keep every thread busy.
+/// Voxels that are worked on before they are passed on, or a plane of them: enough to keep every thread busy.
 const AT_ONCE: usize = 64 * TOGETHER;
 
-/// Depths that are worked on at a time.
-pub(super) fn depths_at_once(grid: &Grid) -> usize {
-    AT_ONCE.div_ceil(grid.plane_len().max(1)).min(grid.z.count)
+/// How a direct sum is carried out.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct DirectPlan {
+    grid: Grid,
+    /// Depths that are worked on at a time.
+    depths: usize,
+}
+
+impl DirectPlan {
+    pub(super) fn new(grid: &Grid) -> Self {
+        Self { grid: *grid, depths: AT_ONCE.div_ceil(grid.plane_len().max(1)).min(grid.z.count) }
+    }
+
+    /// With the memory of a batch for this many threads.
+    pub(super) fn cost(&self, instrument: &Instrument, threads: usize) -> Cost<'static> {
+        let n_mic = instrument.array.len();
+        let pairs = self.grid.voxel_count() as f64 * n_mic as f64;
+        let per_term = if instrument.sweep.step().is_some() { 8.0 } else { 30.0 };
+        let planes = SlabDriver::bytes(self.grid.plane_len() as u64, self.depths, self.grid.z.count);
+        let samples = instrument.cube_bytes().saturating_mul(2).saturating_add(planes);
+        let lengths = (TOGETHER * n_mic * size_of::<f64>()) as u64;
+        Cost {
+            operations: pairs * (60.0 + per_term * instrument.sweep.len() as f64),
+            usual: Batch::of_threads(threads),
+            bytes: Box::new(move |batch| {
+                samples.saturating_add(lengths.saturating_mul(batch.workers as u64))
+            }),
+        }
+    }
 }
 
 /// Gives the volume to the job's sink; any grid, any microphones. Cost: 8 operations per voxel, microphone and frequency
 /// where the steps are even, else a phasor; holds all samples, twice while they are rearranged, and a few depths.
-pub(super) fn direct(job: Job<'_>) -> Result<ReconstructionInfo> {
-    sum_over_paths(job, Method::Direct, Geometry::path_length)
+pub(super) fn direct(job: Job<'_>, plan: &DirectPlan) -> Result<ReconstructionInfo> {
+    sum_over_paths(job, plan, Method::Direct, Geometry::path_length)
 }
 
 /// The same sum over path lengths of any kind.
 pub(super) fn sum_over_paths(
     job: Job<'_>,
+    plan: &DirectPlan,
     method: Method,
     path_length: impl Fn(&Geometry, DVec3, DVec3) -> f64 + Sync,
 ) -> Result<ReconstructionInfo> {
@@ -52,7 +73,7 @@ pub(super) fn sum_over_paths(
     drop(samples);
     let plane = grid.plane_len();
     let work = |depths: usize| (depths * plane) as u64;
-    let driver = SlabDriver::even(grid, depths_at_once(grid), work, observer);
+    let driver = SlabDriver::even(grid, plan.depths, work, observer);
     let driver = SlabDriver { stage: "reconstructing (direct sum)", ..driver };
     driver.run(ReconstructionInfo { method, error_bound: 0.0 }, sink, |_, depths, planes| {
         let run = batch.least_run(planes.len().div_ceil(TOGETHER));
@@ -67,7 +88,7 @@ pub(super) fn sum_over_paths(
     })
 }
 
-/// Room for the path lengths that [`image`] works out.
+/// Buffers for the path lengths that [`image`] computes.
 pub(super) fn lengths(microphones: usize) -> Vec<f64> {
     vec![0.0; TOGETHER * microphones.next_multiple_of(LANES)]
 }

@@ -2,7 +2,7 @@
 //!
 //! One place for all shares, read by the executors and by the cost model alike. Errors of steps add up, and an error made
 //! before another step is amplified by it, so a later step is given what earlier ones left: [`ErrorBudget::after`] and
-//! [`ErrorBudget::before`] are the only ways from one budget to the next.
+//! [`ErrorBudget::before`] are the only methods from one budget to the next.
 
 /// An error bound, relative to `Σ|w m| / Σw`, that several steps have to keep together.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -1,8 +1,8 @@
 //! Which method a job takes, and at what price: operations and bytes by closed formulas, never by a clock.
 
 mod choice;
-mod cost;
+mod estimates;
 
-pub(super) use choice::{Choice, Options};
+pub(super) use choice::{Candidates, MethodPlan};
 pub use choice::{direct_terms, estimate};
-pub use cost::{Estimate, Estimates};
+pub use estimates::{Estimate, Estimates};

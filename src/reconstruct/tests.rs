@@ -6,31 +6,9 @@ use super::*;
 use crate::acquisition::{Instrument, MicArray, Sweep};
 use crate::grid::Axis;
 use crate::progress::Silent;
+use crate::reconstruct::volume::ResumedVolume;
 use crate::wave::{Geometry, phasor};
 use glam::DVec3;
-use num_complex::Complex32;
-
-/// A volume whose first depths come from an interrupted run.
-struct Resumed {
-    volume: Volume,
-    done: usize,
-}
-
-impl VolumeSink for Resumed {
-    fn begin(&mut self, info: &ReconstructionInfo) -> Result<()> {
-        self.volume.begin(info)
-    }
-
-    fn take(&mut self, first: usize, planes: &[Complex32]) -> Result<()> {
-        let last = first + planes.len() / self.volume.grid.plane_len();
-        assert!(last > self.done, "depths {first}..{last} are not wanted");
-        self.volume.take(first, planes)
-    }
-
-    fn depths_done(&self) -> usize {
-        self.done
-    }
-}
 
 #[test]
 fn resumed_depths_are_bit_identical_by_every_method() {
@@ -58,7 +36,7 @@ fn resumed_depths_are_bit_identical_by_every_method() {
         let whole = reconstruct(&cube, &grid, &options).unwrap();
         assert!(whole.volume.peak() > 0.5, "{method:?} shows the point");
         for done in [0, 1, 31, 32, 50, 69, 70] {
-            let mut rest = Resumed { volume: Volume { grid, samples: Vec::new() }, done };
+            let mut rest = ResumedVolume { volume: Volume { grid, samples: Vec::new() }, done };
             let info = reconstruct_into(&mut &cube, &grid, &options, &mut rest, &Silent).unwrap();
             assert_eq!(info, whole.info());
             let from = done * grid.plane_len();

@@ -9,5 +9,7 @@ mod slab_driver;
 
 pub(super) use batch::Batch;
 pub(super) use compensation::{Compensated, Gain};
+#[cfg(test)]
+pub(super) use sink::ResumedVolume;
 pub use sink::{ReconstructionInfo, VolumeSink};
 pub(super) use slab_driver::{Slab, SlabDriver};

@@ -182,12 +182,12 @@ fn every_suggestion_mends_what_it_says() {
     let mut seen = Vec::new();
     for suggestion in &first.design.suggestions {
         let after = forecast(&suggestion.set);
-        seen.push(suggestion.mends);
-        if suggestion.mends == "voxels" {
-            assert!(!after.design.suggestions.iter().any(|s| s.mends == "voxels"), "{suggestion:?}");
+        seen.push(suggestion.fixes);
+        if suggestion.fixes == "voxels" {
+            assert!(!after.design.suggestions.iter().any(|s| s.fixes == "voxels"), "{suggestion:?}");
             continue;
         }
-        let sign = sign(suggestion.mends);
+        let sign = sign(suggestion.fixes);
         assert!(first.warnings.iter().any(|w| w.contains(sign)), "{sign}: {:?}", first.warnings);
         assert!(!after.warnings.iter().any(|w| w.contains(sign)), "{suggestion:?}: {:?}", after.warnings);
     }

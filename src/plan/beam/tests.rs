@@ -61,7 +61,7 @@ fn a_lattice_has_ghosts_where_and_as_strong_as_the_rule_says() {
     assert!(fine.ghosts([1.0; 2]).is_empty());
 }
 
-/// Scattered microphones: no ghosts, and a mean power of 1/N.
+/// Scattered microphones: no grating lobes, and a mean power of 1/N.
 #[test]
 fn scattered_microphones_have_a_floor_instead_of_ghosts() {
     let array = MicArray::random(256, [1.0, 1.0], DVec3::ZERO, Some(0.0), 3).unwrap();

@@ -70,7 +70,7 @@ impl Shape {
 }
 
 /// Operations of one block and microphone by a fixed model: `points` of it, a band's `edge` there, the digits that are
-/// wanted, and so many tones.
+/// wanted, and this many tones.
 pub(crate) fn block_operations(points: usize, edge: f64, digits: f64, tones: f64) -> f64 {
     let terms = 1.1 * edge + 2.0 + 1.3 * digits;
     // Horner's rule takes fewer operations than Clenshaw's.

@@ -8,5 +8,5 @@ mod terms;
 mod tiled;
 mod voxels;
 
-pub(super) use nodes::Lattice;
-pub(super) use tiled::{DEPTHS, Tiled, row_bytes, usual_budget};
+pub(super) use nodes::TileLattice;
+pub(super) use tiled::{DEPTHS, Tiled, compression, row_bytes, usual_budget};

@@ -16,7 +16,7 @@ const LEAST: f64 = 0.2;
 /// add up to e^x at most, by which f32 rounding grows where all of them conspire.
 pub(crate) const MOST_FOR_POWERS: f64 = 5.0;
 
-/// The greatest x of a profile at the band's edge.
+/// The largest x of a profile at the band's edge.
 const MOST_EDGE: f64 = 60.0;
 
 /// The most turns of the carrier between a block's centre and a point: its f32 phase then errs by some 10⁻⁶.
@@ -132,7 +132,7 @@ pub(crate) fn lebesgue(terms: usize) -> f64 {
 }
 
 /// `J_0(x) … J_{count−1}(x)` by Miller's backward recurrence, normalised by `J₀ + 2 Σ J_2k = 1`. All orders at
-/// once: `libm::jn` recurs anew for each.
+/// once: `libm::jn` recurs again for each.
 fn bessel(x: f64, count: usize) -> Vec<f64> {
     let mut values = vec![0.0; count];
     let magnitude = x.abs();

@@ -4,7 +4,7 @@ use super::*;
 use crate::acquisition::{DataCube, Instrument, MicArray, Sweep};
 use crate::grid::{Axis, Volume};
 use crate::progress::Silent;
-use crate::reconstruct::volume::Batch;
+use crate::reconstruct::volume::{Batch, ResumedVolume};
 use crate::reconstruct::window::Weights;
 use crate::reconstruct::{ReconstructOptions, VolumeSink, Window, reconstruct};
 use crate::wave::phasor;
@@ -43,16 +43,16 @@ fn grids() -> [Grid; 4] {
     ]
 }
 
-fn lattice(cube: &DataCube, grid: &Grid, tolerance: f64) -> Option<Lattice> {
+fn lattice(cube: &DataCube, grid: &Grid, tolerance: f64) -> Option<TileLattice> {
     let band = Division::new(&cube.instrument, grid, ErrorBudget::new(tolerance)).band;
     let band = Band { tolerance: factorised::usual_budget(ErrorBudget::new(tolerance)).series(), ..band };
-    Lattice::find(&cube.instrument, grid, &band, ErrorBudget::new(tolerance))
+    TileLattice::find(&cube.instrument, grid, &band, ErrorBudget::new(tolerance))
 }
 
 fn tiled(
     cube: &DataCube,
     grid: &Grid,
-    lattice: &Lattice,
+    lattice: &TileLattice,
     tolerance: f64,
     sink: &mut dyn VolumeSink,
 ) -> ReconstructionInfo {
@@ -94,27 +94,6 @@ fn tiles_keep_their_bound_on_bent_arrays_and_any_grid() {
     }
 }
 
-/// A volume whose first depths come from an interrupted run.
-struct Resumed {
-    volume: Volume,
-    done: usize,
-}
-
-impl VolumeSink for Resumed {
-    fn begin(&mut self, info: &ReconstructionInfo) -> Result<()> {
-        self.volume.begin(info)
-    }
-
-    fn take(&mut self, first: usize, planes: &[Complex32]) -> Result<()> {
-        assert!(first >= self.done);
-        self.volume.take(first, planes)
-    }
-
-    fn depths_done(&self) -> usize {
-        self.done
-    }
-}
-
 #[test]
 fn resumed_depths_are_bit_identical() {
     let cube = echo(120, true, Geometry::ORIGIN, DVec3::new(0.01, 0.02, 0.8));
@@ -123,7 +102,7 @@ fn resumed_depths_are_bit_identical() {
     let mut whole = Volume { grid, samples: Vec::new() };
     tiled(&cube, &grid, &lattice, 1e-3, &mut whole);
     for done in [factorised::DEPTHS, 2 * factorised::DEPTHS] {
-        let mut rest = Resumed { volume: Volume { grid, samples: Vec::new() }, done };
+        let mut rest = ResumedVolume { volume: Volume { grid, samples: Vec::new() }, done };
         tiled(&cube, &grid, &lattice, 1e-3, &mut rest);
         let from = done * grid.plane_len();
         assert!(rest.volume.samples[from..] == whole.samples[from..]);

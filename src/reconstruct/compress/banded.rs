@@ -1,7 +1,7 @@
-//! The product that compresses a sweep: every measured tone goes to a few neighbouring virtual ones, with real weights.
+//! The product that compresses a sweep: every measured tone is added to a few neighbouring virtual ones, with real weights.
 //!
-//! Samples are first turned to delays about the middle of the volume's, which is what makes weights real; what they
-//! come to is turned back when all are added. Moduli are summed on the way, so that samples are read once, and along
+//! Samples are first demodulated to delays about the middle of the volume's, which makes weights real; the sums are
+//! modulated back when all are added. Moduli are summed on the way, so that samples are read once, and along
 //! rows, as memory gives them fastest. Sums run in a fixed order at any vector width and number of threads.
 
 #![allow(clippy::inline_always, clippy::needless_range_loop)]
@@ -18,7 +18,7 @@ const TONES: usize = 32;
 /// Sums that registers hold at a time.
 const SUMS: usize = 4;
 
-/// From so many microphones on, threads share these, about so many each; below, they share the measured tones.
+/// From this many microphones on, threads share these, about so many each; below, they share the measured tones.
 const WIDE: usize = 1024;
 const MOST_COLUMNS: usize = 1024;
 const PART: usize = 128;

@@ -1,4 +1,4 @@
-//! Skeleton frequencies: the few tones of a sweep that stand for all of them.
+//! Skeleton frequencies: the few tones of a sweep that represent all of them.
 //!
 //! Within a box of voxels every path length lies in an interval. On that interval the functions
 //! `e^{−i2πf_n·path/c}` of a sweep of bandwidth B span, numerically, only about `B·T + 10` dimensions, where T is the
@@ -32,11 +32,11 @@ pub(crate) struct Skeleton {
 /// Of more frequencies than this many per dimension, evenly spread ones are candidates; the rest add nothing.
 const CANDIDATES_PER_DIMENSION: f64 = 4.0;
 
-/// The error is measured at so many per dimension: between them it can hide no more than a few hundredths of itself,
+/// The error is measured at this many per dimension: between them it can hide no more than a few hundredths of itself,
 /// since as a function of f it is band-limited to the interval's half duration.
 const WITNESSES_PER_DIMENSION: f64 = 5.0;
 
-/// The error is measured at so many times as many delays as weights are fitted at: more than four for each half turn
+/// The error is measured at this many times as many delays as weights are fitted at: more than four for each half turn
 /// of the fastest tone.
 pub(crate) const DENSER: usize = 2;
 
@@ -55,7 +55,7 @@ pub(crate) fn witnesses_for(bandwidth_duration: f64) -> f64 {
     WITNESSES_PER_DIMENSION * dimensions(bandwidth_duration)
 }
 
-/// About how many tones stand for a sweep on an interval of `bandwidth_duration` B·T to within `tolerance`: the numbers
+/// About how many tones represent a sweep on an interval of `bandwidth_duration` B·T to within `tolerance`: the numbers
 /// of its singular value decomposition to within two.
 pub(crate) fn tones_for(bandwidth_duration: f64, tolerance: f64) -> f64 {
     let digits = (1.0 / tolerance).ln();
@@ -83,7 +83,7 @@ fn spread_out(frequencies: &[f64], most: f64) -> Vec<usize> {
 /// Finds skeleton frequencies and weights for `frequencies` (ascending, Hz) with an error of at most `tolerance`.
 ///
 /// - Shapes: `weights` is `[Q, n_f]`.
-/// - Error: the greatest `|e_n − Σ_q W[q, n] e_q|` on a dense grid of the interval and the band, [`Skeleton::error`];
+/// - Error: the largest `|e_n − Σ_q W[q, n] e_q|` on a dense grid of the interval and the band, [`Skeleton::error`];
 ///   the factorisation is repeated more strictly if it exceeds `tolerance`.
 /// - Cost: a real QR of `1.7·B·T + 36` rows and some `4·(B·T + 12)` columns, and a product with all n_f.
 ///
@@ -106,7 +106,7 @@ pub(crate) fn skeleton(frequencies: &[f64], interval: PathInterval, tolerance: f
         even_waves(&interval, DENSER * points, &chosen.iter().map(|&n| about[n]).collect::<Vec<_>>())
     };
     let dense_witnesses = dense(&witnesses);
-    // The greatest residual of a column is a sum over the points; its root mean square is what ε bounds.
+    // The largest residual of a column is a sum over the points; its root mean square is what ε bounds.
     let mut threshold = tolerance / 3.0 * (points as f64).sqrt();
     loop {
         let rank = diagonal.iter().position(|left| *left <= threshold).unwrap_or(ranks).max(1);
@@ -134,7 +134,7 @@ impl Skeleton {
         self.weights[(q, n)]
     }
 
-    /// The greatest error measured on a dense grid of the interval, relative to one.
+    /// The largest error measured on a dense grid of the interval, relative to one.
     pub(crate) fn error(&self) -> f64 {
         self.error
     }

@@ -38,7 +38,7 @@ pub(crate) struct Tones {
 }
 
 impl Tones {
-    /// Room for so many tones, empty.
+    /// Buffers for this many tones, empty.
     ///
     /// # Errors
     /// They do not fit in memory.
@@ -57,7 +57,7 @@ pub(crate) struct VolumeTones {
     pub(crate) modulus: f64,
     /// Their frequencies, Hz.
     frequencies: Vec<f64>,
-    /// The greatest error of a measured tone made of them, relative to one.
+    /// The largest error of a measured tone made of them, relative to one.
     error: f64,
     /// By how much errors of their own can grow in it.
     growth: f64,

@@ -6,7 +6,7 @@
 //! `e^{−i2πf_n·path/c} = Σ_k W[n, k] e^{−i2πf_k·path/c} + O(ε)`, k in a window of nodes about f_n,
 //!
 //! and so, as for [`crate::reconstruct::compress::skeleton`], the sum over any measured tones is one over the virtual ones. There are twice as
-//! many of these as of skeleton tones, but finding them costs next to nothing, and W is a narrow band: compressing a
+//! many of these as of skeleton tones, but finding them costs almost nothing, and W is a narrow band: compressing a
 //! sweep costs a dozen products per sample, whatever T is. Towards the ends of the band the nodes draw together, as
 //! Chebyshev points do, so that one-sided windows are as exact as those amid the band, and no tone is needed beyond it.
 
@@ -48,13 +48,13 @@ pub(crate) struct VirtualTones {
     weights: Matrix,
     /// e^{i2πf·middle} of measured and of virtual tones.
     turns: [Vec<Complex64>; 2],
-    /// The greatest error of a tone on the interval, measured between nodes, relative to one.
+    /// The largest error of a tone on the interval, measured between nodes, relative to one.
     pub(crate) error: f64,
-    /// The greatest sum of |W| of a tone: by how much errors of virtual tones can grow.
+    /// The largest sum of |W| of a tone: by how much errors of virtual tones can grow.
     pub(crate) growth: f64,
 }
 
-/// Nodes of a band of `span`, no further than 1 apart, for so many taps.
+/// Nodes of a band of `span`, no further than 1 apart, for this many taps.
 fn nodes(span: f64, taps: usize) -> Vec<f64> {
     let mut count = taps / 2 + 1;
     loop {
@@ -68,7 +68,7 @@ fn nodes(span: f64, taps: usize) -> Vec<f64> {
         if last >= span {
             return places.iter().map(|place| place / last * span).collect();
         }
-        // So many more are needed at least.
+        // This many more are needed at least.
         count += ((span - last) as usize).max(1);
     }
 }
@@ -267,7 +267,7 @@ mod tests {
         rows
     }
 
-    /// `e^{−i2πfτ} − Σ_k W[n, k] e^{−i2πf_kτ}` as written, at its greatest over places of its own.
+    /// `e^{−i2πfτ} − Σ_k W[n, k] e^{−i2πf_kτ}` as written, at its largest over places of its own.
     fn literal_error(sweep: &Sweep, interval: PathInterval, found: &VirtualTones) -> f64 {
         let (count, weights) = (sweep.len(), weights(found, sweep.len()));
         let mut worst = 0.0f64;

@@ -1,6 +1,6 @@
 //! How voxels and microphones share a lattice, so that the sum over microphones is a convolution.
 //!
-//! Along each axis the microphones stand on nodes, and the voxel pitch is the node pitch divided by u or times v, both
+//! Along each axis the microphones are on nodes, and the voxel pitch is the node pitch divided by u or times v, both
 //! whole. Then voxels split into u and nodes into v interleaved sublattices of one common pitch, and `p − r` depends on
 //! the difference of indices alone between any two of them. Microphones that fit no such lattice are spread onto one.
 
@@ -28,7 +28,7 @@ struct SharedAxis {
     u: usize,
     /// Nodes per voxel pitch; 1 when `u` is not.
     v: usize,
-    /// How microphones get onto the nodes; `None` where they stand on them.
+    /// How microphones are spread onto the nodes; `None` where they stand on them.
     interpolator: Option<Interpolator>,
 }
 
@@ -45,7 +45,7 @@ pub(crate) struct SharedLattice {
     pub(crate) near: Range<usize>,
 }
 
-/// Depths nearer than so many of the shortest waves may go without nodes. A kernel bends too sharply there for any but
+/// Depths nearer than this many of the shortest waves may go without nodes. A kernel bends too sharply there for any but
 /// very fine ones: from half a wave on they serve to any tolerance, from one and a half on they are hardly finer than
 /// anywhere, and within a tenth none serve.
 const NEAR: [f64; 4] = [0.1, 0.5, 1.0, 1.5];
@@ -58,7 +58,7 @@ pub(crate) struct Sublattice {
     pub(crate) stride: usize,
 }
 
-/// Sub-lattices along x and y together.
+/// Sublattices along x and y together.
 pub(crate) type Sublattices = [Sublattice; 2];
 
 impl SharedLattice {
@@ -66,7 +66,7 @@ impl SharedLattice {
     /// within its share of the budget where the microphones fit none; a budget of 0 allows no spreading.
     ///
     /// # Errors
-    /// In words: why there is none, and what would mend it.
+    /// A text: why there is none, and how to fix that.
     pub(crate) fn find(
         instrument: &Instrument,
         grid: &Grid,
@@ -78,7 +78,7 @@ impl SharedLattice {
         let mut misfit = String::new();
         for near in near {
             match Self::with(instrument, grid, budget.spreading(), near) {
-                // Where microphones stand on nodes, no depth is too near.
+                // Where microphones are on nodes, no depth is too near.
                 Ok(lattice) if lattice.exact() => return Ok(vec![lattice]),
                 Ok(lattice) => found.push(lattice),
                 Err(reason) => misfit = reason,
@@ -97,7 +97,7 @@ impl SharedLattice {
         let (low, high) = instrument.array.bounds();
         let shortest = shortest(instrument);
         if high.z - low.z > 1e-6 * shortest {
-            return Err(format!("the microphones lie in no plane of constant z ({} to {} m)", low.z, high.z));
+            return Err(format!("the microphones are in no plane of constant z ({} to {} m)", low.z, high.z));
         }
         let plane = low.z;
         let axis = |name: &str, voxels: &Axis, mics: Option<&Axis>, low: f64, high: f64| {
@@ -111,12 +111,12 @@ impl SharedLattice {
             let far = (0..grid.z.count).filter(|iz| !near.contains(iz));
             let height = far.map(|iz| (grid.z.position(iz) - plane).abs()).fold(f64::INFINITY, f64::min);
             if height == f64::INFINITY {
-                return Err(format!("{misfit}, and all voxels are too near to the array to do without"));
+                return Err(format!("{misfit}, and all voxels are too near to the array for spreading"));
             }
             let aside = (voxels.last() - low).abs().max((high - voxels.first).abs());
             let kernels = Kernels { wavenumber: 2.0 * PI / shortest, height, aside };
             spread_axis(voxels, [low, high], &kernels, tolerance).ok_or_else(|| {
-                format!("{misfit}, and voxels {height} m from the array are too near to do without")
+                format!("{misfit}, and voxels {height} m from the array are too near for spreading")
             })
         };
         let lattice = instrument.array.lattice();
@@ -139,18 +139,18 @@ impl SharedLattice {
         Ok(found)
     }
 
-    /// Whether all microphones stand on nodes.
+    /// Whether all microphones are on nodes.
     fn exact(&self) -> bool {
         self.x.interpolator.is_none() && self.y.interpolator.is_none()
     }
 
-    /// The greatest error of spreading, relative to one; 0 where the microphones stand on nodes.
+    /// The largest error of spreading, relative to one; 0 where the microphones are on nodes.
     pub(crate) fn error(&self) -> f64 {
         let of = |axis: &SharedAxis| axis.interpolator.as_ref().map_or(0.0, |i| i.error);
         (1.0 + of(&self.x)) * (1.0 + of(&self.y)) - 1.0
     }
 
-    /// Whether samples have to be spread onto the nodes, which then stand beside them for a moment.
+    /// Whether samples have to be spread onto the nodes, which takes memory for both at a time.
     pub(crate) fn spreads(&self) -> bool {
         !self.in_order
     }
@@ -180,7 +180,7 @@ impl SharedLattice {
         [&self.x, &self.y].map(|axis| axis.nodes.pitch * axis.v as f64)
     }
 
-    /// Every microphone's way onto the nodes.
+    /// How every microphone is spread onto the nodes.
     pub(crate) fn spreading(&self, array: &MicArray) -> Spreading<'_> {
         if self.in_order {
             return Spreading { lattice: self, footprints: Vec::new() };
@@ -198,7 +198,7 @@ impl SharedLattice {
     }
 }
 
-/// How samples of microphones get onto the nodes of a lattice.
+/// How samples of microphones are spread onto the nodes of a lattice.
 #[derive(Debug)]
 pub(crate) struct Spreading<'a> {
     lattice: &'a SharedLattice,
@@ -241,7 +241,7 @@ fn within(distance: f64, instrument: &Instrument, grid: &Grid) -> Range<usize> {
     first..first + (first..grid.z.count).take_while(near).count()
 }
 
-/// `count` indices dealt out in turn to `ways` sublattices.
+/// `count` indices distributed in turn over `ways` sublattices.
 fn parts(ways: usize, count: usize) -> Vec<Sublattice> {
     (0..ways.min(count))
         .map(|start| Sublattice { start, count: (count - start).div_ceil(ways), stride: ways })
@@ -252,7 +252,7 @@ fn product(x: &[Sublattice], y: &[Sublattice]) -> Vec<Sublattices> {
     y.iter().flat_map(|y| x.iter().map(move |x| [*x, *y])).collect()
 }
 
-/// The microphones' own lattice as nodes, if the voxels' pitch goes with it.
+/// The microphones' own lattice as nodes, if the voxels' pitch is compatible with it.
 fn exact(
     name: &str,
     voxels: &Axis,
@@ -265,7 +265,7 @@ fn exact(
     if high - low <= 1e-9 * shortest.min(1.0) {
         return Ok(shared(Axis { first: low, pitch: voxels.pitch, count: 1 }, 1, 1));
     }
-    let mics = mics.ok_or("the microphones stand on no regular lattice")?;
+    let mics = mics.ok_or("the microphones are on no regular lattice")?;
     if voxels.count == 1 {
         return Ok(shared(*mics, 1, 1));
     }
@@ -280,7 +280,7 @@ fn exact(
         return Ok(shared(*mics, 1, v as usize));
     }
     Err(format!(
-        "the voxel pitch along {name}, {} m, is no whole multiple or part of the microphones' {} m ({} m would be)",
+        "the voxel pitch along {name}, {} m, is neither a whole multiple nor a whole fraction of the microphones' {} m ({} m would be)",
         voxels.pitch,
         mics.pitch,
         mics.pitch / u

@@ -13,13 +13,13 @@ use crate::wave::simd::{LANES, Lanes, ROWS, lane_phasors, tone_phasors};
 use glam::DVec3;
 use num_complex::Complex32;
 
-/// Geometry of one depth and voxel sublattice, and buffers that are used again and again.
+/// Geometry of one depth and voxel sublattice, and reused buffers.
 #[derive(Debug)]
 pub(crate) struct Line<'a> {
     pub(crate) layout: &'a Layout,
     /// The axis along which everything lies.
     axis: usize,
-    /// What `|p − r|²` is beside the square of the depth, by lag, four times that for a scan:
+    /// `|p − r|²` without the square of the depth, by lag, four times that for a scan:
     /// `[voxel part, node part, lag]`.
     squares: Vec<f64>,
     /// The depth above the microphones, m, twice that for a scan.
@@ -68,7 +68,7 @@ impl<'a> Line<'a> {
         })
     }
 
-    /// Goes to depth `iz` and sublattice `part` of the voxels; what is worked out serves all tones.
+    /// Goes to depth `iz` and sublattice `part` of the voxels; what is computed serves all tones.
     fn place(&mut self, iz: usize, part: usize) {
         let Layout { lattice, grid, geometry, .. } = self.layout;
         let z = grid.z.position(iz);

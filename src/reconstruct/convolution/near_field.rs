@@ -70,7 +70,7 @@ impl<'a> NearField<'a> {
 
 /// What such depths take.
 #[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Cost {
+pub(crate) struct NearFieldCost {
     pub(crate) operations: f64,
     /// Bytes of their samples.
     pub(crate) bytes: u64,
@@ -78,8 +78,8 @@ pub(crate) struct Cost {
     pub(crate) worker_bytes: u64,
 }
 
-impl Cost {
-    /// By a fixed model, for slabs of so many depths; nothing without such depths.
+impl NearFieldCost {
+    /// By a fixed model, for slabs of this many depths; nothing without such depths.
     pub(crate) fn new(
         instrument: &Instrument,
         grid: &Grid,

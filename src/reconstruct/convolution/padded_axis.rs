@@ -37,7 +37,7 @@ pub(crate) struct CircularShift {
     pub(crate) half: bool,
 }
 
-/// The greatest rest, in pitches, that is taken for none; it moves no phase by more than 10⁻⁶ of a turn.
+/// The largest remainder, in pitches, that is treated as none; it shifts no phase by more than 10⁻⁶ cycles.
 const WHOLE: f64 = 1e-7;
 
 /// How much longer than necessary a padded axis may become for symmetry to pay.
@@ -82,7 +82,7 @@ impl PaddedAxis {
             offsets.iter().map(|offset| offset.even()).collect();
         if let Some(shifts) = shifts {
             let longest = shifts.iter().map(|(_, n)| *n).max().unwrap_or(1);
-            // An array far aside would ask for an absurd length.
+            // An array far to the side would need an excessive length.
             if longest <= 2 * general {
                 let n = fast_size(longest, 2 * LANES);
                 if n as f64 <= LONGER * general as f64 {
@@ -108,7 +108,7 @@ impl PaddedAxis {
         if self.even { self.len() / 2 } else { self.len() }
     }
 
-    /// Where the lag that mirrors `i` lies, if there is one; the place that remains is read by nobody.
+    /// Where the lag that mirrors `i` is, if there is one; the remaining place is never read.
     pub(crate) fn mirrored(&self, i: usize, half: bool) -> Option<usize> {
         match (self.even, half) {
             (false, _) => None,

@@ -1,4 +1,4 @@
-//! One thread's work on one depth: kernels, their transforms, products, and the way back onto the voxels.
+//! One thread's work on one depth: kernels, their transforms, products, and the inverse transforms onto the voxels.
 //!
 //! For each tone and pair of sublattices: phases of the kernel for sixteen rows at a time, transformed along x and
 //! transposed into blocks of sixteen columns; each block transformed along y, multiplied with the data's spectra and
@@ -23,7 +23,7 @@ use crate::wave::simd::{LANES, Lanes, ROWS, dispatched, lane_phasors};
 use glam::DVec3;
 use num_complex::Complex32;
 
-/// Geometry of one depth and voxel sublattice, and buffers that are used again and again.
+/// Geometry of one depth and voxel sublattice, and reused buffers.
 #[derive(Debug)]
 pub(crate) struct Plane<'a> {
     pub(crate) layout: &'a Layout,
@@ -74,7 +74,7 @@ impl<'a> Plane<'a> {
         })
     }
 
-    /// Works out every length of depth `iz` on sublattice `part` of the voxels; they serve all tones.
+    /// Computes every length of depth `iz` on sublattice `part` of the voxels; they serve all tones.
     fn place(&mut self, iz: usize, part: usize) {
         let Layout { lattice, grid, x, y, .. } = self.layout;
         let (voxels, z) = (&self.layout.voxel_parts[part], grid.z.position(iz));
@@ -257,7 +257,7 @@ impl<'a> Plane<'a> {
     }
 }
 
-/// Columns of voxels as the vector code wants them.
+/// Columns of voxels in the layout of the vector code.
 fn padded(width: usize) -> usize {
     width.next_multiple_of(ROWS)
 }

@@ -1,6 +1,6 @@
 //! Slabs of depths that share their tones: how thick they are, and which of them share a decomposition.
 //!
-//! Both by a fixed model of what decompositions and transforms cost, so that the same job always takes the same path.
+//! Both by a fixed model of the cost of decompositions and transforms, so that the same job is always divided in the same way.
 
 use super::layout::Layout;
 use crate::acquisition::Instrument;
@@ -13,10 +13,10 @@ use std::ops::Range;
 /// What skeletons usually may err by.
 const USUAL: f64 = 3e-5;
 
-/// Depths per thread that are worked on before they are handed on: enough to keep every thread busy.
+/// Depths per thread that are worked on before they are passed on: enough to keep every thread busy.
 const PLANES_PER_THREAD: usize = 8;
 
-/// As many slabs as take no more numbers than this are worked on at a time anyway, with about so many tones each: threads
+/// Slabs that together take no more numbers than this are always worked on at a time, with about this many tones each: threads
 /// take time to wake.
 const SMALL: usize = 1 << 20;
 const TONES: usize = 32;
@@ -60,7 +60,7 @@ impl Costs {
         }
     }
 
-    /// Of the tones for an interval of `spread` B·T, at so many depths.
+    /// Of the tones for an interval of `spread` B·T, at this many depths.
     fn tones(&self, spread: f64, depths: usize) -> f64 {
         let tones = tones_for(spread, USUAL).min(self.of_volume);
         let whole = (tones / self.lanes).ceil() * self.lanes;
@@ -73,7 +73,7 @@ impl Costs {
         4e4 + 0.18 * rows * rows * candidates_for(spread).min(self.of_volume)
     }
 
-    /// Whether a slab of so many depths had better take the tones of a longer interval than find its own.
+    /// Whether a slab of this many depths should take the tones of a longer interval than find its own.
     fn share(&self, longer: f64, own: f64, depths: usize) -> bool {
         longer >= own && self.tones(longer, depths) - self.tones(own, depths) <= self.decomposed(own)
     }
@@ -109,12 +109,12 @@ impl Slabs {
         Self { thickness, costs }
     }
 
-    /// Whether a slab of so many depths, its paths `own` B·T apart, takes the tones of a slab before it, whose are `longer`.
+    /// Whether a slab of this many depths, its paths `own` B·T apart, takes the tones of a slab before it, whose are `longer`.
     pub(crate) fn share(&self, longer: f64, own: f64, depths: usize) -> bool {
         self.costs.share(longer, own, depths)
     }
 
-    /// What suits so many threads where memory does not matter.
+    /// The batch for this many threads where memory does not matter.
     pub(crate) fn usual_batch(&self, layout: &Layout, threads: usize) -> Batch {
         let thickness = self.thickness;
         let slab = (layout.tone_len() + layout.lattice.width()) * TONES + layout.grid.plane_len() * thickness;

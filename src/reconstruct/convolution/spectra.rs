@@ -45,7 +45,7 @@ impl Layout {
         )
     }
 
-    /// Room for the spectra of so many tones.
+    /// Buffers for the spectra of this many tones.
     ///
     /// # Errors
     /// They do not fit in memory.
@@ -54,12 +54,12 @@ impl Layout {
             .ok_or_else(|| no_room(tones as u64, self.lattice.width() as u64))
     }
 
-    /// So much of it as so many tones take.
+    /// The part of it that this many tones take.
     pub(crate) fn part<'b>(&self, room: &'b mut [Lanes], tones: usize) -> &'b mut [Lanes] {
         &mut room[..self.spectra_len(tones)]
     }
 
-    /// Length of the spectra of so many tones.
+    /// Length of the spectra of this many tones.
     fn spectra_len(&self, tones: usize) -> usize {
         match self.line {
             Some(axis) => tones.div_ceil(LANES) * self.node_parts.len() * self.along(axis).len(),

@@ -9,14 +9,14 @@ use crate::wave::simd::Lanes;
 use num_complex::Complex32;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// Geometry of one depth, and buffers that are used again and again.
+/// Geometry of one depth, and reused buffers.
 #[derive(Debug)]
 pub(crate) enum Workspace<'a> {
     Plane(Plane<'a>),
     Line(Line<'a>),
 }
 
-/// Buffers of all threads, kept from one slab to the next: what is given back and asked for again has to be cleared, and
+/// Buffers of all threads, reused from one slab to the next: memory that is freed and allocated again has to be cleared, and
 /// a large one mapped again.
 #[derive(Debug)]
 pub(crate) struct Workspaces<'a> {

@@ -57,7 +57,7 @@ impl Taps {
         self.factored.solve(&waves(&self.fitted, places))
     }
 
-    /// The greatest error for a plane wave of up to `edge` radians per unit at any of these places, and the greatest sum of
+    /// The largest error for a plane wave of up to `edge` radians per unit at any of these places, and the largest sum of
     /// the moduli of their weights.
     pub(crate) fn error_at(&self, edge: f64, places: &[f64]) -> (f64, f64) {
         let weights = self.weights_of(places);
@@ -67,7 +67,7 @@ impl Taps {
         (error, sums.fold(0.0, f64::max))
     }
 
-    /// The greatest error on even nodes, anywhere between two of them.
+    /// The largest error on even nodes, anywhere between two of them.
     pub(crate) fn error(&self, edge: f64) -> f64 {
         self.error_at(edge, &[0.125, 0.25, 0.375, 0.5]).0
     }

@@ -1,7 +1,7 @@
 //! Fourier transforms of sixteen neighbouring columns at once.
 //!
 //! A vector register holds one element of sixteen columns, so a transform along the columns needs no shuffle and a
-//! plane's second axis no strided access: between the two axes stand transpositions of 16 × 16 tiles. Stockham's
+//! plane's second axis no strided access: between the two axes are transpositions of 16 × 16 tiles. Stockham's
 //! algorithm, radix 8, 6, 5, 4, 3 and 2, between buffers. The same plain loops at every vector width give the same bytes.
 //! Only forward and without a scale: the inverse is the forward transform with real and imaginary parts exchanged.
 
@@ -105,7 +105,7 @@ fn transform_body(fft: &LaneFft, from: &[Lanes], to: &mut [Lanes], work: &mut [L
         to.copy_from_slice(from);
         return;
     };
-    // The last pass writes to `to`, those before take turns.
+    // The last pass writes to `to`, those before alternate.
     let (mut a, mut b) = if rest.len().is_multiple_of(2) { (to, work) } else { (work, to) };
     first.run(from, a);
     for pass in rest {

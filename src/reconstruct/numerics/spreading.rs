@@ -1,4 +1,4 @@
-//! Spreading: microphones that stand on no lattice, moved onto one.
+//! Spreading: microphones that are on no lattice, moved onto one.
 //!
 //! As a function of the microphone's place r the kernel `e^{−ik|p−r|}` is band-limited to `k sin θ_max`, the steepest
 //! angle at which a voxel is seen. So `K(p − r) = Σ_g φ(r − g) K(p − g)` with g on a fine enough lattice and a short
@@ -23,7 +23,7 @@ pub(crate) struct Kernels {
     pub(crate) wavenumber: f64,
     /// Least distance of a voxel from the plane of microphones, m.
     pub(crate) height: f64,
-    /// Greatest distance of voxel and microphone along the axis, m.
+    /// Largest distance of voxel and microphone along the axis, m.
     pub(crate) aside: f64,
 }
 
@@ -46,7 +46,7 @@ impl Kernels {
 #[derive(Debug, Clone)]
 pub(crate) struct Interpolator {
     taps: Taps,
-    /// The greatest interpolation error of any kernel, at any place, relative to one.
+    /// The largest interpolation error of any kernel, at any place, relative to one.
     pub(crate) error: f64,
 }
 
@@ -96,7 +96,7 @@ impl Interpolator {
         self.taps.count()
     }
 
-    /// The greatest `|K(x) − Σ_a w_a K(x_a)|` over the kernels, and between two nodes; the search ends with the first
+    /// The largest `|K(x) − Σ_a w_a K(x_a)|` over the kernels, and between two nodes; the search ends with the first
     /// place where it is above `enough`.
     fn measure(&self, kernels: &Kernels, pitch: f64, enough: f64) -> f64 {
         let mut worst = 0.0;
@@ -193,7 +193,7 @@ impl Footprint {
     }
 }
 
-/// Microphones whose footprints one thread works out at a time.
+/// Microphones whose footprints one thread computes at a time.
 const AT_ONCE: usize = 64;
 
 /// Footprints of microphones at `places`, x and y, m, of which `along` tells those along an axis.

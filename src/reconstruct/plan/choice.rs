@@ -1,14 +1,17 @@
 //! Which method a job takes, and what each would cost.
 
-use super::cost::{self, Estimates};
+use super::estimates::{Estimate, Estimates};
 use crate::acquisition::Instrument;
 use crate::error::{Error, Result};
 use crate::grid::Grid;
-use crate::reconstruct::convolution::SharedLattice;
+use crate::reconstruct::backprojection::BackprojectionPlan;
+use crate::reconstruct::convolution::{ConvolutionPlan, SharedLattice};
+use crate::reconstruct::cost::Cost;
+use crate::reconstruct::direct::DirectPlan;
 use crate::reconstruct::error_budget::ErrorBudget;
-use crate::reconstruct::{Estimate, Method, ReconstructOptions, backprojection, convolution};
+use crate::reconstruct::{Method, ReconstructOptions};
 
-/// Above this many terms `direct` must be asked for by name; it would run for many minutes.
+/// Above this many terms `direct` must be selected explicitly; it would run for many minutes.
 const MOST_DIRECT_TERMS: u64 = 100_000_000_000;
 
 /// The terms of Eq. 13: voxels × microphones × frequencies.
@@ -18,26 +21,26 @@ pub fn direct_terms(instrument: &Instrument, grid: &Grid) -> u64 {
         .saturating_mul(instrument.sweep.len() as u64)
 }
 
-/// What is to be done, with what was found out about the lattices.
+/// The chosen method, and how it is carried out.
 #[derive(Debug)]
-pub(crate) enum Choice {
-    Direct,
-    Convolution(Box<convolution::Plan>),
-    Backprojection(Box<backprojection::Plan>),
-    Linear,
+pub(crate) enum MethodPlan {
+    Direct(DirectPlan),
+    Convolution(Box<ConvolutionPlan>),
+    Backprojection(Box<BackprojectionPlan>),
+    Linear(DirectPlan),
 }
 
-/// What each method would cost here, and what the options come to.
+/// The plans of all methods for one job, and what each would take.
 #[derive(Debug)]
-pub(crate) struct Options {
+pub(crate) struct Candidates {
     estimates: Vec<Estimate>,
-    convolution: std::result::Result<convolution::Plan, String>,
-    backprojection: Option<backprojection::Plan>,
+    convolution: std::result::Result<ConvolutionPlan, String>,
+    backprojection: Option<BackprojectionPlan>,
+    direct: DirectPlan,
 }
 
-impl Options {
-    /// What there is to choose from.
-    pub(crate) fn of(
+impl Candidates {
+    pub(crate) fn new(
         instrument: &Instrument,
         grid: &Grid,
         options: &ReconstructOptions,
@@ -46,48 +49,59 @@ impl Options {
         instrument.check()?;
         check(grid, options)?;
         let budget = ErrorBudget::new(options.tolerance);
+        let possible = |method, cost: &Cost<'_>| Estimate::possible(method, cost, options);
         let lattices = SharedLattice::find(instrument, grid, budget);
         let convolution = lattices.map(|lattices| {
             let priced = lattices.into_iter().map(|lattice| {
-                let plan = convolution::Plan::new(instrument, grid, lattice, budget);
-                let estimate = cost::of_convolution(instrument, grid, options, &plan, threads);
+                let plan = ConvolutionPlan::new(instrument, grid, lattice, budget);
+                let estimate = possible(Method::Convolution, &plan.cost(instrument, threads));
                 (plan, estimate)
             });
             let least = priced.min_by(|(_, a), (_, b)| a.operations.total_cmp(&b.operations));
             least.expect("one was found at least")
         });
-        // Where there is a lattice for most of the work, convolution is so much faster that dividing the other's is not
+        // Where a lattice serves most of the work, convolution is so much faster that planning back-projection is not
         // worth its time.
-        let by_lattice = |(plan, estimate): &(convolution::Plan, Estimate)| {
-            plan.near.operations <= 0.5 * estimate.operations
+        let by_lattice = |(plan, estimate): &(ConvolutionPlan, Estimate)| {
+            plan.near_operations() <= 0.5 * estimate.operations
         };
         let wanted = !convolution.as_ref().is_ok_and(by_lattice) || options.method == Method::Backprojection;
         let backprojection =
-            (wanted && options.tolerance > 0.0).then(|| backprojection::Plan::new(instrument, grid, budget));
-        let known = convolution.as_ref().map(|(_, estimate)| estimate.clone()).map_err(Clone::clone);
-        let estimates = cost::estimates(instrument, grid, options, known, backprojection.as_ref(), threads);
+            (wanted && options.tolerance > 0.0).then(|| BackprojectionPlan::new(instrument, grid, budget));
+        let direct = DirectPlan::new(grid);
+        let of_convolution = match &convolution {
+            Ok((_, estimate)) => estimate.clone(),
+            Err(obstacle) => Estimate::impossible(Method::Convolution, obstacle.clone()),
+        };
+        let of_backprojection = match &backprojection {
+            Some(plan) => possible(Method::Backprojection, &plan.cost(instrument, threads)),
+            None => Estimate::impossible(Method::Backprojection, no_backprojection(options).to_owned()),
+        };
+        let of_direct = direct.cost(instrument, threads);
+        let sums = [Method::Direct, Method::Linear].map(|method| possible(method, &of_direct));
+        let estimates = [of_convolution, of_backprojection].into_iter().chain(sums).collect();
         let convolution = convolution.map(|(plan, _)| plan);
-        Ok(Self { estimates, convolution, backprojection })
+        Ok(Self { estimates, convolution, backprojection, direct })
     }
 
-    /// The method asked for, or of those possible the one of fewest operations.
+    /// The selected method, or of the possible ones that of fewest operations.
     pub(crate) fn chosen(&self, asked: Method) -> &Estimate {
         let of = |method: Method| self.estimates.iter().find(|e| e.method == method);
         of(asked).unwrap_or_else(|| {
-            // `linear` is another formula, not a way to sum this one.
+            // `linear` is another formula, not another method for this one.
             let possible =
                 self.estimates.iter().filter(|e| e.obstacle.is_none() && e.method != Method::Linear);
             possible.min_by(|a, b| a.operations.total_cmp(&b.operations)).expect("the direct sum always is")
         })
     }
 
-    /// The method that the options come to, and a warning if `auto` had to take a slow one.
+    /// The plan of the method that the options select, and a warning if `auto` had to take a slow one.
     pub(crate) fn choose(
         self,
         instrument: &Instrument,
         grid: &Grid,
         asked: Method,
-    ) -> Result<(Choice, Option<String>)> {
+    ) -> Result<(MethodPlan, Option<String>)> {
         let chosen = self.chosen(asked);
         if let Some(obstacle) = &chosen.obstacle {
             let name = chosen.method;
@@ -97,24 +111,33 @@ impl Options {
             };
             return Err(Error::input(
                 "reconstruct.method",
-                format!("\"{name}\" is not possible here: {obstacle}; mend that, or use method = {others}"),
+                format!("\"{name}\" is not possible here: {obstacle}; fix that, or use method = {others}"),
             ));
         }
         match (chosen.method, self.convolution, self.backprojection) {
-            (Method::Linear, ..) => Ok((Choice::Linear, None)),
-            (Method::Convolution, Ok(plan), _) => Ok((Choice::Convolution(Box::new(plan)), None)),
-            (Method::Backprojection, _, Some(plan)) => Ok((Choice::Backprojection(Box::new(plan)), None)),
+            (Method::Linear, ..) => Ok((MethodPlan::Linear(self.direct), None)),
+            (Method::Convolution, Ok(plan), _) => Ok((MethodPlan::Convolution(Box::new(plan)), None)),
+            (Method::Backprojection, _, Some(plan)) => Ok((MethodPlan::Backprojection(Box::new(plan)), None)),
             (_, Err(misfit), None) if asked == Method::Auto => {
                 refuse_long_sum(instrument, grid, &misfit)?;
                 let slower = "summing Eq. 13 directly instead, which is slower (a tolerance would help)";
-                Ok((Choice::Direct, Some(format!("{misfit}; {slower}"))))
+                Ok((MethodPlan::Direct(self.direct), Some(format!("{misfit}; {slower}"))))
             }
-            _ => Ok((Choice::Direct, None)),
+            _ => Ok((MethodPlan::Direct(self.direct), None)),
         }
     }
 }
 
-/// Refuses a direct sum of many minutes that nobody asked for by name.
+/// Why back-projection was not planned.
+fn no_backprojection(options: &ReconstructOptions) -> &'static str {
+    if options.tolerance > 0.0 {
+        "not useful here, where convolution is far faster; select it explicitly to see its cost"
+    } else {
+        "a tolerance of 0 allows no interpolation; use a tolerance above 0 (1e-6, say)"
+    }
+}
+
+/// Refuses a direct sum of many minutes that was not selected explicitly.
 fn refuse_long_sum(instrument: &Instrument, grid: &Grid, misfit: &str) -> Result<()> {
     let terms = direct_terms(instrument, grid);
     if terms <= MOST_DIRECT_TERMS {
@@ -124,7 +147,7 @@ fn refuse_long_sum(instrument: &Instrument, grid: &Grid, misfit: &str) -> Result
         "reconstruct.method",
         format!(
             "{misfit}. That leaves the direct sum of Eq. 13, {:.1e} terms here: many minutes. Make the grid \
-             smaller or its pitch larger, allow a tolerance, or ask for it by name with [reconstruct] method = \"direct\"",
+             smaller or its pitch larger, allow a tolerance, or select it explicitly with [reconstruct] method = \"direct\"",
             terms as f64
         ),
     ))
@@ -141,7 +164,7 @@ fn check(grid: &Grid, options: &ReconstructOptions) -> Result<()> {
         return Err(Error::input(
             "grid",
             format!(
-                "{n_x} x {n_y} x {n_z} voxels are beyond all memory ({:.1e} GiB); use a larger pitch or a smaller grid",
+                "{n_x} x {n_y} x {n_z} voxels exceed any memory ({:.1e} GiB); use a larger pitch or a smaller grid",
                 grid.voxel_count() as f64 * 8.0 / f64::from(1 << 30)
             ),
         ));
@@ -155,13 +178,16 @@ fn check(grid: &Grid, options: &ReconstructOptions) -> Result<()> {
     if !(0.0..1.0).contains(&options.tolerance) {
         return Err(Error::input(
             "reconstruct.tolerance",
-            format!("{} is no relative error; 1e-4 is usual, 0 sums every frequency", options.tolerance),
+            format!(
+                "{} is not a relative error in 0..1; 1e-4 is usual, 0 sums every frequency",
+                options.tolerance
+            ),
         ));
     }
     Ok(())
 }
 
-/// What each method would cost for a job with so many threads, and the one that
+/// What each method would cost for a job with this many threads, and the one that
 /// [`reconstruct`](crate::reconstruct::reconstruct()) would take, which no number of threads changes. Takes up to a tenth
 /// of a second.
 ///
@@ -193,9 +219,9 @@ pub fn estimate(
     options: &ReconstructOptions,
     threads: usize,
 ) -> Result<Estimates> {
-    let possible = Options::of(instrument, grid, options, threads)?;
-    let method = possible.chosen(options.method).method;
-    let methods = possible.estimates;
+    let candidates = Candidates::new(instrument, grid, options, threads)?;
+    let method = candidates.chosen(options.method).method;
+    let methods = candidates.estimates;
     let chosen = methods.iter().position(|e| e.method == method).unwrap_or(0);
     Ok(Estimates { methods, chosen })
 }

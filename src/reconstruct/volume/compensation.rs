@@ -1,7 +1,7 @@
 //! Spherical spreading undone in a finished volume.
 //!
 //! An echo from p arrives as `(1 m)²/(|p − s| |p − r|)` of its amplitude. Multiplying the voxels by `|p − s| |p − r_c|` with
-//! the array's centre r_c is as good as weighing every term of the sum, as long as the array is not much larger than its
+//! the array's centre r_c is as accurate as weighting every term of the sum, as long as the array is not much larger than its
 //! distance, and costs nothing.
 
 use crate::acquisition::Instrument;
@@ -45,9 +45,9 @@ impl Gain {
         });
     }
 
-    /// How a volume was computed, with the bound on its error as large as the greatest factor makes it.
+    /// How a volume was computed, with the bound on its error as large as the largest factor makes it.
     pub(crate) fn info(&self, info: &ReconstructionInfo) -> ReconstructionInfo {
-        // Either distance is greatest at a corner.
+        // Either distance is largest at a corner.
         let greatest =
             |from: DVec3| self.grid.corners().into_iter().map(|p| p.distance(from)).fold(0.0, f64::max);
         let most = 1.0 / spreading(greatest(self.speaker), greatest(self.centre));

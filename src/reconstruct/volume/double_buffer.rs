@@ -20,7 +20,7 @@ pub(super) struct DoubleBuffer<'a> {
 }
 
 impl<'a> DoubleBuffer<'a> {
-    /// Room for up to `at_once` depths of a grid, twice unless that is all of it.
+    /// Buffers for up to `at_once` depths of a grid, twice unless that is all of it.
     pub(super) fn new(sink: &'a mut dyn VolumeSink, grid: &Grid, at_once: usize) -> Result<Self> {
         let room = |depths: usize| {
             let count = (depths as u64).saturating_mul(grid.plane_len() as u64);

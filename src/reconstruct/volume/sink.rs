@@ -1,4 +1,4 @@
-//! Where depths go as they are finished, and what is known of them.
+//! What receives depths as they are finished, and how they were computed.
 
 use crate::alloc::try_zeroed;
 use crate::error::Result;
@@ -17,7 +17,7 @@ pub struct ReconstructionInfo {
     pub error_bound: f64,
 }
 
-/// Where depths go as they are finished: memory, or a file that is written slab by slab.
+/// Receives depths as they are finished: memory, or a file that is written slab by slab.
 pub trait VolumeSink: Send {
     /// Called once, before the first depth.
     ///
@@ -51,5 +51,29 @@ impl VolumeSink for Volume {
         }
         self.samples[first * self.grid.plane_len()..][..planes.len()].copy_from_slice(planes);
         Ok(())
+    }
+}
+
+/// A volume whose first depths come from an interrupted run, for tests of resuming.
+#[cfg(test)]
+pub(crate) struct ResumedVolume {
+    pub(crate) volume: Volume,
+    pub(crate) done: usize,
+}
+
+#[cfg(test)]
+impl VolumeSink for ResumedVolume {
+    fn begin(&mut self, info: &ReconstructionInfo) -> Result<()> {
+        self.volume.begin(info)
+    }
+
+    fn take(&mut self, first: usize, planes: &[Complex32]) -> Result<()> {
+        let last = first + planes.len() / self.volume.grid.plane_len();
+        assert!(last > self.done, "depths {first}..{last} are already there");
+        self.volume.take(first, planes)
+    }
+
+    fn depths_done(&self) -> usize {
+        self.done
     }
 }

@@ -1,7 +1,7 @@
 //! The one loop over the depths of a volume, which every method fills slab by slab.
 //!
 //! It takes the slabs in ascending order and a function that computes their planes; it leaves out those that the sink has
-//! from an interrupted run, hands finished planes to the sink while the next are computed, and reports progress.
+//! from an interrupted run, passes finished planes to the sink while the next are computed, and reports progress.
 
 use super::double_buffer::DoubleBuffer;
 use super::{ReconstructionInfo, VolumeSink};
@@ -35,7 +35,7 @@ pub(crate) struct SlabDriver<'a> {
 }
 
 impl<'a> SlabDriver<'a> {
-    /// Slabs of `thickness` depths, one at a time; `work` gives the units of work of so many depths.
+    /// Slabs of `thickness` depths, one at a time; `work` gives the units of work of this many depths.
     pub(crate) fn even(
         grid: &'a Grid,
         thickness: usize,
@@ -58,7 +58,7 @@ impl<'a> SlabDriver<'a> {
         DoubleBuffer::bytes(plane_len, at_once, depths)
     }
 
-    /// Computes all depths that the sink does not have and hands them to it, in order.
+    /// Computes all depths that the sink does not have and passes them to it, in order.
     ///
     /// `compute` takes which slabs, which depths they are in all, and their planes `[plane, y, x]`, of any content. It
     /// reports the progress.

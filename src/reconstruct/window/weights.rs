@@ -37,7 +37,7 @@ impl Weights {
         samples.iter().zip(&self.microphone).map(move |(m, w)| m * (w * of_frequency))
     }
 
-    /// `Σ_r |w m|` of frequency `f`. Over all frequencies it is what one unit of relative error comes to in the volume.
+    /// `Σ_r |w m|` of frequency `f`. Its sum over all frequencies is one unit of relative error in the volume.
     pub(crate) fn modulus(&self, f: usize, samples: &[Complex32]) -> f64 {
         // By squares, which in f64 neither overflow nor vanish; in as many sums as the processor takes at once.
         let mut sums = [0.0; LANES];

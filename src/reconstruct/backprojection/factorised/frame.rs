@@ -86,7 +86,7 @@ pub(crate) fn bands(instrument: &Instrument, grid: &Grid, tiles: &[Tile]) -> [f6
     fastest
 }
 
-/// Tiles that stand for all.
+/// Tiles that represent all.
 const SAMPLED_TILES: usize = 9;
 
 /// Every so many of `items`, about `most` in all, the first and the last among them.

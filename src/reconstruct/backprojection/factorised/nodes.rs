@@ -1,7 +1,7 @@
 //! How far apart the nodes of a tile may stand, and of how many of them a voxel is made.
 
 use super::frame::{Frame, bands, halved};
-use super::terms::{Around, FEW, MANY, Seen, Terms};
+use super::terms::{Around, FEW, MANY, Terms, TileDistances};
 use crate::acquisition::Instrument;
 use crate::grid::{Axis, Grid};
 use crate::reconstruct::backprojection::blocks::{Shape, block_operations};
@@ -103,7 +103,7 @@ impl Nodes {
 
 /// A division of array and image: tiles of microphones, and nodes in each tile's coordinates.
 #[derive(Debug, Clone)]
-pub(crate) struct Lattice {
+pub(crate) struct TileLattice {
     /// How often the array is halved.
     pub(crate) times: u32,
     /// Along x and y; the same for all tiles.
@@ -113,9 +113,11 @@ pub(crate) struct Lattice {
     pub(crate) taps: Taps,
     /// Nodes along x, y and ρ that are summed at a time.
     pub(crate) block: [usize; 3],
-    /// The greatest error for exact nodes, relative to `Σ|w m| / Σw`, measured on sampled terms.
+    /// By how much a path length differs from that of its block's centre at most, about, m.
+    pub(crate) half: f64,
+    /// The largest error for exact nodes, relative to `Σ|w m| / Σw`, measured on sampled terms.
     pub(crate) error: f64,
-    /// By how much errors of nodes can grow: the greatest sums of the weights' moduli.
+    /// By how much errors of nodes can grow: the largest sums of the weights' moduli.
     pub(crate) growth: f64,
     /// Nodes of all tiles, about.
     pub(crate) count: f64,
@@ -133,7 +135,7 @@ fn lengths(tolerance: f64) -> Vec<(Taps, f64)> {
     (4..=MOST_TAPS).step_by(2).filter_map(fullest).collect()
 }
 
-impl Lattice {
+impl TileLattice {
     /// The division of fewest operations; `None` where the voxels come too near to the microphones, or none keeps to its
     /// share of the budget.
     pub(crate) fn find(
@@ -169,7 +171,7 @@ impl Lattice {
             .find_map(|lattice| lattice.measured(instrument, grid, budget.interpolation()))
     }
 
-    /// The divisions into tiles that come of so many halvings.
+    /// The divisions into tiles that come of this many halvings.
     fn halved(
         instrument: &Instrument,
         grid: &Grid,
@@ -180,7 +182,7 @@ impl Lattice {
         let tiles = halved(instrument.array.positions(), times);
         let terms = Terms { instrument, grid, tiles: &tiles };
         let bands = bands(instrument, grid, &tiles);
-        let seen = Seen::of(instrument, grid, &tiles);
+        let distances = TileDistances::of(instrument, grid, &tiles);
         let mut found = Vec::new();
         // Terms bend, so that wide taps carry less than plane waves ask for; the more taps, the fuller the band.
         let mut fullest = [0; 2];
@@ -204,29 +206,36 @@ impl Lattice {
                 continue;
             }
             for (taps, fill) in lengths {
-                let most = seen.shortest / (2 * taps.count()) as f64;
+                let most = distances.shortest / (2 * taps.count()) as f64;
                 let lattice = Self {
                     times,
                     nodes: [x.clone(), y.clone()],
                     pitch: (0.5 * fill / (1.03 * bands[2])).min(most),
                     taps: taps.clone(),
                     block: [1; 3],
+                    half: 0.0,
                     error: 0.0,
                     growth: 1.0,
                     count: 0.0,
                     operations: f64::INFINITY,
                 };
-                found.extend(lattice.divided(instrument, grid, &seen, band));
+                found.extend(lattice.divided(instrument, grid, &distances, band));
             }
         }
         found
     }
 
     /// With blocks of nodes of fewest operations by a fixed model.
-    fn divided(self, instrument: &Instrument, grid: &Grid, seen: &Seen, band: &Band) -> Option<Self> {
+    fn divided(
+        self,
+        instrument: &Instrument,
+        grid: &Grid,
+        distances: &TileDistances,
+        band: &Band,
+    ) -> Option<Self> {
         let [n_x, n_y] = [0, 1].map(|axis: usize| self.nodes[axis].axis.count);
         let reach = [0, 1].map(|axis: usize| self.nodes[axis].reach());
-        let ranges = seen.ranges(grid, reach) / self.pitch + self.taps.count() as f64;
+        let ranges = distances.ranges(grid, reach) / self.pitch + self.taps.count() as f64;
         let (legs, digits) = (instrument.geometry.return_legs(), -band.tolerance.log10());
         let columns = (n_x * n_y) as f64;
         let depths = Shape::sizes(ranges.ceil() as usize).filter(|n| (4..=64).contains(n));
@@ -237,22 +246,22 @@ impl Lattice {
             let side = |axis: usize| self.nodes[axis].axis.pitch * (block[axis] - 1) as f64;
             let along = self.pitch * (block[2] - 1) as f64 / 2.0;
             let radius = (side(0).hypot(side(1)) / 2.0).hypot(along / 2.0);
-            let half = |distance: f64| along + legs * radius * (seen.radius / distance).min(2.0);
-            let widest = half(seen.shortest / 2.0);
+            let half = |distance: f64| along + legs * radius * (distances.radius / distance).min(2.0);
+            let widest = half(distances.shortest / 2.0);
             if points > Shape::MOST_VOXELS || !band.holds(widest) {
                 return None;
             }
-            let shell = 2.0 * (along + legs * seen.radius + widest);
+            let shell = 2.0 * (along + legs * distances.radius + widest);
             let tones =
                 (band.bandwidth * shell / instrument.sound_speed + 10.0).min(instrument.sweep.len() as f64);
-            let typical = half(seen.typical / 2.0);
+            let typical = half(distances.typical / 2.0);
             let one = block_operations(points, band.edge(typical), digits, tones) / points as f64;
-            Some((block, one))
+            Some((block, widest, one))
         };
-        let (block, one) = blocks.filter_map(cost).min_by(|a, b| a.1.total_cmp(&b.1))?;
+        let (block, half, one) = blocks.filter_map(cost).min_by(|a, b| a.2.total_cmp(&b.2))?;
         // Blocks are not cut to the nodes that a column needs.
         let each = columns * (ranges + 0.5 * block[2] as f64);
-        let tiles = seen.tiles as f64;
+        let tiles = distances.tiles as f64;
         let count = tiles * each;
         let interpolating = grid.voxel_count() as f64 * tiles * OPERATIONS_PER_VOXEL;
         let operations = instrument.array.len() as f64 * each * one + interpolating;
@@ -260,13 +269,14 @@ impl Lattice {
         let held = count * 8.0;
         (held <= (4.0 * grid.volume_bytes() as f64).max(MOST_SMALL)).then(|| Self {
             block,
+            half,
             count,
             operations,
             ..self
         })
     }
 
-    /// Whether every node stands where some point has its range.
+    /// Whether every node is where some point has its range.
     ///
     /// That is least so of the nodes farthest aside, which only the outermost voxels are made of, for the nearest of these.
     fn has_places(&self, instrument: &Instrument, grid: &Grid) -> bool {

@@ -1,7 +1,7 @@
 //! Patches of nodes: blocks in a tile's own coordinates, whose sums are taken about one centre.
 
 use super::frame::Frame;
-use super::nodes::Lattice;
+use super::nodes::TileLattice;
 use super::voxels::TileNodes;
 use crate::acquisition::Tile;
 use crate::wave::Geometry;
@@ -31,7 +31,7 @@ impl Placed {
     pub(crate) fn points(&self, geometry: &Geometry) -> Points {
         let out = geometry.outward_length(self.centre);
         let point = |place: &Option<DVec3>| {
-            // A node that nobody needs may stand anywhere.
+            // A node that is not needed may be anywhere.
             let p = place.unwrap_or(self.centre);
             let d = p - self.centre;
             [d.x, d.y, d.z, geometry.outward_length(p) - out]
@@ -41,9 +41,9 @@ impl Placed {
 }
 
 impl Patch {
-    /// The patches of nodes `shell` along ρ that a tile needs; `None` if one stands where no point has its range.
+    /// The patches of nodes `shell` along ρ that a tile needs; `None` if one is where no point has its range.
     pub(crate) fn of(
-        lattice: &Lattice,
+        lattice: &TileLattice,
         geometry: &Geometry,
         shell: Range<usize>,
         (index, tile, nodes): (usize, &Tile, &TileNodes),
@@ -69,7 +69,7 @@ impl Patch {
     /// The index of each node that is needed within `TileNodes`' columns, and its place along ρ.
     fn nodes<'a>(
         &self,
-        lattice: &Lattice,
+        lattice: &TileLattice,
         nodes: &'a TileNodes,
     ) -> impl Iterator<Item = Option<[usize; 3]>> + use<'a> {
         let (n_x, [x, y, k], [n, m, _]) = (lattice.nodes[0].axis.count, self.first, self.count);
@@ -80,7 +80,7 @@ impl Patch {
     }
 
     /// Where the nodes stand.
-    pub(crate) fn placed(&self, lattice: &Lattice, nodes: &TileNodes) -> Option<Placed> {
+    pub(crate) fn placed(&self, lattice: &TileLattice, nodes: &TileNodes) -> Option<Placed> {
         let at = |[x, y, k]: [usize; 3]| {
             let [along_x, along_y] = [&lattice.nodes[0].axis, &lattice.nodes[1].axis];
             nodes.frame.point(along_x.position(x), along_y.position(y), lattice.pitch * k as f64)
@@ -102,7 +102,7 @@ impl Patch {
     /// Puts a patch's image, turned by `turns` (of every node along ρ), into its place among the nodes.
     pub(crate) fn store(
         &self,
-        lattice: &Lattice,
+        lattice: &TileLattice,
         [re, im]: &[Vec<f32>; 2],
         turns: &[num_complex::Complex32],
         nodes: &mut TileNodes,

@@ -34,7 +34,7 @@ pub(crate) const FEW: Density = Density { tiles: 2, places: [9, 2], corners: 3 }
 pub(crate) const MANY: Density = Density { tiles: 5, places: [12, 4], corners: 1 };
 
 impl Terms<'_> {
-    /// The greatest error of voxels made of nodes along one axis (x, y, ρ) for any sampled term, and the greatest sum of
+    /// The largest error of voxels made of nodes along one axis (x, y, ρ) for any sampled term, and the largest sum of
     /// the weights' moduli; `None` where no point has a node's range.
     pub(crate) fn error(
         &self,
@@ -86,7 +86,7 @@ impl Terms<'_> {
 }
 
 /// How tiles see the grid.
-pub(crate) struct Seen {
+pub(crate) struct TileDistances {
     frames: Vec<Frame>,
     pub(crate) tiles: usize,
     /// Of the widest tile, m.
@@ -96,7 +96,7 @@ pub(crate) struct Seen {
     pub(crate) typical: f64,
 }
 
-impl Seen {
+impl TileDistances {
     pub(crate) fn of(instrument: &Instrument, grid: &Grid, tiles: &[Tile]) -> Self {
         let frames: Vec<Frame> =
             some(tiles, 3).map(|tile| Frame::new(&instrument.geometry, tile.centre)).collect();

@@ -1,9 +1,9 @@
 //! Back-projection in two steps: every tile of the array onto a few nodes of its own, and those onto the voxels.
 
 use super::frame::{Frame, halved};
-use super::nodes::{Lattice, USUAL_GROWTH};
+use super::nodes::{TileLattice, USUAL_GROWTH};
 use super::patches::Patch;
-use super::voxels::{BEYOND, Buffers, Interpolation, TileNodes, hull};
+use super::voxels::{BEYOND, Interpolation, RowBuffers, TileNodes, hull};
 use crate::acquisition::{Instrument, Tile};
 use crate::alloc::try_zeroed;
 use crate::error::Result;
@@ -26,9 +26,31 @@ use std::ops::Range;
 /// Depths whose voxels are worked on at a time.
 pub(crate) const DEPTHS: usize = 32;
 
-/// What nodes are taken to be allowed when work is estimated.
+/// The budget of nodes that is assumed when work is estimated.
 pub(crate) fn usual_budget(budget: ErrorBudget) -> ErrorBudget {
     budget.before_interpolation(USUAL_GROWTH)
+}
+
+/// The band of nodes' range profiles and the budget of its series, for half-widths of up to `half` m: what interpolation
+/// leaves of the budget, divided by how much it amplifies errors of the nodes.
+fn series_budget(lattice: &TileLattice, band: Band, half: f64, budget: ErrorBudget) -> (Band, SeriesBudget) {
+    let budget = budget.after(lattice.error).before(lattice.growth);
+    let band = Band { tolerance: budget.series(), ..band };
+    (band, SeriesBudget::new(&band, half, budget))
+}
+
+/// About all path lengths at which profiles of nodes are expanded, and what the two compressions may err by.
+pub(crate) fn compression(
+    lattice: &TileLattice,
+    instrument: &Instrument,
+    grid: &Grid,
+    band: Band,
+    budget: ErrorBudget,
+) -> (PathInterval, ErrorBudget) {
+    let paths = instrument.path_interval(grid, 0..grid.z.count);
+    let (shortest, longest) = (paths.shortest - lattice.half, paths.longest + lattice.half);
+    let (_, budget) = series_budget(lattice, band, lattice.half, budget);
+    (PathInterval { shortest, longest, ..paths }, budget.tones)
 }
 
 /// Bytes that a thread needs for a row of voxels, about: their partial sums, and nodes along ρ in their columns.
@@ -38,7 +60,7 @@ pub(crate) fn row_bytes(grid: &Grid) -> u64 {
 
 /// What one job needs of its nodes, all places known.
 pub(crate) struct Tiled<'a> {
-    lattice: &'a Lattice,
+    lattice: &'a TileLattice,
     interpolation: Interpolation<'a>,
     band: Band,
     tiles: Vec<Tile>,
@@ -50,9 +72,9 @@ pub(crate) struct Tiled<'a> {
 }
 
 impl<'a> Tiled<'a> {
-    /// Places all nodes; `None` if one that is needed would stand where no point has its range.
+    /// Places all nodes; `None` if one that is needed would be where no point has its range.
     pub(crate) fn new(
-        lattice: &'a Lattice,
+        lattice: &'a TileLattice,
         instrument: &Instrument,
         grid: &'a Grid,
         band: Band,
@@ -108,11 +130,9 @@ impl<'a> Tiled<'a> {
     /// Gives the volume to the job's sink.
     pub(crate) fn image(mut self, job: Job<'_>) -> Result<ReconstructionInfo> {
         let Job { source, weights, grid, batch, sink, observer, .. } = job;
-        // What interpolation leaves of the tolerance, and by how much it amplifies errors of the nodes.
-        let Lattice { error: inexact, growth, .. } = *self.lattice;
-        let budget = job.budget.after(inexact).before(growth);
-        self.band.tolerance = budget.series();
-        let budget = SeriesBudget::new(&self.band, self.greatest, budget);
+        let TileLattice { error: inexact, growth, .. } = *self.lattice;
+        let budget;
+        (self.band, budget) = series_budget(self.lattice, self.band, self.greatest, job.budget);
         let whole = self.shells[0].0.start..self.shells[self.shells.len() - 1].0.end;
         let whole = self.interval(source.instrument(), &whole);
         let compressed = VolumeTones::compress(source, weights, whole, budget.tones, observer)?;
@@ -160,7 +180,7 @@ impl<'a> Tiled<'a> {
             rows.par_chunks_exact_mut(each)
                 .with_min_len(batch.least_run(grid.y.count))
                 .enumerate()
-                .try_for_each_init(Buffers::default, |buffers, (y, row)| {
+                .try_for_each_init(RowBuffers::default, |buffers, (y, row)| {
                     buffers.clear(row.len());
                     for tile in &self.nodes {
                         self.interpolation.add(tile, y, &depths, buffers);
@@ -189,7 +209,7 @@ impl<'a> Tiled<'a> {
     ) -> Result<()> {
         let width = instrument.array.len();
         let tones = slab.of(compressed, width)?;
-        let heard = SlabProfiles::new(instrument, self.band, self.greatest, &tones);
+        let profiles = SlabProfiles::new(instrument, self.band, self.greatest, &tones);
         let split: Vec<Vec<_>> = groups
             .iter()
             .map(|groups| groups.iter().map(|g| (g, g.tones(&tones, width))).collect())
@@ -204,7 +224,7 @@ impl<'a> Tiled<'a> {
                     unreachable!("the same nodes were placed before")
                 };
                 let points = placed.points(&instrument.geometry);
-                let image = heard.image(placed.centre, &points, &split[patch.tile], |_| patch.half);
+                let image = profiles.image(placed.centre, &points, &split[patch.tile], |_| patch.half);
                 advance(observer, 1).map(|()| image)
             };
             let images: Vec<[Vec<f32>; 2]> = patches

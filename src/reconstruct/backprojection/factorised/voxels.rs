@@ -3,7 +3,7 @@
 #![allow(clippy::inline_always)]
 
 use super::frame::Frame;
-use super::nodes::{Lattice, Nodes};
+use super::nodes::{Nodes, TileLattice};
 use crate::grid::{Axis, Grid};
 use crate::wave::simd::{LANES, dispatched, phasors};
 use num_complex::Complex32;
@@ -38,14 +38,14 @@ pub(crate) fn hull(a: Range<usize>, b: Range<usize>) -> Range<usize> {
 
 /// The weights of every voxel along x or y.
 #[derive(Debug)]
-struct Columns {
+struct AxisWeights {
     first: Vec<usize>,
     /// `[count, taps]`.
     weights: Vec<f32>,
     taps: usize,
 }
 
-impl Columns {
+impl AxisWeights {
     fn new(voxels: &Axis, nodes: &Nodes) -> Self {
         let all: Vec<(usize, Vec<f64>)> = voxels.positions().map(|t| nodes.weights(t)).collect();
         Self {
@@ -59,7 +59,7 @@ impl Columns {
         (self.first[voxel], &self.weights[voxel * self.taps..][..self.taps])
     }
 
-    /// For every node the least and the greatest of what the voxels made of it need.
+    /// For every node the least and the largest of what the voxels made of it need.
     fn gather(&self, nodes: usize, voxels: &[Range<usize>]) -> Vec<Range<usize>> {
         let mut all = vec![0..0; nodes];
         for (needed, first) in voxels.iter().zip(&self.first) {
@@ -74,18 +74,18 @@ impl Columns {
 /// How voxels follow from nodes, for all tiles.
 #[derive(Debug)]
 pub(crate) struct Interpolation<'a> {
-    lattice: &'a Lattice,
+    lattice: &'a TileLattice,
     grid: &'a Grid,
     /// f_c/c, 1/m.
     carrier: f64,
-    x: Columns,
-    y: Columns,
+    x: AxisWeights,
+    y: AxisWeights,
     /// Weights along ρ, padded with zeros.
     table: Vec<[f32; LANES]>,
 }
 
 impl<'a> Interpolation<'a> {
-    pub(crate) fn new(lattice: &'a Lattice, grid: &'a Grid, carrier: f64) -> Self {
+    pub(crate) fn new(lattice: &'a TileLattice, grid: &'a Grid, carrier: f64) -> Self {
         let entry = |i: usize| {
             let mut row = [0.0; LANES];
             let weights = lattice.taps.weights(i as f64 / ENTRIES as f64);
@@ -96,8 +96,8 @@ impl<'a> Interpolation<'a> {
             lattice,
             grid,
             carrier,
-            x: Columns::new(&grid.x, &lattice.nodes[0]),
-            y: Columns::new(&grid.y, &lattice.nodes[1]),
+            x: AxisWeights::new(&grid.x, &lattice.nodes[0]),
+            y: AxisWeights::new(&grid.y, &lattice.nodes[1]),
             // One more than a place can lie behind, since rounding may put it on the next node.
             table: (0..ENTRIES + 2).map(entry).collect(),
         }
@@ -147,7 +147,7 @@ impl<'a> Interpolation<'a> {
     }
 
     /// Adds the image of one tile to the sums of a row of voxels at some depths.
-    pub(crate) fn add(&self, tile: &TileNodes, y: usize, depths: &Range<usize>, buffers: &mut Buffers) {
+    pub(crate) fn add(&self, tile: &TileNodes, y: usize, depths: &Range<usize>, buffers: &mut RowBuffers) {
         let n_x = self.grid.x.count;
         let nodes_x = self.lattice.nodes[0].axis.count;
         let needed = self.row_needs(&tile.frame, y, depths);
@@ -155,7 +155,7 @@ impl<'a> Interpolation<'a> {
         let width = (needed.len() + LANES).next_multiple_of(WIDE);
         let held = tile.held.len();
         let (first_y, weights_y) = self.y.of(y);
-        let Buffers { rows, columns, lengths, places, turns, sums: [sums_re, sums_im] } = buffers;
+        let RowBuffers { rows, columns, lengths, places, turns, sums: [sums_re, sums_im] } = buffers;
         for part in 0..2 {
             rows[part].resize(nodes_x * width, 0.0);
             columns[part].resize(n_x * width, 0.0);
@@ -189,7 +189,7 @@ impl<'a> Interpolation<'a> {
 
 /// What a thread needs for [`Interpolation::add`].
 #[derive(Debug, Default)]
-pub(crate) struct Buffers {
+pub(crate) struct RowBuffers {
     rows: [Vec<f32>; 2],
     columns: [Vec<f32>; 2],
     lengths: Vec<f64>,
@@ -199,8 +199,8 @@ pub(crate) struct Buffers {
     sums: [Vec<[f32; LANES]>; 2],
 }
 
-impl Buffers {
-    /// Starts with a row of so many voxels at zero.
+impl RowBuffers {
+    /// Starts with a row of this many voxels at zero.
     pub(crate) fn clear(&mut self, voxels: usize) {
         for sums in &mut self.sums {
             sums.clear();

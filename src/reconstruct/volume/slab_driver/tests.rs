@@ -23,13 +23,13 @@ fn fill(depths: Range<usize>, planes: &mut [Complex32]) {
     planes.copy_from_slice(&numbered(depths));
 }
 
-/// A volume whose first depths come from an interrupted run.
-struct Resumed {
+/// A volume that contains the first depths and expects the others in order.
+struct OrderedVolume {
     volume: Volume,
     done: usize,
 }
 
-impl VolumeSink for Resumed {
+impl VolumeSink for OrderedVolume {
     fn begin(&mut self, info: &ReconstructionInfo) -> Result<()> {
         assert_eq!(*info, INFO);
         self.volume.begin(info)?;
@@ -69,7 +69,7 @@ impl Observer for Tally {
 fn all_depths_come_once_in_order_from_wherever_a_run_resumes() {
     for (thickness, at_once) in [(1, 1), (3, 1), (3, 2), (5, 1), (4, 3), (10, 1), (17, 1)] {
         for done in 0..=10 {
-            let mut sink = Resumed { volume: Volume { grid: grid(), samples: Vec::new() }, done };
+            let mut sink = OrderedVolume { volume: Volume { grid: grid(), samples: Vec::new() }, done };
             let (tally, grid) = (Tally::default(), grid());
             let mut driver = SlabDriver::even(&grid, thickness, |depths| 7 * depths as u64, &tally);
             (driver.at_once, driver.other_work) = (at_once, 5);

@@ -1,0 +1,57 @@
+//! What compressing a sweep takes.
+
+use super::skeleton::{DENSER, witnesses_for};
+use super::tones::frequencies_at_once;
+use super::virtual_tones;
+use crate::acquisition::Instrument;
+use crate::reconstruct::cost::{COMPLEX, PRODUCT, complex_bytes};
+use crate::reconstruct::error_budget::ErrorBudget;
+use crate::wave::interval::PathInterval;
+
+/// Taps of a measured frequency's interpolator, about.
+const TAPS: f64 = 12.0;
+
+/// What [`VolumeTones::compress`](super::VolumeTones::compress) takes.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::reconstruct) struct CompressionCost {
+    /// Virtual tones, to within two.
+    pub(in crate::reconstruct) tones: f64,
+    pub(in crate::reconstruct) operations: f64,
+    /// Bytes of the virtual tones' samples at the microphones.
+    pub(in crate::reconstruct) samples: u64,
+    /// Bytes at the peak, those of the samples included.
+    pub(in crate::reconstruct) peak: u64,
+    bandwidth: f64,
+}
+
+impl CompressionCost {
+    /// For all path lengths of `interval`, to within the first compression's share of the budget.
+    pub(in crate::reconstruct) fn new(
+        instrument: &Instrument,
+        interval: &PathInterval,
+        budget: ErrorBudget,
+    ) -> Self {
+        let (n_f, n_mic) = (instrument.sweep.len() as f64, instrument.array.len() as f64);
+        let tones = virtual_tones::count(&instrument.sweep, interval, budget.virtual_tones()) as f64;
+        let finding = n_f * (10.0 * TAPS * TAPS + 40.0 * TAPS);
+        // A sample is demodulated, its modulus taken, and it is added to a few tones with real weights.
+        let summing = 2.0 * PRODUCT + 0.5 * PRODUCT * TAPS.min(tones);
+        let weights = (n_f * 10.0 * TAPS * 8.0) as u64;
+        let frequencies = frequencies_at_once(instrument.array.len()).min(instrument.sweep.len());
+        let block = COMPLEX * (frequencies as u64).saturating_mul(instrument.array.len() as u64);
+        let samples = complex_bytes(tones * n_mic);
+        Self {
+            tones,
+            operations: finding + summing * n_f * n_mic,
+            samples,
+            peak: samples.saturating_add(block).saturating_add(weights),
+            bandwidth: instrument.sweep.bandwidth(),
+        }
+    }
+
+    /// Bytes that a thread takes to find the skeleton of a slab among the virtual tones: both at delays, and their difference.
+    pub(in crate::reconstruct) fn skeleton_bytes(&self, slab: &PathInterval) -> u64 {
+        let witnesses = witnesses_for(self.bandwidth * slab.duration()).min(self.tones);
+        (3.0 * 8.0 * (DENSER * slab.points_for(self.bandwidth)) as f64 * witnesses) as u64
+    }
+}

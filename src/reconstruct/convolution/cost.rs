@@ -1,0 +1,106 @@
+//! What Eq. 16 takes by one plan.
+
+use super::literal::Literal;
+use super::slab_plan::Slabs;
+use super::{ConvolutionPlan, DEPTHS, SPECTRA_BYTES};
+use crate::acquisition::Instrument;
+use crate::reconstruct::compress::{CompressionCost, slabs_of, tones_for};
+use crate::reconstruct::cost::{COMPLEX, Cost, PRODUCT, complex_bytes};
+use crate::reconstruct::volume::{Batch, SlabDriver};
+use num_complex::Complex32;
+
+/// An operation of a transform takes as long as this many of a straight loop.
+const TRANSFORM: f64 = 2.0;
+
+impl ConvolutionPlan {
+    /// With the memory of a batch for this many threads.
+    pub(in crate::reconstruct) fn cost(&self, instrument: &Instrument, threads: usize) -> Cost<'_> {
+        match &self.slabs {
+            None => self.cost_of_every_frequency(instrument, threads),
+            Some(slabs) => self.cost_of_skeletons(instrument, slabs, threads),
+        }
+    }
+
+    fn plane(&self) -> u64 {
+        let grid = &self.layout.grid;
+        (grid.x.count as u64).saturating_mul(grid.y.count as u64)
+    }
+
+    /// Operations per tone: at each depth, and for the spectra of its samples.
+    fn operations_per_tone(&self) -> [f64; 2] {
+        let points = self.layout.points() as f64;
+        // Phases, two transforms with what symmetry and pruning save of them, the product and the sum.
+        let pair = points * (20.0 + TRANSFORM * 7.5 * points.log2()) * self.layout.pairs() as f64;
+        let spectra = points * (TRANSFORM * 5.0 * points.log2()) * self.layout.node_parts.len() as f64;
+        [pair, spectra]
+    }
+
+    /// Bytes of each thread's buffers.
+    fn worker_bytes(&self) -> u64 {
+        12 * self.layout.points().saturating_mul(self.layout.node_parts.len()) as u64
+    }
+
+    /// Where every frequency is summed: bytes of one frequency's spectra, and of each thread's buffers.
+    fn plain_bytes(&self) -> [u64; 2] {
+        let layout = &self.layout;
+        match layout.line {
+            Some(_) => Literal::new(layout).bytes(),
+            None => [(layout.tone_len() * size_of::<Complex32>()) as u64, self.worker_bytes()],
+        }
+    }
+
+    fn cost_of_every_frequency(&self, instrument: &Instrument, threads: usize) -> Cost<'_> {
+        let (n_f, depths) = (instrument.sweep.len(), self.layout.grid.z.count);
+        let [pair, spectra] = self.operations_per_tone();
+        // Of one frequency: spectra, and the samples that they are made of, as they are read and weighted.
+        let [spectra_bytes, worker] = self.plain_bytes();
+        let frequency = spectra_bytes + COMPLEX * 2 * instrument.array.len() as u64;
+        let planes = SlabDriver::bytes(self.plane(), DEPTHS, depths);
+        let block = SPECTRA_BYTES / (self.layout.tone_len() * size_of::<Complex32>());
+        Cost {
+            operations: n_f as f64 * (depths as f64 * pair + spectra),
+            usual: Batch { frequencies: block.clamp(1, n_f), ..Batch::of_threads(threads) },
+            bytes: Box::new(move |batch| {
+                let spectra = frequency.saturating_mul(batch.frequencies as u64);
+                let buffers = worker.saturating_mul(batch.workers as u64);
+                spectra.saturating_add(buffers).saturating_add(planes)
+            }),
+        }
+    }
+
+    fn cost_of_skeletons(&self, instrument: &Instrument, slabs: &Slabs, threads: usize) -> Cost<'_> {
+        let (layout, grid) = (&self.layout, &self.layout.grid);
+        let (depths, thickness) = (grid.z.count, slabs.thickness);
+        let interval = |depths| instrument.path_interval(grid, depths);
+        let [pair, spectra] = self.operations_per_tone();
+        let compression = CompressionCost::new(instrument, &interval(0..depths), self.compression);
+        let of_volume = compression.tones;
+        let width = layout.lattice.width() as f64;
+        let mut operations = compression.operations + self.near.operations;
+        let mut most = 0.0f64;
+        for planes in slabs_of(depths, thickness) {
+            let spread = instrument.sweep.bandwidth() * interval(planes.clone()).duration();
+            let tones = tones_for(spread, self.compression.virtual_tones()).min(of_volume);
+            operations += tones * (planes.len() as f64 * pair + spectra + PRODUCT * of_volume * width);
+            most = most.max(tones);
+        }
+        let nodes = complex_bytes(of_volume * width);
+        let spreading =
+            if layout.lattice.spreads() { compression.samples.saturating_add(nodes) } else { nodes };
+        let before = compression.peak.max(spreading);
+        let slab = complex_bytes(most * (width + layout.tone_len() as f64));
+        let skeleton = compression.skeleton_bytes(&interval(0..thickness.min(depths)));
+        let bytes = move |batch: Batch| {
+            let planes = SlabDriver::bytes(self.plane(), batch.slabs * thickness, depths);
+            let buffers = self.worker_bytes().saturating_add(self.near.worker_bytes);
+            let skeletons = skeleton.saturating_mul(batch.workers.min(depths.div_ceil(thickness)) as u64);
+            let focusing = nodes
+                .saturating_add(slab.saturating_mul(batch.slabs as u64))
+                .saturating_add(buffers.saturating_mul(batch.workers as u64))
+                .saturating_add(planes)
+                .saturating_add(skeletons);
+            before.max(focusing).saturating_add(self.near.bytes)
+        };
+        Cost { operations, usual: slabs.usual_batch(layout, threads), bytes: Box::new(bytes) }
+    }
+}
