@@ -1,7 +1,7 @@
-//! What is measured: an [`Instrument`] of a stepped sweep and an array of microphones, and the data cube `m(f, r)`.
+//! The measurement: an [`Instrument`] (a stepped sweep and an array of microphones) and the data cube `m(f, r)`.
 //!
-//! [`simulate`] makes a cube from reflectors by Eq. 5; [`DataCube::read`] takes a measured one. From here on
-//! nothing tells them apart.
+//! [`simulate`] computes a cube from reflectors by Eq. 5; [`DataCube::read`] reads a measured one. Later stages
+//! treat both alike.
 //!
 //! # Example
 //! The echo of one reflector at one microphone, frequency by frequency, is Eq. 5:
@@ -59,8 +59,8 @@ choice! {
 }
 
 impl Detection {
-    /// The weight `w` of the reconstruction that makes a unit reflector peak at 1: the mirror half of an
-    /// in-phase signal is lost to the negative frequencies (the ½ of Eq. 14).
+    /// The weight `w` of the reconstruction with which a unit reflector peaks at 1: half of an in-phase signal is lost
+    /// to the negative frequencies (the ½ of Eq. 14).
     pub fn weight(self) -> f64 {
         match self {
             Self::Quadrature => 1.0,

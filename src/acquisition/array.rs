@@ -1,4 +1,4 @@
-//! The microphones: a rectangular lattice, or any scattered positions.
+//! The microphones: a rectangular lattice or scattered positions.
 
 mod position_file;
 mod scattered;
@@ -28,29 +28,33 @@ pub struct Lattice {
 pub struct MicArray {
     positions: Arc<Vec<DVec3>>,
     lattice: Option<Lattice>,
-    /// Least and greatest coordinates, m.
+    /// Minimum and maximum coordinates, m.
     bounds: (DVec3, DVec3),
 }
 
-/// Most microphones along a side or in a list.
+/// Maximum number of microphones.
 const MOST_MICROPHONES: usize = 1 << 24;
 
-/// Where mistakes lie until a caller knows better.
-const PLACE: &str = "array";
+/// An invalid array; its place is "array" unless the caller names another.
+fn invalid(problem: impl Into<String>) -> Error {
+    Error::input("array", problem)
+}
+
+fn refused<T>(problem: impl Into<String>) -> Result<T> {
+    Err(invalid(problem))
+}
 
 impl MicArray {
     fn new(positions: Vec<DVec3>, lattice: Option<Lattice>) -> Self {
-        let bounds = positions
-            .iter()
-            .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), r| (low.min(*r), high.max(*r)));
+        let bounds = bounds_of(positions.iter().copied());
         Self { positions: Arc::new(positions), lattice, bounds }
     }
 
     /// `count` = [columns, rows] microphones at the given pitch about `centre`, parallel to z = 0.
     ///
     /// # Errors
-    /// A count of 0 or over 2²⁴ microphones, a pitch that is not positive, a centre that is not finite, or microphones
-    /// beyond [`FARTHEST`]. The error's place is "array"; [`Error::at`] puts a file or key there.
+    /// No microphones or more than 2²⁴, a pitch that is not positive, a centre that is not finite, or microphones beyond
+    /// [`FARTHEST`]. The error's place is "array"; [`Error::at`] replaces it with a file or key.
     ///
     /// ```
     /// use holosonar::glam::DVec3;
@@ -62,14 +66,9 @@ impl MicArray {
     /// # Ok::<(), holosonar::error::Error>(())
     /// ```
     pub fn rectangular(count: [usize; 2], pitch: [f64; 2], centre: DVec3) -> Result<Self> {
-        if count.contains(&0) || count[0].saturating_mul(count[1]) > MOST_MICROPHONES {
-            return Err(Error::input(
-                PLACE,
-                format!("{} x {} microphones: from 1 up to {MOST_MICROPHONES} in all", count[0], count[1]),
-            ));
-        }
+        check_count(count[0].saturating_mul(count[1]))?;
         if !(centre.is_finite() && pitch.iter().all(|p| p.is_finite() && *p > 0.0)) {
-            return Err(Error::input(PLACE, "the pitch must be positive and the centre finite, in metres"));
+            return refused("the pitch must be positive and the centre finite, in metres");
         }
         let axis = |n: usize, pitch: f64, centre: f64| Axis {
             first: centre - 0.5 * (n - 1) as f64 * pitch,
@@ -82,10 +81,7 @@ impl MicArray {
             z: centre.z,
         };
         if lattice.x.first.abs().max(lattice.y.first.abs()).max(lattice.z.abs()) > FARTHEST {
-            return Err(Error::input(
-                PLACE,
-                too_far("the first microphone", DVec3::new(lattice.x.first, lattice.y.first, lattice.z)),
-            ));
+            return too_far("the first microphone", DVec3::new(lattice.x.first, lattice.y.first, lattice.z));
         }
         let positions = (0..count[1])
             .flat_map(|iy| {
@@ -99,7 +95,7 @@ impl MicArray {
     /// Microphones anywhere, in any order.
     ///
     /// # Errors
-    /// No positions or over 2²⁴, positions that are not finite or beyond [`FARTHEST`]; the error's place is "array".
+    /// No positions or more than 2²⁴, positions that are not finite or beyond [`FARTHEST`]; the error's place is "array".
     ///
     /// ```
     /// use holosonar::glam::DVec3;
@@ -115,25 +111,22 @@ impl MicArray {
         Ok(Self::new(positions, None))
     }
 
-    /// Rows of microphones, `[n_y, n_x]` positions one row after another. Where they stand on a regular rectangular lattice
-    /// it is recognised, and methods that want one serve.
+    /// Rows of microphones, `[n_y, n_x]` positions, row by row. If they form a regular rectangular lattice, it is
+    /// recognised, so that methods which need one can be used.
     ///
     /// # Errors
     /// As [`MicArray::from_positions`]; a shape that the positions do not fill.
     pub fn from_rows(shape: [usize; 2], positions: Vec<DVec3>) -> Result<Self> {
         let [n_y, n_x] = shape;
         if n_y.checked_mul(n_x) != Some(positions.len()) {
-            return Err(Error::input(
-                PLACE,
-                format!("{} positions do not fill the shape {shape:?}", positions.len()),
-            ));
+            return refused(format!("{} positions do not fill the shape {shape:?}", positions.len()));
         }
         check_positions(&positions)?;
         let lattice = recognise(n_x, n_y, &positions);
         Ok(Self::new(positions, lattice))
     }
 
-    /// All positions, rows of the lattice one after another, m.
+    /// All positions, a lattice's row by row, m.
     pub fn positions(&self) -> &[DVec3] {
         &self.positions
     }
@@ -143,12 +136,12 @@ impl MicArray {
         self.positions.len()
     }
 
-    /// Never: an array has at least one microphone.
+    /// Always false: an array has at least one microphone.
     pub fn is_empty(&self) -> bool {
         self.positions.is_empty()
     }
 
-    /// The lattice the microphones stand on, if they do.
+    /// The lattice that the microphones form, if any.
     pub fn lattice(&self) -> Option<&Lattice> {
         self.lattice.as_ref()
     }
@@ -158,7 +151,7 @@ impl MicArray {
         self.lattice.map_or_else(|| vec![self.len()], |lattice| vec![lattice.y.count, lattice.x.count])
     }
 
-    /// Least and greatest coordinates, m.
+    /// Minimum and maximum coordinates, m.
     pub fn bounds(&self) -> (DVec3, DVec3) {
         self.bounds
     }
@@ -175,11 +168,11 @@ impl MicArray {
         low.midpoint(high)
     }
 
-    /// 3 × 3 points spread evenly over the array, where its sight of a reflector is tested.
+    /// 3 × 3 points spread evenly over the array, from which the visibility of a reflector is tested.
     pub(crate) fn sight_points(&self) -> [DVec3; 9] {
         let (low, high) = self.bounds();
         std::array::from_fn(|i| {
-            // The middles of thirds stand for equal shares of the aperture.
+            // The middle of each third represents an equal share of the aperture.
             let t = |k: usize| (2 * k + 1) as f64 / 6.0;
             DVec3::new(
                 low.x + t(i % 3) * (high.x - low.x),
@@ -190,30 +183,41 @@ impl MicArray {
     }
 }
 
-/// Refuses positions that make no array.
-fn check_positions(positions: &[DVec3]) -> Result<()> {
-    if positions.is_empty() || positions.len() > MOST_MICROPHONES {
-        return Err(Error::input(PLACE, format!("from 1 to {MOST_MICROPHONES} microphones are possible")));
+/// The minimum and maximum coordinates of some positions.
+fn bounds_of(positions: impl Iterator<Item = DVec3>) -> (DVec3, DVec3) {
+    positions.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), r| (low.min(r), high.max(r)))
+}
+
+/// Rejects an array without microphones or with too many.
+fn check_count(count: usize) -> Result<()> {
+    if (1..=MOST_MICROPHONES).contains(&count) {
+        return Ok(());
     }
+    refused(format!("{count} microphones are not possible; 1 to {MOST_MICROPHONES} are"))
+}
+
+/// Rejects positions that do not make an array.
+fn check_positions(positions: &[DVec3]) -> Result<()> {
+    check_count(positions.len())?;
     if let Some(bad) = positions.iter().position(|r| !r.is_finite()) {
-        return Err(Error::input(PLACE, format!("position {bad} is not finite: {:?}", positions[bad])));
+        return refused(format!("position {bad} is not finite: {:?}", positions[bad]));
     }
     if let Some(bad) = positions.iter().position(|r| r.abs().max_element() > FARTHEST) {
-        return Err(Error::input(PLACE, too_far(&format!("position {bad}"), positions[bad])));
+        return too_far(&format!("position {bad}"), positions[bad]);
     }
     Ok(())
 }
 
-/// The refusal of a microphone where no sound gets to.
-fn too_far(which: &str, r: DVec3) -> String {
-    format!("{which}, at {r} m, lies beyond {FARTHEST:e} m; lengths are in metres")
+/// The error for a microphone that is too far away.
+fn too_far<T>(which: &str, r: DVec3) -> Result<T> {
+    refused(format!("{which}, at {r} m, is beyond {FARTHEST:e} m; lengths are in metres"))
 }
 
-/// The lattice that `positions` stand on to within 10⁻⁶ of its pitch, if there is one.
+/// The lattice that `positions` form to within 10⁻⁶ of its pitch, if there is one.
 fn recognise(n_x: usize, n_y: usize, positions: &[DVec3]) -> Option<Lattice> {
     let first = positions[0];
     let axis = |n: usize, first: f64, last: f64| -> Option<Axis> {
-        // One microphone across has no pitch of its own; any positive number serves.
+        // A single column or row has no pitch; any positive number will do.
         let pitch = if n == 1 { 1.0 } else { (last - first) / (n - 1) as f64 };
         (pitch > 0.0).then_some(Axis { first, pitch, count: n })
     };
@@ -247,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn a_jittered_array_is_no_lattice() {
+    fn a_jittered_array_is_not_a_lattice() {
         let mut positions =
             MicArray::rectangular([5, 4], [0.01, 0.01], DVec3::ZERO).expect("ok").positions().to_vec();
         positions[7].x += 1e-5;

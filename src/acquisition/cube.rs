@@ -10,15 +10,15 @@ use num_complex::Complex32;
 use serde_json::{Value, json};
 use std::path::Path;
 
-/// A measured or simulated cube, with all that is needed to image it.
+/// A measured or simulated cube, with everything that imaging needs.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct DataCube {
-    /// What it was measured with.
+    /// The instrument that measured it.
     pub instrument: Instrument,
-    /// `[n_f, n_mic]`, the phase sign already +1; in-phase samples are real.
+    /// `[n_f, n_mic]`, with phase sign +1; in-phase samples are real.
     pub samples: Vec<Complex32>,
-    /// What made the cube (`run`, `seed` of a simulation); null for a measurement.
+    /// The origin of the cube (`run`, `seed` of a simulation); null for a measurement.
     pub provenance: Value,
 }
 
@@ -26,10 +26,10 @@ pub(super) const FORMAT: &str = "holosonar-cube";
 pub(super) const VERSION: u32 = 1;
 
 impl DataCube {
-    /// A cube of given samples, `[n_f, n_mic]`, measured with `instrument`; in-phase samples have no imaginary parts.
+    /// A cube of the given samples, `[n_f, n_mic]`, measured with `instrument`; in-phase samples have no imaginary parts.
     ///
     /// # Errors
-    /// As many samples as frequencies × microphones were expected, all finite.
+    /// A number of samples other than frequencies × microphones; samples that are not finite.
     ///
     /// ```
     /// use holosonar::glam::DVec3;
@@ -49,7 +49,7 @@ impl DataCube {
             return Err(Error::input(
                 "samples",
                 format!(
-                    "hold {} values; {} frequencies x {} microphones need {expected}",
+                    "there are {} values; {} frequencies x {} microphones need {expected}",
                     samples.len(),
                     sweep.len(),
                     array.len()
@@ -66,25 +66,23 @@ impl DataCube {
         &self.samples[f * n..(f + 1) * n]
     }
 
-    /// Room for a cube, filled with zeros.
+    /// The samples of a cube, all zero.
     pub(super) fn allocate(n_f: usize, n_mic: usize) -> Result<Vec<Complex32>> {
         (n_f as u64).checked_mul(n_mic as u64).and_then(try_zeroed).ok_or_else(|| {
             Error::out_of_memory(format!(
-                "a cube of {n_f} frequencies x {n_mic} microphones does not fit; use fewer of either"
+                "a cube of {n_f} frequencies x {n_mic} microphones does not fit in memory; use fewer of either"
             ))
         })
     }
 
-    /// Writes the cube: `samples`, `frequencies`, `mic_positions`, `meta`. Same cube, same bytes.
+    /// Writes the cube: `samples`, `frequencies`, `mic_positions`, `meta`. The same cube gives the same bytes.
     ///
     /// # Errors
-    /// [`Error::Io`] when the file cannot be written; an old file is then left as it was.
+    /// [`Error::Io`] if the file cannot be written; an existing file is then unchanged.
     pub fn write(&self, path: &Path) -> Result<()> {
         let Instrument { sweep, array, geometry, detection, sound_speed } = &self.instrument;
-        let mut shape = vec![sweep.len()];
-        shape.extend(array.shape());
-        let mut places = array.shape();
-        places.push(3);
+        let shape = [vec![sweep.len()], array.shape()].concat();
+        let positions_shape = [array.shape(), vec![3]].concat();
         let positions: Vec<f64> = array.positions().iter().flat_map(DVec3::to_array).collect();
         let source = match *geometry {
             Geometry::FixedSource { source } => source,
@@ -111,7 +109,7 @@ impl DataCube {
                 }
             }
             npz.f64("frequencies", &[sweep.len()], sweep.frequencies())?;
-            npz.f64("mic_positions", &places, &positions)?;
+            npz.f64("mic_positions", &positions_shape, &positions)?;
             npz.text("meta", &meta.to_string())
         })
     }
@@ -125,13 +123,13 @@ impl DataCube {
     }
 }
 
-/// The finiteness of samples from frequency `first` on, `[f, n_mic]`.
+/// Rejects samples from frequency `first` on, `[f, n_mic]`, that are not finite.
 pub(super) fn check_finite(place: &str, first: usize, n_mic: usize, samples: &[Complex32]) -> Result<()> {
     if let Some(bad) = samples.iter().position(|m| !m.is_finite()) {
         return Err(Error::input(
             place,
             format!(
-                "are not finite at frequency {} (counted from 0), microphone {}; mend or drop it",
+                "are not finite at frequency {} (counted from 0), microphone {}; fix or drop it",
                 first + bad / n_mic,
                 bad % n_mic
             ),

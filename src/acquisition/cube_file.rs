@@ -1,4 +1,4 @@
-//! Reading a cube file: everything but the samples at once, the samples in blocks or whole.
+//! Reading a cube file: everything but the samples when it is opened, the samples in blocks or all at once.
 
 use super::cube::{FORMAT, VERSION, check_finite};
 use super::source::{CubeSource, Visit};
@@ -22,7 +22,7 @@ pub struct CubeFile {
     provenance: Value,
 }
 
-/// The `meta` array as files hold it; every key may be missing.
+/// The `meta` array of a file; every key may be missing.
 #[derive(Debug, Deserialize)]
 #[serde(default)]
 struct Meta {
@@ -56,7 +56,7 @@ impl Meta {
     fn check(&self, place: &str) -> Result<Geometry> {
         let refuse = |problem: String| Err(Error::input(place, problem));
         if self.format != FORMAT {
-            return refuse(format!("`format` is {:?}; a cube says {FORMAT:?}", self.format));
+            return refuse(format!("`format` is {:?}; {FORMAT:?} was expected", self.format));
         }
         if self.version != VERSION {
             return refuse(format!("`version` is {}; this program reads version {VERSION}", self.version));
@@ -80,12 +80,12 @@ impl Meta {
     }
 }
 
-/// Where in a file a fault lies.
+/// The place of an error in a file.
 fn place(path: &Path, array: &str) -> String {
     format!("{}, array `{array}`", path.display())
 }
 
-/// The microphones of `mic_positions`, and the shape they stand in.
+/// The microphones of `mic_positions`, and their shape.
 fn microphones(path: &Path, npz: &mut NpzReader) -> Result<(MicArray, Vec<usize>)> {
     let place = place(path, "mic_positions");
     let positions = npz.f64("mic_positions")?;
@@ -106,7 +106,7 @@ fn microphones(path: &Path, npz: &mut NpzReader) -> Result<(MicArray, Vec<usize>
     Ok((array.map_err(|error| error.at(place))?, axes))
 }
 
-/// The detection that `meta` and the samples' type agree on.
+/// The detection according to `meta` and the samples' type, which must agree.
 fn detection_of(place: String, said: Option<Detection>, is_complex: bool) -> Result<Detection> {
     match (said, is_complex) {
         (Some(Detection::Quadrature), false) => Err(Error::input(
@@ -122,9 +122,14 @@ fn detection_of(place: String, said: Option<Detection>, is_complex: bool) -> Res
     }
 }
 
+/// Changes the sign of the phase.
+fn conjugate(samples: &mut [Complex32]) {
+    samples.iter_mut().for_each(|m| *m = m.conj());
+}
+
 impl CubeFile {
     /// Opens a cube file, measured or simulated, and reads all but the samples; `limit` bounds the bytes of any one
-    /// array that is held.
+    /// array in memory.
     ///
     /// # Errors
     /// A missing or malformed file; arrays that are missing, of wrong shape, or inconsistent with each other. The
@@ -134,13 +139,12 @@ impl CubeFile {
         if !npz.contains("frequencies") && npz.contains("samples") && npz.contains("z") {
             return Err(Error::input(
                 path.display(),
-                "is a volume; a data cube was expected (`holosonar depth` takes a volume)",
+                "is a volume; a data cube was expected (`holosonar depth` reads a volume)",
             ));
         }
         let meta = if npz.contains("meta") { npz.text("meta")? } else { "{}".to_owned() };
-        let meta: Meta = serde_json::from_str(&meta).map_err(|e| {
-            Error::input(place(path, "meta"), format!("is not the JSON that was expected: {e}"))
-        })?;
+        let meta: Meta = serde_json::from_str(&meta)
+            .map_err(|e| Error::input(place(path, "meta"), format!("is not the expected JSON: {e}")))?;
         let geometry = meta.check(&place(path, "meta"))?;
         let frequencies = npz.f64("frequencies")?;
         if frequencies.shape.len() != 1 {
@@ -159,7 +163,7 @@ impl CubeFile {
         if shape != expected {
             return Err(Error::input(
                 place(path, "samples"),
-                format!("have shape {shape:?}, but `frequencies` and `mic_positions` make it {expected:?}"),
+                format!("have the shape {shape:?}; `frequencies` and `mic_positions` require {expected:?}"),
             ));
         }
         Ok(Self {
@@ -171,23 +175,21 @@ impl CubeFile {
         })
     }
 
-    /// Reads the samples and makes a cube of it all.
+    /// Reads the samples into a cube.
     ///
     /// # Errors
-    /// Samples that are damaged, not finite, or more than the limit.
+    /// Samples that are damaged, not finite, or larger than the limit.
     pub fn load(mut self) -> Result<DataCube> {
         let mut samples = self.npz.complex("samples")?.data;
         let Self { path, instrument, conjugated, provenance, .. } = self;
         check_finite(&place(&path, "samples"), 0, instrument.array.len(), &samples)?;
         if conjugated {
-            for m in &mut samples {
-                *m = m.conj();
-            }
+            conjugate(&mut samples);
         }
         Ok(DataCube { instrument, samples, provenance })
     }
 
-    /// The file's arrays by name, size and checksum; reading them proves the checksums right.
+    /// The file's arrays by name, size and checksum; reading them verifies the checksums.
     ///
     /// # Errors
     /// A damaged file.
@@ -195,7 +197,7 @@ impl CubeFile {
         self.npz.fingerprint()
     }
 
-    /// What made the cube; null for a measurement.
+    /// The origin of the cube; null for a measurement.
     pub fn provenance(&self) -> &Value {
         &self.provenance
     }
@@ -207,7 +209,7 @@ impl CubeSource for CubeFile {
     }
 
     fn held_bytes(&self) -> u64 {
-        // The first axis of a Fortran array is the fastest: its blocks are scattered over the whole file.
+        // In a Fortran array the first axis varies fastest, so its blocks are scattered over the whole file.
         if self.npz.in_order("samples") { 0 } else { self.instrument.cube_bytes().saturating_mul(2) }
     }
 
@@ -218,9 +220,7 @@ impl CubeSource for CubeFile {
         self.npz.complex_blocks("samples", block.min(n_f) * n_mic, |samples: &mut [Complex32]| {
             check_finite(&place, first, n_mic, samples)?;
             if conjugated {
-                for m in samples.iter_mut() {
-                    *m = m.conj();
-                }
+                conjugate(samples);
             }
             let range = first..first + samples.len() / n_mic;
             first = range.end;
@@ -234,14 +234,19 @@ impl CubeSource for CubeFile {
 mod tests {
     use super::*;
 
+    /// 10 frequencies at 6 microphones.
+    fn cube() -> DataCube {
+        let sweep = Sweep::stepped(10_000.0, 10_900.0, 100.0).unwrap();
+        let array = MicArray::rectangular([3, 2], [0.02; 2], DVec3::ZERO).unwrap();
+        let samples = (0..60).map(|i| crate::wave::phasor(f64::from(i) * 0.377)).collect();
+        DataCube::new(Instrument::new(sweep, array), samples).unwrap()
+    }
+
     #[test]
     fn blocks_are_the_whole_cube_in_order() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("cube.npz");
-        let sweep = Sweep::stepped(10_000.0, 10_900.0, 100.0).unwrap();
-        let array = MicArray::rectangular([3, 2], [0.02; 2], DVec3::ZERO).unwrap();
-        let samples = (0..60).map(|i| crate::wave::phasor(f64::from(i) * 0.377)).collect();
-        let cube = DataCube::new(Instrument::new(sweep, array), samples).unwrap();
+        let cube = cube();
         cube.write(&path).unwrap();
         let collect = |source: &mut dyn CubeSource, block| {
             let mut all = Vec::new();
@@ -256,22 +261,20 @@ mod tests {
             all
         };
         for block in [1, 3, 10, 1000] {
-            // A limit far below the cube's size: only a block is ever held.
+            // A limit far below the cube's size: only one block is in memory.
             let mut file = CubeFile::open(&path, 6 * 8 * 10).unwrap();
             assert_eq!(file.held_bytes(), 0);
             assert_eq!(collect(&mut file, block.min(5)), cube.samples);
             assert_eq!(collect(&mut &cube, block), cube.samples);
         }
-        assert!(CubeFile::open(&path, 200).unwrap().load().is_err(), "the whole is more than the limit");
+        assert!(CubeFile::open(&path, 200).unwrap().load().is_err(), "the whole cube exceeds the limit");
     }
 
     #[test]
     fn a_damaged_file_is_noticed_at_its_block() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("cube.npz");
-        let sweep = Sweep::stepped(10_000.0, 10_900.0, 100.0).unwrap();
-        let array = MicArray::rectangular([3, 2], [0.02; 2], DVec3::ZERO).unwrap();
-        let mut cube = DataCube::new(Instrument::new(sweep, array), vec![Complex32::ONE; 60]).unwrap();
+        let mut cube = cube();
         cube.samples[31] = Complex32::new(f32::NAN, 0.0);
         cube.write(&path).unwrap();
         let mut seen = 0;

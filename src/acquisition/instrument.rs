@@ -1,18 +1,19 @@
-//! The instrument: a measurement without its samples, all that formulas, plans and reconstructions need to know of it.
+//! The instrument: the parameters of a measurement that formulas, plans and reconstructions need, without its samples.
 
 use super::{Detection, MicArray, Sweep};
 use crate::error::{Error, Result};
 use crate::grid::Grid;
 use crate::wave::interval::PathInterval;
 use crate::wave::{DEFAULT_SOUND_SPEED, Geometry};
+use crate::with_fields::with_fields;
 use std::ops::Range;
 
-/// What was, or is to be, measured with: frequencies, microphones, loudspeaker, detection and the speed of sound.
+/// How a measurement is made: frequencies, microphones, loudspeaker, detection and the speed of sound.
 ///
-/// Clones are cheap: those of a sweep and of an array share their lists.
+/// Clones are cheap: the lists of the sweep and of the array are shared.
 ///
 /// # Example
-/// A band of 10 kHz tells ranges 17 mm apart:
+/// A band of 10 kHz resolves ranges 17 mm apart:
 /// ```
 /// use holosonar::glam::DVec3;
 /// use holosonar::acquisition::{Detection, Instrument, MicArray, Sweep};
@@ -23,7 +24,7 @@ use std::ops::Range;
 /// let instrument = Instrument::new(sweep, array);
 /// assert_eq!(instrument.range_resolution(), Some(343.0 / 20e3));
 ///
-/// // Another room, and a loudspeaker beside the array:
+/// // A colder room, and a loudspeaker beside the array:
 /// let cold = instrument
 ///     .with_sound_speed(331.0)
 ///     .with_geometry(Geometry::FixedSource { source: DVec3::new(0.6, 0.0, 0.0) })
@@ -46,6 +47,16 @@ pub struct Instrument {
     pub sound_speed: f64,
 }
 
+with_fields! {
+    Instrument {
+        with_sweep(sweep: Sweep),
+        with_array(array: MicArray),
+        with_geometry(geometry: Geometry),
+        with_detection(detection: Detection),
+        with_sound_speed(sound_speed: f64),
+    }
+}
+
 impl Instrument {
     /// Quadrature detection, the loudspeaker at the origin, and sound at [`DEFAULT_SOUND_SPEED`], 343 m/s.
     pub fn new(sweep: Sweep, array: MicArray) -> Self {
@@ -58,52 +69,19 @@ impl Instrument {
         }
     }
 
-    /// Replaces the sweep.
-    #[must_use]
-    pub fn with_sweep(self, sweep: Sweep) -> Self {
-        Self { sweep, ..self }
-    }
-
-    /// Replaces the microphones.
-    #[must_use]
-    pub fn with_array(self, array: MicArray) -> Self {
-        Self { array, ..self }
-    }
-
-    /// Sets the geometry: where the loudspeaker stands, or a monostatic scan.
-    #[must_use]
-    pub fn with_geometry(self, geometry: Geometry) -> Self {
-        Self { geometry, ..self }
-    }
-
-    /// Sets the detection.
-    #[must_use]
-    pub fn with_detection(self, detection: Detection) -> Self {
-        Self { detection, ..self }
-    }
-
-    /// Sets the speed of sound c, m/s; positive.
-    #[must_use]
-    pub fn with_sound_speed(self, sound_speed: f64) -> Self {
-        Self { sound_speed, ..self }
-    }
-
-    /// Refuses a speed of sound and a loudspeaker that give no path a phase.
+    /// Rejects a speed of sound or a loudspeaker position with which no path has a phase.
     pub(crate) fn check(&self) -> Result<()> {
         let c = self.sound_speed;
-        if !(c.is_finite() && c > 0.0) {
-            return Err(Error::input(
-                "instrument",
-                format!("the speed of sound must be positive, in m/s, not {c}"),
-            ));
-        }
-        match self.geometry {
-            Geometry::FixedSource { source } if !source.is_finite() => Err(Error::input(
-                "instrument",
-                format!("the loudspeaker must stand at three finite numbers of metres, not {source}"),
-            )),
-            _ => Ok(()),
-        }
+        let problem = match self.geometry {
+            _ if !(c.is_finite() && c > 0.0) => {
+                format!("the speed of sound must be positive, in m/s, not {c}")
+            }
+            Geometry::FixedSource { source } if !source.is_finite() => {
+                format!("the loudspeaker's position must be three finite numbers of metres, not {source}")
+            }
+            _ => return Ok(()),
+        };
+        Err(Error::input("instrument", problem))
     }
 
     /// Wavelength at the centre of the band λ_c, m.
@@ -134,13 +112,13 @@ impl Instrument {
         PathInterval { shortest, longest, sound_speed: self.sound_speed }
     }
 
-    /// The same for all depths, m: least and greatest.
+    /// The same for all depths, m: minimum and maximum.
     pub fn path_bounds(&self, grid: &Grid) -> [f64; 2] {
         let all = self.path_interval(grid, 0..grid.z.count);
         [all.shortest, all.longest]
     }
 
-    /// Bytes of all samples in memory, complex in single precision; saturates rather than overflow.
+    /// Bytes of all samples in memory, complex in single precision; saturates instead of overflowing.
     pub fn cube_bytes(&self) -> u64 {
         (self.sweep.len() as u64).saturating_mul(self.array.len() as u64).saturating_mul(8)
     }

@@ -1,25 +1,25 @@
-//! Where samples come from: memory, or a file that is read block by block.
+//! The source of a cube's samples: memory, or a file that is read block by block.
 
 use super::{DataCube, Instrument};
 use crate::error::Result;
 use num_complex::Complex32;
 use std::ops::Range;
 
-/// Takes the samples of a range of frequencies, `[f, n_mic]`.
+/// Receives the samples of a range of frequencies, `[f, n_mic]`.
 pub type Visit<'v> = dyn FnMut(Range<usize>, &[Complex32]) -> Result<()> + 'v;
 
-/// A cube whose samples are visited in ascending blocks of frequencies, so that it need never be held whole.
+/// A cube whose samples are visited in ascending blocks of frequencies, so that it need never be in memory as a whole.
 pub trait CubeSource: Send {
-    /// What the samples were measured with.
+    /// The instrument that measured the samples.
     fn instrument(&self) -> &Instrument;
 
-    /// Bytes of samples that are held in memory all along.
+    /// Bytes of samples that are in memory throughout.
     fn held_bytes(&self) -> u64;
 
     /// Visits all samples in ascending order, `block` frequencies at a time (the last may be fewer).
     ///
     /// # Errors
-    /// What reading or `visit` comes to.
+    /// Errors of reading and of `visit`.
     fn visit(&mut self, block: usize, visit: &mut Visit) -> Result<()>;
 }
 

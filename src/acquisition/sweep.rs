@@ -11,18 +11,20 @@ pub struct Sweep {
     step: Option<f64>,
 }
 
-/// More frequencies than any instrument steps through; a bound that keeps absurd requests from allocating.
+/// More frequencies than any instrument uses; the bound keeps absurd requests from allocating memory.
 const MOST_FREQUENCIES: f64 = 10_000_000.0;
 
-/// Where mistakes lie until a caller knows better.
-const PLACE: &str = "sweep";
+/// An invalid sweep; its place is "sweep" unless the caller names another.
+fn refused<T>(problem: impl Into<String>) -> Result<T> {
+    Err(Error::input("sweep", problem))
+}
 
 impl Sweep {
     /// `f_n = start + n·step`, n = 0 … round((stop − start)/step), both ends included.
     ///
     /// # Errors
-    /// Frequencies that are not positive and finite, a band that is no multiple of the step, or over 10⁷ of them. The
-    /// error's place is "sweep"; [`Error::at`] puts a file or key there.
+    /// Frequencies that are not positive and finite, a band that is not a multiple of the step, or more than 10⁷ frequencies.
+    /// The error's place is "sweep"; [`Error::at`] replaces it with a file or key.
     ///
     /// ```
     /// use holosonar::acquisition::Sweep;
@@ -33,52 +35,43 @@ impl Sweep {
     /// ```
     pub fn stepped(start: f64, stop: f64, step: f64) -> Result<Self> {
         if !(start > 0.0 && stop >= start && stop.is_finite() && step > 0.0) {
-            return Err(Error::input(
-                PLACE,
-                format!(
-                    "a sweep needs 0 < start <= stop and step > 0, not {start} .. {stop} Hz by {step} Hz"
-                ),
+            return refused(format!(
+                "a sweep needs 0 < start <= stop and step > 0, not {start} .. {stop} Hz by {step} Hz"
             ));
         }
         let intervals = (stop - start) / step;
         if (intervals - intervals.round()).abs() > 1e-6 * intervals.max(1.0) {
-            return Err(Error::input(
-                PLACE,
-                format!(
-                    "the band of {} Hz is no multiple of the step of {step} Hz; stop = {} would be one",
-                    stop - start,
-                    start + intervals.round().max(1.0) * step
-                ),
+            return refused(format!(
+                "the band of {} Hz is not a multiple of the step of {step} Hz; stop = {} would make it one",
+                stop - start,
+                start + intervals.round().max(1.0) * step
             ));
         }
         if intervals >= MOST_FREQUENCIES {
-            return Err(Error::input(
-                PLACE,
-                format!("{intervals:.3e} frequencies are too many; use a larger step"),
-            ));
+            return refused(format!("{intervals:.3e} frequencies are too many; use a larger step"));
         }
         let count = intervals.round() as usize + 1;
         let frequencies = (0..count).map(|n| start + n as f64 * step).collect();
         Ok(Self { frequencies: Arc::new(frequencies), step: Some(step) })
     }
 
-    /// Any ascending list; an even spacing is recognised.
+    /// Any ascending list; even spacing is recognised.
     ///
     /// # Errors
     /// An empty list, or frequencies that are not positive, finite and ascending; the error's place is "sweep".
     pub fn from_frequencies(frequencies: Vec<f64>) -> Result<Self> {
         let (Some(&first), Some(&last)) = (frequencies.first(), frequencies.last()) else {
-            return Err(Error::input(PLACE, "holds no frequencies; at least one is needed"));
+            return refused("contains no frequencies; at least one is needed");
         };
         if !frequencies.iter().all(|f| f.is_finite() && *f > 0.0) {
-            return Err(Error::input(PLACE, "frequencies must be positive numbers of Hz"));
+            return refused("frequencies must be positive numbers, in Hz");
         }
         if !frequencies.is_sorted_by(|a, b| a < b) {
-            return Err(Error::input(PLACE, "frequencies must ascend; sort them, and the samples with them"));
+            return refused("frequencies must ascend; sort them, and the samples with them");
         }
         let intervals = frequencies.len() - 1;
         let step = if intervals == 0 { 1.0 } else { (last - first) / intervals as f64 };
-        // 10⁻⁶ of a step, over a step's worth of path, is far below the f32 of the samples.
+        // The phase error of 10⁻⁶ of a step is far below the f32 rounding of the samples.
         let even =
             frequencies.iter().enumerate().all(|(n, f)| (f - (first + n as f64 * step)).abs() <= 1e-6 * step);
         Ok(Self { frequencies: Arc::new(frequencies), step: even.then_some(step) })
@@ -94,12 +87,12 @@ impl Sweep {
         self.frequencies.len()
     }
 
-    /// Never: a sweep has at least one frequency.
+    /// Always false: a sweep has at least one frequency.
     pub fn is_empty(&self) -> bool {
         self.frequencies.is_empty()
     }
 
-    /// The step, Hz, if they are evenly spaced.
+    /// The step, Hz, if the frequencies are evenly spaced.
     pub fn step(&self) -> Option<f64> {
         self.step
     }

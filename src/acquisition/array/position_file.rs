@@ -7,8 +7,8 @@
 //! </MicArray>
 //! ```
 //!
-//! `quick-xml` reads the XML tag by tag: nothing is looked up elsewhere, and neither time nor memory grows faster than the
-//! file. `roxmltree` 0.21 was looked at first: 50 kB of nested namespaces took it 11 s, which grow with the cube of their number.
+//! `quick-xml` reads the XML tag by tag: it loads nothing else, and neither time nor memory grows faster than the file.
+//! With `roxmltree` 0.21, 50 kB of nested namespaces took 11 s, and the time grows with the cube of their number.
 
 use super::MicArray;
 use crate::error::{Error, Result};
@@ -21,23 +21,23 @@ use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
-/// Bytes beyond which an XML file is taken for something else: half a million microphones.
+/// Maximum size of an XML file, bytes: about half a million microphones.
 const LARGEST: u64 = 64 << 20;
 
-/// The attributes of a `<pos>` that say where it is.
+/// The attributes of a `<pos>` that give its position.
 const AXES: [&str; 3] = ["x", "y", "z"];
 
 impl MicArray {
-    /// Reads positions in m from a `.csv` (header `x,y,z`) or from Acoular's `.xml`. They count as scattered, whatever
-    /// their order.
+    /// Reads positions in m from a `.csv` (header `x,y,z`) or from Acoular's `.xml`. They are treated as scattered,
+    /// whatever their order.
     ///
     /// # Errors
-    /// A missing file, one that is neither, or one without positions; the message names the line.
+    /// A missing file, a file of another format, or one without positions; the message names the line.
     pub fn read(path: &Path) -> Result<Self> {
         let positions = if extension(path) == "xml" {
             read_xml(path)?
         } else {
-            read_columns(path, ["x", "y", "z"])?.into_iter().map(DVec3::from_array).collect()
+            read_columns(path, AXES)?.into_iter().map(DVec3::from_array).collect()
         };
         Self::from_positions(positions).map_err(|error| error.at(path.display()))
     }
@@ -48,7 +48,10 @@ fn read_xml(path: &Path) -> Result<Vec<DVec3>> {
     let mut bytes = Vec::new();
     File::open(path).map_err(reading)?.take(LARGEST + 1).read_to_end(&mut bytes).map_err(reading)?;
     if bytes.len() as u64 > LARGEST {
-        return Err(Error::input(path.display(), "is larger than 64 MiB; no array has a geometry so long"));
+        return Err(Error::input(
+            path.display(),
+            "is larger than 64 MiB, the maximum size of an array geometry",
+        ));
     }
     let text = String::from_utf8(bytes).map_err(|_| {
         Error::input(path.display(), "is not UTF-8 text; an Acoular array geometry was expected")
@@ -58,19 +61,13 @@ fn read_xml(path: &Path) -> Result<Vec<DVec3>> {
         Error::input(format!("{}:{line}", path.display()), problem)
     })?;
     if positions.is_empty() {
-        return Err(Error::input(
-            path.display(),
-            "holds no microphones; at least one <pos .../> was expected",
-        ));
+        return Err(Error::input(path.display(), "has no microphones; at least one <pos .../> was expected"));
     }
     Ok(positions)
 }
 
-/// What is wrong at which byte.
-type Fault = (usize, String);
-
-/// The positions of every `<pos>` within `<MicArray>`.
-fn positions(text: &str) -> std::result::Result<Vec<DVec3>, Fault> {
+/// The positions of every `<pos>` within `<MicArray>`; an error is a byte offset and what is wrong there.
+fn positions(text: &str) -> std::result::Result<Vec<DVec3>, (usize, String)> {
     let mut reader = Reader::from_str(text);
     reader.config_mut().expand_empty_elements = true;
     let mut found = Vec::new();
@@ -78,26 +75,28 @@ fn positions(text: &str) -> std::result::Result<Vec<DVec3>, Fault> {
     loop {
         let at = reader.buffer_position() as usize;
         let event = reader.read_event();
-        let event = event.map_err(|error| (reader.error_position() as usize, problem(&error)))?;
+        let event = event.map_err(|error| {
+            (
+                reader.error_position() as usize,
+                format!("is not well-formed XML: {}", short(&error.to_string())),
+            )
+        })?;
         match event {
             Event::Start(tag) => match tag.name().as_ref() {
                 "MicArray" => inside = true,
                 name if !inside => {
-                    return Err((
-                        at,
-                        format!(
-                            "<{}> was found where <MicArray> was expected: this is no Acoular array",
-                            short(name)
-                        ),
-                    ));
+                    let name = short(name);
+                    let problem =
+                        format!("<{name}> was found, <MicArray> was expected: this is not an Acoular array");
+                    return Err((at, problem));
                 }
                 "pos" => found.push(position(&tag).map_err(|problem| (at, problem))?),
-                // Acoular looks for <pos> alone; so do we.
+                // Acoular ignores every other element, too.
                 _ => {}
             },
             Event::End(tag) if tag.name().as_ref() == "MicArray" => return Ok(found),
             Event::Eof => {
-                let problem = if inside { "the file ends before </MicArray>" } else { "holds no <MicArray>" };
+                let problem = if inside { "the file ends before </MicArray>" } else { "has no <MicArray>" };
                 return Err((text.len(), problem.to_owned()));
             }
             _ => {}
@@ -108,11 +107,10 @@ fn positions(text: &str) -> std::result::Result<Vec<DVec3>, Fault> {
 /// x, y and z of a `<pos>`, m.
 fn position(tag: &BytesStart) -> std::result::Result<DVec3, String> {
     let mut position = [None; 3];
-    // That no name stands twice is not checked, which would take the square of their number.
+    // Checking for duplicate names would take time that grows with the square of their number.
     for attribute in tag.attributes().with_checks(false) {
-        let attribute = attribute.map_err(|error| {
-            format!("<pos> has an attribute that is not of the form name=\"value\" ({error})")
-        })?;
+        let attribute = attribute
+            .map_err(|error| format!("an attribute of <pos> is not of the form name=\"value\" ({error})"))?;
         let name = attribute.key.as_ref();
         let Some(axis) = AXES.iter().position(|axis| *axis == name) else { continue };
         let number = attribute.value.trim().parse().ok().filter(|value: &f64| value.is_finite());
@@ -124,17 +122,12 @@ fn position(tag: &BytesStart) -> std::result::Result<DVec3, String> {
         })?);
     }
     match position.iter().position(Option::is_none) {
-        Some(axis) => Err(format!("<pos> lacks `{}`; x, y and z in metres were expected", AXES[axis])),
+        Some(axis) => Err(format!("<pos> has no `{}`; x, y and z in metres were expected", AXES[axis])),
         None => Ok(DVec3::from_array(position.map(Option::unwrap_or_default))),
     }
 }
 
-/// The reader's words for what is wrong.
-fn problem(error: &quick_xml::Error) -> String {
-    format!("is no well-formed XML: {}", short(&error.to_string()))
-}
-
-/// The beginning of what may be long.
+/// The first 120 characters of a text, escaped.
 fn short(text: &str) -> String {
     text.chars().take(120).flat_map(char::escape_debug).collect()
 }
@@ -164,22 +157,22 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_geometry_is_refused_by_its_line() {
+    fn a_file_that_is_not_a_geometry_is_refused_with_its_line() {
         let folder = tempfile::tempdir().unwrap();
         for (text, parts) in [
-            ("", &["bad.xml", "no <MicArray>"][..]),
-            ("<MicArray>\n</MicArray>", &["holds no microphones"]),
-            ("<MicArray>\n<pos x='1' y='2'/>\n</MicArray>", &["bad.xml:2", "lacks `z`"]),
+            ("", &["bad.xml", "<MicArray>"][..]),
+            ("<MicArray>\n</MicArray>", &["<pos .../>"]),
+            ("<MicArray>\n<pos x='1' y='2'/>\n</MicArray>", &["bad.xml:2", "no `z`"]),
             ("<MicArray>\n<pos x='1' y='2' z='nan'/></MicArray>", &[":2", "a finite number"]),
             ("<MicArray>\n<pos x=1 y='2' z='3'/></MicArray>", &[":2", "name=\"value\""]),
             ("<MicArray>\n\n<pos x='1' y='2' z='3'/>", &[":3", "ends before </MicArray>"]),
             ("<MicArray>\n<pos x='1", &[":2", "not closed"]),
             ("<MicArray>\n<pos x='1' y='2' z='3' ", &[":2", "not closed", "`>`"]),
             ("<MicArray>\n<pos x='1' y='2' z='3'>\n</MicArray>", &[":3", "`</pos>`"]),
-            ("<svg><pos x='1' y='2' z='3'/></svg>", &["<svg> was found where <MicArray>"]),
+            ("<svg><pos x='1' y='2' z='3'/></svg>", &["<svg>", "<MicArray>"]),
             ("<!-- never closed", &["`-->`"]),
-            ("<MicArray/>", &["holds no microphones"]),
-            ("<MicArray><pos x='1e30' y='0' z='0'/></MicArray>", &["lies beyond"]),
+            ("<MicArray/>", &["<pos .../>"]),
+            ("<MicArray><pos x='1e30' y='0' z='0'/></MicArray>", &["beyond"]),
         ] {
             let path = folder.path().join("bad.xml");
             std::fs::write(&path, text).unwrap();

@@ -1,5 +1,6 @@
-//! Microphones in tiles of neighbours.
+//! Tiles of neighbouring microphones.
 
+use super::bounds_of;
 use crate::wave::corners;
 use glam::DVec3;
 
@@ -12,16 +13,13 @@ pub(crate) struct Tile {
     pub(crate) centre: DVec3,
     /// Half the box, m.
     pub(crate) half: DVec3,
-    /// No microphone is farther from the centre, m.
+    /// Upper bound of the microphones' distance from the centre, m.
     pub(crate) radius: f64,
 }
 
 impl Tile {
     fn of(positions: &[DVec3], microphones: &[usize]) -> Self {
-        let (low, high) =
-            microphones.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), &i| {
-                (low.min(positions[i]), high.max(positions[i]))
-            });
+        let (low, high) = bounds_of(microphones.iter().map(|&i| positions[i]));
         let mut microphones = microphones.to_vec();
         microphones.sort_unstable();
         let half = 0.5 * (high - low);
@@ -36,8 +34,8 @@ impl Tile {
 
 /// Cuts an array into tiles of at most `count` microphones and at most `radius` m, halving along the longest side.
 ///
-/// One microphone is a tile whatever the radius, and so are any at the same place. The cuts follow from the positions
-/// alone, so that scattered arrays are served as well as lattices. Cost: `n log² n`.
+/// A single microphone is a tile whatever the radius. The cuts depend only on the positions, so scattered arrays are
+/// handled like lattices. Cost: `n log² n`.
 pub(crate) fn tiles(positions: &[DVec3], count: usize, radius: f64) -> Vec<Tile> {
     let mut tiles = Vec::new();
     let mut waiting: Vec<Vec<usize>> = vec![(0..positions.len()).collect()];
@@ -48,13 +46,7 @@ pub(crate) fn tiles(positions: &[DVec3], count: usize, radius: f64) -> Vec<Tile>
             tiles.push(tile);
             continue;
         }
-        let axis = if tile.half.x >= tile.half.y.max(tile.half.z) {
-            0
-        } else if tile.half.y >= tile.half.z {
-            1
-        } else {
-            2
-        };
+        let axis = tile.half.max_position();
         microphones
             .sort_unstable_by(|&a, &b| positions[a][axis].total_cmp(&positions[b][axis]).then(a.cmp(&b)));
         // The first half is cut next, so that neighbouring tiles follow each other.
@@ -71,7 +63,7 @@ mod tests {
     use crate::acquisition::MicArray;
 
     #[test]
-    fn a_lattice_falls_into_squares() {
+    fn a_lattice_is_cut_into_squares() {
         let array = MicArray::rectangular([64, 64], [0.008; 2], DVec3::ZERO).expect("ok");
         let tiles = tiles(array.positions(), 64, 1.0);
         assert_eq!(tiles.len(), 64);

@@ -36,7 +36,7 @@ impl<'a> Columns<'a> {
         Ok(true)
     }
 
-    /// Notes that the columns of tile `k` are filled.
+    /// Records that the columns of tile `k` are filled.
     pub(super) fn finish(&mut self, k: usize, microphones: &[usize]) {
         self.finished.push((k as u64, microphones.to_vec()));
     }

@@ -1,12 +1,12 @@
-//! Which way to simulate: literally, or with which tiles and tones.
+//! The choice between the literal sum and virtual tones, and of tiles and tones.
 //!
-//! Operations are counted, never seconds measured, so the same input always goes the same way.
+//! It depends on counted operations, not on measured times, so the same input always takes the same path.
 
-use super::echoes::{Intervals, Sight};
+use super::echoes::{CentrePath, Intervals};
 use super::expand::TILES_PER_THREAD;
 use super::literal::COLUMNS;
-use super::terms::{MOST_TERMS, Spread};
-use super::virtual_tones::{MORE, RUNGS, Rung};
+use super::terms::{LossModel, MOST_TERMS};
+use super::virtual_tones::{MORE, TONE_DESIGNS, ToneDesign};
 use super::{PropagationModel, SimulateOptions};
 use crate::acquisition::{Instrument, Sweep, Tile, tiles};
 use crate::reflectors::Reflectors;
@@ -15,66 +15,66 @@ use crate::wave::Geometry;
 use glam::DVec3;
 use num_complex::Complex32;
 
-/// A way to simulate by virtual tones.
+/// A possible plan for virtual tones.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Choice {
-    /// Most microphones of a tile.
+pub(super) struct CandidatePlan {
+    /// Maximum number of microphones of a tile.
     pub(super) microphones: usize,
-    /// Greatest radius of a tile, m.
+    /// Maximum radius of a tile, m.
     pub(super) radius: f64,
-    pub(super) rung: Rung,
-    /// Microphones whose sums are held at a time.
+    pub(super) design: ToneDesign,
+    /// Microphones whose sums are in memory at a time.
     pub(super) held: usize,
 }
 
-/// Sizes of tiles that are weighed. Larger ones would be no faster, and leave less to share among threads.
+/// Tile sizes that are considered. Larger ones would be no faster, and leave fewer tiles to share among threads.
 const TILES: [usize; 4] = [1, 4, 16, 64];
 
-/// The greatest share of a duration that the paths to one tile may take, so that an interval remains.
+/// Maximum share of a duration that the paths to one tile may take, so that an interval remains.
 const TILE_SHARE: f64 = 0.75;
 
-/// Offsets of more wavelengths than this lose more than 10⁻⁶ of a turn in f32.
-const MOST_TURNS: f64 = 8.0;
+/// Offsets of more wavelengths than this have a rounding error above 10⁻⁶ cycles in f32.
+const MOST_CYCLES: f64 = 8.0;
 
-/// More intervals than this do not fit a sorting key.
+/// Maximum number of intervals that fits into a sorting key.
 const MOST_INTERVALS: f64 = 1e8;
 
-/// Sums that may be held at a time, 8 bytes each, and microphones that never need more room.
+/// Maximum number of sums in memory, 8 bytes each, and of microphones at a time.
 const HELD_SUMS: f64 = 16_777_216.0;
 const HELD_MICROPHONES: f64 = 4096.0;
 
-/// Reflectors and tiles that stand for all in the estimate.
+/// Reflectors and tiles that are sampled for the estimate.
 const SAMPLED_REFLECTORS: usize = 512;
 const SAMPLED_TILES: usize = 3;
 
-// Operations, in f32 lanes, as measured on AVX-512 against the literal recurrence's 8.
+// Operations, in f32 lanes, as measured on AVX-512 relative to the 8 of the literal recurrence.
 const LITERAL_TERM: f64 = 8.0;
 const UNEVEN_TERM: f64 = 60.0;
 const LITERAL_PAIR: f64 = 250.0;
-/// A term whose factor depends on the frequency.
+/// A term with a factor that depends on the frequency.
 const LOSSY_TERM: f64 = 400.0;
 /// Losses of a reflector at a microphone, and the factor of one term.
 const LEGS: f64 = 40.0;
 const FACTOR: f64 = 60.0;
 const PAIR: f64 = 85.0;
 const TONE: f64 = 7.0;
-/// Sorting a reflector for a tile and laying it out.
-const SEEN: f64 = 3000.0;
+/// Sorting a reflector for a tile and copying it into a batch.
+const SORTING: f64 = 3000.0;
 /// Expansion, per group, microphone and frequency: the phase, and a multiplication per tone.
-const TURN: f64 = 40.0;
+const PHASE: f64 = 40.0;
 const PRODUCT: f64 = 4.0;
-/// Summing the lanes of a group, per microphone and tone, and what it has too few reflectors to fill.
+/// Summing the lanes of a group, per microphone and tone, and the lanes that its reflectors do not fill.
 const ACROSS: f64 = 60.0;
 const PADDING: f64 = 8.0;
-/// Finding W, per frequency and tone.
+/// Solving for W, per frequency and tone.
 const SOLVE: f64 = 5000.0;
 
-/// The greatest radius of a tile beside a duration, m.
-pub(super) fn widest_tile(rung: Rung, instrument: &Instrument) -> f64 {
+/// The maximum radius of a tile for a duration, m.
+pub(super) fn widest_tile(design: ToneDesign, instrument: &Instrument) -> f64 {
     let Instrument { sweep, geometry, sound_speed, .. } = instrument;
-    let length = rung.spread / sweep.bandwidth() * sound_speed;
-    let turns = MOST_TURNS * sound_speed / sweep.stop();
-    (0.5 * TILE_SHARE * length).min(turns) / geometry.return_legs()
+    let length = design.time_bandwidth / sweep.bandwidth() * sound_speed;
+    let cycles = MOST_CYCLES * sound_speed / sweep.stop();
+    (0.5 * TILE_SHARE * length).min(cycles) / geometry.return_legs()
 }
 
 /// Operations of the literal sum.
@@ -87,12 +87,12 @@ fn literal(reflectors: f64, microphones: f64, sweep: &Sweep, options: &SimulateO
     reflectors * microphones * (LITERAL_PAIR + term * sweep.len() as f64)
 }
 
-/// The ways that take fewer operations than the literal sum, the cheapest first.
-pub(super) fn choices(
+/// The plans that take fewer operations than the literal sum, cheapest first.
+pub(super) fn candidates(
     reflectors: &Reflectors,
     instrument: &Instrument,
     options: &SimulateOptions,
-) -> Vec<Choice> {
+) -> Vec<CandidatePlan> {
     let Instrument { sweep, array, geometry, sound_speed, .. } = instrument;
     let (n_p, n_mic, n_f) = (reflectors.len() as f64, array.len() as f64, sweep.len() as f64);
     let most = literal(n_p, n_mic, sweep, options);
@@ -103,31 +103,31 @@ pub(super) fn choices(
     let (shortest, longest) =
         paths.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), path| (path.min(low), path.max(high)));
     let spread = longest - shortest + array.extent().length();
-    // Farther away f32 would not hold the squares, and no phase means anything.
-    let within_reach = longest.abs() <= 10.0 * FARTHEST;
-    if !within_reach {
+    // Farther away the squares overflow f32, and no phase is accurate; NaN is rejected, too.
+    let is_near = longest.abs() <= 10.0 * FARTHEST;
+    if !is_near {
         return Vec::new();
     }
-    let mut found: Vec<(f64, Choice)> = Vec::new();
+    let mut found: Vec<(f64, CandidatePlan)> = Vec::new();
     for &count in TILES.iter().rev() {
-        // What no rung undercuts: cutting a large array into small tiles takes its time too.
-        let echo = PAIR + TONE * (2 * RUNGS[0].pairs + 1) as f64;
-        let least = n_p * n_mic * (echo + SEEN / count as f64) + SOLVE * n_f;
+        // A lower bound for every design, because cutting a large array into small tiles takes time, too.
+        let echo = PAIR + TONE * (2 * TONE_DESIGNS[0].pairs + 1) as f64;
+        let least = n_p * n_mic * (echo + SORTING / count as f64) + SOLVE * n_f;
         if least >= found.iter().map(|(cost, _)| *cost).fold(most, f64::min) {
             continue;
         }
         let tiles = tiles(array.positions(), count, f64::INFINITY);
         let mut radii: Vec<f64> = tiles.iter().map(|tile| tile.radius).collect();
         radii.sort_unstable_by(f64::total_cmp);
-        for (rung, terms) in RUNGS.into_iter().zip(&terms) {
+        for (design, terms) in TONE_DESIGNS.into_iter().zip(&terms) {
             let Some(terms) = *terms else { continue };
-            let length = rung.spread / sweep.bandwidth() * sound_speed;
-            let radius = widest_tile(rung, instrument);
-            // No interval is narrower than what a tile leaves of it, and none is kept empty.
+            let length = design.time_bandwidth / sweep.bandwidth() * sound_speed;
+            let radius = widest_tile(design, instrument);
+            // A tile leaves at least this width of an interval, and empty intervals are not stored.
             let most_groups = (spread / ((1.0 - TILE_SHARE) * length) + 1.0).min(n_p);
-            let tones = (2 * rung.pairs + 1) as f64;
+            let tones = (2 * design.pairs + 1) as f64;
             let held = (HELD_SUMS / (most_groups * terms * (tones + MORE as f64))).min(HELD_MICROPHONES);
-            // Where most tiles would have to be cut again, a smaller size says what that costs.
+            // If most tiles would have to be cut further, a smaller size estimates that cost.
             let possible = spread / length < MOST_INTERVALS && held >= count as f64;
             if !possible || radii[radii.len() / 2] > radius {
                 continue;
@@ -135,29 +135,31 @@ pub(super) fn choices(
             let groups = groups(reflectors, &tiles, (geometry, options.model), length, radius);
             let echo = lossy * LEGS + terms * (PAIR + lossy * FACTOR + TONE * tones);
             let cost = n_p * n_mic * echo
-                + n_p * tiles.len() as f64 * SEEN
+                + n_p * tiles.len() as f64 * SORTING
                 + n_mic
                     * groups
-                    * (n_f * (TURN + PRODUCT * terms * tones) + PADDING * echo + ACROSS * terms * tones)
+                    * (n_f * (PHASE + PRODUCT * terms * tones) + PADDING * echo + ACROSS * terms * tones)
                 + SOLVE * n_f * tones;
             if cost < most {
-                found.push((cost, Choice { microphones: count, radius, rung, held: held as usize }));
+                found.push((cost, CandidatePlan { microphones: count, radius, design, held: held as usize }));
             }
         }
     }
     found.sort_by(|a, b| a.0.total_cmp(&b.0));
-    found.into_iter().map(|(_, choice)| choice).collect()
+    found.into_iter().map(|(_, candidate)| candidate).collect()
 }
 
-/// Terms of the losses for each standard duration; `None` where too many would be needed.
+/// Number of terms of the losses for each design; `None` where too many would be needed.
 fn terms(reflectors: &Reflectors, instrument: &Instrument, options: &SimulateOptions) -> Vec<Option<f64>> {
-    let spread = Spread::new(reflectors, instrument, options);
-    let half = |rung: Rung| 0.5 * rung.spread / instrument.sweep.bandwidth() * instrument.sound_speed;
-    let count = |rung| spread.count(half(rung), 0.5 * options.tolerance).map(|c| c.nodes.len() as f64);
-    RUNGS.into_iter().map(count).collect()
+    let model = LossModel::new(reflectors, instrument, options);
+    let count = |design: ToneDesign| {
+        let half = 0.5 * design.time_bandwidth / instrument.sweep.bandwidth() * instrument.sound_speed;
+        model.chebyshev_nodes(half, 0.5 * options.tolerance).map(|terms| terms.nodes.len() as f64)
+    };
+    TONE_DESIGNS.into_iter().map(count).collect()
 }
 
-/// About how many groups a tile has, from some tiles and reflectors.
+/// Estimated number of groups of a tile, from a sample of tiles and reflectors.
 fn groups(
     reflectors: &Reflectors,
     tiles: &[Tile],
@@ -170,23 +172,23 @@ fn groups(
     let every = reflectors.len().div_ceil(SAMPLED_REFLECTORS).max(1);
     let (mut all, mut count) = (0, 0);
     for tile in some {
-        let sights: Vec<Sight> = reflectors
+        let paths: Vec<CentrePath> = reflectors
             .positions()
             .iter()
             .step_by(every)
-            .map(|&p| Sight::new(p, geometry.outward_length(p), tile, geometry, model))
+            .map(|&p| CentrePath::new(p, geometry.outward_length(p), tile, geometry, model))
             .collect();
-        all += Intervals::new(&sights, length).occupied(&sights);
+        all += Intervals::new(&paths, length).occupied(&paths);
         count += 1;
     }
     all as f64 / f64::from(count.max(1))
 }
 
-/// About the bytes that [`simulate`](super::simulate) takes beside the cube, by so many threads: the sums of the microphones
-/// that are worked on at a time, and weights, whichever way it is done, for reflectors between the corners `bounds` of a box, m.
+/// Estimated bytes that [`simulate`](super::simulate) takes in addition to the cube with `threads` threads, for reflectors
+/// within the box `bounds`, m: the sums of the microphones in progress, and weights, for either method.
 ///
-/// How many reflectors there are decides between the standard durations, and is not known before they are sampled. Sums
-/// per metre of path differ by less than a factor of two from those of the duration in the middle.
+/// The number of reflectors decides between the designs, but is not known before they are sampled. The sums per metre of
+/// path differ by less than a factor of two from those of the middle design.
 pub(crate) fn bytes(
     instrument: &Instrument,
     bounds: Option<(DVec3, DVec3)>,
@@ -196,14 +198,15 @@ pub(crate) fn bytes(
     let Instrument { sweep, array, geometry, sound_speed, .. } = instrument;
     let literal = (COLUMNS.min(array.len()) * size_of::<[f64; 2]>() * sweep.len()) as u64;
     let Some((low, high)) = bounds.filter(|_| sweep.bandwidth() > 0.0) else { return literal };
-    let rung = RUNGS[RUNGS.len() / 2];
-    let length = rung.spread / sweep.bandwidth() * sound_speed;
+    let design = TONE_DESIGNS[TONE_DESIGNS.len() / 2];
+    let length = design.time_bandwidth / sweep.bandwidth() * sound_speed;
     let [shortest, longest] = geometry.path_bounds((low, high), array.bounds());
-    // The paths to a tile take half of what they may, as like as not.
+    // On average, the paths to a tile take half of their maximum share.
     let groups = (longest - shortest) / ((1.0 - 0.5 * TILE_SHARE) * length) + 1.0;
     let ends = Reflectors::new(vec![low, high], vec![Complex32::ONE; 2]).unwrap_or_default();
-    let terms = Spread::new(&ends, instrument, options).count(0.5 * length, 0.5 * options.tolerance);
-    let columns = (2 * rung.pairs + 1) * terms.map_or(MOST_TERMS, |count| count.nodes.len());
+    let terms =
+        LossModel::new(&ends, instrument, options).chebyshev_nodes(0.5 * length, 0.5 * options.tolerance);
+    let columns = (2 * design.pairs + 1) * terms.map_or(MOST_TERMS, |terms| terms.nodes.len());
     let most = (TILES_PER_THREAD * threads.max(1) * TILES[TILES.len() - 1]).min(array.len());
     let sums = (HELD_MICROPHONES.min(most as f64) * groups * columns as f64).min(HELD_SUMS);
     literal

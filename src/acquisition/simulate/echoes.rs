@@ -1,12 +1,12 @@
 //! One tile's echoes: reflectors grouped by path length, and each group summed at the virtual tones.
 //!
 //! For a tile the reflectors are sorted into intervals of path length to its centre, so narrow that every path to
-//! every microphone of the tile stays within the tones' duration about the interval's middle. What is common to the
-//! interval, `e^{i2πf·middle/c}`, is put back at the expansion.
+//! every microphone of the tile stays within the tones' duration about the interval's middle. The factor common to the
+//! interval, `e^{i2πf·middle/c}`, is restored by the expansion.
 
-use super::planes::Planes;
-use super::terms::{Terms, outward_spreading};
-use super::virtual_tones::VirtualTones;
+use super::batch::ReflectorBatch;
+use super::terms::{LossTerms, outward_spreading};
+use super::virtual_tones::EquispacedTones;
 use super::{PropagationModel, SimulateOptions};
 use crate::acquisition::{Instrument, Tile};
 use crate::alloc::{try_filled, try_with_capacity};
@@ -21,26 +21,26 @@ use glam::DVec3;
 pub(super) struct GroupSums {
     /// Middle of the group's path lengths, m.
     pub(super) middle: f64,
-    /// `[K Q][2 × microphones]`: per term and tone all real parts, then all imaginary ones, with the middle's phase and
-    /// absorption taken out; K is 1 unless losses depend on the frequency.
+    /// `[K Q][2 × microphones]`: per term and tone all real parts, then all imaginary ones, without the middle's phase and
+    /// absorption; K is 1 unless losses depend on the frequency.
     pub(super) sums: Vec<f32>,
 }
 
-/// Reflectors nearer to a tile's centre than this many radii have their offsets in f64.
+/// The offsets of reflectors closer to a tile's centre than this many radii are computed in f64.
 const NEAR: f64 = 2.0;
 
-/// How a tile's centre sees a reflector.
+/// The path of a reflector's echo to the centre of a tile.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Sight {
-    /// Path length to the centre, m.
-    pub(super) path: f64,
-    /// Greatest difference between that and the path to any microphone of the tile, m.
+pub(super) struct CentrePath {
+    /// m.
+    pub(super) length: f64,
+    /// Maximum difference from the path length to any microphone of the tile, m.
     reach: f64,
     near: bool,
 }
 
-impl Sight {
-    /// The sight of `p`, whose way from the speaker is `outward` m.
+impl CentrePath {
+    /// The path via `p`, which is `outward` m from the speaker.
     #[inline]
     pub(super) fn new(
         p: DVec3,
@@ -57,13 +57,13 @@ impl Sight {
                 // |q − d| lies between |q| − q̂·d and that + |d|²/2|q|, and within |q| ± |d|.
                 let bound = (q.abs().dot(tile.half) + 0.5 * tile.radius * tile.radius) / distance.max(1e-300);
                 Self {
-                    path: outward + legs * distance,
+                    length: outward + legs * distance,
                     reach: legs * bound.min(tile.radius),
                     near: distance < NEAR * tile.radius,
                 }
             }
             PropagationModel::Linear => Self {
-                path: geometry.linear_path_length(p, tile.centre),
+                length: geometry.linear_path_length(p, tile.centre),
                 reach: legs * geometry.far_direction(p).abs().dot(tile.half),
                 near: false,
             },
@@ -71,7 +71,7 @@ impl Sight {
     }
 }
 
-/// Intervals of path length for one tile: where they start and how wide they are.
+/// Intervals of path length for one tile: their start and width, m.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Intervals {
     first: f64,
@@ -79,10 +79,10 @@ pub(super) struct Intervals {
 }
 
 impl Intervals {
-    /// The widest intervals in which no path leaves a duration worth `length` m of path.
-    pub(super) fn new(sights: &[Sight], length: f64) -> Self {
-        let (first, reach) = sights.iter().fold((f64::INFINITY, 0.0), |(first, reach), sight| {
-            (sight.path.min(first), sight.reach.max(reach))
+    /// The widest intervals in which no path leaves a duration that corresponds to `length` m.
+    pub(super) fn new(paths: &[CentrePath], length: f64) -> Self {
+        let (first, reach) = paths.iter().fold((f64::INFINITY, 0.0), |(first, reach), path| {
+            (path.length.min(first), path.reach.max(reach))
         });
         Self { first, width: length - 2.0 * reach }
     }
@@ -91,9 +91,9 @@ impl Intervals {
         ((path - self.first) / self.width) as u64
     }
 
-    /// How many intervals hold a path.
-    pub(super) fn occupied(&self, sights: &[Sight]) -> usize {
-        let mut places: Vec<u64> = sights.iter().map(|sight| self.place(sight.path)).collect();
+    /// Number of intervals that contain a path.
+    pub(super) fn occupied(&self, paths: &[CentrePath]) -> usize {
+        let mut places: Vec<u64> = paths.iter().map(|path| self.place(path.length)).collect();
         places.sort_unstable();
         places.dedup();
         places.len()
@@ -104,17 +104,17 @@ impl Intervals {
     }
 }
 
-/// What every tile's sums are made of.
+/// The inputs of every tile's sums.
 #[derive(Debug)]
 pub(super) struct Summation<'a> {
     reflectors: &'a Reflectors,
-    /// The reflectors' ways from the speaker, m.
+    /// The reflectors' path lengths from the speaker, m.
     outward: Vec<f64>,
     instrument: &'a Instrument,
     options: &'a SimulateOptions,
-    tones: &'a VirtualTones,
+    tones: &'a EquispacedTones,
     /// Losses, if there are any.
-    terms: Option<&'a Terms>,
+    terms: Option<&'a LossTerms>,
 }
 
 impl<'a> Summation<'a> {
@@ -122,33 +122,34 @@ impl<'a> Summation<'a> {
         reflectors: &'a Reflectors,
         instrument: &'a Instrument,
         options: &'a SimulateOptions,
-        tones: &'a VirtualTones,
-        terms: Option<&'a Terms>,
+        tones: &'a EquispacedTones,
+        terms: Option<&'a LossTerms>,
     ) -> Option<Self> {
         let mut outward = try_with_capacity(reflectors.len() as u64)?;
         outward.extend(reflectors.positions().iter().map(|&p| instrument.geometry.outward_length(p)));
         Some(Self { reflectors, outward, instrument, options, tones, terms })
     }
 
-    /// All groups of a tile with their sums, by ascending path length; `None` when they do not fit in memory.
+    /// All groups of a tile with their sums, by ascending path length; `None` if they do not fit in memory.
     ///
     /// Memory: 32 bytes per reflector, and the sums.
     pub(super) fn groups(&self, tile: &Tile) -> Option<Vec<GroupSums>> {
-        let places = self.reflectors.positions().iter().zip(&self.outward);
-        let mut sights: Vec<Sight> = try_with_capacity(places.len() as u64)?;
+        let outward = self.reflectors.positions().iter().zip(&self.outward);
+        let mut paths: Vec<CentrePath> = try_with_capacity(outward.len() as u64)?;
         let (geometry, model) = (&self.instrument.geometry, self.options.model);
-        sights.extend(places.map(|(&p, &outward)| Sight::new(p, outward, tile, geometry, model)));
-        let intervals = Intervals::new(&sights, self.tones.duration * self.instrument.sound_speed);
-        // Interval, nearness and index in one number: sorting it groups the reflectors and keeps their order.
-        let mut keys: Vec<u64> = try_with_capacity(sights.len() as u64)?;
+        paths.extend(outward.map(|(&p, &outward)| CentrePath::new(p, outward, tile, geometry, model)));
+        let intervals = Intervals::new(&paths, self.tones.duration * self.instrument.sound_speed);
+        // Interval, nearness and index in one number: sorting groups the reflectors and preserves their order.
+        let mut keys: Vec<u64> = try_with_capacity(paths.len() as u64)?;
         keys.extend(
-            sights.iter().enumerate().map(|(j, sight)| {
-                (intervals.place(sight.path) << 1 | u64::from(sight.near)) << 32 | j as u64
-            }),
+            paths
+                .iter()
+                .enumerate()
+                .map(|(j, path)| (intervals.place(path.length) << 1 | u64::from(path.near)) << 32 | j as u64),
         );
         keys.sort_unstable();
-        let (mut planes, microphones) = (Planes::default(), self.instrument.array.positions());
-        let columns = self.tones.count() * self.terms.map_or(1, Terms::count);
+        let (mut batch, microphones) = (ReflectorBatch::default(), self.instrument.array.positions());
+        let columns = self.tones.count() * self.terms.map_or(1, LossTerms::count);
         keys.chunk_by(|a, b| a >> 33 == b >> 33)
             .map(|group| {
                 let middle = intervals.middle(group[0] >> 33);
@@ -157,9 +158,9 @@ impl<'a> Summation<'a> {
                     let near = run[0] >> 32 & 1 == 1;
                     for some in run.chunks(MOST_ECHOES) {
                         let members = some.iter().map(|key| (key & u64::from(u32::MAX)) as usize);
-                        self.lay_out(&members, &sights, middle, tile, &mut planes);
+                        self.fill(&members, &paths, middle, tile, &mut batch);
                         for (sums, &mic) in sums.chunks_exact_mut(columns).zip(&tile.microphones) {
-                            self.add(microphones[mic], tile, near, &mut planes, sums);
+                            self.add(microphones[mic], tile, near, &mut batch, sums);
                         }
                     }
                 }
@@ -168,77 +169,76 @@ impl<'a> Summation<'a> {
             .collect()
     }
 
-    /// Fills the planes with some reflectors as the tile's centre sees them.
-    fn lay_out(
+    /// Fills a batch with some reflectors, relative to the tile's centre.
+    fn fill(
         &self,
         members: &(impl Iterator<Item = usize> + Clone),
-        sights: &[Sight],
+        centre_paths: &[CentrePath],
         middle: f64,
         tile: &Tile,
-        planes: &mut Planes,
+        batch: &mut ReflectorBatch,
     ) {
         let (options, Instrument { geometry, sound_speed, .. }) = (self.options, self.instrument);
-        planes.resize(members.clone().count());
+        batch.resize(members.clone().count());
         for ((from_middle, path), j) in
-            planes.from_middle.iter_mut().zip(&mut planes.paths).zip(members.clone())
+            batch.from_middle.iter_mut().zip(&mut batch.paths).zip(members.clone())
         {
-            *path = sights[j].path;
+            *path = centre_paths[j].length;
             *from_middle = *path - middle;
         }
-        phasors(self.tones.centre / sound_speed, &planes.from_middle, &mut planes.phasors);
+        phasors(self.tones.centre / sound_speed, &batch.from_middle, &mut batch.phasors);
         let per_metre = self.tones.step / sound_speed;
         for (i, j) in members.clone().enumerate() {
             let p = self.reflectors.positions()[j];
-            planes.positions[i] = p;
+            batch.positions[i] = p;
             let toward = match options.model {
                 PropagationModel::Exact => {
                     let q = p - tile.centre;
-                    planes.distance[i] = q.length() as f32;
+                    batch.distance[i] = q.length() as f32;
                     q
                 }
                 PropagationModel::Linear => geometry.far_direction(p),
             };
-            for (plane, x) in planes.toward.iter_mut().zip(toward.to_array()) {
+            for (plane, x) in batch.toward.iter_mut().zip(toward.to_array()) {
                 plane[i] = x as f32;
             }
-            planes.turn[i] = (planes.from_middle[i] * per_metre) as f32;
+            batch.turn[i] = (batch.from_middle[i] * per_metre) as f32;
             let spreading = outward_spreading(self.outward[j], geometry, options) as f32;
-            let a = self.reflectors.amplitudes()[j] * planes.phasors[i] * spreading;
-            planes.amplitude[0][i] = a.re;
-            planes.amplitude[1][i] = a.im;
+            let a = self.reflectors.amplitudes()[j] * batch.phasors[i] * spreading;
+            batch.amplitude[0][i] = a.re;
+            batch.amplitude[1][i] = a.im;
         }
         if let Some(terms) = self.terms {
-            planes.lossy.lay_out(terms, members, &planes.positions, &planes.from_middle, tile.centre);
+            batch.losses.fill(terms, members, &batch.positions, &batch.from_middle, tile.centre);
         }
     }
 
-    /// Adds the echoes of the planes at the microphone at `r` to its sums.
-    fn add(&self, r: DVec3, tile: &Tile, near: bool, planes: &mut Planes, sums: &mut [[f64; 2]]) {
-        let toward = [&planes.toward[0][..], &planes.toward[1], &planes.toward[2]];
+    /// Adds the batch's echoes at the microphone at `r` to its sums.
+    fn add(&self, r: DVec3, tile: &Tile, near: bool, batch: &mut ReflectorBatch, sums: &mut [[f64; 2]]) {
+        let toward = [&batch.toward[0][..], &batch.toward[1], &batch.toward[2]];
         let Instrument { geometry, sound_speed, .. } = self.instrument;
         let legs = geometry.return_legs();
         let d = (r - tile.centre).as_vec3().to_array();
         if near {
-            // Among the microphones offsets cancel or are no small part of the distance.
-            for ((offset, &p), path) in planes.offsets.iter_mut().zip(&planes.positions).zip(&planes.paths) {
+            // Close to the microphones, the f32 series loses digits or does not converge.
+            for ((offset, &p), path) in batch.offsets.iter_mut().zip(&batch.positions).zip(&batch.paths) {
                 *offset = (self.options.model.path_length(geometry, p, r) - path) as f32;
             }
         } else if self.options.model == PropagationModel::Exact {
-            exact_offsets(toward, &planes.distance, d, legs as f32, &mut planes.offsets);
+            exact_offsets(toward, &batch.distance, d, legs as f32, &mut batch.offsets);
         } else {
-            linear_offsets(toward, d, legs as f32, &mut planes.offsets);
+            linear_offsets(toward, d, legs as f32, &mut batch.offsets);
         }
         let per_metre = [self.tones.centre, self.tones.step].map(|f| (f / sound_speed) as f32);
         let Some(terms) = self.terms else {
-            let echoes =
-                Echoes { turn: &planes.turn, amplitude: [&planes.amplitude[0], &planes.amplitude[1]] };
-            return sum_over_tones(echoes, &planes.offsets, per_metre, sums);
+            let echoes = Echoes { turn: &batch.turn, amplitude: [&batch.amplitude[0], &batch.amplitude[1]] };
+            return sum_over_tones(echoes, &batch.offsets, per_metre, sums);
         };
-        let Planes { amplitude, weighted, offsets, lossy, turn, .. } = planes;
+        let ReflectorBatch { amplitude, weighted, offsets, losses, turn, .. } = batch;
         let spread_legs = if self.options.losses.spreading { legs } else { 0.0 };
-        lossy.look(d, offsets, spread_legs);
+        losses.set_microphone(d, offsets, spread_legs);
         for (k, sums) in sums.chunks_exact_mut(self.tones.count()).enumerate() {
-            let factors = lossy.factors(terms, k);
+            let factors = losses.factors(terms, k);
             for (weighted, amplitude) in weighted.iter_mut().zip(&*amplitude) {
                 weighted.clear();
                 weighted.extend(amplitude.iter().zip(factors).map(|(a, factor)| a * factor));
@@ -249,13 +249,13 @@ impl<'a> Summation<'a> {
     }
 }
 
-/// `[microphone][K Q]` turned to `[K Q][part][microphone]`; `None` when it does not fit in memory.
+/// `[microphone][K Q]` transposed to `[K Q][part][microphone]`; `None` if it does not fit in memory.
 fn by_tone(sums: &[[f64; 2]], tones: usize) -> Option<Vec<f32>> {
-    let mut turned = try_with_capacity(2 * sums.len() as u64)?;
+    let mut transposed = try_with_capacity(2 * sums.len() as u64)?;
     for q in 0..tones {
         for part in 0..2 {
-            turned.extend(sums.iter().skip(q).step_by(tones).map(|sum| sum[part] as f32));
+            transposed.extend(sums.iter().skip(q).step_by(tones).map(|sum| sum[part] as f32));
         }
     }
-    Some(turned)
+    Some(transposed)
 }

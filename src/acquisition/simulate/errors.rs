@@ -1,4 +1,4 @@
-//! Imperfect microphones: gains, phases and places that are not what the cube says.
+//! Imperfect microphones: errors of their gains, phases and positions.
 
 use crate::acquisition::MicArray;
 use crate::error::{Error, Result};
@@ -8,20 +8,20 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 
-/// Errors of the microphones, each Gaussian and the same at every frequency.
+/// Gaussian errors of the microphones, the same at every frequency.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ArrayErrors {
-    /// Of the gains, dB rms.
+    /// Gain error, dB rms.
     pub gain_db: f64,
-    /// Of the phases, degrees rms.
+    /// Phase error, degrees rms.
     pub phase: f64,
-    /// Of the positions, m rms along each axis: sound goes where a microphone is, the cube says where it should be.
+    /// Position error, m rms along each axis: the simulation uses the actual positions, the cube contains the nominal ones.
     pub position: f64,
-    /// Their seed, on which nothing else depends.
+    /// Seed of these errors alone.
     pub seed: u64,
 }
 
-/// Streams of the seed, one per kind of error, so that one leaves the others as they are.
+/// Streams of the seed, one per kind of error, so that changing one does not affect the others.
 const GAIN_STREAM: u64 = 0;
 const PHASE_STREAM: u64 = 1;
 const POSITION_STREAM: u64 = 2;
@@ -33,7 +33,7 @@ impl ArrayErrors {
         random
     }
 
-    /// Refuses what is no rms.
+    /// Rejects values that are not an rms.
     pub(super) fn check(&self) -> Result<()> {
         for (key, rms) in [
             ("array.gain_error_db", self.gain_db),
@@ -41,13 +41,13 @@ impl ArrayErrors {
             ("array.position_error", self.position),
         ] {
             if !(rms >= 0.0 && rms.is_finite()) {
-                return Err(Error::input(key, format!("must be an rms from 0 up, not {rms}")));
+                return Err(Error::input(key, format!("must be an rms value of 0 or more, not {rms}")));
             }
         }
         Ok(())
     }
 
-    /// What each microphone multiplies its samples with; empty without errors of gain or phase.
+    /// Complex gain of each microphone; empty without errors of gain or phase.
     pub(super) fn responses(&self, count: usize) -> Vec<Complex32> {
         if self.gain_db == 0.0 && self.phase == 0.0 {
             return Vec::new();
@@ -63,7 +63,7 @@ impl ArrayErrors {
         (0..count).map(|_| draw()).collect()
     }
 
-    /// Where the microphones really are.
+    /// The actual positions of the microphones.
     pub(super) fn displaced(&self, array: &MicArray) -> Result<MicArray> {
         if self.position == 0.0 {
             return Ok(array.clone());

@@ -2,7 +2,7 @@
 
 use super::columns::Columns;
 use super::echoes::{GroupSums, Summation};
-use super::{Job, Plan, no_room, record};
+use super::{SimulationJob, SimulationPlan, no_room, record};
 use crate::acquisition::{Instrument, Tile};
 use crate::error::Result;
 use crate::linalg::product_f32;
@@ -15,12 +15,17 @@ use rayon::prelude::*;
 /// Frequencies that one thread expands at a time.
 const ROWS: usize = 32;
 
-/// Tiles per thread that are summed before the finished ones may be saved: enough to keep every thread busy.
+/// Tiles per thread that are summed between two opportunities to save: enough to keep every thread busy.
 pub(super) const TILES_PER_THREAD: usize = 8;
 
-/// Fills the samples, `[n_f, n_mic]`, by way of the plan's tiles and tones.
-pub(super) fn fast(job: &Job<'_>, plan: &Plan, columns: &mut Columns, observer: &dyn Observer) -> Result<()> {
-    let Job { reflectors, instrument, options, responses } = *job;
+/// Fills the samples, `[n_f, n_mic]`, with the plan's tiles and tones.
+pub(super) fn fast(
+    job: &SimulationJob<'_>,
+    plan: &SimulationPlan,
+    columns: &mut Columns,
+    observer: &dyn Observer,
+) -> Result<()> {
+    let SimulationJob { reflectors, instrument, options, responses } = *job;
     let n_mic = instrument.array.len();
     let summation = Summation::new(reflectors, instrument, options, &plan.tones, plan.terms.as_ref());
     let summation = summation.ok_or_else(no_room)?;
@@ -35,7 +40,7 @@ pub(super) fn fast(job: &Job<'_>, plan: &Plan, columns: &mut Columns, observer: 
     let most = TILES_PER_THREAD * rayon::current_num_threads();
     let mut rest = &missing[..];
     while !rest.is_empty() {
-        // As many tiles as hold a number of microphones; no sum depends on which are taken together.
+        // As many tiles as the plan's limit on microphones allows; the grouping does not affect the sums.
         let mut held = 0;
         let fitting = rest.iter().take(most).take_while(|(_, tile)| {
             held += tile.microphones.len();
@@ -51,11 +56,11 @@ pub(super) fn fast(job: &Job<'_>, plan: &Plan, columns: &mut Columns, observer: 
             })
             .collect::<Result<_>>()?;
         columns.samples.par_chunks_mut(ROWS * n_mic).enumerate().for_each(|(chunk, rows)| {
-            let mut room = Room::default();
+            let mut buffers = ExpansionBuffers::default();
             for ((_, tile), sums) in tiles.iter().zip(&sums) {
-                room.expand(chunk * ROWS, tile, sums, instrument, plan);
+                buffers.expand(chunk * ROWS, tile, sums, instrument, plan);
                 let width = 2 * tile.microphones.len();
-                for (row, totals) in rows.chunks_exact_mut(n_mic).zip(room.totals.chunks_exact(width)) {
+                for (row, totals) in rows.chunks_exact_mut(n_mic).zip(buffers.totals.chunks_exact(width)) {
                     let (re, im) = totals.split_at(width / 2);
                     for ((&mic, re), im) in tile.microphones.iter().zip(re).zip(im) {
                         row[mic] = record(instrument.detection, responses.get(mic), Complex32::new(*re, *im));
@@ -71,16 +76,16 @@ pub(super) fn fast(job: &Job<'_>, plan: &Plan, columns: &mut Columns, observer: 
     Ok(())
 }
 
-/// Room for one tile's expansion at some frequencies.
+/// Buffers for one tile's expansion at some frequencies.
 #[derive(Debug, Default)]
-struct Room {
+struct ExpansionBuffers {
     product: Vec<f32>,
     /// `[frequency][2 × microphones]`: all real parts, then all imaginary ones.
     totals: Vec<f32>,
     phasors: Vec<Complex32>,
 }
 
-impl Room {
+impl ExpansionBuffers {
     /// `totals[n] = Σ_groups e^{i2πf_n·middle/c − α(f_n)·middle} Σ_q W[n, q] sums[q]` for [`ROWS`] frequencies from `first`.
     fn expand(
         &mut self,
@@ -88,7 +93,7 @@ impl Room {
         tile: &Tile,
         groups: &[GroupSums],
         instrument: &Instrument,
-        plan: &Plan,
+        plan: &SimulationPlan,
     ) {
         let sweep = &instrument.sweep;
         let frequencies = &sweep.frequencies()[first..(first + ROWS).min(sweep.len())];

@@ -1,22 +1,24 @@
 //! Virtual tones against Eq. 5 in f64, over random scenes, arrays, sweeps, tiles and durations.
 
 use super::columns::Columns;
-use super::cost::choices;
+use super::cost::candidates;
 use super::expand::fast;
-use super::virtual_tones::{RUNGS, Rung};
+use super::loss_tests::greatest_error;
+use super::tests::assert_threads_do_not_matter;
+use super::virtual_tones::{TONE_DESIGNS, ToneDesign};
 use super::*;
 use crate::acquisition::{MicArray, Sweep};
 use crate::progress::Silent;
 use crate::wave::phasor;
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
-use std::f64::consts::TAU;
 
-/// What f32 adds to the tolerance, relative to `Σ|A|`: rounding of phases and sums, times the size of the weights. A turn
-/// that errs by 7·10⁻⁷ is repeated 23 times for 47 tones: a single echo comes to 1.7·10⁻⁵ at worst, many to a fraction of it.
+/// The error that f32 adds to the tolerance, relative to `Σ|A|`: rounding of phases and sums, times the size of the
+/// weights. A phase step with an error of 7·10⁻⁷ is repeated 23 times for 47 tones: up to 1.7·10⁻⁵ for a single echo, and
+/// a fraction of it for many.
 pub(super) const ROUNDING: f64 = 2e-5;
 
-/// A number in ±½ that looks random.
+/// A quasi-random number in ±½.
 fn fraction(i: usize, k: f64) -> f64 {
     (i as f64 * k).fract() - 0.5
 }
@@ -34,48 +36,19 @@ pub(super) fn scattered(count: usize, size: DVec3) -> MicArray {
     MicArray::from_positions((0..count).map(place).collect()).expect("ok")
 }
 
-/// The greatest error of `samples` against Eq. 5 in f64, relative to `Σ|A|`, over some frequencies and all microphones.
-fn greatest_error(
-    samples: &[Complex32],
-    reflectors: &Reflectors,
-    instrument: &Instrument,
-    options: &SimulateOptions,
-) -> f64 {
-    let Instrument { sweep, array, geometry, detection, sound_speed } = instrument;
-    let scale: f64 = reflectors.amplitudes().iter().map(|a| f64::from(a.norm())).sum();
-    let mut worst = 0.0f64;
-    for (mic, &r) in array.positions().iter().enumerate() {
-        let delay = |&p: &DVec3| options.model.path_length(geometry, p, r) / sound_speed;
-        let delays: Vec<f64> = reflectors.positions().iter().map(delay).collect();
-        let last = sweep.len() - 1;
-        for f in (0..sweep.len()).step_by(sweep.len().div_ceil(9)).chain([last]) {
-            let (mut re, mut im) = (0.0, 0.0);
-            for (delay, a) in delays.iter().zip(reflectors.amplitudes()) {
-                let (sin, cos) = (TAU * (sweep.frequencies()[f] * delay).fract()).sin_cos();
-                re += f64::from(a.re) * cos - f64::from(a.im) * sin;
-                im += f64::from(a.re) * sin + f64::from(a.im) * cos;
-            }
-            let m = samples[f * array.len() + mic];
-            let im = if *detection == Detection::InPhase { 0.0 } else { im };
-            worst = worst.max((f64::from(m.re) - re).hypot(f64::from(m.im) - im));
-        }
-    }
-    worst / scale.max(1e-30)
-}
-
-/// The fast way with tiles and tones of our own choice.
+/// The simulation by virtual tones with the given tiles and tones.
 pub(super) fn forced(
     reflectors: &Reflectors,
     instrument: &Instrument,
     options: &SimulateOptions,
-    rung: Rung,
+    design: ToneDesign,
     count: usize,
 ) -> Vec<Complex32> {
-    let radius = cost::widest_tile(rung, instrument);
-    let choice = cost::Choice { microphones: count, radius, rung, held: 50 };
-    let plan = Plan::of(&choice, reflectors, instrument, options).expect("a standard duration");
+    let radius = cost::widest_tile(design, instrument);
+    let candidate = cost::CandidatePlan { microphones: count, radius, design, held: 50 };
+    let plan = SimulationPlan::of(&candidate, reflectors, instrument, options).expect("a standard duration");
     let mut samples = vec![Complex32::ZERO; instrument.sweep.len() * instrument.array.len()];
-    let job = Job { reflectors, instrument, options, responses: &[] };
+    let job = SimulationJob { reflectors, instrument, options, responses: &[] };
     let mut store = NoStore;
     let mut columns = Columns::new(&mut samples, instrument.array.len(), &mut store);
     fast(&job, &plan, &mut columns, &Silent).expect("not interrupted");
@@ -94,18 +67,25 @@ pub(super) fn sweep_of(kind: u8) -> Sweep {
     }
 }
 
+/// A monostatic scan without a source.
+pub(super) fn instrument(sweep: Sweep, array: MicArray, source: Option<DVec3>, in_phase: bool) -> Instrument {
+    let geometry = source.map_or(Geometry::Monostatic, |source| Geometry::FixedSource { source });
+    let detection = if in_phase { Detection::InPhase } else { Detection::Quadrature };
+    Instrument::new(sweep, array).with_geometry(geometry).with_detection(detection)
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { cases: 160, failure_persistence: None, rng_seed: RngSeed::Fixed(1), ..ProptestConfig::default() })]
 
     #[test]
-    fn virtual_tones_keep_their_tolerance(
+    fn virtual_tones_meet_their_tolerance(
         count in 0usize..300,
         // Scenes from among the microphones to far away, from a point to deep ones.
         size in prop::array::uniform3(0.0f64..3.0),
         distance in prop_oneof![Just(0.0), 0.0f64..4.0, Just(300.0)],
         array_size in prop::array::uniform3(0.0f64..1.0),
         microphones in 1usize..40,
-        rung in prop::sample::select(RUNGS.to_vec()),
+        design in prop::sample::select(TONE_DESIGNS.to_vec()),
         tile in prop::sample::select(vec![1usize, 4, 16, 64]),
         sweep in 0u8..4,
         tolerance in prop::sample::select(vec![1e-3, 1e-5, 1e-6]),
@@ -116,36 +96,31 @@ proptest! {
     ) {
         let reflectors = reflectors(count, DVec3::from_array(size), DVec3::new(0.1, 0.0, distance));
         let array = scattered(microphones, DVec3::from_array(array_size));
-        let mut instrument = Instrument::new(sweep_of(sweep), array);
-        instrument.geometry = if monostatic {
-            Geometry::Monostatic
-        } else {
-            Geometry::FixedSource { source: DVec3::from_array(source) }
-        };
-        instrument.detection = if in_phase { Detection::InPhase } else { Detection::Quadrature };
+        let source = (!monostatic).then_some(DVec3::from_array(source));
+        let instrument = instrument(sweep_of(sweep), array, source, in_phase);
         let options = SimulateOptions {
             model: if linear { PropagationModel::Linear } else { PropagationModel::Exact },
             tolerance,
             ..SimulateOptions::default()
         };
-        let samples = forced(&reflectors, &instrument, &options, rung, tile);
+        let samples = forced(&reflectors, &instrument, &options, design, tile);
         let error = greatest_error(&samples, &reflectors, &instrument, &options);
-        prop_assert!(error <= tolerance + ROUNDING, "{error:e} where {tolerance:e} was asked");
+        prop_assert!(error <= tolerance + ROUNDING, "{error:e}, but the tolerance is {tolerance:e}");
     }
 }
 
 #[test]
 fn a_single_echo_is_exact_to_f32() {
-    // One reflector has nobody to average its error with.
+    // The error of one reflector does not average out.
     let reflectors =
         Reflectors::new(vec![DVec3::new(0.2, -0.3, 1.7)], vec![Complex32::new(0.6, -0.8)]).expect("finite");
     let array = MicArray::rectangular([12, 9], [0.008; 2], DVec3::ZERO).expect("ok");
     let instrument = Instrument::new(sweep_of(0), array);
     let options = SimulateOptions::default();
-    for rung in RUNGS {
-        let samples = forced(&reflectors, &instrument, &options, rung, 64);
+    for design in TONE_DESIGNS {
+        let samples = forced(&reflectors, &instrument, &options, design, 64);
         let error = greatest_error(&samples, &reflectors, &instrument, &options);
-        assert!(error <= options.tolerance + ROUNDING, "{rung:?}: {error:e}");
+        assert!(error <= options.tolerance + ROUNDING, "{design:?}: {error:e}");
     }
 }
 
@@ -171,7 +146,7 @@ fn jobs(sweep: &Sweep) -> Vec<(Reflectors, Instrument, SimulateOptions)> {
 }
 
 #[test]
-fn chosen_ways_keep_their_tolerance_against_the_literal_one() {
+fn chosen_plans_meet_their_tolerance_against_the_literal_sum() {
     let sweep = Sweep::stepped(10_000.0, 20_000.0, 20.0).expect("ok");
     for (i, (reflectors, instrument, options)) in jobs(&sweep).into_iter().enumerate() {
         let scale: f64 = reflectors.amplitudes().iter().map(|a| f64::from(a.norm())).sum();
@@ -192,15 +167,11 @@ fn chosen_ways_keep_their_tolerance_against_the_literal_one() {
 }
 
 #[test]
-fn threads_do_not_change_the_bytes_of_the_fast_way() {
+fn the_number_of_threads_does_not_change_virtual_tones() {
     let sweep = Sweep::stepped(10_000.0, 20_000.0, 50.0).expect("ok");
     let (reflectors, instrument, options) = jobs(&sweep).swap_remove(3);
     assert!(plan(&reflectors, &instrument, &options).is_some());
-    let run = |threads| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
-        pool.install(|| simulate(&reflectors, &instrument, &options).expect("ok").samples)
-    };
-    assert_eq!(run(1), run(5));
+    assert_threads_do_not_matter(&reflectors, &instrument, &options);
 }
 
 #[test]
@@ -210,7 +181,7 @@ fn small_jobs_and_absurd_ones_are_summed_literally() {
     let instrument = Instrument::new(sweep_of(0), array);
     let few = reflectors(10, DVec3::ONE, DVec3::Z);
     let many = reflectors(20_000, DVec3::ONE, DVec3::Z);
-    assert!(!choices(&many, &instrument, &options).is_empty());
+    assert!(!candidates(&many, &instrument, &options).is_empty());
     let single = instrument.clone().with_sweep(Sweep::from_frequencies(vec![1000.0]).expect("one"));
     let strict = options.clone().with_tolerance(1e-9);
     let slow = instrument.clone().with_sound_speed(1e-9);

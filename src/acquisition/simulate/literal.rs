@@ -1,8 +1,8 @@
-//! Eq. 5 summed term by term: the oracle, and the way where virtual tones do not pay.
+//! Eq. 5 summed term by term: the reference, and the method where virtual tones are not cheaper.
 
 use super::columns::Columns;
 use super::losses::{Legs, wave_number};
-use super::{Job, SimulateOptions, no_room, record};
+use super::{SimulateOptions, SimulationJob, no_room, record};
 use crate::acquisition::{Instrument, Sweep};
 use crate::alloc::{try_filled, try_with_capacity};
 use crate::error::Result;
@@ -13,12 +13,12 @@ use glam::DVec3;
 use num_complex::Complex32;
 use rayon::prelude::*;
 
-/// Microphones whose columns are held between the sum and the cube's own order.
+/// Microphones whose sums are in memory before they are copied into the cube.
 pub(super) const COLUMNS: usize = 64;
 
 /// Fills the samples, `[n_f, n_mic]`, with the literal sum.
-pub(super) fn literal(job: &Job<'_>, columns: &mut Columns, observer: &dyn Observer) -> Result<()> {
-    let Job { reflectors, instrument, options, responses } = *job;
+pub(super) fn literal(job: &SimulationJob<'_>, columns: &mut Columns, observer: &dyn Observer) -> Result<()> {
+    let SimulationJob { reflectors, instrument, options, responses } = *job;
     let Instrument { sweep, array, geometry, detection, sound_speed } = instrument;
     let n_mic = array.len();
     let plain = Amplitudes::new(reflectors.amplitudes().iter().copied());
@@ -64,7 +64,7 @@ pub(super) fn literal(job: &Job<'_>, columns: &mut Columns, observer: &dyn Obser
     Ok(())
 }
 
-/// One microphone's sums over all frequencies, from zeros: by recurrence where the steps are even, else one by one.
+/// One microphone's sums at all frequencies, starting from zeros: by recurrence for even steps, otherwise one by one.
 fn sweep_sums(
     amplitudes: &Amplitudes,
     lengths: &[f64],
@@ -98,9 +98,9 @@ fn lossy_sums(
         reflectors.positions().iter().map(|&p| Legs::new(p, r, geometry, options)).collect();
     for (&f, sum) in sweep.frequencies().iter().zip(&mut sums) {
         let (absorption, k) = (losses.absorption(f), wave_number(f, *c));
-        let heard = reflectors.amplitudes().iter().zip(&legs);
-        let heard = heard.map(|(a, legs)| a * legs.factor(losses, absorption, k) as f32);
-        sum_at(f, &Amplitudes::new(heard), lengths, *c, sum);
+        let weighted = reflectors.amplitudes().iter().zip(&legs);
+        let weighted = weighted.map(|(a, legs)| a * legs.factor(losses, absorption, k) as f32);
+        sum_at(f, &Amplitudes::new(weighted), lengths, *c, sum);
     }
     sums
 }

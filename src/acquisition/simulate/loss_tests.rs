@@ -1,17 +1,20 @@
-//! Losses against their formulas, fast against literal, and imperfect microphones against their statistics.
+//! Losses against their formulas, virtual tones against the literal sum, and imperfect microphones against their
+//! statistics.
 
-use super::fast_tests::{ROUNDING, forced, reflectors, scattered, sweep_of};
-use super::virtual_tones::RUNGS;
+use super::fast_tests::{self, ROUNDING, forced, reflectors, scattered, sweep_of};
+use super::tests::assert_threads_do_not_matter;
+use super::virtual_tones::TONE_DESIGNS;
 use super::*;
 use crate::acquisition::{MicArray, Sweep};
 use crate::wave::air::{Air, DB_PER_NEPER, REFERENCE_PRESSURE};
+use crate::wave::piston::piston;
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 use std::f64::consts::{PI, TAU};
 
 const AIR: Air = Air { temperature: 20.0, humidity: 50.0, pressure: REFERENCE_PRESSURE };
 
-/// `2J₁(x)/x` by its integral, as it is nowhere else computed.
+/// `2J₁(x)/x` by its integral, independently of the library.
 fn piston_by_integral(x: f64) -> f64 {
     let n = 4000;
     let step = PI / f64::from(n);
@@ -22,14 +25,13 @@ fn piston_by_integral(x: f64) -> f64 {
     2.0 / PI * step * sum.sum::<f64>()
 }
 
-/// What `samples` should hold, and what of `Σ|A|` reaches a microphone, in f64 from the formulas alone.
+/// A sample, and the part of `Σ|A|` that reaches the microphone, in f64 from the formulas alone.
 fn expected(
     reflectors: &Reflectors,
     f: f64,
     r: DVec3,
     instrument: &Instrument,
     options: &SimulateOptions,
-    directivity: &dyn Fn(f64) -> f64,
 ) -> ([f64; 2], f64) {
     let (mut sum, mut arriving) = ([0.0; 2], 0.0);
     let losses = options.losses;
@@ -47,9 +49,8 @@ fn expected(
         }
         for (radius, leg) in [(losses.speaker_radius, p - s), (losses.microphone_radius, p - r)] {
             if radius > 0.0 && leg.length() > 0.0 {
-                factor *= directivity(
-                    TAU * f / instrument.sound_speed * radius * leg.truncate().length() / leg.length(),
-                );
+                let sine = leg.truncate().length() / leg.length();
+                factor *= piston(TAU * f / instrument.sound_speed * radius * sine);
             }
         }
         let (sin, cos) = (TAU * (f * path / instrument.sound_speed).fract()).sin_cos();
@@ -61,8 +62,8 @@ fn expected(
     (sum, arriving)
 }
 
-/// The greatest error of samples relative to what reaches their microphone.
-fn greatest_error(
+/// The maximum error of samples relative to what reaches their microphone, over some frequencies and all microphones.
+pub(super) fn greatest_error(
     samples: &[Complex32],
     reflectors: &Reflectors,
     instrument: &Instrument,
@@ -71,10 +72,8 @@ fn greatest_error(
     let Instrument { sweep, array, .. } = instrument;
     let mut worst = 0.0f64;
     for (mic, &r) in array.positions().iter().enumerate() {
-        for f in (0..sweep.len()).step_by(sweep.len().div_ceil(7)).chain([sweep.len() - 1]) {
-            let piston = &crate::wave::piston::piston;
-            let ([re, im], arriving) =
-                expected(reflectors, sweep.frequencies()[f], r, instrument, options, piston);
+        for f in (0..sweep.len()).step_by(sweep.len().div_ceil(9)).chain([sweep.len() - 1]) {
+            let ([re, im], arriving) = expected(reflectors, sweep.frequencies()[f], r, instrument, options);
             let im = if instrument.detection == Detection::InPhase { 0.0 } else { im };
             let m = samples[f * array.len() + mic];
             worst = worst.max((f64::from(m.re) - re).hypot(f64::from(m.im) - im) / arriving.max(1e-30));
@@ -84,8 +83,8 @@ fn greatest_error(
 }
 
 #[test]
-fn one_echo_is_what_the_formulas_say() {
-    // Either leg is 2 m long and 30 degrees off the axis.
+fn one_echo_follows_the_formulas() {
+    // Both legs are 2 m long and 30 degrees off the axis.
     let p = DVec3::new(1.0, 0.0, 3.0f64.sqrt());
     let one = Reflectors::new(vec![p], vec![Complex32::new(0.0, 2.0)]).expect("finite");
     let array = MicArray::from_positions(vec![DVec3::ZERO]).expect("one");
@@ -127,21 +126,21 @@ fn all_losses() -> impl Strategy<Value = Losses> {
     )
 }
 
-/// What f32 comes to term by term, relative to `Σ|A|`: a phasor that is turned 64 times errs by 4·10⁻⁶, and its start by 10⁻⁶.
+/// The f32 error of the literal sum, relative to `Σ|A|`: 4·10⁻⁶ for a phasor after 64 steps, and 10⁻⁶ for its start.
 const LITERAL_ROUNDING: f64 = 6e-6;
 
 proptest! {
     #![proptest_config(ProptestConfig { cases: 96, failure_persistence: None, rng_seed: RngSeed::Fixed(1), ..ProptestConfig::default() })]
 
     #[test]
-    fn losses_by_virtual_tones_keep_the_tolerance_and_so_does_the_literal_way(
+    fn losses_by_virtual_tones_and_in_the_literal_sum_meet_the_tolerance(
         losses in all_losses(),
         count in 1usize..120,
         size in prop::array::uniform3(0.0f64..3.0),
         distance in prop_oneof![Just(0.3), 0.5f64..4.0, Just(60.0)],
         array_size in prop::array::uniform3(0.0f64..1.0),
         microphones in 1usize..20,
-        rung in prop::sample::select(RUNGS.to_vec()),
+        design in prop::sample::select(TONE_DESIGNS.to_vec()),
         tile in prop::sample::select(vec![1usize, 4, 16]),
         sweep in 0u8..4,
         tolerance in prop::sample::select(vec![1e-3, 1e-5, 1e-6]),
@@ -151,22 +150,17 @@ proptest! {
     ) {
         let reflectors = reflectors(count, DVec3::from_array(size), DVec3::new(0.1, 0.0, distance));
         let array = scattered(microphones, DVec3::from_array(array_size));
-        let mut instrument = Instrument::new(sweep_of(sweep), array);
-        instrument.geometry = if monostatic {
-            Geometry::Monostatic
-        } else {
-            Geometry::FixedSource { source: DVec3::new(0.1, -0.1, 0.02) }
-        };
-        instrument.detection = if in_phase { Detection::InPhase } else { Detection::Quadrature };
+        let source = (!monostatic).then_some(DVec3::new(0.1, -0.1, 0.02));
+        let instrument = fast_tests::instrument(sweep_of(sweep), array, source, in_phase);
         let options = SimulateOptions {
             model: if linear { PropagationModel::Linear } else { PropagationModel::Exact },
             losses,
             tolerance,
             ..SimulateOptions::default()
         };
-        let samples = forced(&reflectors, &instrument, &options, rung, tile);
+        let samples = forced(&reflectors, &instrument, &options, design, tile);
         let error = greatest_error(&samples, &reflectors, &instrument, &options);
-        prop_assert!(error <= tolerance + ROUNDING, "{error:e} where {tolerance:e} was asked");
+        prop_assert!(error <= tolerance + ROUNDING, "{error:e}, but the tolerance is {tolerance:e}");
         let exact = SimulateOptions { tolerance: 0.0, ..options };
         let samples = simulate(&reflectors, &instrument, &exact).expect("small").samples;
         let error = greatest_error(&samples, &reflectors, &instrument, &exact);
@@ -175,7 +169,7 @@ proptest! {
 }
 
 #[test]
-fn the_chosen_way_is_fast_and_its_bytes_follow_from_the_input() {
+fn losses_are_simulated_by_few_terms_with_any_number_of_threads() {
     let reflectors = reflectors(3000, DVec3::new(1.0, 1.0, 0.5), DVec3::new(0.0, 0.0, 1.5));
     let array = MicArray::rectangular([16, 16], [0.02; 2], DVec3::ZERO).expect("ok");
     let instrument = Instrument::new(Sweep::stepped(10_000.0, 20_000.0, 20.0).expect("ok"), array);
@@ -188,15 +182,11 @@ fn the_chosen_way_is_fast_and_its_bytes_follow_from_the_input() {
     let found = plan(&reflectors, &instrument, &options).expect("far cheaper than term by term");
     let terms = found.terms.as_ref().expect("losses").count();
     assert!((3..=9).contains(&terms), "{terms} terms");
-    let run = |threads| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
-        pool.install(|| simulate(&reflectors, &instrument, &options).expect("ok").samples)
-    };
-    assert_eq!(run(1), run(4));
+    assert_threads_do_not_matter(&reflectors, &instrument, &options);
 }
 
 #[test]
-fn the_cube_says_where_microphones_should_be_and_holds_what_they_hear_where_they_are() {
+fn the_cube_has_nominal_positions_and_samples_at_the_actual_ones() {
     let reflectors = reflectors(40, DVec3::ONE, DVec3::new(0.0, 0.0, 1.5));
     let array = MicArray::rectangular([20, 15], [0.02; 2], DVec3::ZERO).expect("ok");
     let instrument = Instrument::new(Sweep::stepped(10_000.0, 10_500.0, 100.0).expect("ok"), array.clone());
@@ -216,7 +206,7 @@ fn the_cube_says_where_microphones_should_be_and_holds_what_they_hear_where_they
 }
 
 #[test]
-fn gains_and_phases_have_the_asked_spread_and_streams_of_their_own() {
+fn gains_and_phases_have_the_requested_rms_and_separate_streams() {
     let reflectors = reflectors(20, DVec3::ONE, DVec3::new(0.0, 0.0, 1.5));
     let array = MicArray::rectangular([40, 40], [0.02; 2], DVec3::ZERO).expect("ok");
     let instrument = Instrument::new(Sweep::stepped(10_000.0, 10_100.0, 100.0).expect("ok"), array);
@@ -234,17 +224,17 @@ fn gains_and_phases_have_the_asked_spread_and_streams_of_their_own() {
     };
     let (gain, phase) = (rms(&|q| 20.0 * q.norm().log10()), rms(&|q| q.arg().to_degrees()));
     assert!((gain / 0.8 - 1.0).abs() < 0.06 && (phase / 6.0 - 1.0).abs() < 0.06, "{gain} {phase}");
-    // A microphone errs alike at every frequency.
+    // A microphone's error is the same at every frequency.
     for (a, b) in both[..1600].iter().zip(&clean).zip(both[1600..].iter().zip(&clean[1600..])) {
         assert!((a.0 / a.1 - b.0 / b.1).norm() < 1e-4);
     }
-    // The errors turn the signal before one phase of it is recorded.
+    // The errors apply before in-phase detection.
     for (i, q) in run(Some(errors), Detection::InPhase).iter().zip(&both) {
         assert_eq!((i.re, i.im), (q.re, 0.0));
     }
     assert_eq!(both, run(Some(errors), Detection::Quadrature));
     assert_ne!(both, run(Some(ArrayErrors { seed: 4, ..errors }), Detection::Quadrature));
-    // Another kind of error leaves the gains as they were.
+    // Another kind of error does not change the gains.
     let alone = run(Some(ArrayErrors { phase: 0.0, ..errors }), Detection::Quadrature);
     for (a, b) in alone.iter().zip(&both) {
         assert!((a.norm() / b.norm() - 1.0).abs() < 1e-5);

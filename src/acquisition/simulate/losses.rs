@@ -1,4 +1,4 @@
-//! What a sound loses on its way beyond Eq. 5: spreading, absorption, directivity. None of it unless asked for.
+//! Optional losses beyond Eq. 5: spreading, absorption, directivity.
 //!
 //! Each is a real factor on a reflector's echo at a microphone:
 //!
@@ -17,26 +17,26 @@ use std::f64::consts::TAU;
 /// Losses of a simulation; [`Losses::NONE`] is Eq. 5 as printed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Losses {
-    /// Spherical spreading of both legs, `(1 m)²/(d₁ d₂)`: amplitudes are those of 1 m. Nearer than 1 cm counts as 1 cm.
+    /// Spherical spreading of both legs, `(1 m)²/(d₁ d₂)`: amplitudes are referred to 1 m; distances are at least 1 cm.
     pub spreading: bool,
-    /// The air that absorbs, `e^{−α(f)·path}` ([`Air::absorption`]).
+    /// Absorption by air, `e^{−α(f)·path}` ([`Air::absorption`]).
     pub air: Option<Air>,
-    /// Radius of the speaker, a piston facing +z, m; 0 radiates alike in all directions.
+    /// Radius of the speaker, a piston facing +z, m; 0 is omnidirectional.
     pub speaker_radius: f64,
     /// Radius of the microphones, m; likewise.
     pub microphone_radius: f64,
 }
 
 impl Losses {
-    /// None at all.
+    /// No losses.
     pub const NONE: Self = Self { spreading: false, air: None, speaker_radius: 0.0, microphone_radius: 0.0 };
 
-    /// Whether there is any.
+    /// Whether there are losses.
     pub(crate) fn any(&self) -> bool {
         *self != Self::NONE
     }
 
-    /// Whether any depends on the frequency.
+    /// Whether any loss depends on the frequency.
     pub(super) fn vary(&self) -> bool {
         Self { spreading: false, ..*self } != Self::NONE
     }
@@ -55,7 +55,7 @@ impl Losses {
 }
 
 impl SimulateOptions {
-    /// What is simulated beyond Eq. 5, in words, one line each; nothing for Eq. 5 as printed.
+    /// What is simulated beyond Eq. 5, in words, one line each; empty for Eq. 5 as printed.
     pub(crate) fn physics(&self, instrument: &Instrument) -> Vec<String> {
         let sweep = &instrument.sweep;
         let mut lines = Vec::new();
@@ -97,7 +97,7 @@ impl SimulateOptions {
     }
 }
 
-/// What the losses of one reflector at one microphone depend on, the frequency aside.
+/// The parameters, except the frequency, of the losses of one reflector at one microphone.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Legs {
     /// `(1 m)²/(d₁ d₂)`, or 1.

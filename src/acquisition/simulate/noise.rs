@@ -17,7 +17,7 @@ pub struct Noise {
     pub seed: u64,
 }
 
-/// Adds white Gaussian noise; every frequency has its own stream, so threads cannot change the bytes.
+/// Adds white Gaussian noise; every frequency has its own stream, so the number of threads does not matter.
 pub(super) fn add_noise(
     samples: &mut [Complex32],
     n_mic: usize,

@@ -1,13 +1,13 @@
 //! Losses by virtual tones: factors that depend on the frequency as a few separable terms.
 //!
-//! In a group of reflectors the absorption of the middle path is taken out exactly, together with the middle's phase.
-//! What remains, `R(f; p, r) = e^{−α(f)(path − middle)} D D`, is smooth in f. It is interpolated between the K Chebyshev
+//! In a group of reflectors the absorption of the middle path is factored out exactly, together with the middle's phase.
+//! The remainder, `R(f; p, r) = e^{−α(f)(path − middle)} D D`, is smooth in f. It is interpolated between the K Chebyshev
 //! frequencies of the band,
 //!
 //! `R(f; p, r) = Σ_k L_k(f) R(f_k; p, r) + O(ε)`,
 //!
-//! so each term is a simulation of its own whose weights are the factor itself at f_k, and L_k joins the weights of the
-//! expansion. The error is measured on a grid of path differences, angles and frequencies.
+//! so each term is a simulation whose weights are the factor at f_k, and L_k multiplies the weights of the expansion.
+//! The error is measured on a grid of path differences, angles and frequencies.
 
 use super::losses::{sine, wave_number};
 use super::{Losses, SimulateOptions};
@@ -19,7 +19,7 @@ use crate::wave::{Geometry, NEAREST_LEG};
 use glam::DVec3;
 use rayon::prelude::*;
 
-/// More terms than this are no faster than the literal sum.
+/// Maximum number of terms; more are no faster than the literal sum.
 pub(super) const MOST_TERMS: usize = 24;
 
 /// Frequencies, sines and path differences at which the error is measured.
@@ -27,24 +27,24 @@ const FREQUENCIES: usize = 49;
 const SINES: usize = 17;
 const DIFFERENCES: usize = 5;
 
-/// The terms of a simulation.
+/// The loss terms of a simulation.
 #[derive(Debug, Clone)]
-pub(super) struct Terms {
+pub(super) struct LossTerms {
     /// `L_k(f_n)`, `[n_f][K]`.
     shares: Vec<f32>,
-    /// What a factor is of the squared sine at the microphone, term by term; empty without directivity there.
+    /// Each term's factor as a function of the squared sine at the microphone; empty without directivity there.
     pub(super) angles: Vec<Series>,
-    /// What it is of the path from the group's middle; empty without absorption.
+    /// Each term's factor as a function of the path relative to the group's middle; empty without absorption.
     pub(super) differences: Vec<Series>,
-    /// The speaker's directivity, `[K][n_p]`; empty where it has none of its own.
+    /// The speaker's directivity, `[K][n_p]`; empty for an omnidirectional speaker or a monostatic scan.
     pub(super) speaker: Vec<Vec<f32>>,
     /// α(f_n), Np/m; empty without absorption.
     pub(super) absorption: Vec<f64>,
     count: usize,
 }
 
-/// The greatest sines that a scene and an array come to, at speaker and microphones: bounds.
-fn greatest_sines(reflectors: &Reflectors, array: &MicArray, geometry: &Geometry) -> [f64; 2] {
+/// Upper bounds of the sines of the angles at the speaker and at the microphones.
+fn maximum_sines(reflectors: &Reflectors, array: &MicArray, geometry: &Geometry) -> [f64; 2] {
     let (low, high) = array.bounds();
     let back = reflectors.positions().iter().map(|&p| {
         let far = (p - low).abs().max((p - high).abs());
@@ -61,9 +61,9 @@ fn greatest_sines(reflectors: &Reflectors, array: &MicArray, geometry: &Geometry
     }
 }
 
-/// How many terms a simulation needs, and what to make them of.
+/// The losses of a simulation within its band, from which the terms are determined.
 #[derive(Debug, Clone)]
-pub(super) struct Spread {
+pub(super) struct LossModel {
     losses: Losses,
     sines: [f64; 2],
     band: [f64; 2],
@@ -71,23 +71,23 @@ pub(super) struct Spread {
     monostatic: bool,
 }
 
-/// Terms with the error they leave.
+/// The frequencies between which the losses are interpolated.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Count {
+pub(super) struct ChebyshevNodes {
     /// f_k, Hz.
     pub(super) nodes: Vec<f64>,
-    /// The greatest `Σ_k |L_k|` in the band.
-    pub(super) amplification: f64,
+    /// The maximum of `Σ_k |L_k|` in the band.
+    pub(super) lebesgue_constant: f64,
 }
 
-impl Spread {
+impl LossModel {
     pub(super) fn new(reflectors: &Reflectors, instrument: &Instrument, options: &SimulateOptions) -> Self {
         let Instrument { sweep, array, geometry, sound_speed, .. } = instrument;
         let losses = options.losses;
         let directed = losses.speaker_radius > 0.0 || losses.microphone_radius > 0.0;
         Self {
             losses,
-            sines: if directed { greatest_sines(reflectors, array, geometry) } else { [0.0; 2] },
+            sines: if directed { maximum_sines(reflectors, array, geometry) } else { [0.0; 2] },
             band: [sweep.start(), sweep.stop()],
             sound_speed: *sound_speed,
             monostatic: *geometry == Geometry::Monostatic,
@@ -101,9 +101,9 @@ impl Spread {
     }
 
     /// The fewest terms whose error stays within `tolerance` for paths up to `half` m from the middle of their group.
-    pub(super) fn count(&self, half: f64, tolerance: f64) -> Option<Count> {
+    pub(super) fn chebyshev_nodes(&self, half: f64, tolerance: f64) -> Option<ChebyshevNodes> {
         if !self.losses.vary() {
-            return Some(Count { nodes: self.chebyshev(1), amplification: 1.0 });
+            return Some(ChebyshevNodes { nodes: self.chebyshev(1), lebesgue_constant: 1.0 });
         }
         let [start, stop] = self.band;
         let dense: Vec<f64> =
@@ -112,20 +112,20 @@ impl Spread {
         (1..=MOST_TERMS).find_map(|count| {
             let nodes = self.chebyshev(count);
             let known: Vec<Vec<f64>> = nodes.iter().map(|&f| self.samples(f, half)).collect();
-            let mut amplification = 0.0f64;
+            let mut lebesgue_constant = 0.0f64;
             for (f, wanted) in dense.iter().zip(&wanted) {
                 let shares = lagrange(&nodes, *f);
-                amplification = amplification.max(shares.iter().map(|s| s.abs()).sum());
+                lebesgue_constant = lebesgue_constant.max(shares.iter().map(|s| s.abs()).sum());
                 for (i, wanted) in wanted.iter().enumerate() {
                     let got: f64 = shares.iter().zip(&known).map(|(share, known)| share * known[i]).sum();
                     let fine = (got - wanted).abs() <= tolerance;
-                    // NaN is no success.
+                    // NaN fails, too.
                     if !fine {
                         return None;
                     }
                 }
             }
-            Some(Count { nodes, amplification })
+            Some(ChebyshevNodes { nodes, lebesgue_constant })
         })
     }
 
@@ -164,11 +164,11 @@ fn lagrange(nodes: &[f64], f: f64) -> Vec<f64> {
     (0..nodes.len()).map(share).collect()
 }
 
-impl Terms {
-    /// The terms at the counted frequencies; `None` where a factor is no smooth function of its variable.
+impl LossTerms {
+    /// The terms at the nodes; `None` if a factor is not a smooth function of its variable.
     pub(super) fn new(
-        count: &Count,
-        spread: &Spread,
+        chebyshev: &ChebyshevNodes,
+        model: &LossModel,
         half: f64,
         reflectors: &Reflectors,
         instrument: &Instrument,
@@ -176,26 +176,26 @@ impl Terms {
     ) -> Option<Self> {
         let sweep = &instrument.sweep;
         let losses = options.losses;
-        let shares = sweep.frequencies().iter().flat_map(|&f| lagrange(&count.nodes, f));
+        let shares = sweep.frequencies().iter().flat_map(|&f| lagrange(&chebyshev.nodes, f));
         let k = |f: f64| wave_number(f, instrument.sound_speed);
         let own = match instrument.geometry {
             Geometry::FixedSource { source } if losses.speaker_radius > 0.0 => Some(source),
             _ => None,
         };
         let at_microphone =
-            Losses { speaker_radius: if spread.monostatic { losses.speaker_radius } else { 0.0 }, ..losses };
+            Losses { speaker_radius: if model.monostatic { losses.speaker_radius } else { 0.0 }, ..losses };
         let directed = at_microphone.speaker_radius > 0.0 || at_microphone.microphone_radius > 0.0;
-        // A little beyond, because f32 rounds.
-        let greatest = (spread.sines[1] * spread.sines[1] * 1.0001).max(1e-6);
+        // Slightly larger, because f32 rounds.
+        let greatest = (model.sines[1] * model.sines[1] * 1.0001).max(1e-6);
         let mut terms = Self {
             shares: shares.map(|s| s as f32).collect(),
             angles: Vec::new(),
             differences: Vec::new(),
             speaker: Vec::new(),
             absorption: Vec::new(),
-            count: count.nodes.len(),
+            count: chebyshev.nodes.len(),
         };
-        for &f in &count.nodes {
+        for &f in &chebyshev.nodes {
             if directed {
                 let factor = |square: f64| at_microphone.directivity(k(f), [square.max(0.0).sqrt(); 2]);
                 terms.angles.push(Series::fit(factor, 0.0, greatest)?);

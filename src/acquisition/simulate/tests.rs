@@ -1,4 +1,4 @@
-//! Fast against literal, and literal against Eq. 5 as it is printed.
+//! The literal sum against Eq. 5 as printed, noise, and what the tests of virtual tones share.
 
 use super::*;
 use crate::acquisition::{MicArray, Sweep};
@@ -18,7 +18,7 @@ fn scene(sweep: Sweep) -> (Reflectors, Instrument) {
     (reflectors, Instrument::new(sweep, array))
 }
 
-/// Eq. 5 as it is printed, in f64.
+/// Eq. 5 as printed.
 fn literal(reflectors: &Reflectors, r: DVec3, f: f64, instrument: &Instrument) -> Complex32 {
     reflectors
         .positions()
@@ -26,6 +26,19 @@ fn literal(reflectors: &Reflectors, r: DVec3, f: f64, instrument: &Instrument) -
         .zip(reflectors.amplitudes())
         .map(|(&p, a)| a * phasor(f * instrument.geometry.path_length(p, r) / instrument.sound_speed))
         .sum()
+}
+
+/// Simulates on one thread and on several, with bit-identical results.
+pub(super) fn assert_threads_do_not_matter(
+    reflectors: &Reflectors,
+    instrument: &Instrument,
+    options: &SimulateOptions,
+) {
+    let run = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+        pool.install(|| simulate(reflectors, instrument, options).expect("ok").samples)
+    };
+    assert_eq!(run(1), run(7));
 }
 
 #[test]
@@ -64,7 +77,7 @@ fn in_phase_is_the_real_part_of_quadrature() {
 }
 
 #[test]
-fn noise_has_the_asked_power_and_follows_its_seed() {
+fn noise_has_the_requested_power_and_depends_on_its_seed() {
     let (reflectors, instrument) = scene(Sweep::stepped(10_000.0, 20_000.0, 10.0).expect("ok"));
     for detection in [Detection::Quadrature, Detection::InPhase] {
         let instrument = instrument.clone().with_detection(detection);
@@ -83,12 +96,8 @@ fn noise_has_the_asked_power_and_follows_its_seed() {
 }
 
 #[test]
-fn threads_do_not_change_the_bytes() {
+fn the_number_of_threads_does_not_change_the_literal_sum() {
     let (reflectors, instrument) = scene(Sweep::stepped(10_000.0, 20_000.0, 50.0).expect("ok"));
     let options = SimulateOptions::default().with_noise(Noise { snr_db: 0.0, seed: 1 });
-    let run = |threads| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
-        pool.install(|| simulate(&reflectors, &instrument, &options).expect("ok").samples)
-    };
-    assert_eq!(run(1), run(7));
+    assert_threads_do_not_matter(&reflectors, &instrument, &options);
 }

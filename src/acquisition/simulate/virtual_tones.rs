@@ -1,23 +1,23 @@
-//! Virtual tones: a simulation made at few tones of our own choice, and expanded to all of a sweep.
+//! Virtual tones: a simulation at a few chosen frequencies, expanded to all frequencies of a sweep.
 //!
-//! Reflectors whose path lengths lie within T seconds of each other give a cube that, with the delay of the middle
-//! taken out, is smooth in f. Q tones about the middle of the band, evenly spaced and reaching a little beyond it, say
-//! everything about it: for every |δ| ≤ T/2,
+//! Reflectors whose path lengths lie within T seconds of each other give a cube that, after removal of the middle delay,
+//! is smooth in f. Q evenly spaced tones about the middle of the band, reaching a little beyond it, determine it
+//! completely: for every |δ| ≤ T/2,
 //!
 //! `e^{i2π(f_n − f_c)δ} = Σ_q W[n, q] e^{i2πqΔδ} + O(ε)`, q = −K … K.
 //!
-//! The tones need not be measured ones, so they are equispaced and a phasor recurrence serves. W follows by least
-//! squares; since interval and tones are symmetric it is real. It depends on T alone, not on where the interval lies.
-//! Its error and its size are measured: too few or too wide tones would make it huge.
+//! The tones need not be frequencies of the sweep, so they are equispaced and a phasor recurrence can be used. W is a
+//! least-squares solution; it is real because interval and tones are symmetric. It depends only on T, not on the position
+//! of the interval. Its error and its size are checked: too few or too widely spaced tones would make it huge.
 
 use crate::acquisition::Sweep;
 use crate::linalg::{LeastSquares, greatest, product, waves};
 use crate::wave::interval::{chebyshev_point, greater};
 use rayon::prelude::*;
 
-/// Tones and weights that serve every interval of one duration.
+/// Tones and weights for every interval of one duration.
 #[derive(Debug, Clone)]
-pub(super) struct VirtualTones {
+pub(super) struct EquispacedTones {
     /// f_c, Hz.
     pub(super) centre: f64,
     /// Δ, Hz.
@@ -30,47 +30,47 @@ pub(super) struct VirtualTones {
     pub(super) weights: Vec<f32>,
 }
 
-/// How tones are chosen for a `B·T`.
+/// The number and spacing of tones for one time-bandwidth product.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Rung {
-    /// `B·T`: bandwidth times duration.
-    pub(super) spread: f64,
+pub(super) struct ToneDesign {
+    /// `B·T`.
+    pub(super) time_bandwidth: f64,
     /// Tones per T⁻¹: the spacing is 1/(oversampling · T).
     pub(super) oversampling: f64,
-    /// K that keeps 10⁻⁶.
+    /// K for a tolerance of 10⁻⁶.
     pub(super) pairs: usize,
 }
 
-/// The standard durations. Short intervals want tones far closer than 1/T, long ones hardly closer: for each, the
-/// oversampling with which the fewest tones keep 10⁻⁶ and W stays small.
-pub(super) const RUNGS: [Rung; 9] = [
-    Rung { spread: 1.0, oversampling: 4.0, pairs: 4 },
-    Rung { spread: 2.0, oversampling: 3.0, pairs: 5 },
-    Rung { spread: 3.0, oversampling: 2.8, pairs: 6 },
-    Rung { spread: 4.0, oversampling: 2.5, pairs: 7 },
-    Rung { spread: 6.0, oversampling: 2.0, pairs: 9 },
-    Rung { spread: 8.0, oversampling: 1.8, pairs: 10 },
-    Rung { spread: 12.0, oversampling: 1.5, pairs: 14 },
-    Rung { spread: 16.0, oversampling: 1.4, pairs: 17 },
-    Rung { spread: 25.0, oversampling: 1.3, pairs: 23 },
+/// The designs that are available. Short intervals need tones much closer than 1/T, long ones only slightly closer: each
+/// has the oversampling with which the fewest tones meet 10⁻⁶ and W stays small.
+pub(super) const TONE_DESIGNS: [ToneDesign; 9] = [
+    ToneDesign { time_bandwidth: 1.0, oversampling: 4.0, pairs: 4 },
+    ToneDesign { time_bandwidth: 2.0, oversampling: 3.0, pairs: 5 },
+    ToneDesign { time_bandwidth: 3.0, oversampling: 2.8, pairs: 6 },
+    ToneDesign { time_bandwidth: 4.0, oversampling: 2.5, pairs: 7 },
+    ToneDesign { time_bandwidth: 6.0, oversampling: 2.0, pairs: 9 },
+    ToneDesign { time_bandwidth: 8.0, oversampling: 1.8, pairs: 10 },
+    ToneDesign { time_bandwidth: 12.0, oversampling: 1.5, pairs: 14 },
+    ToneDesign { time_bandwidth: 16.0, oversampling: 1.4, pairs: 17 },
+    ToneDesign { time_bandwidth: 25.0, oversampling: 1.3, pairs: 23 },
 ];
 
-/// A greater sum of |W| would let f32 rounding through.
+/// Maximum sum of |W|; larger sums would amplify f32 rounding too much.
 const LARGEST_WEIGHT_SUM: f64 = 30.0;
 
-/// How far from a rung's own K the search may go.
+/// How far below and above a design's own K the search may go.
 const FEWER: usize = 2;
 pub(super) const MORE: usize = 4;
 
-/// Frequencies that the search looks at, and frequencies solved for at a time.
+/// Number of frequencies that the search samples, and that are solved for at a time.
 const SAMPLED: usize = 96;
 const BLOCK: usize = 1024;
 
-impl VirtualTones {
-    /// Tones and weights of a rung that keep `tolerance`; `None` where none of the tried do, as for a single frequency.
-    pub(super) fn find(sweep: &Sweep, rung: Rung, tolerance: f64) -> Option<Self> {
+impl EquispacedTones {
+    /// Tones and weights of a design that meet `tolerance`; `None` if there are none, as for a single frequency.
+    pub(super) fn find(sweep: &Sweep, design: ToneDesign, tolerance: f64) -> Option<Self> {
         let frequencies = sweep.frequencies();
-        let duration = rung.spread / sweep.bandwidth();
+        let duration = design.time_bandwidth / sweep.bandwidth();
         if !(duration.is_finite() && duration > 0.0) {
             return None;
         }
@@ -78,26 +78,16 @@ impl VirtualTones {
         let count = SAMPLED.min(frequencies.len());
         let sampled: Vec<f64> =
             (0..count).map(|i| frequencies[i * last / (count - 1).max(1)] - sweep.centre()).collect();
-        let mut pairs = rung.pairs.saturating_sub(FEWER).max(1);
-        let most = rung.pairs + MORE;
-        while pairs <= most {
-            let fit = Fit::new(rung.oversampling, duration, pairs);
-            if fit.weights(&sampled).keeps(tolerance) {
-                let solved = fit.all(frequencies, sweep.centre());
-                // Between the sampled frequencies the error may be a little greater.
-                if solved.keeps(tolerance) {
-                    return Some(Self {
-                        centre: sweep.centre(),
-                        step: fit.step,
-                        pairs,
-                        duration,
-                        weights: solved.weights,
-                    });
-                }
+        let fewest = design.pairs.saturating_sub(FEWER).max(1);
+        (fewest..=design.pairs + MORE).find_map(|pairs| {
+            let fit = Fit::new(design.oversampling, duration, pairs);
+            if !fit.weights(&sampled).meets(tolerance) {
+                return None;
             }
-            pairs += 1;
-        }
-        None
+            // Between the sampled frequencies the error may be slightly larger.
+            let solved = Some(fit.all(frequencies, sweep.centre())).filter(|all| all.meets(tolerance))?;
+            Some(Self { centre: sweep.centre(), step: fit.step, pairs, duration, weights: solved.weights })
+        })
     }
 
     /// Q = 2K + 1.
@@ -110,15 +100,15 @@ impl VirtualTones {
 #[derive(Debug, Default)]
 struct Solved {
     weights: Vec<f32>,
-    /// The greatest error of the expansion on the dense grid, relative to one.
+    /// The maximum error of the expansion on the dense grid, relative to one.
     error: f64,
     /// `max_n Σ_q |W[n, q]|`.
     weight_sum: f64,
 }
 
 impl Solved {
-    /// Written so that NaN fails.
-    fn keeps(&self, tolerance: f64) -> bool {
+    /// False for NaN.
+    fn meets(&self, tolerance: f64) -> bool {
         self.error <= tolerance && self.weight_sum <= LARGEST_WEIGHT_SUM
     }
 }
@@ -129,7 +119,7 @@ struct Fit {
     /// Δ, Hz.
     step: f64,
     pairs: usize,
-    /// Delays to fit on and to check on, s; by symmetry the positive half serves.
+    /// Delays to fit on and to check on, s; by symmetry the positive half is enough.
     nodes: Vec<f64>,
     dense: Vec<f64>,
 }
@@ -148,7 +138,7 @@ impl Fit {
         }
     }
 
-    /// Weights for frequencies counted from the centre.
+    /// Weights for frequencies relative to the centre.
     fn weights(&self, frequencies: &[f64]) -> Solved {
         let pairs = self.pairs as i32;
         let tones: Vec<f64> = (-pairs..=pairs).map(|q| f64::from(q) * self.step).collect();
@@ -163,7 +153,7 @@ impl Fit {
         solved
     }
 
-    /// Weights for all frequencies of a sweep, some at a time.
+    /// Weights for all frequencies of a sweep, in blocks.
     fn all(&self, frequencies: &[f64], centre: f64) -> Solved {
         let parts: Vec<Solved> = frequencies
             .par_chunks(BLOCK)
@@ -198,9 +188,10 @@ mod tests {
     #[test]
     fn few_tones_expand_to_all_of_a_sweep() {
         for sweep in sweeps() {
-            for rung in RUNGS {
+            for design in TONE_DESIGNS {
                 for tolerance in [1e-3, 1e-5, 1e-6, 1e-7] {
-                    let tones = VirtualTones::find(&sweep, rung, tolerance).expect("a standard duration");
+                    let tones =
+                        EquispacedTones::find(&sweep, design, tolerance).expect("a standard duration");
                     let mut worst = 0.0f64;
                     for i in 0..=40 {
                         let delay = tones.duration * (f64::from(i) / 40.0 - 0.5);
@@ -217,9 +208,9 @@ mod tests {
                             worst = worst.max((re - cos).hypot(im - sin));
                         }
                     }
-                    // The weights are held in f32.
+                    // The weights are stored in f32.
                     let rounding = 6e-8 * LARGEST_WEIGHT_SUM;
-                    assert!(worst <= 1.05 * tolerance + rounding, "{rung:?} {tolerance:e}: {worst:e}");
+                    assert!(worst <= 1.05 * tolerance + rounding, "{design:?} {tolerance:e}: {worst:e}");
                 }
             }
         }
@@ -228,27 +219,27 @@ mod tests {
     #[test]
     fn weights_stay_small_and_tones_few() {
         for sweep in sweeps() {
-            for rung in RUNGS {
-                let tones = VirtualTones::find(&sweep, rung, 1e-6).expect("a standard duration");
-                assert!(tones.pairs <= rung.pairs + 2, "{} for {rung:?}", tones.pairs);
+            for design in TONE_DESIGNS {
+                let tones = EquispacedTones::find(&sweep, design, 1e-6).expect("a standard duration");
+                assert!(tones.pairs <= design.pairs + 2, "{} for {design:?}", tones.pairs);
                 let size = (0..sweep.len())
                     .map(|n| {
                         let weights = &tones.weights[n * tones.count()..][..tones.count()];
                         weights.iter().map(|w| f64::from(w.abs())).sum::<f64>()
                     })
                     .fold(0.0, f64::max);
-                assert!(size <= LARGEST_WEIGHT_SUM * 1.0001, "{rung:?} {size}");
-                let coarse = VirtualTones::find(&sweep, rung, 1e-3).expect("a standard duration");
-                // Over long intervals it is the size of W, not its error, that asks for so many.
-                let fewer = coarse.pairs < tones.pairs || rung.spread > 12.0;
-                assert!(fewer && coarse.pairs <= tones.pairs, "{rung:?}: {} {}", coarse.pairs, tones.pairs);
+                assert!(size <= LARGEST_WEIGHT_SUM * 1.0001, "{design:?} {size}");
+                let coarse = EquispacedTones::find(&sweep, design, 1e-3).expect("a standard duration");
+                // Over long intervals the number follows from the size of W, not from its error.
+                let fewer = coarse.pairs < tones.pairs || design.time_bandwidth > 12.0;
+                assert!(fewer && coarse.pairs <= tones.pairs, "{design:?}: {} {}", coarse.pairs, tones.pairs);
             }
         }
     }
 
     #[test]
-    fn a_single_frequency_has_none() {
+    fn a_single_frequency_has_no_tones() {
         let sweep = Sweep::from_frequencies(vec![1000.0]).expect("one");
-        assert!(VirtualTones::find(&sweep, RUNGS[0], 1e-3).is_none());
+        assert!(EquispacedTones::find(&sweep, TONE_DESIGNS[0], 1e-3).is_none());
     }
 }

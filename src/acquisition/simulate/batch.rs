@@ -1,17 +1,17 @@
-//! Reflectors in planes, as the kernels want them, and what losses make of their amplitudes.
+//! Batches of reflectors as structures of arrays for the kernels, and the losses on their amplitudes.
 
-use super::terms::Terms;
+use super::terms::LossTerms;
 use crate::wave::NEAREST_LEG;
 use crate::wave::legs::return_legs;
 use crate::wave::offsets::WIDE;
 use glam::DVec3;
 use num_complex::Complex32;
 
-/// A run of reflectors in planes, padded to whole blocks.
+/// A batch of reflectors, padded to whole blocks.
 #[derive(Debug, Default)]
-pub(super) struct Planes {
+pub(super) struct ReflectorBatch {
     pub(super) positions: Vec<DVec3>,
-    /// Path lengths to the centre, whole and from the group's middle, m.
+    /// Path lengths to the centre: absolute, and relative to the group's middle, m.
     pub(super) paths: Vec<f64>,
     pub(super) from_middle: Vec<f64>,
     pub(super) phasors: Vec<Complex32>,
@@ -22,12 +22,12 @@ pub(super) struct Planes {
     /// The amplitudes with the losses of one term at one microphone.
     pub(super) weighted: [Vec<f32>; 2],
     pub(super) offsets: Vec<f32>,
-    pub(super) lossy: Lossy,
+    pub(super) losses: LossBatch,
 }
 
-/// The planes that losses need, empty without any.
+/// The arrays for losses; empty without any.
 #[derive(Debug, Default)]
-pub(super) struct Lossy {
+pub(super) struct LossBatch {
     /// From the tile's centre, m, whatever the model of the paths.
     away: [Vec<f32>; 3],
     from_middle: Vec<f32>,
@@ -39,8 +39,8 @@ pub(super) struct Lossy {
     factors: Vec<f32>,
 }
 
-impl Planes {
-    /// Room for `count` reflectors; what pads them has no amplitude, and a distance that keeps its offset finite.
+impl ReflectorBatch {
+    /// Allocates `count` reflectors; the padding has no amplitude, and a distance that keeps its offset finite.
     pub(super) fn resize(&mut self, count: usize) {
         self.positions.resize(count, DVec3::ZERO);
         self.paths.resize(count, 0.0);
@@ -48,20 +48,25 @@ impl Planes {
         self.phasors.resize(count, Complex32::ZERO);
         let padded = count.next_multiple_of(WIDE);
         let zeroed = self.toward.iter_mut().chain(&mut self.amplitude);
-        for plane in zeroed.chain([&mut self.turn, &mut self.offsets]) {
-            plane.clear();
-            plane.resize(padded, 0.0);
-        }
+        clear_to_zeros(zeroed.chain([&mut self.turn, &mut self.offsets]), padded);
         self.distance.clear();
         self.distance.resize(padded, 1.0);
     }
 }
 
-impl Lossy {
-    /// Takes the reflectors `members`, which lie at `positions`, as seen from `centre`.
-    pub(super) fn lay_out(
+/// Sets arrays to `count` zeros.
+fn clear_to_zeros<'a>(arrays: impl Iterator<Item = &'a mut Vec<f32>>, count: usize) {
+    for array in arrays {
+        array.clear();
+        array.resize(count, 0.0);
+    }
+}
+
+impl LossBatch {
+    /// Fills the batch with the reflectors `members`, which are at `positions`, relative to `centre`.
+    pub(super) fn fill(
         &mut self,
-        terms: &Terms,
+        terms: &LossTerms,
         members: &(impl Iterator<Item = usize> + Clone),
         positions: &[DVec3],
         from_middle: &[f64],
@@ -69,7 +74,7 @@ impl Lossy {
     ) {
         let padded = positions.len().next_multiple_of(WIDE);
         self.speaker.resize(terms.speaker.len(), Vec::new());
-        let planes = self.away.iter_mut().chain(&mut self.speaker);
+        let arrays = self.away.iter_mut().chain(&mut self.speaker);
         let more = [
             &mut self.from_middle,
             &mut self.spreading,
@@ -77,10 +82,7 @@ impl Lossy {
             &mut self.differences,
             &mut self.factors,
         ];
-        for plane in planes.chain(more) {
-            plane.clear();
-            plane.resize(padded, 0.0);
-        }
+        clear_to_zeros(arrays.chain(more), padded);
         for (i, (p, from_middle)) in positions.iter().zip(from_middle).enumerate() {
             for (plane, x) in self.away.iter_mut().zip((*p - centre).to_array()) {
                 plane[i] = x as f32;
@@ -94,9 +96,9 @@ impl Lossy {
         }
     }
 
-    /// Looks at the reflectors from the microphone at `d` from the tile's centre, whose paths differ by `offsets`.
-    /// `spread_legs` is how many return legs spread: none, one or two.
-    pub(super) fn look(&mut self, d: [f32; 3], offsets: &[f32], spread_legs: f64) {
+    /// Prepares the factors for the microphone at `d` from the tile's centre, whose path lengths differ by `offsets`.
+    /// `spread_legs` is the number of return legs with spreading: none, one or two.
+    pub(super) fn set_microphone(&mut self, d: [f32; 3], offsets: &[f32], spread_legs: f64) {
         let away = [&self.away[0][..], &self.away[1], &self.away[2]];
         return_legs(away, d, NEAREST_LEG as f32, &mut self.spreading, &mut self.squares);
         for spreading in &mut self.spreading {
@@ -114,7 +116,7 @@ impl Lossy {
     }
 
     /// The factors of term `k`.
-    pub(super) fn factors(&mut self, terms: &Terms, k: usize) -> &[f32] {
+    pub(super) fn factors(&mut self, terms: &LossTerms, k: usize) -> &[f32] {
         self.factors.copy_from_slice(&self.spreading);
         if let Some(angles) = terms.angles.get(k) {
             angles.multiply(&self.squares, &mut self.factors);
