@@ -31,7 +31,7 @@ use crate::error::{Error, Result};
 use crate::grid::{DepthMap, Grid, Raster, Surface, Volume, no_room_for, pixel_values};
 use crate::progress::{Observer, Silent, stage};
 use crate::with_fields::with_fields;
-use columns::Columns;
+use columns::RayColumns;
 use rayon::prelude::*;
 
 choice! {
@@ -125,9 +125,7 @@ impl DepthOptions {
             raster: None,
         }
     }
-}
 
-impl DepthOptions {
     /// Bytes that [`locate_depth`] takes besides a volume: its amplitudes, and for returns their power and a copy of it.
     pub(crate) fn search_bytes(&self, grid: &Grid) -> u64 {
         let copies = if self.returns >= 2 { 3 } else { 1 };
@@ -137,7 +135,7 @@ impl DepthOptions {
 
 /// One column's picked return, before filtering.
 #[derive(Debug, Clone, Copy)]
-struct Found {
+struct PickedReturn {
     depth: f64,
     peak: f32,
     confidence: f64,
@@ -181,10 +179,11 @@ pub fn locate_depth_with(
         let no_room = || no_room_for(&grid);
         let mut amplitude: Vec<f32> = try_with_capacity(grid.voxel_count()).ok_or_else(no_room)?;
         amplitude.par_extend(volume.samples.par_iter().map(|a| a.norm()));
-        let columns = Columns::of_amplitude(&amplitude, &grid, &raster);
+        let columns = RayColumns::of_amplitude(&amplitude, &grid, &raster);
         let reference = percentile_99(&mut columns.maxima()?);
         let threshold = f64::from(reference) * 10f64.powf(options.threshold_db / 20.0);
-        let mut found: Vec<Option<Found>> = try_with_capacity(raster.len() as u64).ok_or_else(no_room)?;
+        let mut found: Vec<Option<PickedReturn>> =
+            try_with_capacity(raster.len() as u64).ok_or_else(no_room)?;
         found.par_extend((0..raster.len()).into_par_iter().map_init(Vec::new, |column, pixel| {
             columns.read(pixel, column);
             pick(column, &grid.z, threshold, reference, options)
@@ -225,7 +224,7 @@ fn pick(
     threshold: f64,
     reference: f32,
     options: &DepthOptions,
-) -> Option<Found> {
+) -> Option<PickedReturn> {
     let strong = |i: &usize| column[*i] > 0.0 && f64::from(column[*i]) >= threshold;
     let index = match options.pick {
         Pick::Strongest => {
@@ -249,7 +248,7 @@ fn pick(
     };
     let peak = column[index];
     let confidence = 2.0 * confidence(column, peak.into(), reference.into());
-    Some(Found { depth: z.first + z.pitch * (index as f64 + offset), peak, confidence })
+    Some(PickedReturn { depth: z.first + z.pitch * (index as f64 + offset), peak, confidence })
 }
 
 /// Ten times the logarithm of a peak relative to a reference, plus that relative to its column's median: for powers the

@@ -20,14 +20,16 @@
 //! # Ok::<(), holosonar::error::Error>(())
 //! ```
 
+mod counts;
 mod groups;
 mod guard;
 
-pub use groups::{Group, Measure, Scores, score};
+pub use groups::{Measure, ScoreGroup, Scores, score};
 pub use guard::GUARD_RING;
 
 use crate::error::{Error, Result};
 use crate::grid::{Axis, DepthMap, Surface, View};
+use counts::ErrorCounts;
 use guard::GuardRing;
 use serde::{Deserialize, Serialize};
 
@@ -115,42 +117,21 @@ pub fn evaluate(result: &DepthMap, truth: &DepthMap, resolution: f64) -> Result<
     let surfaces = true_surfaces(truth);
     let ring = GuardRing::new(truth, surfaces);
 
-    let (mut true_pixels, mut hits) = (0usize, 0usize);
-    let (mut scored, mut false_ones) = (0usize, 0usize);
-    let (mut errors, mut normal_errors) = (Vec::new(), Vec::new());
+    let several = result.returns.len() >= 2;
+    let mut counts = ErrorCounts::default();
     for pixel in 0..truth.len() {
         let z = f64::from(result.picked.depth[pixel]);
-        let nearest = nearest_surface(surfaces, pixel, z);
-        true_pixels += usize::from(nearest.is_some());
-        if z.is_nan() {
-            continue;
+        if let Some((k, depth)) = nearest_surface(surfaces, pixel, z) {
+            let facing = surfaces[k].facing.as_ref().map(|facing| f64::from(facing[pixel]));
+            counts.add_surface((!z.is_nan()).then(|| (z - depth).abs()), facing, resolution);
+        } else if !z.is_nan() && !ring.holds(pixel) {
+            counts.on_empty += 1;
         }
-        if let Some((k, depth)) = nearest {
-            let error = (z - depth).abs();
-            hits += usize::from(error < resolution);
-            false_ones += usize::from(error > 2.0 * resolution);
-            scored += 1;
-            errors.push(error);
-            if let Some(facing) = &surfaces[k].facing {
-                normal_errors.push(error * f64::from(facing[pixel]));
-            }
-        } else if !ring.holds(pixel) {
-            scored += 1;
-            false_ones += 1;
-        }
+        let [there, found] =
+            [surfaces, &result.returns].map(|of| depths(of, pixel).map(|(_, z)| z).collect::<Vec<f64>>());
+        counts.add_returns(&there, &found, several, resolution);
     }
-    let share = |part: usize, whole: usize| (whole > 0).then(|| part as f64 / whole as f64);
-    let returns = score_returns(result, surfaces, resolution);
-    let square: f64 = errors.iter().map(|e| e * e).sum();
-    Ok(Metrics {
-        completeness: share(hits, true_pixels),
-        false_returns: share(false_ones, scored),
-        rmse: (!errors.is_empty()).then(|| (square / errors.len() as f64).sqrt()),
-        p95_error: percentile(&mut errors, 0.95),
-        median_error: percentile(&mut errors, 0.5),
-        median_normal_error: percentile(&mut normal_errors, 0.5),
-        ..returns
-    })
+    Ok(counts.metrics())
 }
 
 /// Signed error of every detection against the true surface nearest to it, m, `[y, x]`; NaN where there is none.
@@ -175,41 +156,6 @@ fn true_surfaces(truth: &DepthMap) -> &[Surface] {
 /// The true surface at a pixel that is nearest to `z`, and its depth; any one where `z` is NaN.
 fn nearest_surface(surfaces: &[Surface], pixel: usize, z: f64) -> Option<(usize, f64)> {
     depths(surfaces, pixel).min_by(|a, b| (a.1 - z).abs().total_cmp(&(b.1 - z).abs()))
-}
-
-/// The metrics of pixels with one and two true surfaces; the rest is left empty.
-fn score_returns(result: &DepthMap, surfaces: &[Surface], resolution: f64) -> Metrics {
-    let (mut doubles, mut both, mut singles, mut spurious) = (0usize, 0usize, 0usize, 0usize);
-    let mut errors = [Vec::new(), Vec::new()];
-    for pixel in 0..result.len() {
-        let truth: Vec<f64> = depths(surfaces, pixel).map(|(_, z)| z).collect();
-        let found: Vec<f64> = depths(&result.returns, pixel).map(|(_, z)| z).collect();
-        match truth.len() {
-            1 => {
-                singles += 1;
-                spurious += usize::from(found.len() >= 2);
-            }
-            2 => {
-                doubles += 1;
-                let matched = match_one_to_one(&truth, &found);
-                both += usize::from(matched.iter().all(|e| e.is_some_and(|e| e < resolution)));
-                for (errors, error) in errors.iter_mut().zip(matched) {
-                    errors.extend(error);
-                }
-            }
-            _ => {}
-        }
-    }
-    let asked = result.returns.len() >= 2;
-    let share = |part: usize, whole: usize| (asked && whole > 0).then(|| part as f64 / whole as f64);
-    let [mut first, mut second] = errors;
-    Metrics {
-        two_returns: share(both, doubles),
-        spurious_returns: share(spurious, singles),
-        return1_median_error: percentile(&mut first, 0.5),
-        return2_median_error: percentile(&mut second, 0.5),
-        ..Metrics::default()
-    }
 }
 
 /// Pairs true and found depths, nearest pair first; returns each true one's |error|, `None` where none was left for it.
@@ -247,24 +193,16 @@ fn percentile(values: &mut [f64], q: f64) -> Option<f64> {
 
 /// Refuses maps of different pixels.
 fn check_pixels(result: &DepthMap, truth: &DepthMap) -> Result<()> {
+    let refused = |problem: String| Err(Error::input("compare", problem));
     if result.view != truth.view {
-        return Err(Error::input(
-            "compare",
-            format!(
-                "the result's view is {}, the truth's {}; make both with the same [depth] view",
-                result.view, truth.view
-            ),
+        return refused(format!(
+            "the result's view is {}, the truth's {}; make both with the same [depth] view",
+            result.view, truth.view
         ));
     }
-    if result.shape() != truth.shape() {
-        return Err(Error::input(
-            "compare",
-            format!(
-                "the result has {:?} pixels (rows, columns), the truth {:?}",
-                result.shape(),
-                truth.shape()
-            ),
-        ));
+    let (found, expected) = (result.shape(), truth.shape());
+    if found != expected {
+        return refused(format!("the result has {found:?} pixels (rows, columns), the truth {expected:?}"));
     }
     let unit = if truth.view == View::Orthographic { " m" } else { " (slopes)" };
     let same = |a: &Axis, b: &Axis| {
@@ -274,19 +212,13 @@ fn check_pixels(result: &DepthMap, truth: &DepthMap) -> Result<()> {
     if same(&result.x, &truth.x) && same(&result.y, &truth.y) {
         return Ok(());
     }
-    Err(Error::input(
-        "compare",
-        format!(
-            "the pixels do not coincide: the result spans x {} .. {}, y {} .. {}{unit}, the truth x {} .. {}, y {} .. {}{unit}",
-            result.x.first,
-            result.x.last(),
-            result.y.first,
-            result.y.last(),
-            truth.x.first,
-            truth.x.last(),
-            truth.y.first,
-            truth.y.last()
-        ),
+    let span = |axis: &Axis| format!("{} .. {}", axis.first, axis.last());
+    refused(format!(
+        "the pixels do not coincide: the result spans x {}, y {}{unit}, the truth x {}, y {}{unit}",
+        span(&result.x),
+        span(&result.y),
+        span(&truth.x),
+        span(&truth.y)
     ))
 }
 

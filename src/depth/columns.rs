@@ -12,7 +12,7 @@ use rayon::prelude::*;
 /// not contain. Surfaces are located and smoothed by the power of their speckle in any case. Beyond the outermost voxel
 /// centres the value is 0.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Columns<'a> {
+pub(super) struct RayColumns<'a> {
     values: &'a [f32],
     grid: &'a Grid,
     raster: &'a Raster,
@@ -20,7 +20,7 @@ pub(super) struct Columns<'a> {
     amplitude: bool,
 }
 
-impl<'a> Columns<'a> {
+impl<'a> RayColumns<'a> {
     pub(super) fn of_amplitude(values: &'a [f32], grid: &'a Grid, raster: &'a Raster) -> Self {
         Self { values, grid, raster, amplitude: true }
     }
@@ -103,14 +103,14 @@ mod tests {
         let mut column = Vec::new();
         for (pixel, slope) in [(0, -0.15), (1, 0.0), (2, 0.15)] {
             let expected = [1.0, 1.1].map(|z| (slope * z + 0.2) / 0.1 + 1.0);
-            Columns::of_power(&power, &grid, &raster).read(pixel, &mut column);
+            RayColumns::of_power(&power, &grid, &raster).read(pixel, &mut column);
             assert!((f64::from(column[0]) - expected[0]).abs() < 1e-5, "{column:?}");
             assert!((f64::from(column[1]) - 4.0 * expected[1]).abs() < 1e-5, "{column:?}");
-            Columns::of_amplitude(&amplitude, &grid, &raster).read(pixel, &mut column);
+            RayColumns::of_amplitude(&amplitude, &grid, &raster).read(pixel, &mut column);
             assert!((f64::from(column[1]) - (4.0 * expected[1]).sqrt()).abs() < 1e-5, "{column:?}");
         }
         let aside = Raster { y: slopes(0.095, 1), ..raster };
-        Columns::of_power(&power, &grid, &aside).read(1, &mut column);
+        RayColumns::of_power(&power, &grid, &aside).read(1, &mut column);
         assert!(
             column[0] > 0.0 && column[1] == 0.0,
             "the ray leaves the grid between the depths: {column:?}"

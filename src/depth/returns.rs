@@ -3,7 +3,7 @@
 //! Speckle breaks a single column's amplitude into false peaks; a little smoothing of the power removes them, at
 //! the cost of resolution.
 
-use super::columns::Columns;
+use super::columns::RayColumns;
 use super::{DepthOptions, confidence, is_peak, parabola, percentile_99};
 use crate::alloc::try_with_capacity;
 use crate::error::Result;
@@ -16,7 +16,7 @@ const OWN: f64 = 1.5;
 
 /// A return of one pixel.
 #[derive(Debug, Clone, Copy)]
-struct Found {
+struct Peak {
     index: usize,
     depth: f64,
     power: f32,
@@ -39,7 +39,7 @@ pub(super) fn find(
     power.extend(amplitude.iter().map(|a| a * a));
     // Smoothed on the grid, where lengths are in metres.
     let power = smooth(power, grid, options.smoothing).ok_or_else(no_room)?;
-    let columns = Columns::of_power(&power, grid, raster);
+    let columns = RayColumns::of_power(&power, grid, raster);
     let maxima = columns.maxima()?;
     let decibels = |db: f64| 10f64.powf(db / 10.0) as f32;
     let mut sorted = pixel_values(0.0, maxima.len())?;
@@ -52,11 +52,11 @@ pub(super) fn find(
         let confidence = Some(pixel_values(f32::NAN, raster.len())?);
         surfaces.push(Surface { confidence, ..Surface::empty(raster.len())? });
     }
-    let mut found: Vec<Vec<(Found, f64)>> = pixel_values(Vec::new(), raster.len())?;
+    let mut found: Vec<Vec<(Peak, f64)>> = pixel_values(Vec::new(), raster.len())?;
     found.par_iter_mut().enumerate().for_each_init(Vec::new, |column, (pixel, found)| {
         columns.read(pixel, column);
         let peaks = peaks(column, &grid.z, floor.max(maxima[pixel] * gate), options);
-        let level = |found: &Found| confidence(column, found.power.into(), reference.into());
+        let level = |found: &Peak| confidence(column, found.power.into(), reference.into());
         found.extend(peaks.iter().map(|peak| (*peak, level(peak))));
     });
     for (pixel, found) in found.iter().enumerate() {
@@ -74,13 +74,13 @@ pub(super) fn find(
 /// Peaks are taken strongest first, so that a sidelobe never displaces the surface that caused it. A further one must
 /// also stand out: aliases of the array are narrow in frequency and therefore long in depth, while a surface is short;
 /// and two crests of one slope have no valley between them (measured in the tests of the shipped scenes).
-fn peaks(column: &[f32], z: &Axis, enough: f32, options: &DepthOptions) -> Vec<Found> {
+fn peaks(column: &[f32], z: &Axis, enough: f32, options: &DepthOptions) -> Vec<Peak> {
     let least = options.separation * options.range_resolution;
     let contrast = 10f64.powf(options.return_contrast_db / 10.0) as f32;
     let mut peaks: Vec<usize> =
         (0..column.len()).filter(|&i| column[i] > 0.0 && column[i] >= enough && is_peak(column, i)).collect();
     peaks.sort_by(|a, b| column[*b].total_cmp(&column[*a]).then(a.cmp(b)));
-    let mut kept: Vec<Found> = Vec::new();
+    let mut kept: Vec<Peak> = Vec::new();
     for index in peaks {
         let depth = z.first + z.pitch * (index as f64 + parabola(column, index));
         let apart = kept.iter().all(|other| (other.depth - depth).abs() >= least);
@@ -88,7 +88,7 @@ fn peaks(column: &[f32], z: &Axis, enough: f32, options: &DepthOptions) -> Vec<F
             && apart
             && (contrast <= 1.0 || kept.is_empty() || stands_out(column, z, index, &kept, contrast, options))
         {
-            kept.push(Found { index, depth, power: column[index] });
+            kept.push(Peak { index, depth, power: column[index] });
         }
     }
     kept.sort_by(|a, b| a.depth.total_cmp(&b.depth));
@@ -100,7 +100,7 @@ fn stands_out(
     column: &[f32],
     z: &Axis,
     peak: usize,
-    stronger: &[Found],
+    stronger: &[Peak],
     contrast: f32,
     options: &DepthOptions,
 ) -> bool {

@@ -1,8 +1,7 @@
 //! The metrics material by material, and surface by surface from the front.
 
-use super::{
-    METRIC_NAMES, Metrics, depths, evaluate, match_one_to_one, nearest_surface, percentile, true_surfaces,
-};
+use super::counts::ErrorCounts;
+use super::{METRIC_NAMES, Metrics, depths, evaluate, match_one_to_one, nearest_surface, true_surfaces};
 use crate::error::Result;
 use crate::grid::{DepthMap, Surface};
 use serde::Serialize;
@@ -26,7 +25,7 @@ pub struct Scores {
 
 /// Which part of [`Scores`].
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Group {
+pub enum ScoreGroup {
     /// Over all pixels.
     All,
     /// Surfaces of a material.
@@ -41,7 +40,7 @@ pub struct Measure {
     /// One of [`METRIC_NAMES`].
     pub metric: String,
     /// The group that it is measured on.
-    pub group: Group,
+    pub group: ScoreGroup,
 }
 
 impl Measure {
@@ -51,12 +50,12 @@ impl Measure {
     /// The part that is not the name of a metric, or the text whose surface is not a number.
     pub fn parse(text: &str) -> std::result::Result<Self, String> {
         let (metric, group) = match text.find([':', '#']) {
-            None => (text, Group::All),
+            None => (text, ScoreGroup::All),
             Some(at) if text[at..].starts_with(':') => {
-                (&text[..at], Group::Material(text[at + 1..].to_owned()))
+                (&text[..at], ScoreGroup::Material(text[at + 1..].to_owned()))
             }
             Some(at) => match text[at + 1..].parse() {
-                Ok(k) if k > 0 => (&text[..at], Group::Surface(k)),
+                Ok(k) if k > 0 => (&text[..at], ScoreGroup::Surface(k)),
                 _ => return Err(text.to_owned()),
             },
         };
@@ -71,9 +70,9 @@ impl Measure {
 impl fmt::Display for Measure {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match &self.group {
-            Group::All => write!(f, "{}", self.metric),
-            Group::Material(name) => write!(f, "{}:{name}", self.metric),
-            Group::Surface(k) => write!(f, "{}#{k}", self.metric),
+            ScoreGroup::All => write!(f, "{}", self.metric),
+            ScoreGroup::Material(name) => write!(f, "{}:{name}", self.metric),
+            ScoreGroup::Surface(k) => write!(f, "{}#{k}", self.metric),
         }
     }
 }
@@ -82,9 +81,9 @@ impl Scores {
     /// The value of a measure, in m for lengths and otherwise a share of 1; `None` where there was nothing to measure it on.
     pub fn get(&self, measure: &Measure) -> Option<f64> {
         let metrics = match &measure.group {
-            Group::All => &self.all,
-            Group::Material(name) => self.materials.get(name)?,
-            Group::Surface(k) => self.surfaces.get(k.checked_sub(1)?)?,
+            ScoreGroup::All => &self.all,
+            ScoreGroup::Material(name) => self.materials.get(name)?,
+            ScoreGroup::Surface(k) => self.surfaces.get(k.checked_sub(1)?)?,
         };
         metrics.get(&measure.metric)?
     }
@@ -97,8 +96,8 @@ impl Scores {
 pub fn score(result: &DepthMap, truth: &DepthMap, resolution: f64) -> Result<Scores> {
     let all = evaluate(result, truth, resolution)?;
     let surfaces = true_surfaces(truth);
-    let mut materials = vec![Tally::default(); truth.materials.len()];
-    let mut orders = vec![Tally::default(); surfaces.len()];
+    let mut materials = vec![ErrorCounts::default(); truth.materials.len()];
+    let mut orders = vec![ErrorCounts::default(); surfaces.len()];
     let several = result.returns.len() >= 2;
     for pixel in 0..truth.len() {
         let there: Vec<(usize, f64)> = depths(surfaces, pixel).collect();
@@ -117,99 +116,40 @@ pub fn score(result: &DepthMap, truth: &DepthMap, resolution: f64) -> Result<Sco
         let mut seen: Vec<usize> = Vec::new();
         for (order, (&(k, _), &error)) in there.iter().zip(&errors).enumerate() {
             let facing = surfaces[k].facing.as_ref().map(|facing| f64::from(facing[pixel]));
-            orders[order].surface(error, facing, resolution);
+            orders[order].add_surface(error, facing, resolution);
             let Some(material) = material(&surfaces[k], pixel).filter(|m| *m < materials.len()) else {
                 continue;
             };
-            let tally = &mut materials[material];
-            tally.surface(error, facing, resolution);
+            let counts = &mut materials[material];
+            counts.add_surface(error, facing, resolution);
             if there.len() == 1 && several {
-                tally.singles += 1;
-                tally.spurious += usize::from(found.len() >= 2);
+                counts.singles += 1;
+                counts.spurious += usize::from(found.len() >= 2);
             }
             if there.len() == 2 && several {
-                tally.of_two[order].extend(error);
+                counts.of_two[order].extend(error);
                 if !seen.contains(&material) {
                     seen.push(material);
-                    tally.doubles += 1;
-                    tally.both += usize::from(both);
+                    counts.doubles += 1;
+                    counts.both += usize::from(both);
                 }
             }
         }
     }
-    let mut by_name: BTreeMap<String, Tally> = BTreeMap::new();
-    for (name, tally) in truth.materials.iter().zip(materials) {
-        by_name.entry(name.clone()).or_default().join(tally);
+    let mut by_name: BTreeMap<String, ErrorCounts> = BTreeMap::new();
+    for (name, counts) in truth.materials.iter().zip(materials) {
+        by_name.entry(name.clone()).or_default().join(counts);
     }
     Ok(Scores {
         all,
-        materials: by_name.into_iter().map(|(name, tally)| (name, tally.metrics())).collect(),
-        surfaces: orders.into_iter().map(Tally::metrics).collect(),
+        materials: by_name.into_iter().map(|(name, counts)| (name, counts.metrics())).collect(),
+        surfaces: orders.into_iter().map(ErrorCounts::metrics).collect(),
     })
 }
 
 /// Which material a surface has at a pixel, from 0.
 fn material(surface: &Surface, pixel: usize) -> Option<usize> {
     (surface.material.as_ref()?[pixel] as usize).checked_sub(1)
-}
-
-/// What is counted of a group's true surfaces.
-#[derive(Debug, Clone, Default)]
-struct Tally {
-    surfaces: usize,
-    hits: usize,
-    wrong: usize,
-    singles: usize,
-    spurious: usize,
-    doubles: usize,
-    both: usize,
-    errors: Vec<f64>,
-    normal_errors: Vec<f64>,
-    /// Errors of the front and of the back surface of two.
-    of_two: [Vec<f64>; 2],
-}
-
-impl Tally {
-    fn surface(&mut self, error: Option<f64>, facing: Option<f64>, resolution: f64) {
-        self.surfaces += 1;
-        let Some(error) = error else { return };
-        self.hits += usize::from(error < resolution);
-        self.wrong += usize::from(error > 2.0 * resolution);
-        self.errors.push(error);
-        self.normal_errors.extend(facing.map(|facing| error * facing));
-    }
-
-    fn join(&mut self, other: Self) {
-        self.surfaces += other.surfaces;
-        self.hits += other.hits;
-        self.wrong += other.wrong;
-        self.singles += other.singles;
-        self.spurious += other.spurious;
-        self.doubles += other.doubles;
-        self.both += other.both;
-        self.errors.extend(other.errors);
-        self.normal_errors.extend(other.normal_errors);
-        for (mine, others) in self.of_two.iter_mut().zip(other.of_two) {
-            mine.extend(others);
-        }
-    }
-
-    fn metrics(mut self) -> Metrics {
-        let share = |part: usize, whole: usize| (whole > 0).then(|| part as f64 / whole as f64);
-        let square: f64 = self.errors.iter().map(|e| e * e).sum();
-        Metrics {
-            completeness: share(self.hits, self.surfaces),
-            false_returns: share(self.wrong, self.errors.len()),
-            rmse: (!self.errors.is_empty()).then(|| (square / self.errors.len() as f64).sqrt()),
-            p95_error: percentile(&mut self.errors, 0.95),
-            median_error: percentile(&mut self.errors, 0.5),
-            median_normal_error: percentile(&mut self.normal_errors, 0.5),
-            two_returns: share(self.both, self.doubles),
-            spurious_returns: share(self.spurious, self.singles),
-            return1_median_error: percentile(&mut self.of_two[0], 0.5),
-            return2_median_error: percentile(&mut self.of_two[1], 0.5),
-        }
-    }
 }
 
 #[cfg(test)]
