@@ -1,10 +1,10 @@
-//! What storing finished blocks costs: `simulate` and `reconstruct` of a large job, without and with it in turn:
+//! The cost of checkpoints: `simulate` and `reconstruct` of a large job without and with them, alternating:
 //! `cargo bench --bench checkpoint [-- ROUNDS]`.
 //!
-//! Every round runs the job once without, once at the default interval, once every second and once after every block;
-//! blocks are stored beside the output, on the disk of the `target` folder. Ratios are against the run without
-//! of the same round, of which the median is given, and of the least seconds. How long the cube's own file takes is left
-//! out: it depends on the disk alone, and varies more than what is measured here.
+//! Every round runs the job once without checkpoints, once at the default interval, once every second and once after
+//! every block; blocks are stored next to the output, on the disk of the `target` folder. Ratios are relative to the run
+//! without checkpoints: the median over the rounds, and the ratio of the minimum times. Writing the cube's own file is not
+//! included: its time depends only on the disk, and varies more than the cost of checkpoints.
 
 #![allow(missing_docs, clippy::print_stdout)]
 
@@ -17,10 +17,10 @@ use holosonar::pipeline::{JobOptions, reconstruct_cube, simulate_scene, write_cu
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-/// Rounds where no number is typed.
+/// Default number of rounds.
 const ROUNDS: usize = 5;
 
-/// Seconds of a simulation and a reconstruction, whose blocks are stored every so often, if they are.
+/// Seconds of a simulation and of a reconstruction; finished blocks are stored at the interval `every`, if any.
 fn run(run: &RunFile, folder: &Path, every: Option<Duration>) -> [f64; 2] {
     let (cube, volume) = (folder.join("cube.npz"), folder.join("volume.npz"));
     let checkpoint =
@@ -49,11 +49,10 @@ fn median(seconds: &mut [f64]) -> f64 {
 }
 
 fn main() {
-    let typed = std::env::args().skip(1).find_map(|word| word.parse().ok());
-    let rounds = typed.unwrap_or(ROUNDS).max(1);
+    let rounds = std::env::args().skip(1).find_map(|word| word.parse().ok()).unwrap_or(ROUNDS).max(1);
     let folder = tempfile::tempdir_in(env!("CARGO_TARGET_TMPDIR")).expect("a folder");
     let large = job::large(folder.path());
-    let ways = [
+    let intervals = [
         ("without", None),
         ("every 5 s, the default", Some(Duration::from_secs(5))),
         ("every second", Some(Duration::from_secs(1))),
@@ -61,7 +60,7 @@ fn main() {
     ];
     let mut seconds = [const { [const { Vec::new() }; 3] }; 4];
     for round in 0..rounds {
-        for (i, (name, every)) in ways.iter().enumerate() {
+        for (i, (name, every)) in intervals.iter().enumerate() {
             let [simulated, reconstructed] = run(&large, folder.path(), *every);
             println!("round {round}, {name}: simulate {simulated:.2} s, reconstruct {reconstructed:.2} s");
             for (all, some) in
@@ -73,20 +72,20 @@ fn main() {
     }
     println!("{rounds} rounds, {} threads", rayon::current_num_threads());
     for (step, name) in ["simulate", "reconstruct", "both"].into_iter().enumerate() {
-        let least = |seconds: &[f64]| seconds.iter().copied().fold(f64::INFINITY, f64::min);
+        let minimum = |seconds: &[f64]| seconds.iter().copied().fold(f64::INFINITY, f64::min);
         let without = &seconds[0][step];
-        let least_without = least(without);
-        println!("{name}: without {:.2} s, at the least {least_without:.2} s", median(&mut without.clone()));
-        for ((way, _), seconds) in ways.iter().zip(&seconds).skip(1) {
+        let fastest = minimum(without);
+        println!("{name}: without {:.2} s, minimum {fastest:.2} s", median(&mut without.clone()));
+        for ((interval, _), seconds) in intervals.iter().zip(&seconds).skip(1) {
             let with = &seconds[step];
             let mut ratios: Vec<f64> =
                 with.iter().zip(without).map(|(with, without)| with / without).collect();
             println!(
-                "  {way}: {:.2} s, ratio {:.3}; at the least {:.2} s, ratio {:.3}",
+                "  {interval}: {:.2} s, ratio {:.3}; minimum {:.2} s, ratio {:.3}",
                 median(&mut with.clone()),
                 median(&mut ratios),
-                least(with),
-                least(with) / least_without
+                minimum(with),
+                minimum(with) / fastest
             );
         }
     }

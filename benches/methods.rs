@@ -1,8 +1,8 @@
-//! Every method beside the direct sum, times and errors in one table; how time grows with voxels, microphones and
-//! frequencies; and the size of the paper's own 2-D images: `cargo bench --bench methods [-- table growth paper]`.
+//! Times and errors of every method compared with the direct sum; the growth of time with voxels, microphones and
+//! frequencies; and the paper's 2-D image size: `cargo bench --bench methods [-- table growth paper]`.
 //!
-//! Ratios are of the least of a few times, taken in turn within one run (jobs of milliseconds many times in a row). The
-//! direct sum is timed on a part of the voxels, evenly spread, and scaled; errors are the greatest of those voxels,
+//! Ratios are of the minimum of several times, alternating within one run (jobs of milliseconds many times in a row). The
+//! direct sum is timed on an evenly spaced part of the voxels, and scaled; errors are the maximum over those voxels,
 //! relative to the volume's peak.
 
 #![allow(missing_docs, clippy::print_stdout)]
@@ -18,9 +18,9 @@ use job::{displaced, job, noise};
 use num_complex::Complex32;
 use std::time::Instant;
 
-/// Jobs of fewer seconds are repeated so often for each direct sum.
+/// Jobs that take fewer seconds are repeated this many times for each direct sum.
 const SHORT: f64 = 0.02;
-const AGAIN: usize = 20;
+const REPEATS: usize = 20;
 
 /// A volume and the seconds it took.
 fn timed(cube: &DataCube, grid: &Grid, method: Method, tolerance: f64) -> (Volume, f64) {
@@ -31,12 +31,12 @@ fn timed(cube: &DataCube, grid: &Grid, method: Method, tolerance: f64) -> (Volum
     (volume, begun.elapsed().as_secs_f64())
 }
 
-/// The least seconds of `times` runs.
-fn least(times: usize, cube: &DataCube, grid: &Grid, method: Method, tolerance: f64) -> f64 {
+/// The minimum seconds of `times` runs.
+fn minimum(times: usize, cube: &DataCube, grid: &Grid, method: Method, tolerance: f64) -> f64 {
     (0..times).map(|_| timed(cube, grid, method, tolerance).1).fold(f64::INFINITY, f64::min)
 }
 
-/// What the microphones of a cube hear of a few reflectors within the grid.
+/// The echoes of a few reflectors within the grid at a cube's microphones.
 fn echoes(cube: &DataCube, grid: &Grid) -> DataCube {
     let at = |axis: &Axis, t: f64| axis.first + t.fract() * (axis.last() - axis.first);
     let place = |i: u32| {
@@ -47,7 +47,7 @@ fn echoes(cube: &DataCube, grid: &Grid) -> DataCube {
     simulate(&reflectors, &cube.instrument, &SimulateOptions::default()).expect("small")
 }
 
-/// Every so many voxels along each axis, and which.
+/// At most `most` evenly spaced voxels along each axis, and their spacing in voxels.
 fn part(grid: &Grid, most: [usize; 3]) -> (Grid, [usize; 3]) {
     let axes = [grid.x, grid.y, grid.z];
     let steps: [usize; 3] = std::array::from_fn(|i| axes[i].count.div_ceil(most[i]));
@@ -58,7 +58,7 @@ fn part(grid: &Grid, most: [usize; 3]) -> (Grid, [usize; 3]) {
     (Grid { x: some(0), y: some(1), z: some(2) }, steps)
 }
 
-/// The greatest difference at the voxels of a part, relative to the volume's peak.
+/// The maximum difference at the voxels of a part, relative to the volume's peak.
 fn error(volume: &Volume, part: &Volume, steps: [usize; 3]) -> f64 {
     let [n_z, n_y, n_x] = part.grid.shape();
     let all = volume.grid.shape();
@@ -71,9 +71,9 @@ fn error(volume: &Volume, part: &Volume, steps: [usize; 3]) -> f64 {
     f64::from(worst / volume.peak())
 }
 
-/// One line: a method beside the direct sum of the same cube, taken in turn.
+/// One line: a method compared with the direct sum of the same cube, alternating.
 fn line(name: &str, cube: &DataCube, grid: &Grid, method: Method, tolerance: f64) {
-    // Few voxels are summed all: what a call costs by itself must not be scaled.
+    // A small grid is summed completely, so that the fixed cost of a call is not scaled.
     let (some, steps) = if grid.voxel_count() < 1 << 15 { (*grid, [1; 3]) } else { part(grid, [16, 16, 8]) };
     let (mut direct, mut fast, mut worst) = (f64::INFINITY, f64::INFINITY, 0.0f64);
     let begun = Instant::now();
@@ -81,9 +81,9 @@ fn line(name: &str, cube: &DataCube, grid: &Grid, method: Method, tolerance: f64
         let (exact, seconds) = timed(cube, &some, Method::Direct, 1e-4);
         direct = direct.min(seconds);
         let (volume, seconds) = timed(cube, grid, method, tolerance);
-        // Jobs of a few milliseconds several times in a row: the first finds caches and memory as the direct sum left them.
-        let again = if seconds < SHORT { least(AGAIN, cube, grid, method, tolerance) } else { seconds };
-        fast = fast.min(again);
+        // Short jobs are repeated: the first run starts with the caches and memory in the state that the direct sum left.
+        let fastest = if seconds < SHORT { minimum(REPEATS, cube, grid, method, tolerance) } else { seconds };
+        fast = fast.min(fastest);
         worst = worst.max(error(&volume, &exact, steps));
         if round > 0 && begun.elapsed().as_secs_f64() > 15.0 {
             break;
@@ -107,21 +107,21 @@ fn table() {
         let [lateral, depths] = voxels;
         let (cube, grid) = job(mics, lateral, frequencies, depths);
         let flat = echoes(&cube, &grid);
-        let aside = echoes(&displaced(&cube, 0.0), &grid);
-        let bent = echoes(&displaced(&cube, 0.025), &grid);
+        let scattered = echoes(&displaced(&cube, 0.0), &grid);
+        let not_planar = echoes(&displaced(&cube, 0.025), &grid);
         let size = format!("{mics}^2 mics x {frequencies} f x {lateral}^2 x {depths}");
         for (name, cube, method, tolerance) in [
             ("plain Eq. 16", &flat, Method::Convolution, 0.0),
             ("skeletons", &flat, Method::Convolution, 1e-4),
-            ("spreading", &aside, Method::Convolution, 1e-4),
-            ("backprojection", &bent, Method::Backprojection, 1e-4),
+            ("spreading", &scattered, Method::Convolution, 1e-4),
+            ("backprojection", &not_planar, Method::Backprojection, 1e-4),
         ] {
             line(&format!("{name}, {size}"), cube, &grid, method, tolerance);
         }
     }
 }
 
-/// Seconds of skeletons about one size, as one thing grows.
+/// Seconds with skeleton frequencies around one size, as one parameter grows.
 fn growth() {
     for (mics, frequencies, lateral, depths) in [
         (64, 1001, 128, 64),
@@ -136,13 +136,13 @@ fn growth() {
         (64, 5001, 128, 128),
     ] {
         let (cube, grid) = job(mics, lateral, frequencies, depths);
-        let seconds = least(5, &cube, &grid, Method::Convolution, 1e-4);
+        let seconds = minimum(5, &cube, &grid, Method::Convolution, 1e-4);
         println!("{mics}^2 mics x {frequencies} f x {lateral}^2 x {depths} voxels: {seconds:.3} s");
     }
 }
 
-/// The paper's 2-D size: as printed, with pixels over the whole metre, and with a pitch that microphones share, which is a
-/// user's own best choice (0.8 m of the metre).
+/// The paper's 2-D size: as printed, with pixels over the whole metre, and with a pitch shared with the microphones, which
+/// is the best choice (0.8 m of the metre).
 fn paper() {
     let sweep = Sweep::stepped(18_000.0, 20_000.0, 2.0).expect("a sweep");
     let array = MicArray::rectangular([255, 1], [1.0 / 254.0; 2], DVec3::ZERO).expect("an array");

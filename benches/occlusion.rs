@@ -1,17 +1,21 @@
-//! Mesh file to rays: reading, building the tree, and rays per second, which decide how long reflectors take.
+//! From mesh file to rays: reading, building the tree, and rays per second, which determine the time that sampling
+//! reflectors takes.
 
 #![allow(missing_docs)]
+
+mod job;
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use glam::DVec3;
 use holosonar::reflectors::{SurfaceOptions, sample_surface};
 use holosonar::scene::{LoadOptions, Material, Scene, Triangle, Unit, Up};
+use job::scattered;
 use rayon::prelude::*;
 use std::hint::black_box;
 use std::io::Write;
 use std::path::Path;
 
-/// The corners of a wavy sheet of 2·n² triangles, 2 m wide at depth 2 m, and which three make each triangle.
+/// The corners of a wavy sheet of 2·n² triangles, 2 m wide at depth 2 m, and the three corners of each triangle.
 fn sheet(n: usize) -> (Vec<DVec3>, Vec<[u32; 3]>) {
     let corner = |k: usize| {
         let (i, j) = (k % (n + 1), k / (n + 1));
@@ -108,8 +112,7 @@ fn write_files(folder: &Path, (corners, faces): &(Vec<DVec3>, Vec<[u32; 3]>)) ->
     std::fs::write(folder.join("sheet.ply"), ply)
 }
 
-/// A million triangles: from each kind of file to a scene, of which the tree alone, and its shadow on 100 000
-/// reflectors.
+/// A million triangles: loading each file format, building the tree alone, and the shadow rays of 100 000 reflectors.
 fn a_million_triangles(c: &mut Criterion) {
     let sheet = sheet(708);
     let folder = tempfile::tempdir().expect("a temporary folder");
@@ -134,7 +137,7 @@ fn a_million_triangles(c: &mut Criterion) {
         );
     });
     let scene = scene(soup, 0.0);
-    // A dense random cover has 0.62 points to a square of the spacing.
+    // A dense random cover has 0.62 points per square of the spacing.
     let options = SurfaceOptions::new((0.62 * scene.surface_area() / 1e5).sqrt(), 0.023);
     let sampled = || sample_surface(&scene, &options).expect("reflectors");
     let reflectors = sampled();
@@ -155,10 +158,8 @@ fn rays(c: &mut Criterion) {
     group.throughput(Throughput::Elements(RAYS as u64)).sample_size(10);
     for (n, name) in [(224, "100k triangles"), (708, "1M triangles")] {
         let scene = scene(triangles(&sheet(n)), 0.5);
-        let fraction = |i: usize, k: f64| (i as f64 * k).fract() - 0.5;
-        let target =
-            |i: usize, z: f64| DVec3::new(2.0 * fraction(i, 0.618_034), 2.0 * fraction(i, 0.754_878), z);
-        // A free path, as most reflectors have; and one through the sheet, as a clear scene asks.
+        let target = |i: usize, z: f64| (2.0 * scattered(i)).with_z(z);
+        // An unobstructed path, as for most reflectors; and one through the sheet, as in a transparent scene.
         for (kind, z) in [("short of the surface", 1.85), ("through to 3 m", 3.0)] {
             group.bench_with_input(BenchmarkId::new(kind, name), &z, |b, &z| {
                 b.iter(|| {

@@ -1,8 +1,8 @@
-//! What one plane pair of Eq. 16 costs (kernel phases, kernel FFT, product, inverse FFT, sum) beside FFTW 3, and what
-//! skeleton frequencies make of that: `cargo bench --bench plane_pair`. All ratios are of times within one run.
+//! The cost of one plane pair of Eq. 16 (kernel phases, kernel FFT, product, inverse FFT, sum) compared with FFTW 3, and
+//! the gain from skeleton frequencies: `cargo bench --bench plane_pair`. All ratios are of times within one run.
 //!
-//! FFTW (single precision, MEASURE, one 2-D transform forward and one backward) is looked for at run time by `python3`
-//! and left out where there is none; it is never linked, because its licence is not ours.
+//! FFTW (single precision, MEASURE, one 2-D transform forward and one backward) is loaded at run time by `python3`, and
+//! skipped if it is not installed; it is never linked, because its licence differs from ours.
 
 #![allow(missing_docs, clippy::print_stdout)]
 
@@ -40,7 +40,7 @@ fn fftw(n: usize) -> Option<f64> {
     String::from_utf8(output.stdout).ok()?.trim().parse().ok()
 }
 
-/// Counts plane pairs, the unit of work that the convolution reports.
+/// Counts plane pairs, the unit in which the convolution reports its progress.
 #[derive(Default)]
 struct Pairs(AtomicU64);
 
@@ -52,7 +52,7 @@ impl Observer for Pairs {
     }
 }
 
-/// Seconds and plane pairs of a reconstruction; the least of a few times.
+/// Seconds and plane pairs of the fastest of several reconstructions.
 fn timed((cube, grid): &(DataCube, Grid), tolerance: f64, threads: usize, times: usize) -> (f64, u64) {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
     let mut options = ReconstructOptions::new(Method::Convolution, Window::None);
@@ -66,30 +66,30 @@ fn timed((cube, grid): &(DataCube, Grid), tolerance: f64, threads: usize, times:
 }
 
 fn main() {
-    // The data's spectra are shared by the depths: a thirtieth of a pair.
+    // The spectra of the data are shared by the depths: a thirtieth of a pair.
     for (n, mics, voxels) in [(128, 64, 64), (192, 64, 128), (512, 256, 256)] {
         let job = job(mics, voxels, 9, 16);
         let before = fftw(n);
         let (seconds, pairs) = timed(&job, 0.0, 1, 20_000 / n);
         let pair = seconds / pairs as f64;
-        let beside = match (before, fftw(n)) {
+        let comparison = match (before, fftw(n)) {
             (Some(before), Some(after)) => {
                 let fftw = before.min(after);
                 format!("{:.2} x FFTW's {:.0} us", pair / fftw, fftw * 1e6)
             }
-            _ => "no FFTW here (python3 and libfftw3f.so.3)".to_owned(),
+            _ => "FFTW was not found (python3 and libfftw3f.so.3)".to_owned(),
         };
-        println!("pair, n = {n}: {:.0} us, {beside}", pair * 1e6);
+        println!("pair, n = {n}: {:.0} us, {comparison}", pair * 1e6);
     }
     let job = job(64, 128, 1001, 128);
     for threads in [1, 2] {
         let (before, some) = timed(&job, 1e-4, threads, 3);
         let (plain, all) = timed(&job, 0.0, threads, 1);
-        // On both sides of the long run, since the machine may have other work.
+        // Before and after the long run, because the machine may have other work.
         let fast = before.min(timed(&job, 1e-4, threads, 3).0);
         println!(
             "64x64 mics, 1001 f, 128^3 voxels, {threads} threads: {fast:.3} s for {some} pairs, plain Eq. 16 {plain:.2} s \
-             for {all}: {:.1} x, and {:.2} x what its pairs take there",
+             for {all}: {:.1} x, and {:.2} x the time of as many plain pairs",
             plain / fast,
             fast / (plain / all as f64 * some as f64)
         );

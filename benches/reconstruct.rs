@@ -1,4 +1,4 @@
-//! Terms of Eq. 13 (voxels × microphones × frequencies) per second, by method: their ratios are those of the times.
+//! Terms of Eq. 13 (voxels × microphones × frequencies) per second, by method: ratios of rates are ratios of speeds.
 
 #![allow(missing_docs)]
 
@@ -16,7 +16,7 @@ fn reconstruction(c: &mut Criterion) {
         (Method::Direct, 0.0, 16, 51, 2),
         (Method::Convolution, 0.0, 16, 51, 2),
         (Method::Convolution, 1e-4, 16, 51, 2),
-        // One plane pair of n = 128: all of 101 x 4, and what skeletons leave of them.
+        // One plane pair of n = 128: all of 101 x 4, and those that remain with skeleton frequencies.
         (Method::Convolution, 0.0, 64, 101, 4),
         (Method::Convolution, 1e-4, 64, 101, 4),
         (Method::Convolution, 1e-4, 64, 1001, 128),
@@ -38,7 +38,7 @@ fn reconstruction(c: &mut Criterion) {
         let options = ReconstructOptions::new(Method::Convolution, Window::None);
         b.iter(|| reconstruct(&cube, &grid, &options).expect("small"));
     });
-    // S: 64 x 64 microphones, 1001 frequencies, 128 x 128 x 128 voxels; of the literal sum only a part.
+    // 64 x 64 microphones, 1001 frequencies, 128 x 128 x 128 voxels; the direct sum on a part of them.
     let lateral = Axis { first: -0.508, pitch: 0.008, count: 128 };
     let whole = Grid { x: lateral, y: lateral, z: Axis { first: 1.0, pitch: 1.0 / 127.0, count: 128 } };
     let every = |axis: Axis, n: usize| Axis { pitch: axis.pitch * (axis.count / n) as f64, count: n, ..axis };

@@ -1,27 +1,27 @@
-//! Terms of Eq. 5 per second: reflectors × microphones × frequencies, whether summed one by one or by virtual tones.
+//! Terms of Eq. 5 per second (reflectors × microphones × frequencies), summed one by one or by virtual tones.
 //!
-//! In the group `simulate`, "literal" and "virtual tones" count the same terms, so the ratio of their rates is what
-//! virtual tones gain. The large job's error is held to 10⁻⁵ of its greatest sample.
+//! In the group `simulate`, "literal" and "virtual tones" count the same terms, so the ratio of their rates is the gain
+//! of virtual tones. The error of the large job must be below 10⁻⁵ of its largest sample.
 
 #![allow(missing_docs)]
+
+mod job;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use glam::DVec3;
 use holosonar::acquisition::{Instrument, MicArray, SimulateOptions, Sweep, simulate};
 use holosonar::reflectors::Reflectors;
+use job::{fraction, scattered};
 use num_complex::Complex32;
 use std::f32::consts::TAU;
 
 fn reflectors(count: usize) -> Reflectors {
-    let fraction = |i: usize, k: f64| (i as f64 * k).fract() - 0.5;
-    let positions = (0..count)
-        .map(|i| DVec3::new(fraction(i, 0.618_034), fraction(i, 0.754_878), 1.5 + fraction(i, 0.569_84)))
-        .collect();
+    let positions = (0..count).map(|i| scattered(i) + 1.5 * DVec3::Z).collect();
     let amplitudes = (0..count).map(|i| Complex32::cis(TAU * fraction(i, 0.413_59) as f32)).collect();
     Reflectors::new(positions, amplitudes).expect("finite")
 }
 
-fn literally() -> SimulateOptions {
+fn literal() -> SimulateOptions {
     SimulateOptions::default().with_tolerance(0.0)
 }
 
@@ -37,8 +37,8 @@ fn simulation(c: &mut Criterion) {
     .expect("a sweep");
     let with = |sweep: &Sweep, array: &MicArray| Instrument::new(sweep.clone(), array.clone());
     for (name, sweep, options) in [
-        ("even steps, literal", &even, literally()),
-        ("uneven steps, literal", &uneven, literally()),
+        ("even steps, literal", &even, literal()),
+        ("uneven steps, literal", &uneven, literal()),
         ("even steps, virtual tones", &even, SimulateOptions::default()),
         ("uneven steps, virtual tones", &uneven, SimulateOptions::default()),
     ] {
@@ -50,7 +50,7 @@ fn simulation(c: &mut Criterion) {
         });
     }
 
-    // The large job; literally, on every 64th microphone.
+    // The large job; the literal sum on every 64th microphone.
     let many = reflectors(50_000);
     let whole = MicArray::rectangular([64, 64], [0.008; 2], DVec3::ZERO).expect("an array");
     let chosen: Vec<usize> = (0..64).map(|row| row * 64 + row * 29 % 64).collect();
@@ -58,7 +58,7 @@ fn simulation(c: &mut Criterion) {
     let part = MicArray::from_positions(positions).expect("an array");
     let (part, whole) = (with(&even, &part), with(&even, &whole));
     for (name, instrument, options) in [
-        ("even steps, literal/50000 reflectors x 64 mics x 1001 f", &part, literally()),
+        ("even steps, literal/50000 reflectors x 64 mics x 1001 f", &part, literal()),
         (
             "even steps, virtual tones/50000 reflectors x 4096 mics x 1001 f",
             &whole,
@@ -72,7 +72,7 @@ fn simulation(c: &mut Criterion) {
     }
     group.finish();
 
-    let exact = simulate(&many, &part, &literally()).expect("small");
+    let exact = simulate(&many, &part, &literal()).expect("small");
     let fast = simulate(&many, &whole, &SimulateOptions::default()).expect("small");
     let (mut error, mut peak) = (0.0f32, 0.0f32);
     for f in 0..even.len() {
@@ -81,7 +81,7 @@ fn simulation(c: &mut Criterion) {
             peak = peak.max(m.norm());
         }
     }
-    // A rate counts only at the error that was asked for.
+    // A rate is valid only with the required error.
     assert!(error < 1e-5 * peak, "virtual tones against literal: {error:e} of {peak:e}");
 }
 
