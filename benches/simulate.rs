@@ -29,45 +29,29 @@ fn simulation(c: &mut Criterion) {
     let mut group = c.benchmark_group("simulate");
     group.sample_size(10);
     let array = MicArray::rectangular([16, 16], [0.016; 2], DVec3::ZERO).expect("an array");
-    let few = reflectors(2000);
-    let even = Sweep::stepped(10_000.0, 20_000.0, 10.0).expect("a sweep");
-    let uneven = Sweep::from_frequencies(
-        (0..1001).map(|n| 10_000.0 + 10.0 * f64::from(n) + f64::from(n % 3)).collect(),
-    )
-    .expect("a sweep");
-    let with = |sweep: &Sweep, array: &MicArray| Instrument::new(sweep.clone(), array.clone());
-    for (name, sweep, options) in [
-        ("even steps, literal", &even, literal()),
-        ("uneven steps, literal", &uneven, literal()),
-        ("even steps, virtual tones", &even, SimulateOptions::default()),
-        ("uneven steps, virtual tones", &uneven, SimulateOptions::default()),
-    ] {
-        let instrument = with(sweep, &array);
-        let terms = few.len() * array.len() * sweep.len();
-        group.throughput(Throughput::Elements(terms as u64));
-        group.bench_function(format!("{name}/2000 reflectors x 256 mics x 1001 f"), |b| {
-            b.iter(|| simulate(&few, &instrument, &options).expect("small"));
-        });
-    }
-
-    // The large job; the literal sum on every 64th microphone.
-    let many = reflectors(50_000);
     let whole = MicArray::rectangular([64, 64], [0.008; 2], DVec3::ZERO).expect("an array");
+    // The large job; the literal sum on every 64th microphone.
     let chosen: Vec<usize> = (0..64).map(|row| row * 64 + row * 29 % 64).collect();
     let positions = chosen.iter().map(|&i| whole.positions()[i]).collect();
     let part = MicArray::from_positions(positions).expect("an array");
+    let (few, many) = (reflectors(2000), reflectors(50_000));
+    let even = Sweep::stepped(10_000.0, 20_000.0, 10.0).expect("a sweep");
+    let frequencies = (0..1001).map(|n| 10_000.0 + 10.0 * f64::from(n) + f64::from(n % 3)).collect();
+    let uneven = Sweep::from_frequencies(frequencies).expect("a sweep");
+    let with = |sweep: &Sweep, array: &MicArray| Instrument::new(sweep.clone(), array.clone());
     let (part, whole) = (with(&even, &part), with(&even, &whole));
-    for (name, instrument, options) in [
-        ("even steps, literal/50000 reflectors x 64 mics x 1001 f", &part, literal()),
-        (
-            "even steps, virtual tones/50000 reflectors x 4096 mics x 1001 f",
-            &whole,
-            SimulateOptions::default(),
-        ),
+    for (name, reflectors, instrument, options) in [
+        ("even steps, literal", &few, &with(&even, &array), literal()),
+        ("uneven steps, literal", &few, &with(&uneven, &array), literal()),
+        ("even steps, virtual tones", &few, &with(&even, &array), SimulateOptions::default()),
+        ("uneven steps, virtual tones", &few, &with(&uneven, &array), SimulateOptions::default()),
+        ("even steps, literal", &many, &part, literal()),
+        ("even steps, virtual tones", &many, &whole, SimulateOptions::default()),
     ] {
-        group.throughput(Throughput::Elements((many.len() * instrument.array.len() * even.len()) as u64));
-        group.bench_function(name, |b| {
-            b.iter(|| simulate(&many, instrument, &options).expect("small"));
+        let (n_p, n_mic) = (reflectors.len(), instrument.array.len());
+        group.throughput(Throughput::Elements((n_p * n_mic * even.len()) as u64));
+        group.bench_function(format!("{name}/{n_p} reflectors x {n_mic} mics x 1001 f"), |b| {
+            b.iter(|| simulate(reflectors, instrument, &options).expect("small"));
         });
     }
     group.finish();

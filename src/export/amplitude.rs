@@ -1,4 +1,4 @@
-//! A volume's amplitude `|Â|`: what every volume format holds, and all that a picture needs.
+//! A volume's amplitude `|Â|`: every volume format contains it, and pictures need nothing else.
 
 use super::{Attribute, Attributes};
 use crate::alloc::try_with_capacity;
@@ -10,11 +10,11 @@ use std::path::Path;
 /// `|Â|` on its grid.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Amplitude {
-    /// Where the voxels are.
+    /// The positions of the voxels.
     pub grid: Grid,
     /// `|Â|`, without unit, `[z, y, x]`; 1 is a unit reflector.
     pub values: Vec<f32>,
-    /// What the file says about it.
+    /// The attributes of the file.
     pub attributes: Attributes,
 }
 
@@ -22,7 +22,7 @@ impl Amplitude {
     /// The amplitude of a complex volume.
     ///
     /// # Errors
-    /// [`Error::OutOfMemory`] when it does not fit in memory.
+    /// [`Error::OutOfMemory`] if it does not fit in memory.
     pub fn of(volume: &Volume) -> Result<Self> {
         let mut values =
             try_with_capacity(volume.samples.len() as u64).ok_or_else(|| no_room_for(&volume.grid))?;
@@ -30,13 +30,13 @@ impl Amplitude {
         Ok(Self { grid: volume.grid, values, attributes: Attributes::new() })
     }
 
-    /// Greatest finite value, 0 if there is none.
+    /// Maximum finite value, 0 if there is none.
     pub fn peak(&self) -> f32 {
         self.values.iter().copied().filter(|value| value.is_finite()).fold(0.0, f32::max)
     }
 }
 
-/// The grid that a file declares, if its axes make sense and its voxels, of `bytes_each`, fit into the limit.
+/// The grid that a file declares, if its axes are valid and its voxels, of `bytes_each`, are within the limit.
 pub(super) fn declared_grid(
     path: &Path,
     first: [f64; 3],
@@ -45,15 +45,13 @@ pub(super) fn declared_grid(
     bytes_each: u64,
     limit_bytes: u64,
 ) -> Result<Grid> {
-    let sensible = count.iter().all(|&n| n > 0)
+    let valid = count.iter().all(|&n| n > 0)
         && first.iter().all(|p| p.is_finite())
         && pitch.iter().all(|p| p.is_finite() && *p > 0.0);
-    if !sensible {
+    if !valid {
         return Err(Error::input(
             path.display(),
-            format!(
-                "declares {count:?} voxels from {first:?} m at a pitch of {pitch:?} m, which make no grid"
-            ),
+            format!("declares an invalid grid: {count:?} voxels from {first:?} m at a pitch of {pitch:?} m"),
         ));
     }
     let bytes = count.iter().fold(u128::from(bytes_each), |product, &n| product.saturating_mul(n as u128));
@@ -78,10 +76,10 @@ pub(super) fn vector(attributes: &Attributes, name: &str) -> Option<[f64; 3]> {
 /// Bytes read at a time.
 const BLOCK: usize = 1 << 14;
 
-/// The voxels of a grid from little-endian floats; `None` where the file ends before or cannot be read.
+/// Reads the voxels of a grid from little-endian floats; `None` if the file ends early or cannot be read.
 ///
 /// # Errors
-/// [`Error::OutOfMemory`] when they do not fit in memory.
+/// [`Error::OutOfMemory`] if they do not fit in memory.
 pub(super) fn read_floats(file: &mut impl Read, grid: &Grid) -> Result<Option<Vec<f32>>> {
     let count = grid.voxel_count();
     let mut values = try_with_capacity(count).ok_or_else(|| no_room_for(grid))?;

@@ -1,11 +1,11 @@
 //! Depth maps and ground truth as `OpenEXR`: `depth.exr` and `truth.exr`.
 //!
-//! One single-part scanline file of 32-bit floats that every viewer shows something of: the amplitude as root
-//! `R`, `G`, `B`, the planar depth in m as root `Z`, whether there is a return at all as root `A`; the other
-//! facts are layers. [`read_depth_map`] takes such a file, or anybody's with a channel `Z`.
+//! A single-part scanline file of 32-bit floats that every viewer can show: the amplitude as root `R`, `G`, `B`, the
+//! planar depth in m as root `Z`, whether there is a return as root `A`; all else is in layers. [`read_depth_map`] reads
+//! such a file, or one from another program with a channel `Z`.
 
 use super::exr_file::{
-    Part, WORLD_TO_CAMERA, attributes_of, expect_room, floats, part, read_parts, write_parts,
+    Part, WORLD_TO_CAMERA, attributes_of, channel_of, expect_room, floats, part, read_parts, write_parts,
 };
 use super::{Attribute, Attributes, Encoding, Fill, find_attribute};
 use crate::error::{Error, Result};
@@ -13,7 +13,7 @@ use crate::grid::{Axis, DepthMap, Raster, Surface, View};
 use exr::prelude::Vec2;
 use std::path::Path;
 
-/// Depth from which on a foreign `Z` means "nothing there", m: programs write 1e10, 1e30 or the largest float.
+/// Minimum depth in the `Z` of another program that means "no surface", m: programs write 1e10, 1e30 or the largest float.
 const FOREIGN_NOTHING: f32 = 1e9;
 
 /// A depth map read from a file.
@@ -21,10 +21,10 @@ const FOREIGN_NOTHING: f32 = 1e9;
 pub struct DepthFile {
     /// The map.
     pub map: DepthMap,
-    /// What the file says about it, in order of the names.
+    /// The attributes of the file, sorted by name.
     pub attributes: Attributes,
-    /// Whether the file gave the axes in m, or in slopes for a perspective view. If not, they count pixels, with pitch
-    /// 1.
+    /// Whether the file contains the axes, in m or in slopes for a perspective view. If not, they count pixels, with
+    /// pitch 1.
     pub axes_known: bool,
 }
 
@@ -33,19 +33,19 @@ pub struct DepthFile {
 /// - Root `R`, `G`, `B`: amplitude over `sonar:amplitudeScale`, 0 where there is no return; `A`: 1 or 0; `Z`: m.
 /// - Layers: `range.V` in m; `confidence.V` in dB, `facing.V` and `material.id` where the map has them; for the k-th
 ///   return `return{k}.Z` in m, `return{k}.V` in the unit of `R`, and where known `return{k}.confidence` in dB,
-///   `return{k}.N`, its facing, and `return{k}.id`, its material. Ids are whole numbers from 1, which count the names in
-///   `sonar:materials` (a JSON list). No layer has more than four channels: Blender drops those that do.
-/// - `sonar:view` says what `sonar:x0`, `y0`, `pitch` and `pitchY` are: m, or the slopes x/z and y/z of a perspective
-///   view, whose field of view (degrees) and standard screen window stand there too.
-/// - Where there is no return, every `Z` and `range.V` hold the fill, all else holds 0.
+///   `return{k}.N`, its facing, and `return{k}.id`, its material. Ids are integers from 1, indices into
+///   `sonar:materials` (a JSON list). No layer has more than four channels, because Blender drops such layers.
+/// - `sonar:view` says whether `sonar:x0`, `y0`, `pitch` and `pitchY` are in m, or are the slopes x/z and y/z of a
+///   perspective view, whose field of view (degrees) and standard screen window are written, too.
+/// - Where there is no return, every `Z` and `range.V` is the fill, all other channels are 0.
 ///
-/// `attributes` are written beside those of the format, whose names win.
+/// `attributes` are written in addition to those of the format, which take precedence.
 ///
 /// # Errors
 /// As `crate::files::write_atomically`; a map without pixels.
 ///
 /// # Panics
-/// When a field of the map has not one value per pixel, or an attribute's name does not start with `sonar:`.
+/// If a field of the map does not have one value per pixel, or an attribute's name does not start with `sonar:`.
 pub fn write_depth_map(
     path: &Path,
     map: &DepthMap,
@@ -53,42 +53,41 @@ pub fn write_depth_map(
     attributes: &[(String, Attribute)],
     encoding: Encoding,
 ) -> Result<()> {
-    // Of each return five channels at the most, of the picked one ten, and one in the making.
+    // At most five channels of each return, ten of the picked one, and one in progress.
     expect_room(11 + 5 * map.returns.len(), [map.x.count, map.y.count])?;
     let scale = amplitude_scale(map);
     let fill_value = fill.value() as f32;
-    let accepted: Vec<bool> = map.picked.depth.iter().map(|z| z.is_finite()).collect();
+    let picked = &map.picked;
     let mut channels: Vec<(String, Vec<f32>)> = Vec::new();
-    let picture = masked(&scaled(&map.picked.strength, scale), &map.picked.depth, 0.0);
-    for name in ["R", "G"] {
-        channels.push((name.into(), picture.clone()));
+    let mut add = |name: &str, values: &[f32], surface: &Surface, nothing: f32| {
+        channels.push((name.to_owned(), masked(values, &surface.depth, nothing)));
+    };
+    for name in ["R", "G", "B"] {
+        add(name, &scaled(&picked.strength, scale), picked, 0.0);
     }
-    channels.push(("B".into(), picture));
-    channels.push(("A".into(), accepted.iter().map(|&is| f32::from(u8::from(is))).collect()));
-    channels.push(("Z".into(), masked(&map.picked.depth, &map.picked.depth, fill_value)));
-    let range: Vec<f32> = (0..map.len()).map(|i| map.range(i) as f32).collect();
-    channels.push(("range.V".into(), masked(&range, &map.picked.depth, fill_value)));
+    add("A", &vec![1.0; map.len()], picked, 0.0);
+    add("Z", &picked.depth, picked, fill_value);
+    add("range.V", &(0..map.len()).map(|i| map.range(i) as f32).collect::<Vec<_>>(), picked, fill_value);
     if !map.confidence.is_empty() {
-        channels.push(("confidence.V".into(), masked(&map.confidence, &map.picked.depth, 0.0)));
+        add("confidence.V", &map.confidence, picked, 0.0);
     }
-    if let Some(facing) = &map.picked.facing {
-        channels.push(("facing.V".into(), masked(facing, &map.picked.depth, 0.0)));
+    if let Some(facing) = &picked.facing {
+        add("facing.V", facing, picked, 0.0);
     }
-    if let Some(material) = &map.picked.material {
-        channels.push(("material.id".into(), masked(&numbers(material), &map.picked.depth, 0.0)));
+    if let Some(material) = &picked.material {
+        add("material.id", &numbers(material), picked, 0.0);
     }
     for (surface, k) in map.returns.iter().zip(1..) {
-        channels.push((format!("return{k}.Z"), masked(&surface.depth, &surface.depth, fill_value)));
-        let strength = scaled(&surface.strength, scale);
-        channels.push((format!("return{k}.V"), masked(&strength, &surface.depth, 0.0)));
+        add(&format!("return{k}.Z"), &surface.depth, surface, fill_value);
+        add(&format!("return{k}.V"), &scaled(&surface.strength, scale), surface, 0.0);
         if let Some(facing) = &surface.facing {
-            channels.push((format!("return{k}.N"), masked(facing, &surface.depth, 0.0)));
+            add(&format!("return{k}.N"), facing, surface, 0.0);
         }
         if let Some(material) = &surface.material {
-            channels.push((format!("return{k}.id"), masked(&numbers(material), &surface.depth, 0.0)));
+            add(&format!("return{k}.id"), &numbers(material), surface, 0.0);
         }
         if let Some(confidence) = &surface.confidence {
-            channels.push((format!("return{k}.confidence"), masked(confidence, &surface.depth, 0.0)));
+            add(&format!("return{k}.confidence"), confidence, surface, 0.0);
         }
     }
     let mut attributes = attributes.to_vec();
@@ -112,7 +111,7 @@ pub fn write_depth_map(
     let mut part = part(None, [map.x.count, map.y.count], channels, &attributes, encoding)?;
     part.attributes.world_to_camera = Some(WORLD_TO_CAMERA);
     if map.view == View::Perspective {
-        // The window at distance 1, in the camera's axes, whose y points up.
+        // The window at distance 1, in the camera's axes, where y points up.
         let middle = |axis: &Axis| f64::midpoint(axis.first, axis.last()) as f32;
         part.attributes.screen_window_center = Vec2(middle(&map.x), -middle(&map.y));
         part.attributes.screen_window_width = (map.x.pitch * map.x.count as f64) as f32;
@@ -120,12 +119,12 @@ pub fn write_depth_map(
     write_parts(path, vec![part])
 }
 
-/// Material ids as an image holds them; 2²⁴ of them are exact.
+/// Material ids as floats, exact up to 2²⁴.
 fn numbers(ids: &[u32]) -> Vec<f32> {
     ids.iter().map(|&id| id as f32).collect()
 }
 
-/// The greatest finite amplitude of the map, or 1 where there is none.
+/// The maximum finite amplitude of the map, or 1 if there is none.
 fn amplitude_scale(map: &DepthMap) -> f32 {
     let peak = std::iter::once(&map.picked)
         .chain(&map.returns)
@@ -141,16 +140,16 @@ fn scaled(strength: &[f32], scale: f32) -> Vec<f32> {
 
 /// `values` where there is a depth, `nothing` elsewhere.
 fn masked(values: &[f32], depth: &[f32], nothing: f32) -> Vec<f32> {
-    assert_eq!(values.len(), depth.len(), "every field of a depth map holds one value per pixel");
+    assert_eq!(values.len(), depth.len(), "every field of a depth map has one value per pixel");
     values.iter().zip(depth).map(|(&value, z)| if z.is_finite() { value } else { nothing }).collect()
 }
 
-/// Reads a depth map whose pixels take no more than `limit_bytes`.
+/// Reads a depth map whose pixels take at most `limit_bytes`.
 ///
-/// A file of ours comes back as it was written, amplitudes to one part in 10⁷. Of a foreign file, `Z` is taken
-/// from the first part that has it (or from the only channel that ends in `.Z`), the amplitude from `R` or `Y`
-/// beside it, 1 if there is neither; `A` = 0, a depth that is not finite, not positive or beyond 10⁹ m mean that
-/// nothing is there.
+/// A file of this program is read as it was written, amplitudes to one part in 10⁷. In a file of another program, `Z` is
+/// that of the first part that has one (or the only channel that ends in `.Z`), and the amplitude is `R` or `Y` of the
+/// same part, or 1 without either; `A` = 0, or a depth that is not finite, not positive or beyond 10⁹ m, means that there
+/// is no return.
 ///
 /// # Errors
 /// A missing or damaged file, no channel `Z`, more pixels than the limit allows.
@@ -159,35 +158,32 @@ pub fn read_depth_map(path: &Path, limit_bytes: u64) -> Result<DepthFile> {
     let (part, prefix) = find_depth(path, &image.layer_data)?;
     let attributes = attributes_of(&part.attributes);
     let pixels = part.size.0 * part.size.1;
-    // Each once as it is, and once as it is kept.
+    // Each channel as it was read, and as it is returned.
     expect_room(2 * part.channel_data.list.len(), [part.size.0, part.size.1])?;
-    // Subsampled channels have fewer samples and are of no use to us.
+    // Subsampled channels have fewer samples and are ignored.
     let channel = |name: &str| {
-        let channel = part.channel_data.list.iter().find(|channel| channel.name.eq(name))?;
+        let channel = channel_of(part, name)?;
         let whole = channel.sampling == Vec2(1, 1) && channel.sample_data.len() == pixels;
         whole.then(|| floats(&channel.sample_data))
     };
-    let number = |name: &str| match find_attribute(&attributes, &format!("sonar:{name}")) {
+    let own = |name: &str| find_attribute(&attributes, &format!("sonar:{name}"));
+    let number = |name: &str| match own(name) {
         Some(Attribute::Number(number)) => Some(*number),
         Some(Attribute::Integer(integer)) => Some(*integer as f64),
         _ => None,
     };
     let Some(depth) = channel(&format!("{prefix}Z")) else {
-        return Err(Error::input(
-            path.display(),
-            format!(
-                "has a channel `{prefix}Z` of fewer samples than pixels; one depth per pixel was expected"
-            ),
-        ));
+        let problem = format!("has a subsampled channel `{prefix}Z`; one depth per pixel was expected");
+        return Err(Error::input(path.display(), problem));
     };
-    let text = |name: &str| match find_attribute(&attributes, &format!("sonar:{name}")) {
+    let text = |name: &str| match own(name) {
         Some(Attribute::Text(text)) => Some(text.as_str()),
         _ => None,
     };
-    let axes = ours(number("x0"), number("y0"), number("pitch"), number("pitchY"));
+    let axes = own_axes(number);
     let materials: Vec<String> =
         text("materials").and_then(|list| serde_json::from_str(list).ok()).unwrap_or_default();
-    // An id that counts no name is as good as none.
+    // An id without a name counts as none.
     let ids = |name: &str| -> Option<Vec<u32>> {
         let known =
             |id: &f32| if (1.0..=materials.len() as f32).contains(id) { id.round() as u32 } else { 0 };
@@ -201,7 +197,7 @@ pub fn read_depth_map(path: &Path, limit_bytes: u64) -> Result<DepthFile> {
         .map(|i| {
             let z = depth[i];
             let plausible = axes.is_some() || (z > 0.0 && z < FOREIGN_NOTHING);
-            // A file of ours has A; without it the fill alone tells.
+            // Files of this program have A; without it, the fill decides.
             let something = alpha.as_ref().map_or(Some(z) != fill, |alpha| alpha[i] > 0.0);
             z.is_finite() && plausible && something
         })
@@ -224,19 +220,14 @@ pub fn read_depth_map(path: &Path, limit_bytes: u64) -> Result<DepthFile> {
     while let Some(z) = channel(&format!("return{}.Z", returns.len() + 1)) {
         let k = returns.len() + 1;
         let strength = channel(&format!("return{k}.V")).unwrap_or_else(|| vec![0.0; pixels]);
-        // A depth that happens to equal the fill still has a strength.
+        // A true depth may equal the fill, but then it has a strength.
         let there = |z: f32, v: f32| z.is_finite() && (Some(z) != fill || v > 0.0);
         let depth: Vec<f32> =
             z.into_iter().zip(&strength).map(|(z, &v)| if there(z, v) { z } else { f32::NAN }).collect();
-        let of_returns = |values: Vec<f32>| -> Vec<f32> {
-            values
-                .into_iter()
-                .zip(&depth)
-                .map(|(value, z)| if z.is_nan() { f32::NAN } else { value })
-                .collect()
-        };
+        let level = |(db, z): (f32, &f32)| if z.is_nan() { f32::NAN } else { db };
+        let confidence = channel(&format!("return{k}.confidence"));
         returns.push(Surface {
-            confidence: channel(&format!("return{k}.confidence")).map(of_returns),
+            confidence: confidence.map(|levels| levels.into_iter().zip(&depth).map(level).collect()),
             material: ids(&format!("return{k}.id")),
             depth,
             strength: strength.into_iter().map(|v| v * scale).collect(),
@@ -257,21 +248,14 @@ pub fn read_depth_map(path: &Path, limit_bytes: u64) -> Result<DepthFile> {
     Ok(DepthFile { map, attributes, axes_known: axes.is_some() })
 }
 
-/// The axes' first positions and pitches, m, if all of them make sense.
-fn ours(
-    x0: Option<f64>,
-    y0: Option<f64>,
-    pitch: Option<f64>,
-    pitch_y: Option<f64>,
-) -> Option<[(f64, f64); 2]> {
-    let (x0, y0, pitch) = (x0?, y0?, pitch?);
-    let pitch_y = pitch_y.unwrap_or(pitch);
-    let sensible =
-        x0.is_finite() && y0.is_finite() && [pitch, pitch_y].iter().all(|p| p.is_finite() && *p > 0.0);
-    sensible.then_some([(x0, pitch), (y0, pitch_y)])
+/// The axes' first positions and pitches from this program's attributes, if all of them are valid.
+fn own_axes(number: impl Fn(&str) -> Option<f64>) -> Option<[(f64, f64); 2]> {
+    let (x0, y0, pitch) = (number("x0")?, number("y0")?, number("pitch")?);
+    let axes = [(x0, pitch), (y0, number("pitchY").unwrap_or(pitch))];
+    axes.iter().all(|(first, pitch)| first.is_finite() && pitch.is_finite() && *pitch > 0.0).then_some(axes)
 }
 
-/// The part that holds the depth, and what stands before `Z` in the channel's name.
+/// The part that contains the depth, and the prefix of `Z` in the channel's name.
 fn find_depth<'a>(path: &Path, parts: &'a [Part]) -> Result<(&'a Part, String)> {
     let names = |part: &'a Part| part.channel_data.list.iter().map(|channel| channel.name.to_string());
     if let Some(part) = parts.iter().find(|part| names(part).any(|name| name == "Z")) {
@@ -291,14 +275,17 @@ fn find_depth<'a>(path: &Path, parts: &'a [Part]) -> Result<(&'a Part, String)> 
             let present: Vec<_> = parts.iter().flat_map(names).take(20).collect();
             Err(Error::input(
                 path.display(),
-                format!("has no channel `Z` of depths; it holds {}", present.join(", ")),
+                format!("has no channel `Z` of depths, only {}", present.join(", ")),
             ))
         }
         many => {
             let present: Vec<_> = many.iter().map(|(_, name)| name.as_str()).collect();
             Err(Error::input(
                 path.display(),
-                format!("has no root `Z` but several layers with one: {}; keep one", present.join(", ")),
+                format!(
+                    "has no root `Z` but several layers with a `Z`: {}; keep only one",
+                    present.join(", ")
+                ),
             ))
         }
     }

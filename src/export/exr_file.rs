@@ -1,4 +1,4 @@
-//! What every `OpenEXR` file of ours has in common: attributes, encoding, and the same bytes for the same input.
+//! The common part of all `OpenEXR` files: attributes, encoding, and bit-identical files for the same input.
 
 use super::{Attribute, Attributes, Compression, Encoding};
 use crate::alloc::try_with_capacity;
@@ -9,19 +9,19 @@ use exr::prelude as ex;
 use exr::prelude::traits::*;
 use smallvec::SmallVec;
 use std::fs::File;
-use std::io::{self, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
+use std::io::{self, BufRead, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::Path;
 
-/// A part with 32-bit or 16-bit channels, as it is written and as it is read.
+/// A part with channels of 32 or 16 bits.
 pub(super) type Part = ex::Layer<ex::AnyChannels<ex::FlatSamples>>;
-/// Parts and what they share.
+/// All parts of a file.
 pub(super) type Parts = ex::Image<ex::Layers<ex::AnyChannels<ex::FlatSamples>>>;
 
-/// `OpenEXR`'s camera is left-handed with y up and z forward: our axes with y turned over.
+/// `OpenEXR`'s camera is left-handed with y up and z forward: the program's axes with y reversed.
 pub(super) const WORLD_TO_CAMERA: [f32; 16] =
     [1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0];
 
-/// ASCII text for an attribute. EXR's own Latin-1 is read as UTF-8 by some programs, so all else is escaped.
+/// ASCII text for an attribute. Some programs read EXR's Latin-1 as UTF-8, so all other characters are escaped.
 fn ascii(text: &str) -> Text {
     let mut bytes = SmallVec::new();
     for c in text.chars() {
@@ -36,13 +36,7 @@ fn ascii(text: &str) -> Text {
     Text::from_bytes_unchecked(bytes)
 }
 
-/// A double-precision vector: EXR's types `v2d` and `v3d`, which the exr crate passes through as they are.
-fn doubles(kind: &str, numbers: &[f64]) -> AttributeValue {
-    let bytes = numbers.iter().flat_map(|number| number.to_le_bytes()).collect();
-    AttributeValue::Custom { kind: ascii(kind), bytes }
-}
-
-/// The attribute as EXR knows it.
+/// The attribute in EXR's types. For `v3d`, doubles, the exr crate has no type and passes the bytes through.
 fn encode(value: &Attribute) -> AttributeValue {
     match value {
         Attribute::Text(text) => AttributeValue::Text(ascii(text)),
@@ -51,11 +45,14 @@ fn encode(value: &Attribute) -> AttributeValue {
             Ok(integer) => AttributeValue::I32(integer),
             Err(_) => AttributeValue::F64(*integer as f64),
         },
-        Attribute::Vector(vector) => doubles("v3d", vector),
+        Attribute::Vector(vector) => {
+            let bytes = vector.iter().flat_map(|number| number.to_le_bytes()).collect();
+            AttributeValue::Custom { kind: ascii("v3d"), bytes }
+        }
     }
 }
 
-/// The attribute as we know it; `None` for types that none of ours has.
+/// The attribute of an EXR value; `None` for types that are never written.
 fn decode(value: &AttributeValue) -> Option<Attribute> {
     Some(match value {
         AttributeValue::Text(text) => Attribute::Text(text.to_string()),
@@ -66,17 +63,14 @@ fn decode(value: &AttributeValue) -> Option<Attribute> {
             Attribute::Vector([f64::from(*x), f64::from(*y), f64::from(*z)])
         }
         AttributeValue::Custom { kind, bytes } if kind.eq("v3d") && bytes.len() == 24 => {
-            let mut vector = [0.0; 3];
-            for (number, eight) in vector.iter_mut().zip(bytes.chunks_exact(8)) {
-                *number = f64::from_le_bytes(eight.try_into().ok()?);
-            }
-            Attribute::Vector(vector)
+            let numbers = bytes.as_chunks::<8>().0.iter().map(|eight| f64::from_le_bytes(*eight));
+            Attribute::Vector(numbers.collect::<Vec<_>>().try_into().ok()?)
         }
         _ => return None,
     })
 }
 
-/// What a part's header says, in order of the names.
+/// The attributes of a part's header, sorted by name.
 pub(super) fn attributes_of(header: &ex::LayerAttributes) -> Attributes {
     let mut attributes: Attributes =
         header.other.iter().filter_map(|(name, value)| Some((name.to_string(), decode(value)?))).collect();
@@ -86,13 +80,13 @@ pub(super) fn attributes_of(header: &ex::LayerAttributes) -> Attributes {
 
 /// One part of `width` x `height` pixels; `R`, `G`, `B` and `Y` may take 16 bits, every other channel takes 32.
 ///
-/// Attributes that come later replace earlier ones of the same name.
+/// Later attributes replace earlier ones of the same name.
 ///
 /// # Errors
-/// [`Error::OutOfMemory`] when its half floats do not fit in memory.
+/// [`Error::OutOfMemory`] if its half floats do not fit in memory.
 ///
 /// # Panics
-/// When a channel has not exactly one sample per pixel, or an attribute's name does not start with `sonar:`.
+/// If a channel does not have one sample per pixel, or an attribute's name does not start with `sonar:`.
 pub(super) fn part(
     name: Option<&str>,
     [width, height]: [usize; 2],
@@ -106,8 +100,8 @@ pub(super) fn part(
         ..ex::LayerAttributes::default()
     };
     for (name, value) in attributes {
-        // Any other name could take the place of one that readers rely on.
-        assert!(name.starts_with("sonar:"), "attribute `{name}`: our attributes' names start with `sonar:`");
+        // Any other name could replace an attribute that readers need.
+        assert!(name.starts_with("sonar:"), "attribute `{name}`: the name must start with `sonar:`");
         header.other.insert(ascii(name), encode(value));
     }
     let channels = channels
@@ -137,31 +131,29 @@ pub(super) fn part(
     Ok(ex::Layer::new((width, height), header, encoding, ex::AnyChannels::sort(channels)))
 }
 
-/// The refusal of a channel that does not fit.
+/// The error for a channel that does not fit in memory.
 pub(super) fn no_room([width, height]: [usize; 2]) -> Error {
     Error::out_of_memory(format!(
-        "a channel of {width} x {height} pixels of an EXR does not fit; ask for fewer, or free some memory"
+        "a channel of {width} x {height} pixels of an EXR does not fit in memory; use fewer pixels, or free some memory"
     ))
 }
 
-/// Writes the parts; one part makes a single-part file. Same parts, same bytes.
+/// Writes the parts; one part makes a single-part file. The same parts give the same bytes.
 ///
 /// # Errors
 /// As [`write_atomically`].
 pub(super) fn write_parts(path: &Path, parts: Vec<Part>) -> Result<()> {
     let Some(first) = parts.first() else {
-        return Err(Error::input(path.display(), "an EXR file without a part cannot be written"));
+        return Err(Error::input(path.display(), "cannot be written: an EXR file needs at least one part"));
     };
-    let (Some(width), Some(height)) = (
-        i32::try_from(first.size.0).ok().filter(|&n| n > 0),
-        i32::try_from(first.size.1).ok().filter(|&n| n > 0),
-    ) else {
+    let (width, height) = (first.size.0, first.size.1);
+    if [width, height].iter().any(|&n| n == 0 || i32::try_from(n).is_err()) {
         return Err(Error::input(
             path.display(),
-            format!("{} x {} pixels do not make an EXR image", first.size.0, first.size.1),
+            format!("an EXR image cannot have {width} x {height} pixels"),
         ));
-    };
-    let bounds = ex::IntegerBounds::from_dimensions((width as usize, height as usize));
+    }
+    let bounds = ex::IntegerBounds::from_dimensions((width, height));
     let image =
         ex::Image::from_layers(ex::ImageAttributes::new(bounds), SmallVec::<[Part; 2]>::from_vec(parts));
     write_atomically(path, |out| {
@@ -175,8 +167,8 @@ pub(super) fn write_parts(path: &Path, parts: Vec<Part>) -> Result<()> {
 
 /// Puts the attributes of every header in alphabetical order.
 ///
-/// The exr crate keeps them in a hash map and writes them in an order that differs from run to run. Headers end
-/// where they ended before, so nothing else in the file has to move.
+/// The exr crate stores them in a hash map and writes them in an order that differs from run to run. The size of the
+/// headers does not change, so nothing else in the file moves.
 fn sort_headers(out: &mut BufWriter<&File>) -> io::Result<()> {
     out.flush()?;
     let mut file = *out.get_ref();
@@ -191,7 +183,7 @@ fn sort_headers(out: &mut BufWriter<&File>) -> io::Result<()> {
         while let Some(attribute) = next_attribute(&mut input)? {
             attributes.push(attribute);
         }
-        // An empty header ends the list of a multi-part file.
+        // An empty header ends the list in a multi-part file.
         let last = attributes.is_empty() || !multipart;
         attributes.sort();
         sorted.extend(attributes.into_iter().flatten());
@@ -206,19 +198,14 @@ fn sort_headers(out: &mut BufWriter<&File>) -> io::Result<()> {
 }
 
 /// The bytes of one attribute (name, type, size, value), or `None` at the end of a header.
-fn next_attribute(input: &mut impl Read) -> io::Result<Option<Vec<u8>>> {
+fn next_attribute(input: &mut impl BufRead) -> io::Result<Option<Vec<u8>>> {
     let mut bytes = Vec::new();
-    let mut one = [0];
     for _name_then_type in 0..2 {
-        loop {
-            input.read_exact(&mut one)?;
-            bytes.push(one[0]);
-            if bytes == [0] {
-                return Ok(None);
-            }
-            if one[0] == 0 {
-                break;
-            }
+        if input.read_until(0, &mut bytes)? == 0 {
+            return Err(io::ErrorKind::UnexpectedEof.into());
+        }
+        if bytes == [0] {
+            return Ok(None);
         }
     }
     let mut size = [0; 4];
@@ -230,7 +217,7 @@ fn next_attribute(input: &mut impl Read) -> io::Result<Option<Vec<u8>>> {
     Ok(Some(bytes))
 }
 
-/// Reads every flat part of a file whose pixels take no more than `limit_bytes`.
+/// Reads every flat part of a file whose pixels take at most `limit_bytes`.
 ///
 /// # Errors
 /// A missing or damaged file, deep data, or more pixels than the limit allows.
@@ -242,19 +229,17 @@ pub(super) fn read_parts(path: &Path, limit_bytes: u64) -> Result<Parts> {
     })?;
     let bytes = meta.headers.iter().fold(0_u128, |sum, header| {
         let pixels = header.layer_size.0 as u128 * header.layer_size.1 as u128;
-        // Smaller copies of a tiled part add at most three times its own pixels.
+        // The resolution levels of a tiled part add at most three times its pixels.
         let levels = if matches!(header.blocks, exr::meta::BlockDescription::Tiles(_)) { 4 } else { 1 };
         sum + pixels * levels * header.channels.bytes_per_pixel as u128
     });
     if bytes > u128::from(limit_bytes) {
-        return Err(Error::input(
-            path.display(),
-            format!(
-                "declares {bytes} bytes of pixels, more than the limit of {limit_bytes}; raise the limit"
-            ),
-        ));
+        let problem = format!(
+            "declares {bytes} bytes of pixels, more than the limit of {limit_bytes}; raise the limit"
+        );
+        return Err(Error::input(path.display(), problem));
     }
-    // Decoding stays on this thread: a panic on another one could not be caught.
+    // Decoding uses only this thread, because a panic on another one could not be caught.
     guarded(path, {
         let file = BufReader::new(open()?);
         || {
@@ -270,41 +255,46 @@ pub(super) fn read_parts(path: &Path, limit_bytes: u64) -> Result<Parts> {
     })
 }
 
-/// Runs a reader that may fail, or panic, on bytes nobody vouches for.
+/// Runs a reader that may fail or panic on damaged input.
 fn guarded<T>(path: &Path, read: impl FnOnce() -> ex::Result<T>) -> Result<T> {
     let refused = |problem: &str| {
         Error::input(
             path.display(),
-            format!("is no readable EXR file ({problem}); an OpenEXR file with flat pixels was expected"),
+            format!("is not a readable EXR file ({problem}); an OpenEXR file with flat pixels was expected"),
         )
     };
     match error::guarded(read) {
         Some(Ok(value)) => Ok(value),
-        // A damaged offset ends the reading early, or seeks to a place that no file has.
+        // A damaged offset leads to the end of the file, or to an invalid position.
         Some(Err(ex::Error::Io(error)))
             if !matches!(error.kind(), io::ErrorKind::UnexpectedEof | io::ErrorKind::InvalidInput) =>
         {
             Err(Error::reading(path, error))
         }
         Some(Err(error)) => Err(refused(&error.to_string())),
-        None => Err(refused("its contents are contradictory")),
+        None => Err(refused("its contents are inconsistent")),
     }
 }
 
-/// Makes sure that so many channels of an image fit in memory, before they are made one by one.
+/// Checks that this many channels of an image fit in memory, before they are allocated one by one.
 pub(super) fn expect_room(channels: usize, [width, height]: [usize; 2]) -> Result<()> {
     let values = (channels as u64).saturating_mul(width as u64).saturating_mul(height as u64);
     try_with_capacity::<f32>(values).map(drop).ok_or_else(|| no_room([width, height]))
 }
 
+/// The channel of this name.
+pub(super) fn channel_of<'a>(part: &'a Part, name: &str) -> Option<&'a ex::AnyChannel<ex::FlatSamples>> {
+    part.channel_data.list.iter().find(|channel| channel.name.eq(name))
+}
+
 /// A channel's numbers, whatever their type.
 pub(super) fn floats(samples: &ex::FlatSamples) -> Vec<f32> {
     let mut values = Vec::with_capacity(samples.len());
-    let _ = append_floats(samples, &mut values); // there is room
+    let _ = append_floats(samples, &mut values); // the capacity is sufficient
     values
 }
 
-/// Adds a channel's numbers, whatever their type, to `values`; `None` when they do not fit in memory.
+/// Appends a channel's numbers, whatever their type, to `values`; `None` if they do not fit in memory.
 pub(super) fn append_floats(samples: &ex::FlatSamples, values: &mut Vec<f32>) -> Option<()> {
     values.try_reserve(samples.len()).ok()?;
     match samples {
@@ -329,7 +319,7 @@ mod tests {
     }
 
     #[test]
-    fn attributes_survive() {
+    fn attributes_are_read_as_they_were_written() {
         let attributes = vec![
             ("sonar:big".to_owned(), Attribute::Integer(1 << 40)),
             ("sonar:gridOrigin".to_owned(), Attribute::Vector([0.1, -0.2, 1.0 / 3.0])),

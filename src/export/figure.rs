@@ -1,10 +1,10 @@
-//! Every PNG: maps as crisp blocks in a box with axes in metres, and a colour bar beside it.
+//! PNG figures: maps as crisp blocks in a box with axes in metres and a colour bar.
 //!
-//! A [`Panel`] is one map; [`write_figure`] draws one or several. Pixels of the map are never blended, since the
-//! mean of two depths is a depth where nothing is.
+//! A [`Panel`] is one map; [`write_figure`] draws one or several. Pixels of the map are never blended, because the mean of
+//! two depths may be a depth where there is no surface.
 //!
-//! `plotters` 0.3 and `charming` 0.6 were looked at: the first has neither colour bars nor equal scales on both axes, so that the
-//! layout would be computed here all the same, and the second draws in a browser or brings V8.
+//! The crate `plotters` 0.3 has neither colour bars nor equal scales on both axes, so the layout would still be computed
+//! here; `charming` 0.6 draws in a browser or needs V8.
 
 mod bar;
 mod canvas;
@@ -25,14 +25,14 @@ use crate::grid::Axis;
 use std::borrow::Cow;
 use std::path::Path;
 
-/// Colours of a scale: as many as leave room for lettering in a palette of 256.
+/// Number of colours of a scale; the rest of a palette of 256 is for the text.
 const COLOURS: usize = 200;
 
-/// A family of colours from low to high.
+/// A colour map.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum ColourMap {
-    /// Blue to yellow, evenly rising in brightness: depths.
+    /// Blue to yellow, with evenly rising brightness: depths.
     Viridis,
     /// Black to yellow: amplitudes.
     Inferno,
@@ -40,23 +40,23 @@ pub enum ColourMap {
     Grey,
 }
 
-/// How values become colours. A range that is not finite means that there are no values.
+/// The mapping of values to colours. A range that is not finite means that there are no values.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Scale {
-    /// From the first to the second number of `range`, both in the values' unit; beyond it the end colours.
+    /// From the first to the second number of `range`, in the unit of the values; values beyond have the end colours.
     Sequential {
         /// The colours.
         map: ColourMap,
         /// Values of the first and of the last colour.
         range: [f64; 2],
-        /// What stands beside the colour bar: quantity / unit.
+        /// Label of the colour bar: quantity / unit.
         label: String,
     },
     /// Blue from `−limit`, white at 0, red to `+limit`.
     Diverging {
         /// Value of the last colour, positive.
         limit: f64,
-        /// What stands beside the colour bar: quantity / unit.
+        /// Label of the colour bar: quantity / unit.
         label: String,
     },
 }
@@ -64,7 +64,7 @@ pub enum Scale {
 /// One map of a figure.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Panel<'a> {
-    /// Above the map.
+    /// The title above the map.
     pub title: String,
     /// A second, smaller line above the map; may be empty.
     pub note: String,
@@ -78,18 +78,18 @@ pub struct Panel<'a> {
     pub x_label: String,
     /// Quantity / unit of the rows.
     pub y_label: String,
-    /// Whether the first row is drawn at the bottom, as in a plan seen from above; images have it on top.
+    /// Whether the first row is drawn at the bottom, as in a top view; images have it at the top.
     pub upward: bool,
-    /// Whether the map is drawn square, whatever its extents; otherwise a metre is as long along both axes.
+    /// Whether the map is drawn square, whatever its extents; otherwise both axes have the same scale.
     pub stretched: bool,
-    /// How values become colours.
+    /// The mapping of values to colours.
     pub scale: Scale,
-    /// What the grey of NaN means: "no return".
+    /// The meaning of the grey of NaN: "no return".
     pub nothing: String,
 }
 
 impl<'a> Panel<'a> {
-    /// A map over x and y in m, rows downwards.
+    /// A map over x and y in m, with rows downwards.
     pub fn new(title: &str, values: impl Into<Cow<'a, [f32]>>, x: Axis, y: Axis, scale: Scale) -> Self {
         Self {
             title: title.into(),
@@ -108,14 +108,19 @@ impl<'a> Panel<'a> {
 }
 
 impl Scale {
+    /// Levels from `−range_db` to 0 dB.
+    fn levels(range_db: f64) -> Self {
+        Self::Sequential { map: ColourMap::Inferno, range: [-range_db, 0.0], label: "level / dB".into() }
+    }
+
     fn label(&self) -> &str {
         match self {
             Self::Sequential { label, .. } | Self::Diverging { label, .. } => label,
         }
     }
 
-    /// Values of the first and last colour, or `None` if there are no values. A range without length is
-    /// widened, so that a constant map has a middle colour.
+    /// Values of the first and last colour, or `None` if there are no values. A range of zero length is widened, so that
+    /// a constant map has the middle colour.
     fn range(&self) -> Option<[f64; 2]> {
         let [low, high] = match self {
             Self::Sequential { range, .. } => *range,
@@ -132,7 +137,7 @@ impl Scale {
         }
     }
 
-    /// The colour at a place between 0 (first) and 1 (last), of [`COLOURS`].
+    /// The colour at a position between 0 (first) and 1 (last), one of [`COLOURS`].
     fn colour(&self, place: f64) -> canvas::Colour {
         let steps = (COLOURS - 1) as f64;
         let place = (place.clamp(0.0, 1.0) * steps).round() / steps;
@@ -148,15 +153,15 @@ impl Scale {
 
 /// Draws panels, in rows of `columns`, into a PNG.
 ///
-/// Panels of one row that share their scale share the colour bar at its end; the bar has a pointed end where values lie
-/// beyond its colours. The picture is for print at 300 dots per inch and says so: one column of panels makes a
-/// journal's column (about 1050 px, 88 mm), two make 1700 to 2000 px, and any number no more than 4000.
+/// Panels of one row with the same scale share the colour bar at its end; the bar has a pointed end if there are values
+/// beyond its colours. The resolution in the file is 300 dots per inch: one column of panels is as wide as a journal
+/// column (about 1050 px, 88 mm), two are 1700 to 2000 px wide, and more at most 4000 px.
 ///
 /// # Errors
 /// As `crate::files::write_atomically`.
 ///
 /// # Panics
-/// When there are no panels, no columns, or not exactly one value per pixel of a panel.
+/// Without panels or columns, or if a panel does not have one value per pixel.
 pub fn write_figure(path: &Path, panels: &[Panel<'_>], columns: usize) -> Result<()> {
     assert!(!panels.is_empty() && columns > 0, "a figure has at least one panel and one column");
     for panel in panels {

@@ -1,9 +1,9 @@
-//! Every form in which a result leaves: `OpenEXR`, VTK image data, NRRD, `NumPy` archives, PLY points, PNG figures, and a page
-//! that shows it all.
+//! The output formats: `OpenEXR`, VTK image data, NRRD, `NumPy` archives, PLY points, PNG figures, and an HTML page that
+//! shows everything.
 //!
-//! Takes the shapes of [`crate::grid`] and named facts about them ([`Attributes`]); gives files that are written
-//! whole or not at all. Depth maps, volumes and points are read back too. No writer flips or smooths anything: an
-//! image's column is x and its row is y.
+//! Takes the types of [`crate::grid`] and named [`Attributes`]; writes files that are complete or do not appear at all.
+//! Depth maps, volumes and points can be read, too. No writer flips or smooths anything: an image's column is x and its
+//! row is y.
 //!
 //! # Example
 //! A depth map of two pixels, one of them empty, as an image for Blender and Nuke and as a figure for a paper:
@@ -44,29 +44,41 @@ pub mod volume_vti;
 pub use fill::Fill;
 pub(crate) use volume_file::VolumeFile;
 
-/// A fact about a result that its file carries along.
+use crate::choice::choice;
+
+/// The value of an attribute that is written with a result.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Attribute {
-    /// Words. EXR keeps ASCII alone: other characters are written as `\u00e9`, as JSON writes them.
+    /// Text. EXR stores only ASCII: other characters are escaped as in JSON, such as `\u00e9`.
     Text(String),
     /// A number, in the SI unit of the quantity it is named after.
     Number(f64),
-    /// A whole number. EXR keeps 32 bits: what lies beyond is written as a [`Attribute::Number`].
+    /// An integer. EXR stores 32 bits: larger ones are written as [`Attribute::Number`].
     Integer(i64),
     /// A position or an extent along x, y, z; m unless its name says otherwise.
     Vector([f64; 3]),
 }
 
-/// Named facts, in the order in which they are to appear; names start with `sonar:`.
+/// Named attributes, in the order in which they are written; names start with `sonar:`.
 pub type Attributes = Vec<(String, Attribute)>;
 
-use crate::choice::choice;
+impl Attribute {
+    /// The value as text; the components of a vector are separated by spaces.
+    fn to_text(&self) -> String {
+        match self {
+            Self::Text(text) => text.clone(),
+            Self::Number(number) => number.to_string(),
+            Self::Integer(integer) => integer.to_string(),
+            Self::Vector(vector) => vector.map(|number| number.to_string()).join(" "),
+        }
+    }
+}
 
 choice! {
-    /// Which numbers of a complex volume a file holds.
+    /// Which components of a complex volume a file contains.
     #[derive(Default)]
     pub enum Components: "components" {
-        /// `|Â|` alone.
+        /// `|Â|` only.
         #[default]
         Amplitude = "amplitude",
         /// `|Â|`, and its real and imaginary parts as `re` and `im`.
@@ -75,28 +87,28 @@ choice! {
 }
 
 choice! {
-    /// Whether a file is made smaller, always without loss.
+    /// The lossless compression of a file.
     #[derive(Default)]
     pub enum Compression: "compression" {
         /// Deflate: EXR's ZIP in blocks of 16 lines, NRRD's gzip.
         #[default]
         Zip = "zip",
-        /// Not at all, which is faster to write and to read.
+        /// None, which is faster to write and to read.
         None = "none",
     }
 }
 
-/// How an EXR file keeps its numbers.
+/// How an EXR file stores its numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub struct Encoding {
-    /// Whether amplitudes (`R`, `G`, `B`, `Y`) take 16 bits instead of 32; see `fits_float16`.
+    /// Whether amplitudes (`R`, `G`, `B`, `Y`) take 16 bits instead of 32.
     pub float16: bool,
-    /// Of the pixels.
+    /// The compression of the pixels.
     pub compression: Compression,
 }
 
-/// Whether half floats hold amplitudes up to `peak` well: at their full eleven bits down to 40 dB below it, and
-/// nothing beyond the greatest of them.
+/// Whether half floats are suitable for amplitudes up to `peak`: without overflow, and with their full precision of
+/// eleven bits down to 40 dB below it.
 pub(crate) fn fits_float16(peak: f32) -> bool {
     peak == 0.0 || (0.01..=6e4).contains(&peak)
 }

@@ -1,15 +1,15 @@
-//! `report.html`: one self-contained page on which a person sees the whole result.
+//! `report.html`: one self-contained page that shows the complete result.
 //!
-//! Takes the volume, the maps, the points of the scene and the text of `report.json`; gives a page that loads nothing
-//! and works from a file. The page's own code lies beside this file and is small enough to read: `template.html` and
-//! `style.css`, the shaders, and the scripts, which are joined in the order of `SCRIPTS`. Same inputs, same bytes.
+//! Takes the volume, the maps, the points of the scene and the text of `report.json`; writes a page that loads nothing
+//! and can be opened as a local file. Its sources are in the folder `page`: `template.html`, `style.css`, the shaders, and
+//! the scripts, which are joined in the order of `SCRIPTS`. The same inputs give the same bytes.
 
 mod miniature;
 mod payload;
 
 pub(crate) use miniature::Miniature;
 
-use super::points_ply::{Kind, ScenePoints};
+use super::points_ply::{PointKind, ScenePoints};
 use crate::error::Result;
 use crate::files::write_atomically;
 use crate::grid::{Axis, DepthMap};
@@ -20,10 +20,10 @@ use serde_json::{Map, Value, json};
 use std::io::Write;
 use std::path::Path;
 
-/// The page, with `{{name}}` where things go.
+/// The page, with placeholders `{{name}}`.
 const TEMPLATE: &str = include_str!("page/template.html");
 const STYLE: &str = include_str!("page/style.css");
-/// The scripts, one scope.
+/// The scripts, which share one scope.
 const SCRIPTS: [&str; 5] = [
     include_str!("page/data.js"),
     include_str!("page/view.js"),
@@ -31,7 +31,7 @@ const SCRIPTS: [&str; 5] = [
     include_str!("page/numbers.js"),
     include_str!("page/main.js"),
 ];
-/// Name in the script, and source.
+/// The shaders: name in the script, and source.
 const SHADERS: [(&str, &str); 4] = [
     ("rays", include_str!("page/rays.vert")),
     ("volume", include_str!("page/volume.frag")),
@@ -39,33 +39,33 @@ const SHADERS: [(&str, &str); 4] = [
     ("marks", include_str!("page/points.frag")),
 ];
 
-/// Most pixels of a map along one axis; a larger map is thinned, never blended.
+/// Maximum number of pixels of a map along one axis; a larger map is subsampled, never blended.
 const MAP_PIXELS: usize = 512;
 
-/// Most points of one kind that are drawn.
+/// Maximum number of points of one kind that are drawn.
 const MOST_POINTS: usize = 6000;
 
-/// What a page shows; anything may be missing.
+/// The contents of a page, all of them optional.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Contents<'a> {
-    /// The volume, reduced.
+    /// The reduced volume.
     pub(crate) volume: Option<&'a Miniature>,
-    /// What was found.
+    /// The depth map.
     pub(crate) depth: Option<&'a DepthMap>,
-    /// What is there.
+    /// The ground truth.
     pub(crate) truth: Option<&'a DepthMap>,
-    /// What stood where.
+    /// The points of the scene.
     pub(crate) scene: Option<&'a ScenePoints>,
 }
 
-/// A page's data, packed.
+/// The compressed data of a page.
 #[derive(Debug, Clone)]
 pub(crate) struct Page {
     data: Value,
 }
 
 impl Page {
-    /// Packs what is to be shown.
+    /// Compresses the contents.
     ///
     /// # Errors
     /// A depth map and a truth whose pixels do not coincide.
@@ -79,23 +79,18 @@ impl Page {
         if let Some(depth) = contents.depth {
             data.insert("maps".into(), maps(depth, contents.truth)?);
         }
-        match (contents.scene, contents.truth) {
-            (Some(scene), _) if scene.of(Kind::Reflector).next().is_some() => {
-                data.insert("points".into(), points(scene));
-            }
-            (scene, truth) => {
-                if let Some(scene) = scene {
-                    data.insert("points".into(), points(scene));
-                }
-                if let Some(truth) = truth {
-                    data.insert("truth_points".into(), sample(&surface_points(truth)));
-                }
-            }
+        if let Some(scene) = contents.scene {
+            data.insert("points".into(), points(scene));
+        }
+        // Without reflectors, the true surfaces are drawn instead.
+        let scene = contents.scene.filter(|scene| scene.of(PointKind::Reflector).next().is_some());
+        if let (None, Some(truth)) = (scene, contents.truth) {
+            data.insert("truth_points".into(), sample(&surface_points(truth)));
         }
         Ok(Self { data: Value::Object(data) })
     }
 
-    /// Writes the page under a title, with `report.json`'s own text in it.
+    /// Writes the page with a title and the text of `report.json`.
     ///
     /// # Errors
     /// As [`write_atomically`].
@@ -127,12 +122,12 @@ impl Page {
     }
 }
 
-/// JSON that cannot end the script element it stands in: `<` occurs within strings alone, where it may be escaped.
+/// JSON that cannot end its script element: `<` occurs only in strings, where it can be escaped.
 fn script_safe(json: &str) -> String {
     json.replace('<', "\\u003c")
 }
 
-/// The colours of the figures, 256 of each map.
+/// The colour maps of the figures, 256 colours each.
 fn colours() -> Value {
     let map = |gradient: colorous::Gradient, reversed: bool| {
         let colour = |k: usize| {
@@ -147,10 +142,6 @@ fn colours() -> Value {
         "grey": map(colorous::GREYS, true),
         "diverging": map(colorous::RED_BLUE, true),
     })
-}
-
-fn axis_json(axis: &Axis) -> Value {
-    json!({ "first": axis.first, "pitch": axis.pitch, "count": axis.count })
 }
 
 /// Depth, amplitude, confidence, truth and error; every n-th pixel of maps that are too large.
@@ -171,8 +162,8 @@ fn maps(depth: &DepthMap, truth: Option<&DepthMap>) -> Result<Value> {
     let peak = depth.picked.strength.iter().copied().filter(|v| v.is_finite()).fold(0.0, f32::max);
     let amplitude: Vec<u8> = thin(&depth.picked.strength).into_iter().map(|v| code(v, peak)).collect();
     let mut maps = json!({
-        "x": axis_json(&thinned(&depth.x)),
-        "y": axis_json(&thinned(&depth.y)),
+        "x": thinned(&depth.x),
+        "y": thinned(&depth.y),
         "view": depth.view,
         "reduced": step,
         "depth": pack_floats(&thin(&depth.picked.depth)),
@@ -188,7 +179,7 @@ fn maps(depth: &DepthMap, truth: Option<&DepthMap>) -> Result<Value> {
     Ok(maps)
 }
 
-/// Where a map's surfaces lie.
+/// The points of a map's surfaces, m.
 fn surface_points(map: &DepthMap) -> Vec<[f32; 3]> {
     let found = (0..map.len()).filter(|&i| map.picked.depth[i].is_finite());
     found.map(|i| map.point(i).to_array().map(|x| x as f32)).collect()
@@ -197,13 +188,13 @@ fn surface_points(map: &DepthMap) -> Vec<[f32; 3]> {
 fn points(scene: &ScenePoints) -> Value {
     let of = |kind| sample(&scene.of(kind).collect::<Vec<_>>());
     json!({
-        "reflectors": of(Kind::Reflector),
-        "microphones": of(Kind::Microphone),
-        "speaker": scene.of(Kind::Speaker).next(),
+        "reflectors": of(PointKind::Reflector),
+        "microphones": of(PointKind::Microphone),
+        "speaker": scene.of(PointKind::Speaker).next(),
     })
 }
 
-/// Every n-th point, so that no more than [`MOST_POINTS`] remain; how many there are, and how many are shown.
+/// Every n-th point, at most [`MOST_POINTS`], with the numbers of all points and of those shown.
 fn sample(points: &[[f32; 3]]) -> Value {
     let step = points.len().div_ceil(MOST_POINTS).max(1);
     let shown: Vec<f32> = points.iter().step_by(step).flatten().copied().collect();

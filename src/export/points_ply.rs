@@ -1,7 +1,7 @@
-//! Points as PLY, binary little-endian: what Blender, MeshLab, CloudCompare and ParaView open.
+//! Points as PLY, binary little-endian, which Blender, MeshLab, CloudCompare and ParaView open.
 //!
-//! Two clouds: the surfaces that a depth map found, with normals; and what stood where, reflectors, microphones and
-//! the speaker. Both are in the array's axes, in m.
+//! Two point clouds: the surfaces of a depth map, with normals; and the scene: reflectors, microphones and speaker. Both
+//! are in the array's axes, in m.
 
 mod normals;
 mod reader;
@@ -20,13 +20,13 @@ use glam::DVec3;
 use std::io::Write;
 use std::path::Path;
 
-/// Longest comment that is written: some readers take no longer lines.
+/// Maximum length of a comment that is written; some readers reject longer lines.
 const LONGEST_COMMENT: usize = 200;
 
 /// Writes one vertex per accepted pixel: `x`, `y`, `z` in m, the normal `nx`, `ny`, `nz`, and `amplitude`, all float32.
 ///
-/// The normal is that of the plane through the neighbouring pixels of the same surface, turned to the array; a pixel
-/// without enough neighbours faces the array, (0, 0, −1). Short `attributes` become comments.
+/// The normal is that of the plane through the neighbouring pixels of the same surface, and points to the array's side; it
+/// is (0, 0, −1) for a pixel with too few neighbours. Short `attributes` become comments.
 ///
 /// # Errors
 /// As `write_atomically`.
@@ -49,17 +49,17 @@ pub fn write_depth_points(path: &Path, map: &DepthMap, attributes: &[(String, At
 
 /// What a point of a scene is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Kind {
-    /// A point that scatters.
+pub enum PointKind {
+    /// A point that scatters sound.
     Reflector,
-    /// A point that hears.
+    /// A microphone.
     Microphone,
-    /// The point that sounds.
+    /// The loudspeaker.
     Speaker,
 }
 
-impl Kind {
-    /// All of them, in the order of their numbers in a file.
+impl PointKind {
+    /// All kinds, in the order of their numbers in a file.
     pub const ALL: [Self; 3] = [Self::Reflector, Self::Microphone, Self::Speaker];
 
     fn colour(self) -> [u8; 3] {
@@ -71,30 +71,30 @@ impl Kind {
     }
 }
 
-/// What stands where.
+/// The points of a scene: reflectors, microphones and speaker.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ScenePoints {
-    points: Vec<(Kind, [f32; 3], f32)>,
+    points: Vec<(PointKind, [f32; 3], f32)>,
 }
 
 impl ScenePoints {
-    /// The reflectors (none for a measured cube), the microphones, and the speaker of a geometry that has its own.
+    /// The reflectors (none for a measured cube), the microphones, and the speaker of a geometry with a fixed one.
     pub fn new(reflectors: Option<&Reflectors>, array: &MicArray, geometry: &Geometry) -> Self {
         let mut points = Vec::new();
         let single = |p: &DVec3| p.to_array().map(|x| x as f32);
         if let Some(reflectors) = reflectors {
             let pairs = reflectors.positions().iter().zip(reflectors.amplitudes());
-            points.extend(pairs.map(|(p, a)| (Kind::Reflector, single(p), a.norm())));
+            points.extend(pairs.map(|(p, a)| (PointKind::Reflector, single(p), a.norm())));
         }
-        points.extend(array.positions().iter().map(|p| (Kind::Microphone, single(p), 0.0)));
+        points.extend(array.positions().iter().map(|p| (PointKind::Microphone, single(p), 0.0)));
         if let Geometry::FixedSource { source } = geometry {
-            points.push((Kind::Speaker, single(source), 0.0));
+            points.push((PointKind::Speaker, single(source), 0.0));
         }
         Self { points }
     }
 
     /// The positions of one kind, m.
-    pub fn of(&self, kind: Kind) -> impl Iterator<Item = [f32; 3]> {
+    pub fn of(&self, kind: PointKind) -> impl Iterator<Item = [f32; 3]> {
         self.points.iter().filter(move |(k, ..)| *k == kind).map(|(_, position, _)| *position)
     }
 
@@ -104,16 +104,9 @@ impl ScenePoints {
     /// # Errors
     /// As `write_atomically`.
     pub fn write(&self, path: &Path, attributes: &[(String, Attribute)]) -> Result<()> {
-        let properties = [
-            (Scalar::F32, "x"),
-            (Scalar::F32, "y"),
-            (Scalar::F32, "z"),
-            (Scalar::F32, "amplitude"),
-            (Scalar::U8, "kind"),
-            (Scalar::U8, "red"),
-            (Scalar::U8, "green"),
-            (Scalar::U8, "blue"),
-        ];
+        let floats = ["x", "y", "z", "amplitude"].map(|name| (Scalar::F32, name));
+        let bytes = ["kind", "red", "green", "blue"].map(|name| (Scalar::U8, name));
+        let properties = [floats, bytes].concat();
         let about = "Scene; kind 0 is a reflector, 1 a microphone, 2 the speaker";
         let header = header(self.points.len(), &properties, about, attributes);
         write_atomically(path, |out| {
@@ -129,10 +122,10 @@ impl ScenePoints {
         })
     }
 
-    /// Reads what [`ScenePoints::write`] wrote, of at most `limit_bytes`.
+    /// Reads a file written by [`ScenePoints::write`], of at most `limit_bytes`.
     ///
     /// # Errors
-    /// A missing or damaged file, or one of other points.
+    /// A missing or damaged file, or one with other points.
     pub fn read(path: &Path, limit_bytes: u64) -> Result<Self> {
         let ply = Ply::read(path, limit_bytes)?;
         let columns: Option<Vec<Vec<f64>>> =
@@ -140,13 +133,13 @@ impl ScenePoints {
         let Some(columns) = columns else {
             return Err(Error::input(
                 path.display(),
-                "holds no points of a scene; x, y, z, amplitude and kind were expected",
+                "has no points of a scene; x, y, z, amplitude and kind were expected",
             ));
         };
         let points = (0..ply.count)
             .filter_map(|i| {
                 let [x, y, z, amplitude, kind] = [0, 1, 2, 3, 4].map(|column: usize| columns[column][i]);
-                Some((*Kind::ALL.get(kind as usize)?, [x, y, z].map(|v| v as f32), amplitude as f32))
+                Some((*PointKind::ALL.get(kind as usize)?, [x, y, z].map(|v| v as f32), amplitude as f32))
             })
             .collect();
         Ok(Self { points })
@@ -161,12 +154,7 @@ fn header(
 ) -> Header {
     let mut comments = vec![format!("{about}; x right, y down, z from the array into the scene, m")];
     for (name, value) in attributes {
-        let value = match value {
-            Attribute::Text(words) => words.clone(),
-            Attribute::Number(number) => number.to_string(),
-            Attribute::Integer(integer) => integer.to_string(),
-            Attribute::Vector(vector) => vector.map(|number| number.to_string()).join(" "),
-        };
+        let value = value.to_text();
         if value.len() <= LONGEST_COMMENT && !value.contains(['\n', '\r']) && value.is_ascii() {
             comments.push(format!("{name} {value}"));
         }
@@ -210,7 +198,7 @@ mod tests {
         assert_eq!(ply.column("amplitude").unwrap(), [0.25, 0.5, 0.125]);
         assert_eq!(ply.column("x").unwrap()[2] as f32, 0.1);
         assert_eq!(ply.column("y").unwrap()[2] as f32, 0.37);
-        assert_eq!(ply.column("nz").unwrap(), [-1.0; 3], "lone pixels face the array");
+        assert_eq!(ply.column("nz").unwrap(), [-1.0; 3], "the normal of an isolated pixel");
         assert_eq!(ply.comments.len(), 2, "{:?}", ply.comments);
         assert!(ply.comments[1].contains("sonar:soundSpeed 343"));
 
@@ -225,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn a_scene_comes_back() {
+    fn a_scene_is_read_as_it_was_written() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("scene.ply");
         let reflectors =
@@ -235,10 +223,10 @@ mod tests {
         let scene = ScenePoints::new(Some(&reflectors), &array, &geometry);
         scene.write(&path, &[]).unwrap();
         assert_eq!(ScenePoints::read(&path, 1 << 20).unwrap(), scene);
-        assert_eq!(scene.of(Kind::Reflector).collect::<Vec<_>>(), [[0.5, 0.25, 2.0]]);
-        assert_eq!(scene.of(Kind::Microphone).count(), 4);
-        assert_eq!(scene.of(Kind::Speaker).collect::<Vec<_>>(), [[0.0, 0.0, 0.125]]);
-        assert_eq!(ScenePoints::new(None, &array, &Geometry::Monostatic).of(Kind::Speaker).count(), 0);
+        assert_eq!(scene.of(PointKind::Reflector).collect::<Vec<_>>(), [[0.5, 0.25, 2.0]]);
+        assert_eq!(scene.of(PointKind::Microphone).count(), 4);
+        assert_eq!(scene.of(PointKind::Speaker).collect::<Vec<_>>(), [[0.0, 0.0, 0.125]]);
+        assert_eq!(ScenePoints::new(None, &array, &Geometry::Monostatic).of(PointKind::Speaker).count(), 0);
         let whole = std::fs::read(&path).unwrap();
         for length in 0..whole.len() {
             std::fs::write(&path, &whole[..length]).unwrap();

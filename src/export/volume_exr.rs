@@ -1,24 +1,23 @@
-//! Volumes as `OpenEXR`: a picture, and one part per depth.
+//! Volumes as `OpenEXR`: a maximum projection, and one part per depth.
 //!
-//! Part 0, `mip`, is what any viewer shows: the greatest amplitude along z and the depth where it was. Then
-//! come the depths, `z0000`, `z0001`, ... Parts cost time in every reader, so a deep volume becomes several files.
+//! Part 0, `mip`, is what every viewer shows: the maximum amplitude along z and its depth. The depths follow as `z0000`,
+//! `z0001`, ... Many parts make readers slow, so a deep volume is split into several files.
 
 use super::amplitude::{Amplitude, declared_grid, vector};
 use super::exr_file::{
-    Part, Parts, WORLD_TO_CAMERA, append_floats, attributes_of, part, read_parts, write_parts,
+    Part, Parts, WORLD_TO_CAMERA, append_floats, attributes_of, channel_of, part, read_parts, write_parts,
 };
 use super::{Attribute, Attributes, Components, Encoding};
 use crate::alloc::try_with_capacity;
 use crate::error::{Error, Result};
 use crate::grid::{Grid, Volume, no_room_for, pixel_values};
-use num_complex::Complex32;
 use std::path::{Path, PathBuf};
 
-/// Most depths in one file.
+/// Maximum number of depths in one file.
 pub(crate) const DEPTHS_PER_FILE: usize = 512;
 
-/// The files that [`write_volume_exr`] makes for `depths` depths: `path` itself, then `NAME.0512.exr` and so on,
-/// by the index of the file's first depth.
+/// The files that [`write_volume_exr`] writes for `depths` depths: `path`, then `NAME.0512.exr` and so on, named after
+/// the index of the file's first depth.
 pub(crate) fn volume_exr_files(path: &Path, depths: usize) -> Vec<PathBuf> {
     (0..depths.max(1))
         .step_by(DEPTHS_PER_FILE)
@@ -36,10 +35,10 @@ fn numbered(path: &Path, first: usize) -> PathBuf {
     path.with_file_name(name)
 }
 
-/// Writes a volume and returns the files written; see `volume_exr_files`.
+/// Writes a volume and returns the files written: `path`, and for every further 512 depths `NAME.0512.exr` and so on.
 ///
-/// - Part `mip`, the same in every file: `R`, `G`, `B` = `max_z |Â|`, `Z` = where it was in m, `A` = 1; it
-///   carries `attributes`.
+/// - Part `mip`, the same in every file: `R`, `G`, `B` = `max_z |Â|`, `Z` = its depth in m, `A` = 1, and the
+///   `attributes`.
 /// - Part `z0000`, ... : `Y` = `|Â|`, on request `re` and `im`, and the depth in m as `sonar:depth`.
 /// - Every part: `sonar:gridOrigin` (first voxel, m), `sonar:gridPitch` (m), `sonar:gridShape`, each along x, y, z.
 ///
@@ -47,7 +46,7 @@ fn numbered(path: &Path, first: usize) -> PathBuf {
 /// As `crate::files::write_atomically`; more pixels in a plane than an EXR image can have.
 ///
 /// # Panics
-/// When an attribute's name does not start with `sonar:`.
+/// If an attribute's name does not start with `sonar:`.
 pub fn write_volume_exr(
     path: &Path,
     volume: &Volume,
@@ -83,7 +82,6 @@ fn mip_part(volume: &Volume, attributes: &[(String, Attribute)], encoding: Encod
             }
         }
     }
-    // In place.
     let amplitude: Vec<f32> = power.into_iter().map(f32::sqrt).collect();
     let mut channels = vec![("Z".into(), depth), ("A".into(), pixel_values(1.0, pixels)?)];
     for name in ["R", "G"] {
@@ -99,29 +97,28 @@ fn mip_part(volume: &Volume, attributes: &[(String, Attribute)], encoding: Encod
     Ok(part)
 }
 
-/// The refusal of a file whose depths, all of which its writer wants at once, do not fit.
+/// The error for a file whose depths, which are encoded together, do not fit in memory.
 fn no_room(path: &Path, depths: usize) -> Error {
     let problem = format!(
-        "{depths} depths do not fit at once for {}; the formats npz, vti and nrrd are written depth by depth",
+        "{depths} depths for {} do not fit in memory together; the formats npz, vti and nrrd are written depth by depth",
         path.display()
     );
     Error::out_of_memory(problem)
 }
 
+/// The part of one depth.
+///
 /// # Errors
-/// When it does not fit in memory.
+/// If it does not fit in memory.
 fn depth_part(volume: &Volume, iz: usize, components: Components, encoding: Encoding) -> Result<Part> {
     let grid = &volume.grid;
     let plane = volume.plane(iz);
-    let channel = |value: fn(&Complex32) -> f32| {
+    let mut channels = Vec::new();
+    for (name, component) in components.list() {
         let mut channel = pixel_values(0.0, plane.len())?;
-        channel.iter_mut().zip(plane).for_each(|(channel, sample)| *channel = value(sample));
-        Ok(channel)
-    };
-    let mut channels = vec![("Y".into(), channel(|sample| sample.norm())?)];
-    if components == Components::Complex {
-        channels.push(("re".into(), channel(|sample| sample.re)?));
-        channels.push(("im".into(), channel(|sample| sample.im)?));
+        channel.iter_mut().zip(plane).for_each(|(value, sample)| *value = component(sample));
+        let name = if *name == "amplitude" { "Y" } else { name };
+        channels.push((name.to_owned(), channel));
     }
     let mut attributes = grid_attributes(grid);
     attributes.push(("sonar:depth".into(), Attribute::Number(grid.z.position(iz))));
@@ -137,15 +134,15 @@ fn grid_attributes(grid: &Grid) -> Attributes {
     ]
 }
 
-/// Reads the amplitude of a volume of ours from `path` and the files that continue it.
+/// Reads the amplitude of a volume written by this program from `path` and its further files.
 ///
 /// # Errors
-/// A missing or damaged file, one that holds no volume, more pixels than `limit_bytes` hold.
+/// A missing or damaged file, one that is not a volume, more pixels than `limit_bytes` allow.
 pub fn read_volume_exr(path: &Path, limit_bytes: u64) -> Result<Amplitude> {
     let fault = |path: &Path| {
         Error::input(
             path.display(),
-            "is no volume of this program: a part `mip` and one part per depth were expected",
+            "is not a volume of this program: a part `mip` and one part per depth were expected",
         )
     };
     let mut parts = read_parts(path, limit_bytes)?;
@@ -169,11 +166,11 @@ pub fn read_volume_exr(path: &Path, limit_bytes: u64) -> Result<Amplitude> {
     }
 }
 
-/// The channel `Y` of every depth in a file; `None` if one has another number of pixels.
+/// Appends the channel `Y` of every depth in a file; `None` if one has another number of pixels.
 fn append_depths(parts: &Parts, pixels: usize, values: &mut Vec<f32>) -> Option<()> {
     for part in parts.layer_data.iter().skip(1) {
-        let channel = part.channel_data.list.iter().find(|channel| channel.name.eq("Y"))?;
-        // There is room for all that the grid declares, and no more is taken.
+        let channel = channel_of(part, "Y")?;
+        // The capacity is that of the declared grid; further depths are an error.
         if channel.sample_data.len() != pixels || values.len() + pixels > values.capacity() {
             return None;
         }
@@ -185,20 +182,9 @@ fn append_depths(parts: &Parts, pixels: usize, values: &mut Vec<f32>) -> Option<
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
+    use super::super::volume_file::tests::volume;
     use super::*;
-    use crate::grid::Axis;
     use exr::prelude::FlatSamples;
-    use num_complex::Complex32;
-
-    fn volume(depths: usize) -> Volume {
-        let grid = Grid {
-            x: Axis { first: -0.1, pitch: 0.1, count: 3 },
-            y: Axis { first: 0.0, pitch: 0.2, count: 2 },
-            z: Axis { first: 1.0, pitch: 0.01, count: depths },
-        };
-        let samples = (0..6 * depths).map(|i| Complex32::new(i as f32, -(i as f32))).collect();
-        Volume::new(grid, samples)
-    }
 
     #[test]
     fn every_depth_is_a_part_with_its_depth() {
@@ -218,8 +204,9 @@ mod tests {
         let depth = ("sonar:depth".to_owned(), Attribute::Number(volume.grid.z.position(2)));
         assert!(attributes_of(&parts[3].attributes).contains(&depth));
         let samples = |part: usize, name: &str| -> Vec<f32> {
-            let channel = parts[part].channel_data.list.iter().find(|c| c.name.eq(name)).unwrap();
-            let FlatSamples::F32(samples) = &channel.sample_data else { panic!("32-bit floats") };
+            let FlatSamples::F32(samples) = &channel_of(&parts[part], name).unwrap().sample_data else {
+                panic!("32-bit floats")
+            };
             samples.clone()
         };
         for (i, sample) in volume.plane(2).iter().enumerate() {
@@ -229,7 +216,7 @@ mod tests {
         assert_eq!(samples(0, "Z"), [volume.grid.z.last() as f32; 6], "the samples grow with depth");
         assert_eq!(samples(0, "A"), [1.0; 6]);
         write_volume_exr(&path, &volume, Components::Complex, &attributes, Encoding::default()).unwrap();
-        assert!(first_bytes == std::fs::read(&path).unwrap(), "same input, same bytes");
+        assert!(first_bytes == std::fs::read(&path).unwrap(), "results are bit-identical");
     }
 
     #[test]

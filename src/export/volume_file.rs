@@ -1,24 +1,55 @@
-//! A volume file that is written depth by depth, whatever its format, and appears when it is whole.
+//! A volume file of any format that is written depth by depth, and appears when it is complete.
 
+use super::Components;
 use crate::error::{Error, Result};
 use crate::files::AtomicFile;
 use crate::grid::Volume;
 use num_complex::Complex32;
 use std::fmt;
 use std::fs::File;
-use std::io::{self, BufWriter};
+use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
-/// What a format does with neighbouring depths as they come.
+/// A real number of a complex sample.
+pub(super) type Component = fn(&Complex32) -> f32;
+
+impl Components {
+    /// Name and value of each component in a file.
+    pub(super) fn list(self) -> &'static [(&'static str, Component)] {
+        let all: &[(&str, Component)] =
+            &[("amplitude", |sample| sample.norm()), ("re", |sample| sample.re), ("im", |sample| sample.im)];
+        match self {
+            Self::Amplitude => &all[..1],
+            Self::Complex => all,
+        }
+    }
+}
+
+/// Writes one component of samples as little-endian floats.
+pub(super) fn write_floats(
+    out: &mut dyn Write,
+    samples: &[Complex32],
+    component: Component,
+) -> io::Result<()> {
+    let mut bytes = Vec::with_capacity(1 << 14);
+    for block in samples.chunks(1 << 12) {
+        bytes.clear();
+        bytes.extend(block.iter().flat_map(|sample| component(sample).to_le_bytes()));
+        out.write_all(&bytes)?;
+    }
+    Ok(())
+}
+
+/// The encoder of a format, which receives the depths in order.
 pub(super) trait VolumeStream: Send {
-    /// Takes the next depths, `[plane, y, x]`.
+    /// Writes the next depths, `[plane, y, x]`.
     fn planes(&mut self, planes: &[Complex32]) -> io::Result<()>;
 
-    /// Writes what comes after the last, and flushes.
+    /// Writes the end of the file, and flushes.
     fn finish(self: Box<Self>) -> io::Result<()>;
 }
 
-/// A volume file on its way.
+/// A volume file that is being written.
 pub(crate) struct VolumeFile {
     file: AtomicFile,
     stream: Box<dyn VolumeStream>,
@@ -31,7 +62,7 @@ impl fmt::Debug for VolumeFile {
 }
 
 impl VolumeFile {
-    /// Begins a file with what `begin` makes of it.
+    /// Begins a file; `begin` writes its header and returns the encoder.
     pub(super) fn create<S: VolumeStream + 'static>(
         path: &Path,
         begin: impl FnOnce(BufWriter<File>) -> io::Result<S>,
@@ -45,27 +76,43 @@ impl VolumeFile {
         Ok(Self { file, stream: Box::new(stream) })
     }
 
-    /// Adds the next depths, `[plane, y, x]`.
+    /// Appends the next depths, `[plane, y, x]`.
     ///
     /// # Errors
-    /// [`Error::Io`] when they cannot be written.
+    /// [`Error::Io`] if they cannot be written.
     pub(crate) fn take(&mut self, planes: &[Complex32]) -> Result<()> {
         self.stream.planes(planes).map_err(|error| Error::writing(self.file.path(), error))
     }
 
-    /// Ends the file and gives it its name.
+    /// Completes the file and gives it its name.
     ///
     /// # Errors
-    /// [`Error::Io`] when it cannot be written; an older file is then left as it was.
+    /// [`Error::Io`] if it cannot be written; an existing file is then unchanged.
     pub(crate) fn finish(self) -> Result<()> {
         let Self { file, stream } = self;
         stream.finish().map_err(|error| Error::writing(file.path(), error))?;
         file.commit()
     }
 
-    /// All of a volume at once.
+    /// Writes all of a volume at once.
     pub(super) fn whole(mut self, volume: &Volume) -> Result<()> {
         self.take(&volume.samples)?;
         self.finish()
+    }
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+    use crate::grid::{Axis, Grid};
+
+    /// A volume of 3 x 2 voxels per depth, whose amplitude grows from voxel to voxel, for the tests of all formats.
+    pub(in crate::export) fn volume(depths: usize) -> Volume {
+        let grid = Grid {
+            x: Axis { first: -0.1, pitch: 0.1 / 3.0, count: 3 },
+            y: Axis { first: 0.7, pitch: 0.2, count: 2 },
+            z: Axis { first: 1.3, pitch: 0.007, count: depths },
+        };
+        Volume::new(grid, (0..6 * depths).map(|i| Complex32::new(i as f32, -(i as f32))).collect())
     }
 }

@@ -1,4 +1,4 @@
-//! Volumes as `NumPy` archives: complex samples, the axes, and what is known about them.
+//! Volumes as `NumPy` archives: complex samples, axes and metadata.
 
 use super::volume_file::{VolumeFile, VolumeStream};
 use crate::error::{Error, Result};
@@ -10,11 +10,11 @@ use std::fs::File;
 use std::io::{self, BufWriter};
 use std::path::Path;
 
-/// How far a voxel centre may lie off its even place, in lengths of the axis.
+/// Maximum deviation of a voxel centre from even spacing, relative to the length of the axis.
 const EVENNESS: f64 = 1e-6;
 
-/// Writes `samples` complex64 `[z, y, x]`; `x`, `y`, `z` in m; `pitch` `[3]`, in m along x, y, z; and `meta`, the
-/// JSON text of what is known about the volume.
+/// Writes `samples` complex64 `[z, y, x]`; `x`, `y`, `z` in m; `pitch` `[3]`, in m along x, y, z; and `meta`,
+/// metadata as JSON.
 ///
 /// # Errors
 /// As `crate::files::write_atomically`.
@@ -27,22 +27,18 @@ pub fn write_volume_npz(path: &Path, volume: &Volume, meta: &Value) -> Result<()
 /// # Errors
 /// As [`write_volume_npz`].
 pub(crate) fn stream_volume_npz(path: &Path, grid: Grid, meta: &Value) -> Result<VolumeFile> {
-    VolumeFile::create(path, |out| NpzVolume::begin(out, grid, meta))
+    VolumeFile::create(path, |out| {
+        let mut npz = NpzWriter::new(out);
+        npz.begin_complex("samples", &grid.shape())?;
+        Ok(NpzVolume { npz, grid, meta: meta.to_string() })
+    })
 }
 
-/// A volume on its way into an archive.
+/// A volume that is being written.
 struct NpzVolume {
     npz: NpzWriter<BufWriter<File>>,
     grid: Grid,
     meta: String,
-}
-
-impl NpzVolume {
-    fn begin(out: BufWriter<File>, grid: Grid, meta: &Value) -> io::Result<Self> {
-        let mut npz = NpzWriter::new(out);
-        npz.begin_complex("samples", &grid.shape())?;
-        Ok(Self { npz, grid, meta: meta.to_string() })
-    }
 }
 
 impl VolumeStream for NpzVolume {
@@ -63,12 +59,12 @@ impl VolumeStream for NpzVolume {
 
 /// Reads a volume of at most `limit_bytes`, and its `meta` (an empty object if the file has none).
 ///
-/// Axes must ascend evenly to 10⁻⁶ of their length. An axis of one voxel takes its pitch from `pitch`, or from a
+/// Axes must ascend evenly, to 10⁻⁶ of their length. The pitch of an axis of one voxel is that in `pitch`, or that of a
 /// longer axis of the volume, or 1 m.
 ///
 /// # Errors
-/// A missing or damaged file, arrays whose sizes disagree, an uneven axis, `meta` that is no JSON object; the
-/// error names the array.
+/// A missing or damaged file, inconsistent array sizes, an uneven axis, or a `meta` that is not a JSON object; the error
+/// names the array.
 pub fn read_volume_npz(path: &Path, limit_bytes: u64) -> Result<(Volume, Value)> {
     let mut npz = NpzReader::open(path, limit_bytes)?;
     let fault =
@@ -76,7 +72,7 @@ pub fn read_volume_npz(path: &Path, limit_bytes: u64) -> Result<(Volume, Value)>
     if npz.contains("frequencies") && !npz.contains("z") {
         return Err(Error::input(
             path.display(),
-            "is a data cube; a volume was expected (`holosonar reconstruct` makes one of it)",
+            "is a data cube; a volume was expected (`holosonar reconstruct` computes it)",
         ));
     }
     let shape = npz.shape("samples")?;
@@ -89,8 +85,8 @@ pub fn read_volume_npz(path: &Path, limit_bytes: u64) -> Result<(Volume, Value)>
         let positions = npz.f64(name)?;
         if positions.shape != [count] {
             let found = positions.shape;
-            let expected = format!("[{count}], as `samples` has along {name},");
-            return Err(fault(name, format!("has the shape {found:?}; {expected} was expected")));
+            let problem = format!("has the shape {found:?}; [{count}], as of `samples`, was expected");
+            return Err(fault(name, problem));
         }
         axes.push(axis(&positions.data, given.get(place).copied()).map_err(|problem| fault(name, problem))?);
     }
@@ -107,20 +103,20 @@ pub fn read_volume_npz(path: &Path, limit_bytes: u64) -> Result<(Volume, Value)>
         serde_json::from_str(&text)
             .ok()
             .filter(Value::is_object)
-            .ok_or_else(|| fault("meta", "is no JSON object; `{...}` was expected".into()))?
+            .ok_or_else(|| fault("meta", "is not a JSON object; `{...}` was expected".into()))?
     } else {
         Value::Object(serde_json::Map::new())
     };
     Ok((Volume::new(grid, samples), meta))
 }
 
-/// The axis with these voxel centres; its pitch is left 0 if one centre is all there is and none is `given`.
+/// The axis with these voxel centres; its pitch is 0 if there is only one centre and none is `given`.
 fn axis(positions: &[f64], given: Option<f64>) -> std::result::Result<Axis, String> {
     let (Some(&first), Some(&last)) = (positions.first(), positions.last()) else {
         return Err("is empty; at least one voxel was expected".into());
     };
     if !positions.iter().all(|position| position.is_finite()) {
-        return Err("holds a number that is not finite; positions in m were expected".into());
+        return Err("has a number that is not finite; positions in m were expected".into());
     }
     let given = given.filter(|pitch| pitch.is_finite() && *pitch > 0.0);
     let count = positions.len();
@@ -140,7 +136,7 @@ fn axis(positions: &[f64], given: Option<f64>) -> std::result::Result<Axis, Stri
         (Some(pitch), _) => Ok(Axis { first, pitch, count }),
         (None, None) => Ok(Axis { first, pitch: mean, count }),
         (None, Some(at)) => Err(format!(
-            "is not evenly spaced: element {at} is {}, with a pitch of {mean} m it would be {}",
+            "is not evenly spaced: element {at} is {}; {} was expected with a pitch of {mean} m",
             positions[at],
             first + mean * at as f64
         )),
@@ -150,22 +146,14 @@ fn axis(positions: &[f64], given: Option<f64>) -> std::result::Result<Axis, Stri
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
+    use super::super::volume_file::tests::volume;
     use super::*;
     use crate::files::npz::write_npz;
     use crate::named::assert_names;
     use num_complex::Complex32;
 
-    fn volume(depths: usize) -> Volume {
-        let grid = Grid {
-            x: Axis { first: -0.1, pitch: 0.1 / 3.0, count: 3 },
-            y: Axis { first: 0.7, pitch: 0.2, count: 2 },
-            z: Axis { first: 1.0, pitch: 0.01, count: depths },
-        };
-        Volume::new(grid, (0..6 * depths).map(|i| Complex32::new(i as f32, 0.5)).collect())
-    }
-
     #[test]
-    fn a_volume_comes_back_as_it_was() {
+    fn a_volume_is_read_as_it_was_written() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("volume.npz");
         let meta = serde_json::json!({"sound_speed": 343.0, "note": "ü"});
@@ -199,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn meta_may_be_missing_and_short_axes_borrow_a_pitch() {
+    fn meta_may_be_missing_and_short_axes_take_the_pitch_of_a_longer_one() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("volume.npz");
         write_npz(&path, |npz| {

@@ -1,10 +1,10 @@
-//! Volumes as NRRD: what 3D Slicer, ITK and ParaView open with the right size and place.
+//! Volumes as NRRD, which 3D Slicer, ITK and ParaView open with the correct size and position.
 //!
-//! A text header, an empty line, and the amplitudes as little-endian floats, gzipped or raw. The one
-//! crate that was found to know the format, `bioformats` 0.1, is under the GPL.
+//! A text header, an empty line, and the amplitudes as little-endian floats, gzipped or raw. The only crate found for
+//! this format, `bioformats` 0.1, is under the GPL.
 
 use super::amplitude::{Amplitude, declared_grid, read_floats};
-use super::volume_file::{VolumeFile, VolumeStream};
+use super::volume_file::{VolumeFile, VolumeStream, write_floats};
 use super::{Attribute, Compression};
 use crate::error::{Error, Result};
 use crate::grid::{Grid, Volume};
@@ -16,12 +16,11 @@ use std::fs::File;
 use std::io::{self, BufRead, BufReader, BufWriter, Read, Write};
 use std::path::Path;
 
-/// Longest header line that is read: a whole run file fits.
+/// Maximum length of a header line that is read; a run file is much shorter.
 const LONGEST_LINE: u64 = 1 << 20;
 
-/// Writes `|Â|` as float32, x fastest, with its origin and directions in m along our own axes (x right, y down, z
-/// forward): the space has no anatomical name. `attributes` become
-/// key/value pairs, `sonar:unit` as `sonar.unit`.
+/// Writes `|Â|` as float32, x fastest, with origin and directions in m along the program's axes (x right, y down, z
+/// forward), for which NRRD has no name. `attributes` become key/value pairs, `sonar:unit` as `sonar.unit`.
 ///
 /// # Errors
 /// As `crate::files::write_atomically`.
@@ -44,43 +43,29 @@ pub(crate) fn stream_volume_nrrd(
     attributes: &[(String, Attribute)],
     compression: Compression,
 ) -> Result<VolumeFile> {
-    VolumeFile::create(path, |out| NrrdVolume::begin(out, grid, attributes, compression))
+    VolumeFile::create(path, |mut out| {
+        out.write_all(header(grid, attributes, compression).as_bytes())?;
+        Ok(match compression {
+            Compression::None => NrrdVolume::Raw(out),
+            Compression::Zip => {
+                NrrdVolume::Zip(Box::new(GzEncoder::new(out, flate2::Compression::default())))
+            }
+        })
+    })
 }
 
-/// A volume on its way into a file.
+/// A volume that is being written.
 enum NrrdVolume {
     Raw(BufWriter<File>),
     Zip(Box<GzEncoder<BufWriter<File>>>),
 }
 
-impl NrrdVolume {
-    fn begin(
-        mut out: BufWriter<File>,
-        grid: &Grid,
-        attributes: &[(String, Attribute)],
-        compression: Compression,
-    ) -> io::Result<Self> {
-        out.write_all(header(grid, attributes, compression).as_bytes())?;
-        Ok(match compression {
-            Compression::None => Self::Raw(out),
-            Compression::Zip => Self::Zip(Box::new(GzEncoder::new(out, flate2::Compression::default()))),
-        })
-    }
-}
-
 impl VolumeStream for NrrdVolume {
     fn planes(&mut self, planes: &[Complex32]) -> io::Result<()> {
-        let out: &mut dyn Write = match self {
-            Self::Raw(out) => out,
-            Self::Zip(out) => &mut **out,
-        };
-        let mut bytes = Vec::with_capacity(1 << 14);
-        for samples in planes.chunks(1 << 12) {
-            bytes.clear();
-            bytes.extend(samples.iter().flat_map(|sample| sample.norm().to_le_bytes()));
-            out.write_all(&bytes)?;
+        match self {
+            Self::Raw(out) => write_floats(out, planes, |sample| sample.norm()),
+            Self::Zip(out) => write_floats(out, planes, |sample| sample.norm()),
         }
-        Ok(())
     }
 
     fn finish(self: Box<Self>) -> io::Result<()> {
@@ -107,13 +92,8 @@ fn header(grid: &Grid, attributes: &[(String, Attribute)], compression: Compress
          encoding: {encoding}\nspace units: \"m\" \"m\" \"m\"\nspace origin: ({x},{y},{z})\ncontent: amplitude\n"
     );
     for (name, value) in attributes {
-        let value = match value {
-            Attribute::Text(words) => words.replace('\\', "\\\\").replace('\n', "\\n"),
-            Attribute::Number(number) => number.to_string(),
-            Attribute::Integer(integer) => integer.to_string(),
-            Attribute::Vector(vector) => vector.map(|number| number.to_string()).join(" "),
-        };
-        // A colon within a key would end it for some readers.
+        let value = value.to_text().replace('\\', "\\\\").replace('\n', "\\n");
+        // For some readers a colon ends the key.
         let _ = writeln!(text, "{}:={value}", name.replace(':', "."));
     }
     text + "\n"
@@ -146,7 +126,7 @@ pub fn read_volume_nrrd(path: &Path, limit_bytes: u64) -> Result<Amplitude> {
         };
         if number == 0 {
             if !line.starts_with("NRRD000") {
-                return Err(fault("does not begin as a NRRD does"));
+                return Err(fault("does not begin with NRRD000"));
             }
         } else if line.is_empty() {
             break;
@@ -160,33 +140,29 @@ pub fn read_volume_nrrd(path: &Path, limit_bytes: u64) -> Result<Amplitude> {
     if (field("type"), field("dimension"), field("endian")) != ("float", "3", "little")
         || fields.iter().any(|(name, _)| name == "data file")
     {
-        return Err(fault("has another type, dimension or byte order, or its numbers in another file"));
+        return Err(fault("has another type, dimension or byte order, or its data are in another file"));
     }
-    let count: Option<[usize; 3]> = numbers(field("sizes")).map(|sizes| sizes.map(|n| n as usize));
-    let directions = field("space directions").replace(['(', ')'], " ").replace(',', " ");
-    let directions: Vec<f64> = directions.split_whitespace().filter_map(|word| word.parse().ok()).collect();
-    let origin = numbers(&field("space origin").replace(['(', ')', ','], " "));
-    let (Some(count), Some(first), &[p_x, a, b, c, p_y, d, e, f, p_z]) =
-        (count, origin, directions.as_slice())
+    let (Some(count), Some(first), Some([p_x, a, b, c, p_y, d, e, f, p_z])) =
+        (numbers(field("sizes")), numbers(field("space origin")), numbers(field("space directions")))
     else {
-        return Err(fault("lacks sizes, space directions or a space origin"));
+        return Err(fault("has no valid sizes, space directions or space origin"));
     };
     if [a, b, c, d, e, f].iter().any(|&off| off != 0.0) {
-        return Err(fault("has slanting axes"));
+        return Err(fault("has oblique axes"));
     }
+    let count = count.map(|n: f64| n as usize);
     let grid = declared_grid(path, first, [p_x, p_y, p_z], count, 4, limit_bytes)?;
     let values = match field("encoding") {
         "raw" => read_floats(&mut file, &grid)?,
         "gzip" | "gz" => read_floats(&mut GzDecoder::new(file), &grid)?,
-        _ => return Err(fault("has another encoding than raw or gzip")),
+        _ => return Err(fault("has an encoding other than raw or gzip")),
     };
-    let values = values.ok_or_else(|| fault("holds damaged or fewer numbers than its header says"))?;
+    let values = values.ok_or_else(|| fault("has damaged data, or less than its header declares"))?;
     Ok(Amplitude { grid, values, attributes })
 }
 
-/// Exactly three numbers.
-fn numbers(text: &str) -> Option<[f64; 3]> {
-    let numbers: Vec<f64> =
-        text.split_whitespace().map(str::parse).collect::<std::result::Result<_, _>>().ok()?;
-    numbers.try_into().ok()
+/// Exactly N numbers, with or without parentheses and commas.
+fn numbers<const N: usize>(text: &str) -> Option<[f64; N]> {
+    let words = text.split(['(', ')', ',', ' ', '\t']).filter(|word| !word.is_empty());
+    words.map(|word| word.parse().ok()).collect::<Option<Vec<f64>>>()?.try_into().ok()
 }

@@ -1,4 +1,4 @@
-//! A volume's amplitude from any of the formats it is written in.
+//! Reading a volume's amplitude from any of the formats.
 
 use super::amplitude::Amplitude;
 use super::volume_exr::read_volume_exr;
@@ -10,12 +10,12 @@ use crate::files::extension;
 use std::path::Path;
 
 impl Amplitude {
-    /// Reads a volume of ours, `.npz`, `.nrrd`, `.vti` or `.exr`, of at most `limit_bytes`.
+    /// Reads a volume written by this program, `.npz`, `.nrrd`, `.vti` or `.exr`, of at most `limit_bytes`.
     ///
-    /// An npz's facts are no attributes and are left out.
+    /// The metadata of an npz are not read.
     ///
     /// # Errors
-    /// Another extension; what the format's reader refuses.
+    /// Another extension; errors of the format's reader.
     pub fn read(path: &Path, limit_bytes: u64) -> Result<Self> {
         match extension(path).as_str() {
             "npz" => read_volume_npz(path, limit_bytes).and_then(|(volume, _)| Self::of(&volume)),
@@ -24,7 +24,7 @@ impl Amplitude {
             "exr" => read_volume_exr(path, limit_bytes),
             _ => Err(Error::input(
                 path.display(),
-                "is no volume; a file .npz, .nrrd, .vti or .exr was expected",
+                "is not a volume; a file .npz, .nrrd, .vti or .exr was expected",
             )),
         }
     }
@@ -34,29 +34,18 @@ impl Amplitude {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::super::volume_exr::write_volume_exr;
+    use super::super::volume_file::tests::volume;
     use super::super::volume_npz::write_volume_npz;
     use super::super::volume_nrrd::write_volume_nrrd;
     use super::super::volume_vti::write_volume_vti;
     use super::super::{Components, Compression, Encoding};
     use super::*;
     use crate::export::Attribute;
-    use crate::grid::{Axis, Grid, Volume};
-    use num_complex::Complex32;
-
-    fn volume(depths: usize) -> Volume {
-        let grid = Grid {
-            x: Axis { first: -0.1, pitch: 1.0 / 30.0, count: 5 },
-            y: Axis { first: 0.2, pitch: 0.1, count: 3 },
-            z: Axis { first: 1.3, pitch: 0.007, count: depths },
-        };
-        let samples = (0..15 * depths).map(|i| Complex32::from_polar((i % 97) as f32, i as f32)).collect();
-        Volume::new(grid, samples)
-    }
 
     #[test]
-    fn every_format_gives_the_same_amplitude_back() {
+    fn every_format_is_read_with_the_same_amplitude() {
         let folder = tempfile::tempdir().unwrap();
-        // More depths than one EXR holds.
+        // More depths than one EXR file contains.
         let volume = volume(520);
         let facts = [("sonar:soundSpeed".to_owned(), Attribute::Number(343.25))];
         let at = |name: &str| folder.path().join(name);
@@ -80,10 +69,10 @@ mod tests {
     }
 
     #[test]
-    fn half_floats_are_near_and_the_complex_parts_stay_exact() {
+    fn half_floats_are_close_to_the_amplitudes() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.exr");
-        let volume = volume(4);
+        let volume = volume(10);
         let half = Encoding { float16: true, ..Encoding::default() };
         write_volume_exr(&path, &volume, Components::Complex, &[], half).unwrap();
         let found = Amplitude::read(&path, 1 << 20).unwrap();
@@ -96,7 +85,7 @@ mod tests {
     #[test]
     fn damaged_files_are_refused_and_never_panic() {
         let folder = tempfile::tempdir().unwrap();
-        let volume = volume(2);
+        let volume = volume(5);
         let [vti, nrrd, raw] = ["a.vti", "a.nrrd", "b.nrrd"].map(|name| folder.path().join(name));
         write_volume_vti(&vti, &volume, Components::Amplitude, &[]).unwrap();
         write_volume_nrrd(&nrrd, &volume, &[], Compression::Zip).unwrap();
@@ -105,7 +94,7 @@ mod tests {
             let whole = std::fs::read(&path).unwrap();
             for length in 0..whole.len() {
                 std::fs::write(&path, &whole[..length]).unwrap();
-                // The last lines of a VTI hold nothing that is read.
+                // The last lines of a VTI are not read.
                 let result = Amplitude::read(&path, 1 << 20);
                 assert!(result.is_err() || length + 40 > whole.len(), "{} cut at {length}", path.display());
             }

@@ -1,11 +1,10 @@
-//! Volumes as VTK image data, `.vti`: what `ParaView` and `PyVista` open with the right size and place.
+//! Volumes as VTK image data, `.vti`, which `ParaView` and `PyVista` open with the correct size and position.
 //!
-//! XML with the numbers appended as raw little-endian bytes, each array behind its length as a `UInt64`.
-//! `vtkio` 0.7 was looked at: it writes and reads a file as a whole, while these are written depth by depth and may be larger than
-//! the memory.
+//! XML with the numbers appended as raw little-endian bytes, each array after its length as a `UInt64`. The crate `vtkio`
+//! 0.7 writes and reads a file as a whole, while these are written depth by depth and may be larger than the memory.
 
 use super::amplitude::{Amplitude, declared_grid, read_floats};
-use super::volume_file::{VolumeFile, VolumeStream};
+use super::volume_file::{Component, VolumeFile, VolumeStream, write_floats};
 use super::{Attribute, Attributes, Components};
 use crate::error::{Error, Result};
 use crate::grid::{Grid, Volume};
@@ -15,12 +14,9 @@ use std::fs::File;
 use std::io::{self, BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::Path;
 
-/// What a float of the file is made of.
-type Part = fn(&Complex32) -> f32;
-
 /// Writes the point data `amplitude`, on request `re` and `im`, all float32; origin and spacing in m.
 ///
-/// VTK's order is ours, x fastest. `attributes` become field data of the same names.
+/// The order of the voxels is `[z, y, x]`, x fastest. `attributes` become field data of the same names.
 ///
 /// # Errors
 /// As `crate::files::write_atomically`.
@@ -43,43 +39,27 @@ pub(crate) fn stream_volume_vti(
     components: Components,
     attributes: &[(String, Attribute)],
 ) -> Result<VolumeFile> {
-    VolumeFile::create(path, |out| VtiVolume::begin(out, grid, components, attributes))
+    VolumeFile::create(path, |mut out| {
+        let (arrays, bytes) = (components.list(), grid.voxel_count().saturating_mul(4));
+        let header = header(grid, arrays, bytes, attributes);
+        out.write_all(header.as_bytes())?;
+        Ok(VtiVolume { out, arrays, first: header.len() as u64, bytes, done: 0 })
+    })
 }
 
-/// A volume on its way into a file: every array grows at its own place.
+/// A volume that is being written: every array grows at its own position.
 struct VtiVolume {
     out: BufWriter<File>,
-    arrays: &'static [(&'static str, Part)],
-    /// Where the first array's length stands.
+    arrays: &'static [(&'static str, Component)],
+    /// Offset of the first array's length.
     first: u64,
-    /// Bytes of an array, and of what is there of each.
+    /// Bytes of an array, and how many of them have been written.
     bytes: u64,
     done: u64,
 }
 
 impl VtiVolume {
-    fn begin(
-        mut out: BufWriter<File>,
-        grid: &Grid,
-        components: Components,
-        attributes: &[(String, Attribute)],
-    ) -> io::Result<Self> {
-        let arrays: &[(&str, Part)] = match components {
-            Components::Amplitude => &[("amplitude", |sample| sample.norm())],
-            Components::Complex => &[
-                ("amplitude", |sample| sample.norm()),
-                ("re", |sample| sample.re),
-                ("im", |sample| sample.im),
-            ],
-        };
-        let bytes = grid.voxel_count().saturating_mul(4);
-        let names: Vec<&str> = arrays.iter().map(|(name, _)| *name).collect();
-        let header = header(grid, &names, bytes, attributes);
-        out.write_all(header.as_bytes())?;
-        Ok(Self { out, arrays, first: header.len() as u64, bytes, done: 0 })
-    }
-
-    /// Goes to `offset` within an array, its length counted.
+    /// Seeks to an offset within an array, including its length.
     fn seek(&mut self, array: usize, offset: u64) -> io::Result<()> {
         let place = self.first + array as u64 * (8 + self.bytes) + offset;
         self.out.seek(SeekFrom::Start(place)).map(|_| ())
@@ -88,14 +68,14 @@ impl VtiVolume {
 
 impl VolumeStream for VtiVolume {
     fn planes(&mut self, planes: &[Complex32]) -> io::Result<()> {
-        for (array, (_, part)) in self.arrays.iter().enumerate() {
+        for (array, (_, component)) in self.arrays.iter().enumerate() {
             if self.done == 0 {
                 self.seek(array, 0)?;
                 self.out.write_all(&self.bytes.to_le_bytes())?;
             } else {
                 self.seek(array, 8 + self.done)?;
             }
-            write_floats(&mut self.out, planes, *part)?;
+            write_floats(&mut self.out, planes, *component)?;
         }
         self.done += 4 * planes.len() as u64;
         Ok(())
@@ -108,33 +88,26 @@ impl VolumeStream for VtiVolume {
     }
 }
 
-fn write_floats(out: &mut impl Write, samples: &[Complex32], part: Part) -> io::Result<()> {
-    for sample in samples {
-        out.write_all(&part(sample).to_le_bytes())?;
-    }
-    Ok(())
-}
-
 /// Everything up to the first appended byte.
-fn header(grid: &Grid, names: &[&str], bytes: u64, attributes: &[(String, Attribute)]) -> String {
+fn header(grid: &Grid, list: &[(&str, Component)], bytes: u64, attributes: &[(String, Attribute)]) -> String {
     let axes = [grid.x, grid.y, grid.z];
     let extent = axes.map(|axis| format!("0 {}", axis.count - 1)).join(" ");
     let origin = axes.map(|axis| axis.first.to_string()).join(" ");
     let spacing = axes.map(|axis| axis.pitch.to_string()).join(" ");
     let mut arrays = String::new();
-    for (name, at) in names.iter().zip(0_u64..) {
+    for ((name, _), at) in list.iter().zip(0_u64..) {
         let offset = at * (8 + bytes);
         let _ = writeln!(
             arrays,
             r#"        <DataArray type="Float32" Name="{name}" format="appended" offset="{offset}"/>"#
         );
     }
-    let facts = field_data(attributes);
+    let fields = field_data(attributes);
     format!(
         r#"<?xml version="1.0"?>
 <VTKFile type="ImageData" version="1.0" byte_order="LittleEndian" header_type="UInt64">
   <ImageData WholeExtent="{extent}" Origin="{origin}" Spacing="{spacing}">
-{facts}    <Piece Extent="{extent}">
+{fields}    <Piece Extent="{extent}">
       <PointData Scalars="amplitude">
 {arrays}      </PointData>
     </Piece>
@@ -151,28 +124,21 @@ fn field_data(attributes: &[(String, Attribute)]) -> String {
     let mut text = "    <FieldData>\n".to_owned();
     for (name, value) in attributes {
         let name = escaped(name);
-        let mut array = |kind: &str, size: &str, numbers: String| {
-            let _ = writeln!(
-                text,
-                r#"      <{} type="{kind}" Name="{name}" {size} format="ascii">{numbers}</{}>"#,
-                if kind == "String" { "Array" } else { "DataArray" },
-                if kind == "String" { "Array" } else { "DataArray" },
-            );
+        let (element, kind, components) = match value {
+            Attribute::Text(_) => ("Array", "String", ""),
+            Attribute::Number(_) => ("DataArray", "Float64", ""),
+            Attribute::Integer(_) => ("DataArray", "Int64", ""),
+            Attribute::Vector(_) => ("DataArray", "Float64", r#"NumberOfComponents="3" "#),
         };
-        match value {
-            // VTK spells a text as the numbers of its bytes, ended by 0.
-            Attribute::Text(words) => {
-                let bytes: Vec<_> = words.bytes().chain([0]).map(|byte| byte.to_string()).collect();
-                array("String", r#"NumberOfTuples="1""#, bytes.join(" "));
-            }
-            Attribute::Number(number) => array("Float64", r#"NumberOfTuples="1""#, number.to_string()),
-            Attribute::Integer(integer) => array("Int64", r#"NumberOfTuples="1""#, integer.to_string()),
-            Attribute::Vector(vector) => array(
-                "Float64",
-                r#"NumberOfComponents="3" NumberOfTuples="1""#,
-                vector.map(|number| number.to_string()).join(" "),
-            ),
+        let mut numbers = value.to_text();
+        if kind == "String" {
+            // In VTK, a text is the numbers of its bytes and a final 0.
+            numbers = numbers.bytes().chain([0]).map(|byte| byte.to_string()).collect::<Vec<_>>().join(" ");
         }
+        let _ = writeln!(
+            text,
+            r#"      <{element} type="{kind}" Name="{name}" {components}NumberOfTuples="1" format="ascii">{numbers}</{element}>"#,
+        );
     }
     text + "    </FieldData>\n"
 }
@@ -181,21 +147,21 @@ fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
-/// What ends the text of a file of ours, before the first appended byte.
+/// The end of the text in a file of this program, before the first appended byte.
 const APPENDED: &str = "<AppendedData encoding=\"raw\">\n   _";
 
-/// Longest text that is looked for.
+/// Maximum length of the text, bytes.
 const LONGEST_TEXT: u64 = 1 << 24;
 
-/// Reads `amplitude` of a file that [`write_volume_vti`] wrote. Field data are left out.
+/// Reads `amplitude` of a file written by [`write_volume_vti`]. Field data are ignored.
 ///
 /// # Errors
-/// A missing or damaged file, or one by another program; more voxels than `limit_bytes` hold.
+/// A missing or damaged file, or one from another program; more voxels than `limit_bytes` allow.
 pub fn read_volume_vti(path: &Path, limit_bytes: u64) -> Result<Amplitude> {
     let fault = || {
         Error::input(
             path.display(),
-            "is no VTI with a raw appended array `amplitude` as this program writes it, or is damaged",
+            "is damaged, or is not a VTI with a raw appended array `amplitude` as this program writes it",
         )
     };
     let failed = |error: io::Error| Error::reading(path, error);
@@ -244,7 +210,7 @@ mod tests {
     use crate::grid::{Axis, Grid};
 
     #[test]
-    fn the_numbers_stand_where_the_header_says() {
+    fn the_numbers_are_where_the_header_says() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("volume.vti");
         let grid = Grid {

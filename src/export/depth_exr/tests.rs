@@ -33,6 +33,14 @@ fn map() -> DepthMap {
     }
 }
 
+/// A file of a map, with +∞ where there is no return.
+fn written(map: &DepthMap) -> (tempfile::TempDir, std::path::PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("depth.exr");
+    write_depth_map(&path, map, Fill::Infinity, &[], Encoding::default()).unwrap();
+    (folder, path)
+}
+
 /// Equality in which NaN equals itself.
 fn same(a: &[f32], b: &[f32]) -> bool {
     a.len() == b.len() && a.iter().zip(b).all(|(a, b)| a == b || (a.is_nan() && b.is_nan()))
@@ -56,12 +64,10 @@ fn assert_same(a: &DepthMap, b: &DepthMap) {
 }
 
 #[test]
-fn a_perspective_map_comes_back_as_one_and_says_its_window() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("depth.exr");
+fn a_perspective_map_is_read_as_one_and_has_its_window() {
     let camera = Raster::camera(60.0, [3, 2]).unwrap();
     let map = DepthMap { view: camera.view, x: camera.x, y: camera.y, ..map() };
-    write_depth_map(&path, &map, Fill::default(), &[], Encoding::default()).unwrap();
+    let (_folder, path) = written(&map);
     let file = read_depth_map(&path, LIMIT).unwrap();
     assert_same(&file.map, &map);
     let header = &read_parts(&path, LIMIT).unwrap().layer_data[0].attributes;
@@ -70,14 +76,14 @@ fn a_perspective_map_comes_back_as_one_and_says_its_window() {
     assert!(
         matches!(find_attribute(&file.attributes, "sonar:fieldOfViewY"), Some(Attribute::Number(n)) if (n - 60.0).abs() < 1e-9)
     );
-    // An id beyond the names counts as none.
+    // An id without a name counts as none.
     let beyond = DepthMap { materials: vec!["glass".into()], ..map };
-    write_depth_map(&path, &beyond, Fill::default(), &[], Encoding::default()).unwrap();
+    let (_folder, path) = written(&beyond);
     assert_eq!(read_depth_map(&path, LIMIT).unwrap().map.picked.material.unwrap(), [0, 0, 1, 1, 0, 0]);
 }
 
 #[test]
-fn a_map_comes_back_value_by_value_whatever_the_fill() {
+fn a_map_is_read_value_by_value_whatever_the_fill() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("depth.exr");
     let attributes = vec![("sonar:soundSpeed".to_owned(), Attribute::Number(343.0))];
@@ -90,20 +96,15 @@ fn a_map_comes_back_value_by_value_whatever_the_fill() {
         assert!(file.axes_known);
         assert!(file.attributes.contains(&attributes[0]));
         write_depth_map(&path, &map(), fill, &attributes, Encoding::default()).unwrap();
-        assert!(bytes == std::fs::read(&path).unwrap(), "same input, same bytes");
+        assert!(bytes == std::fs::read(&path).unwrap(), "results are bit-identical");
     }
 }
 
 #[test]
-fn the_picture_is_scaled_and_empty_where_nothing_is() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("depth.exr");
-    write_depth_map(&path, &map(), Fill::default(), &[], Encoding::default()).unwrap();
+fn the_picture_is_scaled_and_0_without_a_return() {
+    let (_folder, path) = written(&map());
     let parts = read_parts(&path, LIMIT).unwrap().layer_data;
-    let channel = |name: &str| {
-        let list = &parts[0].channel_data.list;
-        floats(&list.iter().find(|channel| channel.name.eq(name)).unwrap().sample_data)
-    };
+    let channel = |name: &str| floats(&channel_of(&parts[0], name).unwrap().sample_data);
     assert_eq!(channel("G"), [0.125, 0.0, 0.25, 1.0, 0.0, 0.0625]);
     assert_eq!(channel("A"), [1.0, 0.0, 1.0, 1.0, 0.0, 1.0]);
     assert_eq!(channel("Z")[1], f32::INFINITY);
@@ -115,29 +116,25 @@ fn the_picture_is_scaled_and_empty_where_nothing_is() {
 
 #[test]
 fn truth_keeps_its_normals_and_has_no_confidence() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("truth.exr");
     let mut truth = map();
     truth.confidence.clear();
     truth.picked.facing = Some(vec![1.0, 0.0, 0.5, 0.25, 0.0, 0.75]);
     truth.returns[0].facing = truth.picked.facing.clone();
-    write_depth_map(&path, &truth, Fill::Infinity, &[], Encoding::default()).unwrap();
+    let (_folder, path) = written(&truth);
     assert_same(&read_depth_map(&path, LIMIT).unwrap().map, &truth);
 }
 
 #[test]
 fn a_map_without_any_return_is_a_valid_file() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("depth.exr");
     let mut empty = map();
     empty.picked = Surface::empty(6).unwrap();
     empty.confidence = vec![NAN; 6];
     empty.returns.clear();
-    write_depth_map(&path, &empty, Fill::Infinity, &[], Encoding::default()).unwrap();
+    let (_folder, path) = written(&empty);
     assert_same(&read_depth_map(&path, LIMIT).unwrap().map, &empty);
 }
 
-/// A file as other programs write them: half floats, tiles, a layer's name, no attribute of ours.
+/// A file like those of other programs: tiles, a layer's name, none of our attributes.
 fn foreign(path: &Path, names: &[&str]) {
     let channels = names
         .iter()
@@ -156,7 +153,7 @@ fn foreign(path: &Path, names: &[&str]) {
 }
 
 #[test]
-fn anybodys_depth_is_read() {
+fn depths_of_other_programs_are_read() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("render.exr");
     for name in ["Z", "ViewLayer.Depth.Z"] {
@@ -177,10 +174,8 @@ fn anybodys_depth_is_read() {
 }
 
 #[test]
-fn damage_and_excess_are_the_users_to_mend() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("depth.exr");
-    write_depth_map(&path, &map(), Fill::Infinity, &[], Encoding::default()).unwrap();
+fn damaged_and_oversized_files_are_input_errors() {
+    let (folder, path) = written(&map());
     let error = read_depth_map(&path, 100).unwrap_err();
     assert_names(error.to_string(), &["depth.exr", "100"]);
     assert_eq!(read_depth_map(&folder.path().join("none.exr"), LIMIT).unwrap_err().exit_status(), 2);
@@ -194,7 +189,7 @@ fn damage_and_excess_are_the_users_to_mend() {
         let mut damaged = whole.clone();
         damaged[at] ^= 0x9d;
         std::fs::write(&path, &damaged).unwrap();
-        // Some damage shows, some does not; none of it may end the program.
+        // Not all damage is noticed, but none may cause a panic.
         let _ = read_depth_map(&path, LIMIT);
     }
 }

@@ -6,18 +6,18 @@ use super::lettering::{self, Align};
 use super::style::{INK, LABEL, NUMBER, TICK, TICK_GAP};
 use super::ticks::Tick;
 
-/// Of the colours, px.
+/// Width of the colours, px.
 pub(super) const WIDTH: usize = 34;
 /// Height of a pointed end, px.
 const POINT: usize = 30;
 
-/// A colour bar with everything measured.
+/// The layout of a colour bar.
 #[derive(Debug)]
 pub(super) struct Bar {
     pub(super) ticks: Vec<Tick>,
-    /// With its pointed ends, px.
+    /// Height including pointed ends, px.
     pub(super) height: usize,
-    /// Whether there are values below the first colour, and above the last: that end is pointed.
+    /// Whether the lower and the upper end are pointed, because there are values beyond.
     pub(super) pointed: [bool; 2],
 }
 
@@ -32,7 +32,7 @@ impl Bar {
             let place = 1.0 - (row as f64 + 0.5) / height as f64;
             canvas.fill([x, top + row as i64], [WIDTH, 1], scale.colour(place));
         }
-        // The points go over the frame's ends, so that the bar is one shape.
+        // The points are drawn over the ends of the frame, so that the bar is one shape.
         if self.pointed[1] {
             draw_point(canvas, [x, top - 1], -1, scale.colour(1.0));
         }
@@ -55,8 +55,8 @@ impl Bar {
     }
 }
 
-/// Draws the triangle that says "and beyond", from the row `y` on, upwards (`way` −1) or downwards (1).
-fn draw_point(canvas: &mut Canvas, [x, y]: [i64; 2], way: i64, colour: [u8; 3]) {
+/// Draws the triangle for values beyond an end, starting at row `y`, upwards (`direction` −1) or downwards (1).
+fn draw_point(canvas: &mut Canvas, [x, y]: [i64; 2], direction: i64, colour: [u8; 3]) {
     let (half, slope) = (WIDTH as f32 / 2.0, (WIDTH as f32 / 2.0).hypot(POINT as f32) / POINT as f32);
     let line = LINE as i64;
     for row in 0..POINT as i64 + line {
@@ -64,7 +64,7 @@ fn draw_point(canvas: &mut Canvas, [x, y]: [i64; 2], way: i64, colour: [u8; 3]) 
         for column in -line..WIDTH as i64 + line {
             // Distance from the slanted side, positive inside.
             let inside = (reach - (column as f32 + 0.5 - half).abs()) / slope;
-            let place = [x + column, y + way * row];
+            let place = [x + column, y + direction * row];
             canvas.blend(place[0], place[1], INK, inside + LINE as f32 + 0.5);
             canvas.blend(place[0], place[1], colour, inside + 0.5);
         }

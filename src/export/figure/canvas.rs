@@ -1,4 +1,4 @@
-//! A white sheet of 8-bit RGB pixels, and its way into a PNG file.
+//! A white canvas of 8-bit RGB pixels, and its PNG encoding.
 
 use crate::error::Result;
 use crate::files::write_atomically;
@@ -14,7 +14,7 @@ const PER_METRE: u32 = 11_811;
 /// Red, green, blue.
 pub(super) type Colour = [u8; 3];
 
-/// A picture being drawn. What lies outside of it is left out.
+/// A picture that is being drawn. Anything outside is clipped.
 pub(super) struct Canvas {
     width: usize,
     height: usize,
@@ -26,8 +26,8 @@ impl Canvas {
         Self { width, height, rgb: vec![255; 3 * width * height] }
     }
 
-    /// Lays `colour` over one pixel; `cover` 0 leaves it, 1 replaces it, in steps of an eighth: finer ones would not be
-    /// seen, and so a picture has few enough colours for a palette.
+    /// Blends `colour` over one pixel: `cover` 0 leaves it, 1 replaces it. Steps of an eighth are fine enough, and keep the
+    /// number of colours small enough for a palette.
     pub(super) fn blend(&mut self, x: i64, y: i64, colour: Colour, cover: f32) {
         let (Ok(x), Ok(y)) = (usize::try_from(x), usize::try_from(y)) else { return };
         if x >= self.width || y >= self.height {
@@ -59,7 +59,7 @@ impl Canvas {
         self.fill([x + width as i64, y - line], [LINE, height + 2 * LINE], colour);
     }
 
-    /// Writes the picture as a PNG, without a clock: same picture, same bytes.
+    /// Writes the picture as a PNG without a time stamp: the same picture gives the same bytes.
     pub(super) fn write_png(&self, path: &Path) -> Result<()> {
         write_atomically(path, |out| self.encode(out).map_err(io::Error::other))
     }
@@ -75,7 +75,7 @@ impl Canvas {
             None => encoder.set_color(png::ColorType::Rgb),
         }
         encoder.set_depth(png::BitDepth::Eight);
-        // Blocks of equal pixels repeat as they are; a filter would only hide that from deflate.
+        // Blocks of equal pixels compress best without a filter.
         encoder.set_compression(png::Compression::High);
         encoder.set_filter(png::Filter::NoFilter);
         encoder.set_pixel_dims(Some(png::PixelDimensions {
@@ -88,8 +88,8 @@ impl Canvas {
         writer.finish()
     }
 
-    /// The picture's colours in the order in which they appear, and each pixel's place among them; `None` if there are
-    /// more than 256. Half as large a file as without.
+    /// The picture's colours in order of appearance, and the index of each pixel's colour; `None` for more than 256
+    /// colours. It halves the size of the file.
     fn indexed(&self) -> Option<(Vec<Colour>, Vec<u8>)> {
         let mut places: FxHashMap<Colour, u8> = FxHashMap::default();
         let mut palette = Vec::new();

@@ -1,7 +1,7 @@
 //! Line charts: one or several series of numbers over a key's values.
 
 use super::canvas::{Canvas, Colour, LINE};
-use super::lettering::{self, Align, Style};
+use super::lettering::{self, Align, TextStyle};
 use super::style::{INK, LABEL, NUMBER, TICK, TICK_GAP};
 use super::ticks::ticks;
 use crate::error::Result;
@@ -10,22 +10,22 @@ use std::path::Path;
 /// One chart of a figure.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Chart {
-    /// Above it.
+    /// The title above the chart.
     pub(crate) title: String,
     /// Quantity / unit of the rows.
     pub(crate) y_label: String,
-    /// One number per place on the x axis and series; NaN where there is none.
+    /// For each series one number per place on the x axis; NaN where there is none.
     pub(crate) series: Vec<Vec<f64>>,
 }
 
-/// What the charts of a figure share: their x axis and what their lines are called.
+/// The x axis and the names of the series, common to the charts of a figure.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct ChartAxis {
-    /// Below each chart.
+    /// The label below each chart.
     pub(crate) label: String,
-    /// What stands at each place; places stand as numbers do where all of them are.
+    /// The text at each place; if all of them are numbers, they determine the positions.
     pub(crate) places: Vec<String>,
-    /// A name per series; one alone is not shown.
+    /// A name per series; not shown if there is only one.
     pub(crate) series: Vec<String>,
 }
 
@@ -34,12 +34,12 @@ const LEFT: usize = 190;
 const RIGHT: usize = 60;
 const ABOVE: usize = 96;
 const BELOW: usize = 150;
-/// Height of a line of the list of names, px.
+/// Height of a line of the legend, px.
 const NAME: usize = 46;
 const GRID: Colour = [228, 228, 228];
-const TITLE: Style = Style { size: 40.0, colour: [0, 0, 0] };
+const TITLE: TextStyle = TextStyle { size: 40.0, colour: [0, 0, 0] };
 
-/// Colours that stay apart for most eyes (Okabe and Ito).
+/// Colours that are distinct with most kinds of colour vision (Okabe and Ito).
 const COLOURS: [Colour; 7] = [
     [0, 114, 178],
     [213, 94, 0],
@@ -56,9 +56,9 @@ const COLOURS: [Colour; 7] = [
 /// As [`crate::files::write_atomically`].
 ///
 /// # Panics
-/// When there are no charts or no places, or a series has not one number per place.
+/// Without charts or places, or if a series does not have one number per place.
 pub(crate) fn write_charts(path: &Path, charts: &[Chart], axis: &ChartAxis) -> Result<()> {
-    assert!(!charts.is_empty() && !axis.places.is_empty(), "a figure has a chart, and an axis a place");
+    assert!(!charts.is_empty() && !axis.places.is_empty(), "a figure needs a chart, and its axis a place");
     for series in charts.iter().flat_map(|chart| &chart.series) {
         assert_eq!(series.len(), axis.places.len(), "one number per place");
     }
@@ -74,7 +74,7 @@ fn draw(charts: &[Chart], axis: &ChartAxis) -> Canvas {
     let in_row = (width / 520).max(1);
     let legend = if named > 0 { NAME * named.div_ceil(in_row) + NAME / 2 } else { 0 };
     let mut canvas = Canvas::new(width, rows * cell[1] + legend);
-    let places = Places::of(axis);
+    let places = AxisLayout::of(axis);
     for (i, chart) in charts.iter().enumerate() {
         let corner = [i % columns * cell[0] + LEFT, i / columns * cell[1] + ABOVE];
         draw_chart(&mut canvas, chart, axis, &places, corner.map(|length| length as i64));
@@ -91,22 +91,19 @@ fn draw(charts: &[Chart], axis: &ChartAxis) -> Canvas {
     canvas
 }
 
-/// Where the places stand along a box, 0 to 1, and what is written below.
-struct Places {
-    /// Whether they are numbers, between which a line makes sense.
+/// The positions of the places along a box, 0 to 1, and the ticks below.
+struct AxisLayout {
+    /// Whether the places are numbers, which are connected by lines.
     numbers: bool,
     at: Vec<f64>,
     ticks: Vec<(f64, String)>,
 }
 
-impl Places {
+impl AxisLayout {
     fn of(axis: &ChartAxis) -> Self {
         let numbers: Option<Vec<f64>> =
             axis.places.iter().map(|p| p.parse().ok().filter(|v: &f64| v.is_finite())).collect();
-        let span = |values: &[f64]| {
-            values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)))
-        };
-        match numbers.map(|numbers| (span(&numbers), numbers)) {
+        match numbers.map(|numbers| (span(numbers.iter().copied()), numbers)) {
             Some(((low, high), numbers)) if high > low => {
                 let place = |v: f64| 0.04 + 0.92 * (v - low) / (high - low);
                 let ticks = ticks(low, high, 7).into_iter().map(|tick| (place(tick.value), tick.label));
@@ -130,11 +127,15 @@ impl Places {
     }
 }
 
-fn draw_chart(canvas: &mut Canvas, chart: &Chart, axis: &ChartAxis, places: &Places, [x, y]: [i64; 2]) {
+/// Minimum and maximum of some values.
+fn span(values: impl Iterator<Item = f64>) -> (f64, f64) {
+    values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)))
+}
+
+fn draw_chart(canvas: &mut Canvas, chart: &Chart, axis: &ChartAxis, places: &AxisLayout, [x, y]: [i64; 2]) {
     let [width, height] = BOX.map(|length| length as f64);
     let bottom = y + BOX[1] as i64;
-    let values = || chart.series.iter().flatten().copied().filter(|v| v.is_finite());
-    let (low, high) = values().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
+    let (low, high) = span(chart.series.iter().flatten().copied().filter(|v| v.is_finite()));
     let middle = [x as f32 + BOX[0] as f32 / 2.0, y as f32 - 40.0];
     lettering::draw(canvas, &chart.title, TITLE, middle, Align::Centre);
     lettering::draw(canvas, &axis.label, LABEL, [middle[0], bottom as f32 + 100.0], Align::Centre);
@@ -148,7 +149,7 @@ fn draw_chart(canvas: &mut Canvas, chart: &Chart, axis: &ChartAxis, places: &Pla
         let centre = [middle[0], y as f32 + BOX[1] as f32 / 2.0];
         lettering::draw(canvas, "none", LABEL, centre, Align::Centre);
     } else {
-        // Sizes are seen best against 0; levels in dB have no such floor.
+        // Positive quantities are shown from 0; levels in dB have no natural origin.
         let (low, high) = if low >= 0.0 {
             (0.0, 1.08 * high.max(1e-12))
         } else {
@@ -227,7 +228,7 @@ mod tests {
             let first = std::fs::read(&path).unwrap();
             assert!(first.starts_with(b"\x89PNG") && first.len() > 2000, "{name}");
             write_charts(&path, &charts, &axis).unwrap();
-            assert_eq!(first, std::fs::read(&path).unwrap(), "same numbers, same bytes");
+            assert_eq!(first, std::fs::read(&path).unwrap(), "results are bit-identical");
         }
     }
 }

@@ -1,41 +1,41 @@
-//! Where everything in a figure goes: boxes, ticks, labels, colour bars.
+//! The layout of a figure: boxes, ticks, labels, colour bars.
 //!
-//! Sizes are for print at 300 dots per inch: a figure of one map is a journal's column wide (about 88 mm), and its numbers
-//! are then 7 points high, labels 8, titles 9.
+//! Sizes are for print at 300 dots per inch: a figure of one map is as wide as a journal column (about 88 mm), with
+//! numbers of 7 points, labels of 8 and titles of 9.
 
 use super::bar::{self, Bar};
 use super::canvas::{Canvas, Colour, LINE};
-use super::lettering::{self, Align, Style};
+use super::lettering::{self, Align, TextStyle};
 use super::style::{INK, LABEL, NUMBER, TICK, TICK_GAP};
 use super::ticks::{self, Tick, ticks};
 use super::{COLOURS, Panel, Scale};
 use crate::grid::Axis;
 
-/// The grey of "nothing here"; far enough from the white in the middle of the diverging colours.
+/// The grey of pixels without a value, distinct from the white in the middle of the diverging colours.
 const NOTHING: Colour = [212, 212, 212];
-const TITLE: Style = Style { size: 44.0, colour: [0, 0, 0] };
-const NOTE: Style = Style { size: 34.0, colour: [84, 84, 84] };
+const TITLE: TextStyle = TextStyle { size: 44.0, colour: [0, 0, 0] };
+const NOTE: TextStyle = TextStyle { size: 34.0, colour: [84, 84, 84] };
 
-/// Most columns in a figure.
+/// Maximum number of columns in a figure.
 const MOST_COLUMNS: usize = 8;
-/// Least width and height of a map's box, px: a thinner one could not be seen.
+/// Minimum width and height of a map's box, px; a thinner one would not be visible.
 const THINNEST: usize = 48;
-/// Least height of a colour bar, px: below, its numbers would touch.
+/// Minimum height of a colour bar, px; below, its numbers would touch.
 const SHORTEST_BAR: usize = 260;
 /// From a map to its colour bar, px.
 const BAR_GAP: usize = 32;
 const EDGE: usize = 20;
 
-/// One panel with everything measured.
+/// The layout of one panel.
 struct Plot<'a> {
     panel: &'a Panel<'a>,
     /// Width and height of the map's box, px.
     size: [usize; 2],
     x_ticks: Vec<Tick>,
     y_ticks: Vec<Tick>,
-    /// The colour bar where it is drawn.
+    /// The colour bar, if this panel has one.
     bar: Option<Bar>,
-    /// Room left of and right of the box, px.
+    /// Space on the left and right of the box, px.
     left: usize,
     right: usize,
 }
@@ -51,7 +51,7 @@ pub(super) fn draw(panels: &[Panel<'_>], columns: usize) -> Canvas {
         .chunks(columns)
         .flat_map(|row| (0..row.len()).map(move |i| (row, i)))
         .map(|(row, i)| {
-            // A row that is not full leaves the bar to the full rows, if theirs is the same.
+            // An incomplete row has no bar if the rows above have the same one.
             let above = if i + 1 < columns { panels.get(columns - 1) } else { None };
             let shared =
                 [row.get(i + 1), above].into_iter().flatten().any(|other| other.scale == row[i].scale);
@@ -75,7 +75,8 @@ pub(super) fn draw(panels: &[Panel<'_>], columns: usize) -> Canvas {
         top += above(row);
         for (column, plot) in row.iter().enumerate() {
             let start = if column == 0 { 0 } else { boxes_x[column] - plot.left };
-            let end = boxes_x.get(column + 1).map_or(right_edge, |next| next - row_left(row, column + 1));
+            let next_left = row.get(column + 1).map_or(0, |plot| plot.left);
+            let end = boxes_x.get(column + 1).map_or(right_edge, |next| next - next_left);
             plot.draw(&mut canvas, [boxes_x[column], top], [start, end]);
         }
         top += below(row);
@@ -83,22 +84,18 @@ pub(super) fn draw(panels: &[Panel<'_>], columns: usize) -> Canvas {
     canvas
 }
 
-fn row_left(row: &[Plot], column: usize) -> usize {
-    row.get(column).map_or(0, |plot| plot.left)
-}
-
-/// Height of what stands above the boxes of a row, px.
+/// Height of the text above the boxes of a row, px.
 fn above(row: &[Plot]) -> usize {
     let noted = row.iter().any(|plot| !plot.panel.note.is_empty());
     if noted { 124 } else { 80 }
 }
 
-/// Height of the boxes of a row and what stands below, px.
+/// Height of the boxes of a row and the text below, px.
 fn below(row: &[Plot]) -> usize {
     let axis = TICK + TICK_GAP + 34 + 60 + EDGE;
     row.iter()
         .map(|plot| {
-            let bar = if plot.bar.is_some() { plot.bar_height() + 2 * EDGE } else { 0 };
+            let bar = plot.bar.as_ref().map_or(0, |bar| bar.height + 2 * EDGE);
             (plot.size[1] + axis).max(bar)
         })
         .max()
@@ -108,7 +105,7 @@ fn below(row: &[Plot]) -> usize {
 /// Whether any value of the panels with this scale lies below its first colour, or above its last.
 fn beyond(panels: &[Panel<'_>], scale: &Scale) -> [bool; 2] {
     let Some([low, high]) = scale.range() else { return [false; 2] };
-    // What rounds to an end's colour is no news.
+    // Values that round to an end's colour do not count.
     let margin = 1e-3 * (high - low);
     let values = || {
         let sharing = panels.iter().filter(|panel| panel.scale == *scale);
@@ -117,15 +114,15 @@ fn beyond(panels: &[Panel<'_>], scale: &Scale) -> [bool; 2] {
     [values().any(|value| value < low - margin), values().any(|value| value > high + margin)]
 }
 
-/// Measures a panel whose box is to be about `target` px wide; `bar` says that it has the colour bar, and which of its
-/// ends are pointed.
+/// The layout of a panel with a box of about `target` px; `bar` is `None` if it has no colour bar, and otherwise which of
+/// the bar's ends are pointed.
 fn measure<'a>(panel: &'a Panel<'a>, bar: Option<[bool; 2]>, target: usize) -> Plot<'a> {
     let size = box_size(panel, target);
     let [x0, x1] = edges(&panel.x);
     let [y0, y1] = edges(&panel.y);
     let most = [(size[0] / 124).clamp(2, 9), (size[1] / 84).clamp(2, 10)];
     let mut steps = [ticks::step(x0, x1, most[0]), ticks::step(y0, y1, most[1])];
-    // Both axes are to the same scale, and read best with the same distance between ticks.
+    // Both axes have the same scale, and are easiest to read with the same distance between ticks.
     let common = if steps[0].length > steps[1].length { steps[0] } else { steps[1] };
     if [(x0, x1), (y0, y1)].iter().all(|(low, high)| common.count(*low, *high) >= 3) {
         steps = [common; 2];
@@ -137,7 +134,7 @@ fn measure<'a>(panel: &'a Panel<'a>, bar: Option<[bool; 2]>, target: usize) -> P
         height: bar_height,
         pointed,
     });
-    // Numbers have at least the room of these, so that the boxes of different figures stand alike.
+    // A minimum width of the numbers aligns the boxes of different figures.
     let usual = lettering::width("−0.00", NUMBER.size).ceil() as usize;
     let widest = |ticks: &[Tick]| {
         let width = |tick: &Tick| lettering::width(&tick.label, NUMBER.size).ceil() as usize;
@@ -148,14 +145,14 @@ fn measure<'a>(panel: &'a Panel<'a>, bar: Option<[bool; 2]>, target: usize) -> P
         Some(bar) => BAR_GAP + bar::WIDTH + TICK + TICK_GAP + widest(&bar.ticks) + 54 + EDGE,
         None => EDGE + 8,
     };
-    // A title may be wider than a narrow map; up to a point the panel makes room for it.
+    // The title may be wider than a narrow map; the panel is widened for it, within limits.
     let title = lettering::width(&panel.title, TITLE.size).max(lettering::width(&panel.note, NOTE.size));
     let wanted = (title.ceil() as usize + 2 * EDGE).min(900.max(target));
     let right = right.max(wanted.saturating_sub(left + size[0]));
     Plot { panel, size, x_ticks, y_ticks, bar, left, right }
 }
 
-/// Where an axis' first voxel begins and its last one ends, m.
+/// The outer edges of an axis' first and last voxel, m.
 fn edges(axis: &Axis) -> [f64; 2] {
     [axis.first - axis.pitch / 2.0, axis.first + axis.pitch * (axis.count as f64 - 0.5)]
 }
@@ -173,8 +170,8 @@ fn box_size(panel: &Panel<'_>, target: usize) -> [usize; 2] {
     if !ideal.iter().all(|length| length.is_finite()) {
         return [target, target];
     }
-    // Whole pixels to a column, so that panels over one x axis are equally wide. Rounding up may make the box a
-    // third larger, which is better than half as large.
+    // Whole pixels per column, so that panels over one x axis have the same width. Rounding up may make the box a third
+    // larger, which is better than half the size.
     let per_column = panel.x.pitch * scale;
     let whole = if per_column.ceil() / per_column < 1.35 { per_column.ceil() } else { per_column.floor() };
     let size = if whole >= 1.0 { extents.map(|extent| extent * whole / panel.x.pitch) } else { ideal }
@@ -183,21 +180,17 @@ fn box_size(panel: &Panel<'_>, target: usize) -> [usize; 2] {
 }
 
 impl Plot<'_> {
-    fn bar_height(&self) -> usize {
-        self.bar.as_ref().map_or(0, |bar| bar.height)
-    }
-
     /// Draws the panel with the box's upper left corner at `corner`, between the columns `[start, end]` px.
     fn draw(&self, canvas: &mut Canvas, corner: [usize; 2], [start, end]: [usize; 2]) {
         let [x, y] = corner.map(|length| length as i64);
         let [width, height] = self.size;
-        let anything = self.draw_map(canvas, [x, y]);
+        let coverage = self.draw_map(canvas, [x, y]);
         canvas.frame([x, y], self.size, INK);
-        self.draw_axes(canvas, [x, y], anything);
+        self.draw_axes(canvas, [x, y], coverage);
         if let Some(bar) = &self.bar {
             bar.draw(canvas, [x + (width + BAR_GAP) as i64, y], &self.panel.scale);
         }
-        if anything == Contents::Nothing {
+        if coverage == Coverage::Empty {
             let text = lettering::fitted(&self.panel.nothing, LABEL.size, width as f32 - 8.0);
             let middle = [x as f32 + width as f32 / 2.0, y as f32 + height as f32 / 2.0];
             lettering::draw(canvas, &text, LABEL, middle, Align::Centre);
@@ -208,7 +201,7 @@ impl Plot<'_> {
                 continue;
             }
             let text = lettering::fitted(text, style.size, (end - start) as f32 - EDGE as f32);
-            // Centred over the box, but kept between the panel's ends.
+            // Centred over the box, but within the panel.
             let half = lettering::width(&text, style.size) / 2.0;
             let middle =
                 (x as f32 + width as f32 / 2.0).min(end as f32 - half - 8.0).max(start as f32 + half + 8.0);
@@ -217,24 +210,24 @@ impl Plot<'_> {
         }
     }
 
-    fn draw_map(&self, canvas: &mut Canvas, [x, y]: [i64; 2]) -> Contents {
+    fn draw_map(&self, canvas: &mut Canvas, [x, y]: [i64; 2]) -> Coverage {
         let panel = self.panel;
         let [width, height] = self.size;
         let Some([low, high]) = panel.scale.range().filter(|_| panel.values.iter().any(|v| !v.is_nan()))
         else {
             canvas.fill([x, y], self.size, NOTHING);
-            return Contents::Nothing;
+            return Coverage::Empty;
         };
         let colours: Vec<Colour> =
             (0..COLOURS).map(|i| panel.scale.colour(i as f64 / (COLOURS - 1) as f64)).collect();
-        let mut contents = Contents::Everything;
+        let mut coverage = Coverage::Full;
         for row in 0..height {
             let from_top = voxel(row, height, panel.y.count);
             let iy = if panel.upward { panel.y.count - 1 - from_top } else { from_top };
             for column in 0..width {
                 let value = panel.values[iy * panel.x.count + voxel(column, width, panel.x.count)];
                 let colour = if value.is_nan() {
-                    contents = Contents::Some;
+                    coverage = Coverage::Partial;
                     NOTHING
                 } else {
                     let place = (f64::from(value) - low) / (high - low);
@@ -243,10 +236,10 @@ impl Plot<'_> {
                 canvas.blend(x + column as i64, y + row as i64, colour, 1.0);
             }
         }
-        contents
+        coverage
     }
 
-    fn draw_axes(&self, canvas: &mut Canvas, [x, y]: [i64; 2], contents: Contents) {
+    fn draw_axes(&self, canvas: &mut Canvas, [x, y]: [i64; 2], coverage: Coverage) {
         let panel = self.panel;
         let [width, height] = self.size;
         let bottom = y + height as i64;
@@ -256,7 +249,7 @@ impl Plot<'_> {
             let at = x as f32 + along(&panel.x, tick.value, width);
             canvas.fill([at as i64, bottom + LINE as i64], [LINE, TICK], INK);
             let half = lettering::width(&tick.label, NUMBER.size) / 2.0;
-            // On a very narrow box not every number finds room.
+            // In a very narrow box not every number fits.
             if at - half > free_from {
                 lettering::draw(canvas, &tick.label, NUMBER, [at, number_y], Align::Centre);
                 free_from = at + half + 10.0;
@@ -286,12 +279,12 @@ impl Plot<'_> {
         lettering::draw(canvas, &panel.x_label, LABEL, [middle, label_y], Align::Centre);
         let label_x = (x - self.left as i64) as f32 + EDGE as f32 + 20.0;
         lettering::draw_upwards(canvas, &panel.y_label, LABEL, [label_x, y as f32 + height as f32 / 2.0]);
-        if contents == Contents::Some {
+        if coverage == Coverage::Partial {
             self.draw_key(canvas, [x + width as i64, label_y as i64]);
         }
     }
 
-    /// Says what grey means, at the lower right below the box, if there is room beside the axis' label.
+    /// Draws the key of the grey at the lower right below the box, if there is space next to the axis' label.
     fn draw_key(&self, canvas: &mut Canvas, [right, middle]: [i64; 2]) {
         let text = &self.panel.nothing;
         let text_width = lettering::width(text, NOTE.size).ceil();
@@ -306,12 +299,12 @@ impl Plot<'_> {
     }
 }
 
-/// How much of a map has values.
+/// The share of a map that has values.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Contents {
-    Nothing,
-    Some,
-    Everything,
+enum Coverage {
+    Empty,
+    Partial,
+    Full,
 }
 
 /// The voxel that covers a pixel of the box.
@@ -319,7 +312,7 @@ fn voxel(pixel: usize, pixels: usize, count: usize) -> usize {
     (((pixel as f64 + 0.5) * count as f64 / pixels as f64) as usize).min(count - 1)
 }
 
-/// How far along a box of so many pixels a position in m lies, px.
+/// The place of a position in m along a box of this many pixels, px.
 fn along(axis: &Axis, position: f64, pixels: usize) -> f32 {
     let [start, end] = edges(axis);
     let place = ((position - start) / (end - start)).clamp(0.0, 1.0);

@@ -1,4 +1,4 @@
-//! Text in figures: `DejaVu` Sans, anti-aliased, upright or turned to read upwards.
+//! Text in figures: `DejaVu` Sans, anti-aliased, horizontal or reading upwards.
 
 use super::canvas::{Canvas, Colour};
 use ab_glyph::{Font, FontRef, PxScale, ScaleFont, point};
@@ -8,7 +8,7 @@ static SANS: LazyLock<FontRef<'static>> = LazyLock::new(|| {
     FontRef::try_from_slice(dejavu::sans::regular()).expect("the font is part of the program")
 });
 
-/// Where a text stands with respect to the point it is given.
+/// The position of a text relative to its anchor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Align {
     Left,
@@ -18,7 +18,7 @@ pub(super) enum Align {
 
 /// Size (height of a line, px) and colour of a text.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Style {
+pub(super) struct TextStyle {
     pub(super) size: f32,
     pub(super) colour: Colour,
 }
@@ -28,37 +28,37 @@ pub(super) fn width(text: &str, size: f32) -> f32 {
     layout(text, size).1
 }
 
-/// The text, or as much of it as fits into `room` px with an ellipsis behind.
-pub(super) fn fitted(text: &str, size: f32, room: f32) -> String {
-    if width(text, size) <= room {
+/// The text, truncated with an ellipsis if it is wider than `limit` px.
+pub(super) fn fitted(text: &str, size: f32, limit: f32) -> String {
+    if width(text, size) <= limit {
         return text.to_owned();
     }
     let mut kept: Vec<char> = text.chars().collect();
     while !kept.is_empty() {
         kept.pop();
         let shortened = kept.iter().collect::<String>().trim_end().to_owned() + "…";
-        if width(&shortened, size) <= room {
+        if width(&shortened, size) <= limit {
             return shortened;
         }
     }
     String::new()
 }
 
-/// Draws a text whose middle height lies at `y`.
-pub(super) fn draw(canvas: &mut Canvas, text: &str, style: Style, [x, y]: [f32; 2], align: Align) {
+/// Draws a text that is vertically centred at `y`.
+pub(super) fn draw(canvas: &mut Canvas, text: &str, style: TextStyle, [x, y]: [f32; 2], align: Align) {
     place(text, style.size, align, |right, down, cover| {
         canvas.blend(x.round() as i64 + right, y.round() as i64 + down, style.colour, cover);
     });
 }
 
-/// Draws a text that reads upwards, its middle at (`x`, `y`).
-pub(super) fn draw_upwards(canvas: &mut Canvas, text: &str, style: Style, [x, y]: [f32; 2]) {
+/// Draws a text that reads upwards, centred at (`x`, `y`).
+pub(super) fn draw_upwards(canvas: &mut Canvas, text: &str, style: TextStyle, [x, y]: [f32; 2]) {
     place(text, style.size, Align::Centre, |right, down, cover| {
         canvas.blend(x.round() as i64 + down, y.round() as i64 - right, style.colour, cover);
     });
 }
 
-/// Each glyph with the place of its left end, px, and the width of all.
+/// Each glyph with the position of its left end, px, and the total width.
 fn layout(text: &str, size: f32) -> (Vec<(ab_glyph::GlyphId, f32)>, f32) {
     let font = SANS.as_scaled(PxScale::from(size));
     let mut pen = 0.0;
@@ -78,7 +78,7 @@ fn layout(text: &str, size: f32) -> (Vec<(ab_glyph::GlyphId, f32)>, f32) {
     (glyphs, pen)
 }
 
-/// Passes every touched pixel, right of and below the text's anchor, with its coverage.
+/// Calls `dot` for every pixel, right of and below the text's anchor, with its coverage.
 fn place(text: &str, size: f32, align: Align, mut dot: impl FnMut(i64, i64, f32)) {
     let (glyphs, width) = layout(text, size);
     let start = match align {
@@ -86,7 +86,7 @@ fn place(text: &str, size: f32, align: Align, mut dot: impl FnMut(i64, i64, f32)
         Align::Centre => -width / 2.0,
         Align::Right => -width,
     };
-    // Digits and capitals are about 0.63 of the line high; half of that lies below the middle.
+    // Digits and capitals are about 0.63 of the line's height; half of that is below the middle.
     let baseline = (0.315 * size).round();
     for (id, at) in glyphs {
         let glyph = id.with_scale_and_position(size, point(start.round() + at, baseline));
@@ -105,7 +105,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_long_text_is_cut_to_its_room() {
+    fn a_long_text_is_truncated() {
         assert_eq!(fitted("depth", 14.0, 500.0), "depth");
         let cut = fitted("a title that is much too long for its panel", 14.0, 100.0);
         assert!(cut.ends_with('…') && width(&cut, 14.0) <= 100.0, "{cut}");

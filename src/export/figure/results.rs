@@ -30,19 +30,13 @@ pub fn write_amplitude_figure(path: &Path, volume: &Volume) -> Result<()> {
     }
     let peak = front.iter().copied().filter(|power| power.is_finite()).fold(0.0, f32::max);
     let decibels = |power: Vec<f32>| -> Vec<f32> {
-        power
-            .into_iter()
-            .map(|power| if peak > 0.0 { 10.0 * (power / peak).log10() } else { f32::NAN })
-            .collect()
+        let level = |power: f32| if peak > 0.0 { 10.0 * (power / peak).log10() } else { f32::NAN };
+        power.into_iter().map(level).collect()
     };
-    let scale = Scale::Sequential {
-        map: ColourMap::Inferno,
-        range: [-DYNAMIC_RANGE_DB, 0.0],
-        label: "level / dB".into(),
-    };
+    let scale = Scale::levels(DYNAMIC_RANGE_DB);
     let note = match peak.sqrt() {
-        peak if (0.01..1e4).contains(&peak) => format!("greatest along z; peak {peak:.3}"),
-        peak => format!("greatest along z; peak {}", scientific(peak.into(), 2)),
+        peak if (0.01..1e4).contains(&peak) => format!("maximum along z; peak {peak:.3}"),
+        peak => format!("maximum along z; peak {}", scientific(peak.into(), 2)),
     };
     let panels = [
         Panel {
@@ -53,7 +47,7 @@ pub fn write_amplitude_figure(path: &Path, volume: &Volume) -> Result<()> {
         Panel {
             y_label: "z / m".into(),
             upward: true,
-            note: "greatest along y; the array lies below".into(),
+            note: "maximum along y; the array is below".into(),
             nothing: "no signal".into(),
             ..Panel::new("from above", decibels(above), grid.x, grid.z, scale)
         },
@@ -61,15 +55,15 @@ pub fn write_amplitude_figure(path: &Path, volume: &Volume) -> Result<()> {
     write_figure(path, &panels, 2)
 }
 
-/// The least and greatest depth in any of the maps, m, so that their figures can share one range of colours;
-/// `None` if nothing was accepted anywhere.
+/// The minimum and maximum depth in all maps, m, as a common range of colours for their figures; `None` if no map has an
+/// accepted depth.
 pub fn depth_range(maps: &[&DepthMap]) -> Option<[f64; 2]> {
     let depths = || maps.iter().flat_map(|map| &map.picked.depth).copied().filter(|z| z.is_finite());
     let (low, high) = (depths().fold(f32::INFINITY, f32::min), depths().fold(f32::NEG_INFINITY, f32::max));
     (low <= high).then(|| [f64::from(low), f64::from(high)])
 }
 
-/// Whose depths a figure shows.
+/// The kind of depths in a figure.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DepthKind {
     /// Those of a depth map.
@@ -78,7 +72,7 @@ pub enum DepthKind {
     True,
 }
 
-/// Draws a depth map or a ground truth; `range` in m is the colours', or else the map's own.
+/// Draws a depth map or a ground truth; `range` in m is that of the colours, by default that of the map.
 ///
 /// # Errors
 /// As [`write_figure`].
@@ -106,7 +100,7 @@ pub fn write_depth_figure(
     write_figure(path, &[panel], 1)
 }
 
-/// A panel over the pixels of a map. Those of a perspective view are counted, so that it lies over a rendered picture.
+/// A panel over the pixels of a map. The axes of a perspective view count pixels, so that it matches a rendered picture.
 fn panel<'a>(title: &str, values: impl Into<Cow<'a, [f32]>>, raster: &Raster, scale: Scale) -> Panel<'a> {
     if raster.view == View::Orthographic {
         return Panel::new(title, values, raster.x, raster.y, scale);
@@ -119,29 +113,29 @@ fn panel<'a>(title: &str, values: impl Into<Cow<'a, [f32]>>, raster: &Raster, sc
     }
 }
 
-/// Value of the last colour of an error's figure, in the unit of the errors: their 95th percentile, rounded up, but no
-/// more than `most`, from where on an error is a false return. NaN if there are no errors.
+/// Value of the last colour in a figure of errors, in the unit of the errors: their 95th percentile, rounded up, but at
+/// most `most`, above which an error is a false return. NaN if there are no errors.
 ///
-/// The bound keeps a few gross errors from making all others look alike.
+/// Otherwise a few gross errors would give all others the same colour.
 pub(super) fn error_limit(errors: &[f32], most: f64) -> f64 {
     let mut sizes: Vec<f32> = errors.iter().map(|e| e.abs()).filter(|e| e.is_finite()).collect();
     sizes.sort_by(f32::total_cmp);
     let usual = sizes.get((sizes.len() * 95 / 100).min(sizes.len().saturating_sub(1)));
-    // Errors below a micrometre are rounding, not findings.
+    // Errors below a micrometre are rounding.
     usual.map_or(f64::NAN, |&usual| round_up(f64::from(usual).max(1e-6)).min(most))
 }
 
 /// Draws depth errors (found − true, m, `[y, x]`, NaN where there is nothing to compare) in mm; `note` is a line of
-/// text above them, such as the median; `resolution` is c/2B in m, NaN if it is not known.
+/// text above the map, such as the median; `resolution` is c/2B in m, NaN if unknown.
 ///
-/// The colours reach to `error_limit` of twice the resolution; what lies beyond takes the last colour, and the bar's
-/// end is pointed.
+/// The colours reach the 95th percentile of |error|, at most twice the resolution; larger errors have the last colour, and
+/// the end of the bar is pointed.
 ///
 /// # Errors
 /// As [`write_figure`].
 ///
 /// # Panics
-/// When there is not exactly one error per pixel.
+/// If there is not exactly one error per pixel.
 pub fn write_error_figure(
     path: &Path,
     errors: &[f32],

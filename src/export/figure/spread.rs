@@ -1,6 +1,6 @@
 //! The figure of point-spread functions: planes through each point, and the box from the front.
 
-use super::{ColourMap, Panel, Scale, write_figure};
+use super::{Panel, Scale, write_figure};
 use crate::error::Result;
 use crate::psf::PointSpread;
 use std::path::Path;
@@ -8,19 +8,15 @@ use std::path::Path;
 /// How far below the peak the amplitude is shown, dB.
 const DYNAMIC_RANGE_DB: f64 = 40.0;
 
-/// Draws one row per point: the greatest along z in the whole grid, and the planes x y, x z and y z through the point.
+/// Draws one row per point: the maximum along z of the whole grid, and the planes x y, x z and y z through the point.
 ///
 /// # Errors
 /// As [`write_figure`].
 ///
 /// # Panics
-/// When there are no points.
+/// Without points.
 pub fn write_spread_figure(path: &Path, spreads: &[PointSpread]) -> Result<()> {
-    let scale = Scale::Sequential {
-        map: ColourMap::Inferno,
-        range: [-DYNAMIC_RANGE_DB, 0.0],
-        label: "level / dB".into(),
-    };
+    let scale = Scale::levels(DYNAMIC_RANGE_DB);
     let panels: Vec<Panel> = spreads
         .iter()
         .flat_map(|spread| {
@@ -28,7 +24,7 @@ pub fn write_spread_figure(path: &Path, spreads: &[PointSpread]) -> Result<()> {
             let scale = &scale;
             spread.cuts.iter().map(move |cut| {
                 let (title, axes) = match cut.name {
-                    "front" => ("from the front, greatest along z".to_owned(), ["x", "y"]),
+                    "front" => ("from the front, maximum along z".to_owned(), ["x", "y"]),
                     "x y" => (format!("z = {z:.3} m"), ["x", "y"]),
                     "x z" => (format!("y = {y:.3} m"), ["x", "z"]),
                     _ => (format!("x = {x:.3} m"), ["y", "z"]),

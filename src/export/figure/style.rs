@@ -1,12 +1,12 @@
-//! What axes, colour bars and charts have in common: ink, letters and ticks.
+//! The common style of axes, colour bars and charts: ink, text and ticks.
 
 use super::canvas::Colour;
-use super::lettering::Style;
+use super::lettering::TextStyle;
 
 pub(super) const INK: Colour = [38, 38, 38];
-// A line is 1.164 times as high as its letters' nominal size.
-pub(super) const LABEL: Style = Style { size: 39.0, colour: INK };
-pub(super) const NUMBER: Style = Style { size: 34.0, colour: INK };
+// The height of a line is 1.164 times the nominal size of its letters.
+pub(super) const LABEL: TextStyle = TextStyle { size: 39.0, colour: INK };
+pub(super) const NUMBER: TextStyle = TextStyle { size: 34.0, colour: INK };
 /// Length of a tick, px.
 pub(super) const TICK: usize = 9;
 /// From a tick to its number, px.

@@ -26,7 +26,7 @@ fn colours(rgb: &[u8]) -> usize {
     rgb.chunks_exact(3).collect::<std::collections::HashSet<_>>().len()
 }
 
-/// A corner seen from inside: a hexagon of depths with nothing around it.
+/// The inside of a corner: a hexagon of depths, and no depths around it.
 fn corner(count: usize) -> DepthMap {
     let x = axis(-0.66, 1.32 / (count - 1) as f64, count);
     let mut picked = Surface::empty(count * count).expect("room");
@@ -85,7 +85,7 @@ fn figures(folder: &Path, count: usize) -> Vec<std::path::PathBuf> {
 }
 
 #[test]
-fn every_figure_has_a_sensible_size_and_shows_something() {
+fn every_figure_has_a_suitable_size_and_is_not_blank() {
     let folder = tempfile::tempdir().unwrap();
     for count in [41, 126, 256] {
         for path in figures(folder.path(), count) {
@@ -99,7 +99,7 @@ fn every_figure_has_a_sensible_size_and_shows_something() {
 }
 
 #[test]
-fn a_run_s_figures_have_boxes_alike() {
+fn the_figures_of_a_run_have_equal_boxes() {
     let folder = tempfile::tempdir().unwrap();
     let map = corner(41);
     let sizes = [DepthKind::Found, DepthKind::True].map(|kind| {
@@ -126,10 +126,10 @@ fn gross_errors_do_not_hide_the_others() {
 }
 
 #[test]
-fn values_beyond_the_colours_point_the_bar() {
+fn values_beyond_the_colours_give_the_bar_a_pointed_end() {
     let folder = tempfile::tempdir().unwrap();
     let a = axis(0.0, 0.1, 2);
-    // Rows in which the last colour is narrower than the bar: those of the point. The map's own patch lies below.
+    // Rows in which the last colour is narrower than the bar are those of the pointed end; the map's own patch is wider.
     let reds = |values: Vec<f32>| {
         let path = folder.path().join("map.png");
         let scale = Scale::Diverging { limit: 1.0, label: String::new() };
@@ -157,7 +157,7 @@ fn the_same_map_gives_the_same_bytes() {
 }
 
 #[test]
-fn absurd_maps_are_drawn_all_the_same() {
+fn extreme_maps_are_drawn() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("map.png");
     let viridis =

@@ -1,13 +1,13 @@
-//! Where an axis has its ticks, and what is written beside them.
+//! The positions and labels of an axis' ticks.
 
-/// A mark on an axis.
+/// A tick on an axis.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Tick {
     pub(super) value: f64,
     pub(super) label: String,
 }
 
-/// The distance between an axis' ticks, and how many decimals their labels need.
+/// The distance between an axis' ticks, and the number of decimals of their labels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Step {
     pub(super) length: f64,
@@ -21,7 +21,7 @@ impl Step {
         ((high / self.length + 1e-6).floor() - first + 1.0).max(0.0) as usize
     }
 
-    /// The ticks within `[low, high]`; of an interval without length that one place.
+    /// The ticks within `[low, high]`; a single one for an interval of zero length.
     pub(super) fn ticks(self, low: f64, high: f64) -> Vec<Tick> {
         if self.length == 0.0 {
             return vec![Tick { value: low, label: label(low, self.decimals) }];
@@ -36,8 +36,8 @@ impl Step {
     }
 }
 
-/// The step of at most `most` ticks (at least 2) at multiples of 1, 2, 2.5 or 5 times a power of ten within
-/// `[low, high]`; 0 for an interval of no length.
+/// The step for at most `most` ticks (at least 2) at multiples of 1, 2, 2.5 or 5 times a power of ten within
+/// `[low, high]`; 0 for an interval of zero length.
 pub(super) fn step(low: f64, high: f64, most: usize) -> Step {
     let most = most.max(2);
     let span = high - low;
@@ -57,7 +57,7 @@ pub(super) fn ticks(low: f64, high: f64, most: usize) -> Vec<Tick> {
     step(low, high, most).ticks(low, high)
 }
 
-/// A number with so many decimals and a true minus sign; very large and very small ones with an exponent.
+/// A number with a fixed number of decimals and a true minus sign, or with an exponent if it is very large or small.
 fn label(value: f64, decimals: i32) -> String {
     if decimals > 5 || value.abs() >= 1e6 {
         return scientific(value, 3);
@@ -78,7 +78,7 @@ pub(super) fn scientific(value: f64, decimals: usize) -> String {
         .chars()
         .map(|c| match c {
             '-' => '⁻',
-            // One, two and three are older than the others and have places of their own.
+            // The superscripts one, two and three are not next to the others in Unicode.
             '1' => '¹',
             '2' => '²',
             '3' => '³',
@@ -88,13 +88,13 @@ pub(super) fn scientific(value: f64, decimals: usize) -> String {
     format!("{} × 10{raised}", factor.replace('-', "−"))
 }
 
-/// The least round number that is no less than `value`, which must be positive.
+/// The smallest round number that is at least `value`, which must be positive.
 pub(super) fn round_up(value: f64) -> f64 {
     let power = 10_f64.powf(value.log10().floor());
     [1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0]
         .into_iter()
         .map(|factor| factor * power)
-        // A round number of f32 may come a little above itself.
+        // A round number in f32 may be slightly above itself.
         .find(|round| *round >= value * (1.0 - 1e-6))
         .unwrap_or(value)
 }
@@ -125,7 +125,7 @@ mod tests {
     }
 
     #[test]
-    fn absurd_intervals_are_survived() {
+    fn extreme_intervals_have_few_ticks() {
         for (low, high) in
             [(1.0, 1.0), (f64::NAN, 1.0), (0.0, f64::INFINITY), (1e300, 1.1e300), (0.0, 1e-300), (2.0, 1.0)]
         {

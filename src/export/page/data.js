@@ -1,4 +1,4 @@
-// What the page holds: the report, and arrays packed as zlib in base64.
+// The data of the page: the report, and arrays as zlib in base64.
 
 const parse = (id) => JSON.parse(document.getElementById(id).textContent);
 const data = parse("page-data");
@@ -11,13 +11,13 @@ async function unpack(text) {
   return new Response(stream).arrayBuffer();
 }
 const bytes = async (text) => new Uint8Array(await unpack(text));
-const floats = async (text) => new Float32Array(await unpack(text)); // little-endian, as every browser's machine is
+const floats = async (text) => new Float32Array(await unpack(text)); // little-endian, as on all machines with a browser
 
 const position = (axis, i) => axis.first + axis.pitch * i;
 const nearest = (axis, x) => Math.min(axis.count - 1, Math.max(0, Math.round((x - axis.first) / axis.pitch)));
 const edges = (axis) => [axis.first - axis.pitch / 2, axis.first + (axis.count - 0.5) * axis.pitch];
 
-// Numbers as people write them, with a true minus sign.
+// Formatted numbers, with a true minus sign.
 const fixed = (x, digits) => x.toFixed(digits).replace("-", "−").replace(/^−(0\.?0*)$/, "$1");
 const metres = (x) => fixed(x, 3);
 const decibels = (code) => (code > 0 ? `${fixed((code / 255 - 1) * data.range_db, 1)} dB` : `below −${data.range_db} dB`);
@@ -50,7 +50,7 @@ function ticks(low, high, most) {
   return list;
 }
 
-// A colour bar with words under its ends.
+// A colour bar with labels below.
 function bar(place, map, words) {
   const stops = Array.from({ length: 33 }, (_, i) => `rgb(${colour(map, i / 32)})`);
   const strip = element("i");

@@ -1,4 +1,4 @@
-// Puts the page together.
+// Assembles the page.
 
 function trouble(text) {
   $("trouble").textContent = text;
@@ -11,10 +11,8 @@ async function layersOf(found, box) {
   const frame = { positions: boxLines(box.low, box.high), lines: true, tint: [0.62, 0.67, 0.75, 0.5], shown: true };
   const layers = [frame, layer("Planes of the slices", new Float32Array(), { lines: true, tint: [1, 1, 1, 0.75], shown: false })];
   const cell = Math.max(data.maps ? Math.min(data.maps.x.pitch, data.maps.y.pitch) : 0.01, 1e-4);
-  if (points?.reflectors.shown)
-    layers.push(layer("Reflectors of the scene", await floats(points.reflectors.data), { tint: [0.36, 0.83, 0.77, 0.55], size: 0.25 * cell, least: 1.4 }));
-  else if (truthPoints?.shown)
-    layers.push(layer("True surfaces", await floats(truthPoints.data), { tint: [0.36, 0.83, 0.77, 0.55], size: 0.25 * cell, least: 1.4 }));
+  const [name, scene] = points?.reflectors.shown ? ["Reflectors of the scene", points.reflectors] : ["True surfaces", truthPoints];
+  if (scene?.shown) layers.push(layer(name, await floats(scene.data), { tint: [0.36, 0.83, 0.77, 0.55], size: 0.25 * cell, least: 1.4 }));
   if (found) layers.push(layer("Depths found", found, { tint: [1, 1, 1, 0.95], byDepth: true, size: 0.7 * cell, least: 2.2, shown: false }));
   if (points?.microphones.shown)
     layers.push(layer("Microphones", await floats(points.microphones.data), { tint: [0.45, 0.68, 1, 0.9], size: 0.012, least: 2 }));
@@ -22,7 +20,7 @@ async function layersOf(found, box) {
   return layers;
 }
 
-// The corners of every layer's own box.
+// The corners of every layer's bounding box.
 function around(layers) {
   return layers.filter((l) => l.positions.length).flatMap(({ positions }) => {
     const [low, high] = [[Infinity, Infinity, Infinity], [-Infinity, -Infinity, -Infinity]];
@@ -35,11 +33,6 @@ function around(layers) {
 }
 
 const boxOf = ({ x, y, z }) => ({ low: [x, y, z].map((a) => edges(a)[0]), high: [x, y, z].map((a) => edges(a)[1]) });
-
-async function loadVolume() {
-  if (!data.volume) return null;
-  return { ...data.volume, codes: await bytes(data.volume.data) };
-}
 
 async function loadMaps() {
   if (!data.maps) return null;
@@ -56,7 +49,7 @@ function range(...lists) {
   return high - low > 1e-6 ? [low, high] : [low - 0.005, high + 0.005];
 }
 
-// Where a pixel of the maps lies at a depth: their axes are metres, or slopes when the rays start at the origin.
+// The point of a map's pixel at a depth: the axes are in metres, or slopes if the rays start at the origin.
 const placed = ({ x, y, view }, ix, iy, z) => [x, y].map((axis, k) => position(axis, [ix, iy][k]) * (view === "perspective" ? z : 1)).concat(z);
 
 function cloud(loaded) {
@@ -66,9 +59,9 @@ function cloud(loaded) {
   return new Float32Array(list);
 }
 
-// The controls beside the volume.
+// The controls next to the volume.
 function control(view, slices) {
-  const state = { greatest: 25, surface: 15, mode: "greatest" };
+  const state = { maximum: 25, surface: 15, mode: "maximum" };
   const threshold = $("threshold");
   const apply = () => {
     state[state.mode] = -Number(threshold.value);
@@ -82,8 +75,8 @@ function control(view, slices) {
     $("opacity-value").textContent = `${opacity} %`;
     const [near, far] = view?.depths ?? [0, 1];
     if (surface) bar($("view-bar"), maps.viridis, [`${metres(near)} m`, "depth z", `${metres(far)} m`]);
-    else bar($("view-bar"), maps[$("colours").value], [`−${fixed(state.greatest, 1)}`, "dB below the peak", "0"]);
-    slices?.(1 - state.greatest / data.range_db, $("colours").value, state.greatest);
+    else bar($("view-bar"), maps[$("colours").value], [`−${fixed(state.maximum, 1)}`, "dB below the peak", "0"]);
+    slices?.(1 - state.maximum / data.range_db, $("colours").value, state.maximum);
   };
   const mode = (name) => {
     state.mode = name;
@@ -93,7 +86,7 @@ function control(view, slices) {
   };
   for (const radio of document.getElementsByName("mode")) radio.addEventListener("change", () => mode(radio.value));
   for (const id of ["threshold", "opacity", "colours"]) $(id).addEventListener("input", apply);
-  mode("greatest");
+  mode("maximum");
   if (!view) return;
   for (const layer of view.layers.filter((l) => l.name)) {
     const box = element("input", { type: "checkbox", checked: layer.shown });
@@ -116,7 +109,7 @@ function control(view, slices) {
       "+": () => view.magnify(1.15), "=": () => view.magnify(1.15), "-": () => view.magnify(1 / 1.15),
       Home: () => (view.look("home"), frame($("frame").getAttribute("aria-pressed") === "true")),
       1: () => view.look("front"), 2: () => view.look("above"), 3: () => view.look("side"),
-      m: () => mode(state.mode === "surface" ? "greatest" : "surface"), f: () => $("frame").click(),
+      m: () => mode(state.mode === "surface" ? "maximum" : "surface"), f: () => $("frame").click(),
     }[e.key.length === 1 ? e.key.toLowerCase() : e.key];
     if (!act || e.ctrlKey || e.metaKey || e.altKey) return;
     e.preventDefault();
@@ -124,7 +117,7 @@ function control(view, slices) {
   });
 }
 
-// Three orthogonal slices through one point; gives what repaints them, and what moves the point.
+// Three orthogonal slices through one point; returns functions that repaint them and move the point.
 function showSlices(volume, moved) {
   const { x, y, z, codes } = volume;
   const axes = [x, y, z];
@@ -133,6 +126,10 @@ function showSlices(volume, moved) {
   const at = [best % x.count, Math.floor(best / x.count) % y.count, Math.floor(best / (x.count * y.count))];
   const look = { floor: 0, colours: "inferno" };
   const code = ([ix, iy, iz]) => codes[(iz * y.count + iy) * x.count + ix];
+  const read = (voxel) => {
+    const [a, b, c] = voxel.map((i, axis) => metres(position(axes[axis], i)));
+    $("slice-read").textContent = `x ${a}, y ${b}, z ${c} m: ${decibels(code(voxel))}`;
+  };
   const length = (axis) => edges(axis)[1] - edges(axis)[0];
   const plots = [];
   const sliders = [];
@@ -147,7 +144,7 @@ function showSlices(volume, moved) {
       plot.note.textContent = words;
     }
     moved(at.map((i, axis) => position(axes[axis], i)));
-    $("slice-read").textContent = `x ${metres(position(x, at[0]))}, y ${metres(position(y, at[1]))}, z ${metres(position(z, at[2]))} m: ${decibels(code(at))}`;
+    read(at);
   };
   const choose = (axis, i) => update(at.map((old, a) => (a === axis ? i : old)));
   for (const [title, across, along, normal, upward] of [["From the front", 0, 1, 2, false], ["From above", 0, 2, 1, true], ["From the side", 2, 1, 0, false]]) {
@@ -161,8 +158,7 @@ function showSlices(volume, moved) {
       paint: (ix, iy) => colour(maps[look.colours], (code(voxel(ix, iy)) / 255 - look.floor) / (1 - look.floor)),
       point: (ix, iy, chosen) => {
         if (chosen) return update(voxel(ix, iy));
-        const [a, b, c] = voxel(ix, iy);
-        $("slice-read").textContent = `x ${metres(position(x, a))}, y ${metres(position(y, b))}, z ${metres(position(z, c))} m: ${decibels(code([a, b, c]))}`;
+        read(voxel(ix, iy));
       },
     });
     plots.push({ plot, across, along, normal });
@@ -188,11 +184,11 @@ function showMaps(loaded, depths, slices) {
   const p95 = sizes.length ? Math.max(sizes[Math.min(sizes.length - 1, Math.floor(0.95 * sizes.length))], 1e-3) : 1;
   const power = 10 ** Math.floor(Math.log10(p95));
   const round = [1, 1.5, 2, 3, 4, 5, 6, 8, 10].map((f) => f * power).find((l) => l >= p95 * (1 - 1e-9));
-  // As in error.png: from twice the resolution on an error is a false return, and needs no finer colour.
+  // As in error.png: beyond twice the resolution an error is a false return.
   const limit = Math.min(round, 2e3 * (report.plan?.range_resolution || Infinity));
   const bound = Number(limit.toPrecision(3));
   const plots = [];
-  // The pixels of a camera are counted, so that the maps lie over a rendered picture.
+  // The axes of a camera count pixels, so that the maps match a rendered picture.
   const camera = loaded.view === "perspective";
   const [px, py] = [x, y].map((axis) => (camera ? { first: 0, pitch: loaded.reduced, count: axis.count } : axis));
   const point = (ix, iy, chosen) => {
@@ -224,23 +220,23 @@ function showMaps(loaded, depths, slices) {
   add("Found", "grey: no return", maps.viridis, ...depths, depth, ends);
   if (truth) add("True", "grey: no surface", maps.viridis, ...depths, truth, ends);
   if (error) add("Error: found − true", "grey: not compared", maps.diverging, -limit / 1e3, limit / 1e3, error, [`−${bound} mm`, "too near · too far", `+${bound} mm`]);
-  $("map-read").textContent = "Point at a map, or use the arrow keys on it, to read depths; click to cut the slices there.";
+  $("map-read").textContent = "Point at a map, or use the arrow keys on it, to read depths; click to move the slices there.";
   const reduced = loaded.reduced > 1 ? `The maps show every ${loaded.reduced}th pixel along x and y. ` : "";
-  $("map-note").textContent = reduced + (truth ? "Found and true depth share their colours. Errors are against the nearest true surface of the pixel; beyond the ends of its bar the last colour stands." : "There is no truth to compare with.");
+  $("map-note").textContent = reduced + (truth ? "Found and true depth share their colours. Errors are relative to the nearest true surface of the pixel; errors beyond the ends of the bar have the last colour." : "There is no truth to compare with.");
 }
 
 function describe() {
   const parts = [];
   const { volume, points, truth_points: truthPoints } = data;
   if (volume) {
-    parts.push(`On this page the volume is quantised to 8 bits: steps of ${fixed(data.range_db / 255, 2)} dB from −${data.range_db} to 0 dB, where 0 dB is the peak of ${Number(volume.peak.toPrecision(3))}; what is weaker is not shown.`);
+    parts.push(`On this page the volume is quantised to 8 bits: steps of ${fixed(data.range_db / 255, 2)} dB from −${data.range_db} to 0 dB, where 0 dB is the peak of ${Number(volume.peak.toPrecision(3))}; weaker values are not shown.`);
     const [fx, fy, fz] = volume.reduced;
-    if (fx * fy * fz > 1) parts.push(`It is reduced from ${volume.voxels.join(" × ")} to ${[volume.x, volume.y, volume.z].map((a) => a.count).join(" × ")} voxels, each the greatest of ${fx} × ${fy} × ${fz}.`);
-    parts.push("The files beside this page hold the exact numbers.");
-  } else parts.push("The folder holds no volume; only maps and points are shown.");
+    if (fx * fy * fz > 1) parts.push(`It is reduced from ${volume.voxels.join(" × ")} to ${[volume.x, volume.y, volume.z].map((a) => a.count).join(" × ")} voxels, each the maximum of ${fx} × ${fy} × ${fz}.`);
+    parts.push("The files next to this page contain the exact numbers.");
+  } else parts.push("The folder contains no volume; only maps and points are shown.");
   const share = (name, { shown, of }) => shown < of && parts.push(`${shown} of ${of} ${name} are drawn.`);
   if (points?.reflectors.of) share("reflectors", points.reflectors);
-  else if (truthPoints?.shown) parts.push("The folder holds no reflectors; the true surfaces are drawn instead.");
+  else if (truthPoints?.shown) parts.push("The folder contains no reflectors; the true surfaces are drawn instead.");
   if (points) share("microphones", points.microphones);
   $("volume-note").textContent = parts.join(" ");
 }
@@ -248,7 +244,8 @@ function describe() {
 async function main() {
   showNumbers();
   for (const [name, text] of Object.entries(data.colours)) maps[name] = await bytes(text);
-  const [volume, loaded] = [await loadVolume(), await loadMaps()];
+  const volume = data.volume && { ...data.volume, codes: await bytes(data.volume.data) };
+  const loaded = await loadMaps();
   describe();
   const depths = loaded ? range(loaded.truth?.some((z) => z === z) ? loaded.truth : loaded.depth) : volume ? edges(volume.z) : [0, 1];
   let slices = null, view = null;

@@ -1,32 +1,32 @@
-//! A volume small enough for a page: blocks of voxels reduced to their greatest amplitude, in 8 bits of decibels.
+//! A volume small enough for a page: the maximum amplitude of blocks of voxels, as 8-bit levels.
 
 use super::payload::pack;
 use crate::export::amplitude::Amplitude;
 use crate::grid::{Axis, Grid, Volume};
 use serde_json::{Value, json};
 
-/// How far below the peak the scale reaches, dB.
+/// Range of the scale below the peak, dB.
 pub(super) const RANGE_DB: f32 = 40.0;
 
-/// Most voxels of a page: 2 MB before they are packed.
+/// Maximum number of voxels: 2 MB before compression.
 const MOST_VOXELS: usize = 1 << 21;
 
-/// Most voxels along one axis: what every WebGL 2 takes.
+/// Maximum number of voxels along one axis that every WebGL 2 supports.
 const MOST_ALONG: usize = 256;
 
-/// A reduced volume, filled plane by plane, so that the whole need never be held.
+/// A reduced volume, filled plane by plane, so that the full volume need not be in memory.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Miniature {
     full: Grid,
     /// Voxels per block along x, y, z.
     factors: [usize; 3],
     grid: Grid,
-    /// Greatest amplitude of each block, `[z, y, x]`.
-    greatest: Vec<f32>,
+    /// Maximum amplitude of each block, `[z, y, x]`.
+    maxima: Vec<f32>,
 }
 
 impl Miniature {
-    /// An empty one of a volume with this grid: at most 2²¹ blocks, and 256 along each axis.
+    /// An empty reduction of a volume with this grid: at most 2²¹ blocks, and 256 along each axis.
     pub(crate) fn new(full: Grid) -> Self {
         let counts = [full.x.count, full.y.count, full.z.count];
         let mut factors = [1_usize; 3];
@@ -48,19 +48,19 @@ impl Miniature {
             y: reduced(full.y, factors[1]),
             z: reduced(full.z, factors[2]),
         };
-        let greatest = vec![0.0; grid.plane_len() * grid.z.count];
-        Self { full, factors, grid, greatest }
+        let maxima = vec![0.0; grid.plane_len() * grid.z.count];
+        Self { full, factors, grid, maxima }
     }
 
-    /// Takes the amplitudes of depth `iz`, `[y, x]`; what is not finite counts as nothing.
+    /// Adds the amplitudes of depth `iz`, `[y, x]`; values that are not finite count as 0.
     ///
     /// # Panics
-    /// When there is no such depth.
+    /// If there is no such depth.
     pub(crate) fn add_plane(&mut self, iz: usize, plane: impl IntoIterator<Item = f32>) {
         assert!(iz < self.full.z.count, "depth {iz} of {}", self.full.z.count);
         let [f_x, f_y, f_z] = self.factors;
         let (n_x, columns, pixels) = (self.full.x.count, self.grid.x.count, self.grid.plane_len());
-        let blocks = &mut self.greatest[iz / f_z * pixels..][..pixels];
+        let blocks = &mut self.maxima[iz / f_z * pixels..][..pixels];
         for (i, value) in plane.into_iter().enumerate() {
             let block = &mut blocks[i / n_x / f_y * columns + i % n_x / f_x];
             if value > *block && value.is_finite() {
@@ -69,36 +69,37 @@ impl Miniature {
         }
     }
 
-    /// Of a whole volume.
+    /// The reduction of all amplitudes of a grid, `[z, y, x]`.
+    fn of(grid: Grid, mut amplitudes: impl Iterator<Item = f32>) -> Self {
+        let mut miniature = Self::new(grid);
+        for iz in 0..grid.z.count {
+            miniature.add_plane(iz, amplitudes.by_ref().take(grid.plane_len()));
+        }
+        miniature
+    }
+
+    /// The reduction of a complex volume.
     pub(crate) fn of_volume(volume: &Volume) -> Self {
-        let mut miniature = Self::new(volume.grid);
-        for iz in 0..volume.grid.z.count {
-            miniature.add_plane(iz, volume.plane(iz).iter().map(|sample| sample.norm()));
-        }
-        miniature
+        Self::of(volume.grid, volume.samples.iter().map(|sample| sample.norm()))
     }
 
-    /// Of a volume's amplitudes.
+    /// The reduction of a volume's amplitudes.
     pub(crate) fn of_amplitude(volume: &Amplitude) -> Self {
-        let mut miniature = Self::new(volume.grid);
-        for (iz, plane) in volume.values.chunks(volume.grid.plane_len()).enumerate() {
-            miniature.add_plane(iz, plane.iter().copied());
-        }
-        miniature
+        Self::of(volume.grid, volume.values.iter().copied())
     }
 
-    /// Greatest amplitude.
+    /// Maximum amplitude.
     pub(crate) fn peak(&self) -> f32 {
-        self.greatest.iter().copied().fold(0.0, f32::max)
+        self.maxima.iter().copied().fold(0.0, f32::max)
     }
 
     pub(super) fn to_json(&self) -> Value {
         let peak = self.peak();
-        let codes: Vec<u8> = self.greatest.iter().map(|&value| code(value, peak)).collect();
+        let codes: Vec<u8> = self.maxima.iter().map(|&value| code(value, peak)).collect();
         json!({
-            "x": super::axis_json(&self.grid.x),
-            "y": super::axis_json(&self.grid.y),
-            "z": super::axis_json(&self.grid.z),
+            "x": self.grid.x,
+            "y": self.grid.y,
+            "z": self.grid.z,
             "voxels": [self.full.x.count, self.full.y.count, self.full.z.count],
             "reduced": self.factors,
             "peak": peak,
@@ -107,7 +108,7 @@ impl Miniature {
     }
 }
 
-/// An amplitude in 8 bits: 255 is the peak, 0 is [`RANGE_DB`] below it or less, even steps of dB between.
+/// An amplitude as an 8-bit level: 255 is the peak, 0 is [`RANGE_DB`] below it or less, with even steps in dB.
 pub(super) fn code(value: f32, peak: f32) -> u8 {
     if !(value > 0.0 && peak > 0.0 && value.is_finite()) {
         return 0;
@@ -127,16 +128,16 @@ mod tests {
     }
 
     #[test]
-    fn a_small_volume_stays_as_it_is() {
+    fn a_small_volume_is_unchanged() {
         let samples = (0..60).map(|i| Complex32::new(0.0, -(i as f32))).collect();
         let miniature = Miniature::of_volume(&Volume::new(grid(3, 4, 5), samples));
         assert_eq!(miniature.grid, grid(3, 4, 5));
-        assert!(miniature.greatest.iter().enumerate().all(|(i, v)| *v == i as f32));
+        assert!(miniature.maxima.iter().enumerate().all(|(i, v)| *v == i as f32));
         assert_eq!(miniature.peak(), 59.0);
     }
 
     #[test]
-    fn blocks_keep_their_greatest_voxel_and_their_place() {
+    fn blocks_have_their_maximum_voxel_and_their_position() {
         let full = grid(700, 3, 2);
         let mut miniature = Miniature::new(full);
         assert_eq!(miniature.factors, [3, 1, 1]);
@@ -146,15 +147,15 @@ mod tests {
         miniature.add_plane(1, plane);
         let blocks = miniature.grid.x.count;
         assert_eq!((blocks, miniature.grid.plane_len()), (234, 702));
-        let greatest: Vec<_> = (0..1404).filter(|&i| miniature.greatest[i] == 2.0).collect();
-        assert_eq!(greatest, [702 + blocks + 1]);
-        // Block 1 holds voxels 3, 4 and 5, and stands at the middle one.
+        let maxima: Vec<_> = (0..1404).filter(|&i| miniature.maxima[i] == 2.0).collect();
+        assert_eq!(maxima, [702 + blocks + 1]);
+        // Block 1 contains voxels 3, 4 and 5, and is at the middle one.
         assert!((miniature.grid.x.position(1) - full.x.position(4)).abs() < 1e-12);
-        assert_eq!(miniature.greatest[702 + 2 * blocks], 0.25, "NaN counts as nothing");
+        assert_eq!(miniature.maxima[702 + 2 * blocks], 0.25, "NaN counts as 0");
     }
 
     #[test]
-    fn no_volume_is_too_large() {
+    fn volumes_of_every_size_are_reduced_to_the_limits() {
         for counts in [[1024, 1024, 1024], [4000, 1, 1], [257, 256, 256], [128, 128, 128], [1, 1, 100_000]] {
             let miniature = Miniature::new(grid(counts[0], counts[1], counts[2]));
             let blocks = [miniature.grid.x.count, miniature.grid.y.count, miniature.grid.z.count];
@@ -169,7 +170,7 @@ mod tests {
     #[test]
     fn codes_are_even_steps_of_decibels() {
         assert_eq!([code(2.0, 2.0), code(0.02, 2.0), code(0.001, 2.0), code(0.0, 2.0)], [255, 0, 0, 0]);
-        assert_eq!(code(0.2, 2.0), 128, "half-way down in dB");
+        assert_eq!(code(0.2, 2.0), 128, "halfway in dB");
         assert_eq!([code(1.0, 0.0), code(f32::NAN, 1.0), code(f32::INFINITY, 1.0)], [0; 3]);
     }
 }

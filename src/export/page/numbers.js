@@ -1,7 +1,7 @@
 // Tables of metrics, timings and parameters, warnings, and the tiles at the top.
 
 const measure = (name, x) => (/error$|^rmse$/.test(name) ? `${fixed(1e3 * x, 2)} mm` : `${fixed(100 * x, 1)} %`);
-// What the report's own numbers are in: [keys, unit, factor].
+// The units of the report's numbers: [keys, unit, factor].
 const UNITS = [
   [/^(range_resolution|lateral_resolution_.*|wavelength|alias_free_pitch|reflector_spacing)$/, "mm", 1e3],
   [/^(unambiguous_path|path_bounds|low|high|size)$/, "m", 1],
@@ -75,7 +75,7 @@ function showNumbers() {
   const lead = [];
   if (plan.grid_shape) lead.push(`${[...plan.grid_shape].reverse().join(" × ")} voxels`);
   if (plan.microphones) lead.push(`${plan.microphones} microphones`);
-  if (plan.frequencies) lead.push(`${plan.frequencies} tones`);
+  if (plan.frequencies) lead.push(`${plan.frequencies} frequencies`);
   if (report.reflectors) lead.push(`${report.reflectors} reflectors`);
   if (scene?.triangles) lead.push(`${scene.triangles} triangles`);
   $("lead").textContent = lead.join(" · ");
@@ -98,12 +98,12 @@ function showNumbers() {
   const parted = groups.map(([name, values]) => [name, Object.entries(values).filter(([, x]) => x !== null)]).filter(([, values]) => values.length);
   if (parted.length > 2)
     cards.push(card("By material and by surface", table(parted.flatMap(([name, values]) => [[name, undefined, "group"], ...values.map(([key, x]) => [words(key), measure(key, x), "deep"])])), true));
-  cards.push(card("Time", table([...Object.entries(timings).map(timing), ["together", `${fixed(seconds, 3)} s`]])));
+  cards.push(card("Time", table([...Object.entries(timings).map(timing), ["total", `${fixed(seconds, 3)} s`]])));
   const image = { method: report.method, peak_amplitude: report.peak_amplitude, error_bound: report.error_bound, ...plan, warnings: undefined };
   cards.push(card("Plan and reconstruction", parameters(Object.fromEntries(Object.entries(image).filter(([, v]) => v !== undefined)))));
   if (scene) cards.push(card("Scene", parameters(scene)));
   cards.push(card("Run file, resolved", parameters(run), true));
   if (report.files) cards.push(card("Files", table(report.files.map((name) => [name])), true));
   $("tables").replaceChildren(...cards);
-  $("footer").textContent = `${report.program ?? "holosonar"}. This page holds all it needs and loads nothing. Axes: x right, y down, z from the array into the scene, in metres.`;
+  $("footer").textContent = `${report.program ?? "holosonar"}. This page is self-contained and loads nothing. Axes: x right, y down, z from the array into the scene, in metres.`;
 }

@@ -1,4 +1,4 @@
-//! Arrays as text: zlib, then base64, as the page's script unpacks them.
+//! Arrays as text: zlib, then base64, which the page's script decodes.
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
@@ -6,14 +6,14 @@ use flate2::Compression;
 use flate2::write::ZlibEncoder;
 use std::io::Write;
 
-/// Bytes, packed.
+/// Bytes, compressed and encoded.
 pub(super) fn pack(bytes: &[u8]) -> String {
     let mut zip = ZlibEncoder::new(Vec::new(), Compression::default());
     let packed = zip.write_all(bytes).and_then(|()| zip.finish());
     STANDARD.encode(packed.expect("a Vec takes whatever is written"))
 }
 
-/// Little-endian floats, packed.
+/// Little-endian floats, compressed and encoded.
 pub(super) fn pack_floats(values: &[f32]) -> String {
     pack(&values.iter().flat_map(|value| value.to_le_bytes()).collect::<Vec<u8>>())
 }
@@ -25,7 +25,7 @@ mod tests {
     use std::io::Read;
 
     #[test]
-    fn zlib_gives_the_bytes_back() {
+    fn packed_bytes_are_decoded() {
         let packed = STANDARD.decode(pack(b"as it was")).unwrap();
         let mut text = String::new();
         flate2::read::ZlibDecoder::new(&packed[..]).read_to_string(&mut text).unwrap();

@@ -1,7 +1,7 @@
 // Flat maps with axes in metres: the slices, and the depth maps. Pixels are never blended.
 
-// `tallest` is the most height of a map for its width: the slices share that of the first, and so stand in one row.
-// `paint(ix, iy)` gives a pixel's colour or null, `point(ix, iy)` hears where the reader points or clicks.
+// `tallest` is the maximum ratio of height to width: the slices share that of the first, so that they fit in one row.
+// `paint(ix, iy)` returns a pixel's colour or null; `point(ix, iy, chosen)` is called when the user points or clicks.
 class Plot {
   static all = [];
 

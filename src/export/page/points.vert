@@ -1,5 +1,5 @@
 #version 300 es
-// Points and lines in metres; a point may take its colour from its depth.
+// Points and lines in metres; the colour of a point may depend on its depth.
 uniform mat4 matrix;
 uniform float pointSize, least;
 uniform vec2 nearFar;

@@ -34,7 +34,7 @@ fn json_of(page: &str, id: &str) -> Value {
 }
 
 #[test]
-fn a_page_is_whole_and_loads_nothing() {
+fn a_page_is_complete_and_loads_nothing() {
     let grid = Grid { x: axis(-0.5, 0.1, 4), y: axis(-0.25, 0.1, 3), z: axis(1.0, 0.1, 2) };
     let volume = Miniature::of_volume(&Volume::new(grid, vec![Complex32::ONE; 24]));
     let array = MicArray::rectangular([2, 2], [0.5, 0.5], DVec3::ZERO).unwrap();
@@ -56,7 +56,7 @@ fn a_page_is_whole_and_loads_nothing() {
     }
     assert_eq!(data["points"]["microphones"]["of"], 4);
     assert_eq!(data["truth_points"]["shown"], 8);
-    assert_eq!(text, page(&contents, "a <b> & c", report), "same inputs, same bytes");
+    assert_eq!(text, page(&contents, "a <b> & c", report), "results are bit-identical");
 }
 
 #[test]
@@ -67,7 +67,7 @@ fn anything_may_be_missing() {
 }
 
 #[test]
-fn large_maps_and_clouds_are_thinned_and_say_so() {
+fn large_maps_and_clouds_are_subsampled_with_their_true_numbers() {
     let depth = map(1300, 2);
     let data = Page::new(&Contents { depth: Some(&depth), ..Contents::default() }).unwrap().data;
     assert_eq!(data["maps"]["reduced"], 3);

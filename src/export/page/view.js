@@ -22,7 +22,7 @@ function shader(gl, vertex, fragment) {
 
 const VIEWS = { home: [0.62, 0.42], front: [0, 0], above: [0, 1.5707], side: [-1.5707, 0] };
 
-// `box` is { low, high } in m, `whole` corners of all there is; `layers` are { positions, lines, tint, size, byDepth, shown }.
+// `box` is { low, high } in m, `whole` the corners of everything; `layers` are { positions, lines, tint, size, byDepth, shown }.
 class View {
   constructor(canvas, labels, box, whole, volume, layers, depths) {
     Object.assign(this, { canvas, labels, box, whole, volume, layers, depths });
@@ -41,7 +41,7 @@ class View {
     this.frame(false);
     this.listen();
     new ResizeObserver(() => ((this.distance = null), this.draw())).observe(canvas.parentElement);
-    canvas.addEventListener("webglcontextlost", () => trouble("The graphics processor gave up; reload the page."));
+    canvas.addEventListener("webglcontextlost", () => trouble("The graphics processor stopped; reload the page."));
   }
 
   upload(positions, buffer = this.gl.createBuffer()) {
@@ -83,7 +83,7 @@ class View {
     this.draw();
   }
 
-  // Puts the volume, or everything, into the middle.
+  // Centres the volume, or everything.
   frame(everything) {
     this.framed = everything ? this.whole : corners(this.box);
     const ends = (pick) => [0, 1, 2].map((i) => pick(...this.framed.map((p) => p[i])));
@@ -127,14 +127,14 @@ class View {
     });
     for (const end of ["pointerup", "pointercancel"]) labels.addEventListener(end, (e) => pointers.delete(e.pointerId));
     labels.addEventListener("wheel", (e) => {
-      // The wheel scrolls the page until the view has been clicked; pinching on a touchpad comes with ctrl.
+      // The wheel scrolls the page until the view has been clicked; pinching on a touchpad sets ctrl.
       if (document.activeElement !== labels && !e.ctrlKey) return;
       e.preventDefault();
       this.magnify(Math.exp(-e.deltaY * 0.0015));
     }, { passive: false });
   }
 
-  // Draws at the next frame: coarsely while things move, finely once they rest.
+  // Draws at the next frame: coarsely while the view moves, finely when it stops.
   draw(moving = false) {
     clearTimeout(this.rest);
     this.moving = moving;
@@ -152,7 +152,7 @@ class View {
     const forward = [s * C, S, c * C], right = [c, 0, -s], down = [-s * S, C, -c * S];
     const half = Math.tan(0.26); // of the lesser side's field of view
     const [w, h] = aspect > 1 ? [half * aspect, half] : [half, half / aspect];
-    // While it is turned it may shrink, so that nothing is cut off, but never swell.
+    // While it is turned the picture may shrink, so that nothing is clipped, but not grow.
     if (this.zoom === 1) this.distance = Math.max(this.distance ?? 0, this.fit({ forward, right, down }, w, h));
     this.distance ??= 3 * this.radius;
     const distance = this.distance / this.zoom;
@@ -165,7 +165,7 @@ class View {
     return { eye, forward, right: right.map((x) => x * w), down: down.map((x) => x * h), terms, matrix, distance, half };
   }
 
-  // From how far all that is framed fits into the picture, with room for the labels.
+  // The distance at which everything framed fits into the picture, with space for the labels.
   fit({ forward, right, down }, w, h) {
     const away = (p, axis) => p.reduce((sum, x, i) => sum + (x - this.centre[i]) * axis[i], 0);
     const reach = (p) => Math.max(Math.abs(away(p, right)) / w, Math.abs(away(p, down)) / h) / 0.84 - away(p, forward);
@@ -239,7 +239,7 @@ class View {
     }
   }
 
-  // Ticks and names of the axes, on those edges of the box that lie outermost.
+  // Ticks and names of the axes, on the outermost edges of the box.
   write(camera, w, h) {
     const { pen, labels, box: { low, high } } = this;
     const ratio = devicePixelRatio || 1;
@@ -264,7 +264,7 @@ class View {
     const middle = project(low.map((a, i) => (a + high[i]) / 2));
     for (const axis of [0, 1, 2]) {
       const others = [0, 1, 2].filter((i) => i !== axis);
-      // Of the four edges along this axis, the silhouette's lowest on the screen: it has one face before and one behind.
+      // Of the four edges along this axis, the lowest one of the silhouette, with one visible and one hidden face.
       const candidates = [0, 1, 2, 3].map((k) => {
         const corner = [0, 0, 0];
         others.forEach((o, i) => (corner[o] = (k >> i) & 1 ? high[o] : low[o]));

@@ -1,10 +1,10 @@
 #version 300 es
-// One ray per pixel through the volume: its greatest amplitude, or the surface where it crosses a level.
+// One ray per pixel through the volume: its maximum amplitude, or the surface where it crosses a level.
 precision highp float;
 precision highp sampler3D;
 uniform sampler3D volume;    // 0 = floor of the scale, 1 = the peak, linear in dB
 uniform sampler2D colours;
-uniform vec3 eye, right, down, forward; // right and down reach to the edges of the picture at distance 1
+uniform vec3 eye, right, down, forward; // right and down extend to the edges of the picture at distance 1
 uniform vec3 low, size;      // the box, m
 uniform vec3 voxels;
 uniform vec2 depthTerms;

@@ -2,13 +2,13 @@
 
 use crate::grid::DepthMap;
 
-/// Steepest slope between neighbours that still counts as one surface: 63°.
+/// Maximum slope between neighbours on one surface: 63°.
 const STEEPEST: f64 = 2.0;
 
-/// One unit normal per pixel, turned to the array (n_z < 0); meaningless where the map holds nothing.
+/// One unit normal per pixel with n_z < 0; undefined where the map has no depth.
 ///
-/// The plane z = a x + b y + c through the pixel and those of its eight neighbours that are no farther in depth
-/// than [`STEEPEST`] times their distance, by least squares; its normal is (a, b, −1).
+/// It is (a, b, −1), normalised, of the least-squares plane z = a x + b y + c through the pixel and those of its eight
+/// neighbours whose depth differs by at most [`STEEPEST`] times their lateral distance.
 pub(super) fn normals(map: &DepthMap) -> Vec<[f32; 3]> {
     (0..map.len()).map(|i| normal(map, i % map.x.count, i / map.x.count)).collect()
 }
@@ -19,7 +19,7 @@ fn normal(map: &DepthMap, column: usize, row: usize) -> [f32; 3] {
     for y in row.saturating_sub(1)..=(row + 1).min(map.y.count - 1) {
         for x in column.saturating_sub(1)..=(column + 1).min(map.x.count - 1) {
             let [u, v, w] = (map.point(y * map.x.count + x) - here).to_array();
-            // A NaN is no neighbour.
+            // False for NaN.
             if w.abs() <= STEEPEST * u.hypot(v) {
                 points.push([u, v, w]);
             }
@@ -31,7 +31,7 @@ fn normal(map: &DepthMap, column: usize, row: usize) -> [f32; 3] {
         |j: usize, k: usize| points.iter().map(|p| (p[j] - mean[j]) * (p[k] - mean[k])).sum::<f64>();
     let (uu, uv, vv) = (product(0, 0), product(0, 1), product(1, 1));
     let determinant = uu * vv - uv * uv;
-    // Fewer than three pixels, or all of them in a line, span no plane.
+    // Fewer than three pixels, or pixels in a line, do not determine a plane.
     if points.len() < 3 || determinant <= 1e-9 * uu * vv {
         return [0.0, 0.0, -1.0];
     }
@@ -55,7 +55,7 @@ mod tests {
     }
 
     #[test]
-    fn a_plane_has_its_own_normal_everywhere_and_a_step_does_not_bend_it() {
+    fn a_plane_has_one_normal_everywhere_even_at_a_step() {
         let (a, b) = (0.7, -0.4);
         let length = f64::sqrt(a * a + b * b + 1.0);
         let expected = [a / length, b / length, -1.0 / length];
@@ -71,7 +71,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sphere_points_to_its_viewer() {
+    fn the_normals_of_a_sphere_point_outwards() {
         let found = normals(&map(|x, y| 2.0 - (0.25 - x * x - y * y).sqrt()));
         // At the pixel (x, y) = (0.04, 0.02): outwards from the centre (0, 0, 2).
         let expected = [0.08, 0.04, -f64::sqrt(0.25 - 0.002) / 0.5];

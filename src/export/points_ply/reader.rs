@@ -1,4 +1,4 @@
-//! Reading the vertices of a PLY: enough for files of ours and of many others.
+//! Reading the vertices of a PLY, of this program and many others.
 
 use crate::error::{Error, Result};
 use crate::files::ply::{Format, Header, Scalar};
@@ -6,7 +6,7 @@ use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
 use std::path::Path;
 
-/// Longest header that is read.
+/// Maximum length of a header, bytes.
 const LONGEST_HEADER: u64 = 1 << 20;
 
 /// The vertices of a binary little-endian PLY.
@@ -16,14 +16,14 @@ pub(crate) struct Ply {
     pub(crate) count: usize,
     /// Comments of the header, in order.
     pub(crate) comments: Vec<String>,
-    /// Name, type and place within a vertex of every property.
+    /// Name, type and offset within a vertex of every property.
     properties: Vec<(String, Scalar, usize)>,
     stride: usize,
     data: Vec<u8>,
 }
 
 impl Ply {
-    /// Reads a file whose vertices come first and take no more than `limit_bytes`.
+    /// Reads a file whose vertices come first and take at most `limit_bytes`.
     ///
     /// # Errors
     /// A missing or damaged file, another encoding, lists among the vertices, or other elements before them.
@@ -40,7 +40,7 @@ impl Ply {
         (&mut file).take(LONGEST_HEADER).read_to_end(&mut start).map_err(failed)?;
         let (header, length) = Header::read(&start, path)?;
         if header.format != Format::LittleEndian {
-            return Err(fault("has another encoding"));
+            return Err(fault("is in another encoding"));
         }
         let vertices = header.elements.into_iter().next().filter(|element| element.name == "vertex");
         let vertices = vertices.ok_or_else(|| fault("does not begin with its vertices"))?;
@@ -60,7 +60,7 @@ impl Ply {
         file.seek(SeekFrom::Start(length.bytes as u64)).map_err(failed)?;
         file.take(bytes as u64).read_to_end(&mut data).map_err(failed)?;
         if data.len() as u128 != bytes {
-            return Err(fault("holds fewer vertices than its header says"));
+            return Err(fault("has fewer vertices than its header declares"));
         }
         Ok(Self { count: vertices.count as usize, comments: header.comments, properties, stride, data })
     }
