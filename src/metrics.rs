@@ -33,64 +33,52 @@ use counts::ErrorCounts;
 use guard::GuardRing;
 use serde::{Deserialize, Serialize};
 
-/// Every metric; `None` where there was nothing to measure it on.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-#[non_exhaustive]
-pub struct Metrics {
-    /// Share of pixels with a true surface whose depth is within Δd of one.
-    pub completeness: Option<f64>,
-    /// Share of scored detections that are on an empty pixel or are off by more than 2 Δd.
-    pub false_returns: Option<f64>,
-    /// Median |error| of detections on pixels with a true surface, m along z.
-    pub median_error: Option<f64>,
-    /// Median of |error| · |n_z|: the distance from the surface along its normal, m.
-    pub median_normal_error: Option<f64>,
-    /// Root mean square error, m.
-    pub rmse: Option<f64>,
-    /// 95th percentile of |error|, m.
-    pub p95_error: Option<f64>,
-    /// Share of pixels with two true surfaces where both were found within Δd.
-    pub two_returns: Option<f64>,
-    /// Share of pixels with one true surface that show a second return.
-    pub spurious_returns: Option<f64>,
-    /// Median |error| of the front one of two true surfaces, m.
-    pub return1_median_error: Option<f64>,
-    /// Median |error| of the back one of two true surfaces, m.
-    pub return2_median_error: Option<f64>,
+/// Declares the metrics, their names and the iteration over both from one list.
+macro_rules! metrics {
+    ($($(#[$about:meta])* $name:ident,)+) => {
+        /// Every metric; `None` where there was nothing to measure it on.
+        #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+        #[non_exhaustive]
+        pub struct Metrics {
+            $($(#[$about])* pub $name: Option<f64>,)+
+        }
+
+        /// The names of all metrics, as run files, options and reports spell them.
+        pub const METRIC_NAMES: [&str; 10] = [$(stringify!($name)),+];
+
+        impl Metrics {
+            /// Names and values in the order of [`METRIC_NAMES`].
+            pub fn iter(&self) -> impl Iterator<Item = (&'static str, Option<f64>)> + use<> {
+                METRIC_NAMES.into_iter().zip([$(self.$name),+])
+            }
+        }
+    };
 }
 
-/// The names of all metrics, as run files, options and reports spell them.
-pub const METRIC_NAMES: [&str; 10] = [
-    "completeness",
-    "false_returns",
-    "median_error",
-    "median_normal_error",
-    "rmse",
-    "p95_error",
-    "two_returns",
-    "spurious_returns",
-    "return1_median_error",
-    "return2_median_error",
-];
+metrics! {
+    /// Share of pixels with a true surface whose depth is within Δd of one.
+    completeness,
+    /// Share of scored detections that are on an empty pixel or are off by more than 2 Δd.
+    false_returns,
+    /// Median |error| of detections on pixels with a true surface, m along z.
+    median_error,
+    /// Median of |error| · |n_z|: the distance from the surface along its normal, m.
+    median_normal_error,
+    /// Root mean square error, m.
+    rmse,
+    /// 95th percentile of |error|, m.
+    p95_error,
+    /// Share of pixels with two true surfaces where both were found within Δd.
+    two_returns,
+    /// Share of pixels with one true surface that show a second return.
+    spurious_returns,
+    /// Median |error| of the front one of two true surfaces, m.
+    return1_median_error,
+    /// Median |error| of the back one of two true surfaces, m.
+    return2_median_error,
+}
 
 impl Metrics {
-    /// Names and values in the order of [`METRIC_NAMES`].
-    pub fn iter(&self) -> impl Iterator<Item = (&'static str, Option<f64>)> + use<> {
-        let values = [
-            self.completeness,
-            self.false_returns,
-            self.median_error,
-            self.median_normal_error,
-            self.rmse,
-            self.p95_error,
-            self.two_returns,
-            self.spurious_returns,
-            self.return1_median_error,
-            self.return2_median_error,
-        ];
-        METRIC_NAMES.into_iter().zip(values)
-    }
-
     /// The metric of that name; the outer `None` means there is no such name.
     pub fn get(&self, name: &str) -> Option<Option<f64>> {
         self.iter().find(|(n, _)| *n == name).map(|(_, value)| value)

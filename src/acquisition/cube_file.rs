@@ -124,7 +124,9 @@ fn detection_of(place: String, said: Option<Detection>, is_complex: bool) -> Res
 
 /// Changes the sign of the phase.
 fn conjugate(samples: &mut [Complex32]) {
-    samples.iter_mut().for_each(|m| *m = m.conj());
+    for m in samples {
+        *m = m.conj();
+    }
 }
 
 impl CubeFile {

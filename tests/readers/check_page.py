@@ -180,7 +180,7 @@ def check_words(page, folder):
     whole = page.run("document.body.innerText")
     for words in ["8 bits", "−40", "reflectors are drawn", "found − true", "Run file, resolved", "Against the truth"]:
         check(f"the page says `{words}`", words in whole)
-    for name, words in [("#tiles", "completeness"), ("#warning-list", "ghosts"), ("#tables", "reconstruct")]:
+    for name, words in [("#tiles", "completeness"), ("#warning-list", "alias"), ("#tables", "reconstruct")]:
         check(f"{name} holds `{words}`", words in text(page, name))
     unlabelled = "[...document.querySelectorAll('input, select, button, canvas')].filter((e) => e.id !== 'scene' && !e.labels?.length && !e.ariaLabel && !e.textContent).length"
     check("every control has a name", page.run(unlabelled) == 0)
