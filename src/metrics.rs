@@ -224,7 +224,7 @@ mod tests {
     }
 
     /// One row of pixels 3 cm apart.
-    fn map(picked: &[f32], returns: &[&[f32]]) -> DepthMap {
+    pub(super) fn map(picked: &[f32], returns: &[&[f32]]) -> DepthMap {
         let axis = |count| Axis { first: 0.0, pitch: 0.03, count };
         let raster = Raster { view: View::Orthographic, x: axis(picked.len()), y: axis(1) };
         let returns = returns.iter().map(|r| surface(r)).collect();

@@ -85,41 +85,40 @@ fn place(path: &Path, array: &str) -> String {
     format!("{}, array `{array}`", path.display())
 }
 
+/// An invalid array of a file.
+fn refused<T>(path: &Path, array: &str, problem: impl Into<String>) -> Result<T> {
+    Err(Error::input(place(path, array), problem))
+}
+
 /// The microphones of `mic_positions`, and their shape.
 fn microphones(path: &Path, npz: &mut NpzReader) -> Result<(MicArray, Vec<usize>)> {
-    let place = place(path, "mic_positions");
     let positions = npz.f64("mic_positions")?;
-    let axes = match positions.shape.split_last() {
-        Some((3, axes)) if matches!(axes.len(), 1 | 2) => axes.to_vec(),
-        _ => {
-            return Err(Error::input(
-                place,
-                format!("must be [n_y, n_x, 3] or [n_mic, 3], not {:?}", positions.shape),
-            ));
+    let points = positions.data.chunks_exact(3).map(DVec3::from_slice).collect();
+    let array = match *positions.shape {
+        [n_y, n_x, 3] => MicArray::from_rows([n_y, n_x], points),
+        [_, 3] => MicArray::from_positions(points),
+        ref shape => {
+            let problem = format!("must be [n_y, n_x, 3] or [n_mic, 3], not {shape:?}");
+            return refused(path, "mic_positions", problem);
         }
     };
-    let points = positions.data.chunks_exact(3).map(DVec3::from_slice).collect();
-    let array = match *axes {
-        [n_y, n_x] => MicArray::from_rows([n_y, n_x], points),
-        _ => MicArray::from_positions(points),
-    };
-    Ok((array.map_err(|error| error.at(place))?, axes))
+    let axes = positions.shape[..positions.shape.len() - 1].to_vec();
+    Ok((array.map_err(|error| error.at(place(path, "mic_positions")))?, axes))
 }
 
 /// The detection according to `meta` and the samples' type, which must agree.
-fn detection_of(place: String, said: Option<Detection>, is_complex: bool) -> Result<Detection> {
-    match (said, is_complex) {
-        (Some(Detection::Quadrature), false) => Err(Error::input(
-            place,
-            "are real, but `meta` says \"quadrature\"; give complex samples or detection \"in-phase\"",
-        )),
-        (Some(Detection::InPhase), true) => Err(Error::input(
-            place,
-            "are complex, but `meta` says \"in-phase\"; give real samples or detection \"quadrature\"",
-        )),
-        (_, true) => Ok(Detection::Quadrature),
-        (_, false) => Ok(Detection::InPhase),
-    }
+fn detection_of(path: &Path, said: Option<Detection>, is_complex: bool) -> Result<Detection> {
+    let problem = match (said, is_complex) {
+        (Some(Detection::Quadrature), false) => {
+            "are real, but `meta` says \"quadrature\"; give complex samples or detection \"in-phase\""
+        }
+        (Some(Detection::InPhase), true) => {
+            "are complex, but `meta` says \"in-phase\"; give real samples or detection \"quadrature\""
+        }
+        (_, true) => return Ok(Detection::Quadrature),
+        (_, false) => return Ok(Detection::InPhase),
+    };
+    refused(path, "samples", problem)
 }
 
 /// Changes the sign of the phase.
@@ -150,16 +149,13 @@ impl CubeFile {
         let geometry = meta.check(&place(path, "meta"))?;
         let frequencies = npz.f64("frequencies")?;
         if frequencies.shape.len() != 1 {
-            return Err(Error::input(
-                place(path, "frequencies"),
-                format!("must have one axis, [n_f], not {:?}", frequencies.shape),
-            ));
+            let problem = format!("must have one axis, [n_f], not {:?}", frequencies.shape);
+            return refused(path, "frequencies", problem);
         }
         let sweep = Sweep::from_frequencies(frequencies.data)
             .map_err(|error| error.at(place(path, "frequencies")))?;
         let (array, axes) = microphones(path, &mut npz)?;
-        let detection =
-            detection_of(place(path, "samples"), meta.detection, npz.dtype_is_complex("samples")?)?;
+        let detection = detection_of(path, meta.detection, npz.dtype_is_complex("samples")?)?;
         let shape = npz.shape("samples")?;
         let expected: Vec<usize> = std::iter::once(sweep.len()).chain(axes).collect();
         if shape != expected {

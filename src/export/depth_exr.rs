@@ -5,7 +5,7 @@
 //! such a file, or one from another program with a channel `Z`.
 
 use super::exr_file::{
-    Part, WORLD_TO_CAMERA, attributes_of, channel_of, expect_room, floats, part, read_parts, write_parts,
+    ExrPart, WORLD_TO_CAMERA, attributes_of, channel_of, expect_room, floats, part, read_parts, write_parts,
 };
 use super::{Attribute, Attributes, Encoding, Fill, find_attribute};
 use crate::error::{Error, Result};
@@ -256,8 +256,8 @@ fn own_axes(number: impl Fn(&str) -> Option<f64>) -> Option<[(f64, f64); 2]> {
 }
 
 /// The part that contains the depth, and the prefix of `Z` in the channel's name.
-fn find_depth<'a>(path: &Path, parts: &'a [Part]) -> Result<(&'a Part, String)> {
-    let names = |part: &'a Part| part.channel_data.list.iter().map(|channel| channel.name.to_string());
+fn find_depth<'a>(path: &Path, parts: &'a [ExrPart]) -> Result<(&'a ExrPart, String)> {
+    let names = |part: &'a ExrPart| part.channel_data.list.iter().map(|channel| channel.name.to_string());
     if let Some(part) = parts.iter().find(|part| names(part).any(|name| name == "Z")) {
         return Ok((part, String::new()));
     }

@@ -13,9 +13,9 @@ use std::io::{self, BufRead, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::Path;
 
 /// A part with channels of 32 or 16 bits.
-pub(super) type Part = ex::Layer<ex::AnyChannels<ex::FlatSamples>>;
+pub(super) type ExrPart = ex::Layer<ex::AnyChannels<ex::FlatSamples>>;
 /// All parts of a file.
-pub(super) type Parts = ex::Image<ex::Layers<ex::AnyChannels<ex::FlatSamples>>>;
+pub(super) type ExrParts = ex::Image<ex::Layers<ex::AnyChannels<ex::FlatSamples>>>;
 
 /// `OpenEXR`'s camera is left-handed with y up and z forward: the program's axes with y reversed.
 pub(super) const WORLD_TO_CAMERA: [f32; 16] =
@@ -93,7 +93,7 @@ pub(super) fn part(
     channels: Vec<(String, Vec<f32>)>,
     attributes: &[(String, Attribute)],
     encoding: Encoding,
-) -> Result<Part> {
+) -> Result<ExrPart> {
     let mut header = ex::LayerAttributes {
         layer_name: name.map(ascii),
         software_name: Some(ascii(concat!("holosonar ", env!("CARGO_PKG_VERSION")))),
@@ -142,7 +142,7 @@ pub(super) fn no_room([width, height]: [usize; 2]) -> Error {
 ///
 /// # Errors
 /// As [`write_atomically`].
-pub(super) fn write_parts(path: &Path, parts: Vec<Part>) -> Result<()> {
+pub(super) fn write_parts(path: &Path, parts: Vec<ExrPart>) -> Result<()> {
     let Some(first) = parts.first() else {
         return Err(Error::input(path.display(), "cannot be written: an EXR file needs at least one part"));
     };
@@ -155,7 +155,7 @@ pub(super) fn write_parts(path: &Path, parts: Vec<Part>) -> Result<()> {
     }
     let bounds = ex::IntegerBounds::from_dimensions((width, height));
     let image =
-        ex::Image::from_layers(ex::ImageAttributes::new(bounds), SmallVec::<[Part; 2]>::from_vec(parts));
+        ex::Image::from_layers(ex::ImageAttributes::new(bounds), SmallVec::<[ExrPart; 2]>::from_vec(parts));
     write_atomically(path, |out| {
         image.write().to_buffered(&mut *out).map_err(|error| match error {
             ex::Error::Io(error) => error,
@@ -221,7 +221,7 @@ fn next_attribute(input: &mut impl BufRead) -> io::Result<Option<Vec<u8>>> {
 ///
 /// # Errors
 /// A missing or damaged file, deep data, or more pixels than the limit allows.
-pub(super) fn read_parts(path: &Path, limit_bytes: u64) -> Result<Parts> {
+pub(super) fn read_parts(path: &Path, limit_bytes: u64) -> Result<ExrParts> {
     let open = || File::open(path).map_err(|error| Error::reading(path, error));
     let meta = guarded(path, {
         let file = BufReader::new(open()?);
@@ -283,7 +283,7 @@ pub(super) fn expect_room(channels: usize, [width, height]: [usize; 2]) -> Resul
 }
 
 /// The channel of this name.
-pub(super) fn channel_of<'a>(part: &'a Part, name: &str) -> Option<&'a ex::AnyChannel<ex::FlatSamples>> {
+pub(super) fn channel_of<'a>(part: &'a ExrPart, name: &str) -> Option<&'a ex::AnyChannel<ex::FlatSamples>> {
     part.channel_data.list.iter().find(|channel| channel.name.eq(name))
 }
 

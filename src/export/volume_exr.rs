@@ -5,7 +5,8 @@
 
 use super::amplitude::{Amplitude, declared_grid, vector};
 use super::exr_file::{
-    Part, Parts, WORLD_TO_CAMERA, append_floats, attributes_of, channel_of, part, read_parts, write_parts,
+    ExrPart, ExrParts, WORLD_TO_CAMERA, append_floats, attributes_of, channel_of, part, read_parts,
+    write_parts,
 };
 use super::{Attribute, Attributes, Components, Encoding};
 use crate::alloc::try_with_capacity;
@@ -69,7 +70,7 @@ pub fn write_volume_exr(
     Ok(files)
 }
 
-fn mip_part(volume: &Volume, attributes: &[(String, Attribute)], encoding: Encoding) -> Result<Part> {
+fn mip_part(volume: &Volume, attributes: &[(String, Attribute)], encoding: Encoding) -> Result<ExrPart> {
     let grid = &volume.grid;
     let pixels = grid.plane_len();
     let mut power = pixel_values(0.0_f32, pixels)?;
@@ -110,7 +111,7 @@ fn no_room(path: &Path, depths: usize) -> Error {
 ///
 /// # Errors
 /// If it does not fit in memory.
-fn depth_part(volume: &Volume, iz: usize, components: Components, encoding: Encoding) -> Result<Part> {
+fn depth_part(volume: &Volume, iz: usize, components: Components, encoding: Encoding) -> Result<ExrPart> {
     let grid = &volume.grid;
     let plane = volume.plane(iz);
     let mut channels = Vec::new();
@@ -167,7 +168,7 @@ pub fn read_volume_exr(path: &Path, limit_bytes: u64) -> Result<Amplitude> {
 }
 
 /// Appends the channel `Y` of every depth in a file; `None` if one has another number of pixels.
-fn append_depths(parts: &Parts, pixels: usize, values: &mut Vec<f32>) -> Option<()> {
+fn append_depths(parts: &ExrParts, pixels: usize, values: &mut Vec<f32>) -> Option<()> {
     for part in parts.layer_data.iter().skip(1) {
         let channel = channel_of(part, "Y")?;
         // The capacity is that of the declared grid; further depths are an error.

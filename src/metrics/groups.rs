@@ -155,7 +155,6 @@ fn material(surface: &Surface, pixel: usize) -> Option<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::grid::{Axis, Raster, View};
 
     const N: f32 = f32::NAN;
 
@@ -168,9 +167,7 @@ mod tests {
     }
 
     fn map(picked: &[f32], returns: Vec<Surface>) -> DepthMap {
-        let axis = |count| Axis { first: 0.0, pitch: 0.03, count };
-        let raster = Raster { view: View::Orthographic, x: axis(picked.len()), y: axis(1) };
-        DepthMap { returns, ..DepthMap::new(raster, surface(picked, &vec![0; picked.len()])) }
+        DepthMap { returns, ..super::super::tests::map(picked, &[]) }
     }
 
     #[test]
