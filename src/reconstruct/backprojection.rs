@@ -88,16 +88,12 @@ impl BackprojectionPlan {
 
     /// All path lengths at which range profiles are expanded, and what the two compressions may err by.
     fn compression(&self, instrument: &Instrument) -> (PathInterval, ErrorBudget) {
-        match &self.tiled {
-            Some(lattice) => {
-                factorised::compression(lattice, instrument, &self.grid, self.fine.band, self.budget)
-            }
-            None => {
-                let Division { band, shape, .. } = self.fine;
-                let budget = SeriesBudget::new(&band, greatest_half(shape.half(&self.grid)), self.budget);
-                (interval(instrument, &self.grid, shape, 0..self.grid.z.count), budget.tones)
-            }
+        if let Some(lattice) = &self.tiled {
+            return factorised::compression(lattice, instrument, &self.grid, self.fine.band, self.budget);
         }
+        let Division { band, shape, .. } = self.fine;
+        let budget = SeriesBudget::new(&band, greatest_half(shape.half(&self.grid)), self.budget);
+        (interval(instrument, &self.grid, shape, 0..self.grid.z.count), budget.tones)
     }
 
     /// With the memory of a batch for this many threads.

@@ -51,6 +51,8 @@ pub(super) struct ConvolutionPlan {
     compression: ErrorBudget,
     /// Where there is a tolerance: how depths are divided.
     slabs: Option<Slabs>,
+    /// Where there is none: whether Eq. 16 is summed literally.
+    literal: bool,
     /// What depths take that have no part in the lattice.
     near: near_field::NearFieldCost,
 }
@@ -74,7 +76,8 @@ impl ConvolutionPlan {
             thickness,
             compression.virtual_tones(),
         );
-        Self { layout, compression, slabs, near }
+        let literal = slabs.is_none() && Literal::is_faster(&layout, instrument.sweep.len());
+        Self { layout, compression, slabs, literal, near }
     }
 
     /// Operations for depths too near to the array for its lattice.
@@ -122,7 +125,7 @@ impl Depths<'_> {
 /// spread of delays within a slab.
 pub(super) fn convolution(job: Job<'_>, plan: &ConvolutionPlan) -> Result<ReconstructionInfo> {
     match &plan.slabs {
-        None => every_frequency(job, &plan.layout),
+        None => every_frequency(job, plan),
         Some(slabs) => skeleton_frequencies(job, plan, slabs),
     }
 }
@@ -132,7 +135,8 @@ pub(super) fn convolution(job: Job<'_>, plan: &ConvolutionPlan) -> Result<Recons
 const DEPTHS: usize = 32;
 
 /// All frequencies in ascending order for each slab of depths, in blocks that bound the memory and change no sum.
-fn every_frequency(job: Job<'_>, layout: &Layout) -> Result<ReconstructionInfo> {
+fn every_frequency(job: Job<'_>, plan: &ConvolutionPlan) -> Result<ReconstructionInfo> {
+    let layout = &plan.layout;
     let Job { source, weights, grid, batch, sink, observer, .. } = job;
     let instrument = source.instrument();
     let (count, n_mic) = (instrument.sweep.len(), instrument.array.len());
@@ -148,8 +152,7 @@ fn every_frequency(job: Job<'_>, layout: &Layout) -> Result<ReconstructionInfo> 
     let info =
         ReconstructionInfo { method: Method::Convolution, error_bound: layout.lattice.error() * modulus };
     let spreading = layout.lattice.spreading(&source.instrument().array);
-    // On a line there are no columns to fill the lanes of the transforms; tones could, but gain nothing here.
-    let literal = layout.line.map(|_| Literal::new(layout));
+    let literal = plan.literal.then(|| Literal::new(layout));
     let mut spectra = if literal.is_some() { Vec::new() } else { layout.room(block)? };
     let focused = Depths { layout, workspaces: Workspaces::new(layout), near: None, batch, observer };
     let driver = SlabDriver::even(grid, DEPTHS, |depths| (count * depths) as u64, observer);

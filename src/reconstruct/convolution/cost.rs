@@ -43,9 +43,10 @@ impl ConvolutionPlan {
     /// Where every frequency is summed: bytes of one frequency's spectra, and of each thread's buffers.
     fn plain_bytes(&self) -> [u64; 2] {
         let layout = &self.layout;
-        match layout.line {
-            Some(_) => Literal::new(layout).bytes(),
-            None => [(layout.tone_len() * size_of::<Complex32>()) as u64, self.worker_bytes()],
+        if self.literal {
+            Literal::new(layout).bytes()
+        } else {
+            [(layout.tone_len() * size_of::<Complex32>()) as u64, self.worker_bytes()]
         }
     }
 

@@ -1,4 +1,5 @@
-//! Eq. 16 as it is written, over `rustfft`: the oracle of this folder, and what sums images of one line at tolerance 0.
+//! Eq. 16 as it is written, over `rustfft`: the oracle of this folder, and the faster form for narrow planes at tolerance
+//! 0 ([`Literal::is_faster`]).
 //!
 //! `Â(p) = Σ_f e^{−i2πf|p−s|/c} · F⁻¹{ F{e^{−i2πf|p−r|/c}} · F{w m(f, r)} }`, for every frequency and depth one kernel, its
 //! transform, a product and an inverse transform, on a plane padded to `n_voxels + n_nodes − 1` along each axis. Each
@@ -81,6 +82,14 @@ impl PaddedPlane {
     }
 }
 
+/// Lengths of a padded plane along x and y.
+fn padded_shape(layout: &Layout) -> [usize; 2] {
+    let longest =
+        |parts: &[Sublattices], axis: usize| parts.iter().map(|part| part[axis].count).max().unwrap_or(1);
+    [0, 1]
+        .map(|axis| fast_size(longest(&layout.voxel_parts, axis) + longest(&layout.node_parts, axis) - 1, 1))
+}
+
 /// Sums tones at any depth of one layout.
 pub(crate) struct Literal<'a> {
     layout: &'a Layout,
@@ -107,12 +116,26 @@ struct Buffers {
 
 impl<'a> Literal<'a> {
     pub(crate) fn new(layout: &'a Layout) -> Self {
-        let longest =
-            |parts: &[Sublattices], axis: usize| parts.iter().map(|part| part[axis].count).max().unwrap_or(1);
-        let shape = [0, 1].map(|axis| {
-            fast_size(longest(&layout.voxel_parts, axis) + longest(&layout.node_parts, axis) - 1, 1)
-        });
-        Self { layout, padded: PaddedPlane::new(shape) }
+        Self { layout, padded: PaddedPlane::new(padded_shape(layout)) }
+    }
+
+    /// Whether this is faster than transforms in lanes, of which a narrow plane fills few, and a line as many as there are
+    /// frequencies. Measured in one run on two cores, in multiples of the lanes' time:
+    ///
+    /// | nodes, as many voxels | 1 | 4 | 16 | 64 frequencies |
+    /// |---|---|---|---|---|
+    /// | 256 x 1 | 0.3 | 0.6 | 2.1 | 2.4 |
+    /// | 1 x 64 | 0.6 | 1.5 | 5.3 | 11 |
+    /// | 64 x 2 | 0.5 | 0.4 | 0.3 | 0.3 |
+    /// | 4 x 4 | 0.6 | 0.4 | 0.3 | 0.2 |
+    /// | 64 x 4 | 1.1 | 0.8 | 0.7 | 0.7 |
+    /// | 8 x 8 | 2.2 | 2.1 | 2.2 | 2.2 |
+    /// | 16 x 16 | 4.4 | 3.9 | 2.4 | 2.4 |
+    pub(crate) fn is_faster(layout: &Layout, frequencies: usize) -> bool {
+        if layout.line.is_some() {
+            return frequencies <= LANES / 8;
+        }
+        padded_shape(layout).into_iter().any(|n| n <= LANES / 2)
     }
 
     /// Numbers of a padded plane in whole lanes.
