@@ -80,7 +80,7 @@ impl Axis {
         (0..axis.count).map(move |i| axis.position(i))
     }
 
-    /// The voxel whose cell holds `position`, if one does.
+    /// The voxel whose cell contains `position`, if any.
     pub fn index_of(&self, position: f64) -> Option<usize> {
         let index = ((position - self.first) / self.pitch).round();
         (index >= 0.0 && index < self.count as f64).then_some(index as usize)
@@ -192,7 +192,7 @@ impl Volume {
     }
 }
 
-/// One surface per pixel, `[y, x]`; a pixel without one holds NaN in `depth` and 0 in `strength`.
+/// One surface per pixel, `[y, x]`; a pixel without one has NaN in `depth` and 0 in `strength`.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Surface {
     /// Planar depth along +z, m.
@@ -233,7 +233,7 @@ pub struct DepthMap {
     pub picked: Surface,
     /// Confidence of the picked return, dB; NaN where nothing was accepted. Empty for truth.
     pub confidence: Vec<f32>,
-    /// All accepted returns, front to back; entry k holds each pixel's k-th. May be empty.
+    /// All accepted returns, front to back; entry k is the k-th of every pixel. May be empty.
     pub returns: Vec<Surface>,
     /// Names of the materials, to which [`Surface::material`] refers from 1; empty where none is known.
     pub materials: Vec<String>,

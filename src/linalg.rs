@@ -28,7 +28,7 @@ pub(crate) fn product(a: &Matrix, b: &Matrix) -> Matrix {
 pub(crate) struct PivotedQr {
     /// Indices of columns.
     pub(crate) order: Vec<usize>,
-    /// |R[k, k]|; their number is the smaller of those of rows and columns.
+    /// |R[k, k]|, as many as rows or as columns, whichever are fewer.
     pub(crate) diagonal: Vec<f64>,
 }
 
@@ -110,7 +110,7 @@ const BLOCK: [usize; 2] = [64, 1024];
 /// `rows += W · samples`, both in rows of `width`; `weight` gives `W[row, sample]`.
 ///
 /// # Panics
-/// When a slice is no whole number of rows.
+/// When the length of a slice is not a whole number of rows.
 pub(crate) fn add_product_of_rows(
     weight: impl Fn(usize, usize) -> Complex32,
     samples: &[Complex32],

@@ -1,8 +1,8 @@
 //! The only physics kernel: sound speed, path lengths, wrapped phase, and sums of phasors.
 //!
 //! Takes points in m and frequencies in Hz; gives path lengths in m and phasors `e^{±i2πf·path/c}`. Geometry
-//! is f64. A phase is counted in cycles, wrapped to ±½ in f64, and only then becomes f32: a plain f32 phase is
-//! wrong by 7·10⁻⁴ rad at 12 m and 20 kHz, a wrapped one by 6·10⁻⁷.
+//! is f64. A phase is counted in cycles, wrapped to ±½ in f64, and only then converted to f32: at 12 m and 20 kHz the
+//! error of a plain f32 phase is 7·10⁻⁴ rad, that of a wrapped one 6·10⁻⁷ rad.
 
 pub mod air;
 pub(crate) mod interval;
@@ -29,7 +29,7 @@ pub(crate) fn spreading(outward: f64, back: f64) -> f64 {
 }
 
 choice! {
-    /// The word for a [`Geometry`] in run files and in a cube's `meta`: what moves.
+    /// The name of a [`Geometry`] in run files and in a cube's `meta`.
     pub enum GeometryKind: "geometry" {
         /// A fixed loudspeaker and an array of microphones: path |p − s| + |p − r|.
         FixedSource = "fixed-source",
@@ -64,8 +64,8 @@ impl Geometry {
     }
 
     /// The far-field path of Eq. 6–7, `2|p − s| − p̂·(r − s)` with `p̂` the unit vector from the speaker to `p`
-    /// (0 at the speaker). The printed equation has `p·r̂`; only `p̂·r` follows from Eq. 6. For the monostatic scan, where
-    /// each leg has the same error, `2(|p| − p̂·r)` about the origin.
+    /// (0 at the speaker). The printed equation has `p·r̂`, but only `p̂·r` follows from Eq. 6. For a monostatic scan, whose
+    /// two legs have the same error, it is `2(|p| − p̂·r)` about the origin.
     #[inline]
     pub fn linear_path_length(&self, p: DVec3, r: DVec3) -> f64 {
         match self {
@@ -113,7 +113,7 @@ impl Geometry {
         }
     }
 
-    /// How many times the path contains the leg `|p − r|`.
+    /// Number of times that the path contains the leg `|p − r|`.
     pub(crate) fn return_legs(&self) -> f64 {
         match self {
             Self::FixedSource { .. } => 1.0,
@@ -121,7 +121,7 @@ impl Geometry {
         }
     }
 
-    /// Which of the two it is, wherever the loudspeaker is.
+    /// Its kind, without the position of the loudspeaker.
     pub fn kind(&self) -> GeometryKind {
         match self {
             Self::FixedSource { .. } => GeometryKind::FixedSource,

@@ -86,7 +86,7 @@ const PREFIX: &str = "mtllib numbers\n";
 /// The simplified text with unchanged line numbers, after the [`PREFIX`].
 struct Cleaned {
     text: String,
-    /// Material names, in the order of first use; `usemtl` holds indices into this list.
+    /// Material names, in the order of first use; `usemtl` gives indices into this list.
     materials: Vec<String>,
     libraries: Vec<String>,
     /// Metres per unit, from a header comment.
@@ -95,7 +95,7 @@ struct Cleaned {
     free_form: usize,
 }
 
-/// Refuses more triangles than `surfaces` may hold, before any list is made of them.
+/// Copies the statements that matter. Refuses more triangles than `surfaces` accepts before it allocates a list of them.
 fn clean(source: &str, path: &Path, surfaces: &Surfaces) -> Result<Cleaned> {
     let mut text = String::new();
     text.try_reserve_exact(PREFIX.len() + source.len())

@@ -66,7 +66,7 @@ impl Up {
 /// Where in a glTF file the array is placed. It looks as a glTF camera there does: along -z, with +y up.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Sensor {
-    /// At the camera of this name, or at the node of this name that holds a camera.
+    /// At the camera of this name, or at the node of this name that has a camera.
     Camera(String),
     /// At the node of this name.
     Node(String),

@@ -114,7 +114,7 @@ mod tests {
     }
 
     #[test]
-    fn sound_is_as_fast_as_published() {
+    fn the_speed_of_sound_is_the_published_one() {
         for (temperature, humidity, speed, within) in [
             // ISO 9613-1 has 343.2 m/s at 20 °C and a root of the temperature.
             (20.0, 0.0, 343.2, 0.05),

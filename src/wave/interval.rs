@@ -27,7 +27,7 @@ impl PathInterval {
         f64::midpoint(self.shortest, self.longest) / self.sound_speed
     }
 
-    /// How many Chebyshev points resolve a bandwidth (Hz) on the interval.
+    /// Number of Chebyshev points that resolve a bandwidth (Hz) on the interval.
     pub(crate) fn points_for(&self, bandwidth: f64) -> usize {
         (1.7 * bandwidth * self.duration()).ceil() as usize + 36
     }

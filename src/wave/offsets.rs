@@ -1,8 +1,8 @@
 //! Echoes at a tile of neighbouring microphones: the sums of the fast simulation.
 //!
-//! Seen from a tile's centre, a reflector's path to each microphone of the tile differs by a few centimetres from its
-//! path to the centre. That offset is computed in f32 without cancellation; the path to the centre, in f64, is already
-//! in the amplitude's phase. The sums run over tones evenly spaced about a centre tone: one recurrence gives
+//! A reflector's path to a microphone of a tile differs by a few centimetres from its path to the tile's centre. This
+//! offset is computed in f32 without cancellation; the path to the centre, in f64, is already included in the
+//! amplitude's phase. The sums run over tones evenly spaced about a centre tone: one recurrence gives
 //! `cos qθ` and `sin qθ`, and with them the tones q and −q together.
 
 #![allow(clippy::inline_always)]
@@ -16,7 +16,7 @@ pub(crate) const MOST_PAIRS: usize = 40;
 /// Maximum number of echoes per call: lanes are summed in f32, so the sums must stay short; more need several calls.
 pub(crate) const MOST_ECHOES: usize = 2048;
 
-/// Echoes per block, two per lane: with only one the recurrence would wait for its own result.
+/// Echoes per block, two per lane: with only one, every step of the recurrence would wait for the previous one.
 pub(crate) const WIDE: usize = 2 * LANES;
 
 /// A run of reflectors relative to a tile's centre, in planes of equal length, a multiple of [`WIDE`].
@@ -215,7 +215,7 @@ mod tests {
     use super::*;
     use crate::wave::phasor;
 
-    /// Numbers in ±½ that look random without a generator.
+    /// Pseudo-random numbers in ±½.
     fn plane(n: usize, k: f64) -> Vec<f32> {
         (0..n).map(|i| ((i as f64 * k).fract() - 0.5) as f32).collect()
     }

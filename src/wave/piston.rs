@@ -2,7 +2,7 @@
 
 use libm::j1;
 
-/// Up to this x the function is 1 to the last bit, while J₁ of the smallest numbers loses precision.
+/// Up to this x the function is 1 to the last bit, and J₁ of the smallest numbers loses precision.
 const TINY: f64 = 1e-8;
 
 /// `2 J₁(x)/x`, the amplitude of a piston relative to its axis, for `x = 2πf/c · radius · sin θ`; 1 at 0, even in x, 0 at infinity.

@@ -13,7 +13,7 @@ pub(crate) struct Series {
     per_half: f32,
 }
 
-/// Nodes that a function is sampled at; its series has at most half as many terms, so that the rest shows its error.
+/// Number of nodes at which a function is sampled. Its series has at most half as many terms, so the others show its error.
 const NODES: usize = 96;
 
 /// Bound of the sum of the terms that are left out.
@@ -50,7 +50,7 @@ impl Series {
     /// Multiplies each factor by the series at its `x`.
     ///
     /// # Panics
-    /// When the planes differ in length or are no multiple of 16.
+    /// When the lengths of the planes differ or are not multiples of 16.
     pub(crate) fn multiply(&self, x: &[f32], factors: &mut [f32]) {
         multiply_series(&self.coefficients, [self.middle, self.per_half], x, factors);
     }
@@ -63,7 +63,7 @@ fn multiply_series_body(coefficients: &[f32], place: [f32; 2], x: &[f32], factor
     let (factors, _) = factors.as_chunks_mut::<LANES>();
     let Some((first, rest)) = coefficients.split_first() else { return };
     for (x, factors) in x.iter().zip(factors) {
-        // Clenshaw's recurrence, which loses nothing in f32.
+        // Clenshaw's recurrence, which is stable in f32.
         let (mut t, mut b1, mut b2) = ([0.0f32; LANES], [0.0f32; LANES], [0.0f32; LANES]);
         for l in 0..LANES {
             t[l] = (x[l] - place[0]) * place[1];

@@ -4,7 +4,7 @@
 //! [`limit`]. The loops use no fused multiply-add and sum into a fixed number of lanes, so all three give
 //! bit-identical results. The module is in `wave` rather than in `reconstruct` because simulation uses it too.
 //! `inline(always)` lets a body be compiled for the features of the function that it is called from.
-//! The only `unsafe` of the crate is here: calling a function compiled for a feature after checking for it.
+//! This file has the only `unsafe` code of the crate: calls of functions compiled for a feature, after a check for it.
 
 #![allow(clippy::inline_always, clippy::needless_range_loop)]
 
@@ -29,7 +29,7 @@ pub(crate) const BLOCK: usize = 256;
 /// Independent partial sums of every reduction, and numbers in a [`Lanes`].
 pub(crate) const LANES: usize = 16;
 
-/// Sixteen complex numbers as vector registers hold them: real parts, then imaginary parts.
+/// Sixteen complex numbers in the layout of vector registers: real parts, then imaginary parts.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[repr(C, align(64))]
 pub(crate) struct Lanes {
@@ -50,11 +50,11 @@ impl Lanes {
     }
 }
 
-/// [`Lanes`] that a loop over lanes processes at a time. With only one the compiler unrolls the loop and gathers across
-/// rows instead, ten times slower.
+/// Number of [`Lanes`] that a loop over lanes processes at a time. With only one, the compiler unrolls the loop and gathers
+/// across rows, which is ten times slower.
 pub(crate) const ROWS: usize = 4;
 
-/// Frequencies that a phasor is carried over by recurrence before it is recomputed; the drift stays near
+/// Number of frequencies for which a phasor is updated by recurrence before it is recomputed; the drift stays near
 /// 64 · 2⁻²⁴ ≈ 4·10⁻⁶.
 const RECURRENCE: usize = 64;
 
@@ -86,8 +86,9 @@ pub(crate) use dispatched;
 
 /// Clears the upper halves of vector registers, which products of matrices (faer's kernels) leave filled.
 ///
-/// The compiler does so after every AVX function of its own. Otherwise code for SSE, including the C library's `exp` and
-/// `cos`, is ten times slower on that thread from then on. For [`crate::linalg`], on the thread that called faer.
+/// The compiler does so after every AVX function that it generates. Without it, code for SSE, including the C library's
+/// `exp` and `cos`, is ten times slower on that thread from then on. [`crate::linalg`] calls this on the thread that
+/// called faer.
 #[allow(unsafe_code)]
 pub(crate) fn leave_wide_registers() {
     #[cfg(target_arch = "x86_64")]
@@ -144,7 +145,7 @@ dispatched! {
 }
 
 dispatched! {
-    /// `e^{i2π·cycles_per_metre·√(square + height²)}`, squares in m², for a tone in every lane; give `−f/c` for the conjugate.
+    /// `e^{i2π·cycles_per_metre·√(square + height²)}`, squares in m², for a frequency in every lane; give `−f/c` for the conjugate.
     ///
     /// # Panics
     /// When the slices differ in length or are no multiple of [`ROWS`].
@@ -200,7 +201,7 @@ impl Amplitudes {
     }
 }
 
-/// A stepped sweep in the form of the summing kernel, in cycles per metre: `(start + n·step)/c`, n < count.
+/// The frequencies of a stepped sweep over c, in cycles per metre: `start + n·step`, n < count.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Steps {
     /// First frequency over c, 1/m.
@@ -369,7 +370,7 @@ dispatched! {
     /// Adds to every point of a block `e^{i2π·carrier·δ} Σ_k g_k T_k(δ/H)` of each microphone, or the same with powers
     /// of δ/H; δ is its path length minus that of the centre.
     ///
-    /// `offsets` are those from the microphones to the centre, m, at most 16; `sums` are real and imaginary parts.
+    /// `offsets` are the vectors from the microphones to the centre, m, at most 16; `sums` are real and imaginary parts.
     /// Cost: about 65 operations per point and microphone (more where a point's distance from the centre is not small
     /// compared with the microphone's), and 6 K or, with powers, 4 K more.
     ///

@@ -148,7 +148,7 @@ fn options_that_make_no_sense() {
 
 #[cfg(unix)]
 #[test]
-fn a_place_that_cannot_be_written_fails_the_machine() {
+fn a_place_that_cannot_be_written_is_an_io_error() {
     use std::os::unix::fs::PermissionsExt;
     let folder = tempfile::tempdir().unwrap();
     let locked = folder.path().join("locked");
@@ -270,9 +270,9 @@ fn reflector_lists_with_mistakes() {
 }
 
 #[test]
-fn a_single_tone_is_refused_before_any_work() {
+fn a_single_frequency_is_refused_before_any_work() {
     let folder = tempfile::tempdir().unwrap();
-    // A step would be ignored with one tone; the array and the grid would take minutes.
+    // A step would be ignored with one frequency; the array and the grid would take minutes.
     let long = "--set sweep.stop=10000.0 --set array.count=[500,500] --set grid.pitch=[0.01,0.01,0.001]";
     for scene in ["point.toml", "corner.toml"] {
         image_refuses(folder.path(), &format!("{} {long}", shipped(scene).display()), &["bandwidth"]);
@@ -323,7 +323,7 @@ fn scenes_that_cannot_be_seen_are_warned_about() {
 
 #[test]
 fn a_speaker_in_or_on_a_wall_is_no_reason_to_fail() {
-    // Four walls: one the speaker stands in, one behind it, and a body around it.
+    // Walls: a box whose face contains the speaker, a box around it, and a triangle in front of it.
     let mut boxes = String::new();
     for (x, y, z) in [(-0.1, -0.1, -0.1), (-0.1, -0.1, 0.0)] {
         for i in 0..8 {

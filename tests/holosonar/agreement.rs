@@ -100,7 +100,7 @@ fn convolution_is_direct_on_random_lattices() {
 }
 
 /// Kernels that are even about a lag, about the middle of two, or about neither, along either axis and for every kind of
-/// sub-lattice: a few microphones beside, before and far from few voxels, one row of either, and a scan.
+/// sublattice: a few microphones beside, before and far from few voxels, one row of either, and a scan.
 #[test]
 fn convolution_is_direct_wherever_the_voxels_lie_on_the_lattice() {
     let mut random = Random::new(11);
@@ -134,7 +134,7 @@ fn convolution_is_direct_wherever_the_voxels_lie_on_the_lattice() {
     }
 }
 
-/// The greatest difference is within the bound that came with the volume, f32 rounding aside.
+/// The maximum difference is within the bound that came with the volume, except for f32 rounding.
 fn assert_within_bound(seed: u64, cube: &DataCube, grid: &Grid, window: Window, tolerance: f64) {
     let (volume, bound) = convolve(cube, grid, window, tolerance);
     let exact = direct(cube, grid, window);
@@ -288,7 +288,7 @@ fn what_has_no_lattice_is_projected_back() {
     let by_name = ReconstructOptions::new(Method::Convolution, Window::None);
     let error = reconstruct(&bent, &grid, &by_name).unwrap_err().to_string();
     assert_names(error, &["plane", "\"backprojection\""]);
-    // A single tone is sooner summed than turned into profiles.
+    // For a single frequency the direct sum is cheaper than range profiles.
     let tone = Sweep::from_frequencies(vec![9_000.0]).unwrap();
     let samples = bent.samples[..bent.instrument.array.len()].to_vec();
     let one = DataCube::new(bent.instrument.clone().with_sweep(tone), samples).unwrap();
@@ -319,7 +319,7 @@ fn without_a_tolerance_what_has_no_lattice_goes_to_direct_with_a_warning_or_is_r
     assert_names(error, &["method = \"direct\""]);
 }
 
-/// A few microphones far apart would need millions of nodes; their range profiles serve them better.
+/// A few microphones far apart would need millions of nodes; back-projection is cheaper.
 #[test]
 fn microphones_far_apart_are_not_spread() {
     let (_, mut grid, _) = random_case(3);

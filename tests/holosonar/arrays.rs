@@ -1,4 +1,4 @@
-//! Arrays that are no grid, and what is foretold of any array against what is measured.
+//! Arrays that are not lattices, and predictions for any array compared with measurements.
 
 use crate::binary::{done, refused, shipped};
 use crate::named::assert_names;
@@ -111,7 +111,7 @@ fn square(count: usize, extent: f64) -> MicArray {
 }
 
 #[test]
-fn foretold_widths_ghosts_and_levels_are_those_measured() {
+fn predicted_widths_grating_lobes_and_levels_are_those_measured() {
     const WIDE: [f64; 2] = [10_000.0, 20_000.0];
     const NARROW: [f64; 2] = [18_000.0, 20_000.0];
     let [spiral, random] = scattered();
@@ -150,11 +150,11 @@ fn foretold_widths_ghosts_and_levels_are_those_measured() {
     assert!(ghosts >= 12, "{ghosts}");
 }
 
-/// The ghosts of a point at (0.76, 3.15) before 15 microphones over 2 m with 2 kHz, measured in the image of another program
+/// The grating lobes of a point at (0.76, 3.15) before 15 microphones over 2 m with 2 kHz, measured in the image of another program
 /// (the direct sum of Eq. 13 in NumPy, on voxels of 1 cm): at x = 0.35 and 1.16 m, -4.5 and -5.8 dB. Theory has them where
 /// the sine of the direction is off by k λ_c/d, of which λ_c z/d = 0.40 m aside is the first order.
 #[test]
-fn ghosts_are_where_an_independent_study_found_them() {
+fn grating_lobes_are_where_an_independent_study_found_them() {
     let row = MicArray::rectangular([15, 1], [2.0 / 14.0, 1.0], DVec3::ZERO).unwrap();
     let p = DVec3::new(0.76, 0.0, 3.15);
     let spread = spread(&row, [18_000.0, 20_000.0], Geometry::ORIGIN, Window::None, p);
@@ -165,12 +165,12 @@ fn ghosts_are_where_an_independent_study_found_them() {
     }
     assert!(
         spread.widths[1].at_3_db.is_none() && spread.widths[0].at_3_db.is_some(),
-        "a row tells nothing apart in y"
+        "a row has no resolution in y"
     );
 }
 
 #[test]
-fn every_suggestion_mends_what_it_says() {
+fn every_suggestion_fixes_what_it_says() {
     let overrides = |more: &[String]| {
         let all = [&["detection.kind=in-phase".to_owned(), "sweep.step=100".to_owned()], more].concat();
         RunFile::load(&shipped("corner.toml"), &all).unwrap()
@@ -211,7 +211,7 @@ fn a_sweep_compares_layouts_in_one_command() {
         assert_eq!(row["design"]["microphones"], 256, "{row}");
     }
     let peak = |row: usize| rows[row]["design"]["peak_sidelobe_db"].as_f64().unwrap();
-    assert!(peak(0) > peak(2) + 5.0 && peak(0) > peak(4) + 5.0, "a grid's ghosts stand out: {sweep}");
+    assert!(peak(0) > peak(2) + 5.0 && peak(0) > peak(4) + 5.0, "a grid has high grating lobes: {sweep}");
     assert_eq!(rows[0]["design"]["verdict"], "ghosts");
     assert_eq!(rows[2]["design"]["verdict"], "scattered");
     assert!(std::fs::read(folder.path().join("out/sweep.png")).unwrap().starts_with(b"\x89PNG"));
@@ -240,7 +240,7 @@ fn a_sweep_compares_layouts_in_one_command() {
 }
 
 #[test]
-fn psf_tells_and_draws_what_points_look_like() {
+fn psf_reports_and_draws_point_spread_functions() {
     let folder = tempfile::tempdir().unwrap();
     let scene = shipped("point.toml");
     let words = format!("psf {} --at -0.02,0.03,1 -o out", scene.display());

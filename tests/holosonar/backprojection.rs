@@ -71,8 +71,8 @@ fn direct(cube: &DataCube, grid: &Grid, window: Window) -> Vec<Complex32> {
     reconstruct(cube, grid, &ReconstructOptions::new(Method::Direct, window)).unwrap().volume.samples
 }
 
-/// The greatest difference is within the bound that came with the volume, f32 rounding aside, and the bound is within
-/// what was asked for.
+/// The maximum difference is within the bound that came with the volume, except for f32 rounding, and the bound is within
+/// the requested tolerance.
 #[test]
 fn backprojection_keeps_its_bound_on_any_array_and_grid() {
     for seed in 0..60 {
@@ -163,7 +163,7 @@ fn threads_do_not_change_the_bytes_of_a_larger_image() {
     assert!(error < 1e-4, "{error:e}");
 }
 
-/// Job S: 64 × 64 microphones that lie in no plane, 1001 frequencies, 128³ voxels, a dozen reflectors; 128 voxels of it
+/// Job S: 64 × 64 microphones that are not in a plane, 1001 frequencies, 128³ voxels, a dozen reflectors; 128 voxels of it
 /// against the literal sum.
 #[test]
 #[ignore = "half a minute in a release build"]

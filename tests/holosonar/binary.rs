@@ -36,7 +36,7 @@ pub(crate) fn run(folder: &Path, words: &str) -> Ran {
     run_command(words, &mut command(folder, words.split_whitespace()))
 }
 
-/// Runs a command that stands for `words`, which must not panic.
+/// Runs a command, which must not panic; `words` describe it in messages.
 pub(crate) fn run_command(words: &str, command: &mut Command) -> Ran {
     let ran = Ran::of(command.output().unwrap());
     assert!(!ran.stderr.contains("panicked"), "{words}: {}", ran.stderr);

@@ -1,11 +1,11 @@
-//! `report --open`, with a program of ours in the place of the system's.
+//! `report --open`, with a script in place of the system's browser.
 
 use crate::binary::{Ran, command, run_command, shipped};
 use std::ffi::OsStr;
 use std::os::unix::fs::PermissionsExt;
 
 #[test]
-fn a_page_is_handed_over_or_the_error_says_which_to_open() {
+fn a_page_is_opened_or_the_error_names_it() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path();
     let scene = shipped("point.toml");

@@ -353,7 +353,7 @@ fn a_cube_without_a_grid_gets_one_suggested_that_works() {
         let found = read_volume_npz(&path.join(format!("{scene}-pasted/volume.npz")), LIMIT).unwrap().0;
         assert!(found.peak() > 0.0 && found.grid.voxel_count() > 1000, "{:?}", found.grid);
     }
-    // The point at (0, 0, 0.8) lies in the suggested grid and shows at its full amplitude.
+    // The point at (0, 0, 0.8) is in the suggested grid and has its full amplitude.
     let volume = read_volume_npz(&path.join("point-pasted/volume.npz"), LIMIT).unwrap().0;
     assert!(volume.peak() > 0.8, "{}", volume.peak());
 }

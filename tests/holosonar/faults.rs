@@ -1,5 +1,5 @@
-//! Broken on purpose: jobs killed, stopped, starved of disk and memory, and their state damaged. Nothing may be lost, and
-//! what comes out in the end is what an undisturbed run writes, byte for byte.
+//! Fault injection: jobs are killed, stopped, short of disk space or memory, and their checkpoints damaged. Nothing may be
+//! lost, and the final outputs are bit-identical to those of an undisturbed run.
 
 #![cfg(unix)]
 
@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
 
-/// A job of many blocks: what is typed, and what it writes.
+/// A job of many blocks: its command line, and its output folder.
 struct Job {
     words: &'static str,
     output: &'static str,
@@ -64,7 +64,7 @@ fn workplace() -> tempfile::TempDir {
     folder
 }
 
-/// Every file of an output by name and content, times aside.
+/// Name and content of every file of an output, without the timings.
 fn contents(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
     let content = |path: PathBuf| {
         let mut bytes = fs::read(&path).unwrap();
@@ -94,7 +94,7 @@ fn undisturbed(folder: &Path, job: &Job) -> (Vec<(PathBuf, Vec<u8>)>, Duration) 
     (contents, seconds)
 }
 
-/// That an output is what an undisturbed run writes, and that nothing lies beside it.
+/// Asserts that an output has the files of an undisturbed run and no others.
 fn assert_same(folder: &Path, job: &Job, expected: &[(PathBuf, Vec<u8>)]) {
     let found = contents(&folder.join(job.output));
     let names = |files: &[(PathBuf, Vec<u8>)]| files.iter().map(|(name, _)| name.clone()).collect::<Vec<_>>();
@@ -114,7 +114,7 @@ fn end(child: Child) -> Ran {
     Ran::of(output)
 }
 
-/// Blocks that a run took from an earlier one: the number of blocks in what it says of an interrupted run.
+/// Number of blocks that a run reused from an interrupted one, as its note says.
 fn reused(ran: &Ran) -> usize {
     let Some(note) = ran.stderr.lines().find(|line| line.contains("an interrupted run: ")) else { return 0 };
     let words: Vec<&str> = note.split_whitespace().collect();
@@ -122,14 +122,14 @@ fn reused(ran: &Ran) -> usize {
     count.unwrap_or_else(|| panic!("no number of blocks: {note}"))[0].parse().unwrap()
 }
 
-/// The state that lies in a job's output.
+/// The checkpoint files in a job's output folder.
 fn states(folder: &Path, job: &Job) -> Vec<PathBuf> {
     let files = files_below(&folder.join(job.output));
     files.into_iter().filter(|path| path.extension().is_some_and(|e| e == "resume")).collect()
 }
 
 #[test]
-fn a_job_of_seconds_keeps_nothing() {
+fn a_job_of_seconds_stores_no_checkpoint() {
     let folder = workplace();
     let folder = folder.path();
     let child = start(folder, IMAGE.words);
@@ -141,7 +141,7 @@ fn a_job_of_seconds_keeps_nothing() {
     assert_eq!(end(child).status, 0);
 }
 
-/// A state of the reconstruction, by name and content.
+/// Path and content of a checkpoint of the reconstruction.
 fn a_state(folder: &Path) -> (PathBuf, Vec<u8>) {
     let ran = signal(folder, &RECONSTRUCT, "--checkpoint-every 0", &["-TERM"]);
     assert_eq!(ran.status, 143, "{}", ran.stderr);

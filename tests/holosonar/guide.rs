@@ -113,7 +113,7 @@ fn files_that_the_guide_names_are_there() {
                 count += 1;
             }
         }
-        // In the code chapter a test is named by its file alone, and a room of `reconstruct` by its path there.
+        // The code chapter names a test by its file alone, and a module of `reconstruct` by its path there.
         if document.file_stem().is_some_and(|stem| stem == "code") {
             let (_, tests) = text.split_once("## Tests").unwrap();
             let (tests, _) = tests.split_once("## How to add").unwrap();

@@ -1,5 +1,5 @@
-//! The order of the modules and the habits of the sources, held by reading them: who imports whom, who prints, where `unsafe`
-//! stands, how long files are, and that nothing refers to what a reader does not have.
+//! Rules for the sources, checked by reading them: imports follow the order of the modules, only the binary prints, `unsafe`
+//! is in one file, files are short, and nothing refers to documents that a reader does not have.
 
 mod citations;
 mod paths;
@@ -84,7 +84,7 @@ fn strange_imports(sources: &[Source], order: &[String]) -> (Vec<String>, usize)
             match place(name) {
                 Some(other) if other <= own => {}
                 Some(_) => strange.push(format!(
-                    "{path} imports `{}`, which stands below `{}`",
+                    "{path} imports `{}`, which is below `{}`",
                     import.join("::"),
                     source.room()
                 )),
@@ -163,7 +163,7 @@ fn only_the_binary_prints() {
 }
 
 #[test]
-fn unsafe_code_stands_in_one_file() {
+fn unsafe_code_is_in_one_file() {
     for source in sources().iter().filter(|source| !source.path.ends_with("wave/simd.rs")) {
         let is_unsafe = source.text.contains("unsafe {") || source.text.contains("allow(unsafe_code)");
         assert!(!is_unsafe, "{}", source.path.display());

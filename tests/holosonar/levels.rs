@@ -1,5 +1,5 @@
-//! Instruction sets: our loops give the same bytes with each, and other processors' libraries stay within the README's
-//! bound.
+//! Instruction sets: the kernels give bit-identical results with each, and the libraries of other processors stay within
+//! the bound of the README.
 
 use crate::binary::{Ran, command, run_command, shipped};
 use crate::named::assert_names;
@@ -10,7 +10,7 @@ use num_complex::Complex32;
 use std::fs;
 use std::path::Path;
 
-/// The greatest difference between two kinds of processor, of the greatest amplitude.
+/// Maximum difference between two kinds of processor, over the maximum amplitude.
 const STATED: f32 = 2e-6;
 
 /// Jobs by what is typed; each of them takes some tenths of a second.
@@ -33,7 +33,7 @@ fn run(folder: &Path, words: &str, environment: (&str, &str)) -> Ran {
     run_command(words, command(folder, words.split_whitespace()).env(environment.0, environment.1))
 }
 
-/// The bytes of a cube, and of its volume by every method; the cube is the one that lies there, if one does.
+/// The bytes of a cube, and of its volume by every method; the volumes are of the existing cube, if there is one.
 fn made(folder: &Path, environment: (&str, &str)) -> Vec<(&'static str, Vec<u8>, Vec<Complex32>)> {
     let done = |words: &str| {
         let ran = run(folder, words, environment);
@@ -56,7 +56,7 @@ fn made(folder: &Path, environment: (&str, &str)) -> Vec<(&'static str, Vec<u8>,
     all
 }
 
-/// The greatest difference, of the greatest amplitude.
+/// Maximum difference, over the maximum amplitude.
 fn difference(a: &[Complex32], b: &[Complex32]) -> f32 {
     let greatest =
         |numbers: &mut dyn Iterator<Item = Complex32>| numbers.map(Complex32::norm).fold(0.0, f32::max);
@@ -70,7 +70,7 @@ fn every_level_gives_the_same_bytes() {
     let folder = workplace();
     let expected = made(folder.path(), ("HOLOSONAR_SIMD", ""));
     let had = Level::ALL.iter().copied().filter(|level| *level <= Level::of_processor());
-    // The processor's own level comes last: a second run at the level that was taken unasked.
+    // The processor's own level comes last: a second run at the default level.
     for level in had {
         let found = made(folder.path(), ("HOLOSONAR_SIMD", level.as_str()));
         for ((what, found, samples), (_, expected, those)) in found.iter().zip(&expected) {
@@ -97,7 +97,7 @@ fn the_sines_of_another_processor_change_little() {
 }
 
 #[test]
-fn the_level_is_told_and_must_be_had() {
+fn the_level_is_reported_and_must_be_supported() {
     let folder = workplace();
     let ran = run(folder.path(), "info job.toml -v", ("HOLOSONAR_SIMD", "baseline"));
     assert_eq!(ran.status, 0, "{}", ran.stderr);

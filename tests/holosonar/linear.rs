@@ -131,7 +131,7 @@ fn it_is_the_adjoint_of_a_linear_simulation() {
 }
 
 #[test]
-fn linear_data_come_back_sharp_and_true_data_near_by_do_not() {
+fn linear_data_give_a_sharp_image_and_exact_data_near_by_do_not() {
     let p = DVec3::new(0.2, -0.1, 1.0);
     let point = Reflectors::new(vec![p], vec![Complex32::ONE]).unwrap();
     let instrument = Instrument::new(even(101), lattice([41, 41], [0.025, 0.025], DVec3::ZERO));

@@ -1,4 +1,4 @@
-//! What `plan` says of memory, beside what the program takes of it.
+//! The memory that `plan` predicts, compared with the memory that the program takes.
 
 #![cfg(target_os = "linux")]
 
@@ -13,8 +13,7 @@ use std::path::Path;
 use std::process::Stdio;
 use std::time::Duration;
 
-/// The most bytes that a run of the program ever had in memory: its resident set, with so much of its own code and
-/// libraries as it touched.
+/// Peak memory of a run of the program, bytes: its resident set, including the code and libraries that it used.
 fn measured(folder: &Path, words: &str) -> u64 {
     let mut command = command(folder, words.split_whitespace());
     let mut child = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
@@ -102,7 +101,7 @@ fn write_mesh_job(folder: &Path, mesh: &str) {
     fs::write(folder.join("mesh.toml"), text).unwrap();
 }
 
-/// Every format with about so many triangles.
+/// A mesh of about `count` triangles in every format.
 fn write_meshes(folder: &Path, count: usize) -> [&'static str; 6] {
     write_stl(&folder.join("a.stl"), count);
     write_text_stl(&folder.join("text.stl"), count);
@@ -133,7 +132,7 @@ fn a_mesh_of_every_format_is_held_to_the_memory_there_is() {
     }
 }
 
-/// A file that begins with `start` and is so long in all, of which the rest takes no room on the disk.
+/// A file of `length` bytes that begins with `start`; the rest takes no space on the disk.
 fn write_sparse(path: &Path, start: &[u8], length: u64) {
     let mut file = File::create(path).unwrap();
     file.write_all(start).unwrap();

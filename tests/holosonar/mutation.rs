@@ -1,4 +1,4 @@
-//! Files nobody vouches for: seeded damage to every kind of input gives a result or an error, never a panic.
+//! Untrusted files: seeded damage to every kind of input gives a result or an error, never a panic.
 
 use crate::binary::shipped;
 use crate::support::{Random, data};
@@ -71,7 +71,7 @@ pub(crate) fn retouch(bytes: &[u8], random: &mut Random) -> Vec<u8> {
     retouched
 }
 
-/// Damages a file `times` times and reads what comes of it; errors must be the file's fault and one paragraph long.
+/// Damages a file `times` times and reads the result; errors must be input errors and one paragraph long.
 fn survives<T>(original: &Path, times: u64, read: impl Fn(&Path) -> Result<T>) {
     let bytes = std::fs::read(original).unwrap();
     let folder = tempfile::tempdir().unwrap();

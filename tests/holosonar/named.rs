@@ -1,9 +1,9 @@
-//! What a message must name: files, keys, places and numbers, in whatever words stand around them.
+//! What a message must name: files, keys, places and numbers, whatever the words around them.
 //!
-//! Tests hold messages to these instead of to their sentences, so that a rewording breaks no test and a message that no longer
-//! says where the fault is, or by how much, does. The library's unit tests take this file, too (`src/lib.rs`).
+//! Tests check these instead of sentences: a rewording breaks no test, but a message that no longer says where the fault
+//! is, or by how much, does. The library's unit tests use this file too (`src/lib.rs`).
 
-/// The parts that a message does not name. A number must stand there whole: `30` is in `30.0`, and `1.5` in `1.50`, but `30` is
+/// The parts that a message does not name. A number must be complete: `30` is in `30.0`, and `1.5` in `1.50`, but `30` is
 /// not in `300`, `130`, `30.5` or `1.30`.
 fn unnamed<'a>(message: &str, parts: &[&'a str]) -> Vec<&'a str> {
     parts.iter().copied().filter(|part| !names(message, part)).collect()
@@ -23,12 +23,12 @@ fn names(message: &str, part: &str) -> bool {
     })
 }
 
-/// Whether a message names all of `parts`; a number must stand there whole.
+/// Whether a message names all of `parts`; a number must be complete.
 pub(crate) fn all_named(message: impl AsRef<str>, parts: &[&str]) -> bool {
     unnamed(message.as_ref(), parts).is_empty()
 }
 
-/// Asserts that a message names all of `parts`; a number must stand there whole.
+/// Asserts that a message names all of `parts`; a number must be complete.
 ///
 /// # Panics
 /// With the message and what is missing.
@@ -40,7 +40,7 @@ pub(crate) fn assert_names(message: impl AsRef<str>, parts: &[&str]) {
 }
 
 #[test]
-fn a_number_is_named_whole_and_words_in_any_place() {
+fn numbers_must_be_complete_and_words_may_be_anywhere() {
     let message =
         "run.toml:3:1, key `sweep.step`: 10000.0 is 333.3333 steps of 30; take -9 or 25. Or 1.50 m.";
     let named =

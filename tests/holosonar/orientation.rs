@@ -65,7 +65,7 @@ fn truth(run: &RunFile) -> DepthMap {
     read.map
 }
 
-/// The F of three rectangles as an OBJ, each picture point (x right, y down) put where `place` says.
+/// The F of three rectangles as an OBJ, with each picture point (x right, y down) at `place` of it.
 fn obj(place: impl Fn(f64, f64) -> DVec3) -> String {
     let mut text = String::new();
     for [left, top, right, bottom] in

@@ -1,7 +1,6 @@
-//! Every parser under seeded mutations, so many each: a result or an error that is the file's fault, and never a panic,
-//! within a bound of time and memory.
+//! Every parser under seeded mutations: a result or an input error, and never a panic, within limits of time and memory.
 //!
-//! `HOLOSONAR_MUTATIONS` says how many per parser. `.ci/run` runs this in a release build.
+//! `HOLOSONAR_MUTATIONS` sets the number of mutations per parser. `.ci/run` runs this in a release build.
 
 use crate::binary::shipped;
 use crate::mutation::{damage, glb, retouch};
@@ -31,7 +30,7 @@ use std::time::{Duration, Instant};
 /// Bytes that any array of a file may take.
 const LIMIT: u64 = 1 << 24;
 
-/// No file of a few kB may keep a reader this long: then it hangs.
+/// A reader that takes longer for a file of a few kB hangs.
 const HANGS: Duration = Duration::from_mins(1);
 
 /// A file to be damaged, with what reading it takes.

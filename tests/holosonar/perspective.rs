@@ -1,4 +1,4 @@
-//! The perspective view, and what is judged by material, from outside.
+//! The perspective view and the metrics of each material, through the binary.
 
 use crate::binary::{done, refused, run, shipped};
 use crate::named::assert_names;
@@ -9,7 +9,7 @@ fn json(text: &str) -> Value {
 }
 
 #[test]
-fn a_camera_sees_what_stands_there_and_views_are_not_mixed() {
+fn a_camera_shows_the_scene_and_views_are_not_mixed() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path();
     let scene = shipped("camera.toml");
@@ -20,7 +20,7 @@ fn a_camera_sees_what_stands_there_and_views_are_not_mixed() {
     assert!(report["metrics"]["completeness"].as_f64().unwrap() > 0.80, "{}", report["metrics"]);
     assert_eq!(report["pixels"], 160 * 120);
 
-    // The reconstructed map lies on the same pixels as a truth made by itself, and each material is judged.
+    // The reconstructed map has the same pixels as a truth computed separately, and each material is scored.
     done(path, &format!("truth {scene} -o truth.exr -q"));
     let scored = json(&done(path, "compare out/depth.exr truth.exr --png error.png --json"));
     assert_eq!(scored["metrics"], report["metrics"]);
@@ -38,7 +38,7 @@ fn a_camera_sees_what_stands_there_and_views_are_not_mixed() {
     // The file's `pixels` go with the perspective view.
     done(path, &format!("truth {scene} -o parallel.exr -q --set depth.view=orthographic"));
     refused(path, "compare out/depth.exr parallel.exr", 2, &["orthographic", "perspective"]);
-    // A volume says nothing of a camera.
+    // A volume has no camera.
     refused(path, &format!("depth out/volume.npz -c {scene} -o again.exr"), 2, &["fov", "degrees"]);
     done(path, &format!("depth out/volume.npz -c {scene} -o again.exr -q --set depth.fov=40.107045659"));
     let again = json(&done(path, "compare again.exr truth.exr --json"));

@@ -1,4 +1,4 @@
-//! Losses and microphone errors from run file to image, each against what theory says of it.
+//! Losses and microphone errors from run file to image, each compared with theory.
 
 use crate::support::relative_difference;
 use glam::DVec3;
@@ -31,7 +31,7 @@ fn cube(geometry: Geometry, errors: Option<ArrayErrors>) -> DataCube {
 }
 
 #[test]
-fn spreading_is_undone_by_every_method_and_geometry() {
+fn every_method_and_geometry_compensates_spreading() {
     for geometry in [Geometry::ORIGIN, Geometry::Monostatic] {
         let cube = cube(geometry, None);
         let images = [Method::Direct, Method::Convolution, Method::Backprojection].map(|method| {
@@ -52,7 +52,7 @@ fn spreading_is_undone_by_every_method_and_geometry() {
 }
 
 #[test]
-fn phase_errors_take_from_the_peak_what_theory_says() {
+fn phase_errors_reduce_the_peak_as_theory_says() {
     // The mean of e^{iφ} over Gaussian φ is e^{−σ²/2}.
     let errors = ArrayErrors { gain_db: 0.0, phase: 40.0, position: 0.0, seed: 5 };
     let options = ReconstructOptions::new(Method::Direct, Window::None);
@@ -73,7 +73,7 @@ fn point(overrides: &[&str]) -> RunFile {
 }
 
 #[test]
-fn a_run_file_turns_it_on_and_the_report_says_so() {
+fn a_run_file_enables_losses_and_the_report_lists_them() {
     let plain = image_scene(&point(&[]), &JobOptions::default()).unwrap();
     assert!(plain.physics.is_empty());
     let spread = image_scene(&point(&["medium.spreading=true"]), &JobOptions::default()).unwrap();

@@ -1,4 +1,4 @@
-//! What `plan` predicts, what memory is held to, and volumes that grow depth by depth.
+//! The predictions of `plan`, the memory limit, and volumes that are written depth by depth.
 
 use crate::binary::{done, files_below, refused, shipped};
 use serde_json::Value;
@@ -31,7 +31,7 @@ fn plan_predicts_what_image_writes_and_touches_nothing() {
 }
 
 #[test]
-fn memory_is_held_to_and_a_refusal_says_what_would_fit() {
+fn the_memory_limit_is_kept_and_a_refusal_says_what_would_fit() {
     let folder = tempfile::tempdir().unwrap();
     let scene = shipped("corner.toml");
     let words = format!("image {} -o out --memory 20MiB", scene.display());
@@ -40,7 +40,7 @@ fn memory_is_held_to_and_a_refusal_says_what_would_fit() {
 }
 
 #[test]
-fn a_volume_that_grows_is_the_volume_held_whole() {
+fn a_volume_written_by_depths_is_the_volume_in_memory() {
     let folder = tempfile::tempdir().unwrap();
     let scene = shipped("point.toml");
     done(folder.path(), &format!("simulate {} -o cube.npz -q", scene.display()));

@@ -1,5 +1,5 @@
 //! Against independent brute-force answers (NumPy, float64) in `tests/data/reference`, which `tests/reference/generate.py`
-//! writes and `.ci/run` makes anew and compares.
+//! writes and `.ci/run` generates again and compares.
 
 use crate::support::{data, relative_difference, write_npz};
 use glam::DVec3;
@@ -71,7 +71,7 @@ fn volumes_at_4_mm_on_half_the_pitch() {
 }
 
 #[test]
-fn a_cube_file_comes_back_as_it_was_and_byte_for_byte() {
+fn a_cube_file_survives_reading_and_writing_bit_for_bit() {
     let folder = tempfile::tempdir().unwrap();
     for name in ["cube_quadrature", "cube_in_phase", "forward_monostatic_quadrature"] {
         let cube = DataCube::read(&data(&format!("reference/{name}.npz")), LIMIT).unwrap();

@@ -1,5 +1,4 @@
-//! The shipped scenes held to their own `[expect]`, and negative controls: what should fail does fail, so that the
-//! limits mean something.
+//! The shipped scenes are checked against their own `[expect]`. Negative controls prove that the limits can be missed.
 
 use crate::binary::shipped;
 use glam::{DMat3, DVec3};
@@ -14,7 +13,7 @@ fn overrides(typed: &[&str]) -> Vec<String> {
     typed.iter().map(|&s| s.to_owned()).collect()
 }
 
-/// Holds a shipped scene to its `[expect]`, with seeds of the caller's or of the scene's own choice.
+/// Checks a shipped scene against its `[expect]`, with the caller's or the scene's own seeds.
 fn keeps_its_limits(scene: &str, seeds: &[u32]) {
     let path = shipped(scene);
     let run = RunFile::load(&path, &[]).unwrap();

@@ -1,4 +1,4 @@
-//! The command that computes the paper's Table I, ghosts and figures anew, held to an independent calculation.
+//! The command that reproduces the paper's Table I, grating lobes and figures, compared with an independent calculation.
 
 use crate::binary::{done, files_below};
 use serde_json::Value;
@@ -48,7 +48,7 @@ fn check_table(table: &Value, least_squares: &Value) {
     }
 }
 
-/// Figure 7: where ghosts show, and where the classical rule puts them.
+/// Figure 7: where grating lobes appear, and where the classical rule predicts them.
 fn check_aliasing(studies: &[Value]) {
     let counts: Vec<u64> = studies.iter().map(|study| study["microphones"].as_u64().unwrap()).collect();
     assert_eq!(counts, [15, 31, 63, 255]);
@@ -57,7 +57,7 @@ fn check_aliasing(studies: &[Value]) {
     assert_eq!(seen, [true, true, false, false], "15, 31, 63 and 255 microphones");
     for study in studies {
         let number = |ghost: &Value, key: &str| ghost[key].as_f64().unwrap();
-        // Ghosts beyond the array's end bend further away; those within it are where the rule puts them.
+        // Grating lobes beyond the array's end are farther away; those within it are where the rule predicts them.
         let within = list(&study["ghosts"]).iter().filter(|ghost| number(ghost, "predicted_x").abs() < 1.2);
         for ghost in within {
             let off = (number(ghost, "predicted_x") - number(ghost, "measured_x")).abs();

@@ -1,4 +1,4 @@
-//! A folder of honest and of nasty mesh files, each held to what `expected.toml` says comes of it.
+//! A folder of good and of damaged mesh files, each compared with its entry in `expected.toml`.
 
 use crate::binary::{files_below, run};
 use crate::named::{all_named, assert_names};
@@ -45,7 +45,7 @@ fn vector(expected: &Table, key: &str) -> DVec3 {
     DVec3::from_slice(&list.iter().map(|v| v.as_float().unwrap()).collect::<Vec<_>>())
 }
 
-/// What the entry asks for in reading.
+/// The options that the entry requests.
 pub(crate) fn options(expected: &Table) -> LoadOptions {
     let word = |key: &str| expected.get(key).map(|value| value.as_str().unwrap());
     let mut options = LoadOptions::default();
@@ -63,7 +63,7 @@ pub(crate) fn options(expected: &Table) -> LoadOptions {
     options
 }
 
-/// Every file of the folder that is read by itself, with what its entry asks for.
+/// Every mesh file of the folder, with the options that its entry requests.
 pub(crate) fn inputs() -> Vec<(PathBuf, LoadOptions)> {
     table().iter().map(|(name, expected)| (data("scenes").join(name), options(expected))).collect()
 }

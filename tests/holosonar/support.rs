@@ -1,4 +1,4 @@
-//! What several topics need: seeded random cubes and the comparisons the contract is written in.
+//! Helpers for several topics: seeded random cubes and comparisons of volumes.
 
 use glam::DVec3;
 use holosonar::acquisition::{DataCube, Detection, Instrument, MicArray, Sweep};
@@ -75,7 +75,7 @@ pub(crate) fn random_cube(
     DataCube::new(instrument, samples).unwrap()
 }
 
-/// A grid whose voxel pitch is the microphones' divided by `u`, anywhere at all beside and before the array.
+/// A grid whose voxel pitch is the microphones' divided by `u`, anywhere beside and before the array.
 pub(crate) fn lattice_grid(random: &mut Random, array: &MicArray, u: [usize; 2], count: [usize; 3]) -> Grid {
     let lattice = array.lattice().unwrap();
     let mut axis = |mics: &Axis, u: usize, count: usize| Axis {
@@ -90,7 +90,7 @@ pub(crate) fn lattice_grid(random: &mut Random, array: &MicArray, u: [usize; 2],
     }
 }
 
-/// Greatest difference of two volumes against the greatest amplitude of the second.
+/// Maximum difference of two volumes over the maximum amplitude of the second.
 pub(crate) fn relative_difference(a: &[Complex32], b: &[Complex32]) -> f64 {
     assert_eq!(a.len(), b.len());
     let difference = a.iter().zip(b).map(|(a, b)| (a - b).norm()).fold(0.0, f32::max);
@@ -98,7 +98,7 @@ pub(crate) fn relative_difference(a: &[Complex32], b: &[Complex32]) -> f64 {
     f64::from(difference / peak)
 }
 
-/// The voxel of greatest amplitude, as (ix, iy, iz).
+/// The voxel of maximum amplitude, as (ix, iy, iz).
 pub(crate) fn brightest(volume: &Volume) -> (usize, usize, usize) {
     let best = (0..volume.samples.len())
         .max_by(|a, b| volume.samples[*a].norm_sqr().total_cmp(&volume.samples[*b].norm_sqr()))

@@ -1,4 +1,4 @@
-//! What the program says of itself and of its work: the manual, and the stages with `-v`.
+//! The manual pages, and the stages that `-v` lists.
 
 use crate::binary::{done, files_below, run, shipped};
 
@@ -23,7 +23,7 @@ fn every_command_has_a_manual_page() {
 }
 
 #[test]
-fn a_file_without_a_command_is_told_which_takes_it() {
+fn a_file_without_a_command_gets_a_suggestion() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("part.stl"), "").unwrap();
     let ran = run(folder.path(), "part.stl");

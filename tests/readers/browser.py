@@ -116,7 +116,7 @@ class Browser:
         self.wait("document.documentElement?.dataset.ready === 'true' && document.documentElement.dataset.drawn > 0")
 
     def run(self, script):
-        """What a script comes to."""
+        """The value of a script."""
         answer = self.send("Runtime.evaluate", expression=script, returnByValue=True, awaitPromise=True)
         if "exceptionDetails" in answer:
             raise SystemExit(f"{script}: {answer['exceptionDetails']}")

@@ -226,8 +226,8 @@ def check_depth_exr(path, volume, fill, half=False):
         close(path, "fieldOfViewY is that of the slopes", number(header, "sonar:fieldOfViewY"), field, 1e-9)
     else:
         along_ray = np.sqrt(xs[None, :] ** 2 + ys[:, None] ** 2 + z**2)
-        close(path, "the columns stand at the volume's x", xs, volume["x"], 1e-9)
-        close(path, "the rows stand at the volume's y", ys, volume["y"], 1e-9)
+        close(path, "the columns are at the volume's x", xs, volume["x"], 1e-9)
+        close(path, "the rows are at the volume's y", ys, volume["y"], 1e-9)
     close(path, "range.V is the distance from the origin", ch["range.V"][accepted], along_ray[accepted], 1e-6)
     for name in [n for n in ch if n.endswith(".id")]:
         ids, names = ch[name], json.loads(header["sonar:materials"])
@@ -248,7 +248,7 @@ def check_depth_exr(path, volume, fill, half=False):
         check(path, f"return{k}.V = 0 where there is none", (ch[f"return{k}.V"][~found] == 0).all())
         if nearer is not None:
             behind = ch[f"return{k}.Z"] > ch[f"return{k - 1}.Z"]
-            check(path, f"return {k} lies behind return {k - 1}", behind[found].all())
+            check(path, f"return {k} is behind return {k - 1}", behind[found].all())
             check(path, f"return {k} only with return {k - 1}", nearer[found].all())
         nearer = found
         k += 1
@@ -287,7 +287,7 @@ def check_depth_against_volume(path, header, ch, volume):
     at_peak = np.take_along_axis(off, peak[None], axis=0)[0] <= 1.75 * cell
     strong = near.max(axis=0) >= 10 ** (-12 / 20) * magnitude.max(axis=0)
     share = (at_peak & strong)[accepted].mean() if accepted.any() else 1.0
-    check(path, "Z lies at a strong return of the volume in 95 % of the pixels", share >= 0.95, f"({share:.3f})")
+    check(path, "Z is at a strong return of the volume in 95 % of the pixels", share >= 0.95, f"({share:.3f})")
 
 
 def check_nrrd(path, volume):
@@ -329,7 +329,7 @@ def check_depth_ply(path, found):
     normals = np.stack([points["nx"], points["ny"], points["nz"]], axis=1).astype(np.float64)
     close(path, "unit normals", np.linalg.norm(normals, axis=1), np.ones(len(normals)), 1e-6)
     check(path, "normals turned to the array", (normals[:, 2] < 0).all())
-    # Where all nine depths lie on one smooth surface, central differences give nearly the same.
+    # Where all nine depths are on one smooth surface, central differences give nearly the same.
     z = np.where(accepted, ch["Z"], np.nan).astype(np.float64)
     slopes = np.full((2, *z.shape), np.nan)
     inner = z[1:-1, 1:-1] if perspective else 1.0

@@ -194,7 +194,7 @@ def difference_of_arrays(name, expected, found):
 
 
 def differences_of_files(expected, found):
-    """Every difference of a file from that of the same name made anew, one line each."""
+    """Every difference of a file from the newly generated one, one line each."""
     if expected.suffix != ".npz":
         if expected.read_bytes() != found.read_bytes():
             pairs = zip(expected.read_text().splitlines(), found.read_text(errors="replace").splitlines())
@@ -215,7 +215,7 @@ def differences_of_files(expected, found):
 
 
 def differences_of_folders(made, folder):
-    """Every difference of a folder from one made anew, one line each, and how many of its files are the same bytes."""
+    """Every difference of a folder from a newly generated one, one line each, and how many of its files are identical."""
     lines, equal = [], 0
     for name in sorted({path.name for path in made.iterdir()} | {path.name for path in folder.iterdir()}):
         expected, found = made / name, folder / name
@@ -230,7 +230,7 @@ def differences_of_folders(made, folder):
 
 
 def check(folder):
-    """Compares a folder with what is made anew, and prints every difference by name; gives their number."""
+    """Compares a folder with a newly generated one, prints every difference by name and returns their number."""
     with tempfile.TemporaryDirectory() as temporary:
         made = Path(temporary)
         generate(made)
@@ -238,7 +238,7 @@ def check(folder):
         count = len(list(made.iterdir()))
     for line in lines:
         print(f"FAILED {line}")
-    print(f"{folder}: {count} files made anew, of which {equal} are the same to the last byte; {len(lines)} differences")
+    print(f"{folder}: {count} files generated again, of which {equal} are identical; {len(lines)} differences")
     return len(lines)
 
 

@@ -21,7 +21,7 @@ pub(super) struct Document {
     path: PathBuf,
     pub(super) root: json::Root,
     pub(super) buffers: Vec<Vec<u8>>,
-    /// The most bytes that a file may take; see [`files::read`].
+    /// Maximum size of a file, bytes; see [`files::read`].
     memory: Option<u64>,
     /// Number of sparse values that may still be read.
     allowance: Cell<u64>,

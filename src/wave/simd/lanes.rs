@@ -1,4 +1,4 @@
-//! The bodies of the phasor kernels for transforms by lanes: a length or a tone in every lane.
+//! The bodies of the phasor kernels for transforms by lanes: a length or a frequency in every lane.
 
 use super::{LANES, Lanes, ROWS, sin_cos_turns, wrap_fast};
 

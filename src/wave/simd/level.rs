@@ -31,7 +31,7 @@ impl Level {
         Self::Baseline
     }
 
-    /// The level of this name, for a processor whose highest is `most`; `place` says in the message where the name is from.
+    /// The level of this name, for a processor whose highest is `most`; `place` is where the name was given, for the message.
     ///
     /// # Errors
     /// [`Error::InvalidInput`]: no such level, or one above `most`.
@@ -59,8 +59,7 @@ static LIMIT: AtomicU8 = AtomicU8::new(Level::Avx512 as u8);
 ///
 /// This is the library's only setting for a whole process. The instruction set is a property of the computer, which the
 /// kernels detect themselves, and no result depends on it. As an argument it would pass through every function of every
-/// stage, only for tests that compare the levels and for processors that slow down their clock when they use wide
-/// registers. The library reads no environment variable; the command line sets this from `HOLOSONAR_SIMD`.
+/// stage, and only tests that compare the levels and processors that reduce their clock rate for wide registers need it. The library reads no environment variable; the command line sets this from `HOLOSONAR_SIMD`.
 ///
 /// ```
 /// use holosonar::wave::simd::{Level, level, limit};
@@ -86,7 +85,7 @@ mod tests {
     use crate::named::assert_names;
 
     #[test]
-    fn a_level_is_named_and_had() {
+    fn levels_are_parsed_and_limited_to_the_processor() {
         for level in Level::ALL.iter().copied() {
             assert_eq!(Level::named("here", level.as_str(), Level::Avx512), Ok(level));
             assert_eq!(Level::ALL[level as usize], level, "in ascending order");

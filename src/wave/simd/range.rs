@@ -23,7 +23,7 @@ pub(crate) struct Points {
     z: Vec<f32>,
     /// `x² + y² + z²`, times the number of return legs.
     square: Vec<f32>,
-    /// How much longer the outward path to the point is than that to the centre.
+    /// Length of the outward path to the point minus that of the path to the centre.
     outward: Vec<f32>,
     /// Maximum distance of a point from the centre.
     radius: f32,
@@ -38,7 +38,7 @@ const SHORT_RISE: [f32; 7] =
 
 impl Points {
     /// Points as `[x, y, z, outward]`: the offset from the centre, and the outward length minus that to the centre, m.
-    /// `legs` is how many times the path contains the leg to the microphone.
+    /// `legs` is the number of times that the path contains the leg to the microphone.
     pub(crate) fn new(legs: f64, points: impl ExactSizeIterator<Item = [f64; 4]>) -> Self {
         let padded = points.len().next_multiple_of(WIDE);
         let mut split = Self::default();
@@ -172,7 +172,7 @@ fn add_products(turned: &[[f32; LANES]], expansion: &[f32], profile: &mut [[f32;
 /// Converts the difference of path lengths into a phase and a position on the profile.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct RangeScale {
-    /// How many times the path contains the leg to the microphone.
+    /// Number of times that the path contains the leg to the microphone.
     pub(crate) legs: f32,
     /// f_c/c with the sign of the inverse, −1/m.
     pub(crate) carrier: f32,
@@ -263,7 +263,7 @@ fn horner(place: &[f32; WIDE], profile: [&[[f32; LANES]]; 2], lane: usize, value
     }
 }
 
-/// `Σ_k g_k T_k(t)` by Clenshaw's recurrence, two steps at a time so that no value has to be moved.
+/// `Σ_k g_k T_k(t)` by Clenshaw's recurrence, two steps at a time so that no value has to be copied.
 #[inline(always)]
 fn clenshaw(place: &[f32; WIDE], profile: [&[[f32; LANES]]; 2], lane: usize, value: &mut [[f32; WIDE]; 2]) {
     let (mut twice, mut above) = ([0.0f32; WIDE], [[0.0f32; WIDE]; 2]);

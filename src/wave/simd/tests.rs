@@ -3,7 +3,7 @@
 use super::*;
 use crate::wave::phasor;
 
-/// Lengths and amplitudes that look random without a generator.
+/// Pseudo-random lengths and amplitudes.
 fn terms(n: usize) -> (Vec<f64>, Vec<Complex32>) {
     let fraction = |i: usize, k: f64| (i as f64 * k).fract();
     let lengths = (0..n).map(|i| 0.3 + 11.0 * fraction(i, 0.618_033_988_75)).collect();
@@ -64,7 +64,7 @@ fn the_recurrence_equals_the_literal_sum() {
     }
 }
 
-/// A single echo, whose drift nothing averages.
+/// A single echo, so that no average hides the drift.
 #[test]
 fn a_phasor_drifts_no_more_than_its_rounding() {
     let steps = Steps { start: 10_000.0 / 343.0, step: 50.0 / 343.0, count: 128 };

@@ -8,8 +8,8 @@ use std::fs;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-/// Kills some jobs so many times each, at moments that look random, and goes on with them; gives kills and blocks that were
-/// not computed again.
+/// Kills every job `times` times at pseudo-random moments and resumes it; returns the numbers of kills and of blocks that
+/// were not computed again.
 fn kill(jobs: &[&Job], times: usize, seed: u64, threads: &[&str]) -> (usize, usize) {
     let folder = workplace();
     let folder = folder.path();
@@ -22,7 +22,7 @@ fn kill(jobs: &[&Job], times: usize, seed: u64, threads: &[&str]) -> (usize, usi
             let threads = threads[random.whole(0, threads.len() - 1)];
             let words = format!("{} --checkpoint-every 0 {threads}", job.words);
             let mut child = start(folder, &words);
-            // Seldom enough to get somewhere, and often near the end, where files are written.
+            // Rarely enough to make progress, and often near the end, where files are written.
             let share = random.uniform(0.05, if killed < times { 0.9 } else { 30.0 });
             let until = Instant::now() + whole.mul_f64(share);
             while Instant::now() < until && child.try_wait().unwrap().is_none() {
@@ -52,11 +52,11 @@ fn kill(jobs: &[&Job], times: usize, seed: u64, threads: &[&str]) -> (usize, usi
     (kills, blocks)
 }
 
-/// Blocks that a state file holds whole: behind its heading of 32 bytes follow records, each a heading of 32 bytes, of
-/// which bytes 16 to 23 are the length of what comes next.
+/// Number of complete blocks in a checkpoint file: records follow its heading of 32 bytes, each with a heading of 32 bytes
+/// whose bytes 16 to 23 are the length of the data after it.
 fn whole_blocks(state: &Path) -> usize {
     const HEADING: usize = 32;
-    // A file that has gone meanwhile holds none.
+    // A file that was deleted in the meantime has none.
     let bytes = fs::read(state).unwrap_or_default();
     let (mut at, mut blocks) = (HEADING, 0);
     while let Some(heading) = bytes.get(at..at + HEADING) {
@@ -66,7 +66,7 @@ fn whole_blocks(state: &Path) -> usize {
     blocks
 }
 
-/// Starts a job and kills it once two blocks are stored; gives the number of those it leaves, `None` if it was done
+/// Starts a job and kills it once two blocks are stored; returns the number of blocks it leaves, `None` if it was done
 /// before.
 fn killed_between_blocks(folder: &Path, job: &Job) -> Option<usize> {
     let mut child = start(folder, &format!("{} --checkpoint-every 0", job.words));
@@ -84,7 +84,7 @@ fn killed_between_blocks(folder: &Path, job: &Job) -> Option<usize> {
     Some(stored()).filter(|blocks| ran.status == -1 && *blocks > 0)
 }
 
-/// Most tries to kill a job in the middle, however busy the machine is.
+/// Maximum number of tries to kill a job before it is done.
 const TRIES: usize = 20;
 
 #[test]
@@ -110,11 +110,11 @@ fn a_killed_job_resumes_from_every_block_that_it_stored() {
 
 #[test]
 #[ignore = "about two minutes"]
-fn jobs_of_every_kind_killed_ten_times_each_go_on() {
+fn jobs_of_every_kind_killed_ten_times_each_are_resumed() {
     let (mut kills, mut blocks) = (0, 0);
     for (seed, job) in JOBS.into_iter().enumerate() {
         let (killed, kept) = kill(&[job], 10, 1 + seed as u64, &["", "-j 1", "-j 16"]);
-        assert!(kept > 0, "{}: nothing was taken up", job.words);
+        assert!(kept > 0, "{}: no block was reused", job.words);
         kills += killed;
         blocks += kept;
     }

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// Starts a job and sends it signals as soon as it has kept something.
+/// Starts a job and sends it signals as soon as it has stored a block.
 pub(super) fn signal(folder: &Path, job: &Job, options: &str, signals: &[&str]) -> Ran {
     let child = start(folder, &format!("{} {options}", job.words));
     let begun = Instant::now();
@@ -23,7 +23,7 @@ pub(super) fn signal(folder: &Path, job: &Job, options: &str, signals: &[&str]) 
 }
 
 #[test]
-fn a_signal_ends_the_block_and_says_how_to_go_on() {
+fn a_signal_ends_the_block_and_says_how_to_resume() {
     let folder = workplace();
     let folder = folder.path();
     let (expected, _) = undisturbed(folder, &IMAGE);
@@ -31,7 +31,7 @@ fn a_signal_ends_the_block_and_says_how_to_go_on() {
         let ran = signal(folder, &IMAGE, "--checkpoint-every 0", &[name]);
         assert_eq!(ran.status, status, "{}", ran.stderr);
         let [state] = &states(folder, &IMAGE)[..] else { panic!("one state: {:?}", states(folder, &IMAGE)) };
-        // Where the state is, and that the same command goes on from it.
+        // Where the checkpoint is, and that the same command resumes from it.
         let state = state.file_name().unwrap().to_str().unwrap();
         assert_names(ran.stderr, &["interrupted", "block", state, "same command"]);
         let ran = end(start(folder, IMAGE.words));
@@ -72,7 +72,7 @@ fn send(signal: &str, process: &str) {
     let _ = Command::new("kill").args([signal, process]).stderr(Stdio::null()).status();
 }
 
-/// Most tries to send a second signal before the block ends, however busy the machine is.
+/// Maximum number of tries to send a second signal before the block ends.
 const TRIES: usize = 20;
 
 #[test]
@@ -101,7 +101,7 @@ fn a_second_signal_ends_it_at_once() {
             let ran = end(child);
             assert_eq!(ran.status, status, "{rest}");
             assert_older(folder);
-            // The block may have ended first; then the state would be kept, and this be said.
+            // If the block ended first, the checkpoint is stored, and the message says so.
             let in_order = rest.contains("interrupted");
             assert!(in_order || (rest.is_empty() && states(folder, &SLOW).is_empty()), "{rest}");
             !in_order

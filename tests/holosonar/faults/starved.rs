@@ -84,8 +84,8 @@ fn a_full_disk_loses_nothing() {
     println!("a disk with room for the cube and a quarter of its state: done without the state");
 }
 
-/// Whether a line is the note that a disk takes no more of the state: of a job without an earlier state it is the only note that names
-/// the folder.
+/// Whether a line is the note that the disk has no space for more of the checkpoint: for a job without an earlier
+/// checkpoint it is the only note that names the folder.
 fn says_full(line: &str, folder: &Path) -> bool {
     line.starts_with("note: ") && line.contains(folder.to_str().unwrap())
 }
@@ -109,7 +109,7 @@ fn a_disk_that_fills_in_the_middle_costs_no_block() {
         done(folder, &format!("{job} -q -o expected.npz"));
         let expected = fs::read(folder.join("expected.npz")).unwrap();
         for percent in [15, 30, 50, 70, 85] {
-            // Room for the output, for what is left free, and for so much of the state.
+            // Space for the output, for the reserve, and for this share of the checkpoint.
             let bytes = expected.len() * (100 + growing * percent) / 100 + (1 << 20);
             let Some(disk) = Disk::mount(bytes as u64 / 1024) else { return };
             let (path, ballast) = (disk.0.path().join(name), disk.0.path().join("ballast"));
@@ -167,7 +167,7 @@ fn a_place_that_cannot_be_written_is_found_first() {
     println!("three jobs with a read-only output: each is refused before its work");
 }
 
-/// Runs a job with at most so many bytes of addresses.
+/// Runs a job with a limit on its address space, bytes.
 fn limited(folder: &Path, words: &str, bytes: u64) -> Ran {
     let line = format!("ulimit -v {} && exec \"$0\" {words}", bytes / 1024);
     let output = Command::new("sh")

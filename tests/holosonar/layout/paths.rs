@@ -83,7 +83,7 @@ fn after_string(chars: &[char], start: usize) -> usize {
     i + 1
 }
 
-/// The place after a raw string whose opening quote is at `start`, after so many hashes.
+/// The place after a raw string whose opening quote is at `start`, after `hashes` hashes.
 fn after_raw_string(chars: &[char], start: usize, hashes: usize) -> usize {
     let ends =
         |i: usize| chars[i] == '"' && chars[i + 1..].iter().take_while(|c| **c == '#').count() >= hashes;
@@ -91,8 +91,8 @@ fn after_raw_string(chars: &[char], start: usize, hashes: usize) -> usize {
 }
 
 /// Every path of `text` that begins with `crate`, `self` or `super`, from the crate's root: `["wave", "geometry", "Geometry"]`. `module` is
-/// the file's own, `["scene", "obj"]` for `src/scene/obj.rs`. `self` at the end of a `use` is the module itself, and a `*` stands for all
-/// that is there. A path that climbs beyond the root is `["super"]`.
+/// the file's own, `["scene", "obj"]` for `src/scene/obj.rs`. `self` at the end of a `use` is the module itself, and a `*` is all its items.
+/// A path that climbs beyond the root is `["super"]`.
 pub(super) fn paths(text: &str, module: &[&str]) -> Vec<Vec<String>> {
     let tokens = tokens(text);
     let mut reader = Reader {
