@@ -36,13 +36,14 @@ mod surfaces;
 mod triangle;
 
 #[cfg(test)]
+#[path = "scene/tests/fixtures.rs"]
+mod fixtures;
+#[cfg(test)]
 #[path = "scene/tests/gltf_extensions.rs"]
 mod gltf_extension_tests;
 #[cfg(test)]
 #[path = "scene/tests/gltf.rs"]
 mod gltf_tests;
-#[cfg(test)]
-mod listener;
 #[cfg(test)]
 #[path = "scene/tests/shipped.rs"]
 mod shipped_tests;
@@ -59,6 +60,7 @@ pub use triangle::Triangle;
 use crate::error::{Error, Result};
 use crate::files::extension;
 use crate::progress::{Observer, Silent};
+use files::MeshFile;
 use material::Palette;
 use occlusion::SurfaceTree;
 pub use surfaces::BYTES_PER_TRIANGLE;
@@ -90,8 +92,8 @@ pub struct Scene {
 }
 
 /// The contents of a mesh file, in its own frame and unit.
-struct Mesh {
-    surfaces: Surfaces,
+struct Mesh<'a> {
+    surfaces: Surfaces<'a>,
     metres_per_unit: f64,
     up: Up,
     /// From the file's frame to that of the requested sensor, if one was requested.
@@ -122,32 +124,29 @@ impl Scene {
     /// As [`Scene::load`]; `Error::Interrupted` when the observer asks to stop.
     pub fn load_with(path: &Path, options: &LoadOptions, observer: &dyn Observer) -> Result<Self> {
         options.check()?;
-        let kind = extension(path);
-        if !EXTENSIONS.contains(&kind.as_str()) {
-            return Err(Error::input(
-                path.display(),
-                "has an unsupported mesh format; expected a file named .obj, .gltf, .glb, .stl or .ply",
-            ));
-        }
-        let mut palette = Palette::new(&options.materials)?;
-        let mesh = match kind.as_str() {
-            "obj" => obj::load(path, options, &mut palette, observer)?,
-            "gltf" | "glb" => gltf::load(path, options, &mut palette, observer)?,
-            "stl" => stl::load(path, options, &mut palette, observer)?,
-            _ => ply::load(path, options, &mut palette, observer)?,
+        let file = MeshFile { path, options, observer };
+        let load = match extension(path).as_str() {
+            "obj" => obj::load,
+            "gltf" | "glb" => gltf::load,
+            "stl" => stl::load,
+            "ply" => ply::load,
+            _ => {
+                return Err(file.refused(
+                    "has an unsupported mesh format; expected a file named .obj, .gltf, .glb, .stl or .ply",
+                ));
+            }
         };
+        let mut palette = Palette::new(&options.materials)?;
+        let mesh = load(file, &mut palette)?;
         if observer.should_stop() {
             return Err(Error::Interrupted);
         }
-        let materials = palette.finish(path, observer);
-        let (camera, triangles) = (mesh.camera, place(mesh, options, observer)?);
+        let materials = palette.finish(file);
+        let (camera, triangles) = (mesh.camera, place(mesh, options)?);
         // `new` names only the triangle at fault; the file is added here.
-        let scene = Self::new(triangles, materials).map_err(|error| match error {
-            Error::InvalidInput { ref place, .. } => {
-                let place = format!("{}, {place}", path.display());
-                error.at(place)
-            }
-            other => other,
+        let scene = Self::new(triangles, materials).map_err(|error| {
+            let place = format!("{}, {}", path.display(), error.place().unwrap_or_default());
+            error.at(place)
         })?;
         Ok(Self { camera, ..scene })
     }
@@ -169,24 +168,17 @@ impl Scene {
             material.check()?;
         }
         for (i, triangle) in triangles.iter().enumerate() {
-            let place = || format!("triangle {i}");
+            let refused = |problem| Err(Error::input(format!("triangle {i}"), problem));
             // Written so that NaN fails too.
             if !triangle.vertices.iter().all(|v| v.abs().max_element() <= FARTHEST && v.is_finite()) {
-                return Err(Error::input(
-                    place(),
-                    format!(
-                        "has a vertex that is not finite or is beyond {FARTHEST:e} m; check the unit and scale"
-                    ),
+                return refused(format!(
+                    "has a vertex that is not finite or is beyond {FARTHEST:e} m; check the unit and scale"
                 ));
             }
-            if triangle.material as usize >= materials.len() {
-                return Err(Error::input(
-                    place(),
-                    format!(
-                        "refers to material {}, counted from 0, but there are {}",
-                        triangle.material,
-                        materials.len()
-                    ),
+            let (material, count) = (triangle.material as usize, materials.len());
+            if material >= count {
+                return refused(format!(
+                    "refers to material {material}, counted from 0, but there are {count}"
                 ));
             }
         }
@@ -226,9 +218,9 @@ impl Scene {
 }
 
 /// Transforms the triangles from the file's frame to the array's.
-fn place(mesh: Mesh, options: &LoadOptions, observer: &dyn Observer) -> Result<Vec<Triangle>> {
+fn place(mesh: Mesh<'_>, options: &LoadOptions) -> Result<Vec<Triangle>> {
     let Mesh { surfaces, metres_per_unit, up, sensor, .. } = mesh;
-    let mut triangles = surfaces.finish(observer)?;
+    let mut triangles = surfaces.finish()?;
     let placement = placement::placement(&triangles, metres_per_unit, up, sensor, options);
     for triangle in &mut triangles {
         triangle.vertices = triangle.vertices.map(|v| placement.transform_point3(v));

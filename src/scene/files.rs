@@ -5,11 +5,77 @@ use std::fs::{self, File};
 use std::io::Read;
 use std::path::{Component, Path, PathBuf};
 
+use super::{LoadOptions, Unit};
 use crate::alloc::try_with_capacity;
 use crate::error::{Error, Result, gib};
+use crate::progress::Observer;
 
 /// Maximum size of a scene file, bytes.
 const LARGEST_FILE: u64 = 4 << 30;
+
+/// A mesh file, or one that it refers to, while it is read.
+#[derive(Clone, Copy)]
+pub(super) struct MeshFile<'a> {
+    pub(super) path: &'a Path,
+    pub(super) options: &'a LoadOptions,
+    pub(super) observer: &'a dyn Observer,
+}
+
+impl MeshFile<'_> {
+    /// All its bytes, which must not exceed [`LoadOptions::memory`].
+    pub(super) fn read(&self) -> Result<Vec<u8>> {
+        read(self.path, self.options.memory)
+    }
+
+    /// The error for the file as a whole.
+    pub(super) fn refused(&self, problem: impl Into<String>) -> Error {
+        Error::input(self.path.display(), problem)
+    }
+
+    /// The error for a place in the file, such as "line 3".
+    pub(super) fn refused_at(&self, place: impl Display, problem: impl Into<String>) -> Error {
+        Error::input(format!("{}, {place}", self.path.display()), problem)
+    }
+
+    pub(super) fn warn(&self, message: impl Display) {
+        self.observer.warn(&format!("{}: {message}", self.path.display()));
+    }
+
+    /// The error for part of the mesh that does not fit in memory.
+    pub(super) fn does_not_fit(&self, what: &str) -> Error {
+        does_not_fit(self.path.display(), what)
+    }
+
+    /// Metres per unit; an error where they are not given. `format` reads like "an OBJ".
+    pub(super) fn needed_unit(&self, format: &str) -> Result<f64> {
+        self.options.unit.map(Unit::metres).ok_or_else(|| {
+            self.refused(format!(
+                "{format} file does not specify its unit of length; set `unit = \"mm\"` (m, cm, mm, in or ft) under \
+                 [scene] or give `--unit mm`"
+            ))
+        })
+    }
+
+    /// Refuses a sensor for a file without cameras and nodes; `format` reads like "an OBJ".
+    pub(super) fn refuse_sensor(&self, format: &str) -> Result<()> {
+        if self.options.sensor.is_none() {
+            return Ok(());
+        }
+        let file = self.path.display();
+        let problem = format!("needs a glTF file; {file} is {format} file, which has no cameras or nodes");
+        Err(Error::input("sensor", problem))
+    }
+}
+
+/// At most eight names, for messages.
+pub(super) fn list_names<'a>(names: impl IntoIterator<Item = &'a String>) -> String {
+    const SHOWN: usize = 8;
+    let mut list: Vec<_> = names.into_iter().take(SHOWN + 1).map(|name| format!("`{name}`")).collect();
+    if let Some(last) = list.get_mut(SHOWN) {
+        "...".clone_into(last);
+    }
+    list.join(", ")
+}
 
 /// Opens a regular file; returns it and its length in bytes. Pipes and devices, which might never end, are refused.
 pub(super) fn open(path: &Path) -> Result<(File, u64)> {
@@ -31,15 +97,13 @@ pub(super) fn open(path: &Path) -> Result<(File, u64)> {
 pub(super) fn read(path: &Path, memory: Option<u64>) -> Result<Vec<u8>> {
     let (file, length) = open(path)?;
     if let Some(limit) = memory.filter(|limit| length > *limit) {
-        return Err(Error::input(
-            path.display(),
-            format!(
-                "is a file of {}, which is read into memory, and {} may be used here (--memory sets another limit); \
-                 decimate or split the mesh",
-                gib(length),
-                gib(limit)
-            ),
-        ));
+        let problem = format!(
+            "is a file of {}, which is read into memory, and {} may be used here (--memory sets another limit); \
+             decimate or split the mesh",
+            gib(length),
+            gib(limit)
+        );
+        return Err(Error::input(path.display(), problem));
     }
     // The file may have grown since it was measured.
     let mut bytes = try_with_capacity(length).ok_or_else(|| does_not_fit(path.display(), "its bytes"))?;

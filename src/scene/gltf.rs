@@ -13,69 +13,56 @@ mod sensor;
 
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
-use std::path::Path;
 
 use ::gltf::json;
 use glam::{DAffine3, DMat4, DQuat, DVec3};
 
+use super::files::MeshFile;
 use super::material::Palette;
 use super::surfaces::{Surfaces, too_many_triangles};
-use super::{LoadOptions, Up};
+use super::{Mesh, Unit, Up};
 use crate::error::{Error, Result};
-use crate::progress::Observer;
 use container::Document;
 use instances::Instances;
-use mesh::Mesh;
+use mesh::MeshReader;
 use sensor::SensorSearch;
 
 /// Reads a glTF or GLB file. See [`Scene::load`](super::Scene::load).
-pub(super) fn load(
-    path: &Path,
-    options: &LoadOptions,
-    palette: &mut Palette<'_>,
-    observer: &dyn Observer,
-) -> Result<super::Mesh> {
-    if options.unit.is_some_and(|unit| unit != super::Unit::Metre) {
-        return Err(Error::input(
-            "unit",
-            format!(
-                "{} is glTF, whose unit is the metre; remove `unit`, and use `scale` to resize",
-                path.display()
-            ),
-        ));
+pub(super) fn load<'a>(file: MeshFile<'a>, palette: &mut Palette<'_>) -> Result<Mesh<'a>> {
+    if file.options.unit.is_some_and(|unit| unit != Unit::Metre) {
+        let path = file.path.display();
+        let problem =
+            format!("{path} is glTF, whose unit is the metre; remove `unit`, and use `scale` to resize");
+        return Err(Error::input("unit", problem));
     }
-    let document = Document::open(path, options.memory)?;
+    let document = Document::open(file)?;
     let mut declared = Vec::new();
     for (i, material) in document.root.materials.iter().enumerate() {
-        declared.push(palette.declare(acoustics::material(&document, i, material, observer)?));
+        declared.push(palette.declare(acoustics::material(&document, i, material)?));
     }
     let mut walk = Walk {
         document: &document,
         declared,
         palette,
         meshes: HashMap::new(),
-        surfaces: Surfaces::new(path, options.memory),
-        sensor_search: SensorSearch::new(&document, options.sensor.as_ref()),
+        surfaces: Surfaces::new(file),
+        sensor_search: SensorSearch::new(&document),
         without_surface: 0,
         deformed: 0,
     };
-    walk.run(observer)?;
+    walk.run()?;
     if walk.without_surface > 0 {
-        observer.warn(&format!(
-            "{}: ignored {} primitives of points or lines, which have no surface",
-            path.display(),
-            walk.without_surface
-        ));
+        let count = walk.without_surface;
+        file.warn(format_args!("ignored {count} primitives of points or lines, which have no surface"));
     }
     if walk.deformed > 0 {
-        observer.warn(&format!(
-            "{}: {} meshes are deformed by a skin or morph targets; their rest pose is used",
-            path.display(),
-            walk.deformed
+        let count = walk.deformed;
+        file.warn(format_args!(
+            "{count} meshes are deformed by a skin or morph targets; their rest pose is used"
         ));
     }
-    let sensor = walk.sensor_search.sensor(observer)?;
-    Ok(super::Mesh {
+    let sensor = walk.sensor_search.sensor()?;
+    Ok(Mesh {
         surfaces: walk.surfaces,
         metres_per_unit: 1.0,
         up: Up::Y,
@@ -84,33 +71,32 @@ pub(super) fn load(
     })
 }
 
-struct Walk<'a, 'p> {
-    document: &'a Document,
+struct Walk<'a, 'f, 'p> {
+    document: &'a Document<'f>,
     /// Palette indices of the materials.
     declared: Vec<usize>,
     palette: &'a mut Palette<'p>,
     /// The meshes used so far, by index.
-    meshes: HashMap<usize, Mesh<'a>>,
-    surfaces: Surfaces,
+    meshes: HashMap<usize, MeshReader<'a>>,
+    surfaces: Surfaces<'f>,
     sensor_search: SensorSearch<'a>,
     without_surface: usize,
     deformed: usize,
 }
 
-impl Walk<'_, '_> {
+impl Walk<'_, '_, '_> {
     /// Visits every node of the scene once. An explicit stack avoids deep recursion, and a flag for each node detects
     /// cycles.
-    fn run(&mut self, observer: &dyn Observer) -> Result<()> {
+    fn run(&mut self) -> Result<()> {
         let root = &self.document.root;
         let mut visited = vec![false; root.nodes.len()];
-        let mut stack: Vec<_> =
-            self.roots(observer)?.into_iter().rev().map(|n| (n, DAffine3::IDENTITY)).collect();
+        let mut stack: Vec<_> = self.roots()?.into_iter().rev().map(|n| (n, DAffine3::IDENTITY)).collect();
         while let Some((index, parent)) = stack.pop() {
             let Some(node) = root.nodes.get(index) else {
-                return Err(Error::input(
-                    self.document.name(),
-                    format!("refers to node {index}, which does not exist"),
-                ));
+                return Err(self
+                    .document
+                    .file
+                    .refused(format!("refers to node {index}, which does not exist")));
             };
             let place = || self.document.place("node", index, node.name.as_ref());
             if std::mem::replace(&mut visited[index], true) {
@@ -134,7 +120,7 @@ impl Walk<'_, '_> {
     }
 
     /// The root nodes of the default scene; in a file without scenes, the nodes without a parent.
-    fn roots(&self, observer: &dyn Observer) -> Result<Vec<usize>> {
+    fn roots(&self) -> Result<Vec<usize>> {
         let root = &self.document.root;
         if root.scenes.is_empty() {
             let mut top = vec![true; root.nodes.len()];
@@ -146,19 +132,14 @@ impl Walk<'_, '_> {
             return Ok((0..top.len()).filter(|&i| top[i]).collect());
         }
         let index = root.scene.map_or(0, |scene| scene.value());
+        let (file, count) = (self.document.file, root.scenes.len());
         let Some(scene) = root.scenes.get(index) else {
-            return Err(Error::input(
-                self.document.name(),
-                format!("its default scene is {index}, counted from 0, but there are {}", root.scenes.len()),
-            ));
+            let problem = format!("its default scene is {index}, counted from 0, but there are {count}");
+            return Err(file.refused(problem));
         };
-        if root.scenes.len() > 1 {
-            observer.warn(&format!(
-                "{}: contains {} scenes; scene {index}{} is used",
-                self.document.name(),
-                root.scenes.len(),
-                scene.name.as_ref().map(|n| format!(" (`{n}`)")).unwrap_or_default()
-            ));
+        if count > 1 {
+            let name = scene.name.as_ref().map(|n| format!(" (`{n}`)")).unwrap_or_default();
+            file.warn(format_args!("contains {count} scenes; scene {index}{name} is used"));
         }
         Ok(scene.nodes.iter().map(json::Index::value).collect())
     }
@@ -177,7 +158,7 @@ impl Walk<'_, '_> {
         };
         let mesh = match self.meshes.entry(mesh_index) {
             Entry::Occupied(opened) => opened.into_mut(),
-            Entry::Vacant(place) => place.insert(Mesh::open(document, mesh_index, declared)?),
+            Entry::Vacant(place) => place.insert(MeshReader::open(document, mesh_index, declared)?),
         };
         self.without_surface += mesh.without_surface;
         self.deformed += usize::from(mesh.morphs || node.skin.is_some());
@@ -186,17 +167,17 @@ impl Walk<'_, '_> {
         match mesh.triangles().checked_mul(copies) {
             Some(0) => return Ok(()),
             Some(triangles) => self.surfaces.reserve(triangles)?,
-            None => return Err(too_many_triangles(document.name())),
+            None => return Err(too_many_triangles(document.file.path.display())),
         }
         let owner = node.name.as_deref().unwrap_or_default();
-        for piece in &mesh.pieces {
-            let material = self.palette.assign(piece.material.map(|m| self.declared[m]), owner);
+        for primitive in &mesh.primitives {
+            let material = self.palette.assign(primitive.material.map(|m| self.declared[m]), owner);
             for copy in 0..copies {
                 let to_scene = match &instances {
                     Some(instances) => to_scene * instances.transform(copy)?,
                     None => to_scene,
                 };
-                piece.add_to(&mut self.surfaces, to_scene, material)?;
+                primitive.add_to(&mut self.surfaces, to_scene, material)?;
             }
         }
         Ok(())

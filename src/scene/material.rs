@@ -1,10 +1,9 @@
 //! What a surface does to sound, and where the values come from: a material rule or the mesh file.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::Path;
 
+use super::files::{MeshFile, list_names};
 use crate::error::{Error, Result};
-use crate::progress::Observer;
 use serde::{Deserialize, Serialize};
 
 /// How a surface reflects and transmits the amplitude of sound; equal for both sides, all angles and all frequencies.
@@ -94,6 +93,7 @@ fn matches(pattern: &str, name: &str) -> bool {
 }
 
 /// Collects the materials in use while a file is read: what the file declares, overridden by the rules.
+#[derive(Default)]
 pub(super) struct Palette<'a> {
     rules: &'a [MaterialRule],
     used: Vec<bool>,
@@ -109,31 +109,20 @@ impl<'a> Palette<'a> {
     /// A rule without a name, without a value, or with one outside 0..1.
     pub(super) fn new(rules: &'a [MaterialRule]) -> Result<Self> {
         for (i, rule) in rules.iter().enumerate() {
-            let place = || format!("material rule `{}`", rule.name);
             if rule.name.is_empty() {
-                return Err(Error::input(
-                    format!("material rule {}", i + 1),
-                    "has no name; `*` matches every name",
-                ));
+                let place = format!("material rule {}", i + 1);
+                return Err(Error::input(place, "has no name; `*` matches every name"));
             }
+            let place = || format!("material rule `{}`", rule.name);
             if rule.reflectance.is_none() && rule.transmittance.is_none() {
-                return Err(Error::input(
-                    place(),
-                    "sets neither reflectance nor transmittance; set at least one",
-                ));
+                let problem = "sets neither reflectance nor transmittance; set at least one";
+                return Err(Error::input(place(), problem));
             }
             for (what, value) in [("reflectance", rule.reflectance), ("transmittance", rule.transmittance)] {
                 check_share(place, what, value.unwrap_or(0.0))?;
             }
         }
-        Ok(Self {
-            rules,
-            used: vec![false; rules.len()],
-            declared: Vec::new(),
-            assigned: BTreeMap::new(),
-            materials: Vec::new(),
-            names: BTreeSet::new(),
-        })
+        Ok(Self { rules, used: vec![false; rules.len()], ..Self::default() })
     }
 
     /// Records a material of the file and returns its index for [`Palette::assign`].
@@ -145,7 +134,7 @@ impl<'a> Palette<'a> {
     /// The material of a surface, from the declared material (if the file gives one) and the name of the node or object
     /// it belongs to (may be empty).
     pub(super) fn assign(&mut self, declared: Option<usize>, owner: &str) -> u32 {
-        let material = declared.map_or_else(|| Material::opaque(""), |i| self.declared[i].clone());
+        let mut material = declared.map_or_else(|| Material::opaque(""), |i| self.declared[i].clone());
         for name in [material.name.as_str(), owner] {
             if !name.is_empty() && !self.names.contains(name) {
                 self.names.insert(name.to_owned());
@@ -159,7 +148,6 @@ impl<'a> Palette<'a> {
         if let Some(&index) = self.assigned.get(&(declared, rule)) {
             return index;
         }
-        let mut material = material;
         if material.name.is_empty() {
             material.name = if owner.is_empty() { "unnamed".to_owned() } else { owner.to_owned() };
         }
@@ -177,21 +165,12 @@ impl<'a> Palette<'a> {
     }
 
     /// The materials in use. Warns of rules that matched nothing.
-    pub(super) fn finish(self, path: &Path, observer: &dyn Observer) -> Vec<Material> {
-        const SHOWN: usize = 8;
+    pub(super) fn finish(self, file: MeshFile<'_>) -> Vec<Material> {
+        let names = if self.names.is_empty() { "no names".to_owned() } else { list_names(&self.names) };
         for (rule, _) in self.rules.iter().zip(&self.used).filter(|(_, used)| !**used) {
-            let mut names: Vec<_> = self.names.iter().take(SHOWN).map(|n| format!("`{n}`")).collect();
-            if self.names.len() > SHOWN {
-                names.push("...".to_owned());
-            }
-            let there = if names.is_empty() {
-                "the file contains no names".to_owned()
-            } else {
-                format!("the file contains {}", names.join(", "))
-            };
-            observer.warn(&format!(
-                "{}: material rule `{}` matches no material, node or object (or earlier rules matched them all); {there}",
-                path.display(),
+            file.warn(format_args!(
+                "material rule `{}` matches no material, node or object (or earlier rules matched them all); the file \
+                 contains {names}",
                 rule.name
             ));
         }
@@ -202,9 +181,11 @@ impl<'a> Palette<'a> {
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
+    use super::super::LoadOptions;
     use super::*;
     use crate::named::assert_names;
     use crate::progress::Silent;
+    use std::path::Path;
 
     #[test]
     fn patterns_match_as_in_a_shell() {
@@ -234,7 +215,8 @@ mod tests {
             palette.assign(Some(glass), "cup"),
         );
         let wall = palette.assign(None, "wall");
-        let materials = palette.finish(Path::new("a.obj"), &Silent);
+        let file = MeshFile { path: Path::new("a.obj"), options: &LoadOptions::default(), observer: &Silent };
+        let materials = palette.finish(file);
         assert_eq!(a, b);
         let shares = |i: u32| (materials[i as usize].reflectance, materials[i as usize].transmittance);
         assert_eq!(shares(a), (0.4, 0.9));

@@ -10,53 +10,44 @@ use std::path::Path;
 
 use glam::DVec3;
 
-use super::files::does_not_fit;
+use super::files::{self, MeshFile};
 use super::material::{Material, Palette};
 use super::surfaces::Surfaces;
-use super::{LoadOptions, Mesh, Up, files, mtl};
+use super::{Mesh, Up, mtl};
 use crate::alloc::try_with_capacity;
 use crate::error::{Error, Result};
-use crate::progress::Observer;
 
 /// Reads an OBJ file. See [`Scene::load`](super::Scene::load).
-pub(super) fn load(
-    path: &Path,
-    options: &LoadOptions,
-    palette: &mut Palette<'_>,
-    observer: &dyn Observer,
-) -> Result<Mesh> {
-    options.refuse_sensor("an OBJ", path)?;
-    let mut surfaces = Surfaces::new(path, options.memory);
+pub(super) fn load<'a>(file: MeshFile<'a>, palette: &mut Palette<'_>) -> Result<Mesh<'a>> {
+    file.refuse_sensor("an OBJ")?;
+    let mut surfaces = Surfaces::new(file);
     let mut cleaned = {
-        let bytes = files::read(path, options.memory)?;
+        let bytes = file.read()?;
         // Names may be in any encoding; geometry is ASCII.
         let source = String::from_utf8_lossy(&bytes);
-        clean(source.trim_start_matches('\u{feff}'), path, &surfaces)?
+        clean(source.trim_start_matches('\u{feff}'), file, &surfaces)?
     };
-    let metres_per_unit = metres_per_unit(&cleaned, options, path, observer)?;
+    let metres_per_unit = metres_per_unit(&cleaned, file)?;
     if cleaned.free_form > 0 {
-        observer.warn(&format!(
-            "{}: {} free-form surfaces (`surf`) are not supported; export the mesh as polygons",
-            path.display(),
+        file.warn(format_args!(
+            "{} free-form surfaces (`surf`) are not supported; export the mesh as polygons",
             cleaned.free_form
         ));
     }
-    let declared = declare_materials(&cleaned, path, options, palette, observer)?;
-    let models = read_models(&cleaned, path)?;
+    let declared = declare_materials(&cleaned, file, palette)?;
+    let models = read_models(&cleaned, file)?;
     cleaned.text = String::new();
 
     let mut corners = Vec::new();
     for model in models {
         let mesh = &model.mesh;
         let positions = mesh.positions.chunks_exact(3);
-        let mut vertices = try_with_capacity(positions.len() as u64)
-            .ok_or_else(|| does_not_fit(path.display(), "its vertices"))?;
+        let mut vertices =
+            try_with_capacity(positions.len() as u64).ok_or_else(|| file.does_not_fit("its vertices"))?;
         vertices.extend(positions.map(DVec3::from_slice));
         if let Some(bad) = vertices.iter().find(|v| !v.is_finite()) {
-            return Err(Error::input(
-                format!("{}, object `{}`", path.display(), model.name),
-                format!("has a vertex with a coordinate that is not finite: {bad}"),
-            ));
+            let problem = format!("has a vertex with a coordinate that is not finite: {bad}");
+            return Err(file.refused_at(format_args!("object `{}`", model.name), problem));
         }
         let material = palette.assign(mesh.material_id.map(|i| declared[i]), owner(&model.name));
         let mut rest = mesh.indices.as_slice();
@@ -96,10 +87,9 @@ struct Cleaned {
 }
 
 /// Copies the statements that matter. Refuses more triangles than `surfaces` accepts before it allocates a list of them.
-fn clean(source: &str, path: &Path, surfaces: &Surfaces) -> Result<Cleaned> {
+fn clean(source: &str, file: MeshFile<'_>, surfaces: &Surfaces<'_>) -> Result<Cleaned> {
     let mut text = String::new();
-    text.try_reserve_exact(PREFIX.len() + source.len())
-        .map_err(|_| does_not_fit(path.display(), "its lines"))?;
+    text.try_reserve_exact(PREFIX.len() + source.len()).map_err(|_| file.does_not_fit("its lines"))?;
     text.push_str(PREFIX);
     let mut materials: Vec<String> = Vec::new();
     let mut places = HashMap::new();
@@ -152,8 +142,7 @@ fn clean(source: &str, path: &Path, surfaces: &Surfaces) -> Result<Cleaned> {
             "mtllib" if !rest.is_empty() => libraries.push(rest.to_owned()),
             "surf" => free_form += 1,
             _ if line.starts_with('#') && header.is_none() => {
-                header =
-                    header_unit(line).map_err(|problem| Error::input(at_line(path, number + 1), problem))?;
+                header = header_unit(line).map_err(|problem| at_line(file, number + 1, problem))?;
             }
             _ => {}
         }
@@ -166,8 +155,8 @@ fn uncommented(rest: &str) -> &str {
     rest.split('#').next().unwrap_or_default()
 }
 
-fn at_line(path: &Path, line: usize) -> String {
-    format!("{}, line {line}", path.display())
+fn at_line(file: MeshFile<'_>, line: usize, problem: impl Into<String>) -> Error {
+    file.refused_at(format_args!("line {line}"), problem)
 }
 
 /// Metres per unit from a comment such as `# 1 unit = 1000.000000 mm`, as some CAD programs write it.
@@ -191,53 +180,45 @@ fn header_unit(comment: &str) -> std::result::Result<Option<f64>, String> {
     }
 }
 
-fn metres_per_unit(
-    cleaned: &Cleaned,
-    options: &LoadOptions,
-    path: &Path,
-    observer: &dyn Observer,
-) -> Result<f64> {
-    match (options.unit.map(super::Unit::metres), cleaned.header) {
+fn metres_per_unit(cleaned: &Cleaned, file: MeshFile<'_>) -> Result<f64> {
+    match (file.options.unit.map(super::Unit::metres), cleaned.header) {
         (Some(asked), Some(header)) if (asked / header - 1.0).abs() > 1e-9 => {
-            observer.warn(&format!(
-                "{}: its header says 1 unit = {header} m, but `unit` says {asked} m; `unit` is used",
-                path.display()
+            file.warn(format_args!(
+                "its header says 1 unit = {header} m, but `unit` says {asked} m; `unit` is used"
             ));
             Ok(asked)
         }
         (Some(metres), _) | (None, Some(metres)) => Ok(metres),
-        (None, None) => options.needed_unit("an OBJ", path),
+        (None, None) => file.needed_unit("an OBJ"),
     }
 }
 
 /// Declares every material that a face uses and returns their palette indices. A missing MTL file is a
 /// warning, because the geometry does not depend on it.
-fn declare_materials(
-    cleaned: &Cleaned,
-    path: &Path,
-    options: &LoadOptions,
-    palette: &mut Palette<'_>,
-    observer: &dyn Observer,
-) -> Result<Vec<usize>> {
+fn declare_materials(cleaned: &Cleaned, file: MeshFile<'_>, palette: &mut Palette<'_>) -> Result<Vec<usize>> {
     let mut found: HashMap<String, Material> = HashMap::new();
     for library in &cleaned.libraries {
         // Either one name with spaces, or several names.
-        let whole = files::beside(path, library).is_ok_and(|p| p.is_file());
+        let whole = files::beside(file.path, library).is_ok_and(|p| p.is_file());
         let names = if whole { vec![library.as_str()] } else { library.split_whitespace().collect() };
         for name in names {
-            match files::beside(path, name).map(|file| (files::read(&file, options.memory), file)) {
-                Ok((Ok(bytes), file)) => {
+            let path = match files::beside(file.path, name) {
+                Ok(path) => path,
+                Err(refusal) => {
+                    file.warn(format_args!("mtllib {refusal}; ignored"));
+                    continue;
+                }
+            };
+            let library = MeshFile { path: &path, ..file };
+            match library.read() {
+                Ok(bytes) => {
                     let text = String::from_utf8_lossy(&bytes);
-                    let text = text.trim_start_matches('\u{feff}');
                     // Of duplicate names the first is used.
-                    for material in mtl::parse(text, &file, observer)? {
+                    for material in mtl::parse(text.trim_start_matches('\u{feff}'), library)? {
                         found.entry(material.name.clone()).or_insert(material);
                     }
                 }
-                Ok((Err(error), _)) => {
-                    observer.warn(&format!("{}: materials count as opaque: {error}", path.display()));
-                }
-                Err(refusal) => observer.warn(&format!("{}: mtllib {refusal}; ignored", path.display())),
+                Err(error) => file.warn(format_args!("materials count as opaque: {error}")),
             }
         }
     }
@@ -246,7 +227,7 @@ fn declare_materials(
     Ok(cleaned.materials.iter().map(declare).collect())
 }
 
-fn read_models(cleaned: &Cleaned, path: &Path) -> Result<Vec<tobj::Model>> {
+fn read_models(cleaned: &Cleaned, file: MeshFile<'_>) -> Result<Vec<tobj::Model>> {
     let options = tobj::LoadOptions { ignore_points: true, ignore_lines: true, ..Default::default() };
     // The names in the copy are numbers, which this library resolves to themselves.
     let numbers = || (0..cleaned.materials.len()).map(|i| i.to_string());
@@ -260,26 +241,21 @@ fn read_models(cleaned: &Cleaned, path: &Path) -> Result<Vec<tobj::Model>> {
     let consumed = text.len() - rest.len();
     // Every line that was read ended with a newline; one of them is the prefix.
     let line = text[..consumed].lines().count().saturating_sub(1);
-    match result {
-        Ok((models, _)) => Ok(models),
+    let (line, problem) = match result {
+        Ok((models, _)) => return Ok(models),
         Err(tobj::LoadError::FaceVertexOutOfBounds) => {
             let (line, index, count) =
                 first_index_beyond(&cleaned.text[PREFIX.len()..]).unwrap_or((line, 0, 0));
-            Err(Error::input(
-                at_line(path, line),
-                format!(
-                    "a face refers to corner {index}, but only {count} vertices precede the end of its group"
-                ),
-            ))
+            let group = format!("only {count} vertices precede the end of its group");
+            (line, format!("a face refers to corner {index}, but {group}"))
         }
-        Err(tobj::LoadError::PositionParseError) => {
-            Err(Error::input(at_line(path, line), "a vertex `v` needs three numbers"))
-        }
+        Err(tobj::LoadError::PositionParseError) => (line, "a vertex `v` needs three numbers".to_owned()),
         Err(tobj::LoadError::FaceParseError) => {
-            Err(Error::input(at_line(path, line), "a face `f` must list vertex numbers such as `f 1 2 3`"))
+            (line, "a face `f` must list vertex numbers such as `f 1 2 3`".to_owned())
         }
-        Err(error) => Err(Error::input(at_line(path, line), format!("is not valid OBJ: {error}"))),
-    }
+        Err(error) => (line, format!("is not valid OBJ: {error}")),
+    };
+    Err(at_line(file, line, problem))
 }
 
 /// Line, index and number of vertices so far of the first face that refers to a missing vertex.

@@ -128,21 +128,28 @@ fn merge(found: &mut Vec<Crossing>, tolerance: f64) {
 }
 
 /// The coordinates of the tree, in which the scene fills (-1, 1).
-struct Frame {
+#[derive(Clone, Copy)]
+struct TreeFrame {
     centre: DVec3,
+    /// Half of the longest side of the scene's box, m.
     unit: f64,
+}
+
+impl TreeFrame {
+    fn to_tree(self, p: DVec3) -> Vec3A {
+        ((p - self.centre) / self.unit).as_vec3a()
+    }
 }
 
 /// A triangle, from which the tree's builder gets the box: 16 bytes instead of the 32 of a box.
 struct Boxed<'a> {
     triangle: &'a Triangle,
-    frame: &'a Frame,
+    frame: &'a TreeFrame,
 }
 
 impl Boundable for Boxed<'_> {
     fn aabb(&self) -> Aabb {
-        let Frame { centre, unit } = *self.frame;
-        let [a, b, c] = self.triangle.vertices.map(|v| ((v - centre) / unit).as_vec3a());
+        let [a, b, c] = self.triangle.vertices.map(|v| self.frame.to_tree(v));
         let padding = Vec3A::splat(PADDING);
         Aabb::new(a.min(b).min(c) - padding, a.max(b).max(c) + padding)
     }
@@ -151,7 +158,7 @@ impl Boundable for Boxed<'_> {
 /// Builds the tree: obvhs' `build_bvh2` step by step, so that the memory of a step is free before the next. Triangles
 /// are not split, because they would be in several leaves and be counted several times. `None` when the tree does not
 /// fit in memory.
-fn build(triangles: &[Triangle], frame: &Frame) -> Option<Bvh2> {
+fn build(triangles: &[Triangle], frame: &TreeFrame) -> Option<Bvh2> {
     // The crate aborts when memory runs out, so as much as it needs is allocated beforehand, and freed.
     drop(try_with_capacity::<u8>(triangles.len() as u64 * SurfaceTree::BUILDING)?);
     let parameters = BvhBuildParams::slow_build();
@@ -178,9 +185,7 @@ fn build(triangles: &[Triangle], frame: &Frame) -> Option<Bvh2> {
 /// A tree over the triangles' boxes.
 pub(super) struct SurfaceTree {
     bvh: Bvh2,
-    centre: DVec3,
-    /// Half of the longest side of the scene's box, m: the tree's unit.
-    unit: f64,
+    frame: TreeFrame,
     low: DVec3,
     high: DVec3,
 }
@@ -205,10 +210,11 @@ impl SurfaceTree {
         let half = (0.5 * (high - low)).max_element();
         // A scene that is a single point has no extent; any unit will do.
         let unit = if half > 0.0 { half } else { 1.0 };
-        let bvh = build(triangles, &Frame { centre, unit })
+        let frame = TreeFrame { centre, unit };
+        let bvh = build(triangles, &frame)
             .ok_or_else(|| does_not_fit("scene", "the nodes of the tree over its triangles"))?;
         let padding = DVec3::splat(f64::from(PADDING) * unit);
-        Ok(Self { bvh, centre, unit, low: low - padding, high: high + padding })
+        Ok(Self { bvh, frame, low: low - padding, high: high + padding })
     }
 
     /// Bytes of its nodes and indices.
@@ -241,19 +247,19 @@ impl SurfaceTree {
         // Only the part inside the scene's box is converted to f32: a far end would cost the near part its
         // precision.
         let Some((enter, leave)) = clip(from, direction, length, self.low, self.high) else { return };
-        let start = ((from + enter * direction - self.centre) / self.unit).as_vec3a();
+        let start = self.frame.to_tree(from + enter * direction);
         // Adding +0 turns -0 into +0; with -0 the slab test would fail.
         let heading = direction.as_vec3a() + Vec3A::ZERO;
-        let ray = Ray::new(start, heading, 0.0, ((leave - enter) / self.unit) as f32 + PADDING);
-        let beam = Beam::new(from, direction);
+        let ray = Ray::new(start, heading, 0.0, ((leave - enter) / self.frame.unit) as f32 + PADDING);
+        let sheared = ShearedRay::new(from, direction);
         let mut leaf = |node: &Bvh2Node, _: &mut Ray, _: &mut RayHit| {
             let first = node.first_index as usize;
-            self.bvh.primitive_indices[first..first + node.prim_count as usize].iter().all(
-                |&index| match beam.crossing(&triangles[index as usize].vertices) {
+            self.bvh.primitive_indices[first..first + node.prim_count as usize].iter().all(|&index| {
+                match sheared.crossing(&triangles[index as usize].vertices) {
                     Some(t) if t > tolerance && t < length - tolerance => crossing(t, index),
                     _ => true,
-                },
-            )
+                }
+            })
         };
         fast_stack!(u32, (96, 192), self.bvh.max_depth, stack, {
             self.bvh.ray_traverse_dynamic(&mut stack, ray, &mut RayHit::none(), &mut leaf);
@@ -281,14 +287,14 @@ fn clip(from: DVec3, direction: DVec3, length: f64, low: DVec3, high: DVec3) -> 
 
 /// A straight path, sheared so that it runs along an axis: the watertight test of Woop, Benthin and Wald,
 /// "Watertight Ray/Triangle Intersection" (JCGT 2, 2013), in f64.
-struct Beam {
+struct ShearedRay {
     origin: DVec3,
     /// The axes of the plane that the triangle is projected onto, and the dominant axis of the path.
     axes: [usize; 3],
     shear: [f64; 3],
 }
 
-impl Beam {
+impl ShearedRay {
     fn new(origin: DVec3, direction: DVec3) -> Self {
         let z = direction.abs().max_position();
         let (x, y) = ((z + 1) % 3, (z + 2) % 3);

@@ -1,6 +1,5 @@
 //! Transforms from the frame of a mesh file to that of the array: unit, up axis, scale, rotation and position.
 
-use std::path::Path;
 use std::str::FromStr;
 
 use glam::{DAffine3, DMat3, DVec3};
@@ -152,10 +151,8 @@ impl LoadOptions {
     /// Refuses invalid numbers and contradictory positions.
     pub(super) fn check(&self) -> Result<()> {
         if !(self.scale.is_finite() && self.scale > 0.0) {
-            return Err(Error::input(
-                "scale",
-                format!("is {}; expected a finite number above 0", self.scale),
-            ));
+            let problem = format!("is {}; expected a finite number above 0", self.scale);
+            return Err(Error::input("scale", problem));
         }
         let vectors = [("rotate", Some(self.rotate)), ("translate", Some(self.translate)), ("fit", self.fit)];
         for (name, vector) in vectors {
@@ -177,36 +174,6 @@ impl LoadOptions {
             return Err(Error::input("up", "has no meaning with `sensor`, which sets the axes; remove one"));
         }
         Ok(())
-    }
-}
-
-/// Checks for the formats without a unit, cameras or nodes.
-impl LoadOptions {
-    /// Metres per unit of a file that does not specify it; `format` reads like "an OBJ".
-    ///
-    /// # Errors
-    /// The unit was not given.
-    pub(super) fn needed_unit(&self, format: &str, path: &Path) -> Result<f64> {
-        self.unit.map(Unit::metres).ok_or_else(|| {
-            Error::input(
-                path.display(),
-                format!(
-                    "{format} file does not specify its unit of length; set `unit = \"mm\"` (m, cm, mm, in or ft) under \
-                     [scene] or give `--unit mm`"
-                ),
-            )
-        })
-    }
-
-    /// Refuses a sensor for a file without cameras and nodes; `format` reads like "an OBJ".
-    pub(super) fn refuse_sensor(&self, format: &str, path: &Path) -> Result<()> {
-        if self.sensor.is_none() {
-            return Ok(());
-        }
-        Err(Error::input(
-            "sensor",
-            format!("needs a glTF file; {} is {format} file, which has no cameras or nodes", path.display()),
-        ))
     }
 }
 

@@ -5,74 +5,64 @@
 
 mod source;
 
-use std::path::Path;
-
 use glam::DVec3;
 
-use super::files::does_not_fit;
+use super::files::MeshFile;
 use super::material::Palette;
 use super::surfaces::Surfaces;
-use super::{LoadOptions, Mesh, Up, files};
-use crate::error::{Error, Result};
+use super::{Mesh, Up};
+use crate::error::Result;
 use crate::files::ply::{Element, Header};
-use crate::progress::Observer;
 use source::Source;
 
 /// Reads a PLY file. See [`Scene::load`](super::Scene::load).
-pub(super) fn load(
-    path: &Path,
-    options: &LoadOptions,
-    palette: &mut Palette<'_>,
-    observer: &dyn Observer,
-) -> Result<Mesh> {
-    options.refuse_sensor("a PLY", path)?;
-    let bytes = files::read(path, options.memory)?;
-    let (header, length) = Header::read(&bytes, path)?;
-    let metres_per_unit = options.needed_unit("a PLY", path)?;
+pub(super) fn load<'a>(file: MeshFile<'a>, palette: &mut Palette<'_>) -> Result<Mesh<'a>> {
+    file.refuse_sensor("a PLY")?;
+    let bytes = file.read()?;
+    let (header, length) = Header::read(&bytes, file.path)?;
+    let metres_per_unit = file.needed_unit("a PLY")?;
     let mut source = Source::new(header.format, &bytes[length.bytes..], length.lines);
-    let mut surfaces = Surfaces::new(path, options.memory);
+    let mut surfaces = Surfaces::new(file);
     let (mut vertices, mut faces, mut strips) = (Vertices::default(), Lists::default(), Lists::default());
     for element in &header.elements {
         match element.name.as_str() {
             "vertex" => {
-                vertices.find_axes(element).map_err(|problem| Error::input(path.display(), problem))?;
-                read_rows(element, &mut source, path, &mut vertices)?;
+                vertices.find_axes(element).map_err(|problem| file.refused(problem))?;
+                read_rows(element, &mut source, file, &mut vertices)?;
             }
             name @ ("face" | "tristrips") => {
                 let lists = if name == "face" { &mut faces } else { &mut strips };
-                lists.find_list(element).map_err(|problem| Error::input(path.display(), problem))?;
+                lists.find_list(element).map_err(|problem| file.refused(problem))?;
                 // Every row has a triangle or more, and no more rows are read than the file can contain.
                 surfaces.check_limit(source.rows_of(element))?;
-                read_rows(element, &mut source, path, lists)?;
+                read_rows(element, &mut source, file, lists)?;
             }
-            _ => read_rows(element, &mut source, path, &mut Unread)?,
+            _ => read_rows(element, &mut source, file, &mut Unread)?,
         }
     }
     if let Some(rest) = source.rest() {
-        observer.warn(&format!(
-            "{}: {rest} bytes follow the last element that its header declares; they are ignored",
-            path.display()
+        file.warn(format_args!(
+            "{rest} bytes follow the last element that its header declares; they are ignored"
         ));
     }
     if faces.ends.is_empty() && strips.ends.is_empty() && !vertices.found.is_empty() {
-        return Err(Error::input(
-            path.display(),
-            format!(
-                "contains {} points but no faces, and only surfaces reflect sound: make a mesh of the points first (by \
-                     surface reconstruction, for example in MeshLab or CloudCompare)",
-                vertices.found.len()
-            ),
-        ));
+        return Err(file.refused(format!(
+            "contains {} points but no faces, and only surfaces reflect sound: make a mesh of the points first (by \
+             surface reconstruction, for example in MeshLab or CloudCompare)",
+            vertices.found.len()
+        )));
     }
     let material = palette.assign(None, "");
-    let place = |kind: &str, i: usize| format!("{}, {kind} {i}", path.display());
+    let vertex = |index: i64, kind: &str, i: usize| {
+        vertices.at(index).map_err(|problem| file.refused_at(format_args!("{kind} {i}"), problem))
+    };
     let mut corners = Vec::new();
     // Each has two corners more than triangles.
     surfaces.reserve(faces.indices.len().saturating_sub(2 * faces.ends.len()))?;
     for (i, face) in faces.iter().enumerate() {
         corners.clear();
         for &index in face {
-            corners.push(vertices.at(index).map_err(|problem| Error::input(place("face", i), problem))?);
+            corners.push(vertex(index, "face", i)?);
         }
         surfaces.add_face(&corners, material)?;
     }
@@ -84,9 +74,7 @@ pub(super) fn load(
                 let order = if k % 2 == 0 { [0, 1, 2] } else { [0, 2, 1] };
                 let mut corners = [DVec3::ZERO; 3];
                 for (corner, k) in corners.iter_mut().zip(order) {
-                    *corner = vertices
-                        .at(window[k])
-                        .map_err(|problem| Error::input(place("tristrips", i), problem))?;
+                    *corner = vertex(window[k], "tristrips", i)?;
                 }
                 surfaces.add(corners, material)?;
             }
@@ -95,14 +83,20 @@ pub(super) fn load(
     Ok(Mesh { surfaces, metres_per_unit, up: Up::None, sensor: None, camera: None })
 }
 
-/// Receives the values of an element in the order of the file, row by row.
+/// Receives the values of an element in the order of the file, row by row. Every method does nothing by default.
 trait Rows {
     /// The next value of the row's property `property`; a list gives several.
-    fn value(&mut self, property: usize, value: f64) -> Outcome<()>;
+    fn value(&mut self, _property: usize, _value: f64) -> Outcome<()> {
+        Ok(())
+    }
     /// The row has ended.
-    fn end(&mut self) -> Outcome<()>;
+    fn end(&mut self) -> Outcome<()> {
+        Ok(())
+    }
     /// Reserves memory for this many rows; `false` when they do not fit.
-    fn reserve(&mut self, rows: usize) -> bool;
+    fn reserve(&mut self, _rows: usize) -> bool {
+        true
+    }
 }
 
 /// A result whose error says what is wrong, without the place.
@@ -110,17 +104,22 @@ type Outcome<T> = std::result::Result<T, String>;
 
 /// Reads all rows of an element. Every value takes bytes in the file, so the work is bounded by its length,
 /// whatever the header declares.
-fn read_rows(element: &Element, source: &mut Source<'_>, path: &Path, rows: &mut impl Rows) -> Result<()> {
+fn read_rows(
+    element: &Element,
+    source: &mut Source<'_>,
+    file: MeshFile<'_>,
+    rows: &mut impl Rows,
+) -> Result<()> {
     if element.properties.is_empty() {
         return Ok(());
     }
     if !rows.reserve(source.rows_of(element)) {
-        return Err(does_not_fit(path.display(), "its vertices and faces"));
+        return Err(file.does_not_fit("its vertices and faces"));
     }
     for row in 0..element.count {
         read_row(element, source, rows).map_err(|problem| {
-            let line = source.line().map_or(String::new(), |line| format!(", line {line}"));
-            Error::input(format!("{}{line}, {} {row}", path.display(), element.name), problem)
+            let line = source.line().map_or(String::new(), |line| format!("line {line}, "));
+            file.refused_at(format_args!("{line}{} {row}", element.name), problem)
         })?;
     }
     Ok(())
@@ -148,19 +147,7 @@ fn read_row(element: &Element, source: &mut Source<'_>, rows: &mut impl Rows) ->
 /// An element that does not describe the surface.
 struct Unread;
 
-impl Rows for Unread {
-    fn value(&mut self, _: usize, _: f64) -> Outcome<()> {
-        Ok(())
-    }
-
-    fn end(&mut self) -> Outcome<()> {
-        Ok(())
-    }
-
-    fn reserve(&mut self, _: usize) -> bool {
-        true
-    }
-}
+impl Rows for Unread {}
 
 /// The positions, and which properties they are in.
 #[derive(Debug, Default)]

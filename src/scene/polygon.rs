@@ -9,8 +9,8 @@ const MOST_CORNERS: usize = 1024;
 /// and not hours. A million ordinary faces of ten corners need a tenth of it.
 pub(super) const ALLOWANCE: u64 = 1 << 32;
 
-/// The triangles of a face, as indices into `corners`, with the winding of the face.
-pub(super) struct Cut {
+/// The triangles of a face, as indices of its corners, with the winding of the face.
+pub(super) struct Triangulation {
     pub(super) triangles: Vec<[usize; 3]>,
     /// The outline crosses itself, is concave with very many corners, or the allowance is used up: the triangles are a
     /// fan from the first corner, which may cover more than the face.
@@ -22,8 +22,9 @@ pub(super) struct Cut {
 /// No corner is added, and none is left out where the outline is simple, so faces that share their corners share their
 /// edges. Corners on a straight side are included as well. Cost: `O(n)` for a convex face, otherwise up to `O(n³)`,
 /// which is deducted from the `allowance`.
-pub(super) fn cut(corners: &[DVec3], allowance: &mut u64) -> Cut {
-    let fan = |doubtful| Cut { triangles: (2..corners.len()).map(|i| [0, i - 1, i]).collect(), doubtful };
+pub(super) fn triangulate(corners: &[DVec3], allowance: &mut u64) -> Triangulation {
+    let fan =
+        |doubtful| Triangulation { triangles: (2..corners.len()).map(|i| [0, i - 1, i]).collect(), doubtful };
     if corners.len() <= 3 {
         return fan(false);
     }
@@ -37,7 +38,7 @@ pub(super) fn cut(corners: &[DVec3], allowance: &mut u64) -> Cut {
         return fan(true);
     }
     match ears(&flat, allowance) {
-        Some(triangles) => Cut { triangles, doubtful: false },
+        Some(triangles) => Triangulation { triangles, doubtful: false },
         None => fan(true),
     }
 }
@@ -122,12 +123,12 @@ fn is_ear(flat: &[DVec2], left: &[usize], [a, b, c]: [usize; 3]) -> bool {
 mod tests {
     use super::*;
 
-    fn cut_freely(corners: &[DVec3]) -> Cut {
+    fn triangulate_freely(corners: &[DVec3]) -> Triangulation {
         let mut allowance = ALLOWANCE;
-        cut(corners, &mut allowance)
+        triangulate(corners, &mut allowance)
     }
 
-    fn area(corners: &[DVec3], cut: &Cut) -> f64 {
+    fn area(corners: &[DVec3], cut: &Triangulation) -> f64 {
         let each = cut
             .triangles
             .iter()
@@ -147,12 +148,12 @@ mod tests {
         for shift in 0..l.len() {
             let mut corners = l.clone();
             corners.rotate_left(shift);
-            let cut = cut_freely(&corners);
+            let cut = triangulate_freely(&corners);
             assert!(!cut.doubtful);
             assert!((area(&corners, &cut) - 5.0).abs() < 1e-12);
         }
         let arrow = face(&[(0.0, 0.0), (2.0, 1.0), (0.0, 2.0), (1.0, 1.0)]);
-        assert!((area(&arrow, &cut_freely(&arrow)) - 1.0).abs() < 1e-12);
+        assert!((area(&arrow, &triangulate_freely(&arrow)) - 1.0).abs() < 1e-12);
     }
 
     #[test]
@@ -167,7 +168,7 @@ mod tests {
             (0.0, 2.0),
             (0.0, 1.0),
         ]);
-        let cut = cut_freely(&square);
+        let cut = triangulate_freely(&square);
         assert_eq!(cut.triangles.len(), 6);
         assert!((area(&square, &cut) - 4.0).abs() < 1e-12);
     }
@@ -186,7 +187,7 @@ mod tests {
             (2.0, 1.0),
             (1.0, 1.0),
         ]);
-        let cut = cut_freely(&ring);
+        let cut = triangulate_freely(&ring);
         assert!(!cut.doubtful);
         assert!((area(&ring, &cut) - 8.0).abs() < 1e-12);
     }
@@ -194,20 +195,20 @@ mod tests {
     #[test]
     fn outlines_that_cross_themselves_are_doubtful() {
         let bow = face(&[(0.0, 0.0), (1.0, 1.0), (1.0, 0.0), (0.0, 1.0)]);
-        let cut_bow = cut_freely(&bow);
+        let cut_bow = triangulate_freely(&bow);
         assert!(cut_bow.doubtful && cut_bow.triangles.len() == 2);
         let star: Vec<_> = (0..5).map(|k| (f64::from(k) * 0.8 * std::f64::consts::PI).sin_cos()).collect();
-        assert!(cut_freely(&face(&star)).doubtful);
-        assert!(cut_freely(&face(&[(0.0, 0.0), (1.0, 0.0), (2.0, 0.0), (3.0, 0.0)])).doubtful);
+        assert!(triangulate_freely(&face(&star)).doubtful);
+        assert!(triangulate_freely(&face(&[(0.0, 0.0), (1.0, 0.0), (2.0, 0.0), (3.0, 0.0)])).doubtful);
     }
 
     #[test]
     fn work_is_bounded() {
         let l = face(&[(0.0, 0.0), (3.0, 0.0), (3.0, 1.0), (1.0, 1.0), (1.0, 3.0), (0.0, 3.0)]);
         let mut allowance = 100;
-        assert!(!cut(&l, &mut allowance).doubtful);
+        assert!(!triangulate(&l, &mut allowance).doubtful);
         assert!(allowance < 100);
-        while !cut(&l, &mut allowance).doubtful {}
-        assert!(!cut(&l[..4], &mut allowance).doubtful, "what needs no search is still cut");
+        while !triangulate(&l, &mut allowance).doubtful {}
+        assert!(!triangulate(&l[..4], &mut allowance).doubtful, "what needs no search is still cut");
     }
 }

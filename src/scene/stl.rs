@@ -4,15 +4,14 @@
 //! first of several solids, and cannot name the line of an error.
 
 use std::io::{BufRead, BufReader, Read};
-use std::path::Path;
 
 use glam::DVec3;
 
+use super::files::{self, MeshFile};
 use super::material::Palette;
 use super::surfaces::Surfaces;
-use super::{LoadOptions, Mesh, Up, files};
+use super::{Mesh, Up};
 use crate::error::{Error, Result};
-use crate::progress::Observer;
 
 /// Bytes before the first triangle of a binary file: 80 arbitrary ones, and the number of triangles.
 const HEADER: usize = 84;
@@ -20,33 +19,25 @@ const HEADER: usize = 84;
 const RECORD: usize = 50;
 
 /// Reads an STL file. See [`Scene::load`](super::Scene::load).
-pub(super) fn load(
-    path: &Path,
-    options: &LoadOptions,
-    palette: &mut Palette<'_>,
-    observer: &dyn Observer,
-) -> Result<Mesh> {
-    options.refuse_sensor("an STL", path)?;
-    let (file, length) = files::open(path)?;
-    let mut file = BufReader::with_capacity(1 << 16, file);
-    let start = file.fill_buf().map_err(|error| Error::reading(path, error))?;
+pub(super) fn load<'a>(file: MeshFile<'a>, palette: &mut Palette<'_>) -> Result<Mesh<'a>> {
+    file.refuse_sensor("an STL")?;
+    let (opened, length) = files::open(file.path)?;
+    let mut input = BufReader::with_capacity(1 << 16, opened);
+    let start = input.fill_buf().map_err(|error| Error::reading(file.path, error))?;
     let count = triangle_count(start);
     let text = is_text(start, length);
-    let metres_per_unit = options.needed_unit("an STL", path)?;
-    let mut surfaces = Surfaces::new(path, options.memory);
+    let metres_per_unit = file.needed_unit("an STL")?;
+    let mut surfaces = Surfaces::new(file);
     if text {
-        read_text(file, path, palette, &mut surfaces, observer)?;
+        read_text(input, file, palette, &mut surfaces)?;
     } else {
-        let Some(count) = count else {
-            return Err(Error::input(
-                path.display(),
-                format!(
-                    "is not an STL: its {length} bytes do not begin with `solid`, as a text does, and are fewer than \
-                         the {HEADER} of a binary header"
-                ),
-            ));
-        };
-        read_binary(file, (count, length), path, palette, &mut surfaces, observer)?;
+        let count = count.ok_or_else(|| {
+            file.refused(format!(
+                "is not an STL: its {length} bytes do not begin with `solid`, as a text does, and are fewer than \
+                 the {HEADER} of a binary header"
+            ))
+        })?;
+        read_binary(input, (count, length), file, palette, &mut surfaces)?;
     }
     Ok(Mesh { surfaces, metres_per_unit, up: Up::None, sensor: None, camera: None })
 }
@@ -62,52 +53,44 @@ fn is_text(bytes: &[u8], length: u64) -> bool {
 }
 
 fn triangle_count(bytes: &[u8]) -> Option<u32> {
-    bytes.get(80..HEADER).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]))
+    bytes.get(80..)?.first_chunk().map(|count| u32::from_le_bytes(*count))
 }
 
 /// Reads `count` triangles from the beginning of a file of `length` bytes.
 fn read_binary(
-    mut file: impl Read,
+    mut input: impl Read,
     (count, length): (u32, u64),
-    path: &Path,
+    file: MeshFile<'_>,
     palette: &mut Palette<'_>,
-    surfaces: &mut Surfaces,
-    observer: &dyn Observer,
+    surfaces: &mut Surfaces<'_>,
 ) -> Result<()> {
     let records = length - HEADER as u64;
     let complete = records / RECORD as u64;
     if complete < u64::from(count) {
-        return Err(Error::input(
-            path.display(),
-            format!(
-                "is cut short, or is not an STL: {complete} of the {count} triangles that its header declares"
-            ),
-        ));
+        return Err(file.refused(format!(
+            "is cut short, or is not an STL: {complete} of the {count} triangles that its header declares"
+        )));
     }
     let material = palette.assign(None, "");
     surfaces.reserve(count as usize)?;
-    let mut read = |bytes: &mut [u8]| file.read_exact(bytes).map_err(|error| Error::reading(path, error));
+    let mut read =
+        |bytes: &mut [u8]| input.read_exact(bytes).map_err(|error| Error::reading(file.path, error));
     read(&mut [0; HEADER])?;
     let mut record = [0; RECORD];
     for i in 0..count {
         read(&mut record)?;
-        let number = |at: usize| {
-            f64::from(f32::from_le_bytes([record[at], record[at + 1], record[at + 2], record[at + 3]]))
-        };
+        let number = |at: usize| f64::from(f32::from_le_bytes(std::array::from_fn(|k| record[at + k])));
         let corners = [12, 24, 36].map(|at| DVec3::new(number(at), number(at + 4), number(at + 8)));
         if let Some(bad) = corners.iter().find(|v| !v.is_finite()) {
-            return Err(Error::input(
-                format!("{}, triangle {i}", path.display()),
-                format!("has a corner with a coordinate that is not finite: {bad}"),
-            ));
+            let problem = format!("has a corner with a coordinate that is not finite: {bad}");
+            return Err(file.refused_at(format_args!("triangle {i}"), problem));
         }
         surfaces.add(corners, material)?;
     }
     let left = records - u64::from(count) * RECORD as u64;
     if left > 0 {
-        observer.warn(&format!(
-            "{}: {left} bytes follow the {count} triangles that its header declares; they are ignored",
-            path.display()
+        file.warn(format_args!(
+            "{left} bytes follow the {count} triangles that its header declares; they are ignored"
         ));
     }
     Ok(())
@@ -115,19 +98,18 @@ fn read_binary(
 
 /// Reads a text line by line, since it is several times as long as its triangles in memory.
 fn read_text(
-    mut file: impl BufRead,
-    path: &Path,
+    mut input: impl BufRead,
+    file: MeshFile<'_>,
     palette: &mut Palette<'_>,
-    surfaces: &mut Surfaces,
-    observer: &dyn Observer,
+    surfaces: &mut Surfaces<'_>,
 ) -> Result<()> {
     let mut material = None;
     let mut corners = Vec::new();
     let (mut in_facet, mut in_solid) = (false, false);
     let (mut bytes, mut number) = (Vec::new(), 0);
-    while file.read_until(b'\n', &mut bytes).map_err(|error| Error::reading(path, error))? > 0 {
+    while input.read_until(b'\n', &mut bytes).map_err(|error| Error::reading(file.path, error))? > 0 {
         number += 1;
-        let refused = |problem: String| Error::input(format!("{}, line {number}", path.display()), problem);
+        let refused = |problem: String| file.refused_at(format_args!("line {number}"), problem);
         let line = String::from_utf8_lossy(&bytes);
         let line = line.trim_start_matches('\u{feff}').trim();
         let mut words = line.split_whitespace();
@@ -154,10 +136,8 @@ fn read_text(
                 })?),
                 "endloop" => {
                     if corners.len() < 3 {
-                        return Err(refused(format!(
-                            "ends a loop of {} corners; a facet has three",
-                            corners.len()
-                        )));
+                        let count = corners.len();
+                        return Err(refused(format!("ends a loop of {count} corners; a facet has three")));
                     }
                     let material = *material.get_or_insert_with(|| palette.assign(None, ""));
                     surfaces.add_face(&corners, material)?;
@@ -175,10 +155,10 @@ fn read_text(
         bytes.clear();
     }
     if in_facet || !corners.is_empty() {
-        return Err(Error::input(path.display(), "is cut short: it ends within a facet"));
+        return Err(file.refused("is cut short: it ends within a facet"));
     }
     if in_solid {
-        observer.warn(&format!("{}: does not end with `endsolid`; it may be cut short", path.display()));
+        file.warn("does not end with `endsolid`; it may be cut short");
     }
     Ok(())
 }

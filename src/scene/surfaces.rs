@@ -1,15 +1,13 @@
 //! Collects the triangles that a reader finds: limits their number, cuts faces, and counts and drops those without area.
 
 use std::fmt::Display;
-use std::path::Path;
 
 use glam::DVec3;
 
-use super::files::does_not_fit;
+use super::files::MeshFile;
 use super::occlusion::SurfaceTree;
 use super::{Triangle, polygon};
 use crate::error::{Error, Result, gib};
-use crate::progress::Observer;
 
 /// Maximum number of triangles, so that a small hostile file with many instances cannot take all memory.
 pub(super) const MOST_TRIANGLES: usize = 50_000_000;
@@ -22,12 +20,9 @@ pub const BYTES_PER_TRIANGLE: u64 = size_of::<Triangle>() as u64 + SurfaceTree::
 const TOO_FAR: f64 = 1e3 * super::FARTHEST;
 
 /// The surfaces of a file in its own frame.
-#[derive(Debug)]
-pub(super) struct Surfaces {
-    file: String,
+pub(super) struct Surfaces<'a> {
+    file: MeshFile<'a>,
     triangles: Vec<Triangle>,
-    /// Maximum number of bytes for the triangles and their tree.
-    memory: Option<u64>,
     /// Number of triangles without area: they count as work, but are not stored.
     flat: usize,
     /// Number of faces that may be triangulated wrongly.
@@ -36,36 +31,27 @@ pub(super) struct Surfaces {
     allowance: u64,
 }
 
-impl Surfaces {
-    /// An empty collection; `path` is for messages, and `memory` limits the bytes of the triangles and their tree.
-    pub(super) fn new(path: &Path, memory: Option<u64>) -> Self {
-        Self {
-            file: path.display().to_string(),
-            triangles: Vec::new(),
-            memory,
-            flat: 0,
-            doubtful: 0,
-            allowance: polygon::ALLOWANCE,
-        }
+impl<'a> Surfaces<'a> {
+    /// An empty collection; [`LoadOptions::memory`](super::LoadOptions::memory) limits the bytes of the triangles and
+    /// their tree.
+    pub(super) fn new(file: MeshFile<'a>) -> Self {
+        Self { file, triangles: Vec::new(), flat: 0, doubtful: 0, allowance: polygon::ALLOWANCE }
     }
 
     /// Refuses `more` triangles if they would exceed the limit.
     pub(super) fn check_limit(&self, more: usize) -> Result<()> {
         let count = (self.triangles.len() + self.flat).saturating_add(more);
         let bytes = (count as u64).saturating_mul(BYTES_PER_TRIANGLE);
-        if let Some(limit) = self.memory.filter(|limit| bytes > *limit) {
-            return Err(Error::input(
-                &self.file,
-                format!(
-                    "contains {count} triangles or more, which take about {} in memory ({BYTES_PER_TRIANGLE} bytes each), \
-                         and {} may be used here (--memory sets another limit); decimate the mesh (the acoustic resolution is \
-                         about 1 cm), or remove what the array does not see",
-                    gib(bytes),
-                    gib(limit)
-                ),
-            ));
+        if let Some(limit) = self.file.options.memory.filter(|limit| bytes > *limit) {
+            return Err(self.file.refused(format!(
+                "contains {count} triangles or more, which take about {} in memory ({BYTES_PER_TRIANGLE} bytes each), \
+                 and {} may be used here (--memory sets another limit); decimate the mesh (the acoustic resolution is \
+                 about 1 cm), or remove what the array does not see",
+                gib(bytes),
+                gib(limit)
+            )));
         }
-        if count > MOST_TRIANGLES { Err(too_many_triangles(&self.file)) } else { Ok(()) }
+        if count > MOST_TRIANGLES { Err(too_many_triangles(self.file.path.display())) } else { Ok(()) }
     }
 
     /// Reserves memory for `more` triangles: exactly as much for the first of a file, which often are all.
@@ -80,7 +66,7 @@ impl Surfaces {
     }
 
     fn does_not_fit(&self) -> Error {
-        does_not_fit(&self.file, "its triangles")
+        self.file.does_not_fit("its triangles")
     }
 
     /// Adds one triangle.
@@ -103,37 +89,34 @@ impl Surfaces {
         if let &[a, b, c] = corners {
             return self.add([a, b, c], material);
         }
-        let cut = polygon::cut(corners, &mut self.allowance);
-        self.doubtful += usize::from(cut.doubtful);
-        cut.triangles.iter().try_for_each(|t| self.add(t.map(|i| corners[i]), material))
+        let face = polygon::triangulate(corners, &mut self.allowance);
+        self.doubtful += usize::from(face.doubtful);
+        face.triangles.iter().try_for_each(|t| self.add(t.map(|i| corners[i]), material))
     }
 
     /// The triangles found, after warnings about what was left out.
     ///
     /// # Errors
     /// Nothing was found.
-    pub(super) fn finish(self, observer: &dyn Observer) -> Result<Vec<Triangle>> {
+    pub(super) fn finish(self) -> Result<Vec<Triangle>> {
         let Self { file, mut triangles, flat, doubtful, .. } = self;
         // The tree needs the memory of the excess capacity.
         triangles.shrink_to_fit();
         if doubtful > 0 {
-            observer.warn(&format!(
-                "{file}: {doubtful} faces have outlines that cross themselves, are flat, or are concave with very many \
+            file.warn(format_args!(
+                "{doubtful} faces have outlines that cross themselves, are flat, or are concave with very many \
                  corners; they are triangulated as fans from their first corner, which may be wrong. \
                  Triangulate the mesh in the program that made it"
             ));
         }
         if triangles.is_empty() {
-            return Err(Error::input(
-                file,
-                "contains no triangle with an area; an image needs at least one surface",
-            ));
+            return Err(
+                file.refused("contains no triangle with an area; an image needs at least one surface")
+            );
         }
         if flat > 0 {
-            observer.warn(&format!(
-                "{file}: {flat} of {} triangles have no area and are ignored",
-                flat + triangles.len()
-            ));
+            let all = flat + triangles.len();
+            file.warn(format_args!("{flat} of {all} triangles have no area and are ignored"));
         }
         Ok(triangles)
     }
@@ -152,13 +135,16 @@ pub(super) fn too_many_triangles(place: impl Display) -> Error {
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
-    use super::super::listener::Listener;
+    use super::super::LoadOptions;
     use super::*;
-    use crate::named::assert_names;
+    use crate::named::{Warnings, assert_names};
+    use std::path::Path;
 
     #[test]
     fn flat_triangles_are_counted_and_the_limit_is_kept() {
-        let mut surfaces = Surfaces::new(Path::new("a.obj"), None);
+        let (warnings, options) = (Warnings::default(), LoadOptions::default());
+        let file = MeshFile { path: Path::new("a.obj"), options: &options, observer: &warnings };
+        let mut surfaces = Surfaces::new(file);
         surfaces.add([DVec3::ZERO, DVec3::X, DVec3::Y], 3).unwrap();
         surfaces.add([DVec3::ZERO, DVec3::X, DVec3::X], 3).unwrap();
         surfaces.add_face(&[DVec3::ZERO, DVec3::X], 3).unwrap();
@@ -166,15 +152,15 @@ mod tests {
         let refused = surfaces.check_limit(MOST_TRIANGLES - 1).unwrap_err().to_string();
         assert_names(refused, &["a.obj", "50000000 triangles"]);
         assert!(surfaces.check_limit(usize::MAX).is_err());
-        let mut small = Surfaces::new(Path::new("a.obj"), Some(2 * BYTES_PER_TRIANGLE + 10));
+        let options = options.clone().with_memory(2 * BYTES_PER_TRIANGLE + 10);
+        let mut small = Surfaces::new(MeshFile { options: &options, ..file });
         let corners = [DVec3::ZERO, DVec3::X, DVec3::Y];
         assert!(
             small.add(corners, 0).is_ok() && small.check_limit(2).is_err() && small.add(corners, 0).is_ok()
         );
         let refused = small.add(corners, 0).unwrap_err().to_string();
         assert_names(refused, &["a.obj", "3 triangles", "memory"]);
-        let listener = Listener::default();
-        assert_eq!(surfaces.finish(&listener).unwrap().len(), 1);
-        assert_names(listener.heard(), &["a.obj", "1", "2 triangles", "area"]);
+        assert_eq!(surfaces.finish().unwrap().len(), 1);
+        assert_names(&warnings.list()[0], &["a.obj", "1", "2 triangles", "area"]);
     }
 }

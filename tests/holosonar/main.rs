@@ -34,3 +34,6 @@ mod reproduce;
 mod scenes;
 mod support;
 mod words;
+
+// `named` takes it from the crate's root, which in the library's unit tests is the library.
+use holosonar::progress;

@@ -3,6 +3,26 @@
 //! Tests check these instead of sentences: a rewording breaks no test, but a message that no longer says where the fault
 //! is, or by how much, does. The library's unit tests use this file too (`src/lib.rs`).
 
+use crate::progress::Observer;
+use std::sync::Mutex;
+
+/// An observer that stores the warnings.
+#[derive(Default)]
+pub(crate) struct Warnings(Mutex<Vec<String>>);
+
+impl Observer for Warnings {
+    fn warn(&self, message: &str) {
+        self.0.lock().expect("no panic").push(message.to_owned());
+    }
+}
+
+impl Warnings {
+    /// The warnings so far.
+    pub(crate) fn list(&self) -> Vec<String> {
+        self.0.lock().expect("no panic").clone()
+    }
+}
+
 /// The parts that a message does not name. A number must be complete: `30` is in `30.0`, and `1.5` in `1.50`, but `30` is
 /// not in `300`, `130`, `30.5` or `1.30`.
 fn unnamed<'a>(message: &str, parts: &[&'a str]) -> Vec<&'a str> {

@@ -19,169 +19,83 @@ const MOST_ZEROS: u64 = 1 << 24;
 /// Bytes of the largest element: four 32-bit floats.
 const LARGEST: usize = 16;
 
-/// An array of vectors of two to four numbers.
-pub(super) struct Vectors<'a> {
-    elements: Elements<'a>,
+/// The values of an accessor: its dense part, or zeros, overlaid by the sparse part.
+pub(super) struct Accessor<'a> {
+    dense: Option<Strided<'a>>,
+    /// Indices of the replaced values, ascending, and their replacements.
+    sparse: Option<(Strided<'a>, Strided<'a>)>,
+    count: usize,
+    /// Bytes of a value.
+    size: usize,
     kind: ComponentType,
     normalized: bool,
     place: String,
 }
 
-impl<'a> Vectors<'a> {
+impl<'a> Accessor<'a> {
     /// Vertex positions: three 32-bit floats each, or bytes or shorts with KHR_mesh_quantization.
-    pub(super) fn positions(document: &'a Document, index: usize) -> Result<Self> {
+    pub(super) fn positions(document: &'a Document<'_>, index: usize) -> Result<Self> {
         let quantized = document.uses("KHR_mesh_quantization");
-        let kinds = |kind| quantized && kind != ComponentType::U32;
+        let kinds = |kind| kind == ComponentType::F32 || quantized && kind != ComponentType::U32;
         let expected = "positions of three 32-bit floats, or of bytes or shorts in a file that declares the \
                         extension KHR_mesh_quantization";
         Self::new(document, index, Type::Vec3, kinds, expected)
     }
 
     /// Displacements or scales of instances.
-    pub(super) fn offsets(document: &'a Document, index: usize) -> Result<Self> {
-        Self::new(document, index, Type::Vec3, |_| false, "vectors of three 32-bit floats")
+    pub(super) fn offsets(document: &'a Document<'_>, index: usize) -> Result<Self> {
+        let kinds = |kind| kind == ComponentType::F32;
+        Self::new(document, index, Type::Vec3, kinds, "vectors of three 32-bit floats")
     }
 
     /// Rotations of instances.
-    pub(super) fn quaternions(document: &'a Document, index: usize) -> Result<Self> {
-        let kinds = |kind| matches!(kind, ComponentType::I8 | ComponentType::I16);
+    pub(super) fn quaternions(document: &'a Document<'_>, index: usize) -> Result<Self> {
+        let kinds = |kind| matches!(kind, ComponentType::F32 | ComponentType::I8 | ComponentType::I16);
         let expected = "rotations of four 32-bit floats, bytes or shorts";
         Self::new(document, index, Type::Vec4, kinds, expected)
     }
 
+    /// Vertex indices.
+    pub(super) fn indices(document: &'a Document<'_>, index: usize) -> Result<Self> {
+        let kinds = |kind| matches!(kind, ComponentType::U8 | ComponentType::U16 | ComponentType::U32);
+        let expected = "indices: scalars of unsigned bytes, shorts or integers";
+        Self::new(document, index, Type::Scalar, kinds, expected)
+    }
+
     fn new(
-        document: &'a Document,
+        document: &'a Document<'_>,
         index: usize,
         shape: Type,
-        other_kinds: impl Fn(ComponentType) -> bool,
+        kinds: impl Fn(ComponentType) -> bool,
         expected: &str,
     ) -> Result<Self> {
         let accessor = find(document, index)?;
         let place = document.place("accessor", index, accessor.name.as_ref());
-        match (accessor.type_, accessor.component_type) {
+        let kind = match (accessor.type_, accessor.component_type) {
             (Checked::Valid(found), Checked::Valid(GenericComponentType(kind)))
-                if found == shape && (kind == ComponentType::F32 || other_kinds(kind)) =>
+                if found == shape && kinds(kind) =>
             {
-                let size = kind.size() * if shape == Type::Vec3 { 3 } else { 4 };
-                let elements = Elements::new(document, accessor, &place, size)?;
-                Ok(Self { elements, kind, normalized: accessor.normalized, place })
+                kind
             }
-            _ => Err(Error::input(place, format!("must contain {expected}"))),
-        }
-    }
-
-    pub(super) fn len(&self) -> usize {
-        self.elements.count
-    }
-
-    /// # Errors
-    /// A number that is not finite.
-    pub(super) fn vector(&self, i: usize) -> Result<DVec3> {
-        let bytes = self.elements.get(i);
-        let vector = DVec3::from_array([0, 1, 2].map(|axis| self.number(bytes, axis)));
-        self.finite(vector.is_finite(), i, &vector)?;
-        Ok(vector)
-    }
-
-    /// # Errors
-    /// A number that is not finite.
-    pub(super) fn quaternion(&self, i: usize) -> Result<DQuat> {
-        let bytes = self.elements.get(i);
-        let rotation = DQuat::from_array([0, 1, 2, 3].map(|axis| self.number(bytes, axis)));
-        self.finite(rotation.is_finite(), i, &rotation)?;
-        Ok(rotation)
-    }
-
-    fn finite(&self, is_finite: bool, i: usize, value: &dyn std::fmt::Display) -> Result<()> {
-        if is_finite {
-            return Ok(());
-        }
-        Err(Error::input(&self.place, format!("value {i} is not finite: {value}")))
-    }
-
-    /// Component `axis` of an element; `normalized` integers represent -1..1 or 0..1 (glTF 2.0 specification, 3.11).
-    fn number(&self, bytes: &[u8], axis: usize) -> f64 {
-        let size = self.kind.size();
-        let at = &bytes[axis * size..(axis + 1) * size];
-        let (value, one) = match self.kind {
-            ComponentType::I8 => (f64::from(at[0] as i8), 127.0),
-            ComponentType::U8 => (f64::from(at[0]), 255.0),
-            ComponentType::I16 => (f64::from(i16::from_le_bytes([at[0], at[1]])), 32_767.0),
-            ComponentType::U16 => (f64::from(u16::from_le_bytes([at[0], at[1]])), 65_535.0),
-            ComponentType::U32 => (f64::from(unsigned(at)), f64::from(u32::MAX)),
-            ComponentType::F32 => return f64::from(f32::from_le_bytes([at[0], at[1], at[2], at[3]])),
+            _ => return Err(Error::input(place, format!("must contain {expected}"))),
         };
-        if self.normalized { (value / one).max(-1.0) } else { value }
-    }
-}
-
-/// Vertex indices.
-pub(super) struct Indices<'a>(Elements<'a>);
-
-impl<'a> Indices<'a> {
-    pub(super) fn new(document: &'a Document, index: usize) -> Result<Self> {
-        let accessor = find(document, index)?;
-        let place = document.place("accessor", index, accessor.name.as_ref());
-        match (accessor.type_, accessor.component_type) {
-            (
-                Checked::Valid(Type::Scalar),
-                Checked::Valid(GenericComponentType(
-                    kind @ (ComponentType::U8 | ComponentType::U16 | ComponentType::U32),
-                )),
-            ) => Ok(Self(Elements::new(document, accessor, &place, kind.size())?)),
-            _ => Err(Error::input(
-                place,
-                "must contain indices: scalars of unsigned bytes, shorts or integers",
-            )),
-        }
-    }
-
-    pub(super) fn len(&self) -> usize {
-        self.0.count
-    }
-
-    pub(super) fn get(&self, i: usize) -> usize {
-        unsigned(self.0.get(i)) as usize
-    }
-}
-
-/// A little-endian number of one to four bytes.
-fn unsigned(bytes: &[u8]) -> u32 {
-    bytes.iter().rev().fold(0, |number, &byte| number << 8 | u32::from(byte))
-}
-
-/// The accessor with this index.
-pub(super) fn find(document: &Document, index: usize) -> Result<&json::Accessor> {
-    document.root.accessors.get(index).ok_or_else(|| {
-        Error::input(document.name(), format!("refers to accessor {index}, which does not exist"))
-    })
-}
-
-/// The values of an accessor: its dense part, or zeros, overlaid by the sparse part.
-struct Elements<'a> {
-    dense: Option<Strided<'a>>,
-    /// Indices of the replaced values, ascending, and their replacements.
-    sparse: Option<(Strided<'a>, Strided<'a>)>,
-    count: usize,
-    size: usize,
-}
-
-impl<'a> Elements<'a> {
-    fn new(document: &'a Document, accessor: &json::Accessor, place: &str, size: usize) -> Result<Self> {
-        let count = accessor.count.0;
+        let (count, size) = (accessor.count.0, kind.size() * shape.multiplicity());
         let offset = accessor.byte_offset.map_or(0, |offset| offset.0);
         let dense = match accessor.buffer_view {
-            Some(view) => Some(Strided::new(document, view.value(), offset, count, size, place)?),
+            Some(view) => Some(Strided::new(document, view.value(), offset, count, size, &place)?),
             None if count <= MOST_ZEROS => None,
             None => {
                 return Err(Error::input(place, format!("declares {count} values but has no buffer view")));
             }
         };
-        let sparse = match &accessor.sparse {
-            Some(sparse) => Some(replacements(document, sparse, count, size, place)?),
-            None => None,
-        };
-        Ok(Self { dense, sparse, count: count as usize, size })
+        let sparse = accessor.sparse.as_ref();
+        let sparse = sparse.map(|sparse| replacements(document, sparse, count, size, &place)).transpose()?;
+        let (count, normalized) = (count as usize, accessor.normalized);
+        Ok(Self { dense, sparse, count, size, kind, normalized, place })
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.count
     }
 
     /// The bytes of value `i`, which must be below the count.
@@ -196,11 +110,70 @@ impl<'a> Elements<'a> {
             None => &[0; LARGEST][..self.size],
         }
     }
+
+    /// # Errors
+    /// A number that is not finite.
+    pub(super) fn vector(&self, i: usize) -> Result<DVec3> {
+        let vector = DVec3::from_array(self.numbers(i));
+        self.finite(vector.is_finite(), i, &vector)?;
+        Ok(vector)
+    }
+
+    /// # Errors
+    /// A number that is not finite.
+    pub(super) fn quaternion(&self, i: usize) -> Result<DQuat> {
+        let rotation = DQuat::from_array(self.numbers(i));
+        self.finite(rotation.is_finite(), i, &rotation)?;
+        Ok(rotation)
+    }
+
+    /// An index, which is one unsigned number.
+    pub(super) fn index(&self, i: usize) -> usize {
+        unsigned(self.get(i)) as usize
+    }
+
+    fn finite(&self, is_finite: bool, i: usize, value: &dyn std::fmt::Display) -> Result<()> {
+        if is_finite {
+            return Ok(());
+        }
+        Err(Error::input(&self.place, format!("value {i} is not finite: {value}")))
+    }
+
+    /// The components of a value; `normalized` integers represent -1..1 or 0..1 (glTF 2.0 specification, 3.11).
+    fn numbers<const N: usize>(&self, i: usize) -> [f64; N] {
+        let (bytes, size) = (self.get(i), self.kind.size());
+        std::array::from_fn(|axis| {
+            let at = &bytes[axis * size..(axis + 1) * size];
+            let (value, one) = match self.kind {
+                ComponentType::I8 => (f64::from(at[0] as i8), 127.0),
+                ComponentType::U8 => (f64::from(at[0]), 255.0),
+                ComponentType::I16 => (f64::from(i16::from_le_bytes([at[0], at[1]])), 32_767.0),
+                ComponentType::U16 => (f64::from(u16::from_le_bytes([at[0], at[1]])), 65_535.0),
+                ComponentType::U32 => (f64::from(unsigned(at)), f64::from(u32::MAX)),
+                ComponentType::F32 => return f64::from(f32::from_le_bytes([at[0], at[1], at[2], at[3]])),
+            };
+            if self.normalized { (value / one).max(-1.0) } else { value }
+        })
+    }
+}
+
+/// A little-endian number of one to four bytes.
+fn unsigned(bytes: &[u8]) -> u32 {
+    bytes.iter().rev().fold(0, |number, &byte| number << 8 | u32::from(byte))
+}
+
+/// The accessor with this index.
+pub(super) fn find<'a>(document: &'a Document<'_>, index: usize) -> Result<&'a json::Accessor> {
+    document
+        .root
+        .accessors
+        .get(index)
+        .ok_or_else(|| document.file.refused(format!("refers to accessor {index}, which does not exist")))
 }
 
 /// The sparse part of an accessor, checked to be in order and within range.
 fn replacements<'a>(
-    document: &'a Document,
+    document: &'a Document<'_>,
     sparse: &json::accessor::sparse::Sparse,
     count: u64,
     size: usize,
@@ -217,20 +190,12 @@ fn replacements<'a>(
     let mut least = 0;
     for k in 0..indices.count {
         let index = u64::from(unsigned(indices.get(k)));
+        let refused = |why| Err(Error::input(place, format!("its sparse part replaces value {index}{why}")));
         if index >= count {
-            return Err(Error::input(
-                place,
-                format!("its sparse part replaces value {index}, counted from 0, of {count}"),
-            ));
+            return refused(format!(", counted from 0, of {count}"));
         }
         if index < least {
-            return Err(Error::input(
-                place,
-                format!(
-                    "its sparse part replaces value {index} after {}; the indices must ascend",
-                    least - 1
-                ),
-            ));
+            return refused(format!(" after {}; the indices must ascend", least - 1));
         }
         least = index + 1;
     }
@@ -247,7 +212,7 @@ struct Strided<'a> {
 
 impl<'a> Strided<'a> {
     fn new(
-        document: &'a Document,
+        document: &'a Document<'_>,
         view_index: usize,
         offset: u64,
         count: u64,
@@ -258,11 +223,9 @@ impl<'a> Strided<'a> {
         let Some(view) = document.root.buffer_views.get(view_index) else {
             return Err(refused(format!("refers to buffer view {view_index}, which does not exist")));
         };
-        let Some(buffer) = document.buffers.get(view.buffer.value()) else {
-            return Err(refused(format!(
-                "its buffer view {view_index} refers to a buffer that does not exist"
-            )));
-        };
+        let buffer = document.buffers.get(view.buffer.value()).ok_or_else(|| {
+            refused(format!("its buffer view {view_index} refers to a buffer that does not exist"))
+        })?;
         let start = view.byte_offset.map_or(0, |offset| offset.0);
         let bytes = start
             .checked_add(view.byte_length.0)

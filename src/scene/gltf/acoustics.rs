@@ -7,15 +7,9 @@ use json::validation::Checked;
 use super::super::material::Material;
 use super::container::Document;
 use crate::error::{Error, Result};
-use crate::progress::Observer;
 
 /// The material as the file describes it: extras override transmission, and transmission overrides alpha.
-pub(super) fn material(
-    document: &Document,
-    index: usize,
-    material: &json::Material,
-    observer: &dyn Observer,
-) -> Result<Material> {
+pub(super) fn material(document: &Document<'_>, index: usize, material: &json::Material) -> Result<Material> {
     let name = material.name.clone().unwrap_or_default();
     let place = || document.place("material", index, material.name.as_ref());
     let alpha = f64::from(material.pbr_metallic_roughness.base_color_factor.0[3]);
@@ -33,7 +27,7 @@ pub(super) fn material(
         && alpha == 1.0
         && material.pbr_metallic_roughness.base_color_texture.is_some()
     {
-        observer.warn(&format!(
+        document.file.observer.warn(&format!(
             "{}: its opacity is in a texture, which is not read; it counts as opaque unless a [[materials]] rule \
              sets its transmittance",
             place()
@@ -55,10 +49,8 @@ pub(super) fn material(
         ] {
             if let Some(value) = extras.get(key) {
                 *share = value.as_f64().ok_or_else(|| {
-                    Error::input(
-                        place(),
-                        format!("extras: `{key}` is {value}; expected a number from 0 to 1"),
-                    )
+                    let problem = format!("extras: `{key}` is {value}; expected a number from 0 to 1");
+                    Error::input(place(), problem)
                 })?;
                 "glTF extras".clone_into(&mut result.source);
             }

@@ -5,24 +5,23 @@
 
 use std::borrow::Cow;
 use std::cell::Cell;
-use std::path::{Path, PathBuf};
+use std::fmt::Display;
+use std::path::PathBuf;
 
 use ::gltf::json;
 use base64::engine::general_purpose::STANDARD_PAD_INDIFFERENT;
 use base64::{Engine as _, decoded_len_estimate};
 use percent_encoding::percent_decode_str;
 
-use super::super::files;
+use super::super::files::{self, MeshFile};
 use crate::alloc::try_with_capacity;
 use crate::error::{Error, Result};
 
 /// A parsed file and its buffers, none of them shorter than declared.
-pub(super) struct Document {
-    path: PathBuf,
+pub(super) struct Document<'a> {
+    pub(super) file: MeshFile<'a>,
     pub(super) root: json::Root,
     pub(super) buffers: Vec<Vec<u8>>,
-    /// Maximum size of a file, bytes; see [`files::read`].
-    memory: Option<u64>,
     /// Number of sparse values that may still be read.
     allowance: Cell<u64>,
 }
@@ -31,37 +30,30 @@ pub(super) struct Document {
 /// may share bytes, so the length of the file does not limit their work.
 const MOST_SPARSE_VALUES: u64 = 1 << 30;
 
-impl Document {
-    pub(super) fn open(path: &Path, memory: Option<u64>) -> Result<Self> {
-        let mut bytes = files::read(path, memory)?;
+impl<'a> Document<'a> {
+    pub(super) fn open(file: MeshFile<'a>) -> Result<Self> {
+        let mut bytes = file.read()?;
         // The content decides, not the file name: exporters confuse .gltf and .glb.
         let (text, binary) = if bytes.starts_with(b"glTF") {
-            split_glb(&bytes).map_err(|problem| Error::input(path.display(), problem))?
+            split_glb(&bytes).map_err(|problem| file.refused(problem))?
         } else {
             (if bytes.starts_with(BOM) { BOM.len() } else { 0 }..bytes.len(), None)
         };
         let root = parse(&bytes[text]).map_err(|error| {
             let what = if error.is_eof() { "is cut short" } else { "is not valid glTF 2.0" };
-            Error::input(path.display(), format!("{what}: {error}"))
+            file.refused(format!("{what}: {error}"))
         })?;
         if !root.asset.version.starts_with("2.") {
-            return Err(Error::input(
-                path.display(),
-                format!("is glTF {}; only version 2 is supported", root.asset.version),
-            ));
+            let version = &root.asset.version;
+            return Err(file.refused(format!("is glTF {version}; only version 2 is supported")));
         }
         for extension in &root.extensions_required {
             if !is_read_or_harmless(extension) {
-                return Err(unsupported_extension(&path.display().to_string(), extension));
+                return Err(unsupported_extension(file.path.display(), extension));
             }
         }
-        let mut document = Self {
-            path: path.to_owned(),
-            root,
-            buffers: Vec::new(),
-            memory,
-            allowance: Cell::new(MOST_SPARSE_VALUES),
-        };
+        let allowance = Cell::new(MOST_SPARSE_VALUES);
+        let mut document = Self { file, root, buffers: Vec::new(), allowance };
         // Reuses the file's own bytes instead of copying them.
         let mut binary = binary.map(|part| {
             bytes.truncate(part.end);
@@ -73,11 +65,6 @@ impl Document {
             document.buffers.push(buffer);
         }
         Ok(document)
-    }
-
-    /// The file, for messages.
-    pub(super) fn name(&self) -> String {
-        self.path.display().to_string()
     }
 
     /// Whether the file declares that it uses an extension.
@@ -103,7 +90,7 @@ impl Document {
     /// An element of the file, for messages.
     pub(super) fn place(&self, kind: &str, index: usize, name: Option<&String>) -> String {
         let name = name.map(|name| format!(" (`{name}`)")).unwrap_or_default();
-        format!("{}, {kind} {index}{name}", self.path.display())
+        format!("{}, {kind} {index}{name}", self.file.path.display())
     }
 
     /// The bytes of a buffer; the first may be the `binary` chunk of the file, which is then taken.
@@ -116,13 +103,14 @@ impl Document {
             (Some(uri), _) if uri.starts_with("data:") => decode_data_uri(uri).map_err(refused)?,
             (Some(uri), _) => {
                 let file = self.external(uri).map_err(refused)?;
-                files::read(&file, self.memory).map_err(|error| Error::input(place(), error.to_string()))?
+                let bytes = MeshFile { path: &file, ..self.file }.read();
+                bytes.map_err(|error| refused(error.to_string()))?
             }
             (None, Some(binary)) => binary,
             (None, _) => {
                 let meshopt = self.root.extensions_used.iter().find(|e| e.contains("meshopt_compression"));
                 return Err(match meshopt {
-                    Some(extension) => unsupported_extension(&place(), extension),
+                    Some(extension) => unsupported_extension(place(), extension),
                     None => refused("has no uri, and the file has no binary chunk for it".to_owned()),
                 });
             }
@@ -140,7 +128,7 @@ impl Document {
             return Err(format!("refers to `{uri}`; only files in the folder of the mesh are read"));
         }
         let name = decode_percent(uri).ok_or_else(|| format!("has a malformed uri `{uri}`"))?;
-        files::beside(&self.path, &name)
+        files::beside(self.file.path, &name)
     }
 }
 
@@ -178,7 +166,7 @@ fn is_read_or_harmless(extension: &str) -> bool {
 }
 
 /// The error for an extension without which the geometry cannot be read, with a way to remove it.
-pub(super) fn unsupported_extension(place: &str, extension: &str) -> Error {
+pub(super) fn unsupported_extension(place: impl Display, extension: &str) -> Error {
     let fix = match extension {
         "KHR_draco_mesh_compression" | "EXT_meshopt_compression" | "KHR_meshopt_compression" => {
             "`gltf-transform copy in.glb out.glb` (npm package @gltf-transform/cli) writes the mesh without compression"
@@ -196,7 +184,7 @@ type Part = std::ops::Range<usize>;
 
 /// The JSON and the binary chunk of a GLB file (glTF 2.0 specification, 4.4).
 fn split_glb(bytes: &[u8]) -> std::result::Result<(Part, Option<Part>), String> {
-    let word = |at: usize| bytes.get(at..at + 4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]));
+    let word = |at: usize| bytes.get(at..)?.first_chunk().map(|word| u32::from_le_bytes(*word));
     let (Some(version), Some(length)) = (word(4), word(8)) else {
         return Err("is cut short within its header".to_owned());
     };

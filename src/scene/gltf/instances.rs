@@ -3,7 +3,7 @@
 use ::gltf::json;
 use glam::{DAffine3, DQuat, DVec3};
 
-use super::accessor::{self, Vectors};
+use super::accessor::{self, Accessor};
 use super::container::Document;
 use crate::error::{Error, Result};
 
@@ -12,15 +12,15 @@ pub(super) const NAME: &str = "EXT_mesh_gpu_instancing";
 /// The copies of a node's mesh, each with its own transform in the node's frame.
 pub(super) struct Instances<'a> {
     count: usize,
-    translation: Option<Vectors<'a>>,
-    rotation: Option<Vectors<'a>>,
-    scale: Option<Vectors<'a>>,
+    translation: Option<Accessor<'a>>,
+    rotation: Option<Accessor<'a>>,
+    scale: Option<Accessor<'a>>,
 }
 
 impl<'a> Instances<'a> {
     /// The copies that a node declares; `None` when it does not use the extension.
     pub(super) fn of(
-        document: &'a Document,
+        document: &'a Document<'_>,
         node: &json::Node,
         place: &impl Fn() -> String,
     ) -> Result<Option<Self>> {
@@ -50,9 +50,9 @@ impl<'a> Instances<'a> {
             }
             count = Some(found);
             match name.as_str() {
-                "TRANSLATION" => instances.translation = Some(Vectors::offsets(document, index)?),
-                "ROTATION" => instances.rotation = Some(Vectors::quaternions(document, index)?),
-                "SCALE" => instances.scale = Some(Vectors::offsets(document, index)?),
+                "TRANSLATION" => instances.translation = Some(Accessor::offsets(document, index)?),
+                "ROTATION" => instances.rotation = Some(Accessor::quaternions(document, index)?),
+                "SCALE" => instances.scale = Some(Accessor::offsets(document, index)?),
                 _ => {}
             }
         }
@@ -67,7 +67,7 @@ impl<'a> Instances<'a> {
 
     /// The transform from the frame of copy `i` to the node's.
     pub(super) fn transform(&self, i: usize) -> Result<DAffine3> {
-        let vector = |values: &Option<Vectors<'_>>, otherwise| {
+        let vector = |values: &Option<Accessor<'_>>, otherwise| {
             values.as_ref().map_or(Ok(otherwise), |values| values.vector(i))
         };
         let rotation = self.rotation.as_ref().map_or(Ok(DQuat::IDENTITY), |values| values.quaternion(i))?;

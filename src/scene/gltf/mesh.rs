@@ -6,29 +6,29 @@ use json::mesh::{Mode, Primitive, Semantic};
 use json::validation::Checked;
 
 use super::super::surfaces::Surfaces;
-use super::accessor::{Indices, Vectors};
+use super::accessor::Accessor;
 use super::container::{Document, unsupported_extension};
 use crate::error::{Error, Result};
 
-/// A mesh, opened once however many nodes use it.
-pub(super) struct Mesh<'a> {
+/// Reads a mesh; opened once however many nodes use it.
+pub(super) struct MeshReader<'a> {
     /// Its primitives that have triangles. Every visit of one adds triangles, whose number is limited, so the work is
     /// bounded.
-    pub(super) pieces: Vec<Piece<'a>>,
+    pub(super) primitives: Vec<PrimitiveReader<'a>>,
     /// Number of primitives of points or lines.
     pub(super) without_surface: usize,
     /// Whether a primitive has morph targets.
     pub(super) morphs: bool,
 }
 
-impl<'a> Mesh<'a> {
-    pub(super) fn open(document: &'a Document, index: usize, mesh: &'a json::Mesh) -> Result<Self> {
-        let mut opened = Self { pieces: Vec::new(), without_surface: 0, morphs: false };
+impl<'a> MeshReader<'a> {
+    pub(super) fn open(document: &'a Document<'_>, index: usize, mesh: &'a json::Mesh) -> Result<Self> {
+        let mut opened = Self { primitives: Vec::new(), without_surface: 0, morphs: false };
         for (i, primitive) in mesh.primitives.iter().enumerate() {
             opened.morphs |= primitive.targets.as_ref().is_some_and(|targets| !targets.is_empty());
             let place = || format!("{}, primitive {i}", document.place("mesh", index, mesh.name.as_ref()));
-            match Piece::open(document, primitive, &place)? {
-                Some(piece) if piece.triangles > 0 => opened.pieces.push(piece),
+            match PrimitiveReader::open(document, primitive, &place)? {
+                Some(reader) if reader.triangles > 0 => opened.primitives.push(reader),
                 Some(_) => {}
                 None => opened.without_surface += 1,
             }
@@ -38,30 +38,29 @@ impl<'a> Mesh<'a> {
 
     /// Number of triangles.
     pub(super) fn triangles(&self) -> usize {
-        self.pieces.iter().map(|piece| piece.triangles).sum()
+        self.primitives.iter().map(|primitive| primitive.triangles).sum()
     }
 }
 
-/// A primitive: triangles of one material.
-pub(super) struct Piece<'a> {
+/// Reads a primitive: triangles of one material.
+pub(super) struct PrimitiveReader<'a> {
     place: String,
     pub(super) material: Option<usize>,
     mode: Mode,
-    positions: Vectors<'a>,
-    indices: Option<Indices<'a>>,
+    positions: Accessor<'a>,
+    indices: Option<Accessor<'a>>,
     triangles: usize,
 }
 
-impl<'a> Piece<'a> {
+impl<'a> PrimitiveReader<'a> {
     /// `None` for points and lines.
     fn open(
-        document: &'a Document,
+        document: &'a Document<'_>,
         primitive: &Primitive,
         place: &impl Fn() -> String,
     ) -> Result<Option<Self>> {
-        let mode = match primitive.mode {
-            Checked::Valid(mode) => mode,
-            Checked::Invalid => return Err(Error::input(place(), "its mode must be a number from 0 to 6")),
+        let Checked::Valid(mode) = primitive.mode else {
+            return Err(Error::input(place(), "its mode must be a number from 0 to 6"));
         };
         if matches!(mode, Mode::Points | Mode::Lines | Mode::LineLoop | Mode::LineStrip) {
             return Ok(None);
@@ -78,29 +77,30 @@ impl<'a> Piece<'a> {
                 && document.root.accessors.get(accessor.value()).is_some_and(|a| a.buffer_view.is_none())
         });
         if compressed {
-            return Err(unsupported_extension(&place(), "KHR_draco_mesh_compression"));
+            return Err(unsupported_extension(place(), "KHR_draco_mesh_compression"));
         }
-        let positions = Vectors::positions(document, accessor.value())?;
-        let indices = match primitive.indices {
-            Some(index) => Some(Indices::new(document, index.value())?),
-            None => None,
-        };
-        let corners = indices.as_ref().map_or(positions.len(), Indices::len);
+        let positions = Accessor::positions(document, accessor.value())?;
+        let indices =
+            primitive.indices.map(|index| Accessor::indices(document, index.value())).transpose()?;
+        let corners = indices.as_ref().unwrap_or(&positions).len();
         let triangles = match mode {
             Mode::TriangleStrip | Mode::TriangleFan => corners.saturating_sub(2),
             _ if corners.is_multiple_of(3) => corners / 3,
             _ => {
-                return Err(Error::input(
-                    place(),
-                    format!("has {corners} corners, which is not a multiple of 3; the file may be cut short"),
-                ));
+                let problem = "which is not a multiple of 3; the file may be cut short";
+                return Err(Error::input(place(), format!("has {corners} corners, {problem}")));
             }
         };
         Ok(Some(Self { place: place(), material, mode, positions, indices, triangles }))
     }
 
     /// Adds its triangles, transformed to the scene's frame.
-    pub(super) fn add_to(&self, surfaces: &mut Surfaces, to_scene: DAffine3, material: u32) -> Result<()> {
+    pub(super) fn add_to(
+        &self,
+        surfaces: &mut Surfaces<'_>,
+        to_scene: DAffine3,
+        material: u32,
+    ) -> Result<()> {
         // A mirrored node reverses the winding of its triangles.
         let mirrored = to_scene.matrix3.determinant() < 0.0;
         for triangle in 0..self.triangles {
@@ -129,13 +129,11 @@ impl<'a> Piece<'a> {
 
     /// The vertex at a corner.
     fn vertex(&self, corner: usize) -> Result<usize> {
-        let vertex = self.indices.as_ref().map_or(corner, |indices| indices.get(corner));
+        let vertex = self.indices.as_ref().map_or(corner, |indices| indices.index(corner));
         let count = self.positions.len();
         if vertex >= count {
-            return Err(Error::input(
-                &self.place,
-                format!("refers to vertex {vertex}, counted from 0, but there are {count}"),
-            ));
+            let problem = format!("refers to vertex {vertex}, counted from 0, but there are {count}");
+            return Err(Error::input(&self.place, problem));
         }
         Ok(vertex)
     }

@@ -3,31 +3,29 @@
 use ::gltf::json;
 use glam::{DAffine3, DMat3, DVec3};
 
+use super::super::files::list_names;
 use super::super::{CameraView, Sensor};
 use super::container::Document;
 use crate::error::{Error, Result};
-use crate::progress::Observer;
-
-/// Maximum number of names in a message.
-const MOST_NAMES: usize = 8;
 
 /// Finds the requested sensor while the nodes are visited.
 pub(super) struct SensorSearch<'a> {
-    document: &'a Document,
+    document: &'a Document<'a>,
     wanted: Option<&'a Sensor>,
     /// The nodes that match it, and their cameras.
     found: Vec<(usize, DAffine3, Option<CameraView>)>,
     /// Names of the file that a sensor of the requested kind can have.
-    candidates: Vec<String>,
+    candidates: Vec<&'a String>,
 }
 
 impl<'a> SensorSearch<'a> {
-    pub(super) fn new(document: &'a Document, wanted: Option<&'a Sensor>) -> Self {
+    pub(super) fn new(document: &'a Document<'a>) -> Self {
+        let wanted = document.file.options.sensor.as_ref();
         Self { document, wanted, found: Vec::new(), candidates: Vec::new() }
     }
 
     /// Checks a node.
-    pub(super) fn note(&mut self, index: usize, node: &json::Node, to_scene: DAffine3) {
+    pub(super) fn note(&mut self, index: usize, node: &'a json::Node, to_scene: DAffine3) {
         let camera = node.camera.and_then(|i| self.document.root.cameras.get(i.value()));
         let names = match self.wanted {
             None => return,
@@ -43,38 +41,28 @@ impl<'a> SensorSearch<'a> {
             });
             self.found.push((index, to_scene, view));
         }
-        let room = (MOST_NAMES + 1).saturating_sub(self.candidates.len());
-        self.candidates.extend(names.into_iter().flatten().take(room).map(|name| format!("`{name}`")));
+        self.candidates.extend(names.into_iter().flatten());
     }
 
     /// The transform from the scene to the sensor's frame (x right, y down, z ahead) and its camera, if a sensor is
     /// requested.
-    pub(super) fn sensor(
-        mut self,
-        observer: &dyn Observer,
-    ) -> Result<Option<(DAffine3, Option<CameraView>)>> {
+    pub(super) fn sensor(self) -> Result<Option<(DAffine3, Option<CameraView>)>> {
         let Some(wanted) = self.wanted else { return Ok(None) };
         let (kind, name) = match wanted {
             Sensor::Camera(name) => ("camera", name),
             Sensor::Node(name) => ("node", name),
         };
         let Some(&(index, to_scene, view)) = self.found.first() else {
-            if let Some(last) = self.candidates.get_mut(MOST_NAMES) {
-                "...".clone_into(last);
-            }
-            let there =
-                if self.candidates.is_empty() { "none".to_owned() } else { self.candidates.join(", ") };
-            return Err(Error::input(
-                self.document.name(),
-                format!("its scene has no {kind} named `{name}`; available: {there}"),
-            ));
+            let names = list_names(self.candidates);
+            let names = if names.is_empty() { "none" } else { &names };
+            let problem = format!("its scene has no {kind} named `{name}`; available: {names}");
+            return Err(self.document.file.refused(problem));
         };
         if self.found.len() > 1 {
-            observer.warn(&format!(
-                "{}: {} nodes match the sensor {kind}:{name}; the first is used",
-                self.document.name(),
-                self.found.len()
-            ));
+            let count = self.found.len();
+            self.document
+                .file
+                .warn(format_args!("{count} nodes match the sensor {kind}:{name}; the first is used"));
         }
         // A camera has a position and axes but no size: scale and shear of its node do not apply.
         let [x, y, z] = [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| to_scene.transform_vector3(axis));

@@ -6,43 +6,28 @@ use std::path::Path;
 
 use glam::DVec3;
 
-use super::super::listener::Listener;
+use super::super::fixtures::{clean, load_files, refusal};
 use super::super::{LoadOptions, MaterialRule, Scene, Unit};
-use crate::error::Error;
+use crate::error::{Error, Result};
 use crate::named::assert_names;
 
 const TRIANGLE: &str = "v 0 0 1\nv 1 0 1\nv 0 1 1\nf 1 2 3\n";
 
 fn metres() -> LoadOptions {
-    LoadOptions { unit: Some(Unit::Metre), ..LoadOptions::default() }
+    LoadOptions::default().with_unit(Unit::Metre)
 }
 
 /// Loads `obj`, with `files` in its folder; returns the scene and the warnings.
-fn load_with(
-    obj: &str,
-    files: &[(&str, &str)],
-    options: &LoadOptions,
-) -> (crate::error::Result<Scene>, String) {
-    let folder = tempfile::tempdir().unwrap();
-    for (name, text) in files {
-        fs::write(folder.path().join(name), text).unwrap();
-    }
-    let path = folder.path().join("mesh.obj");
-    fs::write(&path, obj).unwrap();
-    let listener = Listener::default();
-    (Scene::load_with(&path, options, &listener), listener.heard())
+fn load_with(obj: &str, files: &[(&str, &str)], options: &LoadOptions) -> (Result<Scene>, String) {
+    load_files(&[files, &[("mesh.obj", obj)]].concat(), options)
 }
 
 fn load(obj: &str) -> Scene {
-    let (scene, heard) = load_with(obj, &[], &metres());
-    assert_eq!(heard, "");
-    scene.unwrap()
+    clean(load_with(obj, &[], &metres()))
 }
 
 fn refused(obj: &str) -> String {
-    let error = load_with(obj, &[], &metres()).0.unwrap_err();
-    assert_eq!(error.exit_status(), 2);
-    error.to_string()
+    refusal(load_with(obj, &[], &metres()), "mesh.obj")
 }
 
 #[test]
@@ -50,12 +35,11 @@ fn a_unit_is_needed_and_may_be_in_the_header() {
     let unitless = load_with(TRIANGLE, &[], &LoadOptions::default()).0.unwrap_err().to_string();
     assert_names(unitless, &["mesh.obj", "`unit = \"mm\"", "[scene]", "`--unit mm`"]);
     let header = format!("# File units = millimeters\n#  1 unit = 1000.000000 mm\n{TRIANGLE}");
-    let (scene, heard) = load_with(&header, &[], &LoadOptions::default());
-    assert_eq!((scene.unwrap().surface_area(), heard.as_str()), (0.5, ""));
-    let inches = LoadOptions { unit: Some(Unit::Inch), ..LoadOptions::default() };
-    let (scene, heard) = load_with(&header, &[], &inches);
+    assert_eq!(clean(load_with(&header, &[], &LoadOptions::default())).surface_area(), 0.5);
+    let inches = LoadOptions::default().with_unit(Unit::Inch);
+    let (scene, warnings) = load_with(&header, &[], &inches);
     assert!((scene.unwrap().surface_area() - 0.5 * 0.0254 * 0.0254).abs() < 1e-15);
-    assert_names(heard, &["mesh.obj", "`unit`", "1 m", "0.0254 m"]);
+    assert_names(warnings, &["mesh.obj", "`unit`", "1 m", "0.0254 m"]);
     assert_names(refused(&format!("# 1 unit = 3 cubits\n{TRIANGLE}")), &["line 1", "`# 1 unit = 3 cubits`"]);
 }
 
@@ -74,27 +58,25 @@ fn concave_faces_are_covered_exactly() {
     let l = "v 0 0 1\nv 3 0 1\nv 3 1 1\nv 1 1 1\nv 1 3 1\nv 0 3 1\nf 4 5 6 1 2 3\n";
     assert!((load(l).surface_area() - 5.0).abs() < 1e-12);
     let bow = "v 0 0 1\nv 1 1 1\nv 1 0 1\nv 0 1 1\nf 1 2 3 4\n";
-    let (scene, heard) = load_with(bow, &[], &metres());
+    let (scene, warnings) = load_with(bow, &[], &metres());
     assert!(scene.is_ok());
-    assert_names(heard, &["mesh.obj", "1", "outline"]);
+    assert_names(warnings, &["mesh.obj", "1", "outline"]);
 }
 
 #[test]
 fn materials_come_from_the_mtl_file_and_rules_override_them() {
     let obj = format!("mtllib a b.mtl\no pane\nusemtl glass\n{TRIANGLE}o wall\nusemtl brick\nf 1 2 3\n");
     let mtl = ("a b.mtl", "newmtl glass\nKd 0.1 0.2\nd 0.4\nnewmtl brick\nd 1\n");
-    let (scene, heard) = load_with(&obj, &[mtl], &metres());
-    let scene = scene.unwrap();
+    let scene = clean(load_with(&obj, &[mtl], &metres()));
     let glass = &scene.materials()[scene.triangles()[0].material as usize];
     assert_eq!((glass.reflectance, glass.transmittance, glass.source.as_str()), (0.4, 0.6, "MTL d"));
     assert_eq!((scene.materials()[1].name.as_str(), scene.materials()[1].reflectance), ("brick", 1.0));
-    assert_eq!(heard, "");
     let rule = |name: &str| MaterialRule { name: name.into(), reflectance: Some(0.2), transmittance: None };
     let options = LoadOptions { materials: vec![rule("wal?"), rule("steel*")], ..metres() };
-    let (scene, heard) = load_with(&obj, &[mtl], &options);
+    let (scene, warnings) = load_with(&obj, &[mtl], &options);
     let wall = &scene.as_ref().unwrap().materials()[1];
     assert_eq!((wall.reflectance, wall.source.as_str()), (0.2, "rule `wal?`"));
-    assert_names(heard, &["rule", "`steel*`", "`glass`"]);
+    assert_names(warnings, &["rule", "`steel*`", "`glass`"]);
 }
 
 #[test]
@@ -102,9 +84,9 @@ fn a_missing_mtl_file_is_a_warning_and_names_still_match() {
     let obj = format!("mtllib gone.mtl\nmtllib ../../etc/passwd\nusemtl glass\n{TRIANGLE}");
     let rule = MaterialRule { name: "glass".into(), reflectance: None, transmittance: Some(0.5) };
     let options = LoadOptions { materials: vec![rule], ..metres() };
-    let (scene, heard) = load_with(&obj, &[], &options);
+    let (scene, warnings) = load_with(&obj, &[], &options);
     assert_eq!(scene.unwrap().materials()[0].transmittance, 0.5);
-    assert_names(heard, &["gone.mtl", "`../../etc/passwd`", "folder"]);
+    assert_names(warnings, &["gone.mtl", "`../../etc/passwd`", "folder"]);
     let bad = load_with(&obj, &[("gone.mtl", "newmtl glass\nd 7\n")], &metres()).0.unwrap_err();
     assert_names(bad.to_string(), &["gone.mtl", "line 2", "`d 7`", "0 to 1"]);
 }
@@ -133,14 +115,14 @@ fn nothing_to_image_is_an_error_and_flat_triangles_are_left_out() {
     for empty in ["", "# nothing\n", "v 0 0 0\nv 1 0 0\nf 1 2\nf\n", "v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n"] {
         assert_names(refused(empty), &["mesh.obj", "triangle"]);
     }
-    let (scene, heard) = load_with(&format!("{TRIANGLE}f 1 1 2\nf 2 3 3\n"), &[], &metres());
+    let (scene, warnings) = load_with(&format!("{TRIANGLE}f 1 1 2\nf 2 3 3\n"), &[], &metres());
     assert_eq!(scene.unwrap().triangles().len(), 1);
-    assert_names(heard, &["mesh.obj", "2", "3 triangles", "area"]);
+    assert_names(warnings, &["mesh.obj", "2", "3 triangles", "area"]);
 }
 
 #[test]
 fn folders_missing_files_and_other_formats_are_refused() {
-    let refused = |path: &Path| Scene::load_with(path, &metres(), &Listener::default()).unwrap_err();
+    let refused = |path: &Path| Scene::load(path, &metres()).unwrap_err();
     let folder = tempfile::tempdir().unwrap();
     assert_names(refused(&folder.path().join("a.obj")).to_string(), &["a.obj", "file"]);
     let unknown = refused(&folder.path().join("a.step")).to_string();

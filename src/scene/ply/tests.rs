@@ -1,39 +1,27 @@
 //! PLY files in every form, and as they should not be.
 #![allow(clippy::unwrap_used)]
 
-use std::fs;
-
 use glam::DVec3;
 
-use super::super::listener::Listener;
+use super::super::fixtures::{clean, load_files, refusal};
 use super::super::{LoadOptions, Scene, Unit};
 use crate::error::Result;
 use crate::named::assert_names;
 
 fn metres() -> LoadOptions {
-    LoadOptions { unit: Some(Unit::Metre), ..LoadOptions::default() }
+    LoadOptions::default().with_unit(Unit::Metre)
 }
 
 fn load_with(bytes: &[u8], options: &LoadOptions) -> (Result<Scene>, String) {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("scan.ply");
-    fs::write(&path, bytes).unwrap();
-    let listener = Listener::default();
-    (Scene::load_with(&path, options, &listener), listener.heard())
+    load_files(&[("scan.ply", bytes)], options)
 }
 
 fn load(bytes: &[u8]) -> Scene {
-    let (scene, heard) = load_with(bytes, &metres());
-    assert_eq!(heard, "");
-    scene.unwrap()
+    clean(load_with(bytes, &metres()))
 }
 
 fn refused(bytes: &[u8]) -> String {
-    let error = load_with(bytes, &metres()).0.unwrap_err();
-    assert_eq!(error.exit_status(), 2);
-    let message = error.to_string();
-    assert!(message.contains("scan.ply"), "{message}");
-    message
+    refusal(load_with(bytes, &metres()), "scan.ply")
 }
 
 /// A concave face of six corners and area 4, with colours and an unknown element.
@@ -98,9 +86,9 @@ fn both_byte_orders_are_read_and_their_truncation_noticed() {
             let words = ["cut", "empty", "PLY"];
             assert!(words.iter().any(|word| message.contains(word)), "{length}: {message}");
         }
-        let (scene, heard) = load_with(&[&bytes[..], b"tail"].concat(), &metres());
+        let (scene, warnings) = load_with(&[&bytes[..], b"tail"].concat(), &metres());
         assert!(scene.is_ok());
-        assert_names(heard, &["scan.ply", "4 bytes"]);
+        assert_names(warnings, &["scan.ply", "4 bytes"]);
     }
 }
 

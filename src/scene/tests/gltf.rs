@@ -1,12 +1,10 @@
 //! glTF files: placement, materials, every way of storing triangles, and every way of damaging a file.
 #![allow(clippy::unwrap_used)]
 
-use std::fs;
-
 use glam::DVec3;
 use serde_json::{Value, json};
 
-use super::listener::Listener;
+use super::fixtures::{clean, load_files, refusal};
 use super::{LoadOptions, MaterialRule, Scene, Unit, Up};
 use crate::error::Result;
 use crate::named::assert_names;
@@ -48,11 +46,7 @@ pub(super) fn document() -> Value {
 }
 
 fn load_bytes(name: &str, bytes: &[u8], options: &LoadOptions) -> (Result<Scene>, String) {
-    let folder = tempfile::tempdir().unwrap();
-    fs::write(folder.path().join("b c.bin"), buffer()).unwrap();
-    fs::write(folder.path().join(name), bytes).unwrap();
-    let listener = Listener::default();
-    (Scene::load_with(&folder.path().join(name), options, &listener), listener.heard())
+    load_files(&[("b c.bin", &buffer()[..]), (name, bytes)], options)
 }
 
 pub(super) fn load_with(document: &Value, options: &LoadOptions) -> (Result<Scene>, String) {
@@ -60,9 +54,7 @@ pub(super) fn load_with(document: &Value, options: &LoadOptions) -> (Result<Scen
 }
 
 pub(super) fn load(document: &Value) -> Scene {
-    let (scene, heard) = load_with(document, &raw());
-    assert_eq!(heard, "");
-    scene.unwrap()
+    clean(load_with(document, &raw()))
 }
 
 /// The document with the value at a JSON pointer replaced; its last part may be new.
@@ -81,11 +73,7 @@ pub(super) fn set(document: &mut Value, pointer: &str, value: Value) {
 }
 
 pub(super) fn refused(document: &Value) -> String {
-    let error = load_with(document, &raw()).0.unwrap_err();
-    assert_eq!(error.exit_status(), 2);
-    let message = error.to_string();
-    assert!(message.contains("a.gltf"), "{message}");
-    message
+    refusal(load_with(document, &raw()), "a.gltf")
 }
 
 #[test]
@@ -110,9 +98,9 @@ fn lists_strips_and_fans_are_wound_alike() {
     set(&mut strip, "/accessors/1/count", json!(3));
     assert_eq!(load(&strip).surface_area(), 0.5);
     set(&mut strip, "/meshes/0/primitives/0/mode", json!(1));
-    let (lines, heard) = load_with(&strip, &raw());
+    let (lines, warnings) = load_with(&strip, &raw());
     assert_names(lines.unwrap_err().to_string(), &["a.gltf", "triangle"]);
-    assert_names(heard, &["1", "points", "lines"]);
+    assert_names(warnings, &["1", "points", "lines"]);
 }
 
 #[test]
@@ -159,9 +147,9 @@ fn one_scene_is_taken() {
     let mut several = with("/scenes", json!([{ "nodes": [] }, { "nodes": [0], "name": "second" }]));
     assert_names(refused(&several), &["triangle"]);
     set(&mut several, "/scene", json!(1));
-    let (scene, heard) = load_with(&several, &raw());
+    let (scene, warnings) = load_with(&several, &raw());
     assert_eq!(scene.unwrap().triangles().len(), 2);
-    assert_names(heard, &["2 scenes", "scene 1", "`second`"]);
+    assert_names(warnings, &["2 scenes", "scene 1", "`second`"]);
     set(&mut several, "/scene", json!(2));
     assert_names(refused(&several), &["scene is 2", "are 2"]);
     let mut none = with("/scenes", json!([]));
@@ -174,9 +162,7 @@ fn materials_follow_rules_extras_transmission_and_alpha() {
     let mut document = with("/meshes/0/primitives/0/material", json!(0));
     let mut shares = |material: Value, options: &LoadOptions| {
         set(&mut document, "/materials", json!([material]));
-        let (scene, heard) = load_with(&document, options);
-        assert_eq!(heard, "");
-        let material = scene.unwrap().materials()[0].clone();
+        let material = clean(load_with(&document, options)).materials()[0].clone();
         (material.reflectance, material.transmittance, material.source)
     };
     let mut material =

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
-use super::listener::Listener;
 use super::{LoadOptions, Scene, Sensor, Unit, Up};
+use crate::named::Warnings;
 
 fn mesh(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/meshes").join(name)
@@ -15,9 +15,9 @@ fn mesh(name: &str) -> PathBuf {
 
 /// Loads without a warning.
 fn load(name: &str, options: &LoadOptions) -> Scene {
-    let listener = Listener::default();
-    let scene = Scene::load_with(&mesh(name), options, &listener).unwrap();
-    assert_eq!(listener.heard(), "");
+    let warnings = Warnings::default();
+    let scene = Scene::load_with(&mesh(name), options, &warnings).unwrap();
+    assert!(warnings.list().is_empty());
     scene
 }
 
@@ -118,15 +118,14 @@ fn the_letter_reads_from_the_array_and_is_mirrored_from_behind() {
         assert!(crossings.iter().all(|c| (c.distance - depth).abs() < 1e-6));
         !crossings.is_empty()
     };
-    let scene = Scene::load_with(&path, &LoadOptions::default(), &Listener::default()).unwrap();
+    let scene = Scene::load(&path, &LoadOptions::default()).unwrap();
     // y points down: the long arm is at the top (y < 0), the stem at the left, nothing at the lower right.
     assert!(hit(&scene, 0.25, -0.4, 2.0) && hit(&scene, -0.2, 0.4, 2.0) && hit(&scene, 0.15, 0.0, 2.0));
     assert!(!hit(&scene, 0.25, 0.0, 2.0) && !hit(&scene, 0.2, 0.4, 2.0));
     assert!(scene.camera().is_none());
     for sensor in ["camera:Behind", "camera:Camera.001", "node:Behind"] {
         let sensor: Sensor = sensor.parse().unwrap();
-        let options = LoadOptions { sensor: Some(sensor), ..LoadOptions::default() };
-        let scene = Scene::load_with(&path, &options, &Listener::default()).unwrap();
+        let scene = Scene::load(&path, &LoadOptions::default().with_sensor(sensor)).unwrap();
         assert!(hit(&scene, -0.25, -0.4, 3.0) && hit(&scene, 0.2, 0.4, 3.0) && !hit(&scene, -0.2, 0.4, 3.0));
         let camera = scene.camera().unwrap();
         assert!((camera.vertical_field_of_view - 28.6479).abs() < 1e-3);
