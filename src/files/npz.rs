@@ -16,7 +16,7 @@ pub(crate) use writer::{NpzWriter, write_npz};
 
 use crate::error::{Error, Result};
 use elements::{ComplexReader, any_complex, characters, plain_complex, scalar_reader};
-use header::{Dtype, Header, Kind};
+use header::{Dtype, DtypeKind, NpyHeader};
 use num_complex::Complex32;
 use std::fs::File;
 use std::io::{BufReader, Read};
@@ -40,7 +40,7 @@ pub(crate) struct Array<T> {
 struct Entry {
     name: String,
     index: usize,
-    header: std::result::Result<Header, String>,
+    header: std::result::Result<NpyHeader, String>,
 }
 
 /// An open `.npz` file, of which only the headers have been read.
@@ -66,18 +66,12 @@ impl NpzReader {
             return Err(Error::input(path.display(), "is a folder; an .npz file was expected"));
         }
         let mut archive = ZipArchive::new(BufReader::new(file)).map_err(|error| {
-            Error::input(
-                path.display(),
-                format!(
-                    "is not a complete .npz file ({error}); expected a zip archive as numpy.savez writes it"
-                ),
-            )
+            let expected = "expected a zip archive as numpy.savez writes it";
+            Error::input(path.display(), format!("is not a complete .npz file ({error}); {expected}"))
         })?;
         if archive.has_duplicate_names() {
-            return Err(Error::input(
-                path.display(),
-                "contains two arrays of the same name; each name may appear once",
-            ));
+            let problem = "contains two arrays of the same name; each name may appear once";
+            return Err(Error::input(path.display(), problem));
         }
         let entries = (0..archive.len())
             .filter_map(|index| {
@@ -104,7 +98,7 @@ impl NpzReader {
     /// # Errors
     /// A missing array, or one whose header is malformed or disagrees with the bytes present.
     pub(crate) fn shape(&self, name: &str) -> Result<Vec<usize>> {
-        Ok(self.header(name)?.1.shape.clone())
+        Ok(self.header(name)?.1.shape)
     }
 
     /// Whether an array's elements are complex numbers.
@@ -112,7 +106,7 @@ impl NpzReader {
     /// # Errors
     /// As [`NpzReader::shape`].
     pub(crate) fn dtype_is_complex(&self, name: &str) -> Result<bool> {
-        Ok(self.header(name)?.1.dtype.kind == Kind::Complex)
+        Ok(self.header(name)?.1.dtype.kind == DtypeKind::Complex)
     }
 
     /// An array of complex numbers; real numbers get the imaginary part 0.
@@ -121,25 +115,38 @@ impl NpzReader {
     /// A missing array, text in place of numbers, sizes that disagree or exceed the limit, damaged bytes.
     pub(crate) fn complex(&mut self, name: &str) -> Result<Array<Complex32>> {
         let (index, header) = self.header(name)?;
-        let (index, header) = (index, header.clone());
         let convert = self.complex_reader(name, header.dtype)?;
+        self.array(name, index, header, convert)
+    }
+
+    /// How to read an array's elements as real numbers.
+    fn scalar_reader(&self, name: &str, dtype: Dtype) -> Result<fn(&[u8]) -> f64> {
+        scalar_reader(dtype).ok_or_else(|| self.fault(name, "contains text; numbers were expected"))
+    }
+
+    /// How to read an array's elements as complex numbers.
+    fn complex_reader(&self, name: &str, dtype: Dtype) -> Result<ComplexReader> {
+        self.scalar_reader(name, dtype)?;
+        let plain = Dtype { kind: DtypeKind::Complex, size: 8, big_endian: false };
+        Ok(if dtype == plain { plain_complex } else { any_complex })
+    }
+
+    /// All elements of an array, which `convert` appends from their bytes.
+    fn array<T: Copy>(
+        &mut self,
+        name: &str,
+        index: usize,
+        header: NpyHeader,
+        convert: impl Fn(Dtype, &[u8], &mut Vec<T>),
+    ) -> Result<Array<T>> {
         let mut data = Vec::new();
         let place = place_of(&self.path, name);
-        self.read(name, index, &header, Held::all(&header, 8), |bytes| {
+        self.read(name, index, &header, [u64::MAX, size_of::<T>() as u64], |bytes| {
             header.reserve(&mut data).ok_or_else(|| does_not_fit(&place))?;
             convert(header.dtype, bytes, &mut data);
             Ok(())
         })?;
         header.array(data).ok_or_else(|| does_not_fit(&place))
-    }
-
-    /// How to read an array's elements as complex numbers.
-    fn complex_reader(&self, name: &str, dtype: Dtype) -> Result<ComplexReader> {
-        if scalar_reader(dtype).is_none() {
-            return Err(self.fault(name, "contains text; numbers were expected"));
-        }
-        let plain = Dtype { kind: Kind::Complex, size: 8, big_endian: false };
-        Ok(if dtype == plain { plain_complex } else { any_complex })
     }
 
     /// Whether an array is stored in the order in which it is read, last axis fastest.
@@ -165,13 +172,12 @@ impl NpzReader {
             return self.complex(name)?.data.chunks_mut(block).try_for_each(take);
         }
         let (index, header) = self.header(name)?;
-        let (index, header) = (index, header.clone());
         let convert = self.complex_reader(name, header.dtype)?;
         let size = header.dtype.size as usize;
         let mut waiting: Vec<Complex32> = Vec::new();
         let most = block.min(header.elements().map_or(block, |n| n as usize));
         let place = place_of(&self.path, name);
-        self.read(name, index, &header, Held { elements: block as u64, bytes_each: 8 }, |mut bytes| {
+        self.read(name, index, &header, [block as u64, 8], |mut bytes| {
             if waiting.capacity() == 0 {
                 waiting.try_reserve_exact(most).map_err(|_| does_not_fit(&place))?;
             }
@@ -195,7 +201,14 @@ impl NpzReader {
     /// # Errors
     /// As [`NpzReader::complex`], and complex numbers.
     pub(crate) fn f64(&mut self, name: &str) -> Result<Array<f64>> {
-        self.numbers(name, |number| number)
+        let (index, header) = self.header(name)?;
+        if header.dtype.kind == DtypeKind::Complex {
+            return Err(self.fault(name, "contains complex numbers; real numbers were expected"));
+        }
+        let scalar = self.scalar_reader(name, header.dtype)?;
+        self.array(name, index, header, |dtype, bytes, data| {
+            data.extend(bytes.chunks_exact(dtype.size as usize).map(scalar));
+        })
     }
 
     /// A text: the bytes of its UTF-8 as `uint8`, or one `NumPy` string.
@@ -204,11 +217,10 @@ impl NpzReader {
     /// A missing array, anything but one text, sizes that disagree or exceed the limit, damaged bytes.
     pub(crate) fn text(&mut self, name: &str) -> Result<String> {
         let (index, header) = self.header(name)?;
-        let (index, header) = (index, header.clone());
         let one_string = header.shape.is_empty() || header.shape == [1];
         let expected = match (header.dtype.kind, header.dtype.size) {
-            (Kind::Unsigned, 1) => header.shape.len() <= 1,
-            (Kind::Bytes | Kind::Characters, _) => one_string,
+            (DtypeKind::Unsigned, 1) => header.shape.len() <= 1,
+            (DtypeKind::Bytes | DtypeKind::Characters, _) => one_string,
             _ => false,
         };
         if !expected {
@@ -218,11 +230,11 @@ impl NpzReader {
             ));
         }
         let mut bytes = Vec::new();
-        self.read(name, index, &header, Held::all(&header, 1), |block| {
+        self.read(name, index, &header, [u64::MAX, 1], |block| {
             bytes.extend_from_slice(block);
             Ok(())
         })?;
-        let text = if header.dtype.kind == Kind::Characters {
+        let text = if header.dtype.kind == DtypeKind::Characters {
             characters(&bytes, header.dtype.big_endian)
         } else {
             String::from_utf8(bytes).ok()
@@ -234,48 +246,28 @@ impl NpzReader {
         }
     }
 
-    fn numbers<T: Copy>(&mut self, name: &str, make: impl Fn(f64) -> T) -> Result<Array<T>> {
-        let (index, header) = self.header(name)?;
-        let (index, header) = (index, header.clone());
-        if header.dtype.kind == Kind::Complex {
-            return Err(self.fault(name, "contains complex numbers; real numbers were expected"));
-        }
-        let Some(scalar) = scalar_reader(header.dtype) else {
-            return Err(self.fault(name, "contains text; numbers were expected"));
-        };
-        let mut data: Vec<T> = Vec::new();
-        let place = place_of(&self.path, name);
-        self.read(name, index, &header, Held::all(&header, size_of::<T>() as u64), |bytes| {
-            header.reserve(&mut data).ok_or_else(|| does_not_fit(&place))?;
-            data.extend(bytes.chunks_exact(header.dtype.size as usize).map(|element| make(scalar(element))));
-            Ok(())
-        })?;
-        header.array(data).ok_or_else(|| does_not_fit(&place))
-    }
-
-    /// Passes the array's bytes to `take` in blocks of whole elements, after checking that its sizes fit.
+    /// Passes the array's bytes to `take` in blocks of whole elements, after checking that its sizes fit: at most
+    /// `block` elements of `bytes_each` are in memory at a time.
     fn read(
         &mut self,
         name: &str,
         index: usize,
-        header: &Header,
-        held: Held,
+        header: &NpyHeader,
+        [block, bytes_each]: [u64; 2],
         mut take: impl FnMut(&[u8]) -> Result<()>,
     ) -> Result<()> {
         let elements = header.elements().unwrap_or(u64::MAX);
         // Reordering needs the array in memory twice.
         let copies = if header.in_order() { 1 } else { 2 };
-        let in_memory = held.elements.min(elements).saturating_mul(held.bytes_each.max(header.dtype.size));
+        let in_memory = block.min(elements).saturating_mul(bytes_each.max(header.dtype.size));
         let in_memory = in_memory.saturating_mul(copies);
         if in_memory > self.limit_bytes {
-            return Err(self.fault(
-                name,
-                format!(
-                    "has the shape {:?} and needs {in_memory} bytes, more than the limit of {}; raise the \
-                     limit or use a smaller array",
-                    header.shape, self.limit_bytes
-                ),
-            ));
+            let problem = format!(
+                "has the shape {:?} and needs {in_memory} bytes, more than the limit of {}; raise the limit or use a \
+                 smaller array",
+                header.shape, self.limit_bytes
+            );
+            return Err(self.fault(name, problem));
         }
         let size = header.dtype.size;
         let mut left = elements * size;
@@ -305,37 +297,20 @@ impl NpzReader {
         }
     }
 
-    fn header(&self, name: &str) -> Result<(usize, &Header)> {
+    fn header(&self, name: &str) -> Result<(usize, NpyHeader)> {
         let Some(entry) = self.entries.iter().find(|entry| entry.name == name) else {
-            let present: Vec<_> = self.names().collect();
-            let present = if present.is_empty() {
-                "no arrays".to_owned()
-            } else {
-                format!("`{}`", present.join("`, `"))
-            };
+            let present: Vec<_> = self.names().map(|name| format!("`{name}`")).collect();
+            let present = if present.is_empty() { "no arrays".to_owned() } else { present.join(", ") };
             return Err(self.fault(name, format!("is missing; the file contains {present}")));
         };
         match &entry.header {
-            Ok(header) => Ok((entry.index, header)),
+            Ok(header) => Ok((entry.index, header.clone())),
             Err(problem) => Err(self.fault(name, problem.as_str())),
         }
     }
 
     fn fault(&self, name: &str, problem: impl Into<String>) -> Error {
         Error::input(place_of(&self.path, name), problem)
-    }
-}
-
-/// How much of an array is in memory at a time.
-#[derive(Debug, Clone, Copy)]
-struct Held {
-    elements: u64,
-    bytes_each: u64,
-}
-
-impl Held {
-    fn all(header: &Header, bytes_each: u64) -> Self {
-        Self { elements: header.elements().unwrap_or(u64::MAX), bytes_each }
     }
 }
 
@@ -353,16 +328,14 @@ fn read_header(
     archive: &mut ZipArchive<BufReader<File>>,
     index: usize,
     bytes_on_disk: u64,
-) -> std::result::Result<Header, String> {
+) -> std::result::Result<NpyHeader, String> {
     let mut entry = archive.by_index(index).map_err(|error| format!("cannot be read ({error})"))?;
     let (packed, unpacked) = (entry.compressed_size(), entry.size());
     let possible = match entry.compression() {
         CompressionMethod::Stored => packed,
         CompressionMethod::Deflated => packed.saturating_mul(DEFLATE_AT_MOST),
         method => {
-            return Err(format!(
-                "is compressed with {method}; only stored and deflated arrays are supported"
-            ));
+            return Err(format!("is compressed with {method}; only stored and deflated arrays are supported"));
         }
     };
     if packed > bytes_on_disk || unpacked > possible {
@@ -370,7 +343,7 @@ fn read_header(
             "declares {unpacked} bytes, which its {packed} bytes in a file of {bytes_on_disk} cannot contain"
         ));
     }
-    let header = Header::read(&mut entry)?;
+    let header = NpyHeader::read(&mut entry)?;
     let needed = header
         .elements()
         .and_then(|n| n.checked_mul(header.dtype.size))

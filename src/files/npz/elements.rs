@@ -1,7 +1,7 @@
 //! Elements of an NPY array: bytes in, numbers and characters out.
 
 use super::Array;
-use super::header::{Dtype, Header, Kind};
+use super::header::{Dtype, DtypeKind, NpyHeader};
 use num_complex::Complex32;
 
 /// Appends the elements that are encoded in bytes of a type.
@@ -20,7 +20,7 @@ pub(super) fn any_complex(dtype: Dtype, bytes: &[u8], numbers: &mut Vec<Complex3
     let size = dtype.size as usize;
     numbers.extend(bytes.chunks_exact(size).map(|element| {
         let (re, im) = match dtype.kind {
-            Kind::Complex => (scalar(&element[..size / 2]), scalar(&element[size / 2..])),
+            DtypeKind::Complex => (scalar(&element[..size / 2]), scalar(&element[size / 2..])),
             _ => (scalar(element), 0.0),
         };
         Complex32::new(re as f32, im as f32)
@@ -29,39 +29,36 @@ pub(super) fn any_complex(dtype: Dtype, bytes: &[u8], numbers: &mut Vec<Complex3
 
 /// How to read one real number of an array of this type; `None` for text.
 pub(super) fn scalar_reader(dtype: Dtype) -> Option<fn(&[u8]) -> f64> {
+    fn first<const N: usize>(bytes: &[u8]) -> [u8; N] {
+        *bytes.first_chunk().expect("elements of the type's size")
+    }
     macro_rules! reader {
-        ($number:ty, $size:literal) => {{
-            fn little(bytes: &[u8]) -> f64 {
-                let mut number = [0; $size];
-                number.copy_from_slice(bytes);
-                <$number>::from_le_bytes(number) as f64
-            }
-            fn big(bytes: &[u8]) -> f64 {
-                let mut number = [0; $size];
-                number.copy_from_slice(bytes);
-                <$number>::from_be_bytes(number) as f64
-            }
-            Some(if dtype.big_endian { big } else { little })
-        }};
+        ($number:ty) => {
+            Some(if dtype.big_endian {
+                |bytes| <$number>::from_be_bytes(first(bytes)) as f64
+            } else {
+                |bytes| <$number>::from_le_bytes(first(bytes)) as f64
+            })
+        };
     }
     // Both parts of a complex number are read by the same function as a real one.
     #[allow(clippy::cast_lossless, clippy::unnecessary_cast)]
     match (dtype.kind, dtype.size) {
-        (Kind::Float, 4) | (Kind::Complex, 8) => reader!(f32, 4),
-        (Kind::Float, 8) | (Kind::Complex, 16) => reader!(f64, 8),
-        (Kind::Signed, 1) => reader!(i8, 1),
-        (Kind::Signed, 2) => reader!(i16, 2),
-        (Kind::Signed, 4) => reader!(i32, 4),
-        (Kind::Signed, 8) => reader!(i64, 8),
-        (Kind::Unsigned, 1) => reader!(u8, 1),
-        (Kind::Unsigned, 2) => reader!(u16, 2),
-        (Kind::Unsigned, 4) => reader!(u32, 4),
-        (Kind::Unsigned, 8) => reader!(u64, 8),
+        (DtypeKind::Float, 4) | (DtypeKind::Complex, 8) => reader!(f32),
+        (DtypeKind::Float, 8) | (DtypeKind::Complex, 16) => reader!(f64),
+        (DtypeKind::Signed, 1) => reader!(i8),
+        (DtypeKind::Signed, 2) => reader!(i16),
+        (DtypeKind::Signed, 4) => reader!(i32),
+        (DtypeKind::Signed, 8) => reader!(i64),
+        (DtypeKind::Unsigned, 1) => reader!(u8),
+        (DtypeKind::Unsigned, 2) => reader!(u16),
+        (DtypeKind::Unsigned, 4) => reader!(u32),
+        (DtypeKind::Unsigned, 8) => reader!(u64),
         _ => None,
     }
 }
 
-impl Header {
+impl NpyHeader {
     /// Whether the last axis is the fastest.
     pub(super) fn in_order(&self) -> bool {
         !self.fortran || self.shape.len() <= 1

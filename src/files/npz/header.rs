@@ -9,7 +9,7 @@ const LONGEST: usize = 1 << 16;
 
 /// What kind of number or text an element is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Kind {
+pub(super) enum DtypeKind {
     Float,
     Complex,
     Signed,
@@ -23,7 +23,7 @@ pub(super) enum Kind {
 /// The type of one element.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Dtype {
-    pub(super) kind: Kind,
+    pub(super) kind: DtypeKind,
     /// Bytes of one element.
     pub(super) size: u64,
     pub(super) big_endian: bool,
@@ -31,7 +31,7 @@ pub(super) struct Dtype {
 
 /// An NPY header.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Header {
+pub(super) struct NpyHeader {
     pub(super) dtype: Dtype,
     pub(super) fortran: bool,
     pub(super) shape: Vec<usize>,
@@ -39,7 +39,7 @@ pub(super) struct Header {
     pub(super) length: u64,
 }
 
-impl Header {
+impl NpyHeader {
     /// Number of elements; `None` if it overflows.
     pub(super) fn elements(&self) -> Option<u64> {
         self.shape.iter().try_fold(1_u64, |product, &n| product.checked_mul(n as u64))
@@ -52,19 +52,14 @@ impl Header {
         if start[..6] != *b"\x93NUMPY" {
             return Err("does not start with the signature of an NPY array".into());
         }
-        let (length, prefix) = match start[6] {
-            1 => {
-                let mut length = [0; 2];
-                fill(input, &mut length)?;
-                (usize::from(u16::from_le_bytes(length)), 10)
-            }
-            2 | 3 => {
-                let mut length = [0; 4];
-                fill(input, &mut length)?;
-                (u32::from_le_bytes(length) as usize, 12)
-            }
+        let bytes_of_length = match start[6] {
+            1 => 2,
+            2 | 3 => 4,
             version => return Err(format!("has NPY version {version}; versions 1 to 3 are supported")),
         };
+        let mut length = [0; 4];
+        fill(input, &mut length[..bytes_of_length])?;
+        let length = u32::from_le_bytes(length) as usize;
         if length > LONGEST {
             return Err(format!("has a header of {length} bytes; at most {LONGEST} are supported"));
         }
@@ -72,7 +67,7 @@ impl Header {
         fill(input, &mut text)?;
         let text = String::from_utf8(text).map_err(|_| "has a header that is not text".to_owned())?;
         let mut header = Parser { rest: &text }.header()?;
-        header.length = (prefix + length) as u64;
+        header.length = (start.len() + bytes_of_length + length) as u64;
         Ok(header)
     }
 }
@@ -91,20 +86,20 @@ struct Parser<'a> {
 }
 
 impl<'a> Parser<'a> {
-    fn header(&mut self) -> Result<Header, String> {
+    fn header(&mut self) -> Result<NpyHeader, String> {
         let (mut dtype, mut fortran, mut shape) = (None, None, None);
-        self.expect('{')?;
-        while !self.take('}') {
+        self.expect("{")?;
+        while !self.take("}") {
             let key = self.quoted()?;
-            self.expect(':')?;
+            self.expect(":")?;
             match key {
                 "descr" => dtype = Some(self.dtype()?),
                 "fortran_order" => fortran = Some(self.truth()?),
                 "shape" => shape = Some(self.shape()?),
                 _ => return Err(format!("has the unknown header key `{key}`")),
             }
-            if !self.take(',') {
-                self.expect('}')?;
+            if !self.take(",") {
+                self.expect("}")?;
                 break;
             }
         }
@@ -112,33 +107,27 @@ impl<'a> Parser<'a> {
             return Err("has text after its header".into());
         }
         match (dtype, fortran, shape) {
-            (Some(dtype), Some(fortran), Some(shape)) => Ok(Header { dtype, fortran, shape, length: 0 }),
+            (Some(dtype), Some(fortran), Some(shape)) => Ok(NpyHeader { dtype, fortran, shape, length: 0 }),
             _ => Err("has a header without `descr`, `fortran_order` or `shape`".into()),
         }
     }
 
-    fn take(&mut self, mark: char) -> bool {
+    fn take(&mut self, mark: &str) -> bool {
         self.rest = self.rest.trim_start();
-        match self.rest.strip_prefix(mark) {
-            Some(rest) => {
-                self.rest = rest;
-                true
-            }
-            None => false,
-        }
+        let after = self.rest.strip_prefix(mark);
+        self.rest = after.unwrap_or(self.rest);
+        after.is_some()
     }
 
-    fn expect(&mut self, mark: char) -> Result<(), String> {
+    fn expect(&mut self, mark: &str) -> Result<(), String> {
         if self.take(mark) { Ok(()) } else { Err(format!("has a header in which `{mark}` is missing")) }
     }
 
     fn quoted(&mut self) -> Result<&'a str, String> {
-        let quote = if self.take('\'') {
-            '\''
-        } else {
-            self.expect('"')?;
-            '"'
-        };
+        let quote = if self.take("'") { "'" } else { "\"" };
+        if quote == "\"" {
+            self.expect(quote)?;
+        }
         let end = self.rest.find(quote).ok_or("has an unterminated string in its header")?;
         let text = &self.rest[..end];
         self.rest = &self.rest[end + 1..];
@@ -146,27 +135,22 @@ impl<'a> Parser<'a> {
     }
 
     fn truth(&mut self) -> Result<bool, String> {
-        self.rest = self.rest.trim_start();
-        for (word, value) in [("True", true), ("False", false)] {
-            if let Some(rest) = self.rest.strip_prefix(word) {
-                self.rest = rest;
-                return Ok(value);
-            }
-        }
-        Err("has a header whose `fortran_order` is neither True nor False".into())
+        let found = [("True", true), ("False", false)].into_iter().find(|(word, _)| self.take(word));
+        let found = found.ok_or("has a header whose `fortran_order` is neither True nor False")?;
+        Ok(found.1)
     }
 
     fn shape(&mut self) -> Result<Vec<usize>, String> {
         let mut shape = Vec::new();
-        self.expect('(')?;
-        while !self.take(')') {
+        self.expect("(")?;
+        while !self.take(")") {
             self.rest = self.rest.trim_start();
             let end = self.rest.find(|c: char| !c.is_ascii_digit()).unwrap_or(self.rest.len());
             let size = self.rest[..end].parse().map_err(|_| "has a shape that is not a tuple of sizes")?;
             shape.push(size);
             self.rest = &self.rest[end..];
-            if !self.take(',') {
-                self.expect(')')?;
+            if !self.take(",") {
+                self.expect(")")?;
                 break;
             }
         }
@@ -180,11 +164,8 @@ impl<'a> Parser<'a> {
             return Err("is a structured array; plain numbers were expected".into());
         }
         let name = self.quoted()?;
-        let refused = || {
-            format!(
-                "has the type `{name}`; complex64, complex128, float32, float64 and integers are supported"
-            )
-        };
+        let supported = "complex64, complex128, float32, float64 and integers are supported";
+        let refused = || format!("has the type `{name}`; {supported}");
         let (big_endian, rest) = match name.as_bytes() {
             [b'<' | b'|', rest @ ..] => (false, rest),
             [b'=', rest @ ..] => (cfg!(target_endian = "big"), rest),
@@ -198,12 +179,12 @@ impl<'a> Parser<'a> {
         let size: u64 =
             std::str::from_utf8(digits).ok().and_then(|digits| digits.parse().ok()).ok_or_else(refused)?;
         let (kind, size) = match (kind, size) {
-            (b'f', 4 | 8) => (Kind::Float, size),
-            (b'c', 8 | 16) => (Kind::Complex, size),
-            (b'i', 1 | 2 | 4 | 8) => (Kind::Signed, size),
-            (b'u', 1 | 2 | 4 | 8) => (Kind::Unsigned, size),
-            (b'S', _) => (Kind::Bytes, size),
-            (b'U', _) => (Kind::Characters, size.checked_mul(4).ok_or_else(refused)?),
+            (b'f', 4 | 8) => (DtypeKind::Float, size),
+            (b'c', 8 | 16) => (DtypeKind::Complex, size),
+            (b'i', 1 | 2 | 4 | 8) => (DtypeKind::Signed, size),
+            (b'u', 1 | 2 | 4 | 8) => (DtypeKind::Unsigned, size),
+            (b'S', _) => (DtypeKind::Bytes, size),
+            (b'U', _) => (DtypeKind::Characters, size.checked_mul(4).ok_or_else(refused)?),
             _ => return Err(refused()),
         };
         Ok(Dtype { kind, size, big_endian })
@@ -216,14 +197,14 @@ mod tests {
     use super::*;
     use crate::named::assert_names;
 
-    fn parse(text: &str) -> Result<Header, String> {
+    fn parse(text: &str) -> Result<NpyHeader, String> {
         Parser { rest: text }.header()
     }
 
     #[test]
     fn numpys_own_headers_are_understood() {
         let header = parse("{'descr': '>c16', 'fortran_order': True, 'shape': (3, 4, 5), }   \n").unwrap();
-        assert_eq!(header.dtype, Dtype { kind: Kind::Complex, size: 16, big_endian: true });
+        assert_eq!(header.dtype, Dtype { kind: DtypeKind::Complex, size: 16, big_endian: true });
         assert!(header.fortran);
         assert_eq!(header.shape, [3, 4, 5]);
         assert_eq!(parse("{'descr': '|u1', 'fortran_order': False, 'shape': (7,), }").unwrap().shape, [7]);

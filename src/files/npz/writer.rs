@@ -10,7 +10,7 @@ use std::path::Path;
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, DateTime, System, ZipWriter};
 
-/// The arrays of a file that is being written.
+/// The arrays of a file that is being written. Every method returns the errors of writing.
 #[derive(Debug)]
 pub(crate) struct NpzWriter<W: Write + Seek> {
     archive: ZipWriter<W>,
@@ -39,34 +39,22 @@ impl<W: Write + Seek> NpzWriter<W> {
     }
 
     /// Ends the file.
-    ///
-    /// # Errors
-    /// Errors of writing, as in the other methods.
     pub(crate) fn finish(self) -> io::Result<()> {
         self.archive.finish()?.flush()
     }
 
     /// Begins an array of complex64 of the given shape, whose elements follow by [`NpzWriter::append`].
-    ///
-    /// # Errors
-    /// Errors of writing.
     pub(crate) fn begin_complex(&mut self, name: &str, shape: &[usize]) -> io::Result<()> {
         let elements = shape.iter().fold(1u64, |product, &n| product.saturating_mul(n as u64));
         self.begin(name, "<c8", shape, elements.saturating_mul(8))
     }
 
     /// Adds elements to the array that was begun last.
-    ///
-    /// # Errors
-    /// Errors of writing.
     pub(crate) fn append(&mut self, data: &[Complex32]) -> io::Result<()> {
         self.archive.write_all(&little_endian(bytemuck::cast_slice::<_, f32>(data), f32::to_le_bytes))
     }
 
     /// Adds an array of complex64.
-    ///
-    /// # Errors
-    /// Errors of writing.
     ///
     /// # Panics
     /// When `data` does not hold exactly as many elements as `shape` says; likewise in the other methods.
@@ -76,25 +64,16 @@ impl<W: Write + Seek> NpzWriter<W> {
     }
 
     /// Adds an array of float32.
-    ///
-    /// # Errors
-    /// Errors of writing.
     pub(crate) fn f32(&mut self, name: &str, shape: &[usize], data: &[f32]) -> io::Result<()> {
         self.array(name, "<f4", shape, data.len(), &little_endian(data, f32::to_le_bytes))
     }
 
     /// Adds an array of float64.
-    ///
-    /// # Errors
-    /// Errors of writing.
     pub(crate) fn f64(&mut self, name: &str, shape: &[usize], data: &[f64]) -> io::Result<()> {
         self.array(name, "<f8", shape, data.len(), &little_endian(data, f64::to_le_bytes))
     }
 
     /// Adds a text as the uint8 array of its UTF-8.
-    ///
-    /// # Errors
-    /// Errors of writing.
     pub(crate) fn text(&mut self, name: &str, text: &str) -> io::Result<()> {
         self.array(name, "|u1", &[text.len()], text.len(), text.as_bytes())
     }
