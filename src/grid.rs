@@ -57,9 +57,8 @@ impl Axis {
         }
         let intervals = ((last - first) / pitch + 1e-6).floor();
         if intervals >= f64::from(u32::MAX) {
-            return Err(refuse(format!(
-                "{intervals:.3e} voxels along one axis are too many; use a larger pitch"
-            )));
+            let problem = format!("{intervals:.3e} voxels along one axis are too many; use a larger pitch");
+            return Err(refuse(problem));
         }
         Ok(Self { first, pitch, count: intervals as usize + 1 })
     }

@@ -67,13 +67,8 @@ impl LeastSquares {
         let (rows, columns) = basis.shape();
         let damped = Matrix::from_fn(rows + columns, columns, |k, a| match k.checked_sub(rows) {
             None => basis[(k, a)],
-            Some(below) => {
-                if below == a {
-                    damping
-                } else {
-                    0.0
-                }
-            }
+            Some(below) if below == a => damping,
+            Some(_) => 0.0,
         });
         let Self { q, r } = Self::new(&damped);
         Self { q: q.subrows(0, rows).to_owned(), r }

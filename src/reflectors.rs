@@ -37,6 +37,7 @@ use crate::choice::choice;
 use crate::error::{Error, Result};
 use crate::progress::{Observer, Silent, advance, stage};
 use crate::scene::Scene;
+use crate::wave::{bounding_box, phasor};
 use crate::with_fields::with_fields;
 use glam::DVec3;
 use num_complex::Complex32;
@@ -64,10 +65,8 @@ impl Reflectors {
         assert_eq!(positions.len(), amplitudes.len(), "one amplitude per position");
         let finite = |(p, a): (&DVec3, &Complex32)| p.is_finite() && a.is_finite();
         if let Some(bad) = positions.iter().zip(&amplitudes).position(|pair| !finite(pair)) {
-            return Err(Error::input(
-                format!("reflector {bad}"),
-                "its position and amplitude must be finite numbers",
-            ));
+            let problem = "its position and amplitude must be finite numbers";
+            return Err(Error::input(format!("reflector {bad}"), problem));
         }
         Ok(Self { positions, amplitudes })
     }
@@ -94,10 +93,7 @@ impl Reflectors {
 
     /// Minimum and maximum coordinates, m; `None` without reflectors.
     pub fn bounds(&self) -> Option<(DVec3, DVec3)> {
-        self.positions.iter().copied().fold(None, |bounds, p| {
-            let (low, high) = bounds.unwrap_or((p, p));
-            Some((low.min(p), high.max(p)))
-        })
+        bounding_box(self.positions.iter().copied())
     }
 }
 
@@ -302,8 +298,8 @@ fn draw_scatter(count: usize, options: &SurfaceOptions) -> Option<Vec<(Complex32
     let mut scatter = try_with_capacity(count as u64)?;
     scatter.extend((0..count).map(|_| match options.surface {
         SurfaceModel::Diffuse => {
-            let turn: f64 = StandardUniform.sample(&mut random);
-            (crate::wave::phasor(turn), 0.0)
+            let cycles: f64 = StandardUniform.sample(&mut random);
+            (phasor(cycles), 0.0)
         }
         SurfaceModel::Rough(rms) => {
             let g: f64 = StandardNormal.sample(&mut random);

@@ -138,6 +138,11 @@ impl Geometry {
     }
 }
 
+/// Lower and upper corner of the bounding box of `points`; `None` when there are none.
+pub(crate) fn bounding_box(points: impl Iterator<Item = DVec3>) -> Option<(DVec3, DVec3)> {
+    points.map(|p| (p, p)).reduce(|(low, high), (p, _)| (low.min(p), high.max(p)))
+}
+
 /// The corners of a box given by its lower and upper corner, x fastest.
 pub(crate) fn corners((low, high): (DVec3, DVec3)) -> [DVec3; 8] {
     std::array::from_fn(|i| {

@@ -335,7 +335,9 @@ fn read_header(
         CompressionMethod::Stored => packed,
         CompressionMethod::Deflated => packed.saturating_mul(DEFLATE_AT_MOST),
         method => {
-            return Err(format!("is compressed with {method}; only stored and deflated arrays are supported"));
+            return Err(format!(
+                "is compressed with {method}; only stored and deflated arrays are supported"
+            ));
         }
     };
     if packed > bytes_on_disk || unpacked > possible {

@@ -40,19 +40,13 @@ impl Raster {
     /// A field of view that is not between 0 and 180 degrees; no pixels, or more than 2³² in all.
     pub fn camera(vertical_field_of_view: f64, [columns, rows]: [usize; 2]) -> Result<Self> {
         if !(vertical_field_of_view > 0.0 && vertical_field_of_view < 180.0) {
-            return Err(Error::input(
-                "camera",
-                format!(
-                    "a field of view of {vertical_field_of_view} degrees is impossible; expected one between 0 and 180"
-                ),
-            ));
+            let angle = format!("a field of view of {vertical_field_of_view} degrees");
+            return Err(Error::input("camera", angle + " is impossible; expected one between 0 and 180"));
         }
         let pixels = columns as u128 * rows as u128;
         if pixels == 0 || pixels > u128::from(u32::MAX) {
-            return Err(Error::input(
-                "camera",
-                format!("{columns} x {rows} pixels are not an image; expected fewer than 2^32"),
-            ));
+            let problem = format!("{columns} x {rows} pixels are not an image; expected fewer than 2^32");
+            return Err(Error::input("camera", problem));
         }
         let pitch = 2.0 * (0.5 * vertical_field_of_view).to_radians().tan() / rows as f64;
         let axis = |count: usize| Axis { first: -0.5 * pitch * (count - 1) as f64, pitch, count };

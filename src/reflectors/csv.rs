@@ -18,10 +18,8 @@ impl Reflectors {
     pub fn read_csv(path: &Path) -> Result<Self> {
         let rows = read_columns(path, ["x", "y", "z", "amplitude"])?;
         if rows.is_empty() {
-            return Err(Error::input(
-                path.display(),
-                "contains no reflectors; at least one line was expected",
-            ));
+            let problem = "contains no reflectors; at least one line was expected";
+            return Err(Error::input(path.display(), problem));
         }
         let mut positions = try_with_capacity(rows.len() as u64).ok_or_else(|| does_not_fit(path))?;
         let mut amplitudes = try_with_capacity(rows.len() as u64).ok_or_else(|| does_not_fit(path))?;
@@ -51,19 +49,16 @@ pub(crate) fn read_columns<const N: usize>(path: &Path, header: [&str; N]) -> Re
         .map(|(i, line)| (i + 1, line.trim()))
         .filter(|(_, line)| !line.is_empty() && !line.starts_with('#'));
     let expected = header.join(",");
+    let refused =
+        |number: usize, problem: String| Err(Error::input(format!("{}:{number}", path.display()), problem));
     match lines.next() {
         Some((_, line)) if line.split(',').map(str::trim).eq(header) => {}
         Some((number, _)) => {
-            return Err(Error::input(
-                format!("{}:{number}", path.display()),
-                format!("the first line must be the header `{expected}`"),
-            ));
+            return refused(number, format!("the first line must be the header `{expected}`"));
         }
         None => {
-            return Err(Error::input(
-                path.display(),
-                format!("is empty; a header `{expected}` was expected"),
-            ));
+            let problem = format!("is empty; a header `{expected}` was expected");
+            return Err(Error::input(path.display(), problem));
         }
     }
     let mut rows = Vec::new();
@@ -75,10 +70,8 @@ pub(crate) fn read_columns<const N: usize>(path: &Path, header: [&str; N]) -> Re
             *value = fields.next().flatten().filter(|v: &f64| (*v as f32).is_finite()).unwrap_or(f64::NAN);
         }
         if fields.next().is_some() || row.iter().any(|value| value.is_nan()) {
-            return Err(Error::input(
-                format!("{}:{number}", path.display()),
-                format!("{N} finite numbers `{expected}` were expected, found `{line}`"),
-            ));
+            let problem = format!("{N} finite numbers `{expected}` were expected, found `{line}`");
+            return refused(number, problem);
         }
         rows.try_reserve(1).map_err(|_| does_not_fit(path))?;
         rows.push(row);

@@ -5,9 +5,10 @@ use std::str::FromStr;
 use glam::{DAffine3, DMat3, DVec3};
 
 use super::material::MaterialRule;
-use super::triangle::{self, Triangle};
+use super::triangle::Triangle;
 use crate::choice::choice;
 use crate::error::{Error, Result};
+use crate::wave::bounding_box;
 use crate::with_fields::with_fields;
 
 choice! {
@@ -195,7 +196,7 @@ pub(super) fn placement(
     } else {
         // The box is that of the rotated mesh, not the rotated box of the mesh.
         let corners = triangles.iter().flat_map(|t| t.vertices).map(|v| oriented.transform_point3(v));
-        let (low, high) = triangle::box_around(corners).unwrap_or_default();
+        let (low, high) = bounding_box(corners).unwrap_or_default();
         let by_diagonal = options.fit_by_diagonal.map(|k| DVec3::Z * k * (high - low).length());
         options.fit.or(by_diagonal).unwrap_or_default() - 0.5 * (low + high)
     };
@@ -266,8 +267,7 @@ mod tests {
         let t = [Triangle { vertices: [DVec3::ZERO, DVec3::X * 3.0, DVec3::Y * 4.0], material: 0 }];
         let fit = |o: &LoadOptions| {
             let m = placement(&t, 0.001, Up::None, None, o);
-            triangle::bounds(&[Triangle { vertices: t[0].vertices.map(|v| m.transform_point3(v)), ..t[0] }])
-                .unwrap()
+            bounding_box(t[0].vertices.into_iter().map(|v| m.transform_point3(v))).unwrap()
         };
         let centre = DVec3::new(0.0, 0.0, 2.0);
         let (low, high) =

@@ -1,5 +1,6 @@
 //! One flat, two-sided piece of a surface.
 
+use crate::wave::bounding_box;
 use glam::DVec3;
 
 /// A triangle in the array's frame, m. Both sides reflect.
@@ -43,12 +44,7 @@ impl Triangle {
 
 /// Lower and upper corner of the bounding box of `triangles`; `None` when there are none.
 pub(super) fn bounds(triangles: &[Triangle]) -> Option<(DVec3, DVec3)> {
-    box_around(triangles.iter().flat_map(|t| t.vertices))
-}
-
-/// Lower and upper corner of the bounding box of `points`; `None` when there are none.
-pub(super) fn box_around(points: impl Iterator<Item = DVec3>) -> Option<(DVec3, DVec3)> {
-    points.map(|v| (v, v)).reduce(|(low, high), (v, _)| (low.min(v), high.max(v)))
+    bounding_box(triangles.iter().flat_map(|t| t.vertices))
 }
 
 #[cfg(test)]

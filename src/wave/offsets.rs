@@ -7,7 +7,7 @@
 
 #![allow(clippy::inline_always)]
 
-use super::simd::{LANES, dispatched, sin_cos_turns};
+use super::simd::{LANES, dispatched, sin_cos_turns, wrap_few};
 use num_complex::Complex32;
 
 /// Maximum number of tones on each side of the centre tone.
@@ -82,13 +82,6 @@ dispatched! {
     pub(crate) fn linear_offsets = linear_offsets_body(
         toward: [&[f32]; 3], microphone: [f32; 3], legs: f32, offsets: &mut [f32],
     )
-}
-
-/// Wraps cycles to ±½ by magic-number rounding, in f32: for the few cycles of an offset.
-#[inline(always)]
-fn wrap_few(turns: f32) -> f32 {
-    const MAGIC: f32 = 12_582_912.0; // 1.5 · 2^23: adding it rounds to an integer.
-    turns - ((turns + MAGIC) - MAGIC)
 }
 
 /// The sum of all lanes, by repeated halving.

@@ -114,9 +114,22 @@ pub(super) fn sin_cos_turns(t: f32) -> (f32, f32) {
 
 /// Wraps cycles to ±½ with the magic-number rounding that vectorises.
 #[inline(always)]
-fn wrap_fast(cycles: f64) -> f32 {
+fn wrap_exact(cycles: f64) -> f64 {
     const MAGIC: f64 = 6_755_399_441_055_744.0; // 1.5 · 2^52: adding it rounds to an integer.
-    (cycles - ((cycles + MAGIC) - MAGIC)) as f32
+    cycles - ((cycles + MAGIC) - MAGIC)
+}
+
+/// Wraps cycles to ±½, then rounds them to f32.
+#[inline(always)]
+fn wrap_fast(cycles: f64) -> f32 {
+    wrap_exact(cycles) as f32
+}
+
+/// Wraps cycles to ±½ in f32: for the few cycles of an offset.
+#[inline(always)]
+pub(super) fn wrap_few(cycles: f32) -> f32 {
+    const MAGIC: f32 = 12_582_912.0; // 1.5 · 2^23: adding it rounds to an integer.
+    cycles - ((cycles + MAGIC) - MAGIC)
 }
 
 #[inline(always)]

@@ -38,14 +38,12 @@ impl Level {
     pub(crate) fn named(place: &str, name: &str, most: Self) -> Result<Self> {
         let level: Self = name.parse().map_err(|error: Error| error.at(place))?;
         if level > most {
-            let had: Vec<&str> = Self::ALL[..=most as usize].iter().map(|level| level.as_str()).collect();
-            let had = had.join(", ");
-            return Err(Error::input(
-                place,
-                format!(
-                    "this processor does not support {name}; it supports {had}, and uses the last by default"
-                ),
-            ));
+            let supported = Self::ALL[..=most as usize].iter().map(|level| level.as_str());
+            let supported = supported.collect::<Vec<_>>().join(", ");
+            let problem = format!(
+                "this processor does not support {name}; it supports {supported}, and uses the last by default"
+            );
+            return Err(Error::input(place, problem));
         }
         Ok(level)
     }

@@ -4,7 +4,7 @@
 //! path length minus that of the centre, f_c the middle of the band, T_k Chebyshev's polynomials, and H the half-width
 //! of the block's delays. No sample of a profile is looked up, so no gather instructions are needed.
 
-use super::{LANES, sin_cos_turns, wrap_fast};
+use super::{LANES, sin_cos_turns, wrap_fast, wrap_few};
 
 /// Points that are processed at a time: four vectors of 16, so that chains of dependent operations overlap.
 const WIDE: usize = 4 * LANES;
@@ -214,8 +214,7 @@ pub(super) fn back_project_body(
             let (mut place, mut turns) = ([0.0f32; WIDE], [0.0f32; WIDE]);
             let mut enter = |l: usize, longer: f32| {
                 place[l] = longer * scale.inverse_half;
-                let cycles = longer * scale.carrier;
-                turns[l] = cycles - ((cycles + MAGIC) - MAGIC);
+                turns[l] = wrap_few(longer * scale.carrier);
             };
             // |p − r| − |c − r| without cancellation, from |p − r|² − |c − r|².
             let rise = |l: usize| x[l] * twice[0] + y[l] * twice[1] + z[l] * twice[2] + square[l];
@@ -290,9 +289,6 @@ fn clenshaw(place: &[f32; WIDE], profile: [&[[f32; LANES]]; 2], lane: usize, val
         }
     }
 }
-
-/// Adding and subtracting it rounds an f32 to a whole number.
-const MAGIC: f32 = 12_582_912.0; // 1.5 · 2^23
 
 #[cfg(test)]
 mod tests {

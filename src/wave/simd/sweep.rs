@@ -1,6 +1,6 @@
 //! The body of the literal inverse sum over an even sweep, by Horner's rule.
 
-use super::{LANES, RECURRENCE, Steps, sin_cos_turns, wrap_fast};
+use super::{LANES, RECURRENCE, Steps, sin_cos_turns, wrap_exact, wrap_fast};
 
 /// Points that share every loaded sample.
 const POINTS: usize = 4;
@@ -74,7 +74,7 @@ pub(super) fn weighted_sweep_body(
 /// `(sin, cos)` of a phase in cycles to the accuracy of f64, by the half angle: no quadrant, no branch.
 #[inline(always)]
 pub(crate) fn sin_cos_exact(cycles: f64) -> (f64, f64) {
-    let t = std::f64::consts::PI * (cycles - ((cycles + ROUND) - ROUND));
+    let t = std::f64::consts::PI * wrap_exact(cycles);
     let u = t * t;
     let (mut s, mut c) = (0.0, 0.0);
     for k in (0..TERMS).rev() {
@@ -120,9 +120,6 @@ pub(super) fn waves_body(frequency: f64, delays: &[f64], cos: &mut [f64], sin: &
     last_cos.copy_from_slice(&cos[..rest.len()]);
     last_sin.copy_from_slice(&sin[..rest.len()]);
 }
-
-/// Adding and subtracting it rounds an f64 to a whole number.
-const ROUND: f64 = 6_755_399_441_055_744.0; // 1.5 · 2^52
 
 /// The sums over all frequencies, lane by lane, real and imaginary.
 #[inline(always)]
