@@ -1,6 +1,6 @@
 //! Bad input through the binary: one paragraph that names the place, the right exit status, nothing left behind.
 
-use crate::binary::{files_below, refused, run, shipped};
+use crate::binary::{files_below, json, refused, run, shipped};
 use crate::mutation::glb;
 use crate::named::assert_names;
 use crate::support::{data, write_npz};
@@ -293,8 +293,7 @@ fn images(scene: &str, options: &str) -> (String, u64) {
     let folder = tempfile::tempdir().unwrap();
     let ran = run(folder.path(), &format!("image {} -o out --json {options}", shipped(scene).display()));
     assert_eq!(ran.status, 0, "{options}: {}", ran.stderr);
-    let report: serde_json::Value = serde_json::from_str(&ran.stdout).unwrap();
-    (ran.stderr, report["accepted"].as_u64().unwrap())
+    (ran.stderr, json(&ran.stdout)["accepted"].as_u64().unwrap())
 }
 
 #[test]

@@ -1,41 +1,17 @@
 //! Fast against literal, forward against inverse.
 
-use crate::named::assert_names;
-use crate::support::{Random, lattice_grid, random_cube, relative_difference};
+use crate::named::{Warnings, assert_names};
+use crate::support::{
+    Random, assert_within_bounds, direct, lattice_grid, literal, peak, position_of, random_cube,
+    relative_difference,
+};
 use glam::DVec3;
 use holosonar::acquisition::{DataCube, Detection, Instrument, MicArray, SimulateOptions, Sweep, simulate};
 use holosonar::grid::{Axis, Grid};
-use holosonar::progress::Observer;
 use holosonar::reconstruct::{Method, ReconstructOptions, Window, reconstruct, reconstruct_with};
 use holosonar::reflectors::Reflectors;
 use holosonar::wave::Geometry;
-use num_complex::{Complex32, Complex64};
-
-/// Eq. 13 with no block, lane or buffer, in f64, for a few voxels.
-fn literal(cube: &DataCube, grid: &Grid, window: Window, voxels: &[usize]) -> Vec<Complex32> {
-    let (w_f, w_r) = (window.over_sweep(&cube.instrument.sweep), window.over_array(&cube.instrument.array));
-    let norm = cube.instrument.detection.weight() / (w_f.iter().sum::<f64>() * w_r.iter().sum::<f64>());
-    let plane = grid.plane_len();
-    voxels
-        .iter()
-        .map(|v| {
-            let p = grid.position(v % grid.x.count, v % plane / grid.x.count, v / plane);
-            let mut sum = Complex64::ZERO;
-            for (f, frequency) in cube.instrument.sweep.frequencies().iter().enumerate() {
-                for (r, mic) in cube.instrument.array.positions().iter().enumerate() {
-                    let turn =
-                        -std::f64::consts::TAU * frequency * cube.instrument.geometry.path_length(p, *mic)
-                            / cube.instrument.sound_speed;
-                    let m = cube.samples[f * cube.instrument.array.len() + r];
-                    sum += Complex64::new(m.re.into(), m.im.into())
-                        * Complex64::from_polar(w_f[f] * w_r[r], turn);
-                }
-            }
-            let sum = sum * norm;
-            Complex32::new(sum.re as f32, sum.im as f32)
-        })
-        .collect()
-}
+use num_complex::Complex32;
 
 /// A random measurement and a grid that fits its lattice; sizes are odd as often as even.
 fn random_case(seed: u64) -> (DataCube, Grid, Window) {
@@ -67,10 +43,9 @@ fn direct_is_the_literal_sum() {
         let options = ReconstructOptions::new(Method::Direct, window);
         let got = reconstruct(&cube, &grid, &options).unwrap().volume;
         let voxels: Vec<usize> = (0..got.samples.len()).step_by(7).collect();
-        let expected = literal(&cube, &grid, window, &voxels);
+        let expected = literal(&cube, &grid, window, Geometry::path_length, voxels.iter().copied());
         let got_there: Vec<Complex32> = voxels.iter().map(|v| got.samples[*v]).collect();
-        let peak = f64::from(got.peak());
-        let scale = f64::from(expected.iter().map(|a| a.norm()).fold(0.0, f32::max)) / peak;
+        let scale = peak(&expected) / f64::from(got.peak());
         let error = relative_difference(&got_there, &expected) * scale;
         assert!(error < 2e-6, "seed {seed}: {error:e}");
     }
@@ -78,14 +53,9 @@ fn direct_is_the_literal_sum() {
 
 /// The volume by convolution with a tolerance, and its bound.
 fn convolve(cube: &DataCube, grid: &Grid, window: Window, tolerance: f64) -> (Vec<Complex32>, f64) {
-    let mut options = ReconstructOptions::new(Method::Convolution, window);
-    options.tolerance = tolerance;
+    let options = ReconstructOptions::new(Method::Convolution, window).with_tolerance(tolerance);
     let image = reconstruct(cube, grid, &options).unwrap();
     (image.volume.samples, image.error_bound)
-}
-
-fn direct(cube: &DataCube, grid: &Grid, window: Window) -> Vec<Complex32> {
-    reconstruct(cube, grid, &ReconstructOptions::new(Method::Direct, window)).unwrap().volume.samples
 }
 
 #[test]
@@ -134,25 +104,12 @@ fn convolution_is_direct_wherever_the_voxels_lie_on_the_lattice() {
     }
 }
 
-/// The maximum difference is within the bound that came with the volume, except for f32 rounding.
-fn assert_within_bound(seed: u64, cube: &DataCube, grid: &Grid, window: Window, tolerance: f64) {
-    let (volume, bound) = convolve(cube, grid, window, tolerance);
-    let exact = direct(cube, grid, window);
-    let peak = f64::from(exact.iter().map(|a| a.norm()).fold(0.0, f32::max));
-    let error = relative_difference(&volume, &exact) * peak;
-    assert!(error <= bound + 1e-5 * peak, "seed {seed} {:?}: {error:e} above {bound:e}", grid.shape());
-    let moduli: f64 = cube.samples.iter().map(|m| f64::from(m.norm())).sum();
-    let most = tolerance * cube.instrument.detection.weight() * moduli / cube.samples.len() as f64;
-    assert!(window != Window::None || bound <= most * 1.01, "seed {seed}: bound {bound:e} above {most:e}");
-}
-
 #[test]
 fn skeletons_keep_their_bound_on_random_lattices() {
     for seed in 0..40 {
         let (cube, grid, window) = random_case(seed);
-        for tolerance in [1e-2, 1e-4, 1e-6] {
-            assert_within_bound(seed, &cube, &grid, window, tolerance);
-        }
+        let options = ReconstructOptions::new(Method::Convolution, window);
+        assert_within_bounds(seed, &cube, &grid, &options, &[1e-2, 1e-4, 1e-6]);
     }
 }
 
@@ -176,9 +133,8 @@ fn spreading_keeps_its_bound_for_scattered_arrays_and_any_pitch() {
         };
         let instrument = cube.instrument.clone().with_array(scattered);
         let moved = DataCube::new(instrument, cube.samples.clone()).unwrap();
-        for tolerance in [1e-2, 1e-4] {
-            assert_within_bound(seed, &moved, &grid, window, tolerance);
-        }
+        let options = ReconstructOptions::new(Method::Convolution, window);
+        assert_within_bounds(seed, &moved, &grid, &options, &[1e-2, 1e-4]);
     }
 }
 
@@ -200,14 +156,14 @@ fn depths_at_the_array_keep_the_bound_too() {
             let grid = Grid { x: axis(0.017, 13), y, z: Axis { first: 0.0, pitch: 0.01, count: 16 } };
             let geometry = if seed % 2 == 0 { Geometry::ORIGIN } else { Geometry::Monostatic };
             let mut cube = random_cube(&mut random, sweep, array, geometry, Detection::Quadrature);
-            assert_within_bound(seed as u64, &cube, &grid, Window::Hann, 1e-4);
+            let options = |window| ReconstructOptions::new(Method::Convolution, window);
+            assert_within_bounds(seed as u64, &cube, &grid, &options(Window::Hann), &[1e-4]);
             let kept = random.whole(0, cube.samples.len() - 1);
             let alone = cube.samples[kept];
             cube.samples.fill(Complex32::ZERO);
             cube.samples[kept] = alone;
-            for tolerance in [1e-2, 1e-4, 1e-6] {
-                assert_within_bound(seed as u64, &cube, &grid, Window::None, tolerance);
-            }
+            let tolerances = [1e-2, 1e-4, 1e-6];
+            assert_within_bounds(seed as u64, &cube, &grid, &options(Window::None), &tolerances);
         }
     }
 }
@@ -218,10 +174,7 @@ fn forward_and_inverse_are_adjoint() {
     for seed in 0..24 {
         let (cube, grid, _) = random_case(seed);
         let mut random = Random::new(seed + 1000);
-        let plane = grid.plane_len();
-        let positions: Vec<DVec3> = (0..grid.voxel_count() as usize)
-            .map(|v| grid.position(v % grid.x.count, v % plane / grid.x.count, v / plane))
-            .collect();
+        let positions: Vec<DVec3> = (0..grid.voxel_count() as usize).map(|v| position_of(&grid, v)).collect();
         let a: Vec<Complex32> = positions.iter().map(|_| random.complex()).collect();
         let reflectors = Reflectors::new(positions, a.clone()).unwrap();
         let ka = simulate(&reflectors, &cube.instrument, &SimulateOptions::default()).unwrap();
@@ -257,16 +210,6 @@ fn threads_do_not_change_the_bytes_of_a_volume() {
     }
 }
 
-/// Remembers the warnings.
-#[derive(Default)]
-struct Warned(std::sync::Mutex<Vec<String>>);
-
-impl Observer for Warned {
-    fn warn(&self, message: &str) {
-        self.0.lock().unwrap().push(message.to_owned());
-    }
-}
-
 /// The cube with one microphone moved out of the plane.
 fn bent(cube: &DataCube) -> DataCube {
     let mut positions = cube.instrument.array.positions().to_vec();
@@ -281,10 +224,10 @@ fn what_has_no_lattice_is_projected_back() {
     let bent = bent(&cube);
     (grid.x.pitch, grid.y.pitch) = (0.01, 0.01);
     (grid.x.count, grid.y.count) = (12, 12);
-    let warned = Warned::default();
-    let image = reconstruct_with(&bent, &grid, &ReconstructOptions::default(), &warned).unwrap();
+    let warnings = Warnings::default();
+    let image = reconstruct_with(&bent, &grid, &ReconstructOptions::default(), &warnings).unwrap();
     assert_eq!(image.method, Method::Backprojection);
-    assert!(warned.0.lock().unwrap().is_empty(), "nothing slow about it");
+    assert!(warnings.list().is_empty(), "nothing slow about it");
     let by_name = ReconstructOptions::new(Method::Convolution, Window::None);
     let error = reconstruct(&bent, &grid, &by_name).unwrap_err().to_string();
     assert_names(error, &["plane", "\"backprojection\""]);
@@ -292,28 +235,26 @@ fn what_has_no_lattice_is_projected_back() {
     let tone = Sweep::from_frequencies(vec![9_000.0]).unwrap();
     let samples = bent.samples[..bent.instrument.array.len()].to_vec();
     let one = DataCube::new(bent.instrument.clone().with_sweep(tone), samples).unwrap();
-    let image = reconstruct_with(&one, &grid, &ReconstructOptions::default(), &warned).unwrap();
+    let image = reconstruct_with(&one, &grid, &ReconstructOptions::default(), &warnings).unwrap();
     assert_eq!(image.method, Method::Direct);
-    assert!(warned.0.lock().unwrap().is_empty(), "nothing slow about it");
+    assert!(warnings.list().is_empty(), "nothing slow about it");
 }
 
 #[test]
 fn without_a_tolerance_what_has_no_lattice_goes_to_direct_with_a_warning_or_is_refused() {
     let (cube, mut grid, _) = random_case(5);
     let bent = bent(&cube);
-    let mut exact = ReconstructOptions::default();
-    exact.tolerance = 0.0;
-    let warned = Warned::default();
-    assert_eq!(reconstruct_with(&bent, &grid, &exact, &warned).unwrap().method, Method::Direct);
-    assert_names(&warned.0.lock().unwrap()[0], &["plane"]);
-    let mut profiles = ReconstructOptions::new(Method::Backprojection, Window::None);
-    profiles.tolerance = 0.0;
+    let exact = ReconstructOptions::default().with_tolerance(0.0);
+    let warnings = Warnings::default();
+    assert_eq!(reconstruct_with(&bent, &grid, &exact, &warnings).unwrap().method, Method::Direct);
+    assert_names(&warnings.list()[0], &["plane"]);
+    let profiles = ReconstructOptions::new(Method::Backprojection, Window::None).with_tolerance(0.0);
     let error = reconstruct(&cube, &grid, &profiles).unwrap_err().to_string();
     assert_names(error, &["tolerance", "0", "method = \"direct\""]);
     // Nothing may be spread either.
     grid.x.pitch *= 1.01;
-    assert_eq!(reconstruct_with(&cube, &grid, &exact, &warned).unwrap().method, Method::Direct);
-    assert_names(&warned.0.lock().unwrap()[1], &["pitch", "x"]);
+    assert_eq!(reconstruct_with(&cube, &grid, &exact, &warnings).unwrap().method, Method::Direct);
+    assert_names(&warnings.list()[1], &["pitch", "x"]);
     (grid.x.count, grid.y.count, grid.z.count) = (1 << 13, 1 << 13, 1 << 10);
     let error = reconstruct(&bent, &grid, &exact).unwrap_err().to_string();
     assert_names(error, &["method = \"direct\""]);
@@ -324,9 +265,8 @@ fn without_a_tolerance_what_has_no_lattice_goes_to_direct_with_a_warning_or_is_r
 fn microphones_far_apart_are_not_spread() {
     let (_, mut grid, _) = random_case(3);
     (grid.x.count, grid.y.count) = (9, 9);
-    let positions =
-        vec![DVec3::new(-400.0, 3.0, 0.0), DVec3::new(1.0, -500.0, 0.0), DVec3::new(700.0, 650.0, 0.0)];
-    let array = MicArray::from_positions(positions).unwrap();
+    let positions = [[-400.0, 3.0, 0.0], [1.0, -500.0, 0.0], [700.0, 650.0, 0.0]].map(DVec3::from);
+    let array = MicArray::from_positions(positions.to_vec()).unwrap();
     let sweep = Sweep::stepped(10_000.0, 10_100.0, 0.1).unwrap();
     let cube = random_cube(&mut Random::new(1), sweep, array, Geometry::ORIGIN, Detection::Quadrature);
     let image = reconstruct(&cube, &grid, &ReconstructOptions::default()).unwrap();

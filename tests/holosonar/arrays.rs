@@ -1,8 +1,8 @@
 //! Arrays that are not lattices, and predictions for any array compared with measurements.
 
-use crate::binary::{done, refused, shipped};
+use crate::binary::{done, done_json, json_file, refused, shipped};
 use crate::named::assert_names;
-use crate::support::{brightest, off_lattice, relative_difference};
+use crate::support::{brightest, off_lattice, relative_difference, unit_reflector};
 use glam::DVec3;
 use holosonar::acquisition::{DataCube, Instrument, MicArray, SimulateOptions, Sweep, simulate};
 use holosonar::config::RunFile;
@@ -10,10 +10,8 @@ use holosonar::grid::{Axis, Grid};
 use holosonar::pipeline::{self, JobOptions};
 use holosonar::psf::{PointSpread, point_spread};
 use holosonar::reconstruct::{Method, ReconstructOptions, Window, reconstruct};
-use holosonar::reflectors::Reflectors;
 use holosonar::wave::Geometry;
 use num_complex::Complex32;
-use serde_json::Value;
 
 /// A spiral and a random array of 256 microphones over one metre.
 fn scattered() -> [MicArray; 2] {
@@ -32,7 +30,7 @@ fn grid(half: f64, count: usize, z: [f64; 2], depths: usize) -> Grid {
 #[test]
 fn scattered_arrays_image_a_point_as_the_direct_sum_does() {
     let p = off_lattice();
-    let reflector = Reflectors::new(vec![p], vec![Complex32::ONE]).unwrap();
+    let reflector = unit_reflector(p);
     let sweep = Sweep::stepped(10_000.0, 20_000.0, 50.0).unwrap();
     let grid = grid(0.12, 25, [0.95, 1.08], 14);
     for array in scattered() {
@@ -64,8 +62,7 @@ fn scattered_arrays_image_the_corner_as_the_direct_sum_does() {
         // Voxels of the scene's own pitch around the vertex and along a wall.
         let some = grid(0.2, 13, [1.9, 2.25], 20);
         let of = |method, tolerance| {
-            let mut options = ReconstructOptions::new(method, Window::Taylor);
-            options.tolerance = tolerance;
+            let options = ReconstructOptions::new(method, Window::Taylor).with_tolerance(tolerance);
             reconstruct(&cube, &some, &options).unwrap()
         };
         let direct = of(Method::Direct, 1e-4).volume;
@@ -204,7 +201,7 @@ fn a_sweep_compares_layouts_in_one_command() {
         "plan {} --set array.elements=256 --sweep array.layout=grid,spiral,random --sweep sweep.start=10000,18000 -o out",
         scene.display()
     );
-    let sweep: Value = serde_json::from_str(&done(folder.path(), &format!("{words} --json"))).unwrap();
+    let sweep = done_json(folder.path(), &words);
     let rows = sweep["combinations"].as_array().unwrap();
     assert_eq!(rows.len(), 6);
     for row in rows {
@@ -215,9 +212,7 @@ fn a_sweep_compares_layouts_in_one_command() {
     assert_eq!(rows[0]["design"]["verdict"], "ghosts");
     assert_eq!(rows[2]["design"]["verdict"], "scattered");
     assert!(std::fs::read(folder.path().join("out/sweep.png")).unwrap().starts_with(b"\x89PNG"));
-    let written: Value =
-        serde_json::from_slice(&std::fs::read(folder.path().join("out/sweep.json")).unwrap()).unwrap();
-    assert_eq!(written["keys"], sweep["keys"]);
+    assert_eq!(json_file(&folder.path().join("out/sweep.json"))["keys"], sweep["keys"]);
     let table = done(folder.path(), &words);
     let heading: Vec<&str> = table.lines().next().unwrap().split_whitespace().collect();
     assert_eq!(heading[..2], ["array.layout", "sweep.start"], "{table}");
@@ -225,8 +220,7 @@ fn a_sweep_compares_layouts_in_one_command() {
         assert_eq!(table.lines().filter(|line| line.starts_with(layout)).count(), 2, "{table}");
     }
     // One value that makes no job leaves the others; none that does is an error.
-    let some = format!("plan {} --sweep sweep.step=30,40 --json", scene.display());
-    let some: Value = serde_json::from_str(&done(folder.path(), &some)).unwrap();
+    let some = done_json(folder.path(), &format!("plan {} --sweep sweep.step=30,40", scene.display()));
     assert_names(some["combinations"][0]["refused"].as_str().unwrap(), &["sweep.step", "30"]);
     assert!(some["combinations"][1]["design"].is_object());
     for (words, parts) in [
@@ -244,8 +238,7 @@ fn psf_reports_and_draws_point_spread_functions() {
     let folder = tempfile::tempdir().unwrap();
     let scene = shipped("point.toml");
     let words = format!("psf {} --at -0.02,0.03,1 -o out", scene.display());
-    let told: Value = serde_json::from_str(&done(folder.path(), &format!("{words} --json"))).unwrap();
-    let point = &told["points"][0];
+    let point = &done_json(folder.path(), &words)["points"][0];
     let ratio = |axis: usize| {
         let width = &point["widths"][axis];
         width["at_3_db"].as_f64().unwrap() / width["predicted_at_3_db"].as_f64().unwrap()
@@ -267,7 +260,7 @@ fn psf_reports_and_draws_point_spread_functions() {
 fn an_instrument_without_a_speed_of_sound_or_a_speaker_gives_no_path_a_phase() {
     let axis = Axis { first: -0.02, pitch: 0.02, count: 3 };
     let grid = Grid { x: axis, y: axis, z: Axis { first: 0.5, ..axis } };
-    let one = Reflectors::new(vec![DVec3::Z], vec![Complex32::ONE]).unwrap();
+    let one = unit_reflector(DVec3::Z);
     let array = MicArray::rectangular([3, 2], [0.02; 2], DVec3::ZERO).unwrap();
     let instrument = Instrument::new(Sweep::stepped(10e3, 10.4e3, 100.0).unwrap(), array);
     let nowhere = Geometry::FixedSource { source: DVec3::NAN };

@@ -1,6 +1,6 @@
 //! Back-projection against the literal sum, on arrays that need not be planar.
 
-use crate::support::{Random, random_cube, relative_difference};
+use crate::support::{Random, assert_within_bounds, direct, random_cube, relative_difference};
 use glam::DVec3;
 use holosonar::acquisition::{DataCube, Detection, Instrument, MicArray, SimulateOptions, Sweep, simulate};
 use holosonar::grid::{Axis, Grid};
@@ -67,31 +67,12 @@ fn random_case(seed: u64) -> (DataCube, Grid, Window) {
     (cube, grid, [Window::None, Window::Hann, Window::Taylor][seed as usize % 3])
 }
 
-fn direct(cube: &DataCube, grid: &Grid, window: Window) -> Vec<Complex32> {
-    reconstruct(cube, grid, &ReconstructOptions::new(Method::Direct, window)).unwrap().volume.samples
-}
-
-/// The maximum difference is within the bound that came with the volume, except for f32 rounding, and the bound is within
-/// the requested tolerance.
 #[test]
 fn backprojection_keeps_its_bound_on_any_array_and_grid() {
     for seed in 0..60 {
         let (cube, grid, window) = random_case(seed);
-        let exact = direct(&cube, &grid, window);
-        let peak = f64::from(exact.iter().map(|a| a.norm()).fold(0.0, f32::max));
-        for tolerance in [1e-2, 1e-4, 1e-6] {
-            let mut options = ReconstructOptions::new(Method::Backprojection, window);
-            options.tolerance = tolerance;
-            let image = reconstruct(&cube, &grid, &options).unwrap();
-            assert_eq!(image.method, Method::Backprojection);
-            let error = relative_difference(&image.volume.samples, &exact) * peak;
-            let bound = image.error_bound;
-            assert!(error <= bound + 1e-5 * peak, "seed {seed} {tolerance}: {error:e} above {bound:e}");
-            let moduli: f64 = cube.samples.iter().map(|m| f64::from(m.norm())).sum();
-            let most = tolerance * cube.instrument.detection.weight() * moduli / cube.samples.len() as f64;
-            assert!(bound.is_finite(), "seed {seed} {tolerance}: {bound}");
-            assert!(window != Window::None || bound <= most * 1.01, "seed {seed}: {bound:e} above {most:e}");
-        }
+        let options = ReconstructOptions::new(Method::Backprojection, window);
+        assert_within_bounds(seed, &cube, &grid, &options, &[1e-2, 1e-4, 1e-6]);
     }
 }
 
@@ -120,19 +101,8 @@ fn voxels_between_nodes_keep_the_bound() {
         let axis = |first: f64, pitch: f64, count: usize| Axis { first, pitch, count };
         let y = if seed == 3 { axis(0.0, 0.05, 40) } else { axis(-0.1, 0.004, 91) };
         let grid = Grid { x: axis(-0.2, 0.003, 110), y, z: axis(0.6, 0.02, 7) };
-        let exact = direct(&cube, &grid, Window::None);
-        let peak = f64::from(exact.iter().map(|a| a.norm()).fold(0.0, f32::max));
-        let moduli: f64 = cube.samples.iter().map(|m| f64::from(m.norm())).sum();
-        for tolerance in [1e-2, 1e-4, 1e-6] {
-            let mut options = ReconstructOptions::new(Method::Backprojection, Window::None);
-            options.tolerance = tolerance;
-            let image = reconstruct(&cube, &grid, &options).unwrap();
-            let error = relative_difference(&image.volume.samples, &exact) * peak;
-            let bound = image.error_bound;
-            assert!(error <= bound + 1e-5 * peak, "seed {seed} {tolerance}: {error:e} above {bound:e}");
-            let most = tolerance * moduli / cube.samples.len() as f64;
-            assert!(bound <= most * 1.01, "seed {seed} {tolerance}: {bound:e} above {most:e}");
-        }
+        let options = ReconstructOptions::new(Method::Backprojection, Window::None);
+        assert_within_bounds(seed, &cube, &grid, &options, &[1e-2, 1e-4, 1e-6]);
     }
 }
 

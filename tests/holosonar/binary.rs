@@ -1,6 +1,7 @@
 //! The program as a user starts it: arguments in; exit status, standard output and standard error out.
 
 use crate::named::assert_names;
+use serde_json::Value;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
@@ -48,6 +49,20 @@ pub(crate) fn done(folder: &Path, words: &str) -> String {
     let ran = run(folder, words);
     assert_eq!(ran.status, 0, "{words}: {}", ran.stderr);
     ran.stdout
+}
+
+/// As [`done`] with `--json`; gives the value that was printed.
+pub(crate) fn done_json(folder: &Path, words: &str) -> Value {
+    json(&done(folder, &format!("{words} --json")))
+}
+
+pub(crate) fn json(text: &str) -> Value {
+    serde_json::from_str(text).unwrap()
+}
+
+/// The value in a JSON file.
+pub(crate) fn json_file(path: &Path) -> Value {
+    json(&std::fs::read_to_string(path).unwrap())
 }
 
 /// As [`run`], and it must fail with `status`, in one paragraph that begins `error:` and names all of `named`.

@@ -1,11 +1,10 @@
 //! Every command once, through the binary, and what it promises: streams, exit status, equal bytes.
 
-use crate::binary::{command, done, files_below, refused, run, shipped};
+use crate::binary::{command, done, done_json, files_below, json, json_file, refused, run, shipped};
 use crate::named::assert_names;
 use crate::support::data;
 use holosonar::export::depth_exr::read_depth_map;
 use holosonar::export::volume_npz::read_volume_npz;
-use serde_json::Value;
 use std::io::Read;
 use std::path::Path;
 use std::process::Stdio;
@@ -30,14 +29,10 @@ fn workplace() -> tempfile::TempDir {
     folder
 }
 
-fn json(text: &str) -> Value {
-    serde_json::from_str(text).unwrap()
-}
-
 #[test]
 fn image_writes_what_it_reports() {
     let folder = workplace();
-    let report = json(&done(folder.path(), "image f.toml -o out --json"));
+    let report = done_json(folder.path(), "image f.toml -o out");
     let mut listed: Vec<String> =
         report["files"].as_array().unwrap().iter().map(|f| f.as_str().unwrap().to_owned()).collect();
     listed.sort();
@@ -60,7 +55,7 @@ fn image_writes_what_it_reports() {
     ] {
         assert!(listed.iter().any(|listed| listed == name), "{name} is not among {listed:?}");
     }
-    assert_eq!(report, json(&std::fs::read_to_string(folder.path().join("out/report.json")).unwrap()));
+    assert_eq!(report, json_file(&folder.path().join("out/report.json")));
 }
 
 #[test]
@@ -97,16 +92,16 @@ fn compare_and_check_exit_with_3_when_a_limit_is_missed() {
     let folder = workplace();
     let path = folder.path();
     done(path, "image f.toml -o out");
-    let kept = done(path, "compare out/truth.exr out/truth.exr --min completeness=1 --max rmse=0 --json");
-    assert_eq!(json(&kept)["metrics"]["completeness"], 1.0);
-    assert_eq!(json(&kept)["limits"].as_array().unwrap().len(), 2);
+    let kept = done_json(path, "compare out/truth.exr out/truth.exr --min completeness=1 --max rmse=0");
+    assert_eq!(kept["metrics"]["completeness"], 1.0);
+    assert_eq!(kept["limits"].as_array().unwrap().len(), 2);
     let missed = run(path, "compare out/depth.exr out/truth.exr --min completeness=1.01");
     assert_eq!(missed.status, 3, "{missed:?}");
     assert_names(missed.stdout, &["completeness"]);
     assert!(missed.stderr.starts_with("error: "), "{}", missed.stderr);
     assert_names(missed.stderr, &["completeness", "1.01"]);
-    let scored = json(&done(path, "compare out/depth.exr out/truth.exr --json"));
-    let report = json(&std::fs::read_to_string(path.join("out/report.json")).unwrap());
+    let scored = done_json(path, "compare out/depth.exr out/truth.exr");
+    let report = json_file(&path.join("out/report.json"));
     let [a, b] = [&scored, &report].map(|v| v["metrics"]["completeness"].as_f64().unwrap());
     assert!((a - b).abs() < 1e-9, "compare finds {a}, image found {b}");
 
@@ -136,7 +131,7 @@ fn info_names_every_kind() {
         ("meshes/point.csv", "reflectors"),
         ("f.toml", "run file"),
     ] {
-        assert_eq!(json(&done(path, &format!("info {file} --json")))["kind"], kind);
+        assert_eq!(done_json(path, &format!("info {file}"))["kind"], kind);
         assert!(done(path, &format!("info {file}")).contains(kind));
     }
 }
@@ -148,7 +143,7 @@ fn init_writes_a_run_file_that_images() {
     assert_names(said, &["holosonar image try/corner.toml"]);
     refused(folder.path(), "init try", 2, &["try/corner.toml"]);
     let coarse = "--set sweep.step=500 --set grid.pitch=[0.06666666666666667,0.06666666666666667,0.02]";
-    let report = json(&done(folder.path(), &format!("image try/corner.toml -o out --json {coarse}")));
+    let report = done_json(folder.path(), &format!("image try/corner.toml -o out {coarse}"));
     assert!(report["accepted"].as_u64().unwrap() > 50, "{report}");
 }
 
@@ -300,8 +295,8 @@ fn a_depth_map_becomes_points_by_its_extension() {
     };
     assert!(vertices("d.ply") == vertices("out/depth.ply"));
     done(path, "truth f.toml -o truth.ply");
-    let count = |file: &str| json(&done(path, &format!("info {file} --json")))["count"].as_u64().unwrap();
-    let report = json(&std::fs::read_to_string(path.join("out/report.json")).unwrap());
+    let count = |file: &str| done_json(path, &format!("info {file}"))["count"].as_u64().unwrap();
+    let report = json_file(&path.join("out/report.json"));
     assert_eq!(count("d.ply"), report["accepted"].as_u64().unwrap());
     assert_eq!(count("out/scene.ply"), report["reflectors"].as_u64().unwrap() + 15 * 15 + 1);
     assert!(count("truth.ply") > 0);

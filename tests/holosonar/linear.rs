@@ -1,6 +1,6 @@
 //! The linear method against its own formula, summed as it is written, and as an adjoint.
 
-use crate::support::{Random, random_cube, relative_difference};
+use crate::support::{self, Random, peak, position_of, random_cube, relative_difference, unit_reflector};
 use glam::DVec3;
 use holosonar::acquisition::{
     DataCube, Detection, Instrument, MicArray, PropagationModel, SimulateOptions, Sweep, simulate,
@@ -9,42 +9,26 @@ use holosonar::grid::{Axis, Grid};
 use holosonar::reconstruct::{Method, ReconstructOptions, Window, estimate, reconstruct};
 use holosonar::reflectors::Reflectors;
 use holosonar::wave::Geometry;
-use num_complex::{Complex32, Complex64};
+use num_complex::Complex32;
 use std::f64::consts::TAU;
 
 fn axis(first: f64, pitch: f64, count: usize) -> Axis {
     Axis { first, pitch, count }
 }
 
-/// `Σ_f Σ_r w_f w_r m e^{−i2πf·path/c}` with the path of Eq. 6–7, term by term.
+/// The literal sum with the path of Eq. 6–7.
 fn literal(cube: &DataCube, grid: &Grid, window: Window) -> Vec<Complex32> {
-    let (w_f, w_r) = (window.over_sweep(&cube.instrument.sweep), window.over_array(&cube.instrument.array));
-    let scale = cube.instrument.detection.weight() / (w_f.iter().sum::<f64>() * w_r.iter().sum::<f64>());
-    let voxel = |v: usize| {
-        let (row, ix) = (v / grid.x.count, v % grid.x.count);
-        let p = grid.position(ix, row % grid.y.count, row / grid.y.count);
-        let mut sum = Complex64::ZERO;
-        for (j, r) in cube.instrument.array.positions().iter().enumerate() {
-            let path = cube.instrument.geometry.linear_path_length(p, *r) / cube.instrument.sound_speed;
-            for (q, f) in cube.instrument.sweep.frequencies().iter().enumerate() {
-                let m = cube.samples[q * cube.instrument.array.len() + j];
-                let m = Complex64::new(f64::from(m.re), f64::from(m.im));
-                sum += m * Complex64::cis(-TAU * f * path) * (w_f[q] * w_r[j] * scale);
-            }
-        }
-        Complex32::new(sum.re as f32, sum.im as f32)
-    };
-    (0..grid.voxel_count() as usize).map(voxel).collect()
+    let voxels = 0..grid.voxel_count() as usize;
+    support::literal(cube, grid, window, Geometry::linear_path_length, voxels)
 }
 
 fn linear(cube: &DataCube, grid: &Grid, window: Window, tolerance: f64) -> Vec<Complex32> {
-    let mut options = ReconstructOptions::new(Method::Linear, window);
-    options.tolerance = tolerance;
+    let options = ReconstructOptions::new(Method::Linear, window).with_tolerance(tolerance);
     let image = reconstruct(cube, grid, &options).unwrap();
     assert_eq!(image.method, Method::Linear);
     let exact = literal(cube, grid, window);
     let worst = image.volume.samples.iter().zip(&exact).map(|(a, b)| (a - b).norm()).fold(0.0, f32::max);
-    let rounding = 3e-6 * f64::from(cube.samples.iter().map(|m| m.norm()).fold(0.0, f32::max));
+    let rounding = 3e-6 * peak(&cube.samples);
     assert!(f64::from(worst) <= image.error_bound + rounding, "{worst:e} beyond {:e}", image.error_bound);
     image.volume.samples
 }
@@ -111,10 +95,7 @@ fn it_is_the_adjoint_of_a_linear_simulation() {
     let grid = Grid { x: axis(-0.3, 0.05, 13), y: axis(-0.2, 0.06, 7), z: axis(0.7, 0.03, 9) };
     let m = random_cube(&mut random, sweep, array, Geometry::ORIGIN, Detection::Quadrature);
     let count = grid.voxel_count() as usize;
-    let positions = (0..count).map(|v| {
-        let (row, ix) = (v / grid.x.count, v % grid.x.count);
-        grid.position(ix, row % grid.y.count, row / grid.y.count)
-    });
+    let positions = (0..count).map(|v| position_of(&grid, v));
     let a: Vec<Complex32> = (0..count).map(|_| random.complex()).collect();
     let reflectors = Reflectors::new(positions.collect(), a.clone()).unwrap();
     let options = SimulateOptions::default().with_model(PropagationModel::Linear).with_tolerance(0.0);
@@ -133,7 +114,7 @@ fn it_is_the_adjoint_of_a_linear_simulation() {
 #[test]
 fn linear_data_give_a_sharp_image_and_exact_data_near_by_do_not() {
     let p = DVec3::new(0.2, -0.1, 1.0);
-    let point = Reflectors::new(vec![p], vec![Complex32::ONE]).unwrap();
+    let point = unit_reflector(p);
     let instrument = Instrument::new(even(101), lattice([41, 41], [0.025, 0.025], DVec3::ZERO));
     let grid = Grid { x: axis(0.0, 0.02, 21), y: axis(-0.3, 0.02, 21), z: axis(0.9, 0.01, 21) };
     let peak = |model: PropagationModel, p: DVec3| {
@@ -154,7 +135,7 @@ fn linear_data_give_a_sharp_image_and_exact_data_near_by_do_not() {
 #[test]
 fn a_far_echo_is_the_same_by_the_far_field_and_by_the_true_path() {
     let p = DVec3::new(3.0, -2.0, 60.0);
-    let point = Reflectors::new(vec![p], vec![Complex32::ONE]).unwrap();
+    let point = unit_reflector(p);
     let instrument = Instrument::new(even(101), lattice([9, 9], [0.03, 0.03], DVec3::ZERO));
     let cube = simulate(&point, &instrument, &SimulateOptions::default()).unwrap();
     let grid = Grid { x: axis(-5.0, 1.0, 11), y: axis(-5.0, 1.0, 11), z: axis(59.8, 0.01, 41) };

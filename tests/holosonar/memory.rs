@@ -2,8 +2,8 @@
 
 #![cfg(target_os = "linux")]
 
-use crate::binary::{command, done, refused, run, shipped};
-use crate::meshes::{write_glb, write_obj, write_ply, write_stl, write_text_stl};
+use crate::binary::{command, done, done_json, refused, run, shipped};
+use crate::meshes::{glb, write_glb, write_obj, write_ply, write_stl, write_text_stl};
 use crate::named::assert_names;
 use holosonar::scene::{BYTES_PER_TRIANGLE, LoadOptions, Scene, Unit};
 use serde_json::Value;
@@ -70,8 +70,7 @@ fn the_memory_that_is_planned_is_what_is_taken() {
     for (name, array, half, voxels) in scenes {
         write_scene(folder, &format!("{name}.toml"), array, half, voxels);
         // A number of threads that does not depend on the machine.
-        let plan = done(folder, &format!("plan {name}.toml --json -q -j 2"));
-        let plan: Value = serde_json::from_str(&plan).unwrap();
+        let plan = done_json(folder, &format!("plan {name}.toml -q -j 2"));
         for (job, words) in [
             ("simulate", format!("simulate {name}.toml -o cube.npz -q -j 2")),
             ("reconstruct", format!("reconstruct cube.npz -c {name}.toml -o volume.npz -q -j 2")),
@@ -162,12 +161,7 @@ fn a_mesh_that_cannot_fit_is_refused_by_what_its_file_declares() {
         indices,
         3 * count
     );
-    let json = format!("{json:width$}", width = json.len().next_multiple_of(4));
-    let mut glb = b"glTF".to_vec();
-    for number in [2, 28 + json.len() as u32 + indices, json.len() as u32] {
-        glb.extend(number.to_le_bytes());
-    }
-    glb.extend([b"JSON", json.as_bytes(), &indices.to_le_bytes(), b"BIN\0"].concat());
+    let glb = glb(json, Some(indices));
     write_sparse(&folder.join("huge.glb"), &glb, glb.len() as u64 + u64::from(indices));
     write_sparse(&folder.join("huge.obj"), b"v 0 0 0\n", 1 << 30);
     let triangles = "20000000 triangles or more, which take about 4.5 GiB in memory";
@@ -199,11 +193,9 @@ fn what_a_mesh_takes_is_in_the_plan_and_enough() {
     let folder = folder.path();
     write_stl(&folder.join("a.stl"), 400_000);
     write_mesh_job(folder, "a.stl");
-    let mut options = LoadOptions::default();
-    options.unit = Some(Unit::Metre);
-    let scene = Scene::load(&folder.join("a.stl"), &options).unwrap();
+    let scene = Scene::load(&folder.join("a.stl"), &LoadOptions::default().with_unit(Unit::Metre)).unwrap();
     let building = scene.triangles().len() as u64 * BYTES_PER_TRIANGLE;
-    let plan: Value = serde_json::from_str(&done(folder, "plan mesh.toml --json -q -j 2")).unwrap();
+    let plan = done_json(folder, "plan mesh.toml -q -j 2");
     for job in ["image", "simulate"] {
         // Nothing else is in memory then but the program, and nothing afterwards takes as much.
         let beside = planned(&plan, job) - building;
@@ -227,7 +219,7 @@ fn a_mesh_takes_what_is_planned() {
     for count in [250_000, 1_000_000] {
         for name in write_meshes(folder, count) {
             write_mesh_job(folder, name);
-            let plan: Value = serde_json::from_str(&done(folder, "plan mesh.toml --json -q -j 2")).unwrap();
+            let plan = done_json(folder, "plan mesh.toml -q -j 2");
             let bytes = planned(&plan, "image");
             let measured = measured(folder, "image mesh.toml -o made -q -j 2");
             let ratio = bytes as f64 / measured as f64;

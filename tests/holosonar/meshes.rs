@@ -111,7 +111,7 @@ pub(crate) fn write_glb(path: &Path, count: usize) {
     let positions = binary.len();
     binary.extend(triangles.iter().flatten().flat_map(|i| i.to_le_bytes()));
     let indices = binary.len() - positions;
-    let mut json = serde_json::json!({
+    let json = serde_json::json!({
         "asset": { "version": "2.0" }, "nodes": [{ "mesh": 0 }],
         "meshes": [{ "primitives": [{ "attributes": { "POSITION": 0 }, "indices": 1 }] }],
         "buffers": [{ "byteLength": binary.len() }],
@@ -124,21 +124,23 @@ pub(crate) fn write_glb(path: &Path, count: usize) {
               "min": [-1.0, -1.0, 0.0], "max": [1.0, 1.0, 3.0] },
             { "bufferView": 1, "componentType": 5125, "count": 3 * triangles.len(), "type": "SCALAR" }
         ]
-    })
-    .to_string();
-    while !json.len().is_multiple_of(4) {
-        json.push(' ');
-    }
-    let mut file = b"glTF".to_vec();
-    let length = 12 + 8 + json.len() + 8 + binary.len();
-    for (number, kind, part) in [
-        ([2, length as u32], &b""[..], &b""[..]),
-        ([json.len() as u32, 0], b"JSON", json.as_bytes()),
-        ([binary.len() as u32, 0], b"BIN\0", &binary),
-    ] {
-        let numbers = if kind.is_empty() { &number[..] } else { &number[..1] };
-        file.extend(numbers.iter().flat_map(|n| n.to_le_bytes()));
-        file.extend(kind.iter().chain(part));
-    }
+    });
+    let mut file = glb(json.to_string(), Some(binary.len() as u32));
+    file.extend(binary);
     fs::write(path, file).unwrap();
+}
+
+/// A GLB of this JSON, up to the bytes of a binary chunk of this length, if it has one.
+pub(crate) fn glb(mut json: String, binary: Option<u32>) -> Vec<u8> {
+    json.push_str(&" ".repeat(json.len().next_multiple_of(4) - json.len()));
+    let length = 20 + json.len() as u32 + binary.map_or(0, |binary| 8 + binary);
+    let mut file = b"glTF".to_vec();
+    for word in [2, length, json.len() as u32] {
+        file.extend(word.to_le_bytes());
+    }
+    file.extend([b"JSON", json.as_bytes()].concat());
+    if let Some(binary) = binary {
+        file.extend([&binary.to_le_bytes()[..], b"BIN\0"].concat());
+    }
+    file
 }

@@ -33,7 +33,8 @@ const LIMIT: u64 = 1 << 24;
 /// A reader that takes longer for a file of a few kB hangs.
 const HANGS: Duration = Duration::from_mins(1);
 
-/// A file to be damaged, with what reading it takes.
+/// A file to be damaged, and the options for reading it.
+#[derive(Clone)]
 struct Original {
     name: String,
     bytes: Vec<u8>,
@@ -64,9 +65,7 @@ fn material(path: &Path, options: &LoadOptions) -> Result<()> {
 }
 
 fn metres() -> LoadOptions {
-    let mut options = LoadOptions::default();
-    options.unit = Some(Unit::Metre);
-    options
+    LoadOptions::default().with_unit(Unit::Metre)
 }
 
 fn original(path: &Path, options: LoadOptions) -> Original {
@@ -105,9 +104,11 @@ fn written(folder: &Path) {
 fn parsers() -> Vec<Parser> {
     let folder = tempfile::tempdir().unwrap();
     written(folder.path());
-    let ours = |names: &[&str]| -> Vec<Original> {
-        names.iter().map(|name| original(&folder.path().join(name), LoadOptions::default())).collect()
+    let files = |folder: &Path, names: &[&str]| -> Vec<Original> {
+        names.iter().map(|name| original(&folder.join(name), LoadOptions::default())).collect()
     };
+    let ours = |names: &[&str]| files(folder.path(), names);
+    let independent = |names: &[&str]| files(&data("reference"), names);
     let scenes = |extension: &str| -> Vec<Original> {
         let inputs = crate::scenes::inputs().into_iter();
         let inputs = inputs.filter(|(path, _)| path.extension().is_some_and(|e| e == extension));
@@ -143,12 +144,16 @@ fn parsers() -> Vec<Parser> {
         Parser { name: "CSV", originals: vec![points], read: |path, _| Reflectors::read_csv(path).map(drop) },
         Parser {
             name: "npz of a cube",
-            originals: ours(&["cube.npz"]),
+            originals: [
+                ours(&["cube.npz"]),
+                independent(&["forward_quadrature.npz", "forward_in_phase.npz"]),
+            ]
+            .concat(),
             read: |path, _| DataCube::read(path, LIMIT).map(drop),
         },
         Parser {
             name: "npz of a volume",
-            originals: ours(&["volume.npz"]),
+            originals: [ours(&["volume.npz"]), independent(&["volume_in_phase_8mm.npz"])].concat(),
             read: |path, _| read_volume_npz(path, LIMIT).map(drop),
         },
         Parser {
@@ -173,20 +178,20 @@ fn parsers() -> Vec<Parser> {
     ]
 }
 
-/// What a hunter reads, and since when: file, seed of the damage, time.
-type Prey = Mutex<Option<(String, u64, Instant)>>;
+/// What a thread is reading: file, seed of the damage, and since when.
+type Reading = Mutex<Option<(String, u64, Instant)>>;
 
-/// Damages the files of a parser, `times` in all, and reads what comes of it; gives how many were refused. A reader that
+/// Damages the files of a parser `times` times in all, reads them and returns the number of refusals. A reader that
 /// panics or hangs fails the test, which then names the file and the seed.
-fn hunt(parser: Parser, times: u64) -> u64 {
+fn fuzz(parser: Parser, times: u64) -> u64 {
     let parser = Arc::new(parser);
     let (next, refused) = (Arc::new(AtomicU64::new(0)), Arc::new(AtomicU64::new(0)));
-    let hunters: Vec<_> = (0..std::thread::available_parallelism().map_or(1, usize::from))
+    let threads: Vec<_> = (0..std::thread::available_parallelism().map_or(1, usize::from))
         .map(|_| {
             let (parser, next, refused) = (parser.clone(), next.clone(), refused.clone());
-            let prey: Arc<Prey> = Arc::default();
-            let noted = prey.clone();
-            let hunter = std::thread::spawn(move || {
+            let reading: Arc<Reading> = Arc::default();
+            let noted = reading.clone();
+            let thread = std::thread::spawn(move || {
                 // In memory where that can be, for the disk would take most of the time.
                 let folder = tempfile::tempdir_in("/dev/shm").or_else(|_| tempfile::tempdir()).unwrap();
                 loop {
@@ -201,20 +206,20 @@ fn hunt(parser: Parser, times: u64) -> u64 {
                     refused.fetch_add(u64::from(!read), Ordering::Relaxed);
                 }
             });
-            (hunter, prey)
+            (thread, reading)
         })
         .collect();
-    while !hunters.iter().all(|(hunter, _)| hunter.is_finished()) {
+    while !threads.iter().all(|(thread, _)| thread.is_finished()) {
         std::thread::sleep(Duration::from_millis(5));
-        for (_, prey) in &hunters {
-            let prey = prey.lock().unwrap().clone();
-            if let Some((file, seed, _)) = prey.filter(|(.., since)| since.elapsed() > HANGS) {
+        for (_, reading) in &threads {
+            let reading = reading.lock().unwrap().clone();
+            if let Some((file, seed, _)) = reading.filter(|(.., since)| since.elapsed() > HANGS) {
                 panic!("{}: {file} with seed {seed} hangs", parser.name);
             }
         }
     }
-    for (hunter, _) in hunters {
-        hunter.join().unwrap();
+    for (thread, _) in threads {
+        thread.join().unwrap();
     }
     refused.load(Ordering::Relaxed)
 }
@@ -249,13 +254,13 @@ fn survived(parser: &Parser, original: &Original, seed: u64, folder: &Path) -> b
     }
 }
 
-fn hunt_all(times: u64) {
+fn fuzz_all(times: u64) {
     let times = std::env::var("HOLOSONAR_MUTATIONS").map_or(times, |count| count.parse().unwrap());
     let begun = Instant::now();
     for parser in parsers() {
         let (name, files, since) = (parser.name, parser.originals.len(), Instant::now());
         assert!(files > 0, "{name} has nothing to read");
-        let refused = hunt(parser, times);
+        let refused = fuzz(parser, times);
         let rate = times as f64 / since.elapsed().as_secs_f64();
         println!("{name}: {times} damaged files of {files}, {refused} refused, 0 panics, {rate:.0}/s");
         assert!(refused * 5 > times, "{name}: only {refused} of {times} damaged files are noticed");
@@ -266,13 +271,13 @@ fn hunt_all(times: u64) {
 
 #[test]
 fn every_parser() {
-    hunt_all(400);
+    fuzz_all(600);
 }
 
 #[test]
 #[ignore = "minutes, in a release build"]
 fn every_parser_a_hundred_thousand_times() {
-    hunt_all(100_000);
+    fuzz_all(100_000);
 }
 
 #[test]

@@ -1,12 +1,7 @@
 //! The perspective view and the metrics of each material, through the binary.
 
-use crate::binary::{done, refused, run, shipped};
+use crate::binary::{done, done_json, json_file, refused, run, shipped};
 use crate::named::assert_names;
-use serde_json::Value;
-
-fn json(text: &str) -> Value {
-    serde_json::from_str(text).unwrap()
-}
 
 #[test]
 fn a_camera_shows_the_scene_and_views_are_not_mixed() {
@@ -15,14 +10,14 @@ fn a_camera_shows_the_scene_and_views_are_not_mixed() {
     let scene = shipped("camera.toml");
     let scene = scene.display();
     done(path, &format!("image {scene} -o out -q"));
-    let report = json(&std::fs::read_to_string(path.join("out/report.json")).unwrap());
+    let report = json_file(&path.join("out/report.json"));
     println!("{}\n{}", report["metrics"], report["materials"]);
     assert!(report["metrics"]["completeness"].as_f64().unwrap() > 0.80, "{}", report["metrics"]);
     assert_eq!(report["pixels"], 160 * 120);
 
     // The reconstructed map has the same pixels as a truth computed separately, and each material is scored.
     done(path, &format!("truth {scene} -o truth.exr -q"));
-    let scored = json(&done(path, "compare out/depth.exr truth.exr --png error.png --json"));
+    let scored = done_json(path, "compare out/depth.exr truth.exr --png error.png");
     assert_eq!(scored["metrics"], report["metrics"]);
     assert_eq!(scored["materials"], report["materials"]);
     let names: Vec<&String> = scored["materials"].as_object().unwrap().keys().collect();
@@ -41,7 +36,7 @@ fn a_camera_shows_the_scene_and_views_are_not_mixed() {
     // A volume has no camera.
     refused(path, &format!("depth out/volume.npz -c {scene} -o again.exr"), 2, &["fov", "degrees"]);
     done(path, &format!("depth out/volume.npz -c {scene} -o again.exr -q --set depth.fov=40.107045659"));
-    let again = json(&done(path, "compare again.exr truth.exr --json"));
+    let again = done_json(path, "compare again.exr truth.exr");
     let [a, b] = [&again, &scored].map(|s| s["metrics"]["completeness"].as_f64().unwrap());
     assert!((a - b).abs() < 1e-3, "{a} {b}");
 }

@@ -1,6 +1,6 @@
 //! Losses and microphone errors from run file to image, each compared with theory.
 
-use crate::support::relative_difference;
+use crate::support::{relative_difference, unit_reflector};
 use glam::DVec3;
 use holosonar::acquisition::{
     ArrayErrors, DataCube, Instrument, Losses, MicArray, SimulateOptions, Sweep, simulate,
@@ -9,9 +9,7 @@ use holosonar::config::RunFile;
 use holosonar::grid::{Axis, Grid};
 use holosonar::pipeline::{JobOptions, forecast_scene, image_scene};
 use holosonar::reconstruct::{Method, ReconstructOptions, Window, reconstruct};
-use holosonar::reflectors::Reflectors;
 use holosonar::wave::Geometry;
-use num_complex::Complex32;
 use std::path::Path;
 
 fn grid() -> Grid {
@@ -23,7 +21,7 @@ fn grid() -> Grid {
 fn cube(geometry: Geometry, errors: Option<ArrayErrors>) -> DataCube {
     let array = MicArray::rectangular([15; 2], [0.016; 2], DVec3::new(0.1, 0.0, 0.0)).unwrap();
     let sweep = Sweep::stepped(10_000.0, 20_000.0, 50.0).unwrap();
-    let one = Reflectors::new(vec![DVec3::new(0.0, 0.0, 2.0)], vec![Complex32::ONE]).unwrap();
+    let one = unit_reflector(DVec3::new(0.0, 0.0, 2.0));
     let mut options = SimulateOptions::default().with_losses(Losses { spreading: true, ..Losses::NONE });
     options.errors = errors;
     let instrument = Instrument::new(sweep, array).with_geometry(geometry);

@@ -1,14 +1,12 @@
 //! The predictions of `plan`, the memory limit, and volumes that are written depth by depth.
 
-use crate::binary::{done, files_below, refused, shipped};
-use serde_json::Value;
+use crate::binary::{done, done_json, files_below, json_file, refused, shipped};
 
 #[test]
 fn plan_predicts_what_image_writes_and_touches_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let scene = shipped("point.toml");
-    let planned: Value =
-        serde_json::from_str(&done(folder.path(), &format!("plan {} --json", scene.display()))).unwrap();
+    let planned = done_json(folder.path(), &format!("plan {}", scene.display()));
     assert_eq!(files_below(folder.path()), Vec::<std::path::PathBuf>::new());
     let text = done(folder.path(), &format!("plan {}", scene.display()));
     for words in ["* convolution", "backprojection", "direct", "operations", "memory", "writes"] {
@@ -23,8 +21,7 @@ fn plan_predicts_what_image_writes_and_touches_nothing() {
     written.sort();
     predicted.sort();
     assert_eq!(written, predicted);
-    let report: Value =
-        serde_json::from_slice(&std::fs::read(folder.path().join("out/report.json")).unwrap()).unwrap();
+    let report = json_file(&folder.path().join("out/report.json"));
     let chosen = planned["chosen"].as_u64().unwrap() as usize;
     assert_eq!(planned["methods"][chosen]["method"], report["method"]);
     assert_eq!(planned["plan"], report["plan"]);
@@ -50,9 +47,7 @@ fn a_volume_written_by_depths_is_the_volume_in_memory() {
     let bytes = |name: &str| std::fs::read(folder.path().join(name)).unwrap();
     assert_eq!(bytes("a.npz"), bytes("out/volume.npz"));
     assert_eq!(bytes("a.exr"), bytes("out/volume.exr"));
-    let info = |name: &str| -> Value {
-        serde_json::from_str(&done(folder.path(), &format!("info {name} --json"))).unwrap()
-    };
+    let info = |name: &str| done_json(folder.path(), &format!("info {name}"));
     let peak = info("a.npz")["peak_amplitude"].clone();
     assert!(peak.as_f64().unwrap() > 0.5);
     assert_eq!(info("a.vti")["peak_amplitude"], peak);

@@ -1,12 +1,10 @@
 //! One reflector: it peaks where it is, at 1, as wide as theory says.
 
-use crate::support::{brightest, off_lattice, relative_difference};
+use crate::support::{brightest, off_lattice, relative_difference, unit_reflector};
 use glam::DVec3;
 use holosonar::acquisition::{DataCube, Detection, Instrument, MicArray, SimulateOptions, Sweep, simulate};
 use holosonar::grid::{Axis, Grid, Volume};
 use holosonar::reconstruct::{Method, ReconstructOptions, Window, reconstruct};
-use holosonar::reflectors::Reflectors;
-use num_complex::Complex32;
 
 const SOUND_SPEED: f64 = 343.0;
 
@@ -15,9 +13,8 @@ fn measure(p: DVec3, count: usize, extent: f64, detection: Detection) -> DataCub
     let pitch = extent / (count - 1) as f64;
     let array = MicArray::rectangular([count; 2], [pitch; 2], DVec3::ZERO).unwrap();
     let sweep = Sweep::stepped(10_000.0, 20_000.0, 50.0).unwrap();
-    let reflector = Reflectors::new(vec![p], vec![Complex32::ONE]).unwrap();
     let instrument = Instrument::new(sweep, array).with_detection(detection);
-    simulate(&reflector, &instrument, &SimulateOptions::default()).unwrap()
+    simulate(&unit_reflector(p), &instrument, &SimulateOptions::default()).unwrap()
 }
 
 /// Voxels of the given pitches about `centre`, `reach` of them to every side.

@@ -49,8 +49,7 @@ fn inverse(detection: &str, pitch: &str) {
         (Method::Backprojection, 1e-5),
         (Method::Auto, 1e-5),
     ] {
-        let mut options = ReconstructOptions::new(method, Window::None);
-        options.tolerance = tolerance;
+        let options = ReconstructOptions::new(method, Window::None).with_tolerance(tolerance);
         let got = reconstruct(&cube, &expected.grid, &options).unwrap();
         assert!(got.method == method || got.method == Method::Convolution && method == Method::Auto);
         let error = relative_difference(&got.volume.samples, &expected.samples);

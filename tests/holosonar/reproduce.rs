@@ -1,6 +1,6 @@
 //! The command that reproduces the paper's Table I, grating lobes and figures, compared with an independent calculation.
 
-use crate::binary::{done, files_below};
+use crate::binary::{done_json, files_below, json_file};
 use serde_json::Value;
 
 /// RMSE of L-L, L-NL and NL-NL by rows, computed with other programs from the same definitions.
@@ -71,7 +71,7 @@ fn check_aliasing(studies: &[Value]) {
 #[test]
 fn the_paper_is_computed_and_written() {
     let folder = tempfile::tempdir().unwrap();
-    let made: Value = serde_json::from_str(&done(folder.path(), "reproduce --json -o paper")).unwrap();
+    let made = done_json(folder.path(), "reproduce -o paper");
     check_table(&made["table1"], &made["least_squares"]);
     check_aliasing(list(&made["aliasing"]));
     let timings = list(&made["timings"]["methods"]);
@@ -80,6 +80,5 @@ fn the_paper_is_computed_and_written() {
     let written = files_below(&folder.path().join("paper"));
     assert_eq!((written.len(), list(&made["files"]).len()), (9, 9), "{written:?}");
     assert!(written.iter().all(|file| file.metadata().unwrap().len() > 100));
-    let table = std::fs::read_to_string(folder.path().join("paper/table1.json")).unwrap();
-    assert_eq!(serde_json::from_str::<Value>(&table).unwrap(), made["table1"]);
+    assert_eq!(json_file(&folder.path().join("paper/table1.json")), made["table1"]);
 }

@@ -1,26 +1,14 @@
 //! A folder of good and of damaged mesh files, each compared with its entry in `expected.toml`.
 
 use crate::binary::{files_below, run};
-use crate::named::{all_named, assert_names};
+use crate::named::{Warnings, all_named, assert_names};
 use crate::support::data;
 use glam::DVec3;
 use holosonar::error::Result;
-use holosonar::progress::Observer;
 use holosonar::scene::{LoadOptions, MaterialRule, Scene};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
-use std::sync::Mutex;
 use toml::{Table, Value};
-
-/// Keeps the warnings it hears.
-#[derive(Default)]
-struct Listener(Mutex<Vec<String>>);
-
-impl Observer for Listener {
-    fn warn(&self, message: &str) {
-        self.0.lock().unwrap().push(message.to_owned());
-    }
-}
 
 fn table() -> BTreeMap<String, Table> {
     let text = std::fs::read_to_string(data("scenes/expected.toml")).unwrap();
@@ -84,10 +72,9 @@ fn every_file_has_an_entry_and_every_entry_a_file() {
 fn every_file_comes_to_what_was_expected() {
     let mut wrong = Vec::new();
     for (name, expected) in table() {
-        let listener = Listener::default();
-        let loaded = Scene::load_with(&data("scenes").join(&name), &options(&expected), &listener);
-        let heard = listener.0.into_inner().unwrap();
-        if let Err(problem) = compare(&name, &expected, &loaded, &heard) {
+        let warnings = Warnings::default();
+        let loaded = Scene::load_with(&data("scenes").join(&name), &options(&expected), &warnings);
+        if let Err(problem) = compare(&name, &expected, &loaded, &warnings.list()) {
             wrong.push(format!("{name}: {problem}"));
         }
     }
@@ -147,7 +134,7 @@ fn compare(
 
 #[test]
 fn a_wrong_entry_is_noticed() {
-    let loaded = Scene::load_with(&data("scenes/f.gltf"), &LoadOptions::default(), &Listener::default());
+    let loaded = Scene::load(&data("scenes/f.gltf"), &LoadOptions::default());
     let right = "triangles = 6\nlow = [-0.3, -0.5, 2.0]\nhigh = [0.3, 0.5, 2.0]\ntolerance = 1e-6\narea = 0.34\n\
                  materials = [\"letter 1 0 default\"]\n";
     let held =

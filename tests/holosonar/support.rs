@@ -3,10 +3,13 @@
 use glam::DVec3;
 use holosonar::acquisition::{DataCube, Detection, Instrument, MicArray, Sweep};
 use holosonar::grid::{Axis, Grid, Volume};
+use holosonar::reconstruct::{Method, ReconstructOptions, Window, reconstruct};
+use holosonar::reflectors::Reflectors;
 use holosonar::wave::Geometry;
-use num_complex::Complex32;
+use num_complex::{Complex32, Complex64};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
+use std::f64::consts::TAU;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -90,12 +93,82 @@ pub(crate) fn lattice_grid(random: &mut Random, array: &MicArray, u: [usize; 2],
     }
 }
 
+/// A reflector of amplitude 1.
+pub(crate) fn unit_reflector(p: DVec3) -> Reflectors {
+    Reflectors::new(vec![p], vec![Complex32::ONE]).unwrap()
+}
+
+/// Position of sample `voxel` of a volume, m.
+pub(crate) fn position_of(grid: &Grid, voxel: usize) -> DVec3 {
+    let (row, ix) = (voxel / grid.x.count, voxel % grid.x.count);
+    grid.position(ix, row % grid.y.count, row / grid.y.count)
+}
+
+/// `Σ_f Σ_r w_f w_r m e^{−i2πf·path/c}` for some voxels, term by term in f64, without blocks, lanes and buffers.
+pub(crate) fn literal(
+    cube: &DataCube,
+    grid: &Grid,
+    window: Window,
+    path_length: impl Fn(&Geometry, DVec3, DVec3) -> f64,
+    voxels: impl Iterator<Item = usize>,
+) -> Vec<Complex32> {
+    let instrument = &cube.instrument;
+    let (w_f, w_r) = (window.over_sweep(&instrument.sweep), window.over_array(&instrument.array));
+    let scale = instrument.detection.weight() / (w_f.iter().sum::<f64>() * w_r.iter().sum::<f64>());
+    let image = |v: usize| {
+        let p = position_of(grid, v);
+        let mut sum = Complex64::ZERO;
+        for (j, r) in instrument.array.positions().iter().enumerate() {
+            let delay = path_length(&instrument.geometry, p, *r) / instrument.sound_speed;
+            for (q, f) in instrument.sweep.frequencies().iter().enumerate() {
+                let m = cube.samples[q * instrument.array.len() + j];
+                let m = Complex64::new(m.re.into(), m.im.into());
+                sum += m * Complex64::cis(-TAU * f * delay) * (w_f[q] * w_r[j] * scale);
+            }
+        }
+        Complex32::new(sum.re as f32, sum.im as f32)
+    };
+    voxels.map(image).collect()
+}
+
+/// The image by direct summation.
+pub(crate) fn direct(cube: &DataCube, grid: &Grid, window: Window) -> Vec<Complex32> {
+    reconstruct(cube, grid, &ReconstructOptions::new(Method::Direct, window)).unwrap().volume.samples
+}
+
+/// Asserts for each tolerance that the maximum difference from the direct sum is within the bound that comes with the
+/// volume, except for f32 rounding, and that the bound is within the tolerance.
+pub(crate) fn assert_within_bounds(
+    seed: u64,
+    cube: &DataCube,
+    grid: &Grid,
+    options: &ReconstructOptions,
+    tolerances: &[f64],
+) {
+    let exact = direct(cube, grid, options.window);
+    let peak = peak(&exact);
+    let moduli: f64 = cube.samples.iter().map(|m| f64::from(m.norm())).sum();
+    for &tolerance in tolerances {
+        let image = reconstruct(cube, grid, &options.clone().with_tolerance(tolerance)).unwrap();
+        assert_eq!(image.method, options.method);
+        let error = relative_difference(&image.volume.samples, &exact) * peak;
+        let (bound, what) = (image.error_bound, format!("seed {seed} {:?} {tolerance}", grid.shape()));
+        assert!(bound.is_finite() && error <= bound + 1e-5 * peak, "{what}: {error:e} above {bound:e}");
+        let most = tolerance * cube.instrument.detection.weight() * moduli / cube.samples.len() as f64;
+        assert!(options.window != Window::None || bound <= most * 1.01, "{what}: {bound:e} above {most:e}");
+    }
+}
+
+/// Maximum amplitude.
+pub(crate) fn peak(samples: &[Complex32]) -> f64 {
+    f64::from(samples.iter().map(|sample| sample.norm()).fold(0.0, f32::max))
+}
+
 /// Maximum difference of two volumes over the maximum amplitude of the second.
 pub(crate) fn relative_difference(a: &[Complex32], b: &[Complex32]) -> f64 {
     assert_eq!(a.len(), b.len());
-    let difference = a.iter().zip(b).map(|(a, b)| (a - b).norm()).fold(0.0, f32::max);
-    let peak = b.iter().map(|b| b.norm()).fold(0.0, f32::max);
-    f64::from(difference / peak)
+    let difference: Vec<Complex32> = a.iter().zip(b).map(|(a, b)| a - b).collect();
+    peak(&difference) / peak(b)
 }
 
 /// The voxel of maximum amplitude, as (ix, iy, iz).

@@ -1,10 +1,9 @@
 //! Disks that are full or may not be written, and too little memory.
 
 use super::{RECONSTRUCT, end, reused, start, undisturbed, workplace};
-use crate::binary::{Ran, done, files_below, refused, run};
+use crate::binary::{Ran, done, done_json, files_below, refused, run};
 use crate::meshes::write_stl;
 use crate::named::{all_named, assert_names};
-use serde_json::Value;
 use std::fs;
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
@@ -190,8 +189,7 @@ fn a_limit_of_memory_is_kept_to() {
         let set = format!(
             "--set grid.pitch={pitch} --set reconstruct.method=convolution --set output.report=false"
         );
-        let planned = done(folder, &format!("plan job.toml --json {set}"));
-        let planned: Value = serde_json::from_str(&planned).unwrap();
+        let planned = done_json(folder, &format!("plan job.toml {set}"));
         (planned["memory"][0]["bytes"].as_u64().unwrap(), format!("image job.toml -o made -q {set}"))
     };
     let (bytes, words) = finer("[0.005,0.005,0.006]");
