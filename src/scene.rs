@@ -37,7 +37,7 @@ mod triangle;
 
 #[cfg(test)]
 #[path = "scene/tests/fixtures.rs"]
-mod fixtures;
+pub(crate) mod fixtures;
 #[cfg(test)]
 #[path = "scene/tests/gltf_extensions.rs"]
 mod gltf_extension_tests;

@@ -166,28 +166,17 @@ fn hits(scene: &Scene, raster: &Raster, pixel: usize, far: f64, options: &TruthO
 mod tests {
     use super::*;
     use crate::grid::Axis;
-    use crate::scene::{Material, Triangle};
+    use crate::scene::Material;
+    use crate::scene::fixtures::{material, plate};
 
     /// A plate at z = 1 over x < 0 (transmittance given) before a backdrop at z = 2.
     fn scene(transmittance: f64) -> Scene {
-        let quad = |x0: f64, x1: f64, z: f64, material| {
-            let v = |x: f64, y: f64| DVec3::new(x, y, z);
-            [
-                Triangle { vertices: [v(x0, -1.0), v(x1, -1.0), v(x1, 1.0)], material },
-                Triangle { vertices: [v(x0, -1.0), v(x1, 1.0), v(x0, 1.0)], material },
-            ]
-        };
-        let material = |transmittance| Material {
+        let surfaces = [plate([-1.0, 0.0], [-1.0, 1.0], 1.0, 0), plate([-3.0, 3.0], [-1.0, 1.0], 2.0, 1)];
+        let materials = [transmittance, 0.0].map(|transmittance| Material {
             name: format!("lets {transmittance} through"),
-            reflectance: 1.0 - transmittance,
-            transmittance,
-            source: String::new(),
-        };
-        Scene::new(
-            [quad(-1.0, 0.0, 1.0, 0), quad(-3.0, 3.0, 2.0, 1)].concat(),
-            vec![material(transmittance), material(0.0)],
-        )
-        .expect("valid")
+            ..material(1.0 - transmittance, transmittance)
+        });
+        Scene::new(surfaces.concat(), materials.to_vec()).expect("valid")
     }
 
     fn grid(z: [f64; 2]) -> Grid {

@@ -266,17 +266,14 @@ fn candidates(
 mod tests {
     use super::*;
     use crate::progress::Silent;
+    use crate::scene::fixtures;
 
     fn sampled(triangles: &[Triangle], spacing: f64, seed: u64) -> Vec<Sample> {
         poisson_disk(triangles, spacing, seed, &Silent).expect("not interrupted")
     }
 
     fn plate(width: f64, height: f64) -> Vec<Triangle> {
-        let v = |x: f64, y: f64| DVec3::new(x, y, 2.0);
-        vec![
-            Triangle { vertices: [v(0.0, 0.0), v(width, 0.0), v(width, height)], material: 0 },
-            Triangle { vertices: [v(0.0, 0.0), v(width, height), v(0.0, height)], material: 0 },
-        ]
+        fixtures::plate([0.0, width], [0.0, height], 2.0, 0).to_vec()
     }
 
     /// The literal sampling: every candidate is compared with all samples.

@@ -1,22 +1,11 @@
 //! Shading, occlusion, roughness and seeds of sampled surfaces.
 
 use super::*;
-use crate::scene::{Material, Triangle};
+use crate::scene::fixtures::{material, plate};
 
-/// A square of the given half side at depth z, facing the array, as two triangles.
-fn square(half: f64, z: f64, material: u32) -> [Triangle; 2] {
-    let v = |x: f64, y: f64| DVec3::new(x * half, y * half, z);
-    [
-        Triangle { vertices: [v(-1.0, -1.0), v(1.0, -1.0), v(1.0, 1.0)], material },
-        Triangle { vertices: [v(-1.0, -1.0), v(1.0, 1.0), v(-1.0, 1.0)], material },
-    ]
-}
-
-fn material(reflectance: f64, transmittance: f64) -> Material {
-    Material { name: String::new(), reflectance, transmittance, source: String::new() }
-}
-
+/// A square plate before a square backdrop.
 fn scene() -> Scene {
+    let square = |half: f64, z, material| plate([-half, half], [-half, half], z, material);
     let triangles = [square(0.2, 1.0, 0), square(0.6, 1.5, 1)].concat();
     Scene::new(triangles, vec![material(0.4, 0.6), material(1.0, 0.0)]).expect("valid")
 }
@@ -34,8 +23,7 @@ fn mean_power(reflectors: &Reflectors, keep: impl Fn(DVec3) -> bool) -> f64 {
 
 #[test]
 fn what_lies_behind_a_plate_is_weakened_there_and_back() {
-    let mut options = SurfaceOptions::new(0.02, 0.02);
-    options.lambert = false;
+    let options = SurfaceOptions::new(0.02, 0.02).with_lambert(false);
     let reflectors = sample_surface(&scene(), &options).expect("valid");
     // The plate's shadow on the backdrop is 1.5 times the plate.
     let shadowed = |p: DVec3| p.z > 1.2 && p.x.abs() < 0.28 && p.y.abs() < 0.28;
@@ -48,8 +36,7 @@ fn what_lies_behind_a_plate_is_weakened_there_and_back() {
 #[test]
 fn power_does_not_depend_on_the_sampling_density() {
     let total = |spacing: f64| {
-        let mut options = SurfaceOptions::new(spacing, 0.02);
-        options.occlusion = Occlusion::None;
+        let options = SurfaceOptions::new(spacing, 0.02).with_occlusion(Occlusion::None);
         let reflectors = sample_surface(&scene(), &options).expect("valid");
         mean_power(&reflectors, |_| true) * reflectors.len() as f64
     };
@@ -58,12 +45,10 @@ fn power_does_not_depend_on_the_sampling_density() {
 
 #[test]
 fn lambert_follows_the_cosine_at_the_speaker() {
-    let mut options = SurfaceOptions::new(0.05, 0.02);
-    options.occlusion = Occlusion::None;
-    options.surface = SurfaceModel::Smooth;
-    let shaded = sample_surface(&scene(), &options).expect("valid");
-    options.lambert = false;
-    let flat = sample_surface(&scene(), &options).expect("valid");
+    let options = SurfaceOptions::new(0.05, 0.02).with_occlusion(Occlusion::None);
+    let options = options.with_surface(SurfaceModel::Smooth);
+    let [shaded, flat] = [true, false]
+        .map(|lambert| sample_surface(&scene(), &options.clone().with_lambert(lambert)).expect("valid"));
     assert_eq!(shaded.positions(), flat.positions());
     for ((p, a), b) in shaded.positions().iter().zip(shaded.amplitudes()).zip(flat.amplitudes()) {
         assert!((f64::from(a.norm() / b.norm()) - p.z / p.length()).abs() < 1e-6);
@@ -72,24 +57,21 @@ fn lambert_follows_the_cosine_at_the_speaker() {
 
 #[test]
 fn an_aperture_at_the_speaker_equals_the_speaker_and_one_aside_does_not() {
-    let mut options = SurfaceOptions::new(0.03, 0.02);
-    options.occlusion = Occlusion::Aperture(vec![DVec3::ZERO; 9]);
-    let nine = sample_surface(&scene(), &options).expect("valid");
-    options.occlusion = Occlusion::Speaker;
-    let speaker = sample_surface(&scene(), &options).expect("valid");
+    let options = SurfaceOptions::new(0.03, 0.02);
+    let sample =
+        |by: Occlusion| sample_surface(&scene(), &options.clone().with_occlusion(by)).expect("valid");
+    let (nine, speaker) = (sample(Occlusion::Aperture(vec![DVec3::ZERO; 9])), sample(Occlusion::Speaker));
     for (a, b) in nine.amplitudes().iter().zip(speaker.amplitudes()) {
         assert!((a - b).norm() <= 1e-6 * b.norm(), "an aperture at the speaker is the speaker");
     }
-    options.occlusion = Occlusion::Aperture(vec![DVec3::new(5.0, 0.0, 0.0)]);
-    let aside = sample_surface(&scene(), &options).expect("valid");
+    let aside = sample(Occlusion::Aperture(vec![DVec3::new(5.0, 0.0, 0.0)]));
     assert_ne!(aside.amplitudes(), speaker.amplitudes());
 }
 
 #[test]
 fn roughness_displaces_along_the_normal_by_its_rms() {
-    let mut options = SurfaceOptions::new(0.01, 0.02);
-    options.surface = SurfaceModel::Rough(0.002);
-    options.occlusion = Occlusion::None;
+    let options = SurfaceOptions::new(0.01, 0.02).with_occlusion(Occlusion::None);
+    let options = options.with_surface(SurfaceModel::Rough(0.002));
     let reflectors = sample_surface(&scene(), &options).expect("valid");
     let squares: f64 = reflectors
         .positions()
@@ -104,9 +86,8 @@ fn roughness_displaces_along_the_normal_by_its_rms() {
 
 #[test]
 fn a_seed_gives_bit_identical_results_for_any_number_of_threads() {
-    let run = |threads, seed| {
-        let mut options = SurfaceOptions::new(0.02, 0.02);
-        options.seed = seed;
+    let run = |threads, seed: u64| {
+        let options = SurfaceOptions::new(0.02, 0.02).with_seed(seed);
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
         pool.install(|| sample_surface(&scene(), &options).expect("valid"))
     };

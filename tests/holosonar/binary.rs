@@ -90,6 +90,14 @@ pub(crate) fn files_below(folder: &Path) -> Vec<PathBuf> {
     files
 }
 
+/// Names of the files below `folder`, without their folders, sorted.
+pub(crate) fn names_below(folder: &Path) -> Vec<String> {
+    let name = |path: &PathBuf| path.file_name().unwrap().to_str().unwrap().to_owned();
+    let mut names: Vec<_> = files_below(folder).iter().map(name).collect();
+    names.sort();
+    names
+}
+
 /// A scene that the repository ships.
 pub(crate) fn shipped(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(name)

@@ -1,6 +1,8 @@
 //! Every command once, through the binary, and what it promises: streams, exit status, equal bytes.
 
-use crate::binary::{command, done, done_json, files_below, json, json_file, refused, run, shipped};
+use crate::binary::{
+    command, done, done_json, files_below, json, json_file, names_below, refused, run, shipped,
+};
 use crate::named::assert_names;
 use crate::support::data;
 use holosonar::export::depth_exr::read_depth_map;
@@ -33,14 +35,9 @@ fn workplace() -> tempfile::TempDir {
 fn image_writes_what_it_reports() {
     let folder = workplace();
     let report = done_json(folder.path(), "image f.toml -o out");
-    let mut listed: Vec<String> =
-        report["files"].as_array().unwrap().iter().map(|f| f.as_str().unwrap().to_owned()).collect();
+    let mut listed: Vec<String> = serde_json::from_value(report["files"].clone()).unwrap();
     listed.sort();
-    let written: Vec<String> = files_below(&folder.path().join("out"))
-        .iter()
-        .map(|path| path.file_name().unwrap().to_str().unwrap().to_owned())
-        .collect();
-    assert_eq!(listed, written);
+    assert_eq!(listed, names_below(&folder.path().join("out")));
     for name in [
         "depth.exr",
         "truth.exr",

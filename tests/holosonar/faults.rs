@@ -7,7 +7,7 @@ mod killed;
 mod signals;
 mod starved;
 
-use crate::binary::{Ran, command, done, files_below, refused, run, shipped};
+use crate::binary::{Ran, command, done, files_below, names_below, refused, run, shipped};
 use crate::named::assert_names;
 use crate::support::Random;
 use signals::signal;
@@ -110,8 +110,7 @@ fn start(folder: &Path, words: &str) -> Child {
 }
 
 fn end(child: Child) -> Ran {
-    let output = child.wait_with_output().unwrap();
-    Ran::of(output)
+    Ran::of(child.wait_with_output().unwrap())
 }
 
 /// Number of blocks that a run reused from an interrupted one, as its note says.
@@ -132,8 +131,7 @@ fn states(folder: &Path, job: &Job) -> Vec<PathBuf> {
 fn a_job_of_seconds_stores_no_checkpoint() {
     let folder = workplace();
     let folder = folder.path();
-    let child = start(folder, IMAGE.words);
-    let mut child = child;
+    let mut child = start(folder, IMAGE.words);
     while child.try_wait().unwrap().is_none() {
         assert_eq!(states(folder, &IMAGE), Vec::<PathBuf>::new());
         std::thread::sleep(Duration::from_millis(5));
@@ -254,9 +252,10 @@ fn what_killed_processes_left_of_a_file_is_removed() {
     let busy = fs::File::options().write(true).open(path(".cube.npz.busy00.part")).unwrap();
     busy.lock().unwrap();
     done(folder.path(), &format!("simulate {} -o cube.npz", shipped("point.toml").display()));
-    let names: Vec<_> =
-        files_below(folder.path()).iter().map(|p| p.file_name().unwrap().to_owned()).collect();
-    assert_eq!(names, [".cube.npz.busy00.part", ".cube.npz.part", ".other.npz.aB3dE6.part", "cube.npz"]);
+    assert_eq!(
+        names_below(folder.path()),
+        [".cube.npz.busy00.part", ".cube.npz.part", ".other.npz.aB3dE6.part", "cube.npz"]
+    );
 }
 
 #[test]

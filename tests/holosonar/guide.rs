@@ -18,6 +18,11 @@ fn chapters() -> Vec<PathBuf> {
     chapters
 }
 
+/// The topic of a chapter's file.
+fn topic(chapter: &Path) -> String {
+    chapter.file_stem().unwrap().to_str().unwrap().replace('_', "-")
+}
+
 #[test]
 fn help_explains_commands_and_topics_alike() {
     let folder = tempfile::tempdir().unwrap();
@@ -26,7 +31,7 @@ fn help_explains_commands_and_topics_alike() {
     assert_eq!(done(folder, "help image"), done(folder, "image --help"));
     let topics = done(folder, "help topics");
     for chapter in chapters() {
-        let name = chapter.file_stem().unwrap().to_str().unwrap().replace('_', "-");
+        let name = topic(&chapter);
         assert!(topics.contains(&format!("\n  {name} ")), "{name}: {topics}");
         let shown = done(folder, &format!("help {name}"));
         let heading = fs::read_to_string(&chapter).unwrap();
@@ -56,7 +61,7 @@ fn every_chapter_has_a_manual_page() {
     let folder = tempfile::tempdir().unwrap();
     done(folder.path(), "man pages");
     for chapter in chapters() {
-        let name = chapter.file_stem().unwrap().to_str().unwrap().replace('_', "-");
+        let name = topic(&chapter);
         let page = fs::read_to_string(folder.path().join(format!("pages/holosonar-guide-{name}.7"))).unwrap();
         assert!(page.contains(&format!(".TH holosonar-guide-{name} 7")), "{name}");
         assert!(page.contains("\n.SH DESCRIPTION\n") && page.contains("\n.PP\n"), "{name}");

@@ -5,6 +5,7 @@ mod citations;
 mod paths;
 mod sizes;
 
+use crate::binary::files_below;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -36,15 +37,10 @@ fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
 }
 
-/// Every file below a folder, in order.
-fn files(folder: &Path) -> Vec<PathBuf> {
-    crate::binary::files_below(folder)
-}
-
 /// Every source file of the library and the binary.
 fn sources() -> Vec<Source> {
     let src = root().join("src");
-    let rust = files(&src).into_iter().filter(|path| path.extension().is_some_and(|e| e == "rs"));
+    let rust = files_below(&src).into_iter().filter(|path| path.extension().is_some_and(|e| e == "rs"));
     rust.map(|path| {
         let text = fs::read_to_string(&path).unwrap();
         Source::new(path.clone(), path.strip_prefix(&src).unwrap(), text)

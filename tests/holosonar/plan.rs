@@ -1,6 +1,6 @@
 //! The predictions of `plan`, the memory limit, and volumes that are written depth by depth.
 
-use crate::binary::{done, done_json, files_below, json_file, refused, shipped};
+use crate::binary::{done, done_json, files_below, json_file, names_below, refused, shipped};
 
 #[test]
 fn plan_predicts_what_image_writes_and_touches_nothing() {
@@ -13,14 +13,9 @@ fn plan_predicts_what_image_writes_and_touches_nothing() {
         assert!(text.contains(words), "`{words}` is missing: {text}");
     }
     done(folder.path(), &format!("image {} -o out -q", scene.display()));
-    let mut written: Vec<String> = files_below(&folder.path().join("out"))
-        .iter()
-        .map(|path| path.file_name().unwrap().to_str().unwrap().to_owned())
-        .collect();
     let mut predicted: Vec<String> = serde_json::from_value(planned["files"].clone()).unwrap();
-    written.sort();
     predicted.sort();
-    assert_eq!(written, predicted);
+    assert_eq!(names_below(&folder.path().join("out")), predicted);
     let report = json_file(&folder.path().join("out/report.json"));
     let chosen = planned["chosen"].as_u64().unwrap() as usize;
     assert_eq!(planned["methods"][chosen]["method"], report["method"]);

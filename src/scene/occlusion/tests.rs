@@ -5,13 +5,13 @@ use glam::DVec3;
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 
+use super::super::fixtures::{material, plate};
 use super::super::{BYTES_PER_TRIANGLE, Material, Scene, Triangle};
 use crate::named::assert_names;
 
 fn scene(triangles: &[[DVec3; 3]], transmittance: f64) -> Scene {
-    let material = Material { transmittance, ..Material::opaque("m") };
     let triangles = triangles.iter().map(|&vertices| Triangle { vertices, material: 0 }).collect();
-    Scene::new(triangles, vec![material]).unwrap()
+    Scene::new(triangles, vec![material(1.0, transmittance)]).unwrap()
 }
 
 fn v(x: f64, y: f64, z: f64) -> DVec3 {
@@ -20,8 +20,7 @@ fn v(x: f64, y: f64, z: f64) -> DVec3 {
 
 /// The square |x|, |y| <= half at depth z, of two triangles.
 fn square(z: f64, half: f64) -> [[DVec3; 3]; 2] {
-    let corners = [v(-half, -half, z), v(half, -half, z), v(half, half, z), v(-half, half, z)];
-    [[corners[0], corners[1], corners[2]], [corners[0], corners[2], corners[3]]]
+    plate([-half, half], [-half, half], z, 0).map(|triangle| triangle.vertices)
 }
 
 /// n x n cells of side 1/n over (0, 1)² at z = 1, each cut along its rising diagonal.
@@ -182,14 +181,8 @@ fn clear_surfaces_multiply_and_doubled_faces_count_once() {
 
 #[test]
 fn of_two_faces_at_one_place_the_less_clear_counts() {
-    let material = |transmittance| Material { transmittance, ..Material::opaque("m") };
-    let triangles = square(1.0, 1.0)
-        .into_iter()
-        .zip([0, 0])
-        .chain(square(1.0, 1.0).into_iter().zip([1, 1]))
-        .map(|(vertices, material)| Triangle { vertices, material })
-        .collect();
-    let scene = Scene::new(triangles, vec![material(0.9), material(0.3)]).unwrap();
+    let faces = [0, 1].map(|material| plate([-1.0, 1.0], [-1.0, 1.0], 1.0, material));
+    let scene = Scene::new(faces.concat(), vec![material(1.0, 0.9), material(1.0, 0.3)]).unwrap();
     let crossings = scene.crossings(v(0.1, 0.2, 0.0), v(0.1, 0.2, 2.0));
     assert_eq!(crossings.len(), 1);
     assert_eq!(

@@ -1,9 +1,20 @@
-//! Loads scenes from files that a test writes.
+//! Plates, and scenes from files that a test writes.
 #![allow(clippy::unwrap_used)]
 
-use super::{LoadOptions, Scene};
+use super::{LoadOptions, Material, Scene, Triangle};
 use crate::error::Result;
 use crate::named::Warnings;
+use glam::DVec3;
+
+/// A rectangle at depth z, of two triangles.
+pub(crate) fn plate([x0, x1]: [f64; 2], [y0, y1]: [f64; 2], z: f64, material: u32) -> [Triangle; 2] {
+    let [a, b, c, d] = [(x0, y0), (x1, y0), (x1, y1), (x0, y1)].map(|(x, y)| DVec3::new(x, y, z));
+    [[a, b, c], [a, c, d]].map(|vertices| Triangle { vertices, material })
+}
+
+pub(crate) fn material(reflectance: f64, transmittance: f64) -> Material {
+    Material { reflectance, transmittance, ..Material::opaque("") }
+}
 
 /// Writes files into a folder and loads the last of them; returns the scene and the warnings.
 pub(super) fn load_files<B: AsRef<[u8]>>(

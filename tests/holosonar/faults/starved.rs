@@ -169,15 +169,10 @@ fn a_place_that_cannot_be_written_is_found_first() {
 /// Runs a job with a limit on its address space, bytes.
 fn limited(folder: &Path, words: &str, bytes: u64) -> Ran {
     let line = format!("ulimit -v {} && exec \"$0\" {words}", bytes / 1024);
-    let output = Command::new("sh")
-        .current_dir(folder)
-        .arg("-c")
-        .arg(line)
-        .arg(env!("CARGO_BIN_EXE_holosonar"))
-        .env("RUST_BACKTRACE", "0") // a trace takes memory, too
-        .output();
-    let output = output.unwrap();
-    Ran::of(output)
+    let mut shell = Command::new("sh");
+    shell.current_dir(folder).args(["-c", &line, env!("CARGO_BIN_EXE_holosonar")]);
+    // A trace takes memory, too.
+    Ran::of(shell.env("RUST_BACKTRACE", "0").output().unwrap())
 }
 
 #[test]

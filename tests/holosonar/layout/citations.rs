@@ -1,6 +1,7 @@
 //! Nothing in the repository refers to a document that is not in it.
 
-use super::{files, root};
+use super::root;
+use crate::binary::files_below;
 use std::fs;
 
 /// Working papers of this project that its readers do not have. In halves, so that this list is none of their mentions.
@@ -44,7 +45,7 @@ fn no_line_refers_to_a_document_that_is_not_here() {
     let mut read = 0;
     for path in folders
         .iter()
-        .flat_map(|name| files(&root().join(name)))
+        .flat_map(|name| files_below(&root().join(name)))
         .chain(alone.iter().map(|name| root().join(name)))
     {
         // Binary files are no text.
