@@ -28,7 +28,7 @@ mod returns;
 use crate::alloc::try_with_capacity;
 use crate::choice::choice;
 use crate::error::{Error, Result};
-use crate::grid::{DepthMap, Grid, Raster, Surface, Volume, no_room_for, pixel_values};
+use crate::grid::{DepthLayer, DepthMap, Grid, Raster, Volume, no_room_for, pixel_values};
 use crate::progress::{Observer, Silent, stage};
 use crate::with_fields::with_fields;
 use columns::RayColumns;
@@ -188,7 +188,7 @@ pub fn locate_depth_with(
             columns.read(pixel, column);
             pick(column, &grid.z, threshold, reference, options)
         }));
-        let mut picked = Surface::empty(raster.len())?;
+        let mut picked = DepthLayer::empty(raster.len())?;
         let mut confidence = pixel_values(f32::NAN, raster.len())?;
         let mut raw: Vec<f64> = try_with_capacity(raster.len() as u64).ok_or_else(no_room)?;
         raw.extend(found.iter().map(|f| f.map_or(f64::NAN, |f| f.depth)));

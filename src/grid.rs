@@ -193,7 +193,7 @@ impl Volume {
 
 /// One surface per pixel, `[y, x]`; a pixel without one has NaN in `depth` and 0 in `strength`.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Surface {
+pub struct DepthLayer {
     /// Planar depth along +z, m.
     pub depth: Vec<f32>,
     /// Amplitude, linear, in the units of the volume.
@@ -208,7 +208,7 @@ pub struct Surface {
     pub confidence: Option<Vec<f32>>,
 }
 
-impl Surface {
+impl DepthLayer {
     /// A surface with nothing in it, for `pixels` pixels.
     ///
     /// # Errors
@@ -229,18 +229,18 @@ pub struct DepthMap {
     /// Rows.
     pub y: Axis,
     /// The one return picked for each pixel.
-    pub picked: Surface,
+    pub picked: DepthLayer,
     /// Confidence of the picked return, dB; NaN where nothing was accepted. Empty for truth.
     pub confidence: Vec<f32>,
     /// All accepted returns, front to back; entry k is the k-th of every pixel. May be empty.
-    pub returns: Vec<Surface>,
-    /// Names of the materials, to which [`Surface::material`] refers from 1; empty where none is known.
+    pub returns: Vec<DepthLayer>,
+    /// Names of the materials, to which [`DepthLayer::material`] refers from 1; empty where none is known.
     pub materials: Vec<String>,
 }
 
 impl DepthMap {
     /// A map of these pixels with nothing but its picked surface.
-    pub fn new(raster: Raster, picked: Surface) -> Self {
+    pub fn new(raster: Raster, picked: DepthLayer) -> Self {
         let Raster { view, x, y } = raster;
         let (confidence, returns, materials) = Default::default();
         Self { view, x, y, picked, confidence, returns, materials }

@@ -6,12 +6,12 @@
 //! # Example
 //! Two of three surfaces found within Δd = 17 mm, the third 0.1 m too near:
 //! ```
-//! use holosonar::grid::{Axis, DepthMap, Raster, Surface, View};
+//! use holosonar::grid::{Axis, DepthMap, Raster, DepthLayer, View};
 //! use holosonar::metrics::evaluate;
 //!
 //! let row = |count| Axis { first: 0.0, pitch: 0.01, count };
 //! let map = |depth: [f32; 3]| {
-//!     let picked = Surface { depth: depth.to_vec(), strength: vec![1.0; 3], ..Surface::default() };
+//!     let picked = DepthLayer { depth: depth.to_vec(), strength: vec![1.0; 3], ..DepthLayer::default() };
 //!     DepthMap::new(Raster { view: View::Orthographic, x: row(3), y: row(1) }, picked)
 //! };
 //! let metrics = evaluate(&map([1.001, 2.0, 1.4]), &map([1.0, 2.0, 1.5]), 0.017)?;
@@ -28,7 +28,7 @@ pub use groups::{Measure, ScoreGroup, Scores, score};
 pub use guard::GUARD_RING;
 
 use crate::error::{Error, Result};
-use crate::grid::{Axis, DepthMap, Surface, View};
+use crate::grid::{Axis, DepthMap, DepthLayer, View};
 use counts::ErrorCounts;
 use guard::GuardRing;
 use serde::{Deserialize, Serialize};
@@ -137,12 +137,12 @@ pub fn error_map(result: &DepthMap, truth: &DepthMap) -> Result<Vec<f32>> {
 }
 
 /// All surfaces of a truth; one from another program may contain only the picked surface.
-fn true_surfaces(truth: &DepthMap) -> &[Surface] {
+fn true_surfaces(truth: &DepthMap) -> &[DepthLayer] {
     if truth.returns.is_empty() { std::slice::from_ref(&truth.picked) } else { &truth.returns }
 }
 
 /// The true surface at a pixel that is nearest to `z`, and its depth; any one where `z` is NaN.
-fn nearest_surface(surfaces: &[Surface], pixel: usize, z: f64) -> Option<(usize, f64)> {
+fn nearest_surface(surfaces: &[DepthLayer], pixel: usize, z: f64) -> Option<(usize, f64)> {
     depths(surfaces, pixel).min_by(|a, b| (a.1 - z).abs().total_cmp(&(b.1 - z).abs()))
 }
 
@@ -166,7 +166,7 @@ fn match_one_to_one(truth: &[f64], found: &[f64]) -> Vec<Option<f64>> {
 }
 
 /// The depths at a pixel, with the surface each comes from, front to back.
-fn depths(surfaces: &[Surface], pixel: usize) -> impl Iterator<Item = (usize, f64)> + '_ {
+fn depths(surfaces: &[DepthLayer], pixel: usize) -> impl Iterator<Item = (usize, f64)> + '_ {
     surfaces.iter().map(move |s| f64::from(s.depth[pixel])).enumerate().filter(|(_, z)| !z.is_nan())
 }
 
@@ -218,9 +218,9 @@ mod tests {
 
     const N: f32 = f32::NAN;
 
-    fn surface(depth: &[f32]) -> Surface {
+    fn surface(depth: &[f32]) -> DepthLayer {
         let strength = depth.iter().map(|z| if z.is_nan() { 0.0 } else { 1.0 }).collect();
-        Surface { depth: depth.to_vec(), strength, ..Surface::default() }
+        DepthLayer { depth: depth.to_vec(), strength, ..DepthLayer::default() }
     }
 
     /// One row of pixels 3 cm apart.

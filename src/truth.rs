@@ -23,7 +23,7 @@
 //! ```
 
 use crate::error::Result;
-use crate::grid::{DepthMap, Grid, Raster, Surface, pixel_values};
+use crate::grid::{DepthLayer, DepthMap, Grid, Raster, pixel_values};
 use crate::progress::{Observer, Silent, advance, stage};
 use crate::scene::Scene;
 use crate::with_fields::with_fields;
@@ -112,9 +112,9 @@ pub fn trace_depth_with(
         })
     })?;
     let most = pixels.iter().map(Vec::len).max().unwrap_or(0).max(1);
-    let returns: Vec<Surface> = (0..most)
+    let returns: Vec<DepthLayer> = (0..most)
         .map(|k| {
-            let mut surface = Surface::empty(pixels.len())?;
+            let mut surface = DepthLayer::empty(pixels.len())?;
             let mut facing = pixel_values(f32::NAN, pixels.len())?;
             let mut material = pixel_values(0, pixels.len())?;
             for (pixel, hits) in pixels.iter().enumerate() {

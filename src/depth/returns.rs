@@ -7,7 +7,7 @@ use super::columns::RayColumns;
 use super::{DepthOptions, confidence, is_peak, parabola, percentile_99};
 use crate::alloc::try_with_capacity;
 use crate::error::Result;
-use crate::grid::{Axis, Grid, Raster, Surface, no_room_for, pixel_values};
+use crate::grid::{Axis, DepthLayer, Grid, Raster, no_room_for, pixel_values};
 use rayon::prelude::*;
 
 /// Half-width of the surroundings of a peak, and of the peak itself, in Δd.
@@ -33,7 +33,7 @@ pub(super) fn find(
     grid: &Grid,
     raster: &Raster,
     options: &DepthOptions,
-) -> Result<Vec<Surface>> {
+) -> Result<Vec<DepthLayer>> {
     let no_room = || no_room_for(grid);
     let mut power = try_with_capacity(grid.voxel_count()).ok_or_else(no_room)?;
     power.extend(amplitude.iter().map(|a| a * a));
@@ -50,7 +50,7 @@ pub(super) fn find(
     let mut surfaces = Vec::new();
     for _ in 0..options.returns {
         let confidence = Some(pixel_values(f32::NAN, raster.len())?);
-        surfaces.push(Surface { confidence, ..Surface::empty(raster.len())? });
+        surfaces.push(DepthLayer { confidence, ..DepthLayer::empty(raster.len())? });
     }
     let mut found: Vec<Vec<(Peak, f64)>> = pixel_values(Vec::new(), raster.len())?;
     found.par_iter_mut().enumerate().for_each_init(Vec::new, |column, (pixel, found)| {
@@ -165,7 +165,7 @@ fn smooth(mut power: Vec<f32>, grid: &Grid, sigma: [f64; 3]) -> Option<Vec<f32>>
 mod tests {
     use super::*;
 
-    fn found(echoes: &[(f64, f64)], options: &DepthOptions) -> Vec<Surface> {
+    fn found(echoes: &[(f64, f64)], options: &DepthOptions) -> Vec<DepthLayer> {
         find(&amplitude(echoes), &grid(), &Raster::of_grid(&grid()), options).expect("fits")
     }
 

@@ -9,7 +9,7 @@ use super::exr_file::{
 };
 use super::{Attribute, Attributes, Encoding, Fill, find_attribute};
 use crate::error::{Error, Result};
-use crate::grid::{Axis, DepthMap, Raster, Surface, View};
+use crate::grid::{Axis, DepthMap, Raster, DepthLayer, View};
 use exr::prelude::Vec2;
 use std::path::Path;
 
@@ -59,7 +59,7 @@ pub fn write_depth_map(
     let fill_value = fill.value() as f32;
     let picked = &map.picked;
     let mut channels: Vec<(String, Vec<f32>)> = Vec::new();
-    let mut add = |name: &str, values: &[f32], surface: &Surface, nothing: f32| {
+    let mut add = |name: &str, values: &[f32], surface: &DepthLayer, nothing: f32| {
         channels.push((name.to_owned(), masked(values, &surface.depth, nothing)));
     };
     for name in ["R", "G", "B"] {
@@ -205,7 +205,7 @@ pub fn read_depth_map(path: &Path, limit_bytes: u64) -> Result<DepthFile> {
     let keep = |values: Vec<f32>, nothing: f32| -> Vec<f32> {
         values.into_iter().zip(&accepted).map(|(v, &is)| if is { v } else { nothing }).collect()
     };
-    let picked = Surface {
+    let picked = DepthLayer {
         depth: keep(depth, f32::NAN),
         strength: keep(
             strength.map_or(vec![1.0; pixels], |r| r.into_iter().map(|r| r * scale).collect()),
@@ -226,7 +226,7 @@ pub fn read_depth_map(path: &Path, limit_bytes: u64) -> Result<DepthFile> {
             z.into_iter().zip(&strength).map(|(z, &v)| if there(z, v) { z } else { f32::NAN }).collect();
         let level = |(db, z): (f32, &f32)| if z.is_nan() { f32::NAN } else { db };
         let confidence = channel(&format!("return{k}.confidence"));
-        returns.push(Surface {
+        returns.push(DepthLayer {
             confidence: confidence.map(|levels| levels.into_iter().zip(&depth).map(level).collect()),
             material: ids(&format!("return{k}.id")),
             depth,

@@ -11,12 +11,12 @@
 //! use holosonar::export::depth_exr::{read_depth_map, write_depth_map};
 //! use holosonar::export::figure::{DepthKind, write_depth_figure};
 //! use holosonar::export::{Attribute, Encoding, Fill};
-//! use holosonar::grid::{Axis, DepthMap, Raster, Surface, View};
+//! use holosonar::grid::{Axis, DepthLayer, DepthMap, Raster, View};
 //!
 //! let folder = std::env::temp_dir().join(format!("holosonar-{}", std::process::id()));
 //! let path = folder.join("depth.exr");
 //! let row = |count| Axis { first: 0.0, pitch: 0.01, count };
-//! let picked = Surface { depth: vec![1.25, f32::NAN], strength: vec![0.5, 0.0], ..Surface::default() };
+//! let picked = DepthLayer { depth: vec![1.25, f32::NAN], strength: vec![0.5, 0.0], ..DepthLayer::default() };
 //! let map = DepthMap::new(Raster { view: View::Orthographic, x: row(2), y: row(1) }, picked);
 //! let facts = [("sonar:seed".to_owned(), Attribute::Integer(1))];
 //! write_depth_map(&path, &map, Fill::Infinity, &facts, Encoding::default())?;

@@ -169,7 +169,7 @@ fn header(
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
-    use crate::grid::{Axis, Raster, Surface, View};
+    use crate::grid::{Axis, DepthLayer, Raster, View};
     use num_complex::Complex32;
 
     #[test]
@@ -181,10 +181,10 @@ mod tests {
             x: Axis { first: -0.1, pitch: 0.1, count: 3 },
             y: Axis { first: 0.3, pitch: 0.07, count: 2 },
         };
-        let picked = Surface {
+        let picked = DepthLayer {
             depth: vec![1.5, f32::NAN, 2.25, f32::NAN, f32::NAN, 3.0],
             strength: vec![0.25, 0.0, 0.5, 0.0, 0.0, 0.125],
-            ..Surface::default()
+            ..DepthLayer::default()
         };
         let map = DepthMap::new(raster, picked);
         let facts = [

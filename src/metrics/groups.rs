@@ -3,7 +3,7 @@
 use super::counts::ErrorCounts;
 use super::{METRIC_NAMES, Metrics, depths, evaluate, match_one_to_one, nearest_surface, true_surfaces};
 use crate::error::Result;
-use crate::grid::{DepthMap, Surface};
+use crate::grid::{DepthMap, DepthLayer};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -148,7 +148,7 @@ pub fn score(result: &DepthMap, truth: &DepthMap, resolution: f64) -> Result<Sco
 }
 
 /// Which material a surface has at a pixel, from 0.
-fn material(surface: &Surface, pixel: usize) -> Option<usize> {
+fn material(surface: &DepthLayer, pixel: usize) -> Option<usize> {
     (surface.material.as_ref()?[pixel] as usize).checked_sub(1)
 }
 
@@ -158,15 +158,15 @@ mod tests {
 
     const N: f32 = f32::NAN;
 
-    fn surface(depth: &[f32], material: &[u32]) -> Surface {
-        Surface {
+    fn surface(depth: &[f32], material: &[u32]) -> DepthLayer {
+        DepthLayer {
             depth: depth.to_vec(),
             material: Some(material.to_vec()),
-            ..Surface::empty(depth.len()).expect("room")
+            ..DepthLayer::empty(depth.len()).expect("room")
         }
     }
 
-    fn map(picked: &[f32], returns: Vec<Surface>) -> DepthMap {
+    fn map(picked: &[f32], returns: Vec<DepthLayer>) -> DepthMap {
         DepthMap { returns, ..super::super::tests::map(picked, &[]) }
     }
 

@@ -1,7 +1,7 @@
 //! The ring around silhouettes within which a detection next to a surface is not scored.
 
 use super::depths;
-use crate::grid::{DepthMap, Surface, View};
+use crate::grid::{DepthLayer, DepthMap, View};
 
 /// Width of the guard ring around silhouettes, m.
 pub const GUARD_RING: f64 = 0.04;
@@ -15,7 +15,7 @@ pub(super) struct GuardRing<'a> {
 }
 
 impl<'a> GuardRing<'a> {
-    pub(super) fn new(truth: &'a DepthMap, surfaces: &[Surface]) -> Self {
+    pub(super) fn new(truth: &'a DepthMap, surfaces: &[DepthLayer]) -> Self {
         let first = |pixel| depths(surfaces, pixel).next().map_or(f64::INFINITY, |(_, z)| z);
         let nearest: Vec<f64> = (0..truth.len()).map(first).collect();
         let closest = nearest.iter().copied().fold(f64::INFINITY, f64::min);

@@ -36,13 +36,11 @@ pub(super) fn load<'a>(file: MeshFile<'a>, palette: &mut Palette<'_>) -> Result<
         return Err(Error::input("unit", problem));
     }
     let document = Document::open(file)?;
-    let mut declared = Vec::new();
     for (i, material) in document.root.materials.iter().enumerate() {
-        declared.push(palette.declare(acoustics::material(&document, i, material)?));
+        palette.declare(acoustics::material(&document, i, material)?);
     }
     let mut walk = Walk {
         document: &document,
-        declared,
         palette,
         meshes: HashMap::new(),
         surfaces: Surfaces::new(file),
@@ -73,8 +71,6 @@ pub(super) fn load<'a>(file: MeshFile<'a>, palette: &mut Palette<'_>) -> Result<
 
 struct Walk<'a, 'f, 'p> {
     document: &'a Document<'f>,
-    /// Palette indices of the materials.
-    declared: Vec<usize>,
     palette: &'a mut Palette<'p>,
     /// The meshes used so far, by index.
     meshes: HashMap<usize, MeshReader<'a>>,
@@ -171,7 +167,7 @@ impl Walk<'_, '_, '_> {
         }
         let owner = node.name.as_deref().unwrap_or_default();
         for primitive in &mesh.primitives {
-            let material = self.palette.assign(primitive.material.map(|m| self.declared[m]), owner);
+            let material = self.palette.assign(primitive.material, owner);
             for copy in 0..copies {
                 let to_scene = match &instances {
                     Some(instances) => to_scene * instances.transform(copy)?,

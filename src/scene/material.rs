@@ -125,10 +125,9 @@ impl<'a> Palette<'a> {
         Ok(Self { rules, used: vec![false; rules.len()], ..Self::default() })
     }
 
-    /// Records a material of the file and returns its index for [`Palette::assign`].
-    pub(super) fn declare(&mut self, material: Material) -> usize {
+    /// Records a material of the file; [`Palette::assign`] refers to them by their order.
+    pub(super) fn declare(&mut self, material: Material) {
         self.declared.push(material);
-        self.declared.len() - 1
     }
 
     /// The material of a surface, from the declared material (if the file gives one) and the name of the node or object
@@ -208,12 +207,8 @@ mod tests {
             MaterialRule { name: "glass".into(), reflectance: Some(0.1), transmittance: Some(0.2) },
         ];
         let mut palette = Palette::new(&rules).unwrap();
-        let glass = palette.declare(Material::from_alpha("glass", 0.4, "glTF alpha"));
-        let (a, b, c) = (
-            palette.assign(Some(glass), "pane 1"),
-            palette.assign(Some(glass), "pane 2"),
-            palette.assign(Some(glass), "cup"),
-        );
+        palette.declare(Material::from_alpha("glass", 0.4, "glTF alpha"));
+        let [a, b, c] = ["pane 1", "pane 2", "cup"].map(|owner| palette.assign(Some(0), owner));
         let wall = palette.assign(None, "wall");
         let file = MeshFile { path: Path::new("a.obj"), options: &LoadOptions::default(), observer: &Silent };
         let materials = palette.finish(file);

@@ -34,7 +34,7 @@ pub(super) fn load<'a>(file: MeshFile<'a>, palette: &mut Palette<'_>) -> Result<
             cleaned.free_form
         ));
     }
-    let declared = declare_materials(&cleaned, file, palette)?;
+    declare_materials(&cleaned, file, palette)?;
     let models = read_models(&cleaned, file)?;
     cleaned.text = String::new();
 
@@ -49,7 +49,7 @@ pub(super) fn load<'a>(file: MeshFile<'a>, palette: &mut Palette<'_>) -> Result<
             let problem = format!("has a vertex with a coordinate that is not finite: {bad}");
             return Err(file.refused_at(format_args!("object `{}`", model.name), problem));
         }
-        let material = palette.assign(mesh.material_id.map(|i| declared[i]), owner(&model.name));
+        let material = palette.assign(mesh.material_id, owner(&model.name));
         let mut rest = mesh.indices.as_slice();
         let all_triangles = if mesh.face_arities.is_empty() { mesh.indices.len() / 3 } else { 0 };
         let arities = mesh.face_arities.iter().copied().chain(std::iter::repeat_n(3, all_triangles));
@@ -193,9 +193,9 @@ fn metres_per_unit(cleaned: &Cleaned, file: MeshFile<'_>) -> Result<f64> {
     }
 }
 
-/// Declares every material that a face uses and returns their palette indices. A missing MTL file is a
+/// Declares every material that a face uses, in the order of their numbers. A missing MTL file is a
 /// warning, because the geometry does not depend on it.
-fn declare_materials(cleaned: &Cleaned, file: MeshFile<'_>, palette: &mut Palette<'_>) -> Result<Vec<usize>> {
+fn declare_materials(cleaned: &Cleaned, file: MeshFile<'_>, palette: &mut Palette<'_>) -> Result<()> {
     let mut found: HashMap<String, Material> = HashMap::new();
     for library in &cleaned.libraries {
         // Either one name with spaces, or several names.
@@ -222,9 +222,10 @@ fn declare_materials(cleaned: &Cleaned, file: MeshFile<'_>, palette: &mut Palett
             }
         }
     }
-    let declare =
-        |name: &String| palette.declare(found.get(name).cloned().unwrap_or_else(|| Material::opaque(name)));
-    Ok(cleaned.materials.iter().map(declare).collect())
+    for name in &cleaned.materials {
+        palette.declare(found.remove(name).unwrap_or_else(|| Material::opaque(name)));
+    }
+    Ok(())
 }
 
 fn read_models(cleaned: &Cleaned, file: MeshFile<'_>) -> Result<Vec<tobj::Model>> {

@@ -20,22 +20,10 @@ fn forward(name: &str, model: PropagationModel) {
 }
 
 #[test]
-fn forward_quadrature() {
-    forward("forward_quadrature", PropagationModel::Exact);
-}
-
-#[test]
-fn forward_in_phase() {
-    forward("forward_in_phase", PropagationModel::Exact);
-}
-
-#[test]
-fn forward_monostatic() {
-    forward("forward_monostatic_quadrature", PropagationModel::Exact);
-}
-
-#[test]
-fn forward_linear() {
+fn cubes_of_every_model() {
+    for name in ["forward_quadrature", "forward_in_phase", "forward_monostatic_quadrature"] {
+        forward(name, PropagationModel::Exact);
+    }
     forward("forward_linear_in_phase", PropagationModel::Linear);
 }
 

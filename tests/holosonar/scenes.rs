@@ -5,55 +5,53 @@ use crate::named::{Warnings, all_named, assert_names};
 use crate::support::data;
 use glam::DVec3;
 use holosonar::error::Result;
-use holosonar::scene::{LoadOptions, MaterialRule, Scene};
+use holosonar::scene::{LoadOptions, MaterialRule, Scene, Sensor, Unit, Up};
+use serde::Deserialize;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
-use toml::{Table, Value};
 
-fn table() -> BTreeMap<String, Table> {
-    let text = std::fs::read_to_string(data("scenes/expected.toml")).unwrap();
-    let table: Table = text.parse().unwrap();
-    table.into_iter().map(|(name, value)| (name, value.as_table().unwrap().clone())).collect()
+/// An entry of `expected.toml`: options for reading, and the scene or the error that is expected.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Expected {
+    unit: Option<Unit>,
+    up: Option<Up>,
+    sensor: Option<String>,
+    #[serde(default)]
+    rules: Vec<MaterialRule>,
+    /// Files that belong to this one.
+    #[serde(default)]
+    beside: Vec<String>,
+    /// What the error names.
+    error: Option<Vec<String>>,
+    /// What each warning names.
+    #[serde(default)]
+    warnings: Vec<Vec<String>>,
+    triangles: Option<usize>,
+    tolerance: Option<f64>,
+    low: Option<[f64; 3]>,
+    high: Option<[f64; 3]>,
+    area: Option<f64>,
+    #[serde(default)]
+    materials: Vec<String>,
 }
 
-fn strings(list: &Value) -> Vec<String> {
-    list.as_array().unwrap().iter().map(|word| word.as_str().unwrap().to_owned()).collect()
-}
-
-fn words(expected: &Table, key: &str) -> Vec<String> {
-    expected.get(key).map(strings).unwrap_or_default()
-}
-
-fn number(expected: &Table, key: &str) -> Option<f64> {
-    expected.get(key).map(|value| value.as_float().unwrap())
-}
-
-fn vector(expected: &Table, key: &str) -> DVec3 {
-    let list = expected[key].as_array().unwrap();
-    DVec3::from_slice(&list.iter().map(|v| v.as_float().unwrap()).collect::<Vec<_>>())
-}
-
-/// The options that the entry requests.
-pub(crate) fn options(expected: &Table) -> LoadOptions {
-    let word = |key: &str| expected.get(key).map(|value| value.as_str().unwrap());
-    let mut options = LoadOptions::default();
-    options.unit = word("unit").map(|unit| unit.parse().unwrap());
-    options.up = word("up").map(|up| up.parse().unwrap());
-    options.sensor = word("sensor").map(|sensor| sensor.parse().unwrap());
-    for rule in expected.get("rules").and_then(Value::as_array).into_iter().flatten() {
-        let rule = rule.as_table().unwrap();
-        options.materials.push(MaterialRule {
-            name: rule["name"].as_str().unwrap().to_owned(),
-            reflectance: number(rule, "reflectance"),
-            transmittance: number(rule, "transmittance"),
-        });
+impl Expected {
+    /// The options that the entry requests.
+    fn options(&self) -> LoadOptions {
+        let sensor: Option<Sensor> = self.sensor.as_ref().map(|sensor| sensor.parse().unwrap());
+        let options = LoadOptions::default().with_unit(self.unit).with_up(self.up).with_sensor(sensor);
+        options.with_materials(self.rules.clone())
     }
-    options
+}
+
+fn table() -> BTreeMap<String, Expected> {
+    toml::from_str(&std::fs::read_to_string(data("scenes/expected.toml")).unwrap()).unwrap()
 }
 
 /// Every mesh file of the folder, with the options that its entry requests.
 pub(crate) fn inputs() -> Vec<(PathBuf, LoadOptions)> {
-    table().iter().map(|(name, expected)| (data("scenes").join(name), options(expected))).collect()
+    table().iter().map(|(name, expected)| (data("scenes").join(name), expected.options())).collect()
 }
 
 #[test]
@@ -61,7 +59,7 @@ fn every_file_has_an_entry_and_every_entry_a_file() {
     let mut listed: BTreeSet<PathBuf> = BTreeSet::from([data("scenes/expected.toml")]);
     for (name, expected) in table() {
         listed.insert(data("scenes").join(name));
-        listed.extend(words(&expected, "beside").iter().map(|name| data("scenes").join(name)));
+        listed.extend(expected.beside.iter().map(|name| data("scenes").join(name)));
     }
     let found: BTreeSet<PathBuf> = files_below(&data("scenes")).into_iter().collect();
     let strangers: Vec<_> = found.symmetric_difference(&listed).collect();
@@ -73,7 +71,7 @@ fn every_file_comes_to_what_was_expected() {
     let mut wrong = Vec::new();
     for (name, expected) in table() {
         let warnings = Warnings::default();
-        let loaded = Scene::load_with(&data("scenes").join(&name), &options(&expected), &warnings);
+        let loaded = Scene::load_with(&data("scenes").join(&name), &expected.options(), &warnings);
         if let Err(problem) = compare(&name, &expected, &loaded, &warnings.list()) {
             wrong.push(format!("{name}: {problem}"));
         }
@@ -84,42 +82,39 @@ fn every_file_comes_to_what_was_expected() {
 /// What is not as expected.
 fn compare(
     name: &str,
-    expected: &Table,
+    expected: &Expected,
     loaded: &Result<Scene>,
     heard: &[String],
 ) -> std::result::Result<(), String> {
     let hold = |holds: bool, problem: String| if holds { Ok(()) } else { Err(problem) };
-    let scene = match (loaded, expected.get("error")) {
+    let scene = match (loaded, &expected.error) {
         (Ok(scene), None) => scene,
         (Ok(_), Some(_)) => return Err("an error was expected".to_owned()),
         (Err(error), None) => return Err(error.to_string()),
-        (Err(error), Some(_)) => {
+        (Err(error), Some(words)) => {
             let message = error.to_string();
             hold(error.exit_status() == 2, format!("is the file's fault: {message}"))?;
             let file = std::path::Path::new(name).file_stem().unwrap().to_str().unwrap();
             hold(message.contains(file) && !message.contains('\n'), message.clone())?;
-            return words(expected, "error").iter().try_for_each(|word| {
+            return words.iter().try_for_each(|word| {
                 hold(all_named(&message, &[word]), format!("{word:?} is not named: {message}"))
             });
         }
     };
-    // What each warning names; of a list everything.
-    let warnings: Vec<Vec<String>> =
-        expected.get("warnings").and_then(Value::as_array).into_iter().flatten().map(strings).collect();
-    hold(warnings.len() == heard.len(), format!("warnings: {heard:?}"))?;
-    for parts in warnings {
+    hold(expected.warnings.len() == heard.len(), format!("warnings: {heard:?}"))?;
+    for parts in &expected.warnings {
         let parts: Vec<&str> = parts.iter().map(String::as_str).collect();
         hold(heard.iter().any(|h| all_named(h, &parts)), format!("{parts:?} is not named: {heard:?}"))?;
     }
-    let triangles = expected["triangles"].as_integer().unwrap();
-    hold(scene.triangles().len() as i64 == triangles, format!("{} triangles", scene.triangles().len()))?;
-    let tolerance = number(expected, "tolerance").unwrap_or(1e-9);
+    let triangles = scene.triangles().len();
+    hold(expected.triangles == Some(triangles), format!("{triangles} triangles"))?;
+    let tolerance = expected.tolerance.unwrap_or(1e-9);
     let (low, high) = scene.bounds().unwrap();
-    for (found, key) in [(low, "low"), (high, "high")] {
-        let off = (found - vector(expected, key)).abs().max_element();
+    for (found, key, corner) in [(low, "low", expected.low), (high, "high", expected.high)] {
+        let off = (found - DVec3::from(corner.unwrap())).abs().max_element();
         hold(off <= tolerance, format!("{key} is {found}"))?;
     }
-    if let Some(area) = number(expected, "area") {
+    if let Some(area) = expected.area {
         let found = scene.surface_area();
         hold((found - area).abs() <= tolerance.max(1e-6 * area), format!("area is {found}"))?;
     }
@@ -128,8 +123,8 @@ fn compare(
         .iter()
         .map(|m| format!("{} {} {} {}", m.name, m.reflectance, m.transmittance, m.source))
         .collect();
-    let wanted = words(expected, "materials");
-    hold(wanted.is_empty() || wanted == materials, format!("materials: {materials:?}"))
+    let wanted = &expected.materials;
+    hold(wanted.is_empty() || *wanted == materials, format!("materials: {materials:?}"))
 }
 
 #[test]
@@ -137,8 +132,9 @@ fn a_wrong_entry_is_noticed() {
     let loaded = Scene::load(&data("scenes/f.gltf"), &LoadOptions::default());
     let right = "triangles = 6\nlow = [-0.3, -0.5, 2.0]\nhigh = [0.3, 0.5, 2.0]\ntolerance = 1e-6\narea = 0.34\n\
                  materials = [\"letter 1 0 default\"]\n";
-    let held =
-        |text: &str, heard: &[String]| compare("f.gltf", &text.parse().unwrap(), &loaded, heard).is_ok();
+    let held = |text: &str, heard: &[String]| {
+        compare("f.gltf", &toml::from_str(text).unwrap(), &loaded, heard).is_ok()
+    };
     assert!(held(right, &[]));
     assert!(!held(right, &["a warning".to_owned()]));
     assert!(!held("error = []", &[]));

@@ -9,24 +9,24 @@ const LIMIT: u64 = 1 << 24;
 const NAN: f32 = f32::NAN;
 
 fn map() -> DepthMap {
-    let near = Surface {
+    let near = DepthLayer {
         depth: vec![1.5, NAN, 2.25, 0.1, NAN, 3.0],
         strength: vec![0.25, 0.0, 0.5, 2.0, 0.0, 0.125],
         material: Some(vec![2, 0, 1, 1, 0, 2]),
         confidence: Some(vec![7.0, NAN, 4.5, 31.0, NAN, -2.0]),
-        ..Surface::default()
+        ..DepthLayer::default()
     };
-    let far = Surface {
+    let far = DepthLayer {
         depth: vec![NAN, NAN, 2.5, 10.0, NAN, NAN],
         strength: vec![0.0, 0.0, 0.375, 1.0, 0.0, 0.0],
         material: Some(vec![0, 0, 2, 2, 0, 0]),
-        ..Surface::default()
+        ..DepthLayer::default()
     };
     DepthMap {
         view: View::Orthographic,
         x: Axis { first: -0.1, pitch: 0.1, count: 3 },
         y: Axis { first: 0.3, pitch: 0.07, count: 2 },
-        picked: Surface { confidence: None, ..near.clone() },
+        picked: DepthLayer { confidence: None, ..near.clone() },
         confidence: vec![12.0, NAN, 3.5, 30.0, NAN, -1.0],
         returns: vec![near, far],
         materials: vec!["glass, \"clear\" ü".into(), "wall".into()],
@@ -46,8 +46,8 @@ fn same(a: &[f32], b: &[f32]) -> bool {
     a.len() == b.len() && a.iter().zip(b).all(|(a, b)| a == b || (a.is_nan() && b.is_nan()))
 }
 
-fn same_surface(a: &Surface, b: &Surface) -> bool {
-    let levels = |s: &Surface| s.confidence.clone().unwrap_or_default();
+fn same_surface(a: &DepthLayer, b: &DepthLayer) -> bool {
+    let levels = |s: &DepthLayer| s.confidence.clone().unwrap_or_default();
     same(&a.depth, &b.depth)
         && same(&a.strength, &b.strength)
         && a.facing == b.facing
@@ -127,7 +127,7 @@ fn truth_keeps_its_normals_and_has_no_confidence() {
 #[test]
 fn a_map_without_any_return_is_a_valid_file() {
     let mut empty = map();
-    empty.picked = Surface::empty(6).unwrap();
+    empty.picked = DepthLayer::empty(6).unwrap();
     empty.confidence = vec![NAN; 6];
     empty.returns.clear();
     let (_folder, path) = written(&empty);

@@ -2,7 +2,7 @@
 
 use super::results::error_limit;
 use super::*;
-use crate::grid::{DepthMap, Grid, Raster, Surface, View, Volume};
+use crate::grid::{DepthLayer, DepthMap, Grid, Raster, View, Volume};
 use num_complex::Complex32;
 
 fn axis(first: f64, pitch: f64, count: usize) -> Axis {
@@ -29,7 +29,7 @@ fn colours(rgb: &[u8]) -> usize {
 /// The inside of a corner: a hexagon of depths, and no depths around it.
 fn corner(count: usize) -> DepthMap {
     let x = axis(-0.66, 1.32 / (count - 1) as f64, count);
-    let mut picked = Surface::empty(count * count).expect("room");
+    let mut picked = DepthLayer::empty(count * count).expect("room");
     for iy in 0..count {
         for ix in 0..count {
             let (u, v) = (x.position(ix), x.position(iy));
@@ -216,7 +216,7 @@ fn figures_to_look_at() {
     for count in [41, 126, 256] {
         figures(&folder, count);
     }
-    let map = DepthMap { picked: Surface::empty(41 * 41).expect("room"), ..corner(41) };
+    let map = DepthMap { picked: DepthLayer::empty(41 * 41).expect("room"), ..corner(41) };
     write_depth_figure(&folder.join("nothing.png"), DepthKind::Found, &map, None).unwrap();
     let truth = corner(64);
     let range = depth_range(&[&truth]);

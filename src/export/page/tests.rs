@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::acquisition::MicArray;
-use crate::grid::{Grid, Raster, Surface, View, Volume};
+use crate::grid::{DepthLayer, Grid, Raster, View, Volume};
 use crate::wave::Geometry;
 use glam::DVec3;
 use num_complex::Complex32;
@@ -14,7 +14,7 @@ fn axis(first: f64, pitch: f64, count: usize) -> Axis {
 fn map(columns: usize, rows: usize) -> DepthMap {
     let depth =
         (0..columns * rows).map(|i| if i % 3 == 0 { f32::NAN } else { 1.0 + i as f32 * 1e-3 }).collect();
-    let picked = Surface { depth, strength: vec![1.0; columns * rows], ..Surface::default() };
+    let picked = DepthLayer { depth, strength: vec![1.0; columns * rows], ..DepthLayer::default() };
     let (x, y) = (axis(-0.5, 0.1, columns), axis(-0.25, 0.1, rows));
     DepthMap::new(Raster { view: View::Orthographic, x, y }, picked)
 }

@@ -44,13 +44,13 @@ fn normal(map: &DepthMap, column: usize, row: usize) -> [f32; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::grid::{Axis, Raster, Surface, View};
+    use crate::grid::{Axis, DepthLayer, Raster, View};
 
     fn map(depth: impl Fn(f64, f64) -> f64) -> DepthMap {
         let (x, y) =
             (Axis { first: -0.2, pitch: 0.04, count: 11 }, Axis { first: -0.1, pitch: 0.03, count: 8 });
         let depth = (0..88).map(|i| depth(x.position(i % 11), y.position(i / 11)) as f32).collect();
-        let picked = Surface { depth, ..Surface::empty(88).expect("room") };
+        let picked = DepthLayer { depth, ..DepthLayer::empty(88).expect("room") };
         DepthMap::new(Raster { view: View::Orthographic, x, y }, picked)
     }
 

@@ -1,6 +1,8 @@
 //! glTF's extensions that move surfaces: quantized positions and instances.
 #![allow(clippy::unwrap_used)]
 
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD_NO_PAD;
 use glam::DVec3;
 use serde_json::{Value, json};
 
@@ -29,15 +31,8 @@ fn quantized(values: &[i32; 9], size: usize, stride: usize, kind: u32, normalize
     document
 }
 
-/// Base64 (RFC 4648), bit by bit.
 fn data_uri(bytes: &[u8]) -> String {
-    const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-    let bits: Vec<u8> = bytes.iter().flat_map(|byte| (0..8).rev().map(move |k| byte >> k & 1)).collect();
-    let digits = bits.chunks(6).map(|six| {
-        let value = (0..6).fold(0, |value, k| value << 1 | six.get(k).copied().unwrap_or(0));
-        char::from(DIGITS[usize::from(value)])
-    });
-    format!("data:application/octet-stream;base64,{}", digits.collect::<String>())
+    format!("data:application/octet-stream;base64,{}", STANDARD_NO_PAD.encode(bytes))
 }
 
 #[test]
