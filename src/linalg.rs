@@ -5,7 +5,7 @@
 
 mod exponentials;
 
-pub(crate) use exponentials::{even_waves, greatest, waves};
+pub(crate) use exponentials::{even_waves, max_modulus, waves};
 
 use crate::wave::simd::leave_wide_registers;
 use faer::linalg::matmul::matmul;
@@ -172,12 +172,12 @@ mod tests {
             let basis = waves(&delays, &[1.0 - spacing, 1.0, 1.0 + spacing]);
             let weights = LeastSquares::damped(&basis, 1e-9).solve(&right);
             assert!((0..3).all(|a| weights[(a, 0)].abs() < 1e7), "{weights:?}");
-            let left = greatest(&(product(&basis, &weights) - &right));
+            let left = max_modulus(&(product(&basis, &weights) - &right));
             let plain = PI * 0.1;
             assert!(left < if spacing > 0.1 { 0.05 } else { plain }, "{spacing}: {left}");
             if spacing > 1e-4 {
                 let exact = LeastSquares::new(&basis).solve(&right);
-                assert!(greatest(&product(&basis, &(&weights - &exact))) < 1e-6);
+                assert!(max_modulus(&product(&basis, &(&weights - &exact))) < 1e-6);
             }
         }
     }

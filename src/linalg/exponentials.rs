@@ -5,7 +5,7 @@
 //! an error at −δ is the conjugate of that at δ. Matrices are therefore real, which takes a quarter of the work.
 
 use super::Matrix;
-use crate::wave::interval::{PathInterval, greater, turned};
+use crate::wave::interval::{PathInterval, greater, phasor_f64};
 use crate::wave::simd;
 use num_complex::Complex64;
 
@@ -29,7 +29,7 @@ pub(crate) fn even_waves(interval: &PathInterval, count: usize, frequencies: &[f
     for (n, f) in frequencies.iter().enumerate() {
         // By products, which drift by no more than about 10⁻¹³: a sine for every element would take longer than the
         // work that uses it.
-        let turn = turned(f * step);
+        let turn = phasor_f64(f * step);
         let (mut start, mut short) = (Complex64::ONE, [Complex64::ONE; RUN]);
         for k in 1..RUN {
             short[k] = short[k - 1] * turn;
@@ -47,7 +47,7 @@ pub(crate) fn even_waves(interval: &PathInterval, count: usize, frequencies: &[f
 }
 
 /// The maximum modulus of differences of [`waves`]; NaN if one is NaN.
-pub(crate) fn greatest(differences: &Matrix) -> f64 {
+pub(crate) fn max_modulus(differences: &Matrix) -> f64 {
     let square = |(cos, sin): (&f64, &f64)| cos * cos + sin * sin;
     let columns =
         (0..differences.ncols()).map(|n| differences.col_as_slice(n).split_at(differences.nrows() / 2));
@@ -61,7 +61,7 @@ mod tests {
 
     #[test]
     fn nan_is_the_greatest_of_all() {
-        let of = |values: [f64; 4]| greatest(&Matrix::from_fn(4, 1, |k, _| values[k]));
+        let of = |values: [f64; 4]| max_modulus(&Matrix::from_fn(4, 1, |k, _| values[k]));
         assert_eq!(of([1.0, -3.0, 2.0, 4.0]), 5.0);
         for i in 0..4 {
             let mut values = [1.0, 2.0, 3.0, 4.0];

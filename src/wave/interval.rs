@@ -45,7 +45,7 @@ pub(crate) fn chebyshev_point(k: usize, count: usize) -> f64 {
 }
 
 /// `e^{i2π·cycles}` in f64.
-pub(crate) fn turned(cycles: f64) -> Complex64 {
+pub(crate) fn phasor_f64(cycles: f64) -> Complex64 {
     Complex64::cis(TAU * (cycles - cycles.round()))
 }
 

@@ -169,7 +169,7 @@ dispatched! {
 }
 
 #[inline(always)]
-fn turn_and_add_body(phasors: &[Complex32], sums: &[f32], totals: &mut [f32]) {
+fn rotate_and_add_body(phasors: &[Complex32], sums: &[f32], totals: &mut [f32]) {
     assert!(sums.len() == totals.len() && sums.len().is_multiple_of(2 * phasors.len()), "one row per phasor");
     let width = sums.len() / phasors.len();
     for ((phasor, sums), totals) in
@@ -200,7 +200,7 @@ dispatched! {
     ///
     /// # Panics
     /// Unless there are as many rows as phasors in both.
-    pub(crate) fn turn_and_add = turn_and_add_body(phasors: &[Complex32], sums: &[f32], totals: &mut [f32])
+    pub(crate) fn rotate_and_add = rotate_and_add_body(phasors: &[Complex32], sums: &[f32], totals: &mut [f32])
 }
 
 #[cfg(test)]
@@ -271,11 +271,11 @@ mod tests {
     }
 
     #[test]
-    fn rows_are_turned_and_added() {
+    fn rows_are_rotated_and_added() {
         let (phasors, width) = ([phasor(0.1), phasor(-0.3)], 74);
         let (sums, mut totals) = (plane(2 * width, 0.618_034), plane(2 * width, 0.754_878));
         let before = totals.clone();
-        turn_and_add(&phasors, &sums, &mut totals);
+        rotate_and_add(&phasors, &sums, &mut totals);
         for (row, phasor) in phasors.iter().enumerate() {
             for i in 0..width / 2 {
                 let (re, im) = (row * width + i, row * width + width / 2 + i);
@@ -309,6 +309,6 @@ mod tests {
             add(&[phasor(0.2), phasor(0.7)], &planes[0], &mut totals);
             totals
         };
-        assert_eq!(run(turn_and_add), run(turn_and_add_body));
+        assert_eq!(run(rotate_and_add), run(rotate_and_add_body));
     }
 }

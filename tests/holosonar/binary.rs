@@ -8,13 +8,13 @@ use std::process::{Command, Output, Stdio};
 
 /// What one run of the program left.
 #[derive(Debug)]
-pub(crate) struct Ran {
+pub(crate) struct Outcome {
     pub(crate) status: i32,
     pub(crate) stdout: String,
     pub(crate) stderr: String,
 }
 
-impl Ran {
+impl Outcome {
     /// What a process that has ended left; a status of −1 is a signal's.
     pub(crate) fn of(output: Output) -> Self {
         Self {
@@ -33,13 +33,13 @@ pub(crate) fn command<S: AsRef<OsStr>>(folder: &Path, args: impl IntoIterator<It
 }
 
 /// Runs the program in `folder` on words separated by blanks.
-pub(crate) fn run(folder: &Path, words: &str) -> Ran {
+pub(crate) fn run(folder: &Path, words: &str) -> Outcome {
     run_command(words, &mut command(folder, words.split_whitespace()))
 }
 
 /// Runs a command, which must not panic; `words` describe it in messages.
-pub(crate) fn run_command(words: &str, command: &mut Command) -> Ran {
-    let ran = Ran::of(command.output().unwrap());
+pub(crate) fn run_command(words: &str, command: &mut Command) -> Outcome {
+    let ran = Outcome::of(command.output().unwrap());
     assert!(!ran.stderr.contains("panicked"), "{words}: {}", ran.stderr);
     ran
 }

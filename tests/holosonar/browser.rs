@@ -1,6 +1,6 @@
 //! `report --open`, with a script in place of the system's browser.
 
-use crate::binary::{Ran, command, run_command, shipped};
+use crate::binary::{Outcome, command, run_command, shipped};
 use std::ffi::OsStr;
 use std::os::unix::fs::PermissionsExt;
 
@@ -16,11 +16,11 @@ fn a_page_is_opened_or_the_error_names_it() {
     assert_eq!(image.status, 0, "{}", image.stderr);
     let programs = path.join("programs");
     std::fs::create_dir(&programs).unwrap();
-    let open = || -> Ran {
+    let open = || -> Outcome {
         run_command("report out --open", command(path, ["report", "out", "--open"]).env("PATH", &programs))
     };
     let page = std::path::absolute(path.join("out/report.html")).unwrap();
-    let failed = |ran: Ran, words: &str| {
+    let failed = |ran: Outcome, words: &str| {
         assert_eq!(ran.status, 1, "{}", ran.stderr);
         for words in ["--open", words, page.to_str().unwrap()] {
             assert!(ran.stderr.contains(words), "`{words}` is missing: {}", ran.stderr);

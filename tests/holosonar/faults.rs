@@ -7,7 +7,7 @@ mod killed;
 mod signals;
 mod starved;
 
-use crate::binary::{Ran, command, done, files_below, names_below, refused, run, shipped};
+use crate::binary::{Outcome, command, done, files_below, names_below, refused, run, shipped};
 use crate::named::assert_names;
 use crate::support::Random;
 use signals::signal;
@@ -109,12 +109,12 @@ fn start(folder: &Path, words: &str) -> Child {
     command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
 }
 
-fn end(child: Child) -> Ran {
-    Ran::of(child.wait_with_output().unwrap())
+fn end(child: Child) -> Outcome {
+    Outcome::of(child.wait_with_output().unwrap())
 }
 
 /// Number of blocks that a run reused from an interrupted one, as its note says.
-fn reused(ran: &Ran) -> usize {
+fn reused(ran: &Outcome) -> usize {
     let Some(note) = ran.stderr.lines().find(|line| line.contains("an interrupted run: ")) else { return 0 };
     let words: Vec<&str> = note.split_whitespace().collect();
     let count = words.windows(2).find(|pair| pair[1].starts_with("block"));

@@ -1,7 +1,7 @@
 //! Instruction sets: the kernels give bit-identical results with each, and the libraries of other processors stay within
 //! the bound of the README.
 
-use crate::binary::{Ran, command, run_command, shipped};
+use crate::binary::{Outcome, command, run_command, shipped};
 use crate::named::assert_names;
 use holosonar::acquisition::DataCube;
 use holosonar::export::volume_npz::read_volume_npz;
@@ -29,7 +29,7 @@ fn workplace() -> tempfile::TempDir {
 }
 
 /// Runs the program with something in its environment; it must succeed.
-fn run(folder: &Path, words: &str, environment: (&str, &str)) -> Ran {
+fn run(folder: &Path, words: &str, environment: (&str, &str)) -> Outcome {
     run_command(words, command(folder, words.split_whitespace()).env(environment.0, environment.1))
 }
 

@@ -7,7 +7,7 @@ use crate::acquisition::{Instrument, Tile};
 use crate::error::Result;
 use crate::linalg::product_f32;
 use crate::progress::{Observer, advance};
-use crate::wave::offsets::turn_and_add;
+use crate::wave::offsets::rotate_and_add;
 use crate::wave::simd::phasors;
 use num_complex::Complex32;
 use rayon::prelude::*;
@@ -110,7 +110,7 @@ impl ExpansionBuffers {
             for (phasor, absorption) in self.phasors.iter_mut().zip(absorption.iter().skip(first)) {
                 *phasor *= (-absorption * group.middle).exp() as f32;
             }
-            turn_and_add(&self.phasors, &self.product, &mut self.totals);
+            rotate_and_add(&self.phasors, &self.product, &mut self.totals);
         }
     }
 }

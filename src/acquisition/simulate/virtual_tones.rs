@@ -11,7 +11,7 @@
 //! of the interval. Its error and its size are checked: too few or too widely spaced tones would make it huge.
 
 use crate::acquisition::Sweep;
-use crate::linalg::{LeastSquares, greatest, product, waves};
+use crate::linalg::{LeastSquares, max_modulus, product, waves};
 use crate::wave::interval::{chebyshev_point, greater};
 use rayon::prelude::*;
 
@@ -144,7 +144,7 @@ impl Fit {
         let tones: Vec<f64> = (-pairs..=pairs).map(|q| f64::from(q) * self.step).collect();
         let weights = LeastSquares::new(&waves(&self.nodes, &tones)).solve(&waves(&self.nodes, frequencies));
         let residual = waves(&self.dense, frequencies) - product(&waves(&self.dense, &tones), &weights);
-        let mut solved = Solved { error: greatest(&residual), ..Solved::default() };
+        let mut solved = Solved { error: max_modulus(&residual), ..Solved::default() };
         for column in 0..frequencies.len() {
             let w = weights.col_as_slice(column);
             solved.weight_sum = greater(w.iter().map(|w| w.abs()).sum(), solved.weight_sum);

@@ -16,7 +16,7 @@
 //! Rokhlin, SIAM J. Sci. Comput. 26, 2005), in real numbers: with delays counted from the interval's middle, the best W
 //! is real. The error is then *measured* on a dense grid, not trusted.
 
-use crate::linalg::{LeastSquares, Matrix, PivotedQr, even_waves, greatest, pivoted_qr, product, waves};
+use crate::linalg::{LeastSquares, Matrix, PivotedQr, even_waves, max_modulus, pivoted_qr, product, waves};
 use crate::wave::interval::PathInterval;
 use std::f64::consts::GOLDEN_RATIO;
 
@@ -114,7 +114,7 @@ pub(crate) fn skeleton(frequencies: &[f64], interval: PathInterval, tolerance: f
         chosen.sort_unstable();
         let fit = LeastSquares::new(&columns(&all, &chosen));
         let weights = fit.solve(&at_witnesses);
-        let error = greatest(&(&dense_witnesses - product(&dense(&chosen), &weights)));
+        let error = max_modulus(&(&dense_witnesses - product(&dense(&chosen), &weights)));
         if error <= tolerance || rank == ranks {
             let weights = if witnesses.len() == about.len() { weights } else { fit.solve(&all) };
             return Skeleton { chosen, weights, error };
@@ -157,7 +157,7 @@ fn without_ties(columns: &Matrix) -> Matrix {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::wave::interval::turned;
+    use crate::wave::interval::phasor_f64;
     use num_complex::Complex64;
     use std::f64::consts::TAU;
 
@@ -173,7 +173,7 @@ mod tests {
     fn literal_error(frequencies: &[f64], interval: PathInterval, skeleton: &Skeleton) -> f64 {
         let mut worst = 0.0f64;
         // Weights are for delays about the interval's middle; these are for delays from zero.
-        let turns: Vec<_> = frequencies.iter().map(|f| turned(f * interval.middle())).collect();
+        let turns: Vec<_> = frequencies.iter().map(|f| phasor_f64(f * interval.middle())).collect();
         let weight = |q: usize, k: usize, n: usize| skeleton.about_middle(q, n) * turns[k] * turns[n].conj();
         for i in 0..=400 {
             let path = interval.shortest + (interval.longest - interval.shortest) * f64::from(i) / 400.0;

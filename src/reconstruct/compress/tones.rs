@@ -14,7 +14,7 @@ use crate::progress::{Observer, advance, stage};
 use crate::reconstruct::error_budget::ErrorBudget;
 use crate::reconstruct::no_room;
 use crate::reconstruct::window::Weights;
-use crate::wave::interval::{PathInterval, turned};
+use crate::wave::interval::{PathInterval, phasor_f64};
 use num_complex::Complex32;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -154,7 +154,7 @@ impl SlabTones {
     /// The same in place of others, in their room if they have enough.
     pub(crate) fn select(&self, volume: &VolumeTones, width: usize, tones: &mut Tones) {
         let chosen = self.skeleton.chosen();
-        let turns: Vec<_> = volume.frequencies.iter().map(|f| turned(f * self.middle)).collect();
+        let turns: Vec<_> = volume.frequencies.iter().map(|f| phasor_f64(f * self.middle)).collect();
         let weight = |q: usize, k: usize| {
             let w = self.skeleton.about_middle(q, k) * turns[chosen[q]] * turns[k].conj();
             Complex32::new(w.re as f32, w.im as f32)

@@ -15,7 +15,7 @@ use crate::acquisition::Sweep;
 use crate::linalg::Matrix;
 use crate::reconstruct::numerics::Taps;
 use crate::reconstruct::window::Weights;
-use crate::wave::interval::{PathInterval, greater, turned};
+use crate::wave::interval::{PathInterval, greater, phasor_f64};
 use num_complex::{Complex32, Complex64};
 use rayon::prelude::*;
 use std::f64::consts::PI;
@@ -123,7 +123,7 @@ impl VirtualTones {
         (error, growth): (f64, f64),
     ) -> Self {
         let turns = [sweep.frequencies(), &frequencies]
-            .map(|tones| tones.iter().map(|f| turned(f * interval.middle())).collect());
+            .map(|tones| tones.iter().map(|f| phasor_f64(f * interval.middle())).collect());
         Self { frequencies, first, weights, turns, error, growth }
     }
 

@@ -1,6 +1,6 @@
 //! Short least-squares interpolators for functions of a limited band.
 
-use crate::linalg::{LeastSquares, Matrix, greatest, product, waves};
+use crate::linalg::{LeastSquares, Matrix, max_modulus, product, waves};
 use crate::wave::interval::chebyshev_point;
 use std::f64::consts::{PI, TAU};
 
@@ -62,7 +62,7 @@ impl Taps {
     pub(crate) fn error_at(&self, edge: f64, places: &[f64]) -> (f64, f64) {
         let weights = self.weights_of(places);
         let cycles: Vec<f64> = (0..MEASURED).map(|k| edge / TAU * k as f64 / (MEASURED - 1) as f64).collect();
-        let error = greatest(&(waves(&cycles, places) - product(&waves(&cycles, &self.nodes), &weights)));
+        let error = max_modulus(&(waves(&cycles, places) - product(&waves(&cycles, &self.nodes), &weights)));
         let sums = (0..places.len()).map(|n| weights.col_as_slice(n).iter().map(|w| w.abs()).sum());
         (error, sums.fold(0.0, f64::max))
     }

@@ -173,7 +173,7 @@ fn sweep_sums(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::wave::interval::turned;
+    use crate::wave::interval::phasor_f64;
     use crate::wave::phasor;
     use crate::wave::simd::{waves, weighted_sweep};
     use num_complex::{Complex32, Complex64};
@@ -189,7 +189,7 @@ mod tests {
                 waves_body(frequency, &delays, &mut plain_cos, &mut plain_sin);
                 assert_eq!((&cos, &sin), (&plain_cos, &plain_sin));
                 for ((delay, cos), sin) in delays.iter().zip(cos).zip(sin) {
-                    let expected = turned(frequency * delay);
+                    let expected = phasor_f64(frequency * delay);
                     let error = (Complex64::new(cos, sin) - expected).norm();
                     assert!(error < 1e-15, "{frequency} x {delay}: {error:e}");
                 }

@@ -1,7 +1,7 @@
 //! Ctrl-C and SIGTERM, once and twice.
 
 use super::{IMAGE, Job, assert_same, end, reused, start, states, undisturbed, workplace};
-use crate::binary::{Ran, done, files_below};
+use crate::binary::{Outcome, done, files_below};
 use crate::named::assert_names;
 use std::fs;
 use std::io::{BufRead, BufReader, Read};
@@ -10,7 +10,7 @@ use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 /// Starts a job and sends it signals as soon as it has stored a block.
-pub(super) fn signal(folder: &Path, job: &Job, options: &str, signals: &[&str]) -> Ran {
+pub(super) fn signal(folder: &Path, job: &Job, options: &str, signals: &[&str]) -> Outcome {
     let child = start(folder, &format!("{} {options}", job.words));
     let begun = Instant::now();
     while states(folder, job).is_empty() && begun.elapsed() < Duration::from_mins(1) {

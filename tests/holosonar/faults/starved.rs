@@ -1,7 +1,7 @@
 //! Disks that are full or may not be written, and too little memory.
 
 use super::{RECONSTRUCT, end, reused, start, undisturbed, workplace};
-use crate::binary::{Ran, done, done_json, files_below, refused, run};
+use crate::binary::{Outcome, done, done_json, files_below, refused, run};
 use crate::meshes::write_stl;
 use crate::named::{all_named, assert_names};
 use std::fs;
@@ -167,12 +167,12 @@ fn a_place_that_cannot_be_written_is_found_first() {
 }
 
 /// Runs a job with a limit on its address space, bytes.
-fn limited(folder: &Path, words: &str, bytes: u64) -> Ran {
+fn limited(folder: &Path, words: &str, bytes: u64) -> Outcome {
     let line = format!("ulimit -v {} && exec \"$0\" {words}", bytes / 1024);
     let mut shell = Command::new("sh");
     shell.current_dir(folder).args(["-c", &line, env!("CARGO_BIN_EXE_holosonar")]);
     // A trace takes memory, too.
-    Ran::of(shell.env("RUST_BACKTRACE", "0").output().unwrap())
+    Outcome::of(shell.env("RUST_BACKTRACE", "0").output().unwrap())
 }
 
 #[test]
