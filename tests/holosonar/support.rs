@@ -149,7 +149,7 @@ pub(crate) fn assert_within_bounds(
     let peak = peak(&exact);
     let moduli: f64 = cube.samples.iter().map(|m| f64::from(m.norm())).sum();
     for &tolerance in tolerances {
-        let image = reconstruct(cube, grid, &options.clone().with_tolerance(tolerance)).unwrap();
+        let image = reconstruct(cube, grid, &options.with_tolerance(tolerance)).unwrap();
         assert_eq!(image.method, options.method);
         let error = relative_difference(&image.volume.samples, &exact) * peak;
         let (bound, what) = (image.error_bound, format!("seed {seed} {:?} {tolerance}", grid.shape()));
