@@ -28,7 +28,7 @@ pub use groups::{Measure, ScoreGroup, Scores, score};
 pub use guard::GUARD_RING;
 
 use crate::error::{Error, Result};
-use crate::grid::{Axis, DepthMap, DepthLayer, View};
+use crate::grid::{Axis, DepthLayer, DepthMap, View};
 use counts::ErrorCounts;
 use guard::GuardRing;
 use serde::{Deserialize, Serialize};

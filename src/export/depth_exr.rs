@@ -9,7 +9,7 @@ use super::exr_file::{
 };
 use super::{Attribute, Attributes, Encoding, Fill, find_attribute};
 use crate::error::{Error, Result};
-use crate::grid::{Axis, DepthMap, Raster, DepthLayer, View};
+use crate::grid::{Axis, DepthLayer, DepthMap, Raster, View};
 use exr::prelude::Vec2;
 use std::path::Path;
 

@@ -3,7 +3,7 @@
 use super::counts::ErrorCounts;
 use super::{METRIC_NAMES, Metrics, depths, evaluate, match_one_to_one, nearest_surface, true_surfaces};
 use crate::error::Result;
-use crate::grid::{DepthMap, DepthLayer};
+use crate::grid::{DepthLayer, DepthMap};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt;
