@@ -86,11 +86,11 @@ pub(super) fn load<'a>(file: MeshFile<'a>, palette: &mut Palette<'_>) -> Result<
 /// Receives the values of an element in the order of the file, row by row. Every method does nothing by default.
 trait Rows {
     /// The next value of the row's property `property`; a list gives several.
-    fn value(&mut self, _property: usize, _value: f64) -> Outcome<()> {
+    fn value(&mut self, _property: usize, _value: f64) -> RowResult<()> {
         Ok(())
     }
     /// The row has ended.
-    fn end(&mut self) -> Outcome<()> {
+    fn end(&mut self) -> RowResult<()> {
         Ok(())
     }
     /// Reserves memory for this many rows; `false` when they do not fit.
@@ -100,7 +100,7 @@ trait Rows {
 }
 
 /// A result whose error says what is wrong, without the place.
-type Outcome<T> = std::result::Result<T, String>;
+type RowResult<T> = std::result::Result<T, String>;
 
 /// Reads all rows of an element. Every value takes bytes in the file, so the work is bounded by its length,
 /// whatever the header declares.
@@ -125,7 +125,7 @@ fn read_rows(
     Ok(())
 }
 
-fn read_row(element: &Element, source: &mut Source<'_>, rows: &mut impl Rows) -> Outcome<()> {
+fn read_row(element: &Element, source: &mut Source<'_>, rows: &mut impl Rows) -> RowResult<()> {
     for (i, property) in element.properties.iter().enumerate() {
         let count = match property.count {
             None => 1,
@@ -158,7 +158,7 @@ struct Vertices {
 }
 
 impl Vertices {
-    fn find_axes(&mut self, element: &Element) -> Outcome<()> {
+    fn find_axes(&mut self, element: &Element) -> RowResult<()> {
         for (axis, name) in self.axes.iter_mut().zip(["x", "y", "z"]) {
             let found = element.properties.iter().position(|p| p.name == name && p.count.is_none());
             *axis = found.ok_or_else(|| {
@@ -168,7 +168,7 @@ impl Vertices {
         Ok(())
     }
 
-    fn at(&self, index: i64) -> Outcome<DVec3> {
+    fn at(&self, index: i64) -> RowResult<DVec3> {
         let found = usize::try_from(index).ok().and_then(|i| self.found.get(i));
         found.copied().ok_or_else(|| {
             format!("refers to vertex {index}, but there are {}, counted from 0", self.found.len())
@@ -177,7 +177,7 @@ impl Vertices {
 }
 
 impl Rows for Vertices {
-    fn value(&mut self, property: usize, value: f64) -> Outcome<()> {
+    fn value(&mut self, property: usize, value: f64) -> RowResult<()> {
         for (axis, place) in self.axes.into_iter().enumerate() {
             if place == property {
                 self.next[axis] = value;
@@ -186,7 +186,7 @@ impl Rows for Vertices {
         Ok(())
     }
 
-    fn end(&mut self) -> Outcome<()> {
+    fn end(&mut self) -> RowResult<()> {
         if !self.next.is_finite() {
             return Err(format!("has a coordinate that is not finite: {}", self.next));
         }
@@ -209,7 +209,7 @@ struct Lists {
 }
 
 impl Lists {
-    fn find_list(&mut self, element: &Element) -> Outcome<()> {
+    fn find_list(&mut self, element: &Element) -> RowResult<()> {
         let found = element.corners().and_then(|list| element.properties.iter().position(|p| p == list));
         match found {
             Some(list) => self.list = list,
@@ -226,7 +226,7 @@ impl Lists {
 }
 
 impl Rows for Lists {
-    fn value(&mut self, property: usize, value: f64) -> Outcome<()> {
+    fn value(&mut self, property: usize, value: f64) -> RowResult<()> {
         if property == self.list {
             if value.fract() != 0.0 || value.abs() > f64::from(u32::MAX) {
                 return Err(format!("refers to vertex {value}; a whole number was expected"));
@@ -239,7 +239,7 @@ impl Rows for Lists {
         Ok(())
     }
 
-    fn end(&mut self) -> Outcome<()> {
+    fn end(&mut self) -> RowResult<()> {
         self.ends.push(self.indices.len());
         Ok(())
     }

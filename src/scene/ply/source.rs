@@ -1,6 +1,6 @@
 //! Reads the numbers of a PLY file in order, whatever its format.
 
-use super::Outcome;
+use super::RowResult;
 use crate::files::ply::{Element, Format, Scalar};
 
 /// Reads one number after another as f64, which represents every type of them exactly.
@@ -18,7 +18,7 @@ impl<'a> Source<'a> {
     }
 
     /// The next number; only binary files need its type.
-    pub(super) fn next(&mut self, scalar: Scalar) -> Outcome<f64> {
+    pub(super) fn next(&mut self, scalar: Scalar) -> RowResult<f64> {
         if self.format == Format::Ascii {
             return self.next_word();
         }
@@ -44,7 +44,7 @@ impl<'a> Source<'a> {
         (!rest.is_empty()).then_some(rest.len())
     }
 
-    fn next_word(&mut self) -> Outcome<f64> {
+    fn next_word(&mut self) -> RowResult<f64> {
         while let Some((b' ' | b'\t' | b'\r' | b'\x0c' | b'\n', rest)) = self.rest.split_first() {
             self.line += usize::from(self.rest[0] == b'\n');
             self.rest = rest;
