@@ -3,7 +3,7 @@
 use crate::error::gib;
 use crate::grid::Axis;
 use crate::metrics::{METRIC_NAMES, Metrics, Scores};
-use crate::pipeline::{Forecast, Judgement, Outcome, Report, Verdict};
+use crate::pipeline::{Forecast, Judgement, LimitVerdict, Outcome, Report};
 use serde_json::Value;
 use std::fmt::Write;
 use std::path::Path;
@@ -268,7 +268,7 @@ pub(super) fn groups(scores: &Scores) -> String {
 }
 
 /// A verdict in words: `completeness 0.61, wanted at least 0.650`.
-pub(super) fn verdict(verdict: &Verdict) -> String {
+pub(super) fn verdict(verdict: &LimitVerdict) -> String {
     let measure = &verdict.bound.measure;
     let value = verdict.value.map_or("has nothing to be measured on".to_owned(), |v| spread(verdict, v));
     let wanted: Vec<String> = [("at least", verdict.bound.limit.min), ("at most", verdict.bound.limit.max)]
@@ -279,7 +279,7 @@ pub(super) fn verdict(verdict: &Verdict) -> String {
 }
 
 /// A verdict's value, and the least and greatest of its seeds if there are several.
-fn spread(verdict: &Verdict, value: f64) -> String {
+fn spread(verdict: &LimitVerdict, value: f64) -> String {
     let metric = &verdict.bound.measure.metric;
     let each = || verdict.each.iter().flatten().copied();
     let text = quantity(metric, value);

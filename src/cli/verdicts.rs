@@ -9,7 +9,7 @@ use crate::export::depth_exr::{DepthFile, read_depth_map};
 use crate::export::figure::write_error_figure;
 use crate::export::{Attribute, find_attribute};
 use crate::metrics::{Scores, error_map, score};
-use crate::pipeline::{self, Bound, Verdict};
+use crate::pipeline::{self, Bound, LimitVerdict};
 use std::path::{Path, PathBuf};
 
 /// Scores a depth map and holds it to the limits typed.
@@ -147,7 +147,7 @@ fn scores_json(scores: &Scores) -> serde_json::Value {
     serde_json::json!({ "metrics": all, "materials": materials, "surfaces": surfaces })
 }
 
-fn limits_json(verdicts: &[Verdict]) -> serde_json::Value {
+fn limits_json(verdicts: &[LimitVerdict]) -> serde_json::Value {
     let limits = verdicts.iter().map(|v| {
         serde_json::json!({
             "metric": v.bound.measure.to_string(), "min": v.bound.limit.min, "max": v.bound.limit.max,
@@ -158,7 +158,7 @@ fn limits_json(verdicts: &[Verdict]) -> serde_json::Value {
 }
 
 /// Exit status 3 for what was missed, in words.
-fn limits_kept(verdicts: &[Verdict]) -> Result<()> {
+fn limits_kept(verdicts: &[LimitVerdict]) -> Result<()> {
     let missed: Vec<String> = verdicts.iter().filter(|v| !v.kept).map(summary::verdict).collect();
     if missed.is_empty() { Ok(()) } else { Err(Error::LimitMissed(format!("missed {}", missed.join("; ")))) }
 }

@@ -1,6 +1,6 @@
-//! What the jobs of the pipeline are told apart by: the run file with every default, and what it was given to work on.
+//! The identities of the pipeline's jobs: the run file with every default, and the data on which the job works.
 
-use super::echoes::Echoes;
+use super::prepared_scene::PreparedScene;
 use crate::acquisition::{CubeFile, CubeSource, Instrument};
 use crate::checkpoint::Identity;
 use crate::config::RunFile;
@@ -8,10 +8,10 @@ use crate::error::Result;
 use crate::grid::Grid;
 use glam::DVec3;
 
-/// The identity of a job that begins with a scene: by its reflectors, which say all that any file of it does.
-pub(super) fn of_scene(job: &str, run: &RunFile, echoes: &Echoes) -> Identity {
-    let mut identity = of_instrument(job, run, echoes.instrument(), &echoes.grid);
-    let reflectors = &echoes.reflectors;
+/// The identity of a job that begins with a scene, which its reflectors represent completely.
+pub(super) fn of_scene(job: &str, run: &RunFile, scene: &PreparedScene) -> Identity {
+    let mut identity = of_instrument(job, run, scene.instrument(), &scene.grid);
+    let reflectors = &scene.reflectors;
     identity.numbers(coordinates(reflectors.positions()).into_iter());
     identity.bytes(bytemuck::cast_slice(reflectors.amplitudes()));
     identity
