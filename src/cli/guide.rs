@@ -12,9 +12,9 @@ use std::fmt::Write;
 
 /// A chapter of the guide.
 struct Chapter {
-    /// What it is asked for by.
+    /// Its topic.
     name: &'static str,
-    /// What it is about, in a few words.
+    /// Its subject, in a few words.
     about: &'static str,
     /// Its Markdown.
     text: &'static str,
@@ -70,20 +70,20 @@ const TOPICS: &str = "topics";
 
 /// Prints the help of a command, a chapter, or the list of chapters; without words, the help of the program.
 pub(super) fn help(words: &[String]) -> Result<()> {
-    let asked = words.join("-").to_lowercase().replace('_', "-");
-    if asked == TOPICS {
+    let topic = words.join("-").to_lowercase().replace('_', "-");
+    if topic == TOPICS {
         return print(&topics());
     }
-    if let Some(chapter) = CHAPTERS.iter().find(|chapter| chapter.name == asked) {
+    if let Some(chapter) = CHAPTERS.iter().find(|chapter| chapter.name == topic) {
         let width = textwrap::termwidth().clamp(40, 100);
         return print(&text::render(&blocks::parse(chapter.text), width));
     }
     let commands = commands();
-    if !asked.is_empty() && !commands.contains(&asked) {
-        return Err(unknown(&asked, &commands));
+    if !topic.is_empty() && !commands.contains(&topic) {
+        return Err(unknown(&topic, &commands));
     }
-    // Clap prints what it prints for `COMMAND --help`, in colour where there is any.
-    let typed = ["holosonar", &asked, "--help"].into_iter().filter(|word| !word.is_empty());
+    // Clap prints the same as for `COMMAND --help`, in colour if the terminal has it.
+    let typed = ["holosonar", &topic, "--help"].into_iter().filter(|word| !word.is_empty());
     match Cli::try_parse_from(typed) {
         Err(shown) if !shown.use_stderr() => match shown.print() {
             Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => {
@@ -91,11 +91,11 @@ pub(super) fn help(words: &[String]) -> Result<()> {
             }
             _ => Ok(()),
         },
-        _ => Err(unknown(&asked, &commands)),
+        _ => Err(unknown(&topic, &commands)),
     }
 }
 
-/// The chapters with what they are about, as they stand below `--help`.
+/// The chapters and their subjects, as listed at the end of `--help`.
 pub(super) fn topics() -> String {
     let mut list = "Topics of the guide, shown by holosonar help TOPIC:\n".to_owned();
     for Chapter { name, about, .. } in &CHAPTERS {
@@ -104,7 +104,7 @@ pub(super) fn topics() -> String {
     list
 }
 
-/// The manual pages of the chapters: name of the file, and roff.
+/// The manual pages of the chapters: file name and roff text.
 pub(super) fn pages() -> impl Iterator<Item = (String, String)> {
     CHAPTERS.iter().map(|Chapter { name, about, text }| {
         (format!("holosonar-guide-{name}.7"), roff::page(name, about, &blocks::parse(text)))
@@ -115,14 +115,14 @@ fn commands() -> Vec<String> {
     Cli::command().get_subcommands().map(|command| command.get_name().to_owned()).collect()
 }
 
-fn unknown(asked: &str, commands: &[String]) -> Error {
+fn unknown(topic: &str, commands: &[String]) -> Error {
     let names = commands.iter().map(String::as_str).chain(CHAPTERS.iter().map(|chapter| chapter.name));
     let names: Vec<&str> = names.chain([TOPICS]).collect();
-    let meant = match nearest(asked, &names) {
+    let meant = match nearest(topic, &names) {
         Some(name) => format!("did you mean `{name}`?"),
         None => "`holosonar help` lists the commands and topics".to_owned(),
     };
-    Error::input("help", format!("there is no command or topic `{}`; {meant}", asked.escape_debug()))
+    Error::input("help", format!("there is no command or topic `{}`; {meant}", topic.escape_debug()))
 }
 
 #[cfg(test)]

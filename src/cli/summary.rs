@@ -1,4 +1,4 @@
-//! Results as a person reads them: short aligned tables.
+//! Results as text: short aligned tables.
 
 use crate::error::gib;
 use crate::grid::Axis;
@@ -8,27 +8,39 @@ use serde_json::Value;
 use std::fmt::Write;
 use std::path::Path;
 
-/// Two columns, the first as wide as its widest word.
+/// Two columns, the first as wide as its widest key.
 #[derive(Debug, Default)]
-struct Table(Vec<(String, String)>);
+struct KeyValueTable(Vec<(String, String)>);
 
-impl Table {
-    fn row(&mut self, name: &str, value: impl Into<String>) {
-        self.0.push((name.to_owned(), value.into()));
+impl KeyValueTable {
+    fn row(&mut self, key: &str, value: impl Into<String>) {
+        self.0.push((key.to_owned(), value.into()));
+    }
+
+    /// Rows of one key, which only the first row shows.
+    fn rows(&mut self, key: &str, values: impl IntoIterator<Item = String>) {
+        for (i, value) in values.into_iter().enumerate() {
+            self.row(if i == 0 { key } else { "" }, value);
+        }
     }
 
     fn text(&self) -> String {
-        let width = self.0.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0);
-        self.0.iter().fold(String::new(), |mut text, (name, value)| {
-            let _ = writeln!(text, "{name:width$}  {value}");
+        let width = self.0.iter().map(|(key, _)| key.chars().count()).max().unwrap_or(0);
+        self.0.iter().fold(String::new(), |mut text, (key, value)| {
+            let _ = writeln!(text, "{}", format!("{key:width$}  {value}").trim_end());
             text
         })
     }
 }
 
+/// Millimetres, or a dash.
+pub(super) fn millimetres(length: Option<f64>) -> String {
+    length.map_or("-".to_owned(), |m| format!("{:.1}", m * 1e3))
+}
+
 /// The table at the end of `image`.
 pub(super) fn image(input: &Path, folder: &Path, report: &Report, outcome: &Outcome) -> String {
-    let mut table = Table::default();
+    let mut table = KeyValueTable::default();
     let plan = &report.plan;
     if let Some(scene) = &report.scene {
         let size =
@@ -71,16 +83,13 @@ pub(super) fn image(input: &Path, folder: &Path, report: &Report, outcome: &Outc
     table.row(
         "sweep",
         format!(
-            "{} tones, {:.2} to {:.2} kHz",
+            "{} frequencies, {:.2} to {:.2} kHz",
             plan.frequencies,
             instrument.sweep.start() / 1e3,
             instrument.sweep.stop() / 1e3
         ),
     );
-    for (i, line) in report.physics.iter().enumerate() {
-        table.row(if i == 0 { "physics" } else { "" }, line);
-    }
-    let millimetres = |m: Option<f64>| m.map_or("-".to_owned(), |m| format!("{:.1}", m * 1e3));
+    table.rows("physics", report.physics.iter().cloned());
     table.row(
         "resolution",
         format!(
@@ -108,12 +117,9 @@ pub(super) fn image(input: &Path, folder: &Path, report: &Report, outcome: &Outc
     let mut text = table.text();
     if let Some(metrics) = &report.metrics {
         text.push_str("against the truth\n");
-        text.push_str(&self::metrics(metrics).lines().fold(String::new(), |mut text, line| {
-            let _ = writeln!(text, "  {line}");
-            text
-        }));
+        text.push_str(&textwrap::indent(&self::metrics(metrics), "  "));
     }
-    let mut table = Table::default();
+    let mut table = KeyValueTable::default();
     let stages: Vec<String> = report
         .timings
         .iter()
@@ -125,11 +131,10 @@ pub(super) fn image(input: &Path, folder: &Path, report: &Report, outcome: &Outc
     text + &table.text()
 }
 
-/// What `plan` prints.
+/// The table of `plan`.
 pub(super) fn forecast(forecast: &Forecast) -> String {
     let (plan, grid) = (&forecast.plan, &forecast.grid);
-    let mut table = Table::default();
-    let millimetres = |m: Option<f64>| m.map_or("-".to_owned(), |m| format!("{:.1}", m * 1e3));
+    let mut table = KeyValueTable::default();
     let lateral = |[x, y]: [Option<f64>; 2]| {
         if x == y { millimetres(x) } else { format!("{} x {}", millimetres(x), millimetres(y)) }
     };
@@ -166,16 +171,19 @@ pub(super) fn forecast(forecast: &Forecast) -> String {
     );
     table.row(
         "cube",
-        format!("{} tones x {} microphones: {}", plan.frequencies, plan.microphones, gib(plan.cube_bytes)),
+        format!(
+            "{} frequencies x {} microphones: {}",
+            plan.frequencies,
+            plan.microphones,
+            gib(plan.cube_bytes)
+        ),
     );
     table.row("volume", gib(plan.volume_bytes));
-    for (i, line) in forecast.physics.iter().enumerate() {
-        table.row(if i == 0 { "physics" } else { "" }, line);
-    }
+    table.rows("physics", forecast.physics.iter().cloned());
     for (i, (method, seconds)) in forecast.methods.iter().zip(&forecast.seconds).enumerate() {
         let name = format!("{}{}", if i == forecast.chosen { "* " } else { "  " }, method.method);
         let costs = match &method.obstacle {
-            Some(obstacle) => format!("not taken: {obstacle}"),
+            Some(obstacle) => format!("not used: {obstacle}"),
             None => format!(
                 "{:.1e} operations, {}, about {}",
                 method.operations,
@@ -185,19 +193,15 @@ pub(super) fn forecast(forecast: &Forecast) -> String {
         };
         table.row(&name, costs);
     }
-    for (i, memory) in forecast.memory.iter().enumerate() {
-        let name = if i == 0 { "memory" } else { "" };
-        table.row(
-            name,
-            format!("{} for `{}`, at its peak {}", gib(memory.bytes), memory.command, memory.peak),
-        );
-    }
+    let memory = forecast.memory.iter();
+    let peaks = memory.map(|m| format!("{} for `{}`, at its peak {}", gib(m.bytes), m.command, m.peak));
+    table.rows("memory", peaks);
     table.row("threads", forecast.threads.to_string());
     table.row("writes", forecast.files.join(", "));
     table.text()
 }
 
-/// Seconds as people say them.
+/// Seconds in the usual units of time.
 pub(super) fn duration(seconds: f64) -> String {
     match seconds {
         s if s < 0.1 => "0.1 s or less".to_owned(),
@@ -210,7 +214,7 @@ pub(super) fn duration(seconds: f64) -> String {
 
 /// Every metric that was measured, with its unit.
 pub(super) fn metrics(metrics: &Metrics) -> String {
-    let mut table = Table::default();
+    let mut table = KeyValueTable::default();
     for (name, value) in metrics.iter() {
         if let Some(value) = value {
             table.row(name, quantity(name, value));
@@ -220,12 +224,12 @@ pub(super) fn metrics(metrics: &Metrics) -> String {
     if text.is_empty() { "nothing to measure: the truth is empty\n".to_owned() } else { text }
 }
 
-/// A metric's value as people say it: shares plainly, lengths in mm.
+/// A metric's value: lengths in mm, others without a unit.
 fn quantity(name: &str, value: f64) -> String {
     if Metrics::is_length(name) { format!("{:.2} mm", value * 1e3) } else { format!("{value:.3}") }
 }
 
-/// The metrics of every material and of every surface, a column each; nothing where there is but one of both.
+/// The metrics by material and by surface, one column each; empty if there is only one of each.
 pub(super) fn groups(scores: &Scores) -> String {
     let materials: Vec<(String, &Metrics)> = scores
         .materials
@@ -267,18 +271,18 @@ pub(super) fn groups(scores: &Scores) -> String {
     text
 }
 
-/// A verdict in words: `completeness 0.61, wanted at least 0.650`.
+/// A verdict in words: `completeness 0.610, expected at least 0.650`.
 pub(super) fn verdict(verdict: &LimitVerdict) -> String {
     let measure = &verdict.bound.measure;
-    let value = verdict.value.map_or("has nothing to be measured on".to_owned(), |v| spread(verdict, v));
-    let wanted: Vec<String> = [("at least", verdict.bound.limit.min), ("at most", verdict.bound.limit.max)]
+    let value = verdict.value.map_or("could not be measured".to_owned(), |v| spread(verdict, v));
+    let expected: Vec<String> = [("at least", verdict.bound.limit.min), ("at most", verdict.bound.limit.max)]
         .into_iter()
         .filter_map(|(words, limit)| Some(format!("{words} {}", quantity(&measure.metric, limit?))))
         .collect();
-    format!("{measure} {value}, wanted {}", wanted.join(" and "))
+    format!("{measure} {value}, expected {}", expected.join(" and "))
 }
 
-/// A verdict's value, and the least and greatest of its seeds if there are several.
+/// A verdict's value, and the minimum and maximum of its seeds if there are several.
 fn spread(verdict: &LimitVerdict, value: f64) -> String {
     let metric = &verdict.bound.measure.metric;
     let each = || verdict.each.iter().flatten().copied();
@@ -313,9 +317,9 @@ pub(super) fn check_line(name: &str, judgement: &Judgement) -> String {
     format!("{} {name}{seeds}: {}\n", if kept { "ok    " } else { "MISSED" }, values.join(", "))
 }
 
-/// The facts of `info`, one line each; nested ones are indented.
+/// The facts of `info`, one per line; nested ones are indented.
 pub(super) fn facts(value: &Value) -> String {
-    fn rows(table: &mut Table, value: &Value, indent: usize) {
+    fn rows(table: &mut KeyValueTable, value: &Value, indent: usize) {
         let Some(facts) = value.as_object() else { return };
         for (name, value) in facts {
             let name = format!("{}{}", "  ".repeat(indent), name.replace('_', " "));
@@ -339,24 +343,21 @@ pub(super) fn facts(value: &Value) -> String {
             }
         }
     }
-    let mut table = Table::default();
+    let mut table = KeyValueTable::default();
     rows(&mut table, value, 0);
-    table.text().lines().fold(String::new(), |mut text, line| {
-        let _ = writeln!(text, "{}", line.trim_end());
-        text
-    })
+    table.text()
 }
 
-/// A text that fits a line or two; a whole run file in an attribute does not.
+/// A text of a line or two; longer ones, such as a run file in an attribute, are cut off.
 fn shortened(text: &str) -> String {
-    const MOST: usize = 120;
-    if text.chars().count() <= MOST {
+    const MAX_CHARS: usize = 120;
+    if text.chars().count() <= MAX_CHARS {
         return text.to_owned();
     }
-    format!("{} ... (--json prints all of it)", text.chars().take(MOST).collect::<String>())
+    format!("{} ... (--json prints all)", text.chars().take(MAX_CHARS).collect::<String>())
 }
 
-/// A value without quotes or needless digits.
+/// A value without quotes and superfluous digits.
 fn plain(value: &Value) -> String {
     match value {
         Value::String(text) => text.clone(),

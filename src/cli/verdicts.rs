@@ -1,7 +1,7 @@
-//! The commands that judge: `compare` and `check`, and their exit status.
+//! The commands `compare` and `check`, and their exit status.
 
 use super::inputs::{config_of, reading_limit};
-use super::outputs::{check_extension, pretty};
+use super::outputs::{check_extension, print_json};
 use super::terminal::{Terminal, observed, print};
 use super::{Overrides, summary};
 use crate::error::{Error, Result};
@@ -12,7 +12,7 @@ use crate::metrics::{Scores, error_map, score};
 use crate::pipeline::{self, Bound, LimitVerdict};
 use std::path::{Path, PathBuf};
 
-/// Scores a depth map and holds it to the limits typed.
+/// Scores a depth map and checks it against the limits of the command line.
 pub(super) fn compare(
     result: &Path,
     truth_path: &Path,
@@ -34,31 +34,31 @@ pub(super) fn compare(
     let mut found = read_depth_map(result, reading_limit())?;
     let truth = read_depth_map(truth_path, reading_limit())?;
     if !found.axes_known && found.map.shape() == truth.map.shape() {
-        // A foreign depth map says nothing of metres; pixel for pixel is what its user means.
+        // A depth map of another program has no coordinates: its pixels are compared one by one.
         (found.map.view, found.map.x, found.map.y) = (truth.map.view, truth.map.x, truth.map.y);
     }
-    let said = |file: &DepthFile| match find_attribute(&file.attributes, "sonar:rangeResolution") {
+    let stored = |file: &DepthFile| match find_attribute(&file.attributes, "sonar:rangeResolution") {
         Some(Attribute::Number(resolution)) => Some(*resolution),
         _ => None,
     };
-    let resolution = resolution.or_else(|| said(&truth)).or_else(|| said(&found)).ok_or_else(|| {
+    let resolution = resolution.or_else(|| stored(&truth)).or_else(|| stored(&found)).ok_or_else(|| {
         Error::input(
             "--resolution",
-            "is needed: neither file says its range resolution c/2B, by which hits and misses are told apart",
+            "is needed: neither file contains its range resolution c/2B, which decides what is a hit",
         )
     })?;
-    let (pixels, wanted) = (found.map.shape(), truth.map.shape());
-    if pixels != wanted && found.map.view == truth.map.view {
+    let (pixels, expected) = (found.map.shape(), truth.map.shape());
+    if pixels != expected && found.map.view == truth.map.view {
         return Err(Error::input(
             result.display(),
             format!(
-                "has {} x {} pixels, but {} has {} x {}; both must be of one [grid]: make the truth with the run file \
+                "has {} x {} pixels, but {} has {} x {}; both must be on the same [grid]: make the truth with the run file \
                  of the result",
                 pixels[1],
                 pixels[0],
                 truth_path.display(),
-                wanted[1],
-                wanted[0]
+                expected[1],
+                expected[0]
             ),
         ));
     }
@@ -77,14 +77,14 @@ pub(super) fn compare(
     if json {
         let mut value = scores_json(&scores);
         value["limits"] = limits_json(&verdicts);
-        print(&pretty(&value))?;
+        print_json(&value)?;
     } else {
         print(&(summary::metrics(&scores.all) + &summary::groups(&scores)))?;
     }
     limits_kept(&verdicts)
 }
 
-/// Runs scenes and holds each to its `[expect]`.
+/// Runs scenes and checks each against its `[expect]`.
 pub(super) fn check(
     runs: &[PathBuf],
     overrides: &Overrides,
@@ -117,7 +117,7 @@ pub(super) fn check(
             }
             Err(Error::Interrupted) => return Err(Error::Interrupted),
             Err(error) => {
-                // The others are still worth a line.
+                // The other scenes are still run.
                 if runs.len() > 1 && !json {
                     print(&format!("FAILED {error}\n"))?;
                 }
@@ -127,12 +127,12 @@ pub(super) fn check(
         }
     }
     if json {
-        print(&pretty(&serde_json::Value::Array(rows)))?;
+        print_json(&rows)?;
     }
     worst.map_or(Ok(()), Err)
 }
 
-/// Of two errors the one to exit with: a run that failed tells more than a limit that was missed.
+/// The error to exit with: a failed run takes precedence over a missed limit, and the first over the second.
 fn worse(first: Option<Error>, second: Error) -> Error {
     match first {
         Some(first) if !matches!(first, Error::LimitMissed(_)) || matches!(second, Error::LimitMissed(_)) => {
@@ -157,7 +157,7 @@ fn limits_json(verdicts: &[LimitVerdict]) -> serde_json::Value {
     limits.collect()
 }
 
-/// Exit status 3 for what was missed, in words.
+/// An error with exit status 3 that describes the missed limits.
 fn limits_kept(verdicts: &[LimitVerdict]) -> Result<()> {
     let missed: Vec<String> = verdicts.iter().filter(|v| !v.kept).map(summary::verdict).collect();
     if missed.is_empty() { Ok(()) } else { Err(Error::LimitMissed(format!("missed {}", missed.join("; ")))) }
