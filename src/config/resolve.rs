@@ -178,22 +178,14 @@ impl RunFile {
     /// Invalid axes; a grid that is left out although there is no scene to derive it from.
     pub fn voxels(&self, instrument: &Instrument, scene: Option<(DVec3, DVec3)>) -> Result<Grid> {
         let typed = &self.grid;
-        let margin = |low: f64, high: f64| {
-            let margin = ((high - low) * MARGIN).max(2.0 * instrument.wavelength());
-            [low - margin, high + margin]
-        };
         let from_scene = |axis: usize| {
             let (low, high) = scene.ok_or_else(|| {
-                Error::input(
-                    "[grid]",
-                    format!(
-                        "is missing or incomplete, and there is no scene to derive it from; give a run file \
-                         (-c) with x, y and z as [first, last] in metres, for example\n\n{}",
-                        instrument.suggested_grid_table()
-                    ),
-                )
+                let problem = "is missing or incomplete, and there is no scene to derive it from; give a run file (-c) with \
+                               x, y and z as [first, last] in metres, for example";
+                Error::input("[grid]", format!("{problem}\n\n{}", instrument.suggested_grid_table()))
             })?;
-            Ok(margin(low[axis], high[axis]))
+            let margin = ((high[axis] - low[axis]) * MARGIN).max(2.0 * instrument.wavelength());
+            Ok([low[axis] - margin, high[axis] + margin])
         };
         let x = typed.x.map_or_else(|| from_scene(0), Ok)?;
         let y = typed.y.map_or_else(|| from_scene(1), Ok)?;
@@ -204,21 +196,19 @@ impl RunFile {
             let [first, last] = from_scene(2)?;
             let first = first.max(instrument.wavelength());
             if last < first {
-                return Err(Error::input(
-                    "[scene]",
-                    format!(
-                        "is behind the array or in its plane (z up to {:.3} m), so no grid can be derived from it; move it with \
-                         `translate` or `fit`, or give [grid]",
-                        scene.map_or(f64::NAN, |(_, high)| high.z)
-                    ),
-                ));
+                let high = scene.map_or(f64::NAN, |(_, high)| high.z);
+                let problem = format!(
+                    "is behind the array or in its plane (z up to {high:.3} m), so no grid can be derived from it; move it \
+                     with `translate` or `fit`, or give [grid]"
+                );
+                return Err(Error::input("[scene]", problem));
             }
             [first, last]
         };
         let advised = instrument.advised_pitch(z[0].max(instrument.wavelength()));
         let pitch = typed.pitch.unwrap_or(advised);
-        let axis = |name: &str, ends: [f64; 2], pitch: f64| -> Result<Axis> {
-            Axis::spanning(ends[0], ends[1], pitch).map_err(|error| error.at(format!("[grid] {name}")))
+        let axis = |name: &str, [first, last]: [f64; 2], pitch: f64| {
+            Axis::spanning(first, last, pitch).map_err(|error| error.at(format!("[grid] {name}")))
         };
         Ok(Grid { x: axis("x", x, pitch[0])?, y: axis("y", y, pitch[1])?, z: axis("z", z, pitch[2])? })
     }

@@ -144,18 +144,7 @@ pub fn sweep_designs(keys: &[SweptKey], run_with: &RunWith, job: &JobOptions) ->
     let mut first_refusal = None;
     let mut combinations = Vec::with_capacity(total);
     stage(observer, "planning", total as u64, || {
-        for index in 0..total {
-            let mut rest = index;
-            let mut values: Vec<String> = keys
-                .iter()
-                .rev()
-                .map(|key| {
-                    let value = key.values[rest % key.values.len()].clone();
-                    rest /= key.values.len();
-                    value
-                })
-                .collect();
-            values.reverse();
+        for values in products(keys) {
             let set: Vec<String> =
                 keys.iter().zip(&values).map(|(key, value)| format!("{}={value}", key.key)).collect();
             let row = run_with(&set).and_then(|(run, bare)| row(&run, bare, &mut scenes, observer));
@@ -177,6 +166,14 @@ pub fn sweep_designs(keys: &[SweptKey], run_with: &RunWith, job: &JobOptions) ->
         return Err(error);
     }
     Ok(DesignSweep { keys: keys.iter().map(|key| key.key.clone()).collect(), combinations })
+}
+
+/// Every combination of the keys' values, the last key fastest.
+fn products(keys: &[SweptKey]) -> Vec<Vec<String>> {
+    keys.iter().fold(vec![Vec::new()], |products, key| {
+        let extended = |product: &Vec<String>, value: &String| [&product[..], &[value.clone()]].concat();
+        products.iter().flat_map(|product| key.values.iter().map(move |v| extended(product, v))).collect()
+    })
 }
 
 /// The size of the scene that was read last, so that a mesh is not read for every combination.
