@@ -340,14 +340,10 @@ fn reconstruct_and_locate(
     let info =
         log.timed("reconstruct", || reconstruct(source, grid, &options, &mut volume, checkpoint, log))?;
     let image = Reconstruction { volume, method: info.method, error_bound: info.error_bound };
+    let [depths, rows, columns] = grid.shape();
+    let (method, error_bound, peak) = (image.method, image.error_bound, image.volume.peak());
     log.note(&format!(
-        "{}, {} x {} x {} voxels, each to within {:.1e}; the peak is {:.3e}",
-        image.method,
-        grid.x.count,
-        grid.y.count,
-        grid.z.count,
-        image.error_bound,
-        image.volume.peak()
+        "{method}, {columns} x {rows} x {depths} voxels, each to within {error_bound:.1e}; the peak is {peak:.3e}"
     ));
     let mut search = budget.run.depth_options(resolution);
     search.raster = raster;

@@ -37,19 +37,12 @@ fn columns(rows: &[Vec<String>]) -> String {
 
 /// The design that `plan` prints after its table.
 pub(super) fn design(design: &Design) -> String {
-    let mut rows = vec![
-        ["depth", "λ_c z/D x", "y", "-3 dB x", "y", "z", "grating lobes at"].map(str::to_owned).to_vec(),
-    ];
+    let header = ["depth", "λ_c z/D x", "y", "-3 dB x", "y", "z", "grating lobes at"];
+    let mut rows = vec![header.map(str::to_owned).to_vec()];
     for at in &design.depths {
-        rows.push(vec![
-            format!("{:.3} m", at.depth),
-            millimetres(at.lateral_resolution[0]),
-            millimetres(at.lateral_resolution[1]),
-            millimetres(at.widths[0]),
-            millimetres(at.widths[1]),
-            millimetres(at.widths[2]),
-            at.ghost_offset.map_or("-".to_owned(), |m| format!("{m:.2} m")),
-        ]);
+        let lengths = at.lateral_resolution.iter().chain(&at.widths).map(|length| millimetres(*length));
+        let lobes = at.ghost_offset.map_or("-".to_owned(), |m| format!("{m:.2} m"));
+        rows.push([format!("{:.3} m", at.depth)].into_iter().chain(lengths).chain([lobes]).collect());
     }
     let mut text = format!("\nwidths in mm in front of the array's centre\n{}", columns(&rows));
     if let Some(ambiguity) = design.ambiguity {
@@ -146,9 +139,9 @@ fn sweep_table(sweep: &DesignSweep) -> String {
         "mean dB",
         "memory",
         "time",
-    ];
-    let mut rows =
-        vec![sweep.keys.iter().map(String::as_str).chain(measured).map(str::to_owned).collect::<Vec<_>>()];
+    ]
+    .map(str::to_owned);
+    let mut rows = vec![[&sweep.keys[..], &measured].concat()];
     for combination in &sweep.combinations {
         let mut row = combination.values.clone();
         match &combination.design {
@@ -263,12 +256,10 @@ pub(super) fn psf(
 fn point(typed: &str) -> Result<DVec3> {
     let numbers: Option<Vec<f64>> =
         typed.split(',').map(|part| part.trim().parse().ok().filter(|v: &f64| v.is_finite())).collect();
+    let problem = "was expected to be x,y,z in metres, as in --at 0,0.2,1.8";
     match numbers.as_deref() {
         Some([x, y, z]) => Ok(DVec3::new(*x, *y, *z)),
-        _ => {
-            let problem = "was expected to be x,y,z in metres, as in --at 0,0.2,1.8";
-            Err(Error::input(format!("--at {typed}"), problem))
-        }
+        _ => Err(Error::input(format!("--at {typed}"), problem)),
     }
 }
 

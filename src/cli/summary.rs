@@ -1,9 +1,10 @@
 //! Results as text: short aligned tables.
 
 use crate::error::gib;
-use crate::grid::Axis;
+use crate::grid::Grid;
 use crate::metrics::{METRIC_NAMES, Metrics, Scores};
 use crate::pipeline::{Forecast, Judgement, LimitVerdict, Outcome, Report};
+use crate::plan::Plan;
 use serde_json::Value;
 use std::fmt::Write;
 use std::path::Path;
@@ -33,6 +34,22 @@ impl KeyValueTable {
     }
 }
 
+/// Lengths along x, y and z, as `1.0 x 2.0 x 3.0`.
+fn product(lengths: [f64; 3], digits: usize) -> String {
+    lengths.map(|length| format!("{length:.digits$}")).join(" x ")
+}
+
+/// The number of voxels of a grid along x, y and z.
+fn voxels(grid: &Grid) -> String {
+    format!("{} x {} x {} voxels", grid.x.count, grid.y.count, grid.z.count)
+}
+
+/// The resolution of a plan in range, and laterally at the nearest and farthest depth.
+fn resolution(plan: &Plan, lateral: impl Fn([Option<f64>; 2]) -> String) -> String {
+    let [near, far] = [plan.lateral_resolution_near, plan.lateral_resolution_far].map(lateral);
+    format!("{} mm in range; {near} to {far} mm across, near to far", millimetres(plan.range_resolution))
+}
+
 /// Millimetres, or a dash.
 pub(super) fn millimetres(length: Option<f64>) -> String {
     length.map_or("-".to_owned(), |m| format!("{:.1}", m * 1e3))
@@ -43,30 +60,20 @@ pub(super) fn image(input: &Path, folder: &Path, report: &Report, outcome: &Outc
     let mut table = KeyValueTable::default();
     let plan = &report.plan;
     if let Some(scene) = &report.scene {
-        let size =
-            |v: [f64; 3], digits: usize| format!("{:.digits$} x {:.digits$} x {:.digits$}", v[0], v[1], v[2]);
-        let triangles = if scene.triangles > 0 {
-            format!(", {} triangles, {:.3} m²", scene.triangles, scene.area)
-        } else {
-            String::new()
-        };
-        table.row("scene", format!("{}{triangles}", input.display()));
-        table.row(
-            "  size",
-            format!("{} m = {} wavelengths", size(scene.size, 3), size(scene.size_wavelengths, 1)),
-        );
+        let mesh = format!(", {} triangles, {:.3} m²", scene.triangles, scene.area);
+        let mesh = if scene.triangles > 0 { mesh } else { String::new() };
+        table.row("scene", format!("{}{mesh}", input.display()));
+        let (metres, wavelengths) = (product(scene.size, 3), product(scene.size_wavelengths, 1));
+        table.row("  size", format!("{metres} m = {wavelengths} wavelengths"));
         table.row("  depth", format!("z {:.3} to {:.3} m from the array", scene.low[2], scene.high[2]));
         for material in scene.materials.iter().take(8) {
             let name = if material.name.is_empty() { "(unnamed)" } else { &material.name };
-            table.row(
-                "  material",
-                format!(
-                    "{name}: reflectance {}, transmittance {} ({})",
-                    short(material.reflectance),
-                    short(material.transmittance),
-                    material.source
-                ),
+            let (reflectance, transmittance) = (short(material.reflectance), short(material.transmittance));
+            let value = format!(
+                "{name}: reflectance {reflectance}, transmittance {transmittance} ({})",
+                material.source
             );
+            table.row("  material", value);
         }
         if scene.materials.len() > 8 {
             table.row("", format!("and {} more; all are in report.json", scene.materials.len() - 8));
@@ -80,39 +87,14 @@ pub(super) fn image(input: &Path, folder: &Path, report: &Report, outcome: &Outc
     let instrument = &outcome.instrument;
     let extent = instrument.array.extent();
     table.row("array", format!("{} microphones over {:.2} x {:.2} m", plan.microphones, extent.x, extent.y));
-    table.row(
-        "sweep",
-        format!(
-            "{} frequencies, {:.2} to {:.2} kHz",
-            plan.frequencies,
-            instrument.sweep.start() / 1e3,
-            instrument.sweep.stop() / 1e3
-        ),
-    );
+    let [start, stop] = [instrument.sweep.start(), instrument.sweep.stop()].map(|f| f / 1e3);
+    table.row("sweep", format!("{} frequencies, {start:.2} to {stop:.2} kHz", plan.frequencies));
     table.rows("physics", report.physics.iter().cloned());
-    table.row(
-        "resolution",
-        format!(
-            "{} mm in range; {} to {} mm across, near to far",
-            millimetres(plan.range_resolution),
-            millimetres(plan.lateral_resolution_near[0]),
-            millimetres(plan.lateral_resolution_far[0])
-        ),
-    );
-    let grid = outcome.image.volume.grid;
-    let axis = |name: &str, a: &Axis| format!("{name} {:.3} to {:.3}", a.first, a.last());
-    table.row(
-        "grid",
-        format!(
-            "{} x {} x {} voxels: {}, {}, {} m",
-            grid.x.count,
-            grid.y.count,
-            grid.z.count,
-            axis("x", &grid.x),
-            axis("y", &grid.y),
-            axis("z", &grid.z)
-        ),
-    );
+    table.row("resolution", resolution(plan, |[x, _]| millimetres(x)));
+    let grid = &outcome.image.volume.grid;
+    let axes = [("x", grid.x), ("y", grid.y), ("z", grid.z)];
+    let axes = axes.map(|(name, axis)| format!("{name} {:.3} to {:.3}", axis.first, axis.last()));
+    table.row("grid", format!("{}: {} m", voxels(grid), axes.join(", ")));
     table.row("depth", format!("a return at {} of {} pixels", report.accepted, report.pixels));
     let mut text = table.text();
     if let Some(metrics) = &report.metrics {
@@ -135,61 +117,30 @@ pub(super) fn image(input: &Path, folder: &Path, report: &Report, outcome: &Outc
 pub(super) fn forecast(forecast: &Forecast) -> String {
     let (plan, grid) = (&forecast.plan, &forecast.grid);
     let mut table = KeyValueTable::default();
+    table.row("wavelength", format!("{:.1} mm at the centre of the band", plan.wavelength * 1e3));
     let lateral = |[x, y]: [Option<f64>; 2]| {
         if x == y { millimetres(x) } else { format!("{} x {}", millimetres(x), millimetres(y)) }
     };
-    table.row("wavelength", format!("{:.1} mm at the centre of the band", plan.wavelength * 1e3));
-    table.row(
-        "resolution",
-        format!(
-            "{} mm in range; {} to {} mm across, near to far",
-            millimetres(plan.range_resolution),
-            lateral(plan.lateral_resolution_near),
-            lateral(plan.lateral_resolution_far)
-        ),
-    );
+    table.row("resolution", resolution(plan, lateral));
     let [shortest, longest] = plan.path_bounds;
     let unambiguous = plan.unambiguous_path.map_or("all".to_owned(), |m| format!("{m:.2} m"));
     table.row("paths", format!("{shortest:.2} to {longest:.2} m; {unambiguous} unambiguous"));
     if plan.alias_free_pitch < 1e3 {
-        table.row(
-            "aliasing",
-            format!("none with microphones {:.1} mm apart or less", plan.alias_free_pitch * 1e3),
-        );
+        let pitch = 1e3 * plan.alias_free_pitch;
+        table.row("aliasing", format!("none with microphones {pitch:.1} mm apart or less"));
     }
-    table.row(
-        "grid",
-        format!(
-            "{} x {} x {} voxels of {:.1} x {:.1} x {:.1} mm",
-            grid.x.count,
-            grid.y.count,
-            grid.z.count,
-            grid.x.pitch * 1e3,
-            grid.y.pitch * 1e3,
-            grid.z.pitch * 1e3
-        ),
-    );
-    table.row(
-        "cube",
-        format!(
-            "{} frequencies x {} microphones: {}",
-            plan.frequencies,
-            plan.microphones,
-            gib(plan.cube_bytes)
-        ),
-    );
+    let pitches = product([grid.x, grid.y, grid.z].map(|axis| axis.pitch * 1e3), 1);
+    table.row("grid", format!("{} of {pitches} mm", voxels(grid)));
+    let (frequencies, microphones, bytes) = (plan.frequencies, plan.microphones, gib(plan.cube_bytes));
+    table.row("cube", format!("{frequencies} frequencies x {microphones} microphones: {bytes}"));
     table.row("volume", gib(plan.volume_bytes));
     table.rows("physics", forecast.physics.iter().cloned());
     for (i, (method, seconds)) in forecast.methods.iter().zip(&forecast.seconds).enumerate() {
         let name = format!("{}{}", if i == forecast.chosen { "* " } else { "  " }, method.method);
+        let (bytes, time) = (gib(method.bytes), duration(*seconds));
         let costs = match &method.obstacle {
             Some(obstacle) => format!("not used: {obstacle}"),
-            None => format!(
-                "{:.1e} operations, {}, about {}",
-                method.operations,
-                gib(method.bytes),
-                duration(*seconds)
-            ),
+            None => format!("{:.1e} operations, {bytes}, about {time}", method.operations),
         };
         table.row(&name, costs);
     }
@@ -231,18 +182,10 @@ fn quantity(name: &str, value: f64) -> String {
 
 /// The metrics by material and by surface, one column each; empty if there is only one of each.
 pub(super) fn groups(scores: &Scores) -> String {
-    let materials: Vec<(String, &Metrics)> = scores
-        .materials
-        .iter()
-        .map(|(name, metrics)| (shortened(name), metrics))
-        .filter(|(_, metrics)| metrics.completeness.is_some())
-        .collect();
-    let surfaces: Vec<(String, &Metrics)> = scores
-        .surfaces
-        .iter()
-        .enumerate()
-        .map(|(k, metrics)| (format!("surface {}", k + 1), metrics))
-        .collect();
+    let measured = scores.materials.iter().filter(|(_, metrics)| metrics.completeness.is_some());
+    let materials: Vec<_> = measured.map(|(name, metrics)| (shortened(name), metrics)).collect();
+    let surfaces = (1..).zip(&scores.surfaces);
+    let surfaces: Vec<_> = surfaces.map(|(k, metrics)| (format!("surface {k}"), metrics)).collect();
     let mut text = String::new();
     for (of, columns) in [("by material", materials), ("from the front", surfaces)] {
         if columns.len() < 2 {
@@ -299,21 +242,14 @@ fn spread(verdict: &LimitVerdict, value: f64) -> String {
 /// One line of `check`.
 pub(super) fn check_line(name: &str, judgement: &Judgement) -> String {
     let kept = judgement.verdicts.iter().all(|v| v.kept);
-    let values: Vec<String> = judgement
-        .verdicts
-        .iter()
-        .map(|v| {
-            let value = v.value.map_or("none".to_owned(), |value| spread(v, value));
-            format!("{}{} {value}", if v.kept { "" } else { "! " }, v.bound.measure)
-        })
-        .collect();
-    let seeds = match judgement.seeds.len() {
-        0 | 1 => String::new(),
-        _ => format!(
-            " (mean of seeds {})",
-            judgement.seeds.iter().map(u32::to_string).collect::<Vec<_>>().join(", ")
-        ),
-    };
+    let values = judgement.verdicts.iter().map(|v| {
+        let value = v.value.map_or("none".to_owned(), |value| spread(v, value));
+        format!("{}{} {value}", if v.kept { "" } else { "! " }, v.bound.measure)
+    });
+    let values: Vec<String> = values.collect();
+    let seeds: Vec<String> = judgement.seeds.iter().map(u32::to_string).collect();
+    let seeds =
+        if seeds.len() > 1 { format!(" (mean of seeds {})", seeds.join(", ")) } else { String::new() };
     format!("{} {name}{seeds}: {}\n", if kept { "ok    " } else { "MISSED" }, values.join(", "))
 }
 

@@ -47,31 +47,20 @@ pub(super) fn compare(
             "is needed: neither file contains its range resolution c/2B, which decides what is a hit",
         )
     })?;
-    let (pixels, expected) = (found.map.shape(), truth.map.shape());
-    if pixels != expected && found.map.view == truth.map.view {
-        return Err(Error::input(
-            result.display(),
-            format!(
-                "has {} x {} pixels, but {} has {} x {}; both must be on the same [grid]: make the truth with the run file \
-                 of the result",
-                pixels[1],
-                pixels[0],
-                truth_path.display(),
-                expected[1],
-                expected[0]
-            ),
-        ));
+    let ([rows, columns], [true_rows, true_columns]) = (found.map.shape(), truth.map.shape());
+    if [rows, columns] != [true_rows, true_columns] && found.map.view == truth.map.view {
+        let problem = format!(
+            "has {columns} x {rows} pixels, but {} has {true_columns} x {true_rows}; both must be on the same [grid]: make \
+             the truth with the run file of the result",
+            truth_path.display()
+        );
+        return Err(Error::input(result.display(), problem));
     }
     let scores = score(&found.map, &truth.map, resolution)?;
     if let Some(png) = png {
         let errors = error_map(&found.map, &truth.map)?;
-        write_error_figure(
-            png,
-            &errors,
-            &truth.map.raster(),
-            resolution,
-            &pipeline::error_note(&scores.all),
-        )?;
+        let note = pipeline::error_note(&scores.all);
+        write_error_figure(png, &errors, &truth.map.raster(), resolution, &note)?;
     }
     let verdicts = pipeline::hold(std::slice::from_ref(&scores), bounds);
     if json {

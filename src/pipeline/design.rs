@@ -171,7 +171,7 @@ pub fn sweep_designs(keys: &[SweptKey], run_with: &RunWith, job: &JobOptions) ->
 /// Every combination of the keys' values, the last key fastest.
 fn products(keys: &[SweptKey]) -> Vec<Vec<String>> {
     keys.iter().fold(vec![Vec::new()], |products, key| {
-        let extended = |product: &Vec<String>, value: &String| [&product[..], &[value.clone()]].concat();
+        let extended = |product: &[String], value: &String| [product, std::slice::from_ref(value)].concat();
         products.iter().flat_map(|product| key.values.iter().map(move |v| extended(product, v))).collect()
     })
 }

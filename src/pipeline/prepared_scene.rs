@@ -166,12 +166,8 @@ impl PreparedScene {
     ) -> Result<DataCube> {
         let Measurement { instrument, options } = &self.measurement;
         let mut cube = simulate_resumable(&self.reflectors, instrument, options, store, observer)?;
-        observer.note(&format!(
-            "a cube of {} frequencies x {} microphones, {}",
-            instrument.sweep.len(),
-            instrument.array.len(),
-            gib(self.plan.cube_bytes)
-        ));
+        let (n_f, n_mic, bytes) = (instrument.sweep.len(), instrument.array.len(), gib(self.plan.cube_bytes));
+        observer.note(&format!("a cube of {n_f} frequencies x {n_mic} microphones, {bytes}"));
         cube.provenance = json!({ "run": run.to_json(), "seed": run.reflectors.seed });
         Ok(cube)
     }

@@ -37,7 +37,7 @@ pub(super) fn page(name: &str, about: &str, blocks: &[MarkdownBlock]) -> String 
             }
             MarkdownBlock::Code(code) => preformatted(&mut roff, code.lines()),
             MarkdownBlock::Table(rows) => {
-                preformatted(&mut roff, table(rows, WIDTH).iter().map(|line| line.trim_end()))
+                preformatted(&mut roff, table(rows, WIDTH).iter().map(|line| line.trim_end()));
             }
         }
     }
