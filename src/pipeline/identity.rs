@@ -12,7 +12,7 @@ use glam::DVec3;
 pub(super) fn of_scene(job: &str, run: &RunFile, scene: &PreparedScene) -> Identity {
     let mut identity = of_instrument(job, run, scene.instrument(), &scene.grid);
     let reflectors = &scene.reflectors;
-    identity.numbers(coordinates(reflectors.positions()).into_iter());
+    identity.numbers(coordinates(reflectors.positions()));
     identity.bytes(bytemuck::cast_slice(reflectors.amplitudes()));
     identity
 }
@@ -30,11 +30,11 @@ fn of_instrument(job: &str, run: &RunFile, instrument: &Instrument, grid: &Grid)
     identity.text(&run.to_json().to_string());
     identity.text(&format!("{:?} {:?} {grid:?}", instrument.geometry, instrument.detection));
     identity.numbers(instrument.sweep.frequencies().iter().copied());
-    identity.numbers(coordinates(instrument.array.positions()).into_iter());
+    identity.numbers(coordinates(instrument.array.positions()));
     identity.numbers([instrument.sound_speed].into_iter());
     identity
 }
 
-fn coordinates(points: &[DVec3]) -> Vec<f64> {
-    points.iter().flat_map(DVec3::to_array).collect()
+fn coordinates(points: &[DVec3]) -> impl ExactSizeIterator<Item = f64> {
+    bytemuck::cast_slice(points).iter().copied()
 }

@@ -270,9 +270,9 @@ fn reflector_lists_with_mistakes() {
 }
 
 #[test]
-fn a_single_tone_is_refused_before_any_work() {
+fn a_single_frequency_is_refused_before_any_work() {
     let folder = tempfile::tempdir().unwrap();
-    // A step would be ignored with one tone; the array and the grid would take minutes.
+    // A step would be ignored with one frequency; the array and the grid would take minutes.
     let long = "--set sweep.stop=10000.0 --set array.count=[500,500] --set grid.pitch=[0.01,0.01,0.001]";
     for scene in ["point.toml", "corner.toml"] {
         image_refuses(folder.path(), &format!("{} {long}", shipped(scene).display()), &["bandwidth"]);
