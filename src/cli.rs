@@ -297,7 +297,7 @@ pub fn main() -> ExitCode {
     let cli = Cli::try_parse().unwrap_or_else(|error| explain(error).exit());
     terminal::explain_panics();
     signals::expect_aborts();
-    let terminal = Terminal::new(cli.common.quiet, cli.common.verbose);
+    let terminal = Terminal::new(&cli.common);
     if let Command::Help { topic } = &cli.command {
         // The guide is shown even if threads, memory or settings are at fault.
         return finish(guide::help(topic), &terminal);

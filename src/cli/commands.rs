@@ -22,13 +22,12 @@ const CORNER_MESH: &str = include_str!("../../scenes/meshes/corner.obj");
 
 /// Runs the command.
 pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
-    let json = cli.common.json;
     match &cli.command {
         Command::Image { input, output, config, overrides, checkpoint } => {
             let checkpoint = Checkpoint::within(output, checkpoint.every()?);
             let is_new = make_folder(output)?;
             check_folder(output)?;
-            let result = image(input, output, config.as_deref(), overrides, &checkpoint, json, terminal);
+            let result = image(input, output, config.as_deref(), overrides, &checkpoint, terminal);
             let result = conclude(checkpoint, result, terminal);
             if is_new && result.is_err() {
                 // A failed request leaves no empty folder; a folder with files in it remains.
@@ -45,7 +44,7 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
             let result = pipeline::simulate_scene(&run, &job)
                 .and_then(|cube| stage(terminal, "writing", 0, || pipeline::write_cube(output, &cube)));
             conclude(checkpoint, result, terminal)?;
-            print_written(std::slice::from_ref(output), json, terminal)
+            print_written(std::slice::from_ref(output), terminal)
         }
         Command::Reconstruct { cube, config, output, settings, checkpoint } => {
             for path in output {
@@ -60,7 +59,7 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
             let job = observed(terminal).with_checkpoint(&checkpoint);
             let result = pipeline::reconstruct_cube(&run, cube, output, &job);
             let files = conclude(checkpoint, result, terminal)?;
-            print_written(&files, json, terminal)
+            print_written(&files, terminal)
         }
         Command::Depth { volume, config, output, settings } => {
             check_extension(output, &["exr", "ply"])?;
@@ -69,58 +68,50 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
             let sweep_known = config.is_some();
             let (map, facts) = pipeline::depth_of_volume(volume, &run, sweep_known, &observed(terminal))?;
             pipeline::write_depth(output, &map, &run, &facts)?;
-            print_written(std::slice::from_ref(output), json, terminal)
+            print_written(std::slice::from_ref(output), terminal)
         }
         Command::Truth { input, output, overrides } => {
             check_extension(output, &["exr", "ply"])?;
             let (run, bare) = scene_of(input, overrides)?;
             let (facts, map) = pipeline::truth_of_scene(&run, &observed(terminal).with_bare_mesh(bare))?;
             pipeline::write_depth(output, &map, &run, &facts)?;
-            print_written(std::slice::from_ref(output), json, terminal)
+            print_written(std::slice::from_ref(output), terminal)
         }
         Command::Plan { input, sweep, output, overrides, .. } if !sweep.is_empty() => {
             if has_extension(input, &["npz"]) {
                 let problem = "is a cube, whose array is fixed; a sweep needs a run file";
                 return Err(Error::input(input.display(), problem));
             }
-            design::sweep(input, sweep, output.as_deref(), overrides, json, terminal)
+            design::sweep(input, sweep, output.as_deref(), overrides, terminal)
         }
         Command::Psf { input, at, output, overrides } => {
-            design::psf(input, at, output.as_deref(), overrides, json, terminal)
+            design::psf(input, at, output.as_deref(), overrides, terminal)
         }
-        Command::Plan { input, config, overrides, .. } => {
-            plan(input, config.as_deref(), overrides, json, terminal)
-        }
+        Command::Plan { input, config, overrides, .. } => plan(input, config.as_deref(), overrides, terminal),
         Command::Compare { result, truth, resolution, min, max, png } => {
-            compare(result, truth, *resolution, min, max, png.as_deref(), json)
+            compare(result, truth, *resolution, min, max, png.as_deref(), terminal)
         }
-        Command::Check { runs, overrides, seeds } => check(runs, overrides, seeds, json, terminal),
-        Command::Reproduce { output } => reproduce::run(output.as_deref(), json, terminal),
-        Command::Report { folder, open } => report(folder, *open, json, terminal),
+        Command::Check { runs, overrides, seeds } => check(runs, overrides, seeds, terminal),
+        Command::Reproduce { output } => reproduce::run(output.as_deref(), terminal),
+        Command::Report { folder, open } => report(folder, *open, terminal),
         Command::Info { file, overrides } => {
             let facts = info::of(file, overrides, reading_limit(), terminal)?;
-            if json { print_json(&facts) } else { print(&summary::facts(&facts)) }
+            if terminal.json() { print_json(&facts) } else { print(&summary::facts(&facts)) }
         }
-        Command::Init { folder } => init(folder, json, terminal),
-        Command::Man { folder: None } => print_text(&manual::page()?, json),
-        Command::Man { folder: Some(folder) } => print_written(&manual::write(folder)?, json, terminal),
+        Command::Init { folder } => init(folder, terminal),
+        Command::Man { folder: None } => print_text(&manual::page()?, terminal),
+        Command::Man { folder: Some(folder) } => print_written(&manual::write(folder)?, terminal),
         Command::Help { topic } => guide::help(topic),
         Command::Completions { shell } => {
             let mut script = Vec::new();
             clap_complete::generate(*shell, &mut Cli::command(), "holosonar", &mut script);
-            print_text(&String::from_utf8_lossy(&script), json)
+            print_text(&String::from_utf8_lossy(&script), terminal)
         }
     }
 }
 
 /// Predicts a job of a cube or of a scene.
-fn plan(
-    input: &Path,
-    config: Option<&Path>,
-    overrides: &Overrides,
-    json: bool,
-    terminal: &Terminal,
-) -> Result<()> {
+fn plan(input: &Path, config: Option<&Path>, overrides: &Overrides, terminal: &Terminal) -> Result<()> {
     let forecast = if has_extension(input, &["npz"]) {
         let run = config_of(config, &overrides.keys())?;
         pipeline::forecast_cube(&run, &CubeFile::open(input, reading_limit())?)?
@@ -132,20 +123,20 @@ fn plan(
     for warning in &forecast.warnings {
         terminal.warn(warning);
     }
-    if json {
+    if terminal.json() {
         return print_json(&forecast);
     }
     print(&(summary::forecast(&forecast) + &design::design(&forecast.design)))
 }
 
 /// Makes the page of a folder of results, and opens it on request.
-fn report(folder: &Path, open: bool, json: bool, terminal: &Terminal) -> Result<()> {
+fn report(folder: &Path, open: bool, terminal: &Terminal) -> Result<()> {
     if !folder.is_dir() {
         let problem = "no such folder; one that `holosonar image ... -o` wrote was expected";
         return Err(Error::input(folder.display(), problem));
     }
     let page = stage(terminal, "packing the page", 0, || pipeline::write_page(folder, reading_limit()))?;
-    print_written(std::slice::from_ref(&page), json, terminal)?;
+    print_written(std::slice::from_ref(&page), terminal)?;
     if open { show(&page) } else { Ok(()) }
 }
 
@@ -174,7 +165,6 @@ fn image(
     config: Option<&Path>,
     overrides: &Overrides,
     checkpoint: &Checkpoint,
-    json: bool,
     terminal: &Terminal,
 ) -> Result<()> {
     let job = observed(terminal).with_checkpoint(checkpoint);
@@ -190,7 +180,7 @@ fn image(
         (run, outcome)
     };
     let report = pipeline::write_outputs(&run, &outcome, folder, &job)?;
-    if json {
+    if terminal.json() {
         return print_json(&report);
     }
     if terminal.is_quiet() { Ok(()) } else { print(&summary::image(input, folder, &report, &outcome)) }
@@ -205,7 +195,7 @@ fn conclude<T>(checkpoint: Checkpoint, result: Result<T>, terminal: &Terminal) -
     result
 }
 
-fn init(folder: &Path, json: bool, terminal: &Terminal) -> Result<()> {
+fn init(folder: &Path, terminal: &Terminal) -> Result<()> {
     let files =
         [(folder.join("corner.toml"), ANNOTATED), (folder.join("meshes").join("corner.obj"), CORNER_MESH)];
     if let Some((path, _)) = files.iter().find(|(path, _)| path.exists()) {
@@ -219,16 +209,16 @@ fn init(folder: &Path, json: bool, terminal: &Terminal) -> Result<()> {
         write_atomically(path, |file| file.write_all(text.as_bytes()))?;
     }
     let paths = files.map(|(path, _)| path);
-    print_written(&paths, json, terminal)?;
-    if json || terminal.is_quiet() {
+    print_written(&paths, terminal)?;
+    if terminal.json() || terminal.is_quiet() {
         return Ok(());
     }
     print(&format!("now try: holosonar image {} -o {}\n", paths[0].display(), folder.join("out").display()))
 }
 
 /// Prints a text for another program; with `--json`, as a string.
-fn print_text(text: &str, json: bool) -> Result<()> {
-    if json { print_json(&serde_json::json!({ "text": text })) } else { print(text) }
+fn print_text(text: &str, terminal: &Terminal) -> Result<()> {
+    if terminal.json() { print_json(&serde_json::json!({ "text": text })) } else { print(text) }
 }
 
 /// Refuses a second run file for a scene.

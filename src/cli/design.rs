@@ -104,7 +104,6 @@ pub(super) fn sweep(
     typed: &[String],
     folder: Option<&Path>,
     overrides: &Overrides,
-    json: bool,
     terminal: &Terminal,
 ) -> Result<()> {
     let keys: Vec<SweptKey> = typed.iter().map(|typed| SweptKey::parse(typed)).collect::<Result<_>>()?;
@@ -122,7 +121,7 @@ pub(super) fn sweep(
     if let Some(folder) = folder {
         write_sweep(folder, &sweep)?;
     }
-    if json { print_json(&sweep) } else { print(&sweep_table(&sweep)) }
+    if terminal.json() { print_json(&sweep) } else { print(&sweep_table(&sweep)) }
 }
 
 fn sweep_table(sweep: &DesignSweep) -> String {
@@ -227,7 +226,6 @@ pub(super) fn psf(
     at: &[String],
     folder: Option<&Path>,
     overrides: &Overrides,
-    json: bool,
     terminal: &Terminal,
 ) -> Result<()> {
     let points = at.iter().map(|typed| point(typed)).collect::<Result<Vec<_>>>()?;
@@ -242,7 +240,7 @@ pub(super) fn psf(
         write_spread_figure(&files[0], &spreads)?;
         write_json(&files[1], &value)?;
     }
-    if json {
+    if terminal.json() {
         return print_json(&value);
     }
     let mut text = spreads.iter().map(spread).collect::<Vec<_>>().join("\n");

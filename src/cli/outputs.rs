@@ -33,8 +33,8 @@ pub(super) fn make_folder(folder: &Path) -> Result<bool> {
 }
 
 /// Prints the names of the files that a command wrote.
-pub(super) fn print_written(files: &[PathBuf], json: bool, terminal: &Terminal) -> Result<()> {
-    if json {
+pub(super) fn print_written(files: &[PathBuf], terminal: &Terminal) -> Result<()> {
+    if terminal.json() {
         return print_json(&serde_json::json!({ "files": files }));
     }
     if terminal.is_quiet() {

@@ -34,13 +34,13 @@ use std::path::{Path, PathBuf};
 use timings::Timings;
 
 /// Computes the results, writes them to a folder, if given, and prints them.
-pub(super) fn run(output: Option<&Path>, json: bool, terminal: &Terminal) -> Result<()> {
+pub(super) fn run(output: Option<&Path>, terminal: &Terminal) -> Result<()> {
     if let Some(folder) = output {
         make_folder(folder)?;
     }
     let reproduction = reproduce(terminal)?;
     let files = output.map(|folder| reproduction.write(folder)).transpose()?.unwrap_or_default();
-    if json {
+    if terminal.json() {
         let mut value = reproduction.to_json();
         value["files"] = json!(files);
         return print_json(&value);
@@ -48,7 +48,7 @@ pub(super) fn run(output: Option<&Path>, json: bool, terminal: &Terminal) -> Res
     if !terminal.is_quiet() {
         print(&(text::text(&reproduction) + "\n"))?;
     }
-    print_written(&files, json, terminal)
+    print_written(&files, terminal)
 }
 
 /// Names of the three methods, in the order of all arrays of three in this module.

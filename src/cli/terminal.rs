@@ -1,6 +1,6 @@
 //! Progress bars, warnings, errors and results, on a terminal or in a pipe.
 
-use super::signals;
+use super::{Common, signals};
 use crate::error::Error;
 use crate::pipeline::JobOptions;
 use crate::progress::{Event, Observer};
@@ -14,6 +14,7 @@ use std::time::{Duration, Instant};
 #[derive(Debug)]
 pub(super) struct Terminal {
     quiet: bool,
+    json: bool,
     /// Whether to print what each stage did and how long it took.
     verbose: bool,
     colour: bool,
@@ -27,11 +28,16 @@ pub(super) struct Terminal {
 }
 
 impl Terminal {
-    pub(super) fn new(quiet: bool, verbose: bool) -> Self {
+    pub(super) fn new(Common { quiet, verbose, json, .. }: &Common) -> Self {
         let signalled = signals::listen();
         let colour = io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|v| v.is_empty());
         let (bar, running, advice) = (Mutex::new(None), Mutex::default(), Mutex::default());
-        Self { quiet, verbose, colour, bar, running, signalled, advice }
+        Self { quiet: *quiet, json: *json, verbose: *verbose, colour, bar, running, signalled, advice }
+    }
+
+    /// Whether to print results as JSON.
+    pub(super) fn json(&self) -> bool {
+        self.json
     }
 
     /// Whether to print no summary.

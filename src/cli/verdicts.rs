@@ -20,7 +20,7 @@ pub(super) fn compare(
     min: &[String],
     max: &[String],
     png: Option<&Path>,
-    json: bool,
+    terminal: &Terminal,
 ) -> Result<()> {
     if let Some(png) = png {
         check_extension(png, &["png"])?;
@@ -63,7 +63,7 @@ pub(super) fn compare(
         write_error_figure(png, &errors, &truth.map.raster(), resolution, &note)?;
     }
     let verdicts = pipeline::hold(std::slice::from_ref(&scores), bounds);
-    if json {
+    if terminal.json() {
         let mut value = scores_json(&scores);
         value["limits"] = limits_json(&verdicts);
         print_json(&value)?;
@@ -78,7 +78,6 @@ pub(super) fn check(
     runs: &[PathBuf],
     overrides: &Overrides,
     seeds: &[u32],
-    json: bool,
     terminal: &Terminal,
 ) -> Result<()> {
     let mut worst: Option<Error> = None;
@@ -89,7 +88,7 @@ pub(super) fn check(
             .and_then(|run| pipeline::check_scene(path, &run, seeds, &observed(terminal)));
         match outcome {
             Ok(judgement) => {
-                if json {
+                if terminal.json() {
                     rows.push(serde_json::json!({
                         "scene": name,
                         "seeds": judgement.seeds,
@@ -107,7 +106,7 @@ pub(super) fn check(
             Err(Error::Interrupted) => return Err(Error::Interrupted),
             Err(error) => {
                 // The other scenes are still run.
-                if runs.len() > 1 && !json {
+                if runs.len() > 1 && !terminal.json() {
                     print(&format!("FAILED {error}\n"))?;
                 }
                 rows.push(serde_json::json!({ "scene": name, "error": error.to_string() }));
@@ -115,7 +114,7 @@ pub(super) fn check(
             }
         }
     }
-    if json {
+    if terminal.json() {
         print_json(&rows)?;
     }
     worst.map_or(Ok(()), Err)
