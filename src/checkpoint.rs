@@ -1,18 +1,19 @@
-//! Block k from disk or computed: finished blocks of a long job are stored beside its output, and a run after an
-//! interruption resumes from them.
+//! Checkpoints of long jobs: finished blocks are stored next to the output, and a run after an interruption resumes from
+//! them.
 //!
-//! Takes the identity of a job (`Identity`: all that its result depends on) and the blocks that its stages finish;
-//! gives back those of an interrupted run of the same job. No stage knows of it: a simulation sees a
-//! `BlockStore`, a reconstruction a [`VolumeSink`](crate::reconstruct::VolumeSink).
+//! Takes the identity of a job (`Identity`: everything on which its result depends) and the blocks that its stages finish;
+//! returns those of an interrupted run of the same job. The stages do not depend on it: a simulation uses a `BlockStore`,
+//! a reconstruction a [`VolumeSink`](crate::reconstruct::VolumeSink).
 //!
 //! The checkpoint of a job is one hidden file, named after its output and its identity: a *journal*, to which blocks are
-//! appended with checksums. A process may be killed at any moment: what was being written is then no valid record, and
-//! is computed again. The checkpoint of another job has another name and identity, so the two are never mixed; it is
-//! deleted, with this job's own, when a job with the same output succeeds. No clock but the running time is used.
+//! appended with checksums. A process may be killed at any moment: the block that it was writing is then not a valid
+//! record, and is computed again. The checkpoint of another job has another name and identity, so that the two are never
+//! mixed; it is deleted, with this job's own, when a job with the same output succeeds. No clock is used except the running
+//! time.
 //!
-//! Blocks are written when so many seconds have passed since the last time, and at most a fiftieth of the time is spent on
-//! it. Nothing is forced to the disk: a killed process loses nothing of what it wrote, and after a power cut the checksums
-//! tell which records are intact.
+//! Blocks are written at a minimum interval, and writing takes at most a fiftieth of the running time. Nothing is forced to
+//! the disk: a killed process loses nothing that it wrote, and after a power failure the checksums show which records are
+//! intact.
 
 mod identity;
 mod journal;
@@ -34,28 +35,28 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// What the names of all checkpoints end in.
+/// The end of the name of every checkpoint.
 const SUFFIX: &str = ".resume";
 
-/// Bytes of a disk that are left free beside the output.
+/// Bytes of the disk that remain free in addition to the output.
 const MARGIN: u64 = 1 << 20;
 
 /// Where a job stores its finished blocks, and how often; [`Checkpoint::off`] stores nothing.
 ///
-/// [`Checkpoint::remove`] deletes them once the output is complete; a checkpoint that is dropped leaves them to the next run
-/// of the same job, which resumes from them.
+/// [`Checkpoint::remove`] deletes them once the output is complete; if a checkpoint is dropped, the next run of the same job
+/// resumes from them.
 #[derive(Debug)]
 pub struct Checkpoint {
     place: Option<Place>,
     journal: Mutex<Option<Journal>>,
-    /// Bytes of the disk that the output will take, which no block may.
+    /// Bytes of the disk that are reserved for the output.
     reserved: AtomicU64,
 }
 
 #[derive(Debug)]
 struct Place {
     folder: PathBuf,
-    /// Of the output; the checkpoint's begins with a dot and this.
+    /// The output's name; the checkpoint's begins with a dot and this name.
     name: String,
     every: Duration,
 }
@@ -66,12 +67,12 @@ impl Checkpoint {
         Self { place: None, journal: Mutex::new(None), reserved: AtomicU64::new(0) }
     }
 
-    /// In the folder `output` itself; blocks are stored every so often, with zero after every block.
+    /// In the folder `output` itself; blocks are stored at intervals of `every`, or with zero after every block.
     pub fn within(output: &Path, every: Duration) -> Self {
         Self::at(output.to_owned(), "holosonar".to_owned(), every)
     }
 
-    /// Beside the file `output`; blocks are stored every so often, with zero after every block.
+    /// In the same folder as the file `output`; blocks are stored at intervals of `every`, or with zero after every block.
     pub fn beside(output: &Path, every: Duration) -> Self {
         let folder = output.parent().filter(|folder| !folder.as_os_str().is_empty());
         let name = output.file_name().unwrap_or_default().to_string_lossy().into_owned();
@@ -83,10 +84,10 @@ impl Checkpoint {
         Self { place, journal: Mutex::new(None), reserved: AtomicU64::new(0) }
     }
 
-    /// Refuses a job whose output of `bytes` takes more than the disk has, before any long work.
+    /// Refuses a job whose output of `bytes` does not fit on the disk, before any long work.
     ///
     /// # Errors
-    /// [`Error::Io`] when fewer are free.
+    /// [`Error::Io`] when fewer bytes are free.
     pub(crate) fn check_space(&self, bytes: u64) -> Result<()> {
         let Some(place) = &self.place else { return Ok(()) };
         self.reserved.store(bytes, Ordering::Relaxed);
@@ -94,7 +95,7 @@ impl Checkpoint {
             Some(free) if free < bytes => Err(Error::io(
                 place.folder.display(),
                 format!(
-                    "has {} free, and this job writes {} at the least; make room, write elsewhere, or make the grid smaller",
+                    "has {} free, and this job writes at least {}; free some space, write elsewhere, or make the grid smaller",
                     gib(free),
                     gib(bytes)
                 ),
@@ -103,10 +104,10 @@ impl Checkpoint {
         }
     }
 
-    /// Opens the checkpoint of the job of this identity, if there is one; else prepares a new one.
+    /// Opens the checkpoint of the job with this identity, if there is one; otherwise prepares a new one.
     ///
     /// # Errors
-    /// [`Error::InvalidInput`] when another process works on this very job; [`Error::Io`] when the file cannot be read.
+    /// [`Error::InvalidInput`] when another process is working on the same job; [`Error::Io`] when the file cannot be read.
     pub(crate) fn open(&self, identity: &Identity, observer: &dyn Observer) -> Result<()> {
         let Some(place) = &self.place else { return Ok(()) };
         let own = place.checkpoint_of(identity);
@@ -120,14 +121,14 @@ impl Checkpoint {
         let journal = Journal::open(own, identity)?;
         if journal.blocks() > 0 {
             observer.tell(&format!(
-                "continuing an interrupted run: {} blocks of {} are stored",
+                "resuming an interrupted run: {} blocks of {} are stored",
                 journal.blocks(),
                 gib(journal.bytes())
             ));
-        } else if journal.was_damaged() {
+        } else if journal.damaged {
             observer.tell(&format!(
                 "{} holds no intact block; the run starts from the beginning",
-                journal.path().display()
+                journal.path.display()
             ));
         }
         *self.journal() = Some(journal);
@@ -138,25 +139,25 @@ impl Checkpoint {
         self.journal.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// How often blocks are stored; `None` when they are not.
+    /// The interval at which blocks are stored; `None` when they are not.
     fn every(&self) -> Option<Duration> {
         self.place.as_ref().map(|place| place.every)
     }
 
-    /// What is stored and how to resume from it, in words; `None` when nothing is.
+    /// What is stored and how to resume from it, in words; `None` when nothing is stored.
     pub fn how_to_continue(&self) -> Option<String> {
         let journal = self.journal();
         let journal = journal.as_ref().filter(|journal| journal.blocks() > 0)?;
         Some(format!(
             "{} finished blocks are stored in {}; the same command resumes from there",
             journal.blocks(),
-            journal.path().display()
+            journal.path.display()
         ))
     }
 
-    /// Deletes the checkpoint, and those that other jobs with this output left, now that the output is complete.
+    /// Deletes the checkpoint, and those of other jobs with this output, when the output is complete.
     pub fn remove(self) {
-        // One that cannot be deleted does no harm: its identity is checked before it is used.
+        // A checkpoint that cannot be deleted does no harm: its identity is checked before it is used.
         let Some(place) = &self.place else { return };
         drop(self.journal().take());
         for path in place.checkpoints() {
@@ -166,24 +167,24 @@ impl Checkpoint {
         }
     }
 
-    /// Fills `block` with a block of the journal; `false` where it has no intact one of this length.
+    /// Fills `block` from the journal; `false` if the journal has no intact block of this length.
     fn load(&self, stage: Stage, k: u64, block: &mut [Complex32]) -> bool {
         self.journal().as_mut().is_some_and(|journal| journal.read(stage, k, block))
     }
 
-    /// Appends a block to the journal. A disk that takes no more is reported once, and no further blocks are stored.
+    /// Appends a block to the journal. A full disk is reported once, and no further blocks are stored.
     fn save(&self, stage: Stage, k: u64, block: &[Complex32], observer: &dyn Observer) {
         let mut journal = self.journal();
         let (Some(journal), Some(place)) = (journal.as_mut(), &self.place) else { return };
-        if journal.is_closed() {
+        if journal.closed {
             return;
         }
         let needed = (size_of_val(block) as u64)
             .saturating_add(self.reserved.load(Ordering::Relaxed))
             .saturating_add(MARGIN);
         let problem = if free_space(&place.folder).is_some_and(|free| free < needed) {
-            journal.close();
-            format!("{} has no room for more than the output", place.folder.display())
+            journal.closed = true;
+            format!("{} has no space for more than the output", place.folder.display())
         } else {
             let Err(problem) = journal.append(stage, k, block) else { return };
             problem.to_string()
@@ -197,7 +198,7 @@ impl Place {
         self.folder.join(format!(".{}.{identity}{SUFFIX}", self.name))
     }
 
-    /// All checkpoints of this output, of whatever job.
+    /// All checkpoints of this output, of any job.
     fn checkpoints(&self) -> Vec<PathBuf> {
         let head = format!(".{}.", self.name);
         let is_checkpoint = |name: &str| {

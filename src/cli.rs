@@ -1,7 +1,7 @@
-//! The command line: what can be typed, and how results, warnings and errors are shown.
+//! The command line: its commands and options, and how results, warnings and errors are shown.
 //!
-//! Results go to standard output, everything else to standard error. Only the binary has this module; the library
-//! never prints.
+//! Results go to standard output, everything else to standard error. Only the binary uses this module; the library never
+//! prints.
 
 mod commands;
 mod design;
@@ -26,17 +26,17 @@ use std::process::ExitCode;
 use std::time::Duration;
 use terminal::Terminal;
 
-/// The version with the commit it was built from.
+/// The version, with the commit of the build.
 const VERSION: &str = concat!(env!("CARGO_PKG_VERSION"), " (", env!("HOLOSONAR_COMMIT"), ")");
 
 const AFTER_HELP: &str = "\
 Exit status: 0 done; 1 I/O or memory error; 2 the request or an input file is wrong; 3 a limit of \
 compare or check was missed; 130 interrupted (Ctrl-C), 143 terminated.
 
-Environment: NO_COLOR, if not empty, leaves out colours; HOLOSONAR_SIMD=baseline, avx2 or avx512 limits the \
-instructions that the program's own loops take, which changes no byte of a result.";
+Environment: NO_COLOR, if not empty, disables colours; HOLOSONAR_SIMD=baseline, avx2 or avx512 limits the vector \
+instructions of the program's own loops, which changes no byte of a result.";
 
-/// What stands below `--help`.
+/// The text at the end of `--help`.
 fn after_help() -> String {
     format!("{}\n{AFTER_HELP}", guide::topics())
 }
@@ -52,7 +52,7 @@ struct Cli {
     common: Common,
 }
 
-/// What every command takes.
+/// The options of every command.
 #[derive(Debug, Args)]
 struct Common {
     /// Print results as JSON.
@@ -64,31 +64,27 @@ struct Common {
     /// Print what each stage did and how long it took.
     #[arg(short, long, global = true, conflicts_with = "quiet")]
     verbose: bool,
-    /// Worker threads; the results do not depend on it [default: one per core].
+    /// Worker threads; the results do not depend on their number [default: one per core].
     #[arg(short = 'j', long, global = true, value_name = "N")]
     threads: Option<u16>,
-    /// Most memory to use, as in 2GiB or 500MB; a job that needs more is refused [default: 80 % of what is free].
+    /// Maximum memory, as in 2GiB or 500MB; a job that needs more is refused [default: 80 % of what is free].
     #[arg(long, global = true, value_name = "SIZE")]
     memory: Option<String>,
 }
 
-/// How often a long job stores its finished blocks, from which the same command resumes after an interruption.
+/// How often a long job stores its finished blocks.
 #[derive(Debug, Args, Clone)]
-struct Keeping {
-    /// Store finished blocks every so many seconds, so that the same command resumes an interrupted run; 0: after every
-    /// block.
+struct CheckpointArgs {
+    /// Store finished blocks at this interval, so that the same command resumes an interrupted run; 0: after every block.
     #[arg(long, value_name = "SECONDS", default_value_t = 5.0)]
     checkpoint_every: f64,
 }
 
-impl Keeping {
+impl CheckpointArgs {
     fn every(&self) -> Result<Duration, Error> {
-        Duration::try_from_secs_f64(self.checkpoint_every).map_err(|_| {
-            Error::input(
-                "--checkpoint-every",
-                "was expected to be a number of seconds, 0 or more; 5 is usual",
-            )
-        })
+        let problem = "was expected to be a number of seconds, 0 or more; 5 is usual";
+        Duration::try_from_secs_f64(self.checkpoint_every)
+            .map_err(|_| Error::input("--checkpoint-every", problem))
     }
 }
 
@@ -100,10 +96,10 @@ struct Settings {
     set: Vec<String>,
 }
 
-/// The same where there is a scene.
+/// How a run file with a scene is changed from the command line.
 #[derive(Debug, Args, Clone)]
 struct Overrides {
-    /// Unit of the mesh: m, cm, mm, in or ft (OBJ, STL and PLY do not say).
+    /// Unit of the mesh: m, cm, mm, in or ft (OBJ, STL and PLY do not define it).
     #[arg(long, value_name = "UNIT")]
     unit: Option<String>,
     #[command(flatten)]
@@ -111,7 +107,7 @@ struct Overrides {
 }
 
 impl Overrides {
-    /// All of them as run-file keys.
+    /// All overrides as run-file keys.
     fn keys(&self) -> Vec<String> {
         let unit = self.unit.iter().map(|unit| format!("scene.unit={unit}"));
         unit.chain(self.settings.set.iter().cloned()).collect()
@@ -120,13 +116,13 @@ impl Overrides {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// The main job: a scene (or a measured cube) to volume, depth map, pictures and report.
+    /// Images a scene or a measured cube: volume, depth map, pictures and report.
     ///
     /// INPUT is a run file (.toml), a bare mesh (.obj, .gltf, .glb, .stl, .ply), a list of reflectors (.csv) or a cube (.npz).
     Image {
         /// Run file, mesh, reflector list or cube.
         input: PathBuf,
-        /// Folder for the results; made if missing.
+        /// Folder for the results; created if missing.
         #[arg(short, long, value_name = "DIR")]
         output: PathBuf,
         /// Run file for a cube: its [grid], [reconstruct], [depth] and [output].
@@ -135,9 +131,9 @@ enum Command {
         #[command(flatten)]
         overrides: Overrides,
         #[command(flatten)]
-        keeping: Keeping,
+        checkpoint: CheckpointArgs,
     },
-    /// Scene to data cube (.npz).
+    /// Simulates the data cube (.npz) of a scene.
     Simulate {
         /// Run file, mesh or reflector list.
         input: PathBuf,
@@ -147,13 +143,13 @@ enum Command {
         #[command(flatten)]
         overrides: Overrides,
         #[command(flatten)]
-        keeping: Keeping,
+        checkpoint: CheckpointArgs,
     },
-    /// Data cube to volume (.npz, .exr, .vti, .nrrd by extension).
+    /// Reconstructs a data cube into a volume (.npz, .exr, .vti or .nrrd, by extension).
     Reconstruct {
         /// The cube.
         cube: PathBuf,
-        /// Run file: its [grid] and [reconstruct] count.
+        /// Run file, of which [grid], [reconstruct] and [output] are used.
         #[arg(short, long, value_name = "RUN.toml")]
         config: Option<PathBuf>,
         /// The volume to write (repeatable).
@@ -162,13 +158,13 @@ enum Command {
         #[command(flatten)]
         settings: Settings,
         #[command(flatten)]
-        keeping: Keeping,
+        checkpoint: CheckpointArgs,
     },
-    /// Volume (.npz) to depth map (.exr), or to its points (.ply).
+    /// Locates depth in a volume (.npz): depth map (.exr) or point cloud (.ply).
     Depth {
         /// The volume.
         volume: PathBuf,
-        /// Run file: its [depth] counts.
+        /// Run file, of which [depth] is used, and [sweep] if the volume does not contain its bandwidth.
         #[arg(short, long, value_name = "RUN.toml")]
         config: Option<PathBuf>,
         /// The depth map to write; .ply for a point cloud with normals.
@@ -177,7 +173,7 @@ enum Command {
         #[command(flatten)]
         settings: Settings,
     },
-    /// Ray-cast ground truth of a scene, on the pixels of its depth map.
+    /// Ray-casts the ground truth of a scene on the pixels of its depth map.
     Truth {
         /// Run file or mesh.
         input: PathBuf,
@@ -187,9 +183,9 @@ enum Command {
         #[command(flatten)]
         overrides: Overrides,
     },
-    /// What a job will resolve, alias, need and write, in under a second and before anything runs.
+    /// Predicts resolution, aliasing, memory, time and files of a job, in under a second and before anything runs.
     ///
-    /// INPUT is what `image` takes. Prints the operations, bytes and seconds of every method, and which one it takes.
+    /// INPUT is as for `image`. Prints the operations, bytes and seconds of every method, and which one the job uses.
     Plan {
         /// Run file, mesh, reflector list or cube.
         input: PathBuf,
@@ -199,22 +195,22 @@ enum Command {
         /// Plan every value of a key, as in array.extent=0.5:2:0.25 or array.layout=grid,spiral,random (repeatable).
         #[arg(long, value_name = "KEY=VALUES", conflicts_with = "config")]
         sweep: Vec<String>,
-        /// Folder for sweep.png and sweep.json; made if missing.
+        /// Folder for sweep.png and sweep.json; created if missing.
         #[arg(short, long, value_name = "DIR", requires = "sweep")]
         output: Option<PathBuf>,
         #[command(flatten)]
         overrides: Overrides,
     },
-    /// What a point looks like: widths, sidelobes and ghosts, measured on a simulated reflector and as foretold.
+    /// Shows the image of a point: widths, sidelobes and grating lobes, measured on a simulated reflector and predicted.
     ///
-    /// INPUT is a run file, a bare mesh or a list of reflectors; of its scene only the size counts, for the grid.
+    /// INPUT is a run file, a bare mesh or a list of reflectors; only the size of its scene is used, for the grid.
     Psf {
         /// Run file, mesh or reflector list.
         input: PathBuf,
-        /// A point in m (repeatable) [default: the middle of the grid's nearest, middle and farthest depth].
+        /// Position of the point in m (repeatable) [default: the middle of the grid's nearest, middle and farthest depth].
         #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
         at: Vec<String>,
-        /// Folder for psf.png and psf.json; made if missing.
+        /// Folder for psf.png and psf.json; created if missing.
         #[arg(short, long, value_name = "DIR")]
         output: Option<PathBuf>,
         #[command(flatten)]
@@ -222,43 +218,43 @@ enum Command {
     },
     /// Scores a depth map against a truth.
     Compare {
-        /// Depth map: ours, or any EXR with a Z channel.
+        /// Depth map: from holosonar, or any EXR with a Z channel.
         result: PathBuf,
         /// Truth.
         truth: PathBuf,
-        /// Range resolution c/2B in m, when neither file says it.
+        /// Range resolution c/2B in m, if neither file contains it.
         #[arg(long, value_name = "M")]
         resolution: Option<f64>,
-        /// Least value of a metric, as in completeness=0.65; of a material completeness:glass=0.8, of each pixel's
+        /// Minimum of a metric, as in completeness=0.65; of a material completeness:glass=0.8, of each pixel's
         /// second surface completeness#2=0.8 (repeatable).
         #[arg(long, value_name = "NAME=VALUE")]
         min: Vec<String>,
-        /// Greatest value of a metric, as in median_error=0.01, named as for --min (repeatable).
+        /// Maximum of a metric, as in median_error=0.01, named as for --min (repeatable).
         #[arg(long, value_name = "NAME=VALUE")]
         max: Vec<String>,
-        /// Draw the error, found minus true, into this file.
+        /// Draw the error, found minus true depth, into this file.
         #[arg(long, value_name = "ERROR.png")]
         png: Option<PathBuf>,
     },
-    /// Runs scenes and holds each to its [expect]: one line a scene, exit status 3 if one misses.
+    /// Runs scenes and checks each against its [expect]: one line per scene, exit status 3 if one fails.
     Check {
         /// Run files.
         #[arg(required = true)]
         runs: Vec<PathBuf>,
-        /// Seeds of [reflectors] to run each scene with, as in 1,2,3; the mean is held to the limits [default: those
+        /// Seeds of [reflectors] to run each scene with, as in 1,2,3; the mean must keep the limits [default: those
         /// of [expect], or the scene's own].
         #[arg(long, value_name = "N,N,..", value_delimiter = ',')]
         seeds: Vec<u32>,
         #[command(flatten)]
         overrides: Overrides,
     },
-    /// The paper's Table I, its timings and Figures 3 to 7, computed anew and set beside the printed ones.
+    /// Recomputes the paper's Table I, its timings and Figures 3 to 7, and compares them with the printed ones.
     Reproduce {
-        /// Folder for the figures and for the numbers as JSON; left out, nothing is written.
+        /// Folder for the figures and for the numbers as JSON; if left out, nothing is written.
         #[arg(short, long, value_name = "DIR")]
         output: Option<PathBuf>,
     },
-    /// Makes the page report.html of a folder that `image` wrote: volume, slices, depth and numbers, to look at.
+    /// Makes the page report.html of a folder that `image` wrote: volume, slices, depth and numbers.
     Report {
         /// The folder of results.
         folder: PathBuf,
@@ -266,27 +262,27 @@ enum Command {
         #[arg(long)]
         open: bool,
     },
-    /// What a cube, volume, depth map, point cloud, mesh or run file holds.
+    /// Shows the content of a cube, volume, depth map, point cloud, mesh or run file.
     Info {
         /// The file.
         file: PathBuf,
         #[command(flatten)]
         overrides: Overrides,
     },
-    /// Writes an annotated run file and the corner mesh to start from.
+    /// Writes an annotated run file and the corner mesh, as a starting point.
     Init {
-        /// Folder; made if missing.
+        /// Folder; created if missing.
         #[arg(default_value = ".")]
         folder: PathBuf,
     },
     /// Prints the manual page, or writes one for every command and chapter of the guide into a folder.
     Man {
-        /// Folder for the pages, of sections 1 and 7; made if missing.
+        /// Folder for the pages, of sections 1 and 7; created if missing.
         folder: Option<PathBuf>,
     },
     /// Prints the help of a command or a chapter of the guide.
     Help {
-        /// A command; a topic of the guide; or `topics`, for their list [default: the help of the program].
+        /// A command; a topic of the guide; or `topics`, for a list of them [default: the help of the program].
         topic: Vec<String>,
     },
     /// Prints a completion script for a shell.
@@ -296,14 +292,14 @@ enum Command {
     },
 }
 
-/// Parses, runs, prints; returns the exit status.
+/// Parses the command line, runs the command and prints its result; returns the exit status.
 pub fn main() -> ExitCode {
     let cli = Cli::try_parse().unwrap_or_else(|error| explain(error).exit());
     terminal::explain_panics();
     signals::expect_aborts();
-    let terminal = Terminal::new(cli.common.quiet, cli.common.verbose);
+    let terminal = Terminal::new(&cli.common);
     if let Command::Help { topic } = &cli.command {
-        // Nothing that could be wrong with the machine or its settings stands in the way of the guide.
+        // The guide is shown even if threads, memory or settings are at fault.
         return finish(guide::help(topic), &terminal);
     }
     let result = start_threads(cli.common.threads)
@@ -317,33 +313,32 @@ pub fn main() -> ExitCode {
     finish(result, &terminal)
 }
 
-/// Prints the error, if there is one, and gives the exit status.
+/// Prints the error, if there is one, and returns the exit status.
 fn finish(result: Result<(), Error>, terminal: &Terminal) -> ExitCode {
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             terminal.error(&error);
-            ExitCode::from(
-                terminal.signalled().filter(|_| error == Error::Interrupted).unwrap_or(error.exit_status()),
-            )
+            let signal = terminal.signalled().filter(|_| error == Error::Interrupted);
+            ExitCode::from(signal.unwrap_or(error.exit_status()))
         }
     }
 }
 
-/// Says which command takes a file that was typed without one.
+/// Names the command for a file that was typed without one.
 fn explain(error: clap::Error) -> clap::Error {
     match error.get(ContextKind::InvalidSubcommand) {
         Some(ContextValue::String(name)) if Path::new(name).is_file() => Cli::command().error(
             ErrorKind::InvalidSubcommand,
             format!(
-                "'{name}' is a file, and a command was expected; to image it: holosonar image {name} -o DIR"
+                "'{name}' is a file, but a command was expected; to image it: holosonar image {name} -o DIR"
             ),
         ),
         _ => error,
     }
 }
 
-/// Limits the instruction set of our loops, if the environment says so.
+/// Limits the vector instructions of the program's own loops, if the environment requests it.
 fn limit_simd() -> Result<(), Error> {
     const NAME: &str = "HOLOSONAR_SIMD";
     if let Some(value) = std::env::var_os(NAME).filter(|value| !value.is_empty()) {
@@ -352,12 +347,12 @@ fn limit_simd() -> Result<(), Error> {
     Ok(())
 }
 
-/// Starts the worker threads before anything else asks for them.
+/// Starts the worker threads before their first use.
 fn start_threads(threads: Option<u16>) -> Result<(), Error> {
     if threads == Some(0) {
-        return Err(Error::input("--threads", "0 threads can do nothing; give 1 or more"));
+        return Err(Error::input("--threads", "0 threads cannot do any work; give 1 or more"));
     }
-    // Not left to the first use, which panics where no thread can be had.
+    // Not left to the first use, which panics if no thread can be started.
     let count = usize::from(threads.unwrap_or(0));
     rayon::ThreadPoolBuilder::new().num_threads(count).build_global().map_err(|e| {
         let problem = format!("the worker threads cannot be started: {e}; -j sets a smaller number of them");

@@ -1,10 +1,8 @@
-//! The run file: takes TOML text and `--set` overrides, gives what was typed, checked by itself, with every
-//! default filled in.
+//! The run file: takes TOML text and `--set` overrides, gives a checked [`RunFile`] with every default filled in.
 //!
-//! Nothing here knows what the stages want; turning a [`RunFile`] into their parameters comes later. What can
-//! be judged from the text alone (names, types, ranges, keys that contradict each other) is judged here, with
-//! the line at fault, so that no later message has to send a user back to it. Only the pipeline and the binary
-//! see this module.
+//! Everything that can be judged from the text alone (names, types, ranges, keys that contradict each other) is checked
+//! here, and errors name the line at fault. `resolve` turns the keys into the parameters of the stages, which do not see
+//! the run file: only the pipeline and the command line use this module.
 //!
 //! # Example
 //! ```
@@ -31,7 +29,7 @@ mod tables;
 mod tests;
 mod wording;
 
-pub use choices::{InputFile, Layout, Shading, Surface, VolumeFormat};
+pub use choices::{ArrayLayout, InputFile, Shading, SurfaceKind, VolumeFormat};
 pub use tables::{
     ArrayTable, DepthTable, DetectionTable, ExpectTable, GridTable, Limit, MediumTable, OutputTable,
     ReconstructTable, ReflectorsTable, SceneTable, SweepTable,
@@ -42,20 +40,20 @@ pub(crate) use wording::nearest;
 
 use crate::error::{Error, Result};
 use crate::scene::MaterialRule;
-use reader::{Fault, Reader};
+use reader::{Fault, ValueDeserializer};
 use serde::{Deserialize, Serialize};
-use source::Source;
+use source::ParsedRunFile;
 use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
-/// The annotated run file that `holosonar init` writes: it images `meshes/corner.obj` beside it.
+/// The annotated run file that `holosonar init` writes: it images `meshes/corner.obj` in the same folder.
 pub const ANNOTATED: &str = include_str!("config/annotated.toml");
 
-/// Bytes beyond which a file is taken for something else; run files have a few thousand.
-const LARGEST: u64 = 1 << 20;
+/// Maximum size of a run file, bytes; real ones have a few thousand.
+const MAX_BYTES: u64 = 1 << 20;
 
-/// Everything a run file says, one field per table.
+/// The content of a run file, one field per table.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct RunFile {
@@ -66,26 +64,26 @@ pub struct RunFile {
     pub materials: Vec<MaterialRule>,
     /// How surfaces become reflectors.
     pub reflectors: ReflectorsTable,
-    /// What sound travels through.
+    /// The medium of propagation.
     pub medium: MediumTable,
     /// The frequencies.
     pub sweep: SweepTable,
     /// Speaker and microphones.
     pub array: ArrayTable,
-    /// What is measured.
+    /// What is measured, and how accurately.
     pub detection: DetectionTable,
     /// The voxels.
     pub grid: GridTable,
     /// How the volume is computed.
     pub reconstruct: ReconstructTable,
-    /// How returns are found in it.
+    /// How returns are found in the volume.
     pub depth: DepthTable,
     /// Which files are written.
     pub output: OutputTable,
-    /// What the result is held to.
+    /// The limits that the metrics must keep.
     pub expect: ExpectTable,
-    /// Most bytes that a job of it may use; `None`: 80 % of what is free. No key of the file, since it is a matter of the
-    /// computer and changes no result.
+    /// Maximum memory of a job, bytes; `None`: 80 % of what is free. Not a key of the file, since it depends on the computer
+    /// and changes no result.
     #[serde(skip)]
     pub memory: Option<u64>,
 }
@@ -93,18 +91,17 @@ pub struct RunFile {
 impl RunFile {
     /// Reads the run file at `path`, then applies `overrides`, each `table.key=value`, in order.
     ///
-    /// The value of an override is TOML; a bare word is text. Files it names are, like the run file's own,
-    /// relative to the run file. Overriding one of two keys that exclude each other (`scene.translate` and
-    /// `scene.fit`, `array.pitch` and `array.extent`, `medium.sound_speed` and `medium.temperature`) withdraws the other.
+    /// The value of an override is TOML; a bare word is text. Files that it names are relative to the run file. Overriding one of two keys that exclude each other (`scene.translate` and
+    /// `scene.fit`, `array.pitch` and `array.extent`, `medium.sound_speed` and `medium.temperature`) removes the other.
     ///
     /// # Errors
-    /// A file that cannot be read or is no UTF-8, and everything [`RunFile::from_str_at`] refuses.
+    /// A file that cannot be read or is not UTF-8, and the errors of [`RunFile::from_str_at`].
     pub fn load(path: &Path, overrides: &[String]) -> Result<Self> {
         let reading = |error| Error::reading(path, error);
         let place = path.display().to_string();
         let mut bytes = Vec::new();
-        File::open(path).map_err(reading)?.take(LARGEST + 1).read_to_end(&mut bytes).map_err(reading)?;
-        if bytes.len() as u64 > LARGEST {
+        File::open(path).map_err(reading)?.take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(reading)?;
+        if bytes.len() as u64 > MAX_BYTES {
             return Err(Error::input(place, "is larger than 1 MiB; a run file is a few kilobytes of TOML"));
         }
         let text = String::from_utf8(bytes).map_err(|error| {
@@ -117,30 +114,27 @@ impl RunFile {
     /// Reads a run file's text; `place` names it in messages, and files it names are relative to `folder`.
     ///
     /// # Errors
-    /// Text that is no TOML; unknown tables, keys and words; values of the wrong type or outside their range;
-    /// keys that contradict each other. The message gives line, column and key, or the `--set` at fault.
+    /// Text that is not TOML; unknown tables, keys and words; values of the wrong type or outside their range;
+    /// keys that contradict each other. The message names line, column and key, or the `--set` at fault.
     pub fn from_str_at(text: &str, place: &str, folder: &Path, overrides: &[String]) -> Result<Self> {
-        let mut source = Source::parse(place, text)?;
-        for typed in overrides {
-            source.set(typed)?;
+        let mut parsed = ParsedRunFile::parse(place, text)?;
+        overrides.iter().try_for_each(|typed| parsed.set(typed))?;
+        let mut run = Self::read(&parsed.values).map_err(|fault| parsed.error(fault))?;
+        for file in [&mut run.scene.mesh, &mut run.array.file].into_iter().flatten() {
+            file.locate(folder);
         }
-        Self::read(&source).map_err(|fault| source.error(fault)).map(|mut run| {
-            for file in [&mut run.scene.mesh, &mut run.array.file].into_iter().flatten() {
-                file.locate(folder);
-            }
-            run
-        })
+        Ok(run)
     }
 
-    /// The typed values, filled and checked.
-    fn read(source: &Source) -> std::result::Result<Self, Fault> {
-        let mut run = Self::deserialize(Reader::whole(&source.values))?;
+    /// The values, filled and checked.
+    fn read(values: &toml::Value) -> std::result::Result<Self, Fault> {
+        let mut run = Self::deserialize(ValueDeserializer::root(values))?;
         run.fill()?;
         run.check_all()?;
         Ok(run)
     }
 
-    /// Checks a run file that was put together in memory as [`RunFile::load`] checks one that was typed.
+    /// Checks a run file that was built in memory, as [`RunFile::load`] checks one from a file.
     ///
     /// # Errors
     /// Values outside their range and keys that contradict each other; the message names the key.
@@ -149,7 +143,7 @@ impl RunFile {
             .map_err(|fault| Error::input(format!("run file, key `{}`", fault.path), fault.problem))
     }
 
-    /// The resolved run file as JSON, every default filled; what was left out is `null`.
+    /// The resolved run file as JSON, every default filled; keys without a value are `null`.
     ///
     /// # Panics
     /// Never: every value has a JSON form (a number that is not finite becomes `null`).
@@ -157,8 +151,7 @@ impl RunFile {
         serde_json::to_value(self).expect("tables of numbers, words and lists have a JSON form")
     }
 
-    /// The resolved run file as TOML, every default filled. Read at the same folder, it gives an equal
-    /// [`RunFile`].
+    /// The resolved run file as TOML, every default filled. Read in the same folder, it gives an equal [`RunFile`].
     ///
     /// # Panics
     /// Never: every value has a TOML form.

@@ -1,13 +1,34 @@
-//! The guide: chapters for those who use the program and for those who change it.
+//! The guide: chapters for users of the program and for its developers.
 //!
 //! `holosonar help TOPIC` shows the same chapters in a terminal, and `holosonar man DIR` writes them as manual pages. Their
 //! examples are run by the tests.
 
+/// A chapter of the guide, as the command line shows it.
+pub(crate) struct Chapter {
+    module: &'static str,
+    summary: &'static str,
+    /// Its Markdown.
+    pub(crate) text: &'static str,
+}
+
+impl Chapter {
+    /// Its topic, such as `run-file`.
+    pub(crate) fn topic(&self) -> String {
+        self.module.replace('_', "-")
+    }
+
+    /// Its subject, in a few words.
+    pub(crate) fn about(&self) -> String {
+        let summary = self.summary.trim().trim_end_matches('.');
+        summary[..1].to_lowercase() + &summary[1..]
+    }
+}
+
 // References between chapters. In the files themselves they lead to other files; here, where they come first, to modules.
 macro_rules! chapters {
-    ($($(#[$about:meta])* $name:ident: $text:expr;)+) => {
+    ($(#[doc = $about:literal] $name:ident: $text:expr;)+) => {
         $(
-            $(#[$about])*
+            #[doc = $about]
             ///
             /// [run-file]: crate::guide::run_file
             /// [files]: crate::guide::files
@@ -26,6 +47,10 @@ macro_rules! chapters {
             #[doc = $text]
             pub mod $name {}
         )+
+
+        /// The chapters, in reading order.
+        pub(crate) const CHAPTERS: &[Chapter] =
+            &[$(Chapter { module: stringify!($name), summary: $about, text: $text }),+];
     };
 }
 

@@ -1,17 +1,17 @@
-//! holosonar images 3-D scenes with sound: a loudspeaker at the origin, a planar microphone array, stepped tones, and
+//! holosonar images 3-D scenes with sound: a loudspeaker at the origin, a planar microphone array, stepped frequencies, and
 //! a reconstruction that turns the recorded interference into a volume and a depth map.
 //!
-//! It takes the method of Streeter et al. \[1\], a 2-D demonstration, to 3-D:
+//! It extends the method of Streeter et al. \[1\], a 2-D demonstration, to 3-D:
 //!
 //! ```text
 //! mesh (OBJ, glTF, STL, PLY) -> reflectors A(p) -> data cube m(f, r) -> volume Â(p) -> depth map -> EXR, VTI, npz, PNG
 //!                     ^ BVH occlusion    ^ Eq. 5              ^ Eq. 13 = 16
 //! ```
 //!
-//! A *measured* cube enters in the middle, at m(f, r), exactly as a simulated one does.
+//! A *measured* cube enters in the middle, at m(f, r), exactly like a simulated one.
 //!
 //! # Example
-//! One reflector, heard by 11 × 11 microphones, comes back where it was, at amplitude 1:
+//! One reflector, recorded by 11 × 11 microphones, is reconstructed at its position with amplitude 1:
 //! ```
 //! use holosonar::glam::DVec3;
 //! use holosonar::acquisition::{Instrument, MicArray, SimulateOptions, Sweep, simulate};
@@ -38,13 +38,13 @@
 //! How to use it: the [run file](guide::run_file), the [files](guide::files), [measured data](guide::measured), and how to
 //! [design](guide::design) a measurement. What it does: the [physics](guide::physics), the [method](guide::method), the
 //! [metrics](guide::metrics), the [paper](guide::paper) reproduced. What to expect: [interruption](guide::interruption) and
-//! memory, [performance](guide::performance), [limits](guide::limits). And where things are in the [code](guide::code).
+//! memory, [performance](guide::performance), [limits](guide::limits). Where things are: the [code](guide::code).
 //!
 //! # Conventions
 //! - SI units: m, s, Hz, m/s. Angles in run files are degrees. Phases are counted in cycles.
-//! - Axes as a camera's in computer vision: right-handed, x right, y **down**, +z from the array into the scene, as
-//!   seen by someone standing behind the array. The array lies in z = 0, the speaker at the origin. So an image's
-//!   column is x and its row is y, in every EXR, PNG and slice, with no flip anywhere.
+//! - Axes as in computer vision: right-handed, x right, y **down**, +z from the array into the scene, as seen from behind
+//!   the array. The array is in the plane z = 0, the speaker at the origin. So an image's column is x and its row is y, in
+//!   every EXR, PNG and slice, without any flip.
 //! - Arrays are `[frequency, y, x]` (cubes), `[z, y, x]` (volumes), `[y, x]` (maps), x fastest.
 //! - *Path length* is `|p − s| + |p − r|`, or `2|p − r|` for a monostatic scan; *range* is `|p|`; *depth* is `p_z`.
 //! - Quadrature: `m = Σ A e^{+i2πf·path/c}`. In-phase: its real part.
@@ -65,24 +65,24 @@
 //! | λ_c z/D | lateral resolution (not Eq. 12, which is an angle) | m | [`acquisition::Instrument::lateral_resolution`] |
 //!
 //! # Invariants
-//! - A module imports only from modules above it in the list below; a test reads the sources and holds it so.
+//! - A module imports only from modules above it in the list below; a test reads the sources and checks it.
 //! - [`reconstruct`] and [`depth`] never see the scene, so they cannot know the answer.
 //! - Only [`pipeline`] and the command line see the run file; stages take their own parameters and do no I/O.
 //! - Only the command line prints, draws progress or exits.
-//! - Nothing is set for the whole process, but for the limit on vector instructions ([`wave::simd::limit`]), which changes
-//!   no byte of a result.
-//! - Stages run on the threads of rayon's current pool (`ThreadPool::install`), and keep to the memory that their options name.
-//! - Every fast path stands beside a literal one, and a test compares them.
-//! - Same inputs and seed, same bytes, for any number of threads, limit of memory or interruption. Our own loops give the same bytes for any vector
-//!   width too ([`wave::simd::limit`]); matrix products and the C library's sines may round otherwise on another processor, by 2·10⁻⁶ of the
-//!   greatest amplitude at most.
+//! - The only setting of the whole process is the limit on vector instructions ([`wave::simd::limit`]), which changes no
+//!   byte of a result.
+//! - Stages run on the threads of rayon's current pool (`ThreadPool::install`), and within the memory limit of their options.
+//! - For every fast path there is a literal one, and a test compares them.
+//! - With the same inputs and seed, results are bit-identical for any number of threads, memory limit or interruption. Our
+//!   own loops are bit-identical for any vector width too ([`wave::simd::limit`]); matrix products and the C library's sines
+//!   may round differently on another processor, by at most 2·10⁻⁶ of the maximum amplitude.
 //! - What a user can cause is an [`error::Error`]; a panic is our mistake.
-//! - `unsafe` stands in one file, [`wave::simd`], which also says why it is not under `reconstruct`.
+//! - `unsafe` is in one file, [`wave::simd`], which also says why that is not in `reconstruct`.
 //!
 //! \[1\] L. Streeter, J. Scott, C. A. Lickfold, M. J. Cree, "Design of a Pseudo-Holographic Distributed Time-of-Flight
 //! Sonar Range-Imaging System". Equation numbers in these pages are that paper's.
 
-// What the command line alone uses is no mistake in a library built without it.
+// Items that only the command line uses are unused in a library without it.
 #![cfg_attr(not(feature = "cli"), allow(dead_code, unused_imports))]
 
 pub use glam;
@@ -113,10 +113,10 @@ pub mod config;
 pub mod pipeline;
 pub mod guide;
 #[cfg(feature = "cli")]
-#[doc(hidden)] // the command, not an interface: the binary calls its `main`
+#[doc(hidden)] // not an interface: the binary calls its `main`
 pub mod cli;
 
-// What messages must name: one way to say so for unit tests and for the tests from outside.
+// Assertions on messages, shared by unit tests and integration tests.
 #[cfg(test)]
 #[path = "../tests/holosonar/named.rs"]
 mod named;

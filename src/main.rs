@@ -1,4 +1,4 @@
-//! The `holosonar` command; all of it is the library's `cli`.
+//! The `holosonar` command, which is implemented in the library's `cli`.
 
 use std::process::ExitCode;
 

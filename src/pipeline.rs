@@ -1,7 +1,7 @@
-//! Every stage in order, on one page: [`image_scene`] and [`image_cube`] are the main job.
+//! The stages in order: [`image_scene`] and [`image_cube`] are the main jobs.
 //!
-//! Only this module and the binary see the run file. Stages are timed and their warnings kept for the report; the
-//! files are written by `outputs`, and `check` holds the same result to the run file's `[expect]`.
+//! Only this module and the command line use the run file. Stages are timed and their warnings collected for the report;
+//! `outputs` writes the files, and `limits` checks the same result against the run file's `[expect]`.
 //!
 //! # Example
 //! ```
@@ -17,7 +17,6 @@
 //! ```
 
 mod design;
-mod echoes;
 mod facts;
 mod forecast;
 mod identity;
@@ -27,13 +26,14 @@ mod log;
 mod memory;
 mod outputs;
 mod page;
+mod prepared_scene;
 mod report;
 
 pub use design::{Combination, DesignRow, DesignSweep, RunWith, SweptKey, point_spreads, sweep_designs};
 pub(crate) use facts::resolution_of;
 pub use forecast::{CommandMemory, Forecast, forecast_cube, forecast_scene};
 pub use job::JobOptions;
-pub use limits::{Bound, Judgement, Verdict, check_scene, hold};
+pub use limits::{Bound, Judgement, LimitVerdict, check_scene, hold};
 pub(crate) use outputs::error_note;
 pub use outputs::{write_cube, write_depth, write_outputs, write_volume};
 pub use page::write_page;
@@ -56,9 +56,9 @@ use crate::reconstruct::{
 use crate::reflectors::Reflectors;
 use crate::scene::Scene;
 use crate::truth::trace_depth_with;
-use echoes::{Echoes, Measurement};
 use log::Log;
 use memory::MemoryBudget;
+use prepared_scene::{Measurement, PreparedScene};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
@@ -66,76 +66,81 @@ use std::path::{Path, PathBuf};
 #[derive(Debug)]
 #[non_exhaustive]
 pub struct Outcome {
-    /// What was predicted.
+    /// The plan: resolution, ambiguity, aliasing and sizes as predicted.
     pub plan: Plan,
     /// The scene, when there was one.
     pub scene: Option<SceneSummary>,
     /// The reflectors simulated, when they were.
     pub reflectors: Option<Reflectors>,
-    /// What was simulated beyond Eq. 5 and done to the volume, in words.
+    /// What was simulated in addition to Eq. 5, and how the volume was corrected, in words.
     pub physics: Vec<String>,
-    /// What it was, or would be, measured with.
+    /// The instrument of the measurement, simulated or real.
     pub instrument: Instrument,
     /// The volume, and how it was computed.
     pub image: Reconstruction,
-    /// What was found.
+    /// The depth map found in the volume.
     pub depth: DepthMap,
-    /// What is there; only a mesh scene knows.
+    /// The true depth map; only a mesh scene has one.
     pub truth: Option<DepthMap>,
-    /// The one against the other, in all and by material and by surface.
+    /// The depth map compared with the truth: overall, by material and by surface.
     pub scores: Option<Scores>,
     /// Seconds per stage, in order.
     pub timings: Vec<(String, f64)>,
-    /// What the user should know.
+    /// Warnings for the user.
     pub warnings: Vec<String>,
 }
 
 impl Outcome {
-    /// How well the depth was found, where the truth is known.
+    /// The overall metrics of the depth map, if the truth is known.
     pub fn metrics(&self) -> Option<Metrics> {
         self.scores.as_ref().map(|scores| scores.all)
     }
 }
 
-/// Scene in, everything out: load, sample, plan, simulate, reconstruct, locate, trace the truth, score.
+/// Images a scene: loads, samples, plans, simulates, reconstructs, locates depth, traces the truth and scores.
 ///
 /// Finished blocks are stored in the checkpoint, and those of an interrupted run are not computed again;
 /// [`Checkpoint::remove`] deletes them once the files are written.
 ///
 /// # Errors
-/// What the stages refuse; a run file without a scene; no room for the files; another process at the same job.
+/// The errors of the stages; a run file without a scene; a disk without space for the files; another process that works on
+/// the same job.
 pub fn image_scene(run: &RunFile, job: &JobOptions) -> Result<Outcome> {
     let JobOptions { bare_mesh: bare, checkpoint, observer } = *job;
     let log = Log::new(observer);
     need_bandwidth("[sweep]", &run.sweep()?)?;
     let budget = MemoryBudget::of(run);
-    let echoes = log.timed("scene", || Echoes::of(&budget, bare, true, &log))?;
-    let raster = run.raster(echoes.scene.as_ref().and_then(Scene::camera))?;
-    echoes.warn(run, &log);
-    let volume = outputs::volume_bytes(run, &echoes.grid);
+    let prepared = log.timed("scene", || PreparedScene::of(&budget, bare, true, &log))?;
+    let raster = run.raster(prepared.scene.as_ref().and_then(Scene::camera))?;
+    prepared.warn(run, &log);
+    let volume = outputs::volume_bytes(run, &prepared.grid);
     checkpoint.check_space(volume)?;
-    checkpoint.open(&identity::of_scene("image", run, &echoes), observer)?;
-    let cube = log.timed("simulate", || simulate(run, &echoes, checkpoint, &log))?;
-    let (image, depth) = focus(&budget, &mut &cube, &echoes.grid, (raster, echoes.arrays), checkpoint, &log)?;
+    checkpoint.open(&identity::of_scene("image", run, &prepared), observer)?;
+    let cube = log.timed("simulate", || simulate(run, &prepared, checkpoint, &log))?;
+    let (image, depth) = reconstruct_and_locate(
+        &budget,
+        &mut &cube,
+        &prepared.grid,
+        (raster, prepared.arrays),
+        checkpoint,
+        &log,
+    )?;
     drop(cube);
-    let truth = echoes.scene.as_ref().map(|scene| {
-        let mut options = run.truth_options(echoes.instrument());
+    let truth = prepared.scene.as_ref().map(|scene| {
+        let mut options = run.truth_options(prepared.instrument());
         options.raster = raster;
-        log.timed("truth", || trace_depth_with(scene, &echoes.grid, &options, &log))
+        log.timed("truth", || trace_depth_with(scene, &prepared.grid, &options, &log))
     });
     let truth = truth.transpose()?;
-    let resolution = echoes.instrument().range_resolution().unwrap_or(f64::NAN);
+    let resolution = prepared.instrument().range_resolution().unwrap_or(f64::NAN);
     let scores = truth.as_ref().map(|truth| score(&depth, truth, resolution)).transpose()?;
-    let instrument = echoes.instrument().clone();
-    let physics = echoes.physics(run);
-    let (scene, reflectors, plan) = (echoes.summary(), Some(echoes.reflectors), echoes.plan);
     let (timings, warnings) = log.finish();
     Ok(Outcome {
-        plan,
-        scene,
-        reflectors,
-        physics,
-        instrument,
+        scene: prepared.summary(),
+        physics: prepared.measurement.physics(run),
+        plan: prepared.plan,
+        reflectors: Some(prepared.reflectors),
+        instrument: prepared.measurement.instrument,
         image,
         depth,
         truth,
@@ -145,10 +150,11 @@ pub fn image_scene(run: &RunFile, job: &JobOptions) -> Result<Outcome> {
     })
 }
 
-/// Cube in, everything but truth and metrics out; the checkpoint is used as by [`image_scene`].
+/// Images a cube: like [`image_scene`], but without a truth and metrics.
 ///
 /// # Errors
-/// What the stages refuse; a run file without a grid; no room for the files; another process at the same job.
+/// The errors of the stages; a run file without a grid; a disk without space for the files; another process that works on
+/// the same job.
 pub fn image_cube(run: &RunFile, mut cube: CubeFile, job: &JobOptions) -> Result<Outcome> {
     let JobOptions { checkpoint, observer, .. } = *job;
     let log = Log::new(observer);
@@ -164,47 +170,47 @@ pub fn image_cube(run: &RunFile, mut cube: CubeFile, job: &JobOptions) -> Result
     let raster = run.raster(None)?;
     checkpoint.check_space(outputs::volume_bytes(run, &grid))?;
     checkpoint.open(&identity::of_cube("image", run, &mut cube, &grid)?, observer)?;
-    let (image, depth) = focus(&budget, &mut cube, &grid, (raster, samples), checkpoint, &log)?;
+    let (image, depth) =
+        reconstruct_and_locate(&budget, &mut cube, &grid, (raster, samples), checkpoint, &log)?;
     let (timings, warnings) = log.finish();
-    let (scene, reflectors, truth, scores) = (None, None, None, None);
-    let physics: Vec<String> = facts::compensation(run).into_iter().collect();
     Ok(Outcome {
         plan,
-        scene,
-        reflectors,
-        physics,
+        scene: None,
+        reflectors: None,
+        physics: facts::compensation(run).into_iter().collect(),
         instrument,
         image,
         depth,
-        truth,
-        scores,
+        truth: None,
+        scores: None,
         timings,
         warnings,
     })
 }
 
-/// Scene in, cube out; the checkpoint is used as by [`image_scene`].
+/// Simulates the cube of a scene; the checkpoint is used as by [`image_scene`].
 ///
 /// # Errors
-/// What the stages refuse; a run file without a scene; no room for the file; another process at the same job.
+/// The errors of the stages; a run file without a scene; a disk without space for the file; another process that works on
+/// the same job.
 pub fn simulate_scene(run: &RunFile, job: &JobOptions) -> Result<DataCube> {
     let JobOptions { bare_mesh: bare, checkpoint, observer } = *job;
-    let echoes = Echoes::of(&MemoryBudget::of(run), bare, false, observer)?;
-    echoes.warn(run, observer);
-    let bytes = echoes.instrument().cube_bytes();
+    let prepared = PreparedScene::of(&MemoryBudget::of(run), bare, false, observer)?;
+    prepared.warn(run, observer);
+    let bytes = prepared.instrument().cube_bytes();
     // In-phase samples are written without imaginary parts.
-    let written = if echoes.instrument().detection == Detection::InPhase { bytes / 2 } else { bytes };
+    let written = if prepared.instrument().detection == Detection::InPhase { bytes / 2 } else { bytes };
     checkpoint.check_space(written)?;
-    checkpoint.open(&identity::of_scene("simulate", run, &echoes), observer)?;
-    simulate(run, &echoes, checkpoint, observer)
+    checkpoint.open(&identity::of_scene("simulate", run, &prepared), observer)?;
+    simulate(run, &prepared, checkpoint, observer)
 }
 
-/// Cube in, volume files out, and their names; of the run file only `[grid]` and `[reconstruct]` count. The checkpoint is
-/// used as by [`image_scene`].
+/// Reconstructs a cube into volume files and returns their names; of the run file only `[grid]`, `[reconstruct]` and
+/// `[output]` are used. The checkpoint is used as by [`image_scene`].
 ///
 /// # Errors
-/// What the stages refuse; a run file without a grid; a file that cannot be written, or no room for it; another process
-/// at the same job.
+/// The errors of the stages; a run file without a grid; a file that cannot be written, or a disk without space for it;
+/// another process that works on the same job.
 pub fn reconstruct_cube(
     run: &RunFile,
     mut cube: CubeFile,
@@ -229,12 +235,12 @@ pub fn reconstruct_cube(
     files.finish()
 }
 
-/// Volume file in, depth map out, with the volume's own facts.
+/// Locates depth in a volume file; returns the depth map and the volume's metadata.
 ///
-/// Δd comes from the file, else from the run file's `[sweep]` if it is the measurement's (`sweep_known`).
+/// Δd comes from the file, or else from the run file's `[sweep]` if that is the sweep of the measurement (`sweep_known`).
 ///
 /// # Errors
-/// A file that is no volume; one that does not say its bandwidth, when there is no run file that does.
+/// A file that is not a volume; one that does not contain its bandwidth, if no run file gives it either.
 pub fn depth_of_volume(
     path: &Path,
     run: &RunFile,
@@ -248,7 +254,7 @@ pub fn depth_of_volume(
     let resolution = resolution_of(&meta).or_else(|| sweep_known.then(from_run)).ok_or_else(|| {
         Error::input(
             path.display(),
-            "does not say its bandwidth (`sound_speed` and `bandwidth` in `meta`), which depth needs; give a run file \
+            "does not contain its bandwidth (`sound_speed` and `bandwidth` in `meta`), which depth needs; give a run file \
              with -c",
         )
     })?;
@@ -257,10 +263,10 @@ pub fn depth_of_volume(
     Ok((locate_depth_with(&volume, &options, observer)?, meta))
 }
 
-/// Run file in, ground truth and its facts out; nothing is simulated.
+/// Traces the ground truth of a run file's scene; returns its metadata and the depth map. Nothing is simulated.
 ///
 /// # Errors
-/// What the stages refuse; a scene of reflectors, which has no surfaces.
+/// The errors of the stages; a scene of reflectors, which has no surfaces.
 pub fn truth_of_scene(run: &RunFile, job: &JobOptions) -> Result<(Value, DepthMap)> {
     let JobOptions { bare_mesh: bare, observer, .. } = *job;
     let measurement = Measurement::of(run)?;
@@ -280,31 +286,31 @@ pub fn truth_of_scene(run: &RunFile, job: &JobOptions) -> Result<(Value, DepthMa
     Ok((facts::instrument_facts(&instrument, run), truth))
 }
 
-/// Refuses to look for depth with a single tone, before the long work rather than after it.
+/// Refuses to locate depth with a single frequency, before the long work rather than after it.
 fn need_bandwidth(place: &str, sweep: &Sweep) -> Result<()> {
     if sweep.bandwidth() > 0.0 {
         return Ok(());
     }
     Err(Error::input(
         place,
-        "is a single tone, but depth needs a bandwidth (the range resolution is c/2B); take several frequencies, or use \
-         `simulate` and `reconstruct`, which do without",
+        "is a single frequency, but depth needs a bandwidth (the range resolution is c/2B); use several frequencies, or \
+         `simulate` and `reconstruct`, which need no bandwidth",
     ))
 }
 
-/// The simulation, its tiles stored in the checkpoint.
+/// Simulates a scene, with a checkpoint of its tiles.
 fn simulate(
     run: &RunFile,
-    echoes: &Echoes,
+    prepared: &PreparedScene,
     checkpoint: &Checkpoint,
     observer: &dyn Observer,
 ) -> Result<DataCube> {
     let stop = GracefulStop::new(checkpoint, observer);
     let mut store = CheckpointStore::new(checkpoint, Stage::Cube, &stop);
-    echoes.simulate(run, &mut store, &stop)
+    prepared.simulate(run, &mut store, &stop)
 }
 
-/// The reconstruction, its depths stored in the checkpoint.
+/// Reconstructs a volume, with a checkpoint of its depths.
 fn reconstruct(
     source: &mut dyn CubeSource,
     grid: &Grid,
@@ -318,8 +324,8 @@ fn reconstruct(
     reconstruct_into(source, grid, options, &mut sink, &stop)
 }
 
-/// Reconstruction and depth, which every job with a cube shares.
-fn focus(
+/// Reconstructs a cube and locates depth in the volume.
+fn reconstruct_and_locate(
     budget: &MemoryBudget,
     source: &mut dyn CubeSource,
     grid: &Grid,
@@ -329,20 +335,15 @@ fn focus(
 ) -> Result<(Reconstruction, DepthMap)> {
     let resolution = source.instrument().range_resolution().unwrap_or(f64::NAN);
     let options = budget.options(&budget.imaging(source.instrument(), grid, arrays));
-    // Filled when the reconstruction begins, so that nothing is reserved for a job that is refused.
+    // Allocated when the reconstruction begins, so that nothing is allocated for a job that is refused.
     let mut volume = Volume { grid: *grid, samples: Vec::new() };
     let info =
         log.timed("reconstruct", || reconstruct(source, grid, &options, &mut volume, checkpoint, log))?;
-    let ReconstructionInfo { method, error_bound } = info;
-    let image = Reconstruction { volume, method, error_bound };
+    let image = Reconstruction { volume, method: info.method, error_bound: info.error_bound };
+    let [depths, rows, columns] = grid.shape();
+    let (method, error_bound, peak) = (image.method, image.error_bound, image.volume.peak());
     log.note(&format!(
-        "{}, {} x {} x {} voxels, each to within {:.1e}; the peak is {:.3e}",
-        image.method,
-        grid.x.count,
-        grid.y.count,
-        grid.z.count,
-        image.error_bound,
-        image.volume.peak()
+        "{method}, {columns} x {rows} x {depths} voxels, each to within {error_bound:.1e}; the peak is {peak:.3e}"
     ));
     let mut search = budget.run.depth_options(resolution);
     search.raster = raster;
@@ -350,8 +351,8 @@ fn focus(
     log.note(&format!("a return at {} of {} pixels", depth.accepted(), depth.len()));
     if depth.accepted() == 0 {
         log.warn(
-            "no return was accepted anywhere: nothing in the grid echoes, or [depth] threshold_db is too high; the \
-             files are valid and empty",
+            "no return was accepted anywhere: nothing in the grid reflects sound, or [depth] threshold_db is too high; the \
+             files are valid, but empty",
         );
     }
     Ok((image, depth))
@@ -363,7 +364,7 @@ fn warn_all(warnings: &[String], observer: &dyn Observer) {
     }
 }
 
-/// Reads a scene as one reported stage: a million triangles take seconds.
+/// Reads a scene as a reported stage, since a million triangles take seconds.
 fn load_scene(path: &Path, run: &RunFile, bare: bool, observer: &dyn Observer) -> Result<Scene> {
     let options = run.load_options(bare)?;
     let scene = stage(observer, "reading the scene", 0, || Scene::load_with(path, &options, observer))?;
@@ -371,7 +372,7 @@ fn load_scene(path: &Path, run: &RunFile, bare: bool, observer: &dyn Observer) -
     Ok(scene)
 }
 
-/// The scene file that a run needs.
+/// The path of the scene file.
 fn scene_path(run: &RunFile) -> Result<&Path> {
     run.scene.mesh.as_ref().map(|file| file.path.as_path()).ok_or_else(|| {
         Error::input(
@@ -381,9 +382,9 @@ fn scene_path(run: &RunFile) -> Result<&Path> {
     })
 }
 
-/// Whether a scene file is in metres by its format's own rules: glTF.
+/// Whether the format of a scene file defines its unit as metres: glTF does.
 fn is_in_metres(path: &Path) -> bool {
-    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gltf") || e.eq_ignore_ascii_case("glb"))
+    ["gltf", "glb"].contains(&extension(path).as_str())
 }
 
 /// Whether a scene file is a list of reflectors.

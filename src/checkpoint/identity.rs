@@ -1,4 +1,4 @@
-//! What jobs are distinguished by.
+//! The identity of a job, by which its checkpoint is recognised.
 
 use crate::wave::simd::Level;
 use std::fmt;
@@ -6,16 +6,16 @@ use std::hash::{DefaultHasher, Hasher};
 
 /// Everything that the result of a job depends on, in 64 bits: inputs, parameters, program, processor.
 ///
-/// Not the number of threads, nor the limits of memory and of the instruction set: they change no byte. What the
-/// processor has is in it, because a library's matrix products may round differently on another.
+/// The number of threads and the limits on memory and instruction set are not part of it, because they change no byte. The
+/// processor is, because a library's matrix products may round differently on another one.
 #[derive(Debug, Clone)]
 pub(crate) struct Identity(DefaultHasher);
 
 impl Identity {
     /// The identity of a job of this name without any inputs.
     pub(crate) fn of(job: &str) -> Self {
-        // Written down for 64 bits by the standard library alone, with keys that are always the same; a program
-        // that was built otherwise does not resume a run of this one.
+        // This hasher has constant keys, but its algorithm may change with the standard library: a program that was built
+        // with another one does not resume a run of this one.
         let mut identity = Self(DefaultHasher::new());
         let program = concat!(env!("CARGO_PKG_VERSION"), " ", env!("HOLOSONAR_COMMIT"), " 1");
         let processor = Level::of_processor().as_str();
@@ -30,7 +30,7 @@ impl Identity {
         self.bytes(text.as_bytes());
     }
 
-    /// Adds numbers, bit for bit.
+    /// Adds numbers by their bits.
     pub(crate) fn numbers(&mut self, numbers: impl ExactSizeIterator<Item = f64>) {
         self.0.write_u64(numbers.len() as u64);
         numbers.for_each(|number| self.0.write_u64(number.to_bits()));

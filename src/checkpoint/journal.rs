@@ -1,9 +1,10 @@
-//! The file that blocks are appended to.
+//! The file to which blocks are appended.
 //!
-//! A heading of 32 bytes: `holosonar state\n`, the identity, zeros, a checksum of the 24 bytes before. Then records, each
-//! with a heading of 32 bytes (`stage`, `checksum of the samples`: u32; `block`, `bytes`: u64; `0`, `checksum of the
-//! heading`: u32) and the samples' bytes. All numbers are little-endian, samples as the machine has them (its kind is in the
-//! identity). The first heading that is not valid ends the file; samples that are not are computed again.
+//! The file begins with a heading of 32 bytes: `holosonar state\n`, the identity (u64), `0` and a checksum of the bytes before
+//! it (u32). Records follow, each with a heading of 32 bytes (`stage`, `checksum of the samples`: u32; `block`, `bytes`: u64;
+//! `0`, `checksum of the bytes before it`: u32) and the bytes of the samples. All numbers are little-endian, except the
+//! samples, which are in the processor's own order (the processor is part of the identity). Reading stops at the first
+//! invalid heading; blocks with invalid samples are computed again.
 
 use super::{Identity, Stage};
 use crate::error::{Error, Result};
@@ -13,7 +14,7 @@ use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-const MAGIC: &[u8; 16] = b"holosonar state\n";
+const MAGIC: [u64; 2] = [u64::from_le_bytes(*b"holosona"), u64::from_le_bytes(*b"r state\n")];
 const HEADING: usize = 32;
 
 /// Where the samples of a block are.
@@ -24,26 +25,27 @@ struct Record {
     checksum: u32,
 }
 
-/// The open checkpoint of one job; no file is made before the first block is written.
+/// The open checkpoint of one job; the file is created with the first block.
 #[derive(Debug)]
 pub(super) struct Journal {
-    path: PathBuf,
+    pub(super) path: PathBuf,
     key: u64,
     file: Option<File>,
     records: HashMap<(u32, u64), Record>,
     /// Where the next record goes.
     end: u64,
-    /// Nothing more is written.
-    closed: bool,
-    damaged: bool,
+    /// Whether no further blocks are written.
+    pub(super) closed: bool,
+    /// Whether there was a file without any intact block.
+    pub(super) damaged: bool,
 }
 
-/// Opens and locks a checkpoint, made if it is missing and `create`; the lock is released with the process, however it ends.
+/// Opens and locks a checkpoint, and creates a missing one if `create`; the lock ends with the process, however that ends.
 fn lock(path: &Path, create: bool) -> io::Result<Option<File>> {
     let file = OpenOptions::new().read(true).write(true).create(create).truncate(false).open(path)?;
     match file.try_lock() {
         Err(TryLockError::WouldBlock) => Ok(None),
-        // Where there are no locks, there is nobody to ask.
+        // Some file systems have no locks.
         _ => Ok(Some(file)),
     }
 }
@@ -53,26 +55,22 @@ pub(super) fn is_in_use(path: &Path) -> bool {
     matches!(lock(path, false), Ok(None))
 }
 
-fn heading(key: u64) -> [u8; HEADING] {
+/// Three words and their checksum.
+fn heading(words: [u64; 3]) -> [u8; HEADING] {
     let mut heading = [0; HEADING];
-    heading[..16].copy_from_slice(MAGIC);
-    heading[16..24].copy_from_slice(&key.to_le_bytes());
-    seal(&mut heading);
+    for (bytes, word) in heading.chunks_exact_mut(8).zip(words) {
+        bytes.copy_from_slice(&word.to_le_bytes());
+    }
+    let checksum = crc32fast::hash(&heading[..HEADING - 4]);
+    heading[HEADING - 4..].copy_from_slice(&checksum.to_le_bytes());
     heading
 }
 
-/// Ends a heading with its checksum.
-fn seal(heading: &mut [u8; HEADING]) {
-    let checksum = crc32fast::hash(&heading[..HEADING - 4]);
-    heading[HEADING - 4..].copy_from_slice(&checksum.to_le_bytes());
-}
-
-fn u32_at(bytes: &[u8], at: usize) -> u32 {
-    u32::from_le_bytes(std::array::from_fn(|i| bytes[at + i]))
-}
-
-fn u64_at(bytes: &[u8], at: usize) -> u64 {
-    u64::from_le_bytes(std::array::from_fn(|i| bytes[at + i]))
+/// The words of an intact heading.
+fn words_of(bytes: [u8; HEADING]) -> Option<[u64; 3]> {
+    let word = |i: usize| u64::from_le_bytes(std::array::from_fn(|byte| bytes[8 * i + byte]));
+    let words = [word(0), word(1), word(2)];
+    (heading(words) == bytes).then_some(words)
 }
 
 impl Journal {
@@ -91,9 +89,8 @@ impl Journal {
         let file = match lock(&journal.path, false) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(journal),
             Err(error) => {
-                return Err(
-                    Error::io(journal.path.display(), format!("cannot be read: {error}")).with_source(error)
-                );
+                let problem = format!("cannot be read: {error}");
+                return Err(Error::io(journal.path.display(), problem).with_source(error));
             }
             Ok(None) => return Err(journal.in_use()),
             Ok(Some(file)) => file,
@@ -106,7 +103,7 @@ impl Journal {
     fn in_use(&self) -> Error {
         Error::input(
             self.path.display(),
-            "is in use: another process works on this very job; wait for it, or write elsewhere",
+            "is in use: another process is working on the same job; wait for it, or write elsewhere",
         )
     }
 
@@ -114,27 +111,23 @@ impl Journal {
         let length = file.metadata()?.len();
         let mut bytes = [0; HEADING];
         file.read_exact(&mut bytes)?;
-        if bytes != heading(self.key) {
+        if words_of(bytes) != Some([MAGIC[0], MAGIC[1], self.key]) {
             return Err(io::ErrorKind::InvalidData.into());
         }
         while self.end + HEADING as u64 <= length {
             file.seek(SeekFrom::Start(self.end))?;
             file.read_exact(&mut bytes)?;
-            let mut sealed = bytes;
-            seal(&mut sealed);
-            let (offset, size) = (self.end + HEADING as u64, u64_at(&bytes, 16));
-            let Some(end) = offset.checked_add(size).filter(|end| sealed == bytes && *end <= length) else {
-                break;
+            let Some([stage_and_checksum, k, bytes]) = words_of(bytes) else { break };
+            let record = Record {
+                offset: self.end + HEADING as u64,
+                bytes,
+                checksum: (stage_and_checksum >> 32) as u32,
             };
-            let record = Record { offset, bytes: size, checksum: u32_at(&bytes, 4) };
-            self.records.insert((u32_at(&bytes, 0), u64_at(&bytes, 8)), record);
+            let Some(end) = record.offset.checked_add(bytes).filter(|end| *end <= length) else { break };
+            self.records.insert((stage_and_checksum as u32, k), record);
             self.end = end;
         }
         Ok(())
-    }
-
-    pub(super) fn path(&self) -> &Path {
-        &self.path
     }
 
     /// Number of blocks stored.
@@ -147,12 +140,7 @@ impl Journal {
         self.records.values().map(|record| record.bytes).sum()
     }
 
-    /// Whether there was a file of which nothing could be used.
-    pub(super) fn was_damaged(&self) -> bool {
-        self.damaged
-    }
-
-    /// Fills `block` with one that is stored; one that is damaged or of another length is dropped from the records.
+    /// Fills `block` with a stored one; a record that is damaged or of another length is removed.
     pub(super) fn read(&mut self, stage: Stage, k: u64, block: &mut [Complex32]) -> bool {
         let key = (stage as u32, k);
         let Some(record) = self.records.get(&key).copied() else { return false };
@@ -174,23 +162,13 @@ impl Journal {
         (crc32fast::hash(bytes) == record.checksum).then_some(())
     }
 
-    /// Whether nothing more is written.
-    pub(super) fn is_closed(&self) -> bool {
-        self.closed
-    }
-
-    /// Writes nothing more.
-    pub(super) fn close(&mut self) {
-        self.closed = true;
-    }
-
-    /// Appends a block. After a failure nothing more is written, and what was written before stays good.
+    /// Appends a block. After a failure nothing more is written, and earlier blocks remain valid.
     pub(super) fn append(&mut self, stage: Stage, k: u64, block: &[Complex32]) -> Result<()> {
         let written = self.try_append(stage, k, bytemuck::cast_slice(block));
         written.map_err(|error| {
             self.closed = true;
             if let Some(file) = &self.file {
-                // An incomplete record would be noticed anyway; without it there is more room for the output.
+                // An incomplete record would be detected anyway; without it the output has more space.
                 let _ = file.set_len(self.end);
             }
             if error.kind() == io::ErrorKind::WouldBlock {
@@ -205,27 +183,22 @@ impl Journal {
             let mut file = if let Some(file) = self.file.take() {
                 file
             } else {
-                // The output's folder may be made only with the output itself.
+                // The output's folder may not exist before the output itself.
                 self.path.parent().map_or(Ok(()), fs::create_dir_all)?;
                 lock(&self.path, true)?.ok_or(io::ErrorKind::WouldBlock)?
             };
             file.set_len(0)?;
             file.seek(SeekFrom::Start(0))?;
-            file.write_all(&heading(self.key))?;
+            file.write_all(&heading([MAGIC[0], MAGIC[1], self.key]))?;
             self.file = Some(file);
         }
         let mut file = self.file.as_ref().ok_or(io::ErrorKind::NotFound)?;
         let checksum = crc32fast::hash(bytes);
-        let mut heading = [0; HEADING];
-        heading[..4].copy_from_slice(&(stage as u32).to_le_bytes());
-        heading[4..8].copy_from_slice(&checksum.to_le_bytes());
-        heading[8..16].copy_from_slice(&k.to_le_bytes());
-        heading[16..24].copy_from_slice(&(bytes.len() as u64).to_le_bytes());
-        seal(&mut heading);
-        file.seek(SeekFrom::Start(self.end))?;
-        file.write_all(&heading)?;
-        file.write_all(bytes)?;
         let record = Record { offset: self.end + HEADING as u64, bytes: bytes.len() as u64, checksum };
+        let stage_and_checksum = u64::from(stage as u32) | u64::from(checksum) << 32;
+        file.seek(SeekFrom::Start(self.end))?;
+        file.write_all(&heading([stage_and_checksum, k, record.bytes]))?;
+        file.write_all(bytes)?;
         self.records.insert((stage as u32, k), record);
         self.end = record.offset + record.bytes;
         Ok(())

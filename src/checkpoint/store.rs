@@ -1,4 +1,4 @@
-//! The blocks of one stage in the journal: when they are written, and how a stop waits for them.
+//! The blocks of one stage in the journal: when they are written, and how long a stop waits for them.
 
 use super::Checkpoint;
 use crate::blocks::BlockStore;
@@ -9,13 +9,13 @@ use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// How long a run that is asked to stop may take to finish its block; then the block is given up.
+/// How long a run may take to finish its block after a stop was requested; then the block is abandoned.
 const GRACE_PERIOD: Duration = Duration::from_secs(5);
 
-/// Running time for every second that writing blocks takes, at the least.
+/// Minimum running time per time spent on writing blocks.
 const TIME_PER_WRITING: u32 = 50;
 
-/// The stages whose blocks are stored: the number spaces of a journal.
+/// The stages whose blocks are stored; each numbers its blocks separately.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[repr(u32)]
 pub(crate) enum Stage {
@@ -25,14 +25,14 @@ pub(crate) enum Stage {
     Volume = 2,
 }
 
-/// An observer that delays a stop until the block in progress is finished and saved, if that does not take long.
+/// An observer that delays a stop until the block in progress is finished and saved, within [`GRACE_PERIOD`].
 pub(crate) struct GracefulStop<'a> {
     inner: &'a dyn Observer,
     /// Whether blocks are saved at all.
     waits: bool,
-    /// When the stop was first noticed.
-    asked: OnceLock<Instant>,
-    /// Whether the blocks that were finished when the stop was asked for are saved; those in progress are not waited for.
+    /// When the request to stop was first noticed.
+    requested: OnceLock<Instant>,
+    /// Whether all blocks that were finished before the request are saved; those in progress are then not waited for.
     saved: AtomicBool,
 }
 
@@ -40,7 +40,7 @@ impl<'a> GracefulStop<'a> {
     /// An observer that passes everything on to `inner`.
     pub(crate) fn new(checkpoint: &Checkpoint, inner: &'a dyn Observer) -> Self {
         let waits = checkpoint.every().is_some();
-        Self { inner, waits, asked: OnceLock::new(), saved: AtomicBool::new(false) }
+        Self { inner, waits, requested: OnceLock::new(), saved: AtomicBool::new(false) }
     }
 }
 
@@ -64,7 +64,7 @@ impl Observer for GracefulStop<'_> {
     fn should_stop(&self) -> bool {
         let at_once = || !self.waits || self.saved.load(Ordering::Relaxed);
         self.inner.should_stop()
-            && (at_once() || self.asked.get_or_init(Instant::now).elapsed() > GRACE_PERIOD)
+            && (at_once() || self.requested.get_or_init(Instant::now).elapsed() > GRACE_PERIOD)
     }
 }
 
@@ -76,14 +76,14 @@ pub(crate) struct CheckpointStore<'a> {
     every: Option<Duration>,
     /// When the last blocks were written.
     last: Instant,
-    /// Since when blocks are being written.
+    /// When the current writing of blocks began.
     writing: Option<Instant>,
-    /// How long to wait at the least, for what the last time took.
+    /// Minimum pause before the next writing, in proportion to the duration of the last.
     pause: Duration,
 }
 
 impl<'a> CheckpointStore<'a> {
-    /// Those of `stage`; `stop` is the stage's observer.
+    /// The blocks of `stage`; `stop` is the stage's observer.
     pub(crate) fn new(checkpoint: &'a Checkpoint, stage: Stage, stop: &'a GracefulStop<'a>) -> Self {
         let (every, last) = (checkpoint.every(), Instant::now());
         Self { checkpoint, stage, stop, every, last, writing: None, pause: Duration::ZERO }
@@ -100,7 +100,7 @@ impl BlockStore for CheckpointStore<'_> {
         self.checkpoint.load(self.stage, k, block)
     }
 
-    /// At a stop, whatever the time.
+    /// Also `true` as soon as a stop is requested.
     fn is_due(&mut self) -> bool {
         let Some(every) = self.every else { return false };
         let enough = every.is_zero() || self.last.elapsed() >= every.max(self.pause);
@@ -114,8 +114,8 @@ impl BlockStore for CheckpointStore<'_> {
     }
 
     fn flush(&mut self) -> Result<()> {
-        if let Some(begun) = self.writing.take() {
-            self.pause = begun.elapsed() * TIME_PER_WRITING;
+        if let Some(start) = self.writing.take() {
+            self.pause = start.elapsed() * TIME_PER_WRITING;
         }
         self.last = Instant::now();
         if !self.stop.inner.should_stop() {

@@ -1,4 +1,4 @@
-//! Blocks stored and loaded, journals that were cut and flipped, and identities.
+//! Blocks stored and loaded, damaged journals, and identities.
 
 #![allow(clippy::unwrap_used)]
 
@@ -8,7 +8,7 @@ use crate::grid::{Axis, Grid, Volume};
 use crate::progress::Silent;
 use crate::reconstruct::{Method, ReconstructionInfo, VolumeSink};
 
-/// Remembers what it was told.
+/// Records what is reported.
 #[derive(Default)]
 struct Listener(Mutex<Vec<String>>);
 
@@ -18,13 +18,20 @@ impl Observer for Listener {
     }
 }
 
-/// Wants to stop.
+/// Requests a stop.
 struct Stopping;
 
 impl Observer for Stopping {
     fn should_stop(&self) -> bool {
         true
     }
+}
+
+/// A folder for a job's output of this name, and the job's identity.
+fn job(name: &str) -> (tempfile::TempDir, PathBuf, Identity) {
+    let folder = tempfile::tempdir().unwrap();
+    let output = folder.path().join(name);
+    (folder, output, Identity::of("test"))
 }
 
 fn block(k: u64) -> Vec<Complex32> {
@@ -37,14 +44,14 @@ fn opened(output: &Path, identity: &Identity) -> (Checkpoint, Vec<String>) {
     (checkpoint, listener.0.into_inner().unwrap())
 }
 
-/// With nothing due for longer than any test takes.
+/// With an interval longer than any test takes.
 fn opened_for_long(output: &Path, identity: &Identity) -> Checkpoint {
     let checkpoint = Checkpoint::beside(output, Duration::from_secs(1000));
     checkpoint.open(identity, &Silent).unwrap();
     checkpoint
 }
 
-/// Stores blocks 0 to 4 of a cube; gives the journal's path.
+/// Stores blocks 0 to 4 of a cube; returns the journal's path.
 fn stored(output: &Path, identity: &Identity) -> PathBuf {
     let (checkpoint, _) = opened(output, identity);
     let stop = GracefulStop::new(&checkpoint, &Silent);
@@ -57,7 +64,7 @@ fn stored(output: &Path, identity: &Identity) -> PathBuf {
     checkpoint.place.as_ref().unwrap().checkpoint_of(identity)
 }
 
-/// The blocks that can be loaded, which must be right.
+/// The numbers of the blocks that can be loaded, whose content must be correct.
 fn loaded(output: &Path, identity: &Identity) -> Vec<u64> {
     let (checkpoint, _) = opened(output, identity);
     let stop = GracefulStop::new(&checkpoint, &Silent);
@@ -73,10 +80,8 @@ fn loaded(output: &Path, identity: &Identity) -> Vec<u64> {
 
 #[test]
 fn blocks_are_loaded_until_the_output_is_complete() {
-    let folder = tempfile::tempdir().unwrap();
-    // In a folder that is not there yet.
-    let output = folder.path().join("new/cube.npz");
-    let identity = Identity::of("test");
+    // In a folder that does not exist yet.
+    let (_folder, output, identity) = job("new/cube.npz");
     assert_eq!(loaded(&output, &identity), [0u64; 0]);
     let path = stored(&output, &identity);
     assert_eq!(loaded(&output, &identity), [0, 1, 2, 3, 4]);
@@ -88,10 +93,8 @@ fn blocks_are_loaded_until_the_output_is_complete() {
 }
 
 #[test]
-fn every_cut_and_every_flipped_bit_is_noticed() {
-    let folder = tempfile::tempdir().unwrap();
-    let output = folder.path().join("cube.npz");
-    let identity = Identity::of("test");
+fn every_truncation_and_every_flipped_bit_is_detected() {
+    let (_folder, output, identity) = job("cube.npz");
     let path = stored(&output, &identity);
     let whole = fs::read(&path).unwrap();
     for length in (0..whole.len()).step_by(7) {
@@ -105,7 +108,7 @@ fn every_cut_and_every_flipped_bit_is_noticed() {
         fs::write(&path, flipped).unwrap();
         assert!(loaded(&output, &identity).len() < 5, "bit of byte {at}");
     }
-    // What is damaged is written again, and then all is there.
+    // A damaged block is written again, and then all can be loaded.
     let mut flipped = whole;
     flipped[32 + 3 * 432 + 100] ^= 4;
     fs::write(&path, flipped).unwrap();
@@ -116,8 +119,7 @@ fn every_cut_and_every_flipped_bit_is_noticed() {
 
 #[test]
 fn another_job_has_another_checkpoint() {
-    let folder = tempfile::tempdir().unwrap();
-    let output = folder.path().join("cube.npz");
+    let (_folder, output, _) = job("cube.npz");
     let identities = || {
         let (mut a, mut b) = (Identity::of("test"), Identity::of("test"));
         a.numbers([1.0, 2.0].into_iter());
@@ -134,7 +136,7 @@ fn another_job_has_another_checkpoint() {
         assert!(opened(&output, other).1[0].contains("other inputs or parameters"));
     }
     assert!(path.exists(), "its job may still be resumed");
-    // A journal under a wrong name.
+    // A journal with the wrong name.
     let (checkpoint, _) = opened(&output, &b);
     fs::copy(&path, checkpoint.place.as_ref().unwrap().checkpoint_of(&b)).unwrap();
     assert_eq!(loaded(&output, &b), [0u64; 0]);
@@ -143,10 +145,8 @@ fn another_job_has_another_checkpoint() {
 }
 
 #[test]
-fn two_processes_do_not_write_one_checkpoint() {
-    let folder = tempfile::tempdir().unwrap();
-    let output = folder.path().join("cube.npz");
-    let identity = Identity::of("test");
+fn two_processes_cannot_write_one_checkpoint() {
+    let (_folder, output, identity) = job("cube.npz");
     let path = stored(&output, &identity);
     let (checkpoint, _) = opened(&output, &identity);
     let second = Checkpoint::beside(&output, Duration::ZERO);
@@ -157,25 +157,25 @@ fn two_processes_do_not_write_one_checkpoint() {
     assert!(path.exists());
 }
 
-fn volume() -> Volume {
-    let axis = |count| Axis { first: 0.5, pitch: 0.1, count };
-    Volume { grid: Grid { x: axis(3), y: axis(2), z: axis(10) }, samples: Vec::new() }
+/// A volume of this many voxels along x, y and z, still empty.
+fn volume(count: [usize; 3]) -> Volume {
+    let [x, y, z] = count.map(|count| Axis { first: 0.5, pitch: 0.1, count });
+    Volume { grid: Grid { x, y, z }, samples: Vec::new() }
 }
 
 const INFO: ReconstructionInfo = ReconstructionInfo { method: Method::Direct, error_bound: 0.0 };
 
 #[test]
 fn resumed_depths_come_first_and_every_depth_once() {
-    let folder = tempfile::tempdir().unwrap();
-    let output = folder.path().join("volume.npz");
-    let identity = Identity::of("test");
+    let (_folder, output, identity) = job("volume.npz");
     let planes = |range: std::ops::Range<u16>| -> Vec<Complex32> {
         (range.start * 6..range.end * 6).map(|i| Complex32::new(i.into(), 1.0)).collect()
     };
     let (checkpoint, _) = opened(&output, &identity);
     let stop = GracefulStop::new(&checkpoint, &Silent);
-    let mut half = volume();
-    let mut sink = CheckpointedVolume::new(&checkpoint, &mut half, &volume().grid, &stop);
+    let mut half = volume([3, 2, 10]);
+    let grid = half.grid;
+    let mut sink = CheckpointedVolume::new(&checkpoint, &mut half, &grid, &stop);
     sink.begin(&INFO).unwrap();
     assert_eq!(sink.depths_done(), 0);
     sink.take(0, &planes(0..3)).unwrap();
@@ -184,28 +184,25 @@ fn resumed_depths_come_first_and_every_depth_once() {
 
     let (checkpoint, _) = opened(&output, &identity);
     let stop = GracefulStop::new(&checkpoint, &Silent);
-    let mut rest = volume();
-    let mut sink = CheckpointedVolume::new(&checkpoint, &mut rest, &volume().grid, &stop);
+    let mut rest = volume([3, 2, 10]);
+    let mut sink = CheckpointedVolume::new(&checkpoint, &mut rest, &grid, &stop);
     sink.begin(&INFO).unwrap();
     assert_eq!(sink.depths_done(), 5);
-    // A method that divides otherwise gives some depths again.
+    // A method with other slabs gives some depths again.
     sink.take(4, &planes(4..10)).unwrap();
     assert_eq!(rest.samples, planes(0..10));
 }
 
 #[test]
-fn only_so_many_depths_wait_and_the_last_are_left_to_the_result() {
-    let folder = tempfile::tempdir().unwrap();
-    let output = folder.path().join("volume.npz");
-    let identity = Identity::of("test");
+fn waiting_depths_are_limited_and_the_last_are_left_to_the_result() {
+    let (_folder, output, identity) = job("volume.npz");
     let checkpoint = opened_for_long(&output, &identity);
     let stop = GracefulStop::new(&checkpoint, &Silent);
-    let axis = |count| Axis { first: 0.5, pitch: 0.1, count };
-    let grid = Grid { x: axis(1024), y: axis(768), z: axis(8) };
-    let mut volume = Volume { grid, samples: Vec::new() };
+    let mut volume = volume([1024, 768, 8]);
+    let grid = volume.grid;
     let mut sink = CheckpointedVolume::new(&checkpoint, &mut volume, &grid, &stop);
     let plane = |depth: usize| vec![Complex32::new(depth as f32, 1.0); grid.plane_len()];
-    // 6 MiB each, of which two may wait: the third has them all written.
+    // 6 MiB each, of which two may wait: with the third, all are written.
     for depth in 0..8 {
         sink.take(depth, &plane(depth)).unwrap();
     }
@@ -222,9 +219,7 @@ fn only_so_many_depths_wait_and_the_last_are_left_to_the_result() {
 
 #[test]
 fn a_block_of_another_length_or_stage_is_not_loaded() {
-    let folder = tempfile::tempdir().unwrap();
-    let output = folder.path().join("cube.npz");
-    let identity = Identity::of("test");
+    let (_folder, output, identity) = job("cube.npz");
     stored(&output, &identity);
     let (checkpoint, _) = opened(&output, &identity);
     let stop = GracefulStop::new(&checkpoint, &Silent);
@@ -236,28 +231,26 @@ fn a_block_of_another_length_or_stage_is_not_loaded() {
     ] {
         let mut store = CheckpointStore::new(&checkpoint, stage, &stop);
         let mut found = vec![Complex32::ZERO; length];
-        // Another block each time: one that cannot be used is dropped.
+        // Another block each time: an unusable one is removed.
         assert_eq!(store.load(length as u64 - 48, &mut found), is_there, "{stage:?}, {length}");
     }
 }
 
 #[test]
 fn a_stop_is_obeyed_after_the_block_is_saved() {
-    let folder = tempfile::tempdir().unwrap();
-    let output = folder.path().join("cube.npz");
-    let identity = Identity::of("test");
+    let (_folder, output, identity) = job("cube.npz");
     let checkpoint = opened_for_long(&output, &identity);
     let stop = GracefulStop::new(&checkpoint, &Stopping);
-    assert!(!stop.should_stop(), "the block may end first");
+    assert!(!stop.should_stop(), "the block may be finished first");
     let mut store = CheckpointStore::new(&checkpoint, Stage::Cube, &stop);
-    assert!(store.is_due(), "whatever the time");
+    assert!(store.is_due(), "regardless of the interval");
     store.save(0, &block(0));
     assert_eq!(store.flush(), Err(Error::Interrupted));
-    assert!(stop.should_stop(), "another block that was begun meanwhile is not waited for");
+    assert!(stop.should_stop(), "a block that began later is not waited for");
     drop(checkpoint);
     assert_eq!(loaded(&output, &identity), [0]);
     assert!(
         GracefulStop::new(&Checkpoint::off(), &Stopping).should_stop(),
-        "nothing is stored, nothing to wait for"
+        "nothing is stored, so there is nothing to wait for"
     );
 }

@@ -1,4 +1,4 @@
-//! A volume that is stored depth by depth on its way to a sink, and whose first depths may come from an interrupted run.
+//! A sink that stores a volume depth by depth before it passes it on, and takes its first depths from an interrupted run.
 
 use super::{Checkpoint, CheckpointStore, GracefulStop, Stage};
 use crate::alloc::try_zeroed;
@@ -8,25 +8,25 @@ use crate::grid::{Grid, no_room_for};
 use crate::reconstruct::{ReconstructionInfo, VolumeSink};
 use num_complex::Complex32;
 
-/// The most bytes of finished depths that wait to be written; more are written before it is time.
+/// Maximum bytes of finished depths that wait to be written; beyond them, depths are written before the interval ends.
 pub(crate) const BUFFER_BYTES: u64 = 16 << 20;
 
 /// The same in samples.
-const MOST_WAITING: usize = BUFFER_BYTES as usize / size_of::<Complex32>();
+const MAX_WAITING: usize = BUFFER_BYTES as usize / size_of::<Complex32>();
 
-/// A sink before another. Block k is depth k.
+/// A sink that passes everything on to another. Block k is depth k.
 pub(crate) struct CheckpointedVolume<'a> {
     inner: &'a mut dyn VolumeSink,
     store: CheckpointStore<'a>,
     grid: Grid,
-    /// Depths that the other sink has, from the first on.
+    /// Depths that the inner sink has received, from the first on.
     done: usize,
-    /// Depths that are finished and not stored yet; they end before `done`.
+    /// Depths that are finished and not stored yet: the last of those in `done`.
     waiting: Vec<Complex32>,
 }
 
 impl<'a> CheckpointedVolume<'a> {
-    /// Before `inner`, which takes the depths of a grid; `stop` is the stage's observer.
+    /// A sink that passes the depths of a grid on to `inner`; `stop` is the stage's observer.
     pub(crate) fn new(
         checkpoint: &'a Checkpoint,
         inner: &'a mut dyn VolumeSink,
@@ -37,15 +37,15 @@ impl<'a> CheckpointedVolume<'a> {
         Self { inner, store, grid: *grid, done: 0, waiting: Vec::new() }
     }
 
-    /// Whether so many samples can wait beside those that do. There is room for all that ever will, so that it never grows.
+    /// Whether this many samples can wait in addition. Capacity for all that follow is reserved at once, so that it never grows.
     fn can_wait(&mut self, samples: usize) -> bool {
         let waiting = self.waiting.len();
         let left = waiting + samples + (self.grid.z.count - self.done) * self.grid.plane_len();
-        let room = MOST_WAITING.min(left).saturating_sub(waiting);
-        waiting + samples <= MOST_WAITING && self.waiting.try_reserve_exact(room).is_ok()
+        let capacity = MAX_WAITING.min(left).saturating_sub(waiting);
+        waiting + samples <= MAX_WAITING && self.waiting.try_reserve_exact(capacity).is_ok()
     }
 
-    /// Saves the depths that wait, and these after them up to `self.done`.
+    /// Saves the depths that wait, and then `planes`, the last of which is depth `self.done - 1`.
     fn save(&mut self, planes: &[Complex32]) -> Result<()> {
         let plane_len = self.grid.plane_len();
         let first = self.done - (self.waiting.len() + planes.len()) / plane_len;
@@ -74,7 +74,7 @@ impl VolumeSink for CheckpointedVolume<'_> {
 
     fn take(&mut self, first: usize, planes: &[Complex32]) -> Result<()> {
         let plane_len = self.grid.plane_len();
-        // A slab may begin with depths that were resumed.
+        // A slab may begin with depths that came from the checkpoint.
         let resumed = (self.done.saturating_sub(first) * plane_len).min(planes.len());
         let planes = &planes[resumed..];
         self.inner.take(self.done, planes)?;
@@ -82,18 +82,15 @@ impl VolumeSink for CheckpointedVolume<'_> {
         if !self.store.is_on() || planes.is_empty() {
             return Ok(());
         }
-        if self.store.is_due() {
+        // A complete volume is written as the result immediately.
+        let complete = self.done == self.grid.z.count;
+        if self.store.is_due() || !complete && !self.can_wait(planes.len()) {
             return self.save(planes);
         }
-        // A complete volume is written as the result right away.
-        if self.done == self.grid.z.count {
-            return Ok(());
-        }
-        if self.can_wait(planes.len()) {
+        if !complete {
             self.waiting.extend_from_slice(planes);
-            return Ok(());
         }
-        self.save(planes)
+        Ok(())
     }
 
     fn depths_done(&self) -> usize {

@@ -1,7 +1,7 @@
-//! One function per command: arguments in, library calls, results out.
+//! The commands: each turns its arguments into calls of the library and shows the results.
 
 use super::inputs::{check_kind, config_of, has_extension, reading_limit, scene_of};
-use super::outputs::{check_extension, make_folder, pretty, wrote};
+use super::outputs::{check_extension, make_folder, print_json, print_written};
 use super::terminal::{Terminal, observed, print};
 use super::verdicts::{check, compare};
 use super::{Cli, Command, Overrides, design, guide, info, manual, reproduce, summary};
@@ -17,112 +17,101 @@ use std::io::{ErrorKind, Write};
 use std::path::Path;
 use std::time::Duration;
 
-/// The corner mesh that `init` writes beside its run file.
+/// The mesh of the run file that `init` writes.
 const CORNER_MESH: &str = include_str!("../../scenes/meshes/corner.obj");
 
-/// Runs what was typed.
+/// Runs the command.
 pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
-    let json = cli.common.json;
     match &cli.command {
-        Command::Image { input, output, config, overrides, keeping } => {
-            let checkpoint = Checkpoint::within(output, keeping.every()?);
-            let made = make_folder(output)?;
+        Command::Image { input, output, config, overrides, checkpoint } => {
+            let checkpoint = Checkpoint::within(output, checkpoint.every()?);
+            let is_new = make_folder(output)?;
             check_folder(output)?;
-            let result = image(input, output, config.as_deref(), overrides, &checkpoint, json, terminal);
-            let result = ended(checkpoint, result, terminal);
-            if made && result.is_err() {
-                // A request that came to nothing leaves nothing behind; a folder with files in it stays.
+            let result = image(input, output, config.as_deref(), overrides, &checkpoint, terminal);
+            let result = conclude(checkpoint, result, terminal);
+            if is_new && result.is_err() {
+                // A failed request leaves no empty folder; a folder with files in it remains.
                 let _ = std::fs::remove_dir(output);
             }
             result
         }
-        Command::Simulate { input, output, overrides, keeping } => {
+        Command::Simulate { input, output, overrides, checkpoint } => {
             let (run, bare) = scene_of(input, overrides)?;
             check_extension(output, &["npz"])?;
             check_writable(output)?;
-            let checkpoint = Checkpoint::beside(output, keeping.every()?);
+            let checkpoint = Checkpoint::beside(output, checkpoint.every()?);
             let job = observed(terminal).with_bare_mesh(bare).with_checkpoint(&checkpoint);
             let result = pipeline::simulate_scene(&run, &job)
                 .and_then(|cube| stage(terminal, "writing", 0, || pipeline::write_cube(output, &cube)));
-            ended(checkpoint, result, terminal)?;
-            wrote(std::slice::from_ref(output), json, terminal)
+            conclude(checkpoint, result, terminal)?;
+            print_written(std::slice::from_ref(output), terminal)
         }
-        Command::Reconstruct { cube, config, output, settings, keeping } => {
+        Command::Reconstruct { cube, config, output, settings, checkpoint } => {
             for path in output {
                 check_extension(path, &["npz", "exr", "vti", "nrrd"])?;
                 check_writable(path)?;
             }
-            // The checkpoint lies beside the first of them.
-            let checkpoint = Checkpoint::beside(&output[0], keeping.every()?);
+            // The checkpoint is in the folder of the first output.
+            let checkpoint = Checkpoint::beside(&output[0], checkpoint.every()?);
             check_kind(cube, "a data cube", "simulate")?;
             let run = config_of(config.as_deref(), &settings.set)?;
             let cube = CubeFile::open(cube, reading_limit())?;
             let job = observed(terminal).with_checkpoint(&checkpoint);
             let result = pipeline::reconstruct_cube(&run, cube, output, &job);
-            let files = ended(checkpoint, result, terminal)?;
-            wrote(&files, json, terminal)
+            let files = conclude(checkpoint, result, terminal)?;
+            print_written(&files, terminal)
         }
         Command::Depth { volume, config, output, settings } => {
             check_extension(output, &["exr", "ply"])?;
             check_kind(volume, "a volume", "reconstruct")?;
             let run = config_of(config.as_deref(), &settings.set)?;
-            let known = config.is_some().then_some(&run);
-            let (map, facts) = pipeline::depth_of_volume(volume, &run, known.is_some(), &observed(terminal))?;
+            let sweep_known = config.is_some();
+            let (map, facts) = pipeline::depth_of_volume(volume, &run, sweep_known, &observed(terminal))?;
             pipeline::write_depth(output, &map, &run, &facts)?;
-            wrote(std::slice::from_ref(output), json, terminal)
+            print_written(std::slice::from_ref(output), terminal)
         }
         Command::Truth { input, output, overrides } => {
             check_extension(output, &["exr", "ply"])?;
             let (run, bare) = scene_of(input, overrides)?;
             let (facts, map) = pipeline::truth_of_scene(&run, &observed(terminal).with_bare_mesh(bare))?;
             pipeline::write_depth(output, &map, &run, &facts)?;
-            wrote(std::slice::from_ref(output), json, terminal)
+            print_written(std::slice::from_ref(output), terminal)
         }
         Command::Plan { input, sweep, output, overrides, .. } if !sweep.is_empty() => {
             if has_extension(input, &["npz"]) {
-                return Err(Error::input(
-                    input.display(),
-                    "is a cube, whose array is fixed; a sweep needs a run file",
-                ));
+                let problem = "is a cube, whose array is fixed; a sweep needs a run file";
+                return Err(Error::input(input.display(), problem));
             }
-            design::sweep(input, sweep, output.as_deref(), overrides, json, terminal)
+            design::sweep(input, sweep, output.as_deref(), overrides, terminal)
         }
         Command::Psf { input, at, output, overrides } => {
-            design::psf(input, at, output.as_deref(), overrides, json, terminal)
+            design::psf(input, at, output.as_deref(), overrides, terminal)
         }
-        Command::Plan { input, config, overrides, .. } => {
-            plan(input, config.as_deref(), overrides, json, terminal)
-        }
+        Command::Plan { input, config, overrides, .. } => plan(input, config.as_deref(), overrides, terminal),
         Command::Compare { result, truth, resolution, min, max, png } => {
-            compare(result, truth, *resolution, min, max, png.as_deref(), json)
+            compare(result, truth, *resolution, min, max, png.as_deref(), terminal)
         }
-        Command::Check { runs, overrides, seeds } => check(runs, overrides, seeds, json, terminal),
-        Command::Reproduce { output } => reproduce::run(output.as_deref(), json, terminal),
-        Command::Report { folder, open } => report(folder, *open, json, terminal),
+        Command::Check { runs, overrides, seeds } => check(runs, overrides, seeds, terminal),
+        Command::Reproduce { output } => reproduce::run(output.as_deref(), terminal),
+        Command::Report { folder, open } => report(folder, *open, terminal),
         Command::Info { file, overrides } => {
             let facts = info::of(file, overrides, reading_limit(), terminal)?;
-            print(&if json { pretty(&facts) } else { summary::facts(&facts) })
+            if terminal.json() { print_json(&facts) } else { print(&summary::facts(&facts)) }
         }
-        Command::Init { folder } => init(folder, json, terminal),
-        Command::Man { folder: None } => print_text(&manual::page()?, json),
-        Command::Man { folder: Some(folder) } => wrote(&manual::write(folder)?, json, terminal),
+        Command::Init { folder } => init(folder, terminal),
+        Command::Man { folder: None } => print_text(&manual::page()?, terminal),
+        Command::Man { folder: Some(folder) } => print_written(&manual::write(folder)?, terminal),
         Command::Help { topic } => guide::help(topic),
         Command::Completions { shell } => {
             let mut script = Vec::new();
             clap_complete::generate(*shell, &mut Cli::command(), "holosonar", &mut script);
-            print_text(&String::from_utf8_lossy(&script), json)
+            print_text(&String::from_utf8_lossy(&script), terminal)
         }
     }
 }
 
 /// Predicts a job of a cube or of a scene.
-fn plan(
-    input: &Path,
-    config: Option<&Path>,
-    overrides: &Overrides,
-    json: bool,
-    terminal: &Terminal,
-) -> Result<()> {
+fn plan(input: &Path, config: Option<&Path>, overrides: &Overrides, terminal: &Terminal) -> Result<()> {
     let forecast = if has_extension(input, &["npz"]) {
         let run = config_of(config, &overrides.keys())?;
         pipeline::forecast_cube(&run, &CubeFile::open(input, reading_limit())?)?
@@ -134,38 +123,34 @@ fn plan(
     for warning in &forecast.warnings {
         terminal.warn(warning);
     }
-    if json {
-        let value =
-            serde_json::to_value(&forecast).map_err(|e| Error::io("plan", e.to_string()).with_source(e))?;
-        return print(&pretty(&value));
+    if terminal.json() {
+        return print_json(&forecast);
     }
     print(&(summary::forecast(&forecast) + &design::design(&forecast.design)))
 }
 
-/// Makes the page of a folder of results, and shows it if asked to.
-fn report(folder: &Path, open: bool, json: bool, terminal: &Terminal) -> Result<()> {
+/// Makes the page of a folder of results, and opens it on request.
+fn report(folder: &Path, open: bool, terminal: &Terminal) -> Result<()> {
     if !folder.is_dir() {
-        return Err(Error::input(
-            folder.display(),
-            "no such folder; one that `holosonar image ... -o` wrote was expected",
-        ));
+        let problem = "no such folder; one that `holosonar image ... -o` wrote was expected";
+        return Err(Error::input(folder.display(), problem));
     }
     let page = stage(terminal, "packing the page", 0, || pipeline::write_page(folder, reading_limit()))?;
-    wrote(std::slice::from_ref(&page), json, terminal)?;
+    print_written(std::slice::from_ref(&page), terminal)?;
     if open { show(&page) } else { Ok(()) }
 }
 
-/// How long a browser's starter is watched for a failure; one that fails does so at once, one that does not may stay for as long
-/// as the browser.
-const STARTING: Duration = Duration::from_secs(2);
+/// How long the program that opens the page is watched for a failure: failures are immediate, and without one it may run as
+/// long as the browser.
+const START_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// Opens a page with the program that the system takes for HTML; does not wait for its end.
+/// Opens a page with the system's program for HTML; does not wait for that to end.
 fn show(page: &Path) -> Result<()> {
-    // A relative name could be taken for an option or a URL.
+    // A relative path could be mistaken for an option or a URL.
     let page = std::path::absolute(page).unwrap_or_else(|_| page.to_path_buf());
-    open::that_detached_with_timeout(&page, STARTING).map_err(|error| {
+    open::that_detached_with_timeout(&page, START_TIMEOUT).map_err(|error| {
         let why = match error.kind() {
-            ErrorKind::NotFound => "no program to open a page with was found, xdg-open or another".to_owned(),
+            ErrorKind::NotFound => "no program that opens web pages was found, such as xdg-open".to_owned(),
             _ => format!("the page could not be opened ({error})"),
         };
         Error::io("--open", format!("{why}; open {} in a browser yourself", page.display()))
@@ -173,14 +158,13 @@ fn show(page: &Path) -> Result<()> {
     })
 }
 
-/// Images an input into a folder that is there.
+/// Images an input into an existing folder.
 fn image(
     input: &Path,
     folder: &Path,
     config: Option<&Path>,
     overrides: &Overrides,
     checkpoint: &Checkpoint,
-    json: bool,
     terminal: &Terminal,
 ) -> Result<()> {
     let job = observed(terminal).with_checkpoint(checkpoint);
@@ -196,17 +180,14 @@ fn image(
         (run, outcome)
     };
     let report = pipeline::write_outputs(&run, &outcome, folder, &job)?;
-    if json {
-        // Not by way of a `Value`, which would write an f32 with the digits of an f64.
-        let text = serde_json::to_string_pretty(&report)
-            .map_err(|e| Error::io("report", e.to_string()).with_source(e))?;
-        return print(&(text + "\n"));
+    if terminal.json() {
+        return print_json(&report);
     }
     if terminal.is_quiet() { Ok(()) } else { print(&summary::image(input, folder, &report, &outcome)) }
 }
 
-/// Deletes the checkpoint once a job is done, and else says how to resume from it.
-fn ended<T>(checkpoint: Checkpoint, result: Result<T>, terminal: &Terminal) -> Result<T> {
+/// Deletes the checkpoint of a job that succeeded, or else tells how to resume from it.
+fn conclude<T>(checkpoint: Checkpoint, result: Result<T>, terminal: &Terminal) -> Result<T> {
     match result {
         Ok(_) => checkpoint.remove(),
         Err(_) => terminal.advise(checkpoint.how_to_continue()),
@@ -214,13 +195,13 @@ fn ended<T>(checkpoint: Checkpoint, result: Result<T>, terminal: &Terminal) -> R
     result
 }
 
-fn init(folder: &Path, json: bool, terminal: &Terminal) -> Result<()> {
+fn init(folder: &Path, terminal: &Terminal) -> Result<()> {
     let files =
         [(folder.join("corner.toml"), ANNOTATED), (folder.join("meshes").join("corner.obj"), CORNER_MESH)];
     if let Some((path, _)) = files.iter().find(|(path, _)| path.exists()) {
         return Err(Error::input(
             path.display(),
-            "is there already and would be overwritten; choose another folder",
+            "already exists and would be overwritten; choose another folder",
         ));
     }
     make_folder(folder)?;
@@ -228,24 +209,20 @@ fn init(folder: &Path, json: bool, terminal: &Terminal) -> Result<()> {
         write_atomically(path, |file| file.write_all(text.as_bytes()))?;
     }
     let paths = files.map(|(path, _)| path);
-    wrote(&paths, json, terminal)?;
-    if json || terminal.is_quiet() {
+    print_written(&paths, terminal)?;
+    if terminal.json() || terminal.is_quiet() {
         return Ok(());
     }
     print(&format!("now try: holosonar image {} -o {}\n", paths[0].display(), folder.join("out").display()))
 }
 
-/// Prints a text that another program is to read, which JSON wraps.
-fn print_text(text: &str, json: bool) -> Result<()> {
-    if json { print(&pretty(&serde_json::json!({ "text": text }))) } else { print(text) }
+/// Prints a text for another program; with `--json`, as a string.
+fn print_text(text: &str, terminal: &Terminal) -> Result<()> {
+    if terminal.json() { print_json(&serde_json::json!({ "text": text })) } else { print(text) }
 }
 
-/// Refuses a second run file beside a scene's own.
+/// Refuses a second run file for a scene.
 fn no_config(config: Option<&Path>) -> Result<()> {
-    match config {
-        Some(_) => {
-            Err(Error::input("--config", "goes with a cube (.npz); a scene's run file is the input itself"))
-        }
-        None => Ok(()),
-    }
+    let problem = "is only for a cube (.npz); the run file of a scene is the input itself";
+    config.map_or(Ok(()), |_| Err(Error::input("--config", problem)))
 }

@@ -1,11 +1,11 @@
-//! `psf` and `plan --sweep`, and the designer's half of what `plan` prints.
+//! The commands `psf` and `plan --sweep`, and the second half of the output of `plan`, about the design of the array.
 
+use super::Overrides;
 use super::inputs::run_of;
-use super::outputs::{make_folder, pretty};
+use super::outputs::{make_folder, print_json, write_json};
+use super::summary::{duration, millimetres};
 use super::terminal::{Terminal, observed, print};
-use super::{Overrides, summary};
-use crate::error::gib;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, gib};
 use crate::export::figure::{Chart, ChartAxis, write_charts, write_spread_figure};
 use crate::pipeline::{self, DesignRow, DesignSweep, SweptKey};
 use crate::plan::design::{Design, Verdict};
@@ -16,17 +16,12 @@ use serde_json::json;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
-/// Millimetres, or a dash.
-fn millimetres(length: Option<f64>) -> String {
-    length.map_or("-".to_owned(), |m| format!("{:.1}", m * 1e3))
-}
-
 /// Decibels, or a dash.
 fn decibels(level: Option<f64>) -> String {
     level.map_or("-".to_owned(), |db| format!("{db:.1}"))
 }
 
-/// Rows under a header, each column as wide as its widest cell; the first column is aligned left.
+/// Aligned rows, each column as wide as its widest cell; the first column is left-aligned.
 fn columns(rows: &[Vec<String>]) -> String {
     let width = |column: usize| rows.iter().map(|row| row[column].chars().count()).max().unwrap_or(0);
     let widths: Vec<usize> = (0..rows.first().map_or(0, Vec::len)).map(width).collect();
@@ -40,22 +35,16 @@ fn columns(rows: &[Vec<String>]) -> String {
     })
 }
 
-/// What `plan` prints of a design, after its table.
+/// The design that `plan` prints after its table.
 pub(super) fn design(design: &Design) -> String {
-    let mut rows =
-        vec![["depth", "λ_c z/D x", "y", "-3 dB x", "y", "z", "ghosts at"].map(str::to_owned).to_vec()];
+    let header = ["depth", "λ_c z/D x", "y", "-3 dB x", "y", "z", "grating lobes at"];
+    let mut rows = vec![header.map(str::to_owned).to_vec()];
     for at in &design.depths {
-        rows.push(vec![
-            format!("{:.3} m", at.depth),
-            millimetres(at.lateral_resolution[0]),
-            millimetres(at.lateral_resolution[1]),
-            millimetres(at.widths[0]),
-            millimetres(at.widths[1]),
-            millimetres(at.widths[2]),
-            at.ghost_offset.map_or("-".to_owned(), |m| format!("{m:.2} m")),
-        ]);
+        let lengths = at.lateral_resolution.iter().chain(&at.widths).map(|length| millimetres(*length));
+        let lobes = at.ghost_offset.map_or("-".to_owned(), |m| format!("{m:.2} m"));
+        rows.push([format!("{:.3} m", at.depth)].into_iter().chain(lengths).chain([lobes]).collect());
     }
-    let mut text = format!("\nwidths in mm before the array's centre\n{}", columns(&rows));
+    let mut text = format!("\nwidths in mm in front of the array's centre\n{}", columns(&rows));
     if let Some(ambiguity) = design.ambiguity {
         let [complex, real] = ambiguity.path;
         let [complex_range, real_range] = ambiguity.range;
@@ -69,30 +58,29 @@ pub(super) fn design(design: &Design) -> String {
     }
     let aliasing = &design.aliasing;
     let verdict = match (aliasing.verdict, aliasing.pitch) {
-        (Verdict::AliasFree, _) => "free of ghosts everywhere".to_owned(),
-        (Verdict::AliasFreeHere, _) => "free of ghosts within this grid".to_owned(),
-        (Verdict::Scattered, _) => "no lattice: no ghosts, but sidelobes".to_owned(),
+        (Verdict::AliasFree, _) => "free of grating lobes everywhere".to_owned(),
+        (Verdict::AliasFreeHere, _) => "free of grating lobes within this grid".to_owned(),
+        (Verdict::Scattered, _) => "no lattice: no grating lobes, but sidelobes".to_owned(),
         (Verdict::Ghosts, pitch) => format!(
-            "ghosts within this grid: pitch {} mm, first ghost about {} dB without a window",
+            "grating lobes within this grid: pitch {} mm, first grating lobe about {} dB without a window",
             millimetres(pitch),
             decibels(aliasing.rule_db)
         ),
     };
     let _ = writeln!(text, "aliasing: {verdict}");
     if aliasing.pitch.is_some() {
-        let here = aliasing.pitch_free_here;
         let _ = writeln!(
             text,
-            "  a pitch of {} mm is free of ghosts everywhere, of {} mm within this grid",
+            "  a pitch of {} mm is free of grating lobes everywhere, of {} mm within this grid",
             millimetres(Some(aliasing.pitch_free_everywhere)),
-            millimetres(here)
+            millimetres(aliasing.pitch_free_here)
         );
     }
     let sidelobes = &aliasing.sidelobes;
     if let Some(peak) = sidelobes.peak_db {
         let _ = writeln!(
             text,
-            "sidelobes by the array factor, within this grid: {peak:.1} dB at the most, {} dB in the mean of one tone",
+            "sidelobes by the array factor, within this grid: at most {peak:.1} dB, on average {} dB for one frequency",
             decibels(sidelobes.mean_db)
         );
     }
@@ -110,13 +98,12 @@ pub(super) fn design(design: &Design) -> String {
     text
 }
 
-/// `plan --sweep`: a table on standard output, and a picture in `folder` if there is one.
+/// `plan --sweep`: a table on standard output, and a picture in `folder`, if given.
 pub(super) fn sweep(
     input: &Path,
     typed: &[String],
     folder: Option<&Path>,
     overrides: &Overrides,
-    json: bool,
     terminal: &Terminal,
 ) -> Result<()> {
     let keys: Vec<SweptKey> = typed.iter().map(|typed| SweptKey::parse(typed)).collect::<Result<_>>()?;
@@ -134,40 +121,26 @@ pub(super) fn sweep(
     if let Some(folder) = folder {
         write_sweep(folder, &sweep)?;
     }
-    if json {
-        let value =
-            serde_json::to_value(&sweep).map_err(|e| Error::io("plan", e.to_string()).with_source(e))?;
-        return print(&pretty(&value));
-    }
-    print(&sweep_table(&sweep))
-}
-
-fn verdict_word(verdict: Verdict) -> &'static str {
-    match verdict {
-        Verdict::AliasFree => "free",
-        Verdict::AliasFreeHere => "free here",
-        Verdict::Ghosts => "ghosts",
-        Verdict::Scattered => "no lattice",
-    }
+    if terminal.json() { print_json(&sweep) } else { print(&sweep_table(&sweep)) }
 }
 
 fn sweep_table(sweep: &DesignSweep) -> String {
     let measured = [
         "mics",
-        "tones",
+        "frequencies",
         "range mm",
         "near mm",
         "middle mm",
         "far mm",
         "aliasing",
-        "ghost m",
+        "lobe m",
         "peak dB",
         "mean dB",
         "memory",
         "time",
-    ];
-    let mut rows =
-        vec![sweep.keys.iter().map(String::as_str).chain(measured).map(str::to_owned).collect::<Vec<_>>()];
+    ]
+    .map(str::to_owned);
+    let mut rows = vec![[&sweep.keys[..], &measured].concat()];
     for combination in &sweep.combinations {
         let mut row = combination.values.clone();
         match &combination.design {
@@ -177,12 +150,18 @@ fn sweep_table(sweep: &DesignSweep) -> String {
         rows.push(row);
     }
     columns(&rows)
-        + "near, middle, far: -3 dB width across, with the window; ghost: the nearest beside a point at the nearest depth; \
-           peak, mean: sidelobes within the grid by the array factor\n"
+        + "near, middle, far: lateral -3 dB width, with the window; lobe: distance of the nearest grating lobe from a point at \
+           the nearest depth; peak, mean: sidelobes within the grid by the array factor\n"
 }
 
 fn sweep_cells(design: &DesignRow) -> Vec<String> {
     let [near, middle, far] = design.widths.map(millimetres);
+    let aliasing = match design.verdict {
+        Verdict::AliasFree => "free",
+        Verdict::AliasFreeHere => "free here",
+        Verdict::Ghosts => "grating lobes",
+        Verdict::Scattered => "no lattice",
+    };
     vec![
         design.microphones.to_string(),
         design.tones.to_string(),
@@ -190,16 +169,16 @@ fn sweep_cells(design: &DesignRow) -> Vec<String> {
         near,
         middle,
         far,
-        verdict_word(design.verdict).to_owned(),
+        aliasing.to_owned(),
         design.ghost_offset.map_or("-".to_owned(), |m| format!("{m:.2}")),
         decibels(design.peak_sidelobe_db),
         decibels(design.mean_sidelobe_db),
         gib(design.peak_bytes),
-        summary::duration(design.seconds),
+        duration(design.seconds),
     ]
 }
 
-/// `sweep.png` and `sweep.json`: the first key along x, a line for every combination of the others.
+/// Writes `sweep.png`, with the first key along x and a line for every combination of the others, and `sweep.json`.
 fn write_sweep(folder: &Path, sweep: &DesignSweep) -> Result<()> {
     make_folder(folder)?;
     let (mut places, mut series) = (Vec::<String>::new(), Vec::<String>::new());
@@ -229,30 +208,24 @@ fn write_sweep(folder: &Path, sweep: &DesignSweep) -> Result<()> {
     };
     let mm = |m: Option<f64>| m.map(|m| 1e3 * m);
     let charts = [
-        chart("width across at the middle depth", "-3 dB width / mm", &|d| mm(d.widths[1])),
+        chart("lateral width at the middle depth", "-3 dB width / mm", &|d| mm(d.widths[1])),
         chart("range resolution c/2B", "mm", &|d| mm(d.range_resolution)),
-        chart("nearest ghost", "offset at the nearest depth / m", &|d| d.ghost_offset),
-        chart("strongest ghost or sidelobe", "dB", &|d| d.peak_sidelobe_db),
+        chart("nearest grating lobe", "offset at the nearest depth / m", &|d| d.ghost_offset),
+        chart("strongest grating lobe or sidelobe", "dB", &|d| d.peak_sidelobe_db),
         chart("memory", "MiB", &|d| Some(d.peak_bytes as f64 / f64::from(1 << 20))),
         chart("time of the reconstruction", "s", &|d| Some(d.seconds)),
     ];
     let axis = ChartAxis { label: sweep.keys[0].clone(), places, series };
     write_charts(&folder.join("sweep.png"), &charts, &axis)?;
-    write_json(&folder.join("sweep.json"), &serde_json::to_value(sweep))
+    write_json(&folder.join("sweep.json"), sweep)
 }
 
-fn write_json(path: &Path, value: &serde_json::Result<serde_json::Value>) -> Result<()> {
-    let value = value.as_ref().map_err(|e| Error::io(path.display(), e.to_string()))?;
-    crate::files::write_atomically(path, |out| std::io::Write::write_all(out, pretty(value).as_bytes()))
-}
-
-/// `psf`: a table per point, and a picture in `folder` if there is one.
+/// `psf`: a table per point, and a picture in `folder`, if given.
 pub(super) fn psf(
     input: &Path,
     at: &[String],
     folder: Option<&Path>,
     overrides: &Overrides,
-    json: bool,
     terminal: &Terminal,
 ) -> Result<()> {
     let points = at.iter().map(|typed| point(typed)).collect::<Result<Vec<_>>>()?;
@@ -265,10 +238,10 @@ pub(super) fn psf(
         make_folder(folder)?;
         files = ["psf.png", "psf.json"].map(|name| folder.join(name)).to_vec();
         write_spread_figure(&files[0], &spreads)?;
-        write_json(&files[1], &Ok(value.clone()))?;
+        write_json(&files[1], &value)?;
     }
-    if json {
-        return print(&pretty(&value));
+    if terminal.json() {
+        return print_json(&value);
     }
     let mut text = spreads.iter().map(spread).collect::<Vec<_>>().join("\n");
     for file in files {
@@ -281,24 +254,23 @@ pub(super) fn psf(
 fn point(typed: &str) -> Result<DVec3> {
     let numbers: Option<Vec<f64>> =
         typed.split(',').map(|part| part.trim().parse().ok().filter(|v: &f64| v.is_finite())).collect();
+    let problem = "was expected to be x,y,z in metres, as in --at 0,0.2,1.8";
     match numbers.as_deref() {
         Some([x, y, z]) => Ok(DVec3::new(*x, *y, *z)),
-        _ => Err(Error::input(
-            format!("--at {typed}"),
-            "was expected to be x,y,z in metres, as in --at 0,0.2,1.8",
-        )),
+        _ => Err(Error::input(format!("--at {typed}"), problem)),
     }
 }
 
 /// One point's table.
 fn spread(spread: &PointSpread) -> String {
     let place = |p: [f64; 3]| {
-        // A zero needs no sign.
+        // Without negative zeros.
         let [x, y, z] = p.map(|v| if v.abs() < 5e-4 { 0.0 } else { v });
         format!("{x:.3}, {y:.3}, {z:.3} m")
     };
     let mut text = format!("point {}: amplitude {:.3}\n", place(spread.point), spread.amplitude);
-    let mut rows = vec![["width / mm", "-3 dB", "foretold", "-6 dB", "foretold"].map(str::to_owned).to_vec()];
+    let mut rows =
+        vec![["width / mm", "-3 dB", "predicted", "-6 dB", "predicted"].map(str::to_owned).to_vec()];
     for (name, width) in ["  x", "  y", "  z"].into_iter().zip(&spread.widths) {
         let Width { at_3_db, predicted_at_3_db, at_6_db, predicted_at_6_db, .. } = *width;
         let cells = [at_3_db, predicted_at_3_db, at_6_db, predicted_at_6_db].map(millimetres);
@@ -308,7 +280,7 @@ fn spread(spread: &PointSpread) -> String {
     if let Some(peak) = spread.peak_sidelobe {
         let _ = writeln!(
             text,
-            "sidelobes: {:.1} dB at the most ({} foretold), at {}; {} dB in the mean",
+            "sidelobes: at most {:.1} dB ({} predicted), at {}; on average {} dB",
             peak.level_db,
             decibels(spread.predicted_peak_sidelobe_db),
             place(peak.position),
@@ -316,22 +288,15 @@ fn spread(spread: &PointSpread) -> String {
         );
     }
     if !spread.ghosts.is_empty() {
-        let header = ["ghost", "offset m", "foretold", "dB", "foretold", "at", ""];
+        let header = ["lobe", "offset m", "predicted", "dB", "predicted", "at", ""];
         let mut rows = vec![header.map(str::to_owned).to_vec()];
-        for ghost in &spread.ghosts {
-            let MeasuredGratingLobe {
-                axis,
-                order,
-                offset: [foretold, found],
-                measured,
-                predicted,
-                in_grid,
-                ..
-            } = *ghost;
+        for lobe in &spread.ghosts {
+            let MeasuredGratingLobe { axis, order, offset: [expected, found], measured, predicted, in_grid, .. } =
+                *lobe;
             rows.push(vec![
                 format!("  {}{order:+}", ["x", "y"][axis.min(1)]),
                 format!("{found:.3}"),
-                format!("{foretold:.3}"),
+                format!("{expected:.3}"),
                 format!("{:.1}", measured.level_db),
                 format!("{:.1}", predicted.level_db),
                 place(measured.position),

@@ -7,83 +7,29 @@ mod text;
 use super::{Cli, terminal::print};
 use crate::config::nearest;
 use crate::error::{Error, Result};
+use crate::guide::{CHAPTERS, Chapter};
 use clap::{CommandFactory, Parser};
 use std::fmt::Write;
-
-/// A chapter of the guide.
-struct Chapter {
-    /// What it is asked for by.
-    name: &'static str,
-    /// What it is about, in a few words.
-    about: &'static str,
-    /// Its Markdown.
-    text: &'static str,
-}
-
-macro_rules! chapter {
-    ($name:literal, $about:literal, $($text:expr),+) => {
-        Chapter { name: $name, about: $about, text: concat!($($text),+) }
-    };
-}
-
-/// The chapters, in reading order.
-const CHAPTERS: [Chapter; 12] = [
-    chapter!(
-        "run-file",
-        "every key of the run file, annotated",
-        include_str!("../guide/run_file.md"),
-        "\n```toml\n",
-        include_str!("../config/annotated.toml"),
-        "```\n"
-    ),
-    chapter!("files", "every file that is read or written", include_str!("../guide/files.md")),
-    chapter!("measured", "from a recording to an image", include_str!("../guide/measured.md")),
-    chapter!("design", "choosing array, band and grid before measuring", include_str!("../guide/design.md")),
-    chapter!(
-        "physics",
-        "what is simulated, and what it does to an image",
-        include_str!("../guide/physics.md")
-    ),
-    chapter!("method", "how the volume is computed, and how exactly", include_str!("../guide/method.md")),
-    chapter!("metrics", "how a depth map is scored", include_str!("../guide/metrics.md")),
-    chapter!("paper", "the paper's table and figures, reproduced", include_str!("../guide/paper.md")),
-    chapter!(
-        "interruption",
-        "resuming, limits of memory, identical results",
-        include_str!("../guide/interruption.md")
-    ),
-    chapter!(
-        "performance",
-        "what was measured, and how to measure it",
-        include_str!("../guide/performance.md")
-    ),
-    chapter!("limits", "what is not modelled, read or possible", include_str!("../guide/limits.md")),
-    chapter!(
-        "code",
-        "where things are in the source, and how to add to it",
-        include_str!("../guide/code.md")
-    ),
-];
 
 /// The topic that lists the others.
 const TOPICS: &str = "topics";
 
 /// Prints the help of a command, a chapter, or the list of chapters; without words, the help of the program.
 pub(super) fn help(words: &[String]) -> Result<()> {
-    let asked = words.join("-").to_lowercase().replace('_', "-");
-    if asked == TOPICS {
+    let topic = words.join("-").to_lowercase().replace('_', "-");
+    if topic == TOPICS {
         return print(&topics());
     }
-    if let Some(chapter) = CHAPTERS.iter().find(|chapter| chapter.name == asked) {
+    if let Some(chapter) = CHAPTERS.iter().find(|chapter| chapter.topic() == topic) {
         let width = textwrap::termwidth().clamp(40, 100);
         return print(&text::render(&blocks::parse(chapter.text), width));
     }
     let commands = commands();
-    if !asked.is_empty() && !commands.contains(&asked) {
-        return Err(unknown(&asked, &commands));
+    if !topic.is_empty() && !commands.contains(&topic) {
+        return Err(unknown(&topic, &commands));
     }
-    // Clap prints what it prints for `COMMAND --help`, in colour where there is any.
-    let typed = ["holosonar", &asked, "--help"].into_iter().filter(|word| !word.is_empty());
+    // Clap prints the same as for `COMMAND --help`, in colour if the terminal has it.
+    let typed = ["holosonar", &topic, "--help"].into_iter().filter(|word| !word.is_empty());
     match Cli::try_parse_from(typed) {
         Err(shown) if !shown.use_stderr() => match shown.print() {
             Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => {
@@ -91,23 +37,25 @@ pub(super) fn help(words: &[String]) -> Result<()> {
             }
             _ => Ok(()),
         },
-        _ => Err(unknown(&asked, &commands)),
+        _ => Err(unknown(&topic, &commands)),
     }
 }
 
-/// The chapters with what they are about, as they stand below `--help`.
+/// The chapters and their subjects, as listed at the end of `--help`.
 pub(super) fn topics() -> String {
     let mut list = "Topics of the guide, shown by holosonar help TOPIC:\n".to_owned();
-    for Chapter { name, about, .. } in &CHAPTERS {
-        let _ = writeln!(list, "  {name:12}  {about}");
+    for chapter in CHAPTERS {
+        let _ = writeln!(list, "  {:12}  {}", chapter.topic(), chapter.about());
     }
     list
 }
 
-/// The manual pages of the chapters: name of the file, and roff.
+/// The manual pages of the chapters: file name and roff text.
 pub(super) fn pages() -> impl Iterator<Item = (String, String)> {
-    CHAPTERS.iter().map(|Chapter { name, about, text }| {
-        (format!("holosonar-guide-{name}.7"), roff::page(name, about, &blocks::parse(text)))
+    CHAPTERS.iter().map(|chapter| {
+        let topic = chapter.topic();
+        let page = roff::page(&topic, &chapter.about(), &blocks::parse(chapter.text));
+        (format!("holosonar-guide-{topic}.7"), page)
     })
 }
 
@@ -115,69 +63,52 @@ fn commands() -> Vec<String> {
     Cli::command().get_subcommands().map(|command| command.get_name().to_owned()).collect()
 }
 
-fn unknown(asked: &str, commands: &[String]) -> Error {
-    let names = commands.iter().map(String::as_str).chain(CHAPTERS.iter().map(|chapter| chapter.name));
+fn unknown(topic: &str, commands: &[String]) -> Error {
+    let chapters: Vec<String> = CHAPTERS.iter().map(Chapter::topic).collect();
+    let names = commands.iter().chain(&chapters).map(String::as_str);
     let names: Vec<&str> = names.chain([TOPICS]).collect();
-    let meant = match nearest(asked, &names) {
+    let meant = match nearest(topic, &names) {
         Some(name) => format!("did you mean `{name}`?"),
         None => "`holosonar help` lists the commands and topics".to_owned(),
     };
-    Error::input("help", format!("there is no command or topic `{}`; {meant}", asked.escape_debug()))
+    Error::input("help", format!("there is no command or topic `{}`; {meant}", topic.escape_debug()))
 }
 
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
-    use std::fs;
     use std::path::Path;
 
     #[test]
-    fn the_library_and_the_command_line_have_the_same_chapters() {
-        let src = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
-        let module = fs::read_to_string(src.join("guide.rs")).unwrap();
-        let (_, list) = module.split_once("\nchapters! {\n").unwrap();
-        // Each chapter is a line of its subject, and one that begins with its name.
-        let lines: Vec<&str> = list.lines().map(str::trim).collect();
-        let library: Vec<(String, &str)> = lines
-            .windows(2)
-            .filter_map(|pair| {
-                let about = pair[0].strip_prefix("/// ")?.strip_suffix('.')?;
-                Some((about.to_lowercase(), pair[1].split_once(':')?.0))
-            })
-            .collect();
-        let here: Vec<String> = CHAPTERS.iter().map(|chapter| chapter.name.replace('-', "_")).collect();
-        let about = |chapter: &Chapter| chapter.about.to_lowercase();
-        let named: Vec<(String, &str)> =
-            CHAPTERS.iter().zip(&here).map(|(chapter, name)| (about(chapter), name.as_str())).collect();
-        assert_eq!(library, named);
-        let mut files: Vec<String> = fs::read_dir(src.join("guide"))
-            .unwrap()
-            .map(|entry| entry.unwrap().file_name().into_string().unwrap())
-            .collect();
+    fn every_file_of_the_guide_is_a_chapter() {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/guide");
+        let entries = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+        let mut files: Vec<String> =
+            entries.map(|path| path.file_stem().unwrap().to_str().unwrap().replace('_', "-")).collect();
+        let mut topics: Vec<String> = CHAPTERS.iter().map(Chapter::topic).collect();
         files.sort();
-        let mut expected: Vec<String> = here.iter().map(|name| format!("{name}.md")).collect();
-        expected.sort();
-        assert_eq!(files, expected);
+        topics.sort();
+        assert_eq!(files, topics);
+        assert_eq!(CHAPTERS[0].about(), "every key of the run file, annotated");
     }
 
     #[test]
     fn no_topic_hides_a_command() {
         let commands = commands();
-        for chapter in &CHAPTERS {
-            assert!(!commands.iter().any(|command| command == chapter.name), "{}", chapter.name);
+        for topic in CHAPTERS.iter().map(Chapter::topic).chain([TOPICS.to_owned()]) {
+            assert!(!commands.contains(&topic), "{topic}");
         }
-        assert!(!commands.iter().any(|command| command == TOPICS));
     }
 
     #[test]
     fn chapters_read_as_plain_text() {
-        for Chapter { name, text, .. } in &CHAPTERS {
-            let shown = text::render(&blocks::parse(text), 80);
+        for chapter in CHAPTERS {
+            let (topic, shown) = (chapter.topic(), text::render(&blocks::parse(chapter.text), 80));
             for markup in ["](", "```", "**", "|---", "\n# ", "\n## "] {
                 // The annotated run file has comments of its own.
-                if *name != "run-file" || !markup.contains('#') {
-                    assert!(!shown.contains(markup), "{name} has `{markup}`:\n{shown}");
+                if topic != "run-file" || !markup.contains('#') {
+                    assert!(!shown.contains(markup), "{topic} has `{markup}`:\n{shown}");
                 }
             }
         }

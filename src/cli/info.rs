@@ -1,4 +1,4 @@
-//! What a file holds, told by its kind.
+//! The facts of a file, by its kind.
 
 use super::Overrides;
 use super::inputs::run_of;
@@ -11,7 +11,7 @@ use crate::export::volume_npz::read_volume_npz;
 use crate::export::{attributes_as_json, find_attribute};
 use crate::files::extension;
 use crate::files::npz::NpzReader;
-use crate::grid::Axis;
+use crate::grid::{Axis, Grid};
 use crate::progress::Observer;
 use crate::scene::{EXTENSIONS, Scene};
 use serde_json::{Value, json};
@@ -23,20 +23,23 @@ pub(super) fn of(file: &Path, overrides: &Overrides, limit: u64, observer: &dyn 
         "npz" => npz(file, limit),
         "exr" => exr(file, limit),
         "vti" | "nrrd" => volume(file, limit),
-        // Without faces it is a cloud of points, as `depth` writes it.
+        // Without faces it is a point cloud, as `depth` writes it.
         "ply" => points(file, limit).or_else(|_| mesh(file, overrides, observer)),
         "toml" => Ok(json!({ "kind": "run file", "resolved": run_of(file, overrides)?.0.to_json() })),
         mesh if EXTENSIONS.contains(&mesh) => self::mesh(file, overrides, observer),
         "csv" => {
             let reflectors = crate::reflectors::Reflectors::read_csv(file)?;
-            let bounds = reflectors.bounds().map(|(low, high)| [low.to_array(), high.to_array()]);
-            Ok(
-                json!({ "kind": "reflectors", "count": reflectors.len(), "low_m": bounds.map(|b| b[0]), "high_m": bounds.map(|b| b[1]) }),
-            )
+            let bounds = reflectors.bounds();
+            Ok(json!({
+                "kind": "reflectors",
+                "count": reflectors.len(),
+                "low_m": bounds.map(|(low, _)| low.to_array()),
+                "high_m": bounds.map(|(_, high)| high.to_array()),
+            }))
         }
         _ => Err(Error::input(
             file.display(),
-            "is no kind of file this program knows; .npz, .exr, .vti, .nrrd, .ply, .obj, .gltf, .glb, .stl, .csv or .toml \
+            "is of an unknown kind; .npz, .exr, .vti, .nrrd, .ply, .obj, .gltf, .glb, .stl, .csv or .toml \
              was expected",
         )),
     }
@@ -46,20 +49,23 @@ fn axis(axis: &Axis) -> Value {
     json!({ "first_m": axis.first, "last_m": axis.last(), "pitch_m": axis.pitch, "count": axis.count })
 }
 
+/// The facts of a volume on this grid, with its metadata under a key.
+fn volume_facts(grid: &Grid, peak_amplitude: f32, key: &str, metadata: &Value) -> Value {
+    json!({
+        "kind": "volume",
+        "shape_zyx": grid.shape(),
+        "x": axis(&grid.x), "y": axis(&grid.y), "z": axis(&grid.z),
+        "peak_amplitude": peak_amplitude,
+        key: metadata,
+    })
+}
+
 fn npz(file: &Path, limit: u64) -> Result<Value> {
-    let reader = NpzReader::open(file, limit)?;
-    if reader.contains("x") && !reader.contains("frequencies") {
-        drop(reader);
+    let has = |name| NpzReader::open(file, limit).map(|reader| reader.contains(name));
+    if has("x")? && !has("frequencies")? {
         let (volume, meta) = read_volume_npz(file, limit)?;
-        return Ok(json!({
-            "kind": "volume",
-            "shape_zyx": volume.grid.shape(),
-            "x": axis(&volume.grid.x), "y": axis(&volume.grid.y), "z": axis(&volume.grid.z),
-            "peak_amplitude": volume.peak(),
-            "meta": meta,
-        }));
+        return Ok(volume_facts(&volume.grid, volume.peak(), "meta", &meta));
     }
-    drop(reader);
     let cube = DataCube::read(file, limit)?;
     let instrument = &cube.instrument;
     let (sweep, array) = (&instrument.sweep, &instrument.array);
@@ -85,13 +91,8 @@ fn npz(file: &Path, limit: u64) -> Result<Value> {
 
 fn volume(file: &Path, limit: u64) -> Result<Value> {
     let volume = Amplitude::read(file, limit)?;
-    Ok(json!({
-        "kind": "volume",
-        "shape_zyx": volume.grid.shape(),
-        "x": axis(&volume.grid.x), "y": axis(&volume.grid.y), "z": axis(&volume.grid.z),
-        "peak_amplitude": volume.peak(),
-        "attributes": attributes_as_json(&volume.attributes),
-    }))
+    let attributes = attributes_as_json(&volume.attributes);
+    Ok(volume_facts(&volume.grid, volume.peak(), "attributes", &attributes))
 }
 
 fn points(file: &Path, limit: u64) -> Result<Value> {
@@ -115,7 +116,7 @@ fn exr(file: &Path, limit: u64) -> Result<Value> {
     let range = found().fold(None, |range: Option<[f32; 2]>, z| {
         Some(range.map_or([z, z], |[low, high]| [low.min(z), high.max(z)]))
     });
-    // The first part of a volume has a depth at every pixel: where the amplitude is greatest.
+    // The first part of a volume has a depth at every pixel: that of the maximum amplitude.
     let kind = match find_attribute(&depth.attributes, "sonar:gridShape") {
         Some(_) => "volume, seen from the front",
         None => "depth map",

@@ -1,4 +1,4 @@
-//! What an input is, told by its extension, and the run file that goes with it.
+//! Inputs of commands: their kind, by extension, and their run file.
 
 use super::Overrides;
 use crate::config::{InputFile, RunFile};
@@ -9,19 +9,19 @@ use crate::scene::EXTENSIONS;
 use std::path::Path;
 use std::sync::OnceLock;
 
-/// The run file of an input, and whether it is a bare mesh, for which defaults stand in.
+/// The run file of an input, and whether the input is a bare mesh, which has a default run file.
 pub(super) fn run_of(input: &Path, overrides: &Overrides) -> Result<(RunFile, bool)> {
     if has_extension(input, &["toml"]) {
-        return Ok((limited(RunFile::load(input, &overrides.keys())?), false));
+        return Ok((with_memory_limit(RunFile::load(input, &overrides.keys())?), false));
     }
     if !has_extension(input, &EXTENSIONS) && !has_extension(input, &["csv"]) {
         let what = if input.is_dir() {
             "is a folder"
         } else if has_extension(input, &["step", "stp", "iges", "igs", "brep", "3mf", "fbx", "dae", "blend"])
         {
-            "is of a format that is not read; export it as one that is"
+            "is of an unsupported format; export it in another one"
         } else {
-            "is no input this command takes"
+            "is not an input of this command"
         };
         return Err(Error::input(
             input.display(),
@@ -33,10 +33,10 @@ pub(super) fn run_of(input: &Path, overrides: &Overrides) -> Result<(RunFile, bo
     }
     let mut run = RunFile::from_str_at("", "command line", Path::new(""), &overrides.keys())?;
     run.scene.mesh = Some(InputFile::new(input));
-    Ok((limited(run), true))
+    Ok((with_memory_limit(run), true))
 }
 
-/// As [`run_of`], where a scene is needed: says which run file lacks it, or names one that is not there.
+/// As [`run_of`], for an input that needs a scene: a missing scene is an error.
 pub(super) fn scene_of(input: &Path, overrides: &Overrides) -> Result<(RunFile, bool)> {
     let (run, bare) = run_of(input, overrides)?;
     let place = || format!("{}: [scene] mesh", input.display());
@@ -48,7 +48,7 @@ pub(super) fn scene_of(input: &Path, overrides: &Overrides) -> Result<(RunFile, 
         Some(mesh) if !bare && !mesh.path.exists() => Err(Error::input(
             place(),
             format!(
-                "{}: no such file; a path is taken from the run file's folder, unless it is absolute",
+                "{}: no such file; a path is relative to the run file's folder, unless it is absolute",
                 mesh.path.display()
             ),
         )),
@@ -56,14 +56,14 @@ pub(super) fn scene_of(input: &Path, overrides: &Overrides) -> Result<(RunFile, 
     }
 }
 
-/// Refuses an input of another kind than the command reads, by its extension.
+/// Refuses an input, by its extension, that the command does not read.
 pub(super) fn check_kind(input: &Path, what: &str, maker: &str) -> Result<()> {
     if has_extension(input, &["npz"]) || !input.exists() {
         return Ok(());
     }
     Err(Error::input(
         input.display(),
-        format!("was expected to be {what} (.npz), as `holosonar {maker}` writes it; run files go with -c"),
+        format!("was expected to be {what} (.npz), as `holosonar {maker}` writes it; give run files with -c"),
     ))
 }
 
@@ -73,27 +73,23 @@ pub(super) fn config_of(config: Option<&Path>, settings: &[String]) -> Result<Ru
         Some(path) => RunFile::load(path, settings),
         None => RunFile::from_str_at("", "command line", Path::new(""), settings),
     };
-    run.map(limited)
+    run.map(with_memory_limit)
 }
 
-/// A run file with the limit of memory that was typed.
-fn limited(run: RunFile) -> RunFile {
+/// A run file with the memory limit of the command line.
+fn with_memory_limit(run: RunFile) -> RunFile {
     RunFile { memory: MEMORY.get().copied(), ..run }
 }
 
-/// Whether a path ends in one of these.
+/// Whether a path has one of these extensions.
 pub(super) fn has_extension(path: &Path, extensions: &[&str]) -> bool {
     extensions.contains(&extension(path).as_str())
 }
 
 /// A size as people type it: `500MB`, `2GiB`, `2G`, or plain bytes.
 pub(super) fn bytes(option: &str, typed: &str) -> Result<u64> {
-    let refuse = || {
-        Error::input(
-            option,
-            format!("`{typed}` was expected to be a size, as in 2GiB, 500MB or 1000000000 (bytes)"),
-        )
-    };
+    let problem = format!("`{typed}` was expected to be a size, as in 2GiB, 500MB or 1000000000 (bytes)");
+    let refusal = Error::input(option, problem);
     let typed = typed.trim();
     let digits = typed.find(|c: char| !(c.is_ascii_digit() || c == '.')).unwrap_or(typed.len());
     let (number, unit) = typed.split_at(digits);
@@ -107,16 +103,16 @@ pub(super) fn bytes(option: &str, typed: &str) -> Result<u64> {
         "m" | "mib" => 1024.0 * 1024.0,
         "g" | "gib" => 1024.0 * 1024.0 * 1024.0,
         "t" | "tib" => 1024.0 * 1024.0 * 1024.0 * 1024.0,
-        _ => return Err(refuse()),
+        _ => return Err(refusal),
     };
-    let bytes = number.parse::<f64>().map_err(|_| refuse())? * factor;
-    if (1.0..1e18).contains(&bytes) { Ok(bytes as u64) } else { Err(refuse()) }
+    let bytes = number.parse::<f64>().map_or(f64::NAN, |number| number * factor);
+    if (1.0..1e18).contains(&bytes) { Ok(bytes as u64) } else { Err(refusal) }
 }
 
-/// What was typed after `--memory`, bytes; the library takes it as an argument, with every run file.
+/// The value of `--memory`, bytes; the library receives it with every run file.
 static MEMORY: OnceLock<u64> = OnceLock::new();
 
-/// Notes what was typed after `--memory`, if it was.
+/// Stores the value of `--memory`, if there is one.
 pub(super) fn limit_memory(size: Option<&str>) -> Result<()> {
     if let Some(size) = size {
         let _ = MEMORY.set(bytes("--memory", size)?);
@@ -124,7 +120,7 @@ pub(super) fn limit_memory(size: Option<&str>) -> Result<()> {
     Ok(())
 }
 
-/// Bytes that any one array of an input may take.
+/// Maximum bytes of any single array of an input.
 pub(super) fn reading_limit() -> u64 {
     memory_limit(MEMORY.get().copied()).unwrap_or(u64::MAX)
 }

@@ -1,4 +1,4 @@
-//! The manual pages, made of the very words of `--help`.
+//! The manual pages, generated from the text of `--help`.
 
 use super::{Cli, guide};
 use crate::error::{Error, Result};
@@ -10,12 +10,12 @@ use std::path::{Path, PathBuf};
 
 /// The page of the program itself, in roff.
 pub(super) fn page() -> Result<String> {
-    text(&Man::new(whole()))
+    text(&Man::new(complete()))
 }
 
-/// Writes the page of the program, one for every command and one for every chapter of the guide; gives their paths.
+/// Writes the page of the program, one for every command and one for every chapter of the guide; returns their paths.
 pub(super) fn write(folder: &Path) -> Result<Vec<PathBuf>> {
-    let program = whole();
+    let program = complete();
     let commands = program.get_subcommands().filter(|command| !command.is_hide_set()).cloned();
     let mut pages = Vec::new();
     for command in std::iter::once(program.clone()).chain(commands) {
@@ -31,8 +31,8 @@ pub(super) fn write(folder: &Path) -> Result<Vec<PathBuf>> {
     Ok(paths)
 }
 
-/// The command line with every name spelt out: `holosonar-image`.
-fn whole() -> clap::Command {
+/// The command line with complete names, such as `holosonar-image`.
+fn complete() -> clap::Command {
     let mut program = Cli::command();
     program.build();
     program

@@ -1,8 +1,11 @@
-//! Where a command writes, and what it says of it.
+//! The output files of commands, and results as JSON.
 
 use super::inputs::has_extension;
 use super::terminal::{Terminal, print};
 use crate::error::{Error, Result};
+use crate::files::write_atomically;
+use serde::Serialize;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// Refuses an output name before any work is done for it.
@@ -17,8 +20,8 @@ pub(super) fn check_extension(path: &Path, extensions: &[&str]) -> Result<()> {
     ))
 }
 
-/// Makes the output folder first, so that a place that cannot be written is found before the long work; says whether it
-/// was not there before.
+/// Creates the output folder, so that a folder that cannot be written is noticed before the long work; returns whether it
+/// is new.
 pub(super) fn make_folder(folder: &Path) -> Result<bool> {
     let missing = !folder.exists();
     std::fs::create_dir_all(folder).map(|()| missing).map_err(|e| match e.kind() {
@@ -29,10 +32,10 @@ pub(super) fn make_folder(folder: &Path) -> Result<bool> {
     })
 }
 
-/// Tells of the files that a command wrote.
-pub(super) fn wrote(files: &[PathBuf], json: bool, terminal: &Terminal) -> Result<()> {
-    if json {
-        return print(&pretty(&serde_json::json!({ "files": files })));
+/// Prints the names of the files that a command wrote.
+pub(super) fn print_written(files: &[PathBuf], terminal: &Terminal) -> Result<()> {
+    if terminal.json() {
+        return print_json(&serde_json::json!({ "files": files }));
     }
     if terminal.is_quiet() {
         return Ok(());
@@ -41,7 +44,18 @@ pub(super) fn wrote(files: &[PathBuf], json: bool, terminal: &Terminal) -> Resul
     print(&lines.concat())
 }
 
-/// JSON as it is printed and written.
-pub(super) fn pretty(value: &serde_json::Value) -> String {
-    format!("{value:#}\n")
+/// Prints a result as JSON.
+pub(super) fn print_json(value: &impl Serialize) -> Result<()> {
+    print(&json_text(value)?)
+}
+
+/// Writes a result as a JSON file.
+pub(super) fn write_json(path: &Path, value: &impl Serialize) -> Result<()> {
+    let text = json_text(value)?;
+    write_atomically(path, |file| file.write_all(text.as_bytes()))
+}
+
+fn json_text(value: &impl Serialize) -> Result<String> {
+    let text = serde_json::to_string_pretty(value);
+    text.map(|text| text + "\n").map_err(|e| Error::io("JSON", e.to_string()).with_source(e))
 }

@@ -1,13 +1,13 @@
-//! The paper, reproduced: Table I, Figures 3 to 7 and the two timings, with the stages that image everything else.
+//! Reproduces the paper: Table I, Figures 3 to 7 and the two timings, with the same stages as any other image.
 //!
-//! The paper's demonstration is two-dimensional: a grid of a single y, and one row of microphones. Its scene is only
-//! drawn and its scaling not stated; `scene` and `score` have the reading that fits, which was found by a search over
-//! some 240 scenes, 10 transforms and 15 normalisations. The three methods are
+//! The paper's demonstration is two-dimensional: a grid with a single y, and one row of microphones. The paper only draws
+//! its scene and does not state its scaling; `scene` and `score` have the interpretation that fits, which was found by a
+//! search over some 240 scenes, 10 transforms and 15 normalisations. The three methods are
 //!
 //! - **L-L**: data by the linearised model (Eq. 6–7), image by the discrete Fourier transform (Eq. 9);
 //! - **L-NL**: data by Eq. 5, image by the discrete Fourier transform;
-//! - **NL-NL**: data by Eq. 5, image by Eq. 13, summed by whatever [`reconstruct`] takes for pixels and microphones that
-//!   share no lattice.
+//! - **NL-NL**: data by Eq. 5, image by Eq. 13, by the method that [`reconstruct`] chooses for pixels and microphones without a
+//!   common lattice.
 
 mod aliasing;
 mod figures;
@@ -19,14 +19,13 @@ mod tests;
 mod text;
 mod timings;
 
-use super::outputs::{make_folder, pretty, wrote};
+use super::outputs::{make_folder, print_json, print_written, write_json};
 use super::terminal::{Terminal, print};
 use crate::acquisition::PropagationModel::{Exact, Linear};
-use crate::error::{Error, Result};
-use crate::files::write_atomically;
+use crate::error::Result;
 use crate::progress::{Observer, advance, stage};
 use crate::reconstruct::{Method, ReconstructOptions, Window, reconstruct};
-use aliasing::Aliasing;
+use aliasing::AliasingStudy;
 use num_complex::Complex32;
 use score::{least_squares, rmse};
 use serde::{Serialize, Serializer};
@@ -34,25 +33,25 @@ use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use timings::Timings;
 
-/// Computes everything, writes it to a folder if one is given, and prints it.
-pub(super) fn run(output: Option<&Path>, json: bool, terminal: &Terminal) -> Result<()> {
+/// Computes the results, writes them to a folder, if given, and prints them.
+pub(super) fn run(output: Option<&Path>, terminal: &Terminal) -> Result<()> {
     if let Some(folder) = output {
         make_folder(folder)?;
     }
-    let made = reproduce(terminal)?;
-    let files = output.map(|folder| made.write(folder)).transpose()?.unwrap_or_default();
-    if json {
-        let mut value = made.to_json();
+    let reproduction = reproduce(terminal)?;
+    let files = output.map(|folder| reproduction.write(folder)).transpose()?.unwrap_or_default();
+    if terminal.json() {
+        let mut value = reproduction.to_json();
         value["files"] = json!(files);
-        return print(&pretty(&value));
+        return print_json(&value);
     }
     if !terminal.is_quiet() {
-        print(&(text::text(&made) + "\n"))?;
+        print(&(text::text(&reproduction) + "\n"))?;
     }
-    wrote(&files, json, terminal)
+    print_written(&files, terminal)
 }
 
-/// Names of the three methods, in the order of every array of three here.
+/// Names of the three methods, in the order of all arrays of three in this module.
 const METHODS: [&str; 3] = ["L-L", "L-NL", "NL-NL"];
 
 /// One row of Table I: a band and an extent of the array.
@@ -69,28 +68,23 @@ struct Case {
 }
 
 /// The rows of Table I.
-const CASES: [Case; 4] = {
-    const fn case(bandwidth: f64, extent: f64, paper: [f64; 3]) -> Case {
-        Case { bandwidth, extent, microphones: 255, paper }
-    }
-    [
-        case(2_000.0, 0.5, [0.32, 0.32, 0.15]),
-        case(2_000.0, 1.0, [0.23, 0.25, 0.12]),
-        case(2_000.0, 2.0, [0.17, 0.19, 0.12]),
-        case(10_000.0, 2.0, [0.15, 0.14, 0.11]),
-    ]
-};
+const CASES: [Case; 4] = [
+    Case { bandwidth: 2_000.0, extent: 0.5, microphones: 255, paper: [0.32, 0.32, 0.15] },
+    Case { bandwidth: 2_000.0, extent: 1.0, microphones: 255, paper: [0.23, 0.25, 0.12] },
+    Case { bandwidth: 2_000.0, extent: 2.0, microphones: 255, paper: [0.17, 0.19, 0.12] },
+    Case { bandwidth: 10_000.0, extent: 2.0, microphones: 255, paper: [0.15, 0.14, 0.11] },
+];
 
 /// One row of Table I, computed.
 #[derive(Debug, Clone, PartialEq)]
 struct Row {
-    /// What was simulated.
+    /// The simulated case.
     case: Case,
-    /// RMSE of the three methods, each column scaled as the paper's.
+    /// RMSE of the three methods, each column scaled as in the paper.
     rmse: [f64; 3],
-    /// RMSE with every image scaled to fit the truth best.
+    /// RMSE with every image scaled for the best fit to the truth.
     least_squares: [f64; 3],
-    /// How NL-NL was summed.
+    /// The reconstruction method of NL-NL.
     method: Method,
     /// The three images, `[z, x]`, as scaled for `rmse`.
     images: [Vec<f32>; 3],
@@ -114,25 +108,25 @@ fn table_row(case: &Case, rmse: &[f64; 3]) -> Value {
     row
 }
 
-/// Everything the paper gives evidence by.
+/// All reproduced results of the paper.
 #[derive(Debug, Clone, PartialEq)]
 struct Reproduction {
     /// Table I.
     rows: Vec<Row>,
-    /// Root mean square of the true picture: what a black image scores.
+    /// Root mean square of the true picture, which is the RMSE of a black image.
     black: f64,
     /// Figure 7: the same scene with 15, 31 and 63 microphones, and 255 for comparison.
-    aliasing: Vec<Aliasing>,
-    /// Direct and fast reconstruction against the clock.
+    aliasing: Vec<AliasingStudy>,
+    /// Running times of direct and fast reconstruction.
     timings: Timings,
 }
 
 /// Computes the table, the figures' images and the timings.
 ///
-/// Cost: some ten seconds, most of them the direct sums that are timed; memory 60 MB.
+/// Cost: about ten seconds, mostly for the direct sums that are timed; 60 MB of memory.
 ///
 /// # Errors
-/// [`Error::Interrupted`]; [`Error::OutOfMemory`] when memory or threads are missing.
+/// [`Error::Interrupted`](crate::error::Error::Interrupted); [`Error::OutOfMemory`](crate::error::Error::OutOfMemory) when memory or threads are missing.
 fn reproduce(observer: &dyn Observer) -> Result<Reproduction> {
     let mut rows = Vec::new();
     stage(observer, "Table I", CASES.len() as u64, || {
@@ -147,10 +141,10 @@ fn reproduce(observer: &dyn Observer) -> Result<Reproduction> {
     Ok(Reproduction { rows, black: scene::truth_rms(), aliasing, timings })
 }
 
-/// One row of the table: three simulations' worth of work, under a second.
+/// Computes one row of the table. Cost: under a second.
 ///
 /// # Errors
-/// [`Error::OutOfMemory`] when memory is missing; [`Error::InvalidInput`] for a case that makes no sense.
+/// [`Error::OutOfMemory`](crate::error::Error::OutOfMemory) when memory is missing; [`Error::InvalidInput`](crate::error::Error::InvalidInput) for an invalid case.
 fn row(case: Case) -> Result<Row> {
     let truth = scene::truth();
     let linear = fourier::image(&scene::cube(&case, Linear)?);
@@ -162,7 +156,7 @@ fn row(case: Case) -> Result<Row> {
     Ok(Row { case, rmse: of(&rmse), least_squares: of(&least_squares), method, images })
 }
 
-/// Eq. 13 on the paper's pixels, scaled to a peak of 1, and how it was summed.
+/// Eq. 13 on the paper's pixels, scaled to a peak of 1, and the method of the sum.
 fn nonlinear(cube: &crate::acquisition::DataCube) -> Result<(Vec<f32>, Method)> {
     let options = ReconstructOptions::new(Method::Auto, Window::None);
     let image = reconstruct(cube, &scene::grid(), &options)?;
@@ -191,10 +185,10 @@ impl Reproduction {
     }
 
     /// Writes `figure3.png` to `figure7.png`, `table1.json`, `table1_least_squares.json`, `aliasing.json` and
-    /// `timings.json`, and gives their names. Same bytes every time, but for the timings.
+    /// `timings.json`, and returns their names. All files except the timings are always bit-identical.
     ///
     /// # Errors
-    /// [`Error::Io`] when a file cannot be written.
+    /// [`Error::Io`](crate::error::Error::Io) when a file cannot be written.
     fn write(&self, folder: &Path) -> Result<Vec<PathBuf>> {
         let mut files = figures::write(self, folder)?;
         let all = self.to_json();
@@ -205,9 +199,7 @@ impl Reproduction {
             ("timings.json", "timings"),
         ] {
             let path = folder.join(name);
-            let text = serde_json::to_string_pretty(&all[key])
-                .map_err(|e| Error::io(path.display(), e.to_string()).with_source(e))?;
-            write_atomically(&path, |file| std::io::Write::write_all(file, (text + "\n").as_bytes()))?;
+            write_json(&path, &all[key])?;
             files.push(path);
         }
         Ok(files)

@@ -1,5 +1,5 @@
-//! Ctrl-C and SIGTERM: the first asks the running job to end its block and keep what is done; the second ends the process.
-//! And the abort of an allocation that nobody could foresee: the exit status of any other lack of memory.
+//! Ctrl-C and SIGTERM: the first requests the job to finish and store its block; the second ends the process. And the abort
+//! of a failed allocation, which gets the exit status of other memory errors.
 
 use std::io::{self, IsTerminal, Write};
 use std::sync::Arc;
@@ -7,9 +7,9 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::sync::atomic::{AtomicU8, Ordering};
 
-/// Lets an allocation that fails within a library, or that is too small to be asked for, end the process with status 1.
+/// Makes a failed allocation in a library, or one too small to be checked, end the process with status 1.
 ///
-/// The standard library has said `memory allocation of N bytes failed` by then, and offers no other way to be told.
+/// The standard library has then printed `memory allocation of N bytes failed`, and provides no other notification.
 #[cfg(unix)]
 pub(super) fn expect_aborts() {
     let always = Arc::new(AtomicBool::new(true));
@@ -19,39 +19,38 @@ pub(super) fn expect_aborts() {
 #[cfg(not(unix))]
 pub(super) fn expect_aborts() {}
 
-/// Listens from now on; gives where the exit status of a signal is noted, 128 and its number. If no handler can be had,
-/// signals end the process as they do any other.
+/// Handles signals from now on; returns where the exit status of a signal is stored, 128 plus its number. If no handler can
+/// be installed, signals end the process as usual.
 pub(super) fn listen() -> Arc<AtomicU8> {
-    let heard = Arc::new(AtomicU8::new(0));
-    let noted = Arc::clone(&heard);
-    let hear = move |status: u8| {
-        if noted.swap(status, Ordering::SeqCst) == 0 {
+    let received = Arc::new(AtomicU8::new(0));
+    let stored = Arc::clone(&received);
+    spawn(move |status: u8| {
+        if stored.swap(status, Ordering::SeqCst) == 0 {
             return;
         }
-        // Locked until the end, so that no thread draws another bar.
+        // Locked until the process ends, so that no thread draws another bar.
         let _terminal = io::stderr().is_terminal().then(|| {
             let mut terminal = io::stderr().lock();
-            // No half of a progress bar is left, and the cursor is to be seen.
+            // The progress bar is erased, and the cursor is visible again.
             let _ = write!(terminal, "\r\u{1b}[2K\u{1b}[?25h");
             terminal
         });
         #[allow(clippy::exit)]
         std::process::exit(status.into());
-    };
-    spawn(hear);
-    heard
+    });
+    received
 }
 
 #[cfg(unix)]
-fn spawn(hear: impl Fn(u8) + Send + 'static) {
+fn spawn(handle: impl Fn(u8) + Send + 'static) {
     use signal_hook::consts::{SIGINT, SIGTERM};
     let Ok(mut signals) = signal_hook::iterator::Signals::new([SIGINT, SIGTERM]) else { return };
-    let heard = move || signals.forever().for_each(|signal| hear(128 + signal as u8));
-    // A hang-up is left alone, so that `nohup` works; what it kills can be continued.
-    let _ = std::thread::Builder::new().name("signals".to_owned()).stack_size(1 << 17).spawn(heard);
+    let wait = move || signals.forever().for_each(|signal| handle(128 + signal as u8));
+    // SIGHUP is not handled, so that `nohup` works; a job that it kills can be resumed.
+    let _ = std::thread::Builder::new().name("signals".to_owned()).stack_size(1 << 17).spawn(wait);
 }
 
 #[cfg(not(unix))]
-fn spawn(hear: impl Fn(u8) + Send + 'static) {
-    let _ = ctrlc::set_handler(move || hear(130));
+fn spawn(handle: impl Fn(u8) + Send + 'static) {
+    let _ = ctrlc::set_handler(move || handle(130));
 }

@@ -1,60 +1,79 @@
-//! Results as a person reads them: short aligned tables.
+//! Results as text: short aligned tables.
 
 use crate::error::gib;
-use crate::grid::Axis;
+use crate::grid::Grid;
 use crate::metrics::{METRIC_NAMES, Metrics, Scores};
-use crate::pipeline::{Forecast, Judgement, Outcome, Report, Verdict};
+use crate::pipeline::{Forecast, Judgement, LimitVerdict, Outcome, Report};
+use crate::plan::Plan;
 use serde_json::Value;
 use std::fmt::Write;
 use std::path::Path;
 
-/// Two columns, the first as wide as its widest word.
+/// Two columns, the first as wide as its widest key.
 #[derive(Debug, Default)]
-struct Table(Vec<(String, String)>);
+struct KeyValueTable(Vec<(String, String)>);
 
-impl Table {
-    fn row(&mut self, name: &str, value: impl Into<String>) {
-        self.0.push((name.to_owned(), value.into()));
+impl KeyValueTable {
+    fn row(&mut self, key: &str, value: impl Into<String>) {
+        self.0.push((key.to_owned(), value.into()));
+    }
+
+    /// Rows of one key, which only the first row shows.
+    fn rows(&mut self, key: &str, values: impl IntoIterator<Item = String>) {
+        for (i, value) in values.into_iter().enumerate() {
+            self.row(if i == 0 { key } else { "" }, value);
+        }
     }
 
     fn text(&self) -> String {
-        let width = self.0.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0);
-        self.0.iter().fold(String::new(), |mut text, (name, value)| {
-            let _ = writeln!(text, "{name:width$}  {value}");
+        let width = self.0.iter().map(|(key, _)| key.chars().count()).max().unwrap_or(0);
+        self.0.iter().fold(String::new(), |mut text, (key, value)| {
+            let _ = writeln!(text, "{}", format!("{key:width$}  {value}").trim_end());
             text
         })
     }
 }
 
+/// Lengths along x, y and z, as `1.0 x 2.0 x 3.0`.
+fn product(lengths: [f64; 3], digits: usize) -> String {
+    lengths.map(|length| format!("{length:.digits$}")).join(" x ")
+}
+
+/// The number of voxels of a grid along x, y and z.
+fn voxels(grid: &Grid) -> String {
+    format!("{} x {} x {} voxels", grid.x.count, grid.y.count, grid.z.count)
+}
+
+/// The resolution of a plan in range, and laterally at the nearest and farthest depth.
+fn resolution(plan: &Plan, lateral: impl Fn([Option<f64>; 2]) -> String) -> String {
+    let [near, far] = [plan.lateral_resolution_near, plan.lateral_resolution_far].map(lateral);
+    format!("{} mm in range; {near} to {far} mm across, near to far", millimetres(plan.range_resolution))
+}
+
+/// Millimetres, or a dash.
+pub(super) fn millimetres(length: Option<f64>) -> String {
+    length.map_or("-".to_owned(), |m| format!("{:.1}", m * 1e3))
+}
+
 /// The table at the end of `image`.
 pub(super) fn image(input: &Path, folder: &Path, report: &Report, outcome: &Outcome) -> String {
-    let mut table = Table::default();
+    let mut table = KeyValueTable::default();
     let plan = &report.plan;
     if let Some(scene) = &report.scene {
-        let size =
-            |v: [f64; 3], digits: usize| format!("{:.digits$} x {:.digits$} x {:.digits$}", v[0], v[1], v[2]);
-        let triangles = if scene.triangles > 0 {
-            format!(", {} triangles, {:.3} m²", scene.triangles, scene.area)
-        } else {
-            String::new()
-        };
-        table.row("scene", format!("{}{triangles}", input.display()));
-        table.row(
-            "  size",
-            format!("{} m = {} wavelengths", size(scene.size, 3), size(scene.size_wavelengths, 1)),
-        );
+        let mesh = format!(", {} triangles, {:.3} m²", scene.triangles, scene.area);
+        let mesh = if scene.triangles > 0 { mesh } else { String::new() };
+        table.row("scene", format!("{}{mesh}", input.display()));
+        let (metres, wavelengths) = (product(scene.size, 3), product(scene.size_wavelengths, 1));
+        table.row("  size", format!("{metres} m = {wavelengths} wavelengths"));
         table.row("  depth", format!("z {:.3} to {:.3} m from the array", scene.low[2], scene.high[2]));
         for material in scene.materials.iter().take(8) {
             let name = if material.name.is_empty() { "(unnamed)" } else { &material.name };
-            table.row(
-                "  material",
-                format!(
-                    "{name}: reflectance {}, transmittance {} ({})",
-                    short(material.reflectance),
-                    short(material.transmittance),
-                    material.source
-                ),
+            let (reflectance, transmittance) = (short(material.reflectance), short(material.transmittance));
+            let value = format!(
+                "{name}: reflectance {reflectance}, transmittance {transmittance} ({})",
+                material.source
             );
+            table.row("  material", value);
         }
         if scene.materials.len() > 8 {
             table.row("", format!("and {} more; all are in report.json", scene.materials.len() - 8));
@@ -68,52 +87,21 @@ pub(super) fn image(input: &Path, folder: &Path, report: &Report, outcome: &Outc
     let instrument = &outcome.instrument;
     let extent = instrument.array.extent();
     table.row("array", format!("{} microphones over {:.2} x {:.2} m", plan.microphones, extent.x, extent.y));
-    table.row(
-        "sweep",
-        format!(
-            "{} tones, {:.2} to {:.2} kHz",
-            plan.frequencies,
-            instrument.sweep.start() / 1e3,
-            instrument.sweep.stop() / 1e3
-        ),
-    );
-    for (i, line) in report.physics.iter().enumerate() {
-        table.row(if i == 0 { "physics" } else { "" }, line);
-    }
-    let millimetres = |m: Option<f64>| m.map_or("-".to_owned(), |m| format!("{:.1}", m * 1e3));
-    table.row(
-        "resolution",
-        format!(
-            "{} mm in range; {} to {} mm across, near to far",
-            millimetres(plan.range_resolution),
-            millimetres(plan.lateral_resolution_near[0]),
-            millimetres(plan.lateral_resolution_far[0])
-        ),
-    );
-    let grid = outcome.image.volume.grid;
-    let axis = |name: &str, a: &Axis| format!("{name} {:.3} to {:.3}", a.first, a.last());
-    table.row(
-        "grid",
-        format!(
-            "{} x {} x {} voxels: {}, {}, {} m",
-            grid.x.count,
-            grid.y.count,
-            grid.z.count,
-            axis("x", &grid.x),
-            axis("y", &grid.y),
-            axis("z", &grid.z)
-        ),
-    );
+    let [start, stop] = [instrument.sweep.start(), instrument.sweep.stop()].map(|f| f / 1e3);
+    table.row("sweep", format!("{} frequencies, {start:.2} to {stop:.2} kHz", plan.frequencies));
+    table.rows("physics", report.physics.iter().cloned());
+    table.row("resolution", resolution(plan, |[x, _]| millimetres(x)));
+    let grid = &outcome.image.volume.grid;
+    let axes = [("x", grid.x), ("y", grid.y), ("z", grid.z)];
+    let axes = axes.map(|(name, axis)| format!("{name} {:.3} to {:.3}", axis.first, axis.last()));
+    table.row("grid", format!("{}: {} m", voxels(grid), axes.join(", ")));
     table.row("depth", format!("a return at {} of {} pixels", report.accepted, report.pixels));
     let mut text = table.text();
     if let Some(metrics) = &report.metrics {
         text.push_str("against the truth\n");
-        text.push_str(&self::metrics(metrics).lines().fold(String::new(), |mut text, line| {
-            let _ = writeln!(text, "  {line}");
-            text
-        }));
+        text.push_str(&textwrap::indent(&self::metrics(metrics), "  "));
     }
-    let mut table = Table::default();
+    let mut table = KeyValueTable::default();
     let stages: Vec<String> = report
         .timings
         .iter()
@@ -125,79 +113,46 @@ pub(super) fn image(input: &Path, folder: &Path, report: &Report, outcome: &Outc
     text + &table.text()
 }
 
-/// What `plan` prints.
+/// The table of `plan`.
 pub(super) fn forecast(forecast: &Forecast) -> String {
     let (plan, grid) = (&forecast.plan, &forecast.grid);
-    let mut table = Table::default();
-    let millimetres = |m: Option<f64>| m.map_or("-".to_owned(), |m| format!("{:.1}", m * 1e3));
+    let mut table = KeyValueTable::default();
+    table.row("wavelength", format!("{:.1} mm at the centre of the band", plan.wavelength * 1e3));
     let lateral = |[x, y]: [Option<f64>; 2]| {
         if x == y { millimetres(x) } else { format!("{} x {}", millimetres(x), millimetres(y)) }
     };
-    table.row("wavelength", format!("{:.1} mm at the centre of the band", plan.wavelength * 1e3));
-    table.row(
-        "resolution",
-        format!(
-            "{} mm in range; {} to {} mm across, near to far",
-            millimetres(plan.range_resolution),
-            lateral(plan.lateral_resolution_near),
-            lateral(plan.lateral_resolution_far)
-        ),
-    );
+    table.row("resolution", resolution(plan, lateral));
     let [shortest, longest] = plan.path_bounds;
     let unambiguous = plan.unambiguous_path.map_or("all".to_owned(), |m| format!("{m:.2} m"));
     table.row("paths", format!("{shortest:.2} to {longest:.2} m; {unambiguous} unambiguous"));
     if plan.alias_free_pitch < 1e3 {
-        table.row(
-            "aliasing",
-            format!("none with microphones {:.1} mm apart or less", plan.alias_free_pitch * 1e3),
-        );
+        let pitch = 1e3 * plan.alias_free_pitch;
+        table.row("aliasing", format!("none with microphones {pitch:.1} mm apart or less"));
     }
-    table.row(
-        "grid",
-        format!(
-            "{} x {} x {} voxels of {:.1} x {:.1} x {:.1} mm",
-            grid.x.count,
-            grid.y.count,
-            grid.z.count,
-            grid.x.pitch * 1e3,
-            grid.y.pitch * 1e3,
-            grid.z.pitch * 1e3
-        ),
-    );
-    table.row(
-        "cube",
-        format!("{} tones x {} microphones: {}", plan.frequencies, plan.microphones, gib(plan.cube_bytes)),
-    );
+    let pitches = product([grid.x, grid.y, grid.z].map(|axis| axis.pitch * 1e3), 1);
+    table.row("grid", format!("{} of {pitches} mm", voxels(grid)));
+    let (frequencies, microphones, bytes) = (plan.frequencies, plan.microphones, gib(plan.cube_bytes));
+    table.row("cube", format!("{frequencies} frequencies x {microphones} microphones: {bytes}"));
     table.row("volume", gib(plan.volume_bytes));
-    for (i, line) in forecast.physics.iter().enumerate() {
-        table.row(if i == 0 { "physics" } else { "" }, line);
-    }
+    table.rows("physics", forecast.physics.iter().cloned());
     for (i, (method, seconds)) in forecast.methods.iter().zip(&forecast.seconds).enumerate() {
         let name = format!("{}{}", if i == forecast.chosen { "* " } else { "  " }, method.method);
+        let (bytes, time) = (gib(method.bytes), duration(*seconds));
         let costs = match &method.obstacle {
-            Some(obstacle) => format!("not taken: {obstacle}"),
-            None => format!(
-                "{:.1e} operations, {}, about {}",
-                method.operations,
-                gib(method.bytes),
-                duration(*seconds)
-            ),
+            Some(obstacle) => format!("not used: {obstacle}"),
+            None => format!("{:.1e} operations, {bytes}, about {time}", method.operations),
         };
         table.row(&name, costs);
     }
-    for (i, memory) in forecast.memory.iter().enumerate() {
-        let name = if i == 0 { "memory" } else { "" };
-        table.row(
-            name,
-            format!("{} for `{}`, at its peak {}", gib(memory.bytes), memory.command, memory.peak),
-        );
-    }
+    let memory = forecast.memory.iter();
+    let peaks = memory.map(|m| format!("{} for `{}`, at its peak {}", gib(m.bytes), m.command, m.peak));
+    table.rows("memory", peaks);
     table.row("threads", forecast.threads.to_string());
     table.row("writes", forecast.files.join(", "));
     table.text()
 }
 
-/// Seconds as people say them.
+/// Seconds in the usual units of time.
 pub(super) fn duration(seconds: f64) -> String {
     match seconds {
         s if s < 0.1 => "0.1 s or less".to_owned(),
@@ -210,7 +165,7 @@ pub(super) fn duration(seconds: f64) -> String {
 
 /// Every metric that was measured, with its unit.
 pub(super) fn metrics(metrics: &Metrics) -> String {
-    let mut table = Table::default();
+    let mut table = KeyValueTable::default();
     for (name, value) in metrics.iter() {
         if let Some(value) = value {
             table.row(name, quantity(name, value));
@@ -220,25 +175,17 @@ pub(super) fn metrics(metrics: &Metrics) -> String {
     if text.is_empty() { "nothing to measure: the truth is empty\n".to_owned() } else { text }
 }
 
-/// A metric's value as people say it: shares plainly, lengths in mm.
+/// A metric's value: lengths in mm, others without a unit.
 fn quantity(name: &str, value: f64) -> String {
     if Metrics::is_length(name) { format!("{:.2} mm", value * 1e3) } else { format!("{value:.3}") }
 }
 
-/// The metrics of every material and of every surface, a column each; nothing where there is but one of both.
+/// The metrics by material and by surface, one column each; empty if there is only one of each.
 pub(super) fn groups(scores: &Scores) -> String {
-    let materials: Vec<(String, &Metrics)> = scores
-        .materials
-        .iter()
-        .map(|(name, metrics)| (shortened(name), metrics))
-        .filter(|(_, metrics)| metrics.completeness.is_some())
-        .collect();
-    let surfaces: Vec<(String, &Metrics)> = scores
-        .surfaces
-        .iter()
-        .enumerate()
-        .map(|(k, metrics)| (format!("surface {}", k + 1), metrics))
-        .collect();
+    let measured = scores.materials.iter().filter(|(_, metrics)| metrics.completeness.is_some());
+    let materials: Vec<_> = measured.map(|(name, metrics)| (shortened(name), metrics)).collect();
+    let surfaces = (1..).zip(&scores.surfaces);
+    let surfaces: Vec<_> = surfaces.map(|(k, metrics)| (format!("surface {k}"), metrics)).collect();
     let mut text = String::new();
     for (of, columns) in [("by material", materials), ("from the front", surfaces)] {
         if columns.len() < 2 {
@@ -267,19 +214,19 @@ pub(super) fn groups(scores: &Scores) -> String {
     text
 }
 
-/// A verdict in words: `completeness 0.61, wanted at least 0.650`.
-pub(super) fn verdict(verdict: &Verdict) -> String {
+/// A verdict in words: `completeness 0.610, expected at least 0.650`.
+pub(super) fn verdict(verdict: &LimitVerdict) -> String {
     let measure = &verdict.bound.measure;
-    let value = verdict.value.map_or("has nothing to be measured on".to_owned(), |v| spread(verdict, v));
-    let wanted: Vec<String> = [("at least", verdict.bound.limit.min), ("at most", verdict.bound.limit.max)]
+    let value = verdict.value.map_or("could not be measured".to_owned(), |v| spread(verdict, v));
+    let expected: Vec<String> = [("at least", verdict.bound.limit.min), ("at most", verdict.bound.limit.max)]
         .into_iter()
         .filter_map(|(words, limit)| Some(format!("{words} {}", quantity(&measure.metric, limit?))))
         .collect();
-    format!("{measure} {value}, wanted {}", wanted.join(" and "))
+    format!("{measure} {value}, expected {}", expected.join(" and "))
 }
 
-/// A verdict's value, and the least and greatest of its seeds if there are several.
-fn spread(verdict: &Verdict, value: f64) -> String {
+/// A verdict's value, and the minimum and maximum of its seeds if there are several.
+fn spread(verdict: &LimitVerdict, value: f64) -> String {
     let metric = &verdict.bound.measure.metric;
     let each = || verdict.each.iter().flatten().copied();
     let text = quantity(metric, value);
@@ -295,27 +242,20 @@ fn spread(verdict: &Verdict, value: f64) -> String {
 /// One line of `check`.
 pub(super) fn check_line(name: &str, judgement: &Judgement) -> String {
     let kept = judgement.verdicts.iter().all(|v| v.kept);
-    let values: Vec<String> = judgement
-        .verdicts
-        .iter()
-        .map(|v| {
-            let value = v.value.map_or("none".to_owned(), |value| spread(v, value));
-            format!("{}{} {value}", if v.kept { "" } else { "! " }, v.bound.measure)
-        })
-        .collect();
-    let seeds = match judgement.seeds.len() {
-        0 | 1 => String::new(),
-        _ => format!(
-            " (mean of seeds {})",
-            judgement.seeds.iter().map(u32::to_string).collect::<Vec<_>>().join(", ")
-        ),
-    };
+    let values = judgement.verdicts.iter().map(|v| {
+        let value = v.value.map_or("none".to_owned(), |value| spread(v, value));
+        format!("{}{} {value}", if v.kept { "" } else { "! " }, v.bound.measure)
+    });
+    let values: Vec<String> = values.collect();
+    let seeds: Vec<String> = judgement.seeds.iter().map(u32::to_string).collect();
+    let seeds =
+        if seeds.len() > 1 { format!(" (mean of seeds {})", seeds.join(", ")) } else { String::new() };
     format!("{} {name}{seeds}: {}\n", if kept { "ok    " } else { "MISSED" }, values.join(", "))
 }
 
-/// The facts of `info`, one line each; nested ones are indented.
+/// The facts of `info`, one per line; nested ones are indented.
 pub(super) fn facts(value: &Value) -> String {
-    fn rows(table: &mut Table, value: &Value, indent: usize) {
+    fn rows(table: &mut KeyValueTable, value: &Value, indent: usize) {
         let Some(facts) = value.as_object() else { return };
         for (name, value) in facts {
             let name = format!("{}{}", "  ".repeat(indent), name.replace('_', " "));
@@ -339,24 +279,21 @@ pub(super) fn facts(value: &Value) -> String {
             }
         }
     }
-    let mut table = Table::default();
+    let mut table = KeyValueTable::default();
     rows(&mut table, value, 0);
-    table.text().lines().fold(String::new(), |mut text, line| {
-        let _ = writeln!(text, "{}", line.trim_end());
-        text
-    })
+    table.text()
 }
 
-/// A text that fits a line or two; a whole run file in an attribute does not.
+/// A text of a line or two; longer ones, such as a run file in an attribute, are cut off.
 fn shortened(text: &str) -> String {
-    const MOST: usize = 120;
-    if text.chars().count() <= MOST {
+    const MAX_CHARS: usize = 120;
+    if text.chars().count() <= MAX_CHARS {
         return text.to_owned();
     }
-    format!("{} ... (--json prints all of it)", text.chars().take(MOST).collect::<String>())
+    format!("{} ... (--json prints all)", text.chars().take(MAX_CHARS).collect::<String>())
 }
 
-/// A value without quotes or needless digits.
+/// A value without quotes and superfluous digits.
 fn plain(value: &Value) -> String {
     match value {
         Value::String(text) => text.clone(),

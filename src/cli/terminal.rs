@@ -1,65 +1,63 @@
-//! Progress bars, warnings, errors and results on a terminal, or quietly without one.
+//! Progress bars, warnings, errors and results, on a terminal or in a pipe.
 
-use super::signals;
+use super::{Common, signals};
 use crate::error::Error;
 use crate::pipeline::JobOptions;
 use crate::progress::{Event, Observer};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::{self, IsTerminal, Write};
 use std::sync::atomic::{AtomicU8, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Draws what the stages report, and hears signals.
+/// Shows what the stages report, and receives signals.
 #[derive(Debug)]
 pub(super) struct Terminal {
     quiet: bool,
-    /// Say of each stage what it did and how long it took.
+    json: bool,
+    /// Whether to print what each stage did and how long it took.
     verbose: bool,
     colour: bool,
     bar: Mutex<Option<ProgressBar>>,
-    /// Names and beginnings of the running stages, the innermost last.
+    /// Names and starting times of the running stages, the innermost last.
     running: Mutex<Vec<(String, Instant)>>,
-    /// The exit status of the signal that was heard; 0 before any.
+    /// The exit status for the signal that was received; 0 before any.
     signalled: Arc<AtomicU8>,
-    /// What to tell the user beside an error.
+    /// Advice to the user, printed after an error.
     advice: Mutex<Option<String>>,
 }
 
 impl Terminal {
-    pub(super) fn new(quiet: bool, verbose: bool) -> Self {
+    pub(super) fn new(Common { quiet, verbose, json, .. }: &Common) -> Self {
         let signalled = signals::listen();
         let colour = io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|v| v.is_empty());
         let (bar, running, advice) = (Mutex::new(None), Mutex::default(), Mutex::default());
-        Self { quiet, verbose, colour, bar, running, signalled, advice }
+        Self { quiet: *quiet, json: *json, verbose: *verbose, colour, bar, running, signalled, advice }
     }
 
-    fn bar(&self) -> std::sync::MutexGuard<'_, Option<ProgressBar>> {
-        self.bar.lock().unwrap_or_else(PoisonError::into_inner)
+    /// Whether to print results as JSON.
+    pub(super) fn json(&self) -> bool {
+        self.json
     }
 
-    fn running(&self) -> std::sync::MutexGuard<'_, Vec<(String, Instant)>> {
-        self.running.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// Whether a summary is wanted.
+    /// Whether to print no summary.
     pub(super) fn is_quiet(&self) -> bool {
         self.quiet
     }
 
-    /// The exit status of the signal that asked to stop, if one did.
+    /// The exit status for the signal that requested a stop, if there was one.
     pub(super) fn signalled(&self) -> Option<u8> {
         Some(self.signalled.load(Ordering::SeqCst)).filter(|status| *status != 0)
     }
 
-    /// Keeps what to tell beside an error.
+    /// Stores the advice to print after an error.
     pub(super) fn advise(&self, advice: Option<String>) {
-        *self.advice.lock().unwrap_or_else(PoisonError::into_inner) = advice;
+        *locked(&self.advice) = advice;
     }
 
     /// Prints the error that ends the program.
     pub(super) fn error(&self, error: &Error) {
-        let advice = self.advice.lock().unwrap_or_else(PoisonError::into_inner).take();
+        let advice = locked(&self.advice).take();
         let advice = advice.map(|advice| format!("; {advice}")).unwrap_or_default();
         self.say("error", "1;31", &format!("{error}{advice}"));
     }
@@ -75,22 +73,27 @@ impl Terminal {
     /// Writes a line to standard error, above the bar if there is one.
     fn line(&self, line: &str) {
         let write = || {
-            // A standard error that is gone leaves nobody to tell.
+            // If standard error is closed, nothing can be reported.
             let _ = writeln!(io::stderr(), "{line}");
         };
-        match &*self.bar() {
+        match &*locked(&self.bar) {
             Some(bar) => bar.suspend(write),
             None => write(),
         }
     }
 }
 
-/// A job that is observed on the terminal.
+/// Locks a value that a panic leaves valid.
+fn locked<T>(value: &Mutex<T>) -> MutexGuard<'_, T> {
+    value.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Options of a job that is observed on the terminal.
 pub(super) fn observed(terminal: &Terminal) -> JobOptions<'_> {
     JobOptions::default().with_observer(terminal)
 }
 
-/// Prints a result; a closed pipe is the reader's right and ends quietly.
+/// Prints a result; a closed pipe is not an error.
 pub(super) fn print(text: &str) -> Result<(), Error> {
     let mut out = io::stdout().lock();
     match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
@@ -122,21 +125,21 @@ impl Observer for Terminal {
                 if io::stderr().is_terminal() {
                     bar.enable_steady_tick(Duration::from_millis(100)); // a thread of its own
                 }
-                *self.bar() = Some(bar);
-                self.running().push((stage.to_owned(), Instant::now()));
+                *locked(&self.bar) = Some(bar);
+                locked(&self.running).push((stage.to_owned(), Instant::now()));
             }
             Event::Advanced { amount } => {
-                if let Some(bar) = &*self.bar() {
+                if let Some(bar) = &*locked(&self.bar) {
                     bar.inc(amount);
                 }
             }
             Event::Finished => {
-                if let Some(bar) = self.bar().take() {
+                if let Some(bar) = locked(&self.bar).take() {
                     bar.finish_and_clear();
                 }
-                let ended = self.running().pop();
-                if let Some((stage, begun)) = ended.filter(|_| self.verbose) {
-                    self.line(&format!("{stage:28} {:8.2} s", begun.elapsed().as_secs_f64()));
+                let ended = locked(&self.running).pop();
+                if let Some((stage, start)) = ended.filter(|_| self.verbose) {
+                    self.line(&format!("{stage:28} {:8.2} s", start.elapsed().as_secs_f64()));
                 }
             }
         }
@@ -165,19 +168,19 @@ impl Observer for Terminal {
     }
 }
 
-/// Makes a panic, which is always our mistake, say what to do about it; but for memory that a library panics for want of,
-/// which is the machine's and ends the process with status 1, as an allocation of the standard library does.
+/// Makes a panic, which is always a mistake in the program, ask for a report; except that a library's panic for lack of
+/// memory ends the process with status 1, as a failed allocation of the standard library does.
 pub(super) fn explain_panics() {
     let default = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |panic| {
-        // Readers of files catch the panics of the crates they call and report an error instead.
+        // Readers of files catch the panics of other crates and report an error instead.
         if crate::error::is_guarded() {
             return;
         }
-        if panic.payload_as_str().is_some_and(|said| said.contains("AllocError")) {
-            // Nothing that takes memory, and no unwinding: it would end as a mistake of the thread that waits for this one.
+        if panic.payload_as_str().is_some_and(|message| message.contains("AllocError")) {
+            // No allocation and no unwinding, which would end as a panic of the thread that waits for this one.
             let _ = io::stderr().write_all(
-                b"error: memory: an allocation of the linear algebra failed; give --memory SIZE to have less worked on \
+                b"error: memory: an allocation of the linear algebra failed; give --memory SIZE to process less \
                   at a time, or free some memory (or addresses, if `ulimit -v` is set)\n",
             );
             #[allow(clippy::exit)]

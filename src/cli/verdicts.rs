@@ -1,7 +1,7 @@
-//! The commands that judge: `compare` and `check`, and their exit status.
+//! The commands `compare` and `check`, and their exit status.
 
 use super::inputs::{config_of, reading_limit};
-use super::outputs::{check_extension, pretty};
+use super::outputs::{check_extension, print_json};
 use super::terminal::{Terminal, observed, print};
 use super::{Overrides, summary};
 use crate::error::{Error, Result};
@@ -9,10 +9,10 @@ use crate::export::depth_exr::{DepthFile, read_depth_map};
 use crate::export::figure::write_error_figure;
 use crate::export::{Attribute, find_attribute};
 use crate::metrics::{Scores, error_map, score};
-use crate::pipeline::{self, Bound, Verdict};
+use crate::pipeline::{self, Bound, LimitVerdict};
 use std::path::{Path, PathBuf};
 
-/// Scores a depth map and holds it to the limits typed.
+/// Scores a depth map and checks it against the limits of the command line.
 pub(super) fn compare(
     result: &Path,
     truth_path: &Path,
@@ -20,7 +20,7 @@ pub(super) fn compare(
     min: &[String],
     max: &[String],
     png: Option<&Path>,
-    json: bool,
+    terminal: &Terminal,
 ) -> Result<()> {
     if let Some(png) = png {
         check_extension(png, &["png"])?;
@@ -34,62 +34,50 @@ pub(super) fn compare(
     let mut found = read_depth_map(result, reading_limit())?;
     let truth = read_depth_map(truth_path, reading_limit())?;
     if !found.axes_known && found.map.shape() == truth.map.shape() {
-        // A foreign depth map says nothing of metres; pixel for pixel is what its user means.
+        // A depth map of another program has no coordinates: its pixels are compared one by one.
         (found.map.view, found.map.x, found.map.y) = (truth.map.view, truth.map.x, truth.map.y);
     }
-    let said = |file: &DepthFile| match find_attribute(&file.attributes, "sonar:rangeResolution") {
+    let stored = |file: &DepthFile| match find_attribute(&file.attributes, "sonar:rangeResolution") {
         Some(Attribute::Number(resolution)) => Some(*resolution),
         _ => None,
     };
-    let resolution = resolution.or_else(|| said(&truth)).or_else(|| said(&found)).ok_or_else(|| {
+    let resolution = resolution.or_else(|| stored(&truth)).or_else(|| stored(&found)).ok_or_else(|| {
         Error::input(
             "--resolution",
-            "is needed: neither file says its range resolution c/2B, by which hits and misses are told apart",
+            "is needed: neither file contains its range resolution c/2B, which decides what is a hit",
         )
     })?;
-    let (pixels, wanted) = (found.map.shape(), truth.map.shape());
-    if pixels != wanted && found.map.view == truth.map.view {
-        return Err(Error::input(
-            result.display(),
-            format!(
-                "has {} x {} pixels, but {} has {} x {}; both must be of one [grid]: make the truth with the run file \
-                 of the result",
-                pixels[1],
-                pixels[0],
-                truth_path.display(),
-                wanted[1],
-                wanted[0]
-            ),
-        ));
+    let ([rows, columns], [true_rows, true_columns]) = (found.map.shape(), truth.map.shape());
+    if [rows, columns] != [true_rows, true_columns] && found.map.view == truth.map.view {
+        let problem = format!(
+            "has {columns} x {rows} pixels, but {} has {true_columns} x {true_rows}; both must be on the same [grid]: make \
+             the truth with the run file of the result",
+            truth_path.display()
+        );
+        return Err(Error::input(result.display(), problem));
     }
     let scores = score(&found.map, &truth.map, resolution)?;
     if let Some(png) = png {
         let errors = error_map(&found.map, &truth.map)?;
-        write_error_figure(
-            png,
-            &errors,
-            &truth.map.raster(),
-            resolution,
-            &pipeline::error_note(&scores.all),
-        )?;
+        let note = pipeline::error_note(&scores.all);
+        write_error_figure(png, &errors, &truth.map.raster(), resolution, &note)?;
     }
     let verdicts = pipeline::hold(std::slice::from_ref(&scores), bounds);
-    if json {
+    if terminal.json() {
         let mut value = scores_json(&scores);
         value["limits"] = limits_json(&verdicts);
-        print(&pretty(&value))?;
+        print_json(&value)?;
     } else {
         print(&(summary::metrics(&scores.all) + &summary::groups(&scores)))?;
     }
     limits_kept(&verdicts)
 }
 
-/// Runs scenes and holds each to its `[expect]`.
+/// Runs scenes and checks each against its `[expect]`.
 pub(super) fn check(
     runs: &[PathBuf],
     overrides: &Overrides,
     seeds: &[u32],
-    json: bool,
     terminal: &Terminal,
 ) -> Result<()> {
     let mut worst: Option<Error> = None;
@@ -100,7 +88,7 @@ pub(super) fn check(
             .and_then(|run| pipeline::check_scene(path, &run, seeds, &observed(terminal)));
         match outcome {
             Ok(judgement) => {
-                if json {
+                if terminal.json() {
                     rows.push(serde_json::json!({
                         "scene": name,
                         "seeds": judgement.seeds,
@@ -117,8 +105,8 @@ pub(super) fn check(
             }
             Err(Error::Interrupted) => return Err(Error::Interrupted),
             Err(error) => {
-                // The others are still worth a line.
-                if runs.len() > 1 && !json {
+                // The other scenes are still run.
+                if runs.len() > 1 && !terminal.json() {
                     print(&format!("FAILED {error}\n"))?;
                 }
                 rows.push(serde_json::json!({ "scene": name, "error": error.to_string() }));
@@ -126,13 +114,13 @@ pub(super) fn check(
             }
         }
     }
-    if json {
-        print(&pretty(&serde_json::Value::Array(rows)))?;
+    if terminal.json() {
+        print_json(&rows)?;
     }
     worst.map_or(Ok(()), Err)
 }
 
-/// Of two errors the one to exit with: a run that failed tells more than a limit that was missed.
+/// The error to exit with: a failed run takes precedence over a missed limit, and the first over the second.
 fn worse(first: Option<Error>, second: Error) -> Error {
     match first {
         Some(first) if !matches!(first, Error::LimitMissed(_)) || matches!(second, Error::LimitMissed(_)) => {
@@ -147,7 +135,7 @@ fn scores_json(scores: &Scores) -> serde_json::Value {
     serde_json::json!({ "metrics": all, "materials": materials, "surfaces": surfaces })
 }
 
-fn limits_json(verdicts: &[Verdict]) -> serde_json::Value {
+fn limits_json(verdicts: &[LimitVerdict]) -> serde_json::Value {
     let limits = verdicts.iter().map(|v| {
         serde_json::json!({
             "metric": v.bound.measure.to_string(), "min": v.bound.limit.min, "max": v.bound.limit.max,
@@ -157,8 +145,8 @@ fn limits_json(verdicts: &[Verdict]) -> serde_json::Value {
     limits.collect()
 }
 
-/// Exit status 3 for what was missed, in words.
-fn limits_kept(verdicts: &[Verdict]) -> Result<()> {
+/// An error with exit status 3 that describes the missed limits.
+fn limits_kept(verdicts: &[LimitVerdict]) -> Result<()> {
     let missed: Vec<String> = verdicts.iter().filter(|v| !v.kept).map(summary::verdict).collect();
     if missed.is_empty() { Ok(()) } else { Err(Error::LimitMissed(format!("missed {}", missed.join("; ")))) }
 }

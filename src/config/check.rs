@@ -1,4 +1,4 @@
-//! What a run file must fulfil beyond its types: ranges, and keys that must agree with each other.
+//! The checks of a run file beyond types: ranges, and keys that must agree with each other.
 
 mod measurement;
 mod results;
@@ -9,11 +9,11 @@ pub(super) use measurement::square_root;
 use super::RunFile;
 use super::range::Check;
 
-/// Most frequencies, microphones or voxels along an axis that anyone could mean.
-const MOST_SAMPLES: f64 = 1e8;
+/// Maximum number of frequencies or microphones; larger ones are mistakes.
+const MAX_SAMPLES: f64 = 1e8;
 
 impl RunFile {
-    /// Every check, table by table; the first fault ends it.
+    /// Runs every check, table by table, until the first fault.
     pub(super) fn check_all(&self) -> Check {
         self.scene.check()?;
         for (index, rule) in self.materials.iter().enumerate() {

@@ -1,4 +1,4 @@
-//! The words that only run files choose from (the others are the stages' own), and [`InputFile`].
+//! The choices that only run files have (the stages declare the others), and [`InputFile`].
 
 use crate::choice::choice;
 use serde::{Deserialize, Serialize};
@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 choice! {
     /// How a surface scatters.
-    pub enum Surface: "surface" {
+    pub enum SurfaceKind: "surface" {
         /// A seeded random phase per reflector.
         Diffuse = "diffuse",
         /// Reflectors displaced along the normal; their amplitudes stay real.
@@ -19,7 +19,7 @@ choice! {
 choice! {
     /// How amplitude depends on the angle of incidence at the speaker.
     pub enum Shading: "shading" {
-        /// By its cosine.
+        /// By the cosine of the angle.
         Lambert = "lambert",
         /// Not at all.
         None = "none",
@@ -28,12 +28,12 @@ choice! {
 
 choice! {
     /// Where the microphones' positions come from.
-    pub enum Layout: "layout" {
+    pub enum ArrayLayout: "layout" {
         /// A rectangle of `count` × `pitch` about `centre`.
         Grid = "grid",
         /// Vogel's spiral, in the ellipse within the same rectangle.
         Spiral = "spiral",
-        /// Random places in the same rectangle.
+        /// Random positions in the same rectangle.
         Random = "random",
         /// The CSV or XML file named by `file`.
         File = "file",
@@ -54,27 +54,26 @@ choice! {
     }
 }
 
-/// A file that a run file names: as typed, and where that is.
+/// A file that a run file names: its path as typed, and its resolved path.
 ///
-/// Only what was typed is written out again, so that a resolved run file has the same bytes wherever it was
-/// read.
+/// Only the path as typed is written out again, so that a resolved run file has the same bytes wherever it was read.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(from = "String", into = "String")]
 pub struct InputFile {
     /// As typed.
     pub typed: String,
-    /// To be opened: `typed`, seen from the run file's folder.
+    /// The path to open: `typed`, relative to the run file's folder.
     pub path: PathBuf,
 }
 
 impl InputFile {
-    /// A file named by a path that needs no resolving.
+    /// A file whose path needs no resolving.
     pub fn new(path: impl Into<PathBuf>) -> Self {
         let path = path.into();
         Self { typed: path.to_string_lossy().into_owned(), path }
     }
 
-    /// Sets `path` to `typed` as seen from `folder`.
+    /// Sets `path` to `typed` relative to `folder`.
     pub(super) fn locate(&mut self, folder: &Path) {
         self.path = folder.join(&self.typed);
     }
@@ -88,8 +87,7 @@ impl AsRef<Path> for InputFile {
 
 impl From<String> for InputFile {
     fn from(typed: String) -> Self {
-        let path = PathBuf::from(&typed);
-        Self { typed, path }
+        Self::new(typed)
     }
 }
 

@@ -1,21 +1,22 @@
-//! Fills in what follows from what was typed: the array's default pitch, the air, and the third of a grid axis's two
-//! ends, pitch and count.
+//! Fills in what follows from the keys that were typed: the array's default pitch, the air, and the third of a grid
+//! axis's two ends, pitch and count.
 
+use super::range::{Check, ensure};
 use super::reader::Fault;
 use super::tables::ArrayTable;
-use super::{GridTable, Layout, MediumTable, RunFile};
+use super::{ArrayLayout, GridTable, MediumTable, RunFile};
 use crate::wave::DEFAULT_SOUND_SPEED;
 
 impl RunFile {
     /// Completes what was typed, or says why it cannot be completed.
-    pub(super) fn fill(&mut self) -> Result<(), Fault> {
+    pub(super) fn fill(&mut self) -> Check {
         let array = &mut self.array;
-        if array.layout != Layout::File {
-            if array.count.is_none() && array.elements.is_none() {
-                array.count = Some(ArrayTable::COUNT);
+        if array.layout != ArrayLayout::File {
+            if array.elements.is_none() {
+                array.count.get_or_insert(ArrayTable::COUNT);
             }
-            if array.pitch.is_none() && array.extent.is_none() {
-                array.pitch = Some(ArrayTable::PITCH);
+            if array.extent.is_none() {
+                array.pitch.get_or_insert(ArrayTable::PITCH);
             }
         }
         self.medium.fill();
@@ -35,21 +36,17 @@ impl MediumTable {
 }
 
 impl GridTable {
-    fn fill(&mut self) -> Result<(), Fault> {
+    fn fill(&mut self) -> Check {
         let (pitch, count) = (self.pitch, self.count);
-        for (axis, (key, ends)) in [("grid.x", &mut self.x), ("grid.y", &mut self.y), ("grid.z", &mut self.z)]
-            .into_iter()
-            .enumerate()
-        {
-            let Some([first, last]) = ends else { continue };
+        let axes = [("grid.x", &mut self.x), ("grid.y", &mut self.y), ("grid.z", &mut self.z)];
+        for (axis, (key, ends)) in axes.into_iter().enumerate() {
             // Reading leaves NaN where only the first voxel was typed.
-            if last.is_nan() {
+            if let Some([first, last]) = ends
+                && last.is_nan()
+            {
                 let (Some(pitch), Some(count)) = (pitch, count) else {
-                    return Err(Fault::new(
-                        key,
-                        "one number is the first voxel alone; expected [first, last], or `pitch` and `count` \
-                         beside it",
-                    ));
+                    let problem = "one number is only the first voxel; expected [first, last], or also `pitch` and `count`";
+                    return Err(Fault::new(key, problem));
                 };
                 *last = *first + f64::from(count[axis].saturating_sub(1)) * pitch[axis];
             }
@@ -58,13 +55,11 @@ impl GridTable {
         let (Some(x), Some(y), Some(z)) = (self.x, self.y, self.z) else { return Ok(()) };
         let mut pitch = [0.0; 3];
         for (axis, [first, last]) in [x, y, z].into_iter().enumerate() {
-            if count[axis] < 2 || last <= first {
-                return Err(Fault::new(
-                    "grid.count",
-                    "the pitch follows from `count` only when each axis has two voxels or more, last after \
-                     first; give `pitch` too",
-                ));
-            }
+            ensure(count[axis] >= 2 && last > first, || {
+                let problem = "the pitch follows from `count` only when each axis has two voxels or more, last after \
+                               first; give `pitch` too";
+                Fault::new("grid.count", problem)
+            })?;
             pitch[axis] = (last - first) / f64::from(count[axis] - 1);
         }
         self.pitch = Some(pitch);

@@ -1,14 +1,11 @@
-//! Reads typed values out of parsed TOML, and says in plain words what is wrong with one that does not fit.
+//! Reads typed values from parsed TOML, and says in plain words what is wrong with one that does not fit.
 //!
-//! This is a serde `Deserializer` of its own for the sake of its errors: each knows the key at fault, and a
-//! name that is not known comes with the nearest one that is.
+//! It is a serde `Deserializer` of its own because of its errors: each one knows the key at fault, and proposes the
+//! nearest valid name for an unknown one.
 
 use super::wording::{described, nearest, quoted, unknown_key, unknown_table};
-use serde::de::value::StrDeserializer;
-use serde::de::{
-    self, DeserializeSeed, Deserializer, Expected, IntoDeserializer, MapAccess, SeqAccess, Unexpected,
-    Visitor,
-};
+use serde::de::value::{MapDeserializer, SeqDeserializer, StrDeserializer};
+use serde::de::{self, Deserializer, Expected, IntoDeserializer, Unexpected, Visitor};
 use serde::forward_to_deserialize_any;
 use std::fmt::{self, Display};
 use toml::Value;
@@ -20,7 +17,7 @@ pub(super) struct Fault {
     pub(super) path: String,
     /// Other keys that could be changed instead.
     pub(super) partners: &'static [&'static str],
-    /// What was found, what was expected, how to mend it.
+    /// What was found, what was expected, how to fix it.
     pub(super) problem: String,
 }
 
@@ -29,7 +26,12 @@ impl Fault {
         Self { path: path.into(), partners: &[], problem: problem.into() }
     }
 
-    /// Names the key, unless the fault is already known to lie deeper.
+    /// The same fault, which a change of these other keys would fix as well.
+    pub(super) fn or_at(self, partners: &'static [&'static str]) -> Self {
+        Self { partners, ..self }
+    }
+
+    /// Names the key, unless the fault is already known to be deeper.
     fn at(mut self, path: &str) -> Self {
         if self.path.is_empty() {
             path.clone_into(&mut self.path);
@@ -83,16 +85,16 @@ pub(super) fn joined(path: &str, key: &str) -> String {
     if path.is_empty() { quoted(key) } else { format!("{path}.{}", quoted(key)) }
 }
 
-/// One value, and the key it stands at.
+/// Reads one value, and knows its key.
 #[derive(Debug)]
-pub(super) struct Reader<'de> {
-    pub(super) path: String,
-    pub(super) value: &'de Value,
+pub(super) struct ValueDeserializer<'de> {
+    path: String,
+    value: &'de Value,
 }
 
-impl<'de> Reader<'de> {
-    /// The whole of a run file.
-    pub(super) fn whole(value: &'de Value) -> Self {
+impl<'de> ValueDeserializer<'de> {
+    /// Reads a complete run file.
+    pub(super) fn root(value: &'de Value) -> Self {
         Self { path: String::new(), value }
     }
 
@@ -100,18 +102,18 @@ impl<'de> Reader<'de> {
         Fault::new(&*self.path, format!("found {}; expected {what}", described(self.value)))
     }
 
-    /// Hands a list's elements to `visitor`.
+    /// Passes a list's elements to `visitor`.
     fn list<V: Visitor<'de>>(&self, list: &'de [Value], visitor: V) -> Result<V::Value, Fault> {
-        visitor
-            .visit_seq(Elements { path: &self.path, rest: list, next: 0 })
-            .map_err(|fault| fault.at(&self.path))
+        let path = |index: usize| format!("{}[{index}]", self.path);
+        let elements = list.iter().enumerate().map(|(index, value)| Self { path: path(index), value });
+        visitor.visit_seq(SeqDeserializer::new(elements)).map_err(|fault: Fault| fault.at(&self.path))
     }
 
-    /// Hands a table's entries to `visitor`.
+    /// Passes a table's entries to `visitor`.
     fn table<V: Visitor<'de>>(&self, table: &'de toml::Table, visitor: V) -> Result<V::Value, Fault> {
-        visitor
-            .visit_map(Entries { path: &self.path, rest: table.iter(), entry: None })
-            .map_err(|fault| fault.at(&self.path))
+        let entries =
+            table.iter().map(|(key, value)| (&**key, Self { path: joined(&self.path, key), value }));
+        visitor.visit_map(MapDeserializer::new(entries)).map_err(|fault: Fault| fault.at(&self.path))
     }
 
     fn number(&self) -> Result<f64, Fault> {
@@ -127,7 +129,15 @@ impl<'de> Reader<'de> {
     }
 }
 
-impl<'de> Deserializer<'de> for Reader<'de> {
+impl<'de> IntoDeserializer<'de, Fault> for ValueDeserializer<'de> {
+    type Deserializer = Self;
+
+    fn into_deserializer(self) -> Self {
+        self
+    }
+}
+
+impl<'de> Deserializer<'de> for ValueDeserializer<'de> {
     type Error = Fault;
 
     fn deserialize_any<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Fault> {
@@ -169,14 +179,6 @@ impl<'de> Deserializer<'de> for Reader<'de> {
         visitor.visit_some(self)
     }
 
-    fn deserialize_newtype_struct<V: Visitor<'de>>(
-        self,
-        _name: &'static str,
-        visitor: V,
-    ) -> Result<V::Value, Fault> {
-        visitor.visit_newtype_struct(self)
-    }
-
     fn deserialize_seq<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Fault> {
         match self.value {
             Value::Array(list) => self.list(list, visitor),
@@ -190,7 +192,10 @@ impl<'de> Deserializer<'de> for Reader<'de> {
     fn deserialize_tuple<V: Visitor<'de>>(self, length: usize, visitor: V) -> Result<V::Value, Fault> {
         match self.value {
             Value::Array(list) if list.len() == length => self.list(list, visitor),
-            _ => Err(self.expected(&format!("a list of {length} numbers, such as [{}]", example(length)))),
+            _ => {
+                let example = vec!["0.0"; length].join(", ");
+                Err(self.expected(&format!("a list of {length} numbers, such as [{example}]")))
+            }
         }
     }
 
@@ -227,8 +232,7 @@ impl<'de> Deserializer<'de> for Reader<'de> {
         words: &'static [&'static str],
         visitor: V,
     ) -> Result<V::Value, Fault> {
-        let accepted: Vec<String> = words.iter().map(|word| format!("\"{word}\"")).collect();
-        let accepted = accepted.join(", ");
+        let accepted = words.iter().map(|word| format!("\"{word}\"")).collect::<Vec<_>>().join(", ");
         match self.value {
             Value::String(word) if words.contains(&word.as_str()) => {
                 let word: StrDeserializer<Fault> = word.as_str().into_deserializer();
@@ -247,59 +251,7 @@ impl<'de> Deserializer<'de> for Reader<'de> {
     }
 
     forward_to_deserialize_any! {
-        bool i8 i16 i32 i64 i128 u8 u16 u64 u128 f32 char str bytes byte_buf unit unit_struct tuple_struct
-        identifier ignored_any
-    }
-}
-
-/// A list of that many numbers, for a message.
-fn example(length: usize) -> String {
-    vec!["0.0"; length].join(", ")
-}
-
-/// The elements of a list, in turn.
-struct Elements<'p, 'de> {
-    path: &'p str,
-    rest: &'de [Value],
-    next: usize,
-}
-
-impl<'de> SeqAccess<'de> for Elements<'_, 'de> {
-    type Error = Fault;
-
-    fn next_element_seed<T: DeserializeSeed<'de>>(&mut self, seed: T) -> Result<Option<T::Value>, Fault> {
-        let Some((value, rest)) = self.rest.split_first() else { return Ok(None) };
-        let path = format!("{}[{}]", self.path, self.next);
-        self.rest = rest;
-        self.next += 1;
-        seed.deserialize(Reader { path, value }).map(Some)
-    }
-
-    fn size_hint(&self) -> Option<usize> {
-        Some(self.rest.len())
-    }
-}
-
-/// The entries of a table, in turn.
-struct Entries<'p, 'de> {
-    path: &'p str,
-    rest: toml::map::Iter<'de, String, Value>,
-    entry: Option<(&'de str, &'de Value)>,
-}
-
-impl<'de> MapAccess<'de> for Entries<'_, 'de> {
-    type Error = Fault;
-
-    fn next_key_seed<K: DeserializeSeed<'de>>(&mut self, seed: K) -> Result<Option<K::Value>, Fault> {
-        let Some((key, value)) = self.rest.next() else { return Ok(None) };
-        let key: &str = key;
-        self.entry = Some((key, value));
-        let key: StrDeserializer<Fault> = key.into_deserializer();
-        seed.deserialize(key).map(Some)
-    }
-
-    fn next_value_seed<T: DeserializeSeed<'de>>(&mut self, seed: T) -> Result<T::Value, Fault> {
-        let (key, value) = self.entry.take().expect("serde asks for a value after its key");
-        seed.deserialize(Reader { path: joined(self.path, key), value })
+        bool i8 i16 i32 i64 i128 u8 u16 u64 u128 f32 char str bytes byte_buf unit unit_struct newtype_struct
+        tuple_struct identifier ignored_any
     }
 }

@@ -1,7 +1,7 @@
-//! From what was typed to the parameters of the stages; the only place where one becomes the other.
+//! From the run file to the parameters of the stages; no other place converts one to the other.
 
 use super::check::square_root;
-use super::{Layout, RunFile, Shading, Surface};
+use super::{ArrayLayout, RunFile, Shading, SurfaceKind};
 use crate::acquisition::{ArrayErrors, Instrument, Losses, MicArray, Noise, SimulateOptions, Sweep};
 use crate::depth::DepthOptions;
 use crate::error::{Error, Result};
@@ -14,20 +14,20 @@ use crate::truth::TruthOptions;
 use crate::wave::{Geometry, GeometryKind};
 use glam::DVec3;
 
-/// A bare scene is put this many diagonals of its box away.
+/// Distance at which a bare mesh is placed, in diagonals of its bounding box.
 const FIT_BY_DIAGONAL: f64 = 2.0;
 
-/// Rows of a perspective view whose pixels nobody said.
+/// Default number of rows of a perspective view.
 const ROWS: f64 = 256.0;
 
-/// Margin of a grid that follows from the scene, as a share of the scene's size to each side.
+/// Margin of a grid that follows from the scene, on each side, as a fraction of the scene's size.
 const MARGIN: f64 = 0.05;
 
 impl RunFile {
     /// `[sweep]`.
     ///
     /// # Errors
-    /// A band that is no multiple of the step, and other sweeps that are none.
+    /// A band that is not a multiple of the step, and other invalid sweeps.
     pub fn sweep(&self) -> Result<Sweep> {
         Sweep::stepped(self.sweep.start, self.sweep.stop, self.sweep.step)
             .map_err(|error| error.at("[sweep]"))
@@ -40,10 +40,10 @@ impl RunFile {
     pub fn microphones(&self) -> Result<MicArray> {
         let array = &self.array;
         let centre = DVec3::from_array(array.centre);
-        if let (Layout::File, Some(file)) = (array.layout, &array.file) {
+        if let (ArrayLayout::File, Some(file)) = (array.layout, &array.file) {
             return MicArray::read(&file.path);
         }
-        // As many microphones over the same extent, whatever the layout.
+        // Every layout has the same number of microphones over the same extent.
         let sides = match (array.count, array.elements) {
             (Some(count), _) => count.map(f64::from),
             (None, elements) => [f64::from(elements.unwrap_or(1)).sqrt(); 2],
@@ -55,12 +55,12 @@ impl RunFile {
             (None, pitch) => pitch.map_or(f64::NAN, |pitch| pitch[axis]) * (sides[axis] - 1.0),
         });
         let microphones = match array.layout {
-            Layout::Spiral => MicArray::spiral(elements, extent, centre),
-            Layout::Random => {
+            ArrayLayout::Spiral => MicArray::spiral(elements, extent, centre),
+            ArrayLayout::Random => {
                 let seed = array.seed.unwrap_or(1).into();
                 MicArray::random(elements, extent, centre, array.spacing, seed)
             }
-            Layout::Grid | Layout::File => {
+            ArrayLayout::Grid | ArrayLayout::File => {
                 let side = array.elements.and_then(square_root).unwrap_or(1) as usize;
                 let count = count.unwrap_or([side; 2]);
                 let pitch = |axis: usize| match (array.pitch, array.extent) {
@@ -95,8 +95,8 @@ impl RunFile {
             .with_sound_speed(self.medium.speed()))
     }
 
-    /// `[scene]` and `[[materials]]`. With neither `fit` nor `translate` the mesh stays where it is, unless `bare`:
-    /// then its centre goes to z = 2 diagonals of its box.
+    /// `[scene]` and `[[materials]]`. With neither `fit` nor `translate` the mesh keeps its position, unless it is
+    /// `bare`: then its centre is moved to z = 2 diagonals of its bounding box.
     ///
     /// # Errors
     /// A sensor that is neither `camera:NAME` nor `node:NAME`.
@@ -115,16 +115,16 @@ impl RunFile {
         Ok(options)
     }
 
-    /// `[reflectors]` and `[scene] occlusion`, for a scene whose nearest surface lies at `nearest_z` m.
+    /// `[reflectors]` and `[scene] occlusion`, for a scene whose nearest surface is at `nearest_z` m.
     pub fn surface_options(&self, instrument: &Instrument, nearest_z: f64) -> SurfaceOptions {
         let typed = &self.reflectors;
-        let mirror = typed.surface == Surface::Smooth;
+        let mirror = typed.surface == SurfaceKind::Smooth;
         let spacing = typed.spacing.unwrap_or_else(|| instrument.advised_spacing(nearest_z.max(0.0), mirror));
         let mut options = SurfaceOptions::new(spacing, instrument.wavelength());
         options.surface = match typed.surface {
-            Surface::Diffuse => SurfaceModel::Diffuse,
-            Surface::Rough => SurfaceModel::Rough(typed.roughness * instrument.wavelength()),
-            Surface::Smooth => SurfaceModel::Smooth,
+            SurfaceKind::Diffuse => SurfaceModel::Diffuse,
+            SurfaceKind::Rough => SurfaceModel::Rough(typed.roughness * instrument.wavelength()),
+            SurfaceKind::Smooth => SurfaceModel::Smooth,
         };
         options.lambert = typed.shading == Shading::Lambert;
         options.occlusion = match self.scene.occlusion {
@@ -137,7 +137,7 @@ impl RunFile {
         options
     }
 
-    /// What the truth is traced with: as the reflectors were heard.
+    /// How the truth is traced: with the speaker and the shading of the simulation.
     pub fn truth_options(&self, instrument: &Instrument) -> TruthOptions {
         let mut options = TruthOptions::for_speaker(instrument.geometry.viewpoint(instrument.array.centre()));
         options.lambert = self.reflectors.shading == Shading::Lambert;
@@ -149,7 +149,7 @@ impl RunFile {
 
     /// `[detection]`, `[medium]` and `[array]` for the simulation.
     pub fn simulate_options(&self) -> SimulateOptions {
-        // The noise has a stream of its own, so that it does not follow the surfaces' phases.
+        // The noise has a random stream of its own, independent of the surfaces' phases.
         let seed = u64::from(self.reflectors.seed) ^ 0x006e_6f69_7365_0000;
         let array = &self.array;
         let errors = ArrayErrors {
@@ -172,28 +172,20 @@ impl RunFile {
         }
     }
 
-    /// `[grid]`; what is left out follows from the scene's box and the plan's advice.
+    /// `[grid]`; what is left out follows from the scene's bounding box and the plan's advice.
     ///
     /// # Errors
-    /// Axes that are none, or a grid that is left out although there is no scene to take it from.
+    /// Invalid axes; a grid that is left out although there is no scene to derive it from.
     pub fn voxels(&self, instrument: &Instrument, scene: Option<(DVec3, DVec3)>) -> Result<Grid> {
         let typed = &self.grid;
-        let margin = |low: f64, high: f64| {
-            let margin = ((high - low) * MARGIN).max(2.0 * instrument.wavelength());
-            [low - margin, high + margin]
-        };
         let from_scene = |axis: usize| {
             let (low, high) = scene.ok_or_else(|| {
-                Error::input(
-                    "[grid]",
-                    format!(
-                        "is missing or incomplete, and without a scene there is nothing to take it from; give a run file \
-                         (-c) with x, y and z as [first, last] in metres, for example\n\n{}",
-                        instrument.suggested_grid_table()
-                    ),
-                )
+                let problem = "is missing or incomplete, and there is no scene to derive it from; give a run file (-c) with \
+                               x, y and z as [first, last] in metres, for example";
+                Error::input("[grid]", format!("{problem}\n\n{}", instrument.suggested_grid_table()))
             })?;
-            Ok(margin(low[axis], high[axis]))
+            let margin = ((high[axis] - low[axis]) * MARGIN).max(2.0 * instrument.wavelength());
+            Ok([low[axis] - margin, high[axis] + margin])
         };
         let x = typed.x.map_or_else(|| from_scene(0), Ok)?;
         let y = typed.y.map_or_else(|| from_scene(1), Ok)?;
@@ -204,21 +196,19 @@ impl RunFile {
             let [first, last] = from_scene(2)?;
             let first = first.max(instrument.wavelength());
             if last < first {
-                return Err(Error::input(
-                    "[scene]",
-                    format!(
-                        "lies behind the array or in it (z up to {:.3} m), so no grid can follow from it; move it with \
-                         `translate` or `fit`, or give [grid]",
-                        scene.map_or(f64::NAN, |(_, high)| high.z)
-                    ),
-                ));
+                let high = scene.map_or(f64::NAN, |(_, high)| high.z);
+                let problem = format!(
+                    "is behind the array or in its plane (z up to {high:.3} m), so no grid can be derived from it; move it \
+                     with `translate` or `fit`, or give [grid]"
+                );
+                return Err(Error::input("[scene]", problem));
             }
             [first, last]
         };
         let advised = instrument.advised_pitch(z[0].max(instrument.wavelength()));
         let pitch = typed.pitch.unwrap_or(advised);
-        let axis = |name: &str, ends: [f64; 2], pitch: f64| -> Result<Axis> {
-            Axis::spanning(ends[0], ends[1], pitch).map_err(|error| error.at(format!("[grid] {name}")))
+        let axis = |name: &str, [first, last]: [f64; 2], pitch: f64| {
+            Axis::spanning(first, last, pitch).map_err(|error| error.at(format!("[grid] {name}")))
         };
         Ok(Grid { x: axis("x", x, pitch[0])?, y: axis("y", y, pitch[1])?, z: axis("z", z, pitch[2])? })
     }
@@ -231,10 +221,10 @@ impl RunFile {
         options
     }
 
-    /// `[depth] view`: the pixels, or `None` for those of the grid; `camera` is the one that the array was put at.
+    /// `[depth] view`: the pixels, or `None` for those of the grid; `camera` is the one at which the array is placed.
     ///
     /// # Errors
-    /// A perspective view whose field of view neither the run file nor the camera says.
+    /// A perspective view whose field of view neither the run file nor the camera gives.
     pub fn raster(&self, camera: Option<CameraView>) -> Result<Option<Raster>> {
         if self.depth.view == View::Orthographic {
             return Ok(None);
@@ -242,7 +232,7 @@ impl RunFile {
         let fov = self.depth.fov.or_else(|| camera.map(|camera| camera.vertical_field_of_view)).ok_or_else(|| {
             Error::input(
                 "[depth] fov",
-                "is missing: a perspective view needs its vertical field of view in degrees, unless the array sits at a \
+                "is missing: a perspective view needs its vertical field of view in degrees, unless the array is at a \
                  perspective camera of a glTF scene ([scene] sensor = \"camera:NAME\")",
             )
         })?;

@@ -1,8 +1,8 @@
-//! From text to TOML values that remember where they were typed: in the file, by line and column, or in a
-//! `--set` on the command line.
+//! From text to TOML values, each with the place where it was typed: a line and column of the file, or a `--set` on the
+//! command line.
 
 use super::reader::{Fault, joined};
-use super::wording::{homes, quoted};
+use super::wording::{quoted, tables_with};
 use crate::error::{Error, Result};
 use std::collections::HashMap;
 use toml::de::{DeTable, DeValue};
@@ -17,9 +17,9 @@ enum Origin {
     Override(String),
 }
 
-/// A run file's values, not yet typed, and where each was written.
+/// A run file as parsed TOML, and where each of its values was typed.
 #[derive(Debug)]
-pub(super) struct Source<'t> {
+pub(super) struct ParsedRunFile<'t> {
     file: &'t str,
     text: &'t str,
     origins: HashMap<String, Origin>,
@@ -27,10 +27,10 @@ pub(super) struct Source<'t> {
     pub(super) values: Value,
 }
 
-/// Parts of the longest key, `expect.METRIC.max` or `materials.N.name`, and some to spare.
-const DEEPEST: usize = 8;
+/// Maximum number of parts of a key: `expect.METRIC.max` and `materials.N.name` have three.
+const MAX_DEPTH: usize = 8;
 
-/// Pairs of keys of which one replaces the other, so that a `--set` of one can do without unsetting the other.
+/// Pairs of keys that exclude each other: a `--set` of one withdraws the other.
 const EXCLUSIVE: [[&str; 2]; 4] = [
     ["scene.translate", "scene.fit"],
     ["array.pitch", "array.extent"],
@@ -38,9 +38,9 @@ const EXCLUSIVE: [[&str; 2]; 4] = [
     ["medium.sound_speed", "medium.temperature"],
 ];
 
-/// Keys that mean something beside one word of another key alone: key, that other key, the word. A `--set` of another
-/// word withdraws them.
-const OF_WORD: [[&str; 3]; 5] = [
+/// Keys that apply only with one word of another key: key, that other key, the word. A `--set` of another word withdraws
+/// them.
+const DEPENDENT: [[&str; 3]; 5] = [
     ["array.file", "array.layout", "file"],
     ["array.spacing", "array.layout", "random"],
     ["array.seed", "array.layout", "random"],
@@ -48,27 +48,22 @@ const OF_WORD: [[&str; 3]; 5] = [
     ["depth.pixels", "depth.view", "perspective"],
 ];
 
-impl<'t> Source<'t> {
-    /// Parses `text`, which stands in `file`.
+impl<'t> ParsedRunFile<'t> {
+    /// Parses `text`, the content of `file`.
     ///
     /// # Errors
     /// Text that is no TOML, and numbers that do not fit 64 bits.
     pub(super) fn parse(file: &'t str, text: &'t str) -> Result<Self> {
-        let mut source = Self { file, text, origins: HashMap::new(), values: Value::Table(Table::new()) };
+        let mut parsed = Self { file, text, origins: HashMap::new(), values: Value::Table(Table::new()) };
         let root = DeTable::parse(text).map_err(|error| {
-            let place = match error.span() {
-                Some(span) => source.position(span.start),
-                None => file.to_owned(),
-            };
+            let place = error.span().map_or(file.to_owned(), |span| parsed.position(span.start));
             Error::input(place, format!("is not valid TOML: {}", one_line(error.message())))
         })?;
-        match table(root.get_ref(), "", &mut |path, byte| {
-            source.origins.insert(path, Origin::File(byte));
-        }) {
-            Ok(values) => source.values = Value::Table(values),
-            Err(fault) => return Err(source.error(fault)),
-        }
-        Ok(source)
+        let values = table(root.get_ref(), "", &mut |path, byte| {
+            parsed.origins.insert(path, Origin::File(byte));
+        });
+        parsed.values = Value::Table(values.map_err(|fault| parsed.error(fault))?);
+        Ok(parsed)
     }
 
     /// Applies one `table.key=value`; the value is TOML, and a bare word is text.
@@ -78,40 +73,38 @@ impl<'t> Source<'t> {
     pub(super) fn set(&mut self, typed: &str) -> Result<()> {
         let wrong = |problem: String| Error::input(set_place(typed), problem);
         let Some((key, value)) = typed.split_once('=') else {
-            return Err(wrong(
-                "expected table.key=value, such as --set grid.pitch=[0.01,0.01,0.005]".to_owned(),
-            ));
+            let problem = "expected table.key=value, such as --set grid.pitch=[0.01,0.01,0.005]";
+            return Err(wrong(problem.to_owned()));
         };
         let steps: Vec<&str> = key.split('.').map(str::trim).collect();
         if steps.iter().any(|step| step.is_empty()) {
             return Err(wrong("expected table.key=value; a part of the key is empty".to_owned()));
         }
-        if steps.len() > DEEPEST {
-            return Err(wrong("no key of a run file lies that deep; write table.key=value".to_owned()));
+        if steps.len() > MAX_DEPTH {
+            return Err(wrong("no key of a run file is that deep; write table.key=value".to_owned()));
         }
-        let [folders @ .., last] = &steps[..] else { return Ok(()) };
-        if folders.is_empty() && *last != "materials" {
-            let tables = homes(last);
+        let [parents @ .., last] = &steps[..] else { return Ok(()) };
+        if parents.is_empty() && *last != "materials" {
+            let tables = tables_with(last);
             let tables =
                 if tables.is_empty() { String::new() } else { format!(" ({})", tables.join(" or ")) };
             return Err(wrong(format!("`{}` lacks its table{tables}; write table.key=value", quoted(last))));
         }
         let value = value_of(value).map_err(wrong)?;
 
-        // Walk down to the table that holds the key, making tables that are not there yet.
+        // Descend to the key, creating missing tables.
         let mut path = String::new();
         let mut at = &mut self.values;
-        for step in folders {
+        for step in parents {
             (at, path) = descend(at, &path, step).map_err(wrong)?;
             self.origins.entry(path.clone()).or_insert_with(|| Origin::Override(typed.to_owned()));
         }
-        let slot;
-        (slot, path) = descend(at, &path, last).map_err(wrong)?;
+        (at, path) = descend(at, &path, last).map_err(wrong)?;
         let word = value.as_str().unwrap_or_default().to_owned();
-        *slot = value;
+        *at = value;
 
-        let inner = [format!("{path}."), format!("{path}[")];
-        self.origins.retain(|key, _| !inner.iter().any(|prefix| key.starts_with(prefix.as_str())));
+        self.origins
+            .retain(|key, _| !key.strip_prefix(&path).is_some_and(|rest| rest.starts_with(['.', '['])));
         self.origins.insert(path.clone(), Origin::Override(typed.to_owned()));
         for [one, other] in EXCLUSIVE {
             if path == one {
@@ -120,15 +113,15 @@ impl<'t> Source<'t> {
                 self.withdraw(one);
             }
         }
-        for [key, decider, owner] in OF_WORD {
-            if path == decider && word != owner {
+        for [key, decisive, needed] in DEPENDENT {
+            if path == decisive && word != needed {
                 self.withdraw(key);
             }
         }
         Ok(())
     }
 
-    /// Takes `table.key` out when it was typed in the file; two contradicting `--set` are left to be refused.
+    /// Removes `table.key` if it was typed in the file; two contradicting `--set` remain, and are refused later.
     fn withdraw(&mut self, path: &str) {
         if let (Some(Origin::File(_)), Some((table, key))) = (self.origins.get(path), path.split_once('.'))
             && let Some(Value::Table(table)) = self.values.get_mut(table)
@@ -138,16 +131,14 @@ impl<'t> Source<'t> {
         }
     }
 
-    /// The fault as an error that says where to mend it.
+    /// The fault as an error that says where to fix it.
     pub(super) fn error(&self, fault: Fault) -> Error {
-        // Of several keys that disagree, the one on the command line is the one just typed.
-        let overridden =
-            std::iter::once(fault.path.as_str()).chain(fault.partners.iter().copied()).find_map(|path| {
-                match self.origins.get(path) {
-                    Some(Origin::Override(typed)) => Some(set_place(typed)),
-                    _ => None,
-                }
-            });
+        // Of several keys that disagree, the one on the command line was typed last.
+        let mut keys = std::iter::once(fault.path.as_str()).chain(fault.partners.iter().copied());
+        let overridden = keys.find_map(|path| match self.origins.get(path) {
+            Some(Origin::Override(typed)) => Some(set_place(typed)),
+            _ => None,
+        });
         Error::input(overridden.unwrap_or_else(|| self.place(&fault.path)), fault.problem)
     }
 
@@ -176,7 +167,7 @@ impl<'t> Source<'t> {
     }
 }
 
-/// What an error in a `--set` is called.
+/// The place that an error in a `--set` names.
 fn set_place(typed: &str) -> String {
     format!("--set {}", quoted(typed))
 }
@@ -186,7 +177,7 @@ fn one_line(message: &str) -> String {
     message.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
-/// The element `step` of the value at `path`, made if it is a key that is not there.
+/// The element `step` of the value at `path`, and its own path; a missing key is created.
 fn descend<'v>(
     at: &'v mut Value,
     path: &str,
@@ -222,7 +213,7 @@ fn value_of(typed: &str) -> std::result::Result<Value, String> {
     }
 }
 
-/// Converts a table; `seen` is told the path and place of every key and element.
+/// Converts a table; `seen` receives the path and position of every key and element.
 fn table(
     parsed: &DeTable,
     path: &str,

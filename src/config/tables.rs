@@ -1,9 +1,9 @@
 //! The tables of a run file, key by key, as typed: lengths in m, frequencies in Hz, angles in degrees.
 //!
-//! A key that may be left out, with a meaning of its own when it is, is an `Option`; every other key has the
-//! default that `Default` gives.
+//! A key whose absence has a meaning of its own is an `Option`; every other key has the default that `Default` gives.
 
 mod measurement;
+mod pair;
 mod results;
 mod scene;
 

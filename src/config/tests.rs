@@ -1,5 +1,5 @@
-//! What a run file means: what is accepted, filled and written again. What is refused and in which words, and
-//! that nothing panics, is in the files beside this one.
+//! What a run file means: what is accepted, filled in and written again. `refusals` has what is refused, and `hostile`
+//! that nothing panics.
 
 #![allow(clippy::unwrap_used)]
 
@@ -41,7 +41,7 @@ fn scenes() -> PathBuf {
 }
 
 #[test]
-fn nothing_typed_is_the_default() {
+fn an_empty_file_means_the_defaults() {
     assert_eq!(read("").unwrap(), RunFile::default());
     assert_eq!(read("\u{feff}# nothing\r\n[sweep]\r\n").unwrap(), RunFile::default());
     RunFile::default().check().unwrap();
@@ -50,7 +50,7 @@ fn nothing_typed_is_the_default() {
 }
 
 #[test]
-fn every_scene_reads_and_comes_back_from_its_resolved_text() {
+fn every_shipped_scene_survives_a_round_trip_through_toml_and_json() {
     let mut seen = 0;
     for entry in std::fs::read_dir(scenes()).unwrap() {
         let path = entry.unwrap().path();
@@ -89,7 +89,7 @@ fn every_scene_has_voxels_on_a_lattice_shared_with_its_array() {
 }
 
 #[test]
-fn the_annotated_file_means_the_corner() {
+fn the_annotated_file_equals_the_corner_scene() {
     let annotated = RunFile::from_str_at(ANNOTATED, "annotated", &scenes(), &[]).unwrap();
     assert_eq!(annotated, RunFile::load(&scenes().join("corner.toml"), &[]).unwrap());
     let defaults = RunFile::default().to_json();
@@ -102,29 +102,20 @@ fn the_annotated_file_means_the_corner() {
             );
         }
     }
-    // What is commented out is right too, apart from those that exclude one another.
+    // Keys that are commented out are valid too, apart from those that exclude one another.
     let open: Vec<&str> = ANNOTATED
         .lines()
         .map(|line| {
             let key = line.strip_prefix("# ").filter(|rest| {
                 rest.starts_with("[[") || rest.split_once(" = ").is_some_and(|(key, _)| !key.contains(' '))
             });
-            let kept = [
-                "translate",
-                "sensor",
-                "elements",
-                "pitch",
-                "spacing = 0.016",
-                "seed",
-                "file",
-                "fov",
-                "pixels",
-                "temperature",
-                "humidity",
-                "pressure",
-                "#",
-            ];
-            key.filter(|rest| !kept.iter().any(|key| rest.starts_with(key))).unwrap_or(line)
+            let exclusive = "translate sensor elements pitch spacing=0.016 seed file fov pixels temperature humidity \
+                             pressure #";
+            let is_exclusive = |rest: &str| {
+                let compact = rest.replace(' ', "");
+                exclusive.split(' ').any(|start| compact.starts_with(start))
+            };
+            key.filter(|rest| !is_exclusive(rest)).unwrap_or(line)
         })
         .collect();
     let open = read(&open.join("\n")).unwrap();
@@ -142,7 +133,7 @@ fn files_are_relative_to_the_run_file_and_written_as_typed() {
 }
 
 #[test]
-fn a_grid_axis_is_any_two_of_end_pitch_and_count() {
+fn a_grid_axis_needs_two_of_end_pitch_and_count() {
     let spanned = read("[grid]\nx=[0,1]\ny=[0,1]\nz=[1,2]\npitch=[0.5,0.5,0.25]").unwrap().grid;
     let follows = read("[grid]\nx=0\ny=0.0\nz=1\npitch=[0.5,0.5,0.25]\ncount=[3,3,5]").unwrap().grid;
     let counted = read("[grid]\nx=[0,1]\ny=[0,1]\nz=[1,2]\ncount=[3,3,5]").unwrap().grid;
@@ -213,14 +204,14 @@ fn the_speed_of_sound_is_typed_or_that_of_the_air() {
     assert_eq!(run.simulate_options().losses.air, run.medium.air());
     let again = RunFile::from_str_at(&run.to_toml(), "resolved", Path::new("folder"), &[]).unwrap();
     assert_eq!(run, again);
-    // Overriding the one withdraws the other.
+    // Overriding one key removes the other.
     let run = read_with("[medium]\nsound_speed = 340", &["medium.temperature=0"]).unwrap();
     assert_eq!((run.medium.sound_speed, run.medium.humidity), (None, Some(50.0)));
-    assert_eq!(run.simulate_options().losses.air, None, "it absorbs only when asked to");
+    assert_eq!(run.simulate_options().losses.air, None, "air absorbs only on request");
 }
 
 #[test]
-fn one_run_file_serves_every_layout_with_as_many_microphones() {
+fn one_run_file_serves_every_layout_with_the_same_number_of_microphones() {
     let text = "[array]\ncount = [16, 16]\nextent = 1.0";
     for layout in ["grid", "spiral", "random"] {
         let array = read_with(text, &[&format!("array.layout={layout}")]).unwrap().microphones().unwrap();
@@ -231,7 +222,7 @@ fn one_run_file_serves_every_layout_with_as_many_microphones() {
     assert_eq!(elements.microphones().unwrap().lattice().unwrap().x.count, 16);
     let again = RunFile::from_str_at(&elements.to_toml(), "resolved", Path::new("folder"), &[]).unwrap();
     assert_eq!(elements, again);
-    // What belongs to another layout alone gives way to a layout on the command line, and the number to another number.
+    // A layout on the command line removes keys of other layouts only, and one number of microphones the other.
     let random = "[array]\nlayout = \"random\"\nelements = 256\nextent = [1, 1]\nseed = 4\nspacing = 0.02";
     assert!(read(random).unwrap().microphones().unwrap().lattice().is_none());
     assert!(read_with(random, &["array.layout=grid"]).unwrap().microphones().unwrap().lattice().is_some());

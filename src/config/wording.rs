@@ -1,17 +1,16 @@
-//! What messages quote and propose: names shortened until they fit a line, and the valid name nearest to a
-//! wrong one.
+//! What messages quote and propose: names short enough for a line, and the valid name nearest to a wrong one.
 
 use super::RunFile;
 use toml::Value;
 
-/// Typed text fit for one line of a message: escaped, and cut when long.
+/// Typed text for one line of a message: escaped, and cut off if long.
 pub(super) fn quoted(text: &str) -> String {
-    const MOST: usize = 60;
-    let mut shown: String = text.chars().take(MOST).flat_map(char::escape_debug).collect();
-    if text.chars().nth(MOST).is_some() {
+    const MAX_CHARS: usize = 60;
+    let mut shown: String = text.chars().take(MAX_CHARS).flat_map(char::escape_debug).collect();
+    if text.chars().nth(MAX_CHARS).is_some() {
         shown.push('…');
     }
-    // Quotes are not ambiguous between backticks, and a path reads better without the backslashes.
+    // Quotes are unambiguous between backticks, and a path is easier to read without backslashes.
     shown.replace("\\\"", "\"").replace("\\'", "'")
 }
 
@@ -32,9 +31,9 @@ pub(super) fn described(value: &Value) -> String {
     }
 }
 
-/// The name nearest to `typed`, if one is near enough to be what was meant.
+/// The name nearest to `typed`, if one is similar enough to be a likely correction.
 pub(crate) fn nearest<'n>(typed: &str, names: &[&'n str]) -> Option<&'n str> {
-    // Names have at most 20 letters; the distance to something very much longer says nothing.
+    // Names have at most 20 letters; the distance to a much longer text is meaningless.
     if typed.len() > 40 {
         return None;
     }
@@ -47,18 +46,18 @@ pub(crate) fn nearest<'n>(typed: &str, names: &[&'n str]) -> Option<&'n str> {
         .map(|(_, name)| name)
 }
 
-/// What to say about a key that its table does not have.
+/// The message about a key that its table does not have.
 pub(super) fn unknown_key(table: &str, key: &str, keys: &[&str]) -> String {
-    let meant = match (nearest(key, keys), homes(key).as_slice()) {
+    let meant = match (nearest(key, keys), tables_with(key).as_slice()) {
         (Some(near), _) => format!("; did you mean `{near}`?"),
         (None, []) => String::new(),
-        (None, homes) => format!("; it belongs in {}", homes.join(" or ")),
+        (None, tables) => format!("; it belongs in {}", tables.join(" or ")),
     };
     let end = if meant.ends_with('?') { "" } else { "." };
     format!("unknown key `{}` in [{table}]{meant}{end} (Keys here: {}.)", quoted(key), keys.join(", "))
 }
 
-/// What to say about a name at the top of the file that is no table of a run file.
+/// The message about a name at the top level of the file that is not a table of a run file.
 pub(super) fn unknown_table(name: &str, value: &Value, tables: &[&str]) -> String {
     let is_table =
         value.is_table() || value.as_array().is_some_and(|list| list.first().is_some_and(Value::is_table));
@@ -67,10 +66,8 @@ pub(super) fn unknown_table(name: &str, value: &Value, tables: &[&str]) -> Strin
     } else {
         format!("unknown key `{}` outside every table", quoted(name))
     };
-    let meant = match (nearest(name, tables), homes(name).as_slice()) {
-        (_, homes) if !is_table && !homes.is_empty() => {
-            format!("; it belongs in {}.", homes.join(" or "))
-        }
+    let meant = match (nearest(name, tables), tables_with(name).as_slice()) {
+        (_, owners) if !is_table && !owners.is_empty() => format!("; it belongs in {}.", owners.join(" or ")),
         (Some(near), _) => format!("; did you mean [{near}]?"),
         _ => ".".to_owned(),
     };
@@ -78,7 +75,7 @@ pub(super) fn unknown_table(name: &str, value: &Value, tables: &[&str]) -> Strin
 }
 
 /// The tables that have a key of this name, in brackets.
-pub(super) fn homes(key: &str) -> Vec<String> {
+pub(super) fn tables_with(key: &str) -> Vec<String> {
     let serde_json::Value::Object(tables) = RunFile::default().to_json() else { return Vec::new() };
     tables.iter().filter(|(_, keys)| keys.get(key).is_some()).map(|(table, _)| format!("[{table}]")).collect()
 }

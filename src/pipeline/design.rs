@@ -1,9 +1,9 @@
-//! Designing an array: one forecast for every combination of swept keys, and point-spread functions.
+//! Tools for the design of arrays: a forecast of every combination of swept keys, and point-spread functions.
 
-use super::echoes::Measurement;
 use super::forecast::forecast;
 use super::job::JobOptions;
 use super::memory::{MemoryBudget, SceneSize};
+use super::prepared_scene::Measurement;
 use crate::config::{self, RunFile};
 use crate::error::{Error, Result};
 use crate::grid::{Axis, Grid};
@@ -13,10 +13,10 @@ use crate::psf::{PointSpread, point_spread_with};
 use glam::DVec3;
 use serde::Serialize;
 
-/// Most combinations of a sweep: each takes a fraction of a second.
-const MOST_COMBINATIONS: usize = 2000;
+/// Maximum number of combinations of a sweep: each takes a fraction of a second.
+const MAX_COMBINATIONS: usize = 2000;
 
-/// A key of the run file and the values it is to take.
+/// A key of the run file and its values in a sweep.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SweptKey {
     /// `table.key`.
@@ -25,41 +25,41 @@ pub struct SweptKey {
     pub values: Vec<String>,
 }
 
-/// What one combination comes to; lengths in m.
+/// The prediction for one combination; lengths in m.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct DesignRow {
-    /// Microphones and tones.
+    /// Number of microphones.
     pub microphones: usize,
-    /// Number of tones.
+    /// Number of frequencies.
     pub tones: usize,
     /// Δd = c/2B.
     pub range_resolution: Option<f64>,
-    /// Full widths of a point at −3 dB along x before the array's centre: near, middle, far.
+    /// Full widths at −3 dB along x of a point in front of the array's centre, at the nearest, middle and farthest depth.
     pub widths: [Option<f64>; 3],
-    /// Of lattices by their pitch.
+    /// Whether there are grating lobes, by the pitch of a lattice.
     pub verdict: Verdict,
-    /// Least distance of a ghost from its point at the nearest depth, where there are ghosts in the grid, m.
+    /// Distance of the nearest grating lobe from a point at the nearest depth, if there are any in the grid, m.
     pub ghost_offset: Option<f64>,
-    /// Strongest ghost or sidelobe within the grid, with the window, dB.
+    /// Strongest grating lobe or sidelobe within the grid, with the window, dB.
     pub peak_sidelobe_db: Option<f64>,
-    /// Mean power of the sidelobes of one tone, dB.
+    /// Mean power of the sidelobes of one frequency, dB.
     pub mean_sidelobe_db: Option<f64>,
-    /// Memory at the peak.
+    /// Peak memory, bytes.
     pub peak_bytes: u64,
-    /// Seconds of the reconstruction, by a short measurement of this computer's speed.
+    /// Seconds of the reconstruction, from a short measurement of this computer's speed.
     pub seconds: f64,
 }
 
-/// One line of a sweep.
+/// One combination of a sweep.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct Combination {
     /// One value per key.
     pub values: Vec<String>,
-    /// What it comes to.
+    /// The prediction, if the combination is valid.
     pub design: Option<DesignRow>,
-    /// Why it comes to nothing.
+    /// Why the combination was refused, if it was.
     pub refused: Option<String>,
 }
 
@@ -77,7 +77,7 @@ impl SweptKey {
     /// Reads `KEY=FROM:TO:STEP`, both ends included, or `KEY=a,b,c`; commas within brackets belong to a value.
     ///
     /// # Errors
-    /// Neither; a range that never ends, or of more than 2000 values.
+    /// Text of neither form; a range that never ends, or that has more than 2000 values.
     pub fn parse(typed: &str) -> Result<Self> {
         let wrong = |problem: &str| {
             Error::input(
@@ -93,10 +93,10 @@ impl SweptKey {
         let numbers: Option<Vec<f64>> = values.split(':').map(|part| part.trim().parse().ok()).collect();
         if let Some([from, to, step]) = numbers.as_deref() {
             let intervals = ((to - from) / step + 1e-6).floor();
-            if !(intervals >= 0.0 && intervals < MOST_COMBINATIONS as f64) {
-                return Err(wrong("is a range that never ends, or of more than 2000 values"));
+            if !(intervals >= 0.0 && intervals < MAX_COMBINATIONS as f64) {
+                return Err(wrong("is a range that never ends, or that has more than 2000 values"));
             }
-            // Rounded as typed numbers are, so that 0.1 + 0.2 is 0.3.
+            // Rounded, so that 0.1 + 0.2 is 0.3 as typed.
             let value = |i: usize| ((from + i as f64 * step) * 1e9).round() / 1e9;
             let values = (0..=intervals as usize).map(|i| value(i).to_string()).collect();
             return Ok(Self { key, values });
@@ -122,41 +122,29 @@ impl SweptKey {
     }
 }
 
-/// Gives the run file of an input under further overrides, and whether it is a bare mesh.
+/// Returns the run file of an input with further overrides, and whether the input is a bare mesh.
 pub type RunWith<'a> = dyn Fn(&[String]) -> Result<(RunFile, bool)> + 'a;
 
-/// Predicts every combination of swept keys; `run_with` gives the run file under further overrides, and whether it is a
-/// bare mesh.
+/// Predicts every combination of swept keys.
 ///
-/// A combination that makes no job is kept with its reason.
+/// Invalid combinations are listed with the reason for their refusal.
 ///
 /// # Errors
-/// More than 2000 combinations; a scene that cannot be read; no combination that makes a job.
+/// More than 2000 combinations; a scene that cannot be read; no valid combination.
 pub fn sweep_designs(keys: &[SweptKey], run_with: &RunWith, job: &JobOptions) -> Result<DesignSweep> {
     let observer = job.observer;
     let total = keys.iter().fold(1_usize, |total, key| total.saturating_mul(key.values.len()));
-    if total > MOST_COMBINATIONS {
+    if total > MAX_COMBINATIONS {
         return Err(Error::input(
             "--sweep",
-            format!("{total} combinations are too many; {MOST_COMBINATIONS} at most are looked at"),
+            format!("{total} combinations are too many; the maximum is {MAX_COMBINATIONS}"),
         ));
     }
     let mut scenes = LastScene::default();
     let mut first_refusal = None;
     let mut combinations = Vec::with_capacity(total);
     stage(observer, "planning", total as u64, || {
-        for index in 0..total {
-            let mut rest = index;
-            let mut values: Vec<String> = keys
-                .iter()
-                .rev()
-                .map(|key| {
-                    let value = key.values[rest % key.values.len()].clone();
-                    rest /= key.values.len();
-                    value
-                })
-                .collect();
-            values.reverse();
+        for values in products(keys) {
             let set: Vec<String> =
                 keys.iter().zip(&values).map(|(key, value)| format!("{}={value}", key.key)).collect();
             let row = run_with(&set).and_then(|(run, bare)| row(&run, bare, &mut scenes, observer));
@@ -180,12 +168,20 @@ pub fn sweep_designs(keys: &[SweptKey], run_with: &RunWith, job: &JobOptions) ->
     Ok(DesignSweep { keys: keys.iter().map(|key| key.key.clone()).collect(), combinations })
 }
 
-/// The size of the scene read last, so that a mesh is not read for every combination.
+/// Every combination of the keys' values, the last key fastest.
+fn products(keys: &[SweptKey]) -> Vec<Vec<String>> {
+    keys.iter().fold(vec![Vec::new()], |products, key| {
+        let extended = |product: &[String], value: &String| [product, std::slice::from_ref(value)].concat();
+        products.iter().flat_map(|product| key.values.iter().map(move |v| extended(product, v))).collect()
+    })
+}
+
+/// The size of the scene that was read last, so that a mesh is not read for every combination.
 #[derive(Default)]
 struct LastScene(Option<(config::SceneTable, SceneSize)>);
 
 impl LastScene {
-    /// The run file's scene; nothing where the grid is typed in full and there is no scene.
+    /// The size of the run file's scene; zero if there is no scene and the grid is complete.
     fn of(&mut self, run: &RunFile, bare: bool, observer: &dyn Observer) -> Result<SceneSize> {
         let grid = &run.grid;
         if run.scene.mesh.is_none() && grid.x.is_some() && grid.y.is_some() && grid.z.is_some() {
@@ -210,14 +206,13 @@ fn row(run: &RunFile, bare: bool, scenes: &mut LastScene, observer: &dyn Observe
     let grid = run.voxels(instrument, size.bounds)?;
     let forecast = forecast(&budget, instrument, &grid, &measurement.imaging(&budget, &grid, &size), true)?;
     let design = forecast.design;
-    let ghosts = design.aliasing.verdict == Verdict::Ghosts;
     Ok(DesignRow {
         microphones: forecast.plan.microphones,
         tones: forecast.plan.frequencies,
         range_resolution: forecast.plan.range_resolution,
         widths: design.depths.map(|at| at.widths[0]),
         verdict: design.aliasing.verdict,
-        ghost_offset: design.depths[0].ghost_offset.filter(|_| ghosts),
+        ghost_offset: design.depths[0].ghost_offset.filter(|_| design.aliasing.verdict == Verdict::Ghosts),
         peak_sidelobe_db: design.aliasing.sidelobes.peak_db,
         mean_sidelobe_db: design.aliasing.sidelobes.mean_db,
         peak_bytes: forecast.memory[0].bytes,
@@ -225,18 +220,18 @@ fn row(run: &RunFile, bare: bool, scenes: &mut LastScene, observer: &dyn Observe
     })
 }
 
-/// Point-spread functions of a run file's instrument at some points, or, without any, at the middle of the grid's nearest,
-/// middle and farthest depth. The scene is looked at for its size alone.
+/// Point-spread functions of a run file's instrument at the given points, or, without any, at the middle of the grid's
+/// nearest, middle and farthest depth. Only the size of the scene is used.
 ///
 /// # Errors
-/// What the run file, the simulation of one reflector and its reconstruction come to.
+/// The errors of the run file, of the simulation of one reflector and of its reconstruction.
 pub fn point_spreads(run: &RunFile, points: &[DVec3], job: &JobOptions) -> Result<(Grid, Vec<PointSpread>)> {
     let JobOptions { bare_mesh: bare, observer, .. } = *job;
     let measurement = Measurement::of(run)?;
     let instrument = &measurement.instrument;
     let bounds = LastScene::default().of(run, bare, observer)?.bounds;
     let grid = run.voxels(instrument, bounds)?;
-    // One point is simulated, and not the scene.
+    // One point is simulated instead of the scene.
     measurement.check_simulation(&MemoryBudget::of(run), &grid, &SceneSize::within(bounds))?;
     // Adding 0 turns a negative zero into a positive one.
     let middle = |axis: &Axis| (f64::midpoint(axis.first, axis.last()) * 1e9).round() / 1e9 + 0.0;

@@ -1,4 +1,4 @@
-//! What files say about how they came to be: named facts for EXR and VTI, JSON for npz.
+//! The metadata of output files: named attributes for EXR, VTI and NRRD, JSON for npz.
 
 use crate::acquisition::Instrument;
 use crate::config::RunFile;
@@ -7,10 +7,10 @@ use crate::reconstruct::ReconstructionInfo;
 use crate::wave::Geometry;
 use serde_json::{Value, json};
 
-/// This program and its version, as files name it.
+/// The program and its version, as files name them.
 pub(super) const PROGRAM: &str = concat!("holosonar ", env!("CARGO_PKG_VERSION"));
 
-/// Everything that is needed to interpret and reproduce an image: `meta` of a volume's npz.
+/// Everything needed to interpret and reproduce an image: `meta` in a volume's npz.
 pub(super) fn image_facts(instrument: &Instrument, run: &RunFile, info: &ReconstructionInfo) -> Value {
     let mut facts = instrument_facts(instrument, run);
     facts["method"] = json!(info.method);
@@ -18,7 +18,7 @@ pub(super) fn image_facts(instrument: &Instrument, run: &RunFile, info: &Reconst
     facts
 }
 
-/// The facts of a measurement and of the run file that asked for it.
+/// The metadata of a measurement and of its run file.
 pub(super) fn instrument_facts(instrument: &Instrument, run: &RunFile) -> Value {
     let source = match instrument.geometry {
         Geometry::FixedSource { source } => source.to_array(),
@@ -45,20 +45,20 @@ pub(super) fn instrument_facts(instrument: &Instrument, run: &RunFile) -> Value 
     })
 }
 
-/// What the volume is multiplied with, if it is.
+/// How the volume is corrected for spreading, if it is.
 pub(super) fn compensation(run: &RunFile) -> Option<String> {
     run.reconstruct.compensate.then(|| {
         "spreading undone in the volume: times the distances from speaker and array's centre, in m".to_owned()
     })
 }
 
-/// The range resolution c/2B that a volume's facts come to, m.
+/// The range resolution c/2B from a volume's metadata, m.
 pub(crate) fn resolution_of(meta: &Value) -> Option<f64> {
     let number = |key: &str| meta.get(key).and_then(Value::as_f64).filter(|v| *v > 0.0);
     Some(number("sound_speed")? / (2.0 * number("bandwidth")?))
 }
 
-/// The same facts as attributes: `sound_speed` becomes `sonar:soundSpeed`, nested values become JSON text.
+/// The metadata as attributes: `sound_speed` becomes `sonar:soundSpeed`, nested values become JSON text.
 pub(super) fn attributes(facts: &Value) -> Attributes {
     let Some(facts) = facts.as_object() else { return Attributes::new() };
     facts

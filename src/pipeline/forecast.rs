@@ -1,9 +1,9 @@
-//! What `plan` shows: everything about a job that can be known before any ray or sample.
+//! Predictions of a job, for `plan`: everything that can be known before any ray is traced or any sample computed.
 
-use super::echoes::{Measurement, placement_warnings};
 use super::facts::compensation;
 use super::job::JobOptions;
 use super::memory::{MemoryBudget, SceneSize};
+use super::prepared_scene::{Measurement, placement_warnings};
 use super::{is_csv, is_in_metres, outputs, scene_path};
 use crate::acquisition::{CubeFile, CubeSource, Instrument};
 use crate::config::RunFile;
@@ -11,47 +11,47 @@ use crate::error::Result;
 use crate::grid::Grid;
 use crate::plan::{Design, JobArrays, MemoryEstimate, Plan, design, plan};
 use crate::reconstruct::Estimate;
-use glam::DVec3;
 use serde::Serialize;
+use std::path::Path;
 
-/// What a job will resolve, need and write.
+/// The predicted resolution, cost and files of a job.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct Forecast {
     /// Resolution, ambiguity, aliasing.
     pub plan: Plan,
-    /// Widths, ghosts and sidelobes, and what would fix each warning.
+    /// Widths, grating lobes and sidelobes, and what would fix each warning.
     pub design: Design,
-    /// The voxels, whether typed or chosen.
+    /// The voxels, as typed or chosen.
     pub grid: Grid,
-    /// Every method, possible here or not, with its operations and bytes.
+    /// Every method, whether applicable or not, with its operations and bytes.
     pub methods: Vec<Estimate>,
-    /// Which of them the job takes, as an index.
+    /// Index of the method that the job uses.
     pub chosen: usize,
     /// Worker threads.
     pub threads: usize,
-    /// Memory at the peak of each command that does all of the job or a part of it, `image` first.
+    /// Peak memory of each command that does the job or a part of it, `image` first.
     pub memory: Vec<CommandMemory>,
-    /// What will be simulated beyond Eq. 5 and done to the volume, in words.
+    /// What will be simulated in addition to Eq. 5, and how the volume will be corrected, in words.
     pub physics: Vec<String>,
-    /// Seconds of each method, by a short measurement of this machine's speed.
+    /// Seconds of each method, from a short measurement of this computer's speed.
     pub seconds: Vec<f64>,
     /// Files that `image` will write.
     pub files: Vec<String>,
-    /// What the user should know.
+    /// Warnings for the user.
     pub warnings: Vec<String>,
 }
 
-/// The memory that a command takes.
+/// The memory of a command.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 #[non_exhaustive]
 pub struct CommandMemory {
-    /// `image`; `simulate`, where there is a scene; `reconstruct`, from a cube in a file to a volume that is written depth by
-    /// depth (.npz, .vti, .nrrd).
+    /// `image`; `simulate`, if there is a scene; or `reconstruct`, from a cube file to a volume that is written depth by depth
+    /// (.npz, .vti, .nrrd).
     pub command: &'static str,
-    /// Bytes at the peak.
+    /// Peak memory, bytes.
     pub bytes: u64,
-    /// When that is, and what they are of.
+    /// The stage of the peak, and its arrays.
     pub peak: MemoryEstimate,
 }
 
@@ -61,10 +61,10 @@ impl CommandMemory {
     }
 }
 
-/// Predicts `image` of a scene. The mesh is loaded for its size; no ray is traced.
+/// Predicts `image` of a scene. The mesh is loaded only for its size; no ray is traced.
 ///
 /// # Errors
-/// A run file without a scene, or one that is refused; a grid that is missing and cannot be chosen.
+/// A run file without a scene, or with an invalid one; a grid that is missing and cannot be chosen.
 pub fn forecast_scene(run: &RunFile, job: &JobOptions) -> Result<Forecast> {
     let JobOptions { bare_mesh: bare, observer, .. } = *job;
     let measurement = Measurement::of(run)?;
@@ -89,10 +89,10 @@ pub fn forecast_scene(run: &RunFile, job: &JobOptions) -> Result<Forecast> {
 /// Predicts `image` of a cube file. No sample is read.
 ///
 /// # Errors
-/// A grid that is missing, or one that is refused.
+/// A missing or invalid grid.
 pub fn forecast_cube(run: &RunFile, cube: &CubeFile) -> Result<Forecast> {
     let instrument = cube.instrument();
-    let grid = run.voxels(instrument, None::<(DVec3, DVec3)>)?;
+    let grid = run.voxels(instrument, None)?;
     let budget = MemoryBudget::of(run);
     let samples = JobArrays { samples: cube.held_bytes(), ..JobArrays::default() };
     let mut forecast =
@@ -101,17 +101,18 @@ pub fn forecast_cube(run: &RunFile, cube: &CubeFile) -> Result<Forecast> {
     Ok(forecast)
 }
 
-/// Of `reconstruct` from a file, of whose samples some may be in memory.
+/// The memory of `reconstruct` from a file, of which some `samples` may be in memory.
 fn reconstruction(
     budget: &MemoryBudget,
     instrument: &Instrument,
     grid: &Grid,
     samples: JobArrays,
 ) -> Result<CommandMemory> {
-    let arrays = budget.reconstructing([], grid, false, samples);
+    let arrays = budget.reconstructing(std::iter::empty::<&Path>(), grid, false, samples);
     Ok(CommandMemory::new("reconstruct", budget.estimate(instrument, grid, &arrays)?.memory))
 }
 
+/// Predicts `image`, given its arrays.
 pub(super) fn forecast(
     budget: &MemoryBudget,
     instrument: &Instrument,
@@ -123,12 +124,17 @@ pub(super) fn forecast(
     let plan = plan(instrument, grid);
     let design = design(instrument, grid, run.reconstruct.window);
     let estimate = budget.estimate(instrument, grid, arrays)?;
-    let seconds = estimate.seconds();
-    let warnings = [plan.warnings.clone(), design.warnings.clone()].concat();
-    let physics = compensation(run).into_iter().collect();
-    let files = outputs::names(run, truth);
-    let memory = vec![CommandMemory::new("image", estimate.memory)];
-    let (methods, chosen, threads) = (estimate.methods, estimate.chosen, estimate.threads);
-    let grid = *grid;
-    Ok(Forecast { plan, design, grid, methods, chosen, threads, memory, physics, seconds, files, warnings })
+    Ok(Forecast {
+        warnings: [plan.warnings.clone(), design.warnings.clone()].concat(),
+        plan,
+        design,
+        grid: *grid,
+        seconds: estimate.seconds(),
+        methods: estimate.methods,
+        chosen: estimate.chosen,
+        threads: estimate.threads,
+        memory: vec![CommandMemory::new("image", estimate.memory)],
+        physics: compensation(run).into_iter().collect(),
+        files: outputs::names(run, truth),
+    })
 }

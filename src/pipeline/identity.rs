@@ -1,6 +1,6 @@
-//! What the jobs of the pipeline are told apart by: the run file with every default, and what it was given to work on.
+//! The identities of the pipeline's jobs: the run file with every default, and the data on which the job works.
 
-use super::echoes::Echoes;
+use super::prepared_scene::PreparedScene;
 use crate::acquisition::{CubeFile, CubeSource, Instrument};
 use crate::checkpoint::Identity;
 use crate::config::RunFile;
@@ -8,11 +8,11 @@ use crate::error::Result;
 use crate::grid::Grid;
 use glam::DVec3;
 
-/// The identity of a job that begins with a scene: by its reflectors, which say all that any file of it does.
-pub(super) fn of_scene(job: &str, run: &RunFile, echoes: &Echoes) -> Identity {
-    let mut identity = of_instrument(job, run, echoes.instrument(), &echoes.grid);
-    let reflectors = &echoes.reflectors;
-    identity.numbers(coordinates(reflectors.positions()).into_iter());
+/// The identity of a job that begins with a scene, which its reflectors represent completely.
+pub(super) fn of_scene(job: &str, run: &RunFile, scene: &PreparedScene) -> Identity {
+    let mut identity = of_instrument(job, run, scene.instrument(), &scene.grid);
+    let reflectors = &scene.reflectors;
+    identity.numbers(coordinates(reflectors.positions()));
     identity.bytes(bytemuck::cast_slice(reflectors.amplitudes()));
     identity
 }
@@ -30,11 +30,11 @@ fn of_instrument(job: &str, run: &RunFile, instrument: &Instrument, grid: &Grid)
     identity.text(&run.to_json().to_string());
     identity.text(&format!("{:?} {:?} {grid:?}", instrument.geometry, instrument.detection));
     identity.numbers(instrument.sweep.frequencies().iter().copied());
-    identity.numbers(coordinates(instrument.array.positions()).into_iter());
+    identity.numbers(coordinates(instrument.array.positions()));
     identity.numbers([instrument.sound_speed].into_iter());
     identity
 }
 
-fn coordinates(points: &[DVec3]) -> Vec<f64> {
-    points.iter().flat_map(DVec3::to_array).collect()
+fn coordinates(points: &[DVec3]) -> impl ExactSizeIterator<Item = f64> {
+    bytemuck::cast_slice(points).iter().copied()
 }

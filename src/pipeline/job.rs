@@ -1,11 +1,11 @@
-//! What a job may be given beside its run file.
+//! Options of a job that are not part of its run file.
 
 use crate::checkpoint::Checkpoint;
 use crate::progress::{Observer, Silent};
 use std::fmt;
 
-/// What a job may be given beside its run file; by default no checkpoint, no observer, and a mesh that stands where the run
-/// file puts it.
+/// Options of a job that are not part of its run file; by default no checkpoint, no observer, and a mesh at the position
+/// that the run file gives.
 ///
 /// ```no_run
 /// use holosonar::checkpoint::Checkpoint;
@@ -26,16 +26,16 @@ use std::fmt;
 #[derive(Clone, Copy)]
 #[non_exhaustive]
 pub struct JobOptions<'a> {
-    /// Whether the mesh came without a run file: then its centre goes before the array, 2 diagonals of its box away, unless a
-    /// key places it.
+    /// Whether the mesh has no run file of its own: then it is centred 2 diagonals of its bounding box in front of the array,
+    /// unless a key places it.
     pub bare_mesh: bool,
-    /// Where finished blocks are stored, and whence an interrupted job resumes.
+    /// Where finished blocks are stored, from which an interrupted job resumes.
     pub checkpoint: &'a Checkpoint,
-    /// Hears of progress and warnings, and may stop the job.
+    /// Receives progress and warnings, and may stop the job.
     pub observer: &'a dyn Observer,
 }
 
-/// The checkpoint of jobs that have none: it stores nothing.
+/// The checkpoint of jobs without one: it stores nothing.
 static OFF: Checkpoint = Checkpoint::off();
 
 impl Default for JobOptions<'_> {
@@ -45,19 +45,19 @@ impl Default for JobOptions<'_> {
 }
 
 impl<'a> JobOptions<'a> {
-    /// The same for a mesh that came without a run file, or with one.
+    /// The same options for a mesh without a run file, or with one.
     #[must_use]
     pub fn with_bare_mesh(self, bare_mesh: bool) -> Self {
         Self { bare_mesh, ..self }
     }
 
-    /// The same with a checkpoint.
+    /// The same options with a checkpoint.
     #[must_use]
     pub fn with_checkpoint(self, checkpoint: &'a Checkpoint) -> Self {
         Self { checkpoint, ..self }
     }
 
-    /// The same with an observer.
+    /// The same options with an observer.
     #[must_use]
     pub fn with_observer(self, observer: &'a dyn Observer) -> Self {
         Self { observer, ..self }

@@ -1,4 +1,4 @@
-//! Metrics held to limits: what `check`, `compare --min/--max` and our own regression tests share.
+//! Checks metrics against limits, for `check`, `compare --min/--max` and the regression tests.
 
 use super::job::JobOptions;
 use crate::config::{Limit, RunFile};
@@ -12,17 +12,17 @@ use std::path::Path;
 pub struct Bound {
     /// The metric, of everything or of one material or surface.
     pub measure: Measure,
-    /// Least and greatest value allowed.
+    /// Minimum and maximum value.
     pub limit: Limit,
 }
 
 impl Bound {
-    /// Parses `NAME=VALUE`, `NAME:MATERIAL=VALUE` or `NAME#K=VALUE` as a least (`min`) or greatest value.
+    /// Parses `NAME=VALUE`, `NAME:MATERIAL=VALUE` or `NAME#K=VALUE` as a minimum (if `min`) or a maximum.
     ///
     /// # Errors
-    /// No such metric, or no number.
+    /// An unknown metric, or a value that is not a number.
     pub fn parse(option: &str, typed: &str, min: bool) -> Result<Self> {
-        // A material's name may hold an equals sign; a number does not.
+        // A material's name may contain an equals sign, but a number does not.
         let (name, value) = typed.rsplit_once('=').unwrap_or((typed, ""));
         let value: f64 = value.trim().parse().ok().filter(|v: &f64| v.is_finite()).ok_or_else(|| {
             Error::input(
@@ -35,70 +35,68 @@ impl Bound {
         })?;
         let measure = Measure::parse(name.trim()).map_err(|unknown| {
             let known = METRIC_NAMES.join(", ");
-            Error::input(option, format!("there is no metric `{unknown}`; known are {known}"))
+            Error::input(option, format!("there is no metric `{unknown}`; expected one of {known}"))
         })?;
-        let limit =
-            if min { Limit { min: Some(value), max: None } } else { Limit { min: None, max: Some(value) } };
-        Ok(Self { measure, limit })
+        Ok(Self { measure, limit: Limit { min: min.then_some(value), max: (!min).then_some(value) } })
     }
 }
 
-/// How one metric stands to its limit.
+/// A metric compared with its limit.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Verdict {
+pub struct LimitVerdict {
     /// The limit.
     pub bound: Bound,
-    /// What was measured, the mean over the seeds; `None` where there was nothing to measure it on, which fails.
+    /// The mean of the metric over the seeds; `None` if there was nothing to measure, which fails.
     pub value: Option<f64>,
-    /// What was measured with each seed.
+    /// The metric of each seed.
     pub each: Vec<Option<f64>>,
     /// Whether the limit is kept.
     pub kept: bool,
 }
 
-/// Holds the mean of metrics to limits, one verdict each; `scores` are those of one or several seeds.
-pub fn hold(scores: &[Scores], bounds: impl IntoIterator<Item = Bound>) -> Vec<Verdict> {
+/// Compares the means of metrics with limits; `scores` are those of one or several seeds.
+pub fn hold(scores: &[Scores], bounds: impl IntoIterator<Item = Bound>) -> Vec<LimitVerdict> {
     bounds
         .into_iter()
         .map(|bound| {
             let each: Vec<Option<f64>> = scores.iter().map(|scores| scores.get(&bound.measure)).collect();
-            // Nothing measured with one seed is nothing measured.
+            // A metric that one seed lacks has no mean.
             let sum: Option<f64> = each.iter().copied().sum();
             let value = sum.filter(|_| !each.is_empty()).map(|sum| sum / each.len() as f64);
             let kept = value.is_some_and(|v| {
                 bound.limit.min.is_none_or(|min| v >= min) && bound.limit.max.is_none_or(|max| v <= max)
             });
-            Verdict { bound, value, each, kept }
+            LimitVerdict { bound, value, each, kept }
         })
         .collect()
 }
 
-/// A scene held to its `[expect]`.
+/// A scene checked against its `[expect]`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct Judgement {
-    /// The `[reflectors]` seeds it was run with.
+    /// The `[reflectors]` seeds of its runs.
     pub seeds: Vec<u32>,
     /// All metrics of each seed.
     pub scores: Vec<Scores>,
     /// Each limit, and whether it is kept.
     #[serde(skip)]
-    pub verdicts: Vec<Verdict>,
+    pub verdicts: Vec<LimitVerdict>,
 }
 
-/// Runs a scene and holds its metrics to the run file's `[expect]`: what `check` does, and our regression tests.
+/// Runs a scene and checks its metrics against the run file's `[expect]`, as the command `check` does.
 ///
-/// It is run with each of `seeds`, or if there are none of `[expect] seeds`, or else with its own; the mean is held to the
-/// limits. `path` is what errors name.
+/// It is run with each of `seeds`, or else with each of `[expect] seeds`, or else with its own seed; the means must keep the
+/// limits. Errors name `path`.
 ///
 /// # Errors
-/// What the stages refuse; a run file without `[expect]`, or a scene without a truth.
+/// The errors of the stages; a run file without `[expect]`, or a scene without a truth.
 pub fn check_scene(path: &Path, run: &RunFile, seeds: &[u32], job: &JobOptions) -> Result<Judgement> {
     let mut run = run.clone();
     if run.expect.limits.is_empty() {
         return Err(Error::input(
             path.display(),
-            "has no [expect], so there is nothing to hold it to; add for example `completeness = { min = 0.65 }`",
+            "has no [expect], so that there is nothing to check; add for example `completeness = { min = 0.65 }`",
         ));
     }
     let seeds = match (seeds, run.expect.seeds.as_slice()) {
@@ -109,7 +107,7 @@ pub fn check_scene(path: &Path, run: &RunFile, seeds: &[u32], job: &JobOptions) 
     for &seed in &seeds {
         run.reflectors.seed = seed;
         scores.push(super::image_scene(&run, job)?.scores.ok_or_else(|| {
-            Error::input(path.display(), "has no mesh and so no truth to be held to; [expect] needs one")
+            Error::input(path.display(), "has no mesh, and therefore no truth, which [expect] needs")
         })?);
     }
     let bounds = run
@@ -135,7 +133,7 @@ mod tests {
         scores
     }
 
-    fn verdict(scores: &[Scores], typed: &str, min: bool) -> Verdict {
+    fn verdict(scores: &[Scores], typed: &str, min: bool) -> LimitVerdict {
         hold(scores, [Bound::parse("--min", typed, min).expect("valid")]).remove(0)
     }
 
@@ -144,12 +142,12 @@ mod tests {
         let kept = |typed: &str, min: bool| verdict(&[scores(Some(0.65))], typed, min).kept;
         assert!(kept("completeness=0.65", true) && kept("completeness=0.65", false));
         assert!(!kept("completeness=0.66", true) && !kept("completeness=0.64", false));
-        assert!(!kept("rmse=1", false), "an rmse of nothing is no success");
-        assert!(!kept("completeness:glass=0.1", true), "nor is one of a material that is not there");
+        assert!(!kept("rmse=1", false), "an rmse without data is no success");
+        assert!(!kept("completeness:glass=0.1", true), "nor is one of a missing material");
     }
 
     #[test]
-    fn the_mean_of_the_seeds_is_held_to_the_limit() {
+    fn the_mean_of_the_seeds_must_keep_the_limit() {
         let seeds = [scores(Some(0.5)), scores(Some(0.9))];
         let held = verdict(&seeds, "completeness=0.69", true);
         assert!(held.kept && held.each == [Some(0.5), Some(0.9)]);

@@ -1,10 +1,10 @@
-//! What a run leaves besides its results: seconds per stage and warnings.
+//! Records the seconds of each stage and the warnings of a run.
 
 use crate::progress::{Event, Observer};
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
-/// An observer that hands everything on, and remembers warnings and times.
+/// An observer that passes everything on, and records warnings and times.
 pub(super) struct Log<'a> {
     inner: &'a dyn Observer,
     warnings: Mutex<Vec<String>>,
@@ -16,11 +16,11 @@ impl<'a> Log<'a> {
         Self { inner, warnings: Mutex::default(), timings: Mutex::default() }
     }
 
-    /// Runs a stage and notes how long it took.
+    /// Runs a stage and records its duration.
     pub(super) fn timed<T>(&self, stage: &str, work: impl FnOnce() -> T) -> T {
-        let begun = Instant::now();
+        let start = Instant::now();
         let result = work();
-        let seconds = begun.elapsed().as_secs_f64();
+        let seconds = start.elapsed().as_secs_f64();
         self.timings.lock().unwrap_or_else(PoisonError::into_inner).push((stage.to_owned(), seconds));
         result
     }

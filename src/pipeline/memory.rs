@@ -1,4 +1,4 @@
-//! The memory that a job may use, the arrays that it takes it for, and its refusal where that is too little.
+//! The memory that a job may use, the arrays for which it is used, and the refusal of a job that does not fit.
 
 use super::{is_csv, outputs, scene_path};
 use crate::acquisition::Instrument;
@@ -15,7 +15,8 @@ use glam::DVec3;
 use num_complex::Complex32;
 use std::path::Path;
 
-/// A run, and the bytes that it may use: found once, before anything is allocated, since what is free shrinks as a job grows.
+/// A run, and the bytes that it may use: determined once, before anything is allocated, since free memory shrinks as a job
+/// grows.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct MemoryBudget<'a> {
     pub(super) run: &'a RunFile,
@@ -34,10 +35,10 @@ impl<'a> MemoryBudget<'a> {
         JobArrays { depth, ..self.reconstructing(outputs::volume_names(self.run), grid, true, arrays) }
     }
 
-    /// The arrays of `reconstruct` into such files, of which the volume is one if it is needed as a whole.
-    pub(super) fn reconstructing<'b>(
+    /// The arrays of `reconstruct` into files of these names, including the volume if it is `whole` in memory.
+    pub(super) fn reconstructing(
         &self,
-        paths: impl IntoIterator<Item = &'b Path>,
+        paths: impl IntoIterator<Item: AsRef<Path>>,
         grid: &Grid,
         whole: bool,
         arrays: JobArrays,
@@ -48,14 +49,14 @@ impl<'a> MemoryBudget<'a> {
         JobArrays { volume: if whole { volume } else { 0 }, checkpoint, output, ..arrays }
     }
 
-    /// How a volume is to be made within the memory there is.
+    /// The options of a reconstruction that stays within the budget.
     pub(super) fn options(&self, arrays: &JobArrays) -> ReconstructOptions {
         let mut options = self.run.reconstruct_options();
         options.memory = arrays.left_for_method(self.limit);
         options
     }
 
-    /// What that takes.
+    /// The operations and the memory of such a reconstruction.
     pub(super) fn estimate(
         &self,
         instrument: &Instrument,
@@ -65,7 +66,7 @@ impl<'a> MemoryBudget<'a> {
         estimate_job(instrument, grid, &self.options(arrays), arrays, rayon::current_num_threads())
     }
 
-    /// Refuses a job that cannot fit in memory, and says what one that can will take.
+    /// Refuses a job that does not fit in memory, and reports the memory of one that does.
     pub(super) fn check(
         &self,
         instrument: &Instrument,
@@ -80,15 +81,15 @@ impl<'a> MemoryBudget<'a> {
     }
 }
 
-/// How large a scene is that is read, and not sampled yet.
+/// The size of a scene that is read, but not sampled yet.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct SceneSize {
     pub(super) bounds: Option<(DVec3, DVec3)>,
-    /// Of a mesh; 0 for a list of reflectors.
+    /// Triangles of a mesh; 0 for a list of reflectors.
     triangles: u64,
-    /// Of its surfaces, m²; 0 for a list of reflectors.
+    /// Surface area, m²; 0 for a list of reflectors.
     area: f64,
-    /// Bytes that it takes in memory.
+    /// Bytes in memory.
     bytes: u64,
 }
 
@@ -103,7 +104,7 @@ impl SceneSize {
         Self { bytes, ..Self::within(reflectors.bounds()) }
     }
 
-    /// That of the run file's scene, which is read for it and let go again.
+    /// The size of the run file's scene, which is read only for its size.
     pub(super) fn of(run: &RunFile, bare: bool, observer: &dyn Observer) -> Result<Self> {
         let path = scene_path(run)?;
         if is_csv(path) {
@@ -112,12 +113,12 @@ impl SceneSize {
         Ok(Self::of_mesh(&Scene::load_with(path, &run.load_options(bare)?, observer)?))
     }
 
-    /// Some reflector within these bounds.
+    /// The size of one reflector within these bounds.
     pub(super) fn within(bounds: Option<(DVec3, DVec3)>) -> Self {
         Self { bounds, ..Self::default() }
     }
 
-    /// How its surfaces are sampled.
+    /// The options with which its surfaces are sampled.
     pub(super) fn surface_options(
         &self,
         run: &RunFile,
@@ -128,7 +129,7 @@ impl SceneSize {
         run.surface_options(instrument, nearest)
     }
 
-    /// The arrays of reading and sampling it.
+    /// The arrays of reading and sampling the scene.
     pub(super) fn arrays(&self, run: &RunFile, instrument: &Instrument, grid: &Grid) -> JobArrays {
         let scene = JobArrays { scene: self.bytes, ..JobArrays::default() };
         if self.triangles == 0 {

@@ -1,4 +1,4 @@
-//! Every file of a run, under its contracted name.
+//! Writes every file of a run, under its documented name.
 
 use super::facts::{attributes, image_facts};
 use super::job::JobOptions;
@@ -21,7 +21,7 @@ use crate::export::{Components, Encoding, VolumeFile, fits_float16};
 use crate::files::{extension, write_atomically};
 use crate::grid::{DepthMap, Grid, Volume};
 use crate::metrics::{Metrics, error_map};
-use crate::progress::{Observer, stage};
+use crate::progress::{Observer, advance, stage};
 use crate::reconstruct::{ReconstructionInfo, VolumeSink};
 use num_complex::Complex32;
 use serde_json::Value;
@@ -30,105 +30,73 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// Writes the volume, the depth map, the truth, the points, the pictures, `report.json` and the page into `folder`, which
-/// is made if it is missing; gives the report.
+/// is created if it is missing; returns the report.
 ///
 /// # Errors
 /// [`Error::Io`] when a file cannot be written; no file is ever left half-written.
 pub fn write_outputs(run: &RunFile, outcome: &Outcome, folder: &Path, job: &JobOptions) -> Result<Report> {
     let observer = job.observer;
-    let begun = Instant::now();
-    warn_of_float16(&run.output, outcome.image.volume.peak(), observer);
-    let facts = image_facts(&outcome.instrument, run, &outcome.image.info());
-    let mut files = Vec::new();
-    let scene = ScenePoints::new(
-        outcome.reflectors.as_ref(),
-        &outcome.instrument.array,
-        &outcome.instrument.geometry,
-    );
-    let formats = &run.output.formats;
-    let mut tasks: Vec<Task> = Vec::new();
-    for format in formats {
-        tasks.push((
-            name_of(*format),
-            Box::new(|path| write_volume(path, &outcome.image.volume, &run.output, &facts)),
-        ));
-    }
-    tasks.push(("depth.exr", Box::new(|path| one(path, write_depth(path, &outcome.depth, run, &facts)))));
-    tasks.push((
-        "amplitude.png",
-        Box::new(|path| one(path, write_amplitude_figure(path, &outcome.image.volume))),
-    ));
+    let start = Instant::now();
+    let Outcome { image, depth, instrument, reflectors, .. } = outcome;
+    warn_of_float16(&run.output, image.volume.peak(), observer);
+    let facts = image_facts(instrument, run, &image.info());
+    let scene = ScenePoints::new(reflectors.as_ref(), &instrument.array, &instrument.geometry);
     let truth = outcome.truth.as_ref();
     // Truth and depth share their colours, so that they can be compared by eye.
-    let range = depth_range(&truth.map_or(vec![&outcome.depth], |truth| vec![truth]));
-    tasks.push((
-        "depth.png",
-        Box::new(move |path| one(path, write_depth_figure(path, DepthKind::Found, &outcome.depth, range))),
-    ));
-    if let Some(truth) = truth {
-        tasks.push(("truth.exr", Box::new(|path| one(path, write_depth(path, truth, run, &facts)))));
-        tasks.push((
-            "truth.png",
-            Box::new(move |path| one(path, write_depth_figure(path, DepthKind::True, truth, range))),
-        ));
-        tasks.push(("error.png", Box::new(|path| one(path, write_error(path, outcome, truth)))));
-    }
-    if run.output.points {
-        tasks.push(("depth.ply", Box::new(|path| one(path, write_depth(path, &outcome.depth, run, &facts)))));
-        tasks.push(("scene.ply", Box::new(|path| one(path, scene.write(path, &attributes(&facts))))));
-    }
-    stage(observer, "writing", tasks.len() as u64, || {
-        for (name, write) in &tasks {
-            files.extend(write(&folder.join(name))?);
-            crate::progress::advance(observer, 1)?;
+    let range = depth_range(&[truth.unwrap_or(depth)]);
+    let write = |name: &Path| {
+        let path = folder.join(name);
+        let written = match (name.to_str(), truth) {
+            (Some("depth.exr" | "depth.ply"), _) => write_depth(&path, depth, run, &facts),
+            (Some("depth.png"), _) => write_depth_figure(&path, DepthKind::Found, depth, range),
+            (Some("amplitude.png"), _) => write_amplitude_figure(&path, &image.volume),
+            (Some("truth.exr"), Some(truth)) => write_depth(&path, truth, run, &facts),
+            (Some("truth.png"), Some(truth)) => write_depth_figure(&path, DepthKind::True, truth, range),
+            (Some("error.png"), Some(truth)) => write_error(&path, outcome, truth),
+            (Some("scene.ply"), _) => scene.write(&path, &attributes(&facts)),
+            _ => return write_volume(&path, &image.volume, &run.output, &facts),
+        };
+        written.map(|()| vec![path])
+    };
+    let names = result_names(run, truth.is_some());
+    let mut report = Report::new(run, outcome);
+    stage(observer, "writing", names.len() as u64, || {
+        for name in &names {
+            // A very deep volume takes several files.
+            report.files.extend(write(name)?.iter().filter_map(|path| path.file_name().map(PathBuf::from)));
+            advance(observer, 1)?;
         }
         Ok(())
     })?;
-    drop(tasks);
-    let mut report = Report::new(run, outcome);
-    report.files = files.iter().filter_map(|path| path.file_name().map(PathBuf::from)).collect();
     report.files.push("report.json".into());
-    // The page is packed before the report is written, so that its time is counted, and holds the report's very text.
+    // The page is packed before the report is written, so that the report contains its time; the page contains the report.
     let page = if run.output.report {
         report.files.push(PAGE.into());
-        let volume = Miniature::of_volume(&outcome.image.volume);
+        let volume = Miniature::of_volume(&image.volume);
         Some(stage(observer, "packing the page", 0, || {
             page_of(folder, &report.files, Some(&volume), Some(&scene), u64::MAX)
         })?)
     } else {
         None
     };
-    report.timings.insert("write".to_owned(), begun.elapsed().as_secs_f64().into());
-    let text = serde_json::to_string_pretty(&report)
-        .map_err(|e| Error::io("report", e.to_string()).with_source(e))?
-        + "\n";
+    report.timings.insert("write".to_owned(), start.elapsed().as_secs_f64().into());
+    let text = report.to_text()?;
     write_atomically(&folder.join("report.json"), |file| file.write_all(text.as_bytes()))?;
     observer.note(&format!("{} files in {}", report.files.len(), folder.display()));
     if let Some(page) = page {
-        let mesh =
-            run.scene.mesh.as_ref().filter(|_| outcome.reflectors.is_some()).map(|file| file.typed.as_str());
-        page.write(&folder.join(PAGE), &title(mesh), &text)?;
+        let mesh = run.scene.mesh.as_ref().filter(|_| reflectors.is_some());
+        page.write(&folder.join(PAGE), &title(mesh.map(|file| file.typed.as_str())), &text)?;
     }
     Ok(report)
 }
 
-/// The name of the volume's file in a format.
-fn name_of(format: VolumeFormat) -> &'static str {
-    match format {
-        VolumeFormat::Exr => "volume.exr",
-        VolumeFormat::Npz => "volume.npz",
-        VolumeFormat::Vti => "volume.vti",
-        VolumeFormat::Nrrd => "volume.nrrd",
-    }
-}
-
-/// The least bytes that a volume's file takes, whatever its content.
+/// Minimum bytes of a volume's file, for any content.
 pub(super) fn bytes_of(path: &Path, run: &RunFile, grid: &Grid) -> u64 {
     let per_voxel = match extension(path).as_str() {
         "npz" => 8,
         "vti" if run.output.components == Components::Complex => 12,
         "vti" => 4,
-        // Compressed: a quarter is more than any volume of echoes gives up.
+        // Compressed: no volume of echoes shrinks to less than a quarter.
         _ => 1,
     };
     grid.voxel_count().saturating_mul(per_voxel)
@@ -136,62 +104,59 @@ pub(super) fn bytes_of(path: &Path, run: &RunFile, grid: &Grid) -> u64 {
 
 /// The same for all volumes of a run.
 pub(super) fn volume_bytes(run: &RunFile, grid: &Grid) -> u64 {
-    volume_names(run).map(|name| bytes_of(name, run, grid)).sum()
+    volume_names(run).map(|name| bytes_of(&name, run, grid)).sum()
 }
 
-/// Bytes that writing a volume into files of these names takes beside it: an EXR file's parts are held until it is written.
-pub(super) fn writing_bytes<'a>(
-    paths: impl IntoIterator<Item = &'a Path>,
-    run: &RunFile,
-    grid: &Grid,
-) -> u64 {
+/// Bytes in addition to the volume that writing it into files of these names takes: an EXR file's parts stay in memory
+/// until it is written.
+pub(super) fn writing_bytes(paths: impl IntoIterator<Item: AsRef<Path>>, run: &RunFile, grid: &Grid) -> u64 {
     let channels = if run.output.components == Components::Complex { 3 } else { 1 };
     let planes = grid.z.count.min(DEPTHS_PER_FILE) as u64;
     let parts = planes.saturating_mul(grid.x.count as u64).saturating_mul(grid.y.count as u64);
-    let held = paths.into_iter().any(needs_all);
-    if held { parts.saturating_mul(channels * size_of::<f32>() as u64) } else { 0 }
+    let in_memory = paths.into_iter().any(|path| needs_all(path.as_ref()));
+    if in_memory { parts.saturating_mul(channels * size_of::<f32>() as u64) } else { 0 }
 }
 
 /// The names of a run's volumes.
-pub(super) fn volume_names(run: &RunFile) -> impl Iterator<Item = &'static Path> {
-    run.output.formats.iter().map(|format| Path::new(name_of(*format)))
+pub(super) fn volume_names(run: &RunFile) -> impl Iterator<Item = PathBuf> {
+    run.output.formats.iter().map(|format| format!("volume.{format}").into())
 }
 
-/// The files that [`write_outputs`] will write, with or without a truth; a very deep volume may take several.
-pub(super) fn names(run: &RunFile, truth: bool) -> Vec<String> {
-    let mut names: Vec<&str> = run.output.formats.iter().map(|format| name_of(*format)).collect();
-    names.extend(["depth.exr", "amplitude.png", "depth.png"]);
+/// The names of a run's results, with or without a truth.
+fn result_names(run: &RunFile, truth: bool) -> Vec<PathBuf> {
+    let mut names = vec!["depth.exr", "amplitude.png", "depth.png"];
     if truth {
         names.extend(["truth.exr", "truth.png", "error.png"]);
     }
     if run.output.points {
         names.extend(["depth.ply", "scene.ply"]);
     }
-    names.push("report.json");
-    if run.output.report {
-        names.push(PAGE);
-    }
-    names.into_iter().map(str::to_owned).collect()
+    volume_names(run).chain(names.into_iter().map(PathBuf::from)).collect()
 }
 
-/// A file's name and what writes it (and, for a deep volume, its continuations).
-type Task<'a> = (&'static str, Box<dyn Fn(&Path) -> Result<Vec<PathBuf>> + 'a>);
+/// The files that [`write_outputs`] will write, with or without a truth; a very deep volume may take several.
+pub(super) fn names(run: &RunFile, truth: bool) -> Vec<String> {
+    let mut names = result_names(run, truth);
+    names.push("report.json".into());
+    names.extend(run.output.report.then(|| PAGE.into()));
+    names.iter().map(|name| name.display().to_string()).collect()
+}
 
 /// The list of one file.
 fn one(path: &Path, written: Result<()>) -> Result<Vec<PathBuf>> {
     written.map(|()| vec![path.to_path_buf()])
 }
 
-/// The half floats that were asked for and cannot hold the amplitudes.
+/// Warns of half floats that cannot represent the amplitudes.
 fn warn_of_float16(output: &OutputTable, peak: f32, observer: &dyn Observer) {
     if output.float16 && output.formats.contains(&VolumeFormat::Exr) && !fits_float16(peak) {
         observer.warn(&format!(
-            "[output] float16: half floats do not hold amplitudes of a peak of {peak:e} well, so volume.exr keeps 32 bits"
+            "[output] float16: half floats do not represent amplitudes of a peak of {peak:e} well, so volume.exr has 32 bits"
         ));
     }
 }
 
-/// Volume files on their way: those of formats that grow depth by depth, and for the others the volume.
+/// Volume files in progress: those that are written depth by depth, and the volume for those of other formats.
 #[derive(Debug)]
 pub(super) struct VolumeFiles<'a> {
     instrument: &'a Instrument,
@@ -202,7 +167,7 @@ pub(super) struct VolumeFiles<'a> {
     whole: Volume,
 }
 
-/// Whether a file of this name needs the volume whole.
+/// Whether a file of this name needs the complete volume in memory.
 pub(super) fn needs_all(path: &Path) -> bool {
     extension(path) == "exr"
 }
@@ -218,12 +183,7 @@ impl<'a> VolumeFiles<'a> {
         Self { instrument, run, paths, facts: Value::Null, growing: Vec::new(), whole }
     }
 
-    /// Whether a file needs the volume whole.
-    fn needs_all(&self) -> bool {
-        self.paths.iter().any(|path| needs_all(path))
-    }
-
-    /// Ends all files; gives their names in the order asked for.
+    /// Completes all files; returns their names in the order of the request.
     pub(super) fn finish(self) -> Result<Vec<PathBuf>> {
         let mut files = Vec::new();
         let mut growing = self.growing;
@@ -251,11 +211,12 @@ impl VolumeSink for VolumeFiles<'_> {
         for (_, file) in &mut self.growing {
             file.take(planes)?;
         }
-        if self.needs_all() { self.whole.take(first, planes) } else { Ok(()) }
+        let needed = self.paths.iter().any(|path| needs_all(path));
+        if needed { self.whole.take(first, planes) } else { Ok(()) }
     }
 }
 
-/// Begins a volume file in the format of the path's extension, which takes depth after depth.
+/// Begins a volume file in the format of the path's extension, to be written depth by depth.
 fn stream_volume(path: &Path, grid: &Grid, output: &OutputTable, facts: &Value) -> Result<VolumeFile> {
     match extension(path).as_str() {
         "npz" => stream_volume_npz(path, *grid, facts),
@@ -268,10 +229,10 @@ fn stream_volume(path: &Path, grid: &Grid, output: &OutputTable, facts: &Value) 
     }
 }
 
-/// Writes a volume in the format of the path's extension, as `[output]` asks; gives the files written.
+/// Writes a volume in the format of the path's extension, with the settings of `[output]`; returns the files written.
 ///
 /// # Errors
-/// Another extension than `.exr`, `.npz`, `.nrrd` or `.vti`; a file that cannot be written.
+/// An extension other than `.exr`, `.npz`, `.nrrd` or `.vti`; a file that cannot be written.
 pub fn write_volume(
     path: &Path,
     volume: &Volume,
@@ -288,10 +249,10 @@ pub fn write_volume(
     one(path, file.finish())
 }
 
-/// Writes a depth map or a truth with the run's facts: as an image, or as points.
+/// Writes a depth map or a truth with its metadata: as an image, or as points.
 ///
 /// # Errors
-/// Another extension than `.exr` or `.ply`; a file that cannot be written.
+/// An extension other than `.exr` or `.ply`; a file that cannot be written.
 pub fn write_depth(path: &Path, map: &DepthMap, run: &RunFile, facts: &Value) -> Result<()> {
     let OutputTable { float16, compression, .. } = run.output;
     match extension(path).as_str() {
@@ -310,7 +271,7 @@ pub fn write_depth(path: &Path, map: &DepthMap, run: &RunFile, facts: &Value) ->
 /// Writes a cube.
 ///
 /// # Errors
-/// Another extension than `.npz`; a file that cannot be written.
+/// An extension other than `.npz`; a file that cannot be written.
 pub fn write_cube(path: &Path, cube: &DataCube) -> Result<()> {
     if extension(path) != "npz" {
         return Err(Error::input(path.display(), "cubes are written as .npz; give this extension"));
@@ -326,7 +287,7 @@ fn write_error(path: &Path, outcome: &Outcome, truth: &DepthMap) -> Result<()> {
     write_error_figure(path, &errors, &truth.raster(), resolution, &note)
 }
 
-/// The line above an error figure.
+/// The caption of an error figure.
 pub(crate) fn error_note(metrics: &Metrics) -> String {
     let millimetres = |value: Option<f64>| value.map_or("none".to_owned(), |m| format!("{:.1} mm", m * 1e3));
     format!("median |error| {}, rms {}", millimetres(metrics.median_error), millimetres(metrics.rmse))

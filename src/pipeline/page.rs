@@ -1,4 +1,4 @@
-//! The page `report.html` of a folder of results, made when they are written or later from what lies there.
+//! The page `report.html` of a folder of results, made when they are written, or later from the files.
 
 use crate::error::{Error, Result};
 use crate::export::amplitude::Amplitude;
@@ -12,13 +12,13 @@ use std::path::{Path, PathBuf};
 /// The page's file name.
 pub(super) const PAGE: &str = "report.html";
 
-/// The volumes that a page can be made of, the most exact first.
+/// The volumes from which a page can be made, the most precise first.
 const VOLUMES: [&str; 4] = ["volume.npz", "volume.nrrd", "volume.vti", "volume.exr"];
 
-/// Makes the page of a folder that `image` wrote, from `report.json` and what else lies there; gives its path.
+/// Makes the page of a folder that `image` wrote, from `report.json` and the other files; returns its path.
 ///
-/// A folder as `image` leaves it by default gives the very page that `image` wrote. Without a volume, a depth map or a
-/// truth the page shows the rest; without `scene.ply` it draws the true surfaces instead of the reflectors.
+/// An unchanged folder gives a page that is identical with the one `image` wrote. Without a volume, a depth map or a truth
+/// the page shows the rest; without `scene.ply` it draws the true surfaces instead of the reflectors.
 ///
 /// # Errors
 /// A folder without `report.json`, a damaged file, a page that cannot be written.
@@ -27,15 +27,15 @@ pub fn write_page(folder: &Path, limit_bytes: u64) -> Result<PathBuf> {
     let text = std::fs::read_to_string(&source).map_err(|error| match error.kind() {
         std::io::ErrorKind::NotFound => Error::input(
             folder.display(),
-            "holds no report.json; a folder that `holosonar image ... -o` wrote was expected",
+            "contains no report.json; a folder that `holosonar image ... -o` wrote was expected",
         ),
-        std::io::ErrorKind::InvalidData => Error::input(source.display(), "is no UTF-8 text"),
+        std::io::ErrorKind::InvalidData => Error::input(source.display(), "is not UTF-8 text"),
         _ => Error::reading(&source, error),
     })?;
     let report: Value = serde_json::from_str(&text)
         .ok()
         .filter(|report: &Value| report.get("run").is_some_and(Value::is_object))
-        .ok_or_else(|| Error::input(source.display(), "is no report of `holosonar image`"))?;
+        .ok_or_else(|| Error::input(source.display(), "is not a report of `holosonar image`"))?;
     let files: Vec<PathBuf> = report["files"]
         .as_array()
         .into_iter()
@@ -57,7 +57,7 @@ pub fn write_page(folder: &Path, limit_bytes: u64) -> Result<PathBuf> {
 
 /// A page of this volume and scene, and of the maps among the folder's `files`.
 ///
-/// The maps are read back even when they are at hand, so that the page does not depend on when it was made.
+/// The maps are always read from the files, so that the page does not depend on when it was made.
 pub(super) fn page_of(
     folder: &Path,
     files: &[PathBuf],
@@ -73,13 +73,13 @@ pub(super) fn page_of(
     Page::new(&Contents { volume, depth: depth.as_ref(), truth: truth.as_ref(), scene })
 }
 
-/// A file of the run, if it is still there; what an earlier run left in the folder does not count.
+/// A file of the run, if it still exists; files that an earlier run left in the folder are ignored.
 fn present(folder: &Path, files: &[PathBuf], name: &str) -> Option<PathBuf> {
     let listed = files.iter().any(|file| file.as_path() == Path::new(name));
     Some(folder.join(name)).filter(|path| listed && path.is_file())
 }
 
-/// What a page is called: after the mesh that was simulated, if one was.
+/// The title of a page: the name of the simulated mesh, if there is one.
 pub(super) fn title(mesh: Option<&str>) -> String {
     let stem = mesh.and_then(|mesh| Path::new(mesh).file_stem()).and_then(|stem| stem.to_str());
     stem.unwrap_or("measured cube").replace('_', " ")

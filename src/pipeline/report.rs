@@ -1,8 +1,9 @@
-//! `report.json`: resolved parameters, plan, counts, metrics, warnings, files, timings.
+//! `report.json`: resolved parameters, plan, counts, metrics, warnings, files and timings.
 
 use super::Outcome;
 use super::facts::PROGRAM;
 use crate::config::RunFile;
+use crate::error::{Error, Result};
 use crate::grid::Grid;
 use crate::metrics::Metrics;
 use crate::plan::Plan;
@@ -14,7 +15,7 @@ use serde_json::{Map, Value};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-/// What one run did; serialised as `report.json`. Only `timings` differs between two runs of the same inputs.
+/// The report of one run, serialised as `report.json`. Only `timings` differs between two runs with the same inputs.
 #[derive(Debug, Clone, Serialize)]
 #[non_exhaustive]
 pub struct Report {
@@ -22,33 +23,33 @@ pub struct Report {
     pub program: &'static str,
     /// The run file, every default filled in.
     pub run: Value,
-    /// What was predicted.
+    /// The plan: resolution, ambiguity, aliasing and sizes as predicted.
     pub plan: Plan,
-    /// The voxels, whether typed or chosen.
+    /// The voxels, as typed or chosen.
     pub grid: Grid,
     /// The scene, when there was one.
     pub scene: Option<SceneSummary>,
     /// Number of reflectors simulated, when they were.
     pub reflectors: Option<usize>,
-    /// What was simulated beyond Eq. 5 and done to the volume, in words.
+    /// What was simulated in addition to Eq. 5, and how the volume was corrected, in words.
     pub physics: Vec<String>,
-    /// The method that reconstructed.
+    /// The method of the reconstruction.
     pub method: crate::reconstruct::Method,
-    /// Greatest amplitude of the volume.
+    /// Maximum amplitude of the volume.
     pub peak_amplitude: f32,
     /// Bound on the error of any voxel, in units of amplitude.
     pub error_bound: f64,
-    /// Pixels of the depth map, and those with an accepted return.
+    /// Pixels of the depth map.
     pub pixels: usize,
     /// Pixels with an accepted return.
     pub accepted: usize,
-    /// Depth map against truth, when there is one.
+    /// The metrics of the depth map, if there is a truth.
     pub metrics: Option<Metrics>,
     /// The metrics of each material's surfaces, by name.
     pub materials: BTreeMap<String, Metrics>,
     /// The metrics of each pixel's first surface from the front, its second, and so on.
     pub surfaces: Vec<Metrics>,
-    /// What the user should know.
+    /// Warnings for the user.
     pub warnings: Vec<String>,
     /// Files written, by name within the output folder.
     pub files: Vec<PathBuf>,
@@ -58,6 +59,7 @@ pub struct Report {
 
 impl Report {
     pub(super) fn new(run: &RunFile, outcome: &Outcome) -> Self {
+        let scores = outcome.scores.clone().unwrap_or_default();
         Self {
             program: PROGRAM,
             run: run.to_json(),
@@ -72,12 +74,19 @@ impl Report {
             pixels: outcome.depth.len(),
             accepted: outcome.depth.accepted(),
             metrics: outcome.metrics(),
-            materials: outcome.scores.as_ref().map_or_else(BTreeMap::new, |scores| scores.materials.clone()),
-            surfaces: outcome.scores.as_ref().map_or_else(Vec::new, |scores| scores.surfaces.clone()),
+            materials: scores.materials,
+            surfaces: scores.surfaces,
             warnings: outcome.warnings.clone(),
             files: Vec::new(),
             timings: outcome.timings.iter().map(|(stage, s)| (stage.clone(), (*s).into())).collect(),
         }
+    }
+
+    /// The text of `report.json`.
+    pub(crate) fn to_text(&self) -> Result<String> {
+        // Not through a `Value`, which would write an f32 with the digits of an f64.
+        let text = serde_json::to_string_pretty(self);
+        text.map(|text| text + "\n").map_err(|e| Error::io("report", e.to_string()).with_source(e))
     }
 
     /// Seconds of all stages together.
@@ -86,25 +95,25 @@ impl Report {
     }
 }
 
-/// Where a scene lies and what it is made of.
+/// The position, size and materials of a scene.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct SceneSummary {
-    /// Least corner of its box, m.
+    /// Minimum corner of its bounding box, m.
     pub low: [f64; 3],
-    /// Greatest corner of its box, m.
+    /// Maximum corner of its bounding box, m.
     pub high: [f64; 3],
-    /// Its box's size, m.
+    /// Size of its bounding box, m.
     pub size: [f64; 3],
-    /// Its box's size in wavelengths at the centre of the band.
+    /// Size of its bounding box in wavelengths at the centre of the band.
     pub size_wavelengths: [f64; 3],
     /// Triangles; 0 for a list of reflectors.
     pub triangles: usize,
-    /// Surface, m².
+    /// Surface area, m².
     pub area: f64,
-    /// Distance between reflectors, whether typed or chosen, m; `None` for a list of reflectors.
+    /// Distance between reflectors, as typed or chosen, m; `None` for a list of reflectors.
     pub reflector_spacing: Option<f64>,
-    /// The materials as they were resolved.
+    /// The resolved materials.
     pub materials: Vec<Material>,
 }
 

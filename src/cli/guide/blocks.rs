@@ -1,12 +1,12 @@
-//! Chapters of the guide from Markdown to blocks, so that terminal and manual pages show the same text.
+//! Parses the Markdown of a chapter into blocks, from which terminal and manual pages show the same text.
 //!
-//! What only rustdoc or a browser needs is left out: link targets, hidden lines of Rust examples, pictures.
+//! Parts that only rustdoc or a browser needs are left out: link targets, hidden lines of Rust examples, pictures.
 
 use pulldown_cmark::{CodeBlockKind, Event, Options, Parser, Tag, TagEnd};
 
-/// How a run of text stands out.
+/// The style of a run of text.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Style {
+pub(super) enum TextStyle {
     Plain,
     Code,
     Strong,
@@ -14,35 +14,35 @@ pub(super) enum Style {
 }
 
 /// Text in runs of one style.
-pub(super) type Text = Vec<(Style, String)>;
+pub(super) type Text = Vec<(TextStyle, String)>;
 
 /// A block of a chapter.
 #[derive(Debug, PartialEq)]
-pub(super) enum Block {
+pub(super) enum MarkdownBlock {
     /// A heading of level 1, 2, ..
     Heading(usize, Text),
     Paragraph(Text),
-    /// An item of a list with its bullet or number and how deep the list is nested, from 0.
+    /// An item of a list: the depth of the list, from 0, its bullet or number, and its text.
     Item(usize, String, Text),
-    /// Lines as they are.
+    /// Preformatted lines.
     Code(String),
-    /// Rows of cells; the first row is the heading.
+    /// Rows of cells; the first row is the header.
     Table(Vec<Vec<Text>>),
 }
 
-/// The text without its styles. Code keeps its backticks among other words.
+/// The text without its styles. Code among other words keeps its backticks.
 pub(super) fn plain(text: &Text) -> String {
     if let [(_, run)] = &text[..] {
         return run.clone();
     }
     text.iter()
-        .map(|(style, run)| if *style == Style::Code { format!("`{run}`") } else { run.clone() })
+        .map(|(style, run)| if *style == TextStyle::Code { format!("`{run}`") } else { run.clone() })
         .collect()
 }
 
 /// The blocks of a chapter.
-pub(super) fn parse(markdown: &str) -> Vec<Block> {
-    let mut reader = Reader::default();
+pub(super) fn parse(markdown: &str) -> Vec<MarkdownBlock> {
+    let mut reader = BlockParser::default();
     for event in Parser::new_ext(markdown, Options::ENABLE_TABLES) {
         reader.take(event);
     }
@@ -50,41 +50,41 @@ pub(super) fn parse(markdown: &str) -> Vec<Block> {
 }
 
 #[derive(Default)]
-struct Reader {
-    blocks: Vec<Block>,
+struct BlockParser {
+    blocks: Vec<MarkdownBlock>,
     text: Text,
-    styles: Vec<Style>,
-    /// The number of the next item of each list that is open; `None` for bullets.
+    styles: Vec<TextStyle>,
+    /// The number of the next item of each open list; `None` for bullets.
     lists: Vec<Option<u64>>,
-    /// The bullet or number of an item whose text has not come yet.
+    /// The bullet or number of an item whose text follows.
     bullet: Option<String>,
     rows: Vec<Vec<Text>>,
     code: Option<Code>,
     picture: bool,
 }
 
-/// A block of code that is being read.
+/// An unfinished block of code.
 struct Code {
     text: String,
     rust: bool,
 }
 
-impl Reader {
+impl BlockParser {
     fn take(&mut self, event: Event<'_>) {
         match event {
             Event::Start(tag) => self.start(tag),
             Event::End(tag) => self.end(tag),
             Event::Text(text) => match &mut self.code {
                 Some(code) => code.text.push_str(&text),
-                None => self.push(self.styles.last().copied().unwrap_or(Style::Plain), &text),
+                None => self.push(self.styles.last().copied().unwrap_or(TextStyle::Plain), &text),
             },
-            Event::Code(text) => self.push(Style::Code, &text),
-            Event::SoftBreak | Event::HardBreak => self.push(Style::Plain, " "),
+            Event::Code(text) => self.push(TextStyle::Code, &text),
+            Event::SoftBreak | Event::HardBreak => self.push(TextStyle::Plain, " "),
             _ => {}
         }
     }
 
-    fn push(&mut self, style: Style, text: &str) {
+    fn push(&mut self, style: TextStyle, text: &str) {
         if self.picture {
             return;
         }
@@ -96,11 +96,11 @@ impl Reader {
 
     fn start(&mut self, tag: Tag<'_>) {
         match tag {
-            Tag::Emphasis => self.styles.push(Style::Emphasis),
-            Tag::Strong => self.styles.push(Style::Strong),
+            Tag::Emphasis => self.styles.push(TextStyle::Emphasis),
+            Tag::Strong => self.styles.push(TextStyle::Strong),
             Tag::Image { .. } => self.picture = true,
             Tag::List(first) => {
-                // A list within an item: what came before it is the item's own text.
+                // A list within an item: the text before it is the item's own.
                 self.flush();
                 self.lists.push(first);
             }
@@ -133,7 +133,7 @@ impl Reader {
             TagEnd::Image => self.picture = false,
             TagEnd::Heading(level) => {
                 let text = std::mem::take(&mut self.text);
-                self.blocks.push(Block::Heading(level as usize, text));
+                self.blocks.push(MarkdownBlock::Heading(level as usize, text));
             }
             TagEnd::Paragraph | TagEnd::Item => self.flush(),
             TagEnd::List(_) => {
@@ -143,7 +143,7 @@ impl Reader {
                 if let Some(Code { text, rust }) = self.code.take() {
                     let hidden = |line: &str| rust && (line == "#" || line.starts_with("# "));
                     let lines = text.lines().filter(|line| !hidden(line)).collect::<Vec<_>>();
-                    self.blocks.push(Block::Code(lines.join("\n")));
+                    self.blocks.push(MarkdownBlock::Code(lines.join("\n")));
                 }
             }
             TagEnd::TableCell => {
@@ -152,12 +152,12 @@ impl Reader {
                     row.push(text);
                 }
             }
-            TagEnd::Table => self.blocks.push(Block::Table(std::mem::take(&mut self.rows))),
+            TagEnd::Table => self.blocks.push(MarkdownBlock::Table(std::mem::take(&mut self.rows))),
             _ => {}
         }
     }
 
-    /// Ends the paragraph or item that is being read, if it has any text.
+    /// Ends the current paragraph or item, if it has any text.
     fn flush(&mut self) {
         let text = std::mem::take(&mut self.text);
         if text.is_empty() {
@@ -165,10 +165,10 @@ impl Reader {
         }
         let depth = self.lists.len().saturating_sub(1);
         self.blocks.push(match self.bullet.take() {
-            Some(bullet) => Block::Item(depth, bullet, text),
-            // A further paragraph of an item lines up with the first.
-            None if !self.lists.is_empty() => Block::Item(depth, String::new(), text),
-            None => Block::Paragraph(text),
+            Some(bullet) => MarkdownBlock::Item(depth, bullet, text),
+            // A further paragraph of an item is indented like the first.
+            None if !self.lists.is_empty() => MarkdownBlock::Item(depth, String::new(), text),
+            None => MarkdownBlock::Paragraph(text),
         });
     }
 }
@@ -187,15 +187,15 @@ mod tests {
         assert_eq!(
             blocks,
             [
-                Block::Heading(1, vec![run(Style::Plain, "Title")]),
-                Block::Paragraph(vec![
-                    run(Style::Plain, "See files and "),
-                    run(Style::Code, "a"),
-                    run(Style::Plain, " "),
-                    run(Style::Emphasis, "b"),
-                    run(Style::Plain, "."),
+                MarkdownBlock::Heading(1, vec![run(TextStyle::Plain, "Title")]),
+                MarkdownBlock::Paragraph(vec![
+                    run(TextStyle::Plain, "See files and "),
+                    run(TextStyle::Code, "a"),
+                    run(TextStyle::Plain, " "),
+                    run(TextStyle::Emphasis, "b"),
+                    run(TextStyle::Plain, "."),
                 ]),
-                Block::Code("let a = 1;\n#[test]".to_owned()),
+                MarkdownBlock::Code("let a = 1;\n#[test]".to_owned()),
             ]
         );
     }
@@ -206,8 +206,8 @@ mod tests {
         let shown: Vec<String> = blocks
             .iter()
             .map(|block| match block {
-                Block::Item(depth, bullet, text) => format!("{depth}{bullet}{}", plain(text)),
-                Block::Table(rows) => rows.iter().flatten().map(plain).collect::<Vec<_>>().join("|"),
+                MarkdownBlock::Item(depth, bullet, text) => format!("{depth}{bullet}{}", plain(text)),
+                MarkdownBlock::Table(rows) => rows.iter().flatten().map(plain).collect::<Vec<_>>().join("|"),
                 other => format!("{other:?}"),
             })
             .collect();

@@ -1,6 +1,6 @@
 //! Blocks as a manual page of section 7.
 
-use super::blocks::{Block, Style, Text, plain};
+use super::blocks::{MarkdownBlock, Text, TextStyle, plain};
 use super::text::table;
 use clap_mangen::roff::{Inline, Roff, bold, italic, roman};
 
@@ -8,7 +8,7 @@ use clap_mangen::roff::{Inline, Roff, bold, italic, roman};
 const WIDTH: usize = 74;
 
 /// The page of a chapter, in roff.
-pub(super) fn page(name: &str, about: &str, blocks: &[Block]) -> String {
+pub(super) fn page(name: &str, about: &str, blocks: &[MarkdownBlock]) -> String {
     let mut roff = Roff::new();
     let version = concat!("holosonar ", env!("CARGO_PKG_VERSION"));
     roff.control("TH", [&*format!("holosonar-guide-{name}"), "7", "\"\"", version, "The guide of holosonar"]);
@@ -16,17 +16,17 @@ pub(super) fn page(name: &str, about: &str, blocks: &[Block]) -> String {
     roff.text([roman(format!("holosonar-guide-{name} - {about}"))]);
     for block in blocks {
         match block {
-            // The heading of the chapter itself stands where a page has its description.
-            Block::Heading(1, _) => {
+            // The title of the chapter becomes the description of the page.
+            MarkdownBlock::Heading(1, _) => {
                 roff.control("SH", ["DESCRIPTION"]);
             }
-            Block::Heading(level, text) => {
+            MarkdownBlock::Heading(level, text) => {
                 roff.control(if *level == 2 { "SH" } else { "SS" }, [&*plain(text)]);
             }
-            Block::Paragraph(text) => {
+            MarkdownBlock::Paragraph(text) => {
                 roff.control("PP", []).text(inlines(text));
             }
-            Block::Item(depth, bullet, text) => {
+            MarkdownBlock::Item(depth, bullet, text) => {
                 let bullet = match bullet.as_str() {
                     "-" => "\u{2022}",
                     "" => "\u{a0}",
@@ -35,8 +35,10 @@ pub(super) fn page(name: &str, about: &str, blocks: &[Block]) -> String {
                 let indent = (4 + 4 * depth).to_string();
                 roff.control("IP", [bullet, &*indent]).text(inlines(text));
             }
-            Block::Code(code) => as_it_is(&mut roff, code.lines()),
-            Block::Table(rows) => as_it_is(&mut roff, table(rows, WIDTH).iter().map(|line| line.trim_end())),
+            MarkdownBlock::Code(code) => preformatted(&mut roff, code.lines()),
+            MarkdownBlock::Table(rows) => {
+                preformatted(&mut roff, table(rows, WIDTH).iter().map(|line| line.trim_end()));
+            }
         }
     }
     roff.render()
@@ -45,15 +47,15 @@ pub(super) fn page(name: &str, about: &str, blocks: &[Block]) -> String {
 fn inlines(text: &Text) -> Vec<Inline> {
     text.iter()
         .map(|(style, run)| match style {
-            Style::Plain => roman(run),
-            Style::Code | Style::Strong => bold(run),
-            Style::Emphasis => italic(run),
+            TextStyle::Plain => roman(run),
+            TextStyle::Code | TextStyle::Strong => bold(run),
+            TextStyle::Emphasis => italic(run),
         })
         .collect()
 }
 
 /// Lines that are neither filled nor joined.
-fn as_it_is<'l>(roff: &mut Roff, lines: impl Iterator<Item = &'l str>) {
+fn preformatted<'l>(roff: &mut Roff, lines: impl Iterator<Item = &'l str>) {
     roff.control("PP", []).control("RS", ["4"]).control("nf", []);
     for line in lines {
         roff.text([roman(line)]);

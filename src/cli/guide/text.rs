@@ -1,21 +1,21 @@
 //! Blocks as plain text of a given width.
 
-use super::blocks::{Block, Text, plain};
+use super::blocks::{MarkdownBlock, Text, plain};
 use textwrap::core::display_width;
 use textwrap::{Options, WordSplitter, wrap};
 
-/// Between the columns of a table.
+/// Spaces between the columns of a table.
 const GAP: usize = 2;
 
-/// The narrowest column that a table is squeezed to.
-const NARROWEST: usize = 12;
+/// Minimum width of a table column that is narrowed.
+const MIN_WIDTH: usize = 12;
 
-/// A chapter as text whose lines are at most `width` columns wide, code aside.
-pub(super) fn render(blocks: &[Block], width: usize) -> String {
+/// A chapter as text; its lines, except code, are at most `width` columns wide.
+pub(super) fn render(blocks: &[MarkdownBlock], width: usize) -> String {
     let mut shown = String::new();
     let mut after_item = false;
     for block in blocks {
-        let is_item = matches!(block, Block::Item(..));
+        let is_item = matches!(block, MarkdownBlock::Item(..));
         // Items follow one another without a blank line.
         if !(shown.is_empty() || is_item && after_item) {
             shown.push('\n');
@@ -29,16 +29,16 @@ pub(super) fn render(blocks: &[Block], width: usize) -> String {
     shown
 }
 
-fn lines(block: &Block, width: usize) -> Vec<String> {
+fn lines(block: &MarkdownBlock, width: usize) -> Vec<String> {
     match block {
-        Block::Heading(1, text) => vec![plain(text).to_uppercase()],
-        Block::Heading(_, text) => {
+        MarkdownBlock::Heading(1, text) => vec![plain(text).to_uppercase()],
+        MarkdownBlock::Heading(_, text) => {
             let heading = plain(text);
             let line = "-".repeat(display_width(&heading));
             vec![heading, line]
         }
-        Block::Paragraph(text) => wrapped(&plain(text), width),
-        Block::Item(depth, bullet, text) => {
+        MarkdownBlock::Paragraph(text) => wrapped(&plain(text), width),
+        MarkdownBlock::Item(depth, bullet, text) => {
             let indent = " ".repeat(2 + 2 * depth);
             let after = " ".repeat(display_width(bullet).max(1) + 1);
             let options = options(width);
@@ -48,12 +48,12 @@ fn lines(block: &Block, width: usize) -> Vec<String> {
             let options = options.initial_indent(&first).subsequent_indent(&next);
             wrap(&plain(text), options).into_iter().map(String::from).collect()
         }
-        Block::Code(code) => code.lines().map(|line| format!("    {line}")).collect(),
-        Block::Table(rows) => table(rows, width),
+        MarkdownBlock::Code(code) => code.lines().map(|line| format!("    {line}")).collect(),
+        MarkdownBlock::Table(rows) => table(rows, width),
     }
 }
 
-/// Words are not hyphenated: a path or a key has to stay what it is.
+/// Words are not hyphenated, so that paths and keys remain intact.
 fn options<'o>(width: usize) -> Options<'o> {
     Options::new(width).word_splitter(WordSplitter::NoHyphenation)
 }
@@ -62,7 +62,7 @@ fn wrapped(text: &str, width: usize) -> Vec<String> {
     wrap(text, options(width)).into_iter().map(String::from).collect()
 }
 
-/// A table in columns, the widest of which are wrapped where it does not fit.
+/// A table in columns; the widest are wrapped if the table does not fit.
 pub(super) fn table(rows: &[Vec<Text>], width: usize) -> Vec<String> {
     let cells: Vec<Vec<String>> = rows.iter().map(|row| row.iter().map(plain).collect()).collect();
     let columns = cells.iter().map(Vec::len).max().unwrap_or(0);
@@ -70,20 +70,20 @@ pub(super) fn table(rows: &[Vec<Text>], width: usize) -> Vec<String> {
         cells.iter().filter_map(|row| row.get(column)).map(|cell| display_width(cell)).max().unwrap_or(0)
     };
     let mut widths: Vec<usize> = (0..columns).map(widest).collect();
-    let room = width.saturating_sub(GAP * columns.saturating_sub(1));
-    while widths.iter().sum::<usize>() > room {
-        let Some(greatest) = widths.iter_mut().max().filter(|greatest| **greatest > NARROWEST) else { break };
-        *greatest -= 1;
+    let available = width.saturating_sub(GAP * columns.saturating_sub(1));
+    while widths.iter().sum::<usize>() > available {
+        let Some(widest) = widths.iter_mut().max().filter(|widest| **widest > MIN_WIDTH) else { break };
+        *widest -= 1;
     }
-    // A wrapped row would run into the next.
-    let parted =
+    // Rows are separated by blank lines if any cell is wrapped.
+    let separated =
         cells.iter().any(|row| row.iter().zip(&widths).any(|(cell, width)| display_width(cell) > *width));
     let mut lines = Vec::new();
     for (number, row) in cells.iter().enumerate() {
         let parts: Vec<Vec<String>> =
             row.iter().zip(&widths).map(|(cell, width)| wrapped(cell, *width)).collect();
         let height = parts.iter().map(Vec::len).max().unwrap_or(0);
-        if parted && number > 1 {
+        if separated && number > 1 {
             lines.push(String::new());
         }
         for line in 0..height {
@@ -107,7 +107,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn nothing_but_code_is_wider_than_asked_for() {
+    fn only_code_is_wider_than_the_given_width() {
         let long = "word ".repeat(40);
         let text = format!(
             "# T\n\n{long}\n\n- {long}\n- b\n\n| key | what |\n|---|---|\n| a | {long} |\n| p̂ | short |\n"

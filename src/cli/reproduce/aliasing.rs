@@ -1,8 +1,8 @@
-//! Figure 7: what too few microphones do, and the rule that foretells it.
+//! Figure 7: the effect of too few microphones, and the rule that predicts it.
 //!
-//! Microphones d apart see a direction sin θ and sin θ − kλ/d alike, so an echo at p has ghosts at
-//! `x_k = |p|·(p̂_x − kλ/d)`, λ at the middle of the band, as classical theory says. The paper looked for
-//! `(2^N − 1)/x = 7.5 m`, which is the microphones' number *per metre*, a sampling frequency and no distance.
+//! Microphones with the pitch d do not distinguish the directions sin θ and sin θ − kλ/d, so that an echo at p has grating
+//! lobes at `x_k = |p|·(p̂_x − kλ/d)`, λ at the middle of the band, according to classical theory. The paper looked for
+//! `(2^N − 1)/x = 7.5 m`, which is the number of microphones *per metre*: a sampling frequency, not a distance.
 
 use super::scene::{CROSSING, cube, cube_of, pitch, reflectors};
 use super::{CASES, Case, amplitudes, nonlinear};
@@ -16,57 +16,58 @@ use crate::wave::DEFAULT_SOUND_SPEED;
 use num_complex::Complex32;
 use serde::Serialize;
 
-/// A copy of a point target that is not there.
+/// A grating lobe of a point, predicted and measured.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub(super) struct Ghost {
-    /// How many times λ/d it is turned away.
+pub(super) struct LobeComparison {
+    /// Its direction from the point, in multiples of λ/d.
     pub(super) order: i32,
-    /// Where the rule puts it, m.
+    /// Position by the rule, m.
     pub(super) predicted_x: f64,
-    /// Where the image's maximum around there is, m.
+    /// Position of the image's maximum near there, m.
     pub(super) measured_x: f64,
-    /// `−20 log₁₀ max(1, |k|(N−1)B/f_c)`: about how strong it is, dB below the target.
+    /// Approximate level relative to the point, `−20 log₁₀ max(1, |k|(N−1)B/f_c)`, dB.
     pub(super) predicted_db: f64,
-    /// How strong it is, dB below the target.
+    /// Measured level relative to the point, dB.
     pub(super) measured_db: f64,
 }
 
-/// The scene, and a point where its lines cross, with a number of microphones.
+/// The images of the scene and of a point where its lines cross, for a number of microphones.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub(super) struct Aliasing {
+pub(super) struct AliasingStudy {
     /// Microphones over 2 m.
     pub(super) microphones: usize,
-    /// λ/d: the turn between ghosts, in sin θ.
+    /// λ/d: the distance between grating lobes, in sin θ.
     pub(super) turn: f64,
-    /// λ|p|/d: their distance at the crossing, m.
+    /// λ|p|/d: the same at the crossing, m.
     pub(super) spacing: f64,
-    /// Ghosts of a point at the crossing, nearest first.
-    pub(super) ghosts: Vec<Ghost>,
-    /// Greatest amplitude away from the lines of the scene, against the root mean square on them, dB.
+    /// Grating lobes of a point at the crossing, nearest first.
+    #[serde(rename = "ghosts")]
+    pub(super) lobes: Vec<LobeComparison>,
+    /// Maximum amplitude away from the lines of the scene, relative to the root mean square on them, dB.
     pub(super) off_lines_db: f64,
-    /// The scene's image, `[z, x]`, greatest 1.
+    /// The scene's image, `[z, x]`, with a maximum of 1.
     #[serde(skip)]
     pub(super) image: Vec<f32>,
 }
 
-/// Microphones of the figure's panels, and the full row.
+/// Microphones in the figure's panels, and in the full row.
 const COUNTS: [usize; 4] = [15, 31, 63, 255];
 
-/// Above this, against the lines, what is off the lines is seen: they fade to about −13 dB themselves.
-const SEEN_DB: f64 = -6.0;
+/// Level above which grating lobes are visible next to the lines, dB: parts of the lines themselves are at about −13 dB.
+const VISIBLE_DB: f64 = -6.0;
 
-/// Ghosts of higher order are not looked for: they are far aside and weak.
-const ORDERS: i32 = 2;
+/// Maximum order of grating lobes: those of higher order are far away and weak.
+const MAX_ORDER: i32 = 2;
 
-impl Aliasing {
-    /// Whether ghosts show in the picture of the scene.
-    pub(super) fn shows_ghosts(&self) -> bool {
-        self.off_lines_db > SEEN_DB
+impl AliasingStudy {
+    /// Whether grating lobes are visible in the picture of the scene.
+    pub(super) fn shows_lobes(&self) -> bool {
+        self.off_lines_db > VISIBLE_DB
     }
 }
 
-/// The images with few microphones, and ghosts of a point.
-pub(super) fn study(observer: &dyn Observer) -> Result<Vec<Aliasing>> {
+/// Images the scene and a point with few microphones.
+pub(super) fn study(observer: &dyn Observer) -> Result<Vec<AliasingStudy>> {
     stage(observer, "aliasing", COUNTS.len() as u64, || {
         let of = |microphones: usize| {
             let aliasing = one(&Case { microphones, ..CASES[2] })?;
@@ -76,36 +77,36 @@ pub(super) fn study(observer: &dyn Observer) -> Result<Vec<Aliasing>> {
     })
 }
 
-fn one(case: &Case) -> Result<Aliasing> {
+fn one(case: &Case) -> Result<AliasingStudy> {
     let (image, _) = nonlinear(&cube(case, Exact)?)?;
     let wavelength = DEFAULT_SOUND_SPEED / (20_000.0 - case.bandwidth / 2.0);
     let turn = wavelength / pitch(case);
-    Ok(Aliasing {
+    Ok(AliasingStudy {
         microphones: case.microphones,
         turn,
         spacing: turn * CROSSING.length(),
-        ghosts: ghosts(case, turn)?,
+        lobes: lobes(case, turn)?,
         off_lines_db: off_lines_db(&image)?,
         image,
     })
 }
 
-/// Where a point's ghosts are looked for: beside the picture too, and ± 15 cm of depth, since they bend.
-fn beside() -> Grid {
+/// The grid for the grating lobes of a point: wider than the picture, and ± 15 cm in depth, since they are curved.
+fn search_grid() -> Grid {
     let axis = |first: f64, pitch: f64, count: usize| Axis { first, pitch, count };
     Grid { x: axis(-1.4, 0.005, 661), y: axis(0.0, 1.0, 1), z: axis(3.0, 0.01, 31) }
 }
 
-fn ghosts(case: &Case, turn: f64) -> Result<Vec<Ghost>> {
+fn lobes(case: &Case, turn: f64) -> Result<Vec<LobeComparison>> {
     let point = Reflectors::new(vec![CROSSING], vec![Complex32::ONE])?;
-    let (grid, options) = (beside(), ReconstructOptions::new(Method::Auto, Window::None));
+    let (grid, options) = (search_grid(), ReconstructOptions::new(Method::Auto, Window::None));
     let cube = cube_of(&point, case, Exact)?;
     let volume = reconstruct(&cube, &grid, &options)?.volume;
     let (image, peak) = (amplitudes(&volume.samples), f64::from(volume.peak()));
     let (range, smear) =
         (CROSSING.length(), (case.microphones - 1) as f64 * case.bandwidth / cube.instrument.sweep.centre());
     let mut found = Vec::new();
-    for order in (1..=ORDERS).flat_map(|k| [k, -k]) {
+    for order in (1..=MAX_ORDER).flat_map(|k| [k, -k]) {
         let predicted_x = CROSSING.x - range * turn * f64::from(order);
         // Nearer to this one than to its neighbours.
         let reach = 0.4 * range * turn;
@@ -116,7 +117,7 @@ fn ghosts(case: &Case, turn: f64) -> Result<Vec<Ghost>> {
             .filter(|voxel| (grid.x.position(voxel % grid.x.count) - predicted_x).abs() <= reach)
             .max_by(|a, b| image[*a].total_cmp(&image[*b]));
         let Some(voxel) = near else { continue };
-        found.push(Ghost {
+        found.push(LobeComparison {
             order,
             predicted_x,
             measured_x: grid.x.position(voxel % grid.x.count),
@@ -127,10 +128,10 @@ fn ghosts(case: &Case, turn: f64) -> Result<Vec<Ghost>> {
     Ok(found)
 }
 
-/// How far from a line a pixel must be to count as off it, m: some of the lines' own width.
+/// Minimum distance of a pixel off the lines, m: several times the width of a line.
 const OFF: f64 = 0.25;
 
-/// Greatest amplitude off the lines against the root mean square on them, dB.
+/// Maximum amplitude off the lines, relative to the root mean square on them, dB.
 fn off_lines_db(image: &[f32]) -> Result<f64> {
     let (grid, lines) = (super::scene::grid(), reflectors()?);
     let (mut on, mut off) = (0.0f64, 0.0f64);

@@ -1,4 +1,4 @@
-//! Figures 3 to 7, four panels each, as printed: three images and the truth, the array at the bottom.
+//! Figures 3 to 7, with four panels each as in the paper: three images and the truth, the array at the bottom.
 
 use super::scene::{grid, truth};
 use super::{METHODS, Reproduction, Row};
@@ -6,10 +6,10 @@ use crate::error::Result;
 use crate::export::figure::{ColourMap, Panel, Scale, write_figure};
 use std::path::{Path, PathBuf};
 
-/// The panels' names, in the order of [`METHODS`].
+/// The panels' titles, in the order of [`METHODS`].
 const TITLES: [&str; 3] = ["linear modulation", "linear reconstruction", "nonlinear reconstruction"];
 
-/// Writes all figures and gives their names.
+/// Writes all figures and returns their names.
 pub(super) fn write(reproduction: &Reproduction, folder: &Path) -> Result<Vec<PathBuf>> {
     let mut files = Vec::new();
     for (number, row) in (3..).zip(&reproduction.rows) {
@@ -20,7 +20,7 @@ pub(super) fn write(reproduction: &Reproduction, folder: &Path) -> Result<Vec<Pa
     let few = reproduction.aliasing.iter().take(3);
     let mut panels: Vec<Panel> = few
         .map(|aliasing| {
-            let note = if aliasing.shows_ghosts() { "ghosts" } else { "no ghosts" };
+            let note = if aliasing.shows_lobes() { "grating lobes" } else { "no grating lobes" };
             panel(&format!("{} microphones", aliasing.microphones), note, &aliasing.image)
         })
         .collect();
@@ -50,15 +50,12 @@ fn true_panel() -> Panel<'static> {
     panel("true surface", "amplitude 1 on two lines", &truth())
 }
 
-/// An image from above, from black to its own greatest amplitude.
+/// An image from above, from black to its maximum amplitude.
 fn panel(title: &str, note: &str, image: &[f32]) -> Panel<'static> {
     let peak = image.iter().copied().fold(f32::MIN_POSITIVE, f32::max);
     let values: Vec<f32> = image.iter().map(|a| a / peak).collect();
-    let scale = Scale::Sequential {
-        map: ColourMap::Grey,
-        range: [0.0, 1.0],
-        label: "amplitude / of the greatest".into(),
-    };
+    let scale =
+        Scale::Sequential { map: ColourMap::Grey, range: [0.0, 1.0], label: "amplitude / maximum".into() };
     let grid = grid();
     Panel {
         note: note.into(),

@@ -1,7 +1,7 @@
-//! Eq. 9 as the paper's tables have it: one plain two-dimensional discrete Fourier transform.
+//! Eq. 9 as used for the paper's tables: one plain two-dimensional discrete Fourier transform.
 //!
-//! `F[k, n] = 1/(N_r N_f) Σ_j Σ_q m[q, j] e^{+i2πjk/N_r} e^{−i2πqn/N_f}`, without padding; a pixel takes |F| of the bin
-//! nearest to it. The lateral bin belongs to the band's middle frequency f_c, where [`crate::reconstruct`]'s `linear`
+//! `F[k, n] = 1/(N_r N_f) Σ_j Σ_q m[q, j] e^{+i2πjk/N_r} e^{−i2πqn/N_f}`, without padding; a pixel is |F| of the nearest
+//! bin. The lateral bin belongs to the band's middle frequency f_c, where [`crate::reconstruct`]'s `linear`
 //! scales the angle with each f (`k = f·p̂₂/c`): Eq. 9 drops that factor, and so the last row of Table I is blurred.
 
 use super::scene::grid;
@@ -18,7 +18,7 @@ fn roots(n: usize) -> Vec<Complex64> {
 
 /// The image on the paper's pixels, `[z, x]`, on the absolute scale of the transform.
 ///
-/// Only the bins that pixels ask for are worked out, each as it is written; so the lengths need no small factors.
+/// Only the bins of pixels are computed, directly as the sum above, so that the lengths need no small factors.
 pub(super) fn image(cube: &DataCube) -> Vec<f32> {
     let Instrument { sweep, array, geometry, sound_speed: c, .. } = &cube.instrument;
     let (n_f, n_r, centre) = (sweep.len(), array.len(), sweep.centre());

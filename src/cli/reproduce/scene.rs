@@ -1,8 +1,7 @@
-//! The paper's Figure 2, as far as it can be told, and what is recorded of it.
+//! The scene of the paper's Figure 2, as far as it can be inferred, and its simulated recording.
 //!
 //! Two straight lines, one pixel wide, cross right of the middle. Every pixel centre on a line is a reflector of
-//! amplitude 1. The lower left pixel's centre is the origin, where the speaker stands, in the middle of the row of
-//! microphones.
+//! amplitude 1. The centre of the lower left pixel is the origin, with the speaker, in the middle of the row of microphones.
 
 use super::Case;
 use crate::acquisition::{
@@ -14,7 +13,7 @@ use crate::reflectors::Reflectors;
 use glam::DVec3;
 use num_complex::Complex32;
 
-/// Columns of 1 cm and rows of 5 cm.
+/// Number of columns, of 1 cm, and of rows, of 5 cm.
 pub(super) const PIXELS: usize = 100;
 
 /// f₀ + B, Hz.
@@ -23,13 +22,13 @@ const HIGHEST: f64 = 20_000.0;
 /// δf, Hz.
 const STEP: f64 = 2.0;
 
-/// Rows of the two lines in the first column and the last: 2.0 to 3.5 m and 4.5 to 2.75 m.
+/// Rows of the two lines in the first and the last column: 2.0 to 3.5 m and 4.5 to 2.75 m.
 const LINES: [[f64; 2]; 2] = [[40.0, 70.0], [90.0, 55.0]];
 
 /// Where the lines cross, m.
 pub(super) const CROSSING: DVec3 = DVec3::new(0.76, 0.0, 3.15);
 
-/// The paper's pixels: a grid of a single y.
+/// The paper's pixels: a grid with a single y.
 pub(super) fn grid() -> Grid {
     let axis = |pitch: f64, count: usize| Axis { first: 0.0, pitch, count };
     Grid { x: axis(0.01, PIXELS), y: axis(1.0, 1), z: axis(0.05, PIXELS) }
@@ -41,7 +40,7 @@ fn line_row(line: usize, column: usize) -> usize {
     (first + (last - first) * column as f64 / (PIXELS - 1) as f64).round() as usize
 }
 
-/// The true picture, `[z, x]`: 1 on the lines, else 0.
+/// The true picture, `[z, x]`: 1 on the lines, 0 elsewhere.
 pub(super) fn truth() -> Vec<f32> {
     let mut truth = vec![0.0; PIXELS * PIXELS];
     for column in 0..PIXELS {
@@ -52,7 +51,7 @@ pub(super) fn truth() -> Vec<f32> {
     truth
 }
 
-/// What a black picture scores.
+/// The RMSE of a black picture.
 pub(super) fn truth_rms() -> f64 {
     super::rmse(&truth(), &vec![0.0; PIXELS * PIXELS])
 }
@@ -75,12 +74,12 @@ pub(super) fn pitch(case: &Case) -> f64 {
     case.extent / (case.microphones - 1) as f64
 }
 
-/// The recording of the scene, real and without noise, every term summed.
+/// The recording of the scene, real and without noise, by summing every term.
 pub(super) fn cube(case: &Case, model: PropagationModel) -> Result<DataCube> {
     cube_of(&reflectors()?, case, model)
 }
 
-/// The recording of any reflectors.
+/// The recording of other reflectors.
 pub(super) fn cube_of(reflectors: &Reflectors, case: &Case, model: PropagationModel) -> Result<DataCube> {
     let sweep = Sweep::stepped(HIGHEST - case.bandwidth, HIGHEST, STEP)?;
     let array = MicArray::rectangular([case.microphones, 1], [pitch(case); 2], DVec3::ZERO)?;

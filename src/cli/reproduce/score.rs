@@ -1,15 +1,15 @@
 //! Root mean square errors against the true picture.
 //!
-//! The paper gives its errors in "arbitrary units". Its numbers fit if the Fourier images keep the scale of a transform
-//! divided by the number of samples, and NL-NL is divided by its maximum. That flatters NL-NL: L-L and NL-NL at
-//! x = 0.5 m are nearly the same matched filter, and score alike once they are scaled alike.
+//! The paper states its errors in "arbitrary units". Its numbers fit if the Fourier images have the scale of a transform
+//! divided by the number of samples, and NL-NL is divided by its maximum. This favours NL-NL: L-L and NL-NL at x = 0.5 m are
+//! nearly the same matched filter, and score equally with equal scaling.
 
 /// `√mean (I − T)²`.
 pub(super) fn rmse(image: &[f32], truth: &[f32]) -> f64 {
     scaled_rmse(image, truth, 1.0)
 }
 
-/// The least RMSE that any one factor on the image reaches: `s = Σ I·T / Σ I²`.
+/// The minimum RMSE over all factors on the image, at `s = Σ I·T / Σ I²`.
 pub(super) fn least_squares(image: &[f32], truth: &[f32]) -> f64 {
     let product: f64 = image.iter().zip(truth).map(|(i, t)| f64::from(*i) * f64::from(*t)).sum();
     let square: f64 = image.iter().map(|i| f64::from(*i).powi(2)).sum();

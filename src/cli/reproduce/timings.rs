@@ -1,8 +1,9 @@
-//! Direct against fast reconstruction, at the size the paper timed: 1001 frequencies, 255 microphones, 100 × 100 pixels.
+//! Running times of direct and fast reconstruction at the size of the paper: 1001 frequencies, 255 microphones, 100 × 100
+//! pixels.
 //!
-//! All on one thread, on columns as far apart as the microphones, so that pixels and microphones share a lattice. The
-//! paper's 15 is the gain over a sum that takes a sine and a cosine per term. Over one that steps its phasors from
-//! frequency to frequency it is much less, and both are reported.
+//! All run on one thread, with columns at the pitch of the microphones, so that pixels and microphones share a lattice. The
+//! paper's factor of 15 compares with a sum that computes a sine and a cosine per term. Compared with a sum that advances
+//! its phasors from frequency to frequency it is much smaller; both are reported.
 
 use super::CASES;
 use super::scene::{PIXELS, cube};
@@ -16,33 +17,33 @@ use serde::Serialize;
 use std::f64::consts::TAU;
 use std::time::Instant;
 
-/// One way of summing Eq. 13, timed.
+/// The running time of one method for Eq. 13.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub(super) struct Timing {
-    /// What was summed how.
+    /// The method and its settings.
     pub(super) method: &'static str,
     /// Seconds on one thread for all pixels.
     pub(super) seconds: f64,
-    /// The share of the pixels that was timed; the seconds are scaled up from it.
+    /// The fraction of the pixels that was timed, from which the seconds are extrapolated.
     pub(super) share: f64,
-    /// Greatest difference from the sum as written, against the greatest amplitude.
+    /// Maximum difference from the literal sum, relative to the maximum amplitude.
     pub(super) error: f64,
-    /// Seconds in the paper, on a 2.8 GHz Core i7 of 2014 in Matlab.
+    /// Seconds in the paper, in Matlab on a 2.8 GHz Core i7 of 2014.
     pub(super) paper: Option<f64>,
 }
 
-/// The comparison.
+/// All running times, and their ratios.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub(super) struct Timings {
-    /// Direct with sine and cosine per term; direct by recurrence; Eq. 16 at every frequency; Eq. 16 at skeleton ones.
+    /// Direct with sine and cosine per term; direct by recurrence; Eq. 16 at every frequency; Eq. 16 at skeleton frequencies.
     pub(super) methods: Vec<Timing>,
-    /// Terms of Eq. 13.
+    /// Number of terms of Eq. 13.
     pub(super) terms: u64,
-    /// Sine and cosine per term against Eq. 16 at every frequency: the paper's 15.
+    /// Sine and cosine per term relative to Eq. 16 at every frequency: 15 in the paper.
     pub(super) gain: f64,
-    /// Recurrence against Eq. 16 at every frequency.
+    /// Recurrence relative to Eq. 16 at every frequency.
     pub(super) gain_over_recurrence: f64,
-    /// Recurrence against Eq. 16 at skeleton frequencies.
+    /// Recurrence relative to Eq. 16 at skeleton frequencies.
     pub(super) gain_of_skeletons: f64,
     /// 185 s / 12 s.
     pub(super) paper_gain: f64,
@@ -51,13 +52,13 @@ pub(super) struct Timings {
 /// Seconds of the paper's direct and fast sums.
 const PAPER: [f64; 2] = [185.0, 12.0];
 
-/// Rows of pixels that are summed with a sine and a cosine per term; all of them would take most of a minute.
+/// Rows of pixels that are summed with a sine and a cosine per term; all would take most of a minute.
 const ROWS: usize = 2;
 
-/// Each is timed so often and the shortest counts, since others use the machine too.
+/// How often each method is timed; the shortest time counts, since other programs use the computer too.
 const REPEATS: usize = 3;
 
-/// The paper's pixels with columns on the microphones' lattice, some of their rows.
+/// Some rows of the paper's pixels, with columns on the microphones' lattice.
 fn lattice_grid(cube: &DataCube, rows: std::ops::Range<usize>) -> Grid {
     let pitch = cube.instrument.array.lattice().map_or(1.0, |lattice| lattice.x.pitch);
     Grid {
@@ -67,13 +68,23 @@ fn lattice_grid(cube: &DataCube, rows: std::ops::Range<usize>) -> Grid {
     }
 }
 
-/// Times the four ways.
+/// Times the four methods.
 pub(super) fn measure(observer: &dyn Observer) -> Result<Timings> {
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(1)
         .build()
         .map_err(|e| Error::io("threads", format!("one cannot be started: {e}")))?;
     stage(observer, "timing", 4, || pool.install(|| all(observer)))
+}
+
+/// The shortest time of some work in seconds, and its result.
+fn fastest<T>(work: impl Fn() -> Result<T>) -> Result<(f64, T)> {
+    let timed = || {
+        let start = Instant::now();
+        work().map(|result| (start.elapsed().as_secs_f64(), result))
+    };
+    (1..REPEATS)
+        .try_fold(timed()?, |(best, _), _| timed().map(|(seconds, result)| (best.min(seconds), result)))
 }
 
 fn all(observer: &dyn Observer) -> Result<Timings> {
@@ -83,17 +94,13 @@ fn all(observer: &dyn Observer) -> Result<Timings> {
     // The middle rows, where the lines are.
     let rows = (PIXELS * 3 / 5)..(PIXELS * 3 / 5 + ROWS);
     let share = ROWS as f64 / PIXELS as f64;
-    let (mut literal_seconds, mut literal) = (f64::INFINITY, Vec::new());
-    for _ in 0..REPEATS {
-        let begun = Instant::now();
-        literal = sine_and_cosine(&cube, &lattice_grid(&cube, rows.clone()));
-        literal_seconds = literal_seconds.min(begun.elapsed().as_secs_f64() / share);
-    }
+    let literal_grid = lattice_grid(&cube, rows.clone());
+    let (seconds, literal) = fastest(|| Ok(sine_and_cosine(&cube, &literal_grid)))?;
     advance(observer, 1)?;
     let peak = literal.iter().map(|a| a.norm()).fold(0.0, f64::max);
     let mut methods = vec![Timing {
         method: "direct, sine and cosine per term",
-        seconds: literal_seconds,
+        seconds: seconds / share,
         share,
         error: 0.0,
         paper: Some(PAPER[0]),
@@ -105,12 +112,8 @@ fn all(observer: &dyn Observer) -> Result<Timings> {
     ] {
         let mut options = ReconstructOptions::new(method, Window::None);
         options.tolerance = tolerance;
-        let (mut seconds, mut samples) = (f64::INFINITY, Vec::new());
-        for _ in 0..REPEATS {
-            let begun = Instant::now();
-            samples = reconstruct(&cube, &grid, &options)?.volume.samples;
-            seconds = seconds.min(begun.elapsed().as_secs_f64());
-        }
+        let (seconds, image) = fastest(|| reconstruct(&cube, &grid, &options))?;
+        let samples = image.volume.samples;
         let error = difference(&samples[rows.start * PIXELS..rows.end * PIXELS], &literal) / peak;
         methods.push(Timing { method: name, seconds, share: 1.0, error, paper });
         advance(observer, 1)?;
@@ -126,7 +129,7 @@ fn all(observer: &dyn Observer) -> Result<Timings> {
     })
 }
 
-/// Eq. 13 as it is written, a sine and a cosine for every pixel, microphone and frequency, in f64.
+/// Eq. 13 literally, with a sine and a cosine for every pixel, microphone and frequency, in f64.
 fn sine_and_cosine(cube: &DataCube, grid: &Grid) -> Vec<Complex64> {
     let Instrument { sweep, array, geometry, detection, sound_speed } = &cube.instrument;
     let n_mic = array.len();
@@ -148,7 +151,7 @@ fn sine_and_cosine(cube: &DataCube, grid: &Grid) -> Vec<Complex64> {
         .collect()
 }
 
-/// Greatest difference of two rows of pixels.
+/// Maximum difference of two rows of pixels.
 fn difference(a: &[Complex32], b: &[Complex64]) -> f64 {
     let of = |(a, b): (&Complex32, &Complex64)| (Complex64::new(f64::from(a.re), f64::from(a.im)) - b).norm();
     a.iter().zip(b).map(of).fold(0.0, f64::max)

@@ -1,55 +1,41 @@
-//! What it is measured with.
+//! The medium, the sweep, the array and the detection.
 
-use super::MOST_SAMPLES;
-use crate::config::range::{Check, clash, counts, finite, named, not_negative, positive, within};
+use super::MAX_SAMPLES;
+use crate::config::range::{
+    Check, conflict, counts, ensure, file_name, finite, none_typed, not_negative, positive, within,
+};
 use crate::config::reader::Fault;
-use crate::config::{ArrayTable, DetectionTable, Layout, MediumTable, SweepTable};
+use crate::config::{ArrayLayout, ArrayTable, DetectionTable, MediumTable, SweepTable};
 use crate::wave::GeometryKind;
 
 impl MediumTable {
     pub(super) fn check(&self) -> Check {
         self.sound_speed.map_or(Ok(()), |speed| positive("medium.sound_speed", speed))?;
         let Some(air) = self.air() else {
-            let idle = [
+            let of_air = [
                 ("medium.humidity", self.humidity.is_some()),
                 ("medium.pressure", self.pressure.is_some()),
                 ("medium.absorption", self.absorption),
             ];
-            return match idle.into_iter().find(|(_, typed)| *typed) {
-                Some((key, _)) => Err(Fault::new(
-                    key,
-                    "belongs to air of a known temperature; give `temperature` too, in degrees Celsius, in place of \
-                     `sound_speed`",
-                )),
-                None => Ok(()),
-            };
+            return none_typed(&of_air, |key| {
+                let problem = "belongs to air of a known temperature; give `temperature` too, in degrees Celsius, in \
+                               place of `sound_speed`";
+                Fault::new(key, problem)
+            });
         };
-        if self.sound_speed.is_some() {
-            return Err(clash(
-                "medium.temperature",
-                &["medium.sound_speed"],
-                "the speed of sound follows from the temperature",
-            ));
-        }
+        ensure(self.sound_speed.is_none(), || {
+            let why = "the speed of sound follows from the temperature";
+            conflict("medium.temperature", &["medium.sound_speed"], why)
+        })?;
         within("medium.temperature", air.temperature, -50.0, 60.0, "degrees Celsius from -50 to 60")?;
         within("medium.humidity", air.humidity, 0.0, 100.0, "a relative humidity from 0 to 100 %")?;
-        within(
-            "medium.pressure",
-            air.pressure,
-            1e4,
-            1e6,
-            "a pressure from 1e4 to 1e6 Pa (sea level has 101325)",
-        )?;
-        if air.water() > 0.25 {
-            return Err(Fault {
-                partners: &["medium.temperature", "medium.pressure"],
-                ..Fault::new(
-                    "medium.humidity",
-                    format!("{:.0} % of that air would be water; expected 25 % at most", 100.0 * air.water()),
-                )
-            });
-        }
-        Ok(())
+        let pressures = "a pressure from 1e4 to 1e6 Pa (sea level has 101325)";
+        within("medium.pressure", air.pressure, 1e4, 1e6, pressures)?;
+        let water = air.water();
+        ensure(water <= 0.25, || {
+            let problem = format!("{:.0} % of that air would be water; expected 25 % at most", 100.0 * water);
+            Fault::new("medium.humidity", problem).or_at(&["medium.temperature", "medium.pressure"])
+        })
     }
 }
 
@@ -59,37 +45,28 @@ impl SweepTable {
         positive("sweep.start", start)?;
         positive("sweep.stop", stop)?;
         positive("sweep.step", step)?;
-        if stop < start {
-            return Err(Fault {
-                partners: &["sweep.start"],
-                ..Fault::new(
-                    "sweep.stop",
-                    format!("the sweep stops at {stop:?} Hz, before its start at {start:?} Hz"),
-                )
-            });
-        }
+        ensure(stop >= start, || {
+            let problem = format!("the sweep stops at {stop:?} Hz, before its start at {start:?} Hz");
+            Fault::new("sweep.stop", problem).or_at(&["sweep.start"])
+        })?;
         let band = stop - start;
         let steps = band / step;
-        let fault = |problem: String| Fault {
-            partners: &["sweep.start", "sweep.stop"],
-            ..Fault::new("sweep.step", problem)
-        };
-        if steps > MOST_SAMPLES {
-            return Err(fault(format!("{steps:.3e} frequencies are too many; use a larger step")));
-        }
+        let fault = |problem| Fault::new("sweep.step", problem).or_at(&["sweep.start", "sweep.stop"]);
+        ensure(steps <= MAX_SAMPLES, || {
+            fault(format!("{steps:.3e} frequencies are too many; use a larger step"))
+        })?;
         let whole = steps.round();
-        if (whole * step - band).abs() > 1e-6 * band {
-            let mend = if whole < 1.0 {
+        ensure((whole * step - band).abs() <= 1e-6 * band, || {
+            let fix = if whole < 1.0 {
                 format!("step = {band:?}")
             } else {
                 format!("stop = {:?}, or step = {:?}", start + whole * step, band / whole)
             };
-            return Err(fault(format!(
+            fault(format!(
                 "the band from {start:?} to {stop:?} Hz is {steps:.4} steps of {step:?} Hz; expected a whole \
-                 number of steps: {mend}"
-            )));
-        }
-        Ok(())
+                 number of steps: {fix}"
+            ))
+        })
     }
 }
 
@@ -97,56 +74,29 @@ impl ArrayTable {
     pub(super) fn check(&self) -> Check {
         finite("array.source", &self.source)?;
         finite("array.centre", &self.centre)?;
-        if self.geometry == GeometryKind::Monostatic && self.source != [0.0; 3] {
-            return Err(clash(
-                "array.source",
-                &["array.geometry"],
-                "a monostatic scan has no speaker of its own",
-            ));
-        }
-        if let Some(count) = &self.count {
-            counts("array.count", count, MOST_SAMPLES)?;
-        }
-        if let Some(elements) = self.elements {
-            counts("array.elements", &[elements], MOST_SAMPLES)?;
-        }
-        if let Some(spacing) = self.spacing {
-            not_negative("array.spacing", spacing)?;
-        }
-        if self.count.is_some() && self.elements.is_some() {
-            return Err(clash(
-                "array.elements",
-                &["array.count"],
-                "`elements` and `count` both give the number of microphones",
-            ));
-        }
-        for pitch in self.pitch.into_iter().flatten() {
-            positive("array.pitch", pitch)?;
-        }
-        for extent in self.extent.into_iter().flatten() {
-            not_negative("array.extent", extent)?;
-        }
-        if self.pitch.is_some() && self.extent.is_some() {
-            return Err(clash(
-                "array.extent",
-                &["array.pitch"],
-                "`extent` and `pitch` both give the array's size",
-            ));
-        }
-        let count = self.count.filter(|_| self.layout == Layout::Grid);
+        ensure(self.geometry != GeometryKind::Monostatic || self.source == [0.0; 3], || {
+            conflict("array.source", &["array.geometry"], "a monostatic scan has no speaker of its own")
+        })?;
+        self.count.map_or(Ok(()), |count| counts("array.count", &count, MAX_SAMPLES))?;
+        self.elements.map_or(Ok(()), |elements| counts("array.elements", &[elements], MAX_SAMPLES))?;
+        self.spacing.map_or(Ok(()), |spacing| not_negative("array.spacing", spacing))?;
+        ensure(self.count.is_none() || self.elements.is_none(), || {
+            let why = "`elements` and `count` both give the number of microphones";
+            conflict("array.elements", &["array.count"], why)
+        })?;
+        self.pitch.into_iter().flatten().try_for_each(|pitch| positive("array.pitch", pitch))?;
+        self.extent.into_iter().flatten().try_for_each(|extent| not_negative("array.extent", extent))?;
+        ensure(self.pitch.is_none() || self.extent.is_none(), || {
+            conflict("array.extent", &["array.pitch"], "`extent` and `pitch` both give the array's size")
+        })?;
+        let count = self.count.filter(|_| self.layout == ArrayLayout::Grid);
         for (extent, count) in self.extent.into_iter().flatten().zip(count.into_iter().flatten()) {
-            if (extent > 0.0) != (count > 1) {
-                return Err(Fault {
-                    partners: &["array.count"],
-                    ..Fault::new(
-                        "array.extent",
-                        format!(
-                            "{count} microphones cannot span {extent:?} m; one microphone spans 0, several span \
-                             more"
-                        ),
-                    )
-                });
-            }
+            ensure((extent > 0.0) == (count > 1), || {
+                let problem = format!(
+                    "{count} microphones cannot span {extent:?} m; one microphone spans 0, several span more"
+                );
+                Fault::new("array.extent", problem).or_at(&["array.count"])
+            })?;
         }
         for (key, value) in [
             ("array.speaker_radius", self.speaker_radius),
@@ -160,61 +110,51 @@ impl ArrayTable {
         self.check_layout()
     }
 
+    /// The keys that only some layouts have.
     fn check_layout(&self) -> Check {
-        named("array.file", self.file.as_ref())?;
-        let idle = |key: &str, why: &str| Err(clash(key, &["array.layout"], why));
-        if self.file.is_some() && self.layout != Layout::File {
-            return idle("array.file", "a file of microphones needs `layout = \"file\"`");
+        file_name("array.file", self.file.as_ref())?;
+        let unused = |why: &'static str| move |key: &'static str| conflict(key, &["array.layout"], why);
+        if self.layout == ArrayLayout::File {
+            ensure(self.file.is_some(), || {
+                let problem = "layout \"file\" needs the key `file`, a CSV with the header x,y,z in metres or an \
+                               Acoular XML";
+                Fault::new("array.layout", problem)
+            })?;
+        } else {
+            let of_file = [("array.file", self.file.is_some())];
+            none_typed(&of_file, unused("a file of microphones needs `layout = \"file\"`"))?;
         }
-        for (key, typed) in [("array.spacing", self.spacing.is_some()), ("array.seed", self.seed.is_some())] {
-            if typed && self.layout != Layout::Random {
-                return idle(key, "it scatters microphones at random, which needs `layout = \"random\"`");
-            }
+        if self.layout != ArrayLayout::Random {
+            let of_random = [("array.spacing", self.spacing.is_some()), ("array.seed", self.seed.is_some())];
+            let why = "it scatters microphones at random, which needs `layout = \"random\"`";
+            none_typed(&of_random, unused(why))?;
         }
         match (self.layout, self.elements) {
-            (Layout::File, _) => self.check_file_layout(),
-            (Layout::Grid, Some(elements)) if square_root(elements).is_none() => {
+            (ArrayLayout::File, _) => {
+                let of_others = [
+                    ("array.pitch", self.pitch.is_some()),
+                    ("array.extent", self.extent.is_some()),
+                    ("array.count", self.count.is_some()),
+                    ("array.elements", self.elements.is_some()),
+                    ("array.centre", self.centre != Self::before_filling().centre),
+                ];
+                none_typed(&of_others, unused("with layout \"file\" the positions are the file's own"))
+            }
+            (ArrayLayout::Grid, Some(elements)) => ensure(square_root(elements).is_some(), || {
                 let side = f64::from(elements).sqrt().round().max(1.0) as u32;
-                Err(Fault {
-                    partners: &["array.layout"],
-                    ..Fault::new(
-                        "array.elements",
-                        format!(
-                            "{elements} microphones make no square grid; expected a square such as {}, or `count = [x, y]`, \
-                             or layout \"spiral\" or \"random\"",
-                            side.saturating_mul(side)
-                        ),
-                    )
-                })
-            }
+                let problem = format!(
+                    "{elements} microphones make no square grid; expected a square such as {}, or `count = [x, y]`, \
+                     or layout \"spiral\" or \"random\"",
+                    side.saturating_mul(side)
+                );
+                Fault::new("array.elements", problem).or_at(&["array.layout"])
+            }),
             _ => Ok(()),
-        }
-    }
-
-    fn check_file_layout(&self) -> Check {
-        if self.file.is_none() {
-            return Err(Fault::new(
-                "array.layout",
-                "layout \"file\" needs the key `file`, a CSV with the header x,y,z in metres or an Acoular XML",
-            ));
-        }
-        let idle = [
-            ("array.pitch", self.pitch.is_some()),
-            ("array.extent", self.extent.is_some()),
-            ("array.count", self.count.is_some()),
-            ("array.elements", self.elements.is_some()),
-            ("array.centre", self.centre != Self::before_filling().centre),
-        ];
-        match idle.into_iter().find(|(_, typed)| *typed) {
-            Some((key, _)) => {
-                Err(clash(key, &["array.layout"], "with layout \"file\" the positions are the file's own"))
-            }
-            None => Ok(()),
         }
     }
 }
 
-/// The side of a square of so many, if they make one.
+/// The side of a square of this many microphones, if they make one.
 pub(in crate::config) fn square_root(elements: u32) -> Option<u32> {
     let side = f64::from(elements).sqrt().round() as u32;
     (side.checked_mul(side) == Some(elements)).then_some(side)
@@ -222,13 +162,8 @@ pub(in crate::config) fn square_root(elements: u32) -> Option<u32> {
 
 impl DetectionTable {
     pub(super) fn check(&self) -> Check {
-        within(
-            "detection.tolerance",
-            self.tolerance,
-            0.0,
-            0.5,
-            "a relative error from 0 (every term) to 0.5",
-        )?;
+        let errors = "a relative error from 0 (every term) to 0.5";
+        within("detection.tolerance", self.tolerance, 0.0, 0.5, errors)?;
         self.snr_db.map_or(Ok(()), |snr| finite("detection.snr_db", &[snr]))
     }
 }

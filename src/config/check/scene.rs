@@ -1,6 +1,6 @@
-//! The scene and its reflectors.
+//! The scene, its materials and its reflectors.
 
-use crate::config::range::{Check, clash, finite, named, not_negative, positive, within};
+use crate::config::range::{Check, conflict, ensure, file_name, finite, not_negative, positive, within};
 use crate::config::reader::{Fault, joined};
 use crate::config::wording::quoted;
 use crate::config::{ReflectorsTable, SceneTable};
@@ -8,45 +8,31 @@ use crate::scene::MaterialRule;
 
 impl SceneTable {
     pub(super) fn check(&self) -> Check {
-        named("scene.mesh", self.mesh.as_ref())?;
+        file_name("scene.mesh", self.mesh.as_ref())?;
         positive("scene.scale", self.scale)?;
         finite("scene.rotate", &self.rotate)?;
         finite("scene.translate", self.translate.as_ref().map_or(&[], |v| &v[..]))?;
         finite("scene.fit", self.fit.as_ref().map_or(&[], |v| &v[..]))?;
-        if self.fit.is_some() && self.translate.is_some() {
-            return Err(clash(
-                "scene.fit",
-                &["scene.translate"],
-                "`fit` and `translate` both place the mesh",
-            ));
-        }
+        ensure(self.fit.is_none() || self.translate.is_none(), || {
+            conflict("scene.fit", &["scene.translate"], "`fit` and `translate` both place the mesh")
+        })?;
         let Some(sensor) = &self.sensor else { return Ok(()) };
         let name = sensor.strip_prefix("camera:").or_else(|| sensor.strip_prefix("node:"));
-        if name.is_none_or(str::is_empty) {
-            return Err(Fault::new(
-                "scene.sensor",
-                format!(
-                    "found \"{}\"; expected \"camera:NAME\" or \"node:NAME\" of the glTF file",
-                    quoted(sensor)
-                ),
-            ));
-        }
-        if self.fit.is_some() {
-            return Err(clash(
-                "scene.fit",
-                &["scene.sensor"],
-                "`fit` and `sensor` both say where the mesh stands",
-            ));
-        }
-        Ok(())
+        ensure(name.is_some_and(|name| !name.is_empty()), || {
+            let expected = "expected \"camera:NAME\" or \"node:NAME\" of the glTF file";
+            Fault::new("scene.sensor", format!("found \"{}\"; {expected}", quoted(sensor)))
+        })?;
+        ensure(self.fit.is_none(), || {
+            conflict("scene.fit", &["scene.sensor"], "`fit` and `sensor` both place the mesh")
+        })
     }
 }
 
 impl MaterialRule {
     pub(super) fn check(&self, path: &str) -> Check {
-        if self.name.is_empty() {
-            return Err(Fault::new(joined(path, "name"), "is empty; \"*\" matches every name"));
-        }
+        ensure(!self.name.is_empty(), || {
+            Fault::new(joined(path, "name"), "is empty; \"*\" matches every name")
+        })?;
         for (key, share) in [("reflectance", self.reflectance), ("transmittance", self.transmittance)] {
             if let Some(share) = share {
                 within(&joined(path, key), share, 0.0, 1.0, "a share of the amplitude from 0 to 1")?;

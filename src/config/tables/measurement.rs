@@ -1,13 +1,11 @@
-//! What it is measured with.
+//! The medium, the sweep, the array and the detection.
 
+use super::pair::PairVisitor;
 use crate::acquisition::{Detection, PropagationModel, SIMULATION_TOLERANCE};
-use crate::config::choices::{InputFile, Layout};
+use crate::config::choices::{ArrayLayout, InputFile};
 use crate::wave::air::{Air, REFERENCE_PRESSURE};
 use crate::wave::{DEFAULT_SOUND_SPEED, GeometryKind};
-use serde::de::{self, IntoDeserializer, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize};
-use std::fmt;
-use std::marker::PhantomData;
 
 /// `[medium]`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -28,7 +26,7 @@ pub struct MediumTable {
 }
 
 impl MediumTable {
-    /// Humidity in % and pressure in Pa of air of which only the temperature is typed.
+    /// Humidity in % and pressure in Pa of the air when only its temperature is typed.
     pub(in crate::config) const HUMIDITY: f64 = 50.0;
     pub(in crate::config) const PRESSURE: f64 = REFERENCE_PRESSURE;
 
@@ -53,7 +51,7 @@ impl MediumTable {
         })
     }
 
-    /// Speed of sound c, typed or that of the air, m/s.
+    /// Speed of sound c, as typed or of the air, m/s.
     pub fn speed(&self) -> f64 {
         let air = || self.air().map(|air| air.sound_speed());
         self.sound_speed.or_else(air).unwrap_or(DEFAULT_SOUND_SPEED)
@@ -88,33 +86,33 @@ impl Default for SweepTable {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default = "ArrayTable::before_filling", deny_unknown_fields)]
 pub struct ArrayTable {
-    /// Who moves.
+    /// What moves during the scan.
     pub geometry: GeometryKind,
     /// The speaker, m.
     pub source: [f64; 3],
     /// Centre of the rectangle of microphones, m; it stays parallel to z = 0.
     pub centre: [f64; 3],
-    /// Microphones along x and y; one number counts for both. Layouts that are no grid have as many in all.
+    /// Microphones along x and y; one number counts for both. Other layouts than grids have the product of both in all.
     #[serde(deserialize_with = "both")]
     pub count: Option<[u32; 2]>,
-    /// Microphones in all, instead of `count`; those of a grid make a square.
+    /// Total number of microphones, instead of `count`; a grid of them is square.
     pub elements: Option<u32>,
-    /// Distance between neighbours along x and y, m; one number counts for both. Excludes `extent`. Layouts that are no
-    /// grid cover the extent that a grid would.
+    /// Distance between neighbours along x and y, m; one number counts for both. Excludes `extent`. Other layouts cover the
+    /// extent that such a grid would.
     #[serde(deserialize_with = "both")]
     pub pitch: Option<[f64; 2]>,
     /// First to last microphone along x and y, m; one number counts for both. Excludes `pitch`.
     #[serde(deserialize_with = "both")]
     pub extent: Option<[f64; 2]>,
     /// Where the positions come from.
-    pub layout: Layout,
-    /// Least distance between microphones of layout `random`, m.
+    pub layout: ArrayLayout,
+    /// Minimum distance between microphones of layout `random`, m.
     pub spacing: Option<f64>,
-    /// Of layout `random`.
+    /// Seed of layout `random`.
     pub seed: Option<u32>,
     /// The microphones' positions (CSV with header `x,y,z`, or Acoular's XML, m) for layout `file`.
     pub file: Option<InputFile>,
-    /// Radius of the speaker, a piston that faces +z, m; 0: alike in all directions.
+    /// Radius of the speaker, a piston that faces +z, m; 0: omnidirectional.
     pub speaker_radius: f64,
     /// Radius of the microphones, m; likewise.
     pub microphone_radius: f64,
@@ -145,7 +143,7 @@ impl ArrayTable {
             elements: None,
             pitch: None,
             extent: None,
-            layout: Layout::Grid,
+            layout: ArrayLayout::Grid,
             spacing: None,
             seed: None,
             file: None,
@@ -169,48 +167,11 @@ impl Default for ArrayTable {
 fn both<'de, D: Deserializer<'de>, T: Deserialize<'de> + Copy>(
     deserializer: D,
 ) -> Result<Option<[T; 2]>, D::Error> {
-    #[derive(Clone, Copy)]
-    struct Both<T>([T; 2]);
-    impl<'de, T: Deserialize<'de> + Copy> Deserialize<'de> for Both<T> {
-        fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-            deserializer.deserialize_any(BothVisitor(PhantomData))
-        }
-    }
-    struct BothVisitor<T>(PhantomData<T>);
-    impl<'de, T: Deserialize<'de> + Copy> Visitor<'de> for BothVisitor<T> {
-        type Value = Both<T>;
-
-        fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
-            f.write_str("[along x, along y], or one number for both")
-        }
-
-        fn visit_f64<E: de::Error>(self, value: f64) -> Result<Both<T>, E> {
-            T::deserialize(value.into_deserializer()).map(|value| Both([value; 2]))
-        }
-
-        fn visit_i64<E: de::Error>(self, value: i64) -> Result<Both<T>, E> {
-            T::deserialize(value.into_deserializer()).map(|value| Both([value; 2]))
-        }
-
-        fn visit_u64<E: de::Error>(self, value: u64) -> Result<Both<T>, E> {
-            T::deserialize(value.into_deserializer()).map(|value| Both([value; 2]))
-        }
-
-        fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<Both<T>, A::Error> {
-            let mut values: Vec<T> = Vec::new();
-            while let Some(value) = list.next_element()? {
-                values.push(value);
-            }
-            match values[..] {
-                [x, y] => Ok(Both([x, y])),
-                _ => Err(de::Error::invalid_length(values.len(), &self)),
-            }
-        }
-    }
-    Ok(Option::<Both<T>>::deserialize(deserializer)?.map(|both| both.0))
+    let expecting = "[along x, along y], or one number for both";
+    deserializer.deserialize_any(PairVisitor { expecting, single: |value| [value; 2] })
 }
 
-/// `[detection]`: what is measured, and how well.
+/// `[detection]`: what is measured, and how accurately.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct DetectionTable {

@@ -1,24 +1,24 @@
-//! What is computed from it, written, and expected.
+//! The grid, the reconstruction, the depth map, the output files and the expected metrics.
 
+use super::pair::PairVisitor;
 use crate::config::choices::VolumeFormat;
 use crate::depth::{DepthOptions, Pick, Refine};
 use crate::export::{Components, Compression, Fill};
 use crate::grid::View;
 use crate::reconstruct::{Method, Window};
-use serde::de::{self, MapAccess, SeqAccess, Visitor};
-use serde::ser::SerializeMap;
-use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use serde::de::{MapAccess, Visitor};
+use serde::{Deserialize, Deserializer, Serialize};
 use std::collections::BTreeMap;
 use std::fmt;
 
-/// `[grid]`: the voxels. What is left out, the plan chooses.
+/// `[grid]`: the voxels. The plan chooses what is left out.
 ///
 /// An axis is `[first, last]` and a pitch: its voxels start at `first`, and the last is the largest that fits.
 /// Instead of one of the three, `count` may be given:
 /// - `x = [first, last]` and `count`: both ends are voxels, and the pitch follows;
 /// - `x = first`, `pitch` and `count`: the last voxel follows.
 ///
-/// Loading fills in what follows, so that whoever reads `x`, `y`, `z` and `pitch` may ignore `count`.
+/// Loading fills in the third, so that readers of `x`, `y`, `z` and `pitch` may ignore `count`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct GridTable {
@@ -39,44 +39,8 @@ pub struct GridTable {
 
 /// Reads `[first, last]`, or `first` alone as `[first, NaN]`, which filling replaces or refuses.
 fn ends<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<[f64; 2]>, D::Error> {
-    struct Ends([f64; 2]);
-    impl<'de> Deserialize<'de> for Ends {
-        fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-            deserializer.deserialize_any(EndsVisitor)
-        }
-    }
-    struct EndsVisitor;
-    impl<'de> Visitor<'de> for EndsVisitor {
-        type Value = Ends;
-
-        fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
-            f.write_str("[first, last] in metres, or `first` alone beside `pitch` and `count`")
-        }
-
-        fn visit_f64<E: de::Error>(self, first: f64) -> Result<Ends, E> {
-            Ok(Ends([first, f64::NAN]))
-        }
-
-        fn visit_i64<E: de::Error>(self, first: i64) -> Result<Ends, E> {
-            self.visit_f64(first as f64)
-        }
-
-        fn visit_u64<E: de::Error>(self, first: u64) -> Result<Ends, E> {
-            self.visit_f64(first as f64)
-        }
-
-        fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<Ends, A::Error> {
-            let mut values: Vec<f64> = Vec::new();
-            while let Some(value) = list.next_element()? {
-                values.push(value);
-            }
-            match values[..] {
-                [first, last] if !last.is_nan() => Ok(Ends([first, last])),
-                _ => Err(de::Error::invalid_length(values.len(), &self)),
-            }
-        }
-    }
-    Ok(Option::<Ends>::deserialize(deserializer)?.map(|ends| ends.0))
+    let expecting = "[first, last] in metres, or `first` alone with `pitch` and `count`";
+    deserializer.deserialize_any(PairVisitor { expecting, single: |first| [first, f64::NAN] })
 }
 
 /// `[reconstruct]`.
@@ -85,7 +49,7 @@ fn ends<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<[f64; 2]>, 
 pub struct ReconstructTable {
     /// How the volume is computed.
     pub method: Method,
-    /// Error allowed relative to the mean of the samples' magnitudes; 0 uses every frequency.
+    /// Error allowed, relative to the mean of the samples' magnitudes; 0 uses every frequency.
     pub tolerance: f64,
     /// Weights over x, y and frequency.
     pub window: Window,
@@ -105,19 +69,19 @@ impl Default for ReconstructTable {
 pub struct DepthTable {
     /// Which return becomes the pixel's depth.
     pub pick: Pick,
-    /// How it is placed between voxels.
+    /// How its position between voxels is found.
     pub refine: Refine,
-    /// Least amplitude, dB against the 99th percentile of the columns' maxima.
+    /// Minimum amplitude, dB relative to the 99th percentile of the columns' maxima.
     pub threshold_db: f64,
-    /// Most returns per pixel.
+    /// Maximum number of returns per pixel.
     pub returns: u32,
-    /// Least amplitude of a further return, dB against the same percentile.
+    /// Minimum amplitude of a further return, dB relative to the same percentile.
     pub return_threshold_db: f64,
-    /// Least amplitude of a further return, dB against its column's maximum.
+    /// Minimum amplitude of a further return, dB relative to its column's maximum.
     pub return_gate_db: f64,
-    /// How far a further return stands out from what lies around it, dB; 0 asks for nothing.
+    /// Minimum contrast of a further return with the power around it, dB; 0: none.
     pub return_contrast_db: f64,
-    /// Least distance between returns, in `c/2B`.
+    /// Minimum distance between returns, in `c/2B`.
     pub separation: f64,
     /// Gaussian sigma along x, y, z of the power in which further returns are found, m.
     pub smoothing: [f64; 3],
@@ -125,7 +89,7 @@ pub struct DepthTable {
     pub median: u32,
     /// `Z` where nothing was accepted.
     pub fill: Fill,
-    /// Along which rays depth is looked for, and the truth.
+    /// Along which rays depth and truth are located.
     pub view: View,
     /// Vertical field of view of the perspective view, degrees; left out: that of the glTF camera the array sits at.
     pub fov: Option<f64>,
@@ -135,7 +99,7 @@ pub struct DepthTable {
 
 impl Default for DepthTable {
     fn default() -> Self {
-        // The stage's own defaults; a resolution is no part of the table.
+        // The stage's own defaults; the resolution is not part of the table.
         let stage = DepthOptions::new(f64::NAN);
         Self {
             pick: stage.pick,
@@ -160,11 +124,11 @@ impl Default for DepthTable {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct OutputTable {
-    /// In which formats the volume is written; none at all is allowed.
+    /// In which formats the volume is written; may be empty.
     pub formats: Vec<VolumeFormat>,
     /// What EXR and VTI volumes hold; npz is always complex, NRRD always amplitude.
     pub components: Components,
-    /// Whether amplitudes in EXR files take 16 bits; depths and complex parts keep 32.
+    /// Whether amplitudes in EXR files take 16 bits; depths and complex parts always take 32.
     pub float16: bool,
     /// Of EXR and NRRD files.
     pub compression: Compression,
@@ -187,33 +151,22 @@ impl Default for OutputTable {
     }
 }
 
-/// `[expect]`: limits on metrics, by name, and the seeds whose mean is held to them.
-#[derive(Debug, Clone, Default, PartialEq)]
+/// `[expect]`: limits on metrics, by name, and the seeds whose mean must keep them.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct ExpectTable {
-    /// Seeds of `[reflectors]` that `check` runs; empty for its own alone.
+    /// Seeds of `[reflectors]` that `check` runs; if empty, only the run file's own.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
     pub seeds: Vec<u32>,
     /// A metric (one of [`METRIC_NAMES`](crate::metrics::METRIC_NAMES)), or that of a material or surface
-    /// ([`Measure::parse`](crate::metrics::Measure::parse)), and what it is held to.
+    /// ([`Measure::parse`](crate::metrics::Measure::parse)), and its limits.
+    #[serde(flatten)]
     pub limits: BTreeMap<String, Limit>,
-}
-
-impl Serialize for ExpectTable {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let mut table = serializer.serialize_map(None)?;
-        if !self.seeds.is_empty() {
-            table.serialize_entry("seeds", &self.seeds)?;
-        }
-        for (name, limit) in &self.limits {
-            table.serialize_entry(name, limit)?;
-        }
-        table.end()
-    }
 }
 
 impl<'de> Deserialize<'de> for ExpectTable {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct Table;
-        impl<'de> Visitor<'de> for Table {
+        struct ExpectVisitor;
+        impl<'de> Visitor<'de> for ExpectVisitor {
             type Value = ExpectTable;
 
             fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
@@ -232,18 +185,18 @@ impl<'de> Deserialize<'de> for ExpectTable {
                 Ok(expect)
             }
         }
-        deserializer.deserialize_map(Table)
+        deserializer.deserialize_map(ExpectVisitor)
     }
 }
 
-/// What one metric is held to; at least one side is given.
+/// The limits of one metric; at least one is given.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Limit {
-    /// Least value allowed: m for an error, a fraction for the rest.
+    /// Minimum value: m for an error, a fraction for other metrics.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub min: Option<f64>,
-    /// Greatest value allowed, in the same units.
+    /// Maximum value, in the same units.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub max: Option<f64>,
 }

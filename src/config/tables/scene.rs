@@ -1,11 +1,11 @@
 //! The scene and its reflectors.
 
-use crate::config::choices::{InputFile, Shading, Surface};
+use crate::config::choices::{InputFile, Shading, SurfaceKind};
 use crate::reflectors::OcclusionKind;
 use crate::scene::{Unit, Up};
 use serde::{Deserialize, Serialize};
 
-/// `[scene]`: what is imaged, and where it stands.
+/// `[scene]`: what is imaged, and where it is.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SceneTable {
@@ -19,13 +19,13 @@ pub struct SceneTable {
     pub scale: f64,
     /// Degrees about the array's x, then y, then z (fixed axes).
     pub rotate: [f64; 3],
-    /// Moves the mesh, m; left out: not at all. Excludes `fit`.
+    /// Translation of the mesh, m; left out: none. Excludes `fit`.
     pub translate: Option<[f64; 3]>,
     /// Where the centre of the mesh's bounding box goes, m. Excludes `translate`.
     pub fit: Option<[f64; 3]>,
-    /// `camera:NAME` or `node:NAME` of a glTF file: the array sits there and looks where it looks.
+    /// `camera:NAME` or `node:NAME` of a glTF file: the array is placed there and faces the same way.
     pub sensor: Option<String>,
-    /// Which paths surfaces weaken.
+    /// Which paths surfaces attenuate.
     pub occlusion: OcclusionKind,
 }
 
@@ -51,13 +51,13 @@ impl Default for SceneTable {
 pub struct ReflectorsTable {
     /// Distance between reflectors, m; left out: `min(λ_c/2, half the lateral resolution)`.
     pub spacing: Option<f64>,
-    /// How they scatter.
-    pub surface: Surface,
+    /// How surfaces scatter.
+    pub surface: SurfaceKind,
     /// Rms displacement of a rough surface, in wavelengths at the centre frequency.
     pub roughness: f64,
-    /// How the angle of incidence counts.
+    /// How amplitude depends on the angle of incidence.
     pub shading: Shading,
-    /// Seed of everything random about them.
+    /// Seed of everything random about the reflectors.
     pub seed: u32,
 }
 
@@ -65,7 +65,7 @@ impl Default for ReflectorsTable {
     fn default() -> Self {
         Self {
             spacing: None,
-            surface: Surface::Diffuse,
+            surface: SurfaceKind::Diffuse,
             roughness: 0.125,
             shading: Shading::Lambert,
             seed: 1,

@@ -1,4 +1,4 @@
-//! No text makes the reader panic, hang or write a page of complaint.
+//! No text makes the reader panic, hang or write an overlong message.
 
 use super::*;
 use rand_chacha::ChaCha8Rng;

@@ -1,4 +1,4 @@
-//! A scene turned into reflectors, with the instrument that hears them and the grid that shows them.
+//! A prepared scene: its reflectors, with the instrument that measures them and the grid on which they are imaged.
 
 use super::facts::compensation;
 use super::memory::{MemoryBudget, SceneSize};
@@ -17,7 +17,7 @@ use crate::scene::Scene;
 use glam::DVec3;
 use serde_json::json;
 
-/// The run file's instrument.
+/// How the run file's scene is measured.
 #[derive(Debug)]
 pub(super) struct Measurement {
     pub(super) instrument: Instrument,
@@ -29,23 +29,21 @@ impl Measurement {
         Ok(Self { instrument: run.instrument()?, options: run.simulate_options() })
     }
 
-    /// What is simulated beyond Eq. 5 and done to the volume, in words.
+    /// What is simulated in addition to Eq. 5, and how the volume is corrected, in words.
     pub(super) fn physics(&self, run: &RunFile) -> Vec<String> {
         let mut lines = self.options.physics(&self.instrument);
         if let Some(air) = run.medium.air() {
+            let (speed, temperature, humidity) = (self.instrument.sound_speed, air.temperature, air.humidity);
             lines.insert(
                 0,
-                format!(
-                    "sound travels at {:.2} m/s, in air of {} °C and {} %",
-                    self.instrument.sound_speed, air.temperature, air.humidity
-                ),
+                format!("sound travels at {speed:.2} m/s, in air of {temperature} °C and {humidity} %"),
             );
         }
         lines.extend(compensation(run));
         lines
     }
 
-    /// The arrays of a job until the cube of a scene is simulated.
+    /// The arrays of a job up to the simulated cube.
     fn arrays(&self, run: &RunFile, grid: &Grid, size: &SceneSize) -> JobArrays {
         let threads = rayon::current_num_threads();
         let simulation = simulation_bytes(&self.instrument, size.bounds, &self.options, threads);
@@ -56,20 +54,20 @@ impl Measurement {
         }
     }
 
-    /// Those of `image`.
+    /// The arrays of `image`.
     pub(super) fn imaging(&self, budget: &MemoryBudget, grid: &Grid, size: &SceneSize) -> JobArrays {
         budget.imaging(&self.instrument, grid, self.arrays(budget.run, grid, size))
     }
 
-    /// Those of `simulate`.
+    /// The arrays of `simulate`.
     pub(super) fn simulating(&self, run: &RunFile, grid: &Grid, size: &SceneSize) -> JobArrays {
         let arrays = self.arrays(run, grid, size);
-        // Samples in phase are copied without their imaginary parts to be written.
+        // To be written, in-phase samples are copied without their imaginary parts.
         let written = if self.instrument.detection == Detection::InPhase { arrays.samples / 2 } else { 0 };
         JobArrays { simulation: arrays.simulation.max(written), ..arrays }
     }
 
-    /// Refuses to simulate a cube that cannot fit.
+    /// Refuses to simulate a cube that does not fit in memory.
     pub(super) fn check_simulation(
         &self,
         budget: &MemoryBudget,
@@ -81,22 +79,22 @@ impl Measurement {
     }
 }
 
-/// A scene turned into reflectors, with the instrument that will hear them and the grid they will be imaged on.
+/// A scene that is loaded, checked against the memory limit and sampled.
 #[derive(Debug)]
-pub(super) struct Echoes {
-    measurement: Measurement,
+pub(super) struct PreparedScene {
+    pub(super) measurement: Measurement,
     pub(super) scene: Option<Scene>,
-    /// Distance between the scene's reflectors, m.
+    /// Distance between the reflectors of a mesh, m.
     spacing: Option<f64>,
     pub(super) reflectors: Reflectors,
     pub(super) grid: Grid,
     pub(super) plan: Plan,
-    /// The sizes of what leads to their cube, and of the cube.
+    /// The sizes of the arrays up to the simulated cube.
     pub(super) arrays: JobArrays,
 }
 
-impl Echoes {
-    /// Loads and samples a scene to be simulated, and imaged too if `imaged`.
+impl PreparedScene {
+    /// Loads and samples a scene for a simulation, or for an image if `imaged`.
     pub(super) fn of(
         budget: &MemoryBudget,
         bare: bool,
@@ -106,7 +104,7 @@ impl Echoes {
         let run = budget.run;
         let measurement = Measurement::of(run)?;
         let instrument = &measurement.instrument;
-        // What can never fit is refused before any ray is traced.
+        // A job that does not fit in memory is refused before any ray is traced.
         let fits = |grid: &Grid, size: &SceneSize| {
             if imaged {
                 budget.check(instrument, grid, &measurement.imaging(budget, grid, size), observer)
@@ -128,7 +126,7 @@ impl Echoes {
         let size = SceneSize::of_mesh(&scene);
         let grid = run.voxels(instrument, scene.bounds());
         let grid = grid.and_then(|grid| fits(&grid, &size).map(|()| grid)).inspect_err(|_| {
-            // A wrong unit may be why no grid fits.
+            // A wrong unit may be the reason why no grid fits.
             if let Some((low, high)) = scene.bounds() {
                 warn_all(&scale_warnings(instrument, low, high, is_in_metres(path)), observer);
             }
@@ -146,23 +144,17 @@ impl Echoes {
         &self.measurement.instrument
     }
 
-    /// What is simulated beyond Eq. 5 and done to the volume, in words.
-    pub(super) fn physics(&self, run: &RunFile) -> Vec<String> {
-        self.measurement.physics(run)
-    }
-
     fn bounds(&self) -> Option<(DVec3, DVec3)> {
         self.scene.as_ref().map_or_else(|| self.reflectors.bounds(), Scene::bounds)
     }
 
-    /// Warns about what looks wrong.
+    /// Warns about what is probably wrong.
     pub(super) fn warn(&self, run: &RunFile, observer: &dyn Observer) {
         warn_all(&self.plan.warnings, observer);
-        let in_metres = scene_path(run).is_ok_and(is_in_metres);
-        let mesh = self.scene.as_ref().map(|_| in_metres);
+        let mesh = self.scene.as_ref().map(|_| scene_path(run).is_ok_and(is_in_metres));
         warn_all(&placement_warnings(self.instrument(), &self.grid, self.bounds(), mesh), observer);
         if self.reflectors.is_empty() {
-            observer.warn("the speaker reaches no surface of the scene: the cube will be silent; check where the scene lies");
+            observer.warn("the speaker reaches no surface of the scene, so that the cube is silent; check the position of the scene");
         }
     }
 
@@ -174,12 +166,8 @@ impl Echoes {
     ) -> Result<DataCube> {
         let Measurement { instrument, options } = &self.measurement;
         let mut cube = simulate_resumable(&self.reflectors, instrument, options, store, observer)?;
-        observer.note(&format!(
-            "a cube of {} frequencies x {} microphones, {}",
-            instrument.sweep.len(),
-            instrument.array.len(),
-            gib(self.plan.cube_bytes)
-        ));
+        let (n_f, n_mic, bytes) = (instrument.sweep.len(), instrument.array.len(), gib(self.plan.cube_bytes));
+        observer.note(&format!("a cube of {n_f} frequencies x {n_mic} microphones, {bytes}"));
         cube.provenance = json!({ "run": run.to_json(), "seed": run.reflectors.seed });
         Ok(cube)
     }
@@ -190,8 +178,8 @@ impl Echoes {
     }
 }
 
-/// What looks wrong about where a scene lies and how large it is. A list of reflectors is in metres for certain, so
-/// only a `mesh` is suspected of another unit, or of another scale where its format says its unit (`Some(true)`).
+/// Warnings about a scene's position and size. A list of reflectors is always in metres, so that only a `mesh` may have
+/// the wrong unit, or the wrong scale where its format defines the unit (`Some(true)`).
 pub(super) fn placement_warnings(
     instrument: &Instrument,
     grid: &Grid,
