@@ -53,7 +53,7 @@ struct Cli {
 }
 
 /// The options of every command.
-#[derive(Debug, Args)]
+#[derive(Debug, Args, Clone)]
 struct Common {
     /// Print results as JSON.
     #[arg(long, global = true)]
@@ -297,7 +297,7 @@ pub fn main() -> ExitCode {
     let cli = Cli::try_parse().unwrap_or_else(|error| explain(error).exit());
     terminal::explain_panics();
     signals::expect_aborts();
-    let terminal = Terminal::new(&cli.common);
+    let terminal = Terminal::new(cli.common.clone());
     if let Command::Help { topic } = &cli.command {
         // The guide is shown even if threads, memory or settings are at fault.
         return finish(guide::help(topic), &terminal);

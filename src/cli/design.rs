@@ -291,8 +291,15 @@ fn spread(spread: &PointSpread) -> String {
         let header = ["lobe", "offset m", "predicted", "dB", "predicted", "at", ""];
         let mut rows = vec![header.map(str::to_owned).to_vec()];
         for lobe in &spread.ghosts {
-            let MeasuredGratingLobe { axis, order, offset: [expected, found], measured, predicted, in_grid, .. } =
-                *lobe;
+            let MeasuredGratingLobe {
+                axis,
+                order,
+                offset: [expected, found],
+                measured,
+                predicted,
+                in_grid,
+                ..
+            } = *lobe;
             rows.push(vec![
                 format!("  {}{order:+}", ["x", "y"][axis.min(1)]),
                 format!("{found:.3}"),

@@ -13,10 +13,7 @@ use std::time::{Duration, Instant};
 /// Shows what the stages report, and receives signals.
 #[derive(Debug)]
 pub(super) struct Terminal {
-    quiet: bool,
-    json: bool,
-    /// Whether to print what each stage did and how long it took.
-    verbose: bool,
+    options: Common,
     colour: bool,
     bar: Mutex<Option<ProgressBar>>,
     /// Names and starting times of the running stages, the innermost last.
@@ -28,21 +25,21 @@ pub(super) struct Terminal {
 }
 
 impl Terminal {
-    pub(super) fn new(Common { quiet, verbose, json, .. }: &Common) -> Self {
+    pub(super) fn new(options: Common) -> Self {
         let signalled = signals::listen();
         let colour = io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|v| v.is_empty());
         let (bar, running, advice) = (Mutex::new(None), Mutex::default(), Mutex::default());
-        Self { quiet: *quiet, json: *json, verbose: *verbose, colour, bar, running, signalled, advice }
+        Self { options, colour, bar, running, signalled, advice }
     }
 
     /// Whether to print results as JSON.
     pub(super) fn json(&self) -> bool {
-        self.json
+        self.options.json
     }
 
     /// Whether to print no summary.
     pub(super) fn is_quiet(&self) -> bool {
-        self.quiet
+        self.options.quiet
     }
 
     /// The exit status for the signal that requested a stop, if there was one.
@@ -106,7 +103,7 @@ pub(super) fn print(text: &str) -> Result<(), Error> {
 
 impl Observer for Terminal {
     fn event(&self, event: Event<'_>) {
-        if self.quiet {
+        if self.options.quiet {
             return;
         }
         match event {
@@ -138,7 +135,7 @@ impl Observer for Terminal {
                     bar.finish_and_clear();
                 }
                 let ended = locked(&self.running).pop();
-                if let Some((stage, start)) = ended.filter(|_| self.verbose) {
+                if let Some((stage, start)) = ended.filter(|_| self.options.verbose) {
                     self.line(&format!("{stage:28} {:8.2} s", start.elapsed().as_secs_f64()));
                 }
             }
@@ -146,19 +143,19 @@ impl Observer for Terminal {
     }
 
     fn note(&self, message: &str) {
-        if self.verbose {
+        if self.options.verbose {
             self.line(&format!("  {message}"));
         }
     }
 
     fn warn(&self, message: &str) {
-        if !self.quiet {
+        if !self.options.quiet {
             self.say("warning", "1;33", message);
         }
     }
 
     fn tell(&self, message: &str) {
-        if !self.quiet {
+        if !self.options.quiet {
             self.say("note", "1;36", message);
         }
     }
