@@ -91,7 +91,8 @@ pub struct PointSpread {
     /// Mean power outside the main lobe in the same box, dB.
     pub mean_sidelobe_db: Option<f64>,
     /// Grating lobes before the array, whether or not in the grid.
-    pub ghosts: Vec<MeasuredGratingLobe>,
+    #[serde(rename = "ghosts")]
+    pub grating_lobes: Vec<MeasuredGratingLobe>,
     /// To be drawn.
     #[serde(skip)]
     pub cuts: Vec<PlaneCut>,
@@ -160,7 +161,7 @@ pub fn point_spread_with(
         peak_sidelobe,
         predicted_peak_sidelobe_db: [beside, range].into_iter().flatten().max_by(f64::total_cmp),
         mean_sidelobe_db,
-        ghosts: look.ghosts(scene)?,
+        grating_lobes: look.grating_lobes(scene)?,
         cuts,
     })
 }

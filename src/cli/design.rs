@@ -41,7 +41,7 @@ pub(super) fn design(design: &Design) -> String {
     let mut rows = vec![header.map(str::to_owned).to_vec()];
     for at in &design.depths {
         let lengths = at.lateral_resolution.iter().chain(&at.widths).map(|length| millimetres(*length));
-        let lobes = at.ghost_offset.map_or("-".to_owned(), |m| format!("{m:.2} m"));
+        let lobes = at.grating_lobe_offset.map_or("-".to_owned(), |m| format!("{m:.2} m"));
         rows.push([format!("{:.3} m", at.depth)].into_iter().chain(lengths).chain([lobes]).collect());
     }
     let mut text = format!("\nwidths in mm in front of the array's centre\n{}", columns(&rows));
@@ -61,7 +61,7 @@ pub(super) fn design(design: &Design) -> String {
         (Verdict::AliasFree, _) => "free of grating lobes everywhere".to_owned(),
         (Verdict::AliasFreeHere, _) => "free of grating lobes within this grid".to_owned(),
         (Verdict::Scattered, _) => "no lattice: no grating lobes, but sidelobes".to_owned(),
-        (Verdict::Ghosts, pitch) => format!(
+        (Verdict::GratingLobes, pitch) => format!(
             "grating lobes within this grid: pitch {} mm, first grating lobe about {} dB without a window",
             millimetres(pitch),
             decibels(aliasing.rule_db)
@@ -159,7 +159,7 @@ fn sweep_cells(design: &DesignRow) -> Vec<String> {
     let aliasing = match design.verdict {
         Verdict::AliasFree => "free",
         Verdict::AliasFreeHere => "free here",
-        Verdict::Ghosts => "grating lobes",
+        Verdict::GratingLobes => "grating lobes",
         Verdict::Scattered => "no lattice",
     };
     vec![
@@ -170,7 +170,7 @@ fn sweep_cells(design: &DesignRow) -> Vec<String> {
         middle,
         far,
         aliasing.to_owned(),
-        design.ghost_offset.map_or("-".to_owned(), |m| format!("{m:.2}")),
+        design.grating_lobe_offset.map_or("-".to_owned(), |m| format!("{m:.2}")),
         decibels(design.peak_sidelobe_db),
         decibels(design.mean_sidelobe_db),
         gib(design.peak_bytes),
@@ -210,7 +210,7 @@ fn write_sweep(folder: &Path, sweep: &DesignSweep) -> Result<()> {
     let charts = [
         chart("lateral width at the middle depth", "-3 dB width / mm", &|d| mm(d.widths[1])),
         chart("range resolution c/2B", "mm", &|d| mm(d.range_resolution)),
-        chart("nearest grating lobe", "offset at the nearest depth / m", &|d| d.ghost_offset),
+        chart("nearest grating lobe", "offset at the nearest depth / m", &|d| d.grating_lobe_offset),
         chart("strongest grating lobe or sidelobe", "dB", &|d| d.peak_sidelobe_db),
         chart("memory", "MiB", &|d| Some(d.peak_bytes as f64 / f64::from(1 << 20))),
         chart("time of the reconstruction", "s", &|d| Some(d.seconds)),
@@ -287,10 +287,10 @@ fn spread(spread: &PointSpread) -> String {
             decibels(spread.mean_sidelobe_db)
         );
     }
-    if !spread.ghosts.is_empty() {
+    if !spread.grating_lobes.is_empty() {
         let header = ["lobe", "offset m", "predicted", "dB", "predicted", "at", ""];
         let mut rows = vec![header.map(str::to_owned).to_vec()];
-        for lobe in &spread.ghosts {
+        for lobe in &spread.grating_lobes {
             let MeasuredGratingLobe {
                 axis,
                 order,

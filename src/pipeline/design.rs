@@ -40,7 +40,8 @@ pub struct DesignRow {
     /// Whether there are grating lobes, by the pitch of a lattice.
     pub verdict: Verdict,
     /// Distance of the nearest grating lobe from a point at the nearest depth, if there are any in the grid, m.
-    pub ghost_offset: Option<f64>,
+    #[serde(rename = "ghost_offset")]
+    pub grating_lobe_offset: Option<f64>,
     /// Strongest grating lobe or sidelobe within the grid, with the window, dB.
     pub peak_sidelobe_db: Option<f64>,
     /// Mean power of the sidelobes of one frequency, dB.
@@ -212,7 +213,9 @@ fn row(run: &RunFile, bare: bool, scenes: &mut LastScene, observer: &dyn Observe
         range_resolution: forecast.plan.range_resolution,
         widths: design.depths.map(|at| at.widths[0]),
         verdict: design.aliasing.verdict,
-        ghost_offset: design.depths[0].ghost_offset.filter(|_| design.aliasing.verdict == Verdict::Ghosts),
+        grating_lobe_offset: design.depths[0]
+            .grating_lobe_offset
+            .filter(|_| design.aliasing.verdict == Verdict::GratingLobes),
         peak_sidelobe_db: design.aliasing.sidelobes.peak_db,
         mean_sidelobe_db: design.aliasing.sidelobes.mean_db,
         peak_bytes: forecast.memory[0].bytes,

@@ -59,7 +59,8 @@ pub struct Sidelobes {
     /// Mean power outside the main lobe at the centre frequency, dB: about −10 log₁₀ N for N scattered microphones.
     pub mean_db: Option<f64>,
     /// Grating lobes within the reach, both signs of an order being alike.
-    pub ghosts: Vec<GratingLobe>,
+    #[serde(rename = "ghosts")]
+    pub grating_lobes: Vec<GratingLobe>,
 }
 
 /// An array factor, prepared for evaluation in any direction.
@@ -215,8 +216,8 @@ impl Beam {
     }
 
     /// The grating lobes within `reach` of a reflector, stronger than −60 dB; of each order the positive side.
-    pub fn ghosts(&self, reach: [f64; 2]) -> Vec<GratingLobe> {
-        let mut ghosts = Vec::new();
+    pub fn grating_lobes(&self, reach: [f64; 2]) -> Vec<GratingLobe> {
+        let mut grating_lobes = Vec::new();
         for (axis, unit) in [DVec2::X, DVec2::Y].into_iter().enumerate() {
             let Some([short, long]) = self.gratings[axis] else { continue };
             for order in 1..=ORDERS {
@@ -233,11 +234,16 @@ impl Beam {
                     .max_by(|a, b| a.1.total_cmp(&b.1));
                 if let Some((offset, strength)) = strongest.filter(|(_, strength)| *strength > 1e-3) {
                     let level_db = 20.0 * strength.log10();
-                    ghosts.push(GratingLobe { axis, order, offset: (offset * unit).to_array(), level_db });
+                    grating_lobes.push(GratingLobe {
+                        axis,
+                        order,
+                        offset: (offset * unit).to_array(),
+                        level_db,
+                    });
                 }
             }
         }
-        ghosts
+        grating_lobes
     }
 
     /// Everything outside the main lobe, up to `reach` of direction sines along x and y.
@@ -257,7 +263,7 @@ impl Beam {
             peak_db: peak.map(|(_, strength)| decibels(strength)),
             peak_offset: peak.map_or([0.0; 2], |(offset, _)| offset.to_array()),
             mean_db: self.mean_power(reach, &values).map(|power| decibels(power.sqrt())),
-            ghosts: self.ghosts(reach),
+            grating_lobes: self.grating_lobes(reach),
         }
     }
 

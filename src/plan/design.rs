@@ -22,7 +22,8 @@ pub struct AtDepth {
     /// Full widths of a point at −3 dB along x, y and z, with the window.
     pub widths: [Option<f64>; 3],
     /// λ_min z/d: the smallest offset of a bright point's first grating lobe. Lattices only.
-    pub ghost_offset: Option<f64>,
+    #[serde(rename = "ghost_offset")]
+    pub grating_lobe_offset: Option<f64>,
 }
 
 /// Largest lengths that are not ambiguous, m.
@@ -48,7 +49,8 @@ pub enum Verdict {
     /// d ≤ λ_min z/X: not within this grid.
     AliasFreeHere,
     /// Within this grid.
-    Ghosts,
+    #[serde(rename = "ghosts")]
+    GratingLobes,
     /// No lattice, so no grating lobes, but sidelobes.
     Scattered,
 }
@@ -131,7 +133,7 @@ pub fn design(instrument: &Instrument, grid: &Grid, window: Window) -> Design {
             depth,
             lateral_resolution: instrument.lateral_resolution((depth - centre.z).abs()),
             widths: instrument.predicted_widths(DVec3::new(centre.x, centre.y, depth), window, 3.0),
-            ghost_offset: pitch.map(|pitch| reduced * depth / pitch),
+            grating_lobe_offset: pitch.map(|pitch| reduced * depth / pitch),
         }),
         ambiguity: ambiguity(instrument, grid),
         aliasing,
@@ -176,7 +178,7 @@ fn aliasing(instrument: &Instrument, grid: &Grid, window: Window) -> Aliasing {
     let largest = largest_pitch(instrument);
     let verdict = match largest {
         _ if instrument.array.lattice().is_none() => Verdict::Scattered,
-        Some((pitch, _)) if pitch > here * (1.0 + 1e-9) => Verdict::Ghosts,
+        Some((pitch, _)) if pitch > here * (1.0 + 1e-9) => Verdict::GratingLobes,
         Some((pitch, _)) if pitch > everywhere * (1.0 + 1e-9) => Verdict::AliasFreeHere,
         _ => Verdict::AliasFree,
     };
@@ -205,7 +207,7 @@ fn ambiguity(instrument: &Instrument, grid: &Grid) -> Option<Ambiguity> {
 }
 
 fn fix_aliasing(instrument: &Instrument, aliasing: &Aliasing, near: f64) -> Vec<Suggestion> {
-    let (Some(lattice), Verdict::Ghosts, Some(free)) =
+    let (Some(lattice), Verdict::GratingLobes, Some(free)) =
         (instrument.array.lattice(), aliasing.verdict, aliasing.pitch_free_here)
     else {
         return Vec::new();
@@ -315,15 +317,17 @@ mod tests {
 
     #[test]
     fn the_verdict_follows_the_pitch() {
-        for (count, half, verdict) in
-            [(15, 0.6, Verdict::Ghosts), (63, 0.1, Verdict::AliasFreeHere), (127, 0.6, Verdict::AliasFree)]
-        {
+        for (count, half, verdict) in [
+            (15, 0.6, Verdict::GratingLobes),
+            (63, 0.1, Verdict::AliasFreeHere),
+            (127, 0.6, Verdict::AliasFree),
+        ] {
             let instrument = &test_instrument(count, 1.0, 40.0, Detection::Quadrature);
             let grid = grid(half, [1.2, 2.0]);
             let design = design(instrument, &grid, Window::None);
             assert_eq!(design.aliasing.verdict, verdict, "{count}");
             let warned = plan(instrument, &grid).warnings.iter().any(|w| w.contains("alias"));
-            assert_eq!(warned, verdict == Verdict::Ghosts);
+            assert_eq!(warned, verdict == Verdict::GratingLobes);
             let fixes = design.suggestions.iter().filter(|s| s.fixes == "aliasing").count();
             assert_eq!(fixes, if warned { 3 } else { 0 });
         }
@@ -347,7 +351,7 @@ mod tests {
         let instrument = instrument.clone().with_array(array);
         let design = design(&instrument, &grid(0.6, [1.2, 2.0]), Window::Taylor);
         assert_eq!(design.aliasing.verdict, Verdict::Scattered);
-        assert!(design.aliasing.pitch.is_none() && design.depths[0].ghost_offset.is_none());
+        assert!(design.aliasing.pitch.is_none() && design.depths[0].grating_lobe_offset.is_none());
         let sidelobes = design.aliasing.sidelobes;
         assert!(sidelobes.peak_db.expect("sidelobes") < -15.0, "{sidelobes:?}");
         assert!((sidelobes.mean_db.expect("sidelobes") + 24.0).abs() < 3.0, "{sidelobes:?}");

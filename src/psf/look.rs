@@ -124,7 +124,7 @@ impl Look<'_> {
 
     /// Where a grating lobe of the far field's offset lies as near as the point is: there its paths differ from the point's by the
     /// same slope along the array, in the mean over the weighted microphones instead of at their centre.
-    fn ghost_at(&self, u: DVec2, offset: DVec2) -> Option<DVec3> {
+    fn grating_lobe_at(&self, u: DVec2, offset: DVec2) -> Option<DVec3> {
         let Instrument { array, geometry, .. } = self.instrument;
         let weights = self.options.window.over_array(array);
         let axis = offset.normalize_or_zero().extend(0.0);
@@ -239,19 +239,21 @@ impl Look<'_> {
     }
 
     /// Every grating lobe in front of the array, predicted and measured.
-    pub(super) fn ghosts(&self, scene: &Grid) -> Result<Vec<MeasuredGratingLobe>> {
+    pub(super) fn grating_lobes(&self, scene: &Grid) -> Result<Vec<MeasuredGratingLobe>> {
         let (u, _) = self.polar(self.p);
         let mut found = Vec::new();
-        for ghost in self.beam.ghosts([2.0; 2]) {
+        for grating_lobe in self.beam.grating_lobes([2.0; 2]) {
             for side in [1.0, -1.0] {
-                let Some(place) = self.ghost_at(u, side * DVec2::from(ghost.offset)) else { continue };
-                let predicted = Lobe { level_db: ghost.level_db, position: place.to_array() };
-                let measured = self.strongest_near(place, ghost.axis)?;
+                let Some(place) = self.grating_lobe_at(u, side * DVec2::from(grating_lobe.offset)) else {
+                    continue;
+                };
+                let predicted = Lobe { level_db: grating_lobe.level_db, position: place.to_array() };
+                let measured = self.strongest_near(place, grating_lobe.axis)?;
                 let lateral = |lobe: &Lobe| (DVec3::from(lobe.position) - self.p).truncate().length();
                 let corners = scene.corners();
                 found.push(MeasuredGratingLobe {
-                    axis: ghost.axis,
-                    order: side as i32 * ghost.order,
+                    axis: grating_lobe.axis,
+                    order: side as i32 * grating_lobe.order,
                     offset: [lateral(&predicted), lateral(&measured)],
                     in_grid: place.cmpge(corners[0]).all() && place.cmple(corners[7]).all(),
                     predicted,

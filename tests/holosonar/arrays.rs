@@ -114,7 +114,7 @@ fn predicted_widths_grating_lobes_and_levels_are_those_measured() {
     let [spiral, random] = scattered();
     let middle = DVec3::new(0.0, 0.0, 1.5);
     let aside = DVec3::new(0.35, -0.2, 1.3);
-    let mut ghosts = 0;
+    let mut grating_lobes = 0;
     for (name, array, band, geometry, window, p) in [
         ("grid", square(15, 1.0), WIDE, Geometry::ORIGIN, Window::None, middle),
         ("narrow", square(15, 1.0), NARROW, Geometry::ORIGIN, Window::None, middle),
@@ -133,18 +133,21 @@ fn predicted_widths_grating_lobes_and_levels_are_those_measured() {
                 assert!((ratio - 1.0).abs() < 0.12, "{name}: {width:?}");
             }
         }
-        for ghost in &spread.ghosts {
-            ghosts += 1;
-            let [predicted, measured] = ghost.offset;
-            assert!((measured / predicted - 1.0).abs() < 0.03, "{name}: {ghost:?}");
-            assert!((ghost.measured.level_db - ghost.predicted.level_db).abs() < 6.0, "{name}: {ghost:?}");
+        for grating_lobe in &spread.grating_lobes {
+            grating_lobes += 1;
+            let [predicted, measured] = grating_lobe.offset;
+            assert!((measured / predicted - 1.0).abs() < 0.03, "{name}: {grating_lobe:?}");
+            assert!(
+                (grating_lobe.measured.level_db - grating_lobe.predicted.level_db).abs() < 6.0,
+                "{name}: {grating_lobe:?}"
+            );
         }
         let peak = spread.peak_sidelobe.unwrap();
         let predicted = spread.predicted_peak_sidelobe_db.unwrap();
         assert!((peak.level_db - predicted).abs() < 6.0, "{name}: {peak:?} against {predicted}");
-        assert_eq!(spread.ghosts.is_empty(), ["spiral", "random"].contains(&name), "{name}");
+        assert_eq!(spread.grating_lobes.is_empty(), ["spiral", "random"].contains(&name), "{name}");
     }
-    assert!(ghosts >= 12, "{ghosts}");
+    assert!(grating_lobes >= 12, "{grating_lobes}");
 }
 
 /// The grating lobes of a point at (0.76, 3.15) before 15 microphones over 2 m with 2 kHz, measured in the image of another program
@@ -156,9 +159,9 @@ fn grating_lobes_are_where_an_independent_study_found_them() {
     let p = DVec3::new(0.76, 0.0, 3.15);
     let spread = spread(&row, [18_000.0, 20_000.0], Geometry::ORIGIN, Window::None, p);
     for (order, x, level) in [(-1, 0.35, -4.5), (1, 1.16, -5.8)] {
-        let ghost = spread.ghosts.iter().find(|g| g.order == order).unwrap();
-        assert!((ghost.measured.position[0] - x).abs() < 0.03, "{ghost:?}");
-        assert!((ghost.measured.level_db - level).abs() < 2.5, "{ghost:?}");
+        let grating_lobe = spread.grating_lobes.iter().find(|g| g.order == order).unwrap();
+        assert!((grating_lobe.measured.position[0] - x).abs() < 0.03, "{grating_lobe:?}");
+        assert!((grating_lobe.measured.level_db - level).abs() < 2.5, "{grating_lobe:?}");
     }
     assert!(
         spread.widths[1].at_3_db.is_none() && spread.widths[0].at_3_db.is_some(),

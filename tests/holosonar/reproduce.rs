@@ -56,13 +56,18 @@ fn check_aliasing(studies: &[Value]) {
         studies.iter().map(|study| study["off_lines_db"].as_f64().unwrap() > -6.0).collect();
     assert_eq!(seen, [true, true, false, false], "15, 31, 63 and 255 microphones");
     for study in studies {
-        let number = |ghost: &Value, key: &str| ghost[key].as_f64().unwrap();
+        let number = |grating_lobe: &Value, key: &str| grating_lobe[key].as_f64().unwrap();
         // Grating lobes beyond the array's end are farther away; those within it are where the rule predicts them.
-        let within = list(&study["ghosts"]).iter().filter(|ghost| number(ghost, "predicted_x").abs() < 1.2);
-        for ghost in within {
-            let off = (number(ghost, "predicted_x") - number(ghost, "measured_x")).abs();
+        let within = list(&study["ghosts"])
+            .iter()
+            .filter(|grating_lobe| number(grating_lobe, "predicted_x").abs() < 1.2);
+        for grating_lobe in within {
+            let off = (number(grating_lobe, "predicted_x") - number(grating_lobe, "measured_x")).abs();
             assert!(off < 0.05 * number(study, "spacing").max(0.8), "{study}");
-            assert!((number(ghost, "predicted_db") - number(ghost, "measured_db")).abs() < 6.0, "{study}");
+            assert!(
+                (number(grating_lobe, "predicted_db") - number(grating_lobe, "measured_db")).abs() < 6.0,
+                "{study}"
+            );
         }
     }
     assert!(list(&studies[0]["ghosts"]).len() >= 3 && list(&studies[3]["ghosts"]).is_empty());

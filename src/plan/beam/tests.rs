@@ -45,29 +45,29 @@ fn strength_is_the_greatest_sum_over_ranges() {
 
 /// Grating lobes at k λ/d, about −20 log₁₀(k (N − 1) B/f_c) dB.
 #[test]
-fn a_lattice_has_ghosts_where_and_as_strong_as_the_rule_says() {
+fn a_lattice_has_grating_lobes_where_and_as_strong_as_the_rule_says() {
     for (count, level, tolerance) in [(15, -3.4, 1.5), (31, -10.0, 1.5)] {
         let narrow = beam(&square(count, 2.0), [1.8e4, 2e4], Window::None);
-        let ghost = narrow.ghosts([1.0; 2])[0];
+        let grating_lobe = narrow.grating_lobes([1.0; 2])[0];
         let pitch = 2.0 / (count - 1) as f64;
-        assert!((ghost.offset[0] / (343.0 / 1.9e4 / pitch) - 1.0).abs() < 0.05, "{ghost:?}");
-        assert!((ghost.level_db - level).abs() < tolerance, "{ghost:?}");
+        assert!((grating_lobe.offset[0] / (343.0 / 1.9e4 / pitch) - 1.0).abs() < 0.05, "{grating_lobe:?}");
+        assert!((grating_lobe.level_db - level).abs() < tolerance, "{grating_lobe:?}");
         let peak = narrow.sidelobes([0.5; 2]);
-        assert!(peak.peak_db.unwrap() >= ghost.level_db - 0.5, "{peak:?}");
+        assert!(peak.peak_db.unwrap() >= grating_lobe.level_db - 0.5, "{peak:?}");
     }
-    let wide = beam(&square(15, 2.0), [1e4, 2e4], Window::None).ghosts([0.3; 2])[0];
+    let wide = beam(&square(15, 2.0), [1e4, 2e4], Window::None).grating_lobes([0.3; 2])[0];
     assert!((wide.level_db + 19.4).abs() < 3.0, "a wide band smears them: {wide:?}");
     let fine = beam(&square(63, 0.5), [1.8e4, 2e4], Window::None);
-    assert!(fine.ghosts([1.0; 2]).is_empty());
+    assert!(fine.grating_lobes([1.0; 2]).is_empty());
 }
 
 /// Scattered microphones: no grating lobes, and a mean power of 1/N.
 #[test]
-fn scattered_microphones_have_a_floor_instead_of_ghosts() {
+fn scattered_microphones_have_a_floor_instead_of_grating_lobes() {
     let array = MicArray::random(256, [1.0, 1.0], DVec3::ZERO, Some(0.0), 3).unwrap();
     let beam = beam(&array, [1.8e4, 2e4], Window::None);
     let sidelobes = beam.sidelobes([0.6; 2]);
-    assert!(sidelobes.ghosts.is_empty());
+    assert!(sidelobes.grating_lobes.is_empty());
     let floor = -10.0 * 256_f64.log10();
     assert!((sidelobes.mean_db.unwrap() - floor).abs() < 1.5, "{sidelobes:?}");
     assert!(sidelobes.peak_db.unwrap() > floor && sidelobes.peak_db.unwrap() < -10.0, "{sidelobes:?}");
@@ -78,5 +78,5 @@ fn one_microphone_and_one_tone_are_no_trouble() {
     let one =
         beam(&MicArray::rectangular([1, 1], [0.1; 2], DVec3::ZERO).unwrap(), [1e4, 1e4], Window::Taylor);
     let sidelobes = one.sidelobes([1.0; 2]);
-    assert_eq!((sidelobes.peak_db, sidelobes.ghosts.len()), (None, 0));
+    assert_eq!((sidelobes.peak_db, sidelobes.grating_lobes.len()), (None, 0));
 }
