@@ -2,6 +2,7 @@
 //! is in one file, files are short, and nothing refers to documents that a reader does not have.
 
 mod citations;
+mod names;
 mod paths;
 mod sizes;
 

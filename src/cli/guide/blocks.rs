@@ -6,7 +6,7 @@ use pulldown_cmark::{CodeBlockKind, Event, Options, Parser, Tag, TagEnd};
 
 /// The style of a run of text.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum TextStyle {
+pub(super) enum InlineStyle {
     Plain,
     Code,
     Strong,
@@ -14,7 +14,7 @@ pub(super) enum TextStyle {
 }
 
 /// Text in runs of one style.
-pub(super) type Text = Vec<(TextStyle, String)>;
+pub(super) type Text = Vec<(InlineStyle, String)>;
 
 /// A block of a chapter.
 #[derive(Debug, PartialEq)]
@@ -36,7 +36,7 @@ pub(super) fn plain(text: &Text) -> String {
         return run.clone();
     }
     text.iter()
-        .map(|(style, run)| if *style == TextStyle::Code { format!("`{run}`") } else { run.clone() })
+        .map(|(style, run)| if *style == InlineStyle::Code { format!("`{run}`") } else { run.clone() })
         .collect()
 }
 
@@ -53,7 +53,7 @@ pub(super) fn parse(markdown: &str) -> Vec<MarkdownBlock> {
 struct BlockParser {
     blocks: Vec<MarkdownBlock>,
     text: Text,
-    styles: Vec<TextStyle>,
+    styles: Vec<InlineStyle>,
     /// The number of the next item of each open list; `None` for bullets.
     lists: Vec<Option<u64>>,
     /// The bullet or number of an item whose text follows.
@@ -76,15 +76,15 @@ impl BlockParser {
             Event::End(tag) => self.end(tag),
             Event::Text(text) => match &mut self.code {
                 Some(code) => code.text.push_str(&text),
-                None => self.push(self.styles.last().copied().unwrap_or(TextStyle::Plain), &text),
+                None => self.push(self.styles.last().copied().unwrap_or(InlineStyle::Plain), &text),
             },
-            Event::Code(text) => self.push(TextStyle::Code, &text),
-            Event::SoftBreak | Event::HardBreak => self.push(TextStyle::Plain, " "),
+            Event::Code(text) => self.push(InlineStyle::Code, &text),
+            Event::SoftBreak | Event::HardBreak => self.push(InlineStyle::Plain, " "),
             _ => {}
         }
     }
 
-    fn push(&mut self, style: TextStyle, text: &str) {
+    fn push(&mut self, style: InlineStyle, text: &str) {
         if self.picture {
             return;
         }
@@ -96,8 +96,8 @@ impl BlockParser {
 
     fn start(&mut self, tag: Tag<'_>) {
         match tag {
-            Tag::Emphasis => self.styles.push(TextStyle::Emphasis),
-            Tag::Strong => self.styles.push(TextStyle::Strong),
+            Tag::Emphasis => self.styles.push(InlineStyle::Emphasis),
+            Tag::Strong => self.styles.push(InlineStyle::Strong),
             Tag::Image { .. } => self.picture = true,
             Tag::List(first) => {
                 // A list within an item: the text before it is the item's own.
@@ -187,13 +187,13 @@ mod tests {
         assert_eq!(
             blocks,
             [
-                MarkdownBlock::Heading(1, vec![run(TextStyle::Plain, "Title")]),
+                MarkdownBlock::Heading(1, vec![run(InlineStyle::Plain, "Title")]),
                 MarkdownBlock::Paragraph(vec![
-                    run(TextStyle::Plain, "See files and "),
-                    run(TextStyle::Code, "a"),
-                    run(TextStyle::Plain, " "),
-                    run(TextStyle::Emphasis, "b"),
-                    run(TextStyle::Plain, "."),
+                    run(InlineStyle::Plain, "See files and "),
+                    run(InlineStyle::Code, "a"),
+                    run(InlineStyle::Plain, " "),
+                    run(InlineStyle::Emphasis, "b"),
+                    run(InlineStyle::Plain, "."),
                 ]),
                 MarkdownBlock::Code("let a = 1;\n#[test]".to_owned()),
             ]

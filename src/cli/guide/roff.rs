@@ -1,6 +1,6 @@
 //! Blocks as a manual page of section 7.
 
-use super::blocks::{MarkdownBlock, Text, TextStyle, plain};
+use super::blocks::{InlineStyle, MarkdownBlock, Text, plain};
 use super::text::table;
 use clap_mangen::roff::{Inline, Roff, bold, italic, roman};
 
@@ -47,9 +47,9 @@ pub(super) fn page(name: &str, about: &str, blocks: &[MarkdownBlock]) -> String 
 fn inlines(text: &Text) -> Vec<Inline> {
     text.iter()
         .map(|(style, run)| match style {
-            TextStyle::Plain => roman(run),
-            TextStyle::Code | TextStyle::Strong => bold(run),
-            TextStyle::Emphasis => italic(run),
+            InlineStyle::Plain => roman(run),
+            InlineStyle::Code | InlineStyle::Strong => bold(run),
+            InlineStyle::Emphasis => italic(run),
         })
         .collect()
 }
