@@ -1,7 +1,7 @@
 //! The value of a depth map where there is no depth.
 
 use crate::error::{Error, Result as Outcome};
-use serde::de;
+use serde::de::{self, Visitor};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::fmt;
 use std::str::FromStr;
@@ -66,25 +66,44 @@ impl Serialize for Fill {
 
 impl<'de> Deserialize<'de> for Fill {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        #[derive(Deserialize)]
-        #[serde(untagged, expecting = "expected \"inf\", \"nan\" or a number of metres")]
-        enum Written {
-            Number(f64),
-            Word(String),
+        struct FillVisitor;
+        impl Visitor<'_> for FillVisitor {
+            type Value = Fill;
+
+            fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+                f.write_str("\"inf\", \"nan\" or a number of metres")
+            }
+
+            fn visit_str<E: de::Error>(self, text: &str) -> Result<Fill, E> {
+                match text {
+                    "inf" => Ok(Fill::Infinity),
+                    "nan" => Ok(Fill::NaN),
+                    _ => Err(E::invalid_value(de::Unexpected::Str(text), &self)),
+                }
+            }
+
+            // TOML spells infinity and NaN without quotes, and either spelling is clear.
+            fn visit_f64<E: de::Error>(self, depth: f64) -> Result<Fill, E> {
+                if depth.is_nan() {
+                    Ok(Fill::NaN)
+                } else if depth == f64::INFINITY {
+                    Ok(Fill::Infinity)
+                } else if depth.is_finite() {
+                    Ok(Fill::Depth(depth))
+                } else {
+                    Err(E::invalid_value(de::Unexpected::Float(depth), &self))
+                }
+            }
+
+            fn visit_i64<E: de::Error>(self, depth: i64) -> Result<Fill, E> {
+                Ok(Fill::Depth(depth as f64))
+            }
+
+            fn visit_u64<E: de::Error>(self, depth: u64) -> Result<Fill, E> {
+                Ok(Fill::Depth(depth as f64))
+            }
         }
-        let invalid = |found| de::Error::invalid_value(found, &"\"inf\", \"nan\" or a number of metres");
-        match Written::deserialize(deserializer)? {
-            // TOML also has infinity and NaN as numbers, without quotes.
-            Written::Number(f64::INFINITY) => Ok(Self::Infinity),
-            Written::Number(depth) if depth.is_nan() => Ok(Self::NaN),
-            Written::Number(depth) if depth.is_finite() => Ok(Self::Depth(depth)),
-            Written::Number(depth) => Err(invalid(de::Unexpected::Float(depth))),
-            Written::Word(word) => match word.as_str() {
-                "inf" => Ok(Self::Infinity),
-                "nan" => Ok(Self::NaN),
-                _ => Err(invalid(de::Unexpected::Str(&word))),
-            },
-        }
+        deserializer.deserialize_any(FillVisitor)
     }
 }
 
