@@ -10,12 +10,12 @@ mod job_files;
 pub(crate) mod npz;
 pub(crate) mod ply;
 
-pub(crate) use folder::{OutputFolder, free_space};
+pub(crate) use folder::{NewFolders, OutputFolder, free_space};
 pub(crate) use input::open_input;
 pub(crate) use job_files::{check_is_no_input, is_input, protect_inputs};
 
 use crate::error::{Error, Result};
-use folder::{NewFolders, check_folder, nearest};
+use folder::{check_folder, nearest};
 use std::fs::{self, File, TryLockError};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};

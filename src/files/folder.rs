@@ -8,11 +8,11 @@ use std::path::{Path, PathBuf};
 
 /// The folders that creating one folder made; dropped, it removes those of them that are empty.
 #[derive(Debug, Default)]
-pub(super) struct NewFolders(Vec<PathBuf>);
+pub(crate) struct NewFolders(Vec<PathBuf>);
 
 impl NewFolders {
     /// Creates a folder and those above it that are missing.
-    pub(super) fn create(folder: &Path) -> io::Result<Self> {
+    pub(crate) fn create(folder: &Path) -> io::Result<Self> {
         let missing = folder.ancestors().take_while(|folder| !is_there(folder)).map(Path::to_path_buf);
         // If only some can be created, they are removed at once.
         let new = Self(missing.collect());

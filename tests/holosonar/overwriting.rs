@@ -103,9 +103,9 @@ fn an_output_that_is_an_input_is_refused_by_every_command() {
         ("psf mics.toml -o new", "mics.csv", "new/psf.png"),
         ("plan r.toml --sweep sweep.step=500,250 -o new", "r.toml", "new/sweep.png"),
         ("plan mics.toml --sweep sweep.step=500,250 -o new", "mics.csv", "new/sweep.json"),
-        ("report own", "own/volume.exr", "own/report.html"),
+        ("report own", "own/depth.exr", "own/report.html"),
         ("report own", "own/report.json", "own/report.html"),
-        ("image own/volume.npz -c r.toml -o own", "own/volume.npz", "own/volume.npz"),
+        ("image meshes/volume.npz -c r.toml -o meshes", "meshes/volume.npz", "meshes/volume.npz"),
         ("image c.npz -c r.toml -o new", "c.npz", "new/volume.npz"),
         ("image c.npz -c r.toml -o new", "r.toml", "new/report.html"),
         ("image obj.toml -o new", "meshes/bracket.mtl", "new/report.json"),
@@ -117,7 +117,7 @@ fn an_output_that_is_an_input_is_refused_by_every_command() {
             "meshes/scene.ply",
         ),
     ];
-    fs::copy(folder.join("c.npz"), folder.join("own/volume.npz")).unwrap();
+    fs::copy(folder.join("c.npz"), folder.join("meshes/volume.npz")).unwrap();
     fs::copy(folder.join("meshes/m.ply"), folder.join("meshes/scene.ply")).unwrap();
     let page = fs::read(folder.join("own/report.html")).unwrap();
     for (words, input, output) in cases {
@@ -156,7 +156,6 @@ fn two_outputs_in_one_file_are_refused() {
     let folder = workplace();
     let folder = folder.path();
     symlink("b.npz", folder.join("dangling.npz")).unwrap();
-    symlink("own/report.html", folder.join("page")).unwrap();
     let deep = "--set grid.pitch=[0.3,0.3,0.0005]";
     for (outputs, named) in [
         ("-o a.npz -o a.npz", ["a.npz", "twice"]),

@@ -199,7 +199,7 @@ fn of_two_jobs_in_one_folder_one_is_refused_and_the_other_is_whole() {
     let folder = folder.path();
     let job = |window: &str| {
         let words = format!(
-            "image r.toml -o own -q --set reconstruct.method=direct --set grid.pitch=[0.01,0.01,0.02] --set reconstruct.window={window}"
+            "image r.toml -o own -q --set reconstruct.method=direct --set grid.pitch=[0.01,0.01,0.005] --set reconstruct.window={window}"
         );
         command(folder, words.split_whitespace())
             .stdout(Stdio::null())
