@@ -25,7 +25,7 @@ pub(crate) use store::{CheckpointStore, GracefulStop, Stage};
 pub(crate) use volume::{BUFFER_BYTES, CheckpointedVolume};
 
 use crate::error::{Error, Result, gib};
-use crate::files::free_space;
+use crate::files::{check_is_no_input, free_space, is_input};
 use crate::progress::Observer;
 use journal::Journal;
 use num_complex::Complex32;
@@ -111,6 +111,7 @@ impl Checkpoint {
     pub(crate) fn open(&self, identity: &Identity, observer: &dyn Observer) -> Result<()> {
         let Some(place) = &self.place else { return Ok(()) };
         let own = place.checkpoint_of(identity);
+        check_is_no_input(&own)?;
         if place.checkpoints().iter().any(|path| *path != own) {
             observer.tell(&format!(
                 "{} holds the checkpoint of an interrupted run with other inputs or parameters; it is not used, and is \
@@ -161,7 +162,7 @@ impl Checkpoint {
         let Some(place) = &self.place else { return };
         drop(self.journal().take());
         for path in place.checkpoints() {
-            if !journal::is_in_use(&path) {
+            if !is_input(&path) && !journal::is_in_use(&path) {
                 let _ = fs::remove_file(path);
             }
         }

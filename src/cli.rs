@@ -14,9 +14,11 @@ mod reproduce;
 mod signals;
 mod summary;
 mod terminal;
+mod threads;
 mod verdicts;
 
 use crate::error::Error;
+use crate::files::protect_inputs;
 use crate::progress::Observer;
 use crate::wave::simd::{self, Level};
 use clap::error::{ContextKind, ContextValue, ErrorKind};
@@ -53,7 +55,7 @@ struct Cli {
 }
 
 /// The options of every command.
-#[derive(Debug, Args, Clone)]
+#[derive(Debug, Args, Clone, Default)]
 struct Common {
     /// Print results as JSON.
     #[arg(long, global = true)]
@@ -64,7 +66,7 @@ struct Common {
     /// Print what each stage did and how long it took.
     #[arg(short, long, global = true, conflicts_with = "quiet")]
     verbose: bool,
-    /// Worker threads; the results do not depend on their number [default: one per core].
+    /// Worker threads, at most a few per core; the results do not depend on their number [default: one per core].
     #[arg(short = 'j', long, global = true, value_name = "N")]
     threads: Option<u16>,
     /// Maximum memory, as in 2GiB or 500MB; a job that needs more is refused [default: 80 % of what is free].
@@ -294,15 +296,23 @@ enum Command {
 
 /// Parses the command line, runs the command and prints its result; returns the exit status.
 pub fn main() -> ExitCode {
-    let cli = Cli::try_parse().unwrap_or_else(|error| explain(error).exit());
-    terminal::explain_panics();
+    threads::with_stack(run)
+}
+
+fn run() -> ExitCode {
     signals::expect_aborts();
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) => return show(&explain(error)),
+    };
+    terminal::explain_panics();
+    protect_inputs();
     let terminal = Terminal::new(cli.common.clone());
     if let Command::Help { topic } = &cli.command {
         // The guide is shown even if threads, memory or settings are at fault.
         return finish(guide::help(topic), &terminal);
     }
-    let result = start_threads(cli.common.threads)
+    let result = threads::start(cli.common.threads, &terminal)
         .and_then(|()| inputs::limit_memory(cli.common.memory.as_deref()))
         .and_then(|()| limit_simd())
         .inspect(|()| {
@@ -311,6 +321,16 @@ pub fn main() -> ExitCode {
         })
         .and_then(|()| commands::run(&cli, &terminal));
     finish(result, &terminal)
+}
+
+/// Prints what clap has to say, help or a mistake in the command line, and returns the exit status.
+fn show(message: &clap::Error) -> ExitCode {
+    let printed = terminal::print_help(message);
+    if message.use_stderr() || printed.is_ok() {
+        // If standard error is closed, nothing can be reported.
+        return ExitCode::from(u8::try_from(message.exit_code()).unwrap_or(2));
+    }
+    finish(printed, &Terminal::new(Common::default()))
 }
 
 /// Prints the error, if there is one, and returns the exit status.
@@ -345,17 +365,4 @@ fn limit_simd() -> Result<(), Error> {
         simd::limit(Level::named(NAME, &value.to_string_lossy(), Level::of_processor())?);
     }
     Ok(())
-}
-
-/// Starts the worker threads before their first use.
-fn start_threads(threads: Option<u16>) -> Result<(), Error> {
-    if threads == Some(0) {
-        return Err(Error::input("--threads", "0 threads cannot do any work; give 1 or more"));
-    }
-    // Not left to the first use, which panics if no thread can be started.
-    let count = usize::from(threads.unwrap_or(0));
-    rayon::ThreadPoolBuilder::new().num_threads(count).build_global().map_err(|e| {
-        let problem = format!("the worker threads cannot be started: {e}; -j sets a smaller number of them");
-        Error::io("threads", problem)
-    })
 }

@@ -39,11 +39,11 @@ pub use tables::{
 pub(crate) use wording::nearest;
 
 use crate::error::{Error, Result};
+use crate::files::open_input;
 use crate::scene::MaterialRule;
 use reader::{Fault, ValueDeserializer};
 use serde::{Deserialize, Serialize};
 use source::ParsedRunFile;
-use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
@@ -100,7 +100,7 @@ impl RunFile {
         let reading = |error| Error::reading(path, error);
         let place = path.display().to_string();
         let mut bytes = Vec::new();
-        File::open(path).map_err(reading)?.take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(reading)?;
+        open_input(path)?.take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(reading)?;
         if bytes.len() as u64 > MAX_BYTES {
             return Err(Error::input(place, "is larger than 1 MiB; a run file is a few kilobytes of TOML"));
         }

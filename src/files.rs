@@ -1,13 +1,21 @@
-//! Writes files completely or not at all.
+//! Reads and writes files: writes them completely or not at all, and never over an input.
 //!
 //! Takes a path and a closure that writes the bytes; gives a file that other processes never see incomplete. Every file
-//! of this crate is written by [`write_atomically`], `.npz` files are read and written by [`npz`], and the header of
-//! PLY files by `ply`.
+//! of this crate is written by [`write_atomically`] and opened for reading by [`open_input`]; `job_files` compares the two.
+//! `.npz` files are read and written by [`npz`], and the header of PLY files by `ply`.
 
+mod folder;
+mod input;
+mod job_files;
 pub(crate) mod npz;
 pub(crate) mod ply;
 
+pub(crate) use folder::{NewFolders, OutputFolder, free_space};
+pub(crate) use input::open_input;
+pub(crate) use job_files::{check_is_no_input, is_input, protect_inputs};
+
 use crate::error::{Error, Result};
+use folder::{check_folder, nearest};
 use std::fs::{self, File, TryLockError};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -15,15 +23,15 @@ use std::path::{Path, PathBuf};
 /// Writes a file atomically: readers see either the old file or the complete new one.
 ///
 /// The bytes go to a temporary file in the target's own folder, which is flushed, synchronised and only then
-/// renamed to `path`. A missing folder is created; a symbolic link is followed. The new file gets the
-/// permissions that any newly created file gets.
+/// renamed to `path`. A missing folder is created; a symbolic link is followed, also to a file that does not exist yet.
+/// The new file gets the permissions and the group of the one that it replaces, or else those of any newly created file.
 ///
 /// `write` may seek within the file, which starts empty; through the `BufWriter` it can access the file itself,
 /// which is also open for reading.
 ///
 /// # Errors
 /// [`Error::Io`] when a step fails, including `write`: the temporary file is then removed, and an older
-/// file at `path` is unchanged. [`Error::InvalidInput`] when `path` is a folder or a device.
+/// file at `path` is unchanged. [`Error::InvalidInput`] when `path` is a folder, a device or an input of the process.
 pub(crate) fn write_atomically(
     path: &Path,
     write: impl FnOnce(&mut BufWriter<&File>) -> io::Result<()>,
@@ -45,7 +53,9 @@ pub(crate) fn extension(path: &Path) -> String {
 pub(crate) struct AtomicFile {
     path: PathBuf,
     target: PathBuf,
+    // Dropped in this order, so that new folders are empty again.
     file: tempfile::NamedTempFile,
+    folders: NewFolders,
 }
 
 impl AtomicFile {
@@ -60,11 +70,20 @@ impl AtomicFile {
             Some(parent) if !parent.as_os_str().is_empty() => parent,
             _ => Path::new("."),
         };
-        fs::create_dir_all(folder).map_err(failed)?;
+        if let Some(files) = job_files::of_process() {
+            files.will_write(path, &target, false)?;
+        }
+        let folders = NewFolders::create(folder).map_err(failed)?;
         let prefix = part_prefix(&target);
         remove_abandoned(folder, &prefix);
         let file = tempfile::Builder::new().prefix(&prefix).suffix(PART).make_in(folder, open_locked);
-        Ok(Self { path: path.to_owned(), file: file.map_err(failed)?, target })
+        let file = file.map_err(failed)?;
+        #[cfg(unix)]
+        if let Ok(old) = fs::metadata(&target) {
+            // Before it has any content that the old file's permissions protect.
+            take_permissions(file.as_file(), &old).map_err(failed)?;
+        }
+        Ok(Self { path: path.to_owned(), target, file, folders })
     }
 
     /// The path that the file gets when it is committed.
@@ -85,6 +104,10 @@ impl AtomicFile {
         let failed = |error: io::Error| Error::writing(&self.path, error);
         self.file.as_file().sync_all().map_err(failed)?;
         self.file.persist(&self.target).map_err(|error| failed(error.error))?;
+        self.folders.keep();
+        if let Some(files) = job_files::of_process() {
+            files.wrote(&self.target);
+        }
         // The new name should survive a power cut too; where a folder cannot be synchronised, the file is complete anyway.
         #[cfg(unix)]
         if let Some(folder) = self.target.parent().and_then(|folder| File::open(nearest(folder)).ok()) {
@@ -125,54 +148,47 @@ fn remove_abandoned(folder: &Path, prefix: &str) {
         {
             continue;
         }
-        let abandoned = File::options().write(true).open(entry.path()).is_ok_and(|f| f.try_lock().is_ok());
-        if abandoned {
+        if is_abandoned(&entry.path()) {
             let _ = fs::remove_file(entry.path());
         }
     }
 }
 
-/// The folder itself, or the nearest above it that exists.
-fn nearest(folder: &Path) -> &Path {
-    let existing = folder.ancestors().find(|folder| folder.exists());
-    existing.filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
+/// Whether an unfinished file is nobody's: a regular file that no process has locked, and no input of this one.
+fn is_abandoned(path: &Path) -> bool {
+    // A link or a pipe of such a name is not ours; and a pipe could keep us waiting.
+    fs::symlink_metadata(path).is_ok_and(|about| about.is_file())
+        && !is_input(path)
+        && File::open(path).is_ok_and(|file| file.try_lock().is_ok())
 }
 
-/// Checks before any long work whether a file can be written at `path` later; creates nothing.
+/// Gives a new file the permissions and, as far as allowed, the owner of the file that it will replace.
+#[cfg(unix)]
+fn take_permissions(new: &File, old: &fs::Metadata) -> io::Result<()> {
+    use std::os::unix::fs::{MetadataExt, PermissionsExt, fchown};
+    let mut mode = old.mode() & 0o777;
+    let created = new.metadata()?;
+    if (created.uid(), created.gid()) != (old.uid(), old.gid())
+        && fchown(new, Some(old.uid()), Some(old.gid())).is_err()
+        && fchown(new, None, Some(old.gid())).is_err()
+        && created.gid() != old.gid()
+    {
+        // Another group may do no more than everybody.
+        mode &= 0o707 | ((mode & 0o007) << 3);
+    }
+    new.set_permissions(fs::Permissions::from_mode(mode))
+}
+
+/// Checks before any long work whether a file can be written at `path` later, and that this replaces no input and no other
+/// output of the process; creates nothing. Every command announces all its outputs, each once, as soon as it knows them.
 ///
 /// # Errors
-/// [`Error::InvalidInput`] when `path` is a folder or a device, or is inside a file; [`Error::Io`] when its folder is
-/// not writable.
-pub(crate) fn check_writable(path: &Path) -> Result<()> {
+/// [`Error::InvalidInput`] when `path` is a folder or a device, is inside a file, or is another file of the process;
+/// [`Error::Io`] when its folder is not writable.
+pub(crate) fn announce_output(path: &Path) -> Result<()> {
     let target = resolve(path)?;
-    check_folder(target.parent().unwrap_or(Path::new(".")))
-}
-
-/// The same check for files in a folder, which may not exist yet.
-///
-/// # Errors
-/// As [`check_writable`].
-pub(crate) fn check_folder(folder: &Path) -> Result<()> {
-    let existing = nearest(folder);
-    if !existing.is_dir() {
-        return Err(Error::input(existing.display(), "is a file; a folder was expected for the results"));
-    }
-    let probe = tempfile::Builder::new().prefix(".").suffix(PART).tempfile_in(existing);
-    probe.map(drop).map_err(|error| Error::writing(folder, error))
-}
-
-/// Free bytes for a folder, or for the nearest above it that exists; `None` where they are not known.
-pub(crate) fn free_space(folder: &Path) -> Option<u64> {
-    #[cfg(unix)]
-    {
-        let found = rustix::fs::statvfs(nearest(folder)).ok()?;
-        found.f_bavail.checked_mul(found.f_frsize)
-    }
-    #[cfg(not(unix))]
-    {
-        let _ = folder;
-        None
-    }
+    check_folder(target.parent().unwrap_or(Path::new(".")))?;
+    job_files::of_process().map_or(Ok(()), |files| files.will_write(path, &target, true))
 }
 
 /// The file that `path` refers to, or why it cannot be replaced.
@@ -189,78 +205,27 @@ fn resolve(path: &Path) -> Result<PathBuf> {
             Err(Error::input(path.display(), "is a device or a pipe; give the name of an ordinary file"))
         }
         Ok(_) => fs::canonicalize(path).map_err(|error| Error::writing(path, error)),
-        Err(_) => Ok(path.to_path_buf()),
+        Err(_) => match target_of(path) {
+            target if target.is_symlink() => {
+                Err(Error::input(path.display(), "is a loop of symbolic links; give another name"))
+            }
+            target => Ok(target),
+        },
     }
+}
+
+/// The path at the end of a chain of symbolic links, whether there is a file or not.
+fn target_of(path: &Path) -> PathBuf {
+    /// As many as Linux follows.
+    const LINKS: usize = 40;
+    let mut target = path.to_path_buf();
+    for _ in 0..LINKS {
+        let Ok(next) = fs::read_link(&target) else { break };
+        // A relative link begins in its own folder; an absolute one replaces everything.
+        target = target.parent().unwrap_or(Path::new("")).join(next);
+    }
+    target
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used)]
-mod tests {
-    use super::*;
-    use crate::named::assert_names;
-
-    fn names(folder: &Path) -> Vec<String> {
-        let mut names: Vec<_> = fs::read_dir(folder)
-            .unwrap()
-            .map(|entry| entry.unwrap().file_name().into_string().unwrap())
-            .collect();
-        names.sort();
-        names
-    }
-
-    #[test]
-    fn a_failure_leaves_the_old_file_and_nothing_else() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("depth.exr");
-        write_atomically(&path, |out| out.write_all(b"old")).unwrap();
-        let error = write_atomically(&path, |out| {
-            out.write_all(b"half of the n")?;
-            Err(io::Error::other("disk full"))
-        })
-        .unwrap_err();
-        assert_names(error.to_string(), &["depth.exr", "disk full"]);
-        assert_eq!(error.exit_status(), 1);
-        assert_eq!(fs::read(&path).unwrap(), b"old");
-        assert_eq!(names(folder.path()), ["depth.exr"]);
-    }
-
-    #[test]
-    fn a_missing_folder_is_made_and_an_old_file_replaced() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("a/b/report.json");
-        write_atomically(&path, |out| out.write_all(b"one")).unwrap();
-        write_atomically(&path, |out| out.write_all(b"two")).unwrap();
-        assert_eq!(fs::read(&path).unwrap(), b"two");
-        assert_eq!(names(&folder.path().join("a/b")), ["report.json"]);
-    }
-
-    #[test]
-    fn the_file_is_as_readable_as_any_other() {
-        let folder = tempfile::tempdir().unwrap();
-        let (ours, ordinary) = (folder.path().join("ours"), folder.path().join("ordinary"));
-        write_atomically(&ours, |out| out.write_all(b"x")).unwrap();
-        fs::write(&ordinary, b"x").unwrap();
-        assert_eq!(fs::metadata(ours).unwrap().permissions(), fs::metadata(ordinary).unwrap().permissions());
-    }
-
-    #[test]
-    fn a_folder_is_refused() {
-        let folder = tempfile::tempdir().unwrap();
-        let error = write_atomically(folder.path(), |_| Ok(())).unwrap_err();
-        assert_eq!(error.exit_status(), 2, "{error}");
-        assert!(write_atomically(Path::new(""), |_| Ok(())).is_err());
-    }
-
-    #[cfg(unix)]
-    #[test]
-    fn a_link_is_followed_and_a_device_refused() {
-        let folder = tempfile::tempdir().unwrap();
-        let (target, link) = (folder.path().join("target"), folder.path().join("link"));
-        fs::write(&target, b"old").unwrap();
-        std::os::unix::fs::symlink(&target, &link).unwrap();
-        write_atomically(&link, |out| out.write_all(b"new")).unwrap();
-        assert_eq!(fs::read(&target).unwrap(), b"new");
-        assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
-        assert_eq!(write_atomically(Path::new("/dev/null"), |_| Ok(())).unwrap_err().exit_status(), 2);
-    }
-}
+mod tests;

@@ -69,8 +69,8 @@
 //! - [`reconstruct`] and [`depth`] never see the scene, so they cannot know the answer.
 //! - Only [`pipeline`] and the command line see the run file; stages take their own parameters and do no I/O.
 //! - Only the command line prints, draws progress or exits.
-//! - The only setting of the whole process is the limit on vector instructions ([`wave::simd::limit`]), which changes no
-//!   byte of a result.
+//! - The only settings of the whole process change no byte of a result: the limit on vector instructions
+//!   ([`wave::simd::limit`]), and in the command line the record of its files, by which it refuses to overwrite an input.
 //! - Stages run on the threads of rayon's current pool (`ThreadPool::install`), and within the memory limit of their options.
 //! - For every fast path there is a literal one, and a test compares them.
 //! - With the same inputs and seed, results are bit-identical for any number of threads, memory limit or interruption. Our

@@ -34,7 +34,7 @@ pub(crate) use facts::resolution_of;
 pub use forecast::{CommandMemory, Forecast, forecast_cube, forecast_scene};
 pub use job::JobOptions;
 pub use limits::{Bound, Judgement, LimitVerdict, check_scene, hold};
-pub(crate) use outputs::error_note;
+pub(crate) use outputs::{announce_outputs, error_note};
 pub use outputs::{write_cube, write_depth, write_outputs, write_volume};
 pub use page::write_page;
 pub use report::{Report, SceneSummary};
@@ -222,6 +222,7 @@ pub fn reconstruct_cube(
     let grid = run.voxels(&instrument, None)?;
     let plan = plan(&instrument, &grid);
     warn_all(&plan.warnings, observer);
+    outputs::announce_further(outputs, &grid)?;
     let whole = outputs.iter().any(|path| outputs::needs_all(path));
     let samples = JobArrays { samples: cube.held_bytes(), ..JobArrays::default() };
     let budget = MemoryBudget::of(run);

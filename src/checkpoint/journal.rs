@@ -8,6 +8,7 @@
 
 use super::{Identity, Stage};
 use crate::error::{Error, Result};
+use crate::files::NewFolders;
 use num_complex::Complex32;
 use std::collections::HashMap;
 use std::fs::{self, File, OpenOptions, TryLockError};
@@ -38,6 +39,8 @@ pub(super) struct Journal {
     pub(super) closed: bool,
     /// Whether there was a file without any intact block.
     pub(super) damaged: bool,
+    /// The folders created for it, which are removed if it is the only file there and is not created after all.
+    folders: NewFolders,
 }
 
 /// Opens and locks a checkpoint, and creates a missing one if `create`; the lock ends with the process, however that ends.
@@ -85,6 +88,7 @@ impl Journal {
             end: HEADING as u64,
             closed: false,
             damaged: false,
+            folders: NewFolders::default(),
         };
         let file = match lock(&journal.path, false) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(journal),
@@ -167,7 +171,9 @@ impl Journal {
         let written = self.try_append(stage, k, bytemuck::cast_slice(block));
         written.map_err(|error| {
             self.closed = true;
-            if let Some(file) = &self.file {
+            if self.records.is_empty() && self.file.take().is_some() {
+                let _ = fs::remove_file(&self.path);
+            } else if let Some(file) = &self.file {
                 // An incomplete record would be detected anyway; without it the output has more space.
                 let _ = file.set_len(self.end);
             }
@@ -184,7 +190,7 @@ impl Journal {
                 file
             } else {
                 // The output's folder may not exist before the output itself.
-                self.path.parent().map_or(Ok(()), fs::create_dir_all)?;
+                self.folders = self.path.parent().map(NewFolders::create).transpose()?.unwrap_or_default();
                 lock(&self.path, true)?.ok_or(io::ErrorKind::WouldBlock)?
             };
             file.set_len(0)?;

@@ -1,7 +1,7 @@
 //! The commands: each turns its arguments into calls of the library and shows the results.
 
 use super::inputs::{check_kind, config_of, has_extension, reading_limit, scene_of};
-use super::outputs::{check_extension, make_folder, print_json, print_written};
+use super::outputs::{announce, open_folder, print_json, print_written};
 use super::terminal::{Terminal, observed, print};
 use super::verdicts::{check, compare};
 use super::{Cli, Command, Overrides, design, guide, info, manual, reproduce, summary};
@@ -9,7 +9,7 @@ use crate::acquisition::CubeFile;
 use crate::checkpoint::Checkpoint;
 use crate::config::ANNOTATED;
 use crate::error::{Error, Result};
-use crate::files::{check_folder, check_writable, write_atomically};
+use crate::files::{OutputFolder, extension, write_atomically};
 use crate::pipeline;
 use crate::progress::{Observer, stage};
 use clap::CommandFactory;
@@ -25,20 +25,13 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
     match &cli.command {
         Command::Image { input, output, config, overrides, checkpoint } => {
             let checkpoint = Checkpoint::within(output, checkpoint.every()?);
-            let is_new = make_folder(output)?;
-            check_folder(output)?;
+            let _folder = OutputFolder::open(output)?;
             let result = image(input, output, config.as_deref(), overrides, &checkpoint, terminal);
-            let result = conclude(checkpoint, result, terminal);
-            if is_new && result.is_err() {
-                // A failed request leaves no empty folder; a folder with files in it remains.
-                let _ = std::fs::remove_dir(output);
-            }
-            result
+            conclude(checkpoint, result, terminal)
         }
         Command::Simulate { input, output, overrides, checkpoint } => {
             let (run, bare) = scene_of(input, overrides)?;
-            check_extension(output, &["npz"])?;
-            check_writable(output)?;
+            announce(output, &["npz"])?;
             let checkpoint = Checkpoint::beside(output, checkpoint.every()?);
             let job = observed(terminal).with_bare_mesh(bare).with_checkpoint(&checkpoint);
             let result = pipeline::simulate_scene(&run, &job)
@@ -47,10 +40,7 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
             print_written(std::slice::from_ref(output), terminal)
         }
         Command::Reconstruct { cube, config, output, settings, checkpoint } => {
-            for path in output {
-                check_extension(path, &["npz", "exr", "vti", "nrrd"])?;
-                check_writable(path)?;
-            }
+            output.iter().try_for_each(|path| announce(path, &["npz", "exr", "vti", "nrrd"]))?;
             // The checkpoint is in the folder of the first output.
             let checkpoint = Checkpoint::beside(&output[0], checkpoint.every()?);
             check_kind(cube, "a data cube", "simulate")?;
@@ -62,7 +52,7 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
             print_written(&files, terminal)
         }
         Command::Depth { volume, config, output, settings } => {
-            check_extension(output, &["exr", "ply"])?;
+            announce(output, &["exr", "ply"])?;
             check_kind(volume, "a volume", "reconstruct")?;
             let run = config_of(config.as_deref(), &settings.set)?;
             let sweep_known = config.is_some();
@@ -71,7 +61,7 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
             print_written(std::slice::from_ref(output), terminal)
         }
         Command::Truth { input, output, overrides } => {
-            check_extension(output, &["exr", "ply"])?;
+            announce(output, &["exr", "ply"])?;
             let (run, bare) = scene_of(input, overrides)?;
             let (facts, map) = pipeline::truth_of_scene(&run, &observed(terminal).with_bare_mesh(bare))?;
             pipeline::write_depth(output, &map, &run, &facts)?;
@@ -135,6 +125,7 @@ fn report(folder: &Path, open: bool, terminal: &Terminal) -> Result<()> {
         let problem = "no such folder; one that `holosonar image ... -o` wrote was expected";
         return Err(Error::input(folder.display(), problem));
     }
+    let _folder = OutputFolder::open(folder)?;
     let page = stage(terminal, "packing the page", 0, || pipeline::write_page(folder, reading_limit()))?;
     print_written(std::slice::from_ref(&page), terminal)?;
     if open { show(&page) } else { Ok(()) }
@@ -170,12 +161,15 @@ fn image(
     let job = observed(terminal).with_checkpoint(checkpoint);
     let (run, outcome) = if has_extension(input, &["npz"]) {
         let run = config_of(config, &overrides.keys())?;
+        pipeline::announce_outputs(&run, folder, false)?;
         let cube = CubeFile::open(input, reading_limit())?;
         let outcome = pipeline::image_cube(&run, cube, &job)?;
         (run, outcome)
     } else {
         no_config(config)?;
         let (run, bare) = scene_of(input, overrides)?;
+        let has_truth = run.scene.mesh.as_ref().is_some_and(|mesh| extension(&mesh.path) != "csv");
+        pipeline::announce_outputs(&run, folder, has_truth)?;
         let outcome = pipeline::image_scene(&run, &job.with_bare_mesh(bare))?;
         (run, outcome)
     };
@@ -196,19 +190,17 @@ fn conclude<T>(checkpoint: Checkpoint, result: Result<T>, terminal: &Terminal) -
 }
 
 fn init(folder: &Path, terminal: &Terminal) -> Result<()> {
-    let files =
-        [(folder.join("corner.toml"), ANNOTATED), (folder.join("meshes").join("corner.obj"), CORNER_MESH)];
-    if let Some((path, _)) = files.iter().find(|(path, _)| path.exists()) {
+    const NAMES: [&str; 2] = ["corner.toml", "meshes/corner.obj"];
+    if let Some(path) = NAMES.iter().map(|name| folder.join(name)).find(|path| path.exists()) {
         return Err(Error::input(
             path.display(),
             "already exists and would be overwritten; choose another folder",
         ));
     }
-    make_folder(folder)?;
-    for (path, text) in &files {
+    let (_folder, paths) = open_folder(folder, NAMES)?;
+    for (path, text) in paths.iter().zip([ANNOTATED, CORNER_MESH]) {
         write_atomically(path, |file| file.write_all(text.as_bytes()))?;
     }
-    let paths = files.map(|(path, _)| path);
     print_written(&paths, terminal)?;
     if terminal.json() || terminal.is_quiet() {
         return Ok(());

@@ -2,7 +2,7 @@
 
 use super::Overrides;
 use super::inputs::run_of;
-use super::outputs::{make_folder, print_json, write_json};
+use super::outputs::{open_folder, print_json, write_json};
 use super::summary::{duration, millimetres};
 use super::terminal::{Terminal, observed, print};
 use crate::error::{Error, Result, gib};
@@ -14,7 +14,7 @@ use crate::psf::{MeasuredGratingLobe, PointSpread, Width};
 use glam::DVec3;
 use serde_json::json;
 use std::fmt::Write;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Decibels, or a dash.
 fn decibels(level: Option<f64>) -> String {
@@ -107,6 +107,7 @@ pub(super) fn sweep(
     terminal: &Terminal,
 ) -> Result<()> {
     let keys: Vec<SweptKey> = typed.iter().map(|typed| SweptKey::parse(typed)).collect::<Result<_>>()?;
+    let folder = folder.map(|folder| open_folder(folder, ["sweep.png", "sweep.json"])).transpose()?;
     let run_with = |set: &[String]| {
         let mut with = overrides.clone();
         with.settings.set.extend(set.iter().cloned());
@@ -118,8 +119,9 @@ pub(super) fn sweep(
             terminal.warn(&format!("{}: {refused}", combination.values.join(" ")));
         }
     }
-    if let Some(folder) = folder {
-        write_sweep(folder, &sweep)?;
+    if let Some((_, files)) = &folder {
+        write_sweep(&files[0], &sweep)?;
+        write_json(&files[1], &sweep)?;
     }
     if terminal.json() { print_json(&sweep) } else { print(&sweep_table(&sweep)) }
 }
@@ -178,9 +180,8 @@ fn sweep_cells(design: &DesignRow) -> Vec<String> {
     ]
 }
 
-/// Writes `sweep.png`, with the first key along x and a line for every combination of the others, and `sweep.json`.
-fn write_sweep(folder: &Path, sweep: &DesignSweep) -> Result<()> {
-    make_folder(folder)?;
+/// Draws a sweep, with the first key along x and a line for every combination of the others.
+fn write_sweep(path: &Path, sweep: &DesignSweep) -> Result<()> {
     let (mut places, mut series) = (Vec::<String>::new(), Vec::<String>::new());
     let name = |values: &[String]| {
         let named = sweep.keys.iter().zip(values).skip(1).map(|(key, value)| format!("{key} = {value}"));
@@ -216,8 +217,7 @@ fn write_sweep(folder: &Path, sweep: &DesignSweep) -> Result<()> {
         chart("time of the reconstruction", "s", &|d| Some(d.seconds)),
     ];
     let axis = ChartAxis { label: sweep.keys[0].clone(), places, series };
-    write_charts(&folder.join("sweep.png"), &charts, &axis)?;
-    write_json(&folder.join("sweep.json"), sweep)
+    write_charts(path, &charts, &axis)
 }
 
 /// `psf`: a table per point, and a picture in `folder`, if given.
@@ -229,14 +229,12 @@ pub(super) fn psf(
     terminal: &Terminal,
 ) -> Result<()> {
     let points = at.iter().map(|typed| point(typed)).collect::<Result<Vec<_>>>()?;
+    let folder = folder.map(|folder| open_folder(folder, ["psf.png", "psf.json"])).transpose()?;
     let (run, bare) = run_of(input, overrides)?;
     let (grid, spreads) = pipeline::point_spreads(&run, &points, &observed(terminal).with_bare_mesh(bare))?;
     let window = run.reconstruct.window;
     let value = json!({ "window": window, "grid": grid, "points": spreads });
-    let mut files: Vec<PathBuf> = Vec::new();
-    if let Some(folder) = folder {
-        make_folder(folder)?;
-        files = ["psf.png", "psf.json"].map(|name| folder.join(name)).to_vec();
+    if let Some((_, files)) = &folder {
         write_spread_figure(&files[0], &spreads)?;
         write_json(&files[1], &value)?;
     }
@@ -244,7 +242,7 @@ pub(super) fn psf(
         return print_json(&value);
     }
     let mut text = spreads.iter().map(spread).collect::<Vec<_>>().join("\n");
-    for file in files {
+    for file in folder.iter().flat_map(|(_, files)| files) {
         let _ = writeln!(text, "wrote {}", file.display());
     }
     print(&text)

@@ -4,7 +4,8 @@ mod blocks;
 mod roff;
 mod text;
 
-use super::{Cli, terminal::print};
+use super::Cli;
+use super::terminal::{print, print_help};
 use crate::config::nearest;
 use crate::error::{Error, Result};
 use crate::guide::{CHAPTERS, Chapter};
@@ -28,15 +29,10 @@ pub(super) fn help(words: &[String]) -> Result<()> {
     if !topic.is_empty() && !commands.contains(&topic) {
         return Err(unknown(&topic, &commands));
     }
-    // Clap prints the same as for `COMMAND --help`, in colour if the terminal has it.
+    // The same as for `COMMAND --help`.
     let typed = ["holosonar", &topic, "--help"].into_iter().filter(|word| !word.is_empty());
     match Cli::try_parse_from(typed) {
-        Err(shown) if !shown.use_stderr() => match shown.print() {
-            Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => {
-                Err(Error::io("standard output", format!("cannot be written: {e}")))
-            }
-            _ => Ok(()),
-        },
+        Err(shown) if !shown.use_stderr() => print_help(&shown),
         _ => Err(unknown(&topic, &commands)),
     }
 }

@@ -1,5 +1,6 @@
 //! The manual pages, generated from the text of `--help`.
 
+use super::outputs::open_folder;
 use super::{Cli, guide};
 use crate::error::{Error, Result};
 use crate::files::write_atomically;
@@ -22,11 +23,10 @@ pub(super) fn write(folder: &Path) -> Result<Vec<PathBuf>> {
         let man = Man::new(command);
         pages.push((man.get_filename(), text(&man)?));
     }
-    let mut paths = Vec::new();
-    for (name, text) in pages.into_iter().chain(guide::pages()) {
-        let path = folder.join(name);
-        write_atomically(&path, |file| file.write_all(text.as_bytes()))?;
-        paths.push(path);
+    pages.extend(guide::pages());
+    let (_folder, paths) = open_folder(folder, pages.iter().map(|(name, _)| name))?;
+    for (path, (_, text)) in paths.iter().zip(&pages) {
+        write_atomically(path, |file| file.write_all(text.as_bytes()))?;
     }
     Ok(paths)
 }

@@ -3,15 +3,15 @@
 use super::inputs::has_extension;
 use super::terminal::{Terminal, print};
 use crate::error::{Error, Result};
-use crate::files::write_atomically;
+use crate::files::{OutputFolder, announce_output, write_atomically};
 use serde::Serialize;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// Refuses an output name before any work is done for it.
-pub(super) fn check_extension(path: &Path, extensions: &[&str]) -> Result<()> {
+/// Announces an output file, whose extension must be one of these, before any work is done for it.
+pub(super) fn announce(path: &Path, extensions: &[&str]) -> Result<()> {
     if has_extension(path, extensions) {
-        return Ok(());
+        return announce_output(path);
     }
     let known = extensions.iter().map(|e| format!(".{e}")).collect::<Vec<_>>().join(", ");
     Err(Error::input(
@@ -20,16 +20,15 @@ pub(super) fn check_extension(path: &Path, extensions: &[&str]) -> Result<()> {
     ))
 }
 
-/// Creates the output folder, so that a folder that cannot be written is noticed before the long work; returns whether it
-/// is new.
-pub(super) fn make_folder(folder: &Path) -> Result<bool> {
-    let missing = !folder.exists();
-    std::fs::create_dir_all(folder).map(|()| missing).map_err(|e| match e.kind() {
-        std::io::ErrorKind::AlreadyExists | std::io::ErrorKind::NotADirectory => {
-            Error::input(folder.display(), "is a file; a folder was expected")
-        }
-        _ => Error::writing(folder, e),
-    })
+/// Opens the folder of a command that writes files of these names there, before the long work; returns it and their paths.
+pub(super) fn open_folder<S: AsRef<Path>>(
+    folder: &Path,
+    names: impl IntoIterator<Item = S>,
+) -> Result<(OutputFolder, Vec<PathBuf>)> {
+    let opened = OutputFolder::open(folder)?;
+    let paths: Vec<PathBuf> = names.into_iter().map(|name| folder.join(name)).collect();
+    paths.iter().try_for_each(|path| announce_output(path))?;
+    Ok((opened, paths))
 }
 
 /// Prints the names of the files that a command wrote.

@@ -19,7 +19,7 @@ mod tests;
 mod text;
 mod timings;
 
-use super::outputs::{make_folder, print_json, print_written, write_json};
+use super::outputs::{open_folder, print_json, print_written, write_json};
 use super::terminal::{Terminal, print};
 use crate::acquisition::PropagationModel::{Exact, Linear};
 use crate::error::Result;
@@ -35,11 +35,14 @@ use timings::Timings;
 
 /// Computes the results, writes them to a folder, if given, and prints them.
 pub(super) fn run(output: Option<&Path>, terminal: &Terminal) -> Result<()> {
-    if let Some(folder) = output {
-        make_folder(folder)?;
-    }
+    let opened =
+        output.map(|folder| open_folder(folder, FIGURES.into_iter().chain(JSON.map(|(name, _)| name))));
+    let opened = opened.transpose()?;
     let reproduction = reproduce(terminal)?;
-    let files = output.map(|folder| reproduction.write(folder)).transpose()?.unwrap_or_default();
+    let files = opened.as_ref().map(|(_, files)| files.as_slice()).unwrap_or_default();
+    if !files.is_empty() {
+        reproduction.write(files)?;
+    }
     if terminal.json() {
         let mut value = reproduction.to_json();
         value["files"] = json!(files);
@@ -48,8 +51,19 @@ pub(super) fn run(output: Option<&Path>, terminal: &Terminal) -> Result<()> {
     if !terminal.is_quiet() {
         print(&(text::text(&reproduction) + "\n"))?;
     }
-    print_written(&files, terminal)
+    print_written(files, terminal)
 }
+
+/// The files with the figures of these numbers, in order.
+const FIGURES: [&str; 5] = ["figure3.png", "figure4.png", "figure5.png", "figure6.png", "figure7.png"];
+
+/// The files with numbers, each with its key in the JSON of everything.
+const JSON: [(&str, &str); 4] = [
+    ("table1.json", "table1"),
+    ("table1_least_squares.json", "least_squares"),
+    ("aliasing.json", "aliasing"),
+    ("timings.json", "timings"),
+];
 
 /// Names of the three methods, in the order of all arrays of three in this module.
 const METHODS: [&str; 3] = ["L-L", "L-NL", "NL-NL"];
@@ -184,24 +198,14 @@ impl Reproduction {
         })
     }
 
-    /// Writes `figure3.png` to `figure7.png`, `table1.json`, `table1_least_squares.json`, `aliasing.json` and
-    /// `timings.json`, and returns their names. All files except the timings are always bit-identical.
+    /// Writes the files of [`FIGURES`] and [`JSON`], in this order. All except the timings are always bit-identical.
     ///
     /// # Errors
     /// [`Error::Io`](crate::error::Error::Io) when a file cannot be written.
-    fn write(&self, folder: &Path) -> Result<Vec<PathBuf>> {
-        let mut files = figures::write(self, folder)?;
+    fn write(&self, files: &[PathBuf]) -> Result<()> {
+        let (figures, numbers) = files.split_at(FIGURES.len());
+        figures::write(self, figures)?;
         let all = self.to_json();
-        for (name, key) in [
-            ("table1.json", "table1"),
-            ("table1_least_squares.json", "least_squares"),
-            ("aliasing.json", "aliasing"),
-            ("timings.json", "timings"),
-        ] {
-            let path = folder.join(name);
-            write_json(&path, &all[key])?;
-            files.push(path);
-        }
-        Ok(files)
+        numbers.iter().zip(JSON).try_for_each(|(path, (_, key))| write_json(path, &all[key]))
     }
 }

@@ -1,5 +1,6 @@
-//! Ctrl-C and SIGTERM: the first requests the job to finish and store its block; the second ends the process. And the abort
-//! of a failed allocation, which gets the exit status of other memory errors.
+//! Ctrl-C and SIGTERM: the first requests the job to finish and store its block; the second ends the process. And what else
+//! the system ends a process with, which becomes an error with an exit status: the abort of a failed allocation, and a file
+//! larger than `ulimit -f`.
 
 use std::io::{self, IsTerminal, Write};
 use std::sync::Arc;
@@ -7,13 +8,18 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::sync::atomic::{AtomicU8, Ordering};
 
-/// Makes a failed allocation in a library, or one too small to be checked, end the process with status 1.
+/// Makes a failed allocation in a library, or one too small to be checked, end the process with status 1; and writing a file
+/// that is too large fail as on a full disk.
 ///
-/// The standard library has then printed `memory allocation of N bytes failed`, and provides no other notification.
+/// For an allocation the standard library has then printed `memory allocation of N bytes failed`, and provides no other
+/// notification.
 #[cfg(unix)]
 pub(super) fn expect_aborts() {
+    use signal_hook::consts::{SIGABRT, SIGXFSZ};
     let always = Arc::new(AtomicBool::new(true));
-    let _ = signal_hook::flag::register_conditional_shutdown(signal_hook::consts::SIGABRT, 1, always);
+    let _ = signal_hook::flag::register_conditional_shutdown(SIGABRT, 1, always);
+    // With any handler, the write returns an error.
+    let _ = signal_hook::flag::register(SIGXFSZ, Arc::default());
 }
 
 #[cfg(not(unix))]

@@ -93,7 +93,16 @@ pub(super) fn observed(terminal: &Terminal) -> JobOptions<'_> {
 /// Prints a result; a closed pipe is not an error.
 pub(super) fn print(text: &str) -> Result<(), Error> {
     let mut out = io::stdout().lock();
-    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+    printed(out.write_all(text.as_bytes()).and_then(|()| out.flush()))
+}
+
+/// Prints help or a mistake in the command line as clap does, in colour if the terminal has it.
+pub(super) fn print_help(message: &clap::Error) -> Result<(), Error> {
+    printed(message.print().and_then(|()| io::stdout().flush()))
+}
+
+fn printed(result: io::Result<()>) -> Result<(), Error> {
+    match result {
         Err(e) if e.kind() != io::ErrorKind::BrokenPipe => {
             Err(Error::io("standard output", format!("cannot be written: {e}")).with_source(e))
         }

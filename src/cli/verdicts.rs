@@ -1,7 +1,7 @@
 //! The commands `compare` and `check`, and their exit status.
 
 use super::inputs::{config_of, reading_limit};
-use super::outputs::{check_extension, print_json};
+use super::outputs::{announce, print_json};
 use super::terminal::{Terminal, observed, print};
 use super::{Overrides, summary};
 use crate::error::{Error, Result};
@@ -23,7 +23,7 @@ pub(super) fn compare(
     terminal: &Terminal,
 ) -> Result<()> {
     if let Some(png) = png {
-        check_extension(png, &["png"])?;
+        announce(png, &["png"])?;
     }
     let mut bounds = Vec::new();
     for (option, typed, is_min) in [("--min", min, true), ("--max", max, false)] {

@@ -3,7 +3,7 @@
 use super::{Attribute, Attributes, Compression, Encoding};
 use crate::alloc::try_with_capacity;
 use crate::error::{self, Error, Result};
-use crate::files::write_atomically;
+use crate::files::{open_input, write_atomically};
 use exr::meta::attribute::{AttributeValue, Text};
 use exr::prelude as ex;
 use exr::prelude::traits::*;
@@ -222,7 +222,7 @@ fn next_attribute(input: &mut impl BufRead) -> io::Result<Option<Vec<u8>>> {
 /// # Errors
 /// A missing or damaged file, deep data, or more pixels than the limit allows.
 pub(super) fn read_parts(path: &Path, limit_bytes: u64) -> Result<ExrParts> {
-    let open = || File::open(path).map_err(|error| Error::reading(path, error));
+    let open = || open_input(path);
     let meta = guarded(path, {
         let file = BufReader::new(open()?);
         || ex::MetaData::read_from_buffered(file, false)

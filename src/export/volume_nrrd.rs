@@ -7,6 +7,7 @@ use super::amplitude::{Amplitude, declared_grid, read_floats};
 use super::volume_file::{VolumeFile, VolumeStream, write_floats};
 use super::{Attribute, Compression};
 use crate::error::{Error, Result};
+use crate::files::open_input;
 use crate::grid::{Grid, Volume};
 use flate2::read::GzDecoder;
 use flate2::write::GzEncoder;
@@ -105,7 +106,7 @@ fn header(grid: &Grid, attributes: &[(String, Attribute)], compression: Compress
 /// # Errors
 /// A missing or damaged file, another layout, more voxels than `limit_bytes` hold.
 pub fn read_volume_nrrd(path: &Path, limit_bytes: u64) -> Result<Amplitude> {
-    let mut file = BufReader::new(File::open(path).map_err(|error| Error::reading(path, error))?);
+    let mut file = BufReader::new(open_input(path)?);
     let fault = |problem: &str| {
         Error::input(
             path.display(),

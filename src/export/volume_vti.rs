@@ -7,6 +7,7 @@ use super::amplitude::{Amplitude, declared_grid, read_floats};
 use super::volume_file::{Component, VolumeFile, VolumeStream, write_floats};
 use super::{Attribute, Attributes, Components};
 use crate::error::{Error, Result};
+use crate::files::open_input;
 use crate::grid::{Grid, Volume};
 use num_complex::Complex32;
 use std::fmt::Write as _;
@@ -165,7 +166,7 @@ pub fn read_volume_vti(path: &Path, limit_bytes: u64) -> Result<Amplitude> {
         )
     };
     let failed = |error: io::Error| Error::reading(path, error);
-    let mut file = File::open(path).map_err(failed)?;
+    let mut file = open_input(path)?;
     let mut start = Vec::new();
     (&mut file).take(LONGEST_TEXT.min(limit_bytes)).read_to_end(&mut start).map_err(failed)?;
     let end = start.windows(APPENDED.len()).position(|w| w == APPENDED.as_bytes()).ok_or_else(fault)?;

@@ -15,6 +15,7 @@ mod writer;
 pub(crate) use writer::{NpzWriter, write_npz};
 
 use crate::error::{Error, Result};
+use crate::files::open_input;
 use elements::{ComplexReader, any_complex, characters, plain_complex, scalar_reader};
 use header::{Dtype, DtypeKind, NpyHeader};
 use num_complex::Complex32;
@@ -60,11 +61,8 @@ impl NpzReader {
     /// A file that is missing, truncated or not a zip archive, or that contains two arrays of one name. A fault of one
     /// array is reported only when that array is read.
     pub(crate) fn open(path: &Path, limit_bytes: u64) -> Result<Self> {
-        let file = File::open(path).map_err(|error| Error::reading(path, error))?;
+        let file = open_input(path)?;
         let on_disk = file.metadata().map_err(|error| Error::reading(path, error))?;
-        if on_disk.is_dir() {
-            return Err(Error::input(path.display(), "is a folder; an .npz file was expected"));
-        }
         let mut archive = ZipArchive::new(BufReader::new(file)).map_err(|error| {
             let expected = "expected a zip archive as numpy.savez writes it";
             Error::input(path.display(), format!("is not a complete .npz file ({error}); {expected}"))

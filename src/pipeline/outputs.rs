@@ -13,12 +13,12 @@ use crate::export::figure::{
 };
 use crate::export::page::Miniature;
 use crate::export::points_ply::{ScenePoints, write_depth_points};
-use crate::export::volume_exr::{DEPTHS_PER_FILE, write_volume_exr};
+use crate::export::volume_exr::{DEPTHS_PER_FILE, volume_exr_files, write_volume_exr};
 use crate::export::volume_npz::stream_volume_npz;
 use crate::export::volume_nrrd::stream_volume_nrrd;
 use crate::export::volume_vti::stream_volume_vti;
 use crate::export::{Components, Encoding, VolumeFile, fits_float16};
-use crate::files::{extension, write_atomically};
+use crate::files::{announce_output, extension, write_atomically};
 use crate::grid::{DepthMap, Grid, Volume};
 use crate::metrics::{Metrics, error_map};
 use crate::progress::{Observer, advance, stage};
@@ -140,6 +140,34 @@ pub(super) fn names(run: &RunFile, truth: bool) -> Vec<String> {
     names.push("report.json".into());
     names.extend(run.output.report.then(|| PAGE.into()));
     names.iter().map(|name| name.display().to_string()).collect()
+}
+
+/// Announces the files that [`write_outputs`] will write into `folder`, with or without a truth, so that none replaces an
+/// input.
+///
+/// # Errors
+/// A name in the folder that refers to an input, or that cannot be written.
+pub(crate) fn announce_outputs(run: &RunFile, folder: &Path, truth: bool) -> Result<()> {
+    /// More depths than any grid has. Their files that do not exist yet cannot be an input.
+    const DEPTHS: usize = 1 << 20;
+    let volumes: Vec<PathBuf> = volume_names(run).map(|name| folder.join(name)).collect();
+    let further = volumes.iter().flat_map(|path| further_files(path, DEPTHS)).filter(|path| path.exists());
+    let names = names(run, truth).into_iter().map(|name| folder.join(name));
+    names.chain(further).try_for_each(|path| announce_output(&path))
+}
+
+/// Announces the files that very deep volumes take in addition to those that were asked for.
+pub(super) fn announce_further(paths: &[PathBuf], grid: &Grid) -> Result<()> {
+    paths
+        .iter()
+        .flat_map(|path| further_files(path, grid.z.count))
+        .try_for_each(|path| announce_output(&path))
+}
+
+/// The files of a volume of `depths` depths after the first.
+fn further_files(path: &Path, depths: usize) -> impl Iterator<Item = PathBuf> {
+    let files = if needs_all(path) { volume_exr_files(path, depths) } else { Vec::new() };
+    files.into_iter().skip(1)
 }
 
 /// The list of one file.

@@ -1,12 +1,14 @@
 //! The page `report.html` of a folder of results, made when they are written, or later from the files.
 
-use crate::error::{Error, Result};
+use crate::error::{Error, ErrorKind, Result};
 use crate::export::amplitude::Amplitude;
 use crate::export::depth_exr::read_depth_map;
 use crate::export::page::{Contents, Miniature, Page};
 use crate::export::points_ply::ScenePoints;
+use crate::files::{announce_output, open_input};
 use crate::grid::DepthMap;
 use serde_json::Value;
+use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
 /// The page's file name.
@@ -23,13 +25,19 @@ const VOLUMES: [&str; 4] = ["volume.npz", "volume.nrrd", "volume.vti", "volume.e
 /// # Errors
 /// A folder without `report.json`, a damaged file, a page that cannot be written.
 pub fn write_page(folder: &Path, limit_bytes: u64) -> Result<PathBuf> {
+    let path = folder.join(PAGE);
+    announce_output(&path)?;
     let source = folder.join("report.json");
-    let text = std::fs::read_to_string(&source).map_err(|error| match error.kind() {
-        std::io::ErrorKind::NotFound => Error::input(
+    let mut file = open_input(&source).map_err(|error| match error.kind() {
+        ErrorKind::NotFound => Error::input(
             folder.display(),
             "contains no report.json; a folder that `holosonar image ... -o` wrote was expected",
         ),
-        std::io::ErrorKind::InvalidData => Error::input(source.display(), "is not UTF-8 text"),
+        _ => error,
+    })?;
+    let mut text = String::new();
+    file.read_to_string(&mut text).map_err(|error| match error.kind() {
+        io::ErrorKind::InvalidData => Error::input(source.display(), "is not UTF-8 text"),
         _ => Error::reading(&source, error),
     })?;
     let report: Value = serde_json::from_str(&text)
@@ -49,7 +57,6 @@ pub fn write_page(folder: &Path, limit_bytes: u64) -> Result<PathBuf> {
     let scene = present(folder, &files, "scene.ply");
     let scene = scene.map(|path| ScenePoints::read(&path, limit_bytes)).transpose()?;
     let page = page_of(folder, &files, volume.as_ref(), scene.as_ref(), limit_bytes)?;
-    let path = folder.join(PAGE);
     let simulated = !report["reflectors"].is_null();
     page.write(&path, &title(report["run"]["scene"]["mesh"].as_str().filter(|_| simulated)), &text)?;
     Ok(path)

@@ -6,8 +6,10 @@
 use super::Reflectors;
 use crate::alloc::try_with_capacity;
 use crate::error::{Error, Result};
+use crate::files::open_input;
 use glam::DVec3;
 use num_complex::Complex32;
+use std::io::Read;
 use std::path::Path;
 
 impl Reflectors {
@@ -36,7 +38,8 @@ impl Reflectors {
 /// # Errors
 /// A missing file, another header, or a line without the expected numbers; the message names the line.
 pub(crate) fn read_columns<const N: usize>(path: &Path, header: [&str; N]) -> Result<Vec<[f64; N]>> {
-    let text = std::fs::read_to_string(path).map_err(|e| match e.kind() {
+    let mut text = String::new();
+    open_input(path)?.read_to_string(&mut text).map_err(|e| match e.kind() {
         std::io::ErrorKind::InvalidData => {
             Error::input(path.display(), "is not UTF-8 text; a CSV was expected")
         }

@@ -1,13 +1,14 @@
 //! Reads a mesh file and the files in its folder, never files elsewhere.
 
 use std::fmt::Display;
-use std::fs::{self, File};
+use std::fs::File;
 use std::io::Read;
 use std::path::{Component, Path, PathBuf};
 
 use super::{LoadOptions, Unit};
 use crate::alloc::try_with_capacity;
 use crate::error::{Error, Result, gib};
+use crate::files::open_input;
 use crate::progress::Observer;
 
 /// Maximum size of a scene file, bytes.
@@ -77,20 +78,14 @@ pub(super) fn list_names<'a>(names: impl IntoIterator<Item = &'a String>) -> Str
     list.join(", ")
 }
 
-/// Opens a regular file; returns it and its length in bytes. Pipes and devices, which might never end, are refused.
+/// Opens a regular file; returns it and its length in bytes.
 pub(super) fn open(path: &Path) -> Result<(File, u64)> {
-    let about = fs::metadata(path).map_err(|error| Error::reading(path, error))?;
-    if about.is_dir() {
-        return Err(Error::input(path.display(), "is a folder; a file was expected"));
-    }
-    if !about.is_file() {
-        return Err(Error::input(path.display(), "is not a regular file"));
-    }
-    if about.len() > LARGEST_FILE {
+    let file = open_input(path)?;
+    let length = file.metadata().map_err(|error| Error::reading(path, error))?.len();
+    if length > LARGEST_FILE {
         return Err(Error::input(path.display(), "is larger than 4 GiB; decimate or split the mesh"));
     }
-    let file = File::open(path).map_err(|error| Error::reading(path, error))?;
-    Ok((file, about.len()))
+    Ok((file, length))
 }
 
 /// All bytes of a regular file, which must not exceed `memory`.

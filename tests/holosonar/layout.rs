@@ -1,8 +1,10 @@
 //! Rules for the sources, checked by reading them: imports follow the order of the modules, only the binary prints, `unsafe`
-//! is in one file, files are short, and nothing refers to documents that a reader does not have.
+//! is in one file, inputs are opened in one place, files are short, and nothing refers to documents that a reader does not
+//! have.
 
 mod citations;
 mod names;
+mod opening;
 mod paths;
 mod sizes;
 

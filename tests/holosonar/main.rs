@@ -23,6 +23,7 @@ mod meshes;
 mod mutation;
 mod named;
 mod orientation;
+mod overwriting;
 mod parsers;
 mod perspective;
 mod physics;
@@ -33,6 +34,7 @@ mod regression;
 mod reproduce;
 mod scenes;
 mod support;
+mod system;
 mod words;
 
 // `named` takes it from the crate's root, which in the library's unit tests is the library.

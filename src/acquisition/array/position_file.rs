@@ -12,12 +12,11 @@
 
 use super::MicArray;
 use crate::error::{Error, Result};
-use crate::files::extension;
+use crate::files::{extension, open_input};
 use crate::reflectors::csv::read_columns;
 use glam::DVec3;
 use quick_xml::Reader;
 use quick_xml::events::{BytesStart, Event};
-use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
@@ -46,7 +45,7 @@ impl MicArray {
 fn read_xml(path: &Path) -> Result<Vec<DVec3>> {
     let reading = |error| Error::reading(path, error);
     let mut bytes = Vec::new();
-    File::open(path).map_err(reading)?.take(LARGEST + 1).read_to_end(&mut bytes).map_err(reading)?;
+    open_input(path)?.take(LARGEST + 1).read_to_end(&mut bytes).map_err(reading)?;
     if bytes.len() as u64 > LARGEST {
         return Err(Error::input(
             path.display(),

@@ -4,18 +4,17 @@ use super::scene::{grid, truth};
 use super::{METHODS, Reproduction, Row};
 use crate::error::Result;
 use crate::export::figure::{ColourMap, Panel, Scale, write_figure};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// The panels' titles, in the order of [`METHODS`].
 const TITLES: [&str; 3] = ["linear modulation", "linear reconstruction", "nonlinear reconstruction"];
 
-/// Writes all figures and returns their names.
-pub(super) fn write(reproduction: &Reproduction, folder: &Path) -> Result<Vec<PathBuf>> {
-    let mut files = Vec::new();
-    for (number, row) in (3..).zip(&reproduction.rows) {
+/// Writes the figures into these files: one for each row of Table I, and one of the aliasing.
+pub(super) fn write(reproduction: &Reproduction, files: &[PathBuf]) -> Result<()> {
+    for (path, row) in files.iter().zip(&reproduction.rows) {
         let mut panels: Vec<Panel> = (0..METHODS.len()).map(|method| panel_of(row, method)).collect();
         panels.push(true_panel());
-        files.push(draw(folder, number, &panels)?);
+        write_figure(path, &panels, 2)?;
     }
     let few = reproduction.aliasing.iter().take(3);
     let mut panels: Vec<Panel> = few
@@ -25,14 +24,7 @@ pub(super) fn write(reproduction: &Reproduction, folder: &Path) -> Result<Vec<Pa
         })
         .collect();
     panels.push(true_panel());
-    files.push(draw(folder, 7, &panels)?);
-    Ok(files)
-}
-
-fn draw(folder: &Path, number: usize, panels: &[Panel]) -> Result<PathBuf> {
-    let path = folder.join(format!("figure{number}.png"));
-    write_figure(&path, panels, 2)?;
-    Ok(path)
+    files.get(reproduction.rows.len()).map_or(Ok(()), |path| write_figure(path, &panels, 2))
 }
 
 fn panel_of(row: &Row, method: usize) -> Panel<'_> {

@@ -1,8 +1,8 @@
 //! Reading the vertices of a PLY, of this program and many others.
 
 use crate::error::{Error, Result};
+use crate::files::open_input;
 use crate::files::ply::{Format, Header, Scalar};
-use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
 use std::path::Path;
 
@@ -35,7 +35,7 @@ impl Ply {
             )
         };
         let failed = |error: io::Error| Error::reading(path, error);
-        let mut file = File::open(path).map_err(failed)?;
+        let mut file = open_input(path)?;
         let mut start = Vec::new();
         (&mut file).take(LONGEST_HEADER).read_to_end(&mut start).map_err(failed)?;
         let (header, length) = Header::read(&start, path)?;

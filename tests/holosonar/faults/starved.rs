@@ -150,6 +150,35 @@ fn a_disk_that_fills_in_the_middle_costs_no_block() {
 
 #[test]
 #[ignore = "mounts a file system, where it may"]
+fn without_inodes_nothing_is_left() {
+    let folder = workplace();
+    undisturbed(folder.path(), &RECONSTRUCT);
+    let Some(disk) = Disk::mount(20_000) else { return };
+    let at = disk.0.path();
+    // One inode is the root's. With one more the check before the work passes, with two more there are folders, but no file.
+    for (inodes, words) in [
+        (1, "simulate job.toml -o AT/cube.npz"),
+        (1, "image job.toml -o AT/made"),
+        (2, "simulate job.toml -o AT/a/cube.npz"),
+        (2, "image job.toml -o AT/made"),
+        (3, "simulate job.toml -o AT/a/b/cube.npz"),
+        (3, "reconstruct cube.npz -c job.toml -o AT/a/b/volume.npz --checkpoint-every 0"),
+        (3, "reconstruct cube.npz -c job.toml -o AT/a/b/volume.exr --checkpoint-every 0"),
+    ] {
+        assert!(disk.set(&format!("nr_inodes={inodes}"), true));
+        let words = words.replace("AT", at.to_str().unwrap());
+        let ran = run(folder.path(), &format!("{words} -q"));
+        assert_eq!(ran.status, 1, "{words}: {}", ran.stderr);
+        assert_names(ran.stderr, &["error: ", at.to_str().unwrap(), "cannot be written"]);
+        let left: Vec<_> = fs::read_dir(at).unwrap().map(|entry| entry.unwrap().path()).collect();
+        assert!(left.is_empty(), "{words}: {left:?}");
+    }
+    assert!(disk.set("nr_inodes=100", true));
+    done(folder.path(), &format!("image job.toml -o {}/made -q", at.display()));
+}
+
+#[test]
+#[ignore = "mounts a file system, where it may"]
 fn a_place_that_cannot_be_written_is_found_first() {
     let folder = workplace();
     undisturbed(folder.path(), &RECONSTRUCT);

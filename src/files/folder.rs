@@ -1,0 +1,148 @@
+//! Folders for results: created, checked and locked before the work, and gone if nothing was written.
+
+use super::PART;
+use crate::error::{Error, Result};
+use std::fs::{self, File, TryLockError};
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// The folders that creating one folder made; dropped, it removes those of them that are empty.
+#[derive(Debug, Default)]
+pub(crate) struct NewFolders(Vec<PathBuf>);
+
+impl NewFolders {
+    /// Creates a folder and those above it that are missing.
+    pub(crate) fn create(folder: &Path) -> io::Result<Self> {
+        let missing = folder.ancestors().take_while(|folder| !is_there(folder)).map(Path::to_path_buf);
+        // If only some can be created, they are removed at once.
+        let new = Self(missing.collect());
+        fs::create_dir_all(folder)?;
+        Ok(new)
+    }
+
+    /// Leaves the folders as they are.
+    pub(super) fn keep(mut self) {
+        self.0.clear();
+    }
+}
+
+impl Drop for NewFolders {
+    fn drop(&mut self) {
+        for folder in &self.0 {
+            // This fails where there is a file in it, which is how such a folder remains.
+            let _ = fs::remove_dir(folder);
+        }
+    }
+}
+
+fn is_there(folder: &Path) -> bool {
+    folder.as_os_str().is_empty() || folder.exists()
+}
+
+/// The folder into which a command writes several files, while it does: no other command may write there at the same time.
+///
+/// Dropped, it removes the folder if the command created it and left nothing there.
+#[derive(Debug)]
+pub(crate) struct OutputFolder {
+    // Dropped in this order: another process cannot begin in a folder that is about to be removed.
+    _new: NewFolders,
+    _lock: Option<File>,
+}
+
+impl OutputFolder {
+    /// Creates a folder if it is missing, checks that files can be created in it, and locks it until it is dropped or the
+    /// process ends, however that ends. Where the system cannot lock folders, as on some network file systems and on
+    /// Windows, two commands are not noticed.
+    ///
+    /// # Errors
+    /// [`Error::InvalidInput`] when `folder` is a file, or when another process is writing into it; [`Error::Io`] when it
+    /// cannot be created or written.
+    pub(crate) fn open(folder: &Path) -> Result<Self> {
+        let new = NewFolders::create(folder).map_err(|error| match error.kind() {
+            io::ErrorKind::AlreadyExists | io::ErrorKind::NotADirectory => {
+                Error::input(folder.display(), "is a file; a folder was expected")
+            }
+            _ => Error::writing(folder, error),
+        })?;
+        let lock = File::open(folder).ok();
+        if lock.as_ref().is_some_and(|lock| matches!(lock.try_lock(), Err(TryLockError::WouldBlock))) {
+            return Err(Error::input(
+                folder.display(),
+                "is in use: another holosonar process is writing into this folder; wait for it, or give another folder",
+            ));
+        }
+        check_folder(folder)?;
+        Ok(Self { _new: new, _lock: lock })
+    }
+}
+
+/// The folder itself, or the nearest above it that exists.
+pub(super) fn nearest(folder: &Path) -> &Path {
+    let existing = folder.ancestors().find(|folder| folder.exists());
+    existing.filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+/// Checks before any long work whether files can be created in a folder, which may not exist yet; creates nothing.
+///
+/// # Errors
+/// [`Error::InvalidInput`] when it is inside a file; [`Error::Io`] when it is not writable.
+pub(super) fn check_folder(folder: &Path) -> Result<()> {
+    let existing = nearest(folder);
+    if !existing.is_dir() {
+        return Err(Error::input(existing.display(), "is a file; a folder was expected for the results"));
+    }
+    let probe = tempfile::Builder::new().prefix(".").suffix(PART).tempfile_in(existing);
+    probe.map(drop).map_err(|error| Error::writing(folder, error))
+}
+
+/// Free bytes for a folder, or for the nearest above it that exists; `None` where they are not known.
+pub(crate) fn free_space(folder: &Path) -> Option<u64> {
+    #[cfg(unix)]
+    {
+        let found = rustix::fs::statvfs(nearest(folder)).ok()?;
+        found.f_bavail.checked_mul(found.f_frsize)
+    }
+    #[cfg(not(unix))]
+    {
+        let _ = folder;
+        None
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use crate::named::assert_names;
+
+    #[test]
+    fn a_new_folder_without_files_is_removed() {
+        let folder = tempfile::tempdir().unwrap();
+        let (outer, inner) = (folder.path().join("a"), folder.path().join("a/b/c"));
+        drop(OutputFolder::open(&inner).unwrap());
+        assert!(!outer.exists());
+        let opened = OutputFolder::open(&inner).unwrap();
+        fs::write(inner.join("depth.exr"), "x").unwrap();
+        drop(opened);
+        assert!(inner.join("depth.exr").exists());
+        // An empty folder that was there before stays.
+        let old = folder.path().join("old");
+        fs::create_dir(&old).unwrap();
+        drop(OutputFolder::open(&old).unwrap());
+        assert!(old.exists());
+        let error = OutputFolder::open(&inner.join("depth.exr/d")).unwrap_err();
+        assert_eq!((error.exit_status(), inner.join("depth.exr").is_file()), (2, true));
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_folder_has_one_writer_at_a_time() {
+        let folder = tempfile::tempdir().unwrap();
+        let first = OutputFolder::open(folder.path()).unwrap();
+        let error = OutputFolder::open(folder.path()).unwrap_err();
+        assert_eq!(error.exit_status(), 2);
+        assert_names(error.to_string(), &[folder.path().to_str().unwrap(), "in use", "process"]);
+        drop(first);
+        OutputFolder::open(folder.path()).unwrap();
+    }
+}
