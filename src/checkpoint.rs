@@ -180,13 +180,7 @@ impl Checkpoint {
     }
 
     /// Fills `block` from the journal; `false` if the journal has no intact block of this length.
-    fn load(
-        &self,
-        stage: Stage,
-        k: u64,
-        block: &mut [Complex32],
-        observer: &dyn Observer,
-    ) -> Result<bool> {
+    fn load(&self, stage: Stage, k: u64, block: &mut [Complex32], observer: &dyn Observer) -> Result<bool> {
         self.journal().as_mut().map_or(Ok(false), |journal| journal.read(stage, k, block, observer))
     }
 

@@ -4,7 +4,8 @@
 #![allow(clippy::unwrap_used)]
 
 use super::tests::{
-    INFO, Listener, Stopping, beside, block, job, loaded, loaded_from, opened, opened_at, store, stored, volume,
+    INFO, Listener, Stopping, beside, block, job, loaded, loaded_from, opened, opened_at, store, stored,
+    volume,
 };
 use super::*;
 use crate::named::assert_names;

@@ -247,9 +247,10 @@ impl Journal {
         {
             self.file = Some(locked(file).ok_or(io::ErrorKind::WouldBlock)?);
         }
-        match fs::remove_file(&self.path) {
-            Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
-            _ => {}
+        if let Err(error) = fs::remove_file(&self.path)
+            && error.kind() != io::ErrorKind::NotFound
+        {
+            return Err(error);
         }
         let secret = self.secrets.as_deref().map(secret::read_or_create).transpose();
         let secret = secret.unwrap_or_else(|error| {

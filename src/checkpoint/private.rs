@@ -103,25 +103,37 @@ fn objection(metadata: &Metadata, others: Others) -> Option<String> {
 /// The user who runs this process, as a number; the same for all where a system has no such numbers.
 pub(super) fn user() -> u32 {
     #[cfg(unix)]
-    return rustix::process::geteuid().as_raw();
+    {
+        rustix::process::geteuid().as_raw()
+    }
     #[cfg(not(unix))]
-    return 0;
+    {
+        0
+    }
 }
 
 /// Whether a file or folder belongs to this user.
 pub(super) fn is_of_user(metadata: &Metadata) -> bool {
     #[cfg(unix)]
-    return std::os::unix::fs::MetadataExt::uid(metadata) == user();
+    {
+        std::os::unix::fs::MetadataExt::uid(metadata) == user()
+    }
     #[cfg(not(unix))]
-    return metadata.is_file() || metadata.is_dir();
+    {
+        metadata.is_file() || metadata.is_dir()
+    }
 }
 
 /// Number of names of a file.
 fn links(metadata: &Metadata) -> u64 {
     #[cfg(unix)]
-    return std::os::unix::fs::MetadataExt::nlink(metadata);
+    {
+        std::os::unix::fs::MetadataExt::nlink(metadata)
+    }
     #[cfg(not(unix))]
-    return u64::from(metadata.is_file());
+    {
+        u64::from(metadata.is_file())
+    }
 }
 
 /// Whether the file's mode permits more to others than they may.

@@ -2,7 +2,9 @@
 //! others have sealed. The job is done as if nothing were there, and what others own stays as it is.
 
 use super::signals::signal_command;
-use super::{RECONSTRUCT, a_state, assert_same, contents, end, reused, start, states, undisturbed, workplace};
+use super::{
+    RECONSTRUCT, a_state, assert_same, contents, end, reused, start, states, undisturbed, workplace,
+};
 use crate::binary::{Outcome, command};
 use crate::named::assert_names;
 use std::fs;
