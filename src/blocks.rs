@@ -12,7 +12,10 @@ use num_complex::Complex32;
 pub(crate) trait BlockStore {
     /// Fills `block` with block `k` of an interrupted run. `false` where no intact block of this length is stored; the
     /// content of `block` is then undefined.
-    fn load(&mut self, k: u64, block: &mut [Complex32]) -> bool;
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`](crate::error::Error::Interrupted) when a stop was requested before all of it was read.
+    fn load(&mut self, k: u64, block: &mut [Complex32]) -> Result<bool>;
 
     /// Whether it is time to save the blocks that were finished since the last [`BlockStore::flush`].
     fn is_due(&mut self) -> bool;
@@ -32,8 +35,8 @@ pub(crate) trait BlockStore {
 pub(crate) struct NoStore;
 
 impl BlockStore for NoStore {
-    fn load(&mut self, _: u64, _: &mut [Complex32]) -> bool {
-        false
+    fn load(&mut self, _: u64, _: &mut [Complex32]) -> Result<bool> {
+        Ok(false)
     }
 
     fn is_due(&mut self) -> bool {

@@ -11,12 +11,21 @@
 //! mixed; it is deleted, with this job's own, when a job with the same output succeeds. No clock is used except the running
 //! time.
 //!
+//! An output folder may be shared with people who are not trusted. Two things keep their samples out of a result. A journal
+//! is a `private` file: ordinary, of this user, with one name, and nobody else may write it; nothing else of its name is
+//! opened, followed or waited for. And its checksums are `seal`s, keyed with a `secret` of the user. The first holds where
+//! there is no home for a secret; the second where the owner says nothing: a folder of somebody else's that the user has
+//! unpacked or copied, a disk that has no owners.
+//!
 //! Blocks are written at a minimum interval, and writing takes at most a fiftieth of the running time. Nothing is forced to
 //! the disk: a killed process loses nothing that it wrote, and after a power failure the checksums show which records are
 //! intact.
 
 mod identity;
 mod journal;
+mod private;
+mod seal;
+mod secret;
 mod store;
 mod volume;
 
@@ -44,7 +53,9 @@ const MARGIN: u64 = 1 << 20;
 /// Where a job stores its finished blocks, and how often; [`Checkpoint::off`] stores nothing.
 ///
 /// [`Checkpoint::remove`] deletes them once the output is complete; if a checkpoint is dropped, the next run of the same job
-/// resumes from them.
+/// by the same user resumes from them. What is stored is sealed with a secret of the user, which is created in
+/// `$XDG_STATE_HOME/holosonar` or `~/.local/state/holosonar` when the first block is stored, if there is such a folder and
+/// it can be written.
 #[derive(Debug)]
 pub struct Checkpoint {
     place: Option<Place>,
@@ -59,6 +70,8 @@ struct Place {
     /// The output's name; the checkpoint's begins with a dot and this name.
     name: String,
     every: Duration,
+    /// The folder of the user's secret.
+    secrets: Option<PathBuf>,
 }
 
 impl Checkpoint {
@@ -80,7 +93,7 @@ impl Checkpoint {
     }
 
     fn at(folder: PathBuf, name: String, every: Duration) -> Self {
-        let place = Some(Place { folder, name, every });
+        let place = Some(Place { folder, name, every, secrets: secret::folder() });
         Self { place, journal: Mutex::new(None), reserved: AtomicU64::new(0) }
     }
 
@@ -104,10 +117,11 @@ impl Checkpoint {
         }
     }
 
-    /// Opens the checkpoint of the job with this identity, if there is one; otherwise prepares a new one.
+    /// Opens the checkpoint of the job with this identity, if there is one; otherwise prepares a new one. One that is damaged
+    /// or not this user's is reported.
     ///
     /// # Errors
-    /// [`Error::InvalidInput`] when another process is working on the same job; [`Error::Io`] when the file cannot be read.
+    /// [`Error::InvalidInput`] when another process is working on the same job; [`Error::Interrupted`].
     pub(crate) fn open(&self, identity: &Identity, observer: &dyn Observer) -> Result<()> {
         let Some(place) = &self.place else { return Ok(()) };
         let own = place.checkpoint_of(identity);
@@ -119,17 +133,15 @@ impl Checkpoint {
                 place.folder.display()
             ));
         }
-        let journal = Journal::open(own, identity)?;
+        let journal = Journal::open(own, identity, place.secrets.clone(), observer)?;
+        if let Some(problem) = &journal.problem {
+            observer.tell(&format!("{} {problem}", journal.path.display()));
+        }
         if journal.blocks() > 0 {
             observer.tell(&format!(
                 "resuming an interrupted run: {} blocks of {} are stored",
                 journal.blocks(),
                 gib(journal.bytes())
-            ));
-        } else if journal.damaged {
-            observer.tell(&format!(
-                "{} holds no intact block; the run starts from the beginning",
-                journal.path.display()
             ));
         }
         *self.journal() = Some(journal);
@@ -162,15 +174,15 @@ impl Checkpoint {
         let Some(place) = &self.place else { return };
         drop(self.journal().take());
         for path in place.checkpoints() {
-            if !is_input(&path) && !journal::is_in_use(&path) {
+            if !is_input(&path) && journal::is_abandoned(&path) {
                 let _ = fs::remove_file(path);
             }
         }
     }
 
     /// Fills `block` from the journal; `false` if the journal has no intact block of this length.
-    fn load(&self, stage: Stage, k: u64, block: &mut [Complex32]) -> bool {
-        self.journal().as_mut().is_some_and(|journal| journal.read(stage, k, block))
+    fn load(&self, stage: Stage, k: u64, block: &mut [Complex32], observer: &dyn Observer) -> Result<bool> {
+        self.journal().as_mut().map_or(Ok(false), |journal| journal.read(stage, k, block, observer))
     }
 
     /// Appends a block to the journal. A full disk is reported once, and no further blocks are stored.
@@ -187,7 +199,7 @@ impl Checkpoint {
             journal.closed = true;
             format!("{} has no space for more than the output", place.folder.display())
         } else {
-            let Err(problem) = journal.append(stage, k, block) else { return };
+            let Err(problem) = journal.append(stage, k, block, observer) else { return };
             problem.to_string()
         };
         observer.tell(&format!("{problem}; the run continues, and no further blocks are stored"));
@@ -199,7 +211,7 @@ impl Place {
         self.folder.join(format!(".{}.{identity}{SUFFIX}", self.name))
     }
 
-    /// All checkpoints of this output, of any job.
+    /// All checkpoints of this output, of any job of this user.
     fn checkpoints(&self) -> Vec<PathBuf> {
         let head = format!(".{}.", self.name);
         let is_checkpoint = |name: &str| {
@@ -209,10 +221,13 @@ impl Place {
         let entries = fs::read_dir(&self.folder).into_iter().flatten().flatten();
         entries
             .filter(|entry| entry.file_name().to_str().is_some_and(is_checkpoint))
-            .map(|e| e.path())
+            .map(|entry| entry.path())
+            .filter(|path| private::is_private(path))
             .collect()
     }
 }
 
 #[cfg(test)]
 mod tests;
+#[cfg(all(test, unix))]
+mod hostile_tests;

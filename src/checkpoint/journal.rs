@@ -1,106 +1,118 @@
 //! The file to which blocks are appended.
 //!
-//! The file begins with a heading of 32 bytes: `holosonar state\n`, the identity (u64), `0` and a checksum of the bytes before
-//! it (u32). Records follow, each with a heading of 32 bytes (`stage`, `checksum of the samples`: u32; `block`, `bytes`: u64;
-//! `0`, `checksum of the bytes before it`: u32) and the bytes of the samples. All numbers are little-endian, except the
-//! samples, which are in the processor's own order (the processor is part of the identity). Reading stops at the first
-//! invalid heading; blocks with invalid samples are computed again.
+//! The file begins with a heading of 96 bytes: `holosonar state\n`, the version of the format (u64), `0` (u64), 32 zeros and
+//! the [seal](super::seal) of the bytes before it. Records follow, each with such a heading (`stage`, `block`, `bytes`, `0`:
+//! u64; the seal of the samples; the seal of the bytes before it) and the bytes of the samples. All numbers are
+//! little-endian, except the samples, which are in the processor's own order (the processor is part of the identity).
+//! Reading stops at the first invalid heading, or at a record that the job cannot have written; blocks with invalid samples
+//! are computed again.
+//!
+//! Only a [private] file is read, and only this user can seal one; whatever else has its name is removed when the first
+//! block is stored, and never written to.
 
-use super::{Identity, Stage};
+use super::private::{self, Found, Others};
+use super::seal::{HEADING, Heading, Seal, is_equal};
+use super::{Identity, Stage, secret};
 use crate::error::{Error, Result};
 use crate::files::NewFolders;
+use crate::progress::Observer;
 use num_complex::Complex32;
 use std::collections::HashMap;
-use std::fs::{self, File, OpenOptions, TryLockError};
+use std::fs::{self, File, TryLockError};
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-const MAGIC: [u64; 2] = [u64::from_le_bytes(*b"holosona"), u64::from_le_bytes(*b"r state\n")];
-const HEADING: usize = 32;
+/// Version of the format. The first had checksums that anybody could make.
+const VERSION: u64 = 2;
+
+const FILE_HEADING: Heading = Heading {
+    words: [u64::from_le_bytes(*b"holosona"), u64::from_le_bytes(*b"r state\n"), VERSION, 0],
+    samples: [0; 32],
+};
+
+/// Bytes that are read between two looks at whether to stop.
+const PIECE: usize = 4 << 20;
 
 /// Where the samples of a block are.
 #[derive(Debug, Clone, Copy)]
 struct Record {
     offset: u64,
     bytes: u64,
-    checksum: u32,
+    seal: [u8; 32],
 }
 
 /// The open checkpoint of one job; the file is created with the first block.
 #[derive(Debug)]
 pub(super) struct Journal {
     pub(super) path: PathBuf,
-    key: u64,
+    identity: Identity,
+    /// The folder of this user's secret.
+    secrets: Option<PathBuf>,
+    seal: Seal,
+    /// The file, locked.
     file: Option<File>,
+    /// Whether the file is this job's journal; if not, it is only locked until it is replaced.
+    begun: bool,
     records: HashMap<(u32, u64), Record>,
     /// Where the next record goes.
     end: u64,
     /// Whether no further blocks are written.
     pub(super) closed: bool,
-    /// Whether there was a file without any intact block.
-    pub(super) damaged: bool,
     /// The folders created for it, which are removed if it is the only file there and is not created after all.
     folders: NewFolders,
+    /// What is wrong with the file that was found, and what follows, as a predicate.
+    pub(super) problem: Option<String>,
+    /// Whether a block with invalid samples was reported.
+    reported: bool,
 }
 
-/// Opens and locks a checkpoint, and creates a missing one if `create`; the lock ends with the process, however that ends.
-fn lock(path: &Path, create: bool) -> io::Result<Option<File>> {
-    let file = OpenOptions::new().read(true).write(true).create(create).truncate(false).open(path)?;
-    match file.try_lock() {
-        Err(TryLockError::WouldBlock) => Ok(None),
-        // Some file systems have no locks.
-        _ => Ok(Some(file)),
-    }
+/// Locks a file until it is closed or the process ends, however that ends; `None` if another process has locked it.
+fn locked(file: File) -> Option<File> {
+    // Some file systems have no locks.
+    (!matches!(file.try_lock(), Err(TryLockError::WouldBlock))).then_some(file)
 }
 
-/// Whether another process uses a checkpoint.
-pub(super) fn is_in_use(path: &Path) -> bool {
-    matches!(lock(path, false), Ok(None))
-}
-
-/// Three words and their checksum.
-fn heading(words: [u64; 3]) -> [u8; HEADING] {
-    let mut heading = [0; HEADING];
-    for (bytes, word) in heading.chunks_exact_mut(8).zip(words) {
-        bytes.copy_from_slice(&word.to_le_bytes());
-    }
-    let checksum = crc32fast::hash(&heading[..HEADING - 4]);
-    heading[HEADING - 4..].copy_from_slice(&checksum.to_le_bytes());
-    heading
-}
-
-/// The words of an intact heading.
-fn words_of(bytes: [u8; HEADING]) -> Option<[u64; 3]> {
-    let word = |i: usize| u64::from_le_bytes(std::array::from_fn(|byte| bytes[8 * i + byte]));
-    let words = [word(0), word(1), word(2)];
-    (heading(words) == bytes).then_some(words)
+/// Whether a checkpoint is this user's and no process uses it.
+pub(super) fn is_abandoned(path: &Path) -> bool {
+    let Found::Private(file) = private::open(path, Others::Read) else { return false };
+    locked(file).is_some()
 }
 
 impl Journal {
     /// Opens the checkpoint of this identity, if there is one, and finds its records.
-    pub(super) fn open(path: PathBuf, identity: &Identity) -> Result<Self> {
-        let key = identity.key();
+    ///
+    /// # Errors
+    /// [`Error::InvalidInput`] when another process works on the same job; [`Error::Interrupted`].
+    pub(super) fn open(
+        path: PathBuf,
+        identity: &Identity,
+        secrets: Option<PathBuf>,
+        observer: &dyn Observer,
+    ) -> Result<Self> {
+        let seal = Seal::new(secrets.as_deref().and_then(secret::read), identity);
         let mut journal = Self {
             path,
-            key,
+            identity: identity.clone(),
+            secrets,
+            seal,
             file: None,
+            begun: false,
             records: HashMap::new(),
             end: HEADING as u64,
             closed: false,
-            damaged: false,
             folders: NewFolders::default(),
+            problem: None,
+            reported: false,
         };
-        let file = match lock(&journal.path, false) {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(journal),
-            Err(error) => {
-                let problem = format!("cannot be read: {error}");
-                return Err(Error::io(journal.path.display(), problem).with_source(error));
+        match private::open(&journal.path, Others::Read) {
+            Found::Nothing => {}
+            Found::Other(problem) => journal.problem = Some(format!("{problem}; {FROM_SCRATCH}")),
+            Found::Private(file) => {
+                let file = locked(file).ok_or_else(|| journal.in_use())?;
+                journal.problem = journal.find_records(&file, observer)?;
+                journal.file = Some(file);
             }
-            Ok(None) => return Err(journal.in_use()),
-            Ok(Some(file)) => file,
-        };
-        journal.damaged = journal.find_records(&file).is_err() || journal.records.is_empty();
-        journal.file = Some(file);
+        }
         Ok(journal)
     }
 
@@ -111,27 +123,42 @@ impl Journal {
         )
     }
 
-    fn find_records(&mut self, mut file: &File) -> io::Result<()> {
-        let length = file.metadata()?.len();
+    /// Finds the records up to the first that is incomplete or invalid; returns what is wrong.
+    fn find_records(&mut self, mut file: &File, observer: &dyn Observer) -> Result<Option<String>> {
         let mut bytes = [0; HEADING];
-        file.read_exact(&mut bytes)?;
-        if words_of(bytes) != Some([MAGIC[0], MAGIC[1], self.key]) {
-            return Err(io::ErrorKind::InvalidData.into());
+        let length = file.metadata().map_or(0, |metadata| metadata.len());
+        if file.read_exact(&mut bytes).is_err() || self.seal.read(&bytes) != Some(FILE_HEADING) {
+            let problem = "is damaged, or was not written by this user for this job";
+            return Ok(Some(format!("{problem}; {FROM_SCRATCH}")));
         }
+        self.begun = true;
         while self.end + HEADING as u64 <= length {
-            file.seek(SeekFrom::Start(self.end))?;
-            file.read_exact(&mut bytes)?;
-            let Some([stage_and_checksum, k, bytes]) = words_of(bytes) else { break };
-            let record = Record {
-                offset: self.end + HEADING as u64,
-                bytes,
-                checksum: (stage_and_checksum >> 32) as u32,
+            if observer.should_stop() {
+                return Err(Error::Interrupted);
+            }
+            let read = file.seek(SeekFrom::Start(self.end)).and_then(|_| file.read_exact(&mut bytes));
+            let record = read.ok().and_then(|()| self.record(&bytes));
+            let Some((key, record)) = record.filter(|_| self.records.try_reserve(1).is_ok()) else {
+                let blocks = self.records.len();
+                return Ok(Some(format!(
+                    "is damaged after its first {blocks} blocks; the others are computed again"
+                )));
             };
-            let Some(end) = record.offset.checked_add(bytes).filter(|end| *end <= length) else { break };
-            self.records.insert((stage_and_checksum as u32, k), record);
+            let Some(end) = record.offset.checked_add(record.bytes).filter(|end| *end <= length) else {
+                // The process was killed while it wrote this.
+                break;
+            };
+            self.records.insert(key, record);
             self.end = end;
         }
-        Ok(())
+        Ok(None)
+    }
+
+    /// The record of a heading at the end, if it is intact and the job's own.
+    fn record(&self, bytes: &[u8; HEADING]) -> Option<((u32, u64), Record)> {
+        let Heading { words: [stage, k, bytes, _], samples } = self.seal.read(bytes)?;
+        let record = Record { offset: self.end + HEADING as u64, bytes, seal: samples };
+        self.identity.stores(stage, k, bytes).then_some(((stage as u32, k), record))
     }
 
     /// Number of blocks stored.
@@ -144,36 +171,68 @@ impl Journal {
         self.records.values().map(|record| record.bytes).sum()
     }
 
-    /// Fills `block` with a stored one; a record that is damaged or of another length is removed.
-    pub(super) fn read(&mut self, stage: Stage, k: u64, block: &mut [Complex32]) -> bool {
+    /// Fills `block` with a stored one; a record that is damaged or of another length is removed, and reported.
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`].
+    pub(super) fn read(
+        &mut self,
+        stage: Stage,
+        k: u64,
+        block: &mut [Complex32],
+        observer: &dyn Observer,
+    ) -> Result<bool> {
         let key = (stage as u32, k);
-        let Some(record) = self.records.get(&key).copied() else { return false };
-        let intact = self.read_record(record, block).is_some();
+        let Some(record) = self.records.get(&key).copied() else { return Ok(false) };
+        let intact = self.read_record(record, bytemuck::cast_slice_mut(block), observer)?;
         if !intact {
             self.records.remove(&key);
+            if !std::mem::replace(&mut self.reported, true) {
+                let path = self.path.display();
+                observer.tell(&format!("{path} holds damaged blocks; they are computed again"));
+            }
         }
-        intact
+        Ok(intact)
     }
 
-    fn read_record(&self, record: Record, block: &mut [Complex32]) -> Option<()> {
-        let mut file = self.file.as_ref()?;
-        let bytes: &mut [u8] = bytemuck::cast_slice_mut(block);
-        if bytes.len() as u64 != record.bytes {
-            return None;
+    fn read_record(&self, record: Record, bytes: &mut [u8], observer: &dyn Observer) -> Result<bool> {
+        let Some(mut file) = self.file.as_ref().filter(|_| bytes.len() as u64 == record.bytes) else {
+            return Ok(false);
+        };
+        if file.seek(SeekFrom::Start(record.offset)).is_err() {
+            return Ok(false);
         }
-        file.seek(SeekFrom::Start(record.offset)).ok()?;
-        file.read_exact(bytes).ok()?;
-        (crc32fast::hash(bytes) == record.checksum).then_some(())
+        let mut hasher = self.seal.hasher();
+        for piece in bytes.chunks_mut(PIECE) {
+            if observer.should_stop() {
+                return Err(Error::Interrupted);
+            }
+            if file.read_exact(piece).is_err() {
+                return Ok(false);
+            }
+            hasher.update(piece);
+        }
+        Ok(is_equal(&hasher.finalize(), &record.seal))
     }
 
     /// Appends a block. After a failure nothing more is written, and earlier blocks remain valid.
-    pub(super) fn append(&mut self, stage: Stage, k: u64, block: &[Complex32]) -> Result<()> {
-        let written = self.try_append(stage, k, bytemuck::cast_slice(block));
+    ///
+    /// # Errors
+    /// As [`Journal::open`]; [`Error::Io`].
+    pub(super) fn append(
+        &mut self,
+        stage: Stage,
+        k: u64,
+        block: &[Complex32],
+        observer: &dyn Observer,
+    ) -> Result<()> {
+        let begun = if self.begun { Ok(()) } else { self.begin(observer) };
+        let written = begun.and_then(|()| self.try_append(stage, k, bytemuck::cast_slice(block)));
         written.map_err(|error| {
             self.closed = true;
-            if self.records.is_empty() && self.file.take().is_some() {
+            if self.begun && self.records.is_empty() && self.file.take().is_some() {
                 let _ = fs::remove_file(&self.path);
-            } else if let Some(file) = &self.file {
+            } else if let Some(file) = self.file.as_ref().filter(|_| self.begun) {
                 // An incomplete record would be detected anyway; without it the output has more space.
                 let _ = file.set_len(self.end);
             }
@@ -184,29 +243,49 @@ impl Journal {
         })
     }
 
-    fn try_append(&mut self, stage: Stage, k: u64, bytes: &[u8]) -> io::Result<()> {
-        if self.records.is_empty() && self.end == HEADING as u64 {
-            let mut file = if let Some(file) = self.file.take() {
-                file
-            } else {
-                // The output's folder may not exist before the output itself.
-                self.folders = self.path.parent().map(NewFolders::create).transpose()?.unwrap_or_default();
-                lock(&self.path, true)?.ok_or(io::ErrorKind::WouldBlock)?
-            };
-            file.set_len(0)?;
-            file.seek(SeekFrom::Start(0))?;
-            file.write_all(&heading([MAGIC[0], MAGIC[1], self.key]))?;
-            self.file = Some(file);
+    /// Creates the file, in place of whatever has its name and is not this job's journal.
+    fn begin(&mut self, observer: &dyn Observer) -> io::Result<()> {
+        // The output's folder may not exist before the output itself.
+        self.folders = self.path.parent().map(NewFolders::create).transpose()?.unwrap_or_default();
+        // A journal that another process began in the meantime is not replaced.
+        if self.file.is_none()
+            && let Found::Private(file) = private::open(&self.path, Others::Read)
+        {
+            self.file = Some(locked(file).ok_or(io::ErrorKind::WouldBlock)?);
         }
+        if let Err(error) = fs::remove_file(&self.path)
+            && error.kind() != io::ErrorKind::NotFound
+        {
+            return Err(error);
+        }
+        let secret = self.secrets.as_deref().map(secret::read_or_create).transpose();
+        let secret = secret.unwrap_or_else(|error| {
+            observer.note(&format!("checkpoints are not sealed with a secret of this user: {error}"));
+            None
+        });
+        self.seal = Seal::new(secret, &self.identity);
+        let mut file = locked(private::create(&self.path)?).ok_or(io::ErrorKind::WouldBlock)?;
+        file.write_all(&self.seal.write(&FILE_HEADING))?;
+        self.file = Some(file);
+        self.begun = true;
+        Ok(())
+    }
+
+    fn try_append(&mut self, stage: Stage, k: u64, bytes: &[u8]) -> io::Result<()> {
         let mut file = self.file.as_ref().ok_or(io::ErrorKind::NotFound)?;
-        let checksum = crc32fast::hash(bytes);
-        let record = Record { offset: self.end + HEADING as u64, bytes: bytes.len() as u64, checksum };
-        let stage_and_checksum = u64::from(stage as u32) | u64::from(checksum) << 32;
+        let (offset, seal) = (self.end + HEADING as u64, self.seal.of(bytes));
+        let record = Record { offset, bytes: bytes.len() as u64, seal };
+        let heading = Heading { words: [stage as u64, k, record.bytes, 0], samples: seal };
+        // What an interrupted run left incomplete must not follow this record.
+        file.set_len(self.end)?;
         file.seek(SeekFrom::Start(self.end))?;
-        file.write_all(&heading([stage_and_checksum, k, record.bytes]))?;
+        file.write_all(&self.seal.write(&heading))?;
         file.write_all(bytes)?;
         self.records.insert((stage as u32, k), record);
         self.end = record.offset + record.bytes;
         Ok(())
     }
 }
+
+/// What follows from a file that is not a journal of this job.
+const FROM_SCRATCH: &str = "it is not used, and the run starts from the beginning";

@@ -96,8 +96,9 @@ impl<'a> CheckpointStore<'a> {
 }
 
 impl BlockStore for CheckpointStore<'_> {
-    fn load(&mut self, k: u64, block: &mut [Complex32]) -> bool {
-        self.checkpoint.load(self.stage, k, block)
+    fn load(&mut self, k: u64, block: &mut [Complex32]) -> Result<bool> {
+        // Nothing is being computed that a stop would have to wait for.
+        self.checkpoint.load(self.stage, k, block, self.stop.inner)
     }
 
     /// Also `true` as soon as a stop is requested.

@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used)]
 
+use super::seal::HEADING;
 use super::*;
 use crate::blocks::BlockStore;
 use crate::grid::{Axis, Grid, Volume};
@@ -10,7 +11,13 @@ use crate::reconstruct::{Method, ReconstructionInfo, VolumeSink};
 
 /// Records what is reported.
 #[derive(Default)]
-struct Listener(Mutex<Vec<String>>);
+pub(super) struct Listener(Mutex<Vec<String>>);
+
+impl Listener {
+    pub(super) fn into_told(self) -> Vec<String> {
+        self.0.into_inner().unwrap()
+    }
+}
 
 impl Observer for Listener {
     fn tell(&self, message: &str) {
@@ -19,7 +26,7 @@ impl Observer for Listener {
 }
 
 /// Requests a stop.
-struct Stopping;
+pub(super) struct Stopping;
 
 impl Observer for Stopping {
     fn should_stop(&self) -> bool {
@@ -28,34 +35,56 @@ impl Observer for Stopping {
 }
 
 /// A folder for a job's output of this name, and the job's identity.
-fn job(name: &str) -> (tempfile::TempDir, PathBuf, Identity) {
+pub(super) fn job(name: &str) -> (tempfile::TempDir, PathBuf, Identity) {
     let folder = tempfile::tempdir().unwrap();
     let output = folder.path().join(name);
-    (folder, output, Identity::of("test"))
+    (folder, output, identity("test"))
 }
 
-fn block(k: u64) -> Vec<Complex32> {
+/// The identity of a job of this name that stores more than any of these tests.
+fn identity(name: &str) -> Identity {
+    Identity::of(name).storing(Stage::Cube, 100, 16 << 20).storing(Stage::Volume, 100, 16 << 20)
+}
+
+/// With a secret of the test's own.
+pub(super) fn beside(output: &Path, every: Duration) -> Checkpoint {
+    let mut checkpoint = Checkpoint::beside(output, every);
+    let secrets = output.parent().unwrap().join("secrets");
+    checkpoint.place.as_mut().unwrap().secrets = Some(secrets);
+    checkpoint
+}
+
+pub(super) fn block(k: u64) -> Vec<Complex32> {
     (0..50).map(|i| crate::wave::phasor(0.37 * (k * 50 + i) as f64)).collect()
 }
 
-fn opened(output: &Path, identity: &Identity) -> (Checkpoint, Vec<String>) {
-    let (checkpoint, listener) = (Checkpoint::beside(output, Duration::ZERO), Listener::default());
+pub(super) fn opened(output: &Path, identity: &Identity) -> (Checkpoint, Vec<String>) {
+    opened_at(beside(output, Duration::ZERO), identity)
+}
+
+/// A checkpoint that is opened, and what was reported.
+pub(super) fn opened_at(checkpoint: Checkpoint, identity: &Identity) -> (Checkpoint, Vec<String>) {
+    let listener = Listener::default();
     checkpoint.open(identity, &listener).unwrap();
-    (checkpoint, listener.0.into_inner().unwrap())
+    (checkpoint, listener.into_told())
 }
 
 /// With an interval longer than any test takes.
 fn opened_for_long(output: &Path, identity: &Identity) -> Checkpoint {
-    let checkpoint = Checkpoint::beside(output, Duration::from_secs(1000));
+    let checkpoint = beside(output, Duration::from_secs(1000));
     checkpoint.open(identity, &Silent).unwrap();
     checkpoint
 }
 
 /// Stores blocks 0 to 4 of a cube; returns the journal's path.
-fn stored(output: &Path, identity: &Identity) -> PathBuf {
-    let (checkpoint, _) = opened(output, identity);
-    let stop = GracefulStop::new(&checkpoint, &Silent);
-    let mut store = CheckpointStore::new(&checkpoint, Stage::Cube, &stop);
+pub(super) fn stored(output: &Path, identity: &Identity) -> PathBuf {
+    store(&opened(output, identity).0, identity)
+}
+
+/// The same in this checkpoint.
+pub(super) fn store(checkpoint: &Checkpoint, identity: &Identity) -> PathBuf {
+    let stop = GracefulStop::new(checkpoint, &Silent);
+    let mut store = CheckpointStore::new(checkpoint, Stage::Cube, &stop);
     for k in 0..5 {
         assert!(store.is_due());
         store.save(k, &block(k));
@@ -65,13 +94,17 @@ fn stored(output: &Path, identity: &Identity) -> PathBuf {
 }
 
 /// The numbers of the blocks that can be loaded, whose content must be correct.
-fn loaded(output: &Path, identity: &Identity) -> Vec<u64> {
-    let (checkpoint, _) = opened(output, identity);
-    let stop = GracefulStop::new(&checkpoint, &Silent);
-    let mut store = CheckpointStore::new(&checkpoint, Stage::Cube, &stop);
+pub(super) fn loaded(output: &Path, identity: &Identity) -> Vec<u64> {
+    loaded_from(&opened(output, identity).0)
+}
+
+/// The same from this checkpoint.
+pub(super) fn loaded_from(checkpoint: &Checkpoint) -> Vec<u64> {
+    let stop = GracefulStop::new(checkpoint, &Silent);
+    let mut store = CheckpointStore::new(checkpoint, Stage::Cube, &stop);
     let mut found = vec![Complex32::ZERO; 50];
     let mut is_there = |k: &u64| {
-        let is_there = store.load(*k, &mut found);
+        let is_there = store.load(*k, &mut found).unwrap();
         assert!(!is_there || found == block(*k));
         is_there
     };
@@ -99,7 +132,7 @@ fn every_truncation_and_every_flipped_bit_is_detected() {
     let whole = fs::read(&path).unwrap();
     for length in (0..whole.len()).step_by(7) {
         fs::write(&path, &whole[..length]).unwrap();
-        let blocks = length.saturating_sub(32) / (32 + 400);
+        let blocks = length.saturating_sub(HEADING) / (HEADING + 400);
         assert_eq!(loaded(&output, &identity).len(), blocks, "cut at {length}");
     }
     for at in (0..whole.len()).step_by(5) {
@@ -110,7 +143,7 @@ fn every_truncation_and_every_flipped_bit_is_detected() {
     }
     // A damaged block is written again, and then all can be loaded.
     let mut flipped = whole;
-    flipped[32 + 3 * 432 + 100] ^= 4;
+    flipped[HEADING + 3 * (HEADING + 400) + HEADING + 100] ^= 4;
     fs::write(&path, flipped).unwrap();
     assert_eq!(loaded(&output, &identity), [0, 1, 2, 4]);
     stored(&output, &identity);
@@ -121,11 +154,11 @@ fn every_truncation_and_every_flipped_bit_is_detected() {
 fn another_job_has_another_checkpoint() {
     let (_folder, output, _) = job("cube.npz");
     let identities = || {
-        let (mut a, mut b) = (Identity::of("test"), Identity::of("test"));
+        let (mut a, mut b) = (identity("test"), identity("test"));
         a.numbers([1.0, 2.0].into_iter());
         b.numbers([1.0].into_iter());
         b.numbers([2.0].into_iter());
-        (a, b, Identity::of("other"))
+        (a, b, identity("other"))
     };
     let (a, b, c) = identities();
     assert_eq!(a.to_string(), identities().0.to_string());
@@ -149,7 +182,7 @@ fn two_processes_cannot_write_one_checkpoint() {
     let (_folder, output, identity) = job("cube.npz");
     let path = stored(&output, &identity);
     let (checkpoint, _) = opened(&output, &identity);
-    let second = Checkpoint::beside(&output, Duration::ZERO);
+    let second = beside(&output, Duration::ZERO);
     let error = second.open(&identity, &Silent).unwrap_err();
     assert!(error.to_string().contains("in use"), "{error}");
     drop(checkpoint);
@@ -158,12 +191,12 @@ fn two_processes_cannot_write_one_checkpoint() {
 }
 
 /// A volume of this many voxels along x, y and z, still empty.
-fn volume(count: [usize; 3]) -> Volume {
+pub(super) fn volume(count: [usize; 3]) -> Volume {
     let [x, y, z] = count.map(|count| Axis { first: 0.5, pitch: 0.1, count });
     Volume { grid: Grid { x, y, z }, samples: Vec::new() }
 }
 
-const INFO: ReconstructionInfo = ReconstructionInfo { method: Method::Direct, error_bound: 0.0 };
+pub(super) const INFO: ReconstructionInfo = ReconstructionInfo { method: Method::Direct, error_bound: 0.0 };
 
 #[test]
 fn resumed_depths_come_first_and_every_depth_once() {
@@ -212,7 +245,7 @@ fn waiting_depths_are_limited_and_the_last_are_left_to_the_result() {
     let stop = GracefulStop::new(&checkpoint, &Silent);
     let mut store = CheckpointStore::new(&checkpoint, Stage::Volume, &stop);
     let mut found = plane(0);
-    let mut is_there = |k: &usize| store.load(*k as u64, &mut found) && found == plane(*k);
+    let mut is_there = |k: &usize| store.load(*k as u64, &mut found).unwrap() && found == plane(*k);
     let stored: Vec<usize> = (0..8).filter(|k| is_there(k)).collect();
     assert_eq!(stored, [0, 1, 2, 3, 4, 5], "the last two are written as the result at once");
 }
@@ -232,7 +265,7 @@ fn a_block_of_another_length_or_stage_is_not_loaded() {
         let mut store = CheckpointStore::new(&checkpoint, stage, &stop);
         let mut found = vec![Complex32::ZERO; length];
         // Another block each time: an unusable one is removed.
-        assert_eq!(store.load(length as u64 - 48, &mut found), is_there, "{stage:?}, {length}");
+        assert_eq!(store.load(length as u64 - 48, &mut found), Ok(is_there), "{stage:?}, {length}");
     }
 }
 

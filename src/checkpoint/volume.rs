@@ -65,7 +65,7 @@ impl VolumeSink for CheckpointedVolume<'_> {
             return Ok(());
         }
         let mut plane = try_zeroed(self.grid.plane_len() as u64).ok_or_else(|| no_room_for(&self.grid))?;
-        while self.done < self.grid.z.count && self.store.load(self.done as u64, &mut plane) {
+        while self.done < self.grid.z.count && self.store.load(self.done as u64, &mut plane)? {
             self.inner.take(self.done, &plane)?;
             self.done += 1;
         }

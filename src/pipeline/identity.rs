@@ -1,8 +1,9 @@
-//! The identities of the pipeline's jobs: the run file with every default, and the data on which the job works.
+//! The identities of the pipeline's jobs: the run file with every default, the data on which the job works, and how much it
+//! can store.
 
 use super::prepared_scene::PreparedScene;
 use crate::acquisition::{CubeFile, CubeSource, Instrument};
-use crate::checkpoint::Identity;
+use crate::checkpoint::{Identity, Stage};
 use crate::config::RunFile;
 use crate::error::Result;
 use crate::grid::Grid;
@@ -26,7 +27,10 @@ pub(super) fn of_cube(job: &str, run: &RunFile, cube: &mut CubeFile, grid: &Grid
 }
 
 fn of_instrument(job: &str, run: &RunFile, instrument: &Instrument, grid: &Grid) -> Identity {
-    let mut identity = Identity::of(job);
+    let plane_bytes = grid.volume_bytes() / (grid.z.count as u64).max(1);
+    let mut identity = Identity::of(job)
+        .storing(Stage::Cube, instrument.array.len() as u64, instrument.cube_bytes())
+        .storing(Stage::Volume, grid.z.count as u64, plane_bytes);
     identity.text(&run.to_json().to_string());
     identity.text(&format!("{:?} {:?} {grid:?}", instrument.geometry, instrument.detection));
     identity.numbers(instrument.sweep.frequencies().iter().copied());

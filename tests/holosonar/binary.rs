@@ -25,10 +25,14 @@ impl Outcome {
     }
 }
 
+/// Where the program has this user's secret during tests, rather than in the home of whoever runs them.
+pub(crate) const STATE_HOME: &str = concat!(env!("CARGO_TARGET_TMPDIR"), "/state");
+
 /// The program, ready to be started in `folder`.
 pub(crate) fn command<S: AsRef<OsStr>>(folder: &Path, args: impl IntoIterator<Item = S>) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_holosonar"));
     command.current_dir(folder).args(args).stdin(Stdio::null()).env_remove("NO_COLOR");
+    command.env("XDG_STATE_HOME", STATE_HOME);
     command
 }
 

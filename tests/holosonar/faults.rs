@@ -1,8 +1,9 @@
-//! Fault injection: jobs are killed, stopped, short of disk space or memory, and their checkpoints damaged. Nothing may be
-//! lost, and the final outputs are bit-identical to those of an undisturbed run.
+//! Fault injection: jobs are killed, stopped, short of disk space or memory, and their checkpoints damaged or planted by
+//! others. Nothing may be lost, and the final outputs are bit-identical to those of an undisturbed run.
 
 #![cfg(unix)]
 
+mod hostile;
 mod killed;
 mod signals;
 mod starved;
@@ -160,7 +161,7 @@ fn damaged_state_is_computed_again() {
         let mut state = whole.clone();
         if turn % 2 == 0 {
             // Headings are few bytes among many; half of the flips go there.
-            let most = if turn % 4 == 0 { 64 } else { state.len() };
+            let most = if turn % 4 == 0 { 192 } else { state.len() };
             state[random.whole(0, most - 1)] ^= 1 << random.whole(0, 7);
             flipped += 1;
         } else {

@@ -14,7 +14,7 @@ use std::process::Stdio;
 use std::time::Duration;
 
 /// Peak memory of a run of the program, bytes: its resident set, including the code and libraries that it used.
-fn measured(folder: &Path, words: &str) -> u64 {
+pub(crate) fn measured(folder: &Path, words: &str) -> u64 {
     let mut command = command(folder, words.split_whitespace());
     let mut child = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
     let status = format!("/proc/{}/status", child.id());

@@ -52,10 +52,10 @@ fn kill(jobs: &[&Job], times: usize, seed: u64, threads: &[&str]) -> (usize, usi
     (kills, blocks)
 }
 
-/// Number of complete blocks in a checkpoint file: records follow its heading of 32 bytes, each with a heading of 32 bytes
+/// Number of complete blocks in a checkpoint file: records follow its heading of 96 bytes, each with a heading of 96 bytes
 /// whose bytes 16 to 23 are the length of the data after it.
 fn whole_blocks(state: &Path) -> usize {
-    const HEADING: usize = 32;
+    const HEADING: usize = 96;
     // A file that was deleted in the meantime has none.
     let bytes = fs::read(state).unwrap_or_default();
     let (mut at, mut blocks) = (HEADING, 0);

@@ -1,7 +1,7 @@
 //! Ctrl-C and SIGTERM, once and twice.
 
 use super::{IMAGE, Job, assert_same, end, reused, start, states, undisturbed, workplace};
-use crate::binary::{Outcome, done, files_below};
+use crate::binary::{Outcome, STATE_HOME, command, done, files_below};
 use crate::named::assert_names;
 use std::fs;
 use std::io::{BufRead, BufReader, Read};
@@ -11,7 +11,13 @@ use std::time::{Duration, Instant};
 
 /// Starts a job and sends it signals as soon as it has stored a block.
 pub(super) fn signal(folder: &Path, job: &Job, options: &str, signals: &[&str]) -> Outcome {
-    let child = start(folder, &format!("{} {options}", job.words));
+    let words = format!("{} {options}", job.words);
+    signal_command(folder, job, command(folder, words.split_whitespace()), signals)
+}
+
+/// The same for a command that does the job.
+pub(super) fn signal_command(folder: &Path, job: &Job, mut command: Command, signals: &[&str]) -> Outcome {
+    let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let begun = Instant::now();
     while states(folder, job).is_empty() && begun.elapsed() < Duration::from_mins(1) {
         std::thread::sleep(Duration::from_millis(1));
@@ -125,6 +131,7 @@ fn a_second_signal_leaves_the_terminal_clean() {
         script.args(["-qec", &line, "/dev/null"]).current_dir(folder).stdin(Stdio::null());
         script
             .env("TERM", "xterm")
+            .env("XDG_STATE_HOME", STATE_HOME)
             .env("SHELL", "/bin/sh")
             .stdout(Stdio::piped())
             .stderr(Stdio::null())
