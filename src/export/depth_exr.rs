@@ -250,7 +250,8 @@ pub fn read_depth_map(path: &Path, limit_bytes: u64) -> Result<DepthFile> {
 /// Bytes of the map that is made of a part: every channel in 32 bits, strengths of returns without any, and what is computed
 /// on the way.
 fn bytes_of(header: &Header) -> u128 {
-    let depths = header.channels.list.iter().filter(|channel| channel.name.to_string().ends_with('Z')).count();
+    let depths =
+        header.channels.list.iter().filter(|channel| channel.name.to_string().ends_with('Z')).count();
     let pixels = header.layer_size.0 as u128 * header.layer_size.1 as u128;
     pixels.saturating_mul(4 * (header.channels.list.len() + depths + 6) as u128)
 }

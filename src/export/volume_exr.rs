@@ -158,7 +158,9 @@ pub fn read_volume_exr(path: &Path, limit_bytes: u64) -> Result<Amplitude> {
     let left = limit_bytes - 4 * grid.voxel_count();
     if bytes_of(&parts) > left {
         let needed = bytes_of(&parts) + 4 * grid.voxel_count();
-        let problem = format!("takes {needed} bytes of memory to read, more than the limit of {limit_bytes}; raise the limit (--memory)");
+        let problem = format!(
+            "takes {needed} bytes of memory to read, more than the limit of {limit_bytes}; raise the limit (--memory)"
+        );
         return Err(Error::input(path.display(), problem));
     }
     let mut values = try_with_capacity(grid.voxel_count()).ok_or_else(|| no_room_for(&grid))?;

@@ -11,9 +11,10 @@
 //! With `roxmltree` 0.21, 50 kB of nested namespaces took 11 s, and the time grows with the cube of their number.
 
 use super::MicArray;
-use crate::error::{Error, Result};
+use crate::alloc::try_with_capacity;
+use crate::error::{Error, Result, gib};
 use crate::files::extension;
-use crate::reflectors::csv::read_columns;
+use crate::reflectors::csv::Table;
 use glam::DVec3;
 use quick_xml::Reader;
 use quick_xml::events::{BytesStart, Event};
@@ -34,19 +35,46 @@ impl MicArray {
     /// # Errors
     /// A missing file, a file of another format, or one without positions; the message names the line.
     pub fn read(path: &Path) -> Result<Self> {
-        let positions = if extension(path) == "xml" {
-            read_xml(path)?
-        } else {
-            read_columns(path, AXES)?.into_iter().map(DVec3::from_array).collect()
-        };
+        Self::read_within(path, None)
+    }
+
+    /// [`MicArray::read`] of positions that take at most `memory` bytes.
+    ///
+    /// # Errors
+    /// As [`MicArray::read`]; more positions than fit.
+    pub fn read_within(path: &Path, memory: Option<u64>) -> Result<Self> {
+        let positions =
+            if extension(path) == "xml" { read_xml(path, memory)? } else { read_csv(path, memory)? };
         Self::from_positions(positions).map_err(|error| error.at(path.display()))
     }
 }
 
-fn read_xml(path: &Path) -> Result<Vec<DVec3>> {
+fn read_csv(path: &Path, memory: Option<u64>) -> Result<Vec<DVec3>> {
+    let table = Table::open(path, AXES)?;
+    let rows = table.fitting_rows(size_of::<DVec3>() as u64, memory)?;
+    let mut positions = try_with_capacity(rows).ok_or_else(|| {
+        Error::out_of_memory(format!("{}: {rows} positions do not fit in memory; give fewer", path.display()))
+    })?;
+    table.read(|position| positions.push(DVec3::from_array(position)))?;
+    Ok(positions)
+}
+
+fn read_xml(path: &Path, memory: Option<u64>) -> Result<Vec<DVec3>> {
     let reading = |error| Error::reading(path, error);
     let mut bytes = Vec::new();
-    File::open(path).map_err(reading)?.take(LARGEST + 1).read_to_end(&mut bytes).map_err(reading)?;
+    let file = File::open(path).map_err(reading)?;
+    // The text, and the positions, of which each takes more bytes as text.
+    let length = file.metadata().map_err(reading)?.len().min(LARGEST);
+    if let Some(most) = memory.filter(|most| 2 * length > *most) {
+        let problem = format!(
+            "takes {} of memory to read, and {} may be used here (--memory sets another limit); give fewer microphones, or \
+             a CSV",
+            gib(2 * length),
+            gib(most)
+        );
+        return Err(Error::input(path.display(), problem));
+    }
+    file.take(LARGEST + 1).read_to_end(&mut bytes).map_err(reading)?;
     if bytes.len() as u64 > LARGEST {
         return Err(Error::input(
             path.display(),

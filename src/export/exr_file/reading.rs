@@ -66,7 +66,10 @@ pub(in crate::export) fn read_parts(
         || ex::MetaData::read_from_buffered(file, false)
     })?;
     if let Some(header) = meta.headers.iter().find(|header| header.channels.list.len() > MOST_CHANNELS) {
-        let problem = format!("has a part of {} channels; expected {MOST_CHANNELS} at most", header.channels.list.len());
+        let problem = format!(
+            "has a part of {} channels; expected {MOST_CHANNELS} at most",
+            header.channels.list.len()
+        );
         return Err(Error::input(path.display(), problem));
     }
     // The pixels come first: the number of chunks is computed without overflow only for images that fit in memory.
@@ -265,7 +268,9 @@ fn check_dwa_chunk(header: &Header, chunk: &Chunk) -> ex::Result<()> {
     if possible {
         return Ok(());
     }
-    Err(ex::Error::Invalid("a chunk of DWA compression declares more than its pixels; save it with ZIP".into()))
+    Err(ex::Error::Invalid(
+        "a chunk of DWA compression declares more than its pixels; save it with ZIP".into(),
+    ))
 }
 
 #[cfg(test)]
