@@ -245,6 +245,7 @@ impl CubeSource for CubeFile {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+    use crate::named::assert_names;
 
     /// 10 frequencies at 6 microphones.
     fn cube() -> DataCube {
@@ -279,7 +280,11 @@ mod tests {
             assert_eq!(collect(&mut file, block.min(5)), cube.samples);
             assert_eq!(collect(&mut &cube, block), cube.samples);
         }
-        assert!(CubeFile::open(&path, 200).unwrap().load().is_err(), "the whole cube exceeds the limit");
+        assert!(CubeFile::open(&path, 300).unwrap().load().is_err(), "the whole cube exceeds the limit");
+        // As numbers and as points, the positions take 288 bytes.
+        let refused = CubeFile::open(&path, 287).unwrap_err();
+        assert_eq!(refused.exit_status(), 2);
+        assert_names(refused.to_string(), &["cube.npz", "`mic_positions`", "--memory"]);
     }
 
     #[test]

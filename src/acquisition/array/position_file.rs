@@ -212,6 +212,21 @@ mod tests {
     }
 
     #[test]
+    fn files_are_held_to_the_memory_there_is() {
+        let folder = tempfile::tempdir().unwrap();
+        let [csv, xml] = ["a.csv", "a.xml"].map(|name| folder.path().join(name));
+        std::fs::write(&csv, format!("x,y,z\n{}", "0,0,0\n".repeat(1000))).unwrap();
+        std::fs::write(&xml, ACOULAR).unwrap();
+        // A header and a row take as many bytes: the file may have 1001 rows.
+        for (path, enough) in [(&csv, 1001 * 24), (&xml, 2 * ACOULAR.len() as u64)] {
+            assert!(MicArray::read_within(path, Some(enough)).is_ok());
+            let refused = MicArray::read_within(path, Some(enough - 1)).unwrap_err();
+            assert_eq!(refused.exit_status(), 2);
+            assert!(refused.to_string().contains("--memory"), "{refused}");
+        }
+    }
+
+    #[test]
     fn time_grows_no_faster_than_the_file() {
         let names: Vec<_> = (0..100_000).map(|i| format!(" a{i}='' xmlns:b{i}='c{i}'")).collect();
         let names = names.concat();
