@@ -91,7 +91,7 @@ impl Instrument {
     /// it.
     pub(crate) fn check_with(&self, place: &str, (low, high): (DVec3, DVec3)) -> Result<()> {
         self.check()?;
-        if !(low.abs().max(high.abs()).max_element() <= FARTHEST) || low.is_nan() || high.is_nan() {
+        if low.is_nan() || high.is_nan() || low.abs().max(high.abs()).max_element() > FARTHEST {
             let problem = format!("{low} to {high} m reaches beyond {FARTHEST:e} m; lengths are in metres");
             return Err(Error::input(place, problem));
         }
