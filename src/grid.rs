@@ -151,6 +151,22 @@ pub(crate) fn no_room_for(grid: &Grid) -> Error {
     ))
 }
 
+/// Rejects planes, from depth `first` on, with a voxel whose power is not finite in single precision: no depth could be
+/// located in them.
+pub(crate) fn check_voxels(place: &str, grid: &Grid, first: usize, planes: &[Complex32]) -> Result<()> {
+    let Some(bad) = planes.iter().position(|voxel| !voxel.norm_sqr().is_finite()) else { return Ok(()) };
+    let (row, x) = (bad / grid.x.count, bad % grid.x.count);
+    let (z, y) = (first + row / grid.y.count, row % grid.y.count);
+    Err(Error::input(
+        place,
+        format!(
+            "the voxel [{z}, {y}, {x}] is {}, beyond single precision, in which its power is computed; amplitudes of the \
+             order of 1 are usual: divide the samples by their largest",
+            planes[bad]
+        ),
+    ))
+}
+
 /// The same value for every pixel, or an error when the map does not fit in memory.
 pub(crate) fn pixel_values<T: Clone>(value: T, pixels: usize) -> Result<Vec<T>> {
     try_filled(value, pixels as u64).ok_or_else(|| {
@@ -244,6 +260,19 @@ impl DepthMap {
         let Raster { view, x, y } = raster;
         let (confidence, returns, materials) = Default::default();
         Self { view, x, y, picked, confidence, returns, materials }
+    }
+
+    /// Rejects a map with a return at no finite depth or of no finite strength, which only a mistake of ours can cause.
+    pub(crate) fn check(&self) -> Result<()> {
+        let finite = |layer: &DepthLayer| {
+            let mut returns = layer.depth.iter().zip(&layer.strength);
+            returns.all(|(z, strength)| z.is_nan() || (z.is_finite() && strength.is_finite()))
+        };
+        if finite(&self.picked) && self.returns.iter().all(finite) {
+            return Ok(());
+        }
+        let problem = "has a return that is not finite and is not written; please report this as a bug";
+        Err(Error::input("depth map", problem))
     }
 
     /// `[n_y, n_x]`.

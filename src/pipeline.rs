@@ -46,7 +46,7 @@ use crate::depth::locate_depth_with;
 use crate::error::{Error, Result};
 use crate::export::volume_npz::read_volume_npz;
 use crate::files::extension;
-use crate::grid::{DepthMap, Grid, Raster, Volume};
+use crate::grid::{DepthMap, Grid, Raster, Volume, check_voxels};
 use crate::metrics::{Metrics, Scores, score};
 use crate::plan::{JobArrays, Plan, memory_limit, plan};
 use crate::progress::{Observer, stage};
@@ -164,7 +164,7 @@ pub fn image_cube(run: &RunFile, mut cube: CubeFile, job: &JobOptions) -> Result
     let plan = plan(&instrument, &grid);
     warn_all(&plan.warnings, &log);
     let budget = MemoryBudget::of(run);
-    let samples = JobArrays { samples: cube.held_bytes(), ..JobArrays::default() };
+    let samples = JobArrays::measured(&instrument, cube.held_bytes());
     let arrays = budget.imaging(&instrument, &grid, samples);
     budget.check(&instrument, &grid, &arrays, &log)?;
     let raster = run.raster(None)?;
@@ -224,7 +224,7 @@ pub fn reconstruct_cube(
     warn_all(&plan.warnings, observer);
     outputs::announce_further(outputs, &grid)?;
     let whole = outputs.iter().any(|path| outputs::needs_all(path));
-    let samples = JobArrays { samples: cube.held_bytes(), ..JobArrays::default() };
+    let samples = JobArrays::measured(&instrument, cube.held_bytes());
     let budget = MemoryBudget::of(run);
     let arrays = budget.reconstructing(outputs.iter().map(PathBuf::as_path), &grid, whole, samples);
     budget.check(&instrument, &grid, &arrays, observer)?;
@@ -259,9 +259,11 @@ pub fn depth_of_volume(
              with -c",
         )
     })?;
+    check_voxels(&path.display().to_string(), &volume.grid, 0, &volume.samples)?;
     let mut options = run.depth_options(resolution);
     options.raster = run.raster(None)?;
-    Ok((locate_depth_with(&volume, &options, observer)?, meta))
+    let depth = locate_depth_with(&volume, &options, observer)?;
+    depth.check().map(|()| (depth, meta))
 }
 
 /// Traces the ground truth of a run file's scene; returns its metadata and the depth map. Nothing is simulated.
@@ -349,6 +351,7 @@ fn reconstruct_and_locate(
     let mut search = budget.run.depth_options(resolution);
     search.raster = raster;
     let depth = log.timed("depth", || locate_depth_with(&image.volume, &search, log))?;
+    depth.check()?;
     log.note(&format!("a return at {} of {} pixels", depth.accepted(), depth.len()));
     if depth.accepted() == 0 {
         log.warn(

@@ -24,7 +24,7 @@ mod volume;
 mod window;
 
 pub use options::{Method, ReconstructOptions};
-pub use plan::{Estimate, Estimates, direct_terms, estimate};
+pub use plan::{Estimate, Estimates, LEAST_TOLERANCE, direct_terms, estimate};
 pub use volume::{ReconstructionInfo, VolumeSink};
 pub use window::Window;
 
@@ -35,7 +35,7 @@ use crate::progress::{Observer, Silent};
 use error_budget::ErrorBudget;
 use job::Job;
 use plan::{Candidates, MethodPlan};
-use volume::{Compensated, Gain};
+use volume::{Checked, Compensated, Gain};
 use window::Weights;
 
 /// A volume and how it was computed.
@@ -95,7 +95,8 @@ pub fn reconstruct_with(
 ///
 /// # Errors
 /// `convolution` selected where it is not possible, `backprojection` without a tolerance, or `auto` with neither and
-/// over 10¹¹ direct terms; a grid with voxels behind the array; a tolerance that is not in 0..1; [`Error::OutOfMemory`]
+/// over 10¹¹ direct terms; a grid with voxels behind the array or beyond 10⁹ m; a tolerance that is not 0 or in 10⁻⁹..1;
+/// samples so large that a voxel's power is not finite in single precision; [`Error::OutOfMemory`]
 /// when what it needs does not fit in memory; [`Error::Interrupted`]; those of source and sink.
 pub fn reconstruct_into(
     source: &mut dyn CubeSource,
@@ -125,6 +126,7 @@ fn in_pool(
     }
     let weights = Weights::new(instrument, options.window);
     let gain = options.compensate.then(|| Gain::new(instrument, grid));
+    let sink: &mut dyn VolumeSink = &mut Checked { grid: *grid, sink };
     let mut compensated;
     let sink: &mut dyn VolumeSink = match gain {
         Some(gain) => {

@@ -36,9 +36,10 @@ use crate::alloc::{try_filled, try_with_capacity};
 use crate::choice::choice;
 use crate::error::{Error, Result};
 use crate::progress::{Observer, Silent, advance, stage};
-use crate::scene::Scene;
+use crate::scene::{FARTHEST, Scene};
 use crate::wave::{bounding_box, phasor};
 use crate::with_fields::with_fields;
+use csv::LARGEST;
 use glam::DVec3;
 use num_complex::Complex32;
 use rand_chacha::ChaCha8Rng;
@@ -57,15 +58,21 @@ impl Reflectors {
     /// Reflectors of given positions and amplitudes.
     ///
     /// # Errors
-    /// Positions or amplitudes that are not finite.
+    /// Positions (m) or amplitudes that are not finite or beyond 10⁹.
     ///
     /// # Panics
     /// When there are not as many amplitudes as positions.
     pub fn new(positions: Vec<DVec3>, amplitudes: Vec<Complex32>) -> Result<Self> {
         assert_eq!(positions.len(), amplitudes.len(), "one amplitude per position");
-        let finite = |(p, a): (&DVec3, &Complex32)| p.is_finite() && a.is_finite();
-        if let Some(bad) = positions.iter().zip(&amplitudes).position(|pair| !finite(pair)) {
-            let problem = "its position and amplitude must be finite numbers";
+        let valid = |(p, a): (&DVec3, &Complex32)| {
+            p.abs().max_element() <= FARTHEST && !p.is_nan() && f64::from(a.norm()) <= LARGEST
+        };
+        if let Some(bad) = positions.iter().zip(&amplitudes).position(|pair| !valid(pair)) {
+            let problem = format!(
+                "is at {} m with amplitude {}; finite numbers were expected, positions up to {FARTHEST:e} m and amplitudes \
+                 up to {LARGEST:e} (1 reflects all)",
+                positions[bad], amplitudes[bad]
+            );
             return Err(Error::input(format!("reflector {bad}"), problem));
         }
         Ok(Self { positions, amplitudes })

@@ -19,6 +19,18 @@ use num_complex::Complex32;
 /// Speed of sound in air at room temperature, m/s, as in the paper.
 pub const DEFAULT_SOUND_SPEED: f64 = 343.0;
 
+/// Speeds of sound that are accepted, m/s. Slower waves turn too often along any path for a phase in double precision, and
+/// nothing is faster; air has 343, steel 5900.
+pub const SOUND_SPEEDS: [f64; 2] = [0.01, 1e9];
+
+/// The most wavelengths of a path: the phase of longer ones errs by more than 10⁻⁴ in double precision.
+pub(crate) const MOST_WAVELENGTHS: f64 = 1e11;
+
+/// Whether a speed of sound is one.
+pub(crate) fn is_sound_speed(c: f64) -> bool {
+    (SOUND_SPEEDS[0]..=SOUND_SPEEDS[1]).contains(&c)
+}
+
 /// Spherical spreading is limited to its value at this distance from a speaker or microphone, m.
 pub(crate) const NEAREST_LEG: f64 = 0.01;
 

@@ -4,6 +4,7 @@ mod position_file;
 mod scattered;
 mod tiles;
 
+pub(crate) use scattered::RANDOM_BYTES;
 pub(crate) use tiles::{Tile, tiles};
 
 use crate::error::{Error, Result};

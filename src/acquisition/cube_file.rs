@@ -3,9 +3,10 @@
 use super::cube::{FORMAT, VERSION, check_finite};
 use super::source::{CubeSource, Visit};
 use super::{DataCube, Detection, Instrument, MicArray, Sweep};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, gib};
 use crate::files::npz::NpzReader;
-use crate::wave::{DEFAULT_SOUND_SPEED, Geometry, GeometryKind};
+use crate::scene::FARTHEST;
+use crate::wave::{DEFAULT_SOUND_SPEED, Geometry, GeometryKind, SOUND_SPEEDS, is_sound_speed};
 use glam::DVec3;
 use num_complex::Complex32;
 use serde::Deserialize;
@@ -61,15 +62,16 @@ impl Meta {
         if self.version != VERSION {
             return refuse(format!("`version` is {}; this program reads version {VERSION}", self.version));
         }
-        if !(self.sound_speed.is_finite() && self.sound_speed > 0.0) {
-            return refuse(format!("`sound_speed` must be positive, in m/s, not {}", self.sound_speed));
+        if !is_sound_speed(self.sound_speed) {
+            let ([least, most], found) = (SOUND_SPEEDS, self.sound_speed);
+            return refuse(format!("`sound_speed` must be from {least} to {most:e} m/s, not {found}"));
         }
         if self.phase_sign.abs() != 1 {
             return refuse(format!("`phase_sign` must be 1 or -1, not {}", self.phase_sign));
         }
         let source = DVec3::from_array(self.source);
-        if !source.is_finite() {
-            return refuse("`source` must be three finite numbers, in m".to_owned());
+        if source.is_nan() || source.abs().max_element() > FARTHEST {
+            return refuse(format!("`source` must be three numbers within {FARTHEST:e}, in m, not {source}"));
         }
         let kind: GeometryKind =
             self.geometry.parse().map_err(|error: Error| error.at(format!("{place}, `geometry`")))?;
@@ -91,7 +93,19 @@ fn refused<T>(path: &Path, array: &str, problem: impl Into<String>) -> Result<T>
 }
 
 /// The microphones of `mic_positions`, and their shape.
-fn microphones(path: &Path, npz: &mut NpzReader) -> Result<(MicArray, Vec<usize>)> {
+fn microphones(path: &Path, npz: &mut NpzReader, limit: u64) -> Result<(MicArray, Vec<usize>)> {
+    // A few bytes may declare any number of zeros; they are in memory as numbers and as points.
+    let numbers =
+        npz.shape("mic_positions")?.iter().fold(1_u64, |product, n| product.saturating_mul(*n as u64));
+    let bytes = numbers.saturating_mul(2 * size_of::<f64>() as u64);
+    if bytes > limit {
+        let problem = format!(
+            "takes {} of memory to read, and {} may be used here (--memory sets another limit)",
+            gib(bytes),
+            gib(limit)
+        );
+        return refused(path, "mic_positions", problem);
+    }
     let positions = npz.f64("mic_positions")?;
     let points = positions.data.chunks_exact(3).map(DVec3::from_slice).collect();
     let array = match *positions.shape {
@@ -154,7 +168,7 @@ impl CubeFile {
         }
         let sweep = Sweep::from_frequencies(frequencies.data)
             .map_err(|error| error.at(place(path, "frequencies")))?;
-        let (array, axes) = microphones(path, &mut npz)?;
+        let (array, axes) = microphones(path, &mut npz, limit)?;
         let detection = detection_of(path, meta.detection, npz.dtype_is_complex("samples")?)?;
         let shape = npz.shape("samples")?;
         let expected: Vec<usize> = std::iter::once(sweep.len()).chain(axes).collect();
@@ -231,6 +245,7 @@ impl CubeSource for CubeFile {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+    use crate::named::assert_names;
 
     /// 10 frequencies at 6 microphones.
     fn cube() -> DataCube {
@@ -265,7 +280,11 @@ mod tests {
             assert_eq!(collect(&mut file, block.min(5)), cube.samples);
             assert_eq!(collect(&mut &cube, block), cube.samples);
         }
-        assert!(CubeFile::open(&path, 200).unwrap().load().is_err(), "the whole cube exceeds the limit");
+        assert!(CubeFile::open(&path, 300).unwrap().load().is_err(), "the whole cube exceeds the limit");
+        // As numbers and as points, the positions take 288 bytes.
+        let refused = CubeFile::open(&path, 287).unwrap_err();
+        assert_eq!(refused.exit_status(), 2);
+        assert_names(refused.to_string(), &["cube.npz", "`mic_positions`", "--memory"]);
     }
 
     #[test]

@@ -3,9 +3,11 @@
 use super::{Detection, MicArray, Sweep};
 use crate::error::{Error, Result};
 use crate::grid::Grid;
+use crate::scene::FARTHEST;
 use crate::wave::interval::PathInterval;
-use crate::wave::{DEFAULT_SOUND_SPEED, Geometry};
+use crate::wave::{DEFAULT_SOUND_SPEED, Geometry, MOST_WAVELENGTHS, SOUND_SPEEDS, is_sound_speed};
 use crate::with_fields::with_fields;
+use glam::DVec3;
 use std::ops::Range;
 
 /// How a measurement is made: frequencies, microphones, loudspeaker, detection and the speed of sound.
@@ -43,7 +45,7 @@ pub struct Instrument {
     pub geometry: Geometry,
     /// Quadrature or in-phase.
     pub detection: Detection,
-    /// c, m/s; positive.
+    /// c, m/s; within [`SOUND_SPEEDS`].
     pub sound_speed: f64,
 }
 
@@ -73,15 +75,39 @@ impl Instrument {
     pub(crate) fn check(&self) -> Result<()> {
         let c = self.sound_speed;
         let problem = match self.geometry {
-            _ if !(c.is_finite() && c > 0.0) => {
-                format!("the speed of sound must be positive, in m/s, not {c}")
+            _ if !is_sound_speed(c) => {
+                let [least, most] = SOUND_SPEEDS;
+                format!("the speed of sound must be from {least} to {most:e} m/s, not {c}")
             }
-            Geometry::FixedSource { source } if !source.is_finite() => {
-                format!("the loudspeaker's position must be three finite numbers of metres, not {source}")
+            Geometry::FixedSource { source } if source.is_nan() || source.abs().max_element() > FARTHEST => {
+                format!("the loudspeaker must be within {FARTHEST:e} m along each axis, not at {source} m")
             }
             _ => return Ok(()),
         };
         Err(Error::input("instrument", problem))
+    }
+
+    /// Rejects what [`Instrument::check`] does, and a box of voxels or reflectors, m, that is too far away; `place` names
+    /// it.
+    pub(crate) fn check_with(&self, place: &str, (low, high): (DVec3, DVec3)) -> Result<()> {
+        self.check()?;
+        if low.is_nan() || high.is_nan() || low.abs().max(high.abs()).max_element() > FARTHEST {
+            let problem = format!("{low} to {high} m reaches beyond {FARTHEST:e} m; lengths are in metres");
+            return Err(Error::input(place, problem));
+        }
+        let [_, longest] = self.geometry.path_bounds((low, high), self.array.bounds());
+        let wavelengths = longest / self.shortest_wavelength();
+        if wavelengths <= MOST_WAVELENGTHS {
+            return Ok(());
+        }
+        Err(Error::input(
+            place,
+            format!(
+                "paths of {longest:.3e} m are {wavelengths:.1e} of the shortest wavelengths, {:.1e} m; up to \
+                 {MOST_WAVELENGTHS:.0e} have an accurate phase: check the unit, the frequencies and the speed of sound",
+                self.shortest_wavelength()
+            ),
+        ))
     }
 
     /// Wavelength at the centre of the band λ_c, m.
@@ -127,7 +153,29 @@ impl Instrument {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::DVec3;
+    use crate::named::assert_names;
+
+    #[test]
+    fn positions_speeds_and_phases_have_bounds() {
+        let array = MicArray::rectangular([3, 2], [0.02; 2], DVec3::ZERO).expect("valid");
+        let good = Instrument::new(Sweep::stepped(10e3, 10.4e3, 100.0).expect("valid"), array);
+        let room = (DVec3::new(-1.0, -1.0, 0.5), DVec3::splat(2.0));
+        good.check_with("grid", room).expect("usual");
+        for c in [5e-324, 1e-9, 0.0, -1.0, f64::NAN, 1e300] {
+            let refused = good.clone().with_sound_speed(c).check_with("grid", room).expect_err("absurd");
+            assert_names(refused.to_string(), &["speed of sound", "0.01"]);
+        }
+        for x in [1e15, f64::NAN, f64::NEG_INFINITY] {
+            let source = Geometry::FixedSource { source: DVec3::new(x, 0.0, 0.0) };
+            let refused = good.clone().with_geometry(source).check().expect_err("absurd");
+            assert_names(refused.to_string(), &["loudspeaker", "1e9 m"]);
+        }
+        let far = |x: f64| good.check_with("grid", (DVec3::ZERO, DVec3::new(x, 0.0, 1.0)));
+        assert_names(far(1.1e9).expect_err("far").to_string(), &["grid", "1e9 m"]);
+        assert!(far(f64::NAN).is_err() && far(1e9).is_ok());
+        let high = good.clone().with_sweep(Sweep::from_frequencies(vec![1e15]).expect("one"));
+        assert_names(high.check_with("grid", room).expect_err("short").to_string(), &["1e11", "wavelengths"]);
+    }
 
     #[test]
     fn clones_share_their_lists() {

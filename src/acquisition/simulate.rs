@@ -46,6 +46,7 @@ use glam::DVec3;
 use literal::literal;
 use noise::add_noise;
 use num_complex::Complex32;
+use rayon::prelude::*;
 use terms::{LossModel, LossTerms};
 use virtual_tones::EquispacedTones;
 
@@ -144,7 +145,8 @@ impl PropagationModel {
 ///
 /// # Errors
 /// [`Error::OutOfMemory`] if the cube does not fit in memory; [`Error::InvalidInput`] for a tolerance that is not a finite
-/// number of 0 or more, or a speed of sound that is not positive.
+/// number of 0 or more, a speed of sound outside [`SOUND_SPEEDS`](crate::wave::SOUND_SPEEDS), a loudspeaker beyond
+/// [`FARTHEST`](crate::scene::FARTHEST), paths of more than 10¹¹ wavelengths, or samples beyond single precision.
 pub fn simulate(
     reflectors: &Reflectors,
     instrument: &Instrument,
@@ -183,7 +185,10 @@ pub(crate) fn simulate_resumable(
             "must be a finite number of 0 or more; 0 sums every term",
         ));
     }
-    instrument.check()?;
+    match reflectors.bounds() {
+        Some(bounds) => instrument.check_with("reflectors", bounds)?,
+        None => instrument.check()?,
+    }
     let (n_f, n_mic) = (instrument.sweep.len(), instrument.array.len());
     let mut samples = DataCube::allocate(n_f, n_mic)?;
     let (real, responses) = match options.errors {
@@ -202,6 +207,11 @@ pub(crate) fn simulate_resumable(
     })?;
     if let Some(noise) = options.noise {
         add_noise(&mut samples, n_mic, noise, instrument.detection)?;
+    }
+    if !samples.par_iter().all(|m| m.norm_sqr().is_finite()) {
+        let problem =
+            "come out beyond single precision; use smaller amplitudes, or less noise ([detection] snr_db)";
+        return Err(Error::input("simulated samples", problem));
     }
     Ok(DataCube { instrument: instrument.clone(), samples, provenance: serde_json::Value::Null })
 }

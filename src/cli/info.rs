@@ -28,7 +28,7 @@ pub(super) fn of(file: &Path, overrides: &Overrides, limit: u64, observer: &dyn 
         "toml" => Ok(json!({ "kind": "run file", "resolved": run_of(file, overrides)?.0.to_json() })),
         mesh if EXTENSIONS.contains(&mesh) => self::mesh(file, overrides, observer),
         "csv" => {
-            let reflectors = crate::reflectors::Reflectors::read_csv(file)?;
+            let reflectors = crate::reflectors::Reflectors::read_csv_within(file, Some(limit))?;
             let bounds = reflectors.bounds();
             Ok(json!({
                 "kind": "reflectors",

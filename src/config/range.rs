@@ -2,6 +2,7 @@
 
 use super::InputFile;
 use super::reader::Fault;
+use crate::reconstruct::LEAST_TOLERANCE;
 
 /// Nothing, or the first fault.
 pub(super) type Check = Result<(), Fault>;
@@ -34,6 +35,12 @@ pub(super) fn within(path: &str, value: f64, min: f64, max: f64, what: &str) -> 
 /// The value is `valid`, which `what` puts in words.
 pub(super) fn expect(path: &str, value: f64, valid: bool, what: &str) -> Check {
     ensure(valid, || Fault::new(path, format!("found {value:?}; expected {what}")))
+}
+
+/// The value is 0, for an exact result, or a relative error from [`LEAST_TOLERANCE`] to 0.5.
+pub(super) fn tolerance(path: &str, value: f64) -> Check {
+    let valid = value == 0.0 || (LEAST_TOLERANCE..=0.5).contains(&value);
+    expect(path, value, valid, "a relative error from 1e-9 to 0.5, or 0 for the exact sum")
 }
 
 /// Counts along axes: at least one each, and a product of at most `max`.

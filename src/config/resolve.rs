@@ -2,9 +2,11 @@
 
 use super::check::square_root;
 use super::{ArrayLayout, RunFile, Shading, SurfaceKind};
-use crate::acquisition::{ArrayErrors, Instrument, Losses, MicArray, Noise, SimulateOptions, Sweep};
+use crate::acquisition::{
+    ArrayErrors, Instrument, Losses, MicArray, Noise, RANDOM_BYTES, SimulateOptions, Sweep,
+};
 use crate::depth::DepthOptions;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, gib};
 use crate::grid::{Axis, Grid, Raster, View};
 use crate::plan::memory_limit;
 use crate::reconstruct::ReconstructOptions;
@@ -41,7 +43,7 @@ impl RunFile {
         let array = &self.array;
         let centre = DVec3::from_array(array.centre);
         if let (ArrayLayout::File, Some(file)) = (array.layout, &array.file) {
-            return MicArray::read(&file.path);
+            return MicArray::read_within(&file.path, memory_limit(self.memory));
         }
         // Every layout has the same number of microphones over the same extent.
         let sides = match (array.count, array.elements) {
@@ -54,6 +56,16 @@ impl RunFile {
             (Some(extent), _) => extent[axis],
             (None, pitch) => pitch.map_or(f64::NAN, |pitch| pitch[axis]) * (sides[axis] - 1.0),
         });
+        let each = if array.layout == ArrayLayout::Random { RANDOM_BYTES } else { size_of::<DVec3>() as u64 };
+        let bytes = each.saturating_mul(elements as u64);
+        if let Some(most) = memory_limit(self.memory).filter(|most| bytes > *most) {
+            let problem = format!(
+                "{elements} microphones take {} of memory, and {} may be used here (--memory sets another limit); give fewer",
+                gib(bytes),
+                gib(most)
+            );
+            return Err(Error::input("[array]", problem));
+        }
         let microphones = match array.layout {
             ArrayLayout::Spiral => MicArray::spiral(elements, extent, centre),
             ArrayLayout::Random => {

@@ -10,6 +10,7 @@ use super::exr_file::{
 use super::{Attribute, Attributes, Encoding, Fill, find_attribute};
 use crate::error::{Error, Result};
 use crate::grid::{Axis, DepthLayer, DepthMap, Raster, View};
+use exr::meta::header::Header;
 use exr::prelude::Vec2;
 use std::path::Path;
 
@@ -144,7 +145,7 @@ fn masked(values: &[f32], depth: &[f32], nothing: f32) -> Vec<f32> {
     values.iter().zip(depth).map(|(&value, z)| if z.is_finite() { value } else { nothing }).collect()
 }
 
-/// Reads a depth map whose pixels take at most `limit_bytes`.
+/// Reads a depth map, where that takes at most `limit_bytes`.
 ///
 /// A file of this program is read as it was written, amplitudes to one part in 10⁷. In a file of another program, `Z` is
 /// that of the first part that has one (or the only channel that ends in `.Z`), and the amplitude is `R` or `Y` of the
@@ -152,14 +153,12 @@ fn masked(values: &[f32], depth: &[f32], nothing: f32) -> Vec<f32> {
 /// is no return.
 ///
 /// # Errors
-/// A missing or damaged file, no channel `Z`, more pixels than the limit allows.
+/// A missing or damaged file, no channel `Z`, one that takes more memory than the limit.
 pub fn read_depth_map(path: &Path, limit_bytes: u64) -> Result<DepthFile> {
-    let image = read_parts(path, limit_bytes)?;
+    let image = read_parts(path, limit_bytes, |headers| headers.iter().map(bytes_of).max().unwrap_or(0))?;
     let (part, prefix) = find_depth(path, &image.layer_data)?;
     let attributes = attributes_of(&part.attributes);
     let pixels = part.size.0 * part.size.1;
-    // Each channel as it was read, and as it is returned.
-    expect_room(2 * part.channel_data.list.len(), [part.size.0, part.size.1])?;
     // Subsampled channels have fewer samples and are ignored.
     let channel = |name: &str| {
         let channel = channel_of(part, name)?;
@@ -246,6 +245,15 @@ pub fn read_depth_map(path: &Path, limit_bytes: u64) -> Result<DepthFile> {
     };
     let map = DepthMap { confidence, returns, materials, ..DepthMap::new(raster, picked) };
     Ok(DepthFile { map, attributes, axes_known: axes.is_some() })
+}
+
+/// Bytes of the map that is made of a part: every channel in 32 bits, strengths of returns without any, and what is computed
+/// on the way.
+fn bytes_of(header: &Header) -> u128 {
+    let depths =
+        header.channels.list.iter().filter(|channel| channel.name.to_string().ends_with('Z')).count();
+    let pixels = header.layer_size.0 as u128 * header.layer_size.1 as u128;
+    pixels.saturating_mul(4 * (header.channels.list.len() + depths + 6) as u128)
 }
 
 /// The axes' first positions and pitches from this program's attributes, if all of them are valid.

@@ -1,9 +1,13 @@
 //! The common part of all `OpenEXR` files: attributes, encoding, and bit-identical files for the same input.
 
+mod reading;
+
+pub(super) use reading::read_parts;
+
 use super::{Attribute, Attributes, Compression, Encoding};
 use crate::alloc::try_with_capacity;
-use crate::error::{self, Error, Result};
-use crate::files::{open_input, write_atomically};
+use crate::error::{Error, Result};
+use crate::files::write_atomically;
 use exr::meta::attribute::{AttributeValue, Text};
 use exr::prelude as ex;
 use exr::prelude::traits::*;
@@ -215,65 +219,6 @@ fn next_attribute(input: &mut impl BufRead) -> io::Result<Option<Vec<u8>>> {
     bytes.resize(start + u32::from_le_bytes(size) as usize, 0);
     input.read_exact(&mut bytes[start..])?;
     Ok(Some(bytes))
-}
-
-/// Reads every flat part of a file whose pixels take at most `limit_bytes`.
-///
-/// # Errors
-/// A missing or damaged file, deep data, or more pixels than the limit allows.
-pub(super) fn read_parts(path: &Path, limit_bytes: u64) -> Result<ExrParts> {
-    let open = || open_input(path);
-    let meta = guarded(path, {
-        let file = BufReader::new(open()?);
-        || ex::MetaData::read_from_buffered(file, false)
-    })?;
-    let bytes = meta.headers.iter().fold(0_u128, |sum, header| {
-        let pixels = header.layer_size.0 as u128 * header.layer_size.1 as u128;
-        // The resolution levels of a tiled part add at most three times its pixels.
-        let levels = if matches!(header.blocks, exr::meta::BlockDescription::Tiles(_)) { 4 } else { 1 };
-        sum + pixels * levels * header.channels.bytes_per_pixel as u128
-    });
-    if bytes > u128::from(limit_bytes) {
-        let problem = format!(
-            "declares {bytes} bytes of pixels, more than the limit of {limit_bytes}; raise the limit"
-        );
-        return Err(Error::input(path.display(), problem));
-    }
-    // Decoding uses only this thread, because a panic on another one could not be caught.
-    guarded(path, {
-        let file = BufReader::new(open()?);
-        || {
-            read()
-                .no_deep_data()
-                .largest_resolution_level()
-                .all_channels()
-                .all_layers()
-                .all_attributes()
-                .non_parallel()
-                .from_buffered(file)
-        }
-    })
-}
-
-/// Runs a reader that may fail or panic on damaged input.
-fn guarded<T>(path: &Path, read: impl FnOnce() -> ex::Result<T>) -> Result<T> {
-    let refused = |problem: &str| {
-        Error::input(
-            path.display(),
-            format!("is not a readable EXR file ({problem}); an OpenEXR file with flat pixels was expected"),
-        )
-    };
-    match error::guarded(read) {
-        Some(Ok(value)) => Ok(value),
-        // A damaged offset leads to the end of the file, or to an invalid position.
-        Some(Err(ex::Error::Io(error)))
-            if !matches!(error.kind(), io::ErrorKind::UnexpectedEof | io::ErrorKind::InvalidInput) =>
-        {
-            Err(Error::reading(path, error))
-        }
-        Some(Err(error)) => Err(refused(&error.to_string())),
-        None => Err(refused("its contents are inconsistent")),
-    }
 }
 
 /// Checks that this many channels of an image fit in memory, before they are allocated one by one.

@@ -12,6 +12,7 @@ use super::{Attribute, Attributes, Components, Encoding};
 use crate::alloc::try_with_capacity;
 use crate::error::{Error, Result};
 use crate::grid::{Grid, Volume, no_room_for, pixel_values};
+use exr::prelude::FlatSamples;
 use std::path::{Path, PathBuf};
 
 /// Maximum number of depths in one file.
@@ -138,7 +139,7 @@ fn grid_attributes(grid: &Grid) -> Attributes {
 /// Reads the amplitude of a volume written by this program from `path` and its further files.
 ///
 /// # Errors
-/// A missing or damaged file, one that is not a volume, more pixels than `limit_bytes` allow.
+/// A missing or damaged file, one that is not a volume, or one that takes more memory than `limit_bytes`.
 pub fn read_volume_exr(path: &Path, limit_bytes: u64) -> Result<Amplitude> {
     let fault = |path: &Path| {
         Error::input(
@@ -146,17 +147,27 @@ pub fn read_volume_exr(path: &Path, limit_bytes: u64) -> Result<Amplitude> {
             "is not a volume of this program: a part `mip` and one part per depth were expected",
         )
     };
-    let mut parts = read_parts(path, limit_bytes)?;
+    let mut parts = read_parts(path, limit_bytes, |_| 0)?;
     let first = parts.layer_data.first().ok_or_else(|| fault(path))?;
     let attributes = attributes_of(&first.attributes);
     let [origin, pitch, shape] =
         ["Origin", "Pitch", "Shape"].map(|what| vector(&attributes, &format!("sonar:grid{what}")));
     let (Some(origin), Some(pitch), Some(shape)) = (origin, pitch, shape) else { return Err(fault(path)) };
     let grid = declared_grid(path, origin, pitch, shape.map(|n| n as usize), 4, limit_bytes)?;
+    // The limit is for the amplitudes and one file's parts together.
+    let left = limit_bytes - 4 * grid.voxel_count();
+    if bytes_of(&parts) > left {
+        let needed = bytes_of(&parts) + 4 * grid.voxel_count();
+        let problem = format!(
+            "takes {needed} bytes of memory to read, more than the limit of {limit_bytes}; raise the limit (--memory)"
+        );
+        return Err(Error::input(path.display(), problem));
+    }
     let mut values = try_with_capacity(grid.voxel_count()).ok_or_else(|| no_room_for(&grid))?;
     for (i, file) in volume_exr_files(path, grid.z.count).iter().enumerate() {
         if i > 0 {
-            parts = read_parts(file, limit_bytes)?;
+            drop(parts);
+            parts = read_parts(file, left, |_| 0)?;
         }
         append_depths(&parts, grid.plane_len(), &mut values).ok_or_else(|| fault(file))?;
     }
@@ -165,6 +176,18 @@ pub fn read_volume_exr(path: &Path, limit_bytes: u64) -> Result<Amplitude> {
     } else {
         Err(fault(path))
     }
+}
+
+/// Bytes of all samples.
+fn bytes_of(parts: &ExrParts) -> u64 {
+    let channels = parts.layer_data.iter().flat_map(|part| &part.channel_data.list);
+    channels
+        .map(|channel| match &channel.sample_data {
+            FlatSamples::F16(samples) => size_of_val(samples.as_slice()) as u64,
+            FlatSamples::F32(samples) => size_of_val(samples.as_slice()) as u64,
+            FlatSamples::U32(samples) => size_of_val(samples.as_slice()) as u64,
+        })
+        .sum()
 }
 
 /// Appends the channel `Y` of every depth in a file; `None` if one has another number of pixels.
@@ -185,7 +208,6 @@ fn append_depths(parts: &ExrParts, pixels: usize, values: &mut Vec<f32>) -> Opti
 mod tests {
     use super::super::volume_file::tests::volume;
     use super::*;
-    use exr::prelude::FlatSamples;
 
     #[test]
     fn every_depth_is_a_part_with_its_depth() {
@@ -197,7 +219,7 @@ mod tests {
             write_volume_exr(&path, &volume, Components::Complex, &attributes, Encoding::default()).unwrap();
         assert_eq!(files, [path.as_path()]);
         let first_bytes = std::fs::read(&path).unwrap();
-        let parts = read_parts(&path, 1 << 20).unwrap().layer_data;
+        let parts = read_parts(&path, 1 << 20, |_| 0).unwrap().layer_data;
         let names: Vec<_> =
             parts.iter().map(|p| p.attributes.layer_name.as_ref().unwrap().to_string()).collect();
         assert_eq!(names, ["mip", "z0000", "z0001", "z0002", "z0003"]);
@@ -227,7 +249,7 @@ mod tests {
         let files =
             write_volume_exr(&path, &volume(514), Components::Amplitude, &[], Encoding::default()).unwrap();
         assert_eq!(files, [path.clone(), folder.path().join("volume.0512.exr")]);
-        let parts = read_parts(&files[1], 1 << 20).unwrap().layer_data;
+        let parts = read_parts(&files[1], 1 << 20, |_| 0).unwrap().layer_data;
         assert_eq!(parts.len(), 3);
         assert_eq!(parts[2].attributes.layer_name.as_ref().unwrap().to_string(), "z0513");
     }

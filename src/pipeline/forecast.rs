@@ -79,7 +79,7 @@ pub fn forecast_scene(run: &RunFile, job: &JobOptions) -> Result<Forecast> {
         forecast(&budget, instrument, &grid, &measurement.imaging(&budget, &grid, &size), mesh)?;
     let simulation = measurement.simulating(run, &grid, &size).peak(0);
     forecast.memory.push(CommandMemory::new("simulate", simulation));
-    forecast.memory.push(reconstruction(&budget, instrument, &grid, JobArrays::default())?);
+    forecast.memory.push(reconstruction(&budget, instrument, &grid, JobArrays::measured(instrument, 0))?);
     forecast.physics = measurement.physics(run);
     let mesh = mesh.then(|| is_in_metres(path));
     forecast.warnings.extend(placement_warnings(instrument, &grid, bounds, mesh));
@@ -94,7 +94,7 @@ pub fn forecast_cube(run: &RunFile, cube: &CubeFile) -> Result<Forecast> {
     let instrument = cube.instrument();
     let grid = run.voxels(instrument, None)?;
     let budget = MemoryBudget::of(run);
-    let samples = JobArrays { samples: cube.held_bytes(), ..JobArrays::default() };
+    let samples = JobArrays::measured(instrument, cube.held_bytes());
     let mut forecast =
         forecast(&budget, instrument, &grid, &budget.imaging(instrument, &grid, samples), false)?;
     forecast.memory.push(reconstruction(&budget, instrument, &grid, samples)?);

@@ -12,7 +12,6 @@ use crate::reconstruct::ReconstructOptions;
 use crate::reflectors::{Reflectors, SurfaceOptions, sampling_bytes};
 use crate::scene::{BYTES_PER_TRIANGLE, Scene};
 use glam::DVec3;
-use num_complex::Complex32;
 use std::path::Path;
 
 /// A run, and the bytes that it may use: determined once, before anything is allocated, since free memory shrinks as a job
@@ -87,6 +86,8 @@ pub(super) struct SceneSize {
     pub(super) bounds: Option<(DVec3, DVec3)>,
     /// Triangles of a mesh; 0 for a list of reflectors.
     triangles: u64,
+    /// Reflectors of a list; 0 for a mesh, which is not sampled yet.
+    count: u64,
     /// Surface area, m²; 0 for a list of reflectors.
     area: f64,
     /// Bytes in memory.
@@ -96,19 +97,20 @@ pub(super) struct SceneSize {
 impl SceneSize {
     pub(super) fn of_mesh(scene: &Scene) -> Self {
         let (triangles, bytes) = (scene.triangles().len() as u64, scene.memory_bytes());
-        Self { bounds: scene.bounds(), triangles, area: scene.surface_area(), bytes }
+        Self { bounds: scene.bounds(), triangles, area: scene.surface_area(), bytes, count: 0 }
     }
 
     pub(super) fn of_list(reflectors: &Reflectors) -> Self {
-        let bytes = (reflectors.len() * (size_of::<DVec3>() + size_of::<Complex32>())) as u64;
-        Self { bytes, ..Self::within(reflectors.bounds()) }
+        let count = reflectors.len() as u64;
+        let bytes = count.saturating_mul(Reflectors::BYTES_EACH);
+        Self { bytes, count, ..Self::within(reflectors.bounds()) }
     }
 
     /// The size of the run file's scene, which is read only for its size.
     pub(super) fn of(run: &RunFile, bare: bool, observer: &dyn Observer) -> Result<Self> {
         let path = scene_path(run)?;
         if is_csv(path) {
-            return Ok(Self::of_list(&Reflectors::read_csv(path)?));
+            return Ok(Self::of_list(&Reflectors::read_csv_within(path, memory_limit(run.memory))?));
         }
         Ok(Self::of_mesh(&Scene::load_with(path, &run.load_options(bare)?, observer)?))
     }
@@ -129,12 +131,23 @@ impl SceneSize {
         run.surface_options(instrument, nearest)
     }
 
+    /// Reflectors: those of the list, or about as many as the mesh will have.
+    pub(super) fn reflectors(&self, run: &RunFile, instrument: &Instrument, grid: &Grid) -> u64 {
+        if self.triangles == 0 {
+            return self.count;
+        }
+        let spacing = self.surface_options(run, instrument, grid).spacing;
+        (self.area / (spacing * spacing)) as u64
+    }
+
     /// The arrays of reading and sampling the scene.
     pub(super) fn arrays(&self, run: &RunFile, instrument: &Instrument, grid: &Grid) -> JobArrays {
-        let scene = JobArrays { scene: self.bytes, ..JobArrays::default() };
         if self.triangles == 0 {
-            return scene;
+            return JobArrays { scene: self.bytes, ..JobArrays::default() };
         }
+        // Its reflectors stay beside it once they are sampled.
+        let reflectors = self.reflectors(run, instrument, grid).saturating_mul(Reflectors::BYTES_EACH);
+        let scene = JobArrays { scene: self.bytes.saturating_add(reflectors), ..JobArrays::default() };
         let options = self.surface_options(run, instrument, grid);
         let sampling = sampling_bytes(self.triangles, self.area, &options);
         JobArrays { loading: self.triangles.saturating_mul(BYTES_PER_TRIANGLE), sampling, ..scene }

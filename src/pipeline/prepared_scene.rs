@@ -46,8 +46,12 @@ impl Measurement {
     /// The arrays of a job up to the simulated cube.
     fn arrays(&self, run: &RunFile, grid: &Grid, size: &SceneSize) -> JobArrays {
         let threads = rayon::current_num_threads();
-        let simulation = simulation_bytes(&self.instrument, size.bounds, &self.options, threads);
+        let reflectors = size.reflectors(run, &self.instrument, grid);
+        let simulation =
+            simulation_bytes(&self.instrument, (size.bounds, reflectors), &self.options, threads);
+        let microphones = JobArrays::measured(&self.instrument, 0).microphones;
         JobArrays {
+            microphones,
             samples: self.instrument.cube_bytes(),
             simulation,
             ..size.arrays(run, &self.instrument, grid)
@@ -114,7 +118,7 @@ impl PreparedScene {
         };
         let path = scene_path(run)?;
         if is_csv(path) {
-            let reflectors = Reflectors::read_csv(path)?;
+            let reflectors = Reflectors::read_csv_within(path, budget.limit)?;
             let grid = run.voxels(instrument, reflectors.bounds())?;
             let size = SceneSize::of_list(&reflectors);
             fits(&grid, &size)?;

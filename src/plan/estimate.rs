@@ -126,6 +126,8 @@ impl fmt::Display for MemoryEstimate {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[non_exhaustive]
 pub(crate) struct JobArrays {
+    /// The microphones' positions and weights, in every stage; 0 below a MiB, which the program's own bytes cover.
+    pub(crate) microphones: u64,
     /// A scene: its triangles and the tree over them, or its list of reflectors.
     pub(crate) scene: u64,
     /// The same while the tree is built.
@@ -146,10 +148,21 @@ pub(crate) struct JobArrays {
     pub(crate) output: u64,
 }
 
+/// Bytes of a microphone: its position, and weights of a window over the array in both precisions.
+const BYTES_PER_MICROPHONE: u64 = 24 + 12;
+
 impl JobArrays {
+    /// Those of a measurement with this instrument, `samples` bytes of which are in memory.
+    pub(crate) fn measured(instrument: &Instrument, samples: u64) -> Self {
+        let microphones = BYTES_PER_MICROPHONE.saturating_mul(instrument.array.len() as u64);
+        let microphones = if microphones < 1 << 20 { 0 } else { microphones };
+        Self { microphones, samples, ..Self::default() }
+    }
+
     /// The memory of reconstruction, whose method takes `method` bytes.
     fn reconstruction(&self, method: u64) -> MemoryEstimate {
         let arrays = [
+            ("microphones", self.microphones),
             ("scene", self.scene),
             ("samples", self.samples),
             ("volume", self.volume),
@@ -163,13 +176,20 @@ impl JobArrays {
     pub(crate) fn peak(&self, method: u64) -> MemoryEstimate {
         let (scene, samples, volume) =
             (("scene", self.scene), ("samples", self.samples), ("volume", self.volume));
+        let microphones = ("microphones", self.microphones);
         let mut peak = self.reconstruction(method);
         for other in [
-            MemoryEstimate::new(JobStage::Loading, &[("mesh and tree", self.loading)]),
-            MemoryEstimate::new(JobStage::Sampling, &[scene, ("candidates", self.sampling)]),
-            MemoryEstimate::new(JobStage::Simulation, &[scene, samples, ("sums", self.simulation)]),
-            MemoryEstimate::new(JobStage::Depth, &[scene, samples, volume, ("depth", self.depth)]),
-            MemoryEstimate::new(JobStage::Writing, &[volume, ("output", self.output)]),
+            MemoryEstimate::new(JobStage::Loading, &[microphones, ("mesh and tree", self.loading)]),
+            MemoryEstimate::new(JobStage::Sampling, &[microphones, scene, ("candidates", self.sampling)]),
+            MemoryEstimate::new(
+                JobStage::Simulation,
+                &[microphones, scene, samples, ("sums", self.simulation)],
+            ),
+            MemoryEstimate::new(
+                JobStage::Depth,
+                &[microphones, scene, samples, volume, ("depth", self.depth)],
+            ),
+            MemoryEstimate::new(JobStage::Writing, &[microphones, volume, ("output", self.output)]),
         ] {
             if other.total() > peak.total() {
                 peak = other;

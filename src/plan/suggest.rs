@@ -93,7 +93,7 @@ mod tests {
                 let ambiguous = plan.warnings.iter().any(|w| w.contains("unambiguous"));
                 assert!(!ambiguous, "{:?}", plan.warnings);
                 let (samples, volume) = (instrument.cube_bytes(), grid.volume_bytes());
-                let arrays = JobArrays { samples, volume, ..JobArrays::default() };
+                let arrays = JobArrays { volume, ..JobArrays::measured(instrument, samples) };
                 let options = ReconstructOptions::default();
                 let estimate = estimate_job(instrument, &grid, &options, &arrays, 2).expect("ok");
                 assert!(estimate.check_memory(instrument, &grid, &arrays, Some(4 << 30)).is_ok());

@@ -43,6 +43,9 @@ use profile::{Band, Rung, lebesgue};
 use rayon::prelude::*;
 use std::ops::Range;
 
+/// Bytes per microphone of its place in a group, and of the indices from which groups and tiles are cut.
+const GROUP_BYTES: u64 = 64;
+
 /// The most slabs that depths are dealt out to; each has a decomposition of its own.
 const MOST_SLABS: usize = 32;
 
@@ -117,11 +120,29 @@ impl BackprojectionPlan {
             .saturating_add(SlabDriver::bytes(plane, at_once, depths))
             .saturating_add(compression.samples.saturating_mul(2));
         let worker = row.saturating_add(1 << 20);
+        // The last slab's interval is the longest where the voxels are before the array.
+        let skeletons = if self.tiled.is_some() {
+            0
+        } else {
+            let slabs = depths.div_ceil(self.fine.thickness);
+            let last = (slabs - 1) * self.fine.thickness..depths;
+            let first = 0..self.fine.thickness.min(depths);
+            let of_slab = |planes| {
+                compression.skeleton_bytes(&self::interval(instrument, &self.grid, self.fine.shape, planes))
+            };
+            of_slab(last).max(of_slab(first)).saturating_mul(threads.clamp(1, slabs) as u64)
+        };
+        let groups = GROUP_BYTES.saturating_mul(instrument.array.len() as u64);
         Cost {
             operations: operations + compression.operations,
             usual: Batch::of_threads(threads),
             bytes: Box::new(move |batch| {
-                compression.peak.max(focusing.saturating_add(worker.saturating_mul(batch.workers as u64)))
+                let focusing = focusing.saturating_add(worker.saturating_mul(batch.workers as u64));
+                compression
+                    .peak
+                    .max(focusing)
+                    .max(compression.samples.saturating_add(skeletons))
+                    .saturating_add(groups)
             }),
         }
     }

@@ -4,5 +4,5 @@ mod choice;
 mod estimates;
 
 pub(super) use choice::{Candidates, MethodPlan};
-pub use choice::{direct_terms, estimate};
+pub use choice::{LEAST_TOLERANCE, direct_terms, estimate};
 pub use estimates::{Estimate, Estimates};

@@ -2,12 +2,14 @@
 //! after slab, and the sinks that take them.
 
 mod batch;
+mod checked;
 mod compensation;
 mod double_buffer;
 mod sink;
 mod slab_driver;
 
 pub(super) use batch::Batch;
+pub(super) use checked::Checked;
 pub(super) use compensation::{Compensated, Gain};
 #[cfg(test)]
 pub(super) use sink::ResumedVolume;

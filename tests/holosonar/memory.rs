@@ -228,3 +228,95 @@ fn a_mesh_takes_what_is_planned() {
         }
     }
 }
+
+/// A scene of a list of reflectors, a scattered array and a small grid.
+fn write_list_job(folder: &Path, reflectors: usize, microphones: usize) {
+    let lines: String = (0..reflectors)
+        .map(|i| format!("{:.4},{:.4},1.0,1\n", (i % 1000) as f64 * 2e-4, (i / 1000) as f64 * 1e-4))
+        .collect();
+    fs::write(folder.join("list.csv"), format!("x,y,z,amplitude\n{lines}")).unwrap();
+    let lines: String = (0..microphones)
+        .map(|i| {
+            let place = |k: f64| (i as f64 * k).fract() - 0.5;
+            format!("{:.5},{:.5},0\n", place(0.618_034), place(0.754_878))
+        })
+        .collect();
+    fs::write(folder.join("array.csv"), format!("x,y,z\n{lines}")).unwrap();
+    let text = "[scene]\nmesh = \"list.csv\"\n[sweep]\nstart = 10000.0\nstop = 12000.0\nstep = 1000.0\n\
+                [array]\nlayout = \"file\"\nfile = \"array.csv\"\n\
+                [grid]\nx = [-0.1, 0.1]\ny = [-0.1, 0.1]\nz = [0.9, 1.1]\npitch = [0.04, 0.04, 0.04]\n";
+    fs::write(folder.join("list.toml"), text).unwrap();
+}
+
+/// How much more than planned a job may take: the program's own part is larger in debug builds.
+const OF_THE_PROGRAM: u64 = 20 << 20;
+
+#[test]
+fn a_list_of_reflectors_is_in_the_plan_and_held_to_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    write_list_job(folder, 800_000, 4);
+    let plan = done_json(folder, "plan list.toml -q -j 2");
+    let bytes = planned(&plan, "simulate");
+    // Positions and amplitudes, and each thread's paths.
+    assert!(bytes > 800_000 * 32 + (16 << 20), "{plan}");
+    let measured = measured(folder, "simulate list.toml -o cube.npz -q -j 2");
+    assert!(measured <= bytes + OF_THE_PROGRAM, "{measured} measured, {bytes} planned");
+    // Before anything is allocated, for every command that reads it.
+    for command in
+        ["simulate list.toml -o c.npz", "image list.toml -o out", "plan list.toml", "info list.csv"]
+    {
+        refused(folder, &format!("{command} --memory 20MiB"), 2, &["list.csv", "800002 lines", "--memory"]);
+    }
+}
+
+#[test]
+fn scattered_microphones_are_in_the_plan_and_held_to_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    write_list_job(folder, 2, 100_000);
+    done(folder, "simulate list.toml -o cube.npz -q -j 2");
+    let reconstruct = "reconstruct cube.npz -c list.toml -o volume.npz -q -j 2";
+    let less = run(folder, &format!("{reconstruct} --memory 30MiB"));
+    assert_eq!(less.status, 2, "{}", less.stderr);
+    assert_names(less.stderr, &["--memory", "100000 microphones"]);
+    // `plan` of so many takes a while, and a refusal says the same.
+    let said = run(folder, "reconstruct cube.npz -c list.toml -o volume.npz -j 2 --verbose");
+    let line =
+        said.stderr.lines().find(|line| line.contains("of memory")).unwrap_or_else(|| panic!("{said:?}"));
+    let words: Vec<&str> = line.split_whitespace().collect();
+    let mib = words[words.iter().position(|word| *word == "MiB").unwrap() - 1].parse::<u64>().unwrap();
+    let measured = measured(folder, reconstruct);
+    assert!(measured <= (mib << 20) + OF_THE_PROGRAM, "{} MiB measured, {mib} planned", measured >> 20);
+    refused(folder, "image list.toml -o out --memory 2MiB", 2, &["array.csv", "100002 lines", "--memory"]);
+    let random = "--set array.layout=random --set array.elements=1000000 --set array.extent=[1,1]";
+    fs::write(folder.join("random.toml"), "[scene]\nmesh = \"list.csv\"\n").unwrap();
+    refused(
+        folder,
+        &format!("image random.toml -o out {random} --memory 60MiB"),
+        2,
+        &["[array]", "1000000 microphones", "107 MiB"],
+    );
+}
+
+#[test]
+fn microphones_far_apart_take_no_more_than_is_planned() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    write_list_job(folder, 2, 2);
+    let lines: String = (0..30)
+        .map(|i| {
+            let place = |k: f64| 2e5 * ((f64::from(i) * k).fract() - 0.5);
+            format!("{},{},0\n", place(0.618_034), place(0.754_878))
+        })
+        .collect();
+    fs::write(folder.join("array.csv"), format!("x,y,z\n{lines}")).unwrap();
+    done(folder, "simulate list.toml -o cube.npz -q -j 2");
+    for method in ["auto", "backprojection"] {
+        let words = format!(
+            "reconstruct cube.npz -c list.toml -o volume.npz -q -j 2 --memory 100MiB --set reconstruct.method={method}"
+        );
+        let measured = measured(folder, &words);
+        assert!(measured <= 100 << 20, "{method}: {} MiB", measured >> 20);
+    }
+}

@@ -11,9 +11,10 @@
 //! With `roxmltree` 0.21, 50 kB of nested namespaces took 11 s, and the time grows with the cube of their number.
 
 use super::MicArray;
-use crate::error::{Error, Result};
+use crate::alloc::try_with_capacity;
+use crate::error::{Error, Result, gib};
 use crate::files::{extension, open_input};
-use crate::reflectors::csv::read_columns;
+use crate::reflectors::csv::Table;
 use glam::DVec3;
 use quick_xml::Reader;
 use quick_xml::events::{BytesStart, Event};
@@ -33,19 +34,46 @@ impl MicArray {
     /// # Errors
     /// A missing file, a file of another format, or one without positions; the message names the line.
     pub fn read(path: &Path) -> Result<Self> {
-        let positions = if extension(path) == "xml" {
-            read_xml(path)?
-        } else {
-            read_columns(path, AXES)?.into_iter().map(DVec3::from_array).collect()
-        };
+        Self::read_within(path, None)
+    }
+
+    /// [`MicArray::read`] of positions that take at most `memory` bytes.
+    ///
+    /// # Errors
+    /// As [`MicArray::read`]; more positions than fit.
+    pub fn read_within(path: &Path, memory: Option<u64>) -> Result<Self> {
+        let positions =
+            if extension(path) == "xml" { read_xml(path, memory)? } else { read_csv(path, memory)? };
         Self::from_positions(positions).map_err(|error| error.at(path.display()))
     }
 }
 
-fn read_xml(path: &Path) -> Result<Vec<DVec3>> {
+fn read_csv(path: &Path, memory: Option<u64>) -> Result<Vec<DVec3>> {
+    let table = Table::open(path, AXES)?;
+    let rows = table.fitting_rows(size_of::<DVec3>() as u64, memory)?;
+    let mut positions = try_with_capacity(rows).ok_or_else(|| {
+        Error::out_of_memory(format!("{}: {rows} positions do not fit in memory; give fewer", path.display()))
+    })?;
+    table.read(|position| positions.push(DVec3::from_array(position)))?;
+    Ok(positions)
+}
+
+fn read_xml(path: &Path, memory: Option<u64>) -> Result<Vec<DVec3>> {
     let reading = |error| Error::reading(path, error);
     let mut bytes = Vec::new();
-    open_input(path)?.take(LARGEST + 1).read_to_end(&mut bytes).map_err(reading)?;
+    let file = open_input(path)?;
+    // The text, and the positions, of which each takes more bytes as text.
+    let length = file.metadata().map_err(reading)?.len().min(LARGEST);
+    if let Some(most) = memory.filter(|most| 2 * length > *most) {
+        let problem = format!(
+            "takes {} of memory to read, and {} may be used here (--memory sets another limit); give fewer microphones, or \
+             a CSV",
+            gib(2 * length),
+            gib(most)
+        );
+        return Err(Error::input(path.display(), problem));
+    }
+    file.take(LARGEST + 1).read_to_end(&mut bytes).map_err(reading)?;
     if bytes.len() as u64 > LARGEST {
         return Err(Error::input(
             path.display(),
@@ -179,6 +207,21 @@ mod tests {
             for part in parts {
                 assert!(message.contains(part), "{part:?} is not in: {message}");
             }
+        }
+    }
+
+    #[test]
+    fn files_are_held_to_the_memory_there_is() {
+        let folder = tempfile::tempdir().unwrap();
+        let [csv, xml] = ["a.csv", "a.xml"].map(|name| folder.path().join(name));
+        std::fs::write(&csv, format!("x,y,z\n{}", "0,0,0\n".repeat(1000))).unwrap();
+        std::fs::write(&xml, ACOULAR).unwrap();
+        // A header and a row take as many bytes: the file may have 1001 rows.
+        for (path, enough) in [(&csv, 1001 * 24), (&xml, 2 * ACOULAR.len() as u64)] {
+            assert!(MicArray::read_within(path, Some(enough)).is_ok());
+            let refused = MicArray::read_within(path, Some(enough - 1)).unwrap_err();
+            assert_eq!(refused.exit_status(), 2);
+            assert!(refused.to_string().contains("--memory"), "{refused}");
         }
     }
 

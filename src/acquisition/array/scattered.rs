@@ -19,6 +19,9 @@ const GOLDEN_ANGLE: f64 = PI * (3.0 - 2.236_067_977_499_79);
 /// Default minimum distance of random microphones, relative to the pitch of a square lattice of the same density.
 const EASY_SPACING: f64 = 0.5;
 
+/// Bytes per microphone while they are scattered at random: its place twice, and its cell.
+pub(crate) const RANDOM_BYTES: u64 = 112;
+
 /// Random trials per microphone before a spacing is given up. Random placement of discs jams when their diameter is
 /// 0.83 of the pitch of a square lattice of the same density; up to 0.75 this number of trials is ample.
 const TRIALS: u64 = 2000;
@@ -81,7 +84,10 @@ impl MicArray {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let mut unit = || (random.next_u64() >> 11) as f64 / (1_u64 << 53) as f64 - 0.5;
         let mut places: Vec<DVec2> = Vec::with_capacity(count);
-        let mut cells: FxHashMap<I64Vec2, Vec<u32>> = FxHashMap::default();
+        // The last microphone of every cell, and for each the one before it in its cell: no vector for every cell.
+        let mut cells: FxHashMap<I64Vec2, u32> = FxHashMap::default();
+        cells.reserve(if spacing > 0.0 { count } else { 0 });
+        let mut before: Vec<Option<u32>> = Vec::with_capacity(count);
         let cell = |p: DVec2| (p / spacing.max(f64::MIN_POSITIVE)).floor().as_i64vec2();
         let mut trials = TRIALS.saturating_mul(count as u64);
         while places.len() < count {
@@ -91,13 +97,14 @@ impl MicArray {
                 let home = cell(p);
                 let near = (-1..=1)
                     .flat_map(|y| (-1..=1).map(move |x| home + I64Vec2::new(x, y)))
-                    .filter_map(|cell| cells.get(&cell))
-                    .flatten()
-                    .any(|&i| places[i as usize].distance_squared(p) < spacing * spacing);
+                    .flat_map(|cell| {
+                        std::iter::successors(cells.get(&cell).copied(), |&i| before[i as usize])
+                    })
+                    .any(|i| places[i as usize].distance_squared(p) < spacing * spacing);
                 if near {
                     continue;
                 }
-                cells.entry(home).or_default().push(places.len() as u32);
+                before.push(cells.insert(home, places.len() as u32));
             }
             places.push(p);
         }

@@ -185,11 +185,36 @@ fn groups(
 }
 
 /// Estimated bytes that [`simulate`](super::simulate) takes in addition to the cube with `threads` threads, for reflectors
-/// within the box `bounds`, m: the sums of the microphones in progress, and weights, for either method.
+/// of which the `scene` has about so many within a box, m: the sums of the microphones in progress, and weights, for either
+/// method; what each thread holds of every reflector; and the tiles.
 ///
-/// The number of reflectors decides between the designs, but is not known before they are sampled. The sums per metre of
+/// The number of reflectors decides between the designs, but is only an estimate before they are sampled. The sums per metre of
 /// path differ by less than a factor of two from those of the middle design.
 pub(crate) fn bytes(
+    instrument: &Instrument,
+    scene: (Option<(DVec3, DVec3)>, u64),
+    options: &SimulateOptions,
+    threads: usize,
+) -> u64 {
+    let (bounds, reflectors) = scene;
+    let each_thread = if options.losses.vary() { LOSSY_REFLECTOR } else { REFLECTOR };
+    let directed = if options.losses.speaker_radius > 0.0 { 4 * MOST_TERMS as u64 } else { 0 };
+    let of_reflectors = reflectors.saturating_mul(8 + directed + each_thread * threads.max(1) as u64);
+    let of_microphones = TILED_MICROPHONE.saturating_mul(instrument.array.len() as u64);
+    sums_bytes(instrument, bounds, options, threads)
+        .saturating_add(of_reflectors)
+        .saturating_add(of_microphones)
+}
+
+/// Bytes of a reflector on each thread: its path and its key, or, for the literal sum, its path and its losses.
+const REFLECTOR: u64 = 32;
+const LOSSY_REFLECTOR: u64 = 64;
+
+/// Bytes of a microphone while the array is cut into tiles, where each is a tile of its own.
+const TILED_MICROPHONE: u64 = (size_of::<Tile>() + 6 * size_of::<usize>()) as u64;
+
+/// The sums of the microphones in progress, and weights.
+fn sums_bytes(
     instrument: &Instrument,
     bounds: Option<(DVec3, DVec3)>,
     options: &SimulateOptions,

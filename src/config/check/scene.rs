@@ -1,6 +1,6 @@
 //! The scene, its materials and its reflectors.
 
-use crate::config::range::{Check, conflict, ensure, file_name, finite, not_negative, positive, within};
+use crate::config::range::{Check, conflict, ensure, file_name, finite, positive, within};
 use crate::config::reader::{Fault, joined};
 use crate::config::wording::quoted;
 use crate::config::{ReflectorsTable, SceneTable};
@@ -45,6 +45,6 @@ impl MaterialRule {
 impl ReflectorsTable {
     pub(super) fn check(&self) -> Check {
         self.spacing.map_or(Ok(()), |spacing| positive("reflectors.spacing", spacing))?;
-        not_negative("reflectors.roughness", self.roughness)
+        within("reflectors.roughness", self.roughness, 0.0, 1e6, "from 0 to 1e6 wavelengths")
     }
 }

@@ -70,7 +70,7 @@ fn a_perspective_map_is_read_as_one_and_has_its_window() {
     let (_folder, path) = written(&map);
     let file = read_depth_map(&path, LIMIT).unwrap();
     assert_same(&file.map, &map);
-    let header = &read_parts(&path, LIMIT).unwrap().layer_data[0].attributes;
+    let header = &read_parts(&path, LIMIT, |_| 0).unwrap().layer_data[0].attributes;
     let width = 2.0 * 30f32.to_radians().tan() * 1.5;
     assert!((header.screen_window_width - width).abs() < 1e-6, "{}", header.screen_window_width);
     assert!(
@@ -103,7 +103,7 @@ fn a_map_is_read_value_by_value_whatever_the_fill() {
 #[test]
 fn the_picture_is_scaled_and_0_without_a_return() {
     let (_folder, path) = written(&map());
-    let parts = read_parts(&path, LIMIT).unwrap().layer_data;
+    let parts = read_parts(&path, LIMIT, |_| 0).unwrap().layer_data;
     let channel = |name: &str| floats(&channel_of(&parts[0], name).unwrap().sample_data);
     assert_eq!(channel("G"), [0.125, 0.0, 0.25, 1.0, 0.0, 0.0625]);
     assert_eq!(channel("A"), [1.0, 0.0, 1.0, 1.0, 0.0, 1.0]);

@@ -1,6 +1,6 @@
 //! What compressing a sweep takes.
 
-use super::skeleton::{DENSER, witnesses_for};
+use super::skeleton::{DENSER, is_sparse, witnesses_for};
 use super::tones::frequencies_at_once;
 use super::virtual_tones;
 use crate::acquisition::Instrument;
@@ -51,6 +51,9 @@ impl CompressionCost {
 
     /// Bytes that a thread takes to find the skeleton of a slab among the virtual tones: both at delays, and their difference.
     pub(in crate::reconstruct) fn skeleton_bytes(&self, slab: &PathInterval) -> u64 {
+        if is_sparse(self.bandwidth * slab.duration(), self.tones) {
+            return (8.0 * self.tones * self.tones) as u64;
+        }
         let witnesses = witnesses_for(self.bandwidth * slab.duration()).min(self.tones);
         (3.0 * 8.0 * (DENSER * slab.points_for(self.bandwidth)) as f64 * witnesses) as u64
     }

@@ -40,6 +40,15 @@ const WITNESSES_PER_DIMENSION: f64 = 5.0;
 /// of the fastest tone.
 pub(crate) const DENSER: usize = 2;
 
+/// Frequencies so sparse that an interval has this many dimensions for each are not compressed: fewer do not represent
+/// them, and the matrices of so long an interval would grow without bound (microphones 100 km apart, say).
+const SPARSE: f64 = 2.0;
+
+/// Whether so many frequencies represent only themselves on an interval of `bandwidth_duration` B·T.
+pub(crate) fn is_sparse(bandwidth_duration: f64, frequencies: f64) -> bool {
+    bandwidth_duration > SPARSE * frequencies
+}
+
 /// Dimensions, with a margin, of the tones of an interval of `bandwidth_duration` B·T.
 fn dimensions(bandwidth_duration: f64) -> f64 {
     bandwidth_duration + 12.0
@@ -93,6 +102,9 @@ pub(crate) fn skeleton(frequencies: &[f64], interval: PathInterval, tolerance: f
     assert!(!frequencies.is_empty() && tolerance > 0.0, "a skeleton needs frequencies and a tolerance");
     let bandwidth = frequencies[frequencies.len() - 1] - frequencies[0];
     let bandwidth_duration = bandwidth * interval.duration();
+    if is_sparse(bandwidth_duration, frequencies.len() as f64) {
+        return Skeleton::all(frequencies.len());
+    }
     let candidates = spread_out(frequencies, candidates_for(bandwidth_duration));
     let witnesses = spread_out(frequencies, witnesses_for(bandwidth_duration));
     let points = interval.points_for(bandwidth).div_ceil(2);
@@ -124,6 +136,12 @@ pub(crate) fn skeleton(frequencies: &[f64], interval: PathInterval, tolerance: f
 }
 
 impl Skeleton {
+    /// Every frequency represents itself.
+    fn all(count: usize) -> Self {
+        let weights = Matrix::from_fn(count, count, |q, n| f64::from(u8::from(q == n)));
+        Self { chosen: (0..count).collect(), weights, error: 0.0 }
+    }
+
     /// The chosen frequencies, as ascending indices of those given.
     pub(crate) fn chosen(&self) -> &[usize] {
         &self.chosen
@@ -245,6 +263,16 @@ mod tests {
         for frequencies in [uneven, sweep(1000.0, 2), vec![12_345.0]] {
             let skeleton = skeleton(&frequencies, interval(1.5e-3), 1e-5);
             assert!(literal_error(&frequencies, interval(1.5e-3), &skeleton) < 1.1e-5);
+        }
+    }
+
+    #[test]
+    fn sparse_frequencies_represent_themselves_however_long_the_interval() {
+        for duration in [0.03, 600.0, 1e9] {
+            let frequencies = sweep(10_000.0, 101);
+            let found = skeleton(&frequencies, interval(duration), 1e-4);
+            assert!(found.chosen().iter().copied().eq(0..101) && found.error() == 0.0, "{duration}");
+            assert!(duration > 1.0 || literal_error(&frequencies, interval(duration), &found) < 1e-9);
         }
     }
 

@@ -56,7 +56,8 @@ impl ConvolutionPlan {
         // Of one frequency: spectra, and the samples that they are made of, as they are read and weighted.
         let [spectra_bytes, worker] = self.plain_bytes();
         let frequency = spectra_bytes + COMPLEX * 2 * instrument.array.len() as u64;
-        let planes = SlabDriver::bytes(self.plane(), DEPTHS, depths);
+        let footprints = self.layout.lattice.footprint_bytes(instrument.array.len());
+        let planes = SlabDriver::bytes(self.plane(), DEPTHS, depths).saturating_add(footprints);
         let block = SPECTRA_BYTES / (self.layout.tone_len() * size_of::<Complex32>());
         Cost {
             operations: n_f as f64 * (depths as f64 * pair + spectra),
@@ -86,8 +87,12 @@ impl ConvolutionPlan {
             most = most.max(tones);
         }
         let nodes = complex_bytes(of_volume * width);
-        let spreading =
-            if layout.lattice.spreads() { compression.samples.saturating_add(nodes) } else { nodes };
+        let footprints = layout.lattice.footprint_bytes(instrument.array.len());
+        let spreading = if layout.lattice.spreads() {
+            compression.samples.saturating_add(nodes).saturating_add(footprints)
+        } else {
+            nodes
+        };
         let before = compression.peak.max(spreading);
         let slab = complex_bytes(most * (width + layout.tone_len() as f64));
         let skeleton = compression.skeleton_bytes(&interval(0..thickness.min(depths)));

@@ -17,6 +17,9 @@ use rayon::prelude::*;
 use std::f64::consts::PI;
 use std::ops::Range;
 
+/// Bytes that an allocator takes for itself with every small vector.
+const ALLOCATION: usize = 16;
+
 /// The most nodes that microphones are spread onto: some gigabytes of tones.
 const MOST_NODES: usize = 1 << 22;
 
@@ -153,6 +156,18 @@ impl SharedLattice {
     /// Whether samples have to be spread onto the nodes, which takes memory for both at a time.
     pub(crate) fn spreads(&self) -> bool {
         !self.in_order
+    }
+
+    /// Bytes of [`SharedLattice::spreading`] for so many microphones: their places, and footprints that are collected by
+    /// doubling, each with two vectors of weights.
+    pub(crate) fn footprint_bytes(&self, microphones: usize) -> u64 {
+        if self.in_order {
+            return 0;
+        }
+        let taps = |axis: &SharedAxis| axis.interpolator.as_ref().map_or(1, Interpolator::taps);
+        let weights = size_of::<f32>() * (taps(&self.x) + taps(&self.y)) + 2 * ALLOCATION;
+        let each = size_of::<[f64; 2]>() + 2 * size_of::<[Footprint; 2]>() + weights;
+        (each as u64).saturating_mul(microphones as u64)
     }
 
     /// Nodes along x and y.

@@ -46,8 +46,8 @@ impl Candidates {
         options: &ReconstructOptions,
         threads: usize,
     ) -> Result<Self> {
-        instrument.check()?;
         check(grid, options)?;
+        instrument.check_with("grid", grid.bounds())?;
         let budget = ErrorBudget::new(options.tolerance);
         let possible = |method, cost: &Cost<'_>| Estimate::possible(method, cost, options);
         let lattices = SharedLattice::find(instrument, grid, budget);
@@ -157,6 +157,9 @@ fn refuse_long_sum(instrument: &Instrument, grid: &Grid, misfit: &str) -> Result
 const MOST_VOXELS: u64 = 1 << 38;
 const MOST_ALONG: usize = 1 << 17;
 
+/// The least tolerance other than 0, far below the rounding of single precision: no series or fit is more exact.
+pub const LEAST_TOLERANCE: f64 = 1e-9;
+
 /// Refuses grids and tolerances that make no sense.
 fn check(grid: &Grid, options: &ReconstructOptions) -> Result<()> {
     let [n_z, n_y, n_x] = grid.shape();
@@ -175,12 +178,12 @@ fn check(grid: &Grid, options: &ReconstructOptions) -> Result<()> {
             format!("begins at {} m, behind the array; depths start at z >= 0", grid.z.first),
         ));
     }
-    if !(0.0..1.0).contains(&options.tolerance) {
+    let tolerance = options.tolerance;
+    if tolerance != 0.0 && !(LEAST_TOLERANCE..1.0).contains(&tolerance) {
         return Err(Error::input(
             "reconstruct.tolerance",
             format!(
-                "{} is not a relative error in 0..1; 1e-4 is usual, 0 sums every frequency",
-                options.tolerance
+                "{tolerance} is not a relative error from {LEAST_TOLERANCE:e} to 1; 1e-4 is usual, 0 sums every frequency"
             ),
         ));
     }
@@ -212,7 +215,8 @@ fn check(grid: &Grid, options: &ReconstructOptions) -> Result<()> {
 /// ```
 ///
 /// # Errors
-/// A grid with voxels behind the array; a tolerance that is not in 0..1; a speed of sound that is not positive.
+/// A grid with voxels behind the array or beyond 10⁹ m; a tolerance that is not 0 or in [`LEAST_TOLERANCE`]..1; a speed of
+/// sound outside [`SOUND_SPEEDS`](crate::wave::SOUND_SPEEDS); paths of more than 10¹¹ wavelengths.
 pub fn estimate(
     instrument: &Instrument,
     grid: &Grid,
