@@ -6,11 +6,13 @@
 
 pub(crate) mod npz;
 pub(crate) mod ply;
+pub(crate) mod unfinished;
 
 use crate::error::{Error, Result};
 use std::fs::{self, File, TryLockError};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
+use unfinished::Unfinished;
 
 /// Writes a file atomically: readers see either the old file or the complete new one.
 ///
@@ -46,6 +48,7 @@ pub(crate) struct AtomicFile {
     path: PathBuf,
     target: PathBuf,
     file: tempfile::NamedTempFile,
+    _unfinished: Unfinished,
 }
 
 impl AtomicFile {
@@ -63,8 +66,9 @@ impl AtomicFile {
         fs::create_dir_all(folder).map_err(failed)?;
         let prefix = part_prefix(&target);
         remove_abandoned(folder, &prefix);
-        let file = tempfile::Builder::new().prefix(&prefix).suffix(PART).make_in(folder, open_locked);
-        Ok(Self { path: path.to_owned(), file: file.map_err(failed)?, target })
+        let make = || tempfile::Builder::new().prefix(&prefix).suffix(PART).make_in(folder, open_locked);
+        let (file, unfinished) = Unfinished::make(make, |file| file.path()).map_err(failed)?;
+        Ok(Self { path: path.to_owned(), target, file, _unfinished: unfinished })
     }
 
     /// The path that the file gets when it is committed.

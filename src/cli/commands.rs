@@ -9,6 +9,7 @@ use crate::acquisition::CubeFile;
 use crate::checkpoint::Checkpoint;
 use crate::config::ANNOTATED;
 use crate::error::{Error, Result};
+use crate::files::unfinished::Unfinished;
 use crate::files::{check_folder, check_writable, write_atomically};
 use crate::pipeline;
 use crate::progress::{Observer, stage};
@@ -26,6 +27,7 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
         Command::Image { input, output, config, overrides, checkpoint } => {
             let checkpoint = Checkpoint::within(output, checkpoint.every()?);
             let is_new = make_folder(output)?;
+            let _folder = is_new.then(|| Unfinished::listed(output));
             check_folder(output)?;
             let result = image(input, output, config.as_deref(), overrides, &checkpoint, terminal);
             let result = conclude(checkpoint, result, terminal);

@@ -1,12 +1,12 @@
 //! Progress bars, warnings, errors and results, on a terminal or in a pipe.
 
-use super::{Common, signals};
+use super::Common;
+use super::signals::{self, StopRequest};
 use crate::error::Error;
 use crate::pipeline::JobOptions;
 use crate::progress::{Event, Observer};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::{self, IsTerminal, Write};
-use std::sync::atomic::{AtomicU8, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -18,8 +18,8 @@ pub(super) struct Terminal {
     bar: Mutex<Option<ProgressBar>>,
     /// Names and starting times of the running stages, the innermost last.
     running: Mutex<Vec<(String, Instant)>>,
-    /// The exit status for the signal that was received; 0 before any.
-    signalled: Arc<AtomicU8>,
+    /// The signal that was received, if there was one.
+    signalled: Arc<StopRequest>,
     /// Advice to the user, printed after an error.
     advice: Mutex<Option<String>>,
 }
@@ -44,7 +44,7 @@ impl Terminal {
 
     /// The exit status for the signal that requested a stop, if there was one.
     pub(super) fn signalled(&self) -> Option<u8> {
-        Some(self.signalled.load(Ordering::SeqCst)).filter(|status| *status != 0)
+        self.signalled.status()
     }
 
     /// Stores the advice to print after an error.
@@ -161,7 +161,11 @@ impl Observer for Terminal {
     }
 
     fn should_stop(&self) -> bool {
-        self.signalled.load(Ordering::Relaxed) != 0
+        self.signalled.status().is_some()
+    }
+
+    fn grace_period(&self, longest: Duration) {
+        self.signalled.set_grace_period(longest);
     }
 }
 
