@@ -5,6 +5,7 @@ use super::source::{CubeSource, Visit};
 use super::{DataCube, Detection, Instrument, MicArray, Sweep};
 use crate::error::{Error, Result};
 use crate::files::npz::NpzReader;
+use crate::text::quoted;
 use crate::wave::{DEFAULT_SOUND_SPEED, Geometry, GeometryKind};
 use glam::DVec3;
 use num_complex::Complex32;
@@ -56,7 +57,7 @@ impl Meta {
     fn check(&self, place: &str) -> Result<Geometry> {
         let refuse = |problem: String| Err(Error::input(place, problem));
         if self.format != FORMAT {
-            return refuse(format!("`format` is {:?}; {FORMAT:?} was expected", self.format));
+            return refuse(format!("`format` is \"{}\"; {FORMAT:?} was expected", quoted(&self.format)));
         }
         if self.version != VERSION {
             return refuse(format!("`version` is {}; this program reads version {VERSION}", self.version));

@@ -5,6 +5,7 @@ use super::signals::{self, StopRequest};
 use crate::error::Error;
 use crate::pipeline::JobOptions;
 use crate::progress::{Event, Observer};
+use crate::text::escaped;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::{self, IsTerminal, Write};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -60,6 +61,7 @@ impl Terminal {
     }
 
     fn say(&self, kind: &str, colour: &str, text: &str) {
+        let text = escaped(text);
         self.line(&if self.colour {
             format!("\u{1b}[{colour}m{kind}:\u{1b}[0m {text}")
         } else {
@@ -92,6 +94,11 @@ pub(super) fn observed(terminal: &Terminal) -> JobOptions<'_> {
 
 /// Prints a result; a closed pipe is not an error.
 pub(super) fn print(text: &str) -> Result<(), Error> {
+    print_as_it_is(&escaped(text))
+}
+
+/// As [`print`], for text without characters that act on a terminal.
+pub(super) fn print_as_it_is(text: &str) -> Result<(), Error> {
     let mut out = io::stdout().lock();
     match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
         Err(e) if e.kind() != io::ErrorKind::BrokenPipe => {
@@ -144,7 +151,7 @@ impl Observer for Terminal {
 
     fn note(&self, message: &str) {
         if self.options.verbose {
-            self.line(&format!("  {message}"));
+            self.line(&format!("  {}", escaped(message)));
         }
     }
 

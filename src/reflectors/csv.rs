@@ -6,6 +6,7 @@
 use super::Reflectors;
 use crate::alloc::try_with_capacity;
 use crate::error::{Error, Result};
+use crate::text::quoted;
 use glam::DVec3;
 use num_complex::Complex32;
 use std::path::Path;
@@ -70,7 +71,7 @@ pub(crate) fn read_columns<const N: usize>(path: &Path, header: [&str; N]) -> Re
             *value = fields.next().flatten().filter(|v: &f64| (*v as f32).is_finite()).unwrap_or(f64::NAN);
         }
         if fields.next().is_some() || row.iter().any(|value| value.is_nan()) {
-            let problem = format!("{N} finite numbers `{expected}` were expected, found `{line}`");
+            let problem = format!("{N} finite numbers `{expected}` were expected, found `{}`", quoted(line));
             return refused(number, problem);
         }
         rows.try_reserve(1).map_err(|_| does_not_fit(path))?;
