@@ -52,11 +52,9 @@ macro_rules! choice {
 pub(crate) use choice;
 
 use crate::error::Error;
+use crate::text::quoted;
 
 /// The error for a word that is none of `words`.
 pub(crate) fn unknown(what: &str, word: &str, words: &[&str]) -> Error {
-    Error::input(
-        what,
-        format!("`{}` is not known; expected one of {}", word.escape_debug(), words.join(", ")),
-    )
+    Error::input(what, format!("`{}` is not known; expected one of {}", quoted(word), words.join(", ")))
 }

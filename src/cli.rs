@@ -20,6 +20,7 @@ mod verdicts;
 use crate::error::Error;
 use crate::files::protect_inputs;
 use crate::progress::Observer;
+use crate::text::quoted;
 use crate::wave::simd::{self, Level};
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Args, CommandFactory, Parser, Subcommand};
@@ -351,7 +352,8 @@ fn explain(error: clap::Error) -> clap::Error {
         Some(ContextValue::String(name)) if Path::new(name).is_file() => Cli::command().error(
             ErrorKind::InvalidSubcommand,
             format!(
-                "'{name}' is a file, but a command was expected; to image it: holosonar image {name} -o DIR"
+                "'{}' is a file, but a command was expected; to image it: holosonar image {0} -o DIR",
+                quoted(name)
             ),
         ),
         _ => error,

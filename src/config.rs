@@ -41,6 +41,7 @@ pub(crate) use wording::nearest;
 use crate::error::{Error, Result};
 use crate::files::open_input;
 use crate::scene::MaterialRule;
+use crate::text::quoted;
 use reader::{Fault, ValueDeserializer};
 use serde::{Deserialize, Serialize};
 use source::ParsedRunFile;
@@ -140,7 +141,7 @@ impl RunFile {
     /// Values outside their range and keys that contradict each other; the message names the key.
     pub fn check(&self) -> Result<()> {
         self.check_all()
-            .map_err(|fault| Error::input(format!("run file, key `{}`", fault.path), fault.problem))
+            .map_err(|fault| Error::input(format!("run file, key `{}`", quoted(&fault.path)), fault.problem))
     }
 
     /// The resolved run file as JSON, every default filled; keys without a value are `null`.

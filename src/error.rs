@@ -16,6 +16,7 @@
 //! assert!(std::error::Error::source(&error).is_some_and(|cause| cause.is::<std::io::Error>()));
 //! ```
 
+use crate::text::{message, one_line};
 use std::fmt::{self, Display};
 use std::io;
 use std::path::Path;
@@ -195,8 +196,8 @@ impl Display for Error {
             Self::Interrupted => "interrupted; no file was left incomplete",
         };
         match self.place() {
-            Some(place) => write!(f, "{place}: {problem}"),
-            None => f.write_str(problem),
+            Some(place) => write!(f, "{}: {}", one_line(place), message(problem)),
+            None => f.write_str(&message(problem)),
         }
     }
 }

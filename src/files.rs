@@ -9,6 +9,7 @@ mod input;
 mod job_files;
 pub(crate) mod npz;
 pub(crate) mod ply;
+pub(crate) mod unfinished;
 
 pub(crate) use folder::{NewFolders, OutputFolder, free_space};
 pub(crate) use input::open_input;
@@ -19,6 +20,7 @@ use folder::{check_folder, nearest};
 use std::fs::{self, File, TryLockError};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
+use unfinished::Unfinished;
 
 /// Writes a file atomically: readers see either the old file or the complete new one.
 ///
@@ -56,6 +58,7 @@ pub(crate) struct AtomicFile {
     // Dropped in this order, so that new folders are empty again.
     file: tempfile::NamedTempFile,
     folders: NewFolders,
+    _unfinished: Unfinished,
 }
 
 impl AtomicFile {
@@ -76,14 +79,14 @@ impl AtomicFile {
         let folders = NewFolders::create(folder).map_err(failed)?;
         let prefix = part_prefix(&target);
         remove_abandoned(folder, &prefix);
-        let file = tempfile::Builder::new().prefix(&prefix).suffix(PART).make_in(folder, open_locked);
-        let file = file.map_err(failed)?;
+        let make = || tempfile::Builder::new().prefix(&prefix).suffix(PART).make_in(folder, open_locked);
+        let (file, unfinished) = Unfinished::make(make, |file| file.path()).map_err(failed)?;
         #[cfg(unix)]
         if let Ok(old) = fs::metadata(&target) {
             // Before it has any content that the old file's permissions protect.
             take_permissions(file.as_file(), &old).map_err(failed)?;
         }
-        Ok(Self { path: path.to_owned(), target, file, folders })
+        Ok(Self { path: path.to_owned(), target, file, folders, _unfinished: unfinished })
     }
 
     /// The path that the file gets when it is committed.

@@ -88,6 +88,7 @@
 pub use glam;
 pub use num_complex;
 
+mod text;
 pub mod error;
 mod choice;
 mod with_fields;

@@ -1,6 +1,7 @@
 //! How stages report: one [`Observer`], passed to every stage; only the binary displays it.
 
 use crate::error::{Error, Result};
+use std::time::Duration;
 
 /// A report of a stage.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -36,6 +37,9 @@ pub trait Observer: Sync {
     fn should_stop(&self) -> bool {
         false
     }
+    /// How long the work that follows may take to stop after it was asked to, since it finishes and stores its block first;
+    /// zero at first. An observer that ends the process by itself waits for as long.
+    fn grace_period(&self, _longest: Duration) {}
 }
 
 /// An observer that ignores everything.

@@ -144,7 +144,7 @@ impl Scene {
         let materials = palette.finish(file);
         let (camera, triangles) = (mesh.camera, place(mesh, options)?);
         // `new` names only the triangle at fault; the file is added here.
-        let scene = Self::new(triangles, materials).map_err(|error| {
+        let scene = Self::build(triangles, materials, observer).map_err(|error| {
             let place = format!("{}, {}", path.display(), error.place().unwrap_or_default());
             error.at(place)
         })?;
@@ -161,6 +161,11 @@ impl Scene {
     /// exist, or when a reflectance or transmittance is outside 0..1. [`Error::OutOfMemory`] when the tree does not fit
     /// in memory.
     pub fn new(triangles: Vec<Triangle>, materials: Vec<Material>) -> Result<Self> {
+        Self::build(triangles, materials, &Silent)
+    }
+
+    /// [`Scene::new`], which the observer may stop.
+    fn build(triangles: Vec<Triangle>, materials: Vec<Material>, observer: &dyn Observer) -> Result<Self> {
         if triangles.len() > MOST_TRIANGLES {
             return Err(too_many_triangles("scene"));
         }
@@ -182,7 +187,7 @@ impl Scene {
                 ));
             }
         }
-        let tree = SurfaceTree::new(&triangles)?;
+        let tree = SurfaceTree::new(&triangles, observer)?;
         Ok(Self { triangles, materials, tree, camera: None })
     }
 

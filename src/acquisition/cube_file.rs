@@ -6,6 +6,7 @@ use super::{DataCube, Detection, Instrument, MicArray, Sweep};
 use crate::error::{Error, Result, gib};
 use crate::files::npz::NpzReader;
 use crate::scene::FARTHEST;
+use crate::text::quoted;
 use crate::wave::{DEFAULT_SOUND_SPEED, Geometry, GeometryKind, SOUND_SPEEDS, is_sound_speed};
 use glam::DVec3;
 use num_complex::Complex32;
@@ -57,7 +58,7 @@ impl Meta {
     fn check(&self, place: &str) -> Result<Geometry> {
         let refuse = |problem: String| Err(Error::input(place, problem));
         if self.format != FORMAT {
-            return refuse(format!("`format` is {:?}; {FORMAT:?} was expected", self.format));
+            return refuse(format!("`format` is \"{}\"; {FORMAT:?} was expected", quoted(&self.format)));
         }
         if self.version != VERSION {
             return refuse(format!("`version` is {}; this program reads version {VERSION}", self.version));

@@ -40,7 +40,14 @@ impl<'a> GracefulStop<'a> {
     /// An observer that passes everything on to `inner`.
     pub(crate) fn new(checkpoint: &Checkpoint, inner: &'a dyn Observer) -> Self {
         let waits = checkpoint.every().is_some();
+        inner.grace_period(if waits { GRACE_PERIOD } else { Duration::ZERO });
         Self { inner, waits, requested: OnceLock::new(), saved: AtomicBool::new(false) }
+    }
+}
+
+impl Drop for GracefulStop<'_> {
+    fn drop(&mut self) {
+        self.inner.grace_period(Duration::ZERO);
     }
 }
 

@@ -11,6 +11,7 @@ use crate::pipeline::{self, DesignRow, DesignSweep, SweptKey};
 use crate::plan::design::{Design, Verdict};
 use crate::progress::Observer;
 use crate::psf::{MeasuredGratingLobe, PointSpread, Width};
+use crate::text::{one_line, quoted};
 use glam::DVec3;
 use serde_json::json;
 use std::fmt::Write;
@@ -23,11 +24,13 @@ fn decibels(level: Option<f64>) -> String {
 
 /// Aligned rows, each column as wide as its widest cell; the first column is left-aligned.
 fn columns(rows: &[Vec<String>]) -> String {
-    let width = |column: usize| rows.iter().map(|row| row[column].chars().count()).max().unwrap_or(0);
+    let width =
+        |column: usize| rows.iter().map(|row| one_line(&row[column]).chars().count()).max().unwrap_or(0);
     let widths: Vec<usize> = (0..rows.first().map_or(0, Vec::len)).map(width).collect();
     rows.iter().fold(String::new(), |mut text, row| {
         let mut line = String::new();
         for (i, (cell, width)) in row.iter().zip(&widths).enumerate() {
+            let cell = one_line(cell);
             let _ = if i == 0 { write!(line, "{cell:width$}") } else { write!(line, "  {cell:>width$}") };
         }
         let _ = writeln!(text, "{}", line.trim_end());
@@ -255,7 +258,7 @@ fn point(typed: &str) -> Result<DVec3> {
     let problem = "was expected to be x,y,z in metres, as in --at 0,0.2,1.8";
     match numbers.as_deref() {
         Some([x, y, z]) => Ok(DVec3::new(*x, *y, *z)),
-        _ => Err(Error::input(format!("--at {typed}"), problem)),
+        _ => Err(Error::input(format!("--at {}", quoted(typed)), problem)),
     }
 }
 

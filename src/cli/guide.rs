@@ -9,6 +9,7 @@ use super::terminal::{print, print_help};
 use crate::config::nearest;
 use crate::error::{Error, Result};
 use crate::guide::{CHAPTERS, Chapter};
+use crate::text::quoted;
 use clap::{CommandFactory, Parser};
 use std::fmt::Write;
 
@@ -67,7 +68,7 @@ fn unknown(topic: &str, commands: &[String]) -> Error {
         Some(name) => format!("did you mean `{name}`?"),
         None => "`holosonar help` lists the commands and topics".to_owned(),
     };
-    Error::input("help", format!("there is no command or topic `{}`; {meant}", topic.escape_debug()))
+    Error::input("help", format!("there is no command or topic `{}`; {meant}", quoted(topic)))
 }
 
 #[cfg(test)]

@@ -6,6 +6,7 @@ use crate::error::{Error, Result};
 use crate::files::extension;
 use crate::plan::memory_limit;
 use crate::scene::EXTENSIONS;
+use crate::text::quoted;
 use std::path::Path;
 use std::sync::OnceLock;
 
@@ -88,7 +89,8 @@ pub(super) fn has_extension(path: &Path, extensions: &[&str]) -> bool {
 
 /// A size as people type it: `500MB`, `2GiB`, `2G`, or plain bytes.
 pub(super) fn bytes(option: &str, typed: &str) -> Result<u64> {
-    let problem = format!("`{typed}` was expected to be a size, as in 2GiB, 500MB or 1000000000 (bytes)");
+    let problem =
+        format!("`{}` was expected to be a size, as in 2GiB, 500MB or 1000000000 (bytes)", quoted(typed));
     let refusal = Error::input(option, problem);
     let typed = typed.trim();
     let digits = typed.find(|c: char| !(c.is_ascii_digit() || c == '.')).unwrap_or(typed.len());

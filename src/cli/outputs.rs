@@ -1,9 +1,10 @@
 //! The output files of commands, and results as JSON.
 
 use super::inputs::has_extension;
-use super::terminal::{Terminal, print};
+use super::terminal::{Terminal, print, print_as_it_is};
 use crate::error::{Error, Result};
 use crate::files::{OutputFolder, announce_output, write_atomically};
+use crate::text::{escaped_json, one_line};
 use serde::Serialize;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -39,13 +40,14 @@ pub(super) fn print_written(files: &[PathBuf], terminal: &Terminal) -> Result<()
     if terminal.is_quiet() {
         return Ok(());
     }
-    let lines: Vec<String> = files.iter().map(|path| format!("wrote {}\n", path.display())).collect();
+    let lines: Vec<String> =
+        files.iter().map(|path| format!("wrote {}\n", one_line(&path.display().to_string()))).collect();
     print(&lines.concat())
 }
 
 /// Prints a result as JSON.
 pub(super) fn print_json(value: &impl Serialize) -> Result<()> {
-    print(&json_text(value)?)
+    print_as_it_is(&escaped_json(&json_text(value)?))
 }
 
 /// Writes a result as a JSON file.

@@ -5,6 +5,7 @@ use crate::grid::Grid;
 use crate::metrics::{METRIC_NAMES, Metrics, Scores};
 use crate::pipeline::{Forecast, Judgement, LimitVerdict, Outcome, Report};
 use crate::plan::Plan;
+use crate::text::one_line;
 use serde_json::Value;
 use std::fmt::Write;
 use std::path::Path;
@@ -15,7 +16,7 @@ struct KeyValueTable(Vec<(String, String)>);
 
 impl KeyValueTable {
     fn row(&mut self, key: &str, value: impl Into<String>) {
-        self.0.push((key.to_owned(), value.into()));
+        self.0.push((one_line(key).into_owned(), one_line(&value.into()).into_owned()));
     }
 
     /// Rows of one key, which only the first row shows.

@@ -1,12 +1,13 @@
 //! Progress bars, warnings, errors and results, on a terminal or in a pipe.
 
-use super::{Common, signals};
+use super::Common;
+use super::signals::{self, StopRequest};
 use crate::error::Error;
 use crate::pipeline::JobOptions;
 use crate::progress::{Event, Observer};
+use crate::text::escaped;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::{self, IsTerminal, Write};
-use std::sync::atomic::{AtomicU8, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -18,8 +19,8 @@ pub(super) struct Terminal {
     bar: Mutex<Option<ProgressBar>>,
     /// Names and starting times of the running stages, the innermost last.
     running: Mutex<Vec<(String, Instant)>>,
-    /// The exit status for the signal that was received; 0 before any.
-    signalled: Arc<AtomicU8>,
+    /// The signal that was received, if there was one.
+    signalled: Arc<StopRequest>,
     /// Advice to the user, printed after an error.
     advice: Mutex<Option<String>>,
 }
@@ -44,7 +45,7 @@ impl Terminal {
 
     /// The exit status for the signal that requested a stop, if there was one.
     pub(super) fn signalled(&self) -> Option<u8> {
-        Some(self.signalled.load(Ordering::SeqCst)).filter(|status| *status != 0)
+        self.signalled.status()
     }
 
     /// Stores the advice to print after an error.
@@ -60,6 +61,7 @@ impl Terminal {
     }
 
     fn say(&self, kind: &str, colour: &str, text: &str) {
+        let text = escaped(text);
         self.line(&if self.colour {
             format!("\u{1b}[{colour}m{kind}:\u{1b}[0m {text}")
         } else {
@@ -92,6 +94,11 @@ pub(super) fn observed(terminal: &Terminal) -> JobOptions<'_> {
 
 /// Prints a result; a closed pipe is not an error.
 pub(super) fn print(text: &str) -> Result<(), Error> {
+    print_as_it_is(&escaped(text))
+}
+
+/// As [`print`], for text without characters that act on a terminal.
+pub(super) fn print_as_it_is(text: &str) -> Result<(), Error> {
     let mut out = io::stdout().lock();
     printed(out.write_all(text.as_bytes()).and_then(|()| out.flush()))
 }
@@ -153,7 +160,7 @@ impl Observer for Terminal {
 
     fn note(&self, message: &str) {
         if self.options.verbose {
-            self.line(&format!("  {message}"));
+            self.line(&format!("  {}", escaped(message)));
         }
     }
 
@@ -170,7 +177,11 @@ impl Observer for Terminal {
     }
 
     fn should_stop(&self) -> bool {
-        self.signalled.load(Ordering::Relaxed) != 0
+        self.signalled.status().is_some()
+    }
+
+    fn grace_period(&self, longest: Duration) {
+        self.signalled.set_grace_period(longest);
     }
 }
 

@@ -2,8 +2,9 @@
 //! command line.
 
 use super::reader::{Fault, joined};
-use super::wording::{quoted, tables_with};
+use super::wording::tables_with;
 use crate::error::{Error, Result};
+use crate::text::quoted;
 use std::collections::HashMap;
 use toml::de::{DeTable, DeValue};
 use toml::{Table, Value};
@@ -148,11 +149,13 @@ impl<'t> ParsedRunFile<'t> {
         loop {
             match self.origins.get(known) {
                 Some(Origin::Override(typed)) => return set_place(typed),
-                Some(Origin::File(byte)) => return format!("{}, key `{path}`", self.position(*byte)),
+                Some(Origin::File(byte)) => {
+                    return format!("{}, key `{}`", self.position(*byte), quoted(path));
+                }
                 None => match known.rfind(['.', '[']) {
                     Some(end) => known = &known[..end],
                     None if path.is_empty() => return self.file.to_owned(),
-                    None => return format!("{}, key `{path}`", self.file),
+                    None => return format!("{}, key `{}`", self.file, quoted(path)),
                 },
             }
         }
@@ -192,11 +195,12 @@ fn descend<'v>(
             let length = list.len();
             let index = step.parse().unwrap_or(usize::MAX);
             let slot = list.get_mut(index).ok_or_else(|| {
+                let path = quoted(path);
                 format!("`{path}` is a list of {length}; name an element by its number, counted from 0")
             })?;
             Ok((slot, format!("{path}[{index}]")))
         }
-        _ => Err(format!("`{path}` is a value and has no keys of its own")),
+        _ => Err(format!("`{}` is a value and has no keys of its own", quoted(path))),
     }
 }
 

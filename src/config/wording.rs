@@ -1,18 +1,8 @@
 //! What messages quote and propose: names short enough for a line, and the valid name nearest to a wrong one.
 
 use super::RunFile;
+use crate::text::quoted;
 use toml::Value;
-
-/// Typed text for one line of a message: escaped, and cut off if long.
-pub(super) fn quoted(text: &str) -> String {
-    const MAX_CHARS: usize = 60;
-    let mut shown: String = text.chars().take(MAX_CHARS).flat_map(char::escape_debug).collect();
-    if text.chars().nth(MAX_CHARS).is_some() {
-        shown.push('…');
-    }
-    // Quotes are unambiguous between backticks, and a path is easier to read without backslashes.
-    shown.replace("\\\"", "\"").replace("\\'", "'")
-}
 
 /// What a value is, in plain words.
 pub(super) fn described(value: &Value) -> String {

@@ -10,6 +10,7 @@ use super::exr_file::{
 use super::{Attribute, Attributes, Encoding, Fill, find_attribute};
 use crate::error::{Error, Result};
 use crate::grid::{Axis, DepthLayer, DepthMap, Raster, View};
+use crate::text::quoted;
 use exr::meta::header::Header;
 use exr::prelude::Vec2;
 use std::path::Path;
@@ -280,14 +281,14 @@ fn find_depth<'a>(path: &Path, parts: &'a [ExrPart]) -> Result<(&'a ExrPart, Str
     match layered.as_slice() {
         [(part, name)] => Ok((part, name[..name.len() - 1].to_owned())),
         [] => {
-            let present: Vec<_> = parts.iter().flat_map(names).take(20).collect();
+            let present: Vec<_> = parts.iter().flat_map(names).take(20).map(|name| quoted(&name)).collect();
             Err(Error::input(
                 path.display(),
                 format!("has no channel `Z` of depths, only {}", present.join(", ")),
             ))
         }
         many => {
-            let present: Vec<_> = many.iter().map(|(_, name)| name.as_str()).collect();
+            let present: Vec<_> = many.iter().take(20).map(|(_, name)| quoted(name)).collect();
             Err(Error::input(
                 path.display(),
                 format!(

@@ -1,6 +1,7 @@
 //! Folders for results: created, checked and locked before the work, and gone if nothing was written.
 
 use super::PART;
+use super::unfinished::Unfinished;
 use crate::error::{Error, Result};
 use std::fs::{self, File, TryLockError};
 use std::io;
@@ -8,27 +9,32 @@ use std::path::{Path, PathBuf};
 
 /// The folders that creating one folder made; dropped, it removes those of them that are empty.
 #[derive(Debug, Default)]
-pub(crate) struct NewFolders(Vec<PathBuf>);
+pub(crate) struct NewFolders {
+    folders: Vec<PathBuf>,
+    _unfinished: Vec<Unfinished>,
+}
 
 impl NewFolders {
     /// Creates a folder and those above it that are missing.
     pub(crate) fn create(folder: &Path) -> io::Result<Self> {
         let missing = folder.ancestors().take_while(|folder| !is_there(folder)).map(Path::to_path_buf);
         // If only some can be created, they are removed at once.
-        let new = Self(missing.collect());
+        let mut new = Self { folders: missing.collect(), _unfinished: Vec::new() };
         fs::create_dir_all(folder)?;
+        // The outermost first: the last is removed first.
+        new._unfinished = new.folders.iter().rev().map(|folder| Unfinished::listed(folder)).collect();
         Ok(new)
     }
 
     /// Leaves the folders as they are.
     pub(super) fn keep(mut self) {
-        self.0.clear();
+        self.folders.clear();
     }
 }
 
 impl Drop for NewFolders {
     fn drop(&mut self) {
-        for folder in &self.0 {
+        for folder in &self.folders {
             // This fails where there is a file in it, which is how such a folder remains.
             let _ = fs::remove_dir(folder);
         }

@@ -16,6 +16,7 @@ pub(crate) use writer::{NpzWriter, write_npz};
 
 use crate::error::{Error, Result};
 use crate::files::open_input;
+use crate::text::quoted;
 use elements::{ComplexReader, any_complex, characters, plain_complex, scalar_reader};
 use header::{Dtype, DtypeKind, NpyHeader};
 use num_complex::Complex32;
@@ -297,7 +298,7 @@ impl NpzReader {
 
     fn header(&self, name: &str) -> Result<(usize, NpyHeader)> {
         let Some(entry) = self.entries.iter().find(|entry| entry.name == name) else {
-            let present: Vec<_> = self.names().map(|name| format!("`{name}`")).collect();
+            let present: Vec<_> = self.names().take(20).map(|name| format!("`{}`", quoted(name))).collect();
             let present = if present.is_empty() { "no arrays".to_owned() } else { present.join(", ") };
             return Err(self.fault(name, format!("is missing; the file contains {present}")));
         };

@@ -10,6 +10,7 @@ use std::fmt;
 use std::path::Path;
 
 use crate::error::{Error, Result};
+use crate::text::quoted;
 
 /// How the values after the header are written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -192,13 +193,14 @@ impl Header {
                     let known = Format::ALL.into_iter().find(|f| f.name() == *name && *version == "1.0");
                     format = Some(known.ok_or_else(|| {
                         refused(format!(
-                            "has the format `{name} {version}`; ascii, binary_little_endian or binary_big_endian 1.0 \
-                             was expected"
+                            "has the format `{}`; ascii, binary_little_endian or binary_big_endian 1.0 was expected",
+                            quoted(&format!("{name} {version}"))
                         ))
                     })?);
                 }
                 (_, ["element", name, count]) => {
                     let count = count.parse().map_err(|_| {
+                        let (count, name) = (quoted(count), quoted(name));
                         refused(format!("declares `{count}` of `{name}`; a whole number was expected"))
                     })?;
                     elements.push(Element { name: (*name).to_owned(), count, properties: Vec::new() });
@@ -207,7 +209,7 @@ impl Header {
                     let property = property(kind, name).ok_or_else(|| {
                         refused(format!(
                             "`{}` must have the form `property float x` or `property list uchar int vertex_indices`",
-                            words.join(" ")
+                            quoted(&words.join(" "))
                         ))
                     })?;
                     let element = elements.last_mut();
@@ -220,7 +222,7 @@ impl Header {
                     return Err(refused(format!(
                         "`{}` is not valid in the header of a PLY; format, comment, element, property or end_header \
                          was expected",
-                        line.trim().chars().take(80).collect::<String>()
+                        quoted(line.trim())
                     )));
                 }
             }

@@ -10,6 +10,7 @@ use crate::grid::{Axis, Grid};
 use crate::plan::design::Verdict;
 use crate::progress::{Observer, advance, stage};
 use crate::psf::{PointSpread, point_spread_with};
+use crate::text::quoted;
 use glam::DVec3;
 use serde::Serialize;
 
@@ -82,7 +83,7 @@ impl SweptKey {
     pub fn parse(typed: &str) -> Result<Self> {
         let wrong = |problem: &str| {
             Error::input(
-                format!("--sweep {}", typed.chars().take(60).collect::<String>()),
+                format!("--sweep {}", quoted(typed)),
                 format!("{problem}; expected KEY=FROM:TO:STEP, as in array.extent=0.5:2:0.25, or KEY=a,b,c"),
             )
         };

@@ -4,6 +4,7 @@ use super::job::JobOptions;
 use crate::config::{Limit, RunFile};
 use crate::error::{Error, Result};
 use crate::metrics::{METRIC_NAMES, Measure, Scores};
+use crate::text::quoted;
 use serde::Serialize;
 use std::path::Path;
 
@@ -28,14 +29,18 @@ impl Bound {
             Error::input(
                 option,
                 format!(
-                    "`{typed}` was expected to be NAME=NUMBER, as in completeness=0.65; of a material \
-                     completeness:glass=0.8, of the second surface completeness#2=0.8"
+                    "`{}` was expected to be NAME=NUMBER, as in completeness=0.65; of a material \
+                     completeness:glass=0.8, of the second surface completeness#2=0.8",
+                    quoted(typed)
                 ),
             )
         })?;
         let measure = Measure::parse(name.trim()).map_err(|unknown| {
             let known = METRIC_NAMES.join(", ");
-            Error::input(option, format!("there is no metric `{unknown}`; expected one of {known}"))
+            Error::input(
+                option,
+                format!("there is no metric `{}`; expected one of {known}", quoted(&unknown)),
+            )
         })?;
         Ok(Self { measure, limit: Limit { min: min.then_some(value), max: (!min).then_some(value) } })
     }
@@ -115,7 +120,9 @@ pub fn check_scene(path: &Path, run: &RunFile, seeds: &[u32], job: &JobOptions) 
         .limits
         .iter()
         .map(|(name, limit)| {
-            let unknown = |name| Error::input(path.display(), format!("[expect] names no metric `{name}`"));
+            let unknown = |name: String| {
+                Error::input(path.display(), format!("[expect] names no metric `{}`", quoted(&name)))
+            };
             Ok(Bound { measure: Measure::parse(name).map_err(unknown)?, limit: *limit })
         })
         .collect::<Result<Vec<_>>>()?;

@@ -2,7 +2,7 @@
 
 use crate::progress::{Event, Observer};
 use std::sync::{Mutex, PoisonError};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// An observer that passes everything on, and records warnings and times.
 pub(super) struct Log<'a> {
@@ -52,5 +52,9 @@ impl Observer for Log<'_> {
 
     fn should_stop(&self) -> bool {
         self.inner.should_stop()
+    }
+
+    fn grace_period(&self, longest: Duration) {
+        self.inner.grace_period(longest);
     }
 }

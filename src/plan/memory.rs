@@ -1,6 +1,6 @@
 //! How much memory a job may use.
 
-use std::path::Path;
+mod groups;
 
 /// The most bytes that a job may use: those requested, else 80 % of the free memory, where the system reports it; but
 /// no more than this process's address space (`ulimit -v`).
@@ -28,9 +28,9 @@ fn used_addresses(status: &str) -> Option<u64> {
     line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()?.checked_mul(1024)
 }
 
-/// Memory that is free, bytes: the smaller of the system's and the control group's, where there are such.
+/// Memory that is free, bytes: the least of the system's and that of the control groups, where there are such.
 fn available_memory() -> Option<u64> {
-    [system_memory(), group_memory(Path::new("/sys/fs/cgroup"))].into_iter().flatten().min()
+    [system_memory(), groups::available()].into_iter().flatten().min()
 }
 
 /// What the system has left.
@@ -41,18 +41,7 @@ fn system_memory() -> Option<u64> {
     line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()?.checked_mul(1024)
 }
 
-/// What the control group has left, by version 2 or 1 of their files; `None` without a limit.
-fn group_memory(root: &Path) -> Option<u64> {
-    let number = |name: &str| -> Option<u64> {
-        std::fs::read_to_string(root.join(name)).ok()?.trim().parse::<u64>().ok()
-    };
-    let left = |limit: &str, used: &str| Some(number(limit)?.saturating_sub(number(used)?));
-    left("memory.max", "memory.current")
-        .or_else(|| left("memory/memory.limit_in_bytes", "memory/memory.usage_in_bytes"))
-}
-
 #[cfg(test)]
-#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 
@@ -63,24 +52,5 @@ mod tests {
         assert_eq!(soft_limit(limits), Some(1 << 30));
         assert_eq!(soft_limit(&limits.replace("1073741824", "unlimited")), None);
         assert_eq!(used_addresses("Name:\tx\nVmSize:\t   12 kB\n"), Some(12 << 10));
-    }
-
-    #[test]
-    fn a_control_group_bounds_what_is_free() {
-        let folder = tempfile::tempdir().unwrap();
-        let write = |name: &str, text: &str| {
-            let path = folder.path().join(name);
-            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
-            std::fs::write(path, text).unwrap();
-        };
-        assert_eq!(group_memory(folder.path()), None);
-        write("memory/memory.limit_in_bytes", "5000\n");
-        write("memory/memory.usage_in_bytes", "1000\n");
-        assert_eq!(group_memory(folder.path()), Some(4000));
-        write("memory.max", "max\n");
-        write("memory.current", "7\n");
-        assert_eq!(group_memory(folder.path()), Some(4000), "no limit of version 2");
-        write("memory.max", "20\n");
-        assert_eq!(group_memory(folder.path()), Some(13));
     }
 }

@@ -7,6 +7,7 @@ use super::Reflectors;
 use crate::alloc::try_with_capacity;
 use crate::error::{Error, Result, gib};
 use crate::files::open_input;
+use crate::text::quoted;
 use glam::DVec3;
 use num_complex::Complex32;
 use std::fs::File;
@@ -149,8 +150,10 @@ impl<'a, const N: usize> Table<'a, N> {
                 *value = fields.next().flatten().filter(|v: &f64| v.abs() <= LARGEST).unwrap_or(f64::NAN);
             }
             if fields.next().is_some() || row.iter().any(|value| value.is_nan()) {
-                let problem =
-                    format!("{N} numbers `{expected}` of at most {LARGEST:e} were expected, found `{text}`");
+                let problem = format!(
+                    "{N} numbers `{expected}` of at most {LARGEST:e} were expected, found `{}`",
+                    quoted(text)
+                );
                 return refused(number, problem);
             }
             rows += 1;

@@ -10,6 +10,7 @@ use crate::alloc::try_with_capacity;
 use crate::error::{Error, Result, gib};
 use crate::files::open_input;
 use crate::progress::Observer;
+use crate::text::quoted;
 
 /// Maximum size of a scene file, bytes.
 const LARGEST_FILE: u64 = 4 << 30;
@@ -71,7 +72,8 @@ impl MeshFile<'_> {
 /// At most eight names, for messages.
 pub(super) fn list_names<'a>(names: impl IntoIterator<Item = &'a String>) -> String {
     const SHOWN: usize = 8;
-    let mut list: Vec<_> = names.into_iter().take(SHOWN + 1).map(|name| format!("`{name}`")).collect();
+    let mut list: Vec<_> =
+        names.into_iter().take(SHOWN + 1).map(|name| format!("`{}`", quoted(name))).collect();
     if let Some(last) = list.get_mut(SHOWN) {
         "...".clone_into(last);
     }
@@ -122,7 +124,7 @@ pub(super) fn beside(mesh: &Path, relative: &str) -> std::result::Result<PathBuf
     let harmless = |part: Component<'_>| matches!(part, Component::Normal(_) | Component::CurDir);
     let drive = name.as_bytes().get(1) == Some(&b':');
     if name.is_empty() || name.contains('\0') || drive || !Path::new(&name).components().all(harmless) {
-        return Err(format!("names `{relative}`, which is not inside the folder of the file"));
+        return Err(format!("names `{}`, which is not inside the folder of the file", quoted(relative)));
     }
     let folder = mesh.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let path = folder.join(&name);
@@ -130,7 +132,7 @@ pub(super) fn beside(mesh: &Path, relative: &str) -> std::result::Result<PathBuf
     if let (Ok(folder), Ok(real)) = (folder.canonicalize(), path.canonicalize())
         && !real.starts_with(folder)
     {
-        return Err(format!("names `{relative}`, a link that leads out of the folder of the file"));
+        return Err(format!("names `{}`, a link that leads out of the folder of the file", quoted(relative)));
     }
     Ok(path)
 }

@@ -22,6 +22,7 @@ use super::material::Palette;
 use super::surfaces::{Surfaces, too_many_triangles};
 use super::{Mesh, Unit, Up};
 use crate::error::{Error, Result};
+use crate::text::quoted;
 use container::Document;
 use instances::Instances;
 use mesh::MeshReader;
@@ -134,7 +135,7 @@ impl Walk<'_, '_, '_> {
             return Err(file.refused(problem));
         };
         if count > 1 {
-            let name = scene.name.as_ref().map(|n| format!(" (`{n}`)")).unwrap_or_default();
+            let name = scene.name.as_ref().map(|n| format!(" (`{}`)", quoted(n))).unwrap_or_default();
             file.warn(format_args!("contains {count} scenes; scene {index}{name} is used"));
         }
         Ok(scene.nodes.iter().map(json::Index::value).collect())

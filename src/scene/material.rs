@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use super::files::{MeshFile, list_names};
 use crate::error::{Error, Result};
+use crate::text::quoted;
 use serde::{Deserialize, Serialize};
 
 /// How a surface reflects and transmits the amplitude of sound; equal for both sides, all angles and all frequencies.
@@ -38,7 +39,7 @@ impl Material {
 
     /// Refuses shares outside 0..1.
     pub(super) fn check(&self) -> Result<()> {
-        let place = || format!("material `{}` ({})", self.name, self.source);
+        let place = || format!("material `{}` ({})", quoted(&self.name), self.source);
         check_share(place, "reflectance", self.reflectance)?;
         check_share(place, "transmittance", self.transmittance)
     }
@@ -113,7 +114,7 @@ impl<'a> Palette<'a> {
                 let place = format!("material rule {}", i + 1);
                 return Err(Error::input(place, "has no name; `*` matches every name"));
             }
-            let place = || format!("material rule `{}`", rule.name);
+            let place = || format!("material rule `{}`", quoted(&rule.name));
             if rule.reflectance.is_none() && rule.transmittance.is_none() {
                 let problem = "sets neither reflectance nor transmittance; set at least one";
                 return Err(Error::input(place(), problem));
@@ -155,7 +156,7 @@ impl<'a> Palette<'a> {
             let rule = &self.rules[i];
             material.reflectance = rule.reflectance.unwrap_or(material.reflectance);
             material.transmittance = rule.transmittance.unwrap_or(material.transmittance);
-            material.source = format!("rule `{}`", rule.name);
+            material.source = format!("rule `{}`", quoted(&rule.name));
         }
         let index = self.materials.len() as u32;
         self.materials.push(material);
@@ -170,7 +171,7 @@ impl<'a> Palette<'a> {
             file.warn(format_args!(
                 "material rule `{}` matches no material, node or object (or earlier rules matched them all); the file \
                  contains {names}",
-                rule.name
+                quoted(&rule.name)
             ));
         }
         self.materials

@@ -6,6 +6,7 @@
 use super::files::MeshFile;
 use super::material::Material;
 use crate::error::Result;
+use crate::text::quoted;
 
 /// The materials of an MTL file: opacity `d`, or 1 - `Tr`, or opaque.
 ///
@@ -46,7 +47,7 @@ impl Statements<'_> {
                     file.observer.warn(&format!(
                         "{}, material `{}`: d {d} and Tr {tr} contradict each other (Tr should be 1 - d); d is used",
                         file.path.display(),
-                        self.name
+                        quoted(self.name)
                     ));
                 }
                 // Nearly every exporter writes `d 1`; that counts as the default, not as information.
@@ -68,7 +69,7 @@ fn opacity(rest: &str, keyword: &str, file: MeshFile<'_>, line: usize) -> Result
     match word.parse() {
         Ok(value) if (0.0..=1.0).contains(&value) => Ok(value),
         _ => {
-            let problem = format!("`{keyword} {}` must give an opacity from 0 to 1", rest.trim());
+            let problem = format!("`{keyword} {}` must give an opacity from 0 to 1", quoted(rest.trim()));
             Err(file.refused_at(format_args!("line {line}"), problem))
         }
     }

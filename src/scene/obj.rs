@@ -16,6 +16,7 @@ use super::surfaces::Surfaces;
 use super::{Mesh, Up, mtl};
 use crate::alloc::try_with_capacity;
 use crate::error::{Error, Result};
+use crate::text::quoted;
 
 /// Reads an OBJ file. See [`Scene::load`](super::Scene::load).
 pub(super) fn load<'a>(file: MeshFile<'a>, palette: &mut Palette<'_>) -> Result<Mesh<'a>> {
@@ -47,7 +48,7 @@ pub(super) fn load<'a>(file: MeshFile<'a>, palette: &mut Palette<'_>) -> Result<
         vertices.extend(positions.map(DVec3::from_slice));
         if let Some(bad) = vertices.iter().find(|v| !v.is_finite()) {
             let problem = format!("has a vertex with a coordinate that is not finite: {bad}");
-            return Err(file.refused_at(format_args!("object `{}`", model.name), problem));
+            return Err(file.refused_at(format_args!("object `{}`", quoted(&model.name)), problem));
         }
         let material = palette.assign(mesh.material_id, owner(&model.name));
         let mut rest = mesh.indices.as_slice();
@@ -176,7 +177,10 @@ fn header_unit(comment: &str) -> std::result::Result<Option<f64>, String> {
     };
     match (number, metres) {
         (Some(number), Some(metres)) => Ok(Some(number * metres)),
-        _ => Err(format!("`{comment}` should have the form `# 1 unit = 1000.0 mm` (m, cm, mm, in or ft)")),
+        _ => Err(format!(
+            "`{}` should have the form `# 1 unit = 1000.0 mm` (m, cm, mm, in or ft)",
+            quoted(comment)
+        )),
     }
 }
 

@@ -5,23 +5,21 @@
 //! never too few. The test is watertight: a path through an edge or a corner that triangles share hits at least one
 //! of them. It may then hit several, so crossings at one place along the path count as one surface.
 
+mod build;
+
 use std::fmt;
 
 use glam::{DVec3, Vec3A};
-use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
-use obvhs::bvh2::leaf_collapser::collapse;
 use obvhs::bvh2::node::Bvh2Node;
-use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
-use obvhs::ploc::PlocBuilder;
+use obvhs::fast_stack;
 use obvhs::ray::{Ray, RayHit};
-use obvhs::{Boundable, BvhBuildParams, fast_stack};
 
-use super::files::does_not_fit;
 use super::triangle::{self, Triangle};
 use super::{Material, Scene};
-use crate::alloc::try_with_capacity;
 use crate::error::Result;
+use crate::progress::Observer;
+use build::build;
 
 /// Crossings closer than this times the scene's maximum coordinate (including those of the path's ends) to an end of
 /// the path, or to one another, are at the same place: within 0.25 µm in a scene of 2.5 m, far below a wavelength and
@@ -141,47 +139,6 @@ impl TreeFrame {
     }
 }
 
-/// A triangle, from which the tree's builder gets the box: 16 bytes instead of the 32 of a box.
-struct Boxed<'a> {
-    triangle: &'a Triangle,
-    frame: &'a TreeFrame,
-}
-
-impl Boundable for Boxed<'_> {
-    fn aabb(&self) -> Aabb {
-        let [a, b, c] = self.triangle.vertices.map(|v| self.frame.to_tree(v));
-        let padding = Vec3A::splat(PADDING);
-        Aabb::new(a.min(b).min(c) - padding, a.max(b).max(c) + padding)
-    }
-}
-
-/// Builds the tree: obvhs' `build_bvh2` step by step, so that the memory of a step is free before the next. Triangles
-/// are not split, because they would be in several leaves and be counted several times. `None` when the tree does not
-/// fit in memory.
-fn build(triangles: &[Triangle], frame: &TreeFrame) -> Option<Bvh2> {
-    // The crate aborts when memory runs out, so as much as it needs is allocated beforehand, and freed.
-    drop(try_with_capacity::<u8>(triangles.len() as u64 * SurfaceTree::BUILDING)?);
-    let parameters = BvhBuildParams::slow_build();
-    let mut boxed = try_with_capacity(triangles.len() as u64)?;
-    boxed.extend(triangles.iter().map(|triangle| Boxed { triangle, frame }));
-    let mut bvh = PlocBuilder::with_capacity(boxed.len()).build(
-        parameters.ploc_search_distance,
-        &boxed,
-        (0..boxed.len() as u32).collect(),
-        parameters.sort_precision,
-        parameters.search_depth_threshold,
-    );
-    drop(boxed);
-    let ratio = parameters.reinsertion_batch_ratio;
-    ReinsertionOptimizer::default().run(&mut bvh, ratio, None);
-    collapse(&mut bvh, parameters.max_prims_per_leaf, parameters.collapse_traversal_cost);
-    let later = parameters.post_collapse_reinsertion_batch_ratio_multiplier;
-    ReinsertionOptimizer::default().run(&mut bvh, ratio * later, None);
-    // Only changes to the tree would need them.
-    bvh.parents = Vec::new();
-    Some(bvh)
-}
-
 /// A tree over the triangles' boxes.
 pub(super) struct SurfaceTree {
     bvh: Bvh2,
@@ -197,22 +154,20 @@ impl fmt::Debug for SurfaceTree {
 }
 
 impl SurfaceTree {
-    /// Bytes per triangle at the peak of [`SurfaceTree::new`]: the triangle's box, two lists of leaves, sorting keys, and two
-    /// nodes with an index.
-    pub(super) const BUILDING: u64 =
-        (size_of::<Boxed<'_>>() + 4 * size_of::<Bvh2Node>() + size_of::<u128>() + size_of::<u32>()) as u64;
+    /// Bytes per triangle at the peak of [`SurfaceTree::new`].
+    pub(super) const BUILDING: u64 = build::BYTES;
 
     /// # Errors
-    /// [`Error::OutOfMemory`] when it does not fit in memory.
-    pub(super) fn new(triangles: &[Triangle]) -> Result<Self> {
+    /// [`Error::OutOfMemory`](crate::error::Error::OutOfMemory) when it does not fit in memory;
+    /// [`Error::Interrupted`](crate::error::Error::Interrupted) when the observer asks to stop.
+    pub(super) fn new(triangles: &[Triangle], observer: &dyn Observer) -> Result<Self> {
         let (low, high) = triangle::bounds(triangles).unwrap_or_default();
         let centre = 0.5 * (low + high);
         let half = (0.5 * (high - low)).max_element();
         // A scene that is a single point has no extent; any unit will do.
         let unit = if half > 0.0 { half } else { 1.0 };
         let frame = TreeFrame { centre, unit };
-        let bvh = build(triangles, &frame)
-            .ok_or_else(|| does_not_fit("scene", "the nodes of the tree over its triangles"))?;
+        let bvh = build(triangles, &frame, [low, high], observer)?;
         let padding = DVec3::splat(f64::from(PADDING) * unit);
         Ok(Self { bvh, frame, low: low - padding, high: high + padding })
     }

@@ -8,6 +8,7 @@ use super::material::MaterialRule;
 use super::triangle::Triangle;
 use crate::choice::choice;
 use crate::error::{Error, Result};
+use crate::text::quoted;
 use crate::wave::bounding_box;
 use crate::with_fields::with_fields;
 
@@ -79,7 +80,10 @@ impl FromStr for Sensor {
         match text.split_once(':') {
             Some(("camera", name)) if !name.is_empty() => Ok(Self::Camera(name.to_owned())),
             Some(("node", name)) if !name.is_empty() => Ok(Self::Node(name.to_owned())),
-            _ => Err(Error::input("sensor", format!("`{text}` must have the form camera:NAME or node:NAME"))),
+            _ => Err(Error::input(
+                "sensor",
+                format!("`{}` must have the form camera:NAME or node:NAME", quoted(text)),
+            )),
         }
     }
 }

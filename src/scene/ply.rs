@@ -13,6 +13,7 @@ use super::surfaces::Surfaces;
 use super::{Mesh, Up};
 use crate::error::Result;
 use crate::files::ply::{Element, Header};
+use crate::text::quoted;
 use source::Source;
 
 /// Reads a PLY file. See [`Scene::load`](super::Scene::load).
@@ -132,7 +133,7 @@ fn read_row(element: &Element, source: &mut Source<'_>, rows: &mut impl Rows) ->
             Some(scalar) => {
                 let count = source.next(scalar)?;
                 if count < 0.0 || count.fract() != 0.0 {
-                    return Err(format!("has a list `{}` of {count} values", property.name));
+                    return Err(format!("has a list `{}` of {count} values", quoted(&property.name)));
                 }
                 count as u64
             }
@@ -214,7 +215,9 @@ impl Lists {
         match found {
             Some(list) => self.list = list,
             None if element.count == 0 => {}
-            None => return Err(format!("its element `{}` needs a list `vertex_indices`", element.name)),
+            None => {
+                return Err(format!("its element `{}` needs a list `vertex_indices`", quoted(&element.name)));
+            }
         }
         Ok(())
     }

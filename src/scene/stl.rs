@@ -12,6 +12,7 @@ use super::material::Palette;
 use super::surfaces::Surfaces;
 use super::{Mesh, Up};
 use crate::error::{Error, Result};
+use crate::text::quoted;
 
 /// Bytes before the first triangle of a binary file: 80 arbitrary ones, and the number of triangles.
 const HEADER: usize = 84;
@@ -132,7 +133,10 @@ fn read_text(
                 "normal" => words.by_ref().take(3).for_each(drop),
                 "outer" | "loop" => {}
                 "vertex" => corners.push(vertex(words.by_ref()).ok_or_else(|| {
-                    refused(format!("`{line}` must give three finite numbers, such as `vertex 0.1 0.2 0.3`"))
+                    refused(format!(
+                        "`{}` must give three finite numbers, such as `vertex 0.1 0.2 0.3`",
+                        quoted(line)
+                    ))
                 })?),
                 "endloop" => {
                     if corners.len() < 3 {
@@ -146,8 +150,9 @@ fn read_text(
                 "endfacet" => in_facet = false,
                 _ => {
                     return Err(refused(format!(
-                        "`{word}` is not a keyword of STL; solid, facet normal, outer loop, vertex, endloop, endfacet \
-                         or endsolid was expected"
+                        "`{}` is not a keyword of STL; solid, facet normal, outer loop, vertex, endloop, endfacet or \
+                         endsolid was expected",
+                        quoted(word)
                     )));
                 }
             }

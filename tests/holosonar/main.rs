@@ -13,6 +13,7 @@ mod binary;
 mod browser;
 mod choices;
 mod command;
+mod escapes;
 mod faults;
 mod guide;
 mod layout;

@@ -15,6 +15,7 @@ use crate::alloc::try_with_capacity;
 use crate::error::{Error, Result, gib};
 use crate::files::{extension, open_input};
 use crate::reflectors::csv::Table;
+use crate::text::quoted;
 use glam::DVec3;
 use quick_xml::Reader;
 use quick_xml::events::{BytesStart, Event};
@@ -105,14 +106,14 @@ fn positions(text: &str) -> std::result::Result<Vec<DVec3>, (usize, String)> {
         let event = event.map_err(|error| {
             (
                 reader.error_position() as usize,
-                format!("is not well-formed XML: {}", short(&error.to_string())),
+                format!("is not well-formed XML: {}", quoted(&error.to_string())),
             )
         })?;
         match event {
             Event::Start(tag) => match tag.name().as_ref() {
                 "MicArray" => inside = true,
                 name if !inside => {
-                    let name = short(name);
+                    let name = quoted(name);
                     let problem =
                         format!("<{name}> was found, <MicArray> was expected: this is not an Acoular array");
                     return Err((at, problem));
@@ -144,7 +145,7 @@ fn position(tag: &BytesStart) -> std::result::Result<DVec3, String> {
         position[axis] = Some(number.ok_or_else(|| {
             format!(
                 "`{name}` of <pos> is \"{}\"; a finite number of metres was expected",
-                short(&attribute.value)
+                quoted(&attribute.value)
             )
         })?);
     }
@@ -152,11 +153,6 @@ fn position(tag: &BytesStart) -> std::result::Result<DVec3, String> {
         Some(axis) => Err(format!("<pos> has no `{}`; x, y and z in metres were expected", AXES[axis])),
         None => Ok(DVec3::from_array(position.map(Option::unwrap_or_default))),
     }
-}
-
-/// The first 120 characters of a text, escaped.
-fn short(text: &str) -> String {
-    text.chars().take(120).flat_map(char::escape_debug).collect()
 }
 
 #[cfg(test)]

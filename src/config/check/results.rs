@@ -4,11 +4,12 @@ use crate::config::range::{
     Check, counts, ensure, expect, finite, none_typed, not_negative, positive, tolerance, within,
 };
 use crate::config::reader::{Fault, joined};
-use crate::config::wording::{nearest, quoted};
+use crate::config::wording::nearest;
 use crate::config::{DepthTable, ExpectTable, GridTable, OutputTable, ReconstructTable};
 use crate::export::Fill;
 use crate::grid::View;
 use crate::metrics::{METRIC_NAMES, Measure, Metrics};
+use crate::text::quoted;
 
 /// Maximum side of a median filter, pixels.
 const MAX_MEDIAN: u32 = 99;

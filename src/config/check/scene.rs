@@ -2,9 +2,9 @@
 
 use crate::config::range::{Check, conflict, ensure, file_name, finite, positive, within};
 use crate::config::reader::{Fault, joined};
-use crate::config::wording::quoted;
 use crate::config::{ReflectorsTable, SceneTable};
 use crate::scene::MaterialRule;
+use crate::text::quoted;
 
 impl SceneTable {
     pub(super) fn check(&self) -> Check {

@@ -2,6 +2,7 @@
 //!
 //! A strict parser of the one Python literal that `NumPy` writes there, for format versions 1 to 3.
 
+use crate::text::quoted;
 use std::io::{self, Read};
 
 /// Longest header accepted, bytes. `NumPy`'s own limit is 10 000.
@@ -96,7 +97,7 @@ impl<'a> Parser<'a> {
                 "descr" => dtype = Some(self.dtype()?),
                 "fortran_order" => fortran = Some(self.truth()?),
                 "shape" => shape = Some(self.shape()?),
-                _ => return Err(format!("has the unknown header key `{key}`")),
+                _ => return Err(format!("has the unknown header key `{}`", quoted(key))),
             }
             if !self.take(",") {
                 self.expect("}")?;
@@ -165,7 +166,7 @@ impl<'a> Parser<'a> {
         }
         let name = self.quoted()?;
         let supported = "complex64, complex128, float32, float64 and integers are supported";
-        let refused = || format!("has the type `{name}`; {supported}");
+        let refused = || format!("has the type `{}`; {supported}", quoted(name));
         let (big_endian, rest) = match name.as_bytes() {
             [b'<' | b'|', rest @ ..] => (false, rest),
             [b'=', rest @ ..] => (cfg!(target_endian = "big"), rest),

@@ -7,6 +7,7 @@ use json::validation::Checked;
 use super::super::material::Material;
 use super::container::Document;
 use crate::error::{Error, Result};
+use crate::text::quoted;
 
 /// The material as the file describes it: extras override transmission, and transmission overrides alpha.
 pub(super) fn material(document: &Document<'_>, index: usize, material: &json::Material) -> Result<Material> {
@@ -49,7 +50,10 @@ pub(super) fn material(document: &Document<'_>, index: usize, material: &json::M
         ] {
             if let Some(value) = extras.get(key) {
                 *share = value.as_f64().ok_or_else(|| {
-                    let problem = format!("extras: `{key}` is {value}; expected a number from 0 to 1");
+                    let problem = format!(
+                        "extras: `{key}` is {}; expected a number from 0 to 1",
+                        quoted(&value.to_string())
+                    );
                     Error::input(place(), problem)
                 })?;
                 "glTF extras".clone_into(&mut result.source);

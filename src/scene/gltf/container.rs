@@ -16,6 +16,7 @@ use percent_encoding::percent_decode_str;
 use super::super::files::{self, MeshFile};
 use crate::alloc::try_with_capacity;
 use crate::error::{Error, Result};
+use crate::text::quoted;
 
 /// A parsed file and its buffers, none of them shorter than declared.
 pub(super) struct Document<'a> {
@@ -89,7 +90,7 @@ impl<'a> Document<'a> {
 
     /// An element of the file, for messages.
     pub(super) fn place(&self, kind: &str, index: usize, name: Option<&String>) -> String {
-        let name = name.map(|name| format!(" (`{name}`)")).unwrap_or_default();
+        let name = name.map(|name| format!(" (`{}`)", quoted(name))).unwrap_or_default();
         format!("{}, {kind} {index}{name}", self.file.path.display())
     }
 
@@ -125,9 +126,12 @@ impl<'a> Document<'a> {
 
     fn external(&self, uri: &str) -> std::result::Result<PathBuf, String> {
         if uri.contains(':') {
-            return Err(format!("refers to `{uri}`; only files in the folder of the mesh are read"));
+            return Err(format!(
+                "refers to `{}`; only files in the folder of the mesh are read",
+                quoted(uri)
+            ));
         }
-        let name = decode_percent(uri).ok_or_else(|| format!("has a malformed uri `{uri}`"))?;
+        let name = decode_percent(uri).ok_or_else(|| format!("has a malformed uri `{}`", quoted(uri)))?;
         files::beside(self.file.path, &name)
     }
 }
@@ -173,7 +177,10 @@ pub(super) fn unsupported_extension(place: impl Display, extension: &str) -> Err
         }
         _ => "export the mesh without it",
     };
-    Error::input(place, format!("requires the extension {extension}, which is not supported; {fix}"))
+    Error::input(
+        place,
+        format!("requires the extension {}, which is not supported; {fix}", quoted(extension)),
+    )
 }
 
 /// The byte order mark that some programs write before the text.

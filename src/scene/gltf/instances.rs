@@ -6,6 +6,7 @@ use glam::{DAffine3, DQuat, DVec3};
 use super::accessor::{self, Accessor};
 use super::container::Document;
 use crate::error::{Error, Result};
+use crate::text::quoted;
 
 pub(super) const NAME: &str = "EXT_mesh_gpu_instancing";
 
@@ -36,17 +37,22 @@ impl<'a> Instances<'a> {
         let mut instances = Self { count: 0, translation: None, rotation: None, scale: None };
         for (name, index) in attributes {
             let index = index.as_u64().and_then(|index| usize::try_from(index).ok());
-            let index = index.ok_or_else(|| refused(format!("`{name}` must be the index of an accessor")))?;
+            let index = index
+                .ok_or_else(|| refused(format!("`{}` must be the index of an accessor", quoted(name))))?;
             let accessor = accessor::find(document, index)?;
             if accessor.buffer_view.is_none() {
                 // This also keeps a small file from requesting millions of copies.
                 return Err(refused(format!(
-                    "`{name}` has no buffer view: all copies would be at the same place"
+                    "`{}` has no buffer view: all copies would be at the same place",
+                    quoted(name)
                 )));
             }
             let found = accessor.count.0;
             if let Some(other) = count.filter(|&other| other != found) {
-                return Err(refused(format!("`{name}` has {found} values, another attribute has {other}")));
+                return Err(refused(format!(
+                    "`{}` has {found} values, another attribute has {other}",
+                    quoted(name)
+                )));
             }
             count = Some(found);
             match name.as_str() {

@@ -7,6 +7,7 @@ use super::super::files::list_names;
 use super::super::{CameraView, Sensor};
 use super::container::Document;
 use crate::error::{Error, Result};
+use crate::text::quoted;
 
 /// Finds the requested sensor while the nodes are visited.
 pub(super) struct SensorSearch<'a> {
@@ -55,7 +56,7 @@ impl<'a> SensorSearch<'a> {
         let Some(&(index, to_scene, view)) = self.found.first() else {
             let names = list_names(self.candidates);
             let names = if names.is_empty() { "none" } else { &names };
-            let problem = format!("its scene has no {kind} named `{name}`; available: {names}");
+            let problem = format!("its scene has no {kind} named `{}`; available: {names}", quoted(name));
             return Err(self.document.file.refused(problem));
         };
         if self.found.len() > 1 {

@@ -253,3 +253,16 @@ fn impossible_triangles_are_refused() {
     let loud = Material { reflectance: 1.1, ..Material::opaque("loud") };
     assert_names(Scene::new(vec![], vec![loud]).unwrap_err().to_string(), &["`loud`", "reflectance", "1.1"]);
 }
+
+#[test]
+fn a_pile_of_equal_triangles_is_one_surface() {
+    let one = square(1.0, 1.0)[0];
+    let alone = scene(&[one], 0.6);
+    let pile = scene(&vec![one; 200_000], 0.6);
+    for (x, y) in [(0.1, -0.5), (-0.2, -0.3), (0.9, 0.9), (0.0, 0.0)] {
+        let (from, to) = (v(0.0, 0.0, 0.0), v(2.0 * x, 2.0 * y, 2.0));
+        assert_eq!(pile.crossings(from, to), alone.crossings(from, to));
+        assert_eq!(pile.transmittance(from, to), alone.transmittance(from, to));
+    }
+    assert_eq!(pile.triangles().len(), 200_000);
+}

@@ -2,6 +2,7 @@
 
 use super::RowResult;
 use crate::files::ply::{Element, Format, Scalar};
+use crate::text::quoted;
 
 /// Reads one number after another as f64, which represents every type of them exactly.
 #[derive(Debug)]
@@ -57,7 +58,7 @@ impl<'a> Source<'a> {
         self.rest = rest;
         let number = std::str::from_utf8(word).ok().and_then(|word| word.parse().ok());
         number.ok_or_else(|| {
-            let word: String = String::from_utf8_lossy(word).chars().take(40).collect();
+            let word = quoted(&String::from_utf8_lossy(word));
             format!("has `{word}` where a number was expected")
         })
     }

@@ -173,3 +173,25 @@ fn a_second_signal_leaves_the_terminal_clean() {
     }
     panic!("the block ended first each time");
 }
+
+/// A command that is within a call that asks nobody, here a write into a pipe that nobody reads.
+#[test]
+fn a_signal_ends_a_command_that_hangs_within_a_second() {
+    let folder = workplace();
+    for (signal, status) in [("-INT", 130), ("-TERM", 143)] {
+        let (unread, mut full) = std::io::pipe().unwrap();
+        // As much as a pipe holds.
+        std::io::Write::write_all(&mut full, &[0; 1 << 16]).unwrap();
+        let mut command = command(folder.path(), ["completions", "bash"]);
+        let mut child = command.stdout(full).stderr(Stdio::piped()).spawn().unwrap();
+        std::thread::sleep(Duration::from_millis(300));
+        assert!(child.try_wait().unwrap().is_none(), "it has written into a full pipe");
+        let begun = Instant::now();
+        send(signal, &child.id().to_string());
+        let ran = end(child);
+        assert!(begun.elapsed() < Duration::from_secs(3), "{:?}", begun.elapsed());
+        assert_eq!(ran.status, status, "{}", ran.stderr);
+        assert_names(ran.stderr, &["interrupted"]);
+        drop(unread);
+    }
+}
