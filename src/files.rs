@@ -13,7 +13,7 @@ pub(crate) mod unfinished;
 
 pub(crate) use folder::{NewFolders, OutputFolder, free_space};
 pub(crate) use input::open_input;
-pub(crate) use job_files::{check_is_no_input, is_input, protect_inputs};
+pub(crate) use job_files::{check_inputs, check_is_no_input, is_input, protect_inputs};
 
 use crate::error::{Error, Result};
 use folder::{check_folder, nearest};
@@ -84,7 +84,7 @@ impl AtomicFile {
         #[cfg(unix)]
         if let Ok(old) = fs::metadata(&target) {
             // Before it has any content that the old file's permissions protect.
-            take_permissions(file.as_file(), &old).map_err(failed)?;
+            take_permissions(file.as_file(), &old);
         }
         Ok(Self { path: path.to_owned(), target, file, folders, _unfinished: unfinished })
     }
@@ -162,15 +162,22 @@ fn is_abandoned(path: &Path) -> bool {
     // A link or a pipe of such a name is not ours; and a pipe could keep us waiting.
     fs::symlink_metadata(path).is_ok_and(|about| about.is_file())
         && !is_input(path)
-        && File::open(path).is_ok_and(|file| file.try_lock().is_ok())
+        // Network file systems lock only what may be written; a file may have taken a mode in which it may not.
+        && File::options()
+            .read(true)
+            .write(true)
+            .open(path)
+            .or_else(|_| File::open(path))
+            .is_ok_and(|file| file.try_lock().is_ok())
 }
 
-/// Gives a new file the permissions and, as far as allowed, the owner of the file that it will replace.
+/// Gives a new file the permissions and, as far as allowed, the owner of the file that it will replace. Some file systems
+/// have neither.
 #[cfg(unix)]
-fn take_permissions(new: &File, old: &fs::Metadata) -> io::Result<()> {
+fn take_permissions(new: &File, old: &fs::Metadata) {
     use std::os::unix::fs::{MetadataExt, PermissionsExt, fchown};
     let mut mode = old.mode() & 0o777;
-    let created = new.metadata()?;
+    let Ok(created) = new.metadata() else { return };
     if (created.uid(), created.gid()) != (old.uid(), old.gid())
         && fchown(new, Some(old.uid()), Some(old.gid())).is_err()
         && fchown(new, None, Some(old.gid())).is_err()
@@ -179,7 +186,7 @@ fn take_permissions(new: &File, old: &fs::Metadata) -> io::Result<()> {
         // Another group may do no more than everybody.
         mode &= 0o707 | ((mode & 0o007) << 3);
     }
-    new.set_permissions(fs::Permissions::from_mode(mode))
+    let _ = new.set_permissions(fs::Permissions::from_mode(mode));
 }
 
 /// Checks before any long work whether a file can be written at `path` later, and that this replaces no input and no other

@@ -58,7 +58,7 @@ pub use placement::{LoadOptions, Sensor, Unit, Up};
 pub use triangle::Triangle;
 
 use crate::error::{Error, Result};
-use crate::files::extension;
+use crate::files::{check_inputs, extension};
 use crate::progress::{Observer, Silent};
 use files::MeshFile;
 use material::Palette;
@@ -138,6 +138,8 @@ impl Scene {
         };
         let mut palette = Palette::new(&options.materials)?;
         let mesh = load(file, &mut palette)?;
+        // A material file may be missing, but an output may not take its place.
+        check_inputs()?;
         if observer.should_stop() {
             return Err(Error::Interrupted);
         }

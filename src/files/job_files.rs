@@ -58,8 +58,13 @@ struct Entry {
 
 /// The files of one job.
 #[derive(Debug, Default)]
-pub(super) struct JobFiles {
-    entries: Mutex<Vec<Entry>>,
+pub(super) struct JobFiles(Mutex<Record>);
+
+#[derive(Debug, Default)]
+struct Record {
+    entries: Vec<Entry>,
+    /// The first refusal of an input.
+    refused: Option<Error>,
 }
 
 /// The files of the process, if they are recorded.
@@ -80,6 +85,14 @@ pub(crate) fn is_input(path: &Path) -> bool {
     of_process().is_some_and(|files| files.has_read(path))
 }
 
+/// Repeats the first refusal of an input, for a caller that goes on without a file that cannot be read.
+///
+/// # Errors
+/// [`Error::InvalidInput`] when an input that was to be read is an output.
+pub(crate) fn check_inputs() -> Result<()> {
+    of_process().and_then(|files| files.record().refused.clone()).map_or(Ok(()), Err)
+}
+
 /// Refuses to write a file that has been read. For files that a command writes besides its outputs.
 ///
 /// # Errors
@@ -95,12 +108,14 @@ impl JobFiles {
     /// [`Error::InvalidInput`] when it is an output that is not complete yet.
     pub(super) fn read(&self, path: &Path, file: &Metadata) -> Result<()> {
         let entry = Entry { path: path.into(), target: canonical(path), id: id_of(file), use_: Use::Reads };
-        let mut entries = self.entries();
-        if let Some(output) = entries.iter().find(|other| other.use_ == Use::WillWrite && other.is(&entry)) {
-            return Err(overwritten(path, &output.path));
-        }
-        entries.push(entry);
-        Ok(())
+        let mut record = self.record();
+        let output = record.entries.iter().find(|other| other.use_ == Use::WillWrite && other.is(&entry));
+        let refusal = output.map(|output| overwritten(path, &output.path));
+        // Recorded in any case, so that it is not overwritten even if the refusal is lost.
+        record.entries.push(entry);
+        let Some(refusal) = refusal else { return Ok(()) };
+        record.refused.get_or_insert_with(|| refusal.clone());
+        Err(refusal)
     }
 
     /// Records an output, which `announced` says is named for the first time.
@@ -110,7 +125,8 @@ impl JobFiles {
     pub(super) fn will_write(&self, path: &Path, target: &Path, announced: bool) -> Result<()> {
         let id = target.metadata().ok().and_then(|file| id_of(&file));
         let entry = Entry { path: path.into(), target: canonical(target), id, use_: Use::WillWrite };
-        let mut entries = self.entries();
+        let mut record = self.record();
+        let entries = &mut record.entries;
         for other in entries.iter().filter(|other| other.is(&entry)) {
             match other.use_ {
                 Use::Reads => return Err(overwritten(&other.path, path)),
@@ -125,7 +141,7 @@ impl JobFiles {
     /// Notes that an output is complete, after which it may be read.
     pub(super) fn wrote(&self, target: &Path) {
         let target = canonical(target);
-        for entry in self.entries().iter_mut() {
+        for entry in &mut self.record().entries {
             if entry.use_ == Use::WillWrite && entry.target == target {
                 // The inode of the file that was replaced may be another file's by now.
                 (entry.use_, entry.id) = (Use::Wrote, None);
@@ -137,11 +153,11 @@ impl JobFiles {
     pub(super) fn has_read(&self, path: &Path) -> bool {
         let id = path.metadata().ok().and_then(|file| id_of(&file));
         let file = Entry { path: path.into(), target: canonical(path), id, use_: Use::Reads };
-        self.entries().iter().any(|other| other.use_ == Use::Reads && other.is(&file))
+        self.record().entries.iter().any(|other| other.use_ == Use::Reads && other.is(&file))
     }
 
-    fn entries(&self) -> MutexGuard<'_, Vec<Entry>> {
-        self.entries.lock().unwrap_or_else(PoisonError::into_inner)
+    fn record(&self) -> MutexGuard<'_, Record> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -214,6 +230,9 @@ mod tests {
         let error = read(&second, input).unwrap_err();
         assert_eq!(error.exit_status(), 2);
         assert_names(error.to_string(), &both);
+        // Also where the refusal is lost.
+        assert_eq!(second.record().refused, Some(error));
+        assert_names(second.will_write(output, output, false).unwrap_err().to_string(), &["overwritten"]);
     }
 
     #[test]

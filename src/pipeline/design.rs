@@ -6,6 +6,7 @@ use super::memory::{MemoryBudget, SceneSize};
 use super::prepared_scene::Measurement;
 use crate::config::{self, RunFile};
 use crate::error::{Error, Result};
+use crate::files::check_inputs;
 use crate::grid::{Axis, Grid};
 use crate::plan::design::Verdict;
 use crate::progress::{Observer, advance, stage};
@@ -154,6 +155,8 @@ pub fn sweep_designs(keys: &[SweptKey], run_with: &RunWith, job: &JobOptions) ->
                 Ok(design) => (Some(design), None),
                 Err(error @ Error::Interrupted) => return Err(error),
                 Err(error) => {
+                    // What would be overwritten is not a matter of this combination.
+                    check_inputs()?;
                     let refused = Some(error.to_string());
                     first_refusal.get_or_insert(error);
                     (None, refused)
