@@ -34,7 +34,7 @@ mod simulate;
 mod sweep;
 
 pub use array::{Lattice, MicArray};
-pub(crate) use array::{RANDOM_BYTES, Tile, tiles};
+pub(crate) use array::{RANDOM_BYTES, Tile, halvings, tiles};
 pub use cube::DataCube;
 pub use cube_file::CubeFile;
 pub use instrument::Instrument;

@@ -5,7 +5,7 @@ mod scattered;
 mod tiles;
 
 pub(crate) use scattered::RANDOM_BYTES;
-pub(crate) use tiles::{Tile, tiles};
+pub(crate) use tiles::{Tile, halvings, tiles};
 
 use crate::error::{Error, Result};
 use crate::grid::Axis;

@@ -87,6 +87,9 @@ pub(super) fn design(design: &Design) -> String {
             decibels(sidelobes.mean_db)
         );
     }
+    if !sidelobes.skipped.is_empty() {
+        let _ = writeln!(text, "  not searched, to save time: {}", sidelobes.skipped.join("; "));
+    }
     let [x, y, z] = design.voxel_pitch.map(|pitch| format!("{:.1}", pitch * 1e3));
     let _ = writeln!(text, "voxels: {x} x {y} x {z} mm or finer lose little");
     let mut fixed = "";

@@ -9,14 +9,15 @@
 //! pitch d the pulses line up where Δ is a multiple of λ/d: grating lobes, which a wide band smears along τ. Elsewhere
 //! there is no such Δ, and what remains has a mean power of 1/N. The far field of the array is assumed.
 
+mod search;
 #[cfg(test)]
 mod tests;
 
+use super::resolution::Histogram;
 use crate::acquisition::Instrument;
 use crate::reconstruct::Window;
 use glam::DVec2;
 use num_complex::Complex64;
-use rayon::prelude::*;
 use serde::Serialize;
 use std::f64::consts::TAU;
 
@@ -26,11 +27,12 @@ const PER_CELL: f64 = 4.0;
 /// The pulse h is followed this many 1/B to either side; beyond, without a window, it is 26 dB down.
 const PULSE: usize = 6;
 
-/// Most microphones times directions that are evaluated; with more, directions are farther apart.
-const MOST_TERMS: f64 = 1.2e8;
+/// Operations for a microphone's phasor.
+const PER_PHASOR: f64 = 20.0;
 
-/// Highest order of grating lobes that is searched for.
-const ORDERS: i32 = 2;
+/// Above this number microphones are drawn together, in so many places along an axis, to find where the main lobe ends.
+const MOST_SINGLE: usize = 1 << 14;
+const PLACES: usize = 1 << 12;
 
 /// A grating lobe of a lattice of microphones.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -52,6 +54,8 @@ pub struct GratingLobe {
 pub struct Sidelobes {
     /// Largest differences of direction sines along x and y that were searched.
     pub reach: [f64; 2],
+    /// What was not searched for, in words, since it would take longer than a plan should; empty where all was.
+    pub skipped: Vec<String>,
     /// Largest amplitude outside the main lobe at any range, dB; `None` where nothing lies outside of it.
     pub peak_db: Option<f64>,
     /// Where it is, as an offset of direction sines.
@@ -80,6 +84,8 @@ pub struct Beam {
     gratings: [Option<[f64; 2]>; 2],
     /// Where the main lobe ends along x and y.
     lobe: [f64; 2],
+    /// First to last microphone, m.
+    extent: DVec2,
 }
 
 impl Beam {
@@ -116,6 +122,7 @@ impl Beam {
             pulse: Vec::new(),
             gratings,
             lobe: [f64::INFINITY; 2],
+            extent: DVec2::ZERO,
         };
         if beam.bandwidth > 0.0 {
             let over_sweep = window.over_sweep(sweep);
@@ -130,20 +137,28 @@ impl Beam {
                 .collect();
         }
         let extent = array.extent();
-        beam.lobe =
-            [(DVec2::X, extent.x), (DVec2::Y, extent.y)].map(|(axis, extent)| beam.main_lobe(axis, extent));
+        beam.extent = DVec2::new(extent.x, extent.y);
+        beam.lobe = [DVec2::X, DVec2::Y].map(|axis| beam.main_lobe(axis));
         beam
     }
 
     /// Where the main lobe ends along an axis, at the centre frequency and with a little to spare.
-    fn main_lobe(&self, axis: DVec2, extent: f64) -> f64 {
+    fn main_lobe(&self, axis: DVec2) -> f64 {
+        let extent = self.extent.dot(axis);
         if extent <= 0.0 {
             return f64::INFINITY;
         }
+        let microphones = self.microphones_along(axis);
+        let drawn = (microphones.len() > MOST_SINGLE).then(|| {
+            let along = microphones.iter().map(|(r, w)| (r.dot(axis), *w));
+            let drawn = Histogram::of(PLACES, along);
+            drawn.entries().map(|(r, w)| (r * axis, w)).collect::<Vec<_>>()
+        });
+        let microphones = drawn.as_deref().unwrap_or(microphones);
         let step = 0.05 / (self.slowness * self.centre * extent);
         let mut before = 1.0;
         for i in 1..400 {
-            let amplitude = self.at_centre(f64::from(i) * step * axis);
+            let amplitude = self.sum_at_centre(microphones, f64::from(i) * step * axis);
             if amplitude > before && before < 0.5 {
                 return 1.2 * f64::from(i - 1) * step;
             }
@@ -173,12 +188,29 @@ impl Beam {
 
     /// |B| of the centre frequency alone.
     fn at_centre(&self, offset: DVec2) -> f64 {
-        let sum: Complex64 = self
-            .microphones_along(offset)
+        self.sum_at_centre(self.microphones_along(offset), offset)
+    }
+
+    fn sum_at_centre(&self, microphones: &[(DVec2, f64)], offset: DVec2) -> f64 {
+        let sum: Complex64 = microphones
             .iter()
             .map(|(r, w)| Complex64::from_polar(*w, -TAU * self.centre * self.slowness * offset.dot(*r)))
             .sum();
         sum.norm()
+    }
+
+    /// Operations of [`Beam::strength`] and [`Beam::at_centre`]: for their microphones, and by the places of τ per offset of
+    /// direction sines along x and y.
+    fn work(&self, microphones: usize) -> (f64, DVec2) {
+        let taps = self.pulse.len() as f64;
+        let per_sine = taps * PER_CELL * self.bandwidth * self.slowness * self.extent;
+        (2.0 * PER_PHASOR * microphones as f64 + 2.0 * taps, per_sine)
+    }
+
+    /// The same at one offset.
+    fn work_at(&self, offset: DVec2) -> f64 {
+        let (fixed, per_sine) = self.work(self.microphones_along(offset).len());
+        fixed + per_sine.dot(offset.abs())
     }
 
     /// B(Δ) of the module's head, 1 at Δ = 0. Cost: microphones, and 200 operations per 1/B of delay.
@@ -213,132 +245,5 @@ impl Beam {
             })
             .fold(0.0, f64::max)
             .sqrt()
-    }
-
-    /// The grating lobes within `reach` of a reflector, stronger than −60 dB; of each order the positive side.
-    pub fn grating_lobes(&self, reach: [f64; 2]) -> Vec<GratingLobe> {
-        let mut grating_lobes = Vec::new();
-        for (axis, unit) in [DVec2::X, DVec2::Y].into_iter().enumerate() {
-            let Some([short, long]) = self.gratings[axis] else { continue };
-            for order in 1..=ORDERS {
-                // With a wide band the strongest place lies anywhere between the shortest wavelength's and the longest's.
-                let (low, high) =
-                    (0.97 * f64::from(order) * short, (1.03 * f64::from(order) * long).min(reach[axis]));
-                if low > high || low < self.lobe[axis] {
-                    continue;
-                }
-                let step = self.lobe[axis].min(high) / 12.0;
-                let offsets = (0..=((high - low) / step) as usize).map(|i| low + i as f64 * step);
-                let strongest = offsets
-                    .map(|offset| (offset, self.strength(offset * unit)))
-                    .max_by(|a, b| a.1.total_cmp(&b.1));
-                if let Some((offset, strength)) = strongest.filter(|(_, strength)| *strength > 1e-3) {
-                    let level_db = 20.0 * strength.log10();
-                    grating_lobes.push(GratingLobe {
-                        axis,
-                        order,
-                        offset: (offset * unit).to_array(),
-                        level_db,
-                    });
-                }
-            }
-        }
-        grating_lobes
-    }
-
-    /// Everything outside the main lobe, up to `reach` of direction sines along x and y.
-    ///
-    /// Cost: up to 10⁸ terms of [`Beam::strength`], so a fraction of a second.
-    pub fn sidelobes(&self, reach: [f64; 2]) -> Sidelobes {
-        let offsets = self.offsets(reach);
-        let values: Vec<[f64; 2]> = offsets
-            .par_iter()
-            .map(|offset| [self.strength(*offset), self.at_centre(*offset).powi(2)])
-            .collect();
-        let peak = offsets.iter().zip(&values).map(|(o, [s, _])| (*o, *s)).max_by(|a, b| a.1.total_cmp(&b.1));
-        let peak = peak.map(|(offset, strength)| self.refined(offset, strength, reach));
-        let decibels = |amplitude: f64| 20.0 * amplitude.max(1e-10).log10();
-        Sidelobes {
-            reach,
-            peak_db: peak.map(|(_, strength)| decibels(strength)),
-            peak_offset: peak.map_or([0.0; 2], |(offset, _)| offset.to_array()),
-            mean_db: self.mean_power(reach, &values).map(|power| decibels(power.sqrt())),
-            grating_lobes: self.grating_lobes(reach),
-        }
-    }
-
-    /// Distance of evaluated directions along x and y: at most half a lobe.
-    fn steps(&self, reach: [f64; 2]) -> [f64; 2] {
-        [0, 1].map(|axis| (0.25 * self.lobe[axis]).min(reach[axis].max(1e-9)))
-    }
-
-    /// The directions to evaluate, outside the main lobe. A lattice's strongest sidelobes lie along its axes; elsewhere the
-    /// half plane y ≥ 0 is enough, since B(−Δ) = B(Δ).
-    fn offsets(&self, reach: [f64; 2]) -> Vec<DVec2> {
-        let mut steps = self.steps(reach);
-        let along =
-            |axis: usize, step: f64| (1..=(reach[axis] / step) as usize).map(move |i| i as f64 * step);
-        let mut offsets: Vec<DVec2> = if self.columns.is_some() {
-            let x = along(0, steps[0] / 4.0).map(|u| DVec2::new(u, 0.0));
-            x.chain(along(1, steps[1] / 4.0).map(|v| DVec2::new(0.0, v))).collect()
-        } else {
-            let count = |steps: [f64; 2]| 2.0 * (reach[0] / steps[0] + 1.0) * (reach[1] / steps[1] + 1.0);
-            let coarser = (count(steps) * self.microphones.len() as f64 / MOST_TERMS).sqrt().max(1.0);
-            steps = steps.map(|step| step * coarser);
-            let columns = (reach[0] / steps[0]) as i64;
-            (0..=(reach[1] / steps[1]) as i64)
-                .flat_map(|iy| (-columns..=columns).map(move |ix| (ix, iy)))
-                .map(|(ix, iy)| DVec2::new(ix as f64 * steps[0], iy as f64 * steps[1]))
-                .collect()
-        };
-        offsets.retain(|offset| !self.is_main_lobe(*offset));
-        offsets
-    }
-
-    /// The strongest direction near one, by ever finer steps.
-    fn refined(&self, mut best: DVec2, mut strength: f64, reach: [f64; 2]) -> (DVec2, f64) {
-        let mut step = DVec2::from(self.steps(reach)) * 0.5;
-        let on_axis = self.columns.is_some();
-        for _ in 0..3 {
-            let middle = best;
-            for (x, y) in (-2..=2).flat_map(|y| (-2..=2).map(move |x| (x, y))) {
-                let offset = middle + step * DVec2::new(f64::from(x), f64::from(y)) * 0.5;
-                let leaves = on_axis && (offset.x != 0.0 && offset.y != 0.0);
-                let outside = offset.x.abs() > reach[0] || offset.y.abs() > reach[1];
-                if leaves || outside || self.is_main_lobe(offset) {
-                    continue;
-                }
-                let found = self.strength(offset);
-                if found > strength {
-                    (best, strength) = (offset, found);
-                }
-            }
-            step *= 0.5;
-        }
-        (best, strength)
-    }
-
-    /// Mean power at the centre frequency outside the main lobe; of a lattice from the product of its two axes.
-    fn mean_power(&self, reach: [f64; 2], values: &[[f64; 2]]) -> Option<f64> {
-        if self.columns.is_none() {
-            return (!values.is_empty())
-                .then(|| values.iter().map(|[_, power]| power).sum::<f64>() / values.len() as f64);
-        }
-        let steps = self.steps(reach);
-        let axis = |axis: usize, unit: DVec2| -> Vec<(f64, f64)> {
-            let count = ((reach[axis] / steps[axis]) as usize).min(2000);
-            let step = if count > 0 { reach[axis] / count as f64 } else { 0.0 };
-            (0..=count).map(|i| i as f64 * step).map(|u| (u, self.at_centre(u * unit).powi(2))).collect()
-        };
-        let (x, y) = (axis(0, DVec2::X), axis(1, DVec2::Y));
-        let (mut sum, mut count) = (0.0, 0_usize);
-        for (v, of_y) in &y {
-            for (u, of_x) in &x {
-                if !self.is_main_lobe(DVec2::new(*u, *v)) {
-                    (sum, count) = (sum + of_x * of_y, count + 1);
-                }
-            }
-        }
-        (count > 0).then(|| sum / count as f64)
     }
 }

@@ -104,7 +104,8 @@ pub struct Design {
     pub warnings: Vec<String>,
 }
 
-/// Computes a design. Cost: a fraction of a second, most of it for the sidelobes of arrays that are not lattices.
+/// Computes a design. Cost: a fraction of a second for any array, most of it for sidelobes; [`Sidelobes::skipped`] says which
+/// were not searched for.
 pub fn design(instrument: &Instrument, grid: &Grid, window: Window) -> Design {
     let near = grid.z.first.max(1e-3);
     let depths = [near, f64::midpoint(near, grid.z.last()), grid.z.last().max(near)];

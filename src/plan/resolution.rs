@@ -16,6 +16,9 @@ use std::f64::consts::TAU;
 const SLOPES: usize = 256;
 const PLACES: usize = 2048;
 
+/// Above this number tones are drawn together in as many places as there are of spatial frequencies.
+const MOST_TONES: usize = 4096;
+
 /// The point-spread function along one direction through its peak, as predicted.
 #[derive(Debug, Clone)]
 pub struct Profile {
@@ -29,7 +32,7 @@ pub struct Profile {
 impl Instrument {
     /// The point-spread function of a reflector at `p` along `direction`; `None` where nothing changes along it.
     ///
-    /// Cost: one pass over the microphones and over tones × 256.
+    /// Cost: one pass over the microphones, over the tones, and over up to 4096 of these × 256.
     pub fn profile(&self, p: DVec3, direction: DVec3, window: Window) -> Option<Profile> {
         let slopes: Vec<f64> = self
             .array
@@ -44,12 +47,15 @@ impl Instrument {
             })
             .collect();
         let of_slopes = Histogram::of(SLOPES, slopes.iter().copied().zip(window.over_array(&self.array)));
-        let tones: Vec<f64> = self.sweep.frequencies().iter().map(|f| f / self.sound_speed).collect();
-        let of_tones = window.over_sweep(&self.sweep);
+        let tones = self.sweep.frequencies().iter().map(|f| f / self.sound_speed);
+        let mut tones: Vec<(f64, f64)> = tones.zip(window.over_sweep(&self.sweep)).collect();
+        if tones.len() > MOST_TONES {
+            tones = Histogram::of(PLACES, tones.into_iter()).entries().collect();
+        }
         let products = || {
-            of_slopes.entries().flat_map(|(slope, weight)| {
-                tones.iter().zip(&of_tones).map(move |(tone, w)| (slope * tone, weight * w))
-            })
+            of_slopes
+                .entries()
+                .flat_map(|(slope, weight)| tones.iter().map(move |(tone, w)| (slope * tone, weight * w)))
         };
         let histogram = Histogram::of(PLACES, products());
         let total: f64 = histogram.weights.iter().sum();
@@ -110,14 +116,14 @@ impl Profile {
 }
 
 /// Weights by value, each shared between the two nearest of evenly spaced places.
-struct Histogram {
+pub(super) struct Histogram {
     first: f64,
     pitch: f64,
     weights: Vec<f64>,
 }
 
 impl Histogram {
-    fn of(places: usize, values: impl Iterator<Item = (f64, f64)> + Clone) -> Self {
+    pub(super) fn of(places: usize, values: impl Iterator<Item = (f64, f64)> + Clone) -> Self {
         let (low, high) =
             values.clone().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), (value, _)| {
                 (low.min(value), high.max(value))
@@ -135,7 +141,7 @@ impl Histogram {
     }
 
     /// Every place with weight, and how much.
-    fn entries(&self) -> impl Iterator<Item = (f64, f64)> + Clone + '_ {
+    pub(super) fn entries(&self) -> impl Iterator<Item = (f64, f64)> + Clone + '_ {
         let place = |i: usize| self.first + self.pitch * i as f64;
         self.weights.iter().enumerate().filter(|(_, w)| **w != 0.0).map(move |(i, w)| (place(i), *w))
     }

@@ -48,3 +48,23 @@ fn a_volume_written_by_depths_is_the_volume_in_memory() {
     assert_eq!(info("a.vti")["peak_amplitude"], peak);
     assert_eq!(info("a.nrrd")["peak_amplitude"], peak);
 }
+
+/// Searches that would grow with an absurd number are cut short, and the plan says so.
+#[test]
+fn plans_of_absurd_jobs_come_at_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = shipped("corner.toml");
+    for set in ["medium.sound_speed=0.343", "sweep.stop=10e6", "array.pitch=300", "array.pitch=1e6"] {
+        let begun = std::time::Instant::now();
+        let words = format!("plan {} --set {set}", scene.display());
+        let text = done(folder.path(), &words);
+        println!("{set}: {:?}", begun.elapsed());
+        // A hundred times as long as it takes.
+        assert!(begun.elapsed() < std::time::Duration::from_mins(1), "{set}: {:?}", begun.elapsed());
+        assert!(text.contains("not searched"), "{set}: {text}");
+        let planned = done_json(folder.path(), &words);
+        assert!(!planned["design"]["aliasing"]["sidelobes"]["skipped"].as_array().unwrap().is_empty());
+    }
+    let usual = done_json(folder.path(), &format!("plan {}", scene.display()));
+    assert!(usual["design"]["aliasing"]["sidelobes"]["skipped"].as_array().unwrap().is_empty());
+}

@@ -3,6 +3,7 @@
 use super::bounds_of;
 use crate::wave::corners;
 use glam::DVec3;
+use rayon::prelude::*;
 
 /// Neighbouring microphones.
 #[derive(Debug, Clone, PartialEq)]
@@ -18,12 +19,11 @@ pub(crate) struct Tile {
 }
 
 impl Tile {
-    fn of(positions: &[DVec3], microphones: &[usize]) -> Self {
+    /// The box around microphones, which are left out of it.
+    fn around(positions: &[DVec3], microphones: &[usize]) -> Self {
         let (low, high) = bounds_of(microphones.iter().map(|&i| positions[i]));
-        let mut microphones = microphones.to_vec();
-        microphones.sort_unstable();
         let half = 0.5 * (high - low);
-        Self { microphones, centre: low.midpoint(high), half, radius: half.length() }
+        Self { microphones: Vec::new(), centre: low.midpoint(high), half, radius: half.length() }
     }
 
     /// The corners of the box.
@@ -35,26 +35,58 @@ impl Tile {
 /// Cuts an array into tiles of at most `count` microphones and at most `radius` m, halving along the longest side.
 ///
 /// A single microphone is a tile whatever the radius. The cuts depend only on the positions, so scattered arrays are
-/// handled like lattices. Cost: `n log² n`.
+/// handled like lattices. Cost: `n log n`.
 pub(crate) fn tiles(positions: &[DVec3], count: usize, radius: f64) -> Vec<Tile> {
     let mut tiles = Vec::new();
     let mut waiting: Vec<Vec<usize>> = vec![(0..positions.len()).collect()];
     while let Some(mut microphones) = waiting.pop() {
-        let tile = Tile::of(positions, &microphones);
+        let mut tile = Tile::around(positions, &microphones);
         let small = microphones.len() <= count.max(1) && tile.radius <= radius;
         if small || microphones.len() == 1 {
+            microphones.sort_unstable();
+            tile.microphones = microphones;
             tiles.push(tile);
             continue;
         }
-        let axis = tile.half.max_position();
-        microphones
-            .sort_unstable_by(|&a, &b| positions[a][axis].total_cmp(&positions[b][axis]).then(a.cmp(&b)));
+        let half = part(positions, &tile, &mut microphones);
         // The first half is cut next, so that neighbouring tiles follow each other.
-        let second = microphones.split_off(microphones.len() / 2);
+        let second = microphones.split_off(half);
         waiting.push(second);
         waiting.push(microphones);
     }
     tiles
+}
+
+/// Puts the first half of a tile's microphones, along its longest side, before the others; returns their number.
+fn part(positions: &[DVec3], tile: &Tile, microphones: &mut [usize]) -> usize {
+    let (half, axis) = (microphones.len() / 2, tile.half.max_position());
+    microphones.select_nth_unstable_by(half, |&a, &b| {
+        positions[a][axis].total_cmp(&positions[b][axis]).then(a.cmp(&b))
+    });
+    half
+}
+
+/// The boxes of the tiles, without their microphones, of an array that is halved 0 .. `most` times: as [`tiles`] of one
+/// microphone in 2, 4, 8 .., as long as each has several, but all in the time of the smallest.
+pub(crate) fn halvings(positions: &[DVec3], most: u32) -> Vec<Vec<Tile>> {
+    let mut order: Vec<usize> = (0..positions.len()).collect();
+    let mut parts: Vec<&mut [usize]> = vec![&mut order];
+    let mut levels = Vec::new();
+    for times in 0..=most {
+        let boxes: Vec<Tile> = parts.par_iter().map(|part| Tile::around(positions, part)).collect();
+        if times < most {
+            let halved = parts.into_par_iter().zip(&boxes).flat_map_iter(|(members, tile)| {
+                let half = part(positions, tile, members);
+                let (first, second) = members.split_at_mut(half);
+                [first, second]
+            });
+            parts = halved.collect();
+        } else {
+            parts = Vec::new();
+        }
+        levels.push(boxes);
+    }
+    levels
 }
 
 #[cfg(test)]
@@ -93,6 +125,21 @@ mod tests {
                     assert!(positions[i].distance(tile.centre) <= tile.radius + 1e-12);
                 }
             }
+        }
+    }
+
+    #[test]
+    fn halvings_are_the_tiles_of_half_as_many() {
+        let t = |i: usize, k: f64| (i as f64 * k).fract();
+        let places: Vec<_> =
+            (0..1003).map(|i| DVec3::new(t(i, 0.618_034), 0.4 * t(i, 0.754_878), 0.0)).collect();
+        for (times, boxes) in halvings(&places, 5).into_iter().enumerate() {
+            let mut expected = tiles(&places, places.len().div_ceil(1 << times), f64::INFINITY);
+            for tile in &mut expected {
+                assert!(tile.microphones.is_sorted() && !tile.microphones.is_empty());
+                tile.microphones.clear();
+            }
+            assert_eq!(boxes, expected);
         }
     }
 }

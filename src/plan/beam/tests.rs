@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used)]
 
+use super::search::{COARSEST, MOST_AROUND};
 use super::*;
 use crate::acquisition::{MicArray, Sweep};
 use glam::DVec3;
@@ -79,4 +80,51 @@ fn one_microphone_and_one_tone_are_no_trouble() {
         beam(&MicArray::rectangular([1, 1], [0.1; 2], DVec3::ZERO).unwrap(), [1e4, 1e4], Window::Taylor);
     let sidelobes = one.sidelobes([1.0; 2]);
     assert_eq!((sidelobes.peak_db, sidelobes.grating_lobes.len()), (None, 0));
+}
+
+#[test]
+fn the_search_of_any_array_is_bounded_and_says_what_it_leaves_out() {
+    let sweep = Sweep::stepped(1e4, 2e4, 50.0).unwrap();
+    let scene = [0.9; 2];
+    let searched = |instrument: &Instrument| {
+        let beam = Beam::new(instrument, Window::None);
+        let (reach, coarser) = (beam.affordable(scene), beam.coarser(scene));
+        let work: f64 = beam.offsets(reach, coarser).into_iter().map(|offset| beam.work_at(offset)).sum();
+        assert!(work < 1.2 * MOST_AROUND, "{work:e}");
+        (reach, coarser)
+    };
+    let usual = Instrument::new(sweep.clone(), square(31, 1.0));
+    assert_eq!(searched(&usual), (scene, 1.0));
+    assert_eq!(Beam::new(&usual, Window::None).sidelobes([0.1; 2]).skipped, Vec::<String>::new());
+    let slow = usual.clone().with_sound_speed(0.343);
+    let (reach, _) = searched(&slow);
+    assert!(reach[0] > 0.0 && reach[0] < 0.1, "{reach:?}");
+    assert!(searched(&Instrument::new(sweep.clone(), square(31, 9e3))).0[1] < 0.1);
+    searched(&Instrument::new(sweep.clone(), square(31, 3e7)));
+    searched(&Instrument::new(Sweep::stepped(1.0, 1e7, 1e4).unwrap(), square(31, 1.0)));
+    let many = MicArray::random(200_000, [1.0; 2], DVec3::ZERO, Some(0.0), 3).unwrap();
+    assert!(searched(&Instrument::new(sweep, many)).1 > COARSEST);
+}
+
+#[test]
+fn what_is_left_out_is_named() {
+    let lattice = beam(&square(31, 9e6), [1e4, 2e4], Window::None).sidelobes([0.9; 2]);
+    assert!(lattice.skipped.iter().any(|what| what.contains("along x")), "{lattice:?}");
+    assert!(lattice.reach[0] < 0.9);
+    // Long enough that its search does not pay: it takes no time either.
+    let scattered = MicArray::random(40, [9e6; 2], DVec3::ZERO, Some(0.0), 3).unwrap();
+    let scattered = beam(&scattered, [1e4, 2e4], Window::None).sidelobes([0.9; 2]);
+    assert!(scattered.skipped.iter().any(|what| what.contains("strongest sidelobe")), "{scattered:?}");
+    assert_eq!(scattered.peak_db, None);
+}
+
+/// Many microphones are drawn together where phases hardly differ.
+#[test]
+fn the_main_lobe_of_very_many_microphones_is_that_of_many() {
+    let line = |count: usize| {
+        let array = MicArray::rectangular([count, 1], [1.0 / (count - 1) as f64; 2], DVec3::ZERO).unwrap();
+        beam(&array, [1e4, 2e4], Window::Taylor).lobe()[0]
+    };
+    let (many, very_many) = (line(MOST_SINGLE), line(2 * MOST_SINGLE));
+    assert!((very_many / many - 1.0).abs() < 1e-6, "{many} {very_many}");
 }

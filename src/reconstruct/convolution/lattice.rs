@@ -23,6 +23,9 @@ const ALLOCATION: usize = 16;
 /// The most nodes that microphones are spread onto: some gigabytes of tones.
 const MOST_NODES: usize = 1 << 22;
 
+/// The most pairs of sublattices that a job may be divided into: each takes a transform of its own for every tone and depth.
+const MOST_PAIRS: usize = 1 << 16;
+
 /// One axis of a shared lattice.
 #[derive(Debug, Clone)]
 struct SharedAxis {
@@ -132,6 +135,15 @@ impl SharedLattice {
                 instrument.array.len(),
                 high.x - low.x,
                 high.y - low.y
+            ));
+        }
+        let pairs = [(&x, grid.x.count), (&y, grid.y.count)]
+            .map(|(axis, voxels)| axis.u.min(voxels).saturating_mul(axis.v.min(axis.nodes.count)));
+        let pairs = pairs[0].saturating_mul(pairs[1]);
+        if pairs > MOST_PAIRS {
+            return Err(format!(
+                "the pitches of voxels and microphones differ so much that a lattice of both would be {pairs} pairs of \
+                 sublattices; use pitches that are more alike"
             ));
         }
         let mut found = Self { x, y, z: f64::midpoint(low.z, high.z), in_order: false, near };

@@ -5,6 +5,7 @@ use super::padded_axis::{CircularShift, Offset, PaddedAxis};
 use crate::grid::Grid;
 use crate::wave::Geometry;
 use crate::wave::simd::LANES;
+use std::collections::HashSet;
 
 /// What stays the same for all planes of a volume.
 ///
@@ -49,11 +50,11 @@ impl Layout {
             ),
         };
         let (x, y) = (padded(0), padded(1));
-        let mut placements = Vec::new();
+        let (mut placements, mut known) = (Vec::new(), HashSet::new());
         for of_voxels in &offsets {
             for (part, offset) in of_voxels.iter().enumerate() {
                 let placement = (part, offset.map(|o| o.shift));
-                if !placements.contains(&placement) {
+                if known.insert(placement) {
                     placements.push(placement);
                 }
             }

@@ -29,7 +29,7 @@ pub(crate) struct Offset {
 }
 
 /// How the nodes are shifted along a padded axis.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub(crate) struct CircularShift {
     /// Places by which nodes are moved back.
     pub(crate) places: isize,

@@ -1,8 +1,8 @@
 //! How far apart the nodes of a tile may stand, and of how many of them a voxel is made.
 
-use super::frame::{Frame, bands, halved};
+use super::frame::{Frame, bands};
 use super::terms::{Around, FEW, MANY, Terms, TileDistances};
-use crate::acquisition::Instrument;
+use crate::acquisition::{Instrument, halvings};
 use crate::grid::{Axis, Grid};
 use crate::reconstruct::backprojection::blocks::{Shape, block_operations};
 use crate::reconstruct::backprojection::profile::Band;
@@ -154,35 +154,30 @@ impl TileLattice {
             return None;
         }
         let lengths = lengths(budget.interpolation_axis());
-        let least = |times: u32| times == 0 || instrument.array.len() >> times >= LEAST_MEMBERS;
-        let of = |times: u32| Self::halved(instrument, grid, band, (times, budget), &lengths);
-        let mut found: Vec<Self> = (0..=MOST_TIMES)
-            .filter(|times| least(*times))
-            .collect::<Vec<_>>()
-            .into_par_iter()
-            .flat_map_iter(of)
-            .collect();
+        let least = |times: &u32| instrument.array.len() >> times >= LEAST_MEMBERS;
+        let most = (1..=MOST_TIMES).take_while(least).last().unwrap_or(0);
+        let levels = halvings(instrument.array.positions(), most);
+        let terms = |times: u32| Terms { instrument, grid, tiles: &levels[times as usize] };
+        let of = |times: u32| Self::halved(&terms(times), band, (times, budget), &lengths);
+        let mut found: Vec<Self> = (0..=most).into_par_iter().flat_map_iter(of).collect();
         found.sort_by(|a, b| a.operations.total_cmp(&b.operations));
-        let placed = |lattice: &Self| lattice.has_places(instrument, grid);
-        found
-            .into_iter()
-            .filter(placed)
-            .take(TRIES)
-            .find_map(|lattice| lattice.measured(instrument, grid, budget.interpolation()))
+        let placed = |lattice: &Self| lattice.has_places(&terms(lattice.times));
+        found.into_iter().filter(placed).take(TRIES).find_map(|lattice| {
+            let terms = terms(lattice.times);
+            lattice.measured(&terms, budget.interpolation())
+        })
     }
 
     /// The divisions into tiles that come of this many halvings.
     fn halved(
-        instrument: &Instrument,
-        grid: &Grid,
+        terms: &Terms<'_>,
         band: &Band,
         (times, budget): (u32, ErrorBudget),
         lengths: &[(Taps, f64)],
     ) -> Vec<Self> {
-        let tiles = halved(instrument.array.positions(), times);
-        let terms = Terms { instrument, grid, tiles: &tiles };
-        let bands = bands(instrument, grid, &tiles);
-        let distances = TileDistances::of(instrument, grid, &tiles);
+        let Terms { instrument, grid, tiles } = *terms;
+        let bands = bands(instrument, grid, tiles);
+        let distances = TileDistances::of(instrument, grid, tiles);
         let mut found = Vec::new();
         // Terms bend, so that wide taps carry less than plane waves ask for; the more taps, the fuller the band.
         let mut fullest = [0; 2];
@@ -279,10 +274,11 @@ impl TileLattice {
     /// Whether every node is where some point has its range.
     ///
     /// That is least so of the nodes farthest aside, which only the outermost voxels are made of, for the nearest of these.
-    fn has_places(&self, instrument: &Instrument, grid: &Grid) -> bool {
+    fn has_places(&self, terms: &Terms<'_>) -> bool {
+        let Terms { instrument, grid, tiles } = *terms;
         let [x, y] =
             [(&grid.x, &self.nodes[0]), (&grid.y, &self.nodes[1])].map(|(axis, nodes)| nodes.ends(axis));
-        halved(instrument.array.positions(), self.times).iter().all(|tile| {
+        tiles.iter().all(|tile| {
             let frame = Frame::new(&instrument.geometry, tile.centre);
             let mut corners = x.iter().flat_map(|x| y.iter().map(move |y| (x, y)));
             corners.all(|((node_x, voxels_x), (node_y, voxels_y))| {
@@ -295,9 +291,7 @@ impl TileLattice {
     }
 
     /// With errors and growth as measured; `None` if they pass `tolerance`.
-    fn measured(self, instrument: &Instrument, grid: &Grid, tolerance: f64) -> Option<Self> {
-        let tiles = halved(instrument.array.positions(), self.times);
-        let terms = Terms { instrument, grid, tiles: &tiles };
+    fn measured(self, terms: &Terms<'_>, tolerance: f64) -> Option<Self> {
         let [error_x, sum_x] = terms.error(0, &|place| self.nodes[0].around(place), &MANY)?;
         let [error_y, sum_y] = terms.error(1, &|place| self.nodes[1].around(place), &MANY)?;
         let [error_range, sum_range] = terms.error(2, &|range| self.around(range), &MANY)?;
