@@ -38,7 +38,7 @@ fn id_of(file: &Metadata) -> Option<FileId> {
 
 /// What a process does with a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Use {
+enum FileUse {
     Reads,
     WillWrite,
     /// The output is complete. Its identity is new, and reading it back is harmless.
@@ -46,23 +46,23 @@ enum Use {
 }
 
 #[derive(Debug)]
-struct Entry {
+struct UsedFile {
     /// As it was given, for messages.
     path: PathBuf,
     /// Its folder without links, and its name.
     target: PathBuf,
     /// `None` if it did not exist.
     id: Option<FileId>,
-    use_: Use,
+    use_: FileUse,
 }
 
 /// The files of one job.
 #[derive(Debug, Default)]
-pub(super) struct JobFiles(Mutex<Record>);
+pub(super) struct JobFiles(Mutex<UsedFiles>);
 
 #[derive(Debug, Default)]
-struct Record {
-    entries: Vec<Entry>,
+struct UsedFiles {
+    entries: Vec<UsedFile>,
     /// The first refusal of an input.
     refused: Option<Error>,
 }
@@ -107,9 +107,10 @@ impl JobFiles {
     /// # Errors
     /// [`Error::InvalidInput`] when it is an output that is not complete yet.
     pub(super) fn read(&self, path: &Path, file: &Metadata) -> Result<()> {
-        let entry = Entry { path: path.into(), target: canonical(path), id: id_of(file), use_: Use::Reads };
+        let entry =
+            UsedFile { path: path.into(), target: canonical(path), id: id_of(file), use_: FileUse::Reads };
         let mut record = self.record();
-        let output = record.entries.iter().find(|other| other.use_ == Use::WillWrite && other.is(&entry));
+        let output = record.entries.iter().find(|other| other.use_ == FileUse::WillWrite && other.is(&entry));
         let refusal = output.map(|output| overwritten(path, &output.path));
         // Recorded in any case, so that it is not overwritten even if the refusal is lost.
         record.entries.push(entry);
@@ -124,14 +125,14 @@ impl JobFiles {
     /// [`Error::InvalidInput`] when the file has been read, or when it is announced twice.
     pub(super) fn will_write(&self, path: &Path, target: &Path, announced: bool) -> Result<()> {
         let id = target.metadata().ok().and_then(|file| id_of(&file));
-        let entry = Entry { path: path.into(), target: canonical(target), id, use_: Use::WillWrite };
+        let entry = UsedFile { path: path.into(), target: canonical(target), id, use_: FileUse::WillWrite };
         let mut record = self.record();
         let entries = &mut record.entries;
         for other in entries.iter().filter(|other| other.is(&entry)) {
             match other.use_ {
-                Use::Reads => return Err(overwritten(&other.path, path)),
-                Use::WillWrite | Use::Wrote if announced => return Err(twice(path, &other.path)),
-                Use::WillWrite | Use::Wrote => {}
+                FileUse::Reads => return Err(overwritten(&other.path, path)),
+                FileUse::WillWrite | FileUse::Wrote if announced => return Err(twice(path, &other.path)),
+                FileUse::WillWrite | FileUse::Wrote => {}
             }
         }
         entries.push(entry);
@@ -142,9 +143,9 @@ impl JobFiles {
     pub(super) fn wrote(&self, target: &Path) {
         let target = canonical(target);
         for entry in &mut self.record().entries {
-            if entry.use_ == Use::WillWrite && entry.target == target {
+            if entry.use_ == FileUse::WillWrite && entry.target == target {
                 // The inode of the file that was replaced may be another file's by now.
-                (entry.use_, entry.id) = (Use::Wrote, None);
+                (entry.use_, entry.id) = (FileUse::Wrote, None);
             }
         }
     }
@@ -152,16 +153,16 @@ impl JobFiles {
     /// Whether a file has been read.
     pub(super) fn has_read(&self, path: &Path) -> bool {
         let id = path.metadata().ok().and_then(|file| id_of(&file));
-        let file = Entry { path: path.into(), target: canonical(path), id, use_: Use::Reads };
-        self.record().entries.iter().any(|other| other.use_ == Use::Reads && other.is(&file))
+        let file = UsedFile { path: path.into(), target: canonical(path), id, use_: FileUse::Reads };
+        self.record().entries.iter().any(|other| other.use_ == FileUse::Reads && other.is(&file))
     }
 
-    fn record(&self) -> MutexGuard<'_, Record> {
+    fn record(&self) -> MutexGuard<'_, UsedFiles> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-impl Entry {
+impl UsedFile {
     /// Whether two entries are one file.
     fn is(&self, other: &Self) -> bool {
         self.target == other.target || (self.id.is_some() && self.id == other.id)
