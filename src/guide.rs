@@ -39,6 +39,7 @@ macro_rules! chapters {
             /// [metrics]: crate::guide::metrics
             /// [paper]: crate::guide::paper
             /// [interruption]: crate::guide::interruption
+            /// [security]: crate::guide::security
             /// [performance]: crate::guide::performance
             /// [limits]: crate::guide::limits
             /// [code]: crate::guide::code
@@ -78,6 +79,8 @@ chapters! {
     paper: include_str!("guide/paper.md");
     /// Resuming, limits of memory, identical results.
     interruption: include_str!("guide/interruption.md");
+    /// What is trusted, what is not, and what is promised.
+    security: include_str!("guide/security.md");
     /// What was measured, and how to measure it.
     performance: include_str!("guide/performance.md");
     /// What is not modelled, read or possible.
