@@ -182,16 +182,20 @@ fn a_signal_ends_a_command_that_hangs_within_a_second() {
         let (unread, mut full) = std::io::pipe().unwrap();
         // As much as a pipe holds.
         std::io::Write::write_all(&mut full, &[0; 1 << 16]).unwrap();
-        let mut command = command(folder.path(), ["completions", "bash"]);
+        let mut command = command(folder.path(), ["completions", "bash", "-v"]);
         let mut child = command.stdout(full).stderr(Stdio::piped()).spawn().unwrap();
+        // What it says before it works, and after it listens to signals.
+        let (mut said, mut line) = (BufReader::new(child.stderr.take().unwrap()), String::new());
+        said.read_line(&mut line).unwrap();
         std::thread::sleep(Duration::from_millis(300));
         assert!(child.try_wait().unwrap().is_none(), "it has written into a full pipe");
         let begun = Instant::now();
         send(signal, &child.id().to_string());
         let ran = end(child);
         assert!(begun.elapsed() < Duration::from_secs(3), "{:?}", begun.elapsed());
-        assert_eq!(ran.status, status, "{}", ran.stderr);
-        assert_names(ran.stderr, &["interrupted"]);
+        said.read_line(&mut line).unwrap();
+        assert_eq!(ran.status, status, "{line}");
+        assert_names(line, &["interrupted"]);
         drop(unread);
     }
 }
