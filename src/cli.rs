@@ -303,6 +303,7 @@ pub fn main() -> ExitCode {
         return finish(guide::help(topic), &terminal);
     }
     let result = start_threads(cli.common.threads)
+        .and_then(|()| inputs::check_addresses())
         .and_then(|()| inputs::limit_memory(cli.common.memory.as_deref()))
         .and_then(|()| limit_simd())
         .inspect(|()| {
@@ -357,5 +358,8 @@ fn start_threads(threads: Option<u16>) -> Result<(), Error> {
     rayon::ThreadPoolBuilder::new().num_threads(count).build_global().map_err(|e| {
         let problem = format!("the worker threads cannot be started: {e}; -j sets a smaller number of them");
         Error::io("threads", problem)
-    })
+    })?;
+    // The C library reserves 64 MiB of addresses for every thread that allocates: before those left are counted.
+    rayon::broadcast(|_| std::hint::black_box(vec![0_u8; 64]).len());
+    Ok(())
 }
