@@ -314,6 +314,7 @@ fn run() -> ExitCode {
         return finish(guide::help(topic), &terminal);
     }
     let result = threads::start(cli.common.threads, &terminal)
+        .and_then(|()| inputs::check_addresses())
         .and_then(|()| inputs::limit_memory(cli.common.memory.as_deref()))
         .and_then(|()| limit_simd())
         .inspect(|()| {

@@ -34,7 +34,7 @@ mod suggest;
 pub use design::{Design, design};
 pub(crate) use estimate::{JobArrays, JobEstimate, estimate_job};
 pub use estimate::{JobStage, MemoryEstimate, MemoryItem};
-pub(crate) use memory::memory_limit;
+pub(crate) use memory::{address_space, memory_limit};
 pub use resolution::Profile;
 
 use crate::acquisition::{Detection, Instrument};

@@ -47,7 +47,11 @@ pub(crate) fn one_line(text: &str) -> Cow<'_, str> {
 
 /// JSON with the same characters as JSON's own escapes.
 pub(crate) fn escaped_json(json: &str) -> Cow<'_, str> {
-    let write = |c: char| c.encode_utf16(&mut [0; 2]).iter().map(|unit| format!("\\u{unit:04x}")).collect();
+    let write = |c: char| {
+        let units =
+            c.encode_utf16(&mut [0; 2]).iter().map(|unit| format!("\\u{unit:04x}")).collect::<Vec<_>>();
+        units.concat()
+    };
     replaced(json, acts, write)
 }
 

@@ -2,9 +2,9 @@
 
 use super::Overrides;
 use crate::config::{InputFile, RunFile};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, gib};
 use crate::files::extension;
-use crate::plan::memory_limit;
+use crate::plan::{address_space, memory_limit};
 use crate::scene::EXTENSIONS;
 use crate::text::quoted;
 use std::path::Path;
@@ -120,6 +120,25 @@ pub(super) fn limit_memory(size: Option<&str>) -> Result<()> {
         let _ = MEMORY.set(bytes("--memory", size)?);
     }
     Ok(())
+}
+
+/// Addresses that any job takes besides its arrays: tables of libraries, stacks and heaps of threads.
+const AT_WORK: u64 = 48 << 20;
+
+/// Refuses to begin where `ulimit -v` leaves too little for any job; to be called once the threads run.
+pub(super) fn check_addresses() -> Result<()> {
+    match address_space() {
+        Some(left) if left < AT_WORK => Err(Error::io(
+            "memory",
+            format!(
+                "{} of this process's address space are left, and any job takes {}; raise `ulimit -v`, or run fewer threads \
+                 with -j",
+                gib(left),
+                gib(AT_WORK)
+            ),
+        )),
+        _ => Ok(()),
+    }
 }
 
 /// Maximum bytes of any single array of an input.

@@ -52,7 +52,10 @@ pub(super) fn start(requested: Option<u16>, observer: &dyn Observer) -> Result<(
     rayon::ThreadPoolBuilder::new().num_threads(count).stack_size(STACK).build_global().map_err(|e| {
         let problem = format!("the worker threads cannot be started: {e}; -j sets a smaller number of them");
         Error::io("threads", problem)
-    })
+    })?;
+    // The C library reserves 64 MiB of addresses for every thread that allocates: before those left are counted.
+    rayon::broadcast(|_| std::hint::black_box(vec![0_u8; 64]).len());
+    Ok(())
 }
 
 /// The maximum number of worker threads.

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, Default)]
 pub(crate) struct NewFolders {
     folders: Vec<PathBuf>,
-    _unfinished: Vec<Unfinished>,
+    unfinished: Vec<Unfinished>,
 }
 
 impl NewFolders {
@@ -19,10 +19,10 @@ impl NewFolders {
     pub(crate) fn create(folder: &Path) -> io::Result<Self> {
         let missing = folder.ancestors().take_while(|folder| !is_there(folder)).map(Path::to_path_buf);
         // If only some can be created, they are removed at once.
-        let mut new = Self { folders: missing.collect(), _unfinished: Vec::new() };
+        let mut new = Self { folders: missing.collect(), unfinished: Vec::new() };
         fs::create_dir_all(folder)?;
         // The outermost first: the last is removed first.
-        new._unfinished = new.folders.iter().rev().map(|folder| Unfinished::listed(folder)).collect();
+        new.unfinished = new.folders.iter().rev().map(|folder| Unfinished::listed(folder)).collect();
         Ok(new)
     }
 
@@ -38,6 +38,7 @@ impl Drop for NewFolders {
             // This fails where there is a file in it, which is how such a folder remains.
             let _ = fs::remove_dir(folder);
         }
+        self.unfinished.clear();
     }
 }
 

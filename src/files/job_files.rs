@@ -23,6 +23,7 @@ type FileId = (u64, u64);
 #[cfg(not(unix))]
 type FileId = std::convert::Infallible;
 
+#[cfg_attr(unix, allow(clippy::unnecessary_wraps))] // elsewhere there is none
 fn id_of(file: &Metadata) -> Option<FileId> {
     #[cfg(unix)]
     {

@@ -103,7 +103,7 @@ impl SceneSize {
     pub(super) fn of_list(reflectors: &Reflectors) -> Self {
         let count = reflectors.len() as u64;
         let bytes = count.saturating_mul(Reflectors::BYTES_EACH);
-        Self { bytes, count, ..Self::within(reflectors.bounds()) }
+        Self { count, bytes, ..Self::within(reflectors.bounds()) }
     }
 
     /// The size of the run file's scene, which is read only for its size.

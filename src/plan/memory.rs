@@ -10,7 +10,7 @@ pub(crate) fn memory_limit(asked: Option<u64>) -> Option<u64> {
 }
 
 /// What is left of this process's address space.
-fn address_space() -> Option<u64> {
+pub(crate) fn address_space() -> Option<u64> {
     let limits = std::fs::read_to_string("/proc/self/limits").ok()?;
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     Some(soft_limit(&limits)?.saturating_sub(used_addresses(&status)?))

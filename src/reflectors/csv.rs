@@ -79,7 +79,7 @@ impl<'a, const N: usize> Table<'a, N> {
                 break;
             }
             let count = bytes.len();
-            ends += bytes.iter().filter(|byte| **byte == b'\n').count() as u64;
+            ends += bytes.split(|byte| *byte == b'\n').count() as u64 - 1;
             length += count as u64;
             file.consume(count);
         }
@@ -200,7 +200,7 @@ mod tests {
     #[test]
     fn a_list_is_held_to_the_memory_there_is() {
         let file = tempfile::NamedTempFile::new().expect("a temporary file");
-        let text: String = (0..1000).map(|i| format!("{i},0,1,1\n")).collect();
+        let text = (0..1000).map(|i| format!("{i},0,1,1\n")).collect::<Vec<_>>().concat();
         std::fs::write(file.path(), format!("x,y,z,amplitude\n{text}")).expect("writable");
         let within = |bytes| Reflectors::read_csv_within(file.path(), Some(bytes));
         let all = within(1002 * Reflectors::BYTES_EACH).expect("it fits");

@@ -231,17 +231,17 @@ fn a_mesh_takes_what_is_planned() {
 
 /// A scene of a list of reflectors, a scattered array and a small grid.
 fn write_list_job(folder: &Path, reflectors: usize, microphones: usize) {
-    let lines: String = (0..reflectors)
+    let lines: Vec<String> = (0..reflectors)
         .map(|i| format!("{:.4},{:.4},1.0,1\n", (i % 1000) as f64 * 2e-4, (i / 1000) as f64 * 1e-4))
         .collect();
-    fs::write(folder.join("list.csv"), format!("x,y,z,amplitude\n{lines}")).unwrap();
-    let lines: String = (0..microphones)
+    fs::write(folder.join("list.csv"), format!("x,y,z,amplitude\n{}", lines.concat())).unwrap();
+    let lines: Vec<String> = (0..microphones)
         .map(|i| {
             let place = |k: f64| (i as f64 * k).fract() - 0.5;
             format!("{:.5},{:.5},0\n", place(0.618_034), place(0.754_878))
         })
         .collect();
-    fs::write(folder.join("array.csv"), format!("x,y,z\n{lines}")).unwrap();
+    fs::write(folder.join("array.csv"), format!("x,y,z\n{}", lines.concat())).unwrap();
     let text = "[scene]\nmesh = \"list.csv\"\n[sweep]\nstart = 10000.0\nstop = 12000.0\nstep = 1000.0\n\
                 [array]\nlayout = \"file\"\nfile = \"array.csv\"\n\
                 [grid]\nx = [-0.1, 0.1]\ny = [-0.1, 0.1]\nz = [0.9, 1.1]\npitch = [0.04, 0.04, 0.04]\n";
@@ -304,13 +304,13 @@ fn microphones_far_apart_take_no_more_than_is_planned() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     write_list_job(folder, 2, 2);
-    let lines: String = (0..30)
+    let lines: Vec<String> = (0..30)
         .map(|i| {
             let place = |k: f64| 2e5 * ((f64::from(i) * k).fract() - 0.5);
             format!("{},{},0\n", place(0.618_034), place(0.754_878))
         })
         .collect();
-    fs::write(folder.join("array.csv"), format!("x,y,z\n{lines}")).unwrap();
+    fs::write(folder.join("array.csv"), format!("x,y,z\n{}", lines.concat())).unwrap();
     done(folder, "simulate list.toml -o cube.npz -q -j 2");
     for method in ["auto", "backprojection"] {
         let words = format!(

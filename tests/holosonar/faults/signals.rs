@@ -181,7 +181,7 @@ fn a_signal_ends_a_command_that_hangs_within_a_second() {
     for (signal, status) in [("-INT", 130), ("-TERM", 143)] {
         let (unread, mut full) = std::io::pipe().unwrap();
         // As much as a pipe holds.
-        std::io::Write::write_all(&mut full, &[0; 1 << 16]).unwrap();
+        std::io::Write::write_all(&mut full, &vec![0; 1 << 16]).unwrap();
         let mut command = command(folder.path(), ["completions", "bash", "-v"]);
         let mut child = command.stdout(full).stderr(Stdio::piped()).spawn().unwrap();
         // What it says before it works, and after it listens to signals.
