@@ -21,6 +21,9 @@
 //! the disk: a killed process loses nothing that it wrote, and after a power failure the checksums show which records are
 //! intact.
 
+#[cfg(fuzzing)]
+#[doc(hidden)] // for `tests/fuzz`
+pub mod fuzzing;
 mod identity;
 mod journal;
 mod private;

@@ -1,7 +1,7 @@
 //! Bad input through the binary: one paragraph that names the place, the right exit status, nothing left behind.
 
 use crate::binary::{files_below, json, refused, run, shipped};
-use crate::mutation::glb;
+use crate::meshes::letter_glb;
 use crate::named::assert_names;
 use crate::support::{data, write_npz};
 use num_complex::Complex32;
@@ -186,7 +186,7 @@ fn truncated_files_are_noticed_at_every_length() {
     let gltf = std::fs::read(data("scenes/f.gltf")).unwrap();
     let cube = data("reference/forward_in_phase.npz");
     for (name, bytes, step) in
-        [("a.gltf", gltf, 37), ("a.glb", glb(), 37), ("a.npz", std::fs::read(cube).unwrap(), 1999)]
+        [("a.gltf", gltf, 37), ("a.glb", letter_glb(), 37), ("a.npz", std::fs::read(cube).unwrap(), 1999)]
     {
         let folder = tempfile::tempdir().unwrap();
         let whole = bytes.trim_ascii_end().len();

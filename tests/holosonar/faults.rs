@@ -6,6 +6,7 @@
 mod hostile;
 mod killed;
 mod signals;
+mod soak;
 mod starved;
 
 use crate::binary::{Outcome, command, done, files_below, names_below, refused, run, shipped};

@@ -30,6 +30,8 @@ mod perspective;
 mod physics;
 mod plan;
 mod point;
+mod random;
+mod readers;
 mod reference;
 mod regression;
 mod reproduce;

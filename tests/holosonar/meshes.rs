@@ -1,5 +1,6 @@
 //! Meshes of many triangles in every format: a sphere with bumps, 2 m before the array.
 
+use crate::support::data;
 use std::f64::consts::{PI, TAU};
 use std::fmt::Write as _;
 use std::fs;
@@ -143,4 +144,9 @@ pub(crate) fn glb(mut json: String, binary: Option<u32>) -> Vec<u8> {
         file.extend([&binary.to_le_bytes()[..], b"BIN\0"].concat());
     }
     file
+}
+
+/// The letter F as a GLB of one JSON chunk, its buffer inside as a data URI.
+pub(crate) fn letter_glb() -> Vec<u8> {
+    glb(fs::read_to_string(data("scenes/f.gltf")).unwrap(), None)
 }

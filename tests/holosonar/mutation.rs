@@ -1,7 +1,51 @@
-//! Seeded damage to files, for the tests of parsers.
+//! Seeded damage to files, for the tests of parsers and for `tests/fuzz`: of bytes, and of what formats are made of, behind
+//! lengths and checksums that are right.
 
-use crate::meshes;
-use crate::support::{Random, data};
+// Paths, so that both crates find these files.
+#[path = "mutation/exr.rs"]
+mod exr;
+#[path = "mutation/json.rs"]
+mod json;
+#[path = "mutation/lines.rs"]
+mod lines;
+#[path = "mutation/npz.rs"]
+mod npz;
+
+use crate::random::Random;
+
+/// What a file is made of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Structure {
+    /// Lines of words.
+    Lines,
+    /// A JSON document.
+    Json,
+    /// Chunks, of which the first is a JSON document.
+    Glb,
+    /// A heading of lines, and bytes.
+    Heading,
+    /// A zip file of NumPy arrays.
+    Npz,
+    /// Attributes, a table of offsets, chunks.
+    Exr,
+    /// Nothing but bytes.
+    Bytes,
+}
+
+/// A file in which something of its structure is changed, with lengths and checksums as they should be then; bytes are
+/// changed where that cannot be.
+pub(crate) fn restructure(bytes: &[u8], structure: Structure, random: &mut Random) -> Vec<u8> {
+    let changed = match structure {
+        Structure::Lines => Some(lines::change(bytes, random)),
+        Structure::Heading => Some(lines::change_heading(bytes, random)),
+        Structure::Json => json::change(bytes, random),
+        Structure::Glb => json::change_glb(bytes, random),
+        Structure::Npz => npz::change(bytes, random),
+        Structure::Exr => exr::change(bytes, random),
+        Structure::Bytes => None,
+    };
+    changed.unwrap_or_else(|| damage(bytes, random))
+}
 
 /// Text that means something to one reader or another.
 const WORDS: [&[u8]; 12] = [
@@ -58,9 +102,4 @@ pub(crate) fn retouch(bytes: &[u8], random: &mut Random) -> Vec<u8> {
         retouched[at] = if is_text { b'0' + random.whole(0, 9) as u8 } else { random.whole(0, 255) as u8 };
     }
     retouched
-}
-
-/// The letter F as a GLB of one JSON chunk, its buffer inside as a data URI.
-pub(crate) fn glb() -> Vec<u8> {
-    meshes::glb(std::fs::read_to_string(data("scenes/f.gltf")).unwrap(), None)
 }

@@ -3,20 +3,18 @@
 //! `HOLOSONAR_MUTATIONS` sets the number of mutations per parser. `.ci/run` runs this in a release build.
 
 use crate::binary::shipped;
-use crate::mutation::{damage, glb, retouch};
+use crate::meshes::letter_glb;
+use crate::mutation::{damage, restructure, retouch};
 use crate::named::assert_names;
+use crate::readers::{self, FORMATS, Format, LIMIT};
 use crate::support::{Random, data};
 use holosonar::acquisition::{DataCube, Instrument, MicArray, Sweep};
 use holosonar::config::{ANNOTATED, RunFile};
-use holosonar::error::{Error, Result};
-use holosonar::export::amplitude::Amplitude;
-use holosonar::export::depth_exr::read_depth_map;
 use holosonar::export::points_ply::ScenePoints;
 use holosonar::export::volume_npz::read_volume_npz;
 use holosonar::grid::{Axis, Grid, Volume};
 use holosonar::pipeline::{JobOptions, truth_of_scene, write_depth, write_volume};
-use holosonar::reflectors::Reflectors;
-use holosonar::scene::{LoadOptions, Scene, Unit};
+use holosonar::scene::{LoadOptions, Unit};
 use holosonar::wave::Geometry;
 use num_complex::Complex32;
 use serde_json::json;
@@ -26,9 +24,6 @@ use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
-
-/// Bytes that any array of a file may take.
-const LIMIT: u64 = 1 << 24;
 
 /// A reader that takes longer for a file of a few kB hangs.
 const HANGS: Duration = Duration::from_mins(1);
@@ -41,27 +36,10 @@ struct Original {
     options: LoadOptions,
 }
 
-/// One reader, and files that it reads.
+/// A format, and files of it.
 struct Parser {
-    name: &'static str,
+    format: &'static Format,
     originals: Vec<Original>,
-    read: fn(&Path, &LoadOptions) -> Result<()>,
-}
-
-fn scene(path: &Path, options: &LoadOptions) -> Result<()> {
-    Scene::load(path, options).map(|scene| {
-        assert!(scene.bounds().is_some_and(|(low, high)| low.is_finite() && high.is_finite()));
-    })
-}
-
-const TRIANGLE: &str = "v 0 0 1\nv 1 0 1\nv 0 1 1\nf 1 2 3\n";
-
-/// A material file, by a mesh that names it.
-fn material(path: &Path, options: &LoadOptions) -> Result<()> {
-    let mesh = format!("mtllib {}\nusemtl pane\n{TRIANGLE}", path.file_name().unwrap().display());
-    let mesh_path = path.with_extension("obj");
-    fs::write(&mesh_path, mesh).unwrap();
-    scene(&mesh_path, options)
 }
 
 fn metres() -> LoadOptions {
@@ -101,81 +79,42 @@ fn written(folder: &Path) {
     write_depth(&folder.join("depth.exr"), &map, &run, &facts).unwrap();
 }
 
+/// Microphones as Acoular writes them.
+const MICROPHONES: &str = "<?xml version=\"1.0\" encoding=\"utf-8\"?>\n<MicArray name=\"two\">\n\
+    \t<pos Name=\"Point 1\" x=\"0.152\" y=\"0.1\" z=\"0\"/>\n\t<pos Name=\"Point 2\" x=\"-0.1\" y=\"0\" z=\"0\"/>\n</MicArray>\n";
+
+/// Files of every format.
 fn parsers() -> Vec<Parser> {
     let folder = tempfile::tempdir().unwrap();
     written(folder.path());
-    let files = |folder: &Path, names: &[&str]| -> Vec<Original> {
-        names.iter().map(|name| original(&folder.join(name), LoadOptions::default())).collect()
+    let text = |name: &str, text: &str| Original {
+        name: name.to_owned(),
+        bytes: text.as_bytes().to_vec(),
+        options: LoadOptions::default(),
     };
-    let ours = |names: &[&str]| files(folder.path(), names);
-    let independent = |names: &[&str]| files(&data("reference"), names);
-    let scenes = |extension: &str| -> Vec<Original> {
-        let inputs = crate::scenes::inputs().into_iter();
-        let inputs = inputs.filter(|(path, _)| path.extension().is_some_and(|e| e == extension));
-        inputs.map(|(path, options)| original(&path, options)).collect()
+    let foreground = fs::read_to_string(shipped("transparent_foreground.toml")).unwrap();
+    let mut all = vec![
+        dense("annotated.toml", ANNOTATED),
+        dense("foreground.toml", &foreground),
+        text("points.csv", "x,y,z,amplitude\n0.1,0.2,1.5,1\n-0.3,0.25,1.75,0.5\n1e-3,2,3,-4\n"),
+        text("microphones.csv", "x,y,z\n0.1,0.2,0\n-0.3,0.25,0\n1e-3,2,0\n"),
+        text("microphones.xml", MICROPHONES),
+        Original { bytes: letter_glb(), ..text("f.glb", "") },
+        original(&shipped("meshes/corner.obj"), metres()),
+        original(&shipped("meshes/transparent_foreground.gltf"), LoadOptions::default()),
+    ];
+    let ours = ["cube.npz", "volume.npz", "depth.exr", "volume.exr", "volume.vti", "volume.nrrd", "points.ply"];
+    all.extend(ours.map(|name| original(&folder.path().join(name), LoadOptions::default())));
+    let independent = ["forward_quadrature.npz", "forward_in_phase.npz", "volume_in_phase_8mm.npz"];
+    all.extend(independent.map(|name| original(&data("reference").join(name), LoadOptions::default())));
+    let libraries = ["first.mtl", "second library.mtl", "contradiction.mtl"];
+    all.extend(libraries.map(|name| original(&data("scenes/obj").join(name), metres())));
+    all.extend(crate::scenes::inputs().into_iter().map(|(path, options)| original(&path, options)));
+    let of = |format: &'static Format| {
+        let extension = |file: &Original| Path::new(&file.name).extension().is_some_and(|e| e == format.extension);
+        Parser { format, originals: all.iter().filter(|file| extension(file)).cloned().collect() }
     };
-    let mut obj = scenes("obj");
-    obj.push(original(&shipped("meshes/corner.obj"), metres()));
-    let mut gltf = scenes("gltf");
-    gltf.push(original(&shipped("meshes/transparent_foreground.gltf"), LoadOptions::default()));
-    let mut binary = scenes("glb");
-    binary.push(Original { name: "f.glb".to_owned(), bytes: glb(), options: LoadOptions::default() });
-    let libraries = ["scenes/obj/first.mtl", "scenes/obj/second library.mtl", "scenes/obj/contradiction.mtl"];
-    let text = fs::read_to_string(shipped("transparent_foreground.toml")).unwrap();
-    let points = "x,y,z,amplitude\n0.1,0.2,1.5,1\n-0.3,0.25,1.75,0.5\n1e-3,2,3,-4\n";
-    let points =
-        Original { name: "points.csv".to_owned(), bytes: points.into(), options: LoadOptions::default() };
-    vec![
-        Parser {
-            name: "run file",
-            originals: vec![dense("annotated.toml", ANNOTATED), dense("foreground.toml", &text)],
-            read: |path, _| RunFile::load(path, &[]).map(drop),
-        },
-        Parser { name: "OBJ", originals: obj, read: scene },
-        Parser {
-            name: "MTL",
-            originals: libraries.iter().map(|name| original(&data(name), metres())).collect(),
-            read: material,
-        },
-        Parser { name: "glTF", originals: gltf, read: scene },
-        Parser { name: "GLB", originals: binary, read: scene },
-        Parser { name: "STL", originals: scenes("stl"), read: scene },
-        Parser { name: "PLY", originals: scenes("ply"), read: scene },
-        Parser { name: "CSV", originals: vec![points], read: |path, _| Reflectors::read_csv(path).map(drop) },
-        Parser {
-            name: "npz of a cube",
-            originals: [
-                ours(&["cube.npz"]),
-                independent(&["forward_quadrature.npz", "forward_in_phase.npz"]),
-            ]
-            .concat(),
-            read: |path, _| DataCube::read(path, LIMIT).map(drop),
-        },
-        Parser {
-            name: "npz of a volume",
-            originals: [ours(&["volume.npz"]), independent(&["volume_in_phase_8mm.npz"])].concat(),
-            read: |path, _| read_volume_npz(path, LIMIT).map(drop),
-        },
-        Parser {
-            name: "EXR of a depth map",
-            originals: ours(&["depth.exr"]),
-            read: |path, _| {
-                let map = read_depth_map(path, LIMIT)?.map;
-                assert_eq!(map.len(), map.x.count * map.y.count);
-                Ok(())
-            },
-        },
-        Parser {
-            name: "EXR, VTI and NRRD of a volume",
-            originals: ours(&["volume.exr", "volume.vti", "volume.nrrd"]),
-            read: |path, _| Amplitude::read(path, LIMIT).map(drop),
-        },
-        Parser {
-            name: "PLY of points",
-            originals: ours(&["points.ply"]),
-            read: |path, _| ScenePoints::read(path, LIMIT).map(drop),
-        },
-    ]
+    FORMATS.iter().map(of).collect()
 }
 
 /// What a thread is reading: file, seed of the damage, and since when.
@@ -214,7 +153,7 @@ fn fuzz(parser: Parser, times: u64) -> u64 {
         for (_, reading) in &threads {
             let reading = reading.lock().unwrap().clone();
             if let Some((file, seed, _)) = reading.filter(|(.., since)| since.elapsed() > HANGS) {
-                panic!("{}: {file} with seed {seed} hangs", parser.name);
+                panic!("{file} with seed {seed} hangs");
             }
         }
     }
@@ -227,38 +166,28 @@ fn fuzz(parser: Parser, times: u64) -> u64 {
 /// Whether a damaged file was read; otherwise the error must be the file's fault.
 fn survived(parser: &Parser, original: &Original, seed: u64, folder: &Path) -> bool {
     let mut random = Random::new(seed);
-    let damaged = match random.whole(0, 2) {
-        0 => retouch(&original.bytes, &mut random),
+    let bytes = &original.bytes;
+    let damaged = match random.whole(0, 4) {
+        0 => retouch(bytes, &mut random),
         // Headings decide more than what follows, where damage is seldom noticed.
         1 => {
-            let (head, rest) = original.bytes.split_at(original.bytes.len().min(600));
+            let (head, rest) = bytes.split_at(bytes.len().min(600));
             [damage(head, &mut random), rest.to_vec()].concat()
         }
-        _ => damage(&original.bytes, &mut random),
+        2 => damage(bytes, &mut random),
+        _ => restructure(bytes, parser.format.structure, &mut random),
     };
-    let (name, file) = (parser.name, &original.name);
-    let path = folder.join(file);
+    let path = folder.join(&original.name);
     fs::write(&path, damaged).unwrap();
-    let read = std::panic::AssertUnwindSafe(|| (parser.read)(&path, &original.options));
-    match std::panic::catch_unwind(read).unwrap_or_else(|_| panic!("{name}: {file} with seed {seed} panics"))
-    {
-        Ok(()) => true,
-        Err(Error::InvalidInput { place, problem, .. } | Error::NotFound { place, problem, .. }) => {
-            assert!(
-                !place.is_empty() && !problem.contains("\n\n"),
-                "{name}: seed {seed}, {place}: {problem}"
-            );
-            false
-        }
-        Err(other) => panic!("{name}: {file} with seed {seed} is the file's fault: {other}"),
-    }
+    let read = std::panic::AssertUnwindSafe(|| readers::read(parser.format, &path, &original.options));
+    std::panic::catch_unwind(read).unwrap_or_else(|_| panic!("{} with seed {seed}: see above", original.name))
 }
 
 fn fuzz_all(times: u64) {
     let times = std::env::var("HOLOSONAR_MUTATIONS").map_or(times, |count| count.parse().unwrap());
     let begun = Instant::now();
     for parser in parsers() {
-        let (name, files, since) = (parser.name, parser.originals.len(), Instant::now());
+        let (name, files, since) = (parser.format.extension, parser.originals.len(), Instant::now());
         assert!(files > 0, "{name} has nothing to read");
         let refused = fuzz(parser, times);
         let rate = times as f64 / since.elapsed().as_secs_f64();

@@ -1,5 +1,6 @@
 //! Helpers for several topics: seeded random cubes and comparisons of volumes.
 
+pub(crate) use crate::random::Random;
 use glam::DVec3;
 use holosonar::acquisition::{DataCube, Detection, Instrument, MicArray, Sweep};
 use holosonar::grid::{Axis, Grid, Volume};
@@ -7,8 +8,6 @@ use holosonar::reconstruct::{Method, ReconstructOptions, Window, reconstruct};
 use holosonar::reflectors::Reflectors;
 use holosonar::wave::Geometry;
 use num_complex::{Complex32, Complex64};
-use rand_chacha::ChaCha8Rng;
-use rand_chacha::rand_core::{Rng, SeedableRng};
 use std::f64::consts::TAU;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -35,29 +34,6 @@ pub(crate) fn write_npz(path: &Path, arrays: &[NpzArray<'_>]) {
         zip.write_all(bytes).unwrap();
     }
     zip.finish().unwrap();
-}
-
-/// A seeded source of numbers.
-pub(crate) struct Random(ChaCha8Rng);
-
-impl Random {
-    pub(crate) fn new(seed: u64) -> Self {
-        Self(ChaCha8Rng::seed_from_u64(seed))
-    }
-
-    /// Uniform in [low, high).
-    pub(crate) fn uniform(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * (self.0.next_u64() >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    /// Uniform among low ..= high.
-    pub(crate) fn whole(&mut self, low: usize, high: usize) -> usize {
-        low + (self.0.next_u64() % (high - low + 1) as u64) as usize
-    }
-
-    pub(crate) fn complex(&mut self) -> Complex32 {
-        Complex32::new(self.uniform(-1.0, 1.0) as f32, self.uniform(-1.0, 1.0) as f32)
-    }
 }
 
 /// A cube of random samples.

@@ -6,35 +6,46 @@ use crate::meshes::write_stl;
 use crate::named::{all_named, assert_names};
 use std::fs;
 use std::io::{BufRead, BufReader, Read};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::{Duration, Instant};
 
 /// A small file system of its own, while it lives; `None` where none may be mounted.
-struct Disk(tempfile::TempDir);
+pub(super) struct Disk {
+    at: PathBuf,
+    /// The folder made for it, if one was.
+    made: Option<tempfile::TempDir>,
+}
 
 impl Disk {
     fn mount(kilobytes: u64) -> Option<Self> {
         let folder = tempfile::tempdir().unwrap();
-        let disk = Self(folder);
-        if disk.set(&format!("size={kilobytes}k"), false) {
+        let mut disk = Self::mount_at(folder.path(), &format!("size={kilobytes}k"))?;
+        disk.made = Some(folder);
+        Some(disk)
+    }
+
+    /// In an empty folder.
+    pub(super) fn mount_at(folder: &Path, options: &str) -> Option<Self> {
+        let disk = Self { at: folder.to_owned(), made: None };
+        if disk.set(options, false) {
             return Some(disk);
         }
         println!("skipped: no file system can be mounted here");
         None
     }
 
-    fn set(&self, options: &str, again: bool) -> bool {
+    pub(super) fn set(&self, options: &str, again: bool) -> bool {
         let options = if again { format!("remount,{options}") } else { options.to_owned() };
-        let mount =
-            Command::new("mount").args(["-t", "tmpfs", "-o", &options, "tmpfs"]).arg(self.0.path()).output();
+        let mount = Command::new("mount").args(["-t", "tmpfs", "-o", &options, "tmpfs"]).arg(&self.at).output();
         mount.is_ok_and(|output| output.status.success())
     }
 }
 
 impl Drop for Disk {
     fn drop(&mut self) {
-        let _ = Command::new("umount").arg(self.0.path()).output();
+        let _ = Command::new("umount").arg(&self.at).output();
+        drop(self.made.take());
     }
 }
 
@@ -48,15 +59,15 @@ fn a_full_disk_loses_nothing() {
     let expected = fs::read(folder.path().join("expected.npz")).unwrap();
     let kilobytes = expected.len() as u64 / 1024;
     let Some(disk) = Disk::mount(kilobytes / 2) else { return };
-    let (path, ballast) = (disk.0.path().join("cube.npz"), disk.0.path().join("ballast"));
+    let (path, ballast) = (disk.at.join("cube.npz"), disk.at.join("ballast"));
     let words = format!("{simulate} {}", path.display());
     // Known before the work.
-    refused(folder.path(), &words, 1, &[disk.0.path().to_str().unwrap(), "free", "MiB"]);
+    refused(folder.path(), &words, 1, &[disk.at.to_str().unwrap(), "free", "MiB"]);
     // Filled by another while the job runs: what was there stays, and so does the state.
     assert!(disk.set(&format!("size={}k", kilobytes * 8), true));
     fs::write(&path, "an older cube").unwrap();
     let child = start(folder.path(), &words);
-    while !files_below(disk.0.path()).iter().any(|path| path.extension().is_some_and(|e| e == "resume")) {
+    while !files_below(&disk.at).iter().any(|path| path.extension().is_some_and(|e| e == "resume")) {
         std::thread::sleep(Duration::from_millis(1));
     }
     let mut file = fs::File::create(&ballast).unwrap();
@@ -72,13 +83,13 @@ fn a_full_disk_loses_nothing() {
     println!("after the disk was full: {} blocks were not computed again", reused(&ran));
     assert!(reused(&ran) > 0);
     assert!(fs::read(&path).unwrap() == expected);
-    assert_eq!(files_below(disk.0.path()), std::slice::from_ref(&path), "no state is left");
+    assert_eq!(files_below(&disk.at), std::slice::from_ref(&path), "no state is left");
     // A disk that holds the output and little of the state: the job is done without it.
     fs::remove_file(&path).unwrap();
     assert!(disk.set(&format!("size={}k", kilobytes * 5 / 4), true));
     let ran = run(folder.path(), &words);
     assert_eq!(ran.status, 0, "{}", ran.stderr);
-    assert!(ran.stderr.lines().any(|line| says_full(line, disk.0.path())), "{}", ran.stderr);
+    assert!(ran.stderr.lines().any(|line| says_full(line, &disk.at)), "{}", ran.stderr);
     assert!(fs::read(&path).unwrap() == expected);
     println!("a disk with room for the cube and a quarter of its state: done without the state");
 }
@@ -111,12 +122,12 @@ fn a_disk_that_fills_in_the_middle_costs_no_block() {
             // Space for the output, for the reserve, and for this share of the checkpoint.
             let bytes = expected.len() * (100 + growing * percent) / 100 + (1 << 20);
             let Some(disk) = Disk::mount(bytes as u64 / 1024) else { return };
-            let (path, ballast) = (disk.0.path().join(name), disk.0.path().join("ballast"));
+            let (path, ballast) = (disk.at.join(name), disk.at.join("ballast"));
             let words = format!("{job} -o {}", path.display());
             let mut child = start(folder, &words);
             let mut said = BufReader::new(child.stderr.take().unwrap());
             let mut lines = String::new();
-            while !lines.lines().any(|line| says_full(line, disk.0.path())) {
+            while !lines.lines().any(|line| says_full(line, &disk.at)) {
                 assert!(said.read_line(&mut lines).unwrap() > 0, "{words}: {lines}");
             }
             // What was left for the output is taken by another.
@@ -141,7 +152,7 @@ fn a_disk_that_fills_in_the_middle_costs_no_block() {
             println!("full at {percent} % of {name}: {} blocks were not computed again", reused(&ran));
             blocks += reused(&ran);
             assert!(fs::read(&path).unwrap() == expected);
-            assert_eq!(files_below(disk.0.path()), [path], "no state is left");
+            assert_eq!(files_below(&disk.at), [path], "no state is left");
         }
     }
     println!("{tries} disks that filled up, {blocks} blocks were not computed again");
@@ -154,7 +165,7 @@ fn without_inodes_nothing_is_left() {
     let folder = workplace();
     undisturbed(folder.path(), &RECONSTRUCT);
     let Some(disk) = Disk::mount(20_000) else { return };
-    let at = disk.0.path();
+    let at = disk.at.as_path();
     // One inode is the root's. With one more the check before the work passes, with two more there are folders, but no file.
     for (inodes, words) in [
         (1, "simulate job.toml -o AT/cube.npz"),
@@ -189,8 +200,8 @@ fn a_place_that_cannot_be_written_is_found_first() {
         "image job.toml -o AT/made",
         "reconstruct cube.npz -c job.toml -o AT/a.npz",
     ] {
-        let words = words.replace("AT", disk.0.path().to_str().unwrap());
-        refused(folder.path(), &words, 1, &[disk.0.path().to_str().unwrap(), "Read-only"]);
+        let words = words.replace("AT", disk.at.to_str().unwrap());
+        refused(folder.path(), &words, 1, &[disk.at.to_str().unwrap(), "Read-only"]);
     }
     println!("three jobs with a read-only output: each is refused before its work");
 }
