@@ -1,7 +1,6 @@
 //! Tiles of neighbouring microphones.
 
-use super::bounds_of;
-use crate::wave::corners;
+use crate::wave::{bounding_box, corners};
 use glam::DVec3;
 
 /// Neighbouring microphones.
@@ -19,7 +18,7 @@ pub(crate) struct Tile {
 
 impl Tile {
     fn of(positions: &[DVec3], microphones: &[usize]) -> Self {
-        let (low, high) = bounds_of(microphones.iter().map(|&i| positions[i]));
+        let (low, high) = bounding_box(microphones.iter().map(|&i| positions[i])).unwrap_or_default();
         let mut microphones = microphones.to_vec();
         microphones.sort_unstable();
         let half = 0.5 * (high - low);
