@@ -6,8 +6,8 @@
 //! unit reflector on a voxel peaks at 1. [`Method::Direct`] sums this as written, on any grid and for any
 //! microphones: it is the oracle. [`Method::Convolution`] is Eq. 16 over skeleton frequencies, for microphones in
 //! a plane of constant z; [`Method::Backprojection`] evaluates range profiles, for any others.
-//! [`Method::Linear`] is the paper's far-field approximation of it, for comparison. This module has no access to the scene, so it
-//! cannot know the result in advance.
+//! [`Method::Linear`] is the paper's far-field approximation of it, for comparison. This module has no access to the
+//! scene, so it cannot know the result in advance.
 
 mod backprojection;
 mod compress;

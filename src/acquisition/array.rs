@@ -10,6 +10,7 @@ pub(crate) use tiles::{Tile, halvings, tiles};
 use crate::error::{Error, Result};
 use crate::grid::Axis;
 use crate::scene::FARTHEST;
+use crate::wave::bounding_box;
 use glam::DVec3;
 use std::sync::Arc;
 
@@ -47,7 +48,7 @@ fn refused<T>(problem: impl Into<String>) -> Result<T> {
 
 impl MicArray {
     fn new(positions: Vec<DVec3>, lattice: Option<Lattice>) -> Self {
-        let bounds = bounds_of(positions.iter().copied());
+        let bounds = bounding_box(positions.iter().copied()).unwrap_or_default();
         Self { positions: Arc::new(positions), lattice, bounds }
     }
 
@@ -182,11 +183,6 @@ impl MicArray {
             )
         })
     }
-}
-
-/// The minimum and maximum coordinates of some positions.
-fn bounds_of(positions: impl Iterator<Item = DVec3>) -> (DVec3, DVec3) {
-    positions.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), r| (low.min(r), high.max(r)))
 }
 
 /// Rejects an array without microphones or with too many.

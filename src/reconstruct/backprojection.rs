@@ -103,7 +103,7 @@ impl BackprojectionPlan {
     pub(super) fn cost(&self, instrument: &Instrument, threads: usize) -> Cost<'static> {
         let (interval, budget) = self.compression(instrument);
         let compression = CompressionCost::new(instrument, &interval, budget);
-        let plane = (self.grid.x.count as u64).saturating_mul(self.grid.y.count as u64);
+        let plane = self.grid.plane_len() as u64;
         let (at_once, nodes, row, operations) = match &self.tiled {
             Some(lattice) => (
                 factorised::DEPTHS,

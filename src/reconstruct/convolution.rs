@@ -1,9 +1,9 @@
 //! Eq. 16: on a shared lattice the sum over microphones is a convolution, done by padded 2-D FFTs.
 //!
 //! `p − r` depends on the difference of indices alone, so one kernel `e^{−i2πf|p−r|/c}` per frequency and depth suffices
-//! for every pair of voxel and microphone ([`SharedLattice`] says when). With a tolerance, the sweep is first compressed to
-//! virtual tones for the volume, and these to skeleton tones for each slab of depths, so that Eq. 16 runs over tens of
-//! tones instead of all; with tolerance 0 it runs over every one.
+//! for every pair of voxel and microphone ([`SharedLattice`] says when). With a tolerance, the sweep is first compressed
+//! to virtual tones for the volume, and these to skeleton tones for each slab of depths, so that Eq. 16 runs over tens
+//! of tones instead of all; with tolerance 0 it runs over every one.
 
 mod cost;
 mod lattice;

@@ -1,7 +1,6 @@
 //! Tiles of neighbouring microphones.
 
-use super::bounds_of;
-use crate::wave::corners;
+use crate::wave::{bounding_box, corners};
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -21,7 +20,7 @@ pub(crate) struct Tile {
 impl Tile {
     /// The box around microphones, which are left out of it.
     fn around(positions: &[DVec3], microphones: &[usize]) -> Self {
-        let (low, high) = bounds_of(microphones.iter().map(|&i| positions[i]));
+        let (low, high) = bounding_box(microphones.iter().map(|&i| positions[i])).unwrap_or_default();
         let half = 0.5 * (high - low);
         Self { microphones: Vec::new(), centre: low.midpoint(high), half, radius: half.length() }
     }

@@ -3,8 +3,8 @@
 use super::profile::{Band, MOST_FOR_POWERS};
 use crate::grid::{Axis, Grid};
 use crate::reconstruct::compress::Tones;
-use crate::wave::Geometry;
 use crate::wave::simd::{LANES, LaneTones, Points};
+use crate::wave::{Geometry, bounding_box};
 use glam::DVec3;
 
 /// A box of voxels, by its size along x, y, z.
@@ -166,8 +166,7 @@ pub(crate) struct Group {
 impl Group {
     /// Some microphones, along a curve that keeps neighbours together (Morton's).
     pub(crate) fn of(positions: &[DVec3], mut members: Vec<usize>) -> Vec<Self> {
-        let low = members.iter().fold(DVec3::INFINITY, |a, &r| a.min(positions[r]));
-        let high = members.iter().fold(DVec3::NEG_INFINITY, |a, &r| a.max(positions[r]));
+        let (low, high) = bounding_box(members.iter().map(|&r| positions[r])).unwrap_or_default();
         let extent = (high - low).max_element().max(f64::MIN_POSITIVE);
         let code = |r: DVec3| -> u64 {
             let cells = ((r - low) / extent * 1023.0).to_array().map(|t| t as u64);

@@ -18,7 +18,7 @@ const TONES: usize = 32;
 /// Sums that registers hold at a time.
 const SUMS: usize = 4;
 
-/// From this many microphones on, threads share these, about so many each; below, they share the measured tones.
+/// From this many microphones on, threads share these, about this many each; below, they share the measured tones.
 const WIDE: usize = 1024;
 const MOST_COLUMNS: usize = 1024;
 const PART: usize = 128;

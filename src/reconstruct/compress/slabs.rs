@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-/// Depths, so many at a time.
+/// Depths, `thickness` at a time.
 pub(crate) fn slabs_of(depths: usize, thickness: usize) -> impl Iterator<Item = Range<usize>> {
     (0..depths).step_by(thickness).map(move |first| first..(first + thickness).min(depths))
 }

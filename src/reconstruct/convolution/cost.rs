@@ -21,11 +21,6 @@ impl ConvolutionPlan {
         }
     }
 
-    fn plane(&self) -> u64 {
-        let grid = &self.layout.grid;
-        (grid.x.count as u64).saturating_mul(grid.y.count as u64)
-    }
-
     /// Operations per tone: at each depth, and for the spectra of its samples.
     fn operations_per_tone(&self) -> [f64; 2] {
         let points = self.layout.points() as f64;
@@ -51,13 +46,14 @@ impl ConvolutionPlan {
     }
 
     fn cost_of_every_frequency(&self, instrument: &Instrument, threads: usize) -> Cost<'_> {
-        let (n_f, depths) = (instrument.sweep.len(), self.layout.grid.z.count);
+        let (n_f, grid) = (instrument.sweep.len(), &self.layout.grid);
+        let depths = grid.z.count;
         let [pair, spectra] = self.operations_per_tone();
         // Of one frequency: spectra, and the samples that they are made of, as they are read and weighted.
         let [spectra_bytes, worker] = self.plain_bytes();
         let frequency = spectra_bytes + COMPLEX * 2 * instrument.array.len() as u64;
         let footprints = self.layout.lattice.footprint_bytes(instrument.array.len());
-        let planes = SlabDriver::bytes(self.plane(), DEPTHS, depths).saturating_add(footprints);
+        let planes = SlabDriver::bytes(grid.plane_len() as u64, DEPTHS, depths).saturating_add(footprints);
         let block = SPECTRA_BYTES / (self.layout.tone_len() * size_of::<Complex32>());
         Cost {
             operations: n_f as f64 * (depths as f64 * pair + spectra),
@@ -97,7 +93,7 @@ impl ConvolutionPlan {
         let slab = complex_bytes(most * (width + layout.tone_len() as f64));
         let skeleton = compression.skeleton_bytes(&interval(0..thickness.min(depths)));
         let bytes = move |batch: Batch| {
-            let planes = SlabDriver::bytes(self.plane(), batch.slabs * thickness, depths);
+            let planes = SlabDriver::bytes(grid.plane_len() as u64, batch.slabs * thickness, depths);
             let buffers = self.worker_bytes().saturating_add(self.near.worker_bytes);
             let skeletons = skeleton.saturating_mul(batch.workers.min(depths.div_ceil(thickness)) as u64);
             let focusing = nodes

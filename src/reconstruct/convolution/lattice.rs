@@ -34,7 +34,7 @@ struct SharedAxis {
     u: usize,
     /// Nodes per voxel pitch; 1 when `u` is not.
     v: usize,
-    /// How microphones are spread onto the nodes; `None` where they stand on them.
+    /// How microphones are spread onto the nodes; `None` where they are on them.
     interpolator: Option<Interpolator>,
 }
 
@@ -307,7 +307,8 @@ fn exact(
         return Ok(shared(*mics, 1, v as usize));
     }
     Err(format!(
-        "the voxel pitch along {name}, {} m, is neither a whole multiple nor a whole fraction of the microphones' {} m ({} m would be)",
+        "the voxel pitch along {name}, {} m, is neither a whole multiple nor a whole fraction of the microphones' {} m \
+         ({} m would be)",
         voxels.pitch,
         mics.pitch,
         mics.pitch / u

@@ -1,7 +1,7 @@
 //! One thread's work on one depth where nodes and voxels lie on a single line: a two-dimensional image.
 //!
-//! There are no columns to fill the lanes, so sixteen tones fill them. The rest is as for a [`crate::reconstruct::convolution::plane`], in one
-//! dimension and without symmetry.
+//! There are no columns to fill the lanes, so sixteen tones fill them. The rest is as for a [plane](super::plane),
+//! in one dimension and without symmetry.
 
 use super::lattice::Sublattices;
 use super::layout::Layout;

@@ -1,6 +1,7 @@
 //! Slabs of depths that share their tones: how thick they are, and which of them share a decomposition.
 //!
-//! Both by a fixed model of the cost of decompositions and transforms, so that the same job is always divided in the same way.
+//! Both by a fixed model of the cost of decompositions and transforms, so that the same job is always divided in the
+//! same way.
 
 use super::layout::Layout;
 use crate::acquisition::Instrument;
@@ -16,8 +17,8 @@ const USUAL: f64 = 3e-5;
 /// Depths per thread that are worked on before they are passed on: enough to keep every thread busy.
 const PLANES_PER_THREAD: usize = 8;
 
-/// Slabs that together take no more numbers than this are always worked on at a time, with about this many tones each: threads
-/// take time to wake.
+/// Slabs that together take no more numbers than this are always worked on at a time, with about this many tones each:
+/// threads take time to wake.
 const SMALL: usize = 1 << 20;
 const TONES: usize = 32;
 
