@@ -209,6 +209,26 @@ fn every_parser_a_hundred_thousand_times() {
     fuzz_all(100_000);
 }
 
+/// Inputs that once took seconds, memory or the terminal, or ended in a panic.
+#[test]
+fn past_findings_are_survived() {
+    let folder = tempfile::tempdir().unwrap();
+    let (mut files, begun) = (0, Instant::now());
+    for format in &FORMATS {
+        let findings = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fuzz/regressions").join(format.extension);
+        for finding in crate::binary::files_below(&findings) {
+            // Under a name that has the format's ending.
+            let path = folder.path().join("input").with_extension(format.extension);
+            fs::copy(&finding, &path).unwrap();
+            let options = if format.extension.starts_with("gl") { LoadOptions::default() } else { metres() };
+            readers::read(format, &path, &options);
+            files += 1;
+            assert!(begun.elapsed() < HANGS, "{} hangs", finding.display());
+        }
+    }
+    assert!(files > 20, "{files} findings");
+}
+
 #[test]
 fn a_zip_bomb_is_refused_by_its_size() {
     let folder = tempfile::tempdir().unwrap();
