@@ -280,6 +280,16 @@ impl DepthMap {
         [self.y.count, self.x.count]
     }
 
+    /// Bytes that its values take.
+    pub(crate) fn held_bytes(&self) -> u64 {
+        let values = |layer: &DepthLayer| {
+            let known = [layer.facing.is_some(), layer.material.is_some(), layer.confidence.is_some()];
+            2 + known.into_iter().filter(|is| *is).count()
+        };
+        let layers: usize = self.returns.iter().chain([&self.picked]).map(values).sum();
+        (size_of::<f32>() * (layers * self.len() + self.confidence.len())) as u64
+    }
+
     /// Number of pixels.
     pub fn len(&self) -> usize {
         self.picked.depth.len()

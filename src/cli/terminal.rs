@@ -7,6 +7,7 @@ use crate::pipeline::JobOptions;
 use crate::progress::{Event, Observer};
 use crate::text::escaped;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use std::borrow::Cow;
 use std::io::{self, IsTerminal, Write};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -105,7 +106,13 @@ pub(super) fn print_as_it_is(text: &str) -> Result<(), Error> {
 
 /// Prints help or a mistake in the command line as clap does, in colour if the terminal has it.
 pub(super) fn print_help(message: &clap::Error) -> Result<(), Error> {
-    printed(message.print().and_then(|()| io::stdout().flush()))
+    // A mistake quotes what was typed, or what a pattern of the shell found; then without colours.
+    let plain = message.render().to_string();
+    let result = match escaped(&plain) {
+        Cow::Owned(plain) if message.use_stderr() => io::stderr().write_all(plain.as_bytes()),
+        _ => message.print().and_then(|()| io::stdout().flush()),
+    };
+    printed(result)
 }
 
 fn printed(result: io::Result<()>) -> Result<(), Error> {

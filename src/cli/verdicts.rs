@@ -31,8 +31,9 @@ pub(super) fn compare(
             bounds.push(Bound::parse(option, typed, is_min)?);
         }
     }
-    let mut found = read_depth_map(result, reading_limit())?;
-    let truth = read_depth_map(truth_path, reading_limit())?;
+    let limit = reading_limit();
+    let mut found = read_depth_map(result, limit)?;
+    let truth = read_depth_map(truth_path, limit.saturating_sub(found.map.held_bytes()))?;
     if !found.axes_known && found.map.shape() == truth.map.shape() {
         // A depth map of another program has no coordinates: its pixels are compared one by one.
         (found.map.view, found.map.x, found.map.y) = (truth.map.view, truth.map.x, truth.map.y);

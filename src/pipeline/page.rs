@@ -72,11 +72,13 @@ pub(super) fn page_of(
     scene: Option<&ScenePoints>,
     limit_bytes: u64,
 ) -> Result<Page> {
-    let map = |name: &str| -> Result<Option<DepthMap>> {
+    let map = |name: &str, limit_bytes: u64| -> Result<Option<DepthMap>> {
         let file = present(folder, files, name).map(|path| read_depth_map(&path, limit_bytes)).transpose()?;
         Ok(file.map(|file| file.map))
     };
-    let (depth, truth) = (map("depth.exr")?, map("truth.exr")?);
+    let depth = map("depth.exr", limit_bytes)?;
+    let held = depth.as_ref().map_or(0, DepthMap::held_bytes);
+    let truth = map("truth.exr", limit_bytes.saturating_sub(held))?;
     Page::new(&Contents { volume, depth: depth.as_ref(), truth: truth.as_ref(), scene })
 }
 

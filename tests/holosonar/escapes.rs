@@ -77,4 +77,11 @@ fn refusals_are_short_and_act_on_no_terminal() {
         assert_eq!(ran.stderr.lines().count(), 1, "{words}: {}", ran.stderr);
     }
     assert!(!Path::new(&folder.path().join("out/volume.npz")).exists());
+    // A mistake in the command line quotes what was typed.
+    for typed in ["--\u{1b}[2J", "\u{1b}]0;title\u{7}"] {
+        let ran = Outcome::of(command(folder.path(), [typed]).output().unwrap());
+        assert_eq!(ran.status, 2, "{typed:?}: {}", ran.stderr);
+        assert_harmless(&format!("{typed:?}"), &ran);
+        assert!(ran.stderr.contains("\\u{1b}"), "{}", ran.stderr);
+    }
 }
