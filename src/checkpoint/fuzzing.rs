@@ -19,7 +19,8 @@ const SAMPLES: usize = 16;
 /// If a block is taken whose samples have not the seal that they should have, or the checkpoint cannot be used.
 pub fn read_journal(output: &Path, bytes: &[u8], seal_headings: bool, seal_samples: bool) {
     let size = (SAMPLES * size_of::<Complex32>()) as u64;
-    let identity = Identity::of("fuzzing").storing(Stage::Cube, BLOCKS, size).storing(Stage::Volume, BLOCKS, size);
+    let identity =
+        Identity::of("fuzzing").storing(Stage::Cube, BLOCKS, size).storing(Stage::Volume, BLOCKS, size);
     let mut checkpoint = Checkpoint::beside(output, Duration::ZERO);
     let place = checkpoint.place.as_mut().expect("it is kept somewhere");
     place.secrets = None;

@@ -51,6 +51,11 @@ macro_rules! mutator {
     };
 }
 
+/// The format of files whose names end like this.
+fn format(extension: &str) -> &'static readers::Format {
+    readers::FORMATS.iter().find(|format| format.extension == extension).expect("a format")
+}
+
 /// Reads a file of these bytes by all readers of its format.
 pub fn read(extension: &str, data: &[u8]) {
     let path = FOLDER.join("input").with_extension(extension);
@@ -59,7 +64,7 @@ pub fn read(extension: &str, data: &[u8]) {
         "gltf" | "glb" => LoadOptions::default(),
         _ => LoadOptions::default().with_unit(Unit::Metre),
     };
-    readers::read(readers::format(extension), &path, &options);
+    readers::read(format(extension), &path, &options);
 }
 
 /// Changes the first `size` bytes, which may become `max_size`; returns how many they have become.
@@ -68,7 +73,7 @@ pub fn mutate(extension: &str, data: &mut [u8], size: usize, max_size: usize, se
     if random.whole(0, 1) == 0 {
         return libfuzzer_sys::fuzzer_mutate(data, size, max_size);
     }
-    let changed = mutation::restructure(&data[..size], readers::format(extension).structure, &mut random);
+    let changed = mutation::restructure(&data[..size], format(extension).structure, &mut random);
     let length = changed.len().min(max_size);
     data[..length].copy_from_slice(&changed[..length]);
     length

@@ -28,8 +28,6 @@ pub(crate) enum Structure {
     Npz,
     /// Attributes, a table of offsets, chunks.
     Exr,
-    /// Nothing but bytes.
-    Bytes,
 }
 
 /// A file in which something of its structure is changed, with lengths and checksums as they should be then; bytes are
@@ -42,7 +40,6 @@ pub(crate) fn restructure(bytes: &[u8], structure: Structure, random: &mut Rando
         Structure::Glb => json::change_glb(bytes, random),
         Structure::Npz => npz::change(bytes, random),
         Structure::Exr => exr::change(bytes, random),
-        Structure::Bytes => None,
     };
     changed.unwrap_or_else(|| damage(bytes, random))
 }

@@ -103,7 +103,8 @@ fn parsers() -> Vec<Parser> {
         original(&shipped("meshes/corner.obj"), metres()),
         original(&shipped("meshes/transparent_foreground.gltf"), LoadOptions::default()),
     ];
-    let ours = ["cube.npz", "volume.npz", "depth.exr", "volume.exr", "volume.vti", "volume.nrrd", "points.ply"];
+    let ours =
+        ["cube.npz", "volume.npz", "depth.exr", "volume.exr", "volume.vti", "volume.nrrd", "points.ply"];
     all.extend(ours.map(|name| original(&folder.path().join(name), LoadOptions::default())));
     let independent = ["forward_quadrature.npz", "forward_in_phase.npz", "volume_in_phase_8mm.npz"];
     all.extend(independent.map(|name| original(&data("reference").join(name), LoadOptions::default())));
@@ -111,7 +112,8 @@ fn parsers() -> Vec<Parser> {
     all.extend(libraries.map(|name| original(&data("scenes/obj").join(name), metres())));
     all.extend(crate::scenes::inputs().into_iter().map(|(path, options)| original(&path, options)));
     let of = |format: &'static Format| {
-        let extension = |file: &Original| Path::new(&file.name).extension().is_some_and(|e| e == format.extension);
+        let extension =
+            |file: &Original| Path::new(&file.name).extension().is_some_and(|e| e == format.extension);
         Parser { format, originals: all.iter().filter(|file| extension(file)).cloned().collect() }
     };
     FORMATS.iter().map(of).collect()
@@ -215,7 +217,8 @@ fn past_findings_are_survived() {
     let folder = tempfile::tempdir().unwrap();
     let (mut files, begun) = (0, Instant::now());
     for format in &FORMATS {
-        let findings = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fuzz/regressions").join(format.extension);
+        let findings =
+            Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fuzz/regressions").join(format.extension);
         for finding in crate::binary::files_below(&findings) {
             // Under a name that has the format's ending.
             let path = folder.path().join("input").with_extension(format.extension);

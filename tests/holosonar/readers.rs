@@ -43,11 +43,6 @@ pub(crate) const FORMATS: [Format; 13] = [
     Format { extension: "nrrd", structure: Structure::Heading, read: amplitude },
 ];
 
-/// The format of files whose names end like this.
-pub(crate) fn format(extension: &str) -> &'static Format {
-    FORMATS.iter().find(|format| format.extension == extension).expect("a format")
-}
-
 /// Reads a file by all readers of its format; whether one of them took it. What they refuse must be the file's fault.
 pub(crate) fn read(format: &Format, path: &Path, options: &LoadOptions) -> bool {
     let results = (format.read)(path, options);
@@ -107,7 +102,10 @@ fn cube_or_volume(path: &Path, _: &LoadOptions) -> Vec<Result<()>> {
 
 fn depth_or_amplitude(path: &Path, options: &LoadOptions) -> Vec<Result<()>> {
     let mut results = amplitude(path, options);
-    results.push(read_depth_map(path, LIMIT).map(|file| assert_eq!(file.map.len(), file.map.x.count * file.map.y.count)));
+    results.push(
+        read_depth_map(path, LIMIT)
+            .map(|file| assert_eq!(file.map.len(), file.map.x.count * file.map.y.count)),
+    );
     results
 }
 

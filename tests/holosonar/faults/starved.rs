@@ -37,7 +37,8 @@ impl Disk {
 
     pub(super) fn set(&self, options: &str, again: bool) -> bool {
         let options = if again { format!("remount,{options}") } else { options.to_owned() };
-        let mount = Command::new("mount").args(["-t", "tmpfs", "-o", &options, "tmpfs"]).arg(&self.at).output();
+        let mount =
+            Command::new("mount").args(["-t", "tmpfs", "-o", &options, "tmpfs"]).arg(&self.at).output();
         mount.is_ok_and(|output| output.status.success())
     }
 }

@@ -4,15 +4,23 @@ use crate::random::Random;
 use std::ops::Range;
 
 /// Limits of something, as words of four bytes.
-const WORDS: [u32; 10] =
-    [0, 1, 2, 4, 255, 1 << 16, (1 << 31) - 1, 1 << 31, u32::MAX, 0x3f80_0000];
+const WORDS: [u32; 10] = [0, 1, 2, 4, 255, 1 << 16, (1 << 31) - 1, 1 << 31, u32::MAX, 0x3f80_0000];
 
 /// Counters of DWA chunks, sizes and offsets, as words of eight.
 const COUNTERS: [u64; 6] = [0, 1, 1 << 20, 1 << 35, u64::MAX >> 1, u64::MAX];
 
 /// Types of attributes.
 const TYPES: [&str; 10] = [
-    "box2i", "chlist", "compression", "lineOrder", "string", "stringvector", "tiledesc", "preview", "v2f", "unheard-of",
+    "box2i",
+    "chlist",
+    "compression",
+    "lineOrder",
+    "string",
+    "stringvector",
+    "tiledesc",
+    "preview",
+    "v2f",
+    "unheard-of",
 ];
 
 /// An attribute; offsets are those of the file.
@@ -90,7 +98,9 @@ fn replace(file: &mut Vec<u8>, table: usize, range: Range<usize>, with: &[u8]) {
 
 /// Writes a word somewhere in a range, at a multiple of its size from the range's beginning, if it fits.
 fn overwrite(file: &mut [u8], range: Range<usize>, word: &[u8], random: &mut Random) {
-    let Some(slots) = file.get(range.clone()).map(|slots| slots.len() / word.len()).filter(|slots| *slots > 0) else {
+    let Some(slots) =
+        file.get(range.clone()).map(|slots| slots.len() / word.len()).filter(|slots| *slots > 0)
+    else {
         return;
     };
     let at = range.start + word.len() * random.whole(0, slots - 1);

@@ -49,7 +49,8 @@ pub(super) fn change_glb(bytes: &[u8], random: &mut Random) -> Option<Vec<u8>> {
         rest = super::damage(&rest, random);
     }
     let all = 20 + document.len() + rest.len();
-    let mut changed = [&bytes[..8], &(all as u32).to_le_bytes(), &(document.len() as u32).to_le_bytes()].concat();
+    let mut changed =
+        [&bytes[..8], &(all as u32).to_le_bytes(), &(document.len() as u32).to_le_bytes()].concat();
     changed.extend(&bytes[16..20]);
     changed.extend(document);
     changed.extend(rest);

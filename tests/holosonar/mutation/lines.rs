@@ -4,9 +4,32 @@ use crate::random::Random;
 
 /// Numbers and words that mean something to one reader or another.
 const WORDS: [&str; 26] = [
-    "0", "-1", "1", "2", "3e38", "1e-320", "5e-324", "1e15", "-1e308", "1e309", "nan", "inf", "2147483648",
-    "18446744073709551615", "true", "[]", "[0, 0, 0]", "{}", "\"\"", "list", "double", "end_header", "encoding: gzip",
-    "\u{1b}]0;t\u{7}", "#", "/",
+    "0",
+    "-1",
+    "1",
+    "2",
+    "3e38",
+    "1e-320",
+    "5e-324",
+    "1e15",
+    "-1e308",
+    "1e309",
+    "nan",
+    "inf",
+    "2147483648",
+    "18446744073709551615",
+    "true",
+    "[]",
+    "[0, 0, 0]",
+    "{}",
+    "\"\"",
+    "list",
+    "double",
+    "end_header",
+    "encoding: gzip",
+    "\u{1b}]0;t\u{7}",
+    "#",
+    "/",
 ];
 
 /// One to four changes to lines.

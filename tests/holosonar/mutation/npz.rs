@@ -6,8 +6,16 @@ use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipArchive, ZipWriter};
 
 /// Lengths, types and orders as headers may state them.
-const SHAPES: [&str; 8] =
-    ["()", "(0,)", "(1,)", "(3, 2)", "(2, 3, 4)", "(4294967296,)", "(18446744073709551615,)", "(1000000, 1000000, 1000000)"];
+const SHAPES: [&str; 8] = [
+    "()",
+    "(0,)",
+    "(1,)",
+    "(3, 2)",
+    "(2, 3, 4)",
+    "(4294967296,)",
+    "(18446744073709551615,)",
+    "(1000000, 1000000, 1000000)",
+];
 const TYPES: [&str; 9] = ["<f4", "<f8", ">f8", "<c8", "<c16", "<i8", "|u1", "|O", "<U5"];
 
 /// The longest array that is changed.
@@ -19,7 +27,7 @@ pub(super) fn change(bytes: &[u8], random: &mut Random) -> Option<Vec<u8>> {
     let mut arrays = Vec::new();
     for i in 0..archive.len().min(40) {
         let entry = archive.by_index(i).ok()?;
-        let name = entry.name().to_owned();
+        let name = entry.name().ok()?.into_owned();
         let mut array = Vec::new();
         entry.take(LONGEST).read_to_end(&mut array).ok()?;
         arrays.push((name, array));
@@ -29,7 +37,10 @@ pub(super) fn change(bytes: &[u8], random: &mut Random) -> Option<Vec<u8>> {
         let (at, other) = (random.whole(0, last), random.whole(0, last));
         match random.whole(0, 6) {
             0 => drop(arrays.remove(at)),
-            1 => arrays[at].1 = arrays[other].1.clone(),
+            1 => {
+                let array = arrays[other].1.clone();
+                arrays[at].1 = array;
+            }
             2 => {
                 let array = arrays[at].1.clone();
                 arrays.push((format!("{}.npy", random.whole(0, 9)), array));
@@ -45,7 +56,8 @@ pub(super) fn change(bytes: &[u8], random: &mut Random) -> Option<Vec<u8>> {
     }
     let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
     for (name, array) in arrays {
-        let method = *random.one(&[CompressionMethod::Stored, CompressionMethod::Stored, CompressionMethod::Deflated]);
+        let method =
+            *random.one(&[CompressionMethod::Stored, CompressionMethod::Stored, CompressionMethod::Deflated]);
         zip.start_file(name, SimpleFileOptions::default().compression_method(method)).ok()?;
         zip.write_all(&array).ok()?;
     }
@@ -70,7 +82,7 @@ fn with_another_header(array: &[u8], random: &mut Random) -> Option<Vec<u8>> {
     let mut changed = text.clone();
     match random.whole(0, 3) {
         0 => changed.replace_range(value("'descr': ")?, &format!("'{}'", random.one(&TYPES))),
-        1 => changed.replace_range(value("'shape': ")?, random.one(&SHAPES)),
+        1 => changed.replace_range(value("'shape': ")?, random.one::<&str>(&SHAPES)),
         2 => changed.replace_range(value("'fortran_order': ")?, "True"),
         _ => changed = String::from_utf8_lossy(&super::retouch(changed.as_bytes(), random)).into_owned(),
     }
