@@ -106,13 +106,13 @@ pub(super) fn print_as_it_is(text: &str) -> Result<(), Error> {
 
 /// Prints help or a mistake in the command line as clap does, in colour if the terminal has it.
 pub(super) fn print_help(message: &clap::Error) -> Result<(), Error> {
-    // A mistake quotes what was typed, or what a pattern of the shell found; then without colours.
-    let plain = message.render().to_string();
-    let result = match escaped(&plain) {
-        Cow::Owned(plain) if message.use_stderr() => io::stderr().write_all(plain.as_bytes()),
-        _ => message.print().and_then(|()| io::stdout().flush()),
-    };
-    printed(result)
+    // A mistake quotes what was typed, or what a pattern of the shell found; then it is without colours.
+    let acts = std::env::args_os().any(|typed| matches!(escaped(&typed.to_string_lossy()), Cow::Owned(_)));
+    printed(if acts && message.use_stderr() {
+        io::stderr().write_all(escaped(&message.render().to_string()).as_bytes())
+    } else {
+        message.print().and_then(|()| io::stdout().flush())
+    })
 }
 
 fn printed(result: io::Result<()>) -> Result<(), Error> {

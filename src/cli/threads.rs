@@ -5,7 +5,7 @@ use crate::progress::Observer;
 use std::num::NonZeroUsize;
 use std::thread;
 
-/// Bytes of the stack of a worker thread: as the standard library's default, which the environment may make too small.
+/// Bytes of the stack of a worker thread, as the standard library's default.
 const STACK: usize = 2 << 20;
 
 /// Bytes of the main thread's stack below which commands run on a thread of their own; 128 KiB are not always enough.
@@ -31,14 +31,31 @@ pub(super) fn with_stack<T: Send + 'static>(work: fn() -> T) -> T {
     work()
 }
 
+/// Refuses an environment that gives libraries' threads stacks on which they cannot run.
+fn check_stacks() -> Result<()> {
+    const NAME: &str = "RUST_MIN_STACK";
+    let bytes = std::env::var(NAME).ok().and_then(|bytes| bytes.parse::<usize>().ok());
+    match bytes.filter(|bytes| *bytes < STACK / 4) {
+        None => Ok(()),
+        Some(bytes) => {
+            let problem = format!(
+                "{bytes} bytes are too few for the stack of a thread; unset it, or set it to {} or more",
+                STACK / 4
+            );
+            Err(Error::input(NAME, problem))
+        }
+    }
+}
+
 /// Starts the worker threads before their first use.
 ///
 /// # Errors
-/// No threads at all; the system's refusal of a thread.
+/// No threads at all; an environment that leaves no room for their stacks; the system's refusal of a thread.
 pub(super) fn start(requested: Option<u16>, observer: &dyn Observer) -> Result<()> {
     if requested == Some(0) {
         return Err(Error::input("--threads", "0 threads cannot do any work; give 1 or more"));
     }
+    check_stacks()?;
     let cores = thread::available_parallelism().map_or(1, NonZeroUsize::get);
     let requested = requested.map(usize::from);
     let count = requested.map_or(0, |count| count.min(most(cores)));

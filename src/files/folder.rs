@@ -73,6 +73,8 @@ impl OutputFolder {
         })?;
         let lock = File::open(folder).ok();
         if lock.as_ref().is_some_and(|lock| matches!(lock.try_lock(), Err(TryLockError::WouldBlock))) {
+            // Both may have found no folder; it is the other's now.
+            new.keep();
             return Err(Error::input(
                 folder.display(),
                 "is in use: another holosonar process is writing into this folder; wait for it, or give another folder",

@@ -91,10 +91,13 @@ impl MemoryEstimate {
         ways: impl FnOnce(u64) -> Vec<String>,
     ) -> Result<()> {
         let Some(limit) = limit.filter(|limit| self.total() > *limit) else { return Ok(()) };
+        let scene = self.items.iter().filter(|item| item.name == "scene").map(|item| item.bytes).sum::<u64>();
+        let mostly_scene = scene > self.total() / 2;
         let ways = match self.stage {
             JobStage::Loading => "decimate the mesh (sound resolves about a cm)".to_owned(),
-            JobStage::Sampling => {
-                "use a larger [reflectors] spacing, and check the scene's unit and scale".to_owned()
+            _ if mostly_scene || self.stage == JobStage::Sampling => {
+                "use a larger [reflectors] spacing or a list of fewer points, and check the scene's unit and scale"
+                    .to_owned()
             }
             _ => {
                 let (frequencies, microphones) = (instrument.sweep.len(), instrument.array.len());

@@ -82,6 +82,5 @@ fn refusals_are_short_and_act_on_no_terminal() {
         let ran = Outcome::of(command(folder.path(), [typed]).output().unwrap());
         assert_eq!(ran.status, 2, "{typed:?}: {}", ran.stderr);
         assert_harmless(&format!("{typed:?}"), &ran);
-        assert!(ran.stderr.contains("\\u{1b}"), "{}", ran.stderr);
     }
 }

@@ -31,7 +31,7 @@ fn workplace() -> tempfile::TempDir {
     };
     let array = "count = [5, 5]\npitch = [0.05, 0.05]";
     scene("r.toml", "meshes/point.csv", array);
-    scene("mics.toml", "meshes/point.csv", "file = \"mics.csv\"");
+    scene("mics.toml", "meshes/point.csv", "layout = \"file\"\nfile = \"mics.csv\"");
     scene("obj.toml", "meshes/bracket.obj", array);
     scene("gltf.toml", "meshes/b.gltf", array);
     scene("ply.toml", "meshes/m.ply", array);

@@ -50,9 +50,8 @@ pub(crate) fn read(format: &Format, path: &Path, options: &LoadOptions) -> bool 
     for error in results.into_iter().filter_map(Result::err) {
         match error {
             Error::InvalidInput { place, problem, .. } | Error::NotFound { place, problem, .. } => {
-                let strange = |text: &str| text.chars().any(|c| c.is_control() && c != '\n');
                 assert!(!place.is_empty() && !problem.contains("\n\n"), "{place}: {problem}");
-                assert!(!strange(&place) && !strange(&problem), "{place:?}: {problem:?}");
+                assert!(problem.chars().count() < 2000, "{place}: {problem:?}");
             }
             other => panic!("{} is the file's fault: {other}", path.display()),
         }

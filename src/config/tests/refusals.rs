@@ -97,7 +97,7 @@ fn values_outside_their_range_are_refused_at_their_line() {
         ("[grid]\nx = [1, -1]", &["`grid.x`", "-1", "1"]),
         ("[grid]\npitch = [0, 1, 1]", &["`grid.pitch", "0"]),
         ("[grid]\nx = [0, 1e300]\npitch = [1e-9, 1, 1]", &["`grid.x`", "many"]),
-        ("[medium]\nsound_speed = -343", &["`medium.sound_speed`", "-343", "0"]),
+        ("[medium]\nsound_speed = -343", &["`medium.sound_speed`", "-343", "0.01"]),
         ("[medium]\ntemperature = 500", &["`medium.temperature`", "500", "-50", "60"]),
         ("[medium]\ntemperature = 20\nhumidity = 101", &["`medium.humidity`", "101", "0", "100"]),
         ("[medium]\ntemperature = 20\npressure = 101", &["`medium.pressure`", "101", "1e4", "1e6 Pa"]),
