@@ -1,6 +1,7 @@
 //! What an array and a band are suited for, and how to improve them: the designer's half of a plan.
 
 use super::beam::{Beam, Sidelobes};
+use super::resolution::Weights;
 use super::{alias_free_pitch, nice};
 use crate::acquisition::{Detection, Instrument};
 use crate::grid::Grid;
@@ -129,11 +130,12 @@ pub fn design(instrument: &Instrument, grid: &Grid, window: Window) -> Design {
         fix_ambiguity(instrument, grid),
         fix_voxels(instrument, grid),
     ];
+    let weights = Weights::of(instrument, window);
     Design {
         depths: depths.map(|depth| AtDepth {
             depth,
             lateral_resolution: instrument.lateral_resolution((depth - centre.z).abs()),
-            widths: instrument.predicted_widths(DVec3::new(centre.x, centre.y, depth), window, 3.0),
+            widths: instrument.widths_by(DVec3::new(centre.x, centre.y, depth), &weights, 3.0),
             grating_lobe_offset: pitch.map(|pitch| reduced * depth / pitch),
         }),
         ambiguity: ambiguity(instrument, grid),

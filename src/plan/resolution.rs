@@ -9,6 +9,7 @@ use crate::acquisition::Instrument;
 use crate::reconstruct::Window;
 use crate::wave::Geometry;
 use glam::DVec3;
+use rayon::prelude::*;
 use std::f64::consts::TAU;
 
 /// Places of the distributions of slopes and of spatial frequencies. A place more or less shifts a phase by a few
@@ -29,15 +30,31 @@ pub struct Profile {
     band: f64,
 }
 
+/// The weights of a window, which for a million microphones take longer than a profile.
+pub(super) struct Weights {
+    sweep: Vec<f64>,
+    array: Vec<f64>,
+}
+
+impl Weights {
+    pub(super) fn of(instrument: &Instrument, window: Window) -> Self {
+        Self { sweep: window.over_sweep(&instrument.sweep), array: window.over_array(&instrument.array) }
+    }
+}
+
 impl Instrument {
     /// The point-spread function of a reflector at `p` along `direction`; `None` where nothing changes along it.
     ///
     /// Cost: one pass over the microphones, over the tones, and over up to 4096 of these × 256.
     pub fn profile(&self, p: DVec3, direction: DVec3, window: Window) -> Option<Profile> {
+        self.profile_by(p, direction, &Weights::of(self, window))
+    }
+
+    fn profile_by(&self, p: DVec3, direction: DVec3, weights: &Weights) -> Option<Profile> {
         let slopes: Vec<f64> = self
             .array
             .positions()
-            .iter()
+            .par_iter()
             .map(|&r| {
                 let leg = |from: DVec3| (p - from).normalize_or_zero().dot(direction);
                 match self.geometry {
@@ -46,9 +63,9 @@ impl Instrument {
                 }
             })
             .collect();
-        let of_slopes = Histogram::of(SLOPES, slopes.iter().copied().zip(window.over_array(&self.array)));
+        let of_slopes = Histogram::of(SLOPES, slopes.iter().copied().zip(weights.array.iter().copied()));
         let tones = self.sweep.frequencies().iter().map(|f| f / self.sound_speed);
-        let mut tones: Vec<(f64, f64)> = tones.zip(window.over_sweep(&self.sweep)).collect();
+        let mut tones: Vec<(f64, f64)> = tones.zip(weights.sweep.iter().copied()).collect();
         if tones.len() > MOST_TONES {
             tones = Histogram::of(PLACES, tones.into_iter()).entries().collect();
         }
@@ -70,7 +87,11 @@ impl Instrument {
     /// Full widths of the point-spread function of a reflector at `p` along x, y and z where its amplitude falls
     /// `below_db` dB (3 or 6) below the peak, m.
     pub fn predicted_widths(&self, p: DVec3, window: Window, below_db: f64) -> [Option<f64>; 3] {
-        DVec3::AXES.map(|axis| self.profile(p, axis, window)?.width(below_db))
+        self.widths_by(p, &Weights::of(self, window), below_db)
+    }
+
+    pub(super) fn widths_by(&self, p: DVec3, weights: &Weights, below_db: f64) -> [Option<f64>; 3] {
+        DVec3::AXES.map(|axis| self.profile_by(p, axis, weights)?.width(below_db))
     }
 }
 

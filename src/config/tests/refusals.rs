@@ -124,7 +124,7 @@ fn values_outside_their_range_are_refused_at_their_line() {
         ("[detection]\nsnr_db = -1e300", &["`detection.snr_db`", "-200"]),
         ("[medium]\nsound_speed = 1e-9", &["`medium.sound_speed`", "1e-9", "0.01"]),
         ("[medium]\nsound_speed = 5e-324", &["`medium.sound_speed`", "0.01"]),
-        ("[array]\nsource = [0, 1e15, 0]", &["`array.source`", "1e15", "1e9 m"]),
+        ("[array]\nsource = [0, 1e15, 0]", &["`array.source`", "1000000000000000", "1e9 m"]),
         ("[reflectors]\nroughness = 1e300", &["`reflectors.roughness`", "1e6"]),
         ("[array]\ncount = [0, 1]", &["`array.count", "1"]),
         ("[array]\ncount = [4000000000, 4000000000]", &["`array.count`", "many"]),
