@@ -1,7 +1,7 @@
 //! What an array and a band are suited for, and how to improve them: the designer's half of a plan.
 
 use super::beam::{Beam, Sidelobes};
-use super::resolution::Weights;
+use super::resolution::WindowWeights;
 use super::{alias_free_pitch, nice};
 use crate::acquisition::{Detection, Instrument};
 use crate::grid::Grid;
@@ -130,7 +130,7 @@ pub fn design(instrument: &Instrument, grid: &Grid, window: Window) -> Design {
         fix_ambiguity(instrument, grid),
         fix_voxels(instrument, grid),
     ];
-    let weights = Weights::of(instrument, window);
+    let weights = WindowWeights::of(instrument, window);
     Design {
         depths: depths.map(|depth| AtDepth {
             depth,

@@ -23,7 +23,7 @@ const MOST_TONES: usize = 4096;
 /// The point-spread function along one direction through its peak, as predicted.
 #[derive(Debug, Clone)]
 pub struct Profile {
-    /// Weights of the spatial frequencies from `first` on, `pitch` cycles/m apart; their sum is 1.
+    /// WindowWeights of the spatial frequencies from `first` on, `pitch` cycles/m apart; their sum is 1.
     weights: Vec<f64>,
     pitch: f64,
     /// Width of the whole band of them, cycles/m.
@@ -31,12 +31,12 @@ pub struct Profile {
 }
 
 /// The weights of a window, which for a million microphones take longer than a profile.
-pub(super) struct Weights {
+pub(super) struct WindowWeights {
     sweep: Vec<f64>,
     array: Vec<f64>,
 }
 
-impl Weights {
+impl WindowWeights {
     pub(super) fn of(instrument: &Instrument, window: Window) -> Self {
         Self { sweep: window.over_sweep(&instrument.sweep), array: window.over_array(&instrument.array) }
     }
@@ -47,10 +47,10 @@ impl Instrument {
     ///
     /// Cost: one pass over the microphones, over the tones, and over up to 4096 of these × 256.
     pub fn profile(&self, p: DVec3, direction: DVec3, window: Window) -> Option<Profile> {
-        self.profile_by(p, direction, &Weights::of(self, window))
+        self.profile_by(p, direction, &WindowWeights::of(self, window))
     }
 
-    fn profile_by(&self, p: DVec3, direction: DVec3, weights: &Weights) -> Option<Profile> {
+    fn profile_by(&self, p: DVec3, direction: DVec3, weights: &WindowWeights) -> Option<Profile> {
         let slopes: Vec<f64> = self
             .array
             .positions()
@@ -87,10 +87,10 @@ impl Instrument {
     /// Full widths of the point-spread function of a reflector at `p` along x, y and z where its amplitude falls
     /// `below_db` dB (3 or 6) below the peak, m.
     pub fn predicted_widths(&self, p: DVec3, window: Window, below_db: f64) -> [Option<f64>; 3] {
-        self.widths_by(p, &Weights::of(self, window), below_db)
+        self.widths_by(p, &WindowWeights::of(self, window), below_db)
     }
 
-    pub(super) fn widths_by(&self, p: DVec3, weights: &Weights, below_db: f64) -> [Option<f64>; 3] {
+    pub(super) fn widths_by(&self, p: DVec3, weights: &WindowWeights, below_db: f64) -> [Option<f64>; 3] {
         DVec3::AXES.map(|axis| self.profile_by(p, axis, weights)?.width(below_db))
     }
 }
@@ -136,7 +136,7 @@ impl Profile {
     }
 }
 
-/// Weights by value, each shared between the two nearest of evenly spaced places.
+/// WindowWeights by value, each shared between the two nearest of evenly spaced places.
 pub(super) struct Histogram {
     first: f64,
     pitch: f64,

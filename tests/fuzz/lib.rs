@@ -2,6 +2,7 @@
 
 #[path = "../holosonar/mutation.rs"]
 mod mutation;
+#[allow(dead_code)] // tests use more of it
 #[path = "../holosonar/random.rs"]
 mod random;
 #[path = "../holosonar/readers.rs"]

@@ -25,7 +25,11 @@ fn workplace() -> tempfile::TempDir {
     let scene = |name: &str, mesh: &str, array: &str| {
         let text = format!(
             "[scene]\nmesh = \"{mesh}\"\n{}{sweep}[array]\n{array}\n{grid}[reflectors]\nspacing = 0.1\n",
-            if mesh.ends_with("obj") || mesh.ends_with("ply") { "unit = \"m\"\n" } else { "" }
+            match mesh.rsplit('.').next() {
+                Some("obj") => "unit = \"mm\"\n",
+                Some("ply") => "unit = \"m\"\n",
+                _ => "",
+            }
         );
         fs::write(path(name), text).unwrap();
     };
