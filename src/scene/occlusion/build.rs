@@ -24,8 +24,9 @@ use obvhs::ploc::morton::morton_encode_u128_unorm;
 use rayon::prelude::*;
 use std::mem;
 
-/// Bytes per triangle at the peak, at most: sorting keys, two lists of clusters, and two nodes with an index.
-pub(super) const BYTES: u64 = (size_of::<Key>() + 4 * size_of::<Bvh2Node>() + size_of::<u32>()) as u64;
+/// Bytes per triangle at the peak, at most: an index, two lists of clusters, two nodes and a partner. The keys by which
+/// triangles are sorted, which are freed before, take less.
+pub(super) const BYTES: u64 = (4 * size_of::<Bvh2Node>() + size_of::<u32>() + size_of::<i8>()) as u64;
 
 /// How far along the curve a partner is searched for, after the first passes.
 const REACH: usize = 24;
