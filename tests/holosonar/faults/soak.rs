@@ -96,7 +96,7 @@ fn whatever_happens_to_a_job_its_files_are_right_or_missing() {
     let (mut ends, mut resumed, mut blocks, mut late) = (BTreeMap::<i32, usize>::new(), 0, 0, 0);
     let begun = Instant::now();
     // On a slow machine not only until the time is over.
-    while begun.elapsed() < Duration::from_secs(seconds) || resumed < 5 {
+    while begun.elapsed() < Duration::from_secs(seconds) || resumed == 0 {
         let (which, variation) = (random.whole(0, JOBS.len() - 1), random.whole(0, VARIATIONS.len() - 1));
         let words = format!("{}{}", JOBS[which].words, VARIATIONS[variation]);
         let job = Job { words: Box::leak(words.clone().into_boxed_str()), output: IMAGE.output };
