@@ -164,7 +164,7 @@ fn a_mesh_that_cannot_fit_is_refused_by_what_its_file_declares() {
     let glb = glb(json, Some(indices));
     write_sparse(&folder.join("huge.glb"), &glb, glb.len() as u64 + u64::from(indices));
     write_sparse(&folder.join("huge.obj"), b"v 0 0 0\n", 1 << 30);
-    let triangles = "20000000 triangles or more, which take about 4.5 GiB in memory";
+    let triangles = "20000000 triangles or more, which take about 4.0 GiB in memory";
     for (name, said) in [
         ("huge.stl", triangles),
         ("huge.ply", triangles),
