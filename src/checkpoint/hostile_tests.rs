@@ -8,6 +8,7 @@ use super::tests::{
     volume,
 };
 use super::*;
+use crate::files::tests::make_pipe;
 use crate::named::assert_names;
 use crate::progress::Silent;
 use crate::reconstruct::VolumeSink;
@@ -17,12 +18,6 @@ use std::sync::atomic::AtomicUsize;
 /// What somebody may plant: its name in messages, whether it can be replaced, and how it is made at the first path with
 /// the second as a file of ours. Each returns whether it could be made.
 type Planted = (&'static str, bool, fn(&Path, &Path) -> bool);
-
-/// By no other program: between its start and its first instruction a process holds the locks of this one.
-fn make_pipe(path: &Path) -> rustix::io::Result<()> {
-    use rustix::fs::{CWD, FileType, Mode, mknodat};
-    mknodat(CWD, path, FileType::Fifo, Mode::RUSR | Mode::WUSR, 0)
-}
 
 const PLANTED: [Planted; 7] = [
     ("symbolic link", true, |path, ours| symlink(ours, path).is_ok()),

@@ -120,15 +120,19 @@ fn a_failure_leaves_no_new_folder() {
     assert!(path.exists());
 }
 
+/// By no other program: between its start and its first instruction a process holds the locks of this one.
+#[cfg(unix)]
+pub(crate) fn make_pipe(path: &Path) -> rustix::io::Result<()> {
+    use rustix::fs::{CWD, FileType, Mode, mknodat};
+    mknodat(CWD, path, FileType::Fifo, Mode::RUSR | Mode::WUSR, 0)
+}
+
 #[cfg(unix)]
 #[test]
 fn only_regular_files_are_opened() {
     let folder = tempfile::tempdir().unwrap();
     let pipe = folder.path().join("p.npz");
-    {
-        use rustix::fs::{CWD, FileType, Mode, mknodat};
-        mknodat(CWD, &pipe, FileType::Fifo, Mode::RUSR | Mode::WUSR, 0).unwrap();
-    }
+    make_pipe(&pipe).unwrap();
     for path in [&pipe, Path::new("/dev/zero"), Path::new("/dev/null")] {
         let error = open_input(path).unwrap_err();
         assert_eq!(error.exit_status(), 2);

@@ -23,7 +23,7 @@ const MOST_TONES: usize = 4096;
 /// The point-spread function along one direction through its peak, as predicted.
 #[derive(Debug, Clone)]
 pub struct Profile {
-    /// WindowWeights of the spatial frequencies from `first` on, `pitch` cycles/m apart; their sum is 1.
+    /// Weights of the spatial frequencies from `first` on, `pitch` cycles/m apart; their sum is 1.
     weights: Vec<f64>,
     pitch: f64,
     /// Width of the whole band of them, cycles/m.
@@ -136,7 +136,7 @@ impl Profile {
     }
 }
 
-/// WindowWeights by value, each shared between the two nearest of evenly spaced places.
+/// Weights by value, each shared between the two nearest of evenly spaced places.
 pub(super) struct Histogram {
     first: f64,
     pitch: f64,

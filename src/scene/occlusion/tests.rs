@@ -57,17 +57,14 @@ fn point(range: f64) -> impl Strategy<Value = DVec3> {
 }
 
 #[test]
-fn a_scene_takes_less_than_building_it_does() {
+fn a_scene_takes_half_of_what_building_it_does() {
     let bumps = |p: DVec3| v(p.x, p.y, 1.0 + 0.1 * (9.0 * p.x).sin() * (7.0 * p.y).cos());
     let wavy: Vec<_> = grid(100).into_iter().map(|t| t.map(bumps)).collect();
     for triangles in [grid(100), wavy] {
         let scene = scene(&triangles, 0.0);
         let (kept, building) = (scene.memory_bytes(), BYTES_PER_TRIANGLE * triangles.len() as u64);
         let triangles = size_of_val(scene.triangles()) as u64;
-        assert!(
-            scene.tree.bvh.parents.is_empty() && kept > triangles && kept < building,
-            "{kept} of {building}"
-        );
+        assert!(scene.tree.bvh.parents.is_empty() && kept > triangles && 2 * kept <= building, "{kept}");
     }
 }
 
