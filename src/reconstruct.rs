@@ -20,6 +20,7 @@ mod linear;
 mod numerics;
 mod options;
 mod plan;
+mod upsampling;
 mod volume;
 mod window;
 
@@ -34,7 +35,8 @@ use crate::grid::{Grid, Volume, no_room_for};
 use crate::progress::{Observer, Silent};
 use error_budget::ErrorBudget;
 use job::Job;
-use plan::{Candidates, MethodPlan};
+use plan::{Candidates, MethodPlan, Sampled, summed};
+use upsampling::{InterpolationError, Upsampled};
 use volume::{Checked, Compensated, Gain};
 use window::Weights;
 
@@ -136,17 +138,33 @@ fn in_pool(
         None => sink,
     };
     let (weights, budget) = (&weights, ErrorBudget::new(options.tolerance));
-    let info = carry_out(&plan, Job { source, weights, grid, budget, batch, sink, observer })?;
+    let interpolation = InterpolationError::NONE;
+    let job = Job { source, weights, grid, budget, interpolation, batch, sink, observer };
+    let info = carry_out(&plan, job)?;
     Ok(gain.map_or(info, |gain| gain.info(&info)))
 }
 
 fn carry_out(plan: &MethodPlan, job: Job<'_>) -> Result<ReconstructionInfo> {
     match plan {
         MethodPlan::Direct(plan) => direct::direct(job, plan),
-        MethodPlan::Convolution(plan) => convolution::convolution(job, plan),
-        MethodPlan::Backprojection(plan) => backprojection::backprojection(job, plan),
+        MethodPlan::Convolution(sampled) => on_nodes(sampled, job, convolution::convolution),
+        MethodPlan::Backprojection(sampled) => on_nodes(sampled, job, backprojection::backprojection),
         MethodPlan::Linear(plan) => linear::linear(job, plan),
     }
+}
+
+/// Carries out a method's plan for the voxels, or for nodes that they are interpolated from.
+fn on_nodes<P>(
+    Sampled { upsampling, plan }: &Sampled<P>,
+    job: Job<'_>,
+    method: impl FnOnce(Job<'_>, &P) -> Result<ReconstructionInfo>,
+) -> Result<ReconstructionInfo> {
+    let Some(upsampling) = upsampling else { return method(job, plan) };
+    let Job { source, weights, grid, budget, batch, sink, observer, .. } = job;
+    let (grid, budget) = summed(Some(upsampling), grid, budget);
+    let sink = &mut Upsampled::new(upsampling, sink)?;
+    let interpolation = upsampling.error;
+    method(Job { source, weights, grid, budget, interpolation, batch, sink, observer }, plan)
 }
 
 /// The error when samples do not fit in memory.

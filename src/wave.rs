@@ -75,6 +75,15 @@ impl Geometry {
         }
     }
 
+    /// How fast the path length changes with `p`.
+    pub(crate) fn path_slope(&self, p: DVec3, r: DVec3) -> DVec3 {
+        let back = (p - r).normalize_or_zero();
+        match self {
+            Self::FixedSource { source } => (p - *source).normalize_or_zero() + back,
+            Self::Monostatic => 2.0 * back,
+        }
+    }
+
     /// The far-field path of Eq. 6–7, `2|p − s| − p̂·(r − s)` with `p̂` the unit vector from the speaker to `p`
     /// (0 at the speaker). The printed equation has `p·r̂`, but only `p̂·r` follows from Eq. 6. For a monostatic scan, whose
     /// two legs have the same error, it is `2(|p| − p̂·r)` about the origin.

@@ -203,7 +203,7 @@ pub(super) fn backprojection(job: Job<'_>, plan: &BackprojectionPlan) -> Result<
     {
         return tiled.image(job);
     }
-    let Job { source, weights, grid, budget, batch, sink, observer } = job;
+    let Job { source, weights, grid, budget, interpolation, batch, sink, observer } = job;
     let Division { band, shape, thickness, .. } = plan.fine;
     let greatest = greatest_half(shape.half(grid));
     let budget = SeriesBudget::new(&band, greatest, budget);
@@ -212,7 +212,7 @@ pub(super) fn backprojection(job: Job<'_>, plan: &BackprojectionPlan) -> Result<
     let instrument = source.instrument();
     let interval = |depths| interval(instrument, grid, shape, depths);
     let slabs = compressed.slabs(slabs_of(grid.z.count, thickness), interval, share, budget.tones);
-    let error_bound = budget.error(&slabs) * compressed.modulus;
+    let error_bound = interpolation.with(budget.error(&slabs)) * compressed.modulus;
     let groups = Group::of(instrument.array.positions(), (0..instrument.array.len()).collect());
     let width = instrument.array.len();
     let of_driver = |slab: &SlabTones| {

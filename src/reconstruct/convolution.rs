@@ -180,7 +180,7 @@ fn skeleton_frequencies(
     division: &Slabs,
 ) -> Result<ReconstructionInfo> {
     let ConvolutionPlan { layout, compression, .. } = plan;
-    let Job { source, weights, grid, batch, sink, observer, .. } = job;
+    let Job { source, weights, grid, interpolation, batch, sink, observer, .. } = job;
     let depths = grid.z.count;
     let whole = source.instrument().path_interval(grid, 0..depths);
     let mut compressed = VolumeTones::compress(source, weights, whole, *compression, observer)?;
@@ -193,7 +193,7 @@ fn skeleton_frequencies(
     let near = NearField::new(instrument, grid, &layout.lattice.near, &compressed, &slabs)?;
     let samples = std::mem::take(&mut compressed.tones.samples);
     compressed.tones.samples = layout.lattice.spreading(&instrument.array).onto_nodes(samples)?;
-    let error_bound = error * compressed.modulus;
+    let error_bound = interpolation.with(error) * compressed.modulus;
     let plane_len = grid.plane_len();
     // Buffers for every slab that is worked on at a time, reused by the next: memory that is freed and allocated
     // again is in use twice for a while.

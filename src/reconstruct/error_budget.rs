@@ -35,6 +35,21 @@ impl ErrorBudget {
         0.25 * self.0
     }
 
+    /// For interpolation of voxels from a coarser grid along all three axes, as measured on terms.
+    pub(super) fn upsampling(self) -> f64 {
+        0.3 * self.0
+    }
+
+    /// The same along one axis, for a plane wave: the three add up, some of them amplified.
+    pub(super) fn upsampling_axis(self) -> f64 {
+        0.05 * self.0
+    }
+
+    /// The same as measured on terms, of which none is steeper.
+    pub(super) fn upsampling_axis_measured(self) -> f64 {
+        0.06 * self.0
+    }
+
     /// For the first of two compressions, of the sweep to the volume's virtual tones. The second, to a slab's skeleton,
     /// costs a tone more for every third of what it is given, and runs at every depth, so it is given the rest.
     pub(super) fn virtual_tones(self) -> f64 {

@@ -2,6 +2,7 @@
 
 use super::VolumeSink;
 use super::error_budget::ErrorBudget;
+use super::upsampling::InterpolationError;
 use super::volume::Batch;
 use super::window::Weights;
 use crate::acquisition::CubeSource;
@@ -16,8 +17,10 @@ pub(crate) struct Job<'a> {
     pub(crate) weights: &'a Weights,
     /// The voxels.
     pub(crate) grid: &'a Grid,
-    /// The error that any voxel may have.
+    /// The error that any voxel of `grid` may have.
     pub(crate) budget: ErrorBudget,
+    /// What becomes of it where the volume's voxels are interpolated from these.
+    pub(crate) interpolation: InterpolationError,
     /// How much is worked on at a time.
     pub(crate) batch: Batch,
     /// Takes the depths as they are finished.

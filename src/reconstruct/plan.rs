@@ -3,6 +3,6 @@
 mod choice;
 mod estimates;
 
-pub(super) use choice::{Candidates, MethodPlan};
+pub(super) use choice::{Candidates, MethodPlan, Sampled, summed};
 pub use choice::{LEAST_TOLERANCE, direct_terms, estimate};
 pub use estimates::{Estimate, Estimates};

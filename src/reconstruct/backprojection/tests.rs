@@ -4,6 +4,7 @@ use super::*;
 use crate::acquisition::{DataCube, Instrument, MicArray, Sweep};
 use crate::grid::{Axis, Volume};
 use crate::progress::Silent;
+use crate::reconstruct::upsampling::InterpolationError;
 use crate::reconstruct::volume::{Batch, ResumedVolume};
 use crate::reconstruct::window::Weights;
 use crate::reconstruct::{ReconstructOptions, VolumeSink, Window, reconstruct};
@@ -62,7 +63,9 @@ fn tiled(
     let band = Division::new(instrument, grid, budget).band;
     let tiled = Tiled::new(lattice, instrument, grid, band).expect("little").expect("every node has a place");
     let (source, weights, batch) = (&mut &*cube, &weights, Batch::of_threads(2));
-    tiled.image(Job { source, weights, grid, budget, batch, sink, observer: &Silent }).expect("little")
+    let interpolation = InterpolationError::NONE;
+    let job = Job { source, weights, grid, budget, interpolation, batch, sink, observer: &Silent };
+    tiled.image(job).expect("little")
 }
 
 #[test]

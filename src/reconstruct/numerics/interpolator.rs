@@ -20,6 +20,9 @@ const DAMPING: f64 = 1e-11;
 /// Wavenumbers from zero to the edge of a band at which an error is measured.
 const MEASURED: usize = 41;
 
+/// How much of the nodes' band the fastest change may take, tried in turn.
+pub(crate) const NODE_FILLS: [f64; 12] = [0.8, 0.75, 0.7, 0.65, 0.6, 0.55, 0.5, 0.45, 0.4, 0.35, 0.3, 0.25];
+
 impl Taps {
     /// An even `count` of taps on even nodes, for waves of up to `edge` radians per node.
     pub(crate) fn new(count: usize, edge: f64) -> Self {
@@ -35,6 +38,17 @@ impl Taps {
             (0..points).map(|k| 1.02 * edge / TAU * chebyshev_point(k, 2 * points)).collect();
         let factored = LeastSquares::damped(&waves(&fitted, &nodes), DAMPING);
         Self { nodes, fitted, factored }
+    }
+
+    /// Numbers of taps up to `most`, each with the fullest band that a plane wave of it keeps within the tolerance.
+    pub(crate) fn lengths(tolerance: f64, most: usize) -> Vec<(Self, f64)> {
+        let fullest = |count: usize| {
+            NODE_FILLS.into_iter().find_map(|fill| {
+                let taps = Self::new(count, PI * fill);
+                (taps.error(PI * fill) <= tolerance).then_some((taps, fill))
+            })
+        };
+        (4..=most).step_by(2).filter_map(fullest).collect()
     }
 
     /// Number of nodes that a place is made of.

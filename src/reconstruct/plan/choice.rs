@@ -9,7 +9,10 @@ use crate::reconstruct::convolution::{ConvolutionPlan, SharedLattice};
 use crate::reconstruct::cost::Cost;
 use crate::reconstruct::direct::DirectPlan;
 use crate::reconstruct::error_budget::ErrorBudget;
+use crate::reconstruct::upsampling::Upsampling;
 use crate::reconstruct::{Method, ReconstructOptions};
+use rayon::prelude::*;
+use std::iter;
 
 /// Above this many terms `direct` must be selected explicitly; it would run for many minutes.
 const MOST_DIRECT_TERMS: u64 = 100_000_000_000;
@@ -25,17 +28,33 @@ pub fn direct_terms(instrument: &Instrument, grid: &Grid) -> u64 {
 #[derive(Debug)]
 pub(crate) enum MethodPlan {
     Direct(DirectPlan),
-    Convolution(Box<ConvolutionPlan>),
-    Backprojection(Box<BackprojectionPlan>),
+    Convolution(Box<Sampled<ConvolutionPlan>>),
+    Backprojection(Box<Sampled<BackprojectionPlan>>),
     Linear(DirectPlan),
+}
+
+/// A method's plan for the voxels, or for nodes that they are interpolated from.
+#[derive(Debug)]
+pub(crate) struct Sampled<P> {
+    pub(crate) upsampling: Option<Upsampling>,
+    pub(crate) plan: P,
+}
+
+/// The grid that is summed on, and what may be erred there.
+pub(crate) fn summed<'a>(
+    upsampling: Option<&'a Upsampling>,
+    grid: &'a Grid,
+    budget: ErrorBudget,
+) -> (&'a Grid, ErrorBudget) {
+    upsampling.map_or((grid, budget), |nodes| (&nodes.coarse, nodes.error.left(budget)))
 }
 
 /// The plans of all methods for one job, and what each would take.
 #[derive(Debug)]
 pub(crate) struct Candidates {
     estimates: Vec<Estimate>,
-    convolution: std::result::Result<ConvolutionPlan, String>,
-    backprojection: Option<BackprojectionPlan>,
+    convolution: std::result::Result<Sampled<ConvolutionPlan>, String>,
+    backprojection: Option<Sampled<BackprojectionPlan>>,
     direct: DirectPlan,
 }
 
@@ -49,36 +68,61 @@ impl Candidates {
         check(grid, options)?;
         instrument.check_with("grid", grid.bounds())?;
         let budget = ErrorBudget::new(options.tolerance);
-        let possible = |method, cost: &Cost<'_>| Estimate::possible(method, cost, options);
-        let lattices = SharedLattice::find(instrument, grid, budget);
-        let convolution = lattices.map(|lattices| {
-            let priced = lattices.into_iter().map(|lattice| {
-                let plan = ConvolutionPlan::new(instrument, grid, lattice, budget);
-                let estimate = possible(Method::Convolution, &plan.cost(instrument, threads));
-                (plan, estimate)
-            });
-            let least = priced.min_by(|(_, a), (_, b)| a.operations.total_cmp(&b.operations));
-            least.expect("one was found at least")
-        });
+        let possible = |method, cost: Cost<'_>, upsampling: Option<&Upsampling>| {
+            Estimate::possible(method, &cost.with(upsampling), options)
+        };
+        let nodes = Upsampling::find(instrument, grid, budget);
+        let samplings: Vec<Option<&Upsampling>> = iter::once(None).chain(nodes.iter().map(Some)).collect();
+        let of_sampling = |upsampling: Option<&Upsampling>| {
+            let (grid, budget) = summed(upsampling, grid, budget);
+            SharedLattice::find(instrument, grid, budget).map(|lattices| {
+                let priced = lattices.into_iter().map(|lattice| {
+                    let plan = ConvolutionPlan::new(instrument, grid, lattice, budget);
+                    let cost = plan.cost(instrument, threads);
+                    let estimate = possible(Method::Convolution, cost, upsampling);
+                    (Sampled { upsampling: upsampling.cloned(), plan }, estimate)
+                });
+                priced
+                    .min_by(|(_, a), (_, b)| a.operations.total_cmp(&b.operations))
+                    .expect("one was found at least")
+            })
+        };
+        let convolutions: Vec<std::result::Result<_, String>> =
+            samplings.par_iter().copied().map(of_sampling).collect();
+        // Those that are possible first; of several obstacles that of the voxels themselves.
+        let operations = |convolution: &std::result::Result<(Sampled<_>, Estimate), _>| {
+            convolution.as_ref().map_or(f64::INFINITY, |(_, estimate)| estimate.operations)
+        };
+        let least = convolutions.into_iter().min_by(|a, b| operations(a).total_cmp(&operations(b)));
+        let convolution = least.expect("the voxels themselves are sampled");
         // Where a lattice serves most of the work, convolution is so much faster that planning back-projection is not
         // worth its time.
-        let by_lattice = |(plan, estimate): &(ConvolutionPlan, Estimate)| {
-            plan.near_operations() <= 0.5 * estimate.operations
+        let by_lattice = |(convolution, estimate): &(Sampled<ConvolutionPlan>, Estimate)| {
+            convolution.plan.near_operations() <= 0.5 * estimate.operations
         };
         let wanted = !convolution.as_ref().is_ok_and(by_lattice) || options.method == Method::Backprojection;
-        let backprojection =
-            (wanted && options.tolerance > 0.0).then(|| BackprojectionPlan::new(instrument, grid, budget));
+        let backprojection = (wanted && options.tolerance > 0.0).then(|| {
+            let voxels = |upsampling: Option<&Upsampling>| summed(upsampling, grid, budget).0.voxel_count();
+            let upsampling = samplings.iter().copied().min_by_key(|nodes| voxels(*nodes)).flatten();
+            let (grid, budget) = summed(upsampling, grid, budget);
+            Sampled {
+                upsampling: upsampling.cloned(),
+                plan: BackprojectionPlan::new(instrument, grid, budget),
+            }
+        });
         let direct = DirectPlan::new(grid);
         let of_convolution = match &convolution {
             Ok((_, estimate)) => estimate.clone(),
             Err(obstacle) => Estimate::impossible(Method::Convolution, obstacle.clone()),
         };
         let of_backprojection = match &backprojection {
-            Some(plan) => possible(Method::Backprojection, &plan.cost(instrument, threads)),
+            Some(Sampled { upsampling, plan }) => {
+                possible(Method::Backprojection, plan.cost(instrument, threads), upsampling.as_ref())
+            }
             None => Estimate::impossible(Method::Backprojection, no_backprojection(options).to_owned()),
         };
-        let of_direct = direct.cost(instrument, threads);
-        let sums = [Method::Direct, Method::Linear].map(|method| possible(method, &of_direct));
+        let sums = [Method::Direct, Method::Linear]
+            .map(|method| possible(method, direct.cost(instrument, threads), None));
         let estimates = [of_convolution, of_backprojection].into_iter().chain(sums).collect();
         let convolution = convolution.map(|(plan, _)| plan);
         Ok(Self { estimates, convolution, backprojection, direct })

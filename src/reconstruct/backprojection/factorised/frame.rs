@@ -65,7 +65,7 @@ pub(crate) fn bands(instrument: &Instrument, grid: &Grid, tiles: &[Tile]) -> [f6
     let mut fastest = [0.0f64; 3];
     for tile in some(tiles, SAMPLED_TILES) {
         let frame = Frame::new(&instrument.geometry, tile.centre);
-        for p in sampled_places(grid, [5, 5, 4]) {
+        for p in grid.sampled([5, 5, 4]) {
             let slope = frame.slope(p);
             for r in tile.corners() {
                 let own = Frame::new(&instrument.geometry, r).slope(p);
@@ -93,17 +93,6 @@ const SAMPLED_TILES: usize = 9;
 pub(crate) fn some<T>(items: &[T], most: usize) -> impl Iterator<Item = &T> {
     let count = items.len().min(most);
     (0..count).map(move |i| &items[i * (items.len() - 1) / (count - 1).max(1)])
-}
-
-/// Places all over a grid's box, so many along each axis, its faces among them.
-pub(crate) fn sampled_places(grid: &Grid, count: [usize; 3]) -> impl Iterator<Item = DVec3> + use<> {
-    let axes = [grid.x, grid.y, grid.z];
-    let along = move |axis: usize, i: usize| {
-        axes[axis].first + (axes[axis].last() - axes[axis].first) * i as f64 / (count[axis] - 1).max(1) as f64
-    };
-    let [n_x, n_y, n_z] = count;
-    (0..n_x * n_y * n_z)
-        .map(move |i| DVec3::new(along(0, i % n_x), along(1, i / n_x % n_y), along(2, i / n_x / n_y)))
 }
 
 #[cfg(test)]
@@ -179,7 +168,7 @@ mod tests {
             let mut fastest = [0.0f64; 3];
             for tile in &tiles {
                 let frame = Frame::new(&geometry, tile.centre);
-                for p in sampled_places(&grid, [4, 3, 6]) {
+                for p in grid.sampled([4, 3, 6]) {
                     for &r in tile.microphones.iter().step_by(3) {
                         let r = array.positions()[r];
                         for f in [10_000.0, 20_000.0] {

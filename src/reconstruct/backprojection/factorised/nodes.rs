@@ -1,21 +1,19 @@
 //! How far apart the nodes of a tile may stand, and of how many of them a voxel is made.
 
 use super::frame::{Frame, bands};
-use super::terms::{Around, FEW, MANY, Terms, TileDistances};
+use super::terms::{FEW, MANY, Terms, TileDistances};
 use crate::acquisition::{Instrument, halvings};
 use crate::grid::{Axis, Grid};
 use crate::reconstruct::backprojection::blocks::{Shape, block_operations};
 use crate::reconstruct::backprojection::profile::Band;
 use crate::reconstruct::error_budget::ErrorBudget;
-use crate::reconstruct::numerics::Taps;
+use crate::reconstruct::numerics::Around;
+use crate::reconstruct::numerics::{NODE_FILLS as FILLS, Nodes, Taps};
 use crate::wave::Geometry;
 use crate::wave::simd::LANES;
 use glam::DVec3;
 use rayon::prelude::*;
 use std::f64::consts::PI;
-
-/// How much of the nodes' band the fastest term may take, tried in turn.
-const FILLS: [f64; 12] = [0.8, 0.75, 0.7, 0.65, 0.6, 0.55, 0.5, 0.45, 0.4, 0.35, 0.3, 0.25];
 
 /// The most taps along one axis: a voxel's weights along ρ are one vector.
 const MOST_TAPS: usize = LANES;
@@ -35,13 +33,6 @@ const MOST_SMALL: f64 = 268_435_456.0;
 /// Of the cheapest divisions, how many are measured before all are given up.
 const TRIES: usize = 16;
 
-/// Nodes along x or y, and how many of them each voxel is made of.
-#[derive(Debug, Clone)]
-pub(crate) struct Nodes {
-    pub(crate) axis: Axis,
-    taps: Option<Taps>,
-}
-
 impl Nodes {
     /// Nodes for changes of up to `band` cycles per m that begin on the first voxel, and half the taps more at both ends;
     /// the voxels themselves if there are not more of them.
@@ -52,35 +43,10 @@ impl Nodes {
             let count = (extent / pitch).floor() as usize + taps;
             if count < voxels.count {
                 let axis = Axis { first: voxels.first - pitch * (taps / 2 - 1) as f64, pitch, count };
-                return Self { axis, taps: Some(Taps::new(taps, PI * fill)) };
+                return Self::with_taps(axis, Taps::new(taps, PI * fill));
             }
         }
-        Self { axis: *voxels, taps: None }
-    }
-
-    pub(crate) fn taps(&self) -> usize {
-        self.taps.as_ref().map_or(1, Taps::count)
-    }
-
-    /// The first node that a voxel is made of, and its place after the node before it.
-    fn first(&self, position: f64) -> (usize, f64) {
-        let place = (position - self.axis.first) / self.axis.pitch;
-        let Some(taps) = &self.taps else { return (place.round() as usize, 0.0) };
-        let own = (place + 1e-9).floor();
-        let first = (own as isize + taps.first()).max(0) as usize;
-        (first.min(self.axis.count - taps.count()), (place - own).max(0.0))
-    }
-
-    /// The first node that a voxel is made of, and the weights from there on.
-    pub(crate) fn weights(&self, position: f64) -> (usize, Vec<f64>) {
-        let (first, t) = self.first(position);
-        (first, self.taps.as_ref().map_or_else(|| vec![1.0], |taps| taps.weights(t)))
-    }
-
-    /// The nodes that a voxel is made of, m, and their weights.
-    fn around(&self, position: f64) -> Around {
-        let (first, weights) = self.weights(position);
-        ((0..weights.len()).map(|a| self.axis.position(first + a)).collect(), weights)
+        Self::themselves(voxels)
     }
 
     /// The first and the last node, each with the outermost and the innermost voxel that are made of it and the same
@@ -97,7 +63,7 @@ impl Nodes {
 
     /// How far beside a voxel its nodes stand at most, m.
     fn reach(&self) -> f64 {
-        if self.taps.is_some() { self.axis.pitch * self.taps() as f64 / 2.0 } else { 0.0 }
+        if self.interpolates() { self.axis.pitch * self.taps() as f64 / 2.0 } else { 0.0 }
     }
 }
 
@@ -124,17 +90,6 @@ pub(crate) struct TileLattice {
     pub(crate) operations: f64,
 }
 
-/// Numbers of taps, each with the fullest band that a plane wave of it keeps within the tolerance.
-fn lengths(tolerance: f64) -> Vec<(Taps, f64)> {
-    let fullest = |count: usize| {
-        FILLS.into_iter().find_map(|fill| {
-            let taps = Taps::new(count, PI * fill);
-            (taps.error(PI * fill) <= tolerance).then_some((taps, fill))
-        })
-    };
-    (4..=MOST_TAPS).step_by(2).filter_map(fullest).collect()
-}
-
 impl TileLattice {
     /// The division of fewest operations; `None` where the voxels come too near to the microphones, or none keeps to its
     /// share of the budget.
@@ -153,7 +108,7 @@ impl TileLattice {
         if grid.z.first <= high.z.max(source) {
             return None;
         }
-        let lengths = lengths(budget.interpolation_axis());
+        let lengths = Taps::lengths(budget.interpolation_axis(), MOST_TAPS);
         let least = |times: &u32| instrument.array.len() >> times >= LEAST_MEMBERS;
         let most = (1..=MOST_TIMES).take_while(least).last().unwrap_or(0);
         let levels = halvings(instrument.array.positions(), most);

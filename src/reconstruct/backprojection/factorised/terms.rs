@@ -1,15 +1,13 @@
 //! The terms that a job can have, sampled, and how the tiles of an array see a grid.
 
-use super::frame::{Frame, sampled_places, some};
+use super::frame::{Frame, some};
 use crate::acquisition::{Instrument, Tile};
 use crate::grid::{Axis, Grid};
+use crate::reconstruct::numerics::Around;
 use crate::wave::interval::greater;
 use glam::DVec3;
 use num_complex::Complex64;
 use std::f64::consts::TAU;
-
-/// Places of nodes along an axis, m, and the weights that make a voxel of them.
-pub(crate) type Around = (Vec<f64>, Vec<f64>);
 
 /// Terms of one frequency and one microphone each, in the coordinates of its tile.
 pub(crate) struct Terms<'a> {
@@ -50,9 +48,7 @@ impl Terms<'_> {
         for tile in some(tiles, density.tiles) {
             let frame = Frame::new(&instrument.geometry, tile.centre);
             let [along, across] = density.places;
-            for mut p in
-                sampled_places(grid, std::array::from_fn(|of| if of == axis { along } else { across }))
-            {
+            for mut p in grid.sampled(std::array::from_fn(|of| if of == axis { along } else { across })) {
                 if axis < 2 {
                     let voxels = [grid.x, grid.y][axis];
                     p[axis] = voxels.position(((p[axis] - voxels.first) / voxels.pitch).round() as usize);
@@ -117,7 +113,7 @@ impl TileDistances {
         let (mut sum, mut count) = (0.0, 0.0);
         let layer = Grid { z: Axis { count: 1, ..grid.z }, ..*grid };
         for frame in &self.frames {
-            for p in sampled_places(&layer, [4, 4, 1]) {
+            for p in layer.sampled([4, 4, 1]) {
                 let (mut low, mut high) = (f64::INFINITY, 0.0f64);
                 for i in 0..9 {
                     let beside = |axis: usize, step: usize| {

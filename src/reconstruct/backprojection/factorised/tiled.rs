@@ -3,7 +3,7 @@
 use super::frame::{Frame, halved};
 use super::nodes::{TileLattice, USUAL_GROWTH};
 use super::patches::Patch;
-use super::voxels::{BEYOND, Interpolation, RowBuffers, TileNodes, hull};
+use super::voxels::{Interpolation, RowBuffers, TileNodes, hull};
 use crate::acquisition::{Instrument, Tile};
 use crate::alloc::try_zeroed;
 use crate::error::Result;
@@ -15,6 +15,7 @@ use crate::reconstruct::backprojection::{MOST_SLABS, SeriesBudget, SlabProfiles,
 use crate::reconstruct::compress::{SlabTones, VolumeTones, slabs_of};
 use crate::reconstruct::error_budget::ErrorBudget;
 use crate::reconstruct::job::Job;
+use crate::reconstruct::numerics::BEYOND;
 use crate::reconstruct::volume::{Batch, SlabDriver};
 use crate::reconstruct::{Method, ReconstructionInfo, no_room_for};
 use crate::wave::interval::{PathInterval, greater};
@@ -129,7 +130,7 @@ impl<'a> Tiled<'a> {
 
     /// Gives the volume to the job's sink.
     pub(crate) fn image(mut self, job: Job<'_>) -> Result<ReconstructionInfo> {
-        let Job { source, weights, grid, batch, sink, observer, .. } = job;
+        let Job { source, weights, grid, interpolation, batch, sink, observer, .. } = job;
         let TileLattice { error: inexact, growth, .. } = *self.lattice;
         let budget;
         (self.band, budget) = series_budget(self.lattice, self.band, self.greatest, job.budget);
@@ -143,7 +144,8 @@ impl<'a> Tiled<'a> {
         };
         let together = self.shells.len().div_ceil(MOST_SLABS);
         let slabs = compressed.slabs(slabs_of(self.shells.len(), together), interval, share, budget.tones);
-        let error_bound = (inexact + growth * budget.error(&slabs)) * compressed.modulus;
+        let error = inexact + growth * budget.error(&slabs);
+        let error_bound = interpolation.with(error) * compressed.modulus;
         let groups: Vec<Vec<Group>> = self
             .tiles
             .iter()

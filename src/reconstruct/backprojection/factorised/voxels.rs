@@ -3,8 +3,9 @@
 #![allow(clippy::inline_always)]
 
 use super::frame::Frame;
-use super::nodes::{Nodes, TileLattice};
-use crate::grid::{Axis, Grid};
+use super::nodes::TileLattice;
+use crate::grid::Grid;
+use crate::reconstruct::numerics::{AxisWeights, WIDE, weighted_rows};
 use crate::wave::simd::{LANES, dispatched, phasors};
 use num_complex::Complex32;
 use std::ops::Range;
@@ -36,39 +37,16 @@ pub(crate) fn hull(a: Range<usize>, b: Range<usize>) -> Range<usize> {
     }
 }
 
-/// The weights of every voxel along x or y.
-#[derive(Debug)]
-struct AxisWeights {
-    first: Vec<usize>,
-    /// `[count, taps]`.
-    weights: Vec<f32>,
-    taps: usize,
-}
-
-impl AxisWeights {
-    fn new(voxels: &Axis, nodes: &Nodes) -> Self {
-        let all: Vec<(usize, Vec<f64>)> = voxels.positions().map(|t| nodes.weights(t)).collect();
-        Self {
-            first: all.iter().map(|(first, _)| *first).collect(),
-            weights: all.iter().flat_map(|(_, weights)| weights.iter().map(|w| *w as f32)).collect(),
-            taps: nodes.taps(),
+/// For every node along x or y the least and the largest of what the voxels made of it need.
+fn gather(weights: &AxisWeights, nodes: usize, voxels: &[Range<usize>]) -> Vec<Range<usize>> {
+    let mut all = vec![0..0; nodes];
+    for (voxel, needed) in voxels.iter().enumerate() {
+        let (first, weights) = weights.of(voxel);
+        for node in &mut all[first..first + weights.len()] {
+            *node = hull(node.clone(), needed.clone());
         }
     }
-
-    fn of(&self, voxel: usize) -> (usize, &[f32]) {
-        (self.first[voxel], &self.weights[voxel * self.taps..][..self.taps])
-    }
-
-    /// For every node the least and the largest of what the voxels made of it need.
-    fn gather(&self, nodes: usize, voxels: &[Range<usize>]) -> Vec<Range<usize>> {
-        let mut all = vec![0..0; nodes];
-        for (needed, first) in voxels.iter().zip(&self.first) {
-            for node in &mut all[*first..first + self.taps] {
-                *node = hull(node.clone(), needed.clone());
-            }
-        }
-        all
-    }
+    all
 }
 
 /// How voxels follow from nodes, for all tiles.
@@ -121,13 +99,13 @@ impl<'a> Interpolation<'a> {
             .flat_map(|y| {
                 let ends = self.row(frame, y, 0).zip(self.row(frame, y, z));
                 let voxels: Vec<_> = ends.map(|(near, far)| self.between(near, far)).collect();
-                self.x.gather(n_x, &voxels)
+                gather(&self.x, n_x, &voxels)
             })
             .collect();
         let mut all = vec![0..0; n_x * n_y];
         for x in 0..n_x {
             let column: Vec<_> = (0..grid.y.count).map(|y| rows[y * n_x + x].clone()).collect();
-            for (y, needed) in self.y.gather(n_y, &column).into_iter().enumerate() {
+            for (y, needed) in gather(&self.y, n_y, &column).into_iter().enumerate() {
                 all[y * n_x + x] = needed;
             }
         }
@@ -213,31 +191,6 @@ impl RowBuffers {
         let both = self.sums[0].iter().zip(&self.sums[1]);
         both.map(|(re, im)| Complex32::new(re.iter().sum(), im.iter().sum()))
     }
-}
-
-/// How many more values than nodes a tile holds, since [`weighted_rows`] reads whole vectors.
-pub(crate) const BEYOND: usize = LANES + WIDE;
-
-/// Vectors that [`weighted_rows_body`] sums at a time, so that chains of dependent additions overlap.
-const WIDE: usize = 2 * LANES;
-
-#[inline(always)]
-fn weighted_rows_body(weights: &[f32], rows: &[f32], stride: usize, sums: &mut [f32]) {
-    for (i, sums) in sums.chunks_exact_mut(WIDE).enumerate() {
-        let mut lanes = [0.0f32; WIDE];
-        for (a, w) in weights.iter().enumerate() {
-            let row = &rows[a * stride + i * WIDE..][..WIDE];
-            for (lane, value) in lanes.iter_mut().zip(row) {
-                *lane += w * value;
-            }
-        }
-        sums.copy_from_slice(&lanes);
-    }
-}
-
-dispatched! {
-    /// `sums[k] = Σ_a weights[a] rows[a, k]`, rows `stride` apart, sums in whole lanes.
-    fn weighted_rows = weighted_rows_body(weights: &[f32], rows: &[f32], stride: usize, sums: &mut [f32])
 }
 
 #[inline(always)]

@@ -1,0 +1,111 @@
+//! Nodes along an axis, from which other places are interpolated.
+
+#![allow(clippy::inline_always)]
+
+use super::interpolator::Taps;
+use crate::grid::Axis;
+use crate::wave::simd::{LANES, dispatched};
+
+/// Places of nodes along an axis, m, and the weights that make another place of them.
+pub(crate) type Around = (Vec<f64>, Vec<f64>);
+
+/// Nodes along an axis, and how many of them each place is made of.
+#[derive(Debug, Clone)]
+pub(crate) struct Nodes {
+    pub(crate) axis: Axis,
+    /// `None` where places are nodes.
+    taps: Option<Taps>,
+}
+
+impl Nodes {
+    /// Places that are their own nodes.
+    pub(crate) fn themselves(places: &Axis) -> Self {
+        Self { axis: *places, taps: None }
+    }
+
+    /// Nodes around every place that is to be interpolated.
+    pub(crate) fn with_taps(axis: Axis, taps: Taps) -> Self {
+        Self { axis, taps: Some(taps) }
+    }
+
+    /// Whether places are interpolated.
+    pub(crate) fn interpolates(&self) -> bool {
+        self.taps.is_some()
+    }
+
+    /// How many nodes a place is made of.
+    pub(crate) fn taps(&self) -> usize {
+        self.taps.as_ref().map_or(1, Taps::count)
+    }
+
+    /// The first node that a place is made of, and where the place is after the node before it.
+    pub(crate) fn first(&self, position: f64) -> (usize, f64) {
+        let place = (position - self.axis.first) / self.axis.pitch;
+        let Some(taps) = &self.taps else { return (place.round() as usize, 0.0) };
+        let own = (place + 1e-9).floor();
+        let first = (own as isize + taps.first()).max(0) as usize;
+        (first.min(self.axis.count - taps.count()), (place - own).max(0.0))
+    }
+
+    /// The first node that a place is made of, and the weights from there on.
+    pub(crate) fn weights(&self, position: f64) -> (usize, Vec<f64>) {
+        let (first, t) = self.first(position);
+        (first, self.taps.as_ref().map_or_else(|| vec![1.0], |taps| taps.weights(t)))
+    }
+
+    /// The nodes that a place is made of, m, and their weights.
+    pub(crate) fn around(&self, position: f64) -> Around {
+        let (first, weights) = self.weights(position);
+        ((0..weights.len()).map(|a| self.axis.position(first + a)).collect(), weights)
+    }
+}
+
+/// The weights of every place along an axis.
+#[derive(Debug, Clone)]
+pub(crate) struct AxisWeights {
+    first: Vec<usize>,
+    /// `[count, taps]`.
+    weights: Vec<f32>,
+    taps: usize,
+}
+
+impl AxisWeights {
+    pub(crate) fn new(places: &Axis, nodes: &Nodes) -> Self {
+        let all: Vec<(usize, Vec<f64>)> = places.positions().map(|t| nodes.weights(t)).collect();
+        Self {
+            first: all.iter().map(|(first, _)| *first).collect(),
+            weights: all.iter().flat_map(|(_, weights)| weights.iter().map(|w| *w as f32)).collect(),
+            taps: nodes.taps(),
+        }
+    }
+
+    /// The first node of a place, and the weights from there on.
+    pub(crate) fn of(&self, place: usize) -> (usize, &[f32]) {
+        (self.first[place], &self.weights[place * self.taps..][..self.taps])
+    }
+}
+
+/// Numbers that [`weighted_rows`] sums at a time, so that chains of dependent additions overlap.
+pub(crate) const WIDE: usize = 2 * LANES;
+
+/// How many more numbers than nodes there must be where [`weighted_rows`] reads whole vectors beyond them.
+pub(crate) const BEYOND: usize = LANES + WIDE;
+
+#[inline(always)]
+fn weighted_rows_body(weights: &[f32], rows: &[f32], stride: usize, sums: &mut [f32]) {
+    for (i, sums) in sums.chunks_exact_mut(WIDE).enumerate() {
+        let mut lanes = [0.0f32; WIDE];
+        for (a, w) in weights.iter().enumerate() {
+            let row = &rows[a * stride + i * WIDE..][..WIDE];
+            for (lane, value) in lanes.iter_mut().zip(row) {
+                *lane += w * value;
+            }
+        }
+        sums.copy_from_slice(&lanes);
+    }
+}
+
+dispatched! {
+    /// `sums[k] = Σ_a weights[a] rows[a, k]`, rows `stride` apart, sums a multiple of [`WIDE`].
+    pub(crate) fn weighted_rows = weighted_rows_body(weights: &[f32], rows: &[f32], stride: usize, sums: &mut [f32])
+}

@@ -1,0 +1,212 @@
+//! Voxels interpolated from those of a coarser grid, on which Eq. 13 is summed.
+//!
+//! With the phase of the middle frequency's echo at the middle of the array taken out, a term of Eq. 13 is
+//! `e^{−i2π[f·path(p, r) − f_c·path(p, r_c)]/c}`. Along an axis it changes only by as much as a microphone sees a voxel from
+//! another side than the middle of the array does, and a frequency differs from the middle one. Nodes that carry the fastest
+//! of these changes may stand farther apart than the voxels; and they may stand on a lattice that the microphones share
+//! where the voxels do not. The voxels follow from them by short interpolators along y, x and z.
+//!
+//! Errors, relative to `Σ|w m| / Σw`: that of interpolation is measured on such terms; that of the sum on the nodes is
+//! amplified by the sum of the weights' moduli.
+
+mod sink;
+mod terms;
+
+pub(super) use sink::Upsampled;
+
+use super::cost::{COMPLEX, complex_bytes};
+use super::error_budget::ErrorBudget;
+use super::numerics::{Nodes, Taps, WIDE};
+use crate::acquisition::Instrument;
+use crate::grid::{Axis, Grid};
+use crate::wave::Geometry;
+use glam::DVec3;
+use sink::DEPTHS;
+use terms::Terms;
+
+/// The most nodes along an axis that a voxel is made of.
+const MOST_TAPS: usize = 24;
+
+/// Nodes along z have to be fewer than depths by this factor: the terms are measured on few, and some are added at both ends.
+const FEWER: f64 = 0.8;
+
+/// A grid of nodes, and how voxels follow from them.
+#[derive(Debug, Clone)]
+pub(super) struct Upsampling {
+    /// The voxels.
+    fine: Grid,
+    /// The nodes.
+    pub(super) coarse: Grid,
+    /// Along x, y and z.
+    nodes: [Nodes; 3],
+    carrier: Carrier,
+    pub(super) error: InterpolationError,
+}
+
+/// What interpolation does to the error of the nodes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct InterpolationError {
+    /// For exact nodes, relative to `Σ|w m| / Σw`.
+    pub(super) own: f64,
+    /// By how much errors of nodes can grow: the largest sum of the weights' moduli.
+    pub(super) growth: f64,
+}
+
+impl InterpolationError {
+    /// Of voxels that are nodes.
+    pub(super) const NONE: Self = Self { own: 0.0, growth: 1.0 };
+
+    /// What it leaves of a budget for the nodes.
+    pub(super) fn left(self, budget: ErrorBudget) -> ErrorBudget {
+        budget.after(self.own).before(self.growth)
+    }
+
+    /// The error of voxels whose nodes err by `error`.
+    pub(super) fn with(self, error: f64) -> f64 {
+        self.own + self.growth * error
+    }
+}
+
+/// The echo of the middle frequency at the middle of the array, whose phase is taken out.
+#[derive(Debug, Clone, Copy)]
+struct Carrier {
+    geometry: Geometry,
+    middle: DVec3,
+    /// f_c/c, 1/m.
+    per_metre: f64,
+}
+
+impl Carrier {
+    fn new(instrument: &Instrument) -> Self {
+        Self {
+            geometry: instrument.geometry,
+            middle: instrument.array.centre(),
+            per_metre: instrument.sweep.centre() / instrument.sound_speed,
+        }
+    }
+
+    /// Length of its path by way of a point, m.
+    fn length(&self, p: DVec3) -> f64 {
+        self.geometry.path_length(p, self.middle)
+    }
+}
+
+impl Upsampling {
+    /// The grids of nodes that may take less than the voxels themselves: as few depths as serve, with the voxels' own
+    /// columns and rows, and with as few as serve and fit the microphones. Empty where nodes save nothing, and for a budget
+    /// of 0.
+    pub(super) fn find(instrument: &Instrument, grid: &Grid, budget: ErrorBudget) -> Vec<Self> {
+        if budget.upsampling_axis() <= 0.0 {
+            return Vec::new();
+        }
+        let terms = Terms::new(instrument, grid);
+        let lengths = Taps::lengths(budget.upsampling_axis(), MOST_TAPS);
+        let bands = terms.bands();
+        let around = |axis: usize, origin: f64, pitch: &dyn Fn(f64) -> f64| {
+            let voxels = [grid.x, grid.y, grid.z][axis];
+            let mut possible: Vec<_> = lengths
+                .iter()
+                .map(|(taps, fill)| nodes_around(&voxels, origin, pitch(0.5 * fill / bands[axis]), taps))
+                .collect();
+            possible.sort_by_key(|nodes| (nodes.axis.count, nodes.taps()));
+            possible.into_iter().find(|nodes| {
+                let [error, _] = terms.error(axis, nodes);
+                error <= budget.upsampling_axis_measured()
+            })
+        };
+        let own = [grid.x, grid.y, grid.z].map(|axis| Nodes::themselves(&axis));
+        let nearest = instrument.array.bounds().1.z;
+        let few = |nodes: &Nodes| {
+            nodes.axis.count as f64 <= FEWER * grid.z.count as f64 && nodes.axis.first > nearest
+        };
+        let z =
+            (grid.z.count > 1).then(|| around(2, grid.z.first, &|coarsest| coarsest)).flatten().filter(few);
+        let lattice = instrument.array.lattice();
+        let sideways = |axis: usize| {
+            let (voxels, microphones) = match axis {
+                0 => (grid.x, lattice.map(|l| l.x)),
+                _ => (grid.y, lattice.map(|l| l.y)),
+            };
+            if voxels.count == 1 {
+                return None;
+            }
+            match microphones.filter(|microphones| microphones.count > 1) {
+                // The coarsest of their pitch and its whole fractions.
+                Some(Axis { first, pitch, .. }) => {
+                    around(axis, first, &|coarsest| pitch / (pitch / coarsest).ceil().max(1.0))
+                }
+                None => around(axis, voxels.first, &|coarsest| coarsest),
+            }
+        };
+        let [x, y] = [sideways(0), sideways(1)];
+        let [own_x, own_y, own_z] = own;
+        let z = z.unwrap_or(own_z);
+        let columns = (x.is_some() || y.is_some())
+            .then(|| [x.unwrap_or_else(|| own_x.clone()), y.unwrap_or_else(|| own_y.clone()), z.clone()]);
+        let depths = z.interpolates().then_some([own_x, own_y, z]);
+        [depths, columns]
+            .into_iter()
+            .flatten()
+            .filter_map(|nodes| Self::measured(&terms, nodes, budget.upsampling()))
+            .collect()
+    }
+
+    /// With errors as measured; `None` if they pass `tolerance`.
+    fn measured(terms: &Terms<'_>, nodes: [Nodes; 3], tolerance: f64) -> Option<Self> {
+        let [x, y, z] = [0, 1, 2].map(|axis: usize| terms.error(axis, &nodes[axis]));
+        // Along y first, then x, then z.
+        let own = z[0] + z[1] * (x[0] + x[1] * y[0]);
+        let growth = x[1] * y[1] * z[1];
+        let coarse = Grid { x: nodes[0].axis, y: nodes[1].axis, z: nodes[2].axis };
+        let carrier = Carrier::new(terms.instrument);
+        let error = InterpolationError { own, growth };
+        (own <= tolerance).then_some(Self { fine: *terms.grid, coarse, nodes, carrier, error })
+    }
+
+    /// Operations for all voxels.
+    pub(super) fn operations(&self) -> f64 {
+        let [columns, rows, depths] =
+            [self.coarse.x, self.coarse.y, self.coarse.z].map(|axis| axis.count as f64);
+        let [x, y, z] = [0, 1, 2].map(|axis: usize| 4.0 * self.nodes[axis].taps() as f64);
+        let wide = self.fine.y.count as f64;
+        let plane = self.fine.plane_len() as f64;
+        let sideways = depths * (60.0 * columns * rows + y * columns * wide + 4.0 * x * plane);
+        sideways + (z + 60.0) * self.fine.voxel_count() as f64
+    }
+
+    /// Bytes of nodes that wait for others and of finished voxels, and of each thread's rows.
+    pub(super) fn bytes(&self, workers: usize) -> u64 {
+        let held = (self.nodes[2].taps() + DEPTHS) as u64 * self.padded_plane() as u64;
+        let finished = self.finished() as u64 * self.fine.plane_len() as u64;
+        let row = 2.0 * (self.coarse.x.count.next_multiple_of(WIDE) * (self.coarse.y.count + 1)) as f64;
+        COMPLEX * (held + finished) + complex_bytes(row) * workers as u64
+    }
+
+    /// The most depths that are finished together.
+    fn finished(&self) -> usize {
+        let per_node = (self.coarse.z.pitch / self.fine.z.pitch).ceil() as usize;
+        (DEPTHS * per_node + 1).min(self.fine.z.count)
+    }
+
+    /// Voxels of a row in whole vectors.
+    fn padded_row(&self) -> usize {
+        self.fine.x.count.next_multiple_of(WIDE)
+    }
+
+    /// Voxels of a plane whose rows are whole vectors.
+    fn padded_plane(&self) -> usize {
+        self.padded_row() * self.fine.y.count
+    }
+}
+
+/// Nodes around all voxels of an axis, whole pitches from `origin`.
+fn nodes_around(voxels: &Axis, origin: f64, pitch: f64, taps: &Taps) -> Nodes {
+    let own = |position: f64| ((position - origin) / pitch + 1e-9).floor();
+    let (low, high) = (own(voxels.first), own(voxels.last()));
+    let first = origin + pitch * (low + taps.first() as f64);
+    let count = (high - low) as usize + taps.count();
+    Nodes::with_taps(Axis { first, pitch, count }, taps.clone())
+}
+
+#[cfg(test)]
+mod tests;

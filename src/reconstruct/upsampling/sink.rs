@@ -1,0 +1,248 @@
+//! A sink that makes voxels of nodes, depth by depth, and passes them on.
+
+#![allow(clippy::inline_always)]
+
+use super::Upsampling;
+use crate::alloc::{try_filled, try_zeroed};
+use crate::error::Result;
+use crate::grid::no_room_for;
+use crate::reconstruct::numerics::{AxisWeights, WIDE, weighted_rows};
+use crate::reconstruct::{ReconstructionInfo, VolumeSink};
+use crate::wave::simd::{LANES, dispatched, phasors};
+use num_complex::Complex32;
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// Depths of nodes that are worked on together.
+pub(super) const DEPTHS: usize = 8;
+
+/// Real and imaginary parts.
+type Parts = [Vec<f32>; 2];
+
+/// A sink for the nodes of a volume whose voxels go to another.
+pub(in crate::reconstruct) struct Upsampled<'a> {
+    plan: &'a Upsampling,
+    sink: &'a mut dyn VolumeSink,
+    x: AxisWeights,
+    y: AxisWeights,
+    z: AxisWeights,
+    /// Nodes between which x and y are the voxels' own, `[depth, y, x]` with rows in whole vectors.
+    held: Parts,
+    /// Which depths of nodes `held` has.
+    depths: Range<usize>,
+    /// The depth of voxels that is next.
+    next: usize,
+    finished: Vec<Complex32>,
+}
+
+/// What a thread needs for one depth of nodes.
+#[derive(Default)]
+struct Buffers {
+    lengths: Vec<f64>,
+    turns: Vec<Complex32>,
+    /// Nodes without their carrier, `[y, x]` with rows in whole vectors.
+    nodes: Parts,
+    /// A row of them between which y is the voxels' own.
+    row: Parts,
+}
+
+impl<'a> Upsampled<'a> {
+    /// # Errors
+    /// [`Error::OutOfMemory`](crate::error::Error::OutOfMemory) when its buffers do not fit in memory.
+    pub(in crate::reconstruct) fn new(plan: &'a Upsampling, sink: &'a mut dyn VolumeSink) -> Result<Self> {
+        let Upsampling { fine, nodes, .. } = plan;
+        let no_room = || no_room_for(fine);
+        let room = (nodes[2].taps() + DEPTHS) as u64 * plan.padded_plane() as u64;
+        let zeros = || try_filled(0.0_f32, room).ok_or_else(no_room);
+        let finished = try_zeroed(plan.finished() as u64 * fine.plane_len() as u64).ok_or_else(no_room)?;
+        Ok(Self {
+            plan,
+            sink,
+            x: AxisWeights::new(&fine.x, &nodes[0]),
+            y: AxisWeights::new(&fine.y, &nodes[1]),
+            z: AxisWeights::new(&fine.z, &nodes[2]),
+            held: [zeros()?, zeros()?],
+            depths: 0..0,
+            next: 0,
+            finished,
+        })
+    }
+
+    /// The first depth of nodes that any voxel from `next` on is made of.
+    fn needed(&self) -> usize {
+        if self.next < self.plan.fine.z.count { self.z.of(self.next).0 } else { self.plan.coarse.z.count }
+    }
+
+    /// Takes up to [`DEPTHS`] depths of nodes from `first` on, and passes on all voxels that can be made of those there are.
+    fn add(&mut self, first: usize, planes: &[Complex32]) -> Result<()> {
+        let (coarse, plane) = (&self.plan.coarse, self.plan.padded_plane());
+        self.forget(first);
+        let from = self.depths.len() * plane;
+        let count = planes.len() / coarse.plane_len();
+        let [re, im] = &mut self.held;
+        let room = re[from..].par_chunks_exact_mut(plane).zip(im[from..].par_chunks_exact_mut(plane));
+        let (plan, x, y) = (self.plan, &self.x, &self.y);
+        planes
+            .par_chunks_exact(coarse.plane_len())
+            .zip(room)
+            .enumerate()
+            .for_each_init(Buffers::default, |buffers, (i, (nodes, (re, im)))| {
+                plan.sideways(first + i, nodes, [x, y], buffers, [re, im]);
+            });
+        self.depths.end = first + count;
+        let ready = (self.next..self.plan.fine.z.count)
+            .take_while(|depth| {
+                let (first, weights) = self.z.of(*depth);
+                first + weights.len() <= self.depths.end
+            })
+            .count();
+        let voxels = self.plan.fine.plane_len();
+        for some in (0..ready).step_by(self.plan.finished()) {
+            let count = (ready - some).min(self.plan.finished());
+            let depths = self.next..self.next + count;
+            let mut finished = std::mem::take(&mut self.finished);
+            self.finish(depths, &mut finished[..count * voxels]);
+            let taken = self.sink.take(self.next, &finished[..count * voxels]);
+            self.finished = finished;
+            taken?;
+            self.next += count;
+        }
+        Ok(())
+    }
+
+    /// Makes room for depths from `first` on by moving those that are still needed to the front.
+    fn forget(&mut self, first: usize) {
+        let plane = self.plan.padded_plane();
+        let kept = self.needed().max(self.depths.start).min(self.depths.end);
+        if self.depths.is_empty() || kept == self.depths.end {
+            self.depths = first..first;
+            return;
+        }
+        let (from, to) = (kept - self.depths.start, self.depths.len());
+        for part in &mut self.held {
+            part.copy_within(from * plane..to * plane, 0);
+        }
+        self.depths.start = kept;
+    }
+
+    /// Computes depths of voxels, `[depth, y, x]`.
+    fn finish(&self, depths: Range<usize>, voxels: &mut [Complex32]) {
+        let (plan, held, along_z, start) = (self.plan, &self.held, &self.z, self.depths.start);
+        let Upsampling { fine, carrier, .. } = plan;
+        let (width, padded, plane) = (fine.x.count, plan.padded_row(), plan.padded_plane());
+        voxels.par_chunks_exact_mut(width).enumerate().for_each_init(
+            Buffers::default,
+            |buffers, (i, voxels)| {
+                let (iz, iy) = (depths.start + i / fine.y.count, i % fine.y.count);
+                let (first, weights) = along_z.of(iz);
+                let from = (first - start) * plane + iy * padded;
+                for (held, sums) in held.iter().zip(&mut buffers.row) {
+                    sums.resize(padded, 0.0);
+                    weighted_rows(weights, &held[from..], plane, sums);
+                }
+                let lengths = (0..width).map(|ix| carrier.length(fine.position(ix, iy, iz)));
+                turns(-carrier.per_metre, lengths, &mut buffers.lengths, &mut buffers.turns);
+                let [re, im] = &buffers.row;
+                for (((voxel, turn), re), im) in voxels.iter_mut().zip(&buffers.turns).zip(re).zip(im) {
+                    *voxel = Complex32::new(*re, *im) * turn;
+                }
+            },
+        );
+    }
+}
+
+impl VolumeSink for Upsampled<'_> {
+    fn begin(&mut self, info: &ReconstructionInfo) -> Result<()> {
+        self.sink.begin(info)?;
+        self.next = self.sink.depths_done();
+        Ok(())
+    }
+
+    fn take(&mut self, first: usize, planes: &[Complex32]) -> Result<()> {
+        let plane = self.plan.coarse.plane_len();
+        // A resumed run may begin with nodes that none of its voxels are made of.
+        let skipped = self.needed().saturating_sub(first).min(planes.len() / plane);
+        let planes = planes[skipped * plane..].chunks(DEPTHS * plane).enumerate();
+        planes.into_iter().try_for_each(|(i, planes)| self.add(first + skipped + i * DEPTHS, planes))
+    }
+
+    fn depths_done(&self) -> usize {
+        self.needed()
+    }
+}
+
+impl Upsampling {
+    /// One depth of nodes between which x and y are the voxels' own, without the carrier.
+    fn sideways(
+        &self,
+        depth: usize,
+        nodes: &[Complex32],
+        [x, y]: [&AxisWeights; 2],
+        buffers: &mut Buffers,
+        [to_re, to_im]: [&mut [f32]; 2],
+    ) {
+        let (coarse, carrier) = (&self.coarse, &self.carrier);
+        let (width, row) = (coarse.x.count, self.padded_row());
+        // Vectors of weights along x reach beyond a voxel's own nodes.
+        let stride = (width + BEYOND_ROW).next_multiple_of(WIDE);
+        for part in &mut buffers.nodes {
+            part.resize(stride * coarse.y.count, 0.0);
+        }
+        for (iy, nodes) in nodes.chunks_exact(width).enumerate() {
+            let lengths = (0..width).map(|ix| carrier.length(coarse.position(ix, iy, depth)));
+            turns(carrier.per_metre, lengths, &mut buffers.lengths, &mut buffers.turns);
+            let [re, im] = &mut buffers.nodes;
+            let [re, im] = [&mut re[iy * stride..], &mut im[iy * stride..]];
+            for (((node, turn), re), im) in nodes.iter().zip(&buffers.turns).zip(re).zip(im) {
+                let turned = node * turn;
+                (*re, *im) = (turned.re, turned.im);
+            }
+        }
+        let rows = to_re.chunks_exact_mut(row).zip(to_im.chunks_exact_mut(row));
+        for (iy, (re, im)) in rows.enumerate() {
+            let (first, weights) = y.of(iy);
+            for (nodes, sums) in buffers.nodes.iter().zip(&mut buffers.row) {
+                sums.resize(stride, 0.0);
+                weighted_rows(weights, &nodes[first * stride..], stride, sums);
+            }
+            for (sums, to) in buffers.row.iter().zip([re, im]) {
+                along_row(x, sums, &mut to[..self.fine.x.count]);
+            }
+        }
+    }
+}
+
+/// How many more nodes than a row has [`along_row`] may read: whole vectors from the last node on.
+const BEYOND_ROW: usize = 2 * LANES;
+
+#[inline(always)]
+fn along_row_body(weights: &AxisWeights, nodes: &[f32], voxels: &mut [f32]) {
+    for (ix, voxel) in voxels.iter_mut().enumerate() {
+        let (first, weights) = weights.of(ix);
+        let mut lanes = [0.0_f32; LANES];
+        for (weights, nodes) in weights.chunks(LANES).zip(nodes[first..].chunks(LANES)) {
+            for (lane, (w, node)) in lanes.iter_mut().zip(weights.iter().zip(nodes)) {
+                *lane += w * node;
+            }
+        }
+        *voxel = lanes.iter().sum();
+    }
+}
+
+dispatched! {
+    /// `voxels[i] = Σ_a weights_i[a] nodes[first_i + a]`.
+    fn along_row = along_row_body(weights: &AxisWeights, nodes: &[f32], voxels: &mut [f32])
+}
+
+/// `e^{i2π·per_metre·length}` of each length.
+fn turns(
+    per_metre: f64,
+    lengths: impl Iterator<Item = f64>,
+    room: &mut Vec<f64>,
+    turns: &mut Vec<Complex32>,
+) {
+    room.clear();
+    room.extend(lengths);
+    turns.resize(room.len(), Complex32::ZERO);
+    phasors(per_metre, room, turns);
+}

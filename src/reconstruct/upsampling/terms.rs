@@ -1,0 +1,101 @@
+//! Terms of Eq. 13 without their carrier, sampled: how fast they change, and what interpolation makes of them.
+
+use super::Carrier;
+use crate::acquisition::Instrument;
+use crate::grid::{Axis, Grid};
+use crate::reconstruct::numerics::Nodes;
+use crate::wave::interval::greater;
+use glam::DVec3;
+use num_complex::Complex64;
+use std::f64::consts::TAU;
+
+/// Places at which bands are sampled, along every axis.
+const PLACES: [usize; 3] = [7, 7, 3];
+
+/// Places at which errors are measured, along the axis that is tried and along the others.
+const TRIED: usize = 15;
+const ACROSS: usize = 3;
+
+/// The terms that a job can have: one frequency and one microphone each.
+pub(super) struct Terms<'a> {
+    pub(super) instrument: &'a Instrument,
+    pub(super) grid: &'a Grid,
+    carrier: Carrier,
+    /// The ends of the band, Hz.
+    frequencies: [f64; 2],
+    /// Microphones at the faces of the array's box and in its middle, between which all others are.
+    microphones: Vec<DVec3>,
+}
+
+impl<'a> Terms<'a> {
+    pub(super) fn new(instrument: &'a Instrument, grid: &'a Grid) -> Self {
+        let (low, high) = instrument.array.bounds();
+        let axis = |axis: usize| {
+            let count = if high[axis] > low[axis] { 3 } else { 1 };
+            Axis { first: low[axis], pitch: 0.5 * (high[axis] - low[axis]), count }
+        };
+        let frame = Grid { x: axis(0), y: axis(1), z: axis(2) };
+        Self {
+            instrument,
+            grid,
+            carrier: Carrier::new(instrument),
+            frequencies: [instrument.sweep.start(), instrument.sweep.stop()],
+            microphones: frame.sampled([3, 3, 3]).collect(),
+        }
+    }
+
+    /// How fast terms change along x, y and z at most, cycles per m.
+    pub(super) fn bands(&self) -> [f64; 3] {
+        let geometry = &self.instrument.geometry;
+        let mut fastest = DVec3::ZERO;
+        for p in self.grid.sampled(PLACES) {
+            let carrier = self.instrument.sweep.centre() * geometry.path_slope(p, self.carrier.middle);
+            for r in &self.microphones {
+                for f in self.frequencies {
+                    let change = (f * geometry.path_slope(p, *r) - carrier).abs();
+                    fastest = fastest.max(change / self.instrument.sound_speed);
+                }
+            }
+        }
+        // A volume far away may see all from one side.
+        fastest.max(DVec3::splat(f64::MIN_POSITIVE)).to_array()
+    }
+
+    /// The largest error of voxels made of nodes along an axis for any sampled term, and the largest sum of the weights'
+    /// moduli.
+    pub(super) fn error(&self, axis: usize, nodes: &Nodes) -> [f64; 2] {
+        let (mut worst, mut moduli) = (0.0f64, 1.0f64);
+        if !nodes.interpolates() {
+            return [worst, moduli];
+        }
+        let voxels = [self.grid.x, self.grid.y, self.grid.z][axis];
+        let mut count = [ACROSS; 3];
+        count[axis] = TRIED;
+        for mut p in self.grid.sampled(count) {
+            p[axis] = voxels.position(((p[axis] - voxels.first) / voxels.pitch).round() as usize);
+            let (places, weights) = nodes.around(p[axis]);
+            moduli = moduli.max(weights.iter().map(|w| w.abs()).sum());
+            let at = |place: &f64| {
+                let mut node = p;
+                node[axis] = *place;
+                node
+            };
+            let around: Vec<DVec3> = places.iter().map(at).collect();
+            for r in &self.microphones {
+                for f in self.frequencies {
+                    let sum: Complex64 =
+                        around.iter().zip(&weights).map(|(node, w)| self.term(*node, *r, f) * w).sum();
+                    worst = greater(worst, (sum - self.term(p, *r, f)).norm());
+                }
+            }
+        }
+        [worst, moduli]
+    }
+
+    fn term(&self, p: DVec3, r: DVec3, frequency: f64) -> Complex64 {
+        let length = self.instrument.geometry.path_length(p, r);
+        let cycles = frequency * length / self.instrument.sound_speed
+            - self.carrier.per_metre * self.carrier.length(p);
+        Complex64::cis(-TAU * cycles)
+    }
+}

@@ -1,0 +1,147 @@
+//! Voxels of nodes against the direct sum, for arrays and grids of all kinds.
+
+#![allow(clippy::unwrap_used)]
+
+use super::*;
+use crate::acquisition::{DataCube, MicArray, Sweep};
+use crate::grid::Volume;
+use crate::progress::Silent;
+use crate::reconstruct::volume::ResumedVolume;
+use crate::reconstruct::window::Weights;
+use crate::reconstruct::{Method, ReconstructOptions, VolumeSink, Window, reconstruct, reconstruct_into};
+use crate::wave::phasor;
+
+fn axis(first: f64, pitch: f64, count: usize) -> Axis {
+    Axis { first, pitch, count }
+}
+
+fn fraction(i: usize, k: f64) -> f64 {
+    (i as f64 * k).fract() - 0.5
+}
+
+/// Samples of a point, where all terms are in phase, and of noise, where none are.
+fn cube(array: &MicArray, geometry: Geometry, point: DVec3) -> DataCube {
+    let sweep = Sweep::stepped(9_000.0, 15_000.0, 300.0).unwrap();
+    let sample = |(i, (f, r)): (usize, (&f64, &DVec3))| {
+        let noise = phasor(fraction(i, 0.618_034)) * fraction(i, 0.754_878) as f32;
+        phasor(f / 343.0 * geometry.path_length(point, *r)) + noise
+    };
+    let places = array.positions();
+    let each = sweep.frequencies().iter().flat_map(|f| places.iter().map(move |r| (f, r)));
+    let samples = each.enumerate().map(sample).collect();
+    DataCube::new(Instrument::new(sweep, array.clone()).with_geometry(geometry), samples).unwrap()
+}
+
+fn scattered(count: usize) -> MicArray {
+    let place = |i: usize| DVec3::new(0.4 * fraction(i, 0.618_034), 0.3 * fraction(i, 0.754_878), 0.0);
+    MicArray::from_positions((0..count).map(place).collect()).unwrap()
+}
+
+fn options(method: Method, tolerance: f64) -> ReconstructOptions {
+    ReconstructOptions { tolerance, ..ReconstructOptions::new(method, Window::Hann) }
+}
+
+/// The largest difference of two volumes.
+fn difference(a: &Volume, b: &Volume) -> f64 {
+    let each = a.samples.iter().zip(&b.samples).map(|(a, b)| f64::from((a - b).norm()));
+    each.fold(0.0, f64::max)
+}
+
+#[test]
+fn voxels_of_nodes_are_those_of_the_direct_sum() {
+    let lattice = MicArray::rectangular([9, 7], [0.05; 2], DVec3::new(0.01, -0.02, 0.0)).unwrap();
+    let behind = Geometry::FixedSource { source: DVec3::new(0.1, 0.05, -0.2) };
+    // Fine along all axes; along z alone; of another pitch than the microphones'; a single row.
+    let grids = [
+        Grid { x: axis(-0.11, 0.004, 60), y: axis(-0.09, 0.0037, 50), z: axis(0.7, 0.003, 50) },
+        Grid { x: axis(-0.1, 0.025, 9), y: axis(-0.1, 0.025, 8), z: axis(0.7, 0.002, 70) },
+        Grid { x: axis(-0.2, 0.0101, 40), y: axis(-0.2, 0.0099, 38), z: axis(0.7, 0.03, 5) },
+        Grid { x: axis(-0.2, 0.003, 120), y: axis(0.03, 0.01, 1), z: axis(0.6, 0.004, 60) },
+    ];
+    let mut used = 0;
+    for array in [lattice, scattered(40)] {
+        for geometry in [Geometry::ORIGIN, behind, Geometry::Monostatic] {
+            for grid in &grids {
+                let cube = cube(&array, geometry, grid.position(grid.x.count / 3, 0, 3));
+                let exact = reconstruct(&cube, grid, &options(Method::Direct, 1e-4)).unwrap();
+                for tolerance in [1e-2, 1e-4] {
+                    let budget = ErrorBudget::new(tolerance);
+                    let weights = Weights::new(&cube.instrument, Window::Hann);
+                    for nodes in Upsampling::find(&cube.instrument, grid, budget) {
+                        used += 1;
+                        assert!(nodes.error.with(nodes.error.left(budget).all()) < 1.0001 * tolerance);
+                        // The sum on the nodes is exact here, so that only interpolation errs.
+                        let mut volume = Volume { grid: *grid, samples: Vec::new() };
+                        let sink = &mut Upsampled::new(&nodes, &mut volume).unwrap();
+                        let direct = options(Method::Direct, 1e-4);
+                        reconstruct_into(&mut &cube, &nodes.coarse, &direct, sink, &Silent).unwrap();
+                        let modulus: f64 = cube
+                            .samples
+                            .chunks_exact(array.len())
+                            .enumerate()
+                            .map(|(f, row)| weights.modulus(f, row))
+                            .sum();
+                        let error = difference(&volume, &exact.volume);
+                        let most = nodes.error.own * modulus + 2e-6;
+                        assert!(error <= most, "{:?} {geometry:?}: {error:e} above {most:e}", grid.shape());
+                    }
+                    for method in [Method::Convolution, Method::Backprojection] {
+                        let found = reconstruct(&cube, grid, &options(method, tolerance)).unwrap();
+                        let error = difference(&found.volume, &exact.volume);
+                        let most = found.error_bound + 3e-6;
+                        assert!(error <= most, "{method} {:?}: {error:e} above {most:e}", grid.shape());
+                    }
+                }
+            }
+        }
+    }
+    assert!(used >= 24, "{used} grids of nodes were found");
+}
+
+#[test]
+fn depths_come_alike_in_any_parts_and_from_any_depth_on() {
+    let grid = Grid { x: axis(-0.1, 0.006, 30), y: axis(-0.1, 0.006, 28), z: axis(0.7, 0.003, 61) };
+    let cube = cube(&scattered(30), Geometry::ORIGIN, grid.position(9, 9, 30));
+    let nodes = Upsampling::find(&cube.instrument, &grid, ErrorBudget::new(1e-3)).pop().unwrap();
+    assert!(nodes.coarse.z.count < 50 && nodes.coarse.x.count < 30);
+    let coarse = reconstruct(&cube, &nodes.coarse, &options(Method::Direct, 1e-3)).unwrap();
+    let plane = nodes.coarse.plane_len();
+    let voxels = |parts: usize, done: usize| {
+        let mut sink = ResumedVolume { volume: Volume { grid, samples: Vec::new() }, done };
+        let mut upsampled = Upsampled::new(&nodes, &mut sink).unwrap();
+        upsampled.begin(&coarse.info()).unwrap();
+        let skipped = upsampled.depths_done() / parts * parts;
+        for (i, planes) in coarse.volume.samples.chunks(parts * plane).enumerate() {
+            if i * parts >= skipped {
+                upsampled.take(i * parts, planes).unwrap();
+            }
+        }
+        assert_eq!(upsampled.depths_done(), nodes.coarse.z.count, "all voxels were passed on");
+        sink.volume.samples
+    };
+    let whole = voxels(nodes.coarse.z.count, 0);
+    assert_eq!(whole.len(), 61 * grid.plane_len());
+    for (parts, done) in [(1, 0), (3, 0), (8, 0), (17, 0), (1, 20), (5, 37), (1, 60), (9, 60), (4, 61)] {
+        let some = voxels(parts, done);
+        let from = done * grid.plane_len();
+        assert!(
+            some.get(from..).unwrap_or_default() == &whole[from..],
+            "{parts} at a time from depth {done}"
+        );
+    }
+}
+
+#[test]
+fn nothing_is_interpolated_where_voxels_are_few_or_no_error_is_allowed() {
+    let lattice = MicArray::rectangular([16, 16], [0.01; 2], DVec3::ZERO).unwrap();
+    let grid = Grid { x: axis(-0.2, 0.02, 20), y: axis(-0.2, 0.02, 20), z: axis(1.0, 0.02, 20) };
+    let instrument = cube(&lattice, Geometry::ORIGIN, DVec3::Z).instrument;
+    assert!(Upsampling::find(&instrument, &grid, ErrorBudget::new(0.0)).is_empty());
+    let close = Grid { z: axis(0.0, 0.001, 60), ..grid };
+    for nodes in Upsampling::find(&instrument, &close, ErrorBudget::new(1e-4)) {
+        assert!(
+            !nodes.nodes[2].interpolates(),
+            "a voxel in the plane of the microphones has no nodes behind it"
+        );
+    }
+}
