@@ -5,6 +5,7 @@ use crate::grid::Grid;
 use crate::metrics::{METRIC_NAMES, Metrics, Scores};
 use crate::pipeline::{Forecast, Judgement, LimitVerdict, Outcome, Report};
 use crate::plan::Plan;
+use crate::reconstruct::Estimate;
 use crate::text::one_line;
 use serde_json::Value;
 use std::fmt::Write;
@@ -141,7 +142,9 @@ pub(super) fn forecast(forecast: &Forecast) -> String {
         let (bytes, time) = (gib(method.bytes), duration(*seconds));
         let costs = match &method.obstacle {
             Some(obstacle) => format!("not used: {obstacle}"),
-            None => format!("{:.1e} operations, {bytes}, about {time}", method.operations),
+            None => {
+                format!("{:.1e} operations, {bytes}, about {time}{}", method.operations, interpolated(method))
+            }
         };
         table.row(&name, costs);
     }
@@ -151,6 +154,13 @@ pub(super) fn forecast(forecast: &Forecast) -> String {
     table.row("threads", forecast.threads.to_string());
     table.row("writes", forecast.files.join(", "));
     table.text()
+}
+
+/// The nodes that a method's voxels are interpolated from, if so.
+fn interpolated(method: &Estimate) -> String {
+    let Some(Grid { x, y, z }) = &method.nodes else { return String::new() };
+    let pitches = product([x, y, z].map(|axis| axis.pitch * 1e3), 1);
+    format!(", interpolated from {} x {} x {} nodes {pitches} mm apart", x.count, y.count, z.count)
 }
 
 /// Seconds in the usual units of time.

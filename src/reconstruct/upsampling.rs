@@ -22,10 +22,10 @@ use crate::grid::{Axis, Grid};
 use crate::wave::Geometry;
 use glam::DVec3;
 use sink::DEPTHS;
-use terms::Terms;
+use terms::SampledTerms;
 
 /// The most nodes along an axis that a voxel is made of.
-const MOST_TAPS: usize = 24;
+const MOST_TAPS: usize = 40;
 
 /// Nodes along z have to be fewer than depths by this factor: the terms are measured on few, and some are added at both ends.
 const FEWER: f64 = 0.8;
@@ -99,7 +99,7 @@ impl Upsampling {
         if budget.upsampling_axis() <= 0.0 {
             return Vec::new();
         }
-        let terms = Terms::new(instrument, grid);
+        let terms = SampledTerms::new(instrument, grid);
         let lengths = Taps::lengths(budget.upsampling_axis(), MOST_TAPS);
         let bands = terms.bands();
         let around = |axis: usize, origin: f64, pitch: &dyn Fn(f64) -> f64| {
@@ -152,7 +152,7 @@ impl Upsampling {
     }
 
     /// With errors as measured; `None` if they pass `tolerance`.
-    fn measured(terms: &Terms<'_>, nodes: [Nodes; 3], tolerance: f64) -> Option<Self> {
+    fn measured(terms: &SampledTerms<'_>, nodes: [Nodes; 3], tolerance: f64) -> Option<Self> {
         let [x, y, z] = [0, 1, 2].map(|axis: usize| terms.error(axis, &nodes[axis]));
         // Along y first, then x, then z.
         let own = z[0] + z[1] * (x[0] + x[1] * y[0]);

@@ -42,13 +42,20 @@ impl Taps {
 
     /// Numbers of taps up to `most`, each with the fullest band that a plane wave of it keeps within the tolerance.
     pub(crate) fn lengths(tolerance: f64, most: usize) -> Vec<(Self, f64)> {
-        let fullest = |count: usize| {
-            NODE_FILLS.into_iter().find_map(|fill| {
-                let taps = Self::new(count, PI * fill);
-                (taps.error(PI * fill) <= tolerance).then_some((taps, fill))
-            })
+        let kept = |count: usize, fill: f64| {
+            let taps = Self::new(count, PI * fill);
+            (taps.error(PI * fill) <= tolerance).then_some((taps, fill))
         };
-        (4..=most).step_by(2).filter_map(fullest).collect()
+        // The more taps, the fuller the band.
+        let (mut fuller, mut found) = (NODE_FILLS.len(), Vec::new());
+        for count in (4..=most).step_by(2) {
+            let mut fullest = NODE_FILLS.get(fuller).and_then(|fill| kept(count, *fill));
+            while let Some(better) = fuller.checked_sub(1).and_then(|i| kept(count, NODE_FILLS[i])) {
+                (fuller, fullest) = (fuller - 1, Some(better));
+            }
+            found.extend(fullest);
+        }
+        found
     }
 
     /// Number of nodes that a place is made of.

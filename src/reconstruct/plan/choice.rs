@@ -69,7 +69,7 @@ impl Candidates {
         instrument.check_with("grid", grid.bounds())?;
         let budget = ErrorBudget::new(options.tolerance);
         let possible = |method, cost: Cost<'_>, upsampling: Option<&Upsampling>| {
-            Estimate::possible(method, &cost.with(upsampling), options)
+            Estimate::possible(method, cost, upsampling, options)
         };
         let nodes = Upsampling::find(instrument, grid, budget);
         let samplings: Vec<Option<&Upsampling>> = iter::once(None).chain(nodes.iter().map(Some)).collect();

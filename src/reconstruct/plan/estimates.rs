@@ -1,6 +1,8 @@
 //! What each method would take for a job.
 
+use crate::grid::Grid;
 use crate::reconstruct::cost::Cost;
+use crate::reconstruct::upsampling::Upsampling;
 use crate::reconstruct::volume::Batch;
 use crate::reconstruct::{Method, ReconstructOptions};
 use serde::Serialize;
@@ -13,6 +15,9 @@ pub struct Estimate {
     pub method: Method,
     /// Why it cannot be used here, if so.
     pub obstacle: Option<String>,
+    /// The grid that it is summed on, where the voxels are interpolated from that.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub nodes: Option<Grid>,
     /// Floating-point operations, to within a factor of two.
     pub operations: f64,
     /// Bytes at the peak, without the samples that the source stores and the volume: within
@@ -47,15 +52,22 @@ impl Estimates {
 
 impl Estimate {
     /// Of a method that can be used, in batches within the memory that the options allow.
-    pub(super) fn possible(method: Method, cost: &Cost<'_>, options: &ReconstructOptions) -> Self {
+    pub(super) fn possible(
+        method: Method,
+        cost: Cost<'_>,
+        upsampling: Option<&Upsampling>,
+        options: &ReconstructOptions,
+    ) -> Self {
+        let cost = cost.with(upsampling);
         let batch = cost.usual.within(options.memory, &cost.bytes);
         let (operations, bytes) = (cost.operations, (cost.bytes)(batch));
-        Self { method, obstacle: None, operations, bytes, batch }
+        let nodes = upsampling.map(|nodes| nodes.coarse);
+        Self { method, obstacle: None, nodes, operations, bytes, batch }
     }
 
     /// Of a method that cannot be used.
     pub(super) fn impossible(method: Method, obstacle: String) -> Self {
         let (obstacle, operations) = (Some(obstacle), f64::INFINITY);
-        Self { method, obstacle, operations, bytes: 0, batch: Batch::LEAST }
+        Self { method, obstacle, nodes: None, operations, bytes: 0, batch: Batch::LEAST }
     }
 }

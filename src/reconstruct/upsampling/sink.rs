@@ -37,7 +37,7 @@ pub(in crate::reconstruct) struct Upsampled<'a> {
 
 /// What a thread needs for one depth of nodes.
 #[derive(Default)]
-struct Buffers {
+struct NodeBuffers {
     lengths: Vec<f64>,
     turns: Vec<Complex32>,
     /// Nodes without their carrier, `[y, x]` with rows in whole vectors.
@@ -82,13 +82,12 @@ impl<'a> Upsampled<'a> {
         let [re, im] = &mut self.held;
         let room = re[from..].par_chunks_exact_mut(plane).zip(im[from..].par_chunks_exact_mut(plane));
         let (plan, x, y) = (self.plan, &self.x, &self.y);
-        planes
-            .par_chunks_exact(coarse.plane_len())
-            .zip(room)
-            .enumerate()
-            .for_each_init(Buffers::default, |buffers, (i, (nodes, (re, im)))| {
+        planes.par_chunks_exact(coarse.plane_len()).zip(room).enumerate().for_each_init(
+            NodeBuffers::default,
+            |buffers, (i, (nodes, (re, im)))| {
                 plan.sideways(first + i, nodes, [x, y], buffers, [re, im]);
-            });
+            },
+        );
         self.depths.end = first + count;
         let ready = (self.next..self.plan.fine.z.count)
             .take_while(|depth| {
@@ -131,7 +130,7 @@ impl<'a> Upsampled<'a> {
         let Upsampling { fine, carrier, .. } = plan;
         let (width, padded, plane) = (fine.x.count, plan.padded_row(), plan.padded_plane());
         voxels.par_chunks_exact_mut(width).enumerate().for_each_init(
-            Buffers::default,
+            NodeBuffers::default,
             |buffers, (i, voxels)| {
                 let (iz, iy) = (depths.start + i / fine.y.count, i % fine.y.count);
                 let (first, weights) = along_z.of(iz);
@@ -178,7 +177,7 @@ impl Upsampling {
         depth: usize,
         nodes: &[Complex32],
         [x, y]: [&AxisWeights; 2],
-        buffers: &mut Buffers,
+        buffers: &mut NodeBuffers,
         [to_re, to_im]: [&mut [f32]; 2],
     ) {
         let (coarse, carrier) = (&self.coarse, &self.carrier);

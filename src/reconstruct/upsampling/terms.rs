@@ -1,4 +1,4 @@
-//! Terms of Eq. 13 without their carrier, sampled: how fast they change, and what interpolation makes of them.
+//! SampledTerms of Eq. 13 without their carrier, sampled: how fast they change, and what interpolation makes of them.
 
 use super::Carrier;
 use crate::acquisition::Instrument;
@@ -17,7 +17,7 @@ const TRIED: usize = 15;
 const ACROSS: usize = 3;
 
 /// The terms that a job can have: one frequency and one microphone each.
-pub(super) struct Terms<'a> {
+pub(super) struct SampledTerms<'a> {
     pub(super) instrument: &'a Instrument,
     pub(super) grid: &'a Grid,
     carrier: Carrier,
@@ -27,7 +27,7 @@ pub(super) struct Terms<'a> {
     microphones: Vec<DVec3>,
 }
 
-impl<'a> Terms<'a> {
+impl<'a> SampledTerms<'a> {
     pub(super) fn new(instrument: &'a Instrument, grid: &'a Grid) -> Self {
         let (low, high) = instrument.array.bounds();
         let axis = |axis: usize| {
