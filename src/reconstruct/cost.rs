@@ -2,7 +2,6 @@
 //!
 //! Every method's plan states its own cost, from the same numbers that it is carried out with.
 
-use super::upsampling::Upsampling;
 use super::volume::Batch;
 
 /// Operations of a complex multiplication and addition.
@@ -24,15 +23,4 @@ pub(super) struct Cost<'a> {
     pub(super) usual: Batch,
     /// Bytes at the peak for such a batch, without the volume and what the source of samples holds.
     pub(super) bytes: Box<dyn Fn(Batch) -> u64 + 'a>,
-}
-
-impl Cost<'_> {
-    /// The same with the voxels interpolated from the nodes that it is of.
-    pub(super) fn with(self, upsampling: Option<&Upsampling>) -> Self {
-        let Some(upsampling) = upsampling.cloned() else { return self };
-        let Self { operations, usual, bytes } = self;
-        let operations = operations + upsampling.operations();
-        let bytes = move |batch: Batch| bytes(batch).saturating_add(upsampling.bytes(batch.workers));
-        Self { operations, usual, bytes: Box::new(bytes) }
-    }
 }

@@ -14,9 +14,10 @@ mod terms;
 
 pub(super) use sink::Upsampled;
 
-use super::cost::{COMPLEX, complex_bytes};
+use super::cost::{COMPLEX, Cost, complex_bytes};
 use super::error_budget::ErrorBudget;
 use super::numerics::{Nodes, Taps, WIDE};
+use super::volume::Batch;
 use crate::acquisition::Instrument;
 use crate::grid::{Axis, Grid};
 use crate::wave::Geometry;
@@ -163,8 +164,16 @@ impl Upsampling {
         (own <= tolerance).then_some(Self { fine: *terms.grid, coarse, nodes, carrier, error })
     }
 
+    /// What the sum on the nodes takes, and to make voxels of them.
+    pub(super) fn with<'a>(&self, cost: Cost<'a>) -> Cost<'a> {
+        let (own, Cost { operations, usual, bytes }) = (self.clone(), cost);
+        let operations = operations + own.operations();
+        let bytes = move |batch: Batch| bytes(batch).saturating_add(own.bytes(batch.workers));
+        Cost { operations, usual, bytes: Box::new(bytes) }
+    }
+
     /// Operations for all voxels.
-    pub(super) fn operations(&self) -> f64 {
+    fn operations(&self) -> f64 {
         let [columns, rows, depths] =
             [self.coarse.x, self.coarse.y, self.coarse.z].map(|axis| axis.count as f64);
         let [x, y, z] = [0, 1, 2].map(|axis: usize| 4.0 * self.nodes[axis].taps() as f64);
@@ -175,7 +184,7 @@ impl Upsampling {
     }
 
     /// Bytes of nodes that wait for others and of finished voxels, and of each thread's rows.
-    pub(super) fn bytes(&self, workers: usize) -> u64 {
+    fn bytes(&self, workers: usize) -> u64 {
         let held = (self.nodes[2].taps() + DEPTHS) as u64 * self.padded_plane() as u64;
         let finished = self.finished() as u64 * self.fine.plane_len() as u64;
         let row = 2.0 * (self.coarse.x.count.next_multiple_of(WIDE) * (self.coarse.y.count + 1)) as f64;
