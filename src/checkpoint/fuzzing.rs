@@ -45,7 +45,7 @@ pub fn read_journal(output: &Path, bytes: &[u8], seal_headings: bool, seal_sampl
 /// The bytes with the seals that the headings among them, or their samples too, should have.
 fn sealed(bytes: &[u8], seal: &Seal, seal_headings: bool, seal_samples: bool) -> Vec<u8> {
     let (mut bytes, mut at) = (bytes.to_vec(), 0);
-    while seal_headings && at + HEADING <= bytes.len() {
+    while seal_headings && bytes.len().saturating_sub(at) >= HEADING {
         let word = |i: usize| u64::from_le_bytes(std::array::from_fn(|byte| bytes[at + 8 * i + byte]));
         let mut heading = Heading { words: std::array::from_fn(word), samples: [0; 32] };
         let samples = at + HEADING;

@@ -189,7 +189,7 @@ pub fn read_volume_vti(path: &Path, limit_bytes: u64) -> Result<Amplitude> {
     if [x0, y0, z0] != [0.0; 3] || !text.contains("header_type=\"UInt64\"") {
         return Err(fault());
     }
-    let count = [x1, y1, z1].map(|last| last as usize + 1);
+    let count = [x1, y1, z1].map(|last| (last as usize).saturating_add(1));
     let grid = declared_grid(path, [x, y, z], [p_x, p_y, p_z], count, 4, limit_bytes)?;
     let array = "<DataArray type=\"Float32\" Name=\"amplitude\" format=\"appended\"";
     let offset: u64 = value(array, " offset=\"").and_then(|n| n.parse().ok()).ok_or_else(fault)?;

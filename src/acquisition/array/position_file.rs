@@ -84,8 +84,10 @@ fn read_xml(path: &Path, memory: Option<u64>) -> Result<Vec<DVec3>> {
     let text = String::from_utf8(bytes).map_err(|_| {
         Error::input(path.display(), "is not UTF-8 text; an Acoular array geometry was expected")
     })?;
-    let positions = positions(&text).map_err(|(byte, problem)| {
-        let line = 1 + text[..byte.min(text.len())].matches('\n').count();
+    // Places are counted without the mark of byte order, which the parser skips.
+    let text = text.strip_prefix('\u{feff}').unwrap_or(&text);
+    let positions = positions(text).map_err(|(byte, problem)| {
+        let line = 1 + text.bytes().take(byte).filter(|byte| *byte == b'\n').count();
         Error::input(format!("{}:{line}", path.display()), problem)
     })?;
     if positions.is_empty() {

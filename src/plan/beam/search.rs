@@ -6,9 +6,9 @@ use glam::DVec2;
 use rayon::prelude::*;
 
 /// Most operations of a search along one axis of a lattice, and of one over all directions of other arrays, about; they take
-/// a fraction of a second.
-const MOST_ALONG: f64 = 2e8;
-pub(super) const MOST_AROUND: f64 = 1e9;
+/// a fraction of a second. With the counters of a fuzzer each takes a hundred times as long.
+const MOST_ALONG: f64 = if cfg!(fuzzing) { 2e5 } else { 2e8 };
+pub(super) const MOST_AROUND: f64 = 5.0 * MOST_ALONG;
 
 /// How many times as far apart as half a lobe directions may be for the strongest sidelobe to be told.
 pub(super) const COARSEST: f64 = 4.0;
@@ -75,12 +75,10 @@ impl Beam {
             skipped.push(format!("sidelobes beyond {most:.2e} of {of:.2} in direction sines along {name}"));
         }
         let offsets = self.offsets(reach, coarser);
-        let values: Vec<[f64; 2]> = offsets
-            .par_iter()
-            .map(|offset| [self.strength(*offset), self.at_centre(*offset).powi(2)])
-            .collect();
-        let peak = offsets.iter().zip(&values).map(|(o, [s, _])| (*o, *s)).max_by(|a, b| a.1.total_cmp(&b.1));
-        let peak = peak.filter(|_| coarser <= COARSEST).map(|(offset, strength)| {
+        let told = if coarser <= COARSEST { &offsets[..] } else { &[] };
+        let strengths: Vec<f64> = told.par_iter().map(|offset| self.strength(*offset)).collect();
+        let peak = told.iter().copied().zip(strengths).max_by(|a, b| a.1.total_cmp(&b.1));
+        let peak = peak.map(|(offset, strength)| {
             // Fewer than 75 directions more.
             let little = 75.0 * self.work_at(offset) <= MOST_ALONG;
             if little { self.refined(offset, strength, reach) } else { (offset, strength) }
@@ -95,7 +93,7 @@ impl Beam {
             reach,
             peak_db: peak.map(|(_, strength)| decibels(strength)),
             peak_offset: peak.map_or([0.0; 2], |(offset, _)| offset.to_array()),
-            mean_db: self.mean_power(within, &values).map(|power| decibels(power.sqrt())),
+            mean_db: self.mean_power(within, &offsets).map(|power| decibels(power.sqrt())),
             grating_lobes,
             skipped,
         }
@@ -176,10 +174,11 @@ impl Beam {
     }
 
     /// Mean power at the centre frequency outside the main lobe; of a lattice from the product of its two axes.
-    fn mean_power(&self, reach: [f64; 2], values: &[[f64; 2]]) -> Option<f64> {
+    fn mean_power(&self, reach: [f64; 2], offsets: &[DVec2]) -> Option<f64> {
         if self.columns.is_none() {
-            return (!values.is_empty())
-                .then(|| values.iter().map(|[_, power]| power).sum::<f64>() / values.len() as f64);
+            // Collected first, so that the sum does not depend on the number of threads.
+            let powers: Vec<f64> = offsets.par_iter().map(|offset| self.at_centre(*offset).powi(2)).collect();
+            return (!powers.is_empty()).then(|| powers.iter().sum::<f64>() / powers.len() as f64);
         }
         let steps = self.steps(reach);
         let axis = |axis: usize, unit: DVec2| -> Vec<(f64, f64)> {
