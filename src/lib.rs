@@ -77,7 +77,7 @@
 //!   own loops are bit-identical for any vector width too ([`wave::simd::limit`]); matrix products and the C library's sines
 //!   may round differently on another processor, by at most 2·10⁻⁶ of the maximum amplitude.
 //! - What a user can cause is an [`error::Error`]; a panic is our mistake.
-//! - `unsafe` is in one file, [`wave::simd`], which also says why that is not in `reconstruct`.
+//! - `unsafe` is in [`wave::simd`], which also says why that is not in `reconstruct`.
 //!
 //! \[1\] L. Streeter, J. Scott, C. A. Lickfold, M. J. Cree, "Design of a Pseudo-Holographic Distributed Time-of-Flight
 //! Sonar Range-Imaging System". Equation numbers in these pages are that paper's.

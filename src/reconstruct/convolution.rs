@@ -79,11 +79,6 @@ impl ConvolutionPlan {
         let literal = slabs.is_none() && Literal::is_faster(&layout, instrument.sweep.len());
         Self { layout, compression, slabs, literal, near }
     }
-
-    /// Operations for depths too near to the array for its lattice.
-    pub(super) fn near_operations(&self) -> f64 {
-        self.near.operations
-    }
 }
 
 /// What sums tones at any depth.

@@ -7,6 +7,6 @@ mod nodes;
 mod spreading;
 
 pub(super) use interpolator::{NODE_FILLS, Taps};
-pub(super) use lane_fft::{LaneFft, fast_size, transpose};
+pub(super) use lane_fft::{LaneFft, fast_size};
 pub(super) use nodes::{Around, AxisWeights, BEYOND, Nodes, WIDE, weighted_rows};
 pub(super) use spreading::{FILLS, Footprint, Interpolator, Kernels, footprints, nodes_around, spread};

@@ -28,6 +28,9 @@ use terms::SampledTerms;
 /// The most nodes along an axis that a voxel is made of.
 const MOST_TAPS: usize = 40;
 
+/// The most nodes along an axis for each voxel: on a lattice of the microphones' more of them may take less.
+const MOST_PER_VOXEL: usize = 2;
+
 /// Nodes along z have to be fewer than depths by this factor: the terms are measured on few, and some are added at both ends.
 const FEWER: f64 = 0.8;
 
@@ -103,12 +106,14 @@ impl Upsampling {
         let terms = SampledTerms::new(instrument, grid);
         let lengths = Taps::lengths(budget.upsampling_axis(), MOST_TAPS);
         let bands = terms.bands();
+        // Of the nodes whose pitch follows from the coarsest that serves, those that are fewest.
         let around = |axis: usize, origin: f64, pitch: &dyn Fn(f64) -> f64| {
             let voxels = [grid.x, grid.y, grid.z][axis];
-            let mut possible: Vec<_> = lengths
-                .iter()
-                .map(|(taps, fill)| nodes_around(&voxels, origin, pitch(0.5 * fill / bands[axis]), taps))
-                .collect();
+            let coarsest = |fill: f64| (0.5 * fill / bands[axis]).min(voxels.last() - voxels.first);
+            let nodes =
+                |(taps, fill): &(Taps, f64)| nodes_around(&voxels, origin, pitch(coarsest(*fill)), taps);
+            let mut possible: Vec<_> = lengths.iter().map(nodes).collect();
+            possible.retain(|nodes| nodes.axis.count <= MOST_PER_VOXEL * voxels.count + MOST_TAPS);
             possible.sort_by_key(|nodes| (nodes.axis.count, nodes.taps()));
             possible.into_iter().find(|nodes| {
                 let [error, _] = terms.error(axis, nodes);
@@ -116,9 +121,12 @@ impl Upsampling {
             })
         };
         let own = [grid.x, grid.y, grid.z].map(|axis| Nodes::themselves(&axis));
-        let nearest = instrument.array.bounds().1.z;
+        // Nodes stay on the voxels' side of what paths begin and end at.
+        let ends =
+            [instrument.array.bounds().1.z, instrument.geometry.viewpoint(instrument.array.centre()).z];
         let few = |nodes: &Nodes| {
-            nodes.axis.count as f64 <= FEWER * grid.z.count as f64 && nodes.axis.first > nearest
+            let crosses = ends.iter().any(|end| (*end < grid.z.first) != (*end < nodes.axis.first));
+            nodes.axis.count as f64 <= FEWER * grid.z.count as f64 && !crosses
         };
         let z =
             (grid.z.count > 1).then(|| around(2, grid.z.first, &|coarsest| coarsest)).flatten().filter(few);

@@ -4,7 +4,7 @@
 //! [`limit`]. The loops use no fused multiply-add and sum into a fixed number of lanes, so all three give
 //! bit-identical results. The module is in `wave` rather than in `reconstruct` because simulation uses it too.
 //! `inline(always)` lets a body be compiled for the features of the function that it is called from.
-//! This file has the only `unsafe` code of the crate: calls of functions compiled for a feature, after a check for it.
+//! This file and `transpose.rs` have the only `unsafe` code: calls of functions compiled for a feature, after a check for it.
 
 #![allow(clippy::inline_always, clippy::needless_range_loop)]
 
@@ -12,11 +12,12 @@ mod lanes;
 mod level;
 mod range;
 mod sweep;
+mod transpose;
 
 pub use level::{Level, level, limit};
 pub(crate) use range::{LaneProfiles, LaneTones, Points, RangeScale};
-pub(crate) use sweep::SweepSamples;
-pub(crate) use sweep::sin_cos_exact;
+pub(crate) use sweep::{SweepSamples, sin_cos_exact};
+pub(crate) use transpose::transpose;
 
 use lanes::{lane_phasors_body, tone_phasors_body};
 use num_complex::Complex32;

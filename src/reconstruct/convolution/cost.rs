@@ -7,10 +7,31 @@ use crate::acquisition::Instrument;
 use crate::reconstruct::compress::{CompressionCost, slabs_of, tones_for};
 use crate::reconstruct::cost::{COMPLEX, Cost, PRODUCT, complex_bytes};
 use crate::reconstruct::volume::{Batch, SlabDriver};
+use crate::wave::Geometry;
+use crate::wave::simd::LANES;
 use num_complex::Complex32;
 
-/// An operation of a transform takes as long as this many of a straight loop.
-const TRANSFORM: f64 = 2.0;
+/// An operation of a transform takes as long as this many of a straight loop, its transpositions included.
+const TRANSFORM: f64 = 1.4;
+
+/// Operations of a kernel's phase.
+const PHASE: f64 = 20.0;
+
+/// Operations of a transform of `n` points.
+fn transform(n: usize) -> f64 {
+    TRANSFORM * 5.0 * n as f64 * (n as f64).log2()
+}
+
+/// Operations of the sum.
+#[derive(Debug, Clone, Copy)]
+struct Operations {
+    /// Of a tone at one depth.
+    pair: f64,
+    /// Of a depth.
+    depth: f64,
+    /// Of a tone: the spectra of its samples.
+    spectra: f64,
+}
 
 impl ConvolutionPlan {
     /// With the memory of a batch for this many threads.
@@ -21,13 +42,27 @@ impl ConvolutionPlan {
         }
     }
 
-    /// Operations per tone: at each depth, and for the spectra of its samples.
-    fn operations_per_tone(&self) -> [f64; 2] {
-        let points = self.layout.points() as f64;
-        // Phases, two transforms with what symmetry and pruning save of them, the product and the sum.
-        let pair = points * (20.0 + TRANSFORM * 7.5 * points.log2()) * self.layout.pairs() as f64;
-        let spectra = points * (TRANSFORM * 5.0 * points.log2()) * self.layout.node_parts.len() as f64;
-        [pair, spectra]
+    fn operations(&self) -> Operations {
+        let layout = &self.layout;
+        let (x, y, points) = (&layout.x, &layout.y, layout.points() as f64);
+        let (kernels, images) = (layout.pairs() as f64, layout.voxel_parts.len() as f64);
+        let spectra = layout.node_parts.len() as f64 * TRANSFORM * 5.0 * points * points.log2();
+        // A kernel that is even needs half of the phases, and of the transforms across.
+        let lags = [x.lags() as f64, y.lags() as f64];
+        let kernel = PHASE * lags[0] * lags[1] + lags[1] * transform(x.len()) + lags[0] * transform(y.len());
+        // Rows without voxels are left out.
+        let rows = layout.voxel_parts.iter().map(|part| part[1].count.next_multiple_of(LANES)).max();
+        let rows = if layout.line.is_some() { y.len() } else { rows.unwrap_or(1) };
+        let image = images * (x.len() as f64 * transform(y.len()) + rows as f64 * transform(x.len()));
+        let pair = kernels * (kernel + PRODUCT * points);
+        match layout.geometry {
+            Geometry::FixedSource { .. } => {
+                let outer = (PHASE + PRODUCT) * layout.grid.plane_len() as f64;
+                Operations { pair: pair + image + outer, depth: 0.0, spectra }
+            }
+            // Tones add up before they are transformed back.
+            Geometry::Monostatic => Operations { pair, depth: image, spectra },
+        }
     }
 
     /// Bytes of each thread's buffers.
@@ -48,7 +83,7 @@ impl ConvolutionPlan {
     fn cost_of_every_frequency(&self, instrument: &Instrument, threads: usize) -> Cost<'_> {
         let (n_f, grid) = (instrument.sweep.len(), &self.layout.grid);
         let depths = grid.z.count;
-        let [pair, spectra] = self.operations_per_tone();
+        let Operations { pair, depth, spectra } = self.operations();
         // Of one frequency: spectra, and the samples that they are made of, as they are read and weighted.
         let [spectra_bytes, worker] = self.plain_bytes();
         let frequency = spectra_bytes + COMPLEX * 2 * instrument.array.len() as u64;
@@ -56,7 +91,7 @@ impl ConvolutionPlan {
         let planes = SlabDriver::bytes(grid.plane_len() as u64, DEPTHS, depths).saturating_add(footprints);
         let block = SPECTRA_BYTES / (self.layout.tone_len() * size_of::<Complex32>());
         Cost {
-            operations: n_f as f64 * (depths as f64 * pair + spectra),
+            operations: n_f as f64 * (depths as f64 * pair + spectra) + depths as f64 * depth,
             usual: Batch { frequencies: block.clamp(1, n_f), ..Batch::of_threads(threads) },
             bytes: Box::new(move |batch| {
                 let spectra = frequency.saturating_mul(batch.frequencies as u64);
@@ -70,11 +105,11 @@ impl ConvolutionPlan {
         let (layout, grid) = (&self.layout, &self.layout.grid);
         let (depths, thickness) = (grid.z.count, slabs.thickness);
         let interval = |depths| instrument.path_interval(grid, depths);
-        let [pair, spectra] = self.operations_per_tone();
+        let Operations { pair, depth, spectra } = self.operations();
         let compression = CompressionCost::new(instrument, &interval(0..depths), self.compression);
         let of_volume = compression.tones;
         let width = layout.lattice.width() as f64;
-        let mut operations = compression.operations + self.near.operations;
+        let mut operations = compression.operations + self.near.operations + depths as f64 * depth;
         let mut most = 0.0f64;
         for planes in slabs_of(depths, thickness) {
             let spread = instrument.sweep.bandwidth() * interval(planes.clone()).duration();

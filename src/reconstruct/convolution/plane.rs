@@ -17,9 +17,8 @@ use super::padded_axis::Offset;
 use super::pointwise::{focus, multiply};
 use crate::alloc::{try_filled, try_with_capacity};
 use crate::grid::Axis;
-use crate::reconstruct::numerics::transpose;
 use crate::wave::Geometry;
-use crate::wave::simd::{LANES, Lanes, ROWS, dispatched, lane_phasors};
+use crate::wave::simd::{LANES, Lanes, ROWS, dispatched, lane_phasors, transpose};
 use glam::DVec3;
 use num_complex::Complex32;
 

@@ -6,10 +6,9 @@ use super::padded_axis::{CircularShift, Offset};
 use crate::alloc::try_filled;
 use crate::error::Result;
 use crate::reconstruct::no_room;
-use crate::reconstruct::numerics::transpose;
 use crate::reconstruct::volume::Batch;
 use crate::wave::phasor;
-use crate::wave::simd::{LANES, Lanes};
+use crate::wave::simd::{LANES, Lanes, transpose};
 use num_complex::Complex32;
 use rayon::prelude::*;
 

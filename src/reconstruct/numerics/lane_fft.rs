@@ -118,25 +118,6 @@ dispatched! {
     fn transform = transform_body(fft: &LaneFft, from: &[Lanes], to: &mut [Lanes], work: &mut [Lanes])
 }
 
-#[inline(always)]
-fn transpose_body(from: &[Lanes; LANES], to: &mut [Lanes; LANES]) {
-    for i in 0..LANES {
-        for j in 0..LANES {
-            to[j].re[i] = from[i].re[j];
-        }
-    }
-    for i in 0..LANES {
-        for j in 0..LANES {
-            to[j].im[i] = from[i].im[j];
-        }
-    }
-}
-
-dispatched! {
-    /// Exchanges rows and lanes of a tile.
-    pub(crate) fn transpose = transpose_body(from: &[Lanes; LANES], to: &mut [Lanes; LANES])
-}
-
 impl Pass {
     #[inline(always)]
     fn run(&self, from: &[Lanes], to: &mut [Lanes]) {
@@ -304,19 +285,6 @@ mod tests {
             fft.transform(&from, &mut a, &mut work);
             transform_body(&fft, &from, &mut b, &mut work);
             assert_eq!(a, b);
-        }
-    }
-
-    #[test]
-    fn a_transposition_exchanges_rows_and_lanes() {
-        let columns = columns(LANES);
-        let [from] = columns.as_chunks().0 else { panic!("one tile") };
-        let mut to = [Lanes::ZERO; LANES];
-        transpose(from, &mut to);
-        for (i, row) in from.iter().enumerate() {
-            for (j, column) in to.iter().enumerate() {
-                assert_eq!((row.re[j], row.im[j]), (column.re[i], column.im[i]));
-            }
         }
     }
 

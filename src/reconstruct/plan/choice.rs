@@ -17,6 +17,9 @@ use std::iter;
 /// Above this many terms `direct` must be selected explicitly; it would run for many minutes.
 const MOST_DIRECT_TERMS: u64 = 100_000_000_000;
 
+/// Below this number of operations, a fraction of a second, convolution is compared with nothing.
+const SHORT: f64 = 2e10;
+
 /// The terms of Eq. 13: voxels × microphones × frequencies.
 pub fn direct_terms(instrument: &Instrument, grid: &Grid) -> u64 {
     grid.voxel_count()
@@ -95,12 +98,9 @@ impl Candidates {
         };
         let least = convolutions.into_iter().min_by(|a, b| operations(a).total_cmp(&operations(b)));
         let convolution = least.expect("the voxels themselves are sampled");
-        // Where a lattice serves most of the work, convolution is so much faster that planning back-projection is not
-        // worth its time.
-        let by_lattice = |(convolution, estimate): &(Sampled<ConvolutionPlan>, Estimate)| {
-            convolution.plan.near_operations() <= 0.5 * estimate.operations
-        };
-        let wanted = !convolution.as_ref().is_ok_and(by_lattice) || options.method == Method::Backprojection;
+        // A short convolution is over before back-projection is planned.
+        let short = |(_, estimate): &(Sampled<ConvolutionPlan>, Estimate)| estimate.operations < SHORT;
+        let wanted = !convolution.as_ref().is_ok_and(short) || options.method == Method::Backprojection;
         let backprojection = (wanted && options.tolerance > 0.0).then(|| {
             let voxels = |upsampling: Option<&Upsampling>| summed(upsampling, grid, budget).0.voxel_count();
             let upsampling = samplings.iter().copied().min_by_key(|nodes| voxels(*nodes)).flatten();
@@ -175,7 +175,7 @@ impl Candidates {
 /// Why back-projection was not planned.
 fn no_backprojection(options: &ReconstructOptions) -> &'static str {
     if options.tolerance > 0.0 {
-        "not useful here, where convolution is far faster; select it explicitly to see its cost"
+        "not planned, because convolution is short; select it explicitly to see its cost"
     } else {
         "a tolerance of 0 allows no interpolation; use a tolerance above 0 (1e-6, say)"
     }

@@ -4,12 +4,13 @@ use super::Carrier;
 use crate::acquisition::Instrument;
 use crate::grid::{Axis, Grid};
 use crate::reconstruct::numerics::Nodes;
+use crate::wave::Geometry;
 use crate::wave::interval::greater;
 use glam::DVec3;
 use num_complex::Complex64;
 use std::f64::consts::TAU;
 
-/// Places at which bands are sampled, along every axis.
+/// Places at which bands are sampled, along x, y and z.
 const PLACES: [usize; 3] = [7, 7, 3];
 
 /// Places at which errors are measured, along the axis that is tried and along the others.
@@ -23,7 +24,7 @@ pub(super) struct SampledTerms<'a> {
     carrier: Carrier,
     /// The ends of the band, Hz.
     frequencies: [f64; 2],
-    /// Microphones at the faces of the array's box and in its middle, between which all others are.
+    /// Places on the faces of the array's box and in its middle, between which all microphones are.
     microphones: Vec<DVec3>,
 }
 
@@ -44,15 +45,31 @@ impl<'a> SampledTerms<'a> {
         }
     }
 
+    /// Places all over the voxels' box, and those nearest to what paths begin and end at, where terms bend most.
+    fn places(&self, count: [usize; 3]) -> impl Iterator<Item = DVec3> {
+        let (low, high) = self.grid.bounds();
+        let ends = self.microphones.iter().copied().chain(match self.instrument.geometry {
+            Geometry::FixedSource { source } => Some(source),
+            Geometry::Monostatic => None,
+        });
+        self.grid.sampled(count).chain(ends.map(move |end| end.clamp(low, high)))
+    }
+
+    /// Microphones to try with a place: all over the array, and the nearest that there can be.
+    fn microphones(&self, p: DVec3) -> impl Iterator<Item = DVec3> {
+        let (low, high) = self.instrument.array.bounds();
+        self.microphones.iter().copied().chain([p.clamp(low, high)])
+    }
+
     /// How fast terms change along x, y and z at most, cycles per m.
     pub(super) fn bands(&self) -> [f64; 3] {
         let geometry = &self.instrument.geometry;
         let mut fastest = DVec3::ZERO;
-        for p in self.grid.sampled(PLACES) {
+        for p in self.places(PLACES) {
             let carrier = self.instrument.sweep.centre() * geometry.path_slope(p, self.carrier.middle);
-            for r in &self.microphones {
+            for r in self.microphones(p) {
                 for f in self.frequencies {
-                    let change = (f * geometry.path_slope(p, *r) - carrier).abs();
+                    let change = (f * geometry.path_slope(p, r) - carrier).abs();
                     fastest = fastest.max(change / self.instrument.sound_speed);
                 }
             }
@@ -71,7 +88,7 @@ impl<'a> SampledTerms<'a> {
         let voxels = [self.grid.x, self.grid.y, self.grid.z][axis];
         let mut count = [ACROSS; 3];
         count[axis] = TRIED;
-        for mut p in self.grid.sampled(count) {
+        for mut p in self.places(count) {
             p[axis] = voxels.position(((p[axis] - voxels.first) / voxels.pitch).round() as usize);
             let (places, weights) = nodes.around(p[axis]);
             moduli = moduli.max(weights.iter().map(|w| w.abs()).sum());
@@ -81,11 +98,11 @@ impl<'a> SampledTerms<'a> {
                 node
             };
             let around: Vec<DVec3> = places.iter().map(at).collect();
-            for r in &self.microphones {
+            for r in self.microphones(p) {
                 for f in self.frequencies {
                     let sum: Complex64 =
-                        around.iter().zip(&weights).map(|(node, w)| self.term(*node, *r, f) * w).sum();
-                    worst = greater(worst, (sum - self.term(p, *r, f)).norm());
+                        around.iter().zip(&weights).map(|(node, w)| self.term(*node, r, f) * w).sum();
+                    worst = greater(worst, (sum - self.term(p, r, f)).norm());
                 }
             }
         }

@@ -51,16 +51,18 @@ fn difference(a: &Volume, b: &Volume) -> f64 {
 fn voxels_of_nodes_are_those_of_the_direct_sum() {
     let lattice = MicArray::rectangular([9, 7], [0.05; 2], DVec3::new(0.01, -0.02, 0.0)).unwrap();
     let behind = Geometry::FixedSource { source: DVec3::new(0.1, 0.05, -0.2) };
-    // Fine along all axes; along z alone; of another pitch than the microphones'; a single row.
+    let inside = Geometry::FixedSource { source: DVec3::new(0.013, -0.021, 0.747) };
+    // Fine along all axes; along z alone; of another pitch than the microphones'; a single row; near.
     let grids = [
         Grid { x: axis(-0.11, 0.004, 60), y: axis(-0.09, 0.0037, 50), z: axis(0.7, 0.003, 50) },
         Grid { x: axis(-0.1, 0.025, 9), y: axis(-0.1, 0.025, 8), z: axis(0.7, 0.002, 70) },
         Grid { x: axis(-0.2, 0.0101, 40), y: axis(-0.2, 0.0099, 38), z: axis(0.7, 0.03, 5) },
         Grid { x: axis(-0.2, 0.003, 120), y: axis(0.03, 0.01, 1), z: axis(0.6, 0.004, 60) },
+        Grid { x: axis(-0.1, 0.004, 40), y: axis(-0.1, 0.004, 30), z: axis(0.04, 0.003, 30) },
     ];
     let mut used = 0;
     for array in [lattice, scattered(40)] {
-        for geometry in [Geometry::ORIGIN, behind, Geometry::Monostatic] {
+        for geometry in [Geometry::ORIGIN, behind, inside, Geometry::Monostatic] {
             for grid in &grids {
                 let cube = cube(&array, geometry, grid.position(grid.x.count / 3, 0, 3));
                 let exact = reconstruct(&cube, grid, &options(Method::Direct, 1e-4)).unwrap();
