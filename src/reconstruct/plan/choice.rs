@@ -235,8 +235,8 @@ fn check(grid: &Grid, options: &ReconstructOptions) -> Result<()> {
 }
 
 /// What each method would cost for a job with this many threads, and the one that
-/// [`reconstruct`](crate::reconstruct::reconstruct()) would take, which no number of threads changes. Takes up to a tenth
-/// of a second.
+/// [`reconstruct`](crate::reconstruct::reconstruct()) would take, which no number of threads changes. Takes some
+/// tenths of a second.
 ///
 /// ```
 /// use holosonar::acquisition::{Instrument, MicArray, SimulateOptions, Sweep, simulate};

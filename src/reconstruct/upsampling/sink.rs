@@ -182,8 +182,7 @@ impl Upsampling {
     ) {
         let (coarse, carrier) = (&self.coarse, &self.carrier);
         let (width, row) = (coarse.x.count, self.padded_row());
-        // Vectors of weights along x reach beyond a voxel's own nodes.
-        let stride = (width + BEYOND_ROW).next_multiple_of(WIDE);
+        let stride = width.next_multiple_of(WIDE);
         for part in &mut buffers.nodes {
             part.resize(stride * coarse.y.count, 0.0);
         }
@@ -210,9 +209,6 @@ impl Upsampling {
         }
     }
 }
-
-/// How many more nodes than a row has [`along_row`] may read: whole vectors from the last node on.
-const BEYOND_ROW: usize = 2 * LANES;
 
 #[inline(always)]
 fn along_row_body(weights: &AxisWeights, nodes: &[f32], voxels: &mut [f32]) {
