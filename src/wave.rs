@@ -11,6 +11,7 @@ pub(crate) mod offsets;
 pub(crate) mod piston;
 pub(crate) mod series;
 pub mod simd;
+pub(crate) mod two_legs;
 
 use crate::choice::choice;
 use glam::DVec3;
@@ -72,15 +73,6 @@ impl Geometry {
         match self {
             Self::FixedSource { source } => p.distance(*source) + p.distance(r),
             Self::Monostatic => 2.0 * p.distance(r),
-        }
-    }
-
-    /// How fast the path length changes with `p`.
-    pub(crate) fn path_slope(&self, p: DVec3, r: DVec3) -> DVec3 {
-        let back = (p - r).normalize_or_zero();
-        match self {
-            Self::FixedSource { source } => (p - *source).normalize_or_zero() + back,
-            Self::Monostatic => 2.0 * back,
         }
     }
 

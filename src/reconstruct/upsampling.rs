@@ -20,8 +20,7 @@ use super::numerics::{Nodes, Taps, WIDE};
 use super::volume::Batch;
 use crate::acquisition::Instrument;
 use crate::grid::{Axis, Grid};
-use crate::wave::Geometry;
-use glam::DVec3;
+use crate::wave::two_legs::TwoLegs;
 use sink::DEPTHS;
 use terms::SampledTerms;
 
@@ -74,8 +73,7 @@ impl InterpolationError {
 /// The echo of the middle frequency at the middle of the array, whose phase is taken out.
 #[derive(Debug, Clone, Copy)]
 struct Carrier {
-    geometry: Geometry,
-    middle: DVec3,
+    legs: TwoLegs,
     /// f_c/c, 1/m.
     per_metre: f64,
 }
@@ -83,15 +81,9 @@ struct Carrier {
 impl Carrier {
     fn new(instrument: &Instrument) -> Self {
         Self {
-            geometry: instrument.geometry,
-            middle: instrument.array.centre(),
+            legs: TwoLegs::new(&instrument.geometry, instrument.array.centre()),
             per_metre: instrument.sweep.centre() / instrument.sound_speed,
         }
-    }
-
-    /// Length of its path by way of a point, m.
-    fn length(&self, p: DVec3) -> f64 {
-        self.geometry.path_length(p, self.middle)
     }
 }
 

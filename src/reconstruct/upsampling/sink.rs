@@ -2,10 +2,10 @@
 
 #![allow(clippy::inline_always)]
 
-use super::Upsampling;
+use super::{Carrier, Upsampling};
 use crate::alloc::{try_filled, try_zeroed};
 use crate::error::Result;
-use crate::grid::no_room_for;
+use crate::grid::{Grid, no_room_for};
 use crate::reconstruct::numerics::{AxisWeights, WIDE, weighted_rows};
 use crate::reconstruct::{ReconstructionInfo, VolumeSink};
 use crate::wave::simd::{LANES, dispatched, phasors};
@@ -44,6 +44,16 @@ struct NodeBuffers {
     nodes: Parts,
     /// A row of them between which y is the voxels' own.
     row: Parts,
+}
+
+impl NodeBuffers {
+    /// The carrier's phasors along a row of a grid; with a sign of −1 those that turn it back.
+    fn turn(&mut self, carrier: &Carrier, sign: f64, (grid, [iy, iz]): (&Grid, [usize; 2])) {
+        self.lengths.resize(grid.x.count, 0.0);
+        self.turns.resize(grid.x.count, Complex32::ZERO);
+        carrier.legs.row(grid.position(0, iy, iz), grid.x.pitch, &mut self.lengths);
+        phasors(sign * carrier.per_metre, &self.lengths, &mut self.turns);
+    }
 }
 
 impl<'a> Upsampled<'a> {
@@ -139,8 +149,7 @@ impl<'a> Upsampled<'a> {
                     sums.resize(padded, 0.0);
                     weighted_rows(weights, &held[from..], plane, sums);
                 }
-                let lengths = (0..width).map(|ix| carrier.length(fine.position(ix, iy, iz)));
-                turns(-carrier.per_metre, lengths, &mut buffers.lengths, &mut buffers.turns);
+                buffers.turn(carrier, -1.0, (fine, [iy, iz]));
                 let [re, im] = &buffers.row;
                 for (((voxel, turn), re), im) in voxels.iter_mut().zip(&buffers.turns).zip(re).zip(im) {
                     *voxel = Complex32::new(*re, *im) * turn;
@@ -187,8 +196,7 @@ impl Upsampling {
             part.resize(stride * coarse.y.count, 0.0);
         }
         for (iy, nodes) in nodes.chunks_exact(width).enumerate() {
-            let lengths = (0..width).map(|ix| carrier.length(coarse.position(ix, iy, depth)));
-            turns(carrier.per_metre, lengths, &mut buffers.lengths, &mut buffers.turns);
+            buffers.turn(carrier, 1.0, (coarse, [iy, depth]));
             let [re, im] = &mut buffers.nodes;
             let [re, im] = [&mut re[iy * stride..], &mut im[iy * stride..]];
             for (((node, turn), re), im) in nodes.iter().zip(&buffers.turns).zip(re).zip(im) {
@@ -227,17 +235,4 @@ fn along_row_body(weights: &AxisWeights, nodes: &[f32], voxels: &mut [f32]) {
 dispatched! {
     /// `voxels[i] = Σ_a weights_i[a] nodes[first_i + a]`.
     fn along_row = along_row_body(weights: &AxisWeights, nodes: &[f32], voxels: &mut [f32])
-}
-
-/// `e^{i2π·per_metre·length}` of each length.
-fn turns(
-    per_metre: f64,
-    lengths: impl Iterator<Item = f64>,
-    room: &mut Vec<f64>,
-    turns: &mut Vec<Complex32>,
-) {
-    room.clear();
-    room.extend(lengths);
-    turns.resize(room.len(), Complex32::ZERO);
-    phasors(per_metre, room, turns);
 }

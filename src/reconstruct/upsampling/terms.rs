@@ -6,6 +6,7 @@ use crate::grid::{Axis, Grid};
 use crate::reconstruct::numerics::Nodes;
 use crate::wave::Geometry;
 use crate::wave::interval::greater;
+use crate::wave::two_legs::TwoLegs;
 use glam::DVec3;
 use num_complex::Complex64;
 use std::f64::consts::TAU;
@@ -66,14 +67,14 @@ impl<'a> SampledTerms<'a> {
 
     /// How fast terms change along x, y and z at most, cycles per m.
     pub(super) fn bands(&self) -> [f64; 3] {
-        let geometry = &self.instrument.geometry;
+        let instrument = self.instrument;
         let mut fastest = DVec3::ZERO;
         for p in self.places(PLACES) {
-            let carrier = self.instrument.sweep.centre() * geometry.path_slope(p, self.carrier.middle);
+            let carrier = instrument.sweep.centre() * self.carrier.legs.slope(p);
             for r in self.microphones(p) {
+                let slope = TwoLegs::new(&instrument.geometry, r).slope(p);
                 for f in self.frequencies {
-                    let change = (f * geometry.path_slope(p, r) - carrier).abs();
-                    fastest = fastest.max(change / self.instrument.sound_speed);
+                    fastest = fastest.max((f * slope - carrier).abs() / instrument.sound_speed);
                 }
             }
         }
@@ -115,7 +116,7 @@ impl<'a> SampledTerms<'a> {
     fn term(&self, p: DVec3, r: DVec3, frequency: f64) -> Complex64 {
         let length = self.instrument.geometry.path_length(p, r);
         let cycles = frequency * length / self.instrument.sound_speed
-            - self.carrier.per_metre * self.carrier.length(p);
+            - self.carrier.per_metre * self.carrier.legs.length(p);
         Complex64::cis(-TAU * cycles)
     }
 }

@@ -9,7 +9,8 @@ use crate::progress::Silent;
 use crate::reconstruct::volume::ResumedVolume;
 use crate::reconstruct::window::Weights;
 use crate::reconstruct::{Method, ReconstructOptions, VolumeSink, Window, reconstruct, reconstruct_into};
-use crate::wave::phasor;
+use crate::wave::{Geometry, phasor};
+use glam::DVec3;
 
 fn axis(first: f64, pitch: f64, count: usize) -> Axis {
     Axis { first, pitch, count }

@@ -7,30 +7,33 @@
 use crate::acquisition::{Instrument, Tile, tiles};
 use crate::grid::Grid;
 use crate::wave::Geometry;
+use crate::wave::two_legs::TwoLegs;
 use glam::DVec3;
 
 /// The coordinates (x, y, ρ) of one tile: `ρ = |p − a| + |p − b|` with the foci a, b.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Frame {
-    foci: [DVec3; 2],
+    legs: TwoLegs,
 }
 
 impl Frame {
     pub(crate) fn new(geometry: &Geometry, middle: DVec3) -> Self {
-        match geometry {
-            Geometry::FixedSource { source } => Self { foci: [*source, middle] },
-            Geometry::Monostatic => Self { foci: [middle; 2] },
-        }
+        Self { legs: TwoLegs::new(geometry, middle) }
     }
 
     /// ρ of a point, m.
     pub(crate) fn range(&self, p: DVec3) -> f64 {
-        p.distance(self.foci[0]) + p.distance(self.foci[1])
+        self.legs.length(p)
+    }
+
+    /// ρ of points `pitch` m apart along x, from `first` on, m.
+    pub(crate) fn ranges(&self, first: DVec3, pitch: f64, ranges: &mut [f64]) {
+        self.legs.row(first, pitch, ranges);
     }
 
     /// The point of range ρ above (x, y) that lies deepest; beyond it ρ only grows. `None` where no point has it.
     pub(crate) fn point(&self, x: f64, y: f64, range: f64) -> Option<DVec3> {
-        let [a, b] = self.foci;
+        let [a, b] = self.legs.foci;
         let across = |focus: DVec3| (x - focus.x).powi(2) + (y - focus.y).powi(2);
         // |p − a|² − |p − b|² is linear in z, and so is |p − a| = α + β z; squared, that is a quadratic for z.
         let alpha = f64::midpoint(range, (across(a) - across(b) + a.z * a.z - b.z * b.z) / range);
@@ -43,12 +46,12 @@ impl Frame {
 
     /// r₀.
     pub(crate) fn middle(&self) -> DVec3 {
-        self.foci[1]
+        self.legs.foci[1]
     }
 
     /// The change of ρ with the place.
     fn slope(&self, p: DVec3) -> DVec3 {
-        self.foci.iter().map(|focus| (p - focus).normalize_or_zero()).sum()
+        self.legs.slope(p)
     }
 }
 

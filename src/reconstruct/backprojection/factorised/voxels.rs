@@ -154,7 +154,7 @@ impl<'a> Interpolation<'a> {
         let before = needed.start as f64 - self.lattice.taps.first() as f64;
         let sums = sums_re.chunks_exact_mut(n_x).zip(sums_im.chunks_exact_mut(n_x));
         for ((sums_re, sums_im), z) in sums.zip(depths.clone()) {
-            lengths.iter_mut().zip(self.row(&tile.frame, y, z)).for_each(|(to, range)| *to = range);
+            tile.frame.ranges(self.grid.position(0, y, z), self.grid.x.pitch, lengths);
             phasors(-self.carrier, lengths, turns);
             for (place, length) in places.iter_mut().zip(lengths.iter()) {
                 *place = length / self.lattice.pitch - before;
