@@ -85,7 +85,10 @@ impl SharedLattice {
         for near in near {
             match Self::with(instrument, grid, budget.spreading(), near) {
                 // Where microphones are on nodes, no depth is too near.
-                Ok(lattice) if lattice.exact() => return Ok(vec![lattice]),
+                Ok(lattice) if lattice.exact() => {
+                    let filled = (budget.all() > 0.0).then(|| lattice.filled()).flatten();
+                    return Ok([Some(lattice), filled].into_iter().flatten().collect());
+                }
                 Ok(lattice) => found.push(lattice),
                 Err(reason) => misfit = reason,
             }
@@ -152,6 +155,19 @@ impl SharedLattice {
             found.near = 0..0;
         }
         Ok(found)
+    }
+
+    /// The same with silent nodes between the microphones, as close as the voxels: one sublattice of voxels instead of many,
+    /// with one large kernel, which is more often even. `None` where nodes are as close already, or would be too many.
+    fn filled(&self) -> Option<Self> {
+        let along = |axis: &SharedAxis| {
+            let Axis { first, pitch, count } = axis.nodes;
+            let nodes = Axis { first, pitch: pitch / axis.u as f64, count: (count - 1) * axis.u + 1 };
+            SharedAxis { nodes, u: 1, ..axis.clone() }
+        };
+        let filled = Self { x: along(&self.x), y: along(&self.y), in_order: false, ..self.clone() };
+        let differs = self.x.u.max(self.y.u) > 1;
+        (differs && filled.width() <= MOST_NODES).then_some(filled)
     }
 
     /// Whether all microphones are on nodes.
