@@ -77,8 +77,8 @@ impl Beam {
         let offsets = self.offsets(reach, coarser);
         let told = if coarser <= COARSEST { &offsets[..] } else { &[] };
         let strengths: Vec<f64> = told.par_iter().map(|offset| self.strength(*offset)).collect();
-        let peak = told.iter().copied().zip(strengths).max_by(|a, b| a.1.total_cmp(&b.1));
-        let peak = peak.map(|(offset, strength)| {
+        let strongest = told.iter().copied().zip(strengths).max_by(|a, b| a.1.total_cmp(&b.1));
+        let peak = strongest.map(|(offset, strength)| {
             // Fewer than 75 directions more.
             let little = 75.0 * self.work_at(offset) <= MOST_ALONG;
             if little { self.refined(offset, strength, reach) } else { (offset, strength) }
