@@ -10,9 +10,10 @@
 //!    the block has ([`blocks`]).
 //! 3. For each of these microphones and each voxel of the block: path, series, carrier, sum.
 //!
-//! Where the array and the volume are apart, this is done in two steps, as fast factorised back-projection of radar
-//! images is (Ulander, Hellsten, Stenström 2003): first for tiles of the array, each on few nodes of coordinates in
-//! which its image hardly changes sideways, then from the nodes of all tiles to the voxels. A tile then costs each of its microphones a fiftieth of the voxels.
+//! Where the array and the volume are apart, this is done level by level, as fast factorised back-projection of radar
+//! images is (Ulander, Hellsten, Stenström 2003): first for small tiles of the array, each on few nodes of coordinates in
+//! which its image hardly changes sideways; then the nodes of larger tiles from those of the smaller that they are made
+//! of; last the voxels from the nodes of the largest. So the cost grows with voxels times the logarithm of microphones.
 //!
 //! Errors, relative to `Σ|w m| / Σw`: cutting off the series, bounded by the coefficients left out; and the skeletons'
 //! measured error, which the series can amplify by no more than its Lebesgue constant. Interpolation amplifies both by the
@@ -36,7 +37,7 @@ use crate::wave::Geometry;
 use crate::wave::interval::{PathInterval, greater};
 use crate::wave::simd::{LANES, LaneProfiles, LaneTones, Points, RangeScale, back_project, range_profiles};
 use blocks::{Block, Group, Shape, greatest_half, half_width};
-use factorised::{TileLattice, Tiled};
+use factorised::{TileLevels, Tiled};
 use glam::DVec3;
 use num_complex::Complex32;
 use profile::{Band, Rung, lebesgue};
@@ -64,7 +65,7 @@ pub(super) struct BackprojectionPlan {
     /// For the voxels themselves.
     fine: Division,
     /// Tiles and nodes, where that takes fewer operations.
-    tiled: Option<TileLattice>,
+    tiled: Option<TileLevels>,
 }
 
 /// How the points of one grid are divided.
@@ -82,17 +83,17 @@ impl BackprojectionPlan {
     pub(super) fn new(instrument: &Instrument, grid: &Grid, budget: ErrorBudget) -> Self {
         let fine = Division::new(instrument, grid, budget);
         let band = Band { tolerance: factorised::usual_budget(budget).series(), ..fine.band };
+        // Without the memory to try them there are none.
         let tiled = (fine.operations > LEAST_FOR_TILES)
-            .then(|| TileLattice::find(instrument, grid, &band, budget))
-            .flatten()
-            .filter(|lattice| lattice.operations < fine.operations);
+            .then(|| TileLevels::find(instrument, grid, &band, budget, fine.operations).ok().flatten())
+            .flatten();
         Self { grid: *grid, budget, fine, tiled }
     }
 
     /// All path lengths at which range profiles are expanded, and what the two compressions may err by.
     fn compression(&self, instrument: &Instrument) -> (PathInterval, ErrorBudget) {
-        if let Some(lattice) = &self.tiled {
-            return factorised::compression(lattice, instrument, &self.grid, self.fine.band, self.budget);
+        if let Some(levels) = &self.tiled {
+            return factorised::compression(levels, instrument, &self.grid, self.fine.band, self.budget);
         }
         let Division { band, shape, .. } = self.fine;
         let budget = SeriesBudget::new(&band, greatest_half(shape.half(&self.grid)), self.budget);
@@ -105,18 +106,19 @@ impl BackprojectionPlan {
         let compression = CompressionCost::new(instrument, &interval, budget);
         let plane = self.grid.plane_len() as u64;
         let (at_once, nodes, row, operations) = match &self.tiled {
-            Some(lattice) => (
+            Some(levels) => (
                 factorised::DEPTHS,
-                lattice.count as u64,
-                factorised::row_bytes(&self.grid),
-                lattice.operations,
+                levels.bytes as u64,
+                factorised::row_bytes(levels, &self.grid),
+                levels.operations,
             ),
             None => (self.fine.thickness, 0, 0, self.fine.operations),
         };
         let depths = self.grid.z.count;
         // As they are summed, before they are in order.
-        let summed = (at_once.min(depths) as u64).saturating_mul(plane).saturating_add(nodes);
+        let summed = (at_once.min(depths) as u64).saturating_mul(plane);
         let focusing = (COMPLEX.saturating_mul(summed))
+            .saturating_add(nodes)
             .saturating_add(SlabDriver::bytes(plane, at_once, depths))
             .saturating_add(compression.samples.saturating_mul(2));
         let worker = row.saturating_add(1 << 20);
@@ -198,10 +200,8 @@ fn share(longer: f64, own: f64, _: usize) -> bool {
 /// Cost: some 130 operations per voxel and microphone for a tolerance of 10⁻⁴ and voxels that sample the image well, by
 /// tiles ten times fewer or less; memory for the virtual tones of all microphones, and for the nodes.
 pub(super) fn backprojection(job: Job<'_>, plan: &BackprojectionPlan) -> Result<ReconstructionInfo> {
-    if let Some(lattice) = &plan.tiled
-        && let Some(tiled) = Tiled::new(lattice, job.source.instrument(), &plan.grid, plan.fine.band)?
-    {
-        return tiled.image(job);
+    if let Some(levels) = &plan.tiled {
+        return Tiled::new(levels, job.source.instrument(), &plan.grid, plan.fine.band).image(job);
     }
     let Job { source, weights, grid, budget, interpolation, batch, sink, observer } = job;
     let Division { band, shape, thickness, .. } = plan.fine;

@@ -2,11 +2,13 @@
 //! band-limited functions, and spreading, which moves scattered points onto a lattice with them.
 
 mod interpolator;
+mod interval_nodes;
 mod lane_fft;
 mod nodes;
 mod spreading;
 
-pub(super) use interpolator::{NODE_FILLS, Taps};
+pub(super) use interpolator::Taps;
+pub(super) use interval_nodes::IntervalNodes;
 pub(super) use lane_fft::{LaneFft, fast_size};
-pub(super) use nodes::{Around, AxisWeights, BEYOND, Nodes, WIDE, weighted_rows};
+pub(super) use nodes::{Around, AxisWeights, Nodes, WIDE, weighted_rows};
 pub(super) use spreading::{FILLS, Footprint, Interpolator, Kernels, footprints, nodes_around, spread};

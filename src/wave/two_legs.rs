@@ -36,6 +36,20 @@ impl TwoLegs {
     pub(crate) fn row(&self, first: DVec3, pitch: f64, lengths: &mut [f64]) {
         row_lengths(self.foci.map(|focus| focus.to_array()), first.to_array(), pitch, lengths);
     }
+
+    /// The path lengths by way of points above one place (x, y). Cost: some 10 operations each.
+    pub(crate) fn column(&self, [x, y]: [f64; 2], depths: &[f64], lengths: &mut [f64]) {
+        let across = |focus: DVec3| (x - focus.x).powi(2) + (y - focus.y).powi(2);
+        column_lengths(self.foci.map(|focus| [across(focus), focus.z]), depths, lengths);
+    }
+
+    /// The shortest path by way of a point above one place (x, y), at whatever depth, m.
+    pub(crate) fn shortest(&self, [x, y]: [f64; 2]) -> f64 {
+        let [a, b] = self.foci;
+        let across = (x - a.x).hypot(y - a.y) + (x - b.x).hypot(y - b.y);
+        // As by way of a mirror on that line.
+        across.hypot(a.z - b.z)
+    }
 }
 
 #[inline(always)]
@@ -52,6 +66,19 @@ fn row_lengths_body([a, b]: [[f64; 3]; 2], [first, y, z]: [f64; 3], pitch: f64, 
 
 dispatched! {
     fn row_lengths = row_lengths_body(foci: [[f64; 3]; 2], first: [f64; 3], pitch: f64, lengths: &mut [f64])
+}
+
+#[inline(always)]
+fn column_lengths_body([a, b]: [[f64; 2]; 2], depths: &[f64], lengths: &mut [f64]) {
+    for (length, z) in lengths.iter_mut().zip(depths) {
+        let leg = |[across, focus]: [f64; 2]| (across + (z - focus) * (z - focus)).sqrt();
+        *length = leg(a) + leg(b);
+    }
+}
+
+dispatched! {
+    /// Foci as squared distance from the column, and depth.
+    fn column_lengths = column_lengths_body(foci: [[f64; 2]; 2], depths: &[f64], lengths: &mut [f64])
 }
 
 #[cfg(test)]
@@ -76,6 +103,17 @@ mod tests {
                 let slope = (legs.length(p + 1e-6 * DVec3::Y) - length) / 1e-6;
                 assert!((slope - legs.slope(p).y).abs() < 1e-5);
             }
+            let depths: Vec<f64> = (0..23).map(|k| 0.1 * f64::from(k) - 0.7).collect();
+            let mut lengths = [0.0; 23];
+            legs.column([0.2, -0.9], &depths, &mut lengths);
+            let shortest = legs.shortest([0.2, -0.9]);
+            for (z, length) in depths.iter().zip(lengths) {
+                assert!((length - legs.length(DVec3::new(0.2, -0.9, *z))).abs() < 1e-15);
+                assert!(length >= shortest);
+            }
+            let at = |k: i32| DVec3::new(0.2, -0.9, f64::from(k) * 1e-4);
+            let least = (-3000..3000).map(|k| legs.length(at(k))).fold(f64::INFINITY, f64::min);
+            assert!((least - shortest).abs() < 1e-7, "{least} and {shortest}");
         }
     }
 }

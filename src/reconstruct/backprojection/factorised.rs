@@ -1,12 +1,20 @@
-//! Fast factorised back-projection: tiles of the array are imaged on few nodes of coordinates of their own, and the voxels
-//! are interpolated from the nodes of all tiles.
+//! Fast factorised back-projection: tiles of the array are imaged on few nodes of coordinates of their own, the nodes of
+//! larger tiles are interpolated from those of the smaller that they are made of, and the voxels from the largest.
 
 mod frame;
+mod leaves;
+mod levels;
+mod merge;
 mod nodes;
 mod patches;
+mod sequence;
 mod terms;
 mod tiled;
-mod voxels;
+mod tree;
+mod trial;
 
-pub(super) use nodes::TileLattice;
-pub(super) use tiled::{DEPTHS, Tiled, compression, row_bytes, usual_budget};
+#[cfg(test)]
+pub(super) use levels::Halvings;
+pub(super) use levels::TileLevels;
+pub(super) use sequence::DEPTHS;
+pub(super) use tiled::{Tiled, compression, row_bytes, usual_budget};

@@ -1,5 +1,6 @@
 //! Back-projection by tiles against the literal sum.
 
+use super::factorised::Halvings;
 use super::*;
 use crate::acquisition::{DataCube, Instrument, MicArray, Sweep};
 use crate::grid::{Axis, Volume};
@@ -44,16 +45,33 @@ fn grids() -> [Grid; 4] {
     ]
 }
 
-fn lattice(cube: &DataCube, grid: &Grid, tolerance: f64) -> Option<TileLattice> {
-    let band = Division::new(&cube.instrument, grid, ErrorBudget::new(tolerance)).band;
-    let band = Band { tolerance: factorised::usual_budget(ErrorBudget::new(tolerance)).series(), ..band };
-    TileLattice::find(&cube.instrument, grid, &band, ErrorBudget::new(tolerance))
+/// The band of nodes that is assumed when work is estimated.
+fn usual_band(cube: &DataCube, grid: &Grid, budget: ErrorBudget) -> Band {
+    let band = Division::new(&cube.instrument, grid, budget).band;
+    Band { tolerance: factorised::usual_budget(budget).series(), ..band }
+}
+
+fn levels(cube: &DataCube, grid: &Grid, tolerance: f64) -> Option<TileLevels> {
+    let budget = ErrorBudget::new(tolerance);
+    let band = usual_band(cube, grid, budget);
+    TileLevels::find(&cube.instrument, grid, &band, budget, f64::INFINITY).expect("little")
+}
+
+/// The cheapest of those with each number of sizes, whatever they err by.
+fn of_each_depth(cube: &DataCube, grid: &Grid, tolerance: f64) -> Vec<TileLevels> {
+    let budget = ErrorBudget::new(tolerance);
+    let (instrument, band) = (&cube.instrument, usual_band(cube, grid, budget));
+    let halvings = Halvings::of(instrument);
+    let all = TileLevels::sequences(instrument, grid, &band, budget, &halvings);
+    let of = |depth: usize| all.iter().find(|levels| levels.levels.len() == depth).cloned();
+    let measured = |levels: TileLevels| levels.measured(instrument, grid, &halvings).expect("little");
+    (1..6).filter_map(of).filter_map(measured).collect()
 }
 
 fn tiled(
     cube: &DataCube,
     grid: &Grid,
-    lattice: &TileLattice,
+    levels: &TileLevels,
     tolerance: f64,
     sink: &mut dyn VolumeSink,
 ) -> ReconstructionInfo {
@@ -61,11 +79,17 @@ fn tiled(
     let weights = Weights::new(instrument, Window::Hann);
     let budget = ErrorBudget::new(tolerance);
     let band = Division::new(instrument, grid, budget).band;
-    let tiled = Tiled::new(lattice, instrument, grid, band).expect("little").expect("every node has a place");
+    let tiled = Tiled::new(levels, instrument, grid, band);
     let (source, weights, batch) = (&mut &*cube, &weights, Batch::of_threads(2));
     let interpolation = InterpolationError::NONE;
     let job = Job { source, weights, grid, budget, interpolation, batch, sink, observer: &Silent };
     tiled.image(job).expect("little")
+}
+
+/// The largest difference of two volumes.
+fn worst(a: &Volume, b: &Volume) -> f64 {
+    let each = a.samples.iter().zip(&b.samples).map(|(a, b)| (a - b).norm());
+    f64::from(each.fold(0.0, f32::max))
 }
 
 #[test]
@@ -82,16 +106,44 @@ fn tiles_keep_their_bound_on_bent_arrays_and_any_grid() {
             let direct = ReconstructOptions::new(Method::Direct, Window::Hann);
             let direct = reconstruct(&cube, &grid, &direct).expect("little").volume;
             for tolerance in [1e-2, 1e-4] {
-                let Some(lattice) = lattice(&cube, &grid, tolerance) else {
+                let Some(levels) = levels(&cube, &grid, tolerance) else {
                     panic!("no tiles at {tolerance} for {geometry:?} and {grid:?}")
                 };
                 let mut volume = Volume { grid, samples: Vec::new() };
-                let info = tiled(&cube, &grid, &lattice, tolerance, &mut volume);
+                let info = tiled(&cube, &grid, &levels, tolerance, &mut volume);
                 assert!(info.error_bound <= tolerance * 1.000_1, "{:e} of {tolerance:e}", info.error_bound);
-                let worst = volume.samples.iter().zip(&direct.samples).map(|(a, b)| (a - b).norm());
-                let worst = f64::from(worst.fold(0.0, f32::max));
+                let worst = worst(&volume, &direct);
                 assert!(worst <= info.error_bound + 3e-6, "{worst:e} above {:e}", info.error_bound);
                 assert!((volume.peak() - 1.0).abs() < 1e-2, "the point is a voxel");
+            }
+        }
+    }
+}
+
+#[test]
+fn tiles_of_tiles_keep_what_was_measured() {
+    let grid = Grid { x: axis(-0.15, 0.0025, 100), y: axis(-0.1, 0.003, 60), z: axis(0.8, 0.011, 70) };
+    for geometry in [Geometry::ORIGIN, Geometry::Monostatic] {
+        let cube = echo(600, true, geometry, grid.position(20, 40, 50));
+        let direct = ReconstructOptions::new(Method::Direct, Window::Hann);
+        let direct = reconstruct(&cube, &grid, &direct).expect("little").volume;
+        let all = of_each_depth(&cube, &grid, 1e-3);
+        assert!(all.len() >= 3, "{}", all.len());
+        for levels in all {
+            // In slabs of their own too.
+            for slab in [grid.z.count.next_multiple_of(factorised::DEPTHS), factorised::DEPTHS] {
+                let levels = TileLevels { slab, ..levels.clone() };
+                let mut volume = Volume { grid, samples: Vec::new() };
+                let info = tiled(&cube, &grid, &levels, 1e-2, &mut volume);
+                let worst = worst(&volume, &direct);
+                println!(
+                    "{} levels: {worst:.1e} of {:.1e}, {:.1e} measured",
+                    levels.levels.len(),
+                    info.error_bound,
+                    levels.error
+                );
+                assert!(worst <= info.error_bound, "{worst:e} above {:e}", info.error_bound);
+                assert!(levels.error < 2e-3, "{:e}", levels.error);
             }
         }
     }
@@ -101,14 +153,17 @@ fn tiles_keep_their_bound_on_bent_arrays_and_any_grid() {
 fn resumed_depths_are_bit_identical() {
     let cube = echo(120, true, Geometry::ORIGIN, DVec3::new(0.01, 0.02, 0.8));
     let grid = Grid { x: axis(-0.2, 0.004, 70), y: axis(-0.1, 0.005, 51), z: axis(0.5, 0.011, 100) };
-    let lattice = lattice(&cube, &grid, 1e-3).expect("fine voxels");
-    let mut whole = Volume { grid, samples: Vec::new() };
-    tiled(&cube, &grid, &lattice, 1e-3, &mut whole);
-    for done in [factorised::DEPTHS, 2 * factorised::DEPTHS] {
-        let mut rest = ResumedVolume { volume: Volume { grid, samples: Vec::new() }, done };
-        tiled(&cube, &grid, &lattice, 1e-3, &mut rest);
-        let from = done * grid.plane_len();
-        assert!(rest.volume.samples[from..] == whole.samples[from..]);
+    let levels = levels(&cube, &grid, 1e-3).expect("fine voxels");
+    for slab in [1, 2, 4].map(|times| times * factorised::DEPTHS) {
+        let levels = TileLevels { slab, ..levels.clone() };
+        let mut whole = Volume { grid, samples: Vec::new() };
+        tiled(&cube, &grid, &levels, 1e-3, &mut whole);
+        for done in [factorised::DEPTHS, 2 * factorised::DEPTHS] {
+            let mut rest = ResumedVolume { volume: Volume { grid, samples: Vec::new() }, done };
+            tiled(&cube, &grid, &levels, 1e-3, &mut rest);
+            let from = done * grid.plane_len();
+            assert!(rest.volume.samples[from..] == whole.samples[from..]);
+        }
     }
 }
 
@@ -120,7 +175,7 @@ fn coarse_voxels_and_those_beside_microphones_have_no_tiles() {
     let cube = DataCube::new(Instrument::new(sweep, array), samples).expect("finite");
     let found = |pitch: f64, z: f64| {
         let grid = Grid { x: axis(-0.2, pitch, 64), y: axis(-0.2, pitch, 64), z: axis(z, 0.01, 4) };
-        lattice(&cube, &grid, 1e-4).is_some()
+        levels(&cube, &grid, 1e-4).is_some()
     };
     assert!(found(0.004, 0.5));
     assert!(!found(0.05, 0.5));

@@ -104,6 +104,20 @@ impl VolumeTones {
         Ok(Self { tones: Tones { per_metre, samples }, modulus, frequencies, error, growth })
     }
 
+    /// The same for some of the microphones, in this order.
+    ///
+    /// # Errors
+    /// They do not fit in memory.
+    pub(crate) fn of_microphones(&self, microphones: &[usize]) -> Result<Self> {
+        let rows = self.tones.per_metre.len();
+        let mut tones = Tones::with_capacity(rows, microphones.len())?;
+        tones.per_metre.clone_from(&self.tones.per_metre);
+        for row in self.tones.samples.chunks_exact(self.tones.samples.len() / rows.max(1)) {
+            tones.samples.extend(microphones.iter().map(|r| row[*r]));
+        }
+        Ok(Self { tones, frequencies: self.frequencies.clone(), ..*self })
+    }
+
     /// The tones of slabs of these depths, whose path lengths `interval` tells.
     ///
     /// About the middle of an interval, weights depend on its duration alone: a slab takes the skeleton of one before it

@@ -21,7 +21,7 @@ const DAMPING: f64 = 1e-11;
 const MEASURED: usize = 41;
 
 /// How much of the nodes' band the fastest change may take, tried in turn.
-pub(crate) const NODE_FILLS: [f64; 12] = [0.8, 0.75, 0.7, 0.65, 0.6, 0.55, 0.5, 0.45, 0.4, 0.35, 0.3, 0.25];
+const NODE_FILLS: [f64; 12] = [0.8, 0.75, 0.7, 0.65, 0.6, 0.55, 0.5, 0.45, 0.4, 0.35, 0.3, 0.25];
 
 impl Taps {
     /// An even `count` of taps on even nodes, for waves of up to `edge` radians per node.

@@ -70,12 +70,13 @@ pub(crate) struct AxisWeights {
 }
 
 impl AxisWeights {
-    pub(crate) fn new(places: &Axis, nodes: &Nodes) -> Self {
-        let all: Vec<(usize, Vec<f64>)> = places.positions().map(|t| nodes.weights(t)).collect();
+    /// Of every place, the first node that it is made of and as many weights from there on.
+    pub(crate) fn new(places: impl Iterator<Item = (usize, Vec<f64>)>) -> Self {
+        let all: Vec<(usize, Vec<f64>)> = places.collect();
         Self {
             first: all.iter().map(|(first, _)| *first).collect(),
             weights: all.iter().flat_map(|(_, weights)| weights.iter().map(|w| *w as f32)).collect(),
-            taps: nodes.taps(),
+            taps: all.first().map_or(0, |(_, weights)| weights.len()),
         }
     }
 
@@ -87,9 +88,6 @@ impl AxisWeights {
 
 /// Numbers that [`weighted_rows`] sums at a time, so that chains of dependent additions overlap.
 pub(crate) const WIDE: usize = 2 * LANES;
-
-/// How many more numbers than nodes there must be where [`weighted_rows`] reads whole vectors beyond them.
-pub(crate) const BEYOND: usize = LANES + WIDE;
 
 #[inline(always)]
 fn weighted_rows_body(weights: &[f32], rows: &[f32], stride: usize, sums: &mut [f32]) {

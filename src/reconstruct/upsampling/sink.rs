@@ -68,9 +68,9 @@ impl<'a> Upsampled<'a> {
         Ok(Self {
             plan,
             sink,
-            x: AxisWeights::new(&fine.x, &nodes[0]),
-            y: AxisWeights::new(&fine.y, &nodes[1]),
-            z: AxisWeights::new(&fine.z, &nodes[2]),
+            x: AxisWeights::new(fine.x.positions().map(|place| nodes[0].weights(place))),
+            y: AxisWeights::new(fine.y.positions().map(|place| nodes[1].weights(place))),
+            z: AxisWeights::new(fine.z.positions().map(|place| nodes[2].weights(place))),
             held: [zeros()?, zeros()?],
             depths: 0..0,
             next: 0,

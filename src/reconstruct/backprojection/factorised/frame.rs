@@ -4,9 +4,12 @@
 //! `e^{+i2πf_c·ρ/c}`, a term is `e^{−i2π[f·(path(p, r) − ρ) + (f − f_c)·ρ]/c}`: at constant ρ it changes along x and y
 //! only by as much as r and r₀ see it in different directions, which is little for a small tile.
 
+#![allow(clippy::inline_always)]
+
 use crate::acquisition::{Instrument, Tile, tiles};
 use crate::grid::Grid;
 use crate::wave::Geometry;
+use crate::wave::simd::dispatched;
 use crate::wave::two_legs::TwoLegs;
 use glam::DVec3;
 
@@ -26,22 +29,29 @@ impl Frame {
         self.legs.length(p)
     }
 
-    /// ρ of points `pitch` m apart along x, from `first` on, m.
-    pub(crate) fn ranges(&self, first: DVec3, pitch: f64, ranges: &mut [f64]) {
-        self.legs.row(first, pitch, ranges);
+    /// ρ of points above one place (x, y), m.
+    pub(crate) fn ranges(&self, at: [f64; 2], depths: &[f64], ranges: &mut [f64]) {
+        self.legs.column(at, depths, ranges);
+    }
+
+    /// The least ρ above one place (x, y), m: [`Frame::point`] finds all that are larger.
+    pub(crate) fn least_range(&self, at: [f64; 2]) -> f64 {
+        self.legs.shortest(at)
+    }
+
+    /// Depths of the points of some ranges above one place (x, y), all of them larger than the least, m.
+    pub(crate) fn depths(&self, [x, y]: [f64; 2], ranges: &[f64], depths: &mut [f64]) {
+        let across = |focus: DVec3| (x - focus.x).powi(2) + (y - focus.y).powi(2);
+        point_depths(self.legs.foci.map(|focus| [across(focus), focus.z]), ranges, depths);
     }
 
     /// The point of range ρ above (x, y) that lies deepest; beyond it ρ only grows. `None` where no point has it.
     pub(crate) fn point(&self, x: f64, y: f64, range: f64) -> Option<DVec3> {
-        let [a, b] = self.legs.foci;
-        let across = |focus: DVec3| (x - focus.x).powi(2) + (y - focus.y).powi(2);
-        // |p − a|² − |p − b|² is linear in z, and so is |p − a| = α + β z; squared, that is a quadratic for z.
-        let alpha = f64::midpoint(range, (across(a) - across(b) + a.z * a.z - b.z * b.z) / range);
-        let beta = (b.z - a.z) / range;
-        let (square, linear) = (1.0 - beta * beta, a.z + alpha * beta);
-        let root = linear * linear - square * (across(a) + a.z * a.z - alpha * alpha);
-        (range > 0.0 && square > 0.0 && root >= 0.0)
-            .then(|| DVec3::new(x, y, (linear + root.sqrt()) / square))
+        (range > self.least_range([x, y])).then(|| {
+            let mut depth = [0.0];
+            self.depths([x, y], &[range], &mut depth);
+            DVec3::new(x, y, depth[0])
+        })
     }
 
     /// r₀.
@@ -53,6 +63,25 @@ impl Frame {
     fn slope(&self, p: DVec3) -> DVec3 {
         self.legs.slope(p)
     }
+}
+
+#[inline(always)]
+fn point_depths_body([[across_a, a], [across_b, b]]: [[f64; 2]; 2], ranges: &[f64], depths: &mut [f64]) {
+    let difference = across_a - across_b + a * a - b * b;
+    let outer = across_a + a * a;
+    for (depth, range) in depths.iter_mut().zip(ranges) {
+        // |p − a|² − |p − b|² is linear in z, and so is |p − a| = α + β z; squared, that is a quadratic for z.
+        let alpha = 0.5 * (range + difference / range);
+        let beta = (b - a) / range;
+        let (square, linear) = (1.0 - beta * beta, a + alpha * beta);
+        let root = linear * linear - square * (outer - alpha * alpha);
+        *depth = (linear + root.max(0.0).sqrt()) / square;
+    }
+}
+
+dispatched! {
+    /// Foci as squared distance from the column, and depth.
+    fn point_depths = point_depths_body(foci: [[f64; 2]; 2], ranges: &[f64], depths: &mut [f64])
 }
 
 /// The tiles, each with a frame, that an array falls into when it is halved so many `times`.
@@ -129,6 +158,9 @@ mod tests {
                 let deeper = frame.range(p + DVec3::Z * 1e-6) - range;
                 assert!(deeper > 0.0 && (deeper / 1e-6 - slope.z).abs() < 1e-4);
             }
+            let least = frame.least_range([0.4, 0.7]);
+            assert!(frame.point(0.4, 0.7, least * (1.0 - 1e-9)).is_none());
+            assert!(frame.point(0.4, 0.7, least * (1.0 + 1e-9)).is_some());
             assert!(frame.point(0.9, 0.9, 0.5).is_none());
             assert!(frame.point(0.0, 0.0, 0.0).is_none());
         }

@@ -3,7 +3,7 @@
 use super::frame::{Frame, some};
 use crate::acquisition::{Instrument, Tile};
 use crate::grid::{Axis, Grid};
-use crate::reconstruct::numerics::Around;
+use crate::reconstruct::numerics::{Around, IntervalNodes};
 use crate::wave::interval::greater;
 use glam::DVec3;
 use num_complex::Complex64;
@@ -48,16 +48,9 @@ impl Terms<'_> {
         for tile in some(tiles, density.tiles) {
             let frame = Frame::new(&instrument.geometry, tile.centre);
             let [along, across] = density.places;
-            for mut p in grid.sampled(std::array::from_fn(|of| if of == axis { along } else { across })) {
-                if axis < 2 {
-                    let voxels = [grid.x, grid.y][axis];
-                    p[axis] = voxels.position(((p[axis] - voxels.first) / voxels.pitch).round() as usize);
-                }
+            for p in grid.sampled(std::array::from_fn(|of| if of == axis { along } else { across })) {
                 let range = frame.range(p);
                 let (places, weights) = around(if axis < 2 { p[axis] } else { range });
-                if weights.len() == 1 {
-                    continue;
-                }
                 let node = |place: &f64| match axis {
                     0 => frame.point(*place, p.y, range).map(|q| (q, range)),
                     1 => frame.point(p.x, *place, range).map(|q| (q, range)),
@@ -81,8 +74,9 @@ impl Terms<'_> {
     }
 }
 
-/// How tiles see the grid.
-pub(crate) struct TileDistances {
+/// How tiles see a grid.
+pub(crate) struct TileDistances<'a> {
+    grid: &'a Grid,
     frames: Vec<Frame>,
     pub(crate) tiles: usize,
     /// Of the widest tile, m.
@@ -92,42 +86,71 @@ pub(crate) struct TileDistances {
     pub(crate) typical: f64,
 }
 
-impl TileDistances {
-    pub(crate) fn of(instrument: &Instrument, grid: &Grid, tiles: &[Tile]) -> Self {
-        let frames: Vec<Frame> =
-            some(tiles, 3).map(|tile| Frame::new(&instrument.geometry, tile.centre)).collect();
+/// Ranges of what is made of the columns of nodes of a tile.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Ranges {
+    /// The mean length that a column needs, m.
+    pub(crate) mean: f64,
+    /// The length of all together, m.
+    pub(crate) all: f64,
+    /// How much shorter ranges than these every column still has, m.
+    pub(crate) spare: f64,
+}
+
+impl<'a> TileDistances<'a> {
+    /// As tiles see it that stand for all.
+    pub(crate) fn of(terms: &Terms<'a>) -> Self {
+        Self::of_some(terms, 7)
+    }
+
+    /// As all tiles see it.
+    pub(crate) fn of_all(terms: &Terms<'a>) -> Self {
+        Self::of_some(terms, usize::MAX)
+    }
+
+    fn of_some(terms: &Terms<'a>, most: usize) -> Self {
+        let Terms { instrument, grid, tiles } = *terms;
+        let frame = |tile: &Tile| Frame::new(&instrument.geometry, tile.centre);
         let (low, high) = instrument.array.bounds();
         let (first, last) = grid.bounds();
         let [shortest, _] = instrument.geometry.path_bounds((first, last), (low, high));
         Self {
+            grid,
+            frames: some(tiles, most).map(frame).collect(),
             tiles: tiles.len(),
             radius: tiles.iter().map(|tile| tile.radius).fold(0.0, f64::max),
             shortest,
             typical: instrument.geometry.path_length(first.midpoint(last), low.midpoint(high)),
-            frames,
         }
     }
 
-    /// The mean length of the ranges that a column of nodes needs when voxels so far beside it are made of it, m.
-    pub(crate) fn ranges(&self, grid: &Grid, reach: [f64; 2]) -> f64 {
-        let (mut sum, mut count) = (0.0, 0.0);
-        let layer = Grid { z: Axis { count: 1, ..grid.z }, ..*grid };
+    /// What these nodes need of their first `depths` depths, sampled.
+    pub(crate) fn ranges(&self, [x, y]: [&IntervalNodes; 2], depths: usize) -> Ranges {
+        let grid = self.grid;
+        let few = |nodes: &IntervalNodes| (0..5).map(|k| k * (nodes.len() - 1) / 4).collect::<Vec<_>>();
+        let (few_x, few_y) = (few(x), few(y));
+        let ends = |axis: &Axis| [axis.first, axis.last()];
+        let far = grid.z.position(depths.min(grid.z.count) - 1);
+        let (mut sum, mut count, mut all, mut spare) = (0.0, 0.0, 0.0f64, f64::INFINITY);
         for frame in &self.frames {
-            for p in layer.sampled([4, 4, 1]) {
+            let (mut nearest, mut farthest) = (f64::INFINITY, 0.0f64);
+            for (i, j) in few_y.iter().flat_map(|j| few_x.iter().map(move |i| (*i, *j))) {
+                let [from, to] = [x.made_of(i, ends(&grid.x)), y.made_of(j, ends(&grid.y))];
                 let (mut low, mut high) = (f64::INFINITY, 0.0f64);
-                for i in 0..9 {
-                    let beside = |axis: usize, step: usize| {
-                        let along = [grid.x, grid.y][axis];
-                        (p[axis] + reach[axis] * (step as f64 - 1.0)).clamp(along.first, along.last())
-                    };
-                    let (x, y) = (beside(0, i % 3), beside(1, i / 3));
+                for k in 0..9 {
+                    let part =
+                        |[first, last]: [f64; 2], step: usize| first + 0.5 * (last - first) * step as f64;
+                    let (x, y) = (part([from[0], from[1]], k % 3), part([to[0], to[1]], k / 3));
                     low = low.min(frame.range(DVec3::new(x, y, grid.z.first)));
-                    high = high.max(frame.range(DVec3::new(x, y, grid.z.last())));
+                    high = high.max(frame.range(DVec3::new(x, y, far)));
                 }
+                (nearest, farthest) = (nearest.min(low), farthest.max(high));
+                spare = spare.min(low - frame.least_range([x.places()[i], y.places()[j]]));
                 sum += high - low;
                 count += 1.0;
             }
+            all = all.max(farthest - nearest);
         }
-        sum / count
+        Ranges { mean: sum / count, all, spare }
     }
 }

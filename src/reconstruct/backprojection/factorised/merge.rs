@@ -1,0 +1,329 @@
+//! Places from the nodes of several tiles: along y, along x, then along ρ, where each has a place of its own.
+//!
+//! The places are voxels, or nodes of a tile that is made of smaller ones. Either way they stand in columns above one
+//! (x, y) each, which is interpolated at constant ρ; along a column every place then has its own weights.
+
+#![allow(clippy::inline_always)]
+
+use super::frame::Frame;
+use super::nodes::TileLattice;
+use crate::reconstruct::numerics::{AxisWeights, WIDE, weighted_rows};
+use crate::wave::simd::{LANES, dispatched, phasors};
+use num_complex::Complex32;
+use std::ops::Range;
+
+/// Pieces of the table of weights from one node along ρ to the next, of a cubic each, which errs by
+/// `(π/32)⁴/3072 ≈ 3·10⁻⁸` at most.
+const PIECES: usize = 32;
+
+/// How many more numbers than a tile's nodes there must be, since whole vectors are read beyond the last.
+pub(crate) const BEYOND: usize = LANES + 2 * WIDE;
+
+/// The nodes of one tile, `[y, x, ρ]`, and what a column of places needs of them.
+#[derive(Debug, Clone)]
+pub(crate) struct TileNodes {
+    pub(crate) frame: Frame,
+    /// Nodes along ρ that are held, as multiples of the pitch.
+    pub(crate) held: Range<usize>,
+    /// Those that each column of nodes needs, `[y, x]`; what the others hold is not used.
+    pub(crate) needed: Vec<Range<usize>>,
+    /// Real and imaginary parts.
+    pub(crate) values: [Vec<f32>; 2],
+}
+
+/// The least range that holds two.
+pub(crate) fn hull(a: Range<usize>, b: Range<usize>) -> Range<usize> {
+    if a.is_empty() {
+        b
+    } else if b.is_empty() {
+        a
+    } else {
+        a.start.min(b.start)..a.end.max(b.end)
+    }
+}
+
+/// Places in columns, each from near to far.
+pub(crate) trait Columns: Sync {
+    /// Depths of the first and the last place in a column, m; `None` where it has none.
+    fn ends(&self, x: usize, y: usize) -> Option<[f64; 2]>;
+
+    /// Depths of all places in a column, m, and what their own ranges are, if they have any.
+    fn fill(&self, x: usize, y: usize, depths: &mut Vec<f64>, ranges: &mut Vec<f64>);
+}
+
+/// The same depths in every column.
+pub(crate) struct Depths(pub(crate) Vec<f64>);
+
+impl Columns for Depths {
+    fn ends(&self, _: usize, _: usize) -> Option<[f64; 2]> {
+        Some([*self.0.first()?, *self.0.last()?])
+    }
+
+    fn fill(&self, _: usize, _: usize, depths: &mut Vec<f64>, ranges: &mut Vec<f64>) {
+        depths.clone_from(&self.0);
+        ranges.clear();
+    }
+}
+
+/// The nodes of a tile that are needed.
+pub(crate) struct NodeColumns<'a> {
+    pub(crate) lattice: &'a TileLattice,
+    pub(crate) nodes: &'a TileNodes,
+}
+
+impl NodeColumns<'_> {
+    fn at(&self, x: usize, y: usize) -> ([f64; 2], Range<usize>) {
+        let [nodes_x, nodes_y] = &self.lattice.nodes;
+        ([nodes_x.places()[x], nodes_y.places()[y]], self.nodes.needed[y * nodes_x.len() + x].clone())
+    }
+}
+
+impl Columns for NodeColumns<'_> {
+    fn ends(&self, x: usize, y: usize) -> Option<[f64; 2]> {
+        let (at, needed) = self.at(x, y);
+        (!needed.is_empty()).then(|| {
+            let mut ends = [0.0; 2];
+            let ranges = [needed.start, needed.end - 1].map(|k| self.lattice.pitch * k as f64);
+            self.nodes.frame.depths(at, &ranges, &mut ends);
+            ends
+        })
+    }
+
+    fn fill(&self, x: usize, y: usize, depths: &mut Vec<f64>, ranges: &mut Vec<f64>) {
+        let (at, needed) = self.at(x, y);
+        ranges.clear();
+        ranges.extend(needed.map(|k| self.lattice.pitch * k as f64));
+        depths.resize(ranges.len(), 0.0);
+        self.nodes.frame.depths(at, ranges, depths);
+    }
+}
+
+/// How places in columns follow from the nodes of tiles of one size.
+#[derive(Debug)]
+pub(crate) struct Merge<'a> {
+    lattice: &'a TileLattice,
+    /// f_c/c, 1/m.
+    carrier: f64,
+    /// The columns, m.
+    columns: [Vec<f64>; 2],
+    x: AxisWeights,
+    y: AxisWeights,
+    /// Weights along ρ as cubics of a piece each, padded with zeros.
+    table: Vec<[[f32; LANES]; 4]>,
+}
+
+impl<'a> Merge<'a> {
+    pub(crate) fn new(lattice: &'a TileLattice, columns: [Vec<f64>; 2], carrier: f64) -> Self {
+        let weights = |axis: usize| {
+            AxisWeights::new(columns[axis].iter().map(|place| lattice.nodes[axis].weights(*place)))
+        };
+        // One more piece than a place can lie in, since rounding may put it on the next node.
+        let table = (0..=PIECES).map(|piece| cubic(lattice, piece)).collect();
+        let (x, y) = (weights(0), weights(1));
+        Self { lattice, carrier, columns, x, y, table }
+    }
+
+    /// Nodes along ρ that places between these two ranges are made of.
+    fn between(&self, nearest: f64, farthest: f64) -> Range<usize> {
+        self.lattice.along_range(nearest).0..self.lattice.along_range(farthest).0 + self.lattice.taps.count()
+    }
+
+    /// Nodes along ρ that a column of places is made of.
+    fn column_needs(&self, frame: &Frame, places: &impl Columns, [x, y]: [usize; 2]) -> Range<usize> {
+        places.ends(x, y).map_or(0..0, |ends| {
+            let mut ranges = [0.0; 2];
+            frame.ranges([self.columns[0][x], self.columns[1][y]], &ends, &mut ranges);
+            self.between(ranges[0], ranges[1])
+        })
+    }
+
+    /// What places need of a tile, which holds nothing yet.
+    pub(crate) fn needs(&self, frame: Frame, places: &impl Columns) -> TileNodes {
+        let [nodes_x, nodes_y] = [0, 1].map(|axis: usize| self.lattice.nodes[axis].len());
+        let mut needed = vec![0..0; nodes_x * nodes_y];
+        for y in 0..self.columns[1].len() {
+            let mut row = vec![0..0; nodes_x];
+            for x in 0..self.columns[0].len() {
+                let needs = self.column_needs(&frame, places, [x, y]);
+                let (first, weights) = self.x.of(x);
+                row[first..first + weights.len()]
+                    .iter_mut()
+                    .for_each(|node| *node = hull(node.clone(), needs.clone()));
+            }
+            let (first, weights) = self.y.of(y);
+            for column in needed[first * nodes_x..].chunks_exact_mut(nodes_x).take(weights.len()) {
+                column
+                    .iter_mut()
+                    .zip(&row)
+                    .for_each(|(node, needs)| *node = hull(node.clone(), needs.clone()));
+            }
+        }
+        let held = needed.iter().cloned().fold(0..0, hull);
+        TileNodes { frame, held, needed, values: [Vec::new(), Vec::new()] }
+    }
+
+    /// Sums one row of columns over tiles; `done` takes the index of each column that has places, and its sums.
+    pub(crate) fn row(
+        &self,
+        tiles: &[TileNodes],
+        places: &impl Columns,
+        y: usize,
+        buffers: &mut RowBuffers,
+        mut done: impl FnMut(usize, &[f32], &[f32]),
+    ) {
+        let nodes_x = self.lattice.nodes[0].len();
+        let (first_y, weights_y) = self.y.of(y);
+        let RowBuffers { rows, columns, depths, own, lengths, places: along, turns, sums, whole } = buffers;
+        rows.resize_with(tiles.len(), Row::default);
+        for (tile, row) in tiles.iter().zip(rows.iter_mut()) {
+            let each = (0..self.columns[0].len()).map(|x| self.column_needs(&tile.frame, places, [x, y]));
+            row.needed = each.fold(0..0, hull);
+            // Vectors of weights reach beyond a place's own taps, where they are zero.
+            row.width = (row.needed.len() + LANES).next_multiple_of(WIDE);
+            let held = tile.held.len();
+            for (values, nodes) in row.values.iter_mut().zip(&tile.values) {
+                values.resize(nodes_x * row.width + WIDE, 0.0);
+                for (x, sums) in values.chunks_exact_mut(row.width).enumerate().take(nodes_x) {
+                    let from = (first_y * nodes_x + x) * held + (row.needed.start - tile.held.start);
+                    weighted_rows(weights_y, &nodes[from..], nodes_x * held, sums);
+                }
+            }
+        }
+        for x in 0..self.columns[0].len() {
+            places.fill(x, y, depths, own);
+            if depths.is_empty() {
+                continue;
+            }
+            for all in sums.iter_mut() {
+                all.clear();
+                all.resize(depths.len(), [0.0; LANES]);
+            }
+            let at = [self.columns[0][x], self.columns[1][y]];
+            let (first_x, weights_x) = self.x.of(x);
+            for (tile, row) in tiles.iter().zip(rows.iter()) {
+                lengths.resize(depths.len(), 0.0);
+                tile.frame.ranges(at, depths, lengths);
+                let needed = self.between(lengths[0], lengths[lengths.len() - 1]);
+                let width = (needed.len() + LANES).next_multiple_of(WIDE);
+                for (column, values) in columns.iter_mut().zip(&row.values) {
+                    column.resize(width, 0.0);
+                    let from = first_x * row.width + (needed.start - row.needed.start);
+                    weighted_rows(weights_x, &values[from..], row.width, column);
+                }
+                let before = needed.start as f64 - self.lattice.taps.first() as f64;
+                along.clear();
+                along.extend(lengths.iter().map(|length| length / self.lattice.pitch - before));
+                lengths.iter_mut().zip(own.iter()).for_each(|(length, own)| *length -= own);
+                turns.resize(depths.len(), Complex32::ZERO);
+                phasors(-self.carrier, lengths, turns);
+                let [sums_re, sums_im] = &mut *sums;
+                along_column(&self.table, [&columns[0], &columns[1]], (along, turns), [sums_re, sums_im]);
+            }
+            for (whole, sums) in whole.iter_mut().zip(sums.iter()) {
+                whole.resize(depths.len(), 0.0);
+                sums_of_lanes(sums, whole);
+            }
+            done(x, &whole[0], &whole[1]);
+        }
+    }
+}
+
+/// The weights along ρ in one piece of the way between two nodes, as coefficients of powers of the place in it.
+fn cubic(lattice: &TileLattice, piece: usize) -> [[f32; LANES]; 4] {
+    let mut coefficients = [[0.0; LANES]; 4];
+    // Through Chebyshev's points, by divided differences.
+    let at: [f64; 4] =
+        std::array::from_fn(|k| 0.5 - 0.5 * (std::f64::consts::PI * (2 * k + 1) as f64 / 8.0).cos());
+    let weights = at.map(|t| lattice.taps.weights((piece as f64 + t) / PIECES as f64));
+    for a in 0..lattice.taps.count() {
+        let mut differences = weights.each_ref().map(|weights| weights[a]);
+        for order in 1..4 {
+            for k in (order..4).rev() {
+                differences[k] = (differences[k] - differences[k - 1]) / (at[k] - at[k - order]);
+            }
+        }
+        // Newton's form to powers.
+        let mut powers = [0.0; 4];
+        for k in (0..4).rev() {
+            let before = powers;
+            for j in 0..4 {
+                let lower: f64 = if j > 0 { before[j - 1] } else { differences[k] };
+                powers[j] = lower - at[k] * before[j];
+            }
+        }
+        coefficients.iter_mut().zip(powers).for_each(|(row, power)| row[a] = power as f32);
+    }
+    coefficients
+}
+
+/// What places in a row are made of, of one tile: its nodes interpolated along y.
+#[derive(Debug, Default)]
+struct Row {
+    /// Nodes along ρ.
+    needed: Range<usize>,
+    /// Numbers from one node along x to the next.
+    width: usize,
+    /// Real and imaginary parts.
+    values: [Vec<f32>; 2],
+}
+
+/// What a thread needs for [`Merge::row`].
+#[derive(Debug, Default)]
+pub(crate) struct RowBuffers {
+    rows: Vec<Row>,
+    columns: [Vec<f32>; 2],
+    depths: Vec<f64>,
+    own: Vec<f64>,
+    lengths: Vec<f64>,
+    places: Vec<f64>,
+    turns: Vec<Complex32>,
+    /// Real and imaginary parts of each place in as many partial sums as there are lanes.
+    sums: [Vec<[f32; LANES]>; 2],
+    whole: [Vec<f32>; 2],
+}
+
+#[inline(always)]
+fn along_column_body(
+    table: &[[[f32; LANES]; 4]],
+    [re, im]: [&[f32]; 2],
+    (places, turns): (&[f64], &[Complex32]),
+    [sums_re, sums_im]: [&mut [[f32; LANES]]; 2],
+) {
+    let sums = sums_re.iter_mut().zip(sums_im);
+    for ((sum_re, sum_im), (place, turn)) in sums.zip(places.iter().zip(turns)) {
+        let own = *place as u32 as usize;
+        let fine = (place - own as f64) * PIECES as f64;
+        let piece = fine as u32 as usize;
+        let t = (fine - piece as f64) as f32;
+        let [c0, c1, c2, c3] = &table[piece];
+        let (re, im) = (&re[own..][..LANES], &im[own..][..LANES]);
+        for l in 0..LANES {
+            let w = c0[l] + t * (c1[l] + t * (c2[l] + t * c3[l]));
+            let (re, im) = (w * re[l], w * im[l]);
+            sum_re[l] += turn.re * re - turn.im * im;
+            sum_im[l] += turn.re * im + turn.im * re;
+        }
+    }
+}
+
+dispatched! {
+    /// Adds to every sum `turn · w_a(place) column[place + a]`, one lane for each a, with the weights of a table.
+    fn along_column = along_column_body(
+        table: &[[[f32; LANES]; 4]], column: [&[f32]; 2], places: (&[f64], &[Complex32]),
+        sums: [&mut [[f32; LANES]]; 2],
+    )
+}
+
+#[inline(always)]
+fn sums_of_lanes_body(sums: &[[f32; LANES]], whole: &mut [f32]) {
+    for (whole, sum) in whole.iter_mut().zip(sums) {
+        let eight: [f32; 8] = std::array::from_fn(|l| sum[l] + sum[l + 8]);
+        let four: [f32; 4] = std::array::from_fn(|l| eight[l] + eight[l + 4]);
+        *whole = (four[0] + four[2]) + (four[1] + four[3]);
+    }
+}
+
+dispatched! {
+    /// The sum of each vector, in halves.
+    fn sums_of_lanes = sums_of_lanes_body(sums: &[[f32; LANES]], whole: &mut [f32])
+}

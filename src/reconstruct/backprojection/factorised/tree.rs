@@ -1,0 +1,118 @@
+//! The tiles that one of the largest is made of, level by level, and how their nodes follow from each other.
+
+use super::frame::Frame;
+use super::merge::{BEYOND, Columns, Merge, NodeColumns, RowBuffers, TileNodes};
+use super::nodes::TileLattice;
+use crate::error::{Error, Result};
+use crate::reconstruct::volume::Batch;
+use rayon::prelude::*;
+
+/// How the nodes of each level make those of the next, and the last the voxels.
+#[derive(Debug)]
+pub(crate) struct Tree<'a> {
+    /// From the smallest tiles to the largest.
+    levels: &'a [TileLattice],
+    merges: Vec<Merge<'a>>,
+}
+
+impl<'a> Tree<'a> {
+    /// `columns` are those of the voxels along x and y; `carrier` is f_c/c, 1/m.
+    pub(crate) fn new(levels: &'a [TileLattice], columns: [Vec<f64>; 2], carrier: f64) -> Self {
+        let above =
+            levels[1..].iter().map(|lattice| [0, 1].map(|axis: usize| lattice.nodes[axis].places().to_vec()));
+        let columns = above.chain([columns]);
+        let merges =
+            levels.iter().zip(columns).map(|(lattice, columns)| Merge::new(lattice, columns, carrier));
+        Self { levels, merges: merges.collect() }
+    }
+
+    /// Makes voxels of the largest tiles.
+    pub(crate) fn voxels(&self) -> &Merge<'a> {
+        &self.merges[self.merges.len() - 1]
+    }
+
+    /// Rows of nodes that are made of smaller tiles' for one of the largest, whose tiles these are in each level.
+    pub(crate) fn rows(&self, tiles: impl Iterator<Item = usize>) -> u64 {
+        let rows = self.levels.iter().zip(tiles).skip(1);
+        rows.map(|(lattice, tiles)| (tiles * lattice.nodes[1].len()) as u64).sum()
+    }
+
+    /// What some voxels need of one of the largest tiles and of all that it is made of, level by level.
+    pub(crate) fn needs(&self, frames: &[Vec<Frame>], voxels: &impl Columns) -> Vec<Vec<TileNodes>> {
+        let last = frames.len() - 1;
+        let mut levels = vec![vec![self.voxels().needs(frames[last][0], voxels)]];
+        for level in (0..last).rev() {
+            let above = &levels[levels.len() - 1];
+            let merged = frames[level].len() / above.len();
+            let needs = |(i, frame): (usize, &Frame)| {
+                let places = NodeColumns { lattice: &self.levels[level + 1], nodes: &above[i / merged] };
+                self.merges[level].needs(*frame, &places)
+            };
+            levels.push(frames[level].par_iter().enumerate().map(needs).collect());
+        }
+        levels.reverse();
+        levels
+    }
+
+    /// The largest tile's nodes from those of the smallest; `row` is called after each row.
+    ///
+    /// # Errors
+    /// Those of `row`; [`Error::OutOfMemory`].
+    pub(crate) fn merged(
+        &self,
+        levels: Vec<Vec<TileNodes>>,
+        batch: Batch,
+        row: impl Fn() -> Result<()> + Sync,
+    ) -> Result<Vec<TileNodes>> {
+        let mut levels = levels.into_iter();
+        let mut below = levels.next().unwrap_or_default();
+        for (level, mut nodes) in levels.enumerate() {
+            let merged = below.len() / nodes.len();
+            let merge = &self.merges[level];
+            let lattice = &self.levels[level + 1];
+            let [x, y] = [0, 1].map(|axis: usize| lattice.nodes[axis].len());
+            for (nodes, below) in nodes.iter_mut().zip(below.chunks_exact(merged)) {
+                let [mut re, mut im] = nodes.zeros()?;
+                let (held, places) = (nodes.held.clone(), NodeColumns { lattice, nodes });
+                let each = (x * held.len()).max(1);
+                let rows = re.par_chunks_exact_mut(each).zip(im.par_chunks_exact_mut(each)).take(y);
+                rows.enumerate().with_min_len(batch.least_run(y)).try_for_each_init(
+                    RowBuffers::default,
+                    |buffers, (y, (re, im))| {
+                        merge.row(below, &places, y, buffers, |column, column_re, column_im| {
+                            let needed = &places.nodes.needed[y * x + column];
+                            let at = column * held.len() + (needed.start - held.start);
+                            re[at..at + column_re.len()].copy_from_slice(column_re);
+                            im[at..at + column_im.len()].copy_from_slice(column_im);
+                        });
+                        row()
+                    },
+                )?;
+                nodes.values = [re, im];
+            }
+            below = nodes;
+        }
+        Ok(below)
+    }
+}
+
+impl TileNodes {
+    /// Room for the nodes, real and imaginary parts.
+    ///
+    /// # Errors
+    /// [`Error::OutOfMemory`].
+    pub(crate) fn zeros(&self) -> Result<[Vec<f32>; 2]> {
+        let room = self.needed.len() * self.held.len() + BEYOND;
+        let part = || {
+            let mut part = Vec::new();
+            part.try_reserve_exact(room).map_err(|_| {
+                Error::out_of_memory(format!(
+                    "{room} nodes of back-projection do not fit in memory; use a smaller grid"
+                ))
+            })?;
+            part.resize(room, 0.0);
+            Ok(part)
+        };
+        Ok([part()?, part()?])
+    }
+}

@@ -1,0 +1,130 @@
+//! What all interpolations err by together: sampled terms are led through them and compared with what they should be.
+
+use super::frame::{Frame, some};
+use super::merge::{Depths, RowBuffers, TileNodes};
+use super::nodes::TileLattice;
+use super::terms::Terms;
+use super::tree::Tree;
+use crate::acquisition::{Instrument, Tile};
+use crate::error::Result;
+use crate::grid::{Axis, Grid};
+use crate::reconstruct::volume::Batch;
+use crate::wave::interval::greater;
+use glam::DVec3;
+use num_complex::{Complex32, Complex64};
+use rayon::prelude::*;
+use std::f64::consts::TAU;
+
+/// Tiles of the smallest size whose terms are tried: with the halves in order, those at an array's corners among them.
+const TILES: usize = 4;
+
+/// Voxels along x and y, as parts of the way from the first to the last.
+const VOXELS: [f64; 3] = [0.0, 0.37, 1.0];
+
+/// Voxels along z, among so many of the nearest, where terms change fastest.
+const NEAR: usize = 4;
+const NEAREST: usize = 24;
+
+/// Between the terms and voxels that are tried, errors are a little larger; by a fifth where that was looked for.
+const BETWEEN: f64 = 1.3;
+
+/// Bytes of nodes above which nothing is led through them: the bound of each interpolation by itself has to serve.
+const MOST_BYTES: f64 = 67_108_864.0;
+
+/// The error of voxels made of these levels' tiles, relative to one; `None` where a node would have no place.
+pub(crate) fn error(
+    levels: &[TileLattice],
+    tiles: &[&[Tile]],
+    instrument: &Instrument,
+    grid: &Grid,
+) -> Result<Option<f64>> {
+    let few = |axis: &Axis| {
+        let mut places: Vec<f64> =
+            VOXELS.iter().map(|part| axis.position((part * (axis.count - 1) as f64) as usize)).collect();
+        places.dedup();
+        places
+    };
+    let mut depths: Vec<f64> =
+        (0..NEAR).map(|k| grid.z.position(k * (grid.z.count.min(NEAREST) - 1) / (NEAR - 1))).collect();
+    depths.dedup();
+    let top = &levels[levels.len() - 1];
+    let length = 2.0 * (depths[depths.len() - 1] - depths[0]) + 4.0 * top.margin();
+    if top.columns() as f64 * (length / top.pitch) * 8.0 > MOST_BYTES {
+        return Ok(bound(levels, tiles, instrument, grid));
+    }
+    let columns = [few(&grid.x), few(&grid.y)];
+    let per_metre = instrument.sweep.centre() / instrument.sound_speed;
+    let tree = Tree::new(levels, columns.clone(), per_metre);
+    let leaves: Vec<usize> = (0..tiles[0].len()).collect();
+    let frequencies = instrument.sweep.frequencies();
+    let ends = [frequencies[0], frequencies[frequencies.len() - 1]];
+    let terms: Vec<(usize, f64)> = some(&leaves, TILES)
+        .flat_map(|leaf| ends.iter().map(move |f| (*leaf, f / instrument.sound_speed)))
+        .collect();
+    let of = |(leaf, per_metre_of_term): &(usize, f64)| -> Result<f64> {
+        let own = levels.iter().zip(tiles).map(|(lattice, tiles)| {
+            let halvings = levels[0].times - lattice.times;
+            vec![Frame::new(&instrument.geometry, tiles[leaf >> halvings].centre)]
+        });
+        let frames: Vec<Vec<Frame>> = own.collect();
+        // The corner of the tile that is farthest from the array's middle.
+        let (low, high) = instrument.array.bounds();
+        let away = |r: &DVec3| r.distance_squared(low.midpoint(high));
+        let corners = tiles[0][*leaf].corners();
+        let r = corners.into_iter().max_by(|a, b| away(a).total_cmp(&away(b))).unwrap_or_default();
+        let turned = |p: DVec3, range: f64| {
+            let turns = per_metre_of_term * instrument.geometry.path_length(p, r) - per_metre * range;
+            Complex64::cis(-TAU * turns)
+        };
+        let mut nodes = tree.needs(&frames, &Depths(depths.clone()));
+        for leaf in &mut nodes[0] {
+            fill(leaf, &levels[0], &turned)?;
+        }
+        let nodes = tree.merged(nodes, Batch::of_threads(rayon::current_num_threads()), || Ok(()))?;
+        let (mut worst, mut buffers) = (0.0, RowBuffers::default());
+        for (row, y) in columns[1].iter().enumerate() {
+            tree.voxels().row(&nodes, &Depths(depths.clone()), row, &mut buffers, |column, re, im| {
+                for (k, z) in depths.iter().enumerate() {
+                    let found = Complex64::new(f64::from(re[k]), f64::from(im[k]));
+                    let wanted = turned(DVec3::new(columns[0][column], *y, *z), 0.0);
+                    worst = greater(worst, (found - wanted).norm());
+                }
+            });
+        }
+        Ok(worst)
+    };
+    let worst: Vec<f64> = terms.par_iter().map(of).collect::<Result<_>>()?;
+    Ok(Some(BETWEEN * worst.into_iter().fold(0.0, greater)))
+}
+
+/// Puts one term in the place of all that a tile hears.
+fn fill(
+    leaf: &mut TileNodes,
+    lattice: &TileLattice,
+    turned: &impl Fn(DVec3, f64) -> Complex64,
+) -> Result<()> {
+    let [mut re, mut im] = leaf.zeros()?;
+    let [x, y] = &lattice.nodes;
+    for (column, needed) in leaf.needed.iter().enumerate() {
+        let at = [x.places()[column % x.len()], y.places()[column / x.len()]];
+        let ranges: Vec<f64> = needed.clone().map(|k| lattice.pitch * k as f64).collect();
+        let mut depths = vec![0.0; ranges.len()];
+        leaf.frame.depths(at, &ranges, &mut depths);
+        for ((k, range), z) in needed.clone().zip(ranges).zip(depths) {
+            let value = turned(DVec3::new(at[0], at[1], z), range);
+            let value = Complex32::new(value.re as f32, value.im as f32);
+            let index = column * leaf.held.len() + (k - leaf.held.start);
+            (re[index], im[index]) = (value.re, value.im);
+        }
+    }
+    leaf.values = [re, im];
+    Ok(())
+}
+
+/// A bound from the errors of each interpolation by itself, each amplified by all that come after it.
+fn bound(levels: &[TileLattice], tiles: &[&[Tile]], instrument: &Instrument, grid: &Grid) -> Option<f64> {
+    levels.iter().zip(tiles).try_fold(0.0, |before, (lattice, tiles)| {
+        let [error, growth] = lattice.measured(&Terms { instrument, grid, tiles })?;
+        Some(error + growth * before)
+    })
+}

@@ -1,0 +1,153 @@
+//! Nodes within an interval from which every place of it is interpolated, and none beyond its ends.
+//!
+//! They are evenly spaced but for the ends, where they are denser, as Chebyshev's are: there places are made of nodes to
+//! one side. The map from Chebyshev's points to nearly even ones is that of Kosloff and Tal-Ezer (1993).
+
+use super::interpolator::Taps;
+use super::nodes::Around;
+use std::f64::consts::{PI, TAU};
+
+/// Nodes of an interval, and how places are made of them.
+#[derive(Debug, Clone)]
+pub(crate) struct IntervalNodes {
+    /// m, ascending.
+    places: Vec<f64>,
+    /// How many of them a place is made of; 0 where places are nodes.
+    taps: usize,
+    /// The fastest change that is interpolated, cycles per m.
+    band: f64,
+}
+
+impl IntervalNodes {
+    /// Places that are their own nodes.
+    pub(crate) fn themselves(places: Vec<f64>) -> Self {
+        Self { places, taps: 0, band: 0.0 }
+    }
+
+    /// `count` nodes between two places, for changes of up to `band` cycles per m; each place is made of up to `taps`.
+    pub(crate) fn new([first, last]: [f64; 2], count: usize, taps: usize, band: f64) -> Self {
+        let taps = taps.min(count);
+        // The denser nodes at an end are about half as many as a place is made of. Found by trying.
+        let dense = (PI * (1.5 + taps as f64 / 11.0) / count as f64).min(0.9);
+        let even = (1.0 - dense * dense).sqrt();
+        let (middle, half) = (first.midpoint(last), 0.5 * (last - first));
+        let place = |k: usize| {
+            let chebyshev = (PI * (2 * k + 1) as f64 / (2 * count) as f64).cos();
+            middle - half * (even * chebyshev).asin() / even.asin()
+        };
+        Self { places: (0..count).map(place).collect(), taps, band }
+    }
+
+    /// Whether places are interpolated.
+    pub(crate) fn interpolates(&self) -> bool {
+        self.taps > 0
+    }
+
+    /// How many nodes a place is made of.
+    pub(crate) fn taps(&self) -> usize {
+        self.taps.max(1)
+    }
+
+    pub(crate) fn len(&self) -> usize {
+        self.places.len()
+    }
+
+    /// Their places, m.
+    pub(crate) fn places(&self) -> &[f64] {
+        &self.places
+    }
+
+    /// The greatest distance between neighbours, m.
+    pub(crate) fn widest(&self) -> f64 {
+        self.places.windows(2).map(|pair| pair[1] - pair[0]).fold(0.0, f64::max)
+    }
+
+    /// The first node that a place is made of.
+    fn first(&self, position: f64) -> usize {
+        if !self.interpolates() {
+            let after = self.places.partition_point(|place| *place < position);
+            let nearer = |a: &usize, b: &usize| {
+                (self.places[*a] - position).abs().total_cmp(&(self.places[*b] - position).abs())
+            };
+            return (after.saturating_sub(1)..(after + 1).min(self.len())).min_by(nearer).unwrap_or(0);
+        }
+        let before = self.places.partition_point(|place| *place <= position);
+        before.saturating_sub(self.taps / 2).min(self.len() - self.taps)
+    }
+
+    /// The places, m, between which all lie that are made of this node, if any are.
+    pub(crate) fn made_of(&self, node: usize, [first, last]: [f64; 2]) -> [f64; 2] {
+        if !self.interpolates() {
+            return [self.places[node]; 2];
+        }
+        let (half, n) = (self.taps / 2, self.len());
+        // What is made of `taps` nodes from the first on has half of them before it.
+        let low = if node < self.taps { first } else { self.places[node - (self.taps - half)] };
+        let high = if node + self.taps >= n { last } else { self.places[node + half] };
+        [low, high]
+    }
+
+    /// The first node that a place is made of, and the weights from there on.
+    pub(crate) fn weights(&self, position: f64) -> (usize, Vec<f64>) {
+        let first = self.first(position);
+        if !self.interpolates() {
+            return (first, vec![1.0]);
+        }
+        let nodes = &self.places[first..first + self.taps];
+        // In units of the mean spacing, and from the place on, so that numbers are about one.
+        let unit = self.widest().max(f64::MIN_POSITIVE);
+        let taps =
+            Taps::on(nodes.iter().map(|node| (node - position) / unit).collect(), TAU * self.band * unit);
+        (first, taps.weights(0.0))
+    }
+
+    /// The nodes that a place is made of, m, and their weights.
+    pub(crate) fn around(&self, position: f64) -> Around {
+        let (first, weights) = self.weights(position);
+        (self.places[first..first + weights.len()].to_vec(), weights)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use num_complex::Complex64;
+
+    #[test]
+    fn waves_are_carried_up_to_the_ends() {
+        for (count, taps, band, bound) in
+            [(24, 24, 4.0, 1e-5), (45, 16, 7.0, 1e-4), (60, 24, 10.0, 1e-5), (1, 1, 0.0, 1e-12)]
+        {
+            let nodes = IntervalNodes::new([-0.3, 1.1], count, taps, band);
+            assert!(
+                nodes.places().is_sorted() && nodes.places()[0] > -0.3 && nodes.places()[count - 1] < 1.1
+            );
+            let (mut worst, mut moduli) = (0.0f64, 0.0f64);
+            for i in 0..=200 {
+                let place = -0.3 + 1.4 * f64::from(i) / 200.0;
+                let (around, weights) = nodes.around(place);
+                let (first, _) = nodes.weights(place);
+                for node in first..first + weights.len() {
+                    let [low, high] = nodes.made_of(node, [-0.3, 1.1]);
+                    assert!((low..=high).contains(&place), "{place} is made of {node}");
+                }
+                moduli = moduli.max(weights.iter().map(|w| w.abs()).sum());
+                for k in 0..5 {
+                    let wave = |at: &f64| Complex64::cis(TAU * band * f64::from(k) / 4.0 * at);
+                    let sum: Complex64 = around.iter().zip(&weights).map(|(at, w)| wave(at) * w).sum();
+                    worst = worst.max((sum - wave(&place)).norm());
+                }
+            }
+            assert!(worst < bound && moduli < 8.0, "{count} nodes, {taps} taps: {worst:e}, {moduli}");
+        }
+    }
+
+    #[test]
+    fn places_that_are_nodes_are_made_of_themselves() {
+        let nodes = IntervalNodes::themselves(vec![0.1, 0.2, 0.4]);
+        for (k, place) in [0.1, 0.2, 0.4].into_iter().enumerate() {
+            assert_eq!(nodes.weights(place + 1e-12), (k, vec![1.0]));
+            assert_eq!(nodes.made_of(k, [0.1, 0.4]), [place; 2]);
+        }
+    }
+}
