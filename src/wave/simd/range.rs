@@ -42,18 +42,29 @@ impl Points {
     pub(crate) fn new(legs: f64, points: impl ExactSizeIterator<Item = [f64; 4]>) -> Self {
         let padded = points.len().next_multiple_of(WIDE);
         let mut split = Self::default();
+        for all in [&mut split.x, &mut split.y, &mut split.z, &mut split.square, &mut split.outward] {
+            all.reserve_exact(padded);
+        }
+        let mut farthest = 0.0f64;
         for [x, y, z, outward] in points {
-            split.radius = split.radius.max((x * x + y * y + z * z).sqrt() as f32);
+            let square = x * x + y * y + z * z;
+            farthest = farthest.max(square);
             split.x.push(x as f32);
             split.y.push(y as f32);
             split.z.push(z as f32);
-            split.square.push((legs * (x * x + y * y + z * z)) as f32);
+            split.square.push((legs * square) as f32);
             split.outward.push(outward as f32);
         }
+        split.radius = farthest.sqrt() as f32;
         for all in [&mut split.x, &mut split.y, &mut split.z, &mut split.square, &mut split.outward] {
             all.resize(padded, 0.0);
         }
         split
+    }
+
+    /// Maximum distance of a point from the centre, m.
+    pub(crate) fn radius(&self) -> f32 {
+        self.radius
     }
 
     /// Number of points, including padding; their sums have this length.

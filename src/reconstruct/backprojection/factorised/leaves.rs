@@ -152,10 +152,8 @@ impl<'a> Leaves<'a> {
             let Some(placed) = patch.placed(&self.plan.levels[0], geometry, leaf, radius) else { continue };
             match patch.halves() {
                 Some(halves) if placed.half > self.plan.half => waiting.extend(halves),
-                _ => {
-                    let points = placed.points(geometry);
-                    images.push((patch, profiles.image(placed.centre, &points, groups, |_| placed.half)));
-                }
+                _ => images
+                    .push((patch, profiles.image(placed.centre, &placed.points, groups, |_| placed.half))),
             }
         }
         images

@@ -95,6 +95,29 @@ impl TileLevels {
                 |levels: &Self| levels.operations < most && levels.has_places(instrument, grid, &halvings);
             let Some(levels) = found.into_iter().take(TRIES).find(placed) else { break };
             let Some(levels) = levels.measured(instrument, grid, &halvings)? else { break };
+            if std::env::var("HSDEBUG").is_ok() {
+                for l in &levels.levels {
+                    eprintln!(
+                        "times {} nodes {} {} taps {} {} pitch {:.4}",
+                        l.times,
+                        l.nodes[0].len(),
+                        l.nodes[1].len(),
+                        l.nodes[0].taps(),
+                        l.nodes[1].taps(),
+                        l.pitch
+                    );
+                }
+                eprintln!(
+                    "block {:?} half {:.4} slab {} error {:.2e} growth {:.1} bytes {:.1e} ops {:.2e}",
+                    levels.block,
+                    levels.half,
+                    levels.slab,
+                    levels.error,
+                    levels.growth,
+                    levels.bytes,
+                    levels.operations
+                );
+            }
             if levels.error <= budget.interpolation() {
                 return Ok(Some(levels));
             }
@@ -120,9 +143,10 @@ impl TileLevels {
         let of = |times: usize| {
             let terms = Terms { instrument, grid, tiles: &halvings.0[times] };
             let lattices = TileLattice::find(&terms, times as u32, budget, &sideways, &along);
-            Size { distances: TileDistances::of(&terms), lattices }
+            Size { times: times as u32, distances: TileDistances::of(&terms), lattices }
         };
-        let sizes: Vec<Size<'_>> = (0..halvings.0.len()).into_par_iter().map(of).collect();
+        // Halved along both sides, as a rule.
+        let sizes: Vec<Size<'_>> = (0..halvings.0.len()).into_par_iter().step_by(2).map(of).collect();
         cheapest(&sizes, instrument, grid, band)
     }
 

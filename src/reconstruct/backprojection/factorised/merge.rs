@@ -128,9 +128,9 @@ impl<'a> Merge<'a> {
         self.lattice.along_range(nearest).0..self.lattice.along_range(farthest).0 + self.lattice.taps.count()
     }
 
-    /// Nodes along ρ that a column of places is made of.
-    fn column_needs(&self, frame: &Frame, places: &impl Columns, [x, y]: [usize; 2]) -> Range<usize> {
-        places.ends(x, y).map_or(0..0, |ends| {
+    /// Nodes along ρ that a column of places is made of whose first and last are at these depths.
+    fn column_needs(&self, frame: &Frame, [x, y]: [usize; 2], ends: Option<[f64; 2]>) -> Range<usize> {
+        ends.map_or(0..0, |ends| {
             let mut ranges = [0.0; 2];
             frame.ranges([self.columns[0][x], self.columns[1][y]], &ends, &mut ranges);
             self.between(ranges[0], ranges[1])
@@ -144,7 +144,7 @@ impl<'a> Merge<'a> {
         for y in 0..self.columns[1].len() {
             let mut row = vec![0..0; nodes_x];
             for x in 0..self.columns[0].len() {
-                let needs = self.column_needs(&frame, places, [x, y]);
+                let needs = self.column_needs(&frame, [x, y], places.ends(x, y));
                 let (first, weights) = self.x.of(x);
                 row[first..first + weights.len()]
                     .iter_mut()
@@ -175,8 +175,9 @@ impl<'a> Merge<'a> {
         let (first_y, weights_y) = self.y.of(y);
         let RowBuffers { rows, columns, depths, own, lengths, places: along, turns, sums, whole } = buffers;
         rows.resize_with(tiles.len(), Row::default);
+        let ends: Vec<_> = (0..self.columns[0].len()).map(|x| places.ends(x, y)).collect();
         for (tile, row) in tiles.iter().zip(rows.iter_mut()) {
-            let each = (0..self.columns[0].len()).map(|x| self.column_needs(&tile.frame, places, [x, y]));
+            let each = ends.iter().enumerate().map(|(x, ends)| self.column_needs(&tile.frame, [x, y], *ends));
             row.needed = each.fold(0..0, hull);
             // Vectors of weights reach beyond a place's own taps, where they are zero.
             row.width = (row.needed.len() + LANES).next_multiple_of(WIDE);

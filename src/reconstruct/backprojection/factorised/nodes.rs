@@ -90,7 +90,7 @@ impl TileLattice {
     }
 }
 
-/// The fewest nodes along x or y from `least` on, of which terms as tried keep their share of the budget.
+/// The fewest nodes along x or y, but at least so many, of which terms as tried keep their share of the budget.
 fn fewest(
     terms: &Terms<'_>,
     axis: usize,
@@ -100,17 +100,29 @@ fn fewest(
 ) -> Option<IntervalNodes> {
     let voxels = [terms.grid.x, terms.grid.y][axis];
     let ends = [voxels.first, voxels.last()];
-    // What plane waves of the band need at least.
+    // What plane waves of the band need at least, and about what they need with so many taps. Found by trying.
     let waves = 2.0 * band * (ends[1] - ends[0]);
-    let most = MOST_NODES * waves + 16.0;
-    let mut count = least.max((0.8 * waves) as usize + 1).max(if waves > 0.0 { 3 } else { 1 });
-    while (count as f64) < most && count < voxels.count {
+    let digits = -budget.interpolation_axis_of_few().log10();
+    let fill = (1.0 - 1.5 * digits / taps as f64).clamp(0.25, 0.9);
+    let [few, most] = [0.8 * waves / fill + 2.0, MOST_NODES * waves + 16.0];
+    let tried = |count: usize| {
         let nodes = IntervalNodes::new(ends, count, taps, band);
         let error = terms.error(axis, &|place| nodes.around(place), &FEW);
-        if error.is_some_and(|[error, _]| error <= budget.interpolation_axis_of_few()) {
-            return Some(nodes);
-        }
+        error.is_some_and(|[error, _]| error <= budget.interpolation_axis_of_few()).then_some(nodes)
+    };
+    let mut count = least.max(few as usize);
+    let mut found = None;
+    while found.is_none() && (count as f64) < most && count < voxels.count {
+        found = tried(count);
         count += 1 + count / 16;
     }
-    (count >= voxels.count).then(|| IntervalNodes::themselves(voxels.positions().collect()))
+    while let Some(nodes) = &found
+        && let fewer = nodes.len() - 1 - nodes.len() / 16
+        && fewer >= least.max(1)
+        && let Some(fewer) = tried(fewer)
+    {
+        found = Some(fewer);
+    }
+    let themselves = || IntervalNodes::themselves(voxels.positions().collect());
+    found.or_else(|| (count >= voxels.count).then(themselves))
 }

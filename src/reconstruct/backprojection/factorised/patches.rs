@@ -1,7 +1,7 @@
 //! Patches of nodes: blocks in a tile's own coordinates, whose sums are taken about one centre.
 
 use super::frame::Frame;
-use super::merge::TileNodes;
+use super::merge::{TileNodes, hull};
 use super::nodes::TileLattice;
 use crate::wave::Geometry;
 use crate::wave::simd::Points;
@@ -17,27 +17,13 @@ pub(crate) struct Patch {
     count: [usize; 3],
 }
 
-/// A patch's nodes in space.
+/// A patch's nodes in space, about their centre; one that is not needed may be anywhere.
 pub(crate) struct Placed {
     pub(crate) centre: DVec3,
+    /// Column by column, from near to far.
+    pub(crate) points: Points,
     /// How much a path length of any of the tile's microphones differs from that of the centre at most, m.
     pub(crate) half: f64,
-    /// In the order x, y, ρ; `None` where none is needed.
-    places: Vec<Option<DVec3>>,
-}
-
-impl Placed {
-    /// The nodes about the centre.
-    pub(crate) fn points(&self, geometry: &Geometry) -> Points {
-        let out = geometry.outward_length(self.centre);
-        let point = |place: &Option<DVec3>| {
-            // A node that is not needed may be anywhere.
-            let p = place.unwrap_or(self.centre);
-            let d = p - self.centre;
-            [d.x, d.y, d.z, geometry.outward_length(p) - out]
-        };
-        Points::new(geometry.return_legs(), self.places.iter().map(point))
-    }
 }
 
 impl Patch {
@@ -92,30 +78,44 @@ impl Patch {
         tile_radius: f64,
     ) -> Option<Placed> {
         let ([x, y], [n, m, depth]) = ([&lattice.nodes[0], &lattice.nodes[1]], self.count);
-        let mut places = vec![None; n * m * depth];
         let ranges: Vec<f64> = (0..depth).map(|k| lattice.pitch * (self.first[2] + k) as f64).collect();
-        let mut depths = vec![0.0; depth];
+        let mut depths = vec![f64::NAN; n * m * depth];
+        let at = |column: usize| [x.places()[column % x.len()], y.places()[column / x.len()]];
+        let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        let mut all = 0..0;
         for (i, column) in self.columns(x.len()) {
             let needed = self.of_column(nodes, column);
             if needed.is_empty() {
                 continue;
             }
-            let own = needed.start - self.first[2]..needed.end - self.first[2];
-            let at = [x.places()[column % x.len()], y.places()[column / x.len()]];
-            nodes.frame.depths(at, &ranges[own.clone()], &mut depths[own.clone()]);
-            for k in own {
-                places[k * n * m + i] = Some(DVec3::new(at[0], at[1], depths[k]));
-            }
+            let (at, own) = (at(column), needed.start - self.first[2]..needed.end - self.first[2]);
+            let depths = &mut depths[i * depth..][own.clone()];
+            nodes.frame.depths(at, &ranges[own.clone()], depths);
+            low = low.min(DVec3::new(at[0], at[1], depths[0]));
+            high = high.max(DVec3::new(at[0], at[1], depths[depths.len() - 1]));
+            all = hull(all, own);
         }
-        // The needed node that is nearest to the middle of all.
-        let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-        for p in places.iter().flatten() {
-            (low, high) = (low.min(*p), high.max(*p));
+        if all.is_empty() {
+            return None;
         }
-        let away = |p: &DVec3| p.distance_squared(low.midpoint(high));
-        let centre = places.iter().flatten().copied().min_by(|a, b| away(a).total_cmp(&away(b)))?;
-        let half = half_width(&places, centre, geometry, &nodes.frame, (tile_radius, &ranges, n * m));
-        Some(Placed { centre, half, places })
+        let centre = low.midpoint(high);
+        let out = geometry.outward_length(centre);
+        let offset = |i: usize, column: usize, k: usize| {
+            let ([x, y], z) = (at(column), depths[i * depth + k]);
+            let p = if z.is_nan() { centre } else { DVec3::new(x, y, z) };
+            let d = p - centre;
+            [d.x, d.y, d.z, geometry.outward_length(p) - out]
+        };
+        let mut offsets = Vec::with_capacity(n * m * depth);
+        for (i, column) in self.columns(x.len()) {
+            offsets.extend((0..depth).map(|k| offset(i, column, k)));
+        }
+        let points = Points::new(geometry.return_legs(), offsets.into_iter());
+        let own = nodes.frame.range(centre);
+        let along = (ranges[all.end - 1] - own).abs().max((ranges[all.start] - own).abs());
+        let half =
+            half_width(along, (centre, f64::from(points.radius())), geometry, &nodes.frame, tile_radius);
+        Some(Placed { centre, points, half })
     }
 
     /// Puts a patch's image, turned by `turn` for every node along ρ, into its place among the nodes.
@@ -126,10 +126,10 @@ impl Patch {
         turn: impl Fn(usize) -> Complex32,
         nodes: &mut TileNodes,
     ) {
-        let [n, m, _] = self.count;
         for (i, column) in self.columns(lattice.nodes[0].len()) {
-            for k in self.of_column(nodes, column) {
-                let from = (k - self.first[2]) * n * m + i;
+            let needed = self.of_column(nodes, column);
+            for k in needed {
+                let from = i * self.count[2] + (k - self.first[2]);
                 let value = Complex32::new(re[from], im[from]) * turn(k);
                 let to = column * nodes.held.len() + (k - nodes.held.start);
                 nodes.values[0][to] = value.re;
@@ -139,28 +139,20 @@ impl Patch {
     }
 }
 
-/// By how much a path length to a microphone of the tile differs from that of the centre at most, m. The places are of
-/// these ranges, so many of each.
+/// By how much a path length to a microphone of the tile differs from that of the centre at most, m, for places whose
+/// ranges differ from its own by `along` at most, and that lie up to `aside` from it.
 ///
 /// `path(p, r) − path(c, r)` is the difference of ranges, and that of `|p − r| − |p − r₀|`, whose slope is no greater
 /// than `|r − r₀|` over the distance from both.
 fn half_width(
-    places: &[Option<DVec3>],
-    centre: DVec3,
+    along: f64,
+    (centre, aside): (DVec3, f64),
     geometry: &Geometry,
     frame: &Frame,
-    (tile_radius, ranges, each): (f64, &[f64], usize),
+    tile_radius: f64,
 ) -> f64 {
-    let own = frame.range(centre);
-    let (mut along, mut aside) = (0.0f64, 0.0f64);
-    for (places, range) in places.chunks_exact(each).zip(ranges) {
-        let farthest = places.iter().flatten().map(|p| p.distance_squared(centre)).reduce(f64::max);
-        if let Some(farthest) = farthest {
-            along = along.max((range - own).abs());
-            aside = aside.max(farthest);
-        }
-    }
-    let aside = aside.sqrt();
+    // The distance is rounded to single precision.
+    let aside = aside * (1.0 + f64::from(f32::EPSILON));
     let distance = centre.distance(frame.middle()) - aside;
     let slope = 2.0 * tile_radius / (2.0 * distance - tile_radius).max(f64::MIN_POSITIVE);
     along + geometry.return_legs() * aside * slope.min(2.0)

@@ -15,6 +15,9 @@ use crate::reconstruct::numerics::IntervalNodes;
 /// Operations for each place and tile that it is made of: range, turn, and interpolation along ρ.
 const OPERATIONS_PER_PLACE: f64 = 700.0;
 
+/// Operations for placing a node of the smallest tiles.
+const OPERATIONS_PER_NODE: f64 = 300.0;
+
 /// The most tiles that one is made of, as a power of two: rows of all of them are held at a time.
 const MOST_MERGED: u32 = 4;
 
@@ -26,6 +29,8 @@ pub(crate) const DEPTHS: usize = 32;
 
 /// Tiles of one size, and nodes that serve them.
 pub(crate) struct Size<'a> {
+    /// How often the array is halved.
+    pub(crate) times: u32,
     pub(crate) distances: TileDistances<'a>,
     /// With more and with fewer taps.
     pub(crate) lattices: Vec<TileLattice>,
@@ -57,12 +62,11 @@ pub(crate) fn cheapest(
     for slabs in (0..12).map(|e| 1 << e).filter(|slabs| *slabs < 2 * most) {
         let slab = grid.z.count.div_ceil(slabs).next_multiple_of(DEPTHS);
         let slabs = grid.z.count.div_ceil(slab) as f64;
-        let mut steps: Vec<Vec<Step>> = Vec::new();
-        for (times, size) in sizes.iter().enumerate() {
+        let mut steps: Vec<Step> = Vec::new();
+        for size in sizes {
             let of = |lattice: &TileLattice| {
-                let above = steps.iter().skip(times.saturating_sub(MOST_MERGED as usize)).flatten();
-                let first = (times as u32 <= MOST_MERGED).then(|| Step::first(lattice, size, grid, slab));
-                let after = above.filter_map(|above| above.followed(lattice, size, slab));
+                let first = (size.times <= MOST_MERGED).then(|| Step::first(lattice, size, grid, slab));
+                let after = steps.iter().filter_map(|above| above.followed(lattice, size, slab));
                 first.flatten().into_iter().chain(after).min_by(|a, b| a.least().total_cmp(&b.least()))
             };
             let steps_here: Vec<Step> = size.lattices.iter().filter_map(of).collect();
@@ -71,7 +75,7 @@ pub(crate) fn cheapest(
                 Some(TileLevels { slab, operations: slabs * levels.operations, ..levels })
             };
             found.extend(steps_here.iter().filter_map(whole));
-            steps.push(steps_here);
+            steps.extend(steps_here);
         }
         found.sort_by(|a, b| a.operations.total_cmp(&b.operations));
         if found.first().is_some_and(|levels| levels.bytes <= MOST_HELD) {
@@ -101,7 +105,11 @@ impl Step {
     /// The nodes of the last level made of these tiles.
     fn followed(&self, lattice: &TileLattice, size: &Size<'_>, slab: usize) -> Option<Self> {
         let (Some(above), Some([nodes, _])) = (self.levels.last(), self.nodes.last()) else { return None };
-        let merged = f64::from(1u32 << (lattice.times - above.times));
+        let halvings = lattice.times - above.times;
+        if halvings > MOST_MERGED {
+            return None;
+        }
+        let merged = f64::from(1u32 << halvings);
         // There is no need for more nodes than places are made of them.
         let mut lattice = lattice.clone();
         for (nodes, above) in lattice.nodes.iter_mut().zip(&above.nodes) {
@@ -160,7 +168,7 @@ impl Step {
             error: 0.0,
             growth: 1.0,
             bytes,
-            operations: self.operations + computed * microphones * one,
+            operations: self.operations + computed * (microphones * one + OPERATIONS_PER_NODE),
         })
     }
 }
