@@ -43,6 +43,7 @@ use num_complex::Complex32;
 use profile::{Band, Rung, lebesgue};
 use rayon::prelude::*;
 use std::ops::Range;
+use std::sync::{Mutex, PoisonError};
 
 /// Bytes per microphone of its place in a group, and of the indices from which groups and tiles are cut.
 const GROUP_BYTES: u64 = 64;
@@ -81,6 +82,21 @@ struct Division {
 impl BackprojectionPlan {
     /// Divides a job by a fixed operation count, so that the same job is always divided alike.
     pub(super) fn new(instrument: &Instrument, grid: &Grid, budget: ErrorBudget) -> Self {
+        /// The last job that was divided: each is when its memory is checked, and again when it is carried out.
+        static LAST: Mutex<Option<(Instrument, BackprojectionPlan)>> = Mutex::new(None);
+        // Not locked meanwhile: a thread that waits for its own loops may be given another job to divide.
+        let last = || LAST.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((divided, plan)) = &*last()
+            && (divided, plan.grid, plan.budget) == (instrument, *grid, budget)
+        {
+            return plan.clone();
+        }
+        let plan = Self::divided(instrument, grid, budget);
+        *last() = Some((instrument.clone(), plan.clone()));
+        plan
+    }
+
+    fn divided(instrument: &Instrument, grid: &Grid, budget: ErrorBudget) -> Self {
         let fine = Division::new(instrument, grid, budget);
         let band = Band { tolerance: factorised::usual_budget(budget).series(), ..fine.band };
         // Without the memory to try them there are none.

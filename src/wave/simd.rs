@@ -21,7 +21,7 @@ pub(crate) use transpose::transpose;
 
 use lanes::{lane_phasors_body, tone_phasors_body};
 use num_complex::Complex32;
-use range::{back_project_body, range_profiles_body};
+use range::{about_body, back_project_body, range_profiles_body};
 use sweep::{waves_body, weighted_sweep_body};
 
 /// Terms per block: the two stages pass through a buffer of this size, which stays in the first-level cache.
@@ -146,6 +146,13 @@ fn phasors_body(cycles_per_metre: f64, lengths: &[f64], phasors: &mut [Complex32
             (phasor.im, phasor.re) = sin_cos_turns(*turn);
         }
     }
+}
+
+dispatched! {
+    /// Fills [`Points::about`] but for the radius.
+    pub(super) fn about = about_body(
+        points: &mut Points, centre: [f64; 3], source: Option<[f64; 3]>, legs: f64, places: [&[f64]; 3],
+    )
 }
 
 dispatched! {

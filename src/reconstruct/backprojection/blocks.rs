@@ -114,18 +114,15 @@ impl Block {
 
     /// The voxels, x fastest, about the centre.
     pub(crate) fn points(&self, grid: &Grid, geometry: &Geometry) -> Points {
-        let centre = self.centre(grid);
-        let out = geometry.outward_length(centre);
         let [n_x, n_y, n_z] = self.count;
-        Points::new(
-            geometry.return_legs(),
-            (0..n_x * n_y * n_z).map(|i| {
-                let (x, y, z) = (i % n_x, i / n_x % n_y, i / n_x / n_y);
-                let p = grid.position(self.first[0] + x, self.first[1] + y, self.first[2] + z);
-                let d = p - centre;
-                [d.x, d.y, d.z, geometry.outward_length(p) - out]
-            }),
-        )
+        let each = |axis: &Axis, place: &dyn Fn(usize) -> usize| -> Vec<f64> {
+            (0..n_x * n_y * n_z).map(|i| axis.position(place(i))).collect()
+        };
+        let [first_x, first_y, first_z] = self.first;
+        let x = each(&grid.x, &|i| first_x + i % n_x);
+        let y = each(&grid.y, &|i| first_y + i / n_x % n_y);
+        let z = each(&grid.z, &|i| first_z + i / n_x / n_y);
+        Points::about(self.centre(grid).to_array(), geometry, [&x, &y, &z])
     }
 }
 

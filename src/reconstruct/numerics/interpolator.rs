@@ -32,11 +32,16 @@ impl Taps {
 
     /// Taps on nodes anywhere, for waves of up to `edge` radians per unit of their places.
     pub(crate) fn on(nodes: Vec<f64>, edge: f64) -> Self {
+        Self::damped(nodes, edge, DAMPING)
+    }
+
+    /// The same with weights kept small where they would gain less than `damping`.
+    pub(crate) fn damped(nodes: Vec<f64>, edge: f64, damping: f64) -> Self {
         let points = nodes.len() + 6;
         // A little beyond the edge, where least squares is least accurate.
         let fitted: Vec<f64> =
             (0..points).map(|k| 1.02 * edge / TAU * chebyshev_point(k, 2 * points)).collect();
-        let factored = LeastSquares::damped(&waves(&fitted, &nodes), DAMPING);
+        let factored = LeastSquares::damped(&waves(&fitted, &nodes), damping);
         Self { nodes, fitted, factored }
     }
 

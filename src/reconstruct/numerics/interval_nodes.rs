@@ -7,6 +7,9 @@ use super::interpolator::Taps;
 use super::nodes::Around;
 use std::f64::consts::{PI, TAU};
 
+/// What weights are damped by, of the tolerance.
+const DAMPING: f64 = 0.01;
+
 /// Nodes of an interval, and how places are made of them.
 #[derive(Debug, Clone)]
 pub(crate) struct IntervalNodes {
@@ -16,16 +19,19 @@ pub(crate) struct IntervalNodes {
     taps: usize,
     /// The fastest change that is interpolated, cycles per m.
     band: f64,
+    /// Weights are kept small where they would gain less than this.
+    damping: f64,
 }
 
 impl IntervalNodes {
     /// Places that are their own nodes.
     pub(crate) fn themselves(places: Vec<f64>) -> Self {
-        Self { places, taps: 0, band: 0.0 }
+        Self { places, taps: 0, band: 0.0, damping: 0.0 }
     }
 
-    /// `count` nodes between two places, for changes of up to `band` cycles per m; each place is made of up to `taps`.
-    pub(crate) fn new([first, last]: [f64; 2], count: usize, taps: usize, band: f64) -> Self {
+    /// `count` nodes between two places, for changes of up to `band` cycles per m, to within `tolerance` if that is
+    /// possible; each place is made of up to `taps`.
+    pub(crate) fn new([first, last]: [f64; 2], count: usize, taps: usize, band: f64, tolerance: f64) -> Self {
         let taps = taps.min(count);
         // The denser nodes at an end are about half as many as a place is made of. Found by trying.
         let dense = (PI * (1.5 + taps as f64 / 11.0) / count as f64).min(0.9);
@@ -35,7 +41,7 @@ impl IntervalNodes {
             let chebyshev = (PI * (2 * k + 1) as f64 / (2 * count) as f64).cos();
             middle - half * (even * chebyshev).asin() / even.asin()
         };
-        Self { places: (0..count).map(place).collect(), taps, band }
+        Self { places: (0..count).map(place).collect(), taps, band, damping: DAMPING * tolerance }
     }
 
     /// Whether places are interpolated.
@@ -94,10 +100,10 @@ impl IntervalNodes {
             return (first, vec![1.0]);
         }
         let nodes = &self.places[first..first + self.taps];
-        // In units of the mean spacing, and from the place on, so that numbers are about one.
+        // In units of their spacing, and from the place on, so that numbers are about one.
         let unit = self.widest().max(f64::MIN_POSITIVE);
-        let taps =
-            Taps::on(nodes.iter().map(|node| (node - position) / unit).collect(), TAU * self.band * unit);
+        let nodes = nodes.iter().map(|node| (node - position) / unit).collect();
+        let taps = Taps::damped(nodes, TAU * self.band * unit, self.damping);
         (first, taps.weights(0.0))
     }
 
@@ -118,7 +124,7 @@ mod tests {
         for (count, taps, band, bound) in
             [(24, 24, 4.0, 1e-5), (45, 16, 7.0, 1e-4), (60, 24, 10.0, 1e-5), (1, 1, 0.0, 1e-12)]
         {
-            let nodes = IntervalNodes::new([-0.3, 1.1], count, taps, band);
+            let nodes = IntervalNodes::new([-0.3, 1.1], count, taps, band, bound);
             assert!(
                 nodes.places().is_sorted() && nodes.places()[0] > -0.3 && nodes.places()[count - 1] < 1.1
             );
@@ -138,7 +144,7 @@ mod tests {
                     worst = worst.max((sum - wave(&place)).norm());
                 }
             }
-            assert!(worst < bound && moduli < 8.0, "{count} nodes, {taps} taps: {worst:e}, {moduli}");
+            assert!(worst < bound && moduli < 5.0, "{count} nodes, {taps} taps: {worst:e}, {moduli}");
         }
     }
 

@@ -4,7 +4,8 @@
 //! path length minus that of the centre, f_c the middle of the band, T_k Chebyshev's polynomials, and H the half-width
 //! of the block's delays. No sample of a profile is looked up, so no gather instructions are needed.
 
-use super::{LANES, sin_cos_turns, wrap_fast, wrap_few};
+use super::{LANES, about, sin_cos_turns, wrap_fast, wrap_few};
+use crate::wave::Geometry;
 
 /// Points that are processed at a time: four vectors of 16, so that chains of dependent operations overlap.
 const WIDE: usize = 4 * LANES;
@@ -37,29 +38,22 @@ const SHORT_RISE: [f32; 7] =
     [0.5, -0.125_000_38, 0.062_500_74, -0.039_014_136, 0.027_285_57, -0.022_025_92, 0.017_570_542];
 
 impl Points {
-    /// Points as `[x, y, z, outward]`: the offset from the centre, and the outward length minus that to the centre, m.
-    /// `legs` is the number of times that the path contains the leg to the microphone.
-    pub(crate) fn new(legs: f64, points: impl ExactSizeIterator<Item = [f64; 4]>) -> Self {
-        let padded = points.len().next_multiple_of(WIDE);
-        let mut split = Self::default();
-        for all in [&mut split.x, &mut split.y, &mut split.z, &mut split.square, &mut split.outward] {
-            all.reserve_exact(padded);
-        }
-        let mut farthest = 0.0f64;
-        for [x, y, z, outward] in points {
-            let square = x * x + y * y + z * z;
-            farthest = farthest.max(square);
-            split.x.push(x as f32);
-            split.y.push(y as f32);
-            split.z.push(z as f32);
-            split.square.push((legs * square) as f32);
-            split.outward.push(outward as f32);
-        }
-        split.radius = farthest.sqrt() as f32;
-        for all in [&mut split.x, &mut split.y, &mut split.z, &mut split.square, &mut split.outward] {
-            all.resize(padded, 0.0);
-        }
-        split
+    /// Points at `places` along x, y and z, all of one length, m, about a centre.
+    pub(crate) fn about(centre: [f64; 3], geometry: &Geometry, places: [&[f64]; 3]) -> Self {
+        let source = match geometry {
+            Geometry::FixedSource { source } => Some(source.to_array()),
+            Geometry::Monostatic => None,
+        };
+        let legs = geometry.return_legs();
+        let count = places[0].len();
+        let padded = count.next_multiple_of(WIDE);
+        let zeros = || vec![0.0f32; padded];
+        let mut points =
+            Self { x: zeros(), y: zeros(), z: zeros(), square: zeros(), outward: zeros(), radius: 0.0 };
+        about(&mut points, centre, source, legs, places);
+        let farthest = points.square[..count].iter().fold(0.0, |a: f32, b| a.max(*b));
+        points.radius = (farthest / legs as f32).sqrt();
+        points
     }
 
     /// Maximum distance of a point from the centre, m.
@@ -75,6 +69,35 @@ impl Points {
     /// The number of points to which `count` are padded.
     pub(crate) fn padded(count: usize) -> usize {
         count.next_multiple_of(WIDE)
+    }
+}
+
+#[inline(always)]
+pub(super) fn about_body(
+    points: &mut Points,
+    centre: [f64; 3],
+    source: Option<[f64; 3]>,
+    legs: f64,
+    [x, y, z]: [&[f64]; 3],
+) {
+    let count = x.len();
+    let offsets = [&mut points.x[..count], &mut points.y[..count], &mut points.z[..count]];
+    let (square, outward) = (&mut points.square[..count], &mut points.outward[..count]);
+    let [to_x, to_y, to_z] = offsets;
+    for i in 0..count {
+        let d = [x[i] - centre[0], y[i] - centre[1], z[i] - centre[2]];
+        (to_x[i], to_y[i], to_z[i]) = (d[0] as f32, d[1] as f32, d[2] as f32);
+        square[i] = (legs * (d[0] * d[0] + d[1] * d[1] + d[2] * d[2])) as f32;
+    }
+    if let Some(source) = source {
+        let length = |p: [f64; 3]| {
+            let d = [p[0] - source[0], p[1] - source[1], p[2] - source[2]];
+            (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt()
+        };
+        let own = length(centre);
+        for i in 0..count {
+            outward[i] = (length([x[i], y[i], z[i]]) - own) as f32;
+        }
     }
 }
 
@@ -306,6 +329,7 @@ mod tests {
     use super::*;
     use crate::wave::phasor;
     use crate::wave::simd::{back_project, range_profiles};
+    use glam::DVec3;
     use num_complex::Complex64;
 
     fn fraction(i: usize, k: f64) -> f64 {
@@ -352,13 +376,20 @@ mod tests {
 
     #[test]
     fn points_get_the_literal_sum_in_every_instruction_set() {
-        let place = |i: usize| {
-            [0.618_033_99, 0.754_877_67, 0.569_840_29, 0.430_159_71].map(|k| 0.1 * (fraction(i, k) - 0.5))
-        };
+        let place =
+            |i: usize| [0.618_033_99, 0.754_877_67, 0.569_840_29].map(|k| 0.1 * (fraction(i, k) - 0.5));
+        let (centre, source) = (DVec3::new(0.2, -0.1, 0.9), DVec3::new(0.5, 0.3, -0.2));
         // The last microphone is at the centre, and so is the first point.
         let offsets = [[0.3f32, -0.2, 1.4], [0.01, 0.02, 0.0], [0.0, 0.0, 0.0]];
-        for (count, terms, powers, legs) in [(1, 1, true, 1.0), (64, 8, false, 1.0), (100, 11, true, 2.0)] {
-            let points = Points::new(legs, (0..count).map(place));
+        let fixed = Geometry::FixedSource { source };
+        for (count, terms, powers, geometry) in
+            [(1, 1, true, fixed), (64, 8, false, fixed), (100, 11, true, Geometry::Monostatic)]
+        {
+            let legs = geometry.return_legs();
+            let along = |axis: usize| (0..count).map(|i| centre[axis] + place(i)[axis]).collect::<Vec<f64>>();
+            let points = Points::about(centre.to_array(), &geometry, [&along(0), &along(1), &along(2)]);
+            let farthest = (0..count).map(|i| DVec3::from(place(i)).length()).fold(0.0, f64::max);
+            assert!((f64::from(points.radius()) - farthest).abs() < 1e-8);
             let scale = RangeScale { legs: legs as f32, carrier: -43.7, inverse_half: 5.0, terms, powers };
             let profiles = profiles(12);
             let sums = || vec![0.0f32; points.padded_len()];
@@ -367,7 +398,13 @@ mod tests {
             back_project_body(&points, &offsets, &profiles, scale, [&mut plain_re, &mut plain_im]);
             assert!(re == plain_re && im == plain_im, "bit-identical results");
             for i in 0..count {
-                let [x, y, z, outward] = place(i);
+                let [x, y, z] = place(i);
+                let outward = match geometry {
+                    Geometry::FixedSource { .. } => {
+                        (centre + DVec3::new(x, y, z)).distance(source) - centre.distance(source)
+                    }
+                    Geometry::Monostatic => 0.0,
+                };
                 let mut expected = Complex64::ZERO;
                 for (l, offset) in offsets.iter().enumerate() {
                     let [a, b, c] = offset.map(f64::from);

@@ -54,6 +54,19 @@ impl Frame {
         })
     }
 
+    /// The same for many places, `[range, place]`; anything where a place has no point of a range.
+    pub(crate) fn layers(&self, places: &[[f64; 2]], ranges: &[f64]) -> Vec<f64> {
+        let across = |focus: DVec3| -> Vec<f64> {
+            places.iter().map(|[x, y]| (x - focus.x).powi(2) + (y - focus.y).powi(2)).collect()
+        };
+        let [across_a, across_b] = self.legs.foci.map(across);
+        let mut depths = vec![0.0; places.len() * ranges.len()];
+        for (layer, range) in depths.chunks_exact_mut(places.len()).zip(ranges) {
+            layer_depths(self.legs.foci.map(|focus| focus.z), *range, [&across_a, &across_b], layer);
+        }
+        depths
+    }
+
     /// r₀.
     pub(crate) fn middle(&self) -> DVec3 {
         self.legs.foci[1]
@@ -82,6 +95,24 @@ fn point_depths_body([[across_a, a], [across_b, b]]: [[f64; 2]; 2], ranges: &[f6
 dispatched! {
     /// Foci as squared distance from the column, and depth.
     fn point_depths = point_depths_body(foci: [[f64; 2]; 2], ranges: &[f64], depths: &mut [f64])
+}
+
+#[inline(always)]
+fn layer_depths_body([a, b]: [f64; 2], range: f64, [across_a, across_b]: [&[f64]; 2], depths: &mut [f64]) {
+    let (inverse, beta) = (1.0 / range, (b - a) / range);
+    let inverse_square = 1.0 / (1.0 - beta * beta);
+    let difference = a * a - b * b;
+    for ((depth, across_a), across_b) in depths.iter_mut().zip(across_a).zip(across_b) {
+        let alpha = 0.5 * (range + (across_a - across_b + difference) * inverse);
+        let linear = a + alpha * beta;
+        let root = linear * linear - (1.0 - beta * beta) * (across_a + a * a - alpha * alpha);
+        *depth = (linear + root.max(0.0).sqrt()) * inverse_square;
+    }
+}
+
+dispatched! {
+    /// As [`point_depths`], for one range above many places: their squared distances from both foci.
+    fn layer_depths = layer_depths_body(foci: [f64; 2], range: f64, across: [&[f64]; 2], depths: &mut [f64])
 }
 
 /// The tiles, each with a frame, that an array falls into when it is halved so many `times`.
@@ -155,6 +186,8 @@ mod tests {
                 assert!((frame.range(found) - range).abs() < 1e-12);
                 assert!(found.distance(p) < 1e-9, "{found} is not {p}");
                 let slope = frame.slope(p);
+                let layers = frame.layers(&[[p.x, p.y], [p.x, p.y]], &[2.0 * range, range]);
+                assert!((layers[3] - p.z).abs() < 1e-9 && layers[0] > p.z);
                 let deeper = frame.range(p + DVec3::Z * 1e-6) - range;
                 assert!(deeper > 0.0 && (deeper / 1e-6 - slope.z).abs() < 1e-4);
             }

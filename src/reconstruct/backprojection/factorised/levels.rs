@@ -18,7 +18,7 @@ use rayon::prelude::*;
 const MOST_TAPS: usize = LANES;
 
 /// Taps along x and y for each decimal digit of accuracy: the more, the fewer nodes, but the farther these see.
-const TAPS_PER_DIGIT: [f64; 3] = [1.6, 2.4, 3.6];
+const TAPS_PER_DIGIT: [f64; 2] = [2.2, 3.4];
 
 /// The most halvings of an array.
 const MOST_TIMES: u32 = 12;
@@ -95,29 +95,6 @@ impl TileLevels {
                 |levels: &Self| levels.operations < most && levels.has_places(instrument, grid, &halvings);
             let Some(levels) = found.into_iter().take(TRIES).find(placed) else { break };
             let Some(levels) = levels.measured(instrument, grid, &halvings)? else { break };
-            if std::env::var("HSDEBUG").is_ok() {
-                for l in &levels.levels {
-                    eprintln!(
-                        "times {} nodes {} {} taps {} {} pitch {:.4}",
-                        l.times,
-                        l.nodes[0].len(),
-                        l.nodes[1].len(),
-                        l.nodes[0].taps(),
-                        l.nodes[1].taps(),
-                        l.pitch
-                    );
-                }
-                eprintln!(
-                    "block {:?} half {:.4} slab {} error {:.2e} growth {:.1} bytes {:.1e} ops {:.2e}",
-                    levels.block,
-                    levels.half,
-                    levels.slab,
-                    levels.error,
-                    levels.growth,
-                    levels.bytes,
-                    levels.operations
-                );
-            }
             if levels.error <= budget.interpolation() {
                 return Ok(Some(levels));
             }

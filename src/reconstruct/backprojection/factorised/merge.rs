@@ -8,7 +8,7 @@
 use super::frame::Frame;
 use super::nodes::TileLattice;
 use crate::reconstruct::numerics::{AxisWeights, WIDE, weighted_rows};
-use crate::wave::simd::{LANES, dispatched, phasors};
+use crate::wave::simd::{LANES, Lanes, dispatched, phasors, transpose};
 use num_complex::Complex32;
 use std::ops::Range;
 
@@ -195,10 +195,8 @@ impl<'a> Merge<'a> {
             if depths.is_empty() {
                 continue;
             }
-            for all in sums.iter_mut() {
-                all.clear();
-                all.resize(depths.len(), [0.0; LANES]);
-            }
+            sums.clear();
+            sums.resize(depths.len().next_multiple_of(LANES), Lanes::ZERO);
             let at = [self.columns[0][x], self.columns[1][y]];
             let (first_x, weights_x) = self.x.of(x);
             for (tile, row) in tiles.iter().zip(rows.iter()) {
@@ -217,14 +215,20 @@ impl<'a> Merge<'a> {
                 lengths.iter_mut().zip(own.iter()).for_each(|(length, own)| *length -= own);
                 turns.resize(depths.len(), Complex32::ZERO);
                 phasors(-self.carrier, lengths, turns);
-                let [sums_re, sums_im] = &mut *sums;
-                along_column(&self.table, [&columns[0], &columns[1]], (along, turns), [sums_re, sums_im]);
+                along_column(&self.table, [&columns[0], &columns[1]], (along, turns), sums);
             }
-            for (whole, sums) in whole.iter_mut().zip(sums.iter()) {
-                whole.resize(depths.len(), 0.0);
-                sums_of_lanes(sums, whole);
+            for part in whole.iter_mut() {
+                part.clear();
             }
-            done(x, &whole[0], &whole[1]);
+            let (tiles_of_sums, _) = sums.as_chunks::<LANES>();
+            for sums in tiles_of_sums {
+                let mut lanes = [Lanes::ZERO; LANES];
+                transpose(sums, &mut lanes);
+                let sum = sum_of(&lanes);
+                whole[0].extend(sum.re);
+                whole[1].extend(sum.im);
+            }
+            done(x, &whole[0][..depths.len()], &whole[1][..depths.len()]);
         }
     }
 }
@@ -278,8 +282,8 @@ pub(crate) struct RowBuffers {
     lengths: Vec<f64>,
     places: Vec<f64>,
     turns: Vec<Complex32>,
-    /// Real and imaginary parts of each place in as many partial sums as there are lanes.
-    sums: [Vec<[f32; LANES]>; 2],
+    /// Each place in as many partial sums as there are lanes.
+    sums: Vec<Lanes>,
     whole: [Vec<f32>; 2],
 }
 
@@ -288,10 +292,9 @@ fn along_column_body(
     table: &[[[f32; LANES]; 4]],
     [re, im]: [&[f32]; 2],
     (places, turns): (&[f64], &[Complex32]),
-    [sums_re, sums_im]: [&mut [[f32; LANES]]; 2],
+    sums: &mut [Lanes],
 ) {
-    let sums = sums_re.iter_mut().zip(sums_im);
-    for ((sum_re, sum_im), (place, turn)) in sums.zip(places.iter().zip(turns)) {
+    for (sum, (place, turn)) in sums.iter_mut().zip(places.iter().zip(turns)) {
         let own = *place as u32 as usize;
         let fine = (place - own as f64) * PIECES as f64;
         let piece = fine as u32 as usize;
@@ -301,8 +304,8 @@ fn along_column_body(
         for l in 0..LANES {
             let w = c0[l] + t * (c1[l] + t * (c2[l] + t * c3[l]));
             let (re, im) = (w * re[l], w * im[l]);
-            sum_re[l] += turn.re * re - turn.im * im;
-            sum_im[l] += turn.re * im + turn.im * re;
+            sum.re[l] += turn.re * re - turn.im * im;
+            sum.im[l] += turn.re * im + turn.im * re;
         }
     }
 }
@@ -310,21 +313,18 @@ fn along_column_body(
 dispatched! {
     /// Adds to every sum `turn · w_a(place) column[place + a]`, one lane for each a, with the weights of a table.
     fn along_column = along_column_body(
-        table: &[[[f32; LANES]; 4]], column: [&[f32]; 2], places: (&[f64], &[Complex32]),
-        sums: [&mut [[f32; LANES]]; 2],
+        table: &[[[f32; LANES]; 4]], column: [&[f32]; 2], places: (&[f64], &[Complex32]), sums: &mut [Lanes],
     )
 }
 
-#[inline(always)]
-fn sums_of_lanes_body(sums: &[[f32; LANES]], whole: &mut [f32]) {
-    for (whole, sum) in whole.iter_mut().zip(sums) {
-        let eight: [f32; 8] = std::array::from_fn(|l| sum[l] + sum[l + 8]);
-        let four: [f32; 4] = std::array::from_fn(|l| eight[l] + eight[l + 4]);
-        *whole = (four[0] + four[2]) + (four[1] + four[3]);
+/// The sum of all rows.
+fn sum_of(rows: &[Lanes; LANES]) -> Lanes {
+    let mut sum = Lanes::ZERO;
+    for row in rows {
+        for l in 0..LANES {
+            sum.re[l] += row.re[l];
+            sum.im[l] += row.im[l];
+        }
     }
-}
-
-dispatched! {
-    /// The sum of each vector, in halves.
-    fn sums_of_lanes = sums_of_lanes_body(sums: &[[f32; LANES]], whole: &mut [f32])
+    sum
 }

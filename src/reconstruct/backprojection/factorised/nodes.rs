@@ -106,7 +106,7 @@ fn fewest(
     let fill = (1.0 - 1.5 * digits / taps as f64).clamp(0.25, 0.9);
     let [few, most] = [0.8 * waves / fill + 2.0, MOST_NODES * waves + 16.0];
     let tried = |count: usize| {
-        let nodes = IntervalNodes::new(ends, count, taps, band);
+        let nodes = IntervalNodes::new(ends, count, taps, band, budget.interpolation_axis_of_few());
         let error = terms.error(axis, &|place| nodes.around(place), &FEW);
         error.is_some_and(|[error, _]| error <= budget.interpolation_axis_of_few()).then_some(nodes)
     };

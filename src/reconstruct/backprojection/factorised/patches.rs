@@ -20,7 +20,7 @@ pub(crate) struct Patch {
 /// A patch's nodes in space, about their centre; one that is not needed may be anywhere.
 pub(crate) struct Placed {
     pub(crate) centre: DVec3,
-    /// Column by column, from near to far.
+    /// In the order x, y, ρ.
     pub(crate) points: Points,
     /// How much a path length of any of the tile's microphones differs from that of the centre at most, m.
     pub(crate) half: f64,
@@ -77,40 +77,38 @@ impl Patch {
         nodes: &TileNodes,
         tile_radius: f64,
     ) -> Option<Placed> {
-        let ([x, y], [n, m, depth]) = ([&lattice.nodes[0], &lattice.nodes[1]], self.count);
-        let ranges: Vec<f64> = (0..depth).map(|k| lattice.pitch * (self.first[2] + k) as f64).collect();
-        let mut depths = vec![f64::NAN; n * m * depth];
-        let at = |column: usize| [x.places()[column % x.len()], y.places()[column / x.len()]];
+        let [x, y] = &lattice.nodes;
+        let ranges: Vec<f64> =
+            (0..self.count[2]).map(|k| lattice.pitch * (self.first[2] + k) as f64).collect();
+        let at = |(_, column): (usize, usize)| [x.places()[column % x.len()], y.places()[column / x.len()]];
+        let columns: Vec<[f64; 2]> = self.columns(x.len()).map(at).collect();
+        let mut depths = nodes.frame.layers(&columns, &ranges);
         let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
         let mut all = 0..0;
         for (i, column) in self.columns(x.len()) {
             let needed = self.of_column(nodes, column);
-            if needed.is_empty() {
-                continue;
+            if !needed.is_empty() {
+                let own = needed.start - self.first[2]..needed.end - self.first[2];
+                let at = |k: usize| DVec3::new(columns[i][0], columns[i][1], depths[k * columns.len() + i]);
+                low = low.min(at(own.start));
+                high = high.max(at(own.end - 1));
+                all = hull(all, own);
             }
-            let (at, own) = (at(column), needed.start - self.first[2]..needed.end - self.first[2]);
-            let depths = &mut depths[i * depth..][own.clone()];
-            nodes.frame.depths(at, &ranges[own.clone()], depths);
-            low = low.min(DVec3::new(at[0], at[1], depths[0]));
-            high = high.max(DVec3::new(at[0], at[1], depths[depths.len() - 1]));
-            all = hull(all, own);
         }
         if all.is_empty() {
             return None;
         }
-        let centre = low.midpoint(high);
-        let out = geometry.outward_length(centre);
-        let offset = |i: usize, column: usize, k: usize| {
-            let ([x, y], z) = (at(column), depths[i * depth + k]);
-            let p = if z.is_nan() { centre } else { DVec3::new(x, y, z) };
-            let d = p - centre;
-            [d.x, d.y, d.z, geometry.outward_length(p) - out]
-        };
-        let mut offsets = Vec::with_capacity(n * m * depth);
-        for (i, column) in self.columns(x.len()) {
-            offsets.extend((0..depth).map(|k| offset(i, column, k)));
+        // Nodes that are not needed may be anywhere.
+        for z in &mut depths {
+            *z = z.clamp(low.z, high.z);
         }
-        let points = Points::new(geometry.return_legs(), offsets.into_iter());
+        let each = |axis: usize| -> Vec<f64> {
+            let layer = columns.iter().map(|at| at[axis]);
+            ranges.iter().flat_map(|_| layer.clone()).collect()
+        };
+        let centre = low.midpoint(high);
+        let places = [&each(0)[..], &each(1), &depths];
+        let points = Points::about(centre.to_array(), geometry, places);
         let own = nodes.frame.range(centre);
         let along = (ranges[all.end - 1] - own).abs().max((ranges[all.start] - own).abs());
         let half =
@@ -129,7 +127,7 @@ impl Patch {
         for (i, column) in self.columns(lattice.nodes[0].len()) {
             let needed = self.of_column(nodes, column);
             for k in needed {
-                let from = i * self.count[2] + (k - self.first[2]);
+                let from = (k - self.first[2]) * self.count[0] * self.count[1] + i;
                 let value = Complex32::new(re[from], im[from]) * turn(k);
                 let to = column * nodes.held.len() + (k - nodes.held.start);
                 nodes.values[0][to] = value.re;

@@ -13,10 +13,10 @@ use crate::reconstruct::backprojection::profile::Band;
 use crate::reconstruct::numerics::IntervalNodes;
 
 /// Operations for each place and tile that it is made of: range, turn, and interpolation along ρ.
-const OPERATIONS_PER_PLACE: f64 = 700.0;
+const OPERATIONS_PER_PLACE: f64 = 1200.0;
 
 /// Operations for placing a node of the smallest tiles.
-const OPERATIONS_PER_NODE: f64 = 300.0;
+const OPERATIONS_PER_NODE: f64 = 1500.0;
 
 /// The most tiles that one is made of, as a power of two: rows of all of them are held at a time.
 const MOST_MERGED: u32 = 4;
@@ -25,7 +25,7 @@ const MOST_MERGED: u32 = 4;
 const MOST_HELD: f64 = 134_217_728.0;
 
 /// Depths of a slab are a multiple of this: those whose voxels are made at a time.
-pub(crate) const DEPTHS: usize = 32;
+pub(crate) const DEPTHS: usize = 64;
 
 /// Tiles of one size, and nodes that serve them.
 pub(crate) struct Size<'a> {
@@ -88,9 +88,9 @@ pub(crate) fn cheapest(
 /// Operations for making a place of the nodes of one tile, where rows have `places` of them.
 fn per_place(lattice: &TileLattice, places: usize) -> f64 {
     let [x, y] = &lattice.nodes;
-    // Rows of nodes hold more along ρ than a column of places needs, and multiplications and additions are counted.
-    let rows = 1.5 * y.taps() as f64 * x.len() as f64 / places as f64;
-    OPERATIONS_PER_PLACE + 4.0 * (rows + 1.3 * x.taps() as f64)
+    // Rows and columns of nodes hold more along ρ than there are places; multiplications and additions of both parts.
+    let rows = 2.2 * y.taps() as f64 * x.len() as f64 / places as f64;
+    OPERATIONS_PER_PLACE + 4.0 * (rows + 1.7 * x.taps() as f64)
 }
 
 impl Step {
