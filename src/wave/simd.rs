@@ -10,18 +10,20 @@
 
 mod lanes;
 mod level;
+mod points;
 mod range;
 mod sweep;
 mod transpose;
 
 pub use level::{Level, level, limit};
-pub(crate) use range::{LaneProfiles, LaneTones, Points, RangeScale};
+pub(crate) use points::Points;
+pub(crate) use range::{LaneProfiles, LaneTones, RangeScale};
 pub(crate) use sweep::{SweepSamples, sin_cos_exact};
 pub(crate) use transpose::transpose;
 
 use lanes::{lane_phasors_body, tone_phasors_body};
 use num_complex::Complex32;
-use range::{about_body, back_project_body, range_profiles_body};
+use range::{back_project_body, range_profiles_body};
 use sweep::{waves_body, weighted_sweep_body};
 
 /// Terms per block: the two stages pass through a buffer of this size, which stays in the first-level cache.
@@ -146,13 +148,6 @@ fn phasors_body(cycles_per_metre: f64, lengths: &[f64], phasors: &mut [Complex32
             (phasor.im, phasor.re) = sin_cos_turns(*turn);
         }
     }
-}
-
-dispatched! {
-    /// Fills [`Points::about`] but for the radius.
-    pub(super) fn about = about_body(
-        points: &mut Points, centre: [f64; 3], source: Option<[f64; 3]>, legs: f64, places: [&[f64]; 3],
-    )
 }
 
 dispatched! {

@@ -41,7 +41,7 @@ pub(crate) struct TileLevels {
     pub(crate) block: [usize; 3],
     /// By how much a path length differs from that of its block's centre at most, as far as the model tells, m.
     pub(crate) half: f64,
-    /// Depths for which nodes are held at a time.
+    /// DepthColumns for which nodes are held at a time.
     pub(crate) slab: usize,
     /// The error of all interpolations, as measured, relative to one.
     pub(crate) error: f64,

@@ -43,18 +43,18 @@ pub(crate) fn hull(a: Range<usize>, b: Range<usize>) -> Range<usize> {
 }
 
 /// Places in columns, each from near to far.
-pub(crate) trait Columns: Sync {
-    /// Depths of the first and the last place in a column, m; `None` where it has none.
+pub(crate) trait PlaceColumns: Sync {
+    /// DepthColumns of the first and the last place in a column, m; `None` where it has none.
     fn ends(&self, x: usize, y: usize) -> Option<[f64; 2]>;
 
-    /// Depths of all places in a column, m, and what their own ranges are, if they have any.
+    /// DepthColumns of all places in a column, m, and what their own ranges are, if they have any.
     fn fill(&self, x: usize, y: usize, depths: &mut Vec<f64>, ranges: &mut Vec<f64>);
 }
 
 /// The same depths in every column.
-pub(crate) struct Depths(pub(crate) Vec<f64>);
+pub(crate) struct DepthColumns(pub(crate) Vec<f64>);
 
-impl Columns for Depths {
+impl PlaceColumns for DepthColumns {
     fn ends(&self, _: usize, _: usize) -> Option<[f64; 2]> {
         Some([*self.0.first()?, *self.0.last()?])
     }
@@ -78,7 +78,7 @@ impl NodeColumns<'_> {
     }
 }
 
-impl Columns for NodeColumns<'_> {
+impl PlaceColumns for NodeColumns<'_> {
     fn ends(&self, x: usize, y: usize) -> Option<[f64; 2]> {
         let (at, needed) = self.at(x, y);
         (!needed.is_empty()).then(|| {
@@ -138,7 +138,7 @@ impl<'a> Merge<'a> {
     }
 
     /// What places need of a tile, which holds nothing yet.
-    pub(crate) fn needs(&self, frame: Frame, places: &impl Columns) -> TileNodes {
+    pub(crate) fn needs(&self, frame: Frame, places: &impl PlaceColumns) -> TileNodes {
         let [nodes_x, nodes_y] = [0, 1].map(|axis: usize| self.lattice.nodes[axis].len());
         let mut needed = vec![0..0; nodes_x * nodes_y];
         for y in 0..self.columns[1].len() {
@@ -166,7 +166,7 @@ impl<'a> Merge<'a> {
     pub(crate) fn row(
         &self,
         tiles: &[TileNodes],
-        places: &impl Columns,
+        places: &impl PlaceColumns,
         y: usize,
         buffers: &mut RowBuffers,
         mut done: impl FnMut(usize, &[f32], &[f32]),
@@ -176,6 +176,9 @@ impl<'a> Merge<'a> {
         let RowBuffers { rows, columns, depths, own, lengths, places: along, turns, sums, whole } = buffers;
         rows.resize_with(tiles.len(), Row::default);
         let ends: Vec<_> = (0..self.columns[0].len()).map(|x| places.ends(x, y)).collect();
+        if ends.iter().all(Option::is_none) {
+            return;
+        }
         for (tile, row) in tiles.iter().zip(rows.iter_mut()) {
             let each = ends.iter().enumerate().map(|(x, ends)| self.column_needs(&tile.frame, [x, y], *ends));
             row.needed = each.fold(0..0, hull);

@@ -24,7 +24,7 @@ const MOST_MERGED: u32 = 4;
 /// Bytes that nodes may take; more only where slabs cannot be thinner.
 const MOST_HELD: f64 = 134_217_728.0;
 
-/// Depths of a slab are a multiple of this: those whose voxels are made at a time.
+/// DepthColumns of a slab are a multiple of this: those whose voxels are made at a time.
 pub(crate) const DEPTHS: usize = 64;
 
 /// Tiles of one size, and nodes that serve them.

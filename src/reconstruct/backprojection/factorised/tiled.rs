@@ -4,7 +4,7 @@
 use super::frame::{Frame, halved};
 use super::leaves::Leaves;
 use super::levels::{Halvings, TileLevels};
-use super::merge::{Depths, RowBuffers};
+use super::merge::{DepthColumns, RowBuffers};
 use super::sequence::DEPTHS;
 use super::tree::Tree;
 use crate::acquisition::{Instrument, Tile};
@@ -112,9 +112,9 @@ impl<'a> Tiled<'a> {
     }
 
     /// The depths of a slab of nodes.
-    fn depths(&self, slab: usize) -> Depths {
+    fn depths(&self, slab: usize) -> DepthColumns {
         let first = slab * self.plan.slab;
-        Depths(
+        DepthColumns(
             (first..(first + self.plan.slab).min(self.grid.z.count))
                 .map(|z| self.grid.z.position(z))
                 .collect(),
@@ -157,7 +157,7 @@ impl<'a> Tiled<'a> {
                     nodes.extend(self.tree.merged(levels, batch, || advance(observer, 1))?);
                 }
             }
-            let places = Depths(depths.clone().map(|z| grid.z.position(z)).collect());
+            let places = DepthColumns(depths.clone().map(|z| grid.z.position(z)).collect());
             let rows = &mut rows[..depths.len() * grid.plane_len()];
             let (width, each) = (grid.x.count, depths.len() * grid.x.count);
             rows.par_chunks_exact_mut(each)

@@ -1,7 +1,7 @@
 //! The tiles that one of the largest is made of, level by level, and how their nodes follow from each other.
 
 use super::frame::Frame;
-use super::merge::{BEYOND, Columns, Merge, NodeColumns, RowBuffers, TileNodes};
+use super::merge::{BEYOND, Merge, NodeColumns, PlaceColumns, RowBuffers, TileNodes};
 use super::nodes::TileLattice;
 use crate::error::{Error, Result};
 use crate::reconstruct::volume::Batch;
@@ -38,7 +38,7 @@ impl<'a> Tree<'a> {
     }
 
     /// What some voxels need of one of the largest tiles and of all that it is made of, level by level.
-    pub(crate) fn needs(&self, frames: &[Vec<Frame>], voxels: &impl Columns) -> Vec<Vec<TileNodes>> {
+    pub(crate) fn needs(&self, frames: &[Vec<Frame>], voxels: &impl PlaceColumns) -> Vec<Vec<TileNodes>> {
         let last = frames.len() - 1;
         let mut levels = vec![vec![self.voxels().needs(frames[last][0], voxels)]];
         for level in (0..last).rev() {

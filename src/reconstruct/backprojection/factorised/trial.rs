@@ -1,7 +1,7 @@
 //! What all interpolations err by together: sampled terms are led through them and compared with what they should be.
 
 use super::frame::{Frame, some};
-use super::merge::{Depths, RowBuffers, TileNodes};
+use super::merge::{DepthColumns, RowBuffers, TileNodes};
 use super::nodes::TileLattice;
 use super::terms::Terms;
 use super::tree::Tree;
@@ -77,14 +77,14 @@ pub(crate) fn error(
             let turns = per_metre_of_term * instrument.geometry.path_length(p, r) - per_metre * range;
             Complex64::cis(-TAU * turns)
         };
-        let mut nodes = tree.needs(&frames, &Depths(depths.clone()));
+        let mut nodes = tree.needs(&frames, &DepthColumns(depths.clone()));
         for leaf in &mut nodes[0] {
             fill(leaf, &levels[0], &turned)?;
         }
         let nodes = tree.merged(nodes, Batch::of_threads(rayon::current_num_threads()), || Ok(()))?;
         let (mut worst, mut buffers) = (0.0, RowBuffers::default());
         for (row, y) in columns[1].iter().enumerate() {
-            tree.voxels().row(&nodes, &Depths(depths.clone()), row, &mut buffers, |column, re, im| {
+            tree.voxels().row(&nodes, &DepthColumns(depths.clone()), row, &mut buffers, |column, re, im| {
                 for (k, z) in depths.iter().enumerate() {
                     let found = Complex64::new(f64::from(re[k]), f64::from(im[k]));
                     let wanted = turned(DVec3::new(columns[0][column], *y, *z), 0.0);
