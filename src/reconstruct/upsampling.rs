@@ -95,6 +95,13 @@ impl Upsampling {
         if budget.upsampling_axis() <= 0.0 {
             return Vec::new();
         }
+        let [usual, strict] =
+            budget.upsampling_axis_measured().map(|most| Self::within(instrument, grid, budget, most));
+        if strict.len() > usual.len() { strict } else { usual }
+    }
+
+    /// With nodes whose error along each axis by itself is `most` at most.
+    fn within(instrument: &Instrument, grid: &Grid, budget: ErrorBudget, most: f64) -> Vec<Self> {
         let terms = SampledTerms::new(instrument, grid);
         let lengths = Taps::lengths(budget.upsampling_axis(), MOST_TAPS);
         let bands = terms.bands();
@@ -109,7 +116,7 @@ impl Upsampling {
             possible.sort_by_key(|nodes| (nodes.axis.count, nodes.taps()));
             possible.into_iter().find(|nodes| {
                 let [error, _] = terms.error(axis, nodes);
-                error <= budget.upsampling_axis_measured()
+                error <= most
             })
         };
         let own = [grid.x, grid.y, grid.z].map(|axis| Nodes::themselves(&axis));

@@ -1,10 +1,9 @@
 //! Phasors in blocks, at the processor's vector width.
 //!
 //! Each kernel is one plain loop, compiled three times (AVX-512, AVX2, baseline) and chosen at run time, up to a
-//! [`limit`]. The loops use no fused multiply-add and sum into a fixed number of lanes, so all three give
-//! bit-identical results. The module is in `wave` rather than in `reconstruct` because simulation uses it too.
-//! `inline(always)` lets a body be compiled for the features of the function that it is called from.
-//! This file and `transpose.rs` have the only `unsafe` code: calls of functions compiled for a feature, after a check for it.
+//! [`limit`]. The loops use no fused multiply-add and sum into a fixed number of lanes, so all three give bit-identical
+//! results. Simulation uses them too. `inline(always)` lets a body be compiled for the features of its caller. This file
+//! and `transpose.rs` have the only `unsafe` code: calls of functions compiled for a feature, after a check for it.
 
 #![allow(clippy::inline_always, clippy::needless_range_loop)]
 
