@@ -52,8 +52,7 @@ impl Lanes {
     }
 }
 
-/// Number of [`Lanes`] that a loop over lanes processes at a time. With only one, the compiler unrolls the loop and gathers
-/// across rows, which is ten times slower.
+/// How many [`Lanes`] a loop takes at a time: with only one the compiler gathers across rows, ten times slower.
 pub(crate) const ROWS: usize = 4;
 
 /// Number of frequencies for which a phasor is updated by recurrence before it is recomputed; the drift stays near
