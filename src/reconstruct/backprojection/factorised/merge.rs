@@ -174,7 +174,7 @@ impl<'a> Merge<'a> {
         let nodes_x = self.lattice.nodes[0].len();
         let (first_y, weights_y) = self.y.of(y);
         let RowBuffers { rows, columns, depths, own, lengths, places: along, turns, sums, whole } = buffers;
-        rows.resize_with(tiles.len(), Row::default);
+        rows.resize_with(tiles.len(), TileRow::default);
         let ends: Vec<_> = (0..self.columns[0].len()).map(|x| places.ends(x, y)).collect();
         if ends.iter().all(Option::is_none) {
             return;
@@ -266,7 +266,7 @@ fn cubic(lattice: &TileLattice, piece: usize) -> [[f32; LANES]; 4] {
 
 /// What places in a row are made of, of one tile: its nodes interpolated along y.
 #[derive(Debug, Default)]
-struct Row {
+struct TileRow {
     /// Nodes along ρ.
     needed: Range<usize>,
     /// Numbers from one node along x to the next.
@@ -278,7 +278,7 @@ struct Row {
 /// What a thread needs for [`Merge::row`].
 #[derive(Debug, Default)]
 pub(crate) struct RowBuffers {
-    rows: Vec<Row>,
+    rows: Vec<TileRow>,
     columns: [Vec<f32>; 2],
     depths: Vec<f64>,
     own: Vec<f64>,

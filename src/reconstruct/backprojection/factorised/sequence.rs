@@ -38,7 +38,7 @@ pub(crate) struct Size<'a> {
 
 /// A size of tiles in a sequence, and all above it.
 #[derive(Clone)]
-struct Step {
+struct SequenceStep {
     /// From the largest tiles to this.
     levels: Vec<TileLattice>,
     /// Those of each level in all tiles, for one slab: as computed, and as held.
@@ -62,15 +62,16 @@ pub(crate) fn cheapest(
     for slabs in (0..12).map(|e| 1 << e).filter(|slabs| *slabs < 2 * most) {
         let slab = grid.z.count.div_ceil(slabs).next_multiple_of(DEPTHS);
         let slabs = grid.z.count.div_ceil(slab) as f64;
-        let mut steps: Vec<Step> = Vec::new();
+        let mut steps: Vec<SequenceStep> = Vec::new();
         for size in sizes {
             let of = |lattice: &TileLattice| {
-                let first = (size.times <= MOST_MERGED).then(|| Step::first(lattice, size, grid, slab));
+                let first =
+                    (size.times <= MOST_MERGED).then(|| SequenceStep::first(lattice, size, grid, slab));
                 let after = steps.iter().filter_map(|above| above.followed(lattice, size, slab));
                 first.flatten().into_iter().chain(after).min_by(|a, b| a.least().total_cmp(&b.least()))
             };
-            let steps_here: Vec<Step> = size.lattices.iter().filter_map(of).collect();
-            let whole = |step: &Step| {
+            let steps_here: Vec<SequenceStep> = size.lattices.iter().filter_map(of).collect();
+            let whole = |step: &SequenceStep| {
                 let levels = step.whole(&size.distances, instrument, band)?;
                 Some(TileLevels { slab, operations: slabs * levels.operations, ..levels })
             };
@@ -93,7 +94,7 @@ fn per_place(lattice: &TileLattice, places: usize) -> f64 {
     OPERATIONS_PER_PLACE + 4.0 * (rows + 1.7 * x.taps() as f64)
 }
 
-impl Step {
+impl SequenceStep {
     /// Voxels made of these tiles.
     fn first(lattice: &TileLattice, size: &Size<'_>, grid: &Grid, slab: usize) -> Option<Self> {
         let voxels = grid.plane_len() as f64 * slab.min(grid.z.count) as f64;
