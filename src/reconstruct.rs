@@ -16,7 +16,6 @@ mod cost;
 mod direct;
 mod error_budget;
 mod job;
-mod linear;
 mod numerics;
 mod options;
 mod plan;
@@ -149,7 +148,7 @@ fn carry_out(plan: &MethodPlan, job: Job<'_>) -> Result<ReconstructionInfo> {
         MethodPlan::Direct(plan) => direct::direct(job, plan),
         MethodPlan::Convolution(sampled) => on_nodes(sampled, job, convolution::convolution),
         MethodPlan::Backprojection(sampled) => on_nodes(sampled, job, backprojection::backprojection),
-        MethodPlan::Linear(plan) => linear::linear(job, plan),
+        MethodPlan::Linear(plan) => direct::linear(job, plan),
     }
 }
 

@@ -1,5 +1,9 @@
 //! Eq. 13 as written: every voxel, microphone and frequency, with f64 totals. The oracle.
 
+mod linear;
+
+pub(super) use linear::linear;
+
 use crate::acquisition::{CubeSource, Instrument};
 use crate::alloc::try_zeroed;
 use crate::error::Result;
@@ -60,7 +64,7 @@ pub(super) fn direct(job: Job<'_>, plan: &DirectPlan) -> Result<ReconstructionIn
 }
 
 /// The same sum over path lengths of any kind.
-pub(super) fn sum_over_paths(
+fn sum_over_paths(
     job: Job<'_>,
     plan: &DirectPlan,
     method: Method,

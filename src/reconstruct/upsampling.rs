@@ -30,6 +30,10 @@ const MOST_TAPS: usize = 40;
 /// The most nodes along an axis for each voxel: on a lattice of the microphones' more of them may take less.
 const MOST_PER_VOXEL: usize = 2;
 
+/// By how much nodes are tried closer together than the band of the voxels' box asks for: they reach beyond the box, where
+/// terms change faster.
+const CLOSER: [f64; 3] = [1.0, 0.8, 0.6];
+
 /// Nodes along z have to be fewer than depths by this factor: the terms are measured on few, and some are added at both ends.
 const FEWER: f64 = 0.8;
 
@@ -109,15 +113,14 @@ impl Upsampling {
         let around = |axis: usize, origin: f64, pitch: &dyn Fn(f64) -> f64| {
             let voxels = [grid.x, grid.y, grid.z][axis];
             let coarsest = |fill: f64| (0.5 * fill / bands[axis]).min(voxels.last() - voxels.first);
-            let nodes =
-                |(taps, fill): &(Taps, f64)| nodes_around(&voxels, origin, pitch(coarsest(*fill)), taps);
-            let mut possible: Vec<_> = lengths.iter().map(nodes).collect();
+            let nodes = |((taps, fill), closer): (&(Taps, f64), f64)| {
+                nodes_around(&voxels, origin, pitch(closer * coarsest(*fill)), taps)
+            };
+            let mut possible: Vec<_> =
+                lengths.iter().flat_map(|taps| CLOSER.map(|closer| nodes((taps, closer)))).collect();
             possible.retain(|nodes| nodes.axis.count <= MOST_PER_VOXEL * voxels.count + MOST_TAPS);
             possible.sort_by_key(|nodes| (nodes.axis.count, nodes.taps()));
-            possible.into_iter().find(|nodes| {
-                let [error, _] = terms.error(axis, nodes);
-                error <= most
-            })
+            possible.into_iter().find(|nodes| terms.error(axis, nodes, most).is_some())
         };
         let own = [grid.x, grid.y, grid.z].map(|axis| Nodes::themselves(&axis));
         // Nodes stay on the voxels' side of what paths begin and end at.
@@ -161,7 +164,8 @@ impl Upsampling {
 
     /// With errors as measured; `None` if they pass `tolerance`.
     fn measured(terms: &SampledTerms<'_>, nodes: [Nodes; 3], tolerance: f64) -> Option<Self> {
-        let [x, y, z] = [0, 1, 2].map(|axis: usize| terms.error(axis, &nodes[axis]));
+        let measured = |axis: usize| terms.error(axis, &nodes[axis], f64::INFINITY);
+        let [x, y, z] = [measured(0)?, measured(1)?, measured(2)?];
         // Along y first, then x, then z.
         let own = z[0] + z[1] * (x[0] + x[1] * y[0]);
         let growth = x[1] * y[1] * z[1];

@@ -83,11 +83,11 @@ impl<'a> SampledTerms<'a> {
     }
 
     /// The largest error of voxels made of nodes along an axis for any sampled term, and the largest sum of the weights'
-    /// moduli.
-    pub(super) fn error(&self, axis: usize, nodes: &Nodes) -> [f64; 2] {
+    /// moduli; `None` as soon as the error is more than `most`.
+    pub(super) fn error(&self, axis: usize, nodes: &Nodes, most: f64) -> Option<[f64; 2]> {
         let (mut worst, mut moduli) = (0.0f64, 1.0f64);
         if !nodes.interpolates() {
-            return [worst, moduli];
+            return Some([worst, moduli]);
         }
         let voxels = [self.grid.x, self.grid.y, self.grid.z][axis];
         let mut count = [ACROSS; 3];
@@ -107,10 +107,13 @@ impl<'a> SampledTerms<'a> {
                     let sum: Complex64 =
                         around.iter().zip(&weights).map(|(node, w)| self.term(*node, r, f) * w).sum();
                     worst = greater(worst, (sum - self.term(p, r, f)).norm());
+                    if worst.is_nan() || BETWEEN * worst > most {
+                        return None;
+                    }
                 }
             }
         }
-        [BETWEEN * worst, moduli]
+        Some([BETWEEN * worst, moduli])
     }
 
     fn term(&self, p: DVec3, r: DVec3, frequency: f64) -> Complex64 {

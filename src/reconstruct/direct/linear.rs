@@ -8,15 +8,15 @@
 //! one over the band. It is the adjoint of a simulation with `model = "linear"`, as Eq. 13 is that of Eq. 5, and images such
 //! data as sharply. Of true data it is out of focus by the error of Eq. 6, about `r²/2|p|` of path: a wavelength
 //! where an array of 1 m looks 7 m away at 20 kHz. It exists for comparison, `auto` never selects it, and so it is summed
-//! as written, by the [direct](super::direct) sum over these path lengths.
+//! as written, by the [direct](super) sum over these path lengths.
 
-use super::direct::{DirectPlan, sum_over_paths};
-use super::job::Job;
-use super::{Method, ReconstructionInfo};
+use super::{DirectPlan, sum_over_paths};
 use crate::error::Result;
+use crate::reconstruct::job::Job;
+use crate::reconstruct::{Method, ReconstructionInfo};
 use crate::wave::Geometry;
 
-/// Gives the far-field image to the job's sink; any grid, any microphones. Cost: that of [`super::direct::direct`].
-pub(super) fn linear(job: Job<'_>, plan: &DirectPlan) -> Result<ReconstructionInfo> {
+/// Gives the far-field image to the job's sink; any grid, any microphones. Cost: that of [`super::direct`].
+pub(in crate::reconstruct) fn linear(job: Job<'_>, plan: &DirectPlan) -> Result<ReconstructionInfo> {
     sum_over_paths(job, plan, Method::Linear, Geometry::linear_path_length)
 }
