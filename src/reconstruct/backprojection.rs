@@ -27,10 +27,11 @@ use crate::acquisition::Instrument;
 use crate::error::Result;
 use crate::grid::Grid;
 use crate::progress::advance;
-use crate::reconstruct::compress::{CompressionCost, SlabTones, Tones, VolumeTones, slabs_of};
+use crate::reconstruct::compress::{CompressionCost, SlabTones, VolumeTones, slabs_of};
 use crate::reconstruct::cost::{COMPLEX, Cost};
 use crate::reconstruct::error_budget::ErrorBudget;
 use crate::reconstruct::job::Job;
+use crate::reconstruct::numerics::Memo;
 use crate::reconstruct::volume::{Batch, Slab, SlabDriver};
 use crate::reconstruct::{Method, ReconstructionInfo};
 use crate::wave::Geometry;
@@ -43,7 +44,6 @@ use num_complex::Complex32;
 use profile::{Band, Rung, lebesgue};
 use rayon::prelude::*;
 use std::ops::Range;
-use std::sync::{Mutex, PoisonError};
 
 /// Bytes per microphone of its place in a group, and of the indices from which groups and tiles are cut.
 const GROUP_BYTES: u64 = 64;
@@ -54,8 +54,8 @@ const MOST_SLABS: usize = 32;
 /// Groups of microphones whose f32 sums are kept apart from those of the others, so that rounding does not add up.
 const GROUPS_PER_SUM: usize = 16;
 
-/// Below this many operations no tiles are searched for.
-const LEAST_FOR_TILES: f64 = 1e9;
+/// Below this many operations no tiles are searched for, which takes about as long as a third of them.
+const LEAST_FOR_TILES: f64 = 1.2e11;
 
 /// How one job is divided.
 #[derive(Debug, Clone)]
@@ -82,18 +82,8 @@ struct Division {
 impl BackprojectionPlan {
     /// Divides a job by a fixed operation count, so that the same job is always divided alike.
     pub(super) fn new(instrument: &Instrument, grid: &Grid, budget: ErrorBudget) -> Self {
-        /// The last job that was divided: each is when its memory is checked, and again when it is carried out.
-        static LAST: Mutex<Option<(Instrument, BackprojectionPlan)>> = Mutex::new(None);
-        // Not locked meanwhile: a thread that waits for its own loops may be given another job to divide.
-        let last = || LAST.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((divided, plan)) = &*last()
-            && (divided, plan.grid, plan.budget) == (instrument, *grid, budget)
-        {
-            return plan.clone();
-        }
-        let plan = Self::divided(instrument, grid, budget);
-        *last() = Some((instrument.clone(), plan.clone()));
-        plan
+        static LAST: Memo<(Instrument, Grid, ErrorBudget), BackprojectionPlan> = Memo::new();
+        LAST.of((instrument.clone(), *grid, budget), || Self::divided(instrument, grid, budget))
     }
 
     fn divided(instrument: &Instrument, grid: &Grid, budget: ErrorBudget) -> Self {
@@ -123,7 +113,7 @@ impl BackprojectionPlan {
         let plane = self.grid.plane_len() as u64;
         let (at_once, nodes, row, operations) = match &self.tiled {
             Some(levels) => (
-                factorised::DEPTHS,
+                levels.at_once,
                 levels.bytes as u64,
                 factorised::row_bytes(levels, &self.grid),
                 levels.operations,
@@ -239,7 +229,7 @@ pub(super) fn backprojection(job: Job<'_>, plan: &BackprojectionPlan) -> Result<
     let info = ReconstructionInfo { method: Method::Backprojection, error_bound };
     driver.run(info, sink, |part, depths, planes| {
         let tones = slabs[part.start].of(&compressed, width)?;
-        let profiles = SlabProfiles::new(instrument, band, greatest, &tones);
+        let profiles = SlabProfiles::new(instrument, band, greatest, tones.per_metre.clone());
         let groups: Vec<_> = groups.iter().map(|g| (g, g.tones(&tones, width))).collect();
         let blocks = Block::of(grid, shape, depths.clone());
         let images: Vec<[Vec<f32>; 2]> = blocks
@@ -289,19 +279,19 @@ impl SeriesBudget {
 }
 
 /// What blocks share that are summed from the same tones.
-struct SlabProfiles<'a> {
+struct SlabProfiles {
     geometry: Geometry,
     band: Band,
     ladder: Vec<Rung>,
-    per_metre: &'a [f64],
+    per_metre: Vec<f64>,
 }
 
-impl<'a> SlabProfiles<'a> {
+impl SlabProfiles {
     /// For tones whose profiles reach up to `greatest` m to both sides of a centre.
-    fn new(instrument: &Instrument, band: Band, greatest: f64, tones: &'a Tones) -> Self {
-        let frequencies: Vec<f64> = tones.per_metre.iter().map(|k| -k * instrument.sound_speed).collect();
+    fn new(instrument: &Instrument, band: Band, greatest: f64, per_metre: Vec<f64>) -> Self {
+        let frequencies: Vec<f64> = per_metre.iter().map(|k| -k * instrument.sound_speed).collect();
         let ladder = band.ladder(greatest, &frequencies);
-        Self { geometry: instrument.geometry, band, ladder, per_metre: &tones.per_metre }
+        Self { geometry: instrument.geometry, band, ladder, per_metre }
     }
 
     /// The sums over microphones at points about a centre, real and imaginary parts. `widest` bounds how much a path
@@ -326,7 +316,7 @@ impl<'a> SlabProfiles<'a> {
                 let rung = &self.ladder[rung];
                 profiles.re.resize(rung.columns, [0.0; LANES]);
                 profiles.im.resize(rung.columns, [0.0; LANES]);
-                range_profiles(tones, self.per_metre, &lengths, &rung.expansion, &mut profiles);
+                range_profiles(tones, &self.per_metre, &lengths, &rung.expansion, &mut profiles);
                 let offsets = group.positions.map(|r| (centre - r).as_vec3().to_array());
                 let scale = RangeScale {
                     legs: geometry.return_legs() as f32,

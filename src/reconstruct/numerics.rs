@@ -4,11 +4,13 @@
 mod interpolator;
 mod interval_nodes;
 mod lane_fft;
+mod memo;
 mod nodes;
 mod spreading;
 
 pub(super) use interpolator::Taps;
 pub(super) use interval_nodes::IntervalNodes;
 pub(super) use lane_fft::{LaneFft, fast_size};
-pub(super) use nodes::{Around, AxisWeights, Nodes, WIDE, weighted_rows};
+pub(super) use memo::Memo;
+pub(super) use nodes::{Around, AxisWeights, Nodes, WIDE, known_at, weighted_rows};
 pub(super) use spreading::{FILLS, Footprint, Interpolator, Kernels, footprints, nodes_around, spread};

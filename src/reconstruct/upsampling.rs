@@ -16,16 +16,20 @@ pub(super) use sink::Upsampled;
 
 use super::cost::{COMPLEX, Cost, complex_bytes};
 use super::error_budget::ErrorBudget;
-use super::numerics::{Nodes, Taps, WIDE};
+use super::numerics::{Memo, Nodes, Taps, WIDE};
 use super::volume::Batch;
 use crate::acquisition::Instrument;
 use crate::grid::{Axis, Grid};
+use crate::wave::simd::LANES;
 use crate::wave::two_legs::TwoLegs;
 use sink::DEPTHS;
 use terms::SampledTerms;
 
 /// The most nodes along an axis that a voxel is made of.
 const MOST_TAPS: usize = 40;
+
+/// Grids of nodes that there can be.
+const MOST_GRIDS: usize = 2;
 
 /// The most nodes along an axis for each voxel: on a lattice of the microphones' more of them may take less.
 const MOST_PER_VOXEL: usize = 2;
@@ -96,12 +100,19 @@ impl Upsampling {
     /// columns and rows, and with as few as serve and fit the microphones. Empty where nodes save nothing, and for a budget
     /// of 0.
     pub(super) fn find(instrument: &Instrument, grid: &Grid, budget: ErrorBudget) -> Vec<Self> {
+        static LAST: Memo<(Instrument, Grid, ErrorBudget), Vec<Upsampling>> = Memo::new();
         if budget.upsampling_axis() <= 0.0 {
             return Vec::new();
         }
-        let [usual, strict] =
-            budget.upsampling_axis_measured().map(|most| Self::within(instrument, grid, budget, most));
-        if strict.len() > usual.len() { strict } else { usual }
+        LAST.of((instrument.clone(), *grid, budget), || {
+            let [usual, strict] = budget.upsampling_axis_measured();
+            let found = Self::within(instrument, grid, budget, usual);
+            if found.len() == MOST_GRIDS {
+                return found;
+            }
+            let stricter = Self::within(instrument, grid, budget, strict);
+            if stricter.len() > found.len() { stricter } else { found }
+        })
     }
 
     /// With nodes whose error along each axis by itself is `most` at most.
@@ -198,8 +209,9 @@ impl Upsampling {
     fn bytes(&self, workers: usize) -> u64 {
         let held = (self.nodes[2].taps() + DEPTHS) as u64 * self.padded_plane() as u64;
         let finished = self.finished() as u64 * self.fine.plane_len() as u64;
-        let row = 2.0 * (self.coarse.x.count.next_multiple_of(WIDE) * (self.coarse.y.count + 1)) as f64;
-        COMPLEX * (held + finished) + complex_bytes(row) * workers as u64
+        let nodes = sink::padded_columns(self.coarse.x.count) * (self.coarse.y.count + 1);
+        let row = nodes + LANES * self.padded_row();
+        COMPLEX * (held + finished) + complex_bytes(2.0 * row as f64) * workers as u64
     }
 
     /// The most depths that are finished together.

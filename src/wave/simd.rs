@@ -18,7 +18,7 @@ pub use level::{Level, level, limit};
 pub(crate) use points::Points;
 pub(crate) use range::{LaneProfiles, LaneTones, RangeScale};
 pub(crate) use sweep::{SweepSamples, sin_cos_exact};
-pub(crate) use transpose::transpose;
+pub(crate) use transpose::{lane_sums, transpose};
 
 use lanes::{lane_phasors_body, tone_phasors_body};
 use num_complex::Complex32;

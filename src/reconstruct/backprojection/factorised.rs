@@ -16,5 +16,4 @@ mod trial;
 #[cfg(test)]
 pub(super) use levels::Halvings;
 pub(super) use levels::TileLevels;
-pub(super) use sequence::DEPTHS;
 pub(super) use tiled::{Tiled, compression, row_bytes, usual_budget};

@@ -131,8 +131,8 @@ fn tiles_of_tiles_keep_what_was_measured() {
         assert!(all.len() >= 3, "{}", all.len());
         for levels in all {
             // In slabs of their own too.
-            for slab in [2 * factorised::DEPTHS, factorised::DEPTHS] {
-                let levels = TileLevels { slab, ..levels.clone() };
+            for (at_once, slab) in [(levels.at_once, levels.slab), (32, 64), (20, 20)] {
+                let levels = TileLevels { at_once, slab, ..levels.clone() };
                 let mut volume = Volume { grid, samples: Vec::new() };
                 let info = tiled(&cube, &grid, &levels, 1e-2, &mut volume);
                 let worst = worst(&volume, &direct);
@@ -148,11 +148,11 @@ fn resumed_depths_are_bit_identical() {
     let cube = echo(120, true, Geometry::ORIGIN, DVec3::new(0.01, 0.02, 0.8));
     let grid = Grid { x: axis(-0.2, 0.004, 70), y: axis(-0.1, 0.005, 51), z: axis(0.5, 0.007, 150) };
     let levels = levels(&cube, &grid, 1e-3).expect("fine voxels");
-    for slab in [1, 2, 4].map(|times| times * factorised::DEPTHS) {
-        let levels = TileLevels { slab, ..levels.clone() };
+    for slab in [1, 2, 4].map(|times| times * 50) {
+        let levels = TileLevels { at_once: 50, slab, ..levels.clone() };
         let mut whole = Volume { grid, samples: Vec::new() };
         tiled(&cube, &grid, &levels, 1e-3, &mut whole);
-        for done in [factorised::DEPTHS, 2 * factorised::DEPTHS] {
+        for done in [50, 100] {
             let mut rest = ResumedVolume { volume: Volume { grid, samples: Vec::new() }, done };
             tiled(&cube, &grid, &levels, 1e-3, &mut rest);
             let from = done * grid.plane_len();

@@ -155,6 +155,11 @@ impl SlabTones {
         self.skeleton.chosen().len()
     }
 
+    /// −f/c of each of them, 1/m.
+    pub(crate) fn per_metre(&self, volume: &VolumeTones) -> Vec<f64> {
+        self.skeleton.chosen().iter().map(|&q| volume.tones.per_metre[q]).collect()
+    }
+
     /// The slab's tones from the volume's, whose rows are `width` wide.
     ///
     /// # Errors
@@ -176,7 +181,6 @@ impl SlabTones {
         tones.samples.clear();
         tones.samples.resize(self.len() * width, Complex32::ZERO);
         add_product_of_rows(weight, &volume.tones.samples, width, &mut tones.samples);
-        tones.per_metre.clear();
-        tones.per_metre.extend(chosen.iter().map(|&q| volume.tones.per_metre[q]));
+        tones.per_metre = self.per_metre(volume);
     }
 }

@@ -9,6 +9,19 @@ use crate::wave::simd::{LANES, dispatched};
 /// Places of nodes along an axis, m, and the weights that make another place of them.
 pub(crate) type Around = (Vec<f64>, Vec<f64>);
 
+/// What a place is made of, found by `around` where it is not `known` yet; for few places.
+pub(crate) fn known_at(
+    place: f64,
+    known: &mut Vec<(f64, Around)>,
+    around: impl Fn(f64) -> Around,
+) -> &Around {
+    let index = known.iter().position(|(at, _)| *at == place).unwrap_or_else(|| {
+        known.push((place, around(place)));
+        known.len() - 1
+    });
+    &known[index].1
+}
+
 /// Nodes along an axis, and how many of them each place is made of.
 #[derive(Debug, Clone)]
 pub(crate) struct Nodes {
@@ -78,6 +91,14 @@ impl AxisWeights {
             weights: all.iter().flat_map(|(_, weights)| weights.iter().map(|w| *w as f32)).collect(),
             taps: all.first().map_or(0, |(_, weights)| weights.len()),
         }
+    }
+
+    /// The same with as many weights as whole vectors have, zeros after the others.
+    pub(crate) fn in_vectors(self) -> Self {
+        let taps = self.taps.next_multiple_of(LANES);
+        let padded = |weights: &[f32]| [weights, &vec![0.0; taps - weights.len()]].concat();
+        let weights = self.weights.chunks(self.taps.max(1)).flat_map(padded).collect();
+        Self { weights, taps, ..self }
     }
 
     /// The first node of a place, and the weights from there on.

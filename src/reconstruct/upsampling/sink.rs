@@ -8,7 +8,7 @@ use crate::error::Result;
 use crate::grid::{Grid, no_room_for};
 use crate::reconstruct::numerics::{AxisWeights, WIDE, weighted_rows};
 use crate::reconstruct::{ReconstructionInfo, VolumeSink};
-use crate::wave::simd::{LANES, dispatched, phasors};
+use crate::wave::simd::{LANES, Lanes, dispatched, lane_sums, phasors};
 use num_complex::Complex32;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -23,6 +23,7 @@ type Parts = [Vec<f32>; 2];
 pub(in crate::reconstruct) struct Upsampled<'a> {
     plan: &'a Upsampling,
     sink: &'a mut dyn VolumeSink,
+    /// In whole vectors.
     x: AxisWeights,
     y: AxisWeights,
     z: AxisWeights,
@@ -44,6 +45,8 @@ struct NodeBuffers {
     nodes: Parts,
     /// A row of them between which y is the voxels' own.
     row: Parts,
+    /// Of its voxels, whole vectors of them.
+    products: Vec<Lanes>,
 }
 
 impl NodeBuffers {
@@ -68,7 +71,7 @@ impl<'a> Upsampled<'a> {
         Ok(Self {
             plan,
             sink,
-            x: AxisWeights::new(fine.x.positions().map(|place| nodes[0].weights(place))),
+            x: AxisWeights::new(fine.x.positions().map(|place| nodes[0].weights(place))).in_vectors(),
             y: AxisWeights::new(fine.y.positions().map(|place| nodes[1].weights(place))),
             z: AxisWeights::new(fine.z.positions().map(|place| nodes[2].weights(place))),
             held: [zeros()?, zeros()?],
@@ -191,7 +194,7 @@ impl Upsampling {
     ) {
         let (coarse, carrier) = (&self.coarse, &self.carrier);
         let (width, row) = (coarse.x.count, self.padded_row());
-        let stride = width.next_multiple_of(WIDE);
+        let stride = padded_columns(width);
         for part in &mut buffers.nodes {
             part.resize(stride * coarse.y.count, 0.0);
         }
@@ -211,28 +214,45 @@ impl Upsampling {
                 sums.resize(stride, 0.0);
                 weighted_rows(weights, &nodes[first * stride..], stride, sums);
             }
-            for (sums, to) in buffers.row.iter().zip([re, im]) {
-                along_row(x, sums, &mut to[..self.fine.x.count]);
+            if !self.nodes[0].interpolates() {
+                re.copy_from_slice(&buffers.row[0][..row]);
+                im.copy_from_slice(&buffers.row[1][..row]);
+                continue;
+            }
+            buffers.products.resize(row, Lanes::ZERO);
+            along_row(x, [&buffers.row[0], &buffers.row[1]], &mut buffers.products[..self.fine.x.count]);
+            let voxels = re.chunks_exact_mut(LANES).zip(im.chunks_exact_mut(LANES));
+            for (products, (re, im)) in buffers.products.as_chunks::<LANES>().0.iter().zip(voxels) {
+                let sums = lane_sums(products);
+                re.copy_from_slice(&sums.re);
+                im.copy_from_slice(&sums.im);
             }
         }
     }
 }
 
+/// Columns of nodes, padded so that vectors that begin at any of them are whole.
+pub(super) fn padded_columns(count: usize) -> usize {
+    (count + LANES).next_multiple_of(WIDE)
+}
+
 #[inline(always)]
-fn along_row_body(weights: &AxisWeights, nodes: &[f32], voxels: &mut [f32]) {
-    for (ix, voxel) in voxels.iter_mut().enumerate() {
+fn along_row_body(weights: &AxisWeights, [re, im]: [&[f32]; 2], products: &mut [Lanes]) {
+    for (ix, product) in products.iter_mut().enumerate() {
         let (first, weights) = weights.of(ix);
-        let mut lanes = [0.0_f32; LANES];
-        for (weights, nodes) in weights.chunks(LANES).zip(nodes[first..].chunks(LANES)) {
-            for (lane, (w, node)) in lanes.iter_mut().zip(weights.iter().zip(nodes)) {
-                *lane += w * node;
+        *product = Lanes::ZERO;
+        for (i, weights) in weights.as_chunks::<LANES>().0.iter().enumerate() {
+            let from = first + i * LANES;
+            let (re, im) = (&re[from..][..LANES], &im[from..][..LANES]);
+            for l in 0..LANES {
+                product.re[l] += weights[l] * re[l];
+                product.im[l] += weights[l] * im[l];
             }
         }
-        *voxel = lanes.iter().sum();
     }
 }
 
 dispatched! {
-    /// `voxels[i] = Σ_a weights_i[a] nodes[first_i + a]`.
-    fn along_row = along_row_body(weights: &AxisWeights, nodes: &[f32], voxels: &mut [f32])
+    /// What the voxels of a row sum over lanes: `products[i][l] = Σ_k weights_i[16k + l] nodes[first_i + 16k + l]`.
+    fn along_row = along_row_body(weights: &AxisWeights, nodes: [&[f32]; 2], products: &mut [Lanes])
 }

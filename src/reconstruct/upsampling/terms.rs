@@ -3,7 +3,7 @@
 use super::Carrier;
 use crate::acquisition::Instrument;
 use crate::grid::{Axis, Grid};
-use crate::reconstruct::numerics::Nodes;
+use crate::reconstruct::numerics::{Around, Nodes, known_at};
 use crate::wave::Geometry;
 use crate::wave::interval::greater;
 use crate::wave::two_legs::TwoLegs;
@@ -92,9 +92,10 @@ impl<'a> SampledTerms<'a> {
         let voxels = [self.grid.x, self.grid.y, self.grid.z][axis];
         let mut count = [ACROSS; 3];
         count[axis] = TRIED;
+        let mut known: Vec<(f64, Around)> = Vec::new();
         for mut p in self.places(count) {
             p[axis] = voxels.position(((p[axis] - voxels.first) / voxels.pitch).round() as usize);
-            let (places, weights) = nodes.around(p[axis]);
+            let (places, weights) = known_at(p[axis], &mut known, |place| nodes.around(place));
             moduli = moduli.max(weights.iter().map(|w| w.abs()).sum());
             let at = |place: &f64| {
                 let mut node = p;
@@ -105,7 +106,7 @@ impl<'a> SampledTerms<'a> {
             for r in self.microphones(p) {
                 for f in self.frequencies {
                     let sum: Complex64 =
-                        around.iter().zip(&weights).map(|(node, w)| self.term(*node, r, f) * w).sum();
+                        around.iter().zip(weights).map(|(node, w)| self.term(*node, r, f) * w).sum();
                     worst = greater(worst, (sum - self.term(p, r, f)).norm());
                     if worst.is_nan() || BETWEEN * worst > most {
                         return None;

@@ -22,6 +22,19 @@ pub(crate) fn transpose(from: &[Lanes; LANES], to: &mut [Lanes; LANES]) {
     plain(from, to);
 }
 
+/// The sums over the lanes of sixteen rows, one row's in every lane.
+pub(crate) fn lane_sums(rows: &[Lanes; LANES]) -> Lanes {
+    let (mut lanes, mut sums) = ([Lanes::ZERO; LANES], Lanes::ZERO);
+    transpose(rows, &mut lanes);
+    for lane in &lanes {
+        for l in 0..LANES {
+            sums.re[l] += lane.re[l];
+            sums.im[l] += lane.im[l];
+        }
+    }
+    sums
+}
+
 fn plain(from: &[Lanes; LANES], to: &mut [Lanes; LANES]) {
     for (i, row) in from.iter().enumerate() {
         for (j, column) in to.iter_mut().enumerate() {

@@ -28,6 +28,8 @@ pub(crate) struct Leaves<'a> {
     first: usize,
     /// Of shells: as many nodes along ρ as a block has.
     pub(crate) slabs: Vec<SlabTones>,
+    /// Those of each slab.
+    profiles: Vec<SlabProfiles>,
 }
 
 /// A block's image and where it belongs.
@@ -58,7 +60,10 @@ impl<'a> Leaves<'a> {
         };
         let together = shells.div_ceil(MOST_SLABS);
         let slabs = compressed.slabs(slabs_of(shells, together), interval, share, budget);
-        Self { plan, instrument, band, compressed, first, slabs }
+        let profiles =
+            |slab: &SlabTones| SlabProfiles::new(instrument, band, plan.half, slab.per_metre(compressed));
+        let profiles = slabs.par_iter().map(profiles).collect();
+        Self { plan, instrument, band, compressed, first, slabs, profiles }
     }
 
     /// Nodes along ρ of some shells.
@@ -96,7 +101,7 @@ impl<'a> Leaves<'a> {
         let groups: Vec<Vec<Group>> = groups.collect();
         let own = self.compressed.of_microphones(&microphones)?;
         let per_metre = self.band.carrier / self.band.sound_speed;
-        for slab in &self.slabs {
+        for (slab, profiles) in self.slabs.iter().zip(&self.profiles) {
             let range = self.nodes(&slab.planes);
             let shells: Vec<Range<usize>> =
                 slab.planes.clone().map(|shell| self.nodes(&(shell..shell + 1))).collect();
@@ -110,7 +115,6 @@ impl<'a> Leaves<'a> {
             let patches: Vec<Patch> = leaves.par_iter().enumerate().flat_map_iter(of_leaf).collect();
             if !patches.is_empty() {
                 let tones = slab.of(&own, width)?;
-                let profiles = SlabProfiles::new(self.instrument, self.band, self.plan.half, &tones);
                 let split: Vec<Vec<(&Group, LaneTones)>> = groups
                     .iter()
                     .map(|groups| groups.iter().map(|g| (g, g.tones(&tones, width))).collect())
@@ -118,7 +122,7 @@ impl<'a> Leaves<'a> {
                 let image = |patch: &Patch| -> Result<Vec<Image>> {
                     advance(observer, 0)?;
                     let (radius, of_tile) = (tiles[patch.tile].radius, &split[patch.tile]);
-                    Ok(self.images(*patch, &leaves[patch.tile], radius, &profiles, of_tile))
+                    Ok(self.images(*patch, &leaves[patch.tile], radius, profiles, of_tile))
                 };
                 let images: Vec<Vec<Image>> = patches
                     .par_iter()
@@ -128,9 +132,16 @@ impl<'a> Leaves<'a> {
                 let lengths: Vec<f64> = range.clone().map(|k| lattice.pitch * k as f64).collect();
                 let mut turns = vec![Complex32::ZERO; lengths.len()];
                 phasors(per_metre, &lengths, &mut turns);
-                for (patch, image) in images.iter().flatten() {
-                    patch.store(lattice, image, |k| turns[k - range.start], &mut leaves[patch.tile]);
-                }
+                let mut of_tiles: Vec<Vec<Image>> = tiles.iter().map(|_| Vec::new()).collect();
+                images
+                    .into_iter()
+                    .flatten()
+                    .for_each(|(patch, image)| of_tiles[patch.tile].push((patch, image)));
+                leaves.par_iter_mut().zip(&of_tiles).for_each(|(leaf, images)| {
+                    for (patch, image) in images {
+                        patch.store(lattice, image, |k| turns[k - range.start], leaf);
+                    }
+                });
             }
             advance(observer, leaves.len() as u64)?;
         }
@@ -143,7 +154,7 @@ impl<'a> Leaves<'a> {
         patch: Patch,
         leaf: &TileNodes,
         radius: f64,
-        profiles: &SlabProfiles<'_>,
+        profiles: &SlabProfiles,
         groups: &[(&Group, LaneTones)],
     ) -> Vec<Image> {
         let geometry = &self.instrument.geometry;

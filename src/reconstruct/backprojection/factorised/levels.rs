@@ -41,7 +41,9 @@ pub(crate) struct TileLevels {
     pub(crate) block: [usize; 3],
     /// By how much a path length differs from that of its block's centre at most, as far as the model tells, m.
     pub(crate) half: f64,
-    /// DepthColumns for which nodes are held at a time.
+    /// Depths whose voxels are made at a time.
+    pub(crate) at_once: usize,
+    /// Depths for which nodes are held at a time, a multiple of these.
     pub(crate) slab: usize,
     /// The error of all interpolations, as measured, relative to one.
     pub(crate) error: f64,

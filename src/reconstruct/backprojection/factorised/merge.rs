@@ -8,7 +8,7 @@
 use super::frame::Frame;
 use super::nodes::TileLattice;
 use crate::reconstruct::numerics::{AxisWeights, WIDE, weighted_rows};
-use crate::wave::simd::{LANES, Lanes, dispatched, phasors, transpose};
+use crate::wave::simd::{LANES, Lanes, dispatched, lane_sums, phasors};
 use num_complex::Complex32;
 use std::ops::Range;
 
@@ -162,37 +162,66 @@ impl<'a> Merge<'a> {
         TileNodes { frame, held, needed, values: [Vec::new(), Vec::new()] }
     }
 
-    /// Sums one row of columns over tiles; `done` takes the index of each column that has places, and its sums.
-    pub(crate) fn row(
+    /// Sums rows of columns over tiles; `done` takes the row, the index of each column in it that has places, and its sums.
+    ///
+    /// Neighbouring rows are made of almost the same nodes, which are read once for [`ROWS`] of them.
+    pub(crate) fn rows(
         &self,
         tiles: &[TileNodes],
+        places: &impl PlaceColumns,
+        ys: Range<usize>,
+        buffers: &mut RowBuffers,
+        mut done: impl FnMut([usize; 2], &[f32], &[f32]),
+    ) {
+        let nodes_x = self.lattice.nodes[0].len();
+        let mut rows = std::mem::take(&mut buffers.rows);
+        rows.resize_with(tiles.len() * ys.len(), TileRow::default);
+        let ends = |y: usize| -> Vec<_> { (0..self.columns[0].len()).map(|x| places.ends(x, y)).collect() };
+        let ends: Vec<Vec<_>> = ys.clone().map(ends).collect();
+        for (i, tile) in tiles.iter().enumerate() {
+            let held = tile.held.len();
+            for ((y, ends), row) in ys.clone().zip(&ends).zip(rows[i..].iter_mut().step_by(tiles.len())) {
+                let needs =
+                    ends.iter().enumerate().map(|(x, ends)| self.column_needs(&tile.frame, [x, y], *ends));
+                row.needed = needs.fold(0..0, hull);
+                // Vectors of weights reach beyond a place's own taps, where they are zero.
+                row.width = (row.needed.len() + LANES).next_multiple_of(WIDE);
+                for values in &mut row.values {
+                    values.resize(nodes_x * row.width + WIDE, 0.0);
+                }
+            }
+            for x in 0..nodes_x {
+                for (y, row) in ys.clone().zip(rows[i..].iter_mut().step_by(tiles.len())) {
+                    if row.needed.is_empty() {
+                        continue;
+                    }
+                    let (first_y, weights_y) = self.y.of(y);
+                    let from = (first_y * nodes_x + x) * held + (row.needed.start - tile.held.start);
+                    for (values, nodes) in row.values.iter_mut().zip(&tile.values) {
+                        let sums = &mut values[x * row.width..][..row.width];
+                        weighted_rows(weights_y, &nodes[from..], nodes_x * held, sums);
+                    }
+                }
+            }
+        }
+        if !tiles.is_empty() {
+            for (y, rows) in ys.zip(rows.chunks_exact(tiles.len())) {
+                self.row(tiles.iter().zip(rows), places, y, buffers, |x, re, im| done([x, y], re, im));
+            }
+        }
+        buffers.rows = rows;
+    }
+
+    /// Sums the columns of one row over tiles, each with its nodes interpolated along y.
+    fn row<'t>(
+        &self,
+        tiles: impl Iterator<Item = (&'t TileNodes, &'t TileRow)> + Clone,
         places: &impl PlaceColumns,
         y: usize,
         buffers: &mut RowBuffers,
         mut done: impl FnMut(usize, &[f32], &[f32]),
     ) {
-        let nodes_x = self.lattice.nodes[0].len();
-        let (first_y, weights_y) = self.y.of(y);
-        let RowBuffers { rows, columns, depths, own, lengths, places: along, turns, sums, whole } = buffers;
-        rows.resize_with(tiles.len(), TileRow::default);
-        let ends: Vec<_> = (0..self.columns[0].len()).map(|x| places.ends(x, y)).collect();
-        if ends.iter().all(Option::is_none) {
-            return;
-        }
-        for (tile, row) in tiles.iter().zip(rows.iter_mut()) {
-            let each = ends.iter().enumerate().map(|(x, ends)| self.column_needs(&tile.frame, [x, y], *ends));
-            row.needed = each.fold(0..0, hull);
-            // Vectors of weights reach beyond a place's own taps, where they are zero.
-            row.width = (row.needed.len() + LANES).next_multiple_of(WIDE);
-            let held = tile.held.len();
-            for (values, nodes) in row.values.iter_mut().zip(&tile.values) {
-                values.resize(nodes_x * row.width + WIDE, 0.0);
-                for (x, sums) in values.chunks_exact_mut(row.width).enumerate().take(nodes_x) {
-                    let from = (first_y * nodes_x + x) * held + (row.needed.start - tile.held.start);
-                    weighted_rows(weights_y, &nodes[from..], nodes_x * held, sums);
-                }
-            }
-        }
+        let RowBuffers { columns, depths, own, lengths, places: along, turns, sums, whole, .. } = buffers;
         for x in 0..self.columns[0].len() {
             places.fill(x, y, depths, own);
             if depths.is_empty() {
@@ -202,7 +231,7 @@ impl<'a> Merge<'a> {
             sums.resize(depths.len().next_multiple_of(LANES), Lanes::ZERO);
             let at = [self.columns[0][x], self.columns[1][y]];
             let (first_x, weights_x) = self.x.of(x);
-            for (tile, row) in tiles.iter().zip(rows.iter()) {
+            for (tile, row) in tiles.clone() {
                 lengths.resize(depths.len(), 0.0);
                 tile.frame.ranges(at, depths, lengths);
                 let needed = self.between(lengths[0], lengths[lengths.len() - 1]);
@@ -225,9 +254,7 @@ impl<'a> Merge<'a> {
             }
             let (tiles_of_sums, _) = sums.as_chunks::<LANES>();
             for sums in tiles_of_sums {
-                let mut lanes = [Lanes::ZERO; LANES];
-                transpose(sums, &mut lanes);
-                let sum = sum_of(&lanes);
+                let sum = lane_sums(sums);
                 whole[0].extend(sum.re);
                 whole[1].extend(sum.im);
             }
@@ -264,6 +291,9 @@ fn cubic(lattice: &TileLattice, piece: usize) -> [[f32; LANES]; 4] {
     coefficients
 }
 
+/// Rows that are interpolated along y together.
+pub(crate) const ROWS: usize = 4;
+
 /// What places in a row are made of, of one tile: its nodes interpolated along y.
 #[derive(Debug, Default)]
 struct TileRow {
@@ -275,9 +305,10 @@ struct TileRow {
     values: [Vec<f32>; 2],
 }
 
-/// What a thread needs for [`Merge::row`].
+/// What a thread needs for [`Merge::rows`].
 #[derive(Debug, Default)]
 pub(crate) struct RowBuffers {
+    /// `[row, tile]`.
     rows: Vec<TileRow>,
     columns: [Vec<f32>; 2],
     depths: Vec<f64>,
@@ -318,16 +349,4 @@ dispatched! {
     fn along_column = along_column_body(
         table: &[[[f32; LANES]; 4]], column: [&[f32]; 2], places: (&[f64], &[Complex32]), sums: &mut [Lanes],
     )
-}
-
-/// The sum of all rows.
-fn sum_of(rows: &[Lanes; LANES]) -> Lanes {
-    let mut sum = Lanes::ZERO;
-    for row in rows {
-        for l in 0..LANES {
-            sum.re[l] += row.re[l];
-            sum.im[l] += row.im[l];
-        }
-    }
-    sum
 }

@@ -61,10 +61,10 @@ impl TileLattice {
             if !nodes.interpolates() {
                 return Some([0.0, 1.0]);
             }
-            terms.error(axis, &|place| nodes.around(place), &MANY)
+            terms.error(axis, &|place| nodes.around(place), &MANY, f64::INFINITY)
         };
         let ([error_x, sum_x], [error_y, sum_y]) = (sideways(0)?, sideways(1)?);
-        let [error_range, sum_range] = terms.error(2, &|range| self.around(range), &MANY)?;
+        let [error_range, sum_range] = terms.error(2, &|range| self.around(range), &MANY, f64::INFINITY)?;
         // Along y first, then x, then ρ.
         Some([error_range + sum_range * (error_x + sum_x * error_y), sum_x * sum_y * sum_range])
     }
@@ -102,13 +102,13 @@ fn fewest(
     let ends = [voxels.first, voxels.last()];
     // What plane waves of the band need at least, and about what they need with so many taps. Found by trying.
     let waves = 2.0 * band * (ends[1] - ends[0]);
-    let digits = -budget.interpolation_axis_of_few().log10();
+    let tolerance = budget.interpolation_axis_of_few();
+    let digits = -tolerance.log10();
     let fill = (1.0 - 1.5 * digits / taps as f64).clamp(0.25, 0.9);
     let [few, most] = [0.8 * waves / fill + 2.0, MOST_NODES * waves + 16.0];
     let tried = |count: usize| {
-        let nodes = IntervalNodes::new(ends, count, taps, band, budget.interpolation_axis_of_few());
-        let error = terms.error(axis, &|place| nodes.around(place), &FEW);
-        error.is_some_and(|[error, _]| error <= budget.interpolation_axis_of_few()).then_some(nodes)
+        let nodes = IntervalNodes::new(ends, count, taps, band, tolerance);
+        terms.error(axis, &|place| nodes.around(place), &FEW, tolerance).map(|_| nodes)
     };
     let mut count = least.max(few as usize);
     let mut found = None;

@@ -24,8 +24,19 @@ const MOST_MERGED: u32 = 4;
 /// Bytes that nodes may take; more only where slabs cannot be thinner.
 const MOST_HELD: f64 = 134_217_728.0;
 
-/// DepthColumns of a slab are a multiple of this: those whose voxels are made at a time.
-pub(crate) const DEPTHS: usize = 64;
+/// Depths whose voxels are made at a time: the more, the fewer of a column's nodes are interpolated for two such.
+const DEPTHS: [usize; 2] = [32, 256];
+
+/// Numbers that they are about.
+const AT_ONCE: usize = 3 << 20;
+
+/// Depths of a grid whose voxels are made at a time.
+fn depths_at_once(grid: &Grid) -> usize {
+    let [least, most] = DEPTHS;
+    let count = (AT_ONCE / grid.plane_len().max(1)).clamp(least, most);
+    // All parts of a volume alike.
+    grid.z.count.div_ceil(grid.z.count.div_ceil(count))
+}
 
 /// Tiles of one size, and nodes that serve them.
 pub(crate) struct Size<'a> {
@@ -56,11 +67,12 @@ pub(crate) fn cheapest(
     grid: &Grid,
     band: &Band,
 ) -> Vec<TileLevels> {
-    let most = grid.z.count.div_ceil(DEPTHS);
+    let at_once = depths_at_once(grid);
+    let most = grid.z.count.div_ceil(at_once);
     let mut found: Vec<TileLevels> = Vec::new();
     // Thinner slabs cost more, since each needs nodes before and behind it.
     for slabs in (0..12).map(|e| 1 << e).filter(|slabs| *slabs < 2 * most) {
-        let slab = grid.z.count.div_ceil(slabs).next_multiple_of(DEPTHS);
+        let slab = grid.z.count.div_ceil(slabs).next_multiple_of(at_once);
         let slabs = grid.z.count.div_ceil(slab) as f64;
         let mut steps: Vec<SequenceStep> = Vec::new();
         for size in sizes {
@@ -73,7 +85,7 @@ pub(crate) fn cheapest(
             let steps_here: Vec<SequenceStep> = size.lattices.iter().filter_map(of).collect();
             let whole = |step: &SequenceStep| {
                 let levels = step.whole(&size.distances, instrument, band)?;
-                Some(TileLevels { slab, operations: slabs * levels.operations, ..levels })
+                Some(TileLevels { at_once, slab, operations: slabs * levels.operations, ..levels })
             };
             found.extend(steps_here.iter().filter_map(whole));
             steps.extend(steps_here);
@@ -165,6 +177,7 @@ impl SequenceStep {
             levels: self.levels.iter().rev().cloned().collect(),
             block,
             half,
+            at_once: 0,
             slab: 0,
             error: 0.0,
             growth: 1.0,

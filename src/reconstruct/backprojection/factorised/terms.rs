@@ -3,7 +3,7 @@
 use super::frame::{Frame, some};
 use crate::acquisition::{Instrument, Tile};
 use crate::grid::{Axis, Grid};
-use crate::reconstruct::numerics::{Around, IntervalNodes};
+use crate::reconstruct::numerics::{Around, IntervalNodes, known_at};
 use crate::wave::interval::greater;
 use glam::DVec3;
 use num_complex::Complex64;
@@ -33,24 +33,28 @@ pub(crate) const MANY: Density = Density { tiles: 5, places: [12, 4], corners: 1
 
 impl Terms<'_> {
     /// The largest error of voxels made of nodes along one axis (x, y, ρ) for any sampled term, and the largest sum of
-    /// the weights' moduli; `None` where no point has a node's range.
+    /// the weights' moduli; `None` where no point has a node's range, and as soon as the error is more than `most`.
     pub(crate) fn error(
         &self,
         axis: usize,
         around: &dyn Fn(f64) -> Around,
         density: &Density,
+        most: f64,
     ) -> Option<[f64; 2]> {
         let Self { instrument, grid, tiles } = self;
         let carrier = instrument.sweep.centre();
         let frequencies = instrument.sweep.frequencies();
         let frequencies = [frequencies[0], frequencies[frequencies.len() - 1]];
         let (mut worst, mut moduli) = (0.0f64, 1.0f64);
+        // Along x and y all tiles are interpolated alike, in the same few places.
+        let mut known: Vec<(f64, Around)> = Vec::new();
         for tile in some(tiles, density.tiles) {
             let frame = Frame::new(&instrument.geometry, tile.centre);
             let [along, across] = density.places;
             for p in grid.sampled(std::array::from_fn(|of| if of == axis { along } else { across })) {
                 let range = frame.range(p);
-                let (places, weights) = around(if axis < 2 { p[axis] } else { range });
+                let place = if axis < 2 { p[axis] } else { range };
+                let (places, weights) = known_at(place, &mut known, around);
                 let node = |place: &f64| match axis {
                     0 => frame.point(*place, p.y, range).map(|q| (q, range)),
                     1 => frame.point(p.x, *place, range).map(|q| (q, range)),
@@ -66,6 +70,9 @@ impl Terms<'_> {
                         };
                         let sum: Complex64 = weights.iter().zip(&nodes).map(|(w, node)| term(node) * w).sum();
                         worst = greater(worst, (sum - term(&(p, range))).norm());
+                        if worst.is_nan() || worst > most {
+                            return None;
+                        }
                     }
                 }
             }

@@ -4,8 +4,7 @@
 use super::frame::{Frame, halved};
 use super::leaves::Leaves;
 use super::levels::{Halvings, TileLevels};
-use super::merge::{DepthColumns, RowBuffers};
-use super::sequence::DEPTHS;
+use super::merge::{DepthColumns, ROWS, RowBuffers};
 use super::tree::Tree;
 use crate::acquisition::{Instrument, Tile};
 use crate::alloc::try_zeroed;
@@ -69,7 +68,8 @@ pub(crate) fn row_bytes(levels: &TileLevels, grid: &Grid) -> u64 {
     for lattice in levels.levels.iter().rev() {
         // Each node takes 8 bytes; along ρ there are rarely more than this.
         let width = (levels.slab as f64 * 2.0 * grid.z.pitch / lattice.pitch) as u64 + 512;
-        most = most.max((1 << (lattice.times - above)) * 8 * width * lattice.nodes[0].len() as u64);
+        let row = 8 * width * lattice.nodes[0].len() as u64;
+        most = most.max((1 << (lattice.times - above)) * ROWS as u64 * row);
         above = lattice.times;
     }
     most + (levels.slab * 4 * size_of::<[f32; LANES]>()) as u64
@@ -83,7 +83,8 @@ pub(crate) struct Tiled<'a> {
     tree: Tree<'a>,
     /// The smallest tiles, with their microphones.
     leaves: Vec<Tile>,
-    /// For each of the largest tiles, those of every level that it is made of.
+    /// For each of the largest tiles, those of every level that it is made of; where the largest are the smallest, too, all
+    /// together.
     frames: Vec<Vec<Vec<Frame>>>,
 }
 
@@ -91,12 +92,12 @@ impl<'a> Tiled<'a> {
     pub(crate) fn new(plan: &'a TileLevels, instrument: &Instrument, grid: &'a Grid, band: Band) -> Self {
         let halvings = Halvings::of(instrument);
         let tiles = halvings.tiles(&plan.levels);
-        let largest = tiles[tiles.len() - 1].len();
-        let frames = |top: usize| {
+        let groups = if tiles.len() > 1 { tiles[tiles.len() - 1].len() } else { 1 };
+        let frames = |group: usize| {
             let of_level = |tiles: &&[Tile]| {
-                let each = tiles.len() / largest;
+                let each = tiles.len() / groups;
                 let frame = |tile: &Tile| Frame::new(&instrument.geometry, tile.centre);
-                tiles[top * each..][..each].iter().map(frame).collect()
+                tiles[group * each..][..each].iter().map(frame).collect()
             };
             tiles.iter().map(of_level).collect()
         };
@@ -107,7 +108,7 @@ impl<'a> Tiled<'a> {
             band,
             tree: Tree::new(&plan.levels, columns, band.carrier / band.sound_speed),
             leaves: halved(instrument.array.positions(), plan.levels[0].times),
-            frames: (0..largest).map(frames).collect(),
+            frames: (0..groups).map(frames).collect(),
         }
     }
 
@@ -132,13 +133,14 @@ impl<'a> Tiled<'a> {
         let leaves = Leaves::new(self.plan, instrument, band, &compressed, (whole, radius), budget.tones);
         let error = self.plan.error + self.plan.growth * budget.error(&leaves.slabs);
         let error_bound = interpolation.with(error) * compressed.modulus;
-        let count = (DEPTHS.min(grid.z.count) as u64).saturating_mul(grid.plane_len() as u64);
+        let at_once = self.plan.at_once.min(grid.z.count);
+        let count = (at_once as u64).saturating_mul(grid.plane_len() as u64);
         let mut rows = try_zeroed(count).ok_or_else(|| no_room_for(grid))?;
         let rows_of_nodes: u64 =
             self.frames.iter().map(|frames| self.tree.rows(frames.iter().map(Vec::len))).sum();
         let for_slab = rows_of_nodes + (self.leaves.len() * leaves.slabs.len()) as u64;
         let slabs = grid.z.count.div_ceil(self.plan.slab) as u64;
-        let driver = SlabDriver::even(grid, DEPTHS, |_| grid.y.count as u64, observer);
+        let driver = SlabDriver::even(grid, at_once, |_| grid.y.count as u64, observer);
         let driver = SlabDriver { other_work: slabs * for_slab, ..driver };
         let info = ReconstructionInfo { method: Method::Backprojection, error_bound };
         // Slabs whose nodes are summed, or not needed since a run resumes after them.
@@ -154,22 +156,25 @@ impl<'a> Tiled<'a> {
                 for (frames, tiles) in self.frames.iter().zip(self.leaves.chunks_exact(each)) {
                     let mut levels = self.tree.needs(frames, &depths);
                     leaves.fill(tiles, &mut levels[0], batch, observer)?;
-                    nodes.extend(self.tree.merged(levels, batch, || advance(observer, 1))?);
+                    nodes.extend(self.tree.merged(levels, batch, |rows| advance(observer, rows))?);
                 }
             }
             let places = DepthColumns(depths.clone().map(|z| grid.z.position(z)).collect());
             let rows = &mut rows[..depths.len() * grid.plane_len()];
             let (width, each) = (grid.x.count, depths.len() * grid.x.count);
-            rows.par_chunks_exact_mut(each)
-                .with_min_len(batch.least_run(grid.y.count))
+            rows.par_chunks_mut(ROWS * each)
+                .with_min_len(batch.least_run(grid.y.count.div_ceil(ROWS)))
                 .enumerate()
-                .try_for_each_init(RowBuffers::default, |buffers, (y, row)| {
-                    self.tree.voxels().row(&nodes, &places, y, buffers, |x, re, im| {
+                .try_for_each_init(RowBuffers::default, |buffers, (i, rows)| {
+                    let ys = i * ROWS..i * ROWS + rows.len() / each;
+                    let (first, count) = (ys.start, ys.len() as u64);
+                    self.tree.voxels().rows(&nodes, &places, ys, buffers, |[x, y], re, im| {
+                        let row = &mut rows[(y - first) * each..][..each];
                         for (k, (re, im)) in re.iter().zip(im).enumerate() {
                             row[k * width + x] = Complex32::new(*re, *im);
                         }
                     });
-                    advance(observer, 1)
+                    advance(observer, count)
                 })?;
             for (z, plane) in planes.chunks_exact_mut(grid.plane_len()).enumerate() {
                 for (row, all) in plane.chunks_exact_mut(width).zip(rows.chunks_exact(each)) {

@@ -1,7 +1,7 @@
-//! The tiles that one of the largest is made of, level by level, and how their nodes follow from each other.
+//! The tiles that some of the largest are made of, level by level, and how their nodes follow from each other.
 
 use super::frame::Frame;
-use super::merge::{BEYOND, Merge, NodeColumns, PlaceColumns, RowBuffers, TileNodes};
+use super::merge::{BEYOND, Merge, NodeColumns, PlaceColumns, ROWS, RowBuffers, TileNodes};
 use super::nodes::TileLattice;
 use crate::error::{Error, Result};
 use crate::reconstruct::volume::Batch;
@@ -31,16 +31,17 @@ impl<'a> Tree<'a> {
         &self.merges[self.merges.len() - 1]
     }
 
-    /// Rows of nodes that are made of smaller tiles' for one of the largest, whose tiles these are in each level.
+    /// Rows of nodes that are made of smaller tiles', with so many tiles in each level.
     pub(crate) fn rows(&self, tiles: impl Iterator<Item = usize>) -> u64 {
         let rows = self.levels.iter().zip(tiles).skip(1);
         rows.map(|(lattice, tiles)| (tiles * lattice.nodes[1].len()) as u64).sum()
     }
 
-    /// What some voxels need of one of the largest tiles and of all that it is made of, level by level.
+    /// What some voxels need of the largest tiles and of all that they are made of, level by level.
     pub(crate) fn needs(&self, frames: &[Vec<Frame>], voxels: &impl PlaceColumns) -> Vec<Vec<TileNodes>> {
         let last = frames.len() - 1;
-        let mut levels = vec![vec![self.voxels().needs(frames[last][0], voxels)]];
+        let largest = frames[last].par_iter().map(|frame| self.voxels().needs(*frame, voxels));
+        let mut levels = vec![largest.collect::<Vec<_>>()];
         for level in (0..last).rev() {
             let above = &levels[levels.len() - 1];
             let merged = frames[level].len() / above.len();
@@ -54,15 +55,15 @@ impl<'a> Tree<'a> {
         levels
     }
 
-    /// The largest tile's nodes from those of the smallest; `row` is called after each row.
+    /// The largest tiles' nodes from those of the smallest; `done` is called after some rows, with their number.
     ///
     /// # Errors
-    /// Those of `row`; [`Error::OutOfMemory`].
+    /// Those of `done`; [`Error::OutOfMemory`].
     pub(crate) fn merged(
         &self,
         levels: Vec<Vec<TileNodes>>,
         batch: Batch,
-        row: impl Fn() -> Result<()> + Sync,
+        done: impl Fn(u64) -> Result<()> + Sync,
     ) -> Result<Vec<TileNodes>> {
         let mut levels = levels.into_iter();
         let mut below = levels.next().unwrap_or_default();
@@ -75,19 +76,25 @@ impl<'a> Tree<'a> {
                 let [mut re, mut im] = nodes.zeros()?;
                 let (held, places) = (nodes.held.clone(), NodeColumns { lattice, nodes });
                 let each = (x * held.len()).max(1);
-                let rows = re.par_chunks_exact_mut(each).zip(im.par_chunks_exact_mut(each)).take(y);
-                rows.enumerate().with_min_len(batch.least_run(y)).try_for_each_init(
-                    RowBuffers::default,
-                    |buffers, (y, (re, im))| {
-                        merge.row(below, &places, y, buffers, |column, column_re, column_im| {
-                            let needed = &places.nodes.needed[y * x + column];
-                            let at = column * held.len() + (needed.start - held.start);
+                let rows = [&mut re, &mut im].map(|part| part[..y * each].par_chunks_mut(ROWS * each));
+                let [re_rows, im_rows] = rows;
+                re_rows
+                    .zip(im_rows)
+                    .enumerate()
+                    .with_min_len(batch.least_run(y.div_ceil(ROWS)))
+                    .try_for_each_init(RowBuffers::default, |buffers, (i, (re, im))| {
+                        let ys = i * ROWS..(i * ROWS + re.len() / each);
+                        let first = ys.start * x;
+                        let count = ys.len() as u64;
+                        merge.rows(below, &places, ys, buffers, |[column, y], column_re, column_im| {
+                            let column = y * x + column;
+                            let needed = &places.nodes.needed[column];
+                            let at = (column - first) * held.len() + (needed.start - held.start);
                             re[at..at + column_re.len()].copy_from_slice(column_re);
                             im[at..at + column_im.len()].copy_from_slice(column_im);
                         });
-                        row()
-                    },
-                )?;
+                        done(count)
+                    })?;
                 nodes.values = [re, im];
             }
             below = nodes;

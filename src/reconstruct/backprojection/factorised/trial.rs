@@ -81,17 +81,16 @@ pub(crate) fn error(
         for leaf in &mut nodes[0] {
             fill(leaf, &levels[0], &turned)?;
         }
-        let nodes = tree.merged(nodes, Batch::of_threads(rayon::current_num_threads()), || Ok(()))?;
+        let nodes = tree.merged(nodes, Batch::of_threads(rayon::current_num_threads()), |_| Ok(()))?;
         let (mut worst, mut buffers) = (0.0, RowBuffers::default());
-        for (row, y) in columns[1].iter().enumerate() {
-            tree.voxels().row(&nodes, &DepthColumns(depths.clone()), row, &mut buffers, |column, re, im| {
-                for (k, z) in depths.iter().enumerate() {
-                    let found = Complex64::new(f64::from(re[k]), f64::from(im[k]));
-                    let wanted = turned(DVec3::new(columns[0][column], *y, *z), 0.0);
-                    worst = greater(worst, (found - wanted).norm());
-                }
-            });
-        }
+        let (rows, voxels) = (0..columns[1].len(), DepthColumns(depths.clone()));
+        tree.voxels().rows(&nodes, &voxels, rows, &mut buffers, |[x, y], re, im| {
+            for (k, z) in depths.iter().enumerate() {
+                let found = Complex64::new(f64::from(re[k]), f64::from(im[k]));
+                let wanted = turned(DVec3::new(columns[0][x], columns[1][y], *z), 0.0);
+                worst = greater(worst, (found - wanted).norm());
+            }
+        });
         Ok(worst)
     };
     let worst: Vec<f64> = terms.par_iter().map(of).collect::<Result<_>>()?;
