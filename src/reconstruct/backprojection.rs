@@ -86,6 +86,11 @@ impl BackprojectionPlan {
         LAST.of((instrument.clone(), *grid, budget), || Self::divided(instrument, grid, budget))
     }
 
+    /// The same without tiles, which takes no time to find.
+    pub(super) fn without_tiles(instrument: &Instrument, grid: &Grid, budget: ErrorBudget) -> Self {
+        Self { grid: *grid, budget, fine: Division::new(instrument, grid, budget), tiled: None }
+    }
+
     fn divided(instrument: &Instrument, grid: &Grid, budget: ErrorBudget) -> Self {
         let fine = Division::new(instrument, grid, budget);
         let band = Band { tolerance: factorised::usual_budget(budget).series(), ..fine.band };

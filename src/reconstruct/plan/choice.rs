@@ -17,7 +17,7 @@ use std::iter;
 /// Above this many terms `direct` must be selected explicitly; it would run for many minutes.
 const MOST_DIRECT_TERMS: u64 = 100_000_000_000;
 
-/// Below this number of operations, a fraction of a second, convolution is compared with nothing.
+/// Below this number of operations, a fraction of a second, convolution is compared with back-projection without tiles.
 const SHORT: f64 = 2e10;
 
 /// The terms of Eq. 13: voxels × microphones × frequencies.
@@ -85,9 +85,7 @@ impl Candidates {
                     let estimate = possible(Method::Convolution, cost, upsampling);
                     (Sampled { upsampling: upsampling.cloned(), plan }, estimate)
                 });
-                priced
-                    .min_by(|(_, a), (_, b)| a.operations.total_cmp(&b.operations))
-                    .expect("one was found at least")
+                least(priced)
             })
         };
         let convolutions: Vec<std::result::Result<_, String>> =
@@ -96,19 +94,29 @@ impl Candidates {
         let operations = |convolution: &std::result::Result<(Sampled<_>, Estimate), _>| {
             convolution.as_ref().map_or(f64::INFINITY, |(_, estimate)| estimate.operations)
         };
-        let least = convolutions.into_iter().min_by(|a, b| operations(a).total_cmp(&operations(b)));
-        let convolution = least.expect("the voxels themselves are sampled");
-        // A short convolution is over before back-projection is planned.
+        let convolution = convolutions
+            .into_iter()
+            .min_by(|a, b| operations(a).total_cmp(&operations(b)))
+            .expect("the voxels themselves are sampled");
+        // A short convolution is over before tiles are found.
         let short = |(_, estimate): &(Sampled<ConvolutionPlan>, Estimate)| estimate.operations < SHORT;
-        let wanted = !convolution.as_ref().is_ok_and(short) || options.method == Method::Backprojection;
-        let backprojection = (wanted && options.tolerance > 0.0).then(|| {
+        let tiles = !convolution.as_ref().is_ok_and(short) || options.method == Method::Backprojection;
+        let backprojection = (options.tolerance > 0.0).then(|| {
+            // Tiles are searched for on the fewest nodes.
             let voxels = |upsampling: Option<&Upsampling>| summed(upsampling, grid, budget).0.voxel_count();
-            let upsampling = samplings.iter().copied().min_by_key(|nodes| voxels(*nodes)).flatten();
-            let (grid, budget) = summed(upsampling, grid, budget);
-            Sampled {
-                upsampling: upsampling.cloned(),
-                plan: BackprojectionPlan::new(instrument, grid, budget),
-            }
+            let fewest = samplings.iter().map(|nodes| voxels(*nodes)).min();
+            let of_sampling = |upsampling: Option<&Upsampling>| {
+                let plan = if tiles && Some(voxels(upsampling)) == fewest {
+                    BackprojectionPlan::new
+                } else {
+                    BackprojectionPlan::without_tiles
+                };
+                let (grid, budget) = summed(upsampling, grid, budget);
+                let plan = plan(instrument, grid, budget);
+                let estimate = possible(Method::Backprojection, plan.cost(instrument, threads), upsampling);
+                (Sampled { upsampling: upsampling.cloned(), plan }, estimate)
+            };
+            least(samplings.iter().copied().map(of_sampling))
         });
         let direct = DirectPlan::new(grid);
         let of_convolution = match &convolution {
@@ -116,15 +124,17 @@ impl Candidates {
             Err(obstacle) => Estimate::impossible(Method::Convolution, obstacle.clone()),
         };
         let of_backprojection = match &backprojection {
-            Some(Sampled { upsampling, plan }) => {
-                possible(Method::Backprojection, plan.cost(instrument, threads), upsampling.as_ref())
-            }
-            None => Estimate::impossible(Method::Backprojection, no_backprojection(options).to_owned()),
+            Some((_, estimate)) => estimate.clone(),
+            None => Estimate::impossible(
+                Method::Backprojection,
+                "a tolerance of 0 allows no interpolation; use a tolerance above 0 (1e-6, say)".to_owned(),
+            ),
         };
         let sums = [Method::Direct, Method::Linear]
             .map(|method| possible(method, direct.cost(instrument, threads), None));
         let estimates = [of_convolution, of_backprojection].into_iter().chain(sums).collect();
         let convolution = convolution.map(|(plan, _)| plan);
+        let backprojection = backprojection.map(|(plan, _)| plan);
         Ok(Self { estimates, convolution, backprojection, direct })
     }
 
@@ -172,13 +182,9 @@ impl Candidates {
     }
 }
 
-/// Why back-projection was not planned.
-fn no_backprojection(options: &ReconstructOptions) -> &'static str {
-    if options.tolerance > 0.0 {
-        "not planned, because convolution is short; select it explicitly to see its cost"
-    } else {
-        "a tolerance of 0 allows no interpolation; use a tolerance above 0 (1e-6, say)"
-    }
+/// The plan of fewest operations.
+fn least<P>(priced: impl Iterator<Item = (P, Estimate)>) -> (P, Estimate) {
+    priced.min_by(|(_, a), (_, b)| a.operations.total_cmp(&b.operations)).expect("one was found at least")
 }
 
 /// Refuses a direct sum of many minutes that was not selected explicitly.

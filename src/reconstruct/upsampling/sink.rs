@@ -240,15 +240,19 @@ pub(super) fn padded_columns(count: usize) -> usize {
 fn along_row_body(weights: &AxisWeights, [re, im]: [&[f32]; 2], products: &mut [Lanes]) {
     for (ix, product) in products.iter_mut().enumerate() {
         let (first, weights) = weights.of(ix);
-        *product = Lanes::ZERO;
+        // Sums of their own: in the place of `product` they would be added up one by one.
+        let (mut sum_re, mut sum_im) = ([0.0f32; LANES], [0.0f32; LANES]);
         for (i, weights) in weights.as_chunks::<LANES>().0.iter().enumerate() {
             let from = first + i * LANES;
             let (re, im) = (&re[from..][..LANES], &im[from..][..LANES]);
-            for l in 0..LANES {
-                product.re[l] += weights[l] * re[l];
-                product.im[l] += weights[l] * im[l];
+            for (sum, (w, re)) in sum_re.iter_mut().zip(weights.iter().zip(re)) {
+                *sum += w * re;
+            }
+            for (sum, (w, im)) in sum_im.iter_mut().zip(weights.iter().zip(im)) {
+                *sum += w * im;
             }
         }
+        *product = Lanes { re: sum_re, im: sum_im };
     }
 }
 
