@@ -78,7 +78,7 @@ pub struct Aliasing {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct Suggestion {
-    /// What it fixes: "aliasing", "ambiguity" or "voxels".
+    /// What it fixes: "aliasing", "ambiguity", "voxels" or "speed".
     #[serde(rename = "mends")]
     pub fixes: &'static str,
     /// Overrides of the run file, each `table.key=value`, to be made together.
