@@ -206,16 +206,16 @@ impl<'a> Merge<'a> {
         }
         if !tiles.is_empty() {
             for (y, rows) in ys.zip(rows.chunks_exact(tiles.len())) {
-                self.row(tiles.iter().zip(rows), places, y, buffers, |x, re, im| done([x, y], re, im));
+                self.row((tiles, rows), places, y, buffers, |x, re, im| done([x, y], re, im));
             }
         }
         buffers.rows = rows;
     }
 
     /// Sums the columns of one row over tiles, each with its nodes interpolated along y.
-    fn row<'t>(
+    fn row(
         &self,
-        tiles: impl Iterator<Item = (&'t TileNodes, &'t TileRow)> + Clone,
+        (tiles, rows): (&[TileNodes], &[TileRow]),
         places: &impl PlaceColumns,
         y: usize,
         buffers: &mut RowBuffers,
@@ -231,7 +231,7 @@ impl<'a> Merge<'a> {
             sums.resize(depths.len().next_multiple_of(LANES), Lanes::ZERO);
             let at = [self.columns[0][x], self.columns[1][y]];
             let (first_x, weights_x) = self.x.of(x);
-            for (tile, row) in tiles.clone() {
+            for (tile, row) in tiles.iter().zip(rows) {
                 lengths.resize(depths.len(), 0.0);
                 tile.frame.ranges(at, depths, lengths);
                 let needed = self.between(lengths[0], lengths[lengths.len() - 1]);
