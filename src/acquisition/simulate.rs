@@ -10,6 +10,7 @@
 //! record.
 
 mod batch;
+mod cells;
 mod columns;
 mod cost;
 mod echoes;
@@ -40,8 +41,9 @@ use crate::progress::{Observer, Silent, stage};
 use crate::reflectors::Reflectors;
 use crate::wave::Geometry;
 use crate::with_fields::with_fields;
+use cells::CellPlan;
 use columns::Columns;
-use expand::fast;
+use expand::{Expansion, fast};
 use glam::DVec3;
 use literal::literal;
 use noise::add_noise;
@@ -201,9 +203,10 @@ pub(crate) fn simulate_resumable(
     };
     let job = SimulationJob { reflectors, instrument: &real, options, responses: &responses };
     let mut columns = Columns::new(&mut samples, n_mic, store);
-    stage(observer, "simulating", n_mic as u64, || match plan(reflectors, &real, options) {
-        Some(plan) => fast(&job, &plan, &mut columns, observer),
-        None => literal(&job, &mut columns, observer),
+    stage(observer, "simulating", n_mic as u64, || match method(reflectors, &real, options) {
+        SimulationMethod::Cells(plan) => plan.simulate(&job, &mut columns, observer),
+        SimulationMethod::Tiles(plan) => fast(&job, &plan, &mut columns, observer),
+        SimulationMethod::Literal => literal(&job, &mut columns, observer),
     })?;
     if let Some(noise) = options.noise {
         add_noise(&mut samples, n_mic, noise, instrument.detection)?;
@@ -240,9 +243,9 @@ struct SimulationPlan {
 }
 
 impl SimulationPlan {
-    /// K Q: sums per microphone and group.
-    fn columns(&self) -> usize {
-        self.tones.count() * self.terms.as_ref().map_or(1, LossTerms::count)
+    fn expansion(&self) -> Expansion<'_> {
+        let absorption = self.terms.as_ref().map_or(&[][..], |terms| &terms.absorption);
+        Expansion { weights: &self.weights, absorption }
     }
 
     /// The plan of a candidate; `None` if its tones or terms do not meet the tolerance.
@@ -276,22 +279,37 @@ impl SimulationPlan {
 /// Minimum tolerance of virtual tones; their f32 weights are no more accurate.
 const LEAST_TOLERANCE: f64 = 1e-7;
 
-/// The cheapest plan that meets the tolerance; `None` where the literal sum is cheaper.
-fn plan(
-    reflectors: &Reflectors,
+/// How a simulation is done.
+#[derive(Debug)]
+enum SimulationMethod<'a> {
+    Cells(Box<CellPlan<'a>>),
+    Tiles(SimulationPlan),
+    Literal,
+}
+
+/// The cheapest method that meets the tolerance.
+fn method<'a>(
+    reflectors: &'a Reflectors,
     instrument: &Instrument,
     options: &SimulateOptions,
-) -> Option<SimulationPlan> {
+) -> SimulationMethod<'a> {
     // A band without width has no duration, and an index must fit into its half of a sorting key.
     let possible = options.tolerance >= LEAST_TOLERANCE
         && instrument.sweep.bandwidth() > 0.0
         && u32::try_from(reflectors.len()).is_ok();
     if !possible {
-        return None;
+        return SimulationMethod::Literal;
     }
-    cost::candidates(reflectors, instrument, options)
+    let candidates = cost::candidates(reflectors, instrument, options);
+    // Without any there is nothing to gain, or no phase is accurate.
+    let Some((least, _)) = candidates.first() else { return SimulationMethod::Literal };
+    if let Some(plan) = CellPlan::find(reflectors, instrument, options, *least) {
+        return SimulationMethod::Cells(Box::new(plan));
+    }
+    candidates
         .into_iter()
-        .find_map(|candidate| SimulationPlan::of(&candidate, reflectors, instrument, options))
+        .find_map(|(_, candidate)| SimulationPlan::of(&candidate, reflectors, instrument, options))
+        .map_or(SimulationMethod::Literal, SimulationMethod::Tiles)
 }
 
 /// The error for sums that do not fit in memory.
