@@ -3,7 +3,7 @@
 
 #![allow(clippy::inline_always, clippy::needless_range_loop)]
 
-use super::simd::{LANES, dispatched};
+use super::simd::{LANES, Lanes, dispatched, transpose};
 
 #[inline(always)]
 fn cell_offsets_body(
@@ -94,15 +94,22 @@ dispatched! {
     )
 }
 
+/// Numbers that [`weighted_fields`] sums at a time, so that chains of dependent additions overlap.
+const WIDE: usize = 2 * LANES;
+
 #[inline(always)]
 fn weighted_fields_body(weights: &[f32], rows: &[f32], sum: &mut [f32]) {
     let width = sum.len();
-    assert!(rows.len() == weights.len() * width, "a row per weight");
-    sum.fill(0.0);
-    for (w, row) in weights.iter().zip(rows.chunks_exact(width)) {
-        for l in 0..width {
-            sum[l] += w * row[l];
+    assert!(width.is_multiple_of(WIDE) && rows.len() == weights.len() * width, "a row per weight");
+    for (i, sum) in sum.chunks_exact_mut(WIDE).enumerate() {
+        let mut lanes = [0.0f32; WIDE];
+        for (k, w) in weights.iter().enumerate() {
+            let row = &rows[k * width + i * WIDE..][..WIDE];
+            for l in 0..WIDE {
+                lanes[l] += w * row[l];
+            }
         }
+        sum.copy_from_slice(&lanes);
     }
 }
 
@@ -110,8 +117,25 @@ dispatched! {
     /// `sum = Σ_k weights[k] · rows[k]`.
     ///
     /// # Panics
-    /// Unless there are as many rows as weights.
+    /// Unless there are as many rows as weights, of whole pairs of blocks of [`LANES`].
     pub(crate) fn weighted_fields = weighted_fields_body(weights: &[f32], rows: &[f32], sum: &mut [f32])
+}
+
+/// Columns of a few microphones exchanged with them: `to[column][stride]`, from `[microphone][width]`, which are at most
+/// [`LANES`] microphones, and a width of whole pairs of blocks.
+pub(crate) fn microphones_last(from: &[f32], width: usize, to: &mut [f32], stride: usize) {
+    let (mut tile, mut turned) = ([Lanes::ZERO; LANES], [Lanes::ZERO; LANES]);
+    for column in (0..width).step_by(WIDE) {
+        for (lanes, row) in tile.iter_mut().zip(from.chunks_exact(width)) {
+            lanes.re.copy_from_slice(&row[column..column + LANES]);
+            lanes.im.copy_from_slice(&row[column + LANES..column + WIDE]);
+        }
+        transpose(&tile, &mut turned);
+        for (l, lanes) in turned.iter().enumerate() {
+            to[(column + l) * stride..][..LANES].copy_from_slice(&lanes.re);
+            to[(column + LANES + l) * stride..][..LANES].copy_from_slice(&lanes.im);
+        }
+    }
 }
 
 #[cfg(test)]
@@ -172,14 +196,29 @@ mod tests {
 
     #[test]
     fn fields_are_weighted_sums_of_rows() {
-        let (weights, rows) = (plane(7, 0.618_034), plane(7 * 37, 0.754_878));
-        let (mut sum, mut plain) = (vec![9.0; 37], vec![0.0; 37]);
+        let width = 3 * WIDE;
+        let (weights, rows) = (plane(7, 0.618_034), plane(7 * width, 0.754_878));
+        let (mut sum, mut plain) = (vec![9.0; width], vec![0.0; width]);
         weighted_fields(&weights, &rows, &mut sum);
         weighted_fields_body(&weights, &rows, &mut plain);
         assert_eq!(sum, plain);
         for (l, got) in sum.iter().enumerate() {
-            let wanted: f32 = weights.iter().enumerate().map(|(k, w)| w * rows[k * 37 + l]).sum();
+            let wanted: f32 = weights.iter().enumerate().map(|(k, w)| w * rows[k * width + l]).sum();
             assert!((got - wanted).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn columns_and_microphones_are_exchanged() {
+        let (width, stride, count) = (2 * WIDE, 3 * LANES, 11);
+        let from = plane(count * width, 0.618_034);
+        let mut to = vec![7.0; width * stride];
+        microphones_last(&from, width, &mut to[LANES..], stride);
+        for column in 0..width {
+            for mic in 0..count {
+                assert_eq!(to[column * stride + LANES + mic], from[mic * width + column]);
+            }
+            assert_eq!(to[column * stride], 7.0);
         }
     }
 }

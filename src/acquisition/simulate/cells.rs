@@ -60,8 +60,8 @@ pub(super) struct CellPlan<'a> {
     held: usize,
 }
 
-/// Maximum number of sums of cells in memory, 8 bytes each.
-const HELD_FIELDS: usize = 4_194_304;
+/// Maximum number of sums of cells in memory, 4 bytes each.
+const HELD_FIELDS: usize = 8_388_608;
 
 impl CellPlan<'_> {
     /// K Q of an interval: sums per microphone.
@@ -136,7 +136,7 @@ impl CellPlan<'_> {
         };
         // A cell has at most as many nodes as its panel has microphones.
         let most: usize = panels.iter().map(|panel| panel.microphones.len()).sum();
-        let at_a_time = (HELD_FIELDS / (most * summation.columns())).max(1);
+        let at_a_time = (HELD_FIELDS / (most * CellField::width(summation.columns()))).max(1);
         let cells: Vec<usize> = (0..self.tree.cells.len()).collect();
         let (count, mut done, mut reported) =
             (places.iter().map(|&(_, k, _)| self.tiles[k].microphones.len()).sum::<usize>(), 0, 0);
@@ -145,7 +145,8 @@ impl CellPlan<'_> {
                 .into_par_iter()
                 .map(|i| {
                     let (panel, cell) = (panels[i / some.len()], &self.tree.cells[some[i % some.len()]]);
-                    summation.field(cell, panel, self.rule.counts_at(cell, panel))
+                    let counts = self.rule.counts_for(cell, &panel.whole, panel.microphones.len());
+                    summation.field(cell, panel, counts)
                 })
                 .collect::<Option<_>>()
                 .ok_or_else(no_room)?;
@@ -165,13 +166,5 @@ impl CellPlan<'_> {
         let absorption = self.terms.as_ref().map_or(&[][..], |terms| &terms.absorption);
         Expansion { weights: &self.weights, absorption }.record(job, &tiles, &sums, columns);
         Ok(())
-    }
-}
-
-impl NodeRule {
-    /// The nodes of a cell at a panel; `None` where its microphones serve as well.
-    fn counts_at(&self, cell: &tree::ReflectorCell, panel: &MicrophonePanel) -> Option<[usize; 3]> {
-        let fewer = |counts: &[usize; 3]| counts.iter().product::<usize>() < panel.microphones.len();
-        self.counts(cell, &panel.whole).filter(fewer)
     }
 }

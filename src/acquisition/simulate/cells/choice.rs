@@ -34,7 +34,9 @@ const SAMPLED_PANELS: usize = 3;
 /// Operations of a cell at a tile, and for the delay of a cell at a microphone and each of its tones.
 const CELL: f64 = 6000.0;
 const DELAY: f64 = 100.0;
-const TURN: f64 = 12.0;
+const TURN: f64 = 16.0;
+/// Of a node's field at a row of microphones, or at a microphone, per tone.
+const NODE: f64 = 8.0;
 /// Of cutting a reflector's cell once more.
 const CUT: f64 = 100.0;
 
@@ -106,6 +108,37 @@ impl<'a> CellPlan<'a> {
         tree.cells = cells;
         let tones = all.swap_remove(index);
         tones.plan(tree, &sizes[size], reflectors, instrument, options)
+    }
+}
+
+#[cfg(test)]
+impl<'a> CellPlan<'a> {
+    /// The plan with some tones and panels of some size, whatever it costs; `None` if tones do not meet the tolerance.
+    pub(in super::super) fn forced(
+        reflectors: &'a Reflectors,
+        instrument: &Instrument,
+        options: &SimulateOptions,
+        [tones, size]: [usize; 2],
+    ) -> Option<Self> {
+        let mut all = cell_tones(reflectors, instrument, options);
+        let sizes = panel_sizes(instrument.array.positions());
+        let tones = all.swap_remove(tones.checked_rem(all.len())?);
+        let mut tree = CellTree::new(reflectors.positions())?;
+        tree.cut(tones.radius(instrument));
+        tones.plan(tree, &sizes[size % sizes.len()], reflectors, instrument, options)
+    }
+
+    /// How many cells at panels have nodes, and how many are too close for them.
+    pub(in super::super) fn interpolated(&self) -> [usize; 2] {
+        let pairs =
+            self.panels.iter().flat_map(|panel| self.tree.cells.iter().map(move |cell| (cell, panel)));
+        let counts = pairs.map(|(cell, panel)| {
+            usize::from(self.rule.counts_for(cell, &panel.whole, panel.microphones.len()).is_none())
+        });
+        counts.fold([0; 2], |mut all, without| {
+            all[without] += 1;
+            all
+        })
     }
 }
 
@@ -198,19 +231,19 @@ impl CellTones {
         let (tones, local) = (self.pair.tones.count() as f64, self.pair.local.count() as f64);
         let rule = self.rule(instrument, options);
         let every = |count: usize, most: usize| count.div_ceil(most);
-        let (mut places, mut along_x, mut sampled) = (0.0, 0.0, 0.0);
+        let (mut places, mut nodes, mut along_x, mut sampled) = (0.0, 0.0, 0.0, 0.0);
         for cell in tree.cells.iter().step_by(every(tree.cells.len(), SAMPLED_CELLS)) {
             let panels = size.panels.iter().zip(&size.boxes);
             for (panel, whole) in panels.step_by(every(size.panels.len(), SAMPLED_PANELS)) {
                 let microphones = panel.microphones.len();
-                let counts = rule.counts(cell, whole);
-                let nodes = counts.map_or(microphones, |counts| counts.iter().product());
-                places += nodes.min(microphones) as f64;
-                along_x += counts.map_or(0.0, |counts| counts[0] as f64);
+                let counts = rule.counts_for(cell, whole, microphones);
+                places += counts.map_or(microphones, |counts| counts.iter().product()) as f64;
+                nodes += counts.map_or(0, |counts| counts.iter().product()) as f64;
+                along_x += counts.map_or(0, |counts| counts[0]) as f64;
                 sampled += 1.0;
             }
         }
-        let (places, along_x) = (places / sampled, along_x / sampled);
+        let (places, nodes, along_x) = (places / sampled, nodes / sampled, along_x / sampled);
         let length = self.length(instrument);
         let groups = path_spread(tree, instrument) / (length * (1.0 - 0.7 * TILE_SHARE)) + 1.0;
         if groups > MOST_INTERVALS || self.held(groups) < size.panels[0].microphones.len() as f64 {
@@ -222,7 +255,7 @@ impl CellTones {
             * places
             * ((n_p + PADDING * cells) * echo + cells * ACROSS * terms * local);
         let tiles = tile.count as f64;
-        let interpolated = PRODUCT * terms * local * (tile.rows * tiles * places + n_mic * along_x);
+        let interpolated = NODE * terms * local * (tile.rows * tiles * nodes + n_mic * along_x);
         let delayed = n_mic * (DELAY + terms * tones * (TURN + PRODUCT * local));
         let expanded = n_mic * groups * n_f * (PHASE + PRODUCT * terms * tones);
         summed + cells * (interpolated + delayed + CELL * tiles) + expanded + n_p * (SORTING + 20.0 * CUT)

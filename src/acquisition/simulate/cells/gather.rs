@@ -13,7 +13,7 @@ use crate::acquisition::{Instrument, Tile};
 use crate::alloc::{try_filled, try_with_capacity};
 use crate::linalg::product_f32;
 use crate::wave::NEAREST_LEG;
-use crate::wave::cells::{turn_and_add, weighted_fields};
+use crate::wave::cells::{microphones_last, turn_and_add, weighted_fields};
 use crate::wave::simd::{LANES, phasors};
 use glam::DVec3;
 use num_complex::Complex32;
@@ -47,8 +47,8 @@ pub(super) struct TileGather<'a> {
 #[derive(Debug, Default)]
 struct GatherBuffers {
     along_rows: Vec<f32>,
-    /// One microphone's sums, and all of them, `[K Q][2 × padded microphones]`.
-    one: Vec<f32>,
+    /// Some microphones' sums, and those of all, `[K Q][2 × padded microphones]`.
+    some: Vec<f32>,
     all: Vec<f32>,
     tones: Vec<f32>,
     paths: Vec<f64>,
@@ -145,19 +145,16 @@ impl<'a> TileGather<'a> {
 
     /// The field at the microphones, in `buffers.all`.
     fn interpolate(&mut self, field: &CellField, columns: usize) {
-        let (count, width) = (self.positions.len(), 2 * columns);
+        let (count, width) = (self.positions.len(), CellField::width(columns));
         let padded = count.next_multiple_of(LANES);
-        let buffers = &mut self.buffers;
-        buffers.one.resize(width, 0.0);
-        buffers.all.resize(width * padded, 0.0);
-        let mut put = |mic: usize, one: &[f32]| {
-            for (all, sum) in buffers.all[mic..].iter_mut().step_by(padded).zip(one) {
-                *all = *sum;
-            }
-        };
+        let GatherBuffers { along_rows, some, all, .. } = &mut self.buffers;
+        all.resize(width * padded, 0.0);
         let Some([nx, ny, nz]) = field.counts else {
-            let own = field.sums.chunks_exact(width).skip(self.first).take(count);
-            return own.enumerate().for_each(|(mic, sums)| put(mic, sums));
+            let own = &field.sums[self.first * width..][..count * width];
+            for (block, some) in own.chunks(LANES * width).enumerate() {
+                microphones_last(some, width, &mut all[block * LANES..], padded);
+            }
+            return;
         };
         let whole = &self.panel.whole;
         let rows = self.row_weights.entry([ny, nz]).or_insert_with(|| {
@@ -171,13 +168,20 @@ impl<'a> TileGather<'a> {
             let of_microphone = |r: &DVec3| whole.weights(0, nx, r.x).into_iter().map(|w| w as f32);
             self.positions.iter().flat_map(of_microphone).collect()
         });
-        buffers.along_rows.resize(nx * width * self.rows.len(), 0.0);
-        let shape = [nx * width, ny * nz, self.rows.len()];
-        product_f32(&mut buffers.along_rows, &field.sums, rows, shape);
-        for (mic, (row, weights)) in self.row.iter().zip(along_x.chunks_exact(nx)).enumerate() {
-            let nodes = &buffers.along_rows[row * nx * width..][..nx * width];
-            weighted_fields(weights, nodes, &mut buffers.one);
-            put(mic, &buffers.one);
+        along_rows.resize(nx * width * self.rows.len(), 0.0);
+        for (nodes, weights) in along_rows.chunks_exact_mut(nx * width).zip(rows.chunks_exact(ny * nz)) {
+            weighted_fields(weights, &field.sums, nodes);
+        }
+        some.resize(LANES * width, 0.0);
+        let microphones = self.row.chunks(LANES).zip(along_x.chunks(LANES * nx));
+        for (block, (row, weights)) in microphones.enumerate() {
+            for ((row, weights), one) in
+                row.iter().zip(weights.chunks_exact(nx)).zip(some.chunks_exact_mut(width))
+            {
+                weighted_fields(weights, &along_rows[row * nx * width..][..nx * width], one);
+            }
+            // Lanes beyond the last microphone have numbers of the block before; nothing reads their sums.
+            microphones_last(some, width, &mut all[block * LANES..], padded);
         }
     }
 

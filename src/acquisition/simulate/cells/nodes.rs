@@ -61,6 +61,16 @@ impl NodeRule {
         Some(counts)
     }
 
+    /// The same; `None` also where the panel has no more microphones than it would have nodes.
+    pub(super) fn counts_for(
+        &self,
+        cell: &ReflectorCell,
+        panel: &PanelBox,
+        microphones: usize,
+    ) -> Option<[usize; 3]> {
+        self.counts(cell, panel).filter(|counts| counts.iter().product::<usize>() < microphones)
+    }
+
     fn along(&self, axis: usize, cell: &ReflectorCell, panel: &PanelBox, nearest: DVec3) -> Option<usize> {
         let mut largest = [0.0f64; SAMPLED];
         // The fields of opposite corners are conjugate to first order.

@@ -7,12 +7,12 @@ use crate::acquisition::simulate::SimulateOptions;
 use crate::acquisition::simulate::batch::ReflectorBatch;
 use crate::acquisition::simulate::terms::{LossTerms, outward_spreading};
 use crate::acquisition::simulate::virtual_tones::EquispacedTones;
-use crate::alloc::{try_filled, try_with_capacity};
+use crate::alloc::try_filled;
 use crate::reflectors::Reflectors;
 use crate::wave::NEAREST_LEG;
 use crate::wave::cells::cell_offsets;
 use crate::wave::offsets::MOST_ECHOES;
-use crate::wave::simd::phasors;
+use crate::wave::simd::{LANES, phasors};
 use glam::DVec3;
 
 /// The offsets at places closer to a cell's centre than this many radii are computed in f64.
@@ -23,8 +23,15 @@ const NEAR: f64 = 2.0;
 pub(super) struct CellField {
     /// Numbers of nodes along x, y and z; `None` for the microphones themselves.
     pub(super) counts: Option<[usize; 3]>,
-    /// `[place][K Q]`, each a real and an imaginary part; nodes by z, y and x, x fastest.
+    /// `[place][K Q]`, each a real and an imaginary part, padded to [`CellField::width`]; nodes by z, y and x, x fastest.
     pub(super) sums: Vec<f32>,
+}
+
+impl CellField {
+    /// The numbers of a place with so many columns, with padding.
+    pub(super) fn width(columns: usize) -> usize {
+        (2 * columns).next_multiple_of(2 * LANES)
+    }
 }
 
 /// The inputs of every cell's sums.
@@ -66,16 +73,20 @@ impl CellSummation<'_> {
                 self.add(place, cell, &mut batch, sums);
             }
         }
-        let mut sums = try_with_capacity(2 * all.len() as u64)?;
+        let width = CellField::width(columns);
+        let mut sums = try_filled(0.0, (places.len() * width) as u64)?;
         let legs = self.instrument.geometry.return_legs();
-        for (place, of_place) in places.iter().zip(all.chunks_exact(columns)) {
+        let of_places = all.chunks_exact(columns).zip(sums.chunks_exact_mut(width));
+        for (place, (of_place, sums)) in places.iter().zip(of_places) {
             // Relative to the cell's centre, so that the field stays smooth.
             let scale = if self.options.losses.spreading {
                 place.distance(cell.centre).max(NEAREST_LEG).powf(legs)
             } else {
                 1.0
             };
-            sums.extend(of_place.iter().flatten().map(|sum| (sum * scale) as f32));
+            for (padded, sum) in sums.iter_mut().zip(of_place.iter().flatten()) {
+                *padded = (sum * scale) as f32;
+            }
         }
         Some(CellField { counts, sums })
     }
