@@ -23,10 +23,6 @@ mod terms;
 mod virtual_tones;
 #[cfg(test)]
 mod tests;
-#[cfg(test)]
-mod fast_tests;
-#[cfg(test)]
-mod loss_tests;
 
 pub(crate) use cost::bytes as simulation_bytes;
 pub use errors::ArrayErrors;
