@@ -1,9 +1,10 @@
-//! Reflectors to data cube: Eq. 5, at virtual tones or term by term.
+//! Reflectors to data cube: Eq. 5, at virtual tones, by cells, or term by term.
 //!
 //! The [literal] sum evaluates every reflector, microphone and frequency. With a tolerance, the microphones are cut into
 //! [tiles]; for each tile the reflectors are [grouped](echoes) by path length and summed at a few
-//! [virtual tones](virtual_tones), which an [expansion](expand) turns into all frequencies of the sweep.
-//! A count of operations decides between the two and chooses tiles and tones ([cost]).
+//! [virtual tones](virtual_tones), which an [expansion](expand) turns into all frequencies of the sweep. Many reflectors are
+//! summed as [cells] at a few nodes of the array instead of at each microphone.
+//! A count of operations decides between these and chooses tiles, cells and tones ([cost]).
 //!
 //! [Losses] are factors on each echo; those that depend on the frequency enter as a few separable [terms]. Imperfect
 //! microphones ([`ArrayErrors`]) are not exactly at the positions in the cube, and change gain and phase of what they
@@ -136,8 +137,8 @@ impl PropagationModel {
 /// - Cost: per reflector and microphone about 80 operations, 7 more for each of Q virtual tones (Q about 10 to 30), and a
 ///   matrix product that expands them; for the literal sum, 8 operations (60 for an uneven sweep) per frequency. Losses
 ///   that depend on the frequency multiply the tones by K, about 3 to 10; the literal sum then takes about 300 operations
-///   per frequency.
-/// - Memory in addition to the cube: 32 bytes per reflector and thread, and at most 128 MB of sums; for the literal sum,
+///   per frequency. For many reflectors the first two are paid at some hundred nodes instead of at every microphone.
+/// - Memory in addition to the cube: 32 bytes per reflector and thread, and at most 160 MB of sums; for the literal sum,
 ///   64 columns of the cube.
 /// - Results are bit-identical for any number of threads.
 ///

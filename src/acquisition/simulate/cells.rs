@@ -16,16 +16,19 @@ mod sums;
 mod tree;
 
 use super::columns::Columns;
+use super::cost::HELD_SUMS;
 use super::echoes::GroupSums;
 use super::expand::Expansion;
 use super::terms::LossTerms;
-use super::virtual_tones::EquispacedTones;
+use super::virtual_tones::{EquispacedTones, TONE_DESIGNS};
 use super::{PropagationModel, SimulationJob, no_room};
 use crate::acquisition::Tile;
 use crate::error::Result;
 use crate::progress::{Observer, advance};
-use gather::TileGather;
+use choice::{FEWEST, TILE};
+use gather::{GatherBuffers, TileGather};
 use nodes::{NodeRule, PanelBox};
+use num_complex::Complex32;
 use rayon::prelude::*;
 use std::ops::Range;
 use sums::{CellField, CellSummation};
@@ -60,8 +63,27 @@ pub(super) struct CellPlan<'a> {
     held: usize,
 }
 
-/// Maximum number of sums of cells in memory, 4 bytes each.
+/// Maximum number of sums of cells in memory, 4 bytes each, and of microphones whose sums are in memory at a time.
 const HELD_FIELDS: usize = 8_388_608;
+const HELD_MICROPHONES: f64 = 16_384.0;
+
+/// Bytes of the weights of nodes for a microphone, about: as many as there are nodes along x, and along y, for ten numbers
+/// of nodes.
+const WEIGHTS: u64 = 2048;
+
+/// Estimated bytes of the sums of so many `reflectors` by cells, if they are many enough, where there are so many groups in
+/// intervals of the longest duration, with K terms.
+pub(super) fn bytes(reflectors: u64, microphones: usize, groups: f64, terms: usize) -> u64 {
+    if reflectors < FEWEST as u64 || microphones <= TILE {
+        return 0;
+    }
+    let held = (microphones as f64).min(HELD_MICROPHONES);
+    let columns = (2 * TONE_DESIGNS[TONE_DESIGNS.len() - 1].pairs + 1) * terms;
+    let sums = (held * groups * columns as f64).min(HELD_SUMS);
+    (size_of::<f32>() * HELD_FIELDS) as u64
+        + size_of::<Complex32>() as u64 * sums as u64
+        + WEIGHTS * held as u64
+}
 
 impl CellPlan<'_> {
     /// K Q of an interval: sums per microphone.
@@ -150,11 +172,14 @@ impl CellPlan<'_> {
                 })
                 .collect::<Option<_>>()
                 .ok_or_else(no_room)?;
-            gathers.par_iter_mut().zip(&places).for_each(|(gather, (at, _, _))| {
-                for (cell, field) in some.iter().zip(&fields[at * some.len()..]) {
-                    gather.add(*cell, field);
-                }
-            });
+            gathers.par_iter_mut().zip(&places).for_each_init(
+                GatherBuffers::default,
+                |buffers, (gather, (at, _, _))| {
+                    for (cell, field) in some.iter().zip(&fields[at * some.len()..]) {
+                        gather.add(*cell, field, buffers);
+                    }
+                },
+            );
             done += some.len();
             let finished = count * done / cells.len();
             advance(observer, (finished - reported) as u64)?;

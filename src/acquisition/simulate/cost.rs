@@ -7,7 +7,7 @@ use super::expand::TILES_PER_THREAD;
 use super::literal::COLUMNS;
 use super::terms::{LossModel, MOST_TERMS};
 use super::virtual_tones::{MORE, TONE_DESIGNS, ToneDesign};
-use super::{PropagationModel, SimulateOptions};
+use super::{PropagationModel, SimulateOptions, cells};
 use crate::acquisition::{Instrument, Sweep, Tile, tiles};
 use crate::reflectors::Reflectors;
 use crate::scene::FARTHEST;
@@ -201,7 +201,7 @@ pub(crate) fn bytes(
     let directed = if options.losses.speaker_radius > 0.0 { 4 * MOST_TERMS as u64 } else { 0 };
     let of_reflectors = reflectors.saturating_mul(8 + directed + each_thread * threads.max(1) as u64);
     let of_microphones = TILED_MICROPHONE.saturating_mul(instrument.array.len() as u64);
-    sums_bytes(instrument, bounds, options, threads)
+    sums_bytes(instrument, (bounds, reflectors), options, threads)
         .saturating_add(of_reflectors)
         .saturating_add(of_microphones)
 }
@@ -216,7 +216,7 @@ const TILED_MICROPHONE: u64 = (size_of::<Tile>() + 6 * size_of::<usize>()) as u6
 /// The sums of the microphones in progress, and weights.
 fn sums_bytes(
     instrument: &Instrument,
-    bounds: Option<(DVec3, DVec3)>,
+    (bounds, reflectors): (Option<(DVec3, DVec3)>, u64),
     options: &SimulateOptions,
     threads: usize,
 ) -> u64 {
@@ -231,9 +231,19 @@ fn sums_bytes(
     let ends = Reflectors::new(vec![low, high], vec![Complex32::ONE; 2]).unwrap_or_default();
     let terms =
         LossModel::new(&ends, instrument, options).chebyshev_nodes(0.5 * length, 0.5 * options.tolerance);
-    let columns = (2 * design.pairs + 1) * terms.map_or(MOST_TERMS, |terms| terms.nodes.len());
+    let terms = terms.map_or(MOST_TERMS, |terms| terms.nodes.len());
+    let columns = (2 * design.pairs + 1) * terms;
     let most = (TILES_PER_THREAD * threads.max(1) * TILES[TILES.len() - 1]).min(array.len());
     let sums = (HELD_MICROPHONES.min(most as f64) * groups * columns as f64).min(HELD_SUMS);
-    literal
-        .max(size_of::<Complex32>() as u64 * sums as u64 + (size_of::<f32>() * columns * sweep.len()) as u64)
+    let weights = (size_of::<f32>() * columns * sweep.len()) as u64;
+    // Of the longest intervals, of which cells take up to a half.
+    let longest_interval =
+        TONE_DESIGNS[TONE_DESIGNS.len() - 1].time_bandwidth / sweep.bandwidth() * sound_speed;
+    let cell_groups = (longest - shortest) / (0.5 * (1.0 - 0.5 * TILE_SHARE) * longest_interval) + 1.0;
+    let of_cells = if options.model == PropagationModel::Exact {
+        cells::bytes(reflectors, array.len(), cell_groups, terms)
+    } else {
+        0
+    };
+    literal.max(size_of::<Complex32>() as u64 * sums as u64 + weights).max(of_cells + weights)
 }

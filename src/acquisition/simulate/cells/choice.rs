@@ -3,7 +3,7 @@
 use super::nodes::{NodeRule, PanelBox};
 use super::pair::TonePair;
 use super::tree::{CellTree, ReflectorCell};
-use super::{CellPlan, MicrophonePanel, PropagationModel};
+use super::{CellPlan, HELD_MICROPHONES, MicrophonePanel, PropagationModel};
 use crate::acquisition::simulate::SimulateOptions;
 use crate::acquisition::simulate::cost::{
     ACROSS, FACTOR, HELD_SUMS, LEGS, MOST_CYCLES, MOST_INTERVALS, PADDING, PAIR, PHASE, PRODUCT, SORTING,
@@ -17,7 +17,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 /// Fewer reflectors, or cells of fewer on average, are not worth while.
-const FEWEST: usize = 4096;
+pub(super) const FEWEST: usize = 4096;
 const FEWEST_OF_CELL: usize = 8;
 
 /// The first design of intervals, and the last one of cells.
@@ -25,7 +25,7 @@ const FIRST_OF_INTERVALS: usize = 5;
 const LAST_OF_CELLS: usize = 6;
 
 /// Microphones of a tile.
-const TILE: usize = 64;
+pub(super) const TILE: usize = 64;
 
 /// Cells and panels that are sampled for the estimate.
 const SAMPLED_CELLS: usize = 12;
@@ -144,8 +144,8 @@ impl<'a> CellPlan<'a> {
 
 /// The panels that are considered: the array, and its quarters, sixteenths .. as long as they have several tiles.
 fn panel_sizes(positions: &[DVec3]) -> Vec<PanelSize> {
-    let counts = (0..).map(|level| positions.len().div_ceil(1 << (2 * level)));
-    let counts = counts.take_while(|count| *count == positions.len() || *count >= TILE);
+    let quarters = (1..usize::BITS / 2).map(|level| positions.len().div_ceil(1 << (2 * level)));
+    let counts = std::iter::once(positions.len()).chain(quarters.take_while(|count| *count >= TILE));
     counts
         .map(|count| {
             let panels = tiles(positions, count, f64::INFINITY);
@@ -263,7 +263,8 @@ impl CellTones {
 
     /// Microphones whose sums are in memory at a time.
     fn held(&self, groups: f64) -> f64 {
-        HELD_SUMS / (groups * (self.pair.tones.count() * self.loss_nodes.nodes.len()) as f64)
+        let columns = self.pair.tones.count() * self.loss_nodes.nodes.len();
+        (HELD_SUMS / (groups * columns as f64)).min(HELD_MICROPHONES)
     }
 
     /// The plan with these tones; `None` if a loss is not a smooth function.

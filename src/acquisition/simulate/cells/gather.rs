@@ -5,7 +5,8 @@
 //! those of its interval by one fixed matrix, because both are about the same centre.
 
 use super::sums::CellField;
-use super::{CellPlan, MicrophonePanel};
+use super::tree::ReflectorCell;
+use super::{CellPlan, MicrophonePanel, PropagationModel};
 use crate::acquisition::simulate::echoes::{CentrePath, GroupSums, Intervals};
 use crate::acquisition::simulate::terms::LossTerms;
 use crate::acquisition::simulate::{SimulateOptions, SimulationJob};
@@ -41,11 +42,11 @@ pub(super) struct TileGather<'a> {
     /// Weights of nodes along y and z, `[row][z][y]`, and along x, `[microphone][x]`.
     row_weights: BTreeMap<[usize; 2], Vec<f32>>,
     x_weights: BTreeMap<usize, Vec<f32>>,
-    buffers: GatherBuffers,
 }
 
+/// Buffers of a thread. Numbers beyond the last microphone of a tile are of another one; nothing reads their sums.
 #[derive(Debug, Default)]
-struct GatherBuffers {
+pub(super) struct GatherBuffers {
     along_rows: Vec<f32>,
     /// Some microphones' sums, and those of all, `[K Q][2 × padded microphones]`.
     some: Vec<f32>,
@@ -103,24 +104,22 @@ impl<'a> TileGather<'a> {
             row,
             row_weights: BTreeMap::new(),
             x_weights: BTreeMap::new(),
-            buffers: GatherBuffers::default(),
         })
     }
 
     /// Adds a cell.
-    pub(super) fn add(&mut self, cell: usize, field: &CellField) {
+    pub(super) fn add(&mut self, cell: usize, field: &CellField, buffers: &mut GatherBuffers) {
         let (local, tones) = (self.plan.local.count(), self.plan.tones.count());
         let terms = self.plan.terms.as_ref().map_or(1, LossTerms::count);
         let padded = self.positions.len().next_multiple_of(LANES);
-        self.interpolate(field, terms * local);
+        self.interpolate(field, terms * local, buffers);
         let cell = &self.plan.tree.cells[cell];
         let place = self.intervals.place(self.plan.centre_path(cell, self.tile, self.instrument).length);
         let middle = self.intervals.middle(place);
         let Ok(group) = self.places.binary_search(&place) else { return };
-        self.turn(cell, middle);
+        self.turn(cell, middle, buffers);
         let width = 2 * padded;
         for k in 0..terms {
-            let buffers = &mut self.buffers;
             buffers.tones.resize(tones * width, 0.0);
             let sums = &buffers.all[k * local * width..][..local * width];
             product_f32(&mut buffers.tones, sums, &self.plan.local.weights, [width, local, tones]);
@@ -144,10 +143,10 @@ impl<'a> TileGather<'a> {
     }
 
     /// The field at the microphones, in `buffers.all`.
-    fn interpolate(&mut self, field: &CellField, columns: usize) {
+    fn interpolate(&mut self, field: &CellField, columns: usize, buffers: &mut GatherBuffers) {
         let (count, width) = (self.positions.len(), CellField::width(columns));
         let padded = count.next_multiple_of(LANES);
-        let GatherBuffers { along_rows, some, all, .. } = &mut self.buffers;
+        let GatherBuffers { along_rows, some, all, .. } = buffers;
         all.resize(width * padded, 0.0);
         let Some([nx, ny, nz]) = field.counts else {
             let own = &field.sums[self.first * width..][..count * width];
@@ -180,18 +179,17 @@ impl<'a> TileGather<'a> {
             {
                 weighted_fields(weights, &along_rows[row * nx * width..][..nx * width], one);
             }
-            // Lanes beyond the last microphone have numbers of the block before; nothing reads their sums.
             microphones_last(some, width, &mut all[block * LANES..], padded);
         }
     }
 
-    /// The phasors of the cell's centre at the microphones, in `buffers.planes`; padding stays zero.
-    fn turn(&mut self, cell: &super::tree::ReflectorCell, middle: f64) {
+    /// The phasors of the cell's centre at the microphones, in `buffers.planes`.
+    fn turn(&self, cell: &ReflectorCell, middle: f64, buffers: &mut GatherBuffers) {
         let Instrument { geometry, sound_speed, .. } = self.instrument;
         let legs = geometry.return_legs();
         let padded = self.positions.len().next_multiple_of(LANES);
         let outward = geometry.outward_length(cell.centre) - middle;
-        let GatherBuffers { paths, phasors: turns, planes, .. } = &mut self.buffers;
+        let GatherBuffers { paths, phasors: turns, planes, .. } = buffers;
         paths.clear();
         paths.extend(self.positions.iter().map(|r| outward + legs * r.distance(cell.centre)));
         for (turns, f) in turns.iter_mut().zip([self.plan.tones.centre, self.plan.tones.step]) {
@@ -229,13 +227,13 @@ impl CellPlan<'_> {
     /// The path of a cell's centre to that of a tile.
     pub(super) fn centre_path(
         &self,
-        cell: &super::tree::ReflectorCell,
+        cell: &ReflectorCell,
         tile: &Tile,
         instrument: &Instrument,
     ) -> CentrePath {
         let geometry = &instrument.geometry;
         let outward = geometry.outward_length(cell.centre);
-        CentrePath::new(cell.centre, outward, tile, geometry, super::PropagationModel::Exact)
+        CentrePath::new(cell.centre, outward, tile, geometry, PropagationModel::Exact)
     }
 
     /// Intervals in which every path via a cell stays, not only that of its centre.

@@ -113,11 +113,12 @@ fn errors_average_for_many_reflectors_and_are_as_small_as_without_cells() {
 #[test]
 fn the_number_of_threads_does_not_change_cells() {
     let (reflectors, instrument) = sheet(20_000);
-    let losses = Losses { spreading: true, air: Some(AIR), speaker_radius: 0.012, microphone_radius: 0.003 };
-    let errors = ArrayErrors { gain_db: 0.5, phase: 5.0, position: 1e-3, seed: 7 };
-    for options in
-        [SimulateOptions::default(), SimulateOptions::default().with_losses(losses).with_errors(Some(errors))]
-    {
+    let plain = SimulateOptions::default();
+    let losses = Losses { spreading: true, air: Some(AIR), ..Losses::NONE };
+    let errors = ArrayErrors { gain_db: 0.5, phase: 5.0, position: 0.0, seed: 7 };
+    let lossy = plain.clone().with_losses(losses).with_errors(Some(errors));
+    let dense = MicArray::rectangular([32, 30], [0.025; 2], DVec3::ZERO).expect("ok");
+    for (instrument, options) in [(instrument.clone(), plain), (instrument.with_array(dense), lossy)] {
         assert!(matches!(method(&reflectors, &instrument, &options), SimulationMethod::Cells(_)));
         assert_threads_do_not_matter(&reflectors, &instrument, &options);
     }
