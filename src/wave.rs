@@ -5,6 +5,7 @@
 //! error of a plain f32 phase is 7·10⁻⁴ rad, that of a wrapped one 6·10⁻⁷ rad.
 
 pub mod air;
+pub(crate) mod cells;
 pub(crate) mod interval;
 pub(crate) mod legs;
 pub(crate) mod offsets;

@@ -1,15 +1,17 @@
-//! Reflectors to data cube: Eq. 5, at virtual tones or term by term.
+//! Reflectors to data cube: Eq. 5, at virtual tones, by cells, or term by term.
 //!
 //! The [literal] sum evaluates every reflector, microphone and frequency. With a tolerance, the microphones are cut into
 //! [tiles]; for each tile the reflectors are [grouped](echoes) by path length and summed at a few
-//! [virtual tones](virtual_tones), which an [expansion](expand) turns into all frequencies of the sweep.
-//! A count of operations decides between the two and chooses tiles and tones ([cost]).
+//! [virtual tones](virtual_tones), which an [expansion](expand) turns into all frequencies of the sweep. Many reflectors are
+//! summed as [cells] at a few nodes of the array instead of at each microphone.
+//! A count of operations decides between these and chooses tiles, cells and tones ([cost]).
 //!
 //! [Losses] are factors on each echo; those that depend on the frequency enter as a few separable [terms]. Imperfect
 //! microphones ([`ArrayErrors`]) are not exactly at the positions in the cube, and change gain and phase of what they
 //! record.
 
 mod batch;
+mod cells;
 mod columns;
 mod cost;
 mod echoes;
@@ -22,10 +24,6 @@ mod terms;
 mod virtual_tones;
 #[cfg(test)]
 mod tests;
-#[cfg(test)]
-mod fast_tests;
-#[cfg(test)]
-mod loss_tests;
 
 pub(crate) use cost::bytes as simulation_bytes;
 pub use errors::ArrayErrors;
@@ -40,8 +38,9 @@ use crate::progress::{Observer, Silent, stage};
 use crate::reflectors::Reflectors;
 use crate::wave::Geometry;
 use crate::with_fields::with_fields;
+use cells::CellPlan;
 use columns::Columns;
-use expand::fast;
+use expand::{Expansion, fast};
 use glam::DVec3;
 use literal::literal;
 use noise::add_noise;
@@ -138,8 +137,8 @@ impl PropagationModel {
 /// - Cost: per reflector and microphone about 80 operations, 7 more for each of Q virtual tones (Q about 10 to 30), and a
 ///   matrix product that expands them; for the literal sum, 8 operations (60 for an uneven sweep) per frequency. Losses
 ///   that depend on the frequency multiply the tones by K, about 3 to 10; the literal sum then takes about 300 operations
-///   per frequency.
-/// - Memory in addition to the cube: 32 bytes per reflector and thread, and at most 128 MB of sums; for the literal sum,
+///   per frequency. For many reflectors the first two are paid at some hundred nodes instead of at every microphone.
+/// - Memory in addition to the cube: 32 bytes per reflector and thread, and at most 160 MB of sums; for the literal sum,
 ///   64 columns of the cube.
 /// - Results are bit-identical for any number of threads.
 ///
@@ -201,9 +200,10 @@ pub(crate) fn simulate_resumable(
     };
     let job = SimulationJob { reflectors, instrument: &real, options, responses: &responses };
     let mut columns = Columns::new(&mut samples, n_mic, store);
-    stage(observer, "simulating", n_mic as u64, || match plan(reflectors, &real, options) {
-        Some(plan) => fast(&job, &plan, &mut columns, observer),
-        None => literal(&job, &mut columns, observer),
+    stage(observer, "simulating", n_mic as u64, || match method(reflectors, &real, options) {
+        SimulationMethod::Cells(plan) => plan.simulate(&job, &mut columns, observer),
+        SimulationMethod::Tiles(plan) => fast(&job, &plan, &mut columns, observer),
+        SimulationMethod::Literal => literal(&job, &mut columns, observer),
     })?;
     if let Some(noise) = options.noise {
         add_noise(&mut samples, n_mic, noise, instrument.detection)?;
@@ -240,9 +240,9 @@ struct SimulationPlan {
 }
 
 impl SimulationPlan {
-    /// K Q: sums per microphone and group.
-    fn columns(&self) -> usize {
-        self.tones.count() * self.terms.as_ref().map_or(1, LossTerms::count)
+    fn expansion(&self) -> Expansion<'_> {
+        let absorption = self.terms.as_ref().map_or(&[][..], |terms| &terms.absorption);
+        Expansion { weights: &self.weights, absorption }
     }
 
     /// The plan of a candidate; `None` if its tones or terms do not meet the tolerance.
@@ -276,22 +276,37 @@ impl SimulationPlan {
 /// Minimum tolerance of virtual tones; their f32 weights are no more accurate.
 const LEAST_TOLERANCE: f64 = 1e-7;
 
-/// The cheapest plan that meets the tolerance; `None` where the literal sum is cheaper.
-fn plan(
-    reflectors: &Reflectors,
+/// How a simulation is done.
+#[derive(Debug)]
+enum SimulationMethod<'a> {
+    Cells(Box<CellPlan<'a>>),
+    Tiles(SimulationPlan),
+    Literal,
+}
+
+/// The cheapest method that meets the tolerance.
+fn method<'a>(
+    reflectors: &'a Reflectors,
     instrument: &Instrument,
     options: &SimulateOptions,
-) -> Option<SimulationPlan> {
+) -> SimulationMethod<'a> {
     // A band without width has no duration, and an index must fit into its half of a sorting key.
     let possible = options.tolerance >= LEAST_TOLERANCE
         && instrument.sweep.bandwidth() > 0.0
         && u32::try_from(reflectors.len()).is_ok();
     if !possible {
-        return None;
+        return SimulationMethod::Literal;
     }
-    cost::candidates(reflectors, instrument, options)
+    let candidates = cost::candidates(reflectors, instrument, options);
+    // Without any there is nothing to gain, or no phase is accurate.
+    let Some((least, _)) = candidates.first() else { return SimulationMethod::Literal };
+    if let Some(plan) = CellPlan::find(reflectors, instrument, options, *least) {
+        return SimulationMethod::Cells(Box::new(plan));
+    }
+    candidates
         .into_iter()
-        .find_map(|candidate| SimulationPlan::of(&candidate, reflectors, instrument, options))
+        .find_map(|(_, candidate)| SimulationPlan::of(&candidate, reflectors, instrument, options))
+        .map_or(SimulationMethod::Literal, SimulationMethod::Tiles)
 }
 
 /// The error for sums that do not fit in memory.

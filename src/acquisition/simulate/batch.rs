@@ -3,7 +3,7 @@
 use super::terms::LossTerms;
 use crate::wave::NEAREST_LEG;
 use crate::wave::legs::return_legs;
-use crate::wave::offsets::WIDE;
+use crate::wave::offsets::{Echoes, WIDE, sum_over_tones};
 use glam::DVec3;
 use num_complex::Complex32;
 
@@ -51,6 +51,32 @@ impl ReflectorBatch {
         clear_to_zeros(zeroed.chain([&mut self.turn, &mut self.offsets]), padded);
         self.distance.clear();
         self.distance.resize(padded, 1.0);
+    }
+
+    /// Adds the echoes, whose offsets are known, to the sums of a microphone at `d`: `[K][Q]`.
+    pub(super) fn add(
+        &mut self,
+        per_metre: [f32; 2],
+        terms: Option<&LossTerms>,
+        (d, spread_legs): ([f32; 3], Option<f64>),
+        sums: &mut [[f64; 2]],
+    ) {
+        let Self { amplitude, weighted, offsets, losses, turn, .. } = self;
+        let Some(terms) = terms else {
+            let echoes = Echoes { turn, amplitude: [&amplitude[0], &amplitude[1]] };
+            return sum_over_tones(echoes, offsets, per_metre, sums);
+        };
+        losses.set_microphone(d, offsets, spread_legs.unwrap_or(0.0));
+        let tones = sums.len() / terms.count();
+        for (k, sums) in sums.chunks_exact_mut(tones).enumerate() {
+            let factors = losses.factors(terms, k);
+            for (weighted, amplitude) in weighted.iter_mut().zip(&*amplitude) {
+                weighted.clear();
+                weighted.extend(amplitude.iter().zip(factors).map(|(a, factor)| a * factor));
+            }
+            let echoes = Echoes { turn, amplitude: [&weighted[0], &weighted[1]] };
+            sum_over_tones(echoes, offsets, per_metre, sums);
+        }
     }
 }
 

@@ -7,7 +7,7 @@ use super::expand::TILES_PER_THREAD;
 use super::literal::COLUMNS;
 use super::terms::{LossModel, MOST_TERMS};
 use super::virtual_tones::{MORE, TONE_DESIGNS, ToneDesign};
-use super::{PropagationModel, SimulateOptions};
+use super::{PropagationModel, SimulateOptions, cells};
 use crate::acquisition::{Instrument, Sweep, Tile, tiles};
 use crate::reflectors::Reflectors;
 use crate::scene::FARTHEST;
@@ -31,16 +31,16 @@ pub(super) struct CandidatePlan {
 const TILES: [usize; 4] = [1, 4, 16, 64];
 
 /// Maximum share of a duration that the paths to one tile may take, so that an interval remains.
-const TILE_SHARE: f64 = 0.75;
+pub(super) const TILE_SHARE: f64 = 0.75;
 
 /// Offsets of more wavelengths than this have a rounding error above 10⁻⁶ cycles in f32.
-const MOST_CYCLES: f64 = 8.0;
+pub(super) const MOST_CYCLES: f64 = 8.0;
 
 /// Maximum number of intervals that fits into a sorting key.
-const MOST_INTERVALS: f64 = 1e8;
+pub(super) const MOST_INTERVALS: f64 = 1e8;
 
 /// Maximum number of sums in memory, 8 bytes each, and of microphones at a time.
-const HELD_SUMS: f64 = 16_777_216.0;
+pub(super) const HELD_SUMS: f64 = 16_777_216.0;
 const HELD_MICROPHONES: f64 = 4096.0;
 
 /// Reflectors and tiles that are sampled for the estimate.
@@ -54,20 +54,20 @@ const LITERAL_PAIR: f64 = 250.0;
 /// A term with a factor that depends on the frequency.
 const LOSSY_TERM: f64 = 400.0;
 /// Losses of a reflector at a microphone, and the factor of one term.
-const LEGS: f64 = 40.0;
-const FACTOR: f64 = 60.0;
-const PAIR: f64 = 85.0;
-const TONE: f64 = 7.0;
+pub(super) const LEGS: f64 = 40.0;
+pub(super) const FACTOR: f64 = 60.0;
+pub(super) const PAIR: f64 = 85.0;
+pub(super) const TONE: f64 = 7.0;
 /// Sorting a reflector for a tile and copying it into a batch.
-const SORTING: f64 = 3000.0;
+pub(super) const SORTING: f64 = 3000.0;
 /// Expansion, per group, microphone and frequency: the phase, and a multiplication per tone.
-const PHASE: f64 = 40.0;
-const PRODUCT: f64 = 4.0;
+pub(super) const PHASE: f64 = 40.0;
+pub(super) const PRODUCT: f64 = 4.0;
 /// Summing the lanes of a group, per microphone and tone, and the lanes that its reflectors do not fill.
-const ACROSS: f64 = 60.0;
-const PADDING: f64 = 8.0;
+pub(super) const ACROSS: f64 = 60.0;
+pub(super) const PADDING: f64 = 8.0;
 /// Solving for W, per frequency and tone.
-const SOLVE: f64 = 5000.0;
+pub(super) const SOLVE: f64 = 5000.0;
 
 /// The maximum radius of a tile for a duration, m.
 pub(super) fn widest_tile(design: ToneDesign, instrument: &Instrument) -> f64 {
@@ -87,12 +87,12 @@ fn literal(reflectors: f64, microphones: f64, sweep: &Sweep, options: &SimulateO
     reflectors * microphones * (LITERAL_PAIR + term * sweep.len() as f64)
 }
 
-/// The plans that take fewer operations than the literal sum, cheapest first.
+/// The plans that take fewer operations than the literal sum, and how many, cheapest first.
 pub(super) fn candidates(
     reflectors: &Reflectors,
     instrument: &Instrument,
     options: &SimulateOptions,
-) -> Vec<CandidatePlan> {
+) -> Vec<(f64, CandidatePlan)> {
     let Instrument { sweep, array, geometry, sound_speed, .. } = instrument;
     let (n_p, n_mic, n_f) = (reflectors.len() as f64, array.len() as f64, sweep.len() as f64);
     let most = literal(n_p, n_mic, sweep, options);
@@ -146,7 +146,7 @@ pub(super) fn candidates(
         }
     }
     found.sort_by(|a, b| a.0.total_cmp(&b.0));
-    found.into_iter().map(|(_, candidate)| candidate).collect()
+    found
 }
 
 /// Number of terms of the losses for each design; `None` where too many would be needed.
@@ -201,7 +201,7 @@ pub(crate) fn bytes(
     let directed = if options.losses.speaker_radius > 0.0 { 4 * MOST_TERMS as u64 } else { 0 };
     let of_reflectors = reflectors.saturating_mul(8 + directed + each_thread * threads.max(1) as u64);
     let of_microphones = TILED_MICROPHONE.saturating_mul(instrument.array.len() as u64);
-    sums_bytes(instrument, bounds, options, threads)
+    sums_bytes(instrument, (bounds, reflectors), options, threads)
         .saturating_add(of_reflectors)
         .saturating_add(of_microphones)
 }
@@ -216,7 +216,7 @@ const TILED_MICROPHONE: u64 = (size_of::<Tile>() + 6 * size_of::<usize>()) as u6
 /// The sums of the microphones in progress, and weights.
 fn sums_bytes(
     instrument: &Instrument,
-    bounds: Option<(DVec3, DVec3)>,
+    (bounds, reflectors): (Option<(DVec3, DVec3)>, u64),
     options: &SimulateOptions,
     threads: usize,
 ) -> u64 {
@@ -231,9 +231,19 @@ fn sums_bytes(
     let ends = Reflectors::new(vec![low, high], vec![Complex32::ONE; 2]).unwrap_or_default();
     let terms =
         LossModel::new(&ends, instrument, options).chebyshev_nodes(0.5 * length, 0.5 * options.tolerance);
-    let columns = (2 * design.pairs + 1) * terms.map_or(MOST_TERMS, |terms| terms.nodes.len());
+    let terms = terms.map_or(MOST_TERMS, |terms| terms.nodes.len());
+    let columns = (2 * design.pairs + 1) * terms;
     let most = (TILES_PER_THREAD * threads.max(1) * TILES[TILES.len() - 1]).min(array.len());
     let sums = (HELD_MICROPHONES.min(most as f64) * groups * columns as f64).min(HELD_SUMS);
-    literal
-        .max(size_of::<Complex32>() as u64 * sums as u64 + (size_of::<f32>() * columns * sweep.len()) as u64)
+    let weights = (size_of::<f32>() * columns * sweep.len()) as u64;
+    // Of the longest intervals, of which cells take up to a half.
+    let longest_interval =
+        TONE_DESIGNS[TONE_DESIGNS.len() - 1].time_bandwidth / sweep.bandwidth() * sound_speed;
+    let cell_groups = (longest - shortest) / (0.5 * (1.0 - 0.5 * TILE_SHARE) * longest_interval) + 1.0;
+    let of_cells = if options.model == PropagationModel::Exact {
+        cells::bytes(reflectors, array.len(), cell_groups, terms)
+    } else {
+        0
+    };
+    literal.max(size_of::<Complex32>() as u64 * sums as u64 + weights).max(of_cells + weights)
 }

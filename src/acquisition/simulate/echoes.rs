@@ -12,7 +12,7 @@ use crate::acquisition::{Instrument, Tile};
 use crate::alloc::{try_filled, try_with_capacity};
 use crate::reflectors::Reflectors;
 use crate::wave::Geometry;
-use crate::wave::offsets::{Echoes, MOST_ECHOES, exact_offsets, linear_offsets, sum_over_tones};
+use crate::wave::offsets::{MOST_ECHOES, exact_offsets, linear_offsets};
 use crate::wave::simd::phasors;
 use glam::DVec3;
 
@@ -87,7 +87,8 @@ impl Intervals {
         Self { first, width: length - 2.0 * reach }
     }
 
-    fn place(&self, path: f64) -> u64 {
+    /// The number of the interval that contains a path.
+    pub(super) fn place(&self, path: f64) -> u64 {
         ((path - self.first) / self.width) as u64
     }
 
@@ -99,7 +100,8 @@ impl Intervals {
         places.len()
     }
 
-    fn middle(&self, place: u64) -> f64 {
+    /// The middle of an interval, m.
+    pub(super) fn middle(&self, place: u64) -> f64 {
         self.first + (place as f64 + 0.5) * self.width
     }
 }
@@ -230,22 +232,8 @@ impl<'a> Summation<'a> {
             linear_offsets(toward, d, legs as f32, &mut batch.offsets);
         }
         let per_metre = [self.tones.centre, self.tones.step].map(|f| (f / sound_speed) as f32);
-        let Some(terms) = self.terms else {
-            let echoes = Echoes { turn: &batch.turn, amplitude: [&batch.amplitude[0], &batch.amplitude[1]] };
-            return sum_over_tones(echoes, &batch.offsets, per_metre, sums);
-        };
-        let ReflectorBatch { amplitude, weighted, offsets, losses, turn, .. } = batch;
-        let spread_legs = if self.options.losses.spreading { legs } else { 0.0 };
-        losses.set_microphone(d, offsets, spread_legs);
-        for (k, sums) in sums.chunks_exact_mut(self.tones.count()).enumerate() {
-            let factors = losses.factors(terms, k);
-            for (weighted, amplitude) in weighted.iter_mut().zip(&*amplitude) {
-                weighted.clear();
-                weighted.extend(amplitude.iter().zip(factors).map(|(a, factor)| a * factor));
-            }
-            let echoes = Echoes { turn, amplitude: [&weighted[0], &weighted[1]] };
-            sum_over_tones(echoes, offsets, per_metre, sums);
-        }
+        let spread_legs = self.options.losses.spreading.then_some(legs);
+        batch.add(per_metre, self.terms, (d, spread_legs), sums);
     }
 }
 

@@ -25,8 +25,7 @@ pub(super) fn fast(
     columns: &mut Columns,
     observer: &dyn Observer,
 ) -> Result<()> {
-    let SimulationJob { reflectors, instrument, options, responses } = *job;
-    let n_mic = instrument.array.len();
+    let SimulationJob { reflectors, instrument, options, .. } = *job;
     let summation = Summation::new(reflectors, instrument, options, &plan.tones, plan.terms.as_ref());
     let summation = summation.ok_or_else(no_room)?;
     let mut missing = Vec::new();
@@ -55,10 +54,36 @@ pub(super) fn fast(
                 advance(observer, tile.microphones.len() as u64).map(|()| sums)
             })
             .collect::<Result<_>>()?;
+        plan.expansion().record(job, tiles, &sums, columns);
+        columns.save_if_due()?;
+    }
+    Ok(())
+}
+
+/// How sums at tones become samples of all frequencies.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Expansion<'a> {
+    /// `[n_f][K Q]`.
+    pub(super) weights: &'a [f32],
+    /// α(f_n), Np/m; empty without absorption.
+    pub(super) absorption: &'a [f64],
+}
+
+impl Expansion<'_> {
+    /// Fills the columns of tiles, each with its number, from their sums.
+    pub(super) fn record(
+        &self,
+        job: &SimulationJob<'_>,
+        tiles: &[(usize, &Tile)],
+        sums: &[Vec<GroupSums>],
+        columns: &mut Columns,
+    ) {
+        let SimulationJob { instrument, responses, .. } = *job;
+        let n_mic = instrument.array.len();
         columns.samples.par_chunks_mut(ROWS * n_mic).enumerate().for_each(|(chunk, rows)| {
             let mut buffers = ExpansionBuffers::default();
-            for ((_, tile), sums) in tiles.iter().zip(&sums) {
-                buffers.expand(chunk * ROWS, tile, sums, instrument, plan);
+            for ((_, tile), sums) in tiles.iter().zip(sums) {
+                buffers.expand(chunk * ROWS, tile, sums, instrument, self);
                 let width = 2 * tile.microphones.len();
                 for (row, totals) in rows.chunks_exact_mut(n_mic).zip(buffers.totals.chunks_exact(width)) {
                     let (re, im) = totals.split_at(width / 2);
@@ -71,9 +96,7 @@ pub(super) fn fast(
         for (k, tile) in tiles {
             columns.finish(*k, &tile.microphones);
         }
-        columns.save_if_due()?;
     }
-    Ok(())
 }
 
 /// Buffers for one tile's expansion at some frequencies.
@@ -93,21 +116,21 @@ impl ExpansionBuffers {
         tile: &Tile,
         groups: &[GroupSums],
         instrument: &Instrument,
-        plan: &SimulationPlan,
+        expansion: &Expansion<'_>,
     ) {
         let sweep = &instrument.sweep;
         let frequencies = &sweep.frequencies()[first..(first + ROWS).min(sweep.len())];
-        let (rows, width, count) = (frequencies.len(), 2 * tile.microphones.len(), plan.columns());
+        let (rows, width, count) =
+            (frequencies.len(), 2 * tile.microphones.len(), expansion.weights.len() / sweep.len());
         self.totals.clear();
         self.totals.resize(rows * width, 0.0);
         self.product.resize(rows * width, 0.0);
         self.phasors.resize(rows, Complex32::ZERO);
-        let weights = &plan.weights[first * count..(first + rows) * count];
-        let absorption = plan.terms.as_ref().map_or(&[][..], |terms| &terms.absorption);
+        let weights = &expansion.weights[first * count..(first + rows) * count];
         for group in groups {
             product_f32(&mut self.product, &group.sums, weights, [width, count, rows]);
             phasors(group.middle / instrument.sound_speed, frequencies, &mut self.phasors);
-            for (phasor, absorption) in self.phasors.iter_mut().zip(absorption.iter().skip(first)) {
+            for (phasor, absorption) in self.phasors.iter_mut().zip(expansion.absorption.iter().skip(first)) {
                 *phasor *= (-absorption * group.middle).exp() as f32;
             }
             rotate_and_add(&self.phasors, &self.product, &mut self.totals);

@@ -1,4 +1,8 @@
-//! The literal sum against Eq. 5 as printed, noise, and what the tests of virtual tones share.
+//! The literal sum against Eq. 5 as printed, noise, and what other tests share.
+
+mod cells;
+mod losses;
+mod virtual_tones;
 
 use super::*;
 use crate::acquisition::{MicArray, Sweep};
@@ -29,11 +33,7 @@ fn literal(reflectors: &Reflectors, r: DVec3, f: f64, instrument: &Instrument) -
 }
 
 /// Simulates on one thread and on several, with bit-identical results.
-pub(super) fn assert_threads_do_not_matter(
-    reflectors: &Reflectors,
-    instrument: &Instrument,
-    options: &SimulateOptions,
-) {
+fn assert_threads_do_not_matter(reflectors: &Reflectors, instrument: &Instrument, options: &SimulateOptions) {
     let run = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
         pool.install(|| simulate(reflectors, instrument, options).expect("ok").samples)

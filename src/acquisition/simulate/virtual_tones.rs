@@ -69,15 +69,24 @@ const BLOCK: usize = 1024;
 impl EquispacedTones {
     /// Tones and weights of a design that meet `tolerance`; `None` if there are none, as for a single frequency.
     pub(super) fn find(sweep: &Sweep, design: ToneDesign, tolerance: f64) -> Option<Self> {
-        let frequencies = sweep.frequencies();
-        let duration = design.time_bandwidth / sweep.bandwidth();
+        Self::about(sweep.centre(), sweep.frequencies(), design, tolerance)
+    }
+
+    /// The same for any ascending frequencies about a centre, positive or not.
+    pub(super) fn about(
+        centre: f64,
+        frequencies: &[f64],
+        design: ToneDesign,
+        tolerance: f64,
+    ) -> Option<Self> {
+        let duration = design.time_bandwidth / (frequencies.last()? - frequencies.first()?);
         if !(duration.is_finite() && duration > 0.0) {
             return None;
         }
         let last = frequencies.len() - 1;
         let count = SAMPLED.min(frequencies.len());
         let sampled: Vec<f64> =
-            (0..count).map(|i| frequencies[i * last / (count - 1).max(1)] - sweep.centre()).collect();
+            (0..count).map(|i| frequencies[i * last / (count - 1).max(1)] - centre).collect();
         let fewest = design.pairs.saturating_sub(FEWER).max(1);
         (fewest..=design.pairs + MORE).find_map(|pairs| {
             let fit = Fit::new(design.oversampling, duration, pairs);
@@ -85,9 +94,15 @@ impl EquispacedTones {
                 return None;
             }
             // Between the sampled frequencies the error may be slightly larger.
-            let solved = Some(fit.all(frequencies, sweep.centre())).filter(|all| all.meets(tolerance))?;
-            Some(Self { centre: sweep.centre(), step: fit.step, pairs, duration, weights: solved.weights })
+            let solved = Some(fit.all(frequencies, centre)).filter(|all| all.meets(tolerance))?;
+            Some(Self { centre, step: fit.step, pairs, duration, weights: solved.weights })
         })
+    }
+
+    /// The tones, Hz, ascending.
+    pub(super) fn frequencies(&self) -> Vec<f64> {
+        let pairs = self.pairs as i32;
+        (-pairs..=pairs).map(|q| self.centre + f64::from(q) * self.step).collect()
     }
 
     /// Q = 2K + 1.

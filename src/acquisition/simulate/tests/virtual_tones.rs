@@ -1,12 +1,12 @@
 //! Virtual tones against Eq. 5 in f64, over random scenes, arrays, sweeps, tiles and durations.
 
-use super::columns::Columns;
-use super::cost::candidates;
-use super::expand::fast;
-use super::loss_tests::greatest_error;
-use super::tests::assert_threads_do_not_matter;
-use super::virtual_tones::{TONE_DESIGNS, ToneDesign};
-use super::*;
+use super::super::columns::Columns;
+use super::super::cost::{self, candidates};
+use super::super::expand::fast;
+use super::super::virtual_tones::{TONE_DESIGNS, ToneDesign};
+use super::super::*;
+use super::assert_threads_do_not_matter;
+use super::losses::greatest_error;
 use crate::acquisition::{MicArray, Sweep};
 use crate::progress::Silent;
 use crate::wave::phasor;
@@ -121,6 +121,18 @@ fn a_single_echo_is_exact_to_f32() {
         let samples = forced(&reflectors, &instrument, &options, design, 64);
         let error = greatest_error(&samples, &reflectors, &instrument, &options);
         assert!(error <= options.tolerance + ROUNDING, "{design:?}: {error:e}");
+    }
+}
+
+/// The plan of tiles, which is chosen without cells.
+pub(super) fn plan(
+    reflectors: &Reflectors,
+    instrument: &Instrument,
+    options: &SimulateOptions,
+) -> Option<SimulationPlan> {
+    match method(reflectors, instrument, options) {
+        SimulationMethod::Tiles(plan) => Some(plan),
+        SimulationMethod::Cells(_) | SimulationMethod::Literal => None,
     }
 }
 

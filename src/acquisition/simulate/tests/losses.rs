@@ -1,10 +1,10 @@
 //! Losses against their formulas, virtual tones against the literal sum, and imperfect microphones against their
 //! statistics.
 
-use super::fast_tests::{self, ROUNDING, forced, reflectors, scattered, sweep_of};
-use super::tests::assert_threads_do_not_matter;
-use super::virtual_tones::TONE_DESIGNS;
-use super::*;
+use super::super::virtual_tones::TONE_DESIGNS;
+use super::super::*;
+use super::assert_threads_do_not_matter;
+use super::virtual_tones::{self, ROUNDING, forced, plan, reflectors, scattered, sweep_of};
 use crate::acquisition::{MicArray, Sweep};
 use crate::wave::air::{Air, DB_PER_NEPER, REFERENCE_PRESSURE};
 use crate::wave::piston::piston;
@@ -12,7 +12,7 @@ use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 use std::f64::consts::{PI, TAU};
 
-const AIR: Air = Air { temperature: 20.0, humidity: 50.0, pressure: REFERENCE_PRESSURE };
+pub(super) const AIR: Air = Air { temperature: 20.0, humidity: 50.0, pressure: REFERENCE_PRESSURE };
 
 /// `2J₁(x)/x` by its integral, independently of the library.
 fn piston_by_integral(x: f64) -> f64 {
@@ -114,7 +114,7 @@ fn one_echo_follows_the_formulas() {
     near(level(all, 2), one_by_one);
 }
 
-fn all_losses() -> impl Strategy<Value = Losses> {
+pub(super) fn all_losses() -> impl Strategy<Value = Losses> {
     let radius = prop_oneof![Just(0.0), 0.001f64..0.03];
     let air = prop::option::of((-10.0f64..40.0, 5.0f64..100.0));
     (any::<bool>(), air, radius.clone(), radius).prop_map(
@@ -151,7 +151,7 @@ proptest! {
         let reflectors = reflectors(count, DVec3::from_array(size), DVec3::new(0.1, 0.0, distance));
         let array = scattered(microphones, DVec3::from_array(array_size));
         let source = (!monostatic).then_some(DVec3::new(0.1, -0.1, 0.02));
-        let instrument = fast_tests::instrument(sweep_of(sweep), array, source, in_phase);
+        let instrument = virtual_tones::instrument(sweep_of(sweep), array, source, in_phase);
         let options = SimulateOptions {
             model: if linear { PropagationModel::Linear } else { PropagationModel::Exact },
             losses,

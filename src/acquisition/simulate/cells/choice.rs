@@ -1,0 +1,323 @@
+//! The choice of cells, panels and tones, and whether they are worth while, by counted operations.
+
+use super::nodes::{NodeRule, PanelBox};
+use super::pair::TonePair;
+use super::tree::{CellTree, ReflectorCell};
+use super::{CellPlan, HELD_MICROPHONES, MicrophonePanel, PropagationModel};
+use crate::acquisition::simulate::SimulateOptions;
+use crate::acquisition::simulate::cost::{
+    ACROSS, FACTOR, HELD_SUMS, LEGS, MOST_CYCLES, MOST_INTERVALS, PADDING, PAIR, PHASE, PRODUCT, SORTING,
+    TILE_SHARE, TONE,
+};
+use crate::acquisition::simulate::terms::{ChebyshevNodes, LossModel, LossTerms};
+use crate::acquisition::simulate::virtual_tones::{EquispacedTones, TONE_DESIGNS, ToneDesign};
+use crate::acquisition::{Instrument, Tile, tiles};
+use crate::reflectors::Reflectors;
+use glam::DVec3;
+use rayon::prelude::*;
+
+/// Fewer reflectors, or cells of fewer on average, are not worth while.
+pub(super) const FEWEST: usize = 4096;
+const FEWEST_OF_CELL: usize = 8;
+
+/// The first design of intervals, and the last one of cells.
+const FIRST_OF_INTERVALS: usize = 5;
+const LAST_OF_CELLS: usize = 6;
+
+/// Microphones of a tile.
+pub(super) const TILE: usize = 64;
+
+/// Cells and panels that are sampled for the estimate.
+const SAMPLED_CELLS: usize = 12;
+const SAMPLED_PANELS: usize = 3;
+
+/// Operations of a cell at a tile, and for the delay of a cell at a microphone and each of its tones.
+const CELL: f64 = 6000.0;
+const DELAY: f64 = 100.0;
+const TURN: f64 = 16.0;
+/// Of a node's field at a row of microphones, or at a microphone, per tone.
+const NODE: f64 = 8.0;
+/// Of cutting a reflector's cell once more.
+const CUT: f64 = 100.0;
+
+/// Tones, and the losses that go with them.
+#[derive(Debug)]
+struct CellTones {
+    pair: TonePair,
+    loss_nodes: ChebyshevNodes,
+    /// Maximum error of the nodes.
+    tolerance: f64,
+}
+
+/// Panels of one size with the tiles that some tones allow.
+#[derive(Debug)]
+struct PanelSize {
+    panels: Vec<Tile>,
+    boxes: Vec<PanelBox>,
+}
+
+/// The array as the tiles of some tones.
+#[derive(Debug)]
+struct TileSize {
+    radius: f64,
+    count: usize,
+    /// Pairs of y and z that the microphones of a tile have, on average.
+    rows: f64,
+}
+
+impl<'a> CellPlan<'a> {
+    /// The plan with the fewest operations, if they are fewer than `most`.
+    pub(in super::super) fn find(
+        reflectors: &'a Reflectors,
+        instrument: &Instrument,
+        options: &SimulateOptions,
+        most: f64,
+    ) -> Option<Self> {
+        let many = reflectors.len() >= FEWEST && instrument.array.len() > TILE;
+        if !many || options.model != PropagationModel::Exact {
+            return None;
+        }
+        let mut all = cell_tones(reflectors, instrument, options);
+        // From the largest cells to the smallest, so that they are only cut further.
+        all.sort_by(|a, b| b.pair.local.duration.total_cmp(&a.pair.local.duration));
+        let positions = instrument.array.positions();
+        let sizes = panel_sizes(positions);
+        let mut tree = CellTree::new(reflectors.positions())?;
+        let mut best: Option<(f64, usize, usize, Vec<ReflectorCell>)> = None;
+        for (index, tones) in all.iter().enumerate() {
+            let radius = tones.radius(instrument);
+            if radius * instrument.sweep.stop() * instrument.geometry.return_legs()
+                > MOST_CYCLES * instrument.sound_speed
+            {
+                continue;
+            }
+            tree.cut(radius);
+            if tree.cells.len() * FEWEST_OF_CELL > reflectors.len() {
+                break;
+            }
+            let tile = tones.tile_size(instrument);
+            let costs = sizes.par_iter().map(|size| tones.cost(&tree, size, &tile, instrument, options));
+            let costs: Vec<f64> = costs.collect();
+            for (size, cost) in costs.into_iter().enumerate() {
+                if cost < best.as_ref().map_or(most, |best| best.0) {
+                    best = Some((cost, index, size, tree.cells.clone()));
+                }
+            }
+        }
+        let (_, index, size, cells) = best?;
+        tree.cells = cells;
+        let tones = all.swap_remove(index);
+        tones.plan(tree, &sizes[size], reflectors, instrument, options)
+    }
+}
+
+#[cfg(test)]
+impl<'a> CellPlan<'a> {
+    /// The plan with some tones and panels of some size, whatever it costs; `None` if tones do not meet the tolerance.
+    pub(in super::super) fn forced(
+        reflectors: &'a Reflectors,
+        instrument: &Instrument,
+        options: &SimulateOptions,
+        [tones, size]: [usize; 2],
+    ) -> Option<Self> {
+        let mut all = cell_tones(reflectors, instrument, options);
+        let sizes = panel_sizes(instrument.array.positions());
+        let tones = all.swap_remove(tones.checked_rem(all.len())?);
+        let mut tree = CellTree::new(reflectors.positions())?;
+        tree.cut(tones.radius(instrument));
+        tones.plan(tree, &sizes[size % sizes.len()], reflectors, instrument, options)
+    }
+
+    /// How many cells at panels have nodes, and how many are too close for them.
+    pub(in super::super) fn interpolated(&self) -> [usize; 2] {
+        let pairs =
+            self.panels.iter().flat_map(|panel| self.tree.cells.iter().map(move |cell| (cell, panel)));
+        let counts = pairs.map(|(cell, panel)| {
+            usize::from(self.rule.counts_for(cell, &panel.whole, panel.microphones.len()).is_none())
+        });
+        counts.fold([0; 2], |mut all, without| {
+            all[without] += 1;
+            all
+        })
+    }
+}
+
+/// The panels that are considered: the array, and its quarters, sixteenths .. as long as they have several tiles.
+fn panel_sizes(positions: &[DVec3]) -> Vec<PanelSize> {
+    let quarters = (1..usize::BITS / 2).map(|level| positions.len().div_ceil(1 << (2 * level)));
+    let counts = std::iter::once(positions.len()).chain(quarters.take_while(|count| *count >= TILE));
+    counts
+        .map(|count| {
+            let panels = tiles(positions, count, f64::INFINITY);
+            let boxes = panels.iter().map(|tile| PanelBox { centre: tile.centre, half: tile.half }).collect();
+            PanelSize { panels, boxes }
+        })
+        .collect()
+}
+
+/// All tones of intervals and cells that meet the tolerance.
+fn cell_tones(reflectors: &Reflectors, instrument: &Instrument, options: &SimulateOptions) -> Vec<CellTones> {
+    let Instrument { sweep, sound_speed, .. } = instrument;
+    let model = LossModel::new(reflectors, instrument, options);
+    let of_intervals = |design: ToneDesign| {
+        let half = 0.5 * design.time_bandwidth / sweep.bandwidth() * sound_speed;
+        let share = if options.losses.vary() { 0.5 } else { 1.0 };
+        let loss_nodes = model.chebyshev_nodes(half, share * options.tolerance)?;
+        // Tones take one half, nodes the other.
+        let tolerance = 0.5 * share * options.tolerance / loss_nodes.lebesgue_constant;
+        let tones = EquispacedTones::find(sweep, design, 0.5 * tolerance)?;
+        Some((tones, loss_nodes, tolerance))
+    };
+    let found: Vec<_> =
+        TONE_DESIGNS[FIRST_OF_INTERVALS..].par_iter().filter_map(|design| of_intervals(*design)).collect();
+    found
+        .par_iter()
+        .flat_map_iter(|(tones, loss_nodes, tolerance)| {
+            TONE_DESIGNS[..=LAST_OF_CELLS].iter().filter_map(move |design| {
+                let pair = TonePair::find(tones, sweep, *design, *tolerance)?;
+                Some(CellTones { pair, loss_nodes: loss_nodes.clone(), tolerance: *tolerance })
+            })
+        })
+        .collect()
+}
+
+impl CellTones {
+    /// The maximum radius of a cell, m: both the way to a reflector and the ways back differ by no more than its distance from
+    /// the centre, and twice that is half a duration.
+    fn radius(&self, instrument: &Instrument) -> f64 {
+        0.25 * self.pair.local.duration * instrument.sound_speed
+    }
+
+    /// The length of path in which the centres of an interval's cells are, at all microphones of a tile, m.
+    fn length(&self, instrument: &Instrument) -> f64 {
+        (self.pair.tones.duration - self.pair.local.duration) * instrument.sound_speed
+    }
+
+    fn tile_size(&self, instrument: &Instrument) -> TileSize {
+        let radius = 0.5 * TILE_SHARE * self.length(instrument) / instrument.geometry.return_legs();
+        let positions = instrument.array.positions();
+        let all = tiles(positions, TILE, radius);
+        let rows = |tile: &Tile| {
+            let of = |&mic: &usize| [positions[mic].y.to_bits(), positions[mic].z.to_bits()];
+            let mut rows: Vec<_> = tile.microphones.iter().map(of).collect();
+            rows.sort_unstable();
+            rows.dedup();
+            rows.len()
+        };
+        let sum: usize = all.iter().map(rows).sum();
+        TileSize { radius, count: all.len(), rows: sum as f64 / all.len() as f64 }
+    }
+
+    fn rule(&self, instrument: &Instrument, options: &SimulateOptions) -> NodeRule {
+        let Instrument { sweep, geometry, sound_speed, .. } = instrument;
+        let per_metre = geometry.return_legs() * sweep.stop() / sound_speed;
+        // A piston is as selective as reflectors spread over it.
+        let piston = options.losses.microphone_radius + options.losses.speaker_radius;
+        NodeRule::new(per_metre, 0.5 * self.tolerance, piston)
+    }
+
+    /// Operations with panels of one size.
+    fn cost(
+        &self,
+        tree: &CellTree<'_>,
+        size: &PanelSize,
+        tile: &TileSize,
+        instrument: &Instrument,
+        options: &SimulateOptions,
+    ) -> f64 {
+        let Instrument { sweep, array, .. } = instrument;
+        let (n_mic, n_f, n_p) = (array.len() as f64, sweep.len() as f64, tree.order.len() as f64);
+        let (cells, terms) = (tree.cells.len() as f64, self.loss_nodes.nodes.len() as f64);
+        let (tones, local) = (self.pair.tones.count() as f64, self.pair.local.count() as f64);
+        let rule = self.rule(instrument, options);
+        let every = |count: usize, most: usize| count.div_ceil(most);
+        let (mut places, mut nodes, mut along_x, mut sampled) = (0.0, 0.0, 0.0, 0.0);
+        for cell in tree.cells.iter().step_by(every(tree.cells.len(), SAMPLED_CELLS)) {
+            let panels = size.panels.iter().zip(&size.boxes);
+            for (panel, whole) in panels.step_by(every(size.panels.len(), SAMPLED_PANELS)) {
+                let microphones = panel.microphones.len();
+                let counts = rule.counts_for(cell, whole, microphones);
+                places += counts.map_or(microphones, |counts| counts.iter().product()) as f64;
+                nodes += counts.map_or(0, |counts| counts.iter().product()) as f64;
+                along_x += counts.map_or(0, |counts| counts[0]) as f64;
+                sampled += 1.0;
+            }
+        }
+        let (places, nodes, along_x) = (places / sampled, nodes / sampled, along_x / sampled);
+        let length = self.length(instrument);
+        let groups = path_spread(tree, instrument) / (length * (1.0 - 0.7 * TILE_SHARE)) + 1.0;
+        if groups > MOST_INTERVALS || self.held(groups) < size.panels[0].microphones.len() as f64 {
+            return f64::INFINITY;
+        }
+        let lossy = f64::from(u8::from(options.losses.any()));
+        let echo = lossy * LEGS + terms * (PAIR + lossy * FACTOR + TONE * local);
+        let summed = size.panels.len() as f64
+            * places
+            * ((n_p + PADDING * cells) * echo + cells * ACROSS * terms * local);
+        let tiles = tile.count as f64;
+        let interpolated = NODE * terms * local * (tile.rows * tiles * nodes + n_mic * along_x);
+        let delayed = n_mic * (DELAY + terms * tones * (TURN + PRODUCT * local));
+        let expanded = n_mic * groups * n_f * (PHASE + PRODUCT * terms * tones);
+        summed + cells * (interpolated + delayed + CELL * tiles) + expanded + n_p * (SORTING + 20.0 * CUT)
+    }
+
+    /// Microphones whose sums are in memory at a time.
+    fn held(&self, groups: f64) -> f64 {
+        let columns = self.pair.tones.count() * self.loss_nodes.nodes.len();
+        (HELD_SUMS / (groups * columns as f64)).min(HELD_MICROPHONES)
+    }
+
+    /// The plan with these tones; `None` if a loss is not a smooth function.
+    fn plan<'a>(
+        self,
+        tree: CellTree<'a>,
+        size: &PanelSize,
+        reflectors: &Reflectors,
+        instrument: &Instrument,
+        options: &SimulateOptions,
+    ) -> Option<CellPlan<'a>> {
+        let rule = self.rule(instrument, options);
+        let radius = self.tile_size(instrument).radius;
+        let positions = instrument.array.positions();
+        let (mut panels, mut all) = (Vec::new(), Vec::new());
+        for (panel, whole) in size.panels.iter().zip(&size.boxes) {
+            let own: Vec<DVec3> = panel.microphones.iter().map(|&mic| positions[mic]).collect();
+            let first = all.len();
+            let mut microphones = Vec::with_capacity(own.len());
+            for mut tile in tiles(&own, TILE, radius) {
+                for mic in &mut tile.microphones {
+                    *mic = panel.microphones[*mic];
+                }
+                microphones.extend(&tile.microphones);
+                all.push(tile);
+            }
+            panels.push(MicrophonePanel { whole: *whole, microphones, tiles: first..all.len() });
+        }
+        let groups = path_spread(&tree, instrument) / (self.length(instrument) * (1.0 - TILE_SHARE)) + 1.0;
+        let held = self.held(groups) as usize;
+        let TonePair { mut tones, local } = self.pair;
+        let mut weights = std::mem::take(&mut tones.weights);
+        let (mut terms, mut absorption) = (None, Vec::new());
+        if options.losses.any() {
+            let model = LossModel::new(reflectors, instrument, options);
+            let half = 0.5 * tones.duration * instrument.sound_speed;
+            let losses = LossTerms::new(&self.loss_nodes, &model, half, reflectors, instrument, options)?;
+            weights = losses.weights(&weights);
+            terms = Some(losses);
+            if options.losses.air.is_some() {
+                absorption = self.loss_nodes.nodes.iter().map(|&f| options.losses.absorption(f)).collect();
+            }
+        }
+        Some(CellPlan { tree, panels, tiles: all, rule, tones, local, terms, absorption, weights, held })
+    }
+}
+
+/// The difference of the longest and the shortest path to the array, about.
+fn path_spread(tree: &CellTree<'_>, instrument: &Instrument) -> f64 {
+    let Instrument { array, geometry, .. } = instrument;
+    let centre = array.centre();
+    let paths = tree.cells.iter().map(|cell| geometry.path_length(cell.centre, centre));
+    let (low, high) =
+        paths.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), path| (path.min(low), path.max(high)));
+    high - low + array.extent().length()
+}
