@@ -113,14 +113,24 @@ fn errors_average_for_many_reflectors_and_are_as_small_as_without_cells() {
 #[test]
 fn the_number_of_threads_does_not_change_cells() {
     let (reflectors, instrument) = sheet(20_000);
-    let plain = SimulateOptions::default();
-    let losses = Losses { spreading: true, air: Some(AIR), ..Losses::NONE };
-    let errors = ArrayErrors { gain_db: 0.5, phase: 5.0, position: 0.0, seed: 7 };
-    let lossy = plain.clone().with_losses(losses).with_errors(Some(errors));
-    let dense = MicArray::rectangular([32, 30], [0.025; 2], DVec3::ZERO).expect("ok");
-    for (instrument, options) in [(instrument.clone(), plain), (instrument.with_array(dense), lossy)] {
-        assert!(matches!(method(&reflectors, &instrument, &options), SimulationMethod::Cells(_)));
-        assert_threads_do_not_matter(&reflectors, &instrument, &options);
+    let options = SimulateOptions::default();
+    assert!(matches!(method(&reflectors, &instrument, &options), SimulationMethod::Cells(_)));
+    assert_threads_do_not_matter(&reflectors, &instrument, &options);
+}
+
+#[test]
+fn the_number_of_threads_does_not_change_cells_with_losses() {
+    let (reflectors, instrument) = sheet(3000);
+    let losses = Losses { spreading: true, air: Some(AIR), speaker_radius: 0.012, microphone_radius: 0.003 };
+    let options = SimulateOptions::default().with_losses(losses);
+    for choice in [[3, 0], [9, 1]] {
+        let run = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+            pool.install(|| by_cells(&reflectors, &instrument, &options, choice)).expect("tones that serve")
+        };
+        let (one, several) = (run(1), run(7));
+        assert!(one.1[0] > 0, "no cell is interpolated");
+        assert_eq!(one, several);
     }
 }
 
