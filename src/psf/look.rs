@@ -210,7 +210,8 @@ impl Look<'_> {
                     continue;
                 }
                 (power, outside) = (power + f64::from(amplitude).powi(2), outside + 1);
-                if amplitude > best {
+                // Of those that symmetry makes equal the first, however they are rounded.
+                if amplitude > best * 1.0001 {
                     (best, at) = (amplitude, q);
                 }
             }
