@@ -280,7 +280,7 @@ const LEAST_TOLERANCE: f64 = 1e-7;
 #[derive(Debug)]
 enum SimulationMethod<'a> {
     Cells(Box<CellPlan<'a>>),
-    Tiles(SimulationPlan),
+    Tiles(Box<SimulationPlan>),
     Literal,
 }
 
@@ -306,7 +306,7 @@ fn method<'a>(
     candidates
         .into_iter()
         .find_map(|(_, candidate)| SimulationPlan::of(&candidate, reflectors, instrument, options))
-        .map_or(SimulationMethod::Literal, SimulationMethod::Tiles)
+        .map_or(SimulationMethod::Literal, |plan| SimulationMethod::Tiles(Box::new(plan)))
 }
 
 /// The error for sums that do not fit in memory.

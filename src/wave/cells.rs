@@ -183,7 +183,7 @@ mod tests {
         turn_and_add(centre, step, &sums, &mut totals);
         turn_and_add_body(centre, step, &sums, &mut plain);
         assert_eq!(totals, plain);
-        for q in 0..2 * pairs + 1 {
+        for q in 0..=2 * pairs {
             for i in 0..width {
                 let cycles = f64::from(turns[0][i]) + (q as f64 - pairs as f64) * f64::from(turns[1][i]);
                 let number =

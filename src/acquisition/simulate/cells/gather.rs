@@ -70,7 +70,7 @@ impl<'a> TileGather<'a> {
         let SimulationJob { instrument, options, .. } = *job;
         let cells = &plan.tree.cells;
         let mut paths = try_with_capacity(cells.len() as u64)?;
-        paths.extend(cells.iter().map(|cell| plan.centre_path(cell, tile, instrument)));
+        paths.extend(cells.iter().map(|cell| cell.centre_path(tile, instrument)));
         let intervals = plan.intervals(&paths, instrument.sound_speed);
         let mut places: Vec<u64> = paths.iter().map(|path| intervals.place(path.length)).collect();
         places.sort_unstable();
@@ -114,7 +114,7 @@ impl<'a> TileGather<'a> {
         let padded = self.positions.len().next_multiple_of(LANES);
         self.interpolate(field, terms * local, buffers);
         let cell = &self.plan.tree.cells[cell];
-        let place = self.intervals.place(self.plan.centre_path(cell, self.tile, self.instrument).length);
+        let place = self.intervals.place(cell.centre_path(self.tile, self.instrument).length);
         let middle = self.intervals.middle(place);
         let Ok(group) = self.places.binary_search(&place) else { return };
         self.turn(cell, middle, buffers);
@@ -223,19 +223,16 @@ impl<'a> TileGather<'a> {
     }
 }
 
-impl CellPlan<'_> {
-    /// The path of a cell's centre to that of a tile.
-    pub(super) fn centre_path(
-        &self,
-        cell: &ReflectorCell,
-        tile: &Tile,
-        instrument: &Instrument,
-    ) -> CentrePath {
+impl ReflectorCell {
+    /// The path of its centre to that of a tile.
+    fn centre_path(&self, tile: &Tile, instrument: &Instrument) -> CentrePath {
         let geometry = &instrument.geometry;
-        let outward = geometry.outward_length(cell.centre);
-        CentrePath::new(cell.centre, outward, tile, geometry, PropagationModel::Exact)
+        let outward = geometry.outward_length(self.centre);
+        CentrePath::new(self.centre, outward, tile, geometry, PropagationModel::Exact)
     }
+}
 
+impl CellPlan<'_> {
     /// Intervals in which every path via a cell stays, not only that of its centre.
     fn intervals(&self, paths: &[CentrePath], sound_speed: f64) -> Intervals {
         Intervals::new(paths, (self.tones.duration - self.local.duration) * sound_speed)

@@ -128,7 +128,7 @@ impl PanelBox {
         // The barycentric formula of Chebyshev points.
         let share = |k: usize| {
             let sine = (PI * (k as f64 + 0.5) / count as f64).sin();
-            (if k % 2 == 0 { sine } else { -sine }) / away(k)
+            (if k.is_multiple_of(2) { sine } else { -sine }) / away(k)
         };
         let shares: Vec<f64> = (0..count).map(share).collect();
         let sum: f64 = shares.iter().sum();

@@ -131,7 +131,7 @@ pub(super) fn plan(
     options: &SimulateOptions,
 ) -> Option<SimulationPlan> {
     match method(reflectors, instrument, options) {
-        SimulationMethod::Tiles(plan) => Some(plan),
+        SimulationMethod::Tiles(plan) => Some(*plan),
         SimulationMethod::Cells(_) | SimulationMethod::Literal => None,
     }
 }
