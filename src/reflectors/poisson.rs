@@ -40,7 +40,7 @@ const NONE: u32 = u32::MAX;
 
 /// Samples at least `spacing` m apart on every surface, dense enough that almost no gap of `spacing` remains.
 ///
-/// Darts are thrown in one thread; the nearest samples are searched for in all. About 4·10⁶ candidates/s.
+/// Darts hit in one thread; those that miss, nearly all, and the nearest samples are found in all.
 ///
 /// # Errors
 /// [`Error::OutOfMemory`](crate::error::Error::OutOfMemory) when they do not fit in memory,
@@ -70,11 +70,13 @@ pub(super) fn poisson_disk(
         let j = (u128::from(random.next_u64()) * (i as u128 + 1)) >> 64;
         order.swap(i, j as usize);
     }
+    let is_open = |cells: &Cells, index: &u32| !cells.is_taken(&candidates[*index as usize], &normals);
     for block in order.chunks(BLOCK) {
-        for &index in block {
-            let c = &candidates[index as usize];
-            if !cells.is_taken(c, &normals) {
-                cells.take(c).ok_or_else(does_not_fit)?;
+        // All threads look for those that samples of earlier blocks leave, which are few but in the first.
+        let open: Vec<u32> = block.par_iter().copied().filter(|index| is_open(&cells, index)).collect();
+        for index in open {
+            if is_open(&cells, &index) {
+                cells.take(&candidates[index as usize]).ok_or_else(does_not_fit)?;
             }
         }
         advance(observer, block.len() as u64)?;

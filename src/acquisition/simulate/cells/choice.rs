@@ -17,7 +17,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 /// Fewer reflectors, or cells of fewer on average, are not worth while.
-pub(super) const FEWEST: usize = 4096;
+pub(super) const FEWEST: usize = 16_384;
 const FEWEST_OF_CELL: usize = 8;
 
 /// The first design of intervals, and the last one of cells.

@@ -129,14 +129,16 @@ impl TileLevels {
         cheapest(&sizes, instrument, grid, band)
     }
 
-    /// Whether every node is where some point has its range, for all tiles.
+    /// Whether every node is where some point has its range, for all tiles: those of each level are nearer than what is made
+    /// of them, the more so the more aside they see it.
     fn has_places(&self, instrument: &Instrument, grid: &Grid, halvings: &Halvings) -> bool {
-        let mut margin = 0.0;
+        let mut near = grid.z.first;
         self.levels.iter().zip(halvings.tiles(&self.levels)).rev().all(|(lattice, tiles)| {
-            margin += lattice.margin();
             let [x, y] = &lattice.nodes;
             let distances = TileDistances::of_all(&Terms { instrument, grid, tiles });
-            distances.ranges([x, y], 1).spare > margin
+            let nearest = distances.nearest([x, y], near, lattice.margin());
+            near = nearest.unwrap_or(near);
+            nearest.is_some()
         })
     }
 

@@ -90,8 +90,8 @@ impl Patch {
             if !needed.is_empty() {
                 let own = needed.start - self.first[2]..needed.end - self.first[2];
                 let at = |k: usize| DVec3::new(columns[i][0], columns[i][1], depths[k * columns.len() + i]);
-                low = low.min(at(own.start));
-                high = high.max(at(own.end - 1));
+                low = low.min(at(own.start)).min(at(own.end - 1));
+                high = high.max(at(own.start)).max(at(own.end - 1));
                 all = hull(all, own);
             }
         }

@@ -131,28 +131,48 @@ impl<'a> TileDistances<'a> {
         }
     }
 
-    /// What these nodes need of their first `depths` depths, sampled.
-    pub(crate) fn ranges(&self, [x, y]: [&IntervalNodes; 2], depths: usize) -> Ranges {
-        let grid = self.grid;
+    /// The depth of the nearest node that is needed for places at depth `near`, sampled; `None` where one has no place.
+    pub(crate) fn nearest(&self, nodes: [&IntervalNodes; 2], near: f64, margin: f64) -> Option<f64> {
+        let mut nearest = near;
+        for frame in &self.frames {
+            for ([x, y], made_of) in self.columns(nodes) {
+                let ranges = made_of.map(|[x, y]| frame.range(DVec3::new(x, y, near)));
+                let least = ranges.into_iter().fold(f64::INFINITY, f64::min) - margin;
+                nearest = nearest.min(frame.point(x, y, least)?.z);
+            }
+        }
+        Some(nearest)
+    }
+
+    /// Some columns of nodes, and places of what is made of each.
+    fn columns(&self, [x, y]: [&IntervalNodes; 2]) -> Vec<([f64; 2], [[f64; 2]; 9])> {
         let few = |nodes: &IntervalNodes| (0..5).map(|k| k * (nodes.len() - 1) / 4).collect::<Vec<_>>();
-        let (few_x, few_y) = (few(x), few(y));
         let ends = |axis: &Axis| [axis.first, axis.last()];
+        let part = |[first, last]: [f64; 2], step: usize| first + 0.5 * (last - first) * step as f64;
+        let (few_x, few_y) = (few(x), few(y));
+        let column = |i: usize, j: usize| {
+            let [of_x, of_y] = [x.made_of(i, ends(&self.grid.x)), y.made_of(j, ends(&self.grid.y))];
+            let made_of = std::array::from_fn(|k| [part(of_x, k % 3), part(of_y, k / 3)]);
+            ([x.places()[i], y.places()[j]], made_of)
+        };
+        few_y.iter().flat_map(|j| few_x.iter().map(|i| column(*i, *j))).collect()
+    }
+
+    /// What these nodes need of their first `depths` depths, sampled.
+    pub(crate) fn ranges(&self, nodes: [&IntervalNodes; 2], depths: usize) -> Ranges {
+        let grid = self.grid;
         let far = grid.z.position(depths.min(grid.z.count) - 1);
         let (mut sum, mut count, mut all, mut spare) = (0.0, 0.0, 0.0f64, f64::INFINITY);
         for frame in &self.frames {
             let (mut nearest, mut farthest) = (f64::INFINITY, 0.0f64);
-            for (i, j) in few_y.iter().flat_map(|j| few_x.iter().map(move |i| (*i, *j))) {
-                let [from, to] = [x.made_of(i, ends(&grid.x)), y.made_of(j, ends(&grid.y))];
+            for (at, made_of) in self.columns(nodes) {
                 let (mut low, mut high) = (f64::INFINITY, 0.0f64);
-                for k in 0..9 {
-                    let part =
-                        |[first, last]: [f64; 2], step: usize| first + 0.5 * (last - first) * step as f64;
-                    let (x, y) = (part([from[0], from[1]], k % 3), part([to[0], to[1]], k / 3));
+                for [x, y] in made_of {
                     low = low.min(frame.range(DVec3::new(x, y, grid.z.first)));
                     high = high.max(frame.range(DVec3::new(x, y, far)));
                 }
                 (nearest, farthest) = (nearest.min(low), farthest.max(high));
-                spare = spare.min(low - frame.least_range([x.places()[i], y.places()[j]]));
+                spare = spare.min(low - frame.least_range(at));
                 sum += high - low;
                 count += 1.0;
             }
