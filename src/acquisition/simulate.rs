@@ -40,7 +40,7 @@ use crate::wave::Geometry;
 use crate::with_fields::with_fields;
 use cells::CellPlan;
 use columns::Columns;
-use expand::{Expansion, fast};
+use expand::fast;
 use glam::DVec3;
 use literal::literal;
 use noise::add_noise;
@@ -240,11 +240,6 @@ struct SimulationPlan {
 }
 
 impl SimulationPlan {
-    fn expansion(&self) -> Expansion<'_> {
-        let absorption = self.terms.as_ref().map_or(&[][..], |terms| &terms.absorption);
-        Expansion { weights: &self.weights, absorption }
-    }
-
     /// The plan of a candidate; `None` if its tones or terms do not meet the tolerance.
     fn of(
         candidate: &cost::CandidatePlan,

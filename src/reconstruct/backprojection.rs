@@ -92,13 +92,14 @@ impl BackprojectionPlan {
     }
 
     fn divided(instrument: &Instrument, grid: &Grid, budget: ErrorBudget) -> Self {
-        let fine = Division::new(instrument, grid, budget);
-        let band = Band { tolerance: factorised::usual_budget(budget).series(), ..fine.band };
+        let plan = Self::without_tiles(instrument, grid, budget);
+        let Division { band, operations, .. } = plan.fine;
+        let band = Band { tolerance: factorised::usual_budget(budget).series(), ..band };
         // Without the memory to try them there are none.
-        let tiled = (fine.operations > LEAST_FOR_TILES)
-            .then(|| TileLevels::find(instrument, grid, &band, budget, fine.operations).ok().flatten())
+        let tiled = (operations > LEAST_FOR_TILES)
+            .then(|| TileLevels::find(instrument, grid, &band, budget, operations).ok().flatten())
             .flatten();
-        Self { grid: *grid, budget, fine, tiled }
+        Self { tiled, ..plan }
     }
 
     /// All path lengths at which range profiles are expanded, and what the two compressions may err by.

@@ -16,7 +16,7 @@ pub(super) use sink::Upsampled;
 
 use super::cost::{COMPLEX, Cost, complex_bytes};
 use super::error_budget::ErrorBudget;
-use super::numerics::{Memo, Nodes, Taps, WIDE};
+use super::numerics::{Memo, Nodes, Taps, WIDE, padded_width};
 use super::volume::Batch;
 use crate::acquisition::Instrument;
 use crate::grid::{Axis, Grid};
@@ -209,7 +209,7 @@ impl Upsampling {
     fn bytes(&self, workers: usize) -> u64 {
         let held = (self.nodes[2].taps() + DEPTHS) as u64 * self.padded_plane() as u64;
         let finished = self.finished() as u64 * self.fine.plane_len() as u64;
-        let nodes = sink::padded_columns(self.coarse.x.count) * (self.coarse.y.count + 1);
+        let nodes = padded_width(self.coarse.x.count) * (self.coarse.y.count + 1);
         let row = nodes + LANES * self.padded_row();
         COMPLEX * (held + finished) + complex_bytes(2.0 * row as f64) * workers as u64
     }

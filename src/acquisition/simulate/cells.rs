@@ -188,8 +188,7 @@ impl CellPlan<'_> {
         let sums: Vec<Vec<GroupSums>> =
             gathers.into_iter().map(TileGather::finish).collect::<Option<_>>().ok_or_else(no_room)?;
         let tiles: Vec<(usize, &Tile)> = places.iter().map(|&(_, k, _)| (k, &self.tiles[k])).collect();
-        let absorption = self.terms.as_ref().map_or(&[][..], |terms| &terms.absorption);
-        Expansion { weights: &self.weights, absorption }.record(job, &tiles, &sums, columns);
+        Expansion::new(&self.weights, self.terms.as_ref()).record(job, &tiles, &sums, columns);
         Ok(())
     }
 }

@@ -2,6 +2,7 @@
 
 use super::columns::Columns;
 use super::echoes::{GroupSums, Summation};
+use super::terms::LossTerms;
 use super::{SimulationJob, SimulationPlan, no_room, record};
 use crate::acquisition::{Instrument, Tile};
 use crate::error::Result;
@@ -54,7 +55,7 @@ pub(super) fn fast(
                 advance(observer, tile.microphones.len() as u64).map(|()| sums)
             })
             .collect::<Result<_>>()?;
-        plan.expansion().record(job, tiles, &sums, columns);
+        Expansion::new(&plan.weights, plan.terms.as_ref()).record(job, tiles, &sums, columns);
         columns.save_if_due()?;
     }
     Ok(())
@@ -64,12 +65,17 @@ pub(super) fn fast(
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Expansion<'a> {
     /// `[n_f][K Q]`.
-    pub(super) weights: &'a [f32],
+    weights: &'a [f32],
     /// α(f_n), Np/m; empty without absorption.
-    pub(super) absorption: &'a [f64],
+    absorption: &'a [f64],
 }
 
-impl Expansion<'_> {
+impl<'a> Expansion<'a> {
+    /// By these weights, `[n_f][K Q]`, and the losses, if there are any.
+    pub(super) fn new(weights: &'a [f32], terms: Option<&'a LossTerms>) -> Self {
+        Self { weights, absorption: terms.map_or(&[][..], |terms| &terms.absorption) }
+    }
+
     /// Fills the columns of tiles, each with its number, from their sums.
     pub(super) fn record(
         &self,

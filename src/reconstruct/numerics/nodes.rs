@@ -110,6 +110,11 @@ impl AxisWeights {
 /// Numbers that [`weighted_rows`] sums at a time, so that chains of dependent additions overlap.
 pub(crate) const WIDE: usize = 2 * LANES;
 
+/// Numbers of a row, padded so that vectors that begin at any of them are whole, and so are those of [`weighted_rows`].
+pub(crate) fn padded_width(count: usize) -> usize {
+    (count + LANES).next_multiple_of(WIDE)
+}
+
 #[inline(always)]
 fn weighted_rows_body(weights: &[f32], rows: &[f32], stride: usize, sums: &mut [f32]) {
     for (i, sums) in sums.chunks_exact_mut(WIDE).enumerate() {

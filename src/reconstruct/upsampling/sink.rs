@@ -6,7 +6,7 @@ use super::{Carrier, Upsampling};
 use crate::alloc::{try_filled, try_zeroed};
 use crate::error::Result;
 use crate::grid::{Grid, no_room_for};
-use crate::reconstruct::numerics::{AxisWeights, WIDE, weighted_rows};
+use crate::reconstruct::numerics::{AxisWeights, padded_width, weighted_rows};
 use crate::reconstruct::{ReconstructionInfo, VolumeSink};
 use crate::wave::simd::{LANES, Lanes, dispatched, lane_sums, phasors};
 use num_complex::Complex32;
@@ -194,7 +194,7 @@ impl Upsampling {
     ) {
         let (coarse, carrier) = (&self.coarse, &self.carrier);
         let (width, row) = (coarse.x.count, self.padded_row());
-        let stride = padded_columns(width);
+        let stride = padded_width(width);
         for part in &mut buffers.nodes {
             part.resize(stride * coarse.y.count, 0.0);
         }
@@ -229,11 +229,6 @@ impl Upsampling {
             }
         }
     }
-}
-
-/// Columns of nodes, padded so that vectors that begin at any of them are whole.
-pub(super) fn padded_columns(count: usize) -> usize {
-    (count + LANES).next_multiple_of(WIDE)
 }
 
 #[inline(always)]

@@ -1,4 +1,4 @@
-//! SampledTerms of Eq. 13 without their carrier, sampled: how fast they change, and what interpolation makes of them.
+//! Terms of Eq. 13 without their carrier, sampled: how fast they change, and what interpolation makes of them.
 
 use super::Carrier;
 use crate::acquisition::Instrument;

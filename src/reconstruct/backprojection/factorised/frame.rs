@@ -39,7 +39,7 @@ impl Frame {
         self.legs.shortest(at)
     }
 
-    /// DepthColumns of the points of some ranges above one place (x, y), all of them larger than the least, m.
+    /// Depths of the points of some ranges above one place (x, y), all of them larger than the least, m.
     pub(crate) fn depths(&self, [x, y]: [f64; 2], ranges: &[f64], depths: &mut [f64]) {
         let across = |focus: DVec3| (x - focus.x).powi(2) + (y - focus.y).powi(2);
         point_depths(self.legs.foci.map(|focus| [across(focus), focus.z]), ranges, depths);

@@ -7,7 +7,7 @@
 
 use super::frame::Frame;
 use super::nodes::TileLattice;
-use crate::reconstruct::numerics::{AxisWeights, WIDE, weighted_rows};
+use crate::reconstruct::numerics::{AxisWeights, WIDE, padded_width, weighted_rows};
 use crate::wave::simd::{LANES, Lanes, dispatched, lane_sums, phasors};
 use num_complex::Complex32;
 use std::ops::Range;
@@ -44,10 +44,10 @@ pub(crate) fn hull(a: Range<usize>, b: Range<usize>) -> Range<usize> {
 
 /// Places in columns, each from near to far.
 pub(crate) trait PlaceColumns: Sync {
-    /// DepthColumns of the first and the last place in a column, m; `None` where it has none.
+    /// Depths of the first and the last place in a column, m; `None` where it has none.
     fn ends(&self, x: usize, y: usize) -> Option<[f64; 2]>;
 
-    /// DepthColumns of all places in a column, m, and what their own ranges are, if they have any.
+    /// Depths of all places in a column, m, and what their own ranges are, if they have any.
     fn fill(&self, x: usize, y: usize, depths: &mut Vec<f64>, ranges: &mut Vec<f64>);
 }
 
@@ -185,7 +185,7 @@ impl<'a> Merge<'a> {
                     ends.iter().enumerate().map(|(x, ends)| self.column_needs(&tile.frame, [x, y], *ends));
                 row.needed = needs.fold(0..0, hull);
                 // Vectors of weights reach beyond a place's own taps, where they are zero.
-                row.width = (row.needed.len() + LANES).next_multiple_of(WIDE);
+                row.width = padded_width(row.needed.len());
                 for values in &mut row.values {
                     values.resize(nodes_x * row.width + WIDE, 0.0);
                 }
@@ -235,7 +235,7 @@ impl<'a> Merge<'a> {
                 lengths.resize(depths.len(), 0.0);
                 tile.frame.ranges(at, depths, lengths);
                 let needed = self.between(lengths[0], lengths[lengths.len() - 1]);
-                let width = (needed.len() + LANES).next_multiple_of(WIDE);
+                let width = padded_width(needed.len());
                 for (column, values) in columns.iter_mut().zip(&row.values) {
                     column.resize(width, 0.0);
                     let from = first_x * row.width + (needed.start - row.needed.start);

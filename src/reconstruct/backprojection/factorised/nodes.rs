@@ -48,7 +48,7 @@ impl TileLattice {
         found
     }
 
-    /// PlaceColumns of nodes.
+    /// Columns of nodes.
     pub(crate) fn columns(&self) -> usize {
         self.nodes[0].len() * self.nodes[1].len()
     }
