@@ -21,6 +21,7 @@
 
 mod blocks;
 mod factorised;
+mod lines;
 mod profile;
 
 use crate::acquisition::Instrument;
@@ -40,6 +41,7 @@ use crate::wave::simd::{LANES, LaneProfiles, LaneTones, Points, RangeScale, back
 use blocks::{Block, Group, Shape, greatest_half, half_width};
 use factorised::{TileLevels, Tiled};
 use glam::DVec3;
+use lines::LinesPlan;
 use num_complex::Complex32;
 use profile::{Band, Rung, lebesgue};
 use rayon::prelude::*;
@@ -54,6 +56,9 @@ const MOST_SLABS: usize = 32;
 /// Groups of microphones whose f32 sums are kept apart from those of the others, so that rounding does not add up.
 const GROUPS_PER_SUM: usize = 16;
 
+/// Below this many operations no lines are tried, which takes about as long as a tenth of them.
+const LEAST_FOR_LINES: f64 = 1e10;
+
 /// Below this many operations no tiles are searched for, which takes about as long as a third of them.
 const LEAST_FOR_TILES: f64 = 1.2e11;
 
@@ -65,7 +70,9 @@ pub(super) struct BackprojectionPlan {
     budget: ErrorBudget,
     /// For the voxels themselves.
     fine: Division,
-    /// Tiles and nodes, where that takes fewer operations.
+    /// Lines of a lattice, where that takes fewer operations.
+    lines: Option<LinesPlan>,
+    /// Tiles and nodes, where that takes fewer still.
     tiled: Option<TileLevels>,
 }
 
@@ -86,14 +93,19 @@ impl BackprojectionPlan {
         LAST.of((instrument.clone(), *grid, budget), || Self::divided(instrument, grid, budget))
     }
 
-    /// The same without tiles, which takes no time to find.
+    /// The same without tiles, which takes little time to find.
     pub(super) fn without_tiles(instrument: &Instrument, grid: &Grid, budget: ErrorBudget) -> Self {
-        Self { grid: *grid, budget, fine: Division::new(instrument, grid, budget), tiled: None }
+        let fine = Division::new(instrument, grid, budget);
+        let lines = (fine.operations > LEAST_FOR_LINES)
+            .then(|| LinesPlan::find(instrument, grid, budget, fine.operations))
+            .flatten();
+        Self { grid: *grid, budget, fine, lines, tiled: None }
     }
 
     fn divided(instrument: &Instrument, grid: &Grid, budget: ErrorBudget) -> Self {
         let plan = Self::without_tiles(instrument, grid, budget);
         let Division { band, operations, .. } = plan.fine;
+        let operations = plan.lines.as_ref().map_or(operations, |lines| lines.operations);
         let band = Band { tolerance: factorised::usual_budget(budget).series(), ..band };
         // Without the memory to try them there are none.
         let tiled = (operations > LEAST_FOR_TILES)
@@ -107,6 +119,9 @@ impl BackprojectionPlan {
         if let Some(levels) = &self.tiled {
             return factorised::compression(levels, instrument, &self.grid, self.fine.band, self.budget);
         }
+        if let Some(lines) = &self.lines {
+            return lines.compression(instrument, &self.grid, self.budget);
+        }
         let Division { band, shape, .. } = self.fine;
         let budget = SeriesBudget::new(&band, greatest_half(shape.half(&self.grid)), self.budget);
         (interval(instrument, &self.grid, shape, 0..self.grid.z.count), budget.tones)
@@ -117,25 +132,27 @@ impl BackprojectionPlan {
         let (interval, budget) = self.compression(instrument);
         let compression = CompressionCost::new(instrument, &interval, budget);
         let plane = self.grid.plane_len() as u64;
-        let (at_once, nodes, row, operations) = match &self.tiled {
-            Some(levels) => (
+        let (at_once, nodes, row, operations) = match (&self.tiled, &self.lines) {
+            (Some(levels), _) => (
                 levels.at_once,
                 levels.bytes as u64,
                 factorised::row_bytes(levels, &self.grid),
                 levels.operations,
             ),
-            None => (self.fine.thickness, 0, 0, self.fine.operations),
+            (None, Some(lines)) => (lines.at_once, lines.bytes, 0, lines.operations),
+            (None, None) => (self.fine.thickness, 0, 0, self.fine.operations),
         };
         let depths = self.grid.z.count;
-        // As they are summed, before they are in order.
-        let summed = (at_once.min(depths) as u64).saturating_mul(plane);
+        // As they are summed, before they are in order; lines put theirs into order at once.
+        let out_of_order = if self.tiled.is_some() || self.lines.is_none() { at_once.min(depths) } else { 0 };
+        let summed = (out_of_order as u64).saturating_mul(plane);
         let focusing = (COMPLEX.saturating_mul(summed))
             .saturating_add(nodes)
             .saturating_add(SlabDriver::bytes(plane, at_once, depths))
             .saturating_add(compression.samples.saturating_mul(2));
         let worker = row.saturating_add(1 << 20);
         // The last slab's interval is the longest where the voxels are before the array.
-        let skeletons = if self.tiled.is_some() {
+        let skeletons = if self.tiled.is_some() || self.lines.is_some() {
             0
         } else {
             let slabs = depths.div_ceil(self.fine.thickness);
@@ -214,6 +231,9 @@ fn share(longer: f64, own: f64, _: usize) -> bool {
 pub(super) fn backprojection(job: Job<'_>, plan: &BackprojectionPlan) -> Result<ReconstructionInfo> {
     if let Some(levels) = &plan.tiled {
         return Tiled::new(levels, job.source.instrument(), &plan.grid, plan.fine.band).image(job);
+    }
+    if let Some(lines) = &plan.lines {
+        return lines::image(lines, job);
     }
     let Job { source, weights, grid, budget, interpolation, batch, sink, observer } = job;
     let Division { band, shape, thickness, .. } = plan.fine;

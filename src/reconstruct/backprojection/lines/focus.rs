@@ -1,0 +1,258 @@
+//! The sums over the microphones of all lines, block by block of voxels.
+
+use super::kernels::{Places, Ring, add_line, add_tone, turn};
+use super::nodes::{BlockNodes, Needed};
+use super::plan::LinesPlan;
+use super::view::LineView;
+use crate::alloc::try_filled;
+use crate::error::Result;
+use crate::grid::{Grid, no_room_for};
+use crate::progress::{Observer, advance};
+use crate::reconstruct::backprojection::share;
+use crate::reconstruct::compress::{Tones, VolumeTones};
+use crate::reconstruct::job::Job;
+use crate::reconstruct::volume::SlabDriver;
+use crate::reconstruct::{Method, ReconstructionInfo};
+use crate::wave::interval::PathInterval;
+use crate::wave::phasor;
+use crate::wave::simd::{LANES, Lanes, ROWS, lane_phasors, phasors};
+use num_complex::Complex32;
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// Lines whose nodes about a depth stay in the second-level cache while depths are gone through.
+const LINES: usize = 4;
+
+/// Parts of the depths that each thread takes: the fewer, the fewer nodes are read twice.
+const PARTS: usize = 2;
+
+/// What the images of all lines are summed from.
+struct Focus<'a> {
+    plan: &'a LinesPlan,
+    /// Of every shell, samples by lines.
+    tones: Vec<Tones>,
+    /// f_c/c with the sign of the inverse, −1/m.
+    carrier: f64,
+    observer: &'a dyn Observer,
+}
+
+/// Nodes of a block, by rings and lines.
+struct BlockSums {
+    nodes: Vec<Lanes>,
+    /// For every line and ring, where in `nodes` the first node along the path would be.
+    origins: Vec<Vec<isize>>,
+}
+
+/// What a thread needs for one ring.
+#[derive(Default)]
+struct RingBuffers {
+    /// Lengths from the microphones, and their phasors.
+    back: Vec<[f64; LANES]>,
+    kernels: Vec<Lanes>,
+    /// Lengths from the loudspeaker, and their phasors.
+    outward: Vec<[f64; LANES]>,
+    turns: Vec<Lanes>,
+}
+
+/// The nodes that each line of a block needs.
+fn needed(view: &LineView, block: &BlockNodes, depths: &Range<usize>) -> Vec<Needed> {
+    (0..view.lines.count).into_par_iter().map(|line| block.needed(view, line, depths.clone())).collect()
+}
+
+/// The path lengths of the nodes of every shell.
+fn intervals(plan: &LinesPlan, sound_speed: f64) -> Vec<PathInterval> {
+    let mut found = vec![[f64::INFINITY, f64::NEG_INFINITY]; plan.shells.count];
+    let view = &plan.view;
+    for block in &plan.blocks {
+        let lines = &needed(view, block, &(0..view.depths.count));
+        let sideways = block.sideways(view);
+        let (lanes, count) = (block.lanes(&view.columns), block.columns.len());
+        let asides = lanes[..count].iter().map(|x| view.aside(*x));
+        let (nearest, farthest) =
+            asides.fold((f64::INFINITY, 0.0f64), |(near, far), [a, b]| (near.min(a), far.max(b)));
+        for i in 0..lines.iter().map(Vec::len).max().unwrap_or(0) {
+            let Some(paths) = Ring::of(lines, i).all() else { continue };
+            let rho = block.rho.position(i);
+            let outward = |j: usize, lane: usize| match view.source {
+                Some(_) => ((block.path.position(j) - block.back(rho)).powi(2) + sideways[lane]).sqrt(),
+                None => 0.0,
+            };
+            let least = (0..count).map(|l| outward(paths.start, l)).fold(f64::INFINITY, f64::min);
+            let most = (0..count).map(|l| outward(paths.end - 1, l)).fold(0.0, f64::max);
+            let [shortest, longest] = &mut found[plan.shells.of(rho)];
+            *shortest = shortest.min(least + view.legs * rho.hypot(nearest));
+            *longest = longest.max(most + view.legs * rho.hypot(farthest));
+        }
+    }
+    let interval = |[shortest, longest]: [f64; 2]| match shortest <= longest {
+        true => PathInterval { shortest, longest, sound_speed },
+        false => PathInterval { shortest: 0.0, longest: 0.0, sound_speed },
+    };
+    found.into_iter().map(interval).collect()
+}
+
+/// Gives the volume to the job's sink.
+pub(crate) fn image(plan: &LinesPlan, job: Job<'_>) -> Result<ReconstructionInfo> {
+    let Job { source, weights, grid, budget, interpolation, sink, observer, .. } = job;
+    let (whole, budget) = plan.compression(source.instrument(), grid, budget);
+    let compressed = VolumeTones::compress(source, weights, whole, budget, observer)?;
+    let instrument = source.instrument();
+    let intervals = intervals(plan, instrument.sound_speed);
+    let each = (0..plan.shells.count).map(|shell| shell..shell + 1);
+    let shells = compressed.slabs(each, |shell| intervals[shell.start], share, budget);
+    let error = plan.error + plan.growth * shells.iter().map(|shell| shell.error).fold(0.0, f64::max);
+    let error_bound = interpolation.with(error) * compressed.modulus;
+    let tones = shells.iter().map(|shell| {
+        let tones = shell.of(&compressed, instrument.array.len())?;
+        let rows = tones.samples.chunks_exact(instrument.array.len());
+        let samples = rows.flat_map(|row| plan.view.by_lines(row)).collect();
+        Ok(Tones { samples, ..tones })
+    });
+    let carrier = -instrument.sweep.centre() / instrument.sound_speed;
+    let focus = Focus { plan, tones: tones.collect::<Result<_>>()?, carrier, observer };
+    drop(compressed);
+    let driver = SlabDriver::even(grid, plan.at_once, |depths| (plan.blocks.len() * depths) as u64, observer);
+    let info = ReconstructionInfo { method: Method::Backprojection, error_bound };
+    driver.run(info, sink, |_, depths, planes| {
+        for block in &plan.blocks {
+            let image = focus.block(block, depths.clone(), grid)?;
+            planes
+                .par_chunks_mut(grid.plane_len())
+                .zip(image.par_chunks(plan.view.rows.count))
+                .for_each(|(plane, image)| focus.place(block, image, plane));
+        }
+        Ok(())
+    })
+}
+
+impl Focus<'_> {
+    /// The image of sixteen columns at some depths, `[depth, row]`.
+    fn block(&self, block: &BlockNodes, depths: Range<usize>, grid: &Grid) -> Result<Vec<Lanes>> {
+        let (plan, view) = (self.plan, &self.plan.view);
+        let (rows, per_metre) = (view.rows.count, view.legs * self.carrier);
+        let needed = needed(view, block, &depths);
+        let nodes = self.nodes(block, &needed)?.ok_or_else(|| no_room_for(grid))?;
+        let count = (depths.len() * rows) as u64;
+        let mut image = try_filled(Lanes::ZERO, count).ok_or_else(|| no_room_for(grid))?;
+        let part = depths.len().div_ceil(PARTS * rayon::current_num_threads());
+        let sum = |(places, turns): &mut (Places, Vec<Complex32>), (chunk, image): (usize, &mut [Lanes])| {
+            turns.resize(rows, Complex32::ZERO);
+            let first = depths.start + chunk * part;
+            for (group, lines) in nodes.origins.chunks(LINES).enumerate() {
+                for (depth, image) in image.chunks_exact_mut(rows).enumerate() {
+                    for (line, origins) in lines.iter().enumerate() {
+                        block.place(view, group * LINES + line, first + depth, places);
+                        phasors(per_metre, &places.back, turns);
+                        add_line((&nodes.nodes, origins), places, &plan.tables, turns, image);
+                    }
+                }
+                advance(self.observer, 0)?;
+            }
+            if view.source.is_some() {
+                self.turn_outward(block, first, image);
+            }
+            let depths = image.len() / rows;
+            advance(self.observer, depths as u64)
+        };
+        image.par_chunks_mut(part * rows).enumerate().try_for_each_init(Default::default, sum)?;
+        Ok(image)
+    }
+
+    /// Gives voxels the carrier's phase of the path out.
+    fn turn_outward(&self, block: &BlockNodes, first: usize, image: &mut [Lanes]) {
+        let view = &self.plan.view;
+        let (rows, sideways) = (view.rows.count, block.sideways(view));
+        let to_middle = view.source.map_or(0.0, |[x, ..]| (block.middle - x).powi(2));
+        let mut lengths = vec![[0.0; LANES]; rows.next_multiple_of(ROWS)];
+        let mut turns = vec![Lanes::ZERO; lengths.len()];
+        for (depth, image) in image.chunks_exact_mut(rows).enumerate() {
+            let z = view.depths.position(first + depth);
+            for (row, lengths) in view.rows.positions().zip(&mut lengths) {
+                let square = view.from_source(row, z) + to_middle;
+                *lengths = sideways.map(|s| (square + s).max(0.0).sqrt());
+            }
+            lane_phasors(&[self.carrier; LANES], &lengths, &mut turns);
+            turn(&turns, image);
+        }
+    }
+
+    /// The nodes of all lines; `None` if they do not fit in memory.
+    fn nodes(&self, block: &BlockNodes, needed: &[Needed]) -> Result<Option<BlockSums>> {
+        let rings: Vec<Ring> =
+            (0..needed.iter().map(Vec::len).max().unwrap_or(0)).map(|i| Ring::of(needed, i)).collect();
+        let mut origins = vec![Vec::with_capacity(rings.len()); needed.len()];
+        let mut from = 0;
+        for paths in rings.iter().map(|ring| &ring.paths) {
+            for (line, paths) in origins.iter_mut().zip(paths) {
+                line.push(from as isize - paths.start as isize);
+                from += paths.len();
+            }
+        }
+        let Some(mut nodes) = try_filled(Lanes::ZERO, from as u64) else { return Ok(None) };
+        let (mut left, mut parts) = (&mut nodes[..], Vec::new());
+        for (i, ring) in rings.iter().enumerate() {
+            let (own, rest) = left.split_at_mut(ring.len());
+            left = rest;
+            parts.push((i, ring, own));
+        }
+        let fill = |buffers: &mut RingBuffers, (i, ring, nodes): (usize, &Ring, &mut [Lanes])| {
+            self.fill(block, i, ring, buffers, nodes);
+            advance(self.observer, 0)
+        };
+        parts.into_par_iter().try_for_each_init(RingBuffers::default, fill)?;
+        Ok(Some(BlockSums { nodes, origins }))
+    }
+
+    /// Sums one ring's nodes of all lines, zeros before.
+    fn fill(
+        &self,
+        block: &BlockNodes,
+        i: usize,
+        ring: &Ring,
+        buffers: &mut RingBuffers,
+        nodes: &mut [Lanes],
+    ) {
+        let (plan, view) = (self.plan, &self.plan.view);
+        let Some(paths) = ring.all() else { return };
+        let (lanes, sideways) = (block.lanes(&view.columns), block.sideways(view));
+        let RingBuffers { back, kernels, outward, turns } = buffers;
+        let rho = block.rho.position(i);
+        let padded = |count: usize| count.next_multiple_of(ROWS);
+        let length = |aside: f64| (rho * rho + aside * aside).sqrt();
+        back.clear();
+        back.extend(view.microphones.positions().map(|microphone| lanes.map(|x| length(x - microphone))));
+        back.resize(padded(back.len()), [0.0; LANES]);
+        kernels.resize(back.len(), Lanes::ZERO);
+        outward.clear();
+        outward.extend(paths.clone().map(|j| match view.source {
+            Some(_) => {
+                let middle = block.path.position(j) - block.back(rho);
+                sideways.map(|s| (middle * middle + s).max(0.0).sqrt())
+            }
+            None => [0.0; LANES],
+        }));
+        outward.resize(padded(outward.len()), [0.0; LANES]);
+        turns.resize(outward.len(), Lanes::ZERO);
+        let tones = &self.tones[plan.shells.of(rho)];
+        let carrier = phasor(-view.legs * self.carrier * block.back(rho));
+        let count = view.microphones.count;
+        let samples = tones.samples.chunks_exact(padded(view.lines.count) * count);
+        for (k, samples) in tones.per_metre.iter().zip(samples) {
+            lane_phasors(&[view.legs * k; LANES], back, kernels);
+            lane_phasors(&[k - self.carrier; LANES], outward, turns);
+            add_tone(&kernels[..count], (turns, paths.start), samples, carrier, (ring, &mut *nodes));
+        }
+    }
+
+    /// Puts a block's rows of one depth into the plane.
+    fn place(&self, block: &BlockNodes, image: &[Lanes], plane: &mut [Complex32]) {
+        let view = &self.plan.view;
+        let width = if view.along == 0 { view.columns.count } else { view.rows.count };
+        for (row, lanes) in image.iter().take(view.rows.count).enumerate() {
+            for (lane, column) in block.columns.clone().enumerate() {
+                let at = if view.along == 0 { row * width + column } else { column * width + row };
+                plane[at] = lanes.at(lane);
+            }
+        }
+    }
+}

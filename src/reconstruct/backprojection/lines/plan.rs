@@ -1,0 +1,409 @@
+//! Which lines, which nodes, and what they err by and take.
+
+use super::kernels::{MOST_TAPS, TapTable};
+use super::nodes::{BlockNodes, Ruler};
+use super::trial::Trial;
+use super::view::LineView;
+use crate::acquisition::Instrument;
+use crate::grid::{Axis, Grid};
+use crate::reconstruct::compress::tones_for;
+use crate::reconstruct::cost::COMPLEX;
+use crate::reconstruct::error_budget::ErrorBudget;
+use crate::reconstruct::numerics::Taps;
+use crate::wave::interval::PathInterval;
+use crate::wave::simd::LANES;
+
+/// The most bytes of depths that are summed at a time. Every slab of them sums the nodes that it needs.
+const MOST_BYTES: usize = 64 << 20;
+
+/// The most bytes of the tones of all shells, and the most shells.
+const MOST_TONES: usize = 64 << 20;
+const MOST_SHELLS: usize = 16;
+
+/// By how much nodes are tried closer together where they err too much.
+const CLOSER: [f64; 6] = [1.0, 0.92, 0.84, 0.72, 0.6, 0.5];
+
+/// How far nodes reach beyond the voxels at most, relative to how far these are from the lines and from the loudspeaker.
+const BEYOND: f64 = 0.3;
+
+/// Operations of a node's or a microphone's phasor, and of finding a voxel's places and weights, for all lanes.
+const PHASORS: f64 = 400.0;
+const PLACES: f64 = 1500.0;
+
+/// An operation on sixteen lanes takes so much of one of other loops.
+const DENSE: f64 = 0.65;
+
+/// How one job is summed by lines.
+#[derive(Debug, Clone)]
+pub(crate) struct LinesPlan {
+    pub(crate) view: LineView,
+    pub(crate) blocks: Vec<BlockNodes>,
+    /// Weights along ρ and along the path.
+    pub(crate) tables: [TapTable; 2],
+    /// Of interpolation, relative to `Σ|w m| / Σw`, and by how much it amplifies errors of nodes.
+    pub(crate) error: f64,
+    pub(crate) growth: f64,
+    /// Depths that are summed at a time.
+    pub(crate) at_once: usize,
+    /// Ranges of ρ whose nodes share their tones.
+    pub(crate) shells: Shells,
+    pub(crate) operations: f64,
+    /// Of the tones of all shells, and of one block's nodes and voxels.
+    pub(crate) bytes: u64,
+}
+
+/// Ranges of ρ of equal thickness.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Shells {
+    first: f64,
+    thickness: f64,
+    pub(crate) count: usize,
+}
+
+impl Shells {
+    /// Which of them has this ρ.
+    pub(crate) fn of(&self, rho: f64) -> usize {
+        (((rho - self.first) / self.thickness).max(0.0) as usize).min(self.count - 1)
+    }
+}
+
+/// What a block's images change by.
+struct Band {
+    columns: std::ops::Range<usize>,
+    middle: f64,
+    aside: f64,
+    /// How fast terms change without their carrier along ρ and along the path, cycles per m.
+    fastest: [f64; 2],
+}
+
+/// Where voxels are as seen from lines.
+struct Extent {
+    /// Of all ρ, m.
+    rho: [f64; 2],
+    /// The least outward length, m.
+    outward: f64,
+    /// For a few lines and columns: how far ρ extends, and the paths at one ρ on average, m.
+    sampled: Vec<[f64; 2]>,
+}
+
+/// Taps along one coordinate, and how much of the nodes' band the fastest change takes.
+type Choice = Option<(Taps, f64)>;
+
+impl LinesPlan {
+    /// The plan of fewest operations, if it takes less than `most`; `None` too where the microphones are on no lattice, or
+    /// nodes would have no place.
+    pub(crate) fn find(instrument: &Instrument, grid: &Grid, budget: ErrorBudget, most: f64) -> Option<Self> {
+        let views = [0, 1].into_iter().filter_map(|along| LineView::new(instrument, grid, along));
+        let mut priced: Vec<Priced> =
+            views.filter_map(|view| Priced::new(instrument, view, budget)).collect();
+        priced.retain(|priced| priced.price.operations < most);
+        priced.sort_by(|a, b| a.price.operations.total_cmp(&b.price.operations));
+        priced.iter().find_map(|priced| priced.measured(instrument, budget))
+    }
+
+    /// All path lengths of nodes, and what the two compressions may err by.
+    pub(crate) fn compression(
+        &self,
+        instrument: &Instrument,
+        grid: &Grid,
+        budget: ErrorBudget,
+    ) -> (PathInterval, ErrorBudget) {
+        let paths = instrument.path_interval(grid, 0..grid.z.count);
+        let reach = |block: &BlockNodes| block.path.reach() + self.view.legs * block.rho.reach();
+        let margin = self.blocks.iter().map(reach).fold(0.0, f64::max);
+        let interval =
+            PathInterval { shortest: paths.shortest - margin, longest: paths.longest + margin, ..paths };
+        (interval, budget.after(self.error).before(self.growth))
+    }
+}
+
+/// The taps of fewest operations along one axis.
+struct Priced {
+    view: LineView,
+    bands: Vec<Band>,
+    extent: Extent,
+    at_once: usize,
+    choice: [Choice; 2],
+    price: Price,
+}
+
+impl Priced {
+    /// `None` where nodes would have no place.
+    fn new(instrument: &Instrument, view: LineView, budget: ErrorBudget) -> Option<Self> {
+        let plane = view.rows.count * view.columns.count * COMPLEX as usize;
+        let at_once = (MOST_BYTES / plane).clamp(1, view.depths.count);
+        let extent = Extent::of(&view, at_once);
+        if extent.rho[0] <= 0.0 {
+            return None;
+        }
+        let blocks = (0..view.columns.count).step_by(LANES);
+        let bands: Option<Vec<Band>> =
+            blocks.map(|first| Band::of(instrument, &view, first, &extent)).collect();
+        let bands = bands?;
+        let lengths: Vec<Choice> =
+            Taps::lengths(budget.interpolation_axis(), MOST_TAPS).into_iter().map(Some).collect();
+        let of_path = if view.source.is_some() { &lengths[..] } else { &[None] };
+        let choices = lengths.iter().flat_map(|rho| of_path.iter().map(move |path| [rho, path]));
+        let priced =
+            choices.map(|choice| (choice, Price::of(instrument, &view, &bands, &extent, at_once, choice)));
+        let (choice, price) = priced.min_by(|(_, a), (_, b)| a.operations.total_cmp(&b.operations))?;
+        let choice = choice.map(Clone::clone);
+        Some(Self { view, bands, extent, at_once, choice, price })
+    }
+
+    /// With nodes as close as the error asks for.
+    fn measured(&self, instrument: &Instrument, budget: ErrorBudget) -> Option<LinesPlan> {
+        let Self { view, extent, price, .. } = self;
+        let [rho, path] = &self.choice;
+        let taps = [rho, path].map(|choice| choice.as_ref().map(|(taps, _)| taps));
+        let trial = Trial::new(instrument, view);
+        CLOSER.into_iter().find_map(|closer| {
+            let nodes = |band: &Band| band.nodes(view, extent, [rho, path], closer);
+            let blocks: Vec<BlockNodes> = self.bands.iter().map(nodes).collect::<Option<_>>()?;
+            let [error, growth] = trial.error(&blocks, taps);
+            let more = 1.0 / (closer * closer);
+            (error <= budget.interpolation()).then(|| LinesPlan {
+                blocks,
+                tables: taps.map(TapTable::new),
+                error,
+                growth,
+                at_once: self.at_once,
+                shells: extent.shells(price.shells),
+                operations: price.operations + price.of_nodes * (more - 1.0),
+                bytes: (price.bytes + price.node_bytes * more) as u64,
+                view: view.clone(),
+            })
+        })
+    }
+}
+
+impl Extent {
+    fn of(view: &LineView, at_once: usize) -> Self {
+        let gap = |a: &Axis, b: &Axis| (a.first - b.last()).max(b.first - a.last()).max(0.0);
+        let height = |z: f64| (z - view.height).abs();
+        let depths = [view.depths.first, view.depths.last()];
+        let crosses = (depths[0] - view.height) * (depths[1] - view.height) < 0.0;
+        let nearest = if crosses { 0.0 } else { height(depths[0]).min(height(depths[1])) };
+        let farthest =
+            (view.rows.last() - view.lines.first).abs().max((view.lines.last() - view.rows.first).abs());
+        let rho = [
+            gap(&view.rows, &view.lines).hypot(nearest),
+            farthest.hypot(height(depths[0]).max(height(depths[1]))),
+        ];
+        let outward = view.source.map_or(0.0, |[x, y, z]| {
+            let off = |axis: &Axis, place: f64| (axis.first - place).max(place - axis.last()).max(0.0);
+            off(&view.columns, x).hypot(off(&view.rows, y)).hypot(off(&view.depths, z))
+        });
+        let middle = (view.depths.count - at_once) / 2;
+        let depths: Vec<f64> = spread(at_once, 24).map(|iz| view.depths.position(middle + iz)).collect();
+        let rows: Vec<f64> = spread(view.rows.count, 24).map(|iy| view.rows.position(iy)).collect();
+        let mut sampled = Vec::new();
+        for column in spread(view.columns.count, 3) {
+            let column = view.columns.position(column);
+            for line in spread(view.lines.count, 5) {
+                let line = view.lines.position(line);
+                let places: Vec<[f64; 2]> = rows
+                    .iter()
+                    .flat_map(|y| depths.iter().map(move |z| (*y, *z)))
+                    .map(|(y, z)| {
+                        let across = view.source.map_or(0.0, |[x, ..]| column - x);
+                        [view.rho(line, y, z), view.from_source(y, z).sqrt().hypot(across)]
+                    })
+                    .collect();
+                sampled.push(widths(&places));
+            }
+        }
+        Self { rho, outward, sampled }
+    }
+
+    fn shells(&self, count: usize) -> Shells {
+        let [first, last] = self.rho;
+        Shells { first, thickness: ((last - first) / count as f64).max(f64::MIN_POSITIVE), count }
+    }
+}
+
+/// How far the first coordinate of places extends, and the second on average at one value of the first.
+fn widths(places: &[[f64; 2]]) -> [f64; 2] {
+    const BINS: usize = 12;
+    let first = places.iter().map(|[rho, _]| *rho).fold(f64::INFINITY, f64::min);
+    let extent = places.iter().map(|[rho, _]| *rho).fold(0.0, f64::max) - first;
+    let mut bins = [[f64::INFINITY, f64::NEG_INFINITY]; BINS];
+    for [rho, path] in places {
+        let bin = (((rho - first) / extent.max(f64::MIN_POSITIVE) * BINS as f64) as usize).min(BINS - 1);
+        bins[bin] = [bins[bin][0].min(*path), bins[bin][1].max(*path)];
+    }
+    let filled: Vec<f64> =
+        bins.iter().filter(|[low, high]| low <= high).map(|[low, high]| high - low).collect();
+    [extent, filled.iter().sum::<f64>() / filled.len().max(1) as f64]
+}
+
+/// Up to `most` of `count` indices, from the first to the last.
+pub(crate) fn spread(count: usize, most: usize) -> impl Iterator<Item = usize> + Clone {
+    let taken = count.min(most);
+    (0..taken).map(move |k| if taken > 1 { k * (count - 1) / (taken - 1) } else { count / 2 })
+}
+
+impl Band {
+    /// Of up to sixteen columns; `None` where they are too near to the loudspeaker.
+    fn of(instrument: &Instrument, view: &LineView, first: usize, extent: &Extent) -> Option<Self> {
+        let columns = first..(first + LANES).min(view.columns.count);
+        let ends = [view.columns.position(columns.start), view.columns.position(columns.end - 1)];
+        let middle = f64::midpoint(ends[0], ends[1]);
+        let per_metre =
+            [instrument.sweep.start(), instrument.sweep.stop()].map(|f| f / instrument.sound_speed);
+        let carrier = instrument.sweep.centre() / instrument.sound_speed;
+        let [lowest, highest] = extent.rho;
+        let rhos = [lowest, 0.75 * lowest + 0.25 * highest, f64::midpoint(lowest, highest), highest];
+        // How much faster the outward length changes in the middle than at the ends, where nodes are before all voxels.
+        let ratios = match view.source {
+            None => [0.0; 2],
+            Some([x, ..]) => {
+                let own = extent.outward.max(1e-9);
+                let at = |end: f64| own / (own * own + (end - x).powi(2) - (middle - x).powi(2)).sqrt();
+                ends.map(at)
+            }
+        };
+        if ratios.iter().any(|ratio| !ratio.is_finite()) {
+            return None;
+        }
+        let asides: Vec<f64> = ends.iter().flat_map(|end| view.aside(*end)).collect();
+        let most = asides.iter().copied().fold(0.0, f64::max);
+        let along_rho = |aside: f64| {
+            let mut fastest = 0.0f64;
+            for rho in rhos {
+                let own = rho / rho.hypot(aside);
+                for microphone in &asides {
+                    let slope = rho / rho.hypot(*microphone);
+                    for f in per_metre {
+                        for ratio in ratios {
+                            let turns = match view.source {
+                                None => view.legs * (f * slope - carrier * own),
+                                Some(_) => f * (slope - own) + (f - carrier) * own * (1.0 - ratio),
+                            };
+                            fastest = fastest.max(turns.abs());
+                        }
+                    }
+                }
+            }
+            fastest
+        };
+        let possible = (0..=24).map(|k| most * f64::from(k) / 24.0);
+        let best = possible.map(|aside| (aside, along_rho(aside))).min_by(|a, b| a.1.total_cmp(&b.1))?;
+        let half = 0.5 * (per_metre[1] - per_metre[0]);
+        let along_path = half * ratios[0].max(ratios[1]).max(1.0);
+        // A band of nothing has nodes as far apart as the voxels extend.
+        let least = 0.5 / (highest - lowest).max(1e-3 / carrier);
+        Some(Self { columns, middle, aside: best.0, fastest: [best.1.max(least), along_path.max(least)] })
+    }
+
+    /// Pitches along ρ and along the path.
+    fn pitches(&self, view: &LineView, extent: &Extent, choice: [&Choice; 2]) -> [f64; 2] {
+        let from_source = if view.source.is_some() { extent.outward } else { f64::INFINITY };
+        let room = [extent.rho[0].min(from_source), from_source];
+        [0, 1].map(|axis| {
+            choice[axis].as_ref().map_or(1.0, |(taps, fill)| {
+                // Nodes beyond the voxels, where terms change faster, stay near to them.
+                (0.5 * fill / self.fastest[axis]).min(BEYOND * room[axis] / (taps.count() / 2) as f64)
+            })
+        })
+    }
+
+    /// The nodes; `None` where some would have no place.
+    fn nodes(
+        &self,
+        view: &LineView,
+        extent: &Extent,
+        choice: [&Choice; 2],
+        closer: f64,
+    ) -> Option<BlockNodes> {
+        let [rho, path] = self.pitches(view, extent, choice);
+        let [of_rho, of_path] = choice.map(|choice| choice.as_ref().map_or(1, |(taps, _)| taps.count()));
+        let back = extent.rho[0].hypot(self.aside);
+        let nodes = BlockNodes {
+            columns: self.columns.clone(),
+            middle: self.middle,
+            aside: self.aside,
+            rho: Ruler::before(extent.rho[0], closer * rho, of_rho),
+            path: match view.source {
+                Some(_) => Ruler::before(extent.outward + back, closer * path, of_path),
+                None => Ruler { first: 0.0, pitch: 1.0, taps: 1 },
+            },
+        };
+        let outward = extent.outward - nodes.path.reach() - nodes.rho.reach();
+        let least = nodes.sideways(view).into_iter().fold(0.0, f64::min);
+        let placed = view.source.is_none() || (outward > 0.0 && outward * outward + least > 0.0);
+        (nodes.rho.first > 0.0 && placed).then_some(nodes)
+    }
+}
+
+/// What a choice of taps takes.
+struct Price {
+    operations: f64,
+    /// Those of nodes.
+    of_nodes: f64,
+    shells: usize,
+    /// Of one block's nodes.
+    node_bytes: f64,
+    /// Of the tones of all shells and of one block's voxels.
+    bytes: f64,
+}
+
+impl Price {
+    fn of(
+        instrument: &Instrument,
+        view: &LineView,
+        bands: &[Band],
+        extent: &Extent,
+        at_once: usize,
+        choice: [&Choice; 2],
+    ) -> Self {
+        let [of_rho, of_path] =
+            choice.map(|choice| choice.as_ref().map_or(1.0, |(taps, _)| taps.count() as f64));
+        let (lines, microphones) = (view.lines.count as f64, view.microphones.count as f64);
+        let slabs = view.depths.count.div_ceil(at_once) as f64;
+        let across = extent.rho[1] - extent.rho[0];
+        let (mut per_slab, mut most_nodes, mut most_tones) = (0.0, 0.0f64, 0.0f64);
+        let shells_for = |tones: f64| {
+            let bytes = tones * lines * microphones * COMPLEX as f64;
+            ((MOST_TONES as f64 / bytes) as usize).clamp(1, MOST_SHELLS)
+        };
+        let sampled = extent.sampled.len() as f64;
+        let thickest = extent.sampled.iter().map(|[rho, _]| *rho).fold(0.0, f64::max);
+        let widest = extent.sampled.iter().map(|[_, path]| *path).fold(0.0, f64::max);
+        for band in bands {
+            let [rho, path] = band.pitches(view, extent, choice);
+            // Without a loudspeaker there is one node along the path.
+            let along_path = |width: f64| if view.source.is_some() { width / path + of_path } else { 1.0 };
+            let nodes: f64 = extent
+                .sampled
+                .iter()
+                .map(|[depth, width]| (depth / rho + of_rho) * along_path(*width))
+                .sum::<f64>()
+                / sampled;
+            let rings = thickest / rho + of_rho;
+            let [nearest, farthest] = view.aside(band.middle);
+            let back = extent.rho[0].hypot(farthest) - extent.rho[0].hypot(nearest);
+            let paths = view.legs * (back + across / MOST_SHELLS as f64)
+                + if view.source.is_some() { widest + of_path * path } else { 0.0 };
+            let spread = instrument.sweep.bandwidth() * paths / instrument.sound_speed;
+            let tones = tones_for(spread, 1e-5).min(instrument.sweep.len() as f64);
+            let wide = (8 * LANES) as f64;
+            let of_ring = tones * (lines * microphones * wide + (microphones + along_path(widest)) * PHASORS);
+            per_slab += rings * of_ring + nodes * lines * tones * wide;
+            (most_nodes, most_tones) = (most_nodes.max(nodes * lines), most_tones.max(tones));
+        }
+        let voxel = of_rho * (of_path + 2.0) * (4 * LANES) as f64 + PLACES;
+        let rows = (view.depths.count * view.rows.count * bands.len()) as f64;
+        let shells = shells_for(most_tones);
+        let of_nodes = DENSE * slabs * per_slab;
+        Self {
+            operations: of_nodes + DENSE * rows * lines * voxel,
+            of_nodes,
+            shells,
+            node_bytes: most_nodes * (COMPLEX as usize * LANES) as f64,
+            bytes: COMPLEX as f64
+                * (most_tones * shells as f64 * lines * microphones
+                    + (LANES * at_once * view.rows.count) as f64),
+        }
+    }
+}
