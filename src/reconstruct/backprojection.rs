@@ -62,6 +62,9 @@ const LEAST_FOR_LINES: f64 = 1e10;
 /// Below this many operations no tiles are searched for, which takes about as long as a third of them.
 const LEAST_FOR_TILES: f64 = 1.2e11;
 
+/// Where lines take so many times fewer operations than single microphones, tiles would hardly take fewer still.
+const MUCH_LESS: f64 = 4.0;
+
 /// How one job is divided.
 #[derive(Debug, Clone)]
 pub(super) struct BackprojectionPlan {
@@ -105,10 +108,12 @@ impl BackprojectionPlan {
     fn divided(instrument: &Instrument, grid: &Grid, budget: ErrorBudget) -> Self {
         let plan = Self::without_tiles(instrument, grid, budget);
         let Division { band, operations, .. } = plan.fine;
-        let operations = plan.lines.as_ref().map_or(operations, |lines| lines.operations);
+        let by_lines = plan.lines.as_ref().map_or(f64::INFINITY, |lines| lines.operations);
         let band = Band { tolerance: factorised::usual_budget(budget).series(), ..band };
+        let long = operations.min(by_lines) > LEAST_FOR_TILES && by_lines > operations / MUCH_LESS;
         // Without the memory to try them there are none.
-        let tiled = (operations > LEAST_FOR_TILES)
+        let operations = operations.min(by_lines);
+        let tiled = long
             .then(|| TileLevels::find(instrument, grid, &band, budget, operations).ok().flatten())
             .flatten();
         Self { tiled, ..plan }

@@ -141,8 +141,9 @@ impl Upsampling {
             let crosses = ends.iter().any(|end| (*end < grid.z.first) != (*end < nodes.axis.first));
             nodes.axis.count as f64 <= FEWER * grid.z.count as f64 && !crosses
         };
-        let z =
-            (grid.z.count > 1).then(|| around(2, grid.z.first, &|coarsest| coarsest)).flatten().filter(few);
+        let along_z = || {
+            (grid.z.count > 1).then(|| around(2, grid.z.first, &|coarsest| coarsest)).flatten().filter(few)
+        };
         let lattice = instrument.array.lattice();
         let sideways = |axis: usize| {
             let (voxels, microphones) = match axis {
@@ -160,7 +161,7 @@ impl Upsampling {
                 None => around(axis, voxels.first, &|coarsest| coarsest),
             }
         };
-        let [x, y] = [sideways(0), sideways(1)];
+        let (z, (x, y)) = rayon::join(along_z, || rayon::join(|| sideways(0), || sideways(1)));
         let [own_x, own_y, own_z] = own;
         let z = z.unwrap_or(own_z);
         let columns = (x.is_some() || y.is_some())

@@ -116,7 +116,7 @@ impl Candidates {
                 let estimate = possible(Method::Backprojection, plan.cost(instrument, threads), upsampling);
                 (Sampled { upsampling: upsampling.cloned(), plan }, estimate)
             };
-            least(samplings.iter().copied().map(of_sampling))
+            least(samplings.par_iter().copied().map(of_sampling).collect::<Vec<_>>().into_iter())
         });
         let direct = DirectPlan::new(grid);
         let of_convolution = match &convolution {

@@ -4,7 +4,7 @@ use super::kernels::{Places, Ring, add_line, add_tone, turn};
 use super::nodes::{BlockNodes, Needed};
 use super::plan::LinesPlan;
 use super::view::LineView;
-use crate::alloc::try_filled;
+use crate::alloc::try_with_capacity;
 use crate::error::Result;
 use crate::grid::{Grid, no_room_for};
 use crate::progress::{Observer, advance};
@@ -36,7 +36,8 @@ struct Focus<'a> {
     observer: &'a dyn Observer,
 }
 
-/// Nodes of a block, by rings and lines.
+/// Nodes of a block, by rings and lines; their room is the next block's.
+#[derive(Default)]
 struct BlockSums {
     nodes: Vec<Lanes>,
     /// For every line and ring, where in `nodes` the first node along the path would be.
@@ -84,9 +85,9 @@ fn intervals(plan: &LinesPlan, sound_speed: f64) -> Vec<PathInterval> {
             *longest = longest.max(most + view.legs * rho.hypot(farthest));
         }
     }
-    let interval = |[shortest, longest]: [f64; 2]| match shortest <= longest {
-        true => PathInterval { shortest, longest, sound_speed },
-        false => PathInterval { shortest: 0.0, longest: 0.0, sound_speed },
+    let interval = |[shortest, longest]: [f64; 2]| {
+        let [shortest, longest] = if shortest <= longest { [shortest, longest] } else { [0.0; 2] };
+        PathInterval { shortest, longest, sound_speed }
     };
     found.into_iter().map(interval).collect()
 }
@@ -113,9 +114,12 @@ pub(crate) fn image(plan: &LinesPlan, job: Job<'_>) -> Result<ReconstructionInfo
     drop(compressed);
     let driver = SlabDriver::even(grid, plan.at_once, |depths| (plan.blocks.len() * depths) as u64, observer);
     let info = ReconstructionInfo { method: Method::Backprojection, error_bound };
+    let mut image =
+        try_with_capacity((plan.at_once * plan.view.rows.count) as u64).ok_or_else(|| no_room_for(grid))?;
+    let mut nodes = BlockSums::default();
     driver.run(info, sink, |_, depths, planes| {
         for block in &plan.blocks {
-            let image = focus.block(block, depths.clone(), grid)?;
+            focus.block(block, depths.clone(), grid, &mut nodes, &mut image)?;
             planes
                 .par_chunks_mut(grid.plane_len())
                 .zip(image.par_chunks(plan.view.rows.count))
@@ -127,13 +131,20 @@ pub(crate) fn image(plan: &LinesPlan, job: Job<'_>) -> Result<ReconstructionInfo
 
 impl Focus<'_> {
     /// The image of sixteen columns at some depths, `[depth, row]`.
-    fn block(&self, block: &BlockNodes, depths: Range<usize>, grid: &Grid) -> Result<Vec<Lanes>> {
+    fn block(
+        &self,
+        block: &BlockNodes,
+        depths: Range<usize>,
+        grid: &Grid,
+        nodes: &mut BlockSums,
+        image: &mut Vec<Lanes>,
+    ) -> Result<()> {
         let (plan, view) = (self.plan, &self.plan.view);
         let (rows, per_metre) = (view.rows.count, view.legs * self.carrier);
         let needed = needed(view, block, &depths);
-        let nodes = self.nodes(block, &needed)?.ok_or_else(|| no_room_for(grid))?;
-        let count = (depths.len() * rows) as u64;
-        let mut image = try_filled(Lanes::ZERO, count).ok_or_else(|| no_room_for(grid))?;
+        self.nodes(block, &needed, nodes, grid)?;
+        image.clear();
+        image.resize(depths.len() * rows, Lanes::ZERO);
         let part = depths.len().div_ceil(PARTS * rayon::current_num_threads());
         let sum = |(places, turns): &mut (Places, Vec<Complex32>), (chunk, image): (usize, &mut [Lanes])| {
             turns.resize(rows, Complex32::ZERO);
@@ -154,8 +165,7 @@ impl Focus<'_> {
             let depths = image.len() / rows;
             advance(self.observer, depths as u64)
         };
-        image.par_chunks_mut(part * rows).enumerate().try_for_each_init(Default::default, sum)?;
-        Ok(image)
+        image.par_chunks_mut(part * rows).enumerate().try_for_each_init(Default::default, sum)
     }
 
     /// Gives voxels the carrier's phase of the path out.
@@ -168,7 +178,7 @@ impl Focus<'_> {
         for (depth, image) in image.chunks_exact_mut(rows).enumerate() {
             let z = view.depths.position(first + depth);
             for (row, lengths) in view.rows.positions().zip(&mut lengths) {
-                let square = view.from_source(row, z) + to_middle;
+                let square = view.over_source(row, z) + to_middle;
                 *lengths = sideways.map(|s| (square + s).max(0.0).sqrt());
             }
             lane_phasors(&[self.carrier; LANES], &lengths, &mut turns);
@@ -176,11 +186,17 @@ impl Focus<'_> {
         }
     }
 
-    /// The nodes of all lines; `None` if they do not fit in memory.
-    fn nodes(&self, block: &BlockNodes, needed: &[Needed]) -> Result<Option<BlockSums>> {
-        let rings: Vec<Ring> =
-            (0..needed.iter().map(Vec::len).max().unwrap_or(0)).map(|i| Ring::of(needed, i)).collect();
-        let mut origins = vec![Vec::with_capacity(rings.len()); needed.len()];
+    /// Sums the nodes of all lines.
+    fn nodes(
+        &self,
+        block: &BlockNodes,
+        needed: &[Needed],
+        BlockSums { nodes, origins }: &mut BlockSums,
+        grid: &Grid,
+    ) -> Result<()> {
+        let count = needed.iter().map(Vec::len).max().unwrap_or(0);
+        let rings: Vec<Ring> = (0..count).map(|i| Ring::of(needed, i)).collect();
+        *origins = vec![Vec::with_capacity(count); needed.len()];
         let mut from = 0;
         for paths in rings.iter().map(|ring| &ring.paths) {
             for (line, paths) in origins.iter_mut().zip(paths) {
@@ -188,7 +204,10 @@ impl Focus<'_> {
                 from += paths.len();
             }
         }
-        let Some(mut nodes) = try_filled(Lanes::ZERO, from as u64) else { return Ok(None) };
+        if nodes.len() < from {
+            nodes.try_reserve_exact(from - nodes.len()).map_err(|_| no_room_for(grid))?;
+            nodes.resize(from, Lanes::ZERO);
+        }
         let (mut left, mut parts) = (&mut nodes[..], Vec::new());
         for (i, ring) in rings.iter().enumerate() {
             let (own, rest) = left.split_at_mut(ring.len());
@@ -199,11 +218,10 @@ impl Focus<'_> {
             self.fill(block, i, ring, buffers, nodes);
             advance(self.observer, 0)
         };
-        parts.into_par_iter().try_for_each_init(RingBuffers::default, fill)?;
-        Ok(Some(BlockSums { nodes, origins }))
+        parts.into_par_iter().try_for_each_init(RingBuffers::default, fill)
     }
 
-    /// Sums one ring's nodes of all lines, zeros before.
+    /// Sums one ring's nodes of all lines.
     fn fill(
         &self,
         block: &BlockNodes,
@@ -214,6 +232,7 @@ impl Focus<'_> {
     ) {
         let (plan, view) = (self.plan, &self.plan.view);
         let Some(paths) = ring.all() else { return };
+        nodes.fill(Lanes::ZERO);
         let (lanes, sideways) = (block.lanes(&view.columns), block.sideways(view));
         let RingBuffers { back, kernels, outward, turns } = buffers;
         let rho = block.rho.position(i);

@@ -102,6 +102,8 @@ impl BlockNodes {
 
     /// The nodes that one line's voxels of these depths are made of.
     pub(crate) fn needed(&self, view: &LineView, line: usize, depths: Range<usize>) -> Needed {
+        // The first and the last place of any.
+        const NONE: [u32; 2] = [u32::MAX, 0];
         let mut first: Vec<[u32; 2]> = Vec::new();
         let mut found = Places::default();
         for depth in depths {
@@ -109,19 +111,22 @@ impl BlockNodes {
             for (rho, path) in found.rho.iter().zip(&found.path) {
                 let (i, j) = (*rho as usize, *path as u32);
                 if i >= first.len() {
-                    first.resize(i + 1, [u32::MAX, 0]);
+                    first.resize(i + 1, NONE);
                 }
                 first[i] = [first[i][0].min(j), first[i][1].max(j)];
             }
         }
-        let mut needed = vec![usize::MAX..0; first.len() + self.rho.taps - 1];
+        let mut needed = vec![NONE; first.len() + self.rho.taps - 1];
         for (i, [low, high]) in first.into_iter().enumerate().filter(|(_, [low, high])| low <= high) {
-            for node in &mut needed[i..i + self.rho.taps] {
-                *node = node.start.min(low as usize)..node.end.max(high as usize + self.path.taps);
+            for [start, last] in &mut needed[i..i + self.rho.taps] {
+                (*start, *last) = ((*start).min(low), (*last).max(high));
             }
         }
-        let whole = |paths: &Range<usize>| match paths.end.checked_sub(paths.start) {
-            Some(count) => paths.start..paths.start + count.next_multiple_of(ROWS),
+        let whole = |[start, last]: &[u32; 2]| match last.checked_sub(*start) {
+            Some(more) => {
+                let count = (more as usize + self.path.taps).next_multiple_of(ROWS);
+                *start as usize..*start as usize + count
+            }
             None => 0..0,
         };
         needed.iter().map(whole).collect()

@@ -31,7 +31,7 @@ const PHASORS: f64 = 400.0;
 const PLACES: f64 = 1500.0;
 
 /// An operation on sixteen lanes takes so much of one of other loops.
-const DENSE: f64 = 0.65;
+const DENSE: f64 = 0.8;
 
 /// How one job is summed by lines.
 #[derive(Debug, Clone)]
@@ -207,7 +207,7 @@ impl Extent {
                     .flat_map(|y| depths.iter().map(move |z| (*y, *z)))
                     .map(|(y, z)| {
                         let across = view.source.map_or(0.0, |[x, ..]| column - x);
-                        [view.rho(line, y, z), view.from_source(y, z).sqrt().hypot(across)]
+                        [view.rho(line, y, z), view.over_source(y, z).sqrt().hypot(across)]
                     })
                     .collect();
                 sampled.push(widths(&places));

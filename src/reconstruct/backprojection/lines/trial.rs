@@ -77,7 +77,7 @@ impl<'a> Trial<'a> {
     ) -> [f64; 2] {
         let (view, legs) = (self.view, self.view.legs);
         let rho = view.rho(line, row, depth);
-        let over_source = view.from_source(row, depth);
+        let over_source = view.over_source(row, depth);
         let to_middle = view.source.map_or(0.0, |[x, ..]| (block.middle - x).powi(2));
         let path = (over_source + to_middle).sqrt() + block.back(rho);
         let (rhos, along_rho) = around(&block.rho, taps[0], rho);

@@ -58,7 +58,7 @@ impl LineView {
     }
 
     /// The square of the distance from the line through the loudspeaker that is parallel to the others, m².
-    pub(crate) fn from_source(&self, row: f64, depth: f64) -> f64 {
+    pub(crate) fn over_source(&self, row: f64, depth: f64) -> f64 {
         self.source.map_or(0.0, |[_, y, z]| (row - y).powi(2) + (depth - z).powi(2))
     }
 
