@@ -15,6 +15,8 @@
 //! which its image hardly changes sideways; then the nodes of larger tiles from those of the smaller that they are made
 //! of; last the voxels from the nodes of the largest. So the cost grows with voxels times the logarithm of microphones.
 //!
+//! The microphones of a lattice are summed line by line instead, where that takes fewer operations ([`lines`]).
+//!
 //! Errors, relative to `Σ|w m| / Σw`: cutting off the series, bounded by the coefficients left out; and the skeletons'
 //! measured error, which the series can amplify by no more than its Lebesgue constant. Interpolation amplifies both by the
 //! sum of its weights' moduli, and adds its own measured error.

@@ -12,6 +12,8 @@
 //! Errors, relative to `Σ|w m| / Σw`: that of interpolation is measured on single terms; that of the tones is amplified by
 //! the sum of the weights' moduli.
 
+mod band;
+mod extent;
 mod focus;
 mod kernels;
 mod nodes;

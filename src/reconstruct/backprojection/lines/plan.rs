@@ -1,11 +1,13 @@
 //! Which lines, which nodes, and what they err by and take.
 
+use super::band::{Band, Choice};
+use super::extent::Extent;
 use super::kernels::{MOST_TAPS, TapTable};
-use super::nodes::{BlockNodes, Ruler};
+use super::nodes::BlockNodes;
 use super::trial::Trial;
 use super::view::LineView;
 use crate::acquisition::Instrument;
-use crate::grid::{Axis, Grid};
+use crate::grid::Grid;
 use crate::reconstruct::compress::tones_for;
 use crate::reconstruct::cost::COMPLEX;
 use crate::reconstruct::error_budget::ErrorBudget;
@@ -22,9 +24,6 @@ const MOST_SHELLS: usize = 16;
 
 /// By how much nodes are tried closer together where they err too much.
 const CLOSER: [f64; 6] = [1.0, 0.92, 0.84, 0.72, 0.6, 0.5];
-
-/// How far nodes reach beyond the voxels at most, relative to how far these are from the lines and from the loudspeaker.
-const BEYOND: f64 = 0.3;
 
 /// Operations of a node's or a microphone's phasor, and of finding a voxel's places and weights, for all lanes.
 const PHASORS: f64 = 400.0;
@@ -61,33 +60,16 @@ pub(crate) struct Shells {
 }
 
 impl Shells {
+    /// So many for all ρ.
+    fn new([first, last]: [f64; 2], count: usize) -> Self {
+        Self { first, thickness: ((last - first) / count as f64).max(f64::MIN_POSITIVE), count }
+    }
+
     /// Which of them has this ρ.
     pub(crate) fn of(&self, rho: f64) -> usize {
         (((rho - self.first) / self.thickness).max(0.0) as usize).min(self.count - 1)
     }
 }
-
-/// What a block's images change by.
-struct Band {
-    columns: std::ops::Range<usize>,
-    middle: f64,
-    aside: f64,
-    /// How fast terms change without their carrier along ρ and along the path, cycles per m.
-    fastest: [f64; 2],
-}
-
-/// Where voxels are as seen from lines.
-struct Extent {
-    /// Of all ρ, m.
-    rho: [f64; 2],
-    /// The least outward length, m.
-    outward: f64,
-    /// For a few lines and columns: how far ρ extends, and the paths at one ρ on average, m.
-    sampled: Vec<[f64; 2]>,
-}
-
-/// Taps along one coordinate, and how much of the nodes' band the fastest change takes.
-type Choice = Option<(Taps, f64)>;
 
 impl LinesPlan {
     /// The plan of fewest operations, if it takes less than `most`; `None` too where the microphones are on no lattice, or
@@ -168,171 +150,12 @@ impl Priced {
                 error,
                 growth,
                 at_once: self.at_once,
-                shells: extent.shells(price.shells),
+                shells: Shells::new(extent.rho, price.shells),
                 operations: price.operations + price.of_nodes * (more - 1.0),
                 bytes: (price.bytes + price.node_bytes * more) as u64,
                 view: view.clone(),
             })
         })
-    }
-}
-
-impl Extent {
-    fn of(view: &LineView, at_once: usize) -> Self {
-        let gap = |a: &Axis, b: &Axis| (a.first - b.last()).max(b.first - a.last()).max(0.0);
-        let height = |z: f64| (z - view.height).abs();
-        let depths = [view.depths.first, view.depths.last()];
-        let crosses = (depths[0] - view.height) * (depths[1] - view.height) < 0.0;
-        let nearest = if crosses { 0.0 } else { height(depths[0]).min(height(depths[1])) };
-        let farthest =
-            (view.rows.last() - view.lines.first).abs().max((view.lines.last() - view.rows.first).abs());
-        let rho = [
-            gap(&view.rows, &view.lines).hypot(nearest),
-            farthest.hypot(height(depths[0]).max(height(depths[1]))),
-        ];
-        let outward = view.source.map_or(0.0, |[x, y, z]| {
-            let off = |axis: &Axis, place: f64| (axis.first - place).max(place - axis.last()).max(0.0);
-            off(&view.columns, x).hypot(off(&view.rows, y)).hypot(off(&view.depths, z))
-        });
-        let middle = (view.depths.count - at_once) / 2;
-        let depths: Vec<f64> = spread(at_once, 24).map(|iz| view.depths.position(middle + iz)).collect();
-        let rows: Vec<f64> = spread(view.rows.count, 24).map(|iy| view.rows.position(iy)).collect();
-        let mut sampled = Vec::new();
-        for column in spread(view.columns.count, 3) {
-            let column = view.columns.position(column);
-            for line in spread(view.lines.count, 5) {
-                let line = view.lines.position(line);
-                let places: Vec<[f64; 2]> = rows
-                    .iter()
-                    .flat_map(|y| depths.iter().map(move |z| (*y, *z)))
-                    .map(|(y, z)| {
-                        let across = view.source.map_or(0.0, |[x, ..]| column - x);
-                        [view.rho(line, y, z), view.over_source(y, z).sqrt().hypot(across)]
-                    })
-                    .collect();
-                sampled.push(widths(&places));
-            }
-        }
-        Self { rho, outward, sampled }
-    }
-
-    fn shells(&self, count: usize) -> Shells {
-        let [first, last] = self.rho;
-        Shells { first, thickness: ((last - first) / count as f64).max(f64::MIN_POSITIVE), count }
-    }
-}
-
-/// How far the first coordinate of places extends, and the second on average at one value of the first.
-fn widths(places: &[[f64; 2]]) -> [f64; 2] {
-    const BINS: usize = 12;
-    let first = places.iter().map(|[rho, _]| *rho).fold(f64::INFINITY, f64::min);
-    let extent = places.iter().map(|[rho, _]| *rho).fold(0.0, f64::max) - first;
-    let mut bins = [[f64::INFINITY, f64::NEG_INFINITY]; BINS];
-    for [rho, path] in places {
-        let bin = (((rho - first) / extent.max(f64::MIN_POSITIVE) * BINS as f64) as usize).min(BINS - 1);
-        bins[bin] = [bins[bin][0].min(*path), bins[bin][1].max(*path)];
-    }
-    let filled: Vec<f64> =
-        bins.iter().filter(|[low, high]| low <= high).map(|[low, high]| high - low).collect();
-    [extent, filled.iter().sum::<f64>() / filled.len().max(1) as f64]
-}
-
-/// Up to `most` of `count` indices, from the first to the last.
-pub(crate) fn spread(count: usize, most: usize) -> impl Iterator<Item = usize> + Clone {
-    let taken = count.min(most);
-    (0..taken).map(move |k| if taken > 1 { k * (count - 1) / (taken - 1) } else { count / 2 })
-}
-
-impl Band {
-    /// Of up to sixteen columns; `None` where they are too near to the loudspeaker.
-    fn of(instrument: &Instrument, view: &LineView, first: usize, extent: &Extent) -> Option<Self> {
-        let columns = first..(first + LANES).min(view.columns.count);
-        let ends = [view.columns.position(columns.start), view.columns.position(columns.end - 1)];
-        let middle = f64::midpoint(ends[0], ends[1]);
-        let per_metre =
-            [instrument.sweep.start(), instrument.sweep.stop()].map(|f| f / instrument.sound_speed);
-        let carrier = instrument.sweep.centre() / instrument.sound_speed;
-        let [lowest, highest] = extent.rho;
-        let rhos = [lowest, 0.75 * lowest + 0.25 * highest, f64::midpoint(lowest, highest), highest];
-        // How much faster the outward length changes in the middle than at the ends, where nodes are before all voxels.
-        let ratios = match view.source {
-            None => [0.0; 2],
-            Some([x, ..]) => {
-                let own = extent.outward.max(1e-9);
-                let at = |end: f64| own / (own * own + (end - x).powi(2) - (middle - x).powi(2)).sqrt();
-                ends.map(at)
-            }
-        };
-        if ratios.iter().any(|ratio| !ratio.is_finite()) {
-            return None;
-        }
-        let asides: Vec<f64> = ends.iter().flat_map(|end| view.aside(*end)).collect();
-        let most = asides.iter().copied().fold(0.0, f64::max);
-        let along_rho = |aside: f64| {
-            let mut fastest = 0.0f64;
-            for rho in rhos {
-                let own = rho / rho.hypot(aside);
-                for microphone in &asides {
-                    let slope = rho / rho.hypot(*microphone);
-                    for f in per_metre {
-                        for ratio in ratios {
-                            let turns = match view.source {
-                                None => view.legs * (f * slope - carrier * own),
-                                Some(_) => f * (slope - own) + (f - carrier) * own * (1.0 - ratio),
-                            };
-                            fastest = fastest.max(turns.abs());
-                        }
-                    }
-                }
-            }
-            fastest
-        };
-        let possible = (0..=24).map(|k| most * f64::from(k) / 24.0);
-        let best = possible.map(|aside| (aside, along_rho(aside))).min_by(|a, b| a.1.total_cmp(&b.1))?;
-        let half = 0.5 * (per_metre[1] - per_metre[0]);
-        let along_path = half * ratios[0].max(ratios[1]).max(1.0);
-        // A band of nothing has nodes as far apart as the voxels extend.
-        let least = 0.5 / (highest - lowest).max(1e-3 / carrier);
-        Some(Self { columns, middle, aside: best.0, fastest: [best.1.max(least), along_path.max(least)] })
-    }
-
-    /// Pitches along ρ and along the path.
-    fn pitches(&self, view: &LineView, extent: &Extent, choice: [&Choice; 2]) -> [f64; 2] {
-        let from_source = if view.source.is_some() { extent.outward } else { f64::INFINITY };
-        let room = [extent.rho[0].min(from_source), from_source];
-        [0, 1].map(|axis| {
-            choice[axis].as_ref().map_or(1.0, |(taps, fill)| {
-                // Nodes beyond the voxels, where terms change faster, stay near to them.
-                (0.5 * fill / self.fastest[axis]).min(BEYOND * room[axis] / (taps.count() / 2) as f64)
-            })
-        })
-    }
-
-    /// The nodes; `None` where some would have no place.
-    fn nodes(
-        &self,
-        view: &LineView,
-        extent: &Extent,
-        choice: [&Choice; 2],
-        closer: f64,
-    ) -> Option<BlockNodes> {
-        let [rho, path] = self.pitches(view, extent, choice);
-        let [of_rho, of_path] = choice.map(|choice| choice.as_ref().map_or(1, |(taps, _)| taps.count()));
-        let back = extent.rho[0].hypot(self.aside);
-        let nodes = BlockNodes {
-            columns: self.columns.clone(),
-            middle: self.middle,
-            aside: self.aside,
-            rho: Ruler::before(extent.rho[0], closer * rho, of_rho),
-            path: match view.source {
-                Some(_) => Ruler::before(extent.outward + back, closer * path, of_path),
-                None => Ruler { first: 0.0, pitch: 1.0, taps: 1 },
-            },
-        };
-        let outward = extent.outward - nodes.path.reach() - nodes.rho.reach();
-        let least = nodes.sideways(view).into_iter().fold(0.0, f64::min);
-        let placed = view.source.is_none() || (outward > 0.0 && outward * outward + least > 0.0);
-        (nodes.rho.first > 0.0 && placed).then_some(nodes)
     }
 }
 

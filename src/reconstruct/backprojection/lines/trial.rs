@@ -1,7 +1,7 @@
 //! What interpolation of a line's image errs by, measured on single terms.
 
+use super::extent::spread;
 use super::nodes::{BlockNodes, Ruler};
-use super::plan::spread;
 use super::view::LineView;
 use crate::acquisition::Instrument;
 use crate::reconstruct::numerics::Taps;
