@@ -92,9 +92,8 @@ impl TapTable {
     }
 }
 
-/// [`add_line_body`] for so many taps along the path: a loop of a fixed length is a third faster.
 #[inline(always)]
-fn add_line_of<const TAPS: usize>(
+fn add_line_body(
     (nodes, origins): (&[Lanes], &[isize]),
     found: &Places,
     [rho, path]: &[TapTable; 2],
@@ -106,46 +105,31 @@ fn add_line_of<const TAPS: usize>(
         let (i, j) = (found.rho[y] as usize, found.path[y] as usize);
         rho.at(found.rho[y] - i as f64, &mut along_rho);
         path.at(found.path[y] - j as f64, &mut along_path);
-        let mut sum = Lanes::ZERO;
+        let (mut re, mut im) = ([0.0f32; LANES], [0.0f32; LANES]);
         for (origin, weight) in origins[i..i + rho.taps].iter().zip(&along_rho) {
-            let nodes: &[Lanes] = &nodes[(origin + j as isize) as usize..][..TAPS];
-            let mut inner = Lanes::ZERO;
-            for l in 0..LANES {
-                for a in 0..TAPS {
-                    inner.re[l] += along_path[a] * nodes[a].re[l];
-                    inner.im[l] += along_path[a] * nodes[a].im[l];
+            let nodes = &nodes[(origin + j as isize) as usize..][..path.taps];
+            let (mut inner_re, mut inner_im) = ([0.0f32; LANES], [0.0f32; LANES]);
+            for (node, w) in nodes.iter().zip(&along_path) {
+                for l in 0..LANES {
+                    inner_re[l] += w * node.re[l];
+                }
+                for l in 0..LANES {
+                    inner_im[l] += w * node.im[l];
                 }
             }
             for l in 0..LANES {
-                sum.re[l] += weight * inner.re[l];
-                sum.im[l] += weight * inner.im[l];
+                re[l] += weight * inner_re[l];
+            }
+            for l in 0..LANES {
+                im[l] += weight * inner_im[l];
             }
         }
         for l in 0..LANES {
-            let turned = sum.at(l) * turn;
-            voxels.re[l] += turned.re;
-            voxels.im[l] += turned.im;
+            voxels.re[l] += re[l] * turn.re - im[l] * turn.im;
         }
-    }
-}
-
-#[inline(always)]
-fn add_line_body(
-    nodes: (&[Lanes], &[isize]),
-    found: &Places,
-    tables: &[TapTable; 2],
-    turns: &[Complex32],
-    image: &mut [Lanes],
-) {
-    match tables[1].taps {
-        1 => add_line_of::<1>(nodes, found, tables, turns, image),
-        4 => add_line_of::<4>(nodes, found, tables, turns, image),
-        6 => add_line_of::<6>(nodes, found, tables, turns, image),
-        8 => add_line_of::<8>(nodes, found, tables, turns, image),
-        10 => add_line_of::<10>(nodes, found, tables, turns, image),
-        12 => add_line_of::<12>(nodes, found, tables, turns, image),
-        14 => add_line_of::<14>(nodes, found, tables, turns, image),
-        _ => add_line_of::<MOST_TAPS>(nodes, found, tables, turns, image),
+        for l in 0..LANES {
+            voxels.im[l] += re[l] * turn.im + im[l] * turn.re;
+        }
     }
 }
 
