@@ -15,7 +15,7 @@ const BEYOND: f64 = 0.3;
 pub(crate) type Choice = Option<(Taps, f64)>;
 
 /// What a block's images change by.
-pub(crate) struct Band {
+pub(crate) struct BlockBand {
     pub(crate) columns: Range<usize>,
     pub(crate) middle: f64,
     pub(crate) aside: f64,
@@ -23,7 +23,7 @@ pub(crate) struct Band {
     pub(crate) fastest: [f64; 2],
 }
 
-impl Band {
+impl BlockBand {
     /// Of up to sixteen columns; `None` where they are too near to the loudspeaker.
     pub(crate) fn of(
         instrument: &Instrument,

@@ -1,6 +1,6 @@
 //! Which lines, which nodes, and what they err by and take.
 
-use super::band::{Band, Choice};
+use super::band::{BlockBand, Choice};
 use super::extent::Extent;
 use super::kernels::{MOST_TAPS, TapTable};
 use super::nodes::BlockNodes;
@@ -102,7 +102,7 @@ impl LinesPlan {
 /// The taps of fewest operations along one axis.
 struct Priced {
     view: LineView,
-    bands: Vec<Band>,
+    bands: Vec<BlockBand>,
     extent: Extent,
     at_once: usize,
     choice: [Choice; 2],
@@ -119,8 +119,8 @@ impl Priced {
             return None;
         }
         let blocks = (0..view.columns.count).step_by(LANES);
-        let bands: Option<Vec<Band>> =
-            blocks.map(|first| Band::of(instrument, &view, first, &extent)).collect();
+        let bands: Option<Vec<BlockBand>> =
+            blocks.map(|first| BlockBand::of(instrument, &view, first, &extent)).collect();
         let bands = bands?;
         let lengths: Vec<Choice> =
             Taps::lengths(budget.interpolation_axis(), MOST_TAPS).into_iter().map(Some).collect();
@@ -140,7 +140,7 @@ impl Priced {
         let taps = [rho, path].map(|choice| choice.as_ref().map(|(taps, _)| taps));
         let trial = Trial::new(instrument, view);
         CLOSER.into_iter().find_map(|closer| {
-            let nodes = |band: &Band| band.nodes(view, extent, [rho, path], closer);
+            let nodes = |band: &BlockBand| band.nodes(view, extent, [rho, path], closer);
             let blocks: Vec<BlockNodes> = self.bands.iter().map(nodes).collect::<Option<_>>()?;
             let [error, growth] = trial.error(&blocks, taps);
             let more = 1.0 / (closer * closer);
@@ -175,7 +175,7 @@ impl Price {
     fn of(
         instrument: &Instrument,
         view: &LineView,
-        bands: &[Band],
+        bands: &[BlockBand],
         extent: &Extent,
         at_once: usize,
         choice: [&Choice; 2],
