@@ -92,23 +92,32 @@ struct Division {
 }
 
 impl BackprojectionPlan {
-    /// Divides a job by a fixed operation count, so that the same job is always divided alike.
-    pub(super) fn new(instrument: &Instrument, grid: &Grid, budget: ErrorBudget) -> Self {
+    /// Divides a job by a fixed operation count, so that the same job is always divided alike: with tiles only if asked, which
+    /// takes time to find, and by lines only if that takes fewer operations than `most`.
+    pub(super) fn new(
+        instrument: &Instrument,
+        grid: &Grid,
+        budget: ErrorBudget,
+        tiles: bool,
+        most: f64,
+    ) -> Self {
         static LAST: Memo<(Instrument, Grid, ErrorBudget), BackprojectionPlan> = Memo::new();
-        LAST.of((instrument.clone(), *grid, budget), || Self::divided(instrument, grid, budget))
+        if tiles {
+            return LAST.of((instrument.clone(), *grid, budget), || Self::divided(instrument, grid, budget));
+        }
+        Self::without_tiles(instrument, grid, budget, most)
     }
 
-    /// The same without tiles, which takes little time to find.
-    pub(super) fn without_tiles(instrument: &Instrument, grid: &Grid, budget: ErrorBudget) -> Self {
+    fn without_tiles(instrument: &Instrument, grid: &Grid, budget: ErrorBudget, most: f64) -> Self {
         let fine = Division::new(instrument, grid, budget);
-        let lines = (fine.operations > LEAST_FOR_LINES)
-            .then(|| LinesPlan::find(instrument, grid, budget, fine.operations))
-            .flatten();
+        let most = fine.operations.min(most);
+        let lines =
+            (most > LEAST_FOR_LINES).then(|| LinesPlan::find(instrument, grid, budget, most)).flatten();
         Self { grid: *grid, budget, fine, lines, tiled: None }
     }
 
     fn divided(instrument: &Instrument, grid: &Grid, budget: ErrorBudget) -> Self {
-        let plan = Self::without_tiles(instrument, grid, budget);
+        let plan = Self::without_tiles(instrument, grid, budget, f64::INFINITY);
         let Division { band, operations, .. } = plan.fine;
         let by_lines = plan.lines.as_ref().map_or(f64::INFINITY, |lines| lines.operations);
         let band = Band { tolerance: factorised::usual_budget(budget).series(), ..band };

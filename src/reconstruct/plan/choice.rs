@@ -98,25 +98,25 @@ impl Candidates {
             .into_iter()
             .min_by(|a, b| operations(a).total_cmp(&operations(b)))
             .expect("the voxels themselves are sampled");
-        // A short convolution is over before tiles are found.
+        // A short convolution is over before tiles or lines are found.
         let short = |(_, estimate): &(Sampled<ConvolutionPlan>, Estimate)| estimate.operations < SHORT;
-        let tiles = !convolution.as_ref().is_ok_and(short) || options.method == Method::Backprojection;
+        let search = !convolution.as_ref().is_ok_and(short) || options.method == Method::Backprojection;
         let backprojection = (options.tolerance > 0.0).then(|| {
-            // Tiles are searched for on the fewest nodes.
             let voxels = |upsampling: Option<&Upsampling>| summed(upsampling, grid, budget).0.voxel_count();
-            let fewest = samplings.iter().map(|nodes| voxels(*nodes)).min();
-            let of_sampling = |upsampling: Option<&Upsampling>| {
-                let plan = if tiles && Some(voxels(upsampling)) == fewest {
-                    BackprojectionPlan::new
-                } else {
-                    BackprojectionPlan::without_tiles
-                };
+            let of_sampling = |upsampling: Option<&Upsampling>, tiles: bool, most: f64| {
                 let (grid, budget) = summed(upsampling, grid, budget);
-                let plan = plan(instrument, grid, budget);
+                let plan = BackprojectionPlan::new(instrument, grid, budget, tiles, most);
                 let estimate = possible(Method::Backprojection, plan.cost(instrument, threads), upsampling);
                 (Sampled { upsampling: upsampling.cloned(), plan }, estimate)
             };
-            least(samplings.par_iter().copied().map(of_sampling).collect::<Vec<_>>().into_iter())
+            // Tiles are searched for on the fewest nodes, and on the others lines that take less than those.
+            let mut samplings = samplings.clone();
+            samplings.sort_by_key(|upsampling| voxels(*upsampling));
+            let most = if search { f64::INFINITY } else { 0.0 };
+            let first = of_sampling(samplings[0], search, most);
+            let most = most.min(first.1.operations);
+            let others = samplings[1..].iter().map(|upsampling| of_sampling(*upsampling, false, most));
+            least(iter::once(first).chain(others))
         });
         let direct = DirectPlan::new(grid);
         let of_convolution = match &convolution {
