@@ -75,14 +75,21 @@ pub(super) struct BackprojectionPlan {
     budget: ErrorBudget,
     /// For the voxels themselves.
     fine: Division,
-    /// Lines of a lattice, where that takes fewer operations.
-    lines: Option<LinesPlan>,
-    /// Tiles and nodes, where that takes fewer still.
-    tiled: Option<TileLevels>,
+    way: Way,
+}
+
+/// From what voxels are summed: what takes the fewest operations.
+#[derive(Debug, Clone)]
+enum Way {
+    Microphones,
+    /// The lines of a lattice.
+    Lines(Box<LinesPlan>),
+    /// The nodes of tiles.
+    Tiles(Box<TileLevels>),
 }
 
 /// How the points of one grid are divided.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Copy)]
 struct Division {
     band: Band,
     shape: Shape,
@@ -92,55 +99,62 @@ struct Division {
 }
 
 impl BackprojectionPlan {
-    /// Divides a job by a fixed operation count, so that the same job is always divided alike: with tiles only if asked, which
-    /// takes time to find, and by lines only if that takes fewer operations than `most`.
-    pub(super) fn new(
+    /// Divides a job by a fixed operation count, so that the same job is always divided alike: by tiles, lines or neither,
+    /// which takes time to find.
+    pub(super) fn new(instrument: &Instrument, grid: &Grid, budget: ErrorBudget) -> Self {
+        static LAST: Memo<(Instrument, Grid, ErrorBudget), BackprojectionPlan> = Memo::new();
+        LAST.of((instrument.clone(), *grid, budget), || {
+            let plan = Self::without_tiles(instrument, grid, budget, f64::INFINITY);
+            let tiles = plan.tiles(instrument).map(|tiles| Way::Tiles(Box::new(tiles)));
+            Self { way: tiles.unwrap_or(plan.way), ..plan }
+        })
+    }
+
+    /// The same without tiles, and by lines only if that takes fewer operations than `most`.
+    pub(super) fn without_tiles(
         instrument: &Instrument,
         grid: &Grid,
         budget: ErrorBudget,
-        tiles: bool,
         most: f64,
     ) -> Self {
-        static LAST: Memo<(Instrument, Grid, ErrorBudget), BackprojectionPlan> = Memo::new();
-        if tiles {
-            return LAST.of((instrument.clone(), *grid, budget), || Self::divided(instrument, grid, budget));
-        }
-        Self::without_tiles(instrument, grid, budget, most)
-    }
-
-    fn without_tiles(instrument: &Instrument, grid: &Grid, budget: ErrorBudget, most: f64) -> Self {
         let fine = Division::new(instrument, grid, budget);
         let most = fine.operations.min(most);
         let lines =
             (most > LEAST_FOR_LINES).then(|| LinesPlan::find(instrument, grid, budget, most)).flatten();
-        Self { grid: *grid, budget, fine, lines, tiled: None }
+        let way = lines.map_or(Way::Microphones, |lines| Way::Lines(Box::new(lines)));
+        Self { grid: *grid, budget, fine, way }
     }
 
-    fn divided(instrument: &Instrument, grid: &Grid, budget: ErrorBudget) -> Self {
-        let plan = Self::without_tiles(instrument, grid, budget, f64::INFINITY);
-        let Division { band, operations, .. } = plan.fine;
-        let by_lines = plan.lines.as_ref().map_or(f64::INFINITY, |lines| lines.operations);
-        let band = Band { tolerance: factorised::usual_budget(budget).series(), ..band };
-        let long = operations.min(by_lines) > LEAST_FOR_TILES && by_lines > operations / MUCH_LESS;
-        // Without the memory to try them there are none.
-        let operations = operations.min(by_lines);
-        let tiled = long
-            .then(|| TileLevels::find(instrument, grid, &band, budget, operations).ok().flatten())
-            .flatten();
-        Self { tiled, ..plan }
+    /// Tiles that take fewer operations than this plan; without the memory to try them there are none.
+    fn tiles(&self, instrument: &Instrument) -> Option<TileLevels> {
+        let (least, single) = (self.operations(), self.fine.operations);
+        if least <= LEAST_FOR_TILES || least <= single / MUCH_LESS {
+            return None;
+        }
+        let band = Band { tolerance: factorised::usual_budget(self.budget).series(), ..self.fine.band };
+        TileLevels::find(instrument, &self.grid, &band, self.budget, least).ok().flatten()
+    }
+
+    /// Without those of compression.
+    fn operations(&self) -> f64 {
+        match &self.way {
+            Way::Microphones => self.fine.operations,
+            Way::Lines(lines) => lines.operations,
+            Way::Tiles(levels) => levels.operations,
+        }
     }
 
     /// All path lengths at which range profiles are expanded, and what the two compressions may err by.
     fn compression(&self, instrument: &Instrument) -> (PathInterval, ErrorBudget) {
-        if let Some(levels) = &self.tiled {
-            return factorised::compression(levels, instrument, &self.grid, self.fine.band, self.budget);
-        }
-        if let Some(lines) = &self.lines {
-            return lines.compression(instrument, &self.grid, self.budget);
-        }
         let Division { band, shape, .. } = self.fine;
-        let budget = SeriesBudget::new(&band, greatest_half(shape.half(&self.grid)), self.budget);
-        (interval(instrument, &self.grid, shape, 0..self.grid.z.count), budget.tones)
+        match &self.way {
+            Way::Microphones => {
+                let budget = SeriesBudget::new(&band, greatest_half(shape.half(&self.grid)), self.budget);
+                (interval(instrument, &self.grid, shape, 0..self.grid.z.count), budget.tones)
+            }
+            Way::Lines(lines) => lines.compression(instrument, &self.grid, self.budget),
+            Way::Tiles(levels) => factorised::compression(levels, instrument, &self.grid, band, self.budget),
+        }
     }
 
     /// With the memory of a batch for this many threads.
@@ -148,29 +162,24 @@ impl BackprojectionPlan {
         let (interval, budget) = self.compression(instrument);
         let compression = CompressionCost::new(instrument, &interval, budget);
         let plane = self.grid.plane_len() as u64;
-        let (at_once, nodes, row, operations) = match (&self.tiled, &self.lines) {
-            (Some(levels), _) => (
-                levels.at_once,
-                levels.bytes as u64,
-                factorised::row_bytes(levels, &self.grid),
-                levels.operations,
-            ),
-            (None, Some(lines)) => (lines.at_once, lines.bytes, 0, lines.operations),
-            (None, None) => (self.fine.thickness, 0, 0, self.fine.operations),
-        };
         let depths = self.grid.z.count;
-        // As they are summed, before they are in order; lines put theirs into order at once.
-        let out_of_order = if self.tiled.is_some() || self.lines.is_none() { at_once.min(depths) } else { 0 };
-        let summed = (out_of_order as u64).saturating_mul(plane);
+        // Depths at a time, and how many of them are out of order as they are summed; bytes of nodes, and of a thread's row.
+        let (at_once, out_of_order, nodes, row) = match &self.way {
+            Way::Microphones => (self.fine.thickness, self.fine.thickness, 0, 0),
+            Way::Lines(lines) => (lines.at_once, 0, lines.bytes, 0),
+            Way::Tiles(levels) => {
+                let row = factorised::row_bytes(levels, &self.grid);
+                (levels.at_once, levels.at_once, levels.bytes as u64, row)
+            }
+        };
+        let summed = (out_of_order.min(depths) as u64).saturating_mul(plane);
         let focusing = (COMPLEX.saturating_mul(summed))
             .saturating_add(nodes)
             .saturating_add(SlabDriver::bytes(plane, at_once, depths))
             .saturating_add(compression.samples.saturating_mul(2));
         let worker = row.saturating_add(1 << 20);
         // The last slab's interval is the longest where the voxels are before the array.
-        let skeletons = if self.tiled.is_some() || self.lines.is_some() {
-            0
-        } else {
+        let skeletons = if let Way::Microphones = self.way {
             let slabs = depths.div_ceil(self.fine.thickness);
             let last = (slabs - 1) * self.fine.thickness..depths;
             let first = 0..self.fine.thickness.min(depths);
@@ -178,10 +187,12 @@ impl BackprojectionPlan {
                 compression.skeleton_bytes(&self::interval(instrument, &self.grid, self.fine.shape, planes))
             };
             of_slab(last).max(of_slab(first)).saturating_mul(threads.clamp(1, slabs) as u64)
+        } else {
+            0
         };
         let groups = GROUP_BYTES.saturating_mul(instrument.array.len() as u64);
         Cost {
-            operations: operations + compression.operations,
+            operations: self.operations() + compression.operations,
             usual: Batch::of_threads(threads),
             bytes: Box::new(move |batch| {
                 let focusing = focusing.saturating_add(worker.saturating_mul(batch.workers as u64));
@@ -245,14 +256,19 @@ fn share(longer: f64, own: f64, _: usize) -> bool {
 /// Cost: some 130 operations per voxel and microphone for a tolerance of 10⁻⁴ and voxels that sample the image well, by
 /// tiles ten times fewer or less; memory for the virtual tones of all microphones, and for the nodes.
 pub(super) fn backprojection(job: Job<'_>, plan: &BackprojectionPlan) -> Result<ReconstructionInfo> {
-    if let Some(levels) = &plan.tiled {
-        return Tiled::new(levels, job.source.instrument(), &plan.grid, plan.fine.band).image(job);
+    match &plan.way {
+        Way::Microphones => by_microphones(job, plan.fine),
+        Way::Lines(lines) => lines::image(lines, job),
+        Way::Tiles(levels) => {
+            Tiled::new(levels, job.source.instrument(), &plan.grid, plan.fine.band).image(job)
+        }
     }
-    if let Some(lines) = &plan.lines {
-        return lines::image(lines, job);
-    }
+}
+
+/// The same microphone by microphone.
+fn by_microphones(job: Job<'_>, division: Division) -> Result<ReconstructionInfo> {
     let Job { source, weights, grid, budget, interpolation, batch, sink, observer } = job;
-    let Division { band, shape, thickness, .. } = plan.fine;
+    let Division { band, shape, thickness, .. } = division;
     let greatest = greatest_half(shape.half(grid));
     let budget = SeriesBudget::new(&band, greatest, budget);
     let whole = interval(source.instrument(), grid, shape, 0..grid.z.count);

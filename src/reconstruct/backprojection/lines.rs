@@ -1,9 +1,9 @@
 //! Back-projection by lines: the microphones of a lattice, line by line.
 //!
 //! What a line of microphones hears of a voxel depends on the voxel's place x along the line, on its distance ρ from it,
-//! and on the outward length u: `Σ_q e^{−ik_q u} Σ_a m(q, a) e^{−ik_q √(ρ² + (x − x_a)²)}`. Lines share the inner phasors,
-//! and their images on nodes of ρ and of the path follow from one another's tones; so each microphone is summed only on
-//! some dozens of rings about its line instead of at every voxel, and each voxel from a few nodes of every line.
+//! and on the outward length u: `Σ_q e^{−ik_q u} Σ_a m(q, a) e^{−ik_q √(ρ² + (x − x_a)²)}`. The inner phasors serve
+//! all lines. So each microphone is summed only on nodes, rings of some dozens of ρ about its line with a few path lengths
+//! each, instead of at every voxel, and each voxel is interpolated from a few nodes of every line.
 //!
 //! Without the phase of a carrier, the middle frequency by way of a microphone some way aside, a line's image changes
 //! slowly along ρ, by how differently its microphones see a voxel, and along the path, by the bandwidth. Sixteen

@@ -103,19 +103,22 @@ impl Candidates {
         let search = !convolution.as_ref().is_ok_and(short) || options.method == Method::Backprojection;
         let backprojection = (options.tolerance > 0.0).then(|| {
             let voxels = |upsampling: Option<&Upsampling>| summed(upsampling, grid, budget).0.voxel_count();
-            let of_sampling = |upsampling: Option<&Upsampling>, tiles: bool, most: f64| {
+            // With tiles, or by lines only if these take less than `most`.
+            let of_sampling = |upsampling: Option<&Upsampling>, most: Option<f64>| {
                 let (grid, budget) = summed(upsampling, grid, budget);
-                let plan = BackprojectionPlan::new(instrument, grid, budget, tiles, most);
+                let plan = match most {
+                    Some(most) => BackprojectionPlan::without_tiles(instrument, grid, budget, most),
+                    None => BackprojectionPlan::new(instrument, grid, budget),
+                };
                 let estimate = possible(Method::Backprojection, plan.cost(instrument, threads), upsampling);
                 (Sampled { upsampling: upsampling.cloned(), plan }, estimate)
             };
             // Tiles are searched for on the fewest nodes, and on the others lines that take less than those.
             let mut samplings = samplings.clone();
             samplings.sort_by_key(|upsampling| voxels(*upsampling));
-            let most = if search { f64::INFINITY } else { 0.0 };
-            let first = of_sampling(samplings[0], search, most);
-            let most = most.min(first.1.operations);
-            let others = samplings[1..].iter().map(|upsampling| of_sampling(*upsampling, false, most));
+            let first = of_sampling(samplings[0], (!search).then_some(0.0));
+            let most = if search { first.1.operations } else { 0.0 };
+            let others = samplings[1..].iter().map(|upsampling| of_sampling(*upsampling, Some(most)));
             least(iter::once(first).chain(others))
         });
         let direct = DirectPlan::new(grid);

@@ -115,8 +115,9 @@ impl BlockBand {
             },
         };
         let outward = extent.outward - nodes.path.reach() - nodes.rho.reach();
-        let least = nodes.sideways(view).into_iter().fold(0.0, f64::min);
-        let placed = view.source.is_none() || (outward > 0.0 && outward * outward + least > 0.0);
+        let squares = nodes.squares(view, outward * outward);
+        let placed =
+            view.source.is_none() || (outward > 0.0 && squares.into_iter().all(|square| square > 0.0));
         (nodes.rho.first > 0.0 && placed).then_some(nodes)
     }
 }

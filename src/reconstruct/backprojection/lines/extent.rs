@@ -15,19 +15,12 @@ pub(crate) struct Extent {
 
 impl Extent {
     pub(crate) fn of(view: &LineView, at_once: usize) -> Self {
-        let gap = |a: &Axis, b: &Axis| (a.first - b.last()).max(b.first - a.last()).max(0.0);
-        let height = |z: f64| (z - view.height).abs();
-        let depths = [view.depths.first, view.depths.last()];
-        let crosses = (depths[0] - view.height) * (depths[1] - view.height) < 0.0;
-        let nearest = if crosses { 0.0 } else { height(depths[0]).min(height(depths[1])) };
-        let farthest =
-            (view.rows.last() - view.lines.first).abs().max((view.lines.last() - view.rows.first).abs());
-        let rho = [
-            gap(&view.rows, &view.lines).hypot(nearest),
-            farthest.hypot(height(depths[0]).max(height(depths[1]))),
-        ];
+        let (lines, height) = (ends(&view.lines), [view.height; 2]);
+        let across = apart(ends(&view.rows), lines);
+        let upwards = apart(ends(&view.depths), height);
+        let rho = [0, 1].map(|end| across[end].hypot(upwards[end]));
         let outward = view.source.map_or(0.0, |[x, y, z]| {
-            let off = |axis: &Axis, place: f64| (axis.first - place).max(place - axis.last()).max(0.0);
+            let off = |axis: &Axis, place: f64| apart(ends(axis), [place; 2])[0];
             off(&view.columns, x).hypot(off(&view.rows, y)).hypot(off(&view.depths, z))
         });
         let middle = (view.depths.count - at_once) / 2;
@@ -51,6 +44,16 @@ impl Extent {
         }
         Self { rho, outward, sampled }
     }
+}
+
+/// Where an axis begins and ends, m.
+fn ends(axis: &Axis) -> [f64; 2] {
+    [axis.first, axis.last()]
+}
+
+/// How far places of two stretches are apart, the least and the most.
+fn apart(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
+    [(a[0] - b[1]).max(b[0] - a[1]).max(0.0), (a[1] - b[0]).max(b[1] - a[0])]
 }
 
 /// How far the first coordinate of places extends, and the second on average at one value of the first.

@@ -13,11 +13,12 @@ use crate::reconstruct::compress::{Tones, VolumeTones};
 use crate::reconstruct::job::Job;
 use crate::reconstruct::volume::SlabDriver;
 use crate::reconstruct::{Method, ReconstructionInfo};
-use crate::wave::interval::PathInterval;
+use crate::wave::interval::{PathInterval, greater};
 use crate::wave::phasor;
 use crate::wave::simd::{LANES, Lanes, ROWS, lane_phasors, phasors};
 use num_complex::Complex32;
 use rayon::prelude::*;
+use std::borrow::Cow;
 use std::ops::Range;
 
 /// Lines whose nodes about a depth stay in the second-level cache while depths are gone through.
@@ -60,36 +61,37 @@ fn needed(view: &LineView, block: &BlockNodes, depths: &Range<usize>) -> Vec<Nee
     (0..view.lines.count).into_par_iter().map(|line| block.needed(view, line, depths.clone())).collect()
 }
 
-/// The path lengths of the nodes of every shell.
-fn intervals(plan: &LinesPlan, sound_speed: f64) -> Vec<PathInterval> {
+/// The path lengths of the nodes of every shell, and the nodes of every block where all depths are summed at a time.
+fn intervals(plan: &LinesPlan, sound_speed: f64) -> (Vec<PathInterval>, Option<Vec<Vec<Needed>>>) {
     let mut found = vec![[f64::INFINITY, f64::NEG_INFINITY]; plan.shells.count];
     let view = &plan.view;
+    let all = 0..view.depths.count;
+    let mut kept = (plan.at_once >= all.len()).then(Vec::new);
     for block in &plan.blocks {
-        let lines = &needed(view, block, &(0..view.depths.count));
-        let sideways = block.sideways(view);
+        let lines = needed(view, block, &all);
         let (lanes, count) = (block.lanes(&view.columns), block.columns.len());
         let asides = lanes[..count].iter().map(|x| view.aside(*x));
         let (nearest, farthest) =
             asides.fold((f64::INFINITY, 0.0f64), |(near, far), [a, b]| (near.min(a), far.max(b)));
         for i in 0..lines.iter().map(Vec::len).max().unwrap_or(0) {
-            let Some(paths) = Ring::of(lines, i).all() else { continue };
+            let Some(paths) = Ring::of(&lines, i).all() else { continue };
             let rho = block.rho.position(i);
-            let outward = |j: usize, lane: usize| match view.source {
-                Some(_) => ((block.path.position(j) - block.back(rho)).powi(2) + sideways[lane]).sqrt(),
-                None => 0.0,
-            };
-            let least = (0..count).map(|l| outward(paths.start, l)).fold(f64::INFINITY, f64::min);
-            let most = (0..count).map(|l| outward(paths.end - 1, l)).fold(0.0, f64::max);
+            let outward = |j: usize| block.outward(view, rho, block.path.position(j));
+            let least = outward(paths.start)[..count].iter().copied().fold(f64::INFINITY, f64::min);
+            let most = outward(paths.end - 1)[..count].iter().copied().fold(0.0, f64::max);
             let [shortest, longest] = &mut found[plan.shells.of(rho)];
             *shortest = shortest.min(least + view.legs * rho.hypot(nearest));
             *longest = longest.max(most + view.legs * rho.hypot(farthest));
+        }
+        if let Some(kept) = &mut kept {
+            kept.push(lines);
         }
     }
     let interval = |[shortest, longest]: [f64; 2]| {
         let [shortest, longest] = if shortest <= longest { [shortest, longest] } else { [0.0; 2] };
         PathInterval { shortest, longest, sound_speed }
     };
-    found.into_iter().map(interval).collect()
+    (found.into_iter().map(interval).collect(), kept)
 }
 
 /// Gives the volume to the job's sink.
@@ -98,10 +100,10 @@ pub(crate) fn image(plan: &LinesPlan, job: Job<'_>) -> Result<ReconstructionInfo
     let (whole, budget) = plan.compression(source.instrument(), grid, budget);
     let compressed = VolumeTones::compress(source, weights, whole, budget, observer)?;
     let instrument = source.instrument();
-    let intervals = intervals(plan, instrument.sound_speed);
+    let (intervals, kept) = intervals(plan, instrument.sound_speed);
     let each = (0..plan.shells.count).map(|shell| shell..shell + 1);
     let shells = compressed.slabs(each, |shell| intervals[shell.start], share, budget);
-    let error = plan.error + plan.growth * shells.iter().map(|shell| shell.error).fold(0.0, f64::max);
+    let error = plan.error + plan.growth * shells.iter().map(|shell| shell.error).fold(0.0, greater);
     let error_bound = interpolation.with(error) * compressed.modulus;
     let tones = shells.iter().map(|shell| {
         let tones = shell.of(&compressed, instrument.array.len())?;
@@ -118,8 +120,15 @@ pub(crate) fn image(plan: &LinesPlan, job: Job<'_>) -> Result<ReconstructionInfo
         try_with_capacity((plan.at_once * plan.view.rows.count) as u64).ok_or_else(|| no_room_for(grid))?;
     let mut nodes = BlockSums::default();
     driver.run(info, sink, |_, depths, planes| {
-        for block in &plan.blocks {
-            focus.block(block, depths.clone(), grid, &mut nodes, &mut image)?;
+        for (i, block) in plan.blocks.iter().enumerate() {
+            // Depths that are not all, after an interruption, have nodes of their own.
+            let kept = kept.as_ref().filter(|_| depths.len() == plan.view.depths.count);
+            let needed = match kept {
+                Some(kept) => Cow::Borrowed(&kept[i]),
+                None => Cow::Owned(needed(&plan.view, block, &depths)),
+            };
+            focus.nodes(block, &needed, grid, &mut nodes)?;
+            focus.block(block, depths.clone(), &nodes, &mut image)?;
             planes
                 .par_chunks_mut(grid.plane_len())
                 .zip(image.par_chunks(plan.view.rows.count))
@@ -135,14 +144,11 @@ impl Focus<'_> {
         &self,
         block: &BlockNodes,
         depths: Range<usize>,
-        grid: &Grid,
-        nodes: &mut BlockSums,
+        nodes: &BlockSums,
         image: &mut Vec<Lanes>,
     ) -> Result<()> {
         let (plan, view) = (self.plan, &self.plan.view);
         let (rows, per_metre) = (view.rows.count, view.legs * self.carrier);
-        let needed = needed(view, block, &depths);
-        self.nodes(block, &needed, nodes, grid)?;
         image.clear();
         image.resize(depths.len() * rows, Lanes::ZERO);
         let part = depths.len().div_ceil(PARTS * rayon::current_num_threads());
@@ -171,15 +177,14 @@ impl Focus<'_> {
     /// Gives voxels the carrier's phase of the path out.
     fn turn_outward(&self, block: &BlockNodes, first: usize, image: &mut [Lanes]) {
         let view = &self.plan.view;
-        let (rows, sideways) = (view.rows.count, block.sideways(view));
-        let to_middle = view.source.map_or(0.0, |[x, ..]| (block.middle - x).powi(2));
+        let (rows, to_source) = (view.rows.count, block.to_source(view));
         let mut lengths = vec![[0.0; LANES]; rows.next_multiple_of(ROWS)];
         let mut turns = vec![Lanes::ZERO; lengths.len()];
         for (depth, image) in image.chunks_exact_mut(rows).enumerate() {
             let z = view.depths.position(first + depth);
             for (row, lengths) in view.rows.positions().zip(&mut lengths) {
-                let square = view.over_source(row, z) + to_middle;
-                *lengths = sideways.map(|s| (square + s).max(0.0).sqrt());
+                let squares = block.squares(view, view.over_source(row, z) + to_source);
+                *lengths = squares.map(|square| square.max(0.0).sqrt());
             }
             lane_phasors(&[self.carrier; LANES], &lengths, &mut turns);
             turn(&turns, image);
@@ -191,8 +196,8 @@ impl Focus<'_> {
         &self,
         block: &BlockNodes,
         needed: &[Needed],
-        BlockSums { nodes, origins }: &mut BlockSums,
         grid: &Grid,
+        BlockSums { nodes, origins }: &mut BlockSums,
     ) -> Result<()> {
         let count = needed.iter().map(Vec::len).max().unwrap_or(0);
         let rings: Vec<Ring> = (0..count).map(|i| Ring::of(needed, i)).collect();
@@ -233,7 +238,7 @@ impl Focus<'_> {
         let (plan, view) = (self.plan, &self.plan.view);
         let Some(paths) = ring.all() else { return };
         nodes.fill(Lanes::ZERO);
-        let (lanes, sideways) = (block.lanes(&view.columns), block.sideways(view));
+        let lanes = block.lanes(&view.columns);
         let RingBuffers { back, kernels, outward, turns } = buffers;
         let rho = block.rho.position(i);
         let padded = |count: usize| count.next_multiple_of(ROWS);
@@ -243,13 +248,7 @@ impl Focus<'_> {
         back.resize(padded(back.len()), [0.0; LANES]);
         kernels.resize(back.len(), Lanes::ZERO);
         outward.clear();
-        outward.extend(paths.clone().map(|j| match view.source {
-            Some(_) => {
-                let middle = block.path.position(j) - block.back(rho);
-                sideways.map(|s| (middle * middle + s).max(0.0).sqrt())
-            }
-            None => [0.0; LANES],
-        }));
+        outward.extend(paths.clone().map(|j| block.outward(view, rho, block.path.position(j))));
         outward.resize(padded(outward.len()), [0.0; LANES]);
         turns.resize(outward.len(), Lanes::ZERO);
         let tones = &self.tones[plan.shells.of(rho)];

@@ -73,17 +73,26 @@ impl BlockNodes {
         rho.hypot(self.aside)
     }
 
-    /// What is added to the square of the outward length of a node in the middle for that in a lane, m².
-    pub(crate) fn sideways(&self, view: &LineView) -> [f64; LANES] {
-        let lanes = self.lanes(&view.columns);
-        let square = |x: f64| view.source.map_or(0.0, |[s, ..]| (x - s).powi(2));
-        lanes.map(|x| square(x) - square(self.middle))
+    /// The square of how far the middle is from the loudspeaker along the lines, m²; none for a scan.
+    pub(crate) fn to_source(&self, view: &LineView) -> f64 {
+        view.source.map_or(0.0, |[x, ..]| (self.middle - x).powi(2))
+    }
+
+    /// The squares of outward lengths in all lanes where that in the middle has this square, m²; none for a scan.
+    pub(crate) fn squares(&self, view: &LineView, middle: f64) -> [f64; LANES] {
+        let Some([source, ..]) = view.source else { return [0.0; LANES] };
+        let to_source = self.to_source(view);
+        self.lanes(&view.columns).map(|x| middle + ((x - source).powi(2) - to_source))
+    }
+
+    /// The outward lengths of a node in all lanes, m; none for a scan.
+    pub(crate) fn outward(&self, view: &LineView, rho: f64, path: f64) -> [f64; LANES] {
+        self.squares(view, (path - self.back(rho)).powi(2)).map(|square| square.max(0.0).sqrt())
     }
 
     /// Finds where a line's voxels of one depth lie among the nodes.
     pub(crate) fn place(&self, view: &LineView, line: usize, depth: usize, found: &mut Places) {
         let z = view.depths.position(depth);
-        let across = view.source.map_or(0.0, |[s, ..]| (self.middle - s).powi(2));
         let scale = |ruler: &Ruler| [ruler.origin(), 1.0 / ruler.pitch];
         let line = view.lines.position(line);
         let [source, over_source] = view.source.map_or([0.0; 2], |[_, y, height]| [y, (z - height).powi(2)]);
@@ -91,7 +100,7 @@ impl BlockNodes {
         places(
             [view.rows.first, view.rows.pitch],
             [line, (z - view.height).powi(2), self.aside * self.aside],
-            [source, over_source + across],
+            [source, over_source + self.to_source(view)],
             [scale(&self.rho), scale(&self.path)],
             found,
         );

@@ -75,9 +75,11 @@ impl LinesPlan {
     /// The plan of fewest operations, if it takes less than `most`; `None` too where the microphones are on no lattice, or
     /// nodes would have no place.
     pub(crate) fn find(instrument: &Instrument, grid: &Grid, budget: ErrorBudget, most: f64) -> Option<Self> {
+        let lengths = Taps::lengths(budget.interpolation_axis(), MOST_TAPS).into_iter();
+        let lengths: Vec<Choice> = lengths.map(Some).collect();
         let views = [0, 1].into_iter().filter_map(|along| LineView::new(instrument, grid, along));
         let mut priced: Vec<Priced> =
-            views.filter_map(|view| Priced::new(instrument, view, budget)).collect();
+            views.filter_map(|view| Priced::new(instrument, view, &lengths)).collect();
         priced.retain(|priced| priced.price.operations < most);
         priced.sort_by(|a, b| a.price.operations.total_cmp(&b.price.operations));
         priced.iter().find_map(|priced| priced.measured(instrument, budget))
@@ -111,7 +113,7 @@ struct Priced {
 
 impl Priced {
     /// `None` where nodes would have no place.
-    fn new(instrument: &Instrument, view: LineView, budget: ErrorBudget) -> Option<Self> {
+    fn new(instrument: &Instrument, view: LineView, lengths: &[Choice]) -> Option<Self> {
         let plane = view.rows.count * view.columns.count * COMPLEX as usize;
         let at_once = (MOST_BYTES / plane).clamp(1, view.depths.count);
         let extent = Extent::of(&view, at_once);
@@ -122,9 +124,7 @@ impl Priced {
         let bands: Option<Vec<BlockBand>> =
             blocks.map(|first| BlockBand::of(instrument, &view, first, &extent)).collect();
         let bands = bands?;
-        let lengths: Vec<Choice> =
-            Taps::lengths(budget.interpolation_axis(), MOST_TAPS).into_iter().map(Some).collect();
-        let of_path = if view.source.is_some() { &lengths[..] } else { &[None] };
+        let of_path = if view.source.is_some() { lengths } else { &[None] };
         let choices = lengths.iter().flat_map(|rho| of_path.iter().map(move |path| [rho, path]));
         let priced =
             choices.map(|choice| (choice, Price::of(instrument, &view, &bands, &extent, at_once, choice)));
@@ -191,8 +191,8 @@ impl Price {
             ((MOST_TONES as f64 / bytes) as usize).clamp(1, MOST_SHELLS)
         };
         let sampled = extent.sampled.len() as f64;
-        let thickest = extent.sampled.iter().map(|[rho, _]| *rho).fold(0.0, f64::max);
-        let widest = extent.sampled.iter().map(|[_, path]| *path).fold(0.0, f64::max);
+        let [thickest, widest] =
+            [0, 1].map(|axis| extent.sampled.iter().map(|widths| widths[axis]).fold(0.0, f64::max));
         for band in bands {
             let [rho, path] = band.pitches(view, extent, choice);
             // Without a loudspeaker there is one node along the path.

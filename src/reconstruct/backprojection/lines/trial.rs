@@ -4,6 +4,7 @@ use super::extent::spread;
 use super::nodes::{BlockNodes, Ruler};
 use super::view::LineView;
 use crate::acquisition::Instrument;
+use crate::grid::Axis;
 use crate::reconstruct::numerics::Taps;
 use crate::wave::interval::{greater, phasor_f64};
 use num_complex::Complex64;
@@ -45,7 +46,7 @@ impl<'a> Trial<'a> {
         let view = self.view;
         let (mut worst, mut growth) = (0.0, 1.0f64);
         for block in spread(blocks.len(), TRIED[0]).map(|i| &blocks[i]) {
-            let nearest = |axis: &crate::grid::Axis, place: f64| axis.first.max(place.min(axis.last()));
+            let nearest = |axis: &Axis, place: f64| place.clamp(axis.first, axis.last());
             let mut lines: Vec<f64> =
                 spread(view.lines.count, TRIED[1]).map(|i| view.lines.position(i)).collect();
             let mut rows: Vec<f64> =
@@ -78,19 +79,15 @@ impl<'a> Trial<'a> {
         let (view, legs) = (self.view, self.view.legs);
         let rho = view.rho(line, row, depth);
         let over_source = view.over_source(row, depth);
-        let to_middle = view.source.map_or(0.0, |[x, ..]| (block.middle - x).powi(2));
-        let path = (over_source + to_middle).sqrt() + block.back(rho);
+        let path = (over_source + block.to_source(view)).sqrt() + block.back(rho);
         let (rhos, along_rho) = around(&block.rho, taps[0], rho);
         let (paths, along_path) = around(&block.path, taps[1], path);
         let moduli = |weights: &[f64]| weights.iter().map(|w| w.abs()).sum::<f64>();
-        let (lanes, sideways) = (block.lanes(&view.columns), block.sideways(view));
+        let lanes = block.lanes(&view.columns);
         let mut worst = 0.0;
         for lane in [0, block.columns.len() - 1] {
             // Outward lengths of nodes in this lane.
-            let outward = |path: f64, rho: f64| match view.source {
-                Some(_) => ((path - block.back(rho)).powi(2) + sideways[lane]).sqrt(),
-                None => 0.0,
-            };
+            let outward = |path: f64, rho: f64| block.outward(view, rho, path)[lane];
             let microphones = spread(view.microphones.count, 3).map(|a| view.microphones.position(a));
             let nearest = lanes[lane].clamp(view.microphones.first, view.microphones.last());
             let asides: Vec<f64> = microphones.chain([nearest]).map(|x| x - lanes[lane]).collect();
