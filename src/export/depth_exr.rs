@@ -5,7 +5,8 @@
 //! such a file, or one from another program with a channel `Z`.
 
 use super::exr_file::{
-    ExrPart, WORLD_TO_CAMERA, attributes_of, channel_of, expect_room, floats, part, read_parts, write_parts,
+    ExrPart, OutputPart, Pixels, WORLD_TO_CAMERA, attributes_of, channel_of, expect_room, floats, read_parts,
+    write_parts,
 };
 use super::{Attribute, Attributes, Encoding, Fill, find_attribute};
 use crate::error::{Error, Result};
@@ -60,9 +61,9 @@ pub fn write_depth_map(
     let scale = amplitude_scale(map);
     let fill_value = fill.value() as f32;
     let picked = &map.picked;
-    let mut channels: Vec<(String, Vec<f32>)> = Vec::new();
+    let mut channels: Vec<(String, Pixels)> = Vec::new();
     let mut add = |name: &str, values: &[f32], surface: &DepthLayer, nothing: f32| {
-        channels.push((name.to_owned(), masked(values, &surface.depth, nothing)));
+        channels.push((name.to_owned(), Pixels::Held(masked(values, &surface.depth, nothing))));
     };
     for name in ["R", "G", "B"] {
         add(name, &scaled(&picked.strength, scale), picked, 0.0);
@@ -110,15 +111,16 @@ pub fn write_depth_map(
         add("fieldOfViewX", Attribute::Number(across));
         add("fieldOfViewY", Attribute::Number(up));
     }
-    let mut part = part(None, [map.x.count, map.y.count], channels, &attributes, encoding)?;
-    part.attributes.world_to_camera = Some(WORLD_TO_CAMERA);
+    let mut part = OutputPart::new(None, [map.x.count, map.y.count], channels, &attributes, encoding);
+    let known = part.attributes_mut();
+    known.world_to_camera = Some(WORLD_TO_CAMERA);
     if map.view == View::Perspective {
         // The window at distance 1, in the camera's axes, where y points up.
         let middle = |axis: &Axis| f64::midpoint(axis.first, axis.last()) as f32;
-        part.attributes.screen_window_center = Vec2(middle(&map.x), -middle(&map.y));
-        part.attributes.screen_window_width = (map.x.pitch * map.x.count as f64) as f32;
+        known.screen_window_center = Vec2(middle(&map.x), -middle(&map.y));
+        known.screen_window_width = (map.x.pitch * map.x.count as f64) as f32;
     }
-    write_parts(path, vec![part])
+    write_parts(path, &[part])
 }
 
 /// Material ids as floats, exact up to 2²⁴.

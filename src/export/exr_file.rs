@@ -1,22 +1,19 @@
 //! The common part of all `OpenEXR` files: attributes, encoding, and bit-identical files for the same input.
 
 mod reading;
+mod writing;
 
 pub(super) use reading::read_parts;
+pub(super) use writing::{OutputPart, Pixels, write_parts, writing_bytes};
 
-use super::{Attribute, Attributes, Compression, Encoding};
+use super::{Attribute, Attributes};
 use crate::alloc::try_with_capacity;
 use crate::error::{Error, Result};
-use crate::files::write_atomically;
 use exr::meta::attribute::{AttributeValue, Text};
 use exr::prelude as ex;
-use exr::prelude::traits::*;
 use smallvec::SmallVec;
-use std::fs::File;
-use std::io::{self, BufRead, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
-use std::path::Path;
 
-/// A part with channels of 32 or 16 bits.
+/// A part that was read, with channels of 32 or 16 bits.
 pub(super) type ExrPart = ex::Layer<ex::AnyChannels<ex::FlatSamples>>;
 /// All parts of a file.
 pub(super) type ExrParts = ex::Image<ex::Layers<ex::AnyChannels<ex::FlatSamples>>>;
@@ -82,143 +79,11 @@ pub(super) fn attributes_of(header: &ex::LayerAttributes) -> Attributes {
     attributes
 }
 
-/// One part of `width` x `height` pixels; `R`, `G`, `B` and `Y` may take 16 bits, every other channel takes 32.
-///
-/// Later attributes replace earlier ones of the same name.
-///
-/// # Errors
-/// [`Error::OutOfMemory`] if its half floats do not fit in memory.
-///
-/// # Panics
-/// If a channel does not have one sample per pixel, or an attribute's name does not start with `sonar:`.
-pub(super) fn part(
-    name: Option<&str>,
-    [width, height]: [usize; 2],
-    channels: Vec<(String, Vec<f32>)>,
-    attributes: &[(String, Attribute)],
-    encoding: Encoding,
-) -> Result<ExrPart> {
-    let mut header = ex::LayerAttributes {
-        layer_name: name.map(ascii),
-        software_name: Some(ascii(concat!("holosonar ", env!("CARGO_PKG_VERSION")))),
-        ..ex::LayerAttributes::default()
-    };
-    for (name, value) in attributes {
-        // Any other name could replace an attribute that readers need.
-        assert!(name.starts_with("sonar:"), "attribute `{name}`: the name must start with `sonar:`");
-        header.other.insert(ascii(name), encode(value));
-    }
-    let channels = channels
-        .into_iter()
-        .map(|(name, samples)| {
-            assert_eq!(samples.len(), width * height, "channel {name}: one sample per pixel");
-            let half = encoding.float16 && ["R", "G", "B", "Y"].contains(&name.as_str());
-            let samples = if half {
-                let mut halves =
-                    try_with_capacity(samples.len() as u64).ok_or_else(|| no_room([width, height]))?;
-                halves.extend(samples.into_iter().map(ex::f16::from_f32));
-                ex::FlatSamples::F16(halves)
-            } else {
-                ex::FlatSamples::F32(samples)
-            };
-            Ok(ex::AnyChannel::new(ascii(&name), samples))
-        })
-        .collect::<Result<_>>()?;
-    let encoding = ex::Encoding {
-        compression: match encoding.compression {
-            Compression::Zip => ex::Compression::ZIP16,
-            Compression::None => ex::Compression::Uncompressed,
-        },
-        blocks: ex::Blocks::ScanLines,
-        line_order: ex::LineOrder::Increasing,
-    };
-    Ok(ex::Layer::new((width, height), header, encoding, ex::AnyChannels::sort(channels)))
-}
-
 /// The error for a channel that does not fit in memory.
 pub(super) fn no_room([width, height]: [usize; 2]) -> Error {
     Error::out_of_memory(format!(
         "a channel of {width} x {height} pixels of an EXR does not fit in memory; use fewer pixels, or free some memory"
     ))
-}
-
-/// Writes the parts; one part makes a single-part file. The same parts give the same bytes.
-///
-/// # Errors
-/// As [`write_atomically`].
-pub(super) fn write_parts(path: &Path, parts: Vec<ExrPart>) -> Result<()> {
-    let Some(first) = parts.first() else {
-        return Err(Error::input(path.display(), "cannot be written: an EXR file needs at least one part"));
-    };
-    let (width, height) = (first.size.0, first.size.1);
-    if [width, height].iter().any(|&n| n == 0 || i32::try_from(n).is_err()) {
-        return Err(Error::input(
-            path.display(),
-            format!("an EXR image cannot have {width} x {height} pixels"),
-        ));
-    }
-    let bounds = ex::IntegerBounds::from_dimensions((width, height));
-    let image =
-        ex::Image::from_layers(ex::ImageAttributes::new(bounds), SmallVec::<[ExrPart; 2]>::from_vec(parts));
-    write_atomically(path, |out| {
-        image.write().to_buffered(&mut *out).map_err(|error| match error {
-            ex::Error::Io(error) => error,
-            error => io::Error::other(error.to_string()),
-        })?;
-        sort_headers(out)
-    })
-}
-
-/// Puts the attributes of every header in alphabetical order.
-///
-/// The exr crate stores them in a hash map and writes them in an order that differs from run to run. The size of the
-/// headers does not change, so nothing else in the file moves.
-fn sort_headers(out: &mut BufWriter<&File>) -> io::Result<()> {
-    out.flush()?;
-    let mut file = *out.get_ref();
-    file.seek(SeekFrom::Start(4))?;
-    let mut input = BufReader::new(file);
-    let mut flags = [0; 4];
-    input.read_exact(&mut flags)?;
-    let multipart = u32::from_le_bytes(flags) & 0x1000 != 0;
-    let mut sorted = Vec::new();
-    loop {
-        let mut attributes = Vec::new();
-        while let Some(attribute) = next_attribute(&mut input)? {
-            attributes.push(attribute);
-        }
-        // An empty header ends the list in a multi-part file.
-        let last = attributes.is_empty() || !multipart;
-        attributes.sort();
-        sorted.extend(attributes.into_iter().flatten());
-        sorted.push(0);
-        if last {
-            break;
-        }
-    }
-    drop(input);
-    file.seek(SeekFrom::Start(8))?;
-    file.write_all(&sorted)
-}
-
-/// The bytes of one attribute (name, type, size, value), or `None` at the end of a header.
-fn next_attribute(input: &mut impl BufRead) -> io::Result<Option<Vec<u8>>> {
-    let mut bytes = Vec::new();
-    for _name_then_type in 0..2 {
-        if input.read_until(0, &mut bytes)? == 0 {
-            return Err(io::ErrorKind::UnexpectedEof.into());
-        }
-        if bytes == [0] {
-            return Ok(None);
-        }
-    }
-    let mut size = [0; 4];
-    input.read_exact(&mut size)?;
-    bytes.extend_from_slice(&size);
-    let start = bytes.len();
-    bytes.resize(start + u32::from_le_bytes(size) as usize, 0);
-    input.read_exact(&mut bytes[start..])?;
-    Ok(Some(bytes))
 }
 
 /// Checks that this many channels of an image fit in memory, before they are allocated one by one.
@@ -254,6 +119,12 @@ pub(super) fn append_floats(samples: &ex::FlatSamples, values: &mut Vec<f32>) ->
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+    use crate::export::Encoding;
+
+    fn one_pixel(attributes: &[(String, Attribute)]) -> OutputPart<'static> {
+        let channels = vec![("Z".into(), Pixels::Held(vec![1.0]))];
+        OutputPart::new(None, [1, 1], channels, attributes, Encoding::default())
+    }
 
     #[test]
     fn text_beyond_ascii_is_escaped_as_in_json() {
@@ -272,17 +143,15 @@ mod tests {
             ("sonar:soundSpeed".to_owned(), Attribute::Number(343.2)),
             ("sonar:window".to_owned(), Attribute::Text("taylor".into())),
         ];
-        let part =
-            part(None, [1, 1], vec![("Z".into(), vec![1.0])], &attributes, Encoding::default()).unwrap();
+        let part = one_pixel(&attributes);
         let mut expected = attributes;
         expected[0].1 = Attribute::Number((1_u64 << 40) as f64);
-        assert_eq!(attributes_of(&part.attributes), expected);
+        assert_eq!(attributes_of(part.attributes()), expected);
     }
 
     #[test]
     #[should_panic(expected = "start with `sonar:`")]
     fn an_attribute_cannot_take_a_reserved_name() {
-        let _ =
-            part(None, [1, 1], vec![], &[("channels".into(), Attribute::Integer(1))], Encoding::default());
+        let _ = one_pixel(&[("channels".into(), Attribute::Integer(1))]);
     }
 }

@@ -5,14 +5,16 @@
 
 use super::amplitude::{Amplitude, declared_grid, vector};
 use super::exr_file::{
-    ExrPart, ExrParts, WORLD_TO_CAMERA, append_floats, attributes_of, channel_of, part, read_parts,
-    write_parts,
+    ExrParts, OutputPart, Pixels, WORLD_TO_CAMERA, append_floats, attributes_of, channel_of, read_parts,
+    write_parts, writing_bytes as part_bytes,
 };
+use super::volume_file::Component;
 use super::{Attribute, Attributes, Components, Encoding};
 use crate::alloc::try_with_capacity;
 use crate::error::{Error, Result};
 use crate::grid::{Grid, Volume, no_room_for, pixel_values};
 use exr::prelude::FlatSamples;
+use std::iter;
 use std::path::{Path, PathBuf};
 
 /// Maximum number of depths in one file.
@@ -61,17 +63,27 @@ pub fn write_volume_exr(
     let mip = mip_part(volume, attributes, encoding)?;
     for (file, first) in files.iter().zip((0..).step_by(DEPTHS_PER_FILE)) {
         let last = (first + DEPTHS_PER_FILE).min(grid.z.count);
-        let mut parts = vec![mip.clone()];
-        for iz in first..last {
-            parts
-                .push(depth_part(volume, iz, components, encoding).map_err(|_| no_room(file, last - first))?);
-        }
-        write_parts(file, parts)?;
+        let depths = (first..last).map(|iz| depth_part(volume, iz, components, encoding));
+        let parts: Vec<OutputPart> = iter::once(mip.clone()).chain(depths).collect();
+        write_parts(file, &parts)?;
     }
     Ok(files)
 }
 
-fn mip_part(volume: &Volume, attributes: &[(String, Attribute)], encoding: Encoding) -> Result<ExrPart> {
+/// Bytes that [`write_volume_exr`] takes in addition to the volume.
+pub(crate) fn writing_bytes(grid: &Grid, components: Components) -> u64 {
+    // The five channels of the projection twice, and what they are made of.
+    let projection = 12 * grid.plane_len() * size_of::<f32>();
+    let depths = grid.z.count.min(DEPTHS_PER_FILE);
+    projection as u64
+        + part_bytes(depths + 1, grid.x.count * components.list().len().max(5) * size_of::<f32>())
+}
+
+fn mip_part(
+    volume: &Volume,
+    attributes: &[(String, Attribute)],
+    encoding: Encoding,
+) -> Result<OutputPart<'static>> {
     let grid = &volume.grid;
     let pixels = grid.plane_len();
     let mut power = pixel_values(0.0_f32, pixels)?;
@@ -94,37 +106,24 @@ fn mip_part(volume: &Volume, attributes: &[(String, Attribute)], encoding: Encod
     channels.push(("B".into(), amplitude));
     let mut attributes = attributes.to_vec();
     attributes.extend(grid_attributes(grid));
-    let mut part = part(Some("mip"), [grid.x.count, grid.y.count], channels, &attributes, encoding)?;
-    part.attributes.world_to_camera = Some(WORLD_TO_CAMERA);
+    let channels = channels.into_iter().map(|(name, values)| (name, Pixels::Held(values))).collect();
+    let mut part =
+        OutputPart::new(Some("mip"), [grid.x.count, grid.y.count], channels, &attributes, encoding);
+    part.attributes_mut().world_to_camera = Some(WORLD_TO_CAMERA);
     Ok(part)
 }
 
-/// The error for a file whose depths, which are encoded together, do not fit in memory.
-fn no_room(path: &Path, depths: usize) -> Error {
-    let problem = format!(
-        "{depths} depths for {} do not fit in memory together; the formats npz, vti and nrrd are written depth by depth",
-        path.display()
-    );
-    Error::out_of_memory(problem)
-}
-
-/// The part of one depth.
-///
-/// # Errors
-/// If it does not fit in memory.
-fn depth_part(volume: &Volume, iz: usize, components: Components, encoding: Encoding) -> Result<ExrPart> {
-    let grid = &volume.grid;
-    let plane = volume.plane(iz);
-    let mut channels = Vec::new();
-    for (name, component) in components.list() {
-        let mut channel = pixel_values(0.0, plane.len())?;
-        channel.iter_mut().zip(plane).for_each(|(value, sample)| *value = component(sample));
+/// The part of one depth, whose pixels are made as they are written.
+fn depth_part(volume: &Volume, iz: usize, components: Components, encoding: Encoding) -> OutputPart<'_> {
+    let (grid, plane) = (&volume.grid, volume.plane(iz));
+    let channel = |(name, component): &(&str, Component)| {
         let name = if *name == "amplitude" { "Y" } else { name };
-        channels.push((name.to_owned(), channel));
-    }
+        (name.to_owned(), Pixels::Of(plane, *component))
+    };
+    let channels = components.list().iter().map(channel).collect();
     let mut attributes = grid_attributes(grid);
     attributes.push(("sonar:depth".into(), Attribute::Number(grid.z.position(iz))));
-    part(Some(&format!("z{iz:04}")), [grid.x.count, grid.y.count], channels, &attributes, encoding)
+    OutputPart::new(Some(&format!("z{iz:04}")), [grid.x.count, grid.y.count], channels, &attributes, encoding)
 }
 
 fn grid_attributes(grid: &Grid) -> Attributes {

@@ -13,7 +13,7 @@ use crate::export::figure::{
 };
 use crate::export::page::Miniature;
 use crate::export::points_ply::{ScenePoints, write_depth_points};
-use crate::export::volume_exr::{DEPTHS_PER_FILE, volume_exr_files, write_volume_exr};
+use crate::export::volume_exr::{self, volume_exr_files, write_volume_exr};
 use crate::export::volume_npz::stream_volume_npz;
 use crate::export::volume_nrrd::stream_volume_nrrd;
 use crate::export::volume_vti::stream_volume_vti;
@@ -24,6 +24,7 @@ use crate::metrics::{Metrics, error_map};
 use crate::progress::{Observer, advance, stage};
 use crate::reconstruct::{ReconstructionInfo, VolumeSink};
 use num_complex::Complex32;
+use rayon::prelude::*;
 use serde_json::Value;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -61,11 +62,14 @@ pub fn write_outputs(run: &RunFile, outcome: &Outcome, folder: &Path, job: &JobO
     let names = result_names(run, truth.is_some());
     let mut report = Report::new(run, outcome);
     stage(observer, "writing", names.len() as u64, || {
-        for name in &names {
-            // A very deep volume takes several files.
-            report.files.extend(write(name)?.iter().filter_map(|path| path.file_name().map(PathBuf::from)));
+        let written = names.par_iter().map(|name| {
+            let files = write(name)?;
             advance(observer, 1)?;
-        }
+            Ok(files)
+        });
+        // A very deep volume takes several files.
+        let written = written.collect::<Result<Vec<_>>>()?.into_iter().flatten();
+        report.files.extend(written.filter_map(|path| path.file_name().map(PathBuf::from)));
         Ok(())
     })?;
     report.files.push("report.json".into());
@@ -107,14 +111,10 @@ pub(super) fn volume_bytes(run: &RunFile, grid: &Grid) -> u64 {
     volume_names(run).map(|name| bytes_of(&name, run, grid)).sum()
 }
 
-/// Bytes in addition to the volume that writing it into files of these names takes: an EXR file's parts stay in memory
-/// until it is written.
+/// Bytes in addition to the volume that writing it into files of these names takes.
 pub(super) fn writing_bytes(paths: impl IntoIterator<Item: AsRef<Path>>, run: &RunFile, grid: &Grid) -> u64 {
-    let channels = if run.output.components == Components::Complex { 3 } else { 1 };
-    let planes = grid.z.count.min(DEPTHS_PER_FILE) as u64;
-    let parts = planes.saturating_mul(grid.x.count as u64).saturating_mul(grid.y.count as u64);
-    let in_memory = paths.into_iter().any(|path| needs_all(path.as_ref()));
-    if in_memory { parts.saturating_mul(channels * size_of::<f32>() as u64) } else { 0 }
+    let exr = paths.into_iter().any(|path| needs_all(path.as_ref()));
+    if exr { volume_exr::writing_bytes(grid, run.output.components) } else { 0 }
 }
 
 /// The names of a run's volumes.

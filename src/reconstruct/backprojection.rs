@@ -22,6 +22,7 @@
 //! sum of its weights' moduli, and adds its own measured error.
 
 mod blocks;
+mod division;
 mod factorised;
 mod lines;
 mod profile;
@@ -41,19 +42,16 @@ use crate::wave::Geometry;
 use crate::wave::interval::{PathInterval, greater};
 use crate::wave::simd::{LANES, LaneProfiles, LaneTones, Points, RangeScale, back_project, range_profiles};
 use blocks::{Block, Group, Shape, greatest_half, half_width};
+use division::{Division, interval};
 use factorised::{TileLevels, Tiled};
 use glam::DVec3;
 use lines::LinesPlan;
 use num_complex::Complex32;
 use profile::{Band, Rung, lebesgue};
 use rayon::prelude::*;
-use std::ops::Range;
 
 /// Bytes per microphone of its place in a group, and of the indices from which groups and tiles are cut.
 const GROUP_BYTES: u64 = 64;
-
-/// The most slabs that depths are dealt out to; each has a decomposition of its own.
-const MOST_SLABS: usize = 32;
 
 /// Groups of microphones whose f32 sums are kept apart from those of the others, so that rounding does not add up.
 const GROUPS_PER_SUM: usize = 16;
@@ -86,16 +84,6 @@ enum Way {
     Lines(Box<LinesPlan>),
     /// The nodes of tiles.
     Tiles(Box<TileLevels>),
-}
-
-/// How the points of one grid are divided.
-#[derive(Debug, Clone, Copy)]
-struct Division {
-    band: Band,
-    shape: Shape,
-    /// Depths per slab, a multiple of the blocks'.
-    thickness: usize,
-    operations: f64,
 }
 
 impl BackprojectionPlan {
@@ -204,45 +192,6 @@ impl BackprojectionPlan {
             }),
         }
     }
-}
-
-impl Division {
-    /// The division of fewest operations.
-    fn new(instrument: &Instrument, grid: &Grid, budget: ErrorBudget) -> Self {
-        let band = Band {
-            carrier: instrument.sweep.centre(),
-            bandwidth: instrument.sweep.bandwidth(),
-            sound_speed: instrument.sound_speed,
-            tolerance: budget.series(),
-        };
-        let places = instrument.array.positions();
-        let step = places.len().div_ceil(24);
-        let sample: Vec<DVec3> = places.iter().copied().skip(step / 2).step_by(step).collect();
-        let thickness = |shape: Shape| -> usize {
-            let depths = shape.0[2];
-            depths * grid.z.count.div_ceil(MOST_SLABS).div_ceil(depths)
-        };
-        let cost = |shape: Shape| {
-            let last = thickness(shape).min(grid.z.count);
-            let interval = interval(instrument, grid, shape, grid.z.count - last..grid.z.count);
-            let tones = (band.bandwidth * interval.duration() + 10.0).min(instrument.sweep.len() as f64);
-            shape.operations(grid, &instrument.geometry, &sample, &band, tones).map(|cost| (shape, cost))
-        };
-        let (shape, cost) = Shape::candidates(grid)
-            .filter_map(cost)
-            .min_by(|a, b| a.1.total_cmp(&b.1))
-            .unwrap_or((Shape([1; 3]), f64::INFINITY));
-        let terms = grid.voxel_count() as f64 * places.len() as f64;
-        let thickness = thickness(shape);
-        Self { band, shape, thickness, operations: terms * cost }
-    }
-}
-
-/// All delays at which profiles of these depths are expanded: the path lengths, and a half-width to both sides.
-fn interval(instrument: &Instrument, grid: &Grid, shape: Shape, depths: Range<usize>) -> PathInterval {
-    let paths = instrument.path_interval(grid, depths);
-    let margin = greatest_half(shape.half(grid));
-    PathInterval { shortest: paths.shortest - margin, longest: paths.longest + margin, ..paths }
 }
 
 /// Whether a slab takes the tones of another, a little longer: where they are hardly more than its own, which would have
