@@ -2,7 +2,7 @@
 //! `cargo bench --bench choice [-- JOBS]`.
 //!
 //! One line per job and method. Seconds are the least of several runs, in turn; operations per second are told against
-//! their median, so that 1 is an exact estimate; of the chosen method also how many times as long it takes as the best.
+//! their median, so that 1 is an exact estimate; of `auto` also how many times as long it takes as the best by name.
 
 #![allow(missing_docs, clippy::print_stdout)]
 
@@ -26,12 +26,11 @@ const MOST_OPERATIONS: f64 = 6e11;
 const RUNS: usize = 5;
 const LONG: f64 = 2.0;
 
-const METHODS: [Method; 2] = [Method::Convolution, Method::Backprojection];
+const METHODS: [Method; 3] = [Method::Auto, Method::Convolution, Method::Backprojection];
 
-/// A method of a job: its name, whether `auto` takes it, operations and seconds.
+/// What a method takes for a job.
 struct Measured {
-    name: String,
-    chosen: bool,
+    method: Method,
     operations: f64,
     seconds: f64,
 }
@@ -106,13 +105,11 @@ fn job_of(i: usize) -> (String, DataCube, Grid) {
 }
 
 /// All methods of a job that can be used and are not too long.
-fn measured(name: &str, cube: &DataCube, grid: &Grid) -> Vec<Measured> {
+fn measured(cube: &DataCube, grid: &Grid) -> Vec<Measured> {
     let of = |method: Method| ReconstructOptions::new(method, Window::None);
-    let chosen = |method| estimate(&cube.instrument, grid, &of(method), 2).expect("a job").chosen().clone();
-    let auto = chosen(Method::Auto).method;
     let possible = METHODS.map(|method| {
         let estimates = estimate(&cube.instrument, grid, &of(method), 2).expect("a job");
-        let found = estimates.of(method).expect("a method").clone();
+        let found = estimates.of(method).unwrap_or(estimates.chosen());
         (found.obstacle.is_none() && found.operations < MOST_OPERATIONS).then_some((method, found.operations))
     });
     let possible: Vec<_> = possible.into_iter().flatten().collect();
@@ -128,39 +125,36 @@ fn measured(name: &str, cube: &DataCube, grid: &Grid) -> Vec<Measured> {
         }
     }
     let each = possible.into_iter().zip(least);
-    each.map(|((method, operations), seconds)| Measured {
-        name: format!("{name} | {method}"),
-        chosen: method == auto,
-        operations,
-        seconds,
-    })
-    .collect()
+    each.map(|((method, operations), seconds)| Measured { method, operations, seconds }).collect()
 }
 
 fn main() {
     let count = std::env::args().skip(1).find_map(|word| word.parse().ok()).unwrap_or(JOBS);
-    let jobs: Vec<Vec<Measured>> = (0..count)
+    let jobs: Vec<(String, Vec<Measured>)> = (0..count)
         .map(|i| {
             let (name, cube, grid) = job_of(i);
-            measured(&name, &cube, &grid)
+            (name, measured(&cube, &grid))
         })
         .collect();
-    let mut rates: Vec<f64> = jobs.iter().flatten().map(|m| m.operations / m.seconds).collect();
+    let all = jobs.iter().flat_map(|(_, methods)| methods);
+    let mut rates: Vec<f64> = all.map(|m| m.operations / m.seconds).collect();
     rates.sort_by(f64::total_cmp);
     let Some(median) = rates.get(rates.len() / 2) else { return };
     println!("| job | method | operations | s | operations/s of the median's | of the best |");
     println!("|---|---|---|---|---|---|");
     let (mut off, mut regret) = (1.0f64, 1.0f64);
-    for methods in &jobs {
-        let best = methods.iter().map(|m| m.seconds).fold(f64::INFINITY, f64::min);
-        for Measured { name, chosen, operations, seconds } in methods {
+    for (job, methods) in &jobs {
+        let named = methods.iter().filter(|m| m.method != Method::Auto);
+        let best = named.map(|m| m.seconds).fold(f64::INFINITY, f64::min);
+        for Measured { method, operations, seconds } in methods {
             let rate = operations / seconds / median;
             off = off.max(rate).max(1.0 / rate);
-            let than_best = if *chosen { format!("{:.2}", seconds / best) } else { String::new() };
-            if *chosen {
+            let mut than_best = String::new();
+            if *method == Method::Auto {
                 regret = regret.max(seconds / best);
+                than_best = format!("{:.2}", seconds / best);
             }
-            println!("| {name} | {operations:.1e} | {seconds:.4} | {rate:.2} | {than_best} |");
+            println!("| {job} | {method} | {operations:.1e} | {seconds:.4} | {rate:.2} | {than_best} |");
         }
     }
     println!(

@@ -240,7 +240,7 @@ pub(crate) fn estimate_job(
 impl JobEstimate {
     /// Seconds of each method on this machine, by a measurement of a few milliseconds.
     pub(crate) fn seconds(&self) -> Vec<f64> {
-        let rate = operations_per_second() * self.threads.max(1) as f64;
+        let rate = operations_per_second();
         self.methods.iter().map(|method| method.operations / rate).collect()
     }
 
@@ -278,24 +278,30 @@ impl JobEstimate {
     }
 }
 
-/// Operations per phasor of the kernel that is timed.
+/// Operations of the model per phasor of the kernel that is timed.
 const PER_PHASOR: f64 = 25.0;
 
-/// Floating-point operations per second and thread of this machine, by a measurement of a few milliseconds. It only ever
+/// How long all threads are timed together, s: those that share a core take turns.
+const TIMED: f64 = 4e-3;
+
+/// Floating-point operations per second of all threads on this machine, by a measurement of a few milliseconds. It only ever
 /// turns operations into seconds to be shown.
 fn operations_per_second() -> f64 {
     let lengths: Vec<[f64; LANES]> =
         (0..512).map(|i| std::array::from_fn(|l| 1.0 + f64::from(i) * 0.003 + l as f64 * 0.1)).collect();
-    let mut phasors = vec![Lanes::ZERO; lengths.len()];
-    let count = (lengths.len() * LANES) as f64;
-    let best = (0..200)
-        .map(|_| {
-            let begun = Instant::now();
+    let of_thread = |_: rayon::BroadcastContext| {
+        let mut phasors = vec![Lanes::ZERO; lengths.len()];
+        let (begun, mut count) = (Instant::now(), 0);
+        loop {
             lane_phasors(&[58.3; LANES], &lengths, &mut phasors);
-            begun.elapsed().as_secs_f64()
-        })
-        .fold(f64::INFINITY, f64::min);
-    PER_PHASOR * count / best.max(1e-9)
+            count += lengths.len() * LANES;
+            let seconds = begun.elapsed().as_secs_f64();
+            if seconds > TIMED {
+                return count as f64 / seconds;
+            }
+        }
+    };
+    PER_PHASOR * rayon::broadcast(of_thread).into_iter().sum::<f64>()
 }
 
 #[cfg(test)]

@@ -12,5 +12,5 @@ pub(super) use interpolator::Taps;
 pub(super) use interval_nodes::IntervalNodes;
 pub(super) use lane_fft::{LaneFft, fast_size};
 pub(super) use memo::Memo;
-pub(super) use nodes::{Around, AxisWeights, Nodes, WIDE, known_at, padded_width, weighted_rows};
+pub(super) use nodes::{Around, AxisWeights, Nodes, WIDE, known_at, padded_width, wave_error, weighted_rows};
 pub(super) use spreading::{FILLS, Footprint, Interpolator, Kernels, footprints, nodes_around, spread};

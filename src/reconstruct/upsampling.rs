@@ -54,6 +54,19 @@ pub(super) struct Upsampling {
     pub(super) error: InterpolationError,
 }
 
+/// Nodes along one axis, the largest error of interpolation from them, and the largest sum of the weights' moduli.
+#[derive(Clone)]
+struct Measured {
+    nodes: Nodes,
+    error: [f64; 2],
+}
+
+impl Measured {
+    fn themselves(voxels: Axis) -> Self {
+        Self { nodes: Nodes::themselves(&voxels), error: [0.0, 1.0] }
+    }
+}
+
 /// What interpolation does to the error of the nodes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct InterpolationError {
@@ -131,13 +144,16 @@ impl Upsampling {
                 lengths.iter().flat_map(|taps| CLOSER.map(|closer| nodes((taps, closer)))).collect();
             possible.retain(|nodes| nodes.axis.count <= MOST_PER_VOXEL * voxels.count + MOST_TAPS);
             possible.sort_by_key(|nodes| (nodes.axis.count, nodes.taps()));
-            possible.into_iter().find(|nodes| terms.error(axis, nodes, most).is_some())
+            possible.into_iter().find_map(|nodes| {
+                let error = terms.error(axis, &nodes, most)?;
+                Some(Measured { nodes, error })
+            })
         };
-        let own = [grid.x, grid.y, grid.z].map(|axis| Nodes::themselves(&axis));
+        let own = [grid.x, grid.y, grid.z].map(Measured::themselves);
         // Nodes stay on the voxels' side of what paths begin and end at.
         let ends =
             [instrument.array.bounds().1.z, instrument.geometry.viewpoint(instrument.array.centre()).z];
-        let few = |nodes: &Nodes| {
+        let few = |Measured { nodes, .. }: &Measured| {
             let crosses = ends.iter().any(|end| (*end < grid.z.first) != (*end < nodes.axis.first));
             nodes.axis.count as f64 <= FEWER * grid.z.count as f64 && !crosses
         };
@@ -166,18 +182,18 @@ impl Upsampling {
         let z = z.unwrap_or(own_z);
         let columns = (x.is_some() || y.is_some())
             .then(|| [x.unwrap_or_else(|| own_x.clone()), y.unwrap_or_else(|| own_y.clone()), z.clone()]);
-        let depths = z.interpolates().then_some([own_x, own_y, z]);
+        let depths = z.nodes.interpolates().then_some([own_x, own_y, z]);
         [depths, columns]
             .into_iter()
             .flatten()
-            .filter_map(|nodes| Self::measured(&terms, nodes, budget.upsampling()))
+            .filter_map(|axes| Self::of_axes(&terms, axes, budget.upsampling()))
             .collect()
     }
 
-    /// With errors as measured; `None` if they pass `tolerance`.
-    fn measured(terms: &SampledTerms<'_>, nodes: [Nodes; 3], tolerance: f64) -> Option<Self> {
-        let measured = |axis: usize| terms.error(axis, &nodes[axis], f64::INFINITY);
-        let [x, y, z] = [measured(0)?, measured(1)?, measured(2)?];
+    /// `None` if all axes together err by more than `tolerance`.
+    fn of_axes(terms: &SampledTerms<'_>, axes: [Measured; 3], tolerance: f64) -> Option<Self> {
+        let [x, y, z] = axes.each_ref().map(|axis| axis.error);
+        let nodes = axes.map(|axis| axis.nodes);
         // Along y first, then x, then z.
         let own = z[0] + z[1] * (x[0] + x[1] * y[0]);
         let growth = x[1] * y[1] * z[1];

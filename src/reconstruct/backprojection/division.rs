@@ -12,6 +12,13 @@ use std::ops::Range;
 /// The most slabs that depths are dealt out to; each has a decomposition of its own.
 pub(super) const MOST_SLABS: usize = 32;
 
+/// Fewer slabs that are tried, and the most samples of one.
+const FEWER_SLABS: [usize; 5] = [1, 2, 4, 8, 16];
+const MOST_SAMPLES: usize = 1 << 21;
+
+/// Operations of finding a slab's skeleton and the series of its tones on all half-widths, per tone.
+const SERIES: f64 = 1.3e6;
+
 /// How the points of one grid are divided.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Division {
@@ -34,23 +41,27 @@ impl Division {
         let places = instrument.array.positions();
         let step = places.len().div_ceil(24);
         let sample: Vec<DVec3> = places.iter().copied().skip(step / 2).step_by(step).collect();
-        let thickness = |shape: Shape| -> usize {
+        let terms = grid.voxel_count() as f64 * places.len() as f64;
+        let of = |shape: Shape, slabs: usize| {
             let depths = shape.0[2];
-            depths * grid.z.count.div_ceil(MOST_SLABS).div_ceil(depths)
-        };
-        let cost = |shape: Shape| {
-            let last = thickness(shape).min(grid.z.count);
+            let thickness = depths * grid.z.count.div_ceil(slabs).div_ceil(depths);
+            if slabs < MOST_SLABS && thickness * grid.plane_len() > MOST_SAMPLES {
+                return None;
+            }
+            let last = thickness.min(grid.z.count);
             let interval = interval(instrument, grid, shape, grid.z.count - last..grid.z.count);
             let tones = (band.bandwidth * interval.duration() + 10.0).min(instrument.sweep.len() as f64);
-            shape.operations(grid, &instrument.geometry, &sample, &band, tones).map(|cost| (shape, cost))
+            let cost = shape.operations(grid, &instrument.geometry, &sample, &band, tones)?;
+            let found = grid.z.count.div_ceil(thickness) as f64 * tones * SERIES;
+            Some(Self { band, shape, thickness, operations: terms * cost + found })
         };
-        let (shape, cost) = Shape::candidates(grid)
-            .filter_map(cost)
-            .min_by(|a, b| a.1.total_cmp(&b.1))
-            .unwrap_or((Shape([1; 3]), f64::INFINITY));
-        let terms = grid.voxel_count() as f64 * places.len() as f64;
-        let thickness = thickness(shape);
-        Self { band, shape, thickness, operations: terms * cost }
+        let fewest = |a: &Self, b: &Self| a.operations.total_cmp(&b.operations);
+        let best = Shape::candidates(grid).filter_map(|shape| of(shape, MOST_SLABS)).min_by(fewest);
+        // Where microphones are few, decompositions of many slabs take longer than they save.
+        let slabs =
+            |best: Self| FEWER_SLABS.into_iter().filter_map(move |slabs| of(best.shape, slabs)).chain([best]);
+        let one = Self { band, shape: Shape([1; 3]), thickness: grid.z.count, operations: f64::INFINITY };
+        best.and_then(|best| slabs(best).min_by(fewest)).unwrap_or(one)
     }
 }
 

@@ -11,6 +11,9 @@ use crate::wave::interval::PathInterval;
 /// Taps of a measured frequency's interpolator, about.
 const TAPS: f64 = 12.0;
 
+/// An operation on samples that come from memory takes as long as this many of a loop in the caches.
+const FROM_MEMORY: f64 = 3.0;
+
 /// What [`VolumeTones::compress`](super::VolumeTones::compress) takes.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::reconstruct) struct CompressionCost {
@@ -34,8 +37,8 @@ impl CompressionCost {
         let (n_f, n_mic) = (instrument.sweep.len() as f64, instrument.array.len() as f64);
         let tones = virtual_tones::count(&instrument.sweep, interval, budget.virtual_tones()) as f64;
         let finding = n_f * (10.0 * TAPS * TAPS + 40.0 * TAPS);
-        // A sample is demodulated, its modulus taken, and it is added to a few tones with real weights.
-        let summing = 2.0 * PRODUCT + 0.5 * PRODUCT * TAPS.min(tones);
+        // A sample is demodulated, its modulus taken, and it is added to a few tones with real weights, as fast as memory is.
+        let summing = FROM_MEMORY * (2.0 * PRODUCT + 0.5 * PRODUCT * TAPS.min(tones));
         let weights = (n_f * 10.0 * TAPS * 8.0) as u64;
         let frequencies = frequencies_at_once(instrument.array.len()).min(instrument.sweep.len());
         let block = COMPLEX * (frequencies as u64).saturating_mul(instrument.array.len() as u64);

@@ -14,6 +14,9 @@ use num_complex::Complex32;
 /// An operation of a transform takes as long as this many of a straight loop, its transpositions included.
 const TRANSFORM: f64 = 1.4;
 
+/// So does a product of spectra that are added up in memory.
+const ADDED: f64 = 2.5;
+
 /// Operations of a kernel's phase.
 const PHASE: f64 = 20.0;
 
@@ -54,14 +57,18 @@ impl ConvolutionPlan {
         let rows = layout.voxel_parts.iter().map(|part| part[1].count.next_multiple_of(LANES)).max();
         let rows = if layout.line.is_some() { y.len() } else { rows.unwrap_or(1) };
         let image = images * (x.len() as f64 * transform(y.len()) + rows as f64 * transform(x.len()));
-        let pair = kernels * (kernel + PRODUCT * points);
+        let product = PRODUCT * points;
+        let pair = kernels * (kernel + product);
         match layout.geometry {
             Geometry::FixedSource { .. } => {
                 let outer = (PHASE + PRODUCT) * layout.grid.plane_len() as f64;
                 Operations { pair: pair + image + outer, depth: 0.0, spectra }
             }
             // Tones add up before they are transformed back.
-            Geometry::Monostatic => Operations { pair, depth: image, spectra },
+            Geometry::Monostatic => {
+                let added = (ADDED - 1.0) * kernels * product;
+                Operations { pair: pair + added, depth: image, spectra }
+            }
         }
     }
 
@@ -109,7 +116,9 @@ impl ConvolutionPlan {
         let compression = CompressionCost::new(instrument, &interval(0..depths), self.compression);
         let of_volume = compression.tones;
         let width = layout.lattice.width() as f64;
-        let mut operations = compression.operations + self.near.operations + depths as f64 * depth;
+        let spreading = of_volume * layout.lattice.spreading_operations(instrument.array.len());
+        let mut operations =
+            compression.operations + self.near.operations + depths as f64 * depth + spreading;
         let mut most = 0.0f64;
         for planes in slabs_of(depths, thickness) {
             let spread = instrument.sweep.bandwidth() * interval(planes.clone()).duration();

@@ -7,6 +7,7 @@
 use crate::acquisition::{Instrument, MicArray};
 use crate::alloc::try_zeroed;
 use crate::grid::{Axis, Grid};
+use crate::reconstruct::cost::PRODUCT;
 use crate::reconstruct::error_budget::ErrorBudget;
 use crate::reconstruct::no_room;
 use crate::reconstruct::numerics::{
@@ -186,14 +187,25 @@ impl SharedLattice {
         !self.in_order
     }
 
+    /// How many nodes a microphone is spread onto along x and y.
+    fn taps(&self) -> [usize; 2] {
+        [&self.x, &self.y].map(|axis| axis.interpolator.as_ref().map_or(1, Interpolator::taps))
+    }
+
+    /// Operations of spreading one tone of so many microphones.
+    pub(crate) fn spreading_operations(&self, microphones: usize) -> f64 {
+        let [x, y] = self.taps();
+        if self.in_order { 0.0 } else { PRODUCT * (x * y * microphones) as f64 }
+    }
+
     /// Bytes of [`SharedLattice::spreading`] for so many microphones: their places, and footprints that are collected by
     /// doubling, each with two vectors of weights.
     pub(crate) fn footprint_bytes(&self, microphones: usize) -> u64 {
         if self.in_order {
             return 0;
         }
-        let taps = |axis: &SharedAxis| axis.interpolator.as_ref().map_or(1, Interpolator::taps);
-        let weights = size_of::<f32>() * (taps(&self.x) + taps(&self.y)) + 2 * ALLOCATION;
+        let [x, y] = self.taps();
+        let weights = size_of::<f32>() * (x + y) + 2 * ALLOCATION;
         let each = size_of::<[f64; 2]>() + 2 * size_of::<[Footprint; 2]>() + weights;
         (each as u64).saturating_mul(microphones as u64)
     }

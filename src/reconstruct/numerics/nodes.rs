@@ -4,7 +4,8 @@
 
 use super::interpolator::Taps;
 use crate::grid::Axis;
-use crate::wave::simd::{LANES, dispatched};
+use crate::wave::simd::{LANES, dispatched, phasors_f64};
+use num_complex::Complex64;
 
 /// Places of nodes along an axis, m, and the weights that make another place of them.
 pub(crate) type Around = (Vec<f64>, Vec<f64>);
@@ -20,6 +21,14 @@ pub(crate) fn known_at(
         known.len() - 1
     });
     &known[index].1
+}
+
+/// By how much a wave at a place differs from what is made of it at nodes: its phases in cycles at these, then at the place.
+pub(crate) fn wave_error(weights: &[f64], cycles: &[f64], waves: &mut Vec<Complex64>) -> f64 {
+    waves.resize(cycles.len(), Complex64::ZERO);
+    phasors_f64(cycles, waves);
+    let made: Complex64 = waves.iter().zip(weights).map(|(wave, w)| wave * w).sum();
+    (made - waves[weights.len()]).norm()
 }
 
 /// Nodes along an axis, and how many of them each place is made of.

@@ -18,7 +18,7 @@ use std::iter;
 const MOST_DIRECT_TERMS: u64 = 100_000_000_000;
 
 /// Below this number of operations, a fraction of a second, convolution is compared with back-projection without tiles.
-const SHORT: f64 = 2e10;
+const SHORT: f64 = 8e9;
 
 /// The terms of Eq. 13: voxels × microphones × frequencies.
 pub fn direct_terms(instrument: &Instrument, grid: &Grid) -> u64 {

@@ -7,6 +7,9 @@ use crate::reconstruct::volume::Batch;
 use crate::reconstruct::{Method, ReconstructOptions};
 use serde::Serialize;
 
+/// Operations of finding a plan, about.
+const BEGINNING: f64 = 3e8;
+
 /// What one method would take for a job.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[non_exhaustive]
@@ -63,7 +66,7 @@ impl Estimate {
             None => cost,
         };
         let batch = cost.usual.within(options.memory, &cost.bytes);
-        let (operations, bytes) = (cost.operations, (cost.bytes)(batch));
+        let (operations, bytes) = (cost.operations + BEGINNING, (cost.bytes)(batch));
         let nodes = upsampling.map(|nodes| nodes.coarse);
         Self { method, obstacle: None, nodes, operations, bytes, batch }
     }

@@ -3,13 +3,11 @@
 use super::Carrier;
 use crate::acquisition::Instrument;
 use crate::grid::{Axis, Grid};
-use crate::reconstruct::numerics::{Around, Nodes, known_at};
+use crate::reconstruct::numerics::{Around, Nodes, known_at, wave_error};
 use crate::wave::Geometry;
 use crate::wave::interval::greater;
 use crate::wave::two_legs::TwoLegs;
 use glam::DVec3;
-use num_complex::Complex64;
-use std::f64::consts::TAU;
 
 /// Places at which bands are sampled, along x, y and z.
 const PLACES: [usize; 3] = [7, 7, 3];
@@ -92,7 +90,9 @@ impl<'a> SampledTerms<'a> {
         let voxels = [self.grid.x, self.grid.y, self.grid.z][axis];
         let mut count = [ACROSS; 3];
         count[axis] = TRIED;
+        let per_metre = self.frequencies.map(|f| f / self.instrument.sound_speed);
         let mut known: Vec<(f64, Around)> = Vec::new();
+        let (mut lengths, mut cycles, mut waves) = (Vec::new(), Vec::new(), Vec::new());
         for mut p in self.places(count) {
             p[axis] = voxels.position(((p[axis] - voxels.first) / voxels.pitch).round() as usize);
             let (places, weights) = known_at(p[axis], &mut known, |place| nodes.around(place));
@@ -102,12 +102,16 @@ impl<'a> SampledTerms<'a> {
                 node[axis] = *place;
                 node
             };
-            let around: Vec<DVec3> = places.iter().map(at).collect();
+            let around: Vec<DVec3> = places.iter().map(at).chain([p]).collect();
+            let carried: Vec<f64> =
+                around.iter().map(|q| self.carrier.per_metre * self.carrier.legs.length(*q)).collect();
             for r in self.microphones(p) {
-                for f in self.frequencies {
-                    let sum: Complex64 =
-                        around.iter().zip(weights).map(|(node, w)| self.term(*node, r, f) * w).sum();
-                    worst = greater(worst, (sum - self.term(p, r, f)).norm());
+                lengths.clear();
+                lengths.extend(around.iter().map(|q| self.instrument.geometry.path_length(*q, r)));
+                for k in per_metre {
+                    cycles.clear();
+                    cycles.extend(carried.iter().zip(&lengths).map(|(carried, length)| carried - k * length));
+                    worst = greater(worst, wave_error(weights, &cycles, &mut waves));
                     if worst.is_nan() || BETWEEN * worst > most {
                         return None;
                     }
@@ -115,12 +119,5 @@ impl<'a> SampledTerms<'a> {
             }
         }
         Some([BETWEEN * worst, moduli])
-    }
-
-    fn term(&self, p: DVec3, r: DVec3, frequency: f64) -> Complex64 {
-        let length = self.instrument.geometry.path_length(p, r);
-        let cycles = frequency * length / self.instrument.sound_speed
-            - self.carrier.per_metre * self.carrier.legs.length(p);
-        Complex64::cis(-TAU * cycles)
     }
 }

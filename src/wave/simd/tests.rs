@@ -1,6 +1,7 @@
 //! Every kernel compared with its literal form.
 
 use super::*;
+use crate::wave::interval::phasor_f64;
 use crate::wave::phasor;
 
 /// Pseudo-random lengths and amplitudes.
@@ -25,6 +26,18 @@ fn phasors_equal_the_literal_ones() {
             let exact = phasor(k * length);
             assert!((exact - got[i]).norm() < 6e-7, "{i} {exact}");
         }
+    }
+}
+
+#[test]
+fn phasors_in_double_precision_equal_the_literal_ones() {
+    let cycles: Vec<f64> =
+        (0..999).map(|i| f64::from(i - 500) * 1_234.567_89 + 0.25 * f64::from(i % 5)).collect();
+    let mut got = vec![Complex64::ZERO; cycles.len()];
+    phasors_f64(&cycles, &mut got);
+    for (cycles, got) in cycles.iter().zip(got) {
+        let exact = phasor_f64(*cycles);
+        assert!((exact - got).norm() < 1e-11, "{cycles} {exact} {got}");
     }
 }
 

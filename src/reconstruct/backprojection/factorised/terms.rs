@@ -3,11 +3,9 @@
 use super::frame::{Frame, some};
 use crate::acquisition::{Instrument, Tile};
 use crate::grid::{Axis, Grid};
-use crate::reconstruct::numerics::{Around, IntervalNodes, known_at};
+use crate::reconstruct::numerics::{Around, IntervalNodes, known_at, wave_error};
 use crate::wave::interval::greater;
 use glam::DVec3;
-use num_complex::Complex64;
-use std::f64::consts::TAU;
 
 /// Terms of one frequency and one microphone each, in the coordinates of its tile.
 pub(crate) struct Terms<'a> {
@@ -48,6 +46,7 @@ impl Terms<'_> {
         let (mut worst, mut moduli) = (0.0f64, 1.0f64);
         // Along x and y all tiles are interpolated alike, in the same few places.
         let mut known: Vec<(f64, Around)> = Vec::new();
+        let (mut lengths, mut cycles, mut waves) = (Vec::new(), Vec::new(), Vec::new());
         for tile in some(tiles, density.tiles) {
             let frame = Frame::new(&instrument.geometry, tile.centre);
             let [along, across] = density.places;
@@ -60,16 +59,19 @@ impl Terms<'_> {
                     1 => frame.point(p.x, *place, range).map(|q| (q, range)),
                     _ => frame.point(p.x, p.y, *place).map(|q| (q, *place)),
                 };
-                let nodes: Vec<(DVec3, f64)> = places.iter().map(node).collect::<Option<_>>()?;
+                let mut nodes: Vec<(DVec3, f64)> = places.iter().map(node).collect::<Option<_>>()?;
+                nodes.push((p, range));
                 moduli = moduli.max(weights.iter().map(|w| w.abs()).sum());
                 for r in tile.corners().into_iter().step_by(density.corners) {
+                    lengths.clear();
+                    lengths.extend(nodes.iter().map(|(q, _)| instrument.geometry.path_length(*q, r)));
                     for f in frequencies {
-                        let term = |(q, range): &(DVec3, f64)| {
-                            let turns = f * instrument.geometry.path_length(*q, r) - carrier * range;
-                            Complex64::cis(-TAU / instrument.sound_speed * turns)
+                        let of_node = |((_, range), length): (&(DVec3, f64), &f64)| {
+                            (carrier * range - f * length) / instrument.sound_speed
                         };
-                        let sum: Complex64 = weights.iter().zip(&nodes).map(|(w, node)| term(node) * w).sum();
-                        worst = greater(worst, (sum - term(&(p, range))).norm());
+                        cycles.clear();
+                        cycles.extend(nodes.iter().zip(&lengths).map(of_node));
+                        worst = greater(worst, wave_error(weights, &cycles, &mut waves));
                         if worst.is_nan() || worst > most {
                             return None;
                         }

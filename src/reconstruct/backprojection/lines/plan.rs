@@ -9,7 +9,7 @@ use super::view::LineView;
 use crate::acquisition::Instrument;
 use crate::grid::Grid;
 use crate::reconstruct::compress::tones_for;
-use crate::reconstruct::cost::COMPLEX;
+use crate::reconstruct::cost::{COMPLEX, PRODUCT};
 use crate::reconstruct::error_budget::ErrorBudget;
 use crate::reconstruct::numerics::Taps;
 use crate::wave::interval::PathInterval;
@@ -28,6 +28,9 @@ const CLOSER: [f64; 6] = [1.0, 0.92, 0.84, 0.72, 0.6, 0.5];
 /// Operations of a node's or a microphone's phasor, and of finding a voxel's places and weights, for all lanes.
 const PHASORS: f64 = 400.0;
 const PLACES: f64 = 1500.0;
+
+/// Operations of finding the nodes, and what they err by.
+const FINDING: f64 = 1e9;
 
 /// An operation on sixteen lanes takes so much of one of other loops.
 const DENSE: f64 = 0.8;
@@ -219,8 +222,15 @@ impl Price {
         let rows = (view.depths.count * view.rows.count * bands.len()) as f64;
         let shells = shells_for(most_tones);
         let of_nodes = DENSE * slabs * per_slab;
+        let all_tones = {
+            let [nearest, farthest] = view.aside(view.columns.position(0));
+            let back = extent.rho[1].hypot(farthest) - extent.rho[0].hypot(nearest);
+            let spread = instrument.sweep.bandwidth() * (view.legs * back + widest) / instrument.sound_speed;
+            tones_for(spread, 1e-5).min(instrument.sweep.len() as f64)
+        };
+        let of_shells = PRODUCT * shells as f64 * most_tones * all_tones * lines * microphones;
         Self {
-            operations: of_nodes + DENSE * rows * lines * voxel,
+            operations: FINDING + of_shells + of_nodes + DENSE * rows * lines * voxel,
             of_nodes,
             shells,
             node_bytes: most_nodes * (COMPLEX as usize * LANES) as f64,
