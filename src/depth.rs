@@ -182,12 +182,10 @@ pub fn locate_depth_with(
         let columns = RayColumns::of_amplitude(&amplitude, &grid, &raster);
         let reference = percentile_99(&mut columns.maxima()?);
         let threshold = f64::from(reference) * 10f64.powf(options.threshold_db / 20.0);
-        let mut found: Vec<Option<PickedReturn>> =
-            try_with_capacity(raster.len() as u64).ok_or_else(no_room)?;
-        found.par_extend((0..raster.len()).into_par_iter().map_init(Vec::new, |column, pixel| {
-            columns.read(pixel, column);
-            pick(column, &grid.z, threshold, reference, options)
-        }));
+        let mut found: Vec<Option<PickedReturn>> = pixel_values(None, raster.len())?;
+        columns.each(&mut found, |_, column, found| {
+            *found = pick(column, &grid.z, threshold, reference, options);
+        });
         let mut picked = DepthLayer::empty(raster.len())?;
         let mut confidence = pixel_values(f32::NAN, raster.len())?;
         let mut raw: Vec<f64> = try_with_capacity(raster.len() as u64).ok_or_else(no_room)?;

@@ -3,6 +3,10 @@
 use crate::error::Result;
 use crate::grid::{Axis, Grid, Raster, View, pixel_values};
 use rayon::prelude::*;
+use std::ops::Range;
+
+/// Pixels whose columns are read together: a line of the cache for each depth.
+const TOGETHER: usize = 32;
 
 /// Values on a grid, `[z, y, x]`, read along the rays of pixels.
 ///
@@ -29,18 +33,45 @@ impl<'a> RayColumns<'a> {
         Self { values, grid, raster, amplitude: false }
     }
 
-    /// Fills `column` with the values along the ray of `pixel`, one per depth.
-    pub(super) fn read(&self, pixel: usize, column: &mut Vec<f32>) {
-        let plane = self.grid.plane_len();
-        column.clear();
+    /// Gives every pixel's column, one value per depth, to `take`, with what is to be found of it.
+    pub(super) fn each<T: Send>(&self, found: &mut [T], take: impl Fn(usize, &[f32], &mut T) + Sync) {
+        let depths = self.grid.z.count;
+        found.par_chunks_mut(TOGETHER).enumerate().for_each_init(Vec::new, |columns, (chunk, found)| {
+            let first = chunk * TOGETHER;
+            columns.resize(found.len() * depths, 0.0);
+            self.read(first..first + found.len(), columns);
+            for ((i, found), column) in found.iter_mut().enumerate().zip(columns.chunks_exact(depths)) {
+                take(first + i, column, found);
+            }
+        });
+    }
+
+    /// Fills `columns` with the values along the rays of some pixels, `[pixel, depth]`.
+    fn read(&self, pixels: Range<usize>, columns: &mut [f32]) {
+        let depths = self.grid.z.count;
         if self.raster.view == View::Orthographic {
-            column.extend(self.values.iter().skip(pixel).step_by(plane));
+            for (depth, slice) in self.values.chunks_exact(self.grid.plane_len()).enumerate() {
+                for (column, value) in columns.chunks_exact_mut(depths).zip(&slice[pixels.clone()]) {
+                    column[depth] = *value;
+                }
+            }
             return;
         }
+        for (pixel, column) in pixels.zip(columns.chunks_exact_mut(depths)) {
+            self.read_ray(pixel, column);
+        }
+    }
+
+    /// Fills `column` with the values along the ray of a pixel of a perspective view.
+    fn read_ray(&self, pixel: usize, column: &mut [f32]) {
+        let plane = self.grid.plane_len();
         let ray = self.raster.ray(pixel);
-        column.extend(self.grid.z.positions().zip(self.values.chunks_exact(plane)).map(|(z, slice)| {
+        for ((value, z), slice) in
+            column.iter_mut().zip(self.grid.z.positions()).zip(self.values.chunks_exact(plane))
+        {
             let (Some(x), Some(y)) = (place(&self.grid.x, ray.x * z), place(&self.grid.y, ray.y * z)) else {
-                return 0.0;
+                *value = 0.0;
+                continue;
             };
             let power = |value: f32| if self.amplitude { value * value } else { value };
             let row = |iy: usize| {
@@ -48,8 +79,8 @@ impl<'a> RayColumns<'a> {
                 at(x.0) + (at(x.1) - at(x.0)) * x.2
             };
             let power = row(y.0) + (row(y.1) - row(y.0)) * y.2;
-            if self.amplitude { power.max(0.0).sqrt() } else { power.max(0.0) }
-        }));
+            *value = if self.amplitude { power.max(0.0).sqrt() } else { power.max(0.0) };
+        }
     }
 
     /// The maximum value of every pixel's column.
@@ -59,17 +90,17 @@ impl<'a> RayColumns<'a> {
     pub(super) fn maxima(&self) -> Result<Vec<f32>> {
         let mut maxima = pixel_values(0.0f32, self.raster.len())?;
         if self.raster.view == View::Orthographic {
-            for slice in self.values.chunks_exact(self.grid.plane_len()) {
-                for (maximum, value) in maxima.iter_mut().zip(slice) {
-                    *maximum = maximum.max(*value);
+            const PIXELS: usize = 4096;
+            maxima.par_chunks_mut(PIXELS).enumerate().for_each(|(chunk, maxima)| {
+                for slice in self.values.chunks_exact(self.grid.plane_len()) {
+                    for (maximum, value) in maxima.iter_mut().zip(&slice[chunk * PIXELS..]) {
+                        *maximum = maximum.max(*value);
+                    }
                 }
-            }
+            });
             return Ok(maxima);
         }
-        maxima.par_iter_mut().enumerate().for_each_init(Vec::new, |column, (pixel, maximum)| {
-            self.read(pixel, column);
-            *maximum = column.iter().copied().fold(0.0, f32::max);
-        });
+        self.each(&mut maxima, |_, column, maximum| *maximum = column.iter().copied().fold(0.0, f32::max));
         Ok(maxima)
     }
 }
@@ -100,17 +131,17 @@ mod tests {
         let amplitude: Vec<f32> = power.iter().map(|p| p.sqrt()).collect();
         let slopes = |first, count| Axis { first, pitch: 0.15, count };
         let raster = Raster { view: View::Perspective, x: slopes(-0.15, 3), y: slopes(0.03, 1) };
-        let mut column = Vec::new();
+        let mut column = [0.0; 2];
         for (pixel, slope) in [(0, -0.15), (1, 0.0), (2, 0.15)] {
             let expected = [1.0, 1.1].map(|z| (slope * z + 0.2) / 0.1 + 1.0);
-            RayColumns::of_power(&power, &grid, &raster).read(pixel, &mut column);
+            RayColumns::of_power(&power, &grid, &raster).read_ray(pixel, &mut column);
             assert!((f64::from(column[0]) - expected[0]).abs() < 1e-5, "{column:?}");
             assert!((f64::from(column[1]) - 4.0 * expected[1]).abs() < 1e-5, "{column:?}");
-            RayColumns::of_amplitude(&amplitude, &grid, &raster).read(pixel, &mut column);
+            RayColumns::of_amplitude(&amplitude, &grid, &raster).read_ray(pixel, &mut column);
             assert!((f64::from(column[1]) - (4.0 * expected[1]).sqrt()).abs() < 1e-5, "{column:?}");
         }
         let aside = Raster { y: slopes(0.095, 1), ..raster };
-        RayColumns::of_power(&power, &grid, &aside).read(1, &mut column);
+        RayColumns::of_power(&power, &grid, &aside).read_ray(1, &mut column);
         assert!(
             column[0] > 0.0 && column[1] == 0.0,
             "the ray leaves the grid between the depths: {column:?}"

@@ -5,10 +5,11 @@
 
 use super::columns::RayColumns;
 use super::{DepthOptions, confidence, is_peak, parabola, percentile_99};
-use crate::alloc::try_with_capacity;
+use crate::alloc::{try_filled, try_with_capacity};
 use crate::error::Result;
 use crate::grid::{Axis, DepthLayer, Grid, Raster, no_room_for, pixel_values};
 use rayon::prelude::*;
+use std::mem;
 
 /// Half-width of the surroundings of a peak, and of the peak itself, in Δd.
 const SURROUNDINGS: f64 = 6.0;
@@ -36,7 +37,7 @@ pub(super) fn find(
 ) -> Result<Vec<DepthLayer>> {
     let no_room = || no_room_for(grid);
     let mut power = try_with_capacity(grid.voxel_count()).ok_or_else(no_room)?;
-    power.extend(amplitude.iter().map(|a| a * a));
+    power.par_extend(amplitude.par_iter().map(|a| a * a));
     // Smoothed on the grid, where lengths are in metres.
     let power = smooth(power, grid, options.smoothing).ok_or_else(no_room)?;
     let columns = RayColumns::of_power(&power, grid, raster);
@@ -53,8 +54,7 @@ pub(super) fn find(
         surfaces.push(DepthLayer { confidence, ..DepthLayer::empty(raster.len())? });
     }
     let mut found: Vec<Vec<(Peak, f64)>> = pixel_values(Vec::new(), raster.len())?;
-    found.par_iter_mut().enumerate().for_each_init(Vec::new, |column, (pixel, found)| {
-        columns.read(pixel, column);
+    columns.each(&mut found, |pixel, column, found| {
         let peaks = peaks(column, &grid.z, floor.max(maxima[pixel] * gate), options);
         let level = |found: &Peak| confidence(column, found.power.into(), reference.into());
         found.extend(peaks.iter().map(|peak| (*peak, level(peak))));
@@ -128,37 +128,61 @@ fn stands_out(
 fn smooth(mut power: Vec<f32>, grid: &Grid, sigma: [f64; 3]) -> Option<Vec<f32>> {
     let (n_x, plane) = (grid.x.count, grid.plane_len());
     let axes = [(grid.x, sigma[0], 1), (grid.y, sigma[1], n_x), (grid.z, sigma[2], plane)];
-    let mut source = Vec::new();
+    let mut smoothed = Vec::new();
     for (axis, sigma, stride) in axes {
         let cells = sigma / axis.pitch;
-        let reach = (4.0 * cells).ceil().min(axis.count as f64) as usize;
-        if axis.count == 1 || cells < 0.05 || reach == 0 {
+        let reach = (4.0 * cells).ceil().min((axis.count - 1) as f64) as usize;
+        if cells < 0.05 || reach == 0 {
             continue;
         }
         let kernel: Vec<f32> =
             (0..=reach).map(|k| (-0.5 * (k as f64 / cells).powi(2)).exp() as f32).collect();
-        if source.is_empty() {
-            source = try_with_capacity(grid.voxel_count())?;
+        if smoothed.is_empty() {
+            smoothed = try_filled(0.0, grid.voxel_count())?;
         }
-        source.clear();
-        source.extend_from_slice(&power);
-        power.par_iter_mut().enumerate().for_each(|(index, value)| {
-            let place = index / stride % axis.count;
-            let (mut sum, mut weight) = (kernel[0] * source[index], kernel[0]);
-            for (k, w) in kernel.iter().enumerate().skip(1) {
-                if k <= place {
-                    sum += w * source[index - k * stride];
-                    weight += w;
+        // Of all places along the axis: the sum of the weights that are not beyond its ends.
+        let weight = |place: usize| {
+            kernel.iter().enumerate().skip(1).fold(kernel[0], |sum, (k, w)| {
+                let sum = if k <= place { sum + w } else { sum };
+                if place + k < axis.count { sum + w } else { sum }
+            })
+        };
+        let weights: Vec<f32> = (0..axis.count).map(weight).collect();
+        if stride == 1 {
+            let rows = smoothed.par_chunks_mut(n_x).zip(power.par_chunks(n_x));
+            rows.for_each(|(row, source)| {
+                row.iter_mut().zip(source).for_each(|(sum, value)| *sum = kernel[0] * value);
+                for (k, w) in kernel.iter().enumerate().skip(1) {
+                    add(*w, &source[..n_x - k], &mut row[k..]);
+                    add(*w, &source[k..], &mut row[..n_x - k]);
                 }
-                if place + k < axis.count {
-                    sum += w * source[index + k * stride];
-                    weight += w;
+                row.iter_mut().zip(&weights).for_each(|(sum, weight)| *sum /= weight);
+            });
+        } else {
+            smoothed.par_chunks_mut(stride).enumerate().for_each(|(i, line)| {
+                let (place, source) = (i % axis.count, |line: usize| &power[line * stride..][..stride]);
+                line.iter_mut().zip(source(i)).for_each(|(sum, value)| *sum = kernel[0] * value);
+                for (k, w) in kernel.iter().enumerate().skip(1) {
+                    if k <= place {
+                        add(*w, source(i - k), line);
+                    }
+                    if place + k < axis.count {
+                        add(*w, source(i + k), line);
+                    }
                 }
-            }
-            *value = sum / weight;
-        });
+                for sum in line {
+                    *sum /= weights[place];
+                }
+            });
+        }
+        mem::swap(&mut power, &mut smoothed);
     }
     Some(power)
+}
+
+/// Adds weighted values to sums.
+fn add(weight: f32, values: &[f32], sums: &mut [f32]) {
+    sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += weight * value);
 }
 
 #[cfg(test)]
@@ -235,6 +259,34 @@ mod tests {
             let surfaces = found(&echoes, &DepthOptions::new(0.017));
             assert!(surfaces[0].depth.iter().all(|z| !z.is_nan()));
             assert!(surfaces[1].depth.iter().all(|z| z.is_nan()), "{echoes:?}");
+        }
+    }
+
+    #[test]
+    fn smoothing_equals_the_literal_sums_at_every_voxel() {
+        let axis = |pitch, count| Axis { first: 1.0, pitch, count };
+        let grid = Grid { x: axis(0.02, 9), y: axis(0.015, 4), z: axis(0.008, 11) };
+        let [n_z, n_y, n_x] = grid.shape();
+        let power: Vec<f32> = (0..n_z * n_y * n_x).map(|i| (i as f32 * 0.618_034).fract()).collect();
+        let sigma = [0.013, 0.02, 0.011];
+        let weight = |a: usize, b: usize, sigma: f64, pitch: f64| {
+            let (apart, cells) = (a.abs_diff(b), sigma / pitch);
+            if apart as f64 <= (4.0 * cells).ceil() {
+                (-0.5 * (apart as f64 / cells).powi(2)).exp()
+            } else {
+                0.0
+            }
+        };
+        let smoothed = smooth(power.clone(), &grid, sigma).expect("fits");
+        for (i, got) in smoothed.iter().enumerate() {
+            let at = |i: usize| [i % n_x, i / n_x % n_y, i / (n_x * n_y)];
+            let (mut sum, mut all) = (0.0, 0.0);
+            for (j, value) in power.iter().enumerate() {
+                let axes = [grid.x, grid.y, grid.z];
+                let w: f64 = (0..3).map(|k| weight(at(i)[k], at(j)[k], sigma[k], axes[k].pitch)).product();
+                (sum, all) = (sum + w * f64::from(*value), all + w);
+            }
+            assert!((f64::from(*got) - sum / all).abs() < 1e-6, "voxel {i}: {got}, not {}", sum / all);
         }
     }
 
