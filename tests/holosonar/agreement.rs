@@ -223,7 +223,7 @@ fn what_has_no_lattice_is_projected_back() {
     let (cube, mut grid, _) = random_case(5);
     let bent = bent(&cube);
     (grid.x.pitch, grid.y.pitch) = (0.01, 0.01);
-    (grid.x.count, grid.y.count) = (12, 12);
+    (grid.x.count, grid.y.count) = (40, 40);
     let warnings = Warnings::default();
     let image = reconstruct_with(&bent, &grid, &ReconstructOptions::default(), &warnings).unwrap();
     assert_eq!(image.method, Method::Backprojection);

@@ -308,7 +308,7 @@ mod tests {
             for compression in [Compression::Zip, Compression::None] {
                 let encoding = Encoding { float16, compression };
                 let size_of_noise = written(&noise, size, encoding);
-                assert!((bytes..bytes + 2000).contains(&size_of_noise), "{size_of_noise} of {bytes}");
+                assert!((bytes..bytes + 5000).contains(&size_of_noise), "{size_of_noise} of {bytes}");
                 let size_of_steps = written(&steps, size, encoding);
                 let short = size_of_steps < bytes / 10;
                 assert_eq!(short, compression == Compression::Zip, "{size_of_steps} of {bytes}");

@@ -4,7 +4,8 @@
 
 use super::interpolator::Taps;
 use crate::grid::Axis;
-use crate::wave::simd::{LANES, dispatched, phasors_f64};
+use crate::wave::simd::double::phasors_f64;
+use crate::wave::simd::{LANES, dispatched};
 use num_complex::Complex64;
 
 /// Places of nodes along an axis, m, and the weights that make another place of them.

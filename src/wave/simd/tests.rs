@@ -1,5 +1,6 @@
 //! Every kernel compared with its literal form.
 
+use super::double::phasors_f64;
 use super::*;
 use crate::wave::interval::phasor_f64;
 use crate::wave::phasor;
@@ -33,7 +34,7 @@ fn phasors_equal_the_literal_ones() {
 fn phasors_in_double_precision_equal_the_literal_ones() {
     let cycles: Vec<f64> =
         (0..999).map(|i| f64::from(i - 500) * 1_234.567_89 + 0.25 * f64::from(i % 5)).collect();
-    let mut got = vec![Complex64::ZERO; cycles.len()];
+    let mut got = vec![num_complex::Complex64::ZERO; cycles.len()];
     phasors_f64(&cycles, &mut got);
     for (cycles, got) in cycles.iter().zip(got) {
         let exact = phasor_f64(*cycles);
