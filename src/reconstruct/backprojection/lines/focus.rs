@@ -25,7 +25,7 @@ use std::ops::Range;
 const LINES: usize = 4;
 
 /// Parts of the depths that each thread takes: the fewer, the fewer nodes are read twice.
-const PARTS: usize = 2;
+const PARTS: usize = 4;
 
 /// What the images of all lines are summed from.
 struct Focus<'a> {
@@ -105,7 +105,7 @@ pub(crate) fn image(plan: &LinesPlan, job: Job<'_>) -> Result<ReconstructionInfo
     let shells = compressed.slabs(each, |shell| intervals[shell.start], share, budget);
     let error = plan.error + plan.growth * shells.iter().map(|shell| shell.error).fold(0.0, greater);
     let error_bound = interpolation.with(error) * compressed.modulus;
-    let tones = shells.iter().map(|shell| {
+    let tones = shells.par_iter().map(|shell| {
         let tones = shell.of(&compressed, instrument.array.len())?;
         let rows = tones.samples.chunks_exact(instrument.array.len());
         let samples = rows.flat_map(|row| plan.view.by_lines(row)).collect();

@@ -73,14 +73,16 @@ impl LineView {
     /// last.
     pub(crate) fn by_lines(&self, samples: &[Complex32]) -> Vec<Complex32> {
         let (lines, microphones) = (self.lines.count, self.microphones.count);
-        let at = |line: usize, a: usize| match self.along {
-            _ if line >= lines => Complex32::ZERO,
-            0 => samples[line * microphones + a],
-            _ => samples[a * lines + line],
-        };
-        let of_lines = |first: usize| {
-            (0..microphones).flat_map(move |a| (first..first + ROWS).map(move |line| (line, a)))
-        };
-        (0..lines).step_by(ROWS).flat_map(of_lines).map(|(line, a)| at(line, a)).collect()
+        let [of_line, of_microphone] = if self.along == 0 { [microphones, 1] } else { [1, lines] };
+        let mut sorted = vec![Complex32::ZERO; lines.next_multiple_of(ROWS) * microphones];
+        for line in 0..lines {
+            let together = &mut sorted[line / ROWS * ROWS * microphones..];
+            for (a, sample) in
+                together.iter_mut().skip(line % ROWS).step_by(ROWS).take(microphones).enumerate()
+            {
+                *sample = samples[line * of_line + a * of_microphone];
+            }
+        }
+        sorted
     }
 }
