@@ -149,12 +149,13 @@ fn smooth(mut power: Vec<f32>, grid: &Grid, sigma: [f64; 3]) -> Option<Vec<f32>>
         };
         let weights: Vec<f32> = (0..axis.count).map(weight).collect();
         if stride == 1 {
-            let rows = smoothed.par_chunks_mut(n_x).zip(power.par_chunks(n_x));
+            // Along rows, and along whatever has nothing beside it.
+            let rows = smoothed.par_chunks_mut(axis.count).zip(power.par_chunks(axis.count));
             rows.for_each(|(row, source)| {
                 row.iter_mut().zip(source).for_each(|(sum, value)| *sum = kernel[0] * value);
                 for (k, w) in kernel.iter().enumerate().skip(1) {
-                    add(*w, &source[..n_x - k], &mut row[k..]);
-                    add(*w, &source[k..], &mut row[..n_x - k]);
+                    add(*w, &source[..axis.count - k], &mut row[k..]);
+                    add(*w, &source[k..], &mut row[..axis.count - k]);
                 }
                 row.iter_mut().zip(&weights).for_each(|(sum, weight)| *sum /= weight);
             });
@@ -265,7 +266,13 @@ mod tests {
     #[test]
     fn smoothing_equals_the_literal_sums_at_every_voxel() {
         let axis = |pitch, count| Axis { first: 1.0, pitch, count };
-        let grid = Grid { x: axis(0.02, 9), y: axis(0.015, 4), z: axis(0.008, 11) };
+        let grids = [[9, 4, 11], [1, 6, 11], [7, 1, 8], [1, 1, 13], [5, 3, 1]];
+        for [n_x, n_y, n_z] in grids {
+            smoothed_literally(&Grid { x: axis(0.02, n_x), y: axis(0.015, n_y), z: axis(0.008, n_z) });
+        }
+    }
+
+    fn smoothed_literally(grid: &Grid) {
         let [n_z, n_y, n_x] = grid.shape();
         let power: Vec<f32> = (0..n_z * n_y * n_x).map(|i| (i as f32 * 0.618_034).fract()).collect();
         let sigma = [0.013, 0.02, 0.011];
@@ -277,7 +284,7 @@ mod tests {
                 0.0
             }
         };
-        let smoothed = smooth(power.clone(), &grid, sigma).expect("fits");
+        let smoothed = smooth(power.clone(), grid, sigma).expect("fits");
         for (i, got) in smoothed.iter().enumerate() {
             let at = |i: usize| [i % n_x, i / n_x % n_y, i / (n_x * n_y)];
             let (mut sum, mut all) = (0.0, 0.0);
