@@ -24,7 +24,6 @@ use crate::metrics::{Metrics, error_map};
 use crate::progress::{Observer, advance, stage};
 use crate::reconstruct::{ReconstructionInfo, VolumeSink};
 use num_complex::Complex32;
-use rayon::prelude::*;
 use serde_json::Value;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -62,13 +61,19 @@ pub fn write_outputs(run: &RunFile, outcome: &Outcome, folder: &Path, job: &JobO
     let names = result_names(run, truth.is_some());
     let mut report = Report::new(run, outcome);
     stage(observer, "writing", names.len() as u64, || {
-        let written = names.par_iter().map(|name| {
-            let files = write(name)?;
-            advance(observer, 1)?;
-            Ok(files)
-        });
-        // A very deep volume takes several files.
-        let written = written.collect::<Result<Vec<_>>>()?.into_iter().flatten();
+        let in_turn = |names: &[PathBuf]| -> Result<Vec<_>> {
+            let mut written = Vec::new();
+            for name in names {
+                // A very deep volume takes several files.
+                written.extend(write(name)?);
+                advance(observer, 1)?;
+            }
+            Ok(written)
+        };
+        // Volumes beside all others: no more memory than each by itself.
+        let (volumes, others) = names.split_at(run.output.formats.len());
+        let (volumes, others) = rayon::join(|| in_turn(volumes), || in_turn(others));
+        let written = volumes?.into_iter().chain(others?);
         report.files.extend(written.filter_map(|path| path.file_name().map(PathBuf::from)));
         Ok(())
     })?;
