@@ -29,6 +29,9 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+/// Volumes of fewer samples take no longer than what a second thread would take in memory is worth.
+const BESIDE: usize = 1 << 20;
+
 /// Writes the volume, the depth map, the truth, the points, the pictures, `report.json` and the page into `folder`, which
 /// is created if it is missing; returns the report.
 ///
@@ -70,8 +73,9 @@ pub fn write_outputs(run: &RunFile, outcome: &Outcome, folder: &Path, job: &JobO
             }
             Ok(written)
         };
-        // Volumes beside all others: no more memory than each by itself.
-        let (volumes, others) = names.split_at(run.output.formats.len());
+        // Large volumes beside all others.
+        let beside = if image.volume.samples.len() < BESIDE { 0 } else { run.output.formats.len() };
+        let (volumes, others) = names.split_at(beside);
         let (volumes, others) = rayon::join(|| in_turn(volumes), || in_turn(others));
         let written = volumes?.into_iter().chain(others?);
         report.files.extend(written.filter_map(|path| path.file_name().map(PathBuf::from)));
