@@ -112,7 +112,7 @@ pub fn write_depth_map(
         add("fieldOfViewY", Attribute::Number(up));
     }
     let mut part = OutputPart::new(None, [map.x.count, map.y.count], channels, &attributes, encoding);
-    let known = part.attributes_mut();
+    let known = part.attributes();
     known.world_to_camera = Some(WORLD_TO_CAMERA);
     if map.view == View::Perspective {
         // The window at distance 1, in the camera's axes, where y points up.

@@ -143,7 +143,7 @@ mod tests {
             ("sonar:soundSpeed".to_owned(), Attribute::Number(343.2)),
             ("sonar:window".to_owned(), Attribute::Text("taylor".into())),
         ];
-        let part = one_pixel(&attributes);
+        let mut part = one_pixel(&attributes);
         let mut expected = attributes;
         expected[0].1 = Attribute::Number((1_u64 << 40) as f64);
         assert_eq!(attributes_of(part.attributes()), expected);

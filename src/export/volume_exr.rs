@@ -14,7 +14,6 @@ use crate::alloc::try_with_capacity;
 use crate::error::{Error, Result};
 use crate::grid::{Grid, Volume, no_room_for, pixel_values};
 use exr::prelude::FlatSamples;
-use std::iter;
 use std::path::{Path, PathBuf};
 
 /// Maximum number of depths in one file.
@@ -60,11 +59,11 @@ pub fn write_volume_exr(
 ) -> Result<Vec<PathBuf>> {
     let grid = &volume.grid;
     let files = volume_exr_files(path, grid.z.count);
-    let mip = mip_part(volume, attributes, encoding)?;
+    let mut parts = vec![mip_part(volume, attributes, encoding)?];
     for (file, first) in files.iter().zip((0..).step_by(DEPTHS_PER_FILE)) {
         let last = (first + DEPTHS_PER_FILE).min(grid.z.count);
-        let depths = (first..last).map(|iz| depth_part(volume, iz, components, encoding));
-        let parts: Vec<OutputPart> = iter::once(mip.clone()).chain(depths).collect();
+        parts.truncate(1);
+        parts.extend((first..last).map(|iz| depth_part(volume, iz, components, encoding)));
         write_parts(file, &parts)?;
     }
     Ok(files)
@@ -72,11 +71,12 @@ pub fn write_volume_exr(
 
 /// Bytes that [`write_volume_exr`] takes in addition to the volume.
 pub(crate) fn writing_bytes(grid: &Grid, components: Components) -> u64 {
-    // The five channels of the projection twice, and what they are made of.
-    let projection = 12 * grid.plane_len() * size_of::<f32>();
-    let depths = grid.z.count.min(DEPTHS_PER_FILE);
-    projection as u64
-        + part_bytes(depths + 1, grid.x.count * components.list().len().max(5) * size_of::<f32>())
+    // The projection has five channels, a part of a depth has its components.
+    const PROJECTION: u64 = 5 * size_of::<f32>() as u64;
+    let pixel = PROJECTION.max((components.list().len() * size_of::<f32>()) as u64);
+    let row = pixel.saturating_mul(grid.x.count as u64);
+    let projection = PROJECTION.saturating_mul(grid.x.count as u64).saturating_mul(grid.y.count as u64);
+    projection.saturating_add(part_bytes(grid.z.count.min(DEPTHS_PER_FILE) + 1, row))
 }
 
 fn mip_part(
@@ -109,7 +109,7 @@ fn mip_part(
     let channels = channels.into_iter().map(|(name, values)| (name, Pixels::Held(values))).collect();
     let mut part =
         OutputPart::new(Some("mip"), [grid.x.count, grid.y.count], channels, &attributes, encoding);
-    part.attributes_mut().world_to_camera = Some(WORLD_TO_CAMERA);
+    part.attributes().world_to_camera = Some(WORLD_TO_CAMERA);
     Ok(part)
 }
 

@@ -29,7 +29,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// Volumes of fewer samples take no longer than what a second thread would take in memory is worth.
+/// Volumes of fewer samples are written so soon that a second thread would not be worth its memory.
 const BESIDE: usize = 1 << 20;
 
 /// Writes the volume, the depth map, the truth, the points, the pictures, `report.json` and the page into `folder`, which

@@ -83,6 +83,7 @@ fn numbers_beyond_reason() {
         ("grid.x=[1e30,1e30]", "grid"),
         ("grid.count=[4000000000,4000000000,4000000000]", "grid"),
         ("grid.pitch=[1e-6,1e-6,1e-6]", "GiB"),
+        ("grid.pitch=[4e-10,4e-10,1e-3]", "GiB"),
         ("sweep.step=1e-9", "sweep.step"),
         ("sweep.step=0.0", "sweep.step"),
         ("sweep.start=-1.0", "sweep.start"),

@@ -26,13 +26,13 @@ use std::path::Path;
 const TOGETHER: usize = 4 << 20;
 
 /// Rows of a compressed block.
-const LINES: usize = 16;
+const LINES: u64 = 16;
 
 /// Compression that would save less than this part of a block is left out, as readers expect of a block that it enlarges.
 const LEAST_SAVED: f64 = 0.03;
 
 /// A part to be written.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub(in crate::export) struct OutputPart<'a> {
     header: Header,
     /// In the order of their names.
@@ -40,7 +40,7 @@ pub(in crate::export) struct OutputPart<'a> {
 }
 
 /// The pixels of a channel, row by row.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub(in crate::export) enum Pixels<'a> {
     /// The numbers themselves.
     Held(Vec<f32>),
@@ -112,13 +112,8 @@ impl<'a> OutputPart<'a> {
         Self { header, channels: channels.into_iter().map(|(_, pixels)| pixels).collect() }
     }
 
-    #[cfg(test)]
-    pub(in crate::export) fn attributes(&self) -> &LayerAttributes {
-        &self.header.own_attributes
-    }
-
-    /// The attributes that readers know.
-    pub(in crate::export) fn attributes_mut(&mut self) -> &mut LayerAttributes {
+    /// All its attributes, those that readers know and others.
+    pub(in crate::export) fn attributes(&mut self) -> &mut LayerAttributes {
         &mut self.header.own_attributes
     }
 
@@ -141,14 +136,15 @@ impl<'a> OutputPart<'a> {
         if self.header.compression == ex::Compression::Uncompressed || worth_compressing(&block.data) {
             return block.compress_to_chunk(headers);
         }
-        let y_coordinate = i32::try_from(index.pixel_position.1)
-            .map_err(|_| ex::Error::Invalid("more rows than an image can have".into()))?;
-        let section = ex::IntegerBounds::new((0, y_coordinate), index.pixel_size);
+        let position = index.pixel_position.to_i32();
+        let section = ex::IntegerBounds::new(position, index.pixel_size);
         let uncompressed = ex::Compression::Uncompressed;
         let compressed_pixels_le =
             uncompressed.compress_image_section_to_le(&self.header, block.data, section)?;
-        let compressed_block =
-            CompressedBlock::ScanLine(CompressedScanLineBlock { y_coordinate, compressed_pixels_le });
+        let compressed_block = CompressedBlock::ScanLine(CompressedScanLineBlock {
+            y_coordinate: position.1,
+            compressed_pixels_le,
+        });
         Ok(Chunk { layer_index: index.layer, compressed_block })
     }
 }
@@ -167,9 +163,10 @@ fn worth_compressing(bytes: &[u8]) -> bool {
 }
 
 /// Bytes that [`write_parts`] takes beside pixels that are held, for so many parts of rows of so many bytes.
-pub(in crate::export) fn writing_bytes(parts: usize, row: usize) -> u64 {
+pub(in crate::export) fn writing_bytes(parts: usize, row: u64) -> u64 {
     // A block as it is, reordered, deflated, and copied; a header and its copy.
-    (4 * TOGETHER.max(LINES * row) + parts * 8192) as u64
+    let block = (TOGETHER as u64).max(LINES.saturating_mul(row));
+    block.saturating_mul(4).saturating_add(8192 * parts as u64)
 }
 
 /// Writes the parts; one part makes a single-part file. The same parts give the same bytes.

@@ -58,16 +58,14 @@ impl ConvolutionPlan {
         let rows = if layout.line.is_some() { y.len() } else { rows.unwrap_or(1) };
         let image = images * (x.len() as f64 * transform(y.len()) + rows as f64 * transform(x.len()));
         let product = PRODUCT * points;
-        let pair = kernels * (kernel + product);
         match layout.geometry {
             Geometry::FixedSource { .. } => {
                 let outer = (PHASE + PRODUCT) * layout.grid.plane_len() as f64;
-                Operations { pair: pair + image + outer, depth: 0.0, spectra }
+                Operations { pair: kernels * (kernel + product) + image + outer, depth: 0.0, spectra }
             }
             // Tones add up before they are transformed back.
             Geometry::Monostatic => {
-                let added = (ADDED - 1.0) * kernels * product;
-                Operations { pair: pair + added, depth: image, spectra }
+                Operations { pair: kernels * (kernel + ADDED * product), depth: image, spectra }
             }
         }
     }

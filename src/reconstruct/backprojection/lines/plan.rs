@@ -196,6 +196,11 @@ impl Price {
         let sampled = extent.sampled.len() as f64;
         let [thickest, widest] =
             [0, 1].map(|axis| extent.sampled.iter().map(|widths| widths[axis]).fold(0.0, f64::max));
+        // For paths that extend so far, m.
+        let tones_of = |paths: f64| {
+            let spread = instrument.sweep.bandwidth() * paths / instrument.sound_speed;
+            tones_for(spread, 1e-5).min(instrument.sweep.len() as f64)
+        };
         for band in bands {
             let [rho, path] = band.pitches(view, extent, choice);
             // Without a loudspeaker there is one node along the path.
@@ -211,8 +216,7 @@ impl Price {
             let back = extent.rho[0].hypot(farthest) - extent.rho[0].hypot(nearest);
             let paths = view.legs * (back + across / MOST_SHELLS as f64)
                 + if view.source.is_some() { widest + of_path * path } else { 0.0 };
-            let spread = instrument.sweep.bandwidth() * paths / instrument.sound_speed;
-            let tones = tones_for(spread, 1e-5).min(instrument.sweep.len() as f64);
+            let tones = tones_of(paths);
             let wide = (8 * LANES) as f64;
             let of_ring = tones * (lines * microphones * wide + (microphones + along_path(widest)) * PHASORS);
             per_slab += rings * of_ring + nodes * lines * tones * wide;
@@ -222,12 +226,9 @@ impl Price {
         let rows = (view.depths.count * view.rows.count * bands.len()) as f64;
         let shells = shells_for(most_tones);
         let of_nodes = DENSE * slabs * per_slab;
-        let all_tones = {
-            let [nearest, farthest] = view.aside(view.columns.position(0));
-            let back = extent.rho[1].hypot(farthest) - extent.rho[0].hypot(nearest);
-            let spread = instrument.sweep.bandwidth() * (view.legs * back + widest) / instrument.sound_speed;
-            tones_for(spread, 1e-5).min(instrument.sweep.len() as f64)
-        };
+        let [nearest, farthest] = view.aside(view.columns.first);
+        let back = extent.rho[1].hypot(farthest) - extent.rho[0].hypot(nearest);
+        let all_tones = tones_of(view.legs * back + widest);
         let of_shells = PRODUCT * shells as f64 * most_tones * all_tones * lines * microphones;
         Self {
             operations: FINDING + of_shells + of_nodes + DENSE * rows * lines * voxel,

@@ -7,6 +7,7 @@ use crate::acquisition::Instrument;
 use crate::grid::Axis;
 use crate::reconstruct::numerics::Taps;
 use crate::wave::interval::{greater, phasor_f64};
+use crate::wave::simd::LANES;
 use num_complex::Complex64;
 
 /// Blocks, lines, rows and depths that are tried.
@@ -84,22 +85,22 @@ impl<'a> Trial<'a> {
         let (paths, along_path) = around(&block.path, taps[1], path);
         let moduli = |weights: &[f64]| weights.iter().map(|w| w.abs()).sum::<f64>();
         let lanes = block.lanes(&view.columns);
+        // Outward lengths of the nodes, and of the place itself.
+        let outward: Vec<Vec<[f64; LANES]>> = rhos
+            .iter()
+            .map(|rho| paths.iter().map(|path| block.outward(view, *rho, *path)).collect())
+            .collect();
+        let own = block.outward(view, rho, path);
         let mut worst = 0.0;
         for lane in [0, block.columns.len() - 1] {
-            // Outward lengths of nodes in this lane.
-            let outward = |path: f64, rho: f64| block.outward(view, rho, path)[lane];
             let microphones = spread(view.microphones.count, 3).map(|a| view.microphones.position(a));
             let nearest = lanes[lane].clamp(view.microphones.first, view.microphones.last());
             let asides: Vec<f64> = microphones.chain([nearest]).map(|x| x - lanes[lane]).collect();
             for f in self.ends {
-                let around: Vec<Complex64> = rhos
+                let turned = |outward: &[f64; LANES]| phasor_f64((f - self.carrier) * outward[lane]);
+                let around: Vec<Complex64> = outward
                     .iter()
-                    .map(|rho| {
-                        let node = |(path, w): (&f64, &f64)| {
-                            phasor_f64((f - self.carrier) * outward(*path, *rho)) * w
-                        };
-                        paths.iter().zip(&along_path).map(node).sum()
-                    })
+                    .map(|nodes| nodes.iter().zip(&along_path).map(|(node, w)| turned(node) * w).sum())
                     .collect();
                 for aside in &asides {
                     let back = |rho: f64| {
@@ -107,7 +108,7 @@ impl<'a> Trial<'a> {
                     };
                     let nodes = rhos.iter().zip(&along_rho).zip(&around);
                     let sum: Complex64 = nodes.map(|((rho, w), paths)| back(*rho) * paths * w).sum();
-                    let exact = back(rho) * phasor_f64((f - self.carrier) * outward(path, rho));
+                    let exact = back(rho) * turned(&own);
                     worst = greater(worst, (sum - exact).norm());
                 }
             }
