@@ -1,13 +1,15 @@
 //! Finds the depth map of a volume: where along each column the sound came from.
 //!
-//! The picked return is the strongest (or first) peak of `|Â|` above a threshold, refined by the power centroid and
-//! cleaned by a median filter; further returns are found in smoothed power (module `returns`). This module has no
+//! A column by itself is speckle: its strongest voxel is somewhere near the surface. So peaks that stand out only tell
+//! where to begin; a plane is then fitted to the power around each (module `patch`), which is depth and normal, and a
+//! surface is what its neighbours continue (module `support`). Grating lobes are told from surfaces by parts of the band
+//! (module `gate`). The literal way, one column at a time, remains for comparison (module `column_pick`). This module has no
 //! access to the scene, so it cannot know the true depths.
 //!
 //! # Example
-//! A column that peaks between two voxels; the power centroid finds the depth:
+//! A column that peaks between two voxels; its power tells the depth:
 //! ```
-//! use holosonar::depth::{DepthOptions, locate_depth};
+//! use holosonar::depth::{DepthOptions, Refine, locate_depth};
 //! use holosonar::grid::{Axis, Grid, Volume};
 //! use holosonar::num_complex::Complex32;
 //!
@@ -15,24 +17,33 @@
 //! let grid = Grid { x: one, y: one, z: Axis { first: 1.0, pitch: 0.01, count: 41 } };
 //! let echo = |z: f64| Complex32::from((-0.5 * ((z - 1.204) / 0.01).powi(2)).exp() as f32);
 //! let volume = Volume::new(grid, grid.z.positions().map(echo).collect());
-//! let mut options = DepthOptions::new(0.017);
-//! options.median = 1; // an isolated pixel has no neighbours for a median
-//! let map = locate_depth(&volume, &options)?;
+//! let map = locate_depth(&volume, &DepthOptions::new(0.017))?;
 //! assert!((map.picked.depth[0] - 1.204).abs() < 5e-4);
+//!
+//! // By the column alone; a single pixel has no neighbours for a median.
+//! let literal = DepthOptions::new(0.017).with_refine(Refine::Column).with_median(1_usize);
+//! assert!((locate_depth(&volume, &literal)?.picked.depth[0] - 1.204).abs() < 5e-4);
 //! # Ok::<(), holosonar::error::Error>(())
 //! ```
 
+mod column_pick;
 mod columns;
-mod returns;
+mod gate;
+mod leak;
+mod levels;
+mod patch;
+mod peaks;
+mod power;
+mod support;
+mod surfaces;
 
-use crate::alloc::try_with_capacity;
 use crate::choice::choice;
 use crate::error::{Error, Result};
-use crate::grid::{DepthLayer, DepthMap, Grid, Raster, Volume, no_room_for, pixel_values};
+use crate::grid::{Axis, DepthMap, Grid, Raster, Volume};
 use crate::progress::{Observer, Silent, stage};
+use crate::wave::Resolution;
 use crate::with_fields::with_fields;
-use columns::RayColumns;
-use rayon::prelude::*;
+use power::Power;
 
 choice! {
     /// Which peak of a column is its depth.
@@ -47,15 +58,18 @@ choice! {
 }
 
 choice! {
-    /// How a peak is placed between voxels.
+    /// How a pixel's depth follows from the power around its strongest voxel.
     #[derive(Default)]
     pub enum Refine: "refine" {
-        /// Power centroid within ±2 range cells: best on slopes, as measured in `guide::method`.
+        /// A plane fitted to the power of the neighbouring columns too: speckle averages out, and the plane's slope is
+        /// the normal.
         #[default]
-        Centroid = "centroid",
-        /// The vertex of a parabola through the peak and its neighbours.
+        Surface = "surface",
+        /// Of its own column alone: the centroid of the power within ±2 range cells, then a median filter.
+        Column = "column",
+        /// The vertex of a parabola through the peak and its neighbours, then a median filter.
         Parabola = "parabola",
-        /// The voxel's own depth.
+        /// The voxel's own depth, then a median filter.
         None = "none",
     }
 }
@@ -64,14 +78,20 @@ choice! {
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct DepthOptions {
-    /// Range resolution Δd = c/2B, m.
-    pub range_resolution: f64,
+    /// Δd = c/2B and, where the aperture is known, the lateral resolution; without it that is taken to be two voxels, and
+    /// nothing is known of grating lobes.
+    pub resolution: Resolution,
     /// Which peak.
     pub pick: Pick,
-    /// Sub-voxel refinement.
+    /// From peak to depth.
     pub refine: Refine,
-    /// Minimum amplitude, dB against the 99th percentile of the columns' maxima.
-    pub threshold_db: f64,
+    /// Minimum amplitude of the picked return, dB against the 99th percentile of the columns' maxima; `None` for −14 dB of
+    /// columns, and for surfaces that of all returns, since confidence decides.
+    pub threshold_db: Option<f64>,
+    /// Minimum confidence of a surface, dB; see [`locate_depth`].
+    pub confidence_db: f64,
+    /// Whether what is in one part of the band only, as grating lobes are, is taken for weaker.
+    pub gate: bool,
     /// Maximum number of surfaces per pixel; below 2 only the picked one.
     pub returns: usize,
     /// Minimum smoothed power of a return, dB against the 99th percentile of the columns' maxima.
@@ -83,9 +103,9 @@ pub struct DepthOptions {
     pub return_contrast_db: f64,
     /// Minimum distance between returns, in Δd.
     pub separation: f64,
-    /// Gaussian σ of the power smoothing along x, y, z, m.
+    /// Gaussian σ of the power in which returns are found: along x and y in lateral resolutions, along z in Δd.
     pub smoothing: [f64; 3],
-    /// Side of the median filter, pixels, odd; 1 for none.
+    /// Side of the median filter of columns, pixels, odd; 1 for none.
     pub median: usize,
     /// The pixels; `None` for the grid's own columns.
     pub raster: Option<Raster>,
@@ -93,9 +113,12 @@ pub struct DepthOptions {
 
 with_fields! {
     DepthOptions {
+        with_resolution(resolution: Resolution),
         with_pick(pick: Pick),
         with_refine(refine: Refine),
-        with_threshold_db(threshold_db: f64),
+        with_threshold_db(threshold_db: Option<f64>),
+        with_confidence_db(confidence_db: f64),
+        with_gate(gate: bool),
         with_returns(returns: usize),
         with_return_threshold_db(return_threshold_db: f64),
         with_return_gate_db(return_gate_db: f64),
@@ -108,46 +131,78 @@ with_fields! {
 }
 
 impl DepthOptions {
-    /// The default options for a range resolution in m.
-    pub fn new(range_resolution: f64) -> Self {
+    /// The default options for a [`Resolution`], or a range resolution alone in m.
+    pub fn new(resolution: impl Into<Resolution>) -> Self {
         Self {
-            range_resolution,
+            resolution: resolution.into(),
             pick: Pick::Strongest,
-            refine: Refine::Centroid,
-            threshold_db: -14.0,
+            refine: Refine::Surface,
+            threshold_db: None,
+            confidence_db: -4.5,
+            gate: true,
             returns: 2,
-            return_threshold_db: -20.0,
-            return_gate_db: -12.0,
-            return_contrast_db: 5.0,
+            return_threshold_db: -24.0,
+            return_gate_db: -16.0,
+            return_contrast_db: 8.0,
             separation: 1.5,
-            smoothing: [0.02, 0.02, 0.008],
+            smoothing: [0.5; 3],
             median: 3,
             raster: None,
         }
     }
 
-    /// Bytes that [`locate_depth`] takes besides a volume: its amplitudes, and for returns their power and a copy of it.
+    /// The lateral resolution along x and y at depth `z`, m; along an axis of which nothing is known, two voxels.
+    fn lateral_resolution(&self, z: f64, grid: &Grid) -> [f64; 2] {
+        let [x, y] = self.resolution.lateral(z);
+        [x.unwrap_or(2.0 * grid.x.pitch), y.unwrap_or(2.0 * grid.y.pitch)]
+    }
+
+    /// Number of surfaces that are searched for in a column, one behind another even where only one is wanted.
+    fn surfaces(&self) -> usize {
+        self.returns.max(2)
+    }
+
+    /// Bytes that [`locate_depth`] takes besides a volume: its power, that smoothed and a copy, or that of parts of the band.
     pub(crate) fn search_bytes(&self, grid: &Grid) -> u64 {
-        let copies = if self.returns >= 2 { 3 } else { 1 };
-        grid.voxel_count().saturating_mul(copies * size_of::<f32>() as u64)
+        let powers = |n: u64| grid.voxel_count().saturating_mul(n * size_of::<f32>() as u64);
+        let pixels = self
+            .raster
+            .map_or((grid.x.count as u64).saturating_mul(grid.y.count as u64), |raster| raster.len() as u64);
+        let surfaces = pixels.saturating_mul(surfaces::BYTES_PER_PIXEL);
+        let search = match (self.refine, self.resolution.aperture.filter(|_| self.gate)) {
+            (Refine::Surface, Some(_)) => {
+                powers(1).saturating_add(powers(2).max(gate::bytes(grid, self.resolution.range)))
+            }
+            (Refine::Surface, None) => powers(3),
+            _ => powers(if self.returns >= 2 { 2 } else { 1 }),
+        };
+        search.saturating_add(surfaces)
     }
 }
 
-/// One column's picked return, before filtering.
-#[derive(Debug, Clone, Copy)]
-struct PickedReturn {
-    depth: f64,
-    peak: f32,
-    confidence: f64,
+/// Places along an axis within `reach` of a position, m, of which only so many are visited that `cell`, a resolution, has
+/// some: the cost of a neighbourhood must not grow with voxels far finer than what they show.
+fn visited(axis: &Axis, position: f64, reach: f64, cell: f64) -> impl Iterator<Item = usize> + Clone + use<> {
+    let all = axis.within(position, reach);
+    let stride = stride(cell / axis.pitch);
+    let middle = ((position - axis.first) / axis.pitch).round().max(all.start as f64) as usize;
+    (all.start + (middle - all.start) % stride..all.end).step_by(stride)
 }
 
-/// Finds a depth, an amplitude and a confidence for every pixel, and its further returns.
+/// Of how many neighbours one is visited, where a resolution is so many wide.
+fn stride(neighbours: f64) -> usize {
+    const VISITED: f64 = 0.4;
+    (VISITED * neighbours).max(1.0) as usize
+}
+
+/// Finds a depth, an amplitude and a confidence for every pixel, and its further returns; of surfaces also normals and the
+/// standard errors of depth.
 ///
-/// Confidence is the peak against the reference (the 99th percentile of the columns' maxima) plus the peak against
-/// its column's median, both in dB.
+/// Confidence is the level of the peak against the 99th percentile of the columns' maxima plus half of its contrast to its
+/// column's median beyond the noise, at most 20 dB of it.
 ///
 /// - Shapes: the volume is `[z, y, x]`, the map `[y, x]`.
-/// - Cost: a few passes over the volume; one more volume of f32 for the returns.
+/// - Cost: a few passes over the volume, and some 2000 voxels per step of each fit; three volumes of f32 in memory.
 ///
 /// # Errors
 /// A range resolution that is not positive, an even median; [`Error::OutOfMemory`] when the passes do not fit in memory.
@@ -164,7 +219,8 @@ pub fn locate_depth_with(
     options: &DepthOptions,
     observer: &dyn Observer,
 ) -> Result<DepthMap> {
-    if !(options.range_resolution > 0.0 && options.range_resolution.is_finite()) {
+    let range = options.resolution.range;
+    if !(range > 0.0 && range.is_finite()) {
         return Err(Error::input(
             "sweep",
             "depth needs a bandwidth: the range resolution c/2B must be a positive length",
@@ -176,213 +232,13 @@ pub fn locate_depth_with(
     let grid = volume.grid;
     let raster = options.raster.unwrap_or_else(|| Raster::of_grid(&grid));
     stage(observer, "locating depth", 0, || {
-        let no_room = || no_room_for(&grid);
-        let mut amplitude: Vec<f32> = try_with_capacity(grid.voxel_count()).ok_or_else(no_room)?;
-        amplitude.par_extend(volume.samples.par_iter().map(|a| a.norm()));
-        let columns = RayColumns::of_amplitude(&amplitude, &grid, &raster);
-        let reference = percentile_99(&mut columns.maxima()?);
-        let threshold = f64::from(reference) * 10f64.powf(options.threshold_db / 20.0);
-        let mut found: Vec<Option<PickedReturn>> = pixel_values(None, raster.len())?;
-        columns.each(&mut found, |_, column, found| {
-            *found = pick(column, &grid.z, threshold, reference, options);
-        });
-        let mut picked = DepthLayer::empty(raster.len())?;
-        let mut confidence = pixel_values(f32::NAN, raster.len())?;
-        let mut raw: Vec<f64> = try_with_capacity(raster.len() as u64).ok_or_else(no_room)?;
-        raw.extend(found.iter().map(|f| f.map_or(f64::NAN, |f| f.depth)));
-        let depth = median_filter(raw, raster.x.count, options.median)?;
-        for (pixel, found) in found.iter().enumerate() {
-            if let (Some(found), false) = (found, depth[pixel].is_nan()) {
-                picked.depth[pixel] = depth[pixel] as f32;
-                picked.strength[pixel] = found.peak;
-                confidence[pixel] = found.confidence as f32;
-            }
-        }
-        let returns = if options.returns >= 2 {
-            returns::find(&amplitude, &grid, &raster, options)?
-        } else {
-            Vec::new()
+        let (picked, confidence, returns) = match options.refine {
+            Refine::Surface => surfaces::locate(volume, &raster, options)?,
+            _ => column_pick::locate(Power::of(volume)?, &raster, options)?,
         };
         Ok(DepthMap { confidence, returns, ..DepthMap::new(raster, picked) })
     })
 }
 
-/// The 99th percentile of values, which it sorts, interpolated linearly; the maximum itself is driven by speckle.
-fn percentile_99(sorted: &mut [f32]) -> f32 {
-    sorted.sort_unstable_by(f32::total_cmp);
-    let Some(last) = sorted.len().checked_sub(1) else { return 0.0 };
-    let place = 0.99 * last as f64;
-    let (below, above) = (sorted[place.floor() as usize], sorted[place.ceil() as usize]);
-    below + (above - below) * place.fract() as f32
-}
-
-fn pick(
-    column: &[f32],
-    z: &crate::grid::Axis,
-    threshold: f64,
-    reference: f32,
-    options: &DepthOptions,
-) -> Option<PickedReturn> {
-    let strong = |i: &usize| column[*i] > 0.0 && f64::from(column[*i]) >= threshold;
-    let index = match options.pick {
-        Pick::Strongest => {
-            (0..column.len()).filter(strong).reduce(|best, i| if column[i] > column[best] { i } else { best })
-        }
-        Pick::First => (0..column.len()).filter(strong).find(|&i| is_peak(column, i)),
-    }?;
-    let offset = match options.refine {
-        Refine::Centroid => {
-            let reach = (2.0 * options.range_resolution / z.pitch + 1e-9).floor() as usize;
-            let reach = reach.min(column.len()); // any longer one would overflow the sum below
-            let range = index.saturating_sub(reach)..(index + reach + 1).min(column.len());
-            let (moment, power) = range.fold((0.0, 0.0), |(moment, power), i| {
-                let p = f64::from(column[i]).powi(2);
-                (moment + p * (i as f64 - index as f64), power + p)
-            });
-            moment / power
-        }
-        Refine::Parabola => parabola(column, index),
-        Refine::None => 0.0,
-    };
-    let peak = column[index];
-    let confidence = 2.0 * confidence(column, peak.into(), reference.into());
-    Some(PickedReturn { depth: z.first + z.pitch * (index as f64 + offset), peak, confidence })
-}
-
-/// Ten times the logarithm of a peak relative to a reference, plus that relative to its column's median: for powers the
-/// level in dB, for amplitudes half of it. Where a ray has left the grid, its column is 0, which does not count.
-fn confidence(column: &[f32], peak: f64, reference: f64) -> f64 {
-    let mut inside: Vec<f32> = column.iter().copied().filter(|v| *v > 0.0).collect();
-    let middle = (inside.len() / 2).min(inside.len().saturating_sub(1));
-    let median = if inside.is_empty() {
-        0.0
-    } else {
-        f64::from(*inside.select_nth_unstable_by(middle, f32::total_cmp).1)
-    };
-    let level = |ratio: f64| 10.0 * ratio.max(1e-20).log10();
-    level(peak / reference) + level(peak / median.max(peak * 1e-20))
-}
-
-/// Whether `column[i]` is a local maximum; the first of equal neighbours counts.
-fn is_peak(column: &[f32], i: usize) -> bool {
-    (i == 0 || column[i] > column[i - 1]) && (i + 1 == column.len() || column[i] >= column[i + 1])
-}
-
-/// Offset of the vertex of the parabola through a peak and its neighbours, in voxels, within ±½.
-fn parabola(column: &[f32], i: usize) -> f64 {
-    if i == 0 || i + 1 >= column.len() {
-        return 0.0;
-    }
-    let [a, b, c] = [column[i - 1], column[i], column[i + 1]].map(f64::from);
-    let curvature = a - 2.0 * b + c;
-    if curvature < 0.0 { (0.5 * (a - c) / curvature).clamp(-0.5, 0.5) } else { 0.0 }
-}
-
-/// The median of the returns within a square; a pixel keeps its return where at least 4 of 9 have one.
-fn median_filter(depth: Vec<f64>, n_x: usize, side: usize) -> Result<Vec<f64>> {
-    if side == 1 {
-        return Ok(depth);
-    }
-    let mut filtered = pixel_values(f64::NAN, depth.len())?;
-    let (n_y, reach) = (depth.len() / n_x, side / 2);
-    let enough = (4 * side * side).div_ceil(9);
-    filtered.par_iter_mut().enumerate().for_each_init(Vec::new, |neighbours, (pixel, filtered)| {
-        if depth[pixel].is_nan() {
-            return;
-        }
-        let (x, y) = (pixel % n_x, pixel / n_x);
-        neighbours.clear();
-        for row in y.saturating_sub(reach)..(y + reach + 1).min(n_y) {
-            for column in x.saturating_sub(reach)..(x + reach + 1).min(n_x) {
-                let z = depth[row * n_x + column];
-                if !z.is_nan() {
-                    neighbours.push(z);
-                }
-            }
-        }
-        if neighbours.len() < enough {
-            return;
-        }
-        neighbours.sort_by(f64::total_cmp);
-        let n = neighbours.len();
-        *filtered = f64::midpoint(neighbours[(n - 1) / 2], neighbours[n / 2]);
-    });
-    Ok(filtered)
-}
-
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::grid::Axis;
-    use num_complex::Complex32;
-
-    /// A volume of 5 × 4 columns, each with Gaussian echoes (depth m, amplitude) of width 12 mm.
-    fn volume(echoes: impl Fn(usize) -> Vec<(f64, f64)>) -> Volume {
-        let axis = |first, pitch, count| Axis { first, pitch, count };
-        let grid = Grid { x: axis(-0.02, 0.01, 5), y: axis(0.0, 0.01, 4), z: axis(1.0, 0.008, 60) };
-        let mut samples = vec![Complex32::ZERO; 5 * 4 * 60];
-        for pixel in 0..20 {
-            for (iz, z) in grid.z.positions().enumerate() {
-                let a: f64 = echoes(pixel)
-                    .iter()
-                    .map(|(depth, amplitude)| amplitude * (-((z - depth) / 0.012f64).powi(2)).exp())
-                    .sum();
-                samples[iz * 20 + pixel] = Complex32::from_polar(a as f32, z as f32 * 40.0);
-            }
-        }
-        Volume::new(grid, samples)
-    }
-
-    #[test]
-    fn a_peak_is_found_between_voxels() {
-        let v = volume(|_| vec![(1.2031, 1.0)]);
-        for (refine, tolerance) in [(Refine::Centroid, 1e-4), (Refine::Parabola, 5e-4), (Refine::None, 4e-3)]
-        {
-            let options = DepthOptions { refine, ..DepthOptions::new(0.017) };
-            let map = locate_depth(&v, &options).expect("valid");
-            assert_eq!(map.accepted(), 20);
-            for z in &map.picked.depth {
-                assert!((f64::from(*z) - 1.2031).abs() <= tolerance, "{refine:?}: {z}");
-            }
-        }
-    }
-
-    #[test]
-    fn weak_columns_are_left_out_and_lone_pixels_filtered() {
-        let v = volume(|pixel| if pixel % 5 < 3 { vec![(1.2, 1.0)] } else { vec![(1.2, 0.1)] });
-        let map = locate_depth(&v, &DepthOptions::new(0.017)).expect("valid");
-        for pixel in 0..20 {
-            assert_eq!(map.picked.depth[pixel].is_nan(), pixel % 5 >= 3, "{pixel}");
-            assert_eq!(map.confidence[pixel].is_nan(), pixel % 5 >= 3);
-        }
-        let lone = volume(|pixel| if pixel == 7 { vec![(1.2, 1.0)] } else { vec![] });
-        assert_eq!(locate_depth(&lone, &DepthOptions::new(0.017)).expect("valid").accepted(), 0);
-        let options = DepthOptions { median: 1, ..DepthOptions::new(0.017) };
-        assert_eq!(locate_depth(&lone, &options).expect("valid").accepted(), 1);
-    }
-
-    #[test]
-    fn strongest_and_first_differ_where_the_front_is_weaker() {
-        let v = volume(|_| vec![(1.1, 0.5), (1.35, 1.0)]);
-        let depth = |pick| {
-            let options = DepthOptions { pick, ..DepthOptions::new(0.017) };
-            locate_depth(&v, &options).expect("valid").picked.depth[6]
-        };
-        assert!((depth(Pick::Strongest) - 1.35).abs() < 1e-3 && (depth(Pick::First) - 1.1).abs() < 1e-3);
-    }
-
-    #[test]
-    fn an_empty_volume_gives_an_empty_map() {
-        let map = locate_depth(&volume(|_| vec![]), &DepthOptions::new(0.017)).expect("valid");
-        assert_eq!((map.accepted(), map.len()), (0, 20));
-    }
-
-    #[test]
-    fn the_median_takes_the_middle_of_what_is_there() {
-        let n = f64::NAN;
-        let depth = [1.0, 2.0, n, 9.0, 3.0, n, n, n, n];
-        let filtered = median_filter(depth.to_vec(), 3, 3).expect("room");
-        assert_eq!(filtered[4], 2.5);
-        assert!(filtered[8].is_nan(), "an empty pixel stays empty");
-    }
-}
+mod tests;

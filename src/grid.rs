@@ -13,6 +13,7 @@ use crate::wave::corners;
 use glam::DVec3;
 use num_complex::Complex32;
 use serde::{Deserialize, Serialize};
+use std::ops::Range;
 
 /// Evenly spaced voxel centres along one axis, in m.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -77,6 +78,14 @@ impl Axis {
     pub fn positions(&self) -> impl Iterator<Item = f64> + use<> {
         let axis = *self;
         (0..axis.count).map(move |i| axis.position(i))
+    }
+
+    /// The voxels whose centres are within `reach` of `position`, m.
+    pub(crate) fn within(&self, position: f64, reach: f64) -> Range<usize> {
+        let place = |position: f64| (position - self.first) / self.pitch;
+        let first = place(position - reach).ceil().max(0.0);
+        let end = (place(position + reach).floor() + 1.0).clamp(first, self.count.max(first as usize) as f64);
+        first as usize..end as usize
     }
 
     /// The voxel whose cell contains `position`, if any.
@@ -234,6 +243,10 @@ pub struct DepthLayer {
     pub material: Option<Vec<u32>>,
     /// Confidence of a further return, dB, as [`DepthMap::confidence`]; NaN where there is nothing.
     pub confidence: Option<Vec<f32>>,
+    /// Where it is known: standard error of the depth, m; NaN where there is nothing.
+    pub error: Option<Vec<f32>>,
+    /// Where it is known: unit normal that faces the array; NaN where there is nothing.
+    pub normal: Option<Vec<[f32; 3]>>,
 }
 
 impl DepthLayer {
@@ -295,8 +308,13 @@ impl DepthMap {
     /// Bytes that its values take.
     pub(crate) fn held_bytes(&self) -> u64 {
         let values = |layer: &DepthLayer| {
-            let known = [layer.facing.is_some(), layer.material.is_some(), layer.confidence.is_some()];
-            2 + known.into_iter().filter(|is| *is).count()
+            let known = [
+                layer.facing.is_some(),
+                layer.material.is_some(),
+                layer.confidence.is_some(),
+                layer.error.is_some(),
+            ];
+            2 + known.into_iter().filter(|is| *is).count() + if layer.normal.is_some() { 3 } else { 0 }
         };
         let layers: usize = self.returns.iter().chain([&self.picked]).map(values).sum();
         (size_of::<f32>() * (layers * self.len() + self.confidence.len())) as u64

@@ -1,7 +1,8 @@
 //! Compares a depth map with the truth: how much was found, how much is false, and how large the errors are.
 //!
 //! The definitions are those of `guide::metrics`: Δd = c/2B; a pixel's error is taken against the true surface nearest
-//! to the reported depth; a detection on an empty pixel is not scored within a guard ring around silhouettes.
+//! to the reported depth; a detection on an empty pixel is not scored within a guard ring around silhouettes, as wide as
+//! the image of an edge.
 //!
 //! # Example
 //! Two of three surfaces found within Δd = 17 mm, the third 0.1 m too near:
@@ -20,17 +21,17 @@
 //! # Ok::<(), holosonar::error::Error>(())
 //! ```
 
+mod around;
 mod counts;
 mod groups;
-mod guard;
 
 pub use groups::{Measure, ScoreGroup, Scores, score};
-pub use guard::GUARD_RING;
 
 use crate::error::{Error, Result};
 use crate::grid::{Axis, DepthLayer, DepthMap, View};
+use crate::wave::Resolution;
+use around::Surroundings;
 use counts::ErrorCounts;
-use guard::GuardRing;
 use serde::{Deserialize, Serialize};
 
 /// Declares the metrics, their names and the iteration over both from one list.
@@ -44,7 +45,7 @@ macro_rules! metrics {
         }
 
         /// The names of all metrics, as run files, options and reports spell them.
-        pub const METRIC_NAMES: [&str; 10] = [$(stringify!($name)),+];
+        pub const METRIC_NAMES: [&str; 12] = [$(stringify!($name)),+];
 
         impl Metrics {
             /// Names and values in the order of [`METRIC_NAMES`].
@@ -58,8 +59,12 @@ macro_rules! metrics {
 metrics! {
     /// Share of pixels with a true surface whose depth is within Δd of one.
     completeness,
+    /// The same among pixels around which one surface continues as a plane, with no crease and no rim.
+    completeness_interior,
     /// Share of scored detections that are on an empty pixel or are off by more than 2 Δd.
     false_returns,
+    /// Harmonic mean of completeness and of the share of returns that are not false.
+    f1,
     /// Median |error| of detections on pixels with a true surface, m along z.
     median_error,
     /// Median of |error| · |n_z|: the distance from the surface along its normal, m.
@@ -70,7 +75,7 @@ metrics! {
     p95_error,
     /// Share of pixels with two true surfaces where both were found within Δd.
     two_returns,
-    /// Share of pixels with one true surface that show a second return.
+    /// Share of pixels with one true surface that show a second return where there is none within the resolution.
     spurious_returns,
     /// Median |error| of the front one of two true surfaces, m.
     return1_median_error,
@@ -90,20 +95,19 @@ impl Metrics {
     }
 }
 
-/// Scores `result` against `truth`, with Δd = `resolution` in m.
+/// Scores `result` against `truth` with a [`Resolution`], or a range resolution Δd alone in m.
 ///
 /// # Errors
 /// Maps whose pixels do not coincide, or a resolution that is not positive.
-pub fn evaluate(result: &DepthMap, truth: &DepthMap, resolution: f64) -> Result<Metrics> {
+pub fn evaluate(result: &DepthMap, truth: &DepthMap, resolution: impl Into<Resolution>) -> Result<Metrics> {
+    let resolution = resolution.into();
+    let range = resolution.range;
     check_pixels(result, truth)?;
-    if !(resolution.is_finite() && resolution > 0.0) {
-        return Err(Error::input(
-            "range resolution",
-            format!("must be a positive length, not {resolution} m"),
-        ));
+    if !(range.is_finite() && range > 0.0) {
+        return Err(Error::input("range resolution", format!("must be a positive length, not {range} m")));
     }
     let surfaces = true_surfaces(truth);
-    let ring = GuardRing::new(truth, surfaces);
+    let around = Surroundings::new(truth, surfaces, resolution);
 
     let several = result.returns.len() >= 2;
     let mut counts = ErrorCounts::default();
@@ -111,13 +115,15 @@ pub fn evaluate(result: &DepthMap, truth: &DepthMap, resolution: f64) -> Result<
         let z = f64::from(result.picked.depth[pixel]);
         if let Some((k, depth)) = nearest_surface(surfaces, pixel, z) {
             let facing = surfaces[k].facing.as_ref().map(|facing| f64::from(facing[pixel]));
-            counts.add_surface((!z.is_nan()).then(|| (z - depth).abs()), facing, resolution);
-        } else if !z.is_nan() && !ring.holds(pixel) {
+            let error = (!z.is_nan()).then(|| (z - depth).abs());
+            counts.add_surface(error, facing, around.interior(k, pixel), range);
+        } else if !z.is_nan() && !around.guarded(pixel) {
             counts.on_empty += 1;
         }
         let [there, found] =
             [surfaces, &result.returns].map(|of| depths(of, pixel).map(|(_, z)| z).collect::<Vec<f64>>());
-        counts.add_returns(&there, &found, several, resolution);
+        let spurious = || found.iter().any(|z| !around.explained(pixel, *z));
+        counts.add_returns(&there, &found, several.then_some(&spurious), range);
     }
     Ok(counts.metrics())
 }

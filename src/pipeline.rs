@@ -30,7 +30,7 @@ mod prepared_scene;
 mod report;
 
 pub use design::{Combination, DesignRow, DesignSweep, RunWith, SweptKey, point_spreads, sweep_designs};
-pub(crate) use facts::resolution_of;
+pub(crate) use facts::{aperture_of_file, resolution_of};
 pub use forecast::{CommandMemory, Forecast, forecast_cube, forecast_scene};
 pub use job::JobOptions;
 pub use limits::{Bound, Judgement, LimitVerdict, check_scene, hold};
@@ -56,6 +56,7 @@ use crate::reconstruct::{
 use crate::reflectors::Reflectors;
 use crate::scene::Scene;
 use crate::truth::trace_depth_with;
+use crate::wave::Resolution;
 use log::Log;
 use memory::MemoryBudget;
 use prepared_scene::{Measurement, PreparedScene};
@@ -132,8 +133,8 @@ pub fn image_scene(run: &RunFile, job: &JobOptions) -> Result<Outcome> {
         log.timed("truth", || trace_depth_with(scene, &prepared.grid, &options, &log))
     });
     let truth = truth.transpose()?;
-    let resolution = prepared.instrument().range_resolution().unwrap_or(f64::NAN);
-    let scores = truth.as_ref().map(|truth| score(&depth, truth, resolution)).transpose()?;
+    let aperture = prepared.instrument().aperture();
+    let scores = truth.as_ref().map(|truth| score(&depth, truth, aperture)).transpose()?;
     let (timings, warnings) = log.finish();
     Ok(Outcome {
         scene: prepared.summary(),
@@ -260,7 +261,8 @@ pub fn depth_of_volume(
         )
     })?;
     check_voxels(&path.display().to_string(), &volume.grid, 0, &volume.samples)?;
-    let mut options = run.depth_options(resolution);
+    let mut options =
+        run.depth_options(Resolution { range: resolution, aperture: facts::aperture_of(&meta) });
     options.raster = run.raster(None)?;
     let depth = locate_depth_with(&volume, &options, observer)?;
     depth.check().map(|()| (depth, meta))
@@ -336,7 +338,7 @@ fn reconstruct_and_locate(
     checkpoint: &Checkpoint,
     log: &Log,
 ) -> Result<(Reconstruction, DepthMap)> {
-    let resolution = source.instrument().range_resolution().unwrap_or(f64::NAN);
+    let aperture = source.instrument().aperture();
     let options = budget.options(&budget.imaging(source.instrument(), grid, arrays));
     // Allocated when the reconstruction begins, so that nothing is allocated for a job that is refused.
     let mut volume = Volume { grid: *grid, samples: Vec::new() };
@@ -348,14 +350,14 @@ fn reconstruct_and_locate(
     log.note(&format!(
         "{method}, {columns} x {rows} x {depths} voxels, each to within {error_bound:.1e}; the peak is {peak:.3e}"
     ));
-    let mut search = budget.run.depth_options(resolution);
+    let mut search = budget.run.depth_options(aperture);
     search.raster = raster;
     let depth = log.timed("depth", || locate_depth_with(&image.volume, &search, log))?;
     depth.check()?;
     log.note(&format!("a return at {} of {} pixels", depth.accepted(), depth.len()));
     if depth.accepted() == 0 {
         log.warn(
-            "no return was accepted anywhere: nothing in the grid reflects sound, or [depth] threshold_db is too high; the \
+            "no return was accepted anywhere: nothing in the grid reflects sound, or [depth] confidence_db is too high; the \
              files are valid, but empty",
         );
     }

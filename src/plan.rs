@@ -43,15 +43,9 @@ use glam::DVec3;
 use serde::Serialize;
 
 impl Instrument {
-    /// Lateral resolution λ_c z/D along x and y at depth `z`, m; `None` along an axis without extent. Never less than half
-    /// a wavelength, the finest that waves from all sides resolve.
-    ///
-    /// Not Eq. 12, whose right side is dimensionless (an angle) and knows no wavelength. A monostatic
-    /// scan resolves twice as finely, since both legs change.
+    /// Lateral resolution λ_c z/D along x and y at depth `z`, m: [`Aperture::lateral_resolution`](crate::wave::Aperture).
     pub fn lateral_resolution(&self, z: f64) -> [Option<f64>; 2] {
-        let extent = self.array.extent();
-        let wavelength = self.wavelength() / self.geometry.return_legs();
-        [extent.x, extent.y].map(|d| (d > 0.0).then(|| wavelength * (z / d).max(0.5)))
+        self.aperture().lateral_resolution(z)
     }
 
     /// Largest path length that is not ambiguous, m: c/δf in quadrature (as a span), c/2δf in phase.

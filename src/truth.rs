@@ -63,6 +63,7 @@ struct Hit {
     point: DVec3,
     strength: f64,
     facing: f64,
+    normal: DVec3,
     material: u32,
 }
 
@@ -117,15 +118,18 @@ pub fn trace_depth_with(
             let mut surface = DepthLayer::empty(pixels.len())?;
             let mut facing = pixel_values(f32::NAN, pixels.len())?;
             let mut material = pixel_values(0, pixels.len())?;
+            let mut normal = pixel_values([f32::NAN; 3], pixels.len())?;
             for (pixel, hits) in pixels.iter().enumerate() {
                 if let Some(hit) = hits.get(k) {
                     surface.depth[pixel] = hit.point.z as f32;
                     surface.strength[pixel] = hit.strength as f32;
                     facing[pixel] = hit.facing as f32;
                     material[pixel] = hit.material + 1;
+                    normal[pixel] = hit.normal.as_vec3().to_array();
                 }
             }
             (surface.facing, surface.material) = (Some(facing), Some(material));
+            surface.normal = Some(normal);
             Ok(surface)
         })
         .collect::<Result<_>>()?;
@@ -152,6 +156,7 @@ fn hits(scene: &Scene, raster: &Raster, pixel: usize, far: f64, options: &TruthO
                 point: p,
                 strength: reflectance * cosine * transmittance * transmittance,
                 facing: normal.dot(ray).abs(),
+                normal: if normal.dot(ray) > 0.0 { -normal } else { normal },
                 material: triangle.material,
             });
         }

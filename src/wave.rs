@@ -5,6 +5,7 @@
 //! error of a plain f32 phase is 7·10⁻⁴ rad, that of a wrapped one 6·10⁻⁷ rad.
 
 pub mod air;
+mod aperture;
 pub(crate) mod cells;
 pub(crate) mod interval;
 pub(crate) mod legs;
@@ -13,6 +14,8 @@ pub(crate) mod piston;
 pub(crate) mod series;
 pub mod simd;
 pub(crate) mod two_legs;
+
+pub use aperture::{Aperture, Resolution};
 
 use crate::choice::choice;
 use glam::DVec3;

@@ -5,7 +5,7 @@ use crate::error::{Error, Result};
 use crate::grid::Grid;
 use crate::scene::FARTHEST;
 use crate::wave::interval::PathInterval;
-use crate::wave::{DEFAULT_SOUND_SPEED, Geometry, MOST_WAVELENGTHS, SOUND_SPEEDS, is_sound_speed};
+use crate::wave::{Aperture, DEFAULT_SOUND_SPEED, Geometry, MOST_WAVELENGTHS, SOUND_SPEEDS, is_sound_speed};
 use crate::with_fields::with_fields;
 use glam::DVec3;
 use std::ops::Range;
@@ -112,7 +112,7 @@ impl Instrument {
 
     /// Wavelength at the centre of the band λ_c, m.
     pub fn wavelength(&self) -> f64 {
-        self.sound_speed / self.sweep.centre()
+        self.aperture().wavelength()
     }
 
     /// Shortest wavelength λ_min, m.
@@ -120,9 +120,20 @@ impl Instrument {
         self.sound_speed / self.sweep.stop()
     }
 
+    /// What of it decides how sharply a point is imaged.
+    pub fn aperture(&self) -> Aperture {
+        Aperture {
+            sound_speed: self.sound_speed,
+            band: [self.sweep.start(), self.sweep.stop()],
+            centre: self.array.centre(),
+            extent: self.array.extent(),
+            geometry: self.geometry,
+        }
+    }
+
     /// Range resolution Δd = c/2B, m (Eq. 10); `None` for a single frequency.
     pub fn range_resolution(&self) -> Option<f64> {
-        self.sweep.range_resolution(self.sound_speed)
+        self.aperture().range_resolution()
     }
 
     /// Bounds on the path lengths between the voxels of a range of depths and the array: those of

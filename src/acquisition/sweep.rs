@@ -112,12 +112,6 @@ impl Sweep {
         self.stop() - self.start()
     }
 
-    /// Range resolution c/2B for a sound speed in m/s, m (Eq. 10); `None` for a single frequency.
-    pub fn range_resolution(&self, sound_speed: f64) -> Option<f64> {
-        let bandwidth = self.bandwidth();
-        (bandwidth > 0.0).then(|| sound_speed / (2.0 * bandwidth))
-    }
-
     /// Middle of the band, Hz.
     pub fn centre(&self) -> f64 {
         f64::midpoint(self.start(), self.stop())

@@ -9,7 +9,8 @@ use crate::export::depth_exr::{DepthFile, read_depth_map};
 use crate::export::figure::write_error_figure;
 use crate::export::{Attribute, find_attribute};
 use crate::metrics::{Scores, error_map, score};
-use crate::pipeline::{self, Bound, LimitVerdict};
+use crate::pipeline::{self, Bound, LimitVerdict, aperture_of_file};
+use crate::wave::Resolution;
 use std::path::{Path, PathBuf};
 
 /// Scores a depth map and checks it against the limits of the command line.
@@ -57,7 +58,8 @@ pub(super) fn compare(
         );
         return Err(Error::input(result.display(), problem));
     }
-    let scores = score(&found.map, &truth.map, resolution)?;
+    let aperture = [&truth, &found].into_iter().find_map(|file| aperture_of_file(&file.attributes));
+    let scores = score(&found.map, &truth.map, Resolution { range: resolution, aperture })?;
     if let Some(png) = png {
         let errors = error_map(&found.map, &truth.map)?;
         let note = pipeline::error_note(&scores.all);

@@ -13,7 +13,7 @@ use crate::reconstruct::ReconstructOptions;
 use crate::reflectors::{Occlusion, OcclusionKind, SurfaceModel, SurfaceOptions};
 use crate::scene::{CameraView, LoadOptions};
 use crate::truth::TruthOptions;
-use crate::wave::{Geometry, GeometryKind};
+use crate::wave::{Geometry, GeometryKind, Resolution};
 use glam::DVec3;
 
 /// Distance at which a bare mesh is placed, in diagonals of its bounding box.
@@ -254,10 +254,11 @@ impl RunFile {
         Raster::camera(fov, pixels).map(Some).map_err(|error| error.at("[depth] fov"))
     }
 
-    /// `[depth]`, for a range resolution in m.
-    pub fn depth_options(&self, range_resolution: f64) -> DepthOptions {
+    /// `[depth]`, for what can be resolved.
+    pub fn depth_options(&self, resolution: impl Into<Resolution>) -> DepthOptions {
         let typed = &self.depth;
-        let mut options = DepthOptions::new(range_resolution);
+        let mut options = DepthOptions::new(resolution);
+        (options.confidence_db, options.gate) = (typed.confidence_db, typed.gate);
         (options.pick, options.refine) = (typed.pick, typed.refine);
         options.threshold_db = typed.threshold_db;
         options.returns = typed.returns as usize;

@@ -71,7 +71,7 @@ fn every_shipped_scene_survives_a_round_trip_through_toml_and_json() {
 
 #[test]
 fn every_scene_has_voxels_on_a_lattice_shared_with_its_array() {
-    for name in ["corner", "corner2", "transparent_foreground", "bracket", "point"] {
+    for name in ["corner", "corner2", "transparent_foreground", "cad", "bracket", "point"] {
         let run = RunFile::load(&scenes().join(name).with_extension("toml"), &[]).unwrap();
         let pitch = run.grid.pitch.unwrap();
         for (axis, ends) in [run.grid.x.unwrap(), run.grid.y.unwrap()].into_iter().enumerate() {

@@ -16,6 +16,9 @@ use exr::meta::header::Header;
 use exr::prelude::Vec2;
 use std::path::Path;
 
+/// The channels of a normal in its layer `N`.
+const NORMAL_AXES: [&str; 3] = ["X", "Y", "Z"];
+
 /// Minimum depth in the `Z` of another program that means "no surface", m: programs write 1e10, 1e30 or the largest float.
 const FOREIGN_NOTHING: f32 = 1e9;
 
@@ -34,10 +37,11 @@ pub struct DepthFile {
 /// Writes a depth map or a ground truth.
 ///
 /// - Root `R`, `G`, `B`: amplitude over `sonar:amplitudeScale`, 0 where there is no return; `A`: 1 or 0; `Z`: m.
-/// - Layers: `range.V` in m; `confidence.V` in dB, `facing.V` and `material.id` where the map has them; for the k-th
-///   return `return{k}.Z` in m, `return{k}.V` in the unit of `R`, and where known `return{k}.confidence` in dB,
-///   `return{k}.N`, its facing, and `return{k}.id`, its material. Ids are integers from 1, indices into
-///   `sonar:materials` (a JSON list). No layer has more than four channels, because Blender drops such layers.
+/// - Layers: `range.V` in m; where the map has them `confidence.V` in dB, `error.V`, the standard error of `Z` in m,
+///   `N.X`, `N.Y`, `N.Z`, the unit normal that faces the array, `facing.V` and `material.id`; for the k-th return
+///   `return{k}.Z` in m, `return{k}.V` in the unit of `R`, and where known `return{k}.confidence`, `return{k}.error`,
+///   `return{k}.N.X`, `.Y` and `.Z`, `return{k}.N`, its facing, and `return{k}.id`, its material. Ids are integers from 1,
+///   indices into `sonar:materials` (a JSON list). No layer has more than four channels, because Blender drops such layers.
 /// - `sonar:view` says whether `sonar:x0`, `y0`, `pitch` and `pitchY` are in m, or are the slopes x/z and y/z of a
 ///   perspective view, whose field of view (degrees) and standard screen window are written, too.
 /// - Where there is no return, every `Z` and `range.V` is the fill, all other channels are 0.
@@ -56,8 +60,8 @@ pub fn write_depth_map(
     attributes: &[(String, Attribute)],
     encoding: Encoding,
 ) -> Result<()> {
-    // At most five channels of each return, ten of the picked one, and one in progress.
-    expect_room(11 + 5 * map.returns.len(), [map.x.count, map.y.count])?;
+    // At most nine channels of each return, fourteen of the picked one, and one in progress.
+    expect_room(15 + 9 * map.returns.len(), [map.x.count, map.y.count])?;
     let scale = amplitude_scale(map);
     let fill_value = fill.value() as f32;
     let picked = &map.picked;
@@ -73,6 +77,12 @@ pub fn write_depth_map(
     add("range.V", &(0..map.len()).map(|i| map.range(i) as f32).collect::<Vec<_>>(), picked, fill_value);
     if !map.confidence.is_empty() {
         add("confidence.V", &map.confidence, picked, 0.0);
+    }
+    if let Some(error) = &picked.error {
+        add("error.V", error, picked, 0.0);
+    }
+    for (name, values) in normal_channels(picked) {
+        add(&name, &values, picked, 0.0);
     }
     if let Some(facing) = &picked.facing {
         add("facing.V", facing, picked, 0.0);
@@ -91,6 +101,12 @@ pub fn write_depth_map(
         }
         if let Some(confidence) = &surface.confidence {
             add(&format!("return{k}.confidence"), confidence, surface, 0.0);
+        }
+        if let Some(error) = &surface.error {
+            add(&format!("return{k}.error"), error, surface, 0.0);
+        }
+        for (name, values) in normal_channels(surface) {
+            add(&format!("return{k}.{name}"), &values, surface, 0.0);
         }
     }
     let mut attributes = attributes.to_vec();
@@ -121,6 +137,26 @@ pub fn write_depth_map(
         known.screen_window_width = (map.x.pitch * map.x.count as f64) as f32;
     }
     write_parts(path, &[part])
+}
+
+/// The pixels of a part: on its axes (first, pitch), or counted.
+fn raster_of(part: &ExrPart, axes: Option<[(f64, f64); 2]>, view: Option<&str>) -> Raster {
+    let corner = part.attributes.layer_position;
+    let counting = |first: i32| (f64::from(first), 1.0);
+    let [(x0, pitch_x), (y0, pitch_y)] = axes.unwrap_or([counting(corner.0), counting(corner.1)]);
+    let perspective = view == Some(View::Perspective.as_str());
+    Raster {
+        view: if perspective { View::Perspective } else { View::Orthographic },
+        x: Axis { first: x0, pitch: pitch_x, count: part.size.0 },
+        y: Axis { first: y0, pitch: pitch_y, count: part.size.1 },
+    }
+}
+
+/// The components of a surface's normals, with the names of their channels.
+fn normal_channels(surface: &DepthLayer) -> Vec<(String, Vec<f32>)> {
+    let Some(normals) = &surface.normal else { return Vec::new() };
+    let component = |axis: usize| normals.iter().map(|normal| normal[axis]).collect();
+    NORMAL_AXES.iter().enumerate().map(|(axis, name)| (format!("N.{name}"), component(axis))).collect()
 }
 
 /// Material ids as floats, exact up to 2²⁴.
@@ -207,8 +243,18 @@ pub fn read_depth_map(path: &Path, limit_bytes: u64) -> Result<DepthFile> {
     let keep = |values: Vec<f32>, nothing: f32| -> Vec<f32> {
         values.into_iter().zip(&accepted).map(|(v, &is)| if is { v } else { nothing }).collect()
     };
+    let normals = |prefix: &str, depth: &[f32]| -> Option<Vec<[f32; 3]>> {
+        let [x, y, z] = NORMAL_AXES.map(|axis| channel(&format!("{prefix}N.{axis}")));
+        let (x, y, z) = (x?, y?, z?);
+        let normal = |i: usize| if depth[i].is_nan() { [f32::NAN; 3] } else { [x[i], y[i], z[i]] };
+        Some((0..pixels).map(normal).collect())
+    };
+    let error = channel("error.V").map(|error| keep(error, f32::NAN));
+    let depth = keep(depth, f32::NAN);
     let picked = DepthLayer {
-        depth: keep(depth, f32::NAN),
+        error,
+        normal: normals("", &depth),
+        depth,
         strength: keep(
             strength.map_or(vec![1.0; pixels], |r| r.into_iter().map(|r| r * scale).collect()),
             0.0,
@@ -226,26 +272,22 @@ pub fn read_depth_map(path: &Path, limit_bytes: u64) -> Result<DepthFile> {
         let there = |z: f32, v: f32| z.is_finite() && (Some(z) != fill || v > 0.0);
         let depth: Vec<f32> =
             z.into_iter().zip(&strength).map(|(z, &v)| if there(z, v) { z } else { f32::NAN }).collect();
-        let level = |(db, z): (f32, &f32)| if z.is_nan() { f32::NAN } else { db };
-        let confidence = channel(&format!("return{k}.confidence"));
+        let level = |(value, z): (f32, &f32)| if z.is_nan() { f32::NAN } else { value };
+        let there = |name: &str| {
+            let values = channel(&format!("return{k}.{name}"));
+            values.map(|values| values.into_iter().zip(&depth).map(level).collect())
+        };
         returns.push(DepthLayer {
-            confidence: confidence.map(|levels| levels.into_iter().zip(&depth).map(level).collect()),
+            confidence: there("confidence"),
+            error: there("error"),
+            normal: normals(&format!("return{k}."), &depth),
             material: ids(&format!("return{k}.id")),
             depth,
             strength: strength.into_iter().map(|v| v * scale).collect(),
             facing: channel(&format!("return{k}.N")),
         });
     }
-    let corner = part.attributes.layer_position;
-    let counting = |first: i32| (f64::from(first), 1.0);
-    let [(x0, pitch_x), (y0, pitch_y)] = axes.unwrap_or([counting(corner.0), counting(corner.1)]);
-    let view =
-        if text("view") == Some(View::Perspective.as_str()) { View::Perspective } else { View::Orthographic };
-    let raster = Raster {
-        view,
-        x: Axis { first: x0, pitch: pitch_x, count: part.size.0 },
-        y: Axis { first: y0, pitch: pitch_y, count: part.size.1 },
-    };
+    let raster = raster_of(part, axes, text("view"));
     let map = DepthMap { confidence, returns, materials, ..DepthMap::new(raster, picked) };
     Ok(DepthFile { map, attributes, axes_known: axes.is_some() })
 }

@@ -17,6 +17,7 @@ use crate::grid::DepthMap;
 use crate::reflectors::Reflectors;
 use crate::wave::Geometry;
 use glam::DVec3;
+use std::borrow::Cow;
 use std::io::Write;
 use std::path::Path;
 
@@ -25,16 +26,20 @@ const LONGEST_COMMENT: usize = 200;
 
 /// Writes one vertex per accepted pixel: `x`, `y`, `z` in m, the normal `nx`, `ny`, `nz`, and `amplitude`, all float32.
 ///
-/// The normal is that of the plane through the neighbouring pixels of the same surface, and points to the array's side; it
-/// is (0, 0, −1) for a pixel with too few neighbours. Short `attributes` become comments.
+/// The normal is the map's own where it has one, or else that of the plane through the neighbouring pixels of the same
+/// surface; it points to the array's side, and is (0, 0, −1) for a pixel with too few neighbours. Short `attributes` become
+/// comments.
 ///
 /// # Errors
 /// As `write_atomically`.
 pub fn write_depth_points(path: &Path, map: &DepthMap, attributes: &[(String, Attribute)]) -> Result<()> {
-    let normals = normals::normals(map);
+    let normals = match &map.picked.normal {
+        Some(normals) => Cow::Borrowed(normals),
+        None => Cow::Owned(normals::normals(map)),
+    };
     let found: Vec<usize> = (0..map.len()).filter(|&i| map.picked.depth[i].is_finite()).collect();
     let properties = ["x", "y", "z", "nx", "ny", "nz", "amplitude"].map(|name| (Scalar::F32, name));
-    let header = header(found.len(), &properties, "Depth map; normals from neighbouring pixels", attributes);
+    let header = header(found.len(), &properties, "Depth map", attributes);
     write_atomically(path, |out| {
         write!(out, "{header}")?;
         for i in found {

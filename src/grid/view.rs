@@ -17,6 +17,16 @@ choice! {
     }
 }
 
+impl View {
+    /// The length of one unit of a map's axes at depth `z`, m.
+    pub(crate) fn metres_per_unit(self, z: f64) -> f64 {
+        match self {
+            Self::Orthographic => 1.0,
+            Self::Perspective => z,
+        }
+    }
+}
+
 /// The pixels of a map: a view, and the centres of columns and rows in it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Raster {

@@ -7,6 +7,9 @@ use super::{Metrics, match_one_to_one, percentile};
 pub(super) struct ErrorCounts {
     surfaces: usize,
     hits: usize,
+    /// Of surfaces whose normals are known, those that continue as a plane around the pixel, and how many were found.
+    interior: usize,
+    interior_hits: usize,
     wrong: usize,
     /// Scored detections where there is no surface.
     pub(super) on_empty: usize,
@@ -21,24 +24,40 @@ pub(super) struct ErrorCounts {
 }
 
 impl ErrorCounts {
-    /// Adds a true surface with the |error| of its detection, if there is one, and |n_z|.
-    pub(super) fn add_surface(&mut self, error: Option<f64>, facing: Option<f64>, resolution: f64) {
+    /// Adds a true surface with the |error| of its detection, if there is one, |n_z|, and whether it continues around the
+    /// pixel.
+    pub(super) fn add_surface(
+        &mut self,
+        error: Option<f64>,
+        facing: Option<f64>,
+        interior: Option<bool>,
+        resolution: f64,
+    ) {
         self.surfaces += 1;
+        let inside = usize::from(interior == Some(true));
+        self.interior += inside;
         let Some(error) = error else { return };
-        self.hits += usize::from(error < resolution);
+        if error < resolution {
+            self.hits += 1;
+            self.interior_hits += inside;
+        }
         self.wrong += usize::from(error > 2.0 * resolution);
         self.errors.push(error);
         self.normal_errors.extend(facing.map(|facing| error * facing));
     }
 
-    /// Adds the true depths of a pixel and the returns found there; shares are counted only if the result has `several`
-    /// returns per pixel.
-    pub(super) fn add_returns(&mut self, truth: &[f64], found: &[f64], several: bool, resolution: f64) {
+    /// Adds the true depths of a pixel and the returns found there; shares are counted only if the result has several
+    /// returns per pixel, and `spurious` tells whether no surface explains one of them.
+    pub(super) fn add_returns(
+        &mut self,
+        truth: &[f64],
+        found: &[f64],
+        spurious: Option<&dyn Fn() -> bool>,
+        resolution: f64,
+    ) {
+        let several = spurious.is_some();
         match truth.len() {
-            1 if several => {
-                self.singles += 1;
-                self.spurious += usize::from(found.len() >= 2);
-            }
+            1 if several => self.add_single(found, spurious),
             2 => {
                 let matched = match_one_to_one(truth, found);
                 let both = matched.iter().all(|error| error.is_some_and(|e| e < resolution));
@@ -52,9 +71,17 @@ impl ErrorCounts {
         }
     }
 
+    /// Adds a pixel with one true surface.
+    pub(super) fn add_single(&mut self, found: &[f64], spurious: Option<&dyn Fn() -> bool>) {
+        self.singles += 1;
+        self.spurious += usize::from(found.len() >= 2 && spurious.is_some_and(|spurious| spurious()));
+    }
+
     pub(super) fn join(&mut self, other: Self) {
         self.surfaces += other.surfaces;
         self.hits += other.hits;
+        self.interior += other.interior;
+        self.interior_hits += other.interior_hits;
         self.wrong += other.wrong;
         self.on_empty += other.on_empty;
         self.singles += other.singles;
@@ -71,9 +98,17 @@ impl ErrorCounts {
     pub(super) fn metrics(mut self) -> Metrics {
         let share = |part: usize, whole: usize| (whole > 0).then(|| part as f64 / whole as f64);
         let square: f64 = self.errors.iter().map(|e| e * e).sum();
+        let completeness = share(self.hits, self.surfaces);
+        let false_returns = share(self.wrong + self.on_empty, self.errors.len() + self.on_empty);
+        let f1 = completeness.map(|found| {
+            let right = 1.0 - false_returns.unwrap_or(1.0);
+            if found + right > 0.0 { 2.0 * found * right / (found + right) } else { 0.0 }
+        });
         Metrics {
-            completeness: share(self.hits, self.surfaces),
-            false_returns: share(self.wrong + self.on_empty, self.errors.len() + self.on_empty),
+            completeness,
+            completeness_interior: share(self.interior_hits, self.interior),
+            false_returns,
+            f1,
             rmse: (!self.errors.is_empty()).then(|| (square / self.errors.len() as f64).sqrt()),
             p95_error: percentile(&mut self.errors, 0.95),
             median_error: percentile(&mut self.errors, 0.5),

@@ -1,9 +1,11 @@
 //! The metrics material by material, and surface by surface from the front.
 
+use super::around::Surroundings;
 use super::counts::ErrorCounts;
 use super::{METRIC_NAMES, Metrics, depths, evaluate, match_one_to_one, nearest_surface, true_surfaces};
 use crate::error::Result;
 use crate::grid::{DepthLayer, DepthMap};
+use crate::wave::Resolution;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -93,9 +95,12 @@ impl Scores {
 ///
 /// # Errors
 /// As [`evaluate`].
-pub fn score(result: &DepthMap, truth: &DepthMap, resolution: f64) -> Result<Scores> {
+pub fn score(result: &DepthMap, truth: &DepthMap, resolution: impl Into<Resolution>) -> Result<Scores> {
+    let resolution = resolution.into();
+    let range = resolution.range;
     let all = evaluate(result, truth, resolution)?;
     let surfaces = true_surfaces(truth);
+    let around = Surroundings::new(truth, surfaces, resolution);
     let mut materials = vec![ErrorCounts::default(); truth.materials.len()];
     let mut orders = vec![ErrorCounts::default(); surfaces.len()];
     let several = result.returns.len() >= 2;
@@ -112,19 +117,20 @@ pub fn score(result: &DepthMap, truth: &DepthMap, resolution: f64) -> Result<Sco
                 |&(k, depth): &(usize, f64)| (!z.is_nan() && nearest == Some(k)).then(|| (z - depth).abs());
             there.iter().map(error).collect()
         };
-        let both = errors.iter().all(|error| error.is_some_and(|e| e < resolution));
+        let both = errors.iter().all(|error| error.is_some_and(|e| e < range));
+        let spurious = || found.iter().any(|z| !around.explained(pixel, *z));
         let mut seen: Vec<usize> = Vec::new();
         for (order, (&(k, _), &error)) in there.iter().zip(&errors).enumerate() {
             let facing = surfaces[k].facing.as_ref().map(|facing| f64::from(facing[pixel]));
-            orders[order].add_surface(error, facing, resolution);
+            let interior = around.interior(k, pixel);
+            orders[order].add_surface(error, facing, interior, range);
             let Some(material) = material(&surfaces[k], pixel).filter(|m| *m < materials.len()) else {
                 continue;
             };
             let counts = &mut materials[material];
-            counts.add_surface(error, facing, resolution);
+            counts.add_surface(error, facing, interior, range);
             if there.len() == 1 && several {
-                counts.singles += 1;
-                counts.spurious += usize::from(found.len() >= 2);
+                counts.add_single(&found, Some(&spurious));
             }
             if there.len() == 2 && several {
                 counts.of_two[order].extend(error);

@@ -2,9 +2,9 @@
 
 use crate::acquisition::Instrument;
 use crate::config::RunFile;
-use crate::export::{Attribute, Attributes};
+use crate::export::{Attribute, Attributes, find_attribute};
 use crate::reconstruct::ReconstructionInfo;
-use crate::wave::Geometry;
+use crate::wave::{Aperture, Geometry, GeometryKind};
 use serde_json::{Value, json};
 
 /// The program and its version, as files name them.
@@ -56,6 +56,46 @@ pub(super) fn compensation(run: &RunFile) -> Option<String> {
 pub(crate) fn resolution_of(meta: &Value) -> Option<f64> {
     let number = |key: &str| meta.get(key).and_then(Value::as_f64).filter(|v| *v > 0.0);
     Some(number("sound_speed")? / (2.0 * number("bandwidth")?))
+}
+
+/// The aperture from a volume's metadata, if it is all there.
+pub(super) fn aperture_of(meta: &Value) -> Option<Aperture> {
+    let number = |key: &str| meta.get(key)?.as_f64();
+    let vector = |key: &str| serde_json::from_value::<[f64; 3]>(meta.get(key)?.clone()).ok();
+    aperture(number, vector, meta.get("geometry")?.as_str()?)
+}
+
+/// The same from the attributes of a depth map.
+pub(crate) fn aperture_of_file(attributes: &[(String, Attribute)]) -> Option<Aperture> {
+    let of = |key: &str| find_attribute(attributes, &format!("sonar:{}", camel_case(key)));
+    let number = |key: &str| match of(key)? {
+        Attribute::Number(number) => Some(*number),
+        Attribute::Integer(number) => Some(*number as f64),
+        _ => None,
+    };
+    let vector = |key: &str| if let Attribute::Vector(vector) = of(key)? { Some(*vector) } else { None };
+    let Attribute::Text(geometry) = of("geometry")? else { return None };
+    aperture(number, vector, geometry)
+}
+
+fn aperture(
+    number: impl Fn(&str) -> Option<f64>,
+    vector: impl Fn(&str) -> Option<[f64; 3]>,
+    geometry: &str,
+) -> Option<Aperture> {
+    let positive = |key: &str| number(key).filter(|value| *value > 0.0 && value.is_finite());
+    let start = positive("start_frequency")?;
+    let geometry = match geometry.parse().ok()? {
+        GeometryKind::FixedSource => Geometry::FixedSource { source: vector("source")?.into() },
+        GeometryKind::Monostatic => Geometry::Monostatic,
+    };
+    Some(Aperture {
+        sound_speed: positive("sound_speed")?,
+        band: [start, start + positive("bandwidth")?],
+        centre: vector("array_centre")?.into(),
+        extent: vector("array_extent")?.into(),
+        geometry,
+    })
 }
 
 /// The metadata as attributes: `sound_speed` becomes `sonar:soundSpeed`, nested values become JSON text.

@@ -29,8 +29,7 @@ impl<'a> MemoryBudget<'a> {
 
     /// The arrays of `image`, given those of its scene and samples.
     pub(super) fn imaging(&self, instrument: &Instrument, grid: &Grid, arrays: JobArrays) -> JobArrays {
-        let resolution = instrument.range_resolution().unwrap_or(f64::NAN);
-        let depth = self.run.depth_options(resolution).search_bytes(grid);
+        let depth = self.run.depth_options(instrument.aperture()).search_bytes(grid);
         JobArrays { depth, ..self.reconstructing(outputs::volume_names(self.run), grid, true, arrays) }
     }
 

@@ -311,7 +311,7 @@ fn scenes_that_cannot_be_seen_are_warned_about() {
     let coarse = "--set sweep.step=1000 --set grid.pitch=[0.06666666666666667,0.06666666666666667,0.05]";
     let (said, accepted) = images("corner.toml", &format!("--set scene.translate=[0,0,-5] {coarse}"));
     // The reflectors that are left out, and that nothing is accepted, each with the key to change.
-    assert_names(said, &["array", "z <= 0", "[scene] translate", "[depth] threshold_db"]);
+    assert_names(said, &["array", "z <= 0", "[scene] translate", "[depth] confidence_db"]);
     assert_eq!(accepted, 0, "a silent cube has no returns");
     for away in ["[5,0,0]", "[0,0,1.5]"] {
         let (said, _) = images("corner.toml", &format!("--set scene.translate={away} {coarse}"));

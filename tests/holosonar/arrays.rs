@@ -219,7 +219,7 @@ fn a_sweep_compares_layouts_in_one_command() {
     let folder = tempfile::tempdir().unwrap();
     let scene = shipped("corner.toml");
     let words = format!(
-        "plan {} --set array.elements=256 --sweep array.layout=grid,spiral,random --sweep sweep.start=10000,18000 -o out",
+        "plan {} --set array.elements=256 --set reconstruct.window=taylor --sweep array.layout=grid,spiral,random --sweep sweep.start=10000,18000 -o out",
         scene.display()
     );
     let sweep = done_json(folder.path(), &words);

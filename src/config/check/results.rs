@@ -73,12 +73,13 @@ impl ReconstructTable {
 impl DepthTable {
     pub(super) fn check(&self) -> Check {
         for (key, level) in [
-            ("depth.threshold_db", self.threshold_db),
+            ("depth.threshold_db", self.threshold_db.unwrap_or(0.0)),
             ("depth.return_threshold_db", self.return_threshold_db),
             ("depth.return_gate_db", self.return_gate_db),
         ] {
             within(key, level, f64::MIN, 0.0, "0 dB or less, such as -14.0")?;
         }
+        finite("depth.confidence_db", &[self.confidence_db])?;
         ensure((1..=16).contains(&self.returns), || {
             Fault::new("depth.returns", format!("found {}; expected 1 to 16", self.returns))
         })?;

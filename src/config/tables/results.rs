@@ -59,7 +59,7 @@ pub struct ReconstructTable {
 
 impl Default for ReconstructTable {
     fn default() -> Self {
-        Self { method: Method::Auto, tolerance: 1e-4, window: Window::Taylor, compensate: false }
+        Self { method: Method::Auto, tolerance: 1e-4, window: Window::None, compensate: false }
     }
 }
 
@@ -71,8 +71,13 @@ pub struct DepthTable {
     pub pick: Pick,
     /// How its position between voxels is found.
     pub refine: Refine,
-    /// Minimum amplitude, dB relative to the 99th percentile of the columns' maxima.
-    pub threshold_db: f64,
+    /// Minimum amplitude of the picked return, dB relative to the 99th percentile of the columns' maxima; left out: -14 dB of
+    /// columns, and none but `return_threshold_db` of surfaces.
+    pub threshold_db: Option<f64>,
+    /// Minimum confidence of a surface, dB.
+    pub confidence_db: f64,
+    /// Whether what is in one part of the band only is taken for weaker.
+    pub gate: bool,
     /// Maximum number of returns per pixel.
     pub returns: u32,
     /// Minimum amplitude of a further return, dB relative to the same percentile.
@@ -83,7 +88,8 @@ pub struct DepthTable {
     pub return_contrast_db: f64,
     /// Minimum distance between returns, in `c/2B`.
     pub separation: f64,
-    /// Gaussian sigma along x, y, z of the power in which further returns are found, m.
+    /// Gaussian sigma of the power in which further returns are found: along x and y in lateral resolutions, along z in
+    /// `c/2B`.
     pub smoothing: [f64; 3],
     /// Side of the median filter, pixels; 1 is none.
     pub median: u32,
@@ -105,6 +111,8 @@ impl Default for DepthTable {
             pick: stage.pick,
             refine: stage.refine,
             threshold_db: stage.threshold_db,
+            confidence_db: stage.confidence_db,
+            gate: stage.gate,
             returns: stage.returns as u32,
             return_threshold_db: stage.return_threshold_db,
             return_gate_db: stage.return_gate_db,
