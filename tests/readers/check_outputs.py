@@ -229,6 +229,13 @@ def check_depth_exr(path, volume, fill, half=False):
         close(path, "the columns are at the volume's x", xs, volume["x"], 1e-9)
         close(path, "the rows are at the volume's y", ys, volume["y"], 1e-9)
     close(path, "range.V is the distance from the origin", ch["range.V"][accepted], along_ray[accepted], 1e-6)
+    if "N.X" in ch:
+        normals = np.stack([ch[f"N.{axis}"] for axis in "XYZ"], axis=-1).astype(np.float64)
+        close(path, "unit normals", np.linalg.norm(normals[accepted], axis=1), np.ones(accepted.sum()), 1e-6)
+        check(path, "no normal where A = 0", (normals[~accepted] == 0).all())
+    if "error.V" in ch:
+        check(path, "error.V > 0 where A = 1", (ch["error.V"][accepted] > 0).all())
+        check(path, "error.V = 0 where A = 0", (ch["error.V"][~accepted] == 0).all())
     for name in [n for n in ch if n.endswith(".id")]:
         ids, names = ch[name], json.loads(header["sonar:materials"])
         depth = ch["Z"] if name == "material.id" else ch[name.replace(".id", ".Z")]
@@ -274,7 +281,7 @@ def along_rays(magnitude, header, shape, volume):
 def check_depth_against_volume(path, header, ch, volume):
     """Finds the depths again, coarsely: the greatest amplitude near Z is close to Z, and no mere sidelobe.
 
-    It need not be the greatest of its column: the median filter may choose the other one of two surfaces.
+    It need not be the greatest of its column: the power around a pixel may choose the other one of two surfaces.
     """
     magnitude = np.abs(volume["samples"])
     if header["sonar:view"] == "perspective":
@@ -329,6 +336,9 @@ def check_depth_ply(path, found):
     normals = np.stack([points["nx"], points["ny"], points["nz"]], axis=1).astype(np.float64)
     close(path, "unit normals", np.linalg.norm(normals, axis=1), np.ones(len(normals)), 1e-6)
     check(path, "normals turned to the array", (normals[:, 2] < 0).all())
+    for k, axis in enumerate("XYZ"):
+        if "N.X" in ch:
+            equal(path, f"n{axis.lower()}", points[f"n{axis.lower()}"], ch[f"N.{axis}"][accepted])
     # Where all nine depths are on one smooth surface, central differences give nearly the same.
     z = np.where(accepted, ch["Z"], np.nan).astype(np.float64)
     slopes = np.full((2, *z.shape), np.nan)
