@@ -74,8 +74,8 @@ fn several_surfaces_come_back_in_order_with_their_strengths() {
     let ratio = surfaces[0].strength[10] / surfaces[1].strength[10];
     assert!((ratio - 0.5).abs() < 0.01, "{ratio}");
     let levels = [0, 1].map(|k: usize| surfaces[k].confidence.as_ref().expect("of every return")[10]);
-    // Half the amplitude is 6 dB less against the reference, and half of that against the column.
-    assert!((levels[1] - levels[0] - 9.03).abs() < 0.3, "{levels:?}");
+    // Half the amplitude is 6 dB less against the reference; both are as clear against the column as counts.
+    assert!((levels[1] - levels[0] - 6.02).abs() < 0.3, "{levels:?}");
     let three = [(1.1, 0.6), (1.25, 1.0), (1.45, 0.5)];
     for (count, expected) in [(3, vec![1.1, 1.25, 1.45]), (2, vec![1.1, 1.25])] {
         let surfaces = returns(&three, &DepthOptions { returns: count, ..column() });
