@@ -5,12 +5,15 @@ use super::{DepthOptions, stride, visited};
 use crate::wave::simd::{LANES, dispatched};
 use glam::{DMat3, DVec3};
 
-/// σ of the neighbourhood, in lateral resolutions, and where it ends, in σ.
+/// σ of the neighbourhood, in lateral resolutions and at least in voxels, and where it ends, in σ.
 const NEIGHBOURHOOD: f64 = 0.67;
+const LEAST_NEIGHBOURHOOD: f64 = 0.6;
 const EXTENT: f64 = 2.5;
 
-/// How far along z power counts: at first, when no slope is known, and then at most, in Δd.
+/// How far along z power counts: at first, when no slope is known, and then at most, in Δd, and at least in lateral
+/// resolutions, as a slope blurs.
 const REACH: [f64; 2] = [4.0, 5.0];
+const LEAST_REACH: [f64; 2] = [1.5, 2.0];
 
 /// The same of a facing plane, in Δd, and what a slope adds, in lateral resolutions times the slope.
 const REACH_FACING: f64 = 2.0;
@@ -179,11 +182,14 @@ pub(super) fn fit(
     for step in 0..STEPS {
         let here = origin + ray * patch.depth;
         let lateral = options.lateral_resolution(patch.depth, grid);
-        let sigma = lateral.map(|cell| NEIGHBOURHOOD * cell);
+        let sigma = [(lateral[0], grid.x.pitch), (lateral[1], grid.y.pitch)]
+            .map(|(cell, pitch)| (NEIGHBOURHOOD * cell).max(LEAST_NEIGHBOURHOOD * pitch));
         let along = (lateral[0] * patch.slope[0]).hypot(lateral[1] * patch.slope[1]);
+        let widest = lateral[0].max(lateral[1]);
+        let most = [0, 1].map(|k: usize| (REACH[k] * cell).max(LEAST_REACH[k] * widest));
         let reach = match step {
-            0 => REACH[0] * cell,
-            _ => (REACH_FACING * cell + REACH_SLOPE * along).min(REACH[1] * cell),
+            0 => most[0],
+            _ => (REACH_FACING * cell + REACH_SLOPE * along).min(most[1]),
         };
         let NormalEquations { mut matrix, mut right, mass, spread, squares } =
             NormalEquations::around(power, here, patch.slope, sigma, reach);

@@ -17,6 +17,9 @@ const ALONE_REACH: f64 = 1.0;
 /// The most neighbours to one side that are visited.
 const MOST_REACH: usize = 12;
 
+/// How far from a plane a surface may be that continues it, in lateral resolutions, as a slope blurs, or else Δd.
+const SLOPES: f64 = 0.4;
+
 /// Share of the neighbours that a surface must continue in.
 const ENOUGH: f64 = 0.2;
 
@@ -82,7 +85,8 @@ impl<'a> Neighbours<'a> {
                 }
             }
         }
-        Self { all, found, raster, cell, within: options.resolution.range }
+        let within = options.resolution.range.max(SLOPES * cell[0].max(cell[1]));
+        Self { all, found, raster, cell, within }
     }
 
     /// The share of neighbours that continue a plane at a pixel, and how far to one side they are, 0 to 1.
