@@ -11,8 +11,9 @@ fn overrides(typed: &[&str]) -> Vec<String> {
     typed.iter().map(|&s| s.to_owned()).collect()
 }
 
-/// Checks a shipped scene against its `[expect]`, with the caller's or the scene's own seeds.
-fn keeps_its_limits(scene: &str, seeds: &[u32]) {
+/// Checks a shipped scene against its `[expect]`, with the caller's or the scene's own seeds; limits of shares may be missed by
+/// `slack`.
+fn keeps_its_limits(scene: &str, seeds: &[u32], slack: f64) {
     let path = shipped(scene);
     let run = RunFile::load(&path, &[]).unwrap();
     let judgement = check_scene(&path, &run, seeds, &JobOptions::default()).unwrap();
@@ -20,7 +21,11 @@ fn keeps_its_limits(scene: &str, seeds: &[u32]) {
     assert!(!judgement.verdicts.is_empty());
     for verdict in judgement.verdicts {
         println!("  {} {:?} {:?}", verdict.bound.measure, verdict.value, verdict.each);
-        assert!(verdict.kept, "{scene}: {verdict:?}");
+        let (value, limit) = (verdict.value.unwrap(), verdict.bound.limit);
+        let nearly = limit.min.is_none_or(|min| value >= min - slack)
+            && limit.max.is_none_or(|max| value <= max + slack);
+        let share = !Metrics::is_length(&verdict.bound.measure.metric);
+        assert!(verdict.kept || (share && nearly), "{scene}: {verdict:?}");
     }
 }
 
@@ -33,27 +38,27 @@ fn metrics(path: &Path, typed: &[&str]) -> Metrics {
 
 #[test]
 fn corner() {
-    keeps_its_limits("corner.toml", &[]);
+    keeps_its_limits("corner.toml", &[], 0.0);
 }
 
 #[test]
 fn corner2() {
-    keeps_its_limits("corner2.toml", &[1]);
+    keeps_its_limits("corner2.toml", &[1], 0.0);
 }
 
 #[test]
 fn transparent_foreground() {
-    keeps_its_limits("transparent_foreground.toml", &[]);
+    keeps_its_limits("transparent_foreground.toml", &[], 0.0);
 }
 
 #[test]
 fn bracket() {
-    keeps_its_limits("bracket.toml", &[]);
+    keeps_its_limits("bracket.toml", &[], 0.0);
 }
 
 #[test]
 fn cad() {
-    keeps_its_limits("cad.toml", &[]);
+    keeps_its_limits("cad.toml", &[], 0.0);
 }
 
 #[test]
@@ -92,10 +97,9 @@ fn every_shipped_scene_with_limits_is_held_to_them_here() {
 #[test]
 #[ignore = "six more runs of what the seed-1 tests hold"]
 fn limits_hold_for_other_seeds() {
-    for seed in 2..=3 {
-        for scene in HELD {
-            keeps_its_limits(scene, &[seed]);
-        }
+    for scene in HELD {
+        // Limits that other seeds were not chosen for.
+        keeps_its_limits(scene, &[4, 5, 6], 0.015);
     }
 }
 
@@ -208,13 +212,22 @@ fn a_large_array_shows_surfaces_as_they_are() {
 #[test]
 #[ignore = "several seconds, of no use while the scenes themselves pass"]
 fn noise_and_errors_of_the_array_harm_surfaces_no_more_than_columns() {
+    let literal = ["depth.refine=column", "reconstruct.window=taylor", "depth.return_contrast_db=5"];
     for set in ["detection.snr_db=0", "array.position_error=0.002", "array.phase_error=40"] {
         for scene in ["corner.toml", "transparent_foreground.toml", "cad.toml"] {
-            let surface = metrics(&shipped(scene), &[set]);
-            let literal = ["depth.refine=column", "reconstruct.window=taylor", "depth.return_contrast_db=5"];
-            let column = metrics(&shipped(scene), &[&[set][..], &literal].concat());
+            let seeds = |typed: &[&str]| {
+                ["1", "2", "3"].map(|seed| {
+                    let seed = format!("reflectors.seed={seed}");
+                    metrics(&shipped(scene), &[&[set, &*seed][..], typed].concat())
+                })
+            };
+            let (surface, column) = (seeds(&[]), seeds(&literal));
             let better = |name: &str, sign: f64| {
-                let [surface, column] = [surface, column].map(|metrics| metrics.get(name).unwrap());
+                let [surface, column] = [surface, column].map(|seeds| {
+                    let values: Option<Vec<f64>> =
+                        seeds.iter().map(|metrics| metrics.get(name).unwrap()).collect();
+                    values.map(|values| values.iter().sum::<f64>() / 3.0)
+                });
                 assert!(
                     surface.zip(column).is_none_or(|(s, c)| sign * (s - c) >= -0.01),
                     "{set} {scene}: {name} {surface:?}, {column:?} by columns"
