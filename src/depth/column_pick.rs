@@ -75,7 +75,7 @@ fn peak(column: &[f32], z: &Axis, threshold: f32, levels: Levels, options: &Dept
         Refine::None => 0.0,
     };
     let depth = z.first + z.pitch * (index as f64 + offset);
-    let confidence = levels.confidence(column, column[index]);
+    let confidence = levels.confidence(column[index], levels.clutter(column));
     Some(Peak { index, depth, power: column[index], confidence })
 }
 

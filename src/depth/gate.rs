@@ -6,6 +6,7 @@ use crate::alloc::try_filled;
 use crate::error::Result;
 use crate::grid::{Axis, Grid, Volume, no_room_for};
 use crate::wave::Aperture;
+use crate::wave::simd::LANES;
 use rayon::prelude::*;
 use std::f64::consts::{PI, TAU};
 
@@ -18,9 +19,6 @@ const WINDOW: f64 = 3.0;
 /// σ of the mean power of a part: across in lateral resolutions, and along z in steps.
 const MEAN: f64 = 0.65;
 const MEAN_STEPS: f64 = 0.5;
-
-/// Columns whose transforms are computed side by side.
-const LANES: usize = 16;
 
 /// Multiplies the power of each voxel by the least of its parts of the band over their mean.
 ///
@@ -55,18 +53,8 @@ pub(super) fn flatten(
         parts.push(Power { grid: coarse, values });
     }
     transforms(&mut parts, volume, aperture, every, cell);
-    let parts: Vec<Power> = parts
-        .into_iter()
-        .map(|part| {
-            part.smoothed(
-                |iz| {
-                    let cell = options.lateral_resolution(coarse.z.position(iz), &grid);
-                    [MEAN * cell[0] / grid.x.pitch, MEAN * cell[1] / grid.y.pitch]
-                },
-                MEAN_STEPS,
-            )
-        })
-        .collect::<Result<_>>()?;
+    let smoothed = |part: Power| part.smoothed_across([MEAN; 2], MEAN_STEPS, options);
+    let parts: Vec<Power> = parts.into_iter().map(smoothed).collect::<Result<_>>()?;
     let depths = grid.z.count;
     power.values.par_chunks_mut(depths).enumerate().for_each(|(pixel, column)| {
         let share = |iz: usize| {

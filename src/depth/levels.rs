@@ -61,16 +61,21 @@ impl Levels {
         (power - self.noise).max(REST * self.noise)
     }
 
-    /// The confidence in a peak, dB: its level against the reference, plus half of its contrast, at most [`CLEAR`], to its
-    /// column's median beyond the noise. Where a ray has left the grid, its column is 0, which does not count.
-    pub(super) fn confidence(self, column: &[f32], peak: f32) -> f64 {
+    /// The median of a column beyond the noise. Where a ray has left the grid, its column is 0, which does not count.
+    pub(super) fn clutter(self, column: &[f32]) -> f32 {
         let mut inside: Vec<f32> = column.iter().copied().filter(|v| *v > 0.0).collect();
         let middle = (inside.len() / 2).min(inside.len().saturating_sub(1));
         let median =
             if inside.is_empty() { 0.0 } else { *inside.select_nth_unstable_by(middle, f32::total_cmp).1 };
+        self.beyond_noise(median)
+    }
+
+    /// The confidence in a peak, dB: its level against the reference, plus half of its contrast, at most [`CLEAR`], to the
+    /// clutter of its column.
+    pub(super) fn confidence(self, peak: f32, clutter: f32) -> f64 {
         let peak = f64::from(peak);
         let level = |ratio: f64| 10.0 * ratio.max(1e-20).log10();
-        let clutter = f64::from(self.beyond_noise(median)).max(peak * 1e-20);
+        let clutter = f64::from(clutter).max(peak * 1e-20);
         level(peak / f64::from(self.reference)) + 0.5 * level(peak / clutter).min(CLEAR)
     }
 }

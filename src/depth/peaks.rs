@@ -38,7 +38,9 @@ pub(super) fn peaks(
     let mut order: Vec<usize> =
         (0..column.len()).filter(|&i| column[i] > 0.0 && column[i] >= floor && is_peak(column, i)).collect();
     order.sort_by(|a, b| column[*b].total_cmp(&column[*a]).then(a.cmp(b)));
-    let gate = order.first().map_or(0.0, |i| column[*i] * decibels(options.return_gate_db));
+    let Some(strongest) = order.first() else { return Vec::new() };
+    let gate = column[*strongest] * decibels(options.return_gate_db);
+    let clutter = levels.clutter(column);
     let (contrast, least) =
         (decibels(options.return_contrast_db), options.separation * options.resolution.range);
     let mut kept: Vec<Peak> = Vec::new();
@@ -50,7 +52,7 @@ pub(super) fn peaks(
         if kept.iter().any(|other| (other.depth - depth).abs() < least) {
             continue;
         }
-        let confidence = levels.confidence(column, column[index]);
+        let confidence = levels.confidence(column[index], clutter);
         let peak = Peak { index, depth, power: column[index], confidence };
         let stands_out = kept.is_empty()
             || contrast <= 1.0

@@ -59,14 +59,28 @@ impl Power {
     /// # Errors
     /// When a copy does not fit in memory.
     pub(super) fn smoothed_for(self, options: &DepthOptions) -> Result<Self> {
-        let grid = self.grid;
         let [x, y, z] = options.smoothing;
+        let depth = z * options.resolution.range / self.grid.z.pitch;
+        self.smoothed_across([x, y], depth, options)
+    }
+
+    /// Smoothed with σ in lateral resolutions along x and y, and in voxels along z.
+    ///
+    /// # Errors
+    /// When a copy does not fit in memory.
+    pub(super) fn smoothed_across(
+        self,
+        across: [f64; 2],
+        depth: f64,
+        options: &DepthOptions,
+    ) -> Result<Self> {
+        let grid = self.grid;
         self.smoothed(
             |iz| {
                 let cell = options.lateral_resolution(grid.z.position(iz), &grid);
-                [x * cell[0] / grid.x.pitch, y * cell[1] / grid.y.pitch]
+                [across[0] * cell[0] / grid.x.pitch, across[1] * cell[1] / grid.y.pitch]
             },
-            z * options.resolution.range / grid.z.pitch,
+            depth,
         )
     }
 

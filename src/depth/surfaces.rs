@@ -68,8 +68,8 @@ pub(super) fn locate(
     let fill = |pixel: usize, depth: f64| {
         let patch = patch(pixel, depth)?;
         let index = grid.z.index_of(patch.depth)?;
-        let (power, confidence) =
-            columns.of(pixel, |column| (column[index], levels.confidence(column, column[index])));
+        let (power, clutter) = columns.of(pixel, |column| (column[index], levels.clutter(column)));
+        let confidence = levels.confidence(power, clutter);
         Some(Surface { patch, power, confidence, filled: true })
     };
     let surfaces =
