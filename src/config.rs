@@ -29,10 +29,10 @@ mod tables;
 mod tests;
 mod wording;
 
-pub use choices::{ArrayLayout, InputFile, Shading, SurfaceKind, VolumeFormat};
+pub use choices::{ArrayLayout, InputFile, RefineMethod, Shading, SurfaceKind, VolumeFormat};
 pub use tables::{
     ArrayTable, DepthTable, DetectionTable, ExpectTable, GridTable, Limit, MediumTable, OutputTable,
-    ReconstructTable, ReflectorsTable, SceneTable, SweepTable,
+    ReconstructTable, RefineTable, ReflectorsTable, SceneTable, SweepTable,
 };
 
 #[cfg(feature = "cli")]
@@ -77,6 +77,8 @@ pub struct RunFile {
     pub grid: GridTable,
     /// How the volume is computed.
     pub reconstruct: ReconstructTable,
+    /// Whether and how the volume is refined.
+    pub refine: RefineTable,
     /// How returns are found in the volume.
     pub depth: DepthTable,
     /// Which files are written.

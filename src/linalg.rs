@@ -74,6 +74,11 @@ impl LeastSquares {
         Self { q: q.subrows(0, rows).to_owned(), r }
     }
 
+    /// An orthonormal basis of the same columns.
+    pub(crate) fn orthonormal(&self) -> &Matrix {
+        &self.q
+    }
+
     /// The weights, `[columns of the basis, columns]`, for which `basis · weights` is nearest to `columns`.
     pub(crate) fn solve(&self, columns: &Matrix) -> Matrix {
         let mut weights = self.q.transpose() * columns;

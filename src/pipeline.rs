@@ -51,7 +51,7 @@ use crate::metrics::{Metrics, Scores, score};
 use crate::plan::{JobArrays, Plan, memory_limit, plan};
 use crate::progress::{Observer, stage};
 use crate::reconstruct::{
-    ReconstructOptions, Reconstruction, ReconstructionInfo, VolumeSink, reconstruct_into,
+    ReconstructOptions, Reconstruction, ReconstructionInfo, VolumeSink, reconstruct_stored,
 };
 use crate::reflectors::Reflectors;
 use crate::scene::Scene;
@@ -178,7 +178,7 @@ pub fn image_cube(run: &RunFile, mut cube: CubeFile, job: &JobOptions) -> Result
         plan,
         scene: None,
         reflectors: None,
-        physics: facts::compensation(run).into_iter().collect(),
+        physics: facts::beyond_the_sum(run),
         instrument,
         image,
         depth,
@@ -326,7 +326,8 @@ fn reconstruct(
 ) -> Result<ReconstructionInfo> {
     let stop = GracefulStop::new(checkpoint, observer);
     let mut sink = CheckpointedVolume::new(checkpoint, sink, grid, &stop);
-    reconstruct_into(source, grid, options, &mut sink, &stop)
+    let mut steps = CheckpointStore::new(checkpoint, Stage::Refinement, &stop);
+    reconstruct_stored(source, grid, options, &mut sink, &mut steps, &stop)
 }
 
 /// Reconstructs a cube and locates depth in the volume.
@@ -344,12 +345,20 @@ fn reconstruct_and_locate(
     let mut volume = Volume { grid: *grid, samples: Vec::new() };
     let info =
         log.timed("reconstruct", || reconstruct(source, grid, &options, &mut volume, checkpoint, log))?;
-    let image = Reconstruction { volume, method: info.method, error_bound: info.error_bound };
+    let image = Reconstruction {
+        volume,
+        method: info.method,
+        error_bound: info.error_bound,
+        refinement: info.refinement,
+    };
     let [depths, rows, columns] = grid.shape();
     let (method, error_bound, peak) = (image.method, image.error_bound, image.volume.peak());
     log.note(&format!(
         "{method}, {columns} x {rows} x {depths} voxels, each to within {error_bound:.1e}; the peak is {peak:.3e}"
     ));
+    if let Some(refinement) = &image.refinement {
+        log.note(&refinement.to_string());
+    }
     let mut search = budget.run.depth_options(aperture);
     search.raster = raster;
     let depth = log.timed("depth", || locate_depth_with(&image.volume, &search, log))?;

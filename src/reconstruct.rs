@@ -19,16 +19,20 @@ mod job;
 mod numerics;
 mod options;
 mod plan;
+mod refine;
 mod upsampling;
 mod volume;
 mod window;
 
 pub use options::{Method, ReconstructOptions};
 pub use plan::{Estimate, Estimates, LEAST_TOLERANCE, direct_terms, estimate};
+pub(crate) use refine::MOST_STEPS;
+pub use refine::{RefineOptions, Refinement, Solver};
 pub use volume::{ReconstructionInfo, VolumeSink};
 pub use window::Window;
 
 use crate::acquisition::{CubeSource, DataCube};
+use crate::blocks::{BlockStore, NoStore};
 use crate::error::{Error, Result};
 use crate::grid::{Grid, Volume, no_room_for};
 use crate::progress::{Observer, Silent};
@@ -50,12 +54,15 @@ pub struct Reconstruction {
     /// A bound on the error of any voxel against Eq. 13, f32 rounding aside, in the volume's own units: the measured
     /// relative error of skeletons, spreading and range profiles times `Σ|w m| / Σw`.
     pub error_bound: f64,
+    /// How it was refined, if it was; the bound is then of the volume that it began with.
+    pub refinement: Option<Refinement>,
 }
 
 impl Reconstruction {
     /// How it was computed.
     pub fn info(&self) -> ReconstructionInfo {
-        ReconstructionInfo { method: self.method, error_bound: self.error_bound }
+        let Self { method, error_bound, refinement, .. } = *self;
+        ReconstructionInfo { method, error_bound, refinement }
     }
 }
 
@@ -82,9 +89,9 @@ pub fn reconstruct_with(
 ) -> Result<Reconstruction> {
     // Filled as depths come, so that nothing is reserved for a job that is refused.
     let mut volume = Volume { grid: *grid, samples: Vec::new() };
-    let ReconstructionInfo { method, error_bound } =
+    let ReconstructionInfo { method, error_bound, refinement } =
         reconstruct_into(&mut &*cube, grid, options, &mut volume, observer)?;
-    Ok(Reconstruction { volume, method, error_bound })
+    Ok(Reconstruction { volume, method, error_bound, refinement })
 }
 
 /// Reconstructs from a source of frequencies into a sink of depths, neither of which need be in memory as a whole.
@@ -93,6 +100,7 @@ pub fn reconstruct_with(
 ///   tone, depth and pair of sublattices; `backprojection` some 130 operations per voxel and microphone, or, by tiles of
 ///   the array, some 1000 per voxel and tile and 130 per microphone and node of its own tile; or, by lines of a lattice, some
 ///   300 per voxel and line and 8 per tone, microphone and node.
+///   With [`ReconstructOptions::refine`], two or three times as much for each step, and two or three volumes.
 /// - The bytes do not depend on the number of threads, nor on where samples come from and planes go to.
 ///
 /// # Errors
@@ -107,15 +115,30 @@ pub fn reconstruct_into(
     sink: &mut dyn VolumeSink,
     observer: &dyn Observer,
 ) -> Result<ReconstructionInfo> {
+    reconstruct_stored(source, grid, options, sink, &mut NoStore, observer)
+}
+
+/// [`reconstruct_into`], storing what a refinement has after its steps; depths are the sink's to store.
+///
+/// # Errors
+/// As [`reconstruct_into`].
+pub(crate) fn reconstruct_stored(
+    source: &mut dyn CubeSource,
+    grid: &Grid,
+    options: &ReconstructOptions,
+    sink: &mut dyn VolumeSink,
+    store: &mut (dyn BlockStore + Send),
+    observer: &dyn Observer,
+) -> Result<ReconstructionInfo> {
     // On a thread of the pool: one outside sleeps and is woken at every loop, which costs small jobs as much as their work.
-    rayon::scope(|_| in_pool(source, grid, options, sink, observer))
+    rayon::scope(|_| in_pool(source, grid, options, (sink, store), observer))
 }
 
 fn in_pool(
     source: &mut dyn CubeSource,
     grid: &Grid,
     options: &ReconstructOptions,
-    sink: &mut dyn VolumeSink,
+    (sink, store): (&mut dyn VolumeSink, &mut dyn BlockStore),
     observer: &dyn Observer,
 ) -> Result<ReconstructionInfo> {
     let instrument = source.instrument();
@@ -126,7 +149,6 @@ fn in_pool(
     if let Some(warning) = warning {
         observer.warn(&warning);
     }
-    let weights = Weights::new(instrument, options.window);
     let gain = options.compensate.then(|| Gain::new(instrument, grid));
     let sink: &mut dyn VolumeSink = &mut Checked { grid: *grid, sink };
     let mut compensated;
@@ -137,10 +159,17 @@ fn in_pool(
         }
         None => sink,
     };
-    let (weights, budget) = (&weights, ErrorBudget::new(options.tolerance));
-    let interpolation = InterpolationError::NONE;
-    let job = Job { source, weights, grid, budget, interpolation, batch, sink, observer };
-    let info = carry_out(&plan, job)?;
+    let info = match (&options.refine, &plan) {
+        (Some(by), MethodPlan::Convolution(plan)) => {
+            refine::refine(source, grid, (plan, batch), (options, by), (store, sink), observer)?
+        }
+        _ => {
+            let weights = &Weights::new(instrument, options.window);
+            let (budget, interpolation) = (ErrorBudget::new(options.tolerance), InterpolationError::NONE);
+            let job = Job { source, weights, grid, budget, interpolation, batch, sink, observer };
+            carry_out(&plan, job)?
+        }
+    };
     Ok(gain.map_or(info, |gain| gain.info(&info)))
 }
 

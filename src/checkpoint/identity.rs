@@ -12,7 +12,7 @@ use std::fmt;
 #[derive(Debug, Clone)]
 pub(crate) struct Identity {
     hasher: blake3::Hasher,
-    limits: [BlockLimit; 2],
+    limits: [BlockLimit; 3],
 }
 
 /// The most that a stage of a job can store.
@@ -27,7 +27,7 @@ pub(super) struct BlockLimit {
 impl Identity {
     /// The identity of a job of this name without any inputs, which stores nothing.
     pub(crate) fn of(job: &str) -> Self {
-        let mut identity = Self { hasher: blake3::Hasher::new(), limits: [BlockLimit::default(); 2] };
+        let mut identity = Self { hasher: blake3::Hasher::new(), limits: [BlockLimit::default(); 3] };
         let program = concat!(env!("CARGO_PKG_VERSION"), " ", env!("HOLOSONAR_COMMIT"), " 2");
         let processor = Level::of_processor().as_str();
         let user = private::user().to_string();

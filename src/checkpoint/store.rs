@@ -23,6 +23,8 @@ pub(crate) enum Stage {
     Cube = 1,
     /// The reconstruction; its blocks are depths.
     Volume = 2,
+    /// The refinement; its blocks are parts of what it has after a step.
+    Refinement = 3,
 }
 
 /// An observer that delays a stop until the block in progress is finished and saved, within [`GRACE_PERIOD`].

@@ -92,6 +92,7 @@ pub(super) fn image(input: &Path, folder: &Path, report: &Report, outcome: &Outc
     let [start, stop] = [instrument.sweep.start(), instrument.sweep.stop()].map(|f| f / 1e3);
     table.row("sweep", format!("{} frequencies, {start:.2} to {stop:.2} kHz", plan.frequencies));
     table.rows("physics", report.physics.iter().cloned());
+    table.rows("refined", report.refinement.iter().map(ToString::to_string));
     table.row("resolution", resolution(plan, |[x, _]| millimetres(x)));
     let grid = &outcome.image.volume.grid;
     let axes = [("x", grid.x), ("y", grid.y), ("z", grid.z)];

@@ -26,6 +26,7 @@ impl RunFile {
         self.detection.check()?;
         self.grid.check()?;
         self.reconstruct.check()?;
+        self.refine.check()?;
         self.depth.check()?;
         self.output.check()?;
         self.expect.check()

@@ -1,6 +1,7 @@
 //! The choices that only run files have (the stages declare the others), and [`InputFile`].
 
 use crate::choice::choice;
+use crate::reconstruct::Solver;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -37,6 +38,29 @@ choice! {
         Random = "random",
         /// The CSV or XML file named by `file`.
         File = "file",
+    }
+}
+
+choice! {
+    /// Whether the volume is refined, and how.
+    pub enum RefineMethod: "method" {
+        /// It is that of Eq. 13.
+        None = "none",
+        /// [`Solver::Cgls`].
+        Cgls = "cgls",
+        /// [`Solver::Fista`].
+        Fista = "fista",
+    }
+}
+
+impl RefineMethod {
+    /// How it is refined, if it is.
+    pub(crate) fn solver(self) -> Option<Solver> {
+        match self {
+            Self::None => None,
+            Self::Cgls => Some(Solver::Cgls),
+            Self::Fista => Some(Solver::Fista),
+        }
     }
 }
 

@@ -1,7 +1,7 @@
 //! From the run file to the parameters of the stages; no other place converts one to the other.
 
 use super::check::square_root;
-use super::{ArrayLayout, RunFile, Shading, SurfaceKind};
+use super::{ArrayLayout, RefineTable, RunFile, Shading, SurfaceKind};
 use crate::acquisition::{
     ArrayErrors, Instrument, Losses, MicArray, Noise, RANDOM_BYTES, SimulateOptions, Sweep,
 };
@@ -9,7 +9,7 @@ use crate::depth::DepthOptions;
 use crate::error::{Error, Result, gib};
 use crate::grid::{Axis, Grid, Raster, View};
 use crate::plan::memory_limit;
-use crate::reconstruct::ReconstructOptions;
+use crate::reconstruct::{ReconstructOptions, RefineOptions};
 use crate::reflectors::{Occlusion, OcclusionKind, SurfaceModel, SurfaceOptions};
 use crate::scene::{CameraView, LoadOptions};
 use crate::truth::TruthOptions;
@@ -225,12 +225,20 @@ impl RunFile {
         Ok(Grid { x: axis("x", x, pitch[0])?, y: axis("y", y, pitch[1])?, z: axis("z", z, pitch[2])? })
     }
 
-    /// `[reconstruct]`.
+    /// `[reconstruct]` and `[refine]`.
     pub fn reconstruct_options(&self) -> ReconstructOptions {
         let mut options = ReconstructOptions::new(self.reconstruct.method, self.reconstruct.window);
         options.tolerance = self.reconstruct.tolerance;
         options.compensate = self.reconstruct.compensate;
+        options.refine = self.refine_options();
         options
+    }
+
+    /// `[refine]`; `None` where the volume is not refined.
+    pub fn refine_options(&self) -> Option<RefineOptions> {
+        let RefineTable { method, steps, sparsity, noise } = self.refine;
+        let options = RefineOptions::new(method.solver()?);
+        Some(options.with_steps(steps as usize).with_sparsity(sparsity).with_noise(noise))
     }
 
     /// `[depth] view`: the pixels, or `None` for those of the grid; `camera` is the one at which the array is placed.

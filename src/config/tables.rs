@@ -8,5 +8,5 @@ mod results;
 mod scene;
 
 pub use measurement::{ArrayTable, DetectionTable, MediumTable, SweepTable};
-pub use results::{DepthTable, ExpectTable, GridTable, Limit, OutputTable, ReconstructTable};
+pub use results::{DepthTable, ExpectTable, GridTable, Limit, OutputTable, ReconstructTable, RefineTable};
 pub use scene::{ReflectorsTable, SceneTable};

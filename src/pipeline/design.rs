@@ -246,7 +246,8 @@ pub fn point_spreads(run: &RunFile, points: &[DVec3], job: &JobOptions) -> Resul
     let depths = [near, f64::midpoint(near, grid.z.last()), grid.z.last().max(near)];
     let chosen = depths.map(|z| DVec3::new(middle(&grid.x), middle(&grid.y), z));
     let points = if points.is_empty() { &chosen[..] } else { points };
-    let options = run.reconstruct_options();
+    // That of Eq. 13: of a refined volume it would be of this one point only.
+    let options = run.reconstruct_options().with_refine(None);
     let spreads = points.iter().map(|p| point_spread_with(instrument, &options, &grid, *p, observer));
     Ok((grid, spreads.collect::<Result<_>>()?))
 }

@@ -15,6 +15,9 @@ pub(super) fn image_facts(instrument: &Instrument, run: &RunFile, info: &Reconst
     let mut facts = instrument_facts(instrument, run);
     facts["method"] = json!(info.method);
     facts["error_bound"] = json!(info.error_bound);
+    if let Some(refinement) = &info.refinement {
+        facts["refinement"] = json!(refinement);
+    }
     facts
 }
 
@@ -45,11 +48,15 @@ pub(super) fn instrument_facts(instrument: &Instrument, run: &RunFile) -> Value 
     })
 }
 
-/// How the volume is corrected for spreading, if it is.
-pub(super) fn compensation(run: &RunFile) -> Option<String> {
-    run.reconstruct.compensate.then(|| {
+/// How the volume is made more than Eq. 13, in words.
+pub(super) fn beyond_the_sum(run: &RunFile) -> Vec<String> {
+    let spreading = run.reconstruct.compensate.then(|| {
         "spreading undone in the volume: times the distances from speaker and array's centre, in m".to_owned()
-    })
+    });
+    let refined = run
+        .refine_options()
+        .map(|refine| format!("the volume refined: {}, at most {} steps", refine.solver, refine.steps));
+    spreading.into_iter().chain(refined).collect()
 }
 
 /// The range resolution c/2B from a volume's metadata, m.

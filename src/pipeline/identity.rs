@@ -28,9 +28,16 @@ pub(super) fn of_cube(job: &str, run: &RunFile, cube: &mut CubeFile, grid: &Grid
 
 fn of_instrument(job: &str, run: &RunFile, instrument: &Instrument, grid: &Grid) -> Identity {
     let plane_bytes = grid.volume_bytes() / (grid.z.count as u64).max(1);
-    let mut identity = Identity::of(job)
+    let identity = Identity::of(job)
         .storing(Stage::Cube, instrument.array.len() as u64, instrument.cube_bytes())
         .storing(Stage::Volume, grid.z.count as u64, plane_bytes);
+    let mut identity = match run.refine_options() {
+        Some(refine) => {
+            let [blocks, bytes] = refine.blocks(instrument, grid);
+            identity.storing(Stage::Refinement, blocks, bytes)
+        }
+        None => identity,
+    };
     identity.text(&run.to_json().to_string());
     identity.text(&format!("{:?} {:?} {grid:?}", instrument.geometry, instrument.detection));
     identity.numbers(instrument.sweep.frequencies().iter().copied());

@@ -1,6 +1,6 @@
 //! A prepared scene: its reflectors, with the instrument that measures them and the grid on which they are imaged.
 
-use super::facts::compensation;
+use super::facts::beyond_the_sum;
 use super::memory::{MemoryBudget, SceneSize};
 use super::{SceneSummary, is_csv, is_in_metres, load_scene, scene_path, warn_all};
 use crate::acquisition::{
@@ -39,7 +39,7 @@ impl Measurement {
                 format!("sound travels at {speed:.2} m/s, in air of {temperature} °C and {humidity} %"),
             );
         }
-        lines.extend(compensation(run));
+        lines.extend(beyond_the_sum(run));
         lines
     }
 

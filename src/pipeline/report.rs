@@ -7,6 +7,7 @@ use crate::error::{Error, Result};
 use crate::grid::Grid;
 use crate::metrics::Metrics;
 use crate::plan::Plan;
+use crate::reconstruct::Refinement;
 use crate::reflectors::Reflectors;
 use crate::scene::{Material, Scene};
 use glam::DVec3;
@@ -39,6 +40,9 @@ pub struct Report {
     pub peak_amplitude: f32,
     /// Bound on the error of any voxel, in units of amplitude.
     pub error_bound: f64,
+    /// How the volume was refined, if it was.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub refinement: Option<Refinement>,
     /// Pixels of the depth map.
     pub pixels: usize,
     /// Pixels with an accepted return.
@@ -71,6 +75,7 @@ impl Report {
             method: outcome.image.method,
             peak_amplitude: outcome.image.volume.peak(),
             error_bound: outcome.image.error_bound,
+            refinement: outcome.image.refinement,
             pixels: outcome.depth.len(),
             accepted: outcome.depth.accepted(),
             metrics: outcome.metrics(),

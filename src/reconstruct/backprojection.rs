@@ -224,7 +224,7 @@ fn by_microphones(job: Job<'_>, division: Division) -> Result<ReconstructionInfo
     let compressed = VolumeTones::compress(source, weights, whole, budget.tones, observer)?;
     let instrument = source.instrument();
     let interval = |depths| interval(instrument, grid, shape, depths);
-    let slabs = compressed.slabs(slabs_of(grid.z.count, thickness), interval, share, budget.tones);
+    let slabs = compressed.sweep.slabs(slabs_of(grid.z.count, thickness), interval, share, budget.tones);
     let error_bound = interpolation.with(budget.error(&slabs)) * compressed.modulus;
     let groups = Group::of(instrument.array.positions(), (0..instrument.array.len()).collect());
     let width = instrument.array.len();
@@ -233,7 +233,7 @@ fn by_microphones(job: Job<'_>, division: Division) -> Result<ReconstructionInfo
         Slab { work: Block::of(grid, shape, depths.clone()).len() as u64, depths }
     };
     let driver = SlabDriver::new(grid, slabs.iter().map(of_driver).collect(), observer);
-    let info = ReconstructionInfo { method: Method::Backprojection, error_bound };
+    let info = ReconstructionInfo::plain(Method::Backprojection, error_bound);
     driver.run(info, sink, |part, depths, planes| {
         let tones = slabs[part.start].of(&compressed, width)?;
         let profiles = SlabProfiles::new(instrument, band, greatest, tones.per_metre.clone());

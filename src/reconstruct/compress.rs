@@ -11,4 +11,5 @@ mod virtual_tones;
 pub(super) use cost::CompressionCost;
 pub(super) use skeleton::{candidates_for, tones_for};
 pub(super) use slabs::{finders, slabs_of};
-pub(super) use tones::{SlabTones, Tones, VolumeTones};
+pub(super) use tones::{SlabTones, SweepTones, Tones, VolumeTones, frequencies_at_once};
+pub(super) use virtual_tones::VirtualTones;

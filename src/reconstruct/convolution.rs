@@ -5,6 +5,7 @@
 //! to virtual tones for the volume, and these to skeleton tones for each slab of depths, so that Eq. 16 runs over tens
 //! of tones instead of all; with tolerance 0 it runs over every one.
 
+mod adjoint;
 mod cost;
 mod lattice;
 mod layout;
@@ -18,6 +19,7 @@ mod slab_plan;
 mod spectra;
 mod workspace;
 
+pub(super) use adjoint::adjoint;
 pub(super) use lattice::SharedLattice;
 
 use crate::acquisition::Instrument;
@@ -25,7 +27,7 @@ use crate::alloc::try_with_capacity;
 use crate::error::Result;
 use crate::grid::Grid;
 use crate::progress::{Observer, advance};
-use crate::reconstruct::compress::{SlabTones, Tones, VolumeTones, slabs_of};
+use crate::reconstruct::compress::{SlabTones, SweepTones, Tones, VirtualTones, slabs_of};
 use crate::reconstruct::error_budget::ErrorBudget;
 use crate::reconstruct::job::Job;
 use crate::reconstruct::volume::{Batch, Slab, SlabDriver};
@@ -38,6 +40,7 @@ use near_field::NearField;
 use num_complex::Complex32;
 use rayon::prelude::*;
 use slab_plan::Slabs;
+use std::sync::Arc;
 use workspace::Workspaces;
 
 /// Bytes of data spectra in memory at a time when every frequency is summed.
@@ -113,15 +116,15 @@ impl Depths<'_> {
     }
 }
 
-/// Gives the volume to the job's sink by Eq. 16.
+/// Gives the volume to the job's sink by Eq. 16, over skeleton tones or every frequency.
 ///
 /// Cost: per tone and depth, for each pair of sublattices one kernel of `n_x·n_y` phasors and its FFT, and one inverse
 /// FFT per voxel sublattice (monostatic: one per depth). With a tolerance a sweep is some `B·T + 10` tones, T the
 /// spread of delays within a slab.
 pub(super) fn convolution(job: Job<'_>, plan: &ConvolutionPlan) -> Result<ReconstructionInfo> {
-    match &plan.slabs {
+    match plan.skeletons(job.source.instrument()) {
         None => every_frequency(job, plan),
-        Some(slabs) => skeleton_frequencies(job, plan, slabs),
+        Some(skeletons) => convolution_with(job, plan, &skeletons),
     }
 }
 
@@ -144,8 +147,7 @@ fn every_frequency(job: Job<'_>, plan: &ConvolutionPlan) -> Result<Reconstructio
         modulus += rows.map(|(f, row)| weights.modulus(f, row)).sum::<f64>();
         Ok(())
     })?;
-    let info =
-        ReconstructionInfo { method: Method::Convolution, error_bound: layout.lattice.error() * modulus };
+    let info = ReconstructionInfo::plain(Method::Convolution, layout.lattice.error() * modulus);
     let spreading = layout.lattice.spreading(&source.instrument().array);
     let literal = plan.literal.then(|| Literal::new(layout));
     let mut spectra = if literal.is_some() { Vec::new() } else { layout.room(block)? };
@@ -168,31 +170,71 @@ fn every_frequency(job: Job<'_>, plan: &ConvolutionPlan) -> Result<Reconstructio
     })
 }
 
-/// Skeleton tones, slab by slab.
-fn skeleton_frequencies(
+/// The tones of a volume and of its slabs, whatever the samples are.
+pub(super) struct Skeletons {
+    sweep: Arc<SweepTones>,
+    slabs: Vec<SlabTones>,
+    /// Depths in a slab.
+    thickness: usize,
+    /// Of spreading and both compressions, relative to `Σ|w m| / Σw`.
+    error: f64,
+}
+
+impl ConvolutionPlan {
+    /// Finds the tones; `None` where every frequency is summed.
+    pub(super) fn skeletons(&self, instrument: &Instrument) -> Option<Skeletons> {
+        let Self { layout, compression, slabs: Some(division), .. } = self else { return None };
+        let (grid, thickness) = (&layout.grid, division.thickness);
+        let interval = |planes| instrument.path_interval(grid, planes);
+        let sweep = SweepTones::find(&instrument.sweep, interval(0..grid.z.count), *compression);
+        let share = |longer, own, depths| division.share(longer, own, depths);
+        let slabs = sweep.slabs(slabs_of(grid.z.count, thickness), interval, share, *compression);
+        let error = slabs.iter().map(|slab| slab.error).fold(0.0, greater) + layout.lattice.error();
+        Some(Skeletons { sweep, slabs, thickness, error })
+    }
+}
+
+impl Skeletons {
+    /// The volume's tones, and how the measured ones are made of them.
+    pub(super) fn virtual_tones(&self) -> &VirtualTones {
+        self.sweep.virtual_tones()
+    }
+
+    /// Number of the volume's tones.
+    pub(super) fn tones(&self) -> usize {
+        self.sweep.len()
+    }
+
+    /// Units of work of all slabs: tones times depths.
+    pub(super) fn work(&self) -> u64 {
+        self.slabs.iter().map(|slab| (slab.len() * slab.planes.len()) as u64).sum()
+    }
+
+    /// The most tones of a slab.
+    fn most(&self) -> usize {
+        self.slabs.iter().map(SlabTones::len).max().unwrap_or(0)
+    }
+}
+
+/// Gives the volume to the job's sink by Eq. 16 over skeleton tones, slab by slab.
+pub(super) fn convolution_with(
     job: Job<'_>,
     plan: &ConvolutionPlan,
-    division: &Slabs,
+    skeletons: &Skeletons,
 ) -> Result<ReconstructionInfo> {
-    let ConvolutionPlan { layout, compression, .. } = plan;
+    let layout = &plan.layout;
     let Job { source, weights, grid, interpolation, batch, sink, observer, .. } = job;
-    let depths = grid.z.count;
-    let whole = source.instrument().path_interval(grid, 0..depths);
-    let mut compressed = VolumeTones::compress(source, weights, whole, *compression, observer)?;
+    let Skeletons { sweep, slabs, thickness, error } = skeletons;
+    let mut compressed = sweep.compress(source, weights, observer)?;
     let instrument = source.instrument();
-    let thickness = division.thickness;
-    let interval = |planes| instrument.path_interval(grid, planes);
-    let share = |longer, own, depths| division.share(longer, own, depths);
-    let slabs = compressed.slabs(slabs_of(depths, thickness), interval, share, *compression);
-    let error = slabs.iter().map(|slab| slab.error).fold(0.0, greater) + layout.lattice.error();
-    let near = NearField::new(instrument, grid, &layout.lattice.near, &compressed, &slabs)?;
+    let near = NearField::new(instrument, grid, &layout.lattice.near, &compressed, slabs)?;
     let samples = std::mem::take(&mut compressed.tones.samples);
     compressed.tones.samples = layout.lattice.spreading(&instrument.array).onto_nodes(samples)?;
-    let error_bound = interpolation.with(error) * compressed.modulus;
+    let error_bound = interpolation.with(*error) * compressed.modulus;
     let plane_len = grid.plane_len();
     // Buffers for every slab that is worked on at a time, reused by the next: memory that is freed and allocated
     // again is in use twice for a while.
-    let most = slabs.iter().map(SlabTones::len).max().unwrap_or(0);
+    let most = skeletons.most();
     let room = |_| Ok((Tones::with_capacity(most, layout.lattice.width())?, layout.room(most)?));
     let rooms = (0..batch.slabs.min(slabs.len())).into_par_iter().map(room);
     let mut rooms = rooms.collect::<Result<Vec<_>>>()?;
@@ -203,10 +245,10 @@ fn skeleton_frequencies(
     };
     let driver = SlabDriver::new(grid, slabs.iter().map(of_driver).collect(), observer);
     let driver = SlabDriver { at_once: batch.slabs, ..driver };
-    let info = ReconstructionInfo { method: Method::Convolution, error_bound };
+    let info = ReconstructionInfo::plain(Method::Convolution, error_bound);
     driver.run(info, sink, |part, _, planes| {
         planes.fill(Complex32::ZERO);
-        let planes_of_slabs = planes.par_chunks_mut(thickness * plane_len).zip(&slabs[part]);
+        let planes_of_slabs = planes.par_chunks_mut(*thickness * plane_len).zip(&slabs[part]);
         planes_of_slabs.zip(&mut rooms).try_for_each(|((planes, slab), (tones, spectra))| {
             slab.select(&compressed, layout.lattice.width(), tones);
             focused.add(tones, spectra, slab.planes.start, planes)

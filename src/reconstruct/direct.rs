@@ -79,7 +79,7 @@ fn sum_over_paths(
     let work = |depths: usize| (depths * plane) as u64;
     let driver = SlabDriver::even(grid, plan.depths, work, observer);
     let driver = SlabDriver { stage: "reconstructing (direct sum)", ..driver };
-    driver.run(ReconstructionInfo { method, error_bound: 0.0 }, sink, |_, depths, planes| {
+    driver.run(ReconstructionInfo::plain(method, 0.0), sink, |_, depths, planes| {
         let run = batch.least_run(planes.len().div_ceil(TOGETHER));
         planes.par_chunks_mut(TOGETHER).with_min_len(run).enumerate().try_for_each_init(
             || lengths(instrument.array.len()),

@@ -13,4 +13,6 @@ pub(super) use interval_nodes::IntervalNodes;
 pub(super) use lane_fft::{LaneFft, fast_size};
 pub(super) use memo::Memo;
 pub(super) use nodes::{Around, AxisWeights, Nodes, WIDE, known_at, padded_width, wave_error, weighted_rows};
-pub(super) use spreading::{FILLS, Footprint, Interpolator, Kernels, footprints, nodes_around, spread};
+pub(super) use spreading::{
+    FILLS, Footprint, Interpolator, Kernels, footprints, gather, nodes_around, spread,
+};

@@ -1,6 +1,6 @@
 //! What the user chooses: how to sum, with which weights, to within which error.
 
-use super::Window;
+use super::{RefineOptions, Window};
 use crate::choice::choice;
 use crate::with_fields::with_fields;
 
@@ -46,6 +46,8 @@ pub struct ReconstructOptions {
     /// Bytes that may be used beside samples and volume: less is worked on at a time, and by fewer threads, where that
     /// keeps to it. It changes no byte of the volume. `None` is no limit.
     pub memory: Option<u64>,
+    /// How the volume is refined beyond Eq. 13, if it is. By convolution only.
+    pub refine: Option<RefineOptions>,
 }
 
 impl Default for ReconstructOptions {
@@ -61,12 +63,13 @@ with_fields! {
         with_tolerance(tolerance: f64),
         with_compensate(compensate: bool),
         with_memory(memory: Option<u64>),
+        with_refine(refine: Option<RefineOptions>),
     }
 }
 
 impl ReconstructOptions {
     /// Options of a given method and window, with the default tolerance of 10⁻⁴ and nothing compensated.
     pub fn new(method: Method, window: Window) -> Self {
-        Self { method, window, tolerance: 1e-4, compensate: false, memory: None }
+        Self { method, window, tolerance: 1e-4, compensate: false, memory: None, refine: None }
     }
 }

@@ -5,10 +5,11 @@ use crate::config::range::{
 };
 use crate::config::reader::{Fault, joined};
 use crate::config::wording::nearest;
-use crate::config::{DepthTable, ExpectTable, GridTable, OutputTable, ReconstructTable};
+use crate::config::{DepthTable, ExpectTable, GridTable, OutputTable, ReconstructTable, RefineTable};
 use crate::export::Fill;
 use crate::grid::View;
 use crate::metrics::{METRIC_NAMES, Measure, Metrics};
+use crate::reconstruct::MOST_STEPS;
 use crate::text::quoted;
 
 /// Maximum side of a median filter, pixels.
@@ -67,6 +68,17 @@ impl GridTable {
 impl ReconstructTable {
     pub(super) fn check(&self) -> Check {
         tolerance("reconstruct.tolerance", self.tolerance)
+    }
+}
+
+impl RefineTable {
+    pub(super) fn check(&self) -> Check {
+        ensure((1..=MOST_STEPS as u32).contains(&self.steps), || {
+            Fault::new("refine.steps", format!("found {}; expected 1 to {MOST_STEPS}", self.steps))
+        })?;
+        let sparsity = (0.0..1.0).contains(&self.sparsity);
+        expect("refine.sparsity", self.sparsity, sparsity, "a part of the largest amplitude, 0 to below 1")?;
+        not_negative("refine.noise", self.noise.unwrap_or(0.0))
     }
 }
 

@@ -1,11 +1,11 @@
 //! The grid, the reconstruction, the depth map, the output files and the expected metrics.
 
 use super::pair::PairVisitor;
-use crate::config::choices::VolumeFormat;
+use crate::config::choices::{RefineMethod, VolumeFormat};
 use crate::depth::{DepthOptions, Pick, Refine};
 use crate::export::{Components, Compression, Fill};
 use crate::grid::View;
-use crate::reconstruct::{Method, Window};
+use crate::reconstruct::{Method, RefineOptions, Solver, Window};
 use serde::de::{MapAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize};
 use std::collections::BTreeMap;
@@ -60,6 +60,32 @@ pub struct ReconstructTable {
 impl Default for ReconstructTable {
     fn default() -> Self {
         Self { method: Method::Auto, tolerance: 1e-4, window: Window::None, compensate: false }
+    }
+}
+
+/// `[refine]`: an image beyond the matched filter.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct RefineTable {
+    /// How, or that the volume is not refined.
+    pub method: RefineMethod,
+    /// The most steps.
+    pub steps: u32,
+    /// Of `fista`: the amplitude that is taken from every voxel's, relative to the largest of the matched filter.
+    pub sparsity: f64,
+    /// Root mean square of the noise in a sample; left out: measured.
+    pub noise: Option<f64>,
+}
+
+impl Default for RefineTable {
+    fn default() -> Self {
+        let stage = RefineOptions::new(Solver::Fista);
+        Self {
+            method: RefineMethod::None,
+            steps: stage.steps as u32,
+            sparsity: stage.sparsity,
+            noise: stage.noise,
+        }
     }
 }
 

@@ -6,7 +6,7 @@
 use super::skeleton::{Skeleton, skeleton};
 use super::slabs::finders;
 use super::virtual_tones::VirtualTones;
-use crate::acquisition::CubeSource;
+use crate::acquisition::{CubeSource, Sweep};
 use crate::alloc::{try_with_capacity, try_zeroed};
 use crate::error::Result;
 use crate::linalg::add_product_of_rows;
@@ -49,18 +49,21 @@ impl Tones {
     }
 }
 
-/// A sweep compressed for one volume, to be compressed again for its slabs.
+/// The tones that a sweep is compressed to for one volume, whatever the samples are.
+#[derive(Debug)]
+pub(crate) struct SweepTones {
+    found: VirtualTones,
+    /// −f/c of each of them, 1/m.
+    per_metre: Vec<f64>,
+}
+
+/// A cube compressed for one volume, to be compressed again for its slabs.
 #[derive(Debug)]
 pub(crate) struct VolumeTones {
     pub(crate) tones: Tones,
     /// `Σ|w m| / Σw`: what one unit of relative error comes to in the volume.
     pub(crate) modulus: f64,
-    /// Their frequencies, Hz.
-    frequencies: Vec<f64>,
-    /// The largest error of a measured tone made of them, relative to one.
-    error: f64,
-    /// By how much errors of their own can grow in it.
-    growth: f64,
+    pub(crate) sweep: Arc<SweepTones>,
 }
 
 /// How a slab's tones follow from the volume's.
@@ -76,46 +79,44 @@ pub(crate) struct SlabTones {
     pub(crate) error: f64,
 }
 
-impl VolumeTones {
-    /// Compresses a cube, block by block, for all path lengths of `interval` to within its share of the budget.
+impl SweepTones {
+    /// Those for all path lengths of `interval`, to within their share of the budget.
+    pub(crate) fn find(sweep: &Sweep, interval: PathInterval, budget: ErrorBudget) -> Arc<Self> {
+        let found = VirtualTones::find(sweep, interval, budget.virtual_tones());
+        let per_metre = found.frequencies().iter().map(|f| -f / interval.sound_speed).collect();
+        Arc::new(Self { found, per_metre })
+    }
+
+    /// Their weights in the measured tones.
+    pub(crate) fn virtual_tones(&self) -> &VirtualTones {
+        &self.found
+    }
+
+    /// Number of tones.
+    pub(crate) fn len(&self) -> usize {
+        self.per_metre.len()
+    }
+
+    /// Compresses a cube, block by block.
     pub(crate) fn compress(
+        self: &Arc<Self>,
         source: &mut dyn CubeSource,
         weights: &Weights,
-        interval: PathInterval,
-        budget: ErrorBudget,
         observer: &dyn Observer,
-    ) -> Result<Self> {
-        let instrument = source.instrument();
-        let (n_f, n_mic) = (instrument.sweep.len(), instrument.array.len());
-        let found = VirtualTones::find(&instrument.sweep, interval, budget.virtual_tones());
-        let frequencies = found.frequencies().to_vec();
-        let per_metre = frequencies.iter().map(|f| -f / interval.sound_speed).collect();
-        let count = (frequencies.len() as u64).saturating_mul(n_mic as u64);
-        let mut samples = try_zeroed(count).ok_or_else(|| no_room(frequencies.len() as u64, n_mic as u64))?;
+    ) -> Result<VolumeTones> {
+        let (n_f, n_mic) = (source.instrument().sweep.len(), source.instrument().array.len());
+        let (tones, width) = (self.len() as u64, n_mic as u64);
+        let mut samples = try_zeroed(tones.saturating_mul(width)).ok_or_else(|| no_room(tones, width))?;
         let mut modulus = 0.0;
         stage(observer, "compressing the sweep", n_f as u64, || {
             source.visit(frequencies_at_once(n_mic), &mut |range, block| {
-                modulus += found.add(range.clone(), block, weights, &mut samples);
+                modulus += self.found.add(range.clone(), block, weights, &mut samples);
                 advance(observer, range.len() as u64)
             })
         })?;
-        found.finish(weights, &mut samples);
-        let VirtualTones { error, growth, .. } = found;
-        Ok(Self { tones: Tones { per_metre, samples }, modulus, frequencies, error, growth })
-    }
-
-    /// The same for some of the microphones, in this order.
-    ///
-    /// # Errors
-    /// They do not fit in memory.
-    pub(crate) fn of_microphones(&self, microphones: &[usize]) -> Result<Self> {
-        let rows = self.tones.per_metre.len();
-        let mut tones = Tones::with_capacity(rows, microphones.len())?;
-        tones.per_metre.clone_from(&self.tones.per_metre);
-        for row in self.tones.samples.chunks_exact(self.tones.samples.len() / rows.max(1)) {
-            tones.samples.extend(microphones.iter().map(|r| row[*r]));
-        }
-        Ok(Self { tones, frequencies: self.frequencies.clone(), ..*self })
+        self.found.finish(weights, &mut samples);
+        let tones = Tones { per_metre: self.per_metre.clone(), samples };
+        Ok(VolumeTones { tones, modulus, sweep: Arc::clone(self) })
     }
 
     /// The tones of slabs of these depths, whose path lengths `interval` tells.
@@ -129,23 +130,50 @@ impl VolumeTones {
         share: impl Fn(f64, f64, usize) -> bool,
         budget: ErrorBudget,
     ) -> Vec<SlabTones> {
+        let frequencies = self.found.frequencies();
         let planes: Vec<_> = planes.collect();
         let intervals: Vec<_> = planes.iter().map(|planes| interval(planes.clone())).collect();
-        let bandwidth = self.frequencies[self.frequencies.len() - 1] - self.frequencies[0];
+        let bandwidth = frequencies[frequencies.len() - 1] - frequencies[0];
         let spreads =
             intervals.iter().zip(&planes).map(|(i, planes)| (bandwidth * i.duration(), planes.len()));
         let finders = finders(&spreads.collect::<Vec<_>>(), share);
-        let tolerance = budget.after(self.error).before(self.growth).all();
-        let found = |i: usize| {
-            (finders[i] == i).then(|| Arc::new(skeleton(&self.frequencies, intervals[i], tolerance)))
-        };
+        let tolerance = budget.after(self.found.error).before(self.found.growth).all();
+        let found =
+            |i: usize| (finders[i] == i).then(|| Arc::new(skeleton(frequencies, intervals[i], tolerance)));
         let skeletons: Vec<_> = (0..planes.len()).into_par_iter().map(found).collect();
         let tones = |(i, planes): (usize, Range<usize>)| {
             let skeleton = skeletons[finders[i]].clone().expect("a finder takes its own");
-            let error = self.error + self.growth * skeleton.error();
+            let error = self.found.error + self.found.growth * skeleton.error();
             SlabTones { planes, middle: intervals[i].middle(), skeleton, error }
         };
         planes.into_iter().enumerate().map(tones).collect()
+    }
+}
+
+impl VolumeTones {
+    /// Compresses a cube, block by block, for all path lengths of `interval` to within its share of the budget.
+    pub(crate) fn compress(
+        source: &mut dyn CubeSource,
+        weights: &Weights,
+        interval: PathInterval,
+        budget: ErrorBudget,
+        observer: &dyn Observer,
+    ) -> Result<Self> {
+        SweepTones::find(&source.instrument().sweep, interval, budget).compress(source, weights, observer)
+    }
+
+    /// The same for some of the microphones, in this order.
+    ///
+    /// # Errors
+    /// They do not fit in memory.
+    pub(crate) fn of_microphones(&self, microphones: &[usize]) -> Result<Self> {
+        let rows = self.tones.per_metre.len();
+        let mut tones = Tones::with_capacity(rows, microphones.len())?;
+        tones.per_metre.clone_from(&self.tones.per_metre);
+        for row in self.tones.samples.chunks_exact(self.tones.samples.len() / rows.max(1)) {
+            tones.samples.extend(microphones.iter().map(|r| row[*r]));
+        }
+        Ok(Self { tones, modulus: self.modulus, sweep: Arc::clone(&self.sweep) })
     }
 }
 
@@ -156,8 +184,8 @@ impl SlabTones {
     }
 
     /// −f/c of each of them, 1/m.
-    pub(crate) fn per_metre(&self, volume: &VolumeTones) -> Vec<f64> {
-        self.skeleton.chosen().iter().map(|&q| volume.tones.per_metre[q]).collect()
+    pub(crate) fn per_metre(&self, sweep: &SweepTones) -> Vec<f64> {
+        self.skeleton.chosen().iter().map(|&q| sweep.per_metre[q]).collect()
     }
 
     /// The slab's tones from the volume's, whose rows are `width` wide.
@@ -172,15 +200,32 @@ impl SlabTones {
 
     /// The same in place of others, in their room if they have enough.
     pub(crate) fn select(&self, volume: &VolumeTones, width: usize, tones: &mut Tones) {
-        let chosen = self.skeleton.chosen();
-        let turns: Vec<_> = volume.frequencies.iter().map(|f| phasor_f64(f * self.middle)).collect();
-        let weight = |q: usize, k: usize| {
-            let w = self.skeleton.about_middle(q, k) * turns[chosen[q]] * turns[k].conj();
-            Complex32::new(w.re as f32, w.im as f32)
-        };
         tones.samples.clear();
         tones.samples.resize(self.len() * width, Complex32::ZERO);
+        let weight = self.weights(&volume.sweep);
         add_product_of_rows(weight, &volume.tones.samples, width, &mut tones.samples);
-        tones.per_metre = self.per_metre(volume);
+        tones.per_metre = self.per_metre(&volume.sweep);
+    }
+
+    /// The adjoint of [`SlabTones::select`]: adds what the slab's tones are to the volume's, both in rows of `width`.
+    pub(crate) fn add_to(
+        &self,
+        sweep: &SweepTones,
+        slab: &[Complex32],
+        width: usize,
+        volume: &mut [Complex32],
+    ) {
+        let weight = self.weights(sweep);
+        add_product_of_rows(|k, q| weight(q, k).conj(), slab, width, volume);
+    }
+
+    /// W: the weight of the volume's tone k in the slab's tone q.
+    fn weights<'a>(&'a self, sweep: &SweepTones) -> impl Fn(usize, usize) -> Complex32 + use<'a> {
+        let chosen = self.skeleton.chosen();
+        let turns: Vec<_> = sweep.found.frequencies().iter().map(|f| phasor_f64(f * self.middle)).collect();
+        move |q, k| {
+            let w = self.skeleton.about_middle(q, k) * turns[chosen[q]] * turns[k].conj();
+            Complex32::new(w.re as f32, w.im as f32)
+        }
     }
 }

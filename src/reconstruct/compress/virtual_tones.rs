@@ -10,12 +10,15 @@
 //! sweep costs a dozen products per sample, whatever T is. Towards the ends of the band the nodes draw together, as
 //! Chebyshev points do, so that one-sided windows are as exact as those amid the band, and no tone is needed beyond it.
 
+#![allow(clippy::inline_always)]
+
 use super::banded::Banded;
 use crate::acquisition::Sweep;
 use crate::linalg::Matrix;
 use crate::reconstruct::numerics::Taps;
 use crate::reconstruct::window::Weights;
 use crate::wave::interval::{PathInterval, greater, phasor_f64};
+use crate::wave::simd::dispatched;
 use num_complex::{Complex32, Complex64};
 use rayon::prelude::*;
 use std::f64::consts::PI;
@@ -224,6 +227,57 @@ impl VirtualTones {
             row.iter_mut().zip(&window.microphone).for_each(|(m, w)| *m *= turn * w);
         });
     }
+}
+
+impl VirtualTones {
+    /// The adjoint of [`VirtualTones::add`] and [`VirtualTones::finish`] without a window: measured tones of `range`,
+    /// `[range, n_mic]`, from virtual ones, `[tones, n_mic]`.
+    pub(crate) fn expand(
+        &self,
+        range: Range<usize>,
+        virtual_tones: &[Complex32],
+        n_mic: usize,
+        samples: &mut [Complex32],
+    ) {
+        samples.par_chunks_exact_mut(n_mic).zip(range).for_each(|(row, n)| {
+            row.fill(Complex32::ZERO);
+            for (k, w) in (self.first[n]..).zip(self.weights.col_as_slice(n)) {
+                let weight = *w * self.turns[0][n] * self.turns[1][k].conj();
+                let weight = Complex32::new(weight.re as f32, weight.im as f32);
+                add_weighted(weight, &virtual_tones[k * n_mic..][..n_mic], row);
+            }
+        });
+    }
+
+    /// The measured tones that virtual ones can make, as a basis of its columns, `[n_f, tones]`, real with delays counted from
+    /// the interval's middle.
+    pub(crate) fn basis(&self) -> Matrix {
+        let mut basis = Matrix::zeros(self.first.len(), self.frequencies.len());
+        for (n, first) in self.first.iter().enumerate() {
+            for (tap, w) in self.weights.col_as_slice(n).iter().enumerate() {
+                basis[(n, first + tap)] = *w;
+            }
+        }
+        basis
+    }
+
+    /// The phasors `e^{i2πf·middle}` of the measured tones.
+    pub(crate) fn turns(&self) -> &[Complex64] {
+        &self.turns[0]
+    }
+}
+
+#[inline(always)]
+fn add_weighted_body(weight: Complex32, samples: &[Complex32], sum: &mut [Complex32]) {
+    for (sum, m) in sum.iter_mut().zip(samples) {
+        sum.re += weight.re * m.re - weight.im * m.im;
+        sum.im += weight.re * m.im + weight.im * m.re;
+    }
+}
+
+dispatched! {
+    /// Adds a row of samples, times a weight.
+    fn add_weighted = add_weighted_body(weight: Complex32, samples: &[Complex32], sum: &mut [Complex32])
 }
 
 #[cfg(test)]

@@ -11,7 +11,7 @@ use crate::reconstruct::cost::PRODUCT;
 use crate::reconstruct::error_budget::ErrorBudget;
 use crate::reconstruct::no_room;
 use crate::reconstruct::numerics::{
-    FILLS, Footprint, Interpolator, Kernels, footprints, nodes_around, spread,
+    FILLS, Footprint, Interpolator, Kernels, footprints, gather, nodes_around, spread,
 };
 use num_complex::Complex32;
 use rayon::prelude::*;
@@ -280,6 +280,26 @@ impl Spreading<'_> {
                 spread(samples, &self.footprints, self.lattice.x.nodes.count, plane);
             });
         Ok(nodes)
+    }
+
+    /// The adjoint: samples of nodes, in rows of [`SharedLattice::width`], as samples of microphones, in rows of `n_mic`.
+    ///
+    /// # Errors
+    /// They do not fit in memory.
+    pub(crate) fn from_nodes(&self, nodes: Vec<Complex32>) -> crate::error::Result<Vec<Complex32>> {
+        if self.footprints.is_empty() {
+            return Ok(nodes);
+        }
+        let (width, n_mic) = (self.lattice.width(), self.footprints.len());
+        let tones = (nodes.len() / width) as u64;
+        let mut samples =
+            try_zeroed(tones.saturating_mul(n_mic as u64)).ok_or_else(|| no_room(tones, n_mic as u64))?;
+        samples.par_chunks_exact_mut(n_mic).zip(nodes.par_chunks_exact(width)).for_each(
+            |(samples, plane)| {
+                gather(plane, &self.footprints, self.lattice.x.nodes.count, samples);
+            },
+        );
+        Ok(samples)
     }
 }
 

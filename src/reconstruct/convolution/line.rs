@@ -18,19 +18,19 @@ use num_complex::Complex32;
 pub(crate) struct Line<'a> {
     pub(crate) layout: &'a Layout,
     /// The axis along which everything lies.
-    axis: usize,
+    pub(super) axis: usize,
     /// `|p − r|²` without the square of the depth, by lag, four times that for a scan:
     /// `[voxel part, node part, lag]`.
-    squares: Vec<f64>,
+    pub(super) squares: Vec<f64>,
     /// The depth above the microphones, m, twice that for a scan.
-    height: f64,
+    pub(super) height: f64,
     /// `|p − s|` per voxel of the sublattice, the same in all lanes; empty for a monostatic scan.
-    outward: Vec<[f64; LANES]>,
-    kernel: Vec<Lanes>,
-    transformed: Vec<Lanes>,
-    work: Vec<Lanes>,
+    pub(super) outward: Vec<[f64; LANES]>,
+    pub(super) kernel: Vec<Lanes>,
+    pub(super) transformed: Vec<Lanes>,
+    pub(super) work: Vec<Lanes>,
     /// Products of spectra, real and imaginary parts exchanged.
-    products: Vec<Lanes>,
+    pub(super) products: Vec<Lanes>,
     /// The voxels' sums over sixteen tones.
     image: Vec<Complex32>,
 }
@@ -69,7 +69,7 @@ impl<'a> Line<'a> {
     }
 
     /// Goes to depth `iz` and sublattice `part` of the voxels; what is computed serves all tones.
-    fn place(&mut self, iz: usize, part: usize) {
+    pub(super) fn place(&mut self, iz: usize, part: usize) {
         let Layout { lattice, grid, geometry, .. } = self.layout;
         let z = grid.z.position(iz);
         self.height = geometry.return_legs() * (z - lattice.z);

@@ -27,32 +27,39 @@ use num_complex::Complex32;
 pub(crate) struct Plane<'a> {
     pub(crate) layout: &'a Layout,
     /// Offsets from every node sublattice.
-    offsets: &'a [[Offset; 2]],
+    pub(super) offsets: &'a [[Offset; 2]],
     /// `|p − r|` by lag, doubled for a scan, `[part, y block, x]` in lanes of y.
     lengths: Vec<[f64; LANES]>,
     /// `|p − s|` per voxel of the sublattice, `[y block, x]` in lanes of y; empty for a monostatic scan.
-    outward: Vec<[f64; LANES]>,
+    pub(super) outward: Vec<[f64; LANES]>,
     /// The voxels of the sublattice, `[y block, x]` in lanes of y.
-    image: Vec<Lanes>,
+    pub(super) image: Vec<Lanes>,
     /// Kernels transformed along x, `[part, block, y]` in lanes of k_x.
-    columns: Vec<Lanes>,
+    pub(super) columns: Vec<Lanes>,
     /// Products of spectra, `[block, side, k_y]`: of one block, or of all while tones add up. Real and imaginary parts
     /// are exchanged from here on, which makes forward transforms inverse ones.
     products: Vec<Lanes>,
     /// Products transformed back along y, `[y block, k_x]` in lanes of y.
     rows: Vec<Lanes>,
-    row: Vec<Lanes>,
-    transformed: Vec<Lanes>,
-    work: Vec<Lanes>,
+    /// For the adjoint: the voxels' spectrum, `[block, side, k_y]`; else empty.
+    pub(super) field: Vec<Lanes>,
+    pub(super) row: Vec<Lanes>,
+    pub(super) transformed: Vec<Lanes>,
+    pub(super) work: Vec<Lanes>,
 }
 
 impl<'a> Plane<'a> {
-    /// Buffers for one thread; `None` when they do not fit in memory.
-    pub(crate) fn new(layout: &'a Layout) -> Option<Self> {
+    /// Buffers for one thread, those for the adjoint or for Eq. 16 itself; `None` when they do not fit in memory.
+    pub(crate) fn new(layout: &'a Layout, adjoint: bool) -> Option<Self> {
         let zeros = |n: usize| try_filled(Lanes::ZERO, n as u64);
         let (n_x, n_y, parts) = (layout.x.len(), layout.y.len(), layout.node_parts.len());
         let most = |axis: usize| layout.voxel_parts.iter().map(|p| p[axis].count).max().unwrap_or(1);
-        let blocks = if layout.geometry == Geometry::Monostatic { layout.blocks() } else { 1 };
+        let blocks = match layout.geometry {
+            _ if adjoint => 0,
+            Geometry::Monostatic => layout.blocks(),
+            Geometry::FixedSource { .. } => 1,
+        };
+        let (rows, field) = if adjoint { (0, layout.points() / LANES) } else { (most(1), 0) };
         let image = padded(most(0)) * most(1).div_ceil(LANES);
         Some(Self {
             layout,
@@ -66,7 +73,8 @@ impl<'a> Plane<'a> {
             image: try_with_capacity(image as u64)?,
             columns: zeros(parts * layout.blocks() * n_y)?,
             products: zeros(blocks * layout.sides() * n_y)?,
-            rows: zeros(n_x * most(1).div_ceil(LANES))?,
+            rows: zeros(n_x * rows.div_ceil(LANES))?,
+            field: zeros(field)?,
             row: zeros(n_x)?,
             transformed: zeros(n_x.max(n_y))?,
             work: zeros(n_x.max(n_y))?,
@@ -74,7 +82,7 @@ impl<'a> Plane<'a> {
     }
 
     /// Computes every length of depth `iz` on sublattice `part` of the voxels; they serve all tones.
-    fn place(&mut self, iz: usize, part: usize) {
+    pub(super) fn place(&mut self, iz: usize, part: usize) {
         let Layout { lattice, grid, x, y, .. } = self.layout;
         let (voxels, z) = (&self.layout.voxel_parts[part], grid.z.position(iz));
         let height = z - lattice.z;
@@ -172,7 +180,7 @@ impl<'a> Plane<'a> {
     }
 
     /// Kernels of one tone and node sublattice, transformed along x and transposed.
-    fn kernel(&mut self, per_metre: f64, part: usize) {
+    pub(super) fn kernel(&mut self, per_metre: f64, part: usize) {
         let Layout { x, y, .. } = self.layout;
         let [along_x, along_y] = self.offsets[part].map(|offset| offset.shift.half);
         let lengths = &self.lengths[part * x.lags() * y.lags() / LANES..][..x.lags() * y.lags() / LANES];
@@ -257,7 +265,7 @@ impl<'a> Plane<'a> {
 }
 
 /// Columns of voxels in the layout of the vector code.
-fn padded(width: usize) -> usize {
+pub(super) fn padded(width: usize) -> usize {
     width.next_multiple_of(ROWS)
 }
 

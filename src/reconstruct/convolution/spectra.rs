@@ -59,7 +59,7 @@ impl Layout {
     }
 
     /// Length of the spectra of this many tones.
-    fn spectra_len(&self, tones: usize) -> usize {
+    pub(crate) fn spectra_len(&self, tones: usize) -> usize {
         match self.line {
             Some(axis) => tones.div_ceil(LANES) * self.node_parts.len() * self.along(axis).len(),
             None => tones * self.tone_len() / LANES,
@@ -137,7 +137,7 @@ fn transform_line(layout: &Layout, axis: usize, nodes: &[Complex32], spectra: &m
 }
 
 /// Multiplies every lane by one number.
-fn turn(row: &mut Lanes, by: Complex32) {
+pub(super) fn turn(row: &mut Lanes, by: Complex32) {
     for (re, im) in row.re.iter_mut().zip(&mut row.im) {
         let product = Complex32::new(*re, *im) * by;
         (*re, *im) = (product.re, product.im);
@@ -145,17 +145,17 @@ fn turn(row: &mut Lanes, by: Complex32) {
 }
 
 /// One thread's buffers.
-struct Scratch {
-    row: Vec<Lanes>,
-    transformed: Vec<Lanes>,
-    work: Vec<Lanes>,
-    columns: Vec<Lanes>,
-    tile: [Lanes; LANES],
+pub(super) struct Scratch {
+    pub(super) row: Vec<Lanes>,
+    pub(super) transformed: Vec<Lanes>,
+    pub(super) work: Vec<Lanes>,
+    pub(super) columns: Vec<Lanes>,
+    pub(super) tile: [Lanes; LANES],
 }
 
 impl Scratch {
     /// `None` when they do not fit in memory.
-    fn new(layout: &Layout) -> Option<Self> {
+    pub(super) fn new(layout: &Layout) -> Option<Self> {
         let zeros = |n: usize| try_filled(Lanes::ZERO, n as u64);
         let (n_x, n_y) = (layout.x.len(), layout.y.len());
         Some(Self {

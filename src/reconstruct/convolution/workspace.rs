@@ -21,13 +21,20 @@ pub(crate) enum Workspace<'a> {
 #[derive(Debug)]
 pub(crate) struct Workspaces<'a> {
     layout: &'a Layout,
+    /// Whether they are for the adjoint.
+    adjoint: bool,
     idle: Mutex<Vec<Workspace<'a>>>,
 }
 
 impl<'a> Workspaces<'a> {
     /// None yet.
     pub(crate) fn new(layout: &'a Layout) -> Self {
-        Self { layout, idle: Mutex::new(Vec::new()) }
+        Self { layout, adjoint: false, idle: Mutex::new(Vec::new()) }
+    }
+
+    /// None yet, for [`Workspace::correlate`].
+    pub(crate) fn for_adjoint(layout: &'a Layout) -> Self {
+        Self { adjoint: true, ..Self::new(layout) }
     }
 
     /// Works with an idle one, or with another.
@@ -36,7 +43,7 @@ impl<'a> Workspaces<'a> {
     /// It does not fit in memory.
     pub(crate) fn with(&self, work: impl FnOnce(&mut Workspace<'a>)) -> Result<()> {
         let idle = self.idle().pop();
-        let mut focus = idle.map_or_else(|| Workspace::new(self.layout), Ok)?;
+        let mut focus = idle.map_or_else(|| Workspace::new(self.layout, self.adjoint), Ok)?;
         work(&mut focus);
         self.idle().push(focus);
         Ok(())
@@ -52,10 +59,10 @@ impl<'a> Workspace<'a> {
     ///
     /// # Errors
     /// They do not fit in memory.
-    fn new(layout: &'a Layout) -> Result<Self> {
+    fn new(layout: &'a Layout, adjoint: bool) -> Result<Self> {
         let focus = match layout.line {
             Some(axis) => Line::new(layout, axis).map(Self::Line),
-            None => Plane::new(layout).map(Self::Plane),
+            None => Plane::new(layout, adjoint).map(Self::Plane),
         };
         focus.ok_or_else(|| no_room_for(&layout.grid))
     }
@@ -67,6 +74,23 @@ impl<'a> Workspace<'a> {
             match self {
                 Self::Plane(plane) => plane.add(iz, part, per_metre, spectra, voxels),
                 Self::Line(line) => line.add(iz, part, per_metre, spectra, voxels),
+            }
+        }
+    }
+
+    /// Adds what voxels `[y, x]` of depth `iz` are at some tones to these tones' spectra, those of [`Layout::nodes_of`].
+    pub(crate) fn correlate(
+        &mut self,
+        iz: usize,
+        per_metre: &[f64],
+        voxels: &[Complex32],
+        spectra: &mut [Lanes],
+    ) {
+        let (Self::Plane(Plane { layout, .. }) | Self::Line(Line { layout, .. })) = self;
+        for part in 0..layout.voxel_parts.len() {
+            match self {
+                Self::Plane(plane) => plane.correlate(iz, part, per_metre, voxels, spectra),
+                Self::Line(line) => line.correlate(iz, part, per_metre, voxels, spectra),
             }
         }
     }

@@ -239,6 +239,22 @@ pub(crate) fn spread(
     }
 }
 
+/// The adjoint of [`spread`]: sets a row of samples `[n_mic]` to what a plane of nodes `[n_y, n_x]` has there.
+pub(crate) fn gather(
+    plane: &[Complex32],
+    footprints: &[[Footprint; 2]],
+    n_x: usize,
+    samples: &mut [Complex32],
+) {
+    for (m, [x, y]) in samples.iter_mut().zip(footprints) {
+        let of_row = |(row, w_y): (usize, &f32)| {
+            let nodes = &plane[(y.first + row) * n_x + x.first..][..x.weights.len()];
+            nodes.iter().zip(&x.weights).map(|(node, w_x)| node * *w_x).sum::<Complex32>() * *w_y
+        };
+        *m = y.weights.iter().enumerate().map(of_row).sum();
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

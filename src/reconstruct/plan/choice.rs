@@ -9,6 +9,7 @@ use crate::reconstruct::convolution::{ConvolutionPlan, SharedLattice};
 use crate::reconstruct::cost::Cost;
 use crate::reconstruct::direct::DirectPlan;
 use crate::reconstruct::error_budget::ErrorBudget;
+use crate::reconstruct::refine;
 use crate::reconstruct::upsampling::Upsampling;
 use crate::reconstruct::{Method, ReconstructOptions};
 use rayon::prelude::*;
@@ -59,6 +60,8 @@ pub(crate) struct Candidates {
     convolution: std::result::Result<Sampled<ConvolutionPlan>, String>,
     backprojection: Option<Sampled<BackprojectionPlan>>,
     direct: DirectPlan,
+    /// Whether the volume is refined, which takes convolution.
+    refines: bool,
 }
 
 impl Candidates {
@@ -74,19 +77,38 @@ impl Candidates {
         let possible = |method, cost: Cost<'_>, upsampling: Option<&Upsampling>| {
             Estimate::possible(method, cost, upsampling, options)
         };
-        let nodes = Upsampling::find(instrument, grid, budget);
+        if let Some(refine) = &options.refine {
+            refine.check()?;
+        }
+        // A refinement takes voxels themselves.
+        let nodes = match options.refine {
+            None => Upsampling::find(instrument, grid, budget),
+            Some(_) => Vec::new(),
+        };
         let samplings: Vec<Option<&Upsampling>> = iter::once(None).chain(nodes.iter().map(Some)).collect();
         let of_sampling = |upsampling: Option<&Upsampling>| {
             let (grid, budget) = summed(upsampling, grid, budget);
-            SharedLattice::find(instrument, grid, budget).map(|lattices| {
-                let priced = lattices.into_iter().map(|lattice| {
-                    let plan = ConvolutionPlan::new(instrument, grid, lattice, budget);
-                    let cost = plan.cost(instrument, threads);
-                    let estimate = possible(Method::Convolution, cost, upsampling);
-                    (Sampled { upsampling: upsampling.cloned(), plan }, estimate)
-                });
-                least(priced)
-            })
+            if options.refine.is_some() && budget.all() <= 0.0 {
+                return Err(NO_SKELETONS.to_owned());
+            }
+            let mut lattices = SharedLattice::find(instrument, grid, budget)?;
+            if options.refine.is_some() {
+                lattices.retain(|lattice| lattice.near.is_empty());
+            }
+            if lattices.is_empty() {
+                return Err(TOO_NEAR.to_owned());
+            }
+            let priced = lattices.into_iter().map(|lattice| {
+                let plan = ConvolutionPlan::new(instrument, grid, lattice, budget);
+                let cost = plan.cost(instrument, threads);
+                let cost = match &options.refine {
+                    Some(by) => refine::price(cost, instrument, grid, budget, by),
+                    None => cost,
+                };
+                let estimate = possible(Method::Convolution, cost, upsampling);
+                (Sampled { upsampling: upsampling.cloned(), plan }, estimate)
+            });
+            Ok(least(priced))
         };
         let convolutions: Vec<std::result::Result<_, String>> =
             samplings.par_iter().copied().map(of_sampling).collect();
@@ -101,7 +123,7 @@ impl Candidates {
         // A short convolution is over before tiles or lines are found.
         let short = |(_, estimate): &(Sampled<ConvolutionPlan>, Estimate)| estimate.operations < SHORT;
         let search = !convolution.as_ref().is_ok_and(short) || options.method == Method::Backprojection;
-        let backprojection = (options.tolerance > 0.0).then(|| {
+        let backprojection = (options.tolerance > 0.0 && options.refine.is_none()).then(|| {
             let voxels = |upsampling: Option<&Upsampling>| summed(upsampling, grid, budget).0.voxel_count();
             // With tiles, or by lines only if these take less than `most`.
             let of_sampling = |upsampling: Option<&Upsampling>, most: Option<f64>| {
@@ -130,19 +152,26 @@ impl Candidates {
             Some((_, estimate)) => estimate.clone(),
             None => Estimate::impossible(
                 Method::Backprojection,
-                "a tolerance of 0 allows no interpolation; use a tolerance above 0 (1e-6, say)".to_owned(),
+                match options.refine {
+                    Some(_) => NO_ADJOINT.to_owned(),
+                    None => "a tolerance of 0 allows no interpolation; use a tolerance above 0 (1e-6, say)"
+                        .to_owned(),
+                },
             ),
         };
-        let sums = [Method::Direct, Method::Linear]
-            .map(|method| possible(method, direct.cost(instrument, threads), None));
+        let sums = [Method::Direct, Method::Linear].map(|method| match options.refine {
+            Some(_) => Estimate::impossible(method, NO_ADJOINT.to_owned()),
+            None => possible(method, direct.cost(instrument, threads), None),
+        });
         let estimates = [of_convolution, of_backprojection].into_iter().chain(sums).collect();
         let convolution = convolution.map(|(plan, _)| plan);
         let backprojection = backprojection.map(|(plan, _)| plan);
-        Ok(Self { estimates, convolution, backprojection, direct })
+        Ok(Self { estimates, convolution, backprojection, direct, refines: options.refine.is_some() })
     }
 
     /// The selected method, or of the possible ones that of fewest operations.
     pub(crate) fn chosen(&self, asked: Method) -> &Estimate {
+        let asked = if self.refines && asked == Method::Auto { Method::Convolution } else { asked };
         let of = |method: Method| self.estimates.iter().find(|e| e.method == method);
         of(asked).unwrap_or_else(|| {
             // `linear` is another formula, not another method for this one.
@@ -163,6 +192,7 @@ impl Candidates {
         if let Some(obstacle) = &chosen.obstacle {
             let name = chosen.method;
             let others = match name {
+                _ if self.refines => "\"auto\", or [refine] method = \"none\"",
                 Method::Convolution => "\"backprojection\" or \"direct\"",
                 _ => "\"direct\"",
             };
@@ -184,6 +214,14 @@ impl Candidates {
         }
     }
 }
+
+/// Why only convolution refines.
+const NO_ADJOINT: &str = "a refinement takes the adjoint of the sum, too, which only convolution has";
+
+/// What else it wants.
+const NO_SKELETONS: &str =
+    "a refinement takes skeleton tones, which a tolerance of 0 does not allow; use 1e-4, say";
+const TOO_NEAR: &str = "a refinement takes voxels that are further than half a wave from the array's plane; begin the grid there";
 
 /// The plan of fewest operations.
 fn least<P>(priced: impl Iterator<Item = (P, Estimate)>) -> (P, Estimate) {

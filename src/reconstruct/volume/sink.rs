@@ -3,7 +3,7 @@
 use crate::alloc::try_zeroed;
 use crate::error::Result;
 use crate::grid::{Volume, no_room_for};
-use crate::reconstruct::Method;
+use crate::reconstruct::{Method, Refinement};
 use num_complex::Complex32;
 
 /// How a volume was computed, and how exactly.
@@ -13,8 +13,18 @@ pub struct ReconstructionInfo {
     /// The method that was used; never [`Method::Auto`].
     pub method: Method,
     /// A bound on the error of any voxel against Eq. 13, f32 rounding aside, in the volume's own units: the measured
-    /// relative error of skeletons, spreading and range profiles times `Σ|w m| / Σw`.
+    /// relative error of skeletons, spreading and range profiles times `Σ|w m| / Σw`. Of a refined volume, that of the volume
+    /// of Eq. 13 that it began with.
     pub error_bound: f64,
+    /// How it was refined, if it was.
+    pub refinement: Option<Refinement>,
+}
+
+impl ReconstructionInfo {
+    /// Of a volume that is not refined.
+    pub(crate) fn plain(method: Method, error_bound: f64) -> Self {
+        Self { method, error_bound, refinement: None }
+    }
 }
 
 /// Receives depths as they are finished: memory, or a file that is written slab by slab.

@@ -60,9 +60,10 @@ impl<'a> Leaves<'a> {
             }
         };
         let together = shells.div_ceil(MOST_SLABS);
-        let slabs = compressed.slabs(slabs_of(shells, together), interval, share, budget);
-        let profiles =
-            |slab: &SlabTones| SlabProfiles::new(instrument, band, plan.half, slab.per_metre(compressed));
+        let slabs = compressed.sweep.slabs(slabs_of(shells, together), interval, share, budget);
+        let profiles = |slab: &SlabTones| {
+            SlabProfiles::new(instrument, band, plan.half, slab.per_metre(&compressed.sweep))
+        };
         let profiles = slabs.par_iter().map(profiles).collect();
         Self { plan, instrument, band, compressed, first, slabs, profiles }
     }

@@ -142,7 +142,7 @@ impl<'a> Tiled<'a> {
         let slabs = grid.z.count.div_ceil(self.plan.slab) as u64;
         let driver = SlabDriver::even(grid, at_once, |_| grid.y.count as u64, observer);
         let driver = SlabDriver { other_work: slabs * for_slab, ..driver };
-        let info = ReconstructionInfo { method: Method::Backprojection, error_bound };
+        let info = ReconstructionInfo::plain(Method::Backprojection, error_bound);
         // Slabs whose nodes are summed, or not needed since a run resumes after them.
         let (mut done, mut nodes) = (0, Vec::new());
         driver.run(info, sink, |_, depths, planes| {

@@ -102,7 +102,7 @@ pub(crate) fn image(plan: &LinesPlan, job: Job<'_>) -> Result<ReconstructionInfo
     let instrument = source.instrument();
     let (intervals, kept) = intervals(plan, instrument.sound_speed);
     let each = (0..plan.shells.count).map(|shell| shell..shell + 1);
-    let shells = compressed.slabs(each, |shell| intervals[shell.start], share, budget);
+    let shells = compressed.sweep.slabs(each, |shell| intervals[shell.start], share, budget);
     let error = plan.error + plan.growth * shells.iter().map(|shell| shell.error).fold(0.0, greater);
     let error_bound = interpolation.with(error) * compressed.modulus;
     let tones = shells.par_iter().map(|shell| {
@@ -115,7 +115,7 @@ pub(crate) fn image(plan: &LinesPlan, job: Job<'_>) -> Result<ReconstructionInfo
     let focus = Focus { plan, tones: tones.collect::<Result<_>>()?, carrier, observer };
     drop(compressed);
     let driver = SlabDriver::even(grid, plan.at_once, |depths| (plan.blocks.len() * depths) as u64, observer);
-    let info = ReconstructionInfo { method: Method::Backprojection, error_bound };
+    let info = ReconstructionInfo::plain(Method::Backprojection, error_bound);
     let mut image =
         try_with_capacity((plan.at_once * plan.view.rows.count) as u64).ok_or_else(|| no_room_for(grid))?;
     let mut nodes = BlockSums::default();

@@ -7,7 +7,8 @@ use crate::progress::{Event, Silent};
 use crate::reconstruct::Method;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-const INFO: ReconstructionInfo = ReconstructionInfo { method: Method::Direct, error_bound: 0.0 };
+const INFO: ReconstructionInfo =
+    ReconstructionInfo { method: Method::Direct, error_bound: 0.0, refinement: None };
 
 fn grid() -> Grid {
     let axis = |count| Axis { first: 1.0, pitch: 0.1, count };

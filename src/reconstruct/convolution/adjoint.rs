@@ -1,0 +1,78 @@
+//! The adjoint of Eq. 16 over skeleton tones: what a volume lets the microphones hear.
+//!
+//! Where Eq. 16 makes voxels of samples, `Â(p) = Σ_q Σ_r m̂_q(r) e^{−i2πf_q·path(p, r)/c}`, its adjoint makes samples of voxels,
+//! `m̂_q(r) = Σ_p A(p) e^{i2πf_q·path(p, r)/c}`, by the same lattice, kernels and skeletons in the opposite order, so that the
+//! two are adjoint to within rounding. The kernel depends on `p − r` alone, so the sum over the voxels of a depth is a
+//! correlation with it. Depths add up before the transform back: the voxels' spectra are multiplied with the kernels' and
+//! added, tone by tone, over all depths of a slab. Conjugate voxels go in and conjugate samples come out, so that the
+//! phasors are those of Eq. 16.
+
+mod line;
+mod plane;
+mod spectra;
+
+use super::workspace::Workspaces;
+use super::{ConvolutionPlan, Skeletons};
+use crate::acquisition::Instrument;
+use crate::alloc::try_zeroed;
+use crate::error::Result;
+use crate::progress::{Observer, advance};
+use crate::reconstruct::no_room;
+use crate::reconstruct::volume::Batch;
+use crate::wave::simd::{LANES, Lanes};
+use num_complex::Complex32;
+use rayon::prelude::*;
+
+/// Samples of the volume's tones at the microphones, `[tone, n_mic]`, from voxels `[z, y, x]`.
+///
+/// Cost: as [`convolution`](super::convolution) without the compression: per tone and depth, for each pair of sublattices
+/// one kernel and its transform, and one transform per voxel sublattice.
+///
+/// # Errors
+/// They do not fit in memory; [`Error::Interrupted`](crate::error::Error::Interrupted).
+pub(in crate::reconstruct) fn adjoint(
+    plan: &ConvolutionPlan,
+    skeletons: &Skeletons,
+    instrument: &Instrument,
+    batch: Batch,
+    voxels: &[Complex32],
+    observer: &dyn Observer,
+) -> Result<Vec<Complex32>> {
+    let layout = &plan.layout;
+    let (Skeletons { sweep, slabs, .. }, width) = (skeletons, layout.lattice.width());
+    let zeros = |tones: usize| {
+        let (tones, width) = (tones as u64, width as u64);
+        try_zeroed(tones.saturating_mul(width)).ok_or_else(|| no_room(tones, width))
+    };
+    let most = skeletons.most();
+    let at_once = batch.slabs.min(slabs.len());
+    let rooms = (0..at_once).into_par_iter().map(|_| Ok((layout.room(most)?, zeros(most)?)));
+    let mut rooms: Vec<(Vec<Lanes>, Vec<Complex32>)> = rooms.collect::<Result<_>>()?;
+    let workspaces = Workspaces::for_adjoint(layout);
+    // Tones that one thread takes for all depths of a slab: their sums are in the order of the depths, whoever takes them.
+    let together = most.div_ceil(2 * batch.workers).max(1);
+    let together = if layout.line.is_some() { together.next_multiple_of(LANES) } else { together };
+    let plane_len = layout.grid.plane_len();
+    let mut volume = zeros(sweep.len())?;
+    for slabs in slabs.chunks(at_once) {
+        slabs.par_iter().zip(&mut rooms).try_for_each(|(slab, (spectra, nodes))| {
+            let per_metre = slab.per_metre(sweep);
+            let spectra = layout.part(spectra, per_metre.len());
+            spectra.fill(Lanes::ZERO);
+            let parts = spectra.par_chunks_mut(layout.spectra_len(together));
+            parts.zip(per_metre.par_chunks(together)).try_for_each(|(spectra, per_metre)| {
+                for iz in slab.planes.clone() {
+                    let voxels = &voxels[iz * plane_len..][..plane_len];
+                    workspaces.with(|workspace| workspace.correlate(iz, per_metre, voxels, spectra))?;
+                    advance(observer, per_metre.len() as u64)?;
+                }
+                Ok(())
+            })?;
+            layout.nodes_of(spectra, batch, &mut nodes[..per_metre.len() * width])
+        })?;
+        for (slab, (_, nodes)) in slabs.iter().zip(&rooms) {
+            slab.add_to(sweep, &nodes[..slab.len() * width], width, &mut volume);
+        }
+    }
+    layout.lattice.spreading(&instrument.array).from_nodes(volume)
+}

@@ -1,0 +1,58 @@
+//! What a refinement takes.
+
+use super::{RefineOptions, Solver};
+use crate::acquisition::Instrument;
+use crate::grid::Grid;
+use crate::reconstruct::compress::CompressionCost;
+use crate::reconstruct::cost::{Cost, complex_bytes};
+use crate::reconstruct::error_budget::ErrorBudget;
+use crate::reconstruct::volume::Batch;
+
+impl Solver {
+    /// Sums of Eq. 13 for this many steps, as a rule.
+    pub(super) fn images(self, steps: usize) -> u64 {
+        match self {
+            Self::Cgls => steps as u64,
+            // One for λ and L.
+            Self::Fista => steps as u64 + 1,
+        }
+    }
+
+    /// Sums of its adjoint.
+    pub(super) fn echoes(self, steps: usize) -> u64 {
+        self.images(steps)
+    }
+
+    /// Volumes that are held, and sets of virtual tones at the microphones.
+    fn held(self) -> [u64; 2] {
+        match self {
+            Self::Cgls => [3, 2],
+            Self::Fista => [2, 3],
+        }
+    }
+}
+
+/// The cost of a refinement, from that of Eq. 13 by convolution.
+pub(in crate::reconstruct) fn price<'a>(
+    cost: Cost<'a>,
+    instrument: &Instrument,
+    grid: &Grid,
+    budget: ErrorBudget,
+    refine: &RefineOptions,
+) -> Cost<'a> {
+    let Cost { operations, usual, bytes } = cost;
+    let sums = refine.solver.images(refine.steps) + refine.solver.echoes(refine.steps);
+    let [volumes, sets] = refine.solver.held();
+    let interval = instrument.path_interval(grid, 0..grid.z.count);
+    let compression = CompressionCost::new(instrument, &interval, budget);
+    // To measure the noise: an orthonormal basis of all samples that the grid can cause, as it is found.
+    let basis = 4.0 * instrument.sweep.len() as f64 * compression.tones;
+    let held = (volumes.saturating_mul(grid.volume_bytes()))
+        .saturating_add(sets.saturating_mul(compression.samples))
+        .saturating_add(complex_bytes(basis));
+    Cost {
+        operations: operations * sums as f64,
+        usual,
+        bytes: Box::new(move |batch: Batch| bytes(batch).saturating_add(held)),
+    }
+}
