@@ -74,6 +74,9 @@ choice! {
     }
 }
 
+/// What [`DepthOptions::confidence_db`] usually is in a refined volume, dB: it has weaker sidelobes to be told from.
+pub const CONFIDENCE_OF_REFINED_DB: f64 = -7.0;
+
 /// Parameters of [`locate_depth`].
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]

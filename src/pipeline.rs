@@ -261,6 +261,10 @@ pub fn depth_of_volume(
         )
     })?;
     check_voxels(&path.display().to_string(), &volume.grid, 0, &volume.samples)?;
+    let mut run = run.clone();
+    if let Some(method) = facts::refined_by(&meta) {
+        run.refine.method = method;
+    }
     let mut options =
         run.depth_options(Resolution { range: resolution, aperture: facts::aperture_of(&meta) });
     options.raster = run.raster(None)?;

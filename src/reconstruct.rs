@@ -39,7 +39,7 @@ use crate::progress::{Observer, Silent};
 use error_budget::ErrorBudget;
 use job::Job;
 use plan::{Candidates, MethodPlan, Sampled, summed};
-use upsampling::{InterpolationError, Upsampled};
+use upsampling::{InterpolationError, Resampled};
 use volume::{Checked, Compensated, Gain};
 use window::Weights;
 
@@ -191,7 +191,7 @@ fn on_nodes<P>(
     let Some(upsampling) = upsampling else { return method(job, plan) };
     let Job { source, weights, grid, budget, batch, sink, observer, .. } = job;
     let (grid, budget) = summed(Some(upsampling), grid, budget);
-    let sink = &mut Upsampled::new(upsampling, sink)?;
+    let sink = &mut Resampled::new(upsampling.onto_voxels(), sink)?;
     let interpolation = upsampling.error;
     method(Job { source, weights, grid, budget, interpolation, batch, sink, observer }, plan)
 }

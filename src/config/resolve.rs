@@ -1,11 +1,11 @@
 //! From the run file to the parameters of the stages; no other place converts one to the other.
 
 use super::check::square_root;
-use super::{ArrayLayout, RefineTable, RunFile, Shading, SurfaceKind};
+use super::{ArrayLayout, RefineMethod, RefineTable, RunFile, Shading, SurfaceKind};
 use crate::acquisition::{
     ArrayErrors, Instrument, Losses, MicArray, Noise, RANDOM_BYTES, SimulateOptions, Sweep,
 };
-use crate::depth::DepthOptions;
+use crate::depth::{CONFIDENCE_OF_REFINED_DB, DepthOptions};
 use crate::error::{Error, Result, gib};
 use crate::grid::{Axis, Grid, Raster, View};
 use crate::plan::memory_limit;
@@ -266,7 +266,11 @@ impl RunFile {
     pub fn depth_options(&self, resolution: impl Into<Resolution>) -> DepthOptions {
         let typed = &self.depth;
         let mut options = DepthOptions::new(resolution);
-        (options.confidence_db, options.gate) = (typed.confidence_db, typed.gate);
+        if self.refine.method != RefineMethod::None {
+            options.confidence_db = CONFIDENCE_OF_REFINED_DB;
+        }
+        options.confidence_db = typed.confidence_db.unwrap_or(options.confidence_db);
+        options.gate = typed.gate;
         (options.pick, options.refine) = (typed.pick, typed.refine);
         options.threshold_db = typed.threshold_db;
         options.returns = typed.returns as usize;

@@ -1,7 +1,7 @@
 //! The metadata of output files: named attributes for EXR, VTI and NRRD, JSON for npz.
 
 use crate::acquisition::Instrument;
-use crate::config::RunFile;
+use crate::config::{RefineMethod, RunFile};
 use crate::export::{Attribute, Attributes, find_attribute};
 use crate::reconstruct::ReconstructionInfo;
 use crate::wave::{Aperture, Geometry, GeometryKind};
@@ -57,6 +57,13 @@ pub(super) fn beyond_the_sum(run: &RunFile) -> Vec<String> {
         .refine_options()
         .map(|refine| format!("the volume refined: {}, at most {} steps", refine.solver, refine.steps));
     spreading.into_iter().chain(refined).collect()
+}
+
+/// How a volume was refined, from its metadata; `None` where they do not tell how it was computed at all.
+pub(super) fn refined_by(meta: &Value) -> Option<RefineMethod> {
+    meta.get("method")?;
+    let solver = meta["refinement"]["solver"].as_str();
+    Some(solver.and_then(|solver| solver.parse().ok()).unwrap_or(RefineMethod::None))
 }
 
 /// The range resolution c/2B from a volume's metadata, m.

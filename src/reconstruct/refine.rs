@@ -84,7 +84,7 @@ pub(super) fn refine(
     observer: &dyn Observer,
 ) -> Result<ReconstructionInfo> {
     let operator = Operator::new(source.instrument(), grid, plan, batch, options);
-    let work = operator.work(refine);
+    let work = refine.steps as u64 * operator.work();
     let (volume, info) = stage(observer, "refining", work, || {
         let solve = match refine.solver {
             Solver::Cgls => cgls::cgls,

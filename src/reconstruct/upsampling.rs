@@ -12,17 +12,15 @@
 mod sink;
 mod terms;
 
-pub(super) use sink::Upsampled;
+pub(super) use sink::Resampled;
 
-use super::cost::{COMPLEX, Cost, complex_bytes};
+use super::cost::Cost;
 use super::error_budget::ErrorBudget;
-use super::numerics::{Memo, Nodes, Taps, WIDE, padded_width};
+use super::numerics::{Memo, Nodes, Taps};
 use super::volume::Batch;
 use crate::acquisition::Instrument;
 use crate::grid::{Axis, Grid};
-use crate::wave::simd::LANES;
 use crate::wave::two_legs::TwoLegs;
-use sink::DEPTHS;
 use terms::SampledTerms;
 
 /// The most nodes along an axis that a voxel is made of.
@@ -207,7 +205,7 @@ impl Upsampling {
     pub(super) fn with<'a>(&self, cost: Cost<'a>) -> Cost<'a> {
         let (own, Cost { operations, usual, bytes }) = (self.clone(), cost);
         let operations = operations + own.operations();
-        let bytes = move |batch: Batch| bytes(batch).saturating_add(own.bytes(batch.workers));
+        let bytes = move |batch: Batch| bytes(batch).saturating_add(own.onto_voxels().bytes(batch.workers));
         Cost { operations, usual, bytes: Box::new(bytes) }
     }
 
@@ -220,31 +218,6 @@ impl Upsampling {
         let plane = self.fine.plane_len() as f64;
         let sideways = depths * (60.0 * columns * rows + y * columns * wide + 4.0 * x * plane);
         sideways + (z + 60.0) * self.fine.voxel_count() as f64
-    }
-
-    /// Bytes of nodes that wait for others and of finished voxels, and of each thread's rows.
-    fn bytes(&self, workers: usize) -> u64 {
-        let held = (self.nodes[2].taps() + DEPTHS) as u64 * self.padded_plane() as u64;
-        let finished = self.finished() as u64 * self.fine.plane_len() as u64;
-        let nodes = padded_width(self.coarse.x.count) * (self.coarse.y.count + 1);
-        let row = nodes + LANES * self.padded_row();
-        COMPLEX * (held + finished) + complex_bytes(2.0 * row as f64) * workers as u64
-    }
-
-    /// The most depths that are finished together.
-    fn finished(&self) -> usize {
-        let per_node = (self.coarse.z.pitch / self.fine.z.pitch).ceil() as usize;
-        (DEPTHS * per_node + 1).min(self.fine.z.count)
-    }
-
-    /// Voxels of a row in whole vectors.
-    fn padded_row(&self) -> usize {
-        self.fine.x.count.next_multiple_of(WIDE)
-    }
-
-    /// Voxels of a plane whose rows are whole vectors.
-    fn padded_plane(&self) -> usize {
-        self.padded_row() * self.fine.y.count
     }
 }
 

@@ -91,7 +91,7 @@ impl DepthTable {
         ] {
             within(key, level, f64::MIN, 0.0, "0 dB or less, such as -14.0")?;
         }
-        finite("depth.confidence_db", &[self.confidence_db])?;
+        finite("depth.confidence_db", &[self.confidence_db.unwrap_or(0.0)])?;
         ensure((1..=16).contains(&self.returns), || {
             Fault::new("depth.returns", format!("found {}; expected 1 to 16", self.returns))
         })?;

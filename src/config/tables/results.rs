@@ -100,8 +100,8 @@ pub struct DepthTable {
     /// Minimum amplitude of the picked return, dB relative to the 99th percentile of the columns' maxima; left out: -14 dB of
     /// columns, and none but `return_threshold_db` of surfaces.
     pub threshold_db: Option<f64>,
-    /// Minimum confidence of a surface, dB.
-    pub confidence_db: f64,
+    /// Minimum confidence of a surface, dB; left out: −4.5 dB, or −7 dB in a refined volume.
+    pub confidence_db: Option<f64>,
     /// Whether what is in one part of the band only is taken for weaker.
     pub gate: bool,
     /// Maximum number of returns per pixel.
@@ -137,7 +137,7 @@ impl Default for DepthTable {
             pick: stage.pick,
             refine: stage.refine,
             threshold_db: stage.threshold_db,
-            confidence_db: stage.confidence_db,
+            confidence_db: None,
             gate: stage.gate,
             returns: stage.returns as u32,
             return_threshold_db: stage.return_threshold_db,

@@ -22,8 +22,9 @@ use crate::reconstruct::volume::Batch;
 use crate::wave::simd::{LANES, Lanes};
 use num_complex::Complex32;
 use rayon::prelude::*;
+use std::ops::Range;
 
-/// Samples of the volume's tones at the microphones, `[tone, n_mic]`, from voxels `[z, y, x]`.
+/// Samples of the volume's tones at the microphones, `[tone, n_mic]`, from some depths of voxels `[z, y, x]`.
 ///
 /// Cost: as [`convolution`](super::convolution) without the compression: per tone and depth, for each pair of sublattices
 /// one kernel and its transform, and one transform per voxel sublattice.
@@ -35,7 +36,7 @@ pub(in crate::reconstruct) fn adjoint(
     skeletons: &Skeletons,
     instrument: &Instrument,
     batch: Batch,
-    voxels: &[Complex32],
+    (depths, voxels): (Range<usize>, &[Complex32]),
     observer: &dyn Observer,
 ) -> Result<Vec<Complex32>> {
     let layout = &plan.layout;
@@ -63,7 +64,10 @@ pub(in crate::reconstruct) fn adjoint(
             parts.zip(per_metre.par_chunks(together)).try_for_each(|(spectra, per_metre)| {
                 for iz in slab.planes.clone() {
                     let voxels = &voxels[iz * plane_len..][..plane_len];
-                    workspaces.with(|workspace| workspace.correlate(iz, per_metre, voxels, spectra))?;
+                    // Sparse volumes have many depths without anything.
+                    if depths.contains(&iz) && voxels.iter().any(|a| *a != Complex32::ZERO) {
+                        workspaces.with(|workspace| workspace.correlate(iz, per_metre, voxels, spectra))?;
+                    }
                     advance(observer, per_metre.len() as u64)?;
                 }
                 Ok(())

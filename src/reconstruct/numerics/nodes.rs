@@ -7,6 +7,7 @@ use crate::grid::Axis;
 use crate::wave::simd::double::phasors_f64;
 use crate::wave::simd::{LANES, dispatched};
 use num_complex::Complex64;
+use std::ops::Range;
 
 /// Places of nodes along an axis, m, and the weights that make another place of them.
 pub(crate) type Around = (Vec<f64>, Vec<f64>);
@@ -109,6 +110,32 @@ impl AxisWeights {
         let padded = |weights: &[f32]| [weights, &vec![0.0; taps - weights.len()]].concat();
         let weights = self.weights.chunks(self.taps.max(1)).flat_map(padded).collect();
         Self { weights, taps, ..self }
+    }
+
+    /// The weights of every one of so many nodes in the places that are made of it: the adjoint of the interpolation.
+    pub(crate) fn transposed(&self, nodes: usize) -> Self {
+        let mut places: Vec<Range<usize>> = vec![0..0; nodes];
+        for (place, first) in self.first.iter().enumerate() {
+            for of_node in &mut places[*first..first + self.taps] {
+                let from = if of_node.end == 0 { place } else { of_node.start };
+                *of_node = from..place + 1;
+            }
+        }
+        let taps = places.iter().map(Range::len).max().unwrap_or(0);
+        let weights_of = |(node, places): (usize, &Range<usize>)| {
+            let first = places.start.min(self.first.len() - taps);
+            let weight = |place: usize| {
+                let (from, weights) = self.of(place);
+                node.checked_sub(from).and_then(|tap| weights.get(tap)).map_or(0.0, |w| f64::from(*w))
+            };
+            (first, (first..first + taps).map(weight).collect())
+        };
+        Self::new(places.iter().enumerate().map(weights_of))
+    }
+
+    /// How many nodes a place is made of.
+    pub(crate) fn taps(&self) -> usize {
+        self.taps
     }
 
     /// The first node of a place, and the weights from there on.

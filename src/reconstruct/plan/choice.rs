@@ -75,16 +75,20 @@ impl Candidates {
         instrument.check_with("grid", grid.bounds())?;
         let budget = ErrorBudget::new(options.tolerance);
         let possible = |method, cost: Cost<'_>, upsampling: Option<&Upsampling>| {
+            let cost = match upsampling {
+                Some(nodes) => nodes.with(cost),
+                None => cost,
+            };
+            let cost = match &options.refine {
+                Some(by) => refine::price(cost, upsampling, by, (instrument, grid, budget)),
+                None => cost,
+            };
             Estimate::possible(method, cost, upsampling, options)
         };
         if let Some(refine) = &options.refine {
             refine.check()?;
         }
-        // A refinement takes voxels themselves.
-        let nodes = match options.refine {
-            None => Upsampling::find(instrument, grid, budget),
-            Some(_) => Vec::new(),
-        };
+        let nodes = Upsampling::find(instrument, grid, budget);
         let samplings: Vec<Option<&Upsampling>> = iter::once(None).chain(nodes.iter().map(Some)).collect();
         let of_sampling = |upsampling: Option<&Upsampling>| {
             let (grid, budget) = summed(upsampling, grid, budget);
@@ -101,10 +105,6 @@ impl Candidates {
             let priced = lattices.into_iter().map(|lattice| {
                 let plan = ConvolutionPlan::new(instrument, grid, lattice, budget);
                 let cost = plan.cost(instrument, threads);
-                let cost = match &options.refine {
-                    Some(by) => refine::price(cost, instrument, grid, budget, by),
-                    None => cost,
-                };
                 let estimate = possible(Method::Convolution, cost, upsampling);
                 (Sampled { upsampling: upsampling.cloned(), plan }, estimate)
             });

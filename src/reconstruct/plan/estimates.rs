@@ -61,10 +61,6 @@ impl Estimate {
         upsampling: Option<&Upsampling>,
         options: &ReconstructOptions,
     ) -> Self {
-        let cost = match upsampling {
-            Some(nodes) => nodes.with(cost),
-            None => cost,
-        };
         let batch = cost.usual.within(options.memory, &cost.bytes);
         let (operations, bytes) = (cost.operations + BEGINNING, (cost.bytes)(batch));
         let nodes = upsampling.map(|nodes| nodes.coarse);

@@ -6,23 +6,10 @@ use crate::grid::Grid;
 use crate::reconstruct::compress::CompressionCost;
 use crate::reconstruct::cost::{Cost, complex_bytes};
 use crate::reconstruct::error_budget::ErrorBudget;
+use crate::reconstruct::upsampling::Upsampling;
 use crate::reconstruct::volume::Batch;
 
 impl Solver {
-    /// Sums of Eq. 13 for this many steps, as a rule.
-    pub(super) fn images(self, steps: usize) -> u64 {
-        match self {
-            Self::Cgls => steps as u64,
-            // One for λ and L.
-            Self::Fista => steps as u64 + 1,
-        }
-    }
-
-    /// Sums of its adjoint.
-    pub(super) fn echoes(self, steps: usize) -> u64 {
-        self.images(steps)
-    }
-
     /// Volumes that are held, and sets of virtual tones at the microphones.
     fn held(self) -> [u64; 2] {
         match self {
@@ -35,13 +22,11 @@ impl Solver {
 /// The cost of a refinement, from that of Eq. 13 by convolution.
 pub(in crate::reconstruct) fn price<'a>(
     cost: Cost<'a>,
-    instrument: &Instrument,
-    grid: &Grid,
-    budget: ErrorBudget,
+    upsampling: Option<&'a Upsampling>,
     refine: &RefineOptions,
+    (instrument, grid, budget): (&Instrument, &Grid, ErrorBudget),
 ) -> Cost<'a> {
     let Cost { operations, usual, bytes } = cost;
-    let sums = refine.solver.images(refine.steps) + refine.solver.echoes(refine.steps);
     let [volumes, sets] = refine.solver.held();
     let interval = instrument.path_interval(grid, 0..grid.z.count);
     let compression = CompressionCost::new(instrument, &interval, budget);
@@ -50,9 +35,11 @@ pub(in crate::reconstruct) fn price<'a>(
     let held = (volumes.saturating_mul(grid.volume_bytes()))
         .saturating_add(sets.saturating_mul(compression.samples))
         .saturating_add(complex_bytes(basis));
+    let nodes = move |batch: Batch| upsampling.map_or(0, |nodes| nodes.adjoint_bytes(batch.workers));
     Cost {
-        operations: operations * sums as f64,
+        // Of Eq. 13 and of its adjoint, once for each step.
+        operations: 2.0 * refine.steps as f64 * operations,
         usual,
-        bytes: Box::new(move |batch: Batch| bytes(batch).saturating_add(held)),
+        bytes: Box::new(move |batch: Batch| bytes(batch).saturating_add(held).saturating_add(nodes(batch))),
     }
 }

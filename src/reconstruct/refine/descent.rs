@@ -11,14 +11,15 @@ pub(super) struct Descent<'a> {
     voxels: &'a mut [Complex32],
     /// `Σ|A|²`.
     pub(super) square: f64,
-    /// The largest `|A|²`.
+    /// The largest `|A|²`, and its depth.
     pub(super) largest: f64,
+    pub(super) brightest: usize,
 }
 
 impl<'a> Descent<'a> {
     /// For planes of this many voxels.
     pub(super) fn new(voxels: &'a mut [Complex32], plane_len: usize) -> Self {
-        Self { plane_len, voxels, square: 0.0, largest: 0.0 }
+        Self { plane_len, voxels, square: 0.0, largest: 0.0, brightest: 0 }
     }
 }
 
@@ -33,8 +34,11 @@ impl VolumeSink for Descent<'_> {
             let squares = plane.iter().map(|a| f64::from(a.norm_sqr()));
             squares.fold((0.0, 0.0f64), |(sum, most), square| (sum + square, most.max(square)))
         });
-        for (sum, most) in measures.collect::<Vec<_>>() {
-            (self.square, self.largest) = (self.square + sum, self.largest.max(most));
+        for (iz, (sum, most)) in (first..).zip(measures.collect::<Vec<_>>()) {
+            self.square += sum;
+            if most > self.largest {
+                (self.largest, self.brightest) = (most, iz);
+            }
         }
         Ok(())
     }

@@ -2,9 +2,9 @@
 //!
 //! With F(A) the half power of what A leaves of the samples, a step from z = x + β (x − x_before) goes to the A that minimises
 //! `F(z) + <∇F(z), A − z> + L/2 |A − z|² + λ Σ|A|`: the moduli of `z − ∇F(z)/L` less λ/L. L has to be at least the largest
-//! eigenvalue of K*K. It begins a little above its Rayleigh quotient at K*m, and grows where a step turns out to have needed
-//! more. Momentum begins anew where the objective would rise (O'Donoghue and Candès, Found. Comput. Math. 15, 2015), so it
-//! never does.
+//! eigenvalue of K*K. It begins a little above its Rayleigh quotient at K*m, and grows after a step that turns out to have
+//! needed more. Where the objective would rise, the step is taken again without momentum, which begins anew (O'Donoghue and
+//! Candès, Found. Comput. Math. 15, 2015).
 
 use super::descent::Descent;
 use super::operator::Operator;
@@ -69,7 +69,7 @@ impl Scalars {
 
 /// The volume `[z, y, x]` after the last step.
 ///
-/// Cost: two or three sums of Eq. 13 to begin with, and two for each step; two volumes.
+/// Cost: two sums of Eq. 13 for each step; two volumes.
 pub(super) fn fista(
     operator: &Operator<'_>,
     source: &mut dyn CubeSource,
@@ -124,8 +124,13 @@ fn begin(
     let [_, other] = &mut state.volumes;
     let mut matched = Descent::new(other, operator.grid.plane_len());
     let (info, energy) = operator.image(source, None, &mut matched, observer)?;
-    let Descent { square, largest, .. } = matched;
-    let echoes = operator.echo(other, observer)?;
+    let Descent { largest, brightest, .. } = matched;
+    // Rayleigh's quotient of the depths around the brightest, which are as steep as all and take less.
+    let depths = operator.around(brightest);
+    let plane_len = operator.grid.plane_len();
+    let some = &other[depths.start * plane_len..depths.end * plane_len];
+    let square: f64 = some.iter().map(|a| f64::from(a.norm_sqr())).sum();
+    let echoes = operator.echo_of(depths, other, observer)?;
     let quotient = if square > 0.0 { operator.power(&echoes) / square } else { 1.0 };
     let in_voxels = noise.map_or(0.0, |noise| ABOVE_NOISE * operator.noise_in_voxels(noise));
     Ok(Scalars {
@@ -167,25 +172,29 @@ fn step(
             threshold: scalars.sparsity / scalars.steepness,
             sums: [0.0; 3],
         };
-        let (_, power) = operator.image(source, Some(others), &mut shrunk, observer)?;
+        let power = if state.step == 0 && tried == 1 {
+            shrunk.take_own()?;
+            2.0 * scalars.half_energy
+        } else {
+            operator.image(source, Some(others), &mut shrunk, observer)?.1
+        };
         let [along, square, moduli] = shrunk.sums;
         let found = operator.echo(other, observer)?;
         let half_power = 0.5 * operator.power_left(source, &found)?;
         let objective = half_power + scalars.sparsity * moduli;
         // By how much F is above its tangent plane at z.
         let above = half_power - (0.5 * power - along);
-        let fits = above <= 0.5 * scalars.steepness * square + slack;
-        if (fits && objective <= scalars.objective + slack) || tried == TRIES {
+        if above > 0.5 * scalars.steepness * square + slack {
+            let needed = 2.0 * above / square.max(f64::MIN_POSITIVE);
+            scalars.steepness = (GROWTH * scalars.steepness).max(1.05 * needed);
+        }
+        if objective <= scalars.objective + slack || tried == TRIES {
             std::mem::swap(current, other);
             *others = std::mem::replace(echoes, found);
             // After a new beginning, that of a first step.
             scalars.momentum = if tried == 1 { next } else { 0.5 * (1.0 + 5f64.sqrt()) };
             (scalars.half_power, scalars.objective) = (half_power, objective);
             break;
-        }
-        if !fits {
-            let needed = 2.0 * above / square.max(f64::MIN_POSITIVE);
-            scalars.steepness = (GROWTH * scalars.steepness).max(1.05 * needed);
         }
         // Again from the last volume, without momentum.
         momentum = 0.0;
@@ -207,6 +216,17 @@ struct Shrunk<'a> {
     threshold: f64,
     /// `<−∇F, A − z>`, `|A − z|²` and `Σ|A|`.
     sums: [f64; 3],
+}
+
+impl Shrunk<'_> {
+    /// Takes what is in the place of the volume before the last: that of Eq. 13, before the first step.
+    fn take_own(&mut self) -> Result<()> {
+        for iz in 0..self.other.len() / self.plane_len {
+            let plane = self.other[iz * self.plane_len..][..self.plane_len].to_vec();
+            self.take(iz, &plane)?;
+        }
+        Ok(())
+    }
 }
 
 impl VolumeSink for Shrunk<'_> {

@@ -5,14 +5,14 @@ use super::noise::noise_of;
 use crate::acquisition::{CubeSource, Detection, Instrument, Visit};
 use crate::alloc::try_zeroed;
 use crate::error::Result;
-use crate::grid::Grid;
+use crate::grid::{Grid, Volume};
 use crate::progress::{Event, Observer};
 use crate::reconstruct::compress::{VirtualTones, frequencies_at_once};
 use crate::reconstruct::convolution::{ConvolutionPlan, Skeletons, adjoint, convolution_with};
 use crate::reconstruct::error_budget::ErrorBudget;
 use crate::reconstruct::job::Job;
 use crate::reconstruct::plan::Sampled;
-use crate::reconstruct::upsampling::InterpolationError;
+use crate::reconstruct::upsampling::{InterpolationError, Resampled};
 use crate::reconstruct::volume::Batch;
 use crate::reconstruct::window::Weights;
 use crate::reconstruct::{ReconstructOptions, ReconstructionInfo, VolumeSink, no_room, on_nodes};
@@ -22,6 +22,9 @@ use std::ops::Range;
 
 /// What is left of the samples is no more than noise when it is this many times as much.
 const MORE: f64 = 1.01;
+
+/// Neighbouring depths reach so many range resolutions to both sides.
+const AROUND: f64 = 3.0;
 
 /// K and its adjoint, with what all steps share: lattice, virtual tones, skeletons and weights.
 ///
@@ -55,11 +58,15 @@ impl<'a> Operator<'a> {
         }
     }
 
-    /// Units of work of a whole refinement, as the observer of [`Operator::image`] and [`Operator::echo`] learns of them.
-    pub(super) fn work(&self, refine: &RefineOptions) -> u64 {
-        let images = refine.solver.images(refine.steps);
-        let compressing = images * self.instrument.sweep.len() as u64;
-        compressing + (images + refine.solver.echoes(refine.steps)) * self.skeletons.work()
+    /// Whether voxels are made of nodes.
+    #[cfg(test)]
+    pub(super) fn interpolates(&self) -> bool {
+        self.plan.upsampling.is_some()
+    }
+
+    /// Units of work of a step, as the observer of [`Operator::image`] and [`Operator::echo`] learns of them.
+    pub(super) fn work(&self) -> u64 {
+        self.instrument.sweep.len() as u64 + 2 * self.skeletons.work()
     }
 
     /// K* of what is left of the samples after the echoes of some tones: Eq. 13. Gives the power of what is left, too.
@@ -93,7 +100,36 @@ impl<'a> Operator<'a> {
 
     /// K of a volume `[z, y, x]`, as virtual tones at the microphones.
     pub(super) fn echo(&self, voxels: &[Complex32], observer: &dyn Observer) -> Result<Vec<Complex32>> {
-        adjoint(&self.plan.plan, &self.skeletons, &self.instrument, self.batch, voxels, &Within(observer))
+        self.echo_of(0..self.grid.z.count, voxels, observer)
+    }
+
+    /// The same of some of its depths.
+    pub(super) fn echo_of(
+        &self,
+        depths: Range<usize>,
+        voxels: &[Complex32],
+        observer: &dyn Observer,
+    ) -> Result<Vec<Complex32>> {
+        let Sampled { upsampling, plan } = self.plan;
+        let sum = |depths, samples| {
+            adjoint(plan, &self.skeletons, &self.instrument, self.batch, (depths, samples), &Within(observer))
+        };
+        let Some(upsampling) = upsampling else { return sum(depths, voxels) };
+        let mut nodes = Volume { grid: upsampling.coarse, samples: Vec::new() };
+        let mut resampled = Resampled::new(upsampling.onto_nodes(), &mut nodes)?;
+        let plane = self.grid.plane_len();
+        let silence = vec![Complex32::ZERO; plane];
+        (0..depths.start).try_for_each(|iz| resampled.take(iz, &silence))?;
+        resampled.take(depths.start, &voxels[depths.start * plane..depths.end * plane])?;
+        (depths.end..self.grid.z.count).try_for_each(|iz| resampled.take(iz, &silence))?;
+        sum(0..nodes.grid.z.count, &nodes.samples)
+    }
+
+    /// Depths around one, so many that the array tells the first from the last.
+    pub(super) fn around(&self, depth: usize) -> Range<usize> {
+        let reach = AROUND * self.instrument.range_resolution().unwrap_or(0.0) / self.grid.z.pitch;
+        let reach = (reach.ceil() as usize).clamp(1, self.grid.z.count);
+        depth.saturating_sub(reach)..(depth + reach + 1).min(self.grid.z.count)
     }
 
     /// The power of what is left of the samples after the echoes of some tones.

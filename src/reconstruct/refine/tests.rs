@@ -136,6 +136,50 @@ fn echoes_are_the_literal_sums_and_their_adjoint_is_eq_13() {
 }
 
 #[test]
+fn voxels_that_are_interpolated_have_an_adjoint_too() {
+    let array = MicArray::rectangular([9, 7], [0.05; 2], DVec3::new(0.01, -0.02, 0.0)).unwrap();
+    let instrument = Instrument::new(sweep(300.0), array);
+    let wide = Grid { x: axis(-0.11, 0.004, 50), y: axis(-0.09, 0.0037, 40), z: axis(0.7, 0.003, 40) };
+    let deep = Grid { x: axis(-0.1, 0.025, 9), y: axis(-0.1, 0.025, 8), z: axis(0.7, 0.002, 70) };
+    for grid in [wide, deep] {
+        let options = options(Window::None).with_tolerance(1e-4);
+        // Few, since the literal sum takes long.
+        let mut voxels = vec![Complex32::ZERO; grid.voxel_count() as usize];
+        voxels.iter_mut().step_by(997).zip(random(200, 61)).for_each(|(voxel, a)| *voxel = a);
+        let literal = literal_echoes(&instrument, &grid, &voxels);
+        let own = DataCube::new(instrument.clone(), literal.clone()).unwrap();
+        let cube = DataCube::new(instrument.clone(), random(literal.len(), 62)).unwrap();
+        with_operator(&instrument, &grid, &options, |operator| {
+            assert!(operator.interpolates(), "{:?}", grid.shape());
+            let echoes = operator.echo(&voxels, &Silent).unwrap();
+            let whole = operator.power(&echoes);
+            let left = operator.power_left(&mut &own, &echoes).unwrap();
+            assert!(left.sqrt() < 2e-4 * whole.sqrt(), "{left:e} of {whole:e}");
+            let mut image = Volume { grid, samples: Vec::new() };
+            let (_, energy) = operator.image(&mut &cube, None, &mut image, &Silent).unwrap();
+            let of_samples = 0.5 * (energy + whole - operator.power_left(&mut &cube, &echoes).unwrap());
+            let pairs = voxels.iter().zip(&image.samples);
+            let of_voxels: f64 = pairs.map(|(a, b)| f64::from((a * b.conj()).re)).sum();
+            let bound = 1e-5 * (whole * energy).sqrt();
+            assert!((of_samples - of_voxels).abs() < bound, "{of_samples:e} is not {of_voxels:e}");
+            // Some depths alone.
+            let some = 10..17;
+            let mut alone = voxels.clone();
+            let plane = grid.plane_len();
+            alone
+                .iter_mut()
+                .enumerate()
+                .filter(|(i, _)| !some.contains(&(i / plane)))
+                .for_each(|(_, a)| *a = Complex32::ZERO);
+            assert_eq!(
+                operator.echo_of(some, &voxels, &Silent).unwrap(),
+                operator.echo(&alone, &Silent).unwrap()
+            );
+        });
+    }
+}
+
+#[test]
 fn what_is_left_of_the_samples_is_imaged_with_the_windows_weights() {
     let (_, instrument, grid) = cases().swap_remove(0);
     let voxels = random(grid.voxel_count() as usize, 11);

@@ -1,4 +1,4 @@
-//! A sink that makes voxels of nodes, depth by depth, and passes them on.
+//! A sink that makes voxels of nodes, or by the adjoint nodes of voxels, depth by depth, and passes them on.
 
 #![allow(clippy::inline_always)]
 
@@ -6,7 +6,8 @@ use super::{Carrier, Upsampling};
 use crate::alloc::{try_filled, try_zeroed};
 use crate::error::Result;
 use crate::grid::{Grid, no_room_for};
-use crate::reconstruct::numerics::{AxisWeights, padded_width, weighted_rows};
+use crate::reconstruct::cost::{COMPLEX, complex_bytes};
+use crate::reconstruct::numerics::{AxisWeights, WIDE, padded_width, weighted_rows};
 use crate::reconstruct::{ReconstructionInfo, VolumeSink};
 use crate::wave::simd::{LANES, Lanes, dispatched, lane_sums, phasors};
 use num_complex::Complex32;
@@ -19,21 +20,103 @@ pub(super) const DEPTHS: usize = 8;
 /// Real and imaginary parts.
 type Parts = [Vec<f32>; 2];
 
-/// A sink for the nodes of a volume whose voxels go to another.
-pub(in crate::reconstruct) struct Upsampled<'a> {
-    plan: &'a Upsampling,
-    sink: &'a mut dyn VolumeSink,
+/// How the samples of one grid follow from those of another: without their carrier by weights along each axis.
+pub(in crate::reconstruct) struct Resampling<'a> {
+    from: &'a Grid,
+    to: &'a Grid,
+    carrier: Carrier,
     /// In whole vectors.
     x: AxisWeights,
     y: AxisWeights,
     z: AxisWeights,
-    /// Nodes between which x and y are the voxels' own, `[depth, y, x]` with rows in whole vectors.
+    /// Whether samples differ along x.
+    along_x: bool,
+}
+
+/// A sink for the samples of one grid that passes those of another on.
+pub(in crate::reconstruct) struct Resampled<'a> {
+    plan: Resampling<'a>,
+    sink: &'a mut dyn VolumeSink,
+    /// Samples whose x and y are those of the other grid, `[depth, y, x]` with rows in whole vectors.
     held: Parts,
-    /// Which depths of nodes `held` has.
+    /// Which depths of the one grid `held` has.
     depths: Range<usize>,
-    /// The depth of voxels that is next.
+    /// The depth of the other that is next.
     next: usize,
     finished: Vec<Complex32>,
+}
+
+impl Upsampling {
+    /// From nodes to voxels.
+    pub(in crate::reconstruct) fn onto_voxels(&self) -> Resampling<'_> {
+        let [x, y, z] = self.weights();
+        let (from, to) = (&self.coarse, &self.fine);
+        Resampling {
+            from,
+            to,
+            carrier: self.carrier,
+            x: x.in_vectors(),
+            y,
+            z,
+            along_x: self.nodes[0].interpolates(),
+        }
+    }
+
+    /// From voxels to nodes, by the adjoint of [`Upsampling::onto_voxels`].
+    pub(in crate::reconstruct) fn onto_nodes(&self) -> Resampling<'_> {
+        let [x, y, z] = self.weights();
+        let (from, to) = (&self.fine, &self.coarse);
+        let [x, y, z] = [x.transposed(to.x.count), y.transposed(to.y.count), z.transposed(to.z.count)];
+        Resampling {
+            from,
+            to,
+            carrier: self.carrier,
+            x: x.in_vectors(),
+            y,
+            z,
+            along_x: self.nodes[0].interpolates(),
+        }
+    }
+
+    /// Bytes of all nodes and of what [`Upsampling::onto_nodes`] takes.
+    pub(in crate::reconstruct) fn adjoint_bytes(&self, workers: usize) -> u64 {
+        self.coarse.volume_bytes().saturating_add(self.onto_nodes().bytes(workers))
+    }
+
+    /// What voxels are made of along x, y and z.
+    fn weights(&self) -> [AxisWeights; 3] {
+        let axes = [self.fine.x, self.fine.y, self.fine.z];
+        std::array::from_fn(|k| {
+            AxisWeights::new(axes[k].positions().map(|place| self.nodes[k].weights(place)))
+        })
+    }
+}
+
+impl Resampling<'_> {
+    /// Samples of a row in whole vectors.
+    fn padded_row(&self) -> usize {
+        self.to.x.count.next_multiple_of(WIDE)
+    }
+
+    /// Samples of a plane whose rows are whole vectors.
+    fn padded_plane(&self) -> usize {
+        self.padded_row() * self.to.y.count
+    }
+
+    /// The most depths that are finished together.
+    fn finished(&self) -> usize {
+        let per_depth = (self.from.z.pitch / self.to.z.pitch).ceil() as usize;
+        (DEPTHS * per_depth + 1).min(self.to.z.count)
+    }
+
+    /// Bytes of samples that wait for others and of finished ones, and of each thread's rows.
+    pub(super) fn bytes(&self, workers: usize) -> u64 {
+        let held = (self.z.taps() + DEPTHS) as u64 * self.padded_plane() as u64;
+        let finished = self.finished() as u64 * self.to.plane_len() as u64;
+        let nodes = padded_width(self.from.x.count) * (self.from.y.count + 1);
+        let row = nodes + LANES * self.padded_row();
+        COMPLEX * (held + finished) + complex_bytes(2.0 * row as f64) * workers as u64
+    }
 }
 
 /// What a thread needs for one depth of nodes.
@@ -59,56 +142,46 @@ impl NodeBuffers {
     }
 }
 
-impl<'a> Upsampled<'a> {
+impl<'a> Resampled<'a> {
     /// # Errors
     /// [`Error::OutOfMemory`](crate::error::Error::OutOfMemory) when its buffers do not fit in memory.
-    pub(in crate::reconstruct) fn new(plan: &'a Upsampling, sink: &'a mut dyn VolumeSink) -> Result<Self> {
-        let Upsampling { fine, nodes, .. } = plan;
-        let no_room = || no_room_for(fine);
-        let room = (nodes[2].taps() + DEPTHS) as u64 * plan.padded_plane() as u64;
+    pub(in crate::reconstruct) fn new(plan: Resampling<'a>, sink: &'a mut dyn VolumeSink) -> Result<Self> {
+        let no_room = || no_room_for(plan.to);
+        let room = (plan.z.taps() + DEPTHS) as u64 * plan.padded_plane() as u64;
         let zeros = || try_filled(0.0_f32, room).ok_or_else(no_room);
-        let finished = try_zeroed(plan.finished() as u64 * fine.plane_len() as u64).ok_or_else(no_room)?;
-        Ok(Self {
-            plan,
-            sink,
-            x: AxisWeights::new(fine.x.positions().map(|place| nodes[0].weights(place))).in_vectors(),
-            y: AxisWeights::new(fine.y.positions().map(|place| nodes[1].weights(place))),
-            z: AxisWeights::new(fine.z.positions().map(|place| nodes[2].weights(place))),
-            held: [zeros()?, zeros()?],
-            depths: 0..0,
-            next: 0,
-            finished,
-        })
+        let finished = try_zeroed(plan.finished() as u64 * plan.to.plane_len() as u64).ok_or_else(no_room)?;
+        let held = [zeros()?, zeros()?];
+        Ok(Self { plan, sink, held, depths: 0..0, next: 0, finished })
     }
 
     /// The first depth of nodes that any voxel from `next` on is made of.
     fn needed(&self) -> usize {
-        if self.next < self.plan.fine.z.count { self.z.of(self.next).0 } else { self.plan.coarse.z.count }
+        if self.next < self.plan.to.z.count { self.plan.z.of(self.next).0 } else { self.plan.from.z.count }
     }
 
     /// Takes up to [`DEPTHS`] depths of nodes from `first` on, and passes on all voxels that can be made of those there are.
     fn add(&mut self, first: usize, planes: &[Complex32]) -> Result<()> {
-        let (coarse, plane) = (&self.plan.coarse, self.plan.padded_plane());
+        let (from_plane, plane) = (self.plan.from.plane_len(), self.plan.padded_plane());
         self.forget(first);
         let from = self.depths.len() * plane;
-        let count = planes.len() / coarse.plane_len();
+        let count = planes.len() / from_plane;
         let [re, im] = &mut self.held;
         let room = re[from..].par_chunks_exact_mut(plane).zip(im[from..].par_chunks_exact_mut(plane));
-        let (plan, x, y) = (self.plan, &self.x, &self.y);
-        planes.par_chunks_exact(coarse.plane_len()).zip(room).enumerate().for_each_init(
+        let plan = &self.plan;
+        planes.par_chunks_exact(from_plane).zip(room).enumerate().for_each_init(
             NodeBuffers::default,
             |buffers, (i, (nodes, (re, im)))| {
-                plan.sideways(first + i, nodes, [x, y], buffers, [re, im]);
+                plan.sideways(first + i, nodes, buffers, [re, im]);
             },
         );
         self.depths.end = first + count;
-        let ready = (self.next..self.plan.fine.z.count)
+        let ready = (self.next..self.plan.to.z.count)
             .take_while(|depth| {
-                let (first, weights) = self.z.of(*depth);
+                let (first, weights) = self.plan.z.of(*depth);
                 first + weights.len() <= self.depths.end
             })
             .count();
-        let voxels = self.plan.fine.plane_len();
+        let voxels = self.plan.to.plane_len();
         for some in (0..ready).step_by(self.plan.finished()) {
             let count = (ready - some).min(self.plan.finished());
             let depths = self.next..self.next + count;
@@ -139,20 +212,20 @@ impl<'a> Upsampled<'a> {
 
     /// Computes depths of voxels, `[depth, y, x]`.
     fn finish(&self, depths: Range<usize>, voxels: &mut [Complex32]) {
-        let (plan, held, along_z, start) = (self.plan, &self.held, &self.z, self.depths.start);
-        let Upsampling { fine, carrier, .. } = plan;
-        let (width, padded, plane) = (fine.x.count, plan.padded_row(), plan.padded_plane());
+        let (plan, held, start) = (&self.plan, &self.held, self.depths.start);
+        let Resampling { to, carrier, z: along_z, .. } = plan;
+        let (width, padded, plane) = (to.x.count, plan.padded_row(), plan.padded_plane());
         voxels.par_chunks_exact_mut(width).enumerate().for_each_init(
             NodeBuffers::default,
             |buffers, (i, voxels)| {
-                let (iz, iy) = (depths.start + i / fine.y.count, i % fine.y.count);
+                let (iz, iy) = (depths.start + i / to.y.count, i % to.y.count);
                 let (first, weights) = along_z.of(iz);
                 let from = (first - start) * plane + iy * padded;
                 for (held, sums) in held.iter().zip(&mut buffers.row) {
                     sums.resize(padded, 0.0);
                     weighted_rows(weights, &held[from..], plane, sums);
                 }
-                buffers.turn(carrier, -1.0, (fine, [iy, iz]));
+                buffers.turn(carrier, -1.0, (to, [iy, iz]));
                 let [re, im] = &buffers.row;
                 for (((voxel, turn), re), im) in voxels.iter_mut().zip(&buffers.turns).zip(re).zip(im) {
                     *voxel = Complex32::new(*re, *im) * turn;
@@ -162,7 +235,7 @@ impl<'a> Upsampled<'a> {
     }
 }
 
-impl VolumeSink for Upsampled<'_> {
+impl VolumeSink for Resampled<'_> {
     fn begin(&mut self, info: &ReconstructionInfo) -> Result<()> {
         self.sink.begin(info)?;
         self.next = self.sink.depths_done();
@@ -170,7 +243,7 @@ impl VolumeSink for Upsampled<'_> {
     }
 
     fn take(&mut self, first: usize, planes: &[Complex32]) -> Result<()> {
-        let plane = self.plan.coarse.plane_len();
+        let plane = self.plan.from.plane_len();
         // A resumed run may begin with nodes that none of its voxels are made of.
         let skipped = self.needed().saturating_sub(first).min(planes.len() / plane);
         let planes = planes[skipped * plane..].chunks(DEPTHS * plane).enumerate();
@@ -182,24 +255,23 @@ impl VolumeSink for Upsampled<'_> {
     }
 }
 
-impl Upsampling {
-    /// One depth of nodes between which x and y are the voxels' own, without the carrier.
+impl Resampling<'_> {
+    /// One depth whose x and y are those of the other grid, without the carrier.
     fn sideways(
         &self,
         depth: usize,
         nodes: &[Complex32],
-        [x, y]: [&AxisWeights; 2],
         buffers: &mut NodeBuffers,
         [to_re, to_im]: [&mut [f32]; 2],
     ) {
-        let (coarse, carrier) = (&self.coarse, &self.carrier);
-        let (width, row) = (coarse.x.count, self.padded_row());
+        let Self { from, to, carrier, x, y, .. } = self;
+        let (width, row) = (from.x.count, self.padded_row());
         let stride = padded_width(width);
         for part in &mut buffers.nodes {
-            part.resize(stride * coarse.y.count, 0.0);
+            part.resize(stride * from.y.count, 0.0);
         }
         for (iy, nodes) in nodes.chunks_exact(width).enumerate() {
-            buffers.turn(carrier, 1.0, (coarse, [iy, depth]));
+            buffers.turn(carrier, 1.0, (from, [iy, depth]));
             let [re, im] = &mut buffers.nodes;
             let [re, im] = [&mut re[iy * stride..], &mut im[iy * stride..]];
             for (((node, turn), re), im) in nodes.iter().zip(&buffers.turns).zip(re).zip(im) {
@@ -214,13 +286,13 @@ impl Upsampling {
                 sums.resize(stride, 0.0);
                 weighted_rows(weights, &nodes[first * stride..], stride, sums);
             }
-            if !self.nodes[0].interpolates() {
+            if !self.along_x {
                 re.copy_from_slice(&buffers.row[0][..row]);
                 im.copy_from_slice(&buffers.row[1][..row]);
                 continue;
             }
             buffers.products.resize(row, Lanes::ZERO);
-            along_row(x, [&buffers.row[0], &buffers.row[1]], &mut buffers.products[..self.fine.x.count]);
+            along_row(x, [&buffers.row[0], &buffers.row[1]], &mut buffers.products[..to.x.count]);
             let voxels = re.chunks_exact_mut(LANES).zip(im.chunks_exact_mut(LANES));
             for (products, (re, im)) in buffers.products.as_chunks::<LANES>().0.iter().zip(voxels) {
                 let sums = lane_sums(products);

@@ -76,7 +76,7 @@ fn voxels_of_nodes_are_those_of_the_direct_sum() {
                     assert!(nodes.error.with(nodes.error.left(budget).all()) < 1.0001 * tolerance);
                     // The sum on the nodes is exact here, so that only interpolation errs.
                     let mut volume = Volume { grid: *grid, samples: Vec::new() };
-                    let sink = &mut Upsampled::new(&nodes, &mut volume).unwrap();
+                    let sink = &mut Resampled::new(nodes.onto_voxels(), &mut volume).unwrap();
                     let direct = options(Method::Direct, 1e-4);
                     reconstruct_into(&mut &cube, &nodes.coarse, &direct, sink, &Silent).unwrap();
                     let modulus: f64 = cube
@@ -114,7 +114,7 @@ fn depths_come_alike_in_any_parts_and_from_any_depth_on() {
     let plane = nodes.coarse.plane_len();
     let voxels = |parts: usize, done: usize| {
         let mut sink = ResumedVolume { volume: Volume { grid, samples: Vec::new() }, done };
-        let mut upsampled = Upsampled::new(nodes, &mut sink).unwrap();
+        let mut upsampled = Resampled::new(nodes.onto_voxels(), &mut sink).unwrap();
         upsampled.begin(&coarse.info()).unwrap();
         let skipped = upsampled.depths_done() / parts * parts;
         for (i, planes) in coarse.volume.samples.chunks(parts * plane).enumerate() {
