@@ -159,16 +159,12 @@ fn in_pool(
         }
         None => sink,
     };
-    let info = match (&options.refine, &plan) {
-        (Some(by), MethodPlan::Convolution(plan)) => {
-            refine::refine(source, grid, (plan, batch), (options, by), (store, sink), observer)?
-        }
-        _ => {
-            let weights = &Weights::new(instrument, options.window);
-            let (budget, interpolation) = (ErrorBudget::new(options.tolerance), InterpolationError::NONE);
-            let job = Job { source, weights, grid, budget, interpolation, batch, sink, observer };
-            carry_out(&plan, job)?
-        }
+    let info = if let (Some(by), MethodPlan::Convolution(plan)) = (&options.refine, &plan) {
+        refine::refine(source, grid, (plan, batch), (options, by), (store, sink), observer)?
+    } else {
+        let weights = &Weights::new(instrument, options.window);
+        let (budget, interpolation) = (ErrorBudget::new(options.tolerance), InterpolationError::NONE);
+        carry_out(&plan, Job { source, weights, grid, budget, interpolation, batch, sink, observer })?
     };
     Ok(gain.map_or(info, |gain| gain.info(&info)))
 }

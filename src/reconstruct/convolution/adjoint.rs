@@ -78,5 +78,5 @@ pub(in crate::reconstruct) fn adjoint(
             slab.add_to(sweep, &nodes[..slab.len() * width], width, &mut volume);
         }
     }
-    layout.lattice.spreading(&instrument.array).from_nodes(volume)
+    layout.lattice.spreading(&instrument.array).onto_microphones(volume)
 }

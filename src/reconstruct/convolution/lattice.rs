@@ -286,7 +286,7 @@ impl Spreading<'_> {
     ///
     /// # Errors
     /// They do not fit in memory.
-    pub(crate) fn from_nodes(&self, nodes: Vec<Complex32>) -> crate::error::Result<Vec<Complex32>> {
+    pub(crate) fn onto_microphones(&self, nodes: Vec<Complex32>) -> crate::error::Result<Vec<Complex32>> {
         if self.footprints.is_empty() {
             return Ok(nodes);
         }

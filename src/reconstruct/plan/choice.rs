@@ -83,7 +83,7 @@ impl Candidates {
                 Some(by) => refine::price(cost, upsampling, by, (instrument, grid, budget)),
                 None => cost,
             };
-            Estimate::possible(method, cost, upsampling, options)
+            Estimate::possible(method, &cost, upsampling, options)
         };
         if let Some(refine) = &options.refine {
             refine.check()?;

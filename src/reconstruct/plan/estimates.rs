@@ -57,7 +57,7 @@ impl Estimate {
     /// Of a method that can be used, in batches within the memory that the options allow.
     pub(super) fn possible(
         method: Method,
-        cost: Cost<'_>,
+        cost: &Cost<'_>,
         upsampling: Option<&Upsampling>,
         options: &ReconstructOptions,
     ) -> Self {

@@ -113,7 +113,9 @@ fn echoes_are_the_literal_sums_and_their_adjoint_is_eq_13() {
         let literal = literal_echoes(&instrument, &grid, &voxels);
         let mut samples = random(literal.len(), 5);
         if instrument.detection == Detection::InPhase {
-            samples.iter_mut().for_each(|m| m.im = 0.0);
+            for m in &mut samples {
+                m.im = 0.0;
+            }
         }
         let cube = DataCube::new(instrument.clone(), samples.clone()).unwrap();
         with_operator(&instrument, &grid, &options(Window::None), |operator| {
