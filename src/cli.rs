@@ -186,6 +186,16 @@ enum Command {
         #[command(flatten)]
         overrides: Overrides,
     },
+    /// Images a scene as its array's aperture would at best, without speckle and grating lobes, for `compare --oracle`.
+    Oracle {
+        /// Run file or mesh.
+        input: PathBuf,
+        /// The depth map to write.
+        #[arg(short, long, value_name = "ORACLE.exr")]
+        output: PathBuf,
+        #[command(flatten)]
+        overrides: Overrides,
+    },
     /// Predicts resolution, aliasing, memory, time and files of a job, in under a second and before anything runs.
     ///
     /// INPUT is as for `image`. Prints the operations, bytes and seconds of every method, and which one the job uses.
@@ -219,12 +229,16 @@ enum Command {
         #[command(flatten)]
         overrides: Overrides,
     },
-    /// Scores a depth map against a truth.
+    /// Scores depth maps against a truth.
     Compare {
-        /// Depth map: from holosonar, or any EXR with a Z channel.
-        result: PathBuf,
+        /// Depth map: from holosonar, or any EXR with a Z channel; of several, with other seeds, the means count.
+        #[arg(required = true, value_name = "RESULT")]
+        results: Vec<PathBuf>,
         /// Truth.
         truth: PathBuf,
+        /// Depth map of `holosonar oracle`, for a column of what is possible.
+        #[arg(long, value_name = "ORACLE.exr")]
+        oracle: Option<PathBuf>,
         /// Range resolution c/2B in m, if neither file contains it.
         #[arg(long, value_name = "M")]
         resolution: Option<f64>,
@@ -248,6 +262,9 @@ enum Command {
         /// of [expect], or the scene's own].
         #[arg(long, value_name = "N,N,..", value_delimiter = ',')]
         seeds: Vec<u32>,
+        /// Also show what the array's aperture could do at best: without speckle and grating lobes (16 more images).
+        #[arg(long)]
+        oracle: bool,
         #[command(flatten)]
         overrides: Overrides,
     },

@@ -3,7 +3,7 @@
 use super::inputs::{check_kind, config_of, has_extension, reading_limit, scene_of};
 use super::outputs::{announce, open_folder, print_json, print_written};
 use super::terminal::{Terminal, observed, print};
-use super::verdicts::{check, compare};
+use super::verdicts::{Compared, check, compare};
 use super::{Cli, Command, Overrides, design, guide, info, manual, reproduce, summary};
 use crate::acquisition::CubeFile;
 use crate::checkpoint::Checkpoint;
@@ -78,10 +78,20 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
             design::psf(input, at, output.as_deref(), overrides, terminal)
         }
         Command::Plan { input, config, overrides, .. } => plan(input, config.as_deref(), overrides, terminal),
-        Command::Compare { result, truth, resolution, min, max, png } => {
-            compare(result, truth, *resolution, min, max, png.as_deref(), terminal)
+        Command::Oracle { input, output, overrides } => {
+            announce(output, &["exr", "ply"])?;
+            let (run, bare) = scene_of(input, overrides)?;
+            let oracle = pipeline::oracle_of_scene(&run, &observed(terminal).with_bare_mesh(bare))?;
+            pipeline::write_depth(output, &oracle.depth, &run, &oracle.facts)?;
+            print_written(std::slice::from_ref(output), terminal)
         }
-        Command::Check { runs, overrides, seeds } => check(runs, overrides, seeds, terminal),
+        Command::Compare { results, truth, oracle, resolution, min, max, png } => {
+            let compared = Compared { results, truth, oracle: oracle.as_deref(), resolution: *resolution };
+            compare(&compared, [min, max], png.as_deref(), terminal)
+        }
+        Command::Check { runs, overrides, seeds, oracle } => {
+            check(runs, overrides, (seeds, *oracle), terminal)
+        }
         Command::Reproduce { output } => reproduce::run(output.as_deref(), terminal),
         Command::Report { folder, open } => report(folder, *open, terminal),
         Command::Info { file, overrides } => {

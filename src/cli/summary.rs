@@ -187,6 +187,24 @@ pub(super) fn metrics(metrics: &Metrics) -> String {
     if text.is_empty() { "nothing to measure: the truth is empty\n".to_owned() } else { text }
 }
 
+/// The metrics of one result, or the means of several and their range, and beside them those of an oracle.
+pub(super) fn scores(scores: &[Scores], oracle: Option<&Scores>) -> String {
+    let mut table = KeyValueTable::default();
+    for name in METRIC_NAMES {
+        let of = |scores: &Scores| scores.all.get(name).flatten();
+        let each: Vec<Option<f64>> = scores.iter().map(of).collect();
+        // A metric that one result lacks has no mean.
+        let Some(sum) = each.iter().copied().sum::<Option<f64>>() else { continue };
+        let mut text = spread(name, &each, sum / each.len() as f64);
+        if let Some(possible) = oracle.and_then(of) {
+            let _ = write!(text, ", of the oracle {}", quantity(name, possible));
+        }
+        table.row(name, text);
+    }
+    let text = table.text();
+    if text.is_empty() { "nothing to measure: the truth is empty\n".to_owned() } else { text }
+}
+
 /// A metric's value: lengths in mm, others without a unit.
 fn quantity(name: &str, value: f64) -> String {
     if Metrics::is_length(name) { format!("{:.2} mm", value * 1e3) } else { format!("{value:.3}") }
@@ -229,7 +247,9 @@ pub(super) fn groups(scores: &Scores) -> String {
 /// A verdict in words: `completeness 0.610, expected at least 0.650`.
 pub(super) fn verdict(verdict: &LimitVerdict) -> String {
     let measure = &verdict.bound.measure;
-    let value = verdict.value.map_or("could not be measured".to_owned(), |v| spread(verdict, v));
+    let value = verdict.value;
+    let value =
+        value.map_or("could not be measured".to_owned(), |v| spread(&measure.metric, &verdict.each, v));
     let expected: Vec<String> = [("at least", verdict.bound.limit.min), ("at most", verdict.bound.limit.max)]
         .into_iter()
         .filter_map(|(words, limit)| Some(format!("{words} {}", quantity(&measure.metric, limit?))))
@@ -237,15 +257,14 @@ pub(super) fn verdict(verdict: &LimitVerdict) -> String {
     format!("{measure} {value}, expected {}", expected.join(" and "))
 }
 
-/// A verdict's value, and the minimum and maximum of its seeds if there are several.
-fn spread(verdict: &LimitVerdict, value: f64) -> String {
-    let metric = &verdict.bound.measure.metric;
-    let each = || verdict.each.iter().flatten().copied();
-    let text = quantity(metric, value);
-    if verdict.each.len() < 2 {
+/// The mean of a metric, and the minimum and maximum of its seeds if there are several.
+fn spread(metric: &str, each: &[Option<f64>], mean: f64) -> String {
+    let text = quantity(metric, mean);
+    if each.len() < 2 {
         return text;
     }
-    let (low, high) = (each().fold(f64::INFINITY, f64::min), each().fold(f64::NEG_INFINITY, f64::max));
+    let known = || each.iter().flatten().copied();
+    let (low, high) = (known().fold(f64::INFINITY, f64::min), known().fold(f64::NEG_INFINITY, f64::max));
     // The unit is that of the value before it.
     let low = quantity(metric, low);
     format!("{text} ({} to {})", low.trim_end_matches(" mm"), quantity(metric, high))
@@ -255,7 +274,11 @@ fn spread(verdict: &LimitVerdict, value: f64) -> String {
 pub(super) fn check_line(name: &str, judgement: &Judgement) -> String {
     let kept = judgement.verdicts.iter().all(|v| v.kept);
     let values = judgement.verdicts.iter().map(|v| {
-        let value = v.value.map_or("none".to_owned(), |value| spread(v, value));
+        let metric = &v.bound.measure.metric;
+        let mut value = v.value.map_or("none".to_owned(), |value| spread(metric, &v.each, value));
+        if let Some(possible) = judgement.oracle.as_ref().and_then(|oracle| oracle.get(&v.bound.measure)) {
+            let _ = write!(value, " of {}", quantity(metric, possible));
+        }
         format!("{}{} {value}", if v.kept { "" } else { "! " }, v.bound.measure)
     });
     let values: Vec<String> = values.collect();

@@ -1,6 +1,7 @@
 //! Checks metrics against limits, for `check`, `compare --min/--max` and the regression tests.
 
 use super::job::JobOptions;
+use super::oracle::oracle_of_scene;
 use crate::config::{Limit, RunFile};
 use crate::error::{Error, Result};
 use crate::metrics::{METRIC_NAMES, Measure, Scores};
@@ -84,6 +85,8 @@ pub struct Judgement {
     pub seeds: Vec<u32>,
     /// All metrics of each seed.
     pub scores: Vec<Scores>,
+    /// What the aperture could show at best, if it was asked for.
+    pub oracle: Option<Scores>,
     /// Each limit, and whether it is kept.
     #[serde(skip)]
     pub verdicts: Vec<LimitVerdict>,
@@ -92,11 +95,17 @@ pub struct Judgement {
 /// Runs a scene and checks its metrics against the run file's `[expect]`, as the command `check` does.
 ///
 /// It is run with each of `seeds`, or else with each of `[expect] seeds`, or else with its own seed; the means must keep the
-/// limits. Errors name `path`.
+/// limits. With `oracle`, the scores of [`oracle_of_scene`] are found as well. Errors name `path`.
 ///
 /// # Errors
 /// The errors of the stages; a run file without `[expect]`, or a scene without a truth.
-pub fn check_scene(path: &Path, run: &RunFile, seeds: &[u32], job: &JobOptions) -> Result<Judgement> {
+pub fn check_scene(
+    path: &Path,
+    run: &RunFile,
+    seeds: &[u32],
+    oracle: bool,
+    job: &JobOptions,
+) -> Result<Judgement> {
     let mut run = run.clone();
     if run.expect.limits.is_empty() {
         return Err(Error::input(
@@ -127,7 +136,8 @@ pub fn check_scene(path: &Path, run: &RunFile, seeds: &[u32], job: &JobOptions) 
         })
         .collect::<Result<Vec<_>>>()?;
     let verdicts = hold(&scores, bounds);
-    Ok(Judgement { seeds, scores, verdicts })
+    let oracle = if oracle { Some(oracle_of_scene(&run, job)?.scores) } else { None };
+    Ok(Judgement { seeds, scores, oracle, verdicts })
 }
 
 #[cfg(test)]

@@ -16,7 +16,7 @@ fn overrides(typed: &[&str]) -> Vec<String> {
 fn keeps_its_limits(scene: &str, seeds: &[u32], slack: f64) {
     let path = shipped(scene);
     let run = RunFile::load(&path, &[]).unwrap();
-    let judgement = check_scene(&path, &run, seeds, &JobOptions::default()).unwrap();
+    let judgement = check_scene(&path, &run, seeds, false, &JobOptions::default()).unwrap();
     println!("{scene} {:?}", judgement.seeds);
     assert!(!judgement.verdicts.is_empty());
     for verdict in judgement.verdicts {

@@ -1,0 +1,73 @@
+//! Depth maps without a reconstruction: of a volume file, and the truth of a scene.
+
+use super::prepared_scene::Measurement;
+use super::{JobOptions, facts, is_csv, load_scene, resolution_of, scene_path};
+use crate::config::RunFile;
+use crate::depth::locate_depth_with;
+use crate::error::{Error, Result};
+use crate::export::volume_npz::read_volume_npz;
+use crate::grid::{DepthMap, check_voxels};
+use crate::plan::memory_limit;
+use crate::progress::stage;
+use crate::truth::trace_depth_with;
+use crate::wave::Resolution;
+use serde_json::Value;
+use std::path::Path;
+
+/// Locates depth in a volume file; returns the depth map and the volume's metadata.
+///
+/// Δd comes from the file, or else from the run file's `[sweep]` if that is the sweep of the measurement (`sweep_known`).
+///
+/// # Errors
+/// A file that is not a volume; one that does not contain its bandwidth, if no run file gives it either.
+pub fn depth_of_volume(
+    path: &Path,
+    run: &RunFile,
+    sweep_known: bool,
+    job: &JobOptions,
+) -> Result<(DepthMap, Value)> {
+    let observer = job.observer;
+    let limit = memory_limit(run.memory).unwrap_or(u64::MAX);
+    let (volume, meta) = stage(observer, "reading the volume", 0, || read_volume_npz(path, limit))?;
+    let from_run = || run.medium.speed() / (2.0 * (run.sweep.stop - run.sweep.start));
+    let resolution = resolution_of(&meta).or_else(|| sweep_known.then(from_run)).ok_or_else(|| {
+        Error::input(
+            path.display(),
+            "does not contain its bandwidth (`sound_speed` and `bandwidth` in `meta`), which depth needs; give a run file \
+             with -c",
+        )
+    })?;
+    check_voxels(&path.display().to_string(), &volume.grid, 0, &volume.samples)?;
+    let mut run = run.clone();
+    if let Some(method) = facts::refined_by(&meta) {
+        run.refine.method = method;
+    }
+    let mut options =
+        run.depth_options(Resolution { range: resolution, aperture: facts::aperture_of(&meta) });
+    options.raster = run.raster(None)?;
+    let depth = locate_depth_with(&volume, &options, observer)?;
+    depth.check().map(|()| (depth, meta))
+}
+
+/// Traces the ground truth of a run file's scene; returns its metadata and the depth map. Nothing is simulated.
+///
+/// # Errors
+/// The errors of the stages; a scene of reflectors, which has no surfaces.
+pub fn truth_of_scene(run: &RunFile, job: &JobOptions) -> Result<(Value, DepthMap)> {
+    let JobOptions { bare_mesh: bare, observer, .. } = *job;
+    let measurement = Measurement::of(run)?;
+    let path = scene_path(run)?;
+    if is_csv(path) {
+        return Err(Error::input(
+            path.display(),
+            "is a list of reflectors, which have no surfaces and so no true depth; a mesh was expected",
+        ));
+    }
+    let scene = load_scene(path, run, bare, observer)?;
+    let instrument = measurement.instrument;
+    let grid = run.voxels(&instrument, scene.bounds())?;
+    let mut options = run.truth_options(&instrument);
+    options.raster = run.raster(scene.camera())?;
+    let truth = trace_depth_with(&scene, &grid, &options, observer)?;
+    Ok((facts::instrument_facts(&instrument, run), truth))
+}

@@ -1,0 +1,130 @@
+//! What an aperture could show at best: the depth map without speckle and without grating lobes.
+//!
+//! Both are not in the extent of the array and the band, which limit what can be resolved, but in the scene's random phases
+//! and in the distance between microphones. So the oracle has the same extent, densely filled, an ideal instrument, and the
+//! mean power of images of other phases. What it does not find, no reconstruction finds from such an aperture; what it finds
+//! and a run does not is left to gain.
+
+use super::facts::instrument_facts;
+use super::{JobOptions, Outcome, image_scene, load_scene, scene_path};
+use crate::acquisition::Instrument;
+use crate::config::{ArrayLayout, RefineMethod, RunFile};
+use crate::depth::locate_depth_with;
+use crate::error::{Error, Result};
+use crate::grid::{DepthMap, Grid, Volume};
+use crate::metrics::{Scores, score};
+use crate::plan::plan;
+use crate::progress::{Event, Observer};
+use num_complex::Complex32;
+use serde_json::Value;
+
+/// Images whose powers are averaged: what is left of the speckle is a quarter of it.
+const IMAGES: u32 = 16;
+
+/// More microphones along an axis are not simulated.
+const MOST_ALONG: f64 = 1024.0;
+
+/// What the aperture of a run could show at best.
+#[derive(Debug)]
+#[non_exhaustive]
+pub struct Oracle {
+    /// What it would find.
+    pub depth: DepthMap,
+    /// Against the truth.
+    pub scores: Scores,
+    /// The metadata of the run's instrument.
+    pub facts: Value,
+}
+
+/// Images a scene as an ideal instrument with the aperture of a run's would, without speckle.
+///
+/// Cost: 16 images of an array of the same extent whose microphones are so close that nothing aliases.
+///
+/// # Errors
+/// Those of [`image_scene`]; a scene without a truth; an extent that would take too many microphones.
+pub fn oracle_of_scene(run: &RunFile, job: &JobOptions) -> Result<Oracle> {
+    let instrument = run.instrument()?;
+    let scene = load_scene(scene_path(run)?, run, job.bare_mesh, job.observer)?;
+    let grid = run.voxels(&instrument, scene.bounds())?;
+    let mut ideal = ideal(run, &instrument, &grid)?;
+    drop(scene);
+    let observer = &Quiet(job.observer);
+    let job = JobOptions { observer, ..JobOptions::default().with_bare_mesh(job.bare_mesh) };
+    let mut of_phases = |seed: u32| {
+        ideal.reflectors.seed = seed;
+        observer.0.note(&format!("image {seed} of {IMAGES} for the oracle"));
+        image_scene(&ideal, &job)
+    };
+    let Outcome { instrument: dense, image, depth, truth, .. } = of_phases(1)?;
+    let mut power: Vec<f32> = image.volume.samples.iter().map(Complex32::norm_sqr).collect();
+    // One volume at a time.
+    drop(image);
+    for seed in 2..=IMAGES {
+        let volume = of_phases(seed)?.image.volume;
+        power.iter_mut().zip(&volume.samples).for_each(|(sum, a)| *sum += a.norm_sqr());
+    }
+    let truth = truth.ok_or_else(|| {
+        Error::input("[scene]", "has no mesh, and therefore no truth, with which an oracle could be compared")
+    })?;
+    let mean = |sum: &f32| Complex32::new((sum / IMAGES as f32).sqrt(), 0.0);
+    let volume = Volume::new(grid, power.iter().map(mean).collect());
+    let mut options = ideal.depth_options(dense.aperture());
+    // A mean of powers has no phases.
+    (options.gate, options.raster) = (false, Some(depth.raster()));
+    let depth = locate_depth_with(&volume, &options, observer)?;
+    let scores = score(&depth, &truth, instrument.aperture())?;
+    let mut facts = instrument_facts(&instrument, run);
+    facts["oracle"] = true.into();
+    Ok(Oracle { depth, scores, facts })
+}
+
+/// The run with an array that is dense, an instrument that is ideal, and the grid as it is.
+fn ideal(run: &RunFile, instrument: &Instrument, grid: &Grid) -> Result<RunFile> {
+    let mut ideal = run.clone();
+    let axes = [grid.x, grid.y, grid.z];
+    [ideal.grid.x, ideal.grid.y, ideal.grid.z] = axes.map(|axis| Some([axis.first, axis.last()]));
+    (ideal.grid.pitch, ideal.grid.count) = (Some(axes.map(|axis| axis.pitch)), None);
+    let pitch = plan(instrument, grid).alias_free_pitch;
+    let (extent, centre) = (instrument.array.extent(), instrument.array.centre());
+    let counts = [extent.x, extent.y].map(|extent| (extent / pitch - 1e-9).ceil().max(0.0) + 1.0);
+    if counts.iter().any(|count| *count > MOST_ALONG) {
+        return Err(Error::input(
+            "[array]",
+            format!(
+                "an oracle fills the array's {:.2} x {:.2} m with microphones {:.1} mm apart, which are {} x {}, too many to \
+                 simulate; look at a smaller grid or array",
+                extent.x,
+                extent.y,
+                pitch * 1e3,
+                counts[0],
+                counts[1]
+            ),
+        ));
+    }
+    let array = &mut ideal.array;
+    array.layout = ArrayLayout::Grid;
+    (array.spacing, array.seed, array.file, array.elements) = (None, None, None, None);
+    array.count = Some(counts.map(|count| count as u32));
+    let pitches = [(extent.x, counts[0]), (extent.y, counts[1])];
+    let pitches = pitches.map(|(extent, count)| if count > 1.0 { extent / (count - 1.0) } else { pitch });
+    (array.extent, array.pitch) = (None, Some(pitches));
+    array.centre = centre.to_array();
+    (array.gain_error_db, array.phase_error, array.position_error) = (0.0, 0.0, 0.0);
+    ideal.detection.snr_db = None;
+    ideal.refine.method = RefineMethod::None;
+    ideal.output.formats.clear();
+    Ok(ideal)
+}
+
+/// An observer of many images: what they are is said once for all.
+struct Quiet<'a>(&'a dyn Observer);
+
+impl Observer for Quiet<'_> {
+    fn event(&self, event: Event<'_>) {
+        self.0.event(event);
+    }
+
+    fn should_stop(&self) -> bool {
+        self.0.should_stop()
+    }
+}
