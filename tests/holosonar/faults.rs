@@ -41,7 +41,13 @@ const SPIRAL: Job = Job { words: "reconstruct spiral.npz -c spiral.toml -o made/
 const SPIRAL_IMAGE: Job = Job { words: "image spiral.toml -o made", output: "made" };
 const RANDOM: Job =
     Job { words: "reconstruct random.npz -c random.toml -o made/volume.nrrd", output: "made" };
-const JOBS: [&Job; 7] = [&SIMULATE, &RECONSTRUCT, &IMAGE, &LITERAL, &SPIRAL, &SPIRAL_IMAGE, &RANDOM];
+/// A refinement, whose blocks are what it has after a step.
+const REFINED: Job = Job {
+    words: "image refined.toml -o made --set refine.method=fista --set refine.steps=12",
+    output: "made",
+};
+const JOBS: [&Job; 8] =
+    [&SIMULATE, &RECONSTRUCT, &IMAGE, &LITERAL, &SPIRAL, &SPIRAL_IMAGE, &RANDOM, &REFINED];
 
 /// A folder with a scene and run files that take some hundred milliseconds each, in many blocks.
 fn workplace() -> tempfile::TempDir {
@@ -59,6 +65,7 @@ fn workplace() -> tempfile::TempDir {
     scene("job.toml", 400, "count = [16, 16]", 0.6, [0.025, 0.025, 0.03], "direct");
     let spiral = "layout = \"spiral\"\nelements = 900";
     scene("spiral.toml", 100, spiral, 0.45, [0.015, 0.015, 0.008], "convolution");
+    scene("refined.toml", 100, spiral, 0.45, [0.03, 0.03, 0.01], "auto");
     let random = "layout = \"random\"\nelements = 400";
     scene("random.toml", 100, random, 0.6, [0.03, 0.03, 0.01], "backprojection");
     // Two blocks, each of which takes as long as the others' whole jobs.

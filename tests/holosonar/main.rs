@@ -33,6 +33,7 @@ mod point;
 mod random;
 mod readers;
 mod reference;
+mod refined;
 mod regression;
 mod reproduce;
 mod scenes;

@@ -30,7 +30,7 @@ const GROWTH: f64 = 1.3;
 const ROUNDING: f64 = 1e-6;
 
 /// λ is at least so many times the noise in a voxel.
-const ABOVE_NOISE: f64 = 3.0;
+const ABOVE_NOISE: f64 = 2.0;
 
 /// Tries of one step.
 const TRIES: usize = 20;

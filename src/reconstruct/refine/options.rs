@@ -33,7 +33,7 @@ pub struct RefineOptions {
     /// The most steps. Each takes about as long as two reconstructions.
     pub steps: usize,
     /// Of FISTA: λ, relative to the largest amplitude of the volume that Eq. 13 gives. Where the noise in that volume is more
-    /// than a third of it, λ is three times the noise's root mean square.
+    /// than half of it, λ is twice the noise's root mean square.
     pub sparsity: f64,
     /// The root mean square of the noise in a sample; measured where it is `None`.
     pub noise: Option<f64>,
