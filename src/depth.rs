@@ -44,6 +44,7 @@ use crate::progress::{Observer, Silent, stage};
 use crate::wave::Resolution;
 use crate::with_fields::with_fields;
 use power::Power;
+use serde::{Deserialize, Serialize};
 
 choice! {
     /// Which peak of a column is its depth.
@@ -74,8 +75,27 @@ choice! {
     }
 }
 
-/// What [`DepthOptions::confidence_db`] usually is in a refined volume, dB: it has weaker sidelobes to be told from.
-pub const CONFIDENCE_OF_REFINED_DB: f64 = -7.0;
+/// The sidelobes of an array, as far as depth has to tell them from surfaces; by default those of a full lattice.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct ArraySidelobes {
+    /// The strongest within three lateral resolutions, dB.
+    pub near_db: f64,
+    /// Their mean power everywhere, dB: −10 log₁₀ N of N microphones with equal weights.
+    pub mean_db: f64,
+}
+
+impl Default for ArraySidelobes {
+    /// A rectangular lattice of 961 microphones without a window.
+    fn default() -> Self {
+        Self { near_db: -17.1, mean_db: -29.8 }
+    }
+}
+
+/// Least confidence of a surface in an image of Eq. 13 and in a refined one, whose sidelobes are weaker, dB.
+const CONFIDENCE_DB: [f64; 2] = [-4.5, -7.0];
+
+/// By how much it is raised at the most where few microphones leave strong sidelobes, dB.
+const MOST_RAISED_DB: f64 = 6.5;
 
 /// Parameters of [`locate_depth`].
 #[derive(Debug, Clone, PartialEq)]
@@ -108,6 +128,8 @@ pub struct DepthOptions {
     pub separation: f64,
     /// Gaussian σ of the power in which returns are found: along x and y in lateral resolutions, along z in Δd.
     pub smoothing: [f64; 3],
+    /// Sidelobes that a weaker peak beside a stronger one may be.
+    pub sidelobes: ArraySidelobes,
     /// Side of the median filter of columns, pixels, odd; 1 for none.
     pub median: usize,
     /// The pixels; `None` for the grid's own columns.
@@ -128,12 +150,22 @@ with_fields! {
         with_return_contrast_db(return_contrast_db: f64),
         with_separation(separation: f64),
         with_smoothing(smoothing: [f64; 3]),
+        with_sidelobes(sidelobes: ArraySidelobes),
         with_median(median: usize),
         with_raster(raster: Option<Raster>),
     }
 }
 
 impl DepthOptions {
+    /// The same for the sidelobes of an array, in an image of Eq. 13 or a `refined` one: many microphones leave weak sidelobes
+    /// everywhere, few strong ones, above which a surface has to stand.
+    #[must_use]
+    pub fn adapted_to(self, sidelobes: ArraySidelobes, refined: bool) -> Self {
+        let raised = sidelobes.mean_db - ArraySidelobes::default().mean_db;
+        let confidence_db = CONFIDENCE_DB[usize::from(refined)] + raised.clamp(0.0, MOST_RAISED_DB);
+        Self { confidence_db, sidelobes, ..self }
+    }
+
     /// The default options for a [`Resolution`], or a range resolution alone in m.
     pub fn new(resolution: impl Into<Resolution>) -> Self {
         Self {
@@ -141,7 +173,7 @@ impl DepthOptions {
             pick: Pick::Strongest,
             refine: Refine::Surface,
             threshold_db: None,
-            confidence_db: -4.5,
+            confidence_db: CONFIDENCE_DB[0],
             gate: true,
             returns: 2,
             return_threshold_db: -24.0,
@@ -149,6 +181,7 @@ impl DepthOptions {
             return_contrast_db: 8.0,
             separation: 1.5,
             smoothing: [0.5; 3],
+            sidelobes: ArraySidelobes::default(),
             median: 3,
             raster: None,
         }

@@ -306,7 +306,8 @@ fn reconstruct_and_locate(
     if let Some(refinement) = &image.refinement {
         log.note(&refinement.to_string());
     }
-    let mut search = budget.run.depth_options(aperture);
+    let sidelobes = facts::sidelobes(source.instrument(), budget.run);
+    let mut search = budget.run.depth_options(aperture, sidelobes);
     search.raster = raster;
     let depth = log.timed("depth", || locate_depth_with(&image.volume, &search, log))?;
     depth.check()?;

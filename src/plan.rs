@@ -31,6 +31,7 @@ mod memory;
 mod resolution;
 mod suggest;
 
+pub(crate) use beam::near_sidelobe_db;
 pub use design::{Design, design};
 pub(crate) use estimate::{JobArrays, JobEstimate, estimate_job};
 pub use estimate::{JobStage, MemoryEstimate, MemoryItem};

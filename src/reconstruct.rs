@@ -12,7 +12,6 @@
 mod backprojection;
 mod compress;
 mod convolution;
-mod cost;
 mod direct;
 mod error_budget;
 mod job;

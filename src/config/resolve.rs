@@ -5,7 +5,7 @@ use super::{ArrayLayout, RefineMethod, RefineTable, RunFile, Shading, SurfaceKin
 use crate::acquisition::{
     ArrayErrors, Instrument, Losses, MicArray, Noise, RANDOM_BYTES, SimulateOptions, Sweep,
 };
-use crate::depth::{CONFIDENCE_OF_REFINED_DB, DepthOptions};
+use crate::depth::{ArraySidelobes, DepthOptions};
 use crate::error::{Error, Result, gib};
 use crate::grid::{Axis, Grid, Raster, View};
 use crate::plan::memory_limit;
@@ -262,13 +262,14 @@ impl RunFile {
         Raster::camera(fov, pixels).map(Some).map_err(|error| error.at("[depth] fov"))
     }
 
-    /// `[depth]`, for what can be resolved.
-    pub fn depth_options(&self, resolution: impl Into<Resolution>) -> DepthOptions {
-        let typed = &self.depth;
-        let mut options = DepthOptions::new(resolution);
-        if self.refine.method != RefineMethod::None {
-            options.confidence_db = CONFIDENCE_OF_REFINED_DB;
-        }
+    /// `[depth]`, for what can be resolved and the sidelobes that there are.
+    pub fn depth_options(
+        &self,
+        resolution: impl Into<Resolution>,
+        sidelobes: ArraySidelobes,
+    ) -> DepthOptions {
+        let (typed, refined) = (&self.depth, self.refine.method != RefineMethod::None);
+        let mut options = DepthOptions::new(resolution).adapted_to(sidelobes, refined);
         options.confidence_db = typed.confidence_db.unwrap_or(options.confidence_db);
         options.gate = typed.gate;
         (options.pick, options.refine) = (typed.pick, typed.refine);

@@ -7,13 +7,16 @@ use super::patch::{TangentPlane, fit};
 use super::peaks::{Peak, peaks};
 use super::power::Power;
 use super::support::supported;
-use super::{DepthOptions, Pick, gate};
+use super::{ArraySidelobes, DepthOptions, Pick, gate};
 use crate::error::Result;
 use crate::grid::{DepthLayer, Raster, Volume, pixel_values};
 
 /// Share of a neighbour's power that its sidelobes may have, of the strongest peak of a column and of further ones, which
-/// stand out by other rules too.
+/// stand out by other rules too; of a lattice without a window.
 const SIDELOBES: [f64; 2] = [0.12, 0.05];
+
+/// The most that any array's sidelobes are taken to be: weaker surfaces beside bright ones are not lost for it.
+const MOST_SIDELOBES: f64 = 0.25;
 
 /// A surface at a pixel.
 #[derive(Debug, Clone, Copy)]
@@ -52,11 +55,13 @@ pub(super) fn locate(
     let patch =
         |pixel: usize, depth: f64| fit(&power, (raster.point(pixel, 0.0), raster.ray(pixel)), depth, options);
     let mut found: Vec<Vec<Surface>> = pixel_values(Vec::new(), raster.len())?;
+    let relative = 10f64.powf((options.sidelobes.near_db - ArraySidelobes::default().near_db) / 10.0);
+    let sidelobes = SIDELOBES.map(|share| (share * relative).min(MOST_SIDELOBES));
     columns.each(&mut found, |pixel, column, found| {
         let accepted = |peak: &Peak, first: bool| {
             let here = raster.point(pixel, grid.z.position(peak.index));
             let sure = peak.confidence >= options.confidence_db && peak.power >= threshold;
-            (!first || sure) && !leaked(&smooth, here, peak.power, SIDELOBES[usize::from(!first)], options)
+            (!first || sure) && !leaked(&smooth, here, peak.power, sidelobes[usize::from(!first)], options)
         };
         for Peak { depth, power, confidence, .. } in
             peaks(column, &grid.z, levels, options.surfaces(), options, accepted)

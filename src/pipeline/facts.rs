@@ -2,7 +2,9 @@
 
 use crate::acquisition::Instrument;
 use crate::config::{RefineMethod, RunFile};
+use crate::depth::ArraySidelobes;
 use crate::export::{Attribute, Attributes, find_attribute};
+use crate::plan::near_sidelobe_db;
 use crate::reconstruct::ReconstructionInfo;
 use crate::wave::{Aperture, Geometry, GeometryKind};
 use serde_json::{Value, json};
@@ -15,6 +17,7 @@ pub(super) fn image_facts(instrument: &Instrument, run: &RunFile, info: &Reconst
     let mut facts = instrument_facts(instrument, run);
     facts["method"] = json!(info.method);
     facts["error_bound"] = json!(info.error_bound);
+    facts["sidelobes"] = json!(sidelobes(instrument, run));
     if let Some(refinement) = &info.refinement {
         facts["refinement"] = json!(refinement);
     }
@@ -64,6 +67,20 @@ pub(super) fn refined_by(meta: &Value) -> Option<RefineMethod> {
     meta.get("method")?;
     let solver = meta["refinement"]["solver"].as_str();
     Some(solver.and_then(|solver| solver.parse().ok()).unwrap_or(RefineMethod::None))
+}
+
+/// The sidelobes that depth has to expect.
+pub(super) fn sidelobes(instrument: &Instrument, run: &RunFile) -> ArraySidelobes {
+    let window = run.reconstruct.window;
+    let near_db = near_sidelobe_db(instrument, window).unwrap_or(ArraySidelobes::default().near_db);
+    let [sum, squares] =
+        window.over_array(&instrument.array).iter().fold([0.0, 0.0], |[s, q], w| [s + w, q + w * w]);
+    ArraySidelobes { near_db, mean_db: 10.0 * (squares / (sum * sum)).log10() }
+}
+
+/// The same from a volume's metadata.
+pub(super) fn sidelobes_of(meta: &Value) -> Option<ArraySidelobes> {
+    serde_json::from_value(meta["sidelobes"].clone()).ok()
 }
 
 /// The range resolution c/2B from a volume's metadata, m.

@@ -42,8 +42,8 @@ pub fn depth_of_volume(
     if let Some(method) = facts::refined_by(&meta) {
         run.refine.method = method;
     }
-    let mut options =
-        run.depth_options(Resolution { range: resolution, aperture: facts::aperture_of(&meta) });
+    let resolution = Resolution { range: resolution, aperture: facts::aperture_of(&meta) };
+    let mut options = run.depth_options(resolution, facts::sidelobes_of(&meta).unwrap_or_default());
     options.raster = run.raster(None)?;
     let depth = locate_depth_with(&volume, &options, observer)?;
     depth.check().map(|()| (depth, meta))

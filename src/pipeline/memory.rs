@@ -4,6 +4,7 @@ use super::{is_csv, outputs, scene_path};
 use crate::acquisition::Instrument;
 use crate::checkpoint::BUFFER_BYTES;
 use crate::config::RunFile;
+use crate::depth::ArraySidelobes;
 use crate::error::{Result, gib};
 use crate::grid::Grid;
 use crate::plan::{JobArrays, JobEstimate, estimate_job, memory_limit};
@@ -29,7 +30,8 @@ impl<'a> MemoryBudget<'a> {
 
     /// The arrays of `image`, given those of its scene and samples.
     pub(super) fn imaging(&self, instrument: &Instrument, grid: &Grid, arrays: JobArrays) -> JobArrays {
-        let depth = self.run.depth_options(instrument.aperture()).search_bytes(grid);
+        let depth =
+            self.run.depth_options(instrument.aperture(), ArraySidelobes::default()).search_bytes(grid);
         JobArrays { depth, ..self.reconstructing(outputs::volume_names(self.run), grid, true, arrays) }
     }
 

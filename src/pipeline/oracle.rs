@@ -5,7 +5,7 @@
 //! mean power of images of other phases. What it does not find, no reconstruction finds from such an aperture; what it finds
 //! and a run does not is left to gain.
 
-use super::facts::instrument_facts;
+use super::facts::{instrument_facts, sidelobes};
 use super::{JobOptions, Outcome, image_scene, load_scene, scene_path};
 use crate::acquisition::Instrument;
 use crate::config::{ArrayLayout, RefineMethod, RunFile};
@@ -68,7 +68,7 @@ pub fn oracle_of_scene(run: &RunFile, job: &JobOptions) -> Result<Oracle> {
     })?;
     let mean = |sum: &f32| Complex32::new((sum / IMAGES as f32).sqrt(), 0.0);
     let volume = Volume::new(grid, power.iter().map(mean).collect());
-    let mut options = ideal.depth_options(dense.aperture());
+    let mut options = ideal.depth_options(dense.aperture(), sidelobes(&dense, &ideal));
     // A mean of powers has no phases.
     (options.gate, options.raster) = (false, Some(depth.raster()));
     let depth = locate_depth_with(&volume, &options, observer)?;

@@ -10,6 +10,8 @@
 //! there is no such Δ, and what remains has a mean power of 1/N. The far field of the array is assumed.
 
 mod search;
+
+pub(crate) use search::near_sidelobe_db;
 #[cfg(test)]
 mod tests;
 

@@ -1,6 +1,7 @@
 //! Which method a job takes, and at what price: operations and bytes by closed formulas, never by a clock.
 
 mod choice;
+pub(super) mod cost;
 mod estimates;
 
 pub(super) use choice::{Candidates, MethodPlan, Sampled, summed};

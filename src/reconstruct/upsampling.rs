@@ -14,9 +14,9 @@ mod terms;
 
 pub(super) use sink::Resampled;
 
-use super::cost::Cost;
 use super::error_budget::ErrorBudget;
 use super::numerics::{Memo, Nodes, Taps};
+use super::plan::cost::Cost;
 use super::volume::Batch;
 use crate::acquisition::Instrument;
 use crate::grid::{Axis, Grid};

@@ -29,7 +29,8 @@ fn a_run_file_refines_and_every_file_says_so() {
         let convolution = methods.clone().find(|method| method["method"] == "convolution").unwrap();
         convolution["operations"].as_f64().unwrap()
     };
-    assert!(of(&refined) > 3.9 * of(&plain), "{} for {}", of(&refined), of(&plain));
+    // Finding a plan is done once.
+    assert!(of(&refined) > 3.0 * of(&plain), "{} for {}", of(&refined), of(&plain));
     assert_names(refined["physics"].to_string(), &["fista", "2 steps"]);
 
     let summary = done(path, &format!("image b.toml {set} -o out"));

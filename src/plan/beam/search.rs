@@ -2,6 +2,8 @@
 //! array than for a usual one, and says what was left out.
 
 use super::{Beam, GratingLobe, PER_PHASOR, Sidelobes};
+use crate::acquisition::Instrument;
+use crate::reconstruct::Window;
 use glam::DVec2;
 use rayon::prelude::*;
 
@@ -15,6 +17,21 @@ pub(super) const COARSEST: f64 = 4.0;
 
 /// Highest order of grating lobes that is searched for.
 const ORDERS: i32 = 2;
+
+/// How far from a reflector sidelobes are near, in lateral resolutions.
+const NEAR: f64 = 3.0;
+
+/// A depth at which lateral resolutions are those of the far field, m.
+const FAR: f64 = 1e9;
+
+/// The strongest sidelobe near a reflector, dB; `None` for an array that has none there.
+///
+/// Cost: a few dozen directions.
+pub(crate) fn near_sidelobe_db(instrument: &Instrument, window: Window) -> Option<f64> {
+    let lobes = instrument.aperture().lateral_resolution(FAR);
+    let reach = lobes.map(|lobe| NEAR * lobe.unwrap_or(0.0) / FAR);
+    Beam::new(instrument, window).sidelobes(reach).peak_db
+}
 
 impl Beam {
     /// The grating lobes within `reach` of a reflector, stronger than −60 dB; of each order the positive side. An order that

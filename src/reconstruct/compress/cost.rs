@@ -4,8 +4,8 @@ use super::skeleton::{DENSER, is_sparse, witnesses_for};
 use super::tones::frequencies_at_once;
 use super::virtual_tones;
 use crate::acquisition::Instrument;
-use crate::reconstruct::cost::{COMPLEX, PRODUCT, complex_bytes};
 use crate::reconstruct::error_budget::ErrorBudget;
+use crate::reconstruct::plan::cost::{COMPLEX, PRODUCT, complex_bytes};
 use crate::wave::interval::PathInterval;
 
 /// Taps of a measured frequency's interpolator, about.

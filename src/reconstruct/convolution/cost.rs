@@ -5,7 +5,7 @@ use super::slab_plan::Slabs;
 use super::{ConvolutionPlan, DEPTHS, SPECTRA_BYTES};
 use crate::acquisition::Instrument;
 use crate::reconstruct::compress::{CompressionCost, slabs_of, tones_for};
-use crate::reconstruct::cost::{COMPLEX, Cost, PRODUCT, complex_bytes};
+use crate::reconstruct::plan::cost::{COMPLEX, Cost, PRODUCT, complex_bytes};
 use crate::reconstruct::volume::{Batch, SlabDriver};
 use crate::wave::Geometry;
 use crate::wave::simd::LANES;

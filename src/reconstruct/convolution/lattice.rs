@@ -7,12 +7,12 @@
 use crate::acquisition::{Instrument, MicArray};
 use crate::alloc::try_zeroed;
 use crate::grid::{Axis, Grid};
-use crate::reconstruct::cost::PRODUCT;
 use crate::reconstruct::error_budget::ErrorBudget;
 use crate::reconstruct::no_room;
 use crate::reconstruct::numerics::{
     FILLS, Footprint, Interpolator, Kernels, footprints, gather, nodes_around, spread,
 };
+use crate::reconstruct::plan::cost::PRODUCT;
 use num_complex::Complex32;
 use rayon::prelude::*;
 use std::f64::consts::PI;

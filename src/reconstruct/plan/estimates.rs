@@ -1,7 +1,7 @@
 //! What each method would take for a job.
 
 use crate::grid::Grid;
-use crate::reconstruct::cost::Cost;
+use crate::reconstruct::plan::cost::Cost;
 use crate::reconstruct::upsampling::Upsampling;
 use crate::reconstruct::volume::Batch;
 use crate::reconstruct::{Method, ReconstructOptions};

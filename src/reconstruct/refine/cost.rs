@@ -4,8 +4,8 @@ use super::{RefineOptions, Solver};
 use crate::acquisition::Instrument;
 use crate::grid::Grid;
 use crate::reconstruct::compress::CompressionCost;
-use crate::reconstruct::cost::{Cost, complex_bytes};
 use crate::reconstruct::error_budget::ErrorBudget;
+use crate::reconstruct::plan::cost::{Cost, complex_bytes};
 use crate::reconstruct::upsampling::Upsampling;
 use crate::reconstruct::volume::Batch;
 

@@ -5,7 +5,7 @@ use crate::acquisition::Instrument;
 use crate::blocks::BlockStore;
 use crate::error::Result;
 use crate::grid::Grid;
-use crate::reconstruct::cost::COMPLEX;
+use crate::reconstruct::plan::cost::COMPLEX;
 use num_complex::Complex32;
 
 /// Numbers that a solver keeps beside its volumes and tones.

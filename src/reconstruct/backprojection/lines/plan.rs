@@ -9,9 +9,9 @@ use super::view::LineView;
 use crate::acquisition::Instrument;
 use crate::grid::Grid;
 use crate::reconstruct::compress::tones_for;
-use crate::reconstruct::cost::{COMPLEX, PRODUCT};
 use crate::reconstruct::error_budget::ErrorBudget;
 use crate::reconstruct::numerics::Taps;
+use crate::reconstruct::plan::cost::{COMPLEX, PRODUCT};
 use crate::wave::interval::PathInterval;
 use crate::wave::simd::LANES;
 

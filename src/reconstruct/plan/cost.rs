@@ -2,25 +2,25 @@
 //!
 //! Every method's plan states its own cost, from the same numbers that it is carried out with.
 
-use super::volume::Batch;
+use crate::reconstruct::volume::Batch;
 
 /// Operations of a complex multiplication and addition.
-pub(super) const PRODUCT: f64 = 8.0;
+pub(in crate::reconstruct) const PRODUCT: f64 = 8.0;
 
 /// Bytes of a complex number in single precision.
-pub(super) const COMPLEX: u64 = 8;
+pub(in crate::reconstruct) const COMPLEX: u64 = 8;
 
 /// Bytes of `count` complex numbers in single precision.
-pub(super) fn complex_bytes(count: f64) -> u64 {
+pub(in crate::reconstruct) fn complex_bytes(count: f64) -> u64 {
     (count * COMPLEX as f64) as u64
 }
 
 /// What one plan takes.
-pub(super) struct Cost<'a> {
+pub(in crate::reconstruct) struct Cost<'a> {
     /// Floating-point operations, to within a factor of two, comparable between methods.
-    pub(super) operations: f64,
+    pub(in crate::reconstruct) operations: f64,
     /// How much is worked on at a time where memory does not matter.
-    pub(super) usual: Batch,
+    pub(in crate::reconstruct) usual: Batch,
     /// Bytes at the peak for such a batch, without the volume and what the source of samples holds.
-    pub(super) bytes: Box<dyn Fn(Batch) -> u64 + 'a>,
+    pub(in crate::reconstruct) bytes: Box<dyn Fn(Batch) -> u64 + 'a>,
 }
