@@ -58,6 +58,10 @@ pub(crate) struct Contents<'a> {
     pub(crate) scene: Option<&'a ScenePoints>,
 }
 
+/// The direction towards the light that shades surfaces, and how bright they are without it.
+const LIGHT: [f32; 3] = [-0.45, -0.55, -0.703_56];
+const AMBIENT: f32 = 0.45;
+
 /// The compressed data of a page.
 #[derive(Debug, Clone)]
 pub(crate) struct Page {
@@ -172,11 +176,24 @@ fn maps(depth: &DepthMap, truth: Option<&DepthMap>) -> Result<Value> {
     if !depth.confidence.is_empty() {
         maps["confidence"] = pack_floats(&thin(&depth.confidence)).into();
     }
+    for (name, map) in [("shading", Some(depth)), ("true_shading", truth)] {
+        if let Some(normals) = map.and_then(|map| map.picked.normal.as_deref()) {
+            let shading: Vec<f32> = normals.iter().map(lit).collect();
+            let codes: Vec<u8> = thin(&shading).into_iter().map(|lit| (255.0 * lit).round() as u8).collect();
+            maps[name] = pack(&codes).into();
+        }
+    }
     if let Some(truth) = truth {
         maps["error"] = pack_floats(&thin(&error_map(depth, truth)?)).into();
         maps["truth"] = pack_floats(&thin(&truth.picked.depth)).into();
     }
     Ok(maps)
+}
+
+/// How bright a surface is drawn: by its unit normal, which faces the array, in light from the upper left; 1 without a normal.
+fn lit(normal: &[f32; 3]) -> f32 {
+    let facing: f32 = normal.iter().zip(LIGHT).map(|(n, l)| n * l).sum();
+    if facing.is_nan() { 1.0 } else { AMBIENT + (1.0 - AMBIENT) * facing.max(0.0) }
 }
 
 /// The points of a map's surfaces, m.

@@ -169,6 +169,11 @@ def check_maps(page, found, truth):
     check("it says the error", abs(error - 1e3 * (z - true)) < 0.06, f"({said}; {1e3 * (z - true)})")
     confidence = channels["confidence.V"][row, column]
     check("it says the confidence", abs(number(said, r"confidence (−?[\d.]+)") - confidence) < 0.06, said)
+    before = picture(page.shot("#map-plots"))
+    page.run("document.querySelector('#shaded').click()")
+    page.settle()
+    check("the maps are shaded or not", changed(before, picture(page.shot("#map-plots"))) > 0.01)
+    page.run("document.querySelector('#shaded').click()")
     page.run(f"document.querySelector('{canvas}').focus()")
     page.key("ArrowRight")
     moved = number(text(page, "#map-read"), r"x (−?[\d.]+)")

@@ -13,7 +13,7 @@ async function layersOf(found, box) {
   const cell = Math.max(data.maps ? Math.min(data.maps.x.pitch, data.maps.y.pitch) : 0.01, 1e-4);
   const [name, scene] = points?.reflectors.shown ? ["Reflectors of the scene", points.reflectors] : ["True surfaces", truthPoints];
   if (scene?.shown) layers.push(layer(name, await floats(scene.data), { tint: [0.36, 0.83, 0.77, 0.55], size: 0.25 * cell, least: 1.4 }));
-  if (found) layers.push(layer("Depths found", found, { tint: [1, 1, 1, 0.95], byDepth: true, size: 0.7 * cell, least: 2.2, shown: false }));
+  if (found) layers.push(layer("Depths found", found.positions, { lit: found.lit, tint: [1, 1, 1, 0.95], byDepth: true, size: 0.7 * cell, least: 2.2, shown: false }));
   if (points?.microphones.shown)
     layers.push(layer("Microphones", await floats(points.microphones.data), { tint: [0.45, 0.68, 1, 0.9], size: 0.012, least: 2 }));
   if (points?.speaker) layers.push(layer("Speaker", new Float32Array(points.speaker), { tint: [1, 0.6, 0.2, 1], size: 0.04, least: 7 }));
@@ -38,7 +38,7 @@ async function loadMaps() {
   if (!data.maps) return null;
   const loaded = { ...data.maps };
   for (const key of ["depth", "truth", "error", "confidence"]) if (loaded[key]) loaded[key] = await floats(loaded[key]);
-  loaded.amplitude = await bytes(loaded.amplitude);
+  for (const key of ["amplitude", "shading", "true_shading"]) if (loaded[key]) loaded[key] = await bytes(loaded[key]);
   return loaded;
 }
 
@@ -52,11 +52,16 @@ function range(...lists) {
 // The point of a map's pixel at a depth: the axes are in metres, or slopes if the rays start at the origin.
 const placed = ({ x, y, view }, ix, iy, z) => [x, y].map((axis, k) => position(axis, [ix, iy][k]) * (view === "perspective" ? z : 1)).concat(z);
 
+// The points of a depth map, and how bright each is drawn.
 function cloud(loaded) {
-  const list = [];
-  const { x, depth } = loaded;
-  depth.forEach((z, i) => z === z && list.push(...placed(loaded, i % x.count, Math.floor(i / x.count), z)));
-  return new Float32Array(list);
+  const list = [], lit = [];
+  const { x, depth, shading } = loaded;
+  depth.forEach((z, i) => {
+    if (z !== z) return;
+    list.push(...placed(loaded, i % x.count, Math.floor(i / x.count), z));
+    lit.push(shading ? shading[i] / 255 : 1);
+  });
+  return { positions: new Float32Array(list), lit: new Float32Array(lit) };
 }
 
 // The controls next to the volume.
@@ -179,7 +184,7 @@ function showSlices(volume, moved) {
 }
 
 function showMaps(loaded, depths, slices) {
-  const { x, y, depth, truth, error, amplitude, confidence } = loaded;
+  const { x, y, depth, truth, error, amplitude, confidence, shading, true_shading: trueShading } = loaded;
   const sizes = Array.from(error ?? []).filter((e) => e === e).map((e) => Math.abs(1e3 * e)).sort((a, b) => a - b);
   const p95 = sizes.length ? Math.max(sizes[Math.min(sizes.length - 1, Math.floor(0.95 * sizes.length))], 1e-3) : 1;
   const power = 10 ** Math.floor(Math.log10(p95));
@@ -202,12 +207,14 @@ function showMaps(loaded, depths, slices) {
     for (const plot of plots) plot.mark(ix, iy);
     if (chosen && depth[i] === depth[i]) slices?.goTo(placed(loaded, ix, iy, depth[i]));
   };
-  const add = (title, note, map, low, high, values, ends) => {
+  const shaded = $("shaded");
+  const add = (title, note, map, low, high, values, ends, lit) => {
     const plot = new Plot($("map-plots"), {
       title, note, x: px, y: py, xLabel: camera ? "column / px" : "x / m", yLabel: camera ? "row / px" : "y / m", point,
       paint: (ix, iy) => {
         const v = values[iy * x.count + ix];
-        return v === v ? colour(map, (v - low) / (high - low)) : null;
+        const light = lit && shaded.checked ? lit[iy * x.count + ix] / 255 : 1;
+        return v === v ? colour(map, (v - low) / (high - low)).map((c) => c * light) : null;
       },
     });
     const strip = element("div", { className: "bar" });
@@ -217,8 +224,10 @@ function showMaps(loaded, depths, slices) {
     plots.push(plot);
   };
   const ends = [`${metres(depths[0])} m`, "depth z", `${metres(depths[1])} m`];
-  add("Found", "grey: no return", maps.viridis, ...depths, depth, ends);
-  if (truth) add("True", "grey: no surface", maps.viridis, ...depths, truth, ends);
+  add("Found", "grey: no return", maps.viridis, ...depths, depth, ends, shading);
+  if (truth) add("True", "grey: no surface", maps.viridis, ...depths, truth, ends, trueShading);
+  $("shading").hidden = !shading && !trueShading;
+  shaded.addEventListener("change", () => plots.forEach((plot) => plot.refresh()));
   if (error) add("Error: found − true", "grey: not compared", maps.diverging, -limit / 1e3, limit / 1e3, error, [`−${bound} mm`, "too near · too far", `+${bound} mm`]);
   $("map-read").textContent = "Point at a map, or use the arrow keys on it, to read depths; click to move the slices there.";
   const reduced = loaded.reduced > 1 ? `The maps show every ${loaded.reduced}th pixel along x and y. ` : "";

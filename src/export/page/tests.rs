@@ -84,3 +84,17 @@ fn maps_of_other_pixels_are_refused() {
         Page::new(&Contents { depth: Some(&depth), truth: Some(&truth), ..Contents::default() }).is_err()
     );
 }
+
+#[test]
+fn surfaces_are_shaded_by_their_normals_where_they_have_some() {
+    let mut depth = map(4, 1);
+    let plain = Page::new(&Contents { depth: Some(&depth), ..Contents::default() }).unwrap().data;
+    assert!(plain["maps"].get("shading").is_none());
+    let up = [0.0, -0.6, -0.8];
+    depth.picked.normal = Some(vec![[f32::NAN; 3], [0.0, 0.0, -1.0], up, [0.0, 0.6, -0.8]]);
+    let shaded = Page::new(&Contents { depth: Some(&depth), ..Contents::default() }).unwrap().data;
+    assert!(shaded["maps"]["shading"].is_string());
+    let front = AMBIENT + (1.0 - AMBIENT) * 0.703_56;
+    assert!((lit(&[0.0, 0.0, -1.0]) - front).abs() < 1e-6 && lit(&[f32::NAN; 3]) == 1.0);
+    assert!(lit(&up) > front && lit(&[0.0, 0.6, -0.8]) < front && lit(&[0.9, 0.4, -0.1]) >= AMBIENT);
+}

@@ -10,6 +10,7 @@ function shader(gl, vertex, fragment) {
     gl.attachShader(program, part);
   }
   gl.bindAttribLocation(program, 0, "position");
+  gl.bindAttribLocation(program, 1, "lit");
   gl.linkProgram(program);
   if (!gl.getProgramParameter(program, gl.LINK_STATUS)) throw new Error(gl.getProgramInfoLog(program));
   const at = {};
@@ -22,7 +23,7 @@ function shader(gl, vertex, fragment) {
 
 const VIEWS = { home: [0.62, 0.42], front: [0, 0], above: [0, 1.5707], side: [-1.5707, 0] };
 
-// `box` is { low, high } in m, `whole` the corners of everything; `layers` are { positions, lines, tint, size, byDepth, shown }.
+// `box` is { low, high } in m, `whole` the corners of everything; `layers` are { positions, lit, lines, tint, size, byDepth, shown }.
 class View {
   constructor(canvas, labels, box, whole, volume, layers, depths) {
     Object.assign(this, { canvas, labels, box, whole, volume, layers, depths });
@@ -33,7 +34,10 @@ class View {
     this.marks = shader(gl, SHADERS.points, SHADERS.marks);
     this.settings = { surface: false, threshold: 0.4, opacity: 1, colours: "inferno" };
     this.fine = 1; // share of the full resolution while things move
-    for (const layer of layers) layer.buffer = this.upload(layer.positions);
+    for (const layer of layers) {
+      layer.buffer = this.upload(layer.positions);
+      if (layer.lit) layer.light = this.upload(layer.lit);
+    }
     this.textures = {};
     for (const [name, map] of Object.entries(maps)) this.textures[name] = this.texture2d(map);
     if (volume) this.texture3d(volume);
@@ -213,6 +217,7 @@ class View {
     gl.bindTexture(gl.TEXTURE_2D, this.textures[settings.surface ? "viridis" : settings.colours]);
     gl.activeTexture(gl.TEXTURE0);
     gl.disableVertexAttribArray(0);
+    gl.disableVertexAttribArray(1);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
   }
 
@@ -230,6 +235,14 @@ class View {
     for (const layer of this.layers.filter((l) => l.shown && l.positions.length)) {
       gl.bindBuffer(gl.ARRAY_BUFFER, layer.buffer);
       gl.vertexAttribPointer(0, 3, gl.FLOAT, false, 0, 0);
+      if (layer.light) {
+        gl.bindBuffer(gl.ARRAY_BUFFER, layer.light);
+        gl.enableVertexAttribArray(1);
+        gl.vertexAttribPointer(1, 1, gl.FLOAT, false, 0, 0);
+      } else {
+        gl.disableVertexAttribArray(1);
+        gl.vertexAttrib1f(1, 1);
+      }
       gl.uniform4fv(at.tint, layer.tint);
       gl.uniform1i(at.byDepth, layer.byDepth ?? false);
       gl.uniform1i(at.round, !layer.lines);
