@@ -345,6 +345,18 @@ fn scene_path(run: &RunFile) -> Result<&Path> {
     })
 }
 
+/// The path of the scene's mesh, of which there is a truth.
+fn mesh_path(run: &RunFile) -> Result<&Path> {
+    let path = scene_path(run)?;
+    if is_csv(path) {
+        return Err(Error::input(
+            path.display(),
+            "is a list of reflectors, which have no surfaces and so no true depth; a mesh was expected",
+        ));
+    }
+    Ok(path)
+}
+
 /// Whether the format of a scene file defines its unit as metres: glTF does.
 fn is_in_metres(path: &Path) -> bool {
     ["gltf", "glb"].contains(&extension(path).as_str())

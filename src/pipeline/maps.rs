@@ -1,7 +1,7 @@
 //! Depth maps without a reconstruction: of a volume file, and the truth of a scene.
 
 use super::prepared_scene::Measurement;
-use super::{JobOptions, facts, is_csv, load_scene, resolution_of, scene_path};
+use super::{JobOptions, facts, load_scene, mesh_path, resolution_of};
 use crate::config::RunFile;
 use crate::depth::locate_depth_with;
 use crate::error::{Error, Result};
@@ -56,14 +56,7 @@ pub fn depth_of_volume(
 pub fn truth_of_scene(run: &RunFile, job: &JobOptions) -> Result<(Value, DepthMap)> {
     let JobOptions { bare_mesh: bare, observer, .. } = *job;
     let measurement = Measurement::of(run)?;
-    let path = scene_path(run)?;
-    if is_csv(path) {
-        return Err(Error::input(
-            path.display(),
-            "is a list of reflectors, which have no surfaces and so no true depth; a mesh was expected",
-        ));
-    }
-    let scene = load_scene(path, run, bare, observer)?;
+    let scene = load_scene(mesh_path(run)?, run, bare, observer)?;
     let instrument = measurement.instrument;
     let grid = run.voxels(&instrument, scene.bounds())?;
     let mut options = run.truth_options(&instrument);

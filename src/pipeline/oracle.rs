@@ -6,15 +6,20 @@
 //! and a run does not is left to gain.
 
 use super::facts::{instrument_facts, sidelobes};
-use super::{JobOptions, Outcome, image_scene, load_scene, scene_path};
+use super::memory::MemoryBudget;
+use super::prepared_scene::PreparedScene;
+use super::{JobOptions, load_scene, mesh_path, reconstruct, simulate};
 use crate::acquisition::Instrument;
+use crate::alloc::try_filled;
+use crate::checkpoint::Checkpoint;
 use crate::config::{ArrayLayout, RefineMethod, RunFile};
 use crate::depth::locate_depth_with;
 use crate::error::{Error, Result};
-use crate::grid::{DepthMap, Grid, Volume};
+use crate::grid::{DepthMap, Grid, Volume, no_room_for};
 use crate::metrics::{Scores, score};
 use crate::plan::plan;
 use crate::progress::{Event, Observer};
+use crate::truth::trace_depth_with;
 use num_complex::Complex32;
 use serde_json::Value;
 
@@ -41,41 +46,45 @@ pub struct Oracle {
 /// Cost: 16 images of an array of the same extent whose microphones are so close that nothing aliases.
 ///
 /// # Errors
-/// Those of [`image_scene`]; a scene without a truth; an extent that would take too many microphones.
+/// Those of [`image_scene`](super::image_scene); a list of reflectors, which has no truth; an extent that would take too many microphones.
 pub fn oracle_of_scene(run: &RunFile, job: &JobOptions) -> Result<Oracle> {
     let instrument = run.instrument()?;
-    let scene = load_scene(scene_path(run)?, run, job.bare_mesh, job.observer)?;
+    let scene = load_scene(mesh_path(run)?, run, job.bare_mesh, job.observer)?;
     let grid = run.voxels(&instrument, scene.bounds())?;
     let mut ideal = ideal(run, &instrument, &grid)?;
-    drop(scene);
-    let observer = &Quiet(job.observer);
-    let job = JobOptions { observer, ..JobOptions::default().with_bare_mesh(job.bare_mesh) };
-    let mut of_phases = |seed: u32| {
+    let quiet = &Quiet(job.observer);
+    let mut power = try_filled(0.0_f32, grid.voxel_count()).ok_or_else(|| no_room_for(&grid))?;
+    for seed in 1..=IMAGES {
         ideal.reflectors.seed = seed;
-        observer.0.note(&format!("image {seed} of {IMAGES} for the oracle"));
-        image_scene(&ideal, &job)
-    };
-    let Outcome { instrument: dense, image, depth, truth, .. } = of_phases(1)?;
-    let mut power: Vec<f32> = image.volume.samples.iter().map(Complex32::norm_sqr).collect();
-    // One volume at a time.
-    drop(image);
-    for seed in 2..=IMAGES {
-        let volume = of_phases(seed)?.image.volume;
+        job.observer.note(&format!("image {seed} of {IMAGES} for the oracle"));
+        let volume = image(&ideal, job.bare_mesh, quiet)?;
         power.iter_mut().zip(&volume.samples).for_each(|(sum, a)| *sum += a.norm_sqr());
     }
-    let truth = truth.ok_or_else(|| {
-        Error::input("[scene]", "has no mesh, and therefore no truth, with which an oracle could be compared")
-    })?;
     let mean = |sum: &f32| Complex32::new((sum / IMAGES as f32).sqrt(), 0.0);
     let volume = Volume::new(grid, power.iter().map(mean).collect());
+    let dense = ideal.instrument()?;
     let mut options = ideal.depth_options(dense.aperture(), sidelobes(&dense, &ideal));
     // A mean of powers has no phases.
-    (options.gate, options.raster) = (false, Some(depth.raster()));
-    let depth = locate_depth_with(&volume, &options, observer)?;
+    (options.gate, options.raster) = (false, run.raster(scene.camera())?);
+    let depth = locate_depth_with(&volume, &options, quiet)?;
+    let mut options = run.truth_options(&instrument);
+    options.raster = run.raster(scene.camera())?;
+    let truth = trace_depth_with(&scene, &grid, &options, quiet)?;
     let scores = score(&depth, &truth, instrument.aperture())?;
     let mut facts = instrument_facts(&instrument, run);
     facts["oracle"] = true.into();
     Ok(Oracle { depth, scores, facts })
+}
+
+/// The volume that a scene shows.
+fn image(run: &RunFile, bare: bool, observer: &dyn Observer) -> Result<Volume> {
+    let (budget, nowhere) = (MemoryBudget::of(run), Checkpoint::off());
+    let prepared = PreparedScene::of(&budget, bare, true, observer)?;
+    let cube = simulate(run, &prepared, &nowhere, observer)?;
+    let options = budget.options(&budget.imaging(prepared.instrument(), &prepared.grid, prepared.arrays));
+    let mut volume = Volume { grid: prepared.grid, samples: Vec::new() };
+    reconstruct(&mut &cube, &prepared.grid, &options, &mut volume, &nowhere, observer)?;
+    Ok(volume)
 }
 
 /// The run with an array that is dense, an instrument that is ideal, and the grid as it is.

@@ -65,7 +65,8 @@ fn workplace() -> tempfile::TempDir {
     scene("job.toml", 400, "count = [16, 16]", 0.6, [0.025, 0.025, 0.03], "direct");
     let spiral = "layout = \"spiral\"\nelements = 900";
     scene("spiral.toml", 100, spiral, 0.45, [0.015, 0.015, 0.008], "convolution");
-    scene("refined.toml", 100, spiral, 0.45, [0.03, 0.03, 0.01], "auto");
+    // On one lattice with the array.
+    scene("refined.toml", 200, "count = [16, 16]", 0.4, [1.0 / 30.0, 1.0 / 30.0, 0.02], "auto");
     let random = "layout = \"random\"\nelements = 400";
     scene("random.toml", 100, random, 0.6, [0.03, 0.03, 0.01], "backprojection");
     // Two blocks, each of which takes as long as the others' whole jobs.
