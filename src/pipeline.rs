@@ -46,7 +46,7 @@ pub use report::{Report, SceneSummary};
 use crate::acquisition::{CubeFile, CubeSource, DataCube, Detection, Instrument, Sweep};
 use crate::checkpoint::{Checkpoint, CheckpointStore, CheckpointedVolume, GracefulStop, Stage};
 use crate::config::RunFile;
-use crate::depth::locate_depth_with;
+use crate::depth::{ArraySidelobes, locate_depth_with};
 use crate::error::{Error, Result};
 use crate::files::extension;
 use crate::grid::{DepthMap, Grid, Raster, Volume};
@@ -58,8 +58,8 @@ use crate::reconstruct::{
 };
 use crate::reflectors::Reflectors;
 use crate::scene::Scene;
-use crate::truth::trace_depth_with;
 use log::Log;
+use maps::truth_of;
 use memory::MemoryBudget;
 use prepared_scene::PreparedScene;
 use std::path::{Path, PathBuf};
@@ -80,6 +80,8 @@ pub struct Outcome {
     pub instrument: Instrument,
     /// The volume, and how it was computed.
     pub image: Reconstruction,
+    /// The array's sidelobes that depth was told of.
+    pub sidelobes: ArraySidelobes,
     /// The depth map found in the volume.
     pub depth: DepthMap,
     /// The true depth map; only a mesh scene has one.
@@ -118,20 +120,19 @@ pub fn image_scene(run: &RunFile, job: &JobOptions) -> Result<Outcome> {
     let volume = outputs::volume_bytes(run, &prepared.grid);
     checkpoint.check_space(volume)?;
     checkpoint.open(&identity::of_scene("image", run, &prepared), observer)?;
+    let sidelobes = facts::sidelobes(prepared.instrument(), run);
     let cube = log.timed("simulate", || simulate(run, &prepared, checkpoint, &log))?;
     let (image, depth) = reconstruct_and_locate(
         &budget,
         &mut &cube,
         &prepared.grid,
-        (raster, prepared.arrays),
+        (raster, prepared.arrays, sidelobes),
         checkpoint,
         &log,
     )?;
     drop(cube);
     let truth = prepared.scene.as_ref().map(|scene| {
-        let mut options = run.truth_options(prepared.instrument());
-        options.raster = raster;
-        log.timed("truth", || trace_depth_with(scene, &prepared.grid, &options, &log))
+        log.timed("truth", || truth_of(scene, run, (prepared.instrument(), &prepared.grid), &log))
     });
     let truth = truth.transpose()?;
     let aperture = prepared.instrument().aperture();
@@ -144,6 +145,7 @@ pub fn image_scene(run: &RunFile, job: &JobOptions) -> Result<Outcome> {
         reflectors: Some(prepared.reflectors),
         instrument: prepared.measurement.instrument,
         image,
+        sidelobes,
         depth,
         truth,
         scores,
@@ -172,8 +174,9 @@ pub fn image_cube(run: &RunFile, mut cube: CubeFile, job: &JobOptions) -> Result
     let raster = run.raster(None)?;
     checkpoint.check_space(outputs::volume_bytes(run, &grid))?;
     checkpoint.open(&identity::of_cube("image", run, &mut cube, &grid)?, observer)?;
+    let sidelobes = facts::sidelobes(&instrument, run);
     let (image, depth) =
-        reconstruct_and_locate(&budget, &mut cube, &grid, (raster, samples), checkpoint, &log)?;
+        reconstruct_and_locate(&budget, &mut cube, &grid, (raster, samples, sidelobes), checkpoint, &log)?;
     let (timings, warnings) = log.finish();
     Ok(Outcome {
         plan,
@@ -182,6 +185,7 @@ pub fn image_cube(run: &RunFile, mut cube: CubeFile, job: &JobOptions) -> Result
         physics: facts::beyond_the_sum(run),
         instrument,
         image,
+        sidelobes,
         depth,
         truth: None,
         scores: None,
@@ -282,7 +286,7 @@ fn reconstruct_and_locate(
     budget: &MemoryBudget,
     source: &mut dyn CubeSource,
     grid: &Grid,
-    (raster, arrays): (Option<Raster>, JobArrays),
+    (raster, arrays, sidelobes): (Option<Raster>, JobArrays, ArraySidelobes),
     checkpoint: &Checkpoint,
     log: &Log,
 ) -> Result<(Reconstruction, DepthMap)> {
@@ -306,7 +310,6 @@ fn reconstruct_and_locate(
     if let Some(refinement) = &image.refinement {
         log.note(&refinement.to_string());
     }
-    let sidelobes = facts::sidelobes(source.instrument(), budget.run);
     let mut search = budget.run.depth_options(aperture, sidelobes);
     search.raster = raster;
     let depth = log.timed("depth", || locate_depth_with(&image.volume, &search, log))?;

@@ -99,7 +99,7 @@ pub fn reconstruct_with(
 ///   tone, depth and pair of sublattices; `backprojection` some 130 operations per voxel and microphone, or, by tiles of
 ///   the array, some 1000 per voxel and tile and 130 per microphone and node of its own tile; or, by lines of a lattice, some
 ///   300 per voxel and line and 8 per tone, microphone and node.
-///   With [`ReconstructOptions::refine`], two or three times as much for each step, and two or three volumes.
+///   With [`ReconstructOptions::refine`], twice as much for each step, and two or three volumes.
 /// - The bytes do not depend on the number of threads, nor on where samples come from and planes go to.
 ///
 /// # Errors

@@ -102,7 +102,7 @@ pub(super) fn image(input: &Path, folder: &Path, report: &Report, outcome: &Outc
     let mut text = table.text();
     if let Some(metrics) = &report.metrics {
         text.push_str("against the truth\n");
-        text.push_str(&textwrap::indent(&self::metrics(metrics), "  "));
+        text.push_str(&textwrap::indent(&self::metrics(&[metrics], None), "  "));
     }
     let mut table = KeyValueTable::default();
     let stages: Vec<String> = report
@@ -175,24 +175,13 @@ pub(super) fn duration(seconds: f64) -> String {
     }
 }
 
-/// Every metric that was measured, with its unit.
-pub(super) fn metrics(metrics: &Metrics) -> String {
-    let mut table = KeyValueTable::default();
-    for (name, value) in metrics.iter() {
-        if let Some(value) = value {
-            table.row(name, quantity(name, value));
-        }
-    }
-    let text = table.text();
-    if text.is_empty() { "nothing to measure: the truth is empty\n".to_owned() } else { text }
-}
-
-/// The metrics of one result, or the means of several and their range, and beside them those of an oracle.
-pub(super) fn scores(scores: &[Scores], oracle: Option<&Scores>) -> String {
+/// Every metric that was measured, with its unit: of one result, or the means of several and their range, and beside them
+/// those of an oracle.
+pub(super) fn metrics(results: &[&Metrics], oracle: Option<&Metrics>) -> String {
     let mut table = KeyValueTable::default();
     for name in METRIC_NAMES {
-        let of = |scores: &Scores| scores.all.get(name).flatten();
-        let each: Vec<Option<f64>> = scores.iter().map(of).collect();
+        let of = |metrics: &Metrics| metrics.get(name).flatten();
+        let each: Vec<Option<f64>> = results.iter().map(|metrics| of(metrics)).collect();
         // A metric that one result lacks has no mean.
         let Some(sum) = each.iter().copied().sum::<Option<f64>>() else { continue };
         let mut text = spread(name, &each, sum / each.len() as f64);

@@ -71,7 +71,8 @@ pub(super) fn compare(
         print_json(&value)?;
     } else {
         let groups = if let [one] = scores.as_slice() { summary::groups(one) } else { String::new() };
-        print(&(summary::scores(&scores, oracle.as_ref()) + &groups))?;
+        let results: Vec<_> = scores.iter().map(|scores| &scores.all).collect();
+        print(&(summary::metrics(&results, oracle.as_ref().map(|oracle| &oracle.all)) + &groups))?;
     }
     limits_kept(&verdicts)
 }

@@ -13,11 +13,16 @@ use serde_json::{Value, json};
 pub(super) const PROGRAM: &str = concat!("holosonar ", env!("CARGO_PKG_VERSION"));
 
 /// Everything needed to interpret and reproduce an image: `meta` in a volume's npz.
-pub(super) fn image_facts(instrument: &Instrument, run: &RunFile, info: &ReconstructionInfo) -> Value {
+pub(super) fn image_facts(
+    instrument: &Instrument,
+    run: &RunFile,
+    info: &ReconstructionInfo,
+    sidelobes: ArraySidelobes,
+) -> Value {
     let mut facts = instrument_facts(instrument, run);
     facts["method"] = json!(info.method);
     facts["error_bound"] = json!(info.error_bound);
-    facts["sidelobes"] = json!(sidelobes(instrument, run));
+    facts["sidelobes"] = json!(sidelobes);
     if let Some(refinement) = &info.refinement {
         facts["refinement"] = json!(refinement);
     }

@@ -2,13 +2,15 @@
 
 use super::prepared_scene::Measurement;
 use super::{JobOptions, facts, load_scene, mesh_path, resolution_of};
+use crate::acquisition::Instrument;
 use crate::config::RunFile;
 use crate::depth::locate_depth_with;
 use crate::error::{Error, Result};
 use crate::export::volume_npz::read_volume_npz;
-use crate::grid::{DepthMap, check_voxels};
+use crate::grid::{DepthMap, Grid, check_voxels};
 use crate::plan::memory_limit;
-use crate::progress::stage;
+use crate::progress::{Observer, stage};
+use crate::scene::Scene;
 use crate::truth::trace_depth_with;
 use crate::wave::Resolution;
 use serde_json::Value;
@@ -59,8 +61,18 @@ pub fn truth_of_scene(run: &RunFile, job: &JobOptions) -> Result<(Value, DepthMa
     let scene = load_scene(mesh_path(run)?, run, bare, observer)?;
     let instrument = measurement.instrument;
     let grid = run.voxels(&instrument, scene.bounds())?;
-    let mut options = run.truth_options(&instrument);
-    options.raster = run.raster(scene.camera())?;
-    let truth = trace_depth_with(&scene, &grid, &options, observer)?;
+    let truth = truth_of(&scene, run, (&instrument, &grid), observer)?;
     Ok((facts::instrument_facts(&instrument, run), truth))
+}
+
+/// The true depth of a loaded scene, on the pixels of its depth map.
+pub(super) fn truth_of(
+    scene: &Scene,
+    run: &RunFile,
+    (instrument, grid): (&Instrument, &Grid),
+    observer: &dyn Observer,
+) -> Result<DepthMap> {
+    let mut options = run.truth_options(instrument);
+    options.raster = run.raster(scene.camera())?;
+    trace_depth_with(scene, grid, &options, observer)
 }

@@ -6,6 +6,7 @@
 //! and a run does not is left to gain.
 
 use super::facts::{instrument_facts, sidelobes};
+use super::maps::truth_of;
 use super::memory::MemoryBudget;
 use super::prepared_scene::PreparedScene;
 use super::{JobOptions, load_scene, mesh_path, reconstruct, simulate};
@@ -19,7 +20,6 @@ use crate::grid::{DepthMap, Grid, Volume, no_room_for};
 use crate::metrics::{Scores, score};
 use crate::plan::plan;
 use crate::progress::{Event, Observer};
-use crate::truth::trace_depth_with;
 use num_complex::Complex32;
 use serde_json::Value;
 
@@ -46,7 +46,8 @@ pub struct Oracle {
 /// Cost: 16 images of an array of the same extent whose microphones are so close that nothing aliases.
 ///
 /// # Errors
-/// Those of [`image_scene`](super::image_scene); a list of reflectors, which has no truth; an extent that would take too many microphones.
+/// Those of [`image_scene`](super::image_scene); a list of reflectors, which has no truth; an extent that would take too
+/// many microphones.
 pub fn oracle_of_scene(run: &RunFile, job: &JobOptions) -> Result<Oracle> {
     let instrument = run.instrument()?;
     let scene = load_scene(mesh_path(run)?, run, job.bare_mesh, job.observer)?;
@@ -67,9 +68,7 @@ pub fn oracle_of_scene(run: &RunFile, job: &JobOptions) -> Result<Oracle> {
     // A mean of powers has no phases.
     (options.gate, options.raster) = (false, run.raster(scene.camera())?);
     let depth = locate_depth_with(&volume, &options, quiet)?;
-    let mut options = run.truth_options(&instrument);
-    options.raster = run.raster(scene.camera())?;
-    let truth = trace_depth_with(&scene, &grid, &options, quiet)?;
+    let truth = truth_of(&scene, run, (&instrument, &grid), quiet)?;
     let scores = score(&depth, &truth, instrument.aperture())?;
     let mut facts = instrument_facts(&instrument, run);
     facts["oracle"] = true.into();

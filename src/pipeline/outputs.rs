@@ -1,6 +1,6 @@
 //! Writes every file of a run, under its documented name.
 
-use super::facts::{attributes, image_facts};
+use super::facts::{attributes, image_facts, sidelobes};
 use super::job::JobOptions;
 use super::page::{PAGE, page_of, title};
 use super::{Outcome, Report};
@@ -42,7 +42,7 @@ pub fn write_outputs(run: &RunFile, outcome: &Outcome, folder: &Path, job: &JobO
     let start = Instant::now();
     let Outcome { image, depth, instrument, reflectors, .. } = outcome;
     warn_of_float16(&run.output, image.volume.peak(), observer);
-    let facts = image_facts(instrument, run, &image.info());
+    let facts = image_facts(instrument, run, &image.info(), outcome.sidelobes);
     let scene = ScenePoints::new(reflectors.as_ref(), &instrument.array, &instrument.geometry);
     let truth = outcome.truth.as_ref();
     // Truth and depth share their colours, so that they can be compared by eye.
@@ -236,7 +236,8 @@ impl<'a> VolumeFiles<'a> {
 
 impl VolumeSink for VolumeFiles<'_> {
     fn begin(&mut self, info: &ReconstructionInfo) -> Result<()> {
-        self.facts = image_facts(self.instrument, self.run, info);
+        let sidelobes = sidelobes(self.instrument, self.run);
+        self.facts = image_facts(self.instrument, self.run, info, sidelobes);
         for path in self.paths.iter().filter(|path| !needs_all(path)) {
             let file = stream_volume(path, &self.whole.grid, &self.run.output, &self.facts)?;
             self.growing.push((path, file));

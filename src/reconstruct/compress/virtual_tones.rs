@@ -227,9 +227,7 @@ impl VirtualTones {
             row.iter_mut().zip(&window.microphone).for_each(|(m, w)| *m *= turn * w);
         });
     }
-}
 
-impl VirtualTones {
     /// The adjoint of [`VirtualTones::add`] and [`VirtualTones::finish`] without a window: measured tones of `range`,
     /// `[range, n_mic]`, from virtual ones, `[tones, n_mic]`.
     pub(crate) fn expand(

@@ -85,9 +85,6 @@ impl Candidates {
             };
             Estimate::possible(method, &cost, upsampling, options)
         };
-        if let Some(refine) = &options.refine {
-            refine.check()?;
-        }
         let nodes = Upsampling::find(instrument, grid, budget);
         let samplings: Vec<Option<&Upsampling>> = iter::once(None).chain(nodes.iter().map(Some)).collect();
         let of_sampling = |upsampling: Option<&Upsampling>| {
@@ -251,7 +248,7 @@ const MOST_ALONG: usize = 1 << 17;
 /// The least tolerance other than 0, far below the rounding of single precision: no series or fit is more exact.
 pub const LEAST_TOLERANCE: f64 = 1e-9;
 
-/// Refuses grids and tolerances that make no sense.
+/// Refuses grids, tolerances and refinements that make no sense.
 fn check(grid: &Grid, options: &ReconstructOptions) -> Result<()> {
     let [n_z, n_y, n_x] = grid.shape();
     if grid.voxel_count() > MOST_VOXELS || n_x.max(n_y).max(n_z) > MOST_ALONG {
@@ -278,7 +275,7 @@ fn check(grid: &Grid, options: &ReconstructOptions) -> Result<()> {
             ),
         ));
     }
-    Ok(())
+    options.refine.map_or(Ok(()), |refine| refine.check())
 }
 
 /// What each method would cost for a job with this many threads, and the one that

@@ -5,10 +5,8 @@ use super::operator::Operator;
 use super::state::State;
 use super::{RefineOptions, Refinement, Solver};
 use crate::acquisition::CubeSource;
-use crate::alloc::try_zeroed;
 use crate::blocks::BlockStore;
 use crate::error::Result;
-use crate::grid::no_room_for;
 use crate::progress::Observer;
 use crate::reconstruct::{Method, ReconstructionInfo};
 use num_complex::Complex32;
@@ -27,12 +25,10 @@ pub(super) fn cgls(
     store: &mut dyn BlockStore,
     observer: &dyn Observer,
 ) -> Result<(Vec<Complex32>, ReconstructionInfo)> {
-    let voxels = || try_zeroed(operator.grid.voxel_count()).ok_or_else(|| no_room_for(operator.grid));
     let plane_len = operator.grid.plane_len();
-    let mut slopes = voxels()?;
+    let mut slopes = operator.darkness()?;
     // A and the direction of the next step; the echoes of A.
-    let mut state: State<2, 1> =
-        State { step: 0, scalars: [0.0; 8], volumes: [voxels()?, voxels()?], tones: [operator.silence()?] };
+    let mut state = State::<2, 1>::empty(operator)?;
     state.resume(store, refine.steps)?;
     // |K*(m − KA)|², the powers of what is left and of the samples, the noise, and the error bound.
     let [mut square, mut power, mut energy, mut noise, mut error_bound, ..] = state.scalars;
@@ -43,8 +39,7 @@ pub(super) fn cgls(
         (power, energy, error_bound, square) = (of_samples, of_samples, info.error_bound, descent.square);
     }
     let noise = (noise >= 0.0).then_some(noise);
-    let enough = noise.map(|noise| operator.power_of_noise(noise));
-    let is_enough = |power: f64| enough.is_some_and(|enough| power <= enough);
+    let is_enough = |power: f64| operator.is_noise(power, noise);
     // The first step shows what is below the noise of a sample.
     while state.step < refine.steps && square > 0.0 && (state.step == 0 || !is_enough(power)) {
         let [amplitudes, direction] = &mut state.volumes;

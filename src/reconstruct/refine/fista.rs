@@ -11,10 +11,8 @@ use super::operator::Operator;
 use super::state::State;
 use super::{RefineOptions, Refinement, Solver};
 use crate::acquisition::CubeSource;
-use crate::alloc::try_zeroed;
 use crate::blocks::BlockStore;
 use crate::error::Result;
-use crate::grid::no_room_for;
 use crate::progress::Observer;
 use crate::reconstruct::{Method, ReconstructionInfo, VolumeSink};
 use num_complex::Complex32;
@@ -77,18 +75,15 @@ pub(super) fn fista(
     store: &mut dyn BlockStore,
     observer: &dyn Observer,
 ) -> Result<(Vec<Complex32>, ReconstructionInfo)> {
-    let voxels = || try_zeroed(operator.grid.voxel_count()).ok_or_else(|| no_room_for(operator.grid));
-    let tones = || operator.silence();
-    let mut state: State<2, 2> =
-        State { step: 0, scalars: [0.0; 8], volumes: [voxels()?, voxels()?], tones: [tones()?, tones()?] };
+    let mut state = State::empty(operator)?;
     state.resume(store, refine.steps)?;
     let mut scalars = if state.step > 0 {
         Scalars::unpack(state.scalars)
     } else {
         begin(operator, source, refine, &mut state, observer)?
     };
-    let enough = scalars.noise.map(|noise| 0.5 * operator.power_of_noise(noise));
-    let is_enough = |half_power: f64| enough.is_some_and(|enough| half_power <= enough);
+    let noise = scalars.noise;
+    let is_enough = |half_power: f64| operator.is_noise(2.0 * half_power, noise);
     // The first step shows what is below the noise of a sample.
     while state.step < refine.steps && (state.step == 0 || !is_enough(scalars.half_power)) {
         step(operator, source, &mut state, &mut scalars, observer)?;

@@ -5,7 +5,7 @@ use super::noise::noise_of;
 use crate::acquisition::{CubeSource, Detection, Instrument, Visit};
 use crate::alloc::try_zeroed;
 use crate::error::Result;
-use crate::grid::{Grid, Volume};
+use crate::grid::{Grid, Volume, no_room_for};
 use crate::progress::{Event, Observer};
 use crate::reconstruct::compress::{VirtualTones, frequencies_at_once};
 use crate::reconstruct::convolution::{ConvolutionPlan, Skeletons, adjoint, convolution_with};
@@ -20,7 +20,8 @@ use num_complex::Complex32;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// What is left of the samples is no more than noise when it is this many times as much.
+/// What is left of the samples is no more than noise when it is this many times as much: noise is measured to within a
+/// percent.
 const MORE: f64 = 1.01;
 
 /// Neighbouring depths reach so many range resolutions to both sides.
@@ -92,6 +93,11 @@ impl<'a> Operator<'a> {
         Ok((info, left.power))
     }
 
+    /// A volume, all zero.
+    pub(super) fn darkness(&self) -> Result<Vec<Complex32>> {
+        try_zeroed(self.grid.voxel_count()).ok_or_else(|| no_room_for(self.grid))
+    }
+
     /// Virtual tones at the microphones, all zero.
     pub(super) fn silence(&self) -> Result<Vec<Complex32>> {
         let (tones, n_mic) = (self.skeletons.tones() as u64, self.instrument.array.len() as u64);
@@ -160,10 +166,10 @@ impl<'a> Operator<'a> {
         }
     }
 
-    /// The power of noise in the samples, and a little more: it is measured to within a percent.
-    pub(super) fn power_of_noise(&self, noise: f64) -> f64 {
+    /// Whether so much power is left of the samples that it may all be noise, where that is known.
+    pub(super) fn is_noise(&self, left: f64, noise: Option<f64>) -> bool {
         let [f, r] = self.weight_sums(|w| w);
-        MORE * noise * noise * f * r
+        noise.is_some_and(|noise| left <= MORE * noise * noise * f * r)
     }
 
     /// The root mean square that noise has in a voxel.

@@ -1,6 +1,7 @@
 //! What a solver has after a step, stored so that an interrupted run resumes after it.
 
 use super::RefineOptions;
+use super::operator::Operator;
 use crate::acquisition::Instrument;
 use crate::blocks::BlockStore;
 use crate::error::Result;
@@ -37,6 +38,17 @@ pub(super) struct State<const N: usize, const M: usize> {
 }
 
 impl<const N: usize, const M: usize> State<N, M> {
+    /// Before the first step, all zero.
+    ///
+    /// # Errors
+    /// It does not fit in memory.
+    pub(super) fn empty(operator: &Operator<'_>) -> Result<Self> {
+        let (mut volumes, mut tones) = ([const { Vec::new() }; N], [const { Vec::new() }; M]);
+        volumes.iter_mut().try_for_each(|volume| operator.darkness().map(|zeros| *volume = zeros))?;
+        tones.iter_mut().try_for_each(|tones| operator.silence().map(|zeros| *tones = zeros))?;
+        Ok(Self { step: 0, scalars: [0.0; SCALARS], volumes, tones })
+    }
+
     /// Takes up the last of `steps` that is stored, if there is one, in the place of what is held, which has the shapes.
     pub(super) fn resume(&mut self, store: &mut dyn BlockStore, steps: usize) -> Result<()> {
         let mut scalars = [Complex32::ZERO; SCALARS];

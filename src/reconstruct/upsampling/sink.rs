@@ -49,33 +49,19 @@ pub(in crate::reconstruct) struct Resampled<'a> {
 impl Upsampling {
     /// From nodes to voxels.
     pub(in crate::reconstruct) fn onto_voxels(&self) -> Resampling<'_> {
-        let [x, y, z] = self.weights();
-        let (from, to) = (&self.coarse, &self.fine);
-        Resampling {
-            from,
-            to,
-            carrier: self.carrier,
-            x: x.in_vectors(),
-            y,
-            z,
-            along_x: self.nodes[0].interpolates(),
-        }
+        self.resampling(&self.coarse, &self.fine, self.weights())
     }
 
     /// From voxels to nodes, by the adjoint of [`Upsampling::onto_voxels`].
     pub(in crate::reconstruct) fn onto_nodes(&self) -> Resampling<'_> {
-        let [x, y, z] = self.weights();
-        let (from, to) = (&self.fine, &self.coarse);
-        let [x, y, z] = [x.transposed(to.x.count), y.transposed(to.y.count), z.transposed(to.z.count)];
-        Resampling {
-            from,
-            to,
-            carrier: self.carrier,
-            x: x.in_vectors(),
-            y,
-            z,
-            along_x: self.nodes[0].interpolates(),
-        }
+        let ([x, y, z], to) = (self.weights(), &self.coarse);
+        let weights = [x.transposed(to.x.count), y.transposed(to.y.count), z.transposed(to.z.count)];
+        self.resampling(&self.fine, to, weights)
+    }
+
+    fn resampling<'a>(&self, from: &'a Grid, to: &'a Grid, [x, y, z]: [AxisWeights; 3]) -> Resampling<'a> {
+        let (carrier, along_x) = (self.carrier, self.nodes[0].interpolates());
+        Resampling { from, to, carrier, x: x.in_vectors(), y, z, along_x }
     }
 
     /// Bytes of all nodes and of what [`Upsampling::onto_nodes`] takes.

@@ -32,6 +32,24 @@ fn cases() -> Vec<(&'static str, Instrument, Grid)> {
     ]
 }
 
+/// `<KA, m> = <A, K*m>`, with the first from |m|², |KA|² and |m − KA|².
+fn assert_adjoint(
+    name: &str,
+    operator: &Operator<'_>,
+    cube: &DataCube,
+    voxels: &[Complex32],
+    echoes: &[Complex32],
+) {
+    let mut image = Volume { grid: *operator.grid, samples: Vec::new() };
+    let (_, energy) = operator.image(&mut &*cube, None, &mut image, &Silent).unwrap();
+    let whole = operator.power(echoes);
+    let of_samples = 0.5 * (energy + whole - operator.power_left(&mut &*cube, echoes).unwrap());
+    let pairs = voxels.iter().zip(&image.samples);
+    let of_voxels: f64 = pairs.map(|(a, b)| f64::from((a * b.conj()).re)).sum();
+    let bound = 1e-5 * (whole * energy).sqrt();
+    assert!((of_samples - of_voxels).abs() < bound, "{name}: {of_samples:e} is not {of_voxels:e}");
+}
+
 #[test]
 fn echoes_are_the_literal_sums_and_their_adjoint_is_eq_13() {
     for (name, instrument, grid) in cases() {
@@ -51,14 +69,7 @@ fn echoes_are_the_literal_sums_and_their_adjoint_is_eq_13() {
             let left = operator.power_left(&mut &own, &echoes).unwrap();
             let whole = operator.power(&echoes);
             assert!(left.sqrt() < 2e-5 * whole.sqrt(), "{name}: {left:e} of {whole:e}");
-            // <KA, m> = <A, K*m>: by |m|², |KA|² and |m − KA|².
-            let mut image = Volume { grid, samples: Vec::new() };
-            let (_, energy) = operator.image(&mut &cube, None, &mut image, &Silent).unwrap();
-            let of_samples = 0.5 * (energy + whole - operator.power_left(&mut &cube, &echoes).unwrap());
-            let pairs = voxels.iter().zip(&image.samples);
-            let of_voxels: f64 = pairs.map(|(a, b)| f64::from((a * b.conj()).re)).sum();
-            let bound = 1e-5 * (whole * energy).sqrt();
-            assert!((of_samples - of_voxels).abs() < bound, "{name}: {of_samples:e} is not {of_voxels:e}");
+            assert_adjoint(name, operator, &cube, &voxels, &echoes);
         });
     }
 }
@@ -83,13 +94,7 @@ fn voxels_that_are_interpolated_have_an_adjoint_too() {
             let whole = operator.power(&echoes);
             let left = operator.power_left(&mut &own, &echoes).unwrap();
             assert!(left.sqrt() < 2e-4 * whole.sqrt(), "{left:e} of {whole:e}");
-            let mut image = Volume { grid, samples: Vec::new() };
-            let (_, energy) = operator.image(&mut &cube, None, &mut image, &Silent).unwrap();
-            let of_samples = 0.5 * (energy + whole - operator.power_left(&mut &cube, &echoes).unwrap());
-            let pairs = voxels.iter().zip(&image.samples);
-            let of_voxels: f64 = pairs.map(|(a, b)| f64::from((a * b.conj()).re)).sum();
-            let bound = 1e-5 * (whole * energy).sqrt();
-            assert!((of_samples - of_voxels).abs() < bound, "{of_samples:e} is not {of_voxels:e}");
+            assert_adjoint("interpolated", operator, &cube, &voxels, &echoes);
             // Some depths alone.
             let some = 10..17;
             let mut alone = voxels.clone();
