@@ -135,11 +135,21 @@ impl Error {
             io::ErrorKind::NotFound => "no such file; check the path".to_owned(),
             io::ErrorKind::IsADirectory => "is a folder; a file was expected".to_owned(),
             io::ErrorKind::PermissionDenied => "may not be read (permission denied)".to_owned(),
+            io::ErrorKind::NotADirectory => "no such file; a part of the path is not a folder".to_owned(),
+            // What the system takes for no name at all: with a zero byte in it, or too long.
+            io::ErrorKind::InvalidInput | io::ErrorKind::InvalidFilename => {
+                format!("is not the name of a file: {error}")
+            }
             _ => format!("cannot be read: {error}"),
         };
         let refusal = match kind {
-            io::ErrorKind::NotFound => Self::NotFound { place, problem, source: None },
-            io::ErrorKind::IsADirectory | io::ErrorKind::PermissionDenied => Self::input(place, problem),
+            io::ErrorKind::NotFound | io::ErrorKind::NotADirectory => {
+                Self::NotFound { place, problem, source: None }
+            }
+            io::ErrorKind::IsADirectory
+            | io::ErrorKind::PermissionDenied
+            | io::ErrorKind::InvalidInput
+            | io::ErrorKind::InvalidFilename => Self::input(place, problem),
             _ => Self::io(place, problem),
         };
         refusal.with_source(error)
@@ -260,6 +270,9 @@ mod tests {
         for (error, kind, status) in [
             (reading(io::ErrorKind::NotFound), ErrorKind::NotFound, 2),
             (reading(io::ErrorKind::PermissionDenied), ErrorKind::InvalidInput, 2),
+            (reading(io::ErrorKind::NotADirectory), ErrorKind::NotFound, 2),
+            (reading(io::ErrorKind::InvalidInput), ErrorKind::InvalidInput, 2),
+            (reading(io::ErrorKind::InvalidFilename), ErrorKind::InvalidInput, 2),
             (reading(io::ErrorKind::TimedOut), ErrorKind::Io, 1),
             (Error::writing(path, io::ErrorKind::StorageFull.into()), ErrorKind::Io, 1),
         ] {
@@ -269,6 +282,10 @@ mod tests {
             assert!(source.is_some(), "{error}");
         }
         assert!(reading(io::ErrorKind::TimedOut).to_string().contains("cannot be read: told"));
+        for name in ["a\0.obj", &"a".repeat(5000)] {
+            let refused = std::fs::File::open(name).unwrap_err();
+            assert_eq!(Error::reading(Path::new(name), refused).exit_status(), 2, "{name:?}");
+        }
         let full = Error::out_of_memory("a cube does not fit");
         assert_eq!((full.to_string().as_str(), full.exit_status()), ("memory: a cube does not fit", 1));
         assert!(full.source().is_none() && Error::input("grid", "too large").source().is_none());
