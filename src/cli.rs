@@ -10,6 +10,7 @@ mod info;
 mod inputs;
 mod manual;
 mod outputs;
+mod placement;
 mod reproduce;
 mod signals;
 mod summary;
@@ -24,6 +25,7 @@ use crate::text::quoted;
 use crate::wave::simd::{self, Level};
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Args, CommandFactory, Parser, Subcommand};
+use placement::Placement;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
@@ -102,18 +104,16 @@ struct Settings {
 /// How a run file with a scene is changed from the command line.
 #[derive(Debug, Args, Clone)]
 struct Overrides {
-    /// Unit of the mesh: m, cm, mm, in or ft (OBJ, STL and PLY do not define it).
-    #[arg(long, value_name = "UNIT")]
-    unit: Option<String>,
+    #[command(flatten)]
+    placement: Placement,
     #[command(flatten)]
     settings: Settings,
 }
 
 impl Overrides {
     /// All overrides as run-file keys.
-    fn keys(&self) -> Vec<String> {
-        let unit = self.unit.iter().map(|unit| format!("scene.unit={unit}"));
-        unit.chain(self.settings.set.iter().cloned()).collect()
+    fn keys(&self) -> Result<Vec<String>, Error> {
+        Ok([self.placement.keys()?, self.settings.set.clone()].concat())
     }
 }
 
@@ -289,11 +289,16 @@ enum Command {
         #[command(flatten)]
         overrides: Overrides,
     },
-    /// Writes an annotated run file and the corner mesh, as a starting point.
+    /// Writes an annotated run file and the corner mesh, as a starting point; or a run file for a mesh of yours.
     Init {
         /// Folder; created if missing.
         #[arg(default_value = ".")]
         folder: PathBuf,
+        /// Write NAME.toml for this mesh instead, placed as `image` would.
+        #[arg(long, value_name = "MESH")]
+        mesh: Option<PathBuf>,
+        #[command(flatten)]
+        placement: Placement,
     },
     /// Prints the manual page, or writes one for every command and chapter of the guide into a folder.
     Man {

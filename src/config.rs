@@ -20,6 +20,7 @@
 mod check;
 mod choices;
 mod fill;
+mod mesh_run;
 mod range;
 mod reader;
 mod resolve;
@@ -35,6 +36,7 @@ pub use tables::{
     ReconstructTable, RefineTable, ReflectorsTable, SceneTable, SweepTable,
 };
 
+pub(crate) use mesh_run::MeshRun;
 #[cfg(feature = "cli")]
 pub(crate) use wording::nearest;
 

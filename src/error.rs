@@ -283,7 +283,7 @@ mod tests {
         }
         assert!(reading(io::ErrorKind::TimedOut).to_string().contains("cannot be read: told"));
         for name in ["a\0.obj", &"a".repeat(5000)] {
-            let refused = std::fs::File::open(name).unwrap_err();
+            let refused = std::fs::File::open(name).expect_err("no name");
             assert_eq!(Error::reading(Path::new(name), refused).exit_status(), 2, "{name:?}");
         }
         let full = Error::out_of_memory("a cube does not fit");

@@ -16,13 +16,12 @@
 //! # Ok::<(), holosonar::error::Error>(())
 //! ```
 
+mod bare_mesh;
 mod design;
 mod facts;
 mod forecast;
-mod identity;
 mod job;
 mod limits;
-mod log;
 mod maps;
 mod memory;
 mod oracle;
@@ -31,6 +30,7 @@ mod page;
 mod prepared_scene;
 mod report;
 
+pub use bare_mesh::BareMesh;
 pub use design::{Combination, DesignRow, DesignSweep, RunWith, SweptKey, point_spreads, sweep_designs};
 pub(crate) use facts::{aperture_of_file, resolution_of};
 pub use forecast::{CommandMemory, Forecast, forecast_cube, forecast_scene};
@@ -58,11 +58,12 @@ use crate::reconstruct::{
 };
 use crate::reflectors::Reflectors;
 use crate::scene::Scene;
-use log::Log;
+use job::{identity, log::Log};
 use maps::truth_of;
 use memory::MemoryBudget;
 use prepared_scene::PreparedScene;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// Everything that one run computes, before anything is written.
 #[derive(Debug)]
@@ -110,13 +111,13 @@ impl Outcome {
 /// The errors of the stages; a run file without a scene; a disk without space for the files; another process that works on
 /// the same job.
 pub fn image_scene(run: &RunFile, job: &JobOptions) -> Result<Outcome> {
-    let JobOptions { bare_mesh: bare, checkpoint, observer } = *job;
+    let JobOptions { checkpoint, observer, .. } = *job;
     let log = Log::new(observer);
     need_bandwidth("[sweep]", &run.sweep()?)?;
     let budget = MemoryBudget::of(run);
-    let prepared = log.timed("scene", || PreparedScene::of(&budget, bare, true, &log))?;
-    let raster = run.raster(prepared.scene.as_ref().and_then(Scene::camera))?;
-    prepared.warn(run, &log);
+    let prepared = log.timed("scene", || PreparedScene::of(&budget, job.bare_mesh, true, &log))?;
+    let raster = run.raster(prepared.scene.as_ref().and_then(|scene| scene.camera()))?;
+    prepared.warn(run, job, &log);
     let volume = outputs::volume_bytes(run, &prepared.grid);
     checkpoint.check_space(volume)?;
     checkpoint.open(&identity::of_scene("image", run, &prepared), observer)?;
@@ -200,9 +201,9 @@ pub fn image_cube(run: &RunFile, mut cube: CubeFile, job: &JobOptions) -> Result
 /// The errors of the stages; a run file without a scene; a disk without space for the file; another process that works on
 /// the same job.
 pub fn simulate_scene(run: &RunFile, job: &JobOptions) -> Result<DataCube> {
-    let JobOptions { bare_mesh: bare, checkpoint, observer } = *job;
-    let prepared = PreparedScene::of(&MemoryBudget::of(run), bare, false, observer)?;
-    prepared.warn(run, observer);
+    let JobOptions { checkpoint, observer, .. } = *job;
+    let prepared = PreparedScene::of(&MemoryBudget::of(run), job.bare_mesh, false, observer)?;
+    prepared.warn(run, job, observer);
     let bytes = prepared.instrument().cube_bytes();
     // In-phase samples are written without imaginary parts.
     let written = if prepared.instrument().detection == Detection::InPhase { bytes / 2 } else { bytes };
@@ -330,10 +331,21 @@ fn warn_all(warnings: &[String], observer: &dyn Observer) {
     }
 }
 
-/// Reads a scene as a reported stage, since a million triangles take seconds.
-fn load_scene(path: &Path, run: &RunFile, bare: bool, observer: &dyn Observer) -> Result<Scene> {
-    let options = run.load_options(bare)?;
-    let scene = stage(observer, "reading the scene", 0, || Scene::load_with(path, &options, observer))?;
+/// Reads a scene as a reported stage, since a million triangles take seconds; a bare mesh has been read already.
+fn load_scene(
+    path: &Path,
+    run: &RunFile,
+    bare: Option<&BareMesh>,
+    observer: &dyn Observer,
+) -> Result<Arc<Scene>> {
+    let same = |bare: &&BareMesh| bare.run.scene == run.scene && bare.run.materials == run.materials;
+    let scene = if let Some(bare) = bare.filter(same) {
+        Arc::clone(&bare.scene)
+    } else {
+        let options = run.load_options()?;
+        let load = || Scene::load_with(path, &options, observer);
+        Arc::new(stage(observer, "reading the scene", 0, load)?)
+    };
     observer.note(&format!("{} triangles, {:.3} m²", scene.triangles().len(), scene.surface_area()));
     Ok(scene)
 }

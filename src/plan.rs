@@ -99,6 +99,19 @@ impl Instrument {
     }
 }
 
+/// Fewer resolution cells than this across an object show no shape.
+const FEWEST_CELLS: f64 = 4.0;
+
+impl Instrument {
+    /// Resolution cells across a box, along x and y, at the depth of its middle; `None` along an axis without an extent of
+    /// the array.
+    pub fn cells_across(&self, low: DVec3, high: DVec3) -> [Option<f64>; 2] {
+        let cells = self.lateral_resolution(f64::midpoint(low.z, high.z).max(0.0));
+        [(cells[0], high.x - low.x), (cells[1], high.y - low.y)]
+            .map(|(cell, size)| cell.filter(|cell| *cell > 0.0).map(|cell| size / cell))
+    }
+}
+
 /// Resolutions, ambiguity and aliasing of a job; lengths in m, memory in bytes.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[non_exhaustive]
@@ -220,19 +233,29 @@ pub(crate) fn scale_warnings(
     };
     let size = (high - low).max_element();
     let mut warnings = Vec::new();
+    let cells = instrument.cells_across(low, high).into_iter().flatten().fold(0.0, f64::max);
     if size < instrument.wavelength() {
         warnings.push(format!(
-            "the whole scene measures {:.2} mm, less than one wavelength ({:.1} mm); check {keys}",
+            "the whole scene measures {:.2} mm, less than one wavelength ({:.1} mm); check {keys}, or image a model of it: \
+             --scale {:.0} makes it half a metre long",
             size * 1e3,
-            instrument.wavelength() * 1e3
+            instrument.wavelength() * 1e3,
+            0.5 / size
+        ));
+    } else if cells > 0.0 && cells < FEWEST_CELLS {
+        warnings.push(format!(
+            "the scene is only {cells:.1} resolution cells wide, too few for its shape; bring it nearer, use a wider array, \
+             or image a larger model of it, as with --scale {:.0}",
+            (4.0 * FEWEST_CELLS / cells).ceil()
         ));
     }
     let range = instrument.unambiguous_path().map(|path| path / 2.0);
     if let Some(range) = range.filter(|range| high.length() > *range) {
         warnings.push(format!(
-            "the scene reaches {:.2} m away, beyond the unambiguous range of {range:.2} m; check {keys}, or \
-             use a smaller [sweep] step",
-            high.length()
+            "the scene reaches {:.2} m away, beyond the unambiguous range of {range:.2} m; check {keys} (--scale {:.1e} \
+             makes it 2 m long), or use a smaller [sweep] step",
+            high.length(),
+            2.0 / size
         ));
     }
     warnings

@@ -24,6 +24,7 @@
 
 mod files;
 mod gltf;
+mod look;
 mod material;
 mod mtl;
 mod obj;
@@ -54,7 +55,8 @@ use glam::DVec3;
 
 pub use material::{Material, MaterialRule};
 pub use occlusion::Crossing;
-pub use placement::{LoadOptions, Sensor, Unit, Up};
+pub(crate) use placement::metres;
+pub use placement::{LoadOptions, MeshFrame, Sensor, Unit, Up};
 pub use triangle::Triangle;
 
 use crate::error::{Error, Result};
@@ -89,16 +91,32 @@ pub struct Scene {
     materials: Vec<Material>,
     tree: SurfaceTree,
     camera: Option<CameraView>,
+    frame: Option<MeshFrame>,
 }
 
 /// The contents of a mesh file, in its own frame and unit.
 struct Mesh<'a> {
     surfaces: Surfaces<'a>,
-    metres_per_unit: f64,
+    own: OwnFrame<'a>,
+    camera: Option<CameraView>,
+}
+
+/// What a mesh file says of its own frame.
+struct OwnFrame<'a> {
+    file: MeshFile<'a>,
+    /// Where the file says it.
+    metres_per_unit: Option<f64>,
+    /// The default of the format.
     up: Up,
     /// From the file's frame to that of the requested sensor, if one was requested.
     sensor: Option<glam::DAffine3>,
-    camera: Option<CameraView>,
+}
+
+impl<'a> Mesh<'a> {
+    /// The surfaces of a file in a format with this upward axis, which may say its unit.
+    fn new(file: MeshFile<'a>, surfaces: Surfaces<'a>, up: Up, metres_per_unit: Option<f64>) -> Self {
+        Self { surfaces, own: OwnFrame { file, metres_per_unit, up, sensor: None }, camera: None }
+    }
 }
 
 impl Scene {
@@ -123,6 +141,20 @@ impl Scene {
     /// # Errors
     /// As [`Scene::load`]; `Error::Interrupted` when the observer asks to stop.
     pub fn load_with(path: &Path, options: &LoadOptions, observer: &dyn Observer) -> Result<Self> {
+        Self::load_placed(path, options, observer, &mut |_, _| Ok(None))
+    }
+
+    /// [`Scene::load_with`], of which the position follows from the size: `place` takes the lower and upper corner of the
+    /// bounding box, turned and in m, and gives the place of the box's centre; `None` for where the options say.
+    ///
+    /// # Errors
+    /// As [`Scene::load_with`], and those of `place`.
+    pub fn load_placed(
+        path: &Path,
+        options: &LoadOptions,
+        observer: &dyn Observer,
+        place: &mut dyn FnMut(DVec3, DVec3) -> Result<Option<DVec3>>,
+    ) -> Result<Self> {
         options.check()?;
         let file = MeshFile { path, options, observer };
         let load = match extension(path).as_str() {
@@ -144,13 +176,14 @@ impl Scene {
             return Err(Error::Interrupted);
         }
         let materials = palette.finish(file);
-        let (camera, triangles) = (mesh.camera, place(mesh, options)?);
+        let camera = mesh.camera;
+        let (triangles, frame) = placed(mesh, options, place)?;
         // `new` names only the triangle at fault; the file is added here.
         let scene = Self::build(triangles, materials, observer).map_err(|error| {
             let place = format!("{}, {}", path.display(), error.place().unwrap_or_default());
             error.at(place)
         })?;
-        Ok(Self { camera, ..scene })
+        Ok(Self { camera, frame: Some(frame), ..scene })
     }
 
     /// Makes a scene of triangles in the array's frame, m. It may be empty. Triangles without area are allowed; they
@@ -190,7 +223,7 @@ impl Scene {
             }
         }
         let tree = SurfaceTree::new(&triangles, observer)?;
-        Ok(Self { triangles, materials, tree, camera: None })
+        Ok(Self { triangles, materials, tree, camera: None, frame: None })
     }
 
     /// The triangles, in the order of the file.
@@ -213,6 +246,11 @@ impl Scene {
         self.camera
     }
 
+    /// What the file says of its own frame; `None` for a scene that was not loaded.
+    pub fn frame(&self) -> Option<MeshFrame> {
+        self.frame
+    }
+
     /// Lower and upper corner of the bounding box of all triangles, m; `None` for an empty scene.
     pub fn bounds(&self) -> Option<(DVec3, DVec3)> {
         triangle::bounds(&self.triangles)
@@ -225,12 +263,15 @@ impl Scene {
 }
 
 /// Transforms the triangles from the file's frame to the array's.
-fn place(mesh: Mesh<'_>, options: &LoadOptions) -> Result<Vec<Triangle>> {
-    let Mesh { surfaces, metres_per_unit, up, sensor, .. } = mesh;
-    let mut triangles = surfaces.finish()?;
-    let placement = placement::placement(&triangles, metres_per_unit, up, sensor, options);
+fn placed(
+    mesh: Mesh<'_>,
+    options: &LoadOptions,
+    place: placement::Place<'_>,
+) -> Result<(Vec<Triangle>, MeshFrame)> {
+    let mut triangles = mesh.surfaces.finish()?;
+    let (placement, frame) = placement::placement(&mesh.own, &triangles, options, place)?;
     for triangle in &mut triangles {
         triangle.vertices = triangle.vertices.map(|v| placement.transform_point3(v));
     }
-    Ok(triangles)
+    Ok((triangles, frame))
 }

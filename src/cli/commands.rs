@@ -1,7 +1,8 @@
 //! The commands: each turns its arguments into calls of the library and shows the results.
 
-use super::inputs::{check_kind, config_of, has_extension, reading_limit, scene_of};
+use super::inputs::{Input, bare_mesh, check_kind, config_of, has_extension, reading_limit, scene_of};
 use super::outputs::{announce, open_folder, print_json, print_written};
+use super::placement::Placement;
 use super::terminal::{Terminal, observed, print};
 use super::verdicts::{Compared, check, compare};
 use super::{Cli, Command, Overrides, design, guide, info, manual, reproduce, summary};
@@ -14,7 +15,7 @@ use crate::pipeline;
 use crate::progress::{Observer, stage};
 use clap::CommandFactory;
 use std::io::{ErrorKind, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// The mesh of the run file that `init` writes.
@@ -30,10 +31,10 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
             conclude(checkpoint, result, terminal)
         }
         Command::Simulate { input, output, overrides, checkpoint } => {
-            let (run, bare) = scene_of(input, overrides)?;
+            let Input { run, bare } = scene_of(input, overrides, terminal)?;
             announce(output, &["npz"])?;
             let checkpoint = Checkpoint::beside(output, checkpoint.every()?);
-            let job = observed(terminal).with_bare_mesh(bare).with_checkpoint(&checkpoint);
+            let job = observed(terminal).with_bare_mesh(bare.as_ref()).with_checkpoint(&checkpoint);
             let result = pipeline::simulate_scene(&run, &job)
                 .and_then(|cube| stage(terminal, "writing", 0, || pipeline::write_cube(output, &cube)));
             conclude(checkpoint, result, terminal)?;
@@ -62,8 +63,9 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
         }
         Command::Truth { input, output, overrides } => {
             announce(output, &["exr", "ply"])?;
-            let (run, bare) = scene_of(input, overrides)?;
-            let (facts, map) = pipeline::truth_of_scene(&run, &observed(terminal).with_bare_mesh(bare))?;
+            let Input { run, bare } = scene_of(input, overrides, terminal)?;
+            let (facts, map) =
+                pipeline::truth_of_scene(&run, &observed(terminal).with_bare_mesh(bare.as_ref()))?;
             pipeline::write_depth(output, &map, &run, &facts)?;
             print_written(std::slice::from_ref(output), terminal)
         }
@@ -80,8 +82,8 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
         Command::Plan { input, config, overrides, .. } => plan(input, config.as_deref(), overrides, terminal),
         Command::Oracle { input, output, overrides } => {
             announce(output, &["exr", "ply"])?;
-            let (run, bare) = scene_of(input, overrides)?;
-            let oracle = pipeline::oracle_of_scene(&run, &observed(terminal).with_bare_mesh(bare))?;
+            let Input { run, bare } = scene_of(input, overrides, terminal)?;
+            let oracle = pipeline::oracle_of_scene(&run, &observed(terminal).with_bare_mesh(bare.as_ref()))?;
             pipeline::write_depth(output, &oracle.depth, &run, &oracle.facts)?;
             print_written(std::slice::from_ref(output), terminal)
         }
@@ -98,7 +100,12 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
             let facts = info::of(file, overrides, reading_limit(), terminal)?;
             if terminal.json() { print_json(&facts) } else { print(&summary::facts(&facts)) }
         }
-        Command::Init { folder } => init(folder, terminal),
+        Command::Init { folder, mesh: Some(mesh), placement } => init_mesh(folder, mesh, placement, terminal),
+        Command::Init { placement, .. } if placement.typed() => {
+            let problem = "places a mesh of yours; name it with --mesh";
+            Err(Error::input("init", problem))
+        }
+        Command::Init { folder, .. } => init(folder, terminal),
         Command::Man { folder: None } => print_text(&manual::page()?, terminal),
         Command::Man { folder: Some(folder) } => print_written(&manual::write(folder)?, terminal),
         Command::Help { topic } => guide::help(topic),
@@ -113,12 +120,12 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
 /// Predicts a job of a cube or of a scene.
 fn plan(input: &Path, config: Option<&Path>, overrides: &Overrides, terminal: &Terminal) -> Result<()> {
     let forecast = if has_extension(input, &["npz"]) {
-        let run = config_of(config, &overrides.keys())?;
+        let run = config_of(config, &overrides.keys()?)?;
         pipeline::forecast_cube(&run, &CubeFile::open(input, reading_limit())?)?
     } else {
         no_config(config)?;
-        let (run, bare) = scene_of(input, overrides)?;
-        pipeline::forecast_scene(&run, &observed(terminal).with_bare_mesh(bare))?
+        let Input { run, bare } = scene_of(input, overrides, terminal)?;
+        pipeline::forecast_scene(&run, &observed(terminal).with_bare_mesh(bare.as_ref()))?
     };
     for warning in &forecast.warnings {
         terminal.warn(warning);
@@ -170,17 +177,17 @@ fn image(
 ) -> Result<()> {
     let job = observed(terminal).with_checkpoint(checkpoint);
     let (run, outcome) = if has_extension(input, &["npz"]) {
-        let run = config_of(config, &overrides.keys())?;
+        let run = config_of(config, &overrides.keys()?)?;
         pipeline::announce_outputs(&run, folder, false)?;
         let cube = CubeFile::open(input, reading_limit())?;
         let outcome = pipeline::image_cube(&run, cube, &job)?;
         (run, outcome)
     } else {
         no_config(config)?;
-        let (run, bare) = scene_of(input, overrides)?;
+        let Input { run, bare } = scene_of(input, overrides, terminal)?;
         let has_truth = run.scene.mesh.as_ref().is_some_and(|mesh| extension(&mesh.path) != "csv");
         pipeline::announce_outputs(&run, folder, has_truth)?;
-        let outcome = pipeline::image_scene(&run, &job.with_bare_mesh(bare))?;
+        let outcome = pipeline::image_scene(&run, &job.with_bare_mesh(bare.as_ref()))?;
         (run, outcome)
     };
     let report = pipeline::write_outputs(&run, &outcome, folder, &job)?;
@@ -201,21 +208,50 @@ fn conclude<T>(checkpoint: Checkpoint, result: Result<T>, terminal: &Terminal) -
 
 fn init(folder: &Path, terminal: &Terminal) -> Result<()> {
     const NAMES: [&str; 2] = ["corner.toml", "meshes/corner.obj"];
-    if let Some(path) = NAMES.iter().map(|name| folder.join(name)).find(|path| path.exists()) {
-        return Err(Error::input(
-            path.display(),
-            "already exists and would be overwritten; choose another folder",
-        ));
-    }
+    NAMES.iter().try_for_each(|name| refuse_existing(&folder.join(name)))?;
     let (_folder, paths) = open_folder(folder, NAMES)?;
     for (path, text) in paths.iter().zip([ANNOTATED, CORNER_MESH]) {
         write_atomically(path, |file| file.write_all(text.as_bytes()))?;
     }
-    print_written(&paths, terminal)?;
+    conclude_init(&paths, folder, terminal)
+}
+
+/// Writes a run file that images a mesh as `image` of the mesh itself would.
+fn init_mesh(folder: &Path, mesh: &Path, placement: &Placement, terminal: &Terminal) -> Result<()> {
+    let Some(bare) = bare_mesh(mesh, &placement.keys()?, terminal)? else {
+        let problem = "is no mesh; .obj, .gltf, .glb, .stl or .ply was expected";
+        return Err(Error::input(mesh.display(), problem));
+    };
+    let path = folder.join(mesh.file_name().unwrap_or_default()).with_extension("toml");
+    refuse_existing(&path)?;
+    let (_folder, paths) = open_folder(folder, path.file_name())?;
+    // Beside the run file by its name, elsewhere by its whole path.
+    let [here, there] = [Some(folder), mesh.parent()].map(|folder| {
+        let folder = folder.filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        folder.canonicalize().ok()
+    });
+    let name = if here == there { mesh.file_name().map(PathBuf::from) } else { mesh.canonicalize().ok() };
+    let name = name.as_deref().and_then(Path::to_str).ok_or_else(|| {
+        Error::input(mesh.display(), "has a name that is not UTF-8, which no run file can hold; rename it")
+    })?;
+    write_atomically(&paths[0], |file| file.write_all(bare.text(name).as_bytes()))?;
+    bare.hints.iter().for_each(|hint| terminal.warn(hint));
+    conclude_init(&paths, folder, terminal)
+}
+
+fn refuse_existing(path: &Path) -> Result<()> {
+    let problem = "already exists and would be overwritten; choose another folder";
+    if path.exists() { Err(Error::input(path.display(), problem)) } else { Ok(()) }
+}
+
+/// Shows what `init` wrote, and what to do with it.
+fn conclude_init(written: &[PathBuf], folder: &Path, terminal: &Terminal) -> Result<()> {
+    print_written(written, terminal)?;
     if terminal.json() || terminal.is_quiet() {
         return Ok(());
     }
-    print(&format!("now try: holosonar image {} -o {}\n", paths[0].display(), folder.join("out").display()))
+    let (run, out) = (written[0].display(), folder.join("out"));
+    print(&format!("now try: holosonar image {run} -o {}\n", out.display()))
 }
 
 /// Prints a text for another program; with `--json`, as a string.

@@ -1,7 +1,7 @@
 //! The commands `psf` and `plan --sweep`, and the second half of the output of `plan`, about the design of the array.
 
 use super::Overrides;
-use super::inputs::run_of;
+use super::inputs::{Input, bare_mesh, run_file_of, run_of};
 use super::outputs::{open_folder, print_json, write_json};
 use super::summary::{duration, millimetres};
 use super::terminal::{Terminal, observed, print};
@@ -114,12 +114,18 @@ pub(super) fn sweep(
 ) -> Result<()> {
     let keys: Vec<SweptKey> = typed.iter().map(|typed| SweptKey::parse(typed)).collect::<Result<_>>()?;
     let folder = folder.map(|folder| open_folder(folder, ["sweep.png", "sweep.json"])).transpose()?;
+    let typed = overrides.keys()?;
+    // Of a mesh the place stays as it is before the array that suits it, whatever array is planned.
+    let bare = bare_mesh(input, &typed, terminal)?;
     let run_with = |set: &[String]| {
-        let mut with = overrides.clone();
-        with.settings.set.extend(set.iter().cloned());
-        run_of(input, &with)
+        let typed = [&typed[..], set].concat();
+        match &bare {
+            Some(bare) => bare.run_with(&typed),
+            None => run_file_of(input, &typed),
+        }
     };
-    let sweep = pipeline::sweep_designs(&keys, &run_with, &observed(terminal))?;
+    let job = observed(terminal).with_bare_mesh(bare.as_ref());
+    let sweep = pipeline::sweep_designs(&keys, &run_with, &job)?;
     for combination in &sweep.combinations {
         if let Some(refused) = &combination.refused {
             terminal.warn(&format!("{}: {refused}", combination.values.join(" ")));
@@ -236,8 +242,9 @@ pub(super) fn psf(
 ) -> Result<()> {
     let points = at.iter().map(|typed| point(typed)).collect::<Result<Vec<_>>>()?;
     let folder = folder.map(|folder| open_folder(folder, ["psf.png", "psf.json"])).transpose()?;
-    let (run, bare) = run_of(input, overrides)?;
-    let (grid, spreads) = pipeline::point_spreads(&run, &points, &observed(terminal).with_bare_mesh(bare))?;
+    let Input { run, bare } = run_of(input, overrides, terminal)?;
+    let job = observed(terminal).with_bare_mesh(bare.as_ref());
+    let (grid, spreads) = pipeline::point_spreads(&run, &points, &job)?;
     let window = run.reconstruct.window;
     let value = json!({ "window": window, "grid": grid, "points": spreads });
     if let Some((_, files)) = &folder {

@@ -1,7 +1,7 @@
 //! The facts of a file, by its kind.
 
 use super::Overrides;
-use super::inputs::run_of;
+use super::inputs::{config_of, run_file_of};
 use crate::acquisition::DataCube;
 use crate::error::{Error, Result};
 use crate::export::amplitude::Amplitude;
@@ -13,7 +13,7 @@ use crate::files::extension;
 use crate::files::npz::NpzReader;
 use crate::grid::{Axis, Grid};
 use crate::progress::Observer;
-use crate::scene::{EXTENSIONS, Scene};
+use crate::scene::{EXTENSIONS, Scene, Unit, metres};
 use serde_json::{Value, json};
 use std::path::Path;
 
@@ -25,7 +25,10 @@ pub(super) fn of(file: &Path, overrides: &Overrides, limit: u64, observer: &dyn 
         "vti" | "nrrd" => volume(file, limit),
         // Without faces it is a point cloud, as `depth` writes it.
         "ply" => points(file, limit).or_else(|_| mesh(file, overrides, observer)),
-        "toml" => Ok(json!({ "kind": "run file", "resolved": run_of(file, overrides)?.0.to_json() })),
+        "toml" => {
+            let run = run_file_of(file, &overrides.keys()?)?;
+            Ok(json!({ "kind": "run file", "resolved": run.to_json() }))
+        }
         mesh if EXTENSIONS.contains(&mesh) => self::mesh(file, overrides, observer),
         "csv" => {
             let reflectors = crate::reflectors::Reflectors::read_csv_within(file, Some(limit))?;
@@ -133,9 +136,12 @@ fn exr(file: &Path, limit: u64) -> Result<Value> {
 }
 
 fn mesh(file: &Path, overrides: &Overrides, observer: &dyn Observer) -> Result<Value> {
-    let (run, _) = run_of(file, overrides)?;
-    let scene = Scene::load_with(file, &run.load_options(false)?, observer)?;
-    let bounds = scene.bounds();
+    let run = config_of(None, &overrides.keys()?)?;
+    // Where nobody says the unit, one unit is shown as what it is, and in every unit that it could be.
+    let options = run.load_options()?.with_assumed_unit(Some(Unit::Metre));
+    let scene = Scene::load_with(file, &options, observer)?;
+    let (bounds, frame) = (scene.bounds(), scene.frame());
+    let unit_known = frame.is_none_or(|frame| frame.metres_per_unit.is_some());
     let size = bounds.map(|(low, high)| (high - low).to_array());
     let materials: Vec<Value> = scene
         .materials()
@@ -144,13 +150,24 @@ fn mesh(file: &Path, overrides: &Overrides, observer: &dyn Observer) -> Result<V
             json!({ "name": m.name, "reflectance": m.reflectance, "transmittance": m.transmittance, "from": m.source })
         })
         .collect();
-    Ok(json!({
-        "kind": "mesh",
-        "triangles": scene.triangles().len(),
-        "area_m2": scene.surface_area(),
-        "size_m": size,
-        "low_m": bounds.map(|(low, _)| low.to_array()),
-        "high_m": bounds.map(|(_, high)| high.to_array()),
-        "material": materials,
-    }))
+    let mut facts = json!({ "kind": "mesh", "triangles": scene.triangles().len() });
+    if let Some(frame) = frame {
+        facts["size_in_file_units"] = json!(frame.size.to_array());
+        (facts["up"], facts["up_is_default"]) = (json!(frame.up), json!(frame.up_is_default));
+        if !unit_known {
+            let size = |unit: &Unit| (frame.size * unit.metres() * run.scene.scale).to_array().map(metres);
+            let sizes =
+                Unit::ALL.iter().map(|unit| (format!("--unit {unit}"), size(unit).join(" x ").into()));
+            facts["unit"] = json!("unknown; its size would be");
+            facts["size_by_unit"] = Value::Object(sizes.collect());
+        }
+    }
+    if unit_known {
+        facts["area_m2"] = json!(scene.surface_area());
+        facts["size_m"] = json!(size);
+        facts["low_m"] = json!(bounds.map(|(low, _)| low.to_array()));
+        facts["high_m"] = json!(bounds.map(|(_, high)| high.to_array()));
+    }
+    facts["material"] = json!(materials);
+    Ok(facts)
 }

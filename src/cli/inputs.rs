@@ -4,18 +4,48 @@ use super::Overrides;
 use crate::config::{InputFile, RunFile};
 use crate::error::{Error, Result, gib};
 use crate::files::extension;
+use crate::pipeline::BareMesh;
 use crate::plan::{address_space, memory_limit};
+use crate::progress::Observer;
 use crate::scene::EXTENSIONS;
 use crate::text::quoted;
 use std::path::Path;
 use std::sync::OnceLock;
 
-/// The run file of an input, and whether the input is a bare mesh, which has a default run file.
-pub(super) fn run_of(input: &Path, overrides: &Overrides) -> Result<(RunFile, bool)> {
-    if has_extension(input, &["toml"]) {
-        return Ok((with_memory_limit(RunFile::load(input, &overrides.keys())?), false));
+/// The run file of an input, and the mesh if the input is one without a run file.
+pub(super) struct Input {
+    pub(super) run: RunFile,
+    pub(super) bare: Option<BareMesh>,
+}
+
+/// The run file of an input: its own, or the one that suits a mesh.
+pub(super) fn run_of(input: &Path, overrides: &Overrides, observer: &dyn Observer) -> Result<Input> {
+    let bare = bare_mesh(input, &overrides.keys()?, observer)?;
+    let run = match &bare {
+        Some(bare) => bare.run.clone(),
+        None => run_file_of(input, &overrides.keys()?)?,
+    };
+    Ok(Input { run, bare })
+}
+
+/// The mesh, if the input is one.
+pub(super) fn bare_mesh(
+    input: &Path,
+    overrides: &[String],
+    observer: &dyn Observer,
+) -> Result<Option<BareMesh>> {
+    if !has_extension(input, &EXTENSIONS) {
+        return Ok(None);
     }
-    if !has_extension(input, &EXTENSIONS) && !has_extension(input, &["csv"]) {
+    BareMesh::load(input, overrides, MEMORY.get().copied(), observer).map(Some)
+}
+
+/// The run file of an input that is no mesh.
+pub(super) fn run_file_of(input: &Path, overrides: &[String]) -> Result<RunFile> {
+    if has_extension(input, &["toml"]) {
+        return RunFile::load(input, overrides).map(with_memory_limit);
+    }
+    if !has_extension(input, &["csv"]) {
         let what = if input.is_dir() {
             "is a folder"
         } else if has_extension(input, &["step", "stp", "iges", "igs", "brep", "3mf", "fbx", "dae", "blend"])
@@ -32,28 +62,28 @@ pub(super) fn run_of(input: &Path, overrides: &Overrides) -> Result<(RunFile, bo
             ),
         ));
     }
-    let mut run = RunFile::from_str_at("", "command line", Path::new(""), &overrides.keys())?;
+    let mut run = RunFile::from_str_at("", "command line", Path::new(""), overrides)?;
     run.scene.mesh = Some(InputFile::new(input));
-    Ok((with_memory_limit(run), true))
+    Ok(with_memory_limit(run))
 }
 
 /// As [`run_of`], for an input that needs a scene: a missing scene is an error.
-pub(super) fn scene_of(input: &Path, overrides: &Overrides) -> Result<(RunFile, bool)> {
-    let (run, bare) = run_of(input, overrides)?;
+pub(super) fn scene_of(input: &Path, overrides: &Overrides, observer: &dyn Observer) -> Result<Input> {
+    let found = run_of(input, overrides, observer)?;
     let place = || format!("{}: [scene] mesh", input.display());
-    match &run.scene.mesh {
+    match &found.run.scene.mesh {
         None => Err(Error::input(
             place(),
             "is missing; name a mesh (.obj, .gltf, .glb, .stl, .ply) or a list of reflectors (.csv)",
         )),
-        Some(mesh) if !bare && !mesh.path.exists() => Err(Error::input(
+        Some(mesh) if has_extension(input, &["toml"]) && !mesh.path.exists() => Err(Error::input(
             place(),
             format!(
                 "{}: no such file; a path is relative to the run file's folder, unless it is absolute",
                 mesh.path.display()
             ),
         )),
-        Some(_) => Ok((run, bare)),
+        Some(_) => Ok(found),
     }
 }
 

@@ -6,6 +6,7 @@ use crate::metrics::{METRIC_NAMES, Metrics, Scores};
 use crate::pipeline::{Forecast, Judgement, LimitVerdict, Outcome, Report};
 use crate::plan::Plan;
 use crate::reconstruct::Estimate;
+use crate::scene::Up;
 use crate::text::one_line;
 use serde_json::Value;
 use std::fmt::Write;
@@ -52,6 +53,26 @@ fn resolution(plan: &Plan, lateral: impl Fn([Option<f64>; 2]) -> String) -> Stri
     format!("{} mm in range; {near} to {far} mm across, near to far", millimetres(plan.range_resolution))
 }
 
+/// How many resolution cells a scene is wide and high, if that is known.
+fn resolution_cells(cells: [Option<f64>; 2]) -> Option<String> {
+    let [x, y] = cells.map(|cells| cells.map_or("-".to_owned(), |cells| format!("{cells:.1}")));
+    cells.iter().any(Option::is_some).then(|| format!("{x} x {y} resolution cells across"))
+}
+
+/// Which axis of a mesh's file points up, and how to choose another.
+fn upward(up: Up) -> String {
+    match up {
+        Up::None => {
+            "the file's axes are the array's: x right, y down, z away (--up y or z if the object lies)"
+                .to_owned()
+        }
+        Up::Y | Up::Z => {
+            let other = if up == Up::Y { Up::Z } else { Up::Y };
+            format!("{up} in the file (--up {other} or none if the object lies or stands on its head)")
+        }
+    }
+}
+
 /// Millimetres, or a dash.
 pub(super) fn millimetres(length: Option<f64>) -> String {
     length.map_or("-".to_owned(), |m| format!("{:.1}", m * 1e3))
@@ -67,6 +88,10 @@ pub(super) fn image(input: &Path, folder: &Path, report: &Report, outcome: &Outc
         table.row("scene", format!("{}{mesh}", input.display()));
         let (metres, wavelengths) = (product(scene.size, 3), product(scene.size_wavelengths, 1));
         table.row("  size", format!("{metres} m = {wavelengths} wavelengths"));
+        table.rows("  cells", resolution_cells(scene.resolution_cells));
+        if let Some(up) = scene.up {
+            table.row("  up", upward(up));
+        }
         table.row("  depth", format!("z {:.3} to {:.3} m from the array", scene.low[2], scene.high[2]));
         for material in scene.materials.iter().take(8) {
             let name = if material.name.is_empty() { "(unnamed)" } else { &material.name };
@@ -125,6 +150,7 @@ pub(super) fn forecast(forecast: &Forecast) -> String {
         if x == y { millimetres(x) } else { format!("{} x {}", millimetres(x), millimetres(y)) }
     };
     table.row("resolution", resolution(plan, lateral));
+    table.rows("object", forecast.resolution_cells.and_then(resolution_cells));
     let [shortest, longest] = plan.path_bounds;
     let unambiguous = plan.unambiguous_path.map_or("all".to_owned(), |m| format!("{m:.2} m"));
     table.row("paths", format!("{shortest:.2} to {longest:.2} m; {unambiguous} unambiguous"));

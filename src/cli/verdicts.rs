@@ -121,7 +121,9 @@ pub(super) fn check(
     let mut rows = Vec::new();
     for path in runs {
         let name = path.display().to_string();
-        let outcome = config_of(Some(path), &overrides.keys())
+        let outcome = overrides
+            .keys()
+            .and_then(|keys| config_of(Some(path), &keys))
             .and_then(|run| pipeline::check_scene(path, &run, seeds, oracle, &observed(terminal)));
         match outcome {
             Ok(judgement) => {

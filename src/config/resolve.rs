@@ -16,9 +16,6 @@ use crate::truth::TruthOptions;
 use crate::wave::{Geometry, GeometryKind, Resolution};
 use glam::DVec3;
 
-/// Distance at which a bare mesh is placed, in diagonals of its bounding box.
-const FIT_BY_DIAGONAL: f64 = 2.0;
-
 /// Default number of rows of a perspective view.
 const ROWS: f64 = 256.0;
 
@@ -107,20 +104,18 @@ impl RunFile {
             .with_sound_speed(self.medium.speed()))
     }
 
-    /// `[scene]` and `[[materials]]`. With neither `fit` nor `translate` the mesh keeps its position, unless it is
-    /// `bare`: then its centre is moved to z = 2 diagonals of its bounding box.
+    /// `[scene]` and `[[materials]]`. With neither `fit` nor `translate` the mesh keeps its position.
     ///
     /// # Errors
     /// A sensor that is neither `camera:NAME` nor `node:NAME`.
-    pub fn load_options(&self, bare: bool) -> Result<LoadOptions> {
+    pub fn load_options(&self) -> Result<LoadOptions> {
         let typed = &self.scene;
         let mut options = LoadOptions::default();
         (options.unit, options.up, options.scale) = (typed.unit, typed.up, typed.scale);
+        options.size = typed.size;
         options.rotate = DVec3::from_array(typed.rotate);
         options.translate = typed.translate.map_or(DVec3::ZERO, DVec3::from_array);
         options.fit = typed.fit.map(DVec3::from_array);
-        let placed = typed.fit.is_some() || typed.translate.is_some() || typed.sensor.is_some();
-        options.fit_by_diagonal = (bare && !placed).then_some(FIT_BY_DIAGONAL);
         options.sensor = typed.sensor.as_deref().map(str::parse).transpose()?;
         options.materials.clone_from(&self.materials);
         options.memory = memory_limit(self.memory);
@@ -184,11 +179,12 @@ impl RunFile {
         }
     }
 
-    /// `[grid]`; what is left out follows from the scene's bounding box and the plan's advice.
-    ///
-    /// # Errors
-    /// Invalid axes; a grid that is left out although there is no scene to derive it from.
-    pub fn voxels(&self, instrument: &Instrument, scene: Option<(DVec3, DVec3)>) -> Result<Grid> {
+    /// First and last voxel of `[grid]` along x, y and z, m; what is left out follows from the scene's bounding box.
+    pub(crate) fn grid_ends(
+        &self,
+        instrument: &Instrument,
+        scene: Option<(DVec3, DVec3)>,
+    ) -> Result<[[f64; 2]; 3]> {
         let typed = &self.grid;
         let from_scene = |axis: usize| {
             let (low, high) = scene.ok_or_else(|| {
@@ -217,8 +213,17 @@ impl RunFile {
             }
             [first, last]
         };
+        Ok([x, y, z])
+    }
+
+    /// `[grid]`; what is left out follows from the scene's bounding box and the plan's advice.
+    ///
+    /// # Errors
+    /// Invalid axes; a grid that is left out although there is no scene to derive it from.
+    pub fn voxels(&self, instrument: &Instrument, scene: Option<(DVec3, DVec3)>) -> Result<Grid> {
+        let [x, y, z] = self.grid_ends(instrument, scene)?;
         let advised = instrument.advised_pitch(z[0].max(instrument.wavelength()));
-        let pitch = typed.pitch.unwrap_or(advised);
+        let pitch = self.grid.pitch.unwrap_or(advised);
         let axis = |name: &str, [first, last]: [f64; 2], pitch: f64| {
             Axis::spanning(first, last, pitch).map_err(|error| error.at(format!("[grid] {name}")))
         };

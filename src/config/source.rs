@@ -32,7 +32,9 @@ pub(super) struct ParsedRunFile<'t> {
 const MAX_DEPTH: usize = 8;
 
 /// Pairs of keys that exclude each other: a `--set` of one withdraws the other.
-const EXCLUSIVE: [[&str; 2]; 4] = [
+const EXCLUSIVE: [[&str; 2]; 6] = [
+    ["scene.size", "scene.unit"],
+    ["scene.size", "scene.scale"],
     ["scene.translate", "scene.fit"],
     ["array.pitch", "array.extent"],
     ["array.count", "array.elements"],

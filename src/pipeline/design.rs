@@ -1,5 +1,6 @@
 //! Tools for the design of arrays: a forecast of every combination of swept keys, and point-spread functions.
 
+use super::BareMesh;
 use super::forecast::forecast;
 use super::job::JobOptions;
 use super::memory::{MemoryBudget, SceneSize};
@@ -125,8 +126,8 @@ impl SweptKey {
     }
 }
 
-/// Returns the run file of an input with further overrides, and whether the input is a bare mesh.
-pub type RunWith<'a> = dyn Fn(&[String]) -> Result<(RunFile, bool)> + 'a;
+/// Returns the run file of an input with further overrides.
+pub type RunWith<'a> = dyn Fn(&[String]) -> Result<RunFile> + 'a;
 
 /// Predicts every combination of swept keys.
 ///
@@ -150,7 +151,7 @@ pub fn sweep_designs(keys: &[SweptKey], run_with: &RunWith, job: &JobOptions) ->
         for values in products(keys) {
             let set: Vec<String> =
                 keys.iter().zip(&values).map(|(key, value)| format!("{}={value}", key.key)).collect();
-            let row = run_with(&set).and_then(|(run, bare)| row(&run, bare, &mut scenes, observer));
+            let row = run_with(&set).and_then(|run| row(&run, job.bare_mesh, &mut scenes, observer));
             let (design, refused) = match row {
                 Ok(design) => (Some(design), None),
                 Err(error @ Error::Interrupted) => return Err(error),
@@ -187,7 +188,7 @@ struct LastScene(Option<(config::SceneTable, SceneSize)>);
 
 impl LastScene {
     /// The size of the run file's scene; zero if there is no scene and the grid is complete.
-    fn of(&mut self, run: &RunFile, bare: bool, observer: &dyn Observer) -> Result<SceneSize> {
+    fn of(&mut self, run: &RunFile, bare: Option<&BareMesh>, observer: &dyn Observer) -> Result<SceneSize> {
         let grid = &run.grid;
         if run.scene.mesh.is_none() && grid.x.is_some() && grid.y.is_some() && grid.z.is_some() {
             return Ok(SceneSize::default());
@@ -203,7 +204,12 @@ impl LastScene {
     }
 }
 
-fn row(run: &RunFile, bare: bool, scenes: &mut LastScene, observer: &dyn Observer) -> Result<DesignRow> {
+fn row(
+    run: &RunFile,
+    bare: Option<&BareMesh>,
+    scenes: &mut LastScene,
+    observer: &dyn Observer,
+) -> Result<DesignRow> {
     let measurement = Measurement::of(run)?;
     let instrument = &measurement.instrument;
     let budget = MemoryBudget::of(run);

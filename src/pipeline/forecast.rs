@@ -37,6 +37,8 @@ pub struct Forecast {
     pub physics: Vec<String>,
     /// Seconds of each method, from a short measurement of this computer's speed.
     pub seconds: Vec<f64>,
+    /// Resolution cells across the scene along x and y, at the depth of its middle; `None` without a scene.
+    pub resolution_cells: Option<[Option<f64>; 2]>,
     /// Files that `image` will write.
     pub files: Vec<String>,
     /// Warnings for the user.
@@ -82,8 +84,10 @@ pub fn forecast_scene(run: &RunFile, job: &JobOptions) -> Result<Forecast> {
     forecast.memory.push(CommandMemory::new("simulate", simulation));
     forecast.memory.push(reconstruction(&budget, instrument, &grid, JobArrays::measured(instrument, 0))?);
     forecast.suggest_lattice(&budget, instrument);
+    forecast.resolution_cells = bounds.map(|(low, high)| instrument.cells_across(low, high));
     forecast.physics = measurement.physics(run);
     let mesh = mesh.then(|| is_in_metres(path));
+    forecast.warnings.extend(bare.map_or(&[][..], |bare| &bare.hints).iter().cloned());
     forecast.warnings.extend(placement_warnings(instrument, &grid, bounds, mesh));
     Ok(forecast)
 }
@@ -179,6 +183,7 @@ pub(super) fn forecast(
         threads: estimate.threads,
         memory: vec![CommandMemory::new("image", estimate.memory)],
         physics: beyond_the_sum(run),
+        resolution_cells: None,
         files: outputs::names(run, truth),
     })
 }

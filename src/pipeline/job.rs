@@ -1,11 +1,14 @@
 //! Options of a job that are not part of its run file.
 
+pub(super) mod identity;
+pub(super) mod log;
+
+use super::BareMesh;
 use crate::checkpoint::Checkpoint;
 use crate::progress::{Observer, Silent};
 use std::fmt;
 
-/// Options of a job that are not part of its run file; by default no checkpoint, no observer, and a mesh at the position
-/// that the run file gives.
+/// Options of a job that are not part of its run file; by default no checkpoint and no observer.
 ///
 /// ```no_run
 /// use holosonar::checkpoint::Checkpoint;
@@ -26,9 +29,8 @@ use std::fmt;
 #[derive(Clone, Copy)]
 #[non_exhaustive]
 pub struct JobOptions<'a> {
-    /// Whether the mesh has no run file of its own: then it is centred 2 diagonals of its bounding box in front of the array,
-    /// unless a key places it.
-    pub bare_mesh: bool,
+    /// The mesh without a run file from which the run file was made, so that it is not read again.
+    pub bare_mesh: Option<&'a BareMesh>,
     /// Where finished blocks are stored, from which an interrupted job resumes.
     pub checkpoint: &'a Checkpoint,
     /// Receives progress and warnings, and may stop the job.
@@ -40,14 +42,14 @@ static OFF: Checkpoint = Checkpoint::off();
 
 impl Default for JobOptions<'_> {
     fn default() -> Self {
-        Self { bare_mesh: false, checkpoint: &OFF, observer: &Silent }
+        Self { bare_mesh: None, checkpoint: &OFF, observer: &Silent }
     }
 }
 
 impl<'a> JobOptions<'a> {
-    /// The same options for a mesh without a run file, or with one.
+    /// The same options for a mesh without a run file, if it is one.
     #[must_use]
-    pub fn with_bare_mesh(self, bare_mesh: bool) -> Self {
+    pub fn with_bare_mesh(self, bare_mesh: Option<&'a BareMesh>) -> Self {
         Self { bare_mesh, ..self }
     }
 
@@ -67,7 +69,7 @@ impl<'a> JobOptions<'a> {
 impl fmt::Debug for JobOptions<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("JobOptions")
-            .field("bare_mesh", &self.bare_mesh)
+            .field("bare_mesh", &self.bare_mesh.map(|bare| &bare.scene))
             .field("checkpoint", &self.checkpoint)
             .finish_non_exhaustive()
     }

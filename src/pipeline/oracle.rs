@@ -9,7 +9,7 @@ use super::facts::{instrument_facts, sidelobes};
 use super::maps::truth_of;
 use super::memory::MemoryBudget;
 use super::prepared_scene::PreparedScene;
-use super::{JobOptions, load_scene, mesh_path, reconstruct, simulate};
+use super::{BareMesh, JobOptions, load_scene, mesh_path, reconstruct, simulate};
 use crate::acquisition::Instrument;
 use crate::alloc::try_filled;
 use crate::checkpoint::Checkpoint;
@@ -76,7 +76,7 @@ pub fn oracle_of_scene(run: &RunFile, job: &JobOptions) -> Result<Oracle> {
 }
 
 /// The volume that a scene shows.
-fn image(run: &RunFile, bare: bool, observer: &dyn Observer) -> Result<Volume> {
+fn image(run: &RunFile, bare: Option<&BareMesh>, observer: &dyn Observer) -> Result<Volume> {
     let (budget, nowhere) = (MemoryBudget::of(run), Checkpoint::off());
     let prepared = PreparedScene::of(&budget, bare, true, observer)?;
     let cube = simulate(run, &prepared, &nowhere, observer)?;

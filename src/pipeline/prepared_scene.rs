@@ -2,7 +2,7 @@
 
 use super::facts::beyond_the_sum;
 use super::memory::{MemoryBudget, SceneSize};
-use super::{SceneSummary, is_csv, is_in_metres, load_scene, scene_path, warn_all};
+use super::{BareMesh, JobOptions, SceneSummary, is_csv, is_in_metres, load_scene, scene_path, warn_all};
 use crate::acquisition::{
     DataCube, Detection, Instrument, SimulateOptions, simulate_resumable, simulation_bytes,
 };
@@ -16,6 +16,7 @@ use crate::reflectors::{Reflectors, sample_surface_with};
 use crate::scene::Scene;
 use glam::DVec3;
 use serde_json::json;
+use std::sync::Arc;
 
 /// How the run file's scene is measured.
 #[derive(Debug)]
@@ -87,7 +88,7 @@ impl Measurement {
 #[derive(Debug)]
 pub(super) struct PreparedScene {
     pub(super) measurement: Measurement,
-    pub(super) scene: Option<Scene>,
+    pub(super) scene: Option<Arc<Scene>>,
     /// Distance between the reflectors of a mesh, m.
     spacing: Option<f64>,
     pub(super) reflectors: Reflectors,
@@ -101,7 +102,7 @@ impl PreparedScene {
     /// Loads and samples a scene for a simulation, or for an image if `imaged`.
     pub(super) fn of(
         budget: &MemoryBudget,
-        bare: bool,
+        bare: Option<&BareMesh>,
         imaged: bool,
         observer: &dyn Observer,
     ) -> Result<Self> {
@@ -149,11 +150,12 @@ impl PreparedScene {
     }
 
     fn bounds(&self) -> Option<(DVec3, DVec3)> {
-        self.scene.as_ref().map_or_else(|| self.reflectors.bounds(), Scene::bounds)
+        self.scene.as_ref().map_or_else(|| self.reflectors.bounds(), |scene| scene.bounds())
     }
 
     /// Warns about what is probably wrong.
-    pub(super) fn warn(&self, run: &RunFile, observer: &dyn Observer) {
+    pub(super) fn warn(&self, run: &RunFile, job: &JobOptions, observer: &dyn Observer) {
+        warn_all(job.bare_mesh.map_or(&[], |bare| &bare.hints), observer);
         warn_all(&self.plan.warnings, observer);
         let mesh = self.scene.as_ref().map(|_| scene_path(run).is_ok_and(is_in_metres));
         warn_all(&placement_warnings(self.instrument(), &self.grid, self.bounds(), mesh), observer);
@@ -177,8 +179,8 @@ impl PreparedScene {
     }
 
     pub(super) fn summary(&self) -> Option<SceneSummary> {
-        let (low, high) = self.bounds()?;
-        Some(SceneSummary::new(self.scene.as_ref(), self.spacing, low, high, self.instrument().wavelength()))
+        let bounds = self.bounds()?;
+        Some(SceneSummary::new(self.scene.as_deref(), self.spacing, bounds, self.instrument()))
     }
 }
 

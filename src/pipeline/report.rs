@@ -2,6 +2,7 @@
 
 use super::Outcome;
 use super::facts::PROGRAM;
+use crate::acquisition::Instrument;
 use crate::config::RunFile;
 use crate::error::{Error, Result};
 use crate::grid::Grid;
@@ -9,7 +10,7 @@ use crate::metrics::Metrics;
 use crate::plan::Plan;
 use crate::reconstruct::Refinement;
 use crate::reflectors::Reflectors;
-use crate::scene::{Material, Scene};
+use crate::scene::{Material, Scene, Up};
 use glam::DVec3;
 use serde::Serialize;
 use serde_json::{Map, Value};
@@ -112,6 +113,10 @@ pub struct SceneSummary {
     pub size: [f64; 3],
     /// Size of its bounding box in wavelengths at the centre of the band.
     pub size_wavelengths: [f64; 3],
+    /// Resolution cells across it along x and y, at the depth of its middle.
+    pub resolution_cells: [Option<f64>; 2],
+    /// The upward axis of the mesh's file that was used; `None` for a list of reflectors and at a sensor.
+    pub up: Option<Up>,
     /// Triangles; 0 for a list of reflectors.
     pub triangles: usize,
     /// Surface area, m².
@@ -126,15 +131,17 @@ impl SceneSummary {
     pub(super) fn new(
         scene: Option<&Scene>,
         reflector_spacing: Option<f64>,
-        low: DVec3,
-        high: DVec3,
-        wavelength: f64,
+        (low, high): (DVec3, DVec3),
+        instrument: &Instrument,
     ) -> Self {
+        let wavelength = instrument.wavelength();
         Self {
             low: low.to_array(),
             high: high.to_array(),
             size: (high - low).to_array(),
             size_wavelengths: ((high - low) / wavelength).to_array(),
+            resolution_cells: instrument.cells_across(low, high),
+            up: scene.and_then(Scene::frame).and_then(|frame| frame.up),
             triangles: scene.map_or(0, |scene| scene.triangles().len()),
             area: scene.map_or(0.0, Scene::surface_area),
             reflector_spacing,

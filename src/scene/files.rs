@@ -5,7 +5,7 @@ use std::fs::File;
 use std::io::Read;
 use std::path::{Component, Path, PathBuf};
 
-use super::{LoadOptions, Unit};
+use super::LoadOptions;
 use crate::alloc::try_with_capacity;
 use crate::error::{Error, Result, gib};
 use crate::files::open_input;
@@ -46,16 +46,6 @@ impl MeshFile<'_> {
     /// The error for part of the mesh that does not fit in memory.
     pub(super) fn does_not_fit(&self, what: &str) -> Error {
         does_not_fit(self.path.display(), what)
-    }
-
-    /// Metres per unit; an error where they are not given. `format` reads like "an OBJ".
-    pub(super) fn needed_unit(&self, format: &str) -> Result<f64> {
-        self.options.unit.map(Unit::metres).ok_or_else(|| {
-            self.refused(format!(
-                "{format} file does not specify its unit of length; set `unit = \"mm\"` (m, cm, mm, in or ft) under \
-                 [scene] or give `--unit mm`"
-            ))
-        })
     }
 
     /// Refuses a sensor for a file without cameras and nodes; `format` reads like "an OBJ".

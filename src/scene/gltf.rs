@@ -61,13 +61,11 @@ pub(super) fn load<'a>(file: MeshFile<'a>, palette: &mut Palette<'_>) -> Result<
         ));
     }
     let sensor = walk.sensor_search.sensor()?;
-    Ok(Mesh {
-        surfaces: walk.surfaces,
-        metres_per_unit: 1.0,
-        up: Up::Y,
-        sensor: sensor.map(|(frame, _)| frame),
-        camera: sensor.and_then(|(_, camera)| camera),
-    })
+    let mut mesh = Mesh::new(file, walk.surfaces, Up::Y, Some(1.0));
+    if let Some((frame, camera)) = sensor {
+        (mesh.own.sensor, mesh.camera) = (Some(frame), camera);
+    }
+    Ok(mesh)
 }
 
 struct Walk<'a, 'f, 'p> {

@@ -28,7 +28,8 @@ pub(super) fn load<'a>(file: MeshFile<'a>, palette: &mut Palette<'_>) -> Result<
         let source = String::from_utf8_lossy(&bytes);
         clean(source.trim_start_matches('\u{feff}'), file, &surfaces)?
     };
-    let metres_per_unit = metres_per_unit(&cleaned, file)?;
+    let metres_per_unit = cleaned.header;
+    check_unit(metres_per_unit, file);
     if cleaned.free_form > 0 {
         file.warn(format_args!(
             "{} free-form surfaces (`surf`) are not supported; export the mesh as polygons",
@@ -64,7 +65,7 @@ pub(super) fn load<'a>(file: MeshFile<'a>, palette: &mut Palette<'_>) -> Result<
             surfaces.add_face(&corners, material)?;
         }
     }
-    Ok(Mesh { surfaces, metres_per_unit, up: Up::None, sensor: None, camera: None })
+    Ok(Mesh::new(file, surfaces, Up::Y, metres_per_unit))
 }
 
 /// The name of an object; empty where `tobj` made one up.
@@ -184,16 +185,14 @@ fn header_unit(comment: &str) -> std::result::Result<Option<f64>, String> {
     }
 }
 
-fn metres_per_unit(cleaned: &Cleaned, file: MeshFile<'_>) -> Result<f64> {
-    match (file.options.unit.map(super::Unit::metres), cleaned.header) {
-        (Some(asked), Some(header)) if (asked / header - 1.0).abs() > 1e-9 => {
-            file.warn(format_args!(
-                "its header says 1 unit = {header} m, but `unit` says {asked} m; `unit` is used"
-            ));
-            Ok(asked)
-        }
-        (Some(metres), _) | (None, Some(metres)) => Ok(metres),
-        (None, None) => file.needed_unit("an OBJ"),
+/// Warns where the file's header and the options disagree on the unit.
+fn check_unit(header: Option<f64>, file: MeshFile<'_>) {
+    if let (Some(asked), Some(header)) = (file.options.unit.map(super::Unit::metres), header)
+        && (asked / header - 1.0).abs() > 1e-9
+    {
+        file.warn(format_args!(
+            "its header says 1 unit = {header} m, but `unit` says {asked} m; `unit` is used"
+        ));
     }
 }
 

@@ -4,6 +4,8 @@ use std::str::FromStr;
 
 use glam::{DAffine3, DMat3, DVec3};
 
+use super::OwnFrame;
+use super::files::MeshFile;
 use super::material::MaterialRule;
 use super::triangle::Triangle;
 use crate::choice::choice;
@@ -90,26 +92,28 @@ impl FromStr for Sensor {
 
 /// How a mesh file is read and placed in front of the array.
 ///
-/// The order is: unit, up axis (or the sensor's frame), scale, rotation, and finally one of translation, `fit` or
-/// `fit_by_diagonal`.
+/// The order is: unit, up axis (or the sensor's frame), scale (or `size`), rotation, and finally one of translation and
+/// `fit`.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct LoadOptions {
-    /// The file's unit of length. STL and PLY need it, and so does OBJ unless its header says `1 unit = ...`; glTF is
-    /// in m.
+    /// The file's unit of length. STL and PLY need it, unless `size` is given, and so does OBJ unless its header says
+    /// `1 unit = ...`; glTF is in m.
     pub unit: Option<Unit>,
-    /// The file's up axis; `None` for [`Up::Y`] with glTF and [`Up::None`] with the other formats.
+    /// The unit where neither `unit` nor the file says it, instead of an error.
+    pub assumed_unit: Option<Unit>,
+    /// The file's up axis; `None` for [`Up::Y`] with glTF and OBJ, [`Up::Z`] with STL and [`Up::None`] with PLY.
     pub up: Option<Up>,
     /// Factor on all lengths.
     pub scale: f64,
+    /// Instead of `unit` and `scale`: the longest side of the mesh's bounding box before it is rotated, m.
+    pub size: Option<f64>,
     /// Degrees about the array's x axis, then its y axis, then its z axis.
     pub rotate: DVec3,
     /// Displacement, m.
     pub translate: DVec3,
     /// Instead of `translate`: the centre of the bounding box is moved here, m.
     pub fit: Option<DVec3>,
-    /// Instead of `translate`: the centre of the bounding box is moved to (0, 0, k × the box's diagonal).
-    pub fit_by_diagonal: Option<f64>,
     /// glTF only: the array is placed at this camera or node, and `up` does not apply.
     pub sensor: Option<Sensor>,
     /// Acoustic materials by name; the first rule that matches overrides the file.
@@ -124,12 +128,13 @@ impl Default for LoadOptions {
     fn default() -> Self {
         Self {
             unit: None,
+            assumed_unit: None,
             up: None,
             scale: 1.0,
+            size: None,
             rotate: DVec3::ZERO,
             translate: DVec3::ZERO,
             fit: None,
-            fit_by_diagonal: None,
             sensor: None,
             materials: Vec::new(),
             memory: None,
@@ -140,12 +145,13 @@ impl Default for LoadOptions {
 with_fields! {
     LoadOptions {
         with_unit(unit: Option<Unit>),
+        with_assumed_unit(assumed_unit: Option<Unit>),
         with_up(up: Option<Up>),
         with_scale(scale: f64),
+        with_size(size: Option<f64>),
         with_rotate(rotate: DVec3),
         with_translate(translate: DVec3),
         with_fit(fit: Option<DVec3>),
-        with_fit_by_diagonal(fit_by_diagonal: Option<f64>),
         with_sensor(sensor: Option<Sensor>),
         with_materials(materials: Vec<MaterialRule>),
         with_memory(memory: Option<u64>),
@@ -159,17 +165,22 @@ impl LoadOptions {
             let problem = format!("is {}; expected a finite number above 0", self.scale);
             return Err(Error::input("scale", problem));
         }
+        if let Some(size) = self.size {
+            if !(size.is_finite() && size > 0.0) {
+                let problem = format!("is {size} m; expected a finite length above 0");
+                return Err(Error::input("size", problem));
+            }
+            if self.unit.is_some() || self.scale != 1.0 {
+                return Err(Error::input("size", "replaces `unit` and `scale`; remove one"));
+            }
+        }
         let vectors = [("rotate", Some(self.rotate)), ("translate", Some(self.translate)), ("fit", self.fit)];
         for (name, vector) in vectors {
             if vector.is_some_and(|v| !v.is_finite()) {
                 return Err(Error::input(name, "contains a number that is not finite"));
             }
         }
-        if self.fit_by_diagonal.is_some_and(|k| !k.is_finite()) {
-            return Err(Error::input("fit", "has a factor for the diagonal that is not finite"));
-        }
-        let places = [self.translate != DVec3::ZERO, self.fit.is_some(), self.fit_by_diagonal.is_some()];
-        if places.into_iter().filter(|&given| given).count() > 1 {
+        if self.translate != DVec3::ZERO && self.fit.is_some() {
             return Err(Error::input(
                 "fit",
                 "`fit` and `translate` must not both be given: each places the mesh; remove one",
@@ -182,29 +193,85 @@ impl LoadOptions {
     }
 }
 
+/// What a mesh file says of its own frame, and what was made of it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
+pub struct MeshFrame {
+    /// Metres per unit of the file's coordinates, with the scale; `None` where neither the file nor the options say it.
+    pub metres_per_unit: Option<f64>,
+    /// Sides of the bounding box along the file's own axes, in its own unit.
+    pub size: DVec3,
+    /// The up axis that was used; `None` where a sensor sets the axes.
+    pub up: Option<Up>,
+    /// Whether that is the default of the format.
+    pub up_is_default: bool,
+}
+
+/// Where a mesh is placed by its size: takes the lower and upper corner of its bounding box, turned and in m, and gives the
+/// place of the box's centre; `None` for where the options say.
+pub(super) type Place<'a> = &'a mut dyn FnMut(DVec3, DVec3) -> Result<Option<DVec3>>;
+
 /// The transform from the file's frame to the array's: unit, up, scale, rotate, then translate or fit.
+///
+/// # Errors
+/// A file without a unit, and those of `place`.
 pub(super) fn placement(
+    own: &OwnFrame<'_>,
     triangles: &[Triangle],
-    metres_per_unit: f64,
-    default_up: Up,
-    sensor: Option<DAffine3>,
     options: &LoadOptions,
-) -> DAffine3 {
-    let to_metres = DAffine3::from_scale(DVec3::splat(metres_per_unit));
-    let to_array_axes =
-        sensor.unwrap_or_else(|| DAffine3::from_mat3(options.up.unwrap_or(default_up).rotation()));
-    let turn = rotation(options.rotate) * options.scale;
-    let oriented = DAffine3::from_mat3(turn) * to_array_axes * to_metres;
-    let shift = if options.fit.is_none() && options.fit_by_diagonal.is_none() {
-        options.translate
-    } else {
-        // The box is that of the rotated mesh, not the rotated box of the mesh.
-        let corners = triangles.iter().flat_map(|t| t.vertices).map(|v| oriented.transform_point3(v));
-        let (low, high) = bounding_box(corners).unwrap_or_default();
-        let by_diagonal = options.fit_by_diagonal.map(|k| DVec3::Z * k * (high - low).length());
-        options.fit.or(by_diagonal).unwrap_or_default() - 0.5 * (low + high)
+    place: Place<'_>,
+) -> Result<(DAffine3, MeshFrame)> {
+    let vertices = || triangles.iter().flat_map(|t| t.vertices);
+    let size = bounding_box(vertices()).map_or(DVec3::ZERO, |(low, high)| high - low);
+    let longest = size.max_element();
+    let stated = options.unit.map(Unit::metres).or(own.metres_per_unit).map(|metres| metres * options.scale);
+    // A point has no size that could be changed.
+    let sized = options.size.map(|wanted| if longest > 0.0 { wanted / longest } else { 1.0 });
+    let metres_per_unit = sized.or(stated);
+    let assumed = options.assumed_unit.map(|unit| unit.metres() * options.scale);
+    let metres = metres_per_unit.or(assumed).ok_or_else(|| unit_needed(own.file, size))?;
+    let up = options.up.unwrap_or(own.up);
+    let to_array_axes = own.sensor.unwrap_or_else(|| DAffine3::from_mat3(up.rotation()));
+    let turn = rotation(options.rotate);
+    let oriented = DAffine3::from_mat3(turn * metres) * to_array_axes;
+    // The box is that of the rotated mesh, not the rotated box of the mesh.
+    let (low, high) = bounding_box(vertices().map(|v| oriented.transform_point3(v))).unwrap_or_default();
+    let shift = match place(low, high)?.or(options.fit) {
+        Some(centre) => centre - 0.5 * (low + high),
+        None => options.translate,
     };
-    DAffine3::from_translation(shift) * oriented
+    let frame = MeshFrame {
+        metres_per_unit,
+        size,
+        up: own.sensor.is_none().then_some(up),
+        up_is_default: options.up.is_none(),
+    };
+    Ok((DAffine3::from_translation(shift) * oriented, frame))
+}
+
+/// The error for a file that does not say its unit, with what it would measure in each.
+fn unit_needed(file: MeshFile<'_>, size: DVec3) -> Error {
+    let longest = size.max_element();
+    let in_units: Vec<String> = [Unit::Millimetre, Unit::Centimetre, Unit::Metre, Unit::Inch, Unit::Foot]
+        .map(|unit| format!("{unit} ({})", metres(longest * unit.metres())))
+        .into();
+    file.refused(format!(
+        "does not say the unit of its coordinates; give `--unit` (in a run file: [scene] unit) as one of {}, in which it \
+         would be that long; or its length itself, as in `--size 0.5m`",
+        in_units.join(", ")
+    ))
+}
+
+/// A length with three digits, as people write it: `12.3 mm`, `1.23 m`.
+pub(crate) fn metres(length: f64) -> String {
+    let (value, unit) = match length {
+        l if l >= 1e3 => (l / 1e3, "km"),
+        l if l >= 1.0 => (l, "m"),
+        l if l >= 0.1 => (l * 1e2, "cm"),
+        l => (l * 1e3, "mm"),
+    };
+    let digits = if value >= 100.0 { 0 } else { 2 - value.max(1.0).log10() as usize };
+    format!("{value:.digits$} {unit}")
 }
 
 /// Rotation by `degrees` about the fixed axes x, then y, then z. Quarter turns are exact.
@@ -231,71 +298,5 @@ fn sine_and_cosine(degrees: f64) -> (f64, f64) {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used)]
-mod tests {
-    use super::*;
-    use crate::named::assert_names;
-
-    fn place(point: DVec3, options: &LoadOptions) -> DVec3 {
-        placement(&[], 1.0, Up::None, None, options).transform_point3(point)
-    }
-
-    #[test]
-    fn up_axes_map_as_documented_and_keep_the_hand() {
-        let p = DVec3::new(1.0, 2.0, 3.0);
-        let with = |up| LoadOptions { up: Some(up), ..LoadOptions::default() };
-        assert_eq!(place(p, &with(Up::Y)), DVec3::new(1.0, -2.0, -3.0));
-        assert_eq!(place(p, &with(Up::Z)), DVec3::new(1.0, -3.0, 2.0));
-        assert_eq!(place(p, &with(Up::None)), p);
-        for up in [Up::Y, Up::Z, Up::None] {
-            assert_eq!(up.rotation().determinant(), 1.0);
-        }
-    }
-
-    #[test]
-    fn scale_then_rotate_about_fixed_axes_then_translate() {
-        let options = LoadOptions {
-            scale: 2.0,
-            rotate: DVec3::new(90.0, 90.0, 0.0),
-            translate: DVec3::new(0.0, 0.0, 5.0),
-            ..LoadOptions::default()
-        };
-        // y -> z by the rotation about x, then z -> x by the rotation about y.
-        assert_eq!(place(DVec3::Y, &options), DVec3::new(2.0, 0.0, 5.0));
-        let thirty = LoadOptions { rotate: DVec3::Z * 30.0, ..LoadOptions::default() };
-        assert!((place(DVec3::X, &thirty) - DVec3::new(0.75_f64.sqrt(), 0.5, 0.0)).length() < 1e-15);
-    }
-
-    #[test]
-    fn fit_puts_the_centre_of_the_turned_box_there() {
-        let t = [Triangle { vertices: [DVec3::ZERO, DVec3::X * 3.0, DVec3::Y * 4.0], material: 0 }];
-        let fit = |o: &LoadOptions| {
-            let m = placement(&t, 0.001, Up::None, None, o);
-            bounding_box(t[0].vertices.into_iter().map(|v| m.transform_point3(v))).unwrap()
-        };
-        let centre = DVec3::new(0.0, 0.0, 2.0);
-        let (low, high) =
-            fit(&LoadOptions { fit: Some(centre), rotate: DVec3::Z * 33.0, ..LoadOptions::default() });
-        assert!((0.5 * (low + high) - centre).length() < 1e-15);
-        let (low, high) = fit(&LoadOptions { fit_by_diagonal: Some(2.0), ..LoadOptions::default() });
-        assert!((0.5 * (low + high) - DVec3::new(0.0, 0.0, 0.010)).length() < 1e-15);
-    }
-
-    #[test]
-    fn words_are_read_and_contradictions_refused() {
-        assert_eq!("in".parse::<Unit>().unwrap().metres(), 0.0254);
-        assert_eq!("ft".parse::<Unit>().unwrap().metres(), 0.3048);
-        let unknown = "yard".parse::<Unit>().unwrap_err().to_string();
-        assert_names(unknown, &["yard", "m,", "cm", "mm", "in,", "ft"]);
-        assert_eq!("camera:Front left".parse::<Sensor>().unwrap(), Sensor::Camera("Front left".into()));
-        assert_eq!("node:a:b".parse::<Sensor>().unwrap(), Sensor::Node("a:b".into()));
-        assert!("Front".parse::<Sensor>().is_err() && "camera:".parse::<Sensor>().is_err());
-        let refused = |o: LoadOptions| o.check().unwrap_err().to_string();
-        let default = LoadOptions::default;
-        assert_names(refused(LoadOptions { scale: 0.0, ..default() }), &["scale", "0"]);
-        assert_names(refused(LoadOptions { scale: f64::NAN, ..default() }), &["scale", "NaN"]);
-        assert_names(refused(LoadOptions { rotate: DVec3::NAN, ..default() }), &["rotate", "finite"]);
-        let both = LoadOptions { fit: Some(DVec3::Z), translate: DVec3::Z, ..default() };
-        assert_names(refused(both), &["fit", "translate"]);
-    }
-}
+#[path = "tests/placement.rs"]
+mod tests;

@@ -21,7 +21,6 @@ pub(super) fn load<'a>(file: MeshFile<'a>, palette: &mut Palette<'_>) -> Result<
     file.refuse_sensor("a PLY")?;
     let bytes = file.read()?;
     let (header, length) = Header::read(&bytes, file.path)?;
-    let metres_per_unit = file.needed_unit("a PLY")?;
     let mut source = Source::new(header.format, &bytes[length.bytes..], length.lines);
     let mut surfaces = Surfaces::new(file);
     let (mut vertices, mut faces, mut strips) = (Vertices::default(), Lists::default(), Lists::default());
@@ -81,7 +80,7 @@ pub(super) fn load<'a>(file: MeshFile<'a>, palette: &mut Palette<'_>) -> Result<
             }
         }
     }
-    Ok(Mesh { surfaces, metres_per_unit, up: Up::None, sensor: None, camera: None })
+    Ok(Mesh::new(file, surfaces, Up::None, None))
 }
 
 /// Receives the values of an element in the order of the file, row by row. Every method does nothing by default.

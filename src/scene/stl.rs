@@ -27,7 +27,6 @@ pub(super) fn load<'a>(file: MeshFile<'a>, palette: &mut Palette<'_>) -> Result<
     let start = input.fill_buf().map_err(|error| Error::reading(file.path, error))?;
     let count = triangle_count(start);
     let text = is_text(start, length);
-    let metres_per_unit = file.needed_unit("an STL")?;
     let mut surfaces = Surfaces::new(file);
     if text {
         read_text(input, file, palette, &mut surfaces)?;
@@ -40,7 +39,7 @@ pub(super) fn load<'a>(file: MeshFile<'a>, palette: &mut Palette<'_>) -> Result<
         })?;
         read_binary(input, (count, length), file, palette, &mut surfaces)?;
     }
-    Ok(Mesh { surfaces, metres_per_unit, up: Up::None, sensor: None, camera: None })
+    Ok(Mesh::new(file, surfaces, Up::Z, None))
 }
 
 /// Both kinds may begin with `solid`. A binary file is recognised by its `length`; one of another length is text

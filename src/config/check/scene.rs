@@ -10,6 +10,10 @@ impl SceneTable {
     pub(super) fn check(&self) -> Check {
         file_name("scene.mesh", self.mesh.as_ref())?;
         positive("scene.scale", self.scale)?;
+        self.size.map_or(Ok(()), |size| positive("scene.size", size))?;
+        ensure(self.size.is_none() || (self.unit.is_none() && self.scale == 1.0), || {
+            conflict("scene.size", &["scene.unit", "scene.scale"], "`size` replaces `unit` and `scale`")
+        })?;
         finite("scene.rotate", &self.rotate)?;
         finite("scene.translate", self.translate.as_ref().map_or(&[], |v| &v[..]))?;
         finite("scene.fit", self.fit.as_ref().map_or(&[], |v| &v[..]))?;

@@ -13,7 +13,9 @@ pub struct SceneTable {
     pub mesh: Option<InputFile>,
     /// Unit of the mesh's coordinates; left out: what the file itself says.
     pub unit: Option<Unit>,
-    /// The mesh's upward axis; left out: `y` for glTF, `none` for anything else.
+    /// Instead of `unit` and `scale`: the longest side of the mesh's bounding box before it is rotated, m.
+    pub size: Option<f64>,
+    /// The mesh's upward axis; left out: `y` for glTF and OBJ, `z` for STL, `none` for PLY.
     pub up: Option<Up>,
     /// Factor applied first.
     pub scale: f64,
@@ -34,6 +36,7 @@ impl Default for SceneTable {
         Self {
             mesh: None,
             unit: None,
+            size: None,
             up: None,
             scale: 1.0,
             rotate: [0.0; 3],

@@ -5,19 +5,19 @@ use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 /// An observer that passes everything on, and records warnings and times.
-pub(super) struct Log<'a> {
+pub(in crate::pipeline) struct Log<'a> {
     inner: &'a dyn Observer,
     warnings: Mutex<Vec<String>>,
     timings: Mutex<Vec<(String, f64)>>,
 }
 
 impl<'a> Log<'a> {
-    pub(super) fn new(inner: &'a dyn Observer) -> Self {
+    pub(in crate::pipeline) fn new(inner: &'a dyn Observer) -> Self {
         Self { inner, warnings: Mutex::default(), timings: Mutex::default() }
     }
 
     /// Runs a stage and records its duration.
-    pub(super) fn timed<T>(&self, stage: &str, work: impl FnOnce() -> T) -> T {
+    pub(in crate::pipeline) fn timed<T>(&self, stage: &str, work: impl FnOnce() -> T) -> T {
         let start = Instant::now();
         let result = work();
         let seconds = start.elapsed().as_secs_f64();
@@ -26,7 +26,7 @@ impl<'a> Log<'a> {
     }
 
     /// Timings and warnings, in order.
-    pub(super) fn finish(self) -> (Vec<(String, f64)>, Vec<String>) {
+    pub(in crate::pipeline) fn finish(self) -> (Vec<(String, f64)>, Vec<String>) {
         let timings = self.timings.into_inner().unwrap_or_else(PoisonError::into_inner);
         (timings, self.warnings.into_inner().unwrap_or_else(PoisonError::into_inner))
     }

@@ -1,16 +1,16 @@
 //! The identities of the pipeline's jobs: the run file with every default, the data on which the job works, and how much it
 //! can store.
 
-use super::prepared_scene::PreparedScene;
 use crate::acquisition::{CubeFile, CubeSource, Instrument};
 use crate::checkpoint::{Identity, Stage};
 use crate::config::RunFile;
 use crate::error::Result;
 use crate::grid::Grid;
+use crate::pipeline::prepared_scene::PreparedScene;
 use glam::DVec3;
 
 /// The identity of a job that begins with a scene, which its reflectors represent completely.
-pub(super) fn of_scene(job: &str, run: &RunFile, scene: &PreparedScene) -> Identity {
+pub(in crate::pipeline) fn of_scene(job: &str, run: &RunFile, scene: &PreparedScene) -> Identity {
     let mut identity = of_instrument(job, run, scene.instrument(), &scene.grid);
     let reflectors = &scene.reflectors;
     identity.numbers(coordinates(reflectors.positions()));
@@ -19,7 +19,12 @@ pub(super) fn of_scene(job: &str, run: &RunFile, scene: &PreparedScene) -> Ident
 }
 
 /// The identity of a job that begins with a cube.
-pub(super) fn of_cube(job: &str, run: &RunFile, cube: &mut CubeFile, grid: &Grid) -> Result<Identity> {
+pub(in crate::pipeline) fn of_cube(
+    job: &str,
+    run: &RunFile,
+    cube: &mut CubeFile,
+    grid: &Grid,
+) -> Result<Identity> {
     let content = cube.fingerprint()?;
     let mut identity = of_instrument(job, run, cube.instrument(), grid);
     identity.text(&content);
