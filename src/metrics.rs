@@ -22,6 +22,7 @@
 //! ```
 
 mod around;
+mod cloud;
 mod counts;
 mod groups;
 
@@ -30,8 +31,6 @@ pub use groups::{Measure, ScoreGroup, Scores, score};
 use crate::error::{Error, Result};
 use crate::grid::{Axis, DepthLayer, DepthMap, View};
 use crate::wave::Resolution;
-use around::Surroundings;
-use counts::ErrorCounts;
 use serde::{Deserialize, Serialize};
 
 /// Declares the metrics, their names and the iteration over both from one list.
@@ -45,7 +44,7 @@ macro_rules! metrics {
         }
 
         /// The names of all metrics, as run files, options and reports spell them.
-        pub const METRIC_NAMES: [&str; 12] = [$(stringify!($name)),+];
+        pub const METRIC_NAMES: [&str; 17] = [$(stringify!($name)),+];
 
         impl Metrics {
             /// Names and values in the order of [`METRIC_NAMES`].
@@ -61,10 +60,21 @@ metrics! {
     completeness,
     /// The same among pixels around which one surface continues as a plane, with no crease and no rim.
     completeness_interior,
+    /// The same among those of these pixels whose surface answers at most 20 dB below the loudest: what the aperture resolves
+    /// and the speaker illuminates.
+    audible_completeness,
     /// Share of scored detections that are on an empty pixel or are off by more than 2 Δd.
     false_returns,
+    /// Share of all detections that are on an empty pixel, near a silhouette or not.
+    outside_returns,
     /// Harmonic mean of completeness and of the share of returns that are not false.
     f1,
+    /// Harmonic mean of the share of points found within Δd of a true one and of true points within Δd of one found.
+    f_score,
+    /// The same within 2 Δd.
+    f_score_2,
+    /// Mean distance from a point found to the nearest true one and from a true one to the nearest found, m.
+    chamfer_distance,
     /// Median |error| of detections on pixels with a true surface, m along z.
     median_error,
     /// Median of |error| · |n_z|: the distance from the surface along its normal, m.
@@ -91,7 +101,7 @@ impl Metrics {
 
     /// Whether the metric of that name is a length in m, rather than a share.
     pub fn is_length(name: &str) -> bool {
-        name.ends_with("error") || name == "rmse"
+        name.ends_with("error") || ["rmse", "chamfer_distance"].contains(&name)
     }
 }
 
@@ -100,32 +110,7 @@ impl Metrics {
 /// # Errors
 /// Maps whose pixels do not coincide, or a resolution that is not positive.
 pub fn evaluate(result: &DepthMap, truth: &DepthMap, resolution: impl Into<Resolution>) -> Result<Metrics> {
-    let resolution = resolution.into();
-    let range = resolution.range;
-    check_pixels(result, truth)?;
-    if !(range.is_finite() && range > 0.0) {
-        return Err(Error::input("range resolution", format!("must be a positive length, not {range} m")));
-    }
-    let surfaces = true_surfaces(truth);
-    let around = Surroundings::new(truth, surfaces, resolution);
-
-    let several = result.returns.len() >= 2;
-    let mut counts = ErrorCounts::default();
-    for pixel in 0..truth.len() {
-        let z = f64::from(result.picked.depth[pixel]);
-        if let Some((k, depth)) = nearest_surface(surfaces, pixel, z) {
-            let facing = surfaces[k].facing.as_ref().map(|facing| f64::from(facing[pixel]));
-            let error = (!z.is_nan()).then(|| (z - depth).abs());
-            counts.add_surface(error, facing, around.interior(k, pixel), range);
-        } else if !z.is_nan() && !around.guarded(pixel) {
-            counts.on_empty += 1;
-        }
-        let [there, found] =
-            [surfaces, &result.returns].map(|of| depths(of, pixel).map(|(_, z)| z).collect::<Vec<f64>>());
-        let spurious = || found.iter().any(|z| !around.explained(pixel, *z));
-        counts.add_returns(&there, &found, several.then_some(&spurious), range);
-    }
-    Ok(counts.metrics())
+    score(result, truth, resolution).map(|scores| scores.all)
 }
 
 /// Signed error of every detection against the true surface nearest to it, m, `[y, x]`; NaN where there is none.

@@ -51,7 +51,7 @@ pub(crate) fn displaced(cube: &DataCube, depth: f64) -> DataCube {
 pub(crate) fn large(folder: &Path) -> RunFile {
     let mesh = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/meshes/corner.obj");
     std::fs::copy(mesh, folder.join("corner.obj")).expect("the repository's mesh");
-    let text = "[scene]\nmesh = \"corner.obj\"\nunit = \"m\"\n[sweep]\nstart = 10000.0\nstop = 20000.0\nstep = 10.0\n\
+    let text = "[scene]\nmesh = \"corner.obj\"\nunit = \"m\"\nup = \"none\"\n[sweep]\nstart = 10000.0\nstop = 20000.0\nstep = 10.0\n\
                 [array]\ncount = [255, 255]\npitch = [0.00394, 0.00394]\n\
                 [grid]\nx = [-0.50235, 0.50235]\ny = [-0.50235, 0.50235]\nz = [1.0, 2.0]\ncount = [256, 256, 128]\n";
     let path = folder.join("large.toml");

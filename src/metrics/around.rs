@@ -1,5 +1,6 @@
 //! What is around a pixel: silhouettes, creases, and surfaces that explain a return there.
 
+use super::counts::SurfaceFacts;
 use super::depths;
 use crate::grid::{DepthLayer, DepthMap};
 use crate::wave::Resolution;
@@ -21,7 +22,12 @@ pub(super) struct Surroundings<'a> {
     resolution: Resolution,
     /// Depths of the nearest and of the farthest first surface, m.
     ends: [f64; 2],
+    /// The least strength of a surface that is heard.
+    loud: f32,
 }
+
+/// How much weaker than the strongest surface one may answer and still be heard: 20 dB.
+const LOUD: f32 = 0.1;
 
 impl<'a> Surroundings<'a> {
     pub(super) fn new(truth: &'a DepthMap, surfaces: &'a [DepthLayer], resolution: Resolution) -> Self {
@@ -29,7 +35,9 @@ impl<'a> Surroundings<'a> {
         for z in surfaces[0].depth.iter().filter(|z| !z.is_nan()) {
             ends = [ends[0].min(f64::from(*z)), ends[1].max(f64::from(*z))];
         }
-        Self { truth, surfaces, resolution, ends }
+        let strengths = surfaces.iter().flat_map(|surface| &surface.strength);
+        let loud = LOUD * strengths.copied().fold(0.0, f32::max);
+        Self { truth, surfaces, resolution, ends, loud }
     }
 
     /// Half-axes of the ellipse around a point at depth `z` that is `cells` lateral resolutions wide, m.
@@ -93,9 +101,19 @@ impl<'a> Surroundings<'a> {
         })
     }
 
+    /// What is known of surface `k` of a pixel.
+    pub(super) fn facts(&self, k: usize, pixel: usize) -> SurfaceFacts {
+        let surface = &self.surfaces[k];
+        SurfaceFacts {
+            facing: surface.facing.as_ref().map(|facing| f64::from(facing[pixel])),
+            interior: self.interior(k, pixel),
+            loud: surface.strength[pixel] >= self.loud,
+        }
+    }
+
     /// Whether surface `k` of a pixel continues as a plane, to within Δd, at every pixel within one lateral resolution, its
     /// eight neighbours at least; `None` where its normal is not known.
-    pub(super) fn interior(&self, k: usize, pixel: usize) -> Option<bool> {
+    fn interior(&self, k: usize, pixel: usize) -> Option<bool> {
         let normal = DVec3::from(self.surfaces[k].normal.as_ref()?[pixel].map(f64::from));
         let raster = self.truth.raster();
         let depth = f64::from(self.surfaces[k].depth[pixel]);

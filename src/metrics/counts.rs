@@ -1,6 +1,18 @@
 //! The counts and errors from which the metrics are computed, of a whole map or of a group of surfaces.
 
+use super::cloud::CloudScores;
 use super::{Metrics, match_one_to_one, percentile};
+
+/// What is known of a true surface at a pixel.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct SurfaceFacts {
+    /// |n_z|.
+    pub(super) facing: Option<f64>,
+    /// Whether it continues as a plane around the pixel.
+    pub(super) interior: Option<bool>,
+    /// Whether it answers loudly enough to be heard.
+    pub(super) loud: bool,
+}
 
 /// Counts and errors of true surfaces; for a whole map, of pixels.
 #[derive(Debug, Clone, Default)]
@@ -10,9 +22,13 @@ pub(super) struct ErrorCounts {
     /// Of surfaces whose normals are known, those that continue as a plane around the pixel, and how many were found.
     interior: usize,
     interior_hits: usize,
+    /// Of those, the ones that are loud enough, and how many were found.
+    audible: usize,
+    audible_hits: usize,
     wrong: usize,
-    /// Scored detections where there is no surface.
+    /// Scored detections where there is no surface, and all of them.
     pub(super) on_empty: usize,
+    pub(super) outside: usize,
     pub(super) singles: usize,
     pub(super) spurious: usize,
     pub(super) doubles: usize,
@@ -24,26 +40,22 @@ pub(super) struct ErrorCounts {
 }
 
 impl ErrorCounts {
-    /// Adds a true surface with the |error| of its detection, if there is one, |n_z|, and whether it continues around the
-    /// pixel.
-    pub(super) fn add_surface(
-        &mut self,
-        error: Option<f64>,
-        facing: Option<f64>,
-        interior: Option<bool>,
-        resolution: f64,
-    ) {
+    /// Adds a true surface with the |error| of its detection, if there is one.
+    pub(super) fn add_surface(&mut self, error: Option<f64>, facts: SurfaceFacts, resolution: f64) {
         self.surfaces += 1;
-        let inside = usize::from(interior == Some(true));
+        let inside = usize::from(facts.interior == Some(true));
+        let audible = if facts.loud { inside } else { 0 };
         self.interior += inside;
+        self.audible += audible;
         let Some(error) = error else { return };
         if error < resolution {
             self.hits += 1;
             self.interior_hits += inside;
+            self.audible_hits += audible;
         }
         self.wrong += usize::from(error > 2.0 * resolution);
         self.errors.push(error);
-        self.normal_errors.extend(facing.map(|facing| error * facing));
+        self.normal_errors.extend(facts.facing.map(|facing| error * facing));
     }
 
     /// Adds the true depths of a pixel and the returns found there; shares are counted only if the result has several
@@ -82,8 +94,11 @@ impl ErrorCounts {
         self.hits += other.hits;
         self.interior += other.interior;
         self.interior_hits += other.interior_hits;
+        self.audible += other.audible;
+        self.audible_hits += other.audible_hits;
         self.wrong += other.wrong;
         self.on_empty += other.on_empty;
+        self.outside += other.outside;
         self.singles += other.singles;
         self.spurious += other.spurious;
         self.doubles += other.doubles;
@@ -95,7 +110,8 @@ impl ErrorCounts {
         }
     }
 
-    pub(super) fn metrics(mut self) -> Metrics {
+    /// The metrics; those of clouds of points are of a whole map only.
+    pub(super) fn metrics(mut self, cloud: CloudScores) -> Metrics {
         let share = |part: usize, whole: usize| (whole > 0).then(|| part as f64 / whole as f64);
         let square: f64 = self.errors.iter().map(|e| e * e).sum();
         let completeness = share(self.hits, self.surfaces);
@@ -107,8 +123,13 @@ impl ErrorCounts {
         Metrics {
             completeness,
             completeness_interior: share(self.interior_hits, self.interior),
+            audible_completeness: share(self.audible_hits, self.audible),
             false_returns,
+            outside_returns: share(self.outside, self.errors.len() + self.outside),
             f1,
+            f_score: cloud.f_scores[0],
+            f_score_2: cloud.f_scores[1],
+            chamfer_distance: cloud.chamfer,
             rmse: (!self.errors.is_empty()).then(|| (square / self.errors.len() as f64).sqrt()),
             p95_error: percentile(&mut self.errors, 0.95),
             median_error: percentile(&mut self.errors, 0.5),

@@ -1,9 +1,10 @@
 //! The metrics material by material, and surface by surface from the front.
 
 use super::around::Surroundings;
-use super::counts::ErrorCounts;
-use super::{METRIC_NAMES, Metrics, depths, evaluate, match_one_to_one, nearest_surface, true_surfaces};
-use crate::error::Result;
+use super::cloud::{CloudScores, cloud_scores};
+use super::counts::{ErrorCounts, SurfaceFacts};
+use super::{METRIC_NAMES, Metrics, check_pixels, depths, match_one_to_one, nearest_surface, true_surfaces};
+use crate::error::{Error, Result};
 use crate::grid::{DepthLayer, DepthMap};
 use crate::wave::Resolution;
 use serde::Serialize;
@@ -91,16 +92,21 @@ impl Scores {
     }
 }
 
-/// Scores `result` against `truth` as [`evaluate`] does, and each material and each surface separately.
+/// Scores `result` against `truth` with a [`Resolution`], or a range resolution Δd alone in m: over all pixels, and each
+/// material and each surface separately.
 ///
 /// # Errors
-/// As [`evaluate`].
+/// Maps whose pixels do not coincide, or a resolution that is not positive.
 pub fn score(result: &DepthMap, truth: &DepthMap, resolution: impl Into<Resolution>) -> Result<Scores> {
     let resolution = resolution.into();
     let range = resolution.range;
-    let all = evaluate(result, truth, resolution)?;
+    check_pixels(result, truth)?;
+    if !(range.is_finite() && range > 0.0) {
+        return Err(Error::input("range resolution", format!("must be a positive length, not {range} m")));
+    }
     let surfaces = true_surfaces(truth);
     let around = Surroundings::new(truth, surfaces, resolution);
+    let mut all = ErrorCounts::default();
     let mut materials = vec![ErrorCounts::default(); truth.materials.len()];
     let mut orders = vec![ErrorCounts::default(); surfaces.len()];
     let several = result.returns.len() >= 2;
@@ -108,27 +114,36 @@ pub fn score(result: &DepthMap, truth: &DepthMap, resolution: impl Into<Resoluti
         let there: Vec<(usize, f64)> = depths(surfaces, pixel).collect();
         let depth: Vec<f64> = there.iter().map(|(_, z)| *z).collect();
         let found: Vec<f64> = depths(&result.returns, pixel).map(|(_, z)| z).collect();
+        let z = f64::from(result.picked.depth[pixel]);
+        let nearest = nearest_surface(surfaces, pixel, z);
+        let facts: Vec<SurfaceFacts> = there.iter().map(|(k, _)| around.facts(*k, pixel)).collect();
+        let spurious = || found.iter().any(|z| !around.explained(pixel, *z));
+        if let Some((nearest, true_depth)) = nearest {
+            let error = (!z.is_nan()).then(|| (z - true_depth).abs());
+            let of_it = there.iter().position(|(k, _)| *k == nearest);
+            all.add_surface(error, of_it.map(|at| facts[at]).unwrap_or_default(), range);
+        } else if !z.is_nan() {
+            all.outside += 1;
+            all.on_empty += usize::from(!around.guarded(pixel));
+        }
+        all.add_returns(&depth, &found, several.then_some(&spurious), range);
         let errors = if there.len() > 1 && several {
             match_one_to_one(&depth, &found)
         } else {
-            let z = f64::from(result.picked.depth[pixel]);
-            let nearest = nearest_surface(surfaces, pixel, z).map(|(k, _)| k);
+            let nearest = nearest.map(|(k, _)| k);
             let error =
                 |&(k, depth): &(usize, f64)| (!z.is_nan() && nearest == Some(k)).then(|| (z - depth).abs());
             there.iter().map(error).collect()
         };
         let both = errors.iter().all(|error| error.is_some_and(|e| e < range));
-        let spurious = || found.iter().any(|z| !around.explained(pixel, *z));
         let mut seen: Vec<usize> = Vec::new();
         for (order, (&(k, _), &error)) in there.iter().zip(&errors).enumerate() {
-            let facing = surfaces[k].facing.as_ref().map(|facing| f64::from(facing[pixel]));
-            let interior = around.interior(k, pixel);
-            orders[order].add_surface(error, facing, interior, range);
+            orders[order].add_surface(error, facts[order], range);
             let Some(material) = material(&surfaces[k], pixel).filter(|m| *m < materials.len()) else {
                 continue;
             };
             let counts = &mut materials[material];
-            counts.add_surface(error, facing, interior, range);
+            counts.add_surface(error, facts[order], range);
             if there.len() == 1 && several {
                 counts.add_single(&found, Some(&spurious));
             }
@@ -146,10 +161,11 @@ pub fn score(result: &DepthMap, truth: &DepthMap, resolution: impl Into<Resoluti
     for (name, counts) in truth.materials.iter().zip(materials) {
         by_name.entry(name.clone()).or_default().join(counts);
     }
+    let metrics = |counts: ErrorCounts| counts.metrics(CloudScores::default());
     Ok(Scores {
-        all,
-        materials: by_name.into_iter().map(|(name, counts)| (name, counts.metrics())).collect(),
-        surfaces: orders.into_iter().map(ErrorCounts::metrics).collect(),
+        all: all.metrics(cloud_scores(result, truth, range)),
+        materials: by_name.into_iter().map(|(name, counts)| (name, metrics(counts))).collect(),
+        surfaces: orders.into_iter().map(metrics).collect(),
     })
 }
 

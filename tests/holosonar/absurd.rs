@@ -52,7 +52,7 @@ fn run_files_with_mistakes() {
         ("[sweep\n", &["run.toml:1"]),
         ("[sweep]\nstep = nan\n", &["run.toml:2", "`sweep.step`"]),
         ("[sweep]\nstep = 30.0\n", &["run.toml:2", "`sweep.step`", "30", "333.3333"]),
-        ("[scene]\nmesh = \"none.obj\"\nunit = \"m\"\n", &["none.obj"]),
+        ("[scene]\nmesh = \"none.obj\"\nunit = \"m\"\nup = \"none\"\n", &["none.obj"]),
         ("[scene]\nmesh = \"\"\n", &["run.toml:2"]),
         ("[scene]\nmesh = \"a.obj\"\nunit = \"mile\"\n", &["run.toml:3", "mm"]),
         ("", &["[scene] mesh"]),
@@ -171,7 +171,7 @@ fn meshes_with_mistakes() {
         ("v 0 0 1\nv 0 0 1\nv 0 1 1\nf 1 2 3\n", "--unit m", &["mesh.obj", "triangle"]),
         ("", "--unit m", &["mesh.obj", "triangle"]),
         ("v 0 0 1\n", "--unit m", &["mesh.obj", "triangle"]),
-        (triangle, "", &["mesh.obj", "--unit mm"]),
+        (triangle, "", &["mesh.obj", "--unit", "mm (1.00 mm)"]),
         (triangle, "--unit parsec", &["unit", "parsec"]),
         ("v 0 0 1\nv 1 0 1\nv 0 1 1\nf 1 2 9\n", "--unit m", &["mesh.obj", "line 4"]),
         ("v 0 0 1\nv 1 0 1\nv 0 1 1\nf 1 2 x\n", "--unit m", &["mesh.obj", "line 4"]),
@@ -337,7 +337,7 @@ fn a_speaker_in_or_on_a_wall_is_no_reason_to_fail() {
     }
     boxes.push_str("v -0.3 -0.3 1\nv 0.3 -0.3 1\nv 0 0.3 1\nf -3 -2 -1\n");
     let folder = folder_with(&[("walls.obj", &boxes)]);
-    let run_file = "[scene]\nmesh = \"walls.obj\"\nunit = \"m\"\n[sweep]\nstep = 500.0\n[array]\ncount = [7, 7]\n\
+    let run_file = "[scene]\nmesh = \"walls.obj\"\nunit = \"m\"\nup = \"none\"\n[sweep]\nstep = 500.0\n[array]\ncount = [7, 7]\n\
                     [grid]\nx = [-0.3, 0.3]\ny = [-0.3, 0.3]\nz = [0.5, 1.2]\npitch = [0.05, 0.05, 0.02]\n";
     std::fs::write(folder.path().join("walls.toml"), run_file).unwrap();
     for source in ["[0.0,0.0,0.0]", "[0.0,0.0,0.05]", "[0.0,0.0,1.0]", "[0.1,0.1,0.1]"] {

@@ -55,7 +55,7 @@ fn workplace() -> tempfile::TempDir {
     fs::copy(shipped("meshes/corner.obj"), folder.path().join("corner.obj")).unwrap();
     let scene = |name: &str, step: u32, array: &str, half: f64, pitch: [f64; 3], method: &str| {
         let text = format!(
-            "[scene]\nmesh = \"corner.obj\"\nunit = \"m\"\n[sweep]\nstart = 10000.0\nstop = 20000.0\nstep = {step}.0\n\
+            "[scene]\nmesh = \"corner.obj\"\nunit = \"m\"\nup = \"none\"\n[sweep]\nstart = 10000.0\nstop = 20000.0\nstep = {step}.0\n\
              [array]\n{array}\nextent = [1.0, 1.0]\n\
              [grid]\nx = [-{half}, {half}]\ny = [-{half}, {half}]\nz = [1.2, 2.3]\npitch = {pitch:?}\n\
              [reconstruct]\nmethod = \"{method}\"\n[output]\nformats = [\"exr\", \"npz\"]\n"

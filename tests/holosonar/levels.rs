@@ -21,7 +21,7 @@ const METHODS: [&str; 4] = ["convolution", "direct", "backprojection", "linear"]
 fn workplace() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     fs::copy(shipped("meshes/corner.obj"), folder.path().join("corner.obj")).unwrap();
-    let scene = "[scene]\nmesh = \"corner.obj\"\nunit = \"m\"\n[sweep]\nstart = 6000.0\nstop = 10000.0\nstep = 50.0\n\
+    let scene = "[scene]\nmesh = \"corner.obj\"\nunit = \"m\"\nup = \"none\"\n[sweep]\nstart = 6000.0\nstop = 10000.0\nstep = 50.0\n\
                  [array]\ncount = [12, 12]\nextent = [0.4, 0.5]\n[reflectors]\nspacing = 0.02\n\
                  [grid]\nx = [-0.35, 0.35]\ny = [-0.35, 0.35]\nz = [1.2, 2.0]\npitch = [0.05, 0.05, 0.04]\n";
     fs::write(folder.path().join("job.toml"), scene).unwrap();

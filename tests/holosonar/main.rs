@@ -8,6 +8,7 @@ mod absurd;
 mod agreement;
 mod arrays;
 mod backprojection;
+mod bare;
 mod binary;
 #[cfg(target_os = "linux")]
 mod browser;

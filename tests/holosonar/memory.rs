@@ -44,7 +44,7 @@ fn write_scene(folder: &Path, name: &str, array: &str, half: [f64; 2], voxels: [
     fs::copy(shipped("meshes/corner.obj"), folder.join("corner.obj")).unwrap();
     let [x, y] = half;
     let text = format!(
-        "[scene]\nmesh = \"corner.obj\"\nunit = \"m\"\n[sweep]\nstart = 10000.0\nstop = 20000.0\nstep = 10.0\n\
+        "[scene]\nmesh = \"corner.obj\"\nunit = \"m\"\nup = \"none\"\n[sweep]\nstart = 10000.0\nstop = 20000.0\nstep = 10.0\n\
          [array]\n{array}\n\
          [grid]\nx = [-{x}, {x}]\ny = [-{y}, {y}]\nz = [1.0, 2.0]\ncount = {voxels:?}\n\
          [reconstruct]\ntolerance = 1e-4\n"

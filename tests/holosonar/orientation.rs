@@ -98,7 +98,7 @@ fn an_obj_reads_in_each_of_its_axes() {
         reads_as_f(&truth(&run_file(folder.path(), &scene, [1.9, 2.1])), 1.0, 2.0, 1e-6, up);
     }
     // Left out, an OBJ's axes are the array's.
-    let run = run_file(folder.path(), "mesh = \"none.obj\"\nunit = \"m\"", [1.9, 2.1]);
+    let run = run_file(folder.path(), "mesh = \"none.obj\"\nunit = \"m\"\nup = \"none\"", [1.9, 2.1]);
     reads_as_f(&truth(&run), 1.0, 2.0, 1e-6, "default");
 }
 

@@ -185,11 +185,11 @@ fn the_box_and_the_resolved_materials_are_printed() {
 
 #[test]
 fn a_suspicious_scale_names_the_keys_to_change() {
-    let (_, warned) = imaged("stl/binary.stl", "unit = 'mm'\ntranslate = [0, 0, 1]");
+    let (_, warned) = imaged("stl/binary.stl", "unit = 'mm'\nup = 'none'\ntranslate = [0, 0, 1]");
     assert_names(warned, &["2.00 mm", "wavelength", "22.9 mm", "[scene] unit", "scale"]);
     // 100 Hz repeat every 3.43 m of path.
-    let (_, warned) = imaged("stl/binary.stl", "unit = 'cm'\nscale = 10.0\ntranslate = [0, 0, 3]");
+    let (_, warned) = imaged("stl/binary.stl", "unit = 'cm'\nup = 'none'\nscale = 10.0\ntranslate = [0, 0, 3]");
     assert_names(warned, &["unambiguous", "1.72 m", "[scene] unit", "scale"]);
-    let (_, warned) = imaged("stl/binary.stl", "unit = 'cm'\nscale = 10.0\ntranslate = [0, 0, 0.9]");
+    let (_, warned) = imaged("stl/binary.stl", "unit = 'cm'\nup = 'none'\nscale = 10.0\ntranslate = [0, 0, 0.9]");
     assert!(!warned.contains("[scene] unit"), "{warned}");
 }

@@ -7,14 +7,14 @@ use std::path::Path;
 use glam::DVec3;
 
 use super::super::fixtures::{clean, load_files, refusal};
-use super::super::{LoadOptions, MaterialRule, Scene, Unit};
+use super::super::{LoadOptions, MaterialRule, Scene, Unit, Up};
 use crate::error::{Error, Result};
 use crate::named::assert_names;
 
 const TRIANGLE: &str = "v 0 0 1\nv 1 0 1\nv 0 1 1\nf 1 2 3\n";
 
 fn metres() -> LoadOptions {
-    LoadOptions::default().with_unit(Unit::Metre)
+    LoadOptions::default().with_unit(Unit::Metre).with_up(Up::None)
 }
 
 /// Loads `obj`, with `files` in its folder; returns the scene and the warnings.
@@ -33,7 +33,7 @@ fn refused(obj: &str) -> String {
 #[test]
 fn a_unit_is_needed_and_may_be_in_the_header() {
     let unitless = load_with(TRIANGLE, &[], &LoadOptions::default()).0.unwrap_err().to_string();
-    assert_names(unitless, &["mesh.obj", "`unit = \"mm\"", "[scene]", "`--unit mm`"]);
+    assert_names(unitless, &["mesh.obj", "--unit", "[scene]", "mm (1.00 mm)"]);
     let header = format!("# File units = millimeters\n#  1 unit = 1000.000000 mm\n{TRIANGLE}");
     assert_eq!(clean(load_with(&header, &[], &LoadOptions::default())).surface_area(), 0.5);
     let inches = LoadOptions::default().with_unit(Unit::Inch);

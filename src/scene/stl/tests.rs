@@ -4,12 +4,12 @@
 use glam::DVec3;
 
 use super::super::fixtures::{clean, load_files, refusal};
-use super::super::{LoadOptions, MaterialRule, Scene, Unit};
+use super::super::{LoadOptions, MaterialRule, Scene, Unit, Up};
 use crate::error::Result;
 use crate::named::assert_names;
 
 fn millimetres() -> LoadOptions {
-    LoadOptions::default().with_unit(Unit::Millimetre)
+    LoadOptions::default().with_unit(Unit::Millimetre).with_up(Up::None)
 }
 
 fn load_with(bytes: &[u8], options: &LoadOptions) -> (Result<Scene>, String) {
@@ -73,7 +73,7 @@ fn text_may_be_untidy_and_hold_several_solids() {
 fn a_unit_is_needed_and_there_is_no_sensor() {
     let file = binary(b"", &[1.0]);
     let unitless = load_with(&file, &LoadOptions::default()).0.unwrap_err().to_string();
-    assert_names(unitless, &["part.STL", "STL", "unit", "`--unit mm`"]);
+    assert_names(unitless, &["part.STL", "unit", "--unit"]);
     let options = LoadOptions { sensor: Some("camera:a".parse().unwrap()), ..millimetres() };
     assert_names(load_with(&file, &options).0.unwrap_err().to_string(), &["part.STL", "an STL", "camera"]);
 }
