@@ -53,7 +53,7 @@ use std::path::Path;
 
 use glam::DVec3;
 
-pub use material::{Material, MaterialRule};
+pub use material::{CommonMaterial, Material, MaterialRule};
 pub use occlusion::Crossing;
 pub(crate) use placement::metres;
 pub use placement::{LoadOptions, MeshFrame, Sensor, Unit, Up};

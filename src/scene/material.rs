@@ -1,11 +1,18 @@
 //! What a surface does to sound, and where the values come from: a material rule or the mesh file.
 
+mod common;
+
+pub use common::CommonMaterial;
+
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::files::{MeshFile, list_names};
 use crate::error::{Error, Result};
 use crate::text::quoted;
 use serde::{Deserialize, Serialize};
+
+/// How the source of a material ends that only its transparency to light tells of.
+const AS_GLASS: &str = ", as glass";
 
 /// How a surface reflects and transmits the amplitude of sound; equal for both sides, all angles and all frequencies.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -16,8 +23,8 @@ pub struct Material {
     pub reflectance: f64,
     /// Share of the amplitude that one crossing transmits, 0..1.
     pub transmittance: f64,
-    /// Source of the values: "rule `glass*`", "glTF extras", "glTF transmission", "glTF alpha", "MTL d", "MTL Tr",
-    /// "default".
+    /// Source of the values: "rule `glass*`", "glTF extras", "glTF transmission, as glass", "glTF alpha, as glass",
+    /// "MTL d, as glass", "MTL Tr, as glass", "default".
     pub source: String,
 }
 
@@ -27,14 +34,15 @@ impl Material {
         Self { name: name.to_owned(), reflectance: 1.0, transmittance: 0.0, source: "default".to_owned() }
     }
 
-    /// A surface of opacity `alpha`: it reflects that share and lets the rest through.
-    pub(super) fn from_alpha(name: &str, alpha: f64, source: &str) -> Self {
-        Self {
-            name: name.to_owned(),
-            reflectance: alpha,
-            transmittance: 1.0 - alpha,
-            source: source.to_owned(),
-        }
+    /// A surface of this opacity to light, which says little about sound: what lets some light through counts as glass, a
+    /// strong reflector, and what lets all of it through, as invisible helpers of modelling programs do, is not there.
+    pub(super) fn of_opacity(name: &str, opacity: f64, source: &str) -> Self {
+        let ([reflectance, transmittance], source) = match opacity {
+            o if o <= 0.0 => ([0.0, 1.0], source.to_owned()),
+            o if o < 1.0 => (CommonMaterial::Glass.shares(), format!("{source}{AS_GLASS}")),
+            _ => ([1.0, 0.0], source.to_owned()),
+        };
+        Self { name: name.to_owned(), reflectance, transmittance, source }
     }
 
     /// Refuses shares outside 0..1.
@@ -59,6 +67,8 @@ fn check_share(place: impl Fn() -> String, what: &str, value: f64) -> Result<()>
 pub struct MaterialRule {
     /// Pattern: `*` matches any run of characters, `?` any single one; upper and lower case differ.
     pub name: String,
+    /// What it is made of; `reflectance` and `transmittance` change single values of it.
+    pub material: Option<CommonMaterial>,
     /// Share of the amplitude that is reflected, 0..1; `None` for the file's value.
     pub reflectance: Option<f64>,
     /// Share of the amplitude that one crossing transmits, 0..1; `None` for the file's value.
@@ -115,8 +125,8 @@ impl<'a> Palette<'a> {
                 return Err(Error::input(place, "has no name; `*` matches every name"));
             }
             let place = || format!("material rule `{}`", quoted(&rule.name));
-            if rule.reflectance.is_none() && rule.transmittance.is_none() {
-                let problem = "sets neither reflectance nor transmittance; set at least one";
+            if rule.material.is_none() && rule.reflectance.is_none() && rule.transmittance.is_none() {
+                let problem = "sets neither material nor reflectance nor transmittance; set at least one";
                 return Err(Error::input(place(), problem));
             }
             for (what, value) in [("reflectance", rule.reflectance), ("transmittance", rule.transmittance)] {
@@ -154,9 +164,13 @@ impl<'a> Palette<'a> {
         if let Some(i) = rule {
             self.used[i] = true;
             let rule = &self.rules[i];
+            if let Some(common) = rule.material {
+                [material.reflectance, material.transmittance] = common.shares();
+            }
             material.reflectance = rule.reflectance.unwrap_or(material.reflectance);
             material.transmittance = rule.transmittance.unwrap_or(material.transmittance);
-            material.source = format!("rule `{}`", quoted(&rule.name));
+            let of = rule.material.map(|common| format!(", {common}")).unwrap_or_default();
+            material.source = format!("rule `{}`{of}", quoted(&rule.name));
         }
         let index = self.materials.len() as u32;
         self.materials.push(material);
@@ -164,8 +178,18 @@ impl<'a> Palette<'a> {
         index
     }
 
-    /// The materials in use. Warns of rules that matched nothing.
+    /// The materials in use. Warns of rules that matched nothing, and of materials of which only the transparency to light
+    /// is known.
     pub(super) fn finish(self, file: MeshFile<'_>) -> Vec<Material> {
+        let as_glass = self.materials.iter().filter(|material| material.source.ends_with(AS_GLASS));
+        let as_glass: BTreeSet<String> = as_glass.map(|material| material.name.clone()).collect();
+        if !as_glass.is_empty() {
+            file.warn(format_args!(
+                "{} let light through, which says nothing about sound; they count as glass, a strong reflector, unless a \
+                 [[materials]] rule or glTF extras (acoustic_reflectance, acoustic_transmittance) say otherwise",
+                list_names(&as_glass)
+            ));
+        }
         let names = if self.names.is_empty() { "no names".to_owned() } else { list_names(&self.names) };
         for (rule, _) in self.rules.iter().zip(&self.used).filter(|(_, used)| !**used) {
             file.warn(format_args!(
@@ -205,19 +229,32 @@ mod tests {
     fn the_first_matching_rule_wins_and_keeps_what_it_does_not_set() {
         let rules = [
             MaterialRule { name: "pane*".into(), transmittance: Some(0.9), ..MaterialRule::default() },
-            MaterialRule { name: "glass".into(), reflectance: Some(0.1), transmittance: Some(0.2) },
+            MaterialRule {
+                name: "glass".into(),
+                reflectance: Some(0.1),
+                transmittance: Some(0.2),
+                material: None,
+            },
+            MaterialRule {
+                name: "drape".into(),
+                material: Some(CommonMaterial::Curtain),
+                transmittance: Some(0.5),
+                ..MaterialRule::default()
+            },
         ];
         let mut palette = Palette::new(&rules).unwrap();
-        palette.declare(Material::from_alpha("glass", 0.4, "glTF alpha"));
+        palette.declare(Material::of_opacity("glass", 0.4, "glTF alpha"));
         let [a, b, c] = ["pane 1", "pane 2", "cup"].map(|owner| palette.assign(Some(0), owner));
-        let wall = palette.assign(None, "wall");
+        let [wall, drape] = ["wall", "drape"].map(|owner| palette.assign(None, owner));
         let file = MeshFile { path: Path::new("a.obj"), options: &LoadOptions::default(), observer: &Silent };
         let materials = palette.finish(file);
         assert_eq!(a, b);
         let shares = |i: u32| (materials[i as usize].reflectance, materials[i as usize].transmittance);
-        assert_eq!(shares(a), (0.4, 0.9));
+        assert_eq!(shares(a), (0.99, 0.9));
         assert_eq!(shares(c), (0.1, 0.2));
         assert_eq!(shares(wall), (1.0, 0.0));
+        assert_eq!(shares(drape), (0.58, 0.5));
+        assert_eq!(materials[drape as usize].source, "rule `drape`, curtain");
         assert_eq!(materials[a as usize].source, "rule `pane*`");
         assert_eq!(materials[wall as usize].source, "default");
     }
@@ -225,8 +262,11 @@ mod tests {
     #[test]
     fn rules_that_say_nothing_or_too_much_are_refused() {
         let refused = |rule: MaterialRule| Palette::new(&[rule]).err().unwrap().to_string();
-        let rule =
-            |name: &str, reflectance| MaterialRule { name: name.into(), reflectance, transmittance: None };
+        let rule = |name: &str, reflectance| MaterialRule {
+            name: name.into(),
+            reflectance,
+            ..MaterialRule::default()
+        };
         assert_names(refused(rule("a", None)), &["`a`", "reflectance", "transmittance"]);
         assert_names(refused(rule("", Some(1.0))), &["name"]);
         assert_names(refused(rule("a", Some(1.5))), &["`a`", "reflectance", "1.5", "0 to 1"]);

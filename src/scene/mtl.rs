@@ -54,10 +54,10 @@ impl Statements<'_> {
                 if d == 1.0 {
                     Material::opaque(self.name)
                 } else {
-                    Material::from_alpha(self.name, d, "MTL d")
+                    Material::of_opacity(self.name, d, "MTL d")
                 }
             }
-            (None, Some(tr)) if tr > 0.0 => Material::from_alpha(self.name, 1.0 - tr, "MTL Tr"),
+            (None, Some(tr)) if tr > 0.0 => Material::of_opacity(self.name, 1.0 - tr, "MTL Tr"),
             _ => Material::opaque(self.name),
         }
     }
@@ -99,9 +99,14 @@ mod tests {
             materials.iter().map(|m| (m.name.as_str(), m.reflectance, m.source.as_str())).collect();
         assert_eq!(
             seen,
-            [("a b", 0.4, "MTL d"), ("t", 0.75, "MTL Tr"), ("h", 0.5, "MTL d"), ("o", 1.0, "default")]
+            [
+                ("a b", 0.99, "MTL d, as glass"),
+                ("t", 0.99, "MTL Tr, as glass"),
+                ("h", 0.99, "MTL d, as glass"),
+                ("o", 1.0, "default")
+            ]
         );
-        assert_eq!(materials[0].transmittance, 0.6);
+        assert_eq!(materials[0].transmittance, 0.0);
         assert_names(&warnings[0], &["x.mtl", "material `o`", "d 1", "Tr 1"]);
     }
 

@@ -172,9 +172,9 @@ fn the_box_and_the_resolved_materials_are_printed() {
     in_one_line(&["1.000 x 1.000 x 0.000 m", "43.7 x 43.7 x 0.0"]);
     in_one_line(&["z", "1.000 to 1.000 m"]);
     for (name, reflectance, transmittance, source) in [
-        ("alpha", "0.25", "0.75", "glTF alpha"),
+        ("alpha", "0.99", "0", "glTF alpha, as glass"),
         ("unblended", "1", "0", "default"),
-        ("glass", "0.1", "0.5", "rule `gl?ss`"),
+        ("glass", "0.1", "0", "rule `gl?ss`"),
         ("measured", "0.125", "0.25", "glTF extras"),
     ] {
         in_one_line(&[name, "reflectance", reflectance, "transmittance", transmittance, source]);
@@ -188,8 +188,10 @@ fn a_suspicious_scale_names_the_keys_to_change() {
     let (_, warned) = imaged("stl/binary.stl", "unit = 'mm'\nup = 'none'\ntranslate = [0, 0, 1]");
     assert_names(warned, &["2.00 mm", "wavelength", "22.9 mm", "[scene] unit", "scale"]);
     // 100 Hz repeat every 3.43 m of path.
-    let (_, warned) = imaged("stl/binary.stl", "unit = 'cm'\nup = 'none'\nscale = 10.0\ntranslate = [0, 0, 3]");
+    let (_, warned) =
+        imaged("stl/binary.stl", "unit = 'cm'\nup = 'none'\nscale = 10.0\ntranslate = [0, 0, 3]");
     assert_names(warned, &["unambiguous", "1.72 m", "[scene] unit", "scale"]);
-    let (_, warned) = imaged("stl/binary.stl", "unit = 'cm'\nup = 'none'\nscale = 10.0\ntranslate = [0, 0, 0.9]");
+    let (_, warned) =
+        imaged("stl/binary.stl", "unit = 'cm'\nup = 'none'\nscale = 10.0\ntranslate = [0, 0, 0.9]");
     assert!(!warned.contains("[scene] unit"), "{warned}");
 }

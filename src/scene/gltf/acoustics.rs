@@ -18,9 +18,9 @@ pub(super) fn material(document: &Document<'_>, index: usize, material: &json::M
     let alpha = seven_digits(alpha);
     let cutoff = material.alpha_cutoff.map_or(0.5, |cutoff| f64::from(cutoff.0));
     let mut result = match material.alpha_mode {
-        Checked::Valid(AlphaMode::Blend) => Material::from_alpha(&name, alpha, "glTF alpha"),
+        Checked::Valid(AlphaMode::Blend) => Material::of_opacity(&name, alpha, "glTF alpha"),
         // Below its cutoff a masked surface is not drawn at all.
-        Checked::Valid(AlphaMode::Mask) if alpha < cutoff => Material::from_alpha(&name, 0.0, "glTF alpha"),
+        Checked::Valid(AlphaMode::Mask) if alpha < cutoff => Material::of_opacity(&name, 0.0, "glTF alpha"),
         Checked::Valid(_) => Material::opaque(&name),
         Checked::Invalid => return Err(Error::input(place(), "alphaMode must be OPAQUE, MASK or BLEND")),
     };
@@ -38,8 +38,8 @@ pub(super) fn material(document: &Document<'_>, index: usize, material: &json::M
     if let Some(transmission) = transmission {
         let t = seven_digits(f64::from(transmission.transmission_factor.0));
         if t > 0.0 {
-            result = Material::from_alpha(&name, 1.0 - t, "glTF transmission");
-            result.transmittance = t;
+            // Even all of the light: it is refracted by something that is there.
+            result = Material::of_opacity(&name, (1.0 - t).max(f64::MIN_POSITIVE), "glTF transmission");
         }
     }
     if let Some(extras) = &material.extras {

@@ -67,11 +67,17 @@ fn concave_faces_are_covered_exactly() {
 fn materials_come_from_the_mtl_file_and_rules_override_them() {
     let obj = format!("mtllib a b.mtl\no pane\nusemtl glass\n{TRIANGLE}o wall\nusemtl brick\nf 1 2 3\n");
     let mtl = ("a b.mtl", "newmtl glass\nKd 0.1 0.2\nd 0.4\nnewmtl brick\nd 1\n");
-    let scene = clean(load_with(&obj, &[mtl], &metres()));
+    let (scene, warnings) = load_with(&obj, &[mtl], &metres());
+    let scene = scene.unwrap();
+    assert_names(warnings, &["mesh.obj", "`glass`", "light", "[[materials]]"]);
     let glass = &scene.materials()[scene.triangles()[0].material as usize];
-    assert_eq!((glass.reflectance, glass.transmittance, glass.source.as_str()), (0.4, 0.6, "MTL d"));
+    assert_eq!(
+        (glass.reflectance, glass.transmittance, glass.source.as_str()),
+        (0.99, 0.0, "MTL d, as glass")
+    );
     assert_eq!((scene.materials()[1].name.as_str(), scene.materials()[1].reflectance), ("brick", 1.0));
-    let rule = |name: &str| MaterialRule { name: name.into(), reflectance: Some(0.2), transmittance: None };
+    let rule =
+        |name: &str| MaterialRule { name: name.into(), reflectance: Some(0.2), ..MaterialRule::default() };
     let options = LoadOptions { materials: vec![rule("wal?"), rule("steel*")], ..metres() };
     let (scene, warnings) = load_with(&obj, &[mtl], &options);
     let wall = &scene.as_ref().unwrap().materials()[1];
@@ -82,7 +88,7 @@ fn materials_come_from_the_mtl_file_and_rules_override_them() {
 #[test]
 fn a_missing_mtl_file_is_a_warning_and_names_still_match() {
     let obj = format!("mtllib gone.mtl\nmtllib ../../etc/passwd\nusemtl glass\n{TRIANGLE}");
-    let rule = MaterialRule { name: "glass".into(), reflectance: None, transmittance: Some(0.5) };
+    let rule = MaterialRule { name: "glass".into(), transmittance: Some(0.5), ..MaterialRule::default() };
     let options = LoadOptions { materials: vec![rule], ..metres() };
     let (scene, warnings) = load_with(&obj, &[], &options);
     assert_eq!(scene.unwrap().materials()[0].transmittance, 0.5);

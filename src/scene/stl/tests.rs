@@ -60,7 +60,7 @@ fn text_may_be_untidy_and_hold_several_solids() {
         facet("1").replace('\n', "\r\n").to_uppercase(),
         facet("2e0").replace('\n', " ")
     );
-    let rule = MaterialRule { name: "b*".into(), reflectance: Some(0.5), transmittance: None };
+    let rule = MaterialRule { name: "b*".into(), reflectance: Some(0.5), ..MaterialRule::default() };
     let options = LoadOptions { materials: vec![rule], ..millimetres() };
     let scene = clean(load_with(text.as_bytes(), &options));
     assert_eq!(scene.triangles().len(), 2);

@@ -132,7 +132,7 @@ fn instances_are_placed_in_their_nodes_frame() {
     assert!(load(&document).triangles().iter().all(|t| (t.normal() - DVec3::Z).length() < 1e-6));
     // All of it follows the node, and rules find the copies by the node's name.
     set(&mut document, "/nodes/0/translation", json!([0, 0, 100]));
-    let rule = MaterialRule { name: "strip".into(), reflectance: Some(0.5), transmittance: None };
+    let rule = MaterialRule { name: "strip".into(), reflectance: Some(0.5), ..MaterialRule::default() };
     let options = super::LoadOptions { materials: vec![rule], ..raw() };
     let scene = load_with(&document, &options).0.unwrap();
     assert_eq!(scene.bounds().unwrap().0.z, 100.0);

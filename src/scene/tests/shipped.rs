@@ -60,7 +60,7 @@ fn transparent_foreground_shows_the_backdrop_through_its_plate() {
     assert!(near(low, DVec3::new(-0.6, -0.6, 1.2)) && near(high, DVec3::new(0.6, 0.6, 1.8)));
     let by_name = |name: &str| scene.materials().iter().find(|m| m.name == name).unwrap();
     let (plate, backdrop) = (by_name("plate"), by_name("backdrop"));
-    assert_eq!((plate.reflectance, plate.transmittance, plate.source.as_str()), (0.4, 0.6, "glTF alpha"));
+    assert_eq!((plate.reflectance, plate.transmittance, plate.source.as_str()), (0.4, 0.6, "glTF extras"));
     assert_eq!((backdrop.reflectance, backdrop.transmittance), (1.0, 0.0));
     // Through the plate, next to it, through the step face.
     let seen = |x: f64, y: f64| -> Vec<f64> {
