@@ -111,6 +111,9 @@ pub struct DepthOptions {
     /// Minimum amplitude of the picked return, dB against the 99th percentile of the columns' maxima; `None` for −14 dB of
     /// columns, and for surfaces that of all returns, since confidence decides.
     pub threshold_db: Option<f64>,
+    /// Minimum amplitude of any return; 0 for none. What is far weaker than the samples add up to by chance is the sidelobes
+    /// of what is outside the grid: [`ReconstructionInfo`](crate::reconstruct::ReconstructionInfo)`::incoherent_level`.
+    pub floor: f64,
     /// Minimum confidence of a surface, dB; see [`locate_depth`].
     pub confidence_db: f64,
     /// Whether what is in one part of the band only, as grating lobes are, is taken for weaker.
@@ -142,6 +145,7 @@ with_fields! {
         with_pick(pick: Pick),
         with_refine(refine: Refine),
         with_threshold_db(threshold_db: Option<f64>),
+        with_floor(floor: f64),
         with_confidence_db(confidence_db: f64),
         with_gate(gate: bool),
         with_returns(returns: usize),
@@ -173,6 +177,7 @@ impl DepthOptions {
             pick: Pick::Strongest,
             refine: Refine::Surface,
             threshold_db: None,
+            floor: 0.0,
             confidence_db: CONFIDENCE_DB[0],
             gate: true,
             returns: 2,

@@ -297,12 +297,7 @@ fn reconstruct_and_locate(
     let mut volume = Volume { grid: *grid, samples: Vec::new() };
     let info =
         log.timed("reconstruct", || reconstruct(source, grid, &options, &mut volume, checkpoint, log))?;
-    let image = Reconstruction {
-        volume,
-        method: info.method,
-        error_bound: info.error_bound,
-        refinement: info.refinement,
-    };
+    let image = Reconstruction::new(volume, &info);
     let [depths, rows, columns] = grid.shape();
     let (method, error_bound, peak) = (image.method, image.error_bound, image.volume.peak());
     log.note(&format!(
@@ -312,14 +307,14 @@ fn reconstruct_and_locate(
         log.note(&refinement.to_string());
     }
     let mut search = budget.run.depth_options(aperture, sidelobes);
-    search.raster = raster;
+    (search.raster, search.floor) = (raster, info.incoherent_level.unwrap_or(0.0));
     let depth = log.timed("depth", || locate_depth_with(&image.volume, &search, log))?;
     depth.check()?;
     log.note(&format!("a return at {} of {} pixels", depth.accepted(), depth.len()));
     if depth.accepted() == 0 {
         log.warn(
-            "no return was accepted anywhere: nothing in the grid reflects sound, or [depth] confidence_db is too high; the \
-             files are valid, but empty",
+            "no return was accepted anywhere: nothing in the grid reflects sound, or too weakly beside what is outside, or \
+             [depth] confidence_db is too high; the files are valid, but empty",
         );
     }
     Ok((image, depth))

@@ -53,15 +53,22 @@ pub struct Reconstruction {
     /// A bound on the error of any voxel against Eq. 13, f32 rounding aside, in the volume's own units: the measured
     /// relative error of skeletons, spreading and range profiles times `Σ|w m| / Σw`.
     pub error_bound: f64,
+    /// The amplitude below which a voxel shows nothing, as in [`ReconstructionInfo`].
+    pub incoherent_level: Option<f64>,
     /// How it was refined, if it was; the bound is then of the volume that it began with.
     pub refinement: Option<Refinement>,
 }
 
 impl Reconstruction {
+    pub(crate) fn new(volume: Volume, info: &ReconstructionInfo) -> Self {
+        let ReconstructionInfo { method, error_bound, incoherent_level, refinement } = *info;
+        Self { volume, method, error_bound, incoherent_level, refinement }
+    }
+
     /// How it was computed.
     pub fn info(&self) -> ReconstructionInfo {
-        let Self { method, error_bound, refinement, .. } = *self;
-        ReconstructionInfo { method, error_bound, refinement }
+        let Self { method, error_bound, incoherent_level, refinement, .. } = *self;
+        ReconstructionInfo { method, error_bound, incoherent_level, refinement }
     }
 }
 
@@ -88,9 +95,8 @@ pub fn reconstruct_with(
 ) -> Result<Reconstruction> {
     // Filled as depths come, so that nothing is reserved for a job that is refused.
     let mut volume = Volume { grid: *grid, samples: Vec::new() };
-    let ReconstructionInfo { method, error_bound, refinement } =
-        reconstruct_into(&mut &*cube, grid, options, &mut volume, observer)?;
-    Ok(Reconstruction { volume, method, error_bound, refinement })
+    let info = reconstruct_into(&mut &*cube, grid, options, &mut volume, observer)?;
+    Ok(Reconstruction::new(volume, &info))
 }
 
 /// Reconstructs from a source of frequencies into a sink of depths, neither of which need be in memory as a whole.
@@ -149,7 +155,10 @@ fn in_pool(
         observer.warn(&warning);
     }
     let gain = options.compensate.then(|| Gain::new(instrument, grid));
-    let sink: &mut dyn VolumeSink = &mut Checked { grid: *grid, sink };
+    let weights = Weights::new(source.instrument(), options.window);
+    let plain = options.refine.is_none() && !options.compensate;
+    let incoherent_level = plain.then(|| incoherent_level(source, &weights)).transpose()?;
+    let sink: &mut dyn VolumeSink = &mut Checked { grid: *grid, incoherent_level, sink };
     let mut compensated;
     let sink: &mut dyn VolumeSink = match gain {
         Some(gain) => {
@@ -161,11 +170,27 @@ fn in_pool(
     let info = if let (Some(by), MethodPlan::Convolution(plan)) = (&options.refine, &plan) {
         refine::refine(source, grid, (plan, batch), (options, by), (store, sink), observer)?
     } else {
-        let weights = &Weights::new(instrument, options.window);
+        let weights = &weights;
         let (budget, interpolation) = (ErrorBudget::new(options.tolerance), InterpolationError::NONE);
         carry_out(&plan, Job { source, weights, grid, budget, interpolation, batch, sink, observer })?
     };
-    Ok(gain.map_or(info, |gain| gain.info(&info)))
+    let info = gain.map_or(info, |gain| gain.info(&info));
+    Ok(ReconstructionInfo { incoherent_level, ..info })
+}
+
+/// Frequencies that are visited at a time for their power alone.
+const BLOCK: usize = 32;
+
+/// `√Σ|w m|² / Σw`: the rms amplitude that samples of these powers and of random phases add up to.
+fn incoherent_level(source: &mut dyn CubeSource, weights: &Weights) -> Result<f64> {
+    let microphones = source.instrument().array.len();
+    let mut power = 0.0;
+    source.visit(BLOCK, &mut |frequencies, samples| {
+        let rows = frequencies.zip(samples.chunks_exact(microphones));
+        power += rows.map(|(f, row)| weights.power(f, row)).sum::<f64>();
+        Ok(())
+    })?;
+    Ok(power.sqrt())
 }
 
 fn carry_out(plan: &MethodPlan, job: Job<'_>) -> Result<ReconstructionInfo> {

@@ -197,7 +197,7 @@ pub(super) fn volume(count: [usize; 3]) -> Volume {
 }
 
 pub(super) const INFO: ReconstructionInfo =
-    ReconstructionInfo { method: Method::Direct, error_bound: 0.0, refinement: None };
+    ReconstructionInfo { method: Method::Direct, error_bound: 0.0, incoherent_level: None, refinement: None };
 
 #[test]
 fn resumed_depths_come_first_and_every_depth_once() {

@@ -31,7 +31,7 @@ pub(super) fn locate(
 /// The picked return of every pixel, and its confidence.
 fn pick(power: &Power, raster: &Raster, options: &DepthOptions) -> Result<(DepthLayer, Vec<f32>)> {
     let columns = RayColumns::new(power, raster);
-    let levels = Levels::of(&columns.maxima()?)?;
+    let levels = Levels::of(&columns.maxima()?, options)?;
     let threshold = levels.detectable(options.threshold_db.unwrap_or(THRESHOLD_DB));
     let mut found: Vec<Option<Peak>> = pixel_values(None, raster.len())?;
     columns.each(&mut found, |_, column, found| {
@@ -85,7 +85,7 @@ fn find(power: Power, raster: &Raster, options: &DepthOptions) -> Result<Vec<Dep
     // Smoothed on the grid, where lengths are in metres.
     let power = power.smoothed_for(options)?;
     let columns = RayColumns::new(&power, raster);
-    let levels = Levels::of(&columns.maxima()?)?;
+    let levels = Levels::of(&columns.maxima()?, options)?;
     let mut found: Vec<Vec<Peak>> = pixel_values(Vec::new(), raster.len())?;
     columns.each(&mut found, |_, column, found| {
         *found = peaks(column, &z, levels, options.returns, options, |_, _| true);
@@ -133,7 +133,9 @@ fn median_filter(depth: Vec<f64>, n_x: usize, side: usize) -> Result<Vec<f64>> {
         }
         neighbours.sort_by(f64::total_cmp);
         let n = neighbours.len();
-        *filtered = f64::midpoint(neighbours[(n - 1) / 2], neighbours[n / 2]);
+        // Of two in the middle the nearer: between a surface and the next there is none.
+        let (below, above) = (neighbours[(n - 1) / 2], neighbours[n / 2]);
+        *filtered = if depth[pixel] - below <= above - depth[pixel] { below } else { above };
     });
     Ok(filtered)
 }

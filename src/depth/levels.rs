@@ -1,5 +1,6 @@
 //! How strong and how clear a peak is.
 
+use super::DepthOptions;
 use crate::error::Result;
 use crate::grid::pixel_values;
 
@@ -25,6 +26,8 @@ pub(super) struct Levels {
     pub(super) reference: f32,
     /// Mean power of the noise; 0 where it is not told from the rest.
     pub(super) noise: f32,
+    /// Least power of any return.
+    pub(super) floor: f32,
 }
 
 impl Levels {
@@ -32,10 +35,11 @@ impl Levels {
     ///
     /// # Errors
     /// When a copy of the maxima does not fit in memory.
-    pub(super) fn of(maxima: &[(f32, usize)]) -> Result<Self> {
+    pub(super) fn of(maxima: &[(f32, usize)], options: &DepthOptions) -> Result<Self> {
         let mut powers = pixel_values(0.0, maxima.len())?;
         powers.iter_mut().zip(maxima).for_each(|(power, (maximum, _))| *power = *maximum);
-        Ok(Self { reference: percentile_99(&mut powers), noise: 0.0 })
+        let floor = (options.floor * options.floor) as f32;
+        Ok(Self { reference: percentile_99(&mut powers), noise: 0.0, floor })
     }
 
     /// The same, with the noise floor of the volume: a quarter of its voxels are taken to hold nothing else.
@@ -51,9 +55,10 @@ impl Levels {
         Self { noise: MEAN_NOISE * *some.select_nth_unstable_by(quarter, f32::total_cmp).1, ..self }
     }
 
-    /// The least power of a peak for a threshold in dB against the reference.
+    /// The least power of a peak for a threshold in dB against the reference; never below the floor.
     pub(super) fn detectable(self, threshold_db: f64) -> f32 {
-        (self.reference * 10f64.powf(threshold_db / 10.0) as f32).max(DETECTABLE * self.noise)
+        let relative = self.reference * 10f64.powf(threshold_db / 10.0) as f32;
+        relative.max(DETECTABLE * self.noise).max(self.floor)
     }
 
     /// Power beyond that of the noise.

@@ -50,7 +50,7 @@ pub(super) fn locate(
     let smooth = power.copied()?.smoothed_for(options)?;
     let columns = RayColumns::new(&smooth, raster);
     let maxima = columns.maxima()?;
-    let levels = Levels::of(&maxima)?.with_noise_of(&smooth.values);
+    let levels = Levels::of(&maxima, options)?.with_noise_of(&smooth.values);
     let threshold = levels.detectable(options.threshold_db.unwrap_or(options.return_threshold_db));
     let patch =
         |pixel: usize, depth: f64| fit(&power, (raster.point(pixel, 0.0), raster.ray(pixel)), depth, options);

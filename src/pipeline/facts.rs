@@ -22,6 +22,7 @@ pub(super) fn image_facts(
     let mut facts = instrument_facts(instrument, run);
     facts["method"] = json!(info.method);
     facts["error_bound"] = json!(info.error_bound);
+    facts["incoherent_level"] = json!(info.incoherent_level);
     facts["sidelobes"] = json!(sidelobes);
     if let Some(refinement) = &info.refinement {
         facts["refinement"] = json!(refinement);

@@ -47,6 +47,7 @@ pub fn depth_of_volume(
     let resolution = Resolution { range: resolution, aperture: facts::aperture_of(&meta) };
     let mut options = run.depth_options(resolution, facts::sidelobes_of(&meta).unwrap_or_default());
     options.raster = run.raster(None)?;
+    options.floor = meta["incoherent_level"].as_f64().unwrap_or(0.0);
     let depth = locate_depth_with(&volume, &options, observer)?;
     depth.check().map(|()| (depth, meta))
 }

@@ -1,4 +1,5 @@
-//! A run that resumes gives the depths that are left bit-identical to those of a whole run, by every method.
+//! A run that resumes gives the depths that are left bit-identical to those of a whole run, by every method; and the level
+//! of samples without coherence.
 
 #![allow(clippy::unwrap_used)]
 
@@ -44,4 +45,32 @@ fn resumed_depths_are_bit_identical_by_every_method() {
             assert!(same, "{method:?} to within {tolerance:e}, from depth {done}");
         }
     }
+}
+
+#[test]
+fn samples_of_random_phases_are_at_the_incoherent_level_everywhere() {
+    let axis = |first, pitch, count| Axis { first, pitch, count };
+    let grid = Grid { x: axis(-0.15, 0.03, 11), y: axis(-0.1, 0.03, 9), z: axis(0.6, 0.01, 70) };
+    let array = MicArray::rectangular([6, 5], [0.03; 2], DVec3::ZERO).unwrap();
+    let instrument = Instrument::new(Sweep::stepped(8_000.0, 14_000.0, 100.0).unwrap(), array);
+    // Phases without order, and amplitudes that differ from tone to tone.
+    let sample = |i: usize| phasor((i as f64 * 0.754_877_666).sin() * 91.7) * (1.0 + (i / 30 % 3) as f32);
+    let cube = DataCube::new(instrument, (0..61 * 30).map(sample).collect()).unwrap();
+    for window in [Window::None, Window::Hann] {
+        for method in [Method::Direct, Method::Convolution] {
+            let found = reconstruct(&cube, &grid, &ReconstructOptions::new(method, window)).unwrap();
+            let level = found.incoherent_level.unwrap();
+            let weights = Weights::new(&cube.instrument, window);
+            let literal: f64 = (0..61)
+                .flat_map(|f| weights.weighted(f, cube.frequency(f)))
+                .map(|m| f64::from(m.norm_sqr()))
+                .sum();
+            assert!((level / literal.sqrt() - 1.0).abs() < 1e-5, "{level} {literal}");
+            let voxels = &found.volume.samples;
+            let power = voxels.iter().map(|a| f64::from(a.norm_sqr())).sum::<f64>() / voxels.len() as f64;
+            assert!((power.sqrt() / level - 1.0).abs() < 0.25, "{window} {}", power.sqrt() / level);
+        }
+    }
+    let compensated = ReconstructOptions::default().with_compensate(true);
+    assert_eq!(reconstruct(&cube, &grid, &compensated).unwrap().incoherent_level, None);
 }

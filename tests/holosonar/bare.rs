@@ -170,6 +170,27 @@ fn what_is_typed_wins() {
 }
 
 #[test]
+fn a_grid_without_the_object_comes_out_empty() {
+    let folder = folder();
+    let path = folder.path();
+    for grid in ["grid.z=[0.2,0.4]", "grid.z=[1.2,1.6]", "grid.x=[0.5,0.8]"] {
+        let words = format!("image lamp.obj --size 50cm -o out --set array.count=31 --set {grid}");
+        for refine in ["surface", "column"] {
+            let report = done_json(path, &format!("{words} --set depth.refine={refine}"));
+            assert_eq!(report["accepted"], 0, "{grid}, {refine}");
+            assert!(
+                report["warnings"].to_string().contains("no return was accepted"),
+                "{}",
+                report["warnings"]
+            );
+        }
+        // From the volume's file alone the same.
+        done(path, "depth out/volume.npz -o again.exr");
+        assert_eq!(done_json(path, "info again.exr")["accepted"], 0, "{grid}");
+    }
+}
+
+#[test]
 fn hints_tell_a_back_and_a_flat_side() {
     let folder = folder();
     let path = folder.path().join("plate.obj");

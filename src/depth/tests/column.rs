@@ -50,6 +50,28 @@ fn weak_columns_are_left_out_and_lone_pixels_filtered() {
 }
 
 #[test]
+fn no_depth_is_between_two_surfaces() {
+    // Rows of two depths in turn: a square of 2 x 3 pixels at the rim has as many of each.
+    let v = volume(|pixel| vec![(if pixel / 5 % 2 == 0 { 1.2 } else { 1.4 }, 1.0)]);
+    let map = locate_depth(&v, &column()).expect("valid");
+    for z in map.picked.depth.iter().filter(|z| !z.is_nan()) {
+        assert!((z - 1.2).abs() < 1e-3 || (z - 1.4).abs() < 1e-3, "{z}");
+    }
+    assert!(map.accepted() > 10);
+}
+
+#[test]
+fn below_the_floor_there_is_nothing() {
+    let v = volume(|pixel| vec![(1.2, if pixel % 5 < 3 { 1.0 } else { 0.5 })]);
+    for options in [column(), DepthOptions::new(0.017)] {
+        let accepted = |floor: f64| {
+            locate_depth(&v, &DepthOptions { floor, ..options.clone() }).expect("valid").accepted()
+        };
+        assert_eq!((accepted(0.3), accepted(1.1)), (20, 0), "{:?}", options.refine);
+    }
+}
+
+#[test]
 fn the_first_peak_is_in_front_of_the_strongest() {
     let v = volume(|_| vec![(1.15, 0.5), (1.40, 1.0)]);
     for (pick, expected) in [(Pick::First, 1.15), (Pick::Strongest, 1.40)] {

@@ -80,7 +80,8 @@ pub(super) fn cgls(
         down_to_noise: is_enough(power),
         sparsity: 0.0,
     };
-    let info = ReconstructionInfo { method: Method::Convolution, error_bound, refinement: Some(refinement) };
+    let plain = ReconstructionInfo::plain(Method::Convolution, error_bound);
+    let info = ReconstructionInfo { refinement: Some(refinement), ..plain };
     let [amplitudes, _] = state.volumes;
     Ok((amplitudes, info))
 }

@@ -98,11 +98,8 @@ pub(super) fn fista(
         down_to_noise: is_enough(scalars.half_power),
         sparsity: scalars.sparsity,
     };
-    let info = ReconstructionInfo {
-        method: Method::Convolution,
-        error_bound: scalars.error_bound,
-        refinement: Some(refinement),
-    };
+    let plain = ReconstructionInfo::plain(Method::Convolution, scalars.error_bound);
+    let info = ReconstructionInfo { refinement: Some(refinement), ..plain };
     let [volume, _] = state.volumes;
     Ok((volume, info))
 }

@@ -11,12 +11,15 @@ use rayon::prelude::*;
 /// A sink that checks what it is given before it passes it on.
 pub(crate) struct Checked<'a> {
     pub(crate) grid: Grid,
+    /// What is known of the samples before the volume is.
+    pub(crate) incoherent_level: Option<f64>,
     pub(crate) sink: &'a mut dyn VolumeSink,
 }
 
 impl VolumeSink for Checked<'_> {
     fn begin(&mut self, info: &ReconstructionInfo) -> Result<()> {
-        self.sink.begin(info)
+        let Self { incoherent_level, .. } = *self;
+        self.sink.begin(&ReconstructionInfo { incoherent_level, ..*info })
     }
 
     fn take(&mut self, first: usize, planes: &[Complex32]) -> Result<()> {
@@ -47,7 +50,7 @@ mod tests {
             [Complex32::new(0.0, f32::NAN), Complex32::new(f32::INFINITY, 0.0), Complex32::new(2e19, 0.0)]
         {
             let mut volume = Volume { grid, samples: Vec::new() };
-            let mut sink = Checked { grid, sink: &mut volume };
+            let mut sink = Checked { grid, incoherent_level: None, sink: &mut volume };
             sink.take(0, &[Complex32::ONE; 12]).expect("finite");
             let mut planes = [Complex32::ONE; 12];
             planes[6 + 3 + 1] = bad;

@@ -16,6 +16,9 @@ pub struct ReconstructionInfo {
     /// relative error of skeletons, spreading and range profiles times `Σ|w m| / Σw`. Of a refined volume, that of the volume
     /// of Eq. 13 that it began with.
     pub error_bound: f64,
+    /// The amplitude that samples of random phases and of these powers leave at a voxel, `√Σ|w m|² / Σw`: a voxel below it
+    /// shows nothing. `None` where amplitudes are not those of Eq. 13: of a compensated or refined volume.
+    pub incoherent_level: Option<f64>,
     /// How it was refined, if it was.
     pub refinement: Option<Refinement>,
 }
@@ -23,7 +26,7 @@ pub struct ReconstructionInfo {
 impl ReconstructionInfo {
     /// Of a volume that is not refined.
     pub(crate) fn plain(method: Method, error_bound: f64) -> Self {
-        Self { method, error_bound, refinement: None }
+        Self { method, error_bound, incoherent_level: None, refinement: None }
     }
 }
 

@@ -49,4 +49,14 @@ impl Weights {
         }
         sums.iter().sum::<f64>() * f64::from(self.frequency[f].abs())
     }
+
+    /// `Σ_r |w m|²` of frequency `f`.
+    pub(crate) fn power(&self, f: usize, samples: &[Complex32]) -> f64 {
+        let of_one = |(m, w): (&Complex32, &f32)| {
+            let [re, im, w] = [m.re, m.im, *w].map(f64::from);
+            (re * re + im * im) * w * w
+        };
+        let sum: f64 = samples.iter().zip(&self.microphone).map(of_one).sum();
+        sum * f64::from(self.frequency[f]).powi(2)
+    }
 }
