@@ -46,7 +46,7 @@ pub fn write_outputs(run: &RunFile, outcome: &Outcome, folder: &Path, job: &JobO
     let scene = ScenePoints::new(reflectors.as_ref(), &instrument.array, &instrument.geometry);
     let truth = outcome.truth.as_ref();
     // Truth and depth share their colours, so that they can be compared by eye.
-    let range = depth_range(&[truth.unwrap_or(depth)]);
+    let range = depth_range(&[truth.unwrap_or(depth)], instrument.range_resolution().unwrap_or(0.0));
     let write = |name: &Path| {
         let path = folder.join(name);
         let written = match (name.to_str(), truth) {

@@ -55,12 +55,14 @@ pub fn write_amplitude_figure(path: &Path, volume: &Volume) -> Result<()> {
     write_figure(path, &panels, 2)
 }
 
-/// The minimum and maximum depth in all maps, m, as a common range of colours for their figures; `None` if no map has an
-/// accepted depth.
-pub fn depth_range(maps: &[&DepthMap]) -> Option<[f64; 2]> {
+/// The minimum and maximum depth in all maps, m, as a common range of colours for their figures, and at least `least` m wide:
+/// colours that differ by less than the range resolution would show noise. `None` if no map has an accepted depth.
+pub fn depth_range(maps: &[&DepthMap], least: f64) -> Option<[f64; 2]> {
     let depths = || maps.iter().flat_map(|map| &map.picked.depth).copied().filter(|z| z.is_finite());
     let (low, high) = (depths().fold(f32::INFINITY, f32::min), depths().fold(f32::NEG_INFINITY, f32::max));
-    (low <= high).then(|| [f64::from(low), f64::from(high)])
+    let (low, high) = (f64::from(low), f64::from(high));
+    let more = (0.5 * (least - (high - low))).max(0.0);
+    (low <= high).then_some([low - more, high + more])
 }
 
 /// The kind of depths in a figure.
@@ -82,7 +84,7 @@ pub fn write_depth_figure(
     map: &DepthMap,
     range: Option<[f64; 2]>,
 ) -> Result<()> {
-    let range = range.or_else(|| depth_range(&[map])).unwrap_or([f64::NAN; 2]);
+    let range = range.or_else(|| depth_range(&[map], 0.0)).unwrap_or([f64::NAN; 2]);
     let scale = Scale::Sequential { map: ColourMap::Viridis, range, label: "depth z / m".into() };
     let (title, what, nothing) = match kind {
         DepthKind::Found => ("depth found", "return", "no return"),

@@ -210,6 +210,22 @@ fn a_row_of_the_map_is_a_row_of_the_picture() {
 }
 
 #[test]
+fn colours_of_depth_reach_over_a_range_cell() {
+    let flat = |depth: [f32; 3]| {
+        let picked = DepthLayer { depth: depth.to_vec(), ..DepthLayer::empty(3).expect("room") };
+        let raster = Raster { view: View::Orthographic, x: axis(0.0, 0.01, 3), y: axis(0.0, 0.01, 1) };
+        DepthMap::new(raster, picked)
+    };
+    let near = |a: Option<[f64; 2]>, b: [f64; 2]| {
+        let a = a.expect("depths");
+        assert!((a[0] - b[0]).abs() < 1e-6 && (a[1] - b[1]).abs() < 1e-6, "{a:?} {b:?}");
+    };
+    near(depth_range(&[&flat([1.0, 1.002, f32::NAN])], 0.02), [0.991, 1.011]);
+    near(depth_range(&[&flat([1.0, 1.5, 1.2])], 0.02), [1.0, 1.5]);
+    assert_eq!(depth_range(&[&flat([f32::NAN; 3])], 0.02), None);
+}
+
+#[test]
 #[ignore = "leaves the figures in the folder that HOLOSONAR_FIGURES names, to be looked at"]
 fn figures_to_look_at() {
     let Ok(folder) = std::env::var("HOLOSONAR_FIGURES").map(std::path::PathBuf::from) else { return };
@@ -219,7 +235,7 @@ fn figures_to_look_at() {
     let map = DepthMap { picked: DepthLayer::empty(41 * 41).expect("room"), ..corner(41) };
     write_depth_figure(&folder.join("nothing.png"), DepthKind::Found, &map, None).unwrap();
     let truth = corner(64);
-    let range = depth_range(&[&truth]);
+    let range = depth_range(&[&truth], 0.0);
     let scale =
         Scale::Sequential { map: ColourMap::Viridis, range: range.unwrap(), label: "depth z / m".into() };
     let panel = |title: &str| Panel::new(title, &truth.picked.depth, truth.x, truth.y, scale.clone());
