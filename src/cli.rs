@@ -180,7 +180,7 @@ enum Command {
     Truth {
         /// Run file or mesh.
         input: PathBuf,
-        /// The truth to write.
+        /// The truth to write: a depth map (.exr), points (.ply), or a picture of the scene before the array (.png).
         #[arg(short, long, value_name = "TRUTH.exr")]
         output: PathBuf,
         #[command(flatten)]

@@ -36,7 +36,7 @@ pub(crate) use facts::{aperture_of_file, resolution_of};
 pub use forecast::{CommandMemory, Forecast, forecast_cube, forecast_scene};
 pub use job::JobOptions;
 pub use limits::{Bound, Judgement, LimitVerdict, check_scene, hold};
-pub use maps::{depth_of_volume, truth_of_scene};
+pub use maps::{depth_of_volume, truth_of_scene, write_preview};
 pub use oracle::{Oracle, oracle_of_scene};
 pub(crate) use outputs::{announce_outputs, error_note};
 pub use outputs::{write_cube, write_depth, write_outputs, write_volume};

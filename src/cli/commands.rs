@@ -62,11 +62,15 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
             print_written(std::slice::from_ref(output), terminal)
         }
         Command::Truth { input, output, overrides } => {
-            announce(output, &["exr", "ply"])?;
+            announce(output, &["exr", "ply", "png"])?;
             let Input { run, bare } = scene_of(input, overrides, terminal)?;
-            let (facts, map) =
-                pipeline::truth_of_scene(&run, &observed(terminal).with_bare_mesh(bare.as_ref()))?;
-            pipeline::write_depth(output, &map, &run, &facts)?;
+            let job = observed(terminal).with_bare_mesh(bare.as_ref());
+            if has_extension(output, &["png"]) {
+                pipeline::write_preview(output, &run, &job)?;
+            } else {
+                let (facts, map) = pipeline::truth_of_scene(&run, &job)?;
+                pipeline::write_depth(output, &map, &run, &facts)?;
+            }
             print_written(std::slice::from_ref(output), terminal)
         }
         Command::Plan { input, sweep, output, overrides, .. } if !sweep.is_empty() => {

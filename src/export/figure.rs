@@ -17,7 +17,10 @@ mod style;
 mod ticks;
 
 pub(crate) use chart::{Chart, ChartAxis, write_charts};
-pub use results::{DepthKind, depth_range, write_amplitude_figure, write_depth_figure, write_error_figure};
+pub use results::{
+    DepthKind, depth_range, write_amplitude_figure, write_depth_figure, write_error_figure,
+    write_preview_figure,
+};
 pub use spread::write_spread_figure;
 
 use crate::error::Result;
@@ -86,6 +89,8 @@ pub struct Panel<'a> {
     pub scale: Scale,
     /// The meaning of the grey of NaN: "no return".
     pub nothing: String,
+    /// Lower and upper corner of a frame drawn over the map, in its axes.
+    pub frame: Option<[[f64; 2]; 2]>,
 }
 
 impl<'a> Panel<'a> {
@@ -103,6 +108,7 @@ impl<'a> Panel<'a> {
             stretched: false,
             scale,
             nothing: "no return".into(),
+            frame: None,
         }
     }
 }

@@ -6,11 +6,12 @@ use crate::acquisition::Instrument;
 use crate::config::RunFile;
 use crate::depth::locate_depth_with;
 use crate::error::{Error, Result};
+use crate::export::figure::write_preview_figure;
 use crate::export::volume_npz::read_volume_npz;
-use crate::grid::{DepthMap, Grid, check_voxels};
+use crate::grid::{Axis, DepthMap, Grid, Raster, View, check_voxels};
 use crate::plan::memory_limit;
 use crate::progress::{Observer, stage};
-use crate::scene::Scene;
+use crate::scene::{Scene, metres};
 use crate::truth::trace_depth_with;
 use crate::wave::Resolution;
 use serde_json::Value;
@@ -64,6 +65,38 @@ pub fn truth_of_scene(run: &RunFile, job: &JobOptions) -> Result<(Value, DepthMa
     let grid = run.voxels(&instrument, scene.bounds())?;
     let truth = truth_of(&scene, run, (&instrument, &grid), observer)?;
     Ok((facts::instrument_facts(&instrument, run), truth))
+}
+
+/// Pixels along the longer side of a preview.
+const PREVIEW: f64 = 320.0;
+
+/// Draws a run file's scene as the array sees it, with the array's outline, into a PNG; nothing is simulated.
+///
+/// # Errors
+/// As [`truth_of_scene`]; a file that cannot be written.
+pub fn write_preview(path: &Path, run: &RunFile, job: &JobOptions) -> Result<()> {
+    let observer = job.observer;
+    let instrument = Measurement::of(run)?.instrument;
+    let scene = load_scene(mesh_path(run)?, run, job.bare_mesh, observer)?;
+    let grid = run.voxels(&instrument, scene.bounds())?;
+    let (centre, half) = (instrument.array.centre(), 0.5 * instrument.array.extent());
+    let (low, high) = (centre - half, centre + half);
+    // All of the grid and of the array, in pixels of its own.
+    let ends = [(&grid.x, low.x, high.x), (&grid.y, low.y, high.y)]
+        .map(|(axis, low, high)| [axis.first.min(low), axis.last().max(high)]);
+    let pitch = ends.iter().map(|[low, high]| (high - low) / PREVIEW).fold(1e-6, f64::max);
+    let axis = |[low, high]: [f64; 2]| Axis::spanning(low - 4.0 * pitch, high + 4.0 * pitch, pitch);
+    let wide = Raster { view: View::Orthographic, x: axis(ends[0])?, y: axis(ends[1])? };
+    let mut options = run.truth_options(&instrument);
+    options.raster = Some(run.raster(scene.camera())?.unwrap_or(wide));
+    let truth = trace_depth_with(&scene, &grid, &options, observer)?;
+    let [across, up] = [half.x, half.y].map(|half| metres(2.0 * half));
+    let note = scene.bounds().map_or_else(String::new, |(low, high)| {
+        let size = (high - low).to_array().map(metres).join(" x ");
+        format!("{size}, z {:.2} to {:.2} m; array {across} x {up}", low.z, high.z)
+    });
+    job.bare_mesh.into_iter().flat_map(|bare| &bare.hints).for_each(|hint| observer.warn(hint));
+    write_preview_figure(path, &truth, [[low.x, low.y], [high.x, high.y]], &note)
 }
 
 /// The true depth of a loaded scene, on the pixels of its depth map.

@@ -191,6 +191,37 @@ fn a_grid_without_the_object_comes_out_empty() {
 }
 
 #[test]
+fn a_preview_shows_the_mesh_before_the_array() {
+    let folder = folder();
+    let path = folder.path();
+    done(path, "truth lamp.obj --size 50cm -o front.png");
+    done(path, "truth lamp.obj --size 50cm --rotate 0,0,180 -o head.png");
+    let ink = |name: &str| {
+        let decoder = png::Decoder::new(std::io::BufReader::new(fs::File::open(path.join(name)).unwrap()));
+        let mut reader = decoder.read_info().unwrap();
+        let mut indices = vec![0; reader.output_buffer_size().unwrap()];
+        let info = reader.next_frame(&mut indices).unwrap();
+        let palette = reader.info().palette.clone().unwrap();
+        let grey = |index: &u8| {
+            let [r, g, b] = std::array::from_fn(|k| palette[3 * *index as usize + k]);
+            // What faces the array is light, and nothing else in a figure is so but the paper.
+            (215..255).contains(&r) && r == g && g == b
+        };
+        let rows =
+            indices.chunks_exact(info.width as usize).map(|row| row.iter().filter(|i| grey(i)).count());
+        rows.collect::<Vec<usize>>()
+    };
+    let half = |rows: &[usize]| {
+        let (top, bottom) = rows.split_at(rows.len() / 2);
+        [top, bottom].map(|rows| rows.iter().sum::<usize>())
+    };
+    let ([a, b], [c, d]) = (half(&ink("front.png")), half(&ink("head.png")));
+    assert!(a + b > 1000 && c + d > 1000, "{a} {b} {c} {d}");
+    assert!((a > b) != (c > d), "on its head it is the other way up: {a} {b} {c} {d}");
+    refused(path, "truth lamp.obj --size 50cm -o front.jpg", 2, &["front.jpg", ".png"]);
+}
+
+#[test]
 fn hints_tell_a_back_and_a_flat_side() {
     let folder = folder();
     let path = folder.path().join("plate.obj");

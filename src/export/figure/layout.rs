@@ -13,6 +13,8 @@ use crate::grid::Axis;
 
 /// The grey of pixels without a value, distinct from the white in the middle of the diverging colours.
 const NOTHING: Colour = [212, 212, 212];
+/// The red of a frame over a map.
+const FRAME: Colour = [200, 40, 40];
 const TITLE: TextStyle = TextStyle { size: 44.0, colour: [0, 0, 0] };
 const NOTE: TextStyle = TextStyle { size: 34.0, colour: [84, 84, 84] };
 
@@ -186,6 +188,16 @@ impl Plot<'_> {
         let [width, height] = self.size;
         let coverage = self.draw_map(canvas, [x, y]);
         canvas.frame([x, y], self.size, INK);
+        if let Some([low, high]) = self.panel.frame {
+            let place = |at: [f64; 2]| {
+                let [across, down] =
+                    [along(&self.panel.x, at[0], width), along(&self.panel.y, at[1], self.size[1])];
+                [x + across as i64, y + down as i64]
+            };
+            let ([left, top], [right, bottom]) = (place(low), place(high));
+            let size = [right - left, bottom - top].map(|length| length.max(0) as usize);
+            canvas.frame([left, top], size, FRAME);
+        }
         self.draw_axes(canvas, [x, y], coverage);
         if let Some(bar) = &self.bar {
             bar.draw(canvas, [x + (width + BAR_GAP) as i64, y], &self.panel.scale);

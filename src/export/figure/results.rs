@@ -102,6 +102,31 @@ pub fn write_depth_figure(
     write_figure(path, &[panel], 1)
 }
 
+/// Draws what of a scene the array sees, from a ground truth whose `facing` is known: as light as it faces the pixels' rays. The
+/// corners of the `array` in x and y, m, are drawn as a frame.
+///
+/// # Errors
+/// As [`write_figure`].
+pub fn write_preview_figure(path: &Path, truth: &DepthMap, array: [[f64; 2]; 2], note: &str) -> Result<()> {
+    let values = truth.picked.facing.clone().unwrap_or_default();
+    let mut values = if values.len() == truth.len() { values } else { truth.picked.depth.clone() };
+    for (value, depth) in values.iter_mut().zip(&truth.picked.depth) {
+        if depth.is_nan() {
+            *value = f32::NAN;
+        }
+    }
+    let raster = truth.raster();
+    let label = "cosine to the ray".into();
+    let scale = Scale::Sequential { map: ColourMap::Grey, range: [-0.15, 1.0], label };
+    let panel = Panel {
+        note: note.into(),
+        nothing: "empty; red: the array".into(),
+        frame: (raster.view == View::Orthographic).then_some(array),
+        ..panel("the scene as the array sees it", values, &raster, scale)
+    };
+    write_figure(path, &[panel], 1)
+}
+
 /// A panel over the pixels of a map. The axes of a perspective view count pixels, so that it matches a rendered picture.
 fn panel<'a>(title: &str, values: impl Into<Cow<'a, [f32]>>, raster: &Raster, scale: Scale) -> Panel<'a> {
     if raster.view == View::Orthographic {
