@@ -10,6 +10,7 @@ use super::material::MaterialRule;
 use super::triangle::Triangle;
 use crate::choice::choice;
 use crate::error::{Error, Result};
+use crate::files::extension;
 use crate::text::quoted;
 use crate::wave::bounding_box;
 use crate::with_fields::with_fields;
@@ -256,8 +257,9 @@ fn unit_needed(file: MeshFile<'_>, size: DVec3) -> Error {
         .map(|unit| format!("{unit} ({})", metres(longest * unit.metres())))
         .into();
     file.refused(format!(
-        "does not say the unit of its coordinates; give `--unit` (in a run file: [scene] unit) as one of {}, in which it \
-         would be that long; or its length itself, as in `--size 0.5m`",
+        "does not say the unit of its coordinates, as {} files seldom do; give `--unit` (in a run file: [scene] unit) as one \
+         of {}, in which it would be that long; or its length itself, as in `--size 0.5m`",
+        extension(file.path).to_uppercase(),
         in_units.join(", ")
     ))
 }

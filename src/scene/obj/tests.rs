@@ -136,7 +136,7 @@ fn folders_missing_files_and_other_formats_are_refused() {
     let named = folder.path().join("b.obj");
     fs::create_dir(&named).unwrap();
     assert_names(refused(&named).to_string(), &["b.obj", "folder"]);
-    let options = LoadOptions { sensor: Some("node:a".parse().unwrap()), ..metres() };
+    let options = LoadOptions { sensor: Some("node:a".parse().unwrap()), up: None, ..metres() };
     let error = load_with(TRIANGLE, &[], &options).0.unwrap_err();
     assert!(matches!(error, Error::InvalidInput { .. }));
     assert_names(error.to_string(), &["mesh.obj", "OBJ", "glTF"]);

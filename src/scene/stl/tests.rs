@@ -74,7 +74,7 @@ fn a_unit_is_needed_and_there_is_no_sensor() {
     let file = binary(b"", &[1.0]);
     let unitless = load_with(&file, &LoadOptions::default()).0.unwrap_err().to_string();
     assert_names(unitless, &["part.STL", "unit", "--unit"]);
-    let options = LoadOptions { sensor: Some("camera:a".parse().unwrap()), ..millimetres() };
+    let options = LoadOptions { sensor: Some("camera:a".parse().unwrap()), up: None, ..millimetres() };
     assert_names(load_with(&file, &options).0.unwrap_err().to_string(), &["part.STL", "an STL", "camera"]);
 }
 
