@@ -1,8 +1,7 @@
 //! A mesh without a run file: placed before an array that suits its size, with voxels that a computer images in seconds.
 //!
 //! An array resolves `λ_c z/D` across, so an object is best as near as it can be seen whole, and the array as wide as it
-//! is far away. Measured with 15 meshes, from a teapot to a building: at 0.8 diagonals of their bounding box, and before
-//! an array as wide as that, 87 % of their pixels are found, where 45 % were at 2 diagonals before an array of 0.5 m.
+//! is far away. Of 15 meshes, from a bunny of 10 cm to a building of 15 m, 87 % of the pixels are found so in the median.
 
 use crate::acquisition::Instrument;
 use crate::config::{InputFile, MeshRun, RunFile};
@@ -24,7 +23,7 @@ const WIDTHS: [f64; 2] = [0.5, 2.0];
 const DIAGONALS: f64 = 0.8;
 
 /// Voxels, and reflectors, that take some seconds.
-const MOST_VOXELS: u64 = 5_000_000;
+const MOST_VOXELS: f64 = 5e6;
 const MOST_REFLECTORS: f64 = 3e5;
 
 /// Steps of the sweep, Hz: the largest that leaves the paths of the grid unambiguous.
@@ -67,6 +66,10 @@ impl BareMesh {
         let options = RunFile { memory, ..typed.clone() }.load_options()?;
         let mut place = |low: DVec3, high: DVec3| {
             let diagonal = (high - low).length();
+            if !diagonal.is_finite() {
+                // The scene says which triangle is so far away.
+                return Ok(None);
+            }
             if let Some((_, pitch)) = &mut suited.array {
                 *pitch = microphone_pitch(diagonal);
             }
@@ -155,25 +158,27 @@ fn affordable_grid(
     };
     let [x, y] = [outwards(x, typed.x.is_some()), outwards(y, typed.y.is_some())];
     let z = if typed.z.is_some() { z } else { [rounded_up(z[0]), rounded_up(z[1])] };
-    let grid_of = |pitch: [f64; 3]| -> Result<Grid> {
-        let axis = |[first, last]: [f64; 2], pitch| {
-            Axis::spanning(first, last, pitch).map_err(|error| error.at("[grid]"))
-        };
-        Ok(Grid { x: axis(x, pitch[0])?, y: axis(y, pitch[1])?, z: axis(z, pitch[2])? })
+    let axis = |[first, last]: [f64; 2], pitch| {
+        Axis::spanning(first, last, pitch).map_err(|error| error.at("[grid]"))
     };
     if typed.count.is_some() || typed.pitch.is_some() {
         return Ok((run.voxels(instrument, Some((low, high)))?, None));
     }
     let fine = instrument.advised_pitch(z[0].max(instrument.wavelength()));
     let [cell_x, cell_y] = instrument.lateral_resolution(f64::midpoint(z[0], z[1]));
+    let voxels = |pitch: [f64; 3]| -> f64 {
+        [x, y, z]
+            .iter()
+            .zip(pitch)
+            .map(|([first, last], pitch)| ((last - first) / pitch).floor() + 1.0)
+            .product()
+    };
     let mut pitch = fine;
-    let mut grid = grid_of(pitch)?;
-    while grid.voxel_count() > MOST_VOXELS {
+    while voxels(pitch) > MOST_VOXELS {
         // Across, half the resolution at the nearest depth is more than the farther ones need.
         let across = pitch[0] < cell_x.unwrap_or(0.0) && pitch[1] < cell_y.unwrap_or(0.0);
         let factors = if across { [1.1, 1.1, 1.0] } else { [1.1; 3] };
         pitch = std::array::from_fn(|k| pitch[k] * factors[k]);
-        grid = grid_of(pitch)?;
     }
     let said = (pitch != fine).then(|| {
         let [coarse, fine] = [pitch, fine].map(|pitch| pitch.map(metres).join(" x "));
@@ -182,7 +187,7 @@ fn affordable_grid(
              --set grid.pitch=[..] or a part of the scene, --set grid.x=[..]"
         )
     });
-    Ok((grid, said))
+    Ok((Grid { x: axis(x, pitch[0])?, y: axis(y, pitch[1])?, z: axis(z, pitch[2])? }, said))
 }
 
 /// Shares of rays that meet the object, above which a hint is given.
