@@ -63,6 +63,7 @@ use crate::error::{Error, Result};
 use crate::files::{check_inputs, extension};
 use crate::progress::{Observer, Silent};
 use files::MeshFile;
+pub(crate) use files::why_no_mesh;
 use material::Palette;
 use occlusion::SurfaceTree;
 pub use surfaces::BYTES_PER_TRIANGLE;
@@ -163,9 +164,9 @@ impl Scene {
             "stl" => stl::load,
             "ply" => ply::load,
             _ => {
-                return Err(file.refused(
-                    "has an unsupported mesh format; expected a file named .obj, .gltf, .glb, .stl or .ply",
-                ));
+                let why = why_no_mesh(&extension(path)).unwrap_or("has an unsupported mesh format");
+                let expected = "expected a file named .obj, .gltf, .glb, .stl or .ply";
+                return Err(file.refused(format!("{why}; {expected}")));
             }
         };
         let mut palette = Palette::new(&options.materials)?;

@@ -7,7 +7,7 @@ use crate::files::extension;
 use crate::pipeline::BareMesh;
 use crate::plan::{address_space, memory_limit};
 use crate::progress::Observer;
-use crate::scene::EXTENSIONS;
+use crate::scene::{EXTENSIONS, why_no_mesh};
 use crate::text::quoted;
 use std::path::Path;
 use std::sync::OnceLock;
@@ -48,11 +48,8 @@ pub(super) fn run_file_of(input: &Path, overrides: &[String]) -> Result<RunFile>
     if !has_extension(input, &["csv"]) {
         let what = if input.is_dir() {
             "is a folder"
-        } else if has_extension(input, &["step", "stp", "iges", "igs", "brep", "3mf", "fbx", "dae", "blend"])
-        {
-            "is of an unsupported format; export it in another one"
         } else {
-            "is not an input of this command"
+            why_no_mesh(&extension(input)).unwrap_or("is not an input of this command")
         };
         return Err(Error::input(
             input.display(),

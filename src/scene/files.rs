@@ -59,6 +59,19 @@ impl MeshFile<'_> {
     }
 }
 
+/// Why a file with this extension is refused where a mesh was expected, and what to do, where that is known.
+pub(crate) fn why_no_mesh(extension: &str) -> Option<&'static str> {
+    Some(match extension {
+        "step" | "stp" | "iges" | "igs" | "brep" => {
+            "holds exact CAD surfaces and no mesh; convert it to .glb, .stl or .obj, as cascadio (for Python) and FreeCAD do"
+        }
+        "3mf" | "fbx" | "dae" | "blend" | "off" | "x3d" | "usd" | "usdz" => {
+            "is of an unsupported format; export it in another one, as Blender does"
+        }
+        _ => return None,
+    })
+}
+
 /// At most eight names, for messages.
 pub(super) fn list_names<'a>(names: impl IntoIterator<Item = &'a String>) -> String {
     const SHOWN: usize = 8;

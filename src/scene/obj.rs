@@ -25,7 +25,7 @@ pub(super) fn load<'a>(file: MeshFile<'a>, palette: &mut Palette<'_>) -> Result<
     let mut cleaned = {
         let bytes = file.read()?;
         // Names may be in any encoding; geometry is ASCII.
-        let source = String::from_utf8_lossy(&bytes);
+        let source = decoded(&bytes);
         clean(source.trim_start_matches('\u{feff}'), file, &surfaces)?
     };
     let metres_per_unit = cleaned.header;
@@ -66,6 +66,19 @@ pub(super) fn load<'a>(file: MeshFile<'a>, palette: &mut Palette<'_>) -> Result<
         }
     }
     Ok(Mesh::new(file, surfaces, Up::Y, metres_per_unit))
+}
+
+/// The text of a file: UTF-16 where it begins with that mark, and otherwise UTF-8 or any other encoding of ASCII.
+fn decoded(bytes: &[u8]) -> Cow<'_, str> {
+    let wide = |of: fn([u8; 2]) -> u16| {
+        let units: Vec<u16> = bytes[2..].chunks_exact(2).map(|pair| of([pair[0], pair[1]])).collect();
+        Cow::Owned(String::from_utf16_lossy(&units))
+    };
+    match bytes {
+        [0xff, 0xfe, ..] => wide(u16::from_le_bytes),
+        [0xfe, 0xff, ..] => wide(u16::from_be_bytes),
+        _ => String::from_utf8_lossy(bytes),
+    }
 }
 
 /// The name of an object; empty where `tobj` made one up.
@@ -253,13 +266,24 @@ fn read_models(cleaned: &Cleaned, file: MeshFile<'_>) -> Result<Vec<tobj::Model>
             let group = format!("only {count} vertices precede the end of its group");
             (line, format!("a face refers to corner {index}, but {group}"))
         }
-        Err(tobj::LoadError::PositionParseError) => (line, "a vertex `v` needs three numbers".to_owned()),
+        Err(tobj::LoadError::PositionParseError) => {
+            let culprit = culprit(text, line, |word| word.parse::<f64>().is_ok());
+            (line, format!("a vertex `v` needs three numbers{culprit}"))
+        }
         Err(tobj::LoadError::FaceParseError) => {
-            (line, "a face `f` must list vertex numbers such as `f 1 2 3`".to_owned())
+            let culprit = culprit(text, line, |word| word.parse::<i64>().is_ok());
+            (line, format!("a face `f` must list vertex numbers such as `f 1 2 3`{culprit}"))
         }
         Err(error) => (line, format!("is not valid OBJ: {error}")),
     };
     Err(at_line(file, line, problem))
+}
+
+/// The first word of a line that is no number, quoted for a message, if there is one.
+fn culprit(text: &str, line: usize, is_number: impl Fn(&str) -> bool) -> String {
+    let words = text.lines().nth(line).unwrap_or_default().split_whitespace().skip(1);
+    let mut wrong = words.filter(|word| !is_number(word));
+    wrong.next().map_or_else(String::new, |word| format!("; `{}` is none", quoted(word)))
 }
 
 /// Line, index and number of vertices so far of the first face that refers to a missing vertex.

@@ -138,7 +138,7 @@ fn options_that_make_no_sense() {
     );
     refused(path, &format!("depth {corner} -o d.exr"), 2, &["corner.toml", "volume", "reconstruct"]);
     refused(path, "image . -o out", 2, &["folder", ".toml"]);
-    refused(path, "image part.step -o out", 2, &["part.step", "export", ".stl"]);
+    refused(path, "image part.step -o out", 2, &["part.step", "FreeCAD", ".stl"]);
     refused(path, "simulate bare.toml -o c.npz", 2, &["bare.toml", "[scene] mesh"]);
     refused(path, "init part.step", 2, &["part.step", "folder"]);
     refused(path, "compare a.exr b.exr --min beauty=1", 2, &["--min", "beauty", "completeness"]);

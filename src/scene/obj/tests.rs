@@ -158,3 +158,20 @@ fn damaged_text_gives_an_error_or_a_scene_but_never_a_panic() {
         let _ = load_with(&text, &[("m.mtl", &text)], &metres());
     }
 }
+
+#[test]
+fn text_may_be_utf_16_and_a_bad_number_is_quoted() {
+    for (mark, bytes_of) in
+        [([0xff, 0xfe], u16::to_le_bytes as fn(u16) -> [u8; 2]), ([0xfe, 0xff], u16::to_be_bytes)]
+    {
+        let text = format!("# Würfel 悪\r\n{TRIANGLE}");
+        let bytes: Vec<u8> = text.encode_utf16().flat_map(bytes_of).collect();
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("wide.obj");
+        fs::write(&path, [&mark[..], &bytes].concat()).unwrap();
+        assert_eq!(Scene::load(&path, &metres()).unwrap().surface_area(), 0.5);
+    }
+    assert_names(refused("v 0 0 1\nv 1 O.5 1\n"), &["line 2", "three numbers", "`O.5`"]);
+    assert_names(refused("v 0 0 1\nv 1 0\n"), &["line 2", "three numbers"]);
+    assert_names(refused("v 0 0 1\nv 1 0 1\nv 0 1 1\nf 1 2 drei\n"), &["line 4", "`f 1 2 3`", "`drei`"]);
+}
