@@ -92,8 +92,7 @@ pub fn write_preview(path: &Path, run: &RunFile, job: &JobOptions) -> Result<()>
     let truth = trace_depth_with(&scene, &grid, &options, observer)?;
     let [across, up] = [half.x, half.y].map(|half| metres(2.0 * half));
     let note = scene.bounds().map_or_else(String::new, |(low, high)| {
-        let size = (high - low).to_array().map(metres).join(" x ");
-        format!("{size}, z {:.2} to {:.2} m; array {across} x {up}", low.z, high.z)
+        format!("z {:.2} to {:.2} m; array {across} x {up}", low.z, high.z)
     });
     job.bare_mesh.into_iter().flat_map(|bare| &bare.hints).for_each(|hint| observer.warn(hint));
     write_preview_figure(path, &truth, [[low.x, low.y], [high.x, high.y]], &note)

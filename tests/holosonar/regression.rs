@@ -1,6 +1,6 @@
 //! The shipped scenes are checked against their own `[expect]`. Negative controls prove that the limits can be missed.
 
-use crate::binary::shipped;
+use crate::binary::{done, done_json, shipped};
 use holosonar::config::RunFile;
 use holosonar::grid::Volume;
 use holosonar::metrics::{METRIC_NAMES, Metrics, error_map};
@@ -44,6 +44,27 @@ fn corner() {
 #[test]
 fn corner2() {
     keeps_its_limits("corner2.toml", &[1], 0.0);
+}
+
+#[test]
+fn a_grid_beside_the_scene_comes_out_empty() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = shipped("corner.toml");
+    for grid in ["grid.z=[0.3,0.8]", "grid.z=[2.6,3.3]", "grid.x=[2.0,3.0] --set grid.y=[2.0,3.0]"] {
+        for refine in ["surface", "column"] {
+            let words = format!("image {} -o out --set {grid} --set depth.refine={refine}", scene.display());
+            let report = done_json(folder.path(), &words);
+            assert_eq!(report["accepted"], 0, "{grid}, {refine}");
+            assert!(
+                report["warnings"].to_string().contains("no return was accepted"),
+                "{}",
+                report["warnings"]
+            );
+        }
+        // From the volume's file alone the same.
+        done(folder.path(), "depth out/volume.npz -o again.exr");
+        assert_eq!(done_json(folder.path(), "info again.exr")["accepted"], 0, "{grid}");
+    }
 }
 
 #[test]
