@@ -1,6 +1,8 @@
 // Tables of metrics, timings and parameters, warnings, and the tiles at the top.
 
-const measure = (name, x) => (/error$|^rmse$/.test(name) ? `${fixed(1e3 * x, 2)} mm` : `${fixed(100 * x, 1)} %`);
+const measure = (name, x) => (/(error|distance)$|^rmse$/.test(name) ? `${fixed(1e3 * x, 2)} mm` : `${fixed(100 * x, 1)} %`);
+// The metrics at the top.
+const LEADING = ["completeness", "false_returns", "median_error"];
 // The units of the report's numbers: [keys, unit, factor].
 const UNITS = [
   [/^(range_resolution|lateral_resolution_.*|wavelength|alias_free_pitch|reflector_spacing)$/, "mm", 1e3],
@@ -64,7 +66,7 @@ function showNumbers() {
   const known = Object.entries(metrics ?? {}).filter(([, x]) => x !== null);
   const tiles = [];
   const tile = (name, value, unit) => tiles.push(element("div", {}, element("dt", {}, name), element("dd", {}, value, " ", element("small", {}, unit))));
-  for (const [name, x] of known.slice(0, 3)) tile(words(name), ...measure(name, x).split(" "));
+  for (const [name, x] of known.filter(([name]) => LEADING.includes(name))) tile(words(name), ...measure(name, x).split(" "));
   if (plan.range_resolution) tile("range resolution", fixed(1e3 * plan.range_resolution, 1), "mm");
   if (plan.lateral_resolution_near?.[0] && plan.lateral_resolution_far?.[0])
     tile("across, near to far", `${fixed(1e3 * plan.lateral_resolution_near[0], 0)}–${fixed(1e3 * plan.lateral_resolution_far[0], 0)}`, "mm");
