@@ -127,7 +127,7 @@ fn options_that_make_no_sense() {
     refused(path, &format!("image {point} -o file"), 2, &["file", "folder"]);
     refused(path, &format!("image {point} -o file/below"), 2, &["file/below", "folder"]);
     refused(path, &format!("simulate {point} -o cube.xyz"), 2, &["cube.xyz", ".npz"]);
-    refused(path, &format!("truth {corner} -o truth.jpg"), 2, &["truth.png", ".exr"]);
+    refused(path, &format!("truth {corner} -o truth.jpg"), 2, &["truth.jpg", ".exr"]);
     refused(path, &format!("truth {point} -o truth.exr"), 2, &["point.csv", "depth"]);
     refused(path, &format!("truth {corner} -o {}", path.display()), 2, &["extension"]);
     refused(

@@ -182,13 +182,13 @@ fn a_preview_shows_the_mesh_before_the_array() {
         let palette = reader.info().palette.clone().unwrap();
         let grey = |index: &u8| {
             let [r, g, b] = std::array::from_fn(|k| palette[3 * *index as usize + k]);
-            // What faces the array is light, and nothing else in a figure is so but the paper.
-            (215..255).contains(&r) && r == g && g == b
+            // What faces the array is lighter than where nothing is.
+            r > 225 && r == g && g == b
         };
-        // The map without the colour bar beside it.
-        let width = info.width as usize;
-        let map = |row: &[u8]| row[width / 6..width * 3 / 4].iter().filter(|i| grey(i)).count();
-        let rows = indices.chunks_exact(width).map(map);
+        // Well within the map, which has titles above, axes below and a colour bar beside it.
+        let (width, height) = (info.width as usize, info.height as usize);
+        let map = |row: &[u8]| row[width / 5..width * 7 / 10].iter().filter(|i| grey(i)).count();
+        let rows = indices.chunks_exact(width).skip(height / 5).take(height * 6 / 10).map(map);
         rows.collect::<Vec<usize>>()
     };
     let half = |rows: &[usize]| {
