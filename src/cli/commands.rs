@@ -105,11 +105,7 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
             if terminal.json() { print_json(&facts) } else { print(&summary::facts(&facts)) }
         }
         Command::Init { folder, mesh: Some(mesh), placement } => init_mesh(folder, mesh, placement, terminal),
-        Command::Init { placement, .. } if placement.typed() => {
-            let problem = "places a mesh of yours; name it with --mesh";
-            Err(Error::input("init", problem))
-        }
-        Command::Init { folder, .. } => init(folder, terminal),
+        Command::Init { folder, placement, .. } => init(folder, placement, terminal),
         Command::Man { folder: None } => print_text(&manual::page()?, terminal),
         Command::Man { folder: Some(folder) } => print_written(&manual::write(folder)?, terminal),
         Command::Help { topic } => guide::help(topic),
@@ -210,8 +206,11 @@ fn conclude<T>(checkpoint: Checkpoint, result: Result<T>, terminal: &Terminal) -
     result
 }
 
-fn init(folder: &Path, terminal: &Terminal) -> Result<()> {
+fn init(folder: &Path, placement: &Placement, terminal: &Terminal) -> Result<()> {
     const NAMES: [&str; 2] = ["corner.toml", "meshes/corner.obj"];
+    if let Some(key) = placement.keys()?.first() {
+        return Err(Error::input(key, "places a mesh of yours; name it with --mesh"));
+    }
     NAMES.iter().try_for_each(|name| refuse_existing(&folder.join(name)))?;
     let (_folder, paths) = open_folder(folder, NAMES)?;
     for (path, text) in paths.iter().zip([ANNOTATED, CORNER_MESH]) {

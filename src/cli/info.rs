@@ -158,7 +158,7 @@ fn mesh(file: &Path, overrides: &Overrides, observer: &dyn Observer) -> Result<V
             let size = |unit: &Unit| (frame.size * unit.metres() * run.scene.scale).to_array().map(metres);
             let sizes =
                 Unit::ALL.iter().map(|unit| (format!("--unit {unit}"), size(unit).join(" x ").into()));
-            facts["unit"] = json!("unknown; its size would be");
+            facts["unit"] = json!("unknown");
             facts["size_by_unit"] = Value::Object(sizes.collect());
         }
     }

@@ -50,13 +50,6 @@ impl Placement {
         ];
         Ok(keys.into_iter().filter_map(|(key, value)| Some(format!("scene.{key}={}", value?))).collect())
     }
-
-    /// The first option that was typed.
-    pub(super) fn typed(&self) -> bool {
-        [&self.unit, &self.size, &self.scale, &self.up, &self.rotate, &self.fit]
-            .iter()
-            .any(|option| option.is_some())
-    }
 }
 
 /// A length with its unit, m; without one it is in m.
@@ -100,6 +93,6 @@ mod tests {
         let some = |text: &str| Some(text.to_owned());
         let placement = Placement { size: some("50cm"), rotate: some("0,180,0"), ..Placement::default() };
         assert_eq!(placement.keys().expect("valid"), ["scene.size=0.5", "scene.rotate=[0,180,0]"]);
-        assert!(placement.typed() && !Placement::default().typed());
+        assert!(Placement::default().keys().expect("valid").is_empty());
     }
 }
