@@ -83,6 +83,10 @@ fn written(folder: &Path) {
 const MICROPHONES: &str = "<?xml version=\"1.0\" encoding=\"utf-8\"?>\n<MicArray name=\"two\">\n\
     \t<pos Name=\"Point 1\" x=\"0.152\" y=\"0.1\" z=\"0\"/>\n\t<pos Name=\"Point 2\" x=\"-0.1\" y=\"0\" z=\"0\"/>\n</MicArray>\n";
 
+/// A run file with the keys that exclude those of the shipped ones.
+const SIZED: &str = "[scene]\nmesh = \"part.stl\"\nsize = 0.5\nup = \"z\"\nfit = [0.0, 0.0, 1.0]\n\
+    [[materials]]\nname = \"*\"\nmaterial = \"mesh-fabric\"\ntransmittance = 0.5\n";
+
 /// Files of every format.
 fn parsers() -> Vec<Parser> {
     let folder = tempfile::tempdir().unwrap();
@@ -92,10 +96,20 @@ fn parsers() -> Vec<Parser> {
         bytes: text.as_bytes().to_vec(),
         options: LoadOptions::default(),
     };
+    let wide = |name: &str, text: &str| {
+        let units = std::iter::once(0xfeff).chain(text.encode_utf16());
+        Original {
+            name: name.to_owned(),
+            bytes: units.flat_map(u16::to_le_bytes).collect(),
+            options: metres(),
+        }
+    };
     let foreground = fs::read_to_string(shipped("transparent_foreground.toml")).unwrap();
     let mut all = vec![
         dense("annotated.toml", ANNOTATED),
         dense("foreground.toml", &foreground),
+        text("sized.toml", SIZED),
+        wide("wide.obj", "# Würfel\nv 0 0 1\nv 1 0 1\nv 0 1 1\nf 1 2 3\n"),
         text("points.csv", "x,y,z,amplitude\n0.1,0.2,1.5,1\n-0.3,0.25,1.75,0.5\n1e-3,2,3,-4\n"),
         text("microphones.csv", "x,y,z\n0.1,0.2,0\n-0.3,0.25,0\n1e-3,2,0\n"),
         text("microphones.xml", MICROPHONES),
