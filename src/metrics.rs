@@ -119,7 +119,7 @@ pub fn evaluate(result: &DepthMap, truth: &DepthMap, resolution: impl Into<Resol
 /// Maps whose pixels do not coincide.
 pub fn error_map(result: &DepthMap, truth: &DepthMap) -> Result<Vec<f32>> {
     check_pixels(result, truth)?;
-    let surfaces = true_surfaces(truth);
+    let surfaces = surfaces_of(truth);
     let error = |(pixel, z): (usize, &f32)| {
         let z = f64::from(*z);
         nearest_surface(surfaces, pixel, z).map_or(f32::NAN, |(_, depth)| (z - depth) as f32)
@@ -127,9 +127,9 @@ pub fn error_map(result: &DepthMap, truth: &DepthMap) -> Result<Vec<f32>> {
     Ok(result.picked.depth.iter().enumerate().map(error).collect())
 }
 
-/// All surfaces of a truth; one from another program may contain only the picked surface.
-fn true_surfaces(truth: &DepthMap) -> &[DepthLayer] {
-    if truth.returns.is_empty() { std::slice::from_ref(&truth.picked) } else { &truth.returns }
+/// All surfaces of a map; one from another program may contain only the picked surface.
+fn surfaces_of(map: &DepthMap) -> &[DepthLayer] {
+    if map.returns.is_empty() { std::slice::from_ref(&map.picked) } else { &map.returns }
 }
 
 /// The true surface at a pixel that is nearest to `z`, and its depth; any one where `z` is NaN.
@@ -159,6 +159,11 @@ fn match_one_to_one(truth: &[f64], found: &[f64]) -> Vec<Option<f64>> {
 /// The depths at a pixel, with the surface each comes from, front to back.
 fn depths(surfaces: &[DepthLayer], pixel: usize) -> impl Iterator<Item = (usize, f64)> + '_ {
     surfaces.iter().map(move |s| f64::from(s.depth[pixel])).enumerate().filter(|(_, z)| !z.is_nan())
+}
+
+/// The harmonic mean of two shares; 0 where both are.
+fn harmonic_mean(a: f64, b: f64) -> f64 {
+    if a + b > 0.0 { 2.0 * a * b / (a + b) } else { 0.0 }
 }
 
 /// A percentile, interpolated linearly; sorts its argument.

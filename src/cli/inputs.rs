@@ -20,10 +20,11 @@ pub(super) struct Input {
 
 /// The run file of an input: its own, or the one that suits a mesh.
 pub(super) fn run_of(input: &Path, overrides: &Overrides, observer: &dyn Observer) -> Result<Input> {
-    let bare = bare_mesh(input, &overrides.keys()?, observer)?;
+    let keys = overrides.keys()?;
+    let bare = bare_mesh(input, &keys, observer)?;
     let run = match &bare {
         Some(bare) => bare.run.clone(),
-        None => run_file_of(input, &overrides.keys()?)?,
+        None => run_file_of(input, &keys)?,
     };
     Ok(Input { run, bare })
 }

@@ -1,6 +1,6 @@
 //! A depth map as a point cloud, compared with the true one as reconstructions are in the literature.
 
-use super::{depths, true_surfaces};
+use super::{depths, harmonic_mean, surfaces_of};
 use crate::grid::DepthMap;
 use rayon::prelude::*;
 use rstar::RTree;
@@ -19,14 +19,12 @@ pub(super) struct CloudScores {
 ///
 /// Cost: O(log n) per point.
 pub(super) fn cloud_scores(result: &DepthMap, truth: &DepthMap, range: f64) -> CloudScores {
-    let found =
-        if result.returns.is_empty() { std::slice::from_ref(&result.picked) } else { &result.returns };
-    let points = |map: &DepthMap, layers| {
-        let raster = map.raster();
+    let points = |map: &DepthMap| {
+        let (raster, layers) = (map.raster(), surfaces_of(map));
         let of_pixel = |pixel| depths(layers, pixel).map(move |(_, z)| raster.point(pixel, z).to_array());
         (0..map.len()).flat_map(of_pixel).collect::<Vec<[f64; 3]>>()
     };
-    let clouds = [points(result, found), points(truth, true_surfaces(truth))];
+    let clouds = [result, truth].map(points);
     let distances = [nearest(&clouds[0], &clouds[1]), nearest(&clouds[1], &clouds[0])];
     let [Some(to_truth), Some(to_found)] = &distances else {
         // Of two empty clouds there is nothing to say; one that misses all of the other scores 0.
@@ -35,8 +33,7 @@ pub(super) fn cloud_scores(result: &DepthMap, truth: &DepthMap, range: f64) -> C
     };
     let f_score = |within: f64| {
         let share = |of: &[f64]| of.iter().filter(|d| **d < within).count() as f64 / of.len() as f64;
-        let (precision, recall) = (share(to_truth), share(to_found));
-        if precision + recall > 0.0 { 2.0 * precision * recall / (precision + recall) } else { 0.0 }
+        harmonic_mean(share(to_truth), share(to_found))
     };
     let mean = |of: &[f64]| of.iter().sum::<f64>() / of.len() as f64;
     CloudScores {

@@ -1,7 +1,7 @@
 //! The counts and errors from which the metrics are computed, of a whole map or of a group of surfaces.
 
 use super::cloud::CloudScores;
-use super::{Metrics, match_one_to_one, percentile};
+use super::{Metrics, harmonic_mean, match_one_to_one, percentile};
 
 /// What is known of a true surface at a pixel.
 #[derive(Debug, Clone, Copy, Default)]
@@ -116,10 +116,7 @@ impl ErrorCounts {
         let square: f64 = self.errors.iter().map(|e| e * e).sum();
         let completeness = share(self.hits, self.surfaces);
         let false_returns = share(self.wrong + self.on_empty, self.errors.len() + self.on_empty);
-        let f1 = completeness.map(|found| {
-            let right = 1.0 - false_returns.unwrap_or(1.0);
-            if found + right > 0.0 { 2.0 * found * right / (found + right) } else { 0.0 }
-        });
+        let f1 = completeness.map(|found| harmonic_mean(found, 1.0 - false_returns.unwrap_or(1.0)));
         Metrics {
             completeness,
             completeness_interior: share(self.interior_hits, self.interior),

@@ -3,7 +3,7 @@
 use super::around::Surroundings;
 use super::cloud::{CloudScores, cloud_scores};
 use super::counts::{ErrorCounts, SurfaceFacts};
-use super::{METRIC_NAMES, Metrics, check_pixels, depths, match_one_to_one, nearest_surface, true_surfaces};
+use super::{METRIC_NAMES, Metrics, check_pixels, depths, match_one_to_one, nearest_surface, surfaces_of};
 use crate::error::{Error, Result};
 use crate::grid::{DepthLayer, DepthMap};
 use crate::wave::Resolution;
@@ -104,7 +104,7 @@ pub fn score(result: &DepthMap, truth: &DepthMap, resolution: impl Into<Resoluti
     if !(range.is_finite() && range > 0.0) {
         return Err(Error::input("range resolution", format!("must be a positive length, not {range} m")));
     }
-    let surfaces = true_surfaces(truth);
+    let surfaces = surfaces_of(truth);
     let around = Surroundings::new(truth, surfaces, resolution);
     let mut all = ErrorCounts::default();
     let mut materials = vec![ErrorCounts::default(); truth.materials.len()];

@@ -87,7 +87,7 @@ pub fn forecast_scene(run: &RunFile, job: &JobOptions) -> Result<Forecast> {
     forecast.resolution_cells = bounds.map(|(low, high)| instrument.cells_across(low, high));
     forecast.physics = measurement.physics(run);
     let mesh = mesh.then(|| is_in_metres(path));
-    forecast.warnings.extend(bare.map_or(&[][..], |bare| &bare.hints).iter().cloned());
+    forecast.warnings.extend_from_slice(job.hints());
     forecast.warnings.extend(placement_warnings(instrument, &grid, bounds, mesh));
     Ok(forecast)
 }

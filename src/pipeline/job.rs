@@ -53,6 +53,11 @@ impl<'a> JobOptions<'a> {
         Self { bare_mesh, ..self }
     }
 
+    /// What may be wrong with the placement of a mesh without a run file.
+    pub(super) fn hints(&self) -> &'a [String] {
+        self.bare_mesh.map_or(&[], |bare| &bare.hints)
+    }
+
     /// The same options with a checkpoint.
     #[must_use]
     pub fn with_checkpoint(self, checkpoint: &'a Checkpoint) -> Self {

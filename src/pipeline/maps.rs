@@ -1,7 +1,7 @@
 //! Depth maps without a reconstruction: of a volume file, and the truth of a scene.
 
 use super::prepared_scene::Measurement;
-use super::{JobOptions, facts, load_scene, mesh_path, resolution_of};
+use super::{JobOptions, facts, load_scene, mesh_path, resolution_of, warn_all};
 use crate::acquisition::Instrument;
 use crate::config::RunFile;
 use crate::depth::locate_depth_with;
@@ -87,14 +87,13 @@ pub fn write_preview(path: &Path, run: &RunFile, job: &JobOptions) -> Result<()>
     let pitch = ends.iter().map(|[low, high]| (high - low) / PREVIEW).fold(1e-6, f64::max);
     let axis = |[low, high]: [f64; 2]| Axis::spanning(low - 4.0 * pitch, high + 4.0 * pitch, pitch);
     let wide = Raster { view: View::Orthographic, x: axis(ends[0])?, y: axis(ends[1])? };
-    let mut options = run.truth_options(&instrument);
-    options.raster = Some(run.raster(scene.camera())?.unwrap_or(wide));
-    let truth = trace_depth_with(&scene, &grid, &options, observer)?;
+    let raster = run.raster(scene.camera())?.unwrap_or(wide);
+    let truth = truth_on(Some(raster), &scene, run, (&instrument, &grid), observer)?;
     let [across, up] = [half.x, half.y].map(|half| metres(2.0 * half));
     let note = scene.bounds().map_or_else(String::new, |(low, high)| {
         format!("z {:.2} to {:.2} m; array {across} x {up}", low.z, high.z)
     });
-    job.bare_mesh.into_iter().flat_map(|bare| &bare.hints).for_each(|hint| observer.warn(hint));
+    warn_all(job.hints(), observer);
     write_preview_figure(path, &truth, [[low.x, low.y], [high.x, high.y]], &note)
 }
 
@@ -105,7 +104,18 @@ pub(super) fn truth_of(
     (instrument, grid): (&Instrument, &Grid),
     observer: &dyn Observer,
 ) -> Result<DepthMap> {
+    truth_on(run.raster(scene.camera())?, scene, run, (instrument, grid), observer)
+}
+
+/// The same on other pixels; `None` for those of the grid.
+fn truth_on(
+    raster: Option<Raster>,
+    scene: &Scene,
+    run: &RunFile,
+    (instrument, grid): (&Instrument, &Grid),
+    observer: &dyn Observer,
+) -> Result<DepthMap> {
     let mut options = run.truth_options(instrument);
-    options.raster = run.raster(scene.camera())?;
+    options.raster = raster;
     trace_depth_with(scene, grid, &options, observer)
 }

@@ -155,7 +155,7 @@ impl PreparedScene {
 
     /// Warns about what is probably wrong.
     pub(super) fn warn(&self, run: &RunFile, job: &JobOptions, observer: &dyn Observer) {
-        warn_all(job.bare_mesh.map_or(&[], |bare| &bare.hints), observer);
+        warn_all(job.hints(), observer);
         warn_all(&self.plan.warnings, observer);
         let mesh = self.scene.as_ref().map(|_| scene_path(run).is_ok_and(is_in_metres));
         warn_all(&placement_warnings(self.instrument(), &self.grid, self.bounds(), mesh), observer);

@@ -108,13 +108,7 @@ pub fn write_depth_figure(
 /// # Errors
 /// As [`write_figure`].
 pub fn write_preview_figure(path: &Path, truth: &DepthMap, array: [[f64; 2]; 2], note: &str) -> Result<()> {
-    let values = truth.picked.facing.clone().unwrap_or_default();
-    let mut values = if values.len() == truth.len() { values } else { truth.picked.depth.clone() };
-    for (value, depth) in values.iter_mut().zip(&truth.picked.depth) {
-        if depth.is_nan() {
-            *value = f32::NAN;
-        }
-    }
+    let values = truth.picked.facing.as_deref().unwrap_or(&truth.picked.depth);
     let raster = truth.raster();
     let label = "cosine to the ray".into();
     let scale = Scale::Sequential { map: ColourMap::Grey, range: [-0.15, 1.0], label };
