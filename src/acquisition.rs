@@ -1,7 +1,7 @@
 //! The measurement: an [`Instrument`] (a stepped sweep and an array of microphones) and the data cube `m(f, r)`.
 //!
-//! [`simulate`] computes a cube from reflectors by Eq. 5; [`DataCube::read`] reads a measured one. Later stages
-//! treat both alike.
+//! [`simulate`] computes a cube from reflectors by Eq. 5; [`DataCube::read`] reads a measured one, and [`import()`] makes
+//! one of a laboratory's files. Later stages treat them alike.
 //!
 //! # Example
 //! The echo of one reflector at one microphone, frequency by frequency, is Eq. 5:
@@ -26,18 +26,28 @@
 //! ```
 
 mod array;
+mod import;
 mod instrument;
 mod source;
 mod cube;
 mod cube_file;
+mod health;
 mod simulate;
 mod sweep;
 
 pub use array::{Lattice, MicArray};
 pub(crate) use array::{RANDOM_BYTES, Tile, halvings, tiles};
 pub use cube::DataCube;
-pub use cube_file::CubeFile;
-pub use instrument::Instrument;
+pub use cube_file::{CubeFile, UncheckedSamples};
+pub use health::{
+    ChannelLevels, Health, LikelySign, MeanProfile, NoiseEstimate, OddChannel, OddChannels, PhaseSign,
+    ProfilePeak, SignEvidence,
+};
+pub(crate) use import::check_columns;
+pub use import::{
+    ArrayName, FrequencyUnit, ImportAxis, ImportOptions, Imported, MeanWord, RawOffset, TraceColumn, import,
+};
+pub use instrument::{Instrument, InstrumentChanges};
 pub use simulate::{
     ArrayErrors, Losses, Noise, PropagationModel, SIMULATION_TOLERANCE, SimulateOptions, simulate,
     simulate_with,

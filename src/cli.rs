@@ -148,7 +148,8 @@ enum Command {
         #[command(flatten)]
         checkpoint: CheckpointArgs,
     },
-    /// Reconstructs a data cube into a volume (.npz, .exr, .vti or .nrrd, by extension).
+    Import(commands::ImportArgs),
+    /// Reconstructs a data cube into a volume (.npz, .exr, .vti, .nrrd or .vdb, by extension).
     Reconstruct {
         /// The cube.
         cube: PathBuf,
@@ -286,6 +287,12 @@ enum Command {
     Info {
         /// The file.
         file: PathBuf,
+        /// Examine a cube's samples: dead, loud and missing channels, noise, echoes, and the sign of the phase.
+        #[arg(long)]
+        health: bool,
+        /// Folder for health.png and health.json; created if missing.
+        #[arg(short, long, value_name = "DIR", requires = "health")]
+        output: Option<PathBuf>,
         #[command(flatten)]
         overrides: Overrides,
     },

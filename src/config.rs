@@ -20,6 +20,7 @@
 mod check;
 mod choices;
 mod fill;
+mod measured;
 mod mesh_run;
 mod range;
 mod reader;
@@ -31,14 +32,13 @@ mod tests;
 mod wording;
 
 pub use choices::{ArrayLayout, InputFile, RefineMethod, Shading, SurfaceKind, VolumeFormat};
+pub use source::TypedKeys;
 pub use tables::{
-    ArrayTable, DepthTable, DetectionTable, ExpectTable, GridTable, Limit, MediumTable, OutputTable,
-    ReconstructTable, RefineTable, ReflectorsTable, SceneTable, SweepTable,
+    ArrayTable, DepthTable, DetectionTable, ExpectTable, GridTable, ImportTable, Limit, MediumTable,
+    OutputTable, ReconstructTable, RefineTable, ReflectorsTable, ScenePart, SceneTable, SweepTable,
 };
 
 pub(crate) use mesh_run::MeshRun;
-#[cfg(feature = "cli")]
-pub(crate) use wording::nearest;
 
 use crate::error::{Error, Result};
 use crate::files::open_input;
@@ -75,6 +75,9 @@ pub struct RunFile {
     pub array: ArrayTable,
     /// What is measured, and how accurately.
     pub detection: DetectionTable,
+    /// Measured files to be imported.
+    #[serde(skip_serializing_if = "ImportTable::is_default")]
+    pub import: ImportTable,
     /// The voxels.
     pub grid: GridTable,
     /// How the volume is computed.
@@ -102,6 +105,14 @@ impl RunFile {
     /// # Errors
     /// A file that cannot be read or is not UTF-8, and the errors of [`RunFile::from_str_at`].
     pub fn load(path: &Path, overrides: &[String]) -> Result<Self> {
+        Self::load_with_keys(path, overrides).map(|(run, _)| run)
+    }
+
+    /// As [`RunFile::load`], and which keys were typed.
+    ///
+    /// # Errors
+    /// As [`RunFile::load`].
+    pub fn load_with_keys(path: &Path, overrides: &[String]) -> Result<(Self, TypedKeys)> {
         let reading = |error| Error::reading(path, error);
         let place = path.display().to_string();
         let mut bytes = Vec::new();
@@ -113,7 +124,7 @@ impl RunFile {
             let byte = error.utf8_error().valid_up_to();
             Error::input(&place, format!("is not UTF-8 text (see byte {byte}); a run file is TOML in UTF-8"))
         })?;
-        Self::from_str_at(&text, &place, path.parent().unwrap_or(Path::new("")), overrides)
+        Self::read_at(&text, &place, path.parent().unwrap_or(Path::new("")), overrides)
     }
 
     /// Reads a run file's text; `place` names it in messages, and files it names are relative to `folder`.
@@ -122,13 +133,26 @@ impl RunFile {
     /// Text that is not TOML; unknown tables, keys and words; values of the wrong type or outside their range;
     /// keys that contradict each other. The message names line, column and key, or the `--set` at fault.
     pub fn from_str_at(text: &str, place: &str, folder: &Path, overrides: &[String]) -> Result<Self> {
+        Self::read_at(text, place, folder, overrides).map(|(run, _)| run)
+    }
+
+    /// The run file of overrides alone, whose files are relative to the working folder, and which keys were typed.
+    ///
+    /// # Errors
+    /// As [`RunFile::from_str_at`].
+    pub fn of_overrides(overrides: &[String]) -> Result<(Self, TypedKeys)> {
+        Self::read_at("", "command line", Path::new(""), overrides)
+    }
+
+    fn read_at(text: &str, place: &str, folder: &Path, overrides: &[String]) -> Result<(Self, TypedKeys)> {
         let mut parsed = ParsedRunFile::parse(place, text)?;
         overrides.iter().try_for_each(|typed| parsed.set(typed))?;
         let mut run = Self::read(&parsed.values).map_err(|fault| parsed.error(fault))?;
-        for file in [&mut run.scene.mesh, &mut run.array.file].into_iter().flatten() {
+        let files = run.scene.files_mut().chain(run.array.file.as_mut()).chain(run.import.files_mut());
+        for file in files {
             file.locate(folder);
         }
-        Ok(run)
+        Ok((run, parsed.typed()))
     }
 
     /// The values, filled and checked.

@@ -2,9 +2,9 @@
 //!
 //! A column by itself is speckle: its strongest voxel is somewhere near the surface. So peaks that stand out only tell
 //! where to begin; a plane is then fitted to the power around each (module `patch`), which is depth and normal, and a
-//! surface is what its neighbours continue (module `support`). Grating lobes are told from surfaces by parts of the band
-//! (module `gate`). The literal way, one column at a time, remains for comparison (module `column_pick`). This module has no
-//! access to the scene, so it cannot know the true depths.
+//! surface is what its neighbours continue (module `support`), up to its rim (module `rims`). Grating lobes are told from
+//! surfaces by parts of the band (module `gate`). The literal way, one column at a time, remains for comparison (module
+//! `column_pick`). This module has no access to the scene, so it cannot know the true depths.
 //!
 //! # Example
 //! A column that peaks between two voxels; its power tells the depth:
@@ -34,6 +34,7 @@ mod levels;
 mod patch;
 mod peaks;
 mod power;
+mod rims;
 mod support;
 mod surfaces;
 
@@ -94,7 +95,11 @@ impl Default for ArraySidelobes {
 /// Least confidence of a surface in an image of Eq. 13 and in a refined one, whose sidelobes are weaker, dB.
 const CONFIDENCE_DB: [f64; 2] = [-4.5, -7.0];
 
-/// By how much it is raised at the most where few microphones leave strong sidelobes, dB.
+/// What is left of a surface's mean power at its rim in an image of Eq. 13, for echoes of random phases; and in a refined one,
+/// which falls off more steeply there, and in which speckle is coarser, dB.
+const RIM_DB: [f64; 2] = [-3.0, -7.0];
+
+/// By how much the least confidence is raised at the most where few microphones leave strong sidelobes, dB.
 const MOST_RAISED_DB: f64 = 6.5;
 
 /// Parameters of [`locate_depth`].
@@ -116,6 +121,9 @@ pub struct DepthOptions {
     pub floor: f64,
     /// Minimum confidence of a surface, dB; see [`locate_depth`].
     pub confidence_db: f64,
+    /// Where a surface ends its power is so much below that further in, dB: what is weaker at its rim is the width of the
+    /// point spread; −∞ lets it stand.
+    pub rim_db: f64,
     /// Whether what is in one part of the band only, as grating lobes are, is taken for weaker.
     pub gate: bool,
     /// Maximum number of surfaces per pixel; below 2 only the picked one.
@@ -147,6 +155,7 @@ with_fields! {
         with_threshold_db(threshold_db: Option<f64>),
         with_floor(floor: f64),
         with_confidence_db(confidence_db: f64),
+        with_rim_db(rim_db: f64),
         with_gate(gate: bool),
         with_returns(returns: usize),
         with_return_threshold_db(return_threshold_db: f64),
@@ -166,8 +175,9 @@ impl DepthOptions {
     #[must_use]
     pub fn adapted_to(self, sidelobes: ArraySidelobes, refined: bool) -> Self {
         let raised = sidelobes.mean_db - ArraySidelobes::default().mean_db;
-        let confidence_db = CONFIDENCE_DB[usize::from(refined)] + raised.clamp(0.0, MOST_RAISED_DB);
-        Self { confidence_db, sidelobes, ..self }
+        let image = usize::from(refined);
+        let confidence_db = CONFIDENCE_DB[image] + raised.clamp(0.0, MOST_RAISED_DB);
+        Self { confidence_db, rim_db: RIM_DB[image], sidelobes, ..self }
     }
 
     /// The default options for a [`Resolution`], or a range resolution alone in m.
@@ -179,6 +189,7 @@ impl DepthOptions {
             threshold_db: None,
             floor: 0.0,
             confidence_db: CONFIDENCE_DB[0],
+            rim_db: RIM_DB[0],
             gate: true,
             returns: 2,
             return_threshold_db: -24.0,

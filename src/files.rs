@@ -2,7 +2,7 @@
 //!
 //! Takes a path and a closure that writes the bytes; gives a file that other processes never see incomplete. Every file
 //! of this crate is written by [`write_atomically`] and opened for reading by [`open_input`]; `job_files` compares the two.
-//! `.npz` files are read and written by [`npz`], and the header of PLY files by `ply`.
+//! `.npz` files are read and written by [`npz`], `.npy` files read, and the header of PLY files by `ply`.
 
 mod folder;
 mod input;

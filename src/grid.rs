@@ -1,7 +1,7 @@
 //! The shapes of results: an [`Axis`], a [`Grid`] of voxels, a complex [`Volume`], a [`DepthMap`].
 //!
 //! The fastest axis is x everywhere: volumes are `[z, y, x]`, maps `[y, x]`. An image's column is x (right) and its
-//! row is y (down), so no writer flips an axis.
+//! row is y (down), so no writer of images flips an axis.
 
 mod view;
 

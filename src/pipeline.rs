@@ -45,9 +45,10 @@ pub use report::{Report, SceneSummary};
 
 use crate::acquisition::{CubeFile, CubeSource, DataCube, Detection, Instrument, Sweep};
 use crate::checkpoint::{Checkpoint, CheckpointStore, CheckpointedVolume, GracefulStop, Stage};
-use crate::config::RunFile;
+use crate::config::{RunFile, SceneTable};
 use crate::depth::{ArraySidelobes, locate_depth_with};
 use crate::error::{Error, Result};
+use crate::export::points_ply::SceneMesh;
 use crate::files::extension;
 use crate::grid::{DepthMap, Grid, Raster, Volume};
 use crate::metrics::{Metrics, Scores, score};
@@ -73,6 +74,8 @@ pub struct Outcome {
     pub plan: Plan,
     /// The scene, when there was one.
     pub scene: Option<SceneSummary>,
+    /// The surfaces of the scene, decimated; only a mesh scene has some, and only with `[output] points`.
+    pub mesh: Option<SceneMesh>,
     /// The reflectors simulated, when they were.
     pub reflectors: Option<Reflectors>,
     /// What was simulated in addition to Eq. 5, and how the volume was corrected, in words.
@@ -115,7 +118,12 @@ pub fn image_scene(run: &RunFile, job: &JobOptions) -> Result<Outcome> {
     let log = Log::new(observer);
     need_bandwidth("[sweep]", &run.sweep()?)?;
     let budget = MemoryBudget::of(run);
-    let prepared = log.timed("scene", || PreparedScene::of(&budget, job.bare_mesh, true, &log))?;
+    let (prepared, mesh) = log.timed("scene", || {
+        let prepared = PreparedScene::of(&budget, job.bare_mesh, true, &log)?;
+        let scene = prepared.scene.as_ref().filter(|_| run.output.points);
+        let mesh = scene.map(|scene| SceneMesh::decimated(scene));
+        Ok((prepared, mesh))
+    })?;
     let raster = run.raster(prepared.scene.as_ref().and_then(|scene| scene.camera()))?;
     prepared.warn(run, job, &log);
     let volume = outputs::volume_bytes(run, &prepared.grid);
@@ -141,6 +149,7 @@ pub fn image_scene(run: &RunFile, job: &JobOptions) -> Result<Outcome> {
     let (timings, warnings) = log.finish();
     Ok(Outcome {
         scene: prepared.summary(),
+        mesh,
         physics: prepared.measurement.physics(run),
         plan: prepared.plan,
         reflectors: Some(prepared.reflectors),
@@ -176,14 +185,16 @@ pub fn image_cube(run: &RunFile, mut cube: CubeFile, job: &JobOptions) -> Result
     checkpoint.check_space(outputs::volume_bytes(run, &grid))?;
     checkpoint.open(&identity::of_cube("image", run, &mut cube, &grid)?, observer)?;
     let sidelobes = facts::sidelobes(&instrument, run);
+    let physics = [cube.changes(), &facts::beyond_the_sum(run)].concat();
     let (image, depth) =
         reconstruct_and_locate(&budget, &mut cube, &grid, (raster, samples, sidelobes), checkpoint, &log)?;
     let (timings, warnings) = log.finish();
     Ok(Outcome {
         plan,
         scene: None,
+        mesh: None,
         reflectors: None,
-        physics: facts::beyond_the_sum(run),
+        physics,
         instrument,
         image,
         sidelobes,
@@ -229,6 +240,7 @@ pub fn reconstruct_cube(
     let grid = run.voxels(&instrument, None)?;
     let plan = plan(&instrument, &grid);
     warn_all(&plan.warnings, observer);
+    cube.changes().iter().for_each(|change| observer.note(change));
     outputs::announce_further(outputs, &grid)?;
     let whole = outputs.iter().any(|path| outputs::needs_all(path));
     let samples = JobArrays::measured(&instrument, cube.held_bytes());
@@ -311,6 +323,9 @@ fn reconstruct_and_locate(
     let depth = log.timed("depth", || locate_depth_with(&image.volume, &search, log))?;
     depth.check()?;
     log.note(&format!("a return at {} of {} pixels", depth.accepted(), depth.len()));
+    if peak == 0.0 {
+        log.warn("every sample is 0, and so is every voxel");
+    }
     if depth.accepted() == 0 {
         log.warn(
             "no return was accepted anywhere: nothing in the grid reflects sound, or too weakly beside what is outside, or \
@@ -327,52 +342,54 @@ fn warn_all(warnings: &[String], observer: &dyn Observer) {
 }
 
 /// Reads a scene as a reported stage, since a million triangles take seconds; a bare mesh has been read already.
-fn load_scene(
-    path: &Path,
-    run: &RunFile,
-    bare: Option<&BareMesh>,
-    observer: &dyn Observer,
-) -> Result<Arc<Scene>> {
+fn load_scene(run: &RunFile, bare: Option<&BareMesh>, observer: &dyn Observer) -> Result<Arc<Scene>> {
     let same = |bare: &&BareMesh| bare.run.scene == run.scene && bare.run.materials == run.materials;
     let scene = if let Some(bare) = bare.filter(same) {
         Arc::clone(&bare.scene)
     } else {
         let options = run.load_options()?;
-        let load = || Scene::load_with(path, &options, observer);
+        let load = || match &run.scene.mesh {
+            Some(mesh) => Scene::load_with(&mesh.path, &options, observer),
+            None => Scene::assemble(&run.part_files(), &options, observer),
+        };
         Arc::new(stage(observer, "reading the scene", 0, load)?)
     };
     observer.note(&format!("{} triangles, {:.3} m²", scene.triangles().len(), scene.surface_area()));
     Ok(scene)
 }
 
-/// The path of the scene file.
-fn scene_path(run: &RunFile) -> Result<&Path> {
-    run.scene.mesh.as_ref().map(|file| file.path.as_path()).ok_or_else(|| {
-        Error::input(
+/// The scene's list of reflectors; `None` where it consists of meshes.
+///
+/// # Errors
+/// A run file without a scene.
+fn reflector_list(run: &RunFile) -> Result<Option<&Path>> {
+    match &run.scene.mesh {
+        Some(file) => Ok(Some(file.path.as_path()).filter(|path| extension(path) == "csv")),
+        None if run.scene.parts.is_empty() => Err(Error::input(
             "[scene] mesh",
-            "is missing; name a mesh (.obj, .gltf, .glb, .stl, .ply) or a reflector list (.csv)",
-        )
-    })
-}
-
-/// The path of the scene's mesh, of which there is a truth.
-fn mesh_path(run: &RunFile) -> Result<&Path> {
-    let path = scene_path(run)?;
-    if is_csv(path) {
-        return Err(Error::input(
-            path.display(),
-            "is a list of reflectors, which have no surfaces and so no true depth; a mesh was expected",
-        ));
+            "is missing; name a mesh (.obj, .gltf, .glb, .stl, .ply) or a reflector list (.csv), or give [[scene.parts]]",
+        )),
+        None => Ok(None),
     }
-    Ok(path)
 }
 
-/// Whether the format of a scene file defines its unit as metres: glTF does.
-fn is_in_metres(path: &Path) -> bool {
-    ["gltf", "glb"].contains(&extension(path).as_str())
+/// Whether a run file's scene has surfaces, and so a true depth.
+pub fn has_truth(run: &RunFile) -> bool {
+    reflector_list(run).is_ok_and(|list| list.is_none())
 }
 
-/// Whether a scene file is a list of reflectors.
-fn is_csv(path: &Path) -> bool {
-    extension(path) == "csv"
+/// Reads the surfaces of a scene for their true depth.
+fn load_surfaces(run: &RunFile, bare: Option<&BareMesh>, observer: &dyn Observer) -> Result<Arc<Scene>> {
+    match reflector_list(run)? {
+        None => load_scene(run, bare, observer),
+        Some(list) => Err(Error::input(
+            list.display(),
+            "is a list of reflectors, which have no surfaces and so no true depth; a mesh was expected",
+        )),
+    }
+}
+
+/// Whether the formats of all the scene's files define their unit as metres: glTF does.
+fn is_in_metres(scene: &SceneTable) -> bool {
+    scene.files().all(|file| ["gltf", "glb"].contains(&extension(&file.path).as_str()))
 }

@@ -28,6 +28,7 @@ pub mod beam;
 pub mod design;
 mod estimate;
 mod memory;
+mod plausibility;
 mod resolution;
 mod suggest;
 
@@ -153,6 +154,7 @@ pub fn plan(instrument: &Instrument, grid: &Grid) -> Plan {
     let mut warnings = Vec::new();
     warnings.extend(aliasing_warning(instrument, near, width, alias_free_pitch));
     warnings.extend(ambiguity_warning(instrument, shortest_path, longest_path));
+    warnings.extend(plausibility::questions(instrument, grid));
     Plan {
         frequencies: instrument.sweep.len(),
         microphones: instrument.array.len(),

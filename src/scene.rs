@@ -22,11 +22,11 @@
 //! # Ok::<(), holosonar::error::Error>(())
 //! ```
 
+mod assembly;
 mod files;
 mod gltf;
 mod look;
 mod material;
-mod mtl;
 mod obj;
 mod occlusion;
 mod placement;
@@ -36,6 +36,9 @@ mod stl;
 mod surfaces;
 mod triangle;
 
+#[cfg(test)]
+#[path = "scene/tests/assembly.rs"]
+mod assembly_tests;
 #[cfg(test)]
 #[path = "scene/tests/fixtures.rs"]
 pub(crate) mod fixtures;
@@ -53,6 +56,7 @@ use std::path::Path;
 
 use glam::DVec3;
 
+pub use assembly::PartFile;
 pub use material::{CommonMaterial, Material, MaterialRule};
 pub use occlusion::Crossing;
 pub(crate) use placement::metres;
@@ -66,7 +70,7 @@ use files::MeshFile;
 pub(crate) use files::why_no_mesh;
 use material::Palette;
 use occlusion::SurfaceTree;
-pub use surfaces::BYTES_PER_TRIANGLE;
+pub use surfaces::{BYTES_PER_TRIANGLE, Part};
 use surfaces::{MOST_TRIANGLES, Surfaces, too_many_triangles};
 
 /// Maximum distance of a vertex from the origin, m. Sound does not reach so far: a larger number means a wrong unit
@@ -89,6 +93,7 @@ pub struct CameraView {
 #[derive(Debug)]
 pub struct Scene {
     triangles: Vec<Triangle>,
+    parts: Vec<Part>,
     materials: Vec<Material>,
     tree: SurfaceTree,
     camera: Option<CameraView>,
@@ -114,6 +119,28 @@ struct OwnFrame<'a> {
 }
 
 impl<'a> Mesh<'a> {
+    /// Reads a file by its extension.
+    fn read(file: MeshFile<'a>, palette: &mut Palette<'_>) -> Result<Self> {
+        let load = match extension(file.path).as_str() {
+            "obj" => obj::load,
+            "gltf" | "glb" => gltf::load,
+            "stl" => stl::load,
+            "ply" => ply::load,
+            other => {
+                let why = why_no_mesh(other).unwrap_or("has an unsupported mesh format");
+                let expected = "expected a file named .obj, .gltf, .glb, .stl or .ply";
+                return Err(file.refused(format!("{why}; {expected}")));
+            }
+        };
+        let mesh = load(file, palette)?;
+        // A material file may be missing, but an output may not take its place.
+        check_inputs()?;
+        if file.observer.should_stop() {
+            return Err(Error::Interrupted);
+        }
+        Ok(mesh)
+    }
+
     /// The surfaces of a file in a format with this upward axis, which may say its unit.
     fn new(file: MeshFile<'a>, surfaces: Surfaces<'a>, up: Up, metres_per_unit: Option<f64>) -> Self {
         Self { surfaces, own: OwnFrame { file, metres_per_unit, up, sensor: None }, camera: None }
@@ -158,33 +185,17 @@ impl Scene {
     ) -> Result<Self> {
         options.check()?;
         let file = MeshFile { path, options, observer };
-        let load = match extension(path).as_str() {
-            "obj" => obj::load,
-            "gltf" | "glb" => gltf::load,
-            "stl" => stl::load,
-            "ply" => ply::load,
-            _ => {
-                let why = why_no_mesh(&extension(path)).unwrap_or("has an unsupported mesh format");
-                let expected = "expected a file named .obj, .gltf, .glb, .stl or .ply";
-                return Err(file.refused(format!("{why}; {expected}")));
-            }
-        };
         let mut palette = Palette::new(&options.materials)?;
-        let mesh = load(file, &mut palette)?;
-        // A material file may be missing, but an output may not take its place.
-        check_inputs()?;
-        if observer.should_stop() {
-            return Err(Error::Interrupted);
-        }
-        let materials = palette.finish(file);
-        let camera = mesh.camera;
-        let (triangles, frame) = placed(mesh, options, place)?;
-        // `new` names only the triangle at fault; the file is added here.
+        let Mesh { surfaces, own, camera } = Mesh::read(file, &mut palette)?;
+        let materials = palette.finish(path.display(), observer);
+        let (mut triangles, parts) = surfaces.finish()?;
+        let frame = place_triangles(&mut triangles, &own, options, place)?;
+        // `build` names only the triangle at fault; the file is added here.
         let scene = Self::build(triangles, materials, observer).map_err(|error| {
             let place = format!("{}, {}", path.display(), error.place().unwrap_or_default());
             error.at(place)
         })?;
-        Ok(Self { camera, frame: Some(frame), ..scene })
+        Ok(Self { parts, camera, frame: Some(frame), ..scene })
     }
 
     /// Makes a scene of triangles in the array's frame, m. It may be empty. Triangles without area are allowed; they
@@ -224,12 +235,18 @@ impl Scene {
             }
         }
         let tree = SurfaceTree::new(&triangles, observer)?;
-        Ok(Self { triangles, materials, tree, camera: None, frame: None })
+        Ok(Self { triangles, parts: Vec::new(), materials, tree, camera: None, frame: None })
     }
 
     /// The triangles, in the order of the file.
     pub fn triangles(&self) -> &[Triangle] {
         &self.triangles
+    }
+
+    /// The parts by name, in the order of their triangles: the nodes, objects or solids of a file, or the files of an
+    /// assembly. None for a scene that was not loaded.
+    pub fn parts(&self) -> &[Part] {
+        &self.parts
     }
 
     /// The materials, indexed by [`Triangle::material`].
@@ -263,16 +280,16 @@ impl Scene {
     }
 }
 
-/// Transforms the triangles from the file's frame to the array's.
-fn placed(
-    mesh: Mesh<'_>,
+/// Transforms triangles from the file's frame to the array's.
+fn place_triangles(
+    triangles: &mut [Triangle],
+    own: &OwnFrame<'_>,
     options: &LoadOptions,
     place: placement::Place<'_>,
-) -> Result<(Vec<Triangle>, MeshFrame)> {
-    let mut triangles = mesh.surfaces.finish()?;
-    let (placement, frame) = placement::placement(&mesh.own, &triangles, options, place)?;
-    for triangle in &mut triangles {
+) -> Result<MeshFrame> {
+    let (placement, frame) = placement::placement(own, triangles, options, place)?;
+    for triangle in triangles {
         triangle.vertices = triangle.vertices.map(|v| placement.transform_point3(v));
     }
-    Ok((triangles, frame))
+    Ok(frame)
 }

@@ -47,12 +47,13 @@ pub(crate) fn one_line(text: &str) -> Cow<'_, str> {
 
 /// JSON with the same characters as JSON's own escapes.
 pub(crate) fn escaped_json(json: &str) -> Cow<'_, str> {
-    let write = |c: char| {
-        let units =
-            c.encode_utf16(&mut [0; 2]).iter().map(|unit| format!("\\u{unit:04x}")).collect::<Vec<_>>();
-        units.concat()
-    };
-    replaced(json, acts, write)
+    replaced(json, acts, json_escape)
+}
+
+/// A character as JSON's escapes of its units in UTF-16.
+pub(crate) fn json_escape(c: char) -> String {
+    let units = c.encode_utf16(&mut [0; 2]).iter().map(|unit| format!("\\u{unit:04x}")).collect::<Vec<_>>();
+    units.concat()
 }
 
 /// A message for people, of which libraries may have made a part: escaped, and cut off after 2000 characters.
@@ -70,6 +71,40 @@ pub(crate) fn quoted(text: &str) -> String {
         Some((end, _)) => format!("{}…", one_line(&text[..end])),
         None => one_line(text).into_owned(),
     }
+}
+
+/// The name nearest to `typed`, if one is similar enough to be a likely correction.
+pub(crate) fn nearest<'n>(typed: &str, names: &[&'n str]) -> Option<&'n str> {
+    // Names have at most 20 letters; the distance to a much longer text is meaningless.
+    if typed.len() > 40 {
+        return None;
+    }
+    let typed = typed.to_lowercase();
+    names
+        .iter()
+        .map(|name| (strsim::damerau_levenshtein(&typed, name), *name))
+        .filter(|(distance, name)| *distance <= (name.len() / 3).max(1))
+        .min_by_key(|(distance, _)| *distance)
+        .map(|(_, name)| name)
+}
+
+/// A quantity with a prefix that fits, as `22.20 GHz`, to `digits` decimals.
+pub(crate) fn prefixed(value: f64, digits: usize, unit: &str) -> String {
+    let (scale, prefix) = prefix_of(value);
+    format!("{:.digits$} {prefix}{unit}", value / scale)
+}
+
+/// A range of quantities with the prefix of the larger, as `10.00 to 20.00 kHz`.
+pub(crate) fn prefixed_range(low: f64, high: f64, digits: usize, unit: &str) -> String {
+    let (scale, prefix) = prefix_of(high);
+    format!("{:.digits$} to {:.digits$} {prefix}{unit}", low / scale, high / scale)
+}
+
+/// The largest prefix that leaves a number of at least 1, and its factor.
+fn prefix_of(value: f64) -> (f64, &'static str) {
+    const PREFIXES: [(f64, &str); 7] =
+        [(1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n")];
+    PREFIXES.into_iter().find(|(scale, _)| value.abs() >= *scale).unwrap_or((1.0, ""))
 }
 
 #[cfg(test)]
@@ -102,5 +137,26 @@ mod tests {
         assert!(long.ends_with('…'));
         assert_eq!(message(&"\u{7}".repeat(1 << 20)).chars().filter(|c| *c == '\\').count(), 2000);
         assert_eq!(quoted(&"x".repeat(80)), "x".repeat(80));
+    }
+
+    #[test]
+    fn quantities_have_prefixes_that_fit() {
+        for (value, expected) in [
+            (22.2e9, "22.20 GHz"),
+            (500.0, "500.00 Hz"),
+            (40e3, "40.00 kHz"),
+            (0.0, "0.00 Hz"),
+            (-2e-3, "-2.00 mHz"),
+        ] {
+            assert_eq!(prefixed(value, 2, "Hz"), expected);
+        }
+        assert_eq!(prefixed_range(500.0, 20e3, 1, "Hz"), "0.5 to 20.0 kHz");
+        assert_eq!(prefixed(14.3e-9, 1, "m"), "14.3 nm");
+    }
+
+    #[test]
+    fn only_a_similar_name_is_proposed() {
+        assert_eq!(nearest("frequency", &["samples", "frequencies"]), Some("frequencies"));
+        assert_eq!(nearest("colour", &["samples", "frequencies"]), None);
     }
 }

@@ -2,11 +2,11 @@
 
 use super::cube::{FORMAT, VERSION, check_finite};
 use super::source::{CubeSource, Visit};
-use super::{DataCube, Detection, Instrument, MicArray, Sweep};
+use super::{DataCube, Detection, Instrument, InstrumentChanges, MicArray, Sweep};
 use crate::error::{Error, Result, gib};
 use crate::files::npz::NpzReader;
 use crate::scene::FARTHEST;
-use crate::text::quoted;
+use crate::text::{nearest, quoted};
 use crate::wave::{DEFAULT_SOUND_SPEED, Geometry, GeometryKind, SOUND_SPEEDS, is_sound_speed};
 use glam::DVec3;
 use num_complex::Complex32;
@@ -22,6 +22,7 @@ pub struct CubeFile {
     instrument: Instrument,
     conjugated: bool,
     provenance: Value,
+    changes: Vec<String>,
 }
 
 /// The `meta` array of a file; every key may be missing.
@@ -53,7 +54,31 @@ impl Default for Meta {
     }
 }
 
+/// The arrays of a cube file.
+const ARRAYS: [&str; 4] = ["samples", "frequencies", "mic_positions", "meta"];
+
+/// The keys of `meta`.
+const META: [&str; 8] =
+    ["format", "version", "sound_speed", "geometry", "detection", "phase_sign", "source", "provenance"];
+
+/// A name that no cube file has: it was meant to say something, and would say nothing.
+fn unknown_name(what: &str, name: &str, known: &[&str]) -> Error {
+    let meant = nearest(name, known).map_or(String::new(), |near| format!("; did you mean `{near}`?"));
+    let known = known.join(", ");
+    let problem = format!("has the unknown {what} `{}`{meant} (A cube has {known}.)", quoted(name));
+    Error::input("cube", problem)
+}
+
 impl Meta {
+    fn read(text: &str) -> Result<Self> {
+        let wrong = |e| Error::input("meta", format!("is not the expected JSON: {e}"));
+        let values: serde_json::Map<String, Value> = serde_json::from_str(text).map_err(wrong)?;
+        if let Some(unknown) = values.keys().find(|key| !META.contains(&key.as_str())) {
+            return Err(unknown_name("key", unknown, &META));
+        }
+        serde_json::from_value(Value::Object(values)).map_err(wrong)
+    }
+
     /// Checks every value and gives the geometry.
     fn check(&self, place: &str) -> Result<Geometry> {
         let refuse = |problem: String| Err(Error::input(place, problem));
@@ -159,8 +184,10 @@ impl CubeFile {
             ));
         }
         let meta = if npz.contains("meta") { npz.text("meta")? } else { "{}".to_owned() };
-        let meta: Meta = serde_json::from_str(&meta)
-            .map_err(|e| Error::input(place(path, "meta"), format!("is not the expected JSON: {e}")))?;
+        let meta = Meta::read(&meta).map_err(|error| error.at(place(path, "meta")))?;
+        if let Some(unknown) = npz.names().find(|name| !ARRAYS.contains(name)) {
+            return Err(unknown_name("array", unknown, &ARRAYS).at(path.display()));
+        }
         let geometry = meta.check(&place(path, "meta"))?;
         let frequencies = npz.f64("frequencies")?;
         if frequencies.shape.len() != 1 {
@@ -185,7 +212,37 @@ impl CubeFile {
             instrument: Instrument { sweep, array, geometry, detection, sound_speed: meta.sound_speed },
             conjugated: meta.phase_sign < 0,
             provenance: meta.provenance,
+            changes: Vec::new(),
         })
+    }
+
+    /// The cube of another instrument than its file says.
+    ///
+    /// # Errors
+    /// As [`Instrument::changed`].
+    pub fn changed(mut self, changes: &InstrumentChanges) -> Result<Self> {
+        let (instrument, words) = self.instrument.changed(changes)?;
+        self.instrument = instrument;
+        self.changes.extend(words);
+        Ok(self)
+    }
+
+    /// What is hard to believe of the file, known before its samples are read.
+    pub fn questions(&self) -> Vec<String> {
+        let unsigned = self.npz.dtype_is_unsigned("samples").unwrap_or(false);
+        let question = || {
+            format!(
+                "the samples of {} are unsigned integers, which no in-phase data are: echoes have a mean of 0; subtract the \
+                 converter's offset",
+                self.path.display()
+            )
+        };
+        unsigned.then(question).into_iter().collect()
+    }
+
+    /// What [`CubeFile::changed`] changed, in words.
+    pub fn changes(&self) -> &[String] {
+        &self.changes
     }
 
     /// Reads the samples into a cube.
@@ -210,6 +267,11 @@ impl CubeFile {
         self.npz.fingerprint()
     }
 
+    /// The samples as they are, to find those that are not finite, at which any other visit stops.
+    pub fn unchecked(&mut self) -> UncheckedSamples<'_> {
+        UncheckedSamples(self)
+    }
+
     /// The origin of the cube; null for a measurement.
     pub fn provenance(&self) -> &Value {
         &self.provenance
@@ -227,12 +289,33 @@ impl CubeSource for CubeFile {
     }
 
     fn visit(&mut self, block: usize, visit: &mut Visit) -> Result<()> {
-        let (n_f, n_mic) = (self.instrument.sweep.len(), self.instrument.array.len());
-        let (place, conjugated) = (place(&self.path, "samples"), self.conjugated);
+        let (n_mic, place) = (self.instrument.array.len(), place(&self.path, "samples"));
+        self.unchecked().visit(block, &mut |range, samples| {
+            check_finite(&place, range.start, n_mic, samples)?;
+            visit(range, samples)
+        })
+    }
+}
+
+/// The samples of a file, also those that are not finite.
+#[derive(Debug)]
+pub struct UncheckedSamples<'a>(&'a mut CubeFile);
+
+impl CubeSource for UncheckedSamples<'_> {
+    fn instrument(&self) -> &Instrument {
+        self.0.instrument()
+    }
+
+    fn held_bytes(&self) -> u64 {
+        self.0.held_bytes()
+    }
+
+    fn visit(&mut self, block: usize, visit: &mut Visit) -> Result<()> {
+        let CubeFile { npz, instrument, conjugated, .. } = &mut *self.0;
+        let (n_f, n_mic) = (instrument.sweep.len(), instrument.array.len());
         let mut first = 0;
-        self.npz.complex_blocks("samples", block.min(n_f) * n_mic, |samples: &mut [Complex32]| {
-            check_finite(&place, first, n_mic, samples)?;
-            if conjugated {
+        npz.complex_blocks("samples", block.min(n_f) * n_mic, |samples: &mut [Complex32]| {
+            if *conjugated {
                 conjugate(samples);
             }
             let range = first..first + samples.len() / n_mic;

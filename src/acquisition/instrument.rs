@@ -1,5 +1,9 @@
 //! The instrument: the parameters of a measurement that formulas, plans and reconstructions need, without its samples.
 
+mod changes;
+
+pub use changes::InstrumentChanges;
+
 use super::{Detection, MicArray, Sweep};
 use crate::error::{Error, Result};
 use crate::grid::Grid;

@@ -1,16 +1,21 @@
 //! The commands: each turns its arguments into calls of the library and shows the results.
 
-use super::inputs::{Input, bare_mesh, check_kind, config_of, has_extension, reading_limit, scene_of};
+mod import;
+
+pub(super) use import::ImportArgs;
+
+use super::inputs::{
+    Input, bare_mesh, check_kind, config_of, cube_of, has_extension, reading_limit, scene_of,
+};
 use super::outputs::{announce, open_folder, print_json, print_written};
 use super::placement::Placement;
 use super::terminal::{Terminal, observed, print};
 use super::verdicts::{Compared, check, compare};
 use super::{Cli, Command, Overrides, design, guide, info, manual, reproduce, summary};
-use crate::acquisition::CubeFile;
 use crate::checkpoint::Checkpoint;
 use crate::config::ANNOTATED;
 use crate::error::{Error, Result};
-use crate::files::{OutputFolder, extension, write_atomically};
+use crate::files::{OutputFolder, write_atomically};
 use crate::pipeline;
 use crate::progress::{Observer, stage};
 use clap::CommandFactory;
@@ -40,13 +45,13 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
             conclude(checkpoint, result, terminal)?;
             print_written(std::slice::from_ref(output), terminal)
         }
+        Command::Import(args) => import::run(args, terminal),
         Command::Reconstruct { cube, config, output, settings, checkpoint } => {
-            output.iter().try_for_each(|path| announce(path, &["npz", "exr", "vti", "nrrd"]))?;
+            output.iter().try_for_each(|path| announce(path, &["npz", "exr", "vti", "nrrd", "vdb"]))?;
             // The checkpoint is in the folder of the first output.
             let checkpoint = Checkpoint::beside(&output[0], checkpoint.every()?);
             check_kind(cube, "a data cube", "simulate")?;
-            let run = config_of(config.as_deref(), &settings.set)?;
-            let cube = CubeFile::open(cube, reading_limit())?;
+            let (run, cube) = cube_of(cube, config.as_deref(), &settings.set, terminal)?;
             let job = observed(terminal).with_checkpoint(&checkpoint);
             let result = pipeline::reconstruct_cube(&run, cube, output, &job);
             let files = conclude(checkpoint, result, terminal)?;
@@ -100,7 +105,10 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
         }
         Command::Reproduce { output } => reproduce::run(output.as_deref(), terminal),
         Command::Report { folder, open } => report(folder, *open, terminal),
-        Command::Info { file, overrides } => {
+        Command::Info { file, health: true, output, .. } => {
+            info::health::show(file, output.as_deref(), terminal)
+        }
+        Command::Info { file, overrides, .. } => {
             let facts = info::of(file, overrides, reading_limit(), terminal)?;
             if terminal.json() { print_json(&facts) } else { print(&summary::facts(&facts)) }
         }
@@ -120,8 +128,8 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
 /// Predicts a job of a cube or of a scene.
 fn plan(input: &Path, config: Option<&Path>, overrides: &Overrides, terminal: &Terminal) -> Result<()> {
     let forecast = if has_extension(input, &["npz"]) {
-        let run = config_of(config, &overrides.keys()?)?;
-        pipeline::forecast_cube(&run, &CubeFile::open(input, reading_limit())?)?
+        let (run, cube) = cube_of(input, config, &overrides.keys()?, terminal)?;
+        pipeline::forecast_cube(&run, &cube)?
     } else {
         no_config(config)?;
         let Input { run, bare } = scene_of(input, overrides, terminal)?;
@@ -177,16 +185,14 @@ fn image(
 ) -> Result<()> {
     let job = observed(terminal).with_checkpoint(checkpoint);
     let (run, outcome) = if has_extension(input, &["npz"]) {
-        let run = config_of(config, &overrides.keys()?)?;
+        let (run, cube) = cube_of(input, config, &overrides.keys()?, terminal)?;
         pipeline::announce_outputs(&run, folder, false)?;
-        let cube = CubeFile::open(input, reading_limit())?;
         let outcome = pipeline::image_cube(&run, cube, &job)?;
         (run, outcome)
     } else {
         no_config(config)?;
         let Input { run, bare } = scene_of(input, overrides, terminal)?;
-        let has_truth = run.scene.mesh.as_ref().is_some_and(|mesh| extension(&mesh.path) != "csv");
-        pipeline::announce_outputs(&run, folder, has_truth)?;
+        pipeline::announce_outputs(&run, folder, pipeline::has_truth(&run))?;
         let outcome = pipeline::image_scene(&run, &job.with_bare_mesh(bare.as_ref()))?;
         (run, outcome)
     };

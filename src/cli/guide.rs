@@ -6,10 +6,9 @@ mod text;
 
 use super::Cli;
 use super::terminal::{print, print_help};
-use crate::config::nearest;
 use crate::error::{Error, Result};
 use crate::guide::{CHAPTERS, Chapter};
-use crate::text::quoted;
+use crate::text::{nearest, quoted};
 use clap::{CommandFactory, Parser};
 use std::fmt::Write;
 

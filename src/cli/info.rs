@@ -1,5 +1,7 @@
 //! The facts of a file, by its kind.
 
+pub(super) mod health;
+
 use super::Overrides;
 use super::inputs::{config_of, run_file_of};
 use crate::acquisition::DataCube;
@@ -24,7 +26,7 @@ pub(super) fn of(file: &Path, overrides: &Overrides, limit: u64, observer: &dyn 
         "exr" => exr(file, limit),
         "vti" | "nrrd" => volume(file, limit),
         // Without faces it is a point cloud, as `depth` writes it.
-        "ply" => points(file, limit).or_else(|_| mesh(file, overrides, observer)),
+        "ply" => mesh(file, overrides, observer).or_else(|error| points(file, limit).map_err(|_| error)),
         "toml" => {
             let run = run_file_of(file, &overrides.keys()?)?;
             Ok(json!({ "kind": "run file", "resolved": run.to_json() }))
@@ -99,16 +101,17 @@ fn volume(file: &Path, limit: u64) -> Result<Value> {
 }
 
 fn points(file: &Path, limit: u64) -> Result<Value> {
-    let ply = Ply::read(file, limit)?;
-    let ends =
-        |name: &str, pick: fn(f64, f64) -> f64| ply.column(name).unwrap_or_default().into_iter().reduce(pick);
+    let Ply { vertices, comments, .. } = Ply::read(file, limit)?;
+    let ends = |name: &str, pick: fn(f64, f64) -> f64| {
+        vertices.column(name).unwrap_or_default().into_iter().reduce(pick)
+    };
     let corner = |pick| ["x", "y", "z"].map(|name| ends(name, pick));
     Ok(json!({
         "kind": "points",
-        "count": ply.count,
-        "properties": ply.names().collect::<Vec<_>>(),
+        "count": vertices.count,
+        "properties": vertices.names().collect::<Vec<_>>(),
         "low_m": corner(f64::min), "high_m": corner(f64::max),
-        "comments": ply.comments,
+        "comments": comments,
     }))
 }
 

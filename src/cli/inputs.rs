@@ -1,7 +1,9 @@
 //! Inputs of commands: their kind, by extension, and their run file.
 
 use super::Overrides;
-use crate::config::{InputFile, RunFile};
+use super::terminal::Terminal;
+use crate::acquisition::{CubeFile, CubeSource};
+use crate::config::{InputFile, RunFile, TypedKeys};
 use crate::error::{Error, Result, gib};
 use crate::files::extension;
 use crate::pipeline::BareMesh;
@@ -60,7 +62,7 @@ pub(super) fn run_file_of(input: &Path, overrides: &[String]) -> Result<RunFile>
             ),
         ));
     }
-    let mut run = RunFile::from_str_at("", "command line", Path::new(""), overrides)?;
+    let (mut run, _) = RunFile::of_overrides(overrides)?;
     run.scene.mesh = Some(InputFile::new(input));
     Ok(with_memory_limit(run))
 }
@@ -68,21 +70,39 @@ pub(super) fn run_file_of(input: &Path, overrides: &[String]) -> Result<RunFile>
 /// As [`run_of`], for an input that needs a scene: a missing scene is an error.
 pub(super) fn scene_of(input: &Path, overrides: &Overrides, observer: &dyn Observer) -> Result<Input> {
     let found = run_of(input, overrides, observer)?;
-    let place = || format!("{}: [scene] mesh", input.display());
-    match &found.run.scene.mesh {
-        None => Err(Error::input(
+    let table = if found.run.scene.parts.is_empty() { "[scene]" } else { "[[scene.parts]]" };
+    let place = || format!("{}: {table} mesh", input.display());
+    if found.run.scene.files().next().is_none() {
+        return Err(Error::input(
             place(),
             "is missing; name a mesh (.obj, .gltf, .glb, .stl, .ply) or a list of reflectors (.csv)",
-        )),
-        Some(mesh) if has_extension(input, &["toml"]) && !mesh.path.exists() => Err(Error::input(
-            place(),
-            format!(
-                "{}: no such file; a path is relative to the run file's folder, unless it is absolute",
-                mesh.path.display()
-            ),
-        )),
-        Some(_) => Ok(found),
+        ));
     }
+    if let Some(mesh) = found.run.scene.files().find(|mesh| !mesh.path.exists())
+        && has_extension(input, &["toml"])
+    {
+        let problem = "no such file; a path is relative to the run file's folder, unless it is absolute";
+        return Err(Error::input(place(), format!("{}: {problem}", mesh.path.display())));
+    }
+    Ok(found)
+}
+
+/// The run file of an import: its own, or the one of a file of samples; and which keys were typed.
+pub(super) fn measured_run_of(
+    input: &Path,
+    settings: &[String],
+    is_run_file: bool,
+) -> Result<(RunFile, TypedKeys)> {
+    if is_run_file {
+        return RunFile::load_with_keys(input, settings).map(|(run, typed)| (with_memory_limit(run), typed));
+    }
+    let (mut run, typed) = RunFile::of_overrides(settings)?;
+    if !run.import.samples.is_empty() {
+        let problem = "names the samples a second time; leave it out, or give a run file";
+        return Err(Error::input("--set import.samples", problem));
+    }
+    run.import.samples = vec![InputFile::new(input)];
+    Ok((with_memory_limit(run), typed))
 }
 
 /// Refuses an input, by its extension, that the command does not read.
@@ -96,11 +116,41 @@ pub(super) fn check_kind(input: &Path, what: &str, maker: &str) -> Result<()> {
     ))
 }
 
+/// A cube, and its run file given with `-c`; overrides of its instrument are applied.
+pub(super) fn cube_of(
+    cube: &Path,
+    config: Option<&Path>,
+    settings: &[String],
+    terminal: &Terminal,
+) -> Result<(RunFile, CubeFile)> {
+    let (run, typed) = match config {
+        Some(path) => RunFile::load_with_keys(path, settings),
+        None => RunFile::of_overrides(settings),
+    }?;
+    let cube = CubeFile::open(cube, reading_limit())?;
+    let cube = cube.changed(&run.overridden_instrument(&typed)?)?;
+    // A simulated cube remembers the run file that it was made with, which may place its array by other means.
+    let made_with = |run: &RunFile| cube.provenance()["run"]["array"] == run.to_json()["array"];
+    let mut written = run.written_instrument(&typed);
+    if made_with(&run) {
+        (written.source, written.centre) = (None, None);
+    }
+    if let Ok((_, differences)) = cube.instrument().changed(&written) {
+        for difference in differences {
+            terminal.warn(&format!(
+                "the run file says {difference}; the cube's own is used, unless --set replaces it"
+            ));
+        }
+    }
+    cube.questions().iter().for_each(|question| terminal.warn(question));
+    Ok((with_memory_limit(run), cube))
+}
+
 /// The run file given with `-c`, or the defaults.
 pub(super) fn config_of(config: Option<&Path>, settings: &[String]) -> Result<RunFile> {
     let run = match config {
         Some(path) => RunFile::load(path, settings),
-        None => RunFile::from_str_at("", "command line", Path::new(""), settings),
+        None => RunFile::of_overrides(settings).map(|(run, _)| run),
     };
     run.map(with_memory_limit)
 }

@@ -7,7 +7,7 @@ use crate::pipeline::{Forecast, Judgement, LimitVerdict, Outcome, Report};
 use crate::plan::Plan;
 use crate::reconstruct::Estimate;
 use crate::scene::Up;
-use crate::text::one_line;
+use crate::text::{one_line, prefixed, prefixed_range};
 use serde_json::Value;
 use std::fmt::Write;
 use std::path::Path;
@@ -114,8 +114,8 @@ pub(super) fn image(input: &Path, folder: &Path, report: &Report, outcome: &Outc
     let instrument = &outcome.instrument;
     let extent = instrument.array.extent();
     table.row("array", format!("{} microphones over {:.2} x {:.2} m", plan.microphones, extent.x, extent.y));
-    let [start, stop] = [instrument.sweep.start(), instrument.sweep.stop()].map(|f| f / 1e3);
-    table.row("sweep", format!("{} frequencies, {start:.2} to {stop:.2} kHz", plan.frequencies));
+    let band = prefixed_range(instrument.sweep.start(), instrument.sweep.stop(), 2, "Hz");
+    table.row("sweep", format!("{} frequencies, {band}", plan.frequencies));
     table.rows("physics", report.physics.iter().cloned());
     table.rows("refined", report.refinement.iter().map(ToString::to_string));
     table.row("resolution", resolution(plan, |[x, _]| millimetres(x)));
@@ -145,7 +145,7 @@ pub(super) fn image(input: &Path, folder: &Path, report: &Report, outcome: &Outc
 pub(super) fn forecast(forecast: &Forecast) -> String {
     let (plan, grid) = (&forecast.plan, &forecast.grid);
     let mut table = KeyValueTable::default();
-    table.row("wavelength", format!("{:.1} mm at the centre of the band", plan.wavelength * 1e3));
+    table.row("wavelength", format!("{} at the centre of the band", prefixed(plan.wavelength, 1, "m")));
     let lateral = |[x, y]: [Option<f64>; 2]| {
         if x == y { millimetres(x) } else { format!("{} x {}", millimetres(x), millimetres(y)) }
     };
@@ -332,6 +332,14 @@ pub(super) fn facts(value: &Value) -> String {
     let mut table = KeyValueTable::default();
     rows(&mut table, value, 0);
     table.text()
+}
+
+/// What was guessed, a line each.
+pub(super) fn guesses(guesses: &[String]) -> String {
+    guesses.iter().fold(String::new(), |mut text, guess| {
+        let _ = writeln!(text, "guessed: {}", one_line(guess));
+        text
+    })
 }
 
 /// A text of a line or two; longer ones, such as a run file in an attribute, are cut off.

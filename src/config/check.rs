@@ -1,5 +1,6 @@
 //! The checks of a run file beyond types: ranges, and keys that must agree with each other.
 
+mod import;
 mod measurement;
 mod results;
 mod scene;
@@ -24,6 +25,7 @@ impl RunFile {
         self.sweep.check()?;
         self.array.check()?;
         self.detection.check()?;
+        self.import.check()?;
         self.grid.check()?;
         self.reconstruct.check()?;
         self.refine.check()?;

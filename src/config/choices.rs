@@ -75,6 +75,8 @@ choice! {
         Vti = "vti",
         /// NRRD, which 3D Slicer and ITK open.
         Nrrd = "nrrd",
+        /// OpenVDB, which Blender and Houdini open.
+        Vdb = "vdb",
     }
 }
 

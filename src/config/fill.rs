@@ -4,8 +4,10 @@
 use super::range::{Check, ensure};
 use super::reader::Fault;
 use super::tables::ArrayTable;
-use super::{ArrayLayout, GridTable, MediumTable, RunFile};
+use super::{ArrayLayout, GridTable, MediumTable, RunFile, SceneTable};
 use crate::wave::DEFAULT_SOUND_SPEED;
+use std::collections::{HashMap, HashSet};
+use std::path::Path;
 
 impl RunFile {
     /// Completes what was typed, or says why it cannot be completed.
@@ -19,8 +21,30 @@ impl RunFile {
                 array.pitch.get_or_insert(ArrayTable::PITCH);
             }
         }
+        self.scene.name_parts();
         self.medium.fill();
         self.grid.fill()
+    }
+}
+
+impl SceneTable {
+    /// Names parts after their files: `cup`, `cup 2`, ...
+    fn name_parts(&mut self) {
+        let typed: HashSet<String> = self.parts.iter().filter_map(|part| part.name.clone()).collect();
+        let mut used: HashMap<String, usize> = HashMap::new();
+        for part in &mut self.parts {
+            part.name.get_or_insert_with(|| {
+                let stem = Path::new(&part.mesh.typed).file_stem().unwrap_or_default().to_string_lossy();
+                let count = used.entry(stem.to_string()).or_default();
+                loop {
+                    *count += 1;
+                    let name = if *count == 1 { stem.to_string() } else { format!("{stem} {count}") };
+                    if !typed.contains(&name) {
+                        return name;
+                    }
+                }
+            });
+        }
     }
 }
 

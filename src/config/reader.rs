@@ -3,8 +3,8 @@
 //! It is a serde `Deserializer` of its own because of its errors: each one knows the key at fault, and proposes the
 //! nearest valid name for an unknown one.
 
-use super::wording::{described, nearest, unknown_key, unknown_table};
-use crate::text::quoted;
+use super::wording::{described, unknown_key, unknown_table};
+use crate::text::{nearest, quoted};
 use serde::de::value::{MapDeserializer, SeqDeserializer, StrDeserializer};
 use serde::de::{self, Deserializer, Expected, IntoDeserializer, Unexpected, Visitor};
 use serde::forward_to_deserialize_any;

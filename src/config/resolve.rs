@@ -1,7 +1,9 @@
 //! From the run file to the parameters of the stages; no other place converts one to the other.
 
+mod import;
+
 use super::check::square_root;
-use super::{ArrayLayout, RefineMethod, RefineTable, RunFile, Shading, SurfaceKind};
+use super::{ArrayLayout, RefineMethod, RefineTable, RunFile, ScenePart, Shading, SurfaceKind};
 use crate::acquisition::{
     ArrayErrors, Instrument, Losses, MicArray, Noise, RANDOM_BYTES, SimulateOptions, Sweep,
 };
@@ -11,7 +13,7 @@ use crate::grid::{Axis, Grid, Raster, View};
 use crate::plan::memory_limit;
 use crate::reconstruct::{ReconstructOptions, RefineOptions};
 use crate::reflectors::{Occlusion, OcclusionKind, SurfaceModel, SurfaceOptions};
-use crate::scene::{CameraView, LoadOptions};
+use crate::scene::{CameraView, LoadOptions, PartFile};
 use crate::truth::TruthOptions;
 use crate::wave::{Geometry, GeometryKind, Resolution};
 use glam::DVec3;
@@ -120,6 +122,24 @@ impl RunFile {
         options.materials.clone_from(&self.materials);
         options.memory = memory_limit(self.memory);
         Ok(options)
+    }
+
+    /// `[[scene.parts]]`.
+    pub fn part_files(&self) -> Vec<PartFile> {
+        let file = |part: &ScenePart| PartFile {
+            path: part.mesh.path.clone(),
+            name: part.name.clone().unwrap_or_default(),
+            options: LoadOptions::default()
+                .with_unit(part.unit)
+                .with_up(part.up)
+                .with_scale(part.scale)
+                .with_size(part.size)
+                .with_rotate(DVec3::from_array(part.rotate))
+                .with_translate(part.translate.map_or(DVec3::ZERO, DVec3::from_array))
+                .with_fit(part.fit.map(DVec3::from_array)),
+            material: part.material,
+        };
+        self.scene.parts.iter().map(file).collect()
     }
 
     /// `[reflectors]` and `[scene] occlusion`, for a scene whose nearest surface is at `nearest_z` m.
@@ -276,6 +296,7 @@ impl RunFile {
         let (typed, refined) = (&self.depth, self.refine.method != RefineMethod::None);
         let mut options = DepthOptions::new(resolution).adapted_to(sidelobes, refined);
         options.confidence_db = typed.confidence_db.unwrap_or(options.confidence_db);
+        options.rim_db = typed.rim_db.unwrap_or(options.rim_db);
         options.gate = typed.gate;
         (options.pick, options.refine) = (typed.pick, typed.refine);
         options.threshold_db = typed.threshold_db;

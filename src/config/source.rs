@@ -5,7 +5,7 @@ use super::reader::{Fault, joined};
 use super::wording::tables_with;
 use crate::error::{Error, Result};
 use crate::text::quoted;
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use toml::de::{DeTable, DeValue};
 use toml::{Table, Value};
 
@@ -28,11 +28,36 @@ pub(super) struct ParsedRunFile<'t> {
     pub(super) values: Value,
 }
 
+/// The keys of a run file that were typed, in the file or as overrides; all others have their defaults.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct TypedKeys(
+    /// Each `table.key`, and whether it is an override.
+    BTreeMap<String, bool>,
+);
+
+impl TypedKeys {
+    /// Whether a `table.key`, or anything of a `table`, was typed.
+    pub fn contains(&self, key: &str) -> bool {
+        self.0.contains_key(key)
+    }
+
+    /// Whether it was typed as an override.
+    pub fn is_overridden(&self, key: &str) -> bool {
+        self.0.get(key).is_some_and(|overridden| *overridden)
+    }
+
+    /// The keys that were typed as overrides, and the tables that they were the first to name.
+    pub fn overridden(&self) -> impl Iterator<Item = &str> {
+        self.0.iter().filter(|(_, overridden)| **overridden).map(|(key, _)| key.as_str())
+    }
+}
+
 /// Maximum number of parts of a key: `expect.METRIC.max` and `materials.N.name` have three.
 const MAX_DEPTH: usize = 8;
 
 /// Pairs of keys that exclude each other: a `--set` of one withdraws the other.
-const EXCLUSIVE: [[&str; 2]; 6] = [
+const EXCLUSIVE: [[&str; 2]; 7] = [
+    ["scene.mesh", "scene.parts"],
     ["scene.size", "scene.unit"],
     ["scene.size", "scene.scale"],
     ["scene.translate", "scene.fit"],
@@ -122,6 +147,12 @@ impl<'t> ParsedRunFile<'t> {
             }
         }
         Ok(())
+    }
+
+    /// The keys that were typed.
+    pub(super) fn typed(self) -> TypedKeys {
+        let is_override = |origin: &Origin| matches!(origin, Origin::Override(_));
+        TypedKeys(self.origins.into_iter().map(|(key, origin)| (key, is_override(&origin))).collect())
     }
 
     /// Removes `table.key` if it was typed in the file; two contradicting `--set` remain, and are refused later.

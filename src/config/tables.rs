@@ -2,11 +2,13 @@
 //!
 //! A key whose absence has a meaning of its own is an `Option`; every other key has the default that `Default` gives.
 
+mod import;
 mod measurement;
 mod pair;
 mod results;
 mod scene;
 
+pub use import::ImportTable;
 pub use measurement::{ArrayTable, DetectionTable, MediumTable, SweepTable};
 pub use results::{DepthTable, ExpectTable, GridTable, Limit, OutputTable, ReconstructTable, RefineTable};
-pub use scene::{ReflectorsTable, SceneTable};
+pub use scene::{ReflectorsTable, ScenePart, SceneTable};

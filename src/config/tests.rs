@@ -9,7 +9,8 @@ mod refusals;
 use super::*;
 use crate::export::Fill;
 use crate::named::assert_names;
-use crate::scene::Unit;
+use crate::scene::{CommonMaterial, Unit};
+use glam::DVec3;
 use std::path::PathBuf;
 
 fn read(text: &str) -> Result<RunFile> {
@@ -109,7 +110,7 @@ fn the_annotated_file_equals_the_corner_scene() {
             let key = line.strip_prefix("# ").filter(|rest| {
                 rest.starts_with("[[") || rest.split_once(" = ").is_some_and(|(key, _)| !key.contains(' '))
             });
-            let exclusive = "size translate sensor elements pitch spacing=0.016 seed file fov pixels temperature humidity \
+            let exclusive = "size translate sensor parts elements extent spacing=0.016 seed file fov pixels temperature humidity \
                              pressure #";
             let is_exclusive = |rest: &str| {
                 let compact = rest.replace(' ', "");
@@ -119,7 +120,28 @@ fn the_annotated_file_equals_the_corner_scene() {
         })
         .collect();
     let open = read(&open.join("\n")).unwrap();
-    assert_eq!((open.materials.len(), open.grid.count), (1, Some([41, 41, 116])));
+    assert_eq!((open.materials.len(), open.grid.count), (1, Some([145, 161, 126])));
+}
+
+#[test]
+fn parts_are_named_after_their_files_and_written_with_those_names() {
+    let text = "[[scene.parts]]\nmesh = \"a/cup.obj\"\n[[scene.parts]]\nmesh = \"cup.stl\"\n[[scene.parts]]\nmesh = \"b.obj\"\n\
+                name = \"cup 2\"\nmaterial = \"glass\"\nfit = [0, 0, 1]\n[[scene.parts]]\nmesh = \"b.ply\"\nunit = \"ft\"";
+    let run = read(text).unwrap();
+    let names: Vec<_> = run.scene.parts.iter().map(|part| part.name.as_deref().unwrap()).collect();
+    assert_eq!(names, ["cup", "cup 3", "cup 2", "b"]);
+    let files = run.part_files();
+    assert_eq!(files[0].path, Path::new("folder/a/cup.obj"));
+    assert_eq!((files[2].material, files[2].options.fit), (Some(CommonMaterial::Glass), Some(DVec3::Z)));
+    assert_eq!(files[3].options.unit, Some(Unit::Foot));
+    assert_eq!(read(&run.to_toml()).unwrap(), run);
+    let moved = read_with(text, &["scene.parts.1.translate=[1, 0, 0]", "scene.fit=[0, 0, 2]"]).unwrap();
+    assert_eq!((moved.part_files()[1].options.translate, moved.scene.fit), (DVec3::X, Some([0.0, 0.0, 2.0])));
+    // A mesh instead of the parts, and the other way round.
+    let one = read_with(text, &["scene.mesh=a.obj"]).unwrap();
+    assert!(one.scene.parts.is_empty());
+    let several = read_with("[scene]\nmesh = \"a.obj\"", &["scene.parts=[{mesh=\"b.obj\"}]"]).unwrap();
+    assert!(several.scene.mesh.is_none() && several.scene.files().count() == 1);
 }
 
 #[test]

@@ -1,7 +1,7 @@
-//! What messages quote and propose: names short enough for a line, and the valid name nearest to a wrong one.
+//! What messages quote and propose.
 
 use super::RunFile;
-use crate::text::quoted;
+use crate::text::{nearest, quoted};
 use toml::Value;
 
 /// What a value is, in plain words.
@@ -19,21 +19,6 @@ pub(super) fn described(value: &Value) -> String {
         },
         Value::Table(_) => "a table".to_owned(),
     }
-}
-
-/// The name nearest to `typed`, if one is similar enough to be a likely correction.
-pub(crate) fn nearest<'n>(typed: &str, names: &[&'n str]) -> Option<&'n str> {
-    // Names have at most 20 letters; the distance to a much longer text is meaningless.
-    if typed.len() > 40 {
-        return None;
-    }
-    let typed = typed.to_lowercase();
-    names
-        .iter()
-        .map(|name| (strsim::damerau_levenshtein(&typed, name), *name))
-        .filter(|(distance, name)| *distance <= (name.len() / 3).max(1))
-        .min_by_key(|(distance, _)| *distance)
-        .map(|(_, name)| name)
 }
 
 /// The message about a key that its table does not have.

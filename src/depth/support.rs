@@ -33,8 +33,17 @@ const ASIDE: f64 = 0.6;
 /// Least power of a surface that is filled in beside another, over that of the other.
 const FAINTEST: f32 = 0.01;
 
+/// Which pixels are around another.
+#[derive(Clone, Copy)]
+pub(super) enum Around {
+    /// Within so many lateral resolutions, and the eight that adjoin.
+    Adjoining(f64),
+    /// Within so many lateral resolutions, and the four that share a side.
+    Disc(f64),
+}
+
 /// The surfaces around a pixel.
-struct Neighbours<'a> {
+pub(super) struct Neighbours<'a> {
     /// How many pixels are around.
     all: usize,
     /// Those that have surfaces.
@@ -47,12 +56,12 @@ struct Neighbours<'a> {
 }
 
 impl<'a> Neighbours<'a> {
-    fn of(
+    pub(super) fn of(
         pixel: usize,
         depth: f64,
         surfaces: &'a [Vec<Surface>],
         raster: &'a Raster,
-        reach: f64,
+        which: Around,
         (grid, options): (&Grid, &DepthOptions),
     ) -> Self {
         let cell = options.lateral_resolution(depth, grid);
@@ -60,8 +69,9 @@ impl<'a> Neighbours<'a> {
         let pixels =
             [(raster.x, cell[0]), (raster.y, cell[1])].map(|(axis, cell)| cell / (axis.pitch * metres));
         let strides = pixels.map(stride);
-        let reach =
-            [0, 1].map(|k: usize| ((reach * pixels[k] / strides[k] as f64) as usize).clamp(1, MOST_REACH));
+        let (Around::Adjoining(resolutions) | Around::Disc(resolutions)) = which;
+        let radius = [0, 1].map(|k: usize| (resolutions * pixels[k] / strides[k] as f64).max(1.0));
+        let reach = radius.map(|radius| (radius as usize).min(MOST_REACH));
         let (n_x, n_y) = (raster.x.count, raster.y.count);
         let (x, y) = (pixel % n_x, pixel / n_x);
         let around = |at: usize, k: usize, count: usize| {
@@ -74,8 +84,16 @@ impl<'a> Neighbours<'a> {
         for j in around(y, 1, n_y) {
             for i in around(x, 0, n_x) {
                 let steps = [i.abs_diff(x) / strides[0], j.abs_diff(y) / strides[1]];
-                let part = |k: usize| (steps[k] as f64 / (reach[k] as f64 + 0.5)).powi(2);
-                let near = steps[0].max(steps[1]) <= 1 || part(0) + part(1) <= 1.0;
+                let near = match which {
+                    Around::Adjoining(_) => {
+                        let part = |k: usize| (steps[k] as f64 / (reach[k] as f64 + 0.5)).powi(2);
+                        steps[0].max(steps[1]) <= 1 || part(0) + part(1) <= 1.0
+                    }
+                    Around::Disc(_) => {
+                        let part = |k: usize| (steps[k] as f64 / radius[k]).powi(2);
+                        part(0) + part(1) <= 1.0
+                    }
+                };
                 if near && steps != [0, 0] {
                     all += 1;
                     let there = &surfaces[j * n_x + i];
@@ -89,20 +107,30 @@ impl<'a> Neighbours<'a> {
         Self { all, found, raster, cell, within }
     }
 
-    /// The share of neighbours that continue a plane at a pixel, and how far to one side they are, 0 to 1.
-    fn support(&self, pixel: usize, patch: &TangentPlane) -> (f64, f64) {
+    /// The neighbours that continue a plane at a pixel: which pixels, and which of their surfaces.
+    pub(super) fn continuing(
+        &self,
+        pixel: usize,
+        patch: &TangentPlane,
+    ) -> impl Iterator<Item = (usize, usize)> {
         let here = self.raster.point(pixel, patch.depth);
-        let (mut count, mut sum) = (0usize, DVec2::ZERO);
-        for (other, found) in &self.found {
+        self.found.iter().filter_map(move |(other, found)| {
             let continues = |there: &Surface| {
                 let offset = self.raster.point(*other, there.patch.depth) - here;
                 (offset.z - patch.slope[0] * offset.x - patch.slope[1] * offset.y).abs() < self.within
             };
-            if found.iter().any(continues) {
-                count += 1;
-                let aside = self.raster.point(*other, patch.depth) - here;
-                sum += DVec2::new(aside.x / self.cell[0], aside.y / self.cell[1]).normalize_or_zero();
-            }
+            found.iter().position(continues).map(|k| (*other, k))
+        })
+    }
+
+    /// The share of neighbours that continue a plane at a pixel, and how far to one side they are, 0 to 1.
+    pub(super) fn support(&self, pixel: usize, patch: &TangentPlane) -> (f64, f64) {
+        let here = self.raster.point(pixel, patch.depth);
+        let (mut count, mut sum) = (0usize, DVec2::ZERO);
+        for (other, _) in self.continuing(pixel, patch) {
+            count += 1;
+            let aside = self.raster.point(other, patch.depth) - here;
+            sum += DVec2::new(aside.x / self.cell[0], aside.y / self.cell[1]).normalize_or_zero();
         }
         if self.all == 0 {
             return (1.0, 0.0); // a single column has no neighbours that could contradict it
@@ -146,7 +174,9 @@ pub(super) fn supported(
     supported.par_iter_mut().enumerate().for_each(|(pixel, kept)| {
         let own = &surfaces[pixel];
         let depth = own.first().map_or_else(|| strongest(pixel), |surface| surface.patch.depth);
-        let around = |reach: f64| Neighbours::of(pixel, depth, surfaces, raster, reach, (grid, options));
+        let around = |reach: f64| {
+            Neighbours::of(pixel, depth, surfaces, raster, Around::Adjoining(reach), (grid, options))
+        };
         let power = own.iter().map(|surface| surface.power).fold(0.0, f32::max);
         let near = around(ALONE_REACH);
         kept.extend(own.iter().filter(|surface| near.support(pixel, &surface.patch).0 >= ENOUGH));

@@ -6,6 +6,7 @@ use super::levels::Levels;
 use super::patch::{TangentPlane, fit};
 use super::peaks::{Peak, peaks};
 use super::power::Power;
+use super::rims::trim;
 use super::support::supported;
 use super::{ArraySidelobes, DepthOptions, Pick, gate};
 use crate::error::Result;
@@ -30,7 +31,8 @@ pub(super) struct Surface {
     filled: bool,
 }
 
-/// Bytes of a pixel's surfaces, usually one or two, before and after those without support are gone.
+/// Bytes of a pixel's surfaces, usually one or two, before and after those without support are gone; how they continue, and
+/// which are beyond a rim, take less.
 pub(super) const BYTES_PER_PIXEL: u64 = 2 * (size_of::<Vec<Surface>>() + 2 * size_of::<Surface>()) as u64;
 
 /// The picked return of every pixel with its confidence, and all returns.
@@ -77,8 +79,10 @@ pub(super) fn locate(
         let confidence = levels.confidence(power, clutter);
         Some(Surface { patch, power, confidence, filled: true })
     };
-    let surfaces =
+    let mut surfaces =
         supported(&found, |pixel| grid.z.position(maxima[pixel].1), raster, (&grid, options), fill)?;
+    drop(found);
+    trim(&mut surfaces, raster, (&grid, options))?;
     layers(&surfaces, raster, options)
 }
 

@@ -199,6 +199,17 @@ fn a_hole_of_speckle_is_filled_and_no_rim_grows() {
 }
 
 #[test]
+fn what_is_narrower_than_the_point_spread_stays() {
+    let axis = |count| Axis { first: -0.01 * (count / 2) as f64, pitch: 0.01, count };
+    let grid = Grid { x: axis(31), y: axis(41), ..grid() };
+    let mut random = Random::new(13);
+    let points = surface(&mut random, [0.004, 0.15], |_, _| 1.3, 1.0);
+    let map = locate_depth(&image(grid, &points, &mut random), &options()).expect("valid");
+    let along = errors(&map, [0.005, 0.145], |_, _| 1.3);
+    assert!(along.len() >= 22, "{} of 29 pixels along a bar", along.len());
+}
+
+#[test]
 fn noise_is_no_surface_and_hides_none() {
     let mut random = Random::new(5);
     let points = surface(&mut random, [0.15, 0.15], |_, _| 1.3, 1.0);

@@ -1,5 +1,7 @@
 //! A volume's amplitude `|Â|`: every volume format contains it, and pictures need nothing else.
 
+mod reading;
+
 use super::{Attribute, Attributes};
 use crate::alloc::try_with_capacity;
 use crate::error::{Error, Result};

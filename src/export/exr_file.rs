@@ -9,6 +9,7 @@ pub(super) use writing::{OutputPart, Pixels, write_parts, writing_bytes};
 use super::{Attribute, Attributes};
 use crate::alloc::try_with_capacity;
 use crate::error::{Error, Result};
+use crate::text::json_escape;
 use exr::meta::attribute::{AttributeValue, Text};
 use exr::prelude as ex;
 use smallvec::SmallVec;
@@ -29,9 +30,7 @@ fn ascii(text: &str) -> Text {
         if c.is_ascii() {
             bytes.push(c as u8);
         } else {
-            for unit in c.encode_utf16(&mut [0; 2]) {
-                bytes.extend_from_slice(format!("\\u{unit:04x}").as_bytes());
-            }
+            bytes.extend_from_slice(json_escape(c).as_bytes());
         }
     }
     Text::from_bytes_unchecked(bytes)

@@ -1,9 +1,9 @@
-//! The output formats: `OpenEXR`, VTK image data, NRRD, `NumPy` archives, PLY points, PNG figures, and an HTML page that
-//! shows everything.
+//! The output formats: `OpenEXR`, VTK image data, NRRD, `OpenVDB`, `NumPy` archives, PLY points, PNG figures, and an HTML
+//! page that shows everything.
 //!
 //! Takes the types of [`crate::grid`] and named [`Attributes`]; writes files that are complete or do not appear at all.
-//! Depth maps, volumes and points can be read, too. No writer flips or smooths anything: an image's column is x and its
-//! row is y.
+//! Depth maps, volumes and points can be read, too. No writer smooths anything, and none but that of OpenVDB,
+//! whose world has z up, flips an axis: an image's column is x and its row is y.
 //!
 //! # Example
 //! A depth map of two pixels, one of them empty, as an image for Blender and Nuke and as a figure for a paper:
@@ -38,7 +38,7 @@ pub mod volume_exr;
 mod volume_file;
 pub mod volume_npz;
 pub mod volume_nrrd;
-mod volume_reading;
+pub mod volume_vdb;
 pub mod volume_vti;
 
 pub use fill::Fill;
@@ -90,7 +90,7 @@ choice! {
     /// The lossless compression of a file.
     #[derive(Default)]
     pub enum Compression: "compression" {
-        /// Deflate: EXR's ZIP in blocks of 16 lines, NRRD's gzip.
+        /// Deflate: EXR's ZIP in blocks of 16 lines, NRRD's gzip, VDB's zip of each leaf.
         #[default]
         Zip = "zip",
         /// None, which is faster to write and to read.

@@ -1,20 +1,21 @@
 //! `report.html`: one self-contained page that shows the complete result.
 //!
-//! Takes the volume, the maps, the points of the scene and the text of `report.json`; writes a page that loads nothing
-//! and can be opened as a local file. Its sources are in the folder `page`: `template.html`, `style.css`, the shaders, and
-//! the scripts, which are joined in the order of `SCRIPTS`. The same inputs give the same bytes.
+//! Takes the volume, the maps, the points and the mesh of the scene and the text of `report.json`; writes a page that loads
+//! nothing and can be opened as a local file. Its sources are in the folder `page`: `template.html`, `style.css`, the shaders,
+//! and the scripts, which are joined in the order of `SCRIPTS`. The same inputs give the same bytes.
 
+mod maps;
+mod mesh;
 mod miniature;
 mod payload;
 
 pub(crate) use miniature::Miniature;
 
-use super::points_ply::{PointKind, ScenePoints};
+use super::points_ply::{PointKind, SceneMesh, ScenePoints};
 use crate::error::Result;
 use crate::files::write_atomically;
-use crate::grid::{Axis, DepthMap};
-use crate::metrics::error_map;
-use miniature::{RANGE_DB, code};
+use crate::grid::DepthMap;
+use miniature::RANGE_DB;
 use payload::{pack, pack_floats};
 use serde_json::{Map, Value, json};
 use std::io::Write;
@@ -24,23 +25,25 @@ use std::path::Path;
 const TEMPLATE: &str = include_str!("page/template.html");
 const STYLE: &str = include_str!("page/style.css");
 /// The scripts, which share one scope.
-const SCRIPTS: [&str; 5] = [
-    include_str!("page/data.js"),
-    include_str!("page/view.js"),
-    include_str!("page/plots.js"),
-    include_str!("page/numbers.js"),
-    include_str!("page/main.js"),
+const SCRIPTS: [&str; 10] = [
+    include_str!("page/scripts/data.js"),
+    include_str!("page/scripts/axes.js"),
+    include_str!("page/scripts/view.js"),
+    include_str!("page/scripts/layers.js"),
+    include_str!("page/scripts/plots.js"),
+    include_str!("page/scripts/slices.js"),
+    include_str!("page/scripts/maps.js"),
+    include_str!("page/scripts/control.js"),
+    include_str!("page/scripts/numbers.js"),
+    include_str!("page/scripts/main.js"),
 ];
 /// The shaders: name in the script, and source.
 const SHADERS: [(&str, &str); 4] = [
-    ("rays", include_str!("page/rays.vert")),
-    ("volume", include_str!("page/volume.frag")),
-    ("points", include_str!("page/points.vert")),
-    ("marks", include_str!("page/points.frag")),
+    ("rays", include_str!("page/shaders/rays.vert")),
+    ("volume", include_str!("page/shaders/volume.frag")),
+    ("points", include_str!("page/shaders/points.vert")),
+    ("marks", include_str!("page/shaders/points.frag")),
 ];
-
-/// Maximum number of pixels of a map along one axis; a larger map is subsampled, never blended.
-const MAP_PIXELS: usize = 512;
 
 /// Maximum number of points of one kind that are drawn.
 const MOST_POINTS: usize = 6000;
@@ -56,11 +59,9 @@ pub(crate) struct Contents<'a> {
     pub(crate) truth: Option<&'a DepthMap>,
     /// The points of the scene.
     pub(crate) scene: Option<&'a ScenePoints>,
+    /// The decimated mesh of the scene.
+    pub(crate) mesh: Option<&'a SceneMesh>,
 }
-
-/// The direction towards the light that shades surfaces, and how bright they are without it.
-const LIGHT: [f32; 3] = [-0.45, -0.55, -0.703_56];
-const AMBIENT: f32 = 0.45;
 
 /// The compressed data of a page.
 #[derive(Debug, Clone)]
@@ -81,10 +82,13 @@ impl Page {
             data.insert("volume".into(), volume.to_json());
         }
         if let Some(depth) = contents.depth {
-            data.insert("maps".into(), maps(depth, contents.truth)?);
+            data.insert("maps".into(), maps::packed(depth, contents.truth)?);
         }
         if let Some(scene) = contents.scene {
             data.insert("points".into(), points(scene));
+        }
+        if let Some(mesh) = contents.mesh.filter(|mesh| !mesh.triangles.is_empty()) {
+            data.insert("mesh".into(), mesh::packed(mesh));
         }
         // Without reflectors, the true surfaces are drawn instead.
         let scene = contents.scene.filter(|scene| scene.of(PointKind::Reflector).next().is_some());
@@ -146,54 +150,6 @@ fn colours() -> Value {
         "grey": map(colorous::GREYS, true),
         "diverging": map(colorous::RED_BLUE, true),
     })
-}
-
-/// Depth, amplitude, confidence, truth and error; every n-th pixel of maps that are too large.
-fn maps(depth: &DepthMap, truth: Option<&DepthMap>) -> Result<Value> {
-    let step = depth.x.count.max(depth.y.count).div_ceil(MAP_PIXELS).max(1);
-    let thinned = |axis: &Axis| Axis {
-        first: axis.first,
-        pitch: axis.pitch * step as f64,
-        count: axis.count.div_ceil(step),
-    };
-    let (rows, columns) = (depth.y.count, depth.x.count);
-    let thin = |values: &[f32]| -> Vec<f32> {
-        (0..rows)
-            .step_by(step)
-            .flat_map(|row| values[row * columns..(row + 1) * columns].iter().copied().step_by(step))
-            .collect()
-    };
-    let peak = depth.picked.strength.iter().copied().filter(|v| v.is_finite()).fold(0.0, f32::max);
-    let amplitude: Vec<u8> = thin(&depth.picked.strength).into_iter().map(|v| code(v, peak)).collect();
-    let mut maps = json!({
-        "x": thinned(&depth.x),
-        "y": thinned(&depth.y),
-        "view": depth.view,
-        "reduced": step,
-        "depth": pack_floats(&thin(&depth.picked.depth)),
-        "amplitude": pack(&amplitude),
-    });
-    if !depth.confidence.is_empty() {
-        maps["confidence"] = pack_floats(&thin(&depth.confidence)).into();
-    }
-    for (name, map) in [("shading", Some(depth)), ("true_shading", truth)] {
-        if let Some(normals) = map.and_then(|map| map.picked.normal.as_deref()) {
-            let shading: Vec<f32> = normals.iter().map(lit).collect();
-            let codes: Vec<u8> = thin(&shading).into_iter().map(|lit| (255.0 * lit).round() as u8).collect();
-            maps[name] = pack(&codes).into();
-        }
-    }
-    if let Some(truth) = truth {
-        maps["error"] = pack_floats(&thin(&error_map(depth, truth)?)).into();
-        maps["truth"] = pack_floats(&thin(&truth.picked.depth)).into();
-    }
-    Ok(maps)
-}
-
-/// How bright a surface is drawn: by its unit normal, which faces the array, in light from the upper left; 1 without a normal.
-fn lit(normal: &[f32; 3]) -> f32 {
-    let facing: f32 = normal.iter().zip(LIGHT).map(|(n, l)| n * l).sum();
-    if facing.is_nan() { 1.0 } else { AMBIENT + (1.0 - AMBIENT) * facing.max(0.0) }
 }
 
 /// The points of a map's surfaces, m.

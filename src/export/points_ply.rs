@@ -1,11 +1,13 @@
-//! Points as PLY, binary little-endian, which Blender, MeshLab, CloudCompare and ParaView open.
+//! Points and a mesh as PLY, binary little-endian, which Blender, MeshLab, CloudCompare and ParaView open.
 //!
-//! Two point clouds: the surfaces of a depth map, with normals; and the scene: reflectors, microphones and speaker. Both
-//! are in the array's axes, in m.
+//! Two point clouds: the surfaces of a depth map, with normals; and the scene: reflectors, microphones and speaker. The mesh
+//! is that of the scene's surfaces, decimated. All are in the array's axes, in m.
 
+mod mesh;
 mod normals;
 mod reader;
 
+pub use mesh::{MeshPart, SceneMesh};
 pub(crate) use reader::Ply;
 
 use super::Attribute;
@@ -133,20 +135,17 @@ impl ScenePoints {
     /// A missing or damaged file, or one with other points.
     pub fn read(path: &Path, limit_bytes: u64) -> Result<Self> {
         let ply = Ply::read(path, limit_bytes)?;
-        let columns: Option<Vec<Vec<f64>>> =
-            ["x", "y", "z", "amplitude", "kind"].iter().map(|name| ply.column(name)).collect();
-        let Some(columns) = columns else {
+        let columns = ply.vertices.columns(["x", "y", "z", "amplitude", "kind"]);
+        let Some(points) = columns else {
             return Err(Error::input(
                 path.display(),
                 "has no points of a scene; x, y, z, amplitude and kind were expected",
             ));
         };
-        let points = (0..ply.count)
-            .filter_map(|i| {
-                let [x, y, z, amplitude, kind] = [0, 1, 2, 3, 4].map(|column: usize| columns[column][i]);
-                Some((*PointKind::ALL.get(kind as usize)?, [x, y, z].map(|v| v as f32), amplitude as f32))
-            })
-            .collect();
+        let point = |[x, y, z, amplitude, kind]: [f64; 5]| {
+            Some((*PointKind::ALL.get(kind as usize)?, [x, y, z].map(|v| v as f32), amplitude as f32))
+        };
+        let points = points.into_iter().filter_map(point).collect();
         Ok(Self { points })
     }
 }
@@ -198,20 +197,21 @@ mod tests {
         ];
         write_depth_points(&path, &map, &facts).unwrap();
         let ply = Ply::read(&path, 1 << 20).unwrap();
-        assert_eq!(ply.count, 3);
-        assert_eq!(ply.column("z").unwrap(), [1.5, 2.25, 3.0]);
-        assert_eq!(ply.column("amplitude").unwrap(), [0.25, 0.5, 0.125]);
-        assert_eq!(ply.column("x").unwrap()[2] as f32, 0.1);
-        assert_eq!(ply.column("y").unwrap()[2] as f32, 0.37);
-        assert_eq!(ply.column("nz").unwrap(), [-1.0; 3], "the normal of an isolated pixel");
+        assert_eq!(ply.vertices.count, 3);
+        assert_eq!(ply.vertices.column("z").unwrap(), [1.5, 2.25, 3.0]);
+        assert_eq!(ply.vertices.column("amplitude").unwrap(), [0.25, 0.5, 0.125]);
+        assert_eq!(ply.vertices.column("x").unwrap()[2] as f32, 0.1);
+        assert_eq!(ply.vertices.column("y").unwrap()[2] as f32, 0.37);
+        assert_eq!(ply.vertices.column("nz").unwrap(), [-1.0; 3], "the normal of an isolated pixel");
         assert_eq!(ply.comments.len(), 2, "{:?}", ply.comments);
         assert!(ply.comments[1].contains("sonar:soundSpeed 343"));
 
         let map = DepthMap { view: View::Perspective, ..map };
         write_depth_points(&path, &map, &facts).unwrap();
         let ply = Ply::read(&path, 1 << 20).unwrap();
-        let near =
-            |name: &str, expected: f64| assert!((ply.column(name).unwrap()[2] - expected).abs() < 1e-6);
+        let near = |name: &str, expected: f64| {
+            assert!((ply.vertices.column(name).unwrap()[2] - expected).abs() < 1e-6);
+        };
         near("x", 0.1 * 3.0);
         near("y", 0.37 * 3.0);
         near("z", 3.0);

@@ -126,7 +126,8 @@ fn depth_part(volume: &Volume, iz: usize, components: Components, encoding: Enco
     OutputPart::new(Some(&format!("z{iz:04}")), [grid.x.count, grid.y.count], channels, &attributes, encoding)
 }
 
-fn grid_attributes(grid: &Grid) -> Attributes {
+/// First voxel, pitch and number of voxels, along x, y, z.
+pub(super) fn grid_attributes(grid: &Grid) -> Attributes {
     let axes = [grid.x, grid.y, grid.z];
     vec![
         ("sonar:gridOrigin".into(), Attribute::Vector(axes.map(|axis| axis.first))),

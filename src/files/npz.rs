@@ -10,8 +10,10 @@
 mod elements;
 mod fingerprint;
 mod header;
+mod npy;
 mod writer;
 
+pub(crate) use npy::NpyReader;
 pub(crate) use writer::{NpzWriter, write_npz};
 
 use crate::error::{Error, Result};
@@ -106,6 +108,14 @@ impl NpzReader {
     /// As [`NpzReader::shape`].
     pub(crate) fn dtype_is_complex(&self, name: &str) -> Result<bool> {
         Ok(self.header(name)?.1.dtype.kind == DtypeKind::Complex)
+    }
+
+    /// Whether an array's elements are unsigned integers.
+    ///
+    /// # Errors
+    /// As [`NpzReader::shape`].
+    pub(crate) fn dtype_is_unsigned(&self, name: &str) -> Result<bool> {
+        Ok(self.header(name)?.1.dtype.kind == DtypeKind::Unsigned)
     }
 
     /// An array of complex numbers; real numbers get the imaginary part 0.

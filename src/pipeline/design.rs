@@ -190,7 +190,7 @@ impl LastScene {
     /// The size of the run file's scene; zero if there is no scene and the grid is complete.
     fn of(&mut self, run: &RunFile, bare: Option<&BareMesh>, observer: &dyn Observer) -> Result<SceneSize> {
         let grid = &run.grid;
-        if run.scene.mesh.is_none() && grid.x.is_some() && grid.y.is_some() && grid.z.is_some() {
+        if run.scene.files().next().is_none() && grid.x.is_some() && grid.y.is_some() && grid.z.is_some() {
             return Ok(SceneSize::default());
         }
         if let Some((scene, size)) = &self.0

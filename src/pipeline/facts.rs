@@ -1,4 +1,4 @@
-//! The metadata of output files: named attributes for EXR, VTI and NRRD, JSON for npz.
+//! The metadata of output files: named attributes for EXR, VTI, NRRD and VDB, JSON for npz.
 
 use crate::acquisition::Instrument;
 use crate::config::{RefineMethod, RunFile};
@@ -49,6 +49,8 @@ pub(super) fn instrument_facts(instrument: &Instrument, run: &RunFile) -> Value 
         "geometry": instrument.geometry.kind(),
         "source": source,
         "detection": instrument.detection,
+        // Samples of the other sign are conjugated on reading, so that every volume has the phases of this one.
+        "phase_sign": 1,
         "window": run.reconstruct.window,
         "tolerance": run.reconstruct.tolerance,
         "range_resolution": instrument.range_resolution(),

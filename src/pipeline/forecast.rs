@@ -4,7 +4,7 @@ use super::facts::beyond_the_sum;
 use super::job::JobOptions;
 use super::memory::{MemoryBudget, SceneSize};
 use super::prepared_scene::{Measurement, placement_warnings};
-use super::{is_csv, is_in_metres, outputs, scene_path};
+use super::{is_in_metres, outputs, reflector_list};
 use crate::acquisition::{CubeFile, CubeSource, Instrument};
 use crate::config::RunFile;
 use crate::error::Result;
@@ -72,8 +72,7 @@ pub fn forecast_scene(run: &RunFile, job: &JobOptions) -> Result<Forecast> {
     let JobOptions { bare_mesh: bare, observer, .. } = *job;
     let measurement = Measurement::of(run)?;
     let instrument = &measurement.instrument;
-    let path = scene_path(run)?;
-    let mesh = !is_csv(path);
+    let mesh = reflector_list(run)?.is_none();
     let budget = MemoryBudget::of(run);
     let size = SceneSize::of(run, bare, observer)?;
     let bounds = size.bounds;
@@ -86,7 +85,7 @@ pub fn forecast_scene(run: &RunFile, job: &JobOptions) -> Result<Forecast> {
     forecast.suggest_lattice(&budget, instrument);
     forecast.resolution_cells = bounds.map(|(low, high)| instrument.cells_across(low, high));
     forecast.physics = measurement.physics(run);
-    let mesh = mesh.then(|| is_in_metres(path));
+    let mesh = mesh.then(|| is_in_metres(&run.scene));
     forecast.warnings.extend_from_slice(job.hints());
     forecast.warnings.extend(placement_warnings(instrument, &grid, bounds, mesh));
     Ok(forecast)
@@ -105,6 +104,7 @@ pub fn forecast_cube(run: &RunFile, cube: &CubeFile) -> Result<Forecast> {
         forecast(&budget, instrument, &grid, &budget.imaging(instrument, &grid, samples), false)?;
     forecast.memory.push(reconstruction(&budget, instrument, &grid, samples)?);
     forecast.suggest_lattice(&budget, instrument);
+    forecast.physics = [cube.changes(), &forecast.physics].concat();
     Ok(forecast)
 }
 

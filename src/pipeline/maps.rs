@@ -1,7 +1,7 @@
 //! Depth maps without a reconstruction: of a volume file, and the truth of a scene.
 
 use super::prepared_scene::Measurement;
-use super::{JobOptions, facts, load_scene, mesh_path, resolution_of, warn_all};
+use super::{JobOptions, facts, load_surfaces, resolution_of, warn_all};
 use crate::acquisition::Instrument;
 use crate::config::RunFile;
 use crate::depth::locate_depth_with;
@@ -60,7 +60,7 @@ pub fn depth_of_volume(
 pub fn truth_of_scene(run: &RunFile, job: &JobOptions) -> Result<(Value, DepthMap)> {
     let JobOptions { bare_mesh: bare, observer, .. } = *job;
     let measurement = Measurement::of(run)?;
-    let scene = load_scene(mesh_path(run)?, run, bare, observer)?;
+    let scene = load_surfaces(run, bare, observer)?;
     let instrument = measurement.instrument;
     let grid = run.voxels(&instrument, scene.bounds())?;
     let truth = truth_of(&scene, run, (&instrument, &grid), observer)?;
@@ -77,7 +77,7 @@ const PREVIEW: f64 = 320.0;
 pub fn write_preview(path: &Path, run: &RunFile, job: &JobOptions) -> Result<()> {
     let observer = job.observer;
     let instrument = Measurement::of(run)?.instrument;
-    let scene = load_scene(mesh_path(run)?, run, job.bare_mesh, observer)?;
+    let scene = load_surfaces(run, job.bare_mesh, observer)?;
     let grid = run.voxels(&instrument, scene.bounds())?;
     let (centre, half) = (instrument.array.centre(), 0.5 * instrument.array.extent());
     let (low, high) = (centre - half, centre + half);

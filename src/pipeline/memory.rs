@@ -1,6 +1,6 @@
 //! The memory that a job may use, the arrays for which it is used, and the refusal of a job that does not fit.
 
-use super::{BareMesh, is_csv, load_scene, outputs, scene_path};
+use super::{BareMesh, load_scene, outputs, reflector_list};
 use crate::acquisition::Instrument;
 use crate::checkpoint::BUFFER_BYTES;
 use crate::config::RunFile;
@@ -109,11 +109,10 @@ impl SceneSize {
 
     /// The size of the run file's scene, which is read only for its size.
     pub(super) fn of(run: &RunFile, bare: Option<&BareMesh>, observer: &dyn Observer) -> Result<Self> {
-        let path = scene_path(run)?;
-        if is_csv(path) {
-            return Ok(Self::of_list(&Reflectors::read_csv_within(path, memory_limit(run.memory))?));
+        match reflector_list(run)? {
+            Some(list) => Ok(Self::of_list(&Reflectors::read_csv_within(list, memory_limit(run.memory))?)),
+            None => Ok(Self::of_mesh(&*load_scene(run, bare, observer)?)),
         }
-        Ok(Self::of_mesh(&*load_scene(path, run, bare, observer)?))
     }
 
     /// The size of one reflector within these bounds.

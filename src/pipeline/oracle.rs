@@ -9,7 +9,7 @@ use super::facts::{instrument_facts, sidelobes};
 use super::maps::truth_of;
 use super::memory::MemoryBudget;
 use super::prepared_scene::PreparedScene;
-use super::{BareMesh, JobOptions, load_scene, mesh_path, reconstruct, simulate};
+use super::{BareMesh, JobOptions, load_surfaces, reconstruct, simulate};
 use crate::acquisition::Instrument;
 use crate::alloc::try_filled;
 use crate::checkpoint::Checkpoint;
@@ -50,7 +50,7 @@ pub struct Oracle {
 /// many microphones.
 pub fn oracle_of_scene(run: &RunFile, job: &JobOptions) -> Result<Oracle> {
     let instrument = run.instrument()?;
-    let scene = load_scene(mesh_path(run)?, run, job.bare_mesh, job.observer)?;
+    let scene = load_surfaces(run, job.bare_mesh, job.observer)?;
     let grid = run.voxels(&instrument, scene.bounds())?;
     let mut ideal = ideal(run, &instrument, &grid)?;
     let quiet = &Quiet(job.observer);

@@ -2,7 +2,7 @@
 
 use super::facts::{attributes, image_facts, sidelobes};
 use super::job::JobOptions;
-use super::page::{PAGE, page_of, title};
+use super::page::{MESH, PAGE, page_of, title};
 use super::{Outcome, Report};
 use crate::acquisition::{DataCube, Instrument};
 use crate::config::{OutputTable, RunFile, VolumeFormat};
@@ -16,6 +16,7 @@ use crate::export::points_ply::{ScenePoints, write_depth_points};
 use crate::export::volume_exr::{self, volume_exr_files, write_volume_exr};
 use crate::export::volume_npz::stream_volume_npz;
 use crate::export::volume_nrrd::stream_volume_nrrd;
+use crate::export::volume_vdb::{self, THRESHOLD_DB, write_volume_vdb};
 use crate::export::volume_vti::stream_volume_vti;
 use crate::export::{Components, Encoding, VolumeFile, fits_float16};
 use crate::files::{announce_output, extension, write_atomically};
@@ -29,6 +30,9 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+/// The figure of the second returns, of which there may be none.
+const SECOND: &str = "depth_return2.png";
+
 /// Volumes of fewer samples are written so soon that a second thread would not be worth its memory.
 const BESIDE: usize = 1 << 20;
 
@@ -40,13 +44,15 @@ const BESIDE: usize = 1 << 20;
 pub fn write_outputs(run: &RunFile, outcome: &Outcome, folder: &Path, job: &JobOptions) -> Result<Report> {
     let observer = job.observer;
     let start = Instant::now();
-    let Outcome { image, depth, instrument, reflectors, .. } = outcome;
+    let Outcome { image, depth, instrument, reflectors, mesh, .. } = outcome;
     warn_of_float16(&run.output, image.volume.peak(), observer);
     let facts = image_facts(instrument, run, &image.info(), outcome.sidelobes);
     let scene = ScenePoints::new(reflectors.as_ref(), &instrument.array, &instrument.geometry);
     let truth = outcome.truth.as_ref();
     // Truth and depth share their colours, so that they can be compared by eye.
     let range = depth_range(&[truth.unwrap_or(depth)], instrument.range_resolution().unwrap_or(0.0));
+    let second = depth.returns.get(1).filter(|layer| layer.depth.iter().any(|z| z.is_finite()));
+    let second = second.map(|layer| DepthMap::new(depth.raster(), layer.clone()));
     let write = |name: &Path| {
         let path = folder.join(name);
         let written = match (name.to_str(), truth) {
@@ -57,11 +63,17 @@ pub fn write_outputs(run: &RunFile, outcome: &Outcome, folder: &Path, job: &JobO
             (Some("truth.png"), Some(truth)) => write_depth_figure(&path, DepthKind::True, truth, range),
             (Some("error.png"), Some(truth)) => write_error(&path, outcome, truth),
             (Some("scene.ply"), _) => scene.write(&path, &attributes(&facts)),
+            (Some(MESH), _) => mesh.iter().try_for_each(|mesh| mesh.write(&path, &attributes(&facts))),
+            (Some(SECOND), _) => {
+                let draw = |map| write_depth_figure(&path, DepthKind::Second, map, range);
+                second.iter().try_for_each(draw)
+            }
             _ => return write_volume(&path, &image.volume, &run.output, &facts),
         };
         written.map(|()| vec![path])
     };
-    let names = result_names(run, truth.is_some());
+    let mut names = result_names(run, truth.is_some());
+    names.extend(second.is_some().then(|| SECOND.into()));
     let mut report = Report::new(run, outcome);
     stage(observer, "writing", names.len() as u64, || {
         let in_turn = |names: &[PathBuf]| -> Result<Vec<_>> {
@@ -97,8 +109,8 @@ pub fn write_outputs(run: &RunFile, outcome: &Outcome, folder: &Path, job: &JobO
     write_atomically(&folder.join("report.json"), |file| file.write_all(text.as_bytes()))?;
     observer.note(&format!("{} files in {}", report.files.len(), folder.display()));
     if let Some(page) = page {
-        let mesh = run.scene.mesh.as_ref().filter(|_| reflectors.is_some());
-        page.write(&folder.join(PAGE), &title(mesh.map(|file| file.typed.as_str())), &text)?;
+        let scene = reflectors.is_some().then(|| run.to_json());
+        page.write(&folder.join(PAGE), &title(scene.as_ref()), &text)?;
     }
     Ok(report)
 }
@@ -109,6 +121,8 @@ pub(super) fn bytes_of(path: &Path, run: &RunFile, grid: &Grid) -> u64 {
         "npz" => 8,
         "vti" if run.output.components == Components::Complex => 12,
         "vti" => 4,
+        // What is weak is left out, which may be nearly all.
+        "vdb" => 0,
         // Compressed: no volume of echoes shrinks to less than a quarter.
         _ => 1,
     };
@@ -122,8 +136,13 @@ pub(super) fn volume_bytes(run: &RunFile, grid: &Grid) -> u64 {
 
 /// Bytes in addition to the volume that writing it into files of these names takes.
 pub(super) fn writing_bytes(paths: impl IntoIterator<Item: AsRef<Path>>, run: &RunFile, grid: &Grid) -> u64 {
-    let exr = paths.into_iter().any(|path| needs_all(path.as_ref()));
-    if exr { volume_exr::writing_bytes(grid, run.output.components) } else { 0 }
+    let bytes = |path: &Path| match extension(path).as_str() {
+        "exr" => volume_exr::writing_bytes(grid, run.output.components),
+        "vdb" => volume_vdb::writing_bytes(grid),
+        _ => 0,
+    };
+    // They are written one after the other.
+    paths.into_iter().map(|path| bytes(path.as_ref())).max().unwrap_or(0)
 }
 
 /// The names of a run's volumes.
@@ -131,7 +150,7 @@ pub(super) fn volume_names(run: &RunFile) -> impl Iterator<Item = PathBuf> {
     run.output.formats.iter().map(|format| format!("volume.{format}").into())
 }
 
-/// The names of a run's results, with or without a truth.
+/// The names of a run's results, with or without a truth; without that of the second returns, of which there may be none.
 fn result_names(run: &RunFile, truth: bool) -> Vec<PathBuf> {
     let mut names = vec!["depth.exr", "amplitude.png", "depth.png"];
     if truth {
@@ -139,11 +158,13 @@ fn result_names(run: &RunFile, truth: bool) -> Vec<PathBuf> {
     }
     if run.output.points {
         names.extend(["depth.ply", "scene.ply"]);
+        names.extend(truth.then_some(MESH));
     }
     volume_names(run).chain(names.into_iter().map(PathBuf::from)).collect()
 }
 
-/// The files that [`write_outputs`] will write, with or without a truth; a very deep volume may take several.
+/// The files that [`write_outputs`] will write, with or without a truth; a very deep volume may take several, and second
+/// returns have a figure of their own.
 pub(super) fn names(run: &RunFile, truth: bool) -> Vec<String> {
     let mut names = result_names(run, truth);
     names.push("report.json".into());
@@ -161,7 +182,8 @@ pub(crate) fn announce_outputs(run: &RunFile, folder: &Path, truth: bool) -> Res
     const DEPTHS: usize = 1 << 20;
     let volumes: Vec<PathBuf> = volume_names(run).map(|name| folder.join(name)).collect();
     let further = volumes.iter().flat_map(|path| further_files(path, DEPTHS)).filter(|path| path.exists());
-    let names = names(run, truth).into_iter().map(|name| folder.join(name));
+    let second = (run.depth.returns > 1).then(|| SECOND.to_owned());
+    let names = names(run, truth).into_iter().chain(second).map(|name| folder.join(name));
     names.chain(further).try_for_each(|path| announce_output(&path))
 }
 
@@ -175,7 +197,7 @@ pub(super) fn announce_further(paths: &[PathBuf], grid: &Grid) -> Result<()> {
 
 /// The files of a volume of `depths` depths after the first.
 fn further_files(path: &Path, depths: usize) -> impl Iterator<Item = PathBuf> {
-    let files = if needs_all(path) { volume_exr_files(path, depths) } else { Vec::new() };
+    let files = if extension(path) == "exr" { volume_exr_files(path, depths) } else { Vec::new() };
     files.into_iter().skip(1)
 }
 
@@ -206,7 +228,7 @@ pub(super) struct VolumeFiles<'a> {
 
 /// Whether a file of this name needs the complete volume in memory.
 pub(super) fn needs_all(path: &Path) -> bool {
-    extension(path) == "exr"
+    matches!(extension(path).as_str(), "exr" | "vdb")
 }
 
 impl<'a> VolumeFiles<'a> {
@@ -262,7 +284,7 @@ fn stream_volume(path: &Path, grid: &Grid, output: &OutputTable, facts: &Value) 
         "nrrd" => stream_volume_nrrd(path, grid, &attributes(facts), output.compression),
         _ => Err(Error::input(
             path.display(),
-            "volumes are written as .npz, .exr, .vti or .nrrd; give one of these extensions",
+            "volumes are written as .npz, .exr, .vti, .nrrd or .vdb; give one of these extensions",
         )),
     }
 }
@@ -270,7 +292,7 @@ fn stream_volume(path: &Path, grid: &Grid, output: &OutputTable, facts: &Value) 
 /// Writes a volume in the format of the path's extension, with the settings of `[output]`; returns the files written.
 ///
 /// # Errors
-/// An extension other than `.exr`, `.npz`, `.nrrd` or `.vti`; a file that cannot be written.
+/// An extension other than `.exr`, `.npz`, `.nrrd`, `.vdb` or `.vti`; a file that cannot be written.
 pub fn write_volume(
     path: &Path,
     volume: &Volume,
@@ -279,12 +301,15 @@ pub fn write_volume(
 ) -> Result<Vec<PathBuf>> {
     let OutputTable { components, float16, compression, .. } = *output;
     let encoding = Encoding { float16: float16 && fits_float16(volume.peak()), compression };
-    if needs_all(path) {
-        return write_volume_exr(path, volume, components, &attributes(facts), encoding);
+    match extension(path).as_str() {
+        "exr" => write_volume_exr(path, volume, components, &attributes(facts), encoding),
+        "vdb" => one(path, write_volume_vdb(path, volume, THRESHOLD_DB, &attributes(facts), compression)),
+        _ => {
+            let mut file = stream_volume(path, &volume.grid, output, facts)?;
+            file.take(&volume.samples)?;
+            one(path, file.finish())
+        }
     }
-    let mut file = stream_volume(path, &volume.grid, output, facts)?;
-    file.take(&volume.samples)?;
-    one(path, file.finish())
 }
 
 /// Writes a depth map or a truth with its metadata: as an image, or as points.

@@ -4,7 +4,7 @@ use crate::error::{Error, ErrorKind, Result};
 use crate::export::amplitude::Amplitude;
 use crate::export::depth_exr::read_depth_map;
 use crate::export::page::{Contents, Miniature, Page};
-use crate::export::points_ply::ScenePoints;
+use crate::export::points_ply::{SceneMesh, ScenePoints};
 use crate::files::{announce_output, open_input};
 use crate::grid::DepthMap;
 use serde_json::Value;
@@ -13,6 +13,9 @@ use std::path::{Path, PathBuf};
 
 /// The page's file name.
 pub(super) const PAGE: &str = "report.html";
+
+/// The file name of the scene's mesh.
+pub(super) const MESH: &str = "mesh.ply";
 
 /// The volumes from which a page can be made, the most precise first.
 const VOLUMES: [&str; 4] = ["volume.npz", "volume.nrrd", "volume.vti", "volume.exr"];
@@ -58,13 +61,13 @@ pub fn write_page(folder: &Path, limit_bytes: u64) -> Result<PathBuf> {
     let scene = scene.map(|path| ScenePoints::read(&path, limit_bytes)).transpose()?;
     let page = page_of(folder, &files, volume.as_ref(), scene.as_ref(), limit_bytes)?;
     let simulated = !report["reflectors"].is_null();
-    page.write(&path, &title(report["run"]["scene"]["mesh"].as_str().filter(|_| simulated)), &text)?;
+    page.write(&path, &title(Some(&report["run"]).filter(|_| simulated)), &text)?;
     Ok(path)
 }
 
-/// A page of this volume and scene, and of the maps among the folder's `files`.
+/// A page of this volume and scene, and of the maps and the mesh among the folder's `files`.
 ///
-/// The maps are always read from the files, so that the page does not depend on when it was made.
+/// Maps and mesh are always read from the files, so that the page does not depend on when it was made.
 pub(super) fn page_of(
     folder: &Path,
     files: &[PathBuf],
@@ -79,7 +82,8 @@ pub(super) fn page_of(
     let depth = map("depth.exr", limit_bytes)?;
     let held = depth.as_ref().map_or(0, DepthMap::held_bytes);
     let truth = map("truth.exr", limit_bytes.saturating_sub(held))?;
-    Page::new(&Contents { volume, depth: depth.as_ref(), truth: truth.as_ref(), scene })
+    let mesh = present(folder, files, MESH).map(|path| SceneMesh::read(&path, limit_bytes)).transpose()?;
+    Page::new(&Contents { volume, depth: depth.as_ref(), truth: truth.as_ref(), scene, mesh: mesh.as_ref() })
 }
 
 /// A file of the run, if it still exists; files that an earlier run left in the folder are ignored.
@@ -88,8 +92,17 @@ fn present(folder: &Path, files: &[PathBuf], name: &str) -> Option<PathBuf> {
     Some(folder.join(name)).filter(|path| listed && path.is_file())
 }
 
-/// The title of a page: the name of the simulated mesh, if there is one.
-pub(super) fn title(mesh: Option<&str>) -> String {
-    let stem = mesh.and_then(|mesh| Path::new(mesh).file_stem()).and_then(|stem| stem.to_str());
-    stem.unwrap_or("measured cube").replace('_', " ")
+/// Names in a title.
+const MOST_NAMES: usize = 3;
+
+/// The title of a page: the name of the simulated mesh, or those of an assembly's parts.
+pub(super) fn title(simulated: Option<&Value>) -> String {
+    let scene = simulated.map_or(&Value::Null, |run| &run["scene"]);
+    let stem = scene["mesh"].as_str().and_then(|mesh| Path::new(mesh).file_stem()?.to_str());
+    let parts = scene["parts"].as_array().into_iter().flatten().filter_map(|part| part["name"].as_str());
+    let mut names: Vec<&str> = stem.into_iter().chain(parts).collect();
+    if names.len() > MOST_NAMES {
+        names.splice(MOST_NAMES.., ["..."]);
+    }
+    if names.is_empty() { "measured cube".to_owned() } else { names.join(", ").replace('_', " ") }
 }

@@ -2,7 +2,7 @@
 
 use super::facts::beyond_the_sum;
 use super::memory::{MemoryBudget, SceneSize};
-use super::{BareMesh, JobOptions, SceneSummary, is_csv, is_in_metres, load_scene, scene_path, warn_all};
+use super::{BareMesh, JobOptions, SceneSummary, is_in_metres, load_scene, reflector_list, warn_all};
 use crate::acquisition::{
     DataCube, Detection, Instrument, SimulateOptions, simulate_resumable, simulation_bytes,
 };
@@ -117,9 +117,8 @@ impl PreparedScene {
                 measurement.check_simulation(budget, grid, size)
             }
         };
-        let path = scene_path(run)?;
-        if is_csv(path) {
-            let reflectors = Reflectors::read_csv_within(path, budget.limit)?;
+        if let Some(list) = reflector_list(run)? {
+            let reflectors = Reflectors::read_csv_within(list, budget.limit)?;
             let grid = run.voxels(instrument, reflectors.bounds())?;
             let size = SceneSize::of_list(&reflectors);
             fits(&grid, &size)?;
@@ -127,13 +126,13 @@ impl PreparedScene {
             let arrays = measurement.arrays(run, &grid, &size);
             return Ok(Self { measurement, scene: None, spacing: None, reflectors, grid, plan, arrays });
         }
-        let scene = load_scene(path, run, bare, observer)?;
+        let scene = load_scene(run, bare, observer)?;
         let size = SceneSize::of_mesh(&scene);
         let grid = run.voxels(instrument, scene.bounds());
         let grid = grid.and_then(|grid| fits(&grid, &size).map(|()| grid)).inspect_err(|_| {
             // A wrong unit may be the reason why no grid fits.
             if let Some((low, high)) = scene.bounds() {
-                warn_all(&scale_warnings(instrument, low, high, is_in_metres(path)), observer);
+                warn_all(&scale_warnings(instrument, low, high, is_in_metres(&run.scene)), observer);
             }
         })?;
         let plan = plan(instrument, &grid);
@@ -157,7 +156,7 @@ impl PreparedScene {
     pub(super) fn warn(&self, run: &RunFile, job: &JobOptions, observer: &dyn Observer) {
         warn_all(job.hints(), observer);
         warn_all(&self.plan.warnings, observer);
-        let mesh = self.scene.as_ref().map(|_| scene_path(run).is_ok_and(is_in_metres));
+        let mesh = self.scene.as_ref().map(|_| is_in_metres(&run.scene));
         warn_all(&placement_warnings(self.instrument(), &self.grid, self.bounds(), mesh), observer);
         if self.reflectors.is_empty() {
             observer.warn("the speaker reaches no surface of the scene, so that the cube is silent; check the position of the scene");

@@ -165,6 +165,7 @@ impl Walk<'_, '_, '_> {
             None => return Err(too_many_triangles(document.file.path.display())),
         }
         let owner = node.name.as_deref().unwrap_or_default();
+        self.surfaces.begin_part(owner);
         for primitive in &mesh.primitives {
             let material = self.palette.assign(primitive.material, owner);
             for copy in 0..copies {

@@ -5,9 +5,11 @@ mod common;
 pub use common::CommonMaterial;
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::Display;
 
-use super::files::{MeshFile, list_names};
+use super::files::list_names;
 use crate::error::{Error, Result};
+use crate::progress::Observer;
 use crate::text::quoted;
 use serde::{Deserialize, Serialize};
 
@@ -24,7 +26,7 @@ pub struct Material {
     /// Share of the amplitude that one crossing transmits, 0..1.
     pub transmittance: f64,
     /// Source of the values: "rule `glass*`", "glTF extras", "glTF transmission, as glass", "glTF alpha, as glass",
-    /// "MTL d, as glass", "MTL Tr, as glass", "default".
+    /// "MTL d, as glass", "MTL Tr, as glass", "part's material, wood", "default".
     pub source: String,
 }
 
@@ -113,6 +115,18 @@ pub(super) struct Palette<'a> {
     assigned: BTreeMap<(Option<usize>, Option<usize>), u32>,
     materials: Vec<Material>,
     names: BTreeSet<String>,
+    part: PartInHand<'a>,
+}
+
+/// The part of an assembly to which the next surfaces belong.
+#[derive(Default, Clone, Copy)]
+struct PartInHand<'a> {
+    /// Its name; empty where there is no assembly.
+    name: &'a str,
+    /// What it is made of unless a rule says otherwise.
+    material: Option<CommonMaterial>,
+    /// Its first material.
+    first: usize,
 }
 
 impl<'a> Palette<'a> {
@@ -136,6 +150,22 @@ impl<'a> Palette<'a> {
         Ok(Self { rules, used: vec![false; rules.len()], ..Self::default() })
     }
 
+    /// What follows is read of another file, which is the part of this name; rules match that name too.
+    pub(super) fn begin_part(&mut self, name: &'a str, material: Option<CommonMaterial>) {
+        self.declared.clear();
+        self.assigned.clear();
+        self.part = PartInHand { name, material, first: self.materials.len() };
+    }
+
+    /// Names the materials of the part after it, since other parts may have some of the same names.
+    pub(super) fn end_part(&mut self) {
+        let PartInHand { name, first, .. } = self.part;
+        match &mut self.materials[first..] {
+            [only] => name.clone_into(&mut only.name),
+            several => several.iter_mut().for_each(|one| one.name = format!("{name}/{}", one.name)),
+        }
+    }
+
     /// Records a material of the file; [`Palette::assign`] refers to them by their order.
     pub(super) fn declare(&mut self, material: Material) {
         self.declared.push(material);
@@ -145,7 +175,8 @@ impl<'a> Palette<'a> {
     /// it belongs to (may be empty).
     pub(super) fn assign(&mut self, declared: Option<usize>, owner: &str) -> u32 {
         let mut material = declared.map_or_else(|| Material::opaque(""), |i| self.declared[i].clone());
-        for name in [material.name.as_str(), owner] {
+        let part = self.part;
+        for name in [material.name.as_str(), owner, part.name] {
             if !name.is_empty() && !self.names.contains(name) {
                 self.names.insert(name.to_owned());
             }
@@ -153,7 +184,7 @@ impl<'a> Palette<'a> {
         let rule = self.rules.iter().position(|rule| {
             let hit = |name: &str| !name.is_empty() && matches(&rule.name, name);
             // A lone star matches everything, even what has no name.
-            rule.name == "*" || hit(&material.name) || hit(owner)
+            rule.name == "*" || hit(&material.name) || hit(owner) || hit(part.name)
         });
         if let Some(&index) = self.assigned.get(&(declared, rule)) {
             return index;
@@ -171,6 +202,9 @@ impl<'a> Palette<'a> {
             material.transmittance = rule.transmittance.unwrap_or(material.transmittance);
             let of = rule.material.map(|common| format!(", {common}")).unwrap_or_default();
             material.source = format!("rule `{}`{of}", quoted(&rule.name));
+        } else if let Some(common) = part.material {
+            [material.reflectance, material.transmittance] = common.shares();
+            material.source = format!("part's material, {common}");
         }
         let index = self.materials.len() as u32;
         self.materials.push(material);
@@ -180,11 +214,12 @@ impl<'a> Palette<'a> {
 
     /// The materials in use. Warns of rules that matched nothing, and of materials of which only the transparency to light
     /// is known.
-    pub(super) fn finish(self, file: MeshFile<'_>) -> Vec<Material> {
+    pub(super) fn finish(self, place: impl Display, observer: &dyn Observer) -> Vec<Material> {
+        let warn = |message: std::fmt::Arguments<'_>| observer.warn(&format!("{place}: {message}"));
         let as_glass = self.materials.iter().filter(|material| material.source.ends_with(AS_GLASS));
         let as_glass: BTreeSet<String> = as_glass.map(|material| material.name.clone()).collect();
         if !as_glass.is_empty() {
-            file.warn(format_args!(
+            warn(format_args!(
                 "{} let light through, which says nothing about sound; they count as glass, a strong reflector, unless a \
                  [[materials]] rule or glTF extras (acoustic_reflectance, acoustic_transmittance) say otherwise",
                 list_names(&as_glass)
@@ -192,9 +227,9 @@ impl<'a> Palette<'a> {
         }
         let names = if self.names.is_empty() { "no names".to_owned() } else { list_names(&self.names) };
         for (rule, _) in self.rules.iter().zip(&self.used).filter(|(_, used)| !**used) {
-            file.warn(format_args!(
-                "material rule `{}` matches no material, node or object (or earlier rules matched them all); the file \
-                 contains {names}",
+            warn(format_args!(
+                "material rule `{}` matches no material, node or object (or earlier rules matched them all); there are \
+                 {names}",
                 quoted(&rule.name)
             ));
         }
@@ -205,11 +240,9 @@ impl<'a> Palette<'a> {
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
-    use super::super::LoadOptions;
     use super::*;
     use crate::named::assert_names;
     use crate::progress::Silent;
-    use std::path::Path;
 
     #[test]
     fn patterns_match_as_in_a_shell() {
@@ -246,8 +279,7 @@ mod tests {
         palette.declare(Material::of_opacity("glass", 0.4, "glTF alpha"));
         let [a, b, c] = ["pane 1", "pane 2", "cup"].map(|owner| palette.assign(Some(0), owner));
         let [wall, drape] = ["wall", "drape"].map(|owner| palette.assign(None, owner));
-        let file = MeshFile { path: Path::new("a.obj"), options: &LoadOptions::default(), observer: &Silent };
-        let materials = palette.finish(file);
+        let materials = palette.finish("a.obj", &Silent);
         assert_eq!(a, b);
         let shares = |i: u32| (materials[i as usize].reflectance, materials[i as usize].transmittance);
         assert_eq!(shares(a), (0.99, 0.9));

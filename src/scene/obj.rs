@@ -4,6 +4,8 @@
 //! lines are joined, and only positions, faces and names remain. Materials are numbered in the
 //! copy, so that their names survive a missing MTL file.
 
+mod mtl;
+
 use std::borrow::Cow;
 use std::collections::HashMap;
 use std::path::Path;
@@ -13,7 +15,7 @@ use glam::DVec3;
 use super::files::{self, MeshFile};
 use super::material::{Material, Palette};
 use super::surfaces::Surfaces;
-use super::{Mesh, Up, mtl};
+use super::{Mesh, Up};
 use crate::alloc::try_with_capacity;
 use crate::error::{Error, Result};
 use crate::text::quoted;
@@ -51,6 +53,7 @@ pub(super) fn load<'a>(file: MeshFile<'a>, palette: &mut Palette<'_>) -> Result<
             let problem = format!("has a vertex with a coordinate that is not finite: {bad}");
             return Err(file.refused_at(format_args!("object `{}`", quoted(&model.name)), problem));
         }
+        surfaces.begin_part(owner(&model.name));
         let material = palette.assign(mesh.material_id, owner(&model.name));
         let mut rest = mesh.indices.as_slice();
         let all_triangles = if mesh.face_arities.is_empty() { mesh.indices.len() / 3 } else { 0 };

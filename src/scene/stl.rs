@@ -117,7 +117,9 @@ fn read_text(
             match word.to_ascii_lowercase().as_str() {
                 "solid" => {
                     let name: Vec<_> = words.by_ref().collect();
-                    material = Some(palette.assign(None, &name.join(" ")));
+                    let name = name.join(" ");
+                    surfaces.begin_part(&name);
+                    material = Some(palette.assign(None, &name));
                     in_solid = true;
                 }
                 "endsolid" => {

@@ -1,6 +1,7 @@
 //! Collects the triangles that a reader finds: limits their number, cuts faces, and counts and drops those without area.
 
 use std::fmt::Display;
+use std::ops::Range;
 
 use glam::DVec3;
 
@@ -19,10 +20,21 @@ pub const BYTES_PER_TRIANGLE: u64 = size_of::<Triangle>() as u64 + SurfaceTree::
 /// No scene has coordinates beyond this, in whatever unit.
 const TOO_FAR: f64 = 1e3 * super::FARTHEST;
 
+/// A named run of a scene's triangles.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Part {
+    /// The name of its node, object, solid or file.
+    pub name: String,
+    /// Its triangles among those of the scene.
+    pub triangles: Range<usize>,
+}
+
 /// The surfaces of a file in its own frame.
 pub(super) struct Surfaces<'a> {
     file: MeshFile<'a>,
     triangles: Vec<Triangle>,
+    /// The name of each part, and its first triangle.
+    parts: Vec<(String, usize)>,
     /// Number of triangles without area: they count as work, but are not stored.
     flat: usize,
     /// Number of faces that may be triangulated wrongly.
@@ -35,7 +47,21 @@ impl<'a> Surfaces<'a> {
     /// An empty collection; [`LoadOptions::memory`](super::LoadOptions::memory) limits the bytes of the triangles and
     /// their tree.
     pub(super) fn new(file: MeshFile<'a>) -> Self {
-        Self { file, triangles: Vec::new(), flat: 0, doubtful: 0, allowance: polygon::ALLOWANCE }
+        Self {
+            file,
+            triangles: Vec::new(),
+            parts: Vec::new(),
+            flat: 0,
+            doubtful: 0,
+            allowance: polygon::ALLOWANCE,
+        }
+    }
+
+    /// What follows belongs to the part of this name; without a name, to one that is named after the file.
+    pub(super) fn begin_part(&mut self, name: &str) {
+        if self.parts.last().is_none_or(|(last, _)| last != name) {
+            self.parts.push((name.to_owned(), self.triangles.len()));
+        }
     }
 
     /// Refuses `more` triangles if they would exceed the limit.
@@ -94,12 +120,12 @@ impl<'a> Surfaces<'a> {
         face.triangles.iter().try_for_each(|t| self.add(t.map(|i| corners[i]), material))
     }
 
-    /// The triangles found, after warnings about what was left out.
+    /// The triangles found and the parts that have some, after warnings about what was left out.
     ///
     /// # Errors
     /// Nothing was found.
-    pub(super) fn finish(self) -> Result<Vec<Triangle>> {
-        let Self { file, mut triangles, flat, doubtful, .. } = self;
+    pub(super) fn finish(self) -> Result<(Vec<Triangle>, Vec<Part>)> {
+        let Self { file, mut triangles, mut parts, flat, doubtful, .. } = self;
         // The tree needs the memory of the excess capacity.
         triangles.shrink_to_fit();
         if doubtful > 0 {
@@ -118,7 +144,17 @@ impl<'a> Surfaces<'a> {
             let all = flat + triangles.len();
             file.warn(format_args!("{flat} of {all} triangles have no area and are ignored"));
         }
-        Ok(triangles)
+        if parts.first().is_none_or(|(_, first)| *first > 0) {
+            parts.insert(0, (String::new(), 0));
+        }
+        let stem = file.path.file_stem().unwrap_or_default().to_string_lossy();
+        let ends: Vec<usize> = parts.iter().skip(1).map(|part| part.1).chain([triangles.len()]).collect();
+        let parts = parts.into_iter().zip(ends).filter(|((_, first), end)| first < end);
+        let named = |((name, first), end): ((String, usize), usize)| Part {
+            name: if name.is_empty() { stem.clone().into_owned() } else { name },
+            triangles: first..end,
+        };
+        Ok((triangles, parts.map(named).collect()))
     }
 }
 
@@ -160,7 +196,7 @@ mod tests {
         );
         let refused = small.add(corners, 0).unwrap_err().to_string();
         assert_names(refused, &["a.obj", "3 triangles", "memory"]);
-        assert_eq!(surfaces.finish().unwrap().len(), 1);
+        assert_eq!(surfaces.finish().unwrap().0.len(), 1);
         assert_names(&warnings.list()[0], &["a.obj", "1", "2 triangles", "area"]);
     }
 }

@@ -1,6 +1,6 @@
 //! Bad input through the binary: one paragraph that names the place, the right exit status, nothing left behind.
 
-use crate::binary::{files_below, json, refused, run, shipped};
+use crate::binary::{files_below, json, refused, run, shipped, small};
 use crate::meshes::letter_glb;
 use crate::named::assert_names;
 use crate::support::{data, write_npz};
@@ -97,7 +97,7 @@ fn numbers_beyond_reason() {
     ] {
         image_refuses(folder.path(), &format!("{} --set {set}", point.display()), &[said]);
     }
-    let corner = shipped("corner.toml");
+    let corner = small("corner.toml");
     for (set, said) in [
         ("scene.scale=1e30", "1e9 m"),
         ("scene.translate=[1e300,0,0]", "1e9 m"),
@@ -119,7 +119,7 @@ fn numbers_beyond_reason() {
 fn options_that_make_no_sense() {
     let folder =
         folder_with(&[("file", ""), ("part.step", "ISO-10303-21;"), ("bare.toml", "[sweep]\nstep = 40.0\n")]);
-    let (point, corner) = (shipped("point.toml"), shipped("corner.toml"));
+    let (point, corner) = (shipped("point.toml"), small("corner.toml"));
     let (point, corner) = (point.display(), corner.display());
     let path = folder.path();
     image_refuses(path, &format!("{point} --threads 0"), &["--threads"]);
@@ -278,7 +278,7 @@ fn a_single_frequency_is_refused_before_any_work() {
     // A step would be ignored with one frequency; the array and the grid would take minutes.
     let long = "--set sweep.stop=10000.0 --set array.count=[500,500] --set grid.pitch=[0.01,0.01,0.001]";
     for scene in ["point.toml", "corner.toml"] {
-        image_refuses(folder.path(), &format!("{} {long}", shipped(scene).display()), &["bandwidth"]);
+        image_refuses(folder.path(), &format!("{} {long}", small(scene).display()), &["bandwidth"]);
     }
     write_npz(
         &folder.path().join("tone.npz"),
@@ -294,7 +294,7 @@ fn a_single_frequency_is_refused_before_any_work() {
 /// Runs `image` on a shipped scene; gives warnings and the number of pixels with a return.
 fn images(scene: &str, options: &str) -> (String, u64) {
     let folder = tempfile::tempdir().unwrap();
-    let ran = run(folder.path(), &format!("image {} -o out --json {options}", shipped(scene).display()));
+    let ran = run(folder.path(), &format!("image {} -o out --json {options}", small(scene).display()));
     assert_eq!(ran.status, 0, "{options}: {}", ran.stderr);
     (ran.stderr, json(&ran.stdout)["accepted"].as_u64().unwrap())
 }

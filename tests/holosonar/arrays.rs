@@ -1,6 +1,6 @@
 //! Arrays that are not lattices, and predictions for any array compared with measurements.
 
-use crate::binary::{done, done_json, json_file, refused, shipped};
+use crate::binary::{done, done_json, json_file, refused, shipped, small};
 use crate::named::assert_names;
 use crate::support::{brightest, off_lattice, relative_difference, unit_reflector};
 use glam::DVec3;
@@ -57,7 +57,7 @@ fn scattered_arrays_image_the_corner_as_the_direct_sum_does() {
     for layout in ["spiral", "random"] {
         let overrides =
             [format!("array.layout={layout}"), "array.elements=256".to_owned(), "sweep.step=100".to_owned()];
-        let run = RunFile::load(&shipped("corner.toml"), &overrides).unwrap();
+        let run = RunFile::load(&small("corner.toml"), &overrides).unwrap();
         let cube = pipeline::simulate_scene(&run, &JobOptions::default()).unwrap();
         // Voxels of the scene's own pitch around the vertex and along a wall.
         let some = grid(0.2, 13, [1.9, 2.25], 20);
@@ -80,7 +80,7 @@ fn scattered_arrays_image_the_corner_as_the_direct_sum_does() {
 #[test]
 fn scattered_arrays_find_the_corner() {
     for layout in ["spiral", "random"] {
-        let run = RunFile::load(&shipped("corner.toml"), &[format!("array.layout={layout}")]).unwrap();
+        let run = RunFile::load(&small("corner.toml"), &[format!("array.layout={layout}")]).unwrap();
         let outcome = pipeline::image_scene(&run, &JobOptions::default()).unwrap();
         let metrics = outcome.metrics().unwrap();
         assert!(metrics.completeness.unwrap() > 0.55, "{layout}: {metrics:?}");
@@ -173,7 +173,7 @@ fn grating_lobes_are_where_an_independent_study_found_them() {
 fn every_suggestion_fixes_what_it_says() {
     let overrides = |more: &[String]| {
         let all = [&["detection.kind=in-phase".to_owned(), "sweep.step=100".to_owned()], more].concat();
-        RunFile::load(&shipped("corner.toml"), &all).unwrap()
+        RunFile::load(&small("corner.toml"), &all).unwrap()
     };
     let forecast =
         |more: &[String]| pipeline::forecast_scene(&overrides(more), &JobOptions::default()).unwrap();
@@ -200,7 +200,7 @@ fn every_suggestion_fixes_what_it_says() {
 fn voxels_beside_the_lattice_are_told_of_a_faster_pitch() {
     let pitch = "grid.pitch=[0.0170,0.0165,0.02]".to_owned();
     let forecast = |more: &[String]| {
-        let run = RunFile::load(&shipped("corner.toml"), more).unwrap();
+        let run = RunFile::load(&small("corner.toml"), more).unwrap();
         pipeline::forecast_scene(&run, &JobOptions::default()).unwrap()
     };
     let operations = |forecast: &pipeline::Forecast| forecast.methods[forecast.chosen].operations;
@@ -217,7 +217,7 @@ fn voxels_beside_the_lattice_are_told_of_a_faster_pitch() {
 #[test]
 fn a_sweep_compares_layouts_in_one_command() {
     let folder = tempfile::tempdir().unwrap();
-    let scene = shipped("corner.toml");
+    let scene = small("corner.toml");
     let words = format!(
         "plan {} --set array.elements=256 --set reconstruct.window=taylor --sweep array.layout=grid,spiral,random --sweep sweep.start=10000,18000 -o out",
         scene.display()

@@ -57,7 +57,7 @@ fn loaded(path: &Path, overrides: &[&str]) -> BareMesh {
 }
 
 #[test]
-fn a_mesh_stands_upright_before_an_array_as_wide_as_it_is_away() {
+fn a_mesh_stands_upright_before_an_array_of_its_size() {
     let folder = folder();
     for name in ["lamp.obj", "lamp.stl"] {
         let bare = loaded(&folder.path().join(name), &["scene.unit=cm"]);
@@ -70,10 +70,10 @@ fn a_mesh_stands_upright_before_an_array_as_wide_as_it_is_away() {
         assert!((widest - 0.15).abs() < 1e-9, "{name}: {widest}");
         let shade = bare.scene.triangles().iter().flat_map(|t| t.vertices).filter(|v| v.y < high.y - 0.4);
         assert!(shade.map(|v| v.x).fold(0.0, f64::min) > -0.04, "{name}");
-        // 0.8 diagonals would be nearer than the array is wide.
+        // 0.8 diagonals would be nearer.
         let (array, diagonal) = (bare.run.microphones().unwrap(), (high - low).length());
         assert!((array.extent().x - diagonal).abs() < 0.01 && array.len() == 63 * 63);
-        assert!((0.5 * (low.z + high.z) - array.extent().x).abs() < 0.002);
+        assert!((0.5 * (low.z + high.z) - 0.85 * array.extent().x).abs() < 0.002);
         assert!(bare.hints.is_empty(), "{:?}", bare.hints);
     }
 }
@@ -108,7 +108,7 @@ fn a_mesh_of_any_size_is_within_its_grid_and_takes_seconds() {
     for (size, cells) in [
         (0.0017, [0.0, 0.1]),
         (0.02, [0.5, 1.5]),
-        (0.5, [10.0, 25.0]),
+        (0.5, [10.0, 30.0]),
         (2.0, [60.0, 90.0]),
         (30.0, [60.0, 110.0]),
     ] {
@@ -149,7 +149,7 @@ fn what_is_typed_wins() {
         let (low, high) = bare.scene.bounds().unwrap();
         0.5 * (low + high)
     };
-    assert!((middle(&wide) - DVec3::Z * 1.5).length() < 1e-9);
+    assert!((middle(&wide) - DVec3::Z * (0.85 * 1.5)).length() < 1e-9);
     let there = loaded(&path, &[cm, "scene.fit=[0.1,0,3]"]);
     assert!((middle(&there) - DVec3::new(0.1, 0.0, 3.0)).length() < 1e-9);
     assert_eq!(there.run.scene.fit, Some([0.1, 0.0, 3.0]));
@@ -161,7 +161,8 @@ fn what_is_typed_wins() {
     // A sweep of designs compares arrays before a mesh that stays in its place.
     let swept = done_json(folder.path(), "plan lamp.obj --unit cm --sweep array.extent=0.5,1");
     let widths = [0, 1].map(|k| swept["combinations"][k]["design"]["widths"][1].as_f64().unwrap());
-    assert!((widths[0] / widths[1] - 2.0).abs() < 0.3, "{widths:?}");
+    // Twice as wide an array, from nearly as near as it is wide.
+    assert!((1.5..2.3).contains(&(widths[0] / widths[1])), "{widths:?}");
     fs::write(folder.path().join("mics.csv"), "x,y,z\n-0.3,0,0\n0.3,0,0\n0,0.3,0\n").unwrap();
     let file =
         done_json(folder.path(), "plan lamp.obj --unit cm --set array.layout=file --set array.file=mics.csv");

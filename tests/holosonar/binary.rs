@@ -102,6 +102,12 @@ pub(crate) fn names_below(folder: &Path) -> Vec<String> {
     names
 }
 
+/// A scene for tests that takes a fraction of a second: with few microphones and large voxels, or shipped and small anyway.
+pub(crate) fn small(name: &str) -> PathBuf {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/small").join(name);
+    if path.exists() { path } else { shipped(name) }
+}
+
 /// A scene that the repository ships.
 pub(crate) fn shipped(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(name)

@@ -26,7 +26,7 @@ fn workplace() -> tempfile::TempDir {
     copy(&data("scenes/f.gltf"), "f.gltf");
     let scene = "[scene]\nmesh = \"f.gltf\"\n[sweep]\nstep = 200.0\n[array]\ncount = [15, 15]\npitch = [0.05, 0.05]\n\
                  [grid]\nx = [-0.5, 0.5]\ny = [-0.6, 0.6]\nz = [1.8, 2.2]\npitch = [0.05, 0.05, 0.01]\n\
-                 [output]\nformats = [\"exr\", \"npz\", \"vti\", \"nrrd\"]\n[expect]\ncompleteness = { min = 0.1 }\n";
+                 [output]\nformats = [\"exr\", \"npz\", \"vti\", \"nrrd\", \"vdb\"]\n[expect]\ncompleteness = { min = 0.1 }\n";
     std::fs::write(folder.path().join("f.toml"), scene).unwrap();
     folder
 }
@@ -45,14 +45,22 @@ fn image_writes_what_it_reports() {
         "volume.npz",
         "volume.vti",
         "volume.nrrd",
+        "volume.vdb",
         "depth.ply",
         "scene.ply",
+        "mesh.ply",
         "depth.png",
         "report.html",
     ] {
         assert!(listed.iter().any(|listed| listed == name), "{name} is not among {listed:?}");
     }
     assert_eq!(report, json_file(&folder.path().join("out/report.json")));
+    // Second returns have a figure where there are some.
+    let second = "depth_return2.png";
+    assert!(!listed.iter().any(|listed| listed == second));
+    let deep = "image f.toml -o deep --set grid.z=[1.2,2.6] --set depth.confidence_db=-40";
+    assert!(done_json(folder.path(), deep)["files"].as_array().unwrap().iter().any(|file| file == second));
+    assert!(folder.path().join("deep").join(second).is_file());
 }
 
 #[test]
@@ -124,6 +132,7 @@ fn info_names_every_kind() {
         ("out/volume.nrrd", "volume"),
         ("out/depth.ply", "points"),
         ("out/scene.ply", "points"),
+        ("out/mesh.ply", "mesh"),
         ("f.gltf", "mesh"),
         ("meshes/point.csv", "reflectors"),
         ("f.toml", "run file"),
@@ -260,13 +269,13 @@ fn the_page_can_be_made_again_later() {
         done(path, "report out");
         assert!(std::fs::read(&page).unwrap() == first, "without volume.{gone}");
     }
-    for gone in ["volume.exr", "scene.ply", "truth.exr", "depth.exr"] {
+    for gone in ["volume.exr", "mesh.ply", "scene.ply", "truth.exr", "depth.exr"] {
         std::fs::remove_file(path.join("out").join(gone)).unwrap();
         done(path, "report out");
         assert!(std::fs::metadata(&page).unwrap().len() < first.len() as u64, "without {gone}");
     }
     done(path, "image f.toml -o bare --set output.report=false --set output.points=false");
-    for missing in ["report.html", "depth.ply", "scene.ply"] {
+    for missing in ["report.html", "depth.ply", "scene.ply", "mesh.ply"] {
         assert!(!path.join("bare").join(missing).exists(), "{missing}");
     }
     done(path, "report bare --json");

@@ -224,8 +224,9 @@ fn a_mesh_takes_what_is_planned() {
             let measured = measured(folder, "image mesh.toml -o made -q -j 2");
             let ratio = bytes as f64 / measured as f64;
             println!("{name}, {count}: {} MiB planned, {} measured, {ratio:.2}", bytes >> 20, measured >> 20);
-            // What reading an OBJ leaves free in pieces is lost to whatever other threads allocate later.
-            let least = if name == "a.obj" { 0.8 } else { 0.85 };
+            // The allocator keeps up to twice the size of the largest block that was freed, which is the text of an OBJ,
+            // and other threads cannot use it.
+            let least = if name == "a.obj" { 0.7 } else { 0.85 };
             assert!((least..=1.15).contains(&ratio), "{name}: {bytes} planned, {measured} measured");
         }
     }

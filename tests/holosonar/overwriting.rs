@@ -115,6 +115,8 @@ fn an_output_that_is_an_input_is_refused_by_every_command() {
         ("image c.npz -c r.toml -o new", "r.toml", "new/report.html"),
         ("image obj.toml -o new", "meshes/bracket.mtl", "new/report.json"),
         ("image gltf.toml -o new", "meshes/b.bin", "new/truth.png"),
+        ("image gltf.toml -o new", "meshes/b.bin", "new/mesh.ply"),
+        ("image gltf.toml -o new", "meshes/b.bin", "new/depth_return2.png"),
         ("image gltf.toml -o new", "meshes/b.bin", "new/volume.0512.exr"),
         (
             "image ply.toml -o meshes --set scene.mesh=meshes/scene.ply",

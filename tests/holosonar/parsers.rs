@@ -2,7 +2,7 @@
 //!
 //! `HOLOSONAR_MUTATIONS` sets the number of mutations per parser. `.ci/run` runs this in a release build.
 
-use crate::binary::shipped;
+use crate::binary::{shipped, small};
 use crate::meshes::letter_glb;
 use crate::mutation::{damage, restructure, retouch};
 use crate::named::assert_names;
@@ -10,11 +10,11 @@ use crate::readers::{self, FORMATS, Format, LIMIT};
 use crate::support::{Random, data};
 use holosonar::acquisition::{DataCube, Instrument, MicArray, Sweep};
 use holosonar::config::{ANNOTATED, RunFile};
-use holosonar::export::points_ply::ScenePoints;
+use holosonar::export::points_ply::{SceneMesh, ScenePoints};
 use holosonar::export::volume_npz::read_volume_npz;
 use holosonar::grid::{Axis, Grid, Volume};
 use holosonar::pipeline::{JobOptions, truth_of_scene, write_depth, write_volume};
-use holosonar::scene::{LoadOptions, Unit};
+use holosonar::scene::{LoadOptions, Scene, Unit};
 use holosonar::wave::Geometry;
 use num_complex::Complex32;
 use serde_json::json;
@@ -65,12 +65,14 @@ fn written(folder: &Path) {
     let samples = (0..30).map(|i| Complex32::new(i as f32, 1.0)).collect();
     let points = ScenePoints::new(None, &array, &Geometry::ORIGIN);
     points.write(&folder.join("points.ply"), &[]).unwrap();
+    let scene = Scene::load(&shipped("meshes/corner.obj"), &metres()).unwrap();
+    SceneMesh::decimated(&scene).write(&folder.join("mesh.ply"), &[]).unwrap();
     let cube = DataCube::new(Instrument::new(sweep, array), samples).unwrap();
     cube.write(&folder.join("cube.npz")).unwrap();
     let axis = |first, count| Axis { first, pitch: 0.1, count };
     let grid = Grid { x: axis(-0.2, 5), y: axis(-0.1, 3), z: axis(1.0, 4) };
     let volume = Volume::new(grid, (0..60).map(|i| Complex32::new(0.5, i as f32)).collect());
-    let run = RunFile::load(&shipped("corner.toml"), &["grid.pitch=[0.2,0.2,0.2]".to_owned()]).unwrap();
+    let run = RunFile::load(&small("corner.toml"), &["grid.pitch=[0.2,0.2,0.2]".to_owned()]).unwrap();
     let facts = json!({ "sound_speed": 343.0, "bandwidth": 10_000.0, "program": "holosonar" });
     for name in ["volume.npz", "volume.exr", "volume.vti", "volume.nrrd"] {
         write_volume(&folder.join(name), &volume, &run.output, &facts).unwrap();
@@ -86,6 +88,20 @@ const MICROPHONES: &str = "<?xml version=\"1.0\" encoding=\"utf-8\"?>\n<MicArray
 /// A run file with the keys that exclude those of the shipped ones.
 const SIZED: &str = "[scene]\nmesh = \"part.stl\"\nsize = 0.5\nup = \"z\"\nfit = [0.0, 0.0, 1.0]\n\
     [[materials]]\nname = \"*\"\nmaterial = \"mesh-fabric\"\ntransmittance = 0.5\n";
+
+/// A Touchstone file of two ports.
+const TOUCHSTONE: &str = "! VNA\n# kHz S DB R 50\n10 -40 1 -3 20 -3 20 -40 2 ! first\n10.1 -40 1 -4 -170 -3 20 -40 2\n\
+    10.2 -40 1 -80 0.5e1 -3 20 -40 2\n";
+
+/// A run file of an import.
+const IMPORT: &str = "[import]\nsamples = [\"a.npy\", \"b.npy\"]\narrays = [0, \"Q\"]\naxes = [\"x\", \"y\", \"f\", \"iq\"]\n\
+    offset = [2048, 2050.5]\nfrequencies = \"f\"\nfrequency_unit = \"kHz\"\npositions = \"mics.npy\"\nname_unit = \"mm\"\n\
+    parameter = \"S21\"\ncolumns = [\"f\", \"-\", \"db\", \"deg\"]\nphase_sign = -1\n";
+
+/// A run file of several meshes.
+const PARTS: &str = "[scene]\nfit = [0, 0, 1.5]\n[[scene.parts]]\nmesh = \"a.obj\"\nunit = \"mm\"\nname = \"cup\"\nmaterial = \"glass\"\n\
+    [[scene.parts]]\nmesh = \"b.stl\"\nsize = 0.5\nup = \"z\"\nrotate = [0, 90, 0]\ntranslate = [0.1, 0, 0.2]\nscale = 1\n\
+    [[scene.parts]]\nmesh = \"c.ply\"\nfit = [0, 0, 1]\n[[materials]]\nname = \"b*\"\nreflectance = 0.5\n";
 
 /// Files of every format.
 fn parsers() -> Vec<Parser> {
@@ -104,21 +120,42 @@ fn parsers() -> Vec<Parser> {
             options: metres(),
         }
     };
-    let foreground = fs::read_to_string(shipped("transparent_foreground.toml")).unwrap();
+    let npy = |name: &str, kind: &str, shape: &str, bytes: u8| {
+        let head = format!("{{'descr': '{kind}', 'fortran_order': False, 'shape': {shape}, }}\n");
+        let length = (head.len() as u16).to_le_bytes();
+        let data: Vec<u8> = (0..bytes).map(|i| i % 63).collect();
+        let bytes = [b"\x93NUMPY\x01\x00".as_slice(), &length, head.as_bytes(), &data].concat();
+        Original { name: name.to_owned(), bytes, options: LoadOptions::default() }
+    };
+    let foreground = fs::read_to_string(small("transparent_foreground.toml")).unwrap();
     let mut all = vec![
         dense("annotated.toml", ANNOTATED),
         dense("foreground.toml", &foreground),
         text("sized.toml", SIZED),
+        text("parts.toml", PARTS),
         wide("wide.obj", "# Würfel\nv 0 0 1\nv 1 0 1\nv 0 1 1\nf 1 2 3\n"),
         text("points.csv", "x,y,z,amplitude\n0.1,0.2,1.5,1\n-0.3,0.25,1.75,0.5\n1e-3,2,3,-4\n"),
         text("microphones.csv", "x,y,z\n0.1,0.2,0\n-0.3,0.25,0\n1e-3,2,0\n"),
         text("microphones.xml", MICROPHONES),
+        text("trace.csv", "f,db,deg\n10000,-3.5,20\n10100,-4,-170\n10200,-80,0\n"),
+        text("vna.s2p", TOUCHSTONE),
+        text("import.toml", IMPORT),
+        npy("samples.npy", "<f4", "(3, 2, 5, 2)", 240),
+        npy("raw.npy", ">u2", "(5, 6)", 60),
         Original { bytes: letter_glb(), ..text("f.glb", "") },
         original(&shipped("meshes/corner.obj"), metres()),
         original(&shipped("meshes/transparent_foreground.gltf"), LoadOptions::default()),
     ];
-    let ours =
-        ["cube.npz", "volume.npz", "depth.exr", "volume.exr", "volume.vti", "volume.nrrd", "points.ply"];
+    let ours = [
+        "cube.npz",
+        "volume.npz",
+        "depth.exr",
+        "volume.exr",
+        "volume.vti",
+        "volume.nrrd",
+        "points.ply",
+        "mesh.ply",
+    ];
     all.extend(ours.map(|name| original(&folder.path().join(name), LoadOptions::default())));
     let independent = ["forward_quadrature.npz", "forward_in_phase.npz", "volume_in_phase_8mm.npz"];
     all.extend(independent.map(|name| original(&data("reference").join(name), LoadOptions::default())));

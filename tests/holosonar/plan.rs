@@ -1,6 +1,6 @@
 //! The predictions of `plan`, the memory limit, and volumes that are written depth by depth.
 
-use crate::binary::{done, done_json, files_below, json_file, names_below, refused, shipped};
+use crate::binary::{done, done_json, files_below, json_file, names_below, refused, shipped, small};
 
 #[test]
 fn plan_predicts_what_image_writes_and_touches_nothing() {
@@ -25,7 +25,7 @@ fn plan_predicts_what_image_writes_and_touches_nothing() {
 #[test]
 fn the_memory_limit_is_kept_and_a_refusal_says_what_would_fit() {
     let folder = tempfile::tempdir().unwrap();
-    let scene = shipped("corner.toml");
+    let scene = small("corner.toml");
     let words = format!("image {} -o out --memory 20MiB", scene.display());
     refused(folder.path(), &words, 2, &["memory", "20 MiB", "--memory", "251 frequencies", "grid"]);
     refused(folder.path(), &format!("plan {} --memory lots", scene.display()), 2, &["--memory", "2GiB"]);
@@ -36,12 +36,14 @@ fn a_volume_written_by_depths_is_the_volume_in_memory() {
     let folder = tempfile::tempdir().unwrap();
     let scene = shipped("point.toml");
     done(folder.path(), &format!("simulate {} -o cube.npz -q", scene.display()));
-    let both = format!("reconstruct cube.npz -c {} -o a.npz -o a.exr -o a.vti -o a.nrrd -q", scene.display());
-    done(folder.path(), &both);
-    done(folder.path(), &format!("image cube.npz -c {} -o out -q", scene.display()));
+    let set = "--set output.formats=[\"exr\",\"npz\",\"vdb\"]";
+    let names = "-o a.npz -o a.exr -o a.vti -o a.nrrd -o a.vdb";
+    done(folder.path(), &format!("reconstruct cube.npz -c {} {names} {set} -q", scene.display()));
+    done(folder.path(), &format!("image cube.npz -c {} -o out {set} -q", scene.display()));
     let bytes = |name: &str| std::fs::read(folder.path().join(name)).unwrap();
     assert_eq!(bytes("a.npz"), bytes("out/volume.npz"));
     assert_eq!(bytes("a.exr"), bytes("out/volume.exr"));
+    assert_eq!(bytes("a.vdb"), bytes("out/volume.vdb"));
     let info = |name: &str| done_json(folder.path(), &format!("info {name}"));
     let peak = info("a.npz")["peak_amplitude"].clone();
     assert!(peak.as_f64().unwrap() > 0.5);
@@ -53,7 +55,7 @@ fn a_volume_written_by_depths_is_the_volume_in_memory() {
 #[test]
 fn plans_of_absurd_jobs_come_at_once() {
     let folder = tempfile::tempdir().unwrap();
-    let scene = shipped("corner.toml");
+    let scene = small("corner.toml");
     for set in ["medium.sound_speed=0.343", "sweep.stop=10e6", "array.pitch=300", "array.pitch=1e6"] {
         let begun = std::time::Instant::now();
         let words = format!("plan {} --set {set}", scene.display());

@@ -1,13 +1,16 @@
 //! Every reader of files in the library, by the format of the file; for the tests of parsers and for `tests/fuzz`.
 
 use crate::mutation::Structure;
-use holosonar::acquisition::{DataCube, MicArray};
+use holosonar::acquisition::{
+    ArrayName, DataCube, ImportAxis, ImportOptions, MeanWord, MicArray, RawOffset, Sweep, TraceColumn, import,
+};
 use holosonar::config::RunFile;
 use holosonar::error::{Error, Result};
 use holosonar::export::amplitude::Amplitude;
 use holosonar::export::depth_exr::read_depth_map;
-use holosonar::export::points_ply::ScenePoints;
+use holosonar::export::points_ply::{SceneMesh, ScenePoints};
 use holosonar::export::volume_npz::read_volume_npz;
+use holosonar::glam::DVec3;
 use holosonar::reflectors::Reflectors;
 use holosonar::scene::{LoadOptions, Scene};
 use std::fs;
@@ -27,7 +30,7 @@ pub(crate) struct Format {
 }
 
 /// Every format.
-pub(crate) const FORMATS: [Format; 13] = [
+pub(crate) const FORMATS: [Format; 15] = [
     Format { extension: "toml", structure: Structure::Lines, read: run_file },
     Format { extension: "obj", structure: Structure::Lines, read: scene },
     Format { extension: "mtl", structure: Structure::Lines, read: material },
@@ -38,6 +41,8 @@ pub(crate) const FORMATS: [Format; 13] = [
     Format { extension: "csv", structure: Structure::Lines, read: reflectors_or_microphones },
     Format { extension: "xml", structure: Structure::Lines, read: microphones },
     Format { extension: "npz", structure: Structure::Npz, read: cube_or_volume },
+    Format { extension: "npy", structure: Structure::Heading, read: samples },
+    Format { extension: "s2p", structure: Structure::Lines, read: samples },
     Format { extension: "exr", structure: Structure::Exr, read: depth_or_amplitude },
     Format { extension: "vti", structure: Structure::Heading, read: amplitude },
     Format { extension: "nrrd", structure: Structure::Heading, read: amplitude },
@@ -82,13 +87,37 @@ fn material(path: &Path, options: &LoadOptions) -> Vec<Result<()>> {
 fn scene_or_points(path: &Path, options: &LoadOptions) -> Vec<Result<()>> {
     let mut results = scene(path, options);
     results.push(ScenePoints::read(path, LIMIT).map(drop));
+    results.push(SceneMesh::read(path, LIMIT).map(drop));
     results
 }
 
 fn reflectors_or_microphones(path: &Path, options: &LoadOptions) -> Vec<Result<()>> {
     let mut results = microphones(path, options);
     results.push(Reflectors::read_csv(path).map(drop));
+    let mut options = import_options(path);
+    options.columns = vec![TraceColumn::Frequency, TraceColumn::Decibel, TraceColumn::Degree];
+    results.push(import(&options).map(drop));
+    results.extend(samples(path, &LoadOptions::default()));
     results
+}
+
+/// An import of one file, of one microphone if it says nothing about several.
+fn import_options(path: &Path) -> ImportOptions {
+    let mut options = ImportOptions::new(vec![path.to_owned()]);
+    options.array = Some(MicArray::rectangular([1, 1], [1.0; 2], DVec3::ZERO).unwrap());
+    options.memory = Some(LIMIT);
+    options
+}
+
+fn samples(path: &Path, _: &LoadOptions) -> Vec<Result<()>> {
+    let one = import_options(path);
+    let mut many = one.clone();
+    many.array = Some(MicArray::rectangular([3, 2], [0.02; 2], DVec3::ZERO).unwrap());
+    many.sweep = Some(Sweep::stepped(10_000.0, 10_400.0, 100.0).unwrap());
+    many.offset = Some(RawOffset::Mean(MeanWord::Mean));
+    let mut typed = many.clone();
+    typed.axes = vec![ImportAxis::X, ImportAxis::Y, ImportAxis::Frequency, ImportAxis::Plane];
+    [one, many, typed].iter().map(|options| import(options).map(drop)).collect()
 }
 
 fn microphones(path: &Path, _: &LoadOptions) -> Vec<Result<()>> {
@@ -96,7 +125,13 @@ fn microphones(path: &Path, _: &LoadOptions) -> Vec<Result<()>> {
 }
 
 fn cube_or_volume(path: &Path, _: &LoadOptions) -> Vec<Result<()>> {
-    vec![DataCube::read(path, LIMIT).map(drop), read_volume_npz(path, LIMIT).map(drop)]
+    let mut results = vec![DataCube::read(path, LIMIT).map(drop), read_volume_npz(path, LIMIT).map(drop)];
+    let mut options = import_options(path);
+    options.frequencies = Some("frequencies".into());
+    options.positions = Some("mic_positions".into());
+    options.arrays = vec![ArrayName::Name("samples".to_owned())];
+    results.push(import(&options).map(drop));
+    results
 }
 
 fn depth_or_amplitude(path: &Path, options: &LoadOptions) -> Vec<Result<()>> {

@@ -1,6 +1,6 @@
 //! Refined volumes and the oracle from outside: files, words, and what they are worth.
 
-use crate::binary::{done, done_json, json_file, refused, shipped};
+use crate::binary::{done, done_json, json_file, refused, shipped, small};
 use crate::named::assert_names;
 use holosonar::config::RunFile;
 use holosonar::metrics::Metrics;
@@ -14,7 +14,8 @@ fn write_bracket(folder: &Path) {
     for file in ["bracket.obj", "bracket.mtl"] {
         fs::copy(shipped(&format!("meshes/{file}")), folder.join("meshes").join(file)).unwrap();
     }
-    fs::copy(shipped("bracket.toml"), folder.join("b.toml")).unwrap();
+    let text = fs::read_to_string(small("bracket.toml")).unwrap();
+    fs::write(folder.join("b.toml"), text.replace("../../../scenes/", "")).unwrap();
 }
 
 #[test]
@@ -86,7 +87,7 @@ fn an_oracle_is_compared_with_results_of_several_seeds() {
 fn metrics_of(scene: &str, typed: &[&str], seed: u32) -> Metrics {
     let mut typed: Vec<String> = typed.iter().map(|&typed| typed.to_owned()).collect();
     typed.push(format!("reflectors.seed={seed}"));
-    let run = RunFile::load(&shipped(scene), &typed).unwrap();
+    let run = RunFile::load(&small(scene), &typed).unwrap();
     image_scene(&run, &JobOptions::default()).unwrap().metrics().unwrap()
 }
 
@@ -101,7 +102,7 @@ fn refined_pictures_are_sharper_and_the_oracle_is_beyond_them() {
                 each.iter().map(|metrics| metrics.get(name).flatten().unwrap()).sum::<f64>() / 3.0
             })
         });
-        let oracle = oracle_of_scene(&RunFile::load(&shipped(scene), &[]).unwrap(), &JobOptions::default());
+        let oracle = oracle_of_scene(&RunFile::load(&small(scene), &[]).unwrap(), &JobOptions::default());
         let oracle = oracle.unwrap().scores.all;
         println!("{scene}: {means:?}, oracle {oracle:?}");
         let [[f1, false_returns, error], [refined_f1, refined_false, refined_error]] = means;

@@ -1,6 +1,7 @@
-//! The shipped scenes are checked against their own `[expect]`. Negative controls prove that the limits can be missed.
+//! Scenes are checked against their own `[expect]`: small variants in every run of the tests, and the shipped ones, which take
+//! seconds, among the heavier tests. Negative controls prove that the limits can be missed.
 
-use crate::binary::{done, done_json, shipped};
+use crate::binary::{done, done_json, shipped, small};
 use holosonar::config::RunFile;
 use holosonar::grid::Volume;
 use holosonar::metrics::{METRIC_NAMES, Metrics, error_map};
@@ -11,12 +12,12 @@ fn overrides(typed: &[&str]) -> Vec<String> {
     typed.iter().map(|&s| s.to_owned()).collect()
 }
 
-/// Checks a shipped scene against its `[expect]`, with the caller's or the scene's own seeds; limits of shares may be missed by
+/// Checks a scene against its `[expect]`, with the caller's or the scene's own seeds; limits of shares may be missed by
 /// `slack`.
-fn keeps_its_limits(scene: &str, seeds: &[u32], slack: f64) {
-    let path = shipped(scene);
-    let run = RunFile::load(&path, &[]).unwrap();
-    let judgement = check_scene(&path, &run, seeds, false, &JobOptions::default()).unwrap();
+fn keeps_its_limits(scene: &Path, seeds: &[u32], slack: f64) {
+    let run = RunFile::load(scene, &[]).unwrap();
+    let judgement = check_scene(scene, &run, seeds, false, &JobOptions::default()).unwrap();
+    let scene = scene.display();
     println!("{scene} {:?}", judgement.seeds);
     assert!(!judgement.verdicts.is_empty());
     for verdict in judgement.verdicts {
@@ -38,18 +39,18 @@ fn metrics(path: &Path, typed: &[&str]) -> Metrics {
 
 #[test]
 fn corner() {
-    keeps_its_limits("corner.toml", &[], 0.0);
+    keeps_its_limits(&small("corner.toml"), &[], 0.0);
 }
 
 #[test]
 fn corner2() {
-    keeps_its_limits("corner2.toml", &[1], 0.0);
+    keeps_its_limits(&small("corner2.toml"), &[1], 0.0);
 }
 
 #[test]
 fn a_grid_beside_the_scene_comes_out_empty() {
     let folder = tempfile::tempdir().unwrap();
-    let scene = shipped("corner.toml");
+    let scene = small("corner.toml");
     for grid in ["grid.z=[0.3,0.8]", "grid.z=[2.6,3.3]", "grid.x=[2.0,3.0] --set grid.y=[2.0,3.0]"] {
         for refine in ["surface", "column"] {
             let words = format!("image {} -o out --set {grid} --set depth.refine={refine}", scene.display());
@@ -69,24 +70,24 @@ fn a_grid_beside_the_scene_comes_out_empty() {
 
 #[test]
 fn transparent_foreground() {
-    keeps_its_limits("transparent_foreground.toml", &[], 0.0);
+    keeps_its_limits(&small("transparent_foreground.toml"), &[], 0.0);
 }
 
 #[test]
 fn bracket() {
-    keeps_its_limits("bracket.toml", &[], 0.0);
+    keeps_its_limits(&small("bracket.toml"), &[], 0.0);
 }
 
 #[test]
 fn cad() {
-    keeps_its_limits("cad.toml", &[], 0.0);
+    keeps_its_limits(&small("cad.toml"), &[], 0.0);
 }
 
 #[test]
 fn standard_errors_hold_about_68_percent_of_the_errors() {
     let (mut within, mut all) = (0usize, 0usize);
     for scene in ["bracket.toml", "cad.toml", "corner.toml", "transparent_foreground.toml"] {
-        let run = RunFile::load(&shipped(scene), &[]).unwrap();
+        let run = RunFile::load(&small(scene), &[]).unwrap();
         let found = image_scene(&run, &JobOptions::default()).unwrap();
         let stated = found.depth.picked.error.as_ref().unwrap();
         let errors = error_map(&found.depth, found.truth.as_ref().unwrap()).unwrap();
@@ -116,18 +117,26 @@ fn every_shipped_scene_with_limits_is_held_to_them_here() {
 }
 
 #[test]
+#[ignore = "half a minute: the shipped scenes, as large as they are"]
+fn shipped_scenes_show_what_the_method_can_do() {
+    for scene in HELD {
+        keeps_its_limits(&shipped(scene), &[], 0.0);
+    }
+}
+
+#[test]
 #[ignore = "fifteen more runs of what the tests above hold"]
 fn limits_hold_for_other_seeds() {
     for scene in HELD {
         // Limits that other seeds were not chosen for.
-        keeps_its_limits(scene, &[4, 5, 6], 0.015);
+        keeps_its_limits(&small(scene), &[4, 5, 6], 0.015);
     }
 }
 
 #[test]
 #[ignore = "negative control: several seconds, of no use while the scenes themselves pass"]
 fn a_mirror_corner_is_nearly_invisible() {
-    let found = metrics(&shipped("corner.toml"), &["reflectors.surface=smooth"]);
+    let found = metrics(&small("corner.toml"), &["reflectors.surface=smooth"]);
     assert!(found.completeness.unwrap() < 0.20, "{found:?}");
 }
 
@@ -136,7 +145,7 @@ fn a_mirror_corner_is_nearly_invisible() {
 fn a_sparse_array_cannot_tell_two_surfaces_apart() {
     // 2/14 m between microphones, a quarter of it between voxels.
     let found = metrics(
-        &shipped("transparent_foreground.toml"),
+        &small("transparent_foreground.toml"),
         &[
             "array.count=[15,15]",
             "array.extent=[2.0,2.0]",
@@ -151,7 +160,7 @@ fn a_sparse_array_cannot_tell_two_surfaces_apart() {
 fn without_occlusion_the_backs_of_closed_bodies_drown_their_fronts() {
     // The truth must be the visible surfaces either way, so the second run is scored against the first's truth.
     let image = |occlusion: &str| {
-        let run = RunFile::load(&shipped("cad.toml"), &[format!("scene.occlusion={occlusion}")]).unwrap();
+        let run = RunFile::load(&small("cad.toml"), &[format!("scene.occlusion={occlusion}")]).unwrap();
         image_scene(&run, &JobOptions::default()).unwrap()
     };
     let (seen, all) = (image("speaker"), image("none"));
@@ -176,7 +185,7 @@ fn difference(a: &Volume, b: &Volume) -> f64 {
 fn in_phase_data_folds_back_when_the_step_is_too_coarse() {
     let volume = |kind: &str, step: &str| {
         let typed = [format!("detection.kind={kind}"), format!("sweep.step={step}")];
-        let run = RunFile::load(&shipped("corner.toml"), &typed).unwrap();
+        let run = RunFile::load(&small("corner.toml"), &typed).unwrap();
         image_scene(&run, &JobOptions::default()).unwrap().image.volume
     };
     // At every multiple of δf the cosine of a path L is that of c/δf − L, so real data shows a mirror image there: every path
@@ -201,7 +210,7 @@ fn large(scene: &str, typed: &[&str]) -> Vec<(&'static str, f64)> {
         let mut typed: Vec<String> = overrides(typed);
         typed.extend(overrides(&["array.count=[63,63]", "sweep.step=20"]));
         typed.push(format!("reflectors.seed={seed}"));
-        let run = RunFile::load(&shipped(scene), &typed).unwrap();
+        let run = RunFile::load(&small(scene), &typed).unwrap();
         image_scene(&run, &JobOptions::default()).unwrap().metrics().unwrap()
     });
     let means: Vec<_> =
@@ -220,8 +229,8 @@ fn a_large_array_shows_surfaces_as_they_are() {
     for (scene, typed, complete, most) in [
         ("corner.toml", &room[..], 0.985, &[("false_returns", 0.005), ("median_error", 0.002)][..]),
         ("transparent_foreground.toml", &room, 0.985, &[("false_returns", 0.01), ("spurious_returns", 0.04)]),
-        ("cad.toml", &room, 0.94, &[("false_returns", 0.032), ("spurious_returns", 0.08)]),
-        ("bracket.toml", &near, 0.98, &[("false_returns", 0.008)]),
+        ("cad.toml", &room, 0.93, &[("false_returns", 0.028), ("spurious_returns", 0.03)]),
+        ("bracket.toml", &near, 0.965, &[("false_returns", 0.005)]),
     ] {
         let means = large(scene, typed);
         let mean = |name: &str| means.iter().find(|(n, _)| *n == name).unwrap().1;
@@ -249,7 +258,7 @@ fn noise_and_errors_of_the_array_harm_surfaces_no_more_than_columns() {
             let seeds = |typed: &[&str]| {
                 ["1", "2", "3"].map(|seed| {
                     let seed = format!("reflectors.seed={seed}");
-                    metrics(&shipped(scene), &[&[set, &*seed][..], typed].concat())
+                    metrics(&small(scene), &[&[set, &*seed][..], typed].concat())
                 })
             };
             let (surface, column) = (seeds(&[]), seeds(&literal));

@@ -1,6 +1,6 @@
 //! The manual pages, and the stages that `-v` lists.
 
-use crate::binary::{done, files_below, run, shipped};
+use crate::binary::{done, files_below, run, small};
 
 #[test]
 fn every_command_has_a_manual_page() {
@@ -38,7 +38,7 @@ fn a_file_without_a_command_gets_a_suggestion() {
 #[test]
 fn verbose_says_what_each_stage_did() {
     let folder = tempfile::tempdir().unwrap();
-    let scene = shipped("bracket.toml");
+    let scene = small("bracket.toml");
     let said = run(folder.path(), &format!("image {} -o out -v", scene.display())).stderr;
     let stages =
         ["reading the scene", "tracing echoes", "simulating", "reconstructing", "locating depth", "writing"];

@@ -1,20 +1,36 @@
 #!/usr/bin/env python3
-"""Holds a perspective truth to Blender's own Z pass, and opens depth maps in Blender's compositor.
+"""Holds a perspective truth to Blender's own Z pass, opens depth maps in Blender's compositor, and reads OpenVDB volumes.
 
     check_blender.py MESH.gltf CAMERA OUTDIR
+    check_blender.py --volume OUTDIR...      compares volume.vdb with volume.npz
+    check_blender.py --prove OUTDIR          damages copies of volume.vdb and sees that it is noticed
 
-OUTDIR is a result of `holosonar image` whose array sits at the camera of this name, in its perspective view. Blender (the
+In the first form OUTDIR is a result of `holosonar image` whose array sits at the camera of this name, in its perspective view. Blender (the
 module bpy from PyPI) imports the file and renders it from that camera with Cycles, one sample through each pixel's centre.
 Its depth must be that of truth.exr, to 0.1 mm at 99.5 % of the pixels; pixels beside a jump in depth are left out, since
-there a hair's breadth decides between two surfaces. The render is left as OUTDIR/blender.exr. Exit status 1 if a check fails.
+there a hair's breadth decides between two surfaces. The render is left as OUTDIR/blender.exr.
+
+A volume.vdb is read by the OpenVDB that Blender contains, voxel by voxel, and imported as a volume object, of which Blender
+makes a mesh. Exit status 1 if a check fails.
 """
 
+import json
+import shutil
+import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import bpy
 import numpy as np
 import OpenEXR
+
+# Blender keeps its Python modules beside itself.
+sys.path += map(str, Path(bpy.utils.resource_path("LOCAL")).glob("python/lib/python*/site-packages"))
+try:
+    import openvdb
+except ModuleNotFoundError:  # until Blender 4.4
+    import pyopenvdb as openvdb
 
 LIMIT, SHARE, JUMP = 1e-4, 0.995, 0.02  # m, of the pixels, m
 failed = []
@@ -118,7 +134,115 @@ def depth_through_compositor(path, out):
     return channel(out, "R")
 
 
+def check_grid(path, volume, meta):
+    """The grid by OpenVDB, against the npz; gives the density, [z, y, x]."""
+    grids, _ = openvdb.readAll(str(path))
+    check(f"{path} has one grid, a fog volume", [(g.name, g.gridClass) for g in grids] == [("density", "fog volume")])
+    grid, x, y, z = grids[0], volume["x"], volume["y"], volume["z"]
+    samples = volume["samples"].astype(np.complex128)
+    amplitude = np.hypot(samples.real, samples.imag).astype(np.float32)  # rounded once
+    expected = amplitude / amplitude.max()
+    threshold = np.float32(10 ** (grid["sonar:thresholdDb"] / 20))
+    expected[expected < threshold] = 0
+    found = np.full((len(x), len(z), len(y)), np.nan, np.float32)
+    grid.copyToArray(found)
+    found = found[:, :, ::-1].transpose(1, 2, 0)
+    check("every density is |samples| over their peak, 0 below the threshold", np.array_equal(found, expected))
+    active = int((expected > 0).sum())
+    detail = f"({active} of {expected.size} down to {grid['sonar:thresholdDb']} dB)"
+    check("those are the active voxels", grid.activeVoxelCount() == active and grid.background == 0, detail)
+    check("the peak is in the metadata", np.float32(grid["sonar:amplitudeScale"]) == amplitude.max())
+    same = [grid["sonar:" + name] == meta[key] for name, key in (("soundSpeed", "sound_speed"), ("window", "window"))]
+    same += [list(grid["sonar:source"]) == meta["source"], json.loads(grid["sonar:run"]) == meta["run"]]
+    check("metadata are those of the npz", all(same), str(same))
+    corners = [(i, j, k) for i in (0, len(x) - 1) for j in (0, len(y) - 1) for k in (0, len(z) - 1)]
+    to_world = grid.transform.indexToWorld
+    off = [np.subtract(to_world((i, k, len(y) - 1 - j)), (x[i], z[k], -y[j])) for i, j, k in corners]
+    check("corners are where the npz has them, with z up", np.abs(off).max() < 1e-12, f"({np.abs(off).max():.0e} m)")
+    size = volume["pitch"][[0, 2, 1]]
+    check("voxels have the pitches as sizes", np.abs(np.subtract(grid.transform.voxelSize(), size)).max() < 1e-15)
+    return found
+
+
+def check_volume_object(path, volume, density):
+    """The file as a volume object, and a mesh of its iso-surface."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.object.volume_import(filepath=str(path))
+    thing = bpy.context.object
+    check("Blender imports a volume", thing.type == "VOLUME" and thing.data.grids.load(), thing.data.grids.error_message)
+    names = [(grid.name, grid.data_type, grid.channels) for grid in thing.data.grids]
+    check("Blender sees one grid of floats", names == [("density", "FLOAT", 1)], str(names))
+    shell = bpy.data.objects.new("shell", bpy.data.meshes.new("shell"))
+    bpy.context.collection.objects.link(shell)
+    modifier = shell.modifiers.new("shell", "VOLUME_TO_MESH")
+    modifier.object, modifier.threshold = thing, 0.5
+    mesh = shell.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
+    points = np.array([vertex.co for vertex in mesh.vertices], np.float64).reshape(-1, 3)
+    # Each of its points is between voxels on both sides of the threshold.
+    first = [volume[axis][0] for axis in "zyx"]
+    place = (points[:, [1, 2, 0]] * [1, -1, 1] - first) / volume["pitch"][[2, 1, 0]]
+    padded = np.pad(density, 1)
+    low = np.clip(np.floor(place).astype(int) + 1, 0, np.array(padded.shape) - 2)
+    near = [padded[tuple((low + [a, b, c]).T)] for a in (0, 1) for b in (0, 1) for c in (0, 1)]
+    crossed = (np.max(near, axis=0) >= 0.5) & (np.min(near, axis=0) <= 0.5)
+    share = crossed.mean() if len(points) else 0.0
+    check("Blender's iso-surface is where the volume crosses it", share > 0.99, f"({share:.4f} of {len(points)} points)")
+
+
+def check_volume(folder):
+    with np.load(folder / "volume.npz") as file:
+        volume = {name: file[name] for name in file.files}
+    density = check_grid(folder / "volume.vdb", volume, json.loads(bytes(volume["meta"])))
+    check_volume_object(folder / "volume.vdb", volume, density)
+
+
+def flipped(at):
+    """The lowest bit of the byte at this place, which may depend on the contents."""
+
+    def damage(raw):
+        raw[at(raw)] ^= 1
+
+    return damage
+
+
+def prove(folder):
+    """Damages a copy of a volume in several ways; each must be noticed, or the checks are worth nothing."""
+    after = lambda text, more: lambda raw: raw.index(text) + len(text) + more  # noqa: E731
+    damages = {
+        "none": lambda raw: None,
+        "a file cut short": lambda raw: raw.__delitem__(slice(-200, None)),
+        "a flipped bit of the last value": flipped(lambda raw: len(raw) - 3),
+        "a flipped bit of the translation": flipped(after(b"ScaleTranslateMap", 4)),
+        "a flipped bit of the scale": flipped(after(b"ScaleTranslateMap", 28)),
+        "a flipped bit of the peak": flipped(after(b"sonar:amplitudeScale\x06\0\0\0double", 8)),
+        "another class": flipped(after(b"fog ", 1)),
+    }
+    wrong = []
+    for what, damage in damages.items():
+        with tempfile.TemporaryDirectory() as temporary:
+            copy = Path(temporary)
+            shutil.copy(folder / "volume.npz", copy)
+            raw = bytearray((folder / "volume.vdb").read_bytes())
+            damage(raw)
+            (copy / "volume.vdb").write_bytes(raw)
+            run = subprocess.run([sys.executable, __file__, "--volume", temporary], capture_output=True, text=True)
+            if (run.returncode == 0) != (what == "none"):
+                wrong.append(what)
+                print(run.stdout, run.stderr)
+            lines = (run.stdout + run.stderr).strip().splitlines()
+            noticed = [line for line in lines if line.startswith("FAILED")] or lines[-1:]
+            print(f"damaged by {what}: {noticed[0].replace(temporary + '/', '')}", flush=True)
+    print(f"{len(damages) - len(wrong)} passed, {len(wrong)} failed")
+    sys.exit(1 if wrong else 0)
+
+
 def main():
+    if sys.argv[1] == "--prove":
+        prove(Path(sys.argv[2]).resolve())
+    if sys.argv[1] == "--volume":
+        for folder in sys.argv[2:]:
+            check_volume(Path(folder).resolve())
+        sys.exit(1 if failed else 0)
     mesh, camera, folder = Path(sys.argv[1]).resolve(), sys.argv[2], Path(sys.argv[3]).resolve()
     print("Blender", bpy.app.version_string)
     truth = channel(folder / "truth.exr", "Z")

@@ -378,6 +378,29 @@ def check_scene_ply(path, report, header):
         check(path, "reflectors have amplitudes", (points["amplitude"][points["kind"] == 0] > 0).mean() > 0.5)
 
 
+def check_mesh_ply(path, report):
+    """The decimated mesh by plyfile: its parts, and the box and the area of the scene."""
+    mesh = plyfile.PlyData.read(str(path))
+    vertices, faces = mesh["vertex"], mesh["face"]
+    at = np.stack([vertices[axis] for axis in "xyz"], axis=1).astype(np.float64)
+    corners = np.stack(faces["vertex_indices"])
+    check(path, "triangles", corners.shape == (len(faces), 3), str(corners.shape))
+    check(path, "no more triangles than the scene has", len(faces) <= report["scene"]["triangles"])
+    check(path, "corners are vertices, and every vertex is one", (np.unique(corners) == np.arange(len(at))).all())
+    names = [comment.split(" ", 2) for comment in mesh.comments if comment.startswith("part ")]
+    check(path, "a name for every part", [int(k) for _, k, _ in names] == list(range(len(names))), str(names))
+    check(path, "names are JSON", all(isinstance(json.loads(name), str) for _, _, name in names))
+    part = faces["part"]
+    check(path, "the triangles of one part after those of another", (np.diff(part) >= 0).all() and part.max() < len(names))
+    scene = report["scene"]
+    near = 0.02 * max(scene["size"])
+    for end, found in (("low", at.min(axis=0)), ("high", at.max(axis=0))):
+        check(path, f"the scene's box: {end}", np.allclose(found, scene[end], atol=near), f"({found}, {scene[end]})")
+    a, b, c = (at[corners[:, k]] for k in range(3))
+    area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
+    check(path, "the scene's area", abs(area / scene["area"] - 1) < 0.05, f"({area}, {scene['area']})")
+
+
 def check_vti(path, volume, complex_too):
     """The VTI by hand: XML header, raw appended arrays; then by VTK."""
     raw = path.read_bytes()
@@ -489,6 +512,11 @@ def check_folder(folder):
     if output["points"]:
         check_depth_ply(folder / "depth.ply", (header, found))
         check_scene_ply(folder / "scene.ply", report, header)
+        if report["metrics"]:
+            check_mesh_ply(folder / "mesh.ply", report)
+    second = found.get("return2.V", np.zeros(1)).max() > 0
+    listed = "depth_return2.png" in report["files"]
+    check(folder, "a figure of second returns exactly if there are some", listed == second, f"({listed}, {second})")
     if report["metrics"]:
         _, truth = check_depth_exr(folder / "truth.exr", volume, fill, output["float16"])
         check_metrics(folder / "report.json", report, found, truth)
@@ -551,6 +579,7 @@ def prove(folder):
         "a flipped bit of the NRRD": damage_byte("volume.nrrd", -5000),
         "a flipped bit of depth.ply": damage_byte("depth.ply", -500),
         "a flipped bit of scene.ply": damage_byte("scene.ply", -37),
+        "a flipped bit of mesh.ply": damage_byte("mesh.ply", -2),
         "a flipped bit of a PNG's signature": damage_byte("depth.png", 1),
         "a missing file": lambda copy: (copy / "amplitude.png").unlink(),
         "a stray file": lambda copy: (copy / "stray.txt").write_text("?"),

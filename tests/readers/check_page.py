@@ -3,8 +3,8 @@
 
     check_page.py FOLDER [--pictures DIR] [--renew]
 
-FOLDER is what `holosonar image scenes/corner.toml` wrote. Needs Chromium, and NumPy, OpenEXR and Pillow. The program
-under test takes no part. `--pictures` leaves screenshots to look at, `--renew` writes the reference picture anew.
+FOLDER is what `holosonar image tests/data/small/corner.toml` wrote, whose volume the page shows voxel by voxel. Needs
+Chromium, and NumPy, OpenEXR and Pillow. The program under test takes no part. `--pictures` leaves screenshots to look at, `--renew` writes the reference picture anew.
 """
 
 import argparse
@@ -104,14 +104,110 @@ def check_view(page):
     boxes = "document.querySelectorAll('#layers input')"
     names = page.run(f"[...{boxes}].map((box) => box.parentElement.textContent)")
     wanted = {"Reflectors of the scene", "Depths found", "Microphones", "Speaker", "Planes of the slices"}
-    check("reflectors, depths, microphones and speaker can be drawn", set(names) == wanted, str(names))
+    mesh = {name for name in names if name.startswith("Mesh")}
+    check("reflectors, depths, mesh, microphones and speaker can be drawn", mesh and set(names) - mesh == wanted, str(names))
     for i, name in enumerate(names):
         before = picture(page.shot("#stage"))
         page.run(f"{boxes}[{i}].click()")
         page.settle()
-        check(f"{name}: the box counts", changed(before, picture(page.shot("#stage"))) > 1e-5)
+        share = changed(before, picture(page.shot("#stage")))
+        check(f"{name}: the box counts", share > (0.02 if name in mesh else 1e-5), f"({share:.5f})")
         page.run(f"{boxes}[{i}].click()")
         page.settle()
+
+
+def press(page, key):
+    """Presses a key in the 3-D view, and gives the picture after it."""
+    page.run("document.querySelector('#labels').focus()")
+    page.key(key)
+    page.run("document.activeElement.blur()")
+    page.settle()
+    return picture(page.shot("#stage"))
+
+
+def check_front(page):
+    """From the front the array is not drawn over the scene, unless its box is ticked."""
+    box = "[...document.querySelectorAll('#layers label')].find((label) => label.textContent === 'Microphones').firstChild"
+    blue = lambda stage: ((stage[..., 2] > 180) & (stage[..., 2] - stage[..., 1] > 50)).mean()  # noqa: E731
+    oblique = press(page, "Home")
+    check("the oblique view shows the microphones", page.run(f"{box}.checked") and blue(oblique) > 0.001, f"({blue(oblique):.4f})")
+    front = press(page, "1")
+    check("the view from the front hides them", not page.run(f"{box}.checked") and blue(front) < 1e-4, f"({blue(front):.5f})")
+    again = press(page, "Home")
+    check("the oblique view shows them again", page.run(f"{box}.checked") and changed(oblique, again) < 0.005)
+    alone = press(page, "f")
+    check("the frame of the volume alone hides them", not page.run(f"{box}.checked") and blue(alone) < 1e-4)
+    press(page, "f")
+    press(page, "1")
+    page.run(f"{box}.click()")
+    ticked = press(page, "1")
+    check("ticking the box shows them from the front", blue(ticked) > 0.001, f"({blue(ticked):.4f})")
+    press(page, "Home")
+    check("and from everywhere", page.run(f"{box}.checked"))
+    page.run(f"{box}.click()")
+    press(page, "Home")
+    check("they stay hidden where the user hides them", not page.run(f"{box}.checked"))
+    page.run(f"{box}.click()")
+
+
+def check_section(page, volume):
+    """A section takes away what is on one side of it, from all that is drawn of the scene, and moves with the slices."""
+    only = {"volume": [], "points": ["Reflectors of the scene"], "depths": ["Depths found"], "mesh": ["Mesh"]}
+    tick = lambda names: page.run(  # noqa: E731
+        "document.querySelectorAll('#layers label').forEach((label) => { const wanted = "
+        f"{names}.some((name) => label.textContent.startsWith(name)); const box = label.querySelector('input'); "
+        "if (box.checked !== wanted) box.click(); })"
+    )
+    slide(page, "#slice-x", 20)
+    # Of the pixels drawn without a section, those that differ from the background.
+    drawn = lambda stage: np.abs(stage - stage[-20, -20]).max(axis=2) > 24  # noqa: E731
+    for what, names in only.items():
+        tick(names)
+        for mode in ["maximum", "surface"] if what == "volume" else ["maximum"]:
+            page.run(f"document.querySelector('[value={mode}]').click()")
+            # The volume itself is left out beside layers, by a threshold that nothing reaches.
+            slide(page, "#threshold", -15 if what == "volume" else -1)
+            none = press(page, "Home")
+            whole, kept = drawn(none), []
+            press(page, "x")
+            check("the radio button of the section follows the key", page.run("document.querySelector('[name=section][value=x]').checked"))
+            kept.append(drawn(press(page, "Home")))
+            kept.append(drawn(press(page, "s")))
+            shares = [(part & whole).sum() / whole.sum() for part in kept]
+            check(f"{what} ({mode}): a section cuts it", all(share < 0.9 for share in shares), str(shares))
+            check(f"{what} ({mode}): each side has its part", changed(*(np.repeat(part[..., None] * 255, 3, 2) for part in kept)) > 0.003)
+            press(page, "s")
+            back = press(page, "x")
+            check(f"{what} ({mode}): without a section it is whole", changed(none, back) < 0.002, f"({changed(none, back):.4f})")
+    page.run("document.querySelector('[value=maximum]').click()")
+    slide(page, "#threshold", -25)
+    tick(["Reflectors", "Microphones", "Speaker"])
+    disabled = "document.querySelector('#section-at').disabled"
+    check("without a section its slider rests", page.run(disabled))
+    page.run("document.querySelector('[name=section][value=z]').click()")
+    page.settle()
+    before = picture(page.shot("#stage"))
+    check("with a section its slider moves", not page.run(disabled))
+    slide(page, "#section-at", 90)
+    page.settle()
+    z = volume["z"][90]
+    said = number(text(page, "#section-value"), r"z ≥ ([\d.]+)")
+    check("the section is where its slider says", said is not None and abs(said - z) < 6e-4, f"({said}, {z})")
+    check("the slider of the section moves it", changed(before, picture(page.shot("#stage"))) > 0.005)
+    check("and the slice with it", page.run("document.querySelector('#slice-z').value") == "90")
+    slide(page, "#slice-z", 40)
+    page.settle()
+    check("the slice moves the section", page.run("document.querySelector('#section-at').value") == "40")
+    press(page, ".")
+    check("a full stop moves the section by a voxel", page.run("document.querySelector('#section-at').value") == "41")
+    before = picture(page.shot("#stage"))
+    page.run("document.querySelector('#section-turned').click()")
+    page.settle()
+    check("the box swaps the sides of the section", changed(before, picture(page.shot("#stage"))) > 0.005)
+    check("and says so", "≤" in text(page, "#section-value"))
+    page.run("document.querySelector('#section-turned').click()")
+    page.run("document.querySelector('[name=section][value=none]').click()")
+    press(page, "Home")
 
 
 def slide(page, selector, value):
@@ -174,10 +270,63 @@ def check_maps(page, found, truth):
     page.settle()
     check("the maps are shaded or not", changed(before, picture(page.shot("#map-plots"))) > 0.01)
     page.run("document.querySelector('#shaded').click()")
+    check_returns(page, channels, (row, column))
+    shots = [picture(page.shot(f"#map-plots figure:nth-child({k})")) for k in (1, 2, 3)]
+    page.run("document.querySelector('#shaded').click()")
+    page.settle()
+    for k, name, counts in [(1, "the depth found", True), (2, "the true depth", True), (3, "the error", False)]:
+        share = changed(shots[k - 1], picture(page.shot(f"#map-plots figure:nth-child({k})")))
+        check(f"{name} is {'shaded' if counts else 'not shaded'}", (share > 0.05) == counts, f"({share:.4f})")
+    page.run("document.querySelector('#shaded').click()")
     page.run(f"document.querySelector('{canvas}').focus()")
+    there = number(text(page, "#map-read"), r"x (−?[\d.]+)")
     page.key("ArrowRight")
     moved = number(text(page, "#map-read"), r"x (−?[\d.]+)")
-    check("an arrow key moves the read-out", abs(moved - place[0] - pitch[0]) < 2e-3, f"({moved}, {place[0]})")
+    check("an arrow key moves the read-out", abs(moved - there - pitch[0]) < 2e-3, f"({moved}, {there})")
+
+
+def check_returns(page, channels, pixel):
+    """The maps show the return that is chosen: depth, error and confidence of each pixel."""
+    names = page.run("[...document.querySelectorAll('#returns label')].map((label) => label.textContent)")
+    check("strongest, first and second return can be chosen", names == ["Strongest", "First", "Second"], str(names))
+    row, column = pixel
+    second = np.isfinite(channels["return2.Z"])
+    # The nearest pixel with two returns, of which the second is not the picked one.
+    other = np.argwhere(second & (channels["return2.Z"] != channels["Z"]))
+    at = other[np.abs(other - [row, column]).sum(axis=1).argmin()]
+    canvas = "#map-plots figure:first-child canvas"
+    box = page.run(f"(({{x, y, width, height}}) => [x, y, width, height])(document.querySelector('{canvas}').getBoundingClientRect())")
+    # The axes take 46 pixels at the left and 8 at the right, 4 above and 36 below.
+    x = box[0] + 46 + (box[2] - 54) * (at[1] + 0.5) / second.shape[1]
+    y = box[1] + 4 + (box[3] - 40) * (at[0] + 0.5) / second.shape[0]
+    page.mouse("mouseMoved", x, y)
+    before = None
+    for value, name in enumerate(["picked", "return1", "return2"]):
+        page.run(f"document.querySelectorAll('[name=return]')[{value}].click()")
+        page.settle()
+        prefix = "" if name == "picked" else f"{name}."
+        z = channels[f"{prefix}Z"][tuple(at)]
+        said = text(page, "#map-read")
+        check(f"the read-out says the depth of {name}", abs(number(said, r"found ([\d.]+)") - z) < 6e-4, f"({said}; {z})")
+        confidence = channels["confidence.V" if name == "picked" else f"{name}.confidence"][tuple(at)]
+        check(f"and its confidence: {name}", abs(number(said, r"confidence (−?[\d.]+)") - confidence) < 0.06, f"({said}; {confidence})")
+        true = number(said, r"true ([\d.]+)")
+        error = number(said.replace("+", ""), r"error (−?[\d.]+)")
+        if true is not None:
+            check(f"and its error: {name}", abs(error - 1e3 * (z - true)) < 1.1, f"({said}; {z})")
+        maps = picture(page.shot("#map-plots"))
+        if name == "return2":
+            check("the second return has maps of its own", changed(before, maps) > 0.05, f"({changed(before, maps):.4f})")
+        before = maps
+    box = "[...document.querySelectorAll('#layers label')].find((label) => label.textContent === 'Depths found').firstChild"
+    page.run(f"{box}.click()")
+    page.settle()
+    stage = picture(page.shot("#stage"))
+    page.run("document.querySelectorAll('[name=return]')[0].click()")
+    page.settle()
+    check("the 3-D view shows the points of the return", changed(stage, picture(page.shot("#stage"))) > 1e-3)
+    page.run(f"{box}.click()")
+    page.run(f"document.querySelector('{canvas}').scrollIntoView({{block: 'center', behavior: 'instant'}})")
 
 
 def check_words(page, folder):
@@ -213,6 +362,7 @@ def check_hardship(page, html):
     page.wait("document.documentElement?.dataset.ready === 'true'")
     check("without WebGL the page says so", "3-D view cannot be drawn" in text(page, "#trouble"))
     slide(page, "#slice-z", 30)
+    check("and there is nothing to cut", page.run("document.querySelector('#section').disabled"))
     check("and its slices work", "z" in text(page, "#slice-read"))
     page.send("Page.removeScriptToEvaluateOnNewDocument", identifier=number)
     check("no complaints on the way", not page.problems, str(page.problems))
@@ -246,12 +396,15 @@ def main():
         page.settle()
         check_reference(page, options.renew)
         check_words(page, options.folder)
+        check_front(page)
+        page.open(html)
         check_view(page)
+        check_section(page, volume)
         check_slices(page, volume)
         check_maps(page, maps[0], maps[1][1])
         check("no complaints, nothing loaded", not page.problems, str(page.problems))
         for name, width, height, dark in [
-            ("laptop", 1280, 900, False), ("laptop_dark", 1280, 900, True), ("phone", 390, 844, False),
+            ("laptop", 1440, 900, False), ("laptop_dark", 1440, 900, True), ("phone", 390, 844, False),
             ("phone_dark", 390, 844, True), ("tablet", 800, 1100, False),
         ]:  # fmt: skip
             page.open(html, width, height, dark)

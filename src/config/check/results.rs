@@ -4,13 +4,12 @@ use crate::config::range::{
     Check, counts, ensure, expect, finite, none_typed, not_negative, positive, tolerance, within,
 };
 use crate::config::reader::{Fault, joined};
-use crate::config::wording::nearest;
 use crate::config::{DepthTable, ExpectTable, GridTable, OutputTable, ReconstructTable, RefineTable};
 use crate::export::Fill;
 use crate::grid::View;
 use crate::metrics::{METRIC_NAMES, Measure, Metrics};
 use crate::reconstruct::MOST_STEPS;
-use crate::text::quoted;
+use crate::text::{nearest, quoted};
 
 /// Maximum side of a median filter, pixels.
 const MAX_MEDIAN: u32 = 99;
@@ -86,6 +85,7 @@ impl DepthTable {
     pub(super) fn check(&self) -> Check {
         for (key, level) in [
             ("depth.threshold_db", self.threshold_db.unwrap_or(0.0)),
+            ("depth.rim_db", self.rim_db.unwrap_or(0.0)),
             ("depth.return_threshold_db", self.return_threshold_db),
             ("depth.return_gate_db", self.return_gate_db),
         ] {

@@ -1,25 +1,24 @@
 //! The scene, its materials and its reflectors.
 
-use crate::config::range::{Check, conflict, ensure, file_name, finite, positive, within};
+use crate::config::range::{Check, conflict, ensure, file_name, finite, none_typed, positive, within};
 use crate::config::reader::{Fault, joined};
 use crate::config::{ReflectorsTable, SceneTable};
-use crate::scene::MaterialRule;
+use crate::scene::{MaterialRule, Unit};
 use crate::text::quoted;
+use std::collections::HashSet;
 
 impl SceneTable {
     pub(super) fn check(&self) -> Check {
         file_name("scene.mesh", self.mesh.as_ref())?;
-        positive("scene.scale", self.scale)?;
-        self.size.map_or(Ok(()), |size| positive("scene.size", size))?;
-        ensure(self.size.is_none() || (self.unit.is_none() && self.scale == 1.0), || {
-            conflict("scene.size", &["scene.unit", "scene.scale"], "`size` replaces `unit` and `scale`")
-        })?;
-        finite("scene.rotate", &self.rotate)?;
-        finite("scene.translate", self.translate.as_ref().map_or(&[], |v| &v[..]))?;
-        finite("scene.fit", self.fit.as_ref().map_or(&[], |v| &v[..]))?;
-        ensure(self.fit.is_none() || self.translate.is_none(), || {
-            conflict("scene.fit", &["scene.translate"], "`fit` and `translate` both place the mesh")
-        })?;
+        let placing = Placing {
+            table: "scene",
+            partners: [&["scene.unit", "scene.scale"], &["scene.translate"]],
+            size: (self.size, self.unit, self.scale),
+            rotate: self.rotate,
+            places: [self.translate, self.fit],
+        };
+        placing.check()?;
+        self.check_parts()?;
         let Some(sensor) = &self.sensor else { return Ok(()) };
         let name = sensor.strip_prefix("camera:").or_else(|| sensor.strip_prefix("node:"));
         ensure(name.is_some_and(|name| !name.is_empty()), || {
@@ -28,6 +27,73 @@ impl SceneTable {
         })?;
         ensure(self.fit.is_none(), || {
             conflict("scene.fit", &["scene.sensor"], "`fit` and `sensor` both place the mesh")
+        })
+    }
+
+    /// The parts, and what the keys of the table mean for them.
+    fn check_parts(&self) -> Check {
+        if self.parts.is_empty() {
+            return Ok(());
+        }
+        ensure(self.mesh.is_none(), || {
+            conflict("scene.mesh", &["scene.parts"], "`mesh` and `parts` both say what is imaged")
+        })?;
+        let of_files = [
+            ("scene.unit", self.unit.is_some()),
+            ("scene.up", self.up.is_some()),
+            ("scene.sensor", self.sensor.is_some()),
+        ];
+        none_typed(&of_files, |key| {
+            Fault::new(key, "has no meaning for several parts; give it to each [[scene.parts]]")
+        })?;
+        let mut names = HashSet::new();
+        for (index, part) in self.parts.iter().enumerate() {
+            let path = format!("scene.parts[{index}]");
+            file_name(&joined(&path, "mesh"), Some(&part.mesh))?;
+            let name = part.name.as_deref().unwrap_or_default();
+            ensure(!name.is_empty() && names.insert(name), || {
+                let problem = format!("`{}` is empty or the name of an earlier part", quoted(name));
+                Fault::new(joined(&path, "name"), problem)
+            })?;
+            let placing = Placing {
+                table: &path,
+                partners: [&[], &[]],
+                size: (part.size, part.unit, part.scale),
+                rotate: part.rotate,
+                places: [part.translate, part.fit],
+            };
+            placing.check()?;
+        }
+        Ok(())
+    }
+}
+
+/// The keys by which a mesh is placed, of `[scene]` or of a part.
+struct Placing<'p> {
+    table: &'p str,
+    /// The keys that exclude `size`, and the one that excludes `fit`.
+    partners: [&'static [&'static str]; 2],
+    size: (Option<f64>, Option<Unit>, f64),
+    rotate: [f64; 3],
+    /// `translate` and `fit`.
+    places: [Option<[f64; 3]>; 2],
+}
+
+impl Placing<'_> {
+    fn check(&self) -> Check {
+        let key = |name| joined(self.table, name);
+        let (size, unit, scale) = self.size;
+        positive(&key("scale"), scale)?;
+        size.map_or(Ok(()), |size| positive(&key("size"), size))?;
+        ensure(size.is_none() || (unit.is_none() && scale == 1.0), || {
+            conflict(&key("size"), self.partners[0], "`size` replaces `unit` and `scale`")
+        })?;
+        finite(&key("rotate"), &self.rotate)?;
+        for (name, place) in ["translate", "fit"].into_iter().zip(&self.places) {
+            finite(&key(name), place.as_ref().map_or(&[], |v| &v[..]))?;
+        }
+        ensure(self.places.iter().flatten().count() < 2, || {
+            conflict(&key("fit"), self.partners[1], "`fit` and `translate` both place the mesh")
         })
     }
 }

@@ -103,6 +103,8 @@ pub struct DepthTable {
     /// Minimum confidence of a surface, dB; left out: −4.5 dB, −7 dB in a refined volume, and more where few
     /// microphones leave strong sidelobes.
     pub confidence_db: Option<f64>,
+    /// How much weaker than further in a surface is where it ends, dB; left out: −3 dB, −7 dB in a refined volume.
+    pub rim_db: Option<f64>,
     /// Whether what is in one part of the band only is taken for weaker.
     pub gate: bool,
     /// Maximum number of returns per pixel.
@@ -139,6 +141,7 @@ impl Default for DepthTable {
             refine: stage.refine,
             threshold_db: stage.threshold_db,
             confidence_db: None,
+            rim_db: None,
             gate: stage.gate,
             returns: stage.returns as u32,
             return_threshold_db: stage.return_threshold_db,
@@ -161,13 +164,13 @@ impl Default for DepthTable {
 pub struct OutputTable {
     /// In which formats the volume is written; may be empty.
     pub formats: Vec<VolumeFormat>,
-    /// What EXR and VTI volumes hold; npz is always complex, NRRD always amplitude.
+    /// What EXR and VTI volumes hold; npz is always complex, NRRD and VDB always amplitude.
     pub components: Components,
     /// Whether amplitudes in EXR files take 16 bits; depths and complex parts always take 32.
     pub float16: bool,
-    /// Of EXR and NRRD files.
+    /// Of EXR, NRRD and VDB files.
     pub compression: Compression,
-    /// Whether `image` writes the point clouds `depth.ply` and `scene.ply`.
+    /// Whether `image` writes the point clouds `depth.ply` and `scene.ply`, and the scene's mesh `mesh.ply`.
     pub points: bool,
     /// Whether `image` writes the page `report.html`.
     pub report: bool,

@@ -2,7 +2,7 @@
 
 use crate::config::choices::{InputFile, Shading, SurfaceKind};
 use crate::reflectors::OcclusionKind;
-use crate::scene::{Unit, Up};
+use crate::scene::{CommonMaterial, Unit, Up};
 use serde::{Deserialize, Serialize};
 
 /// `[scene]`: what is imaged, and where it is.
@@ -29,6 +29,52 @@ pub struct SceneTable {
     pub sensor: Option<String>,
     /// Which paths surfaces attenuate.
     pub occlusion: OcclusionKind,
+    /// Instead of `mesh`: the files of an assembly. `size`, `scale`, `rotate`, `translate` and `fit` place all of it.
+    pub parts: Vec<ScenePart>,
+}
+
+/// `[[scene.parts]]`: a mesh, and its place among the other parts, in the array's axes.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ScenePart {
+    /// Mesh (`.obj`, `.gltf`, `.glb`, `.stl`, `.ply`).
+    pub mesh: InputFile,
+    /// Its name, for material rules and metrics; left out: that of the file, numbered where it would not be the first.
+    pub name: Option<String>,
+    /// What it is made of, unless a rule of `[[materials]]` says otherwise; left out: what the file says.
+    pub material: Option<CommonMaterial>,
+    /// As in `[scene]`.
+    pub unit: Option<Unit>,
+    /// As in `[scene]`.
+    pub size: Option<f64>,
+    /// As in `[scene]`.
+    pub up: Option<Up>,
+    /// As in `[scene]`.
+    #[serde(default = "unchanged")]
+    pub scale: f64,
+    /// As in `[scene]`.
+    #[serde(default)]
+    pub rotate: [f64; 3],
+    /// As in `[scene]`.
+    pub translate: Option<[f64; 3]>,
+    /// As in `[scene]`.
+    pub fit: Option<[f64; 3]>,
+}
+
+/// The scale of a part that has none.
+fn unchanged() -> f64 {
+    1.0
+}
+
+impl SceneTable {
+    /// The files that it names.
+    pub fn files(&self) -> impl Iterator<Item = &InputFile> {
+        self.mesh.iter().chain(self.parts.iter().map(|part| &part.mesh))
+    }
+
+    pub(crate) fn files_mut(&mut self) -> impl Iterator<Item = &mut InputFile> {
+        self.mesh.iter_mut().chain(self.parts.iter_mut().map(|part| &mut part.mesh))
+    }
 }
 
 impl Default for SceneTable {
@@ -44,6 +90,7 @@ impl Default for SceneTable {
             fit: None,
             sensor: None,
             occlusion: OcclusionKind::Speaker,
+            parts: Vec::new(),
         }
     }
 }

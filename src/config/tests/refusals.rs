@@ -52,8 +52,8 @@ fn what_this_version_lacks_is_refused_with_what_it_has() {
     refused_with("[array]\nlayout = \"ring\"", &["ring", "\"grid\", \"spiral\", \"random\", \"file\""]);
     refused_with("[depth]\nview = \"isometric\"", &["isometric", "\"orthographic\", \"perspective\""]);
     refused_with(
-        "[output]\nformats = [\"exr\", \"vdb\"]",
-        &["formats[1]", "vdb", "\"exr\", \"npz\", \"vti\", \"nrrd\""],
+        "[output]\nformats = [\"exr\", \"hdf5\"]",
+        &["formats[1]", "hdf5", "\"exr\", \"npz\", \"vti\", \"nrrd\", \"vdb\""],
     );
 }
 
@@ -149,6 +149,23 @@ fn values_outside_their_range_are_refused_at_their_line() {
         ("[scene]\nsensor = \"camera:\"", &["`scene.sensor`", "camera:NAME"]),
         ("[scene]\nscale = 0", &["`scene.scale`", "0"]),
         ("[scene]\nmesh = \"\"", &["`scene.mesh`", "empty"]),
+        ("[[scene.parts]]\nunit = \"m\"", &["scene.parts[0]", "mesh"]),
+        ("[[scene.parts]]\nmesh = \"\"", &["`scene.parts[0].mesh`", "empty"]),
+        (
+            "[scene]\nunit = \"m\"\n[[scene.parts]]\nmesh = \"a.obj\"",
+            &["2:1", "`scene.unit`", "[[scene.parts]]"],
+        ),
+        ("[scene]\nmesh = \"b.obj\"\n[[scene.parts]]\nmesh = \"a.obj\"", &["2:1", "`scene.mesh`", "parts"]),
+        ("[[scene.parts]]\nmesh = \"a.obj\"\nscale = -1", &["3:1", "`scene.parts[0].scale`", "-1"]),
+        ("[[scene.parts]]\nmesh = \"a.obj\"\nunit = \"m\"\nsize = 1", &["`scene.parts[0].size`", "unit"]),
+        (
+            "[[scene.parts]]\nmesh = \"a.obj\"\nfit = [0, 0, 1]\ntranslate = [0, 0, 1]",
+            &["parts[0].fit", "translate"],
+        ),
+        (
+            "[[scene.parts]]\nmesh = \"a.obj\"\nname = \"x\"\n[[scene.parts]]\nmesh = \"b.obj\"\nname = \"x\"",
+            &["6:1", "`scene.parts[1].name`", "`x`"],
+        ),
         ("[output]\nformats = [\"exr\", \"exr\"]", &["`output.formats[1]`"]),
         ("[expect]\nrmse = {}", &["`expect.rmse`", "limit"]),
         ("[expect]\ncompleteness = { min = 65 }", &["expect.completeness", "65", "0 to 1"]),

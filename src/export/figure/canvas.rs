@@ -26,6 +26,27 @@ impl Canvas {
         Self { width, height, rgb: vec![255; 3 * width * height] }
     }
 
+    /// Pictures two to a row.
+    pub(super) fn in_pairs(pictures: &[Self]) -> Self {
+        let width = |pair: &[Self]| pair.iter().map(|picture| picture.width).sum::<usize>();
+        let height = |pair: &[Self]| pair.iter().map(|picture| picture.height).max().unwrap_or(0);
+        let pairs = || pictures.chunks(2);
+        let mut whole = Self::new(pairs().map(width).max().unwrap_or(0), pairs().map(height).sum());
+        let mut top = 0;
+        for pair in pairs() {
+            let mut left = 0;
+            for picture in pair {
+                for (y, row) in picture.rgb.chunks_exact(3 * picture.width).enumerate() {
+                    let at = 3 * ((top + y) * whole.width + left);
+                    whole.rgb[at..at + row.len()].copy_from_slice(row);
+                }
+                left += picture.width;
+            }
+            top += height(pair);
+        }
+        whole
+    }
+
     /// Blends `colour` over one pixel: `cover` 0 leaves it, 1 replaces it. Steps of an eighth are fine enough, and keep the
     /// number of colours small enough for a palette.
     pub(super) fn blend(&mut self, x: i64, y: i64, colour: Colour, cover: f32) {

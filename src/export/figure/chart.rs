@@ -36,6 +36,8 @@ const ABOVE: usize = 96;
 const BELOW: usize = 150;
 /// Height of a line of the legend, px.
 const NAME: usize = 46;
+/// Most places whose points are marked; marks of more would hide their lines.
+const MARKED: usize = 60;
 const GRID: Colour = [228, 228, 228];
 const TITLE: TextStyle = TextStyle { size: 40.0, colour: [0, 0, 0] };
 
@@ -65,7 +67,8 @@ pub(crate) fn write_charts(path: &Path, charts: &[Chart], axis: &ChartAxis) -> R
     draw(charts, axis).write_png(path)
 }
 
-fn draw(charts: &[Chart], axis: &ChartAxis) -> Canvas {
+/// The charts as a picture; see [`write_charts`].
+pub(super) fn draw(charts: &[Chart], axis: &ChartAxis) -> Canvas {
     let columns = charts.len().min(2);
     let rows = charts.len().div_ceil(columns);
     let cell = [LEFT + BOX[0] + RIGHT, ABOVE + BOX[1] + BELOW];
@@ -167,12 +170,13 @@ fn draw_chart(canvas: &mut Canvas, chart: &Chart, axis: &ChartAxis, places: &Axi
                 .zip(&places.at)
                 .map(|(v, at)| v.is_finite().then(|| [x as f64 + at * width, down(*v)]))
                 .collect();
+            let marked = !places.numbers || points.len() <= MARKED;
             for pair in points.windows(2).filter(|_| places.numbers) {
                 if let [Some(from), Some(to)] = pair {
                     draw_line(canvas, *from, *to, *colour);
                 }
             }
-            for [px, py] in points.into_iter().flatten() {
+            for [px, py] in points.into_iter().flatten().filter(|_| marked) {
                 canvas.fill([px.round() as i64 - 7, py.round() as i64 - 7], [15, 15], *colour);
             }
         }

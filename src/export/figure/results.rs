@@ -70,6 +70,8 @@ pub fn depth_range(maps: &[&DepthMap], least: f64) -> Option<[f64; 2]> {
 pub enum DepthKind {
     /// Those of a depth map.
     Found,
+    /// Those of the second return of each pixel.
+    Second,
     /// Those of a ground truth.
     True,
 }
@@ -88,6 +90,7 @@ pub fn write_depth_figure(
     let scale = Scale::Sequential { map: ColourMap::Viridis, range, label: "depth z / m".into() };
     let (title, what, nothing) = match kind {
         DepthKind::Found => ("depth found", "return", "no return"),
+        DepthKind::Second => ("depth of the second return", "second return", "no second return"),
         DepthKind::True => ("true depth", "surface", "no surface"),
     };
     let raster = map.raster();

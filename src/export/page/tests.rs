@@ -2,7 +2,8 @@
 
 use super::*;
 use crate::acquisition::MicArray;
-use crate::grid::{DepthLayer, Grid, Raster, View, Volume};
+use crate::grid::{Axis, DepthLayer, Grid, Raster, View, Volume};
+use crate::scene::{Material, Scene, Triangle};
 use crate::wave::Geometry;
 use glam::DVec3;
 use num_complex::Complex32;
@@ -40,8 +41,17 @@ fn a_page_is_complete_and_loads_nothing() {
     let array = MicArray::rectangular([2, 2], [0.5, 0.5], DVec3::ZERO).unwrap();
     let scene = ScenePoints::new(None, &array, &Geometry::Monostatic);
     let (depth, truth) = (map(4, 3), map(4, 3));
-    let contents =
-        Contents { volume: Some(&volume), depth: Some(&depth), truth: Some(&truth), scene: Some(&scene) };
+    let wall = Triangle { vertices: [DVec3::ZERO, DVec3::X, DVec3::Y], material: 0 };
+    let material =
+        Material { name: "wall".into(), reflectance: 1.0, transmittance: 0.0, source: "here".into() };
+    let mesh = SceneMesh::decimated(&Scene::new(vec![wall], vec![material]).unwrap());
+    let contents = Contents {
+        volume: Some(&volume),
+        depth: Some(&depth),
+        truth: Some(&truth),
+        scene: Some(&scene),
+        mesh: Some(&mesh),
+    };
     let report = r#"{"warnings":["</script><script>alert(1)</script>"]}"#;
     let text = page(&contents, "a <b> & c", report);
     assert!(!text.contains("{{") && text.ends_with("</html>\n"));
@@ -51,11 +61,20 @@ fn a_page_is_complete_and_loads_nothing() {
     }
     assert_eq!(json_of(&text, "report"), serde_json::from_str::<Value>(report).unwrap());
     let data = json_of(&text, "page-data");
-    for key in ["colours", "volume", "maps", "points", "truth_points"] {
+    for key in ["colours", "volume", "maps", "points", "mesh", "truth_points"] {
         assert!(data.get(key).is_some(), "{key}");
     }
     assert_eq!(data["points"]["microphones"]["of"], 4);
     assert_eq!(data["truth_points"]["shown"], 8);
+    assert_eq!(
+        (&data["mesh"]["low"], &data["mesh"]["high"]),
+        (&json!([0.0, 0.0, 0.0]), &json!([1.0, 1.0, 0.0]))
+    );
+    assert_eq!(
+        data["mesh"]["vertices"],
+        pack(&[0, 0, 0, 0, 0, 0, 255, 255, 0, 0, 0, 0, 0, 0, 255, 255, 0, 0])
+    );
+    assert_eq!(data["mesh"]["parts"][0]["triangles"], 1);
     assert_eq!(text, page(&contents, "a <b> & c", report), "results are bit-identical");
 }
 
@@ -67,12 +86,7 @@ fn anything_may_be_missing() {
 }
 
 #[test]
-fn large_maps_and_clouds_are_subsampled_with_their_true_numbers() {
-    let depth = map(1300, 2);
-    let data = Page::new(&Contents { depth: Some(&depth), ..Contents::default() }).unwrap().data;
-    assert_eq!(data["maps"]["reduced"], 3);
-    assert_eq!(data["maps"]["x"], json!({ "first": -0.5, "pitch": 0.1 * 3.0, "count": 434 }));
-    assert_eq!(data["maps"]["y"]["count"], 1);
+fn large_clouds_are_subsampled_with_their_true_numbers() {
     let sampled = sample(&vec![[1.0; 3]; 13_000]);
     assert_eq!((&sampled["of"], &sampled["shown"]), (&json!(13_000), &json!(4334)));
 }
@@ -83,18 +97,4 @@ fn maps_of_other_pixels_are_refused() {
     assert!(
         Page::new(&Contents { depth: Some(&depth), truth: Some(&truth), ..Contents::default() }).is_err()
     );
-}
-
-#[test]
-fn surfaces_are_shaded_by_their_normals_where_they_have_some() {
-    let mut depth = map(4, 1);
-    let plain = Page::new(&Contents { depth: Some(&depth), ..Contents::default() }).unwrap().data;
-    assert!(plain["maps"].get("shading").is_none());
-    let up = [0.0, -0.6, -0.8];
-    depth.picked.normal = Some(vec![[f32::NAN; 3], [0.0, 0.0, -1.0], up, [0.0, 0.6, -0.8]]);
-    let shaded = Page::new(&Contents { depth: Some(&depth), ..Contents::default() }).unwrap().data;
-    assert!(shaded["maps"]["shading"].is_string());
-    let front = AMBIENT + (1.0 - AMBIENT) * 0.703_56;
-    assert!((lit(&[0.0, 0.0, -1.0]) - front).abs() < 1e-6 && lit(&[f32::NAN; 3]) == 1.0);
-    assert!(lit(&up) > front && lit(&[0.0, 0.6, -0.8]) < front && lit(&[0.9, 0.4, -0.1]) >= AMBIENT);
 }

@@ -1,11 +1,11 @@
 //! Reading a volume's amplitude from any of the formats.
 
-use super::amplitude::Amplitude;
-use super::volume_exr::read_volume_exr;
-use super::volume_npz::read_volume_npz;
-use super::volume_nrrd::read_volume_nrrd;
-use super::volume_vti::read_volume_vti;
+use super::Amplitude;
 use crate::error::{Error, Result};
+use crate::export::volume_exr::read_volume_exr;
+use crate::export::volume_npz::read_volume_npz;
+use crate::export::volume_nrrd::read_volume_nrrd;
+use crate::export::volume_vti::read_volume_vti;
 use crate::files::extension;
 use std::path::Path;
 
@@ -33,14 +33,13 @@ impl Amplitude {
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
-    use super::super::volume_exr::write_volume_exr;
-    use super::super::volume_file::tests::volume;
-    use super::super::volume_npz::write_volume_npz;
-    use super::super::volume_nrrd::write_volume_nrrd;
-    use super::super::volume_vti::write_volume_vti;
-    use super::super::{Components, Compression, Encoding};
     use super::*;
-    use crate::export::Attribute;
+    use crate::export::volume_exr::write_volume_exr;
+    use crate::export::volume_file::tests::volume;
+    use crate::export::volume_npz::write_volume_npz;
+    use crate::export::volume_nrrd::write_volume_nrrd;
+    use crate::export::volume_vti::write_volume_vti;
+    use crate::export::{Attribute, Components, Compression, Encoding};
 
     #[test]
     fn every_format_is_read_with_the_same_amplitude() {

@@ -3,8 +3,8 @@
 //! Read here rather than by `tobj` 4.0, which reads the OBJ: it rejects the whole file for one bad colour and does not
 //! read `Tr`.
 
-use super::files::MeshFile;
-use super::material::Material;
+use super::super::files::MeshFile;
+use super::super::material::Material;
 use crate::error::Result;
 use crate::text::quoted;
 
@@ -78,7 +78,7 @@ fn opacity(rest: &str, keyword: &str, file: MeshFile<'_>, line: usize) -> Result
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
-    use super::super::LoadOptions;
+    use super::super::super::LoadOptions;
     use super::*;
     use crate::named::{Warnings, assert_names};
     use std::path::Path;

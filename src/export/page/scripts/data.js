@@ -10,8 +10,9 @@ async function unpack(text) {
   const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"));
   return new Response(stream).arrayBuffer();
 }
+// Little-endian, as on all machines with a browser.
 const bytes = async (text) => new Uint8Array(await unpack(text));
-const floats = async (text) => new Float32Array(await unpack(text)); // little-endian, as on all machines with a browser
+const floats = async (text) => new Float32Array(await unpack(text));
 
 const position = (axis, i) => axis.first + axis.pitch * i;
 const nearest = (axis, x) => Math.min(axis.count - 1, Math.max(0, Math.round((x - axis.first) / axis.pitch)));

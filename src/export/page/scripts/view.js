@@ -23,7 +23,22 @@ function shader(gl, vertex, fragment) {
 
 const VIEWS = { home: [0.62, 0.42], front: [0, 0], above: [0, 1.5707], side: [-1.5707, 0] };
 
-// `box` is { low, high } in m, `whole` the corners of everything; `layers` are { positions, lit, lines, tint, size, byDepth, shown }.
+// Rays skip runs of eight samples of which the maximum of a block of voxels says that they are of no use. A block has BLOCK
+// voxels along an edge; a run that is centred in it reads voxels up to REACH outside, at the lesser rate.
+const [BLOCK, REACH] = [4, 5];
+// Samples per voxel while the view moves, and when it is at rest.
+const [MOVING, RESTING] = [0.9, 1.8];
+
+// A view this close to that from the front, as a cosine, has the array between the eye and the scene.
+const FRONTAL = 0.9;
+
+// Nothing is cut away.
+const WHOLE = [0, 0, 0, -1];
+
+// `box` is { low, high } in m, `whole` the corners of everything; `layers` are { positions, lit, kind, tint, size, byDepth,
+// shown, cut, ofArray }, of which `kind` is points (the default), lines or solid, `cut` says whether a section cuts it, and
+// those `ofArray` are hidden in the view from the front, and where the volume alone is framed, unless the user has `chosen`
+// otherwise.
 class View {
   constructor(canvas, labels, box, whole, volume, layers, depths) {
     Object.assign(this, { canvas, labels, box, whole, volume, layers, depths });
@@ -32,7 +47,7 @@ class View {
     this.pen = labels.getContext("2d");
     this.rays = shader(gl, SHADERS.rays, SHADERS.volume);
     this.marks = shader(gl, SHADERS.points, SHADERS.marks);
-    this.settings = { surface: false, threshold: 0.4, opacity: 1, colours: "inferno" };
+    this.settings = { surface: false, threshold: 0.4, opacity: 1, colours: "inferno", section: WHOLE };
     this.fine = 1; // share of the full resolution while things move
     for (const layer of layers) {
       layer.buffer = this.upload(layer.positions);
@@ -40,7 +55,10 @@ class View {
     }
     this.textures = {};
     for (const [name, map] of Object.entries(maps)) this.textures[name] = this.texture2d(map);
-    if (volume) this.texture3d(volume);
+    if (volume) {
+      this.textures.volume = this.texture3d(volume.codes, [volume.x, volume.y, volume.z].map((axis) => axis.count), gl.LINEAR);
+      this.textures.bounds = this.texture3d(...blockMaxima(volume), gl.NEAREST);
+    }
     this.look("home");
     this.frame(false);
     this.listen();
@@ -55,9 +73,10 @@ class View {
     return buffer;
   }
 
-  replace(layer, positions) {
+  replace(layer, positions, lit) {
     layer.positions = positions;
     layer.buffer = this.upload(positions, layer.buffer);
+    if (lit) layer.light = this.upload(lit, layer.light);
     if (layer.shown) this.draw();
   }
 
@@ -72,13 +91,15 @@ class View {
     return texture;
   }
 
-  texture3d({ codes, x, y, z }) {
+  texture3d(codes, counts, filter) {
     const { gl } = this;
-    gl.bindTexture(gl.TEXTURE_3D, gl.createTexture());
+    const texture = gl.createTexture();
+    gl.bindTexture(gl.TEXTURE_3D, texture);
     gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
-    gl.texImage3D(gl.TEXTURE_3D, 0, gl.R8, x.count, y.count, z.count, 0, gl.RED, gl.UNSIGNED_BYTE, codes);
-    for (const key of ["MIN_FILTER", "MAG_FILTER"]) gl.texParameteri(gl.TEXTURE_3D, gl[`TEXTURE_${key}`], gl.LINEAR);
+    gl.texImage3D(gl.TEXTURE_3D, 0, gl.R8, ...counts, 0, gl.RED, gl.UNSIGNED_BYTE, codes);
+    for (const key of ["MIN_FILTER", "MAG_FILTER"]) gl.texParameteri(gl.TEXTURE_3D, gl[`TEXTURE_${key}`], filter);
     for (const key of "STR") gl.texParameteri(gl.TEXTURE_3D, gl[`TEXTURE_WRAP_${key}`], gl.CLAMP_TO_EDGE);
+    return texture;
   }
 
   look(name) {
@@ -166,7 +187,9 @@ class View {
     const row = (v, f) => [...v.map((x) => x * f), -f * v.reduce((sum, x, i) => sum + x * eye[i], 0)];
     const [X, Y, Z] = [row(right, 1 / w), row(down, -1 / h), row(forward, 1)];
     const matrix = [0, 1, 2, 3].flatMap((i) => [X[i], Y[i], Z[i] * terms[0] + (i === 3 ? terms[1] : 0), Z[i]]);
-    return { eye, forward, right: right.map((x) => x * w), down: down.map((x) => x * h), terms, matrix, distance, half };
+    const upperLeft = forward.map((x, i) => -x - 0.35 * down[i] - 0.25 * right[i]);
+    const light = upperLeft.map((x) => x / Math.hypot(...upperLeft));
+    return { eye, forward, right: right.map((x) => x * w), down: down.map((x) => x * h), terms, matrix, distance, half, light };
   }
 
   // The distance at which everything framed fits into the picture, with space for the labels.
@@ -187,12 +210,13 @@ class View {
     gl.viewport(0, 0, width, height);
     gl.clearColor(0, 0, 0, 0);
     gl.enable(gl.DEPTH_TEST);
+    gl.depthFunc(gl.LEQUAL);
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     if (this.volume) this.paintVolume(camera);
     this.paintLayers(camera, height);
-    this.write(camera, w, h);
+    writeAxes(this, camera, w, h);
     document.documentElement.dataset.drawn = Number(document.documentElement.dataset.drawn ?? 0) + 1;
   }
 
@@ -200,7 +224,6 @@ class View {
     const { gl, rays: { program, at }, box, volume, settings } = this;
     gl.useProgram(program);
     gl.depthMask(true);
-    gl.depthFunc(gl.LEQUAL);
     for (const key of ["eye", "right", "down", "forward"]) gl.uniform3fv(at[key], camera[key]);
     gl.uniform3fv(at.low, box.low);
     gl.uniform3fv(at.size, box.low.map((a, i) => box.high[i] - a));
@@ -209,30 +232,39 @@ class View {
     gl.uniform2fv(at.nearFar, this.depths);
     gl.uniform1f(at.threshold, settings.threshold);
     gl.uniform1f(at.opacity, settings.opacity);
-    gl.uniform1f(at.rate, this.moving ? 0.9 : 1.8);
+    gl.uniform1f(at.rate, this.moving ? MOVING : RESTING);
     gl.uniform1i(at.surface, settings.surface);
-    gl.uniform1i(at.volume, 0);
-    gl.uniform1i(at.colours, 1);
-    gl.activeTexture(gl.TEXTURE1);
-    gl.bindTexture(gl.TEXTURE_2D, this.textures[settings.surface ? "viridis" : settings.colours]);
-    gl.activeTexture(gl.TEXTURE0);
+    gl.uniform4fv(at.section, settings.section);
+    const { textures } = this;
+    const bound = [["volume", gl.TEXTURE_3D, textures.volume], ["bounds", gl.TEXTURE_3D, textures.bounds], ["colours", gl.TEXTURE_2D, textures[settings.surface ? "viridis" : settings.colours]]];
+    bound.forEach(([name, kind, texture], unit) => {
+      gl.uniform1i(at[name], unit);
+      gl.activeTexture(gl.TEXTURE0 + unit);
+      gl.bindTexture(kind, texture);
+    });
     gl.disableVertexAttribArray(0);
     gl.disableVertexAttribArray(1);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
   }
 
   paintLayers(camera, height) {
-    const { gl, marks: { program, at } } = this;
+    const { gl, settings, marks: { program, at } } = this;
     gl.useProgram(program);
-    gl.depthMask(false);
     gl.uniformMatrix4fv(at.matrix, false, camera.matrix);
     gl.uniform2fv(at.nearFar, this.depths);
-    gl.uniform1i(at.colours, 1);
-    gl.activeTexture(gl.TEXTURE1);
+    gl.uniform3fv(at.towards, camera.light);
+    gl.uniform1i(at.colours, 0);
+    gl.activeTexture(gl.TEXTURE0);
     gl.bindTexture(gl.TEXTURE_2D, this.textures.viridis);
     gl.enableVertexAttribArray(0);
     const ratio = this.canvas.width / this.canvas.clientWidth;
-    for (const layer of this.layers.filter((l) => l.shown && l.positions.length)) {
+    for (const layer of this.layers) {
+      if (layer.ofArray && !layer.chosen) layer.shown = this.framed === this.whole && camera.forward[2] < FRONTAL;
+      if (layer.check) layer.check.checked = layer.shown;
+    }
+    const drawn = this.layers.filter((l) => l.shown && l.positions.length);
+    const solids = drawn.filter((l) => l.kind === "solid");
+    const draw = (layer) => {
       gl.bindBuffer(gl.ARRAY_BUFFER, layer.buffer);
       gl.vertexAttribPointer(0, 3, gl.FLOAT, false, 0, 0);
       if (layer.light) {
@@ -243,98 +275,47 @@ class View {
         gl.disableVertexAttribArray(1);
         gl.vertexAttrib1f(1, 1);
       }
+      const { kind = "points" } = layer;
       gl.uniform4fv(at.tint, layer.tint);
+      gl.uniform4fv(at.section, layer.cut ? settings.section : WHOLE);
       gl.uniform1i(at.byDepth, layer.byDepth ?? false);
-      gl.uniform1i(at.round, !layer.lines);
+      gl.uniform1i(at.round, kind === "points");
+      gl.uniform1i(at.solid, kind === "solid");
       gl.uniform1f(at.pointSize, ((layer.size ?? 0) * height) / 2 / camera.half);
       gl.uniform1f(at.least, (layer.least ?? 1.5) * ratio);
-      gl.drawArrays(layer.lines ? gl.LINES : gl.POINTS, 0, layer.positions.length / 3);
-    }
+      gl.drawArrays({ points: gl.POINTS, lines: gl.LINES, solid: gl.TRIANGLES }[kind], 0, layer.positions.length / 3);
+    };
+    // Of solids, which are translucent, only what is in front: their depths first, then their colours.
+    gl.depthMask(true);
+    gl.colorMask(false, false, false, false);
+    solids.forEach(draw);
+    gl.colorMask(true, true, true, true);
+    gl.depthMask(false);
+    solids.forEach(draw);
+    drawn.filter((l) => l.kind !== "solid").forEach(draw);
   }
+}
 
-  // Ticks and names of the axes, on the outermost edges of the box.
-  write(camera, w, h) {
-    const { pen, labels, box: { low, high } } = this;
-    const ratio = devicePixelRatio || 1;
-    [labels.width, labels.height] = [Math.round(w * ratio), Math.round(h * ratio)];
-    pen.setTransform(ratio, 0, 0, ratio, 0, 0);
-    pen.font = "12px system-ui, sans-serif";
-    pen.textAlign = "center";
-    pen.textBaseline = "middle";
-    const halo = (text, x, y) => {
-      pen.save();
-      pen.strokeStyle = "#0d0f14";
-      pen.lineWidth = 3;
-      pen.strokeText(text, x, y);
-      pen.fillText(text, x, y);
-      pen.restore();
-    };
-    const project = (p) => {
-      const m = camera.matrix;
-      const [x, y, q] = [0, 1, 3].map((r) => m[r] * p[0] + m[r + 4] * p[1] + m[r + 8] * p[2] + m[r + 12]);
-      return [((x / q + 1) * w) / 2, ((1 - y / q) * h) / 2];
-    };
-    const middle = project(low.map((a, i) => (a + high[i]) / 2));
-    for (const axis of [0, 1, 2]) {
-      const others = [0, 1, 2].filter((i) => i !== axis);
-      // Of the four edges along this axis, the lowest one of the silhouette, with one visible and one hidden face.
-      const candidates = [0, 1, 2, 3].map((k) => {
-        const corner = [0, 0, 0];
-        others.forEach((o, i) => (corner[o] = (k >> i) & 1 ? high[o] : low[o]));
-        const seen = others.filter((o, i) => ((k >> i) & 1 ? camera.eye[o] > high[o] : camera.eye[o] < low[o])).length;
-        const at = corner.slice();
-        at[axis] = (low[axis] + high[axis]) / 2;
-        const [x, y] = project(at);
-        return { corner, seen, rank: y + 0.2 * x, x, y };
-      });
-      const edge = candidates.filter((c) => c.seen === 1).sort((a, b) => b.rank - a.rank)[0] ?? candidates[3];
-      const ends = [low, high].map((end) => project(edge.corner.map((c, i) => (i === axis ? end[i] : c))));
-      const length = Math.hypot(ends[1][0] - ends[0][0], ends[1][1] - ends[0][1]);
-      if (length < 24) continue;
-      // Outwards: across the edge, away from the middle of the box.
-      let out = [-(ends[1][1] - ends[0][1]) / length, (ends[1][0] - ends[0][0]) / length];
-      if (out[0] * (edge.x - middle[0]) + out[1] * (edge.y - middle[1]) < 0) out = out.map((x) => -x);
-      pen.fillStyle = pen.strokeStyle = "#b9c0cb";
-      for (const { value, text } of ticks(low[axis], high[axis], Math.max(3, Math.min(7, Math.floor(length / 42))))) {
-        const [x, y] = project(edge.corner.map((c, i) => (i === axis ? value : c)));
-        pen.beginPath();
-        pen.moveTo(x, y);
-        pen.lineTo(x + 5 * out[0], y + 5 * out[1]);
-        pen.stroke();
-        halo(text, x + 20 * out[0], y + 14 * out[1]);
+// The maximum of each block of voxels and of those within its reach, axis by axis; with the numbers of blocks.
+function blockMaxima({ codes, x, y, z }) {
+  const counts = [x, y, z].map((axis) => axis.count);
+  let maxima = codes;
+  let stride = 1;
+  for (const axis of [0, 1, 2]) {
+    const n = counts[axis];
+    const blocks = (counts[axis] = Math.ceil(n / BLOCK));
+    const rows = maxima.length / (stride * n);
+    const next = new Uint8Array(rows * blocks * stride);
+    for (let row = 0; row < rows; row++)
+      for (let block = 0; block < blocks; block++) {
+        const to = (row * blocks + block) * stride;
+        for (let i = Math.max(0, block * BLOCK - REACH); i < Math.min(n, (block + 1) * BLOCK + REACH); i++) {
+          const from = (row * n + i) * stride;
+          for (let k = 0; k < stride; k++) if (maxima[from + k] > next[to + k]) next[to + k] = maxima[from + k];
+        }
       }
-      pen.fillStyle = "#f0f2f5";
-      halo(`${"xyz"[axis]} / m`, edge.x + 58 * out[0], edge.y + 34 * out[1]);
-    }
+    maxima = next;
+    stride *= blocks;
   }
-}
-
-// The frames of three slices through a point of a box.
-function sliceLines(low, high, point) {
-  const lines = [];
-  for (const normal of [0, 1, 2]) {
-    const [a, b] = [0, 1, 2].filter((i) => i !== normal);
-    const at = (u, v) => {
-      const p = [...point];
-      [p[a], p[b]] = [u, v];
-      return p;
-    };
-    const corners = [at(low[a], low[b]), at(high[a], low[b]), at(high[a], high[b]), at(low[a], high[b])];
-    corners.forEach((corner, i) => lines.push(...corner, ...corners[(i + 1) % 4]));
-  }
-  return new Float32Array(lines);
-}
-
-const corners = ({ low, high }) => Array.from({ length: 8 }, (_, k) => low.map((a, i) => ((k >> i) & 1 ? high[i] : a)));
-
-// The twelve edges of a box, as a list of lines.
-function boxLines(low, high) {
-  const lines = [];
-  for (const axis of [0, 1, 2])
-    for (let k = 0; k < 4; k++) {
-      const others = [0, 1, 2].filter((i) => i !== axis);
-      const at = (end) => [0, 1, 2].map((i) => (i === axis ? end[i] : (k >> others.indexOf(i)) & 1 ? high[i] : low[i]));
-      lines.push(...at(low), ...at(high));
-    }
-  return new Float32Array(lines);
+  return [maxima, counts];
 }

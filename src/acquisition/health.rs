@@ -1,0 +1,233 @@
+//! The health of a cube: what can be told of a measurement before it is imaged.
+//!
+//! Takes a [`CubeSource`]; gives a [`Health`]: silent, loud and missing channels, levels, the noise, the mean range profile
+//! and which sign of the phase the echoes have. It visits the samples once, in blocks, and keeps the columns of some
+//! microphones, so that a cube of any size can be examined in little memory.
+
+mod levels;
+mod profile;
+mod sign;
+
+#[cfg(test)]
+mod tests;
+
+pub use levels::{ChannelLevels, OddChannel, OddChannels};
+pub use profile::{MeanProfile, NoiseEstimate, ProfilePeak};
+pub use sign::{LikelySign, PhaseSign, SignEvidence};
+
+use super::{CubeSource, Detection, Instrument};
+use crate::alloc::{try_filled, try_with_capacity};
+use crate::error::{Error, Result};
+use crate::progress::{Observer, advance, stage};
+use levels::ChannelSums;
+use num_complex::Complex32;
+use serde::Serialize;
+
+/// Maximum number of microphones of which the range profile is computed.
+const MOST_COLUMNS: usize = 1024;
+
+/// Maximum bytes of their samples.
+const MOST_COLUMN_BYTES: u64 = 64 << 20;
+
+/// Bytes of a block of samples, and of the samples of one tone at least.
+const BLOCK_BYTES: u64 = 16 << 20;
+
+/// What was found in a cube.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[non_exhaustive]
+pub struct Health {
+    /// How the signal was mixed down.
+    pub detection: Detection,
+    /// Whether the microphones form a lattice, which the fast method needs.
+    pub on_a_lattice: bool,
+    /// Number of samples that are NaN or infinite; they are left out of all levels and count as 0 in profiles.
+    pub samples_not_finite: u64,
+    /// Whether every finite sample is 0.
+    pub all_zero: bool,
+    /// Whether no sample of an in-phase cube is negative, though not all are 0: an echo's phase turns with the frequency, so
+    /// such samples have an offset that was not removed, or are magnitudes.
+    pub never_negative: bool,
+    /// The microphones, in the cube's order.
+    pub microphones: ChannelLevels,
+    /// The tones, by ascending frequency.
+    pub tones: ChannelLevels,
+    /// Number of microphones of which the range profile was computed: evenly chosen, without odd ones.
+    pub profiled_microphones: usize,
+    /// The mean range profile, with the phase sign that the file declares; `None` where there is none, see
+    /// [`Health::no_profile`].
+    pub profile: Option<MeanProfile>,
+    /// The noise, from that profile.
+    pub noise: Option<NoiseEstimate>,
+    /// The sign of the phase, from the profiles; `None` in phase, where there is no sign, and without profiles.
+    pub phase_sign: Option<PhaseSign>,
+    /// Why there is no range profile.
+    pub no_profile: Option<String>,
+}
+
+impl Health {
+    /// Examines the samples of `source`; those of a file are best read by
+    /// [`CubeFile::unchecked`](super::CubeFile::unchecked), which passes on what is not finite.
+    ///
+    /// - Cost: one visit of the samples; n log n operations per frequency and examined microphone (at most 1024); and for
+    ///   the sign at most 2·10⁷ evaluations of a path, about a second.
+    /// - Memory: a block of 16 MiB (one tone at least), at most 64 MiB of columns and a quarter of `memory`, in bytes, and
+    ///   some numbers per microphone and tone.
+    /// - The result does not depend on the number of threads.
+    ///
+    /// # Errors
+    /// Errors of reading; [`Error::OutOfMemory`]; [`Error::Interrupted`] if the observer asks to stop.
+    ///
+    /// ```
+    /// use holosonar::glam::DVec3;
+    /// use holosonar::acquisition::{Health, Instrument, MicArray, SimulateOptions, Sweep, simulate};
+    /// use holosonar::progress::Silent;
+    /// use holosonar::reflectors::Reflectors;
+    /// use holosonar::num_complex::Complex32;
+    ///
+    /// let array = MicArray::rectangular([8, 8], [0.04, 0.04], DVec3::ZERO)?;
+    /// let instrument = Instrument::new(Sweep::stepped(10e3, 14e3, 50.0)?, array);
+    /// let echo = Reflectors::new(vec![DVec3::new(0.0, 0.1, 1.5)], vec![Complex32::ONE])?;
+    /// let cube = simulate(&echo, &instrument, &SimulateOptions::default())?;
+    /// let health = Health::of(&mut &cube, 1 << 30, &Silent)?;
+    /// assert_eq!(health.microphones.dead.count, 0);
+    /// let range = health.profile.expect("the tones are even").peaks[0].range;
+    /// assert!((range - 1.5).abs() < 0.03);
+    /// # Ok::<(), holosonar::error::Error>(())
+    /// ```
+    pub fn of(source: &mut dyn CubeSource, memory: u64, observer: &dyn Observer) -> Result<Self> {
+        let instrument = source.instrument().clone();
+        let survey = Survey::of(source, &instrument, memory, observer)?;
+        stage(observer, "examining profiles", 0, || Ok(survey.judge(&instrument)))
+    }
+}
+
+/// What one visit of the samples leaves.
+struct Survey {
+    microphones: ChannelSums,
+    tones: ChannelSums,
+    negative: bool,
+    /// Microphones whose samples were kept.
+    chosen: Vec<usize>,
+    /// Their samples, `[chosen, n_f]`; what is not finite is 0.
+    columns: Vec<Complex32>,
+}
+
+impl Survey {
+    fn of(
+        source: &mut dyn CubeSource,
+        instrument: &Instrument,
+        memory: u64,
+        observer: &dyn Observer,
+    ) -> Result<Self> {
+        let (n_f, n_mic) = (instrument.sweep.len(), instrument.array.len());
+        let no_room = || Error::out_of_memory("the levels of the channels do not fit in memory; free some");
+        let sums = |n: usize| ChannelSums::new(n).ok_or_else(no_room);
+        let room = MOST_COLUMN_BYTES.min(memory / 4) / (8 * n_f as u64);
+        let count = n_mic.min(MOST_COLUMNS).min(room as usize);
+        let mut survey = Self {
+            microphones: sums(n_mic)?,
+            tones: sums(n_f)?,
+            negative: false,
+            chosen: (0..count).map(|i| i * n_mic / count).collect(),
+            columns: try_filled(Complex32::ZERO, (count * n_f) as u64).ok_or_else(no_room)?,
+        };
+        let block = (BLOCK_BYTES / (8 * n_mic as u64)).max(1) as usize;
+        stage(observer, "reading the cube", n_f as u64, || {
+            source.visit(block, &mut |range, samples| {
+                for (f, row) in range.clone().zip(samples.chunks_exact(n_mic)) {
+                    survey.add(f, n_f, row);
+                }
+                advance(observer, range.len() as u64)
+            })
+        })?;
+        Ok(survey)
+    }
+
+    /// Adds the samples of tone `f`.
+    fn add(&mut self, f: usize, n_f: usize, row: &[Complex32]) {
+        for (r, m) in row.iter().enumerate() {
+            self.microphones.add(r, *m);
+            self.tones.add(f, *m);
+            self.negative |= m.re < 0.0;
+        }
+        for (column, r) in self.columns.chunks_exact_mut(n_f).zip(&self.chosen) {
+            column[f] = if row[*r].is_finite() { row[*r] } else { Complex32::ZERO };
+        }
+    }
+
+    fn judge(mut self, instrument: &Instrument) -> Health {
+        let Instrument { sweep, array, detection, .. } = instrument;
+        let at_mic = |i: usize| OddChannel::microphone(i, array.positions()[i]);
+        let at_tone = |i: usize| OddChannel::tone(i, sweep.frequencies()[i]);
+        let microphones = self.microphones.judge(&at_mic);
+        let tones = self.tones.judge(&at_tone);
+        let samples_not_finite = self.tones.not_finite();
+        let all_zero = microphones.median == 0.0;
+        let mut health = Health {
+            detection: *detection,
+            on_a_lattice: array.lattice().is_some(),
+            samples_not_finite,
+            all_zero,
+            never_negative: *detection == Detection::InPhase && !self.negative && !all_zero,
+            microphones,
+            tones,
+            profiled_microphones: 0,
+            profile: None,
+            noise: None,
+            phase_sign: None,
+            no_profile: None,
+        };
+        self.drop_odd(&health.microphones, sweep.len());
+        health.profiled_microphones = self.chosen.len();
+        match profile::obstacle(instrument, self.chosen.len()) {
+            Some(obstacle) => health.no_profile = Some(obstacle.to_owned()),
+            None => self.profiles(instrument, &mut health),
+        }
+        health
+    }
+
+    /// Drops the columns of microphones that are dead, loud, or lack a tenth of their samples or more: a single loud one
+    /// would hide all others.
+    fn drop_odd(&mut self, levels: &ChannelLevels, n_f: usize) {
+        let kept = |r: usize| levels.is_usual(r) && 10 * self.microphones.missing(r) < n_f as u64;
+        let keep: Vec<bool> = self.chosen.iter().map(|r| kept(*r)).collect();
+        let mut to = 0;
+        for (from, keep) in keep.iter().enumerate() {
+            if *keep {
+                self.columns.copy_within(from * n_f..(from + 1) * n_f, to * n_f);
+                self.chosen[to] = self.chosen[from];
+                to += 1;
+            }
+        }
+        self.chosen.truncate(to);
+        self.columns.truncate(to * n_f);
+    }
+
+    fn profiles(&self, instrument: &Instrument, health: &mut Health) {
+        let profile = profile::mean(instrument, &self.columns);
+        health.noise = Some(profile::noise(&profile, &self.columns, instrument));
+        if health.detection == Detection::Quadrature {
+            health.phase_sign = Some(sign::judge(instrument, &profile, &self.chosen, &self.columns));
+        }
+        health.profile = Some(profile);
+    }
+}
+
+/// The median of some numbers; `None` of none, or where there is no memory for a copy.
+fn median(values: impl Iterator<Item = f64> + Clone) -> Option<f64> {
+    quantile(values, 0.5)
+}
+
+/// The value below which a share of some numbers lies.
+fn quantile(values: impl Iterator<Item = f64> + Clone, share: f64) -> Option<f64> {
+    let mut sorted = try_with_capacity(values.clone().count() as u64)?;
+    sorted.extend(values);
+    sorted.sort_unstable_by(f64::total_cmp);
+    let last = sorted.len().checked_sub(1)?;
+    Some(sorted[(share * last as f64).round() as usize])
+}
+
+/// 10 log₁₀ of a ratio of powers, dB; `None` unless it is a finite number.
+fn decibels(power: f64) -> Option<f64> {
+    Some(10.0 * power.log10()).filter(|db| db.is_finite())
+}

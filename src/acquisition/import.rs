@@ -1,0 +1,383 @@
+//! From a laboratory's files to a data cube: NumPy arrays, Touchstone and CSV files, one for all positions or one each.
+//!
+//! [`import`] reads; what files do not say (frequencies, positions, axes, the sign of the phase) comes from
+//! [`ImportOptions`] or is refused, and what is guessed is in [`Imported::guesses`].
+
+mod array;
+mod axes;
+mod names;
+mod options;
+mod table;
+#[cfg(test)]
+mod tests;
+mod touchstone;
+
+pub use array::{ArrayName, MeanWord, RawOffset};
+pub use axes::ImportAxis;
+pub use options::{FrequencyUnit, ImportOptions, Imported};
+pub use table::TraceColumn;
+pub(crate) use table::check_columns;
+
+use super::{DataCube, Detection, Instrument, MicArray, Sweep};
+use crate::error::{Error, Result, gib};
+use crate::files::npz::Array;
+use crate::files::{extension, open_input};
+use crate::wave::{DEFAULT_SOUND_SPEED, Geometry};
+use array::NumpyFiles;
+use axes::{SampleOrder, words};
+use glam::DVec3;
+use num_complex::Complex32;
+use serde_json::{Map, Value, json};
+use std::io::Read;
+use std::path::Path;
+
+/// The samples of one microphone.
+#[derive(Debug)]
+struct Trace {
+    /// Hz, where the file has them.
+    frequencies: Option<Vec<f64>>,
+    values: Vec<Complex32>,
+    /// Whether there are no imaginary parts.
+    real: bool,
+}
+
+/// The microphones of an import.
+#[derive(Debug)]
+struct Positions {
+    array: MicArray,
+    /// Rows and columns, where they are known.
+    rows: Option<[usize; 2]>,
+    from: &'static str,
+}
+
+/// Samples, and what the files said about them.
+struct Recording {
+    samples: Vec<Complex32>,
+    real: bool,
+    sweep: (Sweep, &'static str),
+    positions: Positions,
+    place: String,
+    /// Whether the format defines the sign of the phase: that of exp(+jωt), in which a path delays.
+    sign_known: bool,
+    facts: Map<String, Value>,
+}
+
+/// The place of an error in a key of `[import]`.
+fn place_of_key(key: &str) -> String {
+    format!("[import] {key}")
+}
+
+/// A finite number as laboratory programs write it, also with Fortran's exponent.
+fn parse_number(word: &str) -> Option<f64> {
+    let number = word.parse().or_else(|_| word.replace(['d', 'D'], "e").parse());
+    number.ok().filter(|number: &f64| number.is_finite())
+}
+
+/// The text of a file; bytes that are not UTF-8, as in the comments of older instruments, are replaced.
+fn text_of(path: &Path, limit: u64) -> Result<String> {
+    let reading = |error| Error::reading(path, error);
+    let file = open_input(path)?;
+    let length = file.metadata().map_err(reading)?.len();
+    // The text, and the numbers in it.
+    if length.saturating_mul(4) > limit {
+        let problem =
+            format!("takes {} of memory to read, and {} may be used here", gib(4 * length), gib(limit));
+        return Err(Error::input(path.display(), problem + " (--memory sets another limit)"));
+    }
+    let mut bytes = Vec::new();
+    file.take(length).read_to_end(&mut bytes).map_err(reading)?;
+    Ok(String::from_utf8(bytes)
+        .unwrap_or_else(|error| String::from_utf8_lossy(error.as_bytes()).into_owned()))
+}
+
+impl Positions {
+    /// Those of `[array]`.
+    fn typed(options: &ImportOptions) -> Result<Self> {
+        let array = options.array.clone().ok_or_else(|| {
+            let problem = "is missing: nothing says where the microphones were; give its count and its pitch or extent, a \
+                           file of positions (layout = \"file\"), or `positions` in [import]";
+            Error::input("[array]", problem)
+        })?;
+        let rows = array.lattice().map(|lattice| [lattice.y.count, lattice.x.count]);
+        Ok(Self { array, rows, from: "[array]" })
+    }
+
+    /// Those of an array of numbers, `[n, 3]`, `[n_y, n_x, 3]`, or with two numbers each.
+    fn of(place: &str, shape: &[usize], numbers: &[f64]) -> Result<Self> {
+        let (Some(each @ (2 | 3)), true) = (shape.last().copied(), (2..=3).contains(&shape.len())) else {
+            let problem =
+                format!("has the shape {shape:?}; [n, 3], [n_y, n_x, 3] or the same with 2 was expected");
+            return Err(Error::input(place, problem));
+        };
+        let points =
+            numbers.chunks_exact(each).map(|p| DVec3::new(p[0], p[1], p.get(2).copied().unwrap_or(0.0)));
+        let points: Vec<DVec3> = points.collect();
+        let (array, rows) = match *shape {
+            [n_y, n_x, _] => (MicArray::from_rows([n_y, n_x], points), Some([n_y, n_x])),
+            _ => (MicArray::from_positions(points), None),
+        };
+        Ok(Self { array: array.map_err(|error| error.at(place))?, rows, from: "`positions`" })
+    }
+
+    fn described(&self) -> String {
+        match self.rows {
+            Some([n_y, n_x]) => format!("{n_x} x {n_y} microphones"),
+            None => format!("{} microphones", self.array.len()),
+        }
+    }
+}
+
+/// The frequencies of the key `frequencies`, Hz: of an array in the samples' own npz, or of another file.
+fn typed_frequencies(options: &ImportOptions, numpy: Option<&mut NumpyFiles>) -> Result<Option<Vec<f64>>> {
+    let Some(typed) = &options.frequencies else { return Ok(None) };
+    let unit = options.frequency_unit.hertz();
+    let array = match extension(typed).as_str() {
+        "npy" => NumpyFiles::open(std::slice::from_ref(typed), options.limit()).and_then(|mut f| f.only())?,
+        "csv" | "txt" => {
+            return table::first_column(typed, &text_of(typed, options.limit())?, unit).map(Some);
+        }
+        _ => named(typed, "frequencies", numpy)?,
+    };
+    if array.shape.iter().filter(|n| **n != 1).count() > 1 {
+        let problem = format!("has the shape {:?}; one axis was expected", array.shape);
+        return Err(Error::input(place_of_key("frequencies"), problem));
+    }
+    Ok(Some(array.data.into_iter().map(|f| f * unit).collect()))
+}
+
+/// An array of the samples' own npz.
+fn named(name: &Path, key: &str, numpy: Option<&mut NumpyFiles>) -> Result<Array<f64>> {
+    let text = name.to_string_lossy();
+    numpy.and_then(|numpy| numpy.named(&text)).unwrap_or_else(|| {
+        let problem = "names an array, and the samples are in no .npz; give a file, .npy or .csv";
+        Err(Error::input(place_of_key(key), problem))
+    })
+}
+
+/// The sweep: `frequencies`, or those of the files, or `[sweep]`.
+fn sweep_of(
+    options: &ImportOptions,
+    typed: Option<Vec<f64>>,
+    found: Option<Vec<f64>>,
+    place: &str,
+) -> Result<(Sweep, &'static str)> {
+    let (list, from, place) = match (typed, found) {
+        (Some(list), _) => (list, "`frequencies`", place_of_key("frequencies")),
+        (None, Some(list)) => (list, "the files", place.to_owned()),
+        (None, None) => {
+            let problem = "is missing: nothing says what the frequencies were; give its start, stop and step, or \
+                           `frequencies` in [import]";
+            let sweep = options.sweep.clone().ok_or_else(|| Error::input("[sweep]", problem))?;
+            return Ok((sweep, "[sweep]"));
+        }
+    };
+    Ok((Sweep::from_frequencies(list).map_err(|error| error.at(place))?, from))
+}
+
+/// The positions of the key `positions`, or of `[array]`.
+fn positions_of(options: &ImportOptions, numpy: Option<&mut NumpyFiles>) -> Result<Positions> {
+    let Some(typed) = &options.positions else { return Positions::typed(options) };
+    let array = match extension(typed).as_str() {
+        "npy" => NumpyFiles::open(std::slice::from_ref(typed), options.limit()).and_then(|mut f| f.only())?,
+        "csv" | "xml" => {
+            let problem = "is a list of positions; give it as `file` in [array], with layout = \"file\"";
+            return Err(Error::input(place_of_key("positions"), problem));
+        }
+        _ => named(typed, "positions", numpy)?,
+    };
+    Positions::of(&place_of_key("positions"), &array.shape, &array.data)
+}
+
+/// NumPy files that hold all positions.
+fn read_arrays(options: &ImportOptions, guesses: &mut Vec<String>) -> Result<Recording> {
+    let mut files = NumpyFiles::open(&options.samples, options.limit())?;
+    let sweep = typed_frequencies(options, Some(&mut files))?;
+    let sweep = sweep_of(options, sweep, None, "")?;
+    let positions = positions_of(options, Some(&mut files))?;
+    let raw = files.samples(options, guesses)?;
+    let n_f = sweep.0.len();
+    let layout = SampleOrder::new(&options.axes, &raw.shape, n_f, &positions, raw.may_have_planes());
+    let layout = layout.map_err(|problem| Error::input(&raw.place, problem))?;
+    if options.axes.is_empty() && raw.shape.len() > 1 {
+        guesses.push(format!("axes = {}: the only ones of these lengths", words(&layout.axes)));
+    }
+    let (samples, offset) = raw.samples(&layout, n_f, options.offset)?;
+    let mut facts = Map::new();
+    facts.insert("arrays".into(), json!(raw.names));
+    facts.insert("shape".into(), json!(raw.shape));
+    facts.insert("axes".into(), json!(layout.axes));
+    let real = raw.is_real(&layout);
+    if let Some(offset) = offset {
+        let both = json!(offset);
+        facts.insert("offset".into(), if real { both[0].clone() } else { both });
+    }
+    Ok(Recording { samples, real, sweep, positions, place: raw.place, sign_known: false, facts })
+}
+
+/// The samples of one microphone, in a file of its own.
+fn read_trace(path: &Path, options: &ImportOptions) -> Result<Trace> {
+    let ending = extension(path);
+    if let Some(ports) = touchstone::ports(&ending) {
+        return touchstone::parse(
+            path,
+            &text_of(path, options.limit())?,
+            ports,
+            options.parameter.as_deref(),
+        );
+    }
+    let unit = options.frequency_unit.hertz();
+    match ending.as_str() {
+        "csv" | "txt" => table::parse(path, &text_of(path, options.limit())?, &options.columns, unit),
+        _ => {
+            let problem =
+                "is of an unknown kind; .npy, .npz, Touchstone (.s1p, .s2p, ...) or .csv was expected";
+            Err(Error::input(path.display(), problem))
+        }
+    }
+}
+
+/// What the first of several files says, and the others must repeat.
+struct FirstTrace {
+    sweep: (Sweep, &'static str),
+    frequencies: Option<Vec<f64>>,
+    real: bool,
+}
+
+/// Files of one position each, in the order of the microphones.
+fn read_traces(options: &ImportOptions, guesses: &mut Vec<String>) -> Result<Recording> {
+    let (files, positions) = match &options.samples[..] {
+        [pattern] if names::is_pattern(pattern) => names::find(pattern, options, guesses)?,
+        files => {
+            let positions = positions_of(options, None)?;
+            if files.len() != positions.array.len() {
+                let problem = format!(
+                    "has {} files for {}; give one each, in the order of the microphones, or the pattern of their names",
+                    files.len(),
+                    positions.described()
+                );
+                return Err(Error::input(place_of_key("samples"), problem));
+            }
+            (files.to_vec(), positions)
+        }
+    };
+    let n_mic = files.len();
+    let typed = typed_frequencies(options, None)?;
+    let mut samples: Vec<Complex32> = Vec::new();
+    let mut known: Option<FirstTrace> = None;
+    for (mic, path) in files.iter().enumerate() {
+        let trace = read_trace(path, options)?;
+        let place = path.display().to_string();
+        if known.is_none() {
+            let sweep = sweep_of(options, typed.clone(), trace.frequencies.clone(), &place)?;
+            samples = DataCube::allocate(sweep.0.len(), n_mic)?;
+            known = Some(FirstTrace { sweep, frequencies: trace.frequencies.clone(), real: trace.real });
+        }
+        let Some(FirstTrace { sweep, frequencies, real }) = &known else { continue };
+        let same = |a: &f64, b: &f64| (a - b).abs() <= 1e-9 * a.abs();
+        let alike = match (frequencies, &trace.frequencies) {
+            (Some(a), Some(b)) => a.len() == b.len() && a.iter().zip(b).all(|(a, b)| same(a, b)),
+            (a, b) => a.is_none() && b.is_none(),
+        };
+        if !alike || *real != trace.real {
+            let problem = format!("has other frequencies or columns than {}", files[0].display());
+            return Err(Error::input(place, problem));
+        }
+        if trace.values.len() != sweep.0.len() {
+            let problem =
+                format!("has {} samples; {} has {} frequencies", trace.values.len(), sweep.1, sweep.0.len());
+            return Err(Error::input(place, problem));
+        }
+        trace.values.iter().enumerate().for_each(|(f, value)| samples[f * n_mic + mic] = *value);
+    }
+    let Some(FirstTrace { sweep, real, .. }) = known else {
+        return Err(Error::input(place_of_key("samples"), "names no files"));
+    };
+    let all_touchstone = files.iter().all(|path| touchstone::ports(&extension(path)).is_some());
+    let mut facts = Map::new();
+    if all_touchstone {
+        let default = if extension(&files[0]) == "s1p" { "S11" } else { "S21" };
+        if options.parameter.is_none() {
+            guesses.push(format!("parameter: {default}"));
+        }
+        facts.insert("parameter".into(), json!(options.parameter.as_deref().unwrap_or(default)));
+    }
+    let place = place_of_key("samples");
+    Ok(Recording { samples, real, sweep, positions, place, sign_known: all_touchstone, facts })
+}
+
+/// Reads a measurement from a laboratory's files.
+///
+/// Takes the memory of the samples in double precision and of the cube.
+///
+/// # Errors
+/// Missing, malformed or contradicting files; what nobody said and no file tells: frequencies, positions, an order of axes
+/// that is not the only one, the zero of unsigned numbers.
+pub fn import(options: &ImportOptions) -> Result<Imported> {
+    let mut guesses = Vec::new();
+    let Some(first) = options.samples.first() else {
+        let problem = "is missing: name the files, or the pattern of their names";
+        return Err(Error::input(place_of_key("samples"), problem));
+    };
+    if first.is_dir() {
+        return Err(names::refuse_folder(first));
+    }
+    let numpy = options.samples.iter().all(|path| ["npy", "npz"].contains(&extension(path).as_str()));
+    let mut found = if numpy && !names::is_pattern(first) {
+        read_arrays(options, &mut guesses)?
+    } else {
+        read_traces(options, &mut guesses)?
+    };
+    let detection = match (options.detection, found.real) {
+        (Some(Detection::Quadrature), true) => {
+            let problem =
+                "is \"quadrature\", and the samples are real; name both I and Q in `arrays` or `axes`";
+            return Err(Error::input("[detection] kind", problem));
+        }
+        (Some(Detection::InPhase), false) => {
+            let problem = "is \"in-phase\", and the samples are complex; leave it out";
+            return Err(Error::input("[detection] kind", problem));
+        }
+        (_, true) => Detection::InPhase,
+        (_, false) => Detection::Quadrature,
+    };
+    let phase_sign = options.phase_sign.unwrap_or(if found.sign_known { -1 } else { 1 });
+    if detection == Detection::Quadrature {
+        match (options.phase_sign, found.sign_known) {
+            (Some(_), _) => {}
+            (None, true) => guesses.push("phase_sign = -1: that of S-parameters, exp(+jωt)".to_owned()),
+            (None, false) => guesses.push(
+                "phase_sign = 1: phases grow with the path; -1 if they fall, as those of an FFT and of network analysers"
+                    .to_owned(),
+            ),
+        }
+        if phase_sign < 0 {
+            found.samples.iter_mut().for_each(|m| *m = m.conj());
+        }
+    }
+    let sound_speed = options.sound_speed.unwrap_or_else(|| {
+        guesses.push(format!("sound_speed = {DEFAULT_SOUND_SPEED}: air at 20 °C; radar has 299792458 m/s"));
+        DEFAULT_SOUND_SPEED
+    });
+    if options.geometry.is_none() {
+        guesses.push("geometry: one speaker at the origin".to_owned());
+    }
+    let (sweep, frequencies_from) = found.sweep;
+    let instrument = Instrument::new(sweep, found.positions.array)
+        .with_geometry(options.geometry.unwrap_or(Geometry::ORIGIN))
+        .with_detection(detection)
+        .with_sound_speed(sound_speed);
+    instrument.check()?;
+    let mut facts = Map::new();
+    facts.insert(
+        "files".into(),
+        json!(options.samples.iter().map(|path| path.display().to_string()).collect::<Vec<_>>()),
+    );
+    facts.append(&mut found.facts);
+    facts.insert("frequencies_from".into(), json!(frequencies_from));
+    facts.insert("positions_from".into(), json!(found.positions.from));
+    facts.insert("phase_sign".into(), json!(phase_sign));
+    facts.insert("guesses".into(), json!(guesses));
+    let mut cube = DataCube::new(instrument, found.samples).map_err(|error| error.at(&found.place))?;
+    cube.provenance = json!({ "import": facts });
+    Ok(Imported { cube, guesses })
+}

@@ -1,0 +1,52 @@
+//! From `[import]`, and from what was typed of the measurement's tables, to an import.
+
+use crate::acquisition::{FrequencyUnit, ImportOptions};
+use crate::config::{ArrayLayout, InputFile, RunFile, TypedKeys};
+use crate::error::Result;
+use crate::files::extension;
+use crate::plan::memory_limit;
+use glam::DVec3;
+use std::path::PathBuf;
+
+/// A file's path, or the name of an array as it was typed.
+fn file_or_array(typed: &InputFile) -> PathBuf {
+    let is_file = ["npy", "csv", "txt", "xml"].contains(&extension(&typed.path).as_str());
+    if is_file { typed.path.clone() } else { PathBuf::from(&typed.typed) }
+}
+
+impl RunFile {
+    /// `[import]`, and `[sweep]`, `[array]`, `[detection]` and `[medium]` as far as they were typed: defaults describe no
+    /// measurement.
+    ///
+    /// # Errors
+    /// As [`RunFile::sweep`] and [`RunFile::microphones`].
+    pub fn import_options(&self, typed: &TypedKeys) -> Result<ImportOptions> {
+        let table = &self.import;
+        let any = |keys: &[&str]| keys.iter().any(|key| typed.contains(key));
+        let all = |keys: &[&str]| keys.iter().all(|key| typed.contains(key));
+        let mut options = ImportOptions::new(table.samples.iter().map(|file| file.path.clone()).collect());
+        options.arrays.clone_from(&table.arrays);
+        options.axes.clone_from(&table.axes);
+        options.columns.clone_from(&table.columns);
+        options.parameter.clone_from(&table.parameter);
+        (options.offset, options.phase_sign) = (table.offset, table.phase_sign);
+        options.frequency_unit = table.frequency_unit.unwrap_or(FrequencyUnit::Hertz);
+        options.frequencies = table.frequencies.as_ref().map(file_or_array);
+        options.positions = table.positions.as_ref().map(file_or_array);
+        options.name_unit = table.name_unit;
+        if all(&["sweep.start", "sweep.stop", "sweep.step"]) {
+            options.sweep = Some(self.sweep()?);
+        }
+        let sized = any(&["array.count", "array.elements"]) && any(&["array.pitch", "array.extent"]);
+        if sized || self.array.layout == ArrayLayout::File {
+            options.array = Some(self.microphones()?);
+        }
+        options.centre = typed.contains("array.centre").then(|| DVec3::from_array(self.array.centre));
+        options.geometry = any(&["array.geometry", "array.source"]).then(|| self.geometry());
+        options.detection = typed.contains("detection.kind").then_some(self.detection.kind);
+        let speed = any(&["medium.sound_speed", "medium.temperature"]);
+        options.sound_speed = speed.then(|| self.medium.speed());
+        options.memory = memory_limit(self.memory);
+        Ok(options)
+    }
+}

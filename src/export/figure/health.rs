@@ -1,0 +1,95 @@
+//! The figure of a cube's health: levels of microphones and tones, and the mean range profile.
+
+use super::canvas::Canvas;
+use super::chart::{self, Chart, ChartAxis};
+use super::{ColourMap, Panel, Scale, layout};
+use crate::acquisition::{ChannelLevels, CubeSource, Detection, Health};
+use crate::error::Result;
+use std::path::Path;
+
+/// Most places along a chart; of more, the highest of each group is drawn, so that no peak is lost.
+const PLACES: usize = 400;
+
+/// Levels that are drawn, dB: from dead to loud, and below the strongest echo.
+const LEVELS: [f64; 2] = [-40.0, 20.0];
+const ECHOES_DB: f64 = 100.0;
+
+/// Draws the levels of the microphones, as a map on a lattice, those of the tones, and the mean range profile with both
+/// signs of the phase.
+///
+/// # Errors
+/// As [`crate::files::write_atomically`].
+pub(crate) fn write_health_figure(path: &Path, health: &Health, cube: &dyn CubeSource) -> Result<()> {
+    let instrument = cube.instrument();
+    let mut pictures = vec![match instrument.array.lattice() {
+        Some(lattice) if lattice.x.count > 1 && lattice.y.count > 1 => {
+            let levels = decibels(&health.microphones);
+            let range = |pick: fn(f64, f64) -> f64, start| {
+                levels.iter().copied().filter(|v| v.is_finite()).fold(start, pick)
+            };
+            let scale = Scale::Sequential {
+                map: ColourMap::Viridis,
+                range: [range(f64::min, -1.0).max(LEVELS[0]), range(f64::max, 1.0).min(LEVELS[1])],
+                label: "level against the median / dB".into(),
+            };
+            let values: Vec<f32> = levels.iter().map(|v| *v as f32).collect();
+            let nothing = "silent or missing".into();
+            let title = "level by microphone";
+            layout::draw(&[Panel { nothing, ..Panel::new(title, values, lattice.x, lattice.y, scale) }], 1)
+        }
+        _ => {
+            let places: Vec<f64> = (0..health.microphones.count).map(|i| i as f64).collect();
+            line(
+                "level by microphone",
+                "microphone",
+                &places,
+                &[(String::new(), decibels(&health.microphones))],
+            )
+        }
+    }];
+    let frequencies = instrument.sweep.frequencies();
+    pictures.push(line(
+        "level by tone",
+        "frequency / Hz",
+        frequencies,
+        &[(String::new(), decibels(&health.tones))],
+    ));
+    if let Some(profile) = &health.profile {
+        let strongest = profile.power.iter().copied().fold(0.0, f64::max);
+        let level = |power: &f64| 10.0 * power.log10();
+        let shown = |power: &f64| level(&power.max(strongest * 10_f64.powf(-ECHOES_DB / 10.0)));
+        let ranges: Vec<f64> = (0..profile.power.len()).map(|k| k as f64 * profile.range_pitch).collect();
+        let declared: Vec<f64> = profile.power.iter().map(shown).collect();
+        let mut series = vec![("phase sign as declared".to_owned(), declared)];
+        if health.detection == Detection::Quadrature {
+            let mut opposite = series[0].1.clone();
+            // The conjugate's profile is the same backwards.
+            opposite[1..].reverse();
+            series.push(("opposite phase sign".to_owned(), opposite));
+        }
+        pictures.push(line("mean range profile", "range (half of the path) / m", &ranges, &series));
+    }
+    Canvas::in_pairs(&pictures).write_png(path)
+}
+
+/// Levels against their median, dB; NaN where there is none.
+fn decibels(levels: &ChannelLevels) -> Vec<f64> {
+    (0..levels.count).map(|i| levels.level_db(i).unwrap_or(f64::NAN)).collect()
+}
+
+/// A chart of one or several series, in dB.
+fn line(title: &str, label: &str, places: &[f64], series: &[(String, Vec<f64>)]) -> Canvas {
+    let group = places.len().div_ceil(PLACES);
+    let highest = |values: &[f64]| -> Vec<f64> {
+        values.chunks(group).map(|v| v.iter().copied().fold(f64::NAN, f64::max)).collect()
+    };
+    let axis = ChartAxis {
+        label: label.into(),
+        places: places.chunks(group).map(|places| places[places.len() / 2].to_string()).collect(),
+        series: series.iter().map(|(name, _)| name.clone()).collect(),
+    };
+    let y_label =
+        if series.len() > 1 || title.contains("profile") { "power / dB" } else { "against the median / dB" };
+    let series = series.iter().map(|(_, values)| highest(values)).collect();
+    chart::draw(&[Chart { title: title.into(), y_label: y_label.into(), series }], &axis)
+}
