@@ -13,9 +13,9 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// Small changes, so that there are many jobs.
+/// Small changes, each of a scene and of a cube, so that there are many jobs.
 const VARIATIONS: [&str; 4] =
-    ["", " --set reconstruct.window=hann", " --set medium.sound_speed=340", " --set reflectors.seed=7"];
+    ["", " --set reconstruct.window=hann", " --set medium.sound_speed=340", " --set medium.sound_speed=346"];
 
 /// Seconds, unless the environment says otherwise.
 const SECONDS: u64 = 60;
