@@ -26,6 +26,7 @@
 //! ```
 
 mod array;
+mod calibration;
 mod import;
 mod instrument;
 mod source;
@@ -37,6 +38,7 @@ mod sweep;
 
 pub use array::{Lattice, MicArray};
 pub(crate) use array::{RANDOM_BYTES, Tile, halvings, tiles};
+pub use calibration::{AutoWord, Background, Calibration, ChannelMask, ChannelResponse, ResponseAxis};
 pub use cube::DataCube;
 pub use cube_file::{CubeFile, UncheckedSamples};
 pub use health::{

@@ -22,7 +22,7 @@ use crate::error::Error;
 use crate::files::protect_inputs;
 use crate::progress::Observer;
 use crate::text::quoted;
-use crate::wave::simd::{self, Level};
+use crate::wave::simd;
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Args, CommandFactory, Parser, Subcommand};
 use placement::Placement;
@@ -149,6 +149,7 @@ enum Command {
         checkpoint: CheckpointArgs,
     },
     Import(commands::ImportArgs),
+    Calibrate(commands::CalibrateArgs),
     /// Reconstructs a data cube into a volume (.npz, .exr, .vti, .nrrd or .vdb, by extension).
     Reconstruct {
         /// The cube.
@@ -345,7 +346,7 @@ fn run() -> ExitCode {
     let result = threads::start(cli.common.threads, &terminal)
         .and_then(|()| inputs::check_addresses())
         .and_then(|()| inputs::limit_memory(cli.common.memory.as_deref()))
-        .and_then(|()| limit_simd())
+        .and_then(|()| threads::limit_simd())
         .inspect(|()| {
             let (threads, level) = (rayon::current_num_threads(), simd::level());
             terminal.note(&format!("{threads} threads, {level} loops"));
@@ -388,13 +389,4 @@ fn explain(error: clap::Error) -> clap::Error {
         ),
         _ => error,
     }
-}
-
-/// Limits the vector instructions of the program's own loops, if the environment requests it.
-fn limit_simd() -> Result<(), Error> {
-    const NAME: &str = "HOLOSONAR_SIMD";
-    if let Some(value) = std::env::var_os(NAME).filter(|value| !value.is_empty()) {
-        simd::limit(Level::named(NAME, &value.to_string_lossy(), Level::of_processor())?);
-    }
-    Ok(())
 }

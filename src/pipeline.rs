@@ -169,9 +169,10 @@ pub fn image_scene(run: &RunFile, job: &JobOptions) -> Result<Outcome> {
 /// # Errors
 /// The errors of the stages; a run file without a grid; a disk without space for the files; another process that works on
 /// the same job.
-pub fn image_cube(run: &RunFile, mut cube: CubeFile, job: &JobOptions) -> Result<Outcome> {
+pub fn image_cube(run: &RunFile, cube: CubeFile, job: &JobOptions) -> Result<Outcome> {
     let JobOptions { checkpoint, observer, .. } = *job;
     let log = Log::new(observer);
+    let mut cube = cube.calibrated(&run.calibration(), &log)?;
     let instrument = cube.instrument().clone();
     need_bandwidth("the cube's `frequencies`", &instrument.sweep)?;
     let grid = run.voxels(&instrument, None)?;
@@ -231,11 +232,12 @@ pub fn simulate_scene(run: &RunFile, job: &JobOptions) -> Result<DataCube> {
 /// another process that works on the same job.
 pub fn reconstruct_cube(
     run: &RunFile,
-    mut cube: CubeFile,
+    cube: CubeFile,
     outputs: &[PathBuf],
     job: &JobOptions,
 ) -> Result<Vec<PathBuf>> {
     let JobOptions { checkpoint, observer, .. } = *job;
+    let mut cube = cube.calibrated(&run.calibration(), observer)?;
     let instrument = cube.instrument().clone();
     let grid = run.voxels(&instrument, None)?;
     let plan = plan(&instrument, &grid);

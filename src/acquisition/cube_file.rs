@@ -1,10 +1,14 @@
 //! Reading a cube file: everything but the samples when it is opened, the samples in blocks or all at once.
 
+#[cfg(test)]
+mod tests;
+
 use super::cube::{FORMAT, VERSION, check_finite};
-use super::source::{CubeSource, Visit};
-use super::{DataCube, Detection, Instrument, InstrumentChanges, MicArray, Sweep};
+use super::source::{CubeSource, Visit, visit_samples};
+use super::{Calibration, DataCube, Detection, Instrument, InstrumentChanges, MicArray, Sweep};
 use crate::error::{Error, Result, gib};
 use crate::files::npz::NpzReader;
+use crate::progress::Observer;
 use crate::scene::FARTHEST;
 use crate::text::{nearest, quoted};
 use crate::wave::{DEFAULT_SOUND_SPEED, Geometry, GeometryKind, SOUND_SPEEDS, is_sound_speed};
@@ -23,6 +27,8 @@ pub struct CubeFile {
     conjugated: bool,
     provenance: Value,
     changes: Vec<String>,
+    /// The samples as a calibration left them, `[n_f, n_mic]`, with phase sign +1.
+    corrected: Option<Vec<Complex32>>,
 }
 
 /// The `meta` array of a file; every key may be missing.
@@ -213,6 +219,7 @@ impl CubeFile {
             conjugated: meta.phase_sign < 0,
             provenance: meta.provenance,
             changes: Vec::new(),
+            corrected: None,
         })
     }
 
@@ -240,7 +247,32 @@ impl CubeFile {
         unsigned.then(question).into_iter().collect()
     }
 
-    /// What [`CubeFile::changed`] changed, in words.
+    /// The samples after these corrections, which are then in memory; no corrections leave the file as it is.
+    ///
+    /// # Errors
+    /// As [`Calibration::apply`].
+    pub fn calibrated(mut self, calibration: &Calibration, observer: &dyn Observer) -> Result<Self> {
+        if calibration.is_empty() {
+            return Ok(self);
+        }
+        let place = place(&self.path, "samples");
+        let samples = self.samples()?;
+        let mut cube = DataCube { instrument: self.instrument, samples, provenance: self.provenance };
+        let words = calibration.apply(&mut cube, observer).map_err(|error| match error.place() {
+            Some("samples") => error.at(&place),
+            _ => error,
+        })?;
+        let DataCube { instrument, samples, provenance } = cube;
+        self.changes.extend(words);
+        Ok(Self { instrument, provenance, corrected: Some(samples), ..self })
+    }
+
+    /// The samples after [`CubeFile::calibrated`], `[n_f, n_mic]`.
+    pub(crate) fn corrected(&self) -> Option<&[Complex32]> {
+        self.corrected.as_deref()
+    }
+
+    /// What [`CubeFile::changed`] and [`CubeFile::calibrated`] changed, in words.
     pub fn changes(&self) -> &[String] {
         &self.changes
     }
@@ -249,14 +281,32 @@ impl CubeFile {
     ///
     /// # Errors
     /// Samples that are damaged, not finite, or larger than the limit.
-    pub fn load(mut self) -> Result<DataCube> {
+    pub fn load(self) -> Result<DataCube> {
+        if let Some(samples) = self.corrected {
+            return Ok(DataCube { instrument: self.instrument, samples, provenance: self.provenance });
+        }
+        let place = place(&self.path, "samples");
+        let cube = self.load_unchecked()?;
+        check_finite(&place, 0, cube.instrument.array.len(), &cube.samples)?;
+        Ok(cube)
+    }
+
+    /// Reads the samples into a cube, also those that are not finite.
+    ///
+    /// # Errors
+    /// Samples that are damaged, or larger than the limit.
+    pub(super) fn load_unchecked(mut self) -> Result<DataCube> {
+        let samples = self.samples()?;
+        Ok(DataCube { instrument: self.instrument, samples, provenance: self.provenance })
+    }
+
+    /// All samples, with phase sign +1.
+    fn samples(&mut self) -> Result<Vec<Complex32>> {
         let mut samples = self.npz.complex("samples")?.data;
-        let Self { path, instrument, conjugated, provenance, .. } = self;
-        check_finite(&place(&path, "samples"), 0, instrument.array.len(), &samples)?;
-        if conjugated {
+        if self.conjugated {
             conjugate(&mut samples);
         }
-        Ok(DataCube { instrument, samples, provenance })
+        Ok(samples)
     }
 
     /// The file's arrays by name, size and checksum; reading them verifies the checksums.
@@ -285,11 +335,17 @@ impl CubeSource for CubeFile {
 
     fn held_bytes(&self) -> u64 {
         // In a Fortran array the first axis varies fastest, so its blocks are scattered over the whole file.
+        if self.corrected.is_some() {
+            return self.instrument.cube_bytes();
+        }
         if self.npz.in_order("samples") { 0 } else { self.instrument.cube_bytes().saturating_mul(2) }
     }
 
     fn visit(&mut self, block: usize, visit: &mut Visit) -> Result<()> {
         let (n_mic, place) = (self.instrument.array.len(), place(&self.path, "samples"));
+        if let Some(samples) = &self.corrected {
+            return visit_samples(&self.instrument, samples, block, visit);
+        }
         self.unchecked().visit(block, &mut |range, samples| {
             check_finite(&place, range.start, n_mic, samples)?;
             visit(range, samples)
@@ -322,72 +378,5 @@ impl CubeSource for UncheckedSamples<'_> {
             first = range.end;
             visit(range, samples)
         })
-    }
-}
-
-#[cfg(test)]
-#[allow(clippy::unwrap_used)]
-mod tests {
-    use super::*;
-    use crate::named::assert_names;
-
-    /// 10 frequencies at 6 microphones.
-    fn cube() -> DataCube {
-        let sweep = Sweep::stepped(10_000.0, 10_900.0, 100.0).unwrap();
-        let array = MicArray::rectangular([3, 2], [0.02; 2], DVec3::ZERO).unwrap();
-        let samples = (0..60).map(|i| crate::wave::phasor(f64::from(i) * 0.377)).collect();
-        DataCube::new(Instrument::new(sweep, array), samples).unwrap()
-    }
-
-    #[test]
-    fn blocks_are_the_whole_cube_in_order() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("cube.npz");
-        let cube = cube();
-        cube.write(&path).unwrap();
-        let collect = |source: &mut dyn CubeSource, block| {
-            let mut all = Vec::new();
-            source
-                .visit(block, &mut |range, samples| {
-                    assert_eq!(range.start * 6, all.len());
-                    assert_eq!(range.len() * 6, samples.len());
-                    all.extend_from_slice(samples);
-                    Ok(())
-                })
-                .unwrap();
-            all
-        };
-        for block in [1, 3, 10, 1000] {
-            // A limit far below the cube's size: only one block is in memory.
-            let mut file = CubeFile::open(&path, 6 * 8 * 10).unwrap();
-            assert_eq!(file.held_bytes(), 0);
-            assert_eq!(collect(&mut file, block.min(5)), cube.samples);
-            assert_eq!(collect(&mut &cube, block), cube.samples);
-        }
-        assert!(CubeFile::open(&path, 300).unwrap().load().is_err(), "the whole cube exceeds the limit");
-        // As numbers and as points, the positions take 288 bytes.
-        let refused = CubeFile::open(&path, 287).unwrap_err();
-        assert_eq!(refused.exit_status(), 2);
-        assert_names(refused.to_string(), &["cube.npz", "`mic_positions`", "--memory"]);
-    }
-
-    #[test]
-    fn a_damaged_file_is_noticed_at_its_block() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("cube.npz");
-        let mut cube = cube();
-        cube.samples[31] = Complex32::new(f32::NAN, 0.0);
-        cube.write(&path).unwrap();
-        let mut seen = 0;
-        let error = CubeFile::open(&path, 1 << 20)
-            .unwrap()
-            .visit(2, &mut |range, _| {
-                seen = range.end;
-                Ok(())
-            })
-            .unwrap_err()
-            .to_string();
-        assert_eq!(seen, 4);
-        assert!(error.contains("frequency 5") && error.contains("microphone 1"), "{error}");
     }
 }

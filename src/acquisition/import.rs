@@ -17,6 +17,7 @@ pub use axes::ImportAxis;
 pub use options::{FrequencyUnit, ImportOptions, Imported};
 pub use table::TraceColumn;
 pub(crate) use table::check_columns;
+pub(super) use table::frequency_response;
 
 use super::{DataCube, Detection, Instrument, MicArray, Sweep};
 use crate::error::{Error, Result, gib};

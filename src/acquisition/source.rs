@@ -33,11 +33,21 @@ impl CubeSource for &DataCube {
     }
 
     fn visit(&mut self, block: usize, visit: &mut Visit) -> Result<()> {
-        let (n_f, n_mic) = (self.instrument.sweep.len(), self.instrument.array.len());
-        for first in (0..n_f).step_by(block) {
-            let range = first..(first + block).min(n_f);
-            visit(range.clone(), &self.samples[range.start * n_mic..range.end * n_mic])?;
-        }
-        Ok(())
+        visit_samples(&self.instrument, &self.samples, block, visit)
     }
+}
+
+/// Visits samples that are in memory.
+pub(super) fn visit_samples(
+    instrument: &Instrument,
+    samples: &[Complex32],
+    block: usize,
+    visit: &mut Visit,
+) -> Result<()> {
+    let (n_f, n_mic) = (instrument.sweep.len(), instrument.array.len());
+    for first in (0..n_f).step_by(block) {
+        let range = first..(first + block).min(n_f);
+        visit(range.clone(), &samples[range.start * n_mic..range.end * n_mic])?;
+    }
+    Ok(())
 }

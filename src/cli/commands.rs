@@ -1,7 +1,9 @@
 //! The commands: each turns its arguments into calls of the library and shows the results.
 
+mod calibrate;
 mod import;
 
+pub(super) use calibrate::CalibrateArgs;
 pub(super) use import::ImportArgs;
 
 use super::inputs::{
@@ -46,6 +48,7 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
             print_written(std::slice::from_ref(output), terminal)
         }
         Command::Import(args) => import::run(args, terminal),
+        Command::Calibrate(args) => calibrate::run(args, terminal),
         Command::Reconstruct { cube, config, output, settings, checkpoint } => {
             output.iter().try_for_each(|path| announce(path, &["npz", "exr", "vti", "nrrd", "vdb"]))?;
             // The checkpoint is in the folder of the first output.
@@ -129,7 +132,7 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
 fn plan(input: &Path, config: Option<&Path>, overrides: &Overrides, terminal: &Terminal) -> Result<()> {
     let forecast = if has_extension(input, &["npz"]) {
         let (run, cube) = cube_of(input, config, &overrides.keys()?, terminal)?;
-        pipeline::forecast_cube(&run, &cube)?
+        pipeline::forecast_cube(&run, cube, terminal)?
     } else {
         no_config(config)?;
         let Input { run, bare } = scene_of(input, overrides, terminal)?;

@@ -1,7 +1,8 @@
-//! The threads of the program: how many, and how large their stacks are.
+//! The threads of the program: how many, how large their stacks are, and their vector instructions.
 
 use crate::error::{Error, Result};
 use crate::progress::Observer;
+use crate::wave::simd::{self, Level};
 use std::num::NonZeroUsize;
 use std::thread;
 
@@ -17,6 +18,15 @@ const PER_CORE: usize = 4;
 
 /// As many threads are always allowed, so that results can be compared anywhere.
 const ALWAYS: usize = 16;
+
+/// Limits the vector instructions of the program's own loops, if the environment requests it.
+pub(super) fn limit_simd() -> Result<()> {
+    const NAME: &str = "HOLOSONAR_SIMD";
+    if let Some(value) = std::env::var_os(NAME).filter(|value| !value.is_empty()) {
+        simd::limit(Level::named(NAME, &value.to_string_lossy(), Level::of_processor())?);
+    }
+    Ok(())
+}
 
 /// Runs `work` on this thread, or where `ulimit -s` leaves too little stack, on one that has enough.
 pub(super) fn with_stack<T: Send + 'static>(work: fn() -> T) -> T {

@@ -1,5 +1,6 @@
 //! The checks of a run file beyond types: ranges, and keys that must agree with each other.
 
+mod calibration;
 mod import;
 mod measurement;
 mod results;
@@ -26,6 +27,7 @@ impl RunFile {
         self.array.check()?;
         self.detection.check()?;
         self.import.check()?;
+        self.calibration.check()?;
         self.grid.check()?;
         self.reconstruct.check()?;
         self.refine.check()?;

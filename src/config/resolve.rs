@@ -1,5 +1,6 @@
 //! From the run file to the parameters of the stages; no other place converts one to the other.
 
+mod calibration;
 mod import;
 
 use super::check::square_root;

@@ -2,12 +2,15 @@
 //!
 //! A key whose absence has a meaning of its own is an `Option`; every other key has the default that `Default` gives.
 
+mod calibration;
 mod import;
 mod measurement;
 mod pair;
 mod results;
 mod scene;
 
+pub use calibration::CalibrationTable;
+pub(in crate::config) use calibration::MEAN;
 pub use import::ImportTable;
 pub use measurement::{ArrayTable, DetectionTable, MediumTable, SweepTable};
 pub use results::{DepthTable, ExpectTable, GridTable, Limit, OutputTable, ReconstructTable, RefineTable};

@@ -11,6 +11,7 @@ use crate::error::Result;
 use crate::grid::{Axis, Grid};
 use crate::plan::design::Suggestion;
 use crate::plan::{Design, JobArrays, MemoryEstimate, Plan, design, plan};
+use crate::progress::Observer;
 use crate::reconstruct::{Estimate, estimate};
 use serde::Serialize;
 use std::path::Path;
@@ -91,11 +92,12 @@ pub fn forecast_scene(run: &RunFile, job: &JobOptions) -> Result<Forecast> {
     Ok(forecast)
 }
 
-/// Predicts `image` of a cube file. No sample is read.
+/// Predicts `image` of a cube file. No sample is read, unless `[calibration]` corrects them, which is tried.
 ///
 /// # Errors
-/// A missing or invalid grid.
-pub fn forecast_cube(run: &RunFile, cube: &CubeFile) -> Result<Forecast> {
+/// A missing or invalid grid; corrections that are impossible.
+pub fn forecast_cube(run: &RunFile, cube: CubeFile, observer: &dyn Observer) -> Result<Forecast> {
+    let cube = cube.calibrated(&run.calibration(), observer)?;
     let instrument = cube.instrument();
     let grid = run.voxels(instrument, None)?;
     let budget = MemoryBudget::of(run);

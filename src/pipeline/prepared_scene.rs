@@ -158,6 +158,9 @@ impl PreparedScene {
         warn_all(&self.plan.warnings, observer);
         let mesh = self.scene.as_ref().map(|_| is_in_metres(&run.scene));
         warn_all(&placement_warnings(self.instrument(), &self.grid, self.bounds(), mesh), observer);
+        if !run.calibration().is_empty() {
+            observer.warn("[calibration] corrects measured cubes; what is simulated here is left as it is");
+        }
         if self.reflectors.is_empty() {
             observer.warn("the speaker reaches no surface of the scene, so that the cube is silent; check the position of the scene");
         }

@@ -85,7 +85,7 @@ impl ChannelLevels {
     }
 
     /// Whether a channel is neither dead nor loud.
-    pub(super) fn is_usual(&self, index: usize) -> bool {
+    pub(in crate::acquisition) fn is_usual(&self, index: usize) -> bool {
         self.level_db(index).is_some_and(|db| (DEAD_DB..=LOUD_DB).contains(&db))
     }
 }

@@ -2,11 +2,15 @@
 //!
 //! Fields are separated by commas, semicolons, tabs or blanks; a header line is optional; `#`, `!` and `%` begin comments.
 
-use super::{Trace, parse_number};
+use super::array::NumpyFiles;
+use super::{Trace, parse_number, text_of};
 use crate::choice::choice;
 use crate::error::{Error, Result};
+use crate::files::extension;
 use crate::text::quoted;
+use crate::wave::phasor;
 use num_complex::{Complex32, Complex64};
+use std::f64::consts::TAU;
 use std::path::Path;
 
 choice! {
@@ -22,9 +26,9 @@ choice! {
         Magnitude = "mag",
         /// The magnitude in dB, 20 log₁₀.
         Decibel = "db",
-        /// The phase in degrees.
+        /// The phase in degrees; alone, of magnitude 1.
         Degree = "deg",
-        /// The phase in radians.
+        /// The phase in radians; alone, of magnitude 1.
         Radian = "rad",
         /// Nothing that is needed.
         Ignored = "-",
@@ -32,13 +36,15 @@ choice! {
 }
 
 /// The forms that a sample can have, as lists of columns.
-const FORMS: [&[TraceColumn]; 6] = [
+const FORMS: [&[TraceColumn]; 8] = [
     &[TraceColumn::Real, TraceColumn::Imaginary],
     &[TraceColumn::Real],
     &[TraceColumn::Magnitude, TraceColumn::Degree],
     &[TraceColumn::Magnitude, TraceColumn::Radian],
     &[TraceColumn::Decibel, TraceColumn::Degree],
     &[TraceColumn::Decibel, TraceColumn::Radian],
+    &[TraceColumn::Degree],
+    &[TraceColumn::Radian],
 ];
 
 /// Whether columns are complete: at most one frequency, and a sample.
@@ -56,7 +62,7 @@ pub(crate) fn check_columns(columns: &[TraceColumn]) -> std::result::Result<(), 
     }
     let words: Vec<&str> = columns.iter().map(|column| column.as_str()).collect();
     Err(format!(
-        "found {words:?}; expected \"f\" and one of re, im; db, deg; mag, deg; mag, rad; or re alone; \"-\" for other columns"
+        "found {words:?}; expected \"f\" and one of re, im; db, deg; mag, deg; mag, rad; or re, deg or rad alone; \"-\" for other columns"
     ))
 }
 
@@ -126,12 +132,11 @@ pub(super) fn parse(path: &Path, text: &str, columns: &[TraceColumn], unit: f64)
         let get = |wanted| index(wanted).and_then(|i| row[i]);
         let magnitude =
             get(TraceColumn::Magnitude).or(get(TraceColumn::Decibel).map(|db| 10_f64.powf(db / 20.0)));
-        let value = match magnitude {
-            Some(magnitude) => {
-                let angle = get(TraceColumn::Radian).or(get(TraceColumn::Degree).map(f64::to_radians));
-                Complex64::from_polar(magnitude, angle.unwrap_or(0.0))
-            }
-            None => Complex64::new(
+        let angle = get(TraceColumn::Radian).or(get(TraceColumn::Degree).map(f64::to_radians));
+        let value = match (magnitude, angle) {
+            (Some(magnitude), angle) => Complex64::from_polar(magnitude, angle.unwrap_or(0.0)),
+            (None, Some(angle)) => Complex64::cis(angle),
+            (None, None) => Complex64::new(
                 get(TraceColumn::Real).unwrap_or(0.0),
                 get(TraceColumn::Imaginary).unwrap_or(0.0),
             ),
@@ -163,6 +168,36 @@ pub(super) fn first_column(path: &Path, text: &str, unit: f64) -> Result<Vec<f64
         })
     })
     .collect()
+}
+
+/// The response of each frequency, and the frequencies in Hz where the file has them: a `.csv`, or phases in rad, `.npy`.
+///
+/// # Errors
+/// As [`parse`]; an array of more than one axis, or with values that are not finite.
+pub(in crate::acquisition) fn frequency_response(
+    path: &Path,
+    columns: &[TraceColumn],
+    limit: u64,
+) -> Result<(Option<Vec<f64>>, Vec<Complex32>)> {
+    let problem = match extension(path).as_str() {
+        "csv" | "txt" => {
+            let trace = parse(path, &text_of(path, limit)?, columns, 1.0)?;
+            return Ok((trace.frequencies, trace.values));
+        }
+        "npy" => {
+            let phases = NumpyFiles::open(&[path.to_owned()], limit).and_then(|mut files| files.only())?;
+            if phases.shape.iter().filter(|n| **n != 1).count() <= 1
+                && phases.data.iter().all(|phase| phase.is_finite())
+            {
+                return Ok((None, phases.data.iter().map(|phase| phasor(phase / TAU)).collect()));
+            }
+            "must be one list of finite phases, in rad"
+        }
+        _ => {
+            "is of an unknown kind; .npz (as `calibrate` writes it), .csv, or .npy (phases in rad) was expected"
+        }
+    };
+    Err(Error::input(path.display(), problem))
 }
 
 #[cfg(test)]

@@ -28,6 +28,10 @@ pub(in crate::pipeline) fn of_cube(
     let content = cube.fingerprint()?;
     let mut identity = of_instrument(job, run, cube.instrument(), grid);
     identity.text(&content);
+    // What a calibration's own files hold is in the samples that it left.
+    if let Some(samples) = cube.corrected() {
+        identity.bytes(bytemuck::cast_slice(samples));
+    }
     Ok(identity)
 }
 

@@ -1,0 +1,27 @@
+//! From `[calibration]` to corrections.
+
+use crate::acquisition::{Background, Calibration};
+use crate::config::RunFile;
+use crate::config::tables::MEAN;
+use crate::plan::memory_limit;
+
+impl RunFile {
+    /// `[calibration]`.
+    pub fn calibration(&self) -> Calibration {
+        let table = &self.calibration;
+        Calibration {
+            mask: table.mask.clone(),
+            background: table.background.as_ref().map(|background| match background.typed.as_str() {
+                MEAN => Background::Mean,
+                _ => Background::Cube(background.path.clone()),
+            }),
+            high_pass: table.high_pass,
+            response: table.response.as_ref().map(|file| file.path.clone()),
+            columns: table.columns.clone(),
+            phase_sign: table.phase_sign.unwrap_or(1),
+            delay: table.delay,
+            gate: table.gate,
+            memory: memory_limit(self.memory).unwrap_or(u64::MAX),
+        }
+    }
+}
