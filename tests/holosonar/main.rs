@@ -12,6 +12,7 @@ mod bare;
 mod binary;
 #[cfg(target_os = "linux")]
 mod browser;
+mod calibration;
 mod choices;
 mod command;
 mod escapes;

@@ -12,7 +12,7 @@ use std::path::PathBuf;
 /// What is subtracted of the samples.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Background {
-    /// A cube of the same instrument without the scene.
+    /// A cube of the same instrument without the scene, whose tones may have drifted by up to 20 % since.
     Cube(PathBuf),
     /// The mean over the microphones, frequency by frequency: leakage that is the same in all of them.
     Mean,
@@ -35,7 +35,7 @@ impl Background {
             }
             Self::Cube(path) => {
                 let place = path.display();
-                let empty = CubeFile::open(path, memory)?.load_unchecked()?;
+                let mut empty = CubeFile::open(path, memory)?.load_unchecked()?;
                 let differ = |what: &str| {
                     Err(Error::input(
                         place.to_string(),
@@ -57,15 +57,48 @@ impl Background {
                 if own.detection != other.detection {
                     return differ("samples, in phase or in quadrature,");
                 }
-                cube.samples.iter_mut().zip(&empty.samples).for_each(|(m, empty)| *m -= empty);
-                silence(cube, masked, 0.0);
-                check_finite(&format!("{place}, array `samples`"), 0, n_mic, &cube.samples)?;
-                format!("background {place} subtracted")
+                silence(&mut empty, masked, 0.0);
+                check_finite(&format!("{place}, array `samples`"), 0, n_mic, &empty.samples)?;
+                let rows = cube.samples.chunks_exact_mut(n_mic).zip(empty.samples.chunks_exact(n_mic));
+                let drift: f64 = rows.map(|(row, empty)| subtract_drifting(row, empty)).sum();
+                let drift = 100.0 * (drift / own.sweep.len() as f64).sqrt();
+                format!("background {place} with a drift of {drift:.1} % subtracted")
             }
         };
         Ok(format!("{what}, {}", change(before, power(&cube.samples))))
     }
 }
+
+/// Subtracts a tone of the empty room, in the amplitude and phase that fit best; gives the squared relative change of it.
+///
+/// Speakers and amplifiers drift between two measurements, each tone by its own amount, and what is left of a strong direct
+/// wave would lie over the whole range. Echoes resemble the empty room by chance, about as much as one of n microphones'
+/// worth; so much of a fit is no drift, and is left out as the James-Stein estimator does.
+fn subtract_drifting(row: &mut [Complex32], empty: &[Complex32]) -> f64 {
+    let (mut product, mut square, mut whole) = (Complex64::ZERO, 0.0, 0.0);
+    for (m, e) in row.iter_mut().zip(empty) {
+        *m -= e;
+        let [m, e] = [*m, *e].map(|m| Complex64::new(m.re.into(), m.im.into()));
+        product += e.conj() * m;
+        square += e.norm_sqr();
+        whole += m.norm_sqr();
+    }
+    let fitted = if square > 0.0 { product.norm_sqr() / square } else { 0.0 };
+    let chance = BY_CHANCE * (whole - fitted) / (row.len() as f64 - 1.0).max(1.0);
+    if fitted <= chance || product.norm() > DRIFT * square {
+        return 0.0;
+    }
+    let drift = product / square * (1.0 - chance / fitted);
+    let factor = Complex32::new(drift.re as f32, drift.im as f32);
+    row.iter_mut().zip(empty).for_each(|(m, e)| *m -= e * factor);
+    drift.norm_sqr()
+}
+
+/// A drift must explain this many times the power that it would by chance.
+const BY_CHANCE: f64 = 10.0;
+
+/// More is no drift of a background, but echoes that resemble it.
+const DRIFT: f64 = 0.2;
 
 /// Distance at which two microphones are the same, m.
 const SAME_PLACE: f64 = 1e-4;
