@@ -4,7 +4,7 @@ pub(super) mod health;
 
 use super::Overrides;
 use super::inputs::{config_of, run_file_of};
-use crate::acquisition::DataCube;
+use crate::acquisition::{ChannelResponse, DataCube};
 use crate::error::{Error, Result};
 use crate::export::amplitude::Amplitude;
 use crate::export::depth_exr::read_depth_map;
@@ -16,6 +16,7 @@ use crate::files::npz::NpzReader;
 use crate::grid::{Axis, Grid};
 use crate::progress::Observer;
 use crate::scene::{EXTENSIONS, Scene, Unit, metres};
+use num_complex::Complex32;
 use serde_json::{Value, json};
 use std::path::Path;
 
@@ -66,8 +67,11 @@ fn volume_facts(grid: &Grid, peak_amplitude: f32, key: &str, metadata: &Value) -
 }
 
 fn npz(file: &Path, limit: u64) -> Result<Value> {
-    let has = |name| NpzReader::open(file, limit).map(|reader| reader.contains(name));
-    if has("x")? && !has("frequencies")? {
+    let reader = NpzReader::open(file, limit)?;
+    if ChannelResponse::is_of(&reader) {
+        return Ok(response(&ChannelResponse::read(file, limit)?));
+    }
+    if reader.contains("x") && !reader.contains("frequencies") {
         let (volume, meta) = read_volume_npz(file, limit)?;
         return Ok(volume_facts(&volume.grid, volume.peak(), "meta", &meta));
     }
@@ -92,6 +96,22 @@ fn npz(file: &Path, limit: u64) -> Result<Value> {
         "rms_sample": power.sqrt(),
         "provenance": cube.provenance,
     }))
+}
+
+/// The facts of what `calibrate --reference` measured.
+fn response(response: &ChannelResponse) -> Value {
+    let levels = |values: &[Complex32]| {
+        let level = |pick: fn(f32, f32) -> f32| {
+            values.iter().map(|value| value.norm()).reduce(pick).map(|norm| 20.0 * norm.log10())
+        };
+        json!({ "count": values.len(), "least_db": level(f32::min), "greatest_db": level(f32::max) })
+    };
+    json!({
+        "kind": "response",
+        "frequencies": levels(&response.frequency),
+        "microphones": levels(&response.microphone),
+        "explained": response.explained,
+    })
 }
 
 fn volume(file: &Path, limit: u64) -> Result<Value> {

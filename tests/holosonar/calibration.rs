@@ -264,6 +264,9 @@ fn what_cannot_be_corrected_is_refused() {
         refused(path, &corrected(settings), 2, named);
     }
     done(path, &format!("calibrate --reference ball.npz --at {BALL} --per both -o cal.npz -q"));
+    let facts = done_json(path, "info cal.npz");
+    assert_eq!((&facts["kind"], &facts["microphones"]["count"]), (&"response".into(), &961.into()));
+    assert!(facts["explained"].as_f64().unwrap() > 0.999);
     let few = "simulate ball.csv -o few.npz -q --set sweep.start=10000 --set sweep.stop=11000 --set array.count=5 \
         --set array.pitch=0.1";
     done(path, few);

@@ -8,7 +8,7 @@ use crate::mutation::{damage, restructure, retouch};
 use crate::named::assert_names;
 use crate::readers::{self, FORMATS, Format, LIMIT};
 use crate::support::{Random, data};
-use holosonar::acquisition::{DataCube, Instrument, MicArray, Sweep};
+use holosonar::acquisition::{ChannelResponse, DataCube, Instrument, MicArray, ResponseAxis, Sweep};
 use holosonar::config::{ANNOTATED, RunFile};
 use holosonar::export::points_ply::{SceneMesh, ScenePoints};
 use holosonar::export::volume_npz::read_volume_npz;
@@ -69,6 +69,8 @@ fn written(folder: &Path) {
     SceneMesh::decimated(&scene).write(&folder.join("mesh.ply"), &[]).unwrap();
     let cube = DataCube::new(Instrument::new(sweep, array), samples).unwrap();
     cube.write(&folder.join("cube.npz")).unwrap();
+    let response = ChannelResponse::measure(&cube, glam::DVec3::Z, ResponseAxis::Both).unwrap();
+    response.write(&folder.join("response.npz")).unwrap();
     let axis = |first, count| Axis { first, pitch: 0.1, count };
     let grid = Grid { x: axis(-0.2, 5), y: axis(-0.1, 3), z: axis(1.0, 4) };
     let volume = Volume::new(grid, (0..60).map(|i| Complex32::new(0.5, i as f32)).collect());
@@ -148,6 +150,7 @@ fn parsers() -> Vec<Parser> {
     ];
     let ours = [
         "cube.npz",
+        "response.npz",
         "volume.npz",
         "depth.exr",
         "volume.exr",

@@ -2,7 +2,8 @@
 
 use crate::mutation::Structure;
 use holosonar::acquisition::{
-    ArrayName, DataCube, ImportAxis, ImportOptions, MeanWord, MicArray, RawOffset, Sweep, TraceColumn, import,
+    ArrayName, ChannelResponse, DataCube, ImportAxis, ImportOptions, MeanWord, MicArray, RawOffset, Sweep,
+    TraceColumn, import,
 };
 use holosonar::config::RunFile;
 use holosonar::error::{Error, Result};
@@ -40,7 +41,7 @@ pub(crate) const FORMATS: [Format; 15] = [
     Format { extension: "ply", structure: Structure::Heading, read: scene_or_points },
     Format { extension: "csv", structure: Structure::Lines, read: reflectors_or_microphones },
     Format { extension: "xml", structure: Structure::Lines, read: microphones },
-    Format { extension: "npz", structure: Structure::Npz, read: cube_or_volume },
+    Format { extension: "npz", structure: Structure::Npz, read: cube_volume_or_response },
     Format { extension: "npy", structure: Structure::Heading, read: samples },
     Format { extension: "s2p", structure: Structure::Lines, read: samples },
     Format { extension: "exr", structure: Structure::Exr, read: depth_or_amplitude },
@@ -124,8 +125,9 @@ fn microphones(path: &Path, _: &LoadOptions) -> Vec<Result<()>> {
     vec![MicArray::read(path).map(drop)]
 }
 
-fn cube_or_volume(path: &Path, _: &LoadOptions) -> Vec<Result<()>> {
+fn cube_volume_or_response(path: &Path, _: &LoadOptions) -> Vec<Result<()>> {
     let mut results = vec![DataCube::read(path, LIMIT).map(drop), read_volume_npz(path, LIMIT).map(drop)];
+    results.push(ChannelResponse::read(path, LIMIT).map(drop));
     let mut options = import_options(path);
     options.frequencies = Some("frequencies".into());
     options.positions = Some("mic_positions".into());

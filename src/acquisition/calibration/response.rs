@@ -167,7 +167,16 @@ impl ChannelResponse {
             return refuse(format!("is no response: it has neither `{FREQUENCY}` nor `{MICROPHONE}`"));
         }
         let frequencies = if npz.contains("frequencies") { npz.f64("frequencies")?.data } else { Vec::new() };
-        Ok(Self { frequency, microphone, frequencies, explained: f64::NAN })
+        let meta = if npz.contains("meta") { npz.text("meta")? } else { String::new() };
+        // Written by someone else, it may be missing, and nothing depends on it.
+        let meta: serde_json::Value = serde_json::from_str(&meta).unwrap_or_default();
+        let explained = meta["explained"].as_f64().unwrap_or(f64::NAN);
+        Ok(Self { frequency, microphone, frequencies, explained })
+    }
+
+    /// Whether a file's arrays are those of a response.
+    pub(crate) fn is_of(npz: &NpzReader) -> bool {
+        npz.contains(FREQUENCY) || npz.contains(MICROPHONE)
     }
 
     /// Reads the response of each frequency from a `.csv`, or its phase in rad from a `.npy`; `sign` as
