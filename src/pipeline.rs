@@ -186,7 +186,8 @@ pub fn image_cube(run: &RunFile, cube: CubeFile, job: &JobOptions) -> Result<Out
     checkpoint.check_space(outputs::volume_bytes(run, &grid))?;
     checkpoint.open(&identity::of_cube("image", run, &mut cube, &grid)?, observer)?;
     let sidelobes = facts::sidelobes(&instrument, run);
-    let physics = [cube.changes(), &facts::beyond_the_sum(run)].concat();
+    let interface: Vec<String> = facts::beyond_interface(&instrument).into_iter().collect();
+    let physics = [cube.changes(), &interface, &facts::beyond_the_sum(run)].concat();
     let (image, depth) =
         reconstruct_and_locate(&budget, &mut cube, &grid, (raster, samples, sidelobes), checkpoint, &log)?;
     let (timings, warnings) = log.finish();

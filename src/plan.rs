@@ -327,7 +327,7 @@ mod tests {
         for iz in [0, 30, 60] {
             for ix in 0..grid.x.count {
                 for r in instrument.array.positions() {
-                    let path = instrument.geometry.path_length(grid.position(ix, 50 - ix, iz), *r);
+                    let path = instrument.path_length(grid.position(ix, 50 - ix, iz), *r);
                     assert!((least..=most + 1e-12).contains(&path));
                 }
             }

@@ -7,6 +7,7 @@
 pub mod air;
 mod aperture;
 pub(crate) mod cells;
+mod interface;
 pub(crate) mod interval;
 pub(crate) mod legs;
 pub(crate) mod offsets;
@@ -16,6 +17,8 @@ pub mod simd;
 pub(crate) mod two_legs;
 
 pub use aperture::{Aperture, Resolution};
+pub use interface::Interface;
+pub(crate) use interface::{LegTable, Refraction};
 
 use crate::choice::choice;
 use glam::DVec3;

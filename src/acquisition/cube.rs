@@ -80,7 +80,7 @@ impl DataCube {
     /// # Errors
     /// [`Error::Io`] if the file cannot be written; an existing file is then unchanged.
     pub fn write(&self, path: &Path) -> Result<()> {
-        let Instrument { sweep, array, geometry, detection, sound_speed } = &self.instrument;
+        let Instrument { sweep, array, geometry, detection, sound_speed, interface } = &self.instrument;
         let shape = [vec![sweep.len()], array.shape()].concat();
         let positions_shape = [array.shape(), vec![3]].concat();
         let positions: Vec<f64> = array.positions().iter().flat_map(DVec3::to_array).collect();
@@ -97,6 +97,9 @@ impl DataCube {
             "phase_sign": 1,
             "source": source.to_array(),
         });
+        if let Some(interface) = interface {
+            meta["interface"] = json!(interface);
+        }
         if !self.provenance.is_null() {
             meta["provenance"] = self.provenance.clone();
         }

@@ -11,7 +11,7 @@ use crate::files::npz::NpzReader;
 use crate::progress::Observer;
 use crate::scene::FARTHEST;
 use crate::text::{nearest, quoted};
-use crate::wave::{DEFAULT_SOUND_SPEED, Geometry, GeometryKind, SOUND_SPEEDS, is_sound_speed};
+use crate::wave::{DEFAULT_SOUND_SPEED, Geometry, GeometryKind, Interface, SOUND_SPEEDS, is_sound_speed};
 use glam::DVec3;
 use num_complex::Complex32;
 use serde::Deserialize;
@@ -42,6 +42,7 @@ struct Meta {
     detection: Option<Detection>,
     phase_sign: i32,
     source: [f64; 3],
+    interface: Option<Interface>,
     provenance: Value,
 }
 
@@ -55,6 +56,7 @@ impl Default for Meta {
             detection: None,
             phase_sign: 1,
             source: [0.0; 3],
+            interface: None,
             provenance: Value::Null,
         }
     }
@@ -64,8 +66,17 @@ impl Default for Meta {
 const ARRAYS: [&str; 4] = ["samples", "frequencies", "mic_positions", "meta"];
 
 /// The keys of `meta`.
-const META: [&str; 8] =
-    ["format", "version", "sound_speed", "geometry", "detection", "phase_sign", "source", "provenance"];
+const META: [&str; 9] = [
+    "format",
+    "version",
+    "sound_speed",
+    "geometry",
+    "detection",
+    "phase_sign",
+    "source",
+    "interface",
+    "provenance",
+];
 
 /// A name that no cube file has: it was meant to say something, and would say nothing.
 fn unknown_name(what: &str, name: &str, known: &[&str]) -> Error {
@@ -212,10 +223,16 @@ impl CubeFile {
                 format!("have the shape {shape:?}; `frequencies` and `mic_positions` require {expected:?}"),
             ));
         }
+        let instrument = Instrument::new(sweep, array)
+            .with_geometry(geometry)
+            .with_detection(detection)
+            .with_sound_speed(meta.sound_speed)
+            .with_interface(meta.interface);
+        instrument.check().map_err(|error| error.at(place(path, "meta")))?;
         Ok(Self {
             path: path.to_owned(),
             npz,
-            instrument: Instrument { sweep, array, geometry, detection, sound_speed: meta.sound_speed },
+            instrument,
             conjugated: meta.phase_sign < 0,
             provenance: meta.provenance,
             changes: Vec::new(),

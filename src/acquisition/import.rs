@@ -366,7 +366,8 @@ pub fn import(options: &ImportOptions) -> Result<Imported> {
     let instrument = Instrument::new(sweep, found.positions.array)
         .with_geometry(options.geometry.unwrap_or(Geometry::ORIGIN))
         .with_detection(detection)
-        .with_sound_speed(sound_speed);
+        .with_sound_speed(sound_speed)
+        .with_interface(options.interface);
     instrument.check()?;
     let mut facts = Map::new();
     facts.insert(

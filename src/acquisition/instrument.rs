@@ -9,7 +9,10 @@ use crate::error::{Error, Result};
 use crate::grid::Grid;
 use crate::scene::FARTHEST;
 use crate::wave::interval::PathInterval;
-use crate::wave::{Aperture, DEFAULT_SOUND_SPEED, Geometry, MOST_WAVELENGTHS, SOUND_SPEEDS, is_sound_speed};
+use crate::wave::{
+    Aperture, DEFAULT_SOUND_SPEED, Geometry, Interface, MOST_WAVELENGTHS, Refraction, SOUND_SPEEDS,
+    is_sound_speed,
+};
 use crate::with_fields::with_fields;
 use glam::DVec3;
 use std::ops::Range;
@@ -51,6 +54,8 @@ pub struct Instrument {
     pub detection: Detection,
     /// c, m/s; within [`SOUND_SPEEDS`].
     pub sound_speed: f64,
+    /// A plane beyond which sound has another speed, if there is one.
+    pub interface: Option<Interface>,
 }
 
 with_fields! {
@@ -60,6 +65,7 @@ with_fields! {
         with_geometry(geometry: Geometry),
         with_detection(detection: Detection),
         with_sound_speed(sound_speed: f64),
+        with_interface(interface: Option<Interface>),
     }
 }
 
@@ -72,11 +78,13 @@ impl Instrument {
             geometry: Geometry::ORIGIN,
             detection: Detection::Quadrature,
             sound_speed: DEFAULT_SOUND_SPEED,
+            interface: None,
         }
     }
 
-    /// Rejects a speed of sound or a loudspeaker position with which no path has a phase.
+    /// Rejects a speed of sound, a loudspeaker position or an interface with which no path has a phase.
     pub(crate) fn check(&self) -> Result<()> {
+        self.check_interface()?;
         let c = self.sound_speed;
         let problem = match self.geometry {
             _ if !is_sound_speed(c) => {
@@ -91,6 +99,27 @@ impl Instrument {
         Err(Error::input("instrument", problem))
     }
 
+    fn check_interface(&self) -> Result<()> {
+        let Some(Interface { depth, sound_speed }) = self.interface else { return Ok(()) };
+        let nearest = self.array.bounds().1.z;
+        let nearest = match self.geometry {
+            Geometry::FixedSource { source } => nearest.max(source.z),
+            Geometry::Monostatic => nearest,
+        };
+        let problem = if !is_sound_speed(sound_speed) {
+            let [least, most] = SOUND_SPEEDS;
+            format!("the speed of sound beyond it must be from {least} to {most:e} m/s, not {sound_speed}")
+        } else if !(depth > nearest && depth <= FARTHEST) {
+            format!(
+                "it is at z = {depth} m; array and loudspeaker, up to {nearest} m, must be before it, and it within \
+                 {FARTHEST:e} m"
+            )
+        } else {
+            return Ok(());
+        };
+        Err(Error::input("interface", problem))
+    }
+
     /// Rejects what [`Instrument::check`] does, and a box of voxels or reflectors, m, that is too far away; `place` names
     /// it.
     pub(crate) fn check_with(&self, place: &str, (low, high): (DVec3, DVec3)) -> Result<()> {
@@ -99,7 +128,7 @@ impl Instrument {
             let problem = format!("{low} to {high} m reaches beyond {FARTHEST:e} m; lengths are in metres");
             return Err(Error::input(place, problem));
         }
-        let [_, longest] = self.geometry.path_bounds((low, high), self.array.bounds());
+        let [_, longest] = self.box_paths((low, high));
         let wavelengths = longest / self.shortest_wavelength();
         if wavelengths <= MOST_WAVELENGTHS {
             return Ok(());
@@ -132,7 +161,58 @@ impl Instrument {
             centre: self.array.centre(),
             extent: self.array.extent(),
             geometry: self.geometry,
+            interface: self.interface,
         }
+    }
+
+    /// Length of the path speaker → `p` → microphone at `r`, m: that of a straight path of the same duration, where it
+    /// crosses an interface.
+    #[inline]
+    pub fn path_length(&self, p: DVec3, r: DVec3) -> f64 {
+        match &self.interface {
+            None => self.geometry.path_length(p, r),
+            Some(interface) => interface.path_length(self.sound_speed, &self.geometry, p, r),
+        }
+    }
+
+    /// The part of the path that does not depend on the microphone, likewise; 0 for a monostatic scan.
+    #[inline]
+    pub(crate) fn outward_length(&self, p: DVec3) -> f64 {
+        match (&self.interface, self.geometry) {
+            (Some(interface), Geometry::FixedSource { source }) => {
+                interface.leg_length(self.sound_speed, source, p)
+            }
+            _ => self.geometry.outward_length(p),
+        }
+    }
+
+    /// What paths do at the interface, tabulated to 10⁻⁷ of the shortest wave; `None` without one.
+    pub(crate) fn refraction(&self) -> Option<Refraction> {
+        let accuracy = 1e-7 * self.shortest_wavelength();
+        self.interface.map(|interface| Refraction::new(&interface, self.sound_speed, accuracy))
+    }
+
+    /// Bounds on the path lengths between a box of points and the array: those of [`Geometry::path_bounds`], and with an
+    /// interface the sums of the shortest and of the longest legs.
+    pub(crate) fn box_paths(&self, (low, high): (DVec3, DVec3)) -> [f64; 2] {
+        let Some(refraction) = self.refraction() else {
+            return self.geometry.path_bounds((low, high), self.array.bounds());
+        };
+        // A leg grows with the lateral distance, and with the depth beneath its beginning.
+        let legs = |(first, last): (DVec3, DVec3)| {
+            let gap = (low - last).max(first - high).max(DVec3::ZERO).truncate();
+            let farthest = (high - first).abs().max((last - low).abs()).truncate();
+            let nearest = refraction.leg_length(last, (last.truncate() + gap).extend(low.z.max(last.z)));
+            let longest = refraction.leg_length(first, (first.truncate() + farthest).extend(high.z));
+            // Points may be behind an array that is moved forward.
+            [nearest, longest.max(farthest.length().hypot(last.z - low.z))]
+        };
+        let back = legs(self.array.bounds());
+        let out = match self.geometry {
+            Geometry::FixedSource { source } => legs((source, source)),
+            Geometry::Monostatic => back,
+        };
+        [out[0] + back[0], out[1] + back[1]]
     }
 
     /// Range resolution Δd = c/2B, m (Eq. 10); `None` for a single frequency.
@@ -149,7 +229,7 @@ impl Instrument {
         let (low, high) = grid.bounds();
         let low = low.with_z(grid.z.position(depths.start));
         let high = high.with_z(grid.z.position(depths.end - 1));
-        let [shortest, longest] = self.geometry.path_bounds((low, high), self.array.bounds());
+        let [shortest, longest] = self.box_paths((low, high));
         PathInterval { shortest, longest, sound_speed: self.sound_speed }
     }
 

@@ -36,7 +36,6 @@ use crate::choice::choice;
 use crate::error::{Error, Result};
 use crate::progress::{Observer, Silent, stage};
 use crate::reflectors::Reflectors;
-use crate::wave::Geometry;
 use crate::with_fields::with_fields;
 use cells::CellPlan;
 use columns::Columns;
@@ -118,10 +117,10 @@ with_fields! {
 impl PropagationModel {
     /// Length of the path via `p` to the microphone at `r`, m.
     #[inline]
-    fn path_length(self, geometry: &Geometry, p: DVec3, r: DVec3) -> f64 {
+    fn path_length(self, instrument: &Instrument, p: DVec3, r: DVec3) -> f64 {
         match self {
-            Self::Exact => geometry.path_length(p, r),
-            Self::Linear => geometry.linear_path_length(p, r),
+            Self::Exact => instrument.path_length(p, r),
+            Self::Linear => instrument.geometry.linear_path_length(p, r),
         }
     }
 }
@@ -183,6 +182,10 @@ pub(crate) fn simulate_resumable(
             "detection.tolerance",
             "must be a finite number of 0 or more; 0 sums every term",
         ));
+    }
+    if instrument.interface.is_some() && (options.losses.any() || options.model == PropagationModel::Linear) {
+        let problem = "is simulated with exact paths and without spreading, absorption and directivity";
+        return Err(Error::input("interface", problem));
     }
     match reflectors.bounds() {
         Some(bounds) => instrument.check_with("reflectors", bounds)?,
@@ -295,7 +298,10 @@ fn method<'a>(
     let candidates = cost::candidates(reflectors, instrument, options);
     // Without any there is nothing to gain, or no phase is accurate.
     let Some((least, _)) = candidates.first() else { return SimulationMethod::Literal };
-    if let Some(plan) = CellPlan::find(reflectors, instrument, options, *least) {
+    // Cells know straight paths only.
+    let cells =
+        instrument.interface.is_none().then(|| CellPlan::find(reflectors, instrument, options, *least));
+    if let Some(plan) = cells.flatten() {
         return SimulationMethod::Cells(Box::new(plan));
     }
     candidates

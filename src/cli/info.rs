@@ -80,7 +80,7 @@ fn npz(file: &Path, limit: u64) -> Result<Value> {
     let (sweep, array) = (&instrument.sweep, &instrument.array);
     let power: f64 =
         cube.samples.iter().map(|m| f64::from(m.norm_sqr())).sum::<f64>() / cube.samples.len() as f64;
-    Ok(json!({
+    let mut facts = json!({
         "kind": "data cube",
         "frequencies": sweep.len(),
         "start_hz": sweep.start(), "stop_hz": sweep.stop(), "step_hz": sweep.step(),
@@ -95,7 +95,11 @@ fn npz(file: &Path, limit: u64) -> Result<Value> {
         "range_resolution_m": instrument.range_resolution(),
         "rms_sample": power.sqrt(),
         "provenance": cube.provenance,
-    }))
+    });
+    if let Some(interface) = instrument.interface {
+        facts["interface"] = json!(interface);
+    }
+    Ok(facts)
 }
 
 /// The facts of what `calibrate --reference` measured.

@@ -32,6 +32,7 @@ impl RunFile {
         self.reconstruct.check()?;
         self.refine.check()?;
         self.depth.check()?;
+        self.check_interface()?;
         self.output.check()?;
         self.expect.check()
     }

@@ -22,12 +22,13 @@ const OF_SIMULATION: [&str; 2] = ["medium.spreading", "medium.absorption"];
 
 /// Keys that replace what a cube's file says.
 const SPEED: [&str; 4] = ["medium.sound_speed", "medium.temperature", "medium.humidity", "medium.pressure"];
+const INTERFACE: [&str; 3] = ["medium.interface", "medium.interface.depth", "medium.interface.sound_speed"];
 const SOURCE: &str = "array.source";
 const CENTRE: &str = "array.centre";
 
 impl RunFile {
-    /// What overrides replace of a cube's instrument: the speed of sound, as typed or of the air, and the places of speaker and
-    /// array. What the file says of them is that of the scene it simulates, and replaces nothing.
+    /// What overrides replace of a cube's instrument: the speeds of sound, as typed or of the air, an interface, and the places of speaker
+    /// and array. What the file says of them is that of the scene it simulates, and replaces nothing.
     ///
     /// # Errors
     /// Overrides that change nothing of a cube, with the reason.
@@ -57,6 +58,7 @@ impl RunFile {
         InstrumentChanges {
             sound_speed: SPEED.iter().any(|key| is_meant(key)).then(|| self.medium.speed()),
             source: is_meant(SOURCE).then(|| DVec3::from_array(self.array.source)),
+            interface: INTERFACE.iter().any(|key| is_meant(key)).then_some(self.medium.interface).flatten(),
             centre: is_meant(CENTRE).then(|| DVec3::from_array(self.array.centre)),
         }
     }

@@ -104,7 +104,8 @@ impl RunFile {
         Ok(instrument
             .with_geometry(self.geometry())
             .with_detection(self.detection.kind)
-            .with_sound_speed(self.medium.speed()))
+            .with_sound_speed(self.medium.speed())
+            .with_interface(self.medium.interface))
     }
 
     /// `[scene]` and `[[materials]]`. With neither `fit` nor `translate` the mesh keeps its position.

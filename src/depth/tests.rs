@@ -39,6 +39,7 @@ fn aperture() -> Aperture {
         centre: DVec3::ZERO,
         extent: DVec3::new(1.0, 1.0, 0.0),
         geometry: Geometry::ORIGIN,
+        interface: None,
     }
 }
 

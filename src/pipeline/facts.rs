@@ -6,7 +6,7 @@ use crate::depth::ArraySidelobes;
 use crate::export::{Attribute, Attributes, find_attribute};
 use crate::plan::near_sidelobe_db;
 use crate::reconstruct::ReconstructionInfo;
-use crate::wave::{Aperture, Geometry, GeometryKind};
+use crate::wave::{Aperture, Geometry, GeometryKind, Interface};
 use serde_json::{Value, json};
 
 /// The program and its version, as files name them.
@@ -48,6 +48,7 @@ pub(super) fn instrument_facts(instrument: &Instrument, run: &RunFile) -> Value 
         "array_extent": instrument.array.extent().to_array(),
         "geometry": instrument.geometry.kind(),
         "source": source,
+        "interface": instrument.interface,
         "detection": instrument.detection,
         // Samples of the other sign are conjugated on reading, so that every volume has the phases of this one.
         "phase_sign": 1,
@@ -56,6 +57,16 @@ pub(super) fn instrument_facts(instrument: &Instrument, run: &RunFile) -> Value 
         "range_resolution": instrument.range_resolution(),
         "seed": run.reflectors.seed,
         "run": run.to_json(),
+    })
+}
+
+/// What an interface does to the paths, in words.
+pub(super) fn beyond_interface(instrument: &Instrument) -> Option<String> {
+    instrument.interface.map(|Interface { depth, sound_speed }| {
+        format!(
+            "sound travels at {sound_speed} m/s beyond z = {depth} m; paths bend there by Snell's law, without loss, and \
+             shadows are cast along straight lines"
+        )
     })
 }
 
@@ -91,17 +102,19 @@ pub(super) fn sidelobes_of(meta: &Value) -> Option<ArraySidelobes> {
     serde_json::from_value(meta["sidelobes"].clone()).ok()
 }
 
-/// The range resolution c/2B from a volume's metadata, m.
+/// The range resolution c/2B from a volume's metadata, m; beyond an interface, if there is one.
 pub(crate) fn resolution_of(meta: &Value) -> Option<f64> {
     let number = |key: &str| meta.get(key).and_then(Value::as_f64).filter(|v| *v > 0.0);
-    Some(number("sound_speed")? / (2.0 * number("bandwidth")?))
+    let beyond = meta.get("interface").and_then(|interface| interface.get("sound_speed")?.as_f64());
+    Some(beyond.or_else(|| number("sound_speed"))? / (2.0 * number("bandwidth")?))
 }
 
 /// The aperture from a volume's metadata, if it is all there.
 pub(super) fn aperture_of(meta: &Value) -> Option<Aperture> {
     let number = |key: &str| meta.get(key)?.as_f64();
     let vector = |key: &str| serde_json::from_value::<[f64; 3]>(meta.get(key)?.clone()).ok();
-    aperture(number, vector, meta.get("geometry")?.as_str()?)
+    let interface = serde_json::from_value(meta.get("interface").cloned().unwrap_or_default()).ok()?;
+    aperture(number, vector, meta.get("geometry")?.as_str()?, interface)
 }
 
 /// The same from the attributes of a depth map.
@@ -114,13 +127,18 @@ pub(crate) fn aperture_of_file(attributes: &[(String, Attribute)]) -> Option<Ape
     };
     let vector = |key: &str| if let Attribute::Vector(vector) = of(key)? { Some(*vector) } else { None };
     let Attribute::Text(geometry) = of("geometry")? else { return None };
-    aperture(number, vector, geometry)
+    let interface = match of("interface") {
+        Some(Attribute::Text(interface)) => Some(serde_json::from_str(interface).ok()?),
+        _ => None,
+    };
+    aperture(number, vector, geometry, interface)
 }
 
 fn aperture(
     number: impl Fn(&str) -> Option<f64>,
     vector: impl Fn(&str) -> Option<[f64; 3]>,
     geometry: &str,
+    interface: Option<Interface>,
 ) -> Option<Aperture> {
     let positive = |key: &str| number(key).filter(|value| *value > 0.0 && value.is_finite());
     let start = positive("start_frequency")?;
@@ -134,6 +152,7 @@ fn aperture(
         centre: vector("array_centre")?.into(),
         extent: vector("array_extent")?.into(),
         geometry,
+        interface,
     })
 }
 

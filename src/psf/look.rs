@@ -101,7 +101,7 @@ impl Look<'_> {
     fn polar(&self, q: DVec3) -> (DVec2, f64) {
         let centre = self.instrument.array.centre();
         let direction = (q - centre).normalize_or_zero();
-        (direction.truncate(), 0.5 * self.instrument.geometry.path_length(q, centre))
+        (direction.truncate(), 0.5 * self.instrument.path_length(q, centre))
     }
 
     /// The point at other direction sines and the same range; `None` where no such direction exists.

@@ -68,7 +68,7 @@ impl ConvolutionPlan {
         lattice: SharedLattice,
         budget: ErrorBudget,
     ) -> Self {
-        let layout = Layout::new(lattice, *grid, instrument.geometry);
+        let layout = Layout::new(lattice, *grid, instrument);
         let compression = budget.after(layout.lattice.error());
         let slabs = (compression.all() > 0.0).then(|| Slabs::new(instrument, &layout));
         let thickness = slabs.as_ref().map_or(1, |slabs| slabs.thickness);

@@ -112,7 +112,8 @@ impl Upsampling {
     /// of 0.
     pub(super) fn find(instrument: &Instrument, grid: &Grid, budget: ErrorBudget) -> Vec<Self> {
         static LAST: Memo<(Instrument, Grid, ErrorBudget), Vec<Upsampling>> = Memo::new();
-        if budget.upsampling_axis() <= 0.0 {
+        // The carrier that is taken out is that of straight paths.
+        if budget.upsampling_axis() <= 0.0 || instrument.interface.is_some() {
             return Vec::new();
         }
         LAST.of((instrument.clone(), *grid, budget), || {

@@ -1,6 +1,6 @@
 //! What decides how sharply a point is imaged: the band, the extent of the array, the way of the sound.
 
-use super::Geometry;
+use super::{Geometry, Interface, Refraction};
 use glam::DVec3;
 
 /// A band and the extent of an array, without their frequencies and microphones.
@@ -17,6 +17,7 @@ use glam::DVec3;
 ///     centre: DVec3::ZERO,
 ///     extent: DVec3::new(1.0, 1.0, 0.0),
 ///     geometry: Geometry::ORIGIN,
+///     interface: None,
 /// };
 /// assert_eq!(aperture.range_resolution(), Some(343.0 / 20e3));
 /// assert!((aperture.lateral_resolution(2.0)[0].unwrap() - 0.0457).abs() < 1e-4);
@@ -33,6 +34,8 @@ pub struct Aperture {
     pub extent: DVec3,
     /// Fixed speaker or monostatic scan.
     pub geometry: Geometry,
+    /// A plane beyond which sound has another speed, if there is one.
+    pub interface: Option<Interface>,
 }
 
 impl Aperture {
@@ -51,9 +54,11 @@ impl Aperture {
         self.sound_speed / self.centre_frequency()
     }
 
-    /// Range resolution Δd = c/2B, m (Eq. 10); `None` for a single frequency.
+    /// Range resolution Δd = c/2B, m (Eq. 10), with the speed beyond the interface if there is one; `None` for a single
+    /// frequency.
     pub fn range_resolution(&self) -> Option<f64> {
-        let cell = self.sound_speed / (2.0 * self.bandwidth());
+        let beyond = self.interface.map_or(self.sound_speed, |interface| interface.sound_speed);
+        let cell = beyond / (2.0 * self.bandwidth());
         cell.is_finite().then_some(cell)
     }
 
@@ -61,9 +66,11 @@ impl Aperture {
     /// a wavelength, the finest that waves from all sides resolve.
     ///
     /// Not Eq. 12, whose right side is dimensionless (an angle) and knows no wavelength. A monostatic
-    /// scan resolves twice as finely, since both legs change.
+    /// scan resolves twice as finely, since both legs change. Beyond an interface z is the depth at which the point appears
+    /// to be, as a stone in a pond.
     pub fn lateral_resolution(&self, z: f64) -> [Option<f64>; 2] {
         let wavelength = self.wavelength() / self.geometry.return_legs();
+        let z = self.interface.map_or(z, |interface| interface.apparent_depth(self.sound_speed, z));
         [self.extent.x, self.extent.y].map(|d| (d > 0.0).then(|| wavelength * (z / d).max(0.5)))
     }
 
@@ -71,9 +78,13 @@ impl Aperture {
     ///
     /// The mean is that of the four nodes of Gauss' rule on the array's rectangle.
     pub(crate) fn path_gradient(&self, p: DVec3) -> f64 {
-        let along = |from: DVec3| {
-            let way = p - from;
-            way.z / way.length().max(f64::MIN_POSITIVE)
+        let refraction = self.interface.map(|interface| Refraction::new(&interface, self.sound_speed, 0.0));
+        let along = |from: DVec3| match &refraction {
+            Some(refraction) => refraction.slope_along_z(from, p),
+            None => {
+                let way = p - from;
+                way.z / way.length().max(f64::MIN_POSITIVE)
+            }
         };
         let node = self.extent * (0.5 / 3f64.sqrt());
         let signs = [(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)];
@@ -122,20 +133,26 @@ mod tests {
 
     #[test]
     fn the_gradient_is_that_of_the_mean_path_of_a_full_array() {
-        for geometry in [Geometry::FixedSource { source: DVec3::new(0.3, 0.0, 0.0) }, Geometry::Monostatic] {
+        let geometries = [Geometry::FixedSource { source: DVec3::new(0.3, 0.0, 0.0) }, Geometry::Monostatic];
+        let interfaces = [None, Some(Interface { depth: 0.4, sound_speed: 500.0 })];
+        for (geometry, interface) in geometries.into_iter().flat_map(|g| interfaces.map(|i| (g, i))) {
             let aperture = Aperture {
                 sound_speed: 343.0,
                 band: [10e3, 20e3],
                 centre: DVec3::new(0.1, -0.2, 0.0),
                 extent: DVec3::new(1.0, 0.6, 0.0),
                 geometry,
+                interface,
             };
             let at = |i: usize| (i as f64 + 0.5) / 40.0 - 0.5;
             let microphones: Vec<DVec3> =
                 (0..1600).map(|i| aperture.centre + DVec3::new(at(i % 40), 0.6 * at(i / 40), 0.0)).collect();
             for p in [DVec3::new(0.0, 0.0, 1.0), DVec3::new(0.5, -0.6, 1.2), DVec3::new(-0.4, 0.4, 2.0)] {
-                let mean =
-                    |p: DVec3| microphones.iter().map(|r| geometry.path_length(p, *r)).sum::<f64>() / 1600.0;
+                let path = |p: DVec3, r: DVec3| match interface {
+                    None => geometry.path_length(p, r),
+                    Some(interface) => interface.path_length(343.0, &geometry, p, r),
+                };
+                let mean = |p: DVec3| microphones.iter().map(|r| path(p, *r)).sum::<f64>() / 1600.0;
                 let expected = (mean(p + DVec3::Z * 1e-5) - mean(p - DVec3::Z * 1e-5)) / 2e-5;
                 let got = aperture.path_gradient(p);
                 assert!((got - expected).abs() < 3e-3, "{geometry:?} {p}: {got}, not {expected}");

@@ -14,7 +14,7 @@ use holosonar::wave::Geometry;
 use num_complex::Complex32;
 
 /// A random measurement and a grid that fits its lattice; sizes are odd as often as even.
-fn random_case(seed: u64) -> (DataCube, Grid, Window) {
+pub(crate) fn random_case(seed: u64) -> (DataCube, Grid, Window) {
     let mut random = Random::new(seed);
     let count = [random.whole(1, 12), random.whole(1, 12)];
     let pitch = [random.uniform(0.006, 0.03), random.uniform(0.006, 0.03)];

@@ -20,6 +20,7 @@ mod faults;
 mod guide;
 mod health;
 mod import;
+mod interface;
 mod layout;
 mod levels;
 mod linear;

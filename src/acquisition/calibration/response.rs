@@ -63,7 +63,7 @@ impl ChannelResponse {
             .array
             .positions()
             .iter()
-            .map(|r| instrument.geometry.path_length(target, *r) / instrument.sound_speed)
+            .map(|r| instrument.path_length(target, *r) / instrument.sound_speed)
             .collect();
         // What is left when the phase of the path is taken away.
         let ratio = |i: usize, r: usize| {

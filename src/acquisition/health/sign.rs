@@ -183,7 +183,7 @@ impl<'a> FocusedChannels<'a> {
         let n = self.profiles.len() / self.positions.len();
         let mut sum = Complex64::ZERO;
         for (profile, r) in self.profiles.chunks_exact(n).zip(&self.positions) {
-            let path = self.instrument.geometry.path_length(point, *r);
+            let path = self.instrument.path_length(point, *r);
             let place = path / self.pitch;
             let k = place as usize;
             if k + 1 >= n {
@@ -286,7 +286,7 @@ mod tests {
         let all: Vec<usize> = (0..16).collect();
         let focus = FocusedChannels::new(&instrument, &all, &all, &columns, false).expect("enough");
         let point = focus.point([0.3, -0.5, 4.0]).expect("in front");
-        let path = instrument.geometry.path_length(point, DVec3::X);
+        let path = instrument.path_length(point, DVec3::X);
         assert!((path - 4.0).abs() < 1e-12, "{path}");
         assert!(focus.point([0.0, 0.0, 0.5]).is_none(), "shorter than from the speaker to the centre");
         assert!(focus.point([0.8, 0.8, 4.0]).is_none(), "no direction");

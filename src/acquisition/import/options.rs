@@ -4,7 +4,7 @@ use super::{ArrayName, ImportAxis, RawOffset, TraceColumn};
 use crate::acquisition::{DataCube, Detection, MicArray, Sweep};
 use crate::choice::choice;
 use crate::scene::Unit;
-use crate::wave::Geometry;
+use crate::wave::{Geometry, Interface};
 use glam::DVec3;
 use serde_json::{Value, json};
 use std::path::PathBuf;
@@ -74,6 +74,8 @@ pub struct ImportOptions {
     pub detection: Option<Detection>,
     /// m/s; `None`: that of air at 20 °C.
     pub sound_speed: Option<f64>,
+    /// A plane beyond which sound has another speed.
+    pub interface: Option<Interface>,
     /// Maximum bytes of an array or a text; `None`: no limit.
     pub memory: Option<u64>,
 }
@@ -99,6 +101,7 @@ impl ImportOptions {
             geometry: None,
             detection: None,
             sound_speed: None,
+            interface: None,
             memory: None,
         }
     }

@@ -3,7 +3,7 @@
 use super::Instrument;
 use crate::acquisition::MicArray;
 use crate::error::{Error, Result};
-use crate::wave::Geometry;
+use crate::wave::{Geometry, Interface};
 use glam::DVec3;
 
 /// Values that replace those of an instrument; `None` leaves them.
@@ -11,6 +11,8 @@ use glam::DVec3;
 pub struct InstrumentChanges {
     /// c, m/s.
     pub sound_speed: Option<f64>,
+    /// A plane beyond which sound has another speed.
+    pub interface: Option<Interface>,
     /// The loudspeaker, m.
     pub source: Option<DVec3>,
     /// Middle of the microphones' bounding box, m; all of them move with it.
@@ -23,12 +25,18 @@ impl Instrument {
     /// # Errors
     /// A loudspeaker for a monostatic scan, which has none of its own; values outside their range.
     pub fn changed(&self, changes: &InstrumentChanges) -> Result<(Self, Vec<String>)> {
-        let InstrumentChanges { sound_speed, source, centre } = *changes;
+        let InstrumentChanges { sound_speed, interface, source, centre } = *changes;
         let (mut changed, mut words) = (self.clone(), Vec::new());
         if let Some(c) = sound_speed.filter(|c| *c != self.sound_speed) {
             changed.sound_speed = c;
             let [new, own] = [c, self.sound_speed].map(|c| rounded(c, 1e3));
             words.push(format!("sound speed {new} m/s instead of {own} m/s"));
+        }
+        if let Some(interface) = interface.filter(|interface| self.interface != Some(*interface)) {
+            changed.interface = Some(interface);
+            let of = |Interface { depth, sound_speed }| format!("{sound_speed} m/s beyond z = {depth} m");
+            let own = self.interface.map_or("one medium".to_owned(), of);
+            words.push(format!("{} instead of {own}", of(interface)));
         }
         match (source, self.geometry) {
             (Some(source), Geometry::FixedSource { source: own }) if source != own => {
@@ -85,13 +93,22 @@ mod tests {
     fn what_is_typed_replaces_what_the_file_says_and_is_said() {
         let changes = InstrumentChanges {
             sound_speed: Some(340.0),
+            interface: Some(Interface { depth: 0.5, sound_speed: 1500.0 }),
             source: Some(DVec3::new(0.0, 0.1, 0.0)),
             centre: Some(DVec3::new(0.0, 0.0, -0.05)),
         };
         let (changed, words) = instrument().changed(&changes).unwrap();
         assert_names(
             words.join("; "),
-            &["340 m/s", "343 m/s", "(0, 0.1, 0)", "(0, 0, -0.05)", "(0.3, 0, 0)"],
+            &[
+                "340 m/s",
+                "343 m/s",
+                "1500 m/s beyond z = 0.5 m",
+                "one medium",
+                "(0, 0.1, 0)",
+                "(0, 0, -0.05)",
+                "(0.3, 0, 0)",
+            ],
         );
         assert_eq!(changed.sound_speed, 340.0);
         assert_eq!(changed.geometry, Geometry::FixedSource { source: DVec3::new(0.0, 0.1, 0.0) });

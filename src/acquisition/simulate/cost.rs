@@ -8,10 +8,9 @@ use super::literal::COLUMNS;
 use super::terms::{LossModel, MOST_TERMS};
 use super::virtual_tones::{MORE, TONE_DESIGNS, ToneDesign};
 use super::{PropagationModel, SimulateOptions, cells};
-use crate::acquisition::{Instrument, Sweep, Tile, tiles};
+use crate::acquisition::{Instrument, Tile, tiles};
 use crate::reflectors::Reflectors;
 use crate::scene::FARTHEST;
-use crate::wave::Geometry;
 use glam::DVec3;
 use num_complex::Complex32;
 
@@ -77,14 +76,24 @@ pub(super) fn widest_tile(design: ToneDesign, instrument: &Instrument) -> f64 {
     (0.5 * TILE_SHARE * length).min(cycles) / geometry.return_legs()
 }
 
+/// Operations of a path that bends at an interface; a straight one takes next to none.
+const REFRACTED: f64 = 1000.0;
+
+/// Those of one reflector at one microphone.
+fn refracted(instrument: &Instrument) -> f64 {
+    if instrument.interface.is_some() { REFRACTED } else { 0.0 }
+}
+
 /// Operations of the literal sum.
-fn literal(reflectors: f64, microphones: f64, sweep: &Sweep, options: &SimulateOptions) -> f64 {
+fn literal(reflectors: f64, instrument: &Instrument, options: &SimulateOptions) -> f64 {
+    let Instrument { sweep, array, .. } = instrument;
+    let microphones = array.len() as f64;
     let term = match sweep.step() {
         _ if options.losses.vary() => LOSSY_TERM,
         Some(_) => LITERAL_TERM,
         None => UNEVEN_TERM,
     };
-    reflectors * microphones * (LITERAL_PAIR + term * sweep.len() as f64)
+    reflectors * microphones * (LITERAL_PAIR + refracted(instrument) + term * sweep.len() as f64)
 }
 
 /// The plans that take fewer operations than the literal sum, and how many, cheapest first.
@@ -93,13 +102,14 @@ pub(super) fn candidates(
     instrument: &Instrument,
     options: &SimulateOptions,
 ) -> Vec<(f64, CandidatePlan)> {
-    let Instrument { sweep, array, geometry, sound_speed, .. } = instrument;
+    let Instrument { sweep, array, sound_speed, .. } = instrument;
     let (n_p, n_mic, n_f) = (reflectors.len() as f64, array.len() as f64, sweep.len() as f64);
-    let most = literal(n_p, n_mic, sweep, options);
+    let most = literal(n_p, instrument, options);
     let terms = terms(reflectors, instrument, options);
     let lossy = f64::from(u8::from(options.losses.any()));
+    let bent = refracted(instrument);
     let centre = array.centre();
-    let paths = reflectors.positions().iter().map(|&p| options.model.path_length(geometry, p, centre));
+    let paths = reflectors.positions().iter().map(|&p| options.model.path_length(instrument, p, centre));
     let (shortest, longest) =
         paths.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), path| (path.min(low), path.max(high)));
     let spread = longest - shortest + array.extent().length();
@@ -132,8 +142,8 @@ pub(super) fn candidates(
             if !possible || radii[radii.len() / 2] > radius {
                 continue;
             }
-            let groups = groups(reflectors, &tiles, (geometry, options.model), length, radius);
-            let echo = lossy * LEGS + terms * (PAIR + lossy * FACTOR + TONE * tones);
+            let groups = groups(reflectors, &tiles, (instrument, options.model), length, radius);
+            let echo = lossy * LEGS + terms * (PAIR + bent + lossy * FACTOR + TONE * tones);
             let cost = n_p * n_mic * echo
                 + n_p * tiles.len() as f64 * SORTING
                 + n_mic
@@ -163,7 +173,7 @@ fn terms(reflectors: &Reflectors, instrument: &Instrument, options: &SimulateOpt
 fn groups(
     reflectors: &Reflectors,
     tiles: &[Tile],
-    (geometry, model): (&Geometry, PropagationModel),
+    (instrument, model): (&Instrument, PropagationModel),
     length: f64,
     radius: f64,
 ) -> f64 {
@@ -176,7 +186,7 @@ fn groups(
             .positions()
             .iter()
             .step_by(every)
-            .map(|&p| CentrePath::new(p, geometry.outward_length(p), tile, geometry, model))
+            .map(|&p| CentrePath::new(p, instrument.outward_length(p), tile, instrument, model))
             .collect();
         all += Intervals::new(&paths, length).occupied(&paths);
         count += 1;
@@ -220,12 +230,12 @@ fn sums_bytes(
     options: &SimulateOptions,
     threads: usize,
 ) -> u64 {
-    let Instrument { sweep, array, geometry, sound_speed, .. } = instrument;
+    let Instrument { sweep, array, sound_speed, .. } = instrument;
     let literal = (COLUMNS.min(array.len()) * size_of::<[f64; 2]>() * sweep.len()) as u64;
     let Some((low, high)) = bounds.filter(|_| sweep.bandwidth() > 0.0) else { return literal };
     let design = TONE_DESIGNS[TONE_DESIGNS.len() / 2];
     let length = design.time_bandwidth / sweep.bandwidth() * sound_speed;
-    let [shortest, longest] = geometry.path_bounds((low, high), array.bounds());
+    let [shortest, longest] = instrument.box_paths((low, high));
     // On average, the paths to a tile take half of their maximum share.
     let groups = (longest - shortest) / ((1.0 - 0.5 * TILE_SHARE) * length) + 1.0;
     let ends = Reflectors::new(vec![low, high], vec![Complex32::ONE; 2]).unwrap_or_default();

@@ -11,7 +11,6 @@ use super::{PropagationModel, SimulateOptions};
 use crate::acquisition::{Instrument, Tile};
 use crate::alloc::{try_filled, try_with_capacity};
 use crate::reflectors::Reflectors;
-use crate::wave::Geometry;
 use crate::wave::offsets::{MOST_ECHOES, exact_offsets, linear_offsets};
 use crate::wave::simd::phasors;
 use glam::DVec3;
@@ -46,11 +45,16 @@ impl CentrePath {
         p: DVec3,
         outward: f64,
         tile: &Tile,
-        geometry: &Geometry,
+        instrument: &Instrument,
         model: PropagationModel,
     ) -> Self {
+        let geometry = &instrument.geometry;
         let legs = geometry.return_legs();
         match model {
+            // A bent path changes no faster than a straight one, but has no short formula.
+            PropagationModel::Exact if instrument.interface.is_some() => {
+                Self { length: instrument.path_length(p, tile.centre), reach: legs * tile.radius, near: true }
+            }
             PropagationModel::Exact => {
                 let q = p - tile.centre;
                 let distance = q.length();
@@ -128,7 +132,7 @@ impl<'a> Summation<'a> {
         terms: Option<&'a LossTerms>,
     ) -> Option<Self> {
         let mut outward = try_with_capacity(reflectors.len() as u64)?;
-        outward.extend(reflectors.positions().iter().map(|&p| instrument.geometry.outward_length(p)));
+        outward.extend(reflectors.positions().iter().map(|&p| instrument.outward_length(p)));
         Some(Self { reflectors, outward, instrument, options, tones, terms })
     }
 
@@ -138,8 +142,8 @@ impl<'a> Summation<'a> {
     pub(super) fn groups(&self, tile: &Tile) -> Option<Vec<GroupSums>> {
         let outward = self.reflectors.positions().iter().zip(&self.outward);
         let mut paths: Vec<CentrePath> = try_with_capacity(outward.len() as u64)?;
-        let (geometry, model) = (&self.instrument.geometry, self.options.model);
-        paths.extend(outward.map(|(&p, &outward)| CentrePath::new(p, outward, tile, geometry, model)));
+        let (instrument, model) = (self.instrument, self.options.model);
+        paths.extend(outward.map(|(&p, &outward)| CentrePath::new(p, outward, tile, instrument, model)));
         let intervals = Intervals::new(&paths, self.tones.duration * self.instrument.sound_speed);
         // Interval, nearness and index in one number: sorting groups the reflectors and preserves their order.
         let mut keys: Vec<u64> = try_with_capacity(paths.len() as u64)?;
@@ -224,7 +228,7 @@ impl<'a> Summation<'a> {
         if near {
             // Close to the microphones, the f32 series loses digits or does not converge.
             for ((offset, &p), path) in batch.offsets.iter_mut().zip(&batch.positions).zip(&batch.paths) {
-                *offset = (self.options.model.path_length(geometry, p, r) - path) as f32;
+                *offset = (self.options.model.path_length(self.instrument, p, r) - path) as f32;
             }
         } else if self.options.model == PropagationModel::Exact {
             exact_offsets(toward, &batch.distance, d, legs as f32, &mut batch.offsets);

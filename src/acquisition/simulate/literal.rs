@@ -19,7 +19,7 @@ pub(super) const COLUMNS: usize = 64;
 /// Fills the samples, `[n_f, n_mic]`, with the literal sum.
 pub(super) fn literal(job: &SimulationJob<'_>, columns: &mut Columns, observer: &dyn Observer) -> Result<()> {
     let SimulationJob { reflectors, instrument, options, responses } = *job;
-    let Instrument { sweep, array, geometry, detection, sound_speed } = instrument;
+    let Instrument { sweep, array, detection, sound_speed, .. } = instrument;
     let n_mic = array.len();
     let plain = Amplitudes::new(reflectors.amplitudes().iter().copied());
     for (chunk, mics) in array.positions().chunks(COLUMNS).enumerate() {
@@ -34,7 +34,7 @@ pub(super) fn literal(job: &SimulationJob<'_>, columns: &mut Columns, observer: 
                 let mut lengths: Vec<f64> =
                     try_with_capacity(plain.padded_len() as u64).ok_or_else(no_room)?;
                 lengths.extend(
-                    reflectors.positions().iter().map(|&p| options.model.path_length(geometry, p, r)),
+                    reflectors.positions().iter().map(|&p| options.model.path_length(instrument, p, r)),
                 );
                 lengths.resize(plain.padded_len(), 0.0);
                 let sums = try_filled([0.0; 2], sweep.len() as u64).ok_or_else(no_room)?;
@@ -43,7 +43,7 @@ pub(super) fn literal(job: &SimulationJob<'_>, columns: &mut Columns, observer: 
                 } else if options.losses.any() {
                     let spread = reflectors.positions().iter().zip(reflectors.amplitudes());
                     let spread =
-                        spread.map(|(&p, a)| a * Legs::new(p, r, geometry, options).spreading as f32);
+                        spread.map(|(&p, a)| a * Legs::new(p, r, instrument, options).spreading as f32);
                     sweep_sums(&Amplitudes::new(spread), &lengths, sweep, *sound_speed, sums)
                 } else {
                     sweep_sums(&plain, &lengths, sweep, *sound_speed, sums)
@@ -92,10 +92,10 @@ fn lossy_sums(
     options: &SimulateOptions,
     mut sums: Vec<[f64; 2]>,
 ) -> Vec<[f64; 2]> {
-    let Instrument { sweep, geometry, sound_speed: c, .. } = instrument;
+    let Instrument { sweep, sound_speed: c, .. } = instrument;
     let losses = &options.losses;
     let legs: Vec<Legs> =
-        reflectors.positions().iter().map(|&p| Legs::new(p, r, geometry, options)).collect();
+        reflectors.positions().iter().map(|&p| Legs::new(p, r, instrument, options)).collect();
     for (&f, sum) in sweep.frequencies().iter().zip(&mut sums) {
         let (absorption, k) = (losses.absorption(f), wave_number(f, *c));
         let weighted = reflectors.amplitudes().iter().zip(&legs);

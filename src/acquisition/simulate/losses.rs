@@ -114,14 +114,14 @@ pub(super) fn sine(leg: DVec3) -> f64 {
 }
 
 impl Legs {
-    pub(super) fn new(p: DVec3, r: DVec3, geometry: &Geometry, options: &SimulateOptions) -> Self {
+    pub(super) fn new(p: DVec3, r: DVec3, instrument: &Instrument, options: &SimulateOptions) -> Self {
         let back = p - r;
-        let out = match *geometry {
+        let out = match instrument.geometry {
             Geometry::FixedSource { source } => p - source,
             Geometry::Monostatic => back,
         };
         let spreading = if options.losses.spreading { spreading(out.length(), back.length()) } else { 1.0 };
-        Self { spreading, sines: [sine(out), sine(back)], path: options.model.path_length(geometry, p, r) }
+        Self { spreading, sines: [sine(out), sine(back)], path: options.model.path_length(instrument, p, r) }
     }
 
     /// The whole factor at a frequency of absorption α and wave number 2πf/c.

@@ -6,6 +6,7 @@ mod virtual_tones;
 
 use super::*;
 use crate::acquisition::{MicArray, Sweep};
+use crate::wave::Geometry;
 use crate::wave::phasor;
 use glam::DVec3;
 

@@ -1,13 +1,14 @@
 //! The medium, the sweep, the array and the detection.
 
 use super::MAX_SAMPLES;
+use crate::acquisition::PropagationModel;
 use crate::config::range::{
     Check, conflict, counts, ensure, file_name, finite, none_typed, not_negative, positive, tolerance, within,
 };
 use crate::config::reader::Fault;
-use crate::config::{ArrayLayout, ArrayTable, DetectionTable, MediumTable, SweepTable};
+use crate::config::{ArrayLayout, ArrayTable, DetectionTable, MediumTable, RunFile, SweepTable};
 use crate::scene::FARTHEST;
-use crate::wave::{GeometryKind, SOUND_SPEEDS};
+use crate::wave::{GeometryKind, Interface, SOUND_SPEEDS};
 
 impl MediumTable {
     pub(super) fn check(&self) -> Check {
@@ -39,6 +40,34 @@ impl MediumTable {
         ensure(water <= 0.25, || {
             let problem = format!("{:.0} % of that air would be water; expected 25 % at most", 100.0 * water);
             Fault::new("medium.humidity", problem).or_at(&["medium.temperature", "medium.pressure"])
+        })
+    }
+}
+
+impl RunFile {
+    /// What an interface excludes: only paths are bent there.
+    pub(super) fn check_interface(&self) -> Check {
+        let Some(Interface { depth, sound_speed }) = self.medium.interface else { return Ok(()) };
+        let [least, most] = SOUND_SPEEDS;
+        let speeds = "a speed from 0.01 to 1e9 m/s (steel has 5900)";
+        within("medium.interface.sound_speed", sound_speed, least, most, speeds)?;
+        positive("medium.interface.depth", depth)?;
+        within("medium.interface.depth", depth, 0.0, FARTHEST, "a depth within 1e9 m")?;
+        let array = &self.array;
+        let excluded = [
+            ("medium.spreading", self.medium.spreading),
+            ("medium.absorption", self.medium.absorption),
+            ("array.speaker_radius", array.speaker_radius > 0.0),
+            ("array.microphone_radius", array.microphone_radius > 0.0),
+            ("detection.model", self.detection.model == PropagationModel::Linear),
+            ("reconstruct.compensate", self.reconstruct.compensate),
+        ];
+        none_typed(&excluded, |key| {
+            conflict(
+                key,
+                &["medium.interface"],
+                "only the paths are known beyond an interface, not what is lost there",
+            )
         })
     }
 }

@@ -4,7 +4,7 @@ use super::pair::PairVisitor;
 use crate::acquisition::{Detection, PropagationModel, SIMULATION_TOLERANCE};
 use crate::config::choices::{ArrayLayout, InputFile};
 use crate::wave::air::{Air, REFERENCE_PRESSURE};
-use crate::wave::{DEFAULT_SOUND_SPEED, GeometryKind};
+use crate::wave::{DEFAULT_SOUND_SPEED, GeometryKind, Interface};
 use serde::{Deserialize, Deserializer, Serialize};
 
 /// `[medium]`.
@@ -23,6 +23,8 @@ pub struct MediumTable {
     pub spreading: bool,
     /// Whether the air absorbs (ISO 9613-1); needs `temperature`.
     pub absorption: bool,
+    /// A plane of constant z beyond which sound has another speed.
+    pub interface: Option<Interface>,
 }
 
 impl MediumTable {
@@ -39,6 +41,7 @@ impl MediumTable {
             pressure: None,
             spreading: false,
             absorption: false,
+            interface: None,
         }
     }
 

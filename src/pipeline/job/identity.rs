@@ -48,7 +48,10 @@ fn of_instrument(job: &str, run: &RunFile, instrument: &Instrument, grid: &Grid)
         None => identity,
     };
     identity.text(&run.to_json().to_string());
-    identity.text(&format!("{:?} {:?} {grid:?}", instrument.geometry, instrument.detection));
+    identity.text(&format!(
+        "{:?} {:?} {:?} {grid:?}",
+        instrument.geometry, instrument.interface, instrument.detection
+    ));
     identity.numbers(instrument.sweep.frequencies().iter().copied());
     identity.numbers(coordinates(instrument.array.positions()));
     identity.numbers([instrument.sound_speed].into_iter());

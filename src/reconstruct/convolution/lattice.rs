@@ -109,7 +109,7 @@ impl SharedLattice {
         if high.z - low.z > 1e-6 * shortest {
             return Err(format!("the microphones are in no plane of constant z ({} to {} m)", low.z, high.z));
         }
-        let plane = low.z;
+        let (plane, refraction) = (low.z, instrument.refraction());
         let axis = |name: &str, voxels: &Axis, mics: Option<&Axis>, low: f64, high: f64| {
             let misfit = match exact(name, voxels, mics, [low, high], shortest) {
                 Ok(axis) => return Ok(axis),
@@ -119,11 +119,15 @@ impl SharedLattice {
                 return Err(misfit);
             }
             let far = (0..grid.z.count).filter(|iz| !near.contains(iz));
-            let height = far.map(|iz| (grid.z.position(iz) - plane).abs()).fold(f64::INFINITY, f64::min);
+            let aside = (voxels.last() - low).abs().max((high - voxels.first).abs());
+            let heights = far.map(|iz| match &refraction {
+                None => (grid.z.position(iz) - plane).abs(),
+                Some(refraction) => refraction.steepest_height(plane, grid.z.position(iz), aside).abs(),
+            });
+            let height = heights.fold(f64::INFINITY, f64::min);
             if height == f64::INFINITY {
                 return Err(format!("{misfit}, and all voxels are too near to the array for spreading"));
             }
-            let aside = (voxels.last() - low).abs().max((high - voxels.first).abs());
             let kernels = Kernels { wavenumber: 2.0 * PI / shortest, height, aside };
             spread_axis(voxels, [low, high], &kernels, tolerance).ok_or_else(|| {
                 format!("{misfit}, and voxels {height} m from the array are too near for spreading")

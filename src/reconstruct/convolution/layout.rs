@@ -2,9 +2,10 @@
 
 use super::lattice::{SharedLattice, Sublattices};
 use super::padded_axis::{CircularShift, Offset, PaddedAxis};
+use crate::acquisition::Instrument;
 use crate::grid::Grid;
-use crate::wave::Geometry;
 use crate::wave::simd::LANES;
+use crate::wave::{Geometry, LegTable, Refraction};
 use std::collections::HashSet;
 
 /// What stays the same for all planes of a volume.
@@ -17,6 +18,8 @@ pub(crate) struct Layout {
     pub(crate) lattice: SharedLattice,
     pub(crate) grid: Grid,
     pub(crate) geometry: Geometry,
+    /// What paths do at an interface, if there is one.
+    pub(crate) refraction: Option<Refraction>,
     pub(crate) x: PaddedAxis,
     pub(crate) y: PaddedAxis,
     pub(crate) node_parts: Vec<Sublattices>,
@@ -30,7 +33,7 @@ pub(crate) struct Layout {
 }
 
 impl Layout {
-    pub(crate) fn new(lattice: SharedLattice, grid: Grid, geometry: Geometry) -> Self {
+    pub(crate) fn new(lattice: SharedLattice, grid: Grid, instrument: &Instrument) -> Self {
         let (node_parts, voxel_parts) = (lattice.node_parts(), lattice.voxel_parts(&grid));
         let ([nodes_x, nodes_y], [pitch_x, pitch_y]) = (lattice.nodes(), lattice.common_pitch());
         let first = |axis: &crate::grid::Axis, index: usize| axis.position(index);
@@ -59,7 +62,8 @@ impl Layout {
                 }
             }
         }
-        Self { lattice, grid, geometry, x, y, node_parts, voxel_parts, line, offsets, placements }
+        let (geometry, refraction) = (instrument.geometry, instrument.refraction());
+        Self { lattice, grid, geometry, refraction, x, y, node_parts, voxel_parts, line, offsets, placements }
     }
 
     /// Points of one padded plane.
@@ -75,6 +79,12 @@ impl Layout {
     /// Work per tone and depth, in kernel transforms.
     pub(crate) fn pairs(&self) -> usize {
         self.node_parts.len() * self.voxel_parts.len()
+    }
+
+    /// Lengths of legs from depth `from` to `z`, for lateral distances up to the `farthest`; `None` without an interface,
+    /// where they are straight.
+    pub(crate) fn refracted(&self, from: f64, z: f64, farthest: impl FnOnce() -> f64) -> Option<LegTable> {
+        self.refraction.as_ref().map(|refraction| refraction.table(from, z, farthest()))
     }
 
     /// The padded axis along x (0) or y (1).

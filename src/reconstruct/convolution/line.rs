@@ -5,6 +5,8 @@
 
 use super::lattice::Sublattices;
 use super::layout::Layout;
+use super::padded_axis::{Offset, PaddedAxis};
+use super::plane::farthest;
 use super::pointwise::{multiply, sums};
 use crate::alloc::{try_filled, try_with_capacity};
 use crate::reconstruct::numerics::LaneFft;
@@ -42,6 +44,12 @@ pub(crate) fn places([x, y]: &Sublattices, axis: usize, n_x: usize) -> impl Iter
     (0..count).map(move |i| first + i * stride)
 }
 
+/// The square of the lateral distance of lag `i` of a pair of sublattices, m².
+fn aside_squared(offset: &[Offset; 2], axis: usize, i: usize, padded: &PaddedAxis) -> f64 {
+    let (lag, aside) = (offset[axis].lag(i, padded), offset[1 - axis].first);
+    lag * lag + aside * aside
+}
+
 impl<'a> Line<'a> {
     /// Buffers for one thread; `None` when they do not fit in memory.
     pub(crate) fn new(layout: &'a Layout, axis: usize) -> Option<Self> {
@@ -50,9 +58,8 @@ impl<'a> Line<'a> {
         let zeros = || try_filled(Lanes::ZERO, n as u64);
         let mut squares = try_with_capacity((n * layout.pairs()) as u64)?;
         for offset in layout.offsets.iter().flatten() {
-            let (along, aside) = (&offset[axis], offset[1 - axis].first);
-            let square = |lag: f64| layout.geometry.return_legs().powi(2) * (lag * lag + aside * aside);
-            squares.extend((0..n).map(|i| square(along.lag(i, padded))));
+            let square = |aside: f64| layout.geometry.return_legs().powi(2) * aside;
+            squares.extend((0..n).map(|i| square(aside_squared(offset, axis, i, padded))));
         }
         Some(Self {
             layout,
@@ -73,14 +80,39 @@ impl<'a> Line<'a> {
         let Layout { lattice, grid, geometry, .. } = self.layout;
         let z = grid.z.position(iz);
         self.height = geometry.return_legs() * (z - lattice.z);
+        self.bend(z, part);
         self.outward.clear();
         let voxels = &self.layout.voxel_parts[part];
-        if let Geometry::FixedSource { .. } = geometry {
+        if let Geometry::FixedSource { source } = *geometry {
             for place in places(voxels, self.axis, grid.x.count) {
                 let (x, y) = (grid.x.position(place % grid.x.count), grid.y.position(place / grid.x.count));
-                self.outward.push([geometry.outward_length(DVec3::new(x, y, z)); LANES]);
+                let p = DVec3::new(x, y, z);
+                let length = match &self.layout.refraction {
+                    None => p.distance(source),
+                    Some(refraction) => refraction.leg_length(source, p),
+                };
+                self.outward.push([length; LANES]);
             }
             self.outward.resize(self.outward.len().next_multiple_of(ROWS), [0.0; LANES]);
+        }
+    }
+
+    /// Where paths bend at an interface, their squares are those of the whole length, and there is no height to add.
+    fn bend(&mut self, z: f64, part: usize) {
+        let layout = self.layout;
+        let (padded, legs) = (layout.along(self.axis), layout.geometry.return_legs());
+        let offsets = &layout.offsets[part];
+        let aside = |offset: &[Offset; 2], i: usize| aside_squared(offset, self.axis, i, padded).sqrt();
+        let all = || (0..padded.len()).flat_map(|i| offsets.iter().map(move |offset| (offset, i)));
+        let farthest = || farthest(all().map(|(offset, i)| aside(offset, i)));
+        let Some(table) = layout.refracted(layout.lattice.z, z, farthest) else { return };
+        self.height = 0.0;
+        let of_part = padded.len() * layout.node_parts.len();
+        let squares = self.squares[part * of_part..][..of_part].chunks_exact_mut(padded.len());
+        for (squares, offset) in squares.zip(offsets) {
+            for (i, square) in squares.iter_mut().enumerate() {
+                *square = (legs * table.length(aside_squared(offset, self.axis, i, padded).sqrt())).powi(2);
+            }
         }
     }
 

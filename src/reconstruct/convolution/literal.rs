@@ -14,8 +14,9 @@ use crate::progress::{Observer, advance};
 use crate::reconstruct::compress::Tones;
 use crate::reconstruct::numerics::fast_size;
 use crate::reconstruct::volume::Batch;
+use crate::wave::Geometry;
 use crate::wave::simd::{LANES, Lanes, ROWS, lane_phasors};
-use glam::DVec2;
+use glam::{DVec2, DVec3};
 use num_complex::Complex32;
 use rayon::prelude::*;
 use rustfft::{Fft, FftDirection, FftPlanner};
@@ -216,7 +217,8 @@ impl<'a> Literal<'a> {
     /// All path lengths of one depth and voxel sublattice. By lag: from the first voxel and node up to the last voxel, then
     /// the wrapped negative lags.
     fn measure(&self, iz: usize, voxels: &Sublattices, buffers: &mut Buffers) {
-        let (Layout { grid, lattice, geometry, .. }, [n_x, n_y]) = (self.layout, self.padded.shape);
+        let (Layout { grid, lattice, geometry, refraction, .. }, [n_x, n_y]) =
+            (self.layout, self.padded.shape);
         let pitch = DVec2::from_array(lattice.common_pitch());
         let height = grid.z.position(iz) - lattice.z;
         let lag = |i: usize, n: usize, voxels: usize| i as f64 - if i < voxels { 0.0 } else { n as f64 };
@@ -226,14 +228,24 @@ impl<'a> Literal<'a> {
             let first = Self::first(voxels, &[grid.x, grid.y]) - Self::first(part, &lattice.nodes());
             for (i, length) in lengths.as_flattened_mut()[..self.padded.len()].iter_mut().enumerate() {
                 let lag = DVec2::new(lag(i % n_x, n_x, voxels[0].count), lag(i / n_x, n_y, voxels[1].count));
-                *length = geometry.return_legs() * (first + pitch * lag).extend(height).length();
+                let aside = first + pitch * lag;
+                let leg = match refraction {
+                    None => aside.extend(height).length(),
+                    Some(refraction) => {
+                        refraction.leg_length(DVec3::Z * lattice.z, aside.extend(grid.z.position(iz)))
+                    }
+                };
+                *length = geometry.return_legs() * leg;
             }
         }
         let [x, y] = voxels;
         let outward = buffers.outward.as_flattened_mut();
         for (j, i) in (0..y.count).flat_map(|j| (0..x.count).map(move |i| (j, i))) {
             let p = grid.position(x.start + i * x.stride, y.start + j * y.stride, iz);
-            outward[j * n_x + i] = geometry.outward_length(p);
+            outward[j * n_x + i] = match (refraction, geometry) {
+                (Some(refraction), Geometry::FixedSource { source }) => refraction.leg_length(*source, p),
+                _ => geometry.outward_length(p),
+            };
         }
     }
 
@@ -293,8 +305,7 @@ mod tests {
     use crate::reconstruct::convolution::lattice::SharedLattice;
     use crate::reconstruct::convolution::{Depths, Workspaces};
     use crate::reconstruct::error_budget::ErrorBudget;
-    use crate::wave::Geometry;
-    use glam::DVec3;
+    use crate::wave::Interface;
 
     /// Numbers in −½ .. ½ that look random.
     fn noise(count: usize, seed: f64) -> Vec<Complex32> {
@@ -303,11 +314,13 @@ mod tests {
     }
 
     /// The literal image and the fast one of five tones of noise, every depth of the grid.
-    fn both(array: &MicArray, grid: Grid, geometry: Geometry) -> [Vec<Complex32>; 2] {
+    fn both(array: &MicArray, grid: Grid, geometry: Geometry, n: usize) -> [Vec<Complex32>; 2] {
         let sweep = Sweep::stepped(10_000.0, 18_000.0, 2_000.0).unwrap();
-        let instrument = Instrument::new(sweep.clone(), array.clone()).with_geometry(geometry);
+        let interface = [None, Some(Interface { depth: 0.25, sound_speed: 900.0 })][n / 2 % 2];
+        let instrument =
+            Instrument::new(sweep.clone(), array.clone()).with_geometry(geometry).with_interface(interface);
         let lattice = SharedLattice::find(&instrument, &grid, ErrorBudget::new(0.0)).unwrap().remove(0);
-        let layout = Layout::new(lattice, grid, geometry);
+        let layout = Layout::new(lattice, grid, &instrument);
         let tones = Tones {
             per_metre: sweep.frequencies().iter().map(|f| -f / instrument.sound_speed).collect(),
             samples: noise(sweep.len() * layout.lattice.width(), 3.0),
@@ -345,7 +358,7 @@ mod tests {
             let grid = Grid { x: axis(0, aside), y: axis(1, -aside), z };
             let source = DVec3::new(0.1, -0.05, 0.0);
             let geometry = if n % 3 == 0 { Geometry::Monostatic } else { Geometry::FixedSource { source } };
-            let [literal, fast] = both(&array, grid, geometry);
+            let [literal, fast] = both(&array, grid, geometry, n);
             let peak = literal.iter().map(|z| z.norm()).fold(0.0, f32::max);
             let worst = literal.iter().zip(&fast).map(|(a, b)| (a - b).norm()).fold(0.0, f32::max);
             assert!(peak > 0.1 && worst < 3e-6 * peak.max(1.0), "case {n}: {worst:e} of {peak}");

@@ -9,7 +9,6 @@ use crate::grid::Grid;
 use crate::progress::{Observer, advance};
 use crate::reconstruct::compress::{SlabTones, Tones, VolumeTones, slabs_of, tones_for};
 use crate::reconstruct::direct::{Sums, TOGETHER, image, lengths, sums_of_tones};
-use crate::wave::Geometry;
 use num_complex::Complex32;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -60,7 +59,7 @@ impl<'a> NearField<'a> {
             || lengths(self.instrument.array.len()),
             |lengths, (chunk, voxels)| {
                 let first = first + chunk * TOGETHER;
-                image(self.instrument, Geometry::path_length, &self.grid, sums, first, voxels, lengths);
+                image(self.instrument, Instrument::path_length, &self.grid, sums, first, voxels, lengths);
                 advance(observer, 0)
             },
         )?;

@@ -13,7 +13,7 @@
 
 use super::lattice::{Sublattice, Sublattices};
 use super::layout::Layout;
-use super::padded_axis::Offset;
+use super::padded_axis::{Offset, PaddedAxis};
 use super::pointwise::{focus, multiply};
 use crate::alloc::{try_filled, try_with_capacity};
 use crate::grid::Axis;
@@ -90,27 +90,42 @@ impl<'a> Plane<'a> {
         self.offsets = &self.layout.offsets[part];
         self.columns.fill(Lanes::ZERO);
         let of_parts = self.lengths.chunks_exact_mut(x.lags() * y.lags() / LANES);
-        for (lengths, [along_x, along_y]) in of_parts.zip(self.offsets) {
-            for (block, row) in lengths.chunks_exact_mut(x.lags()).enumerate() {
-                let squares: [f64; LANES] = std::array::from_fn(|lane| {
-                    let dy = along_y.lag(block * LANES + lane, y);
-                    dy * dy + height * height
-                });
-                for (ix, lengths) in row.iter_mut().enumerate() {
-                    let dx = along_x.lag(ix, x);
-                    *lengths = squares.map(|square| legs * (dx * dx + square).sqrt());
-                }
+        let refracted = self.layout.refracted(lattice.z, z, || {
+            let along = |axis: usize| {
+                let padded = self.layout.along(axis);
+                let lags =
+                    |offset: &[Offset; 2]| farthest((0..padded.lags()).map(|i| offset[axis].lag(i, padded)));
+                farthest(self.offsets.iter().map(lags))
+            };
+            along(0).hypot(along(1))
+        });
+        for (lengths, offset) in of_parts.zip(self.offsets) {
+            match &refracted {
+                None => measure(lengths, offset, [x, y], |dx, dy| {
+                    legs * (dx * dx + (dy * dy + height * height)).sqrt()
+                }),
+                Some(table) => measure(lengths, offset, [x, y], |dx, dy| legs * table.length(dx.hypot(dy))),
             }
         }
         self.outward.clear();
-        if let Geometry::FixedSource { .. } = self.layout.geometry {
+        if let Geometry::FixedSource { source } = self.layout.geometry {
             let at = |axis: &Axis, part: Sublattice, k: usize| axis.position(part.start + k * part.stride);
+            let width = padded(voxels[0].count);
+            let place =
+                |i: usize, j: usize| DVec3::new(at(&grid.x, voxels[0], i), at(&grid.y, voxels[1], j), z);
+            let refracted = self.layout.refracted(source.z, z, || {
+                let last = [width, voxels[1].count.next_multiple_of(LANES)].map(|n| n - 1);
+                let corners = [[0, 0], [last[0], 0], [0, last[1]], last].map(|[i, j]| place(i, j));
+                farthest(corners.map(|p| p.truncate().distance(source.truncate())).into_iter())
+            });
             for first in (0..voxels[1].count).step_by(LANES) {
-                for i in 0..padded(voxels[0].count) {
+                for i in 0..width {
                     self.outward.push(std::array::from_fn(|lane| {
-                        let p =
-                            DVec3::new(at(&grid.x, voxels[0], i), at(&grid.y, voxels[1], first + lane), z);
-                        self.layout.geometry.outward_length(p)
+                        let p = place(i, first + lane);
+                        match &refracted {
+                            None => p.distance(source),
+                            Some(table) => table.length(p.truncate().distance(source.truncate())),
+                        }
                     }));
                 }
             }
@@ -262,6 +277,28 @@ impl<'a> Plane<'a> {
             focus(&transformed[..width], outer, image);
         }
     }
+}
+
+/// Lengths of one pair of sublattices, `[y block, x]` in lanes of y, of their lags along x and y.
+#[inline(always)]
+fn measure(
+    lengths: &mut [[f64; LANES]],
+    [along_x, along_y]: &[Offset; 2],
+    [x, y]: [&PaddedAxis; 2],
+    length: impl Fn(f64, f64) -> f64,
+) {
+    for (block, row) in lengths.chunks_exact_mut(x.lags()).enumerate() {
+        let dy: [f64; LANES] = std::array::from_fn(|lane| along_y.lag(block * LANES + lane, y));
+        for (ix, lengths) in row.iter_mut().enumerate() {
+            let dx = along_x.lag(ix, x);
+            *lengths = dy.map(|dy| length(dx, dy));
+        }
+    }
+}
+
+/// The largest modulus.
+pub(super) fn farthest(distances: impl Iterator<Item = f64>) -> f64 {
+    distances.map(f64::abs).fold(0.0, f64::max)
 }
 
 /// Columns of voxels in the layout of the vector code.

@@ -11,12 +11,13 @@
 //! as written, by the [direct](super) sum over these path lengths.
 
 use super::{DirectPlan, sum_over_paths};
+use crate::acquisition::Instrument;
 use crate::error::Result;
 use crate::reconstruct::job::Job;
 use crate::reconstruct::{Method, ReconstructionInfo};
-use crate::wave::Geometry;
 
 /// Gives the far-field image to the job's sink; any grid, any microphones. Cost: that of [`super::direct`].
 pub(in crate::reconstruct) fn linear(job: Job<'_>, plan: &DirectPlan) -> Result<ReconstructionInfo> {
-    sum_over_paths(job, plan, Method::Linear, Geometry::linear_path_length)
+    let path = |instrument: &Instrument, p, r| instrument.geometry.linear_path_length(p, r);
+    sum_over_paths(job, plan, Method::Linear, path)
 }

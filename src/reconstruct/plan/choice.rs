@@ -120,7 +120,8 @@ impl Candidates {
         // A short convolution is over before tiles or lines are found.
         let short = |(_, estimate): &(Sampled<ConvolutionPlan>, Estimate)| estimate.operations < SHORT;
         let search = !convolution.as_ref().is_ok_and(short) || options.method == Method::Backprojection;
-        let backprojection = (options.tolerance > 0.0 && options.refine.is_none()).then(|| {
+        let straight = instrument.interface.is_none();
+        let backprojection = (options.tolerance > 0.0 && options.refine.is_none() && straight).then(|| {
             let voxels = |upsampling: Option<&Upsampling>| summed(upsampling, grid, budget).0.voxel_count();
             // With tiles, or by lines only if these take less than `most`.
             let of_sampling = |upsampling: Option<&Upsampling>, most: Option<f64>| {
@@ -151,6 +152,7 @@ impl Candidates {
                 Method::Backprojection,
                 match options.refine {
                     Some(_) => NO_ADJOINT.to_owned(),
+                    None if !straight => BENT.to_owned(),
                     None => "a tolerance of 0 allows no interpolation; use a tolerance above 0 (1e-6, say)"
                         .to_owned(),
                 },
@@ -158,6 +160,7 @@ impl Candidates {
         };
         let sums = [Method::Direct, Method::Linear].map(|method| match options.refine {
             Some(_) => Estimate::impossible(method, NO_ADJOINT.to_owned()),
+            None if !straight && method == Method::Linear => Estimate::impossible(method, BENT.to_owned()),
             None => possible(method, direct.cost(instrument, threads), None),
         });
         let estimates = [of_convolution, of_backprojection].into_iter().chain(sums).collect();
@@ -187,10 +190,11 @@ impl Candidates {
     ) -> Result<(MethodPlan, Option<String>)> {
         let chosen = self.chosen(asked);
         if let Some(obstacle) = &chosen.obstacle {
-            let name = chosen.method;
+            let (name, straight) = (chosen.method, instrument.interface.is_none());
             let others = match name {
                 _ if self.refines => "\"auto\", or [refine] method = \"none\"",
-                Method::Convolution => "\"backprojection\" or \"direct\"",
+                Method::Convolution if straight => "\"backprojection\" or \"direct\"",
+                Method::Backprojection | Method::Linear if !straight => "\"convolution\" or \"direct\"",
                 _ => "\"direct\"",
             };
             return Err(Error::input(
@@ -214,6 +218,9 @@ impl Candidates {
 
 /// Why only convolution refines.
 const NO_ADJOINT: &str = "a refinement takes the adjoint of the sum, too, which only convolution has";
+
+/// Why an interface leaves convolution and the direct sum.
+const BENT: &str = "it has straight paths only, and they bend at [medium] interface";
 
 /// What else it wants.
 const NO_SKELETONS: &str =

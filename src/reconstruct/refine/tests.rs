@@ -13,7 +13,7 @@ use crate::named::assert_names;
 use crate::progress::Silent;
 use crate::reconstruct::plan::{Candidates, MethodPlan};
 use crate::reconstruct::{Method, Window, reconstruct, reconstruct_stored};
-use crate::wave::{Geometry, phasor};
+use crate::wave::{Geometry, Interface, phasor};
 use glam::DVec3;
 use num_complex::Complex32;
 use std::collections::HashMap;
@@ -65,7 +65,7 @@ fn literal_echoes(instrument: &Instrument, grid: &Grid, voxels: &[Complex32]) ->
             for (i, a) in voxels.iter().enumerate() {
                 let (ix, iy) = (i % grid.x.count, i / grid.x.count % grid.y.count);
                 let p = grid.position(ix, iy, i / grid.plane_len());
-                sum += a * phasor(f / instrument.sound_speed * instrument.geometry.path_length(p, *r));
+                sum += a * phasor(f / instrument.sound_speed * instrument.path_length(p, *r));
             }
             let in_phase = instrument.detection == Detection::InPhase;
             samples.push(if in_phase { Complex32::new(sum.re, 0.0) } else { sum });

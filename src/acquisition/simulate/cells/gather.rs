@@ -226,9 +226,8 @@ impl<'a> TileGather<'a> {
 impl ReflectorCell {
     /// The path of its centre to that of a tile.
     fn centre_path(&self, tile: &Tile, instrument: &Instrument) -> CentrePath {
-        let geometry = &instrument.geometry;
-        let outward = geometry.outward_length(self.centre);
-        CentrePath::new(self.centre, outward, tile, geometry, PropagationModel::Exact)
+        let outward = instrument.geometry.outward_length(self.centre);
+        CentrePath::new(self.centre, outward, tile, instrument, PropagationModel::Exact)
     }
 }
 

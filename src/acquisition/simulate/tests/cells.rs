@@ -7,6 +7,7 @@ use super::losses::{AIR, all_losses, greatest_error};
 use super::virtual_tones::{self, ROUNDING, reflectors, scattered, sweep_of};
 use crate::acquisition::{MicArray, Sweep};
 use crate::progress::Silent;
+use crate::wave::Geometry;
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 

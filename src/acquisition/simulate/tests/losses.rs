@@ -6,6 +6,7 @@ use super::super::*;
 use super::assert_threads_do_not_matter;
 use super::virtual_tones::{self, ROUNDING, forced, plan, reflectors, scattered, sweep_of};
 use crate::acquisition::{MicArray, Sweep};
+use crate::wave::Geometry;
 use crate::wave::air::{Air, DB_PER_NEPER, REFERENCE_PRESSURE};
 use crate::wave::piston::piston;
 use proptest::prelude::*;
@@ -41,7 +42,7 @@ fn expected(
             Geometry::Monostatic => r,
         };
         let (d1, d2) = (p.distance(s), p.distance(r));
-        let path = options.model.path_length(&instrument.geometry, p, r);
+        let path = options.model.path_length(instrument, p, r);
         let spreading = if losses.spreading { 1.0 / (d1.max(0.01) * d2.max(0.01)) } else { 1.0 };
         let mut factor = spreading;
         if let Some(air) = losses.air {

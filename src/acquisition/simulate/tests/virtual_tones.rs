@@ -9,6 +9,7 @@ use super::assert_threads_do_not_matter;
 use super::losses::greatest_error;
 use crate::acquisition::{MicArray, Sweep};
 use crate::progress::Silent;
+use crate::wave::Geometry;
 use crate::wave::phasor;
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;

@@ -12,6 +12,7 @@ fn cases() -> Vec<(&'static str, Instrument, Grid)> {
         .collect();
     let on_line = MicArray::rectangular([9, 1], [0.02, 0.02], DVec3::ZERO).unwrap();
     let fixed = |array| Instrument::new(sweep(100.0), array);
+    let steel = Some(Interface { depth: 0.63, sound_speed: 800.0 });
     let even = cube(axis(-0.15, 0.03, 11), axis(-0.12, 0.03, 9));
     vec![
         ("even", fixed(lattice([6, 5], 0.03)), even),
@@ -23,6 +24,12 @@ fn cases() -> Vec<(&'static str, Instrument, Grid)> {
         ("scattered", fixed(MicArray::from_positions(aside).unwrap()), even),
         ("scan", fixed(lattice([6, 5], 0.03)).with_geometry(Geometry::Monostatic), even),
         ("in phase", fixed(lattice([6, 5], 0.03)).with_detection(Detection::InPhase), even),
+        ("two media", fixed(lattice([6, 5], 0.03)).with_interface(steel), even),
+        (
+            "line in two media",
+            fixed(on_line.clone()).with_interface(steel),
+            cube(axis(-0.15, 0.02, 16), axis(0.0, 0.03, 1)),
+        ),
         ("line", fixed(on_line.clone()), cube(axis(-0.15, 0.02, 16), axis(0.0, 0.03, 1))),
         (
             "scanned line",
