@@ -1,8 +1,10 @@
 //! The instrument: the parameters of a measurement that formulas, plans and reconstructions need, without its samples.
 
 mod changes;
+mod transmissions;
 
 pub use changes::InstrumentChanges;
+pub(crate) use transmissions::MOST_SOURCES;
 
 use super::{Detection, MicArray, Sweep};
 use crate::error::{Error, Result};
@@ -13,6 +15,7 @@ use crate::wave::{Aperture, DEFAULT_SOUND_SPEED, Geometry, MOST_WAVELENGTHS, SOU
 use crate::with_fields::with_fields;
 use glam::DVec3;
 use std::ops::Range;
+use std::sync::Arc;
 
 /// How a measurement is made: frequencies, microphones, loudspeaker, detection and the speed of sound.
 ///
@@ -45,8 +48,10 @@ pub struct Instrument {
     pub sweep: Sweep,
     /// The microphones r.
     pub array: MicArray,
-    /// Fixed speaker or monostatic scan.
+    /// Fixed speaker, of several the first, or a scan.
     pub geometry: Geometry,
+    /// Where the loudspeaker is in the transmissions after the first, m; [`Instrument::with_sources`] sets both.
+    pub further_sources: Arc<Vec<DVec3>>,
     /// Quadrature or in-phase.
     pub detection: Detection,
     /// c, m/s; within [`SOUND_SPEEDS`].
@@ -70,6 +75,7 @@ impl Instrument {
             sweep,
             array,
             geometry: Geometry::ORIGIN,
+            further_sources: Arc::default(),
             detection: Detection::Quadrature,
             sound_speed: DEFAULT_SOUND_SPEED,
         }
@@ -78,17 +84,25 @@ impl Instrument {
     /// Rejects a speed of sound or a loudspeaker position with which no path has a phase.
     pub(crate) fn check(&self) -> Result<()> {
         let c = self.sound_speed;
-        let problem = match self.geometry {
-            _ if !is_sound_speed(c) => {
-                let [least, most] = SOUND_SPEEDS;
-                format!("the speed of sound must be from {least} to {most:e} m/s, not {c}")
+        if !is_sound_speed(c) {
+            let [least, most] = SOUND_SPEEDS;
+            let problem = format!("the speed of sound must be from {least} to {most:e} m/s, not {c}");
+            return Err(Error::input("instrument", problem));
+        }
+        let centre = self.array.centre();
+        for source in self.geometries().map(|geometry| geometry.source_of(centre)) {
+            if source.is_nan() || source.abs().max_element() > FARTHEST {
+                let problem = format!(
+                    "the loudspeaker must be within {FARTHEST:e} m along each axis, not at {source} m"
+                );
+                return Err(Error::input("instrument", problem));
             }
-            Geometry::FixedSource { source } if source.is_nan() || source.abs().max_element() > FARTHEST => {
-                format!("the loudspeaker must be within {FARTHEST:e} m along each axis, not at {source} m")
-            }
-            _ => return Ok(()),
-        };
-        Err(Error::input("instrument", problem))
+        }
+        let fixed = matches!(self.geometry, Geometry::FixedSource { .. });
+        if fixed || self.further_sources.is_empty() {
+            return Ok(());
+        }
+        Err(Error::input("instrument", "a scan moves its loudspeaker and has no further ones"))
     }
 
     /// Rejects what [`Instrument::check`] does, and a box of voxels or reflectors, m, that is too far away; `place` names
@@ -99,7 +113,7 @@ impl Instrument {
             let problem = format!("{low} to {high} m reaches beyond {FARTHEST:e} m; lengths are in metres");
             return Err(Error::input(place, problem));
         }
-        let [_, longest] = self.geometry.path_bounds((low, high), self.array.bounds());
+        let [_, longest] = self.path_bounds_of((low, high));
         let wavelengths = longest / self.shortest_wavelength();
         if wavelengths <= MOST_WAVELENGTHS {
             return Ok(());
@@ -124,20 +138,32 @@ impl Instrument {
         self.sound_speed / self.sweep.stop()
     }
 
-    /// What of it decides how sharply a point is imaged.
+    /// What of it decides how sharply a point is imaged. Several loudspeakers widen the array by their own extent, about
+    /// the middle of them.
     pub fn aperture(&self) -> Aperture {
+        let widened = self.source_bounds().map_or(DVec3::ZERO, |(low, high)| high - low);
+        let geometry = match self.geometry {
+            Geometry::FixedSource { .. } => Geometry::FixedSource { source: self.viewpoint() },
+            scan => scan,
+        };
         Aperture {
             sound_speed: self.sound_speed,
             band: [self.sweep.start(), self.sweep.stop()],
             centre: self.array.centre(),
-            extent: self.array.extent(),
-            geometry: self.geometry,
+            extent: self.array.extent() + widened,
+            geometry,
         }
     }
 
     /// Range resolution Δd = c/2B, m (Eq. 10); `None` for a single frequency.
     pub fn range_resolution(&self) -> Option<f64> {
         self.aperture().range_resolution()
+    }
+
+    /// Bounds on the path lengths by way of a box of points: those of [`Geometry::path_bounds`], over all transmissions.
+    pub(crate) fn path_bounds_of(&self, points: (DVec3, DVec3)) -> [f64; 2] {
+        let each = self.geometries().map(|geometry| geometry.path_bounds(points, self.array.bounds()));
+        each.reduce(|[low, high], [l, h]| [low.min(l), high.max(h)]).unwrap_or_default()
     }
 
     /// Bounds on the path lengths between the voxels of a range of depths and the array: those of
@@ -149,7 +175,7 @@ impl Instrument {
         let (low, high) = grid.bounds();
         let low = low.with_z(grid.z.position(depths.start));
         let high = high.with_z(grid.z.position(depths.end - 1));
-        let [shortest, longest] = self.geometry.path_bounds((low, high), self.array.bounds());
+        let [shortest, longest] = self.path_bounds_of((low, high));
         PathInterval { shortest, longest, sound_speed: self.sound_speed }
     }
 
@@ -161,7 +187,8 @@ impl Instrument {
 
     /// Bytes of all samples in memory, complex in single precision; saturates instead of overflowing.
     pub fn cube_bytes(&self) -> u64 {
-        (self.sweep.len() as u64).saturating_mul(self.array.len() as u64).saturating_mul(8)
+        let tones = (self.sweep.len() as u64).saturating_mul(self.transmissions() as u64);
+        tones.saturating_mul(self.array.len() as u64).saturating_mul(8)
     }
 }
 

@@ -20,6 +20,7 @@ use super::plan::cost::Cost;
 use super::volume::Batch;
 use crate::acquisition::Instrument;
 use crate::grid::{Axis, Grid};
+use crate::wave::Geometry;
 use crate::wave::two_legs::TwoLegs;
 use terms::SampledTerms;
 
@@ -112,7 +113,8 @@ impl Upsampling {
     /// of 0.
     pub(super) fn find(instrument: &Instrument, grid: &Grid, budget: ErrorBudget) -> Vec<Self> {
         static LAST: Memo<(Instrument, Grid, ErrorBudget), Vec<Upsampling>> = Memo::new();
-        if budget.upsampling_axis() <= 0.0 {
+        let pair = matches!(instrument.geometry, Geometry::Pair { .. });
+        if budget.upsampling_axis() <= 0.0 || pair {
             return Vec::new();
         }
         LAST.of((instrument.clone(), *grid, budget), || {

@@ -63,7 +63,7 @@ impl Aperture {
     /// Not Eq. 12, whose right side is dimensionless (an angle) and knows no wavelength. A monostatic
     /// scan resolves twice as finely, since both legs change.
     pub fn lateral_resolution(&self, z: f64) -> [Option<f64>; 2] {
-        let wavelength = self.wavelength() / self.geometry.return_legs();
+        let wavelength = self.wavelength() / self.geometry.scanned_legs();
         [self.extent.x, self.extent.y].map(|d| (d > 0.0).then(|| wavelength * (z / d).max(0.5)))
     }
 
@@ -82,6 +82,10 @@ impl Aperture {
         match self.geometry {
             Geometry::FixedSource { source } => along(source) + back,
             Geometry::Monostatic => 2.0 * back,
+            Geometry::Pair { offset } => {
+                let out = signs.map(|(x, y)| along(self.centre + offset + node * DVec3::new(x, y, 0.0)));
+                out.iter().sum::<f64>() / 4.0 + back
+            }
         }
     }
 }
@@ -122,7 +126,12 @@ mod tests {
 
     #[test]
     fn the_gradient_is_that_of_the_mean_path_of_a_full_array() {
-        for geometry in [Geometry::FixedSource { source: DVec3::new(0.3, 0.0, 0.0) }, Geometry::Monostatic] {
+        let beside = DVec3::new(0.3, 0.0, 0.0);
+        for geometry in [
+            Geometry::FixedSource { source: beside },
+            Geometry::Monostatic,
+            Geometry::Pair { offset: beside },
+        ] {
             let aperture = Aperture {
                 sound_speed: 343.0,
                 band: [10e3, 20e3],

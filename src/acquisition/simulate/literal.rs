@@ -19,7 +19,7 @@ pub(super) const COLUMNS: usize = 64;
 /// Fills the samples, `[n_f, n_mic]`, with the literal sum.
 pub(super) fn literal(job: &SimulationJob<'_>, columns: &mut Columns, observer: &dyn Observer) -> Result<()> {
     let SimulationJob { reflectors, instrument, options, responses } = *job;
-    let Instrument { sweep, array, geometry, detection, sound_speed } = instrument;
+    let Instrument { sweep, array, geometry, detection, sound_speed, .. } = instrument;
     let n_mic = array.len();
     let plain = Amplitudes::new(reflectors.amplitudes().iter().copied());
     for (chunk, mics) in array.positions().chunks(COLUMNS).enumerate() {

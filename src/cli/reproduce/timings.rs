@@ -131,7 +131,7 @@ fn all(observer: &dyn Observer) -> Result<Timings> {
 
 /// Eq. 13 literally, with a sine and a cosine for every pixel, microphone and frequency, in f64.
 fn sine_and_cosine(cube: &DataCube, grid: &Grid) -> Vec<Complex64> {
-    let Instrument { sweep, array, geometry, detection, sound_speed } = &cube.instrument;
+    let Instrument { sweep, array, geometry, detection, sound_speed, .. } = &cube.instrument;
     let n_mic = array.len();
     let scale = detection.weight() / (n_mic * sweep.len()) as f64;
     (0..grid.z.count * grid.x.count)
