@@ -49,12 +49,14 @@ pub(crate) use import::check_columns;
 pub use import::{
     ArrayName, FrequencyUnit, ImportAxis, ImportOptions, Imported, MeanWord, RawOffset, TraceColumn, import,
 };
+pub(crate) use instrument::MOST_SOURCES;
 pub use instrument::{Instrument, InstrumentChanges};
 pub use simulate::{
     ArrayErrors, Losses, Noise, PropagationModel, SIMULATION_TOLERANCE, SimulateOptions, simulate,
     simulate_with,
 };
 pub(crate) use simulate::{simulate_resumable, simulation_bytes};
+pub(crate) use source::OneTransmission;
 pub use source::{CubeSource, Visit};
 pub use sweep::Sweep;
 

@@ -49,3 +49,27 @@ impl BlockStore for NoStore {
         Ok(())
     }
 }
+
+/// The blocks of a part of a stage, numbered from `first` on in the store of all of it.
+pub(crate) struct BlocksFrom<'a> {
+    pub(crate) first: u64,
+    pub(crate) store: &'a mut dyn BlockStore,
+}
+
+impl BlockStore for BlocksFrom<'_> {
+    fn load(&mut self, k: u64, block: &mut [Complex32]) -> Result<bool> {
+        self.store.load(self.first + k, block)
+    }
+
+    fn is_due(&mut self) -> bool {
+        self.store.is_due()
+    }
+
+    fn save(&mut self, k: u64, block: &[Complex32]) {
+        self.store.save(self.first + k, block);
+    }
+
+    fn flush(&mut self) -> Result<()> {
+        self.store.flush()
+    }
+}

@@ -152,7 +152,7 @@ pub fn image_scene(run: &RunFile, job: &JobOptions) -> Result<Outcome> {
         mesh,
         physics: prepared.measurement.physics(run),
         plan: prepared.plan,
-        reflectors: Some(prepared.reflectors),
+        reflectors: prepared.reflectors.into_iter().next(),
         instrument: prepared.measurement.instrument,
         image,
         sidelobes,

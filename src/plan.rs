@@ -31,6 +31,7 @@ mod memory;
 mod plausibility;
 mod resolution;
 mod suggest;
+mod virtual_array;
 
 pub(crate) use beam::near_sidelobe_db;
 pub use design::{Design, design};
@@ -38,6 +39,7 @@ pub(crate) use estimate::{JobArrays, JobEstimate, estimate_job};
 pub use estimate::{JobStage, MemoryEstimate, MemoryItem};
 pub(crate) use memory::{address_space, memory_limit};
 pub use resolution::Profile;
+pub use virtual_array::VirtualArray;
 
 use crate::acquisition::{Detection, Instrument};
 use crate::grid::{Axis, Grid};
@@ -121,6 +123,11 @@ pub struct Plan {
     pub frequencies: usize,
     /// Number of microphones.
     pub microphones: usize,
+    /// Number of loudspeakers that sound one after another; 1 for a scan.
+    pub transmissions: usize,
+    /// The array that these see like, if it is another than the microphones'.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub virtual_array: Option<VirtualArray>,
     /// `[n_z, n_y, n_x]`.
     pub grid_shape: [usize; 3],
     /// λ_c, m.
@@ -145,19 +152,22 @@ pub struct Plan {
     pub warnings: Vec<String>,
 }
 
-/// Computes a plan, in microseconds.
+/// Computes a plan, in microseconds; for several loudspeakers their virtual array is sorted.
 pub fn plan(instrument: &Instrument, grid: &Grid) -> Plan {
     let width = (grid.x.last() - grid.x.first).max(grid.y.last() - grid.y.first);
     let near = grid.z.first.max(1e-3);
     let [shortest_path, longest_path] = instrument.path_bounds(grid);
-    let alias_free_pitch = alias_free_pitch(instrument, near, width);
+    let seen = instrument.equivalent();
+    let alias_free_pitch = alias_free_pitch(&seen, near, width);
     let mut warnings = Vec::new();
-    warnings.extend(aliasing_warning(instrument, near, width, alias_free_pitch));
+    warnings.extend(aliasing_warning(&seen, near, width, alias_free_pitch));
     warnings.extend(ambiguity_warning(instrument, shortest_path, longest_path));
     warnings.extend(plausibility::questions(instrument, grid));
     Plan {
         frequencies: instrument.sweep.len(),
         microphones: instrument.array.len(),
+        transmissions: instrument.transmissions(),
+        virtual_array: instrument.has_virtual_array().then(|| VirtualArray::of(&seen)),
         grid_shape: grid.shape(),
         wavelength: instrument.wavelength(),
         range_resolution: instrument.range_resolution(),
@@ -180,7 +190,7 @@ fn nice(value: f64) -> String {
 
 /// `d ≤ λ_min/2` is free of grating lobes everywhere; `d ≤ λ_min z/X` within a scene of width X from depth z on.
 fn alias_free_pitch(instrument: &Instrument, near: f64, width: f64) -> f64 {
-    let shortest = instrument.shortest_wavelength() / instrument.geometry.return_legs();
+    let shortest = instrument.shortest_wavelength() / instrument.geometry.scanned_legs();
     if width > 0.0 { (shortest * near / width).max(shortest / 2.0) } else { f64::MAX }
 }
 
@@ -193,7 +203,7 @@ fn aliasing_warning(instrument: &Instrument, near: f64, width: f64, alias_free: 
     if axis.pitch <= alias_free * (1.0 + 1e-9) {
         return None;
     }
-    let offset = instrument.shortest_wavelength() / instrument.geometry.return_legs() * near / axis.pitch;
+    let offset = instrument.shortest_wavelength() / instrument.geometry.scanned_legs() * near / axis.pitch;
     let smear = (axis.count - 1) as f64 * instrument.sweep.bandwidth() / instrument.sweep.centre();
     let level = -20.0 * smear.max(1.0).log10();
     Some(format!(

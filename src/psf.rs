@@ -142,8 +142,9 @@ pub fn point_spread_with(
         .flatten()
         .fold((high - low).max_element().max(instrument.wavelength()), f64::min);
     let scale = DVec3::from(widths[0].map(|width| width.unwrap_or(otherwise)));
-    let beam = Beam::new(instrument, options.window);
-    let mut look = Look { instrument, options, cube, p, amplitude: 1.0, beam, scale };
+    let seen = &*instrument.equivalent();
+    let beam = Beam::new(seen, options.window);
+    let mut look = Look { seen, options, cube, p, amplitude: 1.0, beam, scale };
     look.amplitude = f64::from(look.image(&cube_grid(p, DVec3::splat(1e-4), [0; 3]))?.peak());
     if look.amplitude <= 0.0 {
         return Err(Error::input("--at", format!("no microphone receives an echo from {p} m")));

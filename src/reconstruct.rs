@@ -2,7 +2,7 @@
 //!
 //! `Â(p) = w / (Σ_f w_f · Σ_r w_r) · Σ_f Σ_r w_f w_r m(f, r) e^{−i2πf·path(p, r)/c}`
 //!
-//! with w = 1 for quadrature, 2 for in-phase data and window weights `w_f`, `w_r` (all 1 without a window), so a
+//! (of several loudspeakers the mean of all such sums, [`transmissions`]) with w = 1 for quadrature, 2 for in-phase data and window weights `w_f`, `w_r` (all 1 without a window), so a
 //! unit reflector on a voxel peaks at 1. [`Method::Direct`] sums this as written, on any grid and for any
 //! microphones: it is the oracle. [`Method::Convolution`] is Eq. 16 over skeleton frequencies, for microphones in
 //! a plane of constant z; [`Method::Backprojection`] evaluates range profiles, for any others.
@@ -19,6 +19,7 @@ mod numerics;
 mod options;
 mod plan;
 mod refine;
+mod transmissions;
 mod upsampling;
 mod volume;
 mod window;
@@ -74,7 +75,7 @@ impl Reconstruction {
 
 /// Reconstructs the volume that a cube shows on a grid, all of it in memory.
 ///
-/// - Shapes: the cube is `[n_f, n_mic]`, the volume `[n_z, n_y, n_x]`.
+/// - Shapes: the cube is `[n_f, n_mic]`, or `[n_tx, n_f, n_mic]` for several loudspeakers; the volume `[n_z, n_y, n_x]`.
 /// - Cost: that of [`reconstruct_into`].
 ///
 /// # Errors
@@ -146,6 +147,9 @@ fn in_pool(
     (sink, store): (&mut dyn VolumeSink, &mut dyn BlockStore),
     observer: &dyn Observer,
 ) -> Result<ReconstructionInfo> {
+    if source.instrument().transmissions() > 1 {
+        return transmissions::sum_of_transmissions(source, grid, options, sink, observer);
+    }
     let instrument = source.instrument();
     let threads = rayon::current_num_threads();
     let candidates = Candidates::new(instrument, grid, options, threads)?;

@@ -55,6 +55,8 @@ choice! {
         FixedSource = "fixed-source",
         /// Speaker and microphone scan the array together: path 2|p − r|.
         Monostatic = "monostatic",
+        /// They scan it together, always the same way apart: path |p − r − a| + |p − r|.
+        Pair = "pair",
     }
 }
 
@@ -68,6 +70,11 @@ pub enum Geometry {
     },
     /// Speaker and microphone move together; path length `2|p − r|`.
     Monostatic,
+    /// They move together, always the same way apart; path length `|p − r − a| + |p − r|`.
+    Pair {
+        /// From the microphone to the loudspeaker, a, m.
+        offset: DVec3,
+    },
 }
 
 impl Geometry {
@@ -80,12 +87,13 @@ impl Geometry {
         match self {
             Self::FixedSource { source } => p.distance(*source) + p.distance(r),
             Self::Monostatic => 2.0 * p.distance(r),
+            Self::Pair { offset } => p.distance(r + *offset) + p.distance(r),
         }
     }
 
     /// The far-field path of Eq. 6–7, `2|p − s| − p̂·(r − s)` with `p̂` the unit vector from the speaker to `p`
     /// (0 at the speaker). The printed equation has `p·r̂`, but only `p̂·r` follows from Eq. 6. For a monostatic scan, whose
-    /// two legs have the same error, it is `2(|p| − p̂·r)` about the origin.
+    /// two legs have the same error, it is `2(|p| − p̂·r)` about the origin; for a pair, r is half-way between the two.
     #[inline]
     pub fn linear_path_length(&self, p: DVec3, r: DVec3) -> f64 {
         match self {
@@ -93,6 +101,7 @@ impl Geometry {
                 2.0 * p.distance(*source) - self.far_direction(p).dot(r - *source)
             }
             Self::Monostatic => 2.0 * (p.length() - self.far_direction(p).dot(r)),
+            Self::Pair { offset } => 2.0 * (p.length() - self.far_direction(p).dot(r + *offset * 0.5)),
         }
     }
 
@@ -101,7 +110,7 @@ impl Geometry {
     pub(crate) fn far_direction(&self, p: DVec3) -> DVec3 {
         match self {
             Self::FixedSource { source } => (p - *source).normalize_or_zero(),
-            Self::Monostatic => p.normalize_or_zero(),
+            Self::Monostatic | Self::Pair { .. } => p.normalize_or_zero(),
         }
     }
 
@@ -113,31 +122,59 @@ impl Geometry {
     pub(crate) fn path_bounds(&self, points: (DVec3, DVec3), microphones: (DVec3, DVec3)) -> [f64; 2] {
         let (low, high) = microphones;
         let farthest = |p: DVec3| (p - low).abs().max((p - high).abs()).length();
-        let longest = corners(points).map(|p| self.outward_length(p) + self.return_legs() * farthest(p));
+        let longest = corners(points).map(|p| match self {
+            // Either leg for itself: as they are at different corners, this bounds their sum from above.
+            Self::Pair { offset } => farthest(p - *offset) + farthest(p),
+            _ => self.outward_length(p) + self.return_legs() * farthest(p),
+        });
         let gap =
             |(low, high): (DVec3, DVec3)| (points.0 - high).max(low - points.1).max(DVec3::ZERO).length();
         let back = gap(microphones);
         let out = match self {
             Self::FixedSource { source } => gap((*source, *source)),
             Self::Monostatic => back,
+            Self::Pair { offset } => gap((low + *offset, high + *offset)),
         };
         [out + back, longest.into_iter().fold(0.0, f64::max)]
     }
 
     /// The part of the path that does not depend on the microphone, `|p − s|`; 0 for a monostatic scan.
+    ///
+    /// # Panics
+    /// For a pair, both of whose legs depend on it.
     #[inline]
     pub(crate) fn outward_length(&self, p: DVec3) -> f64 {
         match self {
             Self::FixedSource { source } => p.distance(*source),
             Self::Monostatic => 0.0,
+            Self::Pair { .. } => {
+                unreachable!("a pair's path has no part that is the same for every microphone")
+            }
         }
     }
 
     /// Number of times that the path contains the leg `|p − r|`.
     pub(crate) fn return_legs(&self) -> f64 {
         match self {
-            Self::FixedSource { .. } => 1.0,
+            Self::FixedSource { .. } | Self::Pair { .. } => 1.0,
             Self::Monostatic => 2.0,
+        }
+    }
+
+    /// Number of legs that change from microphone to microphone, by which an aperture is sharper.
+    pub(crate) fn scanned_legs(&self) -> f64 {
+        match self {
+            Self::FixedSource { .. } => 1.0,
+            Self::Monostatic | Self::Pair { .. } => 2.0,
+        }
+    }
+
+    /// The loudspeaker that a microphone at `r` hears.
+    pub(crate) fn source_of(&self, r: DVec3) -> DVec3 {
+        match self {
+            Self::FixedSource { source } => *source,
+            Self::Monostatic => r,
+            Self::Pair { offset } => r + *offset,
         }
     }
 
@@ -146,15 +183,13 @@ impl Geometry {
         match self {
             Self::FixedSource { .. } => GeometryKind::FixedSource,
             Self::Monostatic => GeometryKind::Monostatic,
+            Self::Pair { .. } => GeometryKind::Pair,
         }
     }
 
-    /// The position of the speaker as seen from a reflector: the source, or the array's centre for a monostatic scan.
+    /// The position of the speaker as seen from a reflector: the source, or where it is in the middle of a scan.
     pub fn viewpoint(&self, array_centre: DVec3) -> DVec3 {
-        match self {
-            Self::FixedSource { source } => *source,
-            Self::Monostatic => array_centre,
-        }
+        self.source_of(array_centre)
     }
 }
 
@@ -195,12 +230,29 @@ mod tests {
         let back = Geometry::FixedSource { source: r }.path_length(p, s);
         assert!((there - back).abs() < 1e-15);
         assert_eq!(Geometry::Monostatic.path_length(p, r), 2.0 * p.distance(r));
+        assert_eq!(Geometry::Pair { offset: s - r }.path_length(p, r), there);
+    }
+
+    #[test]
+    fn the_bounds_hold_for_a_moved_pair() {
+        let pair = Geometry::Pair { offset: DVec3::new(0.3, -0.1, 0.05) };
+        let fraction = |i: usize, k: f64| (i as f64 * k).fract();
+        let place = |i: usize| [0.618_033_99, 0.754_877_67, 0.569_840_29].map(|k| fraction(i, k));
+        let (points, array) =
+            ((DVec3::new(-0.4, -0.2, 0.5), DVec3::new(0.5, 0.3, 0.9)), (DVec3::ZERO, DVec3::X));
+        let [shortest, longest] = pair.path_bounds(points, array);
+        for i in 0..500 {
+            let p = points.0 + DVec3::from(place(i)) * (points.1 - points.0);
+            let path = pair.path_length(p, DVec3::X * fraction(i, 0.324_717_96));
+            assert!((shortest..=longest).contains(&path));
+        }
     }
 
     #[test]
     fn the_linear_path_is_the_far_field_limit() {
         let r = DVec3::new(0.3, -0.2, 0.0);
-        for geometry in [Geometry::ORIGIN, Geometry::Monostatic] {
+        let pair = Geometry::Pair { offset: DVec3::new(0.2, 0.1, 0.0) };
+        for geometry in [Geometry::ORIGIN, Geometry::Monostatic, pair] {
             let error = |scale: f64| {
                 let p = DVec3::new(0.2, 0.4, 1.0) * scale;
                 (geometry.path_length(p, r) - geometry.linear_path_length(p, r)).abs()

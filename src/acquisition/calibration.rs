@@ -68,9 +68,10 @@ impl Calibration {
     /// Memory: that of the cube again for a background file.
     ///
     /// # Errors
-    /// Samples that are not finite in microphones that are not masked; files that are missing or of another instrument;
+    /// Several loudspeakers; samples that are not finite in microphones that are not masked; files that are missing or of another instrument;
     /// responses and delays of in-phase cubes, which have no phase; a gate longer than the path that is unambiguous.
     pub fn apply(&self, cube: &mut DataCube, observer: &dyn Observer) -> Result<Vec<String>> {
+        cube.instrument.need_one_source("[calibration]")?;
         let (masked, mut words) = self.mask.find(cube, observer)?;
         silence(cube, &masked, 0.0);
         super::cube::check_finite("samples", 0, cube.instrument.array.len(), &cube.samples)?;

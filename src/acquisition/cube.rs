@@ -16,7 +16,7 @@ use std::path::Path;
 pub struct DataCube {
     /// The instrument that measured it.
     pub instrument: Instrument,
-    /// `[n_f, n_mic]`, with phase sign +1; in-phase samples are real.
+    /// `[n_f, n_mic]`, or `[n_tx, n_f, n_mic]` for several loudspeakers, with phase sign +1; in-phase samples are real.
     pub samples: Vec<Complex32>,
     /// The origin of the cube (`run`, `seed` of a simulation); null for a measurement.
     pub provenance: Value,
@@ -26,10 +26,10 @@ pub(super) const FORMAT: &str = "holosonar-cube";
 pub(super) const VERSION: u32 = 1;
 
 impl DataCube {
-    /// A cube of the given samples, `[n_f, n_mic]`, measured with `instrument`; in-phase samples have no imaginary parts.
+    /// A cube of the given samples, `[n_f, n_mic]` or, for several loudspeakers, `[n_tx, n_f, n_mic]`, measured with `instrument`; in-phase samples have no imaginary parts.
     ///
     /// # Errors
-    /// A number of samples other than frequencies × microphones; samples that are not finite.
+    /// A number of samples other than transmissions × frequencies × microphones; samples that are not finite.
     ///
     /// ```
     /// use holosonar::glam::DVec3;
@@ -44,15 +44,16 @@ impl DataCube {
     /// ```
     pub fn new(instrument: Instrument, samples: Vec<Complex32>) -> Result<Self> {
         let Instrument { sweep, array, .. } = &instrument;
-        let expected = sweep.len() as u64 * array.len() as u64;
+        let (n_f, n_mic, transmissions) = (sweep.len(), array.len(), instrument.transmissions());
+        let expected = n_f as u64 * n_mic as u64 * transmissions as u64;
         if samples.len() as u64 != expected {
+            let of_sources =
+                if transmissions > 1 { format!("{transmissions} loudspeakers x ") } else { String::new() };
             return Err(Error::input(
                 "samples",
                 format!(
-                    "there are {} values; {} frequencies x {} microphones need {expected}",
+                    "there are {} values; {of_sources}{n_f} frequencies x {n_mic} microphones need {expected}",
                     samples.len(),
-                    sweep.len(),
-                    array.len()
                 ),
             ));
         }
@@ -60,34 +61,45 @@ impl DataCube {
         Ok(Self { instrument, samples, provenance: Value::Null })
     }
 
-    /// The samples of frequency `f`, `[n_mic]`.
+    /// The samples of a transmission, `[n_f, n_mic]`.
+    ///
+    /// # Panics
+    /// If there are not so many [transmissions](Instrument::transmissions).
+    pub fn transmission(&self, index: usize) -> &[Complex32] {
+        let len = self.instrument.sweep.len() * self.instrument.array.len();
+        &self.samples[index * len..][..len]
+    }
+
+    /// The samples of frequency `f`, `[n_mic]`; of several transmissions, of the first.
     pub fn frequency(&self, f: usize) -> &[Complex32] {
         let n = self.instrument.array.len();
         &self.samples[f * n..(f + 1) * n]
     }
 
-    /// The samples of a cube, all zero.
-    pub(super) fn allocate(n_f: usize, n_mic: usize) -> Result<Vec<Complex32>> {
-        (n_f as u64).checked_mul(n_mic as u64).and_then(try_zeroed).ok_or_else(|| {
+    /// The samples of a cube of so many transmissions, frequencies and microphones, all zero.
+    pub(super) fn allocate(counts: [usize; 3]) -> Result<Vec<Complex32>> {
+        let total = counts.iter().try_fold(1_u64, |product, n| product.checked_mul(*n as u64));
+        total.and_then(try_zeroed).ok_or_else(|| {
+            let [n_tx, n_f, n_mic] = counts;
+            let of_sources = if n_tx > 1 { format!("{n_tx} loudspeakers x ") } else { String::new() };
             Error::out_of_memory(format!(
-                "a cube of {n_f} frequencies x {n_mic} microphones does not fit in memory; use fewer of either"
+                "a cube of {of_sources}{n_f} frequencies x {n_mic} microphones does not fit in memory; use fewer of either"
             ))
         })
     }
 
-    /// Writes the cube: `samples`, `frequencies`, `mic_positions`, `meta`. The same cube gives the same bytes.
+    /// Writes the cube: `samples`, `frequencies`, `mic_positions`, `meta`, and `sources` if there are several, or
+    /// `source_positions` of a pair. The same cube gives the same bytes.
     ///
     /// # Errors
     /// [`Error::Io`] if the file cannot be written; an existing file is then unchanged.
     pub fn write(&self, path: &Path) -> Result<()> {
-        let Instrument { sweep, array, geometry, detection, sound_speed, interface } = &self.instrument;
-        let shape = [vec![sweep.len()], array.shape()].concat();
+        let Instrument { sweep, array, geometry, detection, sound_speed, interface, .. } = &self.instrument;
+        let sources = self.instrument.sources();
+        let several = (sources.len() > 1).then_some(sources.len());
+        let shape = several.into_iter().chain([sweep.len()]).chain(array.shape()).collect::<Vec<_>>();
         let positions_shape = [array.shape(), vec![3]].concat();
         let positions: Vec<f64> = array.positions().iter().flat_map(DVec3::to_array).collect();
-        let source = match *geometry {
-            Geometry::FixedSource { source } => source,
-            Geometry::Monostatic => DVec3::ZERO,
-        };
         let mut meta = json!({
             "format": FORMAT,
             "version": VERSION,
@@ -95,10 +107,12 @@ impl DataCube {
             "geometry": geometry.kind(),
             "detection": detection,
             "phase_sign": 1,
-            "source": source.to_array(),
         });
         if let Some(interface) = interface {
             meta["interface"] = json!(interface);
+        }
+        if several.is_none() {
+            meta["source"] = json!(sources.first().copied().unwrap_or_default().to_array());
         }
         if !self.provenance.is_null() {
             meta["provenance"] = self.provenance.clone();
@@ -113,6 +127,13 @@ impl DataCube {
             }
             npz.f64("frequencies", &[sweep.len()], sweep.frequencies())?;
             npz.f64("mic_positions", &positions_shape, &positions)?;
+            if let Some(count) = several {
+                npz.f64("sources", &[count, 3], bytemuck::cast_slice(&sources))?;
+            }
+            if let Geometry::Pair { offset } = geometry {
+                let sources = array.positions().iter().flat_map(|r| (*r + *offset).to_array());
+                npz.f64("source_positions", &positions_shape, &sources.collect::<Vec<_>>())?;
+            }
             npz.text("meta", &meta.to_string())
         })
     }

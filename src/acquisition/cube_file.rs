@@ -1,7 +1,11 @@
 //! Reading a cube file: everything but the samples when it is opened, the samples in blocks or all at once.
 
+mod sources;
 #[cfg(test)]
 mod tests;
+mod unchecked;
+
+pub use unchecked::UncheckedSamples;
 
 use super::cube::{FORMAT, VERSION, check_finite};
 use super::source::{CubeSource, Visit, visit_samples};
@@ -11,7 +15,7 @@ use crate::files::npz::NpzReader;
 use crate::progress::Observer;
 use crate::scene::FARTHEST;
 use crate::text::{nearest, quoted};
-use crate::wave::{DEFAULT_SOUND_SPEED, Geometry, GeometryKind, Interface, SOUND_SPEEDS, is_sound_speed};
+use crate::wave::{DEFAULT_SOUND_SPEED, GeometryKind, Interface, SOUND_SPEEDS, is_sound_speed};
 use glam::DVec3;
 use num_complex::Complex32;
 use serde::Deserialize;
@@ -27,8 +31,10 @@ pub struct CubeFile {
     conjugated: bool,
     provenance: Value,
     changes: Vec<String>,
-    /// The samples as a calibration left them, `[n_f, n_mic]`, with phase sign +1.
+    /// The samples as a calibration left them, `[n_tx, n_f, n_mic]`, with phase sign +1.
     corrected: Option<Vec<Complex32>>,
+    /// Those of several transmissions as they are in the file, once they are read.
+    read: Option<Vec<Complex32>>,
 }
 
 /// The `meta` array of a file; every key may be missing.
@@ -41,7 +47,7 @@ struct Meta {
     geometry: String,
     detection: Option<Detection>,
     phase_sign: i32,
-    source: [f64; 3],
+    source: Option<[f64; 3]>,
     interface: Option<Interface>,
     provenance: Value,
 }
@@ -55,7 +61,7 @@ impl Default for Meta {
             geometry: GeometryKind::FixedSource.to_string(),
             detection: None,
             phase_sign: 1,
-            source: [0.0; 3],
+            source: None,
             interface: None,
             provenance: Value::Null,
         }
@@ -63,7 +69,7 @@ impl Default for Meta {
 }
 
 /// The arrays of a cube file.
-const ARRAYS: [&str; 4] = ["samples", "frequencies", "mic_positions", "meta"];
+const ARRAYS: [&str; 6] = ["samples", "frequencies", "mic_positions", "meta", "sources", "source_positions"];
 
 /// The keys of `meta`.
 const META: [&str; 9] = [
@@ -96,8 +102,8 @@ impl Meta {
         serde_json::from_value(Value::Object(values)).map_err(wrong)
     }
 
-    /// Checks every value and gives the geometry.
-    fn check(&self, place: &str) -> Result<Geometry> {
+    /// Checks every value and gives the kind of geometry.
+    fn check(&self, place: &str) -> Result<GeometryKind> {
         let refuse = |problem: String| Err(Error::input(place, problem));
         if self.format != FORMAT {
             return refuse(format!("`format` is \"{}\"; {FORMAT:?} was expected", quoted(&self.format)));
@@ -112,16 +118,15 @@ impl Meta {
         if self.phase_sign.abs() != 1 {
             return refuse(format!("`phase_sign` must be 1 or -1, not {}", self.phase_sign));
         }
-        let source = DVec3::from_array(self.source);
+        let source = self.source();
         if source.is_nan() || source.abs().max_element() > FARTHEST {
             return refuse(format!("`source` must be three numbers within {FARTHEST:e}, in m, not {source}"));
         }
-        let kind: GeometryKind =
-            self.geometry.parse().map_err(|error: Error| error.at(format!("{place}, `geometry`")))?;
-        Ok(match kind {
-            GeometryKind::FixedSource => Geometry::FixedSource { source },
-            GeometryKind::Monostatic => Geometry::Monostatic,
-        })
+        self.geometry.parse().map_err(|error: Error| error.at(format!("{place}, `geometry`")))
+    }
+
+    fn source(&self) -> DVec3 {
+        self.source.map_or(DVec3::ZERO, DVec3::from_array)
     }
 }
 
@@ -205,7 +210,7 @@ impl CubeFile {
         if let Some(unknown) = npz.names().find(|name| !ARRAYS.contains(name)) {
             return Err(unknown_name("array", unknown, &ARRAYS).at(path.display()));
         }
-        let geometry = meta.check(&place(path, "meta"))?;
+        let kind = meta.check(&place(path, "meta"))?;
         let frequencies = npz.f64("frequencies")?;
         if frequencies.shape.len() != 1 {
             let problem = format!("must have one axis, [n_f], not {:?}", frequencies.shape);
@@ -216,18 +221,23 @@ impl CubeFile {
         let (array, axes) = microphones(path, &mut npz, limit)?;
         let detection = detection_of(path, meta.detection, npz.dtype_is_complex("samples")?)?;
         let shape = npz.shape("samples")?;
-        let expected: Vec<usize> = std::iter::once(sweep.len()).chain(axes).collect();
-        if shape != expected {
-            return Err(Error::input(
-                place(path, "samples"),
-                format!("have the shape {shape:?}; `frequencies` and `mic_positions` require {expected:?}"),
-            ));
-        }
         let instrument = Instrument::new(sweep, array)
-            .with_geometry(geometry)
             .with_detection(detection)
             .with_sound_speed(meta.sound_speed)
             .with_interface(meta.interface);
+        let instrument = sources::placed(path, &mut npz, instrument, (kind, meta.source))?;
+        let of_sources = npz.contains("sources").then(|| instrument.transmissions());
+        let expected: Vec<usize> =
+            of_sources.into_iter().chain([instrument.sweep.len()]).chain(axes).collect();
+        if shape != expected {
+            let others = if of_sources.is_some() { ", `sources`" } else { "" };
+            return Err(Error::input(
+                place(path, "samples"),
+                format!(
+                    "have the shape {shape:?}; `frequencies`, `mic_positions`{others} require {expected:?}"
+                ),
+            ));
+        }
         instrument.check().map_err(|error| error.at(place(path, "meta")))?;
         Ok(Self {
             path: path.to_owned(),
@@ -237,6 +247,7 @@ impl CubeFile {
             provenance: meta.provenance,
             changes: Vec::new(),
             corrected: None,
+            read: None,
         })
     }
 
@@ -273,6 +284,7 @@ impl CubeFile {
             return Ok(self);
         }
         let place = place(&self.path, "samples");
+        self.instrument.need_one_source("[calibration]")?;
         let samples = self.samples()?;
         let mut cube = DataCube { instrument: self.instrument, samples, provenance: self.provenance };
         let words = calibration.apply(&mut cube, observer).map_err(|error| match error.place() {
@@ -336,7 +348,7 @@ impl CubeFile {
 
     /// The samples as they are, to find those that are not finite, at which any other visit stops.
     pub fn unchecked(&mut self) -> UncheckedSamples<'_> {
-        UncheckedSamples(self)
+        UncheckedSamples::new(self)
     }
 
     /// The origin of the cube; null for a measurement.
@@ -355,44 +367,25 @@ impl CubeSource for CubeFile {
         if self.corrected.is_some() {
             return self.instrument.cube_bytes();
         }
+        // Every transmission is visited again for each slab of depths, so that several are read once.
+        if self.instrument.transmissions() > 1 {
+            return self.instrument.cube_bytes().saturating_mul(2);
+        }
         if self.npz.in_order("samples") { 0 } else { self.instrument.cube_bytes().saturating_mul(2) }
     }
 
-    fn visit(&mut self, block: usize, visit: &mut Visit) -> Result<()> {
+    fn visit_transmission(&mut self, transmission: usize, block: usize, visit: &mut Visit) -> Result<()> {
         let (n_mic, place) = (self.instrument.array.len(), place(&self.path, "samples"));
-        if let Some(samples) = &self.corrected {
-            return visit_samples(&self.instrument, samples, block, visit);
+        if self.instrument.transmissions() > 1 && self.corrected.is_none() && self.read.is_none() {
+            let samples = self.samples()?;
+            check_finite(&place, 0, n_mic, &samples)?;
+            self.read = Some(samples);
+        }
+        if let Some(samples) = self.corrected.as_ref().or(self.read.as_ref()) {
+            return visit_samples(&self.instrument, (transmission, samples), block, visit);
         }
         self.unchecked().visit(block, &mut |range, samples| {
             check_finite(&place, range.start, n_mic, samples)?;
-            visit(range, samples)
-        })
-    }
-}
-
-/// The samples of a file, also those that are not finite.
-#[derive(Debug)]
-pub struct UncheckedSamples<'a>(&'a mut CubeFile);
-
-impl CubeSource for UncheckedSamples<'_> {
-    fn instrument(&self) -> &Instrument {
-        self.0.instrument()
-    }
-
-    fn held_bytes(&self) -> u64 {
-        self.0.held_bytes()
-    }
-
-    fn visit(&mut self, block: usize, visit: &mut Visit) -> Result<()> {
-        let CubeFile { npz, instrument, conjugated, .. } = &mut *self.0;
-        let (n_f, n_mic) = (instrument.sweep.len(), instrument.array.len());
-        let mut first = 0;
-        npz.complex_blocks("samples", block.min(n_f) * n_mic, |samples: &mut [Complex32]| {
-            if *conjugated {
-                conjugate(samples);
-            }
-            let range = first..first + samples.len() / n_mic;
-            first = range.end;
             visit(range, samples)
         })
     }

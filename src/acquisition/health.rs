@@ -96,6 +96,7 @@ impl Health {
     /// ```
     pub fn of(source: &mut dyn CubeSource, memory: u64, observer: &dyn Observer) -> Result<Self> {
         let instrument = source.instrument().clone();
+        instrument.need_one_source("--health")?;
         let survey = Survey::of(source, &instrument, memory, observer)?;
         stage(observer, "examining profiles", 0, || Ok(survey.judge(&instrument)))
     }

@@ -270,7 +270,7 @@ fn read_traces(options: &ImportOptions, guesses: &mut Vec<String>) -> Result<Rec
         let place = path.display().to_string();
         if known.is_none() {
             let sweep = sweep_of(options, typed.clone(), trace.frequencies.clone(), &place)?;
-            samples = DataCube::allocate(sweep.0.len(), n_mic)?;
+            samples = DataCube::allocate([1, sweep.0.len(), n_mic])?;
             known = Some(FirstTrace { sweep, frequencies: trace.frequencies.clone(), real: trace.real });
         }
         let Some(FirstTrace { sweep, frequencies, real }) = &known else { continue };

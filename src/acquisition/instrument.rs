@@ -1,8 +1,10 @@
 //! The instrument: the parameters of a measurement that formulas, plans and reconstructions need, without its samples.
 
 mod changes;
+mod transmissions;
 
 pub use changes::InstrumentChanges;
+pub(crate) use transmissions::MOST_SOURCES;
 
 use super::{Detection, MicArray, Sweep};
 use crate::error::{Error, Result};
@@ -16,6 +18,7 @@ use crate::wave::{
 use crate::with_fields::with_fields;
 use glam::DVec3;
 use std::ops::Range;
+use std::sync::Arc;
 
 /// How a measurement is made: frequencies, microphones, loudspeaker, detection and the speed of sound.
 ///
@@ -48,8 +51,10 @@ pub struct Instrument {
     pub sweep: Sweep,
     /// The microphones r.
     pub array: MicArray,
-    /// Fixed speaker or monostatic scan.
+    /// Fixed speaker, of several the first, or a scan.
     pub geometry: Geometry,
+    /// Where the loudspeaker is in the transmissions after the first, m; [`Instrument::with_sources`] sets both.
+    pub further_sources: Arc<Vec<DVec3>>,
     /// Quadrature or in-phase.
     pub detection: Detection,
     /// c, m/s; within [`SOUND_SPEEDS`].
@@ -76,6 +81,7 @@ impl Instrument {
             sweep,
             array,
             geometry: Geometry::ORIGIN,
+            further_sources: Arc::default(),
             detection: Detection::Quadrature,
             sound_speed: DEFAULT_SOUND_SPEED,
             interface: None,
@@ -86,26 +92,35 @@ impl Instrument {
     pub(crate) fn check(&self) -> Result<()> {
         self.check_interface()?;
         let c = self.sound_speed;
-        let problem = match self.geometry {
-            _ if !is_sound_speed(c) => {
-                let [least, most] = SOUND_SPEEDS;
-                format!("the speed of sound must be from {least} to {most:e} m/s, not {c}")
+        if !is_sound_speed(c) {
+            let [least, most] = SOUND_SPEEDS;
+            let problem = format!("the speed of sound must be from {least} to {most:e} m/s, not {c}");
+            return Err(Error::input("instrument", problem));
+        }
+        let centre = self.array.centre();
+        for source in self.geometries().map(|geometry| geometry.source_of(centre)) {
+            if source.is_nan() || source.abs().max_element() > FARTHEST {
+                let problem = format!(
+                    "the loudspeaker must be within {FARTHEST:e} m along each axis, not at {source} m"
+                );
+                return Err(Error::input("instrument", problem));
             }
-            Geometry::FixedSource { source } if source.is_nan() || source.abs().max_element() > FARTHEST => {
-                format!("the loudspeaker must be within {FARTHEST:e} m along each axis, not at {source} m")
-            }
-            _ => return Ok(()),
-        };
-        Err(Error::input("instrument", problem))
+        }
+        let fixed = matches!(self.geometry, Geometry::FixedSource { .. });
+        if fixed || self.further_sources.is_empty() {
+            return Ok(());
+        }
+        Err(Error::input("instrument", "a scan moves its loudspeaker and has no further ones"))
     }
 
     fn check_interface(&self) -> Result<()> {
         let Some(Interface { depth, sound_speed }) = self.interface else { return Ok(()) };
-        let nearest = self.array.bounds().1.z;
-        let nearest = match self.geometry {
-            Geometry::FixedSource { source } => nearest.max(source.z),
-            Geometry::Monostatic => nearest,
+        let highest = |geometry: Geometry| match geometry {
+            Geometry::FixedSource { source } => source.z,
+            Geometry::Monostatic => f64::NEG_INFINITY,
+            Geometry::Pair { offset } => self.array.bounds().1.z + offset.z,
         };
+        let nearest = self.geometries().map(highest).fold(self.array.bounds().1.z, f64::max);
         let problem = if !is_sound_speed(sound_speed) {
             let [least, most] = SOUND_SPEEDS;
             format!("the speed of sound beyond it must be from {least} to {most:e} m/s, not {sound_speed}")
@@ -128,7 +143,7 @@ impl Instrument {
             let problem = format!("{low} to {high} m reaches beyond {FARTHEST:e} m; lengths are in metres");
             return Err(Error::input(place, problem));
         }
-        let [_, longest] = self.box_paths((low, high));
+        let [_, longest] = self.path_bounds_of((low, high));
         let wavelengths = longest / self.shortest_wavelength();
         if wavelengths <= MOST_WAVELENGTHS {
             return Ok(());
@@ -153,14 +168,20 @@ impl Instrument {
         self.sound_speed / self.sweep.stop()
     }
 
-    /// What of it decides how sharply a point is imaged.
+    /// What of it decides how sharply a point is imaged. Several loudspeakers widen the array by their own extent, about
+    /// the middle of them.
     pub fn aperture(&self) -> Aperture {
+        let widened = self.source_bounds().map_or(DVec3::ZERO, |(low, high)| high - low);
+        let geometry = match self.geometry {
+            Geometry::FixedSource { .. } => Geometry::FixedSource { source: self.viewpoint() },
+            scan => scan,
+        };
         Aperture {
             sound_speed: self.sound_speed,
             band: [self.sweep.start(), self.sweep.stop()],
             centre: self.array.centre(),
-            extent: self.array.extent(),
-            geometry: self.geometry,
+            extent: self.array.extent() + widened,
+            geometry,
             interface: self.interface,
         }
     }
@@ -192,32 +213,19 @@ impl Instrument {
         self.interface.map(|interface| Refraction::new(&interface, self.sound_speed, accuracy))
     }
 
-    /// Bounds on the path lengths between a box of points and the array: those of [`Geometry::path_bounds`], and with an
-    /// interface the sums of the shortest and of the longest legs.
-    pub(crate) fn box_paths(&self, (low, high): (DVec3, DVec3)) -> [f64; 2] {
-        let Some(refraction) = self.refraction() else {
-            return self.geometry.path_bounds((low, high), self.array.bounds());
-        };
-        // A leg grows with the lateral distance, and with the depth beneath its beginning.
-        let legs = |(first, last): (DVec3, DVec3)| {
-            let gap = (low - last).max(first - high).max(DVec3::ZERO).truncate();
-            let farthest = (high - first).abs().max((last - low).abs()).truncate();
-            let nearest = refraction.leg_length(last, (last.truncate() + gap).extend(low.z.max(last.z)));
-            let longest = refraction.leg_length(first, (first.truncate() + farthest).extend(high.z));
-            // Points may be behind an array that is moved forward.
-            [nearest, longest.max(farthest.length().hypot(last.z - low.z))]
-        };
-        let back = legs(self.array.bounds());
-        let out = match self.geometry {
-            Geometry::FixedSource { source } => legs((source, source)),
-            Geometry::Monostatic => back,
-        };
-        [out[0] + back[0], out[1] + back[1]]
-    }
-
     /// Range resolution Δd = c/2B, m (Eq. 10); `None` for a single frequency.
     pub fn range_resolution(&self) -> Option<f64> {
         self.aperture().range_resolution()
+    }
+
+    /// Bounds on the path lengths by way of a box of points: those of [`Geometry::path_bounds`], and with an interface the
+    /// sums of the shortest and of the longest legs, over all transmissions.
+    pub(crate) fn path_bounds_of(&self, points: (DVec3, DVec3)) -> [f64; 2] {
+        let each = self.geometries().map(|geometry| match self.refraction() {
+            None => geometry.path_bounds(points, self.array.bounds()),
+            Some(refraction) => refraction.path_bounds(&geometry, points, self.array.bounds()),
+        });
+        each.reduce(|[low, high], [l, h]| [low.min(l), high.max(h)]).unwrap_or_default()
     }
 
     /// Bounds on the path lengths between the voxels of a range of depths and the array: those of
@@ -229,7 +237,7 @@ impl Instrument {
         let (low, high) = grid.bounds();
         let low = low.with_z(grid.z.position(depths.start));
         let high = high.with_z(grid.z.position(depths.end - 1));
-        let [shortest, longest] = self.box_paths((low, high));
+        let [shortest, longest] = self.path_bounds_of((low, high));
         PathInterval { shortest, longest, sound_speed: self.sound_speed }
     }
 
@@ -241,7 +249,8 @@ impl Instrument {
 
     /// Bytes of all samples in memory, complex in single precision; saturates instead of overflowing.
     pub fn cube_bytes(&self) -> u64 {
-        (self.sweep.len() as u64).saturating_mul(self.array.len() as u64).saturating_mul(8)
+        let tones = (self.sweep.len() as u64).saturating_mul(self.transmissions() as u64);
+        tones.saturating_mul(self.array.len() as u64).saturating_mul(8)
     }
 }
 

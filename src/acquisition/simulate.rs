@@ -31,7 +31,7 @@ pub use losses::Losses;
 pub use noise::Noise;
 
 use super::{DataCube, Detection, Instrument, Tile, tiles};
-use crate::blocks::{BlockStore, NoStore};
+use crate::blocks::{BlockStore, BlocksFrom, NoStore};
 use crate::choice::choice;
 use crate::error::{Error, Result};
 use crate::progress::{Observer, Silent, stage};
@@ -129,7 +129,7 @@ impl PropagationModel {
 ///
 /// `m(f, r) = Σ_j A_j e^{+i2πf·path_j(r)/c}` — Eq. 5 in quadrature; its real part in phase.
 ///
-/// - Shapes: `samples` is `[n_f, n_mic]`, in the microphones' order.
+/// - Shapes: `samples` is `[n_f, n_mic]`, in the microphones' order, or `[n_tx, n_f, n_mic]` for several loudspeakers.
 /// - Error: see [`SimulateOptions::tolerance`].
 /// - [`SimulateOptions::losses`] multiply each echo by a further factor, and [`SimulateOptions::errors`] change what the
 ///   microphones record; the positions in the cube remain those of `instrument`.
@@ -163,15 +163,16 @@ pub fn simulate_with(
     options: &SimulateOptions,
     observer: &dyn Observer,
 ) -> Result<DataCube> {
-    simulate_resumable(reflectors, instrument, options, &mut NoStore, observer)
+    simulate_resumable(std::slice::from_ref(reflectors), instrument, options, &mut NoStore, observer)
 }
 
-/// [`simulate`] with a store of finished tiles of microphones, without noise.
+/// [`simulate`] with a store of finished tiles of microphones, without noise. Of several loudspeakers each may light
+/// `reflectors` of its own; one list is for all of them.
 ///
 /// # Errors
 /// As [`simulate`].
 pub(crate) fn simulate_resumable(
-    reflectors: &Reflectors,
+    reflectors: &[Reflectors],
     instrument: &Instrument,
     options: &SimulateOptions,
     store: &mut dyn BlockStore,
@@ -187,12 +188,14 @@ pub(crate) fn simulate_resumable(
         let problem = "is simulated with exact paths and without spreading, absorption and directivity";
         return Err(Error::input("interface", problem));
     }
-    match reflectors.bounds() {
-        Some(bounds) => instrument.check_with("reflectors", bounds)?,
-        None => instrument.check()?,
-    }
-    let (n_f, n_mic) = (instrument.sweep.len(), instrument.array.len());
-    let mut samples = DataCube::allocate(n_f, n_mic)?;
+    instrument.check()?;
+    reflectors
+        .iter()
+        .filter_map(Reflectors::bounds)
+        .try_for_each(|bounds| instrument.check_with("reflectors", bounds))?;
+    let (n_f, n_mic, transmissions) =
+        (instrument.sweep.len(), instrument.array.len(), instrument.transmissions());
+    let mut samples = DataCube::allocate([transmissions, n_f, n_mic])?;
     let (real, responses) = match options.errors {
         Some(errors) => {
             errors.check()?;
@@ -201,12 +204,21 @@ pub(crate) fn simulate_resumable(
         }
         None => (instrument.clone(), Vec::new()),
     };
-    let job = SimulationJob { reflectors, instrument: &real, options, responses: &responses };
-    let mut columns = Columns::new(&mut samples, n_mic, store);
-    stage(observer, "simulating", n_mic as u64, || match method(reflectors, &real, options) {
-        SimulationMethod::Cells(plan) => plan.simulate(&job, &mut columns, observer),
-        SimulationMethod::Tiles(plan) => fast(&job, &plan, &mut columns, observer),
-        SimulationMethod::Literal => literal(&job, &mut columns, observer),
+    stage(observer, "simulating", (transmissions * n_mic) as u64, || {
+        for (index, samples) in samples.chunks_exact_mut(n_f * n_mic).enumerate() {
+            let (reflectors, instrument) =
+                (&reflectors[index.min(reflectors.len() - 1)], &real.transmission(index));
+            let job = SimulationJob { reflectors, instrument, options, responses: &responses };
+            // A tile has one microphone at least, so that no two transmissions have a block of one number.
+            let mut blocks = BlocksFrom { first: (index * n_mic) as u64, store: &mut *store };
+            let mut columns = Columns::new(samples, n_mic, &mut blocks);
+            match method(reflectors, instrument, options) {
+                SimulationMethod::Cells(plan) => plan.simulate(&job, &mut columns, observer),
+                SimulationMethod::Tiles(plan) => fast(&job, &plan, &mut columns, observer),
+                SimulationMethod::Literal => literal(&job, &mut columns, observer),
+            }?;
+        }
+        Ok(())
     })?;
     if let Some(noise) = options.noise {
         add_noise(&mut samples, n_mic, noise, instrument.detection)?;
@@ -289,7 +301,9 @@ fn method<'a>(
     options: &SimulateOptions,
 ) -> SimulationMethod<'a> {
     // A band without width has no duration, and an index must fit into its half of a sorting key.
+    let pair = matches!(instrument.geometry, Geometry::Pair { .. });
     let possible = options.tolerance >= LEAST_TOLERANCE
+        && !pair
         && instrument.sweep.bandwidth() > 0.0
         && u32::try_from(reflectors.len()).is_ok();
     if !possible {

@@ -16,11 +16,55 @@ pub trait CubeSource: Send {
     /// Bytes of samples that are in memory throughout.
     fn held_bytes(&self) -> u64;
 
-    /// Visits all samples in ascending order, `block` frequencies at a time (the last may be fewer).
+    /// Visits all samples of a transmission in ascending order, `block` frequencies at a time (the last may be fewer).
     ///
     /// # Errors
     /// Errors of reading and of `visit`.
-    fn visit(&mut self, block: usize, visit: &mut Visit) -> Result<()>;
+    ///
+    /// # Panics
+    /// If there are not so many [transmissions](Instrument::transmissions).
+    fn visit_transmission(&mut self, transmission: usize, block: usize, visit: &mut Visit) -> Result<()>;
+
+    /// The same for a cube of one loudspeaker, or of a scan.
+    ///
+    /// # Errors
+    /// Errors of reading and of `visit`.
+    ///
+    /// # Panics
+    /// If there are several transmissions, whose samples do not follow one another.
+    fn visit(&mut self, block: usize, visit: &mut Visit) -> Result<()> {
+        assert_eq!(self.instrument().transmissions(), 1, "a transmission is visited by its number");
+        self.visit_transmission(0, block, visit)
+    }
+}
+
+/// One transmission of a cube, as a cube of its own.
+pub(crate) struct OneTransmission<'a> {
+    source: &'a mut dyn CubeSource,
+    instrument: Instrument,
+    index: usize,
+}
+
+impl<'a> OneTransmission<'a> {
+    pub(crate) fn new(source: &'a mut dyn CubeSource, index: usize) -> Self {
+        let instrument = source.instrument().transmission(index);
+        Self { source, instrument, index }
+    }
+}
+
+impl CubeSource for OneTransmission<'_> {
+    fn instrument(&self) -> &Instrument {
+        &self.instrument
+    }
+
+    fn held_bytes(&self) -> u64 {
+        self.source.held_bytes()
+    }
+
+    fn visit_transmission(&mut self, transmission: usize, block: usize, visit: &mut Visit) -> Result<()> {
+        assert_eq!(transmission, 0, "there is one");
+        self.source.visit_transmission(self.index, block, visit)
+    }
 }
 
 impl CubeSource for &DataCube {
@@ -32,19 +76,20 @@ impl CubeSource for &DataCube {
         self.instrument.cube_bytes()
     }
 
-    fn visit(&mut self, block: usize, visit: &mut Visit) -> Result<()> {
-        visit_samples(&self.instrument, &self.samples, block, visit)
+    fn visit_transmission(&mut self, transmission: usize, block: usize, visit: &mut Visit) -> Result<()> {
+        visit_samples(&self.instrument, (transmission, &self.samples), block, visit)
     }
 }
 
-/// Visits samples that are in memory.
+/// Visits a transmission of samples that are in memory, `[n_tx, n_f, n_mic]`.
 pub(super) fn visit_samples(
     instrument: &Instrument,
-    samples: &[Complex32],
+    (transmission, samples): (usize, &[Complex32]),
     block: usize,
     visit: &mut Visit,
 ) -> Result<()> {
     let (n_f, n_mic) = (instrument.sweep.len(), instrument.array.len());
+    let samples = &samples[transmission * n_f * n_mic..][..n_f * n_mic];
     for first in (0..n_f).step_by(block) {
         let range = first..(first + block).min(n_f);
         visit(range.clone(), &samples[range.start * n_mic..range.end * n_mic])?;

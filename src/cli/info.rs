@@ -16,6 +16,8 @@ use crate::files::npz::NpzReader;
 use crate::grid::{Axis, Grid};
 use crate::progress::Observer;
 use crate::scene::{EXTENSIONS, Scene, Unit, metres};
+use crate::wave::Geometry;
+use glam::DVec3;
 use num_complex::Complex32;
 use serde_json::{Value, json};
 use std::path::Path;
@@ -80,8 +82,13 @@ fn npz(file: &Path, limit: u64) -> Result<Value> {
     let (sweep, array) = (&instrument.sweep, &instrument.array);
     let power: f64 =
         cube.samples.iter().map(|m| f64::from(m.norm_sqr())).sum::<f64>() / cube.samples.len() as f64;
+    let sources = instrument.sources();
+    let sources: Vec<[f64; 3]> = sources.iter().map(DVec3::to_array).collect();
+    let pair =
+        if let Geometry::Pair { offset } = instrument.geometry { Some(offset.to_array()) } else { None };
     let mut facts = json!({
         "kind": "data cube",
+        "speakers": instrument.transmissions(),
         "frequencies": sweep.len(),
         "start_hz": sweep.start(), "stop_hz": sweep.stop(), "step_hz": sweep.step(),
         "microphones": array.len(),
@@ -90,6 +97,8 @@ fn npz(file: &Path, limit: u64) -> Result<Value> {
         "array_centre_m": array.centre().to_array(),
         "array_extent_m": array.extent().to_array(),
         "geometry": instrument.geometry.kind(),
+        "sources_m": sources,
+        "source_offset_m": pair,
         "detection": instrument.detection,
         "sound_speed_m_per_s": instrument.sound_speed,
         "range_resolution_m": instrument.range_resolution(),

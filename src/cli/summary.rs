@@ -160,8 +160,13 @@ pub(super) fn forecast(forecast: &Forecast) -> String {
     }
     let pitches = product([grid.x, grid.y, grid.z].map(|axis| axis.pitch * 1e3), 1);
     table.row("grid", format!("{} of {pitches} mm", voxels(grid)));
+    table.rows("seen as", plan.virtual_array.map(|array| array.to_string()));
     let (frequencies, microphones, bytes) = (plan.frequencies, plan.microphones, gib(plan.cube_bytes));
-    table.row("cube", format!("{frequencies} frequencies x {microphones} microphones: {bytes}"));
+    let speakers = match plan.transmissions {
+        1 => String::new(),
+        several => format!("{several} speakers x "),
+    };
+    table.row("cube", format!("{speakers}{frequencies} frequencies x {microphones} microphones: {bytes}"));
     table.row("volume", gib(plan.volume_bytes));
     table.rows("physics", forecast.physics.iter().cloned());
     for (i, (method, seconds)) in forecast.methods.iter().zip(&forecast.seconds).enumerate() {

@@ -85,13 +85,18 @@ impl RunFile {
         microphones.map_err(|error| error.at("[array]"))
     }
 
-    /// `[array] geometry` and `source`.
+    /// `[array] geometry` and its speaker, of several the first.
     pub fn geometry(&self) -> Geometry {
-        match self.array.geometry {
+        let array = &self.array;
+        match array.geometry {
             GeometryKind::FixedSource => {
-                Geometry::FixedSource { source: DVec3::from_array(self.array.source) }
+                let first = array.sources.as_ref().and_then(|sources| sources.first());
+                Geometry::FixedSource { source: DVec3::from_array(*first.unwrap_or(&array.source)) }
             }
             GeometryKind::Monostatic => Geometry::Monostatic,
+            GeometryKind::Pair => {
+                Geometry::Pair { offset: DVec3::from_array(array.source_offset.unwrap_or_default()) }
+            }
         }
     }
 
@@ -100,12 +105,14 @@ impl RunFile {
     /// # Errors
     /// As [`RunFile::sweep`] and [`RunFile::microphones`].
     pub fn instrument(&self) -> Result<Instrument> {
-        let instrument = Instrument::new(self.sweep()?, self.microphones()?);
-        Ok(instrument
+        let instrument = Instrument::new(self.sweep()?, self.microphones()?)
             .with_geometry(self.geometry())
             .with_detection(self.detection.kind)
             .with_sound_speed(self.medium.speed())
-            .with_interface(self.medium.interface))
+            .with_interface(self.medium.interface);
+        let Some(sources) = &self.array.sources else { return Ok(instrument) };
+        let sources: Vec<DVec3> = sources.iter().map(|source| DVec3::from_array(*source)).collect();
+        instrument.with_sources(&sources).map_err(|error| error.at("[array] sources"))
     }
 
     /// `[scene]` and `[[materials]]`. With neither `fit` nor `translate` the mesh keeps its position.
@@ -161,14 +168,14 @@ impl RunFile {
             OcclusionKind::Speaker => Occlusion::Speaker,
             OcclusionKind::Aperture => Occlusion::Aperture(instrument.array.sight_points().to_vec()),
         };
-        options.speaker = instrument.geometry.viewpoint(instrument.array.centre());
+        options.speaker = instrument.viewpoint();
         options.seed = typed.seed.into();
         options
     }
 
     /// How the truth is traced: with the speaker and the shading of the simulation.
     pub fn truth_options(&self, instrument: &Instrument) -> TruthOptions {
-        let mut options = TruthOptions::for_speaker(instrument.geometry.viewpoint(instrument.array.centre()));
+        let mut options = TruthOptions::for_speaker(instrument.viewpoint());
         options.lambert = self.reflectors.shading == Shading::Lambert;
         if self.scene.occlusion == OcclusionKind::None {
             options.speaker = None;

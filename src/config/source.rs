@@ -56,19 +56,21 @@ impl TypedKeys {
 const MAX_DEPTH: usize = 8;
 
 /// Pairs of keys that exclude each other: a `--set` of one withdraws the other.
-const EXCLUSIVE: [[&str; 2]; 7] = [
+const EXCLUSIVE: [[&str; 2]; 8] = [
     ["scene.mesh", "scene.parts"],
     ["scene.size", "scene.unit"],
     ["scene.size", "scene.scale"],
     ["scene.translate", "scene.fit"],
     ["array.pitch", "array.extent"],
+    ["array.source", "array.sources"],
     ["array.count", "array.elements"],
     ["medium.sound_speed", "medium.temperature"],
 ];
 
 /// Keys that apply only with one word of another key: key, that other key, the word. A `--set` of another word withdraws
 /// them.
-const DEPENDENT: [[&str; 3]; 5] = [
+const DEPENDENT: [[&str; 3]; 6] = [
+    ["array.source_offset", "array.geometry", "pair"],
     ["array.file", "array.layout", "file"],
     ["array.spacing", "array.layout", "random"],
     ["array.seed", "array.layout", "random"],

@@ -17,7 +17,6 @@ use crate::files::ply::{Element, Format, Header, Property, Scalar};
 use crate::files::write_atomically;
 use crate::grid::DepthMap;
 use crate::reflectors::Reflectors;
-use crate::wave::Geometry;
 use glam::DVec3;
 use std::borrow::Cow;
 use std::io::Write;
@@ -85,8 +84,8 @@ pub struct ScenePoints {
 }
 
 impl ScenePoints {
-    /// The reflectors (none for a measured cube), the microphones, and the speaker of a geometry with a fixed one.
-    pub fn new(reflectors: Option<&Reflectors>, array: &MicArray, geometry: &Geometry) -> Self {
+    /// The reflectors (none for a measured cube), the microphones, and the speakers that stand still.
+    pub fn new(reflectors: Option<&Reflectors>, array: &MicArray, speakers: &[DVec3]) -> Self {
         let mut points = Vec::new();
         let single = |p: &DVec3| p.to_array().map(|x| x as f32);
         if let Some(reflectors) = reflectors {
@@ -94,9 +93,7 @@ impl ScenePoints {
             points.extend(pairs.map(|(p, a)| (PointKind::Reflector, single(p), a.norm())));
         }
         points.extend(array.positions().iter().map(|p| (PointKind::Microphone, single(p), 0.0)));
-        if let Geometry::FixedSource { source } = geometry {
-            points.push((PointKind::Speaker, single(source), 0.0));
-        }
+        points.extend(speakers.iter().map(|p| (PointKind::Speaker, single(p), 0.0)));
         Self { points }
     }
 
@@ -224,14 +221,13 @@ mod tests {
         let reflectors =
             Reflectors::new(vec![DVec3::new(0.5, 0.25, 2.0)], vec![Complex32::new(0.0, 3.0)]).unwrap();
         let array = MicArray::rectangular([2, 2], [0.5, 0.5], DVec3::ZERO).unwrap();
-        let geometry = Geometry::FixedSource { source: DVec3::new(0.0, 0.0, 0.125) };
-        let scene = ScenePoints::new(Some(&reflectors), &array, &geometry);
+        let scene = ScenePoints::new(Some(&reflectors), &array, &[DVec3::new(0.0, 0.0, 0.125)]);
         scene.write(&path, &[]).unwrap();
         assert_eq!(ScenePoints::read(&path, 1 << 20).unwrap(), scene);
         assert_eq!(scene.of(PointKind::Reflector).collect::<Vec<_>>(), [[0.5, 0.25, 2.0]]);
         assert_eq!(scene.of(PointKind::Microphone).count(), 4);
         assert_eq!(scene.of(PointKind::Speaker).collect::<Vec<_>>(), [[0.0, 0.0, 0.125]]);
-        assert_eq!(ScenePoints::new(None, &array, &Geometry::Monostatic).of(PointKind::Speaker).count(), 0);
+        assert_eq!(ScenePoints::new(None, &array, &[]).of(PointKind::Speaker).count(), 0);
         let whole = std::fs::read(&path).unwrap();
         for length in 0..whole.len() {
             std::fs::write(&path, &whole[..length]).unwrap();

@@ -7,6 +7,7 @@ use crate::export::{Attribute, Attributes, find_attribute};
 use crate::plan::near_sidelobe_db;
 use crate::reconstruct::ReconstructionInfo;
 use crate::wave::{Aperture, Geometry, GeometryKind, Interface};
+use glam::DVec3;
 use serde_json::{Value, json};
 
 /// The program and its version, as files name them.
@@ -32,11 +33,9 @@ pub(super) fn image_facts(
 
 /// The metadata of a measurement and of its run file.
 pub(super) fn instrument_facts(instrument: &Instrument, run: &RunFile) -> Value {
-    let source = match instrument.geometry {
-        Geometry::FixedSource { source } => source.to_array(),
-        Geometry::Monostatic => [0.0; 3],
-    };
-    json!({
+    let sources = instrument.sources();
+    let source = if sources.is_empty() { DVec3::ZERO } else { instrument.viewpoint() };
+    let mut facts = json!({
         "program": PROGRAM,
         "sound_speed": instrument.sound_speed,
         "start_frequency": instrument.sweep.start(),
@@ -47,7 +46,7 @@ pub(super) fn instrument_facts(instrument: &Instrument, run: &RunFile) -> Value 
         "array_centre": instrument.array.centre().to_array(),
         "array_extent": instrument.array.extent().to_array(),
         "geometry": instrument.geometry.kind(),
-        "source": source,
+        "source": source.to_array(),
         "interface": instrument.interface,
         "detection": instrument.detection,
         // Samples of the other sign are conjugated on reading, so that every volume has the phases of this one.
@@ -57,7 +56,16 @@ pub(super) fn instrument_facts(instrument: &Instrument, run: &RunFile) -> Value 
         "range_resolution": instrument.range_resolution(),
         "seed": run.reflectors.seed,
         "run": run.to_json(),
-    })
+    });
+    if let (Some((low, high)), true) = (instrument.source_bounds(), sources.len() > 1) {
+        // `source` is the middle of them.
+        facts["sources"] = json!(sources.iter().map(DVec3::to_array).collect::<Vec<_>>());
+        facts["source_extent"] = json!((high - low).to_array());
+    }
+    if let Geometry::Pair { offset } = instrument.geometry {
+        facts["source_offset"] = json!(offset.to_array());
+    }
+    facts
 }
 
 /// What an interface does to the paths, in words.
@@ -90,7 +98,7 @@ pub(super) fn refined_by(meta: &Value) -> Option<RefineMethod> {
 
 /// The sidelobes that depth has to expect.
 pub(super) fn sidelobes(instrument: &Instrument, run: &RunFile) -> ArraySidelobes {
-    let window = run.reconstruct.window;
+    let (window, instrument) = (run.reconstruct.window, &*instrument.equivalent());
     let near_db = near_sidelobe_db(instrument, window).unwrap_or(ArraySidelobes::default().near_db);
     let [sum, squares] =
         window.over_array(&instrument.array).iter().fold([0.0, 0.0], |[s, q], w| [s + w, q + w * w]);
@@ -145,12 +153,14 @@ fn aperture(
     let geometry = match geometry.parse().ok()? {
         GeometryKind::FixedSource => Geometry::FixedSource { source: vector("source")?.into() },
         GeometryKind::Monostatic => Geometry::Monostatic,
+        GeometryKind::Pair => Geometry::Pair { offset: vector("source_offset")?.into() },
     };
+    let widened = vector("source_extent").map_or(DVec3::ZERO, DVec3::from);
     Some(Aperture {
         sound_speed: positive("sound_speed")?,
         band: [start, start + positive("bandwidth")?],
         centre: vector("array_centre")?.into(),
-        extent: vector("array_extent")?.into(),
+        extent: DVec3::from(vector("array_extent")?) + widened,
         geometry,
         interface,
     })

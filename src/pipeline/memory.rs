@@ -146,7 +146,9 @@ impl SceneSize {
             return JobArrays { scene: self.bytes, ..JobArrays::default() };
         }
         // Its reflectors stay beside it once they are sampled.
-        let reflectors = self.reflectors(run, instrument, grid).saturating_mul(Reflectors::BYTES_EACH);
+        let reflectors =
+            self.reflectors(run, instrument, grid).saturating_mul(instrument.transmissions() as u64);
+        let reflectors = reflectors.saturating_mul(Reflectors::BYTES_EACH);
         let scene = JobArrays { scene: self.bytes.saturating_add(reflectors), ..JobArrays::default() };
         let options = self.surface_options(run, instrument, grid);
         let sampling = sampling_bytes(self.triangles, self.area, &options);

@@ -47,7 +47,7 @@ pub fn write_outputs(run: &RunFile, outcome: &Outcome, folder: &Path, job: &JobO
     let Outcome { image, depth, instrument, reflectors, mesh, .. } = outcome;
     warn_of_float16(&run.output, image.volume.peak(), observer);
     let facts = image_facts(instrument, run, &image.info(), outcome.sidelobes);
-    let scene = ScenePoints::new(reflectors.as_ref(), &instrument.array, &instrument.geometry);
+    let scene = ScenePoints::new(reflectors.as_ref(), &instrument.array, &instrument.sources());
     let truth = outcome.truth.as_ref();
     // Truth and depth share their colours, so that they can be compared by eye.
     let range = depth_range(&[truth.unwrap_or(depth)], instrument.range_resolution().unwrap_or(0.0));

@@ -12,7 +12,7 @@ use crate::error::{Result, gib};
 use crate::grid::Grid;
 use crate::plan::{JobArrays, Plan, outside_warning, plan, scale_warnings};
 use crate::progress::Observer;
-use crate::reflectors::{Reflectors, sample_surface_with};
+use crate::reflectors::{Reflectors, SurfaceOptions, sample_surface_with};
 use crate::scene::Scene;
 use glam::DVec3;
 use serde_json::json;
@@ -92,7 +92,8 @@ pub(super) struct PreparedScene {
     pub(super) scene: Option<Arc<Scene>>,
     /// Distance between the reflectors of a mesh, m.
     spacing: Option<f64>,
-    pub(super) reflectors: Reflectors,
+    /// What each loudspeaker lights, or one list for all of them.
+    pub(super) reflectors: Vec<Reflectors>,
     pub(super) grid: Grid,
     pub(super) plan: Plan,
     /// The sizes of the arrays up to the simulated cube.
@@ -125,7 +126,8 @@ impl PreparedScene {
             fits(&grid, &size)?;
             let plan = plan(instrument, &grid);
             let arrays = measurement.arrays(run, &grid, &size);
-            return Ok(Self { measurement, scene: None, spacing: None, reflectors, grid, plan, arrays });
+            let (scene, spacing, reflectors) = (None, None, vec![reflectors]);
+            return Ok(Self { measurement, scene, spacing, reflectors, grid, plan, arrays });
         }
         let scene = load_scene(run, bare, observer)?;
         let size = SceneSize::of_mesh(&scene);
@@ -138,8 +140,16 @@ impl PreparedScene {
         })?;
         let plan = plan(instrument, &grid);
         let options = size.surface_options(run, instrument, &grid);
-        let reflectors = sample_surface_with(&scene, &options, observer)?;
-        observer.note(&format!("{} reflectors, {:.1} mm apart", reflectors.len(), 1e3 * options.spacing));
+        // Each loudspeaker has surfaces that it does not reach.
+        let lit = instrument.sources().into_iter().map(Some).collect::<Vec<_>>();
+        let lit = if lit.is_empty() { vec![None] } else { lit };
+        let reflectors = lit.into_iter().map(|source| {
+            let speaker = source.unwrap_or(options.speaker);
+            sample_surface_with(&scene, &SurfaceOptions { speaker, ..options.clone() }, observer)
+        });
+        let reflectors = reflectors.collect::<Result<Vec<_>>>()?;
+        let most = reflectors.iter().map(Reflectors::len).max().unwrap_or(0);
+        observer.note(&format!("{most} reflectors, {:.1} mm apart", 1e3 * options.spacing));
         let arrays = measurement.arrays(run, &grid, &size);
         let (scene, spacing) = (Some(scene), Some(options.spacing));
         Ok(Self { measurement, scene, spacing, reflectors, grid, plan, arrays })
@@ -150,7 +160,7 @@ impl PreparedScene {
     }
 
     fn bounds(&self) -> Option<(DVec3, DVec3)> {
-        self.scene.as_ref().map_or_else(|| self.reflectors.bounds(), |scene| scene.bounds())
+        self.scene.as_ref().map_or_else(|| self.reflectors[0].bounds(), |scene| scene.bounds())
     }
 
     /// Warns about what is probably wrong.
@@ -162,7 +172,7 @@ impl PreparedScene {
         if !run.calibration().is_empty() {
             observer.warn("[calibration] corrects measured cubes; what is simulated here is left as it is");
         }
-        if self.reflectors.is_empty() {
+        if self.reflectors.iter().all(Reflectors::is_empty) {
             observer.warn("the speaker reaches no surface of the scene, so that the cube is silent; check the position of the scene");
         }
     }
@@ -176,7 +186,11 @@ impl PreparedScene {
         let Measurement { instrument, options } = &self.measurement;
         let mut cube = simulate_resumable(&self.reflectors, instrument, options, store, observer)?;
         let (n_f, n_mic, bytes) = (instrument.sweep.len(), instrument.array.len(), gib(self.plan.cube_bytes));
-        observer.note(&format!("a cube of {n_f} frequencies x {n_mic} microphones, {bytes}"));
+        let of_sources = match instrument.transmissions() {
+            1 => String::new(),
+            several => format!("{several} speakers x "),
+        };
+        observer.note(&format!("a cube of {of_sources}{n_f} frequencies x {n_mic} microphones, {bytes}"));
         cube.provenance = json!({ "run": run.to_json(), "seed": run.reflectors.seed });
         Ok(cube)
     }

@@ -109,7 +109,7 @@ impl Beam {
             }
             along
         });
-        let slowness = instrument.geometry.return_legs() / instrument.sound_speed;
+        let slowness = instrument.geometry.scanned_legs() / instrument.sound_speed;
         let gratings = [0, 1].map(|axis| {
             let lattice = array.lattice()?;
             let axis = [lattice.x, lattice.y][axis];

@@ -111,9 +111,11 @@ pub fn design(instrument: &Instrument, grid: &Grid, window: Window) -> Design {
     let near = grid.z.first.max(1e-3);
     let depths = [near, f64::midpoint(near, grid.z.last()), grid.z.last().max(near)];
     let centre = instrument.array.centre();
-    let pitch = largest_pitch(instrument).map(|(pitch, _)| pitch);
-    let reduced = instrument.shortest_wavelength() / instrument.geometry.return_legs();
-    let aliasing = aliasing(instrument, grid, window);
+    // Several loudspeakers, or a pair, see what another array sees of one, or a scan.
+    let seen = instrument.equivalent();
+    let pitch = largest_pitch(&seen).map(|(pitch, _)| pitch);
+    let reduced = seen.shortest_wavelength() / seen.geometry.scanned_legs();
+    let aliasing = aliasing(&seen, grid, window);
     let mut warnings = Vec::new();
     if let (Verdict::Scattered, Some(peak)) =
         (aliasing.verdict, aliasing.sidelobes.peak_db.filter(|db| *db > LOUD))
@@ -122,11 +124,12 @@ pub fn design(instrument: &Instrument, grid: &Grid, window: Window) -> Design {
         warnings.push(format!(
             "{} scattered microphones have sidelobes of up to {peak:.0} dB within this grid, for example at an offset of \
              {x:.2}, {y:.2} m from a bright point at its nearest depth; more microphones or a smaller extent lower them",
-            instrument.array.len()
+            seen.array.len()
         ));
     }
     let suggestions = [
-        fix_aliasing(instrument, &aliasing, near),
+        // What it suggests is an array of microphones.
+        if instrument.has_virtual_array() { Vec::new() } else { fix_aliasing(instrument, &aliasing, near) },
         fix_ambiguity(instrument, grid),
         fix_voxels(instrument, grid),
     ];
@@ -175,7 +178,7 @@ fn reach_of(instrument: &Instrument, grid: &Grid) -> [f64; 2] {
 
 fn aliasing(instrument: &Instrument, grid: &Grid, window: Window) -> Aliasing {
     let sidelobes = Beam::new(instrument, window).sidelobes(reach_of(instrument, grid));
-    let everywhere = instrument.shortest_wavelength() / instrument.geometry.return_legs() / 2.0;
+    let everywhere = instrument.shortest_wavelength() / instrument.geometry.scanned_legs() / 2.0;
     let width = (grid.x.last() - grid.x.first).max(grid.y.last() - grid.y.first);
     let here = alias_free_pitch(instrument, grid.z.first.max(1e-3), width);
     let largest = largest_pitch(instrument);
@@ -223,7 +226,7 @@ fn fix_aliasing(instrument: &Instrument, aliasing: &Aliasing, near: f64) -> Vec<
         std::array::from_fn(|i| (extent[i]).min((free * (axes[i].count - 1) as f64 * 1e4).floor() / 1e4));
     let resolution = |extent: [f64; 2]| {
         let widest = extent[0].max(extent[1]);
-        1e3 * instrument.wavelength() * near / (widest * instrument.geometry.return_legs())
+        1e3 * instrument.wavelength() * near / (widest * instrument.geometry.scanned_legs())
     };
     let extent_set = |extent: [f64; 2]| format!("array.extent=[{}, {}]", nice(extent[0]), nice(extent[1]));
     let mut suggestions = Vec::new();

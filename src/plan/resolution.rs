@@ -51,19 +51,14 @@ impl Instrument {
     }
 
     fn profile_by(&self, p: DVec3, direction: DVec3, weights: &WindowWeights) -> Option<Profile> {
-        let slopes: Vec<f64> = self
-            .array
-            .positions()
-            .par_iter()
-            .map(|&r| {
-                let leg = |from: DVec3| (p - from).normalize_or_zero().dot(direction);
-                match self.geometry {
-                    Geometry::FixedSource { source } => leg(source) + leg(r),
-                    Geometry::Monostatic => 2.0 * leg(r),
-                }
-            })
-            .collect();
-        let of_slopes = Histogram::of(SLOPES, slopes.iter().copied().zip(weights.array.iter().copied()));
+        let leg = |from: DVec3| (p - from).normalize_or_zero().dot(direction);
+        let slopes_to = |geometry: Geometry| {
+            let slope = move |&r: &DVec3| leg(geometry.source_of(r)) + leg(r);
+            self.array.positions().par_iter().map(slope).collect::<Vec<f64>>()
+        };
+        let slopes: Vec<f64> = self.geometries().flat_map(slopes_to).collect();
+        let of_slopes =
+            Histogram::of(SLOPES, slopes.iter().copied().zip(weights.array.iter().copied().cycle()));
         let tones = self.sweep.frequencies().iter().map(|f| f / self.sound_speed);
         let mut tones: Vec<(f64, f64)> = tones.zip(weights.sweep.iter().copied()).collect();
         if tones.len() > MOST_TONES {

@@ -24,7 +24,8 @@ const MOST_VOXELS: f64 = 4e6;
 
 /// A point, its data, and what is needed to image it.
 pub(super) struct Look<'a> {
-    pub(super) instrument: &'a Instrument,
+    /// The array as which the instrument sees.
+    pub(super) seen: &'a Instrument,
     pub(super) options: &'a ReconstructOptions,
     pub(super) cube: DataCube,
     pub(super) p: DVec3,
@@ -51,7 +52,7 @@ impl Look<'_> {
         let mut options = *self.options;
         if options.method == Method::Auto && options.tolerance > 0.0 {
             let tried = ReconstructOptions { method: Method::Backprojection, ..options };
-            let estimates = estimate(self.instrument, grid, &tried, 1)?;
+            let estimates = estimate(&self.cube.instrument, grid, &tried, 1)?;
             let exact =
                 estimates.methods.iter().filter(|e| e.obstacle.is_none() && e.method != Method::Linear);
             let least = exact.min_by(|a, b| a.operations.total_cmp(&b.operations));
@@ -99,14 +100,14 @@ impl Look<'_> {
 
     /// Direction sines at the array's centre, and the range that a path through it has, halved.
     fn polar(&self, q: DVec3) -> (DVec2, f64) {
-        let centre = self.instrument.array.centre();
+        let centre = self.seen.array.centre();
         let direction = (q - centre).normalize_or_zero();
-        (direction.truncate(), 0.5 * self.instrument.path_length(q, centre))
+        (direction.truncate(), 0.5 * self.seen.path_length(q, centre))
     }
 
     /// The point at other direction sines and the same range; `None` where no such direction exists.
     fn at_sines(&self, sines: DVec2) -> Option<DVec3> {
-        let centre = self.instrument.array.centre();
+        let centre = self.seen.array.centre();
         let across = sines.length_squared();
         if across > 0.98 {
             return None;
@@ -125,7 +126,7 @@ impl Look<'_> {
     /// Where a grating lobe of the far field's offset lies as near as the point is: there its paths differ from the point's by the
     /// same slope along the array, in the mean over the weighted microphones instead of at their centre.
     fn grating_lobe_at(&self, u: DVec2, offset: DVec2) -> Option<DVec3> {
-        let Instrument { array, geometry, .. } = self.instrument;
+        let Instrument { array, geometry, .. } = self.seen;
         let weights = self.options.window.over_array(array);
         let axis = offset.normalize_or_zero().extend(0.0);
         let places: Vec<f64> = array.positions().iter().map(|r| axis.dot(*r - array.centre())).collect();
@@ -136,7 +137,7 @@ impl Look<'_> {
             let path = |r: &DVec3| geometry.path_length(q, *r) - geometry.path_length(self.p, *r);
             let slope = array.positions().iter().zip(&weights).zip(&places);
             let slope: f64 = slope.map(|((r, w), x)| w * x * path(r)).sum::<f64>() / spread;
-            let missing = offset.length() + slope / geometry.return_legs();
+            let missing = offset.length() + slope / geometry.scanned_legs();
             sines += missing * axis.truncate();
         }
         self.at_sines(sines)
@@ -144,7 +145,7 @@ impl Look<'_> {
 
     /// How far the grid reaches from the point's direction sines, at the point's range.
     pub(super) fn reach(&self, scene: &Grid) -> [f64; 2] {
-        let centre = self.instrument.array.centre();
+        let centre = self.seen.array.centre();
         let distance = self.p.distance(centre);
         let sines = (self.p - centre) / distance;
         let reach = |axis: &Axis, centre: f64, sine: f64| {
@@ -157,15 +158,15 @@ impl Look<'_> {
 
     /// Half the main lobe's depth in range, m.
     fn range_lobe(&self) -> f64 {
-        let outwards = (self.p - self.instrument.array.centre()).normalize_or_zero();
-        let profile = self.instrument.profile(self.p, outwards, self.options.window);
+        let outwards = (self.p - self.seen.array.centre()).normalize_or_zero();
+        let profile = self.seen.profile(self.p, outwards, self.options.window);
         profile.and_then(|profile| profile.main_lobe()).map_or(f64::INFINITY, |lobe| 1.15 * lobe)
     }
 
     /// The strongest sidelobe in range alone, dB.
     pub(super) fn range_sidelobe_db(&self) -> Option<f64> {
-        let outwards = (self.p - self.instrument.array.centre()).normalize_or_zero();
-        let profile = self.instrument.profile(self.p, outwards, self.options.window)?;
+        let outwards = (self.p - self.seen.array.centre()).normalize_or_zero();
+        let profile = self.seen.profile(self.p, outwards, self.options.window)?;
         let lobe = profile.main_lobe()?;
         let strongest =
             (0..200).map(|i| profile.amplitude(lobe * (1.0 + f64::from(i) * 0.02))).fold(0.0, f64::max);
@@ -174,14 +175,14 @@ impl Look<'_> {
 
     /// The strongest place outside the main lobe, the mean power there, and the box from the front.
     pub(super) fn sidelobes(&self, scene: &Grid) -> Result<(Option<Lobe>, Option<f64>, PlaneCut)> {
-        let instrument = self.instrument;
+        let instrument = self.seen;
         let cell = instrument.range_resolution().unwrap_or(self.scale.z);
         let shell = self.polar(self.p).1;
         let depths = scene.corners().map(|q| self.shell_depth(q.truncate(), shell)).into_iter().flatten();
         let (near, far) =
             depths.chain([self.p.z]).fold((f64::INFINITY, 0.0_f64), |(n, f), z| (n.min(z), f.max(z)));
         let advised = instrument.advised_pitch(near.max(0.1 * self.p.z));
-        let finest = self.instrument.array.extent().max_element().max(instrument.wavelength());
+        let finest = self.seen.array.extent().max_element().max(instrument.wavelength());
         let mut pitch = [advised[0].min(finest), advised[1].min(finest), 0.5 * cell];
         let ends = [
             [scene.x.first.min(self.p.x), scene.x.last().max(self.p.x)],
@@ -268,7 +269,7 @@ impl Look<'_> {
     /// The largest amplitude near a predicted grating lobe: within an eighth of its offset along the axis, and as far in depth as
     /// the curvature of the waves may shift it.
     fn strongest_near(&self, place: DVec3, axis: usize) -> Result<Lobe> {
-        let cell = self.instrument.range_resolution().unwrap_or(self.scale.z);
+        let cell = self.seen.range_resolution().unwrap_or(self.scale.z);
         let offset = (place - self.p).truncate().length();
         let mut reach =
             DVec3::new(self.scale.x, self.scale.y, (3.0 * cell).max(0.05 * place.z).min(0.3 * place.z));

@@ -25,6 +25,7 @@ mod blocks;
 mod division;
 mod factorised;
 mod lines;
+mod pairs;
 mod profile;
 
 use crate::acquisition::Instrument;
@@ -244,13 +245,17 @@ fn by_microphones(job: Job<'_>, division: Division) -> Result<ReconstructionInfo
             .with_min_len(batch.least_run(blocks.len()))
             .map(|block| {
                 let (centre, half) = (block.centre(grid), Shape(block.count).half(grid));
-                let points = block.points(grid, &instrument.geometry);
                 let widest = |group: &Group| {
                     let each =
                         group.positions.iter().map(|r| half_width(&instrument.geometry, centre, half, *r));
                     each.fold(0.0, greater)
                 };
-                let image = profiles.image(centre, &points, &groups, widest);
+                let image = match instrument.geometry {
+                    Geometry::Pair { offset } => {
+                        profiles.image_of_pairs(centre, &block.places(grid), offset, &groups, widest)
+                    }
+                    _ => profiles.image(centre, &block.points(grid, &instrument.geometry), &groups, widest),
+                };
                 advance(observer, 1).map(|()| image)
             })
             .collect::<Result<_>>()?;
@@ -310,7 +315,7 @@ impl SlabProfiles {
         groups: &[(&Group, LaneTones)],
         widest: impl Fn(&Group) -> f64,
     ) -> [Vec<f32>; 2] {
-        let (geometry, band) = (&self.geometry, &self.band);
+        let geometry = &self.geometry;
         let out = geometry.outward_length(centre);
         let zeros = || [vec![0.0f32; points.padded_len()], vec![0.0f32; points.padded_len()]];
         let (mut totals, mut profiles) = (zeros(), LaneProfiles::default());
@@ -318,20 +323,8 @@ impl SlabProfiles {
             let mut sums = zeros();
             for (group, tones) in groups {
                 let lengths = group.positions.map(|r| out + geometry.return_legs() * centre.distance(r));
-                let widest = widest(group);
-                let rung = self.ladder.partition_point(|rung| rung.half < widest).min(self.ladder.len() - 1);
-                let rung = &self.ladder[rung];
-                profiles.re.resize(rung.columns, [0.0; LANES]);
-                profiles.im.resize(rung.columns, [0.0; LANES]);
-                range_profiles(tones, &self.per_metre, &lengths, &rung.expansion, &mut profiles);
+                let scale = self.expand(tones, &lengths, widest(group), &mut profiles);
                 let offsets = group.positions.map(|r| (centre - r).as_vec3().to_array());
-                let scale = RangeScale {
-                    legs: geometry.return_legs() as f32,
-                    carrier: (-band.carrier / band.sound_speed) as f32,
-                    inverse_half: if rung.half > 0.0 { (1.0 / rung.half) as f32 } else { 0.0 },
-                    terms: rung.terms,
-                    powers: rung.powers,
-                };
                 let [re, im] = &mut sums;
                 back_project(points, &offsets[..group.members.len()], &profiles, scale, [re, im]);
             }
@@ -340,6 +333,29 @@ impl SlabProfiles {
             }
         }
         totals
+    }
+
+    /// Expands the profiles of a group about path lengths, up to `widest` m to both sides; how they are read.
+    fn expand(
+        &self,
+        tones: &LaneTones,
+        lengths: &[f64; LANES],
+        widest: f64,
+        profiles: &mut LaneProfiles,
+    ) -> RangeScale {
+        let (geometry, band) = (&self.geometry, &self.band);
+        let rung = self.ladder.partition_point(|rung| rung.half < widest).min(self.ladder.len() - 1);
+        let rung = &self.ladder[rung];
+        profiles.re.resize(rung.columns, [0.0; LANES]);
+        profiles.im.resize(rung.columns, [0.0; LANES]);
+        range_profiles(tones, &self.per_metre, lengths, &rung.expansion, profiles);
+        RangeScale {
+            legs: geometry.return_legs() as f32,
+            carrier: (-band.carrier / band.sound_speed) as f32,
+            inverse_half: if rung.half > 0.0 { (1.0 / rung.half) as f32 } else { 0.0 },
+            terms: rung.terms,
+            powers: rung.powers,
+        }
     }
 }
 

@@ -20,6 +20,7 @@ use super::plan::cost::Cost;
 use super::volume::Batch;
 use crate::acquisition::Instrument;
 use crate::grid::{Axis, Grid};
+use crate::wave::Geometry;
 use crate::wave::two_legs::TwoLegs;
 use terms::SampledTerms;
 
@@ -112,8 +113,9 @@ impl Upsampling {
     /// of 0.
     pub(super) fn find(instrument: &Instrument, grid: &Grid, budget: ErrorBudget) -> Vec<Self> {
         static LAST: Memo<(Instrument, Grid, ErrorBudget), Vec<Upsampling>> = Memo::new();
-        // The carrier that is taken out is that of straight paths.
-        if budget.upsampling_axis() <= 0.0 || instrument.interface.is_some() {
+        // The carrier that is taken out is that of straight paths to one loudspeaker.
+        let pair = matches!(instrument.geometry, Geometry::Pair { .. });
+        if budget.upsampling_axis() <= 0.0 || pair || instrument.interface.is_some() {
             return Vec::new();
         }
         LAST.of((instrument.clone(), *grid, budget), || {

@@ -69,7 +69,7 @@ impl Aperture {
     /// scan resolves twice as finely, since both legs change. Beyond an interface z is the depth at which the point appears
     /// to be, as a stone in a pond.
     pub fn lateral_resolution(&self, z: f64) -> [Option<f64>; 2] {
-        let wavelength = self.wavelength() / self.geometry.return_legs();
+        let wavelength = self.wavelength() / self.geometry.scanned_legs();
         let z = self.interface.map_or(z, |interface| interface.apparent_depth(self.sound_speed, z));
         [self.extent.x, self.extent.y].map(|d| (d > 0.0).then(|| wavelength * (z / d).max(0.5)))
     }
@@ -93,6 +93,10 @@ impl Aperture {
         match self.geometry {
             Geometry::FixedSource { source } => along(source) + back,
             Geometry::Monostatic => 2.0 * back,
+            Geometry::Pair { offset } => {
+                let out = signs.map(|(x, y)| along(self.centre + offset + node * DVec3::new(x, y, 0.0)));
+                out.iter().sum::<f64>() / 4.0 + back
+            }
         }
     }
 }
@@ -133,7 +137,12 @@ mod tests {
 
     #[test]
     fn the_gradient_is_that_of_the_mean_path_of_a_full_array() {
-        let geometries = [Geometry::FixedSource { source: DVec3::new(0.3, 0.0, 0.0) }, Geometry::Monostatic];
+        let beside = DVec3::new(0.3, 0.0, 0.0);
+        let geometries = [
+            Geometry::FixedSource { source: beside },
+            Geometry::Monostatic,
+            Geometry::Pair { offset: beside },
+        ];
         let interfaces = [None, Some(Interface { depth: 0.4, sound_speed: 500.0 })];
         for (geometry, interface) in geometries.into_iter().flat_map(|g| interfaces.map(|i| (g, i))) {
             let aperture = Aperture {

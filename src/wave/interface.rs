@@ -61,8 +61,10 @@ impl Interface {
     pub(crate) fn path_length(&self, sound_speed: f64, geometry: &Geometry, p: DVec3, r: DVec3) -> f64 {
         let back = self.leg_length(sound_speed, r, p);
         match geometry {
-            Geometry::FixedSource { source } => self.leg_length(sound_speed, *source, p) + back,
             Geometry::Monostatic => 2.0 * back,
+            Geometry::FixedSource { .. } | Geometry::Pair { .. } => {
+                self.leg_length(sound_speed, geometry.source_of(r), p) + back
+            }
         }
     }
 
@@ -92,6 +94,31 @@ impl Refraction {
         }
         // Snell: sin θ₁ = n sin θ₂, and the length grows by n cos θ₂.
         (self.ratio * self.ratio - leg.sine * leg.sine).max(0.0).sqrt()
+    }
+
+    /// Bounds on the lengths of paths by way of a box of points: the sums of the shortest and of the longest legs.
+    pub(crate) fn path_bounds(
+        &self,
+        geometry: &Geometry,
+        (low, high): (DVec3, DVec3),
+        microphones: (DVec3, DVec3),
+    ) -> [f64; 2] {
+        // A leg grows with the lateral distance, and with the depth beneath its beginning.
+        let legs = |(first, last): (DVec3, DVec3)| {
+            let gap = (low - last).max(first - high).max(DVec3::ZERO).truncate();
+            let farthest = (high - first).abs().max((last - low).abs()).truncate();
+            let nearest = self.leg_length(last, (last.truncate() + gap).extend(low.z.max(last.z)));
+            let longest = self.leg_length(first, (first.truncate() + farthest).extend(high.z));
+            // Points may be behind an array that is moved forward.
+            [nearest, longest.max(farthest.length().hypot(last.z - low.z))]
+        };
+        let back = legs(microphones);
+        let out = match geometry {
+            Geometry::FixedSource { source } => legs((*source, *source)),
+            Geometry::Monostatic => back,
+            Geometry::Pair { offset } => legs((microphones.0 + *offset, microphones.1 + *offset)),
+        };
+        [out[0] + back[0], out[1] + back[1]]
     }
 
     /// The height above the array at which a straight path `aside` m to the side would be as steep, or lower.

@@ -16,10 +16,7 @@ pub(crate) struct TwoLegs {
 impl TwoLegs {
     /// Those of a microphone's paths.
     pub(crate) fn new(geometry: &Geometry, microphone: DVec3) -> Self {
-        match geometry {
-            Geometry::FixedSource { source } => Self { foci: [*source, microphone] },
-            Geometry::Monostatic => Self { foci: [microphone; 2] },
-        }
+        Self { foci: [geometry.source_of(microphone), microphone] }
     }
 
     /// The path length by way of `p`, m.
@@ -92,6 +89,7 @@ mod tests {
             Geometry::ORIGIN,
             Geometry::FixedSource { source: DVec3::new(-0.1, 0.4, -0.2) },
             Geometry::Monostatic,
+            Geometry::Pair { offset: DVec3::new(0.1, 0.0, 0.2) },
         ] {
             let (legs, first) = (TwoLegs::new(&geometry, microphone), DVec3::new(-0.7, 0.11, 1.3));
             let mut lengths = [0.0; 53];

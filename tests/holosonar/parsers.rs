@@ -15,7 +15,6 @@ use holosonar::export::volume_npz::read_volume_npz;
 use holosonar::grid::{Axis, Grid, Volume};
 use holosonar::pipeline::{JobOptions, truth_of_scene, write_depth, write_volume};
 use holosonar::scene::{LoadOptions, Scene, Unit};
-use holosonar::wave::Geometry;
 use num_complex::Complex32;
 use serde_json::json;
 use std::fs;
@@ -63,7 +62,7 @@ fn written(folder: &Path) {
     let sweep = Sweep::stepped(10_000.0, 10_400.0, 100.0).unwrap();
     let array = MicArray::rectangular([3, 2], [0.02; 2], glam::DVec3::ZERO).unwrap();
     let samples = (0..30).map(|i| Complex32::new(i as f32, 1.0)).collect();
-    let points = ScenePoints::new(None, &array, &Geometry::ORIGIN);
+    let points = ScenePoints::new(None, &array, &[glam::DVec3::ZERO]);
     points.write(&folder.join("points.ply"), &[]).unwrap();
     let scene = Scene::load(&shipped("meshes/corner.obj"), &metres()).unwrap();
     SceneMesh::decimated(&scene).write(&folder.join("mesh.ply"), &[]).unwrap();

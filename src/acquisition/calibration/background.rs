@@ -54,6 +54,9 @@ impl Background {
                 if r.len() != s.len() || !r.iter().zip(s).all(|(a, b)| a.distance(*b) < SAME_PLACE) {
                     return differ("microphones");
                 }
+                if other.transmissions() != 1 {
+                    return differ("loudspeakers");
+                }
                 if own.detection != other.detection {
                     return differ("samples, in phase or in quadrature,");
                 }

@@ -54,9 +54,10 @@ impl ChannelResponse {
     /// Cost: some operations per sample; of both axes 20 times that.
     ///
     /// # Errors
-    /// An in-phase cube, which has no phases; a silent one.
+    /// An in-phase cube, which has no phases; one of several loudspeakers; a silent one.
     pub fn measure(cube: &DataCube, target: DVec3, axis: ResponseAxis) -> Result<Self> {
         need_phases(&cube.instrument, "--reference")?;
+        cube.instrument.need_one_source("--reference")?;
         let instrument = &cube.instrument;
         let (f, n_mic) = (instrument.sweep.frequencies(), instrument.array.len());
         let lengths: Vec<f64> = instrument

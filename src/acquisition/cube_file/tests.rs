@@ -3,6 +3,7 @@
 
 use super::*;
 use crate::named::assert_names;
+use crate::wave::Geometry;
 
 /// 10 frequencies at 6 microphones.
 fn cube() -> DataCube {
@@ -62,4 +63,93 @@ fn a_damaged_file_is_noticed_at_its_block() {
         .to_string();
     assert_eq!(seen, 4);
     assert!(error.contains("frequency 5") && error.contains("microphone 1"), "{error}");
+}
+
+#[test]
+fn several_sources_are_read_as_they_were_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("several.npz");
+    let sources = [DVec3::new(0.1, 0.0, 0.0), DVec3::new(-0.1, 0.2, 0.03)];
+    let instrument = cube().instrument.with_sources(&sources).unwrap();
+    let samples: Vec<_> = (0..120).map(|i| crate::wave::phasor(f64::from(i) * 0.377)).collect();
+    let written = DataCube::new(instrument.clone(), samples).unwrap();
+    written.write(&path).unwrap();
+    assert_eq!(DataCube::read(&path, 1 << 20).unwrap(), written);
+    let mut file = CubeFile::open(&path, 1 << 20).unwrap();
+    assert!(file.held_bytes() >= instrument.cube_bytes());
+    for tx in [1, 0] {
+        let mut seen = Vec::new();
+        let mut take = |_: std::ops::Range<usize>, samples: &[Complex32]| {
+            seen.extend_from_slice(samples);
+            Ok(())
+        };
+        file.visit_transmission(tx, 4, &mut take).unwrap();
+        assert_eq!(seen, written.transmission(tx));
+    }
+    // What takes one loudspeaker says so.
+    let gate = Calibration { gate: Some([1.0, 2.0]), ..Default::default() };
+    let refused = CubeFile::open(&path, 1 << 20).unwrap().calibrated(&gate, &crate::progress::Silent);
+    assert_names(refused.unwrap_err().to_string(), &["[calibration]", "one loudspeaker", "2"]);
+    let refused = crate::acquisition::Health::of(&mut file.unchecked(), 1 << 20, &crate::progress::Silent);
+    assert_names(refused.unwrap_err().to_string(), &["--health", "one loudspeaker", "2"]);
+}
+
+#[test]
+fn a_pair_is_read_as_it_was_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("pair.npz");
+    let pair = Geometry::Pair { offset: DVec3::new(0.05, 0.0, -0.01) };
+    let mut written = cube();
+    written.instrument.geometry = pair;
+    written.write(&path).unwrap();
+    let read = DataCube::read(&path, 1 << 20).unwrap();
+    let Geometry::Pair { offset } = read.instrument.geometry else { panic!("a pair") };
+    assert!(offset.distance(DVec3::new(0.05, 0.0, -0.01)) < 1e-12);
+    assert_eq!(read.samples, written.samples);
+}
+
+/// An open file of a few arrays.
+fn opened(meta: &str, sources: &[(&str, &[usize], &[f64])]) -> Result<CubeFile> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("cube.npz");
+    let cube = cube();
+    let positions: Vec<f64> = cube.instrument.array.positions().iter().flat_map(DVec3::to_array).collect();
+    crate::files::npz::write_npz(&path, |npz| {
+        npz.complex("samples", &[10, 2, 3], &cube.samples)?;
+        npz.f64("frequencies", &[10], cube.instrument.sweep.frequencies())?;
+        npz.f64("mic_positions", &[2, 3, 3], &positions)?;
+        for (name, shape, values) in sources {
+            npz.f64(name, shape, values)?;
+        }
+        npz.text("meta", meta)
+    })
+    .unwrap();
+    CubeFile::open(&path, 1 << 20)
+}
+
+#[test]
+fn loudspeakers_that_do_not_fit_are_refused_with_the_array() {
+    let refused = |meta: &str, sources: &[(&str, &[usize], &[f64])], names: &[&str]| {
+        let refused = opened(meta, sources).unwrap_err();
+        assert_eq!(refused.exit_status(), 2);
+        assert_names(refused.to_string(), names);
+    };
+    let two: (&str, &[usize], &[f64]) = ("sources", &[2, 3], &[0.0; 6]);
+    refused("{}", &[two], &["`samples`", "[10, 2, 3]", "`sources`", "[2, 10, 2, 3]"]);
+    refused("{}", &[("sources", &[6], &[0.0; 6])], &["`sources`", "[n_tx, 3]", "[6]"]);
+    refused("{}", &[("sources", &[0, 3], &[])], &["`sources`", "[0, 3]"]);
+    refused("{}", &[("sources", &[2, 3], &[f64::NAN; 6])], &["`sources`", "1e9 m"]);
+    refused(r#"{"source": [0, 0, 0]}"#, &[two], &["`sources`", "`source`"]);
+    refused(r#"{"geometry": "monostatic"}"#, &[two], &["`sources`", "monostatic", "fixed-source"]);
+    refused(r#"{"geometry": "pair"}"#, &[], &["`source_positions`", "missing"]);
+    let same: (&str, &[usize], &[f64]) = ("source_positions", &[2, 3, 3], &[0.0; 18]);
+    refused(r#"{"geometry": "pair"}"#, &[same], &["`source_positions`", "pair 1", "`sources`"]);
+    refused("{}", &[same], &["`source_positions`", "pair", "fixed-source"]);
+    refused(
+        r#"{"geometry": "pair"}"#,
+        &[("source_positions", &[6, 3], &[0.0; 18])],
+        &["`source_positions`", "[2, 3, 3]", "[6, 3]"],
+    );
+    // One loudspeaker in the array is as good as in `meta`, with an axis of its own.
+    refused("{}", &[("sources", &[1, 3], &[0.0; 3])], &["`samples`", "[1, 10, 2, 3]"]);
 }

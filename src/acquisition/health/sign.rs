@@ -208,8 +208,8 @@ impl<'a> FocusedChannels<'a> {
         let distance = match self.instrument.geometry {
             Geometry::Monostatic => 0.5 * path,
             // On an ellipse about speaker and centre.
-            Geometry::FixedSource { source } => {
-                let base = source - centre;
+            geometry => {
+                let base = geometry.source_of(centre) - centre;
                 (path * path - base.length_squared()) / (2.0 * (path - direction.dot(base)))
             }
         };

@@ -138,7 +138,7 @@ impl Imported {
             "geometry": instrument.geometry.kind(),
             "source_m": match instrument.geometry {
                 Geometry::FixedSource { source } => Some(source.to_array()),
-                Geometry::Monostatic => None,
+                Geometry::Monostatic | Geometry::Pair { .. } => None,
             },
             "detection": instrument.detection,
             "sound_speed_m_per_s": instrument.sound_speed,

@@ -39,12 +39,19 @@ impl Instrument {
             words.push(format!("{} instead of {own}", of(interface)));
         }
         match (source, self.geometry) {
+            (Some(_), _) if self.transmissions() > 1 => {
+                let problem = format!(
+                    "replaces one loudspeaker, and this cube has {}, one after another",
+                    self.transmissions()
+                );
+                return Err(Error::input("array.source", problem));
+            }
             (Some(source), Geometry::FixedSource { source: own }) if source != own => {
                 changed.geometry = Geometry::FixedSource { source };
                 words.push(format!("speaker at {} m instead of {} m", point(source), point(own)));
             }
-            (Some(_), Geometry::Monostatic) => {
-                let problem = "has no meaning for a monostatic scan, whose speaker moves with the microphone";
+            (Some(_), Geometry::Monostatic | Geometry::Pair { .. }) => {
+                let problem = "has no meaning for a scan, whose speaker moves with the microphone";
                 return Err(Error::input("array.source", problem));
             }
             _ => {}
@@ -122,7 +129,9 @@ mod tests {
     fn impossible_changes_are_refused() {
         let speaker = InstrumentChanges { source: Some(DVec3::X), ..InstrumentChanges::default() };
         let monostatic = instrument().with_geometry(Geometry::Monostatic);
-        assert_names(monostatic.changed(&speaker).unwrap_err().to_string(), &["array.source", "monostatic"]);
+        assert_names(monostatic.changed(&speaker).unwrap_err().to_string(), &["array.source", "scan"]);
+        let several = instrument().with_sources(&[DVec3::ZERO, DVec3::X]).unwrap();
+        assert_names(several.changed(&speaker).unwrap_err().to_string(), &["array.source", "2"]);
         let speed = InstrumentChanges { sound_speed: Some(-1.0), ..InstrumentChanges::default() };
         assert_names(instrument().changed(&speed).unwrap_err().to_string(), &["speed of sound", "-1"]);
     }

@@ -235,7 +235,7 @@ fn sums_bytes(
     let Some((low, high)) = bounds.filter(|_| sweep.bandwidth() > 0.0) else { return literal };
     let design = TONE_DESIGNS[TONE_DESIGNS.len() / 2];
     let length = design.time_bandwidth / sweep.bandwidth() * sound_speed;
-    let [shortest, longest] = instrument.box_paths((low, high));
+    let [shortest, longest] = instrument.path_bounds_of((low, high));
     // On average, the paths to a tile take half of their maximum share.
     let groups = (longest - shortest) / ((1.0 - 0.5 * TILE_SHARE) * length) + 1.0;
     let ends = Reflectors::new(vec![low, high], vec![Complex32::ONE; 2]).unwrap_or_default();

@@ -115,11 +115,7 @@ pub(super) fn sine(leg: DVec3) -> f64 {
 
 impl Legs {
     pub(super) fn new(p: DVec3, r: DVec3, instrument: &Instrument, options: &SimulateOptions) -> Self {
-        let back = p - r;
-        let out = match instrument.geometry {
-            Geometry::FixedSource { source } => p - source,
-            Geometry::Monostatic => back,
-        };
+        let (out, back) = (p - instrument.geometry.source_of(r), p - r);
         let spreading = if options.losses.spreading { spreading(out.length(), back.length()) } else { 1.0 };
         Self { spreading, sines: [sine(out), sine(back)], path: options.model.path_length(instrument, p, r) }
     }

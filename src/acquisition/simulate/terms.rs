@@ -53,6 +53,8 @@ fn maximum_sines(reflectors: &Reflectors, array: &MicArray, geometry: &Geometry)
     });
     let back = back.fold(0.0, f64::max);
     match *geometry {
+        // The speaker takes every place that it has beside a microphone; only sums term by term simulate it.
+        Geometry::Pair { .. } => [1.0, back],
         Geometry::FixedSource { source } => {
             let out = reflectors.positions().iter().map(|&p| sine(p - source)).fold(0.0, f64::max);
             [out, back]

@@ -2,6 +2,7 @@
 
 mod cells;
 mod losses;
+mod transmissions;
 mod virtual_tones;
 
 use super::*;

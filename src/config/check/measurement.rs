@@ -1,7 +1,7 @@
 //! The medium, the sweep, the array and the detection.
 
 use super::MAX_SAMPLES;
-use crate::acquisition::PropagationModel;
+use crate::acquisition::{MOST_SOURCES, PropagationModel};
 use crate::config::range::{
     Check, conflict, counts, ensure, file_name, finite, none_typed, not_negative, positive, tolerance, within,
 };
@@ -109,9 +109,7 @@ impl ArrayTable {
             within("array.source", coordinate, -FARTHEST, FARTHEST, "a position within 1e9 m")?;
         }
         finite("array.centre", &self.centre)?;
-        ensure(self.geometry != GeometryKind::Monostatic || self.source == [0.0; 3], || {
-            conflict("array.source", &["array.geometry"], "a monostatic scan has no speaker of its own")
-        })?;
+        self.check_sources()?;
         self.count.map_or(Ok(()), |count| counts("array.count", &count, MAX_SAMPLES))?;
         self.elements.map_or(Ok(()), |elements| counts("array.elements", &[elements], MAX_SAMPLES))?;
         self.spacing.map_or(Ok(()), |spacing| not_negative("array.spacing", spacing))?;
@@ -143,6 +141,48 @@ impl ArrayTable {
         within("array.gain_error_db", self.gain_error_db, 0.0, 60.0, "an rms from 0 to 60 dB")?;
         within("array.phase_error", self.phase_error, 0.0, 360.0, "an rms from 0 to 360 degrees")?;
         self.check_layout()
+    }
+
+    /// The keys that only some geometries have.
+    fn check_sources(&self) -> Check {
+        let fixed = self.geometry == GeometryKind::FixedSource;
+        ensure(fixed || self.source == [0.0; 3], || {
+            conflict("array.source", &["array.geometry"], "a scan has no speaker of its own")
+        })?;
+        if let Some(sources) = &self.sources {
+            ensure(fixed, || {
+                conflict(
+                    "array.sources",
+                    &["array.geometry"],
+                    "the speaker of a scan moves with the microphone",
+                )
+            })?;
+            ensure(self.source == [0.0; 3], || {
+                conflict("array.sources", &["array.source"], "both say where speakers are")
+            })?;
+            ensure((1..=MOST_SOURCES).contains(&sources.len()), || {
+                let problem = format!(
+                    "{} speakers are not possible; expected 1 to {MOST_SOURCES}, as [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]]",
+                    sources.len()
+                );
+                Fault::new("array.sources", problem)
+            })?;
+            for coordinate in sources.iter().flatten() {
+                within("array.sources", *coordinate, -FARTHEST, FARTHEST, "positions within 1e9 m")?;
+            }
+        }
+        for coordinate in self.source_offset.into_iter().flatten() {
+            within("array.source_offset", coordinate, -FARTHEST, FARTHEST, "an offset within 1e9 m")?;
+        }
+        let pair = self.geometry == GeometryKind::Pair;
+        ensure(!pair || self.source_offset.is_some(), || {
+            let problem = "geometry \"pair\" needs `source_offset`, from the microphone to the speaker, as [0.05, 0.0, 0.0]";
+            Fault::new("array.geometry", problem)
+        })?;
+        ensure(pair || self.source_offset.is_none(), || {
+            let why = "an offset from microphone to speaker needs `geometry = \"pair\"`";
+            conflict("array.source_offset", &["array.geometry"], why)
+        })
     }
 
     /// The keys that only some layouts have.

@@ -2,9 +2,10 @@
 
 use crate::acquisition::{FrequencyUnit, ImportOptions};
 use crate::config::{ArrayLayout, InputFile, RunFile, TypedKeys};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::files::extension;
 use crate::plan::memory_limit;
+use crate::wave::GeometryKind;
 use glam::DVec3;
 use std::path::PathBuf;
 
@@ -22,6 +23,12 @@ impl RunFile {
     /// As [`RunFile::sweep`] and [`RunFile::microphones`].
     pub fn import_options(&self, typed: &TypedKeys) -> Result<ImportOptions> {
         let table = &self.import;
+        if self.array.sources.is_some() || self.array.geometry == GeometryKind::Pair {
+            let problem = "several speakers and moved pairs are not imported; import a cube for each speaker, or write a cube \
+                           file with the arrays that the chapter `files` of the guide describes";
+            let place = if self.array.sources.is_some() { "[array] sources" } else { "[array] geometry" };
+            return Err(Error::input(place, problem));
+        }
         let any = |keys: &[&str]| keys.iter().any(|key| typed.contains(key));
         let all = |keys: &[&str]| keys.iter().all(|key| typed.contains(key));
         let mut options = ImportOptions::new(table.samples.iter().map(|file| file.path.clone()).collect());

@@ -93,6 +93,10 @@ pub struct ArrayTable {
     pub geometry: GeometryKind,
     /// The speaker, m.
     pub source: [f64; 3],
+    /// Several speakers, one after another, m; excludes `source`.
+    pub sources: Option<Vec<[f64; 3]>>,
+    /// From the microphone to the speaker of a moved pair, m.
+    pub source_offset: Option<[f64; 3]>,
     /// Centre of the rectangle of microphones, m; it stays parallel to z = 0.
     pub centre: [f64; 3],
     /// Microphones along x and y; one number counts for both. Other layouts than grids have the product of both in all.
@@ -141,6 +145,8 @@ impl ArrayTable {
         Self {
             geometry: GeometryKind::FixedSource,
             source: [0.0; 3],
+            sources: None,
+            source_offset: None,
             centre: [0.0; 3],
             count: None,
             elements: None,

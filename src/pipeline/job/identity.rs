@@ -12,9 +12,10 @@ use glam::DVec3;
 /// The identity of a job that begins with a scene, which its reflectors represent completely.
 pub(in crate::pipeline) fn of_scene(job: &str, run: &RunFile, scene: &PreparedScene) -> Identity {
     let mut identity = of_instrument(job, run, scene.instrument(), &scene.grid);
-    let reflectors = &scene.reflectors;
-    identity.numbers(coordinates(reflectors.positions()));
-    identity.bytes(bytemuck::cast_slice(reflectors.amplitudes()));
+    for reflectors in &scene.reflectors {
+        identity.numbers(coordinates(reflectors.positions()));
+        identity.bytes(bytemuck::cast_slice(reflectors.amplitudes()));
+    }
     identity
 }
 
@@ -38,7 +39,11 @@ pub(in crate::pipeline) fn of_cube(
 fn of_instrument(job: &str, run: &RunFile, instrument: &Instrument, grid: &Grid) -> Identity {
     let plane_bytes = grid.volume_bytes() / (grid.z.count as u64).max(1);
     let identity = Identity::of(job)
-        .storing(Stage::Cube, instrument.array.len() as u64, instrument.cube_bytes())
+        .storing(
+            Stage::Cube,
+            (instrument.transmissions() * instrument.array.len()) as u64,
+            instrument.cube_bytes(),
+        )
         .storing(Stage::Volume, grid.z.count as u64, plane_bytes);
     let mut identity = match run.refine_options() {
         Some(refine) => {
@@ -55,6 +60,7 @@ fn of_instrument(job: &str, run: &RunFile, instrument: &Instrument, grid: &Grid)
     identity.numbers(instrument.sweep.frequencies().iter().copied());
     identity.numbers(coordinates(instrument.array.positions()));
     identity.numbers([instrument.sound_speed].into_iter());
+    identity.numbers(coordinates(&instrument.sources()));
     identity
 }
 

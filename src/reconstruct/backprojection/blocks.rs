@@ -114,6 +114,12 @@ impl Block {
 
     /// The voxels, x fastest, about the centre.
     pub(crate) fn points(&self, grid: &Grid, geometry: &Geometry) -> Points {
+        let [x, y, z] = self.places(grid);
+        Points::about(self.centre(grid).to_array(), geometry, [&x, &y, &z])
+    }
+
+    /// The voxels' x, y and z, x fastest, m.
+    pub(crate) fn places(&self, grid: &Grid) -> [Vec<f64>; 3] {
         let [n_x, n_y, n_z] = self.count;
         let each = |axis: &Axis, place: &dyn Fn(usize) -> usize| -> Vec<f64> {
             (0..n_x * n_y * n_z).map(|i| axis.position(place(i))).collect()
@@ -122,7 +128,7 @@ impl Block {
         let x = each(&grid.x, &|i| first_x + i % n_x);
         let y = each(&grid.y, &|i| first_y + i / n_x % n_y);
         let z = each(&grid.z, &|i| first_z + i / n_x / n_y);
-        Points::about(self.centre(grid).to_array(), geometry, [&x, &y, &z])
+        [x, y, z]
     }
 }
 
@@ -141,8 +147,8 @@ pub(crate) fn half_width(geometry: &Geometry, centre: DVec3, half: DVec3, microp
     let (back, bend_back, change_back) = leg(microphone);
     let legs = geometry.return_legs();
     let (out, bend_out, change_out) = match geometry {
-        Geometry::FixedSource { source } => leg(*source),
         Geometry::Monostatic => (DVec3::ZERO, 0.0, 0.0),
+        _ => leg(geometry.source_of(microphone)),
     };
     let tangent = (out + back * legs).abs().dot(half) + bend_out + bend_back * legs;
     tangent.min(change_out + change_back * legs)
@@ -224,8 +230,12 @@ mod tests {
     fn the_half_width_holds_for_every_voxel_of_a_block() {
         let grid = grid();
         let microphones = [DVec3::ZERO, DVec3::new(-0.3, -0.2, 0.0), DVec3::new(0.4, -0.7, -0.3)];
-        let geometries =
-            [Geometry::Monostatic, Geometry::ORIGIN, Geometry::FixedSource { source: DVec3::splat(0.1) }];
+        let geometries = [
+            Geometry::Monostatic,
+            Geometry::ORIGIN,
+            Geometry::FixedSource { source: DVec3::splat(0.1) },
+            Geometry::Pair { offset: DVec3::new(-0.2, 0.1, 0.1) },
+        ];
         let mut closest = f64::INFINITY;
         for block in Block::of(&grid, Shape([8, 4, 2]), 0..9) {
             let (centre, half) = (block.centre(&grid), Shape(block.count).half(&grid));

@@ -59,7 +59,7 @@ impl ConvolutionPlan {
         let image = images * (x.len() as f64 * transform(y.len()) + rows as f64 * transform(x.len()));
         let product = PRODUCT * points;
         match layout.geometry {
-            Geometry::FixedSource { .. } => {
+            Geometry::FixedSource { .. } | Geometry::Pair { .. } => {
                 let outer = (PHASE + PRODUCT) * layout.grid.plane_len() as f64;
                 Operations { pair: kernels * (kernel + product) + image + outer, depth: 0.0, spectra }
             }

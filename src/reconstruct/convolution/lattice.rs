@@ -13,6 +13,7 @@ use crate::reconstruct::numerics::{
     FILLS, Footprint, Interpolator, Kernels, footprints, gather, nodes_around, spread,
 };
 use crate::reconstruct::plan::cost::PRODUCT;
+use crate::wave::Geometry;
 use num_complex::Complex32;
 use rayon::prelude::*;
 use std::f64::consts::PI;
@@ -79,6 +80,9 @@ impl SharedLattice {
         grid: &Grid,
         budget: ErrorBudget,
     ) -> Result<Vec<Self>, String> {
+        if let Geometry::Pair { .. } = instrument.geometry {
+            return Err("a moved pair has a path of two legs, and a kernel has one".to_owned());
+        }
         let mut near = NEAR.map(|waves| within(waves * shortest(instrument), instrument, grid)).to_vec();
         near.dedup();
         let mut found = Vec::new();

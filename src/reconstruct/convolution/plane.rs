@@ -57,7 +57,7 @@ impl<'a> Plane<'a> {
         let blocks = match layout.geometry {
             _ if adjoint => 0,
             Geometry::Monostatic => layout.blocks(),
-            Geometry::FixedSource { .. } => 1,
+            Geometry::FixedSource { .. } | Geometry::Pair { .. } => 1,
         };
         let (rows, field) = if adjoint { (0, layout.points() / LANES) } else { (most(1), 0) };
         let image = padded(most(0)) * most(1).div_ceil(LANES);

@@ -10,6 +10,7 @@ use crate::reconstruct::direct::DirectPlan;
 use crate::reconstruct::error_budget::ErrorBudget;
 use crate::reconstruct::plan::cost::Cost;
 use crate::reconstruct::refine;
+use crate::reconstruct::transmissions;
 use crate::reconstruct::upsampling::Upsampling;
 use crate::reconstruct::{Method, ReconstructOptions};
 use rayon::prelude::*;
@@ -21,11 +22,12 @@ const MOST_DIRECT_TERMS: u64 = 100_000_000_000;
 /// Below this number of operations, a fraction of a second, convolution is compared with back-projection without tiles.
 const SHORT: f64 = 8e9;
 
-/// The terms of Eq. 13: voxels × microphones × frequencies.
+/// The terms of Eq. 13: voxels × microphones × frequencies, of every loudspeaker.
 pub fn direct_terms(instrument: &Instrument, grid: &Grid) -> u64 {
     grid.voxel_count()
         .saturating_mul(instrument.array.len() as u64)
         .saturating_mul(instrument.sweep.len() as u64)
+        .saturating_mul(instrument.transmissions() as u64)
 }
 
 /// The chosen method, and how it is carried out.
@@ -318,6 +320,9 @@ pub fn estimate(
     options: &ReconstructOptions,
     threads: usize,
 ) -> Result<Estimates> {
+    if instrument.transmissions() > 1 {
+        return transmissions::estimates(instrument, grid, options, threads);
+    }
     let candidates = Candidates::new(instrument, grid, options, threads)?;
     let method = candidates.chosen(options.method).method;
     let methods = candidates.estimates;

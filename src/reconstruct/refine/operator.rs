@@ -236,11 +236,11 @@ impl CubeSource for Left<'_> {
         self.source.held_bytes()
     }
 
-    fn visit(&mut self, block: usize, visit: &mut Visit<'_>) -> Result<()> {
+    fn visit_transmission(&mut self, transmission: usize, block: usize, visit: &mut Visit<'_>) -> Result<()> {
         let Self { operator, source, echoes, power } = self;
         let n_mic = operator.instrument.array.len();
         let mut left = Vec::new();
-        source.visit(block, &mut |range, samples| {
+        source.visit_transmission(transmission, block, &mut |range, samples| {
             let left = match echoes {
                 None => samples,
                 Some(echoes) => {

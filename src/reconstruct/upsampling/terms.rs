@@ -52,7 +52,7 @@ impl<'a> SampledTerms<'a> {
         let (low, high) = self.grid.bounds();
         let ends = self.microphones.iter().copied().chain(match self.instrument.geometry {
             Geometry::FixedSource { source } => Some(source),
-            Geometry::Monostatic => None,
+            Geometry::Monostatic | Geometry::Pair { .. } => None,
         });
         self.grid.sampled(count).chain(ends.map(move |end| end.clamp(low, high)))
     }

@@ -8,7 +8,7 @@ use crate::acquisition::Instrument;
 use crate::error::Result;
 use crate::grid::Grid;
 use crate::reconstruct::{ReconstructionInfo, VolumeSink};
-use crate::wave::{Geometry, spreading};
+use crate::wave::spreading;
 use glam::DVec3;
 use num_complex::Complex32;
 use rayon::prelude::*;
@@ -25,11 +25,7 @@ impl Gain {
     /// That of a measurement on the voxels of a grid.
     pub(crate) fn new(instrument: &Instrument, grid: &Grid) -> Self {
         let centre = instrument.array.centre();
-        let speaker = match instrument.geometry {
-            Geometry::FixedSource { source } => source,
-            Geometry::Monostatic => centre,
-        };
-        Self { grid: *grid, speaker, centre }
+        Self { grid: *grid, speaker: instrument.geometry.viewpoint(centre), centre }
     }
 
     fn at(&self, p: DVec3) -> f64 {

@@ -27,7 +27,7 @@ impl Points {
     pub(crate) fn about(centre: [f64; 3], geometry: &Geometry, places: [&[f64]; 3]) -> Self {
         let source = match geometry {
             Geometry::FixedSource { source } => Some(source.to_array()),
-            Geometry::Monostatic => None,
+            Geometry::Monostatic | Geometry::Pair { .. } => None,
         };
         let legs = geometry.return_legs();
         let count = places[0].len();

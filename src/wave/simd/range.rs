@@ -323,7 +323,7 @@ mod tests {
                     Geometry::FixedSource { .. } => {
                         (centre + DVec3::new(x, y, z)).distance(source) - centre.distance(source)
                     }
-                    Geometry::Monostatic => 0.0,
+                    Geometry::Monostatic | Geometry::Pair { .. } => 0.0,
                 };
                 let mut expected = Complex64::ZERO;
                 for (l, offset) in offsets.iter().enumerate() {

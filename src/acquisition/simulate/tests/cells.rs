@@ -137,11 +137,11 @@ fn the_number_of_threads_does_not_change_cells_with_losses() {
 
 /// Some finished tiles of an earlier run.
 #[derive(Default)]
-struct EarlierRun {
-    stored: std::collections::BTreeMap<u64, Vec<Complex32>>,
+pub(super) struct EarlierRun {
+    pub(super) stored: std::collections::BTreeMap<u64, Vec<Complex32>>,
     /// Only tiles whose number leaves no remainder are given back.
-    every: u64,
-    given: usize,
+    pub(super) every: u64,
+    pub(super) given: usize,
 }
 
 impl BlockStore for EarlierRun {
@@ -173,7 +173,9 @@ fn a_resumed_run_gives_the_same_bytes() {
     let options = SimulateOptions::default();
     let mut store = EarlierRun { every: u64::MAX, ..EarlierRun::default() };
     let run = |store: &mut EarlierRun| {
-        simulate_resumable(&reflectors, &instrument, &options, store, &Silent).expect("ok").samples
+        simulate_resumable(std::slice::from_ref(&reflectors), &instrument, &options, store, &Silent)
+            .expect("ok")
+            .samples
     };
     // No tile has that number but the first, which is not stored yet.
     let whole = run(&mut store);

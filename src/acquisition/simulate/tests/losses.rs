@@ -40,6 +40,7 @@ fn expected(
         let s = match instrument.geometry {
             Geometry::FixedSource { source } => source,
             Geometry::Monostatic => r,
+            Geometry::Pair { offset } => r + offset,
         };
         let (d1, d2) = (p.distance(s), p.distance(r));
         let path = options.model.path_length(instrument, p, r);

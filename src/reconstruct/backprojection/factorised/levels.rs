@@ -84,6 +84,8 @@ impl TileLevels {
         let source = match instrument.geometry {
             Geometry::FixedSource { source } => source.z,
             Geometry::Monostatic => low.z,
+            // Both legs change with the microphone, and a tile's node has one for all.
+            Geometry::Pair { .. } => return Ok(None),
         };
         // Where ρ grows with depth everywhere.
         if grid.z.first <= high.z.max(source) {

@@ -36,6 +36,8 @@ impl LineView {
         let source = match instrument.geometry {
             Geometry::FixedSource { source } => Some([source[along], source[across], source.z]),
             Geometry::Monostatic => None,
+            // Its lines would have two places along each.
+            Geometry::Pair { .. } => return None,
         };
         let voxels = [grid.x, grid.y];
         let microphones = [lattice.x, lattice.y];

@@ -1,0 +1,99 @@
+//! The loudspeakers of a cube file: the one of `meta`, several in an array `sources`, or a pair's, one beside each microphone,
+//! in `source_positions`.
+
+use super::{place, refused};
+use crate::acquisition::{Instrument, MOST_SOURCES};
+use crate::error::Result;
+use crate::files::npz::NpzReader;
+use crate::wave::{Geometry, GeometryKind};
+use glam::DVec3;
+use std::path::Path;
+
+/// By how much the offsets of a pair may differ, m: by how positions round, and no more.
+const SAME_OFFSET: f64 = 1e-6;
+
+/// The instrument with the loudspeakers that the file names; `source` is that of `meta`.
+pub(super) fn placed(
+    path: &Path,
+    npz: &mut NpzReader,
+    instrument: Instrument,
+    (kind, source): (GeometryKind, Option<[f64; 3]>),
+) -> Result<Instrument> {
+    for (array, of) in [("sources", GeometryKind::FixedSource), ("source_positions", GeometryKind::Pair)] {
+        if npz.contains(array) && kind != of {
+            let problem = format!("belongs to the geometry \"{of}\", and `meta` says \"{kind}\"");
+            return refused(path, array, problem);
+        }
+    }
+    match kind {
+        GeometryKind::Monostatic => Ok(instrument.with_geometry(Geometry::Monostatic)),
+        GeometryKind::FixedSource if npz.contains("sources") => several(path, npz, instrument, source),
+        GeometryKind::FixedSource => {
+            let source = source.map_or(DVec3::ZERO, DVec3::from_array);
+            Ok(instrument.with_geometry(Geometry::FixedSource { source }))
+        }
+        GeometryKind::Pair => {
+            let offset = pair_offset(path, npz, &instrument)?;
+            Ok(instrument.with_geometry(Geometry::Pair { offset }))
+        }
+    }
+}
+
+fn several(
+    path: &Path,
+    npz: &mut NpzReader,
+    instrument: Instrument,
+    source: Option<[f64; 3]>,
+) -> Result<Instrument> {
+    let shape = npz.shape("sources")?;
+    match shape[..] {
+        [1..=MOST_SOURCES, 3] => {}
+        _ => {
+            let problem = format!("must be [n_tx, 3], of 1 to {MOST_SOURCES} loudspeakers, not {shape:?}");
+            return refused(path, "sources", problem);
+        }
+    }
+    if source.is_some() {
+        let problem = "gives the loudspeakers, and so does `source`; leave that out";
+        return refused(path, "sources", problem);
+    }
+    let sources = npz.f64("sources")?;
+    let points: Vec<DVec3> = sources.data.chunks_exact(3).map(DVec3::from_slice).collect();
+    let instrument = instrument.with_sources(&points)?;
+    instrument.check().map_err(|error| error.at(place(path, "sources")))?;
+    Ok(instrument)
+}
+
+/// From the microphones to the loudspeakers beside them.
+fn pair_offset(path: &Path, npz: &mut NpzReader, instrument: &Instrument) -> Result<DVec3> {
+    const ARRAY: &str = "source_positions";
+    if !npz.contains(ARRAY) {
+        let problem = "is missing: the geometry \"pair\" has a loudspeaker beside each microphone";
+        return refused(path, ARRAY, problem);
+    }
+    let (shape, expected) = (npz.shape(ARRAY)?, npz.shape("mic_positions")?);
+    if shape != expected {
+        return refused(
+            path,
+            ARRAY,
+            format!("must have the shape of `mic_positions`, {expected:?}, not {shape:?}"),
+        );
+    }
+    let sources = npz.f64(ARRAY)?;
+    let sources = sources.data.chunks_exact(3).map(DVec3::from_slice);
+    let mut offsets = sources.zip(instrument.array.positions()).map(|(s, r)| s - *r);
+    let first = offsets.next().unwrap_or_default();
+    let moved = instrument.clone().with_geometry(Geometry::Pair { offset: first });
+    moved.check().map_err(|error| error.at(place(path, ARRAY)))?;
+    // NaN differs, too.
+    let same = |offset: DVec3| (offset - first).length() <= SAME_OFFSET;
+    if let Some(other) = offsets.position(|offset| !same(offset)) {
+        let problem = format!(
+            "pair {} is another way apart than pair 0: one loudspeaker and one microphone, moved together, are always the \
+             same way apart; for loudspeakers that stand still give `sources`",
+            other + 1
+        );
+        return refused(path, ARRAY, problem);
+    }
+    Ok(first)
+}

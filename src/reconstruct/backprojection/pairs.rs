@@ -1,0 +1,54 @@
+//! Back-projection of a moved pair: both legs of a path change from microphone to microphone, so that each has points with
+//! outward legs of its own, and the profile of one lane.
+
+use super::blocks::Group;
+use super::{GROUPS_PER_SUM, SlabProfiles};
+use crate::wave::Geometry;
+use crate::wave::simd::{LANES, LaneProfiles, LaneTones, Points, back_project};
+use glam::DVec3;
+
+impl SlabProfiles {
+    /// As [`SlabProfiles::image`], at `places` along x, y and z, for loudspeakers `offset` m from their microphones.
+    pub(super) fn image_of_pairs(
+        &self,
+        centre: DVec3,
+        [x, y, z]: &[Vec<f64>; 3],
+        offset: DVec3,
+        groups: &[(&Group, LaneTones)],
+        widest: impl Fn(&Group) -> f64,
+    ) -> [Vec<f32>; 2] {
+        let padded = Points::padded(x.len());
+        let zeros = || [vec![0.0f32; padded], vec![0.0f32; padded]];
+        let (mut totals, mut profiles, mut single) =
+            (zeros(), LaneProfiles::default(), LaneProfiles::default());
+        for groups in groups.chunks(GROUPS_PER_SUM) {
+            let mut sums = zeros();
+            for (group, tones) in groups {
+                let lengths = group.positions.map(|r| self.geometry.path_length(centre, r));
+                let scale = self.expand(tones, &lengths, widest(group), &mut profiles);
+                for (lane, &r) in group.positions[..group.members.len()].iter().enumerate() {
+                    first_lane(&profiles.re, lane, &mut single.re);
+                    first_lane(&profiles.im, lane, &mut single.im);
+                    let of_pair = Geometry::FixedSource { source: r + offset };
+                    let points = Points::about(centre.to_array(), &of_pair, [x, y, z]);
+                    let [re, im] = &mut sums;
+                    back_project(&points, &[(centre - r).as_vec3().to_array()], &single, scale, [re, im]);
+                }
+            }
+            for (total, sum) in totals.iter_mut().flatten().zip(sums.iter().flatten()) {
+                *total += sum;
+            }
+        }
+        totals
+    }
+}
+
+/// Copies a lane to the first.
+fn first_lane(from: &[[f32; LANES]], lane: usize, to: &mut Vec<[f32; LANES]>) {
+    to.clear();
+    to.extend(from.iter().map(|coefficients| {
+        let mut first = [0.0; LANES];
+        first[0] = coefficients[lane];
+        first
+    }));
+}

@@ -1,0 +1,185 @@
+//! Sums over loudspeakers against sums written out, by every method; resumed, reversed, by slabs, and of a moved pair.
+
+#![allow(clippy::unwrap_used)]
+
+use super::*;
+use crate::acquisition::Sweep;
+use crate::grid::Volume;
+use crate::progress::Silent;
+use crate::reconstruct::volume::ResumedVolume;
+use crate::reconstruct::{reconstruct, reconstruct_into};
+use crate::wave::Geometry;
+use glam::DVec3;
+use num_complex::Complex64;
+use std::f64::consts::TAU;
+
+fn axis(first: f64, pitch: f64, count: usize) -> Axis {
+    Axis { first, pitch, count }
+}
+
+fn random(i: usize, k: f64) -> f64 {
+    (i as f64 * k).fract() - 0.5
+}
+
+/// A cube of random samples.
+fn cube(instrument: Instrument) -> DataCube {
+    let count = instrument.transmissions() * instrument.sweep.len() * instrument.array.len();
+    let sample =
+        |i: usize| Complex32::new(random(i + 1, 0.618_033_99) as f32, random(i + 1, 0.754_877_67) as f32);
+    DataCube::new(instrument, (0..count).map(sample).collect()).unwrap()
+}
+
+fn lattice() -> MicArray {
+    MicArray::rectangular([6, 5], [0.03; 2], DVec3::new(0.01, -0.02, 0.0)).unwrap()
+}
+
+fn scattered() -> MicArray {
+    let place = |i: usize| {
+        DVec3::new(random(i, 0.618_033_99), random(i, 0.754_877_67), 0.1 * random(i, 0.569_840_29))
+    };
+    MicArray::from_positions((1..24).map(|i| 0.3 * place(i)).collect()).unwrap()
+}
+
+fn instrument(array: MicArray) -> Instrument {
+    Instrument::new(Sweep::stepped(8_000.0, 14_000.0, 200.0).unwrap(), array)
+}
+
+const SOURCES: [DVec3; 3] =
+    [DVec3::new(0.2, 0.0, 0.0), DVec3::new(-0.3, 0.1, 0.02), DVec3::new(0.05, -0.25, -0.1)];
+
+/// The equation of the module, written out, with the path of the literal definition.
+fn literal(cube: &DataCube, path: impl Fn(usize, DVec3) -> f64) -> Complex64 {
+    let Instrument { sweep, array, sound_speed, .. } = &cube.instrument;
+    let (mut sum, mut samples) = (Complex64::ZERO, cube.samples.iter());
+    for tx in 0..cube.instrument.transmissions() {
+        for f in sweep.frequencies() {
+            for r in array.positions() {
+                let m = samples.next().unwrap();
+                let turned = Complex64::cis(-TAU * f * path(tx, *r) / sound_speed);
+                sum += Complex64::new(m.re.into(), m.im.into()) * turned;
+            }
+        }
+    }
+    sum / cube.samples.len() as f64
+}
+
+/// The largest difference of any voxel from the literal sum, relative to the largest amplitude.
+fn error(cube: &DataCube, volume: &Volume, path: impl Fn(DVec3, usize, DVec3) -> f64) -> f64 {
+    let [n_z, n_y, n_x] = volume.grid.shape();
+    let mut worst = 0.0_f64;
+    for (i, a) in volume.samples.iter().enumerate() {
+        let p = volume.grid.position(i % n_x, i / n_x % n_y, i / n_x / n_y);
+        let exact = literal(cube, |tx, r| path(p, tx, r));
+        worst = worst.max((Complex64::new(a.re.into(), a.im.into()) - exact).norm());
+    }
+    assert_eq!(volume.samples.len(), n_x * n_y * n_z);
+    worst / f64::from(volume.peak())
+}
+
+fn small_grid() -> Grid {
+    Grid { x: axis(-0.12, 0.03, 9), y: axis(-0.11, 0.03, 7), z: axis(0.6, 0.012, 5) }
+}
+
+#[test]
+fn several_sources_are_their_coherent_sum_by_every_method() {
+    for (array, count, methods) in [
+        (lattice(), 2, &[Method::Direct, Method::Convolution, Method::Backprojection][..]),
+        (scattered(), 3, &[Method::Direct, Method::Backprojection]),
+    ] {
+        let cube = cube(instrument(array).with_sources(&SOURCES[..count]).unwrap());
+        let path = |p: DVec3, tx: usize, r: DVec3| p.distance(SOURCES[tx]) + p.distance(r);
+        for method in methods {
+            let options = ReconstructOptions::new(*method, Window::None).with_tolerance(1e-5);
+            let found = reconstruct(&cube, &small_grid(), &options).unwrap();
+            assert_eq!(found.method, *method);
+            let error = error(&cube, &found.volume, path);
+            assert!(error < 1e-4, "{method} of {count}: {error:e}");
+            assert!(error * f64::from(found.volume.peak()) < found.error_bound + 1e-6);
+        }
+    }
+}
+
+#[test]
+fn a_moved_pair_is_summed_as_written() {
+    let offset = DVec3::new(0.08, -0.03, 0.02);
+    for array in [lattice(), scattered()] {
+        let cube = cube(instrument(array).with_geometry(Geometry::Pair { offset }));
+        let path = |p: DVec3, _: usize, r: DVec3| p.distance(r + offset) + p.distance(r);
+        for method in [Method::Direct, Method::Backprojection] {
+            let options = ReconstructOptions::new(method, Window::None).with_tolerance(1e-5);
+            let found = reconstruct(&cube, &small_grid(), &options).unwrap();
+            let error = error(&cube, &found.volume, path);
+            assert!(error < 1e-4, "{method}: {error:e}");
+        }
+        let options = ReconstructOptions::new(Method::Convolution, Window::None);
+        let refused = reconstruct(&cube, &small_grid(), &options).unwrap_err().to_string();
+        crate::named::assert_names(refused, &["convolution", "pair", "backprojection"]);
+    }
+    // A pair in one place is a monostatic scan.
+    let scan = cube(instrument(lattice()).with_geometry(Geometry::Monostatic));
+    let pair = cube(instrument(lattice()).with_geometry(Geometry::Pair { offset: DVec3::ZERO }));
+    let options = ReconstructOptions::new(Method::Backprojection, Window::Hann).with_tolerance(1e-5);
+    let [scan, pair] = [scan, pair].map(|cube| reconstruct(&cube, &small_grid(), &options).unwrap().volume);
+    let apart = |(a, b): (&Complex32, &Complex32)| (a - b).norm();
+    let worst = scan.samples.iter().zip(&pair.samples).map(apart).fold(0.0, f32::max);
+    assert!(worst < 2e-5 * scan.peak(), "{worst}");
+}
+
+#[test]
+fn microphones_and_sources_may_change_places() {
+    let few = MicArray::from_positions(SOURCES[..2].to_vec()).unwrap();
+    let cube = cube(instrument(few).with_sources(lattice().positions()).unwrap());
+    let options = ReconstructOptions::new(Method::Auto, Window::None).with_tolerance(1e-5);
+    let turned_round = reversed(&cube.instrument, &options).unwrap().unwrap();
+    assert_eq!((turned_round.transmissions(), turned_round.array.len()), (2, 30));
+    assert!(turned_round.array.lattice().is_some(), "the sources' lattice is recognised");
+    let found = reconstruct(&cube, &small_grid(), &options).unwrap();
+    let path = |p: DVec3, tx: usize, r: DVec3| p.distance(lattice().positions()[tx]) + p.distance(r);
+    let error = error(&cube, &found.volume, path);
+    assert!(error < 1e-4, "{error:e}");
+    let windowed = ReconstructOptions { window: Window::Hann, ..options };
+    assert!(reversed(&cube.instrument, &windowed).unwrap().is_none(), "a window weighs the microphones");
+}
+
+#[test]
+fn slabs_and_interruptions_change_no_byte() {
+    let cube = cube(instrument(lattice()).with_sources(&SOURCES[..2]).unwrap());
+    // Three slabs.
+    let side = 2048;
+    let lateral = axis(-0.3, 0.6 / side as f64, side);
+    let grid = Grid { x: lateral, y: lateral, z: axis(0.6, 0.05, 17) };
+    assert_eq!(slabs(&grid).collect::<Vec<_>>(), [0..8, 8..16, 16..17]);
+    let part = part_of(&grid, &(8..16));
+    assert!((part.z.position(3) - grid.z.position(11)).abs() < 1e-12);
+    let grid = Grid { x: axis(-0.15, 0.03, 11), y: axis(-0.1, 0.03, 9), z: axis(0.6, 0.01, 20) };
+    for (method, compensate) in [(Method::Convolution, false), (Method::Backprojection, true)] {
+        let options = ReconstructOptions::new(method, Window::Hann).with_compensate(compensate);
+        let whole = reconstruct(&cube, &grid, &options).unwrap();
+        for done in [0, 7, 20] {
+            let mut rest = ResumedVolume { volume: Volume { grid, samples: Vec::new() }, done };
+            let info = reconstruct_into(&mut &cube, &grid, &options, &mut rest, &Silent).unwrap();
+            assert_eq!(info, whole.info());
+            let from = done * grid.plane_len();
+            assert!(rest.volume.samples.get(from..).unwrap_or_default() == &whole.volume.samples[from..]);
+        }
+        let tight = ReconstructOptions { memory: Some(0), ..options };
+        assert_eq!(reconstruct(&cube, &grid, &tight).unwrap().volume, whole.volume);
+    }
+}
+
+#[test]
+fn a_refinement_is_refused_and_estimates_add_up() {
+    let one = instrument(lattice());
+    let both = one.clone().with_sources(&SOURCES[..2]).unwrap();
+    let options = ReconstructOptions::new(Method::Direct, Window::None);
+    let of = |instrument: &Instrument| {
+        let estimates = super::super::estimate(instrument, &small_grid(), &options, 1).unwrap();
+        (estimates.chosen().operations, estimates.chosen().bytes)
+    };
+    assert_eq!(of(&both).0, 2.0 * of(&one.with_geometry(both.geometry)).0);
+    assert!(of(&both).1 > slab_bytes(&small_grid()));
+    let refined =
+        options.with_refine(Some(crate::reconstruct::RefineOptions::new(crate::reconstruct::Solver::Fista)));
+    let refused = reconstruct(&cube(both), &small_grid(), &refined).unwrap_err().to_string();
+    crate::named::assert_names(refused, &["refine.method", "2", "one loudspeaker"]);
+}
