@@ -10,8 +10,8 @@ use crate::reconstruct::direct::DirectPlan;
 use crate::reconstruct::error_budget::ErrorBudget;
 use crate::reconstruct::plan::cost::Cost;
 use crate::reconstruct::refine;
-use crate::reconstruct::transmissions;
 use crate::reconstruct::upsampling::Upsampling;
+use crate::reconstruct::volume::estimates_of_transmissions;
 use crate::reconstruct::{Method, ReconstructOptions};
 use rayon::prelude::*;
 use std::iter;
@@ -314,7 +314,7 @@ pub fn estimate(
     threads: usize,
 ) -> Result<Estimates> {
     if instrument.transmissions() > 1 {
-        return transmissions::estimates(instrument, grid, options, threads);
+        return estimates_of_transmissions(instrument, grid, options, threads);
     }
     let candidates = Candidates::new(instrument, grid, options, threads)?;
     let method = candidates.chosen(options.method).method;
