@@ -149,9 +149,20 @@ fn in_pool(
     if source.instrument().transmissions() > 1 {
         return sum_of_transmissions(source, grid, options, sink, observer);
     }
-    let instrument = source.instrument();
     let threads = rayon::current_num_threads();
-    let candidates = Candidates::new(instrument, grid, options, threads)?;
+    let candidates = Candidates::new(source.instrument(), grid, options, threads)?;
+    by_candidates(source, (grid, candidates), options, (sink, store), observer)
+}
+
+/// The same with plans that are found already.
+fn by_candidates(
+    source: &mut dyn CubeSource,
+    (grid, candidates): (&Grid, Candidates),
+    options: &ReconstructOptions,
+    (sink, store): (&mut dyn VolumeSink, &mut dyn BlockStore),
+    observer: &dyn Observer,
+) -> Result<ReconstructionInfo> {
+    let instrument = source.instrument();
     let batch = candidates.chosen(options.method).batch;
     let (plan, warning) = candidates.choose(instrument, grid, options.method)?;
     if let Some(warning) = warning {

@@ -11,14 +11,14 @@
 use super::{Checked, Gain};
 use crate::acquisition::{CubeSource, DataCube, Instrument, MicArray, OneTransmission};
 use crate::alloc::try_zeroed;
-use crate::blocks::NoStore;
+use crate::blocks::{BlockStore, NoStore};
 use crate::error::Result;
 use crate::grid::{Axis, Grid, no_room_for};
 use crate::progress::{Event, Observer, advance, stage};
 use crate::reconstruct::plan::{Candidates, Estimate, Estimates, estimate};
 use crate::reconstruct::window::Weights;
 use crate::reconstruct::{
-    BLOCK, Method, ReconstructOptions, ReconstructionInfo, VolumeSink, Window, in_pool, no_room,
+    BLOCK, Method, ReconstructOptions, ReconstructionInfo, VolumeSink, Window, by_candidates, no_room,
 };
 use num_complex::Complex32;
 use std::ops::Range;
@@ -130,7 +130,9 @@ fn sum(
                 let share = (count as f32).recip();
                 let mut sum = AddedTo { total: &mut total, plane, share, observer };
                 let one = &mut OneTransmission::new(source, index);
-                in_pool(one, &part, &options, (&mut sum, &mut NoStore), &Unreported(observer))?;
+                let plan = Candidates::only(method, one.instrument(), &part, &options)?;
+                let sinks: (&mut dyn VolumeSink, &mut dyn BlockStore) = (&mut sum, &mut NoStore);
+                by_candidates(one, (&part, plan), &options, sinks, &Unreported(observer))?;
             }
             sink.take(depths.start, &total)?;
         }
