@@ -76,7 +76,7 @@ pub struct Outcome {
     pub scene: Option<SceneSummary>,
     /// The surfaces of the scene, decimated; only a mesh scene has some, and only with `[output] points`.
     pub mesh: Option<SceneMesh>,
-    /// The reflectors simulated, when they were.
+    /// The reflectors simulated, when they were; of several speakers those that the first lights.
     pub reflectors: Option<Reflectors>,
     /// What was simulated in addition to Eq. 5, and how the volume was corrected, in words.
     pub physics: Vec<String>,

@@ -2,7 +2,7 @@
 //!
 //! `Â(p) = w / (Σ_f w_f · Σ_r w_r) · Σ_f Σ_r w_f w_r m(f, r) e^{−i2πf·path(p, r)/c}`
 //!
-//! (of several loudspeakers the mean of all such sums, [`transmissions`]) with w = 1 for quadrature, 2 for in-phase data and window weights `w_f`, `w_r` (all 1 without a window), so a
+//! (of several loudspeakers the mean of all such sums) with w = 1 for quadrature, 2 for in-phase data and window weights `w_f`, `w_r` (all 1 without a window), so a
 //! unit reflector on a voxel peaks at 1. [`Method::Direct`] sums this as written, on any grid and for any
 //! microphones: it is the oracle. [`Method::Convolution`] is Eq. 16 over skeleton frequencies, for microphones in
 //! a plane of constant z; [`Method::Backprojection`] evaluates range profiles, for any others.
@@ -19,7 +19,6 @@ mod numerics;
 mod options;
 mod plan;
 mod refine;
-mod transmissions;
 mod upsampling;
 mod volume;
 mod window;
@@ -40,7 +39,7 @@ use error_budget::ErrorBudget;
 use job::Job;
 use plan::{Candidates, MethodPlan, Sampled, summed};
 use upsampling::{InterpolationError, Resampled};
-use volume::{Checked, Compensated, Gain};
+use volume::{Checked, Compensated, Gain, sum_of_transmissions};
 use window::Weights;
 
 /// A volume and how it was computed.
@@ -148,11 +147,22 @@ fn in_pool(
     observer: &dyn Observer,
 ) -> Result<ReconstructionInfo> {
     if source.instrument().transmissions() > 1 {
-        return transmissions::sum_of_transmissions(source, grid, options, sink, observer);
+        return sum_of_transmissions(source, grid, options, sink, observer);
     }
-    let instrument = source.instrument();
     let threads = rayon::current_num_threads();
-    let candidates = Candidates::new(instrument, grid, options, threads)?;
+    let candidates = Candidates::new(source.instrument(), grid, options, threads)?;
+    by_candidates(source, (grid, candidates), options, (sink, store), observer)
+}
+
+/// The same with plans that are found already.
+fn by_candidates(
+    source: &mut dyn CubeSource,
+    (grid, candidates): (&Grid, Candidates),
+    options: &ReconstructOptions,
+    (sink, store): (&mut dyn VolumeSink, &mut dyn BlockStore),
+    observer: &dyn Observer,
+) -> Result<ReconstructionInfo> {
+    let instrument = source.instrument();
     let batch = candidates.chosen(options.method).batch;
     let (plan, warning) = candidates.choose(instrument, grid, options.method)?;
     if let Some(warning) = warning {

@@ -57,7 +57,7 @@ impl DataCube {
                 ),
             ));
         }
-        check_finite("samples", 0, array.len(), &samples)?;
+        check_all_finite("samples", &instrument, &samples)?;
         Ok(Self { instrument, samples, provenance: Value::Null })
     }
 
@@ -145,6 +145,16 @@ impl DataCube {
     pub fn read(path: &Path, limit: u64) -> Result<Self> {
         CubeFile::open(path, limit)?.load()
     }
+}
+
+/// Rejects samples of any transmission, `[n_tx, n_f, n_mic]`, that are not finite.
+pub(super) fn check_all_finite(place: &str, instrument: &Instrument, samples: &[Complex32]) -> Result<()> {
+    let n_mic = instrument.array.len();
+    samples.chunks(instrument.sweep.len() * n_mic).enumerate().try_for_each(|(tx, samples)| {
+        let several = instrument.transmissions() > 1;
+        let of_speaker = if several { format!("{place}, loudspeaker {tx}") } else { place.to_owned() };
+        check_finite(&of_speaker, 0, n_mic, samples)
+    })
 }
 
 /// Rejects samples from frequency `first` on, `[f, n_mic]`, that are not finite.

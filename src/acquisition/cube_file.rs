@@ -7,7 +7,7 @@ mod unchecked;
 
 pub use unchecked::UncheckedSamples;
 
-use super::cube::{FORMAT, VERSION, check_finite};
+use super::cube::{FORMAT, VERSION, check_all_finite, check_finite};
 use super::source::{CubeSource, Visit, visit_samples};
 use super::{Calibration, DataCube, Detection, Instrument, InstrumentChanges, MicArray, Sweep};
 use crate::error::{Error, Result, gib};
@@ -316,7 +316,7 @@ impl CubeFile {
         }
         let place = place(&self.path, "samples");
         let cube = self.load_unchecked()?;
-        check_finite(&place, 0, cube.instrument.array.len(), &cube.samples)?;
+        check_all_finite(&place, &cube.instrument, &cube.samples)?;
         Ok(cube)
     }
 
@@ -378,7 +378,7 @@ impl CubeSource for CubeFile {
         let (n_mic, place) = (self.instrument.array.len(), place(&self.path, "samples"));
         if self.instrument.transmissions() > 1 && self.corrected.is_none() && self.read.is_none() {
             let samples = self.samples()?;
-            check_finite(&place, 0, n_mic, &samples)?;
+            check_all_finite(&place, &self.instrument, &samples)?;
             self.read = Some(samples);
         }
         if let Some(samples) = self.corrected.as_ref().or(self.read.as_ref()) {

@@ -1,5 +1,5 @@
 //! From the sums of a method to the depths of a volume: batches that keep to the memory, the driver that computes slab
-//! after slab, and the sinks that take them.
+//! after slab, the sinks that take them, and the sum of several loudspeakers' volumes.
 
 mod batch;
 mod checked;
@@ -7,6 +7,7 @@ mod compensation;
 mod double_buffer;
 mod sink;
 mod slab_driver;
+mod transmissions;
 
 pub(super) use batch::Batch;
 pub(super) use checked::Checked;
@@ -15,3 +16,4 @@ pub(super) use compensation::{Compensated, Gain};
 pub(super) use sink::ResumedVolume;
 pub use sink::{ReconstructionInfo, VolumeSink};
 pub(super) use slab_driver::{Slab, SlabDriver};
+pub(super) use transmissions::{estimates_of_transmissions, sum_of_transmissions};

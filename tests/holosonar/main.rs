@@ -44,6 +44,7 @@ mod refined;
 mod regression;
 mod reproduce;
 mod scenes;
+mod sources;
 mod support;
 mod system;
 mod words;

@@ -15,6 +15,7 @@ use holosonar::export::volume_npz::read_volume_npz;
 use holosonar::grid::{Axis, Grid, Volume};
 use holosonar::pipeline::{JobOptions, truth_of_scene, write_depth, write_volume};
 use holosonar::scene::{LoadOptions, Scene, Unit};
+use holosonar::wave::Geometry;
 use num_complex::Complex32;
 use serde_json::json;
 use std::fs;
@@ -68,6 +69,12 @@ fn written(folder: &Path) {
     SceneMesh::decimated(&scene).write(&folder.join("mesh.ply"), &[]).unwrap();
     let cube = DataCube::new(Instrument::new(sweep, array), samples).unwrap();
     cube.write(&folder.join("cube.npz")).unwrap();
+    let sources = [glam::DVec3::ZERO, glam::DVec3::X];
+    let both = cube.instrument.clone().with_sources(&sources).unwrap();
+    let samples = [&cube.samples[..]; 2].concat();
+    DataCube::new(both, samples).unwrap().write(&folder.join("sources.npz")).unwrap();
+    let pair = cube.instrument.clone().with_geometry(Geometry::Pair { offset: glam::DVec3::X });
+    DataCube::new(pair, cube.samples.clone()).unwrap().write(&folder.join("pair.npz")).unwrap();
     let response = ChannelResponse::measure(&cube, glam::DVec3::Z, ResponseAxis::Both).unwrap();
     response.write(&folder.join("response.npz")).unwrap();
     let axis = |first, count| Axis { first, pitch: 0.1, count };
@@ -149,6 +156,8 @@ fn parsers() -> Vec<Parser> {
     ];
     let ours = [
         "cube.npz",
+        "sources.npz",
+        "pair.npz",
         "response.npz",
         "volume.npz",
         "depth.exr",

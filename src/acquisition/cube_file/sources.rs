@@ -46,13 +46,10 @@ fn several(
     source: Option<[f64; 3]>,
 ) -> Result<Instrument> {
     let shape = npz.shape("sources")?;
-    match shape[..] {
-        [1..=MOST_SOURCES, 3] => {}
-        _ => {
-            let problem = format!("must be [n_tx, 3], of 1 to {MOST_SOURCES} loudspeakers, not {shape:?}");
-            return refused(path, "sources", problem);
-        }
-    }
+    let [1..=MOST_SOURCES, 3] = shape[..] else {
+        let problem = format!("must be [n_tx, 3], of 1 to {MOST_SOURCES} loudspeakers, not {shape:?}");
+        return refused(path, "sources", problem);
+    };
     if source.is_some() {
         let problem = "gives the loudspeakers, and so does `source`; leave that out";
         return refused(path, "sources", problem);

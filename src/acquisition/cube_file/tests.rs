@@ -86,6 +86,15 @@ fn several_sources_are_read_as_they_were_written() {
         file.visit_transmission(tx, 4, &mut take).unwrap();
         assert_eq!(seen, written.transmission(tx));
     }
+    // What is not finite is named with its loudspeaker.
+    let mut damaged = written.clone();
+    damaged.samples[60 + 4 * 6 + 2] = Complex32::new(f32::NAN, 0.0);
+    let holed = folder.path().join("holed.npz");
+    damaged.write(&holed).unwrap();
+    let refused = DataCube::read(&holed, 1 << 20).unwrap_err().to_string();
+    assert_names(refused, &["loudspeaker 1", "frequency 4", "microphone 2"]);
+    let refused = CubeFile::open(&holed, 1 << 20).unwrap().visit_transmission(0, 4, &mut |_, _| Ok(()));
+    assert_names(refused.unwrap_err().to_string(), &["loudspeaker 1", "frequency 4"]);
     // What takes one loudspeaker says so.
     let gate = Calibration { gate: Some([1.0, 2.0]), ..Default::default() };
     let refused = CubeFile::open(&path, 1 << 20).unwrap().calibrated(&gate, &crate::progress::Silent);

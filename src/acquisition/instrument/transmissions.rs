@@ -69,6 +69,7 @@ impl Instrument {
     ///
     /// # Panics
     /// If there are not so many.
+    #[must_use]
     pub fn transmission(&self, index: usize) -> Self {
         let geometry = match index.checked_sub(1) {
             None => self.geometry,
@@ -160,7 +161,9 @@ fn in_rows(mut places: Vec<DVec3>) -> Result<MicArray> {
             _ => rows.push(vec![place]),
         }
     }
-    rows.iter_mut().for_each(|row| row.sort_by(|a, b| a.x.total_cmp(&b.x)));
+    for row in &mut rows {
+        row.sort_by(|a, b| a.x.total_cmp(&b.x));
+    }
     let shape = [rows.len(), rows[0].len()];
     let even = rows.iter().all(|row| row.len() == shape[1]);
     let places = rows.concat();

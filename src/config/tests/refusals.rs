@@ -222,3 +222,19 @@ fn files_that_are_no_run_files_are_refused() {
         assert_names(error.to_string(), &["bad.toml", part]);
     }
 }
+
+#[test]
+fn speakers_that_do_not_fit_the_geometry_are_refused() {
+    let array = |keys: &str| format!("[array]\n{keys}");
+    let both = array("source = [0.1, 0, 0]\nsources = [[0, 0, 0]]");
+    refused_with(&both, &["`array.sources`", "both say", "keep one"]);
+    refused_with(&array("sources = []"), &["`array.sources`", "0 speakers", "1 to"]);
+    refused_with(&array("sources = [[0, 0]]"), &["`array.sources", "list of 2", "list of 3"]);
+    refused_with(&array("sources = [[0, 0, 1e10]]"), &["`array.sources`", "1e10", "1e9 m"]);
+    let scan = array("geometry = \"monostatic\"\nsources = [[0, 0, 0], [1, 0, 0]]");
+    refused_with(&scan, &["`array.sources`", "scan"]);
+    refused_with(&array("geometry = \"pair\""), &["`array.geometry`", "`source_offset`"]);
+    refused_with(&array("source_offset = [0.1, 0, 0]"), &["`array.source_offset`", "geometry = \"pair\""]);
+    let placed = array("geometry = \"pair\"\nsource_offset = [0.1, 0, 0]\nsource = [1, 0, 0]");
+    refused_with(&placed, &["`array.source`", "scan"]);
+}

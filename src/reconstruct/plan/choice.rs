@@ -10,8 +10,8 @@ use crate::reconstruct::direct::DirectPlan;
 use crate::reconstruct::error_budget::ErrorBudget;
 use crate::reconstruct::plan::cost::Cost;
 use crate::reconstruct::refine;
-use crate::reconstruct::transmissions;
 use crate::reconstruct::upsampling::Upsampling;
+use crate::reconstruct::volume::estimates_of_transmissions;
 use crate::reconstruct::{Method, ReconstructOptions};
 use rayon::prelude::*;
 use std::iter;
@@ -73,6 +73,25 @@ impl Candidates {
         options: &ReconstructOptions,
         threads: usize,
     ) -> Result<Self> {
+        Self::among(instrument, grid, options, (threads, None))
+    }
+
+    /// The plan of one method for one job among many alike: the others are not looked for, which takes time.
+    pub(crate) fn only(
+        method: Method,
+        instrument: &Instrument,
+        grid: &Grid,
+        options: &ReconstructOptions,
+    ) -> Result<Self> {
+        Self::among(instrument, grid, options, (rayon::current_num_threads(), Some(method)))
+    }
+
+    fn among(
+        instrument: &Instrument,
+        grid: &Grid,
+        options: &ReconstructOptions,
+        (threads, only): (usize, Option<Method>),
+    ) -> Result<Self> {
         check(grid, options)?;
         instrument.check_with("grid", grid.bounds())?;
         let budget = ErrorBudget::new(options.tolerance);
@@ -87,10 +106,15 @@ impl Candidates {
             };
             Estimate::possible(method, &cost, upsampling, options)
         };
-        let nodes = Upsampling::find(instrument, grid, budget);
+        let wanted = |method: Method| only.is_none_or(|only| only == method);
+        let sampled = wanted(Method::Convolution) || wanted(Method::Backprojection);
+        let nodes = if sampled { Upsampling::find(instrument, grid, budget) } else { Vec::new() };
         let samplings: Vec<Option<&Upsampling>> = iter::once(None).chain(nodes.iter().map(Some)).collect();
         let of_sampling = |upsampling: Option<&Upsampling>| {
             let (grid, budget) = summed(upsampling, grid, budget);
+            if !wanted(Method::Convolution) {
+                return Err(NOT_LOOKED_FOR.to_owned());
+            }
             if options.refine.is_some() && budget.all() <= 0.0 {
                 return Err(NO_SKELETONS.to_owned());
             }
@@ -123,7 +147,9 @@ impl Candidates {
         let short = |(_, estimate): &(Sampled<ConvolutionPlan>, Estimate)| estimate.operations < SHORT;
         let search = !convolution.as_ref().is_ok_and(short) || options.method == Method::Backprojection;
         let straight = instrument.interface.is_none();
-        let backprojection = (options.tolerance > 0.0 && options.refine.is_none() && straight).then(|| {
+        let projects =
+            options.tolerance > 0.0 && options.refine.is_none() && straight && wanted(Method::Backprojection);
+        let backprojection = projects.then(|| {
             let voxels = |upsampling: Option<&Upsampling>| summed(upsampling, grid, budget).0.voxel_count();
             // With tiles, or by lines only if these take less than `most`.
             let of_sampling = |upsampling: Option<&Upsampling>, most: Option<f64>| {
@@ -217,6 +243,9 @@ impl Candidates {
         }
     }
 }
+
+/// Another method is asked for.
+const NOT_LOOKED_FOR: &str = "another method is asked for";
 
 /// Why only convolution refines.
 const NO_ADJOINT: &str = "a refinement takes the adjoint of the sum, too, which only convolution has";
@@ -321,7 +350,7 @@ pub fn estimate(
     threads: usize,
 ) -> Result<Estimates> {
     if instrument.transmissions() > 1 {
-        return transmissions::estimates(instrument, grid, options, threads);
+        return estimates_of_transmissions(instrument, grid, options, threads);
     }
     let candidates = Candidates::new(instrument, grid, options, threads)?;
     let method = candidates.chosen(options.method).method;

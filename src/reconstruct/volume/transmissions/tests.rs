@@ -173,7 +173,7 @@ fn a_refinement_is_refused_and_estimates_add_up() {
     let both = one.clone().with_sources(&SOURCES[..2]).unwrap();
     let options = ReconstructOptions::new(Method::Direct, Window::None);
     let of = |instrument: &Instrument| {
-        let estimates = super::super::estimate(instrument, &small_grid(), &options, 1).unwrap();
+        let estimates = estimate(instrument, &small_grid(), &options, 1).unwrap();
         (estimates.chosen().operations, estimates.chosen().bytes)
     };
     assert_eq!(of(&both).0, 2.0 * of(&one.with_geometry(both.geometry)).0);

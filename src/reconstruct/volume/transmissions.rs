@@ -8,16 +8,18 @@
 //! A path is the same from either of its ends, so that loudspeakers and microphones may change places: the sum then runs
 //! over the microphones, where these are fewer and no window weighs them.
 
-use super::plan::{Candidates, Estimate, Estimates};
-use super::volume::{Checked, Gain};
-use super::window::Weights;
-use super::{BLOCK, Method, ReconstructOptions, ReconstructionInfo, VolumeSink, Window, in_pool, no_room};
+use super::{Checked, Gain};
 use crate::acquisition::{CubeSource, DataCube, Instrument, MicArray, OneTransmission};
 use crate::alloc::try_zeroed;
-use crate::blocks::NoStore;
+use crate::blocks::{BlockStore, NoStore};
 use crate::error::Result;
 use crate::grid::{Axis, Grid, no_room_for};
 use crate::progress::{Event, Observer, advance, stage};
+use crate::reconstruct::plan::{Candidates, Estimate, Estimates, estimate};
+use crate::reconstruct::window::Weights;
+use crate::reconstruct::{
+    BLOCK, Method, ReconstructOptions, ReconstructionInfo, VolumeSink, Window, by_candidates, no_room,
+};
 use num_complex::Complex32;
 use std::ops::Range;
 
@@ -78,7 +80,7 @@ fn turned(source: &mut dyn CubeSource, reversed: Instrument) -> Result<DataCube>
 ///
 /// # Errors
 /// Those of one transmission; a refinement.
-pub(super) fn sum_of_transmissions(
+pub(in crate::reconstruct) fn sum_of_transmissions(
     source: &mut dyn CubeSource,
     grid: &Grid,
     options: &ReconstructOptions,
@@ -106,7 +108,9 @@ fn sum(
     let candidates = Candidates::new(&first, grid, options, rayon::current_num_threads())?;
     let method = candidates.chosen(options.method).method;
     let (_, warning) = candidates.choose(&first, grid, options.method)?;
-    warning.iter().for_each(|warning| observer.warn(warning));
+    if let Some(warning) = warning {
+        observer.warn(&warning);
+    }
     let info = expected(source, grid, (options, method))?;
     let memory = options.memory.map(|memory| memory.saturating_sub(slab_bytes(grid)));
     let options = ReconstructOptions { method, memory, ..*options };
@@ -126,7 +130,9 @@ fn sum(
                 let share = (count as f32).recip();
                 let mut sum = AddedTo { total: &mut total, plane, share, observer };
                 let one = &mut OneTransmission::new(source, index);
-                in_pool(one, &part, &options, (&mut sum, &mut NoStore), &Within(observer))?;
+                let plan = Candidates::only(method, one.instrument(), &part, &options)?;
+                let sinks: (&mut dyn VolumeSink, &mut dyn BlockStore) = (&mut sum, &mut NoStore);
+                by_candidates(one, (&part, plan), &options, sinks, &Unreported(observer))?;
             }
             sink.take(depths.start, &total)?;
         }
@@ -171,7 +177,7 @@ fn slab_bytes(grid: &Grid) -> u64 {
 }
 
 /// What each method would take for the sum over all loudspeakers: so many times what the first one takes.
-pub(super) fn estimates(
+pub(in crate::reconstruct) fn estimates_of_transmissions(
     instrument: &Instrument,
     grid: &Grid,
     options: &ReconstructOptions,
@@ -184,13 +190,13 @@ pub(super) fn estimates(
     let options = ReconstructOptions { memory: options.memory.map(|m| m.saturating_sub(held)), ..*options };
     let times = instrument.transmissions() as f64;
     let first = instrument.transmission(0);
-    let found = super::plan::estimate(&first, grid, &options, threads)?;
+    let found = estimate(&first, grid, &options, threads)?;
     // The memory is that of the longest slab, the last one's paths being the longest, too.
     let deepest = slabs(grid).last().map(|depths| part_of(grid, &depths)).filter(|part| part != grid);
     let longest = slabs(grid).next().map(|depths| part_of(grid, &depths)).filter(|part| part != grid);
     let mut methods = found.methods;
     for part in [longest, deepest].into_iter().flatten() {
-        let of_part = super::plan::estimate(&first, &part, &options, threads)?.methods;
+        let of_part = estimate(&first, &part, &options, threads)?.methods;
         methods.iter_mut().zip(of_part).for_each(|(all, part)| all.bytes = all.bytes.max(part.bytes));
     }
     let each = |estimate: Estimate| Estimate {
@@ -222,9 +228,9 @@ impl VolumeSink for AddedTo<'_> {
 }
 
 /// The jobs of transmissions within one stage, which counts their depths: what they report themselves is left out.
-struct Within<'a>(&'a dyn Observer);
+struct Unreported<'a>(&'a dyn Observer);
 
-impl Observer for Within<'_> {
+impl Observer for Unreported<'_> {
     fn event(&self, _: Event<'_>) {}
 
     fn should_stop(&self) -> bool {
