@@ -33,6 +33,7 @@ mod source;
 mod cube;
 mod cube_file;
 mod health;
+mod recording;
 mod simulate;
 mod sweep;
 
@@ -50,6 +51,7 @@ pub use import::{
     ArrayName, FrequencyUnit, ImportAxis, ImportOptions, Imported, MeanWord, RawOffset, TraceColumn, import,
 };
 pub use instrument::{Instrument, InstrumentChanges};
+pub use recording::{Latency, RecordingOptions, Reference, TestSignal, WavFormat};
 pub use simulate::{
     ArrayErrors, Losses, Noise, PropagationModel, SIMULATION_TOLERANCE, SimulateOptions, simulate,
     simulate_with,

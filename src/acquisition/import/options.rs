@@ -1,7 +1,7 @@
 //! What an import is told, and what it gives.
 
 use super::{ArrayName, ImportAxis, RawOffset, TraceColumn};
-use crate::acquisition::{DataCube, Detection, MicArray, Sweep};
+use crate::acquisition::{DataCube, Detection, MicArray, RecordingOptions, Sweep};
 use crate::choice::choice;
 use crate::scene::Unit;
 use crate::wave::Geometry;
@@ -39,7 +39,7 @@ impl FrequencyUnit {
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct ImportOptions {
-    /// The files of all positions (`.npy`, `.npz`), or one of each position in the order of the microphones (`.sNp`,
+    /// The files of all positions (`.npy`, `.npz`, or `.wav` in the order of the microphones), or one of each position in the order of the microphones (`.sNp`,
     /// `.csv`), or the pattern of their names.
     pub samples: Vec<PathBuf>,
     /// The array of the samples, or two: I and Q. Empty: the only ones that there are.
@@ -74,7 +74,9 @@ pub struct ImportOptions {
     pub detection: Option<Detection>,
     /// m/s; `None`: that of air at 20 °C.
     pub sound_speed: Option<f64>,
-    /// Maximum bytes of an array or a text; `None`: no limit.
+    /// How recordings (`.wav`) were made.
+    pub recording: RecordingOptions,
+    /// Maximum bytes of an array, a text or a recording; `None`: no limit.
     pub memory: Option<u64>,
 }
 
@@ -99,6 +101,7 @@ impl ImportOptions {
             geometry: None,
             detection: None,
             sound_speed: None,
+            recording: RecordingOptions::default(),
             memory: None,
         }
     }
@@ -116,6 +119,8 @@ pub struct Imported {
     pub cube: DataCube,
     /// What nobody said, one sentence each.
     pub guesses: Vec<String>,
+    /// What is probably wrong with the files, one sentence each.
+    pub warnings: Vec<String>,
 }
 
 impl Imported {
