@@ -51,7 +51,10 @@ pub use import::{
     ArrayName, FrequencyUnit, ImportAxis, ImportOptions, Imported, MeanWord, RawOffset, TraceColumn, import,
 };
 pub use instrument::{Instrument, InstrumentChanges};
-pub use recording::{Latency, RecordingOptions, Reference, TestSignal, WavFormat};
+pub use recording::{
+    DirectWord, Latency, RecorderOptions, RecordingOptions, RecordingSize, Reference, TestSignal, WavFormat,
+    write_recording,
+};
 pub use simulate::{
     ArrayErrors, Losses, Noise, PropagationModel, SIMULATION_TOLERANCE, SimulateOptions, simulate,
     simulate_with,

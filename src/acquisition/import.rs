@@ -54,7 +54,7 @@ struct Positions {
 }
 
 /// Samples, and what the files said about them.
-struct Measurement {
+struct FileSamples {
     samples: Vec<Complex32>,
     real: bool,
     sweep: (Sweep, &'static str),
@@ -192,7 +192,7 @@ fn positions_of(options: &ImportOptions, numpy: Option<&mut NumpyFiles>) -> Resu
 }
 
 /// NumPy files that hold all positions.
-fn read_arrays(options: &ImportOptions, guesses: &mut Vec<String>) -> Result<Measurement> {
+fn read_arrays(options: &ImportOptions, guesses: &mut Vec<String>) -> Result<FileSamples> {
     let mut files = NumpyFiles::open(&options.samples, options.limit())?;
     let sweep = typed_frequencies(options, Some(&mut files))?;
     let sweep = sweep_of(options, sweep, None, "")?;
@@ -214,7 +214,7 @@ fn read_arrays(options: &ImportOptions, guesses: &mut Vec<String>) -> Result<Mea
         let both = json!(offset);
         facts.insert("offset".into(), if real { both[0].clone() } else { both });
     }
-    Ok(Measurement { samples, real, sweep, positions, place: raw.place, phase_sign: None, facts })
+    Ok(FileSamples { samples, real, sweep, positions, place: raw.place, phase_sign: None, facts })
 }
 
 /// The samples of one microphone, in a file of its own.
@@ -247,7 +247,7 @@ struct FirstTrace {
 }
 
 /// Files of one position each, in the order of the microphones.
-fn read_traces(options: &ImportOptions, guesses: &mut Vec<String>) -> Result<Measurement> {
+fn read_traces(options: &ImportOptions, guesses: &mut Vec<String>) -> Result<FileSamples> {
     let (files, positions) = match &options.samples[..] {
         [pattern] if names::is_pattern(pattern) => names::find(pattern, options, guesses)?,
         files => {
@@ -305,7 +305,7 @@ fn read_traces(options: &ImportOptions, guesses: &mut Vec<String>) -> Result<Mea
         facts.insert("parameter".into(), json!(options.parameter.as_deref().unwrap_or(default)));
     }
     let (place, phase_sign) = (place_of_key("samples"), all_touchstone.then_some(-1));
-    Ok(Measurement { samples, real, sweep, positions, place, phase_sign, facts })
+    Ok(FileSamples { samples, real, sweep, positions, place, phase_sign, facts })
 }
 
 /// Reads a measurement from a laboratory's files.
@@ -324,9 +324,8 @@ pub fn import(options: &ImportOptions) -> Result<Imported> {
     if first.is_dir() {
         return Err(names::refuse_folder(first));
     }
-    let all_are = |endings: &[&str]| {
-        options.samples.iter().all(|path| endings.contains(&extension(path).as_str()))
-    };
+    let all_are =
+        |endings: &[&str]| options.samples.iter().all(|path| endings.contains(&extension(path).as_str()));
     let mut found = if all_are(&["npy", "npz"]) && !names::is_pattern(first) {
         read_arrays(options, &mut guesses)?
     } else if all_are(&["wav"]) {

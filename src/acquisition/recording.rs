@@ -9,13 +9,15 @@ mod latency;
 #[cfg(test)]
 mod mixer;
 mod options;
+mod recorder;
 mod sources;
 #[cfg(test)]
 mod tests;
 mod tones;
 
 pub use crate::files::wav::WavFormat;
-pub use options::{Latency, RecordingOptions, Reference, TestSignal};
+pub use options::{DirectWord, Latency, RecordingOptions, Reference, TestSignal};
+pub use recorder::{RecorderOptions, RecordingSize, write_recording};
 
 use super::{DataCube, Instrument};
 use crate::error::Result;
@@ -23,7 +25,7 @@ use crate::wave::interval::phasor_f64;
 use latency::{FoundLatency, direct_latency, direct_paths};
 use num_complex::{Complex32, Complex64};
 use serde_json::{Map, Value, json};
-use sources::{Source, check_files};
+use sources::{RecordedFile, check_files};
 use std::path::PathBuf;
 
 /// Below this share of the samples' power, a direct wave is perhaps none.
@@ -90,14 +92,14 @@ pub(super) fn demodulate(
         facts: Map::new(),
     };
     let mut begin = options.known_latency();
-    let is_direct = options.latency == Latency::Direct;
+    let is_direct = matches!(options.latency, Latency::Found(_));
     let is_broadband = options.signal == TestSignal::Broadband;
     if is_direct && is_broadband {
         begin = first_arrival(files, instrument, options, limit)?;
     }
     let mut column = 0;
     for path in files {
-        let mut source = Source::open(path, highest, options)?;
+        let mut source = RecordedFile::open(path, highest, options)?;
         match options.signal {
             TestSignal::Tones => {
                 tones::demodulate(&mut source, &instrument.sweep, options, limit, (column, &mut found))?;
@@ -120,7 +122,9 @@ pub(super) fn demodulate(
     for (row, frequency) in found.samples.chunks_exact_mut(n_mic).zip(instrument.sweep.frequencies()) {
         let back = phasor_f64(-frequency * latency);
         let back = Complex32::new(back.re as f32, back.im as f32);
-        row.iter_mut().for_each(|m| *m *= back);
+        for m in row {
+            *m *= back;
+        }
     }
     found.report(&described, instrument, options, latency);
     Ok(found)
@@ -137,7 +141,7 @@ fn first_arrival(
         direct_paths(instrument).iter().map(|path| path / instrument.sound_speed).collect();
     let (mut power, mut rate, mut column) = (Vec::new(), 0.0, 0);
     for path in files {
-        let mut source = Source::open(path, instrument.sweep.stop(), options)?;
+        let mut source = RecordedFile::open(path, instrument.sweep.stop(), options)?;
         let own = &delays[column..];
         deconvolution::add_envelopes(&mut source, limit, own, (&mut power, &mut rate))?;
         column += source.microphones.len();
@@ -161,13 +165,7 @@ impl Demodulated {
     }
 
     /// Reports what was found and what was guessed.
-    fn report(
-        &mut self,
-        described: &str,
-        instrument: &Instrument,
-        options: &RecordingOptions,
-        latency: f64,
-    ) {
+    fn report(&mut self, described: &str, instrument: &Instrument, options: &RecordingOptions, latency: f64) {
         if options.signal == TestSignal::Tones {
             if let (None, Some(dwell)) = (options.settling, options.dwell) {
                 self.guesses.push(format!("settling = {}: half of each tone", options.settling(dwell)));

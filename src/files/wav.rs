@@ -3,7 +3,10 @@
 //! The crate hound reads the format and the samples. It is given each piece of a file as a file of its own, since it would
 //! stumble over chunks of odd lengths, as recorders write them before the samples, and read everything before a frame.
 
-use super::{open_input, write_atomically};
+#[cfg(test)]
+mod tests;
+
+use super::{AtomicFile, open_input};
 use crate::alloc::try_with_capacity;
 use crate::choice::choice;
 use crate::error::{Error, Result, gib};
@@ -101,7 +104,10 @@ impl WavFile {
                     )));
                 }
                 b"data" => return Self::of(path, file, format, at + 8, bytes),
-                b"fmt " if bytes > LONGEST_FORMAT || u64::from(bytes) > left => {
+                b"fmt " if u64::from(bytes) > left => {
+                    return Err(refuse("ends within its format; it was cut off".into()));
+                }
+                b"fmt " if bytes > LONGEST_FORMAT => {
                     return Err(refuse(format!("has a format of {bytes} bytes; 16 to 40 were expected")));
                 }
                 b"fmt " => {
@@ -194,7 +200,7 @@ impl WavFile {
             hound::Error::IoError(error) => Error::reading(&self.path, error),
             other => Error::input(self.path.display(), in_words(&other)),
         };
-        let values = count * self.spec.channels as u64;
+        let values = count * u64::from(self.spec.channels);
         let mut samples: Vec<f32> = try_with_capacity(values).ok_or_else(|| {
             Error::out_of_memory(format!("{count} frames of {} channels do not fit", self.spec.channels))
         })?;
@@ -238,7 +244,9 @@ fn not_wav(head: &[u8; 12]) -> String {
         b"OggS" => "is an Ogg file, which would have changed the phases",
         _ => "is no WAV file",
     };
-    format!("{kind}; save it as WAV, of integers or 32-bit floating-point numbers, in files of less than 4 GiB")
+    format!(
+        "{kind}; save it as WAV, of integers or 32-bit floating-point numbers, in files of less than 4 GiB"
+    )
 }
 
 /// What hound says of a format, for people.
@@ -248,7 +256,9 @@ fn in_words(error: &hound::Error) -> String {
         hound::Error::Unsupported => "its samples are compressed".to_owned(),
         other => other.to_string(),
     };
-    format!("is a WAV file of a kind that is not read ({why}); save it with 16 or 24 bits, or 32-bit floating point")
+    format!(
+        "is a WAV file of a kind that is not read ({why}); save it with 16 or 24 bits, or 32-bit floating point"
+    )
 }
 
 /// What is before the samples of a file of this format, with `bytes` of them.
@@ -258,43 +268,42 @@ fn header(format: &[u8], bytes: u32) -> Vec<u8> {
         .concat()
 }
 
-/// Writes the frames that `frames` produces, `[frame, channel]`, full scale 1; beyond it integers stay at the largest.
+/// Writes the frames that `frames` gives to its argument, `[frame, channel]`, full scale 1; integers stay below it.
 ///
 /// # Errors
-/// As [`write_atomically`], and those of `frames`.
+/// As [`AtomicFile::create`] and [`AtomicFile::commit`], and those of `frames`; there is no file then.
 ///
 /// # Panics
-/// When there are more samples than [`LARGEST_WAV`] allows.
+/// When there are more samples than [`check_wav_size`] allows.
 pub(crate) fn write_wav(
     path: &Path,
     (channels, sample_rate, format): (u16, u32, WavFormat),
-    mut frames: impl FnMut(&mut dyn FnMut(&[f32]) -> io::Result<()>) -> io::Result<()>,
+    frames: impl FnOnce(&mut dyn FnMut(&[f32]) -> Result<()>) -> Result<()>,
 ) -> Result<()> {
     let sample_format = if format.bits().is_none() { SampleFormat::Float } else { SampleFormat::Int };
-    let spec =
-        WavSpec { channels, sample_rate, bits_per_sample: format.bits().unwrap_or(32), sample_format };
+    let spec = WavSpec { channels, sample_rate, bits_per_sample: format.bits().unwrap_or(32), sample_format };
     let failed = |error: hound::Error| match error {
-        hound::Error::IoError(error) => error,
-        other => io::Error::other(other.to_string()),
+        hound::Error::IoError(error) => Error::writing(path, error),
+        other => Error::writing(path, io::Error::other(other.to_string())),
     };
-    write_atomically(path, |file: &mut BufWriter<&File>| {
-        let mut writer = WavWriter::new(file, spec).map_err(failed)?;
-        frames(&mut |samples| {
-            for &sample in samples {
-                match format.bits() {
-                    None => writer.write_sample(sample),
-                    Some(bits) => {
-                        let scale = 2_f64.powi(i32::from(bits) - 1);
-                        let whole = (f64::from(sample) * scale).round().clamp(-scale, scale - 1.0);
-                        writer.write_sample(whole as i32)
-                    }
+    let file = AtomicFile::create(path)?;
+    let mut writer = WavWriter::new(BufWriter::with_capacity(1 << 16, file.file()), spec).map_err(failed)?;
+    frames(&mut |samples| {
+        for &sample in samples {
+            let written = match format.bits() {
+                None => writer.write_sample(sample),
+                Some(bits) => {
+                    let scale = 2_f64.powi(i32::from(bits) - 1);
+                    let whole = (f64::from(sample) * scale).round().clamp(-scale, scale - 1.0);
+                    writer.write_sample(whole as i32)
                 }
-                .map_err(failed)?;
-            }
-            Ok(())
-        })?;
-        writer.finalize().map_err(failed)
-    })
+            };
+            written.map_err(failed)?;
+        }
+        Ok(())
+    })?;
+    writer.finalize().map_err(failed)?;
+    file.commit()
 }
 
 /// Refuses a recording that no WAV file can hold.
@@ -303,7 +312,7 @@ pub(crate) fn write_wav(
 /// More channels or bytes than fit.
 pub(crate) fn check_wav_size(place: &str, frames: u64, channels: u64, format: WavFormat) -> Result<u64> {
     let bytes = frames.saturating_mul(channels).saturating_mul(format.bytes());
-    if bytes <= LARGEST_WAV && channels <= u64::from(u16::MAX) {
+    if bytes <= LARGEST_WAV && u16::try_from(channels).is_ok() {
         return Ok(bytes);
     }
     let problem = format!(
@@ -313,89 +322,4 @@ pub(crate) fn check_wav_size(place: &str, frames: u64, channels: u64, format: Wa
         gib(LARGEST_WAV)
     );
     Err(Error::input(place, problem))
-}
-
-#[cfg(test)]
-#[allow(clippy::unwrap_used)]
-mod tests {
-    use super::*;
-    use crate::named::assert_names;
-    use std::fs;
-
-    const NUMBERS: [f32; 6] = [0.5, -1.0, 0.25, 0.125, -0.375, 0.0];
-
-    fn written(format: WavFormat) -> (tempfile::TempDir, PathBuf) {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("a.wav");
-        write_wav(&path, (2, 48_000, format), |put| {
-            put(&NUMBERS[..2])?;
-            put(&NUMBERS[2..])
-        })
-        .unwrap();
-        (folder, path)
-    }
-
-    #[test]
-    fn every_format_is_read_as_it_was_written() {
-        for &format in WavFormat::ALL {
-            let (_folder, path) = written(format);
-            let mut file = WavFile::open(&path).unwrap();
-            assert_eq!((file.channels(), file.frames(), file.sample_rate()), (2, 3, 48_000.0), "{format}");
-            assert_eq!(file.read(0, 3).unwrap(), NUMBERS, "{format}");
-            assert_eq!(file.read(1, 1).unwrap(), NUMBERS[2..4], "{format}");
-            assert_eq!(file.read(3, 0).unwrap(), []);
-            assert!(file.described().contains("48000 Hz"), "{}", file.described());
-        }
-    }
-
-    #[test]
-    fn chunks_before_the_samples_are_passed_over_also_of_odd_lengths() {
-        let (_folder, path) = written(WavFormat::Int16);
-        let bytes = fs::read(&path).unwrap();
-        let odd = [&bytes[..12], b"iXML\x03\0\0\0<a>\0", &bytes[12..]].concat();
-        fs::write(&path, odd).unwrap();
-        assert_eq!(WavFile::open(&path).unwrap().read(0, 3).unwrap(), NUMBERS);
-    }
-
-    #[test]
-    fn what_is_no_complete_recording_is_refused() {
-        let (_folder, path) = written(WavFormat::Int16);
-        let bytes = fs::read(&path).unwrap();
-        let data = bytes.len() - 12 - 8;
-        let with = |at: usize, new: &[u8]| [&bytes[..at], new, &bytes[at + new.len()..]].concat();
-        for (content, parts) in [
-            (bytes[..bytes.len() - 1].to_vec(), &["12 bytes", "11", "cut off"][..]),
-            (bytes[..30].to_vec(), &["format of 16 bytes"]),
-            (bytes[..data - 4].to_vec(), &["ends before"]),
-            (with(data + 4, &[0; 4]), &["no samples"]),
-            (with(data + 4, &[0xff; 4]), &["4294967295", "save it again"]),
-            (with(data + 4, &[10, 0, 0, 0]), &["10 bytes", "multiple of 4"]),
-            (with(0, b"RF64"), &["RF64", "4 GiB"]),
-            (with(0, b"fLaC"), &["FLAC"]),
-            (with(20, &[2]), &["compressed"]),
-            (with(22, &[0]), &["zero channels"]),
-            (b"hello".to_vec(), &["no WAV file"]),
-        ] {
-            fs::write(&path, content).unwrap();
-            let error = WavFile::open(&path).unwrap_err();
-            assert_eq!(error.exit_status(), 2);
-            assert_names(error.to_string(), parts);
-        }
-        let (_folder, path) = written(WavFormat::Float32);
-        let mut bytes = fs::read(&path).unwrap();
-        let end = bytes.len();
-        bytes[end - 4..].copy_from_slice(&f32::NAN.to_le_bytes());
-        fs::write(&path, bytes).unwrap();
-        let error = WavFile::open(&path).unwrap().read(0, 3).unwrap_err();
-        assert_names(error.to_string(), &["not finite", "channel 1", "frame 2"]);
-    }
-
-    #[test]
-    fn more_than_32_bits_of_length_are_refused() {
-        assert_eq!(check_wav_size("a.wav", 1 << 20, 8, WavFormat::Int24).unwrap(), 24 << 20);
-        let error = check_wav_size("a.wav", 1 << 30, 2, WavFormat::Int16).unwrap_err();
-        assert_names(error.to_string(), &["a.wav", "4.0 GiB", "2 channels"]);
-        assert!(check_wav_size("a.wav", 1, 70_000, WavFormat::Int16).is_err());
-        assert!(check_wav_size("a.wav", u64::MAX, 70_000, WavFormat::Int16).is_err());
-    }
 }

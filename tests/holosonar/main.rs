@@ -38,6 +38,7 @@ mod plan;
 mod point;
 mod random;
 mod readers;
+mod recording;
 mod reference;
 mod refined;
 mod regression;

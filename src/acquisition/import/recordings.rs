@@ -1,6 +1,6 @@
 //! Time recordings: WAV files, of all microphones or of some each.
 
-use super::{ImportOptions, Measurement, names, place_of_key, positions_of, sweep_of, typed_frequencies};
+use super::{FileSamples, ImportOptions, names, place_of_key, positions_of, sweep_of, typed_frequencies};
 use crate::acquisition::recording::demodulate;
 use crate::acquisition::{Detection, Instrument};
 use crate::error::{Error, Result};
@@ -14,9 +14,10 @@ pub(super) fn read_recordings(
     options: &ImportOptions,
     guesses: &mut Vec<String>,
     warnings: &mut Vec<String>,
-) -> Result<Measurement> {
+) -> Result<FileSamples> {
     if options.phase_sign == Some(-1) {
-        let problem = "is -1, and the sign of a recording's phases is known: they fall with the path, and are turned";
+        let problem =
+            "is -1, and the sign of a recording's phases is known: they fall with the path, and are turned";
         return Err(Error::input(place_of_key("phase_sign"), problem));
     }
     let (files, positions) = match &options.samples[..] {
@@ -37,5 +38,5 @@ pub(super) fn read_recordings(
     }
     let place = place_of_key("samples");
     let phase_sign = Some(1);
-    Ok(Measurement { samples: found.samples, real, sweep, positions, place, phase_sign, facts: found.facts })
+    Ok(FileSamples { samples: found.samples, real, sweep, positions, place, phase_sign, facts: found.facts })
 }

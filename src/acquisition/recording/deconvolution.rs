@@ -4,7 +4,7 @@
 //! a delay's phase fall; that of a cube grows, so that samples are conjugated.
 
 use super::options::place_of_key;
-use super::sources::{Clipped, Source, check_memory};
+use super::sources::{Clipped, RecordedFile, check_memory};
 use super::{Demodulated, RecordingOptions};
 use crate::acquisition::Sweep;
 use crate::error::{Error, Result};
@@ -22,10 +22,10 @@ const EPSILON: f64 = 1e-6;
 const LEAST_LEFT: f64 = 0.5;
 
 /// Of the response's length, how much before it is kept, too.
-const LEAD: f64 = 0.1;
+const LEAD: f64 = 0.25;
 
 /// Of the response's length, how long it takes to fade in and out.
-const FADE: f64 = 0.05;
+const FADE: f64 = 0.2;
 
 /// Times before 0 that a response may begin at, as a part of the transform's length.
 const BEFORE: f64 = 0.125;
@@ -82,7 +82,11 @@ impl Deconvolution {
         let most = sent.iter().map(Complex64::norm_sqr).fold(0.0, f64::max);
         let one = |(k, x): (usize, &Complex64)| {
             let is_positive = k > 0 && k < length / 2;
-            if is_positive { x.conj() / ((x.norm_sqr() + EPSILON * most) * length as f64) } else { Complex64::ZERO }
+            if is_positive {
+                x.conj() / ((x.norm_sqr() + EPSILON * most) * length as f64)
+            } else {
+                Complex64::ZERO
+            }
         };
         let filter = sent.iter().enumerate().map(one).collect();
         Self { forward, inverse, length, rate, filter, sent }
@@ -141,13 +145,14 @@ impl Deconvolution {
 fn response_length(sweep: &Sweep, options: &RecordingOptions) -> Result<f64> {
     let known = options.response.or_else(|| sweep.step().filter(|_| sweep.len() > 1).map(|step| 1.0 / step));
     known.ok_or_else(|| {
-        let problem = "is missing: how long does the room answer, in s? Evenly spaced frequencies would tell, 1/step";
+        let problem =
+            "is missing: how long does the room answer, in s? Evenly spaced frequencies would tell, 1/step";
         Error::input(place_of_key("response"), problem)
     })
 }
 
 /// The samples of a file, and its deconvolution.
-fn prepare(source: &mut Source, limit: u64) -> Result<(Vec<f32>, Deconvolution)> {
+fn prepare(source: &mut RecordedFile, limit: u64) -> Result<(Vec<f32>, Deconvolution)> {
     let (frames, channels) = (source.file.frames(), source.file.channels() as u64);
     let place = source.file.path().display().to_string();
     let sent_frames = source.sent().map_or(0, |(file, _)| file.frames());
@@ -167,7 +172,10 @@ fn prepare(source: &mut Source, limit: u64) -> Result<(Vec<f32>, Deconvolution)>
     let sent = file.read(0, sent_frames)?;
     let signal: Vec<f64> = sent.chunks_exact(every).map(|frame| f64::from(frame[channel])).collect();
     if signal.iter().all(|x| *x == 0.0) {
-        return Err(Error::input(place, format!("has a reference that is silent, channel {channel}, from 0")));
+        return Err(Error::input(
+            place,
+            format!("has a reference that is silent, channel {channel}, from 0"),
+        ));
     }
     Ok((samples, Deconvolution::new(&signal, length as usize, rate)))
 }
@@ -177,7 +185,7 @@ fn prepare(source: &mut Source, limit: u64) -> Result<(Vec<f32>, Deconvolution)>
 /// # Errors
 /// As [`demodulate`].
 pub(super) fn add_envelopes(
-    source: &mut Source,
+    source: &mut RecordedFile,
     limit: u64,
     delays: &[f64],
     (power, rate): (&mut Vec<f64>, &mut f64),
@@ -185,7 +193,8 @@ pub(super) fn add_envelopes(
     let (samples, deconvolution) = prepare(source, limit)?;
     let length = deconvolution.length;
     if power.is_empty() {
-        (power.resize(length, 0.0), *rate = deconvolution.rate);
+        power.resize(length, 0.0);
+        *rate = deconvolution.rate;
     }
     if power.len() != length || *rate != deconvolution.rate {
         let problem = "is as long as others, or has another sample rate; with a latency of \"direct\" they must be alike";
@@ -212,7 +221,7 @@ pub(super) fn strongest(power: &[f64], rate: f64) -> f64 {
 /// # Errors
 /// A signal that is missing, silent, or lacks tones of the sweep; a file that does not fit in memory.
 pub(super) fn demodulate(
-    source: &mut Source,
+    source: &mut RecordedFile,
     sweep: &Sweep,
     options: &RecordingOptions,
     limit: u64,
@@ -312,7 +321,8 @@ mod tests {
         let signal = chirp([9.8e3, 14.2e3], 0.3, rate, count);
         let deconvolution = Deconvolution::new(&signal, 32_768, rate);
         let delay = 217;
-        let late: Vec<f32> = std::iter::repeat_n(0.0, delay).chain(signal.iter().map(|x| *x as f32)).take(count).collect();
+        let late: Vec<f32> =
+            std::iter::repeat_n(0.0, delay).chain(signal.iter().map(|x| *x as f32)).take(count).collect();
         let response = deconvolution.response(late.into_iter());
         let gate = Gate::new(0.0, 0.016, rate);
         let left = deconvolution.left(&gate, &sweep);

@@ -2,8 +2,8 @@
 
 use crate::acquisition::Instrument;
 use crate::error::{Error, Result};
-use crate::wave::interval::phasor_f64;
 use crate::wave::Geometry;
+use crate::wave::interval::phasor_f64;
 use num_complex::{Complex32, Complex64};
 use rustfft::FftPlanner;
 use std::f64::consts::PI;
@@ -165,16 +165,14 @@ mod tests {
             // 1 μs is 4° at 12 kHz, and 0.17 mm of depth.
             assert!((found.seconds - latency).abs() < 1e-6, "{latency}: {found:?}");
             assert!((0.8..1.0).contains(&found.share), "{found:?}");
-            let near = direct_latency(&heard(&instrument, latency), &instrument, Some(latency + 5e-5)).unwrap();
+            let near =
+                direct_latency(&heard(&instrument, latency), &instrument, Some(latency + 5e-5)).unwrap();
             assert!((near.seconds - found.seconds).abs() < 1e-9, "{near:?} {found:?}");
         }
         let few = Instrument::new(Sweep::stepped(10e3, 10.2e3, 50.0).unwrap(), array);
         let error = direct_latency(&[Complex32::ONE; 100], &few, None).unwrap_err();
         assert_names(error.to_string(), &["[recording] latency", "8", "in s"]);
         let silent = vec![Complex32::ZERO; 81 * 20];
-        assert_names(
-            direct_latency(&silent, &instrument, None).unwrap_err().to_string(),
-            &["silent"],
-        );
+        assert_names(direct_latency(&silent, &instrument, None).unwrap_err().to_string(), &["silent"]);
     }
 }

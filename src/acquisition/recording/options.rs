@@ -1,6 +1,7 @@
 //! What is known of a recording: the signal that was sent, when, and which channel holds what.
 
 use crate::choice::choice;
+use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
 choice! {
@@ -22,13 +23,22 @@ pub enum Reference {
     File(PathBuf),
 }
 
+choice! {
+    /// The word for a latency that is found.
+    pub enum DirectWord: "latency" {
+        /// By the direct wave.
+        Direct = "direct",
+    }
+}
+
 /// By how much the microphones' channels are later than the reference, without the way through the air.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(untagged, expecting = "expected a time in s, or \"direct\"")]
 pub enum Latency {
     /// s.
     Seconds(f64),
     /// As the direct wave tells, whose path from the speaker to each microphone is known.
-    Direct,
+    Found(DirectWord),
 }
 
 /// How a recording was made.
@@ -96,7 +106,7 @@ impl RecordingOptions {
     pub(super) fn known_latency(&self) -> f64 {
         match self.latency {
             Latency::Seconds(seconds) => seconds,
-            Latency::Direct => 0.0,
+            Latency::Found(_) => 0.0,
         }
     }
 }

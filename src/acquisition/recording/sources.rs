@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 /// A file that is open, and what its channels are.
 #[derive(Debug)]
-pub(super) struct Source {
+pub(super) struct RecordedFile {
     pub(super) file: WavFile,
     /// Channels of the microphones.
     pub(super) microphones: Vec<usize>,
@@ -26,7 +26,7 @@ pub(super) enum Sent {
     File(WavFile),
 }
 
-impl Source {
+impl RecordedFile {
     /// Opens a file. Its sample rate must represent frequencies up to `highest`, Hz.
     ///
     /// # Errors
@@ -46,10 +46,8 @@ impl Source {
             if channel < channels {
                 return Ok(channel);
             }
-            let problem = format!(
-                "names channel {channel}, and {} has {channels}, counted from 0",
-                path.display()
-            );
+            let problem =
+                format!("names channel {channel}, and {} has {channels}, counted from 0", path.display());
             Err(Error::input(place_of_key(key), problem))
         };
         let reference = match &options.reference {
@@ -106,7 +104,7 @@ fn one_channel(path: &Path, recording: &WavFile) -> Result<WavFile> {
 /// Checks that the files hold as many microphones as the array; returns what the first one is, in words.
 ///
 /// # Errors
-/// As [`Source::open`]; another number of microphones.
+/// As [`RecordedFile::open`]; another number of microphones.
 pub(super) fn check_files(
     files: &[PathBuf],
     n_mic: usize,
@@ -115,7 +113,7 @@ pub(super) fn check_files(
 ) -> Result<String> {
     let (mut found, mut described) = (0, String::new());
     for path in files {
-        let source = Source::open(path, highest, options)?;
+        let source = RecordedFile::open(path, highest, options)?;
         found += source.microphones.len();
         if described.is_empty() {
             described = source.file.described();
@@ -131,7 +129,8 @@ pub(super) fn check_files(
         _ => "; give those of the microphones, in the order of the array, as recording.microphones",
     };
     let what = if files.len() == 1 { "file has" } else { "files have" };
-    let problem = format!("{n_mic} microphones are in [array], and the {what} {found} channels for them{hint}");
+    let problem =
+        format!("{n_mic} microphones are in [array], and the {what} {found} channels for them{hint}");
     Err(Error::input("[import] samples", problem))
 }
 
@@ -165,9 +164,10 @@ impl Clipped {
     }
 
     /// A warning for each such channel among those that are used.
-    pub(super) fn warnings(&self, source: &Source) -> Vec<String> {
+    pub(super) fn warnings(&self, source: &RecordedFile) -> Vec<String> {
         let of_reference = matches!(source.reference, Sent::Channel(_)).then_some(&source.reference);
-        let reference = of_reference.and_then(|sent| if let Sent::Channel(c) = sent { Some(*c) } else { None });
+        let reference =
+            of_reference.and_then(|sent| if let Sent::Channel(c) = sent { Some(*c) } else { None });
         let used = reference.iter().chain(&source.microphones);
         used.filter(|channel| self.0.get(**channel).is_some_and(|count| *count > 0))
             .map(|channel| {

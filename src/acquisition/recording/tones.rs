@@ -4,7 +4,7 @@
 //! whole periods it is the same sum, and over others it knows what the mixer's second product would add.
 
 use super::options::place_of_key;
-use super::sources::{Clipped, Source, check_memory};
+use super::sources::{Clipped, RecordedFile, check_memory};
 use super::{Demodulated, RecordingOptions};
 use crate::acquisition::Sweep;
 use crate::error::{Error, Result};
@@ -41,9 +41,10 @@ impl ToneFit {
         let waves: Vec<Complex64> =
             (0..count).map(|k| phasor_f64(frequency * (first + k as f64 * interval))).collect();
         let column = |wave: &Complex64| DVec3::new(wave.re, wave.im, 1.0);
-        let products = waves.iter().map(column).fold(DMat3::ZERO, |sum, v| {
-            sum + DMat3::from_cols(v * v.x, v * v.y, v * v.z)
-        });
+        let products = waves
+            .iter()
+            .map(column)
+            .fold(DMat3::ZERO, |sum, v| sum + DMat3::from_cols(v * v.x, v * v.y, v * v.z));
         Self { waves, inverse: products.inverse() }
     }
 
@@ -86,14 +87,15 @@ fn window(begin: f64, [settling, dwell]: [f64; 2], rate: f64) -> (Range<u64>, f6
 /// # Errors
 /// Times of the tones that are missing, impossible or beyond the file's end; a reference without its tones.
 pub(super) fn demodulate(
-    source: &mut Source,
+    source: &mut RecordedFile,
     sweep: &Sweep,
     options: &RecordingOptions,
     limit: u64,
     (column, found): (usize, &mut Demodulated),
 ) -> Result<()> {
     let dwell = options.dwell.ok_or_else(|| {
-        let problem = "is missing: how long does each tone sound, in s? And which part of it, `settling`, is dropped?";
+        let problem =
+            "is missing: how long does each tone sound, in s? And which part of it, `settling`, is dropped?";
         Error::input(place_of_key("dwell"), problem)
     })?;
     let settling = options.settling(dwell);
@@ -130,7 +132,7 @@ pub(super) fn demodulate(
 
 /// The tone that was sent: as recorded, or a sine of amplitude 1.
 fn reference(
-    source: &mut Source,
+    source: &mut RecordedFile,
     (frequency, n): (f64, usize),
     (frames, first): (Range<u64>, f64),
     options: &RecordingOptions,
@@ -158,7 +160,7 @@ fn reference(
 
 /// Refuses windows that are too short, and tones beyond the end of a file.
 fn check_times(
-    source: &mut Source,
+    source: &mut RecordedFile,
     sweep: &Sweep,
     [end, latency]: [f64; 2],
     windows: &dyn Fn(usize, f64) -> (Range<u64>, f64),
@@ -224,7 +226,9 @@ mod tests {
         // 1600 samples are 410 periods. Without a mean, which the fit takes away and the mixer does not.
         let mut samples = noise(1600);
         let mean = samples.iter().sum::<f32>() / 1600.0;
-        samples.iter_mut().for_each(|sample| *sample -= mean);
+        for sample in &mut samples {
+            *sample -= mean;
+        }
         let fitted = ToneFit::new(frequency, first, 1.0 / rate, 1600).fit(&samples, 1)[0];
         let literal = homodyne(&samples, frequency, first, 1.0 / rate);
         // Relative to the sine that was sent.

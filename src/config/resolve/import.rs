@@ -46,6 +46,7 @@ impl RunFile {
         options.detection = typed.contains("detection.kind").then_some(self.detection.kind);
         let speed = any(&["medium.sound_speed", "medium.temperature"]);
         options.sound_speed = speed.then(|| self.medium.speed());
+        options.recording = self.recording_options();
         options.memory = memory_limit(self.memory);
         Ok(options)
     }
