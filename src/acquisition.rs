@@ -33,6 +33,7 @@ mod source;
 mod cube;
 mod cube_file;
 mod health;
+mod recording;
 mod simulate;
 mod sweep;
 
@@ -51,6 +52,10 @@ pub use import::{
 };
 pub(crate) use instrument::MOST_SOURCES;
 pub use instrument::{Instrument, InstrumentChanges};
+pub use recording::{
+    DirectWord, Latency, RecorderOptions, RecordingOptions, RecordingSize, Reference, TestSignal, WavFormat,
+    write_recording,
+};
 pub use simulate::{
     ArrayErrors, Losses, Noise, PropagationModel, SIMULATION_TOLERANCE, SimulateOptions, simulate,
     simulate_with,

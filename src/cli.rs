@@ -136,11 +136,11 @@ enum Command {
         #[command(flatten)]
         checkpoint: CheckpointArgs,
     },
-    /// Simulates the data cube (.npz) of a scene.
+    /// Simulates the data cube (.npz) of a scene, or the recording (.wav) of its stepped tones.
     Simulate {
         /// Run file, mesh or reflector list.
         input: PathBuf,
-        /// The cube to write.
+        /// The cube to write; .wav for what an audio interface would record, as [recording] says.
         #[arg(short, long, value_name = "CUBE.npz")]
         output: PathBuf,
         #[command(flatten)]
@@ -284,7 +284,7 @@ enum Command {
         #[arg(long)]
         open: bool,
     },
-    /// Shows the content of a cube, volume, depth map, point cloud, mesh or run file.
+    /// Shows the content of a cube, volume, depth map, recording, point cloud, mesh or run file.
     Info {
         /// The file.
         file: PathBuf,

@@ -35,8 +35,8 @@ pub use choices::{ArrayLayout, InputFile, RefineMethod, Shading, SurfaceKind, Vo
 pub use source::TypedKeys;
 pub use tables::{
     ArrayTable, CalibrationTable, DepthTable, DetectionTable, ExpectTable, GridTable, ImportTable, Limit,
-    MediumTable, OutputTable, ReconstructTable, RefineTable, ReflectorsTable, ScenePart, SceneTable,
-    SweepTable,
+    MediumTable, OutputTable, ReconstructTable, RecordingTable, ReferenceChannel, RefineTable,
+    ReflectorsTable, ScenePart, SceneTable, SweepTable,
 };
 
 pub(crate) use mesh_run::MeshRun;
@@ -79,6 +79,9 @@ pub struct RunFile {
     /// Measured files to be imported.
     #[serde(skip_serializing_if = "ImportTable::is_default")]
     pub import: ImportTable,
+    /// How recordings are made.
+    #[serde(skip_serializing_if = "RecordingTable::is_default")]
+    pub recording: RecordingTable,
     /// How a measured cube is corrected.
     #[serde(skip_serializing_if = "CalibrationTable::is_default")]
     pub calibration: CalibrationTable,
@@ -153,7 +156,7 @@ impl RunFile {
         overrides.iter().try_for_each(|typed| parsed.set(typed))?;
         let mut run = Self::read(&parsed.values).map_err(|fault| parsed.error(fault))?;
         let files = run.scene.files_mut().chain(run.array.file.as_mut()).chain(run.import.files_mut());
-        for file in files.chain(run.calibration.files_mut()) {
+        for file in files.chain(run.recording.files_mut()).chain(run.calibration.files_mut()) {
             file.locate(folder);
         }
         Ok((run, parsed.typed()))

@@ -2,7 +2,8 @@
 //!
 //! Takes a path and a closure that writes the bytes; gives a file that other processes never see incomplete. Every file
 //! of this crate is written by [`write_atomically`] and opened for reading by [`open_input`]; `job_files` compares the two.
-//! `.npz` files are read and written by [`npz`], `.npy` files read, and the header of PLY files by `ply`.
+//! `.npz` files are read and written by [`npz`], `.npy` files read, the header of PLY files by `ply`, and
+//! `.wav` files by [`wav`].
 
 mod folder;
 mod input;
@@ -10,6 +11,7 @@ mod job_files;
 pub(crate) mod npz;
 pub(crate) mod ply;
 pub(crate) mod unfinished;
+pub(crate) mod wav;
 
 pub(crate) use folder::{NewFolders, OutputFolder, free_space};
 pub(crate) use input::open_input;

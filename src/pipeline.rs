@@ -28,6 +28,7 @@ mod oracle;
 mod outputs;
 mod page;
 mod prepared_scene;
+mod recording;
 mod report;
 
 pub use bare_mesh::BareMesh;
@@ -41,6 +42,7 @@ pub use oracle::{Oracle, oracle_of_scene};
 pub(crate) use outputs::{announce_outputs, error_note};
 pub use outputs::{write_cube, write_depth, write_outputs, write_volume};
 pub use page::write_page;
+pub use recording::record_scene;
 pub use report::{Report, SceneSummary};
 
 use crate::acquisition::{CubeFile, CubeSource, DataCube, Detection, Instrument, Sweep};

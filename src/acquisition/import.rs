@@ -1,4 +1,4 @@
-//! From a laboratory's files to a data cube: NumPy arrays, Touchstone and CSV files, one for all positions or one each.
+//! From a laboratory's files to a data cube: NumPy arrays, Touchstone, CSV and WAV files, one for all positions or one each.
 //!
 //! [`import`] reads; what files do not say (frequencies, positions, axes, the sign of the phase) comes from
 //! [`ImportOptions`] or is refused, and what is guessed is in [`Imported::guesses`].
@@ -7,6 +7,7 @@ mod array;
 mod axes;
 mod names;
 mod options;
+mod recordings;
 mod table;
 #[cfg(test)]
 mod tests;
@@ -28,6 +29,7 @@ use array::NumpyFiles;
 use axes::{SampleOrder, words};
 use glam::DVec3;
 use num_complex::Complex32;
+use recordings::read_recordings;
 use serde_json::{Map, Value, json};
 use std::io::Read;
 use std::path::Path;
@@ -52,14 +54,14 @@ struct Positions {
 }
 
 /// Samples, and what the files said about them.
-struct Recording {
+struct FileSamples {
     samples: Vec<Complex32>,
     real: bool,
     sweep: (Sweep, &'static str),
     positions: Positions,
     place: String,
-    /// Whether the format defines the sign of the phase: that of exp(+jωt), in which a path delays.
-    sign_known: bool,
+    /// The sign of the phase that the format defines: -1 is that of exp(+jωt), in which a path delays.
+    phase_sign: Option<i32>,
     facts: Map<String, Value>,
 }
 
@@ -190,7 +192,7 @@ fn positions_of(options: &ImportOptions, numpy: Option<&mut NumpyFiles>) -> Resu
 }
 
 /// NumPy files that hold all positions.
-fn read_arrays(options: &ImportOptions, guesses: &mut Vec<String>) -> Result<Recording> {
+fn read_arrays(options: &ImportOptions, guesses: &mut Vec<String>) -> Result<FileSamples> {
     let mut files = NumpyFiles::open(&options.samples, options.limit())?;
     let sweep = typed_frequencies(options, Some(&mut files))?;
     let sweep = sweep_of(options, sweep, None, "")?;
@@ -212,7 +214,7 @@ fn read_arrays(options: &ImportOptions, guesses: &mut Vec<String>) -> Result<Rec
         let both = json!(offset);
         facts.insert("offset".into(), if real { both[0].clone() } else { both });
     }
-    Ok(Recording { samples, real, sweep, positions, place: raw.place, sign_known: false, facts })
+    Ok(FileSamples { samples, real, sweep, positions, place: raw.place, phase_sign: None, facts })
 }
 
 /// The samples of one microphone, in a file of its own.
@@ -231,7 +233,7 @@ fn read_trace(path: &Path, options: &ImportOptions) -> Result<Trace> {
         "csv" | "txt" => table::parse(path, &text_of(path, options.limit())?, &options.columns, unit),
         _ => {
             let problem =
-                "is of an unknown kind; .npy, .npz, Touchstone (.s1p, .s2p, ...) or .csv was expected";
+                "is of an unknown kind; .npy, .npz, .wav, Touchstone (.s1p, .s2p, ...) or .csv was expected";
             Err(Error::input(path.display(), problem))
         }
     }
@@ -245,7 +247,7 @@ struct FirstTrace {
 }
 
 /// Files of one position each, in the order of the microphones.
-fn read_traces(options: &ImportOptions, guesses: &mut Vec<String>) -> Result<Recording> {
+fn read_traces(options: &ImportOptions, guesses: &mut Vec<String>) -> Result<FileSamples> {
     let (files, positions) = match &options.samples[..] {
         [pattern] if names::is_pattern(pattern) => names::find(pattern, options, guesses)?,
         files => {
@@ -302,8 +304,8 @@ fn read_traces(options: &ImportOptions, guesses: &mut Vec<String>) -> Result<Rec
         }
         facts.insert("parameter".into(), json!(options.parameter.as_deref().unwrap_or(default)));
     }
-    let place = place_of_key("samples");
-    Ok(Recording { samples, real, sweep, positions, place, sign_known: all_touchstone, facts })
+    let (place, phase_sign) = (place_of_key("samples"), all_touchstone.then_some(-1));
+    Ok(FileSamples { samples, real, sweep, positions, place, phase_sign, facts })
 }
 
 /// Reads a measurement from a laboratory's files.
@@ -314,7 +316,7 @@ fn read_traces(options: &ImportOptions, guesses: &mut Vec<String>) -> Result<Rec
 /// Missing, malformed or contradicting files; what nobody said and no file tells: frequencies, positions, an order of axes
 /// that is not the only one, the zero of unsigned numbers.
 pub fn import(options: &ImportOptions) -> Result<Imported> {
-    let mut guesses = Vec::new();
+    let (mut guesses, mut warnings) = (Vec::new(), Vec::new());
     let Some(first) = options.samples.first() else {
         let problem = "is missing: name the files, or the pattern of their names";
         return Err(Error::input(place_of_key("samples"), problem));
@@ -322,9 +324,12 @@ pub fn import(options: &ImportOptions) -> Result<Imported> {
     if first.is_dir() {
         return Err(names::refuse_folder(first));
     }
-    let numpy = options.samples.iter().all(|path| ["npy", "npz"].contains(&extension(path).as_str()));
-    let mut found = if numpy && !names::is_pattern(first) {
+    let all_are =
+        |endings: &[&str]| options.samples.iter().all(|path| endings.contains(&extension(path).as_str()));
+    let mut found = if all_are(&["npy", "npz"]) && !names::is_pattern(first) {
         read_arrays(options, &mut guesses)?
+    } else if all_are(&["wav"]) {
+        read_recordings(options, &mut guesses, &mut warnings)?
     } else {
         read_traces(options, &mut guesses)?
     };
@@ -341,12 +346,12 @@ pub fn import(options: &ImportOptions) -> Result<Imported> {
         (_, true) => Detection::InPhase,
         (_, false) => Detection::Quadrature,
     };
-    let phase_sign = options.phase_sign.unwrap_or(if found.sign_known { -1 } else { 1 });
+    let phase_sign = options.phase_sign.or(found.phase_sign).unwrap_or(1);
     if detection == Detection::Quadrature {
-        match (options.phase_sign, found.sign_known) {
-            (Some(_), _) => {}
-            (None, true) => guesses.push("phase_sign = -1: that of S-parameters, exp(+jωt)".to_owned()),
-            (None, false) => guesses.push(
+        match (options.phase_sign, found.phase_sign) {
+            (Some(_), _) | (None, Some(1)) => {}
+            (None, Some(_)) => guesses.push("phase_sign = -1: that of S-parameters, exp(+jωt)".to_owned()),
+            (None, None) => guesses.push(
                 "phase_sign = 1: phases grow with the path; -1 if they fall, as those of an FFT and of network analysers"
                     .to_owned(),
             ),
@@ -381,5 +386,5 @@ pub fn import(options: &ImportOptions) -> Result<Imported> {
     facts.insert("guesses".into(), json!(guesses));
     let mut cube = DataCube::new(instrument, found.samples).map_err(|error| error.at(&found.place))?;
     cube.provenance = json!({ "import": facts });
-    Ok(Imported { cube, guesses })
+    Ok(Imported { cube, guesses, warnings })
 }

@@ -2,6 +2,7 @@
 
 mod calibrate;
 mod import;
+mod recording;
 
 pub(super) use calibrate::CalibrateArgs;
 pub(super) use import::ImportArgs;
@@ -39,9 +40,14 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
         }
         Command::Simulate { input, output, overrides, checkpoint } => {
             let Input { run, bare } = scene_of(input, overrides, terminal)?;
-            announce(output, &["npz"])?;
+            announce(output, &["npz", "wav"])?;
             let checkpoint = Checkpoint::beside(output, checkpoint.every()?);
             let job = observed(terminal).with_bare_mesh(bare.as_ref()).with_checkpoint(&checkpoint);
+            if has_extension(output, &["wav"]) {
+                let result = pipeline::record_scene(&run, output, &job);
+                let recorded = conclude(checkpoint, result, terminal)?;
+                return recording::show(&run, output, recorded, terminal);
+            }
             let result = pipeline::simulate_scene(&run, &job)
                 .and_then(|cube| stage(terminal, "writing", 0, || pipeline::write_cube(output, &cube)));
             conclude(checkpoint, result, terminal)?;

@@ -1,6 +1,7 @@
 //! The facts of a file, by its kind.
 
 pub(super) mod health;
+mod recording;
 
 use super::Overrides;
 use super::inputs::{config_of, run_file_of};
@@ -28,6 +29,7 @@ pub(super) fn of(file: &Path, overrides: &Overrides, limit: u64, observer: &dyn 
         "npz" => npz(file, limit),
         "exr" => exr(file, limit),
         "vti" | "nrrd" => volume(file, limit),
+        "wav" => recording::facts(file),
         // Without faces it is a point cloud, as `depth` writes it.
         "ply" => mesh(file, overrides, observer).or_else(|error| points(file, limit).map_err(|_| error)),
         "toml" => {
@@ -47,7 +49,7 @@ pub(super) fn of(file: &Path, overrides: &Overrides, limit: u64, observer: &dyn 
         }
         _ => Err(Error::input(
             file.display(),
-            "is of an unknown kind; .npz, .exr, .vti, .nrrd, .ply, .obj, .gltf, .glb, .stl, .csv or .toml \
+            "is of an unknown kind; .npz, .exr, .vti, .nrrd, .wav, .ply, .obj, .gltf, .glb, .stl, .csv or .toml \
              was expected",
         )),
     }

@@ -1,5 +1,6 @@
 //! Results as text: short aligned tables.
 
+use crate::acquisition::RecordingSize;
 use crate::error::gib;
 use crate::grid::Grid;
 use crate::metrics::{METRIC_NAMES, Metrics, Scores};
@@ -185,6 +186,11 @@ pub(super) fn forecast(forecast: &Forecast) -> String {
     table.rows("memory", peaks);
     table.row("threads", forecast.threads.to_string());
     table.row("writes", forecast.files.join(", "));
+    if let Some(RecordingSize { channels, seconds, bytes, .. }) = forecast.recording {
+        let size =
+            format!("{channels} channels, {seconds:.2} s, {} (`simulate -o recording.wav`)", gib(bytes));
+        table.row("recording", size);
+    }
     table.text()
 }
 

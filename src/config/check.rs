@@ -3,6 +3,7 @@
 mod calibration;
 mod import;
 mod measurement;
+mod recording;
 mod results;
 mod scene;
 
@@ -27,6 +28,7 @@ impl RunFile {
         self.array.check()?;
         self.detection.check()?;
         self.import.check()?;
+        self.recording.check()?;
         self.calibration.check()?;
         self.grid.check()?;
         self.reconstruct.check()?;

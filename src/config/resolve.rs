@@ -2,6 +2,7 @@
 
 mod calibration;
 mod import;
+mod recording;
 
 use super::check::square_root;
 use super::{ArrayLayout, RefineMethod, RefineTable, RunFile, ScenePart, Shading, SurfaceKind};

@@ -6,6 +6,7 @@ mod calibration;
 mod import;
 mod measurement;
 mod pair;
+mod recording;
 mod results;
 mod scene;
 
@@ -13,5 +14,6 @@ pub use calibration::CalibrationTable;
 pub(in crate::config) use calibration::MEAN;
 pub use import::ImportTable;
 pub use measurement::{ArrayTable, DetectionTable, MediumTable, SweepTable};
+pub use recording::{RecordingTable, ReferenceChannel};
 pub use results::{DepthTable, ExpectTable, GridTable, Limit, OutputTable, ReconstructTable, RefineTable};
 pub use scene::{ReflectorsTable, ScenePart, SceneTable};

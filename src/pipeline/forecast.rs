@@ -5,7 +5,7 @@ use super::job::JobOptions;
 use super::memory::{MemoryBudget, SceneSize};
 use super::prepared_scene::{Measurement, placement_warnings};
 use super::{is_in_metres, outputs, reflector_list};
-use crate::acquisition::{CubeFile, CubeSource, Instrument};
+use crate::acquisition::{CubeFile, CubeSource, Instrument, RecordingSize};
 use crate::config::RunFile;
 use crate::error::Result;
 use crate::grid::{Axis, Grid};
@@ -42,6 +42,8 @@ pub struct Forecast {
     pub resolution_cells: Option<[Option<f64>; 2]>,
     /// Files that `image` will write.
     pub files: Vec<String>,
+    /// The recording that `simulate` writes into a file `.wav`, if `[recording]` says how.
+    pub recording: Option<RecordingSize>,
     /// Warnings for the user.
     pub warnings: Vec<String>,
 }
@@ -86,6 +88,12 @@ pub fn forecast_scene(run: &RunFile, job: &JobOptions) -> Result<Forecast> {
     forecast.suggest_lattice(&budget, instrument);
     forecast.resolution_cells = bounds.map(|(low, high)| instrument.cells_across(low, high));
     forecast.physics = measurement.physics(run);
+    if run.recording.dwell.is_some() {
+        match RecordingSize::of(instrument, &run.recording_options(), &run.recorder_options()) {
+            Ok(size) => forecast.recording = Some(size),
+            Err(why) => forecast.warnings.push(format!("no recording can be simulated: {why}")),
+        }
+    }
     let mesh = mesh.then(|| is_in_metres(&run.scene));
     forecast.warnings.extend_from_slice(job.hints());
     forecast.warnings.extend(placement_warnings(instrument, &grid, bounds, mesh));
@@ -187,5 +195,6 @@ pub(super) fn forecast(
         physics: beyond_interface(instrument).into_iter().chain(beyond_the_sum(run)).collect(),
         resolution_cells: None,
         files: outputs::names(run, truth),
+        recording: None,
     })
 }

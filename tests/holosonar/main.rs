@@ -39,6 +39,7 @@ mod plan;
 mod point;
 mod random;
 mod readers;
+mod recording;
 mod reference;
 mod refined;
 mod regression;

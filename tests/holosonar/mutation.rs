@@ -10,6 +10,8 @@ mod json;
 mod lines;
 #[path = "mutation/npz.rs"]
 mod npz;
+#[path = "mutation/wav.rs"]
+mod wav;
 
 use crate::random::Random;
 
@@ -28,6 +30,8 @@ pub(crate) enum Structure {
     Npz,
     /// Attributes, a table of offsets, chunks.
     Exr,
+    /// Chunks with their lengths.
+    Wav,
 }
 
 /// A file in which something of its structure is changed, with lengths and checksums as they should be then; bytes are
@@ -40,6 +44,7 @@ pub(crate) fn restructure(bytes: &[u8], structure: Structure, random: &mut Rando
         Structure::Glb => json::change_glb(bytes, random),
         Structure::Npz => npz::change(bytes, random),
         Structure::Exr => exr::change(bytes, random),
+        Structure::Wav => wav::change(bytes, random),
     };
     changed.unwrap_or_else(|| damage(bytes, random))
 }

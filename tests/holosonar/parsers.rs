@@ -8,12 +8,16 @@ use crate::mutation::{damage, restructure, retouch};
 use crate::named::assert_names;
 use crate::readers::{self, FORMATS, Format, LIMIT};
 use crate::support::{Random, data};
-use holosonar::acquisition::{ChannelResponse, DataCube, Instrument, MicArray, ResponseAxis, Sweep};
+use holosonar::acquisition::{
+    ChannelResponse, DataCube, Instrument, MicArray, RecorderOptions, RecordingOptions, Reference,
+    ResponseAxis, Sweep, WavFormat, write_recording,
+};
 use holosonar::config::{ANNOTATED, RunFile};
 use holosonar::export::points_ply::{SceneMesh, ScenePoints};
 use holosonar::export::volume_npz::read_volume_npz;
 use holosonar::grid::{Axis, Grid, Volume};
 use holosonar::pipeline::{JobOptions, truth_of_scene, write_depth, write_volume};
+use holosonar::progress::Silent;
 use holosonar::scene::{LoadOptions, Scene, Unit};
 use holosonar::wave::Geometry;
 use num_complex::Complex32;
@@ -77,6 +81,14 @@ fn written(folder: &Path) {
     DataCube::new(pair, cube.samples.clone()).unwrap().write(&folder.join("pair.npz")).unwrap();
     let response = ChannelResponse::measure(&cube, glam::DVec3::Z, ResponseAxis::Both).unwrap();
     response.write(&folder.join("response.npz")).unwrap();
+    let single = MicArray::from_positions(vec![glam::DVec3::ZERO]).unwrap();
+    let heard = Instrument::new(cube.instrument.sweep.clone(), single);
+    let heard = DataCube::new(heard, vec![Complex32::I; 5]).unwrap();
+    let tones = RecordingOptions::tones(0.004).with_reference(Some(Reference::Channel(0)));
+    for (name, format) in [("tones.wav", WavFormat::Int16), ("float.wav", WavFormat::Float32)] {
+        let recorder = RecorderOptions::default().with_format(format);
+        write_recording(&folder.join(name), &heard, &tones, &recorder, &Silent).unwrap();
+    }
     let axis = |first, count| Axis { first, pitch: 0.1, count };
     let grid = Grid { x: axis(-0.2, 5), y: axis(-0.1, 3), z: axis(1.0, 4) };
     let volume = Volume::new(grid, (0..60).map(|i| Complex32::new(0.5, i as f32)).collect());
@@ -159,6 +171,8 @@ fn parsers() -> Vec<Parser> {
         "sources.npz",
         "pair.npz",
         "response.npz",
+        "tones.wav",
+        "float.wav",
         "volume.npz",
         "depth.exr",
         "volume.exr",

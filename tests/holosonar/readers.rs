@@ -2,8 +2,8 @@
 
 use crate::mutation::Structure;
 use holosonar::acquisition::{
-    ArrayName, ChannelResponse, DataCube, ImportAxis, ImportOptions, MeanWord, MicArray, RawOffset, Sweep,
-    TraceColumn, import,
+    ArrayName, ChannelResponse, DataCube, ImportAxis, ImportOptions, MeanWord, MicArray, RawOffset,
+    RecordingOptions, Reference, Sweep, TraceColumn, import,
 };
 use holosonar::config::RunFile;
 use holosonar::error::{Error, Result};
@@ -31,7 +31,7 @@ pub(crate) struct Format {
 }
 
 /// Every format.
-pub(crate) const FORMATS: [Format; 15] = [
+pub(crate) const FORMATS: [Format; 16] = [
     Format { extension: "toml", structure: Structure::Lines, read: run_file },
     Format { extension: "obj", structure: Structure::Lines, read: scene },
     Format { extension: "mtl", structure: Structure::Lines, read: material },
@@ -44,6 +44,7 @@ pub(crate) const FORMATS: [Format; 15] = [
     Format { extension: "npz", structure: Structure::Npz, read: cube_volume_or_response },
     Format { extension: "npy", structure: Structure::Heading, read: samples },
     Format { extension: "s2p", structure: Structure::Lines, read: samples },
+    Format { extension: "wav", structure: Structure::Wav, read: recording },
     Format { extension: "exr", structure: Structure::Exr, read: depth_or_amplitude },
     Format { extension: "vti", structure: Structure::Heading, read: amplitude },
     Format { extension: "nrrd", structure: Structure::Heading, read: amplitude },
@@ -119,6 +120,19 @@ fn samples(path: &Path, _: &LoadOptions) -> Vec<Result<()>> {
     let mut typed = many.clone();
     typed.axes = vec![ImportAxis::X, ImportAxis::Y, ImportAxis::Frequency, ImportAxis::Plane];
     [one, many, typed].iter().map(|options| import(options).map(drop)).collect()
+}
+
+/// Tones and a broadband signal with a reference, and all channels with none.
+fn recording(path: &Path, _: &LoadOptions) -> Vec<Result<()>> {
+    let mut stepped = import_options(path);
+    stepped.sweep = Some(Sweep::stepped(10_000.0, 10_400.0, 100.0).unwrap());
+    stepped.recording = RecordingOptions::tones(0.004).with_reference(Some(Reference::Channel(0)));
+    let mut broadband = stepped.clone();
+    broadband.recording = RecordingOptions::broadband(Reference::Channel(0));
+    let mut both = stepped.clone();
+    both.array = Some(MicArray::rectangular([2, 1], [0.02; 2], DVec3::ZERO).unwrap());
+    both.recording = RecordingOptions::tones(0.004);
+    [stepped, broadband, both].iter().map(|options| import(options).map(drop)).collect()
 }
 
 fn microphones(path: &Path, _: &LoadOptions) -> Vec<Result<()>> {

@@ -1,7 +1,7 @@
 //! What an import is told, and what it gives.
 
 use super::{ArrayName, ImportAxis, RawOffset, TraceColumn};
-use crate::acquisition::{DataCube, Detection, MicArray, Sweep};
+use crate::acquisition::{DataCube, Detection, MicArray, RecordingOptions, Sweep};
 use crate::choice::choice;
 use crate::scene::Unit;
 use crate::wave::{Geometry, Interface};
@@ -39,7 +39,7 @@ impl FrequencyUnit {
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct ImportOptions {
-    /// The files of all positions (`.npy`, `.npz`), or one of each position in the order of the microphones (`.sNp`,
+    /// The files of all positions (`.npy`, `.npz`, or `.wav` in the order of the microphones), or one of each position in the order of the microphones (`.sNp`,
     /// `.csv`), or the pattern of their names.
     pub samples: Vec<PathBuf>,
     /// The array of the samples, or two: I and Q. Empty: the only ones that there are.
@@ -76,7 +76,9 @@ pub struct ImportOptions {
     pub sound_speed: Option<f64>,
     /// A plane beyond which sound has another speed.
     pub interface: Option<Interface>,
-    /// Maximum bytes of an array or a text; `None`: no limit.
+    /// How recordings (`.wav`) were made.
+    pub recording: RecordingOptions,
+    /// Maximum bytes of an array, a text or a recording; `None`: no limit.
     pub memory: Option<u64>,
 }
 
@@ -102,6 +104,7 @@ impl ImportOptions {
             detection: None,
             sound_speed: None,
             interface: None,
+            recording: RecordingOptions::default(),
             memory: None,
         }
     }
@@ -119,6 +122,8 @@ pub struct Imported {
     pub cube: DataCube,
     /// What nobody said, one sentence each.
     pub guesses: Vec<String>,
+    /// What is probably wrong with the files, one sentence each.
+    pub warnings: Vec<String>,
 }
 
 impl Imported {

@@ -8,16 +8,16 @@ use crate::cli::summary;
 use crate::cli::terminal::{Terminal, print};
 use crate::error::Result;
 use crate::pipeline;
-use crate::progress::stage;
+use crate::progress::{Observer, stage};
 use clap::Args;
 use std::path::PathBuf;
 
-/// Makes a data cube (.npz) of a laboratory's files: NumPy arrays, Touchstone, CSV.
+/// Makes a data cube (.npz) of a laboratory's files: NumPy arrays, Touchstone, CSV, recordings (WAV).
 ///
 /// Prints what was found in them and what was guessed. See `holosonar help measured`.
 #[derive(Debug, Args)]
 pub(in crate::cli) struct ImportArgs {
-    /// Run file with [import]; or the samples themselves: .npy, .npz, .sNp, .csv, or a pattern of names, scan/x{x}_y{y}.s2p.
+    /// Run file with [import]; or the samples themselves: .npy, .npz, .wav, .sNp, .csv, or a pattern of names, scan/x{x}_y{y}.s2p.
     input: PathBuf,
     /// The cube to write.
     #[arg(short, long, value_name = "CUBE.npz")]
@@ -34,6 +34,7 @@ pub(super) fn run(args: &ImportArgs, terminal: &Terminal) -> Result<()> {
     let options = run.import_options(&typed)?;
     let imported = stage(terminal, "reading", 0, || import(&options))?;
     stage(terminal, "writing", 0, || pipeline::write_cube(output, &imported.cube))?;
+    imported.warnings.iter().for_each(|warning| terminal.warn(warning));
     let mut facts = imported.facts();
     if terminal.json() {
         facts["cube"] = output.display().to_string().into();
@@ -41,6 +42,8 @@ pub(super) fn run(args: &ImportArgs, terminal: &Terminal) -> Result<()> {
     }
     if let Some(facts) = facts.as_object_mut() {
         facts.remove("guesses");
+        // A number per frequency is for machines.
+        facts.remove("snr_db_of_tones");
     }
     if !terminal.is_quiet() {
         print(&(summary::facts(&facts) + &summary::guesses(&imported.guesses)))?;

@@ -54,6 +54,7 @@ impl RunFile {
         let speed = any(&["medium.sound_speed", "medium.temperature"]);
         options.sound_speed = speed.then(|| self.medium.speed());
         options.interface = self.medium.interface;
+        options.recording = self.recording_options();
         options.memory = memory_limit(self.memory);
         Ok(options)
     }

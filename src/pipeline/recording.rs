@@ -1,0 +1,35 @@
+//! The recording of a scene: what an audio interface would store while the scene is measured.
+
+use super::job::JobOptions;
+use super::memory::MemoryBudget;
+use super::prepared_scene::PreparedScene;
+use super::{identity, simulate};
+use crate::acquisition::{Detection, RecordingSize, write_recording};
+use crate::config::RunFile;
+use crate::error::{Error, Result};
+use crate::files::extension;
+use std::path::Path;
+
+/// Simulates a scene and writes its recording, `.wav`, as `[recording]` says; returns its size and the gain of the
+/// microphones' channels, dB. The checkpoint is used as by [`super::image_scene`], for the cube.
+///
+/// # Errors
+/// Those of [`super::simulate_scene`] and [`RecordingSize::of`]; another extension.
+pub fn record_scene(run: &RunFile, path: &Path, job: &JobOptions) -> Result<(RecordingSize, f64)> {
+    let JobOptions { checkpoint, observer, .. } = *job;
+    if extension(path) != "wav" {
+        return Err(Error::input(path.display(), "recordings are written as .wav; give this extension"));
+    }
+    // Both phases are in a time signal, whichever are detected later, and the noise is in the signal.
+    let mut quiet = run.clone();
+    (quiet.detection.kind, quiet.detection.snr_db) = (Detection::Quadrature, None);
+    let (recording, recorder) = (run.recording_options(), run.recorder_options());
+    let size = RecordingSize::of(&quiet.instrument()?, &recording, &recorder)?;
+    let prepared = PreparedScene::of(&MemoryBudget::of(&quiet), job.bare_mesh, false, observer)?;
+    prepared.warn(run, job, observer);
+    checkpoint.check_space(size.bytes)?;
+    checkpoint.open(&identity::of_scene("simulate", &quiet, &prepared), observer)?;
+    let cube = simulate(&quiet, &prepared, checkpoint, observer)?;
+    let gain_db = write_recording(path, &cube, &recording, &recorder, observer)?;
+    Ok((size, gain_db))
+}

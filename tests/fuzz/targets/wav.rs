@@ -1,0 +1,3 @@
+#![no_main]
+
+holosonar_fuzz::reader!("wav");
