@@ -150,6 +150,7 @@ enum Command {
     },
     Import(commands::ImportArgs),
     Calibrate(commands::CalibrateArgs),
+    Autofocus(commands::AutofocusArgs),
     /// Reconstructs a data cube into a volume (.npz, .exr, .vti, .nrrd or .vdb, by extension).
     Reconstruct {
         /// The cube.

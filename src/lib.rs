@@ -108,6 +108,7 @@ pub mod truth;
 pub mod metrics;
 pub mod plan;
 pub mod psf;
+pub mod focus;
 pub mod export;
 pub mod checkpoint;
 pub mod config;

@@ -19,6 +19,7 @@
 mod bare_mesh;
 mod design;
 mod facts;
+mod focus;
 mod forecast;
 mod job;
 mod limits;
@@ -34,6 +35,7 @@ mod report;
 pub use bare_mesh::BareMesh;
 pub use design::{Combination, DesignRow, DesignSweep, RunWith, SweptKey, point_spreads, sweep_designs};
 pub(crate) use facts::{aperture_of_file, resolution_of};
+pub use focus::{autofocus_cube, self_calibrate_cube};
 pub use forecast::{CommandMemory, Forecast, forecast_cube, forecast_scene};
 pub use job::JobOptions;
 pub use limits::{Bound, Judgement, LimitVerdict, check_scene, hold};

@@ -11,7 +11,7 @@ use crate::error::{Error, Result};
 use crate::grid::Axis;
 use crate::scene::FARTHEST;
 use crate::wave::bounding_box;
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use std::sync::Arc;
 
 /// A rectangular lattice of microphones in a plane of constant z.
@@ -168,6 +168,28 @@ impl MicArray {
     pub fn centre(&self) -> DVec3 {
         let (low, high) = self.bounds();
         low.midpoint(high)
+    }
+
+    /// The microphones turned about their centre by angles in degrees, about x and then about y, axes that stay.
+    ///
+    /// # Errors
+    /// As [`MicArray::from_positions`].
+    pub fn tilted(&self, degrees: [f64; 2]) -> Result<Self> {
+        let [about_x, about_y] = degrees.map(f64::to_radians);
+        let (turn, centre) =
+            (DMat3::from_rotation_y(about_y) * DMat3::from_rotation_x(about_x), self.centre());
+        self.with_positions(self.positions.iter().map(|r| centre + turn * (*r - centre)).collect())
+    }
+
+    /// As many microphones at other places, m; a lattice that they form row by row is recognised.
+    ///
+    /// # Errors
+    /// As [`MicArray::from_rows`].
+    pub(crate) fn with_positions(&self, positions: Vec<DVec3>) -> Result<Self> {
+        match self.shape()[..] {
+            [n_y, n_x] => Self::from_rows([n_y, n_x], positions),
+            _ => Self::from_positions(positions),
+        }
     }
 
     /// 3 × 3 points spread evenly over the array, from which the visibility of a reflector is tested.

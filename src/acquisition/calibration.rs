@@ -2,7 +2,7 @@
 //! what comes from outside the scene.
 //!
 //! A [`Calibration`] is applied in a fixed order, each step to what the last has left: `mask`, `background`, `high_pass`,
-//! `response`, `delay`, `gate`. Every step is a linear operation on the samples but the choice of the mask, and each says
+//! `response`, `delay`, `gate`, `tilt`. Every step is a linear operation on the samples but the choice of the mask, and each says
 //! in words what it did. [`ChannelResponse`] is measured with a target at a known place.
 
 mod background;
@@ -45,6 +45,8 @@ pub struct Calibration {
     pub delay: f64,
     /// The paths that are kept, from and to, m.
     pub gate: Option<[f64; 2]>,
+    /// Angles by which the microphones are turned about the array's centre, degrees: about x, then about y.
+    pub tilt: [f64; 2],
     /// Maximum bytes of a file's array in memory.
     pub memory: u64,
 }
@@ -52,13 +54,14 @@ pub struct Calibration {
 impl Calibration {
     /// Whether it changes nothing.
     pub fn is_empty(&self) -> bool {
-        let Self { mask, background, high_pass, response, delay, gate, .. } = self;
+        let Self { mask, background, high_pass, response, delay, gate, tilt, .. } = self;
         *mask == ChannelMask::default()
             && background.is_none()
             && high_pass.is_none()
             && response.is_none()
             && *delay == 0.0
             && gate.is_none()
+            && *tilt == [0.0; 2]
     }
 
     /// Corrects the samples of `cube`, which need not be finite before, and says what was done; the words are also in the
@@ -105,6 +108,10 @@ impl Calibration {
         if let Some(paths) = self.gate {
             words.push(stage(observer, "gating", 0, || gate::keep(cube, paths))?);
         }
+        if self.tilt != [0.0; 2] {
+            cube.instrument.array = cube.instrument.array.tilted(self.tilt)?;
+            words.push(format!("array tilted by {}° about x and {}° about y", self.tilt[0], self.tilt[1]));
+        }
         // The mean over all microphones would be lower by those that are silent.
         let heard = masked.iter().filter(|masked| !**masked).count();
         silence(cube, &masked, masked.len() as f32 / heard as f32 - 1.0);
@@ -146,7 +153,7 @@ fn multiply_tones(cube: &mut DataCube, factors: &[Complex32]) {
 }
 
 /// Adds words on corrections to the provenance.
-fn note(cube: &mut DataCube, words: &[String]) {
+pub(crate) fn note(cube: &mut DataCube, words: &[String]) {
     if !cube.provenance.is_object() {
         cube.provenance = serde_json::json!({});
     }

@@ -1,9 +1,11 @@
 //! The commands: each turns its arguments into calls of the library and shows the results.
 
+mod autofocus;
 mod calibrate;
 mod import;
 mod recording;
 
+pub(super) use autofocus::AutofocusArgs;
 pub(super) use calibrate::CalibrateArgs;
 pub(super) use import::ImportArgs;
 
@@ -54,6 +56,7 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
             print_written(std::slice::from_ref(output), terminal)
         }
         Command::Import(args) => import::run(args, terminal),
+        Command::Autofocus(args) => autofocus::run(args, terminal),
         Command::Calibrate(args) => calibrate::run(args, terminal),
         Command::Reconstruct { cube, config, output, settings, checkpoint } => {
             output.iter().try_for_each(|path| announce(path, &["npz", "exr", "vti", "nrrd", "vdb"]))?;

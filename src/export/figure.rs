@@ -9,6 +9,7 @@
 mod bar;
 mod canvas;
 mod chart;
+mod focus;
 mod health;
 mod layout;
 mod lettering;
@@ -18,6 +19,7 @@ mod style;
 mod ticks;
 
 pub(crate) use chart::{Chart, ChartAxis, write_charts};
+pub(crate) use focus::write_focus_figure;
 pub(crate) use health::write_health_figure;
 pub use results::{
     DepthKind, depth_range, write_amplitude_figure, write_depth_figure, write_error_figure,

@@ -1,7 +1,6 @@
 //! Changes of an instrument: what is known better than a cube's file says.
 
 use super::Instrument;
-use crate::acquisition::MicArray;
 use crate::error::{Error, Result};
 use crate::wave::{Geometry, Interface};
 use glam::DVec3;
@@ -59,10 +58,7 @@ impl Instrument {
         let own = self.array.centre();
         if let Some(centre) = centre.filter(|centre| centre.distance(own) > SAME_PLACE) {
             let moved = self.array.positions().iter().map(|r| *r + (centre - own)).collect();
-            changed.array = match self.array.shape()[..] {
-                [n_y, n_x] => MicArray::from_rows([n_y, n_x], moved)?,
-                _ => MicArray::from_positions(moved)?,
-            };
+            changed.array = self.array.with_positions(moved)?;
             words.push(format!("centre of the array at {} m instead of {} m", point(centre), point(own)));
         }
         changed.check()?;
@@ -88,7 +84,7 @@ fn rounded(value: f64, parts: f64) -> f64 {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
-    use crate::acquisition::Sweep;
+    use crate::acquisition::{MicArray, Sweep};
     use crate::named::assert_names;
 
     fn instrument() -> Instrument {

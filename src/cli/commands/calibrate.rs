@@ -5,8 +5,9 @@ use crate::cli::Settings;
 use crate::cli::inputs::{check_kind, cube_of};
 use crate::cli::outputs::{announce, print_json, print_written};
 use crate::cli::summary;
-use crate::cli::terminal::{Terminal, print};
+use crate::cli::terminal::{Terminal, observed, print};
 use crate::error::{Error, Result};
+use crate::focus::{ChannelError, HeldOut, SelfCalibration, SelfCalibrationVerdict};
 use crate::pipeline;
 use crate::progress::{Observer, stage};
 use clap::Args;
@@ -31,6 +32,16 @@ pub(in crate::cli) struct CalibrateArgs {
     /// What the response is measured for.
     #[arg(long, value_name = "AXIS", default_value = "frequency", requires = "reference")]
     per: ResponseAxis,
+    /// Instead of [calibration] alone: find errors of tones or microphones from the echoes in [grid] (frequency, phase, delay or
+    /// position), and write the corrected cube if they explain channels that were kept aside.
+    #[arg(long, value_name = "ERRORS", requires = "prior", conflicts_with = "reference")]
+    blind: Option<ChannelError>,
+    /// How large these errors are, rms: of phases in degrees, of delays and positions (along each axis) in m.
+    #[arg(long, value_name = "RMS", requires = "blind")]
+    prior: Option<f64>,
+    /// Write the cube even if channels that were kept aside are not explained better.
+    #[arg(long, requires = "blind")]
+    anyway: bool,
     /// Run file with [calibration].
     #[arg(short, long, value_name = "RUN.toml")]
     config: Option<PathBuf>,
@@ -57,6 +68,7 @@ pub(super) fn run(args: &CalibrateArgs, terminal: &Terminal) -> Result<()> {
     announce(&args.output, &["npz"])?;
     match (&args.cube, &args.reference, args.at) {
         (_, Some(reference), Some(at)) => measure(args, reference, at, terminal),
+        (Some(cube), ..) if args.blind.is_some() => blind(args, cube, terminal),
         (Some(cube), ..) => correct(args, cube, terminal),
         _ => Err(Error::input("CUBE", "is missing: give a cube, or --reference and --at")),
     }
@@ -79,6 +91,55 @@ fn correct(args: &CalibrateArgs, cube: &Path, terminal: &Terminal) -> Result<()>
         return print_json(&json!({ "cube": args.output.display().to_string(), "corrections": words }));
     }
     show(&json!({ "corrections": words.join("; ") }), args, terminal)
+}
+
+/// Finds errors of channels from echoes, and writes the cube without them if they are to be trusted.
+fn blind(args: &CalibrateArgs, cube: &Path, terminal: &Terminal) -> Result<()> {
+    check_kind(cube, "a data cube", "import")?;
+    let (Some(kind), Some(prior)) = (args.blind, args.prior) else {
+        return Err(Error::input("--prior", "is missing: how large the errors are, rms"));
+    };
+    let (run, cube) = cube_of(cube, args.config.as_deref(), &args.settings.set, terminal)?;
+    let (found, cube) = pipeline::self_calibrate_cube(&run, cube, kind, prior, &observed(terminal))?;
+    let trusted = found.verdict == SelfCalibrationVerdict::Better;
+    let written = trusted || args.anyway;
+    if written {
+        let corrected = found.correct(&cube)?;
+        stage(terminal, "writing", 0, || pipeline::write_cube(&args.output, &corrected))?;
+    }
+    let cube = written.then(|| args.output.display().to_string());
+    if terminal.json() {
+        print_json(&json!({ "cube": cube, "found": found }))?;
+    } else if !terminal.is_quiet() {
+        print(&summary::facts(&blind_facts(&found)))?;
+    }
+    if !trusted {
+        let done = if written { "written nevertheless" } else { "nothing was written (--anyway writes it)" };
+        let why = match found.verdict {
+            SelfCalibrationVerdict::LargerThanPrior => "the errors found are far larger than --prior says",
+            _ => "the channels kept aside are not explained better, whatever the sharpness",
+        };
+        return Err(Error::LimitMissed(format!("{why}; {done}")));
+    }
+    if terminal.json() { Ok(()) } else { print_written(std::slice::from_ref(&args.output), terminal) }
+}
+
+/// What was found, in few words.
+fn blind_facts(found: &SelfCalibration) -> serde_json::Value {
+    let HeldOut { count, explained_before, explained_after, significance, .. } = found.held_out;
+    let percent = |share: f64| format!("{:.1} %", 100.0 * share);
+    json!({
+        "errors": found.kind,
+        "found": format!("{:.4} {} rms; {} were expected", found.rms, found.unit, found.prior),
+        "bright voxels": format!("{:.0} resolution cells in effect", found.cells),
+        "sharpness": format!("{:.1} before, {:.1} after, which proves nothing", found.sharpness_before, found.sharpness_after),
+        "kept aside": format!(
+            "{count} of {} channels, of whose power the others explain {} before and {} after",
+            found.channels + count, percent(explained_before), percent(explained_after)
+        ),
+        "significance": format!("{significance:.1} standard errors"),
+        "verdict": found.verdict,
+    })
 }
 
 /// Measures a response and writes it.

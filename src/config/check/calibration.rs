@@ -11,6 +11,7 @@ impl CalibrationTable {
         file_name("calibration.response", self.response.as_ref())?;
         self.high_pass.iter().try_for_each(|diameter| positive("calibration.high_pass", *diameter))?;
         finite("calibration.delay", &[self.delay])?;
+        finite("calibration.tilt", &self.tilt)?;
         if let Some([from, to]) = self.gate {
             finite("calibration.gate", &[from, to])?;
             ensure(from < to, || {

@@ -21,6 +21,7 @@ impl RunFile {
             phase_sign: table.phase_sign.unwrap_or(1),
             delay: table.delay,
             gate: table.gate,
+            tilt: table.tilt,
             memory: memory_limit(self.memory).unwrap_or(u64::MAX),
         }
     }

@@ -24,6 +24,8 @@ pub struct CalibrationTable {
     pub delay: f64,
     /// The paths that are kept, from and to, m.
     pub gate: Option<[f64; 2]>,
+    /// By how much the array is tilted about its centre, degrees: about x, then about y.
+    pub tilt: [f64; 2],
 }
 
 impl CalibrationTable {

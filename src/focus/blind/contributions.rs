@@ -1,0 +1,189 @@
+//! What each channel adds to each bright voxel, and what the voxels predict of a channel's samples.
+
+use super::profiles::Profiles;
+use super::voxels::Bright;
+use super::{ChannelError, ErrorValue};
+use crate::acquisition::DataCube;
+use num_complex::{Complex32, Complex64};
+use rayon::prelude::*;
+use std::f64::consts::TAU;
+
+/// The echoes of bright voxels in every channel, with any error of it.
+#[derive(Debug)]
+pub(super) struct Contributions<'a> {
+    pub(super) kind: ChannelError,
+    cube: &'a DataCube,
+    bright: &'a Bright,
+    source: Source,
+}
+
+#[derive(Debug)]
+enum Source {
+    /// Of microphones: their profiles.
+    Profiles(Profiles),
+    /// Of tones, without an error: `[tone, voxel]`.
+    Tones(Vec<Complex32>),
+}
+
+impl<'a> Contributions<'a> {
+    /// `reach` bounds the delays and displacements, m, that will be asked for.
+    pub(super) fn new(cube: &'a DataCube, kind: ChannelError, bright: &'a Bright, reach: f64) -> Self {
+        let instrument = &cube.instrument;
+        let source = if kind == ChannelError::Frequency {
+            Source::Tones(tones(cube, bright))
+        } else {
+            let paths = bright
+                .places
+                .iter()
+                .map(|p| instrument.geometry.path_bounds((*p, *p), instrument.array.bounds()));
+            let [low, high] = paths.fold([f64::INFINITY, 0.0_f64], |[a, b], [c, d]| [a.min(c), b.max(d)]);
+            let reach = if kind == ChannelError::Phase { 0.0 } else { 2.0 * reach * 3.0_f64.sqrt() };
+            Source::Profiles(Profiles::new(cube, [low - reach, high + reach]))
+        };
+        Self { kind, cube, bright, source }
+    }
+
+    /// Bright voxels.
+    pub(super) fn voxels(&self) -> usize {
+        self.bright.places.len()
+    }
+
+    /// `Σ m e^{−i2πf·path/c}` over the channel's samples at each voxel, with an error of the channel taken out.
+    pub(super) fn of(&self, channel: usize, error: ErrorValue, sums: &mut [Complex32]) {
+        match &self.source {
+            Source::Tones(tones) => {
+                let turn = Complex32::cis(-error.x as f32);
+                let own = &tones[channel * self.voxels()..][..self.voxels()];
+                sums.iter_mut().zip(own).for_each(|(sum, tone)| *sum = tone * turn);
+            }
+            Source::Profiles(profiles) => {
+                let turn = match self.kind {
+                    ChannelError::Phase => Complex32::cis(-error.x as f32),
+                    _ => Complex32::ONE,
+                };
+                for (sum, p) in sums.iter_mut().zip(&self.bright.places) {
+                    *sum = profiles.at(channel, self.path(channel, error, *p)) * turn;
+                }
+            }
+        }
+    }
+
+    /// `Re Σ conj(image) · contribution`: how well a channel with an error fits an image.
+    pub(super) fn agreement(&self, channel: usize, error: ErrorValue, image: &[Complex32]) -> f64 {
+        let Source::Profiles(profiles) = &self.source else {
+            return self.inner(channel, error, image).re;
+        };
+        let mut sum = 0.0;
+        for (a, p) in image.iter().zip(&self.bright.places) {
+            let value = profiles.at(channel, self.path(channel, error, *p));
+            sum += f64::from(a.re * value.re + a.im * value.im);
+        }
+        sum
+    }
+
+    /// The same product with its phase.
+    pub(super) fn inner(&self, channel: usize, error: ErrorValue, image: &[Complex32]) -> Complex64 {
+        let mut own = vec![Complex32::ZERO; self.voxels()];
+        self.of(channel, error, &mut own);
+        let terms = image.iter().zip(&own).map(|(a, value)| a.conj() * value);
+        terms.fold(Complex64::ZERO, |sum, term| sum + Complex64::new(term.re.into(), term.im.into()))
+    }
+
+    /// Wavelength at the centre of the band, m.
+    pub(super) fn wavelength(&self) -> f64 {
+        self.cube.instrument.wavelength()
+    }
+
+    /// The path of the channel's microphone that a delay makes longer, or another place other.
+    fn path(&self, microphone: usize, error: ErrorValue, p: glam::DVec3) -> f64 {
+        let (geometry, r) =
+            (&self.cube.instrument.geometry, self.cube.instrument.array.positions()[microphone]);
+        match self.kind {
+            ChannelError::Delay => geometry.path_length(p, r) + error.x,
+            ChannelError::Position => geometry.path_length(p, r + error),
+            _ => geometry.path_length(p, r),
+        }
+    }
+
+    /// Of a channel with an error: `Re Σ conj(m) p`, `|Σ conj(m) p|²`, `Σ|p|²` and `Σ|m|²` over its samples m and what an image of
+    /// the bright voxels predicts for them, `p = Σ image e^{+i2πf·path/c}`. Literal: a phasor for each voxel and sample.
+    pub(super) fn prediction(&self, channel: usize, error: ErrorValue, image: &[Complex32]) -> Prediction {
+        let (instrument, n_mic) = (&self.cube.instrument, self.cube.instrument.array.len());
+        let (f, c) = (instrument.sweep.frequencies(), instrument.sound_speed);
+        let of_tones = self.kind == ChannelError::Frequency;
+        let count = if of_tones { n_mic } else { f.len() };
+        let mut predicted = vec![Complex64::ZERO; count];
+        for (a, p) in image.iter().zip(&self.bright.places) {
+            let a = Complex64::new(a.re.into(), a.im.into());
+            if of_tones {
+                for (sum, r) in predicted.iter_mut().zip(instrument.array.positions()) {
+                    *sum += a * turned(f[channel] * instrument.geometry.path_length(*p, *r) / c);
+                }
+                continue;
+            }
+            let delay = self.path(channel, error, *p) / c;
+            match instrument.sweep.step() {
+                Some(step) => {
+                    let (mut term, turn) = (a * turned(f[0] * delay), turned(step * delay));
+                    for sum in &mut predicted {
+                        *sum += term;
+                        term *= turn;
+                    }
+                }
+                None => predicted.iter_mut().zip(f).for_each(|(sum, f)| *sum += a * turned(f * delay)),
+            }
+        }
+        let phase =
+            if self.kind.dimensions() == 1 && self.kind != ChannelError::Delay { error.x } else { 0.0 };
+        let turn = Complex64::cis(phase);
+        let mut sums = Prediction::default();
+        let mut product = Complex64::ZERO;
+        for (i, p) in predicted.into_iter().enumerate() {
+            let m = self.cube.samples[if of_tones { channel * n_mic + i } else { i * n_mic + channel }];
+            let m = Complex64::new(m.re.into(), m.im.into());
+            product += m * (p * turn).conj();
+            sums.predicted += p.norm_sqr();
+            sums.measured += m.norm_sqr();
+        }
+        (sums.agreement, sums.product) = (product.re, product.norm_sqr());
+        sums
+    }
+}
+
+/// Sums over the samples of a channel.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Prediction {
+    pub(super) agreement: f64,
+    pub(super) product: f64,
+    pub(super) predicted: f64,
+    pub(super) measured: f64,
+}
+
+fn turned(turns: f64) -> Complex64 {
+    Complex64::cis(TAU * (turns - turns.round()))
+}
+
+/// Every tone's image of the bright voxels.
+fn tones(cube: &DataCube, bright: &Bright) -> Vec<Complex32> {
+    let (instrument, n_mic) = (&cube.instrument, cube.instrument.array.len());
+    let (f, c) = (instrument.sweep.frequencies(), instrument.sound_speed);
+    let of_voxel = |p: &glam::DVec3| -> Vec<Complex32> {
+        let mut sums = vec![Complex64::ZERO; f.len()];
+        for (r, position) in instrument.array.positions().iter().enumerate() {
+            let delay = -instrument.geometry.path_length(*p, *position) / c;
+            let step = instrument.sweep.step().map(|step| turned(step * delay));
+            let mut turn = turned(f[0] * delay);
+            for (i, sum) in sums.iter_mut().enumerate() {
+                let m = cube.samples[i * n_mic + r];
+                match step {
+                    Some(step) if i > 0 => turn *= step,
+                    _ => turn = turned(f[i] * delay),
+                }
+                *sum += Complex64::new(m.re.into(), m.im.into()) * turn;
+            }
+        }
+        sums.into_iter().map(|sum| Complex32::new(sum.re as f32, sum.im as f32)).collect()
+    };
+    let by_voxel: Vec<Vec<Complex32>> = bright.places.par_iter().map(of_voxel).collect();
+    (0..f.len()).flat_map(|i| by_voxel.iter().map(move |sums| sums[i])).collect()
+}

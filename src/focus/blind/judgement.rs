@@ -1,0 +1,193 @@
+//! The judgement by channels that were kept aside: whether the image of the others explains them better than before.
+
+use super::contributions::Contributions;
+use super::fit::{Errors, Fit, image};
+use super::voxels::Bright;
+use super::{ChannelError, ErrorValue};
+use crate::acquisition::{DataCube, note};
+use crate::choice::choice;
+use crate::error::Result;
+use rayon::prelude::*;
+use serde::Serialize;
+
+choice! {
+    /// Whether a self-calibration is to be trusted.
+    pub enum SelfCalibrationVerdict: "verdict" {
+        /// Channels that were kept aside are explained better.
+        Better = "better",
+        /// They are not: what was found sharpens the image, and is not in the echoes.
+        NotBetter = "not better",
+        /// What was found is larger than the prior allows.
+        LargerThanPrior = "larger than the prior",
+    }
+}
+
+/// The image before or after, and what it explains.
+#[derive(Debug, Clone)]
+pub(super) struct Judge {
+    /// Share of the power of each channel kept aside that the image of the others predicts.
+    explained: Vec<f64>,
+    /// Power of each.
+    power: Vec<f64>,
+    sharpness: f64,
+    cells: f64,
+}
+
+impl Judge {
+    /// Fits the channels kept aside to the image of the others, stores their errors, and measures what is explained.
+    ///
+    /// A channel's own error is fitted before as after, so that only the image makes the difference.
+    pub(super) fn of(
+        cube: &DataCube,
+        contributions: &Contributions,
+        bright: &Bright,
+        [kept, aside]: [&[usize]; 2],
+        errors: &mut Errors,
+        scale: f64,
+    ) -> Self {
+        let (_, sum) = image(contributions, kept, errors);
+        let samples = cube.samples.len() / errors.values.len();
+        let fit = Fit::weigh(contributions, &sum, aside, errors, samples, scale);
+        let of = |channel: &usize| {
+            let error: ErrorValue = fit.best(contributions, *channel, &sum);
+            (error, contributions.prediction(*channel, error, &sum))
+        };
+        let found: Vec<_> = aside.par_iter().map(of).collect();
+        for (channel, (error, _)) in aside.iter().zip(&found) {
+            errors.values[*channel] = *error;
+        }
+        let explained = found.iter().map(|(_, p)| {
+            let whole = p.predicted * p.measured;
+            if whole > 0.0 { p.product / whole } else { 0.0 }
+        });
+        Self {
+            explained: explained.collect(),
+            power: found.iter().map(|(_, p)| p.measured).collect(),
+            sharpness: bright.sharpness,
+            cells: bright.cells,
+        }
+    }
+
+    /// The share of the power of all of them.
+    fn share(&self) -> f64 {
+        let explained: f64 = self.explained.iter().zip(&self.power).map(|(share, power)| share * power).sum();
+        explained / self.power.iter().sum::<f64>().max(f64::MIN_POSITIVE)
+    }
+}
+
+/// What the channels kept aside say.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[non_exhaustive]
+pub struct HeldOut {
+    /// Channels that were kept aside.
+    pub count: usize,
+    /// Share of their power that the image of the others explains: before.
+    pub explained_before: f64,
+    /// After.
+    pub explained_after: f64,
+    /// Mean gain of a channel in units of its standard error.
+    pub significance: f64,
+}
+
+/// Errors that were found, and whether they are to be trusted.
+#[derive(Debug, Clone, Serialize)]
+#[non_exhaustive]
+pub struct SelfCalibration {
+    /// What was looked for.
+    pub kind: ChannelError,
+    /// The unit of prior and rms.
+    pub unit: &'static str,
+    /// rms that was expected.
+    pub prior: f64,
+    /// rms that was found, along each axis.
+    pub rms: f64,
+    /// Channels that made the images.
+    pub channels: usize,
+    /// Resolution cells that the bright voxels fill in effect, at first.
+    pub cells: f64,
+    /// `N Σ I² / (Σ I)²` of the region, of the channels that were kept: before.
+    pub sharpness_before: f64,
+    /// After. That it rises proves nothing.
+    pub sharpness_after: f64,
+    /// What does.
+    pub held_out: HeldOut,
+    /// The verdict.
+    pub verdict: SelfCalibrationVerdict,
+    #[serde(skip)]
+    errors: Errors,
+}
+
+/// The least significance, and the least gain relative to what was explained before.
+const SIGNIFICANT: f64 = 4.0;
+const LEAST_GAIN: f64 = 0.03;
+
+/// The rms may be so many times the prior.
+const MOST_RMS: f64 = 2.0;
+
+impl SelfCalibration {
+    pub(super) fn new(
+        kind: ChannelError,
+        prior: f64,
+        [kept, aside]: [&[usize]; 2],
+        [before, after]: &[Judge; 2],
+        errors: Errors,
+    ) -> Self {
+        let gains = after.explained.iter().zip(&before.explained).map(|(after, before)| after - before);
+        let n = aside.len() as f64;
+        let mean = gains.clone().sum::<f64>() / n;
+        let variance = gains.map(|gain| (gain - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
+        let held_out = HeldOut {
+            count: aside.len(),
+            explained_before: before.share(),
+            explained_after: after.share(),
+            significance: mean / (variance / n).sqrt().max(f64::MIN_POSITIVE),
+        };
+        let rms = errors.rms(kept) / kind.factor();
+        let gain = held_out.explained_after / held_out.explained_before - 1.0;
+        let verdict = match () {
+            () if !(held_out.significance >= SIGNIFICANT && gain >= LEAST_GAIN) => {
+                SelfCalibrationVerdict::NotBetter
+            }
+            () if rms > MOST_RMS * prior => SelfCalibrationVerdict::LargerThanPrior,
+            () => SelfCalibrationVerdict::Better,
+        };
+        Self {
+            kind,
+            unit: kind.unit(),
+            prior,
+            rms,
+            channels: kept.len(),
+            cells: before.cells,
+            sharpness_before: before.sharpness,
+            sharpness_after: after.sharpness,
+            held_out,
+            verdict,
+            errors,
+        }
+    }
+
+    /// The errors that were found, of all tones or microphones: phases in rad or delays in m, or places in m relative to those
+    /// that the cube has. 0 of silent ones.
+    pub fn errors(&self) -> Vec<[f64; 3]> {
+        self.errors.values.iter().map(glam::DVec3::to_array).collect()
+    }
+
+    /// The cube without the errors, whatever the verdict; its provenance says so.
+    ///
+    /// # Errors
+    /// Places of microphones beyond what an array may have.
+    pub fn correct(&self, cube: &DataCube) -> Result<DataCube> {
+        let mut corrected = self.errors.corrected(cube)?;
+        let HeldOut { explained_before, explained_after, .. } = self.held_out;
+        let words = format!(
+            "{} errors of {:.4} {} rms taken out, found in the echoes; they explain {:.1} % instead of {:.1} % of channels kept aside",
+            self.kind,
+            self.rms,
+            self.unit,
+            100.0 * explained_after,
+            100.0 * explained_before
+        );
+        note(&mut corrected, &[words]);
+        Ok(corrected)
+    }
+}

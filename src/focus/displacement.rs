@@ -1,0 +1,63 @@
+//! What a value does to a point's wavefront that no displacement of the point could do as well.
+//!
+//! A wrong parameter changes the path of a point to every microphone by ΔL(r). The image of the point moves to where that is
+//! explained best, which the least-squares fit of the path's gradient to ΔL finds; only what is left blurs it. Nothing is left of
+//! a tilt about a speaker in the array's centre, for example: the image turns, and is as sharp as before.
+
+use super::parameter::{Corrected, FocusParameter};
+use crate::acquisition::{DataCube, Instrument};
+use crate::error::Result;
+use crate::grid::Grid;
+use crate::linalg::{LeastSquares, Matrix, product};
+use crate::wave::Geometry;
+use glam::DVec3;
+
+/// Most microphones that are looked at.
+const MOST: usize = 400;
+
+/// Relative to the columns of gradients, so that those that are nearly dependent do no harm.
+const DAMPING: f64 = 1e-6;
+
+/// rms of the phase, rad at the band's centre, by which microphones disagree about the best place of a point, with `value`
+/// instead of the cube's own; the largest over the middle of the region and its corners.
+pub(super) fn blur(
+    parameter: FocusParameter,
+    cube: &DataCube,
+    corrected: Corrected,
+    grid: &Grid,
+    value: f64,
+) -> Result<f64> {
+    let own = parameter.of(&cube.instrument, corrected);
+    let [before, after] = [own, value].map(|value| parameter.instrument(cube, corrected, value));
+    let (before, after) = (before?, after?);
+    let delay = if parameter == FocusParameter::Delay { value - own } else { 0.0 };
+    let (low, high) = grid.bounds();
+    let places = grid.corners().into_iter().chain([low.midpoint(high)]);
+    let left = places.map(|p| residual(&before, &after, p, delay)).fold(0.0, f64::max);
+    Ok(std::f64::consts::TAU * before.sweep.centre() / before.sound_speed * left)
+}
+
+/// rms of what is left of ΔL at a point, m of path at the speed of sound before.
+fn residual(before: &Instrument, after: &Instrument, p: DVec3, delay: f64) -> f64 {
+    let (old, new) = (before.array.positions(), after.array.positions());
+    let some: Vec<usize> = (0..old.len()).step_by(old.len().div_ceil(MOST)).collect();
+    let change = |i: usize| {
+        let path = |at: &Instrument, r: DVec3| at.geometry.path_length(p, r) / at.sound_speed;
+        before.sound_speed * (path(after, new[some[i]]) - path(before, old[some[i]])) + delay
+    };
+    let changes = Matrix::from_fn(some.len(), 1, |i, _| change(i));
+    let gradients = Matrix::from_fn(some.len(), 3, |i, axis| gradient(before, p, old[some[i]])[axis]);
+    let moved = LeastSquares::damped(&gradients, DAMPING).solve(&changes);
+    let explained = product(&gradients, &moved);
+    let left = (0..some.len()).map(|i| (changes[(i, 0)] - explained[(i, 0)]).powi(2)).sum::<f64>();
+    (left / some.len() as f64).sqrt()
+}
+
+/// How the path from speaker to microphone changes as the point moves.
+fn gradient(instrument: &Instrument, p: DVec3, r: DVec3) -> DVec3 {
+    let back = (p - r).normalize_or_zero();
+    match instrument.geometry {
+        Geometry::FixedSource { source } => (p - source).normalize_or_zero() + back,
+        Geometry::Monostatic => 2.0 * back,
+    }
+}
