@@ -39,7 +39,7 @@ mod sweep;
 pub use array::{Lattice, MicArray};
 pub(crate) use array::{RANDOM_BYTES, Tile, halvings, tiles};
 pub use calibration::{AutoWord, Background, Calibration, ChannelMask, ChannelResponse, ResponseAxis};
-pub use cube::DataCube;
+pub use cube::{CubeView, DataCube};
 pub use cube_file::{CubeFile, UncheckedSamples};
 pub use health::{
     ChannelLevels, Health, LikelySign, MeanProfile, NoiseEstimate, OddChannel, OddChannels, PhaseSign,

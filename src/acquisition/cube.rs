@@ -1,5 +1,6 @@
 //! The data cube `m(f, r)` and its file, `.npz`, which the chapter `files` of the guide describes.
 
+use super::source::{CubeSource, Visit, visit_samples};
 use super::{CubeFile, Detection, Instrument};
 use crate::alloc::try_zeroed;
 use crate::error::{Error, Result};
@@ -43,20 +44,8 @@ impl DataCube {
     /// # Ok::<(), holosonar::error::Error>(())
     /// ```
     pub fn new(instrument: Instrument, samples: Vec<Complex32>) -> Result<Self> {
-        let Instrument { sweep, array, .. } = &instrument;
-        let expected = sweep.len() as u64 * array.len() as u64;
-        if samples.len() as u64 != expected {
-            return Err(Error::input(
-                "samples",
-                format!(
-                    "there are {} values; {} frequencies x {} microphones need {expected}",
-                    samples.len(),
-                    sweep.len(),
-                    array.len()
-                ),
-            ));
-        }
-        check_finite("samples", 0, array.len(), &samples)?;
+        check_count(&instrument, &samples)?;
+        check_finite("samples", 0, instrument.array.len(), &samples)?;
         Ok(Self { instrument, samples, provenance: Value::Null })
     }
 
@@ -80,7 +69,47 @@ impl DataCube {
     /// # Errors
     /// [`Error::Io`] if the file cannot be written; an existing file is then unchanged.
     pub fn write(&self, path: &Path) -> Result<()> {
-        let Instrument { sweep, array, geometry, detection, sound_speed } = &self.instrument;
+        CubeView { instrument: &self.instrument, samples: &self.samples }.write(path, &self.provenance)
+    }
+
+    /// Reads a cube file, measured or simulated; `limit` bounds the bytes of any one array.
+    ///
+    /// # Errors
+    /// As [`CubeFile::open`] and [`CubeFile::load`].
+    pub fn read(path: &Path, limit: u64) -> Result<Self> {
+        CubeFile::open(path, limit)?.load()
+    }
+}
+
+/// A cube whose samples someone else owns, such as a NumPy array: it is imaged and written without a copy of them.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CubeView<'a> {
+    instrument: &'a Instrument,
+    samples: &'a [Complex32],
+}
+
+impl<'a> CubeView<'a> {
+    /// A view of samples, `[n_f, n_mic]`, with phase sign +1; in-phase samples have no imaginary parts. Those that are not finite
+    /// are refused when they are visited, unless a calibration masks them before.
+    ///
+    /// # Errors
+    /// A number of samples other than frequencies × microphones.
+    pub fn new(instrument: &'a Instrument, samples: &'a [Complex32]) -> Result<Self> {
+        check_count(instrument, samples)?;
+        Ok(Self { instrument, samples })
+    }
+
+    /// The samples, `[n_f, n_mic]`.
+    pub fn samples(&self) -> &'a [Complex32] {
+        self.samples
+    }
+
+    /// Writes the cube with its origin, as [`DataCube::write`].
+    ///
+    /// # Errors
+    /// As [`DataCube::write`].
+    pub fn write(&self, path: &Path, provenance: &Value) -> Result<()> {
+        let Instrument { sweep, array, geometry, detection, sound_speed } = self.instrument;
         let shape = [vec![sweep.len()], array.shape()].concat();
         let positions_shape = [array.shape(), vec![3]].concat();
         let positions: Vec<f64> = array.positions().iter().flat_map(DVec3::to_array).collect();
@@ -97,12 +126,12 @@ impl DataCube {
             "phase_sign": 1,
             "source": source.to_array(),
         });
-        if !self.provenance.is_null() {
-            meta["provenance"] = self.provenance.clone();
+        if !provenance.is_null() {
+            meta["provenance"] = provenance.clone();
         }
         write_npz(path, |npz| {
             match detection {
-                Detection::Quadrature => npz.complex("samples", &shape, &self.samples)?,
+                Detection::Quadrature => npz.complex("samples", &shape, self.samples)?,
                 Detection::InPhase => {
                     let real: Vec<f32> = self.samples.iter().map(|m| m.re).collect();
                     npz.f32("samples", &shape, &real)?;
@@ -113,14 +142,42 @@ impl DataCube {
             npz.text("meta", &meta.to_string())
         })
     }
+}
 
-    /// Reads a cube file, measured or simulated; `limit` bounds the bytes of any one array.
-    ///
-    /// # Errors
-    /// As [`CubeFile::open`] and [`CubeFile::load`].
-    pub fn read(path: &Path, limit: u64) -> Result<Self> {
-        CubeFile::open(path, limit)?.load()
+impl CubeSource for CubeView<'_> {
+    fn instrument(&self) -> &Instrument {
+        self.instrument
     }
+
+    fn held_bytes(&self) -> u64 {
+        0 // besides those that the caller has
+    }
+
+    fn visit(&mut self, block: usize, visit: &mut Visit) -> Result<()> {
+        let n_mic = self.instrument.array.len();
+        visit_samples(self.instrument, self.samples, block, &mut |range, samples| {
+            check_finite("samples", range.start, n_mic, samples)?;
+            visit(range, samples)
+        })
+    }
+}
+
+/// Rejects samples that are not as many as the instrument has.
+fn check_count(instrument: &Instrument, samples: &[Complex32]) -> Result<()> {
+    let Instrument { sweep, array, .. } = instrument;
+    let expected = sweep.len() as u64 * array.len() as u64;
+    if samples.len() as u64 == expected {
+        return Ok(());
+    }
+    Err(Error::input(
+        "samples",
+        format!(
+            "there are {} values; {} frequencies x {} microphones need {expected}",
+            samples.len(),
+            sweep.len(),
+            array.len()
+        ),
+    ))
 }
 
 /// Rejects samples from frequency `first` on, `[f, n_mic]`, that are not finite.
