@@ -41,7 +41,7 @@ pub use array::{Lattice, MicArray};
 pub(crate) use array::{RANDOM_BYTES, Tile, halvings, tiles};
 pub(crate) use calibration::note;
 pub use calibration::{AutoWord, Background, Calibration, ChannelMask, ChannelResponse, ResponseAxis};
-pub use cube::DataCube;
+pub use cube::{CubeView, DataCube};
 pub use cube_file::{CubeFile, UncheckedSamples};
 pub use health::{
     ChannelLevels, Health, LikelySign, MeanProfile, NoiseEstimate, OddChannel, OddChannels, PhaseSign,

@@ -4,10 +4,10 @@
 //! prints.
 
 mod commands;
-mod design;
+pub(crate) mod design;
 mod guide;
 mod info;
-mod inputs;
+pub(crate) mod inputs;
 mod manual;
 mod outputs;
 mod placement;
@@ -26,6 +26,7 @@ use crate::wave::simd;
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Args, CommandFactory, Parser, Subcommand};
 use placement::Placement;
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
@@ -326,16 +327,21 @@ enum Command {
     },
 }
 
-/// Parses the command line, runs the command and prints its result; returns the exit status.
+/// Parses the command line of the process, runs the command and prints its result; returns the exit status.
 pub fn main() -> ExitCode {
-    threads::with_stack(run)
+    ExitCode::from(run_command(&std::env::args_os().collect::<Vec<_>>()))
 }
 
-fn run() -> ExitCode {
+/// The same for arguments of which the first is the name of the program.
+pub(crate) fn run_command(typed: &[OsString]) -> u8 {
+    threads::with_stack(|| run(typed))
+}
+
+fn run(typed: &[OsString]) -> u8 {
     signals::expect_aborts();
-    let cli = match Cli::try_parse() {
+    let cli = match Cli::try_parse_from(typed) {
         Ok(cli) => cli,
-        Err(error) => return show(&explain(error)),
+        Err(error) => return show(&explain(error), typed),
     };
     terminal::explain_panics();
     protect_inputs();
@@ -357,23 +363,23 @@ fn run() -> ExitCode {
 }
 
 /// Prints what clap has to say, help or a mistake in the command line, and returns the exit status.
-fn show(message: &clap::Error) -> ExitCode {
-    let printed = terminal::print_help(message);
+fn show(message: &clap::Error, typed: &[OsString]) -> u8 {
+    let printed = terminal::print_help(message, typed);
     if message.use_stderr() || printed.is_ok() {
         // If standard error is closed, nothing can be reported.
-        return ExitCode::from(u8::try_from(message.exit_code()).unwrap_or(2));
+        return u8::try_from(message.exit_code()).unwrap_or(2);
     }
     finish(printed, &Terminal::new(Common::default()))
 }
 
 /// Prints the error, if there is one, and returns the exit status.
-fn finish(result: Result<(), Error>, terminal: &Terminal) -> ExitCode {
+fn finish(result: Result<(), Error>, terminal: &Terminal) -> u8 {
     match result {
-        Ok(()) => ExitCode::SUCCESS,
+        Ok(()) => 0,
         Err(error) => {
             terminal.error(&error);
             let signal = terminal.signalled().filter(|_| error == Error::Interrupted);
-            ExitCode::from(signal.unwrap_or(error.exit_status()))
+            signal.unwrap_or(error.exit_status())
         }
     }
 }

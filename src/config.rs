@@ -151,7 +151,13 @@ impl RunFile {
         Self::read_at("", "command line", Path::new(""), overrides)
     }
 
-    fn read_at(text: &str, place: &str, folder: &Path, overrides: &[String]) -> Result<(Self, TypedKeys)> {
+    /// As [`RunFile::from_str_at`], and which keys were typed.
+    pub(crate) fn read_at(
+        text: &str,
+        place: &str,
+        folder: &Path,
+        overrides: &[String],
+    ) -> Result<(Self, TypedKeys)> {
         let mut parsed = ParsedRunFile::parse(place, text)?;
         overrides.iter().try_for_each(|typed| parsed.set(typed))?;
         let mut run = Self::read(&parsed.values).map_err(|fault| parsed.error(fault))?;

@@ -40,7 +40,7 @@ mod surfaces;
 
 use crate::choice::choice;
 use crate::error::{Error, Result};
-use crate::grid::{Axis, DepthMap, Grid, Raster, Volume};
+use crate::grid::{Axis, DepthMap, Grid, Raster, VolumeView};
 use crate::progress::{Observer, Silent, stage};
 use crate::wave::Resolution;
 use crate::with_fields::with_fields;
@@ -258,7 +258,7 @@ fn stride(neighbours: f64) -> usize {
 ///
 /// # Errors
 /// A range resolution that is not positive, an even median; [`Error::OutOfMemory`] when the passes do not fit in memory.
-pub fn locate_depth(volume: &Volume, options: &DepthOptions) -> Result<DepthMap> {
+pub fn locate_depth<'v>(volume: impl Into<VolumeView<'v>>, options: &DepthOptions) -> Result<DepthMap> {
     locate_depth_with(volume, options, &Silent)
 }
 
@@ -266,11 +266,12 @@ pub fn locate_depth(volume: &Volume, options: &DepthOptions) -> Result<DepthMap>
 ///
 /// # Errors
 /// As [`locate_depth`]; `Error::Interrupted` when the observer asks to stop.
-pub fn locate_depth_with(
-    volume: &Volume,
+pub fn locate_depth_with<'v>(
+    volume: impl Into<VolumeView<'v>>,
     options: &DepthOptions,
     observer: &dyn Observer,
 ) -> Result<DepthMap> {
+    let volume = volume.into();
     let range = options.resolution.range;
     if !(range > 0.0 && range.is_finite()) {
         return Err(Error::input(

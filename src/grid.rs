@@ -4,8 +4,10 @@
 //! row is y (down), so no writer of images flips an axis.
 
 mod view;
+mod volume;
 
 pub use view::{Raster, View};
+pub use volume::{Volume, VolumeView};
 
 use crate::alloc::try_filled;
 use crate::error::{Error, Result};
@@ -195,37 +197,6 @@ pub(crate) fn pixel_values<T: Clone>(value: T, pixels: usize) -> Result<Vec<T>> 
             "a map of {pixels} pixels does not fit in memory; request fewer, or free some memory"
         ))
     })
-}
-
-/// The reconstructed complex amplitude `Â(p)` on a grid.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Volume {
-    /// Where the voxels are.
-    pub grid: Grid,
-    /// `[z, y, x]`; a unit reflector on a voxel peaks at 1.
-    pub samples: Vec<Complex32>,
-}
-
-impl Volume {
-    /// A volume of given samples.
-    ///
-    /// # Panics
-    /// When there are not exactly as many samples as voxels.
-    pub fn new(grid: Grid, samples: Vec<Complex32>) -> Self {
-        assert_eq!(samples.len() as u64, grid.voxel_count(), "one sample per voxel");
-        Self { grid, samples }
-    }
-
-    /// The samples of depth `iz`, `[y, x]`.
-    pub fn plane(&self, iz: usize) -> &[Complex32] {
-        let n = self.grid.plane_len();
-        &self.samples[iz * n..(iz + 1) * n]
-    }
-
-    /// Maximum `|Â|`.
-    pub fn peak(&self) -> f32 {
-        self.samples.iter().map(Complex32::norm_sqr).fold(0.0, f32::max).sqrt()
-    }
 }
 
 /// One surface per pixel, `[y, x]`; a pixel without one has NaN in `depth` and 0 in `strength`.

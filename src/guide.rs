@@ -33,6 +33,7 @@ macro_rules! chapters {
             /// [run-file]: crate::guide::run_file
             /// [files]: crate::guide::files
             /// [measured]: crate::guide::measured
+            /// [python]: crate::guide::python
             /// [design]: crate::guide::design
             /// [physics]: crate::guide::physics
             /// [method]: crate::guide::method
@@ -67,6 +68,8 @@ chapters! {
     files: include_str!("guide/files.md");
     /// From a recording to an image.
     measured: include_str!("guide/measured.md");
+    /// The Python package, and the same jobs in Acoular and pyroomacoustics.
+    python: include_str!("guide/python.md");
     /// Choosing array, band and grid before measuring.
     design: include_str!("guide/design.md");
     /// What is simulated, and what it does to an image.

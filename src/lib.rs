@@ -35,8 +35,8 @@
 //! ```
 //!
 //! # Guide
-//! How to use it: the [run file](guide::run_file), the [files](guide::files), [measured data](guide::measured), and how to
-//! [design](guide::design) a measurement. What it does: the [physics](guide::physics), the [method](guide::method), the
+//! How to use it: the [run file](guide::run_file), the [files](guide::files), [measured data](guide::measured), from
+//! [Python](guide::python), and how to [design](guide::design) a measurement. What it does: the [physics](guide::physics), the [method](guide::method), the
 //! [metrics](guide::metrics), the [paper](guide::paper) reproduced. What to expect: [interruption](guide::interruption) and
 //! memory, [performance](guide::performance), [limits](guide::limits). Where things are: the [code](guide::code).
 //!
@@ -117,6 +117,8 @@ pub mod guide;
 #[cfg(feature = "cli")]
 #[doc(hidden)] // not an interface: the binary calls its `main`
 pub mod cli;
+#[cfg(feature = "python")]
+mod python;
 
 // Assertions on messages, shared by unit tests and integration tests.
 #[cfg(test)]

@@ -17,6 +17,7 @@
 //! ```
 
 mod bare_mesh;
+mod cubes;
 mod design;
 mod facts;
 mod focus;
@@ -33,13 +34,14 @@ mod recording;
 mod report;
 
 pub use bare_mesh::BareMesh;
+pub use cubes::{image_cube, image_samples, reconstruct_cube, reconstruct_samples};
 pub use design::{Combination, DesignRow, DesignSweep, RunWith, SweptKey, point_spreads, sweep_designs};
-pub(crate) use facts::{aperture_of_file, resolution_of};
+pub(crate) use facts::{aperture_of_file, facts_of_attributes, resolution_in, resolution_of};
 pub use focus::{autofocus_cube, self_calibrate_cube};
 pub use forecast::{CommandMemory, Forecast, forecast_cube, forecast_scene};
 pub use job::JobOptions;
 pub use limits::{Bound, Judgement, LimitVerdict, check_scene, hold};
-pub use maps::{depth_of_volume, truth_of_scene, write_preview};
+pub use maps::{depth_in_volume, depth_of_volume, truth_of_scene, write_preview};
 pub use oracle::{Oracle, oracle_of_scene};
 pub(crate) use outputs::{announce_outputs, error_note};
 pub use outputs::{write_cube, write_depth, write_outputs, write_volume};
@@ -47,7 +49,7 @@ pub use page::write_page;
 pub use recording::record_scene;
 pub use report::{Report, SceneSummary};
 
-use crate::acquisition::{CubeFile, CubeSource, DataCube, Detection, Instrument, Sweep};
+use crate::acquisition::{CubeSource, DataCube, Detection, Instrument, Sweep};
 use crate::checkpoint::{Checkpoint, CheckpointStore, CheckpointedVolume, GracefulStop, Stage};
 use crate::config::{RunFile, SceneTable};
 use crate::depth::{ArraySidelobes, locate_depth_with};
@@ -56,7 +58,7 @@ use crate::export::points_ply::SceneMesh;
 use crate::files::extension;
 use crate::grid::{DepthMap, Grid, Raster, Volume};
 use crate::metrics::{Metrics, Scores, score};
-use crate::plan::{JobArrays, Plan, plan};
+use crate::plan::{JobArrays, Plan};
 use crate::progress::{Observer, stage};
 use crate::reconstruct::{
     ReconstructOptions, Reconstruction, ReconstructionInfo, VolumeSink, reconstruct_stored,
@@ -67,7 +69,7 @@ use job::{identity, log::Log};
 use maps::truth_of;
 use memory::MemoryBudget;
 use prepared_scene::PreparedScene;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 
 /// Everything that one run computes, before anything is written.
@@ -106,6 +108,11 @@ impl Outcome {
     /// The overall metrics of the depth map, if the truth is known.
     pub fn metrics(&self) -> Option<Metrics> {
         self.scores.as_ref().map(|scores| scores.all)
+    }
+
+    /// The metadata of its files.
+    pub(crate) fn facts(&self, run: &RunFile) -> serde_json::Value {
+        facts::image_facts(&self.instrument, run, &self.image.info(), self.sidelobes)
     }
 }
 
@@ -168,50 +175,6 @@ pub fn image_scene(run: &RunFile, job: &JobOptions) -> Result<Outcome> {
     })
 }
 
-/// Images a cube: like [`image_scene`], but without a truth and metrics.
-///
-/// # Errors
-/// The errors of the stages; a run file without a grid; a disk without space for the files; another process that works on
-/// the same job.
-pub fn image_cube(run: &RunFile, cube: CubeFile, job: &JobOptions) -> Result<Outcome> {
-    let JobOptions { checkpoint, observer, .. } = *job;
-    let log = Log::new(observer);
-    let mut cube = cube.calibrated(&run.calibration(), &log)?;
-    let instrument = cube.instrument().clone();
-    need_bandwidth("the cube's `frequencies`", &instrument.sweep)?;
-    let grid = run.voxels(&instrument, None)?;
-    let plan = plan(&instrument, &grid);
-    warn_all(&plan.warnings, &log);
-    let budget = MemoryBudget::of(run);
-    let samples = JobArrays::measured(&instrument, cube.held_bytes());
-    let arrays = budget.imaging(&instrument, &grid, samples);
-    budget.check(&instrument, &grid, &arrays, &log)?;
-    let raster = run.raster(None)?;
-    checkpoint.check_space(outputs::volume_bytes(run, &grid))?;
-    checkpoint.open(&identity::of_cube("image", run, &mut cube, &grid)?, observer)?;
-    let sidelobes = facts::sidelobes(&instrument, run);
-    let interface: Vec<String> = facts::beyond_interface(&instrument).into_iter().collect();
-    let physics = [cube.changes(), &interface, &facts::beyond_the_sum(run)].concat();
-    let (image, depth) =
-        reconstruct_and_locate(&budget, &mut cube, &grid, (raster, samples, sidelobes), checkpoint, &log)?;
-    let (timings, warnings) = log.finish();
-    Ok(Outcome {
-        plan,
-        scene: None,
-        mesh: None,
-        reflectors: None,
-        physics,
-        instrument,
-        image,
-        sidelobes,
-        depth,
-        truth: None,
-        scores: None,
-        timings,
-        warnings,
-    })
-}
-
 /// Simulates the cube of a scene; the checkpoint is used as by [`image_scene`].
 ///
 /// # Errors
@@ -227,39 +190,6 @@ pub fn simulate_scene(run: &RunFile, job: &JobOptions) -> Result<DataCube> {
     checkpoint.check_space(written)?;
     checkpoint.open(&identity::of_scene("simulate", run, &prepared), observer)?;
     simulate(run, &prepared, checkpoint, observer)
-}
-
-/// Reconstructs a cube into volume files and returns their names; of the run file only `[grid]`, `[reconstruct]` and
-/// `[output]` are used. The checkpoint is used as by [`image_scene`].
-///
-/// # Errors
-/// The errors of the stages; a run file without a grid; a file that cannot be written, or a disk without space for it;
-/// another process that works on the same job.
-pub fn reconstruct_cube(
-    run: &RunFile,
-    cube: CubeFile,
-    outputs: &[PathBuf],
-    job: &JobOptions,
-) -> Result<Vec<PathBuf>> {
-    let JobOptions { checkpoint, observer, .. } = *job;
-    let mut cube = cube.calibrated(&run.calibration(), observer)?;
-    let instrument = cube.instrument().clone();
-    let grid = run.voxels(&instrument, None)?;
-    let plan = plan(&instrument, &grid);
-    warn_all(&plan.warnings, observer);
-    cube.changes().iter().for_each(|change| observer.note(change));
-    outputs::announce_further(outputs, &grid)?;
-    let whole = outputs.iter().any(|path| outputs::needs_all(path));
-    let samples = JobArrays::measured(&instrument, cube.held_bytes());
-    let budget = MemoryBudget::of(run);
-    let arrays = budget.reconstructing(outputs.iter().map(PathBuf::as_path), &grid, whole, samples);
-    budget.check(&instrument, &grid, &arrays, observer)?;
-    checkpoint.check_space(outputs.iter().map(|path| outputs::bytes_of(path, run, &grid)).sum())?;
-    checkpoint.open(&identity::of_cube("reconstruct", run, &mut cube, &grid)?, observer)?;
-    let options = budget.options(&arrays);
-    let mut files = outputs::VolumeFiles::new(&instrument, run, grid, outputs);
-    reconstruct(&mut cube, &grid, &options, &mut files, checkpoint, observer)?;
-    files.finish()
 }
 
 /// Refuses to locate depth with a single frequency, before the long work rather than after it.

@@ -1,5 +1,6 @@
 //! The data cube `m(f, r)` and its file, `.npz`, which the chapter `files` of the guide describes.
 
+use super::source::{CubeSource, Visit, visit_samples};
 use super::{CubeFile, Detection, Instrument};
 use crate::alloc::try_zeroed;
 use crate::error::{Error, Result};
@@ -43,20 +44,7 @@ impl DataCube {
     /// # Ok::<(), holosonar::error::Error>(())
     /// ```
     pub fn new(instrument: Instrument, samples: Vec<Complex32>) -> Result<Self> {
-        let Instrument { sweep, array, .. } = &instrument;
-        let (n_f, n_mic, transmissions) = (sweep.len(), array.len(), instrument.transmissions());
-        let expected = n_f as u64 * n_mic as u64 * transmissions as u64;
-        if samples.len() as u64 != expected {
-            let of_sources =
-                if transmissions > 1 { format!("{transmissions} loudspeakers x ") } else { String::new() };
-            return Err(Error::input(
-                "samples",
-                format!(
-                    "there are {} values; {of_sources}{n_f} frequencies x {n_mic} microphones need {expected}",
-                    samples.len(),
-                ),
-            ));
-        }
+        check_count(&instrument, &samples)?;
         check_all_finite("samples", &instrument, &samples)?;
         Ok(Self { instrument, samples, provenance: Value::Null })
     }
@@ -94,7 +82,48 @@ impl DataCube {
     /// # Errors
     /// [`Error::Io`] if the file cannot be written; an existing file is then unchanged.
     pub fn write(&self, path: &Path) -> Result<()> {
-        let Instrument { sweep, array, geometry, detection, sound_speed, interface, .. } = &self.instrument;
+        CubeView { instrument: &self.instrument, samples: &self.samples }.write(path, &self.provenance)
+    }
+
+    /// Reads a cube file, measured or simulated; `limit` bounds the bytes of any one array.
+    ///
+    /// # Errors
+    /// As [`CubeFile::open`] and [`CubeFile::load`].
+    pub fn read(path: &Path, limit: u64) -> Result<Self> {
+        CubeFile::open(path, limit)?.load()
+    }
+}
+
+/// A cube whose samples someone else owns, such as a NumPy array: it is imaged and written without a copy of them.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CubeView<'a> {
+    instrument: &'a Instrument,
+    samples: &'a [Complex32],
+}
+
+impl<'a> CubeView<'a> {
+    /// A view of samples, `[n_f, n_mic]`, or `[n_tx, n_f, n_mic]` of several loudspeakers, with phase sign +1; in-phase samples
+    /// have no imaginary parts. Those that are not finite are refused when they are visited, unless a calibration masks them
+    /// before.
+    ///
+    /// # Errors
+    /// A number of samples other than loudspeakers × frequencies × microphones.
+    pub fn new(instrument: &'a Instrument, samples: &'a [Complex32]) -> Result<Self> {
+        check_count(instrument, samples)?;
+        Ok(Self { instrument, samples })
+    }
+
+    /// The samples, `[n_f, n_mic]`, or `[n_tx, n_f, n_mic]` of several loudspeakers.
+    pub fn samples(&self) -> &'a [Complex32] {
+        self.samples
+    }
+
+    /// Writes the cube with its origin, as [`DataCube::write`].
+    ///
+    /// # Errors
+    /// As [`DataCube::write`].
+    pub fn write(&self, path: &Path, provenance: &Value) -> Result<()> {
+        let Instrument { sweep, array, geometry, detection, sound_speed, interface, .. } = self.instrument;
         let sources = self.instrument.sources();
         let several = (sources.len() > 1).then_some(sources.len());
         let shape = several.into_iter().chain([sweep.len()]).chain(array.shape()).collect::<Vec<_>>();
@@ -114,12 +143,12 @@ impl DataCube {
         if several.is_none() {
             meta["source"] = json!(sources.first().copied().unwrap_or_default().to_array());
         }
-        if !self.provenance.is_null() {
-            meta["provenance"] = self.provenance.clone();
+        if !provenance.is_null() {
+            meta["provenance"] = provenance.clone();
         }
         write_npz(path, |npz| {
             match detection {
-                Detection::Quadrature => npz.complex("samples", &shape, &self.samples)?,
+                Detection::Quadrature => npz.complex("samples", &shape, self.samples)?,
                 Detection::InPhase => {
                     let real: Vec<f32> = self.samples.iter().map(|m| m.re).collect();
                     npz.f32("samples", &shape, &real)?;
@@ -137,24 +166,62 @@ impl DataCube {
             npz.text("meta", &meta.to_string())
         })
     }
+}
 
-    /// Reads a cube file, measured or simulated; `limit` bounds the bytes of any one array.
-    ///
-    /// # Errors
-    /// As [`CubeFile::open`] and [`CubeFile::load`].
-    pub fn read(path: &Path, limit: u64) -> Result<Self> {
-        CubeFile::open(path, limit)?.load()
+impl CubeSource for CubeView<'_> {
+    fn instrument(&self) -> &Instrument {
+        self.instrument
+    }
+
+    fn held_bytes(&self) -> u64 {
+        0 // besides those that the caller has
+    }
+
+    fn visit_transmission(&mut self, transmission: usize, block: usize, visit: &mut Visit) -> Result<()> {
+        let (instrument, samples) = (self.instrument, self.samples);
+        let place = of_loudspeaker("samples", instrument, transmission);
+        visit_samples(instrument, (transmission, samples), block, &mut |range, samples| {
+            check_finite(&place, range.start, instrument.array.len(), samples)?;
+            visit(range, samples)
+        })
+    }
+}
+
+/// Rejects samples that are not as many as the instrument has.
+fn check_count(instrument: &Instrument, samples: &[Complex32]) -> Result<()> {
+    let (n_f, n_mic, transmissions) =
+        (instrument.sweep.len(), instrument.array.len(), instrument.transmissions());
+    let expected = n_f as u64 * n_mic as u64 * transmissions as u64;
+    if samples.len() as u64 == expected {
+        return Ok(());
+    }
+    let of_sources =
+        if transmissions > 1 { format!("{transmissions} loudspeakers x ") } else { String::new() };
+    Err(Error::input(
+        "samples",
+        format!(
+            "there are {} values; {of_sources}{n_f} frequencies x {n_mic} microphones need {expected}",
+            samples.len(),
+        ),
+    ))
+}
+
+/// A place in a cube's samples, with the number of the loudspeaker where there are several.
+fn of_loudspeaker(place: &str, instrument: &Instrument, transmission: usize) -> String {
+    if instrument.transmissions() > 1 {
+        format!("{place}, loudspeaker {transmission}")
+    } else {
+        place.to_owned()
     }
 }
 
 /// Rejects samples of any transmission, `[n_tx, n_f, n_mic]`, that are not finite.
 pub(super) fn check_all_finite(place: &str, instrument: &Instrument, samples: &[Complex32]) -> Result<()> {
     let n_mic = instrument.array.len();
-    samples.chunks(instrument.sweep.len() * n_mic).enumerate().try_for_each(|(tx, samples)| {
-        let several = instrument.transmissions() > 1;
-        let of_speaker = if several { format!("{place}, loudspeaker {tx}") } else { place.to_owned() };
-        check_finite(&of_speaker, 0, n_mic, samples)
-    })
+    samples
+        .chunks(instrument.sweep.len() * n_mic)
+        .enumerate()
+        .try_for_each(|(tx, samples)| check_finite(&of_loudspeaker(place, instrument, tx), 0, n_mic, samples))
 }
 
 /// Rejects samples from frequency `first` on, `[f, n_mic]`, that are not finite.

@@ -85,7 +85,7 @@ pub(super) fn demodulate(
     let described = check_files(files, n_mic, highest, options)?;
     let mut found = Demodulated {
         n_mic,
-        samples: DataCube::allocate(n_f, n_mic)?,
+        samples: DataCube::allocate([1, n_f, n_mic])?,
         powers: vec![[0.0; 2]; n_f],
         guesses: Vec::new(),
         warnings: Vec::new(),

@@ -36,6 +36,7 @@ use crate::choice::choice;
 use crate::error::{Error, Result};
 use crate::progress::{Observer, Silent, stage};
 use crate::reflectors::Reflectors;
+use crate::wave::Geometry;
 use crate::with_fields::with_fields;
 use cells::CellPlan;
 use columns::Columns;

@@ -153,7 +153,7 @@ fn plan(input: &Path, config: Option<&Path>, overrides: &Overrides, terminal: &T
     if terminal.json() {
         return print_json(&forecast);
     }
-    print(&(summary::forecast(&forecast) + &design::design(&forecast.design)))
+    print(&design::forecast_text(&forecast))
 }
 
 /// Makes the page of a folder of results, and opens it on request.

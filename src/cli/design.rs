@@ -3,11 +3,11 @@
 use super::Overrides;
 use super::inputs::{Input, bare_mesh, run_file_of, run_of};
 use super::outputs::{open_folder, print_json, write_json};
-use super::summary::{duration, millimetres};
+use super::summary::{self, duration, millimetres};
 use super::terminal::{Terminal, observed, print};
 use crate::error::{Error, Result, gib};
 use crate::export::figure::{Chart, ChartAxis, write_charts, write_spread_figure};
-use crate::pipeline::{self, DesignRow, DesignSweep, SweptKey};
+use crate::pipeline::{self, DesignRow, DesignSweep, Forecast, SweptKey};
 use crate::plan::design::{Design, Verdict};
 use crate::progress::Observer;
 use crate::psf::{MeasuredGratingLobe, PointSpread, Width};
@@ -38,8 +38,13 @@ fn columns(rows: &[Vec<String>]) -> String {
     })
 }
 
+/// What `plan` prints of a prediction.
+pub(crate) fn forecast_text(forecast: &Forecast) -> String {
+    summary::forecast(forecast) + &design(&forecast.design)
+}
+
 /// The design that `plan` prints after its table.
-pub(super) fn design(design: &Design) -> String {
+fn design(design: &Design) -> String {
     let header = ["depth", "λ_c z/D x", "y", "-3 dB x", "y", "z", "grating lobes at"];
     let mut rows = vec![header.map(str::to_owned).to_vec()];
     for at in &design.depths {

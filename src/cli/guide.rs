@@ -32,7 +32,7 @@ pub(super) fn help(words: &[String]) -> Result<()> {
     // The same as for `COMMAND --help`.
     let typed = ["holosonar", &topic, "--help"].into_iter().filter(|word| !word.is_empty());
     match Cli::try_parse_from(typed) {
-        Err(shown) if !shown.use_stderr() => print_help(&shown),
+        Err(shown) if !shown.use_stderr() => print_help(&shown, &[]),
         _ => Err(unknown(&topic, &commands)),
     }
 }

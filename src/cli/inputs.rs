@@ -1,7 +1,6 @@
 //! Inputs of commands: their kind, by extension, and their run file.
 
 use super::Overrides;
-use super::terminal::Terminal;
 use crate::acquisition::{CubeFile, CubeSource};
 use crate::config::{InputFile, RunFile, TypedKeys};
 use crate::error::{Error, Result, gib};
@@ -32,7 +31,7 @@ pub(super) fn run_of(input: &Path, overrides: &Overrides, observer: &dyn Observe
 }
 
 /// The mesh, if the input is one.
-pub(super) fn bare_mesh(
+pub(crate) fn bare_mesh(
     input: &Path,
     overrides: &[String],
     observer: &dyn Observer,
@@ -44,7 +43,7 @@ pub(super) fn bare_mesh(
 }
 
 /// The run file of an input that is no mesh.
-pub(super) fn run_file_of(input: &Path, overrides: &[String]) -> Result<RunFile> {
+pub(crate) fn run_file_of(input: &Path, overrides: &[String]) -> Result<RunFile> {
     if has_extension(input, &["toml"]) {
         return RunFile::load(input, overrides).map(with_memory_limit);
     }
@@ -121,29 +120,39 @@ pub(super) fn cube_of(
     cube: &Path,
     config: Option<&Path>,
     settings: &[String],
-    terminal: &Terminal,
+    observer: &dyn Observer,
 ) -> Result<(RunFile, CubeFile)> {
     let (run, typed) = match config {
         Some(path) => RunFile::load_with_keys(path, settings),
         None => RunFile::of_overrides(settings),
     }?;
+    let cube = opened_cube(cube, (&run, &typed), observer)?;
+    Ok((with_memory_limit(run), cube))
+}
+
+/// A cube, of which a run file's overrides change the instrument.
+pub(crate) fn opened_cube(
+    cube: &Path,
+    (run, typed): (&RunFile, &TypedKeys),
+    observer: &dyn Observer,
+) -> Result<CubeFile> {
     let cube = CubeFile::open(cube, reading_limit())?;
-    let cube = cube.changed(&run.overridden_instrument(&typed)?)?;
+    let cube = cube.changed(&run.overridden_instrument(typed)?)?;
     // A simulated cube remembers the run file that it was made with, which may place its array by other means.
     let made_with = |run: &RunFile| cube.provenance()["run"]["array"] == run.to_json()["array"];
-    let mut written = run.written_instrument(&typed);
-    if made_with(&run) {
+    let mut written = run.written_instrument(typed);
+    if made_with(run) {
         (written.source, written.centre) = (None, None);
     }
     if let Ok((_, differences)) = cube.instrument().changed(&written) {
         for difference in differences {
-            terminal.warn(&format!(
+            observer.warn(&format!(
                 "the run file says {difference}; the cube's own is used, unless --set replaces it"
             ));
         }
     }
-    cube.questions().iter().for_each(|question| terminal.warn(question));
-    Ok((with_memory_limit(run), cube))
+    cube.questions().iter().for_each(|question| observer.warn(question));
+    Ok(cube)
 }
 
 /// The run file given with `-c`, or the defaults.
@@ -166,7 +175,7 @@ pub(super) fn has_extension(path: &Path, extensions: &[&str]) -> bool {
 }
 
 /// A size as people type it: `500MB`, `2GiB`, `2G`, or plain bytes.
-pub(super) fn bytes(option: &str, typed: &str) -> Result<u64> {
+pub(crate) fn bytes(option: &str, typed: &str) -> Result<u64> {
     let problem =
         format!("`{}` was expected to be a size, as in 2GiB, 500MB or 1000000000 (bytes)", quoted(typed));
     let refusal = Error::input(option, problem);

@@ -8,6 +8,7 @@ use crate::progress::{Event, Observer};
 use crate::text::escaped;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::borrow::Cow;
+use std::ffi::OsString;
 use std::io::{self, IsTerminal, Write};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -105,9 +106,9 @@ pub(super) fn print_as_it_is(text: &str) -> Result<(), Error> {
 }
 
 /// Prints help or a mistake in the command line as clap does, in colour if the terminal has it.
-pub(super) fn print_help(message: &clap::Error) -> Result<(), Error> {
+pub(super) fn print_help(message: &clap::Error, typed: &[OsString]) -> Result<(), Error> {
     // A mistake quotes what was typed, or what a pattern of the shell found; then it is without colours.
-    let acts = std::env::args_os().any(|typed| matches!(escaped(&typed.to_string_lossy()), Cow::Owned(_)));
+    let acts = typed.iter().any(|typed| matches!(escaped(&typed.to_string_lossy()), Cow::Owned(_)));
     printed(if acts && message.use_stderr() {
         io::stderr().write_all(escaped(&message.render().to_string()).as_bytes())
     } else {

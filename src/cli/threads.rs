@@ -29,13 +29,17 @@ pub(super) fn limit_simd() -> Result<()> {
 }
 
 /// Runs `work` on this thread, or where `ulimit -s` leaves too little stack, on one that has enough.
-pub(super) fn with_stack<T: Send + 'static>(work: fn() -> T) -> T {
+pub(super) fn with_stack<T: Send>(work: impl Fn() -> T + Sync) -> T {
     #[cfg(unix)]
     if rustix::process::getrlimit(rustix::process::Resource::Stack).current.is_some_and(|bytes| bytes < SMALL)
     {
-        let spawned = thread::Builder::new().name("main".to_owned()).stack_size(4 * STACK).spawn(work);
-        if let Ok(spawned) = spawned {
-            return spawned.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+        let on_thread = thread::scope(|scope| {
+            let builder = thread::Builder::new().name("main".to_owned()).stack_size(4 * STACK);
+            let spawned = builder.spawn_scoped(scope, &work).ok()?;
+            Some(spawned.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
+        });
+        if let Some(result) = on_thread {
+            return result;
         }
     }
     work()

@@ -4,7 +4,7 @@ use super::DepthOptions;
 use super::power::Power;
 use crate::alloc::try_filled;
 use crate::error::Result;
-use crate::grid::{Axis, Grid, Volume, no_room_for};
+use crate::grid::{Axis, Grid, VolumeView, no_room_for};
 use crate::wave::Aperture;
 use crate::wave::simd::LANES;
 use rayon::prelude::*;
@@ -29,7 +29,7 @@ const MEAN_STEPS: f64 = 0.5;
 /// When the powers of the parts do not fit in memory.
 pub(super) fn flatten(
     power: &mut Power,
-    volume: &Volume,
+    volume: VolumeView<'_>,
     aperture: &Aperture,
     options: &DepthOptions,
 ) -> Result<()> {
@@ -86,7 +86,7 @@ pub(super) fn bytes(grid: &Grid, cell: f64) -> u64 {
 }
 
 /// The power of each part of the band at every `every`-th depth of every column.
-fn transforms(parts: &mut [Power], volume: &Volume, aperture: &Aperture, every: usize, cell: f64) {
+fn transforms(parts: &mut [Power], volume: VolumeView<'_>, aperture: &Aperture, every: usize, cell: f64) {
     let grid = volume.grid;
     let plane = grid.plane_len();
     let (depths, coarse) = (grid.z.count, parts[0].grid.z.count);

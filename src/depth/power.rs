@@ -3,7 +3,7 @@
 use super::DepthOptions;
 use crate::alloc::{try_filled, try_with_capacity};
 use crate::error::Result;
-use crate::grid::{Grid, Volume, no_room_for};
+use crate::grid::{Grid, VolumeView, no_room_for};
 use rayon::prelude::*;
 use std::mem;
 
@@ -22,7 +22,7 @@ impl Power {
     ///
     /// # Errors
     /// When it does not fit in memory.
-    pub(super) fn of(volume: &Volume) -> Result<Self> {
+    pub(super) fn of(volume: VolumeView<'_>) -> Result<Self> {
         let (grid, plane) = (volume.grid, volume.grid.plane_len());
         let depths = grid.z.count;
         let mut values = try_filled(0.0f32, grid.voxel_count()).ok_or_else(|| no_room_for(&grid))?;

@@ -10,7 +10,7 @@ use super::rims::trim;
 use super::support::supported;
 use super::{ArraySidelobes, DepthOptions, Pick, gate};
 use crate::error::Result;
-use crate::grid::{DepthLayer, Raster, Volume, pixel_values};
+use crate::grid::{DepthLayer, Raster, VolumeView, pixel_values};
 
 /// Share of a neighbour's power that its sidelobes may have, of the strongest peak of a column and of further ones, which
 /// stand out by other rules too; of a lattice without a window.
@@ -40,7 +40,7 @@ pub(super) const BYTES_PER_PIXEL: u64 = 2 * (size_of::<Vec<Surface>>() + 2 * siz
 /// # Errors
 /// When the powers or a map do not fit in memory.
 pub(super) fn locate(
-    volume: &Volume,
+    volume: VolumeView<'_>,
     raster: &Raster,
     options: &DepthOptions,
 ) -> Result<(DepthLayer, Vec<f32>, Vec<DepthLayer>)> {

@@ -12,7 +12,7 @@ use super::volume_file::Component;
 use super::{Attribute, Attributes, Components, Encoding};
 use crate::alloc::try_with_capacity;
 use crate::error::{Error, Result};
-use crate::grid::{Grid, Volume, no_room_for, pixel_values};
+use crate::grid::{Grid, VolumeView, no_room_for, pixel_values};
 use exr::prelude::FlatSamples;
 use std::path::{Path, PathBuf};
 
@@ -50,13 +50,14 @@ fn numbered(path: &Path, first: usize) -> PathBuf {
 ///
 /// # Panics
 /// If an attribute's name does not start with `sonar:`.
-pub fn write_volume_exr(
+pub fn write_volume_exr<'v>(
     path: &Path,
-    volume: &Volume,
+    volume: impl Into<VolumeView<'v>>,
     components: Components,
     attributes: &[(String, Attribute)],
     encoding: Encoding,
 ) -> Result<Vec<PathBuf>> {
+    let volume = volume.into();
     let grid = &volume.grid;
     let files = volume_exr_files(path, grid.z.count);
     let mut parts = vec![mip_part(volume, attributes, encoding)?];
@@ -80,7 +81,7 @@ pub(crate) fn writing_bytes(grid: &Grid, components: Components) -> u64 {
 }
 
 fn mip_part(
-    volume: &Volume,
+    volume: VolumeView<'_>,
     attributes: &[(String, Attribute)],
     encoding: Encoding,
 ) -> Result<OutputPart<'static>> {
@@ -114,7 +115,12 @@ fn mip_part(
 }
 
 /// The part of one depth, whose pixels are made as they are written.
-fn depth_part(volume: &Volume, iz: usize, components: Components, encoding: Encoding) -> OutputPart<'_> {
+fn depth_part(
+    volume: VolumeView<'_>,
+    iz: usize,
+    components: Components,
+    encoding: Encoding,
+) -> OutputPart<'_> {
     let (grid, plane) = (&volume.grid, volume.plane(iz));
     let channel = |(name, component): &(&str, Component)| {
         let name = if *name == "amplitude" { "Y" } else { name };

@@ -10,7 +10,7 @@ use super::volume_exr::grid_attributes;
 use super::{Attribute, Compression};
 use crate::error::{Error, Result};
 use crate::files::write_atomically;
-use crate::grid::{Grid, Volume, no_room_for};
+use crate::grid::{Grid, VolumeView, no_room_for};
 use std::fs::File;
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::Path;
@@ -40,13 +40,14 @@ const ACTIVE_MASK: u32 = 2;
 /// # Errors
 /// As `crate::files::write_atomically`; more than 2³¹ − 1 voxels along an axis; no memory for the list of leaves, 0.16 bytes
 /// per voxel.
-pub fn write_volume_vdb(
+pub fn write_volume_vdb<'v>(
     path: &Path,
-    volume: &Volume,
+    volume: impl Into<VolumeView<'v>>,
     threshold_db: f64,
     attributes: &[(String, Attribute)],
     compression: Compression,
 ) -> Result<()> {
+    let volume = volume.into();
     let count = index_count(&volume.grid).ok_or_else(|| {
         Error::input(path.display(), "has an axis of more than 2147483647 voxels, the most in OpenVDB")
     })?;
@@ -74,14 +75,14 @@ fn index_count(grid: &Grid) -> Option<[i32; 3]> {
 
 /// The values of the grid.
 struct FogDensity<'a> {
-    volume: &'a Volume,
+    volume: VolumeView<'a>,
     count: [i32; 3],
     peak: f32,
     threshold: f32,
 }
 
 impl<'a> FogDensity<'a> {
-    fn new(volume: &'a Volume, count: [i32; 3], threshold_db: f64) -> Self {
+    fn new(volume: VolumeView<'a>, count: [i32; 3], threshold_db: f64) -> Self {
         let norms = volume.samples.iter().map(|sample| sample.norm());
         let peak = norms.filter(|norm| norm.is_finite()).fold(0.0, f32::max);
         Self { volume, count, peak, threshold: 10_f64.powf(threshold_db / 20.0) as f32 }

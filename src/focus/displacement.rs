@@ -9,7 +9,7 @@ use crate::acquisition::{DataCube, Instrument};
 use crate::error::Result;
 use crate::grid::Grid;
 use crate::linalg::{LeastSquares, Matrix, product};
-use crate::wave::Geometry;
+use crate::wave::two_legs::TwoLegs;
 use glam::DVec3;
 
 /// Most microphones that are looked at.
@@ -42,22 +42,14 @@ fn residual(before: &Instrument, after: &Instrument, p: DVec3, delay: f64) -> f6
     let (old, new) = (before.array.positions(), after.array.positions());
     let some: Vec<usize> = (0..old.len()).step_by(old.len().div_ceil(MOST)).collect();
     let change = |i: usize| {
-        let path = |at: &Instrument, r: DVec3| at.geometry.path_length(p, r) / at.sound_speed;
+        let path = |at: &Instrument, r: DVec3| at.path_length(p, r) / at.sound_speed;
         before.sound_speed * (path(after, new[some[i]]) - path(before, old[some[i]])) + delay
     };
     let changes = Matrix::from_fn(some.len(), 1, |i, _| change(i));
-    let gradients = Matrix::from_fn(some.len(), 3, |i, axis| gradient(before, p, old[some[i]])[axis]);
+    let gradients =
+        Matrix::from_fn(some.len(), 3, |i, axis| TwoLegs::new(&before.geometry, old[some[i]]).slope(p)[axis]);
     let moved = LeastSquares::damped(&gradients, DAMPING).solve(&changes);
     let explained = product(&gradients, &moved);
     let left = (0..some.len()).map(|i| (changes[(i, 0)] - explained[(i, 0)]).powi(2)).sum::<f64>();
     (left / some.len() as f64).sqrt()
-}
-
-/// How the path from speaker to microphone changes as the point moves.
-fn gradient(instrument: &Instrument, p: DVec3, r: DVec3) -> DVec3 {
-    let back = (p - r).normalize_or_zero();
-    match instrument.geometry {
-        Geometry::FixedSource { source } => (p - source).normalize_or_zero() + back,
-        Geometry::Monostatic => 2.0 * back,
-    }
 }

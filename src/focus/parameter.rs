@@ -57,7 +57,7 @@ impl FocusParameter {
     pub(super) fn of(self, instrument: &Instrument, corrected: Corrected) -> f64 {
         let source = match instrument.geometry {
             Geometry::FixedSource { source } => source,
-            Geometry::Monostatic => DVec3::ZERO,
+            Geometry::Monostatic | Geometry::Pair { .. } => DVec3::ZERO,
         };
         match self {
             Self::SoundSpeed => instrument.sound_speed,
@@ -74,8 +74,9 @@ impl FocusParameter {
     /// Refuses a parameter that the geometry does not have.
     pub(super) fn check(self, instrument: &Instrument) -> Result<()> {
         let of_source = matches!(self, Self::SourceX | Self::SourceY | Self::SourceZ);
-        if instrument.geometry == Geometry::Monostatic && of_source {
-            let problem = "has no meaning for a monostatic scan, whose speaker moves with the microphone";
+        instrument.need_one_source(self.as_str())?;
+        if !matches!(instrument.geometry, Geometry::FixedSource { .. }) && of_source {
+            let problem = "has no meaning for a scan, whose speaker moves with the microphone";
             return Err(Error::input(self.as_str(), problem));
         }
         Ok(())
@@ -84,7 +85,7 @@ impl FocusParameter {
     /// The range that is tried if none is given: ± 3 % of the speed or of the path to the middle of the region, ± 5°.
     pub(super) fn usual_range(self, instrument: &Instrument, grid: &Grid, own: f64) -> [f64; 2] {
         let (low, high) = grid.bounds();
-        let path = instrument.geometry.path_length(low.midpoint(high), instrument.array.centre());
+        let path = instrument.path_length(low.midpoint(high), instrument.array.centre());
         let reach = match self {
             Self::SoundSpeed => SHARE * own,
             Self::TiltX | Self::TiltY => ANGLE,
@@ -102,7 +103,7 @@ impl FocusParameter {
                 source[axis] = value;
                 Some(source)
             }
-            Geometry::Monostatic => None,
+            Geometry::Monostatic | Geometry::Pair { .. } => None,
         };
         match self {
             Self::SoundSpeed => changes.sound_speed = Some(value),
@@ -177,7 +178,7 @@ impl FocusParameter {
             (Self::TiltX, _) => format!("calibration.tilt={}", list(&[value, corrected.tilt[1]])),
             (Self::TiltY, _) => format!("calibration.tilt={}", list(&[corrected.tilt[0], value])),
             (_, Geometry::FixedSource { source }) => format!("array.source={}", list(&source.to_array())),
-            (_, Geometry::Monostatic) => {
+            (_, Geometry::Monostatic | Geometry::Pair { .. }) => {
                 return Err(Error::input(self.as_str(), "has no speaker of its own"));
             }
         })

@@ -8,7 +8,7 @@ use crate::depth::locate_depth_with;
 use crate::error::{Error, Result};
 use crate::export::figure::write_preview_figure;
 use crate::export::volume_npz::read_volume_npz;
-use crate::grid::{Axis, DepthMap, Grid, Raster, View, check_voxels};
+use crate::grid::{Axis, DepthMap, Grid, Raster, View, VolumeView, check_voxels};
 use crate::plan::memory_limit;
 use crate::progress::{Observer, stage};
 use crate::scene::{Scene, metres};
@@ -32,25 +32,41 @@ pub fn depth_of_volume(
     let observer = job.observer;
     let limit = memory_limit(run.memory).unwrap_or(u64::MAX);
     let (volume, meta) = stage(observer, "reading the volume", 0, || read_volume_npz(path, limit))?;
+    let place = path.display().to_string();
+    let depth = depth_in_volume(volume.view(), &meta, &place, (run, sweep_known), observer)?;
+    Ok((depth, meta))
+}
+
+/// Locates depth in a volume in memory with its metadata, as [`depth_of_volume`] does in a file; `place` names it in messages.
+///
+/// # Errors
+/// As [`depth_of_volume`].
+pub fn depth_in_volume(
+    volume: VolumeView<'_>,
+    meta: &Value,
+    place: &str,
+    (run, sweep_known): (&RunFile, bool),
+    observer: &dyn Observer,
+) -> Result<DepthMap> {
     let from_run = || run.medium.speed() / (2.0 * (run.sweep.stop - run.sweep.start));
-    let resolution = resolution_of(&meta).or_else(|| sweep_known.then(from_run)).ok_or_else(|| {
+    let resolution = resolution_of(meta).or_else(|| sweep_known.then(from_run)).ok_or_else(|| {
         Error::input(
-            path.display(),
+            place,
             "does not contain its bandwidth (`sound_speed` and `bandwidth` in `meta`), which depth needs; give a run file \
              with -c",
         )
     })?;
-    check_voxels(&path.display().to_string(), &volume.grid, 0, &volume.samples)?;
+    check_voxels(place, &volume.grid, 0, volume.samples)?;
     let mut run = run.clone();
-    if let Some(method) = facts::refined_by(&meta) {
+    if let Some(method) = facts::refined_by(meta) {
         run.refine.method = method;
     }
-    let resolution = Resolution { range: resolution, aperture: facts::aperture_of(&meta) };
-    let mut options = run.depth_options(resolution, facts::sidelobes_of(&meta).unwrap_or_default());
+    let resolution = Resolution { range: resolution, aperture: facts::aperture_of(meta) };
+    let mut options = run.depth_options(resolution, facts::sidelobes_of(meta).unwrap_or_default());
     options.raster = run.raster(None)?;
     options.floor = meta["incoherent_level"].as_f64().unwrap_or(0.0);
-    let depth = locate_depth_with(&volume, &options, observer)?;
-    depth.check().map(|()| (depth, meta))
+    let depth = locate_depth_with(volume, &options, observer)?;
+    depth.check().map(|()| depth)
 }
 
 /// Traces the ground truth of a run file's scene; returns its metadata and the depth map. Nothing is simulated.

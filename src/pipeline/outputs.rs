@@ -20,7 +20,7 @@ use crate::export::volume_vdb::{self, THRESHOLD_DB, write_volume_vdb};
 use crate::export::volume_vti::stream_volume_vti;
 use crate::export::{Components, Encoding, VolumeFile, fits_float16};
 use crate::files::{announce_output, extension, write_atomically};
-use crate::grid::{DepthMap, Grid, Volume};
+use crate::grid::{DepthMap, Grid, Volume, VolumeView};
 use crate::metrics::{Metrics, error_map};
 use crate::progress::{Observer, advance, stage};
 use crate::reconstruct::{ReconstructionInfo, VolumeSink};
@@ -46,7 +46,7 @@ pub fn write_outputs(run: &RunFile, outcome: &Outcome, folder: &Path, job: &JobO
     let start = Instant::now();
     let Outcome { image, depth, instrument, reflectors, mesh, .. } = outcome;
     warn_of_float16(&run.output, image.volume.peak(), observer);
-    let facts = image_facts(instrument, run, &image.info(), outcome.sidelobes);
+    let facts = outcome.facts(run);
     let scene = ScenePoints::new(reflectors.as_ref(), &instrument.array, &instrument.sources());
     let truth = outcome.truth.as_ref();
     // Truth and depth share their colours, so that they can be compared by eye.
@@ -293,12 +293,13 @@ fn stream_volume(path: &Path, grid: &Grid, output: &OutputTable, facts: &Value) 
 ///
 /// # Errors
 /// An extension other than `.exr`, `.npz`, `.nrrd`, `.vdb` or `.vti`; a file that cannot be written.
-pub fn write_volume(
+pub fn write_volume<'v>(
     path: &Path,
-    volume: &Volume,
+    volume: impl Into<VolumeView<'v>>,
     output: &OutputTable,
     facts: &Value,
 ) -> Result<Vec<PathBuf>> {
+    let volume = volume.into();
     let OutputTable { components, float16, compression, .. } = *output;
     let encoding = Encoding { float16: float16 && fits_float16(volume.peak()), compression };
     match extension(path).as_str() {
@@ -306,7 +307,7 @@ pub fn write_volume(
         "vdb" => one(path, write_volume_vdb(path, volume, THRESHOLD_DB, &attributes(facts), compression)),
         _ => {
             let mut file = stream_volume(path, &volume.grid, output, facts)?;
-            file.take(&volume.samples)?;
+            file.take(volume.samples)?;
             one(path, file.finish())
         }
     }

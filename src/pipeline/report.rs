@@ -63,7 +63,7 @@ pub struct Report {
 }
 
 impl Report {
-    pub(super) fn new(run: &RunFile, outcome: &Outcome) -> Self {
+    pub(crate) fn new(run: &RunFile, outcome: &Outcome) -> Self {
         let scores = outcome.scores.clone().unwrap_or_default();
         Self {
             program: PROGRAM,

@@ -30,11 +30,7 @@ pub(super) struct FoundLatency {
 
 /// Lengths of the direct wave's paths, from the speaker to each microphone, m.
 pub(super) fn direct_paths(instrument: &Instrument) -> Vec<f64> {
-    let positions = instrument.array.positions().iter();
-    match instrument.geometry {
-        Geometry::FixedSource { source } => positions.map(|r| r.distance(source)).collect(),
-        Geometry::Monostatic => vec![0.0; positions.len()],
-    }
+    instrument.array.positions().iter().map(|r| r.distance(instrument.geometry.source_of(*r))).collect()
 }
 
 /// Finds the delay, over that of the direct wave, at which the microphones have the most power together: there all direct

@@ -10,7 +10,7 @@ use super::SimulateOptions;
 use crate::acquisition::Instrument;
 use crate::wave::air::{Air, DB_PER_NEPER};
 use crate::wave::piston::piston;
-use crate::wave::{Geometry, spreading};
+use crate::wave::spreading;
 use glam::DVec3;
 use std::f64::consts::TAU;
 

@@ -3,7 +3,7 @@
 use super::ticks::{round_up, scientific};
 use super::{ColourMap, Panel, Scale, write_figure};
 use crate::error::Result;
-use crate::grid::{Axis, DepthMap, Raster, View, Volume};
+use crate::grid::{Axis, DepthMap, Raster, View, VolumeView};
 use std::borrow::Cow;
 use std::path::Path;
 
@@ -15,7 +15,8 @@ const DYNAMIC_RANGE_DB: f64 = 30.0;
 ///
 /// # Errors
 /// As [`write_figure`].
-pub fn write_amplitude_figure(path: &Path, volume: &Volume) -> Result<()> {
+pub fn write_amplitude_figure<'v>(path: &Path, volume: impl Into<VolumeView<'v>>) -> Result<()> {
+    let volume = volume.into();
     let grid = &volume.grid;
     let (n_x, n_y) = (grid.x.count, grid.y.count);
     let mut front = vec![0.0_f32; n_x * n_y];
