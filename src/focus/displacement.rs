@@ -9,7 +9,6 @@ use crate::acquisition::{DataCube, Instrument};
 use crate::error::Result;
 use crate::grid::Grid;
 use crate::linalg::{LeastSquares, Matrix, product};
-use crate::wave::two_legs::TwoLegs;
 use glam::DVec3;
 
 /// Most microphones that are looked at.
@@ -46,10 +45,15 @@ fn residual(before: &Instrument, after: &Instrument, p: DVec3, delay: f64) -> f6
         before.sound_speed * (path(after, new[some[i]]) - path(before, old[some[i]])) + delay
     };
     let changes = Matrix::from_fn(some.len(), 1, |i, _| change(i));
-    let gradients =
-        Matrix::from_fn(some.len(), 3, |i, axis| TwoLegs::new(&before.geometry, old[some[i]]).slope(p)[axis]);
+    let gradients = Matrix::from_fn(some.len(), 3, |i, axis| gradient(before, p, old[some[i]], axis));
     let moved = LeastSquares::damped(&gradients, DAMPING).solve(&changes);
     let explained = product(&gradients, &moved);
     let left = (0..some.len()).map(|i| (changes[(i, 0)] - explained[(i, 0)]).powi(2)).sum::<f64>();
     (left / some.len() as f64).sqrt()
+}
+
+/// How the path from speaker to microphone changes as the point moves along an axis.
+fn gradient(instrument: &Instrument, p: DVec3, r: DVec3, axis: usize) -> f64 {
+    let step = DVec3::AXES[axis] * (1e-3 * instrument.shortest_wavelength());
+    (instrument.path_length(p + step, r) - instrument.path_length(p - step, r)) / (2.0 * step[axis])
 }

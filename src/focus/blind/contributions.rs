@@ -32,10 +32,7 @@ impl<'a> Contributions<'a> {
         let source = if kind == ChannelError::Frequency {
             Source::Tones(tones(cube, bright))
         } else {
-            let paths = bright
-                .places
-                .iter()
-                .map(|p| instrument.geometry.path_bounds((*p, *p), instrument.array.bounds()));
+            let paths = bright.places.iter().map(|p| instrument.path_bounds_of((*p, *p)));
             let [low, high] = paths.fold([f64::INFINITY, 0.0_f64], |[a, b], [c, d]| [a.min(c), b.max(d)]);
             let reach = if kind == ChannelError::Phase { 0.0 } else { 2.0 * reach * 3.0_f64.sqrt() };
             Source::Profiles(Profiles::new(cube, [low - reach, high + reach]))
@@ -96,12 +93,12 @@ impl<'a> Contributions<'a> {
 
     /// The path of the channel's microphone that a delay makes longer, or another place other.
     fn path(&self, microphone: usize, error: ErrorValue, p: glam::DVec3) -> f64 {
-        let (geometry, r) =
-            (&self.cube.instrument.geometry, self.cube.instrument.array.positions()[microphone]);
+        let instrument = &self.cube.instrument;
+        let r = instrument.array.positions()[microphone];
         match self.kind {
-            ChannelError::Delay => geometry.path_length(p, r) + error.x,
-            ChannelError::Position => geometry.path_length(p, r + error),
-            _ => geometry.path_length(p, r),
+            ChannelError::Delay => instrument.path_length(p, r) + error.x,
+            ChannelError::Position => instrument.path_length(p, r + error),
+            _ => instrument.path_length(p, r),
         }
     }
 
@@ -117,7 +114,7 @@ impl<'a> Contributions<'a> {
             let a = Complex64::new(a.re.into(), a.im.into());
             if of_tones {
                 for (sum, r) in predicted.iter_mut().zip(instrument.array.positions()) {
-                    *sum += a * turned(f[channel] * instrument.geometry.path_length(*p, *r) / c);
+                    *sum += a * turned(f[channel] * instrument.path_length(*p, *r) / c);
                 }
                 continue;
             }
@@ -170,7 +167,7 @@ fn tones(cube: &DataCube, bright: &Bright) -> Vec<Complex32> {
     let of_voxel = |p: &glam::DVec3| -> Vec<Complex32> {
         let mut sums = vec![Complex64::ZERO; f.len()];
         for (r, position) in instrument.array.positions().iter().enumerate() {
-            let delay = -instrument.geometry.path_length(*p, *position) / c;
+            let delay = -instrument.path_length(*p, *position) / c;
             let step = instrument.sweep.step().map(|step| turned(step * delay));
             let mut turn = turned(f[0] * delay);
             for (i, sum) in sums.iter_mut().enumerate() {
