@@ -22,7 +22,8 @@ def test_kinds_are_also_pythons(tmp_path, instrument):
     cube = holosonar.Cube(np.ones(instrument.shape, np.complex64), instrument)
     with pytest.raises(MemoryError) as full:
         holosonar.reconstruct(cube, grid, memory="100MB")
-    assert isinstance(full.value, holosonar.OutOfMemoryError) and full.value.place == "memory"
+    assert isinstance(full.value, holosonar.MemoryLimitError) and full.value.place == "memory"
+    assert isinstance(full.value, holosonar.OutOfMemoryError) and isinstance(full.value, holosonar.InputError)
     (tmp_path / "file").write_text("")
     with pytest.raises(OSError) as refused:
         cube.write(tmp_path / "file/cube.npz")
