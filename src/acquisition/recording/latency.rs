@@ -2,7 +2,6 @@
 
 use crate::acquisition::Instrument;
 use crate::error::{Error, Result};
-use crate::wave::Geometry;
 use crate::wave::interval::phasor_f64;
 use num_complex::{Complex32, Complex64};
 use rustfft::FftPlanner;
@@ -133,6 +132,7 @@ mod tests {
     use super::*;
     use crate::acquisition::{MicArray, Sweep};
     use crate::named::assert_names;
+    use crate::wave::Geometry;
     use glam::DVec3;
 
     /// A direct wave that comes `latency` seconds late, and an echo of 0.3.
