@@ -192,6 +192,7 @@ pub(super) fn attributes(facts: &Value) -> Attributes {
 }
 
 /// The metadata of which these are the attributes; those of other programs keep their names.
+#[cfg(feature = "python")]
 pub(crate) fn facts_of_attributes(attributes: &[(String, Attribute)]) -> Value {
     let fact = |(name, value): (String, Value)| {
         let Some(name) = name.strip_prefix("sonar:") else { return (name, value) };
@@ -207,6 +208,7 @@ pub(crate) fn facts_of_attributes(attributes: &[(String, Attribute)]) -> Value {
 }
 
 /// What can be resolved, from the metadata of an image or a truth.
+#[cfg(feature = "python")]
 pub(crate) fn resolution_in(meta: &Value) -> Option<Resolution> {
     let range = resolution_of(meta).or_else(|| meta["range_resolution"].as_f64())?;
     Some(Resolution { range, aperture: aperture_of(meta) })
