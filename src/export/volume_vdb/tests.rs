@@ -1,5 +1,6 @@
 use super::*;
 use crate::grid::Axis;
+use crate::grid::Volume;
 use flate2::read::ZlibDecoder;
 use num_complex::Complex32;
 use rand_chacha::ChaCha8Rng;
