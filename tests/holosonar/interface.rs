@@ -8,7 +8,7 @@ use glam::DVec3;
 use holosonar::acquisition::{
     DataCube, Instrument, MicArray, PropagationModel, SimulateOptions, Sweep, simulate,
 };
-use holosonar::grid::Grid;
+use holosonar::grid::{Axis, Grid};
 use holosonar::reconstruct::{Method, ReconstructOptions, Window, reconstruct};
 use holosonar::reflectors::Reflectors;
 use holosonar::wave::{Geometry, Interface};
@@ -60,6 +60,26 @@ fn layered_case(seed: u64) -> (DataCube, Grid, Window) {
     let sound_speed = [150.0, 900.0, 2500.0, 343.0][seed as usize / 2 % 4];
     cube.instrument.interface = Some(Interface { depth: middle.max(nearest + 0.02), sound_speed });
     (cube, grid, window)
+}
+
+#[test]
+fn every_path_is_within_the_bounds_of_its_depth() {
+    for seed in 0..40 {
+        let (cube, grid, _) = layered_case(seed);
+        let instrument = &cube.instrument;
+        for iz in 0..grid.z.count {
+            let z = Axis { first: grid.z.position(iz), count: 1, ..grid.z };
+            let plane = Grid { z, ..grid };
+            let [least, most] = instrument.path_bounds(&plane);
+            for p in (0..plane.plane_len()).map(|v| position_of(&plane, v)) {
+                for r in instrument.array.positions() {
+                    let length = instrument.path_length(p, *r);
+                    let inside = (least - 1e-12..=most + 1e-12).contains(&length);
+                    assert!(inside, "seed {seed}, depth {iz}: {length} outside {least} .. {most}");
+                }
+            }
+        }
+    }
 }
 
 #[test]
