@@ -212,8 +212,9 @@ enum Command {
         /// Plan every value of a key, as in array.extent=0.5:2:0.25 or array.layout=grid,spiral,random (repeatable).
         #[arg(long, value_name = "KEY=VALUES", conflicts_with = "config")]
         sweep: Vec<String>,
-        /// Folder for sweep.png and sweep.json; created if missing.
-        #[arg(short, long, value_name = "DIR", requires = "sweep")]
+        /// Folder for sweep.png and sweep.json, or without --sweep for array.png, the array and what it is seen as; created if
+        /// missing.
+        #[arg(short, long, value_name = "DIR")]
         output: Option<PathBuf>,
         #[command(flatten)]
         overrides: Overrides,

@@ -17,9 +17,11 @@ use super::placement::Placement;
 use super::terminal::{Terminal, observed, print};
 use super::verdicts::{Compared, check, compare};
 use super::{Cli, Command, Overrides, design, guide, info, manual, reproduce, summary};
+use crate::acquisition::CubeSource;
 use crate::checkpoint::Checkpoint;
 use crate::config::ANNOTATED;
 use crate::error::{Error, Result};
+use crate::export::figure::write_array_figure;
 use crate::files::{OutputFolder, write_atomically};
 use crate::pipeline;
 use crate::progress::{Observer, stage};
@@ -100,7 +102,9 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
         Command::Psf { input, at, output, overrides } => {
             design::psf(input, at, output.as_deref(), overrides, terminal)
         }
-        Command::Plan { input, config, overrides, .. } => plan(input, config.as_deref(), overrides, terminal),
+        Command::Plan { input, config, output, overrides, .. } => {
+            plan((input, config.as_deref()), output.as_deref(), overrides, terminal)
+        }
         Command::Oracle { input, output, overrides } => {
             announce(output, &["exr", "ply"])?;
             let Input { run, bare } = scene_of(input, overrides, terminal)?;
@@ -137,16 +141,27 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
     }
 }
 
-/// Predicts a job of a cube or of a scene.
-fn plan(input: &Path, config: Option<&Path>, overrides: &Overrides, terminal: &Terminal) -> Result<()> {
-    let forecast = if has_extension(input, &["npz"]) {
+/// Predicts a job of a cube or of a scene, and draws its array into `folder`, if given.
+fn plan(
+    (input, config): (&Path, Option<&Path>),
+    folder: Option<&Path>,
+    overrides: &Overrides,
+    terminal: &Terminal,
+) -> Result<()> {
+    let folder = folder.map(|folder| open_folder(folder, ["array.png"])).transpose()?;
+    let (forecast, instrument) = if has_extension(input, &["npz"]) {
         let (run, cube) = cube_of(input, config, &overrides.keys()?, terminal)?;
-        pipeline::forecast_cube(&run, cube, terminal)?
+        let instrument = cube.instrument().clone();
+        (pipeline::forecast_cube(&run, cube, terminal)?, instrument)
     } else {
         no_config(config)?;
         let Input { run, bare } = scene_of(input, overrides, terminal)?;
-        pipeline::forecast_scene(&run, &observed(terminal).with_bare_mesh(bare.as_ref()))?
+        let forecast = pipeline::forecast_scene(&run, &observed(terminal).with_bare_mesh(bare.as_ref()))?;
+        (forecast, run.instrument()?)
     };
+    for file in folder.iter().flat_map(|(_, files)| files) {
+        write_array_figure(file, &instrument)?;
+    }
     for warning in &forecast.warnings {
         terminal.warn(warning);
     }

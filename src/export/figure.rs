@@ -6,6 +6,7 @@
 //! The crate `plotters` 0.3 has neither colour bars nor equal scales on both axes, so the layout would still be computed
 //! here; `charming` 0.6 draws in a browser or needs V8.
 
+mod array;
 mod bar;
 mod canvas;
 mod chart;
@@ -18,6 +19,7 @@ mod spread;
 mod style;
 mod ticks;
 
+pub(crate) use array::write_array_figure;
 pub(crate) use chart::{Chart, ChartAxis, write_charts};
 pub(crate) use focus::write_focus_figure;
 pub(crate) use health::write_health_figure;

@@ -24,7 +24,7 @@ use num_complex::Complex32;
 use std::ops::Range;
 
 /// Bytes of the depths that are summed at a time.
-const SLAB_BYTES: u64 = 256 << 20;
+const SLAB_BYTES: u64 = 64 << 20;
 
 /// The depths that are summed at a time.
 fn slabs(grid: &Grid) -> impl Iterator<Item = Range<usize>> {

@@ -145,7 +145,7 @@ fn microphones_and_sources_may_change_places() {
 fn slabs_and_interruptions_change_no_byte() {
     let cube = cube(instrument(lattice()).with_sources(&SOURCES[..2]).unwrap());
     // Three slabs.
-    let side = 2048;
+    let side = 1024;
     let lateral = axis(-0.3, 0.6 / side as f64, side);
     let grid = Grid { x: lateral, y: lateral, z: axis(0.6, 0.05, 17) };
     assert_eq!(slabs(&grid).collect::<Vec<_>>(), [0..8, 8..16, 16..17]);
