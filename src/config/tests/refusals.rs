@@ -222,3 +222,26 @@ fn files_that_are_no_run_files_are_refused() {
         assert_names(error.to_string(), &["bad.toml", part]);
     }
 }
+
+#[test]
+fn recordings_that_cannot_be_are_refused() {
+    refused_with("[recording]\nsignal = \"chirp\"", &["recording.signal", "\"tones\", \"broadband\""]);
+    refused_with(
+        "[recording]\nformat = \"int32\"",
+        &["recording.format", "\"int16\", \"int24\", \"float32\""],
+    );
+    refused_with("[recording]\nreference = 1.5", &["`reference`", "counted from 0", "file"]);
+    refused_with("[recording]\nreference = \"\"", &["`recording.reference`", "empty"]);
+    refused_with("[recording]\nlatency = \"soon\"", &["`latency`", "time in s", "direct"]);
+    refused_with("[recording]\nlatency = 1e9", &["`recording.latency`", "1000000000.0", "direct"]);
+    refused_with("[recording]\nmicrophones = [1, 2, 1]", &["`recording.microphones`", "twice"]);
+    refused_with("[recording]\nmicrophones = [-1]", &["recording.microphones", "-1"]);
+    refused_with("[recording]\ndwell = 0", &["`recording.dwell`", "0.05"]);
+    refused_with(
+        "[recording]\ndwell = 0.05\nsettling = 0.05",
+        &["run.toml:3:1", "`recording.settling`", "0.05", "something is left"],
+    );
+    refused_with("[recording]\nstart = -1", &["`recording.start`", "0 or more"]);
+    refused_with("[recording]\nsample_rate = 0", &["`recording.sample_rate`", "48000"]);
+    refused_with("[recording]\ndecay = inf", &["`recording.decay`"]);
+}
