@@ -50,6 +50,8 @@ pub(crate) fn run_file_of(input: &Path, overrides: &[String]) -> Result<RunFile>
     if !has_extension(input, &["csv"]) {
         let what = if input.is_dir() {
             "is a folder"
+        } else if has_extension(input, &["wav"]) {
+            "is a recording, of which `holosonar import` makes a cube"
         } else {
             why_no_mesh(&extension(input)).unwrap_or("is not an input of this command")
         };

@@ -232,7 +232,7 @@ pub(super) fn demodulate(
     let (samples, deconvolution) = prepare(source, limit)?;
     let mut clipped = Clipped::default();
     clipped.look(&source.file, &samples);
-    found.warnings.extend(clipped.warnings(source));
+    found.warnings.extend(clipped.warning(source));
     let longest = deconvolution.length as f64 * (1.0 - BEFORE) / deconvolution.rate;
     // What is shorter than the response is kept as a whole.
     let kept = response.min((longest - begin) / (1.0 + LEAD + FADE));

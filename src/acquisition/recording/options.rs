@@ -33,7 +33,7 @@ choice! {
 
 /// By how much the microphones' channels are later than the reference, without the way through the air.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(untagged, expecting = "expected a time in s, or \"direct\"")]
+#[serde(untagged, expecting = "`latency` was expected to be a time in s, or \"direct\"")]
 pub enum Latency {
     /// s.
     Seconds(f64),

@@ -118,7 +118,8 @@ impl RecordingSize {
             ));
         }
         let seconds = recording.start + dwell * instrument.sweep.len() as f64 + latency.max(0.0);
-        let frames = (seconds * rate).ceil() as u64;
+        // Rounding of the product adds no frame.
+        let frames = (seconds * rate - 1e-6).ceil() as u64;
         let channels = Channels::of(recording, instrument.array.len())?.count as u64;
         let bytes = check_wav_size("the recording", frames, channels, recorder.format)?;
         Ok(Self { channels, frames, seconds: frames as f64 / rate, bytes })

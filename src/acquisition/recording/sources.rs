@@ -148,6 +148,9 @@ pub(super) fn check_memory(file: &WavFile, bytes: u64, limit: u64) -> Result<()>
     Err(Error::input(file.path().display(), problem))
 }
 
+/// How many channels that are cut off are named.
+const NAMED: usize = 8;
+
 /// Counts samples that are cut off at full scale, channel by channel.
 #[derive(Debug, Default)]
 pub(super) struct Clipped(Vec<u64>);
@@ -163,22 +166,30 @@ impl Clipped {
         }
     }
 
-    /// A warning for each such channel among those that are used.
-    pub(super) fn warnings(&self, source: &RecordedFile) -> Vec<String> {
-        let of_reference = matches!(source.reference, Sent::Channel(_)).then_some(&source.reference);
-        let reference =
-            of_reference.and_then(|sent| if let Sent::Channel(c) = sent { Some(*c) } else { None });
-        let used = reference.iter().chain(&source.microphones);
-        used.filter(|channel| self.0.get(**channel).is_some_and(|count| *count > 0))
-            .map(|channel| {
-                let what = if reference == Some(*channel) { "the reference, channel" } else { "channel" };
-                format!(
-                    "{}: {what} {channel}, counted from 0, stays at full scale {} times: it is cut off there, which adds echoes \
-                     that do not exist; lower its gain",
-                    source.file.path().display(),
-                    self.0[*channel]
-                )
-            })
-            .collect()
+    /// A warning, if the reference or microphones are among these channels.
+    pub(super) fn warning(&self, source: &RecordedFile) -> Option<String> {
+        let is_clipped = |channel: &usize| self.0.get(*channel).is_some_and(|count| *count > 0);
+        let reference = match source.reference {
+            Sent::Channel(channel) => Some(channel).filter(is_clipped),
+            Sent::Unrecorded | Sent::File(_) => None,
+        };
+        let microphones: Vec<usize> = source.microphones.iter().copied().filter(is_clipped).collect();
+        let mut named: Vec<String> = microphones.iter().take(NAMED).map(ToString::to_string).collect();
+        if microphones.len() > NAMED {
+            named.push(format!("... ({} in all)", microphones.len()));
+        }
+        let what = match (reference, named.is_empty()) {
+            (None, true) => return None,
+            (None, false) => format!("channel {}", named.join(", ")),
+            (Some(reference), true) => format!("the reference, channel {reference},"),
+            (Some(reference), false) => {
+                format!("the reference, channel {reference}, and channel {}", named.join(", "))
+            }
+        };
+        Some(format!(
+            "{}: {what} (counted from 0) stays at full scale and is cut off there, which makes echoes that do not exist; lower \
+             the gain",
+            source.file.path().display()
+        ))
     }
 }

@@ -126,7 +126,7 @@ pub(super) fn demodulate(
             found.put(n, column + place, m, relative);
         }
     }
-    found.warnings.extend(clipped.warnings(source));
+    found.warnings.extend(clipped.warning(source));
     Ok(())
 }
 

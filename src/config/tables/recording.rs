@@ -36,7 +36,10 @@ pub struct RecordingTable {
 
 /// Where the reference is.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(untagged, expecting = "expected the number of a channel, counted from 0, or a file")]
+#[serde(
+    untagged,
+    expecting = "`reference` was expected to be the number of a channel, counted from 0, or a file"
+)]
 pub enum ReferenceChannel {
     /// In this channel, counted from 0.
     Channel(u32),

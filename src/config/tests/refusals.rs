@@ -238,3 +238,26 @@ fn speakers_that_do_not_fit_the_geometry_are_refused() {
     let placed = array("geometry = \"pair\"\nsource_offset = [0.1, 0, 0]\nsource = [1, 0, 0]");
     refused_with(&placed, &["`array.source`", "scan"]);
 }
+
+#[test]
+fn recordings_that_cannot_be_are_refused() {
+    refused_with("[recording]\nsignal = \"chirp\"", &["recording.signal", "\"tones\", \"broadband\""]);
+    refused_with(
+        "[recording]\nformat = \"int32\"",
+        &["recording.format", "\"int16\", \"int24\", \"float32\""],
+    );
+    refused_with("[recording]\nreference = 1.5", &["`reference`", "counted from 0", "file"]);
+    refused_with("[recording]\nreference = \"\"", &["`recording.reference`", "empty"]);
+    refused_with("[recording]\nlatency = \"soon\"", &["`latency`", "time in s", "direct"]);
+    refused_with("[recording]\nlatency = 1e9", &["`recording.latency`", "1000000000.0", "direct"]);
+    refused_with("[recording]\nmicrophones = [1, 2, 1]", &["`recording.microphones`", "twice"]);
+    refused_with("[recording]\nmicrophones = [-1]", &["recording.microphones", "-1"]);
+    refused_with("[recording]\ndwell = 0", &["`recording.dwell`", "0.05"]);
+    refused_with(
+        "[recording]\ndwell = 0.05\nsettling = 0.05",
+        &["run.toml:3:1", "`recording.settling`", "0.05", "something is left"],
+    );
+    refused_with("[recording]\nstart = -1", &["`recording.start`", "0 or more"]);
+    refused_with("[recording]\nsample_rate = 0", &["`recording.sample_rate`", "48000"]);
+    refused_with("[recording]\ndecay = inf", &["`recording.decay`"]);
+}
