@@ -73,6 +73,8 @@ pub struct Autofocus {
     pub best: f64,
     /// Standard error of `best`, by the jackknife over six parts of the band; `None` where it could not be found.
     pub standard_error: Option<f64>,
+    /// Where the curve is within 2 % of its top, by that parabola: echoes that overlap and the edges of the region change as much.
+    pub plateau: Option<[f64; 2]>,
     /// Where the curve is half way down from its top to its lowest place.
     pub width: [f64; 2],
     /// Share by which the curve falls from its top.
@@ -103,6 +105,9 @@ const FINE: usize = 7;
 
 /// Their reach to either side, as a share of the narrower side of the curve's width.
 const REACH: f64 = 0.5;
+
+/// A share of the top that is no difference.
+const PLATEAU: f64 = 0.02;
 
 /// How far beyond them a parabola may have its top, as a share of their reach.
 const BEYOND: f64 = 1.5;
@@ -215,7 +220,8 @@ impl<'a> Search<'a> {
             (0..curve.len()).fold(0, |best, i| if curve[i].measure > curve[best].measure { i } else { best });
         let evidence = Evidence { curve: &curve, highest, blur };
         let (width, contrast) = (evidence.width(), evidence.contrast());
-        let (mut best, mut standard_error, mut fine) = (curve[highest].value, None, Vec::new());
+        let (mut best, mut standard_error, mut plateau) = (curve[highest].value, None, None);
+        let mut fine = Vec::new();
         let mut objection = evidence.objection();
         if objection.is_none() {
             let (places, measured) = self.top_of(&curve, highest, width, observer)?;
@@ -223,7 +229,11 @@ impl<'a> Search<'a> {
             let trials = places.iter().zip(&values);
             fine = trials.map(|(value, measure)| FocusTrial { value: *value, measure: *measure }).collect();
             let top = jackknife::top(&places, &values, BEYOND);
-            best = top.map_or(best, |[at, _]| at);
+            best = top.map_or(best, |[at, ..]| at);
+            plateau = top.map(|[at, value, falls]| {
+                let reach = (PLATEAU * value / falls).sqrt();
+                [at - reach, at + reach]
+            });
             standard_error = top.and_then(|_| jackknife::standard_error(&places, &measured, BEYOND));
             // Too few tones for parts are no objection, but then nothing is known of the error.
             let parts = measured[0].without.len() >= 3;
@@ -245,6 +255,7 @@ impl<'a> Search<'a> {
             trials,
             best,
             standard_error,
+            plateau,
             width,
             contrast,
             blur,

@@ -1,9 +1,9 @@
 //! Blind self-calibration: errors of tones or microphones, found from the echoes of a scene that nobody knows.
 //!
 //! By turns the brightest voxels are imaged, and each channel, a tone or a microphone, is fitted to what the image of the
-//! *others* predicts for it, within a prior on the size of its error. That can fake sharpness: an image of noise gets
-//! sharper, too. So a fifth of the channels is kept aside. They take no part in the image, and only if it predicts *them* better
-//! than before, the corrections are to be trusted.
+//! *others* predicts for it, within a prior on the size of its error. That can fake sharpness: where more echoes overlap than
+//! channels can tell apart, an image without errors gets sharper, too. So a fifth of the microphones is kept aside. They take no
+//! part in the images, and only if these predict *them* better than before, the corrections are to be trusted.
 
 mod contributions;
 mod fit;
@@ -75,14 +75,14 @@ impl ChannelError {
 const ROUNDS: usize = 3;
 const FITS: usize = 4;
 
-/// Fewest channels: of less, a fifth tells nothing.
-const FEWEST_CHANNELS: usize = 20;
+/// Fewest microphones: of less, a fifth tells nothing.
+const FEWEST_MICROPHONES: usize = 20;
 
 /// Fewest resolution cells that the bright voxels fill, in effect: one echo alone fits any error.
 const FEWEST_CELLS: f64 = 4.0;
 
 /// Finds the errors of a cube's channels from the echoes in a region, with errors of `prior` rms (degrees, or m along each
-/// axis) expected, and judges them by channels that were kept aside.
+/// axis) expected, and judges them by microphones that were kept aside.
 ///
 /// The cube is not changed: [`SelfCalibration::correct`] does that.
 ///
@@ -90,7 +90,7 @@ const FEWEST_CELLS: f64 = 4.0;
 /// range profiles of the microphones, and what each channel adds to each bright voxel.
 ///
 /// # Errors
-/// In-phase samples; fewer than 20 channels; a prior that is not positive; a silent region; echoes of less than 4 resolution
+/// In-phase samples; fewer than 20 microphones that are not silent; a prior that is not positive; a silent region; echoes of less than 4 resolution
 /// cells, which fit any errors; those of [`reconstruct`](crate::reconstruct::reconstruct()).
 pub fn self_calibrate(
     cube: &DataCube,
@@ -109,15 +109,19 @@ pub fn self_calibrate(
         let problem = format!("must be a positive number of {}, not {prior}", kind.unit());
         return Err(Error::input("--prior", problem));
     }
-    let heard = heard(cube, kind);
-    if heard.len() < FEWEST_CHANNELS {
+    let heard = heard(cube);
+    if heard.len() < FEWEST_MICROPHONES {
         let problem = format!(
-            "finds errors of {FEWEST_CHANNELS} channels or more, some of which are kept aside; there are {} that are not silent",
+            "needs {FEWEST_MICROPHONES} microphones or more, some of which are kept aside; there are {} that are not silent",
             heard.len()
         );
         return Err(Error::input("--blind", problem));
     }
     let (kept, aside) = divide(&heard);
+    let fitted = match kind {
+        ChannelError::Frequency => (0..cube.instrument.sweep.len()).collect(),
+        _ => kept.clone(),
+    };
     let images = ReconstructOptions::new(Method::Auto, Window::None).with_memory(memory);
     let scale = prior * kind.factor();
     let reach = 4.0 * scale;
@@ -126,13 +130,14 @@ pub fn self_calibrate(
         let quiet = OneOfMany(observer);
         let mut errors = Errors::none(kind, kind.channels(cube));
         let look = |errors: &Errors| {
-            let bright = Bright::choose(&errors.corrected(cube)?, kind, &kept, grid, &images, &quiet)?;
+            let bright =
+                Bright::choose(&errors.corrected(cube)?, &kept, fitted.len(), grid, &images, &quiet)?;
             advance(observer, 1)?;
             Ok(bright)
         };
         let judge = |bright: &Bright, errors: &mut Errors| {
-            let contributions = Contributions::new(cube, kind, bright, reach);
-            Judge::of(cube, &contributions, bright, [&kept, &aside], errors, scale)
+            let contributions = Contributions::new(cube, kind, bright, &kept, reach);
+            Judge::of(&contributions, bright, &fitted, &aside, errors, scale)
         };
         let mut bright: Bright = look(&errors)?;
         if bright.cells < FEWEST_CELLS {
@@ -145,29 +150,29 @@ pub fn self_calibrate(
         }
         let before = judge(&bright, &mut errors);
         for _ in 0..ROUNDS {
-            let contributions = Contributions::new(cube, kind, &bright, reach);
+            let contributions = Contributions::new(cube, kind, &bright, &kept, reach);
             for _ in 0..FITS {
-                fit_channels(cube, &contributions, [&kept, &aside], &mut errors, scale);
+                fit_channels(&contributions, &fitted, &aside, &mut errors, scale);
                 advance(observer, 1)?;
             }
             bright = look(&errors)?;
         }
         let after = judge(&bright, &mut errors);
-        Ok(SelfCalibration::new(kind, prior, [&kept, &aside], &[before, after], errors))
+        Ok(SelfCalibration::new(kind, prior, [&kept, &fitted], &[before, after], errors))
     })
 }
 
-/// The channels that are not silent.
-fn heard(cube: &DataCube, kind: ChannelError) -> Vec<usize> {
+/// The microphones that are not silent.
+fn heard(cube: &DataCube) -> Vec<usize> {
     let n_mic = cube.instrument.array.len();
-    let mut power = vec![0.0; kind.channels(cube)];
+    let mut power = vec![0.0; n_mic];
     for (i, m) in cube.samples.iter().enumerate() {
-        power[if kind == ChannelError::Frequency { i / n_mic } else { i % n_mic }] += f64::from(m.norm_sqr());
+        power[i % n_mic] += f64::from(m.norm_sqr());
     }
-    (0..power.len()).filter(|channel| power[*channel] > 0.0).collect()
+    (0..n_mic).filter(|r| power[*r] > 0.0).collect()
 }
 
-/// Channels that are imaged, and a fifth that are kept aside: one of every five neighbours, which one is scattered, so that the
+/// Microphones that are imaged, and a fifth that are kept aside: one of every five neighbours, which one is scattered, so that the
 /// others have no regular gaps.
 fn divide(heard: &[usize]) -> (Vec<usize>, Vec<usize>) {
     let (mut kept, mut aside) = (Vec::new(), Vec::new());
@@ -184,7 +189,7 @@ fn divide(heard: &[usize]) -> (Vec<usize>, Vec<usize>) {
 /// A place of a channel's error: a phase in rad or a delay in m along x, or a displacement in m.
 type ErrorValue = DVec3;
 
-/// How a channel with an error agrees with an image of some places: by contributions, and by predictions.
+/// How a channel with an error agrees with an image of some places: by contributions, and, of microphones, by predictions.
 #[cfg(test)]
 pub(super) fn agreements(
     cube: &DataCube,
@@ -194,7 +199,14 @@ pub(super) fn agreements(
     image: &[num_complex::Complex32],
 ) -> [f64; 2] {
     let bright = Bright { places, cells: 0.0, sharpness: 0.0 };
-    let contributions = Contributions::new(cube, kind, &bright, 0.05);
-    let fast = contributions.agreement(channel, error, image);
-    [fast, contributions.prediction(channel, error, image).agreement]
+    let all: Vec<usize> = (0..cube.instrument.array.len()).collect();
+    let contributions = Contributions::new(cube, kind, &bright, &all, 0.05);
+    let whole = contributions.inner(channel, error, image).re;
+    if kind == ChannelError::Frequency {
+        return [whole, whole];
+    }
+    if kind != ChannelError::Phase {
+        assert!((contributions.agreement(channel, error, image) - whole).abs() < 1e-3 * whole.abs().max(1.0));
+    }
+    [whole, contributions.prediction(channel, error, &[], image).agreement]
 }

@@ -71,9 +71,9 @@ pub(super) fn measure(
     Ok(Measured { whole: measure.of(&whole), without })
 }
 
-/// The top of the parabola through a curve, by least squares, and its value; `None` where it has no top within `reach` times
+/// The top of the parabola through a curve, by least squares, its value, and how it falls with the square of the distance; `None` where it has no top within `reach` times
 /// the half of the range of the places about its middle.
-pub(super) fn top(places: &[f64], values: &[f64], reach: f64) -> Option<[f64; 2]> {
+pub(super) fn top(places: &[f64], values: &[f64], reach: f64) -> Option<[f64; 3]> {
     let (first, last) = (places[0], places[places.len() - 1]);
     let (middle, half) = (f64::midpoint(first, last), 0.5 * (last - first));
     let t: Vec<f64> = places.iter().map(|x| (x - middle) / half).collect();
@@ -81,7 +81,7 @@ pub(super) fn top(places: &[f64], values: &[f64], reach: f64) -> Option<[f64; 2]
     let fit = LeastSquares::new(&basis).solve(&Matrix::from_fn(t.len(), 1, |i, _| values[i]));
     let [a, b, c] = [0, 1, 2].map(|power| fit[(power, 0)]);
     let at = -0.5 * b / c;
-    (c < 0.0 && at.abs() <= reach).then_some([middle + half * at, a + 0.5 * b * at])
+    (c < 0.0 && at.abs() <= reach).then_some([middle + half * at, a + 0.5 * b * at, -c / (half * half)])
 }
 
 /// The standard error of the top, from curves without each part; `None` if one of them has no top, or with too few parts.
@@ -92,7 +92,7 @@ pub(super) fn standard_error(places: &[f64], curves: &[Measured], reach: f64) ->
     }
     let of_part = |part: usize| {
         let values: Vec<f64> = curves.iter().map(|curve| curve.without[part]).collect();
-        top(places, &values, reach).map(|[at, _]| at)
+        top(places, &values, reach).map(|[at, ..]| at)
     };
     let tops: Vec<f64> = (0..count).map(of_part).collect::<Option<_>>()?;
     let n = count as f64;

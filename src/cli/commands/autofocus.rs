@@ -93,6 +93,7 @@ fn table(found: &Autofocus) -> Value {
     let error =
         found.standard_error.map_or(String::new(), |error| format!(", standard error {}", digits(error)));
     row("sharpest at", json!(format!("{} {}{error}", digits(found.best), found.unit)));
+    row("within 2 % of that", json!(found.plateau.map(between)));
     row("half height at", json!(between(found.width)));
     row(found.measure.as_str(), json!(format!("falls by {:.1} % from its top", 100.0 * found.contrast)));
     row("blur at the ends", json!(format!("{:.3} rad rms, wherever points move", found.blur)));

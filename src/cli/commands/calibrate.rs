@@ -33,13 +33,13 @@ pub(in crate::cli) struct CalibrateArgs {
     #[arg(long, value_name = "AXIS", default_value = "frequency", requires = "reference")]
     per: ResponseAxis,
     /// Instead of [calibration] alone: find errors of tones or microphones from the echoes in [grid] (frequency, phase, delay or
-    /// position), and write the corrected cube if they explain channels that were kept aside.
+    /// position), and write the corrected cube if microphones that were kept aside are explained better.
     #[arg(long, value_name = "ERRORS", requires = "prior", conflicts_with = "reference")]
     blind: Option<ChannelError>,
     /// How large these errors are, rms: of phases in degrees, of delays and positions (along each axis) in m.
     #[arg(long, value_name = "RMS", requires = "blind")]
     prior: Option<f64>,
-    /// Write the cube even if channels that were kept aside are not explained better.
+    /// Write the cube even if microphones that were kept aside are not explained better.
     #[arg(long, requires = "blind")]
     anyway: bool,
     /// Run file with [calibration].
@@ -117,7 +117,7 @@ fn blind(args: &CalibrateArgs, cube: &Path, terminal: &Terminal) -> Result<()> {
         let done = if written { "written nevertheless" } else { "nothing was written (--anyway writes it)" };
         let why = match found.verdict {
             SelfCalibrationVerdict::LargerThanPrior => "the errors found are far larger than --prior says",
-            _ => "the channels kept aside are not explained better, whatever the sharpness",
+            _ => "the microphones kept aside are not explained better, whatever the sharpness",
         };
         return Err(Error::LimitMissed(format!("{why}; {done}")));
     }
@@ -134,8 +134,8 @@ fn blind_facts(found: &SelfCalibration) -> serde_json::Value {
         "bright voxels": format!("{:.0} resolution cells in effect", found.cells),
         "sharpness": format!("{:.1} before, {:.1} after, which proves nothing", found.sharpness_before, found.sharpness_after),
         "kept aside": format!(
-            "{count} of {} channels, of whose power the others explain {} before and {} after",
-            found.channels + count, percent(explained_before), percent(explained_after)
+            "{count} of {} microphones, of whose power the others explain {} before and {} after",
+            found.microphones + count, percent(explained_before), percent(explained_after)
         ),
         "significance": format!("{significance:.1} standard errors"),
         "verdict": found.verdict,

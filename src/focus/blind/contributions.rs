@@ -1,4 +1,4 @@
-//! What each channel adds to each bright voxel, and what the voxels predict of a channel's samples.
+//! What each channel adds to each bright voxel, and what the voxels predict of a microphone's samples.
 
 use super::profiles::Profiles;
 use super::voxels::Bright;
@@ -26,11 +26,17 @@ enum Source {
 }
 
 impl<'a> Contributions<'a> {
-    /// `reach` bounds the delays and displacements, m, that will be asked for.
-    pub(super) fn new(cube: &'a DataCube, kind: ChannelError, bright: &'a Bright, reach: f64) -> Self {
+    /// Tones are those of the microphones that are kept; `reach` bounds the delays and displacements, m, that will be asked for.
+    pub(super) fn new(
+        cube: &'a DataCube,
+        kind: ChannelError,
+        bright: &'a Bright,
+        kept: &[usize],
+        reach: f64,
+    ) -> Self {
         let instrument = &cube.instrument;
         let source = if kind == ChannelError::Frequency {
-            Source::Tones(tones(cube, bright))
+            Source::Tones(tones(cube, bright, kept))
         } else {
             let paths = bright.places.iter().map(|p| instrument.path_bounds_of((*p, *p)));
             let [low, high] = paths.fold([f64::INFINITY, 0.0_f64], |[a, b], [c, d]| [a.min(c), b.max(d)]);
@@ -65,7 +71,7 @@ impl<'a> Contributions<'a> {
         }
     }
 
-    /// `Re Σ conj(image) · contribution`: how well a channel with an error fits an image.
+    /// `Re Σ conj(image) · contribution`: how well a channel with a delay or at a place fits an image.
     pub(super) fn agreement(&self, channel: usize, error: ErrorValue, image: &[Complex32]) -> f64 {
         let Source::Profiles(profiles) = &self.source else {
             return self.inner(channel, error, image).re;
@@ -83,7 +89,12 @@ impl<'a> Contributions<'a> {
         let mut own = vec![Complex32::ZERO; self.voxels()];
         self.of(channel, error, &mut own);
         let terms = image.iter().zip(&own).map(|(a, value)| a.conj() * value);
-        terms.fold(Complex64::ZERO, |sum, term| sum + Complex64::new(term.re.into(), term.im.into()))
+        terms.fold(Complex64::ZERO, |sum, term| sum + double(term))
+    }
+
+    /// Frequencies of the cube.
+    pub(super) fn tones(&self) -> usize {
+        self.cube.instrument.sweep.len()
     }
 
     /// Wavelength at the centre of the band, m.
@@ -102,23 +113,21 @@ impl<'a> Contributions<'a> {
         }
     }
 
-    /// Of a channel with an error: `Re Σ conj(m) p`, `|Σ conj(m) p|²`, `Σ|p|²` and `Σ|m|²` over its samples m and what an image of
-    /// the bright voxels predicts for them, `p = Σ image e^{+i2πf·path/c}`. Literal: a phasor for each voxel and sample.
-    pub(super) fn prediction(&self, channel: usize, error: ErrorValue, image: &[Complex32]) -> Prediction {
+    /// Of a microphone that is not in an image, with an error of its own: sums over its samples m, corrected by the errors of
+    /// tones if those are looked for, and what the image predicts for them, `p = Σ image e^{+i2πf·path/c}`. Literal: a phasor for
+    /// each voxel and sample.
+    pub(super) fn prediction(
+        &self,
+        microphone: usize,
+        error: ErrorValue,
+        tones: &[ErrorValue],
+        image: &[Complex32],
+    ) -> Prediction {
         let (instrument, n_mic) = (&self.cube.instrument, self.cube.instrument.array.len());
         let (f, c) = (instrument.sweep.frequencies(), instrument.sound_speed);
-        let of_tones = self.kind == ChannelError::Frequency;
-        let count = if of_tones { n_mic } else { f.len() };
-        let mut predicted = vec![Complex64::ZERO; count];
+        let mut predicted = vec![Complex64::ZERO; f.len()];
         for (a, p) in image.iter().zip(&self.bright.places) {
-            let a = Complex64::new(a.re.into(), a.im.into());
-            if of_tones {
-                for (sum, r) in predicted.iter_mut().zip(instrument.array.positions()) {
-                    *sum += a * turned(f[channel] * instrument.path_length(*p, *r) / c);
-                }
-                continue;
-            }
-            let delay = self.path(channel, error, *p) / c;
+            let (a, delay) = (double(*a), self.path(microphone, error, *p) / c);
             match instrument.sweep.step() {
                 Some(step) => {
                     let (mut term, turn) = (a * turned(f[0] * delay), turned(step * delay));
@@ -130,15 +139,15 @@ impl<'a> Contributions<'a> {
                 None => predicted.iter_mut().zip(f).for_each(|(sum, f)| *sum += a * turned(f * delay)),
             }
         }
-        let phase =
-            if self.kind.dimensions() == 1 && self.kind != ChannelError::Delay { error.x } else { 0.0 };
-        let turn = Complex64::cis(phase);
-        let mut sums = Prediction::default();
-        let mut product = Complex64::ZERO;
+        let (mut sums, mut product) = (Prediction::default(), Complex64::ZERO);
         for (i, p) in predicted.into_iter().enumerate() {
-            let m = self.cube.samples[if of_tones { channel * n_mic + i } else { i * n_mic + channel }];
-            let m = Complex64::new(m.re.into(), m.im.into());
-            product += m * (p * turn).conj();
+            let m = double(self.cube.samples[i * n_mic + microphone]);
+            let phase = match self.kind {
+                ChannelError::Frequency => tones[i].x,
+                ChannelError::Phase => error.x,
+                ChannelError::Delay | ChannelError::Position => 0.0,
+            };
+            product += m * Complex64::cis(-phase) * p.conj();
             sums.predicted += p.norm_sqr();
             sums.measured += m.norm_sqr();
         }
@@ -147,36 +156,44 @@ impl<'a> Contributions<'a> {
     }
 }
 
-/// Sums over the samples of a channel.
+/// Sums over the samples of a microphone.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Prediction {
+    /// `Re Σ m conj(p)`.
     pub(super) agreement: f64,
+    /// `|Σ m conj(p)|²`.
     pub(super) product: f64,
+    /// `Σ |p|²`.
     pub(super) predicted: f64,
+    /// `Σ |m|²`.
     pub(super) measured: f64,
+}
+
+fn double(value: Complex32) -> Complex64 {
+    Complex64::new(value.re.into(), value.im.into())
 }
 
 fn turned(turns: f64) -> Complex64 {
     Complex64::cis(TAU * (turns - turns.round()))
 }
 
-/// Every tone's image of the bright voxels.
-fn tones(cube: &DataCube, bright: &Bright) -> Vec<Complex32> {
+/// Every tone's image of the bright voxels by the microphones that are kept.
+fn tones(cube: &DataCube, bright: &Bright, kept: &[usize]) -> Vec<Complex32> {
     let (instrument, n_mic) = (&cube.instrument, cube.instrument.array.len());
     let (f, c) = (instrument.sweep.frequencies(), instrument.sound_speed);
     let of_voxel = |p: &glam::DVec3| -> Vec<Complex32> {
         let mut sums = vec![Complex64::ZERO; f.len()];
-        for (r, position) in instrument.array.positions().iter().enumerate() {
-            let delay = -instrument.path_length(*p, *position) / c;
+        for r in kept {
+            let delay = -instrument.path_length(*p, instrument.array.positions()[*r]) / c;
             let step = instrument.sweep.step().map(|step| turned(step * delay));
             let mut turn = turned(f[0] * delay);
             for (i, sum) in sums.iter_mut().enumerate() {
-                let m = cube.samples[i * n_mic + r];
+                let m = cube.samples[i * n_mic + *r];
                 match step {
                     Some(step) if i > 0 => turn *= step,
                     _ => turn = turned(f[i] * delay),
                 }
-                *sum += Complex64::new(m.re.into(), m.im.into()) * turn;
+                *sum += double(m) * turn;
             }
         }
         sums.into_iter().map(|sum| Complex32::new(sum.re as f32, sum.im as f32)).collect()

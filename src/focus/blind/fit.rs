@@ -16,7 +16,7 @@ pub(super) struct Errors {
     pub(super) values: Vec<ErrorValue>,
 }
 
-/// Channels kept aside by which the strength of the prior is weighed.
+/// Microphones kept aside by which the strength of the prior is weighed.
 const WEIGHED: usize = 64;
 
 /// Largest error that is tried, in units of the prior.
@@ -57,6 +57,11 @@ impl Errors {
             }
         });
         Ok(corrected)
+    }
+
+    /// The error of one microphone's own.
+    pub(super) fn of_microphone(&self, r: usize) -> ErrorValue {
+        if self.kind == ChannelError::Frequency { DVec3::ZERO } else { self.values[r] }
     }
 
     /// rms of the errors of some channels, along each axis.
@@ -106,23 +111,23 @@ pub(super) struct Fit {
 }
 
 impl Fit {
-    /// Weighs samples against the prior by what an image leaves unexplained of channels that are not in it.
+    /// Weighs samples against the prior by what an image leaves unexplained of microphones that are not in it.
     pub(super) fn weigh(
         contributions: &Contributions,
         image: &[Complex32],
         aside: &[usize],
         errors: &Errors,
-        samples: usize,
         scale: f64,
     ) -> Self {
         let some = &aside[..aside.len().min(WEIGHED)];
-        let of = |channel: &usize| contributions.prediction(*channel, errors.values[*channel], image);
+        let of = |r: &usize| contributions.prediction(*r, errors.of_microphone(*r), &errors.values, image);
         let each: Vec<Prediction> = some.par_iter().map(of).collect();
         let sum = |of: fn(&Prediction) -> f64| each.iter().map(of).sum::<f64>();
         let (agreement, predicted, measured) =
             (sum(|p| p.agreement), sum(|p| p.predicted), sum(|p| p.measured));
         let gain = if predicted > 0.0 { (agreement / predicted).max(0.0) } else { 0.0 };
-        let noise = ((measured - gain * agreement) / (samples * some.len()) as f64).max(f64::MIN_POSITIVE);
+        let noise = ((measured - gain * agreement) / (contributions.tones() * some.len()) as f64)
+            .max(f64::MIN_POSITIVE);
         Self { weight: 2.0 * gain / noise, scale }
     }
 
@@ -177,24 +182,23 @@ impl Fit {
     }
 }
 
-/// Fits every channel that is kept to the image of the others that are.
+/// Fits every channel to the image of the others, tones or the microphones that are kept.
 pub(super) fn fit_channels(
-    cube: &DataCube,
     contributions: &Contributions,
-    [kept, aside]: [&[usize]; 2],
+    fitted: &[usize],
+    aside: &[usize],
     errors: &mut Errors,
     scale: f64,
 ) {
-    let (each, sum) = image(contributions, kept, errors);
-    let samples = cube.samples.len() / errors.values.len();
-    let fit = Fit::weigh(contributions, &sum, aside, errors, samples, scale);
+    let (each, sum) = image(contributions, fitted, errors);
+    let fit = Fit::weigh(contributions, &sum, aside, errors, scale);
     let of = |(channel, own): (&usize, &Vec<Complex32>)| {
         let others: Vec<Complex32> = sum.iter().zip(own).map(|(sum, own)| sum - own).collect();
         fit.best(contributions, *channel, &others)
     };
-    let found: Vec<ErrorValue> = kept.par_iter().zip(&each).map(of).collect();
-    for (channel, error) in kept.iter().zip(found) {
+    let found: Vec<ErrorValue> = fitted.par_iter().zip(&each).map(of).collect();
+    for (channel, error) in fitted.iter().zip(found) {
         errors.values[*channel] = error;
     }
-    errors.centre(kept);
+    errors.centre(fitted);
 }

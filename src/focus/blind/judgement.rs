@@ -1,4 +1,4 @@
-//! The judgement by channels that were kept aside: whether the image of the others explains them better than before.
+//! The judgement by microphones that were kept aside: whether the image of the others explains them better than before.
 
 use super::contributions::Contributions;
 use super::fit::{Errors, Fit, image};
@@ -13,7 +13,7 @@ use serde::Serialize;
 choice! {
     /// Whether a self-calibration is to be trusted.
     pub enum SelfCalibrationVerdict: "verdict" {
-        /// Channels that were kept aside are explained better.
+        /// Microphones that were kept aside are explained better.
         Better = "better",
         /// They are not: what was found sharpens the image, and is not in the echoes.
         NotBetter = "not better",
@@ -25,7 +25,7 @@ choice! {
 /// The image before or after, and what it explains.
 #[derive(Debug, Clone)]
 pub(super) struct Judge {
-    /// Share of the power of each channel kept aside that the image of the others predicts.
+    /// Share of the power of each microphone kept aside that the image of the others predicts.
     explained: Vec<f64>,
     /// Power of each.
     power: Vec<f64>,
@@ -34,27 +34,32 @@ pub(super) struct Judge {
 }
 
 impl Judge {
-    /// Fits the channels kept aside to the image of the others, stores their errors, and measures what is explained.
+    /// Fits microphones kept aside to the image of the others, stores their errors, and measures what is explained.
     ///
-    /// A channel's own error is fitted before as after, so that only the image makes the difference.
+    /// A microphone's own error is fitted before as after, so that only the image makes the difference; of tones, it has the
+    /// errors that the others found.
     pub(super) fn of(
-        cube: &DataCube,
         contributions: &Contributions,
         bright: &Bright,
-        [kept, aside]: [&[usize]; 2],
+        fitted: &[usize],
+        aside: &[usize],
         errors: &mut Errors,
         scale: f64,
     ) -> Self {
-        let (_, sum) = image(contributions, kept, errors);
-        let samples = cube.samples.len() / errors.values.len();
-        let fit = Fit::weigh(contributions, &sum, aside, errors, samples, scale);
-        let of = |channel: &usize| {
-            let error: ErrorValue = fit.best(contributions, *channel, &sum);
-            (error, contributions.prediction(*channel, error, &sum))
+        let (_, sum) = image(contributions, fitted, errors);
+        let fit = Fit::weigh(contributions, &sum, aside, errors, scale);
+        let of = |r: &usize| {
+            let error = match errors.kind {
+                ChannelError::Frequency => ErrorValue::ZERO,
+                _ => fit.best(contributions, *r, &sum),
+            };
+            (error, contributions.prediction(*r, error, &errors.values, &sum))
         };
         let found: Vec<_> = aside.par_iter().map(of).collect();
-        for (channel, (error, _)) in aside.iter().zip(&found) {
-            errors.values[*channel] = *error;
+        if errors.kind != ChannelError::Frequency {
+            for (r, (error, _)) in aside.iter().zip(&found) {
+                errors.values[*r] = *error;
+            }
         }
         let explained = found.iter().map(|(_, p)| {
             let whole = p.predicted * p.measured;
@@ -75,17 +80,17 @@ impl Judge {
     }
 }
 
-/// What the channels kept aside say.
+/// What the microphones kept aside say.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct HeldOut {
-    /// Channels that were kept aside.
+    /// Microphones that were kept aside.
     pub count: usize,
     /// Share of their power that the image of the others explains: before.
     pub explained_before: f64,
     /// After.
     pub explained_after: f64,
-    /// Mean gain of a channel in units of its standard error.
+    /// Mean gain of a microphone in units of its standard error.
     pub significance: f64,
 }
 
@@ -101,11 +106,11 @@ pub struct SelfCalibration {
     pub prior: f64,
     /// rms that was found, along each axis.
     pub rms: f64,
-    /// Channels that made the images.
-    pub channels: usize,
+    /// Microphones that made the images.
+    pub microphones: usize,
     /// Resolution cells that the bright voxels fill in effect, at first.
     pub cells: f64,
-    /// `N Σ I² / (Σ I)²` of the region, of the channels that were kept: before.
+    /// `N Σ I² / (Σ I)²` of the region, by these microphones: before.
     pub sharpness_before: f64,
     /// After. That it rises proves nothing.
     pub sharpness_after: f64,
@@ -119,7 +124,7 @@ pub struct SelfCalibration {
 
 /// The least significance, and the least gain relative to what was explained before.
 const SIGNIFICANT: f64 = 4.0;
-const LEAST_GAIN: f64 = 0.03;
+const LEAST_GAIN: f64 = 0.02;
 
 /// The rms may be so many times the prior.
 const MOST_RMS: f64 = 2.0;
@@ -128,21 +133,21 @@ impl SelfCalibration {
     pub(super) fn new(
         kind: ChannelError,
         prior: f64,
-        [kept, aside]: [&[usize]; 2],
+        [kept, fitted]: [&[usize]; 2],
         [before, after]: &[Judge; 2],
         errors: Errors,
     ) -> Self {
         let gains = after.explained.iter().zip(&before.explained).map(|(after, before)| after - before);
-        let n = aside.len() as f64;
+        let n = after.explained.len() as f64;
         let mean = gains.clone().sum::<f64>() / n;
         let variance = gains.map(|gain| (gain - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
         let held_out = HeldOut {
-            count: aside.len(),
+            count: after.explained.len(),
             explained_before: before.share(),
             explained_after: after.share(),
             significance: mean / (variance / n).sqrt().max(f64::MIN_POSITIVE),
         };
-        let rms = errors.rms(kept) / kind.factor();
+        let rms = errors.rms(fitted) / kind.factor();
         let gain = held_out.explained_after / held_out.explained_before - 1.0;
         let verdict = match () {
             () if !(held_out.significance >= SIGNIFICANT && gain >= LEAST_GAIN) => {
@@ -156,7 +161,7 @@ impl SelfCalibration {
             unit: kind.unit(),
             prior,
             rms,
-            channels: kept.len(),
+            microphones: kept.len(),
             cells: before.cells,
             sharpness_before: before.sharpness,
             sharpness_after: after.sharpness,
@@ -180,7 +185,7 @@ impl SelfCalibration {
         let mut corrected = self.errors.corrected(cube)?;
         let HeldOut { explained_before, explained_after, .. } = self.held_out;
         let words = format!(
-            "{} errors of {:.4} {} rms taken out, found in the echoes; they explain {:.1} % instead of {:.1} % of channels kept aside",
+            "{} errors of {:.4} {} rms taken out, found in the echoes; they explain {:.1} % instead of {:.1} % of microphones kept aside",
             self.kind,
             self.rms,
             self.unit,

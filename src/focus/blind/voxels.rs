@@ -1,7 +1,6 @@
 //! The brightest voxels of a region, which the channels are fitted to.
 
-use super::ChannelError;
-use crate::acquisition::{DataCube, Sweep};
+use crate::acquisition::DataCube;
 use crate::error::{Error, Result};
 use crate::grid::Grid;
 use crate::progress::Observer;
@@ -28,19 +27,19 @@ pub(super) struct Bright {
 }
 
 impl Bright {
-    /// Images the channels that are kept, and chooses.
+    /// Images the microphones that are kept, and chooses as many voxels as values of all channels at them fit in memory.
     pub(super) fn choose(
         cube: &DataCube,
-        kind: ChannelError,
         kept: &[usize],
+        channels: usize,
         grid: &Grid,
         options: &ReconstructOptions,
         observer: &dyn Observer,
     ) -> Result<Self> {
-        let volume = reconstruct_with(&part(cube, kind, kept)?, grid, options, observer)?.volume;
+        let volume = reconstruct_with(&part(cube, kept)?, grid, options, observer)?.volume;
         let power: Vec<f64> = volume.samples.iter().map(|a| f64::from(a.norm_sqr())).collect();
         let count = ((SHARE * power.len() as f64).ceil() as usize)
-            .clamp(1, MOST.min((MOST_VALUES / kept.len()).max(1)));
+            .clamp(1, MOST.min((MOST_VALUES / channels).max(1)));
         let mut order: Vec<usize> = (0..power.len()).collect();
         // Of equals the first, so that the choice is the same on every machine.
         order.sort_by(|a, b| power[*b].total_cmp(&power[*a]).then(a.cmp(b)));
@@ -77,19 +76,12 @@ fn share_of_cell(cube: &DataCube, grid: &Grid) -> f64 {
     cells.into_iter().map(|(pitch, cell)| cell.map_or(1.0, |cell| (pitch / cell).min(1.0))).product()
 }
 
-/// Some channels of a cube.
-fn part(cube: &DataCube, kind: ChannelError, channels: &[usize]) -> Result<DataCube> {
-    let (instrument, n_mic) = (&cube.instrument, cube.instrument.array.len());
-    if kind == ChannelError::Frequency {
-        let frequencies = channels.iter().map(|f| instrument.sweep.frequencies()[*f]).collect();
-        let samples = channels.iter().flat_map(|f| cube.frequency(*f)).copied().collect();
-        return DataCube::new(instrument.clone().with_sweep(Sweep::from_frequencies(frequencies)?), samples);
-    }
-    // Silent ones stay where they are, so that a lattice remains one; the mean is smaller, which nothing depends on.
-    let mut is_kept = vec![false; n_mic];
-    for r in channels {
+/// The cube with silence in the microphones that are not kept: they stay where they are, so that a lattice remains one.
+fn part(cube: &DataCube, kept: &[usize]) -> Result<DataCube> {
+    let mut is_kept = vec![false; cube.instrument.array.len()];
+    for r in kept {
         is_kept[*r] = true;
     }
-    let of = |(i, m): (usize, &Complex32)| if is_kept[i % n_mic] { *m } else { Complex32::ZERO };
-    DataCube::new(instrument.clone(), cube.samples.iter().enumerate().map(of).collect())
+    let of = |(i, m): (usize, &Complex32)| if is_kept[i % is_kept.len()] { *m } else { Complex32::ZERO };
+    DataCube::new(cube.instrument.clone(), cube.samples.iter().enumerate().map(of).collect())
 }
