@@ -163,7 +163,7 @@ pub(super) fn attributes(facts: &Value) -> Attributes {
 }
 
 /// The metadata of which these are the attributes; those of other programs keep their names.
-pub(crate) fn facts_of_attributes(attributes: &[(String, Attribute)]) -> Value {
+pub fn facts_of_attributes(attributes: &[(String, Attribute)]) -> Value {
     let fact = |(name, value): (String, Value)| {
         let Some(name) = name.strip_prefix("sonar:") else { return (name, value) };
         // What was nested is JSON text.
@@ -178,7 +178,7 @@ pub(crate) fn facts_of_attributes(attributes: &[(String, Attribute)]) -> Value {
 }
 
 /// What can be resolved, from the metadata of an image or a truth.
-pub(crate) fn resolution_in(meta: &Value) -> Option<Resolution> {
+pub fn resolution_in(meta: &Value) -> Option<Resolution> {
     let range = resolution_of(meta).or_else(|| meta["range_resolution"].as_f64())?;
     Some(Resolution { range, aperture: aperture_of(meta) })
 }
@@ -222,6 +222,15 @@ mod tests {
             ("sonar:window".into(), Attribute::Text("taylor".into())),
         ];
         assert_eq!(attributes(&facts), expected);
+        // And back, without what was null.
+        let back = facts_of_attributes(&expected);
+        assert_eq!(
+            back,
+            json!({"sound_speed": 343.5, "version": 1, "array_extent": [1.0, 0.5, 0.0], "run": {"a": 1},
+            "window": "taylor"})
+        );
+        let foreign = [("owner".to_owned(), Attribute::Text("[a]".into()))];
+        assert_eq!(facts_of_attributes(&foreign), json!({"owner": "[a]"}));
     }
 
     #[test]
