@@ -20,8 +20,6 @@ mod bare_mesh;
 mod cubes;
 mod design;
 mod facts;
-#[cfg(feature = "python")]
-mod facts_read;
 mod focus;
 mod forecast;
 mod job;
@@ -39,8 +37,7 @@ pub use bare_mesh::BareMesh;
 pub use cubes::{image_cube, image_samples, reconstruct_cube, reconstruct_samples};
 pub use design::{Combination, DesignRow, DesignSweep, RunWith, SweptKey, point_spreads, sweep_designs};
 pub(crate) use facts::{aperture_of_file, resolution_of};
-#[cfg(feature = "python")]
-pub(crate) use facts_read::{facts_of_attributes, resolution_in};
+pub use facts::{facts_of_attributes, resolution_in};
 pub use focus::{autofocus_cube, self_calibrate_cube};
 pub use forecast::{CommandMemory, Forecast, forecast_cube, forecast_scene};
 pub use job::JobOptions;

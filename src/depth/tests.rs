@@ -4,7 +4,7 @@ mod column;
 mod parts;
 
 use super::*;
-use crate::grid::Volume;
+use crate::grid::{Axis, Volume};
 use crate::wave::{Aperture, Geometry};
 use glam::DVec3;
 use num_complex::Complex32;

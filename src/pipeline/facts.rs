@@ -3,10 +3,10 @@
 use crate::acquisition::Instrument;
 use crate::config::{RefineMethod, RunFile};
 use crate::depth::ArraySidelobes;
-use crate::export::{Attribute, Attributes, find_attribute};
+use crate::export::{Attribute, Attributes, attributes_as_json, find_attribute};
 use crate::plan::near_sidelobe_db;
 use crate::reconstruct::ReconstructionInfo;
-use crate::wave::{Aperture, Geometry, GeometryKind, Interface};
+use crate::wave::{Aperture, Geometry, GeometryKind, Interface, Resolution};
 use glam::DVec3;
 use serde_json::{Value, json};
 
@@ -191,6 +191,38 @@ pub(super) fn attributes(facts: &Value) -> Attributes {
         .collect()
 }
 
+/// The metadata of which these are the attributes; those of other programs keep their names.
+pub fn facts_of_attributes(attributes: &[(String, Attribute)]) -> Value {
+    let fact = |(name, value): (String, Value)| {
+        let Some(name) = name.strip_prefix("sonar:") else { return (name, value) };
+        // What was nested is JSON text.
+        let nested = value.as_str().filter(|text| text.starts_with(['{', '[']));
+        let nested = nested.and_then(|text| serde_json::from_str(text).ok());
+        (snake_case(name), nested.unwrap_or(value))
+    };
+    match attributes_as_json(attributes) {
+        Value::Object(facts) => Value::Object(facts.into_iter().map(fact).collect()),
+        other => other,
+    }
+}
+
+/// What can be resolved, from the metadata of an image or a truth.
+pub fn resolution_in(meta: &Value) -> Option<Resolution> {
+    let range = resolution_of(meta).or_else(|| meta["range_resolution"].as_f64())?;
+    Some(Resolution { range, aperture: aperture_of(meta) })
+}
+
+/// `soundSpeed` → `sound_speed`, the inverse of [`camel_case`].
+fn snake_case(name: &str) -> String {
+    name.chars().fold(String::new(), |mut text, c| {
+        if c.is_ascii_uppercase() {
+            text.push('_');
+        }
+        text.push(c.to_ascii_lowercase());
+        text
+    })
+}
+
 /// `sound_speed` → `soundSpeed`, as EXR's own attributes are written.
 fn camel_case(key: &str) -> String {
     let mut words = key.split('_');
@@ -219,6 +251,15 @@ mod tests {
             ("sonar:window".into(), Attribute::Text("taylor".into())),
         ];
         assert_eq!(attributes(&facts), expected);
+        // And back, without what was null.
+        let back = facts_of_attributes(&expected);
+        assert_eq!(
+            back,
+            json!({"sound_speed": 343.5, "version": 1, "array_extent": [1.0, 0.5, 0.0], "run": {"a": 1},
+            "window": "taylor"})
+        );
+        let foreign = [("owner".to_owned(), Attribute::Text("[a]".into()))];
+        assert_eq!(facts_of_attributes(&foreign), json!({"owner": "[a]"}));
     }
 
     #[test]

@@ -70,7 +70,7 @@ fn the_gate_is_the_least_part_of_the_band_over_the_mean() {
     let samples = (0..grid.voxel_count()).map(|_| random.normal()).collect();
     let volume = Volume::new(grid, samples);
     let mut power = Power { grid, values: vec![1.0; grid.voxel_count() as usize] };
-    flatten(&mut power, (&volume).into(), &aperture(), &options()).expect("fits");
+    flatten(&mut power, volume.view(), &aperture(), &options()).expect("fits");
     let mut off = Vec::new();
     for pixel in [0, 7, 20, 37] {
         let literal: Vec<f64> = (0..40).map(|iz| literal_gate(&volume, pixel, iz)).collect();
@@ -101,9 +101,9 @@ fn an_alias_is_gated_and_a_surface_is_not() {
             *sample = tones.map(|f| Complex32::from_polar(0.025, (-turn * f) as f32)).sum();
         }
         let volume = Volume::new(grid, samples);
-        let mut power = Power::of((&volume).into()).expect("fits");
+        let mut power = Power::of(volume.view()).expect("fits");
         let before = power.column(pixel)[25];
-        flatten(&mut power, (&volume).into(), &aperture, &options()).expect("fits");
+        flatten(&mut power, volume.view(), &aperture, &options()).expect("fits");
         power.column(pixel)[25] / before
     };
     let (surface, alias) = (echo([10e3, 20e3]), echo([18e3, 20e3]));

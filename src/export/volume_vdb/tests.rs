@@ -1,6 +1,5 @@
 use super::*;
-use crate::grid::Axis;
-use crate::grid::Volume;
+use crate::grid::{Axis, Volume};
 use flate2::read::ZlibDecoder;
 use num_complex::Complex32;
 use rand_chacha::ChaCha8Rng;
