@@ -1,7 +1,7 @@
 //! Cubes: simulated, read and written.
 
 use super::arrays::{Samples, array, values};
-use super::instruments::{InstrumentParts, coordinates, points};
+use super::instruments::{InstrumentParts, coordinates, only_source, points};
 use super::jobs;
 use super::run_files::PythonRunFile;
 use crate::acquisition::{CubeView, DataCube, Detection, Instrument, simulate_with};
@@ -11,8 +11,7 @@ use crate::pipeline::{JobOptions, simulate_scene as simulate};
 use crate::plan::memory_limit;
 use crate::progress::stage;
 use crate::reflectors::Reflectors;
-use crate::wave::{Geometry, GeometryKind};
-use glam::DVec3;
+use crate::wave::GeometryKind;
 use num_complex::Complex32;
 use numpy::{PyArray1, PyArrayDyn, PyReadonlyArrayDyn};
 use pyo3::prelude::*;
@@ -36,10 +35,7 @@ impl<'py> CubeParts<'py> {
     fn new(py: Python<'py>, cube: DataCube) -> PyResult<Self> {
         let DataCube { instrument, samples, provenance } = cube;
         let Instrument { sweep, array, geometry, detection, sound_speed, .. } = &instrument;
-        let source = match *geometry {
-            Geometry::FixedSource { source } => source,
-            Geometry::Monostatic => DVec3::ZERO,
-        };
+        let source = only_source(&instrument)?;
         Ok(Self {
             samples: samples_for(py, samples, &instrument)?,
             provenance: (!provenance.is_null()).then(|| provenance.to_string()),

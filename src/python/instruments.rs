@@ -36,6 +36,10 @@ impl InstrumentParts<'_> {
         let geometry = match self.geometry.parse()? {
             GeometryKind::FixedSource => Geometry::FixedSource { source: self.source.into() },
             GeometryKind::Monostatic => Geometry::Monostatic,
+            GeometryKind::Pair => {
+                let problem = "\"pair\" is no geometry here; expected \"fixed-source\" or \"monostatic\"";
+                return Err(Error::input("geometry", problem));
+            }
         };
         let detection: Detection = self.detection.parse()?;
         let instrument = Instrument::new(sweep, array.map_err(|error| error.at("mic_positions"))?)
@@ -44,6 +48,23 @@ impl InstrumentParts<'_> {
             .with_sound_speed(self.sound_speed);
         instrument.check().map(|()| instrument)
     }
+}
+
+/// The loudspeaker of an instrument that the package's class can hold: one, or that of a monostatic scan, in one medium.
+///
+/// # Errors
+/// Several loudspeakers, a moved pair, or an interface, which would be lost.
+pub(super) fn only_source(instrument: &Instrument) -> Result<DVec3> {
+    let what = match instrument.geometry {
+        _ if instrument.transmissions() > 1 => "several loudspeakers",
+        _ if instrument.interface.is_some() => "an interface of two media",
+        Geometry::FixedSource { source } => return Ok(source),
+        Geometry::Monostatic => return Ok(DVec3::ZERO),
+        Geometry::Pair { .. } => "a moved pair of loudspeaker and microphone",
+    };
+    let problem =
+        format!("has {what}, which a Cube does not hold; image its file, by `image` or on the command line");
+    Err(Error::input("cube", problem))
 }
 
 /// Points, `[.., 3]`, m.
