@@ -184,7 +184,8 @@ impl WavFile {
     pub(crate) fn described(&self) -> String {
         let WavSpec { channels, sample_rate, bits_per_sample, sample_format } = self.spec;
         let kind = if sample_format == SampleFormat::Float { "floating-point" } else { "integer" };
-        format!("{channels} channels, {sample_rate} Hz, {bits_per_sample} bits, {kind}")
+        let s = if channels == 1 { "" } else { "s" };
+        format!("{channels} channel{s}, {sample_rate} Hz, {bits_per_sample} bits, {kind}")
     }
 
     /// Reads `count` frames from frame `from` on, `[frame, channel]`, full scale 1.
