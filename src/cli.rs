@@ -37,7 +37,7 @@ const VERSION: &str = concat!(env!("CARGO_PKG_VERSION"), " (", env!("HOLOSONAR_C
 
 const AFTER_HELP: &str = "\
 Exit status: 0 done; 1 I/O or memory error; 2 the request or an input file is wrong; 3 a limit of \
-compare or check was missed; 130 interrupted (Ctrl-C), 143 terminated.
+compare or check was missed, or calibrate --blind found nothing to trust; 130 interrupted (Ctrl-C), 143 terminated.
 
 Environment: NO_COLOR, if not empty, disables colours; HOLOSONAR_SIMD=baseline, avx2 or avx512 limits the vector \
 instructions of the program's own loops, which changes no byte of a result.";

@@ -1,7 +1,7 @@
 //! The search: a coarse curve over the range, then its top, part by part of the band.
 
 use super::displacement::blur;
-use super::jackknife::{self, Measured};
+use super::jackknife::{self, PartMeasures};
 use super::measure::FocusMeasure;
 use super::one_of_many::OneOfMany;
 use super::parameter::{Corrected, FocusParameter};
@@ -273,7 +273,7 @@ impl<'a> Search<'a> {
         highest: usize,
         width: [f64; 2],
         observer: &dyn Observer,
-    ) -> Result<(Vec<f64>, Vec<Measured>)> {
+    ) -> Result<(Vec<f64>, Vec<PartMeasures>)> {
         let middle = curve[highest].value;
         // A side on which the curve does not fall to its middle tells nothing of its width.
         let sides = [middle - width[0], width[1] - middle];
@@ -291,7 +291,7 @@ impl<'a> Search<'a> {
             advance(observer, 1)?;
             let per_cell = |measure: f64| self.measure.of_cells(measure, cells);
             let without = measured.without.into_iter().map(per_cell).collect();
-            Ok(Measured { whole: per_cell(measured.whole), without })
+            Ok(PartMeasures { whole: per_cell(measured.whole), without })
         });
         let measured = measured.collect::<Result<_>>()?;
         Ok((places, measured))

@@ -20,7 +20,7 @@ pub(crate) const VOLUMES: u64 = PARTS as u64 + 2;
 
 /// The measure of a whole image, and without each part of the band.
 #[derive(Debug, Clone)]
-pub(super) struct Measured {
+pub(super) struct PartMeasures {
     pub(super) whole: f64,
     pub(super) without: Vec<f64>,
 }
@@ -41,7 +41,7 @@ pub(super) fn measure(
     options: &ReconstructOptions,
     measure: FocusMeasure,
     observer: &dyn Observer,
-) -> Result<Measured> {
+) -> Result<PartMeasures> {
     let (f, n_mic) = (cube.instrument.sweep.frequencies(), cube.instrument.array.len());
     let parts = parts(f.len());
     let mut images = Vec::with_capacity(parts.len());
@@ -68,7 +68,7 @@ pub(super) fn measure(
         measure.of(&rest)
     });
     let without = without.collect();
-    Ok(Measured { whole: measure.of(&whole), without })
+    Ok(PartMeasures { whole: measure.of(&whole), without })
 }
 
 /// The top of the parabola through a curve, by least squares, its value, and how it falls with the square of the distance; `None` where it has no top within `reach` times
@@ -85,7 +85,7 @@ pub(super) fn top(places: &[f64], values: &[f64], reach: f64) -> Option<[f64; 3]
 }
 
 /// The standard error of the top, from curves without each part; `None` if one of them has no top, or with too few parts.
-pub(super) fn standard_error(places: &[f64], curves: &[Measured], reach: f64) -> Option<f64> {
+pub(super) fn standard_error(places: &[f64], curves: &[PartMeasures], reach: f64) -> Option<f64> {
     let count = curves.first()?.without.len();
     if count < 3 {
         return None;

@@ -17,6 +17,7 @@ mod choices;
 mod command;
 mod escapes;
 mod faults;
+mod focus;
 mod guide;
 mod health;
 mod import;

@@ -14,11 +14,11 @@ pub(super) struct Contributions<'a> {
     pub(super) kind: ChannelError,
     cube: &'a DataCube,
     bright: &'a Bright,
-    source: Source,
+    source: ChannelData,
 }
 
 #[derive(Debug)]
-enum Source {
+enum ChannelData {
     /// Of microphones: their profiles.
     Profiles(Profiles),
     /// Of tones, without an error: `[tone, voxel]`.
@@ -36,12 +36,12 @@ impl<'a> Contributions<'a> {
     ) -> Self {
         let instrument = &cube.instrument;
         let source = if kind == ChannelError::Frequency {
-            Source::Tones(tones(cube, bright, kept))
+            ChannelData::Tones(tones(cube, bright, kept))
         } else {
             let paths = bright.places.iter().map(|p| instrument.path_bounds_of((*p, *p)));
             let [low, high] = paths.fold([f64::INFINITY, 0.0_f64], |[a, b], [c, d]| [a.min(c), b.max(d)]);
             let reach = if kind == ChannelError::Phase { 0.0 } else { 2.0 * reach * 3.0_f64.sqrt() };
-            Source::Profiles(Profiles::new(cube, [low - reach, high + reach]))
+            ChannelData::Profiles(Profiles::new(cube, [low - reach, high + reach]))
         };
         Self { kind, cube, bright, source }
     }
@@ -54,12 +54,12 @@ impl<'a> Contributions<'a> {
     /// `Σ m e^{−i2πf·path/c}` over the channel's samples at each voxel, with an error of the channel taken out.
     pub(super) fn of(&self, channel: usize, error: ErrorValue, sums: &mut [Complex32]) {
         match &self.source {
-            Source::Tones(tones) => {
+            ChannelData::Tones(tones) => {
                 let turn = Complex32::cis(-error.x as f32);
                 let own = &tones[channel * self.voxels()..][..self.voxels()];
                 sums.iter_mut().zip(own).for_each(|(sum, tone)| *sum = tone * turn);
             }
-            Source::Profiles(profiles) => {
+            ChannelData::Profiles(profiles) => {
                 let turn = match self.kind {
                     ChannelError::Phase => Complex32::cis(-error.x as f32),
                     _ => Complex32::ONE,
@@ -73,7 +73,7 @@ impl<'a> Contributions<'a> {
 
     /// `Re Σ conj(image) · contribution`: how well a channel with a delay or at a place fits an image.
     pub(super) fn agreement(&self, channel: usize, error: ErrorValue, image: &[Complex32]) -> f64 {
-        let Source::Profiles(profiles) = &self.source else {
+        let ChannelData::Profiles(profiles) = &self.source else {
             return self.inner(channel, error, image).re;
         };
         let mut sum = 0.0;

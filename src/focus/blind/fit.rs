@@ -103,14 +103,14 @@ pub(super) fn image(
 
 /// How a channel is fitted.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Fit {
+pub(super) struct ChannelFit {
     /// Agreement times this is the logarithm of a likelihood.
     weight: f64,
     /// rms of the prior, rad or m.
     scale: f64,
 }
 
-impl Fit {
+impl ChannelFit {
     /// Weighs samples against the prior by what an image leaves unexplained of microphones that are not in it.
     pub(super) fn weigh(
         contributions: &Contributions,
@@ -191,7 +191,7 @@ pub(super) fn fit_channels(
     scale: f64,
 ) {
     let (each, sum) = image(contributions, fitted, errors);
-    let fit = Fit::weigh(contributions, &sum, aside, errors, scale);
+    let fit = ChannelFit::weigh(contributions, &sum, aside, errors, scale);
     let of = |(channel, own): (&usize, &Vec<Complex32>)| {
         let others: Vec<Complex32> = sum.iter().zip(own).map(|(sum, own)| sum - own).collect();
         fit.best(contributions, *channel, &others)

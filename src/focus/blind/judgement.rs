@@ -1,7 +1,7 @@
 //! The judgement by microphones that were kept aside: whether the image of the others explains them better than before.
 
 use super::contributions::Contributions;
-use super::fit::{Errors, Fit, image};
+use super::fit::{ChannelFit, Errors, image};
 use super::voxels::Bright;
 use super::{ChannelError, ErrorValue};
 use crate::acquisition::{DataCube, note};
@@ -47,7 +47,7 @@ impl Judge {
         scale: f64,
     ) -> Self {
         let (_, sum) = image(contributions, fitted, errors);
-        let fit = Fit::weigh(contributions, &sum, aside, errors, scale);
+        let fit = ChannelFit::weigh(contributions, &sum, aside, errors, scale);
         let of = |r: &usize| {
             let error = match errors.kind {
                 ChannelError::Frequency => ErrorValue::ZERO,
