@@ -36,8 +36,9 @@
 //!
 //! # Guide
 //! How to use it: the [run file](guide::run_file), the [files](guide::files), [measured data](guide::measured), from
-//! [Python](guide::python), and how to [design](guide::design) a measurement. What it does: the [physics](guide::physics), the [method](guide::method), the
-//! [metrics](guide::metrics), the [paper](guide::paper) reproduced. What to expect: [interruption](guide::interruption) and
+//! [Python](guide::python), and how to [design](guide::design) a measurement. What it does: the
+//! [physics](guide::physics), the [method](guide::method), the [metrics](guide::metrics), the [paper](guide::paper)
+//! reproduced. What to expect: [interruption](guide::interruption) and
 //! memory, [performance](guide::performance), [limits](guide::limits). Where things are: the [code](guide::code).
 //!
 //! # Conventions
