@@ -25,8 +25,8 @@ choice! {
 const LEAST_BLUR: f64 = 0.1;
 
 /// A curve that falls by less than this share of its top is flat: overlapping echoes and the edges of the region change up to 2 %,
-/// and move such a top by a third of the way to the ends.
-const LEAST_CONTRAST: f64 = 0.2;
+/// and may move such a top by nearly half of the way to the ends.
+const LEAST_CONTRAST: f64 = 0.1;
 
 /// Another top that rises to this share of the highest above the lowest place is a rival.
 const RIVAL: f64 = 0.85;
