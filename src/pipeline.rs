@@ -20,7 +20,6 @@ mod bare_mesh;
 mod cubes;
 mod design;
 mod facts;
-mod focus;
 mod forecast;
 mod job;
 mod limits;
@@ -28,25 +27,24 @@ mod maps;
 mod memory;
 mod oracle;
 mod outputs;
-mod page;
 mod prepared_scene;
 mod recording;
 mod report;
 
 pub use bare_mesh::BareMesh;
-pub use cubes::{image_cube, image_samples, reconstruct_cube, reconstruct_samples};
+pub use cubes::{
+    autofocus_cube, image_cube, image_samples, reconstruct_cube, reconstruct_samples, self_calibrate_cube,
+};
 pub use design::{Combination, DesignRow, DesignSweep, RunWith, SweptKey, point_spreads, sweep_designs};
 pub(crate) use facts::{aperture_of_file, resolution_of};
 pub use facts::{facts_of_attributes, resolution_in};
-pub use focus::{autofocus_cube, self_calibrate_cube};
 pub use forecast::{CommandMemory, Forecast, forecast_cube, forecast_scene};
 pub use job::JobOptions;
 pub use limits::{Bound, Judgement, LimitVerdict, check_scene, hold};
 pub use maps::{depth_in_volume, depth_of_volume, truth_of_scene, write_preview};
 pub use oracle::{Oracle, oracle_of_scene};
 pub(crate) use outputs::{announce_outputs, error_note};
-pub use outputs::{write_cube, write_depth, write_outputs, write_volume};
-pub use page::write_page;
+pub use outputs::{write_cube, write_depth, write_outputs, write_page, write_volume};
 pub use recording::record_scene;
 pub use report::{Report, SceneSummary};
 

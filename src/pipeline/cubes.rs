@@ -3,6 +3,10 @@
 //! Samples in memory give the same results as a file of them, but without a checkpoint, and without a copy, unless they are
 //! corrected.
 
+mod focus;
+
+pub use focus::{autofocus_cube, self_calibrate_cube};
+
 use super::facts::{beyond_interface, beyond_the_sum, image_facts, sidelobes};
 use super::job::{identity, log::Log};
 use super::memory::MemoryBudget;

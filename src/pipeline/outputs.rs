@@ -1,8 +1,11 @@
 //! Writes every file of a run, under its documented name.
 
+mod page;
+
+pub use page::write_page;
+
 use super::facts::{attributes, image_facts, sidelobes};
 use super::job::JobOptions;
-use super::page::{MESH, PAGE, page_of, title};
 use super::{Outcome, Report};
 use crate::acquisition::{DataCube, Instrument};
 use crate::config::{OutputTable, RunFile, VolumeFormat};
@@ -25,6 +28,7 @@ use crate::metrics::{Metrics, error_map};
 use crate::progress::{Observer, advance, stage};
 use crate::reconstruct::{ReconstructionInfo, VolumeSink};
 use num_complex::Complex32;
+use page::{MESH, PAGE, page_of, title};
 use serde_json::Value;
 use std::io::Write;
 use std::path::{Path, PathBuf};

@@ -233,8 +233,8 @@ fn a_flaw_in_steel_is_found_where_it_is() {
     refused_with("{depth=0.0,sound_speed=5900.0}", &["medium.interface", "greater than 0"]);
     refused_with("{depht=0.1,sound_speed=5900.0}", &["depht", "depth"]);
     refused_with(&format!("{steel} --set array.source=[0.0,0.0,0.03]"), &["interface", "before it", "0.03"]);
-    refused_with(&format!("{steel} --set medium.spreading=true"), &["medium.spreading", "medium.interface"]);
-    refused_with(&format!("{steel} --set detection.model=linear"), &["detection.model", "medium.interface"]);
+    refused_with(&format!("{steel} --set medium.spreading=true"), &["medium.spreading", "interface"]);
+    refused_with(&format!("{steel} --set detection.model=linear"), &["detection.model", "interface"]);
     let by =
         |method: &str| format!("reconstruct cube.npz -o no.npz {grid} --set reconstruct.method={method}");
     refused(path, &by("backprojection"), 2, &["backprojection", "medium] interface", "convolution"]);

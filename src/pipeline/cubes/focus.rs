@@ -1,7 +1,5 @@
 //! Autofocus and blind calibration of a measured cube: the run file's corrections, its grid as the region, the memory.
 
-use super::job::JobOptions;
-use super::memory::MemoryBudget;
 use crate::acquisition::{Calibration, CubeFile, CubeSource, DataCube, Instrument};
 use crate::config::RunFile;
 use crate::error::Result;
@@ -10,6 +8,8 @@ use crate::focus::{
     self_calibrate,
 };
 use crate::grid::{Axis, Grid};
+use crate::pipeline::JobOptions;
+use crate::pipeline::memory::MemoryBudget;
 use crate::plan::{JobArrays, estimate_job};
 use crate::progress::Observer;
 use crate::reconstruct::{Method, ReconstructOptions, Window};
