@@ -230,7 +230,7 @@ fn speakers_that_do_not_fit_the_geometry_are_refused() {
     refused_with(&both, &["`array.sources`", "both say", "keep one"]);
     refused_with(&array("sources = []"), &["`array.sources`", "0 speakers", "1 to"]);
     refused_with(&array("sources = [[0, 0]]"), &["`array.sources", "list of 2", "list of 3"]);
-    refused_with(&array("sources = [[0, 0, 1e10]]"), &["`array.sources`", "1e10", "1e9 m"]);
+    refused_with(&array("sources = [[0, 0, 1e10]]"), &["`array.sources`", "10000000000", "1e9 m"]);
     let scan = array("geometry = \"monostatic\"\nsources = [[0, 0, 0], [1, 0, 0]]");
     refused_with(&scan, &["`array.sources`", "scan"]);
     refused_with(&array("geometry = \"pair\""), &["`array.geometry`", "`source_offset`"]);

@@ -16,7 +16,7 @@ const PIXELS: f64 = 480.0;
 const MARGIN: f64 = 0.06;
 
 /// A place is drawn this many pixels to every side.
-const REACH: usize = 1;
+const REACH: usize = 2;
 
 /// Places nearer than this are one, m.
 const SAME_PLACE: f64 = 1e-6;
@@ -118,8 +118,8 @@ mod tests {
         raster.mark(&mut map, places.into_iter().zip([2.0, -1.0]));
         let marked = |value: f32| {
             let at: Vec<usize> = (0..map.len()).filter(|i| map[*i] == value).collect();
-            assert_eq!(at.len(), 9);
-            let middle = at[4];
+            assert_eq!(at.len(), (2 * REACH + 1).pow(2));
+            let middle = at[at.len() / 2];
             [raster.x.position(middle % raster.x.count), raster.y.position(middle / raster.x.count)]
         };
         let near = |at: [f64; 2], p: DVec3| (at[0] - p.x).abs().max((at[1] - p.y).abs()) <= raster.x.pitch;
@@ -129,6 +129,6 @@ mod tests {
         assert!(alone.x.count > 0 && alone.y.count > 0);
         let mut map = alone.empty();
         alone.mark(&mut map, [(DVec3::X, 1.0)].into_iter());
-        assert_eq!(map.iter().filter(|value| **value == 1.0).count(), 9);
+        assert_eq!(map.iter().filter(|value| **value == 1.0).count(), (2 * REACH + 1).pow(2));
     }
 }
