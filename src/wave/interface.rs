@@ -103,14 +103,22 @@ impl Refraction {
         (low, high): (DVec3, DVec3),
         microphones: (DVec3, DVec3),
     ) -> [f64; 2] {
-        // A leg grows with the lateral distance, and with the depth beneath its beginning.
+        // A leg grows with the lateral distance, and with the depth on either side of the interface; into a faster medium it is
+        // shorter at once, far to the side.
+        let crossed = low.z <= self.depth && self.depth < high.z;
+        let crossings = [self.depth, self.depth.next_up()].into_iter().filter(|_| crossed);
+        let depths: Vec<f64> = [low.z, high.z].into_iter().chain(crossings).collect();
         let legs = |(first, last): (DVec3, DVec3)| {
             let gap = (low - last).max(first - high).max(DVec3::ZERO).truncate();
             let farthest = (high - first).abs().max((last - low).abs()).truncate();
-            let nearest = self.leg_length(last, (last.truncate() + gap).extend(low.z.max(last.z)));
-            let longest = self.leg_length(first, (first.truncate() + farthest).extend(high.z));
+            let nearest = |z: &f64| self.leg_length(last, (last.truncate() + gap).extend(z.max(last.z)));
+            let longest = |z: &f64| self.leg_length(first, (first.truncate() + farthest).extend(*z));
             // Points may be behind an array that is moved forward.
-            [nearest, longest.max(farthest.length().hypot(last.z - low.z))]
+            let behind = farthest.length().hypot(last.z - low.z);
+            [
+                depths.iter().map(nearest).fold(f64::INFINITY, f64::min),
+                depths.iter().map(longest).fold(behind, f64::max),
+            ]
         };
         let back = legs(microphones);
         let out = match geometry {

@@ -63,14 +63,16 @@ fn layered_case(seed: u64) -> (DataCube, Grid, Window) {
 }
 
 #[test]
-fn every_path_is_within_the_bounds_of_its_depth() {
+fn every_path_is_within_the_bounds_of_its_depth_and_of_all() {
     for seed in 0..40 {
         let (cube, grid, _) = layered_case(seed);
         let instrument = &cube.instrument;
         for iz in 0..grid.z.count {
             let z = Axis { first: grid.z.position(iz), count: 1, ..grid.z };
             let plane = Grid { z, ..grid };
-            let [least, most] = instrument.path_bounds(&plane);
+            let ([least, most], [shortest, longest]) =
+                (instrument.path_bounds(&plane), instrument.path_bounds(&grid));
+            assert!(shortest <= least && most <= longest, "seed {seed}: {least} .. {most} outside of all");
             for p in (0..plane.plane_len()).map(|v| position_of(&plane, v)) {
                 for r in instrument.array.positions() {
                     let length = instrument.path_length(p, *r);
