@@ -76,7 +76,8 @@ impl FocusParameter {
         let of_source = matches!(self, Self::SourceX | Self::SourceY | Self::SourceZ);
         instrument.need_one_source(self.as_str())?;
         if !matches!(instrument.geometry, Geometry::FixedSource { .. }) && of_source {
-            let problem = "has no meaning for a scan, whose speaker moves with the microphone";
+            let problem =
+                "has no meaning for a scan, monostatic or of a pair, whose speaker moves with the microphone";
             return Err(Error::input(self.as_str(), problem));
         }
         Ok(())
