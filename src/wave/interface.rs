@@ -147,26 +147,27 @@ impl Refraction {
             return Leg { length, sine: aside / length.max(f64::MIN_POSITIVE) };
         }
         let (near, far, n) = (self.depth - from, to - self.depth, self.ratio);
-        // Where it crosses the interface: the slope of the duration is zero there, and grows from −n sin to + sin.
-        let (mut low, mut high) = (0.0, aside);
-        let mut crossing = aside * near / (near + far / n);
+        // Where it crosses the interface: the slope of the duration is zero there, and grows from −n sin to + sin. In the slower
+        // medium no angle is beyond the critical one.
+        let critical = |sine: f64| sine / (1.0 - sine * sine).sqrt();
+        let mut low = if n > 1.0 { (aside - far * critical(1.0 / n)).max(0.0) } else { 0.0 };
+        let mut high = if n < 1.0 { aside.min(near * critical(n)) } else { aside };
+        let mut crossing = (aside * near / (near + far / n)).clamp(low, high);
         for _ in 0..MOST_STEPS {
             let (first, second) = (near.hypot(crossing), far.hypot(aside - crossing));
             let slope = crossing / first - n * (aside - crossing) / second;
+            let bend = near * near / first.powi(3) + n * far * far / second.powi(3);
+            let newton = crossing - slope / bend;
+            // What the step would still take from the length.
+            if slope * (crossing - newton) <= 1e-16 * (first + n * second) {
+                break;
+            }
             if slope > 0.0 {
                 high = crossing;
             } else {
                 low = crossing;
             }
-            let bend = near * near / first.powi(3) + n * far * far / second.powi(3);
-            let newton = crossing - slope / bend;
-            let next = if newton > low && newton < high { newton } else { f64::midpoint(low, high) };
-            let step = (next - crossing).abs();
-            crossing = next;
-            // An error of the crossing changes the length by its square only.
-            if step <= 1e-9 * aside {
-                break;
-            }
+            crossing = if newton > low && newton < high { newton } else { f64::midpoint(low, high) };
         }
         let (first, second) = (near.hypot(crossing), far.hypot(aside - crossing));
         Leg { length: first + n * second, sine: crossing / first }
@@ -256,7 +257,8 @@ mod tests {
             let speed = [343.0, 2300.0, 5900.0, 1500.0][i % 4];
             let depth = [0.01, 0.2, 1e-4][i % 3];
             let place = |k: f64| DVec3::new(fraction(i + 7, k) - 0.5, fraction(i + 3, k * k) - 0.5, 0.0);
-            let beyond = depth + [1e-7, 0.03, 0.4, 2.0][i / 4 % 4] * (0.1 + fraction(i, 0.569_84));
+            let beyond =
+                depth + [1e-16, 1e-9, 1e-7, 0.03, 0.4, 2.0][i / 4 % 6] * (0.1 + fraction(i, 0.569_84));
             let interface = Interface { depth, sound_speed: speed };
             (interface, place(0.618_034).with_z(-0.02 * fraction(i, 0.33)), place(0.754_878).with_z(beyond))
         })
