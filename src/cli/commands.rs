@@ -43,19 +43,7 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
             conclude(checkpoint, result, terminal)
         }
         Command::Simulate { input, output, overrides, checkpoint } => {
-            let Input { run, bare } = scene_of(input, overrides, terminal)?;
-            announce(output, &["npz", "wav"])?;
-            let checkpoint = Checkpoint::beside(output, checkpoint.every()?);
-            let job = observed(terminal).with_bare_mesh(bare.as_ref()).with_checkpoint(&checkpoint);
-            if has_extension(output, &["wav"]) {
-                let result = pipeline::record_scene(&run, output, &job);
-                let recorded = conclude(checkpoint, result, terminal)?;
-                return recording::show(&run, output, recorded, terminal);
-            }
-            let result = pipeline::simulate_scene(&run, &job)
-                .and_then(|cube| stage(terminal, "writing", 0, || pipeline::write_cube(output, &cube)));
-            conclude(checkpoint, result, terminal)?;
-            print_written(std::slice::from_ref(output), terminal)
+            simulate(input, output, overrides, checkpoint.every()?, terminal)
         }
         Command::Import(args) => import::run(args, terminal),
         Command::Autofocus(args) => autofocus::run(args, terminal),
@@ -139,6 +127,29 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
             print_text(&String::from_utf8_lossy(&script), terminal)
         }
     }
+}
+
+/// Simulates a scene's cube, or the recording of it.
+fn simulate(
+    input: &Path,
+    output: &Path,
+    overrides: &Overrides,
+    every: Duration,
+    terminal: &Terminal,
+) -> Result<()> {
+    let Input { run, bare } = scene_of(input, overrides, terminal)?;
+    announce(output, &["npz", "wav"])?;
+    let checkpoint = Checkpoint::beside(output, every);
+    let job = observed(terminal).with_bare_mesh(bare.as_ref()).with_checkpoint(&checkpoint);
+    if has_extension(output, &["wav"]) {
+        let result = pipeline::record_scene(&run, output, &job);
+        let recorded = conclude(checkpoint, result, terminal)?;
+        return recording::show(&run, output, recorded, terminal);
+    }
+    let result = pipeline::simulate_scene(&run, &job)
+        .and_then(|cube| stage(terminal, "writing", 0, || pipeline::write_cube(output, &cube)));
+    conclude(checkpoint, result, terminal)?;
+    print_written(std::slice::from_ref(output), terminal)
 }
 
 /// Predicts a job of a cube or of a scene, and draws its array into `folder`, if given.

@@ -79,12 +79,9 @@ impl Aperture {
     /// The mean is that of the four nodes of Gauss' rule on the array's rectangle.
     pub(crate) fn path_gradient(&self, p: DVec3) -> f64 {
         let refraction = self.interface.map(|interface| Refraction::new(&interface, self.sound_speed, 0.0));
-        let along = |from: DVec3| match &refraction {
-            Some(refraction) => refraction.slope_along_z(from, p),
-            None => {
-                let way = p - from;
-                way.z / way.length().max(f64::MIN_POSITIVE)
-            }
+        let straight = |way: DVec3| way.z / way.length().max(f64::MIN_POSITIVE);
+        let along = |from: DVec3| {
+            refraction.map_or_else(|| straight(p - from), |refraction| refraction.slope_along_z(from, p))
         };
         let node = self.extent * (0.5 / 3f64.sqrt());
         let signs = [(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)];

@@ -146,7 +146,7 @@ impl Refraction {
             let length = aside.hypot(to - from);
             return Leg { length, sine: aside / length.max(f64::MIN_POSITIVE) };
         }
-        let (near, far, n) = (self.depth - from, to - self.depth, self.ratio);
+        let (near, far, n) = ((self.depth - from).max(f64::MIN_POSITIVE), to - self.depth, self.ratio);
         // Where it crosses the interface: the slope of the duration is zero there, and grows from −n sin to + sin. In the slower
         // medium no angle is beyond the critical one.
         let critical = |sine: f64| sine / (1.0 - sine * sine).sqrt();
@@ -257,8 +257,8 @@ mod tests {
             let speed = [343.0, 2300.0, 5900.0, 1500.0][i % 4];
             let depth = [0.01, 0.2, 1e-4][i % 3];
             let place = |k: f64| DVec3::new(fraction(i + 7, k) - 0.5, fraction(i + 3, k * k) - 0.5, 0.0);
-            let beyond =
-                depth + [1e-16, 1e-9, 1e-7, 0.03, 0.4, 2.0][i / 4 % 6] * (0.1 + fraction(i, 0.569_84));
+            let far = [1e-16, 1e-9, 1e-7, 0.03, 0.4, 2.0][i / 4 % 6] * (0.1 + fraction(i, 0.569_84));
+            let beyond = (depth + far).max(depth.next_up());
             let interface = Interface { depth, sound_speed: speed };
             (interface, place(0.618_034).with_z(-0.02 * fraction(i, 0.33)), place(0.754_878).with_z(beyond))
         })

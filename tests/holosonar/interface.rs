@@ -73,7 +73,11 @@ fn every_path_is_within_the_bounds_of_its_depth_and_of_all() {
             let ([least, most], [shortest, longest]) =
                 (instrument.path_bounds(&plane), instrument.path_bounds(&grid));
             let within = shortest <= least + 1e-12 && most <= longest + 1e-12;
-            assert!(within, "seed {seed}: {least} .. {most} outside of {shortest} .. {longest}");
+            assert!(
+                within,
+                "seed {seed}, {grid:?}, depth {iz}, {:?}: {least} .. {most} outside of {shortest} .. {longest}",
+                instrument.interface
+            );
             for p in (0..plane.plane_len()).map(|v| position_of(&plane, v)) {
                 for r in instrument.array.positions() {
                     let length = instrument.path_length(p, *r);
