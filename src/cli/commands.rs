@@ -149,7 +149,7 @@ fn simulate(
     let result = pipeline::simulate_scene(&run, &job)
         .and_then(|cube| stage(terminal, "writing", 0, || pipeline::write_cube(output, &cube)));
     conclude(checkpoint, result, terminal)?;
-    print_written(std::slice::from_ref(output), terminal)
+    print_written(&[output.to_owned()], terminal)
 }
 
 /// Predicts a job of a cube or of a scene, and draws its array into `folder`, if given.

@@ -7,12 +7,12 @@ use crate::cli::terminal::{Terminal, print};
 use crate::config::RunFile;
 use crate::error::Result;
 use serde_json::json;
-use std::path::PathBuf;
+use std::path::Path;
 
 /// Shows the size of a recording, and what `import` must be told of it.
 pub(super) fn show(
     run: &RunFile,
-    output: &PathBuf,
+    output: &Path,
     (size, gain_db): (RecordingSize, f64),
     terminal: &Terminal,
 ) -> Result<()> {
@@ -39,5 +39,5 @@ pub(super) fn show(
         }
         print(&text)?;
     }
-    print_written(std::slice::from_ref(output), terminal)
+    print_written(&[output.to_owned()], terminal)
 }
