@@ -114,7 +114,7 @@ impl Refraction {
             let nearest = |z: &f64| self.leg_length(last, (last.truncate() + gap).extend(z.max(last.z)));
             let longest = |z: &f64| self.leg_length(first, (first.truncate() + farthest).extend(*z));
             // Points may be behind an array that is moved forward.
-            let behind = farthest.length().hypot(last.z - low.z);
+            let behind = if low.z < last.z { farthest.length().hypot(last.z - low.z) } else { 0.0 };
             [
                 depths.iter().map(nearest).fold(f64::INFINITY, f64::min),
                 depths.iter().map(longest).fold(behind, f64::max),
