@@ -4,7 +4,7 @@
 //! sure that is, and whether the parameter can be known from this cube at all. It changes nothing. [`self_calibrate`] finds errors of
 //! channels, and has them judged by others.
 //!
-//! This module images, and so is above [`reconstruct`](crate::reconstruct()); it knows neither scene nor truth.
+//! This module images, and so is above [`reconstruct`](crate::reconstruct); it knows neither scene nor truth.
 
 mod autofocus;
 mod blind;
