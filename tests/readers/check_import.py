@@ -31,8 +31,8 @@ def touchstone(folder, form, samples, frequencies, mics):
     folder.mkdir()
     frequency = skrf.Frequency.from_f(frequencies, unit="hz")
     for (iy, ix), m in zip(np.ndindex(mics.shape[:2]), samples.reshape(len(frequencies), -1).T.conj()):
-        s = np.zeros((len(frequencies), 2, 2), complex)
-        s[:, 1, 0], s[:, 0, 0] = m, 0.1
+        s = np.full((len(frequencies), 2, 2), 0.1, complex)
+        s[:, 1, 0] = m
         x, y = (1000 * mics[iy, ix, :2]).round().astype(int)
         skrf.Network(frequency=frequency, s=s).write_touchstone(f"x{x}_y{y}", dir=str(folder), form=form)
 
