@@ -115,12 +115,8 @@ impl Instrument {
 
     fn check_interface(&self) -> Result<()> {
         let Some(Interface { depth, sound_speed }) = self.interface else { return Ok(()) };
-        let highest = |geometry: Geometry| match geometry {
-            Geometry::FixedSource { source } => source.z,
-            Geometry::Monostatic => f64::NEG_INFINITY,
-            Geometry::Pair { offset } => self.array.bounds().1.z + offset.z,
-        };
-        let nearest = self.geometries().map(highest).fold(self.array.bounds().1.z, f64::max);
+        let (_, last) = self.array.bounds();
+        let nearest = self.geometries().map(|geometry| geometry.source_of(last).z).fold(last.z, f64::max);
         let problem = if !is_sound_speed(sound_speed) {
             let [least, most] = SOUND_SPEEDS;
             format!("the speed of sound beyond it must be from {least} to {most:e} m/s, not {sound_speed}")

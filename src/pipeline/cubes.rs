@@ -7,7 +7,7 @@ mod focus;
 
 pub use focus::{autofocus_cube, self_calibrate_cube};
 
-use super::facts::{beyond_interface, beyond_the_sum, image_facts, sidelobes};
+use super::facts::{beyond_the_sum, image_facts, sidelobes};
 use super::job::{identity, log::Log};
 use super::memory::MemoryBudget;
 use super::{JobOptions, Outcome, need_bandwidth, outputs, reconstruct, reconstruct_and_locate, warn_all};
@@ -62,8 +62,7 @@ fn image_source<S: CubeSource>(
     let raster = run.raster(None)?;
     open(source, &grid)?;
     let sidelobes = sidelobes(&instrument, run);
-    let interface: Vec<String> = beyond_interface(&instrument).into_iter().collect();
-    let physics = [changes, &interface, &beyond_the_sum(run)].concat();
+    let physics = [changes, &beyond_the_sum(run, &instrument)].concat();
     let (image, depth) =
         reconstruct_and_locate(&budget, source, &grid, (raster, samples, sidelobes), checkpoint, &log)?;
     let (timings, warnings) = log.finish();

@@ -68,25 +68,21 @@ pub(super) fn instrument_facts(instrument: &Instrument, run: &RunFile) -> Value 
     facts
 }
 
-/// What an interface does to the paths, in words.
-pub(super) fn beyond_interface(instrument: &Instrument) -> Option<String> {
-    instrument.interface.map(|Interface { depth, sound_speed }| {
+/// What of the paths and of the volume is beyond Eq. 13, in words.
+pub(super) fn beyond_the_sum(run: &RunFile, instrument: &Instrument) -> Vec<String> {
+    let interface = instrument.interface.map(|Interface { depth, sound_speed }| {
         format!(
             "sound travels at {sound_speed} m/s beyond z = {depth} m; paths bend there by Snell's law, without loss, and \
              shadows are cast along straight lines"
         )
-    })
-}
-
-/// How the volume is made more than Eq. 13, in words.
-pub(super) fn beyond_the_sum(run: &RunFile) -> Vec<String> {
+    });
     let spreading = run.reconstruct.compensate.then(|| {
         "spreading undone in the volume: times the distances from speaker and array's centre, in m".to_owned()
     });
     let refined = run
         .refine_options()
         .map(|refine| format!("the volume refined: {}, at most {} steps", refine.solver, refine.steps));
-    spreading.into_iter().chain(refined).collect()
+    interface.into_iter().chain(spreading).chain(refined).collect()
 }
 
 /// How a volume was refined, from its metadata; `None` where they do not tell how it was computed at all.

@@ -1,6 +1,6 @@
 //! Predictions of a job, for `plan`: everything that can be known before any ray is traced or any sample computed.
 
-use super::facts::{beyond_interface, beyond_the_sum};
+use super::facts::beyond_the_sum;
 use super::job::JobOptions;
 use super::memory::{MemoryBudget, SceneSize};
 use super::prepared_scene::{Measurement, placement_warnings};
@@ -192,7 +192,7 @@ pub(super) fn forecast(
         chosen: estimate.chosen,
         threads: estimate.threads,
         memory: vec![CommandMemory::new("image", estimate.memory)],
-        physics: beyond_interface(instrument).into_iter().chain(beyond_the_sum(run)).collect(),
+        physics: beyond_the_sum(run, instrument),
         resolution_cells: None,
         files: outputs::names(run, truth),
         recording: None,

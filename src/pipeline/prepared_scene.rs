@@ -1,6 +1,6 @@
 //! A prepared scene: its reflectors, with the instrument that measures them and the grid on which they are imaged.
 
-use super::facts::{beyond_interface, beyond_the_sum};
+use super::facts::beyond_the_sum;
 use super::memory::{MemoryBudget, SceneSize};
 use super::{BareMesh, JobOptions, SceneSummary, is_in_metres, load_scene, reflector_list, warn_all};
 use crate::acquisition::{
@@ -40,8 +40,7 @@ impl Measurement {
                 format!("sound travels at {speed:.2} m/s, in air of {temperature} °C and {humidity} %"),
             );
         }
-        lines.extend(beyond_interface(&self.instrument));
-        lines.extend(beyond_the_sum(run));
+        lines.extend(beyond_the_sum(run, &self.instrument));
         lines
     }
 

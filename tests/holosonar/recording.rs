@@ -110,7 +110,7 @@ fn noise_is_that_of_the_cube_and_is_reported() {
 }
 
 #[test]
-fn plan_foretells_the_recording_and_what_does_not_fit_is_refused() {
+fn plan_predicts_the_recording_and_what_does_not_fit_is_refused() {
     let folder = workplace();
     let path = folder.path();
     let plan = done_json(path, &format!("plan two.csv {SWEEP} {ARRAY} {TONES} --set recording.reference=0"));
