@@ -38,8 +38,9 @@ use crate::progress::{Observer, Silent};
 use error_budget::ErrorBudget;
 use job::Job;
 use plan::{Candidates, MethodPlan, Sampled, summed};
+use std::sync::OnceLock;
 use upsampling::{InterpolationError, Resampled};
-use volume::{Checked, Compensated, Gain, sum_of_transmissions};
+use volume::{Checked, Compensated, Gain, Metered, sum_of_transmissions};
 use window::Weights;
 
 /// A volume and how it was computed.
@@ -171,8 +172,10 @@ fn by_candidates(
     let gain = options.compensate.then(|| Gain::new(instrument, grid));
     let weights = Weights::new(source.instrument(), options.window);
     let plain = options.refine.is_none() && !options.compensate;
-    let incoherent_level = plain.then(|| incoherent_level(source, &weights)).transpose()?;
-    let sink: &mut dyn VolumeSink = &mut Checked { grid: *grid, incoherent_level, sink };
+    let level = OnceLock::new();
+    let mut metered = Metered { source, weights: &weights, level: &level };
+    let source: &mut dyn CubeSource = if plain { &mut metered } else { metered.source };
+    let sink: &mut dyn VolumeSink = &mut Checked { grid: *grid, incoherent_level: Some(&level), sink };
     let mut compensated;
     let sink: &mut dyn VolumeSink = match gain {
         Some(gain) => {
@@ -189,22 +192,7 @@ fn by_candidates(
         carry_out(&plan, Job { source, weights, grid, budget, interpolation, batch, sink, observer })?
     };
     let info = gain.map_or(info, |gain| gain.info(&info));
-    Ok(ReconstructionInfo { incoherent_level, ..info })
-}
-
-/// Frequencies that are visited at a time for their power alone.
-const BLOCK: usize = 32;
-
-/// `√Σ|w m|² / Σw`: the rms amplitude that samples of these powers and of random phases add up to.
-fn incoherent_level(source: &mut dyn CubeSource, weights: &Weights) -> Result<f64> {
-    let microphones = source.instrument().array.len();
-    let mut power = 0.0;
-    source.visit(BLOCK, &mut |frequencies, samples| {
-        let rows = frequencies.zip(samples.chunks_exact(microphones));
-        power += rows.map(|(f, row)| weights.power(f, row)).sum::<f64>();
-        Ok(())
-    })?;
-    Ok(power.sqrt())
+    Ok(ReconstructionInfo { incoherent_level: level.into_inner(), ..info })
 }
 
 fn carry_out(plan: &MethodPlan, job: Job<'_>) -> Result<ReconstructionInfo> {

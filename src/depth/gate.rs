@@ -6,7 +6,7 @@ use crate::alloc::try_filled;
 use crate::error::Result;
 use crate::grid::{Axis, Grid, VolumeView, no_room_for};
 use crate::wave::Aperture;
-use crate::wave::simd::LANES;
+use crate::wave::simd::{LANES, dispatched};
 use rayon::prelude::*;
 use std::f64::consts::{PI, TAU};
 
@@ -127,7 +127,8 @@ fn transforms(parts: &mut [Power], volume: VolumeView<'_>, aperture: &Aperture, 
                         (phasor[0][lane], phasor[1][lane]) = (cos as f32, sin as f32);
                     }
                 }
-                let sums = powers(&samples[iz..=iz + 2 * reach], &weights, &phasors);
+                let mut sums = [[0.0; LANES]; 3];
+                powers(&samples[iz..=iz + 2 * reach], &weights, &phasors, &mut sums);
                 for lane in 0..pixels {
                     let at = lane * coarse + place;
                     [low[at], middle[at], high[at]] = sums.map(|sums| sums[lane]);
@@ -136,13 +137,25 @@ fn transforms(parts: &mut [Power], volume: VolumeView<'_>, aperture: &Aperture, 
         });
 }
 
-/// |Σ_t w_t A(t) e^{i t (carrier + b spacing)}|² for b = −1, 0, 1, sixteen columns at a time; `samples` has its middle at
-/// t = 0.
-fn powers(
+dispatched! {
+    /// |Σ_t w_t A(t) e^{i t (carrier + b spacing)}|² for b = −1, 0, 1, sixteen columns at a time; `samples` has its middle at
+    /// t = 0.
+    fn powers = powers_body(
+        samples: &[[[f32; LANES]; 2]],
+        weights: &[f32],
+        phasors: &[[[f32; LANES]; 2]; 2],
+        powers: &mut [[f32; LANES]; 3],
+    )
+}
+
+#[allow(clippy::inline_always)]
+#[inline(always)]
+fn powers_body(
     samples: &[[[f32; LANES]; 2]],
     weights: &[f32],
     phasors: &[[[f32; LANES]; 2]; 2],
-) -> [[f32; LANES]; 3] {
+    powers: &mut [[f32; LANES]; 3],
+) {
     let reach = weights.len() - 1;
     let [turn, shift] = phasors;
     let middle = &samples[reach];
@@ -174,5 +187,5 @@ fn powers(
             spacing[1][lane] = p * shift[1][lane] + q * shift[0][lane];
         }
     }
-    sums.map(|[re, im]| std::array::from_fn(|lane| re[lane] * re[lane] + im[lane] * im[lane]))
+    *powers = sums.map(|[re, im]| std::array::from_fn(|lane| re[lane] * re[lane] + im[lane] * im[lane]));
 }

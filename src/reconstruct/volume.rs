@@ -5,6 +5,7 @@ mod batch;
 mod checked;
 mod compensation;
 mod double_buffer;
+mod metered;
 mod sink;
 mod slab_driver;
 mod transmissions;
@@ -12,6 +13,7 @@ mod transmissions;
 pub(super) use batch::Batch;
 pub(super) use checked::Checked;
 pub(super) use compensation::{Compensated, Gain};
+pub(super) use metered::Metered;
 #[cfg(test)]
 pub(super) use sink::ResumedVolume;
 pub use sink::{ReconstructionInfo, VolumeSink};

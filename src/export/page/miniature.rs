@@ -3,6 +3,7 @@
 use super::payload::pack;
 use crate::export::amplitude::Amplitude;
 use crate::grid::{Axis, Grid, Volume};
+use rayon::prelude::*;
 use serde_json::{Value, json};
 
 /// Range of the scale below the peak, dB.
@@ -14,7 +15,7 @@ const MOST_VOXELS: usize = 1 << 21;
 /// Maximum number of voxels along one axis that every WebGL 2 supports.
 const MOST_ALONG: usize = 256;
 
-/// A reduced volume, filled plane by plane, so that the full volume need not be in memory.
+/// A reduced volume.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Miniature {
     full: Grid,
@@ -52,40 +53,27 @@ impl Miniature {
         Self { full, factors, grid, maxima }
     }
 
-    /// Adds the amplitudes of depth `iz`, `[y, x]`; values that are not finite count as 0.
-    ///
-    /// # Panics
-    /// If there is no such depth.
-    pub(crate) fn add_plane(&mut self, iz: usize, plane: impl IntoIterator<Item = f32>) {
-        assert!(iz < self.full.z.count, "depth {iz} of {}", self.full.z.count);
-        let [f_x, f_y, f_z] = self.factors;
-        let (n_x, columns, pixels) = (self.full.x.count, self.grid.x.count, self.grid.plane_len());
-        let blocks = &mut self.maxima[iz / f_z * pixels..][..pixels];
-        for (i, value) in plane.into_iter().enumerate() {
-            let block = &mut blocks[i / n_x / f_y * columns + i % n_x / f_x];
-            if value > *block && value.is_finite() {
-                *block = value;
-            }
-        }
-    }
-
-    /// The reduction of all amplitudes of a grid, `[z, y, x]`.
-    fn of(grid: Grid, mut amplitudes: impl Iterator<Item = f32>) -> Self {
+    /// The reduction of all values of a grid, `[z, y, x]`.
+    fn of<T: Sync>(grid: Grid, values: &[T], amplitude: impl Fn(&T) -> f32 + Sync) -> Self {
         let mut miniature = Self::new(grid);
-        for iz in 0..grid.z.count {
-            miniature.add_plane(iz, amplitudes.by_ref().take(grid.plane_len()));
-        }
+        let Self { factors, maxima, grid: reduced, .. } = &mut miniature;
+        let blocks = maxima.par_chunks_mut(reduced.plane_len());
+        blocks.zip(values.par_chunks(grid.plane_len() * factors[2])).for_each(|(blocks, planes)| {
+            for plane in planes.chunks(grid.plane_len()) {
+                raise(blocks, *factors, [grid.x.count, reduced.x.count], plane.iter().map(&amplitude));
+            }
+        });
         miniature
     }
 
     /// The reduction of a complex volume.
     pub(crate) fn of_volume(volume: &Volume) -> Self {
-        Self::of(volume.grid, volume.samples.iter().map(|sample| sample.norm()))
+        Self::of(volume.grid, &volume.samples, |sample| sample.norm())
     }
 
     /// The reduction of a volume's amplitudes.
     pub(crate) fn of_amplitude(volume: &Amplitude) -> Self {
-        Self::of(volume.grid, volume.values.iter().copied())
+        Self::of(volume.grid, &volume.values, |value| *value)
     }
 
     /// Maximum amplitude.
@@ -95,7 +83,7 @@ impl Miniature {
 
     pub(super) fn to_json(&self) -> Value {
         let peak = self.peak();
-        let codes: Vec<u8> = self.maxima.iter().map(|&value| code(value, peak)).collect();
+        let codes: Vec<u8> = self.maxima.par_iter().map(|&value| code(value, peak)).collect();
         json!({
             "x": self.grid.x,
             "y": self.grid.y,
@@ -105,6 +93,22 @@ impl Miniature {
             "peak": peak,
             "data": pack(&codes),
         })
+    }
+}
+
+/// Raises the maxima of blocks `[y, x]` to the values of a plane, whose rows are `n_x` values and `columns` blocks long;
+/// values that are not finite count as 0.
+fn raise(
+    blocks: &mut [f32],
+    [f_x, f_y, _]: [usize; 3],
+    [n_x, columns]: [usize; 2],
+    plane: impl IntoIterator<Item = f32>,
+) {
+    for (i, value) in plane.into_iter().enumerate() {
+        let block = &mut blocks[i / n_x / f_y * columns + i % n_x / f_x];
+        if value > *block && value.is_finite() {
+            *block = value;
+        }
     }
 }
 
@@ -139,12 +143,11 @@ mod tests {
     #[test]
     fn blocks_have_their_maximum_voxel_and_their_position() {
         let full = grid(700, 3, 2);
-        let mut miniature = Miniature::new(full);
+        let mut values = [vec![0.0; 2100], vec![0.25_f32; 2100]].concat();
+        values[2100 + 700 + 5] = 2.0;
+        values[2100 + 1400] = f32::NAN;
+        let miniature = Miniature::of(full, &values, |value| *value);
         assert_eq!(miniature.factors, [3, 1, 1]);
-        let mut plane = vec![0.25_f32; 2100];
-        plane[700 + 5] = 2.0;
-        plane[1400] = f32::NAN;
-        miniature.add_plane(1, plane);
         let blocks = miniature.grid.x.count;
         assert_eq!((blocks, miniature.grid.plane_len()), (234, 702));
         let maxima: Vec<_> = (0..1404).filter(|&i| miniature.maxima[i] == 2.0).collect();

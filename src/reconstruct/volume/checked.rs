@@ -7,18 +7,19 @@ use crate::grid::{Grid, check_voxels};
 use crate::reconstruct::{ReconstructionInfo, VolumeSink};
 use num_complex::Complex32;
 use rayon::prelude::*;
+use std::sync::OnceLock;
 
 /// A sink that checks what it is given before it passes it on.
 pub(crate) struct Checked<'a> {
     pub(crate) grid: Grid,
-    /// What is known of the samples before the volume is.
-    pub(crate) incoherent_level: Option<f64>,
+    /// What is known of the samples when the first depth is.
+    pub(crate) incoherent_level: Option<&'a OnceLock<f64>>,
     pub(crate) sink: &'a mut dyn VolumeSink,
 }
 
 impl VolumeSink for Checked<'_> {
     fn begin(&mut self, info: &ReconstructionInfo) -> Result<()> {
-        let Self { incoherent_level, .. } = *self;
+        let incoherent_level = self.incoherent_level.and_then(|level| level.get().copied());
         self.sink.begin(&ReconstructionInfo { incoherent_level, ..*info })
     }
 

@@ -18,10 +18,11 @@ use crate::progress::{Event, Observer, advance, stage};
 use crate::reconstruct::plan::{Candidates, Estimate, Estimates, estimate};
 use crate::reconstruct::window::Weights;
 use crate::reconstruct::{
-    BLOCK, Method, ReconstructOptions, ReconstructionInfo, VolumeSink, Window, by_candidates, no_room,
+    Method, ReconstructOptions, ReconstructionInfo, VolumeSink, Window, by_candidates, no_room,
 };
 use num_complex::Complex32;
 use std::ops::Range;
+use std::sync::OnceLock;
 
 /// Bytes of the depths that are summed at a time.
 const SLAB_BYTES: u64 = 64 << 20;
@@ -114,8 +115,8 @@ fn sum(
     let info = expected(source, grid, (options, method))?;
     let memory = options.memory.map(|memory| memory.saturating_sub(slab_bytes(grid)));
     let options = ReconstructOptions { method, memory, ..*options };
-    let sink: &mut dyn VolumeSink =
-        &mut Checked { grid: *grid, incoherent_level: info.incoherent_level, sink };
+    let level = info.incoherent_level.map(OnceLock::from);
+    let sink: &mut dyn VolumeSink = &mut Checked { grid: *grid, incoherent_level: level.as_ref(), sink };
     sink.begin(&info)?;
     let done = sink.depths_done();
     stage(observer, "reconstructing", (count * grid.z.count) as u64, || {
@@ -140,6 +141,9 @@ fn sum(
     })?;
     Ok(info)
 }
+
+/// Frequencies that are visited at a time for their power alone.
+const BLOCK: usize = 32;
 
 /// What is known before the sum: the bound on its error, as far as the tolerance allows, and the level of its samples.
 fn expected(

@@ -39,24 +39,24 @@ impl Weights {
 
     /// `Σ_r |w m|` of frequency `f`. Its sum over all frequencies is one unit of relative error in the volume.
     pub(crate) fn modulus(&self, f: usize, samples: &[Complex32]) -> f64 {
-        // By squares, which in f64 neither overflow nor vanish; in as many sums as the processor takes at once.
-        let mut sums = [0.0; LANES];
-        for (samples, weights) in samples.chunks(LANES).zip(self.microphone.chunks(LANES)) {
-            for ((sum, m), w) in sums.iter_mut().zip(samples).zip(weights) {
-                let [re, im, w] = [m.re, m.im, *w].map(f64::from);
-                *sum += (re * re + im * im).sqrt() * w.abs();
-            }
-        }
-        sums.iter().sum::<f64>() * f64::from(self.frequency[f].abs())
+        // By squares, which in f64 neither overflow nor vanish.
+        self.sum(samples, |square, w| square.sqrt() * w.abs()) * f64::from(self.frequency[f].abs())
     }
 
     /// `Σ_r |w m|²` of frequency `f`.
     pub(crate) fn power(&self, f: usize, samples: &[Complex32]) -> f64 {
-        let of_one = |(m, w): (&Complex32, &f32)| {
-            let [re, im, w] = [m.re, m.im, *w].map(f64::from);
-            (re * re + im * im) * w * w
-        };
-        let sum: f64 = samples.iter().zip(&self.microphone).map(of_one).sum();
-        sum * f64::from(self.frequency[f]).powi(2)
+        self.sum(samples, |square, w| square * w * w) * f64::from(self.frequency[f]).powi(2)
+    }
+
+    /// The sum of `of(|m|², w_r)` over the microphones, in as many sums as the processor takes at once.
+    fn sum(&self, samples: &[Complex32], of: impl Fn(f64, f64) -> f64) -> f64 {
+        let mut sums = [0.0; LANES];
+        for (samples, weights) in samples.chunks(LANES).zip(self.microphone.chunks(LANES)) {
+            for ((sum, m), w) in sums.iter_mut().zip(samples).zip(weights) {
+                let [re, im, w] = [m.re, m.im, *w].map(f64::from);
+                *sum += of(re * re + im * im, w);
+            }
+        }
+        sums.iter().sum()
     }
 }

@@ -27,6 +27,9 @@ const LINES: usize = 4;
 /// Parts of the depths that each thread takes: the fewer, the fewer nodes are read twice.
 const PARTS: usize = 4;
 
+/// Rings that a thread takes at a time: left to itself, rayon hands out quarters, and a thread waits for the other's last.
+const RINGS: usize = 4;
+
 /// What the images of all lines are summed from.
 struct Focus<'a> {
     plan: &'a LinesPlan,
@@ -171,7 +174,8 @@ impl Focus<'_> {
             let depths = image.len() / rows;
             advance(self.observer, depths as u64)
         };
-        image.par_chunks_mut(part * rows).enumerate().try_for_each_init(Default::default, sum)
+        let parts = image.par_chunks_mut(part * rows).enumerate();
+        parts.with_max_len(1).try_for_each_init(Default::default, sum)
     }
 
     /// Gives voxels the carrier's phase of the path out.
@@ -223,7 +227,7 @@ impl Focus<'_> {
             self.fill(block, i, ring, buffers, nodes);
             advance(self.observer, 0)
         };
-        parts.into_par_iter().try_for_each_init(RingBuffers::default, fill)
+        parts.into_par_iter().with_max_len(RINGS).try_for_each_init(RingBuffers::default, fill)
     }
 
     /// Sums one ring's nodes of all lines.

@@ -9,6 +9,7 @@ use crate::reconstruct::numerics::Taps;
 use crate::wave::interval::{greater, phasor_f64};
 use crate::wave::simd::LANES;
 use num_complex::Complex64;
+use rayon::prelude::*;
 
 /// Blocks, lines, rows and depths that are tried.
 const TRIED: [usize; 4] = [4, 3, 4, 4];
@@ -34,6 +35,11 @@ fn around(ruler: &Ruler, taps: Option<&Taps>, place: f64) -> (Vec<f64>, Vec<f64>
     (nodes, taps.weights(pitches - own))
 }
 
+/// The larger error, and the larger sum of moduli.
+fn greatest([error, moduli]: [f64; 2], [other, more]: [f64; 2]) -> [f64; 2] {
+    [greater(error, other), moduli.max(more)]
+}
+
 impl<'a> Trial<'a> {
     pub(crate) fn new(instrument: &Instrument, view: &'a LineView) -> Self {
         let sweep = &instrument.sweep;
@@ -45,8 +51,8 @@ impl<'a> Trial<'a> {
     /// The largest error of any term that is tried, and the largest sum of the weights' moduli.
     pub(crate) fn error(&self, blocks: &[BlockNodes], taps: [Option<&Taps>; 2]) -> [f64; 2] {
         let view = self.view;
-        let (mut worst, mut growth) = (0.0, 1.0f64);
-        for block in spread(blocks.len(), TRIED[0]).map(|i| &blocks[i]) {
+        let of_block = |i: usize| {
+            let block = &blocks[i];
             let nearest = |axis: &Axis, place: f64| place.clamp(axis.first, axis.last());
             let mut lines: Vec<f64> =
                 spread(view.lines.count, TRIED[1]).map(|i| view.lines.position(i)).collect();
@@ -57,16 +63,20 @@ impl<'a> Trial<'a> {
                 rows.push(nearest(&view.rows, y));
             }
             lines.push(nearest(&view.lines, view.rows.position(view.rows.count / 2)));
+            let mut most = [0.0, 1.0f64];
             for line in lines {
                 for row in rows.iter().copied().chain([nearest(&view.rows, line)]) {
                     for depth in spread(view.depths.count, TRIED[3]) {
                         let place = [line, row, view.depths.position(depth)];
-                        let [error, moduli] = self.error_at(block, taps, place);
-                        (worst, growth) = (greater(worst, error), growth.max(moduli));
+                        most = greatest(most, self.error_at(block, taps, place));
                     }
                 }
             }
-        }
+            most
+        };
+        let tried: Vec<usize> = spread(blocks.len(), TRIED[0]).collect();
+        let of_blocks: Vec<[f64; 2]> = tried.into_par_iter().with_max_len(1).map(of_block).collect();
+        let [worst, growth] = of_blocks.into_iter().fold([0.0, 1.0], greatest);
         [BETWEEN * worst, growth]
     }
 
