@@ -11,5 +11,6 @@ Libraries that read the files are imported when they are needed: ``pip install '
 from ._matlab import read_matlab
 from ._responses import from_impulse_responses
 from ._touchstone import read_touchstone
+from ._uff import read_uff
 
-__all__ = ["from_impulse_responses", "read_matlab", "read_touchstone"]
+__all__ = ["from_impulse_responses", "read_matlab", "read_touchstone", "read_uff"]

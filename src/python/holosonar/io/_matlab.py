@@ -201,7 +201,7 @@ class _Variables:
 def _checked_axes(axes: Sequence[str]) -> tuple[str, ...]:
     named = tuple(axes)
     kinds = sorted(axis for axis in named if axis != "-")
-    if kinds not in (["f", "mic"], ["f", "x", "y"], ["mic", "t"], ["t", "x", "y"], ["f", "x"], ["f", "y"], ["t", "x"], ["t", "y"]):
+    if kinds not in [sorted((first, *others)) for first in "ft" for others in (["mic"], ["x", "y"], ["x"], ["y"])]:
         raise InputError(
             f"axes: {list(named)} are none of {list(_AXES)} each once, \"f\" or \"t\" with \"mic\" or with \"x\" and \"y\""
         )
@@ -229,9 +229,8 @@ def _ordered(
         orders = [order for kind in kinds for order in permutations(kind) if fits(order, sizes)]
         if len(orders) != 1:
             why = "more than one order of axes fits" if orders else "no order of axes fits"
-            raise refusal(
-                path, f"`{name}`: {why} its shape {shape}, {n_f} frequencies and {list(places.shape[:-1])} microphones; say `axes`"
-            )
+            there = f"{n_f} frequencies and {list(places.shape[:-1])} microphones"
+            raise refusal(path, f"`{name}`: {why} its shape {shape}, {there}; say `axes`")
         values, order = values.reshape(sizes), list(orders[0])
     else:
         # MATLAB drops axes of length 1 at the end, and has two at least.
@@ -245,7 +244,8 @@ def _ordered(
         order = [axis for axis in axes if axis != "-"]
         values = values.reshape([n for axis, n in zip(axes, shape) if axis != "-"])
         if {"x", "y"} <= set(order) and places.ndim != 3:
-            raise refusal(path, f"`{name}`: with the axes \"x\" and \"y\", positions [n_y, n_x, 3] are needed, which say their order")
+            needed = "positions [n_y, n_x, 3] are needed, which say their order"
+            raise refusal(path, f"`{name}`: with the axes \"x\" and \"y\" {needed}")
         if values.size != n_mic * values.shape[order.index("f" if "f" in order else "t")]:
             raise refusal(path, f"`{name}`: has the shape {list(values.shape)}, but there are positions of {n_mic} microphones")
     if "x" in order and "y" in order and order.index("x") < order.index("y"):
