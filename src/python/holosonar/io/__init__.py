@@ -10,7 +10,8 @@ Libraries that read the files are imported when they are needed: ``pip install '
 
 from ._matlab import read_matlab
 from ._responses import from_impulse_responses
+from ._sofa import read_sofa
 from ._touchstone import read_touchstone
 from ._uff import read_uff
 
-__all__ = ["from_impulse_responses", "read_matlab", "read_touchstone", "read_uff"]
+__all__ = ["from_impulse_responses", "read_matlab", "read_sofa", "read_touchstone", "read_uff"]
