@@ -14,7 +14,7 @@ located in it:
 
 Arrays are ``[frequency, y, x]`` (cubes), ``[z, y, x]`` (volumes) and ``[y, x]`` (maps), SI units, x to the right, y down, z
 from the array into the scene. ``holosonar.image("scenes/corner.toml")`` does all of it from a run file, and the command
-``holosonar`` is installed, too. ``holosonar.io`` reads measurements of MATLAB, USTB, SOFA and Touchstone. The guide's
+``holosonar`` is installed, too. ``holosonar.io`` reads measurements of MATLAB, Acoular, USTB, SOFA and Touchstone. The guide's
 chapter on Python has more.
 """
 

@@ -8,10 +8,11 @@ which reconstruction is fastest.
 Libraries that read the files are imported when they are needed: ``pip install 'holosonar[io]'`` brings all of them.
 """
 
+from ._acoular import read_acoular
 from ._matlab import read_matlab
 from ._responses import from_impulse_responses
 from ._sofa import read_sofa
 from ._touchstone import read_touchstone
 from ._uff import read_uff
 
-__all__ = ["from_impulse_responses", "read_matlab", "read_sofa", "read_touchstone", "read_uff"]
+__all__ = ["from_impulse_responses", "read_acoular", "read_matlab", "read_sofa", "read_touchstone", "read_uff"]
