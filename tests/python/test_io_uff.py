@@ -140,7 +140,7 @@ def test_files_that_have_no_such_waves(tmp_path):
         ("channel_data/probe/geometry", "`geometry` is missing, x, y, z of each element"),
         ("channel_data/sequence", "`sequence` is missing, the waves"),
         ("channel_data/sequence/source", "`source` is missing, the point"),
-        ("channel_data/data", r"`channel_data/data` is missing: \[sample, element, wave, frame\]"),
+        ("channel_data/data", r"`data` is missing, \[sample, element, wave, frame\]; in /channel_data"),
     ],
 )
 def test_files_that_lack_something(tmp_path, gone, message):

@@ -6,10 +6,14 @@ import importlib
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from .._errors import InputError, NotFoundError
+from .._errors import HolosonarError, InputError, NotFoundError
 from .._run_file import PathLike
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 
 def library(name: str) -> Any:
@@ -53,17 +57,32 @@ def opened_hdf5(path: PathLike, what: str) -> Iterator[Any]:
     with file:
         try:
             yield file
-        except (OSError, KeyError, RuntimeError) as error:
+        except HolosonarError:
+            raise
+        # h5py raises any of these, depending on where a file is damaged.
+        except (OSError, KeyError, RuntimeError, ValueError, TypeError, AttributeError) as error:
             raise refusal(name, f"is damaged, or not {what}: {error}") from error
 
 
 def dataset(group: Any, name: str, path: PathLike, what: str) -> Any:
-    """A dataset of a group; where there is none, the error lists what there is."""
+    """A dataset of numbers in a group, not read yet; where there is none, the error lists what there is."""
     found = group.get(name)
-    if found is None or not hasattr(found, "shape"):
+    if found is None or not hasattr(found, "dtype"):
         there = ", ".join(sorted(group)) or "nothing"
         raise refusal(path, f"`{name}` is missing, {what}; in {group.name} there is {there}")
+    if found.shape is None or found.dtype.kind not in "iufc":
+        raise refusal(path, f"`{name}`: numbers were expected, {what}, not {found.dtype}")
     return found
+
+
+def numbers(group: Any, name: str, path: PathLike, what: str) -> NDArray[np.float64]:
+    """A dataset of real numbers, read."""
+    import numpy as np
+
+    held = dataset(group, name, path, what)
+    if held.dtype.kind == "c":
+        raise refusal(path, f"`{name}`: real numbers were expected, {what}, not {held.dtype}")
+    return np.asarray(held[()], np.float64)
 
 
 def subgroup(group: Any, name: str, path: PathLike, what: str) -> Any:
@@ -77,10 +96,10 @@ def subgroup(group: Any, name: str, path: PathLike, what: str) -> Any:
 
 def scalar(group: Any, name: str, path: PathLike, what: str) -> float:
     """A single number of a group."""
-    held = dataset(group, name, path, what)
-    if held.size != 1 or held.dtype.kind not in "iuf":
-        raise refusal(path, f"`{name}`: one number was expected, {what}, not {held.dtype} of the shape {list(held.shape)}")
-    return float(held[()].reshape(-1)[0])
+    held = numbers(group, name, path, what)
+    if held.size != 1:
+        raise refusal(path, f"`{name}`: one number was expected, {what}, not the shape {list(held.shape)}")
+    return float(held.reshape(-1)[0])
 
 
 def attribute_text(holder: Any, name: str) -> str:

@@ -58,6 +58,8 @@ def _collect(value: Any, name: str, found: dict[str, NDArray[Any]]) -> None:
 
 def _collect_hdf5(group: Any, prefix: str, found: dict[str, NDArray[Any]]) -> None:
     """Adds the arrays of an HDF5 group, and those of groups in it, which are structures."""
+    import numpy as np
+
     for key, item in group.items():
         if key.startswith("#") or attribute_text(item, "MATLAB_class") in ("char", "cell") or "MATLAB_empty" in item.attrs:
             continue
@@ -71,7 +73,7 @@ def _collect_hdf5(group: Any, prefix: str, found: dict[str, NDArray[Any]]) -> No
             value = item[()]
         else:
             continue
-        found[f"{prefix}{key}"] = value.T
+        found[f"{prefix}{key}"] = np.atleast_2d(value).T
 
 
 def listing(found: dict[str, NDArray[Any]]) -> str:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from .._cubes import Cube, Geometry, float64
 from .._run_file import PathLike
-from ._files import attribute_text, dataset, opened_hdf5, refusal
+from ._files import attribute_text, dataset, numbers, opened_hdf5, refusal
 from ._responses import cube_of, from_impulse_responses
 from ._sofa_places import places
 
@@ -86,7 +86,7 @@ def read_sofa(
         positions = microphones[chosen].reshape(-1, 3)
 
         def taken(name: str) -> NDArray[np.float64]:
-            held = np.asarray(dataset(root, name, path, "the data")[()], np.float64)
+            held = numbers(root, name, path, "the data")
             if held.shape != shape:
                 raise refusal(path, f"`{name}`: has the shape {list(held.shape)}; {list(shape)} was expected")
             return (held[..., pick] if held.ndim == 4 else held)[chosen].reshape(-1, shape[2])
@@ -145,9 +145,8 @@ def _sample_rate(root: Any, path: PathLike) -> float:
     """Hz, the same of all measurements."""
     import numpy as np
 
-    held = dataset(root, "Data.SamplingRate", path, "Hz")
-    rates = np.unique(np.asarray(held[()], np.float64))
-    units = attribute_text(held, "Units") or "hertz"
+    rates = np.unique(numbers(root, "Data.SamplingRate", path, "Hz"))
+    units = attribute_text(root["Data.SamplingRate"], "Units") or "hertz"
     if len(rates) != 1 or units.lower() not in ("hertz", "hz"):
         raise refusal(path, f"`Data.SamplingRate`: one rate in hertz was expected, not {rates.tolist()} {units}")
     return float(rates[0])
@@ -159,7 +158,7 @@ def _delays(root: Any, path: PathLike, shape: tuple[int, ...], emitter: int) -> 
 
     if "Data.Delay" not in root:
         return np.zeros(shape[:2])
-    held = np.asarray(dataset(root, "Data.Delay", path, "samples")[()], np.float64)
+    held = numbers(root, "Data.Delay", path, "samples")
     if held.ndim == 3:
         held = held[..., emitter if held.shape[2] > 1 else 0]
     try:
@@ -174,9 +173,8 @@ def _tones(
     """Frequencies, Hz, and where they are in the file, whose axis N they are."""
     import numpy as np
 
-    held = dataset(root, "N", path, "the frequencies of transfer functions")
-    units = attribute_text(held, "Units") or "hertz"
-    there = np.asarray(held[()], np.float64).reshape(-1)
+    there = numbers(root, "N", path, "the frequencies of transfer functions").reshape(-1)
+    units = attribute_text(root["N"], "Units") or "hertz"
     if len(there) != count or units.lower() not in ("hertz", "hz"):
         raise refusal(path, f"`N`: {count} frequencies in hertz were expected, not {len(there)} in {units}")
     if wanted is None:

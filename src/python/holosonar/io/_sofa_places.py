@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from .._errors import InputError
 from .._run_file import PathLike
-from ._files import attribute_text, dataset, refusal
+from ._files import attribute_text, numbers, refusal
 
 if TYPE_CHECKING:
     import numpy as np
@@ -24,7 +24,9 @@ def places(
 
     if frame not in ("sofa", "array"):
         raise InputError(f"frame: \"sofa\" or \"array\" was expected, not {frame!r}")
-    n_emitters = dataset(root, "EmitterPosition", path, "where emitters are").shape[0] if "EmitterPosition" in root else 1
+    n_emitters = 1
+    if "EmitterPosition" in root:
+        n_emitters = len(np.atleast_1d(numbers(root, "EmitterPosition", path, "where emitters are")))
     found = []
     for holder, part, count in (("Listener", "Receiver", n_receivers), ("Source", "Emitter", n_emitters)):
         centre = _about(root, path, f"{holder}Position", n_measurements)
@@ -60,8 +62,7 @@ def _about(root: Any, path: PathLike, name: str, count: int) -> NDArray[np.float
     """A variable of the shape [1 or M, 3], for each measurement, Cartesian."""
     import numpy as np
 
-    held = dataset(root, name, path, "[1 or M, 3]")
-    values = np.asarray(held[()], np.float64)
+    values = numbers(root, name, path, "[1 or M, 3]")
     if values.shape not in ((1, 3), (count, 3)):
         raise refusal(path, f"`{name}`: has the shape {list(values.shape)}; [1 or {count}, 3] was expected")
     unit_of = name.replace("Up", "View") if f"{name.replace('Up', 'View')}" in root else name
@@ -72,12 +73,11 @@ def _each(root: Any, path: PathLike, name: str, n_parts: int, count: int) -> NDA
     """A variable of the shape [R, 3], or [R, 3, 1 or M], as [M, R, 3], Cartesian."""
     import numpy as np
 
-    held = dataset(root, name, path, "[R, 3]")
-    values = np.asarray(held[()], np.float64)
-    values = values[..., None] if values.ndim == 2 else values
+    held = numbers(root, name, path, "[R, 3]")
+    values = held[..., None] if held.ndim == 2 else held
     if values.ndim != 3 or values.shape[:2] != (n_parts, 3) or values.shape[2] not in (1, count):
         raise refusal(path, f"`{name}`: has the shape {list(held.shape)}; [{n_parts}, 3] or [{n_parts}, 3, {count}] was expected")
-    moved = _cartesian(path, name, np.moveaxis(values, 2, 0), held)
+    moved = _cartesian(path, name, np.moveaxis(values, 2, 0), root[name])
     return np.broadcast_to(moved, (count, n_parts, 3))
 
 

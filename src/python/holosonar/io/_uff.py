@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from .._cubes import Cube, Geometry, float64
 from .._errors import InputError
 from .._run_file import PathLike
-from ._files import dataset, opened_hdf5, refusal, scalar, subgroup
+from ._files import dataset, numbers, opened_hdf5, refusal, scalar, subgroup
 from ._responses import check_tones, cube_of, fourier_sum
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ def read_uff(
         carrier = scalar(group, "modulation_frequency", path, "Hz") if "modulation_frequency" in group else 0.0
         speed = scalar(group, "sound_speed", path, "m/s")
         probe = subgroup(group, "probe", path, "the elements")
-        placed = np.asarray(dataset(probe, "geometry", path, "x, y, z of each element")[()], np.float64)
+        placed = numbers(probe, "geometry", path, "x, y, z of each element")
         if placed.ndim != 2 or placed.shape[0] < 3:
             raise refusal(path, f"`{name}/probe/geometry`: 7 numbers for each element were expected, not {list(placed.shape)}")
         elements = np.ascontiguousarray(placed[:3].T)
@@ -116,6 +116,8 @@ class _Wave:
         if self.source[2] > 1e-3:
             raise refusal(path, f"`{label}`: is focused at z = {self.source[2]:g} m, and so is from no point")
         speed = scalar(group, "sound_speed", path, "m/s") if "sound_speed" in group else speed
+        if not speed > 0:
+            raise refusal(path, f"`{label}/sound_speed`: a positive speed was expected, not {speed}")
         delay = scalar(group, "delay", path, "s") if "delay" in group else 0.0
         # USTB takes the distance to the origin off for sources behind the probe, and adds it for those in its plane.
         passing = -distance if self.source[2] < -1e-3 else distance
@@ -146,11 +148,10 @@ def _waves(path: PathLike, group: Any, speed: float) -> list[_Wave]:
 
 def _parts(path: PathLike, group: Any, n_elements: int, n_waves: int) -> list[Any]:
     """The data as one dataset, or two for real and imaginary parts, with axes [frame, wave, element, sample]."""
-    held = group.get("data")
-    label = f"{group.name.lstrip('/')}/data"
-    if held is None:
-        raise refusal(path, f"`{label}` is missing: [sample, element, wave, frame] was expected")
-    parts = [held] if hasattr(held, "shape") else [dataset(held, key, path, "a part of complex data") for key in ("real", "imag")]
+    held, label = group.get("data"), f"{group.name.lstrip('/')}/data"
+    is_complex = hasattr(held, "items")
+    holder, keys = (held, ("real", "imag")) if is_complex else (group, ("data",))
+    parts = [dataset(holder, key, path, "[sample, element, wave, frame]") for key in keys]
     shape = (1,) * (4 - len(parts[0].shape)) + tuple(parts[0].shape)
     if len(shape) != 4 or shape[1:3] != (n_waves, n_elements) or parts[0].shape != parts[-1].shape:
         raise refusal(
