@@ -185,6 +185,8 @@ def test_touchstone_files_that_are_none(tmp_path):
     with pytest.raises(holosonar.NotFoundError, match="no such file"):
         read_touchstone([tmp_path / "gone.s1p"], [(0, 0, 0)])
     with pytest.raises(holosonar.NotFoundError, match="no file has such a name"):
+        read_touchstone(str(tmp_path / "x{x}.s1p"), name_unit="m")
+    with pytest.raises(holosonar.InputError, match="name_unit: one of m, cm, mm, in, ft was expected, .*, not None"):
         read_touchstone(str(tmp_path / "x{x}.s1p"))
     (tmp_path / "empty").mkdir()
     with pytest.raises(holosonar.InputError, match="no Touchstone file"):

@@ -78,6 +78,16 @@ def test_scattered_microphones_in_a_structure(tmp_path, save):
 
 
 @BOTH
+def test_in_phase_and_quadrature_apart(tmp_path, save):
+    cube = measured()
+    save(tmp_path / "iq.mat", {"I": cube.samples.real, "Q": cube.samples.imag, "f": TONES, "r": MICROPHONES})
+    read = read_matlab(tmp_path / "iq.mat", ("I", "Q"), positions="r", phase_sign=1)
+    assert error(read, cube) < 1e-6 and shows_the_echo(read)
+    with pytest.raises(holosonar.InputError, match="`I`, `f`: real I and Q of the same shape were expected; the file has"):
+        read_matlab(tmp_path / "iq.mat", ("I", "f"), positions="r", phase_sign=1)
+
+
+@BOTH
 def test_responses_over_time(tmp_path, save):
     cube = measured()
     responses = responses_of(cube).reshape(7, 9, -1).transpose(2, 1, 0)  # [t, x, y]

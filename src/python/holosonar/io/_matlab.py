@@ -25,7 +25,7 @@ _AXES = ("f", "t", "x", "y", "mic", "-")
 
 def read_matlab(
     path: PathLike,
-    samples: str | None = None,
+    samples: str | tuple[str, str] | None = None,
     *,
     axes: Sequence[Literal["f", "t", "x", "y", "mic", "-"]] | None = None,
     frequencies: Named = None,
@@ -44,9 +44,9 @@ def read_matlab(
     Parameters
     ----------
     path : path
-    samples : str, optional
-        Variable of the complex samples, or of the responses over time; a field of a structure is ``"structure.field"``. Left
-        out, the only variable that fits.
+    samples : str or (str, str), optional
+        Variable of the complex samples, or of the responses over time; a field of a structure is ``"structure.field"``. Two are
+        I and Q. Left out, the only variable that fits.
     axes : sequence of {"f", "t", "x", "y", "mic", "-"}, optional
         What the axes of ``samples`` are, in MATLAB's order: frequencies or time, columns and rows of the array or all
         microphones, and ``"-"`` for one of length 1. Left out, the lengths must leave a single order of "f" with "mic", or
@@ -79,7 +79,8 @@ def read_matlab(
     import numpy as np
 
     found = variables(path)
-    taken = {name for name in (samples, frequencies, positions, sample_rate) if isinstance(name, str)}
+    pair = samples if isinstance(samples, tuple) else (samples,)
+    taken = {name for name in (*pair, frequencies, positions, sample_rate) if isinstance(name, str)}
     reader = _Variables(path, found, taken)
     given_axes = None if axes is None else _checked_axes(axes)
     if given_axes is not None and "t" in given_axes and (frequencies is None or sample_rate is None):
@@ -130,8 +131,13 @@ class _Variables:
             raise self.refused(f"{several} {what}; name it with `{key}`")
         return fitting[0]
 
-    def samples(self, name: str | None, axes: tuple[str, ...] | None) -> tuple[str, NDArray[Any]]:
+    def samples(self, name: str | tuple[str, str] | None, axes: tuple[str, ...] | None) -> tuple[str, NDArray[Any]]:
         """Samples, or responses over time: by name, or the only array of enough axes (complex, if over frequency)."""
+        if isinstance(name, tuple):
+            i, q = (self._named(part, "I and Q of the samples") for part in name)
+            if i.shape != q.shape or "c" in (i.dtype.kind, q.dtype.kind):
+                raise self.refused(f"`{name[0]}`, `{name[1]}`: real I and Q of the same shape were expected")
+            return name[0], i + 1j * q
         if name is None:
             real = axes is not None and "t" in axes
             least = 2 if axes is None else sum(axis != "-" for axis in axes)

@@ -28,7 +28,7 @@ def read_touchstone(
     files: PathLike | Sequence[PathLike],
     positions: ArrayLike | None = None,
     *,
-    name_unit: str = "m",
+    name_unit: str | None = None,
     ports: tuple[int, int] | None = None,
     source: tuple[float, float, float] = (0.0, 0.0, 0.0),
     sound_speed: float = 343.0,
@@ -44,7 +44,7 @@ def read_touchstone(
     positions : array_like, shape (n_mic, 3) or (n_y, n_x, 3), optional
         m, in the order of the files; needed unless the names say them.
     name_unit : {"m", "cm", "mm", "in", "ft"}
-        Of ``{x}`` and ``{y}``.
+        Of ``{x}`` and ``{y}``, and needed with them: no name says it.
     ports : (int, int), optional
         Port of the receiver, then of the sender, from 1 on: (2, 1) is S21. Left out, S21 of two ports and S11 of one.
     source, sound_speed, geometry
@@ -116,7 +116,7 @@ def _parameter(path: str, network: Any, ports: tuple[int, int] | None) -> NDArra
     return np.asarray(network.s[:, to - 1, sender - 1])
 
 
-def _matching(name: str, unit: str) -> tuple[list[str], NDArray[np.float64] | None]:
+def _matching(name: str, unit: str | None) -> tuple[list[str], NDArray[np.float64] | None]:
     """Files of a folder, or of a pattern with their positions."""
     import numpy as np
 
@@ -128,7 +128,7 @@ def _matching(name: str, unit: str) -> tuple[list[str], NDArray[np.float64] | No
     if "{x}" not in name and "{y}" not in name:
         return [existing(name)], None
     if unit not in _UNITS:
-        raise InputError(f"name_unit: one of {', '.join(_UNITS)} was expected, not {unit!r}")
+        raise InputError(f"name_unit: one of {', '.join(_UNITS)} was expected, the unit of {{x}} and {{y}}, not {unit!r}")
     fields = re.split(r"\{([xy])\}", name)
     if sorted(fields[1::2]) != sorted(set(fields[1::2])):
         raise InputError(f"files: {{x}} and {{y}} may be once each in {name!r}")
