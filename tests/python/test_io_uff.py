@@ -73,13 +73,17 @@ def test_one_spherical_wave(tmp_path, source):
     assert error(cube, measured(source)) < 3e-3 and shows_the_echo(cube)
 
 
-def test_one_wave_from_each_element(tmp_path):
+@pytest.mark.parametrize("chunks", [None, (2, 63, 63, SAMPLES)], ids=["contiguous", "one chunk"])
+def test_one_wave_from_each_element(tmp_path, chunks):
     # Time 0 is when the wave leaves the element, as simulators write it.
     delays = np.linalg.norm(ELEMENTS, axis=1) / SOUND_SPEED
     order = np.random.default_rng(1).permutation(len(ELEMENTS))
     signals = np.stack([heard(ELEMENTS[e], delays[e], 0.001) for e in order], axis=-1).transpose(1, 0, 2)
     frames = np.stack([np.zeros_like(signals), signals], axis=-1)
     write(tmp_path / "all.uff", frames, [wave(ELEMENTS[e], delays[e]) for e in order], 0.001)
+    with h5py.File(tmp_path / "all.uff", "r+") as file:
+        del file["channel_data/data"]
+        file.create_dataset("channel_data/data", data=frames.T, chunks=chunks)
     cube = read_uff(tmp_path / "all.uff", frequencies=TONES, monostatic=True, frame=1)
     assert error(cube, measured(geometry="monostatic")) < 3e-3 and shows_the_echo(cube)
     number = 5

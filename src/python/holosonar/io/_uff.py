@@ -87,9 +87,8 @@ def read_uff(
             raise refusal(path, f"`{name}/data`: has {parts[0].shape[0]} frames; frame={frame} counts from 0")
         if monostatic:
             at = _firing(path, waves, elements)
-            chosen = [(wave_of, element) for element, wave_of in enumerate(at)]
-            signals = np.stack([_signal(parts, frame, w, e) for w, e in chosen])
-            starts = np.array([first - waves[w].emitted for w, _ in chosen])
+            signals = _diagonal(parts, frame, at)
+            starts = np.array([first - waves[w].emitted for w in at])
         else:
             index = _chosen(path, waves, wave)
             signals = _signal(parts, frame, index, slice(None))
@@ -172,11 +171,22 @@ class _Padded:
         return self.held[index[4 - len(self.held.shape) :]]
 
 
-def _signal(parts: list[Any], frame: int, wave: int, element: Any) -> NDArray[Any]:
-    """Signals of one wave, of one element or of all: only these are read."""
+def _signal(parts: list[Any], frame: int, wave: Any, element: Any) -> NDArray[Any]:
+    """Signals of one wave or element, or of a slice of them: only these are read."""
     read = [part[frame, wave, element, slice(None)] for part in parts]
     held: NDArray[Any] = read[0] if len(read) == 1 else read[0] + 1j * read[1]
     return held
+
+
+def _diagonal(parts: list[Any], frame: int, at: list[int]) -> NDArray[Any]:
+    """For each element the signal of the wave that it sent."""
+    import numpy as np
+
+    if parts[0].held.chunks is None:
+        return np.stack([_signal(parts, frame, wave, element) for element, wave in enumerate(at)])
+    # MATLAB makes one chunk of all, which would be read again for each element.
+    whole = _signal(parts, frame, slice(None), slice(None)).reshape(parts[0].shape[1:])
+    return whole[at, np.arange(len(at))]
 
 
 def _chosen(path: PathLike, waves: list[_Wave], wave: int | None) -> int:
