@@ -136,6 +136,10 @@ def test_several_loudspeakers_are_taken_one_by_one(tmp_path):
     path = write(tmp_path / "emitters.sofa", sofa)
     for number, cube in enumerate(cubes):
         assert error(read_sofa(path, frequencies=TONES, emitter=number), cube) < 1e-6
+    with h5py.File(path, "r+") as file:  # the same in the order of the older type
+        del file["Data.IR"]
+        file["Data.IR"], file.attrs["DataType"] = responses.transpose(1, 0, 2)[None], np.bytes_("FIRE")
+    assert error(read_sofa(path, frequencies=TONES, emitter=1), cubes[1]) < 1e-6
     with pytest.raises(holosonar.InputError, match="has 2 emitters: emitter=0 takes the first"):
         read_sofa(path, frequencies=TONES)
 

@@ -72,9 +72,12 @@ def read_sofa(
             wanted = "`Data.IR`, or `Data.Real` and `Data.Imag`, were expected"
             raise refusal(path, f"{wanted}; the DataType is {kind!r} and its data are {there}")
         data = dataset(root, "Data.IR" if is_response else "Data.Real", path, "the data")
-        shape = data.shape
-        if len(shape) not in (3, 4):
-            raise refusal(path, f"`{data.name.lstrip('/')}`: [M, R, N] was expected, not {list(shape)}")
+        stored = data.shape
+        if len(stored) not in (3, 4):
+            raise refusal(path, f"`{data.name.lstrip('/')}`: [M, R, N] was expected, not {list(stored)}")
+        # Emitters are the last axis, and in the older type FIRE the last but one.
+        is_old = kind == "FIRE" and len(stored) == 4
+        shape = (*stored[:2], stored[3], stored[2]) if is_old else stored
         microphones, sources = places(root, path, shape[0], shape[1], frame)
         chosen = _measurements(path, microphones, sources, measurement)
         pick = _emitter(path, shape, sources.shape[1], emitter)
@@ -87,8 +90,9 @@ def read_sofa(
 
         def taken(name: str) -> NDArray[np.float64]:
             held = numbers(root, name, path, "the data")
-            if held.shape != shape:
-                raise refusal(path, f"`{name}`: has the shape {list(held.shape)}; {list(shape)} was expected")
+            if held.shape != stored:
+                raise refusal(path, f"`{name}`: has the shape {list(held.shape)}; {list(stored)} was expected")
+            held = np.moveaxis(held, 2, 3) if is_old else held
             return (held[..., pick] if held.ndim == 4 else held)[chosen].reshape(-1, shape[2])
 
         if is_response:
