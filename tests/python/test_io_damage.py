@@ -77,3 +77,24 @@ def test_files_with_something_else_in_them(tmp_path, write):
                 assert str(wrong)
                 refused += 1
     assert refused >= tried / 3, f"{refused} of {tried}"
+
+
+def test_sizes_that_no_machine_holds(tmp_path):
+    path, read = acoular(tmp_path)
+    with h5py.File(path, "r+") as file:
+        del file["time_data"]
+        held = file.create_dataset("time_data", (10**12, 20), np.float32, chunks=(1000, 20))  # nothing of it is written
+        held.attrs["sample_freq"] = 48e3
+    with pytest.raises(holosonar.OutOfMemoryError, match=r"recording\.h5: `time_data` takes 149011\.6 GiB, and this machine"):
+        read(path)
+    path, read = uff(tmp_path)
+    with h5py.File(path, "r+") as file:
+        del file["channel_data/data"]
+        file.create_dataset("channel_data/data", (2, 63, 10**12), np.float32, chunks=(1, 63, 1000))
+    with pytest.raises(holosonar.OutOfMemoryError, match=r"a\.uff: `channel_data/data` takes"):
+        read(path)
+    path, read = matlab(tmp_path)
+    with h5py.File(path, "r+") as file:
+        file.create_dataset("huge", (10**6, 10**8), np.float64, chunks=(1000, 1000))
+    with pytest.raises(holosonar.OutOfMemoryError, match=r"a\.mat: `huge` takes"):
+        read(path)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from .._cubes import Cube, float64, read_array, read_cube
 from .._errors import InputError
 from .._run_file import PathLike, typed
-from ._files import dataset, existing, opened_hdf5, refusal
+from ._files import dataset, existing, opened_hdf5, read_whole, refusal
 from ._responses import cube_of, from_impulse_responses
 
 if TYPE_CHECKING:
@@ -42,8 +42,8 @@ def read_acoular(
 ) -> Cube:
     """Reads a recording of Acoular's: ``time_data`` [n_samples, n_channels] of an HDF5 file, whose ``sample_freq`` is in Hz.
 
-    What was played is one of three. Tones one after another, or a broadband signal, are what ``holosonar import`` takes from WAV
-    files, and it does the work: see the guide's chapter on measured data. Impulse responses go to
+    What was played is one of three. Tones one after another, or a broadband signal, are what ``holosonar import`` takes from
+    WAV files, and it does the work: see the guide's chapter on measured data. Impulse responses go to
     :func:`from_impulse_responses`.
 
     Parameters
@@ -106,8 +106,9 @@ def read_acoular(
         if signal == "responses":
             if reference is not None or latency == "direct":
                 raise InputError("signal: responses have no reference, and no latency that could be found")
+            whole, since = read_whole(held, path).T, start - latency
             return from_impulse_responses(
-                held[()].T, rate, positions, source, frequencies=tones, sound_speed=sound_speed, start=start - latency
+                whole, rate, positions, source, frequencies=tones, sound_speed=sound_speed, start=since
             )
         settings = typed(
             None,
@@ -147,7 +148,7 @@ def _write_wav(name: str, held: Any, rate: float, path: PathLike) -> float:
     blocks = range(0, n_samples, BLOCK)
     loudest = max((float(np.abs(held[i : i + BLOCK].astype(np.float64)).max()) for i in blocks), default=0.0)
     if not np.isfinite(loudest) or loudest == 0.0:
-        raise refusal(path, "`time_data`: is 0 everywhere" if loudest == 0.0 else "`time_data`: has samples that are not finite")
+        raise refusal(path, f"`time_data`: {'is 0 everywhere' if loudest == 0.0 else 'has samples that are not finite'}")
     scale = 0.5 / loudest
     whole = int(rate)
     form = struct.pack("<4sIHHIIHH", b"fmt ", 16, 3, n_channels, whole, 4 * n_channels * whole, 4 * n_channels, 32)

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from .._errors import HolosonarError, InputError, NotFoundError
+from .._errors import HolosonarError, InputError, NotFoundError, OutOfMemoryError
 from .._run_file import PathLike
 
 if TYPE_CHECKING:
@@ -75,6 +75,27 @@ def dataset(group: Any, name: str, path: PathLike, what: str) -> Any:
     return found
 
 
+def read_whole(held: Any, path: PathLike) -> NDArray[Any]:
+    """A dataset, unless it is more than this machine's memory: a few bytes of HDF5 can declare any size."""
+    check_size(held.size * max(held.dtype.itemsize, 8), f"`{held.name.lstrip('/')}`", path)
+    whole: NDArray[Any] = held[()]
+    return whole
+
+
+def check_size(n_bytes: int, what: str, path: PathLike) -> None:
+    """Refuses what is more than this machine's memory, where the system says how much that is."""
+    if not hasattr(os, "sysconf") or "SC_PHYS_PAGES" not in os.sysconf_names:
+        return
+    memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    if 0 < memory < n_bytes:
+        name = os.fspath(path)
+        error = OutOfMemoryError(
+            f"{name}: {what} takes {n_bytes / 2**30:.1f} GiB, and this machine has {memory / 2**30:.1f} GiB; read a part of it"
+        )
+        error.place = name
+        raise error
+
+
 def numbers(group: Any, name: str, path: PathLike, what: str) -> NDArray[np.float64]:
     """A dataset of real numbers, read."""
     import numpy as np
@@ -82,7 +103,7 @@ def numbers(group: Any, name: str, path: PathLike, what: str) -> NDArray[np.floa
     held = dataset(group, name, path, what)
     if held.dtype.kind == "c":
         raise refusal(path, f"`{name}`: real numbers were expected, {what}, not {held.dtype}")
-    return np.asarray(held[()], np.float64)
+    return np.asarray(read_whole(held, path), np.float64)
 
 
 def subgroup(group: Any, name: str, path: PathLike, what: str) -> Any:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from .._run_file import PathLike
-from ._files import attribute_text, existing, library, opened_hdf5, refusal
+from ._files import attribute_text, existing, library, opened_hdf5, read_whole, refusal
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -31,7 +31,7 @@ def variables(path: PathLike) -> dict[str, NDArray[Any]]:
     found: dict[str, NDArray[Any]] = {}
     if b"\x89HDF\r\n\x1a\n" in (head[:8], head[512:]):
         with opened_hdf5(name, "a MATLAB file of version 7.3") as root:
-            _collect_hdf5(root, "", found)
+            _collect_hdf5(root, "", path, found)
     else:
         scipy_io = library("scipy.io")
         try:
@@ -56,7 +56,7 @@ def _collect(value: Any, name: str, found: dict[str, NDArray[Any]]) -> None:
         found[name] = value
 
 
-def _collect_hdf5(group: Any, prefix: str, found: dict[str, NDArray[Any]]) -> None:
+def _collect_hdf5(group: Any, prefix: str, path: PathLike, found: dict[str, NDArray[Any]]) -> None:
     """Adds the arrays of an HDF5 group, and those of groups in it, which are structures."""
     import numpy as np
 
@@ -64,13 +64,13 @@ def _collect_hdf5(group: Any, prefix: str, found: dict[str, NDArray[Any]]) -> No
         if key.startswith("#") or attribute_text(item, "MATLAB_class") in ("char", "cell") or "MATLAB_empty" in item.attrs:
             continue
         if hasattr(item, "items"):
-            _collect_hdf5(item, f"{prefix}{key}.", found)
+            _collect_hdf5(item, f"{prefix}{key}.", path, found)
             continue
         if item.dtype.names == ("real", "imag"):
-            pairs = item[()]
+            pairs = read_whole(item, path)
             value = pairs["real"] + 1j * pairs["imag"]
         elif item.dtype.kind in "iufc" and item.size:
-            value = item[()]
+            value = read_whole(item, path)
         else:
             continue
         found[f"{prefix}{key}"] = np.atleast_2d(value).T

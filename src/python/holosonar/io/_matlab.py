@@ -161,7 +161,10 @@ class _Variables:
             fitting = [
                 key
                 for key, value in self.found.items()
-                if key not in self.taken and value.dtype.kind != "c" and 3 in (value.shape[0], value.shape[-1]) and value.size > 3
+                if key not in self.taken
+                and value.dtype.kind != "c"
+                and 3 in (value.shape[0], value.shape[-1])
+                and value.size > 3
             ]
             name = self._only(fitting, "the microphones' positions, [n_mic, 3] or [n_y, n_x, 3] in m", "positions")
         value = self._named(name, "the microphones' positions")

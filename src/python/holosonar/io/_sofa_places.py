@@ -76,7 +76,8 @@ def _each(root: Any, path: PathLike, name: str, n_parts: int, count: int) -> NDA
     held = numbers(root, name, path, "[R, 3]")
     values = held[..., None] if held.ndim == 2 else held
     if values.ndim != 3 or values.shape[:2] != (n_parts, 3) or values.shape[2] not in (1, count):
-        raise refusal(path, f"`{name}`: has the shape {list(held.shape)}; [{n_parts}, 3] or [{n_parts}, 3, {count}] was expected")
+        wanted = f"[{n_parts}, 3] or [{n_parts}, 3, {count}] was expected"
+        raise refusal(path, f"`{name}`: has the shape {list(held.shape)}; {wanted}")
     moved = _cartesian(path, name, np.moveaxis(values, 2, 0), root[name])
     return np.broadcast_to(moved, (count, n_parts, 3))
 

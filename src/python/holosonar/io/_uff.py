@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from .._cubes import Cube, Geometry, float64
 from .._errors import InputError
 from .._run_file import PathLike
-from ._files import dataset, numbers, opened_hdf5, refusal, scalar, subgroup
+from ._files import check_size, dataset, numbers, opened_hdf5, refusal, scalar, subgroup
 from ._responses import check_tones, cube_of, fourier_sum
 
 if TYPE_CHECKING:
@@ -83,6 +83,8 @@ def read_uff(
         elements = np.ascontiguousarray(placed[:3].T)
         waves = _waves(path, group, speed)
         parts = _parts(path, group, len(elements), len(waves))
+        n_read = len(waves) if monostatic and parts[0].held.chunks is not None else 1
+        check_size(8 * len(parts) * n_read * len(elements) * parts[0].shape[3], f"`{name}/data`", path)
         if not 0 <= frame < parts[0].shape[0]:
             raise refusal(path, f"`{name}/data`: has {parts[0].shape[0]} frames; frame={frame} counts from 0")
         if monostatic:
@@ -153,11 +155,8 @@ def _parts(path: PathLike, group: Any, n_elements: int, n_waves: int) -> list[An
     parts = [dataset(holder, key, path, "[sample, element, wave, frame]") for key in keys]
     shape = (1,) * (4 - len(parts[0].shape)) + tuple(parts[0].shape)
     if len(shape) != 4 or shape[1:3] != (n_waves, n_elements) or parts[0].shape != parts[-1].shape:
-        raise refusal(
-            path,
-            f"`{label}`: has the shape {list(reversed(parts[0].shape))}; [sample, {n_elements} elements, {n_waves} waves, frame] "
-            "was expected",
-        )
+        wanted = f"[sample, {n_elements} elements, {n_waves} waves, frame] was expected"
+        raise refusal(path, f"`{label}`: has the shape {list(reversed(parts[0].shape))}; {wanted}")
     return [_Padded(part, shape) for part in parts]
 
 
