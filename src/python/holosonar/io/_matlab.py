@@ -41,6 +41,8 @@ def read_matlab(
 ) -> Cube:
     """Reads samples from a MATLAB file, of versions 4 to 7 (by SciPy) or 7.3 (by h5py).
 
+    All numeric variables of the file are read, since any of them could be meant.
+
     Parameters
     ----------
     path : path
