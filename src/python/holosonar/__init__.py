@@ -14,9 +14,11 @@ located in it:
 
 Arrays are ``[frequency, y, x]`` (cubes), ``[z, y, x]`` (volumes) and ``[y, x]`` (maps), SI units, x to the right, y down, z
 from the array into the scene. ``holosonar.image("scenes/corner.toml")`` does all of it from a run file, and the command
-``holosonar`` is installed, too. The guide's chapter on Python has more.
+``holosonar`` is installed, too. ``holosonar.io`` reads measurements of MATLAB, Acoular, USTB, SOFA and Touchstone. The guide's
+chapter on Python has more.
 """
 
+from . import io
 from ._cubes import (
     Cube,
     Instrument,
@@ -79,6 +81,7 @@ __all__ = [
     "compare",
     "error_picture",
     "image",
+    "io",
     "locate_depth",
     "plan",
     "plan_sweep",
