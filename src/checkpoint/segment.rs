@@ -104,7 +104,13 @@ impl Checkpoint {
         Ok(())
     }
 
-    /// Whether the stored blocks of a unit are all there and intact; `block` takes each in turn and is resized for it.
+    /// Whether the blocks of a unit are all stored, intact or not.
+    pub(crate) fn lists_unit(&self, stage: Stage, unit: &UnitBlocks) -> bool {
+        let segments = self.segments();
+        unit.blocks.iter().all(|k| segments.iter().any(|segment| segment.has(stage, *k)))
+    }
+
+    /// Whether the blocks of a unit are all stored, and intact: all are read.
     ///
     /// # Errors
     /// [`Error::Interrupted`].
@@ -290,3 +296,6 @@ impl VolumeSink for WantedDepths<'_> {
         start..(start..depths.end).rfind(is_wanted).map_or(start, |last| last + 1)
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -182,6 +182,11 @@ impl<'a> Worker<'a> {
         Ok(missing)
     }
 
+    /// How many units are not stored; one that is damaged is computed by whoever takes it up.
+    fn left(&self, stage: Stage, units: &[UnitBlocks]) -> u64 {
+        units.iter().filter(|unit| !self.checkpoint.lists_unit(stage, unit)).count() as u64
+    }
+
     /// Computes those units that are missing, and takes up all that were stored meanwhile.
     fn compute(
         &mut self,
@@ -220,11 +225,10 @@ impl<'a> Worker<'a> {
     }
 
     /// What was done, and what is left.
-    fn done(mut self, units: &Units) -> Result<WorkDone> {
-        self.done.simulation_left = self.missing(Stage::Cube, &units.simulate)?.len() as u64;
-        let depths = self.missing(Stage::Volume, &units.reconstruct)?.len() as u64;
-        self.done.left = self.done.simulation_left + depths;
-        Ok(self.done)
+    fn done(mut self, units: &Units) -> WorkDone {
+        self.done.simulation_left = self.left(Stage::Cube, &units.simulate);
+        self.done.left = self.done.simulation_left + self.left(Stage::Volume, &units.reconstruct);
+        self.done
     }
 }
 
@@ -272,7 +276,7 @@ pub fn work_on_scene(run: &RunFile, wanted: &Wanted, job: &JobOptions) -> Result
         prepared.simulate_tiles(&mut WantedTiles::new(writer, stop), stop)
     })?;
     let depths = wanted.of(&units.reconstruct);
-    let left = worker.missing(Stage::Cube, &units.simulate)?.len();
+    let left = worker.left(Stage::Cube, &units.simulate);
     if left > 0 && !depths.is_empty() && matches!(wanted, Wanted::Numbers(_)) {
         let all = units.simulate.len();
         return Err(Error::input(
@@ -285,6 +289,7 @@ pub fn work_on_scene(run: &RunFile, wanted: &Wanted, job: &JobOptions) -> Result
             ),
         ));
     }
+    // A cube is made only for depths that are missing.
     if left == 0 && !worker.missing(Stage::Volume, depths)?.is_empty() {
         let cube = {
             let stop = GracefulStop::new(job.checkpoint, job.observer);
@@ -292,7 +297,7 @@ pub fn work_on_scene(run: &RunFile, wanted: &Wanted, job: &JobOptions) -> Result
         };
         worker.reconstruct(depths, &mut &cube, &prepared.grid, (&MemoryBudget::of(run), prepared.arrays))?;
     }
-    worker.done(&units)
+    Ok(worker.done(&units))
 }
 
 /// Computes units of a cube's image, which are depths, into segments of the checkpoint. Memory: as `reconstruct` takes, for
@@ -310,7 +315,7 @@ pub fn work_on_cube(run: &RunFile, cube: CubeFile, wanted: &Wanted, job: &JobOpt
     let mut worker = Worker::new(identity::of_cube("image", run, &mut cube, &grid)?, &units, job)?;
     let samples = JobArrays::measured(&instrument, cube.held_bytes());
     worker.reconstruct(wanted.of(&units.reconstruct), &mut cube, &grid, (&MemoryBudget::of(run), samples))?;
-    worker.done(&units)
+    Ok(worker.done(&units))
 }
 
 /// Refuses units that there are not.
