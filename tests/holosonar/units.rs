@@ -1,7 +1,7 @@
 //! Work that several processes share gives the bytes of one: for any number of parts, by every method, and after segments
 //! were deleted, cut off and altered.
 
-use crate::binary::{done, done_json, refused, small};
+use crate::binary::{command, done, done_json, refused, small};
 use crate::named::assert_names;
 use holosonar::checkpoint::Checkpoint;
 use holosonar::config::RunFile;
@@ -11,6 +11,7 @@ use holosonar::pipeline::{
 use num_complex::Complex32;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::process::Stdio;
 use std::time::Duration;
 
 /// A list of reflectors is imaged in a moment; noise is of the whole cube.
@@ -193,10 +194,15 @@ fn cubes_are_shared_and_the_command_says_what_is_left() {
     assert_eq!(listed.as_array().unwrap().len(), 31);
     let half = done_json(folder, &format!("work cube.npz -o parts --part 1/2 {settings}"));
     assert_eq!((half["computed"].as_array().unwrap().len(), half["left"].as_u64()), (15, Some(16)));
-    assert_names(
-        &done(folder, &format!("work cube.npz -o parts --part 2/2 {settings}")),
-        &["16 of 31", "image"],
-    );
+    // At once, and both halves twice.
+    let words = |part: u32| format!("work cube.npz -o parts --part {part}/2 {settings}");
+    let start =
+        |part| command(folder, words(part).split_whitespace()).stdout(Stdio::piped()).spawn().unwrap();
+    let processes = [1, 2, 1, 2].map(start);
+    let texts =
+        processes.map(|process| String::from_utf8(process.wait_with_output().unwrap().stdout).unwrap());
+    assert!(texts.iter().all(|text| text.contains("of 31 units")), "{texts:?}");
+    assert_names(&done(folder, &words(2)), &["16 were there", "image"]);
     done(folder, &format!("image cube.npz -o parts {settings}"));
     assert_eq!(
         fs::read(folder.join("parts/volume.npz")).unwrap(),

@@ -63,7 +63,7 @@ impl WorkArgs {
 pub(super) fn run(args: &WorkArgs, terminal: &Terminal) -> Result<()> {
     let WorkArgs { input, output, config, overrides, .. } = args;
     let wanted = args.wanted()?;
-    let _folder = OutputFolder::open(output)?;
+    let _folder = OutputFolder::shared(output)?;
     let checkpoint = Checkpoint::within(output, Duration::ZERO);
     let job = observed(terminal).with_checkpoint(&checkpoint);
     let done = if has_extension(input, &["npz"]) {
