@@ -17,6 +17,12 @@ pub(crate) trait BlockStore {
     /// [`Error::Interrupted`](crate::error::Error::Interrupted) when a stop was requested before all of it was read.
     fn load(&mut self, k: u64, block: &mut [Complex32]) -> Result<bool>;
 
+    /// Whether block `k` is somebody else's: it is neither loaded nor computed, and its place in the result stays as it is.
+    fn skips(&mut self, k: u64) -> bool {
+        let _ = k;
+        false
+    }
+
     /// Whether it is time to save the blocks that were finished since the last [`BlockStore::flush`].
     fn is_due(&mut self) -> bool;
 
@@ -57,6 +63,10 @@ pub(crate) struct BlocksFrom<'a> {
 }
 
 impl BlockStore for BlocksFrom<'_> {
+    fn skips(&mut self, k: u64) -> bool {
+        self.store.skips(self.first + k)
+    }
+
     fn load(&mut self, k: u64, block: &mut [Complex32]) -> Result<bool> {
         self.store.load(self.first + k, block)
     }

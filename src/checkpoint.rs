@@ -29,10 +29,12 @@ mod journal;
 mod private;
 mod seal;
 mod secret;
+mod segment;
 mod store;
 mod volume;
 
 pub(crate) use identity::Identity;
+pub(crate) use segment::{ListedTiles, SegmentWriter, UnitBlocks, WantedDepths, WantedTiles};
 pub(crate) use store::{CheckpointStore, GracefulStop, Stage};
 pub(crate) use volume::{BUFFER_BYTES, CheckpointedVolume};
 
@@ -63,6 +65,8 @@ const MARGIN: u64 = 1 << 20;
 pub struct Checkpoint {
     place: Option<Place>,
     journal: Mutex<Option<Journal>>,
+    /// What other processes have computed.
+    segments: Mutex<Vec<Journal>>,
     /// Bytes of the disk that are reserved for the output.
     reserved: AtomicU64,
 }
@@ -80,7 +84,7 @@ struct Place {
 impl Checkpoint {
     /// Nothing is stored, and nothing is resumed.
     pub const fn off() -> Self {
-        Self { place: None, journal: Mutex::new(None), reserved: AtomicU64::new(0) }
+        Self::in_place(None)
     }
 
     /// In the folder `output` itself; blocks are stored at intervals of `every`, or with zero after every block.
@@ -96,8 +100,16 @@ impl Checkpoint {
     }
 
     fn at(folder: PathBuf, name: String, every: Duration) -> Self {
-        let place = Some(Place { folder, name, every, secrets: secret::folder() });
-        Self { place, journal: Mutex::new(None), reserved: AtomicU64::new(0) }
+        Self::in_place(Some(Place { folder, name, every, secrets: secret::folder() }))
+    }
+
+    const fn in_place(place: Option<Place>) -> Self {
+        Self {
+            place,
+            journal: Mutex::new(None),
+            segments: Mutex::new(Vec::new()),
+            reserved: AtomicU64::new(0),
+        }
     }
 
     /// Refuses a job whose output of `bytes` does not fit on the disk, before any long work.
@@ -129,14 +141,23 @@ impl Checkpoint {
         let Some(place) = &self.place else { return Ok(()) };
         let own = place.checkpoint_of(identity);
         check_is_no_input(&own)?;
-        if place.checkpoints().iter().any(|path| *path != own) {
+        let is_other =
+            |path: &PathBuf| *path != own && path.extension().is_some_and(|end| end == &SUFFIX[1..]);
+        if place.checkpoints().iter().any(is_other) {
             observer.tell(&format!(
                 "{} holds the checkpoint of an interrupted run with other inputs or parameters; it is not used, and is \
                  deleted when this run succeeds",
                 place.folder.display()
             ));
         }
-        let journal = Journal::open(own, identity, place.secrets.clone(), observer)?;
+        let mut journal = Journal::open(own, identity, place.secrets.clone(), observer)?;
+        self.take_segments(identity, observer)?;
+        let units = self.segments().len();
+        if units > 0 {
+            observer.tell(&format!("taking up {units} units that other processes have computed"));
+            // While their blocks are read there is a journal, at which a second process notices this one.
+            journal.claim(observer)?;
+        }
         if let Some(problem) = &journal.problem {
             observer.tell(&format!("{} {problem}", journal.path.display()));
         }
@@ -153,6 +174,10 @@ impl Checkpoint {
 
     fn journal(&self) -> MutexGuard<'_, Option<Journal>> {
         self.journal.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn segments(&self) -> MutexGuard<'_, Vec<Journal>> {
+        self.segments.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// The interval at which blocks are stored; `None` when they are not.
@@ -185,7 +210,17 @@ impl Checkpoint {
 
     /// Fills `block` from the journal; `false` if the journal has no intact block of this length.
     fn load(&self, stage: Stage, k: u64, block: &mut [Complex32], observer: &dyn Observer) -> Result<bool> {
-        self.journal().as_mut().map_or(Ok(false), |journal| journal.read(stage, k, block, observer))
+        if let Some(journal) = self.journal().as_mut()
+            && journal.read(stage, k, block, observer)?
+        {
+            return Ok(true);
+        }
+        for segment in self.segments().iter_mut().filter(|segment| segment.has(stage, k)) {
+            if segment.read(stage, k, block, observer)? {
+                return Ok(true);
+            }
+        }
+        Ok(false)
     }
 
     /// Appends a block to the journal. A full disk is reported once, and no further blocks are stored.
@@ -218,8 +253,9 @@ impl Place {
     fn checkpoints(&self) -> Vec<PathBuf> {
         let head = format!(".{}.", self.name);
         let is_checkpoint = |name: &str| {
-            let key = name.strip_prefix(&head).and_then(|rest| rest.strip_suffix(SUFFIX));
-            key.is_some_and(Identity::is_written)
+            name.strip_prefix(&head).is_some_and(|rest| {
+                rest.strip_suffix(SUFFIX).is_some_and(Identity::is_written) || Self::is_segment(rest)
+            })
         };
         let entries = fs::read_dir(&self.folder).into_iter().flatten().flatten();
         entries

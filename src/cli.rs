@@ -25,11 +25,11 @@ use crate::text::quoted;
 use crate::wave::simd;
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Args, CommandFactory, Parser, Subcommand};
+use outputs::CheckpointArgs;
 use placement::Placement;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::time::Duration;
 use terminal::Terminal;
 
 /// The version, with the commit of the build.
@@ -76,22 +76,6 @@ struct Common {
     /// Maximum memory, as in 2GiB or 500MB; a job that needs more is refused [default: 80 % of what is free].
     #[arg(long, global = true, value_name = "SIZE")]
     memory: Option<String>,
-}
-
-/// How often a long job stores its finished blocks.
-#[derive(Debug, Args, Clone)]
-struct CheckpointArgs {
-    /// Store finished blocks at this interval, so that the same command resumes an interrupted run; 0: after every block.
-    #[arg(long, value_name = "SECONDS", default_value_t = 5.0)]
-    checkpoint_every: f64,
-}
-
-impl CheckpointArgs {
-    fn every(&self) -> Result<Duration, Error> {
-        let problem = "was expected to be a number of seconds, 0 or more; 5 is usual";
-        Duration::try_from_secs_f64(self.checkpoint_every)
-            .map_err(|_| Error::input("--checkpoint-every", problem))
-    }
 }
 
 /// How a run file is changed from the command line.
@@ -149,6 +133,7 @@ enum Command {
         #[command(flatten)]
         checkpoint: CheckpointArgs,
     },
+    Work(commands::WorkArgs),
     Import(commands::ImportArgs),
     Calibrate(commands::CalibrateArgs),
     Autofocus(commands::AutofocusArgs),
@@ -212,6 +197,9 @@ enum Command {
         /// Plan every value of a key, as in array.extent=0.5:2:0.25 or array.layout=grid,spiral,random (repeatable).
         #[arg(long, value_name = "KEY=VALUES", conflicts_with = "config")]
         sweep: Vec<String>,
+        /// List the units of the work that `work` computes, with their shares of a stage's cost, as JSON.
+        #[arg(long, conflicts_with_all = ["sweep", "output"])]
+        units: bool,
         /// Folder for sweep.png and sweep.json, or without --sweep for array.png, the array and what it is seen as; created if
         /// missing.
         #[arg(short, long, value_name = "DIR")]

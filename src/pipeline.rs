@@ -40,6 +40,9 @@ pub(crate) use facts::{aperture_of_file, resolution_of};
 pub use facts::{facts_of_attributes, resolution_in};
 pub use forecast::{CommandMemory, Forecast, forecast_cube, forecast_scene};
 pub use job::JobOptions;
+pub use job::units::{
+    Unit, UnitStage, Wanted, WorkDone, units_of_cube, units_of_scene, work_on_cube, work_on_scene,
+};
 pub use limits::{Bound, Judgement, LimitVerdict, check_scene, hold};
 pub use maps::{depth_in_volume, depth_of_volume, truth_of_scene, write_preview};
 pub use oracle::{Oracle, oracle_of_scene};
@@ -227,7 +230,9 @@ fn reconstruct(
     let stop = GracefulStop::new(checkpoint, observer);
     let mut sink = CheckpointedVolume::new(checkpoint, sink, grid, &stop);
     let mut steps = CheckpointStore::new(checkpoint, Stage::Refinement, &stop);
-    reconstruct_stored(source, grid, options, &mut sink, &mut steps, &stop)
+    let info = reconstruct_stored(source, grid, options, &mut sink, &mut steps, &stop)?;
+    sink.finish()?;
+    Ok(info)
 }
 
 /// Reconstructs a cube and locates depth in the volume.

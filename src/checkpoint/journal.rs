@@ -89,8 +89,43 @@ impl Journal {
         secrets: Option<PathBuf>,
         observer: &dyn Observer,
     ) -> Result<Self> {
+        let mut journal = Self::new(path, identity, secrets);
+        match private::open(&journal.path, Others::Read) {
+            Found::Nothing => {}
+            Found::Other(problem) => journal.problem = Some(format!("{problem}; {FROM_SCRATCH}")),
+            Found::Private(file) => {
+                let file = locked(file).ok_or_else(|| journal.in_use())?;
+                journal.problem = journal.find_records(&file, observer)?;
+                journal.file = Some(file);
+            }
+        }
+        Ok(journal)
+    }
+
+    /// Finds the records of a finished file that is never written again: it is not locked, and open only while it is read.
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`].
+    pub(super) fn read_only(
+        path: PathBuf,
+        identity: &Identity,
+        secrets: Option<PathBuf>,
+        observer: &dyn Observer,
+    ) -> Result<Self> {
+        let mut journal = Self { closed: true, ..Self::new(path, identity, secrets) };
+        match private::open(&journal.path, Others::Read) {
+            // Another process has taken it up and deleted it.
+            Found::Nothing => {}
+            Found::Other(problem) => journal.problem = Some(format!("{problem}; {NOT_USED}")),
+            Found::Private(file) => journal.problem = journal.find_records(&file, observer)?,
+        }
+        Ok(journal)
+    }
+
+    /// Without any records, and without a file until the first.
+    pub(super) fn new(path: PathBuf, identity: &Identity, secrets: Option<PathBuf>) -> Self {
         let seal = Seal::new(secrets.as_deref().and_then(secret::read), identity);
-        let mut journal = Self {
+        Self {
             path,
             identity: identity.clone(),
             secrets,
@@ -103,17 +138,43 @@ impl Journal {
             folders: NewFolders::default(),
             problem: None,
             reported: false,
-        };
-        match private::open(&journal.path, Others::Read) {
-            Found::Nothing => {}
-            Found::Other(problem) => journal.problem = Some(format!("{problem}; {FROM_SCRATCH}")),
-            Found::Private(file) => {
-                let file = locked(file).ok_or_else(|| journal.in_use())?;
-                journal.problem = journal.find_records(&file, observer)?;
-                journal.file = Some(file);
-            }
         }
-        Ok(journal)
+    }
+
+    /// Creates the file if there is none yet, so that no other process works on the same job.
+    ///
+    /// # Errors
+    /// As [`Journal::open`]; [`Error::Io`].
+    pub(super) fn claim(&mut self, observer: &dyn Observer) -> Result<()> {
+        let begun = if self.begun { Ok(()) } else { self.begin(observer) };
+        begun.map_err(|error| self.failure(error))
+    }
+
+    /// Gives the complete file its name, in place of an older one.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub(super) fn rename(mut self, path: &Path) -> Result<()> {
+        self.file = None;
+        fs::rename(&self.path, path).map_err(|error| Error::writing(path, error))
+    }
+
+    fn failure(&self, error: io::Error) -> Error {
+        if error.kind() == io::ErrorKind::WouldBlock {
+            self.in_use()
+        } else {
+            Error::writing(&self.path, error)
+        }
+    }
+
+    /// Samples of a stored block.
+    pub(super) fn samples(&self, stage: Stage, k: u64) -> u64 {
+        self.records.get(&(stage as u32, k)).map_or(0, |record| record.bytes / size_of::<Complex32>() as u64)
+    }
+
+    /// Whether a block is stored, intact or not.
+    pub(super) fn has(&self, stage: Stage, k: u64) -> bool {
+        self.records.contains_key(&(stage as u32, k))
     }
 
     fn in_use(&self) -> Error {
@@ -196,8 +257,16 @@ impl Journal {
     }
 
     fn read_record(&self, record: Record, bytes: &mut [u8], observer: &dyn Observer) -> Result<bool> {
-        let Some(mut file) = self.file.as_ref().filter(|_| bytes.len() as u64 == record.bytes) else {
+        if bytes.len() as u64 != record.bytes {
             return Ok(false);
+        }
+        let opened;
+        let mut file = if let Some(file) = &self.file {
+            file
+        } else {
+            let Found::Private(file) = private::open(&self.path, Others::Read) else { return Ok(false) };
+            opened = file;
+            &opened
         };
         if file.seek(SeekFrom::Start(record.offset)).is_err() {
             return Ok(false);
@@ -236,10 +305,7 @@ impl Journal {
                 // An incomplete record would be detected anyway; without it the output has more space.
                 let _ = file.set_len(self.end);
             }
-            if error.kind() == io::ErrorKind::WouldBlock {
-                return self.in_use();
-            }
-            Error::writing(&self.path, error)
+            self.failure(error)
         })
     }
 
@@ -288,4 +354,5 @@ impl Journal {
 }
 
 /// What follows from a file that is not a journal of this job.
+const NOT_USED: &str = "it is not used";
 const FROM_SCRATCH: &str = "it is not used, and the run starts from the beginning";

@@ -47,6 +47,20 @@ impl<'a> GracefulStop<'a> {
     }
 }
 
+impl GracefulStop<'_> {
+    /// Ends a job whose blocks are saved, if a stop was requested.
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`].
+    pub(super) fn give_up_if_asked(&self) -> Result<()> {
+        if !self.inner.should_stop() {
+            return Ok(());
+        }
+        self.saved.store(true, Ordering::Relaxed);
+        Err(Error::Interrupted)
+    }
+}
+
 impl Drop for GracefulStop<'_> {
     fn drop(&mut self) {
         self.inner.grace_period(Duration::ZERO);
@@ -128,10 +142,6 @@ impl BlockStore for CheckpointStore<'_> {
             self.pause = start.elapsed() * TIME_PER_WRITING;
         }
         self.last = Instant::now();
-        if !self.stop.inner.should_stop() {
-            return Ok(());
-        }
-        self.stop.saved.store(true, Ordering::Relaxed);
-        Err(Error::Interrupted)
+        self.stop.give_up_if_asked()
     }
 }

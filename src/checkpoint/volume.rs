@@ -1,12 +1,14 @@
-//! A sink that stores a volume depth by depth before it passes it on, and takes its first depths from an interrupted run.
+//! A sink that stores a volume depth by depth before it passes it on, and takes depths from an interrupted run and from
+//! other processes.
 
 use super::{Checkpoint, CheckpointStore, GracefulStop, Stage};
 use crate::alloc::try_zeroed;
 use crate::blocks::BlockStore;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::grid::{Grid, no_room_for};
 use crate::reconstruct::{ReconstructionInfo, VolumeSink};
 use num_complex::Complex32;
+use std::ops::Range;
 
 /// Maximum bytes of finished depths that wait to be written; beyond them, depths are written before the interval ends.
 pub(crate) const BUFFER_BYTES: u64 = 16 << 20;
@@ -19,6 +21,8 @@ pub(crate) struct CheckpointedVolume<'a> {
     inner: &'a mut dyn VolumeSink,
     store: CheckpointStore<'a>,
     grid: Grid,
+    /// Which depths are stored, and intact.
+    stored: Vec<bool>,
     /// Depths that the inner sink has received, from the first on.
     done: usize,
     /// Depths that are finished and not stored yet: the last of those in `done`.
@@ -34,7 +38,7 @@ impl<'a> CheckpointedVolume<'a> {
         stop: &'a GracefulStop<'a>,
     ) -> Self {
         let store = CheckpointStore::new(checkpoint, Stage::Volume, stop);
-        Self { inner, store, grid: *grid, done: 0, waiting: Vec::new() }
+        Self { inner, store, grid: *grid, stored: Vec::new(), done: 0, waiting: Vec::new() }
     }
 
     /// Whether this many samples can wait in addition. Capacity for all that follow is reserved at once, so that it never grows.
@@ -43,6 +47,35 @@ impl<'a> CheckpointedVolume<'a> {
         let left = waiting + samples + (self.grid.z.count - self.done) * self.grid.plane_len();
         let capacity = MAX_WAITING.min(left).saturating_sub(waiting);
         waiting + samples <= MAX_WAITING && self.waiting.try_reserve_exact(capacity).is_ok()
+    }
+
+    /// Passes on what is stored of the depths before `end` and was not passed on yet.
+    fn pass_stored(&mut self, end: usize) -> Result<()> {
+        if self.done >= end {
+            return Ok(());
+        }
+        if !self.waiting.is_empty() {
+            self.save(&[])?;
+        }
+        let mut plane = try_zeroed(self.grid.plane_len() as u64).ok_or_else(|| no_room_for(&self.grid))?;
+        while self.done < end {
+            if !self.store.load(self.done as u64, &mut plane)? {
+                let problem = "a stored depth was deleted or damaged while the job ran; run it again";
+                return Err(Error::io("checkpoint", problem));
+            }
+            self.inner.take(self.done, &plane)?;
+            self.done += 1;
+        }
+        Ok(())
+    }
+
+    /// Passes on what is stored after the last depth that was computed.
+    ///
+    /// # Errors
+    /// Those of the inner sink; a stored depth that can no longer be read; [`Error::Interrupted`].
+    pub(crate) fn finish(&mut self) -> Result<()> {
+        // All depths from there on are stored, or else the reconstruction has failed.
+        self.pass_stored(self.stored.len())
     }
 
     /// Saves the depths that wait, and then `planes`, the last of which is depth `self.done - 1`.
@@ -65,21 +98,29 @@ impl VolumeSink for CheckpointedVolume<'_> {
             return Ok(());
         }
         let mut plane = try_zeroed(self.grid.plane_len() as u64).ok_or_else(|| no_room_for(&self.grid))?;
-        while self.done < self.grid.z.count && self.store.load(self.done as u64, &mut plane)? {
-            self.inner.take(self.done, &plane)?;
-            self.done += 1;
+        for depth in 0..self.grid.z.count {
+            let intact = self.store.load(depth as u64, &mut plane)?;
+            if intact && self.done == depth {
+                self.inner.take(depth, &plane)?;
+                self.done += 1;
+            }
+            self.stored.push(intact);
         }
         Ok(())
     }
 
     fn take(&mut self, first: usize, planes: &[Complex32]) -> Result<()> {
         let plane_len = self.grid.plane_len();
+        self.pass_stored(first)?;
         // A slab may begin with depths that came from the checkpoint.
         let resumed = (self.done.saturating_sub(first) * plane_len).min(planes.len());
         let planes = &planes[resumed..];
+        if planes.is_empty() {
+            return Ok(());
+        }
         self.inner.take(self.done, planes)?;
         self.done += planes.len() / plane_len;
-        if !self.store.is_on() || planes.is_empty() {
+        if !self.store.is_on() {
             return Ok(());
         }
         // A complete volume is written as the result immediately.
@@ -93,7 +134,10 @@ impl VolumeSink for CheckpointedVolume<'_> {
         Ok(())
     }
 
-    fn depths_done(&self) -> usize {
-        self.done
+    fn wanted(&self, depths: Range<usize>) -> Range<usize> {
+        let is_stored = |depth: &usize| *depth < self.done || self.stored.get(*depth).is_some_and(|s| *s);
+        let start = depths.clone().find(|depth| !is_stored(depth)).unwrap_or(depths.end);
+        let end = (start..depths.end).rfind(|depth| !is_stored(depth)).map_or(start, |last| last + 1);
+        start..end
     }
 }

@@ -4,10 +4,12 @@ mod autofocus;
 mod calibrate;
 mod import;
 mod recording;
+mod work;
 
 pub(super) use autofocus::AutofocusArgs;
 pub(super) use calibrate::CalibrateArgs;
 pub(super) use import::ImportArgs;
+pub(super) use work::WorkArgs;
 
 use super::inputs::{
     Input, bare_mesh, check_kind, config_of, cube_of, has_extension, reading_limit, scene_of,
@@ -45,6 +47,7 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
         Command::Simulate { input, output, overrides, checkpoint } => {
             simulate(input, output, overrides, checkpoint.every()?, terminal)
         }
+        Command::Work(args) => work::run(args, terminal),
         Command::Import(args) => import::run(args, terminal),
         Command::Autofocus(args) => autofocus::run(args, terminal),
         Command::Calibrate(args) => calibrate::run(args, terminal),
@@ -89,6 +92,9 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
         }
         Command::Psf { input, at, output, overrides } => {
             design::psf(input, at, output.as_deref(), overrides, terminal)
+        }
+        Command::Plan { input, config, overrides, units: true, .. } => {
+            work::list((input, config.as_deref()), overrides, terminal)
         }
         Command::Plan { input, config, output, overrides, .. } => {
             plan((input, config.as_deref()), output.as_deref(), overrides, terminal)

@@ -5,9 +5,27 @@ use super::terminal::{Terminal, print, print_as_it_is};
 use crate::error::{Error, Result};
 use crate::files::{OutputFolder, announce_output, write_atomically};
 use crate::text::{escaped_json, one_line};
+use clap::Args;
 use serde::Serialize;
 use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// How often a long job stores its finished blocks.
+#[derive(Debug, Args, Clone)]
+pub(super) struct CheckpointArgs {
+    /// Store finished blocks at this interval, so that the same command resumes an interrupted run; 0: after every block.
+    #[arg(long, value_name = "SECONDS", default_value_t = 5.0)]
+    checkpoint_every: f64,
+}
+
+impl CheckpointArgs {
+    pub(super) fn every(&self) -> Result<Duration> {
+        let problem = "was expected to be a number of seconds, 0 or more; 5 is usual";
+        Duration::try_from_secs_f64(self.checkpoint_every)
+            .map_err(|_| Error::input("--checkpoint-every", problem))
+    }
+}
 
 /// Announces an output file, whose extension must be one of these, before any work is done for it.
 pub(super) fn announce(path: &Path, extensions: &[&str]) -> Result<()> {

@@ -65,12 +65,7 @@ impl OutputFolder {
     /// [`Error::InvalidInput`] when `folder` is a file, or when another process is writing into it; [`Error::Io`] when it
     /// cannot be created or written.
     pub(crate) fn open(folder: &Path) -> Result<Self> {
-        let new = NewFolders::create(folder).map_err(|error| match error.kind() {
-            io::ErrorKind::AlreadyExists | io::ErrorKind::NotADirectory => {
-                Error::input(folder.display(), "is a file; a folder was expected")
-            }
-            _ => Error::writing(folder, error),
-        })?;
+        let new = created(folder)?;
         let lock = File::open(folder).ok();
         if lock.as_ref().is_some_and(|lock| matches!(lock.try_lock(), Err(TryLockError::WouldBlock))) {
             // Both may have found no folder; it is the other's now.
@@ -83,6 +78,25 @@ impl OutputFolder {
         check_folder(folder)?;
         Ok(Self { _new: new, _lock: lock })
     }
+
+    /// The same for a command beside which others may write into the folder: it is not locked.
+    ///
+    /// # Errors
+    /// As [`OutputFolder::open`], except for other processes.
+    pub(crate) fn shared(folder: &Path) -> Result<Self> {
+        let new = created(folder)?;
+        check_folder(folder)?;
+        Ok(Self { _new: new, _lock: None })
+    }
+}
+
+fn created(folder: &Path) -> Result<NewFolders> {
+    NewFolders::create(folder).map_err(|error| match error.kind() {
+        io::ErrorKind::AlreadyExists | io::ErrorKind::NotADirectory => {
+            Error::input(folder.display(), "is a file; a folder was expected")
+        }
+        _ => Error::writing(folder, error),
+    })
 }
 
 /// The folder itself, or the nearest above it that exists.

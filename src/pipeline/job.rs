@@ -2,6 +2,7 @@
 
 pub(super) mod identity;
 pub(super) mod log;
+pub(super) mod units;
 
 use super::BareMesh;
 use crate::checkpoint::Checkpoint;

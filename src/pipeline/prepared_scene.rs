@@ -194,6 +194,13 @@ impl PreparedScene {
         Ok(cube)
     }
 
+    /// Simulates those tiles that the store wants, which takes them; without noise, which is added to a whole cube.
+    pub(super) fn simulate_tiles(&self, store: &mut dyn BlockStore, observer: &dyn Observer) -> Result<()> {
+        let Measurement { instrument, options } = &self.measurement;
+        let options = options.clone().with_noise(None);
+        simulate_resumable(&self.reflectors, instrument, &options, store, observer).map(drop)
+    }
+
     pub(super) fn summary(&self) -> Option<SceneSummary> {
         let bounds = self.bounds()?;
         Some(SceneSummary::new(self.scene.as_deref(), self.spacing, bounds, self.instrument()))

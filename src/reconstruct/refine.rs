@@ -93,8 +93,8 @@ pub(super) fn refine(
         solve(&operator, source, refine, store, observer)
     })?;
     sink.begin(&info)?;
-    let done = sink.depths_done();
-    let planes = volume.chunks(grid.plane_len()).enumerate().skip(done);
+    let wanted = sink.wanted(0..grid.z.count);
+    let planes = volume.chunks(grid.plane_len()).enumerate().take(wanted.end).skip(wanted.start);
     planes.into_iter().try_for_each(|(iz, plane)| sink.take(iz, plane))?;
     Ok(info)
 }

@@ -49,6 +49,7 @@ mod scenes;
 mod sources;
 mod support;
 mod system;
+mod units;
 mod words;
 
 // `named` takes it from the crate's root, which in the library's unit tests is the library.

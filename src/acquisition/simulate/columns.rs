@@ -22,8 +22,11 @@ impl<'a> Columns<'a> {
         Self { samples, n_mic, store, finished: Vec::new() }
     }
 
-    /// Fills the columns of tile `k`, which has these microphones, if they are stored.
+    /// Fills the columns of tile `k`, which has these microphones, if they are stored; `true` too where they are not wanted.
     pub(super) fn load(&mut self, k: usize, microphones: &[usize]) -> Result<bool> {
+        if self.store.skips(k as u64) {
+            return Ok(true);
+        }
         let frequencies = self.samples.len() / self.n_mic;
         let mut block = try_zeroed((frequencies * microphones.len()) as u64).ok_or_else(no_room)?;
         match self.store.load(k as u64, &mut block) {

@@ -140,6 +140,12 @@ impl<'a> Resampled<'a> {
         Ok(Self { plan, sink, held, depths: 0..0, next: 0, finished })
     }
 
+    /// Leaves out depths that the other sink does not want.
+    fn skip(&mut self) {
+        let wanted = self.sink.wanted(self.next..self.plan.to.z.count);
+        self.next = if wanted.is_empty() { self.plan.to.z.count } else { wanted.start };
+    }
+
     /// The first depth of nodes that any voxel from `next` on is made of.
     fn needed(&self) -> usize {
         if self.next < self.plan.to.z.count { self.plan.z.of(self.next).0 } else { self.plan.from.z.count }
@@ -178,6 +184,7 @@ impl<'a> Resampled<'a> {
             taken?;
             self.next += count;
         }
+        self.skip();
         Ok(())
     }
 
@@ -224,7 +231,7 @@ impl<'a> Resampled<'a> {
 impl VolumeSink for Resampled<'_> {
     fn begin(&mut self, info: &ReconstructionInfo) -> Result<()> {
         self.sink.begin(info)?;
-        self.next = self.sink.depths_done();
+        self.skip();
         Ok(())
     }
 
@@ -236,8 +243,14 @@ impl VolumeSink for Resampled<'_> {
         planes.into_iter().try_for_each(|(i, planes)| self.add(first + skipped + i * DEPTHS, planes))
     }
 
-    fn depths_done(&self) -> usize {
-        self.needed()
+    fn wanted(&self, depths: Range<usize>) -> Range<usize> {
+        let last = self.sink.wanted(self.next..self.plan.to.z.count).end;
+        let Some(last) = last.checked_sub(1).filter(|last| *last >= self.next) else {
+            return depths.end..depths.end;
+        };
+        let (first, weights) = self.plan.z.of(last);
+        let end = depths.end.min(first + weights.len());
+        self.needed().clamp(depths.start, depths.end).min(end)..end
     }
 }
 

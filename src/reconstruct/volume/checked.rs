@@ -7,6 +7,7 @@ use crate::grid::{Grid, check_voxels};
 use crate::reconstruct::{ReconstructionInfo, VolumeSink};
 use num_complex::Complex32;
 use rayon::prelude::*;
+use std::ops::Range;
 use std::sync::OnceLock;
 
 /// A sink that checks what it is given before it passes it on.
@@ -32,8 +33,8 @@ impl VolumeSink for Checked<'_> {
         self.sink.take(first, planes)
     }
 
-    fn depths_done(&self) -> usize {
-        self.sink.depths_done()
+    fn wanted(&self, depths: Range<usize>) -> Range<usize> {
+        self.sink.wanted(depths)
     }
 }
 

@@ -12,6 +12,7 @@ use crate::wave::spreading;
 use glam::DVec3;
 use num_complex::Complex32;
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// The factor of every voxel.
 #[derive(Debug, Clone, Copy)]
@@ -78,7 +79,7 @@ impl VolumeSink for Compensated<'_> {
         self.sink.take(first, &self.planes)
     }
 
-    fn depths_done(&self) -> usize {
-        self.sink.depths_done()
+    fn wanted(&self, depths: Range<usize>) -> Range<usize> {
+        self.sink.wanted(depths)
     }
 }

@@ -6,6 +6,7 @@ use crate::alloc::try_zeroed;
 use crate::error::Result;
 use crate::grid::{Grid, no_room_for};
 use num_complex::Complex32;
+use std::ops::Range;
 
 /// Two sets of planes before a sink.
 pub(super) struct DoubleBuffer<'a> {
@@ -35,6 +36,11 @@ impl<'a> DoubleBuffer<'a> {
     pub(super) fn bytes(plane_len: u64, at_once: usize, depths: usize) -> u64 {
         let held = if at_once >= depths { depths } else { 2 * at_once };
         (held as u64 * size_of::<Complex32>() as u64).saturating_mul(plane_len)
+    }
+
+    /// What the sink wants of some depths, which come after all that were computed.
+    pub(super) fn wanted(&self, depths: Range<usize>) -> Range<usize> {
+        self.sink.wanted(depths)
     }
 
     /// Computes `depths` planes from `first` on, in a buffer of any content; meanwhile those before them are written.

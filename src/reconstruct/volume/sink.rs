@@ -5,6 +5,7 @@ use crate::error::Result;
 use crate::grid::{Volume, no_room_for};
 use crate::reconstruct::{Method, Refinement};
 use num_complex::Complex32;
+use std::ops::Range;
 
 /// How a volume was computed, and how exactly.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -44,10 +45,10 @@ pub trait VolumeSink: Send {
     /// See [`VolumeSink::begin`].
     fn take(&mut self, first: usize, planes: &[Complex32]) -> Result<()>;
 
-    /// The number of depths, from the first on, that the sink has already: those of an interrupted run before
-    /// [`VolumeSink::take`] is first called. They need not be computed again.
-    fn depths_done(&self) -> usize {
-        0
+    /// The part of some depths outside of which the sink needs none of them: it has them from an interrupted run, or they
+    /// are somebody else's. They need not be computed; where they are, they may be given to the sink all the same.
+    fn wanted(&self, depths: Range<usize>) -> Range<usize> {
+        depths
     }
 }
 
@@ -86,7 +87,7 @@ impl VolumeSink for ResumedVolume {
         self.volume.take(first, planes)
     }
 
-    fn depths_done(&self) -> usize {
-        self.done
+    fn wanted(&self, depths: Range<usize>) -> Range<usize> {
+        depths.start.max(self.done).min(depths.end)..depths.end
     }
 }

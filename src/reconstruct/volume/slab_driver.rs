@@ -27,6 +27,8 @@ pub(crate) struct SlabDriver<'a> {
     pub(crate) slabs: Vec<Slab>,
     /// Slabs that are computed at a time.
     pub(crate) at_once: usize,
+    /// Whether some depths of a slab can be computed without the others.
+    pub(crate) divisible: bool,
     /// Units of work that belong to no slab.
     pub(crate) other_work: u64,
     /// What the stage is called.
@@ -45,12 +47,12 @@ impl<'a> SlabDriver<'a> {
         let depths = (0..grid.z.count).step_by(thickness);
         let depths = depths.map(|first| first..(first + thickness).min(grid.z.count));
         let slabs = depths.map(|depths| Slab { work: work(depths.len()), depths });
-        Self::new(grid, slabs.collect(), observer)
+        Self { divisible: true, ..Self::new(grid, slabs.collect(), observer) }
     }
 
     /// These slabs, one at a time.
     pub(crate) fn new(grid: &'a Grid, slabs: Vec<Slab>, observer: &'a dyn Observer) -> Self {
-        Self { grid, slabs, at_once: 1, other_work: 0, stage: "reconstructing", observer }
+        Self { grid, slabs, at_once: 1, divisible: false, other_work: 0, stage: "reconstructing", observer }
     }
 
     /// Bytes of the buffers for `at_once` of `depths` depths at a time, of `plane_len` samples each.
@@ -58,7 +60,8 @@ impl<'a> SlabDriver<'a> {
         DoubleBuffer::bytes(plane_len, at_once, depths)
     }
 
-    /// Computes all depths that the sink does not have and passes them to it, in order.
+    /// Computes all depths that the sink wants and passes them to it, in order; others of their slabs, too, unless these are
+    /// divisible.
     ///
     /// `compute` takes which slabs, which depths they are in all, and their planes `[plane, y, x]`, of any content. It
     /// reports the progress.
@@ -72,23 +75,34 @@ impl<'a> SlabDriver<'a> {
         sink: &mut dyn VolumeSink,
         mut compute: impl FnMut(Range<usize>, Range<usize>, &mut [Complex32]) -> Result<()> + Send,
     ) -> Result<ReconstructionInfo> {
-        let Self { grid, slabs, at_once, other_work, stage: name, observer } = self;
+        let Self { grid, slabs, at_once, divisible, other_work, stage: name, observer } = self;
         let depths = |slabs: &[Slab]| match slabs {
             [] => 0..0,
             [first, ..] => first.depths.start..slabs[slabs.len() - 1].depths.end,
         };
         let work = |slabs: &[Slab]| slabs.iter().map(|slab| slab.work).sum::<u64>();
         sink.begin(&info)?;
-        let done = slabs.partition_point(|slab| slab.depths.end <= sink.depths_done());
         let most = slabs.chunks(at_once).map(|slabs| depths(slabs).len()).max().unwrap_or(0);
         let mut buffer = DoubleBuffer::new(sink, grid, most)?;
         stage(observer, name, other_work + work(&slabs), || {
-            advance(observer, work(&slabs[..done]))?;
-            for first in (done..slabs.len()).step_by(at_once) {
-                let part = first..(first + at_once).min(slabs.len());
-                let depths = depths(&slabs[part.clone()]);
+            for first in (0..slabs.len()).step_by(at_once) {
+                let all = first..(first + at_once).min(slabs.len());
+                let wanted = buffer.wanted(depths(&slabs[all.clone()]));
+                let is_wanted =
+                    |slab: &Slab| slab.depths.start < wanted.end && wanted.start < slab.depths.end;
+                let before = slabs[all.clone()].iter().take_while(|slab| !is_wanted(slab)).count();
+                let count =
+                    slabs[all.start + before..all.end].iter().take_while(|slab| is_wanted(slab)).count();
+                let part = all.start + before..all.start + before + count;
+                advance(observer, work(&slabs[all]) - work(&slabs[part.clone()]))?;
+                if part.is_empty() {
+                    continue;
+                }
+                let (whole, work) = (depths(&slabs[part.clone()]), work(&slabs[part.clone()]));
+                let depths = if divisible { wanted } else { whole.clone() };
                 let compute = |planes: &mut [Complex32]| compute(part, depths.clone(), planes);
                 buffer.next(depths.start, depths.len(), compute)?;
+                advance(observer, work * (whole.len() - depths.len()) as u64 / whole.len() as u64)?;
             }
             buffer.finish()
         })?;

@@ -118,10 +118,9 @@ fn sum(
     let level = info.incoherent_level.map(OnceLock::from);
     let sink: &mut dyn VolumeSink = &mut Checked { grid: *grid, incoherent_level: level.as_ref(), sink };
     sink.begin(&info)?;
-    let done = sink.depths_done();
     stage(observer, "reconstructing", (count * grid.z.count) as u64, || {
         for depths in slabs(grid) {
-            if depths.end <= done {
+            if sink.wanted(depths.clone()).is_empty() {
                 advance(observer, (count * depths.len()) as u64)?;
                 continue;
             }

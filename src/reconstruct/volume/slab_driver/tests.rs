@@ -44,8 +44,8 @@ impl VolumeSink for OrderedVolume {
         Ok(())
     }
 
-    fn depths_done(&self) -> usize {
-        self.done
+    fn wanted(&self, depths: Range<usize>) -> Range<usize> {
+        depths.start.max(self.done).min(depths.end)..depths.end
     }
 }
 

@@ -1,0 +1,301 @@
+//! Segments: what other processes have computed of a job, one file for each unit of its work.
+//!
+//! A segment is a journal that is complete: it was written under a temporary name and renamed, and is never changed. So
+//! nobody has to lock it, and a process that is killed leaves none. Whoever images the job takes up all that there are, and
+//! computes what is missing. Two processes that compute the same unit write the same bytes, of which the later stay.
+
+use super::journal::Journal;
+use super::{Checkpoint, GracefulStop, Identity, Place, Stage};
+use crate::alloc::try_zeroed;
+use crate::blocks::BlockStore;
+use crate::error::{Error, Result};
+use crate::grid::{Grid, no_room_for};
+use crate::progress::Observer;
+use crate::reconstruct::{ReconstructionInfo, VolumeSink};
+use num_complex::Complex32;
+use std::collections::HashMap;
+use std::fs;
+use std::ops::Range;
+use std::path::PathBuf;
+
+/// The end of the name of a segment.
+const SUFFIX: &str = ".unit";
+
+/// The end of the name of one that is being written.
+const UNFINISHED: &str = ".part";
+
+/// The blocks of a unit of work.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct UnitBlocks {
+    /// Its number in the job.
+    pub(crate) unit: u64,
+    /// Tiles of microphones, or depths.
+    pub(crate) blocks: Vec<u64>,
+}
+
+impl Place {
+    fn segment_of(&self, identity: &Identity, unit: u64) -> PathBuf {
+        self.folder.join(format!(".{}.{identity}.{unit}{SUFFIX}", self.name))
+    }
+
+    /// A name that no other process has, on whatever host.
+    fn unfinished_segment_of(&self, identity: &Identity, unit: u64) -> Result<PathBuf> {
+        let mut random = [0; 8];
+        getrandom::fill(&mut random).map_err(|error| Error::io(self.folder.display(), error.to_string()))?;
+        let random = u64::from_le_bytes(random);
+        Ok(self.folder.join(format!(".{}.{identity}.{unit}.{random:016x}{UNFINISHED}", self.name)))
+    }
+
+    /// The files of this job's segments, by unit, and the number of those of other jobs.
+    fn segments(&self, identity: &Identity) -> (Vec<(u64, PathBuf)>, usize) {
+        let head = format!(".{}.", self.name);
+        let own = identity.to_string();
+        let (mut found, mut others) = (Vec::new(), 0);
+        for entry in fs::read_dir(&self.folder).into_iter().flatten().flatten() {
+            let name = entry.file_name();
+            let Some(rest) = name.to_str().and_then(|name| name.strip_prefix(&head)?.strip_suffix(SUFFIX))
+            else {
+                continue;
+            };
+            let Some((key, unit)) = rest.split_once('.') else { continue };
+            let Ok(unit) = unit.parse() else { continue };
+            if key == own {
+                found.push((unit, entry.path()));
+            } else if Identity::is_written(key) {
+                others += 1;
+            }
+        }
+        found.sort();
+        (found, others)
+    }
+
+    /// Whether a name after the output's is that of a segment, finished or not.
+    pub(super) fn is_segment(rest: &str) -> bool {
+        let key = rest.strip_suffix(SUFFIX).or_else(|| rest.strip_suffix(UNFINISHED));
+        key.and_then(|key| key.split_once('.')).is_some_and(|(key, _)| Identity::is_written(key))
+    }
+}
+
+impl Checkpoint {
+    /// Takes up the segments of this job; those of others are reported.
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`].
+    pub(crate) fn take_segments(&self, identity: &Identity, observer: &dyn Observer) -> Result<()> {
+        let Some(place) = &self.place else { return Ok(()) };
+        let (found, others) = place.segments(identity);
+        if others > 0 {
+            observer.tell(&format!(
+                "{} holds {others} units of other work: of another job, of a run file that was changed, of another version of \
+                 the program, or from a processor of another kind (this one has {}); they are not used",
+                place.folder.display(),
+                crate::wave::simd::Level::of_processor().as_str()
+            ));
+        }
+        let mut segments = Vec::with_capacity(found.len());
+        for (_, path) in found {
+            let segment = Journal::read_only(path, identity, place.secrets.clone(), observer)?;
+            if let Some(problem) = &segment.problem {
+                observer.tell(&format!("{} {problem}", segment.path.display()));
+            }
+            segments.push(segment);
+        }
+        *self.segments() = segments;
+        Ok(())
+    }
+
+    /// Whether the blocks of a unit are all stored, intact or not.
+    pub(crate) fn lists_unit(&self, stage: Stage, unit: &UnitBlocks) -> bool {
+        let segments = self.segments();
+        unit.blocks.iter().all(|k| segments.iter().any(|segment| segment.has(stage, *k)))
+    }
+
+    /// Whether the blocks of a unit are all stored, and intact: all are read.
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`].
+    pub(crate) fn has_unit(&self, stage: Stage, unit: &UnitBlocks, observer: &dyn Observer) -> Result<bool> {
+        let mut segments = self.segments();
+        for k in &unit.blocks {
+            let mut intact = false;
+            for segment in segments.iter_mut().filter(|segment| segment.has(stage, *k)) {
+                let samples = segment.samples(stage, *k);
+                let Some(mut block) = try_zeroed(samples) else { continue };
+                intact = segment.read(stage, *k, &mut block, observer)?;
+                if intact {
+                    break;
+                }
+            }
+            if !intact {
+                return Ok(false);
+            }
+        }
+        Ok(true)
+    }
+}
+
+/// The segment that is being written; it is deleted unless it is finished.
+struct Unfinished {
+    journal: Option<Journal>,
+    path: PathBuf,
+    left: usize,
+}
+
+impl Drop for Unfinished {
+    fn drop(&mut self) {
+        if let Some(journal) = self.journal.take() {
+            // One that cannot be deleted is deleted with the checkpoint of the job.
+            let _ = fs::remove_file(&journal.path);
+        }
+    }
+}
+
+/// Writes the blocks of units into their segments.
+pub(crate) struct SegmentWriter<'a> {
+    checkpoint: &'a Checkpoint,
+    identity: &'a Identity,
+    stage: Stage,
+    /// The unit of every block that is wanted.
+    units: HashMap<u64, u64>,
+    /// How many blocks each unit has.
+    sizes: HashMap<u64, usize>,
+    unfinished: HashMap<u64, Unfinished>,
+    observer: &'a dyn Observer,
+}
+
+impl<'a> SegmentWriter<'a> {
+    /// Of these units of a stage.
+    pub(crate) fn new(
+        checkpoint: &'a Checkpoint,
+        identity: &'a Identity,
+        (stage, units): (Stage, &[UnitBlocks]),
+        observer: &'a dyn Observer,
+    ) -> Self {
+        let sizes = units.iter().map(|unit| (unit.unit, unit.blocks.len())).collect();
+        let units = units.iter().flat_map(|unit| unit.blocks.iter().map(|k| (*k, unit.unit))).collect();
+        Self { checkpoint, identity, stage, units, sizes, unfinished: HashMap::new(), observer }
+    }
+
+    /// Writes a block, unless it is of no unit that is wanted; the last of a unit finishes its segment.
+    fn write(&mut self, k: u64, block: &[Complex32]) -> Result<()> {
+        let (Some(unit), Some(place)) = (self.units.remove(&k), &self.checkpoint.place) else {
+            return Ok(());
+        };
+        let mut segment = match self.unfinished.remove(&unit) {
+            Some(segment) => segment,
+            None => {
+                let path = place.unfinished_segment_of(self.identity, unit)?;
+                let journal = Journal::new(path, self.identity, place.secrets.clone());
+                let path = place.segment_of(self.identity, unit);
+                Unfinished { journal: Some(journal), path, left: self.sizes[&unit] }
+            }
+        };
+        if let Some(journal) = &mut segment.journal {
+            journal.append(self.stage, k, block, self.observer)?;
+        }
+        segment.left -= 1;
+        if segment.left > 0 {
+            self.unfinished.insert(unit, segment);
+            return Ok(());
+        }
+        segment.journal.take().map_or(Ok(()), |journal| journal.rename(&segment.path))
+    }
+}
+
+/// The tiles of a simulation of which some are computed for their segments.
+pub(crate) struct WantedTiles<'a> {
+    writer: SegmentWriter<'a>,
+    stop: &'a GracefulStop<'a>,
+    failed: Option<Error>,
+}
+
+impl<'a> WantedTiles<'a> {
+    pub(crate) fn new(writer: SegmentWriter<'a>, stop: &'a GracefulStop<'a>) -> Self {
+        Self { writer, stop, failed: None }
+    }
+}
+
+impl BlockStore for WantedTiles<'_> {
+    fn skips(&mut self, k: u64) -> bool {
+        !self.writer.units.contains_key(&k)
+    }
+
+    fn load(&mut self, _: u64, _: &mut [Complex32]) -> Result<bool> {
+        Ok(false)
+    }
+
+    fn is_due(&mut self) -> bool {
+        true
+    }
+
+    fn save(&mut self, k: u64, block: &[Complex32]) {
+        if self.failed.is_none() {
+            self.failed = self.writer.write(k, block).err();
+        }
+    }
+
+    fn flush(&mut self) -> Result<()> {
+        // Here the segments are the result: without them nothing is worth computing.
+        self.failed.take().map_or(Ok(()), Err)?;
+        self.stop.give_up_if_asked()
+    }
+}
+
+/// Computes nothing, and lists the tiles that there are.
+#[derive(Debug, Default)]
+pub(crate) struct ListedTiles(pub(crate) Vec<u64>);
+
+impl BlockStore for ListedTiles {
+    fn skips(&mut self, k: u64) -> bool {
+        self.0.push(k);
+        true
+    }
+
+    fn load(&mut self, _: u64, _: &mut [Complex32]) -> Result<bool> {
+        Ok(false)
+    }
+
+    fn is_due(&mut self) -> bool {
+        false
+    }
+
+    fn save(&mut self, _: u64, _: &[Complex32]) {}
+
+    fn flush(&mut self) -> Result<()> {
+        Ok(())
+    }
+}
+
+/// The depths of a volume of which some are computed for their segments.
+pub(crate) struct WantedDepths<'a> {
+    writer: SegmentWriter<'a>,
+    grid: Grid,
+    stop: &'a GracefulStop<'a>,
+}
+
+impl<'a> WantedDepths<'a> {
+    pub(crate) fn new(writer: SegmentWriter<'a>, grid: Grid, stop: &'a GracefulStop<'a>) -> Self {
+        Self { writer, grid, stop }
+    }
+}
+
+impl VolumeSink for WantedDepths<'_> {
+    fn begin(&mut self, _: &ReconstructionInfo) -> Result<()> {
+        if self.grid.plane_len() == 0 { Err(no_room_for(&self.grid)) } else { Ok(()) }
+    }
+
+    fn take(&mut self, first: usize, planes: &[Complex32]) -> Result<()> {
+        let planes = planes.chunks_exact(self.grid.plane_len());
+        (first as u64..).zip(planes).try_for_each(|(depth, plane)| self.writer.write(depth, plane))?;
+        self.stop.give_up_if_asked()
+    }
+
+    fn wanted(&self, depths: Range<usize>) -> Range<usize> {
+        let is_wanted = |depth: &usize| self.writer.units.contains_key(&(*depth as u64));
+        let start = depths.clone().find(is_wanted).unwrap_or(depths.end);
+        start..(start..depths.end).rfind(is_wanted).map_or(start, |last| last + 1)
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,162 @@
+"""Images by the workers of a Dask cluster: on one machine, on hosts over SSH, on Slurm or on Kubernetes.
+
+>>> from dask.distributed import Client
+>>> import holosonar.distributed
+>>> with Client("scheduler:8786") as client:  # doctest: +SKIP
+...     report = holosonar.distributed.image("/shared/run.toml", "/shared/out", client)
+
+Each task is the command ``holosonar work``, with all threads of its worker; nothing but numbers passes through the scheduler.
+The run file, what it names, and the output folder must be at the same paths on all workers, which must see the same secret
+of the user: a common home, or the variable ``XDG_STATE_HOME`` set to a common folder. See the guide's chapter on
+interruption.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import threading
+import uuid
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from ._errors import HolosonarError, InputError, Interrupted, SystemFailure
+
+__all__ = ["image"]
+
+#: One command at a time on each worker, for it takes all threads.
+_TURN = threading.Lock()
+
+#: Seconds between two looks at whether the job was cancelled.
+_POLL = 0.2
+
+#: Each round does the simulation, the depths, or what was lost; more than a few means that nothing is stored.
+_ROUNDS = 6
+
+Told = Callable[[int, int], None]
+
+
+def _program() -> list[str]:
+    binary = os.environ.get("HOLOSONAR_BINARY")
+    return [binary] if binary else [sys.executable, "-m", "holosonar"]
+
+
+def _run(arguments: Sequence[str], cancelled: str) -> dict[str, Any]:
+    """Runs a command on the worker that this is called on; ends it when the event of this name is set."""
+    from distributed import Event, get_worker  # type: ignore[attr-defined, unused-ignore]
+
+    threads = get_worker().state.nthreads
+    event = Event(cancelled)
+    with _TURN:
+        if event.is_set():
+            raise Interrupted("the job was cancelled")
+        command = [*_program(), *arguments, "--json", "--quiet", "-j", str(threads)]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+            while True:
+                try:
+                    out, err = process.communicate(timeout=_POLL)
+                    break
+                except subprocess.TimeoutExpired:
+                    if event.is_set():
+                        process.terminate()
+    if process.returncode == 0:
+        found: dict[str, Any] = json.loads(out)
+        return found
+    problem = err.strip().removeprefix("error: ") or f"{command[0]} ended with status {process.returncode}"
+    kinds: dict[int, type[BaseException]] = {1: SystemFailure, 2: InputError, 130: Interrupted, 143: Interrupted}
+    raise kinds.get(process.returncode, HolosonarError)(problem)
+
+
+def image(
+    run: str | os.PathLike[str],
+    output: str | os.PathLike[str],
+    client: Any,
+    *,
+    config: str | os.PathLike[str] | None = None,
+    settings: Sequence[str] = (),
+    parts: int | None = None,
+    retries: int = 3,
+    progress: Told | None = None,
+) -> dict[str, Any]:
+    """Images a scene or a cube by the workers of a cluster, with the bytes of one process.
+
+    Workers may come and go: their tasks are done by others, and what they had stored is used.
+
+    Parameters
+    ----------
+    run : path
+        Run file, mesh, list of reflectors or cube, on a file system that all workers share.
+    output : path
+        Folder of the results, on such a file system.
+    client : distributed.Client
+        A client of the cluster.
+    config : path, optional
+        Run file for a cube.
+    settings : sequence of str
+        What is changed in the run file, as ``"sweep.step=20"``.
+    parts : int, optional
+        Tasks of each stage; by default one for each worker.
+    retries : int
+        How often a task that fails for want of memory or disk is tried again.
+    progress : callable, optional
+        Called with the number of units that are stored and of all that there are.
+
+    Returns
+    -------
+    dict
+        The report, as in ``report.json``.
+
+    Raises
+    ------
+    InputError
+        The job is refused.
+    SystemFailure
+        Files cannot be written, or the workers do not see one another's units.
+    KeyboardInterrupt
+        Ctrl-C: the tasks on the workers are ended first. What was stored is used by the next call.
+    """
+    from distributed import Event, as_completed, wait  # type: ignore[attr-defined, unused-ignore]
+
+    paths = [os.path.abspath(run), "-o", os.path.abspath(output)]
+    job = paths + (["-c", os.path.abspath(config)] if config is not None else [])
+    job += [word for setting in settings for word in ("--set", setting)]
+    count = parts if parts is not None else max(1, len(client.scheduler_info(n_workers=-1)["workers"]))
+    if count < 1:
+        raise InputError(f"parts is {count}, and 1 or more were expected")
+    cancelled = f"holosonar-{uuid.uuid4()}"
+    pending: list[Any] = []
+
+    def submit(arguments: Sequence[str]) -> Any:
+        task = client.submit(_run, arguments, cancelled, pure=False, retries=retries)
+        pending.append(task)
+        return task
+
+    try:
+        left = None
+        for _ in range(_ROUNDS):
+            tasks = [submit(["work", *job, "--part", f"{part}/{count}"]) for part in range(1, count + 1)]
+            left_now = []
+            for task in as_completed(tasks):
+                done = task.result()
+                left_now.append(done["left"])
+                if progress is not None:
+                    progress(done["units"] - min(left_now), done["units"])
+            pending.clear()
+            if min(left_now) == 0:
+                break
+            if left == min(left_now):
+                raise SystemFailure(
+                    f"{left} units are still missing after all were computed: the workers do not share {output}, or not the "
+                    "user's secret (set XDG_STATE_HOME to a folder that all can reach)"
+                )
+            left = min(left_now)
+        report: dict[str, Any] = submit(["image", *job]).result()
+        return report
+    except BaseException:
+        # The commands end by themselves, and store what is finished.
+        Event(cancelled, client=client).set()
+        wait(pending, timeout=10) if pending else None
+        client.cancel(pending)
+        raise

@@ -1,0 +1,212 @@
+//! Work that several processes share gives the bytes of one: for any number of parts, by every method, and after segments
+//! were deleted, cut off and altered.
+
+use crate::binary::{command, done, done_json, refused, small};
+use crate::named::assert_names;
+use holosonar::checkpoint::Checkpoint;
+use holosonar::config::RunFile;
+use holosonar::pipeline::{
+    JobOptions, Unit, UnitStage, Wanted, WorkDone, image_scene, units_of_scene, work_on_scene,
+};
+use num_complex::Complex32;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Stdio;
+use std::time::Duration;
+
+/// A list of reflectors is imaged in a moment; noise is of the whole cube.
+const RUN: &str = r#"
+[scene]
+mesh = "points.csv"
+[sweep]
+start = 10e3
+stop = 14e3
+step = 100.0
+[array]
+count = [12, 11]
+pitch = [0.02, 0.02]
+[detection]
+snr_db = 20
+[grid]
+x = [-0.1, 0.1]
+y = [-0.1, 0.1]
+z = [0.8, 1.1]
+pitch = [0.02, 0.02, 0.01]
+"#;
+
+fn job(typed: &[&str]) -> (tempfile::TempDir, RunFile) {
+    let folder = tempfile::tempdir().unwrap();
+    let points = "x,y,z,amplitude\n0.03,-0.02,0.95,1\n-0.06,0.05,1.02,0.5\n0.08,0.09,0.84,0.7\n";
+    fs::write(folder.path().join("points.csv"), points).unwrap();
+    fs::write(folder.path().join("run.toml"), RUN).unwrap();
+    let typed: Vec<String> = typed.iter().map(|&typed| typed.to_owned()).collect();
+    let run = RunFile::load(&folder.path().join("run.toml"), &typed).unwrap();
+    (folder, run)
+}
+
+fn volume(run: &RunFile, folder: Option<&Path>) -> Vec<Complex32> {
+    let checkpoint =
+        folder.map_or(Checkpoint::off(), |folder| Checkpoint::within(folder, Duration::from_secs(3600)));
+    image_scene(run, &JobOptions::default().with_checkpoint(&checkpoint)).unwrap().image.volume.samples
+}
+
+fn work(run: &RunFile, folder: &Path, wanted: &Wanted) -> holosonar::error::Result<WorkDone> {
+    let checkpoint = Checkpoint::within(folder, Duration::ZERO);
+    work_on_scene(run, wanted, &JobOptions::default().with_checkpoint(&checkpoint))
+}
+
+/// Every part twice: first the simulation, of which the last alone finds all, then depths.
+fn work_in_parts(run: &RunFile, folder: &Path, of: u64) {
+    for _ in 0..2 {
+        for part in 1..=of {
+            work(run, folder, &Wanted::Part { part, of }).unwrap();
+        }
+    }
+}
+
+fn segments(folder: &Path) -> Vec<PathBuf> {
+    let mut found: Vec<_> =
+        fs::read_dir(folder).into_iter().flatten().map(|entry| entry.unwrap().path()).collect();
+    found.retain(|path| path.extension().is_some_and(|end| end == "unit"));
+    found.sort();
+    found
+}
+
+#[test]
+fn any_parts_give_the_bytes_of_one_process() {
+    for typed in [
+        &[][..],
+        &["reconstruct.method=direct"],
+        &["reconstruct.method=linear"],
+        &["reconstruct.method=backprojection"],
+        &["reconstruct.tolerance=0"],
+        &["reconstruct.compensate=true", "detection.kind=in-phase"],
+        // Nodes from which voxels are interpolated, and lines of microphones.
+        &["grid.pitch=[0.004,0.004,0.002]"],
+        &["grid.pitch=[0.004,0.004,0.002]", "reconstruct.method=backprojection"],
+        &["array.sources=[[0,0,0],[0.1,0,0],[0,0.2,0]]"],
+        &["medium.interface={depth=0.5,sound_speed=1500}", "detection.tolerance=1e-4"],
+    ] {
+        let (folder, run) = job(typed);
+        let whole = volume(&run, None);
+        // Planning takes longer than these sums.
+        let parts: &[u64] = if typed.is_empty() { &[1, 3, 7, 40] } else { &[3] };
+        for of in parts {
+            let shared = folder.path().join(of.to_string());
+            work_in_parts(&run, &shared, *of);
+            let units = units_of_scene(&run, &JobOptions::default()).unwrap();
+            assert_eq!(segments(&shared).len(), units.len(), "{typed:?}, {of} parts");
+            assert!(volume(&run, Some(&shared)) == whole, "{typed:?}, {of} parts");
+        }
+    }
+}
+
+#[test]
+fn lost_and_damaged_segments_are_computed_again() {
+    let (folder, run) = job(&[]);
+    let whole = volume(&run, None);
+    let shared = folder.path().join("shared");
+    work_in_parts(&run, &shared, 2);
+    let damage = |seed: usize| {
+        for (i, path) in segments(&shared).into_iter().enumerate() {
+            let mut bytes = fs::read(&path).unwrap();
+            let middle = bytes.len() * 3 / 4;
+            match (i + seed) % 5 {
+                _ if bytes.is_empty() => {}
+                0 => fs::remove_file(&path).unwrap(),
+                1 => fs::write(&path, &bytes[..middle]).unwrap(),
+                2 => {
+                    bytes[middle] ^= 4;
+                    fs::write(&path, bytes).unwrap();
+                }
+                3 => fs::write(&path, b"").unwrap(),
+                _ => {}
+            }
+        }
+    };
+    damage(0);
+    assert!(volume(&run, Some(&shared)) == whole);
+    // A worker that comes back makes good what is lost, too.
+    damage(1);
+    work_in_parts(&run, &shared, 3);
+    let left = work(&run, &shared, &Wanted::Part { part: 1, of: 1 }).unwrap();
+    assert_eq!((left.computed.len(), left.left), (0, 0));
+    assert!(volume(&run, Some(&shared)) == whole);
+}
+
+#[test]
+fn units_are_listed_and_computed_by_number_in_their_order() {
+    let (folder, run) = job(&[]);
+    let shared = folder.path().join("shared");
+    let units = units_of_scene(&run, &JobOptions::default()).unwrap();
+    let of = |stage| units.iter().filter(|unit| unit.stage == stage).collect::<Vec<&Unit>>();
+    let (tiles, depths) = (of(UnitStage::Simulate), of(UnitStage::Reconstruct));
+    assert_eq!(depths.iter().map(|unit| unit.blocks).sum::<u64>(), 31);
+    for stage in [&tiles, &depths] {
+        assert!((stage.iter().map(|unit| unit.share).sum::<f64>() - 1.0).abs() < 1e-12);
+    }
+    assert!(units.iter().enumerate().all(|(i, unit)| unit.unit == i as u64));
+    let first = tiles.len() as u64;
+    let too_early = work(&run, &shared, &Wanted::Numbers(first..first + 2)).unwrap_err();
+    assert_names(&too_early.to_string(), &["--units", "whole cube", "first"]);
+    assert!(segments(&shared).is_empty());
+    let done = work(&run, &shared, &Wanted::Numbers(0..first)).unwrap();
+    assert_eq!((done.computed.len() as u64, done.simulation_left), (first, 0));
+    let done = work(&run, &shared, &Wanted::Numbers(first + 3..first + 5)).unwrap();
+    assert_eq!((done.computed, done.left), (vec![first + 3, first + 4], depths.len() as u64 - 2));
+    for numbers in [units.len() as u64..units.len() as u64 + 1, 3..3] {
+        assert!(work(&run, &shared, &Wanted::Numbers(numbers)).is_err());
+    }
+}
+
+#[test]
+fn only_the_simulation_of_a_refined_volume_is_shared() {
+    let (folder, run) = job(&["refine.method=fista", "refine.steps=2"]);
+    let units = units_of_scene(&run, &JobOptions::default()).unwrap();
+    assert!(units.iter().all(|unit| unit.stage == UnitStage::Simulate));
+    let shared = folder.path().join("shared");
+    work_in_parts(&run, &shared, 2);
+    assert!(volume(&run, Some(&shared)) == volume(&run, None));
+}
+
+#[test]
+fn segments_of_another_job_are_left_alone_and_named() {
+    let (folder, run) = job(&[]);
+    let shared = folder.path().join("shared");
+    work_in_parts(&run, &shared, 1);
+    let path = folder.path().join("run.toml");
+    let other =
+        RunFile::load(&path, &["reflectors.seed=2".to_owned(), "detection.snr_db=10".to_owned()]).unwrap();
+    assert!(volume(&other, Some(&shared)) == volume(&other, None));
+    refused(folder.path(), "work run.toml -o shared --part 4/3", 2, &["--part", "4/3", "K/N"]);
+    refused(folder.path(), "work run.toml -o shared --units 3-900", 2, &["--units", "0-"]);
+}
+
+#[test]
+fn cubes_are_shared_and_the_command_says_what_is_left() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = small("corner.toml");
+    let folder = folder.path();
+    done(folder, &format!("simulate {} -o cube.npz", scene.display()));
+    let settings = "--set grid.x=[-0.3,0.3] --set grid.y=[-0.3,0.3] --set grid.z=[1.5,1.8] --set grid.pitch=[0.03333333333333333,0.03333333333333333,0.01]";
+    done(folder, &format!("image cube.npz -o whole {settings}"));
+    let listed = done_json(folder, &format!("plan cube.npz --units {settings}"));
+    assert_eq!(listed.as_array().unwrap().len(), 31);
+    let half = done_json(folder, &format!("work cube.npz -o parts --part 1/2 {settings}"));
+    assert_eq!((half["computed"].as_array().unwrap().len(), half["left"].as_u64()), (15, Some(16)));
+    // At once, and both halves twice.
+    let words = |part: u32| format!("work cube.npz -o parts --part {part}/2 {settings}");
+    let start =
+        |part| command(folder, words(part).split_whitespace()).stdout(Stdio::piped()).spawn().unwrap();
+    let processes = [1, 2, 1, 2].map(start);
+    let texts =
+        processes.map(|process| String::from_utf8(process.wait_with_output().unwrap().stdout).unwrap());
+    assert!(texts.iter().all(|text| text.contains("of 31 units")), "{texts:?}");
+    assert_names(&done(folder, &words(2)), &["16 were there", "image"]);
+    done(folder, &format!("image cube.npz -o parts {settings}"));
+    assert_eq!(
+        fs::read(folder.join("parts/volume.npz")).unwrap(),
+        fs::read(folder.join("whole/volume.npz")).unwrap()
+    );
+    assert!(segments(&folder.join("parts")).is_empty(), "they are deleted with the checkpoint");
+}

@@ -1,0 +1,110 @@
+"""A cluster's image has the bytes of one process, also when a worker is killed; a job can be cancelled, and says what fails."""
+
+import os
+import signal
+import threading
+import time
+
+import pytest
+
+import holosonar
+
+distributed = pytest.importorskip("distributed")
+
+from holosonar.distributed import image  # noqa: E402
+
+pytestmark = pytest.mark.filterwarnings("ignore")
+
+RUN = """
+[scene]
+mesh = "{mesh}"
+unit = "m"
+up = "none"
+[sweep]
+start = 10e3
+stop = 20e3
+step = 25.0
+[array]
+count = [48, 48]
+pitch = [0.02, 0.02]
+[grid]
+x = [-0.5, 0.5]
+y = [-0.5, 0.5]
+z = [1.4, 2.2]
+pitch = [0.02, 0.02, 0.01]
+[output]
+formats = ["npz"]
+report = false
+points = false
+"""
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    with distributed.LocalCluster(n_workers=3, threads_per_worker=1, processes=True, dashboard_address=None) as cluster:
+        with distributed.Client(cluster) as client:
+            yield cluster, client
+
+
+@pytest.fixture
+def scene(tmp_path, corner):
+    mesh = corner.parents[3] / "scenes/meshes/corner.obj"
+    (tmp_path / "run.toml").write_text(RUN.format(mesh=mesh))
+    return tmp_path / "run.toml"
+
+
+def same(a, b):
+    return (a / "volume.npz").read_bytes() == (b / "volume.npz").read_bytes()
+
+
+def test_the_bytes_are_those_of_one_process(cluster, scene, tmp_path, command):
+    _, client = cluster
+    command("image", scene, "-o", tmp_path / "one")
+    told = []
+    report = image(scene, tmp_path / "many", client, parts=5, progress=lambda done, units: told.append((done, units)))
+    assert same(tmp_path / "one", tmp_path / "many")
+    assert report["accepted"] > 0 and told[-1][0] == told[-1][1]
+    assert not [name for name in os.listdir(tmp_path / "many") if name.endswith((".unit", ".part"))]
+
+
+def test_a_worker_that_is_killed_is_replaced(cluster, scene, tmp_path, command):
+    _, client = cluster
+    command("image", scene, "-o", tmp_path / "one")
+    pids = list(client.run(os.getpid).values())
+
+    def kill():
+        # In the midst of its task.
+        deadline = time.monotonic() + 30
+        while time.monotonic() < deadline and not any(
+            name.endswith((".unit", ".part")) for name in os.listdir(tmp_path / "many") if (tmp_path / "many").exists()
+        ):
+            time.sleep(0.01)
+        os.kill(pids[0], signal.SIGKILL)
+
+    (tmp_path / "many").mkdir()
+    killer = threading.Thread(target=kill)
+    killer.start()
+    image(scene, tmp_path / "many", client, parts=6)
+    killer.join()
+    assert pids[0] not in client.run(os.getpid).values()
+    assert same(tmp_path / "one", tmp_path / "many")
+
+
+def test_a_job_that_is_refused_says_why(cluster, scene, tmp_path):
+    _, client = cluster
+    with pytest.raises(holosonar.InputError, match="pitch"):
+        image(scene, tmp_path / "many", client, settings=["grid.pitch=0"])
+    with pytest.raises(holosonar.InputError, match="parts"):
+        image(scene, tmp_path / "many", client, parts=0)
+
+
+def test_cancelling_ends_the_commands_of_the_workers(cluster, scene, tmp_path):
+    _, client = cluster
+
+    def stop(done, units):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        image(scene, tmp_path / "many", client, parts=9, progress=stop)
+    # What was stored is used.
+    assert image(scene, tmp_path / "many", client, parts=2)["accepted"] > 0
