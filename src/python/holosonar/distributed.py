@@ -65,8 +65,17 @@ def _run(arguments: Sequence[str], cancelled: str) -> dict[str, Any]:
         found: dict[str, Any] = json.loads(out)
         return found
     problem = err.strip().removeprefix("error: ") or f"{command[0]} ended with status {process.returncode}"
-    kinds: dict[int, type[BaseException]] = {1: SystemFailure, 2: InputError, 130: Interrupted, 143: Interrupted}
+    if process.returncode == 2:
+        # Not raised here, for it would be tried again.
+        return {"refused": problem}
+    kinds: dict[int, type[BaseException]] = {1: SystemFailure, 130: Interrupted, 143: Interrupted}
     raise kinds.get(process.returncode, HolosonarError)(problem)
+
+
+def _checked(found: dict[str, Any]) -> dict[str, Any]:
+    if "refused" in found:
+        raise InputError(found["refused"])
+    return found
 
 
 def image(
@@ -139,7 +148,7 @@ def image(
             tasks = [submit(["work", *job, "--part", f"{part}/{count}"]) for part in range(1, count + 1)]
             left_now = []
             for task in as_completed(tasks):
-                done = task.result()
+                done = _checked(task.result())
                 left_now.append(done["left"])
                 if progress is not None:
                     progress(done["units"] - min(left_now), done["units"])
@@ -152,11 +161,11 @@ def image(
                     "user's secret (set XDG_STATE_HOME to a folder that all can reach)"
                 )
             left = min(left_now)
-        report: dict[str, Any] = submit(["image", *job]).result()
-        return report
+        return _checked(submit(["image", *job]).result())
     except BaseException:
         # The commands end by themselves, and store what is finished.
         Event(cancelled, client=client).set()
-        wait(pending, timeout=10) if pending else None
+        if pending:
+            wait(pending, timeout=10)
         client.cancel(pending)
         raise
