@@ -13,6 +13,7 @@ interruption.
 
 from __future__ import annotations
 
+import importlib
 import json
 import os
 import subprocess
@@ -20,6 +21,7 @@ import sys
 import threading
 import uuid
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import Any
 
 from ._errors import HolosonarError, InputError, Interrupted, SystemFailure
@@ -38,6 +40,14 @@ _ROUNDS = 6
 Told = Callable[[int, int], None]
 
 
+def _dask() -> Any:
+    # Of which only a part is typed.
+    try:
+        return importlib.import_module("distributed")
+    except ImportError as error:
+        raise ImportError("distributed is missing; pip install 'holosonar[all]', or distributed") from error
+
+
 def _program() -> list[str]:
     binary = os.environ.get("HOLOSONAR_BINARY")
     return [binary] if binary else [sys.executable, "-m", "holosonar"]
@@ -45,13 +55,12 @@ def _program() -> list[str]:
 
 def _run(arguments: Sequence[str], cancelled: str) -> dict[str, Any]:
     """Runs a command on the worker that this is called on; ends it when the event of this name is set."""
-    from distributed import Event, get_worker  # type: ignore[attr-defined, unused-ignore]
-
-    threads = get_worker().state.nthreads
-    event = Event(cancelled)
+    dask = _dask()
+    threads = dask.get_worker().state.nthreads
+    event = dask.Event(cancelled)
     with _TURN:
         if event.is_set():
-            raise Interrupted("the job was cancelled")
+            return {"cancelled": "the job was cancelled"}
         command = [*_program(), *arguments, "--json", "--quiet", "-j", str(threads)]
         with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
             while True:
@@ -66,15 +75,18 @@ def _run(arguments: Sequence[str], cancelled: str) -> dict[str, Any]:
         return found
     problem = err.strip().removeprefix("error: ") or f"{command[0]} ended with status {process.returncode}"
     if process.returncode == 2:
-        # Not raised here, for it would be tried again.
+        # Not raised here, where it would be tried again, nor an interruption, which would end the worker.
         return {"refused": problem}
-    kinds: dict[int, type[BaseException]] = {1: SystemFailure, 130: Interrupted, 143: Interrupted}
-    raise kinds.get(process.returncode, HolosonarError)(problem)
+    if process.returncode in (130, 143):
+        return {"cancelled": problem}
+    raise (SystemFailure if process.returncode == 1 else HolosonarError)(problem)
 
 
 def _checked(found: dict[str, Any]) -> dict[str, Any]:
     if "refused" in found:
         raise InputError(found["refused"])
+    if "cancelled" in found:
+        raise Interrupted(found["cancelled"])
     return found
 
 
@@ -126,8 +138,7 @@ def image(
     KeyboardInterrupt
         Ctrl-C: the tasks on the workers are ended first. What was stored is used by the next call.
     """
-    from distributed import Event, as_completed, wait  # type: ignore[attr-defined, unused-ignore]
-
+    dask = _dask()
     paths = [os.path.abspath(run), "-o", os.path.abspath(output)]
     job = paths + (["-c", os.path.abspath(config)] if config is not None else [])
     job += [word for setting in settings for word in ("--set", setting)]
@@ -147,7 +158,7 @@ def image(
         for _ in range(_ROUNDS):
             tasks = [submit(["work", *job, "--part", f"{part}/{count}"]) for part in range(1, count + 1)]
             left_now = []
-            for task in as_completed(tasks):
+            for task in dask.as_completed(tasks):
                 done = _checked(task.result())
                 left_now.append(done["left"])
                 if progress is not None:
@@ -164,8 +175,8 @@ def image(
         return _checked(submit(["image", *job]).result())
     except BaseException:
         # The commands end by themselves, and store what is finished.
-        Event(cancelled, client=client).set()
-        if pending:
-            wait(pending, timeout=10)
+        dask.Event(cancelled, client=client).set()
+        with suppress(TimeoutError):
+            dask.wait(pending, timeout=10)
         client.cancel(pending)
         raise
