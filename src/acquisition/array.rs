@@ -4,6 +4,7 @@ mod position_file;
 mod scattered;
 mod tiles;
 
+pub(super) use position_file::read_positions;
 pub(crate) use scattered::RANDOM_BYTES;
 pub(crate) use tiles::{Tile, halvings, tiles};
 

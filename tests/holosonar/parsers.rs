@@ -115,7 +115,7 @@ const TOUCHSTONE: &str = "! VNA\n# kHz S DB R 50\n10 -40 1 -3 20 -3 20 -40 2 ! f
 
 /// A run file of an import.
 const IMPORT: &str = "[import]\nsamples = [\"a.npy\", \"b.npy\"]\narrays = [0, \"Q\"]\naxes = [\"x\", \"y\", \"f\", \"iq\"]\n\
-    offset = [2048, 2050.5]\nfrequencies = \"f\"\nfrequency_unit = \"kHz\"\npositions = \"mics.npy\"\nname_unit = \"mm\"\n\
+    offset = [2048, 2050.5]\nfrequencies = \"f\"\nfrequency_unit = \"kHz\"\npositions = \"mics.npy\"\nsources = \"s.csv\"\nname_unit = \"mm\"\n\
     parameter = \"S21\"\ncolumns = [\"f\", \"-\", \"db\", \"deg\"]\nphase_sign = -1\n[recording]\nsignal = \"broadband\"\nreference = \"sent.wav\"\n\
     microphones = [2, 1]\nlatency = \"direct\"\nresponse = 0.05\nformat = \"int16\"\ndwell = 1\nsettling = 0.5\n";
 

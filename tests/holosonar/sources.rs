@@ -224,5 +224,4 @@ fn what_takes_one_speaker_says_so() {
     );
     refused(path, "image r.toml -o out --set refine.method=fista", 2, &["refine.method", "3"]);
     refused(path, "image c.npz -c r.toml -o out --set array.source=[0,0,1]", 2, &["array.source", "3"]);
-    refused(path, "import x.npy -o x.npz --set array.sources=[[0,0,0]]", 2, &["[array] sources", "files"]);
 }

@@ -70,6 +70,11 @@ pub struct ImportOptions {
     pub centre: Option<DVec3>,
     /// Speaker; `None`: at the origin.
     pub geometry: Option<Geometry>,
+    /// Several loudspeakers, m, in the order in which they sounded: the order of the axis [`ImportAxis::Transmission`], or
+    /// of as many files for each.
+    pub sources: Vec<DVec3>,
+    /// Name of an array in the samples' `.npz`, or a `.npy` or `.csv` file, `[n, 3]`, that holds them.
+    pub source_file: Option<PathBuf>,
     /// What was detected; it must suit the samples.
     pub detection: Option<Detection>,
     /// m/s; `None`: that of air at 20 °C.
@@ -101,6 +106,8 @@ impl ImportOptions {
             array: None,
             centre: None,
             geometry: None,
+            sources: Vec::new(),
+            source_file: None,
             detection: None,
             sound_speed: None,
             interface: None,
@@ -149,6 +156,11 @@ impl Imported {
             "sound_speed_m_per_s": instrument.sound_speed,
             "range_resolution_m": instrument.range_resolution(),
         });
+        if instrument.transmissions() > 1 {
+            let sources = instrument.sources();
+            facts["speakers"] = json!(sources.len());
+            facts["sources_m"] = json!(sources.iter().map(DVec3::to_array).collect::<Vec<_>>());
+        }
         if let (Some(facts), Some(import)) =
             (facts.as_object_mut(), self.cube.provenance["import"].as_object())
         {

@@ -10,6 +10,7 @@ impl ImportTable {
         self.samples.iter().try_for_each(|file| file_name("import.samples", Some(file)))?;
         file_name("import.frequencies", self.frequencies.as_ref())?;
         file_name("import.positions", self.positions.as_ref())?;
+        file_name("import.sources", self.sources.as_ref())?;
         match self.offset {
             Some(RawOffset::Both(offset)) => finite("import.offset", &[offset])?,
             Some(RawOffset::Planes(planes)) => finite("import.offset", &planes)?,

@@ -23,11 +23,10 @@ impl RunFile {
     /// As [`RunFile::sweep`] and [`RunFile::microphones`].
     pub fn import_options(&self, typed: &TypedKeys) -> Result<ImportOptions> {
         let table = &self.import;
-        if self.array.sources.is_some() || self.array.geometry == GeometryKind::Pair {
-            let problem = "several speakers and moved pairs are not imported; import a cube for each speaker, or write a cube \
-                           file with the arrays that the chapter `files` of the guide describes";
-            let place = if self.array.sources.is_some() { "[array] sources" } else { "[array] geometry" };
-            return Err(Error::input(place, problem));
+        if self.array.geometry == GeometryKind::Pair {
+            let problem = "moved pairs are not imported; write a cube file with the arrays that the chapter `files` of the guide \
+                           describes";
+            return Err(Error::input("[array] geometry", problem));
         }
         let any = |keys: &[&str]| keys.iter().any(|key| typed.contains(key));
         let all = |keys: &[&str]| keys.iter().all(|key| typed.contains(key));
@@ -50,6 +49,16 @@ impl RunFile {
         }
         options.centre = typed.contains("array.centre").then(|| DVec3::from_array(self.array.centre));
         options.geometry = any(&["array.geometry", "array.source"]).then(|| self.geometry());
+        options.source_file = table.sources.as_ref().map(file_or_array);
+        let sources = self.array.sources.iter().flatten();
+        options.sources = sources.map(|source| DVec3::from_array(*source)).collect();
+        if options.source_file.is_some() {
+            let both = ["array.source", "array.sources"].into_iter().find(|key| typed.contains(key));
+            if let Some(both) = both {
+                let problem = format!("and {both} both say where speakers are; keep one of them");
+                return Err(Error::input("[import] sources", problem));
+            }
+        }
         options.detection = typed.contains("detection.kind").then_some(self.detection.kind);
         let speed = any(&["medium.sound_speed", "medium.temperature"]);
         options.sound_speed = speed.then(|| self.medium.speed());

@@ -27,6 +27,9 @@ pub struct ImportTable {
     pub frequency_unit: Option<FrequencyUnit>,
     /// Name of an array in the npz, or a `.npy` file. Left out: names of files, or `[array]`.
     pub positions: Option<InputFile>,
+    /// Name of an array in the npz, or a `.npy` or `.csv` file, of speakers that sounded one after another. Left out:
+    /// `[array] sources` or `source`.
+    pub sources: Option<InputFile>,
     /// Unit of the numbers in names of files.
     pub name_unit: Option<Unit>,
     /// The parameter of Touchstone files; left out: S11 of one port, S21 of two.
@@ -45,7 +48,8 @@ impl ImportTable {
 
     /// The files that it names, and the names of arrays, which are not files.
     pub(in crate::config) fn files_mut(&mut self) -> impl Iterator<Item = &mut InputFile> {
-        self.samples.iter_mut().chain(self.frequencies.as_mut()).chain(self.positions.as_mut())
+        let others = [&mut self.frequencies, &mut self.positions, &mut self.sources];
+        self.samples.iter_mut().chain(others.into_iter().filter_map(Option::as_mut))
     }
 }
 
