@@ -37,8 +37,8 @@ mod recording;
 mod simulate;
 mod sweep;
 
-pub use array::{Lattice, MicArray};
-pub(crate) use array::{RANDOM_BYTES, Tile, halvings, tiles};
+pub use array::{Lattice, MicArray, PositionFormulas};
+pub(crate) use array::{RANDOM_BYTES, Tile, check_formula, halvings, tiles};
 pub(crate) use calibration::note;
 pub use calibration::{AutoWord, Background, Calibration, ChannelMask, ChannelResponse, ResponseAxis};
 pub use cube::{CubeView, DataCube};

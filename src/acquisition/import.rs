@@ -88,8 +88,13 @@ fn text_of(path: &Path, limit: u64) -> Result<String> {
 }
 
 impl Positions {
-    /// Those of `[array]`.
+    /// Those of formulas or of `[array]`.
     fn typed(options: &ImportOptions) -> Result<Self> {
+        if let Some(formulas) = &options.formulas {
+            let array = formulas.microphones(&place_of_key("positions"), options.limit())?;
+            let [n_x, n_y] = formulas.count;
+            return Ok(Self { array, rows: Some([n_y, n_x]), from: "formulas" });
+        }
         let array = options.array.clone().ok_or_else(|| {
             let problem = "is missing: nothing says where the microphones were; give its count and its pitch or extent, a \
                            file of positions (layout = \"file\"), or `positions` in [import]";

@@ -247,3 +247,31 @@ fn speakers_and_samples_must_agree() {
     fs::write(path.join("both.toml"), text).unwrap();
     refused(path, "import both.toml -o x.npz", 2, &["[import] sources", "array.source", "keep one"]);
 }
+
+#[test]
+fn positions_by_formulas_are_those_of_the_array() {
+    let (folder, cube) = workplace();
+    let path = folder.path();
+    save_samples(&path.join("scan.npy"), "(5, 5, 7)", &cube.samples);
+    let formulas = |y: &str| format!("--set import.positions={{x=\"0.02*(ix-3)\",y=\"{y}\"}}");
+    let import = |y: &str, more: &str| {
+        let axes = "--set import.axes=[\"f\",\"y\",\"x\"]";
+        format!("import scan.npy -o again.npz {SWEEP} {axes} {more} {}", formulas(y))
+    };
+    let facts = done_json(path, &import("0.02*iy-0.04", "--set array.count=[7,5]"));
+    assert_eq!(facts["positions_from"], "formulas");
+    let again = DataCube::read(&path.join("again.npz"), 1 << 24).unwrap();
+    assert_eq!(again.samples, cube.samples);
+    let [own, found] = [&cube, &again].map(|cube| cube.instrument.array.clone());
+    assert!(found.lattice().is_some());
+    assert!(own.positions().iter().zip(found.positions()).all(|(a, b)| a.distance(*b) < 1e-15));
+    for (y, more, parts) in [
+        ("0.02*iz", "--set array.count=[7,5]", ["formula of y", "`iz`", "ix, iy"]),
+        ("0.02*", "--set array.count=[7,5]", ["formula of y", "no formula", ""]),
+        ("1/iy", "--set array.count=[7,5]", ["[import] positions", "inf", "iy = 0"]),
+        ("iy", "", ["[import] positions", "count", "[array]"]),
+        ("iy", ARRAY, ["[import] positions", "array.pitch", "keep one"]),
+    ] {
+        refused(path, &import(y, more), 2, &parts);
+    }
+}

@@ -1,7 +1,7 @@
 //! What an import is told, and what it gives.
 
 use super::{ArrayName, ImportAxis, RawOffset, TraceColumn};
-use crate::acquisition::{DataCube, Detection, MicArray, RecordingOptions, Sweep};
+use crate::acquisition::{DataCube, Detection, MicArray, PositionFormulas, RecordingOptions, Sweep};
 use crate::choice::choice;
 use crate::scene::Unit;
 use crate::wave::{Geometry, Interface};
@@ -54,6 +54,8 @@ pub struct ImportOptions {
     pub frequency_unit: FrequencyUnit,
     /// Name of an array in the samples' `.npz`, or a `.npy` file: `[n, 3]` or `[n_y, n_x, 3]`, m.
     pub positions: Option<PathBuf>,
+    /// Formulas of the positions, instead of [`ImportOptions::positions`] and [`ImportOptions::array`].
+    pub formulas: Option<PositionFormulas>,
     /// Unit of the numbers in names of files.
     pub name_unit: Option<Unit>,
     /// The parameter of Touchstone files; `None`: S11 of one port, S21 of two.
@@ -98,6 +100,7 @@ impl ImportOptions {
             frequencies: None,
             frequency_unit: FrequencyUnit::Hertz,
             positions: None,
+            formulas: None,
             name_unit: None,
             parameter: None,
             columns: Vec::new(),

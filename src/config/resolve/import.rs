@@ -1,7 +1,7 @@
 //! From `[import]`, and from what was typed of the measurement's tables, to an import.
 
-use crate::acquisition::{FrequencyUnit, ImportOptions};
-use crate::config::{ArrayLayout, InputFile, RunFile, TypedKeys};
+use crate::acquisition::{FrequencyUnit, ImportOptions, PositionFormulas};
+use crate::config::{ArrayLayout, InputFile, RunFile, TypedFormulas, TypedKeys, TypedPositions};
 use crate::error::{Error, Result};
 use crate::files::extension;
 use crate::plan::memory_limit;
@@ -16,6 +16,21 @@ fn file_or_array(typed: &InputFile) -> PathBuf {
 }
 
 impl RunFile {
+    /// Formulas of as many microphones as `[array] count` has.
+    fn position_formulas(&self, typed: &TypedFormulas, keys: &TypedKeys) -> Result<PositionFormulas> {
+        let both = ["pitch", "extent", "centre", "file"].map(|key| format!("array.{key}"));
+        if let Some(both) = both.iter().find(|key| keys.contains(key)) {
+            let problem = format!("and {both} both say where microphones are; keep one of them");
+            return Err(Error::input("[import] positions", problem));
+        }
+        let Some(count) = self.array.count.filter(|_| keys.contains("array.count")) else {
+            let problem = "are formulas, and nothing says of how many microphones; give count = [columns, rows] in [array]";
+            return Err(Error::input("[import] positions", problem));
+        };
+        let TypedFormulas { x, y, z } = typed.clone();
+        Ok(PositionFormulas { count: count.map(|n| n as usize), formulas: [x, y, z] })
+    }
+
     /// `[import]`, and `[sweep]`, `[array]`, `[detection]` and `[medium]` as far as they were typed: defaults describe no
     /// measurement.
     ///
@@ -38,12 +53,20 @@ impl RunFile {
         (options.offset, options.phase_sign) = (table.offset, table.phase_sign);
         options.frequency_unit = table.frequency_unit.unwrap_or(FrequencyUnit::Hertz);
         options.frequencies = table.frequencies.as_ref().map(file_or_array);
-        options.positions = table.positions.as_ref().map(file_or_array);
+        match &table.positions {
+            Some(TypedPositions::File(file)) => options.positions = Some(file_or_array(file)),
+            Some(TypedPositions::Formulas(formulas)) => {
+                options.formulas = Some(self.position_formulas(formulas, typed)?);
+            }
+            None => {}
+        }
         options.name_unit = table.name_unit;
         if all(&["sweep.start", "sweep.stop", "sweep.step"]) {
             options.sweep = Some(self.sweep()?);
         }
-        let sized = any(&["array.count", "array.elements"]) && any(&["array.pitch", "array.extent"]);
+        let sized = options.formulas.is_none()
+            && any(&["array.count", "array.elements"])
+            && any(&["array.pitch", "array.extent"]);
         if sized || self.array.layout == ArrayLayout::File {
             options.array = Some(self.microphones()?);
         }
