@@ -8,7 +8,7 @@ use super::{MicArray, check_count};
 use crate::alloc::try_with_capacity;
 use crate::error::{Error, Result, gib};
 use crate::text::{one_line, quoted};
-use exmex::{Express, FlatEx};
+use exmex::{Express, FlatEx, FloatOpsFactory, MatchLiteral, literal_matcher_from_pattern};
 use glam::DVec3;
 
 /// Longer formulas are refused, bytes.
@@ -29,9 +29,14 @@ pub struct PositionFormulas {
     pub formulas: [String; 3],
 }
 
+literal_matcher_from_pattern!(WithExponent, r"^([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?");
+
+/// A formula of numbers that may have an exponent.
+type Parsed = FlatEx<f64, FloatOpsFactory<f64>, WithExponent>;
+
 /// A formula, and the values of its variables.
 struct Formula {
-    parsed: FlatEx<f64>,
+    parsed: Parsed,
     /// Of each variable, in the order in which it is evaluated, which of [`VARIABLES`] it is.
     variables: Vec<usize>,
 }
@@ -41,8 +46,8 @@ impl Formula {
         if text.len() > LONGEST {
             return Err(format!("is {} bytes long; up to {LONGEST} are possible", text.len()));
         }
-        let parsed: FlatEx<f64> =
-            exmex::parse(text).map_err(|error| format!("is no formula: {}", one_line(error.msg())))?;
+        let parsed =
+            Parsed::parse(text).map_err(|error| format!("is no formula: {}", one_line(error.msg())))?;
         let known = |name: &String| {
             VARIABLES.iter().position(|variable| variable == name).ok_or_else(|| {
                 format!("names `{}`; a formula knows ix, iy, i and pi, and sin, cos, sqrt, ...", quoted(name))
@@ -118,7 +123,11 @@ mod tests {
         let lattice = raster.lattice().unwrap();
         assert_eq!((lattice.x.count, lattice.y.count, raster.shape()), (5, 4, vec![4, 5]));
         assert!((lattice.y.first + 0.1).abs() < 1e-15);
-        let ring = of([8, 1], ["0.2*cos(2*pi*i/8)", "0.2 * sin(2 * pi * i / 8)", "-(ix - i)*1e3"]).unwrap();
+        let ring = of(
+            [8, 1],
+            ["0.2*cos(2*pi*i/8)", "0.2 * sin(2e0 * pi * i / 8)", "-(ix - i)*1E-3 + i * .5e+0 - i/2."],
+        )
+        .unwrap();
         for (i, found) in ring.positions().iter().enumerate() {
             let (sin, cos) = (std::f64::consts::TAU * i as f64 / 8.0).sin_cos();
             assert!(found.distance(DVec3::new(0.2 * cos, 0.2 * sin, 0.0)) < 1e-15, "{found}");
