@@ -45,7 +45,7 @@ pub use cube::{CubeView, DataCube};
 pub use cube_file::{CubeFile, UncheckedSamples};
 pub use health::{
     ChannelLevels, Health, LikelySign, MeanProfile, NoiseEstimate, OddChannel, OddChannels, PhaseSign,
-    ProfilePeak, SignEvidence,
+    ProfilePeak, SignEvidence, TransmissionHealth,
 };
 pub(crate) use import::check_columns;
 pub use import::{
