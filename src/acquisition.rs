@@ -37,15 +37,15 @@ mod recording;
 mod simulate;
 mod sweep;
 
-pub use array::{Lattice, MicArray};
-pub(crate) use array::{RANDOM_BYTES, Tile, halvings, tiles};
+pub use array::{Lattice, MicArray, PositionFormulas};
+pub(crate) use array::{RANDOM_BYTES, Tile, check_formula, halvings, tiles};
 pub(crate) use calibration::note;
 pub use calibration::{AutoWord, Background, Calibration, ChannelMask, ChannelResponse, ResponseAxis};
 pub use cube::{CubeView, DataCube};
 pub use cube_file::{CubeFile, UncheckedSamples};
 pub use health::{
     ChannelLevels, Health, LikelySign, MeanProfile, NoiseEstimate, OddChannel, OddChannels, PhaseSign,
-    ProfilePeak, SignEvidence,
+    ProfilePeak, SignEvidence, TransmissionHealth,
 };
 pub(crate) use import::check_columns;
 pub use import::{

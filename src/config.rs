@@ -36,7 +36,7 @@ pub use source::TypedKeys;
 pub use tables::{
     ArrayTable, CalibrationTable, DepthTable, DetectionTable, ExpectTable, GridTable, ImportTable, Limit,
     MediumTable, OutputTable, ReconstructTable, RecordingTable, ReferenceChannel, RefineTable,
-    ReflectorsTable, ScenePart, SceneTable, SweepTable,
+    ReflectorsTable, ScenePart, SceneTable, SweepTable, TypedFormulas, TypedPositions,
 };
 
 pub(crate) use mesh_run::MeshRun;

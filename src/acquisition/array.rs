@@ -1,9 +1,13 @@
 //! The microphones: a rectangular lattice or scattered positions.
 
+mod formulas;
 mod position_file;
 mod scattered;
 mod tiles;
 
+pub use formulas::PositionFormulas;
+pub(crate) use formulas::check_formula;
+pub(super) use position_file::read_positions;
 pub(crate) use scattered::RANDOM_BYTES;
 pub(crate) use tiles::{Tile, halvings, tiles};
 

@@ -64,28 +64,27 @@ impl Calibration {
             && *tilt == [0.0; 2]
     }
 
-    /// Corrects the samples of `cube`, which need not be finite before, and says what was done; the words are also in the
+    /// Corrects the samples of `cube`, of several loudspeakers those of each, which need not be finite before, and says what was done; the words are also in the
     /// cube's provenance.
     ///
     /// Cost: a few operations per sample, of the gate n log n, of the high-pass as many as microphones in its disc.
     /// Memory: that of the cube again for a background file.
     ///
     /// # Errors
-    /// Several loudspeakers; samples that are not finite in microphones that are not masked; files that are missing or of another instrument;
+    /// Samples that are not finite in microphones that are not masked; files that are missing or of another instrument;
     /// responses and delays of in-phase cubes, which have no phase; a gate longer than the path that is unambiguous.
     pub fn apply(&self, cube: &mut DataCube, observer: &dyn Observer) -> Result<Vec<String>> {
-        cube.instrument.need_one_source("[calibration]")?;
         let (masked, mut words) = self.mask.find(cube, observer)?;
         silence(cube, &masked, 0.0);
-        super::cube::check_finite("samples", 0, cube.instrument.array.len(), &cube.samples)?;
+        super::cube::check_all_finite("samples", &cube.instrument, &cube.samples)?;
         if let Some(background) = &self.background {
             words.push(stage(observer, "subtracting the background", 0, || {
                 background.subtract(cube, &masked, self.memory)
             })?);
         }
         if let Some(diameter) = self.high_pass {
-            let n_f = cube.instrument.sweep.len() as u64;
-            let subtracted = stage(observer, "subtracting the neighbours' mean", n_f, || {
+            let rows = (cube.instrument.transmissions() * cube.instrument.sweep.len()) as u64;
+            let subtracted = stage(observer, "subtracting the neighbours' mean", rows, || {
                 background::subtract_neighbours(cube, &masked, diameter, observer)
             });
             words.push(subtracted?);
@@ -142,10 +141,10 @@ fn need_phases(instrument: &Instrument, place: &str) -> Result<()> {
     Err(Error::input(place, problem))
 }
 
-/// Multiplies all samples of each tone by a factor.
+/// Multiplies all samples of each tone, of every transmission, by a factor.
 fn multiply_tones(cube: &mut DataCube, factors: &[Complex32]) {
     let n_mic = cube.instrument.array.len();
-    for (row, factor) in cube.samples.chunks_exact_mut(n_mic).zip(factors) {
+    for (row, factor) in cube.samples.chunks_exact_mut(n_mic).zip(factors.iter().cycle()) {
         for m in row {
             *m *= factor;
         }

@@ -284,7 +284,6 @@ impl CubeFile {
             return Ok(self);
         }
         let place = place(&self.path, "samples");
-        self.instrument.need_one_source("[calibration]")?;
         let samples = self.samples()?;
         let mut cube = DataCube { instrument: self.instrument, samples, provenance: self.provenance };
         let words = calibration.apply(&mut cube, observer).map_err(|error| match error.place() {
@@ -296,7 +295,7 @@ impl CubeFile {
         Ok(Self { instrument, provenance, corrected: Some(samples), ..self })
     }
 
-    /// The samples after [`CubeFile::calibrated`], `[n_f, n_mic]`.
+    /// The samples after [`CubeFile::calibrated`], `[n_f, n_mic]`, or `[n_tx, n_f, n_mic]` of several loudspeakers.
     pub(crate) fn corrected(&self) -> Option<&[Complex32]> {
         self.corrected.as_deref()
     }

@@ -19,6 +19,7 @@ use super::{CubeSource, Detection, Instrument};
 use crate::alloc::{try_filled, try_with_capacity};
 use crate::error::{Error, Result};
 use crate::progress::{Observer, advance, stage};
+use glam::DVec3;
 use levels::ChannelSums;
 use num_complex::Complex32;
 use serde::Serialize;
@@ -58,14 +59,47 @@ pub struct Health {
     pub profile: Option<MeanProfile>,
     /// The noise, from that profile.
     pub noise: Option<NoiseEstimate>,
-    /// The sign of the phase, from the profiles; `None` in phase, where there is no sign, and without profiles.
+    /// The sign of the phase, from the profiles; `None` in phase, where there is no sign, and without profiles. Of several
+    /// loudspeakers that of the first whose sign can be told.
     pub phase_sign: Option<PhaseSign>,
+    /// Each of several loudspeakers; empty for one.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub transmissions: Vec<TransmissionHealth>,
     /// Why there is no range profile.
     pub no_profile: Option<String>,
 }
 
+/// What was found in the samples of one of several loudspeakers.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[non_exhaustive]
+pub struct TransmissionHealth {
+    /// Where the loudspeaker is, m.
+    pub source_m: [f64; 3],
+    /// Level: rms of its finite samples; NaN (`null`) without any.
+    pub rms: f64,
+    /// That against the median of all loudspeakers that were heard, dB; `None` of a silent one.
+    pub level_db: Option<f64>,
+    /// The noise, as [`Health::noise`].
+    pub noise: Option<NoiseEstimate>,
+    /// The sign of the phase, as [`Health::phase_sign`].
+    pub phase_sign: Option<PhaseSign>,
+}
+
+impl TransmissionHealth {
+    /// Whether it is silent, or 40 dB below the median.
+    pub fn is_dead(&self) -> bool {
+        self.level_db.is_none_or(|db| db < levels::DEAD_DB)
+    }
+
+    /// Whether it is 20 dB above the median.
+    pub fn is_loud(&self) -> bool {
+        self.level_db.is_some_and(|db| db > levels::LOUD_DB)
+    }
+}
+
 impl Health {
-    /// Examines the samples of `source`; those of a file are best read by
+    /// Examines the samples of `source`; of several loudspeakers the levels of microphones and tones, the profile and the
+    /// noise are those of all, and the rest is there for each. Samples of a file are best read by
     /// [`CubeFile::unchecked`](super::CubeFile::unchecked), which passes on what is not finite.
     ///
     /// - Cost: one visit of the samples; n log n operations per frequency and examined microphone (at most 1024); and for
@@ -96,7 +130,6 @@ impl Health {
     /// ```
     pub fn of(source: &mut dyn CubeSource, memory: u64, observer: &dyn Observer) -> Result<Self> {
         let instrument = source.instrument().clone();
-        instrument.need_one_source("--health")?;
         let survey = Survey::of(source, &instrument, memory, observer)?;
         stage(observer, "examining profiles", 0, || Ok(survey.judge(&instrument)))
     }
@@ -109,8 +142,10 @@ struct Survey {
     negative: bool,
     /// Microphones whose samples were kept.
     chosen: Vec<usize>,
-    /// Their samples, `[chosen, n_f]`; what is not finite is 0.
+    /// Their samples, `[n_tx, chosen, n_f]`; what is not finite is 0.
     columns: Vec<Complex32>,
+    /// The loudspeakers.
+    sources: ChannelSums,
 }
 
 impl Survey {
@@ -121,37 +156,43 @@ impl Survey {
         observer: &dyn Observer,
     ) -> Result<Self> {
         let (n_f, n_mic) = (instrument.sweep.len(), instrument.array.len());
+        let n_tx = instrument.transmissions();
         let no_room = || Error::out_of_memory("the levels of the channels do not fit in memory; free some");
         let sums = |n: usize| ChannelSums::new(n).ok_or_else(no_room);
-        let room = MOST_COLUMN_BYTES.min(memory / 4) / (8 * n_f as u64);
+        let room = MOST_COLUMN_BYTES.min(memory / 4) / (8 * n_f as u64 * n_tx as u64);
         let count = n_mic.min(MOST_COLUMNS).min(room as usize);
         let mut survey = Self {
             microphones: sums(n_mic)?,
             tones: sums(n_f)?,
             negative: false,
             chosen: (0..count).map(|i| i * n_mic / count).collect(),
-            columns: try_filled(Complex32::ZERO, (count * n_f) as u64).ok_or_else(no_room)?,
+            columns: try_filled(Complex32::ZERO, (n_tx * count * n_f) as u64).ok_or_else(no_room)?,
+            sources: sums(n_tx)?,
         };
         let block = (BLOCK_BYTES / (8 * n_mic as u64)).max(1) as usize;
-        stage(observer, "reading the cube", n_f as u64, || {
-            source.visit(block, &mut |range, samples| {
-                for (f, row) in range.clone().zip(samples.chunks_exact(n_mic)) {
-                    survey.add(f, n_f, row);
-                }
-                advance(observer, range.len() as u64)
+        stage(observer, "reading the cube", (n_tx * n_f) as u64, || {
+            (0..n_tx).try_for_each(|tx| {
+                source.visit_transmission(tx, block, &mut |range, samples| {
+                    for (f, row) in range.clone().zip(samples.chunks_exact(n_mic)) {
+                        survey.add(tx, f, n_f, row);
+                    }
+                    advance(observer, range.len() as u64)
+                })
             })
         })?;
         Ok(survey)
     }
 
-    /// Adds the samples of tone `f`.
-    fn add(&mut self, f: usize, n_f: usize, row: &[Complex32]) {
+    /// Adds the samples of tone `f` of a transmission.
+    fn add(&mut self, tx: usize, f: usize, n_f: usize, row: &[Complex32]) {
         for (r, m) in row.iter().enumerate() {
             self.microphones.add(r, *m);
             self.tones.add(f, *m);
+            self.sources.add(tx, *m);
             self.negative |= m.re < 0.0;
         }
-        for (column, r) in self.columns.chunks_exact_mut(n_f).zip(&self.chosen) {
+        let own = self.chosen.len() * n_f;
+        for (column, r) in self.columns[tx * own..][..own].chunks_exact_mut(n_f).zip(&self.chosen) {
             column[f] = if row[*r].is_finite() { row[*r] } else { Complex32::ZERO };
         }
     }
@@ -176,6 +217,7 @@ impl Survey {
             profile: None,
             noise: None,
             phase_sign: None,
+            transmissions: Vec::new(),
             no_profile: None,
         };
         self.drop_odd(&health.microphones, sweep.len());
@@ -184,33 +226,69 @@ impl Survey {
             Some(obstacle) => health.no_profile = Some(obstacle.to_owned()),
             None => self.profiles(instrument, &mut health),
         }
+        if instrument.transmissions() > 1 {
+            health.transmissions = self.of_each(instrument, health.no_profile.is_none());
+            let known = |each: &&TransmissionHealth| {
+                each.phase_sign.is_some_and(|sign| sign.likely != LikelySign::Unknown)
+            };
+            let told = health.transmissions.iter().find(known).or(health.transmissions.first());
+            health.phase_sign = told.and_then(|each| each.phase_sign);
+        }
         health
     }
 
     /// Drops the columns of microphones that are dead, loud, or lack a tenth of their samples or more: a single loud one
     /// would hide all others.
     fn drop_odd(&mut self, levels: &ChannelLevels, n_f: usize) {
-        let kept = |r: usize| levels.is_usual(r) && 10 * self.microphones.missing(r) < n_f as u64;
+        let kept = |r: usize| {
+            levels.is_usual(r) && 10 * self.microphones.missing(r) < (self.sources.len() * n_f) as u64
+        };
         let keep: Vec<bool> = self.chosen.iter().map(|r| kept(*r)).collect();
+        let n_tx = self.sources.len();
         let mut to = 0;
-        for (from, keep) in keep.iter().enumerate() {
+        for (from, keep) in (0..n_tx).flat_map(|_| &keep).enumerate() {
             if *keep {
                 self.columns.copy_within(from * n_f..(from + 1) * n_f, to * n_f);
-                self.chosen[to] = self.chosen[from];
                 to += 1;
             }
         }
-        self.chosen.truncate(to);
         self.columns.truncate(to * n_f);
+        let mut keep = keep.iter();
+        self.chosen.retain(|_| keep.next() == Some(&true));
     }
 
     fn profiles(&self, instrument: &Instrument, health: &mut Health) {
         let profile = profile::mean(instrument, &self.columns);
         health.noise = Some(profile::noise(&profile, &self.columns, instrument));
-        if health.detection == Detection::Quadrature {
+        if health.detection == Detection::Quadrature && instrument.transmissions() == 1 {
             health.phase_sign = Some(sign::judge(instrument, &profile, &self.chosen, &self.columns));
         }
         health.profile = Some(profile);
+    }
+
+    /// What there is of each loudspeaker.
+    fn of_each(&self, instrument: &Instrument, has_profile: bool) -> Vec<TransmissionHealth> {
+        let levels = self.sources.judge(&OddChannel::source);
+        let own = self.chosen.len() * instrument.sweep.len();
+        let each = |(tx, source): (usize, DVec3)| {
+            let mut health = TransmissionHealth {
+                source_m: source.to_array(),
+                rms: levels.rms[tx],
+                level_db: levels.level_db(tx),
+                noise: None,
+                phase_sign: None,
+            };
+            if has_profile {
+                let (instrument, columns) = (instrument.transmission(tx), &self.columns[tx * own..][..own]);
+                let profile = profile::mean(&instrument, columns);
+                health.noise = Some(profile::noise(&profile, columns, &instrument));
+                let has_sign = instrument.detection == Detection::Quadrature;
+                health.phase_sign =
+                    has_sign.then(|| sign::judge(&instrument, &profile, &self.chosen, columns));
+            }
+            health
+        };
+        instrument.sources().into_iter().enumerate().map(each).collect()
     }
 }
 

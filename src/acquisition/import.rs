@@ -8,10 +8,12 @@ mod axes;
 mod names;
 mod options;
 mod recordings;
+mod sources;
 mod table;
 #[cfg(test)]
 mod tests;
 mod touchstone;
+mod traces;
 
 pub use array::{ArrayName, MeanWord, RawOffset};
 pub use axes::ImportAxis;
@@ -31,18 +33,10 @@ use glam::DVec3;
 use num_complex::Complex32;
 use recordings::read_recordings;
 use serde_json::{Map, Value, json};
+use sources::{loudspeakers, read_each};
 use std::io::Read;
 use std::path::Path;
-
-/// The samples of one microphone.
-#[derive(Debug)]
-struct Trace {
-    /// Hz, where the file has them.
-    frequencies: Option<Vec<f64>>,
-    values: Vec<Complex32>,
-    /// Whether there are no imaginary parts.
-    real: bool,
-}
+use traces::read_traces;
 
 /// The microphones of an import.
 #[derive(Debug)]
@@ -94,8 +88,13 @@ fn text_of(path: &Path, limit: u64) -> Result<String> {
 }
 
 impl Positions {
-    /// Those of `[array]`.
+    /// Those of formulas or of `[array]`.
     fn typed(options: &ImportOptions) -> Result<Self> {
+        if let Some(formulas) = &options.formulas {
+            let array = formulas.microphones(&place_of_key("positions"), options.limit())?;
+            let [n_x, n_y] = formulas.count;
+            return Ok(Self { array, rows: Some([n_y, n_x]), from: "formulas" });
+        }
         let array = options.array.clone().ok_or_else(|| {
             let problem = "is missing: nothing says where the microphones were; give its count and its pitch or extent, a \
                            file of positions (layout = \"file\"), or `positions` in [import]";
@@ -191,20 +190,20 @@ fn positions_of(options: &ImportOptions, numpy: Option<&mut NumpyFiles>) -> Resu
     Positions::of(&place_of_key("positions"), &array.shape, &array.data)
 }
 
-/// NumPy files that hold all positions.
-fn read_arrays(options: &ImportOptions, guesses: &mut Vec<String>) -> Result<FileSamples> {
+/// NumPy files that hold all positions, and all of so many transmissions.
+fn read_arrays(options: &ImportOptions, n_tx: usize, guesses: &mut Vec<String>) -> Result<FileSamples> {
     let mut files = NumpyFiles::open(&options.samples, options.limit())?;
     let sweep = typed_frequencies(options, Some(&mut files))?;
     let sweep = sweep_of(options, sweep, None, "")?;
     let positions = positions_of(options, Some(&mut files))?;
     let raw = files.samples(options, guesses)?;
-    let n_f = sweep.0.len();
-    let layout = SampleOrder::new(&options.axes, &raw.shape, n_f, &positions, raw.may_have_planes());
+    let counts = [n_tx, sweep.0.len()];
+    let layout = SampleOrder::new(&options.axes, &raw.shape, counts, &positions, raw.may_have_planes());
     let layout = layout.map_err(|problem| Error::input(&raw.place, problem))?;
     if options.axes.is_empty() && raw.shape.len() > 1 {
         guesses.push(format!("axes = {}: the only ones of these lengths", words(&layout.axes)));
     }
-    let (samples, offset) = raw.samples(&layout, n_f, options.offset)?;
+    let (samples, offset) = raw.samples(&layout, options.offset)?;
     let mut facts = Map::new();
     facts.insert("arrays".into(), json!(raw.names));
     facts.insert("shape".into(), json!(raw.shape));
@@ -217,95 +216,23 @@ fn read_arrays(options: &ImportOptions, guesses: &mut Vec<String>) -> Result<Fil
     Ok(FileSamples { samples, real, sweep, positions, place: raw.place, phase_sign: None, facts })
 }
 
-/// The samples of one microphone, in a file of its own.
-fn read_trace(path: &Path, options: &ImportOptions) -> Result<Trace> {
-    let ending = extension(path);
-    if let Some(ports) = touchstone::ports(&ending) {
-        return touchstone::parse(
-            path,
-            &text_of(path, options.limit())?,
-            ports,
-            options.parameter.as_deref(),
-        );
+/// The samples of one loudspeaker, or of `n_tx` in an array of theirs.
+fn read(
+    options: &ImportOptions,
+    n_tx: usize,
+    guesses: &mut Vec<String>,
+    warnings: &mut Vec<String>,
+) -> Result<FileSamples> {
+    let all_are =
+        |endings: &[&str]| options.samples.iter().all(|path| endings.contains(&extension(path).as_str()));
+    let is_pattern = options.samples.first().is_some_and(|first| names::is_pattern(first));
+    if all_are(&["npy", "npz"]) && !is_pattern {
+        read_arrays(options, n_tx, guesses)
+    } else if all_are(&["wav"]) {
+        read_recordings(options, guesses, warnings)
+    } else {
+        read_traces(options, guesses)
     }
-    let unit = options.frequency_unit.hertz();
-    match ending.as_str() {
-        "csv" | "txt" => table::parse(path, &text_of(path, options.limit())?, &options.columns, unit),
-        _ => {
-            let problem =
-                "is of an unknown kind; .npy, .npz, .wav, Touchstone (.s1p, .s2p, ...) or .csv was expected";
-            Err(Error::input(path.display(), problem))
-        }
-    }
-}
-
-/// What the first of several files says, and the others must repeat.
-struct FirstTrace {
-    sweep: (Sweep, &'static str),
-    frequencies: Option<Vec<f64>>,
-    real: bool,
-}
-
-/// Files of one position each, in the order of the microphones.
-fn read_traces(options: &ImportOptions, guesses: &mut Vec<String>) -> Result<FileSamples> {
-    let (files, positions) = match &options.samples[..] {
-        [pattern] if names::is_pattern(pattern) => names::find(pattern, options, guesses)?,
-        files => {
-            let positions = positions_of(options, None)?;
-            if files.len() != positions.array.len() {
-                let problem = format!(
-                    "has {} files for {}; give one each, in the order of the microphones, or the pattern of their names",
-                    files.len(),
-                    positions.described()
-                );
-                return Err(Error::input(place_of_key("samples"), problem));
-            }
-            (files.to_vec(), positions)
-        }
-    };
-    let n_mic = files.len();
-    let typed = typed_frequencies(options, None)?;
-    let mut samples: Vec<Complex32> = Vec::new();
-    let mut known: Option<FirstTrace> = None;
-    for (mic, path) in files.iter().enumerate() {
-        let trace = read_trace(path, options)?;
-        let place = path.display().to_string();
-        if known.is_none() {
-            let sweep = sweep_of(options, typed.clone(), trace.frequencies.clone(), &place)?;
-            samples = DataCube::allocate([1, sweep.0.len(), n_mic])?;
-            known = Some(FirstTrace { sweep, frequencies: trace.frequencies.clone(), real: trace.real });
-        }
-        let Some(FirstTrace { sweep, frequencies, real }) = &known else { continue };
-        let same = |a: &f64, b: &f64| (a - b).abs() <= 1e-9 * a.abs();
-        let alike = match (frequencies, &trace.frequencies) {
-            (Some(a), Some(b)) => a.len() == b.len() && a.iter().zip(b).all(|(a, b)| same(a, b)),
-            (a, b) => a.is_none() && b.is_none(),
-        };
-        if !alike || *real != trace.real {
-            let problem = format!("has other frequencies or columns than {}", files[0].display());
-            return Err(Error::input(place, problem));
-        }
-        if trace.values.len() != sweep.0.len() {
-            let problem =
-                format!("has {} samples; {} has {} frequencies", trace.values.len(), sweep.1, sweep.0.len());
-            return Err(Error::input(place, problem));
-        }
-        trace.values.iter().enumerate().for_each(|(f, value)| samples[f * n_mic + mic] = *value);
-    }
-    let Some(FirstTrace { sweep, real, .. }) = known else {
-        return Err(Error::input(place_of_key("samples"), "names no files"));
-    };
-    let all_touchstone = files.iter().all(|path| touchstone::ports(&extension(path)).is_some());
-    let mut facts = Map::new();
-    if all_touchstone {
-        let default = if extension(&files[0]) == "s1p" { "S11" } else { "S21" };
-        if options.parameter.is_none() {
-            guesses.push(format!("parameter: {default}"));
-        }
-        facts.insert("parameter".into(), json!(options.parameter.as_deref().unwrap_or(default)));
-    }
-    let (place, phase_sign) = (place_of_key("samples"), all_touchstone.then_some(-1));
-    Ok(FileSamples { samples, real, sweep, positions, place, phase_sign, facts })
 }
 
 /// Reads a measurement from a laboratory's files.
@@ -314,7 +241,7 @@ fn read_traces(options: &ImportOptions, guesses: &mut Vec<String>) -> Result<Fil
 ///
 /// # Errors
 /// Missing, malformed or contradicting files; what nobody said and no file tells: frequencies, positions, an order of axes
-/// that is not the only one, the zero of unsigned numbers.
+/// that is not the only one, the zero of unsigned numbers, the places of loudspeakers; as many files as loudspeakers do not have.
 pub fn import(options: &ImportOptions) -> Result<Imported> {
     let (mut guesses, mut warnings) = (Vec::new(), Vec::new());
     let Some(first) = options.samples.first() else {
@@ -324,14 +251,11 @@ pub fn import(options: &ImportOptions) -> Result<Imported> {
     if first.is_dir() {
         return Err(names::refuse_folder(first));
     }
-    let all_are =
-        |endings: &[&str]| options.samples.iter().all(|path| endings.contains(&extension(path).as_str()));
-    let mut found = if all_are(&["npy", "npz"]) && !names::is_pattern(first) {
-        read_arrays(options, &mut guesses)?
-    } else if all_are(&["wav"]) {
-        read_recordings(options, &mut guesses, &mut warnings)?
+    let sources = loudspeakers(options)?;
+    let mut found = if sources::are_in_files(options, sources.len()) {
+        read_each(options, &sources, &mut guesses, &mut warnings)?
     } else {
-        read_traces(options, &mut guesses)?
+        read(options, sources.len().max(1), &mut guesses, &mut warnings)?
     };
     let detection = match (options.detection, found.real) {
         (Some(Detection::Quadrature), true) => {
@@ -364,15 +288,18 @@ pub fn import(options: &ImportOptions) -> Result<Imported> {
         guesses.push(format!("sound_speed = {DEFAULT_SOUND_SPEED}: air at 20 °C; radar has 299792458 m/s"));
         DEFAULT_SOUND_SPEED
     });
-    if options.geometry.is_none() {
+    if options.geometry.is_none() && sources.is_empty() {
         guesses.push("geometry: one speaker at the origin".to_owned());
     }
     let (sweep, frequencies_from) = found.sweep;
-    let instrument = Instrument::new(sweep, found.positions.array)
+    let mut instrument = Instrument::new(sweep, found.positions.array)
         .with_geometry(options.geometry.unwrap_or(Geometry::ORIGIN))
         .with_detection(detection)
         .with_sound_speed(sound_speed)
         .with_interface(options.interface);
+    if !sources.is_empty() {
+        instrument = instrument.with_sources(&sources)?;
+    }
     instrument.check()?;
     let mut facts = Map::new();
     facts.insert(

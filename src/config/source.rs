@@ -56,13 +56,15 @@ impl TypedKeys {
 const MAX_DEPTH: usize = 8;
 
 /// Pairs of keys that exclude each other: a `--set` of one withdraws the other.
-const EXCLUSIVE: [[&str; 2]; 8] = [
+const EXCLUSIVE: [[&str; 2]; 10] = [
     ["scene.mesh", "scene.parts"],
     ["scene.size", "scene.unit"],
     ["scene.size", "scene.scale"],
     ["scene.translate", "scene.fit"],
     ["array.pitch", "array.extent"],
     ["array.source", "array.sources"],
+    ["array.source", "import.sources"],
+    ["array.sources", "import.sources"],
     ["array.count", "array.elements"],
     ["medium.sound_speed", "medium.temperature"],
 ];

@@ -12,7 +12,7 @@ mod scene;
 
 pub use calibration::CalibrationTable;
 pub(in crate::config) use calibration::MEAN;
-pub use import::ImportTable;
+pub use import::{ImportTable, TypedFormulas, TypedPositions};
 pub use measurement::{ArrayTable, DetectionTable, MediumTable, SweepTable};
 pub use recording::{RecordingTable, ReferenceChannel};
 pub use results::{DepthTable, ExpectTable, GridTable, Limit, OutputTable, ReconstructTable, RefineTable};

@@ -3,6 +3,8 @@
 use crate::binary::{done, done_json, json, refused, run};
 use crate::named::assert_names;
 use holosonar::acquisition::DataCube;
+use holosonar::export::volume_npz::read_volume_npz;
+use num_complex::Complex32;
 use std::fmt::Write;
 use std::fs;
 use std::path::Path;
@@ -135,4 +137,141 @@ fn what_cannot_be_known_is_refused() {
     let mean = format!("import adc.npy -o a.npz {axes} {SWEEP} {ARRAY} --set import.offset=mean --json");
     let ran = run(path, &mean);
     assert_eq!(json(&ran.stdout)["offset"], 2048.0, "{}", ran.stderr);
+}
+
+/// Samples of a cube in single precision, for a header with this shape.
+fn save_samples(path: &Path, shape: &str, samples: &[Complex32]) {
+    let parts = samples.iter().flat_map(|m| [m.re, m.im]).flat_map(f32::to_le_bytes);
+    save(path, "<c8", shape, &parts.collect::<Vec<_>>());
+}
+
+/// Three speakers in one array, in files of their own and as a list of microphones' files: always the cube that was simulated.
+#[test]
+fn several_speakers_become_the_cube_that_was_simulated() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    fs::write(path.join("one.csv"), "x,y,z,amplitude\n0.02,-0.02,0.8,1\n").unwrap();
+    fs::write(path.join("speakers.csv"), "x,y,z\n0,0,0\n0.2,0,0\n0,-0.1,0.05\n").unwrap();
+    let sources = "--set array.sources=[[0,0,0],[0.2,0,0],[0,-0.1,0.05]]";
+    done(path, &format!("simulate one.csv -o cube.npz {SWEEP} {ARRAY} {sources}"));
+    let read = |name: &str| DataCube::read(&path.join(name), 1 << 24).unwrap();
+    let cube = read("cube.npz");
+    fs::write(path.join("lab.toml"), "[import]\nsamples = \"all.npy\"\n").unwrap();
+    save_samples(&path.join("all.npy"), "(3, 5, 5, 7)", &cube.samples);
+    for tx in 0..3 {
+        save_samples(&path.join(format!("s{tx}.npy")), "(5, 5, 7)", cube.transmission(tx));
+        fs::create_dir(path.join(format!("s{tx}"))).unwrap();
+        for mic in 0..35 {
+            let text = (0..5).fold("f,re,im\n".to_owned(), |text, f| {
+                let m = cube.transmission(tx)[f * 35 + mic];
+                text + &format!("{},{},{}\n", 10_000 + 500 * f, m.re, m.im)
+            });
+            fs::write(path.join(format!("s{tx}/m{mic}.csv")), text).unwrap();
+        }
+    }
+    let axes = |axes: &str| format!("--set import.axes={axes}");
+    let in_file = "--set import.sources=speakers.csv";
+    let lists = "--set import.samples=[\"s0.npy\",\"s1.npy\",\"s2.npy\"]";
+    let patterns = "--set import.samples=[\"s0/m{i}.csv\",\"s1/m{i}.csv\",\"s2/m{i}.csv\"]";
+    let list = "--set array.count=[35,1] --set array.pitch=0.02";
+    for (given, said) in [
+        (format!("{sources} {ARRAY} {}", axes("[\"tx\",\"f\",\"y\",\"x\"]")), ""),
+        (format!("{in_file} {ARRAY} {}", axes("[\"tx\",\"f\",\"y\",\"x\"]")), ""),
+        (format!("{sources} {ARRAY} {lists} {}", axes("[\"f\",\"y\",\"x\"]")), "1 of them for each speaker"),
+        (format!("{in_file} {ARRAY} {lists} {}", axes("[\"f\",\"y\",\"x\"]")), "1 of them for each speaker"),
+        (format!("{in_file} {list} {patterns}"), "1 of them for each speaker"),
+    ] {
+        let facts = done_json(path, &format!("import lab.toml -o again.npz {SWEEP} {given}"));
+        let again = read("again.npz");
+        assert_eq!(again.samples, cube.samples, "{given}");
+        assert_eq!(again.instrument.sources(), cube.instrument.sources());
+        assert_eq!((&facts["speakers"], &facts["sources_m"][2]), (&3.into(), &json("[0.0, -0.1, 0.05]")));
+        assert!(facts["guesses"].to_string().contains(said), "{facts}");
+        if !given.contains("m{i}") {
+            assert_eq!(again.instrument, cube.instrument);
+        }
+    }
+    let grid = "--set grid.x=[-0.04,0.04] --set grid.y=[-0.04,0.04] --set grid.z=[0.75,0.85] --set grid.pitch=[0.01,0.01,0.01]";
+    done(
+        path,
+        &format!(
+            "import all.npy -o again.npz {SWEEP} {ARRAY} {in_file} {}",
+            axes("[\"tx\",\"f\",\"y\",\"x\"]")
+        ),
+    );
+    done(path, &format!("reconstruct again.npz -o again_v.npz -q {grid}"));
+    done(path, &format!("reconstruct cube.npz -o cube_v.npz -q {grid}"));
+    let volume = |name: &str| read_volume_npz(&path.join(name), 1 << 24).unwrap().0;
+    assert_eq!(volume("again_v.npz"), volume("cube_v.npz"));
+}
+
+#[test]
+fn speakers_and_samples_must_agree() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    for (name, shape, count) in
+        [("all.npy", "(3, 5, 5, 7)", 525), ("a.npy", "(5, 5, 7)", 175), ("b.npy", "(4, 5, 7)", 140)]
+    {
+        save_samples(&path.join(name), shape, &vec![Complex32::ONE; count]);
+    }
+    fs::write(path.join("none.csv"), "x,y,z\n").unwrap();
+    fs::write(path.join("lab.toml"), "[import]\nsamples = \"all.npy\"\n").unwrap();
+    save(&path.join("flat.npy"), "<f8", "(3, 2)", &[0; 48]);
+    let all = "--set import.axes=[\"tx\",\"f\",\"y\",\"x\"]";
+    let one = "--set import.axes=[\"f\",\"y\",\"x\"]";
+    let two = "--set array.sources=[[0,0,0],[1,0,0]]";
+    let three = "--set array.sources=[[0,0,0],[1,0,0],[0,1,0]]";
+    for (given, parts) in [
+        (all.to_owned(), vec!["[import] axes", "\"tx\"", "where the speakers were", "[array]"]),
+        (format!("{all} {two}"), vec!["all.npy", "\"tx\"", "3 long", "2 was expected"]),
+        (format!("{one} {three}"), vec!["all.npy", "[3, 5, 5, 7]", "names 3 axes"]),
+        (two.to_owned(), vec!["all.npy", "2 loudspeakers", "5 frequencies"]),
+        (
+            format!("{one} {three} --set import.samples=a.npy"),
+            vec!["a.npy", "no axis \"tx\"", "3 loudspeakers", "files"],
+        ),
+        (format!("{one} {two} --set import.samples=[\"a.npy\",\"b.npy\"]"), vec!["b.npy", "\"f\"", "4 long"]),
+        (
+            format!("{three} --set import.samples=[\"a.csv\",\"b.csv\"]"),
+            vec!["[import] samples", "2 files", "3 speakers"],
+        ),
+        (format!("{all} --set array.geometry=monostatic"), vec!["[array] geometry", "scan", "\"tx\""]),
+        (format!("{all} --set import.sources=none.csv"), vec!["none.csv"]),
+        (format!("{all} --set import.sources=flat.npy"), vec!["[import] sources", "[3, 2]", "[n, 3]"]),
+        (format!("{all} --set import.sources=speakers"), vec!["[import] sources", ".npz", ".csv"]),
+    ] {
+        refused(path, &format!("import lab.toml -o x.npz {SWEEP} {ARRAY} {given}"), 2, &parts);
+    }
+    assert!(!path.join("x.npz").exists());
+    let text = "[import]\nsamples = \"all.npy\"\nsources = \"s.csv\"\n[array]\nsource = [1, 0, 0]\n";
+    fs::write(path.join("both.toml"), text).unwrap();
+    refused(path, "import both.toml -o x.npz", 2, &["[import] sources", "array.source", "keep one"]);
+}
+
+#[test]
+fn positions_by_formulas_are_those_of_the_array() {
+    let (folder, cube) = workplace();
+    let path = folder.path();
+    save_samples(&path.join("scan.npy"), "(5, 5, 7)", &cube.samples);
+    let formulas = |y: &str| format!("--set import.positions={{x=\"0.02*(ix-3)\",y=\"{y}\"}}");
+    let import = |y: &str, more: &str| {
+        let axes = "--set import.axes=[\"f\",\"y\",\"x\"]";
+        format!("import scan.npy -o again.npz {SWEEP} {axes} {more} {}", formulas(y))
+    };
+    let facts = done_json(path, &import("0.02*iy-0.04", "--set array.count=[7,5]"));
+    assert_eq!(facts["positions_from"], "formulas");
+    let again = DataCube::read(&path.join("again.npz"), 1 << 24).unwrap();
+    assert_eq!(again.samples, cube.samples);
+    let [own, found] = [&cube, &again].map(|cube| cube.instrument.array.clone());
+    assert!(found.lattice().is_some());
+    assert!(own.positions().iter().zip(found.positions()).all(|(a, b)| a.distance(*b) < 1e-15));
+    for (y, more, parts) in [
+        ("0.02*iz", "--set array.count=[7,5]", ["formula of y", "`iz`", "ix, iy"]),
+        ("0.02*", "--set array.count=[7,5]", ["formula of y", "no formula", ""]),
+        ("1/iy", "--set array.count=[7,5]", ["[import] positions", "inf", "iy = 0"]),
+        ("iy", "", ["[import] positions", "count", "[array]"]),
+        ("iy", ARRAY, ["[import] positions", "array.pitch", "keep one"]),
+    ] {
+        refused(path, &import(y, more), 2, &parts);
+    }
 }

@@ -115,9 +115,13 @@ const TOUCHSTONE: &str = "! VNA\n# kHz S DB R 50\n10 -40 1 -3 20 -3 20 -40 2 ! f
 
 /// A run file of an import.
 const IMPORT: &str = "[import]\nsamples = [\"a.npy\", \"b.npy\"]\narrays = [0, \"Q\"]\naxes = [\"x\", \"y\", \"f\", \"iq\"]\n\
-    offset = [2048, 2050.5]\nfrequencies = \"f\"\nfrequency_unit = \"kHz\"\npositions = \"mics.npy\"\nname_unit = \"mm\"\n\
+    offset = [2048, 2050.5]\nfrequencies = \"f\"\nfrequency_unit = \"kHz\"\npositions = \"mics.npy\"\nsources = \"s.csv\"\nname_unit = \"mm\"\n\
     parameter = \"S21\"\ncolumns = [\"f\", \"-\", \"db\", \"deg\"]\nphase_sign = -1\n[recording]\nsignal = \"broadband\"\nreference = \"sent.wav\"\n\
     microphones = [2, 1]\nlatency = \"direct\"\nresponse = 0.05\nformat = \"int16\"\ndwell = 1\nsettling = 0.5\n";
+
+/// One whose positions are formulas.
+const FORMULAS: &str = "[import]\nsamples = \"a.npy\"\npositions = { x = \"0.003 * ix\", y = \"-(iy - 2)*1e-2 + sin(2*pi*i/8)\", z = \"sqrt(i + 1) / 4 ^ 2\" }\n\
+    [array]\ncount = [3, 2]\n";
 
 /// A run file of several meshes.
 const PARTS: &str = "[scene]\nfit = [0, 0, 1.5]\n[[scene.parts]]\nmesh = \"a.obj\"\nunit = \"mm\"\nname = \"cup\"\nmaterial = \"glass\"\n\
@@ -161,6 +165,7 @@ fn parsers() -> Vec<Parser> {
         text("trace.csv", "f,db,deg\n10000,-3.5,20\n10100,-4,-170\n10200,-80,0\n"),
         text("vna.s2p", TOUCHSTONE),
         text("import.toml", IMPORT),
+        text("formulas.toml", FORMULAS),
         npy("samples.npy", "<f4", "(3, 2, 5, 2)", 240),
         npy("raw.npy", ">u2", "(5, 6)", 60),
         Original { bytes: letter_glb(), ..text("f.glb", "") },

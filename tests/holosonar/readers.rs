@@ -119,7 +119,14 @@ fn samples(path: &Path, _: &LoadOptions) -> Vec<Result<()>> {
     many.offset = Some(RawOffset::Mean(MeanWord::Mean));
     let mut typed = many.clone();
     typed.axes = vec![ImportAxis::X, ImportAxis::Y, ImportAxis::Frequency, ImportAxis::Plane];
-    [one, many, typed].iter().map(|options| import(options).map(drop)).collect()
+    let mut several = many.clone();
+    several.sources = vec![DVec3::ZERO, DVec3::X, DVec3::Y];
+    several.axes =
+        vec![ImportAxis::Transmission, ImportAxis::Microphone, ImportAxis::Frequency, ImportAxis::Plane];
+    several.array = Some(MicArray::rectangular([2, 1], [0.02; 2], DVec3::ZERO).unwrap());
+    several.source_file =
+        Some(path.to_owned()).filter(|path| path.extension().is_some_and(|end| end == "csv"));
+    [one, many, typed, several].iter().map(|options| import(options).map(drop)).collect()
 }
 
 /// Tones and a broadband signal with a reference, and all channels with none.

@@ -43,10 +43,13 @@ impl MicArray {
     /// # Errors
     /// As [`MicArray::read`]; more positions than fit.
     pub fn read_within(path: &Path, memory: Option<u64>) -> Result<Self> {
-        let positions =
-            if extension(path) == "xml" { read_xml(path, memory)? } else { read_csv(path, memory)? };
-        Self::from_positions(positions).map_err(|error| error.at(path.display()))
+        Self::from_positions(read_positions(path, memory)?).map_err(|error| error.at(path.display()))
     }
+}
+
+/// Positions in m of a `.csv` or `.xml` file, in its order.
+pub(in crate::acquisition) fn read_positions(path: &Path, memory: Option<u64>) -> Result<Vec<DVec3>> {
+    if extension(path) == "xml" { read_xml(path, memory) } else { read_csv(path, memory) }
 }
 
 fn read_csv(path: &Path, memory: Option<u64>) -> Result<Vec<DVec3>> {

@@ -1,8 +1,8 @@
 //! What is there without the scene.
 
 use super::silence;
-use crate::acquisition::cube::check_finite;
-use crate::acquisition::{CubeFile, DataCube};
+use crate::acquisition::cube::check_all_finite;
+use crate::acquisition::{CubeFile, DataCube, Instrument};
 use crate::error::{Error, Result};
 use crate::progress::{Observer, advance};
 use glam::DVec3;
@@ -12,7 +12,7 @@ use std::path::PathBuf;
 /// What is subtracted of the samples.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Background {
-    /// A cube of the same instrument without the scene, whose tones may have drifted by up to 20 % since.
+    /// A cube of the same instrument, and the same loudspeakers, without the scene, whose tones may have drifted by up to 20 % since.
     Cube(PathBuf),
     /// The mean over the microphones, frequency by frequency: leakage that is the same in all of them.
     Mean,
@@ -54,17 +54,21 @@ impl Background {
                 if r.len() != s.len() || !r.iter().zip(s).all(|(a, b)| a.distance(*b) < SAME_PLACE) {
                     return differ("microphones");
                 }
-                if other.transmissions() != 1 {
+                let [s, t] = [own, other].map(Instrument::sources);
+                let several = s.len().max(t.len()) > 1;
+                if s.len() != t.len()
+                    || (several && !s.iter().zip(&t).all(|(a, b)| a.distance(*b) < SAME_PLACE))
+                {
                     return differ("loudspeakers");
                 }
                 if own.detection != other.detection {
                     return differ("samples, in phase or in quadrature,");
                 }
                 silence(&mut empty, masked, 0.0);
-                check_finite(&format!("{place}, array `samples`"), 0, n_mic, &empty.samples)?;
+                check_all_finite(&format!("{place}, array `samples`"), &empty.instrument, &empty.samples)?;
                 let rows = cube.samples.chunks_exact_mut(n_mic).zip(empty.samples.chunks_exact(n_mic));
                 let drift: f64 = rows.map(|(row, empty)| subtract_drifting(row, empty)).sum();
-                let drift = 100.0 * (drift / own.sweep.len() as f64).sqrt();
+                let drift = 100.0 * (drift / (own.transmissions() * own.sweep.len()) as f64).sqrt();
                 format!("background {place} with a drift of {drift:.1} % subtracted")
             }
         };

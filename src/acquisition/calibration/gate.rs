@@ -60,23 +60,36 @@ pub(super) fn keep(cube: &mut DataCube, paths: [f64; 2]) -> Result<String> {
     // Of a gate much narrower than a cell little is left of anything; its edges are not raised beyond that.
     let ends: Vec<f64> = unit.iter().map(|left| left.norm().max(LEAST_LEFT)).collect();
     let before = power(&cube.samples);
-    let samples = &cube.samples;
+    for samples in cube.samples.chunks_exact_mut(n_f * n_mic) {
+        gate_transmission(samples, n_mic, is_real, &ends, &gated);
+    }
+    Ok(format!("paths from {from} to {to} m kept, {}", change(before, power(&cube.samples))))
+}
+
+/// Gates the samples of one transmission, `[n_f, n_mic]`.
+fn gate_transmission(
+    samples: &mut [Complex32],
+    n_mic: usize,
+    is_real: bool,
+    ends: &[f64],
+    gated: &(impl Fn(&mut Vec<Complex64>) + Sync),
+) {
+    let shared = &*samples;
     let columns: Vec<Vec<Complex32>> = (0..n_mic)
         .into_par_iter()
         .map(|r| {
-            let own = samples[r..].iter().step_by(n_mic);
+            let own = shared[r..].iter().step_by(n_mic);
             let mut column: Vec<Complex64> = own.map(|m| Complex64::new(m.re.into(), m.im.into())).collect();
             gated(&mut column);
-            let raised = column.iter().zip(&ends).map(|(m, end)| m / end);
+            let raised = column.iter().zip(ends).map(|(m, end)| m / end);
             raised.map(|m| Complex32::new(m.re as f32, m.im as f32)).collect()
         })
         .collect();
     for (r, column) in columns.iter().enumerate() {
         for (f, m) in column.iter().enumerate() {
-            cube.samples[f * n_mic + r] = if is_real { Complex32::new(m.re, 0.0) } else { *m };
+            samples[f * n_mic + r] = if is_real { Complex32::new(m.re, 0.0) } else { *m };
         }
     }
-    Ok(format!("paths from {from} to {to} m kept, {}", change(before, power(&cube.samples))))
 }
 
 /// The least share of an echo that the ends of the band are taken to keep.

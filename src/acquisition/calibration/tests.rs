@@ -284,3 +284,69 @@ fn responses_of_tones_are_read_of_tables_and_arrays() {
     }
     assert!(ChannelResponse::read(Path::new("none.npz"), 1).is_err());
 }
+
+/// Every correction of several loudspeakers is that of each alone.
+#[test]
+fn several_speakers_are_corrected_like_each_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let sources = [DVec3::ZERO, DVec3::X * 0.3];
+    let of = |places: &[DVec3], sources: &[DVec3]| {
+        let instrument = echoes_of(places).instrument.with_sources(sources).unwrap();
+        let scene = Reflectors::new(places.to_vec(), vec![Complex32::ONE; places.len()]).unwrap();
+        simulate(&scene, &instrument, &SimulateOptions::default()).unwrap()
+    };
+    let both = of(&[TARGET, DVec3::new(-0.2, 0.1, 0.7)], &sources);
+    let path = |name: &str| folder.path().join(name);
+    of(&[DVec3::new(-0.2, 0.1, 0.7)], &sources).write(&path("empty.npz")).unwrap();
+    ChannelResponse::measure(&echoes_of(&[TARGET]), TARGET * 1.1, ResponseAxis::Both)
+        .unwrap()
+        .write(&path("response.npz"))
+        .unwrap();
+    for (tx, source) in sources.iter().enumerate() {
+        of(&[DVec3::new(-0.2, 0.1, 0.7)], &[*source]).write(&path(&format!("empty{tx}.npz"))).unwrap();
+    }
+    let all = Calibration {
+        mask: ChannelMask::Listed(vec![2, 7]),
+        background: Some(Background::Cube(path("empty.npz"))),
+        high_pass: Some(0.1),
+        response: Some(path("response.npz")),
+        delay: 0.1,
+        gate: Some([1.5, 3.0]),
+        tilt: [1.0, -2.0],
+        ..none()
+    };
+    let mut together = both.clone();
+    all.apply(&mut together, &Silent).unwrap();
+    for (tx, source) in sources.iter().enumerate() {
+        let instrument = both.instrument.clone().with_sources(&[*source]).unwrap();
+        let mut alone = DataCube::new(instrument, both.transmission(tx).to_vec()).unwrap();
+        let background = Some(Background::Cube(path(&format!("empty{tx}.npz"))));
+        Calibration { background, ..all.clone() }.apply(&mut alone, &Silent).unwrap();
+        assert_eq!(together.transmission(tx), &alone.samples, "{tx}");
+        assert_eq!(together.instrument.array, alone.instrument.array);
+    }
+    // A background of one of them, or of other places, is none.
+    let of_one = Calibration { background: Some(Background::Cube(path("empty0.npz"))), ..none() };
+    assert_names(
+        of_one.apply(&mut both.clone(), &Silent).unwrap_err().to_string(),
+        &["empty0.npz", "loudspeakers"],
+    );
+    let mut elsewhere = both.clone();
+    elsewhere.instrument = elsewhere.instrument.with_sources(&[DVec3::ZERO, DVec3::Y]).unwrap();
+    let moved = Calibration { background: Some(Background::Cube(path("empty.npz"))), ..none() };
+    assert_names(
+        moved.apply(&mut elsewhere, &Silent).unwrap_err().to_string(),
+        &["empty.npz", "loudspeakers"],
+    );
+    // A microphone that is lost with one of them is masked with all.
+    let mut lost = both.clone();
+    let half = lost.samples.len() / 2;
+    lost.samples[half + 5] = Complex32::new(f32::NAN, 0.0);
+    assert_names(
+        none().apply(&mut lost.clone(), &Silent).unwrap_err().to_string(),
+        &["loudspeaker 1", "microphone 5"],
+    );
+    let auto = Calibration { mask: ChannelMask::Found(AutoWord::Auto), ..none() };
+    auto.apply(&mut lost, &Silent).unwrap();
+    assert!((0..2).all(|tx| lost.transmission(tx).iter().skip(5).step_by(63).all(|m| *m == Complex32::ZERO)));
+}

@@ -7,10 +7,10 @@ use num_complex::Complex32;
 use serde::Serialize;
 
 /// A channel this far below the median is dead, dB.
-const DEAD_DB: f64 = -40.0;
+pub(super) const DEAD_DB: f64 = -40.0;
 
 /// A channel this far above the median is loud, dB.
-const LOUD_DB: f64 = 20.0;
+pub(super) const LOUD_DB: f64 = 20.0;
 
 /// How many channels of a kind are named.
 const NAMED: usize = 8;
@@ -73,6 +73,11 @@ impl OddChannel {
         Self { position_m: Some(position.to_array()), ..Self::at(index) }
     }
 
+    /// One of several loudspeakers.
+    pub(super) fn source(index: usize) -> Self {
+        Self::at(index)
+    }
+
     pub(super) fn tone(index: usize, frequency: f64) -> Self {
         Self { frequency_hz: Some(frequency), ..Self::at(index) }
     }
@@ -112,6 +117,11 @@ impl ChannelSums {
         } else {
             self.missing[channel] += 1;
         }
+    }
+
+    /// How many channels there are.
+    pub(super) fn len(&self) -> usize {
+        self.missing.len()
     }
 
     /// How many samples of a channel are not finite.

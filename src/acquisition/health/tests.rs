@@ -169,3 +169,36 @@ fn cubes_of_zeros_offsets_few_or_uneven_tones_are_told() {
     let found = Health::of(&mut &noisy, 4 * 8 * 151 * 10, &Silent).unwrap();
     assert_eq!((found.profiled_microphones, found.microphones.rms.len()), (10, 120));
 }
+
+#[test]
+fn several_speakers_are_examined_together_and_each() {
+    let sources = [DVec3::ZERO, DVec3::X * 0.3, DVec3::Y * 0.2];
+    let one = instrument(Detection::Quadrature);
+    let several = one.clone().with_sources(&sources).unwrap();
+    let mut cube = cube(&several, Some(20.0));
+    scale(&mut cube, 3, 0.0);
+    let size = cube.samples.len() / 3;
+    // The second is conjugated, the third 30 dB weaker.
+    cube.samples[size..2 * size].iter_mut().for_each(|m| *m = m.conj());
+    cube.samples[2 * size..].iter_mut().for_each(|m| *m *= 0.03);
+    let found = health(&cube);
+    assert_eq!((found.microphones.dead.count, found.microphones.dead.first[0].index), (1, 3));
+    assert_eq!((found.tones.count, found.profiled_microphones, found.transmissions.len()), (151, 119, 3));
+    assert_eq!(found.phase_sign.unwrap().likely, LikelySign::Declared);
+    for (tx, each) in found.transmissions.iter().enumerate() {
+        let instrument = one.clone().with_sources(&sources[tx..=tx]).unwrap();
+        let alone = health(&DataCube::new(instrument, cube.transmission(tx).to_vec()).unwrap());
+        assert_eq!((each.phase_sign, each.noise), (alone.phase_sign, alone.noise), "{tx}");
+        assert_eq!(each.source_m, sources[tx].to_array());
+        assert!(!each.is_loud() && !each.is_dead());
+    }
+    let sign = |tx: usize| found.transmissions[tx].phase_sign.unwrap().likely;
+    assert_eq!(
+        [sign(0), sign(1), sign(2)],
+        [LikelySign::Declared, LikelySign::Opposite, LikelySign::Declared]
+    );
+    let level = found.transmissions[2].level_db.unwrap();
+    assert!((level + 30.5).abs() < 1.0, "{level}");
+    cube.samples[2 * size..].fill(Complex32::ZERO);
+    assert!(health(&cube).transmissions[2].is_dead());
+}

@@ -170,7 +170,7 @@ impl NumpyFiles {
             });
             return chosen.collect();
         }
-        let used = [&options.frequencies, &options.positions];
+        let used = [&options.frequencies, &options.positions, &options.source_file];
         let is_used = |name: &str| used.iter().any(|used| used.as_deref() == Some(Path::new(name)));
         let free: Vec<usize> =
             (0..self.candidates.len()).filter(|i| !is_used(&self.candidates[*i].name)).collect();
@@ -265,14 +265,13 @@ impl RawSamples {
         }
     }
 
-    /// The samples, `[n_f, n_mic]`, and what was subtracted.
+    /// The samples, `[n_tx, n_f, n_mic]`, and what was subtracted.
     ///
     /// # Errors
     /// Samples that do not fit in memory, axes that contradict the arrays.
     pub(super) fn samples(
         &self,
         layout: &SampleOrder,
-        n_f: usize,
         offset: Option<RawOffset>,
     ) -> Result<(Vec<Complex32>, Option<[f64; 2]>)> {
         if layout.to_q().is_some() && !self.may_have_planes() {
@@ -281,7 +280,7 @@ impl RawSamples {
         }
         let means = || {
             let (mut sum, mut count) = ([0.0; 2], 0.0);
-            layout.visit(n_f, |at| {
+            layout.visit(|at| {
                 let parts = self.parts(layout, at);
                 sum = [sum[0] + parts[0], sum[1] + parts[1]];
                 count += 1.0;
@@ -301,7 +300,7 @@ impl RawSamples {
                 .ok_or_else(|| {
                     Error::out_of_memory(format!("{} does not fit in memory twice", self.place))
                 })?;
-        layout.visit(n_f, |at| {
+        layout.visit(|at| {
             let [i, q] = self.parts(layout, at);
             let value = Complex64::new(i - i_zero, q - q_zero);
             samples.push(Complex32::new(value.re as f32, value.im as f32));

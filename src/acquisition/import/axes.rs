@@ -7,6 +7,8 @@ use std::fmt::Write;
 choice! {
     /// What an axis of an array is.
     pub enum ImportAxis: "axis" {
+        /// Loudspeakers, one after another.
+        Transmission = "tx",
         /// Frequencies.
         Frequency = "f",
         /// Columns of microphones.
@@ -22,7 +24,8 @@ choice! {
     }
 }
 
-/// Axes that make a cube, in any order and with or without [`ImportAxis::Plane`].
+/// Axes that make a cube, in any order and with or without [`ImportAxis::Plane`]; of several loudspeakers with
+/// [`ImportAxis::Transmission`].
 const SETS: [&[ImportAxis]; 5] = [
     &[ImportAxis::Frequency, ImportAxis::Y, ImportAxis::X],
     &[ImportAxis::Frequency, ImportAxis::Microphone],
@@ -38,46 +41,52 @@ pub(super) struct SampleOrder {
     strides: Vec<usize>,
     /// Rows and columns of microphones; of a list of them one row.
     rows: [usize; 2],
+    /// Transmissions and frequencies.
+    counts: [usize; 2],
     /// Whether the array has axes x or y, rather than a list of microphones.
     in_rows: bool,
 }
 
 impl SampleOrder {
-    /// The layout of an array of this shape for `n_f` frequencies and these microphones.
+    /// The layout of an array of this shape for so many transmissions and frequencies, and these microphones.
     ///
     /// # Errors
     /// Axes that do not suit the shape, or the shape the measurement; without axes, several or none that do.
     pub(super) fn new(
         typed: &[ImportAxis],
         shape: &[usize],
-        n_f: usize,
+        counts: [usize; 2],
         positions: &Positions,
         may_have_planes: bool,
     ) -> Result<Self, String> {
         if !typed.is_empty() {
-            return Self::of(typed, shape, n_f, positions);
+            return Self::of(typed, shape, counts, positions);
         }
-        // A cube has four axes at most; single ones come on top.
-        let open: Vec<usize> = if shape.len() > 4 { Vec::new() } else { (0..shape.len()).collect() };
+        let [n_tx, n_f] = counts;
+        // A cube of one loudspeaker has four axes at most; single ones come on top.
+        let most = if n_tx > 1 { 5 } else { 4 };
+        let open: Vec<usize> = if shape.len() > most { Vec::new() } else { (0..shape.len()).collect() };
         let mut found: Vec<Self> = Vec::new();
         let mut orders = Vec::new();
         permute(&open, &mut Vec::new(), &mut orders);
         for set in SETS {
             for plane in [false, true] {
                 let mut labels = set.to_vec();
+                labels.extend((n_tx > 1).then_some(ImportAxis::Transmission));
                 labels.extend((plane && may_have_planes).then_some(ImportAxis::Plane));
                 labels.resize(labels.len().max(shape.len()), ImportAxis::Single);
                 for order in orders.iter().filter(|order| order.len() == labels.len()) {
                     let axes: Vec<ImportAxis> = order.iter().map(|i| labels[*i]).collect();
-                    if let Ok(layout) = Self::of(&axes, shape, n_f, positions)
-                        && !found.iter().any(|other| other.places(n_f) == layout.places(n_f))
+                    if let Ok(layout) = Self::of(&axes, shape, counts, positions)
+                        && !found.iter().any(|other| other.places() == layout.places())
                     {
                         found.push(layout);
                     }
                 }
             }
         }
-        let known = format!("{n_f} frequencies and {}", positions.described());
+        let of_sources = if n_tx > 1 { format!("{n_tx} loudspeakers, ") } else { String::new() };
+        let known = format!("{of_sources}{n_f} frequencies and {}", positions.described());
         match found.len() {
             1 => Ok(found.remove(0)),
             0 => Err(format!(
@@ -98,7 +107,13 @@ impl SampleOrder {
     }
 
     /// The layout for these axes.
-    fn of(axes: &[ImportAxis], shape: &[usize], n_f: usize, positions: &Positions) -> Result<Self, String> {
+    fn of(
+        axes: &[ImportAxis],
+        shape: &[usize],
+        counts: [usize; 2],
+        positions: &Positions,
+    ) -> Result<Self, String> {
+        let [n_tx, n_f] = counts;
         let all = words(axes);
         if axes.len() != shape.len() {
             return Err(format!("has the shape {shape:?}, and axes = {all} names {} axes", axes.len()));
@@ -109,9 +124,12 @@ impl SampleOrder {
         if let Some((_, axis)) = twice {
             return Err(format!("cannot have the axis \"{axis}\" twice, as in axes = {all}"));
         }
-        for (axis, expected) in
-            [(ImportAxis::Plane, 2), (ImportAxis::Single, 1), (ImportAxis::Frequency, n_f)]
-        {
+        for (axis, expected) in [
+            (ImportAxis::Plane, 2),
+            (ImportAxis::Single, 1),
+            (ImportAxis::Frequency, n_f),
+            (ImportAxis::Transmission, n_tx),
+        ] {
             let mut wrong = axes.iter().zip(shape).filter(|(a, n)| **a == axis && **n != expected);
             if let Some((_, n)) = wrong.next() {
                 return Err(format!(
@@ -121,6 +139,12 @@ impl SampleOrder {
         }
         if n_f != 1 && length(ImportAxis::Frequency).is_none() {
             return Err(format!("has no axis \"f\" in axes = {all}, and there are {n_f} frequencies"));
+        }
+        if n_tx != 1 && length(ImportAxis::Transmission).is_none() {
+            return Err(format!(
+                "has no axis \"tx\" in axes = {all}, and there are {n_tx} loudspeakers; name it, or give as many files for each \
+                 of them, in their order"
+            ));
         }
         let (x, y) = (length(ImportAxis::X), length(ImportAxis::Y));
         let mic = length(ImportAxis::Microphone);
@@ -144,13 +168,19 @@ impl SampleOrder {
         for i in (1..shape.len()).rev() {
             strides[i - 1] = strides[i].saturating_mul(shape[i]);
         }
-        Ok(Self { axes: axes.to_vec(), strides, rows, in_rows })
+        Ok(Self { axes: axes.to_vec(), strides, rows, counts, in_rows })
     }
 
     /// What decides where every sample is, however axes of length 1 are called.
-    fn places(&self, n_f: usize) -> ([usize; 3], [usize; 2], Option<usize>) {
+    fn places(&self) -> ([usize; 4], [usize; 2], Option<usize>) {
         let x = if self.in_rows { ImportAxis::X } else { ImportAxis::Microphone };
-        let axes = [(ImportAxis::Frequency, n_f), (ImportAxis::Y, self.rows[0]), (x, self.rows[1])];
+        let [n_tx, n_f] = self.counts;
+        let axes = [
+            (ImportAxis::Transmission, n_tx),
+            (ImportAxis::Frequency, n_f),
+            (ImportAxis::Y, self.rows[0]),
+            (x, self.rows[1]),
+        ];
         let strides = axes.map(|(axis, n)| if n == 1 { 0 } else { self.stride(axis) });
         (strides, self.rows, self.to_q())
     }
@@ -164,14 +194,16 @@ impl SampleOrder {
         self.axes.contains(&ImportAxis::Plane).then(|| self.stride(ImportAxis::Plane))
     }
 
-    /// Passes the place of every sample, `[n_f, n_mic]`, to `take`.
-    pub(super) fn visit(&self, n_f: usize, mut take: impl FnMut(usize)) {
-        let f_stride = self.stride(ImportAxis::Frequency);
+    /// Passes the place of every sample, `[n_tx, n_f, n_mic]`, to `take`.
+    pub(super) fn visit(&self, mut take: impl FnMut(usize)) {
         let along_x = if self.in_rows { ImportAxis::X } else { ImportAxis::Microphone };
+        let (tx_stride, f_stride) =
+            (self.stride(ImportAxis::Transmission), self.stride(ImportAxis::Frequency));
         let (x_stride, y_stride) = (self.stride(along_x), self.stride(ImportAxis::Y));
-        for f in 0..n_f {
+        let [n_tx, n_f] = self.counts;
+        for tone in (0..n_tx).flat_map(|tx| (0..n_f).map(move |f| tx * tx_stride + f * f_stride)) {
             for y in 0..self.rows[0] {
-                let row = f * f_stride + y * y_stride;
+                let row = tone + y * y_stride;
                 (0..self.rows[1]).for_each(|x| take(row + x * x_stride));
             }
         }

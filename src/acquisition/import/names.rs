@@ -133,6 +133,10 @@ pub(super) fn find(
     if !(has(0) || has(1)) {
         return by_index(&found, folder, options, guesses, &refuse);
     }
+    if options.formulas.is_some() {
+        let problem = "are given by formulas and by the numbers in the files' names; keep one of them, or name files by {ix} and {iy}";
+        return Err(Error::input(place_of_key("positions"), problem));
+    }
     let unit = options.name_unit.ok_or_else(|| {
         let problem = "is missing: the numbers in the files' names have no unit; give m, cm, mm, in or ft";
         Error::input(place_of_key("name_unit"), problem)

@@ -1,7 +1,7 @@
 //! What an import is told, and what it gives.
 
 use super::{ArrayName, ImportAxis, RawOffset, TraceColumn};
-use crate::acquisition::{DataCube, Detection, MicArray, RecordingOptions, Sweep};
+use crate::acquisition::{DataCube, Detection, MicArray, PositionFormulas, RecordingOptions, Sweep};
 use crate::choice::choice;
 use crate::scene::Unit;
 use crate::wave::{Geometry, Interface};
@@ -54,6 +54,8 @@ pub struct ImportOptions {
     pub frequency_unit: FrequencyUnit,
     /// Name of an array in the samples' `.npz`, or a `.npy` file: `[n, 3]` or `[n_y, n_x, 3]`, m.
     pub positions: Option<PathBuf>,
+    /// Formulas of the positions, instead of [`ImportOptions::positions`] and [`ImportOptions::array`].
+    pub formulas: Option<PositionFormulas>,
     /// Unit of the numbers in names of files.
     pub name_unit: Option<Unit>,
     /// The parameter of Touchstone files; `None`: S11 of one port, S21 of two.
@@ -70,6 +72,11 @@ pub struct ImportOptions {
     pub centre: Option<DVec3>,
     /// Speaker; `None`: at the origin.
     pub geometry: Option<Geometry>,
+    /// Several loudspeakers, m, in the order in which they sounded: the order of the axis [`ImportAxis::Transmission`], or
+    /// of as many files for each.
+    pub sources: Vec<DVec3>,
+    /// Name of an array in the samples' `.npz`, or a `.npy` or `.csv` file, `[n, 3]`, that holds them.
+    pub source_file: Option<PathBuf>,
     /// What was detected; it must suit the samples.
     pub detection: Option<Detection>,
     /// m/s; `None`: that of air at 20 °C.
@@ -93,6 +100,7 @@ impl ImportOptions {
             frequencies: None,
             frequency_unit: FrequencyUnit::Hertz,
             positions: None,
+            formulas: None,
             name_unit: None,
             parameter: None,
             columns: Vec::new(),
@@ -101,6 +109,8 @@ impl ImportOptions {
             array: None,
             centre: None,
             geometry: None,
+            sources: Vec::new(),
+            source_file: None,
             detection: None,
             sound_speed: None,
             interface: None,
@@ -149,6 +159,11 @@ impl Imported {
             "sound_speed_m_per_s": instrument.sound_speed,
             "range_resolution_m": instrument.range_resolution(),
         });
+        if instrument.transmissions() > 1 {
+            let sources = instrument.sources();
+            facts["speakers"] = json!(sources.len());
+            facts["sources_m"] = json!(sources.iter().map(DVec3::to_array).collect::<Vec<_>>());
+        }
         if let (Some(facts), Some(import)) =
             (facts.as_object_mut(), self.cube.provenance["import"].as_object())
         {

@@ -3,7 +3,8 @@
 //! Fields are separated by commas, semicolons, tabs or blanks; a header line is optional; `#`, `!` and `%` begin comments.
 
 use super::array::NumpyFiles;
-use super::{Trace, parse_number, text_of};
+use super::traces::Trace;
+use super::{parse_number, text_of};
 use crate::choice::choice;
 use crate::error::{Error, Result};
 use crate::files::extension;

@@ -9,7 +9,8 @@
 //! A record is a frequency and N² parameters of two numbers each; N is in the file's extension, `.s2p`. Records of more than
 //! two ports are wrapped over lines. Of two ports the order is S11 S21 S12 S22, of others row by row.
 
-use super::{Trace, parse_number};
+use super::parse_number;
+use super::traces::Trace;
 use crate::error::{Error, Result};
 use crate::text::quoted;
 use num_complex::{Complex32, Complex64};

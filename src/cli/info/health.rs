@@ -2,6 +2,7 @@
 
 use crate::acquisition::{
     ChannelLevels, CubeFile, Detection, Health, LikelySign, NoiseEstimate, OddChannel, OddChannels,
+    TransmissionHealth,
 };
 use crate::cli::inputs::{has_extension, reading_limit};
 use crate::cli::outputs::{open_folder, print_json, write_json};
@@ -15,6 +16,9 @@ use std::path::Path;
 
 /// How many odd channels the table names; the JSON has more.
 const SHOWN: usize = 3;
+
+/// How many speakers the table has.
+const MOST_SPEAKERS: usize = 32;
 
 /// Examines a cube; with a folder, draws `health.png` and writes `health.json` there.
 pub(in crate::cli) fn show(file: &Path, folder: Option<&Path>, terminal: &Terminal) -> Result<()> {
@@ -74,7 +78,24 @@ fn table(health: &Health) -> Value {
     } else if health.detection == Detection::InPhase {
         row("sign of the phase", json!("none: in-phase samples do not have one"));
     }
+    if !health.transmissions.is_empty() {
+        let each = health.transmissions.iter().take(MOST_SPEAKERS).enumerate();
+        let more = health.transmissions.len() > MOST_SPEAKERS;
+        let each = each.map(|(i, each)| (i.to_string(), of_speaker(each)));
+        let rest = more.then(|| ("...".to_owned(), json!("--json has all")));
+        facts.insert("speakers".to_owned(), Value::Object(each.chain(rest).collect()));
+    }
     Value::Object(facts)
+}
+
+/// One of several speakers, in a line.
+fn of_speaker(each: &TransmissionHealth) -> Value {
+    let [x, y, z] = each.source_m;
+    let level = each.level_db.map_or("silent".to_owned(), |db| format!("{db:+.1} dB"));
+    let noise = each.noise.map(|noise| format!(", signal to noise {}", signal_to_noise(noise)));
+    let sign = each.phase_sign.map(|sign| format!(", sign {}", sign.likely));
+    let [noise, sign] = [noise, sign].map(Option::unwrap_or_default);
+    json!(format!("at {x:.3} {y:.3} {z:.3} m: level {level}{noise}{sign}"))
 }
 
 fn levels(levels: &ChannelLevels) -> Value {
@@ -141,6 +162,30 @@ fn findings(health: &Health) -> Vec<String> {
         findings.push(
             "no in-phase sample is negative: an offset was not removed, or they are magnitudes".to_owned(),
         );
+    }
+    let of_speakers = |is: fn(&TransmissionHealth) -> bool| {
+        let all = health.transmissions.iter().enumerate().filter(|(_, each)| is(each));
+        all.map(|(i, _)| i.to_string()).collect::<Vec<_>>()
+    };
+    let opposite =
+        |each: &TransmissionHealth| each.phase_sign.is_some_and(|sign| sign.likely == LikelySign::Opposite);
+    for (what, found) in [
+        ("silent speakers (0, or 40 dB below the median)", of_speakers(TransmissionHealth::is_dead)),
+        ("loud speakers (20 dB above the median)", of_speakers(TransmissionHealth::is_loud)),
+    ] {
+        if !found.is_empty() {
+            findings.push(format!("{what}, counted from 0: {}", found.join(", ")));
+        }
+    }
+    let declared =
+        |each: &TransmissionHealth| each.phase_sign.is_some_and(|sign| sign.likely == LikelySign::Declared);
+    let turned = of_speakers(opposite);
+    if !turned.is_empty() && health.transmissions.iter().any(declared) {
+        findings.push(format!(
+            "the sign of the phase is probably wrong of some speakers, counted from 0: {}; conjugate their samples",
+            turned.join(", ")
+        ));
+        return findings;
     }
     if health.phase_sign.is_some_and(|sign| sign.likely == LikelySign::Opposite) {
         findings.push(

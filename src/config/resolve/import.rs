@@ -1,7 +1,7 @@
 //! From `[import]`, and from what was typed of the measurement's tables, to an import.
 
-use crate::acquisition::{FrequencyUnit, ImportOptions};
-use crate::config::{ArrayLayout, InputFile, RunFile, TypedKeys};
+use crate::acquisition::{FrequencyUnit, ImportOptions, PositionFormulas};
+use crate::config::{ArrayLayout, InputFile, RunFile, TypedFormulas, TypedKeys, TypedPositions};
 use crate::error::{Error, Result};
 use crate::files::extension;
 use crate::plan::memory_limit;
@@ -16,6 +16,21 @@ fn file_or_array(typed: &InputFile) -> PathBuf {
 }
 
 impl RunFile {
+    /// Formulas of as many microphones as `[array] count` has.
+    fn position_formulas(&self, typed: &TypedFormulas, keys: &TypedKeys) -> Result<PositionFormulas> {
+        let both = ["pitch", "extent", "centre", "file"].map(|key| format!("array.{key}"));
+        if let Some(both) = both.iter().find(|key| keys.contains(key)) {
+            let problem = format!("and {both} both say where microphones are; keep one of them");
+            return Err(Error::input("[import] positions", problem));
+        }
+        let Some(count) = self.array.count.filter(|_| keys.contains("array.count")) else {
+            let problem = "are formulas, and nothing says of how many microphones; give count = [columns, rows] in [array]";
+            return Err(Error::input("[import] positions", problem));
+        };
+        let TypedFormulas { x, y, z } = typed.clone();
+        Ok(PositionFormulas { count: count.map(|n| n as usize), formulas: [x, y, z] })
+    }
+
     /// `[import]`, and `[sweep]`, `[array]`, `[detection]` and `[medium]` as far as they were typed: defaults describe no
     /// measurement.
     ///
@@ -23,11 +38,10 @@ impl RunFile {
     /// As [`RunFile::sweep`] and [`RunFile::microphones`].
     pub fn import_options(&self, typed: &TypedKeys) -> Result<ImportOptions> {
         let table = &self.import;
-        if self.array.sources.is_some() || self.array.geometry == GeometryKind::Pair {
-            let problem = "several speakers and moved pairs are not imported; import a cube for each speaker, or write a cube \
-                           file with the arrays that the chapter `files` of the guide describes";
-            let place = if self.array.sources.is_some() { "[array] sources" } else { "[array] geometry" };
-            return Err(Error::input(place, problem));
+        if self.array.geometry == GeometryKind::Pair {
+            let problem = "moved pairs are not imported; write a cube file with the arrays that the chapter `files` of the guide \
+                           describes";
+            return Err(Error::input("[array] geometry", problem));
         }
         let any = |keys: &[&str]| keys.iter().any(|key| typed.contains(key));
         let all = |keys: &[&str]| keys.iter().all(|key| typed.contains(key));
@@ -39,17 +53,35 @@ impl RunFile {
         (options.offset, options.phase_sign) = (table.offset, table.phase_sign);
         options.frequency_unit = table.frequency_unit.unwrap_or(FrequencyUnit::Hertz);
         options.frequencies = table.frequencies.as_ref().map(file_or_array);
-        options.positions = table.positions.as_ref().map(file_or_array);
+        match &table.positions {
+            Some(TypedPositions::File(file)) => options.positions = Some(file_or_array(file)),
+            Some(TypedPositions::Formulas(formulas)) => {
+                options.formulas = Some(self.position_formulas(formulas, typed)?);
+            }
+            None => {}
+        }
         options.name_unit = table.name_unit;
         if all(&["sweep.start", "sweep.stop", "sweep.step"]) {
             options.sweep = Some(self.sweep()?);
         }
-        let sized = any(&["array.count", "array.elements"]) && any(&["array.pitch", "array.extent"]);
+        let sized = options.formulas.is_none()
+            && any(&["array.count", "array.elements"])
+            && any(&["array.pitch", "array.extent"]);
         if sized || self.array.layout == ArrayLayout::File {
             options.array = Some(self.microphones()?);
         }
         options.centre = typed.contains("array.centre").then(|| DVec3::from_array(self.array.centre));
         options.geometry = any(&["array.geometry", "array.source"]).then(|| self.geometry());
+        options.source_file = table.sources.as_ref().map(file_or_array);
+        let sources = self.array.sources.iter().flatten();
+        options.sources = sources.map(|source| DVec3::from_array(*source)).collect();
+        if options.source_file.is_some() {
+            let both = ["array.source", "array.sources"].into_iter().find(|key| typed.contains(key));
+            if let Some(both) = both {
+                let problem = format!("and {both} both say where speakers are; keep one of them");
+                return Err(Error::input("[import] sources", problem));
+            }
+        }
         options.detection = typed.contains("detection.kind").then_some(self.detection.kind);
         let speed = any(&["medium.sound_speed", "medium.temperature"]);
         options.sound_speed = speed.then(|| self.medium.speed());

@@ -25,8 +25,11 @@ pub struct ImportTable {
     pub frequencies: Option<InputFile>,
     /// Unit of these, and of those in CSV files; left out: Hz.
     pub frequency_unit: Option<FrequencyUnit>,
-    /// Name of an array in the npz, or a `.npy` file. Left out: names of files, or `[array]`.
-    pub positions: Option<InputFile>,
+    /// Name of an array in the npz, or a `.npy` file, or formulas of x, y and z. Left out: names of files, or `[array]`.
+    pub positions: Option<TypedPositions>,
+    /// Name of an array in the npz, or a `.npy` or `.csv` file, of speakers that sounded one after another. Left out:
+    /// `[array] sources` or `source`.
+    pub sources: Option<InputFile>,
     /// Unit of the numbers in names of files.
     pub name_unit: Option<Unit>,
     /// The parameter of Touchstone files; left out: S11 of one port, S21 of two.
@@ -45,8 +48,43 @@ impl ImportTable {
 
     /// The files that it names, and the names of arrays, which are not files.
     pub(in crate::config) fn files_mut(&mut self) -> impl Iterator<Item = &mut InputFile> {
-        self.samples.iter_mut().chain(self.frequencies.as_mut()).chain(self.positions.as_mut())
+        let others = [&mut self.frequencies, &mut self.sources];
+        let positions = self.positions.as_mut().and_then(|typed| match typed {
+            TypedPositions::File(file) => Some(file),
+            TypedPositions::Formulas(_) => None,
+        });
+        self.samples.iter_mut().chain(others.into_iter().filter_map(Option::as_mut)).chain(positions)
     }
+}
+
+/// Where positions come from.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(
+    untagged,
+    expecting = "expected a file, the name of an array, or formulas, as { x = \"0.003 * ix\", y = \"0.003 * iy\" }"
+)]
+pub enum TypedPositions {
+    /// A file or the name of an array.
+    File(InputFile),
+    /// Formulas, of the indices that `[array] count` counts.
+    Formulas(TypedFormulas),
+}
+
+/// Formulas of the positions, m.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TypedFormulas {
+    /// To the right.
+    pub x: String,
+    /// Down.
+    pub y: String,
+    /// Into the scene.
+    #[serde(default = "in_plane")]
+    pub z: String,
+}
+
+fn in_plane() -> String {
+    "0".to_owned()
 }
 
 /// Reads a list of files, or one.
