@@ -83,12 +83,11 @@ impl PositionFormulas {
             let problem = format!("of {count} microphones take {} of memory, more than there is", gib(bytes));
             return Err(Error::input(place, problem + " (--memory sets another limit); give fewer"));
         }
-        let [x, y, z] = [0, 1, 2].map(|axis| {
-            let name = ["x", "y", "z"][axis];
-            Formula::parse(&self.formulas[axis])
-                .map_err(|problem| Error::input(format!("{place}.{name}"), problem))
-        });
-        let formulas = [x?, y?, z?];
+        let parse = |(name, text): (&str, &String)| {
+            Formula::parse(text).map_err(|problem| Error::input(format!("{place}.{name}"), problem))
+        };
+        let formulas =
+            ["x", "y", "z"].into_iter().zip(&self.formulas).map(parse).collect::<Result<Vec<Formula>>>()?;
         let mut points = try_with_capacity(count as u64)
             .ok_or_else(|| Error::out_of_memory(format!("{count} positions do not fit in memory")))?;
         for i in 0..count {
