@@ -181,14 +181,13 @@ impl<'a> SegmentWriter<'a> {
         let (Some(unit), Some(place)) = (self.units.remove(&k), &self.checkpoint.place) else {
             return Ok(());
         };
-        let mut segment = match self.unfinished.remove(&unit) {
-            Some(segment) => segment,
-            None => {
-                let path = place.unfinished_segment_of(self.identity, unit)?;
-                let journal = Journal::new(path, self.identity, place.secrets.clone());
-                let path = place.segment_of(self.identity, unit);
-                Unfinished { journal: Some(journal), path, left: self.sizes[&unit] }
-            }
+        let mut segment = if let Some(segment) = self.unfinished.remove(&unit) {
+            segment
+        } else {
+            let path = place.unfinished_segment_of(self.identity, unit)?;
+            let journal = Journal::new(path, self.identity, place.secrets.clone());
+            let path = place.segment_of(self.identity, unit);
+            Unfinished { journal: Some(journal), path, left: self.sizes[&unit] }
         };
         if let Some(journal) = &mut segment.journal {
             journal.append(self.stage, k, block, self.observer)?;

@@ -46,7 +46,7 @@ fn job(typed: &[&str]) -> (tempfile::TempDir, RunFile) {
 
 fn volume(run: &RunFile, folder: Option<&Path>) -> Vec<Complex32> {
     let checkpoint =
-        folder.map_or(Checkpoint::off(), |folder| Checkpoint::within(folder, Duration::from_secs(3600)));
+        folder.map_or(Checkpoint::off(), |folder| Checkpoint::within(folder, Duration::from_hours(1)));
     image_scene(run, &JobOptions::default().with_checkpoint(&checkpoint)).unwrap().image.volume.samples
 }
 
@@ -148,7 +148,7 @@ fn units_are_listed_and_computed_by_number_in_their_order() {
     assert!(units.iter().enumerate().all(|(i, unit)| unit.unit == i as u64));
     let first = tiles.len() as u64;
     let too_early = work(&run, &shared, &Wanted::Numbers(first..first + 2)).unwrap_err();
-    assert_names(&too_early.to_string(), &["--units", "whole cube", "first"]);
+    assert_names(too_early.to_string(), &["--units", "whole cube", "first"]);
     assert!(segments(&shared).is_empty());
     let done = work(&run, &shared, &Wanted::Numbers(0..first)).unwrap();
     assert_eq!((done.computed.len() as u64, done.simulation_left), (first, 0));
@@ -202,7 +202,7 @@ fn cubes_are_shared_and_the_command_says_what_is_left() {
     let texts =
         processes.map(|process| String::from_utf8(process.wait_with_output().unwrap().stdout).unwrap());
     assert!(texts.iter().all(|text| text.contains("of 31 units")), "{texts:?}");
-    assert_names(&done(folder, &words(2)), &["16 were there", "image"]);
+    assert_names(done(folder, &words(2)), &["16 were there", "image"]);
     done(folder, &format!("image cube.npz -o parts {settings}"));
     assert_eq!(
         fs::read(folder.join("parts/volume.npz")).unwrap(),

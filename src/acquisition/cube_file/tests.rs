@@ -95,12 +95,6 @@ fn several_sources_are_read_as_they_were_written() {
     assert_names(refused, &["loudspeaker 1", "frequency 4", "microphone 2"]);
     let refused = CubeFile::open(&holed, 1 << 20).unwrap().visit_transmission(0, 4, &mut |_, _| Ok(()));
     assert_names(refused.unwrap_err().to_string(), &["loudspeaker 1", "frequency 4"]);
-    // What takes one loudspeaker says so.
-    let gate = Calibration { gate: Some([1.0, 2.0]), ..Default::default() };
-    let refused = CubeFile::open(&path, 1 << 20).unwrap().calibrated(&gate, &crate::progress::Silent);
-    assert_names(refused.unwrap_err().to_string(), &["[calibration]", "one loudspeaker", "2"]);
-    let refused = crate::acquisition::Health::of(&mut file.unchecked(), 1 << 20, &crate::progress::Silent);
-    assert_names(refused.unwrap_err().to_string(), &["--health", "one loudspeaker", "2"]);
 }
 
 #[test]

@@ -18,7 +18,9 @@ fn units() -> Vec<UnitBlocks> {
 /// Writes these blocks of both units.
 fn write(checkpoint: &Checkpoint, identity: &Identity, blocks: &[u64]) {
     let mut writer = SegmentWriter::new(checkpoint, identity, (Stage::Cube, &units()), &Silent);
-    blocks.iter().for_each(|k| writer.write(*k, &block(*k)).unwrap());
+    for k in blocks {
+        writer.write(*k, &block(*k)).unwrap();
+    }
 }
 
 fn names(folder: &Path) -> Vec<String> {
@@ -54,9 +56,9 @@ fn a_second_process_that_takes_units_up_is_refused_and_the_first_deletes_all() {
     let (first, told) = opened(&output, &identity);
     assert_names(&told[0], &["2 units"]);
     let second = beside(&output, Duration::ZERO).open(&identity, &Silent).unwrap_err();
-    assert_names(&second.to_string(), &["in use"]);
+    assert_names(second.to_string(), &["in use"]);
     first.remove();
-    assert_eq!(names(folder.path()), [String::new(); 0]);
+    assert!(names(folder.path()).is_empty());
 }
 
 #[test]

@@ -85,7 +85,7 @@ pub struct WorkDone {
     pub found: u64,
     /// Units of the simulation that are not stored yet, which must be before any depth is reconstructed.
     pub simulation_left: u64,
-    /// Units of the job that are not stored yet, by name.
+    /// Units of the job that are not stored yet.
     pub left: u64,
 }
 
