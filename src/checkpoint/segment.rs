@@ -135,13 +135,13 @@ impl Checkpoint {
 }
 
 /// The segment that is being written; it is deleted unless it is finished.
-struct Unfinished {
+struct UnfinishedSegment {
     journal: Option<Journal>,
     path: PathBuf,
     left: usize,
 }
 
-impl Drop for Unfinished {
+impl Drop for UnfinishedSegment {
     fn drop(&mut self) {
         if let Some(journal) = self.journal.take() {
             // One that cannot be deleted is deleted with the checkpoint of the job.
@@ -159,7 +159,7 @@ pub(crate) struct SegmentWriter<'a> {
     units: HashMap<u64, u64>,
     /// How many blocks each unit has.
     sizes: HashMap<u64, usize>,
-    unfinished: HashMap<u64, Unfinished>,
+    unfinished: HashMap<u64, UnfinishedSegment>,
     observer: &'a dyn Observer,
 }
 
@@ -187,7 +187,7 @@ impl<'a> SegmentWriter<'a> {
             let path = place.unfinished_segment_of(self.identity, unit)?;
             let journal = Journal::new(path, self.identity, place.secrets.clone());
             let path = place.segment_of(self.identity, unit);
-            Unfinished { journal: Some(journal), path, left: self.sizes[&unit] }
+            UnfinishedSegment { journal: Some(journal), path, left: self.sizes[&unit] }
         };
         if let Some(journal) = &mut segment.journal {
             journal.append(self.stage, k, block, self.observer)?;
