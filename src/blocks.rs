@@ -4,7 +4,7 @@
 use crate::error::Result;
 use num_complex::Complex32;
 
-/// Stores the finished blocks of one stage.
+/// Stores the finished blocks of one stage; what a store does not say itself is that of one that stores nothing.
 ///
 /// A block is a piece of the stage's result that depends on the inputs alone, numbered by the stage; the number of threads
 /// changes neither the blocks nor their content. A block that cannot be read is computed again, and one that cannot be
@@ -15,46 +15,37 @@ pub(crate) trait BlockStore {
     ///
     /// # Errors
     /// [`Error::Interrupted`](crate::error::Error::Interrupted) when a stop was requested before all of it was read.
-    fn load(&mut self, k: u64, block: &mut [Complex32]) -> Result<bool>;
+    fn load(&mut self, _k: u64, _block: &mut [Complex32]) -> Result<bool> {
+        Ok(false)
+    }
 
     /// Whether block `k` is somebody else's: it is neither loaded nor computed, and its place in the result stays as it is.
-    fn skips(&mut self, k: u64) -> bool {
-        let _ = k;
+    fn skips(&mut self, _k: u64) -> bool {
         false
     }
 
     /// Whether it is time to save the blocks that were finished since the last [`BlockStore::flush`].
-    fn is_due(&mut self) -> bool;
+    fn is_due(&mut self) -> bool {
+        false
+    }
 
     /// Saves block `k`.
-    fn save(&mut self, k: u64, block: &[Complex32]);
+    fn save(&mut self, _k: u64, _block: &[Complex32]) {}
 
     /// Ends a series of saves.
     ///
     /// # Errors
     /// [`Error::Interrupted`](crate::error::Error::Interrupted) when a stop was requested meanwhile.
-    fn flush(&mut self) -> Result<()>;
+    fn flush(&mut self) -> Result<()> {
+        Ok(())
+    }
 }
 
 /// Stores nothing.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct NoStore;
 
-impl BlockStore for NoStore {
-    fn load(&mut self, _: u64, _: &mut [Complex32]) -> Result<bool> {
-        Ok(false)
-    }
-
-    fn is_due(&mut self) -> bool {
-        false
-    }
-
-    fn save(&mut self, _: u64, _: &[Complex32]) {}
-
-    fn flush(&mut self) -> Result<()> {
-        Ok(())
-    }
-}
+impl BlockStore for NoStore {}
 
 /// The blocks of a part of a stage, numbered from `first` on in the store of all of it.
 pub(crate) struct BlocksFrom<'a> {

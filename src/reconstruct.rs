@@ -27,6 +27,7 @@ pub use options::{Method, ReconstructOptions};
 pub use plan::{Estimate, Estimates, LEAST_TOLERANCE, direct_terms, estimate};
 pub(crate) use refine::MOST_STEPS;
 pub use refine::{RefineOptions, Refinement, Solver};
+pub(crate) use volume::needed_among;
 pub use volume::{ReconstructionInfo, VolumeSink};
 pub use window::Window;
 

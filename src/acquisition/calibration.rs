@@ -64,8 +64,8 @@ impl Calibration {
             && *tilt == [0.0; 2]
     }
 
-    /// Corrects the samples of `cube`, of several loudspeakers those of each, which need not be finite before, and says what was done; the words are also in the
-    /// cube's provenance.
+    /// Corrects the samples of `cube`, of several loudspeakers those of each, which need not be finite before, and says what
+    /// was done; the words are also in the cube's provenance.
     ///
     /// Cost: a few operations per sample, of the gate n log n, of the high-pass as many as microphones in its disc.
     /// Memory: that of the cube again for a background file.

@@ -268,7 +268,7 @@ impl Survey {
 
     /// What there is of each loudspeaker.
     fn of_each(&self, instrument: &Instrument, has_profile: bool) -> Vec<TransmissionHealth> {
-        let levels = self.sources.judge(&OddChannel::source);
+        let levels = self.sources.judge(&OddChannel::at);
         let own = self.chosen.len() * instrument.sweep.len();
         let each = |(tx, source): (usize, DVec3)| {
             let mut health = TransmissionHealth {

@@ -241,7 +241,8 @@ fn read(
 ///
 /// # Errors
 /// Missing, malformed or contradicting files; what nobody said and no file tells: frequencies, positions, an order of axes
-/// that is not the only one, the zero of unsigned numbers, the places of loudspeakers; as many files as loudspeakers do not have.
+/// that is not the only one, the zero of unsigned numbers, the places of loudspeakers; as many files as loudspeakers do
+/// not have.
 pub fn import(options: &ImportOptions) -> Result<Imported> {
     let (mut guesses, mut warnings) = (Vec::new(), Vec::new());
     let Some(first) = options.samples.first() else {

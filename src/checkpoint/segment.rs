@@ -9,9 +9,8 @@ use super::{Checkpoint, GracefulStop, Identity, Place, Stage};
 use crate::alloc::try_zeroed;
 use crate::blocks::BlockStore;
 use crate::error::{Error, Result};
-use crate::grid::{Grid, no_room_for};
 use crate::progress::Observer;
-use crate::reconstruct::{ReconstructionInfo, VolumeSink};
+use crate::reconstruct::{ReconstructionInfo, VolumeSink, needed_among};
 use num_complex::Complex32;
 use std::collections::HashMap;
 use std::fs;
@@ -138,7 +137,6 @@ impl Checkpoint {
 struct UnfinishedSegment {
     journal: Option<Journal>,
     path: PathBuf,
-    left: usize,
 }
 
 impl Drop for UnfinishedSegment {
@@ -155,10 +153,8 @@ pub(crate) struct SegmentWriter<'a> {
     checkpoint: &'a Checkpoint,
     identity: &'a Identity,
     stage: Stage,
-    /// The unit of every block that is wanted.
+    /// The unit of every block that is wanted and not written yet.
     units: HashMap<u64, u64>,
-    /// How many blocks each unit has.
-    sizes: HashMap<u64, usize>,
     unfinished: HashMap<u64, UnfinishedSegment>,
     observer: &'a dyn Observer,
 }
@@ -171,9 +167,8 @@ impl<'a> SegmentWriter<'a> {
         (stage, units): (Stage, &[UnitBlocks]),
         observer: &'a dyn Observer,
     ) -> Self {
-        let sizes = units.iter().map(|unit| (unit.unit, unit.blocks.len())).collect();
         let units = units.iter().flat_map(|unit| unit.blocks.iter().map(|k| (*k, unit.unit))).collect();
-        Self { checkpoint, identity, stage, units, sizes, unfinished: HashMap::new(), observer }
+        Self { checkpoint, identity, stage, units, unfinished: HashMap::new(), observer }
     }
 
     /// Writes a block, unless it is of no unit that is wanted; the last of a unit finishes its segment.
@@ -187,13 +182,12 @@ impl<'a> SegmentWriter<'a> {
             let path = place.unfinished_segment_of(self.identity, unit)?;
             let journal = Journal::new(path, self.identity, place.secrets.clone());
             let path = place.segment_of(self.identity, unit);
-            UnfinishedSegment { journal: Some(journal), path, left: self.sizes[&unit] }
+            UnfinishedSegment { journal: Some(journal), path }
         };
         if let Some(journal) = &mut segment.journal {
             journal.append(self.stage, k, block, self.observer)?;
         }
-        segment.left -= 1;
-        if segment.left > 0 {
+        if self.units.values().any(|other| *other == unit) {
             self.unfinished.insert(unit, segment);
             return Ok(());
         }
@@ -217,10 +211,6 @@ impl<'a> WantedTiles<'a> {
 impl BlockStore for WantedTiles<'_> {
     fn skips(&mut self, k: u64) -> bool {
         !self.writer.units.contains_key(&k)
-    }
-
-    fn load(&mut self, _: u64, _: &mut [Complex32]) -> Result<bool> {
-        Ok(false)
     }
 
     fn is_due(&mut self) -> bool {
@@ -249,50 +239,35 @@ impl BlockStore for ListedTiles {
         self.0.push(k);
         true
     }
-
-    fn load(&mut self, _: u64, _: &mut [Complex32]) -> Result<bool> {
-        Ok(false)
-    }
-
-    fn is_due(&mut self) -> bool {
-        false
-    }
-
-    fn save(&mut self, _: u64, _: &[Complex32]) {}
-
-    fn flush(&mut self) -> Result<()> {
-        Ok(())
-    }
 }
 
 /// The depths of a volume of which some are computed for their segments.
 pub(crate) struct WantedDepths<'a> {
     writer: SegmentWriter<'a>,
-    grid: Grid,
+    /// Samples of a depth.
+    plane_len: usize,
     stop: &'a GracefulStop<'a>,
 }
 
 impl<'a> WantedDepths<'a> {
-    pub(crate) fn new(writer: SegmentWriter<'a>, grid: Grid, stop: &'a GracefulStop<'a>) -> Self {
-        Self { writer, grid, stop }
+    pub(crate) fn new(writer: SegmentWriter<'a>, plane_len: usize, stop: &'a GracefulStop<'a>) -> Self {
+        Self { writer, plane_len, stop }
     }
 }
 
 impl VolumeSink for WantedDepths<'_> {
     fn begin(&mut self, _: &ReconstructionInfo) -> Result<()> {
-        if self.grid.plane_len() == 0 { Err(no_room_for(&self.grid)) } else { Ok(()) }
+        Ok(())
     }
 
     fn take(&mut self, first: usize, planes: &[Complex32]) -> Result<()> {
-        let planes = planes.chunks_exact(self.grid.plane_len());
+        let planes = planes.chunks_exact(self.plane_len);
         (first as u64..).zip(planes).try_for_each(|(depth, plane)| self.writer.write(depth, plane))?;
         self.stop.give_up_if_asked()
     }
 
     fn wanted(&self, depths: Range<usize>) -> Range<usize> {
-        let is_wanted = |depth: &usize| self.writer.units.contains_key(&(*depth as u64));
-        let start = depths.clone().find(is_wanted).unwrap_or(depths.end);
-        start..(start..depths.end).rfind(is_wanted).map_or(start, |last| last + 1)
+        needed_among(depths, |depth| self.writer.units.contains_key(&(depth as u64)))
     }
 }
 

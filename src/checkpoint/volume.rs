@@ -6,7 +6,7 @@ use crate::alloc::try_zeroed;
 use crate::blocks::BlockStore;
 use crate::error::{Error, Result};
 use crate::grid::{Grid, no_room_for};
-use crate::reconstruct::{ReconstructionInfo, VolumeSink};
+use crate::reconstruct::{ReconstructionInfo, VolumeSink, needed_among};
 use num_complex::Complex32;
 use std::ops::Range;
 
@@ -135,9 +135,7 @@ impl VolumeSink for CheckpointedVolume<'_> {
     }
 
     fn wanted(&self, depths: Range<usize>) -> Range<usize> {
-        let is_stored = |depth: &usize| *depth < self.done || self.stored.get(*depth).is_some_and(|s| *s);
-        let start = depths.clone().find(|depth| !is_stored(depth)).unwrap_or(depths.end);
-        let end = (start..depths.end).rfind(|depth| !is_stored(depth)).map_or(start, |last| last + 1);
-        start..end
+        let is_stored = |depth: usize| depth < self.done || self.stored.get(depth).is_some_and(|s| *s);
+        needed_among(depths, |depth| !is_stored(depth))
     }
 }

@@ -12,7 +12,8 @@ pub(super) use import::ImportArgs;
 pub(super) use work::WorkArgs;
 
 use super::inputs::{
-    Input, bare_mesh, check_kind, config_of, cube_of, has_extension, reading_limit, scene_of,
+    Input, JobInput, bare_mesh, check_kind, config_of, cube_of, has_extension, job_of, reading_limit,
+    scene_of,
 };
 use super::outputs::{announce, open_folder, print_json, print_written};
 use super::placement::Placement;
@@ -166,15 +167,17 @@ fn plan(
     terminal: &Terminal,
 ) -> Result<()> {
     let folder = folder.map(|folder| open_folder(folder, ["array.png"])).transpose()?;
-    let (forecast, instrument) = if has_extension(input, &["npz"]) {
-        let (run, cube) = cube_of(input, config, &overrides.keys()?, terminal)?;
-        let instrument = cube.instrument().clone();
-        (pipeline::forecast_cube(&run, cube, terminal)?, instrument)
-    } else {
-        no_config(config)?;
-        let Input { run, bare } = scene_of(input, overrides, terminal)?;
-        let forecast = pipeline::forecast_scene(&run, &observed(terminal).with_bare_mesh(bare.as_ref()))?;
-        (forecast, run.instrument()?)
+    let (forecast, instrument) = match job_of(input, config, overrides, terminal)? {
+        JobInput::Cube(job) => {
+            let (run, cube) = *job;
+            let instrument = cube.instrument().clone();
+            (pipeline::forecast_cube(&run, cube, terminal)?, instrument)
+        }
+        JobInput::Scene(scene) => {
+            let Input { run, bare } = *scene;
+            let job = observed(terminal).with_bare_mesh(bare.as_ref());
+            (pipeline::forecast_scene(&run, &job)?, run.instrument()?)
+        }
     };
     for file in folder.iter().flat_map(|(_, files)| files) {
         write_array_figure(file, &instrument)?;
@@ -228,17 +231,19 @@ fn image(
     terminal: &Terminal,
 ) -> Result<()> {
     let job = observed(terminal).with_checkpoint(checkpoint);
-    let (run, outcome) = if has_extension(input, &["npz"]) {
-        let (run, cube) = cube_of(input, config, &overrides.keys()?, terminal)?;
-        pipeline::announce_outputs(&run, folder, false)?;
-        let outcome = pipeline::image_cube(&run, cube, &job)?;
-        (run, outcome)
-    } else {
-        no_config(config)?;
-        let Input { run, bare } = scene_of(input, overrides, terminal)?;
-        pipeline::announce_outputs(&run, folder, pipeline::has_truth(&run))?;
-        let outcome = pipeline::image_scene(&run, &job.with_bare_mesh(bare.as_ref()))?;
-        (run, outcome)
+    let (run, outcome) = match job_of(input, config, overrides, terminal)? {
+        JobInput::Cube(cube) => {
+            let (run, cube) = *cube;
+            pipeline::announce_outputs(&run, folder, false)?;
+            let outcome = pipeline::image_cube(&run, cube, &job)?;
+            (run, outcome)
+        }
+        JobInput::Scene(scene) => {
+            let Input { run, bare } = *scene;
+            pipeline::announce_outputs(&run, folder, pipeline::has_truth(&run))?;
+            let outcome = pipeline::image_scene(&run, &job.with_bare_mesh(bare.as_ref()))?;
+            (run, outcome)
+        }
     };
     let report = pipeline::write_outputs(&run, &outcome, folder, &job)?;
     if terminal.json() {
@@ -310,10 +315,4 @@ fn conclude_init(written: &[PathBuf], folder: &Path, terminal: &Terminal) -> Res
 /// Prints a text for another program; with `--json`, as a string.
 fn print_text(text: &str, terminal: &Terminal) -> Result<()> {
     if terminal.json() { print_json(&serde_json::json!({ "text": text })) } else { print(text) }
-}
-
-/// Refuses a second run file for a scene.
-fn no_config(config: Option<&Path>) -> Result<()> {
-    let problem = "is only for a cube (.npz); the run file of a scene is the input itself";
-    config.map_or(Ok(()), |_| Err(Error::input("--config", problem)))
 }

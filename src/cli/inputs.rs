@@ -106,6 +106,32 @@ pub(super) fn measured_run_of(
     Ok((with_memory_limit(run), typed))
 }
 
+/// What is imaged.
+pub(super) enum JobInput {
+    /// A cube, and its run file.
+    Cube(Box<(RunFile, CubeFile)>),
+    /// A scene.
+    Scene(Box<Input>),
+}
+
+/// The scene or the cube that an input is; only a cube takes a run file by `-c`.
+pub(super) fn job_of(
+    input: &Path,
+    config: Option<&Path>,
+    overrides: &Overrides,
+    observer: &dyn Observer,
+) -> Result<JobInput> {
+    if has_extension(input, &["npz"]) {
+        let cube = cube_of(input, config, &overrides.keys()?, observer)?;
+        return Ok(JobInput::Cube(Box::new(cube)));
+    }
+    if config.is_some() {
+        let problem = "is only for a cube (.npz); the run file of a scene is the input itself";
+        return Err(Error::input("--config", problem));
+    }
+    Ok(JobInput::Scene(Box::new(scene_of(input, overrides, observer)?)))
+}
+
 /// Refuses an input, by its extension, that the command does not read.
 pub(super) fn check_kind(input: &Path, what: &str, maker: &str) -> Result<()> {
     if has_extension(input, &["npz"]) || !input.exists() {

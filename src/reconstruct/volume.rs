@@ -16,6 +16,7 @@ pub(super) use compensation::{Compensated, Gain};
 pub(super) use metered::Metered;
 #[cfg(test)]
 pub(super) use sink::ResumedVolume;
+pub(crate) use sink::needed_among;
 pub use sink::{ReconstructionInfo, VolumeSink};
 pub(super) use slab_driver::{Slab, SlabDriver};
 pub(super) use transmissions::{estimates_of_transmissions, sum_of_transmissions};

@@ -12,7 +12,8 @@ use std::path::PathBuf;
 /// What is subtracted of the samples.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Background {
-    /// A cube of the same instrument, and the same loudspeakers, without the scene, whose tones may have drifted by up to 20 % since.
+    /// A cube of the same instrument, and the same loudspeakers, without the scene, whose tones may have drifted by up to
+    /// 20 % since.
     Cube(PathBuf),
     /// The mean over the microphones, frequency by frequency: leakage that is the same in all of them.
     Mean,

@@ -65,17 +65,12 @@ pub struct OddChannel {
 }
 
 impl OddChannel {
-    fn at(index: usize) -> Self {
+    pub(super) fn at(index: usize) -> Self {
         Self { index, position_m: None, frequency_hz: None, level_db: None, samples_not_finite: 0 }
     }
 
     pub(super) fn microphone(index: usize, position: DVec3) -> Self {
         Self { position_m: Some(position.to_array()), ..Self::at(index) }
-    }
-
-    /// One of several loudspeakers.
-    pub(super) fn source(index: usize) -> Self {
-        Self::at(index)
     }
 
     pub(super) fn tone(index: usize, frequency: f64) -> Self {

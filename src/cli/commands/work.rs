@@ -1,9 +1,8 @@
 //! `work`, and the list of `plan --units`: an image's work shared by several processes.
 
-use super::no_config;
 use crate::checkpoint::Checkpoint;
 use crate::cli::Overrides;
-use crate::cli::inputs::{Input, cube_of, has_extension, scene_of};
+use crate::cli::inputs::{JobInput, job_of};
 use crate::cli::outputs::print_json;
 use crate::cli::terminal::{Terminal, observed, print};
 use crate::error::{Error, Result};
@@ -66,13 +65,14 @@ pub(super) fn run(args: &WorkArgs, terminal: &Terminal) -> Result<()> {
     let _folder = OutputFolder::shared(output)?;
     let checkpoint = Checkpoint::within(output, Duration::ZERO);
     let job = observed(terminal).with_checkpoint(&checkpoint);
-    let done = if has_extension(input, &["npz"]) {
-        let (run, cube) = cube_of(input, config.as_deref(), &overrides.keys()?, terminal)?;
-        pipeline::work_on_cube(&run, cube, &wanted, &job)?
-    } else {
-        no_config(config.as_deref())?;
-        let Input { run, bare } = scene_of(input, overrides, terminal)?;
-        pipeline::work_on_scene(&run, &wanted, &job.with_bare_mesh(bare.as_ref()))?
+    let done = match job_of(input, config.as_deref(), overrides, terminal)? {
+        JobInput::Cube(cube) => {
+            let (run, cube) = *cube;
+            pipeline::work_on_cube(&run, cube, &wanted, &job)?
+        }
+        JobInput::Scene(scene) => {
+            pipeline::work_on_scene(&scene.run, &wanted, &job.with_bare_mesh(scene.bare.as_ref()))?
+        }
     };
     if terminal.json() {
         return print_json(&done);
@@ -99,13 +99,12 @@ pub(super) fn list(
     overrides: &Overrides,
     terminal: &Terminal,
 ) -> Result<()> {
-    let units = if has_extension(input, &["npz"]) {
-        let (run, cube) = cube_of(input, config, &overrides.keys()?, terminal)?;
-        pipeline::units_of_cube(&run, &cube)?
-    } else {
-        no_config(config)?;
-        let Input { run, bare } = scene_of(input, overrides, terminal)?;
-        pipeline::units_of_scene(&run, &observed(terminal).with_bare_mesh(bare.as_ref()))?
+    let units = match job_of(input, config, overrides, terminal)? {
+        JobInput::Cube(cube) => pipeline::units_of_cube(&cube.0, &cube.1)?,
+        JobInput::Scene(scene) => {
+            let job = observed(terminal).with_bare_mesh(scene.bare.as_ref());
+            pipeline::units_of_scene(&scene.run, &job)?
+        }
     };
     print_json(&units)
 }

@@ -171,14 +171,15 @@ impl<'a> Worker<'a> {
         Ok(worker)
     }
 
-    /// Those units that are not stored, or damaged.
-    fn missing(&self, stage: Stage, units: &[UnitBlocks]) -> Result<Vec<UnitBlocks>> {
+    /// Those units that are not stored, or damaged; all that are stored are read.
+    fn missing(&mut self, stage: Stage, units: &[UnitBlocks]) -> Result<Vec<UnitBlocks>> {
         let mut missing = Vec::new();
         for unit in units {
             if !self.checkpoint.has_unit(stage, unit, self.observer)? {
                 missing.push(unit.clone());
             }
         }
+        self.done.found += (units.len() - missing.len()) as u64;
         Ok(missing)
     }
 
@@ -187,18 +188,15 @@ impl<'a> Worker<'a> {
         units.iter().filter(|unit| !self.checkpoint.lists_unit(stage, unit)).count() as u64
     }
 
-    /// Computes those units that are missing, and takes up all that were stored meanwhile.
+    /// Computes units, and takes up all that were stored meanwhile.
     fn compute(
         &mut self,
-        (stage, units): (Stage, &[UnitBlocks]),
+        (stage, missing): (Stage, &[UnitBlocks]),
         compute: impl FnOnce(SegmentWriter<'_>, &GracefulStop<'_>) -> Result<()>,
     ) -> Result<()> {
-        let missing = self.missing(stage, units)?;
-        self.done.found += (units.len() - missing.len()) as u64;
         if !missing.is_empty() {
             let stop = GracefulStop::new(self.checkpoint, self.observer);
-            let writer =
-                SegmentWriter::new(self.checkpoint, &self.identity, (stage, &missing), self.observer);
+            let writer = SegmentWriter::new(self.checkpoint, &self.identity, (stage, missing), self.observer);
             compute(writer, &stop)?;
             self.done.computed.extend(missing.iter().map(|unit| unit.unit));
         }
@@ -209,16 +207,16 @@ impl<'a> Worker<'a> {
     /// Reconstructs units of depths from a cube.
     fn reconstruct(
         &mut self,
-        units: &[UnitBlocks],
+        missing: &[UnitBlocks],
         source: &mut dyn CubeSource,
         grid: &Grid,
         (budget, samples): (&MemoryBudget<'_>, JobArrays),
     ) -> Result<()> {
         let observer = self.observer;
-        self.compute((Stage::Volume, units), |writer, stop| {
+        self.compute((Stage::Volume, missing), |writer, stop| {
             let arrays = budget.reconstructing(std::iter::empty::<&str>(), grid, false, samples);
             budget.check(source.instrument(), grid, &arrays, observer)?;
-            let mut sink = WantedDepths::new(writer, *grid, stop);
+            let mut sink = WantedDepths::new(writer, grid.plane_len(), stop);
             reconstruct_stored(source, grid, &budget.options(&arrays), &mut sink, &mut NoStore, stop)?;
             Ok(())
         })
@@ -272,7 +270,8 @@ pub fn work_on_scene(run: &RunFile, wanted: &Wanted, job: &JobOptions) -> Result
     prepared.warn(run, job, job.observer);
     check(wanted, &units)?;
     let mut worker = Worker::new(identity::of_scene("image", run, &prepared), &units, job)?;
-    worker.compute((Stage::Cube, wanted.of(&units.simulate)), |writer, stop| {
+    let missing = worker.missing(Stage::Cube, wanted.of(&units.simulate))?;
+    worker.compute((Stage::Cube, &missing), |writer, stop| {
         prepared.simulate_tiles(&mut WantedTiles::new(writer, stop), stop)
     })?;
     let depths = wanted.of(&units.reconstruct);
@@ -289,13 +288,19 @@ pub fn work_on_scene(run: &RunFile, wanted: &Wanted, job: &JobOptions) -> Result
             ),
         ));
     }
+    let missing = if left == 0 { worker.missing(Stage::Volume, depths)? } else { Vec::new() };
     // A cube is made only for depths that are missing.
-    if left == 0 && !worker.missing(Stage::Volume, depths)?.is_empty() {
+    if !missing.is_empty() {
         let cube = {
             let stop = GracefulStop::new(job.checkpoint, job.observer);
             prepared.simulate(run, &mut CheckpointStore::new(job.checkpoint, Stage::Cube, &stop), &stop)?
         };
-        worker.reconstruct(depths, &mut &cube, &prepared.grid, (&MemoryBudget::of(run), prepared.arrays))?;
+        worker.reconstruct(
+            &missing,
+            &mut &cube,
+            &prepared.grid,
+            (&MemoryBudget::of(run), prepared.arrays),
+        )?;
     }
     Ok(worker.done(&units))
 }
@@ -314,7 +319,8 @@ pub fn work_on_cube(run: &RunFile, cube: CubeFile, wanted: &Wanted, job: &JobOpt
     check(wanted, &units)?;
     let mut worker = Worker::new(identity::of_cube("image", run, &mut cube, &grid)?, &units, job)?;
     let samples = JobArrays::measured(&instrument, cube.held_bytes());
-    worker.reconstruct(wanted.of(&units.reconstruct), &mut cube, &grid, (&MemoryBudget::of(run), samples))?;
+    let missing = worker.missing(Stage::Volume, wanted.of(&units.reconstruct))?;
+    worker.reconstruct(&missing, &mut cube, &grid, (&MemoryBudget::of(run), samples))?;
     Ok(worker.done(&units))
 }
 

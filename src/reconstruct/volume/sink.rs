@@ -52,6 +52,12 @@ pub trait VolumeSink: Send {
     }
 }
 
+/// Some depths without those at both ends that are not needed; empty if none is.
+pub(crate) fn needed_among(depths: Range<usize>, is_needed: impl Fn(usize) -> bool) -> Range<usize> {
+    let start = depths.clone().find(|depth| is_needed(*depth)).unwrap_or(depths.end);
+    start..(start..depths.end).rfind(|depth| is_needed(*depth)).map_or(start, |last| last + 1)
+}
+
 /// A volume in memory.
 impl VolumeSink for Volume {
     fn begin(&mut self, _: &ReconstructionInfo) -> Result<()> {

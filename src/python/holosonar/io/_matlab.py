@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import permutations
 from typing import TYPE_CHECKING, Any, Literal, Union
 
@@ -127,7 +128,9 @@ class _Variables:
             raise self.refused(f"`{name}`, {what}, is missing")
         return self.found[name]
 
-    def _only(self, fitting: list[str], what: str, key: str) -> str:
+    def _only(self, fits: Callable[[NDArray[Any]], bool], what: str, key: str) -> str:
+        """The name of the only variable that fits and is nothing else yet."""
+        fitting = [name for name, value in self.found.items() if name not in self.taken and fits(value)]
         if len(fitting) != 1:
             several = f"{len(fitting)} variables could be" if fitting else "no variable can be"
             raise self.refused(f"{several} {what}; name it with `{key}`")
@@ -143,15 +146,12 @@ class _Variables:
         if name is None:
             real = axes is not None and "t" in axes
             least = 2 if axes is None else sum(axis != "-" for axis in axes)
-            fitting = [
-                key
-                for key, value in self.found.items()
-                if key not in self.taken
-                and sum(n > 1 for n in value.shape) >= min(least, 2)
-                and (real or value.dtype.kind == "c")
-                and not (real and value.shape[-1] == 3)
-            ]
-            name = self._only(fitting, "the samples", "samples")
+
+            def fits(value: NDArray[Any]) -> bool:
+                enough = sum(n > 1 for n in value.shape) >= min(least, 2)
+                return enough and (value.shape[-1] != 3 if real else value.dtype.kind == "c")
+
+            name = self._only(fits, "the samples", "samples")
         return name, self._named(name, "the samples")
 
     def positions(self, given: Named, unit: float) -> NDArray[Any]:
@@ -160,15 +160,11 @@ class _Variables:
             return float64(given, "positions", 3)
         name = given
         if name is None:
-            fitting = [
-                key
-                for key, value in self.found.items()
-                if key not in self.taken
-                and value.dtype.kind != "c"
-                and 3 in (value.shape[0], value.shape[-1])
-                and value.size > 3
-            ]
-            name = self._only(fitting, "the microphones' positions, [n_mic, 3] or [n_y, n_x, 3] in m", "positions")
+
+            def fits(value: NDArray[Any]) -> bool:
+                return value.dtype.kind != "c" and 3 in (value.shape[0], value.shape[-1]) and value.size > 3
+
+            name = self._only(fits, "the microphones' positions, [n_mic, 3] or [n_y, n_x, 3] in m", "positions")
         value = self._named(name, "the microphones' positions")
         if value.ndim == 2 and value.shape[0] == 3 and value.shape[1] != 3:
             value = value.T
@@ -184,17 +180,14 @@ class _Variables:
             return np.atleast_1d(float64(given, "frequencies"))
         name = given
         if name is None:
-            fitting = [
-                key
-                for key, value in self.found.items()
-                if key not in self.taken
-                and value.dtype.kind in "iuf"
-                and value.size in lengths
-                and value.size == max(value.shape)
-                and (np.diff(value.reshape(-1).astype(np.float64)) > 0).all()
-                and value.reshape(-1)[0] > 0
-            ]
-            name = self._only(fitting, "the frequencies: ascending, as many as an axis of the samples is long", "frequencies")
+
+            def fits(value: NDArray[Any]) -> bool:
+                if value.dtype.kind not in "iuf" or value.size not in lengths or value.size != max(value.shape):
+                    return False
+                flat = value.reshape(-1).astype(np.float64)
+                return bool((np.diff(flat) > 0).all() and flat[0] > 0)
+
+            name = self._only(fits, "the frequencies: ascending, as many as an axis of the samples is long", "frequencies")
         value = self._named(name, "the frequencies")
         if value.size != max(value.shape) or value.dtype.kind not in "iuf":
             raise self.refused(f"`{name}`: a vector of frequencies was expected")
