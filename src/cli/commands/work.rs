@@ -8,7 +8,7 @@ use crate::cli::terminal::{Terminal, observed, print};
 use crate::error::{Error, Result};
 use crate::files::OutputFolder;
 use crate::pipeline::{self, Wanted, WorkDone};
-use clap::Args;
+use clap::{ArgGroup, Args};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -18,6 +18,7 @@ use std::time::Duration;
 /// reconstructed from all of it: if units of the simulation are missing that others compute, run the same command again
 /// when they are done. `plan --units` lists the units; see `holosonar help interruption`.
 #[derive(Debug, Args)]
+#[command(group(ArgGroup::new("share").required(true)))]
 pub(in crate::cli) struct WorkArgs {
     /// Run file, mesh, reflector list or cube.
     input: PathBuf,
@@ -28,10 +29,10 @@ pub(in crate::cli) struct WorkArgs {
     #[arg(short, long, value_name = "RUN.toml")]
     config: Option<PathBuf>,
     /// The K-th of N parts of the units, from 1/N to N/N, as in 3/8.
-    #[arg(long, value_name = "K/N", required_unless_present = "units", conflicts_with = "units")]
+    #[arg(long, value_name = "K/N", group = "share")]
     part: Option<String>,
     /// Units by number, as in 0-15 or 7.
-    #[arg(long, value_name = "A-B")]
+    #[arg(long, value_name = "A-B", group = "share")]
     units: Option<String>,
     #[command(flatten)]
     overrides: Overrides,
