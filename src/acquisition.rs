@@ -26,6 +26,7 @@
 //! ```
 
 mod array;
+mod ascan;
 mod calibration;
 mod import;
 mod instrument;
@@ -33,19 +34,21 @@ mod source;
 mod cube;
 mod cube_file;
 mod health;
+mod profile;
 mod recording;
 mod simulate;
 mod sweep;
 
 pub use array::{Lattice, MicArray, PositionFormulas};
 pub(crate) use array::{RANDOM_BYTES, Tile, check_formula, halvings, tiles};
+pub use ascan::{AScan, AScanOptions, ScannedMicrophone};
 pub(crate) use calibration::note;
 pub use calibration::{AutoWord, Background, Calibration, ChannelMask, ChannelResponse, ResponseAxis};
 pub use cube::{CubeView, DataCube};
 pub use cube_file::{CubeFile, UncheckedSamples};
 pub use health::{
     ChannelLevels, Health, LikelySign, MeanProfile, NoiseEstimate, OddChannel, OddChannels, PhaseSign,
-    ProfilePeak, SignEvidence, TransmissionHealth,
+    SignEvidence, TransmissionHealth,
 };
 pub(crate) use import::check_columns;
 pub use import::{
@@ -53,6 +56,7 @@ pub use import::{
 };
 pub(crate) use instrument::MOST_SOURCES;
 pub use instrument::{Instrument, InstrumentChanges};
+pub use profile::ProfilePeak;
 pub use recording::{
     DirectWord, Latency, RecorderOptions, RecordingOptions, RecordingSize, Reference, TestSignal, WavFormat,
     write_recording,

@@ -137,6 +137,7 @@ enum Command {
     Import(commands::ImportArgs),
     Calibrate(commands::CalibrateArgs),
     Autofocus(commands::AutofocusArgs),
+    Ascan(commands::AscanArgs),
     /// Reconstructs a data cube into a volume (.npz, .exr, .vti, .nrrd or .vdb, by extension).
     Reconstruct {
         /// The cube.

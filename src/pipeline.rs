@@ -33,7 +33,8 @@ mod report;
 
 pub use bare_mesh::BareMesh;
 pub use cubes::{
-    autofocus_cube, image_cube, image_samples, reconstruct_cube, reconstruct_samples, self_calibrate_cube,
+    ascan_cube, ascan_scene, autofocus_cube, image_cube, image_samples, reconstruct_cube,
+    reconstruct_samples, self_calibrate_cube,
 };
 pub use design::{Combination, DesignRow, DesignSweep, RunWith, SweptKey, point_spreads, sweep_designs};
 pub(crate) use facts::{aperture_of_file, resolution_of};

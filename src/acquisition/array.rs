@@ -174,6 +174,13 @@ impl MicArray {
         low.midpoint(high)
     }
 
+    /// Number of the microphone that is nearest to a point of its plane, the first of several; m.
+    pub fn nearest(&self, [x, y]: [f64; 2]) -> usize {
+        let distance = |r: &DVec3| (r.x - x).hypot(r.y - y);
+        let nearer = |a: usize, b: usize| distance(&self.positions[b]) < distance(&self.positions[a]);
+        (1..self.len()).fold(0, |best, r| if nearer(best, r) { r } else { best })
+    }
+
     /// The microphones turned about their centre by angles in degrees, about x and then about y, axes that stay.
     ///
     /// # Errors

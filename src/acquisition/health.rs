@@ -12,7 +12,7 @@ mod sign;
 mod tests;
 
 pub use levels::{ChannelLevels, OddChannel, OddChannels};
-pub use profile::{MeanProfile, NoiseEstimate, ProfilePeak};
+pub use profile::{MeanProfile, NoiseEstimate};
 pub use sign::{LikelySign, PhaseSign, SignEvidence};
 
 use super::{CubeSource, Detection, Instrument};
@@ -304,9 +304,4 @@ fn quantile(values: impl Iterator<Item = f64> + Clone, share: f64) -> Option<f64
     sorted.sort_unstable_by(f64::total_cmp);
     let last = sorted.len().checked_sub(1)?;
     Some(sorted[(share * last as f64).round() as usize])
-}
-
-/// 10 log₁₀ of a ratio of powers, dB; `None` unless it is a finite number.
-fn decibels(power: f64) -> Option<f64> {
-    Some(10.0 * power.log10()).filter(|db| db.is_finite())
 }

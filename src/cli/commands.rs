@@ -1,11 +1,13 @@
 //! The commands: each turns its arguments into calls of the library and shows the results.
 
+mod ascan;
 mod autofocus;
 mod calibrate;
 mod import;
 mod recording;
 mod work;
 
+pub(super) use ascan::AscanArgs;
 pub(super) use autofocus::AutofocusArgs;
 pub(super) use calibrate::CalibrateArgs;
 pub(super) use import::ImportArgs;
@@ -50,6 +52,7 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
         }
         Command::Work(args) => work::run(args, terminal),
         Command::Import(args) => import::run(args, terminal),
+        Command::Ascan(args) => ascan::run(args, terminal),
         Command::Autofocus(args) => autofocus::run(args, terminal),
         Command::Calibrate(args) => calibrate::run(args, terminal),
         Command::Reconstruct { cube, config, output, settings, checkpoint } => {

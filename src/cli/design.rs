@@ -23,7 +23,7 @@ fn decibels(level: Option<f64>) -> String {
 }
 
 /// Aligned rows, each column as wide as its widest cell; the first column is left-aligned.
-fn columns(rows: &[Vec<String>]) -> String {
+pub(super) fn columns(rows: &[Vec<String>]) -> String {
     let width =
         |column: usize| rows.iter().map(|row| one_line(&row[column]).chars().count()).max().unwrap_or(0);
     let widths: Vec<usize> = (0..rows.first().map_or(0, Vec::len)).map(width).collect();

@@ -7,6 +7,7 @@
 //! here; `charming` 0.6 draws in a browser or needs V8.
 
 mod array;
+mod ascan;
 mod bar;
 mod canvas;
 mod chart;
@@ -20,6 +21,7 @@ mod style;
 mod ticks;
 
 pub(crate) use array::write_array_figure;
+pub(crate) use ascan::write_ascan_figure;
 pub(crate) use chart::{Chart, ChartAxis, write_charts};
 pub(crate) use focus::write_focus_figure;
 pub(crate) use health::write_health_figure;

@@ -3,8 +3,10 @@
 //! Samples in memory give the same results as a file of them, but without a checkpoint, and without a copy, unless they are
 //! corrected.
 
+mod ascan;
 mod focus;
 
+pub use ascan::{ascan_cube, ascan_scene};
 pub use focus::{autofocus_cube, self_calibrate_cube};
 
 use super::facts::{beyond_the_sum, image_facts, sidelobes};

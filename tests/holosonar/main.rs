@@ -7,6 +7,7 @@
 mod absurd;
 mod agreement;
 mod arrays;
+mod ascan;
 mod backprojection;
 mod bare;
 mod binary;

@@ -1,6 +1,7 @@
 //! Levels of channels, microphones or tones, and those that are out of line.
 
-use super::{decibels, median, quantile};
+use super::{median, quantile};
+use crate::acquisition::profile::decibels;
 use crate::alloc::try_filled;
 use glam::DVec3;
 use num_complex::Complex32;

@@ -1,10 +1,10 @@
 //! The range profile: the inverse transform of a microphone's samples over frequency, its mean power, its peaks and its
 //! noise.
 
-use super::{decibels, quantile};
+use super::quantile;
+use crate::acquisition::profile::{ProfilePeak, SweepTransform, decibels, local_maxima, unambiguous_path};
 use crate::acquisition::{Detection, Instrument};
-use num_complex::{Complex32, Complex64};
-use rustfft::FftPlanner;
+use num_complex::Complex32;
 use serde::Serialize;
 use std::f64::consts::TAU;
 
@@ -24,16 +24,6 @@ pub struct MeanProfile {
     pub power: Vec<f64>,
     /// The strongest peaks, at most five, strongest first; those within 40 dB of the first and 6 dB above the median.
     pub peaks: Vec<ProfilePeak>,
-}
-
-/// A peak of the mean range profile.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-#[non_exhaustive]
-pub struct ProfilePeak {
-    /// Half of its path, m: as seen from the middle of speaker and microphones, about the range.
-    pub range: f64,
-    /// Its power, dB.
-    pub level_db: f64,
 }
 
 /// The noise of a cube.
@@ -95,32 +85,11 @@ pub(super) fn window(n: usize) -> Vec<f64> {
     (0..n).map(cosines).collect()
 }
 
-/// The length of path after which profiles repeat, c/δf, m.
-pub(super) fn unambiguous_path(instrument: &Instrument) -> f64 {
-    // The band rather than the step: rounded steps add up.
-    instrument.sound_speed * (instrument.sweep.len() - 1) as f64 / instrument.sweep.bandwidth()
-}
-
 /// The mean profile of `columns`, `[microphone, n_f]`.
 pub(super) fn mean(instrument: &Instrument, columns: &[Complex32]) -> MeanProfile {
     let n_f = instrument.sweep.len();
-    let window = window(n_f);
-    let scale = 1.0 / window.iter().sum::<f64>();
-    let fft = FftPlanner::new().plan_fft_forward(n_f);
-    let mut scratch = vec![Complex64::ZERO; fft.get_inplace_scratch_len()];
-    let mut power = vec![0.0; n_f];
-    let mut profile = Vec::with_capacity(n_f);
-    for column in columns.chunks_exact(n_f) {
-        profile.clear();
-        let weighted = |(m, w): (&Complex32, &f64)| Complex64::new(m.re.into(), m.im.into()) * (w * scale);
-        profile.extend(column.iter().zip(&window).map(weighted));
-        fft.process_with_scratch(&mut profile, &mut scratch);
-        power.iter_mut().zip(&profile).for_each(|(sum, value)| *sum += value.norm_sqr());
-    }
-    let count = (columns.len() / n_f) as f64;
-    for sum in &mut power {
-        *sum /= count;
-    }
+    let transform = SweepTransform::new(instrument, &window(n_f), 1);
+    let mut power = transform.mean_power(columns);
     let mut path = unambiguous_path(instrument);
     let range_pitch = path / n_f as f64 / 2.0;
     if instrument.detection == Detection::InPhase {
@@ -134,22 +103,7 @@ pub(super) fn mean(instrument: &Instrument, columns: &[Complex32]) -> MeanProfil
 fn peaks(power: &[f64], pitch: f64) -> Vec<ProfilePeak> {
     let (most, below, above) = PEAKS;
     let floor = quantile(power.iter().copied(), 0.5).and_then(decibels).unwrap_or(f64::NEG_INFINITY) + above;
-    let level = |k: usize| decibels(power[k]).unwrap_or(f64::NEG_INFINITY);
-    let mut peaks: Vec<ProfilePeak> = (0..power.len())
-        .filter_map(|k| {
-            let before = k.checked_sub(1).map_or(f64::NEG_INFINITY, level);
-            let after = if k + 1 < power.len() { level(k + 1) } else { f64::NEG_INFINITY };
-            let here = level(k);
-            (here > before && here >= after && here > floor).then(|| {
-                // The top of the parabola through three levels; exact for a Gaussian.
-                let bend = 2.0 * here - before - after;
-                let offset = if bend.is_finite() { 0.5 * (after - before) / bend } else { 0.0 };
-                let rise = if bend.is_finite() { 0.25 * (after - before) * offset } else { 0.0 };
-                ProfilePeak { range: (k as f64 + offset) * pitch, level_db: here + rise }
-            })
-        })
-        .collect();
-    peaks.sort_by(|a, b| b.level_db.total_cmp(&a.level_db));
+    let mut peaks = local_maxima(power, pitch, floor);
     let strongest = peaks.first().map_or(0.0, |peak| peak.level_db);
     peaks.retain(|peak| peak.level_db >= strongest - below);
     peaks.truncate(most);

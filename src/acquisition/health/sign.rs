@@ -6,9 +6,9 @@
 //! rough surface no point is bright; then only the place of the echoes is left: usually in the first half of the
 //! unambiguous path.
 
-use super::decibels;
-use super::profile::{MeanProfile, unambiguous_path, window};
+use super::profile::{MeanProfile, window};
 use crate::acquisition::Instrument;
+use crate::acquisition::profile::{decibels, unambiguous_path};
 use crate::choice::choice;
 use crate::wave::Geometry;
 use glam::DVec3;

@@ -67,6 +67,29 @@ pub(crate) fn write_charts(path: &Path, charts: &[Chart], axis: &ChartAxis) -> R
     draw(charts, axis).write_png(path)
 }
 
+/// Most places along a chart of a curve; of more, the highest of each group is drawn, so that no peak is lost.
+const PLACES: usize = 400;
+
+/// A chart of one or several curves over numbers, with its labels along x and y.
+pub(super) fn line(
+    title: &str,
+    [x_label, y_label]: [&str; 2],
+    places: &[f64],
+    series: &[(String, Vec<f64>)],
+) -> Canvas {
+    let group = places.len().div_ceil(PLACES);
+    let highest = |values: &[f64]| -> Vec<f64> {
+        values.chunks(group).map(|v| v.iter().copied().fold(f64::NAN, f64::max)).collect()
+    };
+    let axis = ChartAxis {
+        label: x_label.into(),
+        places: places.chunks(group).map(|places| places[places.len() / 2].to_string()).collect(),
+        series: series.iter().map(|(name, _)| name.clone()).collect(),
+    };
+    let series = series.iter().map(|(_, values)| highest(values)).collect();
+    draw(&[Chart { title: title.into(), y_label: y_label.into(), series }], &axis)
+}
+
 /// The charts as a picture; see [`write_charts`].
 pub(super) fn draw(charts: &[Chart], axis: &ChartAxis) -> Canvas {
     let columns = charts.len().min(2);

@@ -1,18 +1,17 @@
 //! The figure of a cube's health: levels of microphones and tones, and the mean range profile.
 
 use super::canvas::Canvas;
-use super::chart::{self, Chart, ChartAxis};
+use super::chart::line;
 use super::{ColourMap, Panel, Scale, layout};
 use crate::acquisition::{ChannelLevels, CubeSource, Detection, Health};
 use crate::error::Result;
 use std::path::Path;
 
-/// Most places along a chart; of more, the highest of each group is drawn, so that no peak is lost.
-const PLACES: usize = 400;
-
 /// Levels that are drawn, dB: from dead to loud, and below the strongest echo.
 const LEVELS: [f64; 2] = [-40.0, 20.0];
 const ECHOES_DB: f64 = 100.0;
+
+const AGAINST: &str = "against the median / dB";
 
 /// Draws the levels of the microphones, as a map on a lattice, those of the tones, and the mean range profile with both
 /// signs of the phase.
@@ -41,7 +40,7 @@ pub(crate) fn write_health_figure(path: &Path, health: &Health, cube: &dyn CubeS
             let places: Vec<f64> = (0..health.microphones.count).map(|i| i as f64).collect();
             line(
                 "level by microphone",
-                "microphone",
+                ["microphone", AGAINST],
                 &places,
                 &[(String::new(), decibels(&health.microphones))],
             )
@@ -50,7 +49,7 @@ pub(crate) fn write_health_figure(path: &Path, health: &Health, cube: &dyn CubeS
     let frequencies = instrument.sweep.frequencies();
     pictures.push(line(
         "level by tone",
-        "frequency / Hz",
+        ["frequency / Hz", AGAINST],
         frequencies,
         &[(String::new(), decibels(&health.tones))],
     ));
@@ -67,7 +66,12 @@ pub(crate) fn write_health_figure(path: &Path, health: &Health, cube: &dyn CubeS
             opposite[1..].reverse();
             series.push(("opposite phase sign".to_owned(), opposite));
         }
-        pictures.push(line("mean range profile", "range (half of the path) / m", &ranges, &series));
+        pictures.push(line(
+            "mean range profile",
+            ["range (half of the path) / m", "power / dB"],
+            &ranges,
+            &series,
+        ));
     }
     Canvas::in_pairs(&pictures).write_png(path)
 }
@@ -75,21 +79,4 @@ pub(crate) fn write_health_figure(path: &Path, health: &Health, cube: &dyn CubeS
 /// Levels against their median, dB; NaN where there is none.
 fn decibels(levels: &ChannelLevels) -> Vec<f64> {
     (0..levels.count).map(|i| levels.level_db(i).unwrap_or(f64::NAN)).collect()
-}
-
-/// A chart of one or several series, in dB.
-fn line(title: &str, label: &str, places: &[f64], series: &[(String, Vec<f64>)]) -> Canvas {
-    let group = places.len().div_ceil(PLACES);
-    let highest = |values: &[f64]| -> Vec<f64> {
-        values.chunks(group).map(|v| v.iter().copied().fold(f64::NAN, f64::max)).collect()
-    };
-    let axis = ChartAxis {
-        label: label.into(),
-        places: places.chunks(group).map(|places| places[places.len() / 2].to_string()).collect(),
-        series: series.iter().map(|(name, _)| name.clone()).collect(),
-    };
-    let y_label =
-        if series.len() > 1 || title.contains("profile") { "power / dB" } else { "against the median / dB" };
-    let series = series.iter().map(|(_, values)| highest(values)).collect();
-    chart::draw(&[Chart { title: title.into(), y_label: y_label.into(), series }], &axis)
 }
