@@ -33,6 +33,7 @@ mod instrument;
 mod source;
 mod cube;
 mod cube_file;
+mod electronics;
 mod health;
 mod profile;
 mod recording;
@@ -46,6 +47,8 @@ pub(crate) use calibration::note;
 pub use calibration::{AutoWord, Background, Calibration, ChannelMask, ChannelResponse, ResponseAxis};
 pub use cube::{CubeView, DataCube};
 pub use cube_file::{CubeFile, UncheckedSamples};
+pub(crate) use electronics::MOST_HARMONICS;
+pub use electronics::{Electronics, InstrumentElement, Mixer, OutputFilter, QuadratureBy};
 pub use health::{
     ChannelLevels, Health, LikelySign, MeanProfile, NoiseEstimate, OddChannel, OddChannels, PhaseSign,
     SignEvidence, TransmissionHealth,
@@ -65,7 +68,7 @@ pub use simulate::{
     ArrayErrors, Losses, Noise, PropagationModel, SIMULATION_TOLERANCE, SimulateOptions, simulate,
     simulate_with,
 };
-pub(crate) use simulate::{simulate_resumable, simulation_bytes};
+pub(crate) use simulate::{simulate_resumable, simulate_tiles, simulation_bytes};
 pub(crate) use source::OneTransmission;
 pub use source::{CubeSource, Visit};
 pub use sweep::Sweep;

@@ -34,9 +34,9 @@ mod wording;
 pub use choices::{ArrayLayout, InputFile, RefineMethod, Shading, SurfaceKind, VolumeFormat};
 pub use source::TypedKeys;
 pub use tables::{
-    ArrayTable, CalibrationTable, DepthTable, DetectionTable, ExpectTable, GridTable, ImportTable, Limit,
-    MediumTable, OutputTable, ReconstructTable, RecordingTable, ReferenceChannel, RefineTable,
-    ReflectorsTable, ScenePart, SceneTable, SweepTable, TypedFormulas, TypedPositions,
+    ArrayTable, CalibrationTable, DepthTable, DetectionTable, ExpectTable, GridTable, ImportTable,
+    InstrumentTable, Limit, MediumTable, OutputTable, ReconstructTable, RecordingTable, ReferenceChannel,
+    RefineTable, ReflectorsTable, ScenePart, SceneTable, SweepTable, TypedFormulas, TypedPositions,
 };
 
 pub(crate) use mesh_run::MeshRun;
@@ -82,6 +82,9 @@ pub struct RunFile {
     /// How recordings are made.
     #[serde(skip_serializing_if = "RecordingTable::is_default")]
     pub recording: RecordingTable,
+    /// What the electronics of a simulation do.
+    #[serde(skip_serializing_if = "InstrumentTable::is_default")]
+    pub instrument: InstrumentTable,
     /// How a measured cube is corrected.
     #[serde(skip_serializing_if = "CalibrationTable::is_default")]
     pub calibration: CalibrationTable,

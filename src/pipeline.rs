@@ -36,7 +36,10 @@ pub use cubes::{
     ascan_cube, ascan_scene, autofocus_cube, image_cube, image_samples, reconstruct_cube,
     reconstruct_samples, self_calibrate_cube,
 };
-pub use design::{Combination, DesignRow, DesignSweep, RunWith, SweptKey, point_spreads, sweep_designs};
+pub use design::{
+    BudgetRow, Combination, DesignRow, DesignSweep, InstrumentBudget, RunWith, SweptKey, point_spreads,
+    sweep_designs,
+};
 pub(crate) use facts::{aperture_of_file, resolution_of};
 pub use facts::{facts_of_attributes, resolution_in};
 pub use forecast::{CommandMemory, Forecast, forecast_cube, forecast_scene};

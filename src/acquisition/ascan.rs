@@ -299,15 +299,11 @@ fn listed(
     (detection, most): (Detection, usize),
 ) -> Vec<ProfilePeak> {
     let n = transform.len;
-    // The highest sidelobe at a distance or farther away, up to half of the way around.
-    let mut envelope = sidelobes[..=n / 2].to_vec();
-    for k in (0..envelope.len() - 1).rev() {
-        envelope[k] = envelope[k].max(envelope[k + 1]);
-    }
+    // The highest sidelobe about a distance: tops are half a lobe from where they are due.
     let from = |distance: f64| {
-        // Tops of sidelobes are half a lobe from where they are due.
-        let around = distance.abs().min((n as f64 - distance.abs()).abs());
-        envelope[((around - FINER as f64 / 2.0).max(0.0) as usize).min(n / 2)]
+        let middle = distance.abs() as usize;
+        let around = middle.saturating_sub(FINER)..=(middle + FINER).min(n - 1);
+        sidelobes[around].iter().copied().fold(0.0, f64::max)
     };
     let strongest = found.first().map_or(0.0, |peak| peak.level_db);
     let mut kept: Vec<ProfilePeak> = Vec::new();

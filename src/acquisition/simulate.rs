@@ -30,7 +30,7 @@ pub use errors::ArrayErrors;
 pub use losses::Losses;
 pub use noise::Noise;
 
-use super::{DataCube, Detection, Instrument, Tile, tiles};
+use super::{DataCube, Detection, Electronics, Instrument, Tile, tiles};
 use crate::blocks::{BlockStore, BlocksFrom, NoStore};
 use crate::choice::choice;
 use crate::error::{Error, Result};
@@ -43,9 +43,8 @@ use columns::Columns;
 use expand::fast;
 use glam::DVec3;
 use literal::literal;
-use noise::add_noise;
+use noise::finish;
 use num_complex::Complex32;
-use rayon::prelude::*;
 use terms::{LossModel, LossTerms};
 use virtual_tones::EquispacedTones;
 
@@ -79,7 +78,9 @@ pub struct SimulateOptions {
     pub losses: Losses,
     /// Errors of the microphones, if any.
     pub errors: Option<ArrayErrors>,
-    /// Noise, if any.
+    /// What the electronics do, unless they are ideal; see [`Electronics`].
+    pub electronics: Option<Electronics>,
+    /// Noise, if any, at the converter.
     pub noise: Option<Noise>,
     /// Maximum error of virtual tones in any sample, relative to `Σ|A|` (with spreading, to the part of it that reaches the
     /// microphone); 0 sums every term of Eq. 5.
@@ -99,6 +100,7 @@ impl Default for SimulateOptions {
             model: PropagationModel::Exact,
             losses: Losses::NONE,
             errors: None,
+            electronics: None,
             noise: None,
             tolerance: SIMULATION_TOLERANCE,
         }
@@ -110,6 +112,7 @@ with_fields! {
         with_model(model: PropagationModel),
         with_losses(losses: Losses),
         with_errors(errors: Option<ArrayErrors>),
+        with_electronics(electronics: Option<Electronics>),
         with_noise(noise: Option<Noise>),
         with_tolerance(tolerance: f64),
     }
@@ -185,6 +188,54 @@ pub(crate) fn simulate_resumable(
             "must be a finite number of 0 or more; 0 sums every term",
         ));
     }
+    options.electronics.as_ref().map_or(Ok(()), Electronics::check)?;
+    let mut simulate = |number: usize, heard: &Instrument| {
+        let first = number * instrument.transmissions() * instrument.array.len();
+        let mut blocks = BlocksFrom { first: first as u64, store: &mut *store };
+        simulate_echoes(reflectors, heard, options, &mut blocks, observer)
+    };
+    let mut samples = match &options.electronics {
+        Some(electronics) => electronics.read_echoes(instrument, &mut simulate)?,
+        None => simulate(0, instrument)?,
+    };
+    finish(&mut samples, instrument, options)?;
+    Ok(DataCube { instrument: instrument.clone(), samples, provenance: serde_json::Value::Null })
+}
+
+/// Simulates those tiles of microphones that a store wants, of every frequency that is heard; what is read of them is made
+/// of all tiles together.
+///
+/// # Errors
+/// As [`simulate`].
+pub(crate) fn simulate_tiles(
+    reflectors: &[Reflectors],
+    instrument: &Instrument,
+    options: &SimulateOptions,
+    store: &mut dyn BlockStore,
+    observer: &dyn Observer,
+) -> Result<()> {
+    let heard = match &options.electronics {
+        Some(electronics) => {
+            electronics.check()?;
+            electronics.instruments(instrument)?
+        }
+        None => vec![instrument.clone()],
+    };
+    let blocks = instrument.transmissions() * instrument.array.len();
+    heard.iter().enumerate().try_for_each(|(number, heard)| {
+        let mut blocks = BlocksFrom { first: (number * blocks) as u64, store: &mut *store };
+        simulate_echoes(reflectors, heard, options, &mut blocks, observer).map(drop)
+    })
+}
+
+/// Eq. 5: the samples of an ideal instrument, without noise.
+fn simulate_echoes(
+    reflectors: &[Reflectors],
+    instrument: &Instrument,
+    options: &SimulateOptions,
+    store: &mut dyn BlockStore,
+    observer: &dyn Observer,
+) -> Result<Vec<Complex32>> {
     if instrument.interface.is_some() && (options.losses.any() || options.model == PropagationModel::Linear) {
         let problem = "is simulated with exact paths and without spreading, absorption and directivity";
         return Err(Error::input("interface", problem));
@@ -221,15 +272,7 @@ pub(crate) fn simulate_resumable(
         }
         Ok(())
     })?;
-    if let Some(noise) = options.noise {
-        add_noise(&mut samples, n_mic, noise, instrument.detection)?;
-    }
-    if !samples.par_iter().all(|m| m.norm_sqr().is_finite()) {
-        let problem =
-            "come out beyond single precision; use smaller amplitudes, or less noise ([detection] snr_db)";
-        return Err(Error::input("simulated samples", problem));
-    }
-    Ok(DataCube { instrument: instrument.clone(), samples, provenance: serde_json::Value::Null })
+    Ok(samples)
 }
 
 /// The inputs of a simulation, with the instrument's actual microphone positions.

@@ -7,7 +7,7 @@ use super::summary::{self, duration, millimetres};
 use super::terminal::{Terminal, observed, print};
 use crate::error::{Error, Result, gib};
 use crate::export::figure::{Chart, ChartAxis, write_charts, write_spread_figure};
-use crate::pipeline::{self, DesignRow, DesignSweep, Forecast, SweptKey};
+use crate::pipeline::{self, DesignRow, DesignSweep, Forecast, InstrumentBudget, SweptKey};
 use crate::plan::design::{Design, Verdict};
 use crate::progress::Observer;
 use crate::psf::{MeasuredGratingLobe, PointSpread, Width};
@@ -40,7 +40,25 @@ pub(super) fn columns(rows: &[Vec<String>]) -> String {
 
 /// What `plan` prints of a prediction.
 pub(crate) fn forecast_text(forecast: &Forecast) -> String {
-    summary::forecast(forecast) + &design(&forecast.design)
+    let budget = forecast.budget.as_ref().map(budget);
+    summary::forecast(forecast) + &design(&forecast.design) + &budget.unwrap_or_default()
+}
+
+/// What the elements of an instrument cost.
+fn budget(budget: &InstrumentBudget) -> String {
+    let mm = |m: f64| format!("{:+.3}", 1e3 * m);
+    let header = ["element", "SNR dB", "level dB", "range bias mm", "rms mm"];
+    let rows = budget.rows.iter().map(|row| {
+        let snr = row.snr_db.map_or("exact".to_owned(), |db| format!("{db:.1}"));
+        let rms = format!("{:.3}", 1e3 * row.range_rms);
+        vec![row.element.clone(), snr, format!("{:+.2}", row.level_db), mm(row.range_bias), rms]
+    });
+    let rows: Vec<_> = std::iter::once(header.map(str::to_owned).to_vec()).chain(rows).collect();
+    let points = budget.points;
+    format!(
+        "\ninstrument: {points} points before one microphone, with each element alone\n{}",
+        columns(&rows)
+    )
 }
 
 /// The design that `plan` prints after its table.

@@ -2,6 +2,7 @@
 
 mod calibration;
 mod import;
+mod instrument;
 mod measurement;
 mod recording;
 mod results;
@@ -29,6 +30,7 @@ impl RunFile {
         self.detection.check()?;
         self.import.check()?;
         self.recording.check()?;
+        self.check_instrument()?;
         self.calibration.check()?;
         self.grid.check()?;
         self.reconstruct.check()?;

@@ -6,13 +6,14 @@ use crate::error::{Error, Result};
 use glam::DVec3;
 
 /// Tables and keys of a simulation, and what says the same of a cube.
-const OF_SCENES: [(&str, &str); 9] = [
+const OF_SCENES: [(&str, &str); 10] = [
     ("scene", "a cube has no scene"),
     ("materials", "a cube has no scene"),
     ("reflectors", "a cube has no scene"),
     ("expect", "a cube has no truth; `compare` scores its depth map against one"),
     ("import", "a cube is imported already"),
     ("recording", "a cube is made of its recording already; `import` makes another"),
+    ("instrument", "the samples are what was measured"),
     ("sweep", "the frequencies are in the cube"),
     ("detection", "the samples are what was detected"),
     ("array", "the microphones are in the cube; only array.centre and array.source can be changed"),

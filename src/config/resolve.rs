@@ -2,6 +2,7 @@
 
 mod calibration;
 mod import;
+mod instrument;
 mod recording;
 
 use super::check::square_root;
@@ -204,6 +205,7 @@ impl RunFile {
                 microphone_radius: array.microphone_radius,
             },
             errors: (errors.gain_db > 0.0 || errors.phase > 0.0 || errors.position > 0.0).then_some(errors),
+            electronics: self.electronics(),
             noise: self.detection.snr_db.map(|snr_db| Noise { snr_db, seed }),
             tolerance: self.detection.tolerance,
         }

@@ -71,11 +71,12 @@ const EXCLUSIVE: [[&str; 2]; 10] = [
 
 /// Keys that apply only with one word of another key: key, that other key, the word. A `--set` of another word withdraws
 /// them.
-const DEPENDENT: [[&str; 3]; 6] = [
+const DEPENDENT: [[&str; 3]; 7] = [
     ["array.source_offset", "array.geometry", "pair"],
     ["array.file", "array.layout", "file"],
     ["array.spacing", "array.layout", "random"],
     ["array.seed", "array.layout", "random"],
+    ["instrument.low_pass", "instrument.filter", "low-pass"],
     ["depth.fov", "depth.view", "perspective"],
     ["depth.pixels", "depth.view", "perspective"],
 ];

@@ -4,6 +4,7 @@
 
 mod calibration;
 mod import;
+mod instrument;
 mod measurement;
 mod pair;
 mod recording;
@@ -13,6 +14,7 @@ mod scene;
 pub use calibration::CalibrationTable;
 pub(in crate::config) use calibration::MEAN;
 pub use import::{ImportTable, TypedFormulas, TypedPositions};
+pub use instrument::InstrumentTable;
 pub use measurement::{ArrayTable, DetectionTable, MediumTable, SweepTable};
 pub use recording::{RecordingTable, ReferenceChannel};
 pub use results::{DepthTable, ExpectTable, GridTable, Limit, OutputTable, ReconstructTable, RefineTable};

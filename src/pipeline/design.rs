@@ -1,5 +1,10 @@
 //! Tools for the design of arrays: a forecast of every combination of swept keys, and point-spread functions.
 
+mod budget;
+
+pub(super) use budget::instrument_budget;
+pub use budget::{BudgetRow, InstrumentBudget};
+
 use super::BareMesh;
 use super::forecast::forecast;
 use super::job::JobOptions;

@@ -1,5 +1,6 @@
 //! Predictions of a job, for `plan`: everything that can be known before any ray is traced or any sample computed.
 
+use super::design::{InstrumentBudget, instrument_budget};
 use super::facts::beyond_the_sum;
 use super::job::JobOptions;
 use super::memory::{MemoryBudget, SceneSize};
@@ -44,6 +45,9 @@ pub struct Forecast {
     pub files: Vec<String>,
     /// The recording that `simulate` writes into a file `.wav`, if `[recording]` says how.
     pub recording: Option<RecordingSize>,
+    /// What each element of `[instrument]` costs, if there are any.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub budget: Option<InstrumentBudget>,
     /// Warnings for the user.
     pub warnings: Vec<String>,
 }
@@ -88,6 +92,7 @@ pub fn forecast_scene(run: &RunFile, job: &JobOptions) -> Result<Forecast> {
     forecast.suggest_lattice(&budget, instrument);
     forecast.resolution_cells = bounds.map(|(low, high)| instrument.cells_across(low, high));
     forecast.physics = measurement.physics(run);
+    forecast.budget = instrument_budget(run, &measurement, &grid)?;
     if run.recording.dwell.is_some() {
         match RecordingSize::of(instrument, &run.recording_options(), &run.recorder_options()) {
             Ok(size) => forecast.recording = Some(size),
@@ -196,5 +201,6 @@ pub(super) fn forecast(
         resolution_cells: None,
         files: outputs::names(run, truth),
         recording: None,
+        budget: None,
     })
 }

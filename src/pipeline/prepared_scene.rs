@@ -4,7 +4,7 @@ use super::facts::beyond_the_sum;
 use super::memory::{MemoryBudget, SceneSize};
 use super::{BareMesh, JobOptions, SceneSummary, is_in_metres, load_scene, reflector_list, warn_all};
 use crate::acquisition::{
-    DataCube, Detection, Instrument, SimulateOptions, simulate_resumable, simulation_bytes,
+    DataCube, Detection, Instrument, SimulateOptions, simulate_resumable, simulate_tiles, simulation_bytes,
 };
 use crate::blocks::BlockStore;
 use crate::config::RunFile;
@@ -50,11 +50,13 @@ impl Measurement {
         let reflectors = size.reflectors(run, &self.instrument, grid);
         let simulation =
             simulation_bytes(&self.instrument, (size.bounds, reflectors), &self.options, threads);
+        // Echoes at several frequencies are read into a cube of its own.
+        let echoes = if self.options.electronics.is_some() { self.instrument.cube_bytes() } else { 0 };
         let microphones = JobArrays::measured(&self.instrument, 0).microphones;
         JobArrays {
             microphones,
             samples: self.instrument.cube_bytes(),
-            simulation,
+            simulation: simulation.saturating_add(echoes),
             ..size.arrays(run, &self.instrument, grid)
         }
     }
@@ -194,11 +196,11 @@ impl PreparedScene {
         Ok(cube)
     }
 
-    /// Simulates those tiles that the store wants, which takes them; without noise, which is added to a whole cube.
+    /// Simulates those tiles that the store wants, which takes them; without noise and electronics, which are those of a whole
+    /// cube.
     pub(super) fn simulate_tiles(&self, store: &mut dyn BlockStore, observer: &dyn Observer) -> Result<()> {
         let Measurement { instrument, options } = &self.measurement;
-        let options = options.clone().with_noise(None);
-        simulate_resumable(&self.reflectors, instrument, &options, store, observer).map(drop)
+        simulate_tiles(&self.reflectors, instrument, options, store, observer)
     }
 
     pub(super) fn summary(&self) -> Option<SceneSummary> {

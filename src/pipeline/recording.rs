@@ -4,7 +4,7 @@ use super::job::JobOptions;
 use super::memory::MemoryBudget;
 use super::prepared_scene::PreparedScene;
 use super::{identity, simulate};
-use crate::acquisition::{Detection, RecordingSize, write_recording};
+use crate::acquisition::{Detection, InstrumentElement, RecordingSize, write_recording};
 use crate::config::RunFile;
 use crate::error::{Error, Result};
 use crate::files::extension;
@@ -23,6 +23,7 @@ pub fn record_scene(run: &RunFile, path: &Path, job: &JobOptions) -> Result<(Rec
     // Both phases are in a time signal, whichever are detected later, and the noise is in the signal.
     let mut quiet = run.clone();
     (quiet.detection.kind, quiet.detection.snr_db) = (Detection::Quadrature, None);
+    check_electronics(run)?;
     let (recording, recorder) = (run.recording_options(), run.recorder_options());
     let size = RecordingSize::of(&quiet.instrument()?, &recording, &recorder)?;
     let prepared = PreparedScene::of(&MemoryBudget::of(&quiet), job.bare_mesh, false, observer)?;
@@ -32,4 +33,18 @@ pub fn record_scene(run: &RunFile, path: &Path, job: &JobOptions) -> Result<(Rec
     let cube = simulate(&quiet, &prepared, checkpoint, observer)?;
     let gain_db = write_recording(path, &cube, &recording, &recorder, observer)?;
     Ok((size, gain_db))
+}
+
+/// Refuses electronics behind the microphone, of which a recording shows nothing.
+fn check_electronics(run: &RunFile) -> Result<()> {
+    use InstrumentElement::{AmplifierBand, MicrophoneBand};
+    let elements = run.electronics().map_or(Vec::new(), |electronics| electronics.elements());
+    let Some(element) = elements.into_iter().find(|e| ![AmplifierBand, MicrophoneBand].contains(e)) else {
+        return Ok(());
+    };
+    let problem = format!(
+        "has a {element}, and a recording is what the microphones hear: only amplifier_band and microphone_band are in it; \
+         write a cube (.npz), and see decay, format and sample_rate of [recording]"
+    );
+    Err(Error::input("[instrument]", problem))
 }

@@ -22,6 +22,7 @@ mod focus;
 mod guide;
 mod health;
 mod import;
+mod instrument;
 mod interface;
 mod layout;
 mod levels;

@@ -85,6 +85,15 @@ fn any_parts_give_the_bytes_of_one_process() {
         &["grid.pitch=[0.004,0.004,0.002]"],
         &["grid.pitch=[0.004,0.004,0.002]", "reconstruct.method=backprojection"],
         &["array.sources=[[0,0,0],[0.1,0,0],[0,0.2,0]]"],
+        // Echoes at harmonics are simulated too, and readings, which remember the tone before, made of all.
+        &[
+            "instrument.mixer=switch",
+            "instrument.harmonics_db=[-20,-20]",
+            "instrument.filter=low-pass",
+            "instrument.jitter=1e-6",
+            "instrument.adc_bits=10",
+            "recording.dwell=0.02",
+        ],
         &["medium.interface={depth=0.5,sound_speed=1500}", "detection.tolerance=1e-4"],
     ] {
         let (folder, run) = job(typed);

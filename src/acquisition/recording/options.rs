@@ -98,7 +98,7 @@ impl RecordingOptions {
     }
 
     /// How much of each tone is dropped, s.
-    pub(super) fn settling(&self, dwell: f64) -> f64 {
+    pub(crate) fn settling(&self, dwell: f64) -> f64 {
         self.settling.unwrap_or(dwell / 2.0)
     }
 

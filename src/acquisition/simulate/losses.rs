@@ -7,7 +7,7 @@
 //! with d₁ and θ₁ from the speaker and d₂ and θ₂ from the microphone to the reflector, angles against +z, radii a.
 
 use super::SimulateOptions;
-use crate::acquisition::Instrument;
+use crate::acquisition::{Electronics, Instrument};
 use crate::wave::air::{Air, DB_PER_NEPER};
 use crate::wave::piston::piston;
 use crate::wave::spreading;
@@ -93,6 +93,7 @@ impl SimulateOptions {
                 errors.position * 1e3
             ));
         }
+        lines.extend(self.electronics.iter().flat_map(Electronics::physics));
         lines
     }
 }

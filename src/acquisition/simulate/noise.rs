@@ -1,6 +1,8 @@
-//! White Gaussian noise on a simulated cube.
+//! What comes once all echoes of a cube are there: white Gaussian noise, and the converter.
 
-use crate::acquisition::Detection;
+use super::SimulateOptions;
+use crate::acquisition::electronics::convert;
+use crate::acquisition::{Detection, Instrument};
 use crate::error::{Error, Result};
 use num_complex::Complex32;
 use rand_chacha::ChaCha8Rng;
@@ -17,13 +19,31 @@ pub struct Noise {
     pub seed: u64,
 }
 
-/// Adds white Gaussian noise; every frequency has its own stream, so the number of threads does not matter.
-pub(super) fn add_noise(
+/// Adds noise to the readings of an instrument, and converts them.
+///
+/// # Errors
+/// Noise that is no number; samples beyond single precision.
+pub(super) fn finish(
     samples: &mut [Complex32],
-    n_mic: usize,
-    noise: Noise,
-    detection: Detection,
+    instrument: &Instrument,
+    options: &SimulateOptions,
 ) -> Result<()> {
+    if let Some(noise) = options.noise {
+        add_noise(samples, instrument.array.len(), noise, instrument.detection)?;
+    }
+    if let Some(electronics) = &options.electronics {
+        convert(electronics, samples);
+    }
+    if samples.par_iter().all(|m| m.norm_sqr().is_finite()) {
+        return Ok(());
+    }
+    let problem =
+        "come out beyond single precision; use smaller amplitudes, or less noise ([detection] snr_db)";
+    Err(Error::input("simulated samples", problem))
+}
+
+/// Adds white Gaussian noise; every frequency has its own stream, so the number of threads does not matter.
+fn add_noise(samples: &mut [Complex32], n_mic: usize, noise: Noise, detection: Detection) -> Result<()> {
     if !noise.snr_db.is_finite() {
         return Err(Error::input("detection.snr_db", "must be a finite number of dB"));
     }

@@ -261,3 +261,23 @@ fn recordings_that_cannot_be_are_refused() {
     refused_with("[recording]\nsample_rate = 0", &["`recording.sample_rate`", "48000"]);
     refused_with("[recording]\ndecay = inf", &["`recording.decay`"]);
 }
+
+#[test]
+fn instruments_that_cannot_be_are_refused() {
+    let of = |keys: &str| format!("[instrument]\n{keys}");
+    refused_with(&of("mixer = \"diode\""), &["instrument.mixer", "\"sine\", \"switch\""]);
+    refused_with(&of("quadrature = \"both\""), &["instrument.quadrature", "\"mixers\", \"passes\""]);
+    refused_with(&of("filter = \"rc\""), &["\"ideal\", \"integration\", \"low-pass\""]);
+    refused_with(&of("amplifier_band = [2e4, 100.0]"), &["`instrument.amplifier_band`", "20000.0", "100.0"]);
+    refused_with(&of("microphone_band = [-1.0, 100.0]"), &["`instrument.microphone_band`", "-1.0"]);
+    refused_with(&of("harmonics_db = [3.0]"), &["`instrument.harmonics_db`", "3.0", "-300 to 0 dB"]);
+    refused_with(&of("quadrature_error = 100.0"), &["`instrument.quadrature_error`", "90"]);
+    refused_with(&of("low_pass = 10.0"), &["`instrument.low_pass`", "low-pass"]);
+    refused_with(&of("decay = 0.01"), &["`instrument.decay`", "integration"]);
+    refused_with(&of("filter = \"integration\""), &["run.toml:2:1", "`instrument.filter`", "dwell"]);
+    refused_with(&of("clock_drift = 1.0"), &["`instrument.clock_drift`", "dwell"]);
+    refused_with(&of("clock_error = 1e9"), &["`instrument.clock_error`", "per million"]);
+    refused_with(&of("jitter = -1.0"), &["`instrument.jitter`", "1e-7"]);
+    refused_with(&of("adc_bits = 40"), &["`instrument.adc_bits`", "40", "24"]);
+    refused_with(&of("adc_full_scale = 0.0"), &["`instrument.adc_full_scale`", "greater than 0"]);
+}

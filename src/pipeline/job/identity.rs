@@ -38,10 +38,12 @@ pub(in crate::pipeline) fn of_cube(
 
 fn of_instrument(job: &str, run: &RunFile, instrument: &Instrument, grid: &Grid) -> Identity {
     let plane_bytes = grid.volume_bytes() / (grid.z.count as u64).max(1);
+    // Tiles of every simulation that the electronics need.
+    let simulations = run.simulate_options().simulations(instrument);
     let identity = Identity::of(job)
         .storing(
             Stage::Cube,
-            (instrument.transmissions() * instrument.array.len()) as u64,
+            (simulations * instrument.transmissions() * instrument.array.len()) as u64,
             instrument.cube_bytes(),
         )
         .storing(Stage::Volume, grid.z.count as u64, plane_bytes);

@@ -235,7 +235,9 @@ fn prepared(run: &RunFile, job: &JobOptions) -> Result<(PreparedScene, Units)> {
     let prepared = PreparedScene::of(&MemoryBudget::of(run), job.bare_mesh, false, job.observer)?;
     let mut tiles = ListedTiles::default();
     prepared.simulate_tiles(&mut tiles, &Silent)?;
-    let units = Units::new(&tiles.0, prepared.instrument().cube_bytes(), run, &prepared.grid);
+    let simulations = prepared.measurement.options.simulations(prepared.instrument()) as u64;
+    let bytes = prepared.instrument().cube_bytes().saturating_mul(simulations);
+    let units = Units::new(&tiles.0, bytes, run, &prepared.grid);
     Ok((prepared, units))
 }
 

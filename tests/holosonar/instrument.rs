@@ -1,0 +1,111 @@
+//! `[instrument]`: electronics that are not ideal, in cubes, images, plans and reports.
+
+use crate::binary::{done, done_json, json_file, refused, shipped};
+use crate::named::assert_names;
+use holosonar::acquisition::DataCube;
+use std::fs;
+use std::path::Path;
+
+const SETTINGS: &str = "--set sweep.start=10000 --set sweep.stop=14000 --set sweep.step=250 --set array.count=[6,5] \
+                        --set array.pitch=0.03";
+
+fn workplace() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let text = "x,y,z,amplitude\n0.02,-0.02,0.8,1\n-0.08,0.05,1.0,0.4\n";
+    fs::write(folder.path().join("two.csv"), text).unwrap();
+    folder
+}
+
+fn cube(path: &Path) -> DataCube {
+    DataCube::read(path, 1 << 24).unwrap()
+}
+
+/// The largest difference of two cubes, relative to the largest sample.
+fn difference(a: &DataCube, b: &DataCube) -> f32 {
+    let largest = b.samples.iter().map(|m| m.norm()).fold(0.0, f32::max);
+    let pairs = a.samples.iter().zip(&b.samples);
+    pairs.map(|(a, b)| (a - b).norm()).fold(0.0, f32::max) / largest
+}
+
+#[test]
+fn what_is_ideal_changes_no_byte() {
+    let folder = workplace();
+    let path = folder.path();
+    done(path, &format!("simulate two.csv -o a.npz {SETTINGS}"));
+    let typed = "--set instrument.mixer=switch --set instrument.jitter=0 --set instrument.quadrature=passes";
+    done(path, &format!("simulate two.csv -o b.npz {SETTINGS} {typed}"));
+    assert_eq!(cube(&path.join("a.npz")).samples, cube(&path.join("b.npz")).samples);
+}
+
+/// Three ways to the same samples: closed forms, and a recording that is written and demodulated.
+#[test]
+fn an_integral_after_a_step_is_what_a_recording_holds() {
+    let folder = workplace();
+    let path = folder.path();
+    // 10 ms are whole halves of the periods of all tones. The room takes 4 ms.
+    let times = "--set recording.dwell=0.018 --set recording.settling=0.008";
+    done(path, &format!("simulate two.csv -o ideal.npz {SETTINGS}"));
+    let instrument = "--set instrument.filter=integration --set instrument.decay=0.004";
+    done(path, &format!("simulate two.csv -o integrated.npz {SETTINGS} {times} {instrument}"));
+    let recorded = format!("{SETTINGS} {times} --set recording.format=float32");
+    done(path, &format!("simulate two.csv -o a.wav {recorded} --set recording.decay=0.004"));
+    done(path, &format!("import a.wav -o recorded.npz {recorded}"));
+    let [ideal, integrated, mut recorded] =
+        ["ideal", "integrated", "recorded"].map(|name| cube(&path.join(name).with_extension("npz")));
+    // Without a reference, samples are half of full scale.
+    recorded.samples.iter_mut().for_each(|m| *m *= 2.0);
+    let (unsettled, error) = (difference(&integrated, &ideal), difference(&recorded, &integrated));
+    println!("unsettled {unsettled:.1e}, recorded against integrated {error:.1e}");
+    assert!(unsettled > 0.03 && error < 0.05 * unsettled, "{unsettled} {error}");
+}
+
+#[test]
+fn plans_and_reports_tell_of_each_element() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    let point = shipped("point.toml");
+    let typed = "--set instrument.mixer=switch --set instrument.harmonics_db=[-40,-40] --set instrument.clock_error=1000 \
+                 --set instrument.adc_bits=8 --set instrument.jitter=1e-6 --set detection.snr_db=30";
+    let text = done(path, &format!("plan {} {typed}", point.display()));
+    assert_names(
+        &text,
+        &["16 points", "distortion", "jitter", "clock", "converter", "noise", "all", "8 bits"],
+    );
+    let plan = done_json(path, &format!("plan {} {typed}", point.display()));
+    let row = |name: &str| {
+        let rows = plan["budget"]["rows"].as_array().unwrap();
+        rows.iter().find(|row| row["element"] == name).unwrap_or_else(|| panic!("{name}: {rows:?}")).clone()
+    };
+    let number = |name: &str, key: &str| row(name)[key].as_f64().unwrap();
+    // A clock that is a thousandth fast makes ranges a thousandth longer.
+    let bias = number("clock", "range_bias");
+    assert!((bias - 0.8e-3).abs() < 0.15e-3, "{bias}");
+    // A third of -40 dB, and that is all that a sine's reading has beside itself.
+    let snr = number("distortion", "snr_db");
+    assert!((snr - 49.5).abs() < 1.0, "{snr}");
+    // 8 bits of a full-scale wave.
+    let snr = number("converter", "snr_db");
+    assert!((snr - 49.9).abs() < 1.5, "{snr}");
+    let (f, jitter) = (12e3, 1e-6);
+    let turn: f64 = std::f64::consts::TAU * f * jitter;
+    assert!((number("jitter", "snr_db") + 20.0 * turn.log10()).abs() < 1.0, "{}", row("jitter"));
+    assert!((number("noise", "snr_db") - 30.0).abs() < 1.0);
+    assert!(number("all", "snr_db") < 30.0);
+    assert!(done_json(path, &format!("plan {}", point.display())).get("budget").is_none());
+    done(path, &format!("image {} -o out -q {typed}", point.display()));
+    let report = json_file(&path.join("out/report.json"));
+    assert_names(report["physics"].to_string(), &["switch mixer", "1000 ppm", "8 bits", "scatter"]);
+    assert_eq!(report["run"]["instrument"]["adc_bits"], 8);
+}
+
+#[test]
+fn recordings_hold_no_mixer_and_cubes_no_instrument() {
+    let folder = workplace();
+    let path = folder.path();
+    let wav = format!("simulate two.csv -o a.wav {SETTINGS} --set recording.dwell=0.02");
+    refused(path, &format!("{wav} --set instrument.jitter=1e-6"), 2, &["[instrument]", "jitter", ".npz"]);
+    let said = done(path, &format!("{wav} --set instrument.microphone_band=[100,20000]"));
+    assert!(said.contains("a.wav"), "{said}");
+    done(path, &format!("simulate two.csv -o a.npz {SETTINGS}"));
+    refused(path, "ascan a.npz --set instrument.jitter=1e-6", 2, &["instrument.jitter", "measured"]);
+}
