@@ -190,7 +190,9 @@ impl AScan {
         }
         // An in-phase echo has half of its amplitude at the negative path.
         let gain = instrument.detection.weight().powi(2);
-        power.iter_mut().for_each(|value| *value *= gain);
+        for value in &mut power {
+            *value *= gain;
+        }
         let mut sorted = power.clone();
         sorted.sort_unstable_by(f64::total_cmp);
         let median_db = decibels(sorted[sorted.len() / 2]);

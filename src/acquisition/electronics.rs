@@ -198,6 +198,7 @@ impl Electronics {
 
     /// Electronics that are ideal but for one element, and what it depends on: the mixer decides what distortion and filters
     /// do, and the filter what settling does.
+    #[must_use]
     pub fn only(&self, element: InstrumentElement) -> Self {
         let ideal = Self { dwell: self.dwell, settling: self.settling, seed: self.seed, ..Self::default() };
         let mixed = Self { mixer: self.mixer, ..ideal.clone() };

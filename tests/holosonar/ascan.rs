@@ -24,7 +24,7 @@ fn a_scene_and_its_cube_have_the_same_profile() {
     let figure = std::fs::read(path.join("out.png")).unwrap();
     assert!(figure.starts_with(b"\x89PNG") && figure.len() > 5000);
     let text = done(path, "ascan cube.npz --mic mean --set reconstruct.window=hann");
-    for words in ["mean power of 121", "c/2B = 42.9 mm", "3.430 m of path", "0.80"] {
+    for words in ["mean power of 121", "c/2B = 42.9 mm", "3.430 m of path", "0.81"] {
         assert!(text.contains(words), "`{words}` is missing: {text}");
     }
 }

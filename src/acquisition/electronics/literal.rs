@@ -25,7 +25,7 @@ impl Waveforms<'_> {
     /// What is read behind a mixer whose reference has this phase.
     fn mixed(&self, tones: &[f64], phase: f64) -> Vec<f64> {
         let Electronics { filter, settling, decay, low_pass, .. } = *self.electronics;
-        let dwell = self.electronics.dwell.unwrap();
+        let dwell = self.electronics.dwell.expect("tones have a length");
         let count = (dwell * self.rate).round() as usize;
         let rate = TAU * low_pass / self.rate;
         let (mut state, mut before) = (0.0, Vec::new());

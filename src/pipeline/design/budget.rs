@@ -74,7 +74,7 @@ pub(in crate::pipeline) fn instrument_budget(
     let of_noise = noise.map(|noise| ("noise".to_owned(), None, Some(noise)));
     let together = ("all".to_owned(), Some(electronics.clone()), noise);
     let rows = alone.chain(of_noise).chain([together]);
-    let rows = rows.map(|(name, electronics, noise)| trials.row(name, electronics, noise));
+    let rows = rows.map(|(name, electronics, noise)| trials.row(name, electronics.as_ref(), noise));
     Ok(Some(InstrumentBudget { points, rows: rows.collect::<Result<_>>()? }))
 }
 
@@ -113,7 +113,7 @@ impl Trials<'_> {
     fn row(
         &self,
         element: String,
-        electronics: Option<Electronics>,
+        electronics: Option<&Electronics>,
         noise: Option<Noise>,
     ) -> Result<BudgetRow> {
         let (mut explained, mut rest, mut power, mut heard) = (0.0, 0.0, 0.0, 0.0);
@@ -121,7 +121,7 @@ impl Trials<'_> {
         for trial in 0..self.points {
             let later = |seed: u64| seed.wrapping_add(trial as u64);
             let mut options = self.ideal.clone();
-            options.electronics.clone_from(&electronics);
+            options.electronics = electronics.cloned();
             options.noise = noise.map(|noise| Noise { seed: later(noise.seed), ..noise });
             if let Some(electronics) = &mut options.electronics {
                 electronics.seed = later(electronics.seed);
