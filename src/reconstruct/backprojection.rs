@@ -110,9 +110,10 @@ impl BackprojectionPlan {
     ) -> Self {
         let fine = Division::new(instrument, grid, budget);
         let most = fine.operations.min(most);
-        let found = match most > LEAST_FOR_LINES {
-            true => LinesPlan::find(instrument, grid, budget, most),
-            false => Err(f64::INFINITY),
+        let found = if most > LEAST_FOR_LINES {
+            LinesPlan::find(instrument, grid, budget, most)
+        } else {
+            Err(f64::INFINITY)
         };
         let (way, untried) = match found {
             Ok(lines) => (Way::Lines(Box::new(lines)), f64::INFINITY),
