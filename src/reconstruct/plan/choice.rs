@@ -181,15 +181,7 @@ impl Candidates {
         };
         let of_backprojection = match &backprojection {
             Some((_, estimate)) => estimate.clone(),
-            None => Estimate::impossible(
-                Method::Backprojection,
-                match options.refine {
-                    Some(_) => NO_ADJOINT.to_owned(),
-                    None if !straight => BENT.to_owned(),
-                    None => "a tolerance of 0 allows no interpolation; use a tolerance above 0 (1e-6, say)"
-                        .to_owned(),
-                },
-            ),
+            None => Estimate::impossible(Method::Backprojection, why_not_projected(options, straight)),
         };
         let sums = [Method::Direct, Method::Linear].map(|method| match options.refine {
             Some(_) => Estimate::impossible(method, NO_ADJOINT.to_owned()),
@@ -247,6 +239,16 @@ impl Candidates {
             _ => Ok((MethodPlan::Direct(self.direct), None)),
         }
     }
+}
+
+/// Why there is no back-projection.
+fn why_not_projected(options: &ReconstructOptions, straight: bool) -> String {
+    let why = match options.refine {
+        Some(_) => NO_ADJOINT,
+        None if !straight => BENT,
+        None => "a tolerance of 0 allows no interpolation; use a tolerance above 0 (1e-6, say)",
+    };
+    why.to_owned()
 }
 
 /// Another method is asked for.
