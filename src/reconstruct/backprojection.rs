@@ -75,6 +75,8 @@ pub(super) struct BackprojectionPlan {
     /// For the voxels themselves.
     fine: Division,
     way: Way,
+    /// Operations of lines that were priced only, because another method takes fewer; infinite where there are none.
+    untried: f64,
 }
 
 /// From what voxels are summed: what takes the fewest operations.
@@ -89,11 +91,11 @@ enum Way {
 
 impl BackprojectionPlan {
     /// Divides a job by a fixed operation count, so that the same job is always divided alike: by tiles, lines or neither,
-    /// which takes time to find.
-    pub(super) fn new(instrument: &Instrument, grid: &Grid, budget: ErrorBudget) -> Self {
-        static LAST: Memo<(Instrument, Grid, ErrorBudget), BackprojectionPlan> = Memo::new();
-        LAST.of((instrument.clone(), *grid, budget), || {
-            let plan = Self::without_tiles(instrument, grid, budget, f64::INFINITY);
+    /// which takes time to find. Lines that take no fewer than `rival` are not tried.
+    pub(super) fn new(instrument: &Instrument, grid: &Grid, budget: ErrorBudget, rival: f64) -> Self {
+        static LAST: Memo<(Instrument, Grid, ErrorBudget, f64), BackprojectionPlan> = Memo::new();
+        LAST.of((instrument.clone(), *grid, budget, rival), || {
+            let plan = Self::without_tiles(instrument, grid, budget, rival);
             let tiles = plan.tiles(instrument).map(|tiles| Way::Tiles(Box::new(tiles)));
             Self { way: tiles.unwrap_or(plan.way), ..plan }
         })
@@ -108,10 +110,16 @@ impl BackprojectionPlan {
     ) -> Self {
         let fine = Division::new(instrument, grid, budget);
         let most = fine.operations.min(most);
-        let lines =
-            (most > LEAST_FOR_LINES).then(|| LinesPlan::find(instrument, grid, budget, most)).flatten();
-        let way = lines.map_or(Way::Microphones, |lines| Way::Lines(Box::new(lines)));
-        Self { grid: *grid, budget, fine, way }
+        let found = if most > LEAST_FOR_LINES {
+            LinesPlan::find(instrument, grid, budget, most)
+        } else {
+            Err(f64::INFINITY)
+        };
+        let (way, untried) = match found {
+            Ok(lines) => (Way::Lines(Box::new(lines)), f64::INFINITY),
+            Err(untried) => (Way::Microphones, untried),
+        };
+        Self { grid: *grid, budget, fine, way, untried }
     }
 
     /// Tiles that take fewer operations than this plan; without the memory to try them there are none.
@@ -127,7 +135,7 @@ impl BackprojectionPlan {
     /// Without those of compression.
     fn operations(&self) -> f64 {
         match &self.way {
-            Way::Microphones => self.fine.operations,
+            Way::Microphones => self.fine.operations.min(self.untried),
             Way::Lines(lines) => lines.operations,
             Way::Tiles(levels) => levels.operations,
         }

@@ -146,6 +146,11 @@ impl Candidates {
         // A short convolution is over before tiles or lines are found.
         let short = |(_, estimate): &(Sampled<ConvolutionPlan>, Estimate)| estimate.operations < SHORT;
         let search = !convolution.as_ref().is_ok_and(short) || options.method == Method::Backprojection;
+        // What takes more than this is not chosen, however it is found.
+        let rival = match &convolution {
+            Ok((_, estimate)) if options.method == Method::Auto => estimate.operations,
+            _ => f64::INFINITY,
+        };
         let straight = instrument.interface.is_none();
         let projects =
             options.tolerance > 0.0 && options.refine.is_none() && straight && wanted(Method::Backprojection);
@@ -156,7 +161,7 @@ impl Candidates {
                 let (grid, budget) = summed(upsampling, grid, budget);
                 let plan = match most {
                     Some(most) => BackprojectionPlan::without_tiles(instrument, grid, budget, most),
-                    None => BackprojectionPlan::new(instrument, grid, budget),
+                    None => BackprojectionPlan::new(instrument, grid, budget, rival),
                 };
                 let estimate = possible(Method::Backprojection, plan.cost(instrument, threads), upsampling);
                 (Sampled { upsampling: upsampling.cloned(), plan }, estimate)
@@ -165,7 +170,7 @@ impl Candidates {
             let mut samplings = samplings.clone();
             samplings.sort_by_key(|upsampling| voxels(*upsampling));
             let first = of_sampling(samplings[0], (!search).then_some(0.0));
-            let most = if search { first.1.operations } else { 0.0 };
+            let most = if search { first.1.operations.min(rival) } else { 0.0 };
             let others = samplings[1..].iter().map(|upsampling| of_sampling(*upsampling, Some(most)));
             least(iter::once(first).chain(others))
         });
@@ -176,15 +181,7 @@ impl Candidates {
         };
         let of_backprojection = match &backprojection {
             Some((_, estimate)) => estimate.clone(),
-            None => Estimate::impossible(
-                Method::Backprojection,
-                match options.refine {
-                    Some(_) => NO_ADJOINT.to_owned(),
-                    None if !straight => BENT.to_owned(),
-                    None => "a tolerance of 0 allows no interpolation; use a tolerance above 0 (1e-6, say)"
-                        .to_owned(),
-                },
-            ),
+            None => Estimate::impossible(Method::Backprojection, why_not_projected(options, straight)),
         };
         let sums = [Method::Direct, Method::Linear].map(|method| match options.refine {
             Some(_) => Estimate::impossible(method, NO_ADJOINT.to_owned()),
@@ -242,6 +239,16 @@ impl Candidates {
             _ => Ok((MethodPlan::Direct(self.direct), None)),
         }
     }
+}
+
+/// Why there is no back-projection.
+fn why_not_projected(options: &ReconstructOptions, straight: bool) -> String {
+    let why = match options.refine {
+        Some(_) => NO_ADJOINT,
+        None if !straight => BENT,
+        None => "a tolerance of 0 allows no interpolation; use a tolerance above 0 (1e-6, say)",
+    };
+    why.to_owned()
 }
 
 /// Another method is asked for.

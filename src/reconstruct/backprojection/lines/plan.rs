@@ -75,17 +75,24 @@ impl Shells {
 }
 
 impl LinesPlan {
-    /// The plan of fewest operations, if it takes less than `most`; `None` too where the microphones are on no lattice, or
-    /// nodes would have no place.
-    pub(crate) fn find(instrument: &Instrument, grid: &Grid, budget: ErrorBudget, most: f64) -> Option<Self> {
+    /// The plan of fewest operations, if it takes less than `most`; otherwise the least operations of those that were only
+    /// priced because they take more. That is infinite where the microphones are on no lattice, or nodes would have no
+    /// place.
+    pub(crate) fn find(
+        instrument: &Instrument,
+        grid: &Grid,
+        budget: ErrorBudget,
+        most: f64,
+    ) -> Result<Self, f64> {
         let lengths = Taps::lengths(budget.interpolation_axis(), MOST_TAPS).into_iter();
         let lengths: Vec<Choice> = lengths.map(Some).collect();
         let views = [0, 1].into_iter().filter_map(|along| LineView::new(instrument, grid, along));
         let mut priced: Vec<Priced> =
             views.filter_map(|view| Priced::new(instrument, view, &lengths)).collect();
-        priced.retain(|priced| priced.price.operations < most);
         priced.sort_by(|a, b| a.price.operations.total_cmp(&b.price.operations));
-        priced.iter().find_map(|priced| priced.measured(instrument, budget))
+        let (tried, untried) = priced.split_at(priced.partition_point(|p| p.price.operations < most));
+        let found = tried.iter().find_map(|priced| priced.measured(instrument, budget));
+        found.ok_or_else(|| untried.first().map_or(f64::INFINITY, |priced| priced.price.operations))
     }
 
     /// All path lengths of nodes, and what the two compressions may err by.
