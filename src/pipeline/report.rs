@@ -117,11 +117,17 @@ pub struct Multipath {
     pub longest_path: f64,
     /// The kinds of paths from the strongest to the weakest, and where an image shows them.
     pub strongest: Vec<BouncePath>,
+    /// Where the strongest echoes are seen, m, and their amplitudes.
+    #[serde(skip)]
+    pub seen: Vec<(DVec3, f32)>,
 }
 
 /// Kinds of paths that are listed, in the report and in words.
 const LISTED: usize = 32;
 const NAMED: usize = 4;
+
+/// Echoes whose places are shown.
+const SHOWN: usize = 1 << 14;
 
 impl Multipath {
     /// Of a list of reflectors that has bounced ones.
@@ -131,9 +137,16 @@ impl Multipath {
         let transmit = reflectors.transmit_lengths();
         let places = &reflectors.positions()[reflectors.direct()..];
         let paths = places.iter().zip(transmit).map(|(q, transmit)| transmit + q.distance(centre));
-        let mut strongest = reflectors.bounce_paths(instrument.viewpoint(), centre);
+        let speaker = instrument.transmission(0).viewpoint();
+        let mut strongest = reflectors.bounce_paths(speaker, centre);
         strongest.truncate(LISTED);
-        Some(Self { echoes: transmit.len(), counts, longest_path: paths.fold(0.0, f64::max), strongest })
+        Some(Self {
+            echoes: transmit.len(),
+            counts,
+            longest_path: paths.fold(0.0, f64::max),
+            strongest,
+            seen: reflectors.seen_bounces(speaker, centre, SHOWN),
+        })
     }
 
     /// What may be missing or in the wrong place.

@@ -66,6 +66,21 @@ impl Reflectors {
     }
 }
 
+impl Reflectors {
+    /// Where an array about `centre` shows the strongest bounced echoes, m, at most so many, and their amplitudes.
+    pub fn seen_bounces(&self, speaker: DVec3, centre: DVec3, most: usize) -> Vec<(DVec3, f32)> {
+        let echoes = self.transmit_lengths().iter().enumerate().map(|(i, &transmit)| {
+            let j = self.direct() + i;
+            (apparent_place(self.positions[j], transmit, speaker, centre), self.amplitudes[j].norm())
+        });
+        let mut echoes: Vec<(DVec3, f32)> = echoes.collect();
+        // The sort is stable, and so deterministic.
+        echoes.sort_by(|a, b| b.1.total_cmp(&a.1));
+        echoes.truncate(most);
+        echoes
+    }
+}
+
 /// Where an echo at `place` with a transmit length is seen, m: in its direction from the array's centre, at the distance
 /// that a direct echo of the same path has.
 fn apparent_place(place: DVec3, transmit: f64, speaker: DVec3, centre: DVec3) -> DVec3 {
