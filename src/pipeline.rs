@@ -53,7 +53,7 @@ pub use oracle::{Oracle, oracle_of_scene};
 pub(crate) use outputs::{announce_outputs, error_note};
 pub use outputs::{write_cube, write_depth, write_outputs, write_page, write_volume};
 pub use recording::record_scene;
-pub use report::{Report, SceneSummary};
+pub use report::{Multipath, Report, SceneSummary};
 
 use crate::acquisition::{CubeSource, DataCube, Detection, Instrument, Sweep};
 use crate::checkpoint::{Checkpoint, CheckpointStore, CheckpointedVolume, GracefulStop, Stage};
@@ -88,8 +88,10 @@ pub struct Outcome {
     pub scene: Option<SceneSummary>,
     /// The surfaces of the scene, decimated; only a mesh scene has some, and only with `[output] points`.
     pub mesh: Option<SceneMesh>,
-    /// The reflectors simulated, when they were; of several speakers those that the first lights.
+    /// The reflectors simulated, when they were; of several speakers those that the first lights. Without bounced ones.
     pub reflectors: Option<Reflectors>,
+    /// The bounced echoes beside them, if there are any.
+    pub multipath: Option<Multipath>,
     /// What was simulated in addition to Eq. 5, and how the volume was corrected, in words.
     pub physics: Vec<String>,
     /// The instrument of the measurement, simulated or real.
@@ -164,12 +166,15 @@ pub fn image_scene(run: &RunFile, job: &JobOptions) -> Result<Outcome> {
     let aperture = prepared.instrument().aperture();
     let scores = truth.as_ref().map(|truth| score(&depth, truth, aperture)).transpose()?;
     let (timings, warnings) = log.finish();
+    let mut physics = prepared.measurement.physics(run);
+    physics.extend(prepared.multipath.iter().flat_map(Multipath::lines));
     Ok(Outcome {
         scene: prepared.summary(),
         mesh,
-        physics: prepared.measurement.physics(run),
+        physics,
         plan: prepared.plan,
-        reflectors: prepared.reflectors.into_iter().next(),
+        reflectors: prepared.reflectors.into_iter().next().map(Reflectors::without_bounced),
+        multipath: prepared.multipath,
         instrument: prepared.measurement.instrument,
         image,
         sidelobes,

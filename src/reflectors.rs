@@ -26,7 +26,10 @@
 //! # Ok::<(), holosonar::error::Error>(())
 //! ```
 
+mod bounced;
+mod bounces;
 pub(crate) mod csv;
+mod facets;
 mod lattice;
 mod poisson;
 #[cfg(test)]
@@ -39,6 +42,10 @@ use crate::progress::{Observer, Silent, advance, stage};
 use crate::scene::{FARTHEST, Scene};
 use crate::wave::{bounding_box, phasor};
 use crate::with_fields::with_fields;
+pub use bounced::BounceCounts;
+use bounced::Bounced;
+pub(crate) use bounces::most_bounced;
+pub use bounces::{BounceOptions, BouncePath};
 use csv::LARGEST;
 use glam::DVec3;
 use num_complex::Complex32;
@@ -52,6 +59,8 @@ use rayon::prelude::*;
 pub struct Reflectors {
     positions: Vec<DVec3>,
     amplitudes: Vec<Complex32>,
+    /// The last of them may be reached by a detour.
+    bounced: Option<Bounced>,
 }
 
 impl Reflectors {
@@ -75,7 +84,7 @@ impl Reflectors {
             );
             return Err(Error::input(format!("reflector {bad}"), problem));
         }
-        Ok(Self { positions, amplitudes })
+        Ok(Self { positions, amplitudes, bounced: None })
     }
 
     /// Positions p, m.
@@ -157,6 +166,8 @@ pub struct SurfaceOptions {
     pub speaker: DVec3,
     /// Seed of positions, phases and roughness.
     pub seed: u64,
+    /// Echoes of several surfaces; `None` for those of one alone, whose amplitudes have another scale.
+    pub bounces: Option<BounceOptions>,
 }
 
 with_fields! {
@@ -166,6 +177,7 @@ with_fields! {
         with_occlusion(occlusion: Occlusion),
         with_speaker(speaker: DVec3),
         with_seed(seed: u64),
+        with_bounces(bounces: Option<BounceOptions>),
     }
 }
 
@@ -180,6 +192,7 @@ impl SurfaceOptions {
             occlusion: Occlusion::Speaker,
             speaker: DVec3::ZERO,
             seed: 1,
+            bounces: None,
         }
     }
 }
@@ -260,6 +273,10 @@ pub fn sample_surface_with(
     }?;
     let does_not_fit = || does_not_fit(options.spacing);
     let scatter = draw_scatter(samples.len(), options).ok_or_else(does_not_fit)?;
+    warn_of_those_behind(&samples, observer);
+    if let Some(bounces) = &options.bounces {
+        return bounces::reflect(scene, options, bounces, &samples, &scatter, observer);
+    }
     let mut visible: Vec<Option<(DVec3, Complex32)>> =
         try_filled(None, samples.len() as u64).ok_or_else(does_not_fit)?;
     stage(observer, "tracing echoes", samples.len() as u64, || {
@@ -271,14 +288,6 @@ pub fn sample_surface_with(
             advance(observer, samples.len() as u64)
         })
     })?;
-    let behind = samples.iter().filter(|s| s.position.z <= 0.0).count();
-    if behind > 0 {
-        observer.warn(&format!(
-            "{behind} of {} reflectors are behind the array (z <= 0) and are ignored; move the scene with \
-                 [scene] translate or fit if this is not intended",
-            samples.len()
-        ));
-    }
     let left = visible.iter().flatten().count() as u64;
     let mut positions = try_with_capacity(left).ok_or_else(does_not_fit)?;
     let mut amplitudes = try_with_capacity(left).ok_or_else(does_not_fit)?;
@@ -287,6 +296,18 @@ pub fn sample_surface_with(
         amplitudes.push(amplitude);
     }
     Reflectors::new(positions, amplitudes)
+}
+
+/// Warns of samples behind the array.
+fn warn_of_those_behind(samples: &[Sample], observer: &dyn Observer) {
+    let behind = samples.iter().filter(|s| s.position.z <= 0.0).count();
+    if behind > 0 {
+        observer.warn(&format!(
+            "{behind} of {} reflectors are behind the array (z <= 0) and are ignored; move the scene with \
+                 [scene] translate or fit if this is not intended",
+            samples.len()
+        ));
+    }
 }
 
 /// The error for a surface whose samples do not fit in memory.

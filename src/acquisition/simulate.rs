@@ -20,6 +20,7 @@ mod expand;
 mod literal;
 mod losses;
 mod noise;
+mod paths;
 mod terms;
 mod virtual_tones;
 #[cfg(test)]
@@ -240,6 +241,7 @@ fn simulate_echoes(
         let problem = "is simulated with exact paths and without spreading, absorption and directivity";
         return Err(Error::input("interface", problem));
     }
+    reflectors.iter().try_for_each(|list| paths::check(list, instrument, options))?;
     instrument.check()?;
     reflectors
         .iter()
@@ -356,9 +358,9 @@ fn method<'a>(
     let candidates = cost::candidates(reflectors, instrument, options);
     // Without any there is nothing to gain, or no phase is accurate.
     let Some((least, _)) = candidates.first() else { return SimulationMethod::Literal };
-    // Cells know straight paths only.
-    let cells =
-        instrument.interface.is_none().then(|| CellPlan::find(reflectors, instrument, options, *least));
+    // Cells know straight paths only, and only those whose transmit length follows from the place.
+    let straight = instrument.interface.is_none() && reflectors.transmit_lengths().is_empty();
+    let cells = straight.then(|| CellPlan::find(reflectors, instrument, options, *least));
     if let Some(plan) = cells.flatten() {
         return SimulationMethod::Cells(Box::new(plan));
     }

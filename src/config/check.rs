@@ -37,6 +37,7 @@ impl RunFile {
         self.refine.check()?;
         self.depth.check()?;
         self.check_interface()?;
+        self.check_bounces()?;
         self.output.check()?;
         self.expect.check()
     }

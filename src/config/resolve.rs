@@ -15,7 +15,7 @@ use crate::error::{Error, Result, gib};
 use crate::grid::{Axis, Grid, Raster, View};
 use crate::plan::memory_limit;
 use crate::reconstruct::{ReconstructOptions, RefineOptions};
-use crate::reflectors::{Occlusion, OcclusionKind, SurfaceModel, SurfaceOptions};
+use crate::reflectors::{BounceOptions, Occlusion, OcclusionKind, SurfaceModel, SurfaceOptions};
 use crate::scene::{CameraView, LoadOptions, PartFile};
 use crate::truth::TruthOptions;
 use crate::wave::{Geometry, GeometryKind, Resolution};
@@ -172,6 +172,10 @@ impl RunFile {
         };
         options.speaker = instrument.viewpoint();
         options.seed = typed.seed.into();
+        options.bounces = (self.scene.bounces > 0).then(|| {
+            let sight = instrument.array.sight_points().to_vec();
+            BounceOptions::new(self.scene.bounces, sight).with_spreading(self.medium.spreading)
+        });
         options
     }
 

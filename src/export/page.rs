@@ -160,11 +160,15 @@ fn surface_points(map: &DepthMap) -> Vec<[f32; 3]> {
 
 fn points(scene: &ScenePoints) -> Value {
     let of = |kind| sample(&scene.of(kind).collect::<Vec<_>>());
-    json!({
+    let mut points = json!({
         "reflectors": of(PointKind::Reflector),
         "microphones": of(PointKind::Microphone),
         "speaker": scene.of(PointKind::Speaker).next(),
-    })
+    });
+    if scene.of(PointKind::Bounce).next().is_some() {
+        points["bounces"] = of(PointKind::Bounce);
+    }
+    points
 }
 
 /// Every n-th point, at most [`MOST_POINTS`], with the numbers of all points and of those shown.

@@ -62,17 +62,20 @@ pub enum PointKind {
     Microphone,
     /// The loudspeaker.
     Speaker,
+    /// Where an echo of several surfaces is seen.
+    Bounce,
 }
 
 impl PointKind {
     /// All kinds, in the order of their numbers in a file.
-    pub const ALL: [Self; 3] = [Self::Reflector, Self::Microphone, Self::Speaker];
+    pub const ALL: [Self; 4] = [Self::Reflector, Self::Microphone, Self::Speaker, Self::Bounce];
 
     fn colour(self) -> [u8; 3] {
         match self {
             Self::Reflector => [190, 190, 190],
             Self::Microphone => [70, 140, 230],
             Self::Speaker => [240, 130, 30],
+            Self::Bounce => [220, 90, 170],
         }
     }
 }
@@ -97,13 +100,21 @@ impl ScenePoints {
         Self { points }
     }
 
+    /// The same and the places where bounced echoes are seen, m, with their amplitudes.
+    #[must_use]
+    pub fn with_bounces(mut self, seen: &[(DVec3, f32)]) -> Self {
+        let point = |(p, a): &(DVec3, f32)| (PointKind::Bounce, p.to_array().map(|x| x as f32), *a);
+        self.points.extend(seen.iter().map(point));
+        self
+    }
+
     /// The positions of one kind, m.
     pub fn of(&self, kind: PointKind) -> impl Iterator<Item = [f32; 3]> {
         self.points.iter().filter(move |(k, ..)| *k == kind).map(|(_, position, _)| *position)
     }
 
-    /// Writes one vertex per point: `x`, `y`, `z` in m, `amplitude` (of reflectors, else 0), `kind` (0 reflector,
-    /// 1 microphone, 2 speaker) and a colour by kind.
+    /// Writes one vertex per point: `x`, `y`, `z` in m, `amplitude` (of reflectors and bounced echoes, else 0), `kind`
+    /// (0 reflector, 1 microphone, 2 speaker, 3 bounced echo) and a colour by kind.
     ///
     /// # Errors
     /// As `write_atomically`.
@@ -111,7 +122,9 @@ impl ScenePoints {
         let floats = ["x", "y", "z", "amplitude"].map(|name| (Scalar::F32, name));
         let bytes = ["kind", "red", "green", "blue"].map(|name| (Scalar::U8, name));
         let properties = [floats, bytes].concat();
-        let about = "Scene; kind 0 is a reflector, 1 a microphone, 2 the speaker";
+        let bounces =
+            if self.of(PointKind::Bounce).next().is_some() { ", 3 where a bounced echo is seen" } else { "" };
+        let about = &format!("Scene; kind 0 is a reflector, 1 a microphone, 2 the speaker{bounces}");
         let header = header(self.points.len(), &properties, about, attributes);
         write_atomically(path, |out| {
             write!(out, "{header}")?;
@@ -222,10 +235,12 @@ mod tests {
             Reflectors::new(vec![DVec3::new(0.5, 0.25, 2.0)], vec![Complex32::new(0.0, 3.0)]).unwrap();
         let array = MicArray::rectangular([2, 2], [0.5, 0.5], DVec3::ZERO).unwrap();
         let scene = ScenePoints::new(Some(&reflectors), &array, &[DVec3::new(0.0, 0.0, 0.125)]);
+        let scene = scene.with_bounces(&[(DVec3::new(0.0, 0.5, 3.0), 0.25)]);
         scene.write(&path, &[]).unwrap();
         assert_eq!(ScenePoints::read(&path, 1 << 20).unwrap(), scene);
         assert_eq!(scene.of(PointKind::Reflector).collect::<Vec<_>>(), [[0.5, 0.25, 2.0]]);
         assert_eq!(scene.of(PointKind::Microphone).count(), 4);
+        assert_eq!(scene.of(PointKind::Bounce).collect::<Vec<_>>(), [[0.0, 0.5, 3.0]]);
         assert_eq!(scene.of(PointKind::Speaker).collect::<Vec<_>>(), [[0.0, 0.0, 0.125]]);
         assert_eq!(ScenePoints::new(None, &array, &[]).of(PointKind::Speaker).count(), 0);
         let whole = std::fs::read(&path).unwrap();

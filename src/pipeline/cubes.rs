@@ -73,6 +73,7 @@ fn image_source<S: CubeSource>(
         scene: None,
         mesh: None,
         reflectors: None,
+        multipath: None,
         physics,
         instrument,
         image,

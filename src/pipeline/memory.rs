@@ -10,7 +10,7 @@ use crate::grid::Grid;
 use crate::plan::{JobArrays, JobEstimate, estimate_job, memory_limit};
 use crate::progress::Observer;
 use crate::reconstruct::ReconstructOptions;
-use crate::reflectors::{Reflectors, SurfaceOptions, sampling_bytes};
+use crate::reflectors::{Reflectors, SurfaceOptions, most_bounced, sampling_bytes};
 use crate::scene::{BYTES_PER_TRIANGLE, Scene};
 use glam::DVec3;
 use std::path::Path;
@@ -131,13 +131,21 @@ impl SceneSize {
         run.surface_options(instrument, nearest)
     }
 
-    /// Reflectors: those of the list, or about as many as the mesh will have.
+    /// Reflectors: those of the list, or about as many as the mesh will have at most, with bounces.
     pub(super) fn reflectors(&self, run: &RunFile, instrument: &Instrument, grid: &Grid) -> u64 {
+        self.reflectors_and_tracing(run, instrument, grid)[0]
+    }
+
+    /// The same, and the bytes that finding bounces takes.
+    fn reflectors_and_tracing(&self, run: &RunFile, instrument: &Instrument, grid: &Grid) -> [u64; 2] {
         if self.triangles == 0 {
-            return self.count;
+            return [self.count, 0];
         }
-        let spacing = self.surface_options(run, instrument, grid).spacing;
-        (self.area / (spacing * spacing)) as u64
+        let options = self.surface_options(run, instrument, grid);
+        let direct = (self.area / (options.spacing * options.spacing)) as u64;
+        let order = options.bounces.as_ref().map(|bounces| bounces.order);
+        let [bounced, bytes] = order.map_or([0; 2], |order| most_bounced(self.triangles, direct, order));
+        [direct + bounced, bytes]
     }
 
     /// The arrays of reading and sampling the scene.
@@ -146,12 +154,12 @@ impl SceneSize {
             return JobArrays { scene: self.bytes, ..JobArrays::default() };
         }
         // Its reflectors stay beside it once they are sampled.
-        let reflectors =
-            self.reflectors(run, instrument, grid).saturating_mul(instrument.transmissions() as u64);
+        let [reflectors, tracing] = self.reflectors_and_tracing(run, instrument, grid);
+        let reflectors = reflectors.saturating_mul(instrument.transmissions() as u64);
         let reflectors = reflectors.saturating_mul(Reflectors::BYTES_EACH);
         let scene = JobArrays { scene: self.bytes.saturating_add(reflectors), ..JobArrays::default() };
         let options = self.surface_options(run, instrument, grid);
-        let sampling = sampling_bytes(self.triangles, self.area, &options);
+        let sampling = sampling_bytes(self.triangles, self.area, &options).saturating_add(tracing);
         JobArrays { loading: self.triangles.saturating_mul(BYTES_PER_TRIANGLE), sampling, ..scene }
     }
 }

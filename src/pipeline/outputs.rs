@@ -52,6 +52,7 @@ pub fn write_outputs(run: &RunFile, outcome: &Outcome, folder: &Path, job: &JobO
     warn_of_float16(&run.output, image.volume.peak(), observer);
     let facts = outcome.facts(run);
     let scene = ScenePoints::new(reflectors.as_ref(), &instrument.array, &instrument.sources());
+    let scene = scene.with_bounces(outcome.multipath.as_ref().map_or(&[], |multipath| &multipath.seen));
     let truth = outcome.truth.as_ref();
     // Truth and depth share their colours, so that they can be compared by eye.
     let range = depth_range(&[truth.unwrap_or(depth)], instrument.range_resolution().unwrap_or(0.0));

@@ -2,12 +2,14 @@
 
 use super::facts::beyond_the_sum;
 use super::memory::{MemoryBudget, SceneSize};
-use super::{BareMesh, JobOptions, SceneSummary, is_in_metres, load_scene, reflector_list, warn_all};
+use super::{
+    BareMesh, JobOptions, Multipath, SceneSummary, is_in_metres, load_scene, reflector_list, warn_all,
+};
 use crate::acquisition::{
     DataCube, Detection, Instrument, SimulateOptions, simulate_resumable, simulate_tiles, simulation_bytes,
 };
 use crate::blocks::BlockStore;
-use crate::config::RunFile;
+use crate::config::{RunFile, SurfaceKind};
 use crate::error::{Result, gib};
 use crate::grid::Grid;
 use crate::plan::{JobArrays, Plan, outside_warning, plan, scale_warnings};
@@ -33,6 +35,7 @@ impl Measurement {
     /// What is simulated in addition to Eq. 5, and how the volume is corrected, in words.
     pub(super) fn physics(&self, run: &RunFile) -> Vec<String> {
         let mut lines = self.options.physics(&self.instrument);
+        lines.extend(bounces_in_words(run, &self.instrument));
         if let Some(air) = run.medium.air() {
             let (speed, temperature, humidity) = (self.instrument.sound_speed, air.temperature, air.humidity);
             lines.insert(
@@ -95,6 +98,8 @@ pub(super) struct PreparedScene {
     spacing: Option<f64>,
     /// What each loudspeaker lights, or one list for all of them.
     pub(super) reflectors: Vec<Reflectors>,
+    /// What bounced echoes there are.
+    pub(super) multipath: Option<Multipath>,
     pub(super) grid: Grid,
     pub(super) plan: Plan,
     /// The sizes of the arrays up to the simulated cube.
@@ -127,8 +132,8 @@ impl PreparedScene {
             fits(&grid, &size)?;
             let plan = plan(instrument, &grid);
             let arrays = measurement.arrays(run, &grid, &size);
-            let (scene, spacing, reflectors) = (None, None, vec![reflectors]);
-            return Ok(Self { measurement, scene, spacing, reflectors, grid, plan, arrays });
+            let (scene, spacing, reflectors, multipath) = (None, None, vec![reflectors], None);
+            return Ok(Self { measurement, scene, spacing, reflectors, multipath, grid, plan, arrays });
         }
         let scene = load_scene(run, bare, observer)?;
         let size = SceneSize::of_mesh(&scene);
@@ -149,11 +154,13 @@ impl PreparedScene {
             sample_surface_with(&scene, &SurfaceOptions { speaker, ..options.clone() }, observer)
         });
         let reflectors = reflectors.collect::<Result<Vec<_>>>()?;
-        let most = reflectors.iter().map(Reflectors::len).max().unwrap_or(0);
+        let most = reflectors.iter().map(Reflectors::direct).max().unwrap_or(0);
         observer.note(&format!("{most} reflectors, {:.1} mm apart", 1e3 * options.spacing));
+        let multipath = Multipath::of(&reflectors[0], instrument);
+        multipath.iter().flat_map(Multipath::lines).for_each(|line| observer.note(&line));
         let arrays = measurement.arrays(run, &grid, &size);
         let (scene, spacing) = (Some(scene), Some(options.spacing));
-        Ok(Self { measurement, scene, spacing, reflectors, grid, plan, arrays })
+        Ok(Self { measurement, scene, spacing, reflectors, multipath, grid, plan, arrays })
     }
 
     pub(super) fn instrument(&self) -> &Instrument {
@@ -172,6 +179,9 @@ impl PreparedScene {
         warn_all(&placement_warnings(self.instrument(), &self.grid, self.bounds(), mesh), observer);
         if !run.calibration().is_empty() {
             observer.warn("[calibration] corrects measured cubes; what is simulated here is left as it is");
+        }
+        if let Some(multipath) = &self.multipath {
+            warn_all(&multipath.warnings(self.instrument()), observer);
         }
         if self.reflectors.iter().all(Reflectors::is_empty) {
             observer.warn("the speaker reaches no surface of the scene, so that the cube is silent; check the position of the scene");
@@ -207,6 +217,26 @@ impl PreparedScene {
         let bounds = self.bounds()?;
         Some(SceneSummary::new(self.scene.as_deref(), self.spacing, bounds, self.instrument()))
     }
+}
+
+/// How echoes of several surfaces are simulated, if they are.
+fn bounces_in_words(run: &RunFile, instrument: &Instrument) -> Option<String> {
+    let (bounces, typed) = (run.scene.bounces, &run.reflectors);
+    let surfaces = match bounces {
+        0 => return None,
+        1 => "two surfaces",
+        _ => "two surfaces, and of three that are mirrors or two of them",
+    };
+    let walls = match typed.surface {
+        SurfaceKind::Rough => {
+            let rms = 1e3 * typed.roughness * instrument.wavelength();
+            format!("walls of {rms:.1} mm rms roughness mirror and scatter")
+        }
+        _ => "walls scatter and do not mirror (surface = \"rough\" does both)".to_owned(),
+    };
+    Some(format!(
+        "multipath, echoes of {surfaces}: {walls}, without loss of energy, and edges do not diffract"
+    ))
 }
 
 /// Warnings about a scene's position and size. A list of reflectors is always in metres, so that only a `mesh` may have

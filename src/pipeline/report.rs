@@ -9,7 +9,7 @@ use crate::grid::Grid;
 use crate::metrics::Metrics;
 use crate::plan::Plan;
 use crate::reconstruct::Refinement;
-use crate::reflectors::Reflectors;
+use crate::reflectors::{BounceCounts, BouncePath, Reflectors};
 use crate::scene::{Material, Scene, Up};
 use glam::DVec3;
 use serde::Serialize;
@@ -33,6 +33,9 @@ pub struct Report {
     pub scene: Option<SceneSummary>,
     /// Number of reflectors simulated, when they were.
     pub reflectors: Option<usize>,
+    /// The bounced echoes among them, if there are any.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub multipath: Option<Multipath>,
     /// What was simulated in addition to Eq. 5, and how the volume was corrected, in words.
     pub physics: Vec<String>,
     /// The method of the reconstruction.
@@ -72,6 +75,7 @@ impl Report {
             grid: outcome.image.volume.grid,
             scene: outcome.scene.clone(),
             reflectors: outcome.reflectors.as_ref().map(Reflectors::len),
+            multipath: outcome.multipath.clone(),
             physics: outcome.physics.clone(),
             method: outcome.image.method,
             peak_amplitude: outcome.image.volume.peak(),
@@ -98,6 +102,89 @@ impl Report {
     /// Seconds of all stages together.
     pub fn seconds(&self) -> f64 {
         self.timings.values().filter_map(Value::as_f64).sum()
+    }
+}
+
+/// Echoes of several surfaces; of several speakers those of the first.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[non_exhaustive]
+pub struct Multipath {
+    /// Number of bounced echoes.
+    pub echoes: usize,
+    /// What was found and what was left out.
+    pub counts: BounceCounts,
+    /// Their longest path, m.
+    pub longest_path: f64,
+    /// The kinds of paths from the strongest to the weakest, and where an image shows them.
+    pub strongest: Vec<BouncePath>,
+    /// Where the strongest echoes are seen, m, and their amplitudes.
+    #[serde(skip)]
+    pub seen: Vec<(DVec3, f32)>,
+}
+
+/// Kinds of paths that are listed, in the report and in words.
+const LISTED: usize = 32;
+const NAMED: usize = 4;
+
+/// Echoes whose places are shown.
+const SHOWN: usize = 1 << 14;
+
+impl Multipath {
+    /// Of a list of reflectors that has bounced ones.
+    pub(super) fn of(reflectors: &Reflectors, instrument: &Instrument) -> Option<Self> {
+        let counts = reflectors.bounce_counts()?;
+        let centre = instrument.array.centre();
+        let transmit = reflectors.transmit_lengths();
+        let places = &reflectors.positions()[reflectors.direct()..];
+        let paths = places.iter().zip(transmit).map(|(q, transmit)| transmit + q.distance(centre));
+        let speaker = instrument.transmission(0).viewpoint();
+        let mut strongest = reflectors.bounce_paths(speaker, centre);
+        strongest.truncate(LISTED);
+        Some(Self {
+            echoes: transmit.len(),
+            counts,
+            longest_path: paths.fold(0.0, f64::max),
+            strongest,
+            seen: reflectors.seen_bounces(speaker, centre, SHOWN),
+        })
+    }
+
+    /// What may be missing or in the wrong place.
+    pub(super) fn warnings(&self, instrument: &Instrument) -> Vec<String> {
+        let mut warnings = Vec::new();
+        if let Some(unambiguous) = instrument.unambiguous_path().filter(|most| *most < self.longest_path) {
+            warnings.push(format!(
+                "bounced paths of up to {:.2} m are longer than the {unambiguous:.2} m that the sweep's step tells apart; they \
+                 are seen nearer than they are",
+                self.longest_path
+            ));
+        }
+        if self.counts.dropped_energy > 0.01 {
+            warnings.push(format!(
+                "the weakest bounced echoes, with {:.1} % of the energy of all, are left out to limit their number; use a larger \
+                 [reflectors] spacing",
+                100.0 * self.counts.dropped_energy
+            ));
+        }
+        warnings
+    }
+
+    /// The strongest, a line each.
+    pub(super) fn lines(&self) -> Vec<String> {
+        let Self { echoes, counts: BounceCounts { mirrors, partners: [some, all], .. }, .. } = self;
+        let of = if some == all { String::new() } else { format!(" by {some} of {all}") };
+        let found = format!(
+            "{echoes} bounced echoes of {mirrors} mirrors and patches that light each other{of}; the strongest:"
+        );
+        let named = self.strongest.iter().take(NAMED).map(|kind| {
+            let [x, y, z] = kind.place;
+            let [[_, _, near], [_, _, far]] = kind.within;
+            format!(
+                "{:.1} dB of the direct echoes, {}: seen about ({x:.2}, {y:.2}, {z:.2}), z {near:.2} to {far:.2} m",
+                kind.level_db, kind.path
+            )
+        });
+        std::iter::once(found).chain(named).collect()
     }
 }
 

@@ -363,7 +363,8 @@ def check_scene_ply(path, report, header):
     check(path, "the speaker", counts[2] == (0 if monostatic else 1), str(counts))
     at = np.stack([points["x"], points["y"], points["z"]], axis=1).astype(np.float64)
     mics = at[points["kind"] == 1]
-    check(path, "only reflectors have an amplitude", (points["amplitude"][points["kind"] != 0] == 0).all())
+    silent = (points["kind"] == 1) | (points["kind"] == 2)
+    check(path, "only reflectors and bounces have an amplitude", (points["amplitude"][silent] == 0).all())
     extent, centre = (np.asarray(header[f"sonar:{name}"], np.float64) for name in ("arrayExtent", "arrayCentre"))
     check(path, "the array's extent", np.allclose(np.ptp(mics, axis=0), extent, atol=1e-6))
     check(path, "the array's centre", np.allclose((mics.min(axis=0) + mics.max(axis=0)) / 2, centre, atol=1e-6))

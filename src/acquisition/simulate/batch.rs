@@ -23,6 +23,12 @@ pub(super) struct ReflectorBatch {
     pub(super) weighted: [Vec<f32>; 2],
     pub(super) offsets: Vec<f32>,
     pub(super) losses: LossBatch,
+    /// Path lengths from the speaker, m.
+    pub(super) outward: Vec<f64>,
+    /// The reflectors seen through mirrors: their places in the batch, and among all.
+    pub(super) windows: Vec<(u32, u32)>,
+    /// The amplitudes as seen by one microphone; empty where nothing is seen through mirrors.
+    seen: [Vec<f32>; 2],
 }
 
 /// The arrays for losses; empty without any.
@@ -44,6 +50,7 @@ impl ReflectorBatch {
     pub(super) fn resize(&mut self, count: usize) {
         self.positions.resize(count, DVec3::ZERO);
         self.paths.resize(count, 0.0);
+        self.outward.resize(count, 0.0);
         self.from_middle.resize(count, 0.0);
         self.phasors.resize(count, Complex32::ZERO);
         let padded = count.next_multiple_of(WIDE);
@@ -51,6 +58,23 @@ impl ReflectorBatch {
         clear_to_zeros(zeroed.chain([&mut self.turn, &mut self.offsets]), padded);
         self.distance.clear();
         self.distance.resize(padded, 1.0);
+    }
+
+    /// Darkens the reflectors that a microphone does not see through their mirrors.
+    pub(super) fn look_through_windows(&mut self, sees: impl Fn(usize) -> bool) {
+        let Self { amplitude, seen, windows, .. } = self;
+        for (seen, amplitude) in seen.iter_mut().zip(&*amplitude) {
+            seen.clear();
+            if !windows.is_empty() {
+                seen.extend_from_slice(amplitude);
+            }
+        }
+        for (i, j) in &*windows {
+            if !sees(*j as usize) {
+                seen[0][*i as usize] = 0.0;
+                seen[1][*i as usize] = 0.0;
+            }
+        }
     }
 
     /// Adds the echoes, whose offsets are known, to the sums of a microphone at `d`: `[K][Q]`.
@@ -61,7 +85,8 @@ impl ReflectorBatch {
         (d, spread_legs): ([f32; 3], Option<f64>),
         sums: &mut [[f64; 2]],
     ) {
-        let Self { amplitude, weighted, offsets, losses, turn, .. } = self;
+        let Self { amplitude, weighted, offsets, losses, turn, seen, windows, .. } = self;
+        let amplitude = if windows.is_empty() { amplitude } else { seen };
         let Some(terms) = terms else {
             let echoes = Echoes { turn, amplitude: [&amplitude[0], &amplitude[1]] };
             return sum_over_tones(echoes, offsets, per_metre, sums);
@@ -70,7 +95,7 @@ impl ReflectorBatch {
         let tones = sums.len() / terms.count();
         for (k, sums) in sums.chunks_exact_mut(tones).enumerate() {
             let factors = losses.factors(terms, k);
-            for (weighted, amplitude) in weighted.iter_mut().zip(&*amplitude) {
+            for (weighted, amplitude) in weighted.iter_mut().zip(amplitude.iter()) {
                 weighted.clear();
                 weighted.extend(amplitude.iter().zip(factors).map(|(a, factor)| a * factor));
             }

@@ -5,6 +5,7 @@
 use super::echoes::{CentrePath, Intervals};
 use super::expand::TILES_PER_THREAD;
 use super::literal::COLUMNS;
+use super::paths::{outward_length, path_length};
 use super::terms::{LossModel, MOST_TERMS};
 use super::virtual_tones::{MORE, TONE_DESIGNS, ToneDesign};
 use super::{PropagationModel, SimulateOptions, cells};
@@ -109,7 +110,7 @@ pub(super) fn candidates(
     let lossy = f64::from(u8::from(options.losses.any()));
     let bent = refracted(instrument);
     let centre = array.centre();
-    let paths = reflectors.positions().iter().map(|&p| options.model.path_length(instrument, p, centre));
+    let paths = (0..reflectors.len()).map(|j| path_length(reflectors, j, centre, instrument, options));
     let (shortest, longest) =
         paths.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), path| (path.min(low), path.max(high)));
     let spread = longest - shortest + array.extent().length();
@@ -182,12 +183,11 @@ fn groups(
     let every = reflectors.len().div_ceil(SAMPLED_REFLECTORS).max(1);
     let (mut all, mut count) = (0, 0);
     for tile in some {
-        let paths: Vec<CentrePath> = reflectors
-            .positions()
-            .iter()
-            .step_by(every)
-            .map(|&p| CentrePath::new(p, instrument.outward_length(p), tile, instrument, model))
-            .collect();
+        let path = |j: usize| {
+            let (p, outward) = (reflectors.positions()[j], outward_length(reflectors, j, instrument));
+            CentrePath::new(p, outward, tile, instrument, model)
+        };
+        let paths: Vec<CentrePath> = (0..reflectors.len()).step_by(every).map(path).collect();
         all += Intervals::new(&paths, length).occupied(&paths);
         count += 1;
     }

@@ -5,6 +5,7 @@
 //! interval, `e^{i2πf·middle/c}`, is restored by the expansion.
 
 use super::batch::ReflectorBatch;
+use super::paths::outward_length;
 use super::terms::{LossTerms, outward_spreading};
 use super::virtual_tones::EquispacedTones;
 use super::{PropagationModel, SimulateOptions};
@@ -132,7 +133,7 @@ impl<'a> Summation<'a> {
         terms: Option<&'a LossTerms>,
     ) -> Option<Self> {
         let mut outward = try_with_capacity(reflectors.len() as u64)?;
-        outward.extend(reflectors.positions().iter().map(|&p| instrument.outward_length(p)));
+        outward.extend((0..reflectors.len()).map(|j| outward_length(reflectors, j, instrument)));
         Some(Self { reflectors, outward, instrument, options, tones, terms })
     }
 
@@ -186,6 +187,11 @@ impl<'a> Summation<'a> {
     ) {
         let (options, Instrument { geometry, sound_speed, .. }) = (self.options, self.instrument);
         batch.resize(members.clone().count());
+        batch.windows.clear();
+        if !self.reflectors.transmit_lengths().is_empty() {
+            let open = members.clone().enumerate().filter(|(_, j)| self.reflectors.has_window(*j));
+            batch.windows.extend(open.map(|(i, j)| (i as u32, j as u32)));
+        }
         for ((from_middle, path), j) in
             batch.from_middle.iter_mut().zip(&mut batch.paths).zip(members.clone())
         {
@@ -209,7 +215,12 @@ impl<'a> Summation<'a> {
                 plane[i] = x as f32;
             }
             batch.turn[i] = (batch.from_middle[i] * per_metre) as f32;
-            let spreading = outward_spreading(self.outward[j], geometry, options) as f32;
+            batch.outward[i] = self.outward[j];
+            let spreading = match self.reflectors.transmit(j) {
+                // The amplitude has it.
+                Some(_) => 1.0,
+                None => outward_spreading(self.outward[j], geometry, options) as f32,
+            };
             let a = self.reflectors.amplitudes()[j] * batch.phasors[i] * spreading;
             batch.amplitude[0][i] = a.re;
             batch.amplitude[1][i] = a.im;
@@ -227,8 +238,14 @@ impl<'a> Summation<'a> {
         let d = (r - tile.centre).as_vec3().to_array();
         if near {
             // Close to the microphones, the f32 series loses digits or does not converge.
-            for ((offset, &p), path) in batch.offsets.iter_mut().zip(&batch.positions).zip(&batch.paths) {
-                *offset = (self.options.model.path_length(self.instrument, p, r) - path) as f32;
+            let bounced = !self.reflectors.transmit_lengths().is_empty();
+            for (i, (offset, &p)) in batch.offsets.iter_mut().zip(&batch.positions).enumerate() {
+                let length = if bounced {
+                    batch.outward[i] + p.distance(r)
+                } else {
+                    self.options.model.path_length(self.instrument, p, r)
+                };
+                *offset = (length - batch.paths[i]) as f32;
             }
         } else if self.options.model == PropagationModel::Exact {
             exact_offsets(toward, &batch.distance, d, legs as f32, &mut batch.offsets);
@@ -237,6 +254,7 @@ impl<'a> Summation<'a> {
         }
         let per_metre = [self.tones.centre, self.tones.step].map(|f| (f / sound_speed) as f32);
         let spread_legs = self.options.losses.spreading.then_some(legs);
+        batch.look_through_windows(|j| self.reflectors.sees(j, r));
         batch.add(per_metre, self.terms, (d, spread_legs), sums);
     }
 }

@@ -2,6 +2,7 @@
 
 use super::columns::Columns;
 use super::losses::{Legs, wave_number};
+use super::paths::{legs, path_length, seen};
 use super::{SimulateOptions, SimulationJob, no_room, record};
 use crate::acquisition::{Instrument, Sweep};
 use crate::alloc::{try_filled, try_with_capacity};
@@ -33,17 +34,15 @@ pub(super) fn literal(job: &SimulationJob<'_>, columns: &mut Columns, observer: 
             .map(|&r| {
                 let mut lengths: Vec<f64> =
                     try_with_capacity(plain.padded_len() as u64).ok_or_else(no_room)?;
-                lengths.extend(
-                    reflectors.positions().iter().map(|&p| options.model.path_length(instrument, p, r)),
-                );
+                let of = |j: usize| path_length(reflectors, j, r, instrument, options);
+                lengths.extend((0..reflectors.len()).map(of));
                 lengths.resize(plain.padded_len(), 0.0);
                 let sums = try_filled([0.0; 2], sweep.len() as u64).ok_or_else(no_room)?;
                 Ok(if options.losses.vary() {
                     lossy_sums(reflectors, r, &lengths, instrument, options, sums)
-                } else if options.losses.any() {
-                    let spread = reflectors.positions().iter().zip(reflectors.amplitudes());
-                    let spread =
-                        spread.map(|(&p, a)| a * Legs::new(p, r, instrument, options).spreading as f32);
+                } else if options.losses.any() || !reflectors.transmit_lengths().is_empty() {
+                    let spread = |j: usize| legs(reflectors, j, r, instrument, options).spreading as f32;
+                    let spread = (0..reflectors.len()).map(|j| seen(reflectors, j, r) * spread(j));
                     sweep_sums(&Amplitudes::new(spread), &lengths, sweep, *sound_speed, sums)
                 } else {
                     sweep_sums(&plain, &lengths, sweep, *sound_speed, sums)
@@ -95,10 +94,11 @@ fn lossy_sums(
     let Instrument { sweep, sound_speed: c, .. } = instrument;
     let losses = &options.losses;
     let legs: Vec<Legs> =
-        reflectors.positions().iter().map(|&p| Legs::new(p, r, instrument, options)).collect();
+        (0..reflectors.len()).map(|j| legs(reflectors, j, r, instrument, options)).collect();
+    let amplitudes: Vec<Complex32> = (0..reflectors.len()).map(|j| seen(reflectors, j, r)).collect();
     for (&f, sum) in sweep.frequencies().iter().zip(&mut sums) {
         let (absorption, k) = (losses.absorption(f), wave_number(f, *c));
-        let weighted = reflectors.amplitudes().iter().zip(&legs);
+        let weighted = amplitudes.iter().zip(&legs);
         let weighted = weighted.map(|(a, legs)| a * legs.factor(losses, absorption, k) as f32);
         sum_at(f, &Amplitudes::new(weighted), lengths, *c, sum);
     }

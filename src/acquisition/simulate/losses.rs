@@ -121,6 +121,13 @@ impl Legs {
         Self { spreading, sines: [sine(out), sine(back)], path: options.model.path_length(instrument, p, r) }
     }
 
+    /// The losses of an echo whose amplitude has those of its transmit length.
+    pub(super) fn after(transmit: f64, p: DVec3, r: DVec3, options: &SimulateOptions) -> Self {
+        let back = p - r;
+        let spreading = if options.losses.spreading { spreading(1.0, back.length()) } else { 1.0 };
+        Self { spreading, sines: [0.0, sine(back)], path: transmit + back.length() }
+    }
+
     /// The whole factor at a frequency of absorption α and wave number 2πf/c.
     pub(super) fn factor(&self, losses: &Losses, absorption: f64, wave_number: f64) -> f64 {
         self.spreading * (-absorption * self.path).exp() * losses.directivity(wave_number, self.sines)

@@ -1,5 +1,6 @@
 //! The literal sum against Eq. 5 as printed, noise, and what other tests share.
 
+mod bounces;
 mod cells;
 mod losses;
 mod transmissions;

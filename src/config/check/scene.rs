@@ -1,10 +1,14 @@
 //! The scene, its materials and its reflectors.
 
+use crate::acquisition::PropagationModel;
+use crate::config::choices::{Shading, SurfaceKind};
 use crate::config::range::{Check, conflict, ensure, file_name, finite, none_typed, positive, within};
 use crate::config::reader::{Fault, joined};
-use crate::config::{ReflectorsTable, SceneTable};
+use crate::config::{ReflectorsTable, RunFile, SceneTable};
+use crate::files::extension;
 use crate::scene::{MaterialRule, Unit};
 use crate::text::quoted;
+use crate::wave::GeometryKind;
 use std::collections::HashSet;
 
 impl SceneTable {
@@ -19,6 +23,8 @@ impl SceneTable {
         };
         placing.check()?;
         self.check_parts()?;
+        let expected = "0, 1 or 2 surfaces beyond the first";
+        within("scene.bounces", self.bounces.into(), 0.0, 2.0, expected)?;
         let Some(sensor) = &self.sensor else { return Ok(()) };
         let name = sensor.strip_prefix("camera:").or_else(|| sensor.strip_prefix("node:"));
         ensure(name.is_some_and(|name| !name.is_empty()), || {
@@ -116,5 +122,47 @@ impl ReflectorsTable {
     pub(super) fn check(&self) -> Check {
         self.spacing.map_or(Ok(()), |spacing| positive("reflectors.spacing", spacing))?;
         within("reflectors.roughness", self.roughness, 0.0, 1e6, "from 0 to 1e6 wavelengths")
+    }
+}
+
+impl RunFile {
+    /// What bounces cannot be simulated with.
+    pub(super) fn check_bounces(&self) -> Check {
+        if self.scene.bounces == 0 {
+            return Ok(());
+        }
+        let list = self.scene.mesh.as_ref().is_some_and(|mesh| extension(&mesh.path) == "csv");
+        let refused: [(bool, &'static [&'static str], &str); 7] = [
+            (list, &["scene.mesh"], "bounces need surfaces, and a list of reflectors has none"),
+            (
+                self.reflectors.surface == SurfaceKind::Smooth,
+                &["reflectors.surface"],
+                "the reflectors of a \"smooth\" surface are a mirror by themselves; use \"rough\" and a small roughness, whose \
+                 mirror images are exact",
+            ),
+            (
+                self.reflectors.shading == Shading::None,
+                &["reflectors.shading"],
+                "bounces conserve energy, which takes the cosines of shading = \"lambert\"",
+            ),
+            (
+                self.array.geometry != GeometryKind::FixedSource,
+                &["array.geometry"],
+                "bounces need a speaker that stays in its place; a scan has other mirror images at each of its places",
+            ),
+            (
+                self.array.speaker_radius > 0.0,
+                &["array.speaker_radius"],
+                "bounces are simulated for a speaker that radiates alike in all directions",
+            ),
+            (
+                self.detection.model == PropagationModel::Linear,
+                &["detection.model"],
+                "bounces have exact paths only; images are too near for the far-field approximation",
+            ),
+            (self.medium.interface.is_some(), &["medium.interface"], "bounces are simulated in one medium"),
+        ];
+        let found = refused.into_iter().find(|(found, _, _)| *found);
+        found.map_or(Ok(()), |(_, partners, why)| Err(conflict("scene.bounces", partners, why)))
     }
 }

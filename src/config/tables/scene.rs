@@ -29,6 +29,8 @@ pub struct SceneTable {
     pub sensor: Option<String>,
     /// Which paths surfaces attenuate.
     pub occlusion: OcclusionKind,
+    /// Surfaces that an echo may meet beyond the first: 0, 1 or 2.
+    pub bounces: u32,
     /// Instead of `mesh`: the files of an assembly. `size`, `scale`, `rotate`, `translate` and `fit` place all of it.
     pub parts: Vec<ScenePart>,
 }
@@ -90,6 +92,7 @@ impl Default for SceneTable {
             fit: None,
             sensor: None,
             occlusion: OcclusionKind::Speaker,
+            bounces: 0,
             parts: Vec::new(),
         }
     }

@@ -240,6 +240,24 @@ fn speakers_that_do_not_fit_the_geometry_are_refused() {
 }
 
 #[test]
+fn what_bounces_cannot_be_simulated_with_is_refused() {
+    let with = |keys: &str| format!("[scene]\nbounces = 1\n{keys}");
+    refused_with("[scene]\nbounces = 3", &["2:1", "`scene.bounces`", "3", "0, 1 or 2"]);
+    refused_with("[scene]\nbounces = -1", &["scene.bounces", "-1"]);
+    refused_with("[scene]\nbounces = 0.5", &["scene.bounces", "0.5"]);
+    refused_with(&with("mesh = \"points.csv\""), &["`scene.bounces`", "list of reflectors"]);
+    refused_with(&with("[reflectors]\nsurface = \"smooth\""), &["`scene.bounces`", "rough"]);
+    refused_with(&with("[reflectors]\nshading = \"none\""), &["`scene.bounces`", "lambert"]);
+    refused_with(&with("[array]\ngeometry = \"monostatic\""), &["`scene.bounces`", "scan"]);
+    refused_with(&with("[array]\nspeaker_radius = 0.01"), &["`scene.bounces`", "radiates"]);
+    refused_with(&with("[detection]\nmodel = \"linear\""), &["`scene.bounces`", "exact"]);
+    let interface = "[medium]\ninterface = { depth = 0.02, sound_speed = 5900.0 }";
+    refused_with(&with(interface), &["`scene.bounces`", "one medium"]);
+    let several = "[array]\nsources = [[0, 0, 0], [0.1, 0, 0]]\n[reflectors]\nsurface = \"rough\"";
+    assert_eq!(read_with(&with(several), &[]).expect("possible").scene.bounces, 1);
+}
+
+#[test]
 fn recordings_that_cannot_be_are_refused() {
     refused_with("[recording]\nsignal = \"chirp\"", &["recording.signal", "\"tones\", \"broadband\""]);
     refused_with(

@@ -15,6 +15,10 @@ pub(in crate::pipeline) fn of_scene(job: &str, run: &RunFile, scene: &PreparedSc
     for reflectors in &scene.reflectors {
         identity.numbers(coordinates(reflectors.positions()));
         identity.bytes(bytemuck::cast_slice(reflectors.amplitudes()));
+        // What they are seen through follows from the scene as their places do.
+        if !reflectors.transmit_lengths().is_empty() {
+            identity.numbers(reflectors.transmit_lengths().iter().copied());
+        }
     }
     identity
 }

@@ -19,6 +19,8 @@ async function layersOf(found, box) {
   const cell = Math.max(data.maps ? Math.min(data.maps.x.pitch, data.maps.y.pitch) : 0.01, 1e-4);
   const [name, scene] = points?.reflectors.shown ? ["Reflectors of the scene", points.reflectors] : ["True surfaces", truthPoints];
   if (scene?.shown) layers.push(layer(name, await floats(scene.data), { tint: [0.36, 0.83, 0.77, 0.55], size: 0.25 * cell, least: 1.4 }));
+  if (points?.bounces?.shown)
+    layers.push(layer("Multipath, where it is seen", await floats(points.bounces.data), { tint: [0.95, 0.4, 0.75, 0.45], size: 0.25 * cell, least: 1.4 }));
   if (found) layers.push((named.found = layer("Depths found", found.positions, { lit: found.lit, tint: [1, 1, 1, 0.95], byDepth: true, size: 0.7 * cell, least: 2.2, shown: false })));
   const ofArray = { cut: false, ofArray: true };
   if (points?.microphones.shown)

@@ -25,6 +25,7 @@ function describe() {
   if (points?.reflectors.of) share("reflectors", points.reflectors);
   else if (truthPoints?.shown) parts.push("The folder contains no reflectors; the true surfaces are drawn instead.");
   if (points) share("microphones", points.microphones);
+  if (points?.bounces) share("of the strongest bounced echoes", points.bounces);
   const drawn = mesh?.parts.reduce((sum, part) => sum + part.triangles, 0);
   if (drawn < report.scene?.triangles) parts.push(`The mesh is drawn with ${drawn} of its ${report.scene.triangles} triangles: corners that are close to one another are merged.`);
   $("volume-note").textContent = parts.join(" ");
