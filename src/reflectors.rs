@@ -324,7 +324,10 @@ fn draw_scatter(count: usize, options: &SurfaceOptions) -> Option<Vec<(Complex32
     let mut random = ChaCha8Rng::seed_from_u64(options.seed);
     random.set_stream(SCATTER_STREAM);
     let mut scatter = try_with_capacity(count as u64)?;
-    scatter.extend((0..count).map(|_| match options.surface {
+    // What a rough wall scatters beside its mirror image has a random phase, too; displaced samples in phase would be a mirror
+    // again.
+    let surface = if options.bounces.is_some() { SurfaceModel::Diffuse } else { options.surface };
+    scatter.extend((0..count).map(|_| match surface {
         SurfaceModel::Diffuse => {
             let cycles: f64 = StandardUniform.sample(&mut random);
             (phasor(cycles), 0.0)

@@ -12,6 +12,7 @@ mod backprojection;
 mod bare;
 mod binary;
 #[cfg(target_os = "linux")]
+mod bounces;
 mod browser;
 mod calibration;
 mod choices;

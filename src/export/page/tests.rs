@@ -38,7 +38,7 @@ fn a_page_is_complete_and_loads_nothing() {
     let grid = Grid { x: axis(-0.5, 0.1, 4), y: axis(-0.25, 0.1, 3), z: axis(1.0, 0.1, 2) };
     let volume = Miniature::of_volume(&Volume::new(grid, vec![Complex32::ONE; 24]));
     let array = MicArray::rectangular([2, 2], [0.5, 0.5], DVec3::ZERO).unwrap();
-    let scene = ScenePoints::new(None, &array, &[]).with_bounces(&[(glam::DVec3::Z, 0.5)]);
+    let scene = ScenePoints::new(None, &array, &[]).with_bounces(&[(DVec3::Z, 0.5)]);
     let (depth, truth) = (map(4, 3), map(4, 3));
     let wall = Triangle { vertices: [DVec3::ZERO, DVec3::X, DVec3::Y], material: 0 };
     let material =

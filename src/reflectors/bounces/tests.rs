@@ -227,6 +227,15 @@ fn walls_without_a_mirror_image_light_each_other_and_draws_keep_the_energy() {
     assert!((coarse / fine - 1.0).abs() < 0.1, "{coarse} {fine}");
 }
 
+/// Patches in phase would be a mirror by themselves, whose echoes depend on how densely it is sampled.
+#[test]
+fn patches_of_rough_walls_have_random_phases() {
+    let list = sample_surface(&scene(dihedral(), 1.0), &options(1, 0.03, Some(0.1))).expect("valid");
+    let direct = &list.amplitudes()[..list.direct()];
+    let mean = direct.iter().map(|a| a / a.norm()).sum::<Complex32>() / direct.len() as f32;
+    assert!(direct.len() > 2000 && mean.norm() < 0.07, "{} {mean}", direct.len());
+}
+
 #[test]
 fn a_seed_gives_bit_identical_bounces_for_any_number_of_threads() {
     let scene = scene(dihedral(), 1.0);
