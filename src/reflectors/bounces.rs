@@ -38,7 +38,7 @@ use energy::Roughness;
 use glam::DVec3;
 use num_complex::Complex32;
 use rayon::prelude::*;
-use trace::{Patch, Tracer};
+use trace::{SurfacePatch, Tracer};
 
 /// The most bounced echoes of a list; the weakest beyond it are dropped.
 const MOST_BOUNCED: usize = 1 << 20;
@@ -131,10 +131,10 @@ pub(super) fn reflect(
         facets.keep(count);
     }
     let no_room = || does_not_fit(options.spacing);
-    let mut patches: Vec<Patch> = try_with_capacity(samples.len() as u64).ok_or_else(no_room)?;
+    let mut patches: Vec<SurfacePatch> = try_with_capacity(samples.len() as u64).ok_or_else(no_room)?;
     let before_array = samples.iter().zip(scatter).filter(|(sample, _)| sample.position.z > 0.0);
     patches.extend(
-        before_array.map(|(sample, (phase, _))| Patch::new(scene, &facets, roughness, sample, *phase)),
+        before_array.map(|(sample, (phase, _))| SurfacePatch::new(scene, &facets, roughness, sample, *phase)),
     );
     let tracer = Tracer::new(scene, options, bounces, &facets, roughness);
     // The first kind is the direct echo.
@@ -180,7 +180,7 @@ pub(super) fn reflect(
 fn traced(
     tracer: &Tracer<'_>,
     kinds: &[PathKind],
-    patches: &[Patch],
+    patches: &[SurfacePatch],
     observer: &dyn Observer,
 ) -> Result<Vec<BouncedEcho>> {
     let mut all = Vec::new();

@@ -5,7 +5,7 @@
 //! 1989). Where all pairs would be too many, each patch is lit by some, drawn evenly from all that the speaker
 //! lights, and as many times as strong in energy.
 
-use super::trace::{Patch, Tracer};
+use super::trace::{SurfacePatch, Tracer};
 use super::{BLOCK, BouncedEcho};
 use crate::error::Result;
 use crate::progress::{Observer, advance};
@@ -33,11 +33,11 @@ pub(super) fn most(patches: u64) -> u64 {
 /// The patches that light each patch, and of how many they are drawn; and the echoes of all pairs, of this kind.
 pub(super) fn pairs(
     tracer: &Tracer<'_>,
-    patches: &[Patch],
+    patches: &[SurfacePatch],
     (kind, seed): (u32, u64),
     observer: &dyn Observer,
 ) -> Result<([usize; 2], Vec<BouncedEcho>)> {
-    let lit: Vec<(&Patch, f64)> = patches
+    let lit: Vec<(&SurfacePatch, f64)> = patches
         .par_iter()
         .filter_map(|patch| {
             let (_, arriving) = tracer.arriving(patch.position, &[]);

@@ -12,7 +12,7 @@ use num_complex::Complex32;
 
 /// A piece of a surface that scatters.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Patch {
+pub(super) struct SurfacePatch {
     pub(super) position: DVec3,
     normal: DVec3,
     /// m².
@@ -22,7 +22,7 @@ pub(super) struct Patch {
     pub(super) phase: Complex32,
 }
 
-impl Patch {
+impl SurfacePatch {
     /// The patch of a sample with a random phase. One that belongs to no mirror scatters all that it reflects.
     pub(super) fn new(
         scene: &Scene,
@@ -169,7 +169,7 @@ impl<'a> Tracer<'a> {
     }
 
     /// The echo of a path with one patch.
-    pub(super) fn scattered(&self, kind: &PathKind, index: u32, patch: &Patch) -> Option<BouncedEcho> {
+    pub(super) fn scattered(&self, kind: &PathKind, index: u32, patch: &SurfacePatch) -> Option<BouncedEcho> {
         let p = patch.position;
         let (source, arriving) = self.arriving(p, &kind.before);
         if arriving == 0.0 {
