@@ -16,9 +16,10 @@ mod tests;
 
 pub(super) use readings::convert;
 
-use super::{Instrument, SimulateOptions, Sweep};
+use super::{Detection, Instrument, SimulateOptions, Sweep};
 use crate::choice::choice;
 use crate::error::{Error, Result};
+use crate::with_fields::with_fields;
 
 choice! {
     /// What multiplies the microphone's signal.
@@ -126,7 +127,7 @@ pub struct Electronics {
     pub seed: u64,
 }
 
-crate::with_fields::with_fields! {
+with_fields! {
     Electronics {
         with_amplifier_band(amplifier_band: Option<[f64; 2]>),
         with_harmonics_db(harmonics_db: Vec<f64>),
@@ -317,7 +318,7 @@ impl Electronics {
 
     /// Whether the sweep is measured twice.
     fn passes(&self, instrument: &Instrument) -> usize {
-        let complex = instrument.detection == super::Detection::Quadrature;
+        let complex = instrument.detection == Detection::Quadrature;
         if complex && self.quadrature == QuadratureBy::Passes { 2 } else { 1 }
     }
 

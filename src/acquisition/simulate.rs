@@ -119,6 +119,17 @@ with_fields! {
     }
 }
 
+impl SimulateOptions {
+    /// Refuses a tolerance or electronics outside their bounds.
+    fn check(&self) -> Result<()> {
+        if !(self.tolerance >= 0.0 && self.tolerance.is_finite()) {
+            let problem = "must be a finite number of 0 or more; 0 sums every term";
+            return Err(Error::input("detection.tolerance", problem));
+        }
+        self.electronics.as_ref().map_or(Ok(()), Electronics::check)
+    }
+}
+
 impl PropagationModel {
     /// Length of the path via `p` to the microphone at `r`, m.
     #[inline]
@@ -183,21 +194,12 @@ pub(crate) fn simulate_resumable(
     store: &mut dyn BlockStore,
     observer: &dyn Observer,
 ) -> Result<DataCube> {
-    if !(options.tolerance >= 0.0 && options.tolerance.is_finite()) {
-        return Err(Error::input(
-            "detection.tolerance",
-            "must be a finite number of 0 or more; 0 sums every term",
-        ));
-    }
-    options.electronics.as_ref().map_or(Ok(()), Electronics::check)?;
-    let mut simulate = |number: usize, heard: &Instrument| {
-        let first = number * instrument.transmissions() * instrument.array.len();
-        let mut blocks = BlocksFrom { first: first as u64, store: &mut *store };
-        simulate_echoes(reflectors, heard, options, &mut blocks, observer)
-    };
+    options.check()?;
     let mut samples = match &options.electronics {
-        Some(electronics) => electronics.read_echoes(instrument, &mut simulate)?,
-        None => simulate(0, instrument)?,
+        Some(electronics) => electronics.read_echoes(instrument, &mut |number, heard| {
+            simulate_echoes(reflectors, (number, heard), options, store, observer)
+        })?,
+        None => simulate_echoes(reflectors, (0, instrument), options, store, observer)?,
     };
     finish(&mut samples, instrument, options)?;
     Ok(DataCube { instrument: instrument.clone(), samples, provenance: serde_json::Value::Null })
@@ -215,28 +217,28 @@ pub(crate) fn simulate_tiles(
     store: &mut dyn BlockStore,
     observer: &dyn Observer,
 ) -> Result<()> {
+    options.check()?;
     let heard = match &options.electronics {
-        Some(electronics) => {
-            electronics.check()?;
-            electronics.instruments(instrument)?
-        }
+        Some(electronics) => electronics.instruments(instrument)?,
         None => vec![instrument.clone()],
     };
-    let blocks = instrument.transmissions() * instrument.array.len();
-    heard.iter().enumerate().try_for_each(|(number, heard)| {
-        let mut blocks = BlocksFrom { first: (number * blocks) as u64, store: &mut *store };
-        simulate_echoes(reflectors, heard, options, &mut blocks, observer).map(drop)
-    })
+    heard
+        .iter()
+        .enumerate()
+        .try_for_each(|heard| simulate_echoes(reflectors, heard, options, store, observer).map(drop))
 }
 
-/// Eq. 5: the samples of an ideal instrument, without noise.
+/// Eq. 5: the samples of an ideal instrument, without noise. Of several simulations of the same microphones, blocks come after
+/// those of the ones before, by the number of this one.
 fn simulate_echoes(
     reflectors: &[Reflectors],
-    instrument: &Instrument,
+    (number, instrument): (usize, &Instrument),
     options: &SimulateOptions,
     store: &mut dyn BlockStore,
     observer: &dyn Observer,
 ) -> Result<Vec<Complex32>> {
+    let first = (number * instrument.transmissions() * instrument.array.len()) as u64;
+    let store = &mut BlocksFrom { first, store };
     if instrument.interface.is_some() && (options.losses.any() || options.model == PropagationModel::Linear) {
         let problem = "is simulated with exact paths and without spreading, absorption and directivity";
         return Err(Error::input("interface", problem));

@@ -178,7 +178,7 @@ fn divide(heard: &[usize]) -> (Vec<usize>, Vec<usize>) {
     let (mut kept, mut aside) = (Vec::new(), Vec::new());
     for (group, five) in heard.chunks(5).enumerate() {
         // The fractional parts of multiples of the golden ratio are spread evenly, and never repeat.
-        let chosen = ((group as f64 * 0.618_033_988_749_895).fract() * 5.0) as usize;
+        let chosen = ((group as f64 * std::f64::consts::GOLDEN_RATIO).fract() * 5.0) as usize;
         for (i, channel) in five.iter().enumerate() {
             if i == chosen { aside.push(*channel) } else { kept.push(*channel) }
         }

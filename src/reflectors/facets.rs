@@ -46,7 +46,8 @@ impl Facet {
         let all = || members.iter().map(|&t| &triangles[t as usize]);
         let first = &triangles[members[0] as usize];
         let normal = first.normal();
-        let axes = [normal.any_orthonormal_vector(), normal.cross(normal.any_orthonormal_vector())];
+        let along = normal.any_orthonormal_vector();
+        let axes = [along, normal.cross(along)];
         let flat = |v: DVec3| axes.map(|axis| axis.dot(v));
         // An edge that two triangles run along in opposite directions is inside.
         let mut edges: FxHashMap<[[u64; 2]; 2], i32> = FxHashMap::default();

@@ -2,45 +2,25 @@
 
 use crate::binary::{done, done_json, json_file, refused, shipped};
 use crate::named::assert_names;
-use holosonar::acquisition::DataCube;
-use std::fs;
-use std::path::Path;
+use crate::support::{folder_with_two_reflectors, read_cube, relative_difference};
 
 const SETTINGS: &str = "--set sweep.start=10000 --set sweep.stop=14000 --set sweep.step=250 --set array.count=[6,5] \
                         --set array.pitch=0.03";
 
-fn workplace() -> tempfile::TempDir {
-    let folder = tempfile::tempdir().unwrap();
-    let text = "x,y,z,amplitude\n0.02,-0.02,0.8,1\n-0.08,0.05,1.0,0.4\n";
-    fs::write(folder.path().join("two.csv"), text).unwrap();
-    folder
-}
-
-fn cube(path: &Path) -> DataCube {
-    DataCube::read(path, 1 << 24).unwrap()
-}
-
-/// The largest difference of two cubes, relative to the largest sample.
-fn difference(a: &DataCube, b: &DataCube) -> f32 {
-    let largest = b.samples.iter().map(|m| m.norm()).fold(0.0, f32::max);
-    let pairs = a.samples.iter().zip(&b.samples);
-    pairs.map(|(a, b)| (a - b).norm()).fold(0.0, f32::max) / largest
-}
-
 #[test]
 fn what_is_ideal_changes_no_byte() {
-    let folder = workplace();
+    let folder = folder_with_two_reflectors();
     let path = folder.path();
     done(path, &format!("simulate two.csv -o a.npz {SETTINGS}"));
     let typed = "--set instrument.mixer=switch --set instrument.jitter=0 --set instrument.quadrature=passes";
     done(path, &format!("simulate two.csv -o b.npz {SETTINGS} {typed}"));
-    assert_eq!(cube(&path.join("a.npz")).samples, cube(&path.join("b.npz")).samples);
+    assert_eq!(read_cube(&path.join("a.npz")).samples, read_cube(&path.join("b.npz")).samples);
 }
 
 /// Three ways to the same samples: closed forms, and a recording that is written and demodulated.
 #[test]
 fn an_integral_after_a_step_is_what_a_recording_holds() {
-    let folder = workplace();
+    let folder = folder_with_two_reflectors();
     let path = folder.path();
     // 10 ms are whole halves of the periods of all tones. The room takes 4 ms.
     let times = "--set recording.dwell=0.018 --set recording.settling=0.008";
@@ -51,10 +31,13 @@ fn an_integral_after_a_step_is_what_a_recording_holds() {
     done(path, &format!("simulate two.csv -o a.wav {recorded} --set recording.decay=0.004"));
     done(path, &format!("import a.wav -o recorded.npz {recorded}"));
     let [ideal, integrated, mut recorded] =
-        ["ideal", "integrated", "recorded"].map(|name| cube(&path.join(name).with_extension("npz")));
+        ["ideal", "integrated", "recorded"].map(|name| read_cube(&path.join(name).with_extension("npz")));
     // Without a reference, samples are half of full scale.
     recorded.samples.iter_mut().for_each(|m| *m *= 2.0);
-    let (unsettled, error) = (difference(&integrated, &ideal), difference(&recorded, &integrated));
+    let (unsettled, error) = (
+        relative_difference(&integrated.samples, &ideal.samples),
+        relative_difference(&recorded.samples, &integrated.samples),
+    );
     println!("unsettled {unsettled:.1e}, recorded against integrated {error:.1e}");
     assert!(unsettled > 0.03 && error < 0.05 * unsettled, "{unsettled} {error}");
 }
@@ -100,7 +83,7 @@ fn plans_and_reports_tell_of_each_element() {
 
 #[test]
 fn recordings_hold_no_mixer_and_cubes_no_instrument() {
-    let folder = workplace();
+    let folder = folder_with_two_reflectors();
     let path = folder.path();
     let wav = format!("simulate two.csv -o a.wav {SETTINGS} --set recording.dwell=0.02");
     refused(path, &format!("{wav} --set instrument.jitter=1e-6"), 2, &["[instrument]", "jitter", ".npz"]);

@@ -3,6 +3,7 @@
 
 use crate::binary::{Outcome, command, run_command, shipped};
 use crate::named::assert_names;
+use crate::support::relative_difference;
 use holosonar::acquisition::DataCube;
 use holosonar::export::volume_npz::read_volume_npz;
 use holosonar::wave::simd::Level;
@@ -11,7 +12,7 @@ use std::fs;
 use std::path::Path;
 
 /// Maximum difference between two kinds of processor, over the maximum amplitude.
-const STATED: f32 = 2e-6;
+const STATED: f64 = 2e-6;
 
 /// Jobs by what is typed; each of them takes some tenths of a second.
 const SIMULATE: &str = "simulate job.toml -o cube.npz -q";
@@ -56,15 +57,6 @@ fn made(folder: &Path, environment: (&str, &str)) -> Vec<(&'static str, Vec<u8>,
     all
 }
 
-/// Maximum difference, over the maximum amplitude.
-fn difference(a: &[Complex32], b: &[Complex32]) -> f32 {
-    let greatest =
-        |numbers: &mut dyn Iterator<Item = Complex32>| numbers.map(Complex32::norm).fold(0.0, f32::max);
-    let peak = greatest(&mut a.iter().copied());
-    assert!(peak > 0.0 && a.len() == b.len(), "there is something to compare");
-    greatest(&mut a.iter().zip(b).map(|(a, b)| a - b)) / peak
-}
-
 #[test]
 fn every_level_gives_the_same_bytes() {
     let folder = workplace();
@@ -74,7 +66,7 @@ fn every_level_gives_the_same_bytes() {
     for level in had {
         let found = made(folder.path(), ("HOLOSONAR_SIMD", level.as_str()));
         for ((what, found, samples), (_, expected, those)) in found.iter().zip(&expected) {
-            let by = difference(those, samples);
+            let by = relative_difference(samples, those);
             assert!(found == expected, "{what} at {}: differs by {by} of the peak", level.as_str());
         }
         println!("{}: same bytes", level.as_str());
@@ -90,7 +82,7 @@ fn the_sines_of_another_processor_change_little() {
     let found =
         made(folder.path(), ("GLIBC_TUNABLES", "glibc.cpu.hwcaps=-AVX2,-FMA,-FMA4,-AVX512F,-AVX2_Usable"));
     for ((what, _, found), (_, _, expected)) in found.iter().zip(&expected) {
-        let by = difference(expected, found);
+        let by = relative_difference(found, expected);
         println!("{what}: {by:.1e} of the peak");
         assert!(by <= STATED, "{what}: {by} of the peak");
     }

@@ -2,41 +2,21 @@
 
 use crate::binary::{done, done_json, refused, run};
 use crate::named::assert_names;
-use holosonar::acquisition::DataCube;
+use crate::support::{folder_with_two_reflectors, read_cube, relative_difference};
 use holosonar::num_complex::Complex32;
 use std::fs;
-use std::path::Path;
 
 /// Two echoes before 6 × 5 microphones.
 const SWEEP: &str = "--set sweep.start=10000 --set sweep.stop=14000 --set sweep.step=250";
 const ARRAY: &str = "--set array.count=[6,5] --set array.pitch=0.03";
 const TONES: &str = "--set recording.dwell=0.03 --set recording.settling=0.02";
 
-fn workplace() -> tempfile::TempDir {
-    let folder = tempfile::tempdir().unwrap();
-    let text = "x,y,z,amplitude\n0.02,-0.02,0.8,1\n-0.08,0.05,1.0,0.4\n";
-    fs::write(folder.path().join("two.csv"), text).unwrap();
-    folder
-}
-
-fn cube(path: &Path) -> DataCube {
-    DataCube::read(path, 1 << 24).unwrap()
-}
-
-/// The largest error of a cube, relative to the largest sample.
-fn error(found: &DataCube, expected: &DataCube) -> f32 {
-    assert_eq!(found.instrument, expected.instrument);
-    let pairs = found.samples.iter().zip(&expected.samples);
-    let largest = expected.samples.iter().map(|m| m.norm()).fold(0.0, f32::max);
-    pairs.map(|(a, b)| (a - b).norm()).fold(0.0, f32::max) / largest
-}
-
 #[test]
 fn a_recording_becomes_the_cube_that_was_simulated_and_the_same_image() {
-    let folder = workplace();
+    let folder = folder_with_two_reflectors();
     let path = folder.path();
     done(path, &format!("simulate two.csv -o cube.npz {SWEEP} {ARRAY}"));
-    let expected = cube(&path.join("cube.npz"));
+    let expected = read_cube(&path.join("cube.npz"));
     let reference = "--set recording.reference=4";
     // Of the tone before, e⁻¹⁰ is left, 4.5e-5; 16 bits of a signal at half of full scale leave less.
     for (format, allowed) in [("float32", 1.2e-4), ("int24", 1.2e-4), ("int16", 2e-4)] {
@@ -48,7 +28,9 @@ fn a_recording_becomes_the_cube_that_was_simulated_and_the_same_image() {
         let gain = format!("--set recording.gain_db={}", facts["gain_db"]);
         assert_eq!(facts["channels"], 31, "{facts}");
         let facts = done_json(path, &format!("import a.wav -o again.npz {recording} {gain}"));
-        let error = error(&cube(&path.join("again.npz")), &expected);
+        let again = read_cube(&path.join("again.npz"));
+        assert_eq!(again.instrument, expected.instrument);
+        let error = relative_difference(&again.samples, &expected.samples);
         assert!(error < allowed, "{format}: {error:.1e}");
         assert!(facts["least_snr_db"].as_f64().unwrap() > 60.0, "{facts}");
         assert_eq!(facts["phase_sign"], 1);
@@ -63,12 +45,14 @@ fn a_recording_becomes_the_cube_that_was_simulated_and_the_same_image() {
     let said = done(path, "import lab.toml -o b.npz");
     assert_names(&said, &["tones", "30 channels, 44100 Hz", "latency"]);
     // Amplitudes of 0.5 of full scale count as 1 only beside a reference.
-    let mut halved = cube(&path.join("b.npz"));
+    let mut halved = read_cube(&path.join("b.npz"));
     halved.samples.iter_mut().for_each(|m| *m *= 2.0);
-    assert!(error(&halved, &expected) < 1e-6, "{:.1e}", error(&halved, &expected));
+    assert_eq!(halved.instrument, expected.instrument);
+    let error = relative_difference(&halved.samples, &expected.samples);
+    assert!(error < 1e-6, "{error:.1e}");
     let in_phase = done_json(path, "import lab.toml -o real.npz --set detection.kind=in-phase");
     assert_eq!(in_phase["detection"], "in-phase");
-    assert!(cube(&path.join("real.npz")).samples.iter().all(|m| m.im == 0.0));
+    assert!(read_cube(&path.join("real.npz")).samples.iter().all(|m| m.im == 0.0));
     // The image is that of the cube, within the error of the samples.
     let volume = |name: &str| {
         done(path, &format!("reconstruct {name}.npz -c lab.toml -o {name}_volume.npz"));
@@ -83,7 +67,7 @@ fn a_recording_becomes_the_cube_that_was_simulated_and_the_same_image() {
 
 #[test]
 fn noise_is_that_of_the_cube_and_is_reported() {
-    let folder = workplace();
+    let folder = folder_with_two_reflectors();
     let path = folder.path();
     let recording =
         format!("{SWEEP} {ARRAY} {TONES} --set recording.reference=0 --set recording.gain_db=-12");
@@ -94,7 +78,7 @@ fn noise_is_that_of_the_cube_and_is_reported() {
     done(path, &format!("simulate two.csv -o a.wav {recording} {noise} -j 1"));
     assert!(fs::read(path.join("a.wav")).unwrap() == bytes, "the same bytes on one thread");
     let facts = done_json(path, &format!("import a.wav -o again.npz {recording}"));
-    let (found, expected) = (cube(&path.join("again.npz")), cube(&path.join("cube.npz")));
+    let (found, expected) = (read_cube(&path.join("again.npz")), read_cube(&path.join("cube.npz")));
     let pairs = found.samples.iter().zip(&expected.samples);
     let noise: f32 = pairs.map(|(a, b)| (a - b).norm_sqr()).sum();
     let power: f32 = expected.samples.iter().map(Complex32::norm_sqr).sum();
@@ -111,7 +95,7 @@ fn noise_is_that_of_the_cube_and_is_reported() {
 
 #[test]
 fn plan_predicts_the_recording_and_what_does_not_fit_is_refused() {
-    let folder = workplace();
+    let folder = folder_with_two_reflectors();
     let path = folder.path();
     let plan = done_json(path, &format!("plan two.csv {SWEEP} {ARRAY} {TONES} --set recording.reference=0"));
     done(path, &format!("simulate two.csv -o a.wav {SWEEP} {ARRAY} {TONES} --set recording.reference=0"));

@@ -36,6 +36,19 @@ pub(crate) fn write_npz(path: &Path, arrays: &[NpzArray<'_>]) {
     zip.finish().unwrap();
 }
 
+/// A folder with two reflectors before an array, `two.csv`.
+pub(crate) fn folder_with_two_reflectors() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let text = "x,y,z,amplitude\n0.02,-0.02,0.8,1\n-0.08,0.05,1.0,0.4\n";
+    std::fs::write(folder.path().join("two.csv"), text).unwrap();
+    folder
+}
+
+/// A small cube of a file.
+pub(crate) fn read_cube(path: &Path) -> DataCube {
+    DataCube::read(path, 1 << 24).unwrap()
+}
+
 /// A cube of random samples.
 pub(crate) fn random_cube(
     random: &mut Random,

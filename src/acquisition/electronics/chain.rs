@@ -26,6 +26,13 @@ pub(super) struct EchoResponse {
     pub(super) readings: Vec<(usize, Vec<ToneReading>)>,
 }
 
+impl EchoResponse {
+    /// The instrument of this simulation: with both phases, at the frequencies that are heard.
+    pub(super) fn instrument(&self, of: &Instrument) -> Instrument {
+        of.clone().with_sweep(self.sweep.clone()).with_detection(Detection::Quadrature)
+    }
+}
+
 /// `α` and `β` of a tone, and those of the tone before it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct ToneReading {
@@ -64,9 +71,10 @@ impl Electronics {
                 in_phase: pass == 0,
                 quadrature: instrument.detection == Detection::Quadrature && pass + 1 == passes,
             };
+            let tones = self.sweep(instrument, pass, 1)?;
             for harmonic in self.harmonics() {
                 let sweep = self.sweep(instrument, pass, harmonic)?;
-                let read = (pass, self.read(&self.sweep(instrument, pass, 1)?, harmonic, phases));
+                let read = (pass, self.read(&tones, harmonic, phases));
                 match responses.iter_mut().find(|there| there.harmonic == harmonic && there.sweep == sweep) {
                     Some(there) => there.readings.push(read),
                     None => responses.push(EchoResponse { sweep, harmonic, readings: vec![read] }),

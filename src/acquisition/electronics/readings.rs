@@ -20,13 +20,12 @@ pub(in crate::acquisition) type SimulateEchoes<'a> =
     dyn FnMut(usize, &Instrument) -> Result<Vec<Complex32>> + 'a;
 
 impl Electronics {
-    /// The instruments of the simulations: with both phases, at the frequencies that are heard.
+    /// The instruments of the simulations.
     ///
     /// # Errors
     /// A clock with which the frequencies do not ascend.
     pub(in crate::acquisition) fn instruments(&self, instrument: &Instrument) -> Result<Vec<Instrument>> {
-        let each = |sweep| instrument.clone().with_sweep(sweep).with_detection(Detection::Quadrature);
-        Ok(self.responses(instrument)?.into_iter().map(|response| each(response.sweep)).collect())
+        Ok(self.responses(instrument)?.iter().map(|response| response.instrument(instrument)).collect())
     }
 
     /// The readings of an instrument, `[n_tx, n_f, n_mic]`, before noise and converter.
@@ -40,9 +39,8 @@ impl Electronics {
     ) -> Result<Vec<Complex32>> {
         let (n_f, n_mic, n_tx) = (instrument.sweep.len(), instrument.array.len(), instrument.transmissions());
         let mut samples = DataCube::allocate([n_tx, n_f, n_mic])?;
-        let heard = self.instruments(instrument)?;
-        for (number, (response, heard)) in self.responses(instrument)?.iter().zip(&heard).enumerate() {
-            let echoes = simulate(number, heard)?;
+        for (number, response) in self.responses(instrument)?.iter().enumerate() {
+            let echoes = simulate(number, &response.instrument(instrument))?;
             for (pass, readings) in &response.readings {
                 samples.par_chunks_mut(n_mic).enumerate().for_each(|(row, samples)| {
                     let n = row % n_f;

@@ -23,8 +23,8 @@ pub(super) struct ReflectorBatch {
     pub(super) weighted: [Vec<f32>; 2],
     pub(super) offsets: Vec<f32>,
     pub(super) losses: LossBatch,
-    /// Path lengths from the speaker, m.
-    pub(super) outward: Vec<f64>,
+    /// Their numbers among all.
+    pub(super) members: Vec<u32>,
     /// The reflectors seen through mirrors: their places in the batch, and among all.
     pub(super) windows: Vec<(u32, u32)>,
     /// The amplitudes as seen by one microphone; empty where nothing is seen through mirrors.
@@ -50,7 +50,7 @@ impl ReflectorBatch {
     pub(super) fn resize(&mut self, count: usize) {
         self.positions.resize(count, DVec3::ZERO);
         self.paths.resize(count, 0.0);
-        self.outward.resize(count, 0.0);
+        self.members.resize(count, 0);
         self.from_middle.resize(count, 0.0);
         self.phasors.resize(count, Complex32::ZERO);
         let padded = count.next_multiple_of(WIDE);

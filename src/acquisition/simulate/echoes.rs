@@ -5,7 +5,7 @@
 //! interval, `e^{i2πf·middle/c}`, is restored by the expansion.
 
 use super::batch::ReflectorBatch;
-use super::paths::outward_length;
+use super::paths::{outward_length, path_length};
 use super::terms::{LossTerms, outward_spreading};
 use super::virtual_tones::EquispacedTones;
 use super::{PropagationModel, SimulateOptions};
@@ -215,7 +215,7 @@ impl<'a> Summation<'a> {
                 plane[i] = x as f32;
             }
             batch.turn[i] = (batch.from_middle[i] * per_metre) as f32;
-            batch.outward[i] = self.outward[j];
+            batch.members[i] = j as u32;
             let spreading = match self.reflectors.transmit(j) {
                 // The amplitude has it.
                 Some(_) => 1.0,
@@ -238,14 +238,9 @@ impl<'a> Summation<'a> {
         let d = (r - tile.centre).as_vec3().to_array();
         if near {
             // Close to the microphones, the f32 series loses digits or does not converge.
-            let bounced = !self.reflectors.transmit_lengths().is_empty();
-            for (i, (offset, &p)) in batch.offsets.iter_mut().zip(&batch.positions).enumerate() {
-                let length = if bounced {
-                    batch.outward[i] + p.distance(r)
-                } else {
-                    self.options.model.path_length(self.instrument, p, r)
-                };
-                *offset = (length - batch.paths[i]) as f32;
+            for ((offset, path), &j) in batch.offsets.iter_mut().zip(&batch.paths).zip(&batch.members) {
+                let length = path_length(self.reflectors, j as usize, r, self.instrument, self.options);
+                *offset = (length - path) as f32;
             }
         } else if self.options.model == PropagationModel::Exact {
             exact_offsets(toward, &batch.distance, d, legs as f32, &mut batch.offsets);

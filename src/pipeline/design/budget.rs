@@ -6,7 +6,7 @@ use crate::acquisition::{
 };
 use crate::config::RunFile;
 use crate::error::Result;
-use crate::grid::Grid;
+use crate::grid::{Axis, Grid};
 use crate::pipeline::prepared_scene::Measurement;
 use crate::progress::Silent;
 use crate::reflectors::Reflectors;
@@ -19,7 +19,7 @@ const TRIALS: usize = 16;
 const MOST_TONES: usize = 16 * 4096;
 
 /// From one point to the next along the depths of the grid, in parts of it: the golden ratio, which repeats nothing.
-const STRIDE: f64 = 0.618_033_988_749_895;
+const STRIDE: f64 = std::f64::consts::GOLDEN_RATIO - 1.0;
 
 /// The elements of an instrument, with what each costs by itself, and what all of them do together.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -67,38 +67,47 @@ pub(in crate::pipeline) fn instrument_budget(
     let weights = run.reconstruct.window.over_sweep(&instrument.sweep);
     let points = (MOST_TONES / instrument.sweep.len()).clamp(1, TRIALS);
     let ideal = measurement.options.clone().with_errors(None).with_noise(None).with_electronics(None);
-    let trials = Trials { instrument: &instrument, weights: &weights, grid, points, ideal: &ideal };
+    let setup = Setup { instrument: &instrument, weights: &weights, ideal: &ideal };
+    let trials = (0..points).map(|trial| setup.trial(point(grid, trial))).collect::<Result<Vec<_>>>()?;
     let all = electronics.elements();
     let alone = all.iter().map(|element| (element.to_string(), Some(electronics.only(*element)), None));
     let noise = measurement.options.noise;
     let of_noise = noise.map(|noise| ("noise".to_owned(), None, Some(noise)));
     let together = ("all".to_owned(), Some(electronics.clone()), noise);
     let rows = alone.chain(of_noise).chain([together]);
-    let rows = rows.map(|(name, electronics, noise)| trials.row(name, electronics.as_ref(), noise));
+    let rows = rows.map(|(name, electronics, noise)| setup.row(&trials, name, electronics.as_ref(), noise));
     Ok(Some(InstrumentBudget { points, rows: rows.collect::<Result<_>>()? }))
 }
 
-/// Points before one microphone.
-struct Trials<'a> {
+/// The point of a trial, on the axis of the grid.
+fn point(grid: &Grid, trial: usize) -> DVec3 {
+    let Grid { x, y, z } = grid;
+    let middle = |axis: &Axis| f64::midpoint(axis.first, axis.last());
+    let part = ((trial as f64 + 1.0) * STRIDE).fract();
+    DVec3::new(middle(x), middle(y), z.first + part * (z.last() - z.first))
+}
+
+/// One microphone, and how its samples are simulated and read.
+struct Setup<'a> {
     instrument: &'a Instrument,
     weights: &'a [f64],
-    grid: &'a Grid,
-    points: usize,
     ideal: &'a SimulateOptions,
 }
 
-impl Trials<'_> {
-    /// The point of a trial, on the axis of the grid.
-    fn point(&self, trial: usize) -> DVec3 {
-        let Grid { x, y, z } = self.grid;
-        let middle = |axis: &crate::grid::Axis| f64::midpoint(axis.first, axis.last());
-        let part = ((trial as f64 + 1.0) * STRIDE).fract();
-        DVec3::new(middle(x), middle(y), z.first + part * (z.last() - z.first))
-    }
+/// A point, with what an ideal instrument records of it.
+struct Trial {
+    echo: Reflectors,
+    ideal: DataCube,
+    /// m.
+    range: Option<f64>,
+}
 
-    fn samples(&self, trial: usize, options: &SimulateOptions) -> Result<DataCube> {
-        let echo = Reflectors::new(vec![self.point(trial)], vec![Complex32::ONE])?;
-        simulate(&echo, self.instrument, options)
+impl Setup<'_> {
+    fn trial(&self, point: DVec3) -> Result<Trial> {
+        let echo = Reflectors::new(vec![point], vec![Complex32::ONE])?;
+        let ideal = simulate(&echo, self.instrument, self.ideal)?;
+        let range = self.range(&ideal)?;
+        Ok(Trial { echo, ideal, range })
     }
 
     /// The range of the strongest echo, m.
@@ -112,30 +121,31 @@ impl Trials<'_> {
     /// Simulates all points with these electronics and this noise, each with random numbers of its own.
     fn row(
         &self,
+        trials: &[Trial],
         element: String,
         electronics: Option<&Electronics>,
         noise: Option<Noise>,
     ) -> Result<BudgetRow> {
         let (mut explained, mut rest, mut power, mut heard) = (0.0, 0.0, 0.0, 0.0);
         let mut errors = Vec::new();
-        for trial in 0..self.points {
-            let later = |seed: u64| seed.wrapping_add(trial as u64);
+        for (number, trial) in trials.iter().enumerate() {
+            let later = |seed: u64| seed.wrapping_add(number as u64);
             let mut options = self.ideal.clone();
             options.electronics = electronics.cloned();
             options.noise = noise.map(|noise| Noise { seed: later(noise.seed), ..noise });
             if let Some(electronics) = &mut options.electronics {
                 electronics.seed = later(electronics.seed);
             }
-            let (ideal, real) = (self.samples(trial, self.ideal)?, self.samples(trial, &options)?);
+            let real = simulate(&trial.echo, self.instrument, &options)?;
             let wide = |m: &Complex32| Complex64::new(m.re.into(), m.im.into());
-            let pairs = || ideal.samples.iter().map(wide).zip(real.samples.iter().map(wide));
+            let pairs = || trial.ideal.samples.iter().map(wide).zip(real.samples.iter().map(wide));
             let own: f64 = pairs().map(|(a, _)| a.norm_sqr()).sum();
             let factor = pairs().map(|(a, b)| a.conj() * b).sum::<Complex64>() / own;
             explained += factor.norm_sqr() * own;
             rest += pairs().map(|(a, b)| (b - factor * a).norm_sqr()).sum::<f64>();
             power += own;
             heard += pairs().map(|(_, b)| b.norm_sqr()).sum::<f64>();
-            if let (Some(expected), Some(found)) = (self.range(&ideal)?, self.range(&real)?) {
+            if let (Some(expected), Some(found)) = (trial.range, self.range(&real)?) {
                 errors.push(found - expected);
             }
         }

@@ -23,7 +23,7 @@ const MOST_PAIRS: usize = 1 << 18;
 const PARTNER_STREAM: u64 = 2;
 
 /// The golden ratio's fraction, by which the draws of one patch are spread.
-const GOLDEN: f64 = 0.618_033_988_749_894_9;
+const GOLDEN: f64 = std::f64::consts::GOLDEN_RATIO - 1.0;
 
 /// How many pairs so many patches have at most.
 pub(super) fn most(patches: u64) -> u64 {

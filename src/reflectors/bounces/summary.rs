@@ -1,7 +1,7 @@
 //! Which kinds of bounced echoes are strongest, and where an image shows them.
 
-use super::super::bounced::PathKind;
 use super::Reflectors;
+use crate::reflectors::bounced::PathKind;
 use glam::DVec3;
 use serde::Serialize;
 
@@ -51,22 +51,21 @@ impl Reflectors {
             .map(|(kind, members)| {
                 let total: f64 = members.iter().map(|(_, energy)| energy).sum();
                 let mean = members.iter().map(|(p, energy)| *p * *energy).sum::<DVec3>() / total;
-                let ends = |share: f64| [0, 1, 2].map(|axis| quantile(&members, axis, share * total));
+                let ends =
+                    [0, 1, 2].map(|axis| quantiles(&members, axis, [TAIL * total, (1.0 - TAIL) * total]));
                 BouncePath {
                     path: name(kind),
                     echoes: members.len(),
                     level_db: 10.0 * (total / direct).log10(),
                     place: mean.to_array(),
-                    within: [ends(TAIL), ends(1.0 - TAIL)],
+                    within: [ends.map(|[low, _]| low), ends.map(|[_, high]| high)],
                 }
             })
             .collect();
         paths.sort_by(|a, b| b.level_db.total_cmp(&a.level_db));
         paths
     }
-}
 
-impl Reflectors {
     /// Where an array about `centre` shows the strongest bounced echoes, m, at most so many, and their amplitudes.
     pub fn seen_bounces(&self, speaker: DVec3, centre: DVec3, most: usize) -> Vec<(DVec3, f32)> {
         let echoes = self.transmit_lengths().iter().enumerate().map(|(i, &transmit)| {
@@ -92,16 +91,18 @@ fn apparent_place(place: DVec3, transmit: f64, speaker: DVec3, centre: DVec3) ->
     centre + direction * distance
 }
 
-/// The coordinate below which places have this much energy.
-fn quantile(members: &[(DVec3, f64)], axis: usize, energy: f64) -> f64 {
+/// The coordinates below which places have these energies.
+fn quantiles<const N: usize>(members: &[(DVec3, f64)], axis: usize, energies: [f64; N]) -> [f64; N] {
     let mut sorted: Vec<(f64, f64)> = members.iter().map(|(p, energy)| (p[axis], *energy)).collect();
     sorted.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let mut below = 0.0;
-    let reached = sorted.iter().find(|(_, own)| {
-        below += own;
-        below >= energy
-    });
-    reached.or(sorted.last()).map_or(f64::NAN, |(x, _)| *x)
+    energies.map(|energy| {
+        let mut below = 0.0;
+        let reached = sorted.iter().find(|(_, own)| {
+            below += own;
+            below >= energy
+        });
+        reached.or(sorted.last()).map_or(f64::NAN, |(x, _)| *x)
+    })
 }
 
 #[cfg(test)]
@@ -123,8 +124,8 @@ mod tests {
     }
 
     #[test]
-    fn quantiles_are_by_energy() {
+    fn ends_are_by_energy() {
         let members: Vec<_> = (0..10).map(|i| (DVec3::X * f64::from(i), 1.0)).collect();
-        assert_eq!([0.5, 5.0, 9.5].map(|e| quantile(&members, 0, e)), [0.0, 4.0, 9.0]);
+        assert_eq!(quantiles(&members, 0, [0.5, 5.0, 9.5]), [0.0, 4.0, 9.0]);
     }
 }
