@@ -29,14 +29,15 @@
 mod bounced;
 mod bounces;
 pub(crate) mod csv;
+mod edges;
 mod facets;
 mod lattice;
+mod occlusion;
 mod poisson;
 #[cfg(test)]
 mod tests;
 
 use crate::alloc::{try_filled, try_with_capacity};
-use crate::choice::choice;
 use crate::error::{Error, Result};
 use crate::progress::{Observer, Silent, advance, stage};
 use crate::scene::{FARTHEST, Scene};
@@ -47,8 +48,11 @@ use bounced::Bounced;
 pub(crate) use bounces::most_bounced;
 pub use bounces::{BounceOptions, BouncePath};
 use csv::LARGEST;
+pub use edges::EdgeOptions;
+pub(crate) use edges::most_pieces;
 use glam::DVec3;
 use num_complex::Complex32;
+pub use occlusion::{Occlusion, OcclusionKind};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal, StandardUniform};
@@ -125,29 +129,6 @@ pub enum SurfaceModel {
     Smooth,
 }
 
-/// What hides a reflector.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Occlusion {
-    /// Nothing: every surface reflects, even the far side.
-    None,
-    /// The surfaces between speaker and reflector, crossed there and back.
-    Speaker,
-    /// The surfaces on the path from the speaker, and those on the path back, averaged over these points of the array.
-    Aperture(Vec<DVec3>),
-}
-
-choice! {
-    /// The run file's word for an [`Occlusion`].
-    pub enum OcclusionKind: "occlusion" {
-        /// [`Occlusion::None`].
-        None = "none",
-        /// [`Occlusion::Speaker`].
-        Speaker = "speaker",
-        /// [`Occlusion::Aperture`].
-        Aperture = "aperture",
-    }
-}
-
 /// Parameters of [`sample_surface`].
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
@@ -168,6 +149,8 @@ pub struct SurfaceOptions {
     pub seed: u64,
     /// Echoes of several surfaces; `None` for those of one alone, whose amplitudes have another scale.
     pub bounces: Option<BounceOptions>,
+    /// Echoes of edges, if any.
+    pub edges: Option<EdgeOptions>,
 }
 
 with_fields! {
@@ -178,6 +161,7 @@ with_fields! {
         with_speaker(speaker: DVec3),
         with_seed(seed: u64),
         with_bounces(bounces: Option<BounceOptions>),
+        with_edges(edges: Option<EdgeOptions>),
     }
 }
 
@@ -193,6 +177,7 @@ impl SurfaceOptions {
             speaker: DVec3::ZERO,
             seed: 1,
             bounces: None,
+            edges: None,
         }
     }
 }
@@ -274,9 +259,25 @@ pub fn sample_surface_with(
     let does_not_fit = || does_not_fit(options.spacing);
     let scatter = draw_scatter(samples.len(), options).ok_or_else(does_not_fit)?;
     warn_of_those_behind(&samples, observer);
-    if let Some(bounces) = &options.bounces {
-        return bounces::reflect(scene, options, bounces, &samples, &scatter, observer);
+    let list = match &options.bounces {
+        Some(bounces) => bounces::reflect(scene, options, bounces, &samples, &scatter, observer)?,
+        None => reflect_once(scene, options, &samples, &scatter, observer)?,
+    };
+    match &options.edges {
+        Some(edges) => edges::append(list, scene, options, edges, observer),
+        None => Ok(list),
     }
+}
+
+/// The reflectors of a scene's samples that sound reaches directly.
+fn reflect_once(
+    scene: &Scene,
+    options: &SurfaceOptions,
+    samples: &[Sample],
+    scatter: &[(Complex32, f64)],
+    observer: &dyn Observer,
+) -> Result<Reflectors> {
+    let does_not_fit = || does_not_fit(options.spacing);
     let mut visible: Vec<Option<(DVec3, Complex32)>> =
         try_filled(None, samples.len() as u64).ok_or_else(does_not_fit)?;
     stage(observer, "tracing echoes", samples.len() as u64, || {
@@ -358,19 +359,7 @@ fn reflect(
         if options.lambert { normal.dot((options.speaker - p).normalize_or_zero()).abs() } else { 1.0 };
     // Surfaces are thin compared with the spacing of rays: occlusion is decided where the surface is, not where
     // roughness has displaced the reflector.
-    let transmittance = match &options.occlusion {
-        Occlusion::None => 1.0,
-        Occlusion::Speaker => scene.transmittance(options.speaker, p).powi(2),
-        Occlusion::Aperture(points) => {
-            let there = scene.transmittance(options.speaker, p);
-            if there > 0.0 {
-                let back: f64 = points.iter().map(|&r| scene.transmittance(p, r)).sum();
-                there * back / points.len().max(1) as f64
-            } else {
-                0.0
-            }
-        }
-    };
+    let transmittance = options.occlusion.there_and_back(scene, options.speaker, p);
     let reference_area = (options.wavelength / 2.0).powi(2);
     let amplitude = material.reflectance * cosine * (sample.area * reference_area).sqrt() * transmittance;
     (amplitude > 0.0).then(|| (p + normal * displacement, phase * amplitude as f32))

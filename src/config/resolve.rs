@@ -15,7 +15,7 @@ use crate::error::{Error, Result, gib};
 use crate::grid::{Axis, Grid, Raster, View};
 use crate::plan::memory_limit;
 use crate::reconstruct::{ReconstructOptions, RefineOptions};
-use crate::reflectors::{BounceOptions, Occlusion, OcclusionKind, SurfaceModel, SurfaceOptions};
+use crate::reflectors::{BounceOptions, EdgeOptions, Occlusion, OcclusionKind, SurfaceModel, SurfaceOptions};
 use crate::scene::{CameraView, LoadOptions, PartFile};
 use crate::truth::TruthOptions;
 use crate::wave::{Geometry, GeometryKind, Resolution};
@@ -176,6 +176,8 @@ impl RunFile {
             let sight = instrument.array.sight_points().to_vec();
             BounceOptions::new(self.scene.bounces, sight).with_spreading(self.medium.spreading)
         });
+        let edges = EdgeOptions::new(instrument.shortest_wavelength()).with_spreading(self.medium.spreading);
+        options.edges = self.scene.edges.then_some(edges);
         options
     }
 

@@ -10,7 +10,7 @@ use crate::grid::Grid;
 use crate::plan::{JobArrays, JobEstimate, estimate_job, memory_limit};
 use crate::progress::Observer;
 use crate::reconstruct::ReconstructOptions;
-use crate::reflectors::{Reflectors, SurfaceOptions, most_bounced, sampling_bytes};
+use crate::reflectors::{Reflectors, SurfaceOptions, most_bounced, most_pieces, sampling_bytes};
 use crate::scene::{BYTES_PER_TRIANGLE, Scene};
 use glam::DVec3;
 use std::path::Path;
@@ -131,12 +131,12 @@ impl SceneSize {
         run.surface_options(instrument, nearest)
     }
 
-    /// Reflectors: those of the list, or about as many as the mesh will have at most, with bounces.
+    /// Reflectors: those of the list, or about as many as the mesh will have at most, with bounces and edges.
     pub(super) fn reflectors(&self, run: &RunFile, instrument: &Instrument, grid: &Grid) -> u64 {
         self.reflectors_and_tracing(run, instrument, grid)[0]
     }
 
-    /// The same, and the bytes that finding bounces takes.
+    /// The same, and the bytes that finding bounces and edges takes.
     fn reflectors_and_tracing(&self, run: &RunFile, instrument: &Instrument, grid: &Grid) -> [u64; 2] {
         if self.triangles == 0 {
             return [self.count, 0];
@@ -145,7 +145,9 @@ impl SceneSize {
         let direct = (self.area / (options.spacing * options.spacing)) as u64;
         let order = options.bounces.as_ref().map(|bounces| bounces.order);
         let [bounced, bytes] = order.map_or([0; 2], |order| most_bounced(self.triangles, direct, order));
-        [direct + bounced, bytes]
+        let [pieces, finding] =
+            options.edges.map_or([0; 2], |_| most_pieces(self.triangles, self.area, options.wavelength));
+        [direct + bounced + pieces, bytes.max(finding)]
     }
 
     /// The arrays of reading and sampling the scene.

@@ -36,6 +36,9 @@ impl Measurement {
     pub(super) fn physics(&self, run: &RunFile) -> Vec<String> {
         let mut lines = self.options.physics(&self.instrument);
         lines.extend(bounces_in_words(run, &self.instrument));
+        if run.scene.edges {
+            lines.push("convex edges and rims diffract as those of rigid wedges, once".to_owned());
+        }
         if let Some(air) = run.medium.air() {
             let (speed, temperature, humidity) = (self.instrument.sound_speed, air.temperature, air.humidity);
             lines.insert(
@@ -234,9 +237,8 @@ fn bounces_in_words(run: &RunFile, instrument: &Instrument) -> Option<String> {
         }
         _ => "walls scatter and do not mirror (surface = \"rough\" does both)".to_owned(),
     };
-    Some(format!(
-        "multipath, echoes of {surfaces}: {walls}, without loss of energy, and edges do not diffract"
-    ))
+    let edges = if run.scene.edges { "" } else { ", and edges do not diffract" };
+    Some(format!("multipath, echoes of {surfaces}: {walls}, without loss of energy{edges}"))
 }
 
 /// Warnings about a scene's position and size. A list of reflectors is always in metres, so that only a `mesh` may have

@@ -130,7 +130,7 @@ const NAMED: usize = 4;
 const SHOWN: usize = 1 << 14;
 
 impl Multipath {
-    /// Of a list of reflectors that has bounced ones.
+    /// Of a list of reflectors that has bounced ones, or pieces of edges.
     pub(super) fn of(reflectors: &Reflectors, instrument: &Instrument) -> Option<Self> {
         let counts = reflectors.bounce_counts()?;
         let centre = instrument.array.centre();
@@ -159,6 +159,12 @@ impl Multipath {
                 self.longest_path
             ));
         }
+        if self.counts.edge_length_left_out > 0.0 {
+            warnings.push(format!(
+                "{:.2} m of the shortest edges do not diffract, to limit the number of their pieces; a coarser mesh has fewer",
+                self.counts.edge_length_left_out
+            ));
+        }
         if self.counts.dropped_energy > 0.01 {
             warnings.push(format!(
                 "the weakest bounced echoes, with {:.1} % of the energy of all, are left out to limit their number; use a larger \
@@ -171,11 +177,14 @@ impl Multipath {
 
     /// The strongest, a line each.
     pub(super) fn lines(&self) -> Vec<String> {
-        let Self { echoes, counts: BounceCounts { mirrors, partners: [some, all], .. }, .. } = self;
+        let BounceCounts { mirrors, partners: [some, all], edge_length, edge_pieces, .. } = self.counts;
         let of = if some == all { String::new() } else { format!(" by {some} of {all}") };
-        let found = format!(
-            "{echoes} bounced echoes of {mirrors} mirrors and patches that light each other{of}; the strongest:"
-        );
+        let bounced = self.echoes - edge_pieces;
+        let of_surfaces =
+            format!("{bounced} bounced echoes of {mirrors} mirrors and patches that light each other{of}");
+        let of_edges = format!("{edge_length:.2} m of edges that diffract, in {edge_pieces} pieces");
+        let found = [(bounced > 0).then_some(of_surfaces), (edge_length > 0.0).then_some(of_edges)];
+        let found = found.into_iter().flatten().collect::<Vec<_>>().join("; ") + "; the strongest:";
         let named = self.strongest.iter().take(NAMED).map(|kind| {
             let [x, y, z] = kind.place;
             let [[_, _, near], [_, _, far]] = kind.within;

@@ -1,10 +1,12 @@
-//! Reflectors that sound reaches by a detour: how far it has come to them, and the mirrors through which they are seen.
+//! Reflectors that sound reaches by a detour: how far it has come to them, and the mirrors through which they are seen; and
+//! those whose echo is not the same in all directions, pieces of edges.
 //!
 //! The echo of such a reflector is `A e^{i2πf (t + |q − r|)/c}` at the microphones at r from which it is seen, with a transmit
 //! length t of its own instead of `|q − s|`, at a place q that may be an image behind mirrors. It is seen where the straight
 //! line from r to q passes through the last mirror, and on, folded, through those before it.
 
 use super::Reflectors;
+use super::edges::{EdgePiece, Wedge};
 use super::facets::Facet;
 use glam::DVec3;
 use serde::Serialize;
@@ -19,6 +21,12 @@ pub(crate) struct PathKind {
     pub(super) patches: u8,
     /// Mirrors after the last patch; all of them for a path of mirrors alone.
     pub(super) after: Vec<u32>,
+    /// Whether it bends around an edge, and meets nothing else.
+    pub(super) edge: bool,
+}
+
+impl PathKind {
+    pub(super) const EDGE: Self = Self { before: Vec::new(), patches: 0, after: Vec::new(), edge: true };
 }
 
 /// What was found and what was left out.
@@ -32,6 +40,12 @@ pub struct BounceCounts {
     pub partners: [usize; 2],
     /// Share of the energy of bounced echoes that was dropped, the weakest of them first, to limit their number.
     pub dropped_energy: f64,
+    /// Length of the edges that diffract, m.
+    pub edge_length: f64,
+    /// Their pieces.
+    pub edge_pieces: usize,
+    /// Edges that were left out to limit the number of pieces, the shortest first, m.
+    pub edge_length_left_out: f64,
 }
 
 /// The reflectors of a list that are reached by a detour, which are its last ones.
@@ -47,23 +61,46 @@ pub(crate) struct Bounced {
     pub(super) facets: Arc<[Facet]>,
     /// What each facet is made of.
     pub(super) materials: Vec<String>,
+    /// The last of them are pieces of edges.
+    pub(super) pieces: Vec<EdgePiece>,
+    pub(super) wedges: Vec<Wedge>,
     pub(super) counts: BounceCounts,
 }
 
 impl Bounced {
+    /// None, after `first` reflectors.
+    pub(super) fn none(first: usize) -> Self {
+        Self {
+            first,
+            transmit: Vec::new(),
+            kind: Vec::new(),
+            kinds: Vec::new(),
+            facets: Arc::default(),
+            materials: Vec::new(),
+            pieces: Vec::new(),
+            wedges: Vec::new(),
+            counts: BounceCounts::default(),
+        }
+    }
+
     /// The mirrors that a path meets after its last patch, from the microphone backwards.
     fn mirrors(&self, kind: u32) -> impl Iterator<Item = &Facet> + Clone {
         self.kinds[kind as usize].after.iter().rev().map(|&facet| &self.facets[facet as usize])
     }
 
-    /// Whether bounced reflector `i`, counted from the first of them, is seen through mirrors, and not from everywhere.
-    pub(super) fn has_window(&self, i: usize) -> bool {
-        !self.kinds[self.kind[i] as usize].after.is_empty()
+    /// Whether bounced reflector `i`, counted from the first of them, is not the same from everywhere.
+    fn has_directivity(&self, i: usize) -> bool {
+        let kind = &self.kinds[self.kind[i] as usize];
+        kind.edge || !kind.after.is_empty()
     }
 
-    /// Whether bounced reflector `i`, which is at `q`, is seen from `r`.
-    pub(super) fn sees(&self, i: usize, q: DVec3, r: DVec3) -> bool {
-        passes(self.mirrors(self.kind[i]), r, q)
+    /// The factor of the amplitude of bounced reflector `i`, which is at `q`, as it is heard at `r`.
+    fn directivity(&self, i: usize, q: DVec3, r: DVec3) -> f32 {
+        let piece = i.checked_sub(self.transmit.len() - self.pieces.len()).map(|piece| self.pieces[piece]);
+        match piece {
+            Some(EdgePiece { wedge, heights }) => self.wedges[wedge as usize].directivity(heights, r) as f32,
+            None => f32::from(u8::from(passes(self.mirrors(self.kind[i]), r, q))),
+        }
     }
 }
 
@@ -109,15 +146,15 @@ impl Reflectors {
         j.checked_sub(bounced.first).map(|i| bounced.transmit[i])
     }
 
-    /// Whether reflector `j` is seen through mirrors, and so not from everywhere.
-    pub(crate) fn has_window(&self, j: usize) -> bool {
+    /// Whether reflector `j` is not the same from everywhere: it is seen through mirrors, or a piece of an edge.
+    pub(crate) fn has_directivity(&self, j: usize) -> bool {
         let own = self.bounced.as_ref().and_then(|b| Some((b, j.checked_sub(b.first)?)));
-        own.is_some_and(|(bounced, i)| bounced.has_window(i))
+        own.is_some_and(|(bounced, i)| bounced.has_directivity(i))
     }
 
-    /// Whether reflector `j` is seen from `r`.
-    pub(crate) fn sees(&self, j: usize, r: DVec3) -> bool {
+    /// The factor of the amplitude of reflector `j` as it is heard at `r`: 0 where it is not seen.
+    pub(crate) fn directivity(&self, j: usize, r: DVec3) -> f32 {
         let own = self.bounced.as_ref().and_then(|b| Some((b, j.checked_sub(b.first)?)));
-        own.is_none_or(|(bounced, i)| bounced.sees(i, self.positions[j], r))
+        own.map_or(1.0, |(bounced, i)| bounced.directivity(i, self.positions[j], r))
     }
 }

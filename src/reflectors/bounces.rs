@@ -13,7 +13,7 @@
 //! | patch p₁, patch p₂ | `∣s − p₁∣ + ∣p₁ − p₂∣` | p₂ |
 //!
 //! The tree over the triangles says what hides each leg. Two diffuse patches are [pairs]. Mirrors seen by the microphones
-//! are open to some of them only: which, the simulation decides for each ([`Bounced::sees`](super::bounced::Bounced)).
+//! are open to some of them only: which, the simulation decides for each ([`Reflectors::directivity`]).
 
 mod chains;
 mod energy;
@@ -155,6 +155,7 @@ pub(super) fn reflect(
         no_mirror_area: if roughness.mirrors() { facets.left_out } else { scene.surface_area() },
         partners,
         dropped_energy,
+        ..BounceCounts::default()
     };
     let all = || echoes.iter().chain(&bounced);
     let mut list =
@@ -172,6 +173,7 @@ pub(super) fn reflect(
             .collect(),
         facets: facets.mirrors.into(),
         counts,
+        ..Bounced::none(first)
     });
     Ok(list)
 }

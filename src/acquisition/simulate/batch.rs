@@ -25,10 +25,10 @@ pub(super) struct ReflectorBatch {
     pub(super) losses: LossBatch,
     /// Their numbers among all.
     pub(super) members: Vec<u32>,
-    /// The reflectors seen through mirrors: their places in the batch, and among all.
-    pub(super) windows: Vec<(u32, u32)>,
-    /// The amplitudes as seen by one microphone; empty where nothing is seen through mirrors.
-    seen: [Vec<f32>; 2],
+    /// The reflectors that are not the same from everywhere: their places in the batch, and among all.
+    pub(super) directive: Vec<(u32, u32)>,
+    /// The amplitudes as heard by one microphone; empty where they are the same from everywhere.
+    heard: [Vec<f32>; 2],
 }
 
 /// The arrays for losses; empty without any.
@@ -60,20 +60,18 @@ impl ReflectorBatch {
         self.distance.resize(padded, 1.0);
     }
 
-    /// Darkens the reflectors that a microphone does not see through their mirrors.
-    pub(super) fn look_through_windows(&mut self, sees: impl Fn(usize) -> bool) {
-        let Self { amplitude, seen, windows, .. } = self;
-        for (seen, amplitude) in seen.iter_mut().zip(&*amplitude) {
-            seen.clear();
-            if !windows.is_empty() {
-                seen.extend_from_slice(amplitude);
+    /// Multiplies the reflectors that are not the same from everywhere by their `directivity` towards a microphone.
+    pub(super) fn hear(&mut self, directivity: impl Fn(usize) -> f32) {
+        let Self { amplitude, heard, directive, .. } = self;
+        for (heard, amplitude) in heard.iter_mut().zip(&*amplitude) {
+            heard.clear();
+            if !directive.is_empty() {
+                heard.extend_from_slice(amplitude);
             }
         }
-        for (i, j) in &*windows {
-            if !sees(*j as usize) {
-                seen[0][*i as usize] = 0.0;
-                seen[1][*i as usize] = 0.0;
-            }
+        for (i, j) in &*directive {
+            let factor = directivity(*j as usize);
+            heard.iter_mut().for_each(|part| part[*i as usize] *= factor);
         }
     }
 
@@ -85,8 +83,8 @@ impl ReflectorBatch {
         (d, spread_legs): ([f32; 3], Option<f64>),
         sums: &mut [[f64; 2]],
     ) {
-        let Self { amplitude, weighted, offsets, losses, turn, seen, windows, .. } = self;
-        let amplitude = if windows.is_empty() { amplitude } else { seen };
+        let Self { amplitude, weighted, offsets, losses, turn, heard, directive, .. } = self;
+        let amplitude = if directive.is_empty() { amplitude } else { heard };
         let Some(terms) = terms else {
             let echoes = Echoes { turn, amplitude: [&amplitude[0], &amplitude[1]] };
             return sum_over_tones(echoes, offsets, per_metre, sums);

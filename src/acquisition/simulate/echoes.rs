@@ -187,10 +187,10 @@ impl<'a> Summation<'a> {
     ) {
         let (options, Instrument { geometry, sound_speed, .. }) = (self.options, self.instrument);
         batch.resize(members.clone().count());
-        batch.windows.clear();
+        batch.directive.clear();
         if !self.reflectors.transmit_lengths().is_empty() {
-            let open = members.clone().enumerate().filter(|(_, j)| self.reflectors.has_window(*j));
-            batch.windows.extend(open.map(|(i, j)| (i as u32, j as u32)));
+            let some = members.clone().enumerate().filter(|(_, j)| self.reflectors.has_directivity(*j));
+            batch.directive.extend(some.map(|(i, j)| (i as u32, j as u32)));
         }
         for ((from_middle, path), j) in
             batch.from_middle.iter_mut().zip(&mut batch.paths).zip(members.clone())
@@ -249,7 +249,7 @@ impl<'a> Summation<'a> {
         }
         let per_metre = [self.tones.centre, self.tones.step].map(|f| (f / sound_speed) as f32);
         let spread_legs = self.options.losses.spreading.then_some(legs);
-        batch.look_through_windows(|j| self.reflectors.sees(j, r));
+        batch.hear(|j| self.reflectors.directivity(j, r));
         batch.add(per_metre, self.terms, (d, spread_legs), sums);
     }
 }

@@ -2,7 +2,7 @@
 
 use super::columns::Columns;
 use super::losses::{Legs, wave_number};
-use super::paths::{legs, path_length, seen};
+use super::paths::{heard, legs, path_length};
 use super::{SimulateOptions, SimulationJob, no_room, record};
 use crate::acquisition::{Instrument, Sweep};
 use crate::alloc::{try_filled, try_with_capacity};
@@ -42,7 +42,7 @@ pub(super) fn literal(job: &SimulationJob<'_>, columns: &mut Columns, observer: 
                     lossy_sums(reflectors, r, &lengths, instrument, options, sums)
                 } else if options.losses.any() || !reflectors.transmit_lengths().is_empty() {
                     let spread = |j: usize| legs(reflectors, j, r, instrument, options).spreading as f32;
-                    let spread = (0..reflectors.len()).map(|j| seen(reflectors, j, r) * spread(j));
+                    let spread = (0..reflectors.len()).map(|j| heard(reflectors, j, r) * spread(j));
                     sweep_sums(&Amplitudes::new(spread), &lengths, sweep, *sound_speed, sums)
                 } else {
                     sweep_sums(&plain, &lengths, sweep, *sound_speed, sums)
@@ -95,7 +95,7 @@ fn lossy_sums(
     let losses = &options.losses;
     let legs: Vec<Legs> =
         (0..reflectors.len()).map(|j| legs(reflectors, j, r, instrument, options)).collect();
-    let amplitudes: Vec<Complex32> = (0..reflectors.len()).map(|j| seen(reflectors, j, r)).collect();
+    let amplitudes: Vec<Complex32> = (0..reflectors.len()).map(|j| heard(reflectors, j, r)).collect();
     for (&f, sum) in sweep.frequencies().iter().zip(&mut sums) {
         let (absorption, k) = (losses.absorption(f), wave_number(f, *c));
         let weighted = amplitudes.iter().zip(&legs);

@@ -34,10 +34,9 @@ pub(super) fn check(
             "are simulated for a speaker that radiates alike in all directions, [array] speaker_radius = 0",
         ),
     ];
-    refused
-        .into_iter()
-        .find(|(found, _)| *found)
-        .map_or(Ok(()), |(_, problem)| Err(Error::input("bounced reflectors ([scene] bounces)", problem)))
+    refused.into_iter().find(|(found, _)| *found).map_or(Ok(()), |(_, problem)| {
+        Err(Error::input("bounced reflectors ([scene] bounces or edges)", problem))
+    })
 }
 
 /// The length of the way of reflector `j`'s sound to the place from which it shines, m.
@@ -76,7 +75,7 @@ pub(super) fn legs(
     }
 }
 
-/// The amplitude of reflector `j` as it is seen from `r`.
-pub(super) fn seen(reflectors: &Reflectors, j: usize, r: DVec3) -> Complex32 {
-    if reflectors.sees(j, r) { reflectors.amplitudes()[j] } else { Complex32::ZERO }
+/// The amplitude of reflector `j` as it is heard at `r`.
+pub(super) fn heard(reflectors: &Reflectors, j: usize, r: DVec3) -> Complex32 {
+    reflectors.amplitudes()[j] * reflectors.directivity(j, r)
 }

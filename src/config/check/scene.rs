@@ -126,43 +126,45 @@ impl ReflectorsTable {
 }
 
 impl RunFile {
-    /// What bounces cannot be simulated with.
+    /// What bounces and edges cannot be simulated with.
     pub(super) fn check_bounces(&self) -> Check {
-        if self.scene.bounces == 0 {
-            return Ok(());
-        }
+        let (key, what) = match (self.scene.bounces, self.scene.edges) {
+            (0, false) => return Ok(()),
+            (0, true) => ("scene.edges", "edges"),
+            _ => ("scene.bounces", "bounces"),
+        };
         let list = self.scene.mesh.as_ref().is_some_and(|mesh| extension(&mesh.path) == "csv");
         let refused: [(bool, &'static [&'static str], &str); 7] = [
-            (list, &["scene.mesh"], "bounces need surfaces, and a list of reflectors has none"),
+            (list, &["scene.mesh"], "need surfaces, and a list of reflectors has none"),
             (
                 self.reflectors.surface == SurfaceKind::Smooth,
                 &["reflectors.surface"],
-                "the reflectors of a \"smooth\" surface are a mirror by themselves; use \"rough\" and a small roughness, whose \
-                 mirror images are exact",
+                "are not for the reflectors of a \"smooth\" surface, which are a mirror with edges by themselves; use \"rough\" \
+                 and a small roughness, whose mirror images are exact",
             ),
             (
                 self.reflectors.shading == Shading::None,
                 &["reflectors.shading"],
-                "bounces conserve energy, which takes the cosines of shading = \"lambert\"",
+                "have amplitudes by energy, which takes the cosines of shading = \"lambert\"",
             ),
             (
                 self.array.geometry != GeometryKind::FixedSource,
                 &["array.geometry"],
-                "bounces need a speaker that stays in its place; a scan has other mirror images at each of its places",
+                "need a speaker that stays in its place; a scan has other mirror images and angles at each of its places",
             ),
             (
                 self.array.speaker_radius > 0.0,
                 &["array.speaker_radius"],
-                "bounces are simulated for a speaker that radiates alike in all directions",
+                "are simulated for a speaker that radiates alike in all directions",
             ),
             (
                 self.detection.model == PropagationModel::Linear,
                 &["detection.model"],
-                "bounces have exact paths only; images are too near for the far-field approximation",
+                "have exact paths only; images are too near for the far-field approximation",
             ),
-            (self.medium.interface.is_some(), &["medium.interface"], "bounces are simulated in one medium"),
+            (self.medium.interface.is_some(), &["medium.interface"], "are simulated in one medium"),
         ];
         let found = refused.into_iter().find(|(found, _, _)| *found);
-        found.map_or(Ok(()), |(_, partners, why)| Err(conflict("scene.bounces", partners, why)))
+        found.map_or(Ok(()), |(_, partners, why)| Err(conflict(key, partners, &format!("{what} {why}"))))
     }
 }

@@ -31,6 +31,8 @@ pub struct SceneTable {
     pub occlusion: OcclusionKind,
     /// Surfaces that an echo may meet beyond the first: 0, 1 or 2.
     pub bounces: u32,
+    /// Whether convex edges diffract.
+    pub edges: bool,
     /// Instead of `mesh`: the files of an assembly. `size`, `scale`, `rotate`, `translate` and `fit` place all of it.
     pub parts: Vec<ScenePart>,
 }
@@ -93,6 +95,7 @@ impl Default for SceneTable {
             sensor: None,
             occlusion: OcclusionKind::Speaker,
             bounces: 0,
+            edges: false,
             parts: Vec::new(),
         }
     }

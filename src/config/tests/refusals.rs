@@ -253,6 +253,9 @@ fn what_bounces_cannot_be_simulated_with_is_refused() {
     refused_with(&with("[detection]\nmodel = \"linear\""), &["`scene.bounces`", "exact"]);
     let interface = "[medium]\ninterface = { depth = 0.02, sound_speed = 5900.0 }";
     refused_with(&with(interface), &["`scene.bounces`", "one medium"]);
+    let edges = "[scene]\nedges = true\n[array]\ngeometry = \"monostatic\"";
+    refused_with(edges, &["`scene.edges`", "edges need a speaker that stays"]);
+    refused_with("[scene]\nedges = 1", &["scene.edges", "boolean"]);
     let several = "[array]\nsources = [[0, 0, 0], [0.1, 0, 0]]\n[reflectors]\nsurface = \"rough\"";
     assert_eq!(read_with(&with(several), &[]).expect("possible").scene.bounces, 1);
 }

@@ -13,7 +13,8 @@ pub(super) fn chains(mirrors: usize, order: u32) -> Vec<PathKind> {
         for before in (0..=bounces).rev() {
             for first in &of_length[before] {
                 for last in &of_length[bounces - before] {
-                    kinds.push(PathKind { before: first.clone(), patches: 1, after: last.clone() });
+                    let (before, after) = (first.clone(), last.clone());
+                    kinds.push(PathKind { before, patches: 1, after, edge: false });
                 }
             }
         }

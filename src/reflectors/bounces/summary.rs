@@ -29,8 +29,15 @@ impl Reflectors {
     /// sound to come straight from the `speaker`, m.
     pub fn bounce_paths(&self, speaker: DVec3, centre: DVec3) -> Vec<BouncePath> {
         let Some(bounced) = &self.bounced else { return Vec::new() };
-        let energy = |j: usize| f64::from(self.amplitudes[j].norm_sqr());
-        let direct: f64 = (0..bounced.first).map(energy).sum();
+        let energy = |j: usize| {
+            let heard = if bounced.kinds[bounced.kind[j - bounced.first] as usize].edge {
+                self.directivity(j, centre)
+            } else {
+                1.0
+            };
+            f64::from((self.amplitudes[j] * heard).norm_sqr())
+        };
+        let direct: f64 = self.amplitudes[..bounced.first].iter().map(|a| f64::from(a.norm_sqr())).sum();
         let mut members = vec![Vec::new(); bounced.kinds.len()];
         for (i, kind) in bounced.kind.iter().enumerate() {
             let j = bounced.first + i;
@@ -45,6 +52,7 @@ impl Reflectors {
             };
             let patches = std::iter::repeat_n("patch".to_owned(), kind.patches.into());
             let met = kind.before.iter().map(mirror).chain(patches).chain(kind.after.iter().map(mirror));
+            let met = met.chain(kind.edge.then(|| "edges".to_owned()));
             met.collect::<Vec<_>>().join(", ")
         };
         let mut paths: Vec<BouncePath> = known

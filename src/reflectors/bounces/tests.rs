@@ -183,7 +183,7 @@ fn speaker_and_microphone_may_be_exchanged() {
             let counts = list.bounce_counts().expect("bounces");
             assert!(counts.partners[0] == counts.partners[1] && counts.mirrors == 4, "{counts:?}");
             let mut echoes: Vec<(i64, f64)> = (0..list.len())
-                .filter(|&j| list.sees(j, microphone))
+                .filter(|&j| list.directivity(j, microphone) > 0.0)
                 .map(|j| {
                     let q = list.positions()[j];
                     let (back, spread) = (q.distance(microphone), if spreading { 1.0 } else { 0.0 });

@@ -144,22 +144,12 @@ impl<'a> Tracer<'a> {
         let seen = self.image(p, after.iter().copied());
         let mirrors = after.iter().rev().copied();
         let centre = self.image(self.centre, mirrors.clone());
-        let kept = if after.is_empty() { self.back(p) } else { self.back_by(seen, after) };
+        let back = || self.options.occlusion.back(self.scene, self.speaker(), p);
+        let kept = if after.is_empty() { back() } else { self.back_by(seen, after) };
         (seen, centre, kept * self.mirrored_share(seen - self.centre, mirrors))
     }
 
-    /// The share that the way back to the array keeps, as for echoes without bounces.
-    fn back(&self, p: DVec3) -> f64 {
-        match &self.options.occlusion {
-            Occlusion::None => 1.0,
-            Occlusion::Speaker => self.leg(p, self.speaker()),
-            Occlusion::Aperture(points) => {
-                points.iter().map(|&r| self.leg(p, r)).sum::<f64>() / points.len().max(1) as f64
-            }
-        }
-    }
-
-    /// The same by mirrors, on average over the points of the array that see the image.
+    /// The share that the way back to the array by mirrors keeps, on average over the points of the array that see the image.
     fn back_by(&self, image: DVec3, after: &[u32]) -> f64 {
         let points = self.bounces.sight.iter();
         let (sum, count) = points

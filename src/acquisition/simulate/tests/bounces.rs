@@ -7,7 +7,9 @@ use super::losses::AIR;
 use super::virtual_tones::{ROUNDING, forced, scattered, sweep_of};
 use crate::acquisition::{MicArray, Sweep};
 use crate::named::assert_names;
-use crate::reflectors::{BounceOptions, Occlusion, SurfaceModel, SurfaceOptions, sample_surface};
+use crate::reflectors::{
+    BounceOptions, EdgeOptions, Occlusion, SurfaceModel, SurfaceOptions, sample_surface,
+};
 use crate::scene::fixtures::{material, plate};
 use crate::scene::{Scene, Triangle};
 use crate::wave::{Interface, phasor};
@@ -31,13 +33,16 @@ fn instrument(sweep: Sweep, array: MicArray) -> Instrument {
 }
 
 fn reflectors(instrument: &Instrument, surface: SurfaceModel, spacing: f64, spreading: bool) -> Reflectors {
+    sample_surface(&scene(), &options(instrument, surface, spacing, spreading)).expect("valid")
+}
+
+fn options(instrument: &Instrument, surface: SurfaceModel, spacing: f64, spreading: bool) -> SurfaceOptions {
     let sight = instrument.array.sight_points().to_vec();
-    let options = SurfaceOptions::new(spacing, instrument.wavelength())
+    SurfaceOptions::new(spacing, instrument.wavelength())
         .with_surface(surface)
         .with_speaker(SPEAKER)
         .with_occlusion(Occlusion::Aperture(sight.clone()))
-        .with_bounces(Some(BounceOptions::new(2, sight).with_spreading(spreading)));
-    sample_surface(&scene(), &options).expect("valid")
+        .with_bounces(Some(BounceOptions::new(2, sight).with_spreading(spreading)))
 }
 
 /// The sum over all pairs of patches, whose areas and phases are those of the direct echoes.
@@ -91,9 +96,6 @@ fn pairs_of_patches_are_the_double_sum() {
 fn expected(list: &Reflectors, f: f64, r: DVec3, losses: Losses) -> ([f64; 2], f64) {
     let (mut sum, mut arriving) = ([0.0; 2], 0.0);
     for (j, (&q, a)) in list.positions().iter().zip(list.amplitudes()).enumerate() {
-        if !list.sees(j, r) {
-            continue;
-        }
         let (out, near) = match list.transmit(j) {
             Some(transmit) => (transmit, 1.0),
             None => (q.distance(SPEAKER), q.distance(SPEAKER)),
@@ -102,9 +104,11 @@ fn expected(list: &Reflectors, f: f64, r: DVec3, losses: Losses) -> ([f64; 2], f
         let spreading = if losses.spreading { 1.0 / (near * q.distance(r)) } else { 1.0 };
         let factor = spreading * losses.air.map_or(1.0, |air| (-air.absorption(f) * path).exp());
         let (sin, cos) = (TAU * (f * path / C).fract()).sin_cos();
+        let heard = f64::from(list.directivity(j, r));
+        let factor = factor * heard;
         let (re, im) = (f64::from(a.re) * factor, f64::from(a.im) * factor);
         sum = [sum[0] + re * cos - im * sin, sum[1] + re * sin + im * cos];
-        arriving += f64::from(a.norm()) * spreading;
+        arriving += f64::from(a.norm()) * spreading * heard.abs();
     }
     (sum, arriving)
 }
@@ -119,7 +123,11 @@ fn literal_sums_and_virtual_tones_are_the_formula() {
     ] {
         let instrument = instrument(sweep_of(kind), array.clone());
         let rough = SurfaceModel::Rough(0.08 * instrument.wavelength());
-        let list = reflectors(&instrument, rough, 0.08, losses.spreading);
+        let edges = EdgeOptions::new(instrument.shortest_wavelength()).with_spreading(losses.spreading);
+        let surfaces = options(&instrument, rough, 0.08, losses.spreading).with_edges(Some(edges));
+        let list = sample_surface(&scene(), &surfaces).expect("valid");
+        let counts = list.bounce_counts().expect("edges");
+        assert!(counts.edge_pieces > 500 && (counts.edge_length - 4.8).abs() < 1e-9, "{counts:?}");
         let options = SimulateOptions::default().with_losses(losses);
         let literal = simulate(&list, &instrument, &options.clone().with_tolerance(0.0)).expect("small");
         let tiled = TONE_DESIGNS.iter().zip([1, 4, 16, 64].into_iter().cycle());
@@ -137,7 +145,7 @@ fn literal_sums_and_virtual_tones_are_the_formula() {
             }
         }
         for j in 0..list.len() {
-            let seen = array.positions().iter().filter(|&&r| list.sees(j, r)).count();
+            let seen = array.positions().iter().filter(|&&r| list.directivity(j, r) != 0.0).count();
             partly += usize::from(seen > 0 && seen < array.len());
         }
         assert!(partly > 20, "{partly} images are open to some microphones only");
