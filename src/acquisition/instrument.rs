@@ -217,11 +217,17 @@ impl Instrument {
     /// Bounds on the path lengths by way of a box of points: those of [`Geometry::path_bounds`], and with an interface the
     /// sums of the shortest and of the longest legs, over all transmissions.
     pub(crate) fn path_bounds_of(&self, points: (DVec3, DVec3)) -> [f64; 2] {
-        let each = self.geometries().map(|geometry| match self.refraction() {
+        let each = self.path_bounds_by_transmission(points);
+        each.reduce(|[low, high], [l, h]| [low.min(l), high.max(h)]).unwrap_or_default()
+    }
+
+    /// The same of every transmission by itself.
+    fn path_bounds_by_transmission(&self, points: (DVec3, DVec3)) -> impl Iterator<Item = [f64; 2]> {
+        let refraction = self.refraction();
+        self.geometries().map(move |geometry| match &refraction {
             None => geometry.path_bounds(points, self.array.bounds()),
             Some(refraction) => refraction.path_bounds(&geometry, points, self.array.bounds()),
-        });
-        each.reduce(|[low, high], [l, h]| [low.min(l), high.max(h)]).unwrap_or_default()
+        })
     }
 
     /// Bounds on the path lengths between the voxels of a range of depths and the array: those of
@@ -230,11 +236,30 @@ impl Instrument {
     /// # Panics
     /// Without depths.
     pub(crate) fn path_interval(&self, grid: &Grid, depths: Range<usize>) -> PathInterval {
-        let (low, high) = grid.bounds();
-        let low = low.with_z(grid.z.position(depths.start));
-        let high = high.with_z(grid.z.position(depths.end - 1));
-        let [shortest, longest] = self.path_bounds_of((low, high));
+        self.path_interval_of(self.path_bounds_of(box_of(grid, depths)))
+    }
+
+    fn path_interval_of(&self, [shortest, longest]: [f64; 2]) -> PathInterval {
         PathInterval { shortest, longest, sound_speed: self.sound_speed }
+    }
+
+    /// The same of every transmission by itself.
+    ///
+    /// # Panics
+    /// Without depths.
+    pub(crate) fn path_intervals(&self, grid: &Grid, depths: Range<usize>) -> Vec<PathInterval> {
+        let each = self.path_bounds_by_transmission(box_of(grid, depths));
+        each.map(|bounds| self.path_interval_of(bounds)).collect()
+    }
+
+    /// Of the transmissions' intervals the longest.
+    ///
+    /// # Panics
+    /// Without depths.
+    pub(crate) fn longest_path_interval(&self, grid: &Grid, depths: Range<usize>) -> PathInterval {
+        let each = self.path_intervals(grid, depths).into_iter();
+        let longest = each.max_by(|a, b| a.duration().total_cmp(&b.duration()));
+        longest.expect("there is a transmission")
     }
 
     /// The same for all depths, m: minimum and maximum.
@@ -248,6 +273,12 @@ impl Instrument {
         let tones = (self.sweep.len() as u64).saturating_mul(self.transmissions() as u64);
         tones.saturating_mul(self.array.len() as u64).saturating_mul(8)
     }
+}
+
+/// Lower and upper corner of a range of depths.
+fn box_of(grid: &Grid, depths: Range<usize>) -> (DVec3, DVec3) {
+    let (low, high) = grid.bounds();
+    (low.with_z(grid.z.position(depths.start)), high.with_z(grid.z.position(depths.end - 1)))
 }
 
 #[cfg(test)]

@@ -221,8 +221,20 @@ fn what_takes_one_speaker_says_so() {
         2,
         &["c.npz", "one loudspeaker", "3"],
     );
-    refused(path, "image r.toml -o out --set refine.method=fista", 2, &["refine.method", "3"]);
     refused(path, "image c.npz -c r.toml -o out --set array.source=[0,0,1]", 2, &["array.source", "3"]);
+}
+
+#[test]
+fn several_speakers_are_refined_together() {
+    let folder = workplace();
+    let path = folder.path();
+    done(path, "image r.toml -o plain -q");
+    done(path, "image r.toml -o refined -q --set refine.method=fista");
+    let report = json_file(&path.join("refined/report.json"));
+    assert_eq!((&report["method"], &report["plan"]["transmissions"]), (&"convolution".into(), &3.into()));
+    assert!(report["refinement"]["misfit"].as_f64().unwrap() < 0.5, "{}", report["refinement"]);
+    let [plain, refined] = ["plain", "refined"].map(|name| volume(&path.join(name).join("volume.npz")));
+    assert!(relative_difference(&refined, &plain) > 0.01);
 }
 
 #[test]

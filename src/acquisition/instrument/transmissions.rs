@@ -10,6 +10,7 @@ use crate::error::{Error, Result};
 use crate::wave::{Geometry, bounding_box};
 use glam::DVec3;
 use std::borrow::Cow;
+use std::ops::Range;
 use std::sync::Arc;
 
 /// More loudspeakers than this are not imaged one after another.
@@ -71,11 +72,19 @@ impl Instrument {
     /// If there are not so many.
     #[must_use]
     pub fn transmission(&self, index: usize) -> Self {
-        let geometry = match index.checked_sub(1) {
-            None => self.geometry,
-            Some(further) => Geometry::FixedSource { source: self.further_sources[further] },
-        };
-        Self { geometry, further_sources: Arc::default(), ..self.clone() }
+        self.some_transmissions(index..index + 1)
+    }
+
+    /// The instrument of neighbouring transmissions.
+    ///
+    /// # Panics
+    /// If there are not so many, or none.
+    pub(crate) fn some_transmissions(&self, which: Range<usize>) -> Self {
+        let mut some = self.geometries().skip(which.start).take(which.len());
+        let geometry = some.next().expect("there are so many");
+        let further: Vec<DVec3> = some.map(|geometry| geometry.source_of(DVec3::ZERO)).collect();
+        assert_eq!(1 + further.len(), which.len(), "there are so many");
+        Self { geometry, further_sources: Arc::new(further), ..self.clone() }
     }
 
     /// The geometry of every transmission.
