@@ -47,6 +47,7 @@ impl Instrument {
         Ok(Self {
             geometry: Geometry::FixedSource { source },
             further_sources: Arc::new(further.to_vec()),
+            pair_sources: Arc::default(),
             ..self
         })
     }
@@ -129,13 +130,18 @@ impl Instrument {
     /// Cost: that of sorting them.
     pub(crate) fn equivalent(&self) -> Cow<'_, Self> {
         if let Geometry::Pair { offset } = self.geometry {
-            let moved = self.array.positions().iter().map(|r| *r + offset * 0.5).collect();
+            let half_way = |(i, r): (usize, &DVec3)| match self.pair_sources.get(i) {
+                Some(source) => r.midpoint(*source),
+                None => *r + offset * 0.5,
+            };
+            let moved = self.array.positions().iter().enumerate().map(half_way).collect();
             let array = match self.array.shape()[..] {
                 [n_y, n_x] => MicArray::from_rows([n_y, n_x], moved),
                 _ => MicArray::from_positions(moved),
             };
             let Ok(array) = array else { return Cow::Borrowed(self) };
-            return Cow::Owned(Self { geometry: Geometry::Monostatic, array, ..self.clone() });
+            let pair_sources = Arc::default();
+            return Cow::Owned(Self { geometry: Geometry::Monostatic, array, pair_sources, ..self.clone() });
         }
         if self.transmissions() == 1 {
             return Cow::Borrowed(self);

@@ -60,7 +60,7 @@ impl<'a> NearField<'a> {
             || lengths(self.instrument.array.len()),
             |lengths, (chunk, voxels)| {
                 let first = first + chunk * TOGETHER;
-                image(self.instrument, Instrument::path_length, &self.grid, sums, first, voxels, lengths);
+                image(self.instrument, Instrument::path_length_at, &self.grid, sums, first, voxels, lengths);
                 advance(observer, 0)
             },
         )?;

@@ -17,7 +17,12 @@ pub(crate) struct Weights {
 impl Weights {
     pub(crate) fn new(instrument: &Instrument, window: Window) -> Self {
         let frequency = window.over_sweep(&instrument.sweep);
-        let microphone = window.over_array(&instrument.array);
+        // Pairs that differ are weighed by where they are seen from.
+        let microphone = if instrument.has_differing_pairs() {
+            window.over_array(&instrument.equivalent().array)
+        } else {
+            window.over_array(&instrument.array)
+        };
         let (sum_f, sum_r) = (frequency.iter().sum::<f64>(), microphone.iter().sum::<f64>());
         let mean_r = sum_r / microphone.len() as f64;
         let samples = (instrument.transmissions() * microphone.len()) as f64;

@@ -154,6 +154,28 @@ fn a_moved_pair_is_summed_as_written() {
         let refused = reconstruct(&cube, &small_grid(), &options).unwrap_err().to_string();
         crate::named::assert_names(refused, &["convolution", "pair", "backprojection"]);
     }
+    // Each with an offset of its own: a common midpoint, and any.
+    for array in [lattice(), scattered()] {
+        let own = array.positions().iter().enumerate();
+        let midpoint = own.clone().map(|(_, r)| DVec3::new(0.04, 0.0, 0.0) - *r).collect::<Vec<_>>();
+        let any = own.map(|(i, _)| SOURCES[i % 3] * (1.0 + 0.03 * i as f64)).collect::<Vec<_>>();
+        for sources in [midpoint, any] {
+            let cube = cube(instrument(array.clone()).with_pairs(&sources).unwrap());
+            assert!(cube.instrument.has_differing_pairs());
+            for method in [Method::Direct, Method::Backprojection] {
+                let options = ReconstructOptions::new(method, Window::None).with_tolerance(1e-5);
+                let found = reconstruct(&cube, &small_grid(), &options).unwrap();
+                let source_of =
+                    |r: DVec3| sources[array.positions().iter().position(|own| *own == r).unwrap()];
+                let error = error(&cube, &found.volume, |p, _, r| p.distance(source_of(r)) + p.distance(r));
+                assert!(error < 1e-4, "{method}: {error:e}");
+                assert!(error * f64::from(found.volume.peak()) < found.error_bound + 1e-6);
+            }
+            let refine = ReconstructOptions::default().with_refine(Some(RefineOptions::new(Solver::Cgls)));
+            let refused = reconstruct(&cube, &small_grid(), &refine).unwrap_err().to_string();
+            crate::named::assert_names(refused, &["convolution", "pair"]);
+        }
+    }
     // A pair in one place is a monostatic scan.
     let scan = cube(instrument(lattice()).with_geometry(Geometry::Monostatic));
     let pair = cube(instrument(lattice()).with_geometry(Geometry::Pair { offset: DVec3::ZERO }));
