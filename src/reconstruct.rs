@@ -148,10 +148,8 @@ fn in_pool(
     (sink, store): (&mut dyn VolumeSink, &mut dyn BlockStore),
     observer: &dyn Observer,
 ) -> Result<ReconstructionInfo> {
-    if source.instrument().transmissions() > 1 {
-        if let Some(turned) = turned_round(source, options)? {
-            return in_order(&mut &turned, grid, options, (sink, store), observer);
-        }
+    if let Some(turned) = turned_round(source, options)? {
+        return in_order(&mut &turned, grid, options, (sink, store), observer);
     }
     in_order(source, grid, options, (sink, store), observer)
 }

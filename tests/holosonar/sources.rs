@@ -352,6 +352,14 @@ fn cubes_of_several_speakers_are_examined_and_corrected() {
     let health = done_json(path, "info c.npz --health -o out");
     assert_eq!(health, json_file(&path.join("out/health.json")));
     assert_eq!(health["transmissions"].as_array().map(Vec::len), Some(3));
+    // A panel of levels, and one for each of them.
+    let height = |png: &str| {
+        let bytes = fs::read(path.join(png)).unwrap();
+        u32::from_be_bytes(bytes[20..24].try_into().unwrap())
+    };
+    done(path, "simulate r.toml -o one.npz -q --set array.source=[0.1,0,0]");
+    done(path, "info one.npz --health -o of_one");
+    assert!(height("out/health.png") > height("of_one/health.png") * 3 / 2);
     assert_names(done(path, "info c.npz --health"), &["speakers", "level", "nothing is wrong"]);
     done(path, "calibrate c.npz -o d.npz -q --set calibration.delay=0.1");
     let read = |name: &str| DataCube::read(&path.join(name), 1 << 24).unwrap();

@@ -230,7 +230,9 @@ impl ChannelResponse {
         let (speakers, weak_speakers) = inverse(&self.source);
         let of_speaker = cube.samples.len() / count;
         for (samples, factor) in cube.samples.chunks_exact_mut(of_speaker).zip(&speakers) {
-            samples.iter_mut().for_each(|m| *m *= factor);
+            for m in samples {
+                *m *= factor;
+            }
         }
         let axes = [(!tones.is_empty(), "frequencies"), (!mics.is_empty(), "microphones")];
         let axes = axes.into_iter().chain([(!speakers.is_empty(), "speakers")]);

@@ -48,8 +48,9 @@ fn part_of(grid: &Grid, depths: &Range<usize>) -> Grid {
 /// The instrument with microphones for loudspeakers and loudspeakers for microphones, where its sum has fewer terms.
 fn reversed(instrument: &Instrument, options: &ReconstructOptions) -> Result<Option<Instrument>> {
     let sources = instrument.sources();
+    let several = instrument.transmissions() > 1;
     let weighs_places = options.window != Window::None || options.compensate;
-    if weighs_places || instrument.array.len() >= sources.len() {
+    if !several || weighs_places || instrument.array.len() >= sources.len() {
         return Ok(None);
     }
     // As many as there are before the first of another row.
@@ -145,12 +146,11 @@ pub(in crate::reconstruct) fn sum_of_transmissions(
             let mut total = try_zeroed(part.voxel_count()).ok_or_else(|| no_room_for(grid))?;
             for (group, which) in groups.iter().enumerate() {
                 let found;
-                let planned = match plans.get(slab) {
-                    Some(plans) => &plans[group],
-                    None => {
-                        found = planned(&depths, which)?;
-                        &found
-                    }
+                let planned = if let Some(plans) = plans.get(slab) {
+                    &plans[group]
+                } else {
+                    found = planned(&depths, which)?;
+                    &found
                 };
                 let mut sum = AddedTo { total: &mut total, plane, transmissions: which.len(), observer };
                 let some = &mut SomeTransmissions::of(source, which.clone());
