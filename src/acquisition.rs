@@ -69,7 +69,7 @@ pub use simulate::{
     simulate_with,
 };
 pub(crate) use simulate::{simulate_resumable, simulate_tiles, simulation_bytes};
-pub(crate) use source::OneTransmission;
+pub(crate) use source::SomeTransmissions;
 pub use source::{CubeSource, Visit};
 pub use sweep::Sweep;
 

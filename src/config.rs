@@ -164,7 +164,12 @@ impl RunFile {
         let mut parsed = ParsedRunFile::parse(place, text)?;
         overrides.iter().try_for_each(|typed| parsed.set(typed))?;
         let mut run = Self::read(&parsed.values).map_err(|fault| parsed.error(fault))?;
-        let files = run.scene.files_mut().chain(run.array.file.as_mut()).chain(run.import.files_mut());
+        let files = run
+            .scene
+            .files_mut()
+            .chain(run.array.file.as_mut())
+            .chain(run.array.source_file.as_mut())
+            .chain(run.import.files_mut());
         for file in files.chain(run.recording.files_mut()).chain(run.calibration.files_mut()) {
             file.locate(folder);
         }

@@ -41,7 +41,7 @@ use job::Job;
 use plan::{Candidates, MethodPlan, Sampled, summed};
 use std::sync::OnceLock;
 use upsampling::{InterpolationError, Resampled};
-use volume::{Checked, Compensated, Gain, Metered, sum_of_transmissions};
+use volume::{Checked, Compensated, Gain, Metered, sum_of_transmissions, turned_round};
 use window::Weights;
 
 /// A volume and how it was computed.
@@ -148,7 +148,21 @@ fn in_pool(
     (sink, store): (&mut dyn VolumeSink, &mut dyn BlockStore),
     observer: &dyn Observer,
 ) -> Result<ReconstructionInfo> {
-    if source.instrument().transmissions() > 1 {
+    if let Some(turned) = turned_round(source, options)? {
+        return in_order(&mut &turned, grid, options, (sink, store), observer);
+    }
+    in_order(source, grid, options, (sink, store), observer)
+}
+
+/// The same with loudspeakers and microphones in the places that take less.
+fn in_order(
+    source: &mut dyn CubeSource,
+    grid: &Grid,
+    options: &ReconstructOptions,
+    (sink, store): (&mut dyn VolumeSink, &mut dyn BlockStore),
+    observer: &dyn Observer,
+) -> Result<ReconstructionInfo> {
+    if source.instrument().transmissions() > 1 && options.refine.is_none() {
         return sum_of_transmissions(source, grid, options, sink, observer);
     }
     let threads = rayon::current_num_threads();

@@ -208,7 +208,10 @@ impl AScan {
             microphone: single,
             position_m: position.to_array(),
             microphones: chosen.len().min(n_mic),
-            source_m: instrument.geometry.source_of(position).to_array(),
+            source_m: single
+                .map_or(instrument.geometry, |r| instrument.geometry_of(r))
+                .source_of(position)
+                .to_array(),
             detection: instrument.detection,
             range_resolution: instrument.sound_speed / (2.0 * instrument.sweep.bandwidth()),
             peak_width: width(&sidelobes) * transform.pitch,

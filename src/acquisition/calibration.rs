@@ -108,7 +108,8 @@ impl Calibration {
             words.push(stage(observer, "gating", 0, || gate::keep(cube, paths))?);
         }
         if self.tilt != [0.0; 2] {
-            cube.instrument.array = cube.instrument.array.tilted(self.tilt)?;
+            let array = cube.instrument.array.tilted(self.tilt)?;
+            cube.instrument = cube.instrument.clone().with_moved(array);
             words.push(format!("array tilted by {}° about x and {}° about y", self.tilt[0], self.tilt[1]));
         }
         // The mean over all microphones would be lower by those that are silent.

@@ -159,8 +159,10 @@ impl<'a> CubeView<'a> {
             if let Some(count) = several {
                 npz.f64("sources", &[count, 3], bytemuck::cast_slice(&sources))?;
             }
-            if let Geometry::Pair { offset } = geometry {
-                let sources = array.positions().iter().flat_map(|r| (*r + *offset).to_array());
+            if let Geometry::Pair { .. } = geometry {
+                let pairs = array.positions().iter().enumerate();
+                let sources =
+                    pairs.flat_map(|(i, r)| self.instrument.geometry_of(i).source_of(*r).to_array());
                 npz.f64("source_positions", &positions_shape, &sources.collect::<Vec<_>>())?;
             }
             npz.text("meta", &meta.to_string())

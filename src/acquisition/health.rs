@@ -83,6 +83,9 @@ pub struct TransmissionHealth {
     pub noise: Option<NoiseEstimate>,
     /// The sign of the phase, as [`Health::phase_sign`].
     pub phase_sign: Option<PhaseSign>,
+    /// The mean range profile, as [`Health::profile`]; its picture is drawn, and JSON is without it.
+    #[serde(skip)]
+    pub profile: Option<MeanProfile>,
 }
 
 impl TransmissionHealth {
@@ -277,6 +280,7 @@ impl Survey {
                 level_db: levels.level_db(tx),
                 noise: None,
                 phase_sign: None,
+                profile: None,
             };
             if has_profile {
                 let (instrument, columns) = (instrument.transmission(tx), &self.columns[tx * own..][..own]);
@@ -285,6 +289,7 @@ impl Survey {
                 let has_sign = instrument.detection == Detection::Quadrature;
                 health.phase_sign =
                     has_sign.then(|| sign::judge(&instrument, &profile, &self.chosen, columns));
+                health.profile = Some(profile);
             }
             health
         };

@@ -253,7 +253,10 @@ pub fn import(options: &ImportOptions) -> Result<Imported> {
         return Err(names::refuse_folder(first));
     }
     let sources = loudspeakers(options)?;
-    let mut found = if sources::are_in_files(options, sources.len()) {
+    let of_pairs = sources::are_of_pairs(options);
+    let mut found = if of_pairs {
+        read(options, 1, &mut guesses, &mut warnings)?
+    } else if sources::are_in_files(options, sources.len()) {
         read_each(options, &sources, &mut guesses, &mut warnings)?
     } else {
         read(options, sources.len().max(1), &mut guesses, &mut warnings)?
@@ -298,7 +301,9 @@ pub fn import(options: &ImportOptions) -> Result<Imported> {
         .with_detection(detection)
         .with_sound_speed(sound_speed)
         .with_interface(options.interface);
-    if !sources.is_empty() {
+    if of_pairs && !sources.is_empty() {
+        instrument = instrument.with_pairs(&sources).map_err(|error| error.at(place_of_key("sources")))?;
+    } else if !sources.is_empty() {
         instrument = instrument.with_sources(&sources)?;
     }
     instrument.check()?;

@@ -1,6 +1,7 @@
 //! The instrument: the parameters of a measurement that formulas, plans and reconstructions need, without its samples.
 
 mod changes;
+mod pairs;
 mod transmissions;
 
 pub use changes::InstrumentChanges;
@@ -55,6 +56,9 @@ pub struct Instrument {
     pub geometry: Geometry,
     /// Where the loudspeaker is in the transmissions after the first, m; [`Instrument::with_sources`] sets both.
     pub further_sources: Arc<Vec<DVec3>>,
+    /// Where the loudspeaker of each microphone is, m, if pairs of them are not all the same way apart; else empty.
+    /// [`Instrument::with_pairs`] sets them, and the geometry.
+    pub pair_sources: Arc<Vec<DVec3>>,
     /// Quadrature or in-phase.
     pub detection: Detection,
     /// c, m/s; within [`SOUND_SPEEDS`].
@@ -82,6 +86,7 @@ impl Instrument {
             array,
             geometry: Geometry::ORIGIN,
             further_sources: Arc::default(),
+            pair_sources: Arc::default(),
             detection: Detection::Quadrature,
             sound_speed: DEFAULT_SOUND_SPEED,
             interface: None,
@@ -90,6 +95,7 @@ impl Instrument {
 
     /// Rejects a speed of sound, a loudspeaker position or an interface with which no path has a phase.
     pub(crate) fn check(&self) -> Result<()> {
+        self.check_pairs()?;
         self.check_interface()?;
         let c = self.sound_speed;
         if !is_sound_speed(c) {
@@ -116,7 +122,8 @@ impl Instrument {
     fn check_interface(&self) -> Result<()> {
         let Some(Interface { depth, sound_speed }) = self.interface else { return Ok(()) };
         let (_, last) = self.array.bounds();
-        let nearest = self.geometries().map(|geometry| geometry.source_of(last).z).fold(last.z, f64::max);
+        let sources = self.geometries().map(|geometry| geometry.source_of(last).z);
+        let nearest = sources.chain(self.pair_sources.iter().map(|s| s.z)).fold(last.z, f64::max);
         let problem = if !is_sound_speed(sound_speed) {
             let [least, most] = SOUND_SPEEDS;
             format!("the speed of sound beyond it must be from {least} to {most:e} m/s, not {sound_speed}")
@@ -167,6 +174,10 @@ impl Instrument {
     /// What of it decides how sharply a point is imaged. Several loudspeakers widen the array by their own extent, about
     /// the middle of them.
     pub fn aperture(&self) -> Aperture {
+        if self.has_differing_pairs() {
+            // Far away, that of a scan of the places half-way between.
+            return self.equivalent().aperture();
+        }
         let widened = self.source_bounds().map_or(DVec3::ZERO, |(low, high)| high - low);
         let geometry = match self.geometry {
             Geometry::FixedSource { .. } => Geometry::FixedSource { source: self.viewpoint() },
@@ -183,7 +194,8 @@ impl Instrument {
     }
 
     /// Length of the path speaker → `p` → microphone at `r`, m: that of a straight path of the same duration, where it
-    /// crosses an interface.
+    /// crosses an interface. Where pairs are not all the same way apart, that of their mean offset: see
+    /// [`Instrument::path_length_at`].
     #[inline]
     pub fn path_length(&self, p: DVec3, r: DVec3) -> f64 {
         match &self.interface {
@@ -217,11 +229,23 @@ impl Instrument {
     /// Bounds on the path lengths by way of a box of points: those of [`Geometry::path_bounds`], and with an interface the
     /// sums of the shortest and of the longest legs, over all transmissions.
     pub(crate) fn path_bounds_of(&self, points: (DVec3, DVec3)) -> [f64; 2] {
-        let each = self.geometries().map(|geometry| match self.refraction() {
-            None => geometry.path_bounds(points, self.array.bounds()),
-            Some(refraction) => refraction.path_bounds(&geometry, points, self.array.bounds()),
-        });
+        let each = self.path_bounds_by_transmission(points).into_iter();
         each.reduce(|[low, high], [l, h]| [low.min(l), high.max(h)]).unwrap_or_default()
+    }
+
+    /// The same of every transmission by itself.
+    fn path_bounds_by_transmission(&self, points: (DVec3, DVec3)) -> Vec<[f64; 2]> {
+        let refraction = self.refraction();
+        let bounds = |geometry: Geometry, microphones: (DVec3, DVec3)| match &refraction {
+            None => geometry.path_bounds(points, microphones),
+            Some(refraction) => refraction.path_bounds(&geometry, points, microphones),
+        };
+        if self.has_differing_pairs() {
+            let pairs = self.array.positions().iter().enumerate();
+            let each = pairs.map(|(i, r)| bounds(self.geometry_of(i), (*r, *r)));
+            return each.reduce(|[low, high], [l, h]| [low.min(l), high.max(h)]).into_iter().collect();
+        }
+        self.geometries().map(|geometry| bounds(geometry, self.array.bounds())).collect()
     }
 
     /// Bounds on the path lengths between the voxels of a range of depths and the array: those of
@@ -230,11 +254,30 @@ impl Instrument {
     /// # Panics
     /// Without depths.
     pub(crate) fn path_interval(&self, grid: &Grid, depths: Range<usize>) -> PathInterval {
-        let (low, high) = grid.bounds();
-        let low = low.with_z(grid.z.position(depths.start));
-        let high = high.with_z(grid.z.position(depths.end - 1));
-        let [shortest, longest] = self.path_bounds_of((low, high));
+        self.path_interval_of(self.path_bounds_of(box_of(grid, depths)))
+    }
+
+    fn path_interval_of(&self, [shortest, longest]: [f64; 2]) -> PathInterval {
         PathInterval { shortest, longest, sound_speed: self.sound_speed }
+    }
+
+    /// The same of every transmission by itself.
+    ///
+    /// # Panics
+    /// Without depths.
+    pub(crate) fn path_intervals(&self, grid: &Grid, depths: Range<usize>) -> Vec<PathInterval> {
+        let each = self.path_bounds_by_transmission(box_of(grid, depths));
+        each.into_iter().map(|bounds| self.path_interval_of(bounds)).collect()
+    }
+
+    /// Of the transmissions' intervals the longest.
+    ///
+    /// # Panics
+    /// Without depths.
+    pub(crate) fn longest_path_interval(&self, grid: &Grid, depths: Range<usize>) -> PathInterval {
+        let each = self.path_intervals(grid, depths).into_iter();
+        let longest = each.max_by(|a, b| a.duration().total_cmp(&b.duration()));
+        longest.expect("there is a transmission")
     }
 
     /// The same for all depths, m: minimum and maximum.
@@ -248,6 +291,12 @@ impl Instrument {
         let tones = (self.sweep.len() as u64).saturating_mul(self.transmissions() as u64);
         tones.saturating_mul(self.array.len() as u64).saturating_mul(8)
     }
+}
+
+/// Lower and upper corner of a range of depths.
+fn box_of(grid: &Grid, depths: Range<usize>) -> (DVec3, DVec3) {
+    let (low, high) = grid.bounds();
+    (low.with_z(grid.z.position(depths.start)), high.with_z(grid.z.position(depths.end - 1)))
 }
 
 #[cfg(test)]

@@ -256,7 +256,7 @@ fn simulate_echoes(
         Some(errors) => {
             errors.check()?;
             let displaced = errors.displaced(&instrument.array)?;
-            (instrument.clone().with_array(displaced), errors.responses(n_mic))
+            (instrument.clone().with_moved(displaced), errors.responses(n_mic))
         }
         None => (instrument.clone(), Vec::new()),
     };

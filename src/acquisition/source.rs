@@ -38,21 +38,33 @@ pub trait CubeSource: Send {
     }
 }
 
-/// One transmission of a cube, as a cube of its own.
-pub(crate) struct OneTransmission<'a> {
+/// Some transmissions of a cube, as a cube of their own.
+pub(crate) struct SomeTransmissions<'a> {
     source: &'a mut dyn CubeSource,
     instrument: Instrument,
-    index: usize,
+    first: usize,
 }
 
-impl<'a> OneTransmission<'a> {
-    pub(crate) fn new(source: &'a mut dyn CubeSource, index: usize) -> Self {
-        let instrument = source.instrument().transmission(index);
-        Self { source, instrument, index }
+impl<'a> SomeTransmissions<'a> {
+    /// Neighbouring ones.
+    ///
+    /// # Panics
+    /// If there are not so many, or none.
+    pub(crate) fn of(source: &'a mut dyn CubeSource, which: Range<usize>) -> Self {
+        let instrument = source.instrument().some_transmissions(which.clone());
+        Self { source, instrument, first: which.start }
+    }
+
+    /// One of them.
+    ///
+    /// # Panics
+    /// If there are not so many.
+    pub(crate) fn one(source: &'a mut dyn CubeSource, index: usize) -> Self {
+        Self::of(source, index..index + 1)
     }
 }
 
-impl CubeSource for OneTransmission<'_> {
+impl CubeSource for SomeTransmissions<'_> {
     fn instrument(&self) -> &Instrument {
         &self.instrument
     }
@@ -62,8 +74,8 @@ impl CubeSource for OneTransmission<'_> {
     }
 
     fn visit_transmission(&mut self, transmission: usize, block: usize, visit: &mut Visit) -> Result<()> {
-        assert_eq!(transmission, 0, "there is one");
-        self.source.visit_transmission(self.index, block, visit)
+        assert!(transmission < self.instrument.transmissions(), "there are not so many");
+        self.source.visit_transmission(self.first + transmission, block, visit)
     }
 }
 

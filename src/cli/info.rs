@@ -86,8 +86,10 @@ fn npz(file: &Path, limit: u64) -> Result<Value> {
         cube.samples.iter().map(|m| f64::from(m.norm_sqr())).sum::<f64>() / cube.samples.len() as f64;
     let sources = instrument.sources();
     let sources: Vec<[f64; 3]> = sources.iter().map(DVec3::to_array).collect();
-    let pair =
-        if let Geometry::Pair { offset } = instrument.geometry { Some(offset.to_array()) } else { None };
+    let pair = match instrument.geometry {
+        Geometry::Pair { offset } if !instrument.has_differing_pairs() => Some(offset.to_array()),
+        _ => None,
+    };
     let mut facts = json!({
         "kind": "data cube",
         "speakers": instrument.transmissions(),
@@ -107,6 +109,12 @@ fn npz(file: &Path, limit: u64) -> Result<Value> {
         "rms_sample": power.sqrt(),
         "provenance": cube.provenance,
     });
+    if instrument.has_differing_pairs() {
+        let seen = instrument.equivalent();
+        facts["pairs"] = json!(instrument.pair_sources.len());
+        facts["midpoints_centre_m"] = json!(seen.array.centre().to_array());
+        facts["midpoints_extent_m"] = json!(seen.array.extent().to_array());
+    }
     if let Some(interface) = instrument.interface {
         facts["interface"] = json!(interface);
     }
@@ -125,6 +133,7 @@ fn response(response: &ChannelResponse) -> Value {
         "kind": "response",
         "frequencies": levels(&response.frequency),
         "microphones": levels(&response.microphone),
+        "speakers": levels(&response.source),
         "explained": response.explained,
     })
 }

@@ -112,6 +112,12 @@ impl RunFile {
             .with_detection(self.detection.kind)
             .with_sound_speed(self.medium.speed())
             .with_interface(self.medium.interface);
+        if let Some(file) = &self.array.source_file {
+            let sources = MicArray::read_within(&file.path, memory_limit(self.memory))?;
+            return instrument
+                .with_pairs(sources.positions())
+                .map_err(|error| error.at("[array] source_file"));
+        }
         let Some(sources) = &self.array.sources else { return Ok(instrument) };
         let sources: Vec<DVec3> = sources.iter().map(|source| DVec3::from_array(*source)).collect();
         instrument.with_sources(&sources).map_err(|error| error.at("[array] sources"))

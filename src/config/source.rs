@@ -56,13 +56,14 @@ impl TypedKeys {
 const MAX_DEPTH: usize = 8;
 
 /// Pairs of keys that exclude each other: a `--set` of one withdraws the other.
-const EXCLUSIVE: [[&str; 2]; 10] = [
+const EXCLUSIVE: [[&str; 2]; 11] = [
     ["scene.mesh", "scene.parts"],
     ["scene.size", "scene.unit"],
     ["scene.size", "scene.scale"],
     ["scene.translate", "scene.fit"],
     ["array.pitch", "array.extent"],
     ["array.source", "array.sources"],
+    ["array.source_offset", "array.source_file"],
     ["array.source", "import.sources"],
     ["array.sources", "import.sources"],
     ["array.count", "array.elements"],
@@ -71,7 +72,8 @@ const EXCLUSIVE: [[&str; 2]; 10] = [
 
 /// Keys that apply only with one word of another key: key, that other key, the word. A `--set` of another word withdraws
 /// them.
-const DEPENDENT: [[&str; 3]; 7] = [
+const DEPENDENT: [[&str; 3]; 8] = [
+    ["array.source_file", "array.geometry", "pair"],
     ["array.source_offset", "array.geometry", "pair"],
     ["array.file", "array.layout", "file"],
     ["array.spacing", "array.layout", "random"],

@@ -100,7 +100,9 @@ pub fn self_calibrate(
     memory: Option<u64>,
     observer: &dyn Observer,
 ) -> Result<SelfCalibration> {
-    cube.instrument.need_one_source("--blind")?;
+    if kind == ChannelError::Position {
+        cube.instrument.need_even_pairs("--blind position")?;
+    }
     if cube.instrument.detection == Detection::InPhase {
         let problem = "fits phases, and in-phase samples have none; record both, I and Q";
         return Err(Error::input("--blind", problem));

@@ -38,22 +38,30 @@ pub(super) fn blur(
 
 /// rms of what is left of ΔL at a point, m of path at the speed of sound before.
 fn residual(before: &Instrument, after: &Instrument, p: DVec3, delay: f64) -> f64 {
-    let (old, new) = (before.array.positions(), after.array.positions());
-    let some: Vec<usize> = (0..old.len()).step_by(old.len().div_ceil(MOST)).collect();
-    let change = |i: usize| {
-        let path = |at: &Instrument, r: DVec3| at.path_length(p, r) / at.sound_speed;
-        before.sound_speed * (path(after, new[some[i]]) - path(before, old[some[i]])) + delay
+    let n_mic = before.array.len();
+    let some: Vec<usize> = (0..n_mic).step_by(n_mic.div_ceil(MOST)).collect();
+    // Of every transmission those microphones.
+    let each = (0..before.transmissions()).map(|index| [before, after].map(|all| all.transmission(index)));
+    let each: Vec<[Instrument; 2]> = each.collect();
+    let rows = each.len() * some.len();
+    let change = |row: usize| {
+        let ([before, after], r) = (&each[row / some.len()], some[row % some.len()]);
+        let path = |at: &Instrument| at.path_length_at(p, r) / at.sound_speed;
+        before.sound_speed * (path(after) - path(before)) + delay
     };
-    let changes = Matrix::from_fn(some.len(), 1, |i, _| change(i));
-    let gradients = Matrix::from_fn(some.len(), 3, |i, axis| gradient(before, p, old[some[i]], axis));
+    let changes = Matrix::from_fn(rows, 1, |row, _| change(row));
+    let of_row =
+        |row: usize, axis: usize| gradient(&each[row / some.len()][0], p, some[row % some.len()], axis);
+    let gradients = Matrix::from_fn(rows, 3, of_row);
     let moved = LeastSquares::damped(&gradients, DAMPING).solve(&changes);
     let explained = product(&gradients, &moved);
-    let left = (0..some.len()).map(|i| (changes[(i, 0)] - explained[(i, 0)]).powi(2)).sum::<f64>();
-    (left / some.len() as f64).sqrt()
+    let left = (0..rows).map(|i| (changes[(i, 0)] - explained[(i, 0)]).powi(2)).sum::<f64>();
+    (left / rows as f64).sqrt()
 }
 
 /// How the path from speaker to microphone changes as the point moves along an axis.
-fn gradient(instrument: &Instrument, p: DVec3, r: DVec3, axis: usize) -> f64 {
+fn gradient(instrument: &Instrument, p: DVec3, microphone: usize, axis: usize) -> f64 {
     let step = DVec3::AXES[axis] * (1e-3 * instrument.shortest_wavelength());
-    (instrument.path_length(p + step, r) - instrument.path_length(p - step, r)) / (2.0 * step[axis])
+    let path = |p: DVec3| instrument.path_length_at(p, microphone);
+    (path(p + step) - path(p - step)) / (2.0 * step[axis])
 }

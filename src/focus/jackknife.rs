@@ -47,7 +47,9 @@ pub(super) fn measure(
     let mut images = Vec::with_capacity(parts.len());
     for part in &parts {
         let sweep = Sweep::from_frequencies(f[part.clone()].to_vec())?;
-        let samples = cube.samples[part.start * n_mic..part.end * n_mic].to_vec();
+        let of_speakers = cube.samples.chunks_exact(f.len() * n_mic);
+        let samples = of_speakers.flat_map(|samples| &samples[part.start * n_mic..part.end * n_mic]);
+        let samples = samples.copied().collect();
         let cube = DataCube::new(cube.instrument.clone().with_sweep(sweep), samples)?;
         let mut image = reconstruct_with(&cube, grid, options, observer)?.volume;
         // An image is a mean over tones; sums add up.

@@ -74,7 +74,9 @@ impl FocusParameter {
     /// Refuses a parameter that the geometry does not have.
     pub(super) fn check(self, instrument: &Instrument) -> Result<()> {
         let of_source = matches!(self, Self::SourceX | Self::SourceY | Self::SourceZ);
-        instrument.need_one_source(self.as_str())?;
+        if of_source {
+            instrument.need_one_source(self.as_str())?;
+        }
         if !matches!(instrument.geometry, Geometry::FixedSource { .. }) && of_source {
             let problem =
                 "has no meaning for a scan, monostatic or of a pair, whose speaker moves with the microphone";
@@ -121,7 +123,7 @@ impl FocusParameter {
             return Ok(instrument);
         }
         let array = instrument.array.tilted(tilt)?;
-        Ok(instrument.with_array(array))
+        Ok(instrument.with_moved(array))
     }
 
     /// The samples with a value, where they are other ones.

@@ -27,9 +27,13 @@ fn normal(seed: u64) -> impl FnMut() -> f64 {
 
 /// Echoes of amplitude 1, by Eq. 5 as written, for microphones at `places` that the instrument may not know.
 fn echoes_at(instrument: &Instrument, places: &[DVec3], points: &[DVec3]) -> DataCube {
-    let samples = instrument.sweep.frequencies().iter().flat_map(|f| {
+    let sweeps = (0..instrument.transmissions()).flat_map(|tx| {
+        let one = instrument.transmission(tx);
+        instrument.sweep.frequencies().iter().map(move |f| (one.geometry, f))
+    });
+    let samples = sweeps.flat_map(|(geometry, f)| {
         places.iter().map(move |r| {
-            let path = |p: &DVec3| instrument.geometry.path_length(*p, *r) / instrument.sound_speed;
+            let path = |p: &DVec3| geometry.path_length(*p, *r) / instrument.sound_speed;
             points.iter().map(|p| phasor(f * path(p))).sum::<Complex32>()
         })
     });
@@ -44,7 +48,8 @@ fn echoes(instrument: &Instrument, points: &[DVec3]) -> DataCube {
 fn noise(instrument: &Instrument, rms: f64, seed: u64) -> Vec<Complex32> {
     let mut normal = normal(seed);
     let mut part = || (rms * 0.5_f64.sqrt() * normal()) as f32;
-    (0..instrument.sweep.len() * instrument.array.len()).map(|_| Complex32::new(part(), part())).collect()
+    let count = instrument.transmissions() * instrument.sweep.len() * instrument.array.len();
+    (0..count).map(|_| Complex32::new(part(), part())).collect()
 }
 
 /// Points that are spread over the region.

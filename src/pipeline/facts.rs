@@ -9,6 +9,7 @@ use crate::reconstruct::ReconstructionInfo;
 use crate::wave::{Aperture, Geometry, GeometryKind, Interface, Resolution};
 use glam::DVec3;
 use serde_json::{Value, json};
+use std::borrow::Cow;
 
 /// The program and its version, as files name them.
 pub(super) const PROGRAM: &str = concat!("holosonar ", env!("CARGO_PKG_VERSION"));
@@ -33,6 +34,9 @@ pub(super) fn image_facts(
 
 /// The metadata of a measurement and of its run file.
 pub(super) fn instrument_facts(instrument: &Instrument, run: &RunFile) -> Value {
+    // Pairs that differ are known to a depth map as what they are seen as.
+    let seen =
+        if instrument.has_differing_pairs() { instrument.equivalent() } else { Cow::Borrowed(instrument) };
     let sources = instrument.sources();
     let source = if sources.is_empty() { DVec3::ZERO } else { instrument.viewpoint() };
     let mut facts = json!({
@@ -43,9 +47,9 @@ pub(super) fn instrument_facts(instrument: &Instrument, run: &RunFile) -> Value 
         "frequency_step": instrument.sweep.step(),
         "frequencies": instrument.sweep.len(),
         "microphones": instrument.array.len(),
-        "array_centre": instrument.array.centre().to_array(),
-        "array_extent": instrument.array.extent().to_array(),
-        "geometry": instrument.geometry.kind(),
+        "array_centre": seen.array.centre().to_array(),
+        "array_extent": seen.array.extent().to_array(),
+        "geometry": seen.geometry.kind(),
         "source": source.to_array(),
         "interface": instrument.interface,
         "detection": instrument.detection,
@@ -62,7 +66,7 @@ pub(super) fn instrument_facts(instrument: &Instrument, run: &RunFile) -> Value 
         facts["sources"] = json!(sources.iter().map(DVec3::to_array).collect::<Vec<_>>());
         facts["source_extent"] = json!((high - low).to_array());
     }
-    if let Geometry::Pair { offset } = instrument.geometry {
+    if let Geometry::Pair { offset } = seen.geometry {
         facts["source_offset"] = json!(offset.to_array());
     }
     facts

@@ -20,6 +20,7 @@ use crate::grid::{DepthMap, Grid, Volume, no_room_for};
 use crate::metrics::{Scores, score};
 use crate::plan::plan;
 use crate::progress::{Event, Observer};
+use crate::wave::Geometry;
 use num_complex::Complex32;
 use serde_json::Value;
 
@@ -112,6 +113,10 @@ fn ideal(run: &RunFile, instrument: &Instrument, grid: &Grid) -> Result<RunFile>
     let array = &mut ideal.array;
     array.layout = ArrayLayout::Grid;
     (array.spacing, array.seed, array.file, array.elements) = (None, None, None, None);
+    if let (Geometry::Pair { offset }, Some(_)) = (instrument.geometry, array.source_file.take()) {
+        // A speaker beside each of them, as far from it as those of the pairs are in the mean.
+        array.source_offset = Some(offset.to_array());
+    }
     array.count = Some(counts.map(|count| count as u32));
     let pitches = [(extent.x, counts[0]), (extent.y, counts[1])];
     let pitches = pitches.map(|(extent, count)| if count > 1.0 { extent / (count - 1.0) } else { pitch });

@@ -53,8 +53,11 @@ impl Instrument {
     fn profile_by(&self, p: DVec3, direction: DVec3, weights: &WindowWeights) -> Option<Profile> {
         let leg = |from: DVec3| (p - from).normalize_or_zero().dot(direction);
         let slopes_to = |geometry: Geometry| {
-            let slope = move |&r: &DVec3| leg(geometry.source_of(r)) + leg(r);
-            self.array.positions().par_iter().map(slope).collect::<Vec<f64>>()
+            let slope = move |(i, &r): (usize, &DVec3)| {
+                let source = self.pair_sources.get(i).copied().unwrap_or_else(|| geometry.source_of(r));
+                leg(source) + leg(r)
+            };
+            self.array.positions().par_iter().enumerate().map(slope).collect::<Vec<f64>>()
         };
         let slopes: Vec<f64> = self.geometries().flat_map(slopes_to).collect();
         let of_slopes =

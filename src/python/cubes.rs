@@ -1,7 +1,7 @@
 //! Cubes: simulated, read and written.
 
 use super::arrays::{Samples, array, values};
-use super::instruments::{InstrumentParts, coordinates, only_source, points};
+use super::instruments::{InstrumentParts, coordinates, points, sources_of};
 use super::jobs;
 use super::run_files::PythonRunFile;
 use crate::acquisition::{CubeView, DataCube, Detection, Instrument, simulate_with};
@@ -28,6 +28,7 @@ pub(super) struct CubeParts<'py> {
     sound_speed: f64,
     geometry: &'static str,
     source: [f64; 3],
+    sources: Option<Bound<'py, PyArrayDyn<f64>>>,
     detection: &'static str,
 }
 
@@ -35,7 +36,10 @@ impl<'py> CubeParts<'py> {
     fn new(py: Python<'py>, cube: DataCube) -> PyResult<Self> {
         let DataCube { instrument, samples, provenance } = cube;
         let Instrument { sweep, array, geometry, detection, sound_speed, .. } = &instrument;
-        let source = only_source(&instrument)?;
+        let (source, several) = sources_of(&instrument)?;
+        let of_pairs = instrument.transmissions() == 1;
+        let shape = if of_pairs { array.shape() } else { vec![several.len()] };
+        let sources = (!several.is_empty()).then(|| coordinates(py, &several, &shape)).transpose()?;
         Ok(Self {
             samples: samples_for(py, samples, &instrument)?,
             provenance: (!provenance.is_null()).then(|| provenance.to_string()),
@@ -44,6 +48,7 @@ impl<'py> CubeParts<'py> {
             sound_speed: *sound_speed,
             geometry: GeometryKind::as_str(geometry.kind()),
             source: source.to_array(),
+            sources,
             detection: detection.as_str(),
         })
     }
@@ -55,13 +60,19 @@ fn samples_for<'py>(
     samples: Vec<Complex32>,
     instrument: &Instrument,
 ) -> PyResult<Bound<'py, PyAny>> {
-    let shape = [vec![instrument.sweep.len()], instrument.array.shape()].concat();
+    let shape = [leading(instrument), instrument.array.shape()].concat();
     Ok(match instrument.detection {
         Detection::Quadrature => array(py, samples, shape)?.into_any(),
         Detection::InPhase => {
             array(py, samples.iter().map(|m| m.re).collect::<Vec<f32>>(), shape)?.into_any()
         }
     })
+}
+
+/// Axes of samples before those of the microphones: loudspeakers, if there are several, and frequencies.
+fn leading(instrument: &Instrument) -> Vec<usize> {
+    let several = Some(instrument.transmissions()).filter(|count| *count > 1);
+    several.into_iter().chain([instrument.sweep.len()]).collect()
 }
 
 /// Refuses samples whose type or shape is not the instrument's.
@@ -71,13 +82,12 @@ pub(super) fn check_samples(samples: &Samples<'_>, instrument: &Instrument) -> R
         return Err(Error::input("samples", problem));
     }
     let shape = samples.shape();
-    let flat = [instrument.sweep.len(), instrument.array.len()];
-    let expected = [vec![instrument.sweep.len()], instrument.array.shape()].concat();
-    if shape == expected || shape == flat {
-        return Ok(());
-    }
-    // Rows and columns that are no lattice.
-    if shape.first() == Some(&flat[0]) && shape[1..].iter().product::<usize>() == flat[1] {
+    let leading = leading(instrument);
+    let expected = [leading.clone(), instrument.array.shape()].concat();
+    // Also a list of them, or rows and columns that are no lattice.
+    if shape.strip_prefix(&leading[..]).is_some_and(|of_microphones| {
+        !of_microphones.is_empty() && of_microphones.iter().product::<usize>() == instrument.array.len()
+    }) {
         return Ok(());
     }
     let problem =

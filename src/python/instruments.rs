@@ -17,6 +17,7 @@ pub(super) struct InstrumentParts<'py> {
     sound_speed: f64,
     geometry: String,
     source: [f64; 3],
+    sources: Option<PyReadonlyArrayDyn<'py, f64>>,
     detection: String,
 }
 
@@ -33,38 +34,59 @@ impl InstrumentParts<'_> {
             [n_y, n_x, _] => MicArray::from_rows([n_y, n_x], points),
             _ => MicArray::from_positions(points),
         };
-        let geometry = match self.geometry.parse()? {
-            GeometryKind::FixedSource => Geometry::FixedSource { source: self.source.into() },
-            GeometryKind::Monostatic => Geometry::Monostatic,
-            GeometryKind::Pair => {
-                let problem = "\"pair\" is no geometry here; expected \"fixed-source\" or \"monostatic\"";
-                return Err(Error::input("geometry", problem));
-            }
-        };
         let detection: Detection = self.detection.parse()?;
         let instrument = Instrument::new(sweep, array.map_err(|error| error.at("mic_positions"))?)
-            .with_geometry(geometry)
             .with_detection(detection)
             .with_sound_speed(self.sound_speed);
+        let instrument = self.placed(instrument)?;
         instrument.check().map(|()| instrument)
+    }
+
+    /// The instrument with its loudspeakers.
+    fn placed(&self, instrument: Instrument) -> Result<Instrument> {
+        let sources = self.sources.as_ref().map(|sources| points("sources", sources)).transpose()?;
+        match (self.geometry.parse()?, sources) {
+            (GeometryKind::FixedSource, None) => {
+                Ok(instrument.with_geometry(Geometry::FixedSource { source: self.source.into() }))
+            }
+            (GeometryKind::FixedSource, Some(sources)) => instrument.with_sources(&sources),
+            (GeometryKind::Pair, Some(sources)) => {
+                instrument.with_pairs(&sources).map_err(|error| error.at("sources"))
+            }
+            (GeometryKind::Monostatic, None) => Ok(instrument.with_geometry(Geometry::Monostatic)),
+            (GeometryKind::Monostatic, Some(_)) => {
+                let problem =
+                    "are of loudspeakers of their own, and that of a monostatic scan is the microphone's";
+                Err(Error::input("sources", problem))
+            }
+            (GeometryKind::Pair, None) => {
+                let problem = "are missing: the geometry \"pair\" has a loudspeaker for each microphone";
+                Err(Error::input("sources", problem))
+            }
+        }
     }
 }
 
-/// The loudspeaker of an instrument that the package's class can hold: one, or that of a monostatic scan, in one medium.
+/// The loudspeakers of an instrument as the package's class holds them: one place, and those of several or of pairs.
 ///
 /// # Errors
-/// Several loudspeakers, a moved pair, or an interface, which would be lost.
-pub(super) fn only_source(instrument: &Instrument) -> Result<DVec3> {
-    let what = match instrument.geometry {
-        _ if instrument.transmissions() > 1 => "several loudspeakers",
-        _ if instrument.interface.is_some() => "an interface of two media",
-        Geometry::FixedSource { source } => return Ok(source),
-        Geometry::Monostatic => return Ok(DVec3::ZERO),
-        Geometry::Pair { .. } => "a moved pair of loudspeaker and microphone",
+/// An interface of two media, which would be lost.
+pub(super) fn sources_of(instrument: &Instrument) -> Result<(DVec3, Vec<DVec3>)> {
+    if instrument.interface.is_some() {
+        let problem = "has an interface of two media, which a Cube does not hold; image its file, by `image` or on the command \
+                       line";
+        return Err(Error::input("cube", problem));
+    }
+    let first = instrument.sources().first().copied().unwrap_or_default();
+    let several = match instrument.geometry {
+        Geometry::FixedSource { .. } if instrument.transmissions() > 1 => instrument.sources(),
+        Geometry::Pair { .. } => {
+            let pairs = instrument.array.positions().iter().enumerate();
+            pairs.map(|(i, r)| instrument.geometry_of(i).source_of(*r)).collect()
+        }
+        _ => Vec::new(),
     };
-    let problem =
-        format!("has {what}, which a Cube does not hold; image its file, by `image` or on the command line");
-    Err(Error::input("cube", problem))
+    Ok((first, several))
 }
 
 /// Points, `[.., 3]`, m.

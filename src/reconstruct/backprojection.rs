@@ -254,13 +254,14 @@ fn by_microphones(job: Job<'_>, division: Division) -> Result<ReconstructionInfo
             .map(|block| {
                 let (centre, half) = (block.centre(grid), Shape(block.count).half(grid));
                 let widest = |group: &Group| {
-                    let each =
-                        group.positions.iter().map(|r| half_width(&instrument.geometry, centre, half, *r));
+                    let pairs = group.members.iter().zip(&group.positions);
+                    let each = pairs.map(|(i, r)| half_width(&instrument.geometry_of(*i), centre, half, *r));
                     each.fold(0.0, greater)
                 };
                 let image = match instrument.geometry {
-                    Geometry::Pair { offset } => {
-                        profiles.image_of_pairs(centre, &block.places(grid), offset, &groups, widest)
+                    Geometry::Pair { .. } => {
+                        let geometry_of = |microphone: usize| instrument.geometry_of(microphone);
+                        profiles.image_of_pairs(centre, &block.places(grid), geometry_of, &groups, widest)
                     }
                     _ => profiles.image(centre, &block.points(grid, &instrument.geometry), &groups, widest),
                 };

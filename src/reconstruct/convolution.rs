@@ -22,7 +22,7 @@ mod workspace;
 pub(super) use adjoint::adjoint;
 pub(super) use lattice::SharedLattice;
 
-use crate::acquisition::Instrument;
+use crate::acquisition::{Instrument, SomeTransmissions};
 use crate::alloc::try_with_capacity;
 use crate::error::Result;
 use crate::grid::Grid;
@@ -36,11 +36,11 @@ use crate::wave::interval::greater;
 use crate::wave::simd::Lanes;
 use layout::Layout;
 use literal::Literal;
-use near_field::NearField;
+use near_field::{NearField, image_of_all};
 use num_complex::Complex32;
 use rayon::prelude::*;
 use slab_plan::Slabs;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 use workspace::Workspaces;
 
 /// Bytes of data spectra in memory at a time when every frequency is summed.
@@ -58,6 +58,8 @@ pub(super) struct ConvolutionPlan {
     literal: bool,
     /// What depths take that have no part in the lattice.
     near: near_field::NearFieldCost,
+    /// The tones, once they are found.
+    skeletons: OnceLock<Option<Skeletons>>,
 }
 
 impl ConvolutionPlan {
@@ -80,7 +82,7 @@ impl ConvolutionPlan {
             compression.virtual_tones(),
         );
         let literal = slabs.is_none() && Literal::is_faster(&layout, instrument.sweep.len());
-        Self { layout, compression, slabs, literal, near }
+        Self { layout, compression, slabs, literal, near, skeletons: OnceLock::new() }
     }
 }
 
@@ -88,30 +90,32 @@ impl ConvolutionPlan {
 struct Depths<'a> {
     layout: &'a Layout,
     workspaces: Workspaces<'a>,
-    /// Those that have no part in the lattice.
-    near: Option<NearField<'a>>,
+    /// Those that have no part in the lattice, by transmission.
+    near: Vec<NearField<'a>>,
     batch: Batch,
     observer: &'a dyn Observer,
 }
 
 impl Depths<'_> {
-    /// Adds tones to the planes from `first` on, `[plane, y, x]`; `room` receives their spectra.
-    fn add(&self, tones: &Tones, room: &mut [Lanes], first: usize, planes: &mut [Complex32]) -> Result<()> {
-        let spectra = self.layout.part(room, tones.per_metre.len());
-        self.layout.transform_into(&tones.samples, self.batch, spectra)?;
+    /// Adds tones of all transmissions to the planes from `first` on, `[plane, y, x]`; `room` receives their spectra.
+    fn add(
+        &self,
+        transmissions: &[Tones],
+        room: &mut [Lanes],
+        first: usize,
+        planes: &mut [Complex32],
+    ) -> Result<()> {
+        let per_metre = &transmissions[0].per_metre;
+        let spectra = self.layout.part(room, per_metre.len());
+        self.layout.transform_into(transmissions, self.batch, spectra)?;
         let spectra = &*spectra;
         let planes = planes.par_chunks_mut(self.layout.grid.plane_len());
         let run = self.batch.least_run(planes.len());
         planes.with_min_len(run).enumerate().try_for_each(|(iz, voxels)| {
-            let summed = match &self.near {
-                Some(near) => near.image(first + iz, voxels, self.observer)?,
-                None => false,
-            };
-            if !summed {
-                self.workspaces
-                    .with(|workspace| workspace.add(first + iz, &tones.per_metre, spectra, voxels))?;
+            if !image_of_all(&self.near, first + iz, voxels, self.observer)? {
+                self.workspaces.with(|workspace| workspace.add(first + iz, per_metre, spectra, voxels))?;
             }
-            advance(self.observer, tones.per_metre.len() as u64)
+            advance(self.observer, per_metre.len() as u64)
         })
     }
 }
@@ -124,7 +128,7 @@ impl Depths<'_> {
 pub(super) fn convolution(job: Job<'_>, plan: &ConvolutionPlan) -> Result<ReconstructionInfo> {
     match plan.skeletons(job.source.instrument()) {
         None => every_frequency(job, plan),
-        Some(skeletons) => convolution_with(job, plan, &skeletons),
+        Some(skeletons) => convolution_with(job, plan, skeletons),
     }
 }
 
@@ -151,7 +155,7 @@ fn every_frequency(job: Job<'_>, plan: &ConvolutionPlan) -> Result<Reconstructio
     let spreading = layout.lattice.spreading(&source.instrument().array);
     let literal = plan.literal.then(|| Literal::new(layout));
     let mut spectra = if literal.is_some() { Vec::new() } else { layout.room(block)? };
-    let focused = Depths { layout, workspaces: Workspaces::new(layout), near: None, batch, observer };
+    let focused = Depths { layout, workspaces: Workspaces::new(layout), near: Vec::new(), batch, observer };
     let driver = SlabDriver::even(grid, DEPTHS, |depths| (count * depths) as u64, observer);
     driver.run(info, sink, |_, depths, planes| {
         planes.fill(Complex32::ZERO);
@@ -164,55 +168,92 @@ fn every_frequency(job: Job<'_>, plan: &ConvolutionPlan) -> Result<Reconstructio
             let tones = Tones { per_metre: per_metre[range.clone()].to_vec(), samples };
             match &literal {
                 Some(literal) => literal.add(&tones, batch, depths.start, planes, observer),
-                None => focused.add(&tones, &mut spectra, depths.start, planes),
+                None => focused.add(&[tones], &mut spectra, depths.start, planes),
             }
         })
     })
 }
 
 /// The tones of a volume and of its slabs, whatever the samples are.
+///
+/// Transmissions have the same ones, so that they share the kernels: those for the transmission whose paths differ most,
+/// each about the middle of its own paths.
+#[derive(Debug)]
 pub(super) struct Skeletons {
-    sweep: Arc<SweepTones>,
-    slabs: Vec<SlabTones>,
+    transmissions: Vec<TransmissionTones>,
     /// Depths in a slab.
     thickness: usize,
     /// Of spreading and both compressions, relative to `Σ|w m| / Σw`.
     error: f64,
 }
 
+/// The tones about the middle of one transmission's paths.
+#[derive(Debug)]
+struct TransmissionTones {
+    sweep: Arc<SweepTones>,
+    slabs: Vec<SlabTones>,
+}
+
 impl ConvolutionPlan {
-    /// Finds the tones; `None` where every frequency is summed.
-    pub(super) fn skeletons(&self, instrument: &Instrument) -> Option<Skeletons> {
+    /// The largest error of any voxel, relative to `Σ|w m| / Σw`.
+    pub(super) fn error(&self, instrument: &Instrument) -> f64 {
+        self.skeletons(instrument).map_or(self.layout.lattice.error(), |skeletons| skeletons.error)
+    }
+
+    /// The tones for the instrument that it is of, found when first needed; `None` where every frequency is summed.
+    pub(super) fn skeletons(&self, instrument: &Instrument) -> Option<&Skeletons> {
+        self.skeletons.get_or_init(|| self.find_skeletons(instrument)).as_ref()
+    }
+
+    fn find_skeletons(&self, instrument: &Instrument) -> Option<Skeletons> {
         let Self { layout, compression, slabs: Some(division), .. } = self else { return None };
         let (grid, thickness) = (&layout.grid, division.thickness);
-        let interval = |planes| instrument.path_interval(grid, planes);
+        let interval = |planes| instrument.longest_path_interval(grid, planes);
         let sweep = SweepTones::find(&instrument.sweep, interval(0..grid.z.count), *compression);
         let share = |longer, own, depths| division.share(longer, own, depths);
         let slabs = sweep.slabs(slabs_of(grid.z.count, thickness), interval, share, *compression);
         let error = slabs.iter().map(|slab| slab.error).fold(0.0, greater) + layout.lattice.error();
-        Some(Skeletons { sweep, slabs, thickness, error })
+        let middles =
+            |planes| instrument.path_intervals(grid, planes).into_iter().map(|paths| paths.middle());
+        let mut transmissions: Vec<_> = middles(0..grid.z.count)
+            .map(|middle| TransmissionTones {
+                sweep: sweep.about(&instrument.sweep, middle),
+                slabs: Vec::with_capacity(slabs.len()),
+            })
+            .collect();
+        for slab in &slabs {
+            for (transmission, middle) in transmissions.iter_mut().zip(middles(slab.planes.clone())) {
+                transmission.slabs.push(slab.about(middle));
+            }
+        }
+        Some(Skeletons { transmissions, thickness, error })
     }
 }
 
 impl Skeletons {
-    /// The volume's tones, and how the measured ones are made of them.
-    pub(super) fn virtual_tones(&self) -> &VirtualTones {
-        self.sweep.virtual_tones()
+    /// The volume's tones, and how the measured ones of a transmission are made of them.
+    pub(super) fn virtual_tones(&self, transmission: usize) -> &VirtualTones {
+        self.transmissions[transmission].sweep.virtual_tones()
     }
 
     /// Number of the volume's tones.
     pub(super) fn tones(&self) -> usize {
-        self.sweep.len()
+        self.transmissions[0].sweep.len()
+    }
+
+    /// The slabs of depths, with tones of the first transmission.
+    fn slabs(&self) -> &[SlabTones] {
+        &self.transmissions[0].slabs
     }
 
     /// Units of work of all slabs: tones times depths.
     pub(super) fn work(&self) -> u64 {
-        self.slabs.iter().map(|slab| (slab.len() * slab.planes.len()) as u64).sum()
+        self.slabs().iter().map(|slab| (slab.len() * slab.planes.len()) as u64).sum()
     }
 
     /// The most tones of a slab.
     fn most(&self) -> usize {
-        self.slabs.iter().map(SlabTones::len).max().unwrap_or(0)
+        self.slabs().iter().map(SlabTones::len).max().unwrap_or(0)
     }
 }
 
@@ -224,18 +265,30 @@ pub(super) fn convolution_with(
 ) -> Result<ReconstructionInfo> {
     let layout = &plan.layout;
     let Job { source, weights, grid, interpolation, batch, sink, observer, .. } = job;
-    let Skeletons { sweep, slabs, thickness, error } = skeletons;
-    let mut compressed = sweep.compress(source, weights, observer)?;
-    let instrument = source.instrument();
-    let near = NearField::new(instrument, grid, &layout.lattice.near, &compressed, slabs)?;
-    let samples = std::mem::take(&mut compressed.tones.samples);
-    compressed.tones.samples = layout.lattice.spreading(&instrument.array).onto_nodes(samples)?;
-    let error_bound = interpolation.with(*error) * compressed.modulus;
+    let (slabs, thickness) = (skeletons.slabs(), skeletons.thickness);
+    let instrument = source.instrument().clone();
+    let alone: Vec<Instrument> =
+        (0..skeletons.transmissions.len()).map(|index| instrument.transmission(index)).collect();
+    let spreading = layout.lattice.spreading(&instrument.array);
+    let (mut near, mut compressed) = (Vec::new(), Vec::new());
+    for (index, (alone, tones)) in alone.iter().zip(&skeletons.transmissions).enumerate() {
+        let source = &mut SomeTransmissions::one(source, index);
+        let mut volume = tones.sweep.compress(source, weights, observer)?;
+        near.extend(NearField::new(alone, grid, &layout.lattice.near, &volume, &tones.slabs)?);
+        let samples = std::mem::take(&mut volume.tones.samples);
+        volume.tones.samples = spreading.onto_nodes(samples)?;
+        compressed.push(volume);
+    }
+    let modulus: f64 = compressed.iter().map(|volume| volume.modulus).sum();
+    let error_bound = interpolation.with(skeletons.error) * modulus;
     let plane_len = grid.plane_len();
     // Buffers for every slab that is worked on at a time, reused by the next: memory that is freed and allocated
     // again is in use twice for a while.
-    let most = skeletons.most();
-    let room = |_| Ok((Tones::with_capacity(most, layout.lattice.width())?, layout.room(most)?));
+    let (most, width) = (skeletons.most(), layout.lattice.width());
+    let room = |_| {
+        let tones = alone.iter().map(|_| Tones::with_capacity(most, width));
+        Ok((tones.collect::<Result<Vec<_>>>()?, layout.room(most)?))
+    };
     let rooms = (0..batch.slabs.min(slabs.len())).into_par_iter().map(room);
     let mut rooms = rooms.collect::<Result<Vec<_>>>()?;
     let focused = Depths { layout, workspaces: Workspaces::new(layout), near, batch, observer };
@@ -248,10 +301,13 @@ pub(super) fn convolution_with(
     let info = ReconstructionInfo::plain(Method::Convolution, error_bound);
     driver.run(info, sink, |part, _, planes| {
         planes.fill(Complex32::ZERO);
-        let planes_of_slabs = planes.par_chunks_mut(*thickness * plane_len).zip(&slabs[part]);
+        let planes_of_slabs = planes.par_chunks_mut(thickness * plane_len).zip(part);
         planes_of_slabs.zip(&mut rooms).try_for_each(|((planes, slab), (tones, spectra))| {
-            slab.select(&compressed, layout.lattice.width(), tones);
-            focused.add(tones, spectra, slab.planes.start, planes)
+            let volumes = skeletons.transmissions.iter().zip(&compressed).zip(&mut *tones);
+            for ((transmission, volume), tones) in volumes {
+                transmission.slabs[slab].select(volume, width, tones);
+            }
+            focused.add(tones, spectra, slabs[slab].planes.start, planes)
         })
     })
 }

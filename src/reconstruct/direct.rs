@@ -59,7 +59,7 @@ impl DirectPlan {
 /// Gives the volume to the job's sink; any grid, any microphones. Cost: 8 operations per voxel, microphone and frequency
 /// where the steps are even, else a phasor; holds all samples, twice while they are rearranged, and a few depths.
 pub(super) fn direct(job: Job<'_>, plan: &DirectPlan) -> Result<ReconstructionInfo> {
-    sum_over_paths(job, plan, Method::Direct, Instrument::path_length)
+    sum_over_paths(job, plan, Method::Direct, Instrument::path_length_at)
 }
 
 /// The same sum over path lengths of any kind.
@@ -67,7 +67,7 @@ fn sum_over_paths(
     job: Job<'_>,
     plan: &DirectPlan,
     method: Method,
-    path_length: impl Fn(&Instrument, DVec3, DVec3) -> f64 + Sync,
+    path_length: impl Fn(&Instrument, DVec3, usize) -> f64 + Sync,
 ) -> Result<ReconstructionInfo> {
     let Job { source, weights, grid, batch, sink, observer, .. } = job;
     let samples = weighted_samples(source, weights)?;
@@ -99,7 +99,7 @@ pub(super) fn lengths(microphones: usize) -> Vec<f64> {
 /// Sums up to [`TOGETHER`] voxels, the first of which is the `first` of the grid, into their places.
 pub(super) fn image(
     instrument: &Instrument,
-    path_length: impl Fn(&Instrument, DVec3, DVec3) -> f64,
+    path_length: impl Fn(&Instrument, DVec3, usize) -> f64,
     grid: &Grid,
     sums: &Sums,
     first: usize,
@@ -110,8 +110,8 @@ pub(super) fn image(
     for (i, lengths) in lengths.chunks_exact_mut(padded).enumerate().take(voxels.len()) {
         let (row, ix) = ((first + i) / grid.x.count, (first + i) % grid.x.count);
         let p = grid.position(ix, row % grid.y.count, row / grid.y.count);
-        for (length, &r) in lengths.iter_mut().zip(instrument.array.positions()) {
-            *length = path_length(instrument, p, r);
+        for (microphone, length) in lengths[..instrument.array.len()].iter_mut().enumerate() {
+            *length = path_length(instrument, p, microphone);
         }
     }
     let mut totals = [[0.0; 2]; TOGETHER];

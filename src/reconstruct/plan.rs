@@ -4,6 +4,6 @@ mod choice;
 pub(super) mod cost;
 mod estimates;
 
-pub(super) use choice::{Candidates, MethodPlan, Sampled, summed};
+pub(super) use choice::{Candidates, MethodPlan, Sampled, chosen_among, summed};
 pub use choice::{LEAST_TOLERANCE, direct_terms, estimate};
 pub use estimates::{Estimate, Estimates};

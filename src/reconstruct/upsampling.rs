@@ -115,7 +115,8 @@ impl Upsampling {
         static LAST: Memo<(Instrument, Grid, ErrorBudget), Vec<Upsampling>> = Memo::new();
         // The carrier that is taken out is that of straight paths to one loudspeaker.
         let pair = matches!(instrument.geometry, Geometry::Pair { .. });
-        if budget.upsampling_axis() <= 0.0 || pair || instrument.interface.is_some() {
+        let several = instrument.transmissions() > 1;
+        if budget.upsampling_axis() <= 0.0 || pair || several || instrument.interface.is_some() {
             return Vec::new();
         }
         LAST.of((instrument.clone(), *grid, budget), || {

@@ -19,4 +19,4 @@ pub(super) use sink::ResumedVolume;
 pub(crate) use sink::needed_among;
 pub use sink::{ReconstructionInfo, VolumeSink};
 pub(super) use slab_driver::{Slab, SlabDriver};
-pub(super) use transmissions::{estimates_of_transmissions, sum_of_transmissions};
+pub(super) use transmissions::{estimates_of_transmissions, sum_of_transmissions, turned_round};

@@ -79,6 +79,9 @@ fn written(folder: &Path) {
     DataCube::new(both, samples).unwrap().write(&folder.join("sources.npz")).unwrap();
     let pair = cube.instrument.clone().with_geometry(Geometry::Pair { offset: glam::DVec3::X });
     DataCube::new(pair, cube.samples.clone()).unwrap().write(&folder.join("pair.npz")).unwrap();
+    let spread: Vec<glam::DVec3> = (0..6).map(|i| glam::DVec3::Y * f64::from(i)).collect();
+    let pairs = cube.instrument.clone().with_pairs(&spread).unwrap();
+    DataCube::new(pairs, cube.samples.clone()).unwrap().write(&folder.join("pairs.npz")).unwrap();
     let response = ChannelResponse::measure(&cube, glam::DVec3::Z, ResponseAxis::Both).unwrap();
     response.write(&folder.join("response.npz")).unwrap();
     let single = MicArray::from_positions(vec![glam::DVec3::ZERO]).unwrap();
@@ -176,6 +179,7 @@ fn parsers() -> Vec<Parser> {
         "cube.npz",
         "sources.npz",
         "pair.npz",
+        "pairs.npz",
         "response.npz",
         "tones.wav",
         "float.wav",

@@ -36,7 +36,9 @@ fn instruments(random: &mut Random) -> Vec<Instrument> {
         let instrument = Instrument::new(sweep(), array);
         let sources: Vec<DVec3> = (0..sources).map(|_| point(0.3)).collect();
         instruments.push(instrument.clone().with_sources(&sources).unwrap());
-        instruments.push(instrument.with_geometry(Geometry::Pair { offset: point(0.1) }));
+        instruments.push(instrument.clone().with_geometry(Geometry::Pair { offset: point(0.1) }));
+        let own: Vec<DVec3> = instrument.array.positions().iter().map(|_| point(0.3)).collect();
+        instruments.push(instrument.with_pairs(&own).unwrap());
     }
     // More loudspeakers than microphones, which change places.
     let few = MicArray::from_positions(vec![point(0.2), point(0.2)]).unwrap();
@@ -210,19 +212,136 @@ fn a_run_file_of_a_pair_goes_all_the_way() {
     assert_ne!(report["method"], "convolution");
 }
 
+/// Pairs about a common midpoint, and a sparse part of all pairs, from a file and by import.
+#[test]
+fn pairs_that_differ_go_all_the_way() {
+    let folder = workplace();
+    let path = folder.path();
+    let (mut microphones, mut speakers) = ("x,y,z\n".to_owned(), "x,y,z\n".to_owned());
+    for i in 0..24 {
+        let t = f64::from(i) * 0.01;
+        microphones += &format!("{},{},0\n", 0.02 + t, 0.1 - 0.5 * t);
+        // Every third is of another speaker that stands still.
+        let [x, y] = if i % 3 == 0 { [-0.1, 0.05] } else { [0.02 - t, 0.1 + 0.3 * t] };
+        speakers += &format!("{x},{y},0\n");
+    }
+    fs::write(path.join("mics.csv"), microphones).unwrap();
+    fs::write(path.join("speakers.csv"), speakers).unwrap();
+    let text = fs::read_to_string(path.join("r.toml")).unwrap();
+    let without = ["sources", "count", "pitch = 0.02"];
+    let kept: Vec<&str> = text.lines().filter(|line| !without.iter().any(|w| line.contains(w))).collect();
+    let array = "[array]\ngeometry = \"pair\"\nsource_file = \"speakers.csv\"\nlayout = \"file\"\nfile = \"mics.csv\"";
+    fs::write(path.join("p.toml"), kept.join("\n").replace("[array]", array)).unwrap();
+    assert_names(done(path, "plan p.toml"), &["seen as", "24 microphones", "not used: a moved pair"]);
+    done(path, "simulate p.toml -o p.npz -q");
+    done(path, "simulate p.toml -o q.npz -q -j 1");
+    assert_eq!(fs::read(path.join("p.npz")).unwrap(), fs::read(path.join("q.npz")).unwrap());
+    let facts = done_json(path, "info p.npz");
+    assert_eq!((&facts["geometry"], &facts["pairs"]), (&"pair".into(), &24.into()));
+    assert!(facts["source_offset_m"].is_null());
+    let health = done_json(path, "info p.npz --health");
+    assert!(health.is_object(), "{health}");
+    // From the scene, from its cube, and as written.
+    done(path, "image p.toml -o scene -q");
+    done(path, "image p.npz -c p.toml -o cube -q");
+    let cube = DataCube::read(&path.join("p.npz"), 1 << 24).unwrap();
+    let found = volume(&path.join("scene/volume.npz"));
+    assert_eq!(volume(&path.join("cube/volume.npz")), found);
+    let axis = |first, last, pitch| Axis::spanning(first, last, pitch).unwrap();
+    let lateral = axis(-0.1, 0.1, 0.02);
+    let grid = Grid { x: lateral, y: lateral, z: axis(0.75, 0.9, 0.01) };
+    let options = ReconstructOptions::new(Method::Direct, Window::None);
+    let direct = reconstruct(&cube, &grid, &options).unwrap().volume;
+    assert!(relative_difference(&found, &direct.samples) < 1e-3);
+    done(path, "depth cube/volume.npz -o depth.exr -q");
+    // The samples of the cube, `[f, pair]`, by import.
+    let samples: Vec<u8> =
+        cube.samples.iter().flat_map(|m| [m.re, m.im]).flat_map(f32::to_le_bytes).collect();
+    let header = "{'descr': '<c8', 'fortran_order': False, 'shape': (21, 24), }";
+    let header = format!("{header:<117}\n");
+    let bytes =
+        [b"\x93NUMPY\x01\x00".as_slice(), &118_u16.to_le_bytes(), header.as_bytes(), &samples].concat();
+    fs::write(path.join("s.npy"), bytes).unwrap();
+    let import = "[import]\nsamples = \"s.npy\"\naxes = [\"f\", \"pair\"]\nsources = \"speakers.csv\"\nphase_sign = 1\n\
+                  [sweep]\nstart = 10e3\nstop = 14e3\nstep = 200\n[array]\nlayout = \"file\"\nfile = \"mics.csv\"\n\
+                  [medium]\nsound_speed = 343.0\n";
+    fs::write(path.join("i.toml"), import).unwrap();
+    done(path, "import i.toml -o i.npz -q");
+    let imported = DataCube::read(&path.join("i.npz"), 1 << 24).unwrap();
+    assert_eq!(imported.instrument, cube.instrument);
+    assert_eq!(imported.samples, cube.samples);
+    // What cannot take them says so.
+    refused(path, "image p.npz -c p.toml -o out --set refine.method=fista", 2, &["pair", "convolution"]);
+    refused(path, "image p.npz -c p.toml -o out --set reconstruct.method=convolution", 2, &["pair"]);
+    fs::write(path.join("speakers.csv"), "x,y,z\n0,0,0\n").unwrap();
+    refused(path, "simulate p.toml -o out.npz", 2, &["[array] source_file", "1", "24"]);
+}
+
 #[test]
 fn what_takes_one_speaker_says_so() {
     let folder = workplace();
     let path = folder.path();
     done(path, "simulate r.toml -o c.npz -q");
+    refused(path, "image c.npz -c r.toml -o out --set array.source=[0,0,1]", 2, &["array.source", "3"]);
+}
+
+#[test]
+fn several_speakers_are_refined_together() {
+    let folder = workplace();
+    let path = folder.path();
+    done(path, "image r.toml -o plain -q");
+    done(path, "image r.toml -o refined -q --set refine.method=fista");
+    let report = json_file(&path.join("refined/report.json"));
+    assert_eq!((&report["method"], &report["plan"]["transmissions"]), (&"convolution".into(), &3.into()));
+    assert!(report["refinement"]["misfit"].as_f64().unwrap() < 0.5, "{}", report["refinement"]);
+    let [plain, refined] = ["plain", "refined"].map(|name| volume(&path.join(name).join("volume.npz")));
+    assert!(relative_difference(&refined, &plain) > 0.01);
+}
+
+/// Speakers and microphones that differ, measured with a target and divided out of the scene.
+#[test]
+fn responses_of_several_speakers_are_measured_and_divided_out() {
+    let folder = workplace();
+    let path = folder.path();
+    fs::write(path.join("ball.csv"), "x,y,z,amplitude\n0.02,0.01,0.9,1\n").unwrap();
+    done(path, "simulate r.toml -o scene.npz -q");
+    done(path, "simulate r.toml -o ball.npz -q --set scene.mesh=ball.csv");
+    let read = |name: &str| DataCube::read(&path.join(name), 1 << 24).unwrap();
+    for name in ["scene", "ball"] {
+        let mut cube = read(&format!("{name}.npz"));
+        let (n_mic, all) = (cube.instrument.array.len(), cube.samples.len());
+        for (i, m) in cube.samples.iter_mut().enumerate() {
+            let (tx, r) = (i / (all / 3), i % n_mic);
+            let error =
+                |k: usize, of: f64| Complex32::from_polar(0.6 + 0.3 * (k % 3) as f32, (of * k as f64) as f32);
+            *m *= error(tx + 1, 1.9) * error(r, 2.7);
+        }
+        cube.write(&path.join(format!("wrong_{name}.npz"))).unwrap();
+    }
+    let measured =
+        done_json(path, "calibrate --reference wrong_ball.npz --at 0.02,0.01,0.9 --per all -o all.npz");
+    assert_eq!((&measured["speakers"], &measured["microphones"]), (&3.into(), &36.into()));
+    assert!(measured["explained"].as_f64().unwrap() > 0.9999, "{measured}");
+    let facts = done_json(path, "info all.npz");
+    assert_eq!(facts["speakers"]["count"], 3);
+    done(path, "calibrate wrong_scene.npz -o mended.npz -q --set calibration.response=all.npz");
+    let (right, mended) = (read("scene.npz"), read("mended.npz"));
+    // But for a factor of all.
+    let scale = mended.samples[7] / right.samples[7];
+    let scaled: Vec<Complex32> = right.samples.iter().map(|m| m * scale).collect();
+    assert!(relative_difference(&mended.samples, &scaled) < 1e-4);
+    // Without the speakers something is left.
+    let both =
+        done_json(path, "calibrate --reference wrong_ball.npz --at 0.02,0.01,0.9 --per both -o both.npz");
+    assert!(both["explained"].as_f64().unwrap() < 0.9, "{both}");
+    done(path, "simulate r.toml -o one.npz -q --set array.source=[0.1,0,0]");
+    refused(path, "calibrate one.npz -o out.npz --set calibration.response=all.npz", 2, &["3 speakers", "1"]);
     refused(
         path,
-        "calibrate --reference c.npz --at 0,0,1 --per both -o r.npz",
+        "calibrate --reference one.npz --at 0,0,1 --per speaker -o out.npz",
         2,
-        &["c.npz", "one loudspeaker", "3"],
+        &["--per", "one speaker"],
     );
-    refused(path, "image r.toml -o out --set refine.method=fista", 2, &["refine.method", "3"]);
-    refused(path, "image c.npz -c r.toml -o out --set array.source=[0,0,1]", 2, &["array.source", "3"]);
 }
 
 #[test]
@@ -233,6 +352,14 @@ fn cubes_of_several_speakers_are_examined_and_corrected() {
     let health = done_json(path, "info c.npz --health -o out");
     assert_eq!(health, json_file(&path.join("out/health.json")));
     assert_eq!(health["transmissions"].as_array().map(Vec::len), Some(3));
+    // A panel of levels, and one for each of them.
+    let height = |png: &str| {
+        let bytes = fs::read(path.join(png)).unwrap();
+        u32::from_be_bytes(bytes[20..24].try_into().unwrap())
+    };
+    done(path, "simulate r.toml -o one.npz -q --set array.source=[0.1,0,0]");
+    done(path, "info one.npz --health -o of_one");
+    assert!(height("out/health.png") > height("of_one/health.png") * 3 / 2);
     assert_names(done(path, "info c.npz --health"), &["speakers", "level", "nothing is wrong"]);
     done(path, "calibrate c.npz -o d.npz -q --set calibration.delay=0.1");
     let read = |name: &str| DataCube::read(&path.join(name), 1 << 24).unwrap();

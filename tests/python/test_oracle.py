@@ -88,3 +88,51 @@ def test_noise_is_seeded_and_as_strong_as_asked_for(instrument, reflectors):
     assert np.array_equal(noisy[0], noisy[1]) and not np.array_equal(noisy[0], noisy[2])
     power = [np.mean(np.abs(samples) ** 2) for samples in (silent, noisy[0] - silent)]
     assert 10 * np.log10(power[0] / power[1]) == pytest.approx(20, abs=0.5)
+
+
+SOURCES = [(0.3, -0.1, 0.05), (-0.2, 0.0, 0.0), (0.0, 0.25, -0.05)]
+
+
+@pytest.mark.parametrize("which", ["instrument", "scattered"])
+def test_several_loudspeakers_are_the_mean_of_each(which, reflectors, grid, request, tmp_path):
+    one = request.getfixturevalue(which)
+    parts = (one.frequencies, one.mic_positions, one.sound_speed)
+    instrument = holosonar.Instrument(*parts, sources=SOURCES)
+    assert instrument.speakers == 3 and "3 loudspeakers" in repr(instrument)
+    cube = holosonar.simulate(reflectors, instrument)
+    assert cube.shape == instrument.shape == (3, *one.shape)
+    volumes = []
+    for samples, source in zip(cube.samples, SOURCES, strict=True):
+        alone = holosonar.Instrument(*parts, source=source)
+        assert np.abs(samples - holosonar.simulate(reflectors, alone).samples).max() < 1e-6
+        volumes.append(literal_volume(holosonar.Cube(samples, alone), grid))
+    expected = np.mean(volumes, axis=0)
+    found = holosonar.reconstruct(cube, grid, method="direct").samples
+    assert np.abs(found - expected).max() < 1e-4 * np.abs(expected).max()
+    # Flat lists of microphones, and the way through a file.
+    flat = holosonar.Cube(cube.samples.reshape(3, len(one.frequencies), -1), instrument)
+    assert flat.shape == cube.shape
+    cube.write(tmp_path / "several.npz")
+    read = holosonar.read_cube(tmp_path / "several.npz")
+    assert np.array_equal(read.samples, cube.samples) and np.array_equal(read.instrument.sources, SOURCES)
+    with pytest.raises(holosonar.InputError, match="samples"):
+        holosonar.Cube(cube.samples[:2], instrument)
+
+
+def test_pairs_have_a_loudspeaker_for_each_microphone(scattered, reflectors, grid, tmp_path):
+    parts = (scattered.frequencies, scattered.mic_positions, scattered.sound_speed)
+    sources = np.random.default_rng(5).uniform(-0.2, 0.2, scattered.mic_positions.shape)
+    instrument = holosonar.Instrument(*parts, geometry="pair", sources=sources)
+    cube = holosonar.simulate(reflectors, instrument)
+    assert cube.shape == scattered.shape
+    for r, source in enumerate(sources):
+        alone = holosonar.Instrument(parts[0], parts[1][r : r + 1], parts[2], source=tuple(source))
+        assert np.abs(cube.samples[:, r] - literal_cube(reflectors, alone)[:, 0]).max() < 1e-4
+    holosonar.reconstruct(cube, grid)
+    cube.write(tmp_path / "pairs.npz")
+    read = holosonar.read_cube(tmp_path / "pairs.npz")
+    assert read.instrument.geometry == "pair" and np.allclose(read.instrument.sources, sources, atol=1e-12)
+    with pytest.raises(holosonar.InputError, match="sources"):
+        holosonar.Instrument(*parts, geometry="pair")
+    with pytest.raises(holosonar.InputError, match="sources"):
+        holosonar.Instrument(*parts, geometry="monostatic", sources=sources)

@@ -22,10 +22,14 @@ choice! {
         Microphone = "microphone",
         /// The product of both.
         Both = "both",
+        /// Each of several speakers: gains and phases.
+        Speaker = "speaker",
+        /// The product of all three.
+        All = "all",
     }
 }
 
-/// What a chain of speaker and microphones does to an echo: `frequency[f] · microphone[r]`.
+/// What a chain of speakers and microphones does to an echo: `frequency[f] · microphone[r] · source[tx]`.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct ChannelResponse {
@@ -33,6 +37,8 @@ pub struct ChannelResponse {
     pub frequency: Vec<Complex32>,
     /// `[n_mic]`; empty: 1 at all.
     pub microphone: Vec<Complex32>,
+    /// `[n_tx]`, of several loudspeakers; empty: 1 at all.
+    pub source: Vec<Complex32>,
     /// Hz, of which the response was measured; empty: not known.
     frequencies: Vec<f64>,
     /// Share of the samples' power that it explained, 1 for a perfect target; NaN where it was not measured.
@@ -45,92 +51,73 @@ const LEAST: f32 = 1e-3;
 /// The arrays of a file.
 const FREQUENCY: &str = "frequency_response";
 const MICROPHONE: &str = "microphone_response";
+const SOURCE: &str = "source_response";
 const FORMAT: &str = "holosonar-calibration";
 
 impl ChannelResponse {
     /// Measures the response with the cube of a small target at `target`, m, alone in the room or the only one that a gate
-    /// left. Its rms over all samples is 1, so that dividing by it keeps amplitudes.
+    /// left. Its rms over all samples is 1, so that dividing by it keeps amplitudes. Only the product of the axes is known:
+    /// a gain or phase that they have in common may be in any of them.
     ///
-    /// Cost: some operations per sample; of both axes 20 times that.
+    /// Cost: some operations per sample; of several axes 20 times that.
     ///
     /// # Errors
-    /// An in-phase cube, which has no phases; one of several loudspeakers; a silent one.
+    /// An in-phase cube, which has no phases; the response of speakers where there is one; a silent cube.
     pub fn measure(cube: &DataCube, target: DVec3, axis: ResponseAxis) -> Result<Self> {
         need_phases(&cube.instrument, "--reference")?;
-        cube.instrument.need_one_source("--reference")?;
-        let instrument = &cube.instrument;
-        let (f, n_mic) = (instrument.sweep.frequencies(), instrument.array.len());
-        let lengths: Vec<f64> = instrument
-            .array
-            .positions()
-            .iter()
-            .map(|r| instrument.path_length(target, *r) / instrument.sound_speed)
-            .collect();
-        // What is left when the phase of the path is taken away.
-        let ratio = |i: usize, r: usize| {
-            let m = cube.samples[i * n_mic + r] * phasor(-f[i] * lengths[r]);
-            Complex64::new(m.re.into(), m.im.into())
-        };
-        let mut tones = vec![Complex64::ONE; f.len()];
-        let mut mics = vec![Complex64::ONE; n_mic];
-        let rounds = if axis == ResponseAxis::Both { ROUNDS } else { 1 };
+        let count = cube.instrument.transmissions();
+        let fits = axis.fits();
+        if fits[SPEAKERS] && count == 1 {
+            let problem = format!(
+                "was made with one speaker, whose response is in that of tones and microphones; --per {axis} is for several"
+            );
+            return Err(Error::input("--reference", problem));
+        }
+        let ratios = Ratios::of(cube, target);
+        let [n_f, n_mic] = [cube.instrument.sweep.len(), cube.instrument.array.len()];
+        let mut factors = [n_f, n_mic, count].map(|n| vec![Complex64::ONE; n]);
+        let fitted: Vec<usize> = (0..fits.len()).filter(|axis| fits[*axis]).collect();
+        let rounds = if fitted.len() > 1 { ROUNDS } else { 1 };
         for _ in 0..rounds {
-            if axis != ResponseAxis::Microphone {
-                let norm: f64 = mics.iter().map(Complex64::norm_sqr).sum();
-                for (i, tone) in tones.iter_mut().enumerate() {
-                    *tone = (0..n_mic).map(|r| ratio(i, r) * mics[r].conj()).sum::<Complex64>() / norm;
-                }
-            }
-            if axis != ResponseAxis::Frequency {
-                let norm: f64 = tones.iter().map(Complex64::norm_sqr).sum();
-                for (r, mic) in mics.iter_mut().enumerate() {
-                    *mic = (0..f.len()).map(|i| ratio(i, r) * tones[i].conj()).sum::<Complex64>() / norm;
-                }
-            }
-            let mean = (mics.iter().map(Complex64::norm_sqr).sum::<f64>() / n_mic as f64).sqrt();
-            if axis == ResponseAxis::Both && mean > 0.0 {
-                for mic in &mut mics {
-                    *mic /= mean;
-                }
-                for tone in &mut tones {
-                    *tone *= mean;
+            for axis in &fitted {
+                factors[*axis] = ratios.fitted(&factors, *axis);
+                // The scale stays with the first of them.
+                if let Some(scale) = Some(rms(&factors[*axis])).filter(|rms| *rms > 0.0 && *axis != fitted[0])
+                {
+                    factors[*axis].iter_mut().for_each(|factor| *factor /= scale);
+                    factors[fitted[0]].iter_mut().for_each(|factor| *factor *= scale);
                 }
             }
         }
-        let (mut whole, mut missed) = (0.0, 0.0);
-        for (i, tone) in tones.iter().enumerate() {
-            for (r, mic) in mics.iter().enumerate() {
-                let m = ratio(i, r);
-                whole += m.norm_sqr();
-                missed += (m - tone * mic).norm_sqr();
-            }
-        }
-        let rms = |values: &[Complex64]| {
-            (values.iter().map(Complex64::norm_sqr).sum::<f64>() / values.len() as f64).sqrt()
-        };
-        let scale = [rms(&tones), rms(&mics)];
-        if !(whole > 0.0 && scale[0] > 0.0 && scale[1] > 0.0) {
+        let (whole, missed) = ratios.power(&factors);
+        let scales = factors.each_ref().map(|values| rms(values));
+        if !(whole > 0.0 && scales.iter().all(|scale| *scale > 0.0)) {
             return Err(Error::input("--reference", "is silent; nothing can be measured with it"));
         }
-        let single = |values: &[Complex64], scale: f64| {
-            values.iter().map(|v| Complex32::new((v.re / scale) as f32, (v.im / scale) as f32)).collect()
+        let single = |axis: usize| {
+            let scaled = factors[axis].iter().map(|v| v / scales[axis]);
+            let values = scaled.map(|v| Complex32::new(v.re as f32, v.im as f32)).collect();
+            if fits[axis] { values } else { Vec::new() }
         };
         Ok(Self {
-            frequency: if axis == ResponseAxis::Microphone { Vec::new() } else { single(&tones, scale[0]) },
-            microphone: if axis == ResponseAxis::Frequency { Vec::new() } else { single(&mics, scale[1]) },
-            frequencies: f.to_vec(),
+            frequency: single(TONES),
+            microphone: single(MICROPHONES),
+            source: single(SPEAKERS),
+            frequencies: cube.instrument.sweep.frequencies().to_vec(),
             explained: 1.0 - missed / whole,
         })
     }
 
-    /// Writes the response, `.npz`: `frequency_response` `[n_f]`, `microphone_response` `[n_mic]`, `frequencies`, `meta`.
+    /// Writes the response, `.npz`: `frequency_response` `[n_f]`, `microphone_response` `[n_mic]`, `source_response` `[n_tx]`,
+    /// as far as they were measured, `frequencies`, `meta`.
     ///
     /// # Errors
     /// [`Error::Io`] if the file cannot be written; an existing file is then unchanged.
     pub fn write(&self, path: &Path) -> Result<()> {
         let meta = json!({ "format": FORMAT, "version": 1, "explained": self.explained });
         write_npz(path, |npz| {
-            for (name, values) in [(FREQUENCY, &self.frequency), (MICROPHONE, &self.microphone)] {
+            let axes = [(FREQUENCY, &self.frequency), (MICROPHONE, &self.microphone), (SOURCE, &self.source)];
+            for (name, values) in axes {
                 if !values.is_empty() {
                     npz.complex(name, &[values.len()], values)?;
                 }
@@ -147,7 +134,7 @@ impl ChannelResponse {
     pub fn read(path: &Path, limit: u64) -> Result<Self> {
         let mut npz = NpzReader::open(path, limit)?;
         let refuse = |problem: String| Err(Error::input(path.display(), problem));
-        let known = [FREQUENCY, MICROPHONE, "frequencies", "meta"];
+        let known = [FREQUENCY, MICROPHONE, SOURCE, "frequencies", "meta"];
         if let Some(unknown) = npz.names().find(|name| !known.contains(name)) {
             let unknown = quoted(unknown);
             return refuse(format!("has the array `{unknown}`; a response has {}", known.join(", ")));
@@ -163,21 +150,23 @@ impl ChannelResponse {
             }
             Ok(array.data)
         };
-        let (frequency, microphone) = (read(FREQUENCY)?, read(MICROPHONE)?);
-        if frequency.is_empty() && microphone.is_empty() {
-            return refuse(format!("is no response: it has neither `{FREQUENCY}` nor `{MICROPHONE}`"));
+        let (frequency, microphone, source) = (read(FREQUENCY)?, read(MICROPHONE)?, read(SOURCE)?);
+        if frequency.is_empty() && microphone.is_empty() && source.is_empty() {
+            return refuse(format!(
+                "is no response: it has none of `{FREQUENCY}`, `{MICROPHONE}` and `{SOURCE}`"
+            ));
         }
         let frequencies = if npz.contains("frequencies") { npz.f64("frequencies")?.data } else { Vec::new() };
         let meta = if npz.contains("meta") { npz.text("meta")? } else { String::new() };
         // Written by someone else, it may be missing, and nothing depends on it.
         let meta: serde_json::Value = serde_json::from_str(&meta).unwrap_or_default();
         let explained = meta["explained"].as_f64().unwrap_or(f64::NAN);
-        Ok(Self { frequency, microphone, frequencies, explained })
+        Ok(Self { frequency, microphone, source, frequencies, explained })
     }
 
     /// Whether a file's arrays are those of a response.
     pub(crate) fn is_of(npz: &NpzReader) -> bool {
-        npz.contains(FREQUENCY) || npz.contains(MICROPHONE)
+        [FREQUENCY, MICROPHONE, SOURCE].into_iter().any(|name| npz.contains(name))
     }
 
     /// Reads the response of each frequency from a `.csv`, or its phase in rad from a `.npy`; `sign` as
@@ -193,7 +182,8 @@ impl ChannelResponse {
             }
         }
         let frequencies = frequencies.unwrap_or_default();
-        Ok(Self { frequency, microphone: Vec::new(), frequencies, explained: f64::NAN })
+        let (microphone, source) = (Vec::new(), Vec::new());
+        Ok(Self { frequency, microphone, source, frequencies, explained: f64::NAN })
     }
 
     /// Divides the samples by it and says so.
@@ -215,8 +205,15 @@ impl ChannelResponse {
         if !self.microphone.is_empty() && self.microphone.len() != n_mic {
             return wrong("microphones", self.microphone.len(), n_mic);
         }
+        let count = cube.instrument.transmissions();
+        if !self.source.is_empty() && self.source.len() != count {
+            return wrong("speakers", self.source.len(), count);
+        }
         if cube.instrument.detection == Detection::InPhase
-            && [&self.frequency, &self.microphone].into_iter().flatten().any(|value| value.im != 0.0)
+            && [&self.frequency, &self.microphone, &self.source]
+                .into_iter()
+                .flatten()
+                .any(|value| value.im != 0.0)
         {
             need_phases(&cube.instrument, "response")?;
         }
@@ -230,12 +227,18 @@ impl ChannelResponse {
                 row.iter_mut().zip(&mics).for_each(|(m, factor)| *m *= factor);
             }
         }
-        let what = match (tones.is_empty(), mics.is_empty()) {
-            (false, true) => "frequencies",
-            (true, _) => "microphones",
-            (false, false) => "frequencies and microphones",
-        };
-        let silenced = match weak_tones + weak_mics {
+        let (speakers, weak_speakers) = inverse(&self.source);
+        let of_speaker = cube.samples.len() / count;
+        for (samples, factor) in cube.samples.chunks_exact_mut(of_speaker).zip(&speakers) {
+            for m in samples {
+                *m *= factor;
+            }
+        }
+        let axes = [(!tones.is_empty(), "frequencies"), (!mics.is_empty(), "microphones")];
+        let axes = axes.into_iter().chain([(!speakers.is_empty(), "speakers")]);
+        let what =
+            axes.filter(|(divided, _)| *divided).map(|(_, what)| what).collect::<Vec<_>>().join(" and ");
+        let silenced = match weak_tones + weak_mics + weak_speakers {
             0 => String::new(),
             n => format!("; {n} of them hardly respond and are silenced"),
         };
@@ -243,8 +246,91 @@ impl ChannelResponse {
     }
 }
 
-/// How often each axis is fitted while the other stays.
+/// How often each axis is fitted while the others stay.
 const ROUNDS: usize = 20;
+
+/// The axes of factors, by number.
+const TONES: usize = 0;
+const MICROPHONES: usize = 1;
+const SPEAKERS: usize = 2;
+
+impl ResponseAxis {
+    /// Whether factors of tones, of microphones and of speakers are fitted.
+    fn fits(self) -> [bool; 3] {
+        match self {
+            Self::Frequency => [true, false, false],
+            Self::Microphone => [false, true, false],
+            Self::Both => [true, true, false],
+            Self::Speaker => [false, false, true],
+            Self::All => [true; 3],
+        }
+    }
+}
+
+fn rms(values: &[Complex64]) -> f64 {
+    (values.iter().map(Complex64::norm_sqr).sum::<f64>() / values.len() as f64).sqrt()
+}
+
+/// What is left of samples when the phase of the path by way of the target is taken away, `[n_tx, n_f, n_mic]`.
+struct Ratios {
+    counts: [usize; 3],
+    values: Vec<Complex64>,
+}
+
+impl Ratios {
+    fn of(cube: &DataCube, target: DVec3) -> Self {
+        let instrument = &cube.instrument;
+        let (f, n_mic) = (instrument.sweep.frequencies(), instrument.array.len());
+        let counts = [f.len(), n_mic, instrument.transmissions()];
+        let mut values = Vec::with_capacity(cube.samples.len());
+        for (tx, samples) in cube.samples.chunks_exact(f.len() * n_mic).enumerate() {
+            let one = instrument.transmission(tx);
+            let delays: Vec<f64> =
+                (0..n_mic).map(|r| one.path_length_at(target, r) / one.sound_speed).collect();
+            for (row, f) in samples.chunks_exact(n_mic).zip(f) {
+                values.extend(row.iter().zip(&delays).map(|(m, delay)| {
+                    let m = m * phasor(-f * delay);
+                    Complex64::new(m.re.into(), m.im.into())
+                }));
+            }
+        }
+        Self { counts, values }
+    }
+
+    /// Visits each with its tone, microphone and speaker.
+    fn visit(&self, mut visit: impl FnMut([usize; 3], Complex64)) {
+        let [n_f, n_mic, _] = self.counts;
+        for (row, values) in self.values.chunks_exact(n_mic).enumerate() {
+            for (r, value) in values.iter().enumerate() {
+                visit([row % n_f, r, row / n_f], *value);
+            }
+        }
+    }
+
+    /// The factors of one axis that explain most, with those of the others as they are.
+    fn fitted(&self, factors: &[Vec<Complex64>; 3], axis: usize) -> Vec<Complex64> {
+        let mut sums = vec![Complex64::ZERO; self.counts[axis]];
+        let others = [(axis + 1) % 3, (axis + 2) % 3];
+        self.visit(|at, value| {
+            sums[at[axis]] +=
+                value * others.map(|other| factors[other][at[other]].conj()).iter().product::<Complex64>();
+        });
+        let squares = |other: usize| factors[other].iter().map(Complex64::norm_sqr).sum::<f64>();
+        let norm = squares(others[0]) * squares(others[1]);
+        sums.into_iter().map(|sum| sum / norm).collect()
+    }
+
+    /// The power of all, and what the factors leave of it.
+    fn power(&self, factors: &[Vec<Complex64>; 3]) -> (f64, f64) {
+        let (mut whole, mut missed) = (0.0, 0.0);
+        self.visit(|[f, r, tx], value| {
+            whole += value.norm_sqr();
+            missed +=
+                (value - factors[TONES][f] * factors[MICROPHONES][r] * factors[SPEAKERS][tx]).norm_sqr();
+        });
+        (whole, missed)
+    }
+}
 
 /// The factors that undo a response, and how many channels are too weak for that and become 0.
 fn inverse(response: &[Complex32]) -> (Vec<Complex32>, usize) {

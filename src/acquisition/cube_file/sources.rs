@@ -1,5 +1,5 @@
-//! The loudspeakers of a cube file: the one of `meta`, several in an array `sources`, or a pair's, one beside each microphone,
-//! in `source_positions`.
+//! The loudspeakers of a cube file: the one of `meta`, several in an array `sources`, or one for each microphone, moved with it or
+//! not, in `source_positions`.
 
 use super::{place, refused};
 use crate::acquisition::{Instrument, MOST_SOURCES};
@@ -8,9 +8,6 @@ use crate::files::npz::NpzReader;
 use crate::wave::{Geometry, GeometryKind};
 use glam::DVec3;
 use std::path::Path;
-
-/// By how much the offsets of a pair may differ, m: by how positions round, and no more.
-const SAME_OFFSET: f64 = 1e-6;
 
 /// The instrument with the loudspeakers that the file names; `source` is that of `meta`.
 pub(super) fn placed(
@@ -32,10 +29,7 @@ pub(super) fn placed(
             let source = source.map_or(DVec3::ZERO, DVec3::from_array);
             Ok(instrument.with_geometry(Geometry::FixedSource { source }))
         }
-        GeometryKind::Pair => {
-            let offset = pair_offset(path, npz, &instrument)?;
-            Ok(instrument.with_geometry(Geometry::Pair { offset }))
-        }
+        GeometryKind::Pair => pairs(path, npz, instrument),
     }
 }
 
@@ -61,8 +55,8 @@ fn several(
     Ok(instrument)
 }
 
-/// From the microphones to the loudspeakers beside them.
-fn pair_offset(path: &Path, npz: &mut NpzReader, instrument: &Instrument) -> Result<DVec3> {
+/// A loudspeaker for each microphone.
+fn pairs(path: &Path, npz: &mut NpzReader, instrument: Instrument) -> Result<Instrument> {
     const ARRAY: &str = "source_positions";
     if !npz.contains(ARRAY) {
         let problem = "is missing: the geometry \"pair\" has a loudspeaker beside each microphone";
@@ -77,20 +71,8 @@ fn pair_offset(path: &Path, npz: &mut NpzReader, instrument: &Instrument) -> Res
         );
     }
     let sources = npz.f64(ARRAY)?;
-    let sources = sources.data.chunks_exact(3).map(DVec3::from_slice);
-    let mut offsets = sources.zip(instrument.array.positions()).map(|(s, r)| s - *r);
-    let first = offsets.next().unwrap_or_default();
-    let moved = instrument.clone().with_geometry(Geometry::Pair { offset: first });
-    moved.check().map_err(|error| error.at(place(path, ARRAY)))?;
-    // NaN differs, too.
-    let same = |offset: DVec3| (offset - first).length() <= SAME_OFFSET;
-    if let Some(other) = offsets.position(|offset| !same(offset)) {
-        let problem = format!(
-            "pair {} is another way apart than pair 0: one loudspeaker and one microphone, moved together, are always the \
-             same way apart; for loudspeakers that stand still give `sources`",
-            other + 1
-        );
-        return refused(path, ARRAY, problem);
-    }
-    Ok(first)
+    let sources: Vec<DVec3> = sources.data.chunks_exact(3).map(DVec3::from_slice).collect();
+    let pairs = instrument.with_pairs(&sources).map_err(|error| error.at(place(path, ARRAY)))?;
+    pairs.check().map_err(|error| error.at(place(path, ARRAY)))?;
+    Ok(pairs)
 }

@@ -111,6 +111,23 @@ fn a_pair_is_read_as_it_was_written() {
     assert_eq!(read.samples, written.samples);
 }
 
+#[test]
+fn pairs_that_differ_are_read_as_they_were_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("pairs.npz");
+    let sources: Vec<DVec3> = (0..6).map(|i| DVec3::new(0.1 * f64::from(i), 0.02, -0.03)).collect();
+    let mut written = cube();
+    written.instrument = written.instrument.with_pairs(&sources).unwrap();
+    assert!(written.instrument.has_differing_pairs());
+    written.write(&path).unwrap();
+    let read = DataCube::read(&path, 1 << 20).unwrap();
+    for (a, b) in read.instrument.pair_sources.iter().zip(&sources) {
+        assert!(a.distance(*b) < 1e-12);
+    }
+    assert_eq!(read.instrument.array, written.instrument.array);
+    assert_eq!(read.samples, written.samples);
+}
+
 /// An open file of a few arrays.
 fn opened(meta: &str, sources: &[(&str, &[usize], &[f64])]) -> Result<CubeFile> {
     let folder = tempfile::tempdir().unwrap();
@@ -146,7 +163,8 @@ fn loudspeakers_that_do_not_fit_are_refused_with_the_array() {
     refused(r#"{"geometry": "monostatic"}"#, &[two], &["`sources`", "monostatic", "fixed-source"]);
     refused(r#"{"geometry": "pair"}"#, &[], &["`source_positions`", "missing"]);
     let same: (&str, &[usize], &[f64]) = ("source_positions", &[2, 3, 3], &[0.0; 18]);
-    refused(r#"{"geometry": "pair"}"#, &[same], &["`source_positions`", "pair 1", "`sources`"]);
+    let nowhere: (&str, &[usize], &[f64]) = ("source_positions", &[2, 3, 3], &[f64::NAN; 18]);
+    refused(r#"{"geometry": "pair"}"#, &[nowhere], &["`source_positions`", "pair 0", "1e9 m"]);
     refused("{}", &[same], &["`source_positions`", "pair", "fixed-source"]);
     refused(
         r#"{"geometry": "pair"}"#,

@@ -118,7 +118,7 @@ fn first_half(power: &[f64]) -> Option<f64> {
 /// Profiles of some microphones, focused on points.
 struct FocusedChannels<'a> {
     instrument: &'a Instrument,
-    positions: Vec<DVec3>,
+    microphones: Vec<usize>,
     /// `[microphone, 2 n_f]`, relative to the phase at the centre of the band, so that they turn slowly along the path.
     profiles: Vec<Complex32>,
     /// m of path from one value to the next.
@@ -170,7 +170,7 @@ impl<'a> FocusedChannels<'a> {
         }
         Some(Self {
             instrument,
-            positions: some.iter().map(|i| instrument.array.positions()[chosen[*i]]).collect(),
+            microphones: some.iter().map(|i| chosen[*i]).collect(),
             profiles,
             pitch: unambiguous_path(instrument) / length as f64,
             wavenumber: instrument.sweep.centre() / instrument.sound_speed,
@@ -180,10 +180,10 @@ impl<'a> FocusedChannels<'a> {
 
     /// Power of the sum over microphones at a point, against the mean power.
     fn at(&self, point: DVec3) -> f64 {
-        let n = self.profiles.len() / self.positions.len();
+        let n = self.profiles.len() / self.microphones.len();
         let mut sum = Complex64::ZERO;
-        for (profile, r) in self.profiles.chunks_exact(n).zip(&self.positions) {
-            let path = self.instrument.path_length(point, *r);
+        for (profile, r) in self.profiles.chunks_exact(n).zip(&self.microphones) {
+            let path = self.instrument.path_length_at(point, *r);
             let place = path / self.pitch;
             let k = place as usize;
             if k + 1 >= n {
@@ -195,7 +195,7 @@ impl<'a> FocusedChannels<'a> {
             sum += Complex64::new(value.re.into(), value.im.into())
                 * Complex64::cis(-TAU * (turn - turn.floor()));
         }
-        sum.norm_sqr() / (self.positions.len() as f64).powi(2) / self.power
+        sum.norm_sqr() / (self.microphones.len() as f64).powi(2) / self.power
     }
 
     /// The point in a direction, given by its sines, to which the path by way of the array's centre is so long.

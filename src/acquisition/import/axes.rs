@@ -17,6 +17,8 @@ choice! {
         Y = "y",
         /// All microphones, row by row.
         Microphone = "mic",
+        /// Pairs of a microphone and a loudspeaker of its own.
+        Pair = "pair",
         /// Of length 2: I, then Q.
         Plane = "iq",
         /// Of length 1: nothing.
@@ -115,6 +117,10 @@ impl SampleOrder {
     ) -> Result<Self, String> {
         let [n_tx, n_f] = counts;
         let all = words(axes);
+        // Each pair has a microphone.
+        let microphone =
+            |axis: &ImportAxis| if *axis == ImportAxis::Pair { ImportAxis::Microphone } else { *axis };
+        let axes: &[ImportAxis] = &axes.iter().map(microphone).collect::<Vec<_>>();
         if axes.len() != shape.len() {
             return Err(format!("has the shape {shape:?}, and axes = {all} names {} axes", axes.len()));
         }

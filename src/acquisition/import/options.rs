@@ -73,7 +73,7 @@ pub struct ImportOptions {
     /// Speaker; `None`: at the origin.
     pub geometry: Option<Geometry>,
     /// Several loudspeakers, m, in the order in which they sounded: the order of the axis [`ImportAxis::Transmission`], or
-    /// of as many files for each.
+    /// of as many files for each. With an axis [`ImportAxis::Pair`] one for each microphone.
     pub sources: Vec<DVec3>,
     /// Name of an array in the samples' `.npz`, or a `.npy` or `.csv` file, `[n, 3]`, that holds them.
     pub source_file: Option<PathBuf>,

@@ -18,8 +18,20 @@ use std::slice::from_ref;
 /// An axis `"tx"` without them; those of a scan, whose loudspeaker moves; a file that does not hold them.
 pub(super) fn loudspeakers(options: &ImportOptions) -> Result<Vec<DVec3>> {
     let has_axis = options.axes.contains(&ImportAxis::Transmission);
+    let of_pairs = are_of_pairs(options);
     let typed = options.source_file.is_some() || !options.sources.is_empty();
-    if (has_axis || typed) && matches!(options.geometry, Some(Geometry::Monostatic | Geometry::Pair { .. })) {
+    let scan = matches!(options.geometry, Some(Geometry::Monostatic | Geometry::Pair { .. }));
+    if has_axis && of_pairs {
+        let problem = "names \"tx\", of speakers that all microphones hear, and \"pair\", of microphones with one each; keep one";
+        return Err(Error::input(place_of_key("axes"), problem));
+    }
+    let moved = matches!(options.geometry, Some(Geometry::Pair { .. }));
+    if of_pairs && !typed && !moved {
+        let problem = "are of pairs, and nothing says where their speakers were; give a file of them as `sources` in [import], a \
+                       row x,y,z for each microphone";
+        return Err(Error::input(place_of_key("axes"), problem));
+    }
+    if (has_axis || typed) && scan && !of_pairs {
         let what = if typed { "`sources`" } else { "an axis \"tx\"" };
         let problem = format!(
             "is that of a scan, whose speaker moves with the microphone, and {what} is of speakers that stand still; leave one of \
@@ -45,7 +57,7 @@ pub(super) fn loudspeakers(options: &ImportOptions) -> Result<Vec<DVec3>> {
                     first.map(|first| NumpyFiles::open(from_ref(first), options.limit())).transpose()?;
                 named(file, "sources", numpy.as_mut())?
             };
-            let [_, 3] = array.shape[..] else {
+            let [.., 3] = array.shape[..] else {
                 let problem =
                     format!("has the shape {:?}; [n, 3] of n speakers was expected, in m", array.shape);
                 return Err(Error::input(place, problem));
@@ -53,7 +65,7 @@ pub(super) fn loudspeakers(options: &ImportOptions) -> Result<Vec<DVec3>> {
             array.data.chunks_exact(3).map(DVec3::from_slice).collect()
         }
     };
-    if !(1..=MOST_SOURCES).contains(&found.len()) {
+    if !of_pairs && !(1..=MOST_SOURCES).contains(&found.len()) {
         let problem = format!(
             "{} holds {} speakers; 1 to {MOST_SOURCES} are possible, a row x,y,z each",
             file.display(),
@@ -62,6 +74,12 @@ pub(super) fn loudspeakers(options: &ImportOptions) -> Result<Vec<DVec3>> {
         return Err(Error::input(place, problem));
     }
     Ok(found)
+}
+
+/// Whether the loudspeakers are those of pairs, one for each microphone.
+pub(super) fn are_of_pairs(options: &ImportOptions) -> bool {
+    let moved = matches!(options.geometry, Some(Geometry::Pair { .. }));
+    moved || options.axes.contains(&ImportAxis::Pair)
 }
 
 /// Whether the samples of `count` loudspeakers are in files of their own, rather than along an axis of an array.

@@ -58,7 +58,8 @@ impl Instrument {
         let own = self.array.centre();
         if let Some(centre) = centre.filter(|centre| centre.distance(own) > SAME_PLACE) {
             let moved = self.array.positions().iter().map(|r| *r + (centre - own)).collect();
-            changed.array = self.array.with_positions(moved)?;
+            let array = self.array.with_positions(moved)?;
+            changed = changed.with_moved(array);
             words.push(format!("centre of the array at {} m instead of {} m", point(centre), point(own)));
         }
         changed.check()?;

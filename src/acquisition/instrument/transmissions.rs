@@ -10,6 +10,7 @@ use crate::error::{Error, Result};
 use crate::wave::{Geometry, bounding_box};
 use glam::DVec3;
 use std::borrow::Cow;
+use std::ops::Range;
 use std::sync::Arc;
 
 /// More loudspeakers than this are not imaged one after another.
@@ -46,6 +47,7 @@ impl Instrument {
         Ok(Self {
             geometry: Geometry::FixedSource { source },
             further_sources: Arc::new(further.to_vec()),
+            pair_sources: Arc::default(),
             ..self
         })
     }
@@ -71,11 +73,19 @@ impl Instrument {
     /// If there are not so many.
     #[must_use]
     pub fn transmission(&self, index: usize) -> Self {
-        let geometry = match index.checked_sub(1) {
-            None => self.geometry,
-            Some(further) => Geometry::FixedSource { source: self.further_sources[further] },
-        };
-        Self { geometry, further_sources: Arc::default(), ..self.clone() }
+        self.some_transmissions(index..index + 1)
+    }
+
+    /// The instrument of neighbouring transmissions.
+    ///
+    /// # Panics
+    /// If there are not so many, or none.
+    pub(crate) fn some_transmissions(&self, which: Range<usize>) -> Self {
+        let mut some = self.geometries().skip(which.start).take(which.len());
+        let geometry = some.next().expect("there are so many");
+        let further: Vec<DVec3> = some.map(|geometry| geometry.source_of(DVec3::ZERO)).collect();
+        assert_eq!(1 + further.len(), which.len(), "there are so many");
+        Self { geometry, further_sources: Arc::new(further), ..self.clone() }
     }
 
     /// The geometry of every transmission.
@@ -120,13 +130,18 @@ impl Instrument {
     /// Cost: that of sorting them.
     pub(crate) fn equivalent(&self) -> Cow<'_, Self> {
         if let Geometry::Pair { offset } = self.geometry {
-            let moved = self.array.positions().iter().map(|r| *r + offset * 0.5).collect();
+            let half_way = |(i, r): (usize, &DVec3)| match self.pair_sources.get(i) {
+                Some(source) => r.midpoint(*source),
+                None => *r + offset * 0.5,
+            };
+            let moved = self.array.positions().iter().enumerate().map(half_way).collect();
             let array = match self.array.shape()[..] {
                 [n_y, n_x] => MicArray::from_rows([n_y, n_x], moved),
                 _ => MicArray::from_positions(moved),
             };
             let Ok(array) = array else { return Cow::Borrowed(self) };
-            return Cow::Owned(Self { geometry: Geometry::Monostatic, array, ..self.clone() });
+            let pair_sources = Arc::default();
+            return Cow::Owned(Self { geometry: Geometry::Monostatic, array, pair_sources, ..self.clone() });
         }
         if self.transmissions() == 1 {
             return Cow::Borrowed(self);

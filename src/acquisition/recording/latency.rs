@@ -29,7 +29,8 @@ pub(super) struct FoundLatency {
 
 /// Lengths of the direct wave's paths, from the speaker to each microphone, m.
 pub(super) fn direct_paths(instrument: &Instrument) -> Vec<f64> {
-    instrument.array.positions().iter().map(|r| r.distance(instrument.geometry.source_of(*r))).collect()
+    let each = instrument.array.positions().iter().enumerate();
+    each.map(|(i, r)| r.distance(instrument.geometry_of(i).source_of(*r))).collect()
 }
 
 /// Finds the delay, over that of the direct wave, at which the microphones have the most power together: there all direct

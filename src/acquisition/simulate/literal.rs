@@ -29,9 +29,11 @@ pub(super) fn literal(job: &SimulationJob<'_>, columns: &mut Columns, observer: 
             advance(observer, mics.len() as u64)?;
             continue;
         }
-        let sums: Vec<Vec<[f64; 2]>> = mics
+        let sums: Vec<Vec<[f64; 2]>> = members
             .par_iter()
-            .map(|&r| {
+            .zip(mics)
+            .map(|(mic, &r)| {
+                let instrument = &instrument.seen_from(*mic);
                 let mut lengths: Vec<f64> =
                     try_with_capacity(plain.padded_len() as u64).ok_or_else(no_room)?;
                 let of = |j: usize| path_length(reflectors, j, r, instrument, options);

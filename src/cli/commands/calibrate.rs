@@ -166,6 +166,7 @@ fn measure(args: &CalibrateArgs, reference: &Path, target: DVec3, terminal: &Ter
         "per": args.per,
         "frequencies": response.frequency.len(),
         "microphones": response.microphone.len(),
+        "speakers": response.source.len(),
         "explained": response.explained,
     });
     if terminal.json() {

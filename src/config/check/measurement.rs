@@ -175,9 +175,22 @@ impl ArrayTable {
             within("array.source_offset", coordinate, -FARTHEST, FARTHEST, "an offset within 1e9 m")?;
         }
         let pair = self.geometry == GeometryKind::Pair;
-        ensure(!pair || self.source_offset.is_some(), || {
-            let problem = "geometry \"pair\" needs `source_offset`, from the microphone to the speaker, as [0.05, 0.0, 0.0]";
+        file_name("array.source_file", self.source_file.as_ref())?;
+        ensure(!pair || self.source_offset.is_some() || self.source_file.is_some(), || {
+            let problem = "geometry \"pair\" needs `source_offset`, from the microphone to the speaker, as [0.05, 0.0, 0.0], or \
+                           `source_file`, a file of a speaker for each microphone";
             Fault::new("array.geometry", problem)
+        })?;
+        ensure(self.source_offset.is_none() || self.source_file.is_none(), || {
+            conflict(
+                "array.source_offset",
+                &["array.source_file"],
+                "both say where the speakers of pairs are",
+            )
+        })?;
+        ensure(pair || self.source_file.is_none(), || {
+            let why = "a file of a speaker for each microphone needs `geometry = \"pair\"`";
+            conflict("array.source_file", &["array.geometry"], why)
         })?;
         ensure(pair || self.source_offset.is_none(), || {
             let why = "an offset from microphone to speaker needs `geometry = \"pair\"`";

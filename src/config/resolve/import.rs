@@ -5,7 +5,6 @@ use crate::config::{ArrayLayout, InputFile, RunFile, TypedFormulas, TypedKeys, T
 use crate::error::{Error, Result};
 use crate::files::extension;
 use crate::plan::memory_limit;
-use crate::wave::GeometryKind;
 use glam::DVec3;
 use std::path::PathBuf;
 
@@ -38,11 +37,6 @@ impl RunFile {
     /// As [`RunFile::sweep`] and [`RunFile::microphones`].
     pub fn import_options(&self, typed: &TypedKeys) -> Result<ImportOptions> {
         let table = &self.import;
-        if self.array.geometry == GeometryKind::Pair {
-            let problem = "moved pairs are not imported; write a cube file with the arrays that the chapter `files` of the guide \
-                           describes";
-            return Err(Error::input("[array] geometry", problem));
-        }
         let any = |keys: &[&str]| keys.iter().any(|key| typed.contains(key));
         let all = |keys: &[&str]| keys.iter().all(|key| typed.contains(key));
         let mut options = ImportOptions::new(table.samples.iter().map(|file| file.path.clone()).collect());
@@ -72,7 +66,8 @@ impl RunFile {
         }
         options.centre = typed.contains("array.centre").then(|| DVec3::from_array(self.array.centre));
         options.geometry = any(&["array.geometry", "array.source"]).then(|| self.geometry());
-        options.source_file = table.sources.as_ref().map(file_or_array);
+        let of_pairs = self.array.source_file.as_ref();
+        options.source_file = table.sources.as_ref().or(of_pairs).map(file_or_array);
         let sources = self.array.sources.iter().flatten();
         options.sources = sources.map(|source| DVec3::from_array(*source)).collect();
         if options.source_file.is_some() {

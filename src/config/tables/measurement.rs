@@ -97,6 +97,9 @@ pub struct ArrayTable {
     pub sources: Option<Vec<[f64; 3]>>,
     /// From the microphone to the speaker of a moved pair, m.
     pub source_offset: Option<[f64; 3]>,
+    /// The speakers of pairs, one for each microphone in their order (CSV with header `x,y,z`, or Acoular's XML, m);
+    /// excludes `source_offset`.
+    pub source_file: Option<InputFile>,
     /// Centre of the rectangle of microphones, m; it stays parallel to z = 0.
     pub centre: [f64; 3],
     /// Microphones along x and y; one number counts for both. Other layouts than grids have the product of both in all.
@@ -147,6 +150,7 @@ impl ArrayTable {
             source: [0.0; 3],
             sources: None,
             source_offset: None,
+            source_file: None,
             centre: [0.0; 3],
             count: None,
             elements: None,

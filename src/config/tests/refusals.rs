@@ -235,6 +235,10 @@ fn speakers_that_do_not_fit_the_geometry_are_refused() {
     refused_with(&scan, &["`array.sources`", "scan"]);
     refused_with(&array("geometry = \"pair\""), &["`array.geometry`", "`source_offset`"]);
     refused_with(&array("source_offset = [0.1, 0, 0]"), &["`array.source_offset`", "geometry = \"pair\""]);
+    let file = array("source_file = \"speakers.csv\"");
+    refused_with(&file, &["`array.source_file`", "geometry = \"pair\""]);
+    let two = array("geometry = \"pair\"\nsource_offset = [0.1, 0, 0]\nsource_file = \"speakers.csv\"");
+    refused_with(&two, &["`array.source_offset`", "both say", "keep one"]);
     let placed = array("geometry = \"pair\"\nsource_offset = [0.1, 0, 0]\nsource = [1, 0, 0]");
     refused_with(&placed, &["`array.source`", "scan"]);
 }

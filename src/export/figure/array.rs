@@ -71,7 +71,10 @@ impl PlaceMap {
 pub(crate) fn write_array_figure(path: &Path, instrument: &Instrument) -> Result<()> {
     let microphones = instrument.array.positions();
     let speakers: Vec<DVec3> = match instrument.sources() {
-        none if none.is_empty() => microphones.iter().map(|r| instrument.geometry.source_of(*r)).collect(),
+        none if none.is_empty() => {
+            let each = microphones.iter().enumerate();
+            each.map(|(i, r)| instrument.geometry_of(i).source_of(*r)).collect()
+        }
         sources => sources,
     };
     let seen = instrument.equivalent();

@@ -3,7 +3,7 @@
 use super::profiles::Profiles;
 use super::voxels::Bright;
 use super::{ChannelError, ErrorValue};
-use crate::acquisition::DataCube;
+use crate::acquisition::{DataCube, Instrument};
 use num_complex::{Complex32, Complex64};
 use rayon::prelude::*;
 use std::f64::consts::TAU;
@@ -13,6 +13,8 @@ use std::f64::consts::TAU;
 pub(super) struct Contributions<'a> {
     pub(super) kind: ChannelError,
     cube: &'a DataCube,
+    /// The instrument of each transmission.
+    each: Vec<Instrument>,
     bright: &'a Bright,
     source: ChannelData,
 }
@@ -35,15 +37,17 @@ impl<'a> Contributions<'a> {
         reach: f64,
     ) -> Self {
         let instrument = &cube.instrument;
+        let each: Vec<_> =
+            (0..instrument.transmissions()).map(|index| instrument.transmission(index)).collect();
         let source = if kind == ChannelError::Frequency {
-            ChannelData::Tones(tones(cube, bright, kept))
+            ChannelData::Tones(tones(cube, &each, bright, kept))
         } else {
             let paths = bright.places.iter().map(|p| instrument.path_bounds_of((*p, *p)));
             let [low, high] = paths.fold([f64::INFINITY, 0.0_f64], |[a, b], [c, d]| [a.min(c), b.max(d)]);
             let reach = if kind == ChannelError::Phase { 0.0 } else { 2.0 * reach * 3.0_f64.sqrt() };
             ChannelData::Profiles(Profiles::new(cube, [low - reach, high + reach]))
         };
-        Self { kind, cube, bright, source }
+        Self { kind, cube, each, bright, source }
     }
 
     /// Bright voxels.
@@ -65,7 +69,7 @@ impl<'a> Contributions<'a> {
                     _ => Complex32::ONE,
                 };
                 for (sum, p) in sums.iter_mut().zip(&self.bright.places) {
-                    *sum = profiles.at(channel, self.path(channel, error, *p)) * turn;
+                    *sum = self.profile(profiles, channel, error, *p) * turn;
                 }
             }
         }
@@ -78,7 +82,7 @@ impl<'a> Contributions<'a> {
         };
         let mut sum = 0.0;
         for (a, p) in image.iter().zip(&self.bright.places) {
-            let value = profiles.at(channel, self.path(channel, error, *p));
+            let value = self.profile(profiles, channel, error, *p);
             sum += f64::from(a.re * value.re + a.im * value.im);
         }
         sum
@@ -92,9 +96,22 @@ impl<'a> Contributions<'a> {
         terms.fold(Complex64::ZERO, |sum, term| sum + double(term))
     }
 
-    /// Frequencies of the cube.
-    pub(super) fn tones(&self) -> usize {
-        self.cube.instrument.sweep.len()
+    /// Samples of a microphone: frequencies, of each loudspeaker.
+    pub(super) fn samples(&self) -> usize {
+        self.each.len() * self.cube.instrument.sweep.len()
+    }
+
+    /// `Σ m e^{−i2πf·path/c}` over a microphone's samples at a place, of all loudspeakers.
+    fn profile(
+        &self,
+        profiles: &Profiles,
+        microphone: usize,
+        error: ErrorValue,
+        p: glam::DVec3,
+    ) -> Complex32 {
+        let n_mic = self.cube.instrument.array.len();
+        let of = |tx: usize| profiles.at(tx * n_mic + microphone, self.path((tx, microphone), error, p));
+        (1..self.each.len()).fold(of(0), |sum, tx| sum + of(tx))
     }
 
     /// Wavelength at the centre of the band, m.
@@ -102,14 +119,15 @@ impl<'a> Contributions<'a> {
         self.cube.instrument.wavelength()
     }
 
-    /// The path of the channel's microphone that a delay makes longer, or another place other.
-    fn path(&self, microphone: usize, error: ErrorValue, p: glam::DVec3) -> f64 {
-        let instrument = &self.cube.instrument;
-        let r = instrument.array.positions()[microphone];
+    /// The path from a loudspeaker to the channel's microphone that a delay makes longer, or another place other.
+    fn path(&self, (tx, microphone): (usize, usize), error: ErrorValue, p: glam::DVec3) -> f64 {
+        let instrument = &self.each[tx];
         match self.kind {
-            ChannelError::Delay => instrument.path_length(p, r) + error.x,
-            ChannelError::Position => instrument.path_length(p, r + error),
-            _ => instrument.path_length(p, r),
+            ChannelError::Delay => instrument.path_length_at(p, microphone) + error.x,
+            ChannelError::Position => {
+                instrument.path_length(p, instrument.array.positions()[microphone] + error)
+            }
+            _ => instrument.path_length_at(p, microphone),
         }
     }
 
@@ -125,23 +143,26 @@ impl<'a> Contributions<'a> {
     ) -> Prediction {
         let (instrument, n_mic) = (&self.cube.instrument, self.cube.instrument.array.len());
         let (f, c) = (instrument.sweep.frequencies(), instrument.sound_speed);
-        let mut predicted = vec![Complex64::ZERO; f.len()];
-        for (a, p) in image.iter().zip(&self.bright.places) {
-            let (a, delay) = (double(*a), self.path(microphone, error, *p) / c);
-            match instrument.sweep.step() {
-                Some(step) => {
-                    let (mut term, turn) = (a * turned(f[0] * delay), turned(step * delay));
-                    for sum in &mut predicted {
-                        *sum += term;
-                        term *= turn;
+        // [n_tx, n_f].
+        let mut predicted = vec![Complex64::ZERO; self.samples()];
+        for (tx, predicted) in predicted.chunks_exact_mut(f.len()).enumerate() {
+            for (a, p) in image.iter().zip(&self.bright.places) {
+                let (a, delay) = (double(*a), self.path((tx, microphone), error, *p) / c);
+                match instrument.sweep.step() {
+                    Some(step) => {
+                        let (mut term, turn) = (a * turned(f[0] * delay), turned(step * delay));
+                        for sum in &mut *predicted {
+                            *sum += term;
+                            term *= turn;
+                        }
                     }
+                    None => predicted.iter_mut().zip(f).for_each(|(sum, f)| *sum += a * turned(f * delay)),
                 }
-                None => predicted.iter_mut().zip(f).for_each(|(sum, f)| *sum += a * turned(f * delay)),
             }
         }
         let (mut sums, mut product) = (Prediction::default(), Complex64::ZERO);
-        for (i, p) in predicted.into_iter().enumerate() {
-            let m = double(self.cube.samples[i * n_mic + microphone]);
+        for (row, p) in predicted.into_iter().enumerate() {
+            let (i, m) = (row % f.len(), double(self.cube.samples[row * n_mic + microphone]));
             let phase = match self.kind {
                 ChannelError::Frequency => tones[i].x,
                 ChannelError::Phase => error.x,
@@ -178,17 +199,18 @@ fn turned(turns: f64) -> Complex64 {
 }
 
 /// Every tone's image of the bright voxels by the microphones that are kept.
-fn tones(cube: &DataCube, bright: &Bright, kept: &[usize]) -> Vec<Complex32> {
+fn tones(cube: &DataCube, each: &[Instrument], bright: &Bright, kept: &[usize]) -> Vec<Complex32> {
     let (instrument, n_mic) = (&cube.instrument, cube.instrument.array.len());
     let (f, c) = (instrument.sweep.frequencies(), instrument.sound_speed);
     let of_voxel = |p: &glam::DVec3| -> Vec<Complex32> {
         let mut sums = vec![Complex64::ZERO; f.len()];
-        for r in kept {
-            let delay = -instrument.path_length(*p, instrument.array.positions()[*r]) / c;
+        let channels = each.iter().enumerate().flat_map(|(tx, one)| kept.iter().map(move |r| (tx, one, r)));
+        for (tx, one, r) in channels {
+            let delay = -one.path_length_at(*p, *r) / c;
             let step = instrument.sweep.step().map(|step| turned(step * delay));
             let mut turn = turned(f[0] * delay);
             for (i, sum) in sums.iter_mut().enumerate() {
-                let m = cube.samples[i * n_mic + *r];
+                let m = cube.samples[(tx * f.len() + i) * n_mic + *r];
                 match step {
                     Some(step) if i > 0 => turn *= step,
                     _ => turn = turned(f[i] * delay),

@@ -46,12 +46,13 @@ impl Errors {
             return Ok(corrected);
         }
         let f = instrument.sweep.frequencies();
-        corrected.samples.par_chunks_mut(n_mic).zip(f).enumerate().for_each(|(i, (row, f))| {
+        corrected.samples.par_chunks_mut(n_mic).enumerate().for_each(|(row_of_all, row)| {
+            let i = row_of_all % f.len();
             for (r, m) in row.iter_mut().enumerate() {
                 let turns = match self.kind {
                     ChannelError::Frequency => self.values[i].x / TAU,
                     ChannelError::Phase => self.values[r].x / TAU,
-                    _ => f * self.values[r].x / instrument.sound_speed,
+                    _ => f[i] * self.values[r].x / instrument.sound_speed,
                 };
                 *m *= Complex32::cis((-TAU * (turns - turns.round())) as f32);
             }
@@ -126,7 +127,7 @@ impl ChannelFit {
         let (agreement, predicted, measured) =
             (sum(|p| p.agreement), sum(|p| p.predicted), sum(|p| p.measured));
         let gain = if predicted > 0.0 { (agreement / predicted).max(0.0) } else { 0.0 };
-        let noise = ((measured - gain * agreement) / (contributions.tones() * some.len()) as f64)
+        let noise = ((measured - gain * agreement) / (contributions.samples() * some.len()) as f64)
             .max(f64::MIN_POSITIVE);
         Self { weight: 2.0 * gain / noise, scale }
     }

@@ -8,7 +8,7 @@ use std::f64::consts::TAU;
 /// Values of a profile for each c/B of path: between two, a straight line errs by 0.5 % at the band's edges.
 const PER_CELL: f64 = 16.0;
 
-/// Profiles of all microphones, `Σ_f m e^{−i2π(f − f_c)·path/c}`.
+/// Profiles of all microphones, of several loudspeakers one after another, `Σ_f m e^{−i2π(f − f_c)·path/c}`.
 #[derive(Debug, Clone)]
 pub(super) struct Profiles {
     values: Vec<Complex32>,
@@ -33,10 +33,10 @@ impl Profiles {
             let turns = (tone - centre) * (shortest + k as f64 * pitch) / c;
             Complex64::cis(-TAU * (turns - turns.round()))
         };
-        let profile = |r: usize| {
+        let profile = |(tx, r): (usize, usize)| {
             let mut sums = vec![Complex64::ZERO; count];
             for (i, tone) in f.iter().enumerate() {
-                let m = cube.samples[i * n_mic + r];
+                let m = cube.samples[(tx * f.len() + i) * n_mic + r];
                 let (mut term, step) =
                     (of_path(*tone, 0), Complex64::cis(-TAU * (tone - centre) * pitch / c));
                 term *= Complex64::new(m.re.into(), m.im.into());
@@ -47,11 +47,13 @@ impl Profiles {
             }
             sums.into_iter().map(|sum| Complex32::new(sum.re as f32, sum.im as f32)).collect::<Vec<_>>()
         };
-        let values: Vec<Vec<Complex32>> = (0..n_mic).into_par_iter().map(profile).collect();
+        let columns = (0..instrument.transmissions()).flat_map(|tx| (0..n_mic).map(move |r| (tx, r)));
+        let columns: Vec<(usize, usize)> = columns.collect();
+        let values: Vec<Vec<Complex32>> = columns.into_par_iter().map(profile).collect();
         Self { values: values.concat(), count, first: shortest, pitch, wavenumber: centre / c }
     }
 
-    /// `Σ_f m(f, r) e^{−i2πf·path/c}`; 0 outside of the paths.
+    /// `Σ_f m(f, r) e^{−i2πf·path/c}`, of loudspeaker `tx` for microphone `tx · n_mic + r`; 0 outside of the paths.
     pub(super) fn at(&self, microphone: usize, path: f64) -> Complex32 {
         let place = (path - self.first) / self.pitch;
         let k = place as usize;

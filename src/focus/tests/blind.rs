@@ -64,6 +64,32 @@ fn phases_delays_and_places_are_found_from_echoes_alone() {
     }
 }
 
+/// An instrument of two loudspeakers.
+fn two_speakers() -> Instrument {
+    instrument(0.6).with_sources(&[DVec3::new(-0.1, 0.0, 0.0), DVec3::new(0.25, 0.2, -0.05)]).unwrap()
+}
+
+/// Errors of microphones and of tones are the same for every loudspeaker, which tells the more of them.
+#[test]
+fn errors_are_found_in_the_echoes_of_several_speakers() {
+    let right = two_speakers();
+    let [n_f, n_mic] = [right.sweep.len(), right.array.len()];
+    let mut normal = normal(4);
+    let turns: Vec<f64> = (0..n_mic).map(|_| normal() * 50.0_f64.to_radians()).collect();
+    let mut cube = echoes(&right, &points(40));
+    cube.samples.iter_mut().enumerate().for_each(|(i, m)| *m *= phasor(turns[i % n_mic] / TAU));
+    let found = calibrate(&cube, ChannelError::Phase, 50.0);
+    assert_found(&found, &turns, 0);
+    let corrected = found.correct(&cube).unwrap();
+    let again = calibrate(&corrected, ChannelError::Phase, 50.0);
+    assert!(again.rms < 5.0, "there is nothing left: {}", said(&again, 0.0));
+
+    let turns: Vec<f64> = (0..n_f).map(|_| normal() * 50.0_f64.to_radians()).collect();
+    let mut cube = echoes(&right, &points(40));
+    cube.samples.iter_mut().enumerate().for_each(|(i, m)| *m *= phasor(turns[i / n_mic % n_f] / TAU));
+    assert_found(&calibrate(&cube, ChannelError::Frequency, 50.0), &turns, 0);
+}
+
 #[test]
 fn places_of_microphones_are_found_from_echoes_alone() {
     let array = MicArray::rectangular([13, 13], [0.075; 2], DVec3::ZERO).unwrap();
@@ -159,9 +185,14 @@ fn what_cannot_be_calibrated_blindly_is_refused() {
 
 #[test]
 fn profiles_and_predictions_agree_with_the_literal_sums() {
-    let right = instrument(0.6);
+    for right in [instrument(0.6), two_speakers()] {
+        profiles_and_predictions_agree(&right);
+    }
+}
+
+fn profiles_and_predictions_agree(right: &Instrument) {
     let mut normal = normal(9);
-    let cube = DataCube::new(right.clone(), noise(&right, 1.0, 4)).unwrap();
+    let cube = DataCube::new(right.clone(), noise(right, 1.0, 4)).unwrap();
     let image: Vec<Complex32> =
         (0..points(30).len()).map(|_| Complex32::new(normal() as f32, normal() as f32)).collect();
     for kind in ChannelError::ALL {
@@ -190,14 +221,15 @@ fn literal(
     let (right, n_mic) = (&cube.instrument, cube.instrument.array.len());
     let [mut sum, mut scale] = [0.0; 2];
     for (i, m) in cube.samples.iter().enumerate() {
-        let (tone, r) = (i / n_mic, i % n_mic);
+        let (tone, r) = (i / n_mic % right.sweep.len(), i % n_mic);
+        let one = right.transmission(i / n_mic / right.sweep.len());
         if channel != if kind == ChannelError::Frequency { tone } else { r } {
             continue;
         }
         for (a, p) in image.iter().zip(points(30)) {
             let f = right.sweep.frequencies()[tone];
             let moved = if kind == ChannelError::Position { error } else { DVec3::ZERO };
-            let path = right.geometry.path_length(p, right.array.positions()[r] + moved);
+            let path = one.geometry.path_length(p, right.array.positions()[r] + moved);
             let turns = match kind {
                 ChannelError::Frequency | ChannelError::Phase => f * path / 343.0 + error.x / TAU,
                 ChannelError::Delay => f * (path + error.x) / 343.0,

@@ -70,6 +70,21 @@ fn what_a_setting_says_mends_the_cube() {
 }
 
 #[test]
+fn several_speakers_are_focused_together() {
+    let sources = [DVec3::new(-0.3, 0.0, 0.0), DVec3::new(0.3, 0.1, 0.0)];
+    let right = instrument(1.0).with_sources(&sources).unwrap();
+    let mut cube = echoes(&right, &points(5));
+    cube.instrument.sound_speed *= 1.02;
+    let found = search(&cube, FocusParameter::SoundSpeed, &AutofocusOptions::default());
+    assert_eq!(found.verdict, FocusVerdict::Found, "{found:?}");
+    assert!((found.best / 343.0 - 1.0).abs() < 0.003 && found.standard_error.is_some(), "{found:?}");
+    // Which of them would be moved?
+    let options = AutofocusOptions::default();
+    let refused = autofocus(&cube, &region(), FocusParameter::SourceX, &options, &Silent).unwrap_err();
+    assert_names(refused.to_string(), &["source-x", "one loudspeaker", "2"]);
+}
+
+#[test]
 fn what_an_image_cannot_tell_is_not_found() {
     // A tilt about a speaker in the array's centre turns the image, and a monostatic scan's z moves it.
     let points = points(5);

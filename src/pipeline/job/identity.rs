@@ -67,6 +67,9 @@ fn of_instrument(job: &str, run: &RunFile, instrument: &Instrument, grid: &Grid)
     identity.numbers(coordinates(instrument.array.positions()));
     identity.numbers([instrument.sound_speed].into_iter());
     identity.numbers(coordinates(&instrument.sources()));
+    if instrument.has_differing_pairs() {
+        identity.numbers(coordinates(&instrument.pair_sources));
+    }
     identity
 }
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import xarray
     from numpy.typing import ArrayLike, NDArray
 
-Geometry = Literal["fixed-source", "monostatic"]
+Geometry = Literal["fixed-source", "monostatic", "pair"]
 Detection = Literal["quadrature", "in-phase"]
 
 
@@ -189,12 +189,15 @@ class Instrument:
         m. Rows and columns that form a lattice are recognised.
     sound_speed : float
         m/s.
-    geometry : {"fixed-source", "monostatic"}
-        A loudspeaker at ``source``, or one that moves with the microphone.
+    geometry : {"fixed-source", "monostatic", "pair"}
+        A loudspeaker at ``source`` or several at ``sources``, one that moves with the microphone, or one for each microphone.
     source : (float, float, float)
         Position of the loudspeaker, m.
     detection : {"quadrature", "in-phase"}
         Complex samples, or real ones.
+    sources : array_like, optional
+        Positions of several loudspeakers that sound one after another, shape (n_tx, 3), m; or, of the geometry "pair", that
+        of each microphone, of the shape of ``mic_positions``.
 
     Examples
     --------
@@ -209,6 +212,7 @@ class Instrument:
     geometry: Geometry
     source: tuple[float, float, float]
     detection: Detection
+    sources: NDArray[np.float64] | None
 
     def __init__(
         self,
@@ -218,8 +222,12 @@ class Instrument:
         geometry: Geometry = "fixed-source",
         source: tuple[float, float, float] = (0.0, 0.0, 0.0),
         detection: Detection = "quadrature",
+        sources: ArrayLike | None = None,
     ) -> None:
         x, y, z = source
+        several = None if sources is None else float64(sources, "sources", 3)
+        if several is not None and geometry == "fixed-source" and several.shape[:-1] == (1,):
+            (x, y, z), several = several[0], None
         freeze(
             self,
             frequencies=float64(frequencies, "frequencies"),
@@ -228,13 +236,20 @@ class Instrument:
             geometry=geometry,
             source=(float(x), float(y), float(z)),
             detection=detection,
+            sources=several,
         )
         _holosonar.advised_pitch(self, 1.0)  # checks everything
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Shape of the samples: (n_f, n_y, n_x) or (n_f, n_mic)."""
-        return (len(self.frequencies), *self.mic_positions.shape[:-1])
+        """Shape of the samples: (n_f, n_y, n_x) or (n_f, n_mic); of several loudspeakers n_tx before these."""
+        one = (len(self.frequencies), *self.mic_positions.shape[:-1])
+        return one if self.speakers == 1 else (self.speakers, *one)
+
+    @property
+    def speakers(self) -> int:
+        """Loudspeakers that sound one after another; 1 of a scan or of pairs."""
+        return 1 if self.sources is None or self.geometry == "pair" else len(self.sources)
 
     @property
     def bandwidth(self) -> float:
@@ -254,8 +269,9 @@ class Instrument:
     def __repr__(self) -> str:
         f, mics = self.frequencies, self.mic_positions.shape[:-1]
         count = " x ".join(str(n) for n in mics)
+        speakers = "" if self.speakers == 1 else f"{self.speakers} loudspeakers, "
         return (
-            f"<Instrument {len(f)} frequencies {f[0] / 1e3:g} to {f[-1] / 1e3:g} kHz, {count} microphones, "
+            f"<Instrument {len(f)} frequencies {f[0] / 1e3:g} to {f[-1] / 1e3:g} kHz, {count} microphones, {speakers}"
             f"{self.geometry}, {self.detection}, {self.sound_speed:g} m/s>"
         )
 
@@ -300,7 +316,7 @@ class Cube:
 
     Parameters
     ----------
-    samples : array_like, shape (n_f, n_y, n_x) or (n_f, n_mic)
+    samples : array_like, shape (n_f, n_y, n_x) or (n_f, n_mic), of several loudspeakers n_tx before these
         complex64 in quadrature, float32 in phase. Arrays of these types that are contiguous are kept as they are, without
         a copy; any others are converted, and a :class:`PrecisionWarning` says so where that rounds.
     instrument : Instrument
@@ -327,7 +343,8 @@ class Cube:
             held = float32(samples, "samples")
         expected = instrument.shape
         if held.shape != expected:
-            flat = (expected[0], int(np.prod(expected[1:])))
+            before = 1 if instrument.speakers == 1 else 2
+            flat = (*expected[:before], int(np.prod(expected[before:])))
             if held.shape != flat:
                 raise InputError(
                     f"samples: have the shape {list(held.shape)}; the instrument's frequencies and microphones need "
@@ -362,7 +379,7 @@ class Cube:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """(n_f, n_y, n_x) or (n_f, n_mic)."""
+        """(n_f, n_y, n_x) or (n_f, n_mic); of several loudspeakers n_tx before these."""
         return self.samples.shape
 
     def to_xarray(self) -> xarray.DataArray:
@@ -372,7 +389,7 @@ class Cube:
         -------
         xarray.DataArray
             With the dimensions ``frequency`` (Hz), ``y`` and ``x`` (m) for a lattice, or ``frequency`` and ``microphone``
-            with ``x``, ``y`` and ``z`` of each.
+            with ``x``, ``y`` and ``z`` of each; of several loudspeakers ``speaker`` before these.
         """
         import xarray
 
@@ -386,7 +403,10 @@ class Cube:
         else:
             coords |= {name: ("microphone", positions[:, axis], metre) for axis, name in enumerate("xyz")}
             dims = ("frequency", "microphone")
-        attrs = {
+        if i.sources is not None and i.speakers > 1:
+            coords |= {f"source_{name}": ("speaker", i.sources[:, axis], metre) for axis, name in enumerate("xyz")}
+            dims = ("speaker", *dims)
+        attrs: dict[str, Any] = {
             "long_name": "m(f, r)",
             "sound_speed": i.sound_speed,
             "geometry": i.geometry,
@@ -407,6 +427,7 @@ def _cube(parts: _holosonar.CubeParts) -> Cube:
         parts["geometry"],
         parts["source"],
         parts["detection"],
+        parts["sources"],
     )
     cube = Cube(parts["samples"], instrument)
     freeze(cube, _provenance=parts["provenance"])

@@ -19,8 +19,9 @@ class CubeParts(TypedDict):
     frequencies: NDArray[np.float64]
     mic_positions: NDArray[np.float64]
     sound_speed: float
-    geometry: Literal["fixed-source", "monostatic"]
+    geometry: Literal["fixed-source", "monostatic", "pair"]
     source: _Triple
+    sources: NDArray[np.float64] | None
     detection: Literal["quadrature", "in-phase"]
 
 class VolumeParts(TypedDict):

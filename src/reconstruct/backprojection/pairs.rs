@@ -8,12 +8,12 @@ use crate::wave::simd::{LANES, LaneProfiles, LaneTones, Points, back_project};
 use glam::DVec3;
 
 impl SlabProfiles {
-    /// As [`SlabProfiles::image`], at `places` along x, y and z, for loudspeakers `offset` m from their microphones.
+    /// As [`SlabProfiles::image`], at `places` along x, y and z, for pairs of these geometries by microphone.
     pub(super) fn image_of_pairs(
         &self,
         centre: DVec3,
         [x, y, z]: &[Vec<f64>; 3],
-        offset: DVec3,
+        geometry_of: impl Fn(usize) -> Geometry,
         groups: &[(&Group, LaneTones)],
         widest: impl Fn(&Group) -> f64,
     ) -> [Vec<f32>; 2] {
@@ -24,12 +24,16 @@ impl SlabProfiles {
         for groups in groups.chunks(GROUPS_PER_SUM) {
             let mut sums = zeros();
             for (group, tones) in groups {
-                let lengths = group.positions.map(|r| self.geometry.path_length(centre, r));
+                let own: Vec<Geometry> = group.members.iter().map(|r| geometry_of(*r)).collect();
+                // Lanes without a member are those of the last.
+                let lengths = std::array::from_fn(|lane| {
+                    own[lane.min(own.len() - 1)].path_length(centre, group.positions[lane])
+                });
                 let scale = self.expand(tones, &lengths, widest(group), &mut profiles);
                 for (lane, &r) in group.positions[..group.members.len()].iter().enumerate() {
                     first_lane(&profiles.re, lane, &mut single.re);
                     first_lane(&profiles.im, lane, &mut single.im);
-                    let of_pair = Geometry::FixedSource { source: r + offset };
+                    let of_pair = Geometry::FixedSource { source: own[lane].source_of(r) };
                     let points = Points::about(centre.to_array(), &of_pair, [x, y, z]);
                     let [re, im] = &mut sums;
                     back_project(&points, &[(centre - r).as_vec3().to_array()], &single, scale, [re, im]);

@@ -87,6 +87,11 @@ impl SweepTones {
         Arc::new(Self { found, per_metre })
     }
 
+    /// The same tones for delays about another middle, s, as far from it.
+    pub(crate) fn about(&self, sweep: &Sweep, middle: f64) -> Arc<Self> {
+        Arc::new(Self { found: self.found.about(sweep, middle), per_metre: self.per_metre.clone() })
+    }
+
     /// Their weights in the measured tones.
     pub(crate) fn virtual_tones(&self) -> &VirtualTones {
         &self.found
@@ -178,6 +183,11 @@ impl VolumeTones {
 }
 
 impl SlabTones {
+    /// The same tones for delays about another middle, s, as far from it.
+    pub(crate) fn about(&self, middle: f64) -> Self {
+        Self { planes: self.planes.clone(), middle, skeleton: Arc::clone(&self.skeleton), error: self.error }
+    }
+
     /// Number of tones.
     pub(crate) fn len(&self) -> usize {
         self.skeleton.chosen().len()

@@ -87,6 +87,11 @@ fn usual_taps(tolerance: f64) -> usize {
     (8 + 2 * more.ceil().clamp(-2.0, 100.0) as isize) as usize
 }
 
+/// e^{i2πf·middle} of measured and of virtual tones.
+fn turns(sweep: &Sweep, tones: &[f64], middle: f64) -> [Vec<Complex64>; 2] {
+    [sweep.frequencies(), tones].map(|tones| tones.iter().map(|f| phasor_f64(f * middle)).collect())
+}
+
 /// B·T in nodes.
 fn span(sweep: &Sweep, interval: &PathInterval) -> f64 {
     OVERSAMPLING * sweep.bandwidth() * interval.duration()
@@ -125,9 +130,13 @@ impl VirtualTones {
         weights: Matrix,
         (error, growth): (f64, f64),
     ) -> Self {
-        let turns = [sweep.frequencies(), &frequencies]
-            .map(|tones| tones.iter().map(|f| phasor_f64(f * interval.middle())).collect());
+        let turns = turns(sweep, &frequencies, interval.middle());
         Self { frequencies, first, weights, turns, error, growth }
+    }
+
+    /// The same tones for delays about another middle, s.
+    pub(crate) fn about(&self, sweep: &Sweep, middle: f64) -> Self {
+        Self { turns: turns(sweep, &self.frequencies, middle), ..self.clone() }
     }
 
     fn with_taps(sweep: &Sweep, interval: &PathInterval, taps: usize) -> Self {

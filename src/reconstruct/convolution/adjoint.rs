@@ -24,7 +24,7 @@ use num_complex::Complex32;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Samples of the volume's tones at the microphones, `[tone, n_mic]`, from some depths of voxels `[z, y, x]`.
+/// Samples of the volume's tones at the microphones, `[transmission, tone, n_mic]`, from some depths of voxels `[z, y, x]`.
 ///
 /// Cost: as [`convolution`](super::convolution) without the compression: per tone and depth, for each pair of sublattices
 /// one kernel and its transform, and one transform per voxel sublattice.
@@ -40,9 +40,9 @@ pub(in crate::reconstruct) fn adjoint(
     observer: &dyn Observer,
 ) -> Result<Vec<Complex32>> {
     let layout = &plan.layout;
-    let (Skeletons { sweep, slabs, .. }, width) = (skeletons, layout.lattice.width());
+    let (slabs, width, transmissions) = (skeletons.slabs(), layout.lattice.width(), &skeletons.transmissions);
     let zeros = |tones: usize| {
-        let (tones, width) = (tones as u64, width as u64);
+        let (tones, width) = ((tones * transmissions.len()) as u64, width as u64);
         try_zeroed(tones.saturating_mul(width)).ok_or_else(|| no_room(tones, width))
     };
     let most = skeletons.most();
@@ -54,9 +54,11 @@ pub(in crate::reconstruct) fn adjoint(
     let together = most.div_ceil(2 * batch.workers).max(1);
     let together = if layout.line.is_some() { together.next_multiple_of(LANES) } else { together };
     let plane_len = layout.grid.plane_len();
-    let mut volume = zeros(sweep.len())?;
-    for slabs in slabs.chunks(at_once) {
-        slabs.par_iter().zip(&mut rooms).try_for_each(|(slab, (spectra, nodes))| {
+    let mut volume = zeros(skeletons.tones())?;
+    let sweep = &transmissions[0].sweep;
+    for first in (0..slabs.len()).step_by(at_once) {
+        let some = first..(first + at_once).min(slabs.len());
+        slabs[some.clone()].par_iter().zip(&mut rooms).try_for_each(|(slab, (spectra, nodes))| {
             let per_metre = slab.per_metre(sweep);
             let spectra = layout.part(spectra, per_metre.len());
             spectra.fill(Lanes::ZERO);
@@ -72,10 +74,15 @@ pub(in crate::reconstruct) fn adjoint(
                 }
                 Ok(())
             })?;
-            layout.nodes_of(spectra, batch, &mut nodes[..per_metre.len() * width])
+            let nodes = nodes.chunks_exact_mut(per_metre.len() * width).take(transmissions.len());
+            nodes.enumerate().try_for_each(|(i, nodes)| layout.nodes_of((i, spectra), batch, nodes))
         })?;
-        for (slab, (_, nodes)) in slabs.iter().zip(&rooms) {
-            slab.add_to(sweep, &nodes[..slab.len() * width], width, &mut volume);
+        for (slab, (_, nodes)) in some.zip(&rooms) {
+            let nodes = nodes.chunks_exact(slabs[slab].len() * width);
+            let volumes = volume.chunks_exact_mut(sweep.len() * width);
+            for ((transmission, nodes), volume) in transmissions.iter().zip(nodes).zip(volumes) {
+                transmission.slabs[slab].add_to(&transmission.sweep, nodes, width, volume);
+            }
         }
     }
     layout.lattice.spreading(&instrument.array).onto_microphones(volume)

@@ -32,7 +32,7 @@ struct Operations {
     pair: f64,
     /// Of a depth.
     depth: f64,
-    /// Of a tone: the spectra of its samples.
+    /// Of a tone: the spectra of its samples, of all transmissions.
     spectra: f64,
 }
 
@@ -49,7 +49,9 @@ impl ConvolutionPlan {
         let layout = &self.layout;
         let (x, y, points) = (&layout.x, &layout.y, layout.points() as f64);
         let (kernels, images) = (layout.pairs() as f64, layout.voxel_parts.len() as f64);
-        let spectra = layout.node_parts.len() as f64 * TRANSFORM * 5.0 * points * points.log2();
+        let transmissions = layout.transmissions() as f64;
+        let spectra =
+            transmissions * layout.node_parts.len() as f64 * TRANSFORM * 5.0 * points * points.log2();
         // A kernel that is even needs half of the phases, and of the transforms across.
         let lags = [x.lags() as f64, y.lags() as f64];
         let kernel = PHASE * lags[0] * lags[1] + lags[1] * transform(x.len()) + lags[0] * transform(y.len());
@@ -61,7 +63,9 @@ impl ConvolutionPlan {
         match layout.geometry {
             Geometry::FixedSource { .. } | Geometry::Pair { .. } => {
                 let outer = (PHASE + PRODUCT) * layout.grid.plane_len() as f64;
-                Operations { pair: kernels * (kernel + product) + image + outer, depth: 0.0, spectra }
+                // The kernel is that of all transmissions.
+                let each = kernels * product + image + outer;
+                Operations { pair: kernels * kernel + transmissions * each, depth: 0.0, spectra }
             }
             // Tones add up before they are transformed back.
             Geometry::Monostatic => {
@@ -72,7 +76,16 @@ impl ConvolutionPlan {
 
     /// Bytes of each thread's buffers.
     fn worker_bytes(&self) -> u64 {
-        12 * self.layout.points().saturating_mul(self.layout.node_parts.len()) as u64
+        let layout = &self.layout;
+        let columns = 12 * layout.points().saturating_mul(layout.node_parts.len()) as u64;
+        if layout.transmissions() == 1 {
+            return columns;
+        }
+        // Kernels that are kept, and the paths from every loudspeaker.
+        let kept = layout.points().saturating_mul(layout.node_parts.len() * size_of::<Complex32>()) as u64;
+        let most = layout.voxel_parts.iter().map(|part| part[0].count * part[1].count).max().unwrap_or(0);
+        let outward = (most * layout.transmissions() * size_of::<f64>()) as u64;
+        columns.saturating_add(kept).saturating_add(outward)
     }
 
     /// Where every frequency is summed: bytes of one frequency's spectra, and of each thread's buffers.
@@ -109,14 +122,16 @@ impl ConvolutionPlan {
     fn cost_of_skeletons(&self, instrument: &Instrument, slabs: &Slabs, threads: usize) -> Cost<'_> {
         let (layout, grid) = (&self.layout, &self.layout.grid);
         let (depths, thickness) = (grid.z.count, slabs.thickness);
-        let interval = |depths| instrument.path_interval(grid, depths);
+        let interval = |depths| instrument.longest_path_interval(grid, depths);
+        let transmissions = layout.transmissions() as f64;
         let Operations { pair, depth, spectra } = self.operations();
         let compression = CompressionCost::new(instrument, &interval(0..depths), self.compression);
         let of_volume = compression.tones;
-        let width = layout.lattice.width() as f64;
-        let spreading = of_volume * layout.lattice.spreading_operations(instrument.array.len());
+        let width = transmissions * layout.lattice.width() as f64;
+        let spreading =
+            transmissions * of_volume * layout.lattice.spreading_operations(instrument.array.len());
         let mut operations =
-            compression.operations + self.near.operations + depths as f64 * depth + spreading;
+            transmissions * compression.operations + self.near.operations + depths as f64 * depth + spreading;
         let mut most = 0.0f64;
         for planes in slabs_of(depths, thickness) {
             let spread = instrument.sweep.bandwidth() * interval(planes.clone()).duration();
@@ -125,13 +140,15 @@ impl ConvolutionPlan {
             most = most.max(tones);
         }
         let nodes = complex_bytes(of_volume * width);
+        // Transmissions are compressed and spread one after another.
+        let others = nodes / layout.transmissions() as u64 * (layout.transmissions() as u64 - 1);
         let footprints = layout.lattice.footprint_bytes(instrument.array.len());
         let spreading = if layout.lattice.spreads() {
-            compression.samples.saturating_add(nodes).saturating_add(footprints)
+            compression.samples.saturating_add(nodes - others).saturating_add(footprints)
         } else {
-            nodes
+            nodes - others
         };
-        let before = compression.peak.max(spreading);
+        let before = compression.peak.max(spreading).saturating_add(others);
         let slab = complex_bytes(most * (width + layout.tone_len() as f64));
         let skeleton = compression.skeleton_bytes(&interval(0..thickness.min(depths)));
         let bytes = move |batch: Batch| {

@@ -6,6 +6,7 @@ use crate::acquisition::Instrument;
 use crate::grid::Grid;
 use crate::wave::simd::LANES;
 use crate::wave::{Geometry, LegTable, Refraction};
+use glam::DVec3;
 use std::collections::HashSet;
 
 /// What stays the same for all planes of a volume.
@@ -18,6 +19,8 @@ pub(crate) struct Layout {
     pub(crate) lattice: SharedLattice,
     pub(crate) grid: Grid,
     pub(crate) geometry: Geometry,
+    /// Where the loudspeakers of all transmissions are that share the kernels; none for a scan.
+    pub(crate) sources: Vec<DVec3>,
     /// What paths do at an interface, if there is one.
     pub(crate) refraction: Option<Refraction>,
     pub(crate) x: PaddedAxis,
@@ -62,8 +65,20 @@ impl Layout {
                 }
             }
         }
-        let (geometry, refraction) = (instrument.geometry, instrument.refraction());
-        Self { lattice, grid, geometry, refraction, x, y, node_parts, voxel_parts, line, offsets, placements }
+        Self {
+            lattice,
+            grid,
+            geometry: instrument.geometry,
+            sources: instrument.sources(),
+            refraction: instrument.refraction(),
+            x,
+            y,
+            node_parts,
+            voxel_parts,
+            line,
+            offsets,
+            placements,
+        }
     }
 
     /// Points of one padded plane.
@@ -71,9 +86,19 @@ impl Layout {
         self.x.len() * self.y.len()
     }
 
-    /// Complex numbers in one tone's spectra.
-    pub(crate) fn tone_len(&self) -> usize {
+    /// Transmissions that share the kernels.
+    pub(crate) fn transmissions(&self) -> usize {
+        self.sources.len().max(1)
+    }
+
+    /// Complex numbers in the spectra of one tone of one transmission.
+    pub(crate) fn transmission_len(&self) -> usize {
         self.points() * self.placements.len()
+    }
+
+    /// Complex numbers in one tone's spectra, of all transmissions.
+    pub(crate) fn tone_len(&self) -> usize {
+        self.transmission_len() * self.transmissions()
     }
 
     /// Work per tone and depth, in kernel transforms.
@@ -111,7 +136,7 @@ impl Layout {
         }
     }
 
-    /// Where in a tone's spectra, `[placement, block, side, k_y]`, those for a pair of sublattices begin.
+    /// Where in a tone's spectra of a transmission, `[placement, block, side, k_y]`, those for a pair of sublattices begin.
     pub(crate) fn spectrum(&self, part: usize, offset: &[Offset; 2]) -> usize {
         let placement = (part, offset.map(|o| o.shift));
         let index = self.placements.iter().position(|p| *p == placement).expect("every pair was entered");

@@ -14,6 +14,7 @@ use crate::wave::Geometry;
 use crate::wave::simd::{LANES, Lanes, ROWS, lane_phasors, tone_phasors};
 use glam::DVec3;
 use num_complex::Complex32;
+use std::ops::Range;
 
 /// Geometry of one depth and voxel sublattice, and reused buffers.
 #[derive(Debug)]
@@ -26,9 +27,11 @@ pub(crate) struct Line<'a> {
     pub(super) squares: Vec<f64>,
     /// The depth above the microphones, m, twice that for a scan.
     pub(super) height: f64,
-    /// `|p − s|` per voxel of the sublattice, the same in all lanes; empty for a monostatic scan.
+    /// `|p − s|` per voxel of the sublattice, the same in all lanes, `[transmission, voxel]`; empty for a monostatic scan.
     pub(super) outward: Vec<[f64; LANES]>,
     pub(super) kernel: Vec<Lanes>,
+    /// Spectra of the kernels, `[part, k]` in lanes of tones: those of all transmissions.
+    pub(super) kernels: Vec<Lanes>,
     pub(super) transformed: Vec<Lanes>,
     pub(super) work: Vec<Lanes>,
     /// Products of spectra, real and imaginary parts exchanged.
@@ -68,6 +71,7 @@ impl<'a> Line<'a> {
             height: 0.0,
             outward: Vec::new(),
             kernel: zeros()?,
+            kernels: try_filled(Lanes::ZERO, (n * layout.node_parts.len()) as u64)?,
             transformed: zeros()?,
             work: zeros()?,
             products: zeros()?,
@@ -77,13 +81,13 @@ impl<'a> Line<'a> {
 
     /// Goes to depth `iz` and sublattice `part` of the voxels; what is computed serves all tones.
     pub(super) fn place(&mut self, iz: usize, part: usize) {
-        let Layout { lattice, grid, geometry, .. } = self.layout;
+        let Layout { lattice, grid, geometry, sources, .. } = self.layout;
         let z = grid.z.position(iz);
         self.height = geometry.return_legs() * (z - lattice.z);
         self.bend(z, part);
         self.outward.clear();
         let voxels = &self.layout.voxel_parts[part];
-        if let Geometry::FixedSource { source } = *geometry {
+        for &source in sources {
             for place in places(voxels, self.axis, grid.x.count) {
                 let (x, y) = (grid.x.position(place % grid.x.count), grid.y.position(place / grid.x.count));
                 let p = DVec3::new(x, y, z);
@@ -132,25 +136,38 @@ impl<'a> Line<'a> {
         let squares = part * of_part..(part + 1) * of_part;
         let part = &self.layout.voxel_parts[part];
         let scan = self.layout.geometry == Geometry::Monostatic;
-        for (block, (tones, spectra)) in per_metre.chunks(LANES).zip(data.chunks_exact(of_part)).enumerate() {
+        let of_block = of_part * self.layout.transmissions();
+        for (block, (tones, spectra)) in per_metre.chunks(LANES).zip(data.chunks_exact(of_block)).enumerate()
+        {
             let mut k = [0.0; LANES];
             k[..tones.len()].copy_from_slice(tones);
-            let squares = self.squares[squares.clone()].chunks_exact(n);
-            for (part, (squares, data)) in squares.zip(spectra.chunks_exact(n)).enumerate() {
-                tone_phasors(&k, squares, self.height, &mut self.kernel);
-                fft.transform(&self.kernel, &mut self.transformed, &mut self.work);
-                multiply(&self.transformed, data, &mut self.products, part > 0 || (scan && block > 0));
-            }
-            if !scan {
-                let outer = self.kernel.get_mut(..self.outward.len()).expect("no more voxels than lags");
-                lane_phasors(&k, &self.outward, outer);
-                self.back(fft, voxels, part);
+            self.keep_kernels(fft, &k, squares.clone());
+            for (transmission, spectra) in spectra.chunks_exact(of_part).enumerate() {
+                let pairs = self.kernels.chunks_exact(n).zip(spectra.chunks_exact(n));
+                for (part, (kernel, data)) in pairs.enumerate() {
+                    multiply(kernel, data, &mut self.products, part > 0 || (scan && block > 0));
+                }
+                if !scan {
+                    let width = self.outward.len() / self.layout.transmissions();
+                    let outer = self.kernel.get_mut(..width).expect("no more voxels than lags");
+                    lane_phasors(&k, &self.outward[transmission * width..][..width], outer);
+                    self.back(fft, voxels, part);
+                }
             }
         }
         if scan {
             // No outer phase remains, so tones add up before the one inverse FFT.
             self.kernel.fill(Lanes { re: [1.0; LANES], im: [0.0; LANES] });
             self.back(fft, voxels, part);
+        }
+    }
+
+    /// Spectra of the kernels of sixteen tones, once for all transmissions that share them.
+    pub(super) fn keep_kernels(&mut self, fft: &LaneFft, per_metre: &[f64; LANES], squares: Range<usize>) {
+        let parts = self.squares[squares].chunks_exact(fft.len());
+        for (squares, kernel) in parts.zip(self.kernels.chunks_exact_mut(fft.len())) {
+            tone_phasors(per_metre, squares, self.height, &mut self.kernel);
+            fft.transform(&self.kernel, kernel, &mut self.work);
         }
     }
 

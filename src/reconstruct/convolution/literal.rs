@@ -330,8 +330,8 @@ mod tests {
         Literal::new(&layout).add(&tones, batch, 0, &mut literal, &Silent).unwrap();
         let mut fast = vec![Complex32::ZERO; grid.voxel_count() as usize];
         let workspaces = Workspaces::new(&layout);
-        let depths = Depths { layout: &layout, workspaces, near: None, batch, observer: &Silent };
-        depths.add(&tones, &mut layout.room(sweep.len()).unwrap(), 0, &mut fast).unwrap();
+        let depths = Depths { layout: &layout, workspaces, near: Vec::new(), batch, observer: &Silent };
+        depths.add(&[tones], &mut layout.room(sweep.len()).unwrap(), 0, &mut fast).unwrap();
         [literal, fast]
     }
 

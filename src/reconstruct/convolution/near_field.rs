@@ -4,8 +4,9 @@
 //! compressed to tones they cost a tenth of the direct sum.
 
 use crate::acquisition::Instrument;
+use crate::alloc::try_zeroed;
 use crate::error::Result;
-use crate::grid::Grid;
+use crate::grid::{Grid, no_room_for};
 use crate::progress::{Observer, advance};
 use crate::reconstruct::compress::{SlabTones, Tones, VolumeTones, slabs_of, tones_for};
 use crate::reconstruct::direct::{Sums, TOGETHER, image, lengths, sums_of_tones};
@@ -43,7 +44,7 @@ impl<'a> NearField<'a> {
         Ok((!slabs.is_empty()).then(|| Self { instrument, grid: *grid, slabs }))
     }
 
-    /// Sums the voxels of depth `iz`, `[y, x]`, if it is one of them; whether it is.
+    /// Sums the voxels of depth `iz`, `[y, x]`, if it is one of them; whether it is. Replaces what they are.
     ///
     /// Cost: some 30 operations per voxel, microphone and tone.
     ///
@@ -59,12 +60,36 @@ impl<'a> NearField<'a> {
             || lengths(self.instrument.array.len()),
             |lengths, (chunk, voxels)| {
                 let first = first + chunk * TOGETHER;
-                image(self.instrument, Instrument::path_length, &self.grid, sums, first, voxels, lengths);
+                image(self.instrument, Instrument::path_length_at, &self.grid, sums, first, voxels, lengths);
                 advance(observer, 0)
             },
         )?;
         Ok(true)
     }
+}
+
+/// Sums the voxels of depth `iz`, `[y, x]`, over transmissions, if it is one of those that are too near; whether it is.
+///
+/// # Errors
+/// [`crate::error::Error::Interrupted`]; a second plane does not fit in memory.
+pub(crate) fn image_of_all(
+    transmissions: &[NearField<'_>],
+    iz: usize,
+    voxels: &mut [Complex32],
+    observer: &dyn Observer,
+) -> Result<bool> {
+    let Some((first, others)) = transmissions.split_first() else { return Ok(false) };
+    if !first.image(iz, voxels, observer)? {
+        return Ok(false);
+    }
+    if !others.is_empty() {
+        let mut own = try_zeroed(voxels.len() as u64).ok_or_else(|| no_room_for(&first.grid))?;
+        for other in others {
+            other.image(iz, &mut own, observer)?;
+            voxels.iter_mut().zip(&own).for_each(|(sum, own)| *sum += own);
+        }
+    }
+    Ok(true)
 }
 
 /// What such depths take.
@@ -93,12 +118,14 @@ impl NearFieldCost {
             if near.is_empty() {
                 continue;
             }
-            let spread = instrument.sweep.bandwidth() * instrument.path_interval(grid, slab).duration();
+            let spread =
+                instrument.sweep.bandwidth() * instrument.longest_path_interval(grid, slab).duration();
             let tones = tones_for(spread, tolerance).min(instrument.sweep.len() as f64);
-            let voxels = grid.plane_len() as f64 * near.len() as f64;
+            let voxels = grid.plane_len() as f64 * near.len() as f64 * instrument.transmissions() as f64;
             cost.operations += voxels * microphones * (60.0 + 30.0 * tones);
             // As they are selected, and then in real and imaginary parts.
-            cost.bytes += (2.0 * tones * microphones) as u64 * size_of::<Complex32>() as u64;
+            let samples = (2.0 * tones * microphones) as u64 * instrument.transmissions() as u64;
+            cost.bytes += samples * size_of::<Complex32>() as u64;
             cost.worker_bytes = (TOGETHER * size_of::<f64>() * instrument.array.len()) as u64;
         }
         cost

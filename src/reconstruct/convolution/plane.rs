@@ -30,12 +30,14 @@ pub(crate) struct Plane<'a> {
     pub(super) offsets: &'a [[Offset; 2]],
     /// `|p − r|` by lag, doubled for a scan, `[part, y block, x]` in lanes of y.
     lengths: Vec<[f64; LANES]>,
-    /// `|p − s|` per voxel of the sublattice, `[y block, x]` in lanes of y; empty for a monostatic scan.
+    /// `|p − s|` per voxel of the sublattice, `[transmission, y block, x]` in lanes of y; empty for a monostatic scan.
     pub(super) outward: Vec<[f64; LANES]>,
     /// The voxels of the sublattice, `[y block, x]` in lanes of y.
     pub(super) image: Vec<Lanes>,
     /// Kernels transformed along x, `[part, block, y]` in lanes of k_x.
     pub(super) columns: Vec<Lanes>,
+    /// Spectra of the kernels, `[part, block, k_y]` in lanes of k_x, where several transmissions share them; else empty.
+    pub(super) kernels: Vec<Lanes>,
     /// Products of spectra, `[block, side, k_y]`: of one block, or of all while tones add up. Real and imaginary parts
     /// are exchanged from here on, which makes forward transforms inverse ones.
     products: Vec<Lanes>,
@@ -68,10 +70,11 @@ impl<'a> Plane<'a> {
             outward: try_with_capacity(if layout.geometry == Geometry::Monostatic {
                 0
             } else {
-                image as u64
+                (image * layout.transmissions()) as u64
             })?,
             image: try_with_capacity(image as u64)?,
             columns: zeros(parts * layout.blocks() * n_y)?,
+            kernels: zeros(if layout.transmissions() > 1 { parts * layout.blocks() * n_y } else { 0 })?,
             products: zeros(blocks * layout.sides() * n_y)?,
             rows: zeros(n_x * rows.div_ceil(LANES))?,
             field: zeros(field)?,
@@ -108,7 +111,7 @@ impl<'a> Plane<'a> {
             }
         }
         self.outward.clear();
-        if let Geometry::FixedSource { source } = self.layout.geometry {
+        for &source in &self.layout.sources {
             let at = |axis: &Axis, part: Sublattice, k: usize| axis.position(part.start + k * part.stride);
             let width = padded(voxels[0].count);
             let place =
@@ -155,17 +158,21 @@ impl<'a> Plane<'a> {
             for node_part in 0..layout.node_parts.len() {
                 self.kernel(*k, node_part);
             }
-            for block in 0..layout.blocks() {
-                if scan {
-                    // No outer phase remains, so tones add up before the one inverse FFT.
-                    self.multiply(block, block, spectra);
-                } else {
-                    self.multiply(block, 0, spectra);
-                    self.back_along_y(block, 0, part);
+            self.keep_kernels();
+            let of_transmission = spectra.chunks_exact(layout.transmission_len() / LANES);
+            for (transmission, spectra) in of_transmission.enumerate() {
+                for block in 0..layout.blocks() {
+                    if scan {
+                        // No outer phase remains, so tones add up before the one inverse FFT.
+                        self.multiply(block, block, spectra);
+                    } else {
+                        self.multiply(block, 0, spectra);
+                        self.back_along_y(block, 0, part);
+                    }
                 }
-            }
-            if !scan {
-                self.back_along_x(Some(*k), part);
+                if !scan {
+                    self.back_along_x(Some((*k, transmission)), part);
+                }
             }
         }
         if scan {
@@ -224,6 +231,15 @@ impl<'a> Plane<'a> {
         }
     }
 
+    /// Transforms the kernels along y, once for all transmissions that share them.
+    pub(super) fn keep_kernels(&mut self) {
+        let y = &self.layout.y;
+        let columns = self.columns.chunks_exact(y.len());
+        for (kernel, column) in self.kernels.chunks_exact_mut(y.len()).zip(columns) {
+            y.fft.transform(column, kernel, &mut self.work[..y.len()]);
+        }
+    }
+
     /// Adds one block's products of kernels and data to block `to` of the products.
     fn multiply(&mut self, block: usize, to: usize, spectra: &[Lanes]) {
         let layout = self.layout;
@@ -231,9 +247,14 @@ impl<'a> Plane<'a> {
         let scan = layout.geometry == Geometry::Monostatic;
         let products = &mut self.products[to * sides * n_y..][..sides * n_y];
         for (part, offset) in self.offsets.iter().enumerate() {
-            let column = &self.columns[(part * layout.blocks() + block) * n_y..][..n_y];
-            let kernel = &mut self.transformed[..n_y];
-            layout.y.fft.transform(column, kernel, &mut self.work[..n_y]);
+            let column = (part * layout.blocks() + block) * n_y..(part * layout.blocks() + block + 1) * n_y;
+            let kernel = if let Some(kept) = self.kernels.get(column.clone()) {
+                kept
+            } else {
+                let kernel = &mut self.transformed[..n_y];
+                layout.y.fft.transform(&self.columns[column], kernel, &mut self.work[..n_y]);
+                kernel
+            };
             let data = &spectra[layout.spectrum(part, offset) + block * sides * n_y..][..sides * n_y];
             for (product, data) in products.chunks_exact_mut(n_y).zip(data.chunks_exact(n_y)) {
                 multiply(kernel, data, product, part > 0 || scan);
@@ -262,16 +283,19 @@ impl<'a> Plane<'a> {
         }
     }
 
-    /// Transforms the voxels' rows back along x and adds them to the image, with the outer phase of a tone.
-    fn back_along_x(&mut self, per_metre: Option<f64>, part: &Sublattices) {
-        let (x, width) = (&self.layout.x, padded(part[0].count));
+    /// Transforms the voxels' rows back along x and adds them to the image, with the outer phase of a tone and transmission.
+    fn back_along_x(&mut self, tone: Option<(f64, usize)>, part: &Sublattices) {
+        let (x, width, plane) = (&self.layout.x, padded(part[0].count), self.image.len());
         for (block, image) in self.image.chunks_exact_mut(width).enumerate() {
             let transformed = &mut self.transformed[..x.len()];
             let from = &self.rows[block * x.len()..][..x.len()];
             x.fft.transform(from, transformed, &mut self.work[..x.len()]);
             let outer = &mut self.row[..width];
-            match per_metre {
-                Some(k) => lane_phasors(&[k; LANES], &self.outward[block * width..][..width], outer),
+            match tone {
+                Some((k, transmission)) => {
+                    let first = transmission * plane + block * width;
+                    lane_phasors(&[k; LANES], &self.outward[first..][..width], outer);
+                }
                 None => outer.fill(Lanes { re: [1.0; LANES], im: [0.0; LANES] }),
             }
             focus(&transformed[..width], outer, image);

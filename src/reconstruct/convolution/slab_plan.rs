@@ -52,9 +52,10 @@ impl Costs {
     fn new(layout: &Layout, of_volume: f64) -> Self {
         let points = layout.points() as f64;
         Self {
-            depth: (2 * layout.pairs()) as f64 * points,
-            spectra: layout.node_parts.len() as f64 * points,
-            product: 0.05 * of_volume * layout.lattice.width() as f64,
+            // One transform of a kernel, and one back for each transmission.
+            depth: ((1 + layout.transmissions()) * layout.pairs()) as f64 * points,
+            spectra: (layout.transmissions() * layout.node_parts.len()) as f64 * points,
+            product: 0.05 * of_volume * (layout.transmissions() * layout.lattice.width()) as f64,
             // On a line, sixteen tones cost what one does.
             lanes: if layout.line.is_some() { LANES as f64 } else { 1.0 },
             of_volume,
@@ -85,12 +86,13 @@ impl Slabs {
     /// decompositions.
     pub(crate) fn new(instrument: &Instrument, layout: &Layout) -> Self {
         let depths = layout.grid.z.count;
-        let paths: Vec<PathInterval> =
-            (0..depths).map(|iz| instrument.path_interval(&layout.grid, iz..iz + 1)).collect();
+        let paths: Vec<Vec<PathInterval>> =
+            (0..depths).map(|iz| instrument.path_intervals(&layout.grid, iz..iz + 1)).collect();
         // Depths are in order, and so are their paths.
         let spread = |planes: Range<usize>| {
-            let paths = PathInterval { shortest: paths[planes.start].shortest, ..paths[planes.end - 1] };
-            instrument.sweep.bandwidth() * paths.duration()
+            let ends = paths[planes.start].iter().zip(&paths[planes.end - 1]);
+            let paths = ends.map(|(first, last)| PathInterval { shortest: first.shortest, ..*last });
+            instrument.sweep.bandwidth() * paths.map(|paths| paths.duration()).fold(0.0, f64::max)
         };
         let of_volume = (2.0 * spread(0..depths) + 8.0).min(instrument.sweep.len() as f64);
         let costs = Costs::new(layout, of_volume);
@@ -118,7 +120,8 @@ impl Slabs {
     /// The batch for this many threads where memory does not matter.
     pub(crate) fn usual_batch(&self, layout: &Layout, threads: usize) -> Batch {
         let thickness = self.thickness;
-        let slab = (layout.tone_len() + layout.lattice.width()) * TONES + layout.grid.plane_len() * thickness;
+        let nodes = layout.transmissions() * layout.lattice.width();
+        let slab = (layout.tone_len() + nodes) * TONES + layout.grid.plane_len() * thickness;
         let at_once = (PLANES_PER_THREAD * threads / thickness).max(SMALL / slab).max(1);
         let slabs = at_once.min(layout.grid.z.count.div_ceil(thickness));
         Batch { slabs, ..Batch::of_threads(threads) }

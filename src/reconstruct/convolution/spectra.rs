@@ -5,6 +5,7 @@ use super::line::places;
 use super::padded_axis::{CircularShift, Offset};
 use crate::alloc::try_filled;
 use crate::error::Result;
+use crate::reconstruct::compress::Tones;
 use crate::reconstruct::no_room;
 use crate::reconstruct::volume::Batch;
 use crate::wave::phasor;
@@ -13,22 +14,22 @@ use num_complex::Complex32;
 use rayon::prelude::*;
 
 impl Layout {
-    /// Spectra of the nodes' samples, `[tone, placement, block, side, k_y]`; the inverse transform's scale is folded in.
-    /// On a line, those of [`transform_line`].
+    /// Spectra of the nodes' samples, `[tone, transmission, placement, block, side, k_y]`; the inverse transform's scale is
+    /// folded in. On a line, those of [`transform_line`].
     ///
     /// # Errors
     /// A thread's buffers do not fit in memory.
     pub(crate) fn transform_into(
         &self,
-        nodes: &[Complex32],
+        transmissions: &[Tones],
         batch: Batch,
         spectra: &mut [Lanes],
     ) -> Result<()> {
         if let Some(axis) = self.line {
-            transform_line(self, axis, nodes, spectra);
+            transform_line(self, axis, transmissions, spectra);
             return Ok(());
         }
-        let tones = nodes.len() / self.lattice.width();
+        let tones = transmissions[0].per_metre.len();
         let no_room = || no_room(tones as u64, self.lattice.width() as u64);
         let planes = spectra.par_chunks_exact_mut(self.x.len() * self.y.len() / LANES);
         let run = batch.least_run(planes.len());
@@ -36,7 +37,9 @@ impl Layout {
             || Scratch::new(self),
             |scratch, (index, spectrum)| {
                 let scratch = scratch.as_mut().ok_or_else(no_room)?;
-                let (tone, placement) = (index / self.placements.len(), index % self.placements.len());
+                let (index, placement) = (index / self.placements.len(), index % self.placements.len());
+                let (tone, transmission) = (index / transmissions.len(), index % transmissions.len());
+                let nodes = &transmissions[transmission].samples;
                 let nodes = &nodes[tone * self.lattice.width()..][..self.lattice.width()];
                 self.transform(nodes, self.placements[placement], spectrum, scratch);
                 Ok(())
@@ -61,7 +64,10 @@ impl Layout {
     /// Length of the spectra of this many tones.
     pub(crate) fn spectra_len(&self, tones: usize) -> usize {
         match self.line {
-            Some(axis) => tones.div_ceil(LANES) * self.node_parts.len() * self.along(axis).len(),
+            Some(axis) => {
+                let of_block = self.transmissions() * self.node_parts.len() * self.along(axis).len();
+                tones.div_ceil(LANES) * of_block
+            }
             None => tones * self.tone_len() / LANES,
         }
     }
@@ -116,15 +122,18 @@ impl Layout {
     }
 }
 
-/// Spectra of the nodes' samples, `[tone / 16, part, k]` in lanes of tones; the inverse transform's scale is folded in.
-fn transform_line(layout: &Layout, axis: usize, nodes: &[Complex32], spectra: &mut [Lanes]) {
+/// Spectra of the nodes' samples, `[tone / 16, transmission, part, k]` in lanes of tones; the inverse transform's scale is
+/// folded in.
+fn transform_line(layout: &Layout, axis: usize, transmissions: &[Tones], spectra: &mut [Lanes]) {
     let fft = &layout.along(axis).fft;
     let (n, parts, width) = (fft.len(), &layout.node_parts, layout.lattice.width());
     let (scale, n_x) = (1.0 / n as f32, layout.lattice.nodes()[0].count);
     spectra.par_chunks_exact_mut(n).enumerate().for_each_init(
         || [vec![Lanes::ZERO; n], vec![Lanes::ZERO; n]],
         |[row, work], (index, spectrum)| {
-            let (block, part) = (index / parts.len(), index % parts.len());
+            let (index, part) = (index / parts.len(), index % parts.len());
+            let (block, transmission) = (index / transmissions.len(), index % transmissions.len());
+            let nodes = &transmissions[transmission].samples;
             row.fill(Lanes::ZERO);
             for (lane, tone) in nodes.chunks_exact(width).skip(block * LANES).take(LANES).enumerate() {
                 for (to, place) in row.iter_mut().zip(places(&parts[part], axis, n_x)) {

@@ -18,6 +18,9 @@ use crate::reconstruct::{Method, ReconstructionInfo};
 
 /// Gives the far-field image to the job's sink; any grid, any microphones. Cost: that of [`super::direct`].
 pub(in crate::reconstruct) fn linear(job: Job<'_>, plan: &DirectPlan) -> Result<ReconstructionInfo> {
-    let path = |instrument: &Instrument, p, r| instrument.geometry.linear_path_length(p, r);
+    let path = |instrument: &Instrument, p, microphone: usize| {
+        let r = instrument.array.positions()[microphone];
+        instrument.geometry_of(microphone).linear_path_length(p, r)
+    };
     sum_over_paths(job, plan, Method::Linear, path)
 }

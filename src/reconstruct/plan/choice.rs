@@ -86,7 +86,8 @@ impl Candidates {
         Self::among(instrument, grid, options, (rayon::current_num_threads(), Some(method)))
     }
 
-    fn among(
+    /// The plans of all methods, or of one of them.
+    pub(crate) fn among(
         instrument: &Instrument,
         grid: &Grid,
         options: &ReconstructOptions,
@@ -197,13 +198,19 @@ impl Candidates {
     /// The selected method, or of the possible ones that of fewest operations.
     pub(crate) fn chosen(&self, asked: Method) -> &Estimate {
         let asked = if self.refines && asked == Method::Auto { Method::Convolution } else { asked };
-        let of = |method: Method| self.estimates.iter().find(|e| e.method == method);
-        of(asked).unwrap_or_else(|| {
-            // `linear` is another formula, not another method for this one.
-            let possible =
-                self.estimates.iter().filter(|e| e.obstacle.is_none() && e.method != Method::Linear);
-            possible.min_by(|a, b| a.operations.total_cmp(&b.operations)).expect("the direct sum always is")
-        })
+        &self.estimates[chosen_among(&self.estimates, asked)]
+    }
+
+    /// What each method would take.
+    pub(crate) fn estimates(&self) -> &[Estimate] {
+        &self.estimates
+    }
+
+    /// The same, and which one is chosen.
+    pub(crate) fn into_estimates(self, asked: Method) -> Estimates {
+        let method = self.chosen(asked).method;
+        let chosen = chosen_among(&self.estimates, method);
+        Estimates { methods: self.estimates, chosen }
     }
 
     /// The plan of the method that the options select, and a warning if `auto` had to take a slow one.
@@ -239,6 +246,17 @@ impl Candidates {
             _ => Ok((MethodPlan::Direct(self.direct), None)),
         }
     }
+}
+
+/// The place of the selected method, or of the possible ones that of fewest operations.
+pub(crate) fn chosen_among(estimates: &[Estimate], asked: Method) -> usize {
+    estimates.iter().position(|e| e.method == asked).unwrap_or_else(|| {
+        // `linear` is another formula, not another method for this one.
+        let possible = |e: &Estimate| e.obstacle.is_none() && e.method != Method::Linear;
+        let possible = estimates.iter().enumerate().filter(|(_, e)| possible(e));
+        let least = possible.min_by(|(_, a), (_, b)| a.operations.total_cmp(&b.operations));
+        least.expect("the direct sum always is").0
+    })
 }
 
 /// Why there is no back-projection.
@@ -359,9 +377,5 @@ pub fn estimate(
     if instrument.transmissions() > 1 {
         return estimates_of_transmissions(instrument, grid, options, threads);
     }
-    let candidates = Candidates::new(instrument, grid, options, threads)?;
-    let method = candidates.chosen(options.method).method;
-    let methods = candidates.estimates;
-    let chosen = methods.iter().position(|e| e.method == method).unwrap_or(0);
-    Ok(Estimates { methods, chosen })
+    Ok(Candidates::new(instrument, grid, options, threads)?.into_estimates(options.method))
 }

@@ -28,12 +28,14 @@ pub(in crate::reconstruct) fn price<'a>(
 ) -> Cost<'a> {
     let Cost { operations, usual, bytes } = cost;
     let [volumes, sets] = refine.solver.held();
-    let interval = instrument.path_interval(grid, 0..grid.z.count);
+    let interval = instrument.longest_path_interval(grid, 0..grid.z.count);
     let compression = CompressionCost::new(instrument, &interval, budget);
     // To measure the noise: an orthonormal basis of all samples that the grid can cause, as it is found.
     let basis = 4.0 * instrument.sweep.len() as f64 * compression.tones;
     let held = (volumes.saturating_mul(grid.volume_bytes()))
-        .saturating_add(sets.saturating_mul(compression.samples))
+        .saturating_add(
+            sets.saturating_mul(compression.samples).saturating_mul(instrument.transmissions() as u64),
+        )
         .saturating_add(complex_bytes(basis));
     let nodes = move |batch: Batch| upsampling.map_or(0, |nodes| nodes.adjoint_bytes(batch.workers));
     Cost {

@@ -23,7 +23,26 @@ const MICROPHONES: usize = 512;
 ///
 /// # Errors
 /// Those of the source.
-pub(super) fn noise_of(source: &mut dyn CubeSource, tones: &VirtualTones) -> Result<Option<f64>> {
+pub(super) fn noise_of<'a>(
+    source: &mut dyn CubeSource,
+    tones: impl Fn(usize) -> &'a VirtualTones,
+) -> Result<Option<f64>> {
+    let transmissions = source.instrument().transmissions();
+    let (mut power, mut dimensions) = (0.0, 0.0);
+    for transmission in 0..transmissions {
+        let Some([own, left]) = left_of(source, transmission, tones(transmission))? else { return Ok(None) };
+        power += own;
+        dimensions += left;
+    }
+    Ok(Some((power / dimensions).sqrt()))
+}
+
+/// The power of some of a transmission's samples beyond the span of its tones, and the dimensions that it has there.
+fn left_of(
+    source: &mut dyn CubeSource,
+    transmission: usize,
+    tones: &VirtualTones,
+) -> Result<Option<[f64; 2]>> {
     let instrument = source.instrument();
     let (n_f, n_mic) = (instrument.sweep.len(), instrument.array.len());
     let turns: Vec<Complex64> = tones.turns().to_vec();
@@ -45,7 +64,7 @@ pub(super) fn noise_of(source: &mut dyn CubeSource, tones: &VirtualTones) -> Res
     let width = n_mic.div_ceil(stride);
     let mut within = vec![Complex32::ZERO; columns * width];
     let (mut power, mut some) = (0.0, Vec::new());
-    source.visit(frequencies_at_once(n_mic), &mut |range, samples| {
+    source.visit_transmission(transmission, frequencies_at_once(n_mic), &mut |range, samples| {
         some.clear();
         for (n, row) in range.clone().zip(samples.chunks_exact(n_mic)) {
             let turn = if in_phase { Complex64::ONE } else { turns[n].conj() };
@@ -59,6 +78,5 @@ pub(super) fn noise_of(source: &mut dyn CubeSource, tones: &VirtualTones) -> Res
         Ok(())
     })?;
     let within: f64 = within.iter().map(|m| f64::from(m.norm_sqr())).sum();
-    let per_dimension = (power - within).max(0.0) / (left * width as f64);
-    Ok(Some(per_dimension.sqrt()))
+    Ok(Some([(power - within).max(0.0), left * width as f64]))
 }

@@ -7,7 +7,7 @@ use crate::alloc::try_zeroed;
 use crate::error::Result;
 use crate::grid::{Grid, Volume, no_room_for};
 use crate::progress::{Event, Observer};
-use crate::reconstruct::compress::{VirtualTones, frequencies_at_once};
+use crate::reconstruct::compress::frequencies_at_once;
 use crate::reconstruct::convolution::{ConvolutionPlan, Skeletons, adjoint, convolution_with};
 use crate::reconstruct::error_budget::ErrorBudget;
 use crate::reconstruct::job::Job;
@@ -29,12 +29,12 @@ const AROUND: f64 = 3.0;
 
 /// K and its adjoint, with what all steps share: lattice, virtual tones, skeletons and weights.
 ///
-/// The scalar product of samples is `w/Σw · Σ_f Σ_r w_f w_r Re(a b*)`, for which Eq. 13 is the adjoint of K.
+/// The scalar product of samples is `w/Σw · Σ_tx Σ_f Σ_r w_f w_r Re(a b*)`, for which Eq. 13 is the adjoint of K.
 pub(super) struct Operator<'a> {
     instrument: Instrument,
     pub(super) grid: &'a Grid,
     plan: &'a Sampled<ConvolutionPlan>,
-    skeletons: Skeletons,
+    skeletons: &'a Skeletons,
     weights: Weights,
     budget: ErrorBudget,
     batch: Batch,
@@ -67,7 +67,7 @@ impl<'a> Operator<'a> {
 
     /// Units of work of a step, as the observer of [`Operator::image`] and [`Operator::echo`] learns of them.
     pub(super) fn work(&self) -> u64 {
-        self.instrument.sweep.len() as u64 + 2 * self.skeletons.work()
+        (self.instrument.transmissions() * self.instrument.sweep.len()) as u64 + 2 * self.skeletons.work()
     }
 
     /// K* of what is left of the samples after the echoes of some tones: Eq. 13. Gives the power of what is left, too.
@@ -89,7 +89,7 @@ impl<'a> Operator<'a> {
             sink,
             observer: &Within(observer),
         };
-        let info = on_nodes(self.plan, job, |job, plan| convolution_with(job, plan, &self.skeletons))?;
+        let info = on_nodes(self.plan, job, |job, plan| convolution_with(job, plan, self.skeletons))?;
         Ok((info, left.power))
     }
 
@@ -98,9 +98,10 @@ impl<'a> Operator<'a> {
         try_zeroed(self.grid.voxel_count()).ok_or_else(|| no_room_for(self.grid))
     }
 
-    /// Virtual tones at the microphones, all zero.
+    /// Virtual tones at the microphones, `[transmission, tone, n_mic]`, all zero.
     pub(super) fn silence(&self) -> Result<Vec<Complex32>> {
-        let (tones, n_mic) = (self.skeletons.tones() as u64, self.instrument.array.len() as u64);
+        let tones = (self.instrument.transmissions() * self.skeletons.tones()) as u64;
+        let n_mic = self.instrument.array.len() as u64;
         try_zeroed(tones.saturating_mul(n_mic)).ok_or_else(|| no_room(tones, n_mic))
     }
 
@@ -118,7 +119,7 @@ impl<'a> Operator<'a> {
     ) -> Result<Vec<Complex32>> {
         let Sampled { upsampling, plan } = self.plan;
         let sum = |depths, samples| {
-            adjoint(plan, &self.skeletons, &self.instrument, self.batch, (depths, samples), &Within(observer))
+            adjoint(plan, self.skeletons, &self.instrument, self.batch, (depths, samples), &Within(observer))
         };
         let Some(upsampling) = upsampling else { return sum(depths, voxels) };
         let mut nodes = Volume { grid: upsampling.coarse, samples: Vec::new() };
@@ -141,7 +142,9 @@ impl<'a> Operator<'a> {
     /// The power of what is left of the samples after the echoes of some tones.
     pub(super) fn power_left(&self, source: &mut dyn CubeSource, echoes: &[Complex32]) -> Result<f64> {
         let mut left = self.left(source, Some(echoes));
-        left.visit(self.frequencies(), &mut |_, _| Ok(()))?;
+        for transmission in 0..self.instrument.transmissions() {
+            left.visit_transmission(transmission, self.frequencies(), &mut |_, _| Ok(()))?;
+        }
         Ok(left.power)
     }
 
@@ -149,20 +152,21 @@ impl<'a> Operator<'a> {
     pub(super) fn power(&self, echoes: &[Complex32]) -> f64 {
         let (n_f, n_mic) = (self.instrument.sweep.len(), self.instrument.array.len());
         let mut samples = Vec::new();
-        let starts = (0..n_f).step_by(self.frequencies());
-        let of_block = |first: usize| {
+        let blocks = (0..self.instrument.transmissions())
+            .flat_map(|transmission| (0..n_f).step_by(self.frequencies()).map(move |f| (transmission, f)));
+        let of_block = |(transmission, first): (usize, usize)| {
             let range = first..(first + self.frequencies()).min(n_f);
-            self.expand(range.clone(), echoes, &mut samples);
+            self.expand(range.clone(), (transmission, echoes), &mut samples);
             power_of(&self.weights, range, &samples, n_mic)
         };
-        starts.map(of_block).sum()
+        blocks.map(of_block).sum()
     }
 
     /// The noise in a sample, its root mean square: as given, or else measured if that is possible.
     pub(super) fn noise(&self, source: &mut dyn CubeSource, refine: &RefineOptions) -> Result<Option<f64>> {
         match refine.noise {
             Some(noise) => Ok(Some(noise)),
-            None => noise_of(source, self.virtual_tones()),
+            None => noise_of(source, |transmission| self.skeletons.virtual_tones(transmission)),
         }
     }
 
@@ -178,24 +182,29 @@ impl<'a> Operator<'a> {
         noise * (f * r).sqrt()
     }
 
+    /// Over all frequencies, of every transmission, and over the microphones.
     fn weight_sums(&self, of: impl Fn(f64) -> f64) -> [f64; 2] {
-        [&self.weights.frequency, &self.weights.microphone]
-            .map(|weights| weights.iter().map(|w| of(f64::from(*w))).sum())
-    }
-
-    fn virtual_tones(&self) -> &VirtualTones {
-        self.skeletons.virtual_tones()
+        let [f, r] = [&self.weights.frequency, &self.weights.microphone]
+            .map(|weights| weights.iter().map(|w| of(f64::from(*w))).sum());
+        [self.instrument.transmissions() as f64 * f, r]
     }
 
     fn frequencies(&self) -> usize {
         frequencies_at_once(self.instrument.array.len())
     }
 
-    /// Samples of some frequencies that are echoes of virtual tones.
-    fn expand(&self, range: Range<usize>, echoes: &[Complex32], samples: &mut Vec<Complex32>) {
+    /// Samples of some frequencies of a transmission that are echoes of virtual tones.
+    fn expand(
+        &self,
+        range: Range<usize>,
+        (transmission, echoes): (usize, &[Complex32]),
+        samples: &mut Vec<Complex32>,
+    ) {
         let n_mic = self.instrument.array.len();
+        let tones = self.skeletons.tones() * n_mic;
+        let echoes = &echoes[transmission * tones..][..tones];
         samples.resize(range.len() * n_mic, Complex32::ZERO);
-        self.virtual_tones().expand(range, echoes, n_mic, samples);
+        self.skeletons.virtual_tones(transmission).expand(range, echoes, n_mic, samples);
         if self.instrument.detection == Detection::InPhase {
             samples.par_iter_mut().with_min_len(1 << 12).for_each(|m| m.im = 0.0);
         }
@@ -244,7 +253,7 @@ impl CubeSource for Left<'_> {
             let left = match echoes {
                 None => samples,
                 Some(echoes) => {
-                    operator.expand(range.clone(), echoes, &mut left);
+                    operator.expand(range.clone(), (transmission, echoes), &mut left);
                     let pairs = left.par_iter_mut().zip(samples).with_min_len(1 << 12);
                     pairs.for_each(|(echo, m)| *echo = m - *echo);
                     &left

@@ -22,7 +22,8 @@ impl RefineOptions {
     /// How many blocks a refinement may store, and the bytes of the largest.
     pub(crate) fn blocks(&self, instrument: &Instrument, grid: &Grid) -> [u64; 2] {
         let blocks_of = |samples: u64| samples.div_ceil(BLOCK as u64);
-        let samples = instrument.sweep.len() as u64 * instrument.array.len() as u64;
+        let tones = (instrument.transmissions() * instrument.sweep.len()) as u64;
+        let samples = tones * instrument.array.len() as u64;
         let step = 1 + SETS * (blocks_of(grid.voxel_count()) + blocks_of(samples));
         [step.saturating_mul(self.steps as u64 + 1), COMPLEX * BLOCK as u64]
     }

@@ -59,7 +59,10 @@ fn with_operator(
 /// `Σ_p A(p) e^{i2πf·path/c}` as it is written.
 fn literal_echoes(instrument: &Instrument, grid: &Grid, voxels: &[Complex32]) -> Vec<Complex32> {
     let mut samples = Vec::new();
-    for f in instrument.sweep.frequencies() {
+    let transmissions = (0..instrument.transmissions()).map(|index| instrument.transmission(index));
+    let sweeps =
+        transmissions.flat_map(|one| instrument.sweep.frequencies().iter().map(move |f| (one.clone(), f)));
+    for (instrument, f) in sweeps {
         for r in instrument.array.positions() {
             let mut sum = Complex32::ZERO;
             for (i, a) in voxels.iter().enumerate() {

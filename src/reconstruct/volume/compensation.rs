@@ -26,7 +26,7 @@ impl Gain {
     /// That of a measurement on the voxels of a grid.
     pub(crate) fn new(instrument: &Instrument, grid: &Grid) -> Self {
         let centre = instrument.array.centre();
-        Self { grid: *grid, speaker: instrument.geometry.viewpoint(centre), centre }
+        Self { grid: *grid, speaker: instrument.viewpoint(), centre }
     }
 
     fn at(&self, p: DVec3) -> f64 {

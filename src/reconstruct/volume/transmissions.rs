@@ -2,24 +2,30 @@
 //!
 //! `Â(p) = w/(n_tx Σw_f Σw_r) Σ_tx Σ_f Σ_r w_f w_r m(tx, f, r) e^{−i2πf(|p − s_tx| + |p − r|)/c}`
 //!
-//! is the mean of the images of the transmissions, each a job of its own by any method. Depths are summed in slabs that are
-//! small beside a volume and follow from the grid alone, so that the bytes depend on neither memory nor interruption.
+//! is the mean of the images of the transmissions, each a job of its own by any method; by convolution some of them together,
+//! which share the kernels `e^{−i2πf|p − r|/c}` of the way back. Depths are summed in slabs that are small beside a volume and
+//! follow from the grid alone, so that the bytes depend on neither memory nor interruption.
 //!
 //! A path is the same from either of its ends, so that loudspeakers and microphones may change places: the sum then runs
 //! over the microphones, where these are fewer and no window weighs them.
 
-use super::{Checked, Gain};
-use crate::acquisition::{CubeSource, DataCube, Instrument, MicArray, OneTransmission};
+mod course;
+
+use super::{Batch, Checked, Compensated, Gain};
+use crate::acquisition::{CubeSource, DataCube, Instrument, MicArray, SomeTransmissions};
 use crate::alloc::try_zeroed;
-use crate::blocks::{BlockStore, NoStore};
 use crate::error::Result;
 use crate::grid::{Axis, Grid, no_room_for};
 use crate::progress::{Event, Observer, advance, stage};
-use crate::reconstruct::plan::{Candidates, Estimate, Estimates, estimate};
+use crate::reconstruct::error_budget::ErrorBudget;
+use crate::reconstruct::job::Job;
+use crate::reconstruct::plan::{Candidates, Estimates, MethodPlan};
+use crate::reconstruct::upsampling::InterpolationError;
 use crate::reconstruct::window::Weights;
 use crate::reconstruct::{
-    Method, ReconstructOptions, ReconstructionInfo, VolumeSink, Window, by_candidates, no_room,
+    Method, ReconstructOptions, ReconstructionInfo, VolumeSink, Window, carry_out, no_room,
 };
+use course::{Course, groups};
 use num_complex::Complex32;
 use std::ops::Range;
 use std::sync::OnceLock;
@@ -39,16 +45,12 @@ fn part_of(grid: &Grid, depths: &Range<usize>) -> Grid {
     Grid { z: Axis { first: grid.z.position(depths.start), count: depths.len(), ..grid.z }, ..*grid }
 }
 
-/// A refinement fits the echoes of one loudspeaker.
-fn refuse_refinement(instrument: &Instrument, options: &ReconstructOptions) -> Result<()> {
-    if options.refine.is_none() { Ok(()) } else { instrument.need_one_source("refine.method") }
-}
-
 /// The instrument with microphones for loudspeakers and loudspeakers for microphones, where its sum has fewer terms.
 fn reversed(instrument: &Instrument, options: &ReconstructOptions) -> Result<Option<Instrument>> {
     let sources = instrument.sources();
+    let several = instrument.transmissions() > 1;
     let weighs_places = options.window != Window::None || options.compensate;
-    if weighs_places || instrument.array.len() >= sources.len() {
+    if !several || weighs_places || instrument.array.len() >= sources.len() {
         return Ok(None);
     }
     // As many as there are before the first of another row.
@@ -77,25 +79,25 @@ fn turned(source: &mut dyn CubeSource, reversed: Instrument) -> Result<DataCube>
     DataCube::new(reversed, samples)
 }
 
+/// The cube with microphones and loudspeakers in each other's places, where that is less work.
+///
+/// # Errors
+/// Those of the source; its samples do not fit in memory.
+pub(in crate::reconstruct) fn turned_round(
+    source: &mut dyn CubeSource,
+    options: &ReconstructOptions,
+) -> Result<Option<DataCube>> {
+    match reversed(source.instrument(), options)? {
+        Some(reversed) => turned(source, reversed).map(Some),
+        None => Ok(None),
+    }
+}
+
 /// What all loudspeakers show together.
 ///
 /// # Errors
-/// Those of one transmission; a refinement.
+/// Those of one transmission.
 pub(in crate::reconstruct) fn sum_of_transmissions(
-    source: &mut dyn CubeSource,
-    grid: &Grid,
-    options: &ReconstructOptions,
-    sink: &mut dyn VolumeSink,
-    observer: &dyn Observer,
-) -> Result<ReconstructionInfo> {
-    refuse_refinement(source.instrument(), options)?;
-    if let Some(reversed) = reversed(source.instrument(), options)? {
-        return sum(&mut &turned(source, reversed)?, grid, options, sink, observer);
-    }
-    sum(source, grid, options, sink, observer)
-}
-
-fn sum(
     source: &mut dyn CubeSource,
     grid: &Grid,
     options: &ReconstructOptions,
@@ -104,35 +106,62 @@ fn sum(
 ) -> Result<ReconstructionInfo> {
     let instrument = source.instrument().clone();
     let (count, plane) = (instrument.transmissions(), grid.plane_len());
-    // One method for all of them, that of the first.
-    let first = instrument.transmission(0);
-    let candidates = Candidates::new(&first, grid, options, rayon::current_num_threads())?;
-    let method = candidates.chosen(options.method).method;
-    let (_, warning) = candidates.choose(&first, grid, options.method)?;
+    // One method for all of them.
+    let course = Course::new(&instrument, grid, options, rayon::current_num_threads())?;
+    let method = course.estimates.chosen().method;
+    let (_, warning) = course.first.choose(&instrument.transmission(0), grid, options.method)?;
     if let Some(warning) = warning {
         observer.warn(&warning);
     }
-    let info = expected(source, grid, (options, method))?;
     let memory = options.memory.map(|memory| memory.saturating_sub(slab_bytes(grid)));
     let options = ReconstructOptions { method, memory, ..*options };
+    let groups: Vec<_> = groups(count, course.group).collect();
+    let planned = |depths: &Range<usize>, which: &Range<usize>| {
+        Planned::new(&instrument.some_transmissions(which.clone()), &part_of(grid, depths), &options)
+    };
+    // Those of convolution are found before: how large the error is has to be known at the first depth.
+    let mut plans: Vec<Vec<Planned>> = Vec::new();
+    if method == Method::Convolution {
+        let of_slab = |depths: Range<usize>| groups.iter().map(|which| planned(&depths, which)).collect();
+        plans = slabs(grid).map(of_slab).collect::<Result<_>>()?;
+    }
+    let weights = Weights::new(&instrument, options.window);
+    let errors = groups.iter().enumerate().map(|(group, _)| match method {
+        Method::Direct | Method::Linear => 0.0,
+        Method::Convolution => plans.iter().map(|plans| plans[group].error).fold(0.0, f64::max),
+        _ => options.tolerance,
+    });
+    let errors: Vec<_> = groups.iter().cloned().zip(errors).collect();
+    let info = expected(source, grid, (&options, &weights), &errors)?;
     let level = info.incoherent_level.map(OnceLock::from);
     let sink: &mut dyn VolumeSink = &mut Checked { grid: *grid, incoherent_level: level.as_ref(), sink };
     sink.begin(&info)?;
     stage(observer, "reconstructing", (count * grid.z.count) as u64, || {
-        for depths in slabs(grid) {
+        for (slab, depths) in slabs(grid).enumerate() {
             if sink.wanted(depths.clone()).is_empty() {
                 advance(observer, (count * depths.len()) as u64)?;
                 continue;
             }
             let part = part_of(grid, &depths);
             let mut total = try_zeroed(part.voxel_count()).ok_or_else(|| no_room_for(grid))?;
-            for index in 0..count {
-                let share = (count as f32).recip();
-                let mut sum = AddedTo { total: &mut total, plane, share, observer };
-                let one = &mut OneTransmission::new(source, index);
-                let plan = Candidates::only(method, one.instrument(), &part, &options)?;
-                let sinks: (&mut dyn VolumeSink, &mut dyn BlockStore) = (&mut sum, &mut NoStore);
-                by_candidates(one, (&part, plan), &options, sinks, &Unreported(observer))?;
+            for (group, which) in groups.iter().enumerate() {
+                let found;
+                let planned = if let Some(plans) = plans.get(slab) {
+                    &plans[group]
+                } else {
+                    found = planned(&depths, which)?;
+                    &found
+                };
+                let mut sum = AddedTo { total: &mut total, plane, transmissions: which.len(), observer };
+                let some = &mut SomeTransmissions::of(source, which.clone());
+                let mut compensated;
+                let sink: &mut dyn VolumeSink = if options.compensate {
+                    compensated = Compensated::new(Gain::new(some.instrument(), &part), &mut sum);
+                    &mut compensated
+                } else {
+                    &mut sum
+                };
+                planned.carry_out(some, (&part, &weights), &options, sink, &Unreported(observer))?;
             }
             sink.take(depths.start, &total)?;
         }
@@ -144,33 +173,72 @@ fn sum(
 /// Frequencies that are visited at a time for their power alone.
 const BLOCK: usize = 32;
 
-/// What is known before the sum: the bound on its error, as far as the tolerance allows, and the level of its samples.
+/// What is known before the sum: the bound on its error, by the relative errors of groups of transmissions, and the level of
+/// its samples.
 fn expected(
     source: &mut dyn CubeSource,
     grid: &Grid,
-    (options, method): (&ReconstructOptions, Method),
+    (options, weights): (&ReconstructOptions, &Weights),
+    errors: &[(Range<usize>, f64)],
 ) -> Result<ReconstructionInfo> {
     let instrument = source.instrument().clone();
-    let (count, n_mic) = (instrument.transmissions(), instrument.array.len());
-    let weights = Weights::new(&instrument, options.window);
-    let summed = matches!(method, Method::Direct | Method::Linear);
-    let tolerance = if summed { 0.0 } else { options.tolerance };
+    let n_mic = instrument.array.len();
     let (mut bound, mut power) = (0.0, 0.0);
-    for index in 0..count {
-        let mut modulus = 0.0;
-        source.visit_transmission(index, BLOCK, &mut |frequencies, samples| {
-            for (f, row) in frequencies.zip(samples.chunks_exact(n_mic)) {
-                modulus += weights.modulus(f, row);
-                power += weights.power(f, row);
-            }
-            Ok(())
-        })?;
-        let plain = ReconstructionInfo::plain(method, tolerance * modulus / count as f64);
-        let gain = options.compensate.then(|| Gain::new(&instrument.transmission(index), grid));
-        bound += gain.map_or(plain, |gain| gain.info(&plain)).error_bound;
+    for (which, error) in errors {
+        for index in which.clone() {
+            let mut modulus = 0.0;
+            source.visit_transmission(index, BLOCK, &mut |frequencies, samples| {
+                for (f, row) in frequencies.zip(samples.chunks_exact(n_mic)) {
+                    modulus += weights.modulus(f, row);
+                    power += weights.power(f, row);
+                }
+                Ok(())
+            })?;
+            let plain = ReconstructionInfo::plain(options.method, error * modulus);
+            let gain = options.compensate.then(|| Gain::new(&instrument.transmission(index), grid));
+            bound += gain.map_or(plain, |gain| gain.info(&plain)).error_bound;
+        }
     }
-    let incoherent_level = (!options.compensate).then(|| power.sqrt() / count as f64);
-    Ok(ReconstructionInfo { incoherent_level, ..ReconstructionInfo::plain(method, bound) })
+    let incoherent_level = (!options.compensate).then(|| power.sqrt());
+    Ok(ReconstructionInfo { incoherent_level, ..ReconstructionInfo::plain(options.method, bound) })
+}
+
+/// How a group of transmissions is summed within a slab of depths.
+struct Planned {
+    plan: MethodPlan,
+    batch: Batch,
+    /// Of a convolution over skeleton tones: the largest error of a voxel, relative to `Σ|w m| / Σw`.
+    error: f64,
+}
+
+impl Planned {
+    fn new(instrument: &Instrument, grid: &Grid, options: &ReconstructOptions) -> Result<Self> {
+        let candidates = Candidates::only(options.method, instrument, grid, options)?;
+        let batch = candidates.chosen(options.method).batch;
+        let (plan, _) = candidates.choose(instrument, grid, options.method)?;
+        let error = match &plan {
+            MethodPlan::Convolution(sampled) => {
+                let interpolation = sampled.upsampling.as_ref().map_or(InterpolationError::NONE, |u| u.error);
+                interpolation.with(sampled.plan.error(instrument))
+            }
+            _ => 0.0,
+        };
+        Ok(Self { plan, batch, error })
+    }
+
+    fn carry_out(
+        &self,
+        source: &mut dyn CubeSource,
+        (grid, weights): (&Grid, &Weights),
+        options: &ReconstructOptions,
+        sink: &mut dyn VolumeSink,
+        observer: &dyn Observer,
+    ) -> Result<()> {
+        let (budget, interpolation) = (ErrorBudget::new(options.tolerance), InterpolationError::NONE);
+        let batch = self.batch;
+        let job = Job { source, weights, grid, budget, interpolation, batch, sink, observer };
+        carry_out(&self.plan, job).map(|_| ())
+    }
 }
 
 /// Bytes of the depths that are summed.
@@ -179,42 +247,36 @@ fn slab_bytes(grid: &Grid) -> u64 {
     (depths * grid.plane_len() * size_of::<Complex32>()) as u64
 }
 
-/// What each method would take for the sum over all loudspeakers: so many times what the first one takes.
+/// What each method would take for the sum over all loudspeakers.
 pub(in crate::reconstruct) fn estimates_of_transmissions(
     instrument: &Instrument,
     grid: &Grid,
     options: &ReconstructOptions,
     threads: usize,
 ) -> Result<Estimates> {
-    refuse_refinement(instrument, options)?;
     let turned = reversed(instrument, options)?;
-    let held = slab_bytes(grid).saturating_add(turned.as_ref().map_or(0, Instrument::cube_bytes));
+    let held = turned.as_ref().map_or(0, Instrument::cube_bytes);
+    let held = if options.refine.is_some() { held } else { held.saturating_add(slab_bytes(grid)) };
     let instrument = turned.as_ref().unwrap_or(instrument);
     let options = ReconstructOptions { memory: options.memory.map(|m| m.saturating_sub(held)), ..*options };
-    let times = instrument.transmissions() as f64;
-    let first = instrument.transmission(0);
-    let found = estimate(&first, grid, &options, threads)?;
-    // The memory is that of the longest slab, the last one's paths being the longest, too.
-    let deepest = slabs(grid).last().map(|depths| part_of(grid, &depths)).filter(|part| part != grid);
-    let longest = slabs(grid).next().map(|depths| part_of(grid, &depths)).filter(|part| part != grid);
-    let mut methods = found.methods;
-    for part in [longest, deepest].into_iter().flatten() {
-        let of_part = estimate(&first, &part, &options, threads)?.methods;
-        methods.iter_mut().zip(of_part).for_each(|(all, part)| all.bytes = all.bytes.max(part.bytes));
-    }
-    let each = |estimate: Estimate| Estimate {
-        operations: estimate.operations * times,
-        bytes: if estimate.obstacle.is_none() { estimate.bytes.saturating_add(held) } else { 0 },
-        ..estimate
+    let Estimates { mut methods, chosen } = if options.refine.is_some() || instrument.transmissions() == 1 {
+        Candidates::new(instrument, grid, &options, threads)?.into_estimates(options.method)
+    } else {
+        Course::new(instrument, grid, &options, threads)?
+            .with_longest_slab(instrument, grid, &options, threads)?
     };
-    Ok(Estimates { methods: methods.into_iter().map(each).collect(), chosen: found.chosen })
+    for estimate in methods.iter_mut().filter(|estimate| estimate.obstacle.is_none()) {
+        estimate.bytes = estimate.bytes.saturating_add(held);
+    }
+    Ok(Estimates { methods, chosen })
 }
 
-/// A sink that adds a share of what it is given to a slab.
+/// A sink that adds what it is given to a slab.
 struct AddedTo<'a> {
     total: &'a mut [Complex32],
     plane: usize,
-    share: f32,
+    /// How many have been added up in what it is given.
+    transmissions: usize,
     observer: &'a dyn Observer,
 }
 
@@ -225,8 +287,8 @@ impl VolumeSink for AddedTo<'_> {
 
     fn take(&mut self, first: usize, planes: &[Complex32]) -> Result<()> {
         let total = &mut self.total[first * self.plane..][..planes.len()];
-        total.iter_mut().zip(planes).for_each(|(total, a)| *total += a * self.share);
-        advance(self.observer, (planes.len() / self.plane) as u64)
+        total.iter_mut().zip(planes).for_each(|(total, a)| *total += a);
+        advance(self.observer, (self.transmissions * planes.len() / self.plane) as u64)
     }
 }
 

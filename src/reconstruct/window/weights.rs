@@ -5,7 +5,7 @@ use crate::reconstruct::Window;
 use crate::wave::simd::LANES;
 use num_complex::Complex32;
 
-/// Window weights with the normalisation folded in.
+/// Window weights with the normalisation folded in, that of several transmissions too.
 #[derive(Debug, Clone)]
 pub(crate) struct Weights {
     /// Per frequency; holds the normalisation and w as well.
@@ -17,10 +17,16 @@ pub(crate) struct Weights {
 impl Weights {
     pub(crate) fn new(instrument: &Instrument, window: Window) -> Self {
         let frequency = window.over_sweep(&instrument.sweep);
-        let microphone = window.over_array(&instrument.array);
+        // Pairs that differ are weighed by where they are seen from.
+        let microphone = if instrument.has_differing_pairs() {
+            window.over_array(&instrument.equivalent().array)
+        } else {
+            window.over_array(&instrument.array)
+        };
         let (sum_f, sum_r) = (frequency.iter().sum::<f64>(), microphone.iter().sum::<f64>());
         let mean_r = sum_r / microphone.len() as f64;
-        let scale = instrument.detection.weight() / (sum_f * microphone.len() as f64);
+        let samples = (instrument.transmissions() * microphone.len()) as f64;
+        let scale = instrument.detection.weight() / (sum_f * samples);
         Self {
             frequency: frequency.iter().map(|w| (w * scale) as f32).collect(),
             microphone: microphone.iter().map(|w| (w / mean_r) as f32).collect(),

@@ -9,7 +9,7 @@ use num_complex::Complex32;
 
 impl Plane<'_> {
     /// Adds the products of kernels and voxels `[y, x]` of one sublattice of depth `iz` to spectra of tones,
-    /// `[tone, placement, block, side, k_y]`.
+    /// `[tone, transmission, placement, block, side, k_y]`.
     pub(in crate::reconstruct::convolution) fn correlate(
         &mut self,
         iz: usize,
@@ -27,12 +27,23 @@ impl Plane<'_> {
             self.transform_voxels(None, part);
         }
         for (k, spectra) in per_metre.iter().zip(spectra.chunks_exact_mut(layout.tone_len() / LANES)) {
-            if !scan {
-                self.transform_voxels(Some(*k), part);
+            if layout.transmissions() > 1 {
+                for node_part in 0..layout.node_parts.len() {
+                    self.kernel(*k, node_part);
+                }
+                self.keep_kernels();
             }
-            for node_part in 0..layout.node_parts.len() {
-                self.kernel(*k, node_part);
-                self.add_products(node_part, spectra);
+            let of_transmission = spectra.chunks_exact_mut(layout.transmission_len() / LANES);
+            for (transmission, spectra) in of_transmission.enumerate() {
+                if !scan {
+                    self.transform_voxels(Some((*k, transmission)), part);
+                }
+                for node_part in 0..layout.node_parts.len() {
+                    if self.kernels.is_empty() {
+                        self.kernel(*k, node_part);
+                    }
+                    self.add_products(node_part, spectra);
+                }
             }
         }
     }
@@ -53,17 +64,20 @@ impl Plane<'_> {
         }
     }
 
-    /// The spectrum of the voxels, with the outer phase of a tone, `[block, side, k_y]` in lanes of k_x; transformed back
+    /// The spectrum of the voxels, with the outer phase of a tone and transmission, `[block, side, k_y]` in lanes of k_x; transformed back
     /// rather than forth, with real and imaginary parts exchanged.
-    fn transform_voxels(&mut self, per_metre: Option<f64>, part: usize) {
+    fn transform_voxels(&mut self, tone: Option<(f64, usize)>, part: usize) {
         let layout: &Layout = self.layout;
         let ([x, y], sides) = (layout.voxel_parts[part], layout.sides());
         let (n_x, n_y, width) = (layout.x.len(), layout.y.len(), padded(x.count));
         self.columns.fill(Lanes::ZERO);
         for (rows, image) in self.image.chunks_exact(width).enumerate() {
             let (row, outer) = (&mut self.row[..n_x], &mut self.transformed[..width]);
-            match per_metre {
-                Some(k) => lane_phasors(&[k; LANES], &self.outward[rows * width..][..width], outer),
+            match tone {
+                Some((k, transmission)) => {
+                    let first = transmission * self.image.len() + rows * width;
+                    lane_phasors(&[k; LANES], &self.outward[first..][..width], outer);
+                }
                 None => outer.fill(Lanes { re: [1.0; LANES], im: [0.0; LANES] }),
             }
             multiply(image, outer, &mut row[..width], false);
@@ -98,8 +112,14 @@ impl Plane<'_> {
         let spectra = &mut spectra[layout.spectrum(part, &self.offsets[part])..];
         let columns = &self.columns[part * layout.blocks() * n_y..][..layout.blocks() * n_y];
         for (block, column) in columns.chunks_exact(n_y).enumerate() {
-            let kernel = &mut self.transformed[..n_y];
-            layout.y.fft.transform(column, kernel, &mut self.work[..n_y]);
+            let kept = (part * layout.blocks() + block) * n_y;
+            let kernel = if let Some(kept) = self.kernels.get(kept..kept + n_y) {
+                kept
+            } else {
+                let kernel = &mut self.transformed[..n_y];
+                layout.y.fft.transform(column, kernel, &mut self.work[..n_y]);
+                kernel
+            };
             let sides = block * sides * n_y..(block + 1) * sides * n_y;
             let of_sides = spectra[sides.clone()].chunks_exact_mut(n_y);
             for (sum, field) in of_sides.zip(self.field[sides].chunks_exact(n_y)) {

@@ -13,13 +13,13 @@ use num_complex::Complex32;
 use rayon::prelude::*;
 
 impl Layout {
-    /// Samples of the nodes, `[tone, node]`, from their spectra: the adjoint of [`Layout::transform_into`].
+    /// Samples of a transmission's nodes, `[tone, node]`, from the spectra of all: the adjoint of [`Layout::transform_into`].
     ///
     /// # Errors
     /// A thread's buffers do not fit in memory.
     pub(in crate::reconstruct::convolution) fn nodes_of(
         &self,
-        spectra: &[Lanes],
+        (transmission, spectra): (usize, &[Lanes]),
         batch: Batch,
         nodes: &mut [Complex32],
     ) -> Result<()> {
@@ -28,7 +28,7 @@ impl Layout {
         let count = nodes.len() / width;
         let no_room = || no_room(count as u64, width as u64);
         if let Some(axis) = self.line {
-            self.nodes_of_line(axis, spectra, nodes);
+            self.nodes_of_line(axis, (transmission, spectra), nodes);
             return Ok(());
         }
         let points = self.points() / LANES;
@@ -37,7 +37,8 @@ impl Layout {
             || Scratch::new(self),
             |scratch, (nodes, spectra)| {
                 let scratch = scratch.as_mut().ok_or_else(no_room)?;
-                for (spectrum, placement) in spectra.chunks_exact(points).zip(&self.placements) {
+                let spectra = spectra.chunks_exact(points).skip(transmission * self.placements.len());
+                for (spectrum, placement) in spectra.zip(&self.placements) {
                     self.transform_back(spectrum, *placement, nodes, scratch);
                 }
                 Ok(())
@@ -94,15 +95,22 @@ impl Layout {
     }
 
     /// The same on a line.
-    fn nodes_of_line(&self, axis: usize, spectra: &[Lanes], nodes: &mut [Complex32]) {
+    fn nodes_of_line(
+        &self,
+        axis: usize,
+        (transmission, spectra): (usize, &[Lanes]),
+        nodes: &mut [Complex32],
+    ) {
         let fft = &self.along(axis).fft;
         let (n, parts, width) = (fft.len(), &self.node_parts, self.lattice.width());
         let (scale, n_x) = (1.0 / n as f32, self.lattice.nodes()[0].count);
         let tones = nodes.par_chunks_mut(LANES * width);
-        tones.zip(spectra.par_chunks_exact(parts.len() * n)).for_each_init(
+        let of_block = parts.len() * n;
+        tones.zip(spectra.par_chunks_exact(self.transmissions() * of_block)).for_each_init(
             || [vec![Lanes::ZERO; n], vec![Lanes::ZERO; n]],
             |[transformed, work], (tones, spectra)| {
-                for (part, spectrum) in parts.iter().zip(spectra.chunks_exact(n)) {
+                let spectra = spectra[transmission * of_block..].chunks_exact(n);
+                for (part, spectrum) in parts.iter().zip(spectra) {
                     fft.transform(spectrum, transformed, work);
                     for (lane, tone) in tones.chunks_exact_mut(width).enumerate() {
                         for (from, place) in transformed.iter().zip(places(part, axis, n_x)) {

@@ -12,6 +12,10 @@ fn cases() -> Vec<(&'static str, Instrument, Grid)> {
         .collect();
     let on_line = MicArray::rectangular([9, 1], [0.02, 0.02], DVec3::ZERO).unwrap();
     let fixed = |array| Instrument::new(sweep(100.0), array);
+    let several = |array| {
+        let place = |i: usize| DVec3::new(0.2, 0.3 - 0.25 * i as f64, -0.02 * i as f64);
+        fixed(array).with_sources(&[0, 1, 2].map(place)).unwrap()
+    };
     let steel = Some(Interface { depth: 0.63, sound_speed: 800.0 });
     let even = cube(axis(-0.15, 0.03, 11), axis(-0.12, 0.03, 9));
     vec![
@@ -30,6 +34,13 @@ fn cases() -> Vec<(&'static str, Instrument, Grid)> {
             fixed(on_line.clone()).with_interface(steel),
             cube(axis(-0.15, 0.02, 16), axis(0.0, 0.03, 1)),
         ),
+        ("several", several(lattice([6, 5], 0.03)), even),
+        ("several, finer voxels", several(lattice([5, 4], 0.04)), cube(axis(-0.11, 0.02, 12), even.y)),
+        ("several, finer array", several(lattice([9, 8], 0.015)), even),
+        ("several, no lattice", several(lattice([6, 5], 0.031)), even),
+        ("several in phase", several(lattice([4, 5], 0.03)).with_detection(Detection::InPhase), even),
+        ("several in two media", several(lattice([6, 5], 0.03)).with_interface(steel), even),
+        ("several on a line", several(on_line.clone()), cube(axis(-0.15, 0.02, 16), axis(0.0, 0.03, 1))),
         ("line", fixed(on_line.clone()), cube(axis(-0.15, 0.02, 16), axis(0.0, 0.03, 1))),
         (
             "scanned line",
@@ -62,6 +73,7 @@ fn echoes_are_the_literal_sums_and_their_adjoint_is_eq_13() {
     for (name, instrument, grid) in cases() {
         let voxels = random(grid.voxel_count() as usize, 3);
         let literal = literal_echoes(&instrument, &grid, &voxels);
+        assert_eq!(literal.len() as u64 * 8, instrument.cube_bytes());
         let mut samples = random(literal.len(), 5);
         if instrument.detection == Detection::InPhase {
             for m in &mut samples {

@@ -7,7 +7,7 @@ use crate::acquisition::Sweep;
 use crate::grid::Volume;
 use crate::progress::Silent;
 use crate::reconstruct::volume::ResumedVolume;
-use crate::reconstruct::{reconstruct, reconstruct_into};
+use crate::reconstruct::{RefineOptions, Solver, estimate, reconstruct, reconstruct_into};
 use crate::wave::Geometry;
 use glam::DVec3;
 use num_complex::Complex64;
@@ -99,6 +99,45 @@ fn several_sources_are_their_coherent_sum_by_every_method() {
     }
 }
 
+/// Instruments whose transmissions share kernels, in every way that a convolution has.
+fn sharing() -> Vec<(&'static str, Instrument, Grid)> {
+    let of = |array, sources: &[DVec3]| instrument(array).with_sources(sources).unwrap();
+    let line = MicArray::rectangular([9, 1], [0.02; 2], DVec3::ZERO).unwrap();
+    let flat = scattered().positions().iter().map(|r| r.with_z(0.0)).collect();
+    let many: Vec<DVec3> = (0..9).map(|i| SOURCES[i % 3] * (1.0 - 0.1 * i as f64)).collect();
+    let steel = crate::wave::Interface { depth: 0.63, sound_speed: 800.0 };
+    let near = Grid { z: axis(0.01, 0.04, 5), ..small_grid() };
+    let flat_line = Grid { x: axis(-0.15, 0.02, 16), y: axis(0.0, 0.03, 1), ..small_grid() };
+    vec![
+        ("lattice", of(lattice(), &SOURCES), small_grid()),
+        ("two groups", of(lattice(), &many), small_grid()),
+        ("finer voxels", of(lattice(), &SOURCES), Grid { x: axis(-0.1, 0.01, 14), ..small_grid() }),
+        ("scattered, near", of(MicArray::from_positions(flat).unwrap(), &SOURCES), near),
+        ("two media", of(lattice(), &SOURCES).with_interface(Some(steel)), small_grid()),
+        ("line", of(line, &SOURCES), flat_line),
+    ]
+}
+
+#[test]
+fn transmissions_that_share_kernels_are_their_literal_sum() {
+    for (name, instrument, grid) in sharing() {
+        let cube = cube(instrument);
+        let options = ReconstructOptions::new(Method::Convolution, Window::None).with_tolerance(1e-5);
+        let course = Course::new(&cube.instrument, &grid, &options, 2).unwrap();
+        let count = cube.instrument.transmissions();
+        assert_eq!(groups(count, course.group).count(), count.div_ceil(8), "{name}");
+        let found = reconstruct(&cube, &grid, &options).unwrap();
+        let path = |p: DVec3, tx: usize, r: DVec3| cube.instrument.transmission(tx).path_length(p, r);
+        let error = error(&cube, &found.volume, path);
+        assert!(error < 1e-4, "{name}: {error:e}");
+        // The bound is the one measured, not what is allowed.
+        let modulus =
+            cube.samples.iter().map(|m| f64::from(m.norm())).sum::<f64>() / cube.samples.len() as f64;
+        let peak = f64::from(found.volume.peak());
+        assert!(error * peak < found.error_bound + 1e-6 && found.error_bound < 1e-5 * modulus, "{name}");
+    }
+}
+
 #[test]
 fn a_moved_pair_is_summed_as_written() {
     let offset = DVec3::new(0.08, -0.03, 0.02);
@@ -114,6 +153,28 @@ fn a_moved_pair_is_summed_as_written() {
         let options = ReconstructOptions::new(Method::Convolution, Window::None);
         let refused = reconstruct(&cube, &small_grid(), &options).unwrap_err().to_string();
         crate::named::assert_names(refused, &["convolution", "pair", "backprojection"]);
+    }
+    // Each with an offset of its own: a common midpoint, and any.
+    for array in [lattice(), scattered()] {
+        let own = array.positions().iter().enumerate();
+        let midpoint = own.clone().map(|(_, r)| DVec3::new(0.04, 0.0, 0.0) - *r).collect::<Vec<_>>();
+        let any = own.map(|(i, _)| SOURCES[i % 3] * (1.0 + 0.03 * i as f64)).collect::<Vec<_>>();
+        for sources in [midpoint, any] {
+            let cube = cube(instrument(array.clone()).with_pairs(&sources).unwrap());
+            assert!(cube.instrument.has_differing_pairs());
+            for method in [Method::Direct, Method::Backprojection] {
+                let options = ReconstructOptions::new(method, Window::None).with_tolerance(1e-5);
+                let found = reconstruct(&cube, &small_grid(), &options).unwrap();
+                let source_of =
+                    |r: DVec3| sources[array.positions().iter().position(|own| *own == r).unwrap()];
+                let error = error(&cube, &found.volume, |p, _, r| p.distance(source_of(r)) + p.distance(r));
+                assert!(error < 1e-4, "{method}: {error:e}");
+                assert!(error * f64::from(found.volume.peak()) < found.error_bound + 1e-6);
+            }
+            let refine = ReconstructOptions::default().with_refine(Some(RefineOptions::new(Solver::Cgls)));
+            let refused = reconstruct(&cube, &small_grid(), &refine).unwrap_err().to_string();
+            crate::named::assert_names(refused, &["convolution", "pair"]);
+        }
     }
     // A pair in one place is a monostatic scan.
     let scan = cube(instrument(lattice()).with_geometry(Geometry::Monostatic));
@@ -168,18 +229,55 @@ fn slabs_and_interruptions_change_no_byte() {
 }
 
 #[test]
-fn a_refinement_is_refused_and_estimates_add_up() {
+fn estimates_add_up_and_shared_kernels_take_less() {
     let one = instrument(lattice());
     let both = one.clone().with_sources(&SOURCES[..2]).unwrap();
-    let options = ReconstructOptions::new(Method::Direct, Window::None);
-    let of = |instrument: &Instrument| {
+    let of = |instrument: &Instrument, method| {
+        let options = ReconstructOptions::new(method, Window::None);
         let estimates = estimate(instrument, &small_grid(), &options, 1).unwrap();
         (estimates.chosen().operations, estimates.chosen().bytes)
     };
-    assert_eq!(of(&both).0, 2.0 * of(&one.with_geometry(both.geometry)).0);
-    assert!(of(&both).1 > slab_bytes(&small_grid()));
-    let refined =
-        options.with_refine(Some(crate::reconstruct::RefineOptions::new(crate::reconstruct::Solver::Fista)));
-    let refused = reconstruct(&cube(both), &small_grid(), &refined).unwrap_err().to_string();
-    crate::named::assert_names(refused, &["refine.method", "2", "one loudspeaker"]);
+    let first = one.with_geometry(both.geometry);
+    assert_eq!(of(&both, Method::Direct).0, 2.0 * of(&first, Method::Direct).0);
+    assert!(of(&both, Method::Direct).1 > slab_bytes(&small_grid()));
+    assert!(of(&both, Method::Convolution).0 < 2.0 * of(&first, Method::Convolution).0);
+    assert!(of(&both, Method::Convolution).1 > of(&first, Method::Convolution).1);
+}
+
+/// What several loudspeakers recorded of two points is explained by these, and by fewer microphones than loudspeakers.
+#[test]
+fn several_sources_are_refined_together() {
+    let points = [[4, 3, 1], [6, 2, 3]];
+    let options = ReconstructOptions::new(Method::Auto, Window::None);
+    let few = MicArray::from_positions(SOURCES[..2].to_vec()).unwrap();
+    for instrument in [
+        instrument(lattice()).with_sources(&SOURCES).unwrap(),
+        instrument(few).with_sources(lattice().positions()).unwrap(),
+    ] {
+        let grid = small_grid();
+        let mut samples = Vec::new();
+        for tx in 0..instrument.transmissions() {
+            let one = instrument.transmission(tx);
+            for f in instrument.sweep.frequencies() {
+                let echo = |[x, y, z]: [usize; 3], r| {
+                    crate::wave::phasor(f * one.path_length(grid.position(x, y, z), r) / one.sound_speed)
+                };
+                let of_both = |r: &DVec3| points.iter().map(|p| echo(*p, *r)).sum::<Complex32>();
+                samples.extend(one.array.positions().iter().map(of_both));
+            }
+        }
+        let cube = DataCube::new(instrument.clone(), samples).unwrap();
+        for solver in [Solver::Cgls, Solver::Fista] {
+            let refine = RefineOptions::new(solver).with_steps(25_usize);
+            let options = options.with_refine(Some(refine));
+            let found = reconstruct(&cube, &grid, &options).unwrap();
+            let refinement = found.refinement.unwrap();
+            assert!(refinement.misfit < 0.1, "{refinement}");
+            let tight = ReconstructOptions { memory: Some(0), ..options };
+            assert_eq!(reconstruct(&cube, &grid, &tight).unwrap().volume, found.volume);
+        }
+        let options = options.with_refine(Some(RefineOptions::new(Solver::Cgls)));
+        let estimates = estimate(&instrument, &grid, &options, 1).unwrap();
+        assert_eq!(estimates.chosen().method, Method::Convolution);
+    }
 }
