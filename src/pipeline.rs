@@ -268,7 +268,11 @@ fn reconstruct_and_locate(
     if let Some(refinement) = &image.refinement {
         log.note(&refinement.to_string());
     }
-    let mut search = budget.run.depth_options(aperture, sidelobes);
+    if let Some(correlation) = &image.correlation {
+        log.note(&correlation.to_string());
+    }
+    let resolution = facts::resolution(aperture, image.correlation.as_ref());
+    let mut search = budget.run.depth_options(resolution, sidelobes);
     (search.raster, search.floor) = (raster, info.incoherent_level.unwrap_or(0.0));
     let depth = log.timed("depth", || locate_depth_with(&image.volume, &search, log))?;
     depth.check()?;

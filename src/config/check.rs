@@ -35,6 +35,7 @@ impl RunFile {
         self.grid.check()?;
         self.reconstruct.check()?;
         self.refine.check()?;
+        self.check_correlation()?;
         self.depth.check()?;
         self.check_interface()?;
         self.check_bounces()?;

@@ -5,7 +5,7 @@ use crate::config::{RefineMethod, RunFile};
 use crate::depth::ArraySidelobes;
 use crate::export::{Attribute, Attributes, attributes_as_json, find_attribute};
 use crate::plan::near_sidelobe_db;
-use crate::reconstruct::ReconstructionInfo;
+use crate::reconstruct::{Correlation, ReconstructionInfo};
 use crate::wave::{Aperture, Geometry, GeometryKind, Interface, Resolution};
 use glam::DVec3;
 use serde_json::{Value, json};
@@ -25,6 +25,9 @@ pub(super) fn image_facts(
     facts["error_bound"] = json!(info.error_bound);
     facts["incoherent_level"] = json!(info.incoherent_level);
     facts["sidelobes"] = json!(sidelobes);
+    if let Some(correlation) = &info.correlation {
+        facts["correlation"] = json!(correlation);
+    }
     if let Some(refinement) = &info.refinement {
         facts["refinement"] = json!(refinement);
     }
@@ -90,6 +93,19 @@ pub(super) fn refined_by(meta: &Value) -> Option<RefineMethod> {
     meta.get("method")?;
     let solver = meta["refinement"]["solver"].as_str();
     Some(solver.and_then(|solver| solver.parse().ok()).unwrap_or(RefineMethod::None))
+}
+
+/// What a volume of Eq. 13 or a correlation tells apart.
+pub(super) fn resolution(aperture: Aperture, correlation: Option<&Correlation>) -> Resolution {
+    let resolution = Resolution::from(aperture);
+    Resolution { range: correlation.map_or(resolution.range, Correlation::mean_resolution), ..resolution }
+}
+
+/// What a correlation tells apart in depth, from a volume's metadata, m; `None` of another volume.
+pub(super) fn correlated_resolution(meta: &Value) -> Option<f64> {
+    let [near, far]: [f64; 2] =
+        serde_json::from_value(meta.get("correlation")?["depth_resolution"].clone()).ok()?;
+    Some(f64::midpoint(near, far)).filter(|middle| *middle > 0.0 && middle.is_finite())
 }
 
 /// The sidelobes that depth has to expect.

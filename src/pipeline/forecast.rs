@@ -8,12 +8,12 @@ use super::prepared_scene::{Measurement, placement_warnings};
 use super::{is_in_metres, outputs, reflector_list};
 use crate::acquisition::{CubeFile, CubeSource, Instrument, RecordingSize};
 use crate::config::RunFile;
-use crate::error::Result;
+use crate::error::{Result, gib};
 use crate::grid::{Axis, Grid};
 use crate::plan::design::Suggestion;
 use crate::plan::{Design, JobArrays, MemoryEstimate, Plan, design, plan};
 use crate::progress::Observer;
-use crate::reconstruct::{Estimate, estimate};
+use crate::reconstruct::{Correlation, Estimate, estimate};
 use serde::Serialize;
 use std::path::Path;
 
@@ -31,6 +31,9 @@ pub struct Forecast {
     pub methods: Vec<Estimate>,
     /// Index of the method that the job uses.
     pub chosen: usize,
+    /// How microphones will be correlated, if they will.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub correlation: Option<Correlation>,
     /// Worker threads.
     pub threads: usize,
     /// Peak memory of each command that does the job or a part of it, `image` first.
@@ -68,6 +71,13 @@ pub struct CommandMemory {
 impl CommandMemory {
     fn new(command: &'static str, peak: MemoryEstimate) -> Self {
         Self { command, bytes: peak.total(), peak }
+    }
+}
+
+/// As in "1.2 GiB for `image`, at its peak reconstructing: samples 1 GiB".
+impl std::fmt::Display for CommandMemory {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{} for `{}`, at its peak {}", gib(self.bytes), self.command, self.peak)
     }
 }
 
@@ -195,6 +205,7 @@ pub(super) fn forecast(
         seconds: estimate.seconds(),
         methods: estimate.methods,
         chosen: estimate.chosen,
+        correlation: Correlation::of(instrument, grid, &run.reconstruct_options()),
         threads: estimate.threads,
         memory: vec![CommandMemory::new("image", estimate.memory)],
         physics: beyond_the_sum(run, instrument),

@@ -8,7 +8,7 @@ use crate::error::{Error, Result};
 use crate::grid::Grid;
 use crate::metrics::Metrics;
 use crate::plan::Plan;
-use crate::reconstruct::Refinement;
+use crate::reconstruct::{Correlation, Refinement};
 use crate::reflectors::{BounceCounts, BouncePath, Reflectors};
 use crate::scene::{Material, Scene, Up};
 use glam::DVec3;
@@ -47,6 +47,9 @@ pub struct Report {
     /// How the volume was refined, if it was.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub refinement: Option<Refinement>,
+    /// How microphones were correlated, if they were.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub correlation: Option<Correlation>,
     /// Pixels of the depth map.
     pub pixels: usize,
     /// Pixels with an accepted return.
@@ -81,6 +84,7 @@ impl Report {
             peak_amplitude: outcome.image.volume.peak(),
             error_bound: outcome.image.error_bound,
             refinement: outcome.image.refinement,
+            correlation: outcome.image.correlation,
             pixels: outcome.depth.len(),
             accepted: outcome.depth.accepted(),
             metrics: outcome.metrics(),

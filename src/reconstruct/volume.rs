@@ -1,9 +1,10 @@
 //! From the sums of a method to the depths of a volume: batches that keep to the memory, the driver that computes slab
-//! after slab, the sinks that take them, and the sum of several loudspeakers' volumes.
+//! after slab, the sinks that take them, the sum of several loudspeakers' volumes, and correlation, which adds powers.
 
 mod batch;
 mod checked;
 mod compensation;
+mod correlation;
 mod double_buffer;
 mod metered;
 mod sink;
@@ -13,6 +14,8 @@ mod transmissions;
 pub(super) use batch::Batch;
 pub(super) use checked::Checked;
 pub(super) use compensation::{Compensated, Gain};
+pub use correlation::Correlation;
+pub(super) use correlation::{correlate, estimate_of_correlation};
 pub(super) use metered::Metered;
 #[cfg(test)]
 pub(super) use sink::ResumedVolume;

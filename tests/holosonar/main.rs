@@ -17,6 +17,7 @@ mod browser;
 mod calibration;
 mod choices;
 mod command;
+mod correlation;
 mod escapes;
 mod faults;
 mod focus;
