@@ -42,7 +42,7 @@ use job::Job;
 use plan::{Candidates, MethodPlan, Sampled, summed};
 use std::sync::OnceLock;
 use upsampling::{InterpolationError, Resampled};
-use volume::{Checked, Compensated, Gain, Metered, correlate, sum_of_transmissions};
+use volume::{Checked, Compensated, Gain, Metered, correlate, in_motion, sum_of_transmissions};
 use window::Weights;
 
 /// A volume and how it was computed.
@@ -151,6 +151,9 @@ fn in_pool(
     (sink, store): (&mut dyn VolumeSink, &mut dyn BlockStore),
     observer: &dyn Observer,
 ) -> Result<ReconstructionInfo> {
+    if let Some(motion) = options.motion.filter(|_| options.method != Method::Correlation) {
+        return in_motion(source, grid, (options, motion), sink, observer);
+    }
     if options.method == Method::Correlation {
         return correlate(source, grid, options, sink, observer);
     }

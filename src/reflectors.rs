@@ -31,6 +31,7 @@ mod bounces;
 pub(crate) mod csv;
 mod facets;
 mod lattice;
+mod moving;
 mod poisson;
 #[cfg(test)]
 mod tests;
@@ -53,6 +54,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal, StandardUniform};
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Point reflectors: positions in m, complex amplitudes.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -61,6 +63,8 @@ pub struct Reflectors {
     amplitudes: Vec<Complex32>,
     /// The last of them may be reached by a detour.
     bounced: Option<Bounced>,
+    /// Of each, m/s; empty where nothing moves.
+    velocities: Vec<DVec3>,
 }
 
 impl Reflectors {
@@ -84,7 +88,7 @@ impl Reflectors {
             );
             return Err(Error::input(format!("reflector {bad}"), problem));
         }
-        Ok(Self { positions, amplitudes, bounced: None })
+        Ok(Self { positions, amplitudes, bounced: None, velocities: Vec::new() })
     }
 
     /// Positions p, m.
@@ -168,6 +172,8 @@ pub struct SurfaceOptions {
     pub seed: u64,
     /// Echoes of several surfaces; `None` for those of one alone, whose amplitudes have another scale.
     pub bounces: Option<BounceOptions>,
+    /// Velocities of some of the triangles, m/s, by their numbers; what is in none of the ranges is still.
+    pub velocities: Vec<(Range<usize>, DVec3)>,
 }
 
 with_fields! {
@@ -178,6 +184,7 @@ with_fields! {
         with_speaker(speaker: DVec3),
         with_seed(seed: u64),
         with_bounces(bounces: Option<BounceOptions>),
+        with_velocities(velocities: Vec<(Range<usize>, DVec3)>),
     }
 }
 
@@ -193,6 +200,7 @@ impl SurfaceOptions {
             speaker: DVec3::ZERO,
             seed: 1,
             bounces: None,
+            velocities: Vec::new(),
         }
     }
 }
@@ -291,11 +299,18 @@ pub fn sample_surface_with(
     let left = visible.iter().flatten().count() as u64;
     let mut positions = try_with_capacity(left).ok_or_else(does_not_fit)?;
     let mut amplitudes = try_with_capacity(left).ok_or_else(does_not_fit)?;
-    for (position, amplitude) in visible.into_iter().flatten() {
+    let moves = !options.velocities.is_empty();
+    let mut velocities = try_with_capacity(if moves { left } else { 0 }).ok_or_else(does_not_fit)?;
+    for (sample, (position, amplitude)) in
+        samples.iter().zip(visible).filter_map(|(sample, visible)| Some((sample, visible?)))
+    {
         positions.push(position);
         amplitudes.push(amplitude);
+        if moves {
+            velocities.push(options.velocity_of(sample.triangle as usize));
+        }
     }
-    Reflectors::new(positions, amplitudes)
+    Reflectors::new(positions, amplitudes)?.with_velocities(velocities)
 }
 
 /// Warns of samples behind the array.

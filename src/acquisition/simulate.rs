@@ -31,7 +31,7 @@ pub use errors::ArrayErrors;
 pub use losses::Losses;
 pub use noise::Noise;
 
-use super::{DataCube, Detection, Electronics, Instrument, Tile, tiles};
+use super::{DataCube, Detection, Electronics, Instrument, SourceCode, Tile, tiles};
 use crate::blocks::{BlockStore, BlocksFrom, NoStore};
 use crate::choice::choice;
 use crate::error::{Error, Result};
@@ -43,7 +43,7 @@ use cells::CellPlan;
 use columns::Columns;
 use expand::fast;
 use glam::DVec3;
-use literal::literal;
+use literal::{literal, simulate_moving};
 use noise::finish;
 use num_complex::Complex32;
 use terms::{LossModel, LossTerms};
@@ -90,6 +90,10 @@ pub struct SimulateOptions {
     /// arithmetic of either method adds up to 10⁻⁵ for a single echo, and far less for many of random phase, because their
     /// errors average: relative to the largest sample of a diffuse scene, a few 10⁻⁶ in total.
     pub tolerance: f64,
+    /// How several loudspeakers that sound at once are told apart; `None`: they sound one after another.
+    pub code: Option<SourceCode>,
+    /// From one tone to the next, s; only [moving](Reflectors::with_velocities) reflectors need it.
+    pub dwell: Option<f64>,
 }
 
 /// The default tolerance of a simulation: about the rounding of f32.
@@ -104,6 +108,8 @@ impl Default for SimulateOptions {
             electronics: None,
             noise: None,
             tolerance: SIMULATION_TOLERANCE,
+            dwell: None,
+            code: None,
         }
     }
 }
@@ -116,6 +122,8 @@ with_fields! {
         with_electronics(electronics: Option<Electronics>),
         with_noise(noise: Option<Noise>),
         with_tolerance(tolerance: f64),
+        with_dwell(dwell: Option<f64>),
+        with_code(code: Option<SourceCode>),
     }
 }
 
@@ -193,7 +201,7 @@ pub(crate) fn simulate_resumable(
     let mut simulate = |number: usize, heard: &Instrument| {
         let first = number * instrument.transmissions() * instrument.array.len();
         let mut blocks = BlocksFrom { first: first as u64, store: &mut *store };
-        simulate_echoes(reflectors, heard, options, &mut blocks, observer)
+        simulate_moving(reflectors, heard, options, &mut blocks, observer)
     };
     let mut samples = match &options.electronics {
         Some(electronics) => electronics.read_echoes(instrument, &mut simulate)?,
@@ -215,6 +223,11 @@ pub(crate) fn simulate_tiles(
     store: &mut dyn BlockStore,
     observer: &dyn Observer,
 ) -> Result<()> {
+    if reflectors.iter().any(|list| !list.velocities().is_empty()) {
+        let problem =
+            "is simulated tone by tone, which processes cannot share; `simulate` a cube, and share its image";
+        return Err(Error::input("[scene] velocity", problem));
+    }
     let heard = match &options.electronics {
         Some(electronics) => {
             electronics.check()?;

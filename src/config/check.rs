@@ -1,9 +1,11 @@
 //! The checks of a run file beyond types: ranges, and keys that must agree with each other.
 
 mod calibration;
+mod coding;
 mod import;
 mod instrument;
 mod measurement;
+mod motion;
 mod recording;
 mod results;
 mod scene;
@@ -39,6 +41,8 @@ impl RunFile {
         self.depth.check()?;
         self.check_interface()?;
         self.check_bounces()?;
+        self.check_motion()?;
+        self.check_coding()?;
         self.output.check()?;
         self.expect.check()
     }

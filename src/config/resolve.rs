@@ -2,7 +2,9 @@
 
 mod calibration;
 mod import;
+mod coding;
 mod instrument;
+mod motion;
 mod recording;
 
 use super::check::square_root;
@@ -212,6 +214,8 @@ impl RunFile {
             electronics: self.electronics(),
             noise: self.detection.snr_db.map(|snr_db| Noise { snr_db, seed }),
             tolerance: self.detection.tolerance,
+            dwell: self.recording.dwell,
+            code: self.source_code(),
         }
     }
 
@@ -273,6 +277,7 @@ impl RunFile {
         options.compensate = self.reconstruct.compensate;
         options.refine = self.refine_options();
         options.sub_band = self.reconstruct.sub_band.unwrap_or(1) as usize;
+        options.motion = self.frame_motion();
         options
     }
 

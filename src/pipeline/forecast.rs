@@ -1,17 +1,17 @@
 //! Predictions of a job, for `plan`: everything that can be known before any ray is traced or any sample computed.
 
 use super::design::{InstrumentBudget, instrument_budget};
-use super::facts::beyond_the_sum;
+use super::facts::{beyond_the_sum, smears};
 use super::job::JobOptions;
 use super::memory::{MemoryBudget, SceneSize};
 use super::prepared_scene::{Measurement, placement_warnings};
 use super::{is_in_metres, outputs, reflector_list};
-use crate::acquisition::{CubeFile, CubeSource, Instrument, RecordingSize};
+use crate::acquisition::{CodeReport, CubeFile, CubeSource, Instrument, RecordingSize};
 use crate::config::RunFile;
 use crate::error::{Result, gib};
 use crate::grid::{Axis, Grid};
 use crate::plan::design::Suggestion;
-use crate::plan::{Design, JobArrays, MemoryEstimate, Plan, design, plan};
+use crate::plan::{Design, JobArrays, MemoryEstimate, Plan, Smear, design, plan};
 use crate::progress::Observer;
 use crate::reconstruct::{Correlation, Estimate, estimate};
 use serde::Serialize;
@@ -48,6 +48,12 @@ pub struct Forecast {
     pub files: Vec<String>,
     /// The recording that `simulate` writes into a file `.wav`, if `[recording]` says how.
     pub recording: Option<RecordingSize>,
+    /// What the motion of the scene does to its image, if something moves.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub motion: Vec<Smear>,
+    /// What the code of loudspeakers that sound at once is worth, if they do.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub coding: Option<CodeReport>,
     /// What each element of `[instrument]` costs, if there are any.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub budget: Option<InstrumentBudget>,
@@ -102,6 +108,10 @@ pub fn forecast_scene(run: &RunFile, job: &JobOptions) -> Result<Forecast> {
     forecast.suggest_lattice(&budget, instrument);
     forecast.resolution_cells = bounds.map(|(low, high)| instrument.cells_across(low, high));
     forecast.physics = measurement.physics(run);
+    forecast.motion = smears(run, instrument, &grid);
+    forecast.coding = measurement.code_report();
+    forecast.warnings.extend(forecast.coding.and_then(|coding| folded(&coding, &forecast.plan)));
+    forecast.physics.extend(forecast.motion.iter().map(ToString::to_string));
     forecast.budget = instrument_budget(run, &measurement, &grid)?;
     if run.recording.dwell.is_some() {
         match RecordingSize::of(instrument, &run.recording_options(), &run.recorder_options()) {
@@ -131,6 +141,20 @@ pub fn forecast_cube(run: &RunFile, cube: CubeFile, observer: &dyn Observer) -> 
     forecast.suggest_lattice(&budget, instrument);
     forecast.physics = [cube.changes(), &forecast.physics].concat();
     Ok(forecast)
+}
+
+/// Warns of speakers whose own tones are too far apart for the grid.
+fn folded(coding: &CodeReport, plan: &Plan) -> Option<String> {
+    let [shortest, longest] = plan.path_bounds;
+    // The sweep's own step tells so much apart.
+    let unambiguous = plan.unambiguous_path? / coding.own_step.map(|_| coding.loudspeakers as f64)?;
+    (longest - shortest > unambiguous).then(|| {
+        format!(
+            "the tones of each speaker tell paths apart up to {unambiguous:.2} m, and those of this grid differ by {:.2} m: what one \
+             speaker shows twice the others do not, but it leaves ghosts; use a smaller [sweep] step, or kind = \"hadamard\"",
+            longest - shortest
+        )
+    })
 }
 
 /// By how much a pitch may be changed to be on the microphones' lattice, as a factor.
@@ -212,6 +236,8 @@ pub(super) fn forecast(
         resolution_cells: None,
         files: outputs::names(run, truth),
         recording: None,
+        motion: Vec::new(),
+        coding: None,
         budget: None,
     })
 }

@@ -25,7 +25,8 @@ fn a_speaker_of_unknown_phases_is_imaged_and_every_file_says_how() {
     let scene = scene.display();
     std::fs::write(path.join("phases.npy"), npy(&unknown_phases())).unwrap();
     done(path, &format!("simulate {scene} -o cube.npz -q"));
-    let unknown = "--set calibration.response=phases.npy";
+    let unknown = format!("--set calibration.response={}", path.join("phases.npy").display());
+    let unknown = unknown.as_str();
     let peak = |set: &str, name: &str| {
         done(path, &format!("reconstruct cube.npz -c {scene} {set} -o {name} -q"));
         done_json(path, &format!("info {name}"))["peak_amplitude"].as_f64().unwrap()

@@ -93,11 +93,11 @@ impl RunFile {
         let (refined, in_phase) =
             (self.refine.method != RefineMethod::None, self.detection.kind == Detection::InPhase);
         ensure(!refined, || {
-            let why = "a refinement fits a sum of samples, and \"correlation\" sums products of them";
+            let why = "a refinement fits a sum of samples, and reconstruct.method = \"correlation\" sums products of them";
             conflict("refine.method", &["reconstruct.method"], why)
         })?;
         ensure(!in_phase, || {
-            let why = "\"correlation\" takes phases between microphones, which in-phase samples do not have";
+            let why = "\"correlation\" takes phases between microphones, which detection.kind = \"in-phase\" does not have";
             conflict("reconstruct.method", &["detection.kind"], why)
         })?;
         let several = self.array.sources.as_ref().is_some_and(|sources| sources.len() > 1);

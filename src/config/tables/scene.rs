@@ -31,6 +31,9 @@ pub struct SceneTable {
     pub occlusion: OcclusionKind,
     /// Surfaces that an echo may meet beyond the first: 0, 1 or 2.
     pub bounces: u32,
+    /// Of everything while the tones are played, m/s; left out: nothing moves.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub velocity: Option<[f64; 3]>,
     /// Instead of `mesh`: the files of an assembly. `size`, `scale`, `rotate`, `translate` and `fit` place all of it.
     pub parts: Vec<ScenePart>,
 }
@@ -61,6 +64,9 @@ pub struct ScenePart {
     pub translate: Option<[f64; 3]>,
     /// As in `[scene]`.
     pub fit: Option<[f64; 3]>,
+    /// Its own velocity, m/s; left out: that of the scene.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub velocity: Option<[f64; 3]>,
 }
 
 /// The scale of a part that has none.
@@ -93,6 +99,7 @@ impl Default for SceneTable {
             sensor: None,
             occlusion: OcclusionKind::Speaker,
             bounces: 0,
+            velocity: None,
             parts: Vec::new(),
         }
     }

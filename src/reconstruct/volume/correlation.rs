@@ -15,21 +15,18 @@
 mod depth_resolution;
 mod pairs;
 
-use super::transmissions::{Unreported, part_of, slabs};
+use super::parts::{PartOfGrid, in_slabs};
+use super::transmissions::{part_of, slabs};
 use super::{Checked, Compensated, Gain};
 use crate::acquisition::{CubeSource, CubeView, Instrument};
-use crate::alloc::try_filled;
-use crate::blocks::NoStore;
+use crate::alloc::{try_filled, try_zeroed};
 use crate::error::Result;
 use crate::grid::{Grid, no_room_for};
-use crate::progress::{Observer, advance, stage};
+use crate::progress::Observer;
 use crate::reconstruct::plan::{Candidates, Estimate, Estimates, estimate};
-use crate::reconstruct::{Method, ReconstructOptions, ReconstructionInfo, VolumeSink, by_candidates};
-use num_complex::Complex32;
+use crate::reconstruct::{Method, ReconstructOptions, ReconstructionInfo, VolumeSink};
 use pairs::{MicrophonePairs, PairSums, measure};
-use rayon::prelude::*;
 use serde::Serialize;
-use std::ops::Range;
 use std::sync::OnceLock;
 
 /// How the microphones' signals are correlated, and what that tells of depth.
@@ -117,26 +114,12 @@ pub(in crate::reconstruct) fn correlate(
         None => sink,
     };
     sink.begin(&info)?;
-    let images = pairs.bands() + usize::from(pairs.tones > 1);
-    let work = instrument.transmissions() * images * grid.z.count;
-    stage(observer, "correlating", work as u64, || {
-        for depths in slabs(grid) {
-            let wanted = sink.wanted(depths.clone());
-            let skipped = depths.len() - wanted.len();
-            advance(observer, (instrument.transmissions() * images * skipped) as u64)?;
-            if wanted.is_empty() {
-                continue;
-            }
-            let wanted = wanted.start - depths.start..wanted.end - depths.start;
-            let slab = PowerSlab { pairs: &pairs, part: part_of(grid, &depths), wanted: &wanted, observer };
-            let powers = slab.powers(source, &measured, (method, of_differences))?;
-            let plane = grid.plane_len();
-            let powers = &powers[wanted.start * plane..wanted.end * plane];
-            let planes: Vec<Complex32> =
-                powers.iter().map(|power| Complex32::from(power.max(0.0).sqrt() as f32)).collect();
-            sink.take(depths.start + wanted.start, &planes)?;
-        }
-        Ok(())
+    let images = instrument.transmissions() * (pairs.bands() + usize::from(pairs.tones > 1));
+    in_slabs(grid, sink, ("correlating", images), observer, &mut |part| {
+        let powers = powers(part, &pairs, source, &measured, (method, of_differences))?;
+        let mut planes = try_zeroed(part.grid.voxel_count()).ok_or_else(|| no_room_for(grid))?;
+        planes.iter_mut().zip(powers).for_each(|(a, power)| a.re = power.max(0.0).sqrt() as f32);
+        Ok(planes)
     })?;
     Ok(gain.map_or(info, |gain| gain.info(&info)))
 }
@@ -162,85 +145,38 @@ fn info(
     }
 }
 
-/// Some depths, and those of them that are wanted.
-struct PowerSlab<'a> {
-    pairs: &'a MicrophonePairs<'a>,
-    part: Grid,
-    wanted: &'a Range<usize>,
-    observer: &'a dyn Observer,
-}
-
-impl PowerSlab<'_> {
-    /// P of its voxels.
-    fn powers(
-        &self,
-        source: &mut dyn CubeSource,
-        measured: &PairSums,
-        (method, of_differences): (Method, Method),
-    ) -> Result<Vec<f64>> {
-        let Self { pairs, part, .. } = *self;
-        let n_mic = pairs.of_array.len();
-        let constant: f64 = measured.powers.iter().sum::<f64>() / pairs.norm;
-        let mut powers = try_filled(-constant, part.voxel_count()).ok_or_else(|| no_room_for(&part))?;
-        let mut y = Vec::new();
-        for transmission in 0..pairs.instrument.transmissions() {
-            source.visit_transmission(transmission, pairs.tones, &mut |range, samples| {
-                let instrument = pairs.of_band(transmission, range.clone())?;
-                // Of the mean that an image is, the sum.
-                let times = ((range.len() * n_mic) as f64).powi(2) / pairs.norm;
-                pairs.weighted(range, samples, &mut y);
-                let power = |a: &Complex32| times * (f64::from(a.re).powi(2) + f64::from(a.im).powi(2));
-                self.add(method, CubeView::new(&instrument, &y)?, &mut powers, power)
-            })?;
-            let Some(instrument) = pairs.of_differences(transmission)? else { continue };
-            let times = -2.0 * ((pairs.tones - 1) * n_mic) as f64 / pairs.norm;
-            let differences = CubeView::new(&instrument, &measured.differences[transmission])?;
-            self.add(of_differences, differences, &mut powers, |a| times * f64::from(a.re))?;
-        }
-        Ok(powers)
+/// P of the voxels of a part of the grid.
+fn powers(
+    part: &PartOfGrid<'_>,
+    pairs: &MicrophonePairs,
+    source: &mut dyn CubeSource,
+    measured: &PairSums,
+    (method, of_differences): (Method, Method),
+) -> Result<Vec<f64>> {
+    let n_mic = pairs.of_array.len();
+    let constant: f64 = measured.powers.iter().sum::<f64>() / pairs.norm;
+    let count = part.grid.voxel_count();
+    let mut powers = try_filled(-constant, count).ok_or_else(|| no_room_for(&part.grid))?;
+    let mut y = Vec::new();
+    for transmission in 0..pairs.instrument.transmissions() {
+        source.visit_transmission(transmission, pairs.tones, &mut |range, samples| {
+            let instrument = pairs.of_band(transmission, range.clone())?;
+            // Of the mean that an image is, the sum.
+            let times = ((range.len() * n_mic) as f64).powi(2) / pairs.norm;
+            pairs.weighted(range, samples, &mut y);
+            let band = CubeView::new(&instrument, &y)?;
+            part.add((method, &pairs.options), band, &mut powers, |power, a| {
+                *power += times * (f64::from(a.re).powi(2) + f64::from(a.im).powi(2));
+            })
+        })?;
+        let Some(instrument) = pairs.of_differences(transmission)? else { continue };
+        let times = -2.0 * ((pairs.tones - 1) * n_mic) as f64 / pairs.norm;
+        let differences = CubeView::new(&instrument, &measured.differences[transmission])?;
+        part.add((of_differences, &pairs.options), differences, &mut powers, |power, a| {
+            *power += times * f64::from(a.re);
+        })?;
     }
-
-    /// Adds `of` the voxels of one image.
-    fn add(
-        &self,
-        method: Method,
-        mut cube: CubeView<'_>,
-        powers: &mut [f64],
-        of: impl Fn(&Complex32) -> f64 + Send + Sync,
-    ) -> Result<()> {
-        let Self { pairs, part, wanted, observer } = *self;
-        let plan = Candidates::only(method, cube.instrument(), &part, &pairs.options)?;
-        let mut sum = AddedPower { powers, of, plane: part.plane_len(), wanted: wanted.clone(), observer };
-        let quiet = Unreported(observer);
-        by_candidates(&mut cube, (&part, plan), &pairs.options, (&mut sum, &mut NoStore), &quiet)?;
-        Ok(())
-    }
-}
-
-/// A sink that adds something of each voxel to what it has of it.
-struct AddedPower<'a, F> {
-    powers: &'a mut [f64],
-    of: F,
-    plane: usize,
-    wanted: Range<usize>,
-    observer: &'a dyn Observer,
-}
-
-impl<F: Fn(&Complex32) -> f64 + Send + Sync> VolumeSink for AddedPower<'_, F> {
-    fn begin(&mut self, _: &ReconstructionInfo) -> Result<()> {
-        Ok(())
-    }
-
-    fn take(&mut self, first: usize, planes: &[Complex32]) -> Result<()> {
-        let powers = &mut self.powers[first * self.plane..][..planes.len()];
-        powers.par_iter_mut().zip(planes).for_each(|(power, a)| *power += (self.of)(a));
-        advance(self.observer, (planes.len() / self.plane) as u64)
-    }
-
-    fn wanted(&self, depths: Range<usize>) -> Range<usize> {
-        let start = depths.start.max(self.wanted.start).min(depths.end);
-        start..depths.end.min(self.wanted.end).max(start)
-    }
+    Ok(powers)
 }
 
 /// What a correlation takes: as many images as there are sub-bands and, for the diagonal, another one.

@@ -145,7 +145,7 @@ fn sum(
 const BLOCK: usize = 32;
 
 /// What is known before the sum: the bound on its error, as far as the tolerance allows, and the level of its samples.
-fn expected(
+pub(super) fn expected(
     source: &mut dyn CubeSource,
     grid: &Grid,
     (options, method): (&ReconstructOptions, Method),
@@ -231,7 +231,7 @@ impl VolumeSink for AddedTo<'_> {
 }
 
 /// The jobs of transmissions within one stage, which counts their depths: what they report themselves is left out.
-pub(super) struct Unreported<'a>(pub(super) &'a dyn Observer);
+struct Unreported<'a>(&'a dyn Observer);
 
 impl Observer for Unreported<'_> {
     fn event(&self, _: Event<'_>) {}

@@ -48,6 +48,10 @@ impl<'a> MicrophonePairs<'a> {
                            with method = \"correlation\"";
             return refused("reconstruct.compensate", problem.to_owned());
         }
+        if options.motion.is_some() {
+            let problem = "is not compensated with method = \"correlation\", which forgives its phases as well; leave it out";
+            return refused("medium.velocity", problem.to_owned());
+        }
         if !(1..=n_f).contains(&tones) {
             let problem = format!("found {tones}; expected 1 to {n_f}, the number of frequencies");
             return refused("reconstruct.sub_band", problem);

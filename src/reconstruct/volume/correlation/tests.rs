@@ -11,7 +11,7 @@ use crate::reconstruct::volume::ResumedVolume;
 use crate::reconstruct::{RefineOptions, Solver, Window, reconstruct, reconstruct_into};
 use crate::wave::Geometry;
 use glam::DVec3;
-use num_complex::Complex64;
+use num_complex::{Complex32, Complex64};
 use std::f64::consts::{FRAC_2_PI, TAU};
 
 fn axis(first: f64, pitch: f64, count: usize) -> Axis {
