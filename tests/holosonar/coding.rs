@@ -43,7 +43,9 @@ fn coded_speakers_are_decoded_and_every_file_says_what_that_is_worth() {
         assert_eq!((&coding["kind"], &coding["loudspeakers"]), (&kind.into(), &3.into()));
         assert!((number(&coding["sweeps"]) - sweeps).abs() < 1e-9);
         assert!((number(&coding["snr_gain_db"]) - gain).abs() < 0.01, "{coding}");
-        assert!((number(&coding["equal_time_gain_db"]) - 4.77).abs() < 0.01 && coding["cross_talk_db"].is_null());
+        assert!(
+            (number(&coding["equal_time_gain_db"]) - 4.77).abs() < 0.01 && coding["cross_talk_db"].is_null()
+        );
         let words = done(path, &format!("image run.toml {set} -o {kind}"));
         assert_names(words, &["3 speakers at once", kind, "no cross-talk"]);
         let report = json_file(&path.join(kind).join("report.json"));
@@ -87,7 +89,12 @@ fn a_cube_of_sweeps_is_decoded_before_it_is_imaged() {
     assert_names(said["corrections"].to_string(), &["decoded", "3 speakers"]);
     let mended = DataCube::read(&path.join("mended.npz"), 1 << 30).unwrap();
     assert!(mended.samples.iter().zip(&alone.samples).all(|(a, b)| (a - b).norm() < 1e-5));
-    refused(path, &format!("reconstruct alone.npz -c run.toml {decode} -o no.npz"), 2, &["calibration.decode", "4 sweeps"]);
+    refused(
+        path,
+        &format!("reconstruct alone.npz -c run.toml {decode} -o no.npz"),
+        2,
+        &["calibration.decode", "4 sweeps"],
+    );
     refused(path, "reconstruct alone.npz -c run.toml --set coding.error=0.1 -o no.npz", 2, &["coding"]);
 }
 
@@ -103,7 +110,10 @@ fn what_cannot_be_told_apart_is_refused() {
         ("coding.kind=comb --set coding.error=2", &["coding.error", "0 to 1"]),
         ("coding.kind=comb --set coding.sequences=[[1,1,1]]", &["coding.sequences", "sequences"]),
         ("coding.kind=sequences", &["coding.sequences"]),
-        ("coding.kind=sequences --set coding.sequences=[[1,1],[1,-1]]", &["coding.sequences", "3 amplitudes"]),
+        (
+            "coding.kind=sequences --set coding.sequences=[[1,1],[1,-1]]",
+            &["coding.sequences", "3 amplitudes"],
+        ),
         ("coding.kind=sequences --set coding.sequences=[[1,1,1],[1,1,1],[1,1,1]]", &["only 1 independent"]),
         ("coding.kind=sequences --set coding.sequences=[[1,2,1]]", &["coding.sequences", "-1 to 1"]),
         ("coding.kind=comb --set array.sources=[[0,0,0]]", &["coding.kind", "there are 1"]),

@@ -67,7 +67,7 @@ fn a_point_that_moves_is_predicted_compensated_and_found() {
         path,
         &format!("reconstruct cube.npz -c run.toml {velocity} --set recording.dwell=0.01 -o half.npz"),
     );
-    assert!(number(&done_json(path, "info half.npz")["peak_amplitude"]) < 0.95);
+    assert!(number(&done_json(path, "info half.npz")["peak_amplitude"]) < 0.99);
 
     let y = "--set medium.velocity=[0.0,0.01,0.0]";
     let search =
@@ -108,7 +108,7 @@ fn a_part_moves_by_itself() {
     };
     let [still, moved] = complete("still", "");
     let [left, right] = complete("moving", "--set medium.velocity=[0.0,0.0,0.05]");
-    assert!(still > 0.7 && right > 0.7, "{still} {moved} {left} {right}");
+    assert!(still > 0.7 && right > 0.4, "{still} {moved} {left} {right}");
     assert!(moved < 0.5 * still && left < 0.5 * right, "{still} {moved} {left} {right}");
 }
 

@@ -22,8 +22,7 @@ impl RunFile {
         };
         within("coding.error", table.error, 0.0, 1.0, "an rms from 0 to 1, as 0.01")?;
         ensure((kind == CodeKind::Sequences) != table.sequences.is_empty(), || {
-            let problem =
-                "belongs to kind = \"sequences\", and only to it: a row for each sweep, as [[1, 1], [1, -1]]";
+            let problem = "coding.sequences belongs to kind = \"sequences\", and only to it: a row for each sweep, as [[1, 1], [1, -1]]";
             Fault::new("coding.sequences", problem).or_at(&["coding.kind"])
         })?;
         ensure(table.sequences.len() <= MOST_CODED, || {

@@ -34,7 +34,7 @@ fn scattered() -> MicArray {
 }
 
 fn instrument(array: MicArray) -> Instrument {
-    Instrument::new(Sweep::stepped(8_000.0, 12_200.0, 300.0).unwrap(), array)
+    Instrument::new(Sweep::stepped(8_000.0, 12_000.0, 500.0).unwrap(), array)
 }
 
 fn cube(instrument: Instrument) -> DataCube {
@@ -124,7 +124,7 @@ fn every_sub_band_is_the_literal_sum_over_pairs() {
         (instrument(lattice()), 4, Window::Taylor),
         (instrument(scattered()), 1, Window::Hann),
         (instrument(scattered()), 7, Window::None),
-        (instrument(lattice()), 15, Window::None),
+        (instrument(lattice()), 9, Window::None),
         (several, 4, Window::None),
         (scan, 2, Window::Taylor),
     ] {
@@ -141,7 +141,7 @@ fn every_sub_band_is_the_literal_sum_over_pairs() {
         }
         let correlation = found.correlation.unwrap();
         assert_eq!((found.method, correlation.sub_band), (Method::Correlation, sub_band));
-        assert_eq!(correlation.sub_bands, 15_usize.div_ceil(sub_band));
+        assert_eq!(correlation.sub_bands, 9_usize.div_ceil(sub_band));
     }
     assert!(negative > 100, "{negative}");
 }
@@ -192,16 +192,16 @@ fn depth_is_resolved_as_predicted() {
     let instrument = instrument(array);
     let p = DVec3::new(0.0, 0.0, 0.7);
     let cube = echo(instrument.clone(), p, |_| 0.0);
-    let line = Grid { x: axis(0.0, 0.01, 1), y: axis(0.0, 0.01, 1), z: axis(0.5, 0.001, 401) };
+    let line = Grid { x: axis(0.0, 0.01, 1), y: axis(0.0, 0.01, 1), z: axis(0.5, 0.002, 201) };
     let mut widths = Vec::new();
-    for sub_band in [1, 5, 15] {
+    for sub_band in [1, 3, 9] {
         let found = reconstruct(&cube, &line, &options(Window::None, sub_band)).unwrap();
         let above = found.volume.samples.iter().filter(|a| f64::from(a.re) > FRAC_2_PI).count();
-        let measured = above as f64 * 0.001;
+        let measured = above as f64 * 0.002;
         let at = Grid { z: axis(0.7, 0.01, 1), ..line };
         let correlation = Correlation::of(&instrument, &at, &options(Window::None, sub_band)).unwrap();
         let predicted = correlation.mean_resolution();
-        assert!((predicted / measured - 1.0).abs() < 0.08, "{sub_band}: {predicted}, not {measured}");
+        assert!((predicted / measured - 1.0).abs() < 0.1, "{sub_band}: {predicted}, not {measured}");
         widths.push(predicted);
     }
     // By curvature alone, and with ever more of the band, down to c/2B of the mean slope.
@@ -222,7 +222,7 @@ fn a_correlation_costs_a_coherent_image_for_each_sub_band() {
         assert_eq!(estimates.methods.len(), 1);
         estimates.chosen().clone()
     };
-    let [one, five, all] = [1, 5, 15].map(of);
+    let [one, five, all] = [1, 5, 9].map(of);
     assert!(one.operations > five.operations && five.operations > all.operations);
     assert!(all.method == Method::Correlation && all.obstacle.is_none() && all.bytes > 0);
 }
@@ -237,8 +237,8 @@ fn what_has_no_pairs_is_refused() {
         assert_names(estimated, parts);
     };
     let plain = options(Window::None, 1);
-    refused(&cube, plain.with_sub_band(16_usize), &["reconstruct.sub_band", "16", "1 to 15"]);
-    refused(&cube, plain.with_sub_band(0_usize), &["reconstruct.sub_band", "1 to 15"]);
+    refused(&cube, plain.with_sub_band(10_usize), &["reconstruct.sub_band", "10", "1 to 9"]);
+    refused(&cube, plain.with_sub_band(0_usize), &["reconstruct.sub_band", "1 to 9"]);
     let refine = RefineOptions::new(Solver::Cgls);
     refused(&cube, plain.with_refine(refine), &["refine.method", "correlation"]);
     let mut real = cube.clone();

@@ -32,7 +32,7 @@ fn scattered() -> MicArray {
 }
 
 fn instrument(array: MicArray) -> Instrument {
-    Instrument::new(Sweep::stepped(8_000.0, 12_200.0, 300.0).unwrap(), array)
+    Instrument::new(Sweep::stepped(8_000.0, 12_000.0, 500.0).unwrap(), array)
 }
 
 fn cube(instrument: Instrument) -> DataCube {
@@ -94,7 +94,7 @@ fn every_method_is_the_literal_sum_with_moved_positions() {
         (pair, Method::Direct, Window::None, fast),
         (in_phase, Method::Convolution, Window::None, fast),
         // So slow that some tones are imaged together, and all of them.
-        (instrument(lattice()), Method::Convolution, Window::None, fast * 1e-5),
+        (instrument(lattice()), Method::Convolution, Window::None, fast * 2e-5),
         (instrument(lattice()), Method::Convolution, Window::None, fast * 1e-7),
     ] {
         let mut options = moving(velocity, 0.01);
@@ -109,8 +109,8 @@ fn every_method_is_the_literal_sum_with_moved_positions() {
         }
     }
     let of = |velocity| together(&instrument(lattice()), &grid(), Motion::new(velocity, 0.01), 1e-4);
-    assert_eq!([of(fast), of(fast * 1e-7), of(DVec3::ZERO)], [1, 15, 15]);
-    assert!((2..15).contains(&of(fast * 1e-5)), "{}", of(fast * 1e-5));
+    assert_eq!([of(fast), of(fast * 1e-7), of(DVec3::ZERO)], [1, 9, 9]);
+    assert!((2..9).contains(&of(fast * 2e-5)), "{}", of(fast * 2e-5));
 }
 
 #[test]
@@ -134,8 +134,8 @@ fn a_frame_that_is_still_is_eq_13_and_resuming_changes_no_byte() {
 
 #[test]
 fn an_image_that_takes_it_for_still_is_displaced_and_blurred_as_predicted() {
-    let (p, velocity, dwell) = (DVec3::new(0.02, -0.03, 0.9), DVec3::new(0.01, 0.0, 0.06), 0.012);
-    let instrument = Instrument::new(Sweep::stepped(9e3, 15e3, 200.0).unwrap(), lattice());
+    let (p, velocity, dwell) = (DVec3::new(0.02, -0.03, 0.9), DVec3::new(0.01, 0.0, 0.06), 0.024);
+    let instrument = Instrument::new(Sweep::stepped(9e3, 15e3, 400.0).unwrap(), lattice());
     let motion = Motion::new(velocity, dwell);
     let mut samples = Vec::new();
     for (n, f) in instrument.sweep.frequencies().iter().enumerate() {
@@ -146,7 +146,7 @@ fn an_image_that_takes_it_for_still_is_displaced_and_blurred_as_predicted() {
     }
     let cube = DataCube::new(instrument.clone(), samples).unwrap();
     let band = [instrument.sweep.start(), instrument.sweep.stop()];
-    let seen = p + velocity * motion.lag(band, 200.0);
+    let seen = p + velocity * motion.lag(band, 400.0);
     assert!(seen.distance(p) > 0.03, "{seen}");
     let about = |p: DVec3| Grid {
         x: axis(p.x - 0.02, 0.01, 5),
@@ -163,7 +163,7 @@ fn an_image_that_takes_it_for_still_is_displaced_and_blurred_as_predicted() {
     let step = 1e-4 * velocity.normalize();
     let path = |p: DVec3| instrument.path_length(p, instrument.array.centre());
     let rate = velocity.length() * (path(p + step) - path(p - step)) / 2e-4;
-    let cycles = motion.cycles(6e3, 200.0, rate, instrument.sound_speed);
+    let cycles = motion.cycles(6e3, 400.0, rate, instrument.sound_speed);
     let expected = blurred_amplitude(cycles);
     assert!(expected < 0.95 && (there - expected).abs() < 0.02, "{there} {expected} {cycles}");
     assert!(f64::from(peak) < there + 0.02, "{peak} {there}");
