@@ -57,8 +57,8 @@ pub(crate) use import::check_columns;
 pub use import::{
     ArrayName, FrequencyUnit, ImportAxis, ImportOptions, Imported, MeanWord, RawOffset, TraceColumn, import,
 };
-pub(crate) use instrument::MOST_SOURCES;
-pub use instrument::{Instrument, InstrumentChanges};
+pub use instrument::{CodeKind, CodeReport, Decoding, Instrument, InstrumentChanges, SourceCode};
+pub(crate) use instrument::{MOST_CODED, MOST_SOURCES};
 pub use profile::ProfilePeak;
 pub use recording::{
     DirectWord, Latency, RecorderOptions, RecordingOptions, RecordingSize, Reference, TestSignal, WavFormat,

@@ -34,9 +34,10 @@ mod wording;
 pub use choices::{ArrayLayout, InputFile, RefineMethod, Shading, SurfaceKind, VolumeFormat};
 pub use source::TypedKeys;
 pub use tables::{
-    ArrayTable, CalibrationTable, DepthTable, DetectionTable, ExpectTable, GridTable, ImportTable,
-    InstrumentTable, Limit, MediumTable, OutputTable, ReconstructTable, RecordingTable, ReferenceChannel,
-    RefineTable, ReflectorsTable, ScenePart, SceneTable, SweepTable, TypedFormulas, TypedPositions,
+    ArrayTable, CalibrationTable, CodingTable, DepthTable, DetectionTable, ExpectTable, GridTable,
+    ImportTable, InstrumentTable, Limit, MediumTable, OutputTable, ReconstructTable, RecordingTable,
+    ReferenceChannel, RefineTable, ReflectorsTable, ScenePart, SceneTable, SweepTable, TypedFormulas,
+    TypedPositions,
 };
 
 pub(crate) use mesh_run::MeshRun;
@@ -74,6 +75,9 @@ pub struct RunFile {
     pub sweep: SweepTable,
     /// Speaker and microphones.
     pub array: ArrayTable,
+    /// How several speakers that sound at once are told apart.
+    #[serde(skip_serializing_if = "CodingTable::is_default")]
+    pub coding: CodingTable,
     /// What is measured, and how accurately.
     pub detection: DetectionTable,
     /// Measured files to be imported.

@@ -55,7 +55,7 @@ pub use outputs::{write_cube, write_depth, write_outputs, write_page, write_volu
 pub use recording::record_scene;
 pub use report::{Multipath, Report, SceneSummary};
 
-use crate::acquisition::{CubeSource, DataCube, Detection, Instrument, Sweep};
+use crate::acquisition::{CodeReport, CubeSource, DataCube, Detection, Instrument, Sweep};
 use crate::checkpoint::{Checkpoint, CheckpointStore, CheckpointedVolume, GracefulStop, Stage};
 use crate::config::{RunFile, SceneTable};
 use crate::depth::{ArraySidelobes, locate_depth_with};
@@ -64,7 +64,7 @@ use crate::export::points_ply::SceneMesh;
 use crate::files::extension;
 use crate::grid::{DepthMap, Grid, Raster, Volume};
 use crate::metrics::{Metrics, Scores, score};
-use crate::plan::{JobArrays, Plan};
+use crate::plan::{JobArrays, Plan, Smear};
 use crate::progress::{Observer, stage};
 use crate::reconstruct::{
     ReconstructOptions, Reconstruction, ReconstructionInfo, VolumeSink, reconstruct_stored,
@@ -94,6 +94,10 @@ pub struct Outcome {
     pub multipath: Option<Multipath>,
     /// What was simulated in addition to Eq. 5, and how the volume was corrected, in words.
     pub physics: Vec<String>,
+    /// What the motion of the scene does to its image, if something moves.
+    pub motion: Vec<Smear>,
+    /// What the code of loudspeakers that sound at once is worth, if they do.
+    pub coding: Option<CodeReport>,
     /// The instrument of the measurement, simulated or real.
     pub instrument: Instrument,
     /// The volume, and how it was computed.
@@ -168,10 +172,14 @@ pub fn image_scene(run: &RunFile, job: &JobOptions) -> Result<Outcome> {
     let (timings, warnings) = log.finish();
     let mut physics = prepared.measurement.physics(run);
     physics.extend(prepared.multipath.iter().flat_map(Multipath::lines));
+    let motion = facts::smears(run, prepared.instrument(), &prepared.grid);
+    physics.extend(motion.iter().map(ToString::to_string));
     Ok(Outcome {
         scene: prepared.summary(),
         mesh,
         physics,
+        motion,
+        coding: prepared.measurement.code_report(),
         plan: prepared.plan,
         reflectors: prepared.reflectors.into_iter().next().map(Reflectors::without_bounced),
         multipath: prepared.multipath,
@@ -268,7 +276,11 @@ fn reconstruct_and_locate(
     if let Some(refinement) = &image.refinement {
         log.note(&refinement.to_string());
     }
-    let mut search = budget.run.depth_options(aperture, sidelobes);
+    if let Some(correlation) = &image.correlation {
+        log.note(&correlation.to_string());
+    }
+    let resolution = facts::resolution(aperture, image.correlation.as_ref());
+    let mut search = budget.run.depth_options(resolution, sidelobes);
     (search.raster, search.floor) = (raster, info.incoherent_level.unwrap_or(0.0));
     let depth = log.timed("depth", || locate_depth_with(&image.volume, &search, log))?;
     depth.check()?;

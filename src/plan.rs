@@ -30,6 +30,7 @@ mod estimate;
 mod memory;
 mod plausibility;
 mod resolution;
+mod smear;
 mod suggest;
 mod virtual_array;
 
@@ -39,6 +40,7 @@ pub(crate) use estimate::{JobArrays, JobEstimate, estimate_job};
 pub use estimate::{JobStage, MemoryEstimate, MemoryItem};
 pub(crate) use memory::{address_space, memory_limit};
 pub use resolution::Profile;
+pub use smear::Smear;
 pub use virtual_array::VirtualArray;
 
 use crate::acquisition::{Detection, Instrument};

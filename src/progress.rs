@@ -48,6 +48,15 @@ pub struct Silent;
 
 impl Observer for Silent {}
 
+/// The observer of a part of a stage, which may stop it and hears nothing of it: progress is that of the whole.
+pub(crate) struct OfPart<'a>(pub(crate) &'a dyn Observer);
+
+impl Observer for OfPart<'_> {
+    fn should_stop(&self) -> bool {
+        self.0.should_stop()
+    }
+}
+
 /// Runs `work` as one reported stage of `total` units.
 ///
 /// # Errors

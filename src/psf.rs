@@ -11,7 +11,7 @@ use crate::error::{Error, Result};
 use crate::grid::{Axis, Grid};
 use crate::plan::beam::Beam;
 use crate::progress::{Observer, Silent};
-use crate::reconstruct::ReconstructOptions;
+use crate::reconstruct::{Correlation, ReconstructOptions};
 use crate::reflectors::Reflectors;
 use glam::DVec3;
 use look::{Look, cube_grid};
@@ -74,6 +74,9 @@ pub struct PlaneCut {
     pub decibels: Vec<f32>,
 }
 
+/// Full widths of sin(πx)/(πx) where it falls 3 and 6 dB below its peak; at 2/π it is 1 wide.
+const OF_SINC: [f64; 2] = [0.886, 1.204];
+
 /// The image of one point.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[non_exhaustive]
@@ -135,7 +138,13 @@ pub fn point_spread_with(
     }
     let reflector = Reflectors::new(vec![p], vec![Complex32::ONE])?;
     let cube = simulate_with(&reflector, instrument, &SimulateOptions::default(), observer)?;
-    let widths = [3.0, 6.0].map(|below| instrument.predicted_widths(p, options.window, below));
+    let mut widths = [3.0, 6.0].map(|below| instrument.predicted_widths(p, options.window, below));
+    let here = Axis { first: p.z, pitch: 1.0, count: 1 };
+    if let Some(correlation) = Correlation::of(instrument, &Grid { z: here, ..*scene }, options) {
+        for ([_, _, along], of_sinc) in widths.iter_mut().zip(OF_SINC) {
+            *along = Some(of_sinc * correlation.mean_resolution());
+        }
+    }
     // An axis without resolution takes a scale like the others'.
     let otherwise = widths[0]
         .into_iter()

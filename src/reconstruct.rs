@@ -6,7 +6,8 @@
 //! unit reflector on a voxel peaks at 1. [`Method::Direct`] sums this as written, on any grid and for any
 //! microphones: it is the oracle. [`Method::Convolution`] is Eq. 16 over skeleton frequencies, for microphones in
 //! a plane of constant z; [`Method::Backprojection`] evaluates range profiles, for any others.
-//! [`Method::Linear`] is the paper's far-field approximation of it, for comparison. This module has no access to the
+//! [`Method::Linear`] is the paper's far-field approximation of it, for comparison; [`Method::Correlation`] another image, of the
+//! phases between pairs of microphones. This module has no access to the
 //! scene, so it cannot know the result in advance.
 
 mod backprojection;
@@ -28,7 +29,7 @@ pub use plan::{Estimate, Estimates, LEAST_TOLERANCE, direct_terms, estimate};
 pub(crate) use refine::MOST_STEPS;
 pub use refine::{RefineOptions, Refinement, Solver};
 pub(crate) use volume::needed_among;
-pub use volume::{ReconstructionInfo, VolumeSink};
+pub use volume::{Correlation, ReconstructionInfo, VolumeSink};
 pub use window::Window;
 
 use crate::acquisition::{CubeSource, DataCube};
@@ -41,7 +42,7 @@ use job::Job;
 use plan::{Candidates, MethodPlan, Sampled, summed};
 use std::sync::OnceLock;
 use upsampling::{InterpolationError, Resampled};
-use volume::{Checked, Compensated, Gain, Metered, sum_of_transmissions, turned_round};
+use volume::{Checked, Compensated, Gain, Metered, correlate, in_motion, sum_of_transmissions, turned_round};
 use window::Weights;
 
 /// A volume and how it was computed.
@@ -59,18 +60,20 @@ pub struct Reconstruction {
     pub incoherent_level: Option<f64>,
     /// How it was refined, if it was; the bound is then of the volume that it began with.
     pub refinement: Option<Refinement>,
+    /// How microphones were correlated, if they were.
+    pub correlation: Option<Correlation>,
 }
 
 impl Reconstruction {
     pub(crate) fn new(volume: Volume, info: &ReconstructionInfo) -> Self {
-        let ReconstructionInfo { method, error_bound, incoherent_level, refinement } = *info;
-        Self { volume, method, error_bound, incoherent_level, refinement }
+        let ReconstructionInfo { method, error_bound, incoherent_level, refinement, correlation } = *info;
+        Self { volume, method, error_bound, incoherent_level, refinement, correlation }
     }
 
     /// How it was computed.
     pub fn info(&self) -> ReconstructionInfo {
-        let Self { method, error_bound, incoherent_level, refinement, .. } = *self;
-        ReconstructionInfo { method, error_bound, incoherent_level, refinement }
+        let Self { method, error_bound, incoherent_level, refinement, correlation, .. } = *self;
+        ReconstructionInfo { method, error_bound, incoherent_level, refinement, correlation }
     }
 }
 
@@ -148,6 +151,12 @@ fn in_pool(
     (sink, store): (&mut dyn VolumeSink, &mut dyn BlockStore),
     observer: &dyn Observer,
 ) -> Result<ReconstructionInfo> {
+    if let Some(motion) = options.motion.filter(|_| options.method != Method::Correlation) {
+        return in_motion(source, grid, (options, motion), sink, observer);
+    }
+    if options.method == Method::Correlation {
+        return correlate(source, grid, options, sink, observer);
+    }
     if let Some(turned) = turned_round(source, options)? {
         return in_order(&mut &turned, grid, options, (sink, store), observer);
     }

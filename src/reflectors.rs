@@ -32,6 +32,7 @@ pub(crate) mod csv;
 mod edges;
 mod facets;
 mod lattice;
+mod moving;
 mod occlusion;
 mod poisson;
 #[cfg(test)]
@@ -57,6 +58,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal, StandardUniform};
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Point reflectors: positions in m, complex amplitudes.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -65,6 +67,8 @@ pub struct Reflectors {
     amplitudes: Vec<Complex32>,
     /// The last of them may be reached by a detour.
     bounced: Option<Bounced>,
+    /// Of each, m/s; empty where nothing moves.
+    velocities: Vec<DVec3>,
 }
 
 impl Reflectors {
@@ -88,7 +92,7 @@ impl Reflectors {
             );
             return Err(Error::input(format!("reflector {bad}"), problem));
         }
-        Ok(Self { positions, amplitudes, bounced: None })
+        Ok(Self { positions, amplitudes, bounced: None, velocities: Vec::new() })
     }
 
     /// Positions p, m.
@@ -151,6 +155,8 @@ pub struct SurfaceOptions {
     pub bounces: Option<BounceOptions>,
     /// Echoes of edges, if any.
     pub edges: Option<EdgeOptions>,
+    /// Velocities of some of the triangles, m/s, by their numbers; what is in none of the ranges is still.
+    pub velocities: Vec<(Range<usize>, DVec3)>,
 }
 
 with_fields! {
@@ -162,6 +168,7 @@ with_fields! {
         with_seed(seed: u64),
         with_bounces(bounces: Option<BounceOptions>),
         with_edges(edges: Option<EdgeOptions>),
+        with_velocities(velocities: Vec<(Range<usize>, DVec3)>),
     }
 }
 
@@ -178,6 +185,7 @@ impl SurfaceOptions {
             seed: 1,
             bounces: None,
             edges: None,
+            velocities: Vec::new(),
         }
     }
 }
@@ -292,11 +300,18 @@ fn reflect_once(
     let left = visible.iter().flatten().count() as u64;
     let mut positions = try_with_capacity(left).ok_or_else(does_not_fit)?;
     let mut amplitudes = try_with_capacity(left).ok_or_else(does_not_fit)?;
-    for (position, amplitude) in visible.into_iter().flatten() {
+    let moves = !options.velocities.is_empty();
+    let mut velocities = try_with_capacity(if moves { left } else { 0 }).ok_or_else(does_not_fit)?;
+    for (sample, (position, amplitude)) in
+        samples.iter().zip(visible).filter_map(|(sample, visible)| Some((sample, visible?)))
+    {
         positions.push(position);
         amplitudes.push(amplitude);
+        if moves {
+            velocities.push(options.velocity_of(sample.triangle as usize));
+        }
     }
-    Reflectors::new(positions, amplitudes)
+    Reflectors::new(positions, amplitudes)?.with_velocities(velocities)
 }
 
 /// Warns of samples behind the array.

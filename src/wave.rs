@@ -10,6 +10,7 @@ pub(crate) mod cells;
 mod interface;
 pub(crate) mod interval;
 pub(crate) mod legs;
+mod motion;
 pub(crate) mod offsets;
 pub(crate) mod piston;
 pub(crate) mod series;
@@ -19,6 +20,8 @@ pub(crate) mod two_legs;
 pub use aperture::{Aperture, Resolution};
 pub use interface::Interface;
 pub(crate) use interface::{LegTable, Refraction};
+pub use motion::{FASTEST, Motion};
+pub(crate) use motion::{LONGEST_DWELL, blurred_amplitude, rate_bounds};
 
 use crate::choice::choice;
 use glam::DVec3;

@@ -1,7 +1,7 @@
 //! Corrections of a measured cube: channels that lie, the empty room, responses of speaker and microphones, delays, and
 //! what comes from outside the scene.
 //!
-//! A [`Calibration`] is applied in a fixed order, each step to what the last has left: `mask`, `background`, `high_pass`,
+//! A [`Calibration`] is applied in a fixed order, each step to what the last has left: `mask`, `code`, `background`, `high_pass`,
 //! `response`, `delay`, `gate`, `tilt`. Every step is a linear operation on the samples but the choice of the mask, and each says
 //! in words what it did. [`ChannelResponse`] is measured with a target at a known place.
 
@@ -16,11 +16,12 @@ pub use background::Background;
 pub use mask::{AutoWord, ChannelMask};
 pub use response::{ChannelResponse, ResponseAxis};
 
-use super::{DataCube, Detection, Instrument, TraceColumn};
+use super::{DataCube, Detection, Instrument, SourceCode, TraceColumn};
 use crate::error::{Error, Result};
 use crate::files::extension;
 use crate::progress::{Observer, stage};
 use crate::wave::phasor;
+use glam::DVec3;
 use num_complex::Complex32;
 use std::path::PathBuf;
 
@@ -29,6 +30,10 @@ use std::path::PathBuf;
 pub struct Calibration {
     /// Microphones that are silenced.
     pub mask: ChannelMask,
+    /// How loudspeakers that sounded at once are told apart, where the cube's transmissions are the sweeps of a code.
+    pub code: Option<SourceCode>,
+    /// The loudspeakers that are told apart, m; empty: those of the cube.
+    pub loudspeakers: Vec<DVec3>,
     /// What is subtracted of every sample.
     pub background: Option<Background>,
     /// Diameter of the disc around a microphone, m, whose mean at each frequency is subtracted: what is the same there is
@@ -54,8 +59,9 @@ pub struct Calibration {
 impl Calibration {
     /// Whether it changes nothing.
     pub fn is_empty(&self) -> bool {
-        let Self { mask, background, high_pass, response, delay, gate, tilt, .. } = self;
+        let Self { mask, code, background, high_pass, response, delay, gate, tilt, .. } = self;
         *mask == ChannelMask::default()
+            && code.is_none()
             && background.is_none()
             && high_pass.is_none()
             && response.is_none()
@@ -77,6 +83,9 @@ impl Calibration {
         let (masked, mut words) = self.mask.find(cube, observer)?;
         silence(cube, &masked, 0.0);
         super::cube::check_all_finite("samples", &cube.instrument, &cube.samples)?;
+        if let Some(code) = &self.code {
+            words.push(code.decode_cube(cube, &self.loudspeakers)?);
+        }
         if let Some(background) = &self.background {
             words.push(stage(observer, "subtracting the background", 0, || {
                 background.subtract(cube, &masked, self.memory)

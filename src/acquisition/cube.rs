@@ -65,7 +65,7 @@ impl DataCube {
     }
 
     /// The samples of a cube of so many transmissions, frequencies and microphones, all zero.
-    pub(super) fn allocate(counts: [usize; 3]) -> Result<Vec<Complex32>> {
+    pub(in crate::acquisition) fn allocate(counts: [usize; 3]) -> Result<Vec<Complex32>> {
         let total = counts.iter().try_fold(1_u64, |product, n| product.checked_mul(*n as u64));
         total.and_then(try_zeroed).ok_or_else(|| {
             let [n_tx, n_f, n_mic] = counts;

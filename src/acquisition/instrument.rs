@@ -1,10 +1,13 @@
 //! The instrument: the parameters of a measurement that formulas, plans and reconstructions need, without its samples.
 
 mod changes;
+mod codes;
 mod pairs;
 mod transmissions;
 
 pub use changes::InstrumentChanges;
+pub(crate) use codes::MOST_CODED;
+pub use codes::{CodeKind, CodeReport, Decoding, SourceCode};
 pub(crate) use transmissions::MOST_SOURCES;
 
 use super::{Detection, MicArray, Sweep};

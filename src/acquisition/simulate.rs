@@ -31,7 +31,7 @@ pub use errors::ArrayErrors;
 pub use losses::Losses;
 pub use noise::Noise;
 
-use super::{DataCube, Detection, Electronics, Instrument, Tile, tiles};
+use super::{DataCube, Detection, Electronics, Instrument, SourceCode, Tile, tiles};
 use crate::blocks::{BlockStore, BlocksFrom, NoStore};
 use crate::choice::choice;
 use crate::error::{Error, Result};
@@ -43,7 +43,7 @@ use cells::CellPlan;
 use columns::Columns;
 use expand::fast;
 use glam::DVec3;
-use literal::literal;
+use literal::{literal, simulate_moving};
 use noise::finish;
 use num_complex::Complex32;
 use terms::{LossModel, LossTerms};
@@ -90,6 +90,10 @@ pub struct SimulateOptions {
     /// arithmetic of either method adds up to 10⁻⁵ for a single echo, and far less for many of random phase, because their
     /// errors average: relative to the largest sample of a diffuse scene, a few 10⁻⁶ in total.
     pub tolerance: f64,
+    /// How several loudspeakers that sound at once are told apart; `None`: they sound one after another.
+    pub code: Option<SourceCode>,
+    /// From one tone to the next, s; only [moving](Reflectors::with_velocities) reflectors need it.
+    pub dwell: Option<f64>,
 }
 
 /// The default tolerance of a simulation: about the rounding of f32.
@@ -104,6 +108,8 @@ impl Default for SimulateOptions {
             electronics: None,
             noise: None,
             tolerance: SIMULATION_TOLERANCE,
+            dwell: None,
+            code: None,
         }
     }
 }
@@ -116,6 +122,8 @@ with_fields! {
         with_electronics(electronics: Option<Electronics>),
         with_noise(noise: Option<Noise>),
         with_tolerance(tolerance: f64),
+        with_dwell(dwell: Option<f64>),
+        with_code(code: Option<SourceCode>),
     }
 }
 
@@ -197,16 +205,15 @@ pub(crate) fn simulate_resumable(
     options.check()?;
     let mut samples = match &options.electronics {
         Some(electronics) => electronics.read_echoes(instrument, &mut |number, heard| {
-            simulate_echoes(reflectors, (number, heard), options, store, observer)
+            simulate_moving(reflectors, (number, heard), options, store, observer)
         })?,
-        None => simulate_echoes(reflectors, (0, instrument), options, store, observer)?,
+        None => simulate_moving(reflectors, (0, instrument), options, store, observer)?,
     };
     finish(&mut samples, instrument, options)?;
     Ok(DataCube { instrument: instrument.clone(), samples, provenance: serde_json::Value::Null })
 }
 
-/// Simulates those tiles of microphones that a store wants, of every frequency that is heard; what is read of them is made
-/// of all tiles together.
+/// Simulates those tiles of microphones that a store wants, of every frequency heard; they are read together.
 ///
 /// # Errors
 /// As [`simulate`].
@@ -218,6 +225,11 @@ pub(crate) fn simulate_tiles(
     observer: &dyn Observer,
 ) -> Result<()> {
     options.check()?;
+    if reflectors.iter().any(|list| !list.velocities().is_empty()) {
+        let problem =
+            "is simulated tone by tone, which processes cannot share; `simulate` a cube, and share its image";
+        return Err(Error::input("[scene] velocity", problem));
+    }
     let heard = match &options.electronics {
         Some(electronics) => electronics.instruments(instrument)?,
         None => vec![instrument.clone()],
@@ -228,8 +240,7 @@ pub(crate) fn simulate_tiles(
         .try_for_each(|heard| simulate_echoes(reflectors, heard, options, store, observer).map(drop))
 }
 
-/// Eq. 5: the samples of an ideal instrument, without noise. Of several simulations of the same microphones, blocks come after
-/// those of the ones before, by the number of this one.
+/// Eq. 5: the samples of an ideal instrument, without noise; the blocks of simulation `number` come after those before it.
 fn simulate_echoes(
     reflectors: &[Reflectors],
     (number, instrument): (usize, &Instrument),

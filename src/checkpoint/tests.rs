@@ -196,8 +196,7 @@ pub(super) fn volume(count: [usize; 3]) -> Volume {
     Volume { grid: Grid { x, y, z }, samples: Vec::new() }
 }
 
-pub(super) const INFO: ReconstructionInfo =
-    ReconstructionInfo { method: Method::Direct, error_bound: 0.0, incoherent_level: None, refinement: None };
+pub(super) const INFO: ReconstructionInfo = ReconstructionInfo::plain(Method::Direct, 0.0);
 
 #[test]
 fn resumed_depths_come_first_and_every_depth_once() {

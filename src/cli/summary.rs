@@ -118,7 +118,8 @@ pub(super) fn image(input: &Path, folder: &Path, report: &Report, outcome: &Outc
     let band = prefixed_range(instrument.sweep.start(), instrument.sweep.stop(), 2, "Hz");
     table.row("sweep", format!("{} frequencies, {band}", plan.frequencies));
     table.rows("physics", report.physics.iter().cloned());
-    table.rows("refined", report.refinement.iter().map(ToString::to_string));
+    table.rows("refined", report.refinement.map(|refinement| refinement.to_string()));
+    table.rows("correlation", report.correlation.map(|pairs| pairs.to_string()));
     table.row("resolution", resolution(plan, |[x, _]| millimetres(x)));
     let grid = &outcome.image.volume.grid;
     let axes = [("x", grid.x), ("y", grid.y), ("z", grid.z)];
@@ -170,6 +171,7 @@ pub(super) fn forecast(forecast: &Forecast) -> String {
     table.row("cube", format!("{speakers}{frequencies} frequencies x {microphones} microphones: {bytes}"));
     table.row("volume", gib(plan.volume_bytes));
     table.rows("physics", forecast.physics.iter().cloned());
+    table.rows("correlation", forecast.correlation.map(|pairs| pairs.to_string()));
     for (i, (method, seconds)) in forecast.methods.iter().zip(&forecast.seconds).enumerate() {
         let name = format!("{}{}", if i == forecast.chosen { "* " } else { "  " }, method.method);
         let (bytes, time) = (gib(method.bytes), duration(*seconds));
@@ -181,9 +183,7 @@ pub(super) fn forecast(forecast: &Forecast) -> String {
         };
         table.row(&name, costs);
     }
-    let memory = forecast.memory.iter();
-    let peaks = memory.map(|m| format!("{} for `{}`, at its peak {}", gib(m.bytes), m.command, m.peak));
-    table.rows("memory", peaks);
+    table.rows("memory", forecast.memory.iter().map(ToString::to_string));
     table.row("threads", forecast.threads.to_string());
     table.row("writes", forecast.files.join(", "));
     if let Some(RecordingSize { channels, seconds, bytes, .. }) = forecast.recording {

@@ -1,9 +1,11 @@
 //! The checks of a run file beyond types: ranges, and keys that must agree with each other.
 
 mod calibration;
+mod coding;
 mod import;
 mod instrument;
 mod measurement;
+mod motion;
 mod recording;
 mod results;
 mod scene;
@@ -35,9 +37,12 @@ impl RunFile {
         self.grid.check()?;
         self.reconstruct.check()?;
         self.refine.check()?;
+        self.check_correlation()?;
         self.depth.check()?;
         self.check_interface()?;
         self.check_bounces()?;
+        self.check_motion()?;
+        self.check_coding()?;
         self.output.check()?;
         self.expect.check()
     }

@@ -27,6 +27,7 @@ const SPEED: [&str; 4] = ["medium.sound_speed", "medium.temperature", "medium.hu
 const INTERFACE: [&str; 3] = ["medium.interface", "medium.interface.depth", "medium.interface.sound_speed"];
 const SOURCE: &str = "array.source";
 const CENTRE: &str = "array.centre";
+const DWELL: &str = "recording.dwell";
 
 impl RunFile {
     /// What overrides replace of a cube's instrument: the speeds of sound, as typed or of the air, an interface, and the places of speaker
@@ -38,13 +39,17 @@ impl RunFile {
         for key in typed.overridden() {
             let table = key.split(['.', '[']).next().unwrap_or_default();
             let place = || format!("--set {key}");
+            if table == "coding" && !self.calibration.decode {
+                let problem = "changes nothing here: the cube is taken for decoded; with calibration.decode=true it is decoded";
+                return Err(Error::input(place(), problem));
+            }
             if OF_SIMULATION.contains(&key) {
                 let problem =
                     "changes what is simulated; what is measured is corrected by reconstruct.compensate";
                 return Err(Error::input(place(), problem));
             }
             let why = OF_SCENES.iter().find(|(name, _)| *name == table);
-            if let Some((_, why)) = why.filter(|_| key != table && ![SOURCE, CENTRE].contains(&key)) {
+            if let Some((_, why)) = why.filter(|_| key != table && ![SOURCE, CENTRE, DWELL].contains(&key)) {
                 return Err(Error::input(place(), format!("changes nothing here: {why}")));
             }
         }

@@ -2,7 +2,9 @@
 
 mod calibration;
 mod import;
+mod coding;
 mod instrument;
+mod motion;
 mod recording;
 
 use super::check::square_root;
@@ -14,7 +16,7 @@ use crate::depth::{ArraySidelobes, DepthOptions};
 use crate::error::{Error, Result, gib};
 use crate::grid::{Axis, Grid, Raster, View};
 use crate::plan::memory_limit;
-use crate::reconstruct::{ReconstructOptions, RefineOptions};
+use crate::reconstruct::{Method, ReconstructOptions, RefineOptions};
 use crate::reflectors::{BounceOptions, EdgeOptions, Occlusion, OcclusionKind, SurfaceModel, SurfaceOptions};
 use crate::scene::{CameraView, LoadOptions, PartFile};
 use crate::truth::TruthOptions;
@@ -220,6 +222,8 @@ impl RunFile {
             electronics: self.electronics(),
             noise: self.detection.snr_db.map(|snr_db| Noise { snr_db, seed }),
             tolerance: self.detection.tolerance,
+            dwell: self.recording.dwell,
+            code: self.source_code(),
         }
     }
 
@@ -280,6 +284,8 @@ impl RunFile {
         options.tolerance = self.reconstruct.tolerance;
         options.compensate = self.reconstruct.compensate;
         options.refine = self.refine_options();
+        options.sub_band = self.reconstruct.sub_band.unwrap_or(1) as usize;
+        options.motion = self.frame_motion();
         options
     }
 
@@ -321,7 +327,8 @@ impl RunFile {
         let mut options = DepthOptions::new(resolution).adapted_to(sidelobes, refined);
         options.confidence_db = typed.confidence_db.unwrap_or(options.confidence_db);
         options.rim_db = typed.rim_db.unwrap_or(options.rim_db);
-        options.gate = typed.gate;
+        // A correlation has no phases by which parts of the band could be told apart.
+        options.gate = typed.gate && self.reconstruct.method != Method::Correlation;
         (options.pick, options.refine) = (typed.pick, typed.refine);
         options.threshold_db = typed.threshold_db;
         options.returns = typed.returns as usize;

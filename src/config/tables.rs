@@ -3,6 +3,7 @@
 //! A key whose absence has a meaning of its own is an `Option`; every other key has the default that `Default` gives.
 
 mod calibration;
+mod coding;
 mod import;
 mod instrument;
 mod measurement;
@@ -13,6 +14,7 @@ mod scene;
 
 pub use calibration::CalibrationTable;
 pub(in crate::config) use calibration::MEAN;
+pub use coding::CodingTable;
 pub use import::{ImportTable, TypedFormulas, TypedPositions};
 pub use instrument::InstrumentTable;
 pub use measurement::{ArrayTable, DetectionTable, MediumTable, SweepTable};

@@ -111,7 +111,7 @@ fn the_annotated_file_equals_the_corner_scene() {
                 rest.starts_with("[[") || rest.split_once(" = ").is_some_and(|(key, _)| !key.contains(' '))
             });
             let exclusive = "size translate sensor parts source_offset source_file elements extent spacing=0.016 seed file fov pixels temperature humidity \
-                             pressure low_pass #";
+                             pressure low_pass sub_band velocity sequences #";
             let is_exclusive = |rest: &str| {
                 let compact = rest.replace(' ', "");
                 exclusive.split(' ').any(|start| compact.starts_with(start))

@@ -11,6 +11,7 @@ use crate::error::{Error, Result};
 use crate::grid::Grid;
 use crate::progress::{Observer, advance, stage};
 use crate::reconstruct::{Method, ReconstructOptions, Window, reconstruct_with};
+use crate::wave::Motion;
 use crate::with_fields::with_fields;
 use serde::Serialize;
 
@@ -28,6 +29,8 @@ pub struct AutofocusOptions {
     pub delay: f64,
     /// Angles about x and y, degrees, by which the array is turned before anything is tried.
     pub tilt: [f64; 2],
+    /// The frame that is imaged, and the times of the tones; velocities need them.
+    pub motion: Option<Motion>,
     /// As [`ReconstructOptions::memory`].
     pub memory: Option<u64>,
 }
@@ -39,6 +42,7 @@ with_fields! {
         with_trials(trials: Option<usize>),
         with_delay(delay: f64),
         with_tilt(tilt: [f64; 2]),
+        with_motion(motion: Option<Motion>),
         with_memory(memory: Option<u64>),
     }
 }
@@ -121,7 +125,7 @@ const BEYOND: f64 = 1.5;
 ///
 /// # Errors
 /// A range that is none, or outside of what the instrument may have; trials less than 5 or more than 1001; a speaker's place in
-/// a monostatic scan; the delay of an in-phase cube; those of [`reconstruct_with`].
+/// a monostatic scan; a velocity without times; the delay of an in-phase cube; those of [`reconstruct_with`].
 pub fn autofocus(
     cube: &DataCube,
     grid: &Grid,
@@ -129,7 +133,7 @@ pub fn autofocus(
     options: &AutofocusOptions,
     observer: &dyn Observer,
 ) -> Result<Autofocus> {
-    parameter.check(&cube.instrument)?;
+    parameter.check(&cube.instrument, options.motion)?;
     let search = Search::new(cube, grid, parameter, options)?;
     let range = search.range;
     if !(range[0] < range[1] && range.iter().all(|value| value.is_finite())) {
@@ -182,10 +186,11 @@ impl<'a> Search<'a> {
         parameter: FocusParameter,
         options: &AutofocusOptions,
     ) -> Result<Self> {
-        let corrected = Corrected { delay: options.delay, tilt: options.tilt };
+        let corrected = Corrected { delay: options.delay, tilt: options.tilt, motion: options.motion };
         let own = parameter.of(&cube.instrument, corrected);
         let instrument = parameter.instrument(cube, corrected, own)?;
-        let range = options.range.unwrap_or_else(|| parameter.usual_range(&instrument, grid, own));
+        let range =
+            options.range.unwrap_or_else(|| parameter.usual_range(&instrument, grid, (own, corrected)));
         // Without a window nothing weighs parts of the band, so that their images add up.
         let images = ReconstructOptions::new(Method::Auto, Window::None).with_memory(options.memory);
         let cell = FocusParameter::cell(&instrument, grid);
@@ -197,8 +202,14 @@ impl<'a> Search<'a> {
         let mut cube = self.cube.clone();
         self.parameter.samples(&mut cube, self.corrected, value)?;
         cube.instrument = self.parameter.instrument(self.cube, self.corrected, value)?;
-        let grid = self.parameter.region(&self.cube.instrument, self.grid, [self.own, value]);
+        let region = (&self.cube.instrument, self.corrected);
+        let grid = self.parameter.region(region, self.grid, [self.own, value]);
         Ok((cube, grid))
+    }
+
+    /// How the region is imaged with a value.
+    fn images(&self, value: f64) -> ReconstructOptions {
+        self.images.with_motion(self.parameter.motion(self.corrected, value))
     }
 
     /// How much larger a resolution cell is than with the cube's own value.
@@ -208,7 +219,7 @@ impl<'a> Search<'a> {
 
     fn trial(&self, value: f64, observer: &dyn Observer) -> Result<FocusTrial> {
         let (cube, grid) = self.with(value)?;
-        let volume = reconstruct_with(&cube, &grid, &self.images, &OneOfMany(observer))?.volume;
+        let volume = reconstruct_with(&cube, &grid, &self.images(value), &OneOfMany(observer))?.volume;
         advance(observer, 1)?;
         let measure = self.measure.of_cells(self.measure.of(&volume), self.cells(&cube, &grid));
         Ok(FocusTrial { value, measure })
@@ -286,7 +297,7 @@ impl<'a> Search<'a> {
         let measured = places.iter().map(|value| {
             let (cube, grid) = self.with(*value)?;
             let measured =
-                jackknife::measure(&cube, &grid, &self.images, self.measure, &OneOfMany(observer))?;
+                jackknife::measure(&cube, &grid, &self.images(*value), self.measure, &OneOfMany(observer))?;
             let cells = self.cells(&cube, &grid);
             advance(observer, 1)?;
             let per_cell = |measure: f64| self.measure.of_cells(measure, cells);

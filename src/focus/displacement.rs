@@ -27,6 +27,11 @@ pub(super) fn blur(
     value: f64,
 ) -> Result<f64> {
     let own = parameter.of(&cube.instrument, corrected);
+    if let Some(motion) = corrected.motion.filter(|_| parameter.is_velocity()) {
+        // A phase of q x² cycles over -1 < x < 1 has an rms of q √(4/45) about its mean.
+        let [_, cycles] = FocusParameter::of_velocity(&cube.instrument, motion);
+        return Ok(std::f64::consts::TAU * ((value - own) * cycles).abs() * (4.0_f64 / 45.0).sqrt());
+    }
     let [before, after] = [own, value].map(|value| parameter.instrument(cube, corrected, value));
     let (before, after) = (before?, after?);
     let delay = if parameter == FocusParameter::Delay { value - own } else { 0.0 };

@@ -11,6 +11,7 @@ use crate::grid::{Grid, Volume, no_room_for};
 use crate::linalg::{LeastSquares, Matrix};
 use crate::progress::Observer;
 use crate::reconstruct::{ReconstructOptions, reconstruct_with};
+use crate::wave::Motion;
 
 /// Parts of the band.
 pub(super) const PARTS: usize = 6;
@@ -51,7 +52,10 @@ pub(super) fn measure(
         let samples = of_speakers.flat_map(|samples| &samples[part.start * n_mic..part.end * n_mic]);
         let samples = samples.copied().collect();
         let cube = DataCube::new(cube.instrument.clone().with_sweep(sweep), samples)?;
-        let mut image = reconstruct_with(&cube, grid, options, observer)?.volume;
+        // A part is played when its tones were.
+        let motion = options.motion.map(|motion| Motion { start: motion.time(part.start as f64), ..motion });
+        let options = options.with_motion(motion);
+        let mut image = reconstruct_with(&cube, grid, &options, observer)?.volume;
         // An image is a mean over tones; sums add up.
         let weight = part.len() as f32 / f.len() as f32;
         image.samples.iter_mut().for_each(|a| *a *= weight);

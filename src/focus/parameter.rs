@@ -5,7 +5,7 @@ use crate::choice::choice;
 use crate::error::{Error, Result};
 use crate::grid::{Axis, Grid};
 use crate::progress::Silent;
-use crate::wave::Geometry;
+use crate::wave::{Geometry, Motion};
 use glam::DVec3;
 
 choice! {
@@ -27,6 +27,12 @@ choice! {
         SourceY = "source-y",
         /// z of the loudspeaker, m.
         SourceZ = "source-z",
+        /// Velocity of the scene along x while the tones are played, m/s.
+        VelocityX = "velocity-x",
+        /// Along y, m/s.
+        VelocityY = "velocity-y",
+        /// Along z, m/s.
+        VelocityZ = "velocity-z",
     }
 }
 
@@ -35,10 +41,17 @@ choice! {
 pub(super) struct Corrected {
     pub(super) delay: f64,
     pub(super) tilt: [f64; 2],
+    /// The frame that is imaged, and the times of the tones if they are known.
+    pub(super) motion: Option<Motion>,
 }
 
 /// Share by which a path of the region is changed, either way, if no range is given: air between 2 and 38 °C.
 const SHARE: f64 = 0.03;
+
+/// Cycles at the ends of the band by which the velocities that are tried blur, and the share of the nearest depth by which they
+/// may move the region.
+const CYCLES: f64 = 4.0;
+const NEARER: f64 = 0.9;
 
 /// Angles that are tried, either way, degrees.
 const ANGLE: f64 = 5.0;
@@ -47,7 +60,7 @@ impl FocusParameter {
     /// The unit, as it is printed.
     pub fn unit(self) -> &'static str {
         match self {
-            Self::SoundSpeed => "m/s",
+            Self::SoundSpeed | Self::VelocityX | Self::VelocityY | Self::VelocityZ => "m/s",
             Self::TiltX | Self::TiltY => "degrees",
             _ => "m",
         }
@@ -68,11 +81,54 @@ impl FocusParameter {
             Self::SourceX => source.x,
             Self::SourceY => source.y,
             Self::SourceZ => source.z,
+            Self::VelocityX | Self::VelocityY | Self::VelocityZ => {
+                corrected.motion.map_or(0.0, |motion| motion.velocity[self.axis()])
+            }
         }
     }
 
-    /// Refuses a parameter that the geometry does not have.
-    pub(super) fn check(self, instrument: &Instrument) -> Result<()> {
+    /// The axis of a velocity.
+    fn axis(self) -> usize {
+        match self {
+            Self::VelocityY => 1,
+            Self::VelocityZ => 2,
+            _ => 0,
+        }
+    }
+
+    /// Whether it is a velocity.
+    pub(super) fn is_velocity(self) -> bool {
+        matches!(self, Self::VelocityX | Self::VelocityY | Self::VelocityZ)
+    }
+
+    /// The frame that is imaged with a value.
+    pub(super) fn motion(self, corrected: Corrected, value: f64) -> Option<Motion> {
+        let mut motion = corrected.motion?;
+        if self.is_velocity() {
+            motion.velocity[self.axis()] = value;
+        }
+        Some(motion).filter(|motion| motion.velocity != DVec3::ZERO)
+    }
+
+    /// How far a place is seen displaced by a velocity of 1 m/s, m, in an image that takes it for still, and the cycles at the ends of
+    /// the band that blur it there.
+    pub(super) fn of_velocity(instrument: &Instrument, motion: Motion) -> [f64; 2] {
+        let sweep = &instrument.sweep;
+        let spacing = sweep.bandwidth() / (sweep.len().max(2) - 1) as f64;
+        if spacing <= 0.0 {
+            return [0.0; 2];
+        }
+        // Either leg grows as the range does, at the most.
+        let cycles = motion.cycles(sweep.bandwidth(), spacing, 2.0, instrument.sound_speed);
+        [motion.lag([sweep.start(), sweep.stop()], spacing), cycles]
+    }
+
+    /// Refuses a parameter that the geometry does not have, and a velocity without times.
+    pub(super) fn check(self, instrument: &Instrument, motion: Option<Motion>) -> Result<()> {
+        if self.is_velocity() && motion.is_none() {
+            let problem = "needs to know how long each tone was played; give [recording] dwell, in s";
+            return Err(Error::input(self.as_str(), problem));
+        }
         let of_source = matches!(self, Self::SourceX | Self::SourceY | Self::SourceZ);
         if of_source {
             instrument.need_one_source(self.as_str())?;
@@ -85,13 +141,25 @@ impl FocusParameter {
         Ok(())
     }
 
-    /// The range that is tried if none is given: ± 3 % of the speed or of the path to the middle of the region, ± 5°.
-    pub(super) fn usual_range(self, instrument: &Instrument, grid: &Grid, own: f64) -> [f64; 2] {
+    /// The range that is tried if none is given: ± 3 % of the speed or of the path to the middle of the region, ± 5°; velocities that
+    /// blur by some cycles, as far as the region stays in front of the array.
+    pub(super) fn usual_range(
+        self,
+        instrument: &Instrument,
+        grid: &Grid,
+        (own, corrected): (f64, Corrected),
+    ) -> [f64; 2] {
         let (low, high) = grid.bounds();
         let path = instrument.path_length(low.midpoint(high), instrument.array.centre());
         let reach = match self {
             Self::SoundSpeed => SHARE * own,
             Self::TiltX | Self::TiltY => ANGLE,
+            Self::VelocityX | Self::VelocityY | Self::VelocityZ => {
+                let each = corrected.motion.map(|motion| Self::of_velocity(instrument, motion));
+                let [lag, cycles] = each.unwrap_or_default().map(|each| each.max(1e-12));
+                let most = if self == Self::VelocityZ { NEARER * low.z / lag } else { f64::INFINITY };
+                (CYCLES / cycles).min(most)
+            }
             _ => SHARE * path,
         };
         [own - reach, own + reach]
@@ -110,7 +178,7 @@ impl FocusParameter {
         };
         match self {
             Self::SoundSpeed => changes.sound_speed = Some(value),
-            Self::Delay => {}
+            Self::Delay | Self::VelocityX | Self::VelocityY | Self::VelocityZ => {}
             Self::ArrayZ => changes.centre = Some(centre.with_z(value)),
             Self::TiltX => tilt[0] = value,
             Self::TiltY => tilt[1] = value,
@@ -137,8 +205,24 @@ impl FocusParameter {
 
     /// The region with a value, moved as its echoes move: what was in it is in it still.
     ///
-    /// With another speed of sound it is larger about the array's centre; with longer paths it is farther away.
-    pub(super) fn region(self, instrument: &Instrument, grid: &Grid, [own, value]: [f64; 2]) -> Grid {
+    /// With another speed of sound it is larger about the array's centre; with longer paths it is farther away; and with another
+    /// velocity it is displaced.
+    pub(super) fn region(
+        self,
+        (instrument, corrected): (&Instrument, Corrected),
+        grid: &Grid,
+        [own, value]: [f64; 2],
+    ) -> Grid {
+        if let Some(motion) = corrected.motion.filter(|_| self.is_velocity()) {
+            let mut moved = *grid;
+            let axis = match self.axis() {
+                0 => &mut moved.x,
+                1 => &mut moved.y,
+                _ => &mut moved.z,
+            };
+            axis.first -= (value - own) * Self::of_velocity(instrument, motion)[0];
+            return moved;
+        }
         let centre = instrument.array.centre();
         let (scale, shift) = match self {
             Self::SoundSpeed => (value / own, 0.0),
@@ -178,6 +262,10 @@ impl FocusParameter {
             (Self::SoundSpeed, _) => format!("medium.sound_speed={:?}", rounded(value)),
             (Self::Delay, _) => format!("calibration.delay={:?}", rounded(value)),
             (Self::ArrayZ, _) => format!("array.centre={}", list(&instrument.array.centre().to_array())),
+            (Self::VelocityX | Self::VelocityY | Self::VelocityZ, _) => {
+                let velocity = self.motion(corrected, value).map_or(DVec3::ZERO, |motion| motion.velocity);
+                format!("medium.velocity={}", list(&velocity.to_array()))
+            }
             (Self::TiltX, _) => format!("calibration.tilt={}", list(&[value, corrected.tilt[1]])),
             (Self::TiltY, _) => format!("calibration.tilt={}", list(&[corrected.tilt[0], value])),
             (_, Geometry::FixedSource { source }) => format!("array.source={}", list(&source.to_array())),

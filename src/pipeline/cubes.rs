@@ -75,6 +75,8 @@ fn image_source<S: CubeSource>(
         reflectors: None,
         multipath: None,
         physics,
+        motion: Vec::new(),
+        coding: None,
         instrument,
         image,
         sidelobes,

@@ -4,9 +4,10 @@ use crate::acquisition::Instrument;
 use crate::config::{RefineMethod, RunFile};
 use crate::depth::ArraySidelobes;
 use crate::export::{Attribute, Attributes, attributes_as_json, find_attribute};
-use crate::plan::near_sidelobe_db;
-use crate::reconstruct::ReconstructionInfo;
-use crate::wave::{Aperture, Geometry, GeometryKind, Interface, Resolution};
+use crate::grid::Grid;
+use crate::plan::{Smear, near_sidelobe_db};
+use crate::reconstruct::{Correlation, ReconstructionInfo};
+use crate::wave::{Aperture, Geometry, GeometryKind, Interface, Motion, Resolution};
 use glam::DVec3;
 use serde_json::{Value, json};
 use std::borrow::Cow;
@@ -26,6 +27,9 @@ pub(super) fn image_facts(
     facts["error_bound"] = json!(info.error_bound);
     facts["incoherent_level"] = json!(info.incoherent_level);
     facts["sidelobes"] = json!(sidelobes);
+    if let Some(correlation) = &info.correlation {
+        facts["correlation"] = json!(correlation);
+    }
     if let Some(refinement) = &info.refinement {
         facts["refinement"] = json!(refinement);
     }
@@ -86,7 +90,27 @@ pub(super) fn beyond_the_sum(run: &RunFile, instrument: &Instrument) -> Vec<Stri
     let refined = run
         .refine_options()
         .map(|refine| format!("the volume refined: {}, at most {} steps", refine.solver, refine.steps));
-    interface.into_iter().chain(spreading).chain(refined).collect()
+    let moving = run.frame_motion().map(|Motion { velocity: DVec3 { x, y, z }, dwell, .. }| {
+        format!("imaged in a frame that moves at ({x}, {y}, {z}) m/s, {dwell} s from one tone to the next")
+    });
+    interface.into_iter().chain(spreading).chain(refined).chain(moving).collect()
+}
+
+/// What each velocity of a scene does in the frame that is imaged.
+pub(super) fn smears(run: &RunFile, instrument: &Instrument, grid: &Grid) -> Vec<Smear> {
+    let frame = run.frame_motion().map_or(DVec3::ZERO, |motion| motion.velocity);
+    let mut velocities = run.scene_velocities();
+    if velocities.is_empty() {
+        velocities.push(DVec3::ZERO);
+    }
+    let mut relative = Vec::new();
+    for velocity in velocities.into_iter().map(|velocity| velocity - frame) {
+        if velocity != DVec3::ZERO && !relative.contains(&velocity) {
+            relative.push(velocity);
+        }
+    }
+    let dwell = run.recording.dwell.unwrap_or(0.0);
+    relative.into_iter().map(|velocity| Smear::of(instrument, grid, Motion::new(velocity, dwell))).collect()
 }
 
 /// How a volume was refined, from its metadata; `None` where they do not tell how it was computed at all.
@@ -94,6 +118,19 @@ pub(super) fn refined_by(meta: &Value) -> Option<RefineMethod> {
     meta.get("method")?;
     let solver = meta["refinement"]["solver"].as_str();
     Some(solver.and_then(|solver| solver.parse().ok()).unwrap_or(RefineMethod::None))
+}
+
+/// What a volume of Eq. 13 or a correlation tells apart.
+pub(super) fn resolution(aperture: Aperture, correlation: Option<&Correlation>) -> Resolution {
+    let resolution = Resolution::from(aperture);
+    Resolution { range: correlation.map_or(resolution.range, Correlation::mean_resolution), ..resolution }
+}
+
+/// What a correlation tells apart in depth, from a volume's metadata, m; `None` of another volume.
+pub(super) fn correlated_resolution(meta: &Value) -> Option<f64> {
+    let [near, far]: [f64; 2] =
+        serde_json::from_value(meta.get("correlation")?["depth_resolution"].clone()).ok()?;
+    Some(f64::midpoint(near, far)).filter(|middle| *middle > 0.0 && middle.is_finite())
 }
 
 /// The sidelobes that depth has to expect.

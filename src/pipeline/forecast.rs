@@ -1,19 +1,19 @@
 //! Predictions of a job, for `plan`: everything that can be known before any ray is traced or any sample computed.
 
 use super::design::{InstrumentBudget, instrument_budget};
-use super::facts::beyond_the_sum;
+use super::facts::{beyond_the_sum, smears};
 use super::job::JobOptions;
 use super::memory::{MemoryBudget, SceneSize};
 use super::prepared_scene::{Measurement, placement_warnings};
 use super::{is_in_metres, outputs, reflector_list};
-use crate::acquisition::{CubeFile, CubeSource, Instrument, RecordingSize};
+use crate::acquisition::{CodeReport, CubeFile, CubeSource, Instrument, RecordingSize};
 use crate::config::RunFile;
-use crate::error::Result;
+use crate::error::{Result, gib};
 use crate::grid::{Axis, Grid};
 use crate::plan::design::Suggestion;
-use crate::plan::{Design, JobArrays, MemoryEstimate, Plan, design, plan};
+use crate::plan::{Design, JobArrays, MemoryEstimate, Plan, Smear, design, plan};
 use crate::progress::Observer;
-use crate::reconstruct::{Estimate, estimate};
+use crate::reconstruct::{Correlation, Estimate, estimate};
 use serde::Serialize;
 use std::path::Path;
 
@@ -31,6 +31,9 @@ pub struct Forecast {
     pub methods: Vec<Estimate>,
     /// Index of the method that the job uses.
     pub chosen: usize,
+    /// How microphones will be correlated, if they will.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub correlation: Option<Correlation>,
     /// Worker threads.
     pub threads: usize,
     /// Peak memory of each command that does the job or a part of it, `image` first.
@@ -45,6 +48,12 @@ pub struct Forecast {
     pub files: Vec<String>,
     /// The recording that `simulate` writes into a file `.wav`, if `[recording]` says how.
     pub recording: Option<RecordingSize>,
+    /// What the motion of the scene does to its image, if something moves.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub motion: Vec<Smear>,
+    /// What the code of loudspeakers that sound at once is worth, if they do.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub coding: Option<CodeReport>,
     /// What each element of `[instrument]` costs, if there are any.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub budget: Option<InstrumentBudget>,
@@ -71,6 +80,13 @@ impl CommandMemory {
     }
 }
 
+/// As in "1.2 GiB for `image`, at its peak reconstructing: samples 1 GiB".
+impl std::fmt::Display for CommandMemory {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{} for `{}`, at its peak {}", gib(self.bytes), self.command, self.peak)
+    }
+}
+
 /// Predicts `image` of a scene. The mesh is loaded only for its size; no ray is traced.
 ///
 /// # Errors
@@ -92,6 +108,10 @@ pub fn forecast_scene(run: &RunFile, job: &JobOptions) -> Result<Forecast> {
     forecast.suggest_lattice(&budget, instrument);
     forecast.resolution_cells = bounds.map(|(low, high)| instrument.cells_across(low, high));
     forecast.physics = measurement.physics(run);
+    forecast.motion = smears(run, instrument, &grid);
+    forecast.coding = measurement.code_report();
+    forecast.warnings.extend(forecast.coding.and_then(|coding| folded(&coding, &forecast.plan)));
+    forecast.physics.extend(forecast.motion.iter().map(ToString::to_string));
     forecast.budget = instrument_budget(run, &measurement, &grid)?;
     if run.recording.dwell.is_some() {
         match RecordingSize::of(instrument, &run.recording_options(), &run.recorder_options()) {
@@ -121,6 +141,20 @@ pub fn forecast_cube(run: &RunFile, cube: CubeFile, observer: &dyn Observer) -> 
     forecast.suggest_lattice(&budget, instrument);
     forecast.physics = [cube.changes(), &forecast.physics].concat();
     Ok(forecast)
+}
+
+/// Warns of speakers whose own tones are too far apart for the grid.
+fn folded(coding: &CodeReport, plan: &Plan) -> Option<String> {
+    let [shortest, longest] = plan.path_bounds;
+    // The sweep's own step tells so much apart.
+    let unambiguous = plan.unambiguous_path? / coding.own_step.map(|_| coding.loudspeakers as f64)?;
+    (longest - shortest > unambiguous).then(|| {
+        format!(
+            "the tones of each speaker tell paths apart up to {unambiguous:.2} m, and those of this grid differ by {:.2} m: what one \
+             speaker shows twice the others do not, but it leaves ghosts; use a smaller [sweep] step, or kind = \"hadamard\"",
+            longest - shortest
+        )
+    })
 }
 
 /// By how much a pitch may be changed to be on the microphones' lattice, as a factor.
@@ -195,12 +229,15 @@ pub(super) fn forecast(
         seconds: estimate.seconds(),
         methods: estimate.methods,
         chosen: estimate.chosen,
+        correlation: Correlation::of(instrument, grid, &run.reconstruct_options()),
         threads: estimate.threads,
         memory: vec![CommandMemory::new("image", estimate.memory)],
         physics: beyond_the_sum(run, instrument),
         resolution_cells: None,
         files: outputs::names(run, truth),
         recording: None,
+        motion: Vec::new(),
+        coding: None,
         budget: None,
     })
 }

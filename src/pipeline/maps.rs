@@ -61,7 +61,12 @@ pub fn depth_in_volume(
     if let Some(method) = facts::refined_by(meta) {
         run.refine.method = method;
     }
-    let resolution = Resolution { range: resolution, aperture: facts::aperture_of(meta) };
+    let correlated = facts::correlated_resolution(meta);
+    if let Some(method) = meta["method"].as_str().and_then(|method| method.parse().ok()) {
+        run.reconstruct.method = method;
+    }
+    let range = correlated.unwrap_or(resolution);
+    let resolution = Resolution { range, aperture: facts::aperture_of(meta) };
     let mut options = run.depth_options(resolution, facts::sidelobes_of(meta).unwrap_or_default());
     options.raster = run.raster(None)?;
     options.floor = meta["incoherent_level"].as_f64().unwrap_or(0.0);

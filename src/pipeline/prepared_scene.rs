@@ -6,7 +6,8 @@ use super::{
     BareMesh, JobOptions, Multipath, SceneSummary, is_in_metres, load_scene, reflector_list, warn_all,
 };
 use crate::acquisition::{
-    DataCube, Detection, Instrument, SimulateOptions, simulate_resumable, simulate_tiles, simulation_bytes,
+    CodeReport, DataCube, Detection, Instrument, SimulateOptions, SourceCode, simulate_resumable,
+    simulate_tiles, simulation_bytes,
 };
 use crate::blocks::BlockStore;
 use crate::config::{RunFile, SurfaceKind};
@@ -29,7 +30,9 @@ pub(super) struct Measurement {
 
 impl Measurement {
     pub(super) fn of(run: &RunFile) -> Result<Self> {
-        Ok(Self { instrument: run.instrument()?, options: run.simulate_options() })
+        let (instrument, options) = (run.instrument()?, run.simulate_options());
+        options.code.as_ref().map_or(Ok(()), |code| code.check(&instrument))?;
+        Ok(Self { instrument, options })
     }
 
     /// What is simulated in addition to Eq. 5, and how the volume is corrected, in words.
@@ -39,6 +42,7 @@ impl Measurement {
         if run.scene.edges {
             lines.push("convex edges and rims diffract as those of rigid wedges, once".to_owned());
         }
+        lines.extend(self.code_report().map(|report| report.to_string()));
         if let Some(air) = run.medium.air() {
             let (speed, temperature, humidity) = (self.instrument.sound_speed, air.temperature, air.humidity);
             lines.insert(
@@ -50,6 +54,11 @@ impl Measurement {
         lines
     }
 
+    /// What a code of the loudspeakers is worth, if they have one.
+    pub(super) fn code_report(&self) -> Option<CodeReport> {
+        self.options.code.as_ref().and_then(|code| code.report(&self.instrument).ok())
+    }
+
     /// The arrays of a job up to the simulated cube.
     fn arrays(&self, run: &RunFile, grid: &Grid, size: &SceneSize) -> JobArrays {
         let threads = rayon::current_num_threads();
@@ -57,7 +66,14 @@ impl Measurement {
         let simulation =
             simulation_bytes(&self.instrument, (size.bounds, reflectors), &self.options, threads);
         // Echoes at several frequencies are read into a cube of its own.
-        let echoes = if self.options.electronics.is_some() { self.instrument.cube_bytes() } else { 0 };
+        let cube = self.instrument.cube_bytes();
+        let echoes = if self.options.electronics.is_some() { cube } else { 0 };
+        // What is recorded of coded loudspeakers, and what is decoded of it.
+        let sweeps = |code: &SourceCode| code.sweeps(self.instrument.transmissions()) as u64;
+        let coded = self.options.code.as_ref().map_or(0, |code| {
+            cube.saturating_add(cube / self.instrument.transmissions() as u64 * sweeps(code))
+        });
+        let echoes = echoes.max(coded);
         let microphones = JobArrays::measured(&self.instrument, 0).microphones;
         JobArrays {
             microphones,
@@ -129,7 +145,7 @@ impl PreparedScene {
             }
         };
         if let Some(list) = reflector_list(run)? {
-            let reflectors = Reflectors::read_csv_within(list, budget.limit)?;
+            let reflectors = run.moving(Reflectors::read_csv_within(list, budget.limit)?)?;
             let grid = run.voxels(instrument, reflectors.bounds())?;
             let size = SceneSize::of_list(&reflectors);
             fits(&grid, &size)?;
@@ -149,6 +165,7 @@ impl PreparedScene {
         })?;
         let plan = plan(instrument, &grid);
         let options = size.surface_options(run, instrument, &grid);
+        let options = options.with_velocities(run.triangle_velocities(scene.parts()));
         // Each loudspeaker has surfaces that it does not reach.
         let lit = instrument.sources().into_iter().map(Some).collect::<Vec<_>>();
         let lit = if lit.is_empty() { vec![None] } else { lit };

@@ -24,6 +24,10 @@ pub fn record_scene(run: &RunFile, path: &Path, job: &JobOptions) -> Result<(Rec
     let mut quiet = run.clone();
     (quiet.detection.kind, quiet.detection.snr_db) = (Detection::Quadrature, None);
     check_electronics(run)?;
+    if run.coding.kind.is_some() {
+        let problem = "tells speakers apart that sound at once, and a recording has one after another; write a cube (.npz)";
+        return Err(Error::input("[coding]", problem));
+    }
     let (recording, recorder) = (run.recording_options(), run.recorder_options());
     let size = RecordingSize::of(&quiet.instrument()?, &recording, &recorder)?;
     let prepared = PreparedScene::of(&MemoryBudget::of(&quiet), job.bare_mesh, false, observer)?;

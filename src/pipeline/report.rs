@@ -2,13 +2,13 @@
 
 use super::Outcome;
 use super::facts::PROGRAM;
-use crate::acquisition::Instrument;
+use crate::acquisition::{CodeReport, Instrument};
 use crate::config::RunFile;
 use crate::error::{Error, Result};
 use crate::grid::Grid;
 use crate::metrics::Metrics;
-use crate::plan::Plan;
-use crate::reconstruct::Refinement;
+use crate::plan::{Plan, Smear};
+use crate::reconstruct::{Correlation, Refinement};
 use crate::reflectors::{BounceCounts, BouncePath, Reflectors};
 use crate::scene::{Material, Scene, Up};
 use glam::DVec3;
@@ -38,6 +38,12 @@ pub struct Report {
     pub multipath: Option<Multipath>,
     /// What was simulated in addition to Eq. 5, and how the volume was corrected, in words.
     pub physics: Vec<String>,
+    /// What the motion of the scene does to its image, if something moves.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub motion: Vec<Smear>,
+    /// What the code of loudspeakers that sound at once is worth, if they do.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub coding: Option<CodeReport>,
     /// The method of the reconstruction.
     pub method: crate::reconstruct::Method,
     /// Maximum amplitude of the volume.
@@ -47,6 +53,9 @@ pub struct Report {
     /// How the volume was refined, if it was.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub refinement: Option<Refinement>,
+    /// How microphones were correlated, if they were.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub correlation: Option<Correlation>,
     /// Pixels of the depth map.
     pub pixels: usize,
     /// Pixels with an accepted return.
@@ -77,10 +86,13 @@ impl Report {
             reflectors: outcome.reflectors.as_ref().map(Reflectors::len),
             multipath: outcome.multipath.clone(),
             physics: outcome.physics.clone(),
+            motion: outcome.motion.clone(),
+            coding: outcome.coding,
             method: outcome.image.method,
             peak_amplitude: outcome.image.volume.peak(),
             error_bound: outcome.image.error_bound,
             refinement: outcome.image.refinement,
+            correlation: outcome.image.correlation,
             pixels: outcome.depth.len(),
             accepted: outcome.depth.accepted(),
             metrics: outcome.metrics(),

@@ -2,6 +2,7 @@
 
 use super::{RefineOptions, Window};
 use crate::choice::choice;
+use crate::wave::Motion;
 use crate::with_fields::with_fields;
 
 choice! {
@@ -19,6 +20,8 @@ choice! {
         Direct = "direct",
         /// The far-field Fourier transform of Eq. 9, which the paper dropped; for comparison, and never taken by `Auto`.
         Linear = "linear",
+        /// Pairs of microphones: the power of Eq. 13 in sub-bands, without the phase of the loudspeaker; never taken by `Auto`.
+        Correlation = "correlation",
     }
 }
 
@@ -48,6 +51,10 @@ pub struct ReconstructOptions {
     pub memory: Option<u64>,
     /// How the volume is refined beyond Eq. 13, if it is. By convolution only.
     pub refine: Option<RefineOptions>,
+    /// Of `Correlation`: the tones of a sub-band, within which the loudspeaker's phases are trusted; 1 for none.
+    pub sub_band: usize,
+    /// The velocity of the frame that is imaged, if it moves while tones are played: it is seen where it is at the first one.
+    pub motion: Option<Motion>,
 }
 
 impl Default for ReconstructOptions {
@@ -64,12 +71,23 @@ with_fields! {
         with_compensate(compensate: bool),
         with_memory(memory: Option<u64>),
         with_refine(refine: Option<RefineOptions>),
+        with_sub_band(sub_band: usize),
+        with_motion(motion: Option<Motion>),
     }
 }
 
 impl ReconstructOptions {
     /// Options of a given method and window, with the default tolerance of 10⁻⁴ and nothing compensated.
     pub fn new(method: Method, window: Window) -> Self {
-        Self { method, window, tolerance: 1e-4, compensate: false, memory: None, refine: None }
+        Self {
+            method,
+            window,
+            tolerance: 1e-4,
+            compensate: false,
+            memory: None,
+            refine: None,
+            sub_band: 1,
+            motion: None,
+        }
     }
 }

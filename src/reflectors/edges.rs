@@ -21,7 +21,7 @@ pub(super) use wedge::Wedge;
 
 use super::bounced::{Bounced, PathKind};
 use super::{Reflectors, SurfaceOptions, does_not_fit};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::progress::{Observer, advance, stage};
 use crate::scene::Scene;
 use crate::wave::NEAREST_LEG;
@@ -186,7 +186,11 @@ pub(super) fn append(
         found.par_iter().map(of).collect::<Result<_>>()
     })?;
     let echoes: Vec<EdgeEchoes> = echoes.into_iter().flatten().collect();
-    let Reflectors { mut positions, mut amplitudes, bounced } = list;
+    if !list.velocities.is_empty() {
+        let problem = "cannot be combined with [scene] edges, which are those of surfaces that are still";
+        return Err(Error::input("[scene] velocity", problem));
+    }
+    let Reflectors { mut positions, mut amplitudes, bounced, .. } = list;
     let mut bounced = bounced.unwrap_or_else(|| Bounced::none(positions.len()));
     let more: usize = echoes.iter().map(|of| of.pieces.len()).sum();
     let no_room = |_| does_not_fit(options.spacing);

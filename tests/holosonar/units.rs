@@ -78,6 +78,7 @@ fn any_parts_give_the_bytes_of_one_process() {
         &[][..],
         &["reconstruct.method=direct"],
         &["reconstruct.method=linear"],
+        &["reconstruct.method=correlation", "reconstruct.sub_band=7"],
         &["reconstruct.method=backprojection"],
         &["reconstruct.tolerance=0"],
         &["reconstruct.compensate=true", "detection.kind=in-phase"],

@@ -1,5 +1,9 @@
 //! Eq. 5 summed term by term: the reference, and the method where virtual tones are not cheaper.
 
+mod moving;
+
+pub(super) use moving::simulate_moving;
+
 use super::columns::Columns;
 use super::losses::{Legs, wave_number};
 use super::paths::{heard, legs, path_length};

@@ -19,20 +19,28 @@ pub struct Noise {
     pub seed: u64,
 }
 
-/// Adds noise to the readings of an instrument, and converts them.
+/// Adds noise to the readings of an instrument, and converts them; those of coded loudspeakers while these sound at once.
 ///
 /// # Errors
-/// Noise that is no number; samples beyond single precision.
+/// Noise that is no number; samples beyond single precision; a code that cannot be.
 pub(super) fn finish(
-    samples: &mut [Complex32],
+    samples: &mut Vec<Complex32>,
     instrument: &Instrument,
     options: &SimulateOptions,
 ) -> Result<()> {
+    // The noise of a reading does not depend on how many sound: it is that of one after another.
+    let power: f64 = samples.iter().map(|m| f64::from(m.norm_sqr())).sum::<f64>() / samples.len() as f64;
+    if let Some(code) = &options.code {
+        *samples = code.encode(instrument, samples)?;
+    }
     if let Some(noise) = options.noise {
-        add_noise(samples, instrument.array.len(), noise, instrument.detection)?;
+        add_noise(samples, instrument.array.len(), (noise, power), instrument.detection)?;
     }
     if let Some(electronics) = &options.electronics {
         convert(electronics, samples);
+    }
+    if let Some(code) = &options.code {
+        *samples = code.decode(instrument, samples)?;
     }
     if samples.par_iter().all(|m| m.norm_sqr().is_finite()) {
         return Ok(());
@@ -43,11 +51,15 @@ pub(super) fn finish(
 }
 
 /// Adds white Gaussian noise; every frequency has its own stream, so the number of threads does not matter.
-fn add_noise(samples: &mut [Complex32], n_mic: usize, noise: Noise, detection: Detection) -> Result<()> {
+fn add_noise(
+    samples: &mut [Complex32],
+    n_mic: usize,
+    (noise, power): (Noise, f64),
+    detection: Detection,
+) -> Result<()> {
     if !noise.snr_db.is_finite() {
         return Err(Error::input("detection.snr_db", "must be a finite number of dB"));
     }
-    let power: f64 = samples.iter().map(|m| f64::from(m.norm_sqr())).sum::<f64>() / samples.len() as f64;
     let variance = power / 10f64.powf(noise.snr_db / 10.0);
     samples.par_chunks_mut(n_mic).enumerate().for_each(|(f, row)| {
         let mut random = ChaCha8Rng::seed_from_u64(noise.seed);

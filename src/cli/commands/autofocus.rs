@@ -14,17 +14,17 @@ use serde_json::{Map, Value, json};
 use std::fmt::Write;
 use std::path::PathBuf;
 
-/// Searches for the speed of sound, delay, tilt or place with which a measured cube's image is sharpest.
+/// Searches for the speed of sound, delay, tilt, place or velocity with which a measured cube's image is sharpest.
 ///
 /// The region is [grid]. Nothing is changed: what was found is printed as a --set to type. See `holosonar help measured`.
 #[derive(Debug, Args)]
 pub(in crate::cli) struct AutofocusArgs {
     /// The cube.
     cube: PathBuf,
-    /// What is tried: sound-speed, delay, z-offset, tilt-x, tilt-y, source-x, source-y or source-z.
+    /// What is tried: sound-speed, delay, z-offset, tilt-x, tilt-y, source-x, source-y, source-z, velocity-x, velocity-y or velocity-z.
     #[arg(long, value_name = "PARAMETER")]
     over: FocusParameter,
-    /// The values that are tried, from and to [default: 3 % of the speed or of the path either way, 5 degrees].
+    /// The values that are tried, from and to [default: 3 % of the speed or of the path either way, 5 degrees, velocities that blur by some cycles].
     #[arg(long, value_name = "FROM,TO", allow_hyphen_values = true, value_parser = range)]
     range: Option<[f64; 2]>,
     /// Number of values [default: as many as the top may be narrow].

@@ -1,14 +1,18 @@
 //! The grid, the reconstruction, the depth map, the output files and the expected metrics.
 
+use super::MAX_SAMPLES;
+use crate::acquisition::Detection;
 use crate::config::range::{
-    Check, counts, ensure, expect, finite, none_typed, not_negative, positive, tolerance, within,
+    Check, conflict, counts, ensure, expect, finite, none_typed, not_negative, positive, tolerance, within,
 };
 use crate::config::reader::{Fault, joined};
-use crate::config::{DepthTable, ExpectTable, GridTable, OutputTable, ReconstructTable, RefineTable};
+use crate::config::{
+    DepthTable, ExpectTable, GridTable, OutputTable, ReconstructTable, RefineMethod, RefineTable, RunFile,
+};
 use crate::export::Fill;
 use crate::grid::View;
 use crate::metrics::{METRIC_NAMES, Measure, Metrics};
-use crate::reconstruct::MOST_STEPS;
+use crate::reconstruct::{MOST_STEPS, Method};
 use crate::text::{nearest, quoted};
 
 /// Maximum side of a median filter, pixels.
@@ -66,7 +70,41 @@ impl GridTable {
 
 impl ReconstructTable {
     pub(super) fn check(&self) -> Check {
-        tolerance("reconstruct.tolerance", self.tolerance)
+        tolerance("reconstruct.tolerance", self.tolerance)?;
+        let Some(tones) = self.sub_band else { return Ok(()) };
+        ensure(self.method == Method::Correlation, || {
+            let problem = "belongs to method = \"correlation\"; give that, or leave it out";
+            Fault::new("reconstruct.sub_band", problem).or_at(&["reconstruct.method"])
+        })?;
+        ensure(tones >= 1 && f64::from(tones) <= MAX_SAMPLES, || {
+            let problem =
+                format!("found {tones}; expected 1, each tone by itself, to the number of frequencies");
+            Fault::new("reconstruct.sub_band", problem)
+        })
+    }
+}
+
+impl RunFile {
+    /// What has no phases between microphones, or is no sum of them.
+    pub(super) fn check_correlation(&self) -> Check {
+        if self.reconstruct.method != Method::Correlation {
+            return Ok(());
+        }
+        let (refined, in_phase) =
+            (self.refine.method != RefineMethod::None, self.detection.kind == Detection::InPhase);
+        ensure(!refined, || {
+            let why = "a refinement fits a sum of samples, and reconstruct.method = \"correlation\" sums products of them";
+            conflict("refine.method", &["reconstruct.method"], why)
+        })?;
+        ensure(!in_phase, || {
+            let why = "\"correlation\" takes phases between microphones, which detection.kind = \"in-phase\" does not have";
+            conflict("reconstruct.method", &["detection.kind"], why)
+        })?;
+        let several = self.array.sources.as_ref().is_some_and(|sources| sources.len() > 1);
+        ensure(!(several && self.reconstruct.compensate), || {
+            let why = "the powers of several loudspeakers are added, and their voxels have no single factor";
+            conflict("reconstruct.compensate", &["reconstruct.method"], why)
+        })
     }
 }
 

@@ -4,6 +4,7 @@ use crate::acquisition::{Background, Calibration};
 use crate::config::RunFile;
 use crate::config::tables::MEAN;
 use crate::plan::memory_limit;
+use glam::DVec3;
 
 impl RunFile {
     /// `[calibration]`.
@@ -11,6 +12,8 @@ impl RunFile {
         let table = &self.calibration;
         Calibration {
             mask: table.mask.clone(),
+            code: self.source_code().filter(|_| table.decode),
+            loudspeakers: self.array.sources.iter().flatten().copied().map(DVec3::from_array).collect(),
             background: table.background.as_ref().map(|background| match background.typed.as_str() {
                 MEAN => Background::Mean,
                 _ => Background::Cube(background.path.clone()),

@@ -10,6 +10,9 @@ use serde::{Deserialize, Serialize};
 pub struct CalibrationTable {
     /// Microphones that are silenced: `"auto"`, or a list of indices, counted from 0.
     pub mask: ChannelMask,
+    /// Whether the cube's transmissions are sweeps of `[coding]`, to be decoded.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub decode: bool,
     /// What is subtracted: a cube of the empty room, or `"mean"`, that over the microphones.
     pub background: Option<InputFile>,
     /// Diameter of the disc around a microphone whose mean is subtracted, m.

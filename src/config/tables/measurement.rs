@@ -25,6 +25,9 @@ pub struct MediumTable {
     pub absorption: bool,
     /// A plane of constant z beyond which sound has another speed.
     pub interface: Option<Interface>,
+    /// Of the frame that is imaged, m/s: what moves with it while the tones are played is imaged as if it were still.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub velocity: Option<[f64; 3]>,
 }
 
 impl MediumTable {
@@ -42,6 +45,7 @@ impl MediumTable {
             spreading: false,
             absorption: false,
             interface: None,
+            velocity: None,
         }
     }
 

@@ -55,11 +55,20 @@ pub struct ReconstructTable {
     pub window: Window,
     /// Whether spherical spreading is undone in the volume.
     pub compensate: bool,
+    /// Of `correlation`: tones of a sub-band, which are summed with their phases; left out: 1.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sub_band: Option<u32>,
 }
 
 impl Default for ReconstructTable {
     fn default() -> Self {
-        Self { method: Method::Auto, tolerance: 1e-4, window: Window::None, compensate: false }
+        Self {
+            method: Method::Auto,
+            tolerance: 1e-4,
+            window: Window::None,
+            compensate: false,
+            sub_band: None,
+        }
     }
 }
 

@@ -33,6 +33,9 @@ pub struct SceneTable {
     pub bounces: u32,
     /// Whether convex edges diffract.
     pub edges: bool,
+    /// Of everything while the tones are played, m/s; left out: nothing moves.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub velocity: Option<[f64; 3]>,
     /// Instead of `mesh`: the files of an assembly. `size`, `scale`, `rotate`, `translate` and `fit` place all of it.
     pub parts: Vec<ScenePart>,
 }
@@ -63,6 +66,9 @@ pub struct ScenePart {
     pub translate: Option<[f64; 3]>,
     /// As in `[scene]`.
     pub fit: Option<[f64; 3]>,
+    /// Its own velocity, m/s; left out: that of the scene.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub velocity: Option<[f64; 3]>,
 }
 
 /// The scale of a part that has none.
@@ -96,6 +102,7 @@ impl Default for SceneTable {
             occlusion: OcclusionKind::Speaker,
             bounces: 0,
             edges: false,
+            velocity: None,
             parts: Vec::new(),
         }
     }

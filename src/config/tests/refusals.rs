@@ -47,7 +47,10 @@ fn views_and_limits_that_mean_nothing_are_refused() {
 fn what_this_version_lacks_is_refused_with_what_it_has() {
     refused_with(
         "[reconstruct]\nmethod = \"holographic\"",
-        &["holographic", "\"auto\", \"convolution\", \"backprojection\", \"direct\", \"linear\""],
+        &[
+            "holographic",
+            "\"auto\", \"convolution\", \"backprojection\", \"direct\", \"linear\", \"correlation\"",
+        ],
     );
     refused_with("[array]\nlayout = \"ring\"", &["ring", "\"grid\", \"spiral\", \"random\", \"file\""]);
     refused_with("[depth]\nview = \"isometric\"", &["isometric", "\"orthographic\", \"perspective\""]);

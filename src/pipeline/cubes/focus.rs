@@ -13,6 +13,8 @@ use crate::pipeline::memory::MemoryBudget;
 use crate::plan::{JobArrays, estimate_job};
 use crate::progress::Observer;
 use crate::reconstruct::{Method, ReconstructOptions, Window};
+use crate::wave::Motion;
+use glam::DVec3;
 
 /// Searches for the value of a parameter with which the image of `[grid]` is sharpest; voxels larger than half of the
 /// resolution are made smaller, since between larger ones the brightest place of an echo is missed.
@@ -36,7 +38,10 @@ pub fn autofocus_cube(
     let instrument = cube.instrument().clone();
     let grid = fine_enough(run.voxels(&instrument, None)?, &instrument)?;
     let memory = memory_for_images(run, &instrument, &grid, AUTOFOCUS_VOLUMES, observer)?;
-    let options = options.with_delay(calibration.delay).with_tilt(tilt).with_memory(memory);
+    let velocity = run.medium.velocity.map_or(DVec3::ZERO, DVec3::from_array);
+    let motion = run.recording.dwell.map(|dwell| Motion::new(velocity, dwell));
+    let options =
+        options.with_delay(calibration.delay).with_tilt(tilt).with_motion(motion).with_memory(memory);
     autofocus(&cube.load()?, &grid, parameter, &options, observer)
 }
 

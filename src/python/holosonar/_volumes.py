@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import xarray
     from numpy.typing import ArrayLike, NDArray
 
-Method = Literal["auto", "convolution", "backprojection", "direct", "linear"]
+Method = Literal["auto", "convolution", "backprojection", "direct", "linear", "correlation"]
 Window = Literal["none", "hann", "taylor"]
 
 
@@ -233,6 +233,7 @@ def reconstruct(
     window: Window | None = None,
     tolerance: float | None = None,
     compensate: bool | None = None,
+    sub_band: int | None = None,
     set: Settings = None,
     memory: int | str | None = None,
     progress: Progress = None,
@@ -246,14 +247,17 @@ def reconstruct(
         By default that of the run file.
     run : RunFile or path, optional
         Its ``[calibration]``, ``[grid]``, ``[reconstruct]`` and ``[refine]`` are used.
-    method : {"auto", "convolution", "backprojection", "direct", "linear"}, optional
-        How the sum is carried out; ``direct`` is the literal sum, on any grid and for any microphones.
+    method : {"auto", "convolution", "backprojection", "direct", "linear", "correlation"}, optional
+        How the sum is carried out; ``direct`` is the literal sum, on any grid and for any microphones. ``correlation`` is
+        another image, of the phases between pairs of microphones, which needs none of the loudspeaker's.
     window : {"taylor", "hann", "none"}, optional
         Weights over array and band.
     tolerance : float, optional
         Error allowed to fast methods, relative to the largest amplitude that the samples could give; 1e-4 by default.
     compensate : bool, optional
         Whether to undo spherical spreading.
+    sub_band : int, optional
+        Of ``correlation``: the tones within which the loudspeaker's phases are trusted; by default 1.
     set : mapping or list of str, optional
         Any keys of the run file, as in ``{"refine.method": "fista"}``.
     memory : int or str, optional
@@ -290,6 +294,7 @@ def reconstruct(
         reconstruct__window=window,
         reconstruct__tolerance=tolerance,
         reconstruct__compensate=compensate,
+        reconstruct__sub_band=sub_band,
     )
     with reporting(progress) as callback:
         cube = cube if isinstance(cube, Cube) else read_cube(cube)

@@ -11,7 +11,7 @@ use crate::reconstruct::error_budget::ErrorBudget;
 use crate::reconstruct::plan::cost::Cost;
 use crate::reconstruct::refine;
 use crate::reconstruct::upsampling::Upsampling;
-use crate::reconstruct::volume::estimates_of_transmissions;
+use crate::reconstruct::volume::{estimate_of_correlation, estimates_in_motion, estimates_of_transmissions};
 use crate::reconstruct::{Method, ReconstructOptions};
 use rayon::prelude::*;
 use std::iter;
@@ -374,6 +374,12 @@ pub fn estimate(
     options: &ReconstructOptions,
     threads: usize,
 ) -> Result<Estimates> {
+    if let Some(motion) = options.motion.filter(|_| options.method != Method::Correlation) {
+        return estimates_in_motion(instrument, grid, (options, motion), threads);
+    }
+    if options.method == Method::Correlation {
+        return estimate_of_correlation(instrument, grid, options, threads);
+    }
     if instrument.transmissions() > 1 {
         return estimates_of_transmissions(instrument, grid, options, threads);
     }

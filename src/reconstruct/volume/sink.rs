@@ -1,5 +1,6 @@
 //! What receives depths as they are finished, and how they were computed.
 
+use super::Correlation;
 use crate::alloc::try_zeroed;
 use crate::error::Result;
 use crate::grid::{Volume, no_room_for};
@@ -22,12 +23,14 @@ pub struct ReconstructionInfo {
     pub incoherent_level: Option<f64>,
     /// How it was refined, if it was.
     pub refinement: Option<Refinement>,
+    /// How microphones were correlated, if they were: voxels are then real, and not of Eq. 13.
+    pub correlation: Option<Correlation>,
 }
 
 impl ReconstructionInfo {
     /// Of a volume that is not refined.
-    pub(crate) fn plain(method: Method, error_bound: f64) -> Self {
-        Self { method, error_bound, incoherent_level: None, refinement: None }
+    pub(crate) const fn plain(method: Method, error_bound: f64) -> Self {
+        Self { method, error_bound, incoherent_level: None, refinement: None, correlation: None }
     }
 }
 

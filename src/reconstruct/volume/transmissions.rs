@@ -34,14 +34,14 @@ use std::sync::OnceLock;
 const SLAB_BYTES: u64 = 64 << 20;
 
 /// The depths that are summed at a time.
-fn slabs(grid: &Grid) -> impl Iterator<Item = Range<usize>> {
+pub(super) fn slabs(grid: &Grid) -> impl Iterator<Item = Range<usize>> {
     let (count, plane) = (grid.z.count, size_of::<Complex32>() as u64 * grid.plane_len() as u64);
     let thickness = ((SLAB_BYTES / plane.max(1)) as usize).clamp(1, count.max(1));
     (0..count).step_by(thickness).map(move |first| first..(first + thickness).min(count))
 }
 
 /// These depths of a grid, as a grid of their own.
-fn part_of(grid: &Grid, depths: &Range<usize>) -> Grid {
+pub(super) fn part_of(grid: &Grid, depths: &Range<usize>) -> Grid {
     Grid { z: Axis { first: grid.z.position(depths.start), count: depths.len(), ..grid.z }, ..*grid }
 }
 
@@ -175,7 +175,7 @@ const BLOCK: usize = 32;
 
 /// What is known before the sum: the bound on its error, by the relative errors of groups of transmissions, and the level of
 /// its samples.
-fn expected(
+pub(super) fn expected(
     source: &mut dyn CubeSource,
     grid: &Grid,
     (options, weights): (&ReconstructOptions, &Weights),
@@ -242,7 +242,7 @@ impl Planned {
 }
 
 /// Bytes of the depths that are summed.
-fn slab_bytes(grid: &Grid) -> u64 {
+pub(super) fn slab_bytes(grid: &Grid) -> u64 {
     let depths = slabs(grid).map(|depths| depths.len()).max().unwrap_or(0);
     (depths * grid.plane_len() * size_of::<Complex32>()) as u64
 }

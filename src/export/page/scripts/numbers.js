@@ -101,7 +101,7 @@ function showNumbers() {
   if (parted.length > 2)
     cards.push(card("By material and by surface", table(parted.flatMap(([name, values]) => [[name, undefined, "group"], ...values.map(([key, x]) => [words(key), measure(key, x), "deep"])])), true));
   cards.push(card("Time", table([...Object.entries(timings).map(timing), ["total", `${fixed(seconds, 3)} s`]])));
-  const image = { method: report.method, peak_amplitude: report.peak_amplitude, error_bound: report.error_bound, ...plan, warnings: undefined };
+  const image = { method: report.method, peak_amplitude: report.peak_amplitude, error_bound: report.error_bound, correlation: report.correlation, motion: report.motion, coding: report.coding, ...plan, warnings: undefined };
   cards.push(card("Plan and reconstruction", parameters(Object.fromEntries(Object.entries(image).filter(([, v]) => v !== undefined)))));
   if (scene) cards.push(card("Scene", parameters(scene)));
   cards.push(card("Run file, resolved", parameters(run), true));

@@ -7,8 +7,7 @@ use crate::progress::{Event, Silent};
 use crate::reconstruct::Method;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-const INFO: ReconstructionInfo =
-    ReconstructionInfo { method: Method::Direct, error_bound: 0.0, incoherent_level: None, refinement: None };
+const INFO: ReconstructionInfo = ReconstructionInfo::plain(Method::Direct, 0.0);
 
 fn grid() -> Grid {
     let axis = |count| Axis { first: 1.0, pitch: 0.1, count };
