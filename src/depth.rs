@@ -93,12 +93,11 @@ impl Default for ArraySidelobes {
 }
 
 /// Least confidence of a surface in an image of Eq. 13 and in a refined one, whose sidelobes are weaker, dB.
-const CONFIDENCE_DB: [f64; 2] = [-5.6, -7.0];
+const CONFIDENCE_DB: [f64; 2] = [-4.5, -7.0];
 
-/// What is left of a surface's mean power at its rim in an image of Eq. 13, for echoes of random phases: half, and as much less as
-/// speckle makes the mean of a few uncertain; and in a refined one, which falls off more steeply there, and in which speckle is
-/// coarser, dB.
-const RIM_DB: [f64; 2] = [-5.8, -7.0];
+/// What is left of a surface's mean power at its rim in an image of Eq. 13, for echoes of random phases; and in a refined one,
+/// which falls off more steeply there, and in which speckle is coarser, dB.
+const RIM_DB: [f64; 2] = [-3.0, -7.0];
 
 /// By how much the least confidence is raised at the most where few microphones leave strong sidelobes, dB.
 const MOST_RAISED_DB: f64 = 6.5;

@@ -26,7 +26,7 @@ const ALONG: f64 = 1.0;
 
 /// Surfaces continued by at least this share are not at a rim; those within so many resolutions say how strong the surface is.
 const INNER: f64 = 0.85;
-const INNER_REACH: f64 = 8.0;
+const INNER_REACH: f64 = 2.0;
 
 /// The fewest of them that can say so.
 const FEWEST_INNER: usize = 3;

@@ -74,7 +74,8 @@ fn a_point_that_moves_is_predicted_compensated_and_found() {
         format!("autofocus cube.npz -c run.toml {y} --over velocity-z --range -0.05,0.15 --trials 21");
     let found = done_json(path, &search);
     assert_eq!(found["verdict"], "found", "{found}");
-    assert!((number(&found["best"]) - 0.05).abs() < 0.004, "{found}");
+    let error = (number(&found["best"]) - 0.05).abs();
+    assert!(error < 2.0 * number(&found["standard_error"]) && error < 0.01, "{found}");
     assert!(found["setting"].as_str().unwrap().starts_with("medium.velocity=[0.0,0.01,0.0"), "{found}");
 }
 

@@ -140,6 +140,6 @@ fn plan_predicts_the_recording_and_what_does_not_fit_is_refused() {
         assert_names(ran.stderr, named);
     }
     done(path, &format!("simulate two.csv -o cube.npz {SWEEP} {ARRAY}"));
-    refused(path, "plan cube.npz --set recording.dwell=1", 2, &["--set recording.dwell", "already"]);
+    refused(path, "plan cube.npz --set recording.settling=1", 2, &["--set recording.settling", "already"]);
     assert!(!path.join("c.npz").exists());
 }

@@ -95,7 +95,7 @@ struct Setup<'a> {
 }
 
 /// A point, with what an ideal instrument records of it.
-struct Trial {
+struct TrialPoint {
     echo: Reflectors,
     ideal: DataCube,
     /// m.
@@ -103,11 +103,11 @@ struct Trial {
 }
 
 impl Setup<'_> {
-    fn trial(&self, point: DVec3) -> Result<Trial> {
+    fn trial(&self, point: DVec3) -> Result<TrialPoint> {
         let echo = Reflectors::new(vec![point], vec![Complex32::ONE])?;
         let ideal = simulate(&echo, self.instrument, self.ideal)?;
         let range = self.range(&ideal)?;
-        Ok(Trial { echo, ideal, range })
+        Ok(TrialPoint { echo, ideal, range })
     }
 
     /// The range of the strongest echo, m.
@@ -121,7 +121,7 @@ impl Setup<'_> {
     /// Simulates all points with these electronics and this noise, each with random numbers of its own.
     fn row(
         &self,
-        trials: &[Trial],
+        trials: &[TrialPoint],
         element: String,
         electronics: Option<&Electronics>,
         noise: Option<Noise>,

@@ -52,7 +52,7 @@ fn hankel(z: Complex64) -> Complex64 {
 fn diffracted(straight: f64, by_edge: f64, lit: bool) -> Complex64 {
     let from = (by_edge / straight).max(1.0).acosh();
     // Along a line on which the integrand falls off.
-    let (steps, end) = (4000, 6.0);
+    let (steps, end) = (20_000, 6.0);
     let at = |s: f64| {
         let t = Complex64::new(from + s, FRAC_PI_2 * s.tanh());
         hankel(K * straight * t.cosh()) * Complex64::new(1.0, FRAC_PI_2 / s.cosh().powi(2))
@@ -65,7 +65,6 @@ fn diffracted(straight: f64, by_edge: f64, lit: bool) -> Complex64 {
 
 #[test]
 fn a_half_plane_diffracts_as_in_closed_form() {
-    let mut most = 0.0_f64;
     for (n, [a, b]) in [
         [0.7, 1.9],
         [1.2, 0.4],
@@ -89,10 +88,8 @@ fn a_half_plane_diffracts_as_in_closed_form() {
         let wedge = wedge_of([0.0, 0.0], source);
         let error = [PIECES, 4.0 * PIECES]
             .map(|pieces| (summed(&wedge, source, r, 0.0245 / pieces) - expected).norm() / expected.norm());
-        most = most.max(error[0]);
         assert!(error[0] < 2e-2 && error[1] < 2e-3, "{a} {b}: {error:?} of {expected}");
     }
-    println!("at most {most:.1e}");
 }
 
 #[test]

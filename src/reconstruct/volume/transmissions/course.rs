@@ -47,9 +47,11 @@ impl Course {
             Some(shared) if is_less(&shared, &alone) => Some(shared),
             _ => None,
         };
-        let group = if shared.is_some() { group } else { 1 };
+        let sharing = shared.is_some();
         let methods = with_shared(alone, shared);
         let chosen = chosen_among(&methods, options.method);
+        // Another method may take less even so, and works on one at a time.
+        let group = if sharing && methods[chosen].method == Method::Convolution { group } else { 1 };
         Ok(Self { first, estimates: Estimates { methods, chosen }, group })
     }
 
