@@ -11,6 +11,7 @@ use holosonar::reconstruct::{Method, ReconstructOptions, Window, reconstruct};
 use holosonar::reflectors::Reflectors;
 use holosonar::wave::Geometry;
 use num_complex::Complex32;
+use std::fmt::Write;
 use std::fs;
 use std::path::Path;
 
@@ -220,10 +221,10 @@ fn pairs_that_differ_go_all_the_way() {
     let (mut microphones, mut speakers) = ("x,y,z\n".to_owned(), "x,y,z\n".to_owned());
     for i in 0..24 {
         let t = f64::from(i) * 0.01;
-        microphones += &format!("{},{},0\n", 0.02 + t, 0.1 - 0.5 * t);
+        writeln!(microphones, "{},{},0", 0.02 + t, 0.1 - 0.5 * t).unwrap();
         // Every third is of another speaker that stands still.
         let [x, y] = if i % 3 == 0 { [-0.1, 0.05] } else { [0.02 - t, 0.1 + 0.3 * t] };
-        speakers += &format!("{x},{y},0\n");
+        writeln!(speakers, "{x},{y},0").unwrap();
     }
     fs::write(path.join("mics.csv"), microphones).unwrap();
     fs::write(path.join("speakers.csv"), speakers).unwrap();

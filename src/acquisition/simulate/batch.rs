@@ -71,7 +71,9 @@ impl ReflectorBatch {
         }
         for (i, j) in &*directive {
             let factor = directivity(*j as usize);
-            heard.iter_mut().for_each(|part| part[*i as usize] *= factor);
+            for part in heard.iter_mut() {
+                part[*i as usize] *= factor;
+            }
         }
     }
 

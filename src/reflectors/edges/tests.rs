@@ -36,7 +36,7 @@ fn summed(wedge: &Wedge, source: DVec3, r: DVec3, step: f64) -> Complex64 {
 }
 
 fn wedge_of(faces: [f64; 2], source: DVec3) -> Wedge {
-    Wedge::new(-6.0 * DVec3::Z, DVec3::Z, faces.map(face), source).unwrap()
+    Wedge::new(-6.0 * DVec3::Z, DVec3::Z, faces.map(face), source).expect("outside")
 }
 
 /// The Hankel function of order 1 of the first kind, of a large argument.
@@ -126,7 +126,7 @@ fn what_bends_closes_the_borders_of_shadow_and_reflection() {
 fn scene(triangles: Vec<[DVec3; 3]>) -> Scene {
     let wall = Material { name: "wall".into(), reflectance: 0.8, transmittance: 0.0, source: "here".into() };
     let triangles = triangles.into_iter().map(|vertices| Triangle { vertices, material: 0 });
-    Scene::new(triangles.collect(), vec![wall]).unwrap()
+    Scene::new(triangles.collect(), vec![wall]).expect("valid")
 }
 
 /// The two triangles of a parallelogram.
@@ -148,8 +148,9 @@ fn options() -> SurfaceOptions {
 /// The edges' echoes of a scene, and their length, m.
 fn echoes(scene: &Scene) -> (Reflectors, f64) {
     let none = Reflectors::default();
-    let list = append(none, scene, &options(), &EdgeOptions::new(0.0245), &crate::progress::Silent).unwrap();
-    let length = list.bounce_counts().unwrap().edge_length;
+    let list =
+        append(none, scene, &options(), &EdgeOptions::new(0.0245), &crate::progress::Silent).expect("small");
+    let length = list.bounce_counts().expect("edges").edge_length;
     (list, length)
 }
 

@@ -138,6 +138,27 @@ fn transmissions_that_share_kernels_are_their_literal_sum() {
     }
 }
 
+/// What takes least may be another method, which takes one transmission at a time.
+#[test]
+fn only_convolution_takes_several_transmissions_together() {
+    let few = Grid { x: axis(-0.12, 0.03, 2), y: axis(-0.11, 0.03, 2), z: axis(0.6, 0.012, 2) };
+    let mut others = 0;
+    for (name, instrument, grid) in sharing() {
+        let cube = cube(instrument);
+        for grid in [few, grid] {
+            let options = ReconstructOptions::new(Method::Auto, Window::None).with_tolerance(1e-5);
+            let found = reconstruct(&cube, &grid, &options).unwrap();
+            let course = Course::new(&cube.instrument, &grid, &options, 2).unwrap();
+            assert!(course.group == 1 || found.method == Method::Convolution, "{name}: {}", found.method);
+            others += usize::from(found.method != Method::Convolution);
+            let path = |p: DVec3, tx: usize, r: DVec3| cube.instrument.transmission(tx).path_length(p, r);
+            let error = error(&cube, &found.volume, path);
+            assert!(error < 1e-4, "{name} by {}: {error:e}", found.method);
+        }
+    }
+    assert!(others > 0, "no job took another method");
+}
+
 #[test]
 fn a_moved_pair_is_summed_as_written() {
     let offset = DVec3::new(0.08, -0.03, 0.02);
