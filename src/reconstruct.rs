@@ -200,14 +200,7 @@ fn by_candidates(
     let mut metered = Metered { source, weights: &weights, level: &level };
     let source: &mut dyn CubeSource = if plain { &mut metered } else { metered.source };
     let sink: &mut dyn VolumeSink = &mut Checked { grid: *grid, incoherent_level: Some(&level), sink };
-    let mut compensated;
-    let sink: &mut dyn VolumeSink = match gain {
-        Some(gain) => {
-            compensated = Compensated::new(gain, sink);
-            &mut compensated
-        }
-        None => sink,
-    };
+    let sink: &mut dyn VolumeSink = &mut Compensated::new(gain, sink);
     let info = if let (Some(by), MethodPlan::Convolution(plan)) = (&options.refine, &plan) {
         refine::refine(source, grid, (plan, batch), (options, by), (store, sink), observer)?
     } else {

@@ -7,6 +7,8 @@ mod checked;
 mod compensation;
 mod correlation;
 mod double_buffer;
+#[cfg(test)]
+mod fixtures;
 mod metered;
 mod motion;
 mod parts;

@@ -2,9 +2,8 @@
 
 use crate::binary::{done, done_json, json_file, refused};
 use crate::named::assert_names;
+use crate::support::write_point_run;
 use holosonar::acquisition::{CodeKind, DataCube, SourceCode};
-use std::fs;
-use std::path::Path;
 
 const RUN: &str = r#"
 [scene]
@@ -25,16 +24,11 @@ z = [0.8, 1.0]
 pitch = [0.02, 0.02, 0.01]
 "#;
 
-fn write_run(folder: &Path) {
-    fs::write(folder.join("point.csv"), "x,y,z,amplitude\n0.02,0.0,0.9,1\n").unwrap();
-    fs::write(folder.join("run.toml"), RUN).unwrap();
-}
-
 #[test]
 fn coded_speakers_are_decoded_and_every_file_says_what_that_is_worth() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path();
-    write_run(path);
+    write_point_run(path, RUN);
     let number = |value: &serde_json::Value| value.as_f64().unwrap();
     for (kind, sweeps, gain) in [("hadamard", 4.0, 6.02), ("comb", 1.0 / 3.0, -4.77)] {
         let set = format!("--set coding.kind={kind}");
@@ -71,7 +65,7 @@ fn coded_speakers_are_decoded_and_every_file_says_what_that_is_worth() {
 fn a_cube_of_sweeps_is_decoded_before_it_is_imaged() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path();
-    write_run(path);
+    write_point_run(path, RUN);
     done(path, "simulate run.toml -o alone.npz -q");
     let alone = DataCube::read(&path.join("alone.npz"), 1 << 30).unwrap();
     // What would be recorded: four sweeps, as a cube of four transmissions.
@@ -102,7 +96,7 @@ fn a_cube_of_sweeps_is_decoded_before_it_is_imaged() {
 fn what_cannot_be_told_apart_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path();
-    write_run(path);
+    write_point_run(path, RUN);
     for (set, parts) in [
         ("coding.kind=walsh", &["coding.kind", "hadamard"][..]),
         ("coding.error=0.1", &["coding.error", "kind"]),

@@ -2,8 +2,8 @@
 
 use crate::binary::{done, done_json, json_file, refused, small};
 use crate::named::assert_names;
+use crate::support::write_point_run;
 use std::fs;
-use std::path::Path;
 
 /// A point that moves away by some centimetres, before a small array.
 const RUN: &str = r#"
@@ -27,16 +27,11 @@ z = [0.8, 1.1]
 pitch = [0.02, 0.02, 0.01]
 "#;
 
-fn write_run(folder: &Path) {
-    fs::write(folder.join("point.csv"), "x,y,z,amplitude\n0.02,0.0,0.9,1\n").unwrap();
-    fs::write(folder.join("run.toml"), RUN).unwrap();
-}
-
 #[test]
 fn a_point_that_moves_is_predicted_compensated_and_found() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path();
-    write_run(path);
+    write_point_run(path, RUN);
     let planned = done_json(path, "plan run.toml");
     let smear = &planned["motion"][0];
     let number = |value: &serde_json::Value| value.as_f64().unwrap();
@@ -117,7 +112,7 @@ fn a_part_moves_by_itself() {
 fn what_cannot_move_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path();
-    write_run(path);
+    write_point_run(path, RUN);
     let corner = small("corner.toml");
     let corner = corner.display();
     let dwell = "--set recording.dwell=0.01";

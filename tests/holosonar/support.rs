@@ -44,6 +44,12 @@ pub(crate) fn folder_with_two_reflectors() -> tempfile::TempDir {
     folder
 }
 
+/// Writes one reflector, `point.csv`, and a run file about it, `run.toml`.
+pub(crate) fn write_point_run(folder: &Path, run: &str) {
+    std::fs::write(folder.join("point.csv"), "x,y,z,amplitude\n0.02,0.0,0.9,1\n").unwrap();
+    std::fs::write(folder.join("run.toml"), run).unwrap();
+}
+
 /// A small cube of a file.
 pub(crate) fn read_cube(path: &Path) -> DataCube {
     DataCube::read(path, 1 << 24).unwrap()

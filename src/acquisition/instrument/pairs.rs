@@ -29,12 +29,12 @@ impl Instrument {
     /// use holosonar::wave::Geometry;
     ///
     /// let sweep = Sweep::stepped(10e3, 20e3, 100.0)?;
-    /// let places: Vec<DVec3> = (0..4).map(|i| DVec3::X * 0.1 * f64::from(i)).collect();
+    /// let places: Vec<DVec3> = (0..4).map(|i| DVec3::X * 0.125 * f64::from(i)).collect();
     /// let receivers = Instrument::new(sweep, MicArray::from_positions(places.clone())?);
     /// // All of them about one common midpoint:
     /// let opposite: Vec<DVec3> = places.iter().map(|r| -*r).collect();
     /// let gather = receivers.clone().with_pairs(&opposite)?;
-    /// assert_eq!(gather.geometry_of(3), Geometry::Pair { offset: DVec3::X * -0.6 });
+    /// assert_eq!(gather.geometry_of(3), Geometry::Pair { offset: DVec3::X * -0.75 });
     /// // All of them the same way apart:
     /// let beside: Vec<DVec3> = places.iter().map(|r| *r + DVec3::Y * 0.05).collect();
     /// assert_eq!(receivers.with_pairs(&beside)?.geometry, Geometry::Pair { offset: DVec3::Y * 0.05 });

@@ -52,29 +52,30 @@ impl Gain {
     }
 }
 
-/// A sink that multiplies what it is given before it passes it on.
+/// A sink that multiplies what it is given before it passes it on; without a gain it passes it on as it is.
 pub(crate) struct Compensated<'a> {
-    gain: Gain,
+    gain: Option<Gain>,
     sink: &'a mut dyn VolumeSink,
     planes: Vec<Complex32>,
 }
 
 impl<'a> Compensated<'a> {
-    pub(crate) fn new(gain: Gain, sink: &'a mut dyn VolumeSink) -> Self {
+    pub(crate) fn new(gain: Option<Gain>, sink: &'a mut dyn VolumeSink) -> Self {
         Self { gain, sink, planes: Vec::new() }
     }
 }
 
 impl VolumeSink for Compensated<'_> {
     fn begin(&mut self, info: &ReconstructionInfo) -> Result<()> {
-        self.sink.begin(&self.gain.info(info))
+        self.sink.begin(&self.gain.map_or(*info, |gain| gain.info(info)))
     }
 
     fn take(&mut self, first: usize, planes: &[Complex32]) -> Result<()> {
+        let Some(gain) = &self.gain else { return self.sink.take(first, planes) };
         self.planes.clear();
         self.planes.extend_from_slice(planes);
-        for (i, plane) in self.planes.chunks_exact_mut(self.gain.grid.plane_len()).enumerate() {
-            self.gain.multiply(first + i, plane);
+        for (i, plane) in self.planes.chunks_exact_mut(gain.grid.plane_len()).enumerate() {
+            gain.multiply(first + i, plane);
         }
         self.sink.take(first, &self.planes)
     }

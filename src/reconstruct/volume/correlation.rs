@@ -16,7 +16,7 @@ mod depth_resolution;
 mod pairs;
 
 use super::parts::{PartOfGrid, in_slabs};
-use super::transmissions::{part_of, slabs};
+use super::transmissions::end_slabs;
 use super::{Checked, Compensated, Gain};
 use crate::acquisition::{CubeSource, CubeView, Instrument};
 use crate::alloc::{try_filled, try_zeroed};
@@ -105,14 +105,7 @@ pub(in crate::reconstruct) fn correlate(
     let level = info.incoherent_level.map(OnceLock::from);
     let gain = options.compensate.then(|| Gain::new(&instrument, grid));
     let sink: &mut dyn VolumeSink = &mut Checked { grid: *grid, incoherent_level: level.as_ref(), sink };
-    let mut compensated;
-    let sink: &mut dyn VolumeSink = match gain {
-        Some(gain) => {
-            compensated = Compensated::new(gain, sink);
-            &mut compensated
-        }
-        None => sink,
-    };
+    let sink: &mut dyn VolumeSink = &mut Compensated::new(gain, sink);
     sink.begin(&info)?;
     let images = instrument.transmissions() * (pairs.bands() + usize::from(pairs.tones > 1));
     in_slabs(grid, sink, ("correlating", images), observer, &mut |part| {
@@ -190,20 +183,18 @@ pub(in crate::reconstruct) fn estimate_of_correlation(
     let chosen = |instrument: &Instrument, grid: &Grid| -> Result<Estimate> {
         Ok(estimate(instrument, grid, &pairs.options, threads)?.chosen().clone())
     };
-    let of_band = chosen(&pairs.of_band(0, pairs.middle())?, grid)?;
-    let mut operations = of_band.operations * pairs.bands() as f64;
     let mut images = vec![pairs.of_band(0, pairs.middle())?];
+    let of_band = chosen(&images[0], grid)?;
+    let mut operations = of_band.operations * pairs.bands() as f64;
     if let Some(differences) = pairs.of_differences(0)? {
         let products = instrument.cube_bytes() as f64 * pairs.tones as f64 / 2.0;
         operations += chosen(&differences, grid)?.operations + products;
         images.push(differences);
     }
-    // The memory is that of the longest slab, the last one's paths being the longest, too.
-    let ends = [slabs(grid).next(), slabs(grid).last()].into_iter().flatten();
     let mut bytes = 0;
-    for depths in ends {
+    for part in end_slabs(grid) {
         for image in &images {
-            bytes = bytes.max(chosen(image, &part_of(grid, &depths))?.bytes);
+            bytes = bytes.max(chosen(image, &part)?.bytes);
         }
     }
     let correlation = Estimate {

@@ -10,7 +10,7 @@
 
 use super::Checked;
 use super::parts::{PartOfGrid, in_slabs};
-use super::transmissions::{expected, part_of, slab_bytes, slabs};
+use super::transmissions::{end_slabs, expected, slab_bytes};
 use crate::acquisition::{CubeSource, CubeView, Detection, Instrument, Sweep};
 use crate::alloc::try_zeroed;
 use crate::error::{Error, Result};
@@ -249,8 +249,7 @@ pub(in crate::reconstruct) fn estimates_in_motion(
     let typical = moving.of_tones(0, moving.typical())?;
     let found = estimate(&typical, grid, &moving.options, threads)?;
     let mut methods = found.methods;
-    let ends = [slabs(grid).next(), slabs(grid).last()].into_iter().flatten();
-    for part in ends.map(|depths| part_of(grid, &depths)).filter(|part| part != grid) {
+    for part in end_slabs(grid).filter(|part| part != grid) {
         let of_part = estimate(&typical, &part, &moving.options, threads)?.methods;
         methods.iter_mut().zip(of_part).for_each(|(all, part)| all.bytes = all.bytes.max(part.bytes));
     }

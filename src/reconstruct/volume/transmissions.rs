@@ -45,6 +45,11 @@ pub(super) fn part_of(grid: &Grid, depths: &Range<usize>) -> Grid {
     Grid { z: Axis { first: grid.z.position(depths.start), count: depths.len(), ..grid.z }, ..*grid }
 }
 
+/// The first slab, which is the longest, and the last, whose paths are: what takes most memory is one of them.
+pub(super) fn end_slabs(grid: &Grid) -> impl Iterator<Item = Grid> {
+    [slabs(grid).next(), slabs(grid).last()].into_iter().flatten().map(|depths| part_of(grid, &depths))
+}
+
 /// The instrument with microphones for loudspeakers and loudspeakers for microphones, where its sum has fewer terms.
 fn reversed(instrument: &Instrument, options: &ReconstructOptions) -> Result<Option<Instrument>> {
     let sources = instrument.sources();
@@ -154,13 +159,8 @@ pub(in crate::reconstruct) fn sum_of_transmissions(
                 };
                 let mut sum = AddedTo { total: &mut total, plane, transmissions: which.len(), observer };
                 let some = &mut SomeTransmissions::of(source, which.clone());
-                let mut compensated;
-                let sink: &mut dyn VolumeSink = if options.compensate {
-                    compensated = Compensated::new(Gain::new(some.instrument(), &part), &mut sum);
-                    &mut compensated
-                } else {
-                    &mut sum
-                };
+                let gain = options.compensate.then(|| Gain::new(some.instrument(), &part));
+                let sink = &mut Compensated::new(gain, &mut sum);
                 planned.carry_out(some, (&part, &weights), &options, sink, &Unreported(observer))?;
             }
             sink.take(depths.start, &total)?;

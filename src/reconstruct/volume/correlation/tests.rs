@@ -4,45 +4,16 @@
 
 use super::*;
 use crate::acquisition::{DataCube, Detection, MicArray, Sweep};
-use crate::grid::{Axis, Volume};
+use crate::grid::Volume;
 use crate::named::assert_names;
 use crate::progress::Silent;
 use crate::reconstruct::volume::ResumedVolume;
+use crate::reconstruct::volume::fixtures::*;
 use crate::reconstruct::{RefineOptions, Solver, Window, reconstruct, reconstruct_into};
 use crate::wave::Geometry;
 use glam::DVec3;
 use num_complex::{Complex32, Complex64};
 use std::f64::consts::{FRAC_2_PI, TAU};
-
-fn axis(first: f64, pitch: f64, count: usize) -> Axis {
-    Axis { first, pitch, count }
-}
-
-fn random(i: usize, k: f64) -> f64 {
-    (i as f64 * k).fract() - 0.5
-}
-
-fn lattice() -> MicArray {
-    MicArray::rectangular([5, 4], [0.03; 2], DVec3::new(0.01, -0.02, 0.0)).unwrap()
-}
-
-fn scattered() -> MicArray {
-    let place = |i: usize| {
-        DVec3::new(random(i, 0.618_033_99), random(i, 0.754_877_67), 0.1 * random(i, 0.569_840_29))
-    };
-    MicArray::from_positions((1..18).map(|i| 0.3 * place(i)).collect()).unwrap()
-}
-
-fn instrument(array: MicArray) -> Instrument {
-    Instrument::new(Sweep::stepped(8_000.0, 12_000.0, 500.0).unwrap(), array)
-}
-
-fn cube(instrument: Instrument) -> DataCube {
-    let count = instrument.transmissions() * instrument.sweep.len() * instrument.array.len();
-    let sample =
-        |i: usize| Complex32::new(random(i + 1, 0.618_033_99) as f32, random(i + 1, 0.754_877_67) as f32);
-    DataCube::new(instrument, (0..count).map(sample).collect()).unwrap()
-}
 
 /// The echo of a unit reflector at `p`, times a phase in turns for each tone.
 fn echo(instrument: Instrument, p: DVec3, turns: impl Fn(usize) -> f64) -> DataCube {
@@ -116,15 +87,15 @@ fn correlation_literal(cube: &DataCube, grid: &Grid, (window, sub_band): (Window
 #[test]
 fn every_sub_band_is_the_literal_sum_over_pairs() {
     let beside = DVec3::new(0.2, -0.1, 0.03);
-    let several = instrument(lattice()).with_sources(&[DVec3::ZERO, beside]).unwrap();
-    let scan = instrument(lattice()).with_geometry(Geometry::Monostatic);
+    let several = instrument(lattice([5, 4])).with_sources(&[DVec3::ZERO, beside]).unwrap();
+    let scan = instrument(lattice([5, 4])).with_geometry(Geometry::Monostatic);
     let mut negative = 0;
     for (instrument, sub_band, window) in [
-        (instrument(lattice()), 1, Window::None),
-        (instrument(lattice()), 4, Window::Taylor),
-        (instrument(scattered()), 1, Window::Hann),
-        (instrument(scattered()), 7, Window::None),
-        (instrument(lattice()), 9, Window::None),
+        (instrument(lattice([5, 4])), 1, Window::None),
+        (instrument(lattice([5, 4])), 4, Window::Taylor),
+        (instrument(scattered(17)), 1, Window::Hann),
+        (instrument(scattered(17)), 7, Window::None),
+        (instrument(lattice([5, 4])), 9, Window::None),
         (several, 4, Window::None),
         (scan, 2, Window::Taylor),
     ] {
@@ -152,7 +123,7 @@ fn a_unit_reflector_peaks_at_one_and_unknown_phases_do_not_matter() {
     let known = |_: usize| 0.0;
     let of_tones = |f: usize| random(f + 1, 0.618_033_99);
     let of_bands = |f: usize| random(f / 5 + 1, 0.618_033_99);
-    for array in [lattice(), scattered()] {
+    for array in [lattice([5, 4]), scattered(17)] {
         let with = |turns: &dyn Fn(usize) -> f64| echo(instrument(array.clone()), p, turns);
         let cubes = [with(&known), with(&of_tones), with(&of_bands)];
         let [plain, tones, bands] = &cubes;
@@ -171,7 +142,7 @@ fn a_unit_reflector_peaks_at_one_and_unknown_phases_do_not_matter() {
 
 #[test]
 fn neither_memory_nor_interruption_changes_a_byte() {
-    let cube = cube(instrument(lattice()));
+    let cube = cube(instrument(lattice([5, 4])));
     for sub_band in [1, 4] {
         let options = options(Window::None, sub_band);
         let whole = image(&cube, &options);
@@ -216,7 +187,7 @@ fn depth_is_resolved_as_predicted() {
 
 #[test]
 fn a_correlation_costs_a_coherent_image_for_each_sub_band() {
-    let instrument = instrument(lattice());
+    let instrument = instrument(lattice([5, 4]));
     let of = |sub_band: usize| {
         let estimates = estimate(&instrument, &grid(), &options(Window::None, sub_band), 1).unwrap();
         assert_eq!(estimates.methods.len(), 1);
@@ -229,7 +200,7 @@ fn a_correlation_costs_a_coherent_image_for_each_sub_band() {
 
 #[test]
 fn what_has_no_pairs_is_refused() {
-    let cube = cube(instrument(lattice()));
+    let cube = cube(instrument(lattice([5, 4])));
     let refused = |cube: &DataCube, options: ReconstructOptions, parts: &[&str]| {
         let estimated = estimate(&cube.instrument, &grid(), &options, 1).unwrap_err().to_string();
         let error = reconstruct(cube, &grid(), &options).unwrap_err();
@@ -248,10 +219,10 @@ fn what_has_no_pairs_is_refused() {
     let one = echo(one, DVec3::Z, |_| 0.0);
     refused(&one, plain, &["reconstruct.method", "there is one"]);
     let uneven = Sweep::from_frequencies(vec![8e3, 9e3, 9.5e3]).unwrap();
-    let uneven = echo(instrument(lattice()).with_sweep(uneven), DVec3::Z, |_| 0.0);
+    let uneven = echo(instrument(lattice([5, 4])).with_sweep(uneven), DVec3::Z, |_| 0.0);
     refused(&uneven, plain.with_sub_band(2_usize), &["reconstruct.sub_band", "evenly", "use 1"]);
     reconstruct(&uneven, &grid(), &plain).unwrap();
-    let several = instrument(lattice()).with_sources(&[DVec3::ZERO, DVec3::X]).unwrap();
+    let several = instrument(lattice([5, 4])).with_sources(&[DVec3::ZERO, DVec3::X]).unwrap();
     let several = echo(several, DVec3::Z, |_| 0.0);
     refused(&several, plain.with_compensate(true), &["reconstruct.compensate", "loudspeakers"]);
 }

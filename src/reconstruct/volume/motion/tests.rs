@@ -3,47 +3,15 @@
 #![allow(clippy::unwrap_used)]
 
 use super::*;
-use crate::acquisition::{DataCube, MicArray};
-use crate::grid::{Axis, Volume};
+use crate::acquisition::DataCube;
+use crate::grid::Volume;
 use crate::named::assert_names;
 use crate::progress::Silent;
 use crate::reconstruct::volume::ResumedVolume;
+use crate::reconstruct::volume::fixtures::*;
 use crate::reconstruct::{RefineOptions, Solver, reconstruct, reconstruct_into};
 use crate::wave::{Interface, blurred_amplitude};
 use num_complex::Complex64;
-
-fn axis(first: f64, pitch: f64, count: usize) -> Axis {
-    Axis { first, pitch, count }
-}
-
-fn random(i: usize, k: f64) -> f64 {
-    (i as f64 * k).fract() - 0.5
-}
-
-fn lattice() -> MicArray {
-    MicArray::rectangular([5, 4], [0.03; 2], DVec3::new(0.01, -0.02, 0.0)).unwrap()
-}
-
-fn scattered() -> MicArray {
-    let place = |i: usize| {
-        DVec3::new(random(i, 0.618_033_99), random(i, 0.754_877_67), 0.1 * random(i, 0.569_840_29))
-    };
-    MicArray::from_positions((1..18).map(|i| 0.3 * place(i)).collect()).unwrap()
-}
-
-fn instrument(array: MicArray) -> Instrument {
-    Instrument::new(Sweep::stepped(8_000.0, 12_000.0, 500.0).unwrap(), array)
-}
-
-fn cube(instrument: Instrument) -> DataCube {
-    let count = instrument.transmissions() * instrument.sweep.len() * instrument.array.len();
-    let real = instrument.detection == Detection::InPhase;
-    let sample = |i: usize| {
-        let m = [0.618_033_99, 0.754_877_67].map(|k| random(i + 1, k) as f32);
-        Complex32::new(m[0], if real { 0.0 } else { m[1] })
-    };
-    DataCube::new(instrument, (0..count).map(sample).collect()).unwrap()
-}
 
 fn grid() -> Grid {
     Grid { x: axis(-0.06, 0.03, 4), y: axis(-0.05, 0.03, 3), z: axis(0.5, 0.02, 4) }
@@ -79,23 +47,23 @@ fn moving(velocity: DVec3, dwell: f64) -> ReconstructOptions {
 #[test]
 fn every_method_is_the_literal_sum_with_moved_positions() {
     let beside = DVec3::new(0.2, -0.1, 0.03);
-    let several = instrument(lattice()).with_sources(&[DVec3::ZERO, beside]).unwrap();
-    let scan = instrument(lattice()).with_geometry(Geometry::Monostatic);
-    let pair = instrument(lattice()).with_geometry(Geometry::Pair { offset: beside });
-    let in_phase = instrument(lattice()).with_detection(Detection::InPhase);
+    let several = instrument(lattice([5, 4])).with_sources(&[DVec3::ZERO, beside]).unwrap();
+    let scan = instrument(lattice([5, 4])).with_geometry(Geometry::Monostatic);
+    let pair = instrument(lattice([5, 4])).with_geometry(Geometry::Pair { offset: beside });
+    let in_phase = instrument(lattice([5, 4])).with_detection(Detection::InPhase);
     let fast = DVec3::new(0.3, -0.2, 0.5);
     for (instrument, method, window, velocity) in [
-        (instrument(lattice()), Method::Convolution, Window::None, fast),
-        (instrument(lattice()), Method::Direct, Window::Taylor, fast),
-        (instrument(scattered()), Method::Auto, Window::Hann, fast),
-        (instrument(scattered()), Method::Backprojection, Window::None, -fast),
+        (instrument(lattice([5, 4])), Method::Convolution, Window::None, fast),
+        (instrument(lattice([5, 4])), Method::Direct, Window::Taylor, fast),
+        (instrument(scattered(17)), Method::Auto, Window::Hann, fast),
+        (instrument(scattered(17)), Method::Backprojection, Window::None, -fast),
         (several, Method::Auto, Window::None, fast),
         (scan, Method::Convolution, Window::Taylor, fast),
         (pair, Method::Direct, Window::None, fast),
         (in_phase, Method::Convolution, Window::None, fast),
         // So slow that some tones are imaged together, and all of them.
-        (instrument(lattice()), Method::Convolution, Window::None, fast * 2e-5),
-        (instrument(lattice()), Method::Convolution, Window::None, fast * 1e-7),
+        (instrument(lattice([5, 4])), Method::Convolution, Window::None, fast * 2e-5),
+        (instrument(lattice([5, 4])), Method::Convolution, Window::None, fast * 1e-7),
     ] {
         let mut options = moving(velocity, 0.01);
         (options.method, options.window) = (method, window);
@@ -108,14 +76,14 @@ fn every_method_is_the_literal_sum_with_moved_positions() {
             assert!(error <= found.error_bound + 3e-6, "{method} {velocity}: {error:e}");
         }
     }
-    let of = |velocity| together(&instrument(lattice()), &grid(), Motion::new(velocity, 0.01), 1e-4);
+    let of = |velocity| together(&instrument(lattice([5, 4])), &grid(), Motion::new(velocity, 0.01), 1e-4);
     assert_eq!([of(fast), of(fast * 1e-7), of(DVec3::ZERO)], [1, 9, 9]);
     assert!((2..9).contains(&of(fast * 2e-5)), "{}", of(fast * 2e-5));
 }
 
 #[test]
 fn a_frame_that_is_still_is_eq_13_and_resuming_changes_no_byte() {
-    let cube = cube(instrument(lattice()));
+    let cube = cube(instrument(lattice([5, 4])));
     let still = reconstruct(&cube, &grid(), &ReconstructOptions::new(Method::Auto, Window::None)).unwrap();
     let none = reconstruct(&cube, &grid(), &moving(DVec3::ZERO, 0.1)).unwrap();
     let apart = still.volume.samples.iter().zip(&none.volume.samples).map(|(a, b)| (a - b).norm());
@@ -135,7 +103,7 @@ fn a_frame_that_is_still_is_eq_13_and_resuming_changes_no_byte() {
 #[test]
 fn an_image_that_takes_it_for_still_is_displaced_and_blurred_as_predicted() {
     let (p, velocity, dwell) = (DVec3::new(0.02, -0.03, 0.9), DVec3::new(0.01, 0.0, 0.06), 0.024);
-    let instrument = Instrument::new(Sweep::stepped(9e3, 15e3, 400.0).unwrap(), lattice());
+    let instrument = Instrument::new(Sweep::stepped(9e3, 15e3, 400.0).unwrap(), lattice([5, 4]));
     let motion = Motion::new(velocity, dwell);
     let mut samples = Vec::new();
     for (n, f) in instrument.sweep.frequencies().iter().enumerate() {
@@ -174,7 +142,7 @@ fn an_image_that_takes_it_for_still_is_displaced_and_blurred_as_predicted() {
 
 #[test]
 fn what_cannot_move_is_refused_and_costs_are_counted() {
-    let cube = cube(instrument(lattice()));
+    let cube = cube(instrument(lattice([5, 4])));
     let refused = |cube: &DataCube, options: ReconstructOptions, parts: &[&str]| {
         let estimated = estimate(&cube.instrument, &grid(), &options, 1).unwrap_err().to_string();
         assert_eq!(reconstruct(cube, &grid(), &options).unwrap_err().to_string(), estimated);

@@ -1,6 +1,6 @@
 //! What a sum over loudspeakers takes, and how many of them share their kernels.
 
-use super::{part_of, slabs};
+use super::end_slabs;
 use crate::acquisition::Instrument;
 use crate::error::Result;
 use crate::grid::Grid;
@@ -65,11 +65,7 @@ impl Course {
     ) -> Result<Estimates> {
         let Estimates { mut methods, chosen } = self.estimates;
         let first = instrument.transmission(0);
-        for depths in [slabs(grid).next(), slabs(grid).last()].into_iter().flatten() {
-            let part = part_of(grid, &depths);
-            if part == *grid {
-                continue;
-            }
+        for part in end_slabs(grid).filter(|part| part != grid) {
             let alone = Candidates::new(&first, &part, options, threads)?.estimates().to_vec();
             let shared = match self.group {
                 1 => None,

@@ -7,38 +7,12 @@ use crate::acquisition::Sweep;
 use crate::grid::Volume;
 use crate::progress::Silent;
 use crate::reconstruct::volume::ResumedVolume;
+use crate::reconstruct::volume::fixtures::{axis, cube, lattice, scattered};
 use crate::reconstruct::{RefineOptions, Solver, estimate, reconstruct, reconstruct_into};
 use crate::wave::Geometry;
 use glam::DVec3;
 use num_complex::Complex64;
 use std::f64::consts::TAU;
-
-fn axis(first: f64, pitch: f64, count: usize) -> Axis {
-    Axis { first, pitch, count }
-}
-
-fn random(i: usize, k: f64) -> f64 {
-    (i as f64 * k).fract() - 0.5
-}
-
-/// A cube of random samples.
-fn cube(instrument: Instrument) -> DataCube {
-    let count = instrument.transmissions() * instrument.sweep.len() * instrument.array.len();
-    let sample =
-        |i: usize| Complex32::new(random(i + 1, 0.618_033_99) as f32, random(i + 1, 0.754_877_67) as f32);
-    DataCube::new(instrument, (0..count).map(sample).collect()).unwrap()
-}
-
-fn lattice() -> MicArray {
-    MicArray::rectangular([6, 5], [0.03; 2], DVec3::new(0.01, -0.02, 0.0)).unwrap()
-}
-
-fn scattered() -> MicArray {
-    let place = |i: usize| {
-        DVec3::new(random(i, 0.618_033_99), random(i, 0.754_877_67), 0.1 * random(i, 0.569_840_29))
-    };
-    MicArray::from_positions((1..24).map(|i| 0.3 * place(i)).collect()).unwrap()
-}
 
 fn instrument(array: MicArray) -> Instrument {
     Instrument::new(Sweep::stepped(8_000.0, 14_000.0, 200.0).unwrap(), array)
@@ -83,8 +57,8 @@ fn small_grid() -> Grid {
 #[test]
 fn several_sources_are_their_coherent_sum_by_every_method() {
     for (array, count, methods) in [
-        (lattice(), 2, &[Method::Direct, Method::Convolution, Method::Backprojection][..]),
-        (scattered(), 3, &[Method::Direct, Method::Backprojection]),
+        (lattice([6, 5]), 2, &[Method::Direct, Method::Convolution, Method::Backprojection][..]),
+        (scattered(23), 3, &[Method::Direct, Method::Backprojection]),
     ] {
         let cube = cube(instrument(array).with_sources(&SOURCES[..count]).unwrap());
         let path = |p: DVec3, tx: usize, r: DVec3| p.distance(SOURCES[tx]) + p.distance(r);
@@ -103,17 +77,17 @@ fn several_sources_are_their_coherent_sum_by_every_method() {
 fn sharing() -> Vec<(&'static str, Instrument, Grid)> {
     let of = |array, sources: &[DVec3]| instrument(array).with_sources(sources).unwrap();
     let line = MicArray::rectangular([9, 1], [0.02; 2], DVec3::ZERO).unwrap();
-    let flat = scattered().positions().iter().map(|r| r.with_z(0.0)).collect();
+    let flat = scattered(23).positions().iter().map(|r| r.with_z(0.0)).collect();
     let many: Vec<DVec3> = (0..9).map(|i| SOURCES[i % 3] * (1.0 - 0.1 * i as f64)).collect();
     let steel = crate::wave::Interface { depth: 0.63, sound_speed: 800.0 };
     let near = Grid { z: axis(0.01, 0.04, 5), ..small_grid() };
     let flat_line = Grid { x: axis(-0.15, 0.02, 16), y: axis(0.0, 0.03, 1), ..small_grid() };
     vec![
-        ("lattice", of(lattice(), &SOURCES), small_grid()),
-        ("two groups", of(lattice(), &many), small_grid()),
-        ("finer voxels", of(lattice(), &SOURCES), Grid { x: axis(-0.1, 0.01, 14), ..small_grid() }),
+        ("lattice", of(lattice([6, 5]), &SOURCES), small_grid()),
+        ("two groups", of(lattice([6, 5]), &many), small_grid()),
+        ("finer voxels", of(lattice([6, 5]), &SOURCES), Grid { x: axis(-0.1, 0.01, 14), ..small_grid() }),
         ("scattered, near", of(MicArray::from_positions(flat).unwrap(), &SOURCES), near),
-        ("two media", of(lattice(), &SOURCES).with_interface(Some(steel)), small_grid()),
+        ("two media", of(lattice([6, 5]), &SOURCES).with_interface(Some(steel)), small_grid()),
         ("line", of(line, &SOURCES), flat_line),
     ]
 }
@@ -162,7 +136,7 @@ fn only_convolution_takes_several_transmissions_together() {
 #[test]
 fn a_moved_pair_is_summed_as_written() {
     let offset = DVec3::new(0.08, -0.03, 0.02);
-    for array in [lattice(), scattered()] {
+    for array in [lattice([6, 5]), scattered(23)] {
         let cube = cube(instrument(array).with_geometry(Geometry::Pair { offset }));
         let path = |p: DVec3, _: usize, r: DVec3| p.distance(r + offset) + p.distance(r);
         for method in [Method::Direct, Method::Backprojection] {
@@ -176,7 +150,7 @@ fn a_moved_pair_is_summed_as_written() {
         crate::named::assert_names(refused, &["convolution", "pair", "backprojection"]);
     }
     // Each with an offset of its own: a common midpoint, and any.
-    for array in [lattice(), scattered()] {
+    for array in [lattice([6, 5]), scattered(23)] {
         let own = array.positions().iter().enumerate();
         let midpoint = own.clone().map(|(_, r)| DVec3::new(0.04, 0.0, 0.0) - *r).collect::<Vec<_>>();
         let any = own.map(|(i, _)| SOURCES[i % 3] * (1.0 + 0.03 * i as f64)).collect::<Vec<_>>();
@@ -198,8 +172,8 @@ fn a_moved_pair_is_summed_as_written() {
         }
     }
     // A pair in one place is a monostatic scan.
-    let scan = cube(instrument(lattice()).with_geometry(Geometry::Monostatic));
-    let pair = cube(instrument(lattice()).with_geometry(Geometry::Pair { offset: DVec3::ZERO }));
+    let scan = cube(instrument(lattice([6, 5])).with_geometry(Geometry::Monostatic));
+    let pair = cube(instrument(lattice([6, 5])).with_geometry(Geometry::Pair { offset: DVec3::ZERO }));
     let options = ReconstructOptions::new(Method::Backprojection, Window::Hann).with_tolerance(1e-5);
     let [scan, pair] = [scan, pair].map(|cube| reconstruct(&cube, &small_grid(), &options).unwrap().volume);
     let apart = |(a, b): (&Complex32, &Complex32)| (a - b).norm();
@@ -210,13 +184,13 @@ fn a_moved_pair_is_summed_as_written() {
 #[test]
 fn microphones_and_sources_may_change_places() {
     let few = MicArray::from_positions(SOURCES[..2].to_vec()).unwrap();
-    let cube = cube(instrument(few).with_sources(lattice().positions()).unwrap());
+    let cube = cube(instrument(few).with_sources(lattice([6, 5]).positions()).unwrap());
     let options = ReconstructOptions::new(Method::Auto, Window::None).with_tolerance(1e-5);
     let turned_round = reversed(&cube.instrument, &options).unwrap().unwrap();
     assert_eq!((turned_round.transmissions(), turned_round.array.len()), (2, 30));
     assert!(turned_round.array.lattice().is_some(), "the sources' lattice is recognised");
     let found = reconstruct(&cube, &small_grid(), &options).unwrap();
-    let path = |p: DVec3, tx: usize, r: DVec3| p.distance(lattice().positions()[tx]) + p.distance(r);
+    let path = |p: DVec3, tx: usize, r: DVec3| p.distance(lattice([6, 5]).positions()[tx]) + p.distance(r);
     let error = error(&cube, &found.volume, path);
     assert!(error < 1e-4, "{error:e}");
     let windowed = ReconstructOptions { window: Window::Hann, ..options };
@@ -225,7 +199,7 @@ fn microphones_and_sources_may_change_places() {
 
 #[test]
 fn slabs_and_interruptions_change_no_byte() {
-    let cube = cube(instrument(lattice()).with_sources(&SOURCES[..2]).unwrap());
+    let cube = cube(instrument(lattice([6, 5])).with_sources(&SOURCES[..2]).unwrap());
     // Three slabs.
     let side = 1024;
     let lateral = axis(-0.3, 0.6 / side as f64, side);
@@ -251,7 +225,7 @@ fn slabs_and_interruptions_change_no_byte() {
 
 #[test]
 fn estimates_add_up_and_shared_kernels_take_less() {
-    let one = instrument(lattice());
+    let one = instrument(lattice([6, 5]));
     let both = one.clone().with_sources(&SOURCES[..2]).unwrap();
     let of = |instrument: &Instrument, method| {
         let options = ReconstructOptions::new(method, Window::None);
@@ -272,8 +246,8 @@ fn several_sources_are_refined_together() {
     let options = ReconstructOptions::new(Method::Auto, Window::None);
     let few = MicArray::from_positions(SOURCES[..2].to_vec()).unwrap();
     for instrument in [
-        instrument(lattice()).with_sources(&SOURCES).unwrap(),
-        instrument(few).with_sources(lattice().positions()).unwrap(),
+        instrument(lattice([6, 5])).with_sources(&SOURCES).unwrap(),
+        instrument(few).with_sources(lattice([6, 5]).positions()).unwrap(),
     ] {
         let grid = small_grid();
         let mut samples = Vec::new();
