@@ -93,14 +93,15 @@ impl Default for ArraySidelobes {
 }
 
 /// Least confidence of a surface in an image of Eq. 13 and in a refined one, whose sidelobes are weaker, dB.
-const CONFIDENCE_DB: [f64; 2] = [-4.5, -7.0];
+const CONFIDENCE_DB: [f64; 2] = [-5.6, -7.0];
 
-/// What is left of a surface's mean power at its rim in an image of Eq. 13, for echoes of random phases; and in a refined one,
-/// which falls off more steeply there, and in which speckle is coarser, dB.
-const RIM_DB: [f64; 2] = [-3.0, -7.0];
+/// Power of a surface at its rim below which it is taken away, against that further in, dB: of an image of Eq. 13, in which half of
+/// the mean is left there, less what speckle may take; and of a refined one, which falls off more steeply.
+const RIM_DB: [f64; 2] = [-5.8, -7.0];
 
-/// By how much the least confidence is raised at the most where few microphones leave strong sidelobes, dB.
-const MOST_RAISED_DB: f64 = 6.5;
+/// By how much the least confidence is raised where few microphones leave strong sidelobes, per dB of these; and at the most, dB.
+const RAISED: f64 = 1.3;
+const MOST_RAISED_DB: f64 = 7.6;
 
 /// Parameters of [`locate_depth`].
 #[derive(Debug, Clone, PartialEq)]
@@ -176,7 +177,7 @@ impl DepthOptions {
     pub fn adapted_to(self, sidelobes: ArraySidelobes, refined: bool) -> Self {
         let raised = sidelobes.mean_db - ArraySidelobes::default().mean_db;
         let image = usize::from(refined);
-        let confidence_db = CONFIDENCE_DB[image] + raised.clamp(0.0, MOST_RAISED_DB);
+        let confidence_db = CONFIDENCE_DB[image] + (RAISED * raised).clamp(0.0, MOST_RAISED_DB);
         Self { confidence_db, rim_db: RIM_DB[image], sidelobes, ..self }
     }
 

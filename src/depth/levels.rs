@@ -4,8 +4,9 @@ use super::DepthOptions;
 use crate::error::Result;
 use crate::grid::pixel_values;
 
-/// Least power of a detection, over that of the noise: smoothed noise is hardly ever so strong.
-const DETECTABLE: f32 = 5.0;
+/// Least power of a detection, over that of the noise: smoothed noise is seldom so strong, and its neighbours do not continue
+/// it where it is.
+const DETECTABLE: f32 = 3.7;
 
 /// How much of the noise floor is left where it is all that there is.
 const REST: f32 = 0.1;

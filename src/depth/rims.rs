@@ -24,9 +24,10 @@ const RIDGE: f64 = 0.5;
 const ALIKE: f64 = 0.12;
 const ALONG: f64 = 1.0;
 
-/// Surfaces continued by at least this share are not at a rim; those within so many resolutions say how strong the surface is.
+/// Surfaces continued by at least this share are not at a rim; those within so many resolutions, enough for speckle to average
+/// out, say how strong the surface is.
 const INNER: f64 = 0.85;
-const INNER_REACH: f64 = 2.0;
+const INNER_REACH: f64 = 8.0;
 
 /// The fewest of them that can say so.
 const FEWEST_INNER: usize = 3;

@@ -94,7 +94,13 @@ fn metrics_of(scene: &str, typed: &[&str], seed: u32) -> Metrics {
 #[test]
 #[ignore = "a minute: what refinement and the oracle are worth in the shipped scenes"]
 fn refined_pictures_are_sharper_and_the_oracle_is_beyond_them() {
-    for scene in ["corner.toml", "transparent_foreground.toml", "cad.toml", "bracket.toml"] {
+    // What is gained in F1: of the corner no more than .015 is left to the oracle, and the foreground's plate loses some.
+    for (scene, least) in [
+        ("corner.toml", 0.004),
+        ("transparent_foreground.toml", -0.008),
+        ("cad.toml", 0.012),
+        ("bracket.toml", -0.006),
+    ] {
         let means = ["none", "fista"].map(|method| {
             let set = format!("refine.method={method}");
             let each = [1, 2, 3].map(|seed| metrics_of(scene, &[&set], seed));
@@ -106,7 +112,7 @@ fn refined_pictures_are_sharper_and_the_oracle_is_beyond_them() {
         let oracle = oracle.unwrap().scores.all;
         println!("{scene}: {means:?}, oracle {oracle:?}");
         let [[f1, false_returns, error], [refined_f1, refined_false, refined_error]] = means;
-        assert!(refined_f1 > f1 - 0.006 && refined_false < false_returns && refined_error < 1.01 * error);
+        assert!(refined_f1 > f1 + least && refined_false < false_returns && refined_error < 1.01 * error);
         assert!(oracle.f1.unwrap() > refined_f1.max(f1) && oracle.false_returns.unwrap() < refined_false);
     }
     // In noise it is the more worth.

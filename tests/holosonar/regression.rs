@@ -229,8 +229,8 @@ fn a_large_array_shows_surfaces_as_they_are() {
     for (scene, typed, complete, most) in [
         ("corner.toml", &room[..], 0.985, &[("false_returns", 0.005), ("median_error", 0.002)][..]),
         ("transparent_foreground.toml", &room, 0.985, &[("false_returns", 0.01), ("spurious_returns", 0.04)]),
-        ("cad.toml", &room, 0.93, &[("false_returns", 0.028), ("spurious_returns", 0.03)]),
-        ("bracket.toml", &near, 0.965, &[("false_returns", 0.005)]),
+        ("cad.toml", &room, 0.94, &[("false_returns", 0.025), ("spurious_returns", 0.03)]),
+        ("bracket.toml", &near, 0.98, &[("false_returns", 0.005)]),
     ] {
         let means = large(scene, typed);
         let mean = |name: &str| means.iter().find(|(n, _)| *n == name).unwrap().1;
@@ -238,7 +238,7 @@ fn a_large_array_shows_surfaces_as_they_are() {
         for (name, most) in most {
             assert!(mean(name) <= *most, "{scene}: {name} {}", mean(name));
         }
-        assert!(!scene.starts_with("transparent") || mean("two_returns") >= 0.993, "{means:?}");
+        assert!(!scene.starts_with("transparent") || mean("two_returns") >= 0.995, "{means:?}");
     }
 }
 
@@ -253,8 +253,10 @@ fn noise_and_errors_of_the_array_harm_surfaces_no_more_than_columns() {
         "depth.return_threshold_db=-20",
         "depth.return_gate_db=-12",
     ];
-    for set in ["detection.snr_db=0", "array.position_error=0.002", "array.phase_error=40"] {
-        for scene in ["corner.toml", "transparent_foreground.toml", "cad.toml"] {
+    for set in
+        ["detection.snr_db=0", "detection.snr_db=-10", "array.position_error=0.002", "array.phase_error=40"]
+    {
+        for scene in ["corner.toml", "transparent_foreground.toml", "cad.toml", "bracket.toml"] {
             let seeds = |typed: &[&str]| {
                 ["1", "2", "3"].map(|seed| {
                     let seed = format!("reflectors.seed={seed}");

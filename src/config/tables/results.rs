@@ -109,10 +109,10 @@ pub struct DepthTable {
     /// Minimum amplitude of the picked return, dB relative to the 99th percentile of the columns' maxima; left out: -14 dB of
     /// columns, and none but `return_threshold_db` of surfaces.
     pub threshold_db: Option<f64>,
-    /// Minimum confidence of a surface, dB; left out: −4.5 dB, −7 dB in a refined volume, and more where few
+    /// Minimum confidence of a surface, dB; left out: −5.6 dB, −7 dB in a refined volume, and more where few
     /// microphones leave strong sidelobes.
     pub confidence_db: Option<f64>,
-    /// How much weaker than further in a surface is where it ends, dB; left out: −3 dB, −7 dB in a refined volume.
+    /// How much weaker than further in a surface is where it ends, dB; left out: −5.8 dB, −7 dB in a refined volume.
     pub rim_db: Option<f64>,
     /// Whether what is in one part of the band only is taken for weaker.
     pub gate: bool,
