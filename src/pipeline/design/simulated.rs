@@ -1,0 +1,400 @@
+//! Sweeps that are simulated: every combination is imaged with several seeds and its depth compared with the truth, as `check`
+//! does, and what is finished is kept in a folder.
+//!
+//! A finished combination is a record (`checkpoint::record`) under the identity of its resolved run file, its surfaces, its seeds
+//! and the program, so that the same command, another with more values, and other processes take it up. What is recorded is
+//! the same on every computer; a table is made of records alone, so that its bytes do not depend on who computed what.
+
+use super::keys::{SweptKey, count, products, settings};
+use super::pareto::front;
+use super::workers::{spread, workers_for};
+use super::{
+    Combination, DesignRow, DesignSweep, RunWith, not_fatal, predicted, refusing_if_all, size_of,
+    typed_memory,
+};
+use crate::checkpoint::{Identity, Records};
+use crate::config::RunFile;
+use crate::error::{Error, Result, gib};
+use crate::metrics::{Measure, Metrics, Scores};
+use crate::pipeline::job::JobOptions;
+use crate::pipeline::job::identity::of_combination;
+use crate::pipeline::job::kept::{KeptScenes, KnownScene};
+use crate::pipeline::limits::{bounds_of, hold, mean, scores_of, seeds_of};
+use crate::pipeline::memory::MemoryBudget;
+use crate::pipeline::prepared_scene::Measurement;
+use crate::pipeline::{has_truth, load_scene, need_bandwidth};
+use crate::plan::{memory_limit, seconds_of};
+use crate::progress::{OfPart, Silent, advance, stage};
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// How the combinations of a sweep are simulated.
+#[derive(Debug, Clone, Copy)]
+pub struct SweepSimulation<'a> {
+    /// Seeds of `[reflectors]`; without any those of `[expect]`, or else the run file's own.
+    pub seeds: &'a [u32],
+    /// The metric by whose error combinations are on a front.
+    pub measure: &'a Measure,
+    /// The folder of finished combinations; `None` if they are not kept.
+    pub folder: Option<&'a Path>,
+}
+
+/// How well the images of a combination show the scene.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[non_exhaustive]
+pub struct DesignScores {
+    /// The seeds.
+    pub seeds: Vec<u32>,
+    /// The mean of each metric over the seeds.
+    pub mean: Metrics,
+    /// Its standard deviation; nothing of one seed.
+    pub spread: Metrics,
+    /// All metrics of each seed.
+    #[serde(skip)]
+    pub scores: Vec<Scores>,
+    /// Whether the means keep the limits of `[expect]`, if there are any.
+    pub expected: Option<bool>,
+    /// The error by the sweep's measure: what is a share of what was found, as 1 less it.
+    pub error: Option<f64>,
+    /// On which fronts it is.
+    pub front: DesignFront,
+}
+
+/// Whether no other combination is better in one of these and nowhere worse.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+#[non_exhaustive]
+pub struct DesignFront {
+    /// In error, acquisition time and number of microphones.
+    pub all: bool,
+    /// In error and acquisition time.
+    pub time: bool,
+    /// In error and number of microphones.
+    pub microphones: bool,
+}
+
+/// What a process has done of a sweep's part.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[non_exhaustive]
+pub struct SweepWork {
+    /// Combinations of the sweep.
+    pub combinations: usize,
+    /// Combinations of this part.
+    pub part: usize,
+    /// Those that were computed now.
+    pub computed: usize,
+    /// Those that were there already.
+    pub found: usize,
+    /// Those that are refused, which the table will list.
+    pub refused: usize,
+}
+
+/// What is kept of a combination.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct FinishedCombination {
+    /// Its settings as they were typed, for whoever reads the file.
+    set: Vec<String>,
+    seeds: Vec<u32>,
+    design: DesignRow,
+    scores: Vec<Scores>,
+}
+
+/// A combination with the judgement of its `[expect]`.
+struct Judged {
+    finished: FinishedCombination,
+    expected: Option<bool>,
+}
+
+/// What is known of a combination before anything is simulated.
+enum Known {
+    Finished(Box<Judged>),
+    Missing {
+        /// Of the reconstruction of one seed.
+        operations: f64,
+        seeds: usize,
+        /// Peak memory with one thread, bytes.
+        bytes: u64,
+    },
+}
+
+/// Simulates every combination of swept keys, except those that are finished in the folder.
+///
+/// Many combinations are simulated beside one another on a thread each, if they fit in memory together; few, one after another
+/// by all threads. The bytes of the result are the same. Invalid combinations are listed with the reason for their refusal.
+///
+/// # Errors
+/// As [`sweep_designs`](super::sweep_designs); scenes without surfaces; a record that cannot be written; [`Error::Interrupted`],
+/// after which what is finished is in the folder.
+pub fn simulate_designs(
+    keys: &[SweptKey],
+    run_with: &RunWith,
+    simulation: &SweepSimulation<'_>,
+    job: &JobOptions,
+) -> Result<DesignSweep> {
+    count(keys)?;
+    let all = products(keys);
+    let kept = KeptScenes::within(memory_limit(typed_memory(keys, run_with)));
+    let runner = Runner::new(keys, run_with, simulation, (job, &kept))?;
+    let (rows, _) = runner.rows(&all)?;
+    let combinations: Vec<Combination> = all
+        .into_iter()
+        .zip(refusing_if_all(rows)?)
+        .map(|(values, row)| match row {
+            Err(error) => {
+                Combination { values, design: None, simulated: None, refused: Some(error.to_string()) }
+            }
+            Ok(Judged { finished, expected }) => Combination {
+                values,
+                simulated: Some(DesignScores::of(&finished, expected, simulation.measure)),
+                design: Some(finished.design),
+                refused: None,
+            },
+        })
+        .collect();
+    let mut sweep = DesignSweep {
+        keys: keys.iter().map(|key| key.key.clone()).collect(),
+        measure: Some(simulation.measure.to_string()),
+        combinations,
+    };
+    sweep.find_fronts();
+    Ok(sweep)
+}
+
+/// Simulates the `part`-th of `of` parts of a sweep's combinations, as far as they are not finished, into the folder:
+/// every `of`-th, so that parts take about as long.
+///
+/// # Errors
+/// As [`simulate_designs`]; no folder; a part that there is not.
+pub fn work_on_designs(
+    keys: &[SweptKey],
+    run_with: &RunWith,
+    simulation: &SweepSimulation<'_>,
+    (part, of): (u64, u64),
+    job: &JobOptions,
+) -> Result<SweepWork> {
+    let combinations = count(keys)?;
+    if !(1..=of).contains(&part) {
+        return Err(Error::input(
+            "--part",
+            format!("{part}/{of} was expected to be from 1/{of} to {of}/{of}"),
+        ));
+    }
+    if simulation.folder.is_none() {
+        return Err(Error::input(
+            "--part",
+            "needs a folder, in which another process finds this part; give -o DIR",
+        ));
+    }
+    let own: Vec<_> = (1..)
+        .zip(products(keys))
+        .filter(|(number, _): &(u64, _)| (number - 1) % of == part - 1)
+        .map(|(_, values)| values)
+        .collect();
+    let kept = KeptScenes::within(memory_limit(typed_memory(keys, run_with)));
+    let runner = Runner::new(keys, run_with, simulation, (job, &kept))?;
+    let (rows, computed) = runner.rows(&own)?;
+    let refused = rows.iter().filter(|row| row.is_err()).count();
+    let found = own.len() - refused - computed;
+    Ok(SweepWork { combinations, part: own.len(), computed, found, refused })
+}
+
+/// Everything by which a combination is simulated.
+struct Runner<'a> {
+    keys: &'a [SweptKey],
+    run_with: &'a RunWith<'a>,
+    seeds: &'a [u32],
+    records: Option<Records>,
+    known: KnownScene<'a>,
+    job: JobOptions<'a>,
+}
+
+impl<'a> Runner<'a> {
+    fn new(
+        keys: &'a [SweptKey],
+        run_with: &'a RunWith<'a>,
+        simulation: &SweepSimulation<'a>,
+        (job, kept): (&JobOptions<'a>, &'a KeptScenes),
+    ) -> Result<Self> {
+        let records = simulation.folder.map(Records::within).transpose()?;
+        let job = JobOptions { kept: Some(kept), ..JobOptions::default().with_observer(job.observer) }
+            .with_bare_mesh(job.bare_mesh);
+        Ok(Self { keys, run_with, seeds: simulation.seeds, records, known: job.known(), job })
+    }
+
+    /// The rows of combinations, finished or simulated now, and how many were simulated.
+    fn rows(&self, all: &[Vec<String>]) -> Result<(Vec<Result<Judged>>, usize)> {
+        let observer = self.job.observer;
+        let look = |values: &Vec<String>| {
+            let known = self.look_up(values);
+            advance(observer, 1)?;
+            not_fatal(known)
+        };
+        let known =
+            stage(observer, "preparing", all.len() as u64, || spread(all, workers_for(all.len()), look))?;
+        let (mut missing, mut images, mut operations, mut largest) = (Vec::new(), 0, 0.0, 0_u64);
+        for (number, known) in known.iter().enumerate() {
+            if let Ok(Known::Missing { operations: each, seeds, bytes }) = known {
+                missing.push(number);
+                images += seeds;
+                operations += each * *seeds as f64;
+                largest = largest.max(*bytes);
+            }
+        }
+        let limit = memory_limit(typed_memory(self.keys, self.run_with));
+        let fit = |workers: u64| limit.is_none_or(|limit| largest.saturating_mul(workers) <= limit);
+        let workers = Some(workers_for(missing.len())).filter(|workers| fit(*workers as u64)).unwrap_or(1);
+        let mut rows: Vec<Result<Judged>> = Vec::with_capacity(all.len());
+        if !missing.is_empty() {
+            let (found, beside) = (
+                known.iter().filter(|known| known.is_ok()).count() - missing.len(),
+                match workers {
+                    1 => "one after another".to_owned(),
+                    workers => format!("{workers} at a time, each up to {}", gib(largest)),
+                },
+            );
+            observer.tell(&format!(
+                "{} combinations are simulated ({images} images, {beside}), and {found} are finished already; the reconstructions \
+                 take about {:.0} s, simulation and depth come on top",
+                missing.len(),
+                seconds_of(operations)
+            ));
+        }
+        // Each may take its share.
+        let memory = limit.filter(|_| workers > 1).map(|limit| limit / workers as u64);
+        let simulated = stage(observer, "simulating", images as u64, || {
+            spread(&missing, workers, |number| {
+                let made = not_fatal(self.simulate(&all[*number], memory))?;
+                if let Ok(judged) = &made {
+                    advance(observer, judged.finished.seeds.len() as u64)?;
+                }
+                Ok(made)
+            })
+        })?;
+        let mut simulated = simulated.into_iter();
+        let computed = missing.len();
+        for known in known {
+            rows.push(match known {
+                Err(error) => Err(error),
+                Ok(Known::Finished(judged)) => Ok(*judged),
+                Ok(Known::Missing { .. }) => simulated.next().expect("one of every missing combination"),
+            });
+        }
+        Ok((rows, computed))
+    }
+
+    /// The run file of a combination, its seeds, its identity and what an image of it takes.
+    fn prepared(&self, values: &[String]) -> Result<(RunFile, Vec<u32>, Identity, Known)> {
+        let run = (self.run_with)(&settings(self.keys, values))?;
+        need_bandwidth("[sweep]", &run.sweep()?)?;
+        let measurement = Measurement::of(&run)?;
+        let instrument = &measurement.instrument;
+        let size = size_of(&run, self.known, &Silent)?;
+        if !has_truth(&run) {
+            let problem = "is a list of reflectors, which have no surfaces and so no true depth to compare with; a mesh was expected";
+            return Err(Error::input("[scene] mesh", problem));
+        }
+        let scene = load_scene(&run, self.known, &Silent)?;
+        let grid = run.voxels(instrument, scene.bounds())?;
+        let seeds = seeds_of(&run, self.seeds);
+        let identity = of_combination(&run, (&seeds, self.known.fingerprint(&scene)), instrument, &grid);
+        let budget = MemoryBudget { threads: 1, ..MemoryBudget::of(&run) };
+        let estimate = budget.estimate(instrument, &grid, &measurement.imaging(&budget, &grid, &size))?;
+        let missing = Known::Missing {
+            operations: estimate.methods[estimate.chosen].operations,
+            seeds: seeds.len(),
+            bytes: estimate.memory.total(),
+        };
+        Ok((run, seeds, identity, missing))
+    }
+
+    /// A combination, if it is finished, or what it takes.
+    fn look_up(&self, values: &[String]) -> Result<Known> {
+        let (run, seeds, identity, missing) = self.prepared(values)?;
+        let record = self.records.as_ref().and_then(|records| records.load(&identity));
+        let finished = record.and_then(|record| serde_json::from_str::<FinishedCombination>(&record).ok());
+        match finished.filter(|finished| finished.seeds == seeds && finished.scores.len() == seeds.len()) {
+            Some(finished) => Ok(Known::Finished(Box::new(judged(&run, finished)?))),
+            None => Ok(missing),
+        }
+    }
+
+    /// Simulates a combination, and records it.
+    fn simulate(&self, values: &[String], memory: Option<u64>) -> Result<Judged> {
+        let (mut run, seeds, identity, _) = self.prepared(values)?;
+        run.memory = memory.or(run.memory);
+        let part = OfPart(self.job.observer);
+        let design = predicted(&run, None, self.known, &part)?;
+        let scores = scores_of(&run, &seeds, &self.job.with_observer(&part))?
+            .ok_or_else(|| Error::input("[scene] mesh", "has no surfaces, and so no true depth"))?;
+        let set = settings(self.keys, values);
+        let unwritable = |error: serde_json::Error| Error::io("JSON", error.to_string());
+        let record = serde_json::to_string(&FinishedCombination { set, seeds, design, scores });
+        let record = record.map_err(unwritable)?;
+        if let Some(records) = &self.records {
+            records.save(&identity, &record)?;
+        }
+        // What is read again later has to be the same: numbers that are not finite, say, are nothing.
+        judged(&run, serde_json::from_str(&record).map_err(unwritable)?)
+    }
+}
+
+/// Judges a combination by its `[expect]`.
+fn judged(run: &RunFile, finished: FinishedCombination) -> Result<Judged> {
+    let verdicts = hold(&finished.scores, bounds_of(run, "run file")?);
+    let expected = (!verdicts.is_empty()).then(|| verdicts.iter().all(|verdict| verdict.kept));
+    Ok(Judged { finished, expected })
+}
+
+impl DesignScores {
+    fn of(finished: &FinishedCombination, expected: Option<bool>, measure: &Measure) -> Self {
+        let FinishedCombination { seeds, scores, .. } = finished;
+        let each = |name: &str| -> Vec<Option<f64>> {
+            scores.iter().map(|scores| scores.all.get(name).flatten()).collect()
+        };
+        let measured: Vec<Option<f64>> = scores.iter().map(|scores| scores.get(measure)).collect();
+        let as_error = |value: f64| if Metrics::is_error(&measure.metric) { value } else { 1.0 - value };
+        Self {
+            seeds: seeds.clone(),
+            mean: Metrics::of_names(|name| mean(&each(name))),
+            spread: Metrics::of_names(|name| deviation(&each(name))),
+            scores: scores.clone(),
+            expected,
+            error: mean(&measured).map(as_error),
+            front: DesignFront::default(),
+        }
+    }
+}
+
+/// The standard deviation of a sample over the seeds; that of one is not known.
+fn deviation(each: &[Option<f64>]) -> Option<f64> {
+    let mean = mean(each).filter(|_| each.len() > 1)?;
+    let squares: f64 = each.iter().flatten().map(|value| (value - mean).powi(2)).sum();
+    Some((squares / (each.len() - 1) as f64).sqrt())
+}
+
+impl DesignSweep {
+    /// Finds which combinations are on the fronts.
+    fn find_fronts(&mut self) {
+        let points: Vec<[f64; 3]> = self.combinations.iter().map(Combination::costs).collect();
+        let all = front(&points);
+        let [time, microphones] =
+            [1, 2].map(|cost| front(&points.iter().map(|point| [point[0], point[cost]]).collect::<Vec<_>>()));
+        for (i, combination) in self.combinations.iter_mut().enumerate() {
+            if let Some(simulated) = &mut combination.simulated {
+                simulated.front = DesignFront { all: all[i], time: time[i], microphones: microphones[i] };
+            }
+        }
+    }
+}
+
+impl Combination {
+    /// Error, acquisition time and number of microphones; what is not known is not a number.
+    pub(crate) fn costs(&self) -> [f64; 3] {
+        match (&self.design, &self.simulated) {
+            (Some(design), Some(simulated)) => {
+                let error = simulated.error.unwrap_or(f64::NAN);
+                [error, design.acquisition.seconds, design.microphones as f64]
+            }
+            _ => [f64::NAN; 3],
+        }
+    }
+}
