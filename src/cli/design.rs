@@ -1,7 +1,7 @@
 //! The command `psf`, `plan --sweep`, and the second half of the output of `plan`, about the design of the array.
 
 mod charts;
-pub(super) mod sweep;
+pub(crate) mod sweep;
 
 use super::Overrides;
 use super::inputs::{Input, run_of};

@@ -35,9 +35,9 @@ pub(in crate::cli) struct PlanArgs {
     /// Seeds of [reflectors] to simulate each combination with, as in 1,2,3 [default: those of [expect], or the run file's own].
     #[arg(long, value_name = "N,N,..", value_delimiter = ',', requires = "simulate")]
     seeds: Vec<u32>,
-    /// The metric whose error is weighed against acquisition time and microphones, named as for `compare --min`; of shares such
-    /// as completeness the error is what they lack.
-    #[arg(long, value_name = "NAME", default_value = "median_error", requires = "simulate")]
+    /// The metric whose error is weighed against the time of the measurement and microphones, named as for `compare --min`; of
+    /// shares such as completeness the error is what they lack.
+    #[arg(long, value_name = "NAME", default_value = "chamfer_distance", requires = "simulate")]
     measure: String,
     /// Simulate only the K-th of N parts of the combinations, from 1/N to N/N, into DIR, which several processes may share; the
     /// same command without it makes the table.

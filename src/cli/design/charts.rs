@@ -34,7 +34,7 @@ pub(super) fn write_sweep(path: &Path, sweep: &DesignSweep) -> Result<()> {
             chart("completeness", "share", &|c| mean(c)?.completeness),
             chart("false returns", "share", &|c| mean(c)?.false_returns),
             chart("median depth error", "mm", &|c| mm(mean(c)?.median_error)),
-            chart("distance between found and true points", "mm", &|c| mm(mean(c)?.chamfer_distance)),
+            chart("mean distance of found and true points", "mm", &|c| mm(mean(c)?.chamfer_distance)),
             chart("lateral width at the middle depth", "-3 dB width / mm", &|c| {
                 mm(c.design.as_ref()?.widths[1])
             }),

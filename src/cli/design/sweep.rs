@@ -19,6 +19,9 @@ use std::path::{Path, PathBuf};
 /// The folder, in that of the results, of finished combinations.
 const FINISHED: &str = "combinations";
 
+/// The files of a sweep, of which the last is only written when it was simulated.
+const FILES: [&str; 4] = ["sweep.csv", "sweep.json", "sweep.png", "pareto.png"];
+
 /// Rows that are printed; of more those on a front, and all of them are in `sweep.csv`.
 const PRINTED: usize = 200;
 
@@ -54,10 +57,9 @@ impl Sweep<'_> {
 
     /// Predicts the combinations: a table on standard output, and files in the folder, if there is one.
     pub(in crate::cli) fn predict(&self, terminal: &Terminal) -> Result<()> {
-        let files = ["sweep.csv", "sweep.json", "sweep.png"];
-        let folder = self.folder.map(|folder| open_folder(folder, files)).transpose()?;
+        let folder = self.folder.map(|folder| open_folder(folder, &FILES[..3])).transpose()?;
         let sweep = self.with_runs(terminal, pipeline::sweep_designs)?;
-        conclude(&sweep, &folder, terminal)
+        conclude(&sweep, folder.as_ref(), terminal)
     }
 
     /// Simulates those that are not finished: a table on standard output, and files in the folder, if there is one.
@@ -67,15 +69,13 @@ impl Sweep<'_> {
         measure: &Measure,
         terminal: &Terminal,
     ) -> Result<()> {
-        let files = ["sweep.csv", "sweep.json", "sweep.png", "pareto.png"];
-        let folder = self.folder.map(|folder| open_folder(folder, files)).transpose()?;
-        let finished = self.folder.map(|folder| folder.join(FINISHED));
+        let (folder, finished) = self.folder.map(open_results).transpose()?.unzip();
         let simulation = SweepSimulation { seeds, measure, folder: finished.as_deref() };
         let sweep = self.with_runs(terminal, |keys, run_with, job| {
             pipeline::simulate_designs(keys, run_with, &simulation, job)
         });
         let sweep = sweep.inspect_err(|error| advise(error, finished.as_deref(), terminal))?;
-        conclude(&sweep, &folder, terminal)
+        conclude(&sweep, folder.as_ref(), terminal)
     }
 
     /// Simulates a part of them into the folder.
@@ -118,32 +118,44 @@ fn advise(error: &Error, finished: Option<&Path>, terminal: &Terminal) {
     }
 }
 
+/// Opens the folder of a simulated sweep; returns it with the files to be written there, and the folder of what is finished.
+pub(crate) fn open_results(folder: &Path) -> Result<((OutputFolder, Vec<PathBuf>), PathBuf)> {
+    Ok((open_folder(folder, FILES)?, folder.join(FINISHED)))
+}
+
+/// Writes the files of a sweep, as many as there are paths for.
+pub(crate) fn write_files(files: &[PathBuf], sweep: &DesignSweep) -> Result<()> {
+    sweep.write_csv(&files[0])?;
+    write_json(&files[1], sweep)?;
+    charts::write_sweep(&files[2], sweep)?;
+    files.get(3).map_or(Ok(()), |pareto| charts::write_pareto(pareto, sweep))
+}
+
 /// Warns of refusals, writes the files and prints the table.
 fn conclude(
     sweep: &DesignSweep,
-    folder: &Option<(OutputFolder, Vec<PathBuf>)>,
+    folder: Option<&(OutputFolder, Vec<PathBuf>)>,
     terminal: &Terminal,
 ) -> Result<()> {
-    let refused = || sweep.combinations.iter().filter(|combination| combination.refused.is_some());
-    for combination in refused().take(PRINTED) {
-        let why = combination.refused.as_deref().unwrap_or_default();
-        terminal.warn(&format!("{}: {why}", combination.values.join(" ")));
-    }
-    if refused().count() > PRINTED {
-        terminal.warn(&format!("and {} more are refused", refused().count() - PRINTED));
-    }
+    warn_of_refusals(sweep, terminal);
     if let Some((_, files)) = folder {
-        sweep.write_csv(&files[0])?;
-        write_json(&files[1], sweep)?;
-        charts::write_sweep(&files[2], sweep)?;
-        if let Some(pareto) = files.get(3) {
-            charts::write_pareto(pareto, sweep)?;
-        }
+        write_files(files, sweep)?;
     }
     if terminal.json() {
         return print_json(sweep);
     }
     print(&if sweep.measure.is_some() { simulated_table(sweep) } else { predicted_table(sweep) })
+}
+
+fn warn_of_refusals(sweep: &DesignSweep, observer: &dyn Observer) {
+    let refused = || sweep.combinations.iter().filter(|combination| combination.refused.is_some());
+    for combination in refused().take(PRINTED) {
+        let why = combination.refused.as_deref().unwrap_or_default();
+        observer.warn(&format!("{}: {why}", combination.values.join(" ")));
+    }
+    if refused().count() > PRINTED {
+        observer.warn(&format!("and {} more are refused", refused().count() - PRINTED));
+    }
 }
 
 /// Which combinations are printed, and a line about the others.

@@ -101,7 +101,10 @@ pub(super) fn draw(charts: &[Chart], axis: &ChartAxis) -> Canvas {
     let cell = [LEFT + BOX[0] + RIGHT, ABOVE + BOX[1] + BELOW];
     let named = if axis.series.len() > 1 { axis.series.len().min(24) } else { 0 };
     let width = columns * cell[0];
-    let in_row = (width / 520).max(1);
+    // As many names to a row as fit.
+    let longest =
+        axis.series.iter().take(named).map(|name| lettering::width(name, NUMBER.size)).fold(0.0, f32::max);
+    let in_row = ((width as f32 / (longest + 140.0)) as usize).clamp(1, (width / 520).max(1));
     let legend = if named > 0 { NAME * named.div_ceil(in_row) + NAME / 2 } else { 0 };
     let mut canvas = Canvas::new(width, rows * cell[1] + legend);
     let places = AxisLayout::of(axis);

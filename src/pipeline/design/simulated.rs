@@ -25,6 +25,7 @@ use crate::pipeline::prepared_scene::Measurement;
 use crate::pipeline::{has_truth, load_scene, need_bandwidth};
 use crate::plan::{memory_limit, seconds_of};
 use crate::progress::{OfPart, Silent, advance, stage};
+use crate::text::duration;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -160,7 +161,7 @@ pub fn simulate_designs(
 }
 
 /// Simulates the `part`-th of `of` parts of a sweep's combinations, as far as they are not finished, into the folder:
-/// every `of`-th, so that parts take about as long.
+/// one of every `of` in turn, so that parts take about as long.
 ///
 /// # Errors
 /// As [`simulate_designs`]; no folder; a part that there is not.
@@ -186,7 +187,7 @@ pub fn work_on_designs(
     }
     let own: Vec<_> = (1..)
         .zip(products(keys))
-        .filter(|(number, _): &(u64, _)| (number - 1) % of == part - 1)
+        .filter(|(number, _): &(u64, _)| part_with(number - 1, of) == part - 1)
         .map(|(_, values)| values)
         .collect();
     let kept = KeptScenes::within(memory_limit(typed_memory(keys, run_with)));
@@ -195,6 +196,12 @@ pub fn work_on_designs(
     let refused = rows.iter().filter(|row| row.is_err()).count();
     let found = own.len() - refused - computed;
     Ok(SweepWork { combinations, part: own.len(), computed, found, refused })
+}
+
+/// The part, from 0, that has a combination: each has one of every `of` in turn, and another of the next, since neighbours differ
+/// in the last key and may differ in cost.
+fn part_with(number: u64, of: u64) -> u64 {
+    (number + number / of) % of
 }
 
 /// Everything by which a combination is simulated.
@@ -244,18 +251,16 @@ impl<'a> Runner<'a> {
         let workers = Some(workers_for(missing.len())).filter(|workers| fit(*workers as u64)).unwrap_or(1);
         let mut rows: Vec<Result<Judged>> = Vec::with_capacity(all.len());
         if !missing.is_empty() {
-            let (found, beside) = (
-                known.iter().filter(|known| known.is_ok()).count() - missing.len(),
-                match workers {
-                    1 => "one after another".to_owned(),
-                    workers => format!("{workers} at a time, each up to {}", gib(largest)),
-                },
-            );
+            let beside = match workers {
+                1 => "one after another".to_owned(),
+                workers => format!("{workers} at a time, each with up to {}", gib(largest)),
+            };
             observer.tell(&format!(
-                "{} combinations are simulated ({images} images, {beside}), and {found} are finished already; the reconstructions \
-                 take about {:.0} s, simulation and depth come on top",
+                "of {} combinations {} are to be simulated: {images} images, {beside}; reconstructing them takes about {}, and \
+                 simulation and depth come on top",
+                all.len(),
                 missing.len(),
-                seconds_of(operations)
+                duration(seconds_of(operations))
             ));
         }
         // Each may take its share.
@@ -396,5 +401,78 @@ impl Combination {
             }
             _ => [f64::NAN; 3],
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parts_share_all_combinations_evenly_and_each_is_in_one() {
+        for of in [1, 2, 3, 7, 20] {
+            for all in [0, 1, 6, 40, 41] {
+                let mut sizes = vec![0_u64; of as usize];
+                (0..all).for_each(|number| sizes[part_with(number, of) as usize] += 1);
+                assert_eq!(sizes.iter().sum::<u64>(), all);
+                assert!(sizes.iter().all(|size| [all / of, all.div_ceil(of)].contains(size)), "{sizes:?}");
+            }
+        }
+        // Of two values of the last key each part has both.
+        assert_eq!([0, 1, 2, 3].map(|number| part_with(number, 2)), [0, 1, 1, 0]);
+    }
+
+    #[test]
+    fn means_and_deviations_need_every_seed() {
+        assert_eq!(deviation(&[Some(1.0), Some(3.0)]), Some(2.0_f64.sqrt()));
+        assert_eq!(deviation(&[Some(1.0)]), None);
+        assert_eq!((mean(&[Some(1.0), None]), deviation(&[Some(1.0), None])), (None, None));
+    }
+
+    #[test]
+    fn what_has_no_error_is_on_no_front() {
+        let combination = |error: Option<f64>, seconds: f64, microphones: usize| {
+            let text = format!(
+                r#"{{"microphones":{microphones},"tones":3,"acquisition":{{"seconds":{seconds},"tones":3,"sweeps":1.0,"places":1,
+                "tone_seconds":0.1,"tone_time":"dwell"}},"range_resolution":0.1,"widths":[0.1,null,0.3],"verdict":"ghosts",
+                "ghost_offset":null,"peak_sidelobe_db":-20.0,"mean_sidelobe_db":null}}"#
+            );
+            let design: DesignRow = serde_json::from_str(&text).expect("a row");
+            assert_eq!(design.cost, None);
+            let set = Vec::new();
+            let scores = vec![Scores::default()];
+            let finished = FinishedCombination { set, seeds: vec![1], design, scores };
+            let measure = Measure::parse("rmse").expect("a metric");
+            let mut simulated = DesignScores::of(&finished, None, &measure);
+            simulated.error = error;
+            let (simulated, design) = (Some(simulated), Some(finished.design));
+            Combination { values: Vec::new(), design, simulated, refused: None }
+        };
+        let refused =
+            Combination { values: Vec::new(), design: None, simulated: None, refused: Some(String::new()) };
+        let mut sweep = DesignSweep {
+            keys: Vec::new(),
+            measure: Some("rmse".to_owned()),
+            combinations: vec![
+                combination(Some(0.2), 1.0, 100),
+                combination(Some(0.1), 2.0, 400),
+                combination(Some(0.2), 1.0, 200),
+                combination(None, 0.5, 1),
+                combination(Some(0.3), 3.0, 50),
+                refused,
+            ],
+        };
+        sweep.find_fronts();
+        let fronts = sweep.combinations.iter().map(|c| c.simulated.as_ref().map(|simulated| simulated.front));
+        let front = |all: bool, time: bool, microphones: bool| Some(DesignFront { all, time, microphones });
+        let expected = [
+            front(true, true, true),
+            front(true, true, true),
+            front(false, true, false),
+            front(false, false, false),
+            front(true, false, true),
+            None,
+        ];
+        assert!(fronts.eq(expected));
     }
 }

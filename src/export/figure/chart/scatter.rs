@@ -66,27 +66,63 @@ pub(crate) fn write_scatters(path: &Path, scatters: &[Scatter], names: &[String]
     canvas.write_png(path)
 }
 
-/// Draws one chart; its axes begin at 0, since both are costs.
+/// From the smallest to the largest value of an axis, from which on it is logarithmic.
+const DECADE: f64 = 10.0;
+
+/// An axis of costs: from 0, or logarithmic where they are of different orders.
+struct CostAxis {
+    logarithmic: bool,
+    low: f64,
+    high: f64,
+}
+
+impl CostAxis {
+    fn of(values: impl Iterator<Item = f64> + Clone) -> Self {
+        let (low, high) = span(values);
+        if low > 0.0 && high >= DECADE * low {
+            return Self { logarithmic: true, low: low / 1.2, high: high * 1.2 };
+        }
+        Self { logarithmic: false, low: 0.0, high: 1.08 * if high > 0.0 { high } else { 1.0 } }
+    }
+
+    /// The place of a value, between 0 and 1.
+    fn place(&self, value: f64) -> f64 {
+        if self.logarithmic {
+            (value / self.low).ln() / (self.high / self.low).ln()
+        } else {
+            (value - self.low) / (self.high - self.low)
+        }
+    }
+
+    /// Ticks by their places: of a logarithmic axis at 1, 2 and 5 times powers of ten, or at these alone if those are many.
+    fn ticks(&self, most: usize) -> Vec<(f64, String)> {
+        if !self.logarithmic {
+            let ticks = ticks(self.low, self.high, most).into_iter();
+            return ticks.map(|tick| (self.place(tick.value), tick.label)).collect();
+        }
+        let decades = self.low.log10().floor() as i32..=self.high.log10().ceil() as i32;
+        let factors: &[f64] = if decades.clone().count() > 3 { &[1.0] } else { &[1.0, 2.0, 5.0] };
+        let values =
+            decades.flat_map(|power| factors.iter().map(move |factor| (power, factor * 10_f64.powi(power))));
+        let within = values.filter(|(_, value)| (self.low..=self.high).contains(value));
+        within
+            .map(|(power, value)| (self.place(value), format!("{value:.*}", (-power).max(0) as usize)))
+            .collect()
+    }
+}
+
+/// Draws one chart.
 fn draw(canvas: &mut Canvas, scatter: &Scatter, [x, y]: [i64; 2]) {
     let [width, height] = BOX.map(|length| length as f64);
     let drawn: Vec<usize> =
         (0..scatter.points.len()).filter(|i| scatter.points[*i].iter().all(|v| v.is_finite())).collect();
-    let most = |k: usize| {
-        let (_, high) = span(drawn.iter().map(|i| scatter.points[*i][k]));
-        1.08 * if high > 0.0 { high } else { 1.0 }
-    };
-    let most = [most(0), most(1)];
+    let [across, up] = [0, 1].map(|k| CostAxis::of(drawn.iter().map(move |i| scatter.points[*i][k])));
     let at = |point: [f64; 2]| {
-        [x as f64 + width * point[0] / most[0], y as f64 + height * (1.0 - point[1] / most[1])]
+        [x as f64 + width * across.place(point[0]), y as f64 + height * (1.0 - up.place(point[1]))]
     };
     let labels = [&scatter.title, &scatter.x_label, &scatter.y_label].map(String::as_str);
-    let x_ticks: Vec<(f64, String)> =
-        ticks(0.0, most[0], 7).into_iter().map(|tick| (tick.value / most[0], tick.label)).collect();
-    let y_ticks: Vec<(f64, String)> = if drawn.is_empty() {
-        Vec::new()
-    } else {
-        ticks(0.0, most[1], 6).into_iter().map(|tick| (tick.value / most[1], tick.label)).collect()
-    };
+    let [x_ticks, y_ticks] =
+        if drawn.is_empty() { [Vec::new(), Vec::new()] } else { [across.ticks(7), up.ticks(6)] };
     draw_frame(canvas, labels, &x_ticks, &y_ticks, [x, y]);
     if drawn.is_empty() {
         let centre = [x as f32 + width as f32 / 2.0, y as f32 + height as f32 / 2.0];
@@ -125,6 +161,23 @@ fn draw(canvas: &mut Canvas, scatter: &Scatter, [x, y]: [i64; 2]) {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn an_axis_of_different_orders_is_logarithmic() {
+        let labels = |values: [f64; 2]| {
+            let axis = CostAxis::of(values.into_iter());
+            let ticks = axis.ticks(6);
+            assert!(ticks.iter().all(|(place, _)| (0.0..=1.0).contains(place)), "{ticks:?}");
+            assert!(ticks.windows(2).all(|pair| pair[0].0 < pair[1].0), "{ticks:?}");
+            (axis.logarithmic, ticks.into_iter().map(|(_, label)| label).collect::<Vec<_>>().join(" "))
+        };
+        assert_eq!(labels([3.0, 89.0]), (true, "5 10 20 50 100".to_owned()));
+        assert_eq!(labels([0.04, 0.9]), (true, "0.05 0.1 0.2 0.5 1".to_owned()));
+        assert_eq!(labels([0.2, 40_000.0]), (true, "1 10 100 1000 10000".to_owned()));
+        assert_eq!(labels([3.0, 9.0]), (false, "0 2 4 6 8".to_owned()));
+        assert_eq!(labels([0.0, 90.0]).0, false);
+        assert_eq!(labels([0.0, 0.0]).0, false);
+    }
 
     #[test]
     fn points_fronts_and_nothing_are_drawn() {
