@@ -139,5 +139,5 @@ fn truth_on(
 ) -> Result<DepthMap> {
     let mut options = run.truth_options(instrument);
     options.raster = raster;
-    known.truth(scene, grid, options, observer)
+    known.truth(scene, grid, &options, observer)
 }

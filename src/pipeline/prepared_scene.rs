@@ -5,7 +5,7 @@ use super::job::kept::KnownScene;
 use super::memory::{MemoryBudget, SceneSize};
 use super::{JobOptions, Multipath, SceneSummary, is_in_metres, load_scene, reflector_list, warn_all};
 use crate::acquisition::{
-    CodeReport, DataCube, Detection, Instrument, SimulateOptions, SourceCode, TestSignal, simulate_resumable,
+    CodeReport, DataCube, Detection, Instrument, SimulateOptions, SourceCode, simulate_resumable,
     simulate_tiles, simulation_bytes,
 };
 use crate::blocks::BlockStore;
@@ -66,7 +66,8 @@ impl Measurement {
         let recording = &run.recording;
         let typed = TypedTimes {
             dwell: recording.dwell,
-            broadband: (recording.signal == TestSignal::Broadband).then_some(recording.response),
+            signal: recording.signal,
+            response: recording.response,
             sweeps: sweeps * passes as f64,
         };
         AcquisitionTime::of(&self.instrument, grid, &typed)
@@ -184,7 +185,7 @@ impl PreparedScene {
         let lit = if lit.is_empty() { vec![None] } else { lit };
         let reflectors = lit.into_iter().map(|source| {
             let speaker = source.unwrap_or(options.speaker);
-            known.reflectors(&scene, SurfaceOptions { speaker, ..options.clone() }, observer)
+            known.reflectors(&scene, &SurfaceOptions { speaker, ..options.clone() }, observer)
         });
         let reflectors = reflectors.collect::<Result<Vec<_>>>()?;
         let most = reflectors.iter().map(Reflectors::direct).max().unwrap_or(0);

@@ -1,6 +1,6 @@
 //! How long a measurement takes: the tones of all sweeps one after another, at all places of a scan.
 
-use crate::acquisition::Instrument;
+use crate::acquisition::{Instrument, TestSignal};
 use crate::choice::choice;
 use crate::grid::Grid;
 use serde::{Deserialize, Serialize};
@@ -41,12 +41,14 @@ pub struct AcquisitionTime {
 const PERIODS: f64 = 10.0;
 
 /// What a run file says of the time of its tones.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct TypedTimes {
     /// Of each tone, s.
     pub(crate) dwell: Option<f64>,
-    /// Whether all tones sound at once; and how long the room answers then, s, or 1/step.
-    pub(crate) broadband: Option<Option<f64>>,
+    /// Tones one after another, or all at once.
+    pub(crate) signal: TestSignal,
+    /// Of all at once: how long the room answers, s; left out: 1/step.
+    pub(crate) response: Option<f64>,
     /// Sweeps at each place.
     pub(crate) sweeps: f64,
 }
@@ -56,15 +58,15 @@ impl AcquisitionTime {
     pub(crate) fn of(instrument: &Instrument, grid: &Grid, typed: &TypedTimes) -> Self {
         let sweep = &instrument.sweep;
         let (mut tones, sweeps) = (sweep.len(), typed.sweeps);
-        let (tone_seconds, tone_time) = match (typed.broadband, typed.dwell) {
-            (Some(response), _) => {
+        let (tone_seconds, tone_time) = match (typed.signal, typed.dwell) {
+            (TestSignal::Broadband, _) => {
                 let mean = sweep.bandwidth() / (tones.max(2) - 1) as f64;
                 let period = 1.0 / sweep.step().unwrap_or(mean).max(f64::MIN_POSITIVE);
                 tones = 1;
-                (response.unwrap_or(period) + period, ToneTime::Broadband)
+                (typed.response.unwrap_or(period) + period, ToneTime::Broadband)
             }
-            (None, Some(dwell)) => (dwell, ToneTime::Given),
-            (None, None) => {
+            (TestSignal::Tones, Some(dwell)) => (dwell, ToneTime::Given),
+            (TestSignal::Tones, None) => {
                 let [_, longest] = instrument.path_bounds(grid);
                 let settling = longest / instrument.sound_speed;
                 (settling + settling.max(PERIODS / sweep.start()), ToneTime::Paths)
@@ -115,7 +117,8 @@ mod tests {
         let instrument = Instrument::new(Sweep::stepped(1e3, 2e3, 100.0).expect("valid"), array);
         let one = |first: f64| Axis { first, pitch: 0.1, count: 1 };
         let grid = Grid { x: one(0.0), y: one(0.0), z: one(1.715) };
-        let typed = TypedTimes { sweeps: 1.0, ..TypedTimes::default() };
+        let (signal, at_once) = (TestSignal::Tones, TestSignal::Broadband);
+        let typed = TypedTimes { dwell: None, signal, response: None, sweeps: 1.0 };
         let time = |typed: &TypedTimes| AcquisitionTime::of(&instrument, &grid, typed);
         // There and back, 3.43 m to the microphones on average, takes 10 ms: ten periods of 1 kHz, too.
         let least = time(&typed);
@@ -124,9 +127,10 @@ mod tests {
         assert_eq!(least.seconds, 11.0 * least.tone_seconds);
         let given = time(&TypedTimes { dwell: Some(0.05), sweeps: 4.0, ..typed });
         assert!((given.seconds - 11.0 * 4.0 * 0.05).abs() < 1e-12 && given.tone_time == ToneTime::Given);
-        let all = time(&TypedTimes { broadband: Some(None), ..typed });
+        let all = time(&TypedTimes { signal: at_once, ..typed });
         assert!((all.seconds - 0.02).abs() < 1e-12 && all.tones == 1, "{all}");
-        let answered = time(&TypedTimes { broadband: Some(Some(0.5)), dwell: Some(1.0), ..typed });
+        let answered = TypedTimes { signal: at_once, response: Some(0.5), dwell: Some(1.0), ..typed };
+        let answered = time(&answered);
         assert!((answered.seconds - 0.51).abs() < 1e-12, "{answered}");
         let scan = instrument.clone().with_geometry(Geometry::Monostatic);
         let scanned = AcquisitionTime::of(&scan, &grid, &TypedTimes { dwell: Some(0.05), ..typed });

@@ -93,7 +93,7 @@ fn a_combination_has_the_numbers_of_its_images() {
             sweep.keys.iter().zip(&combination.values).map(|(key, value)| format!("{key}={value}")).collect();
         if combination.values[1] == "300" {
             let why = combination.refused.as_deref().unwrap();
-            assert_names(why.to_owned(), &["sweep.step", "300"]);
+            assert_names(why, &["sweep.step", "300"]);
             assert!(combination.simulated.is_none() && combination.design.is_none());
             continue;
         }
@@ -108,8 +108,8 @@ fn a_combination_has_the_numbers_of_its_images() {
             image_scene(&run, &JobOptions::default()).unwrap().metrics().unwrap()
         };
         let [first, second] = [1, 2].map(|seed| one(seed).completeness.unwrap());
-        assert_eq!(found.mean.completeness, Some((first + second) / 2.0));
-        assert_eq!(found.error, Some(1.0 - (first + second) / 2.0));
+        assert_eq!(found.mean.completeness, Some(f64::midpoint(first, second)));
+        assert_eq!(found.error, Some(1.0 - f64::midpoint(first, second)));
         let spread = found.spread.completeness.unwrap();
         assert!((spread - (first - second).abs() / 2.0_f64.sqrt()).abs() < 1e-12, "{spread}");
         let design = combination.design.as_ref().unwrap();

@@ -20,7 +20,9 @@ pub(super) fn front<const N: usize>(points: &[[f64; N]]) -> Vec<bool> {
         }
     }
     let mut front = vec![false; points.len()];
-    on_it.into_iter().for_each(|i| front[i] = true);
+    for i in on_it {
+        front[i] = true;
+    }
     front
 }
 

@@ -49,37 +49,38 @@ impl DesignSweep {
         }
         header.push("refused".to_owned());
         let width = header.len();
-        let rows = self.combinations.iter().map(|combination| self.cells(combination, width));
+        let rows = self.combinations.iter().map(|combination| cells(combination, width));
         std::iter::once(header).chain(rows).map(|cells| line(&cells)).collect()
     }
+}
 
-    fn cells(&self, combination: &Combination, width: usize) -> Vec<String> {
-        let mut cells = combination.values.clone();
-        if let Some(design) = &combination.design {
-            let time = &design.acquisition;
-            cells.extend([design.microphones, design.tones].map(|count| count.to_string()));
-            cells.extend([time.sweeps.to_string(), time.places.to_string(), time.tone_seconds.to_string()]);
-            cells.extend([time.tone_time.to_string(), time.seconds.to_string()]);
-            cells.push(number(design.range_resolution));
-            cells.extend(design.widths.map(number));
-            cells.push(design.verdict.word().to_owned());
-            cells.push(number(design.grating_lobe_offset));
-            cells.extend([design.peak_sidelobe_db, design.mean_sidelobe_db].map(number));
-        }
-        if let Some(simulated) = &combination.simulated {
-            cells.push(simulated.seeds.len().to_string());
-            for metrics in [&simulated.mean, &simulated.spread] {
-                cells.extend(metrics.iter().map(|(_, value)| number(value)));
-            }
-            let expected = simulated.expected.map_or("", |kept| if kept { "met" } else { "missed" });
-            cells.extend([expected.to_owned(), number(simulated.error)]);
-            let front = simulated.front;
-            cells.extend([front.all, front.time, front.microphones].map(|on_it| u8::from(on_it).to_string()));
-        }
-        cells.resize(width - 1, String::new());
-        cells.push(combination.refused.clone().unwrap_or_default());
-        cells
+/// The row of a combination, of so many cells.
+fn cells(combination: &Combination, width: usize) -> Vec<String> {
+    let mut cells = combination.values.clone();
+    if let Some(design) = &combination.design {
+        let time = &design.acquisition;
+        cells.extend([design.microphones, design.tones].map(|count| count.to_string()));
+        cells.extend([time.sweeps.to_string(), time.places.to_string(), time.tone_seconds.to_string()]);
+        cells.extend([time.tone_time.to_string(), time.seconds.to_string()]);
+        cells.push(number(design.range_resolution));
+        cells.extend(design.widths.map(number));
+        cells.push(design.verdict.word().to_owned());
+        cells.push(number(design.grating_lobe_offset));
+        cells.extend([design.peak_sidelobe_db, design.mean_sidelobe_db].map(number));
     }
+    if let Some(simulated) = &combination.simulated {
+        cells.push(simulated.seeds.len().to_string());
+        for metrics in [&simulated.mean, &simulated.spread] {
+            cells.extend(metrics.iter().map(|(_, value)| number(value)));
+        }
+        let expected = simulated.expected.map_or("", |kept| if kept { "met" } else { "missed" });
+        cells.extend([expected.to_owned(), number(simulated.error)]);
+        let front = simulated.front;
+        cells.extend([front.all, front.time, front.microphones].map(|on_it| u8::from(on_it).to_string()));
+    }
+    cells.resize(width - 1, String::new());
+    cells.push(combination.refused.clone().unwrap_or_default());
+    cells
 }
 
 /// A number with all its digits, or nothing.

@@ -54,12 +54,12 @@ impl KnownScene<'_> {
     pub(in crate::pipeline) fn reflectors(
         self,
         scene: &Arc<Scene>,
-        options: SurfaceOptions,
+        options: &SurfaceOptions,
         observer: &dyn Observer,
     ) -> Result<Reflectors> {
-        let Some(kept) = self.kept else { return sample_surface_with(scene, &options, observer) };
+        let Some(kept) = self.kept else { return sample_surface_with(scene, options, observer) };
         let sampled = kept.reflectors.get(OfScene(Arc::downgrade(scene), options.clone()), || {
-            let sampled = sample_surface_with(scene, &options, observer)?;
+            let sampled = sample_surface_with(scene, options, observer)?;
             let bytes = Reflectors::BYTES_EACH.saturating_mul(sampled.len() as u64);
             Ok((Arc::new(sampled), bytes))
         })?;
@@ -71,12 +71,12 @@ impl KnownScene<'_> {
         self,
         scene: &Arc<Scene>,
         grid: &Grid,
-        options: TruthOptions,
+        options: &TruthOptions,
         observer: &dyn Observer,
     ) -> Result<DepthMap> {
-        let Some(kept) = self.kept else { return trace_depth_with(scene, grid, &options, observer) };
+        let Some(kept) = self.kept else { return trace_depth_with(scene, grid, options, observer) };
         let traced = kept.truths.get(OfScene(Arc::downgrade(scene), (*grid, options.clone())), || {
-            let traced = trace_depth_with(scene, grid, &options, observer)?;
+            let traced = trace_depth_with(scene, grid, options, observer)?;
             let bytes = traced.held_bytes();
             Ok((Arc::new(traced), bytes))
         })?;
