@@ -3,6 +3,7 @@
 mod budget;
 mod keys;
 mod pareto;
+mod scores;
 mod simulated;
 mod table;
 mod workers;
@@ -10,9 +11,8 @@ mod workers;
 pub(super) use budget::instrument_budget;
 pub use budget::{BudgetRow, InstrumentBudget};
 pub use keys::SweptKey;
-pub use simulated::{
-    DesignFront, DesignScores, SweepSimulation, SweepWork, simulate_designs, work_on_designs,
-};
+pub use scores::{DesignFront, DesignScores};
+pub use simulated::{SweepSimulation, SweepWork, simulate_designs, work_on_designs};
 
 use super::job::JobOptions;
 use super::job::kept::{KeptScenes, KnownScene};

@@ -67,7 +67,7 @@ pub(super) fn run(args: &PlanArgs, terminal: &Terminal) -> Result<()> {
         let problem = "is a cube, whose array is fixed; a sweep needs a run file";
         return Err(Error::input(input.display(), problem));
     }
-    let wanted = sweep::Sweep { input, keys: &args.sweep, folder: output.as_deref(), overrides };
+    let wanted = sweep::SweepCommand { input, keys: &args.sweep, folder: output.as_deref(), overrides };
     if !args.simulate {
         return wanted.predict(terminal);
     }

@@ -26,14 +26,14 @@ const FILES: [&str; 4] = ["sweep.csv", "sweep.json", "sweep.png", "pareto.png"];
 const PRINTED: usize = 200;
 
 /// A sweep as typed.
-pub(in crate::cli) struct Sweep<'a> {
+pub(in crate::cli) struct SweepCommand<'a> {
     pub(in crate::cli) input: &'a Path,
     pub(in crate::cli) keys: &'a [String],
     pub(in crate::cli) folder: Option<&'a Path>,
     pub(in crate::cli) overrides: &'a Overrides,
 }
 
-impl Sweep<'_> {
+impl SweepCommand<'_> {
     /// Calls `work` with the keys, the run file of each combination and the options of their jobs.
     fn with_runs<T>(
         &self,

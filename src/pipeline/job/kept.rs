@@ -96,11 +96,11 @@ impl KnownScene<'_> {
 /// Scenes, reflectors and truths; of each kind so many bytes as jobs may take beside what they need themselves.
 #[derive(Debug)]
 pub(in crate::pipeline) struct KeptScenes {
-    scenes: Kept<(SceneTable, Vec<MaterialRule>), Arc<Scene>>,
-    reflectors: Kept<OfScene<SurfaceOptions>, Arc<Reflectors>>,
-    truths: Kept<OfScene<(Grid, TruthOptions)>, Arc<DepthMap>>,
-    sizes: Kept<SceneTable, SceneSize>,
-    fingerprints: Kept<OfScene<()>, [u8; 32]>,
+    scenes: KeptValues<(SceneTable, Vec<MaterialRule>), Arc<Scene>>,
+    reflectors: KeptValues<OfScene<SurfaceOptions>, Arc<Reflectors>>,
+    truths: KeptValues<OfScene<(Grid, TruthOptions)>, Arc<DepthMap>>,
+    sizes: KeptValues<SceneTable, SceneSize>,
+    fingerprints: KeptValues<OfScene<()>, [u8; 32]>,
 }
 
 /// Most bytes that are kept of each kind.
@@ -114,11 +114,11 @@ impl KeptScenes {
     pub(in crate::pipeline) fn within(limit: Option<u64>) -> Self {
         let most = limit.map_or(MOST_BYTES, |limit| MOST_BYTES.min(limit / 16));
         Self {
-            scenes: Kept::within(most),
-            reflectors: Kept::within(most),
-            truths: Kept::within(most),
-            sizes: Kept::within(most),
-            fingerprints: Kept::within(most),
+            scenes: KeptValues::within(most),
+            reflectors: KeptValues::within(most),
+            truths: KeptValues::within(most),
+            sizes: KeptValues::within(most),
+            fingerprints: KeptValues::within(most),
         }
     }
 }
@@ -135,13 +135,13 @@ impl<T: PartialEq> PartialEq for OfScene<T> {
 
 /// Values by key, those used last at the end; what takes too many bytes together is forgotten from the front, but for the last.
 #[derive(Debug)]
-struct Kept<K, V> {
-    entries: Mutex<Vec<Arc<Entry<K, V>>>>,
+struct KeptValues<K, V> {
+    entries: Mutex<Vec<Arc<KeptValue<K, V>>>>,
     most: u64,
 }
 
 #[derive(Debug)]
-struct Entry<K, V> {
+struct KeptValue<K, V> {
     key: K,
     /// With its bytes; `None` until it is made.
     value: Mutex<Option<(V, u64)>>,
@@ -151,7 +151,7 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-impl<K: PartialEq, V: Clone> Kept<K, V> {
+impl<K: PartialEq, V: Clone> KeptValues<K, V> {
     const fn within(most: u64) -> Self {
         Self { entries: Mutex::new(Vec::new()), most }
     }
@@ -161,7 +161,7 @@ impl<K: PartialEq, V: Clone> Kept<K, V> {
         let entry = {
             let mut entries = locked(&self.entries);
             let found = entries.iter().position(|entry| entry.key == key).map(|at| entries.remove(at));
-            let entry = found.unwrap_or_else(|| Arc::new(Entry { key, value: Mutex::new(None) }));
+            let entry = found.unwrap_or_else(|| Arc::new(KeptValue { key, value: Mutex::new(None) }));
             entries.push(Arc::clone(&entry));
             entry
         };
@@ -179,7 +179,7 @@ impl<K: PartialEq, V: Clone> Kept<K, V> {
     fn forget(&self) {
         let mut entries = locked(&self.entries);
         // One that is being made right now is as good as nothing.
-        let bytes = |entry: &Arc<Entry<K, V>>| {
+        let bytes = |entry: &Arc<KeptValue<K, V>>| {
             entry.value.try_lock().ok().and_then(|v| Some(v.as_ref()?.1)).unwrap_or(0)
         };
         let mut all: u64 = entries.iter().map(bytes).sum();
@@ -191,13 +191,13 @@ impl<K: PartialEq, V: Clone> Kept<K, V> {
 
 #[cfg(test)]
 mod tests {
-    use super::Kept;
+    use super::KeptValues;
     use crate::error::Error;
     use std::cell::Cell;
 
     #[test]
     fn values_are_made_once_and_forgotten_when_they_take_too_much() {
-        let kept = Kept::<u32, u32>::within(100);
+        let kept = KeptValues::<u32, u32>::within(100);
         let made = Cell::new(0);
         let get = |key: u32, bytes: u64| {
             let make = || {

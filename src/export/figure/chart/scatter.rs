@@ -69,6 +69,9 @@ pub(crate) fn write_scatters(path: &Path, scatters: &[Scatter], names: &[String]
 /// From the smallest to the largest value of an axis, from which on it is logarithmic.
 const DECADE: f64 = 10.0;
 
+/// Powers of ten from which on they alone have ticks.
+const MANY: f64 = 3.0;
+
 /// An axis of costs: from 0, or logarithmic where they are of different orders.
 struct CostAxis {
     logarithmic: bool,
@@ -101,7 +104,8 @@ impl CostAxis {
             return ticks.map(|tick| (self.place(tick.value), tick.label)).collect();
         }
         let decades = self.low.log10().floor() as i32..=self.high.log10().ceil() as i32;
-        let factors: &[f64] = if decades.clone().count() > 3 { &[1.0] } else { &[1.0, 2.0, 5.0] };
+        let orders = (self.high / self.low).log10();
+        let factors: &[f64] = if orders > MANY { &[1.0] } else { &[1.0, 2.0, 5.0] };
         let values =
             decades.flat_map(|power| factors.iter().map(move |factor| (power, factor * 10_f64.powi(power))));
         let within = values.filter(|(_, value)| (self.low..=self.high).contains(value));
