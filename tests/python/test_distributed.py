@@ -94,8 +94,8 @@ def test_a_sweep_has_the_bytes_of_one_process(cluster, scene, tmp_path, command)
     _, client = cluster
     keys = {"array.count": ["9", "[7,9]"], "sweep.step": "500:1000:500"}
     small = ["grid.pitch=[0.1,0.1,0.02]"]
-    words = ["--sweep", "array.count=9,[7,9]", "--sweep", "sweep.step=500:1000:500", "--set", small[0], "--simulate", "--seeds", "1,2"]
-    command("plan", scene, *words, "-o", tmp_path / "one")
+    words = ["--sweep", "array.count=9,[7,9]", "--sweep", "sweep.step=500:1000:500", "--set", small[0]]
+    command("plan", scene, *words, "--simulate", "--seeds", "1,2", "-o", tmp_path / "one")
     told = []
     sweep = plan_sweep(
         scene, keys, tmp_path / "many", client, seeds=[1, 2], settings=small, progress=lambda *done: told.append(done)

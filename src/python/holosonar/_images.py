@@ -274,7 +274,8 @@ def plan_sweep(
         else:
             text = _holosonar.plan_sweep(options, texts, size(memory), callback)
     combinations = _products(list(values.values()))
-    return [dict(zip(values, values_)) | _row(found) for values_, found in zip(combinations, json.loads(text)["combinations"])]
+    found = json.loads(text)["combinations"]
+    return [dict(zip(values, combination)) | _row(row) for combination, row in zip(combinations, found)]
 
 
 def _row(found: dict[str, Any]) -> dict[str, Any]:
