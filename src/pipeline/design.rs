@@ -135,7 +135,8 @@ pub fn sweep_designs(keys: &[SweptKey], run_with: &RunWith, job: &JobOptions) ->
 /// The memory to which the run files of a sweep are limited, bytes.
 fn typed_memory(keys: &[SweptKey], run_with: &RunWith) -> Option<u64> {
     let first: Vec<String> = keys.iter().filter_map(|key| key.values.first().cloned()).collect();
-    run_with(&keys::settings(keys, &first)).ok()?.memory
+    // If this one is invalid, the input by itself may not be.
+    run_with(&keys::settings(keys, &first)).or_else(|_| run_with(&[])).ok()?.memory
 }
 
 /// What is made of a combination, or why it is refused; the outer error ends the sweep.

@@ -176,6 +176,20 @@ fn divided_resumed_and_damaged_sweeps_have_the_bytes_of_one() {
     assert!(results(&at("parts")) != whole);
 }
 
+#[test]
+fn a_record_that_cannot_be_written_ends_the_sweep() {
+    let folder = scene();
+    done(folder.path(), &words("-o out"));
+    let kept = folder.path().join("out");
+    let table = fs::read(kept.join("sweep.csv")).unwrap();
+    let taken = records(&kept).remove(0);
+    fs::remove_file(&taken).unwrap();
+    fs::create_dir(&taken).unwrap();
+    refused(folder.path(), &words("-o out -q"), 1, &[taken.file_name().unwrap().to_str().unwrap()]);
+    assert_eq!(records(&kept).len(), 3, "nothing unfinished is left");
+    assert_eq!(fs::read(kept.join("sweep.csv")).unwrap(), table, "the older table stays");
+}
+
 /// Asks to stop after so many images.
 struct StopAfter(AtomicU64, std::sync::Mutex<String>);
 
@@ -226,7 +240,7 @@ fn what_cannot_be_simulated_is_refused() {
         ("--seeds 1,x", &["--seeds", "x"]),
         ("--measure median", &["--measure", "median", "median_error"]),
         ("-o file", &["file", "folder"]),
-        ("--set scene.mesh=points.csv", &["scene", "mesh", "surfaces"]),
+        ("--set scene.mesh=points.csv", &["points.csv", "mesh", "surfaces"]),
         ("--set sweep.stop=10e3", &["sweep"]),
     ] {
         refused_with(folder.path(), &words(more), parts);

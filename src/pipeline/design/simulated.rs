@@ -22,7 +22,7 @@ use crate::pipeline::job::kept::{KeptScenes, KnownScene};
 use crate::pipeline::limits::{bounds_of, hold, scores_of, seeds_of};
 use crate::pipeline::memory::MemoryBudget;
 use crate::pipeline::prepared_scene::Measurement;
-use crate::pipeline::{has_truth, load_scene, need_bandwidth};
+use crate::pipeline::{load_surfaces, need_bandwidth};
 use crate::plan::{memory_limit, seconds_of};
 use crate::progress::{OfPart, Silent, advance, stage};
 use crate::text::duration;
@@ -224,7 +224,6 @@ impl<'a> Runner<'a> {
         let limit = memory_limit(typed_memory(self.keys, self.run_with));
         let fit = |workers: u64| limit.is_none_or(|limit| largest.saturating_mul(workers) <= limit);
         let workers = Some(workers_for(missing.len())).filter(|workers| fit(*workers as u64)).unwrap_or(1);
-        let mut rows: Vec<Result<Judged>> = Vec::with_capacity(all.len());
         if !missing.is_empty() {
             let beside = match workers {
                 1 => "one after another".to_owned(),
@@ -244,24 +243,26 @@ impl<'a> Runner<'a> {
         observer.grace_period(GRACE);
         let simulated = stage(observer, "simulating", images as u64, || {
             spread(&missing, workers, |number| {
-                let made = not_fatal(self.simulate(&all[*number], memory))?;
-                if let Ok(judged) = &made {
-                    advance(observer, judged.finished.seeds.len() as u64)?;
-                }
-                Ok(made)
+                let made = match not_fatal(self.simulate(&all[*number], memory))? {
+                    Ok(made) => made,
+                    Err(refusal) => return Ok(Err(refusal)),
+                };
+                let (identity, record, judged) = made;
+                // Without its record there is no use in going on.
+                self.records.as_ref().map_or(Ok(()), |records| records.save(&identity, &record))?;
+                advance(observer, judged.finished.seeds.len() as u64)?;
+                Ok(Ok(judged))
             })
         })?;
         observer.grace_period(Duration::ZERO);
+        let computed = simulated.iter().filter(|made| made.is_ok()).count();
         let mut simulated = simulated.into_iter();
-        let computed = missing.len();
-        for known in known {
-            rows.push(match known {
-                Err(error) => Err(error),
-                Ok(Known::Finished(judged)) => Ok(*judged),
-                Ok(Known::Missing { .. }) => simulated.next().expect("one of every missing combination"),
-            });
-        }
-        Ok((rows, computed))
+        let rows = known.into_iter().map(|known| match known {
+            Err(error) => Err(error),
+            Ok(Known::Finished(judged)) => Ok(*judged),
+            Ok(Known::Missing { .. }) => simulated.next().expect("one of every missing combination"),
+        });
+        Ok((rows.collect(), computed))
     }
 
     /// The run file of a combination, its seeds, its identity and what an image of it takes.
@@ -270,12 +271,8 @@ impl<'a> Runner<'a> {
         need_bandwidth("[sweep]", &run.sweep()?)?;
         let measurement = Measurement::of(&run)?;
         let instrument = &measurement.instrument;
+        let scene = load_surfaces(&run, self.known, &Silent)?;
         let size = size_of(&run, self.known, &Silent)?;
-        if !has_truth(&run) {
-            let problem = "is a list of reflectors, which have no surfaces and so no true depth to compare with; a mesh was expected";
-            return Err(Error::input("[scene] mesh", problem));
-        }
-        let scene = load_scene(&run, self.known, &Silent)?;
         let grid = run.voxels(instrument, scene.bounds())?;
         let seeds = seeds_of(&run, self.seeds);
         let identity = of_combination(&run, (&seeds, self.known.fingerprint(&scene)), instrument, &grid);
@@ -300,8 +297,8 @@ impl<'a> Runner<'a> {
         }
     }
 
-    /// Simulates a combination, and records it.
-    fn simulate(&self, values: &[String], memory: Option<u64>) -> Result<Judged> {
+    /// Simulates a combination; returns what is to be recorded of it, and under which identity.
+    fn simulate(&self, values: &[String], memory: Option<u64>) -> Result<(Identity, String, Judged)> {
         let (mut run, seeds, identity, _) = self.prepared(values)?;
         run.memory = memory.or(run.memory);
         let part = OfPart(self.job.observer);
@@ -312,11 +309,9 @@ impl<'a> Runner<'a> {
         let unwritable = |error: serde_json::Error| Error::io("JSON", error.to_string());
         let record = serde_json::to_string(&FinishedCombination { set, seeds, design, scores });
         let record = record.map_err(unwritable)?;
-        if let Some(records) = &self.records {
-            records.save(&identity, &record)?;
-        }
-        // What is read again later has to be the same: numbers that are not finite, say, are nothing.
-        judged(&run, serde_json::from_str(&record).map_err(unwritable)?)
+        // Read again, as it will be: numbers that are not finite, say, are nothing then.
+        let judged = judged(&run, serde_json::from_str(&record).map_err(unwritable)?)?;
+        Ok((identity, record, judged))
     }
 }
 
