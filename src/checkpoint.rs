@@ -27,6 +27,7 @@ pub mod fuzzing;
 mod identity;
 mod journal;
 mod private;
+mod record;
 mod seal;
 mod secret;
 mod segment;
@@ -34,6 +35,7 @@ mod store;
 mod volume;
 
 pub(crate) use identity::Identity;
+pub(crate) use record::Records;
 pub(crate) use segment::{ListedTiles, SegmentWriter, UnitBlocks, WantedDepths, WantedTiles};
 pub(crate) use store::{CheckpointStore, GracefulStop, Stage};
 pub(crate) use volume::{BUFFER_BYTES, CheckpointedVolume};

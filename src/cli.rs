@@ -186,28 +186,7 @@ enum Command {
         #[command(flatten)]
         overrides: Overrides,
     },
-    /// Predicts resolution, aliasing, memory, time and files of a job, in under a second and before anything runs.
-    ///
-    /// INPUT is as for `image`. Prints the operations, bytes and seconds of every method, and which one the job uses.
-    Plan {
-        /// Run file, mesh, reflector list or cube.
-        input: PathBuf,
-        /// Run file for a cube: its [grid], [reconstruct] and [output].
-        #[arg(short, long, value_name = "RUN.toml")]
-        config: Option<PathBuf>,
-        /// Plan every value of a key, as in array.extent=0.5:2:0.25 or array.layout=grid,spiral,random (repeatable).
-        #[arg(long, value_name = "KEY=VALUES", conflicts_with = "config")]
-        sweep: Vec<String>,
-        /// List the units of the work that `work` computes, with their shares of a stage's cost, as JSON.
-        #[arg(long, conflicts_with_all = ["sweep", "output"])]
-        units: bool,
-        /// Folder for sweep.png and sweep.json, or without --sweep for array.png, the array and what it is seen as; created if
-        /// missing.
-        #[arg(short, long, value_name = "DIR")]
-        output: Option<PathBuf>,
-        #[command(flatten)]
-        overrides: Overrides,
-    },
+    Plan(commands::PlanArgs),
     /// Shows the image of a point: widths, sidelobes and grating lobes, measured on a simulated reflector and predicted.
     ///
     /// INPUT is a run file, a bare mesh or a list of reflectors; only the size of its scene is used, for the grid.

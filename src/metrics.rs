@@ -47,6 +47,11 @@ macro_rules! metrics {
         pub const METRIC_NAMES: [&str; 17] = [$(stringify!($name)),+];
 
         impl Metrics {
+            /// Metrics whose values are those of their names.
+            pub(crate) fn of_names(mut value: impl FnMut(&'static str) -> Option<f64>) -> Self {
+                Self { $($name: value(stringify!($name)),)+ }
+            }
+
             /// Names and values in the order of [`METRIC_NAMES`].
             pub fn iter(&self) -> impl Iterator<Item = (&'static str, Option<f64>)> + use<> {
                 METRIC_NAMES.into_iter().zip([$(self.$name),+])
@@ -97,6 +102,11 @@ impl Metrics {
     /// The metric of that name; the outer `None` means there is no such name.
     pub fn get(&self, name: &str) -> Option<Option<f64>> {
         self.iter().find(|(n, _)| *n == name).map(|(_, value)| value)
+    }
+
+    /// Whether less of the metric of that name is better; of the other shares 1 is the best.
+    pub fn is_error(name: &str) -> bool {
+        Self::is_length(name) || ["false_returns", "outside_returns", "spurious_returns"].contains(&name)
     }
 
     /// Whether the metric of that name is a length in m, rather than a share.

@@ -37,8 +37,9 @@ pub use cubes::{
     reconstruct_samples, self_calibrate_cube,
 };
 pub use design::{
-    BudgetRow, Combination, DesignRow, DesignSweep, InstrumentBudget, RunWith, SweptKey, point_spreads,
-    sweep_designs,
+    BudgetRow, Combination, DesignCost, DesignFront, DesignRow, DesignScores, DesignSweep, InstrumentBudget,
+    RunWith, SweepSimulation, SweepWork, SweptKey, point_spreads, simulate_designs, sweep_designs,
+    work_on_designs,
 };
 pub(crate) use facts::{aperture_of_file, resolution_of};
 pub use facts::{facts_of_attributes, resolution_in};
@@ -47,6 +48,7 @@ pub use job::JobOptions;
 pub use job::units::{
     Unit, UnitStage, Wanted, WorkDone, units_of_cube, units_of_scene, work_on_cube, work_on_scene,
 };
+pub(crate) use limits::measure_of;
 pub use limits::{Bound, Judgement, LimitVerdict, check_scene, hold};
 pub use maps::{depth_in_volume, depth_of_volume, truth_of_scene, write_preview};
 pub use oracle::{Oracle, oracle_of_scene};
@@ -71,7 +73,7 @@ use crate::reconstruct::{
 };
 use crate::reflectors::Reflectors;
 use crate::scene::Scene;
-use job::{identity, log::Log};
+use job::{identity, kept::KnownScene, log::Log};
 use maps::truth_of;
 use memory::MemoryBudget;
 use prepared_scene::PreparedScene;
@@ -142,7 +144,7 @@ pub fn image_scene(run: &RunFile, job: &JobOptions) -> Result<Outcome> {
     need_bandwidth("[sweep]", &run.sweep()?)?;
     let budget = MemoryBudget::of(run);
     let (prepared, mesh) = log.timed("scene", || {
-        let prepared = PreparedScene::of(&budget, job.bare_mesh, true, &log)?;
+        let prepared = PreparedScene::of(&budget, job.known(), true, &log)?;
         let scene = prepared.scene.as_ref().filter(|_| run.output.points);
         let mesh = scene.map(|scene| SceneMesh::decimated(scene));
         Ok((prepared, mesh))
@@ -164,7 +166,9 @@ pub fn image_scene(run: &RunFile, job: &JobOptions) -> Result<Outcome> {
     )?;
     drop(cube);
     let truth = prepared.scene.as_ref().map(|scene| {
-        log.timed("truth", || truth_of(scene, run, (prepared.instrument(), &prepared.grid), &log))
+        log.timed("truth", || {
+            truth_of((scene, job.known()), run, (prepared.instrument(), &prepared.grid), &log)
+        })
     });
     let truth = truth.transpose()?;
     let aperture = prepared.instrument().aperture();
@@ -201,7 +205,7 @@ pub fn image_scene(run: &RunFile, job: &JobOptions) -> Result<Outcome> {
 /// the same job.
 pub fn simulate_scene(run: &RunFile, job: &JobOptions) -> Result<DataCube> {
     let JobOptions { checkpoint, observer, .. } = *job;
-    let prepared = PreparedScene::of(&MemoryBudget::of(run), job.bare_mesh, false, observer)?;
+    let prepared = PreparedScene::of(&MemoryBudget::of(run), job.known(), false, observer)?;
     prepared.warn(run, job, observer);
     let bytes = prepared.instrument().cube_bytes();
     // In-phase samples are written without imaginary parts.
@@ -304,18 +308,15 @@ fn warn_all(warnings: &[String], observer: &dyn Observer) {
 }
 
 /// Reads a scene as a reported stage, since a million triangles take seconds; a bare mesh has been read already.
-fn load_scene(run: &RunFile, bare: Option<&BareMesh>, observer: &dyn Observer) -> Result<Arc<Scene>> {
-    let same = |bare: &&BareMesh| bare.run.scene == run.scene && bare.run.materials == run.materials;
-    let scene = if let Some(bare) = bare.filter(same) {
-        Arc::clone(&bare.scene)
-    } else {
+fn load_scene(run: &RunFile, known: KnownScene<'_>, observer: &dyn Observer) -> Result<Arc<Scene>> {
+    let scene = known.scene(run, || {
         let options = run.load_options()?;
         let load = || match &run.scene.mesh {
             Some(mesh) => Scene::load_with(&mesh.path, &options, observer),
             None => Scene::assemble(&run.part_files(), &options, observer),
         };
-        Arc::new(stage(observer, "reading the scene", 0, load)?)
-    };
+        stage(observer, "reading the scene", 0, load).map(Arc::new)
+    })?;
     observer.note(&format!("{} triangles, {:.3} m²", scene.triangles().len(), scene.surface_area()));
     Ok(scene)
 }
@@ -341,9 +342,9 @@ pub fn has_truth(run: &RunFile) -> bool {
 }
 
 /// Reads the surfaces of a scene for their true depth.
-fn load_surfaces(run: &RunFile, bare: Option<&BareMesh>, observer: &dyn Observer) -> Result<Arc<Scene>> {
+fn load_surfaces(run: &RunFile, known: KnownScene<'_>, observer: &dyn Observer) -> Result<Arc<Scene>> {
     match reflector_list(run)? {
-        None => load_scene(run, bare, observer),
+        None => load_scene(run, known, observer),
         Some(list) => Err(Error::input(
             list.display(),
             "is a list of reflectors, which have no surfaces and so no true depth; a mesh was expected",

@@ -24,6 +24,7 @@
 //! # Ok::<(), holosonar::error::Error>(())
 //! ```
 
+mod acquisition_time;
 pub mod beam;
 pub mod design;
 mod estimate;
@@ -34,9 +35,11 @@ mod smear;
 mod suggest;
 mod virtual_array;
 
+pub(crate) use acquisition_time::TypedTimes;
+pub use acquisition_time::{AcquisitionTime, ToneTime};
 pub(crate) use beam::near_sidelobe_db;
 pub use design::{Design, design};
-pub(crate) use estimate::{JobArrays, JobEstimate, estimate_job};
+pub(crate) use estimate::{JobArrays, JobEstimate, estimate_job, seconds_of};
 pub use estimate::{JobStage, MemoryEstimate, MemoryItem};
 pub(crate) use memory::{address_space, memory_limit};
 pub use resolution::Profile;

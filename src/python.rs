@@ -33,7 +33,7 @@ mod _holosonar {
     #[pymodule_export]
     use super::depths::{compare, locate_depth, read_depth, truth, write_depth};
     #[pymodule_export]
-    use super::designs::{plan, plan_sweep, psf};
+    use super::designs::{plan, plan_sweep, psf, simulate_sweep};
     #[pymodule_export]
     use super::images::{image_file, image_samples, image_scene};
     #[pymodule_export]

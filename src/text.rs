@@ -107,6 +107,17 @@ fn prefix_of(value: f64) -> (f64, &'static str) {
     PREFIXES.into_iter().find(|(scale, _)| value.abs() >= *scale).unwrap_or((1.0, ""))
 }
 
+/// Seconds in the usual units of time.
+pub(crate) fn duration(seconds: f64) -> String {
+    match seconds {
+        s if s < 0.1 => "0.1 s or less".to_owned(),
+        s if s < 120.0 => format!("{s:.1} s"),
+        s if s < 7200.0 => format!("{:.0} min", s / 60.0),
+        s if s < 172_800.0 => format!("{:.0} h", s / 3600.0),
+        s => format!("{:.0} days", s / 86_400.0),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

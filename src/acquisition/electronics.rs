@@ -317,7 +317,7 @@ impl Electronics {
     }
 
     /// Whether the sweep is measured twice.
-    fn passes(&self, instrument: &Instrument) -> usize {
+    pub(crate) fn passes(&self, instrument: &Instrument) -> usize {
         let complex = instrument.detection == Detection::Quadrature;
         if complex && self.quadrature == QuadratureBy::Passes { 2 } else { 1 }
     }

@@ -229,6 +229,11 @@ impl Instrument {
         self.aperture().range_resolution()
     }
 
+    /// Whether it is moved from place to place, rather than recorded by all microphones at once.
+    pub fn is_scan(&self) -> bool {
+        !matches!(self.geometry, Geometry::FixedSource { .. })
+    }
+
     /// Bounds on the path lengths by way of a box of points: those of [`Geometry::path_bounds`], and with an interface the
     /// sums of the shortest and of the longest legs, over all transmissions.
     pub(crate) fn path_bounds_of(&self, points: (DVec3, DVec3)) -> [f64; 2] {

@@ -82,7 +82,7 @@ impl Identity {
     }
 
     /// The hash.
-    pub(super) fn key(&self) -> [u8; 32] {
+    pub(crate) fn key(&self) -> [u8; 32] {
         *self.hasher.finalize().as_bytes()
     }
 

@@ -4,6 +4,7 @@ mod ascan;
 mod autofocus;
 mod calibrate;
 mod import;
+mod plan;
 mod recording;
 mod work;
 
@@ -11,6 +12,7 @@ pub(super) use ascan::AscanArgs;
 pub(super) use autofocus::AutofocusArgs;
 pub(super) use calibrate::CalibrateArgs;
 pub(super) use import::ImportArgs;
+pub(super) use plan::PlanArgs;
 pub(super) use work::WorkArgs;
 
 use super::inputs::{
@@ -22,11 +24,9 @@ use super::placement::Placement;
 use super::terminal::{Terminal, observed, print};
 use super::verdicts::{Compared, check, compare};
 use super::{Cli, Command, Overrides, design, guide, info, manual, reproduce, summary};
-use crate::acquisition::CubeSource;
 use crate::checkpoint::Checkpoint;
 use crate::config::ANNOTATED;
 use crate::error::{Error, Result};
-use crate::export::figure::write_array_figure;
 use crate::files::{OutputFolder, write_atomically};
 use crate::pipeline;
 use crate::progress::{Observer, stage};
@@ -87,22 +87,10 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
             }
             print_written(std::slice::from_ref(output), terminal)
         }
-        Command::Plan { input, sweep, output, overrides, .. } if !sweep.is_empty() => {
-            if has_extension(input, &["npz"]) {
-                let problem = "is a cube, whose array is fixed; a sweep needs a run file";
-                return Err(Error::input(input.display(), problem));
-            }
-            design::sweep(input, sweep, output.as_deref(), overrides, terminal)
-        }
         Command::Psf { input, at, output, overrides } => {
             design::psf(input, at, output.as_deref(), overrides, terminal)
         }
-        Command::Plan { input, config, overrides, units: true, .. } => {
-            work::list((input, config.as_deref()), overrides, terminal)
-        }
-        Command::Plan { input, config, output, overrides, .. } => {
-            plan((input, config.as_deref()), output.as_deref(), overrides, terminal)
-        }
+        Command::Plan(args) => plan::run(args, terminal),
         Command::Oracle { input, output, overrides } => {
             announce(output, &["exr", "ply"])?;
             let Input { run, bare } = scene_of(input, overrides, terminal)?;
@@ -160,38 +148,6 @@ fn simulate(
         .and_then(|cube| stage(terminal, "writing", 0, || pipeline::write_cube(output, &cube)));
     conclude(checkpoint, result, terminal)?;
     print_written(&[output.to_owned()], terminal)
-}
-
-/// Predicts a job of a cube or of a scene, and draws its array into `folder`, if given.
-fn plan(
-    (input, config): (&Path, Option<&Path>),
-    folder: Option<&Path>,
-    overrides: &Overrides,
-    terminal: &Terminal,
-) -> Result<()> {
-    let folder = folder.map(|folder| open_folder(folder, ["array.png"])).transpose()?;
-    let (forecast, instrument) = match job_of(input, config, overrides, terminal)? {
-        JobInput::Cube(job) => {
-            let (run, cube) = *job;
-            let instrument = cube.instrument().clone();
-            (pipeline::forecast_cube(&run, cube, terminal)?, instrument)
-        }
-        JobInput::Scene(scene) => {
-            let Input { run, bare } = *scene;
-            let job = observed(terminal).with_bare_mesh(bare.as_ref());
-            (pipeline::forecast_scene(&run, &job)?, run.instrument()?)
-        }
-    };
-    for file in folder.iter().flat_map(|(_, files)| files) {
-        write_array_figure(file, &instrument)?;
-    }
-    for warning in &forecast.warnings {
-        terminal.warn(warning);
-    }
-    if terminal.json() {
-        return print_json(&forecast);
-    }
-    print(&design::forecast_text(&forecast))
 }
 
 /// Makes the page of a folder of results, and opens it on request.

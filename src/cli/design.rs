@@ -1,15 +1,17 @@
-//! The commands `psf` and `plan --sweep`, and the second half of the output of `plan`, about the design of the array.
+//! The command `psf`, `plan --sweep`, and the second half of the output of `plan`, about the design of the array.
+
+mod charts;
+pub(crate) mod sweep;
 
 use super::Overrides;
-use super::inputs::{Input, bare_mesh, run_file_of, run_of};
+use super::inputs::{Input, run_of};
 use super::outputs::{open_folder, print_json, write_json};
-use super::summary::{self, duration, millimetres};
+use super::summary::{self, millimetres};
 use super::terminal::{Terminal, observed, print};
-use crate::error::{Error, Result, gib};
-use crate::export::figure::{Chart, ChartAxis, write_charts, write_spread_figure};
-use crate::pipeline::{self, DesignRow, DesignSweep, Forecast, InstrumentBudget, SweptKey};
+use crate::error::{Error, Result};
+use crate::export::figure::write_spread_figure;
+use crate::pipeline::{self, Forecast, InstrumentBudget};
 use crate::plan::design::{Design, Verdict};
-use crate::progress::Observer;
 use crate::psf::{MeasuredGratingLobe, PointSpread, Width};
 use crate::text::{one_line, quoted};
 use glam::DVec3;
@@ -125,134 +127,6 @@ fn design(design: &Design) -> String {
         let _ = writeln!(text, "  {}  ({})", set.join(" "), suggestion.effect);
     }
     text
-}
-
-/// `plan --sweep`: a table on standard output, and a picture in `folder`, if given.
-pub(super) fn sweep(
-    input: &Path,
-    typed: &[String],
-    folder: Option<&Path>,
-    overrides: &Overrides,
-    terminal: &Terminal,
-) -> Result<()> {
-    let keys: Vec<SweptKey> = typed.iter().map(|typed| SweptKey::parse(typed)).collect::<Result<_>>()?;
-    let folder = folder.map(|folder| open_folder(folder, ["sweep.png", "sweep.json"])).transpose()?;
-    let typed = overrides.keys()?;
-    // Of a mesh the place stays as it is before the array that suits it, whatever array is planned.
-    let bare = bare_mesh(input, &typed, terminal)?;
-    let run_with = |set: &[String]| {
-        let typed = [&typed[..], set].concat();
-        match &bare {
-            Some(bare) => bare.run_with(&typed),
-            None => run_file_of(input, &typed),
-        }
-    };
-    let job = observed(terminal).with_bare_mesh(bare.as_ref());
-    let sweep = pipeline::sweep_designs(&keys, &run_with, &job)?;
-    for combination in &sweep.combinations {
-        if let Some(refused) = &combination.refused {
-            terminal.warn(&format!("{}: {refused}", combination.values.join(" ")));
-        }
-    }
-    if let Some((_, files)) = &folder {
-        write_sweep(&files[0], &sweep)?;
-        write_json(&files[1], &sweep)?;
-    }
-    if terminal.json() { print_json(&sweep) } else { print(&sweep_table(&sweep)) }
-}
-
-fn sweep_table(sweep: &DesignSweep) -> String {
-    let measured = [
-        "mics",
-        "frequencies",
-        "range mm",
-        "near mm",
-        "middle mm",
-        "far mm",
-        "aliasing",
-        "lobe m",
-        "peak dB",
-        "mean dB",
-        "memory",
-        "time",
-    ]
-    .map(str::to_owned);
-    let mut rows = vec![[&sweep.keys[..], &measured].concat()];
-    for combination in &sweep.combinations {
-        let mut row = combination.values.clone();
-        match &combination.design {
-            Some(design) => row.extend(sweep_cells(design)),
-            None => row.extend(measured.iter().map(|_| "-".to_owned())),
-        }
-        rows.push(row);
-    }
-    columns(&rows)
-        + "near, middle, far: lateral -3 dB width, with the window; lobe: distance of the nearest grating lobe from a point at \
-           the nearest depth; peak, mean: sidelobes within the grid by the array factor\n"
-}
-
-fn sweep_cells(design: &DesignRow) -> Vec<String> {
-    let [near, middle, far] = design.widths.map(millimetres);
-    let aliasing = match design.verdict {
-        Verdict::AliasFree => "free",
-        Verdict::AliasFreeHere => "free here",
-        Verdict::GratingLobes => "grating lobes",
-        Verdict::Scattered => "no lattice",
-    };
-    vec![
-        design.microphones.to_string(),
-        design.tones.to_string(),
-        millimetres(design.range_resolution),
-        near,
-        middle,
-        far,
-        aliasing.to_owned(),
-        design.grating_lobe_offset.map_or("-".to_owned(), |m| format!("{m:.2}")),
-        decibels(design.peak_sidelobe_db),
-        decibels(design.mean_sidelobe_db),
-        gib(design.peak_bytes),
-        duration(design.seconds),
-    ]
-}
-
-/// Draws a sweep, with the first key along x and a line for every combination of the others.
-fn write_sweep(path: &Path, sweep: &DesignSweep) -> Result<()> {
-    let (mut places, mut series) = (Vec::<String>::new(), Vec::<String>::new());
-    let name = |values: &[String]| {
-        let named = sweep.keys.iter().zip(values).skip(1).map(|(key, value)| format!("{key} = {value}"));
-        named.collect::<Vec<_>>().join(", ")
-    };
-    for combination in &sweep.combinations {
-        let (place, line) = (combination.values[0].clone(), name(&combination.values));
-        if !places.contains(&place) {
-            places.push(place);
-        }
-        if !series.contains(&line) {
-            series.push(line);
-        }
-    }
-    let chart = |title: &str, y_label: &str, of: &dyn Fn(&DesignRow) -> Option<f64>| {
-        let mut lines = vec![vec![f64::NAN; places.len()]; series.len()];
-        for combination in &sweep.combinations {
-            let line = series.iter().position(|s| *s == name(&combination.values));
-            let place = places.iter().position(|p| *p == combination.values[0]);
-            if let (Some(line), Some(place), Some(design)) = (line, place, &combination.design) {
-                lines[line][place] = of(design).unwrap_or(f64::NAN);
-            }
-        }
-        Chart { title: title.into(), y_label: y_label.into(), series: lines }
-    };
-    let mm = |m: Option<f64>| m.map(|m| 1e3 * m);
-    let charts = [
-        chart("lateral width at the middle depth", "-3 dB width / mm", &|d| mm(d.widths[1])),
-        chart("range resolution c/2B", "mm", &|d| mm(d.range_resolution)),
-        chart("nearest grating lobe", "offset at the nearest depth / m", &|d| d.grating_lobe_offset),
-        chart("strongest grating lobe or sidelobe", "dB", &|d| d.peak_sidelobe_db),
-        chart("memory", "MiB", &|d| Some(d.peak_bytes as f64 / f64::from(1 << 20))),
-        chart("time of the reconstruction", "s", &|d| Some(d.seconds)),
-    ];
-    let axis = ChartAxis { label: sweep.keys[0].clone(), places, series };
-    write_charts(path, &charts, &axis)
 }
 
 /// `psf`: a table per point, and a picture in `folder`, if given.

@@ -8,6 +8,7 @@ use crate::pipeline::{Forecast, Judgement, LimitVerdict, Outcome, Report};
 use crate::plan::Plan;
 use crate::reconstruct::Estimate;
 use crate::scene::Up;
+pub(super) use crate::text::duration;
 use crate::text::{one_line, prefixed, prefixed_range};
 use serde_json::Value;
 use std::fmt::Write;
@@ -171,6 +172,7 @@ pub(super) fn forecast(forecast: &Forecast) -> String {
     table.row("cube", format!("{speakers}{frequencies} frequencies x {microphones} microphones: {bytes}"));
     table.row("volume", gib(plan.volume_bytes));
     table.rows("physics", forecast.physics.iter().cloned());
+    table.rows("measured in", forecast.acquisition.map(|time| time.to_string()));
     table.rows("correlation", forecast.correlation.map(|pairs| pairs.to_string()));
     for (i, (method, seconds)) in forecast.methods.iter().zip(&forecast.seconds).enumerate() {
         let name = format!("{}{}", if i == forecast.chosen { "* " } else { "  " }, method.method);
@@ -199,17 +201,6 @@ fn interpolated(method: &Estimate) -> String {
     let Some(Grid { x, y, z }) = &method.nodes else { return String::new() };
     let pitches = product([x, y, z].map(|axis| axis.pitch * 1e3), 1);
     format!(", interpolated from {} x {} x {} nodes {pitches} mm apart", x.count, y.count, z.count)
-}
-
-/// Seconds in the usual units of time.
-pub(super) fn duration(seconds: f64) -> String {
-    match seconds {
-        s if s < 0.1 => "0.1 s or less".to_owned(),
-        s if s < 120.0 => format!("{s:.1} s"),
-        s if s < 7200.0 => format!("{:.0} min", s / 60.0),
-        s if s < 172_800.0 => format!("{:.0} h", s / 3600.0),
-        s => format!("{:.0} days", s / 86_400.0),
-    }
 }
 
 /// Every metric that was measured, with its unit: of one result, or the means of several and their range, and beside them

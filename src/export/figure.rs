@@ -22,7 +22,7 @@ mod ticks;
 
 pub(crate) use array::write_array_figure;
 pub(crate) use ascan::write_ascan_figure;
-pub(crate) use chart::{Chart, ChartAxis, write_charts};
+pub(crate) use chart::{Chart, ChartAxis, Scatter, write_charts, write_scatters};
 pub(crate) use focus::write_focus_figure;
 pub(crate) use health::write_health_figure;
 pub use results::{

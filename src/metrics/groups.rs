@@ -7,7 +7,7 @@ use super::{METRIC_NAMES, Metrics, check_pixels, depths, match_one_to_one, neare
 use crate::error::{Error, Result};
 use crate::grid::{DepthLayer, DepthMap};
 use crate::wave::Resolution;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fmt;
 
@@ -15,7 +15,7 @@ use std::fmt;
 ///
 /// Those of a group count its true surfaces instead of pixels. Where a pixel has one true surface, `Z` is scored; where it
 /// has several, the returns, matched one to one with them (`Z` against the nearest if the result has no returns).
-#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct Scores {
     /// Over all pixels.

@@ -11,7 +11,7 @@ use crate::config::RunFile;
 use crate::error::{Result, gib};
 use crate::grid::{Axis, Grid};
 use crate::plan::design::Suggestion;
-use crate::plan::{Design, JobArrays, MemoryEstimate, Plan, Smear, design, plan};
+use crate::plan::{AcquisitionTime, Design, JobArrays, MemoryEstimate, Plan, Smear, design, plan};
 use crate::progress::Observer;
 use crate::reconstruct::{Correlation, Estimate, estimate};
 use serde::Serialize;
@@ -46,6 +46,9 @@ pub struct Forecast {
     pub resolution_cells: Option<[Option<f64>; 2]>,
     /// Files that `image` will write.
     pub files: Vec<String>,
+    /// How long the measurement takes, of a scene.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub acquisition: Option<AcquisitionTime>,
     /// The recording that `simulate` writes into a file `.wav`, if `[recording]` says how.
     pub recording: Option<RecordingSize>,
     /// What the motion of the scene does to its image, if something moves.
@@ -92,21 +95,21 @@ impl std::fmt::Display for CommandMemory {
 /// # Errors
 /// A run file without a scene, or with an invalid one; a grid that is missing and cannot be chosen.
 pub fn forecast_scene(run: &RunFile, job: &JobOptions) -> Result<Forecast> {
-    let JobOptions { bare_mesh: bare, observer, .. } = *job;
     let measurement = Measurement::of(run)?;
     let instrument = &measurement.instrument;
     let mesh = reflector_list(run)?.is_none();
     let budget = MemoryBudget::of(run);
-    let size = SceneSize::of(run, bare, observer)?;
+    let size = SceneSize::of(run, job.known(), job.observer)?;
     let bounds = size.bounds;
     let grid = run.voxels(instrument, bounds)?;
     let mut forecast =
         forecast(&budget, instrument, &grid, &measurement.imaging(&budget, &grid, &size), mesh)?;
-    let simulation = measurement.simulating(run, &grid, &size).peak(0);
+    let simulation = measurement.simulating(&budget, &grid, &size).peak(0);
     forecast.memory.push(CommandMemory::new("simulate", simulation));
     forecast.memory.push(reconstruction(&budget, instrument, &grid, JobArrays::measured(instrument, 0))?);
     forecast.suggest_lattice(&budget, instrument);
     forecast.resolution_cells = bounds.map(|(low, high)| instrument.cells_across(low, high));
+    forecast.acquisition = Some(measurement.acquisition_time(run, &grid));
     forecast.physics = measurement.physics(run);
     forecast.motion = smears(run, instrument, &grid);
     forecast.coding = measurement.code_report();
@@ -235,6 +238,7 @@ pub(super) fn forecast(
         physics: beyond_the_sum(run, instrument),
         resolution_cells: None,
         files: outputs::names(run, truth),
+        acquisition: None,
         recording: None,
         motion: Vec::new(),
         coding: None,

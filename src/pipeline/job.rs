@@ -1,12 +1,14 @@
 //! Options of a job that are not part of its run file.
 
 pub(super) mod identity;
+pub(super) mod kept;
 pub(super) mod log;
 pub(super) mod units;
 
 use super::BareMesh;
 use crate::checkpoint::Checkpoint;
 use crate::progress::{Observer, Silent};
+use kept::{KeptScenes, KnownScene};
 use std::fmt;
 
 /// Options of a job that are not part of its run file; by default no checkpoint and no observer.
@@ -36,6 +38,8 @@ pub struct JobOptions<'a> {
     pub checkpoint: &'a Checkpoint,
     /// Receives progress and warnings, and may stop the job.
     pub observer: &'a dyn Observer,
+    /// What the job has in common with others of this process.
+    pub(super) kept: Option<&'a KeptScenes>,
 }
 
 /// The checkpoint of jobs without one: it stores nothing.
@@ -43,7 +47,7 @@ static OFF: Checkpoint = Checkpoint::off();
 
 impl Default for JobOptions<'_> {
     fn default() -> Self {
-        Self { bare_mesh: None, checkpoint: &OFF, observer: &Silent }
+        Self { bare_mesh: None, checkpoint: &OFF, observer: &Silent, kept: None }
     }
 }
 
@@ -57,6 +61,11 @@ impl<'a> JobOptions<'a> {
     /// What may be wrong with the placement of a mesh without a run file.
     pub(super) fn hints(&self) -> &'a [String] {
         self.bare_mesh.map_or(&[], |bare| &bare.hints)
+    }
+
+    /// What is known of the scene.
+    pub(super) fn known(&self) -> KnownScene<'a> {
+        KnownScene { bare: self.bare_mesh, kept: self.kept }
     }
 
     /// The same options with a checkpoint.

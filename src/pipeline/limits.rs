@@ -36,15 +36,20 @@ impl Bound {
                 ),
             )
         })?;
-        let measure = Measure::parse(name.trim()).map_err(|unknown| {
-            let known = METRIC_NAMES.join(", ");
-            Error::input(
-                option,
-                format!("there is no metric `{}`; expected one of {known}", quoted(&unknown)),
-            )
-        })?;
+        let measure = measure_of(option, name.trim())?;
         Ok(Self { measure, limit: Limit { min: min.then_some(value), max: (!min).then_some(value) } })
     }
+}
+
+/// The measure that an option names.
+///
+/// # Errors
+/// An unknown metric.
+pub(crate) fn measure_of(option: &str, typed: &str) -> Result<Measure> {
+    Measure::parse(typed).map_err(|unknown| {
+        let known = METRIC_NAMES.join(", ");
+        Error::input(option, format!("there is no metric `{}`; expected one of {known}", quoted(&unknown)))
+    })
 }
 
 /// A metric compared with its limit.
@@ -66,15 +71,53 @@ pub fn hold(scores: &[Scores], bounds: impl IntoIterator<Item = Bound>) -> Vec<L
         .into_iter()
         .map(|bound| {
             let each: Vec<Option<f64>> = scores.iter().map(|scores| scores.get(&bound.measure)).collect();
-            // A metric that one seed lacks has no mean.
-            let sum: Option<f64> = each.iter().copied().sum();
-            let value = sum.filter(|_| !each.is_empty()).map(|sum| sum / each.len() as f64);
+            let value = mean(&each);
             let kept = value.is_some_and(|v| {
                 bound.limit.min.is_none_or(|min| v >= min) && bound.limit.max.is_none_or(|max| v <= max)
             });
             LimitVerdict { bound, value, each, kept }
         })
         .collect()
+}
+
+/// The mean over the seeds; a metric that one of them lacks has none.
+pub(super) fn mean(each: &[Option<f64>]) -> Option<f64> {
+    let sum: Option<f64> = each.iter().copied().sum();
+    sum.filter(|_| !each.is_empty()).map(|sum| sum / each.len() as f64)
+}
+
+/// The seeds with which a scene is run: those typed, or else those of `[expect]`, or else its own.
+pub(super) fn seeds_of(run: &RunFile, typed: &[u32]) -> Vec<u32> {
+    match (typed, run.expect.seeds.as_slice()) {
+        ([], []) => vec![run.reflectors.seed],
+        ([], seeds) | (seeds, _) => seeds.to_vec(),
+    }
+}
+
+/// The scores of a scene with each of these seeds; `None` of one without a truth.
+///
+/// # Errors
+/// The errors of the stages.
+pub(super) fn scores_of(run: &RunFile, seeds: &[u32], job: &JobOptions) -> Result<Option<Vec<Scores>>> {
+    let mut run = run.clone();
+    let score = |&seed: &u32| {
+        run.reflectors.seed = seed;
+        super::image_scene(&run, job).map(|outcome| outcome.scores)
+    };
+    seeds.iter().map(score).collect()
+}
+
+/// The limits of `[expect]`; errors name `place`.
+///
+/// # Errors
+/// A limit on what is no metric.
+pub(super) fn bounds_of(run: &RunFile, place: &str) -> Result<Vec<Bound>> {
+    let bound = |(name, limit): (&String, &Limit)| {
+        let unknown =
+            |name: String| Error::input(place, format!("[expect] names no metric `{}`", quoted(&name)));
+        Ok(Bound { measure: Measure::parse(name).map_err(unknown)?, limit: *limit })
+    };
+    run.expect.limits.iter().map(bound).collect()
 }
 
 /// A scene checked against its `[expect]`.
@@ -106,37 +149,18 @@ pub fn check_scene(
     oracle: bool,
     job: &JobOptions,
 ) -> Result<Judgement> {
-    let mut run = run.clone();
     if run.expect.limits.is_empty() {
         return Err(Error::input(
             path.display(),
             "has no [expect], so that there is nothing to check; add for example `completeness = { min = 0.65 }`",
         ));
     }
-    let seeds = match (seeds, run.expect.seeds.as_slice()) {
-        ([], []) => vec![run.reflectors.seed],
-        ([], seeds) | (seeds, _) => seeds.to_vec(),
-    };
-    let mut scores = Vec::new();
-    for &seed in &seeds {
-        run.reflectors.seed = seed;
-        scores.push(super::image_scene(&run, job)?.scores.ok_or_else(|| {
-            Error::input(path.display(), "has no mesh, and therefore no truth, which [expect] needs")
-        })?);
-    }
-    let bounds = run
-        .expect
-        .limits
-        .iter()
-        .map(|(name, limit)| {
-            let unknown = |name: String| {
-                Error::input(path.display(), format!("[expect] names no metric `{}`", quoted(&name)))
-            };
-            Ok(Bound { measure: Measure::parse(name).map_err(unknown)?, limit: *limit })
-        })
-        .collect::<Result<Vec<_>>>()?;
-    let verdicts = hold(&scores, bounds);
-    let oracle = if oracle { Some(oracle_of_scene(&run, job)?.scores) } else { None };
+    let seeds = seeds_of(run, seeds);
+    let scores = scores_of(run, &seeds, job)?.ok_or_else(|| {
+        Error::input(path.display(), "has no mesh, and therefore no truth, which [expect] needs")
+    })?;
+    let verdicts = hold(&scores, bounds_of(run, &path.display().to_string())?);
+    let oracle = if oracle { Some(oracle_of_scene(run, job)?.scores) } else { None };
     Ok(Judgement { seeds, scores, oracle, verdicts })
 }
 

@@ -1,5 +1,6 @@
 //! Depth maps without a reconstruction: of a volume file, and the truth of a scene.
 
+use super::job::kept::KnownScene;
 use super::prepared_scene::Measurement;
 use super::{JobOptions, facts, load_surfaces, resolution_of, warn_all};
 use crate::acquisition::Instrument;
@@ -12,10 +13,10 @@ use crate::grid::{Axis, DepthMap, Grid, Raster, View, VolumeView, check_voxels};
 use crate::plan::memory_limit;
 use crate::progress::{Observer, stage};
 use crate::scene::{Scene, metres};
-use crate::truth::trace_depth_with;
 use crate::wave::Resolution;
 use serde_json::Value;
 use std::path::Path;
+use std::sync::Arc;
 
 /// Locates depth in a volume file; returns the depth map and the volume's metadata.
 ///
@@ -79,12 +80,12 @@ pub fn depth_in_volume(
 /// # Errors
 /// The errors of the stages; a scene of reflectors, which has no surfaces.
 pub fn truth_of_scene(run: &RunFile, job: &JobOptions) -> Result<(Value, DepthMap)> {
-    let JobOptions { bare_mesh: bare, observer, .. } = *job;
+    let (known, observer) = (job.known(), job.observer);
     let measurement = Measurement::of(run)?;
-    let scene = load_surfaces(run, bare, observer)?;
+    let scene = load_surfaces(run, known, observer)?;
     let instrument = measurement.instrument;
     let grid = run.voxels(&instrument, scene.bounds())?;
-    let truth = truth_of(&scene, run, (&instrument, &grid), observer)?;
+    let truth = truth_of((&scene, known), run, (&instrument, &grid), observer)?;
     Ok((facts::instrument_facts(&instrument, run), truth))
 }
 
@@ -98,7 +99,7 @@ const PREVIEW: f64 = 320.0;
 pub fn write_preview(path: &Path, run: &RunFile, job: &JobOptions) -> Result<()> {
     let observer = job.observer;
     let instrument = Measurement::of(run)?.instrument;
-    let scene = load_surfaces(run, job.bare_mesh, observer)?;
+    let scene = load_surfaces(run, job.known(), observer)?;
     let grid = run.voxels(&instrument, scene.bounds())?;
     let (centre, half) = (instrument.array.centre(), 0.5 * instrument.array.extent());
     let (low, high) = (centre - half, centre + half);
@@ -109,7 +110,7 @@ pub fn write_preview(path: &Path, run: &RunFile, job: &JobOptions) -> Result<()>
     let axis = |[low, high]: [f64; 2]| Axis::spanning(low - 4.0 * pitch, high + 4.0 * pitch, pitch);
     let wide = Raster { view: View::Orthographic, x: axis(ends[0])?, y: axis(ends[1])? };
     let raster = run.raster(scene.camera())?.unwrap_or(wide);
-    let truth = truth_on(Some(raster), &scene, run, (&instrument, &grid), observer)?;
+    let truth = truth_on(Some(raster), (&scene, job.known()), run, (&instrument, &grid), observer)?;
     let [across, up] = [half.x, half.y].map(|half| metres(2.0 * half));
     let note = scene.bounds().map_or_else(String::new, |(low, high)| {
         format!("z {:.2} to {:.2} m; array {across} x {up}", low.z, high.z)
@@ -120,23 +121,23 @@ pub fn write_preview(path: &Path, run: &RunFile, job: &JobOptions) -> Result<()>
 
 /// The true depth of a loaded scene, on the pixels of its depth map.
 pub(super) fn truth_of(
-    scene: &Scene,
+    (scene, known): (&Arc<Scene>, KnownScene<'_>),
     run: &RunFile,
     (instrument, grid): (&Instrument, &Grid),
     observer: &dyn Observer,
 ) -> Result<DepthMap> {
-    truth_on(run.raster(scene.camera())?, scene, run, (instrument, grid), observer)
+    truth_on(run.raster(scene.camera())?, (scene, known), run, (instrument, grid), observer)
 }
 
 /// The same on other pixels; `None` for those of the grid.
 fn truth_on(
     raster: Option<Raster>,
-    scene: &Scene,
+    (scene, known): (&Arc<Scene>, KnownScene<'_>),
     run: &RunFile,
     (instrument, grid): (&Instrument, &Grid),
     observer: &dyn Observer,
 ) -> Result<DepthMap> {
     let mut options = run.truth_options(instrument);
     options.raster = raster;
-    trace_depth_with(scene, grid, &options, observer)
+    known.truth(scene, grid, &options, observer)
 }

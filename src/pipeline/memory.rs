@@ -1,6 +1,7 @@
 //! The memory that a job may use, the arrays for which it is used, and the refusal of a job that does not fit.
 
-use super::{BareMesh, load_scene, outputs, reflector_list};
+use super::job::kept::KnownScene;
+use super::{load_scene, outputs, reflector_list};
 use crate::acquisition::Instrument;
 use crate::checkpoint::BUFFER_BYTES;
 use crate::config::RunFile;
@@ -15,17 +16,19 @@ use crate::scene::{BYTES_PER_TRIANGLE, Scene};
 use glam::DVec3;
 use std::path::Path;
 
-/// A run, and the bytes that it may use: determined once, before anything is allocated, since free memory shrinks as a job
+/// A run, with the threads and the bytes that it may use: determined once, before anything is allocated, since free memory shrinks as a job
 /// grows.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct MemoryBudget<'a> {
     pub(super) run: &'a RunFile,
     pub(super) limit: Option<u64>,
+    /// Worker threads.
+    pub(super) threads: usize,
 }
 
 impl<'a> MemoryBudget<'a> {
     pub(super) fn of(run: &'a RunFile) -> Self {
-        Self { run, limit: memory_limit(run.memory) }
+        Self { run, limit: memory_limit(run.memory), threads: rayon::current_num_threads() }
     }
 
     /// The arrays of `image`, given those of its scene and samples.
@@ -63,7 +66,7 @@ impl<'a> MemoryBudget<'a> {
         grid: &Grid,
         arrays: &JobArrays,
     ) -> Result<JobEstimate> {
-        estimate_job(instrument, grid, &self.options(arrays), arrays, rayon::current_num_threads())
+        estimate_job(instrument, grid, &self.options(arrays), arrays, self.threads)
     }
 
     /// Refuses a job that does not fit in memory, and reports the memory of one that does.
@@ -108,10 +111,10 @@ impl SceneSize {
     }
 
     /// The size of the run file's scene, which is read only for its size.
-    pub(super) fn of(run: &RunFile, bare: Option<&BareMesh>, observer: &dyn Observer) -> Result<Self> {
+    pub(super) fn of(run: &RunFile, known: KnownScene<'_>, observer: &dyn Observer) -> Result<Self> {
         match reflector_list(run)? {
             Some(list) => Ok(Self::of_list(&Reflectors::read_csv_within(list, memory_limit(run.memory))?)),
-            None => Ok(Self::of_mesh(&*load_scene(run, bare, observer)?)),
+            None => Ok(Self::of_mesh(&*load_scene(run, known, observer)?)),
         }
     }
 

@@ -6,10 +6,11 @@
 //! and a run does not is left to gain.
 
 use super::facts::{instrument_facts, sidelobes};
+use super::job::kept::KnownScene;
 use super::maps::truth_of;
 use super::memory::MemoryBudget;
 use super::prepared_scene::PreparedScene;
-use super::{BareMesh, JobOptions, load_surfaces, reconstruct, simulate};
+use super::{JobOptions, load_surfaces, reconstruct, simulate};
 use crate::acquisition::Instrument;
 use crate::alloc::try_filled;
 use crate::checkpoint::Checkpoint;
@@ -51,7 +52,7 @@ pub struct Oracle {
 /// many microphones.
 pub fn oracle_of_scene(run: &RunFile, job: &JobOptions) -> Result<Oracle> {
     let instrument = run.instrument()?;
-    let scene = load_surfaces(run, job.bare_mesh, job.observer)?;
+    let scene = load_surfaces(run, job.known(), job.observer)?;
     let grid = run.voxels(&instrument, scene.bounds())?;
     let mut ideal = ideal(run, &instrument, &grid)?;
     let quiet = &Quiet(job.observer);
@@ -59,7 +60,7 @@ pub fn oracle_of_scene(run: &RunFile, job: &JobOptions) -> Result<Oracle> {
     for seed in 1..=IMAGES {
         ideal.reflectors.seed = seed;
         job.observer.note(&format!("image {seed} of {IMAGES} for the oracle"));
-        let volume = image(&ideal, job.bare_mesh, quiet)?;
+        let volume = image(&ideal, job.known(), quiet)?;
         power.iter_mut().zip(&volume.samples).for_each(|(sum, a)| *sum += a.norm_sqr());
     }
     let mean = |sum: &f32| Complex32::new((sum / IMAGES as f32).sqrt(), 0.0);
@@ -69,7 +70,7 @@ pub fn oracle_of_scene(run: &RunFile, job: &JobOptions) -> Result<Oracle> {
     // A mean of powers has no phases.
     (options.gate, options.raster) = (false, run.raster(scene.camera())?);
     let depth = locate_depth_with(&volume, &options, quiet)?;
-    let truth = truth_of(&scene, run, (&instrument, &grid), quiet)?;
+    let truth = truth_of((&scene, job.known()), run, (&instrument, &grid), quiet)?;
     let scores = score(&depth, &truth, instrument.aperture())?;
     let mut facts = instrument_facts(&instrument, run);
     facts["oracle"] = true.into();
@@ -77,9 +78,9 @@ pub fn oracle_of_scene(run: &RunFile, job: &JobOptions) -> Result<Oracle> {
 }
 
 /// The volume that a scene shows.
-fn image(run: &RunFile, bare: Option<&BareMesh>, observer: &dyn Observer) -> Result<Volume> {
+fn image(run: &RunFile, known: KnownScene<'_>, observer: &dyn Observer) -> Result<Volume> {
     let (budget, nowhere) = (MemoryBudget::of(run), Checkpoint::off());
-    let prepared = PreparedScene::of(&budget, bare, true, observer)?;
+    let prepared = PreparedScene::of(&budget, known, true, observer)?;
     let cube = simulate(run, &prepared, &nowhere, observer)?;
     let options = budget.options(&budget.imaging(prepared.instrument(), &prepared.grid, prepared.arrays));
     let mut volume = Volume { grid: prepared.grid, samples: Vec::new() };

@@ -1,10 +1,9 @@
 //! A prepared scene: its reflectors, with the instrument that measures them and the grid on which they are imaged.
 
 use super::facts::beyond_the_sum;
+use super::job::kept::KnownScene;
 use super::memory::{MemoryBudget, SceneSize};
-use super::{
-    BareMesh, JobOptions, Multipath, SceneSummary, is_in_metres, load_scene, reflector_list, warn_all,
-};
+use super::{JobOptions, Multipath, SceneSummary, is_in_metres, load_scene, reflector_list, warn_all};
 use crate::acquisition::{
     CodeReport, DataCube, Detection, Instrument, SimulateOptions, SourceCode, simulate_resumable,
     simulate_tiles, simulation_bytes,
@@ -13,9 +12,9 @@ use crate::blocks::BlockStore;
 use crate::config::{RunFile, SurfaceKind};
 use crate::error::{Result, gib};
 use crate::grid::Grid;
-use crate::plan::{JobArrays, Plan, outside_warning, plan, scale_warnings};
+use crate::plan::{AcquisitionTime, JobArrays, Plan, TypedTimes, outside_warning, plan, scale_warnings};
 use crate::progress::Observer;
-use crate::reflectors::{Reflectors, SurfaceOptions, sample_surface_with};
+use crate::reflectors::{Reflectors, SurfaceOptions};
 use crate::scene::Scene;
 use glam::DVec3;
 use serde_json::json;
@@ -59,9 +58,24 @@ impl Measurement {
         self.options.code.as_ref().and_then(|code| code.report(&self.instrument).ok())
     }
 
+    /// How long it takes to measure what is in a grid.
+    pub(super) fn acquisition_time(&self, run: &RunFile, grid: &Grid) -> AcquisitionTime {
+        let sweeps = self.code_report().map_or(self.instrument.transmissions() as f64, |code| code.sweeps);
+        let passes =
+            self.options.electronics.as_ref().map_or(1, |electronics| electronics.passes(&self.instrument));
+        let recording = &run.recording;
+        let typed = TypedTimes {
+            dwell: recording.dwell,
+            signal: recording.signal,
+            response: recording.response,
+            sweeps: sweeps * passes as f64,
+        };
+        AcquisitionTime::of(&self.instrument, grid, &typed)
+    }
+
     /// The arrays of a job up to the simulated cube.
-    fn arrays(&self, run: &RunFile, grid: &Grid, size: &SceneSize) -> JobArrays {
-        let threads = rayon::current_num_threads();
+    fn arrays(&self, budget: &MemoryBudget, grid: &Grid, size: &SceneSize) -> JobArrays {
+        let MemoryBudget { run, threads, .. } = *budget;
         let reflectors = size.reflectors(run, &self.instrument, grid);
         let simulation =
             simulation_bytes(&self.instrument, (size.bounds, reflectors), &self.options, threads);
@@ -85,12 +99,12 @@ impl Measurement {
 
     /// The arrays of `image`.
     pub(super) fn imaging(&self, budget: &MemoryBudget, grid: &Grid, size: &SceneSize) -> JobArrays {
-        budget.imaging(&self.instrument, grid, self.arrays(budget.run, grid, size))
+        budget.imaging(&self.instrument, grid, self.arrays(budget, grid, size))
     }
 
     /// The arrays of `simulate`.
-    pub(super) fn simulating(&self, run: &RunFile, grid: &Grid, size: &SceneSize) -> JobArrays {
-        let arrays = self.arrays(run, grid, size);
+    pub(super) fn simulating(&self, budget: &MemoryBudget, grid: &Grid, size: &SceneSize) -> JobArrays {
+        let arrays = self.arrays(budget, grid, size);
         // To be written, in-phase samples are copied without their imaginary parts.
         let written = if self.instrument.detection == Detection::InPhase { arrays.samples / 2 } else { 0 };
         JobArrays { simulation: arrays.simulation.max(written), ..arrays }
@@ -103,7 +117,7 @@ impl Measurement {
         grid: &Grid,
         size: &SceneSize,
     ) -> Result<()> {
-        let peak = self.simulating(budget.run, grid, size).peak(0);
+        let peak = self.simulating(budget, grid, size).peak(0);
         peak.check(&self.instrument, budget.limit, |_| Vec::new())
     }
 }
@@ -129,7 +143,7 @@ impl PreparedScene {
     /// Loads and samples a scene for a simulation, or for an image if `imaged`.
     pub(super) fn of(
         budget: &MemoryBudget,
-        bare: Option<&BareMesh>,
+        known: KnownScene<'_>,
         imaged: bool,
         observer: &dyn Observer,
     ) -> Result<Self> {
@@ -150,11 +164,11 @@ impl PreparedScene {
             let size = SceneSize::of_list(&reflectors);
             fits(&grid, &size)?;
             let plan = plan(instrument, &grid);
-            let arrays = measurement.arrays(run, &grid, &size);
+            let arrays = measurement.arrays(budget, &grid, &size);
             let (scene, spacing, reflectors, multipath) = (None, None, vec![reflectors], None);
             return Ok(Self { measurement, scene, spacing, reflectors, multipath, grid, plan, arrays });
         }
-        let scene = load_scene(run, bare, observer)?;
+        let scene = load_scene(run, known, observer)?;
         let size = SceneSize::of_mesh(&scene);
         let grid = run.voxels(instrument, scene.bounds());
         let grid = grid.and_then(|grid| fits(&grid, &size).map(|()| grid)).inspect_err(|_| {
@@ -171,14 +185,14 @@ impl PreparedScene {
         let lit = if lit.is_empty() { vec![None] } else { lit };
         let reflectors = lit.into_iter().map(|source| {
             let speaker = source.unwrap_or(options.speaker);
-            sample_surface_with(&scene, &SurfaceOptions { speaker, ..options.clone() }, observer)
+            known.reflectors(&scene, &SurfaceOptions { speaker, ..options.clone() }, observer)
         });
         let reflectors = reflectors.collect::<Result<Vec<_>>>()?;
         let most = reflectors.iter().map(Reflectors::direct).max().unwrap_or(0);
         observer.note(&format!("{most} reflectors, {:.1} mm apart", 1e3 * options.spacing));
         let multipath = Multipath::of(&reflectors[0], instrument);
         multipath.iter().flat_map(Multipath::lines).for_each(|line| observer.note(&line));
-        let arrays = measurement.arrays(run, &grid, &size);
+        let arrays = measurement.arrays(budget, &grid, &size);
         let (scene, spacing) = (Some(scene), Some(options.spacing));
         Ok(Self { measurement, scene, spacing, reflectors, multipath, grid, plan, arrays })
     }

@@ -30,7 +30,7 @@ pub fn record_scene(run: &RunFile, path: &Path, job: &JobOptions) -> Result<(Rec
     }
     let (recording, recorder) = (run.recording_options(), run.recorder_options());
     let size = RecordingSize::of(&quiet.instrument()?, &recording, &recorder)?;
-    let prepared = PreparedScene::of(&MemoryBudget::of(&quiet), job.bare_mesh, false, observer)?;
+    let prepared = PreparedScene::of(&MemoryBudget::of(&quiet), job.known(), false, observer)?;
     prepared.warn(run, job, observer);
     checkpoint.check_space(size.bytes)?;
     checkpoint.open(&identity::of_scene("simulate", &quiet, &prepared), observer)?;

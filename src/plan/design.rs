@@ -7,7 +7,7 @@ use crate::acquisition::{Detection, Instrument};
 use crate::grid::Grid;
 use crate::reconstruct::Window;
 use glam::DVec3;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// Sidelobes of scattered microphones above this are worth a warning, dB: depth maps accept returns down to −14 dB.
 const LOUD: f64 = -14.0;
@@ -42,7 +42,7 @@ pub struct Ambiguity {
 }
 
 /// Whether bright points have grating lobes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Verdict {
     /// d ≤ λ_min/2: nowhere.
@@ -54,6 +54,18 @@ pub enum Verdict {
     GratingLobes,
     /// No lattice, so no grating lobes, but sidelobes.
     Scattered,
+}
+
+impl Verdict {
+    /// In words, short enough for a table.
+    pub const fn word(self) -> &'static str {
+        match self {
+            Self::AliasFree => "free",
+            Self::AliasFreeHere => "free here",
+            Self::GratingLobes => "grating lobes",
+            Self::Scattered => "no lattice",
+        }
+    }
 }
 
 /// Aliasing by the pitch and by the array factor.

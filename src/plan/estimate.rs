@@ -284,6 +284,11 @@ const PER_PHASOR: f64 = 25.0;
 /// How long all threads are timed together, s: those that share a core take turns.
 const TIMED: f64 = 4e-3;
 
+/// Seconds that so many operations of the model take all threads on this machine.
+pub(crate) fn seconds_of(operations: f64) -> f64 {
+    operations / operations_per_second()
+}
+
 /// Floating-point operations per second of all threads on this machine, by a measurement of a few milliseconds. It only ever
 /// turns operations into seconds to be shown.
 fn operations_per_second() -> f64 {

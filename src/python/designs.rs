@@ -5,10 +5,12 @@ use super::jobs;
 use super::pictures::picture;
 use super::run_files::PythonRunFile;
 use crate::cli::design::forecast_text;
+use crate::cli::design::sweep::{open_results, write_files};
 use crate::cli::inputs::opened_cube;
+use crate::config::RunFile;
 use crate::error::Result;
 use crate::export::figure::write_spread_figure;
-use crate::pipeline::{self, JobOptions, SweptKey};
+use crate::pipeline::{self, JobOptions, SweepSimulation, SweptKey};
 use glam::DVec3;
 use pyo3::prelude::*;
 use serde::Serialize;
@@ -48,14 +50,51 @@ pub(super) fn plan_sweep(
     memory: Option<String>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<String> {
-    let keys: Vec<SweptKey> = keys.into_iter().map(|(key, values)| SweptKey { key, values }).collect();
+    let keys = swept(keys);
     let sweep = jobs::run(py, progress.as_ref(), |observer| {
-        let run_with = |set: &[String]| match &run.bare {
-            Some(bare) => bare.run_with(&[run.settings(), set].concat()),
-            None => run.with(set)?.within(memory.as_deref()),
-        };
+        let run_with = |set: &[String]| run_with(run, set, memory.as_deref());
         let job = JobOptions::default().with_bare_mesh(run.bare.as_ref()).with_observer(observer);
         pipeline::sweep_designs(&keys, &run_with, &job)
+    })?;
+    Ok(json(&sweep)?)
+}
+
+fn swept(keys: Vec<(String, Vec<String>)>) -> Vec<SweptKey> {
+    keys.into_iter().map(|(key, values)| SweptKey { key, values }).collect()
+}
+
+/// The run file of a combination.
+fn run_with(run: &PythonRunFile, set: &[String], memory: Option<&str>) -> Result<RunFile> {
+    match &run.bare {
+        Some(bare) => bare.run_with(&[run.settings(), set].concat()),
+        None => run.with(set)?.within(memory),
+    }
+}
+
+/// Simulates every combination of values of keys, with these seeds of `[reflectors]`, as JSON; into a folder, if there is one,
+/// as the command does.
+#[pyfunction]
+#[allow(clippy::too_many_arguments)] // named ones, in Python
+pub(super) fn simulate_sweep(
+    py: Python<'_>,
+    run: &PythonRunFile,
+    keys: Vec<(String, Vec<String>)>,
+    seeds: Vec<u32>,
+    measure: &str,
+    output: Option<PathBuf>,
+    memory: Option<String>,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<String> {
+    let keys = swept(keys);
+    let measure = pipeline::measure_of("measure", measure)?;
+    let sweep = jobs::run(py, progress.as_ref(), |observer| {
+        let (results, finished) = output.as_deref().map(open_results).transpose()?.unzip();
+        let run_with = |set: &[String]| run_with(run, set, memory.as_deref());
+        let job = JobOptions::default().with_bare_mesh(run.bare.as_ref()).with_observer(observer);
+        let simulation = SweepSimulation { seeds: &seeds, measure: &measure, folder: finished.as_deref() };
+        let sweep = pipeline::simulate_designs(&keys, &run_with, &simulation, &job)?;
+        results.map_or(Ok(()), |(_folder, files)| write_files(&files, &sweep))?;
+        Ok(sweep)
     })?;
     Ok(json(&sweep)?)
 }

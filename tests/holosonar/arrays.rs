@@ -248,7 +248,7 @@ fn a_sweep_compares_layouts_in_one_command() {
         ("--sweep sweep.step=30", &["sweep.step", "30"][..]),
         ("--sweep sweep.stop", &["--sweep", "KEY=FROM:TO:STEP"]),
         ("--sweep array.size=1,2", &["`size`", "[array]"]),
-        ("--sweep array.extent=1:2:0.0001", &["--sweep", "array.extent=1:2:0.0001", "2000"]),
+        ("--sweep array.extent=1:2:0.00001", &["--sweep", "array.extent=1:2:0.00001", "50000"]),
     ] {
         refused(folder.path(), &format!("plan {} {words}", scene.display()), 2, parts);
     }

@@ -19,6 +19,7 @@ mod choices;
 mod coding;
 mod command;
 mod correlation;
+mod designs;
 mod escapes;
 mod faults;
 mod focus;

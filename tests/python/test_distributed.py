@@ -11,7 +11,7 @@ import holosonar
 
 distributed = pytest.importorskip("distributed")
 
-from holosonar.distributed import image  # noqa: E402
+from holosonar.distributed import image, plan_sweep  # noqa: E402
 
 pytestmark = pytest.mark.filterwarnings("ignore")
 
@@ -88,6 +88,25 @@ def test_a_worker_that_is_killed_is_replaced(cluster, scene, tmp_path, command):
     killer.join()
     assert pids[0] not in client.run(os.getpid).values()
     assert same(tmp_path / "one", tmp_path / "many")
+
+
+def test_a_sweep_has_the_bytes_of_one_process(cluster, scene, tmp_path, command):
+    _, client = cluster
+    keys = {"array.count": ["9", "[7,9]"], "sweep.step": "500:1000:500"}
+    small = ["grid.pitch=[0.1,0.1,0.02]"]
+    words = ["--sweep", "array.count=9,[7,9]", "--sweep", "sweep.step=500:1000:500", "--set", small[0]]
+    command("plan", scene, *words, "--simulate", "--seeds", "1,2", "-o", tmp_path / "one")
+    told = []
+    sweep = plan_sweep(
+        scene, keys, tmp_path / "many", client, seeds=[1, 2], settings=small, progress=lambda *done: told.append(done)
+    )
+    for name in ("sweep.csv", "sweep.json", "sweep.png", "pareto.png"):
+        assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "many" / name).read_bytes()
+    assert len(sweep["combinations"]) == 4 and told[-1] == (4, 4)
+    with pytest.raises(holosonar.InputError, match="median_error"):
+        plan_sweep(scene, keys, tmp_path / "many", client, measure="median")
+    with pytest.raises(holosonar.InputError, match="parts"):
+        plan_sweep(scene, keys, tmp_path / "many", client, parts=0)
 
 
 def test_a_job_that_is_refused_says_why(cluster, scene, tmp_path):

@@ -113,6 +113,34 @@ def test_plans_sweeps_and_points(corner):
     assert spreads.picture().startswith(PNG)
 
 
+def test_sweeps_are_simulated_and_resumed(corner, tmp_path, command):
+    keys = {"array.count": [7, 11], "sweep.step": [200, 300]}
+    small = ["sweep.stop=14000", "grid.pitch=[0.1,0.1,0.02]"]
+    rows = holosonar.plan_sweep(corner, keys, set=small, simulate=True, seeds=[1, 2], output=tmp_path / "sweep")
+    assert [row["sweep.step"] for row in rows] == [200, 300] * 2
+    valid = [row for row in rows if not row["refused"]]
+    assert [row["sweep.step"] for row in valid] == [200, 200] and "300" in rows[1]["refused"]
+    for row in valid:
+        own = [*small, f"array.count={row['array.count']}", "sweep.step=200"]
+        scores = [holosonar.image(corner, set=[*own, f"reflectors.seed={seed}"]).scores for seed in (1, 2)]
+        assert row["completeness"] == pytest.approx(sum(s["completeness"] for s in scores) / 2)
+        assert row["error"] == row["chamfer_distance"] and row["seeds"] == [1, 2] and row["expected"] is False
+        assert row["acquisition_seconds"] == pytest.approx(21 * row["tone_seconds"])
+        assert "peak_bytes" not in row and row["completeness_sd"] >= 0
+    assert any(row["front"] for row in valid)
+    table = (tmp_path / "sweep/sweep.csv").read_bytes()
+    # The command finds all that is finished there, and writes the same table.
+    swept = [word for key, values in keys.items() for word in ("--sweep", f"{key}={','.join(map(str, values))}")]
+    settings = [word for setting in small for word in ("--set", setting)]
+    ran = command("plan", corner, *swept, *settings, "--simulate", "--seeds", "1,2", "-o", tmp_path / "sweep")
+    assert "to be simulated" not in ran.stderr
+    assert (tmp_path / "sweep/sweep.csv").read_bytes() == table
+    with pytest.raises(holosonar.InputError, match="simulate"):
+        holosonar.plan_sweep(corner, keys, seeds=[1])
+    with pytest.raises(holosonar.InputError, match="median_error"):
+        holosonar.plan_sweep(corner, keys, simulate=True, measure="median")
+
+
 def test_run_files(corner, tmp_path):
     run = holosonar.RunFile(corner, set=["sweep.step=40"])
     assert run["sweep.step"] == 40 and run.with_settings({"sweep.step": 80})["sweep.step"] == 80

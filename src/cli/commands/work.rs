@@ -8,6 +8,7 @@ use crate::cli::terminal::{Terminal, observed, print};
 use crate::error::{Error, Result};
 use crate::files::OutputFolder;
 use crate::pipeline::{self, Wanted, WorkDone};
+use crate::text::quoted;
 use clap::{ArgGroup, Args};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -41,22 +42,29 @@ pub(in crate::cli) struct WorkArgs {
 impl WorkArgs {
     fn wanted(&self) -> Result<Wanted> {
         let typed = self.units.as_deref().or(self.part.as_deref()).unwrap_or_default();
-        let pair = |sign: char| {
-            let (a, b) = typed.split_once(sign)?;
-            Some((a.trim().parse::<u64>().ok()?, b.trim().parse::<u64>().ok()?))
-        };
         if self.units.is_some() {
             let one = || typed.trim().parse::<u64>().ok().map(|unit| (unit, unit));
-            let (first, last) = pair('-').or_else(one).ok_or_else(|| {
+            let (first, last) = pair(typed, '-').or_else(one).ok_or_else(|| {
                 Error::input("--units", format!("\"{typed}\" was expected to be as 0-15 or 7"))
             })?;
             return Ok(Wanted::Numbers(first..last.saturating_add(1)));
         }
-        let (part, of) = pair('/').filter(|(part, of)| (1..=*of).contains(part)).ok_or_else(|| {
-            Error::input("--part", format!("\"{typed}\" was expected to be K/N with K from 1 to N, as 3/8"))
-        })?;
-        Ok(Wanted::Part { part, of })
+        part_of(typed).map(|(part, of)| Wanted::Part { part, of })
     }
+}
+
+/// Two numbers with a sign between them.
+fn pair(typed: &str, sign: char) -> Option<(u64, u64)> {
+    let (a, b) = typed.split_once(sign)?;
+    Some((a.trim().parse().ok()?, b.trim().parse().ok()?))
+}
+
+/// A part as typed: K/N.
+pub(super) fn part_of(typed: &str) -> Result<(u64, u64)> {
+    pair(typed, '/').filter(|(part, of)| (1..=*of).contains(part)).ok_or_else(|| {
+        let problem = format!("\"{}\" was expected to be K/N with K from 1 to N, as 3/8", quoted(typed));
+        Error::input("--part", problem)
+    })
 }
 
 /// Computes units.

@@ -1,5 +1,9 @@
 //! Line charts: one or several series of numbers over a key's values.
 
+mod scatter;
+
+pub(crate) use scatter::{Scatter, write_scatters};
+
 use super::canvas::{Canvas, Colour, LINE};
 use super::lettering::{self, Align, TextStyle};
 use super::style::{INK, LABEL, NUMBER, TICK, TICK_GAP};
@@ -97,7 +101,10 @@ pub(super) fn draw(charts: &[Chart], axis: &ChartAxis) -> Canvas {
     let cell = [LEFT + BOX[0] + RIGHT, ABOVE + BOX[1] + BELOW];
     let named = if axis.series.len() > 1 { axis.series.len().min(24) } else { 0 };
     let width = columns * cell[0];
-    let in_row = (width / 520).max(1);
+    // As many names to a row as fit.
+    let longest =
+        axis.series.iter().take(named).map(|name| lettering::width(name, NUMBER.size)).fold(0.0, f32::max);
+    let in_row = ((width as f32 / (longest + 140.0)) as usize).clamp(1, (width / 520).max(1));
     let legend = if named > 0 { NAME * named.div_ceil(in_row) + NAME / 2 } else { 0 };
     let mut canvas = Canvas::new(width, rows * cell[1] + legend);
     let places = AxisLayout::of(axis);
@@ -162,17 +169,10 @@ fn draw_chart(canvas: &mut Canvas, chart: &Chart, axis: &ChartAxis, places: &Axi
     let [width, height] = BOX.map(|length| length as f64);
     let bottom = y + BOX[1] as i64;
     let (low, high) = span(chart.series.iter().flatten().copied().filter(|v| v.is_finite()));
-    let middle = [x as f32 + BOX[0] as f32 / 2.0, y as f32 - 40.0];
-    lettering::draw(canvas, &chart.title, TITLE, middle, Align::Centre);
-    lettering::draw(canvas, &axis.label, LABEL, [middle[0], bottom as f32 + 100.0], Align::Centre);
-    lettering::draw_upwards(
-        canvas,
-        &chart.y_label,
-        LABEL,
-        [(x - 150) as f32, y as f32 + BOX[1] as f32 / 2.0],
-    );
+    let labels = [&chart.title, &axis.label, &chart.y_label].map(String::as_str);
     if low > high {
-        let centre = [middle[0], y as f32 + BOX[1] as f32 / 2.0];
+        draw_frame(canvas, labels, &places.ticks, &[], [x, y]);
+        let centre = [x as f32 + BOX[0] as f32 / 2.0, y as f32 + BOX[1] as f32 / 2.0];
         lettering::draw(canvas, "none", LABEL, centre, Align::Centre);
     } else {
         // Positive quantities are shown from 0; levels in dB have no natural origin.
@@ -182,11 +182,8 @@ fn draw_chart(canvas: &mut Canvas, chart: &Chart, axis: &ChartAxis, places: &Axi
             (low - 0.08 * (high - low).max(2.0), high + 0.08 * (high - low).max(2.0))
         };
         let down = |v: f64| bottom as f64 - height * (v - low) / (high - low);
-        for tick in ticks(low, high, 6) {
-            let at = down(tick.value).round() as i64;
-            canvas.fill([x, at], [BOX[0], LINE], GRID);
-            lettering::draw(canvas, &tick.label, NUMBER, [(x - 14) as f32, at as f32], Align::Right);
-        }
+        let up = ticks(low, high, 6).into_iter().map(|tick| ((tick.value - low) / (high - low), tick.label));
+        draw_frame(canvas, labels, &places.ticks, &up.collect::<Vec<_>>(), [x, y]);
         for (series, colour) in chart.series.iter().zip(COLOURS.iter().cycle()) {
             let points: Vec<Option<[f64; 2]>> = series
                 .iter()
@@ -204,7 +201,28 @@ fn draw_chart(canvas: &mut Canvas, chart: &Chart, axis: &ChartAxis, places: &Axi
             }
         }
     }
-    for (at, text) in &places.ticks {
+}
+
+/// A chart without its values: title, labels along x and y, ticks by their places between 0 and 1, and the box.
+fn draw_frame(
+    canvas: &mut Canvas,
+    [title, x_label, y_label]: [&str; 3],
+    x_ticks: &[(f64, String)],
+    y_ticks: &[(f64, String)],
+    [x, y]: [i64; 2],
+) {
+    let [width, height] = BOX.map(|length| length as f64);
+    let bottom = y + BOX[1] as i64;
+    let middle = [x as f32 + BOX[0] as f32 / 2.0, y as f32 - 40.0];
+    lettering::draw(canvas, title, TITLE, middle, Align::Centre);
+    lettering::draw(canvas, x_label, LABEL, [middle[0], bottom as f32 + 100.0], Align::Centre);
+    lettering::draw_upwards(canvas, y_label, LABEL, [(x - 150) as f32, y as f32 + BOX[1] as f32 / 2.0]);
+    for (at, text) in y_ticks {
+        let at = (bottom as f64 - height * at).round() as i64;
+        canvas.fill([x, at], [BOX[0], LINE], GRID);
+        lettering::draw(canvas, text, NUMBER, [(x - 14) as f32, at as f32], Align::Right);
+    }
+    for (at, text) in x_ticks {
         let at = x as f64 + at * width;
         canvas.fill([at as i64, bottom + LINE as i64], [LINE, TICK], INK);
         lettering::draw(

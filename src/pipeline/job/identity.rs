@@ -3,10 +3,11 @@
 
 use crate::acquisition::{CubeFile, CubeSource, Instrument};
 use crate::checkpoint::{Identity, Stage};
-use crate::config::RunFile;
+use crate::config::{ExpectTable, OutputTable, RunFile};
 use crate::error::Result;
 use crate::grid::Grid;
 use crate::pipeline::prepared_scene::PreparedScene;
+use crate::scene::Scene;
 use glam::DVec3;
 
 /// The identity of a job that begins with a scene, which its reflectors represent completely.
@@ -38,6 +39,33 @@ pub(in crate::pipeline) fn of_cube(
         identity.bytes(bytemuck::cast_slice(samples));
     }
     Ok(identity)
+}
+
+/// The identity of a combination of a sweep, whose images with these seeds are scored: unlike that of an image it needs no
+/// reflectors. What is written and which limits are kept is no part of it.
+pub(in crate::pipeline) fn of_combination(
+    run: &RunFile,
+    (seeds, surfaces): (&[u32], [u8; 32]),
+    instrument: &Instrument,
+    grid: &Grid,
+) -> Identity {
+    let mut plain = run.clone();
+    (plain.output, plain.expect) = (OutputTable::default(), ExpectTable::default());
+    let mut identity = of_instrument("combination", &plain, instrument, grid);
+    identity.bytes(&surfaces);
+    identity.numbers(seeds.iter().map(|seed| f64::from(*seed)));
+    identity
+}
+
+/// A hash of a scene's surfaces: what they are, and where.
+pub(super) fn of_surfaces(scene: &Scene) -> [u8; 32] {
+    let mut identity = Identity::of("surfaces");
+    for triangle in scene.triangles() {
+        identity.numbers(coordinates(&triangle.vertices));
+        identity.bytes(&triangle.material.to_le_bytes());
+    }
+    identity.text(&format!("{:?} {:?} {:?}", scene.materials(), scene.parts(), scene.camera()));
+    identity.key()
 }
 
 fn of_instrument(job: &str, run: &RunFile, instrument: &Instrument, grid: &Grid) -> Identity {

@@ -232,7 +232,7 @@ impl<'a> Worker<'a> {
 
 fn prepared(run: &RunFile, job: &JobOptions) -> Result<(PreparedScene, Units)> {
     need_bandwidth("[sweep]", &run.sweep()?)?;
-    let prepared = PreparedScene::of(&MemoryBudget::of(run), job.bare_mesh, false, job.observer)?;
+    let prepared = PreparedScene::of(&MemoryBudget::of(run), job.known(), false, job.observer)?;
     let mut tiles = ListedTiles::default();
     prepared.simulate_tiles(&mut tiles, &Silent)?;
     let simulations = prepared.measurement.options.simulations(prepared.instrument()) as u64;

@@ -5,7 +5,7 @@ from __future__ import annotations
 import html
 import json
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeGuard
@@ -222,10 +222,14 @@ def plan_sweep(
     keys: Mapping[str, Any],
     *,
     set: Settings = None,
+    simulate: bool = False,
+    seeds: Sequence[int] = (),
+    measure: str = "chamfer_distance",
+    output: PathLike | None = None,
     memory: int | str | None = None,
     progress: Progress = None,
 ) -> list[dict[str, Any]]:
-    """Predicts every combination of values of keys, the last key fastest.
+    """Predicts every combination of values of keys, the last key fastest; or simulates them and compares depth with the truth.
 
     Parameters
     ----------
@@ -234,29 +238,58 @@ def plan_sweep(
         Lists of values by key, as in ``{"array.extent": [0.5, 1.0], "array.layout": ["grid", "spiral"]}``.
     set : mapping or list of str, optional
         Keys that are the same for all.
+    simulate : bool
+        Whether every combination is simulated, imaged and scored, as ``check`` does.
+    seeds : sequence of int, optional
+        Seeds of ``[reflectors]`` to simulate with; by default those of ``[expect]``, or the run file's own.
+    measure : str
+        The metric whose error is weighed against the time of the measurement and microphones.
+    output : path, optional
+        Folder for ``sweep.csv``, ``sweep.json`` and pictures of what is simulated. Finished combinations are kept there, and the
+        next call uses them.
     memory : int or str, optional
     progress : bool, tqdm or callable, optional
 
     Returns
     -------
     list of dict
-        One for each combination: its values by key, and ``microphones``, ``tones``, ``range_resolution`` (m), ``widths``
-        (m, near, middle, far), ``verdict``, ``ghost_offset`` (m), ``peak_sidelobe_db``, ``mean_sidelobe_db``,
-        ``peak_bytes``, ``seconds``; or ``refused`` with the reason. ``pandas.DataFrame`` takes it as it is.
+        One for each combination: its values by key, and ``microphones``, ``tones``, ``acquisition_seconds``, ``tone_seconds``,
+        ``range_resolution`` (m), ``widths`` (m, near, middle, far), ``verdict``, ``ghost_offset`` (m), ``peak_sidelobe_db``,
+        ``mean_sidelobe_db``; of a prediction ``peak_bytes`` and ``seconds``; of a simulation the mean of each metric by its
+        name, its standard deviation as ``NAME_sd``, ``seeds``, ``expected`` (whether ``[expect]`` is kept), ``error``, and
+        ``front``, ``front_time`` and ``front_microphones`` (whether nothing is better in error and both costs, or in error and
+        one); or ``refused`` with the reason. ``pandas.DataFrame`` takes it as it is.
     """
     values = {key: [items] if isinstance(items, str) else list(items) for key, items in keys.items()}
     texts = [(key, [typed({key: item})[0].partition("=")[2] for item in items]) for key, items in values.items()]
     options = run_of(run, typed(set))
+    if not simulate and (output is not None or seeds):
+        raise InputError("output and seeds are of a simulation, and simulate is False")
     with reporting(progress) as callback:
-        sweep = json.loads(_holosonar.plan_sweep(options, texts, size(memory), callback))
+        if simulate:
+            folder = None if output is None else os.fspath(output)
+            text = _holosonar.simulate_sweep(
+                options, texts, list(seeds), measure, folder, size(memory), callback
+            )
+        else:
+            text = _holosonar.plan_sweep(options, texts, size(memory), callback)
     combinations = _products(list(values.values()))
-    rows = []
-    for combination, found in zip(combinations, sweep["combinations"]):
-        row = dict(zip(values, combination))
-        row |= found["design"] or {}
-        row["refused"] = found["refused"]
-        rows.append(row)
-    return rows
+    found = json.loads(text)["combinations"]
+    return [dict(zip(values, combination)) | _row(row) for combination, row in zip(combinations, found)]
+
+
+def _row(found: dict[str, Any]) -> dict[str, Any]:
+    """A combination without what is nested."""
+    row: dict[str, Any] = dict(found["design"] or {})
+    if time := row.pop("acquisition", None):
+        row |= {"acquisition_seconds": time["seconds"]} | {key: time[key] for key in ("tone_seconds", "tone_time")}
+    if scores := found.get("simulated"):
+        row |= scores["mean"] | {f"{name}_sd": value for name, value in scores["spread"].items()}
+        row |= {key: scores[key] for key in ("seeds", "expected", "error")}
+        row |= {"front": scores["front"]["all"]}
+        row |= {f"front_{key}": scores["front"][key] for key in ("time", "microphones")}
+    row["refused"] = found["refused"]
+    return row
 
 
 def _products(values: list[list[Any]]) -> list[list[Any]]:
