@@ -34,15 +34,13 @@ mod fill;
 pub mod figure;
 pub(crate) mod page;
 pub mod points_ply;
-pub mod volume_exr;
-mod volume_file;
-pub mod volume_npz;
-pub mod volume_nrrd;
-pub mod volume_vdb;
-pub mod volume_vti;
+mod volume;
 
 pub use fill::Fill;
-pub(crate) use volume_file::VolumeFile;
+pub(crate) use volume::VolumeFile;
+pub use volume::{
+    exr as volume_exr, npz as volume_npz, nrrd as volume_nrrd, vdb as volume_vdb, vti as volume_vti,
+};
 
 use crate::choice::choice;
 

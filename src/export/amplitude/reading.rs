@@ -34,8 +34,8 @@ impl Amplitude {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+    use crate::export::volume::tests::volume;
     use crate::export::volume_exr::write_volume_exr;
-    use crate::export::volume_file::tests::volume;
     use crate::export::volume_npz::write_volume_npz;
     use crate::export::volume_nrrd::write_volume_nrrd;
     use crate::export::volume_vti::write_volume_vti;

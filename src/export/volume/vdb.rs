@@ -6,9 +6,9 @@
 
 mod tree;
 
-use super::volume_exr::grid_attributes;
-use super::{Attribute, Compression};
+use super::exr::grid_attributes;
 use crate::error::{Error, Result};
+use crate::export::{Attribute, Compression};
 use crate::files::write_atomically;
 use crate::grid::{Grid, VolumeView, no_room_for};
 use std::fs::File;

@@ -1,6 +1,6 @@
 //! Volumes as `NumPy` archives: complex samples, axes and metadata.
 
-use super::volume_file::{VolumeFile, VolumeStream};
+use super::{VolumeFile, VolumeStream};
 use crate::error::{Error, Result};
 use crate::files::npz::{NpzReader, NpzWriter};
 use crate::grid::{Axis, Grid, Volume};
@@ -146,7 +146,7 @@ fn axis(positions: &[f64], given: Option<f64>) -> std::result::Result<Axis, Stri
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
-    use super::super::volume_file::tests::volume;
+    use super::super::tests::volume;
     use super::*;
     use crate::files::npz::write_npz;
     use crate::named::assert_names;

@@ -1,7 +1,13 @@
-//! A volume file of any format that is written depth by depth, and appears when it is complete.
+//! Volume files: one module for each format, and what the formats that are written depth by depth have in common.
 
-use super::Components;
+pub mod exr;
+pub mod npz;
+pub mod nrrd;
+pub mod vdb;
+pub mod vti;
+
 use crate::error::{Error, Result};
+use crate::export::Components;
 use crate::files::AtomicFile;
 use crate::grid::Volume;
 use num_complex::Complex32;
