@@ -14,7 +14,7 @@ pub(super) use import::ImportArgs;
 pub(super) use work::WorkArgs;
 
 use super::inputs::{
-    Input, JobInput, bare_mesh, check_kind, config_of, cube_of, has_extension, job_of, reading_limit,
+    ARRAYS, Input, JobInput, bare_mesh, check_kind, config_of, cube_of, has_extension, job_of, reading_limit,
     scene_of,
 };
 use super::outputs::{announce, open_folder, print_json, print_written};
@@ -56,7 +56,9 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
         Command::Autofocus(args) => autofocus::run(args, terminal),
         Command::Calibrate(args) => calibrate::run(args, terminal),
         Command::Reconstruct { cube, config, output, settings, checkpoint } => {
-            output.iter().try_for_each(|path| announce(path, &["npz", "exr", "vti", "nrrd", "vdb"]))?;
+            output
+                .iter()
+                .try_for_each(|path| announce(path, &["npz", "zarr", "exr", "vti", "nrrd", "vdb"]))?;
             // The checkpoint is in the folder of the first output.
             let checkpoint = Checkpoint::beside(&output[0], checkpoint.every()?);
             check_kind(cube, "a data cube", "simulate")?;
@@ -88,7 +90,7 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
             print_written(std::slice::from_ref(output), terminal)
         }
         Command::Plan { input, sweep, output, overrides, .. } if !sweep.is_empty() => {
-            if has_extension(input, &["npz"]) {
+            if has_extension(input, &ARRAYS) {
                 let problem = "is a cube, whose array is fixed; a sweep needs a run file";
                 return Err(Error::input(input.display(), problem));
             }
@@ -148,7 +150,7 @@ fn simulate(
     terminal: &Terminal,
 ) -> Result<()> {
     let Input { run, bare } = scene_of(input, overrides, terminal)?;
-    announce(output, &["npz", "wav"])?;
+    announce(output, &["npz", "zarr", "wav"])?;
     let checkpoint = Checkpoint::beside(output, every);
     let job = observed(terminal).with_bare_mesh(bare.as_ref()).with_checkpoint(&checkpoint);
     if has_extension(output, &["wav"]) {
