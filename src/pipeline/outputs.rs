@@ -19,7 +19,7 @@ use crate::export::points_ply::{ScenePoints, write_depth_points};
 use crate::export::volume_exr::{self, volume_exr_files, write_volume_exr};
 use crate::export::volume_npz::stream_volume_npz;
 use crate::export::volume_nrrd::stream_volume_nrrd;
-use crate::export::volume_vdb::{self, THRESHOLD_DB, write_volume_vdb};
+use crate::export::volume_vdb::{self, write_volume_vdb};
 use crate::export::volume_vti::stream_volume_vti;
 use crate::export::volume_zarr::{self, stream_volume_zarr};
 use crate::export::{Components, Compression, Encoding, VolumeFile, fits_float16};
@@ -314,11 +314,11 @@ pub fn write_volume<'v>(
     facts: &Value,
 ) -> Result<Vec<PathBuf>> {
     let volume = volume.into();
-    let OutputTable { components, float16, compression, .. } = *output;
+    let OutputTable { components, float16, compression, vdb_threshold_db, .. } = *output;
     let encoding = Encoding { float16: float16 && fits_float16(volume.peak()), compression };
     match extension(path).as_str() {
         "exr" => write_volume_exr(path, volume, components, &attributes(facts), encoding),
-        "vdb" => one(path, write_volume_vdb(path, volume, THRESHOLD_DB, &attributes(facts), compression)),
+        "vdb" => one(path, write_volume_vdb(path, volume, vdb_threshold_db, &attributes(facts), compression)),
         _ => {
             let mut file = stream_volume(path, &volume.grid, output, facts)?;
             file.take(volume.samples)?;

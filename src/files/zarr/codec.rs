@@ -1,7 +1,7 @@
 //! Chunks: from elements to bytes of a file and back; and the index of a shard.
 
 use crc::{CRC_32_ISCSI, Crc, Table};
-use flate2::read::GzDecoder;
+use flate2::bufread::GzDecoder;
 use flate2::write::GzEncoder;
 use ruzstd::decoding::StreamingDecoder;
 use std::io::{self, Read, Write};
@@ -58,19 +58,23 @@ pub(super) fn decode(mut bytes: Vec<u8>, codecs: &[Codec], length: usize) -> Res
         } else {
             most_encoded(most_encoded(length as u64))
         };
-        bytes = match codec {
-            Codec::Gzip => inflated(GzDecoder::new(&bytes[..]), most, "gzip")?,
+        let mut rest = &bytes[..];
+        let decoded = match codec {
+            Codec::Gzip => inflated(GzDecoder::new(&mut rest), most, "gzip")?,
             Codec::Zstd => {
-                let window = most.max(1 << 20);
-                let decoder = StreamingDecoder::new_with_max_window_size(&bytes[..], window);
-                inflated(
-                    decoder.map_err(|error| format!("its zstd data are damaged ({error})"))?,
-                    most,
-                    "zstd",
-                )?
+                let decoder = StreamingDecoder::new_with_max_window_size(&mut rest, most.max(1 << 20));
+                let damaged = |error| format!("its zstd data are damaged ({error})");
+                inflated(decoder.map_err(damaged)?, most, "zstd")?
             }
-            Codec::Crc32c => checked(bytes)?,
+            Codec::Crc32c => {
+                bytes = checked(bytes)?;
+                continue;
+            }
         };
+        if !rest.is_empty() {
+            return Err(format!("there are {} bytes after its compressed data", rest.len()));
+        }
+        bytes = decoded;
     }
     if bytes.len() == length {
         return Ok(bytes);

@@ -88,7 +88,7 @@ fn plain_chunks_of_other_programs_are_read_and_missing_ones_filled() {
     assert_eq!((found.data, found.shape), (vec![1.0, 2.0, 3.0, 7.0, 7.0, 6.0], vec![2, 3]));
 }
 
-/// The number one, as zstd 1.5 compresses it; most programs compress so if they are not asked.
+/// With which other programs compress if they are not asked.
 #[test]
 fn zstd_is_read() {
     let folder = tempfile::tempdir().unwrap();
@@ -195,12 +195,12 @@ fn damaged_shards_are_noticed() {
         let shard = path.join("a/c/0/0/0");
         let whole = fs::read(&shard).unwrap();
         let read = || ZarrStore::open(&path, LIMIT).unwrap().complex("a");
-        for length in (0..whole.len()).step_by(7) {
+        for length in (0..whole.len()).step_by(61) {
             fs::write(&shard, &whole[..length]).unwrap();
             assert_names(read().unwrap_err().to_string(), &["array `a`", "chunk c/0/0/0"]);
         }
         let mut unnoticed = 0;
-        for at in (0..whole.len()).step_by(3) {
+        for at in (0..whole.len()).step_by(11) {
             let mut damaged = whole.clone();
             damaged[at] ^= 0x10;
             fs::write(&shard, &damaged).unwrap();
@@ -224,8 +224,8 @@ fn an_index_may_say_anything() {
     for place in [(u64::MAX - 1, 5), (0, u64::MAX - 1), (5, 0), (body as u64, 60), (0, whole.len() as u64)] {
         let bytes = [&whole[..body], &codec::encode_index(&vec![place; chunks])].concat();
         fs::write(&shard, bytes).unwrap();
-        let error = ZarrStore::open(&path, LIMIT).unwrap().complex("a").unwrap_err();
-        assert_eq!(error.exit_status(), 2, "{error}");
+        let found = ZarrStore::open(&path, LIMIT).unwrap().complex("a").map(drop);
+        assert!(found.is_err_and(|error| error.exit_status() == 2), "{place:?}");
     }
     // A chunk that is missing is filled.
     let bytes = [&whole[..body], &codec::encode_index(&[(u64::MAX, u64::MAX); 3])].concat();
