@@ -199,7 +199,8 @@ impl CubeFile {
     /// message names the array.
     pub fn open(path: &Path, limit: u64) -> Result<Self> {
         let mut arrays = ArrayFile::open(path, limit)?;
-        if !arrays.contains("frequencies") && arrays.contains("samples") && arrays.contains("z") {
+        let of_voxels = ["samples", "amplitude"].iter().any(|name| arrays.contains(name));
+        if !arrays.contains("frequencies") && of_voxels && arrays.contains("z") {
             return Err(Error::input(
                 path.display(),
                 "is a volume; a data cube was expected (`holosonar depth` reads a volume)",

@@ -52,7 +52,11 @@ fn cubes_of_every_kind_are_read_as_they_were_written() {
     ] {
         let cube = DataCube::new(instrument, samples).unwrap();
         cube.write(&path).unwrap();
-        assert_eq!(DataCube::read(&path, LIMIT).unwrap(), cube);
+        // Which rounds the speakers of pairs, too.
+        cube.write(&path.with_extension("npz")).unwrap();
+        let [zarr, npz] =
+            ["zarr", "npz"].map(|end| DataCube::read(&path.with_extension(end), LIMIT).unwrap());
+        assert_eq!((&zarr.samples, &zarr), (&cube.samples, &npz));
     }
 }
 
@@ -77,7 +81,7 @@ fn every_command_takes_stores_and_gives_the_same_results() {
     let before = contents(&path.join("b.zarr"));
     done(path, &format!("-j 1 reconstruct cube.zarr -c point.toml -o b.zarr {complex}"));
     assert!(contents(&path.join("b.zarr")) == before);
-    done(path, "depth a.npz -c point.toml -o a.exr");
+    done(path, "depth b.npz -c point.toml -o a.exr");
     done(path, "depth b.zarr -c point.toml -o b.exr");
     assert!(fs::read(path.join("a.exr")).unwrap() == fs::read(path.join("b.exr")).unwrap());
     done(path, "image cube.zarr -c point.toml -o out --set output.formats=[\"zarr\"]");

@@ -161,7 +161,7 @@ mod tests {
 
     #[test]
     fn chunks_come_back_and_damage_is_noticed() {
-        let bytes: Vec<u8> = (0..3000_u32).map(|i| (i * i >> 3) as u8).collect();
+        let bytes: Vec<u8> = (0..3000_u32).map(|i| ((i * i) >> 3) as u8).collect();
         for codecs in
             [&[][..], &[Codec::Gzip], &[Codec::Crc32c], &[Codec::Crc32c, Codec::Gzip, Codec::Crc32c]]
         {

@@ -55,7 +55,7 @@ impl ZarrStore {
         record_folder(path)?;
         let refuse = |problem: &str| Err(Error::input(path.display(), problem));
         let root = path.join(METADATA);
-        if !root.exists() {
+        let Ok(about) = fs::symlink_metadata(&root) else {
             return if VERSION_2.iter().any(|name| path.join(name).exists()) {
                 refuse(
                     "is a Zarr store of version 2, and version 3 is read; `zarr migrate v3` of zarr-python converts it",
@@ -63,6 +63,9 @@ impl ZarrStore {
             } else {
                 refuse("contains no zarr.json; a Zarr store of version 3 was expected, unpacked in a folder")
             };
+        };
+        if about.is_symlink() {
+            return refuse(LINK);
         }
         let group = read_json(&root)?;
         if group["node_type"] != "group" {

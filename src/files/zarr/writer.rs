@@ -72,7 +72,7 @@ impl ArraySpec<'_> {
         [if self.zip { Codec::Gzip } else { Codec::Crc32c }]
     }
 
-    fn json<T: Element>(&self, shape: &[usize], chunk: &[usize], codecs: Value) -> Value {
+    fn json<T: Element>(&self, shape: &[usize], chunk: &[usize], codecs: &Value) -> Value {
         json!({
             "zarr_format": 3,
             "node_type": "array",
@@ -118,7 +118,7 @@ pub(crate) fn write_small<T: Element>(
     let described = json!([plain(), { "name": "crc32c" }]);
     // A chunk has at least one element along each axis.
     let chunk: Vec<usize> = shape.iter().map(|&n| n.max(1)).collect();
-    write_json(folder, &spec.json::<T>(shape, &chunk, described))?;
+    write_json(folder, &spec.json::<T>(shape, &chunk, &described))?;
     if data.is_empty() {
         return Ok(());
     }
@@ -167,7 +167,7 @@ impl ZarrWriter {
             "index_codecs": [plain(), { "name": "crc32c" }],
             "index_location": "end",
         } }]);
-        write_json(folder, &spec.json::<T>(shape, &layout.shard(), shards))?;
+        write_json(folder, &spec.json::<T>(shape, &layout.shard(), &shards))?;
         let size = size_of::<T>();
         Ok(Self { folder: folder.to_owned(), layout, size, codecs, waiting: Vec::new(), written: 0 })
     }
@@ -188,7 +188,7 @@ impl ZarrWriter {
             self.waiting.extend_from_slice(&T::bytes(numbers));
             self.written += 1;
             let along = self.written % all;
-            if along % most == 0 {
+            if along.is_multiple_of(most) {
                 self.shard()?;
             }
         }
