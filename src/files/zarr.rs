@@ -19,7 +19,7 @@ mod reader;
 mod slab;
 mod writer;
 
-pub(crate) use layout::Layout;
+pub(crate) use layout::ShardLayout;
 pub(crate) use reader::ZarrStore;
 pub(crate) use writer::{ArraySpec, ZarrWriter, write_group, write_small};
 

@@ -11,7 +11,7 @@ use crate::error::{Error, Result};
 use crate::export::amplitude::Amplitude;
 use crate::export::{Attributes, Components, Compression};
 use crate::files::arrays::ArrayFile;
-use crate::files::zarr::{ArraySpec, Layout, MARK, META, ZarrWriter, write_group, write_small};
+use crate::files::zarr::{ArraySpec, MARK, META, ShardLayout, ZarrWriter, write_group, write_small};
 use crate::grid::{Axis, Grid, VolumeView, no_room_for};
 use num_complex::Complex32;
 use serde_json::{Value, json};
@@ -85,9 +85,13 @@ pub(crate) fn stream_volume_zarr(
 
 /// Bytes that writing a volume of this grid takes besides the volume itself.
 pub(crate) fn writing_bytes(grid: &Grid, components: Components) -> u64 {
-    let samples =
-        if components == Components::Complex { Layout::new(&grid.shape(), 8).writing_bytes(8) } else { 0 };
-    let of_level = |grid: &Grid| Layout::new(&grid.shape(), 4).writing_bytes(4) + 8 * grid.plane_len() as u64;
+    let samples = if components == Components::Complex {
+        ShardLayout::new(&grid.shape(), 8).writing_bytes(8)
+    } else {
+        0
+    };
+    let of_level =
+        |grid: &Grid| ShardLayout::new(&grid.shape(), 4).writing_bytes(4) + 8 * grid.plane_len() as u64;
     samples + levels(grid).iter().map(of_level).sum::<u64>()
 }
 

@@ -13,7 +13,7 @@ const SHARD_BYTES: u64 = 64 << 20;
 /// The division of an array. A shard is a whole slab: some rows of the axis before the last two (or before the last, of two
 /// axes), and everything along the last; chunks divide it along those.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) struct Layout {
+pub(crate) struct ShardLayout {
     pub(super) shape: Vec<usize>,
     /// Of a chunk; along every axis the sizes are as even as can be.
     pub(super) chunk: Vec<usize>,
@@ -21,7 +21,7 @@ pub(crate) struct Layout {
     pub(super) slow: usize,
 }
 
-impl Layout {
+impl ShardLayout {
     /// The division of an array of this shape and bytes of an element.
     ///
     /// # Panics
@@ -75,13 +75,13 @@ mod tests {
 
     #[test]
     fn shards_are_slabs_of_even_chunks() {
-        let layout = Layout::new(&[126, 161, 145], 8);
+        let layout = ShardLayout::new(&[126, 161, 145], 8);
         assert_eq!((layout.chunk.clone(), layout.chunks()), (vec![32, 54, 49], vec![1, 3, 3]));
         assert_eq!(layout.shard(), [32, 162, 147]);
-        assert_eq!(Layout::new(&[2, 501, 63, 63], 8).shard(), [1, 32, 63, 63]);
-        assert_eq!(Layout::new(&[501, 5000], 8).chunk, [32, 2500]);
+        assert_eq!(ShardLayout::new(&[2, 501, 63, 63], 8).shard(), [1, 32, 63, 63]);
+        assert_eq!(ShardLayout::new(&[501, 5000], 8).chunk, [32, 2500]);
         // Large planes, one at a time.
-        assert_eq!(Layout::new(&[10, 8000, 8000], 8).chunk, [1, 64, 64]);
-        assert_eq!(Layout::new(&[1, 1, 1], 4).shard(), [1, 1, 1]);
+        assert_eq!(ShardLayout::new(&[10, 8000, 8000], 8).chunk, [1, 64, 64]);
+        assert_eq!(ShardLayout::new(&[1, 1, 1], 4).shard(), [1, 1, 1]);
     }
 }

@@ -20,6 +20,9 @@ use std::path::{Path, PathBuf};
 const MOST_FILES: u64 = 1 << 20;
 const MOST_CHUNKS: u64 = 1 << 24;
 
+/// More bytes than any computer addresses, of which sums and products with small numbers do not overflow.
+const MOST_BYTES: u64 = 1 << 48;
+
 /// Files that mark a store of version 2.
 const VERSION_2: [&str; 4] = [".zgroup", ".zarray", ".zattrs", ".zmetadata"];
 
@@ -226,7 +229,8 @@ impl ZarrStore {
         let elements = meta.elements().unwrap_or(u64::MAX);
         let needed = block.min(elements).saturating_mul(bytes_each.max(meta.dtype.size));
         let needed = needed.saturating_add(slab_bytes(meta));
-        if needed > self.limit_bytes {
+        // What overflows is beyond any limit, also where there is none.
+        if needed > self.limit_bytes || needed > MOST_BYTES {
             return refuse(too_large(&meta.shape, needed, self.limit_bytes));
         }
         let Some(&rows) = meta.shape.first() else {

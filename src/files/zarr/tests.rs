@@ -124,6 +124,14 @@ fn what_would_take_too_much_is_refused_before_it_is_read() {
         assert_names(error.to_string(), &["foreign.zarr", "array `a`"]);
         assert_names(error.to_string(), words);
     }
+    // Where there is no limit, what overflows is refused all the same.
+    for (shape, chunk) in
+        [(json!([4]), json!([u64::MAX / 2])), (json!([u64::MAX / 4, 3]), json!([1_u64 << 40, 3]))]
+    {
+        let path = foreign(folder.path(), &metadata(&shape, &chunk, "int16"), &[]);
+        let found = ZarrStore::open(&path, u64::MAX).unwrap().complex_blocks("a", 10, |_| Ok(()));
+        assert_eq!(found.unwrap_err().exit_status(), 2);
+    }
     // In blocks it need not fit.
     let path = foreign(folder.path(), &metadata(&json!([4_000_000]), &json!([4000]), "int16"), &[]);
     let mut count = 0;

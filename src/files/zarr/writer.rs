@@ -1,7 +1,7 @@
 //! Writes the arrays of a store as their elements come, one shard after the other.
 
 use super::codec::{Codec, Place, encode, encode_index};
-use super::{Layout, METADATA};
+use super::{METADATA, ShardLayout};
 use crate::files::npz::little_endian;
 use num_complex::Complex32;
 use rayon::prelude::*;
@@ -12,14 +12,14 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 /// A number as arrays hold it.
-pub(crate) trait Element: Sized + Sync {
+pub(crate) trait ZarrNumber: Sized + Sync {
     /// The name of the type, and the value of what is missing.
     const TYPE: &'static str;
     fn fill() -> Value;
     fn bytes(numbers: &[Self]) -> Cow<'_, [u8]>;
 }
 
-impl Element for Complex32 {
+impl ZarrNumber for Complex32 {
     const TYPE: &'static str = "complex64";
 
     fn fill() -> Value {
@@ -31,7 +31,7 @@ impl Element for Complex32 {
     }
 }
 
-impl Element for f32 {
+impl ZarrNumber for f32 {
     const TYPE: &'static str = "float32";
 
     fn fill() -> Value {
@@ -43,7 +43,7 @@ impl Element for f32 {
     }
 }
 
-impl Element for f64 {
+impl ZarrNumber for f64 {
     const TYPE: &'static str = "float64";
 
     fn fill() -> Value {
@@ -72,7 +72,7 @@ impl ArraySpec<'_> {
         [if self.zip { Codec::Gzip } else { Codec::Crc32c }]
     }
 
-    fn json<T: Element>(&self, shape: &[usize], chunk: &[usize], codecs: &Value) -> Value {
+    fn json<T: ZarrNumber>(&self, shape: &[usize], chunk: &[usize], codecs: &Value) -> Value {
         json!({
             "zarr_format": 3,
             "node_type": "array",
@@ -107,7 +107,7 @@ fn write_json(folder: &Path, json: &Value) -> io::Result<()> {
 ///
 /// # Panics
 /// When `data` does not hold exactly as many elements as `shape` says.
-pub(crate) fn write_small<T: Element>(
+pub(crate) fn write_small<T: ZarrNumber>(
     folder: &Path,
     shape: &[usize],
     data: &[T],
@@ -128,12 +128,12 @@ pub(crate) fn write_small<T: Element>(
     fs::write(path, encode(T::bytes(data).into_owned(), &codecs)?)
 }
 
-/// An array that is written row after row, as many as its [`Layout`] says in each shard. Chunks are compressed by rayon's
+/// An array that is written row after row, as many as its [`ShardLayout`] says in each shard. Chunks are compressed by rayon's
 /// current threads; the bytes do not depend on how many there are, nor on how the rows come.
 #[derive(Debug)]
 pub(crate) struct ZarrWriter {
     folder: PathBuf,
-    layout: Layout,
+    layout: ShardLayout,
     /// Bytes of an element.
     size: usize,
     codecs: [Codec; 1],
@@ -147,13 +147,13 @@ impl ZarrWriter {
     /// Begins an array in a folder of its own.
     ///
     /// # Panics
-    /// As [`Layout::new`].
-    pub(crate) fn create<T: Element>(
+    /// As [`ShardLayout::new`].
+    pub(crate) fn create<T: ZarrNumber>(
         folder: &Path,
         shape: &[usize],
         spec: &ArraySpec<'_>,
     ) -> io::Result<Self> {
-        let layout = Layout::new(shape, size_of::<T>());
+        let layout = ShardLayout::new(shape, size_of::<T>());
         let codecs = spec.codecs();
         let described = match codecs {
             [Codec::Gzip] => {
@@ -176,7 +176,7 @@ impl ZarrWriter {
     ///
     /// # Panics
     /// When these are no whole rows of elements of the array's type.
-    pub(crate) fn append<T: Element>(&mut self, numbers: &[T]) -> io::Result<()> {
+    pub(crate) fn append<T: ZarrNumber>(&mut self, numbers: &[T]) -> io::Result<()> {
         assert_eq!(size_of::<T>(), self.size, "the type of the array");
         let (row, all) = (self.layout.row(), self.layout.shape[self.layout.slow]);
         let most = self.layout.chunk[self.layout.slow];
@@ -206,7 +206,7 @@ impl ZarrWriter {
 
     /// Writes the shard whose rows are waiting.
     fn shard(&mut self) -> io::Result<()> {
-        let Layout { shape, chunk, slow } = &self.layout;
+        let ShardLayout { shape, chunk, slow } = &self.layout;
         let counts = self.layout.chunks();
         let across = &counts[slow + 1..];
         let encoded: Vec<Vec<u8>> = (0..across.iter().product())
@@ -239,7 +239,7 @@ impl ZarrWriter {
 
     /// The bytes of a chunk of the rows that are waiting; 0 where it exceeds the array.
     fn chunk(&self, across: &[usize], flat: usize) -> Vec<u8> {
-        let Layout { shape, chunk, slow } = &self.layout;
+        let ShardLayout { shape, chunk, slow } = &self.layout;
         let (shape, sizes) = (&shape[slow + 1..], &chunk[slow + 1..]);
         // One or two axes: of one, as if there were another of length 1.
         let [rows, columns] = match *shape {
