@@ -58,6 +58,10 @@ fn what_this_version_lacks_is_refused_with_what_it_has() {
         "[output]\nformats = [\"exr\", \"hdf5\"]",
         &["formats[1]", "hdf5", "\"exr\", \"npz\", \"zarr\", \"vti\", \"nrrd\", \"vdb\""],
     );
+    refused_with(
+        "[output]\nvdb_threshold_db = 3.0",
+        &["`output.vdb_threshold_db`", "3.0", "0 dB or less, such as -40.0"],
+    );
 }
 
 #[test]
