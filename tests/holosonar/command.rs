@@ -345,7 +345,7 @@ fn a_vdb_leaves_out_what_is_below_its_threshold() {
     let lengths = ["-60.0", "-40.0", "-10.0"].map(|level| {
         let set = format!("--set output.vdb_threshold_db={level}");
         done(path, &format!("reconstruct cube.npz -c point.toml -o v.vdb {set}"));
-        let bytes = fs::read(path.join("v.vdb")).unwrap();
+        let bytes = std::fs::read(path.join("v.vdb")).unwrap();
         let said = [
             b"sonar:thresholdDb\x06\0\0\0double\x08\0\0\0",
             &level.parse::<f64>().unwrap().to_le_bytes()[..],
