@@ -14,7 +14,7 @@ use std::io;
 use std::path::Path;
 
 /// An array of numbers beside the samples.
-struct Positions {
+struct NamedNumbers {
     name: &'static str,
     dimensions: Vec<&'static str>,
     shape: Vec<usize>,
@@ -35,21 +35,21 @@ impl CubeView<'_> {
         }
     }
 
-    fn write_npz(&self, path: &Path, meta: &Value, others: &[Positions]) -> Result<()> {
+    fn write_npz(&self, path: &Path, meta: &Value, others: &[NamedNumbers]) -> Result<()> {
         let shape = self.shape().1;
         write_npz(path, |npz| {
             match self.instrument.detection {
                 Detection::Quadrature => npz.complex("samples", &shape, self.samples)?,
                 Detection::InPhase => npz.f32("samples", &shape, &self.real())?,
             }
-            for Positions { name, shape, data, .. } in others {
+            for NamedNumbers { name, shape, data, .. } in others {
                 npz.f64(name, shape, data)?;
             }
             npz.text("meta", &meta.to_string())
         })
     }
 
-    fn write_zarr(&self, path: &Path, meta: &Value, others: &[Positions]) -> Result<()> {
+    fn write_zarr(&self, path: &Path, meta: &Value, others: &[NamedNumbers]) -> Result<()> {
         let store = AtomicStore::create(path)?;
         let write = || -> io::Result<()> {
             let folder = store.folder();
@@ -70,7 +70,7 @@ impl CubeView<'_> {
                 samples.append(&self.real())?;
                 samples.finish();
             }
-            for Positions { name, dimensions, shape, data } in others {
+            for NamedNumbers { name, dimensions, shape, data } in others {
                 let attributes = json!({ "units": if *name == "frequencies" { "Hz" } else { "m" } });
                 write_small(
                     &folder_of(name),
@@ -106,19 +106,19 @@ impl CubeView<'_> {
     }
 
     /// The instrument in numbers.
-    fn positions(&self) -> Vec<Positions> {
+    fn positions(&self) -> Vec<NamedNumbers> {
         let Instrument { sweep, array, geometry, .. } = self.instrument;
         let sources = self.instrument.sources();
         let shape = [array.shape(), vec![3]].concat();
         let dimensions = [self.of_microphones(), vec!["xyz"]].concat();
         let mut all = vec![
-            Positions {
+            NamedNumbers {
                 name: "frequencies",
                 dimensions: vec!["frequencies"],
                 shape: vec![sweep.len()],
                 data: sweep.frequencies().to_vec(),
             },
-            Positions {
+            NamedNumbers {
                 name: "mic_positions",
                 dimensions: dimensions.clone(),
                 shape: shape.clone(),
@@ -128,13 +128,13 @@ impl CubeView<'_> {
         if sources.len() > 1 {
             let data = sources.iter().flat_map(DVec3::to_array).collect();
             let (dimensions, shape) = (vec!["tx", "xyz"], vec![sources.len(), 3]);
-            all.push(Positions { name: "sources", dimensions, shape, data });
+            all.push(NamedNumbers { name: "sources", dimensions, shape, data });
         }
         if let Geometry::Pair { .. } = geometry {
             let pairs = array.positions().iter().enumerate();
             let data =
                 pairs.flat_map(|(i, r)| self.instrument.geometry_of(i).source_of(*r).to_array()).collect();
-            all.push(Positions { name: "source_positions", dimensions, shape, data });
+            all.push(NamedNumbers { name: "source_positions", dimensions, shape, data });
         }
         all
     }

@@ -3,7 +3,7 @@
 use super::codec::{Place, decode, most_encoded};
 use super::fingerprint::list;
 use super::metadata::{ArrayMeta, product, read_json};
-use super::slab::{Odometer, Slab};
+use super::slab::{ArrayRows, Odometer};
 use super::{META, METADATA, fault};
 use crate::error::{Error, Result};
 use crate::files::arrays::{does_not_fit, missing, place_of, too_large};
@@ -247,7 +247,7 @@ impl ZarrStore {
         if elements == 0 {
             return Ok(());
         }
-        let mut slab = Slab::new(meta, rows).ok_or_else(|| does_not_fit(&place_of(&self.path, name)))?;
+        let mut slab = ArrayRows::new(meta, rows).ok_or_else(|| does_not_fit(&place_of(&self.path, name)))?;
         let mut known = HashMap::new();
         for first in (0..rows).step_by(meta.chunk[0]) {
             if first % meta.file[0] == 0 {
@@ -265,7 +265,7 @@ impl ZarrStore {
         &self,
         name: &str,
         meta: &ArrayMeta,
-        slab: &mut Slab<'_>,
+        slab: &mut ArrayRows<'_>,
         known: &mut HashMap<Vec<usize>, ChunkFile>,
     ) -> Result<()> {
         let (in_file, row) = (counts(&meta.file, &meta.chunk), slab.first % meta.file[0] / meta.chunk[0]);

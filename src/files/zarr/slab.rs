@@ -3,7 +3,7 @@
 use super::metadata::ArrayMeta;
 
 /// Some rows of an array along its first axis.
-pub(super) struct Slab<'a> {
+pub(super) struct ArrayRows<'a> {
     meta: &'a ArrayMeta,
     /// The first row, and how many there are.
     pub(super) first: usize,
@@ -11,7 +11,7 @@ pub(super) struct Slab<'a> {
     bytes: Vec<u8>,
 }
 
-impl<'a> Slab<'a> {
+impl<'a> ArrayRows<'a> {
     /// A slab as high as a chunk; `None` where it does not fit in memory.
     pub(super) fn new(meta: &'a ArrayMeta, rows: usize) -> Option<Self> {
         let rows = rows.min(meta.chunk[0]);
