@@ -106,7 +106,8 @@ impl Overrides {
 enum Command {
     /// Images a scene or a measured cube: volume, depth map, pictures and report.
     ///
-    /// INPUT is a run file (.toml), a bare mesh (.obj, .gltf, .glb, .stl, .ply), a list of reflectors (.csv) or a cube (.npz).
+    /// INPUT is a run file (.toml), a bare mesh (.obj, .gltf, .glb, .stl, .ply), a list of reflectors (.csv) or a cube (.npz,
+    /// .zarr).
     Image {
         /// Run file, mesh, reflector list or cube.
         input: PathBuf,
@@ -121,12 +122,12 @@ enum Command {
         #[command(flatten)]
         checkpoint: CheckpointArgs,
     },
-    /// Simulates the data cube (.npz) of a scene, or the recording (.wav) of its stepped tones.
+    /// Simulates the data cube (.npz or .zarr) of a scene, or the recording (.wav) of its stepped tones.
     Simulate {
         /// Run file, mesh or reflector list.
         input: PathBuf,
-        /// The cube to write; .wav for what an audio interface would record, as [recording] says.
-        #[arg(short, long, value_name = "CUBE.npz")]
+        /// The cube to write, .npz or .zarr; .wav for what an audio interface would record, as [recording] says.
+        #[arg(short, long, value_name = "CUBE")]
         output: PathBuf,
         #[command(flatten)]
         overrides: Overrides,
@@ -138,7 +139,7 @@ enum Command {
     Calibrate(commands::CalibrateArgs),
     Autofocus(commands::AutofocusArgs),
     Ascan(commands::AscanArgs),
-    /// Reconstructs a data cube into a volume (.npz, .exr, .vti, .nrrd or .vdb, by extension).
+    /// Reconstructs a data cube into a volume (.npz, .zarr, .exr, .vti, .nrrd or .vdb, by extension).
     Reconstruct {
         /// The cube.
         cube: PathBuf,
@@ -153,7 +154,7 @@ enum Command {
         #[command(flatten)]
         checkpoint: CheckpointArgs,
     },
-    /// Locates depth in a volume (.npz): depth map (.exr) or point cloud (.ply).
+    /// Locates depth in a volume (.npz or .zarr): depth map (.exr) or point cloud (.ply).
     Depth {
         /// The volume.
         volume: PathBuf,

@@ -2,20 +2,24 @@
 //!
 //! Takes a path and a closure that writes the bytes; gives a file that other processes never see incomplete. Every file
 //! of this crate is written by [`write_atomically`] and opened for reading by [`open_input`]; `job_files` compares the two.
-//! `.npz` files are read and written by [`npz`], `.npy` files read, the header of PLY files by `ply`, and
-//! `.wav` files by [`wav`].
+//! A Zarr store, which is a folder, is written like a file by `store`. `.npz` files are read and written by [`npz`] and stores
+//! by [`zarr`], either by [`arrays`]; `.npy` files read, the header of PLY files by `ply`, and `.wav` files by [`wav`].
 
+pub(crate) mod arrays;
 mod folder;
 mod input;
 mod job_files;
 pub(crate) mod npz;
 pub(crate) mod ply;
+mod store;
 pub(crate) mod unfinished;
 pub(crate) mod wav;
+pub(crate) mod zarr;
 
 pub(crate) use folder::{NewFolders, OutputFolder, free_space};
 pub(crate) use input::open_input;
 pub(crate) use job_files::{check_inputs, check_is_no_input, is_input, protect_inputs};
+pub(crate) use store::AtomicStore;
 
 use crate::error::{Error, Result};
 use folder::{check_folder, nearest};
@@ -71,10 +75,7 @@ impl AtomicFile {
     pub(crate) fn create(path: &Path) -> Result<Self> {
         let target = resolve(path)?;
         let failed = |error: io::Error| Error::writing(path, error);
-        let folder = match target.parent() {
-            Some(parent) if !parent.as_os_str().is_empty() => parent,
-            _ => Path::new("."),
-        };
+        let folder = parent_of(&target);
         if let Some(files) = job_files::of_process() {
             files.will_write(path, &target, false)?;
         }
@@ -122,7 +123,17 @@ impl AtomicFile {
     }
 }
 
-/// Suffix of the names of unfinished files.
+/// The folder in which a path is.
+fn parent_of(path: &Path) -> &Path {
+    path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+/// Whether a result of this name is a store, which is a folder.
+pub(crate) fn is_store(path: &Path) -> bool {
+    extension(path) == "zarr"
+}
+
+/// Suffix of the names of unfinished files and stores.
 const PART: &str = ".part";
 
 /// Prefix of the names of a target's unfinished files.
@@ -143,7 +154,7 @@ fn open_locked(candidate: &Path) -> io::Result<File> {
     if locked && candidate.exists() { Ok(file) } else { Err(io::ErrorKind::AlreadyExists.into()) }
 }
 
-/// Removes unfinished files of the same target that killed processes left.
+/// Removes unfinished files and stores of the same target that killed processes left.
 fn remove_abandoned(folder: &Path, prefix: &str) {
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         let name = entry.file_name();
@@ -153,8 +164,13 @@ fn remove_abandoned(folder: &Path, prefix: &str) {
         {
             continue;
         }
-        if is_abandoned(&entry.path()) {
-            let _ = fs::remove_file(entry.path());
+        let path = entry.path();
+        if entry.file_type().is_ok_and(|kind| kind.is_dir()) {
+            if File::open(&path).is_ok_and(|folder| folder.try_lock().is_ok()) {
+                let _ = fs::remove_dir_all(&path);
+            }
+        } else if is_abandoned(&path) {
+            let _ = fs::remove_file(&path);
         }
     }
 }
@@ -195,10 +211,10 @@ fn take_permissions(new: &File, old: &fs::Metadata) {
 /// output of the process; creates nothing. Every command announces all its outputs, each once, as soon as it knows them.
 ///
 /// # Errors
-/// [`Error::InvalidInput`] when `path` is a folder or a device, is inside a file, or is another file of the process;
-/// [`Error::Io`] when its folder is not writable.
+/// [`Error::InvalidInput`] when `path` is a folder (or, for a store, one that may not be replaced) or a device, is inside a
+/// file, or is another file of the process; [`Error::Io`] when its folder is not writable.
 pub(crate) fn announce_output(path: &Path) -> Result<()> {
-    let target = resolve(path)?;
+    let target = if is_store(path) { store::resolve(path)? } else { resolve(path)? };
     check_folder(target.parent().unwrap_or(Path::new(".")))?;
     job_files::of_process().map_or(Ok(()), |files| files.will_write(path, &target, true))
 }

@@ -52,6 +52,8 @@ pub(crate) use limits::measure_of;
 pub use limits::{Bound, Judgement, LimitVerdict, check_scene, hold};
 pub use maps::{depth_in_volume, depth_of_volume, truth_of_scene, write_preview};
 pub use oracle::{Oracle, oracle_of_scene};
+#[cfg(feature = "python")]
+pub(crate) use outputs::check_cube_name;
 pub(crate) use outputs::{announce_outputs, error_note};
 pub use outputs::{write_cube, write_depth, write_outputs, write_page, write_volume};
 pub use recording::record_scene;

@@ -1,14 +1,13 @@
-//! The data cube `m(f, r)` and its file, `.npz`, which the chapter `files` of the guide describes.
+//! The data cube `m(f, r)` and its file, `.npz` or `.zarr`, which the chapter `files` of the guide describes.
+
+mod writing;
 
 use super::source::{CubeSource, Visit, visit_samples};
-use super::{CubeFile, Detection, Instrument};
+use super::{CubeFile, Instrument};
 use crate::alloc::try_zeroed;
 use crate::error::{Error, Result};
-use crate::files::npz::write_npz;
-use crate::wave::Geometry;
-use glam::DVec3;
 use num_complex::Complex32;
-use serde_json::{Value, json};
+use serde_json::Value;
 use std::path::Path;
 
 /// A measured or simulated cube, with everything that imaging needs.
@@ -77,10 +76,12 @@ impl DataCube {
     }
 
     /// Writes the cube: `samples`, `frequencies`, `mic_positions`, `meta`, and `sources` if there are several, or
-    /// `source_positions` of a pair. The same cube gives the same bytes.
+    /// `source_positions` of a pair: as a Zarr store if the extension is `.zarr`, else as an npz. The same cube gives the same
+    /// bytes.
     ///
     /// # Errors
-    /// [`Error::Io`] if the file cannot be written; an existing file is then unchanged.
+    /// [`Error::Io`] if the file cannot be written; an existing file is then unchanged. [`Error::InvalidInput`] for a
+    /// folder at `path` that is no store of this program.
     pub fn write(&self, path: &Path) -> Result<()> {
         CubeView { instrument: &self.instrument, samples: &self.samples }.write(path, &self.provenance)
     }
@@ -116,57 +117,6 @@ impl<'a> CubeView<'a> {
     /// The samples, `[n_f, n_mic]`, or `[n_tx, n_f, n_mic]` of several loudspeakers.
     pub fn samples(&self) -> &'a [Complex32] {
         self.samples
-    }
-
-    /// Writes the cube with its origin, as [`DataCube::write`].
-    ///
-    /// # Errors
-    /// As [`DataCube::write`].
-    pub fn write(&self, path: &Path, provenance: &Value) -> Result<()> {
-        let Instrument { sweep, array, geometry, detection, sound_speed, interface, .. } = self.instrument;
-        let sources = self.instrument.sources();
-        let several = (sources.len() > 1).then_some(sources.len());
-        let shape = several.into_iter().chain([sweep.len()]).chain(array.shape()).collect::<Vec<_>>();
-        let positions_shape = [array.shape(), vec![3]].concat();
-        let positions: Vec<f64> = array.positions().iter().flat_map(DVec3::to_array).collect();
-        let mut meta = json!({
-            "format": FORMAT,
-            "version": VERSION,
-            "sound_speed": sound_speed,
-            "geometry": geometry.kind(),
-            "detection": detection,
-            "phase_sign": 1,
-        });
-        if let Some(interface) = interface {
-            meta["interface"] = json!(interface);
-        }
-        if several.is_none() {
-            meta["source"] = json!(sources.first().copied().unwrap_or_default().to_array());
-        }
-        if !provenance.is_null() {
-            meta["provenance"] = provenance.clone();
-        }
-        write_npz(path, |npz| {
-            match detection {
-                Detection::Quadrature => npz.complex("samples", &shape, self.samples)?,
-                Detection::InPhase => {
-                    let real: Vec<f32> = self.samples.iter().map(|m| m.re).collect();
-                    npz.f32("samples", &shape, &real)?;
-                }
-            }
-            npz.f64("frequencies", &[sweep.len()], sweep.frequencies())?;
-            npz.f64("mic_positions", &positions_shape, &positions)?;
-            if let Some(count) = several {
-                npz.f64("sources", &[count, 3], bytemuck::cast_slice(&sources))?;
-            }
-            if let Geometry::Pair { .. } = geometry {
-                let pairs = array.positions().iter().enumerate();
-                let sources =
-                    pairs.flat_map(|(i, r)| self.instrument.geometry_of(i).source_of(*r).to_array());
-                npz.f64("source_positions", &positions_shape, &sources.collect::<Vec<_>>())?;
-            }
-            npz.text("meta", &meta.to_string())
-        })
     }
 }
 

@@ -11,7 +11,7 @@ use super::cube::{FORMAT, VERSION, check_all_finite, check_finite};
 use super::source::{CubeSource, Visit, visit_samples};
 use super::{Calibration, DataCube, Detection, Instrument, InstrumentChanges, MicArray, Sweep};
 use crate::error::{Error, Result, gib};
-use crate::files::npz::NpzReader;
+use crate::files::arrays::ArrayFile;
 use crate::progress::Observer;
 use crate::scene::FARTHEST;
 use crate::text::{nearest, quoted};
@@ -26,7 +26,7 @@ use std::path::{Path, PathBuf};
 #[derive(Debug)]
 pub struct CubeFile {
     path: PathBuf,
-    npz: NpzReader,
+    arrays: ArrayFile,
     instrument: Instrument,
     conjugated: bool,
     provenance: Value,
@@ -141,10 +141,10 @@ fn refused<T>(path: &Path, array: &str, problem: impl Into<String>) -> Result<T>
 }
 
 /// The microphones of `mic_positions`, and their shape.
-fn microphones(path: &Path, npz: &mut NpzReader, limit: u64) -> Result<(MicArray, Vec<usize>)> {
+fn microphones(path: &Path, arrays: &mut ArrayFile, limit: u64) -> Result<(MicArray, Vec<usize>)> {
     // A few bytes may declare any number of zeros; they are in memory as numbers and as points.
     let numbers =
-        npz.shape("mic_positions")?.iter().fold(1_u64, |product, n| product.saturating_mul(*n as u64));
+        arrays.shape("mic_positions")?.iter().fold(1_u64, |product, n| product.saturating_mul(*n as u64));
     let bytes = numbers.saturating_mul(2 * size_of::<f64>() as u64);
     if bytes > limit {
         let problem = format!(
@@ -154,7 +154,7 @@ fn microphones(path: &Path, npz: &mut NpzReader, limit: u64) -> Result<(MicArray
         );
         return refused(path, "mic_positions", problem);
     }
-    let positions = npz.f64("mic_positions")?;
+    let positions = arrays.f64("mic_positions")?;
     let points = positions.data.chunks_exact(3).map(DVec3::from_slice).collect();
     let array = match *positions.shape {
         [n_y, n_x, 3] => MicArray::from_rows([n_y, n_x], points),
@@ -198,35 +198,36 @@ impl CubeFile {
     /// A missing or malformed file; arrays that are missing, of wrong shape, or inconsistent with each other. The
     /// message names the array.
     pub fn open(path: &Path, limit: u64) -> Result<Self> {
-        let mut npz = NpzReader::open(path, limit)?;
-        if !npz.contains("frequencies") && npz.contains("samples") && npz.contains("z") {
+        let mut arrays = ArrayFile::open(path, limit)?;
+        let of_voxels = ["samples", "amplitude"].iter().any(|name| arrays.contains(name));
+        if !arrays.contains("frequencies") && of_voxels && arrays.contains("z") {
             return Err(Error::input(
                 path.display(),
                 "is a volume; a data cube was expected (`holosonar depth` reads a volume)",
             ));
         }
-        let meta = if npz.contains("meta") { npz.text("meta")? } else { "{}".to_owned() };
+        let meta = if arrays.contains("meta") { arrays.text("meta")? } else { "{}".to_owned() };
         let meta = Meta::read(&meta).map_err(|error| error.at(place(path, "meta")))?;
-        if let Some(unknown) = npz.names().find(|name| !ARRAYS.contains(name)) {
+        if let Some(unknown) = arrays.names().into_iter().find(|name| !ARRAYS.contains(name)) {
             return Err(unknown_name("array", unknown, &ARRAYS).at(path.display()));
         }
         let kind = meta.check(&place(path, "meta"))?;
-        let frequencies = npz.f64("frequencies")?;
+        let frequencies = arrays.f64("frequencies")?;
         if frequencies.shape.len() != 1 {
             let problem = format!("must have one axis, [n_f], not {:?}", frequencies.shape);
             return refused(path, "frequencies", problem);
         }
         let sweep = Sweep::from_frequencies(frequencies.data)
             .map_err(|error| error.at(place(path, "frequencies")))?;
-        let (array, axes) = microphones(path, &mut npz, limit)?;
-        let detection = detection_of(path, meta.detection, npz.dtype_is_complex("samples")?)?;
-        let shape = npz.shape("samples")?;
+        let (array, axes) = microphones(path, &mut arrays, limit)?;
+        let detection = detection_of(path, meta.detection, arrays.dtype_is_complex("samples")?)?;
+        let shape = arrays.shape("samples")?;
         let instrument = Instrument::new(sweep, array)
             .with_detection(detection)
             .with_sound_speed(meta.sound_speed)
             .with_interface(meta.interface);
-        let instrument = sources::placed(path, &mut npz, instrument, (kind, meta.source))?;
-        let of_sources = npz.contains("sources").then(|| instrument.transmissions());
+        let instrument = sources::placed(path, &mut arrays, instrument, (kind, meta.source))?;
+        let of_sources = arrays.contains("sources").then(|| instrument.transmissions());
         let expected: Vec<usize> =
             of_sources.into_iter().chain([instrument.sweep.len()]).chain(axes).collect();
         if shape != expected {
@@ -241,7 +242,7 @@ impl CubeFile {
         instrument.check().map_err(|error| error.at(place(path, "meta")))?;
         Ok(Self {
             path: path.to_owned(),
-            npz,
+            arrays,
             instrument,
             conjugated: meta.phase_sign < 0,
             provenance: meta.provenance,
@@ -264,7 +265,7 @@ impl CubeFile {
 
     /// What is hard to believe of the file, known before its samples are read.
     pub fn questions(&self) -> Vec<String> {
-        let unsigned = self.npz.dtype_is_unsigned("samples").unwrap_or(false);
+        let unsigned = self.arrays.dtype_is_unsigned("samples").unwrap_or(false);
         let question = || {
             format!(
                 "the samples of {} are unsigned integers, which no in-phase data are: echoes have a mean of 0; subtract the \
@@ -330,7 +331,7 @@ impl CubeFile {
 
     /// All samples, with phase sign +1.
     fn samples(&mut self) -> Result<Vec<Complex32>> {
-        let mut samples = self.npz.complex("samples")?.data;
+        let mut samples = self.arrays.complex("samples")?.data;
         if self.conjugated {
             conjugate(&mut samples);
         }
@@ -342,7 +343,7 @@ impl CubeFile {
     /// # Errors
     /// A damaged file.
     pub(crate) fn fingerprint(&mut self) -> Result<String> {
-        self.npz.fingerprint()
+        self.arrays.fingerprint()
     }
 
     /// The samples as they are, to find those that are not finite, at which any other visit stops.
@@ -362,7 +363,6 @@ impl CubeSource for CubeFile {
     }
 
     fn held_bytes(&self) -> u64 {
-        // In a Fortran array the first axis varies fastest, so its blocks are scattered over the whole file.
         if self.corrected.is_some() {
             return self.instrument.cube_bytes();
         }
@@ -370,7 +370,7 @@ impl CubeSource for CubeFile {
         if self.instrument.transmissions() > 1 {
             return self.instrument.cube_bytes().saturating_mul(2);
         }
-        if self.npz.in_order("samples") { 0 } else { self.instrument.cube_bytes().saturating_mul(2) }
+        self.arrays.bytes_beside_block("samples")
     }
 
     fn visit_transmission(&mut self, transmission: usize, block: usize, visit: &mut Visit) -> Result<()> {

@@ -56,7 +56,9 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
         Command::Autofocus(args) => autofocus::run(args, terminal),
         Command::Calibrate(args) => calibrate::run(args, terminal),
         Command::Reconstruct { cube, config, output, settings, checkpoint } => {
-            output.iter().try_for_each(|path| announce(path, &["npz", "exr", "vti", "nrrd", "vdb"]))?;
+            output
+                .iter()
+                .try_for_each(|path| announce(path, &["npz", "zarr", "exr", "vti", "nrrd", "vdb"]))?;
             // The checkpoint is in the folder of the first output.
             let checkpoint = Checkpoint::beside(&output[0], checkpoint.every()?);
             check_kind(cube, "a data cube", "simulate")?;
@@ -136,7 +138,7 @@ fn simulate(
     terminal: &Terminal,
 ) -> Result<()> {
     let Input { run, bare } = scene_of(input, overrides, terminal)?;
-    announce(output, &["npz", "wav"])?;
+    announce(output, &["npz", "zarr", "wav"])?;
     let checkpoint = Checkpoint::beside(output, every);
     let job = observed(terminal).with_bare_mesh(bare.as_ref()).with_checkpoint(&checkpoint);
     if has_extension(output, &["wav"]) {

@@ -11,9 +11,11 @@ use crate::export::amplitude::Amplitude;
 use crate::export::depth_exr::read_depth_map;
 use crate::export::points_ply::Ply;
 use crate::export::volume_npz::read_volume_npz;
+use crate::export::volume_zarr::read_amplitude_zarr;
 use crate::export::{attributes_as_json, find_attribute};
 use crate::files::extension;
 use crate::files::npz::NpzReader;
+use crate::files::zarr::ZarrStore;
 use crate::grid::{Axis, Grid};
 use crate::progress::Observer;
 use crate::scene::{EXTENSIONS, Scene, Unit, metres};
@@ -27,6 +29,7 @@ use std::path::Path;
 pub(super) fn of(file: &Path, overrides: &Overrides, limit: u64, observer: &dyn Observer) -> Result<Value> {
     match extension(file).as_str() {
         "npz" => npz(file, limit),
+        "zarr" => zarr(file, limit),
         "exr" => exr(file, limit),
         "vti" | "nrrd" => volume(file, limit),
         "wav" => recording::facts(file),
@@ -49,8 +52,8 @@ pub(super) fn of(file: &Path, overrides: &Overrides, limit: u64, observer: &dyn 
         }
         _ => Err(Error::input(
             file.display(),
-            "is of an unknown kind; .npz, .exr, .vti, .nrrd, .wav, .ply, .obj, .gltf, .glb, .stl, .csv or .toml \
-             was expected",
+            "is of an unknown kind; .npz, .zarr, .exr, .vti, .nrrd, .wav, .ply, .obj, .gltf, .glb, .stl, .csv or \
+             .toml was expected",
         )),
     }
 }
@@ -79,6 +82,18 @@ fn npz(file: &Path, limit: u64) -> Result<Value> {
         let (volume, meta) = read_volume_npz(file, limit)?;
         return Ok(volume_facts(&volume.grid, volume.peak(), "meta", &meta));
     }
+    cube(file, limit)
+}
+
+fn zarr(file: &Path, limit: u64) -> Result<Value> {
+    if ZarrStore::open(file, limit)?.contains("frequencies") {
+        return cube(file, limit);
+    }
+    let (amplitude, meta) = read_amplitude_zarr(file, limit)?;
+    Ok(volume_facts(&amplitude.grid, amplitude.peak(), "meta", &meta))
+}
+
+fn cube(file: &Path, limit: u64) -> Result<Value> {
     let cube = DataCube::read(file, limit)?;
     let instrument = &cube.instrument;
     let (sweep, array) = (&instrument.sweep, &instrument.array);

@@ -13,6 +13,9 @@ use crate::text::quoted;
 use std::path::Path;
 use std::sync::OnceLock;
 
+/// The extensions of cubes and volumes that commands read.
+pub(super) const ARRAYS: [&str; 2] = ["npz", "zarr"];
+
 /// The run file of an input, and the mesh if the input is one without a run file.
 pub(super) struct Input {
     pub(super) run: RunFile,
@@ -121,12 +124,12 @@ pub(super) fn job_of(
     overrides: &Overrides,
     observer: &dyn Observer,
 ) -> Result<JobInput> {
-    if has_extension(input, &["npz"]) {
+    if has_extension(input, &ARRAYS) {
         let cube = cube_of(input, config, &overrides.keys()?, observer)?;
         return Ok(JobInput::Cube(Box::new(cube)));
     }
     if config.is_some() {
-        let problem = "is only for a cube (.npz); the run file of a scene is the input itself";
+        let problem = "is only for a cube (.npz or .zarr); the run file of a scene is the input itself";
         return Err(Error::input("--config", problem));
     }
     Ok(JobInput::Scene(Box::new(scene_of(input, overrides, observer)?)))
@@ -134,12 +137,14 @@ pub(super) fn job_of(
 
 /// Refuses an input, by its extension, that the command does not read.
 pub(super) fn check_kind(input: &Path, what: &str, maker: &str) -> Result<()> {
-    if has_extension(input, &["npz"]) || !input.exists() {
+    if has_extension(input, &ARRAYS) || !input.exists() {
         return Ok(());
     }
     Err(Error::input(
         input.display(),
-        format!("was expected to be {what} (.npz), as `holosonar {maker}` writes it; give run files with -c"),
+        format!(
+            "was expected to be {what} (.npz or .zarr), as `holosonar {maker}` writes it; give run files with -c"
+        ),
     ))
 }
 

@@ -71,6 +71,8 @@ choice! {
         Exr = "exr",
         /// Zipped `NumPy` arrays.
         Npz = "npz",
+        /// A Zarr store, which xarray, tensorstore, napari and neuroglancer open.
+        Zarr = "zarr",
         /// VTK image data, which `ParaView` opens.
         Vti = "vti",
         /// NRRD, which 3D Slicer and ITK open.

@@ -1,5 +1,5 @@
-//! The output formats: `OpenEXR`, VTK image data, NRRD, `OpenVDB`, `NumPy` archives, PLY points, PNG figures, and an HTML
-//! page that shows everything.
+//! The output formats: `OpenEXR`, VTK image data, NRRD, `OpenVDB`, `NumPy` archives, Zarr stores, PLY points, PNG figures,
+//! and an HTML page that shows everything.
 //!
 //! Takes the types of [`crate::grid`] and named [`Attributes`]; writes files that are complete or do not appear at all.
 //! Depth maps, volumes and points can be read, too. No writer smooths anything, and none but that of OpenVDB,
@@ -34,15 +34,15 @@ mod fill;
 pub mod figure;
 pub(crate) mod page;
 pub mod points_ply;
-pub mod volume_exr;
-mod volume_file;
-pub mod volume_npz;
-pub mod volume_nrrd;
-pub mod volume_vdb;
-pub mod volume_vti;
+mod volume;
 
 pub use fill::Fill;
-pub(crate) use volume_file::VolumeFile;
+pub(crate) use volume::VolumeFile;
+pub use volume::reading::read_volume;
+pub use volume::{
+    exr as volume_exr, npz as volume_npz, nrrd as volume_nrrd, vdb as volume_vdb, vti as volume_vti,
+    zarr as volume_zarr,
+};
 
 use crate::choice::choice;
 
@@ -90,7 +90,7 @@ choice! {
     /// The lossless compression of a file.
     #[derive(Default)]
     pub enum Compression: "compression" {
-        /// Deflate: EXR's ZIP in blocks of 16 lines, NRRD's gzip, VDB's zip of each leaf.
+        /// Deflate: EXR's ZIP in blocks of 16 lines, NRRD's gzip, VDB's zip of each leaf, gzip of each chunk of a Zarr store.
         #[default]
         Zip = "zip",
         /// None, which is faster to write and to read.

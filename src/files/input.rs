@@ -1,4 +1,4 @@
-//! Opens files for reading: every input of the crate is opened here.
+//! Opens files for reading, and folders that are one input: every input of the crate is opened here.
 
 use super::job_files;
 use crate::error::{Error, Result};
@@ -13,6 +13,15 @@ use std::path::Path;
 /// # Errors
 /// A file that is missing, a folder, not permitted, or not a regular file; one that is also an output of this process.
 pub(crate) fn open_input(path: &Path) -> Result<File> {
+    let file = open_regular(path)?;
+    if let Some(files) = job_files::of_process() {
+        files.read(path, &file.metadata().map_err(|error| Error::reading(path, error))?)?;
+    }
+    Ok(file)
+}
+
+/// The same for a file within a folder that is recorded as an input.
+pub(super) fn open_regular(path: &Path) -> Result<File> {
     let failed = |error| Error::reading(path, error);
     need_regular(path, &fs::metadata(path).map_err(failed)?)?;
     let mut options = File::options();
@@ -24,12 +33,20 @@ pub(crate) fn open_input(path: &Path) -> Result<File> {
         options.custom_flags((OFlags::NONBLOCK | OFlags::NOCTTY).bits() as i32);
     }
     let file = options.open(path).map_err(failed)?;
-    let about = file.metadata().map_err(failed)?;
-    need_regular(path, &about)?;
-    if let Some(files) = job_files::of_process() {
-        files.read(path, &about)?;
-    }
+    need_regular(path, &file.metadata().map_err(failed)?)?;
     Ok(file)
+}
+
+/// Records a folder that is one input, as Zarr stores are.
+///
+/// # Errors
+/// One that is missing or a file; one that is also an output of this process.
+pub(super) fn record_folder(path: &Path) -> Result<()> {
+    let about = fs::metadata(path).map_err(|error| Error::reading(path, error))?;
+    if !about.is_dir() {
+        return Err(Error::input(path.display(), "is a file; a Zarr store is a folder"));
+    }
+    job_files::of_process().map_or(Ok(()), |files| files.read(path, &about))
 }
 
 fn need_regular(path: &Path, about: &Metadata) -> Result<()> {

@@ -13,14 +13,17 @@ mod header;
 mod npy;
 mod writer;
 
+pub(in crate::files) use elements::{ComplexBlocks, ComplexReader, complex_reader, scalar_reader};
+pub(in crate::files) use header::{Dtype, DtypeKind};
 pub(crate) use npy::NpyReader;
+pub(in crate::files) use writer::little_endian;
 pub(crate) use writer::{NpzWriter, write_npz};
 
 use crate::error::{Error, Result};
+use crate::files::arrays::{does_not_fit, missing, place_of, too_large};
 use crate::files::open_input;
-use crate::text::quoted;
-use elements::{ComplexReader, any_complex, characters, plain_complex, scalar_reader};
-use header::{Dtype, DtypeKind, NpyHeader};
+use elements::characters;
+use header::NpyHeader;
 use num_complex::Complex32;
 use std::fs::File;
 use std::io::{BufReader, Read};
@@ -136,8 +139,7 @@ impl NpzReader {
     /// How to read an array's elements as complex numbers.
     fn complex_reader(&self, name: &str, dtype: Dtype) -> Result<ComplexReader> {
         self.scalar_reader(name, dtype)?;
-        let plain = Dtype { kind: DtypeKind::Complex, size: 8, big_endian: false };
-        Ok(if dtype == plain { plain_complex } else { any_complex })
+        Ok(complex_reader(dtype))
     }
 
     /// All elements of an array, which `convert` appends from their bytes.
@@ -181,28 +183,13 @@ impl NpzReader {
             return self.complex(name)?.data.chunks_mut(block).try_for_each(take);
         }
         let (index, header) = self.header(name)?;
-        let convert = self.complex_reader(name, header.dtype)?;
-        let size = header.dtype.size as usize;
-        let mut waiting: Vec<Complex32> = Vec::new();
-        let most = block.min(header.elements().map_or(block, |n| n as usize));
-        let place = place_of(&self.path, name);
-        self.read(name, index, &header, [block as u64, 8], |mut bytes| {
-            if waiting.capacity() == 0 {
-                waiting.try_reserve_exact(most).map_err(|_| does_not_fit(&place))?;
-            }
-            while !bytes.is_empty() {
-                let room = (block - waiting.len()) * size;
-                let (now, rest) = bytes.split_at(room.min(bytes.len()));
-                convert(header.dtype, now, &mut waiting);
-                bytes = rest;
-                if waiting.len() == block {
-                    take(&mut waiting)?;
-                    waiting.clear();
-                }
-            }
-            Ok(())
+        self.complex_reader(name, header.dtype)?;
+        let mut blocks = ComplexBlocks::new(header.dtype, block, &mut take);
+        let (place, elements) = (place_of(&self.path, name), header.elements().unwrap_or(u64::MAX));
+        self.read(name, index, &header, [block as u64, 8], |bytes| {
+            blocks.add(bytes, elements).ok_or_else(|| does_not_fit(&place))?
         })?;
-        if waiting.is_empty() { Ok(()) } else { take(&mut waiting) }
+        blocks.finish()
     }
 
     /// An array of real numbers in double precision.
@@ -271,12 +258,7 @@ impl NpzReader {
         let in_memory = block.min(elements).saturating_mul(bytes_each.max(header.dtype.size));
         let in_memory = in_memory.saturating_mul(copies);
         if in_memory > self.limit_bytes {
-            let problem = format!(
-                "has the shape {:?} and needs {in_memory} bytes, more than the limit of {}; raise the limit or use a \
-                 smaller array",
-                header.shape, self.limit_bytes
-            );
-            return Err(self.fault(name, problem));
+            return Err(self.fault(name, too_large(&header.shape, in_memory, self.limit_bytes)));
         }
         let size = header.dtype.size;
         let mut left = elements * size;
@@ -308,9 +290,7 @@ impl NpzReader {
 
     fn header(&self, name: &str) -> Result<(usize, NpyHeader)> {
         let Some(entry) = self.entries.iter().find(|entry| entry.name == name) else {
-            let present: Vec<_> = self.names().take(20).map(|name| format!("`{}`", quoted(name))).collect();
-            let present = if present.is_empty() { "no arrays".to_owned() } else { present.join(", ") };
-            return Err(self.fault(name, format!("is missing; the file contains {present}")));
+            return Err(self.fault(name, missing(self.names())));
         };
         match &entry.header {
             Ok(header) => Ok((entry.index, header.clone())),
@@ -321,15 +301,6 @@ impl NpzReader {
     fn fault(&self, name: &str, problem: impl Into<String>) -> Error {
         Error::input(place_of(&self.path, name), problem)
     }
-}
-
-fn place_of(path: &Path, name: &str) -> String {
-    format!("{}, array `{name}`", path.display())
-}
-
-/// The error for an array that does not fit in memory.
-fn does_not_fit(place: &str) -> Error {
-    Error::out_of_memory(format!("{place} does not fit in memory; use a smaller array, or free some memory"))
 }
 
 /// Reads one array's header and checks its declared size against its shape and the size of the file.

@@ -15,7 +15,7 @@ struct List(Mutex<Vec<PathBuf>>);
 /// Those of this process.
 static LIST: List = List(Mutex::new(Vec::new()));
 
-/// A file or an empty folder to be removed if the process ends while this exists.
+/// A file, a store or an empty folder to be removed if the process ends while this exists.
 #[derive(Debug)]
 pub(crate) struct Unfinished {
     list: &'static List,
@@ -50,7 +50,7 @@ impl Drop for Unfinished {
     }
 }
 
-/// Removes everything in the list, the last first; of folders, those that are then empty. Nothing more can be listed until
+/// Removes everything in the list, the last first; of folders, unfinished stores and those that are then empty. Nothing more can be listed until
 /// the returned value is dropped: the process is meant to end before.
 pub(crate) fn remove_all() -> impl Sized {
     LIST.remove_all()
@@ -84,7 +84,12 @@ impl List {
         };
         let mut listed = (0..20).find_map(try_lock)?;
         while let Some(path) = listed.pop() {
-            let _ = if path.is_dir() { fs::remove_dir(path) } else { fs::remove_file(path) };
+            let _ = match path.is_dir() {
+                // A store.
+                true if path.extension().is_some_and(|e| e == "part") => fs::remove_dir_all(path),
+                true => fs::remove_dir(path),
+                false => fs::remove_file(path),
+            };
         }
         Some(listed)
     }

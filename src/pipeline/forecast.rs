@@ -69,7 +69,7 @@ pub struct Forecast {
 #[non_exhaustive]
 pub struct CommandMemory {
     /// `image`; `simulate`, if there is a scene; or `reconstruct`, from a cube file to a volume that is written depth by depth
-    /// (.npz, .vti, .nrrd).
+    /// (.npz, .zarr, .vti, .nrrd).
     pub command: &'static str,
     /// Peak memory, bytes.
     pub bytes: u64,

@@ -8,7 +8,7 @@ use crate::config::RunFile;
 use crate::depth::locate_depth_with;
 use crate::error::{Error, Result};
 use crate::export::figure::write_preview_figure;
-use crate::export::volume_npz::read_volume_npz;
+use crate::export::read_volume;
 use crate::grid::{Axis, DepthMap, Grid, Raster, View, VolumeView, check_voxels};
 use crate::plan::memory_limit;
 use crate::progress::{Observer, stage};
@@ -32,7 +32,7 @@ pub fn depth_of_volume(
 ) -> Result<(DepthMap, Value)> {
     let observer = job.observer;
     let limit = memory_limit(run.memory).unwrap_or(u64::MAX);
-    let (volume, meta) = stage(observer, "reading the volume", 0, || read_volume_npz(path, limit))?;
+    let (volume, meta) = stage(observer, "reading the volume", 0, || read_volume(path, limit))?;
     let place = path.display().to_string();
     let depth = depth_in_volume(volume.view(), &meta, &place, (run, sweep_known), observer)?;
     Ok((depth, meta))

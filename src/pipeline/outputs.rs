@@ -19,9 +19,10 @@ use crate::export::points_ply::{ScenePoints, write_depth_points};
 use crate::export::volume_exr::{self, volume_exr_files, write_volume_exr};
 use crate::export::volume_npz::stream_volume_npz;
 use crate::export::volume_nrrd::stream_volume_nrrd;
-use crate::export::volume_vdb::{self, THRESHOLD_DB, write_volume_vdb};
+use crate::export::volume_vdb::{self, write_volume_vdb};
 use crate::export::volume_vti::stream_volume_vti;
-use crate::export::{Components, Encoding, VolumeFile, fits_float16};
+use crate::export::volume_zarr::{self, stream_volume_zarr};
+use crate::export::{Components, Compression, Encoding, VolumeFile, fits_float16};
 use crate::files::{announce_output, extension, write_atomically};
 use crate::grid::{DepthMap, Grid, Volume, VolumeView};
 use crate::metrics::{Metrics, error_map};
@@ -126,6 +127,7 @@ pub(super) fn bytes_of(path: &Path, run: &RunFile, grid: &Grid) -> u64 {
         "npz" => 8,
         "vti" if run.output.components == Components::Complex => 12,
         "vti" => 4,
+        "zarr" if run.output.compression == Compression::None => 4,
         // What is weak is left out, which may be nearly all.
         "vdb" => 0,
         // Compressed: no volume of echoes shrinks to less than a quarter.
@@ -144,10 +146,16 @@ pub(super) fn writing_bytes(paths: impl IntoIterator<Item: AsRef<Path>>, run: &R
     let bytes = |path: &Path| match extension(path).as_str() {
         "exr" => volume_exr::writing_bytes(grid, run.output.components),
         "vdb" => volume_vdb::writing_bytes(grid),
+        "zarr" => volume_zarr::writing_bytes(grid, run.output.components),
         _ => 0,
     };
-    // They are written one after the other.
-    paths.into_iter().map(|path| bytes(path.as_ref())).max().unwrap_or(0)
+    let (mut together, mut one) = (0, 0);
+    for path in paths {
+        let (path, taken) = (path.as_ref(), bytes(path.as_ref()));
+        // Those that need the whole volume are written one after the other.
+        if needs_all(path) { one = taken.max(one) } else { together += taken }
+    }
+    one.max(together)
 }
 
 /// The names of a run's volumes.
@@ -285,11 +293,12 @@ impl VolumeSink for VolumeFiles<'_> {
 fn stream_volume(path: &Path, grid: &Grid, output: &OutputTable, facts: &Value) -> Result<VolumeFile> {
     match extension(path).as_str() {
         "npz" => stream_volume_npz(path, *grid, facts),
+        "zarr" => stream_volume_zarr(path, grid, output.components, facts, output.compression),
         "vti" => stream_volume_vti(path, grid, output.components, &attributes(facts)),
         "nrrd" => stream_volume_nrrd(path, grid, &attributes(facts), output.compression),
         _ => Err(Error::input(
             path.display(),
-            "volumes are written as .npz, .exr, .vti, .nrrd or .vdb; give one of these extensions",
+            "volumes are written as .npz, .zarr, .exr, .vti, .nrrd or .vdb; give one of these extensions",
         )),
     }
 }
@@ -297,7 +306,7 @@ fn stream_volume(path: &Path, grid: &Grid, output: &OutputTable, facts: &Value) 
 /// Writes a volume in the format of the path's extension, with the settings of `[output]`; returns the files written.
 ///
 /// # Errors
-/// An extension other than `.exr`, `.npz`, `.nrrd`, `.vdb` or `.vti`; a file that cannot be written.
+/// An extension other than `.exr`, `.npz`, `.zarr`, `.nrrd`, `.vdb` or `.vti`; a file that cannot be written.
 pub fn write_volume<'v>(
     path: &Path,
     volume: impl Into<VolumeView<'v>>,
@@ -305,11 +314,11 @@ pub fn write_volume<'v>(
     facts: &Value,
 ) -> Result<Vec<PathBuf>> {
     let volume = volume.into();
-    let OutputTable { components, float16, compression, .. } = *output;
+    let OutputTable { components, float16, compression, vdb_threshold_db, .. } = *output;
     let encoding = Encoding { float16: float16 && fits_float16(volume.peak()), compression };
     match extension(path).as_str() {
         "exr" => write_volume_exr(path, volume, components, &attributes(facts), encoding),
-        "vdb" => one(path, write_volume_vdb(path, volume, THRESHOLD_DB, &attributes(facts), compression)),
+        "vdb" => one(path, write_volume_vdb(path, volume, vdb_threshold_db, &attributes(facts), compression)),
         _ => {
             let mut file = stream_volume(path, &volume.grid, output, facts)?;
             file.take(volume.samples)?;
@@ -340,12 +349,18 @@ pub fn write_depth(path: &Path, map: &DepthMap, run: &RunFile, facts: &Value) ->
 /// Writes a cube.
 ///
 /// # Errors
-/// An extension other than `.npz`; a file that cannot be written.
+/// An extension other than `.npz` or `.zarr`; a file that cannot be written.
 pub fn write_cube(path: &Path, cube: &DataCube) -> Result<()> {
-    if extension(path) != "npz" {
-        return Err(Error::input(path.display(), "cubes are written as .npz; give this extension"));
-    }
+    check_cube_name(path)?;
     cube.write(path)
+}
+
+/// Refuses an extension with which no cube is written.
+pub(crate) fn check_cube_name(path: &Path) -> Result<()> {
+    if ["npz", "zarr"].contains(&extension(path).as_str()) {
+        return Ok(());
+    }
+    Err(Error::input(path.display(), "cubes are written as .npz or .zarr; give one of these extensions"))
 }
 
 /// Draws the error with its median and rms.

@@ -264,7 +264,9 @@ impl JobEstimate {
                 .map(|(m, bytes)| format!("[reconstruct] method = \"{}\" needs {}", m.method, gib(bytes)))
                 .collect();
             if arrays.volume > 0 && arrays.depth == 0 {
-                ways.push("a volume written as .npz, .vti or .nrrd is never in memory as a whole".to_owned());
+                ways.push(
+                    "a volume written as .npz, .zarr, .vti or .nrrd is never in memory as a whole".to_owned(),
+                );
             }
             if arrays.samples > 0 {
                 let way = "a cube in a file (`simulate`, then `reconstruct`) is never in memory as a whole";

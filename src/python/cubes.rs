@@ -6,8 +6,7 @@ use super::jobs;
 use super::run_files::PythonRunFile;
 use crate::acquisition::{CubeView, DataCube, Detection, Instrument, simulate_with};
 use crate::error::{Error, Result};
-use crate::files::extension;
-use crate::pipeline::{JobOptions, simulate_scene as simulate};
+use crate::pipeline::{JobOptions, check_cube_name, simulate_scene as simulate};
 use crate::plan::memory_limit;
 use crate::progress::stage;
 use crate::reflectors::Reflectors;
@@ -157,10 +156,7 @@ pub(super) fn write_cube(
 ) -> PyResult<()> {
     let instrument = instrument.instrument()?;
     check_samples(&samples, &instrument)?;
-    if extension(&path) != "npz" {
-        let problem = "cubes are written as .npz; give this extension";
-        return Err(Error::input(path.display(), problem).into());
-    }
+    check_cube_name(&path)?;
     let samples = samples.complex()?;
     let provenance = provenance.as_deref().map(|text| json("provenance", text)).transpose()?;
     let cube = CubeView::new(&instrument, &samples)?;

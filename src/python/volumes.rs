@@ -7,7 +7,7 @@ use super::jobs;
 use super::run_files::PythonRunFile;
 use crate::acquisition::CubeView;
 use crate::error::{Error, Result};
-use crate::export::volume_npz::read_volume_npz;
+use crate::export::read_volume as read;
 use crate::grid::{Grid, Volume, VolumeView};
 use crate::pipeline::{reconstruct_samples, write_volume as write};
 use crate::plan::memory_limit;
@@ -91,12 +91,12 @@ pub(super) fn reconstruct<'py>(
     VolumeParts::new(py, image.volume, &meta)
 }
 
-/// Reads a volume file (.npz).
+/// Reads a volume file (.npz or .zarr).
 #[pyfunction]
 pub(super) fn read_volume(py: Python<'_>, path: PathBuf) -> PyResult<VolumeParts<'_>> {
     let (volume, meta) = jobs::run(py, None, |observer| {
         let limit = memory_limit(None).unwrap_or(u64::MAX);
-        stage(observer, "reading the volume", 0, || read_volume_npz(&path, limit))
+        stage(observer, "reading the volume", 0, || read(&path, limit))
     })?;
     VolumeParts::new(py, volume, &meta)
 }

@@ -338,6 +338,25 @@ fn half_floats_and_uncompressed_files_say_the_same() {
 }
 
 #[test]
+fn a_vdb_leaves_out_what_is_below_its_threshold() {
+    let folder = workplace();
+    let path = folder.path();
+    done(path, "simulate point.toml -o cube.npz");
+    let lengths = ["-60.0", "-40.0", "-10.0"].map(|level| {
+        let set = format!("--set output.vdb_threshold_db={level}");
+        done(path, &format!("reconstruct cube.npz -c point.toml -o v.vdb {set}"));
+        let bytes = std::fs::read(path.join("v.vdb")).unwrap();
+        let said = [
+            b"sonar:thresholdDb\x06\0\0\0double\x08\0\0\0",
+            &level.parse::<f64>().unwrap().to_le_bytes()[..],
+        ];
+        assert!(bytes.windows(39).any(|window| window == said.concat()), "{level}");
+        bytes.len()
+    });
+    assert!(lengths.is_sorted_by(|more, fewer| more > fewer), "{lengths:?}");
+}
+
+#[test]
 fn a_cube_without_a_grid_gets_one_suggested_that_works() {
     let folder = workplace();
     let path = folder.path();

@@ -58,6 +58,7 @@ mod support;
 mod system;
 mod units;
 mod words;
+mod zarr;
 
 // `named` takes it from the crate's root, which in the library's unit tests is the library.
 use holosonar::progress;

@@ -46,6 +46,26 @@ def test_a_cube_and_its_volume_are_those_of_the_command_line(tmp_path, corner, c
         assert holosonar.compare(*pair).metrics == pytest.approx(printed["metrics"])
 
 
+def test_stores_are_those_of_the_command_line(tmp_path, corner, command):
+    theirs, ours = tmp_path / "theirs", tmp_path / "ours"
+    setting = {"output.components": "complex"}
+    command("simulate", corner, "-o", theirs / "cube.zarr", "-q")
+    command("reconstruct", theirs / "cube.zarr", "-c", corner, "-o", theirs / "volume.zarr", "-q",
+            "--set", "output.components=complex")  # fmt: skip
+    cube = holosonar.simulate(corner)
+    cube.write(ours / "cube.zarr")
+    volume = holosonar.reconstruct(theirs / "cube.zarr", run=corner)
+    volume.write(ours / "volume.zarr", run=corner, set=setting)
+    names = sorted(path.relative_to(theirs) for path in theirs.rglob("*") if path.is_file())
+    assert names == sorted(path.relative_to(ours) for path in ours.rglob("*") if path.is_file())
+    for name in names:
+        assert (theirs / name).read_bytes() == (ours / name).read_bytes(), name
+    assert np.array_equal(holosonar.read_cube(ours / "cube.zarr").samples, cube.samples)
+    assert np.array_equal(holosonar.read_volume(ours / "volume.zarr").samples, volume.samples)
+    with pytest.raises(holosonar.InputError, match=r"cube\.txt.*\.zarr"):
+        cube.write(ours / "cube.txt")
+
+
 @pytest.mark.parametrize("setting", [{}, {"detection.kind": "in-phase", "reconstruct.window": "hann"}])
 def test_image_writes_the_files_of_the_command_line(tmp_path, corner, command, setting):
     typed = [word for key, value in setting.items() for word in ("--set", f"{key}={value}")]

@@ -2,10 +2,10 @@
 """Reads the files of `holosonar image` with other people's readers and compares them value by value.
 
     check_outputs.py OUTDIR [OUTDIR ...]
-    check_outputs.py --prove OUTDIR    damages copies of a result (with VTI, NRRD and points) and sees that it is noticed
+    check_outputs.py --prove OUTDIR    damages copies of a result (with Zarr, VTI, NRRD and points) and sees that it is noticed
 
-OpenEXR and OpenImageIO read the EXR files, NumPy the npz, pynrrd the NRRD, plyfile the PLY, VTK (if it is installed) and
-a few lines of our own the VTI. The program under test takes no part. One line per check that fails, exit status 1 if there is any.
+OpenEXR and OpenImageIO read the EXR files, NumPy the npz, zarr-python, xarray and (if it is installed) tensorstore the Zarr
+store, pynrrd the NRRD, plyfile the PLY, VTK (if it is installed) and a few lines of our own the VTI. The program under test takes no part. One line per check that fails, exit status 1 if there is any.
 """
 
 import json
@@ -23,7 +23,13 @@ import numpy as np
 import OpenEXR
 import OpenImageIO as oiio
 import plyfile
+import xarray
+import zarr
 
+try:
+    import tensorstore
+except ImportError:
+    tensorstore = None
 try:
     from vtkmodules.util.numpy_support import vtk_to_numpy
     from vtkmodules.vtkIOXML import vtkXMLImageDataReader
@@ -315,6 +321,63 @@ def check_nrrd(path, volume):
     check(path, "sonar:run is the resolved run file", {"scene", "sweep", "depth"} <= set(resolved))
 
 
+def maxima(values):
+    """The greatest of two by two by two values; the last of an odd number is alone."""
+    for axis in range(values.ndim):
+        if values.shape[axis] > 1:
+            values = np.maximum.reduceat(values, np.arange(0, values.shape[axis], 2), axis=axis)
+    return values
+
+
+def check_zarr(path, volume, meta, output):
+    """The Zarr store by zarr-python, xarray and tensorstore, and its pyramid against the definition."""
+    group = zarr.open_group(str(path), mode="r")
+    complex_too = output["components"] == "complex"
+    expected = {"amplitude": amplitude(volume["samples"]), "pitch": volume["pitch"]}
+    expected |= {axis: volume[axis] for axis in "zyx"} | ({"samples": volume["samples"]} if complex_too else {})
+    arrays = dict(group.arrays())
+    check(path, "arrays " + ", ".join(sorted(expected)), set(arrays) == set(expected), str(set(arrays)))
+    for name, values in expected.items():
+        check(path, f"{name} is of the type of the npz", arrays[name].dtype == values.dtype, str(arrays[name].dtype))
+        equal(path, f"{name} by zarr-python", arrays[name][...], values)
+    for name in set(expected) & {"amplitude", "samples"}:
+        array = arrays[name]
+        check(path, f"{name} has the dimensions z, y, x", array.metadata.dimension_names == ("z", "y", "x"))
+        slabs = -(-array.shape[0] // array.shards[0])
+        files = [file for file in (path / name).rglob("*") if file.is_file()]
+        check(path, f"{name} is in one file for each slab of depths", len(files) == 1 + slabs, f"({len(files)})")
+    check(path, "the attribute meta is that of the npz", group.attrs["meta"] == meta)
+
+    ome = group.attrs["ome"]
+    image = ome["multiscales"][0]
+    check(path, "OME-NGFF 0.5", ome["version"] == "0.5")
+    axes = [{"name": name, "type": "space", "unit": "meter"} for name in "zyx"]
+    check(path, "axes in m", image["axes"] == axes, str(image["axes"]))
+    values = expected["amplitude"]
+    edges = {axis: volume[axis] for axis in "zyx"}
+    for k, level in enumerate(image["datasets"]):
+        if k:
+            values = maxima(values)
+            edges = {axis: (at + np.r_[at[1:], 2 * at[-1:] - at[-2:-1]])[::2] / 2 if len(at) > 1 else at
+                     for axis, at in edges.items()}  # fmt: skip
+        equal(path, f"level {k}: the maxima of the one before", group[level["path"]][...], values)
+        scale, move = (t[kind] for t, kind in zip(level["coordinateTransformations"], ("scale", "translation")))
+        for axis, n, pitch, first in zip("zyx", values.shape, scale, move):
+            close(path, f"level {k}: {axis}", first + pitch * np.arange(n) + 10.0, edges[axis] + 10.0, 1e-9)
+        part = str(Path(level["path"]).parent)
+        opened = xarray.open_zarr(str(path), group=None if part == "." else part, consolidated=False)
+        equal(path, f"level {k} by xarray", opened.amplitude.values, values)
+        for axis in "zyx":
+            close(path, f"level {k}: xarray's {axis}", opened.amplitude[axis].values + 10.0, edges[axis] + 10.0, 1e-9)
+        if tensorstore is not None:
+            spec = {"driver": "zarr3", "kvstore": {"driver": "file", "path": str(path / level["path"])}}
+            equal(path, f"level {k} by tensorstore", tensorstore.open(spec).result().read().result(), values)
+    check(path, "levels down to 64 voxels along each axis", max(values.shape) <= 64, str(values.shape))
+    if complex_too and tensorstore is not None:
+        spec = {"driver": "zarr3", "kvstore": {"driver": "file", "path": str(path / "samples")}}
+        equal(path, "samples by tensorstore", tensorstore.open(spec).result().read().result(), volume["samples"])
+
+
 def check_depth_ply(path, found):
     """The points by plyfile, against depth.exr: one vertex per accepted pixel, in their order."""
     header, ch = found
@@ -501,6 +564,8 @@ def check_folder(folder):
     formats = output["formats"]
     if "exr" in formats:
         check_volume_exr(folder, volume, output)
+    if "zarr" in formats:
+        check_zarr(folder / "volume.zarr", volume, meta, output)
     if "vti" in formats:
         check_vti(folder / "volume.vti", volume, output["components"] == "complex")
     if "nrrd" in formats:
@@ -576,6 +641,10 @@ def prove(folder):
         "a changed depth": damage_depth,
         "a depth.exr cut short": cut_short("depth.exr", 200),
         "a volume.exr cut short": cut_short("volume.exr", 200),
+        "a flipped bit of a shard": damage_byte("volume.zarr/amplitude/c/1/0/0", 5000),
+        "a flipped bit of a shard's index": damage_byte("volume.zarr/samples/c/0/0/0", -9),
+        "a flipped bit of a level": damage_byte("volume.zarr/levels/1/amplitude/c/0/0/0", 5000),
+        "another depth of the Zarr store": damage_byte("volume.zarr/z/c/0", 8),
         "a flipped bit of the VTI": damage_byte("volume.vti", -5000),
         "a flipped bit of the NRRD": damage_byte("volume.nrrd", -5000),
         "a flipped bit of depth.ply": damage_byte("depth.ply", -500),
@@ -587,8 +656,8 @@ def prove(folder):
     }
     unnoticed = []
     for what, damage in damages.items():
-        if not all((folder / name).exists() for name in ("volume.vti", "volume.nrrd", "depth.ply")):
-            sys.exit(f"{folder}: --prove needs a result with a VTI, a NRRD and points")
+        if not all((folder / name).exists() for name in ("volume.zarr", "volume.vti", "volume.nrrd", "depth.ply")):
+            sys.exit(f"{folder}: --prove needs a result with a Zarr store, a VTI, a NRRD and points")
         with tempfile.TemporaryDirectory() as temporary:
             copy = Path(temporary) / "copy"
             shutil.copytree(folder, copy)
@@ -616,6 +685,8 @@ def main():
         except Exception as error:  # a reader that gives up has noticed something, too
             check(folder, "every file can be read", False, f"({type(error).__name__}: {error})")
         print(f"{folder}: {passed - before[0]} checks passed, {len(failed) - before[1]} failed")
+    if tensorstore is None:
+        print("(tensorstore is not installed: the Zarr stores were read by zarr-python and xarray alone)")
     if vtkXMLImageDataReader is None:
         print("(VTK is not installed: the VTI was read by hand alone)")
     print(f"{passed} passed, {len(failed)} failed")

@@ -4,7 +4,7 @@
 use super::{place, refused};
 use crate::acquisition::{Instrument, MOST_SOURCES};
 use crate::error::Result;
-use crate::files::npz::NpzReader;
+use crate::files::arrays::ArrayFile;
 use crate::wave::{Geometry, GeometryKind};
 use glam::DVec3;
 use std::path::Path;
@@ -12,34 +12,34 @@ use std::path::Path;
 /// The instrument with the loudspeakers that the file names; `source` is that of `meta`.
 pub(super) fn placed(
     path: &Path,
-    npz: &mut NpzReader,
+    arrays: &mut ArrayFile,
     instrument: Instrument,
     (kind, source): (GeometryKind, Option<[f64; 3]>),
 ) -> Result<Instrument> {
     for (array, of) in [("sources", GeometryKind::FixedSource), ("source_positions", GeometryKind::Pair)] {
-        if npz.contains(array) && kind != of {
+        if arrays.contains(array) && kind != of {
             let problem = format!("belongs to the geometry \"{of}\", and `meta` says \"{kind}\"");
             return refused(path, array, problem);
         }
     }
     match kind {
         GeometryKind::Monostatic => Ok(instrument.with_geometry(Geometry::Monostatic)),
-        GeometryKind::FixedSource if npz.contains("sources") => several(path, npz, instrument, source),
+        GeometryKind::FixedSource if arrays.contains("sources") => several(path, arrays, instrument, source),
         GeometryKind::FixedSource => {
             let source = source.map_or(DVec3::ZERO, DVec3::from_array);
             Ok(instrument.with_geometry(Geometry::FixedSource { source }))
         }
-        GeometryKind::Pair => pairs(path, npz, instrument),
+        GeometryKind::Pair => pairs(path, arrays, instrument),
     }
 }
 
 fn several(
     path: &Path,
-    npz: &mut NpzReader,
+    arrays: &mut ArrayFile,
     instrument: Instrument,
     source: Option<[f64; 3]>,
 ) -> Result<Instrument> {
-    let shape = npz.shape("sources")?;
+    let shape = arrays.shape("sources")?;
     let [1..=MOST_SOURCES, 3] = shape[..] else {
         let problem = format!("must be [n_tx, 3], of 1 to {MOST_SOURCES} loudspeakers, not {shape:?}");
         return refused(path, "sources", problem);
@@ -48,7 +48,7 @@ fn several(
         let problem = "gives the loudspeakers, and so does `source`; leave that out";
         return refused(path, "sources", problem);
     }
-    let sources = npz.f64("sources")?;
+    let sources = arrays.f64("sources")?;
     let points: Vec<DVec3> = sources.data.chunks_exact(3).map(DVec3::from_slice).collect();
     let instrument = instrument.with_sources(&points)?;
     instrument.check().map_err(|error| error.at(place(path, "sources")))?;
@@ -56,13 +56,13 @@ fn several(
 }
 
 /// A loudspeaker for each microphone.
-fn pairs(path: &Path, npz: &mut NpzReader, instrument: Instrument) -> Result<Instrument> {
+fn pairs(path: &Path, arrays: &mut ArrayFile, instrument: Instrument) -> Result<Instrument> {
     const ARRAY: &str = "source_positions";
-    if !npz.contains(ARRAY) {
+    if !arrays.contains(ARRAY) {
         let problem = "is missing: the geometry \"pair\" has a loudspeaker beside each microphone";
         return refused(path, ARRAY, problem);
     }
-    let (shape, expected) = (npz.shape(ARRAY)?, npz.shape("mic_positions")?);
+    let (shape, expected) = (arrays.shape(ARRAY)?, arrays.shape("mic_positions")?);
     if shape != expected {
         return refused(
             path,
@@ -70,7 +70,7 @@ fn pairs(path: &Path, npz: &mut NpzReader, instrument: Instrument) -> Result<Ins
             format!("must have the shape of `mic_positions`, {expected:?}, not {shape:?}"),
         );
     }
-    let sources = npz.f64(ARRAY)?;
+    let sources = arrays.f64(ARRAY)?;
     let sources: Vec<DVec3> = sources.data.chunks_exact(3).map(DVec3::from_slice).collect();
     let pairs = instrument.with_pairs(&sources).map_err(|error| error.at(place(path, ARRAY)))?;
     pairs.check().map_err(|error| error.at(place(path, ARRAY)))?;

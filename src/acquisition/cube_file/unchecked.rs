@@ -36,11 +36,11 @@ impl CubeSource for UncheckedSamples<'_> {
             let samples = self.read.as_deref().unwrap_or_default();
             return visit_samples(&self.file.instrument, (transmission, samples), block, visit);
         }
-        let CubeFile { npz, instrument, conjugated, .. } = &mut *self.file;
+        let CubeFile { arrays, instrument, conjugated, .. } = &mut *self.file;
         let (n_f, n_mic) = (instrument.sweep.len(), instrument.array.len());
         assert!(transmission == 0, "there is one");
         let mut first = 0;
-        npz.complex_blocks("samples", block.min(n_f) * n_mic, |samples: &mut [Complex32]| {
+        arrays.complex_blocks("samples", block.min(n_f) * n_mic, |samples: &mut [Complex32]| {
             if *conjugated {
                 conjugate(samples);
             }

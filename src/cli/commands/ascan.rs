@@ -19,8 +19,8 @@ use std::path::{Path, PathBuf};
 
 /// Shows the range profile of one microphone: its echoes, resolution and unambiguous length.
 ///
-/// INPUT is a cube (.npz), a run file (.toml), a bare mesh or a list of reflectors (.csv), of which the cube is simulated as
-/// `simulate` does it. The window is that of [reconstruct]; a cube is corrected by [calibration].
+/// INPUT is a cube (.npz or .zarr), a run file (.toml), a bare mesh or a list of reflectors (.csv), of which the cube is
+/// simulated as `simulate` does it. The window is that of [reconstruct]; a cube is corrected by [calibration].
 #[derive(Debug, Args)]
 pub(in crate::cli) struct AscanArgs {
     /// Cube, run file, mesh or reflector list.

@@ -2,7 +2,7 @@
 
 use crate::acquisition::{ChannelResponse, ResponseAxis};
 use crate::cli::Settings;
-use crate::cli::inputs::{check_kind, cube_of};
+use crate::cli::inputs::{ARRAYS, check_kind, cube_of};
 use crate::cli::outputs::{announce, print_json, print_written};
 use crate::cli::summary;
 use crate::cli::terminal::{Terminal, observed, print};
@@ -45,8 +45,8 @@ pub(in crate::cli) struct CalibrateArgs {
     /// Run file with [calibration].
     #[arg(short, long, value_name = "RUN.toml")]
     config: Option<PathBuf>,
-    /// The corrected cube, or the response, to write.
-    #[arg(short, long, value_name = "FILE.npz")]
+    /// The corrected cube (.npz or .zarr), or the response (.npz), to write.
+    #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
     #[command(flatten)]
     settings: Settings,
@@ -65,7 +65,8 @@ fn point(typed: &str) -> std::result::Result<DVec3, String> {
 const EXPLAINED: f64 = 0.5;
 
 pub(super) fn run(args: &CalibrateArgs, terminal: &Terminal) -> Result<()> {
-    announce(&args.output, &["npz"])?;
+    // A response is a file of its own kind.
+    announce(&args.output, if args.reference.is_some() { &["npz"] } else { &ARRAYS })?;
     match (&args.cube, &args.reference, args.at) {
         (_, Some(reference), Some(at)) => measure(args, reference, at, terminal),
         (Some(cube), ..) if args.blind.is_some() => blind(args, cube, terminal),

@@ -2,7 +2,7 @@
 
 use crate::acquisition::import;
 use crate::cli::Settings;
-use crate::cli::inputs::{has_extension, measured_run_of};
+use crate::cli::inputs::{ARRAYS, has_extension, measured_run_of};
 use crate::cli::outputs::{announce, print_json, print_written};
 use crate::cli::summary;
 use crate::cli::terminal::{Terminal, print};
@@ -12,7 +12,7 @@ use crate::progress::{Observer, stage};
 use clap::Args;
 use std::path::PathBuf;
 
-/// Makes a data cube (.npz) of a laboratory's files: NumPy arrays, Touchstone, CSV, recordings (WAV).
+/// Makes a data cube (.npz or .zarr) of a laboratory's files: NumPy arrays, Touchstone, CSV, recordings (WAV).
 ///
 /// Prints what was found in them and what was guessed. See `holosonar help measured`.
 #[derive(Debug, Args)]
@@ -29,7 +29,7 @@ pub(in crate::cli) struct ImportArgs {
 /// Imports the files of a run file, or a file itself.
 pub(super) fn run(args: &ImportArgs, terminal: &Terminal) -> Result<()> {
     let ImportArgs { input, output, settings } = args;
-    announce(output, &["npz"])?;
+    announce(output, &ARRAYS)?;
     let (run, typed) = measured_run_of(input, &settings.set, has_extension(input, &["toml"]))?;
     let options = run.import_options(&typed)?;
     let imported = stage(terminal, "reading", 0, || import(&options))?;

@@ -4,7 +4,7 @@ use super::work;
 use crate::acquisition::CubeSource;
 use crate::cli::Overrides;
 use crate::cli::design::{self, sweep};
-use crate::cli::inputs::{Input, JobInput, has_extension, job_of};
+use crate::cli::inputs::{ARRAYS, Input, JobInput, has_extension, job_of};
 use crate::cli::outputs::{open_folder, print_json};
 use crate::cli::terminal::{Terminal, observed, print};
 use crate::error::{Error, Result};
@@ -63,7 +63,7 @@ pub(super) fn run(args: &PlanArgs, terminal: &Terminal) -> Result<()> {
     if args.sweep.is_empty() {
         return plan((input, config.as_deref()), output.as_deref(), overrides, terminal);
     }
-    if has_extension(input, &["npz"]) {
+    if has_extension(input, &ARRAYS) {
         let problem = "is a cube, whose array is fixed; a sweep needs a run file";
         return Err(Error::input(input.display(), problem));
     }

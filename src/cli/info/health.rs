@@ -4,7 +4,7 @@ use crate::acquisition::{
     ChannelLevels, CubeFile, Detection, Health, LikelySign, NoiseEstimate, OddChannel, OddChannels,
     TransmissionHealth,
 };
-use crate::cli::inputs::{has_extension, reading_limit};
+use crate::cli::inputs::{ARRAYS, has_extension, reading_limit};
 use crate::cli::outputs::{open_folder, print_json, write_json};
 use crate::cli::summary;
 use crate::cli::terminal::{Terminal, print};
@@ -22,8 +22,8 @@ const MOST_SPEAKERS: usize = 32;
 
 /// Examines a cube; with a folder, draws `health.png` and writes `health.json` there.
 pub(in crate::cli) fn show(file: &Path, folder: Option<&Path>, terminal: &Terminal) -> Result<()> {
-    if !has_extension(file, &["npz"]) {
-        let problem = "is no data cube (.npz); --health examines the samples of one";
+    if !has_extension(file, &ARRAYS) {
+        let problem = "is no data cube (.npz or .zarr); --health examines the samples of one";
         return Err(Error::input(file.display(), problem));
     }
     let limit = reading_limit();

@@ -167,6 +167,13 @@ impl DepthTable {
 
 impl OutputTable {
     pub(super) fn check(&self) -> Check {
+        within(
+            "output.vdb_threshold_db",
+            self.vdb_threshold_db,
+            f64::MIN,
+            0.0,
+            "0 dB or less, such as -40.0",
+        )?;
         let mut formats = self.formats.iter().enumerate();
         let twice = formats.find(|(index, format)| self.formats[..*index].contains(format));
         twice.map_or(Ok(()), |(index, _)| {

@@ -3,6 +3,7 @@
 use super::pair::PairVisitor;
 use crate::config::choices::{RefineMethod, VolumeFormat};
 use crate::depth::{DepthOptions, Pick, Refine};
+use crate::export::volume_vdb::THRESHOLD_DB;
 use crate::export::{Components, Compression, Fill};
 use crate::grid::View;
 use crate::reconstruct::{Method, RefineOptions, Solver, Window};
@@ -173,12 +174,14 @@ impl Default for DepthTable {
 pub struct OutputTable {
     /// In which formats the volume is written; may be empty.
     pub formats: Vec<VolumeFormat>,
-    /// What EXR and VTI volumes hold; npz is always complex, NRRD and VDB always amplitude.
+    /// What EXR, VTI and Zarr volumes hold; npz is always complex, NRRD and VDB always amplitude.
     pub components: Components,
     /// Whether amplitudes in EXR files take 16 bits; depths and complex parts always take 32.
     pub float16: bool,
-    /// Of EXR, NRRD and VDB files.
+    /// Of EXR, NRRD, VDB and Zarr files.
     pub compression: Compression,
+    /// Voxels of a VDB volume below this level, dB relative to the peak, are inactive.
+    pub vdb_threshold_db: f64,
     /// Whether `image` writes the point clouds `depth.ply` and `scene.ply`, and the scene's mesh `mesh.ply`.
     pub points: bool,
     /// Whether `image` writes the page `report.html`.
@@ -192,6 +195,7 @@ impl Default for OutputTable {
             components: Components::Amplitude,
             float16: false,
             compression: Compression::Zip,
+            vdb_threshold_db: THRESHOLD_DB,
             points: true,
             report: true,
         }

@@ -56,7 +56,11 @@ fn what_this_version_lacks_is_refused_with_what_it_has() {
     refused_with("[depth]\nview = \"isometric\"", &["isometric", "\"orthographic\", \"perspective\""]);
     refused_with(
         "[output]\nformats = [\"exr\", \"hdf5\"]",
-        &["formats[1]", "hdf5", "\"exr\", \"npz\", \"vti\", \"nrrd\", \"vdb\""],
+        &["formats[1]", "hdf5", "\"exr\", \"npz\", \"zarr\", \"vti\", \"nrrd\", \"vdb\""],
+    );
+    refused_with(
+        "[output]\nvdb_threshold_db = 3.0",
+        &["`output.vdb_threshold_db`", "3.0", "0 dB or less, such as -40.0"],
     );
 }
 

@@ -6,25 +6,27 @@ use crate::export::volume_exr::read_volume_exr;
 use crate::export::volume_npz::read_volume_npz;
 use crate::export::volume_nrrd::read_volume_nrrd;
 use crate::export::volume_vti::read_volume_vti;
+use crate::export::volume_zarr::read_amplitude_zarr;
 use crate::files::extension;
 use std::path::Path;
 
 impl Amplitude {
-    /// Reads a volume written by this program, `.npz`, `.nrrd`, `.vti` or `.exr`, of at most `limit_bytes`.
+    /// Reads a volume written by this program, `.npz`, `.zarr`, `.nrrd`, `.vti` or `.exr`, of at most `limit_bytes`.
     ///
-    /// The metadata of an npz are not read.
+    /// The metadata of an npz and of a Zarr store are not read.
     ///
     /// # Errors
     /// Another extension; errors of the format's reader.
     pub fn read(path: &Path, limit_bytes: u64) -> Result<Self> {
         match extension(path).as_str() {
             "npz" => read_volume_npz(path, limit_bytes).and_then(|(volume, _)| Self::of(&volume)),
+            "zarr" => read_amplitude_zarr(path, limit_bytes).map(|(amplitude, _)| amplitude),
             "nrrd" => read_volume_nrrd(path, limit_bytes),
             "vti" => read_volume_vti(path, limit_bytes),
             "exr" => read_volume_exr(path, limit_bytes),
             _ => Err(Error::input(
                 path.display(),
-                "is not a volume; a file .npz, .nrrd, .vti or .exr was expected",
+                "is not a volume; a file .npz, .zarr, .nrrd, .vti or .exr was expected",
             )),
         }
     }
@@ -34,8 +36,8 @@ impl Amplitude {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+    use crate::export::volume::tests::volume;
     use crate::export::volume_exr::write_volume_exr;
-    use crate::export::volume_file::tests::volume;
     use crate::export::volume_npz::write_volume_npz;
     use crate::export::volume_nrrd::write_volume_nrrd;
     use crate::export::volume_vti::write_volume_vti;

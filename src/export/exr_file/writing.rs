@@ -4,7 +4,7 @@
 
 use super::{ascii, encode};
 use crate::error::{Error, Result};
-use crate::export::volume_file::Component;
+use crate::export::volume::Component;
 use crate::export::{Attribute, Compression, Encoding};
 use crate::files::write_atomically;
 use exr::block::chunk::{Chunk, CompressedBlock, CompressedScanLineBlock};

@@ -2,10 +2,59 @@
 
 use super::Array;
 use super::header::{Dtype, DtypeKind, NpyHeader};
+use crate::error::Result;
 use num_complex::Complex32;
 
 /// Appends the elements that are encoded in bytes of a type.
-pub(super) type ComplexReader = fn(Dtype, &[u8], &mut Vec<Complex32>);
+pub(in crate::files) type ComplexReader = fn(Dtype, &[u8], &mut Vec<Complex32>);
+
+/// How to read an array's elements as complex numbers.
+pub(in crate::files) fn complex_reader(dtype: Dtype) -> ComplexReader {
+    let plain = Dtype { kind: DtypeKind::Complex, size: 8, big_endian: false };
+    if dtype == plain { plain_complex } else { any_complex }
+}
+
+/// Gathers elements of any number type in blocks of `block`, of which the last may be shorter.
+pub(in crate::files) struct ComplexBlocks<F> {
+    dtype: Dtype,
+    block: usize,
+    waiting: Vec<Complex32>,
+    take: F,
+}
+
+impl<F: FnMut(&mut [Complex32]) -> Result<()>> ComplexBlocks<F> {
+    /// Begins with no element.
+    pub(in crate::files) fn new(dtype: Dtype, block: usize, take: F) -> Self {
+        assert!(block > 0, "blocks of nothing");
+        Self { dtype, block, waiting: Vec::new(), take }
+    }
+
+    /// Adds the bytes of whole elements of an array of `elements`; `None` where there is no memory for a block.
+    pub(in crate::files) fn add(&mut self, mut bytes: &[u8], elements: u64) -> Option<Result<()>> {
+        let (convert, size) = (complex_reader(self.dtype), self.dtype.size as usize);
+        if self.waiting.capacity() == 0 {
+            self.waiting.try_reserve_exact(self.block.min(usize::try_from(elements).ok()?)).ok()?;
+        }
+        while !bytes.is_empty() {
+            let room = (self.block - self.waiting.len()) * size;
+            let (now, rest) = bytes.split_at(room.min(bytes.len()));
+            convert(self.dtype, now, &mut self.waiting);
+            bytes = rest;
+            if self.waiting.len() == self.block {
+                if let Err(error) = (self.take)(&mut self.waiting) {
+                    return Some(Err(error));
+                }
+                self.waiting.clear();
+            }
+        }
+        Some(Ok(()))
+    }
+
+    /// Passes on what is left.
+    pub(in crate::files) fn finish(mut self) -> Result<()> {
+        if self.waiting.is_empty() { Ok(()) } else { (self.take)(&mut self.waiting) }
+    }
+}
 
 /// Appends little-endian complex64 elements: what this crate and most of `NumPy`'s users write.
 pub(super) fn plain_complex(_: Dtype, bytes: &[u8], numbers: &mut Vec<Complex32>) {
@@ -28,7 +77,7 @@ pub(super) fn any_complex(dtype: Dtype, bytes: &[u8], numbers: &mut Vec<Complex3
 }
 
 /// How to read one real number of an array of this type; `None` for text.
-pub(super) fn scalar_reader(dtype: Dtype) -> Option<fn(&[u8]) -> f64> {
+pub(in crate::files) fn scalar_reader(dtype: Dtype) -> Option<fn(&[u8]) -> f64> {
     fn first<const N: usize>(bytes: &[u8]) -> [u8; N] {
         *bytes.first_chunk().expect("elements of the type's size")
     }

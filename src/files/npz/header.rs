@@ -10,7 +10,7 @@ const LONGEST: usize = 1 << 16;
 
 /// What kind of number or text an element is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum DtypeKind {
+pub(in crate::files) enum DtypeKind {
     Float,
     Complex,
     Signed,
@@ -23,11 +23,11 @@ pub(super) enum DtypeKind {
 
 /// The type of one element.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Dtype {
-    pub(super) kind: DtypeKind,
+pub(in crate::files) struct Dtype {
+    pub(in crate::files) kind: DtypeKind,
     /// Bytes of one element.
-    pub(super) size: u64,
-    pub(super) big_endian: bool,
+    pub(in crate::files) size: u64,
+    pub(in crate::files) big_endian: bool,
 }
 
 /// An NPY header.

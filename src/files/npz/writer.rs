@@ -126,7 +126,7 @@ fn header(descr: &str, shape: &[usize]) -> Vec<u8> {
 }
 
 /// The numbers' little-endian bytes, without a copy on a little-endian machine.
-fn little_endian<const N: usize, T: bytemuck::NoUninit>(
+pub(in crate::files) fn little_endian<const N: usize, T: bytemuck::NoUninit>(
     numbers: &[T],
     bytes_of: fn(T) -> [u8; N],
 ) -> Cow<'_, [u8]> {

@@ -18,7 +18,7 @@ pub(super) const PAGE: &str = "report.html";
 pub(super) const MESH: &str = "mesh.ply";
 
 /// The volumes from which a page can be made, the most precise first.
-const VOLUMES: [&str; 4] = ["volume.npz", "volume.nrrd", "volume.vti", "volume.exr"];
+const VOLUMES: [&str; 5] = ["volume.npz", "volume.zarr", "volume.nrrd", "volume.vti", "volume.exr"];
 
 /// Makes the page of a folder that `image` wrote, from `report.json` and the other files; returns its path.
 ///
@@ -89,7 +89,7 @@ pub(super) fn page_of(
 /// A file of the run, if it still exists; files that an earlier run left in the folder are ignored.
 fn present(folder: &Path, files: &[PathBuf], name: &str) -> Option<PathBuf> {
     let listed = files.iter().any(|file| file.as_path() == Path::new(name));
-    Some(folder.join(name)).filter(|path| listed && path.is_file())
+    Some(folder.join(name)).filter(|path| listed && path.exists())
 }
 
 /// Names in a title.

@@ -361,7 +361,7 @@ class Cube:
         return _cube(_holosonar.read_cube(os.fspath(path)))
 
     def write(self, path: PathLike) -> None:
-        """Writes a cube file (.npz), the same bytes as the command line; it appears complete or not at all.
+        """Writes a cube file (.npz or .zarr), the same bytes as the command line; it appears complete or not at all.
 
         Raises
         ------
@@ -435,12 +435,12 @@ def _cube(parts: _holosonar.CubeParts) -> Cube:
 
 
 def read_cube(path: PathLike) -> Cube:
-    """Reads a data cube (.npz), measured or simulated.
+    """Reads a data cube (.npz or .zarr), measured or simulated.
 
     Parameters
     ----------
     path : path
-        An archive of ``samples``, ``frequencies``, ``mic_positions`` and, optionally, ``meta``.
+        An archive or a Zarr store of ``samples``, ``frequencies``, ``mic_positions`` and, optionally, ``meta``.
 
     Returns
     -------

@@ -88,7 +88,7 @@ def image(
     Parameters
     ----------
     scene : RunFile, Cube or path
-        A run file, a mesh or a list of reflectors (.csv); or a cube, or the file of one (.npz).
+        A run file, a mesh or a list of reflectors (.csv); or a cube, or the file of one (.npz or .zarr).
     output : path, optional
         A folder for the files that ``holosonar image -o`` writes, with the same bytes. Finished blocks are stored there,
         too: if the job is interrupted, the same call, or the same command, goes on from them.
@@ -133,7 +133,7 @@ def image(
 
 
 def _is_cube(scene: RunFile | PathLike) -> TypeGuard[PathLike]:
-    return not isinstance(scene, RunFile) and os.fspath(scene).lower().endswith(".npz")
+    return not isinstance(scene, RunFile) and os.fspath(scene).lower().endswith((".npz", ".zarr"))
 
 
 class Plan(Mapping[str, Any]):
@@ -199,7 +199,7 @@ def plan(
     Parameters
     ----------
     scene : RunFile or path
-        A run file, a mesh, a list of reflectors (.csv) or the file of a cube (.npz).
+        A run file, a mesh, a list of reflectors (.csv) or the file of a cube (.npz or .zarr).
     run : RunFile or path, optional
         For a cube.
     set : mapping or list of str, optional

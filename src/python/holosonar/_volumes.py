@@ -150,7 +150,7 @@ class Volume:
         return volume_of(_holosonar.read_volume(os.fspath(path)))
 
     def write(self, path: PathLike, *, run: RunFile | PathLike | None = None, set: Settings = None) -> list[str]:
-        """Writes the volume: .npz, .exr, .vti, .nrrd or .vdb, by extension.
+        """Writes the volume: .npz, .zarr, .exr, .vti, .nrrd or .vdb, by extension.
 
         Parameters
         ----------
@@ -212,7 +212,7 @@ def volume_of(parts: _holosonar.VolumeParts) -> Volume:
 
 
 def read_volume(path: PathLike) -> Volume:
-    """Reads a volume (.npz).
+    """Reads a volume (.npz or .zarr).
 
     Raises
     ------

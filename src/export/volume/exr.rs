@@ -3,15 +3,15 @@
 //! Part 0, `mip`, is what every viewer shows: the maximum amplitude along z and its depth. The depths follow as `z0000`,
 //! `z0001`, ... Many parts make readers slow, so a deep volume is split into several files.
 
-use super::amplitude::{Amplitude, declared_grid, vector};
-use super::exr_file::{
+use super::Component;
+use crate::alloc::try_with_capacity;
+use crate::error::{Error, Result};
+use crate::export::amplitude::{Amplitude, declared_grid, vector};
+use crate::export::exr_file::{
     ExrParts, OutputPart, Pixels, WORLD_TO_CAMERA, append_floats, attributes_of, channel_of, read_parts,
     write_parts, writing_bytes as part_bytes,
 };
-use super::volume_file::Component;
-use super::{Attribute, Attributes, Components, Encoding};
-use crate::alloc::try_with_capacity;
-use crate::error::{Error, Result};
+use crate::export::{Attribute, Attributes, Components, Encoding};
 use crate::grid::{Grid, VolumeView, no_room_for, pixel_values};
 use exr::prelude::FlatSamples;
 use std::path::{Path, PathBuf};
@@ -212,7 +212,7 @@ fn append_depths(parts: &ExrParts, pixels: usize, values: &mut Vec<f32>) -> Opti
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
-    use super::super::volume_file::tests::volume;
+    use super::super::tests::volume;
     use super::*;
 
     #[test]

@@ -1,8 +1,16 @@
-//! A volume file of any format that is written depth by depth, and appears when it is complete.
+//! Volume files: one module for each format, and what the formats that are written depth by depth have in common.
 
-use super::Components;
+pub mod exr;
+pub mod npz;
+pub mod nrrd;
+pub(super) mod reading;
+pub mod vdb;
+pub mod vti;
+pub mod zarr;
+
 use crate::error::{Error, Result};
-use crate::files::AtomicFile;
+use crate::export::Components;
+use crate::files::{AtomicFile, AtomicStore};
 use crate::grid::Volume;
 use num_complex::Complex32;
 use std::fmt;
@@ -49,15 +57,30 @@ pub(super) trait VolumeStream: Send {
     fn finish(self: Box<Self>) -> io::Result<()>;
 }
 
+/// What gets its name when it is complete.
+enum Target {
+    File(AtomicFile),
+    Store(AtomicStore),
+}
+
+impl Target {
+    fn path(&self) -> &Path {
+        match self {
+            Self::File(file) => file.path(),
+            Self::Store(store) => store.path(),
+        }
+    }
+}
+
 /// A volume file that is being written.
 pub(crate) struct VolumeFile {
-    file: AtomicFile,
+    target: Target,
     stream: Box<dyn VolumeStream>,
 }
 
 impl fmt::Debug for VolumeFile {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "VolumeFile({})", self.file.path().display())
+        write!(f, "VolumeFile({})", self.target.path().display())
     }
 }
 
@@ -73,7 +96,17 @@ impl VolumeFile {
             .try_clone()
             .and_then(|file| begin(BufWriter::with_capacity(1 << 16, file)))
             .map_err(|error| Error::writing(path, error))?;
-        Ok(Self { file, stream: Box::new(stream) })
+        Ok(Self { target: Target::File(file), stream: Box::new(stream) })
+    }
+
+    /// Begins a store; `begin` writes into a folder, and returns the encoder.
+    pub(super) fn create_store<S: VolumeStream + 'static>(
+        path: &Path,
+        begin: impl FnOnce(&Path) -> io::Result<S>,
+    ) -> Result<Self> {
+        let store = AtomicStore::create(path)?;
+        let stream = begin(store.folder()).map_err(|error| Error::writing(path, error))?;
+        Ok(Self { target: Target::Store(store), stream: Box::new(stream) })
     }
 
     /// Appends the next depths, `[plane, y, x]`.
@@ -81,7 +114,7 @@ impl VolumeFile {
     /// # Errors
     /// [`Error::Io`] if they cannot be written.
     pub(crate) fn take(&mut self, planes: &[Complex32]) -> Result<()> {
-        self.stream.planes(planes).map_err(|error| Error::writing(self.file.path(), error))
+        self.stream.planes(planes).map_err(|error| Error::writing(self.target.path(), error))
     }
 
     /// Completes the file and gives it its name.
@@ -89,9 +122,12 @@ impl VolumeFile {
     /// # Errors
     /// [`Error::Io`] if it cannot be written; an existing file is then unchanged.
     pub(crate) fn finish(self) -> Result<()> {
-        let Self { file, stream } = self;
-        stream.finish().map_err(|error| Error::writing(file.path(), error))?;
-        file.commit()
+        let Self { target, stream } = self;
+        stream.finish().map_err(|error| Error::writing(target.path(), error))?;
+        match target {
+            Target::File(file) => file.commit(),
+            Target::Store(store) => store.commit(),
+        }
     }
 
     /// Writes all of a volume at once.

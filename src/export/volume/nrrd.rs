@@ -3,10 +3,10 @@
 //! A text header, an empty line, and the amplitudes as little-endian floats, gzipped or raw. The only crate found for
 //! this format, `bioformats` 0.1, is under the GPL.
 
-use super::amplitude::{Amplitude, declared_grid, read_floats};
-use super::volume_file::{VolumeFile, VolumeStream, write_floats};
-use super::{Attribute, Compression};
+use super::{VolumeFile, VolumeStream, write_floats};
 use crate::error::{Error, Result};
+use crate::export::amplitude::{Amplitude, declared_grid, read_floats};
+use crate::export::{Attribute, Compression};
 use crate::files::open_input;
 use crate::grid::{Grid, Volume};
 use flate2::read::GzDecoder;

@@ -6,9 +6,9 @@
 
 mod tree;
 
-use super::volume_exr::grid_attributes;
-use super::{Attribute, Compression};
+use super::exr::grid_attributes;
 use crate::error::{Error, Result};
+use crate::export::{Attribute, Compression};
 use crate::files::write_atomically;
 use crate::grid::{Grid, VolumeView, no_room_for};
 use std::fs::File;
@@ -16,7 +16,7 @@ use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::Path;
 use tree::{Leaf, Values};
 
-/// The threshold of the program's files, dB relative to the peak: what the page and the figures show.
+/// The usual threshold of the program's files, dB relative to the peak: what the page and the figures show.
 pub const THRESHOLD_DB: f64 = -40.0;
 
 /// Offset of the file's UUID, 36 characters.

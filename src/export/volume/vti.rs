@@ -3,10 +3,10 @@
 //! XML with the numbers appended as raw little-endian bytes, each array after its length as a `UInt64`. The crate `vtkio`
 //! 0.7 writes and reads a file as a whole, while these are written depth by depth and may be larger than the memory.
 
-use super::amplitude::{Amplitude, declared_grid, read_floats};
-use super::volume_file::{Component, VolumeFile, VolumeStream, write_floats};
-use super::{Attribute, Attributes, Components};
+use super::{Component, VolumeFile, VolumeStream, write_floats};
 use crate::error::{Error, Result};
+use crate::export::amplitude::{Amplitude, declared_grid, read_floats};
+use crate::export::{Attribute, Attributes, Components};
 use crate::files::open_input;
 use crate::grid::{Grid, Volume};
 use num_complex::Complex32;
