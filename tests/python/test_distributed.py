@@ -92,9 +92,10 @@ def test_a_worker_that_is_killed_is_replaced(cluster, scene, tmp_path, command):
 
 def test_a_sweep_has_the_bytes_of_one_process(cluster, scene, tmp_path, command):
     _, client = cluster
-    keys = {"array.count": ["9", "[7,9]"], "sweep.step": "500:1000:500"}
-    small = ["grid.pitch=[0.1,0.1,0.02]"]
-    words = ["--sweep", "array.count=9,[7,9]", "--sweep", "sweep.step=500:1000:500", "--set", small[0]]
+    keys = {"array.count": ["15", "[11,15]"], "sweep.step": "100:200:100"}
+    small = ["grid.pitch=[0.05,0.05,0.02]", "sweep.stop=14000", "array.extent=0.5"]
+    words = ["--sweep", "array.count=15,[11,15]", "--sweep", "sweep.step=100:200:100"]
+    words += [word for setting in small for word in ("--set", setting)]
     command("plan", scene, *words, "--simulate", "--seeds", "1,2", "-o", tmp_path / "one")
     told = []
     sweep = plan_sweep(
@@ -103,6 +104,7 @@ def test_a_sweep_has_the_bytes_of_one_process(cluster, scene, tmp_path, command)
     for name in ("sweep.csv", "sweep.json", "sweep.png", "pareto.png"):
         assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "many" / name).read_bytes()
     assert len(sweep["combinations"]) == 4 and told[-1] == (4, 4)
+    assert all(row["simulated"]["mean"]["completeness"] > 0 for row in sweep["combinations"])
     with pytest.raises(holosonar.InputError, match="median_error"):
         plan_sweep(scene, keys, tmp_path / "many", client, measure="median")
     with pytest.raises(holosonar.InputError, match="parts"):

@@ -83,7 +83,8 @@ def _run(arguments: Sequence[str], cancelled: str) -> dict[str, Any]:
 
 
 def _checked(found: dict[str, Any]) -> dict[str, Any]:
-    if "refused" in found:
+    # What a command prints may count what is refused.
+    if isinstance(found.get("refused"), str):
         raise InputError(found["refused"])
     if "cancelled" in found:
         raise Interrupted(found["cancelled"])
