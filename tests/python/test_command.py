@@ -54,7 +54,7 @@ def test_stores_are_those_of_the_command_line(tmp_path, corner, command):
             "--set", "output.components=complex")  # fmt: skip
     cube = holosonar.simulate(corner)
     cube.write(ours / "cube.zarr")
-    volume = holosonar.reconstruct(theirs / "cube.zarr", run=corner)
+    volume = holosonar.reconstruct(theirs / "cube.zarr", run=corner, set=setting)
     volume.write(ours / "volume.zarr", run=corner, set=setting)
     names = sorted(path.relative_to(theirs) for path in theirs.rglob("*") if path.is_file())
     assert names == sorted(path.relative_to(ours) for path in ours.rglob("*") if path.is_file())
