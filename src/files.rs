@@ -74,16 +74,7 @@ impl AtomicFile {
     /// As [`write_atomically`].
     pub(crate) fn create(path: &Path) -> Result<Self> {
         let target = resolve(path)?;
-        let failed = |error: io::Error| Error::writing(path, error);
-        let folder = parent_of(&target);
-        if let Some(files) = job_files::of_process() {
-            files.will_write(path, &target, false)?;
-        }
-        let folders = NewFolders::create(folder).map_err(failed)?;
-        let prefix = part_prefix(&target);
-        remove_abandoned(folder, &prefix);
-        let make = || tempfile::Builder::new().prefix(&prefix).suffix(PART).make_in(folder, open_locked);
-        let (file, unfinished) = Unfinished::make(make, |file| file.path()).map_err(failed)?;
+        let (file, folders, unfinished) = make_unfinished(path, &target, open_locked)?;
         #[cfg(unix)]
         if let Ok(old) = fs::metadata(&target) {
             // Before it has any content that the old file's permissions protect.
@@ -110,16 +101,40 @@ impl AtomicFile {
         let failed = |error: io::Error| Error::writing(&self.path, error);
         self.file.as_file().sync_all().map_err(failed)?;
         self.file.persist(&self.target).map_err(|error| failed(error.error))?;
-        self.folders.keep();
-        if let Some(files) = job_files::of_process() {
-            files.wrote(&self.target);
-        }
-        // The new name should survive a power cut too; where a folder cannot be synchronised, the file is complete anyway.
-        #[cfg(unix)]
-        if let Some(folder) = self.target.parent().and_then(|folder| File::open(nearest(folder)).ok()) {
-            let _ = folder.sync_all();
-        }
+        appeared(&self.target, self.folders);
         Ok(())
+    }
+}
+
+/// Makes something under a temporary name beside a target, which is announced; a missing folder above it is created.
+fn make_unfinished<T>(
+    path: &Path,
+    target: &Path,
+    mut make: impl FnMut(&Path) -> io::Result<T>,
+) -> Result<(tempfile::NamedTempFile<T>, NewFolders, Unfinished)> {
+    let failed = |error: io::Error| Error::writing(path, error);
+    if let Some(files) = job_files::of_process() {
+        files.will_write(path, target, false)?;
+    }
+    let folder = parent_of(target);
+    let folders = NewFolders::create(folder).map_err(failed)?;
+    let prefix = part_prefix(target);
+    remove_abandoned(folder, &prefix);
+    let make = || tempfile::Builder::new().prefix(&prefix).suffix(PART).make_in(folder, &mut make);
+    let (made, unfinished) = Unfinished::make(make, |made| made.path()).map_err(failed)?;
+    Ok((made, folders, unfinished))
+}
+
+/// Records that a target has appeared, in folders that stay now.
+fn appeared(target: &Path, folders: NewFolders) {
+    folders.keep();
+    if let Some(files) = job_files::of_process() {
+        files.wrote(target);
+    }
+    // The new name should survive a power cut too; where a folder cannot be synchronised, the result is complete anyway.
+    #[cfg(unix)]
+    if let Ok(folder) = File::open(nearest(parent_of(target))) {
+        let _ = folder.sync_all();
     }
 }
 
@@ -233,13 +248,17 @@ fn resolve(path: &Path) -> Result<PathBuf> {
             Err(Error::input(path.display(), "is a device or a pipe; give the name of an ordinary file"))
         }
         Ok(_) => fs::canonicalize(path).map_err(|error| Error::writing(path, error)),
-        Err(_) => match target_of(path) {
-            target if target.is_symlink() => {
-                Err(Error::input(path.display(), "is a loop of symbolic links; give another name"))
-            }
-            target => Ok(target),
-        },
+        Err(_) => free_target(path),
     }
+}
+
+/// The end of a chain of symbolic links where there is nothing yet.
+fn free_target(path: &Path) -> Result<PathBuf> {
+    let target = target_of(path);
+    if target.is_symlink() {
+        return Err(Error::input(path.display(), "is a loop of symbolic links; give another name"));
+    }
+    Ok(target)
 }
 
 /// The path at the end of a chain of symbolic links, whether there is a file or not.

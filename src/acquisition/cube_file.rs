@@ -11,7 +11,7 @@ use super::cube::{FORMAT, VERSION, check_all_finite, check_finite};
 use super::source::{CubeSource, Visit, visit_samples};
 use super::{Calibration, DataCube, Detection, Instrument, InstrumentChanges, MicArray, Sweep};
 use crate::error::{Error, Result, gib};
-use crate::files::arrays::ArrayFile;
+use crate::files::arrays::{ArrayFile, fault, place_of};
 use crate::progress::Observer;
 use crate::scene::FARTHEST;
 use crate::text::{nearest, quoted};
@@ -130,14 +130,9 @@ impl Meta {
     }
 }
 
-/// The place of an error in a file.
-fn place(path: &Path, array: &str) -> String {
-    format!("{}, array `{array}`", path.display())
-}
-
 /// An invalid array of a file.
 fn refused<T>(path: &Path, array: &str, problem: impl Into<String>) -> Result<T> {
-    Err(Error::input(place(path, array), problem))
+    Err(fault(path, array, problem))
 }
 
 /// The microphones of `mic_positions`, and their shape.
@@ -165,7 +160,7 @@ fn microphones(path: &Path, arrays: &mut ArrayFile, limit: u64) -> Result<(MicAr
         }
     };
     let axes = positions.shape[..positions.shape.len() - 1].to_vec();
-    Ok((array.map_err(|error| error.at(place(path, "mic_positions")))?, axes))
+    Ok((array.map_err(|error| error.at(place_of(path, "mic_positions")))?, axes))
 }
 
 /// The detection according to `meta` and the samples' type, which must agree.
@@ -207,18 +202,18 @@ impl CubeFile {
             ));
         }
         let meta = if arrays.contains("meta") { arrays.text("meta")? } else { "{}".to_owned() };
-        let meta = Meta::read(&meta).map_err(|error| error.at(place(path, "meta")))?;
+        let meta = Meta::read(&meta).map_err(|error| error.at(place_of(path, "meta")))?;
         if let Some(unknown) = arrays.names().into_iter().find(|name| !ARRAYS.contains(name)) {
             return Err(unknown_name("array", unknown, &ARRAYS).at(path.display()));
         }
-        let kind = meta.check(&place(path, "meta"))?;
+        let kind = meta.check(&place_of(path, "meta"))?;
         let frequencies = arrays.f64("frequencies")?;
         if frequencies.shape.len() != 1 {
             let problem = format!("must have one axis, [n_f], not {:?}", frequencies.shape);
             return refused(path, "frequencies", problem);
         }
         let sweep = Sweep::from_frequencies(frequencies.data)
-            .map_err(|error| error.at(place(path, "frequencies")))?;
+            .map_err(|error| error.at(place_of(path, "frequencies")))?;
         let (array, axes) = microphones(path, &mut arrays, limit)?;
         let detection = detection_of(path, meta.detection, arrays.dtype_is_complex("samples")?)?;
         let shape = arrays.shape("samples")?;
@@ -233,13 +228,13 @@ impl CubeFile {
         if shape != expected {
             let others = if of_sources.is_some() { ", `sources`" } else { "" };
             return Err(Error::input(
-                place(path, "samples"),
+                place_of(path, "samples"),
                 format!(
                     "have the shape {shape:?}; `frequencies`, `mic_positions`{others} require {expected:?}"
                 ),
             ));
         }
-        instrument.check().map_err(|error| error.at(place(path, "meta")))?;
+        instrument.check().map_err(|error| error.at(place_of(path, "meta")))?;
         Ok(Self {
             path: path.to_owned(),
             arrays,
@@ -284,7 +279,7 @@ impl CubeFile {
         if calibration.is_empty() {
             return Ok(self);
         }
-        let place = place(&self.path, "samples");
+        let place = place_of(&self.path, "samples");
         let samples = self.samples()?;
         let mut cube = DataCube { instrument: self.instrument, samples, provenance: self.provenance };
         let words = calibration.apply(&mut cube, observer).map_err(|error| match error.place() {
@@ -314,7 +309,7 @@ impl CubeFile {
         if let Some(samples) = self.corrected {
             return Ok(DataCube { instrument: self.instrument, samples, provenance: self.provenance });
         }
-        let place = place(&self.path, "samples");
+        let place = place_of(&self.path, "samples");
         let cube = self.load_unchecked()?;
         check_all_finite(&place, &cube.instrument, &cube.samples)?;
         Ok(cube)
@@ -374,7 +369,7 @@ impl CubeSource for CubeFile {
     }
 
     fn visit_transmission(&mut self, transmission: usize, block: usize, visit: &mut Visit) -> Result<()> {
-        let (n_mic, place) = (self.instrument.array.len(), place(&self.path, "samples"));
+        let (n_mic, place) = (self.instrument.array.len(), place_of(&self.path, "samples"));
         if self.instrument.transmissions() > 1 && self.corrected.is_none() && self.read.is_none() {
             let samples = self.samples()?;
             check_all_finite(&place, &self.instrument, &samples)?;

@@ -114,8 +114,13 @@ impl ArrayFile {
     }
 }
 
+/// An invalid array of a file.
+pub(crate) fn fault(path: &Path, name: &str, problem: impl Into<String>) -> Error {
+    Error::input(place_of(path, name), problem)
+}
+
 /// The place of an array in messages.
-pub(super) fn place_of(path: &Path, name: &str) -> String {
+pub(crate) fn place_of(path: &Path, name: &str) -> String {
     format!("{}, array `{name}`", path.display())
 }
 

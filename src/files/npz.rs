@@ -20,7 +20,7 @@ pub(in crate::files) use writer::little_endian;
 pub(crate) use writer::{NpzWriter, write_npz};
 
 use crate::error::{Error, Result};
-use crate::files::arrays::{does_not_fit, missing, place_of, too_large};
+use crate::files::arrays::{self, does_not_fit, missing, place_of, too_large};
 use crate::files::open_input;
 use elements::characters;
 use header::NpyHeader;
@@ -299,7 +299,7 @@ impl NpzReader {
     }
 
     fn fault(&self, name: &str, problem: impl Into<String>) -> Error {
-        Error::input(place_of(&self.path, name), problem)
+        arrays::fault(&self.path, name, problem)
     }
 }
 

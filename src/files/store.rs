@@ -1,9 +1,8 @@
 //! Folders that are one result, as Zarr stores are: written completely or not at all, like a file.
 
-use super::folder::{NewFolders, nearest};
-use super::job_files;
+use super::folder::NewFolders;
 use super::unfinished::Unfinished;
-use super::{PART, parent_of, part_prefix, remove_abandoned, target_of, zarr};
+use super::{appeared, free_target, make_unfinished, zarr};
 use crate::error::{Error, Result};
 use std::fs::{self, File, TryLockError};
 use std::io;
@@ -41,19 +40,10 @@ impl AtomicStore {
     /// cannot be created.
     pub(crate) fn create(path: &Path) -> Result<Self> {
         let target = resolve(path)?;
-        let failed = |error: io::Error| Error::writing(path, error);
-        if let Some(files) = job_files::of_process() {
-            files.will_write(path, &target, false)?;
-        }
-        let folder = parent_of(&target);
-        let folders = NewFolders::create(folder).map_err(failed)?;
-        let prefix = part_prefix(&target);
-        remove_abandoned(folder, &prefix);
-        let make = || tempfile::Builder::new().prefix(&prefix).suffix(PART).make_in(folder, create_locked);
-        let (made, unfinished) = Unfinished::make(make, |made| made.path()).map_err(failed)?;
+        let (made, folders, unfinished) = make_unfinished(path, &target, create_locked)?;
         let (lock, temporary) = made.into_parts();
         // From here on it is removed as a folder.
-        let temporary = temporary.keep().map_err(|error| failed(error.error))?;
+        let temporary = temporary.keep().map_err(|error| Error::writing(path, error.error))?;
         #[cfg(unix)]
         if let (Ok(old), Some(new)) = (fs::metadata(&target), &lock) {
             super::take_permissions(new, &old);
@@ -85,14 +75,7 @@ impl AtomicStore {
         } else {
             fs::rename(self.folder(), &self.target).map_err(failed)?;
         }
-        self.folders.keep();
-        if let Some(files) = job_files::of_process() {
-            files.wrote(&self.target);
-        }
-        #[cfg(unix)]
-        if let Ok(folder) = File::open(nearest(parent_of(&self.target))) {
-            let _ = folder.sync_all();
-        }
+        appeared(&self.target, self.folders);
         Ok(())
     }
 }
@@ -159,12 +142,7 @@ pub(super) fn resolve(path: &Path) -> Result<PathBuf> {
             let problem = "is a file, and a Zarr store is a folder; remove it, or give another name";
             Err(Error::input(path.display(), problem))
         }
-        Err(_) => match target_of(path) {
-            target if target.is_symlink() => {
-                Err(Error::input(path.display(), "is a loop of symbolic links; give another name"))
-            }
-            target => Ok(target),
-        },
+        Err(_) => free_target(path),
     }
 }
 

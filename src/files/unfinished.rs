@@ -50,8 +50,8 @@ impl Drop for Unfinished {
     }
 }
 
-/// Removes everything in the list, the last first; of folders, unfinished stores and those that are then empty. Nothing more can be listed until
-/// the returned value is dropped: the process is meant to end before.
+/// Removes everything in the list, the last first; of folders, unfinished stores and those that are then empty. Nothing more
+/// can be listed until the returned value is dropped: the process is meant to end before.
 pub(crate) fn remove_all() -> impl Sized {
     LIST.remove_all()
 }

@@ -87,10 +87,5 @@ fn foreign(folder: &Path, in_chunks: bool, depth: usize) -> Option<String> {
     None
 }
 
-/// The error for an array of a store.
-fn fault(path: &Path, name: &str, problem: impl Into<String>) -> Error {
-    Error::input(super::arrays::place_of(path, name), problem)
-}
-
 #[cfg(test)]
 mod tests;

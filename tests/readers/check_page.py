@@ -10,31 +10,18 @@ Chromium, and NumPy, OpenEXR and Pillow. The program under test takes no part. `
 import argparse
 import io
 import re
-import sys
 import tempfile
 from pathlib import Path
 
 import numpy as np
 import OpenEXR
 from browser import Browser
+from checks import check, conclude
 from PIL import Image
 
 REFERENCE = Path(__file__).with_name("page_reference.png")
 COARSE = (64, 45)
 MOST_DIFFERENCE = 6.0  # mean of |difference| of 8-bit values
-
-passed = 0
-failed = []
-
-
-def check(what, holds, detail=""):
-    """Counts one check and prints it if it fails."""
-    global passed
-    if holds:
-        passed += 1
-    else:
-        failed.append(what)
-        print(f"FAILED {what} {detail}".rstrip(), flush=True)
 
 
 def picture(raw):
@@ -420,8 +407,7 @@ def main():
                 (options.pictures / f"{name}.png").write_bytes(page.shot(whole=True))
         check("no complaints in any window", not page.problems, str(page.problems))
         check_hardship(page, html)
-    print(f"{passed} passed, {len(failed)} failed")
-    sys.exit(1 if failed or not passed else 0)
+    conclude()
 
 
 if __name__ == "__main__":

@@ -15,23 +15,12 @@ from pathlib import Path
 import numpy as np
 import xarray
 import zarr
+from checks import check, conclude
 
 try:
     import tensorstore
 except ImportError:
     tensorstore = None
-
-passed = 0
-failed = []
-
-
-def check(what, holds, detail=""):
-    global passed
-    if holds:
-        passed += 1
-    else:
-        failed.append(what)
-        print(f"FAILED: {what} {detail}".rstrip(), flush=True)
 
 
 def facts(program, path):
@@ -124,8 +113,7 @@ def main():
     zarr.create_group(str(store), zarr_format=2).create_array("samples", data=arrays["samples"])
     found = facts(program, store)
     check("version 2 is refused", "exit status 2" in found and "migrate" in found, str(found)[:300])
-    print(f"{passed} passed, {len(failed)} failed")
-    sys.exit(1 if failed or not passed else 0)
+    conclude()
 
 
 if __name__ == "__main__":

@@ -5,6 +5,7 @@ use crate::acquisition::import::frequency_response;
 use crate::acquisition::{DataCube, Detection, TraceColumn};
 use crate::choice::choice;
 use crate::error::{Error, Result};
+use crate::files::arrays::fault;
 use crate::files::npz::{NpzReader, write_npz};
 use crate::text::quoted;
 use crate::wave::phasor;
@@ -145,8 +146,7 @@ impl ChannelResponse {
             }
             let array = npz.complex(name)?;
             if array.shape.len() != 1 || array.data.iter().any(|value| !value.is_finite()) {
-                let place = format!("{}, array `{name}`", path.display());
-                return Err(Error::input(place, "must be a list of finite numbers"));
+                return Err(fault(path, name, "must be a list of finite numbers"));
             }
             Ok(array.data)
         };

@@ -1,10 +1,10 @@
 //! The loudspeakers of a cube file: the one of `meta`, several in an array `sources`, or one for each microphone, moved with it or
 //! not, in `source_positions`.
 
-use super::{place, refused};
+use super::refused;
 use crate::acquisition::{Instrument, MOST_SOURCES};
 use crate::error::Result;
-use crate::files::arrays::ArrayFile;
+use crate::files::arrays::{ArrayFile, place_of};
 use crate::wave::{Geometry, GeometryKind};
 use glam::DVec3;
 use std::path::Path;
@@ -51,7 +51,7 @@ fn several(
     let sources = arrays.f64("sources")?;
     let points: Vec<DVec3> = sources.data.chunks_exact(3).map(DVec3::from_slice).collect();
     let instrument = instrument.with_sources(&points)?;
-    instrument.check().map_err(|error| error.at(place(path, "sources")))?;
+    instrument.check().map_err(|error| error.at(place_of(path, "sources")))?;
     Ok(instrument)
 }
 
@@ -72,7 +72,7 @@ fn pairs(path: &Path, arrays: &mut ArrayFile, instrument: Instrument) -> Result<
     }
     let sources = arrays.f64(ARRAY)?;
     let sources: Vec<DVec3> = sources.data.chunks_exact(3).map(DVec3::from_slice).collect();
-    let pairs = instrument.with_pairs(&sources).map_err(|error| error.at(place(path, ARRAY)))?;
-    pairs.check().map_err(|error| error.at(place(path, ARRAY)))?;
+    let pairs = instrument.with_pairs(&sources).map_err(|error| error.at(place_of(path, ARRAY)))?;
+    pairs.check().map_err(|error| error.at(place_of(path, ARRAY)))?;
     Ok(pairs)
 }

@@ -1,7 +1,7 @@
 //! Reads volumes of complex samples: the arrays of an npz and of a Zarr store have the same names.
 
 use crate::error::{Error, Result};
-use crate::files::arrays::ArrayFile;
+use crate::files::arrays::{ArrayFile, fault};
 use crate::grid::{Axis, Grid, Volume};
 use serde_json::Value;
 use std::path::Path;
@@ -10,7 +10,7 @@ use std::path::Path;
 const EVENNESS: f64 = 1e-6;
 
 /// Reads a volume of at most `limit_bytes`, and its `meta` (an empty object if the file has none), from a Zarr store if the
-/// extension is `.zarr`, else from an arrays.
+/// extension is `.zarr`, else from an npz.
 ///
 /// Axes must ascend evenly, to 10⁻⁶ of their length. The pitch of an axis of one voxel is that in `pitch`, or that of a
 /// longer axis of the volume, or 1 m.
@@ -33,11 +33,6 @@ pub(super) fn read_arrays(path: &Path, arrays: &mut ArrayFile) -> Result<(Volume
     let grid = read_grid(path, arrays, "samples")?;
     let samples = arrays.complex("samples")?.data;
     Ok((Volume::new(grid, samples), read_meta(path, arrays)?))
-}
-
-/// An invalid array of a file.
-fn fault(path: &Path, name: &str, problem: impl Into<String>) -> Error {
-    Error::input(format!("{}, array `{name}`", path.display()), problem)
 }
 
 /// The positions of the voxels of an array.

@@ -7,10 +7,10 @@
 use super::reading::{read_arrays, read_grid, read_meta};
 use super::{VolumeFile, VolumeStream};
 use crate::alloc::try_with_capacity;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::export::amplitude::Amplitude;
 use crate::export::{Attributes, Components, Compression};
-use crate::files::arrays::ArrayFile;
+use crate::files::arrays::{ArrayFile, fault};
 use crate::files::zarr::{ArraySpec, MARK, META, ShardLayout, ZarrWriter, write_group, write_small};
 use crate::grid::{Axis, Grid, VolumeView, no_room_for};
 use num_complex::Complex32;
@@ -110,7 +110,7 @@ pub(crate) fn read_amplitude_zarr(path: &Path, limit_bytes: u64) -> Result<(Ampl
     let count = grid.voxel_count();
     if count.saturating_mul(4) > limit_bytes {
         let problem = format!("has {count} voxels of 4 bytes, more than the limit of {limit_bytes} bytes");
-        return Err(Error::input(format!("{}, array `{ARRAY}`", path.display()), problem));
+        return Err(fault(path, ARRAY, problem));
     }
     let mut values = try_with_capacity(count).ok_or_else(|| no_room_for(&grid))?;
     arrays.complex_blocks(ARRAY, 1 << 16, |block| {

@@ -1,12 +1,12 @@
 //! Reads the arrays of a store.
 
-use super::codec::{Place, decode, most_encoded};
+use super::codec::{IndexCoding, Place, decode, most_encoded};
 use super::fingerprint::list;
 use super::metadata::{ArrayMeta, product, read_json};
 use super::slab::{ArrayRows, Odometer};
-use super::{META, METADATA, fault};
+use super::{META, METADATA};
 use crate::error::{Error, Result};
-use crate::files::arrays::{does_not_fit, missing, place_of, too_large};
+use crate::files::arrays::{does_not_fit, fault, missing, place_of, too_large};
 use crate::files::input::{open_regular, record_folder};
 use crate::files::npz::{Array, ComplexBlocks, DtypeKind, complex_reader, scalar_reader};
 use num_complex::Complex32;
@@ -37,15 +37,8 @@ pub(crate) struct ZarrStore {
     entries: Vec<(String, Result<ArrayMeta>)>,
 }
 
-/// What is known of a file of chunks.
-#[derive(Debug, Clone)]
-enum ChunkFile {
-    Missing,
-    /// One chunk.
-    Whole,
-    /// The places of its chunks.
-    Shard(Vec<Option<Place>>),
-}
+/// What is known of files of chunks: `None` of one that is missing, the places of the chunks of a shard.
+type KnownFiles = HashMap<Vec<usize>, Option<Vec<Option<Place>>>>;
 
 impl ZarrStore {
     /// Opens a store and reads the metadata of the arrays in its group. No array larger than `limit_bytes` in memory will be
@@ -248,7 +241,7 @@ impl ZarrStore {
             return Ok(());
         }
         let mut slab = ArrayRows::new(meta, rows).ok_or_else(|| does_not_fit(&place_of(&self.path, name)))?;
-        let mut known = HashMap::new();
+        let mut known = KnownFiles::new();
         for first in (0..rows).step_by(meta.chunk[0]) {
             if first % meta.file[0] == 0 {
                 known.clear();
@@ -266,7 +259,7 @@ impl ZarrStore {
         name: &str,
         meta: &ArrayMeta,
         slab: &mut ArrayRows<'_>,
-        known: &mut HashMap<Vec<usize>, ChunkFile>,
+        known: &mut KnownFiles,
     ) -> Result<()> {
         let (in_file, row) = (counts(&meta.file, &meta.chunk), slab.first % meta.file[0] / meta.chunk[0]);
         let mut across = counts(&meta.shape, &meta.file);
@@ -278,36 +271,32 @@ impl ZarrStore {
                 let again = "; write or copy the store again";
                 fault(&self.path, name, format!("has a damaged chunk {key}: {problem}{again}"))
             };
-            let chunk_file = match known.get(&at) {
-                Some(ChunkFile::Missing) => continue,
-                Some(found) => found.clone(),
-                None => ChunkFile::Whole,
-            };
+            if matches!(known.get(&at), Some(None)) {
+                continue;
+            }
             let Some(mut file) = self.open_within(name, &key)? else {
-                known.insert(at, ChunkFile::Missing);
+                known.insert(at, None);
                 continue;
             };
             let length = file.metadata().map_err(|error| Error::reading(&self.path, error))?.len();
-            let chunk_file = match meta.index {
-                Some(_) if !known.contains_key(&at) => {
-                    let places = self.index(meta, &mut file, length).map_err(broken)?;
-                    known.insert(at.clone(), ChunkFile::Shard(places.clone()));
-                    ChunkFile::Shard(places)
-                }
-                _ => chunk_file,
-            };
+            if let (Some(coding), false) = (meta.index, known.contains_key(&at)) {
+                let places = self.index(meta, coding, &mut file, length).map_err(broken)?;
+                known.insert(at.clone(), Some(places));
+            }
+            // Without them the file is one chunk.
+            let places = known.get(&at).and_then(Option::as_ref);
             let start: Vec<usize> = at.iter().zip(&meta.file).map(|(i, size)| i * size).collect();
             let mut within = in_file.clone();
             within[0] = 1;
             for mut inner in Odometer::new(&within) {
                 inner[0] = row;
-                let place = match &chunk_file {
-                    ChunkFile::Shard(places) => {
+                let place = match places {
+                    Some(places) => {
                         let flat = inner.iter().zip(&in_file).fold(0, |flat, (i, n)| flat * n + i);
                         let Some(place) = places.get(flat).copied().flatten() else { continue };
                         place
                     }
-                    _ => (0, length),
+                    None => (0, length),
                 };
                 let origin: Vec<usize> =
                     start.iter().zip(&inner).zip(&meta.chunk).map(|((s, i), size)| s + i * size).collect();
@@ -325,10 +314,10 @@ impl ZarrStore {
     fn index(
         &self,
         meta: &ArrayMeta,
+        coding: IndexCoding,
         file: &mut File,
         length: u64,
     ) -> std::result::Result<Vec<Option<Place>>, String> {
-        let coding = meta.index.ok_or("it is no shard")?;
         let in_file = counts(&meta.file, &meta.chunk);
         let bytes = product(&in_file).and_then(|chunks| coding.bytes(chunks));
         let bytes = bytes.filter(|bytes| *bytes <= length.min(self.limit_bytes));

@@ -15,12 +15,13 @@ use super::{
 use crate::checkpoint::{Identity, Records};
 use crate::config::RunFile;
 use crate::error::{Error, Result, gib};
+use crate::grid::Grid;
 use crate::metrics::{Measure, Scores};
 use crate::pipeline::job::JobOptions;
 use crate::pipeline::job::identity::of_combination;
 use crate::pipeline::job::kept::{KeptScenes, KnownScene};
 use crate::pipeline::limits::{bounds_of, hold, scores_of, seeds_of};
-use crate::pipeline::memory::MemoryBudget;
+use crate::pipeline::memory::{MemoryBudget, SceneSize};
 use crate::pipeline::prepared_scene::Measurement;
 use crate::pipeline::{load_surfaces, need_bandwidth};
 use crate::plan::{memory_limit, seconds_of};
@@ -74,6 +75,16 @@ struct FinishedCombination {
 struct Judged {
     finished: FinishedCombination,
     expected: Option<bool>,
+}
+
+/// A combination that can be simulated.
+struct PreparedCombination {
+    run: RunFile,
+    measurement: Measurement,
+    size: SceneSize,
+    grid: Grid,
+    seeds: Vec<u32>,
+    identity: Identity,
 }
 
 /// What is known of a combination before anything is simulated.
@@ -265,8 +276,8 @@ impl<'a> Runner<'a> {
         Ok((rows.collect(), computed))
     }
 
-    /// The run file of a combination, its seeds, its identity and what an image of it takes.
-    fn prepared(&self, values: &[String]) -> Result<(RunFile, Vec<u32>, Identity, Known)> {
+    /// A combination, if it is valid.
+    fn prepared(&self, values: &[String]) -> Result<PreparedCombination> {
         let run = (self.run_with)(&settings(self.keys, values))?;
         need_bandwidth("[sweep]", &run.sweep()?)?;
         let measurement = Measurement::of(&run)?;
@@ -276,30 +287,32 @@ impl<'a> Runner<'a> {
         let grid = run.voxels(instrument, scene.bounds())?;
         let seeds = seeds_of(&run, self.seeds);
         let identity = of_combination(&run, (&seeds, self.known.fingerprint(&scene)), instrument, &grid);
-        let budget = MemoryBudget { threads: 1, ..MemoryBudget::of(&run) };
-        let estimate = budget.estimate(instrument, &grid, &measurement.imaging(&budget, &grid, &size))?;
-        let missing = Known::Missing {
-            operations: estimate.methods[estimate.chosen].operations,
-            seeds: seeds.len(),
-            bytes: estimate.memory.total(),
-        };
-        Ok((run, seeds, identity, missing))
+        Ok(PreparedCombination { run, measurement, size, grid, seeds, identity })
     }
 
     /// A combination, if it is finished, or what it takes.
     fn look_up(&self, values: &[String]) -> Result<Known> {
-        let (run, seeds, identity, missing) = self.prepared(values)?;
+        let PreparedCombination { run, measurement, size, grid, seeds, identity } = self.prepared(values)?;
         let record = self.records.as_ref().and_then(|records| records.load(&identity));
         let finished = record.and_then(|record| serde_json::from_str::<FinishedCombination>(&record).ok());
-        match finished.filter(|finished| finished.seeds == seeds && finished.scores.len() == seeds.len()) {
-            Some(finished) => Ok(Known::Finished(Box::new(judged(&run, finished)?))),
-            None => Ok(missing),
+        let complete =
+            finished.filter(|finished| finished.seeds == seeds && finished.scores.len() == seeds.len());
+        if let Some(finished) = complete {
+            return Ok(Known::Finished(Box::new(judged(&run, finished)?)));
         }
+        let budget = MemoryBudget { threads: 1, ..MemoryBudget::of(&run) };
+        let arrays = measurement.imaging(&budget, &grid, &size);
+        let estimate = budget.estimate(&measurement.instrument, &grid, &arrays)?;
+        Ok(Known::Missing {
+            operations: estimate.methods[estimate.chosen].operations,
+            seeds: seeds.len(),
+            bytes: estimate.memory.total(),
+        })
     }
 
     /// Simulates a combination; returns what is to be recorded of it, and under which identity.
     fn simulate(&self, values: &[String], memory: Option<u64>) -> Result<(Identity, String, Judged)> {
-        let (mut run, seeds, identity, _) = self.prepared(values)?;
+        let PreparedCombination { mut run, seeds, identity, .. } = self.prepared(values)?;
         run.memory = memory.or(run.memory);
         let part = OfPart(self.job.observer);
         let design = predicted(&run, None, self.known, &part)?;
