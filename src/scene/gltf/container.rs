@@ -139,7 +139,8 @@ impl<'a> Document<'a> {
 /// The typed JSON. The crate demands more than the specification where a scene has no nodes or an extension provides
 /// a texture's image, so a second attempt leaves out what is not needed here.
 fn parse(text: &[u8]) -> std::result::Result<json::Root, serde_json::Error> {
-    json::deserialize::from_slice(text).or_else(|error: serde_json::Error| {
+    // Always by the crate's own function, which is compiled with it; a generic one is compiled again here.
+    json::Root::from_slice(text).or_else(|error| {
         let Ok(serde_json::Value::Object(mut root)) = serde_json::from_slice(text) else { return Err(error) };
         for unused in ["textures", "images", "samplers", "animations", "skins"] {
             root.remove(unused);
@@ -149,7 +150,8 @@ fn parse(text: &[u8]) -> std::result::Result<json::Root, serde_json::Error> {
             scene.entry("nodes").or_insert_with(|| serde_json::json!([]));
         }
         // The first error has the line number.
-        serde_json::from_value(serde_json::Value::Object(root)).map_err(|_| error)
+        let text = serde_json::Value::Object(root).to_string();
+        json::Root::from_slice(text.as_bytes()).map_err(|_| error)
     })
 }
 
