@@ -493,7 +493,7 @@ def _seeds_of(path: str, settings: Sequence[str]) -> list[int]:
         run = RunFile(path, set=settings)
     except (HolosonarError, OSError):
         return []
-    return list(run["expect.seeds"]) or [run["reflectors.seed"]]
+    return run.to_dict().get("expect", {}).get("seeds") or [run["reflectors.seed"]]
 
 
 def _row(path: str, tasks: Sequence[Any]) -> dict[str, Any]:
