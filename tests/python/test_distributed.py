@@ -43,7 +43,7 @@ points = false
 @pytest.fixture(scope="module")
 def cluster():
     with distributed.LocalCluster(n_workers=3, threads_per_worker=1, processes=True, dashboard_address=None) as cluster:
-        with distributed.Client(cluster) as client:
+        with distributed.Client(cluster, set_as_default=False) as client:
             yield cluster, client
 
 

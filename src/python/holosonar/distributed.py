@@ -117,11 +117,13 @@ def _tasks(client: Any, retries: int) -> Iterator[tuple[Callable[[Sequence[str]]
         return task
 
     try:
-        yield submit, pending
+        # It need not be the default one.
+        with client.as_current():
+            yield submit, pending
     except BaseException:
         # The commands end by themselves, and store what is finished.
         dask.Event(cancelled, client=client).set()
-        with suppress(TimeoutError):
+        with client.as_current(), suppress(TimeoutError):
             dask.wait(pending, timeout=10)
         client.cancel(pending)
         raise
