@@ -231,7 +231,7 @@ fn shared_and_whole(folder: &Path, (command, typed): (&str, &str), names: &[&str
         let expected = if part == 3 { ["all are there", command] } else { ["are left", "units"] };
         assert_names(told, &expected);
     }
-    assert!(segments(&folder.join("parts")).len() > 3, "{command} {typed}");
+    assert!(segments(&folder.join("parts")).len() > 1, "{command} {typed}");
     let ran = run(folder, &format!("{command} {typed} -o parts/{}", names.join(" -o parts/")));
     assert_eq!(ran.status, 0, "{}", ran.stderr);
     assert_names(&ran.stderr, &["taking up", "units that other processes have computed"]);
@@ -251,7 +251,7 @@ fn a_simulated_cube_and_a_recording_have_the_bytes_of_one_process() {
     {
         shared_and_whole(folder, ("simulate", &format!("run.toml {settings}")), &["cube.npz"]);
     }
-    shared_and_whole(folder, ("simulate", "run.toml"), &["heard.wav"]);
+    shared_and_whole(folder, ("simulate", "run.toml --set recording.dwell=0.02"), &["heard.wav"]);
     // Any number of parts, of which many have nothing to do.
     let simulated = |checkpoint: Checkpoint| {
         simulate_scene(&run, &JobOptions::default().with_checkpoint(&checkpoint)).unwrap().samples
