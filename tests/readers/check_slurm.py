@@ -1,11 +1,12 @@
 #!/usr/bin/env python3
-"""Images a scene by Slurm as the guide says, with a task of the array requeued in mid-run, and compares the bytes.
+"""Images a scene by Slurm as the guide says, with tasks of arrays requeued in mid-run and by Dask, and compares the bytes.
 
     check_slurm.py BINARY FOLDER
 
 A cluster of two nodes is started on this machine, with its files in FOLDER, which is made, and must not hold anything yet.
-Its job scripts are those of the guide's chapter on interruption, with other paths and sizes. Needs root and Debian's packages
-slurmctld, slurmd, slurm-client and munge, or others like them; their own services and settings are not touched.
+Its job scripts are those of the guide's chapter on interruption, with other paths and sizes. Needs root, a Python with
+holosonar and distributed, and Debian's packages slurmctld, slurmd, slurm-client and munge, or others like them; their own
+services and settings are not touched.
 """
 
 import os
@@ -76,14 +77,24 @@ PartitionName=all Nodes=ALL Default=YES MaxTime=INFINITE State=UP
 
 
 def scripts(folder):
-    """The guide's script of a task and its commands that submit it, for this folder and a small array."""
+    """The guide's script of a task, its commands that submit it, and a job of Dask, for this folder and few tasks."""
     guide = (REPOSITORY / "src/guide/interruption.md").read_text(encoding="utf-8")
-    blocks = [block for block in re.findall(r"^```text\n(.*?)^```$", guide, re.M | re.S) if "sbatch" in block or "SBATCH" in block]
-    (script, commands) = blocks[:2]
-    for wanted in ("--array=1-40", "--requeue", "--cpus-per-task=8", "/shared/me", "run.toml"):
-        check(f"the guide's script has {wanted}", wanted in script)
-    script = script.replace("--array=1-40", "--array=1-6").replace("--cpus-per-task=8", "--cpus-per-task=1")
-    return [text.replace("/shared/me", str(folder)) for text in (script, commands)]
+    blocks = re.findall(r"^```text\n(.*?)^```$", guide, re.M | re.S)
+
+    def block(mark, *changes):
+        (found,) = [block for block in blocks if mark in block]
+        for old, new in [*changes, ("/shared/me", str(folder))]:
+            check(f"the guide's block with {mark} has {old}", old in found)
+            found = found.replace(old, new)
+        return found
+
+    small = ("--cpus-per-task=8", "--cpus-per-task=1")
+    return {
+        "work.sh": block("#SBATCH --array", ("--array=1-40 --requeue", "--array=1-6 --requeue"), small),
+        "submit.sh": f"set -e\n{block('sbatch --parsable')}\necho $first $second\n",
+        "dask.sh": block("dask scheduler", ("--ntasks=16", "--ntasks=2"), small),
+        "image.py": block("scheduler_file=", ("/shared/me/out", "/shared/me/dask")),
+    }
 
 
 def wait_for(what, holds, seconds=60.0):
@@ -150,6 +161,14 @@ def begun_again(cluster, task):
     return int(facts.get("Restarts", 0)) > 0 and facts["JobState"] in ("RUNNING", "COMPLETED")
 
 
+def ended(cluster, job):
+    """Waits for a job, which must succeed."""
+    over = ("COMPLETED", "FAILED", "CANCELLED")
+    wait_for(f"the end of job {job}", lambda: cluster.facts(job)[0].get("JobState") in over, 900)
+    facts = cluster.facts(job)[0]
+    check(f"job {job} succeeds", facts["JobState"] == "COMPLETED", str(facts))
+
+
 def main():
     missing = [tool for tool in TOOLS if shutil.which(tool) is None]
     if os.geteuid() != 0 or missing:
@@ -163,12 +182,10 @@ def main():
     (folder / "bin").mkdir()
     (folder / "bin/holosonar").symlink_to(binary)
     subprocess.run([binary, "-q", "image", folder / "run.toml", "-o", folder / "whole"], check=True)
-    (script, commands) = scripts(folder)
-    (folder / "work.sh").write_text(script)
-    (folder / "submit.sh").write_text(f"set -e\n{commands}\necho $first $second\n")
-    (folder / "work.sh").chmod(0o755)
+    for name, text in scripts(folder).items():
+        (folder / name).write_text(text)
     with Cluster(folder) as cluster:
-        cluster.environment["PATH"] = f"{folder / 'bin'}:{os.environ['PATH']}"
+        cluster.environment["PATH"] = f"{folder / 'bin'}:{Path(sys.executable).parent}:{os.environ['PATH']}"
         cluster.environment["XDG_STATE_HOME"] = str(folder / "state")
         submitted = subprocess.run(
             ["bash", "submit.sh"], cwd=folder, env=cluster.environment, capture_output=True, text=True
@@ -193,17 +210,21 @@ def main():
             check(f"{task} is requeued", requeued.returncode == 0, requeued.stderr)
             again.append(task)
             wait_for(f"{task} begins again", lambda: begun_again(cluster, task), 240)
-        state = wait_for(
-            "the image",
-            lambda: cluster.facts(last)[0].get("JobState") in ("COMPLETED", "FAILED", "CANCELLED") and cluster.facts(last),
-            600,
-        )
-        check("the last job succeeds", state[0]["JobState"] == "COMPLETED", str(state))
+        ended(cluster, last)
         for job in (first, second):
             restarts = [int(task.get("Restarts", 0)) for task in cluster.facts(job)]
             check(f"one task of {job} ran twice", sum(restarts) == 1, str(restarts))
-    same = (folder / "out/volume.npz").read_bytes() == (folder / "whole/volume.npz").read_bytes()
-    check("the bytes are those of one process", same)
+        dask = subprocess.run(
+            ["sbatch", "--parsable", "dask.sh"], cwd=folder, env=cluster.environment, capture_output=True, text=True
+        )
+        check("the guide's job of Dask is submitted", dask.returncode == 0, dask.stderr)
+        ended(cluster, dask.stdout.strip())
+        workers = (folder / f"slurm-{dask.stdout.strip()}.out").read_text().count("Registered to:")
+        check("Dask had two workers", workers == 2, str(workers))
+    for name in ("out", "dask"):
+        image = folder / name / "volume.npz"
+        same = image.exists() and image.read_bytes() == (folder / "whole/volume.npz").read_bytes()
+        check(f"{name}: the bytes are those of one process", same)
     (job, number) = again[1].split("_")
     printed = (folder / f"slurm-{job}_{number}.out").read_text()
     print(f"{again[1]}, the second time: {printed}", end="")

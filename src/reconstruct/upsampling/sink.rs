@@ -17,6 +17,10 @@ use std::ops::Range;
 /// Depths of nodes that are worked on together.
 pub(super) const DEPTHS: usize = 8;
 
+/// Bytes of finished depths beyond which fewer are finished together, so that between far nodes a slab of wide planes does not
+/// take more than all else. A depth is summed in the same way beside any others.
+const FINISHED_BYTES: u64 = 64 << 20;
+
 /// Real and imaginary parts.
 type Parts = [Vec<f32>; 2];
 
@@ -92,7 +96,9 @@ impl Resampling<'_> {
     /// The most depths that are finished together.
     fn finished(&self) -> usize {
         let per_depth = (self.from.z.pitch / self.to.z.pitch).ceil() as usize;
-        (DEPTHS * per_depth + 1).min(self.to.z.count)
+        let plane = COMPLEX * self.to.plane_len() as u64;
+        let fitting = usize::try_from(FINISHED_BYTES / plane.max(1)).unwrap_or(usize::MAX);
+        (DEPTHS * per_depth + 1).min(self.to.z.count).min(fitting.max(1))
     }
 
     /// Bytes of samples that wait for others and of finished ones, and of each thread's rows.
