@@ -197,7 +197,10 @@ def main():
 
         def running(job):
             tasks = [task for task in cluster.facts(job) if task.get("JobState") == "RUNNING"]
-            return next((f"{job}_{task['ArrayTaskId']}" for task in tasks if task.get("ArrayTaskId", "").isdigit()), None)
+            numbers = [task["ArrayTaskId"] for task in tasks if task.get("ArrayTaskId", "").isdigit()]
+            # One that was requeued came last, and found all of the simulation.
+            other = [number for number in numbers if f"{first}_{number}" not in again]
+            return f"{job}_{other[0]}" if other else None
 
         again = []
         # One of each array, of which the second reconstructs for seconds.

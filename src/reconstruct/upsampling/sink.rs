@@ -47,7 +47,8 @@ pub(in crate::reconstruct) struct Resampled<'a> {
     depths: Range<usize>,
     /// The depth of the other that is next.
     next: usize,
-    finished: Vec<Complex32>,
+    /// Room for the depths that are finished together.
+    pub(super) finished: Vec<Complex32>,
 }
 
 impl Upsampling {
@@ -180,8 +181,9 @@ impl<'a> Resampled<'a> {
             })
             .count();
         let voxels = self.plan.to.plane_len();
-        for some in (0..ready).step_by(self.plan.finished()) {
-            let count = (ready - some).min(self.plan.finished());
+        let together = self.finished.len() / voxels;
+        for some in (0..ready).step_by(together) {
+            let count = (ready - some).min(together);
             let depths = self.next..self.next + count;
             let mut finished = std::mem::take(&mut self.finished);
             self.finish(depths, &mut finished[..count * voxels]);
